@@ -1,0 +1,21 @@
+# C and Python bindings of the message types, and the jar that lcm-spy decodes with.
+LCM_TYPES := $(sort $(wildcard lcm_types/*.lcm))
+LCM_GEN := $(patsubst lcm_types/%.lcm,$(OUT)/gen/lcm_types/tensormass_%.c,$(LCM_TYPES))
+LIBLCMTYPES_A := $(OUT)/lib/liblcm_types.a
+LIBRARIES += $(LIBLCMTYPES_A) $(OUT)/python/tensormass/__init__.py
+$(OUT)/gen/lcm_types/tensormass_%.c: lcm_types/%.lcm
+	@mkdir -p $(@D)
+	lcm-gen -c --c-cpath $(@D) --c-hpath $(@D) --cinclude lcm_types $<
+$(LIBLCMTYPES_A): $(patsubst $(OUT)/gen/%.c,$(OUT)/obj/%.o,$(LCM_GEN))
+	@mkdir -p $(@D)
+	rm -f $@ && ar rcs $@ $^
+$(OUT)/python/tensormass/__init__.py: $(LCM_TYPES)
+	@mkdir -p $(OUT)/python
+	lcm-gen -p --ppath $(OUT)/python $(LCM_TYPES)
+	@touch $@
+LCM_JAVA := $(OUT)/java/tensormass_types.jar
+$(LCM_JAVA): $(LCM_TYPES)
+	@rm -rf $(OUT)/java && mkdir -p $(OUT)/java/src $(OUT)/java/classes
+	lcm-gen -j --jpath $(OUT)/java/src $(LCM_TYPES)
+	javac -nowarn -cp /usr/share/java/lcm.jar -d $(OUT)/java/classes $$(find $(OUT)/java/src -name '*.java')
+	jar cf $@ -C $(OUT)/java/classes .

@@ -1,0 +1,14 @@
+/* libtensormass: soft tissue that can be felt. Tensor/mass finite elements, explicit dynamics, contact, cutting.
+ * SI units everywhere. Depends on the C library and libm, prints nothing, exits nowhere, allocates nothing in a step. */
+#ifndef TENSORMASS_H
+#define TENSORMASS_H
+
+#include "tensormass/base.h"
+#include "tensormass/mesh.h"
+#include "tensormass/material.h"
+#include "tensormass/tissue.h"
+#include "tensormass/world.h"
+#include "tensormass/contact.h"
+#include "tensormass/cut.h"
+
+#endif

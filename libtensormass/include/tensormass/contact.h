@@ -1,0 +1,99 @@
+/* Contact of instruments with the tissue's surface: capsule against triangles, unilateral, frictionless, regularised
+ * by a stated skin compliance. One stage for all instruments. Rows are found by tm_contact_find (also used by the
+ * precomputed model) and made non-penetrating by projection (docs/physics.md, "Contact"). */
+#ifndef TENSORMASS_CONTACT_H
+#define TENSORMASS_CONTACT_H
+
+#include "world.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define TM_MAX_INSTRUMENTS 2
+
+typedef enum tm_tool_mode { TM_TOOL_PROBE = 0, TM_TOOL_GRASPER = 1, TM_TOOL_CAUTERY = 2 } tm_tool_mode;
+
+/* Where an instrument is. The shaft runs from the trocar (fixed pivot) through the tip; roll is about it. */
+typedef struct tm_tool_pose {
+    double tip_m[3];
+    double roll_rad;
+    double grip;          /* 0 open .. 1 closed */
+    bool active;          /* cautery current, or in the body at all for a probe: false = no contact */
+} tm_tool_pose;
+
+typedef struct tm_instrument_def {
+    tm_tool_mode mode;
+    double trocar_m[3];       /* world */
+    double radius_m;          /* shaft and tip, 0.0025 */
+    double contact_length_m;  /* of shaft behind the tip that can touch, 0.1 */
+    tm_tool_pose pose;        /* at the start */
+} tm_instrument_def;
+
+typedef struct tm_contact_def {
+    uint32_t cookie;
+    int32_t instrument_count;
+    const tm_instrument_def *instrument;
+    double skin_compliance_m_N;   /* of each row; 0.5e-3 by default: see docs */
+    int32_t sweeps;               /* projected Gauss-Seidel sweeps per substep, fixed; 10 */
+    int32_t max_rows;             /* 256 in all; more are dropped, deepest kept, and flagged */
+    double force_cap_N;           /* per row; 50; flagged */
+} tm_contact_def;
+
+/* One row: triangle of the surface against one instrument. */
+typedef struct tm_contact_row {
+    int32_t face;          /* lasting name of the triangle */
+    int32_t vertex[3];
+    int32_t instrument;
+    double weight[3];      /* barycentric, sum 1 */
+    double normal[3];      /* unit, from tool to tissue: the reaction on the tissue is +lambda*normal */
+    double point_m[3];     /* on the tool's axis */
+    double gap_m;          /* signed distance minus radius at the geometry the row was found in */
+    double lambda_N;       /* reaction >= 0 */
+} tm_contact_row;
+
+/* Frame averages, as the controller wants them: over the last `average` substeps of the frame. */
+typedef struct tm_tool_reaction {
+    double time_s;         /* mean simulated time of the average */
+    double tip_m[3];       /* mean tip position */
+    double force_N[3];     /* equivalent tip force ON THE TOOL (J_tip^-T sum J_i^T f_i) */
+    double resultant_N[3]; /* plain sum of row forces on the tool */
+    double stiffness_N_m[9]; /* dF/dP, row-major, material part and turning normals; see stiffness_kind */
+    int32_t stiffness_kind;  /* 0 none, 1 estimated, 2 exact */
+    int32_t row_count;
+    bool capped, overflowed;
+} tm_tool_reaction;
+
+typedef struct tm_contact tm_contact;
+
+TM_API tm_contact_def tm_contact_def_default(void);
+/* Adds the "contact" stage to the world; the handle stays owned by the world. */
+TM_API tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contact **contact, tm_error *error);
+
+/* The path of one instrument over the coming `substeps`: from where it is to `to`, joint-linear about the trocar. */
+TM_API void tm_contact_move(tm_contact *contact, int32_t instrument, const tm_tool_pose *to, int32_t substeps);
+/* Puts it there at once (a teleport: no swept path). */
+TM_API void tm_contact_place(tm_contact *contact, int32_t instrument, const tm_tool_pose *at);
+TM_API tm_tool_pose tm_contact_pose(const tm_contact *contact, int32_t instrument);
+
+/* Begin a frame of `substeps`, the last `average` of which are averaged. */
+TM_API void tm_contact_begin_frame(tm_contact *contact, int32_t substeps, int32_t average);
+TM_API tm_tool_reaction tm_contact_reaction(const tm_contact *contact, int32_t instrument);
+TM_API int32_t tm_contact_rows(const tm_contact *contact, const tm_contact_row **rows);
+
+/* --- geometry alone: shared with the precomputed model and the patch --- */
+
+/* Rows of capsules against triangles at the positions rest + u, candidates within `margin_m`. Returns the count (<= max_rows), in the fixed
+ * order (instrument, face). Pure; no allocation. */
+typedef struct tm_capsule { double tip_m[3]; double tail_m[3]; double radius_m; int32_t instrument; } tm_capsule;
+TM_API int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
+                               const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
+                               tm_contact_row *row, int32_t max_rows);
+/* Equivalent tip force of a force acting at `point` on a tool pivoting about `trocar` with its tip at `tip`. */
+TM_API void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3], const double force_N[3],
+                         double tip_force_N[3]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,53 @@
+/* Constants of linear, transversely isotropic tissue, and the conversions people hold them in. */
+#ifndef TENSORMASS_MATERIAL_H
+#define TENSORMASS_MATERIAL_H
+
+#include "base.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* w = lambda/2 I1^2 + mu tr E^2 + dlambda I1 I4 + 2 dmu I5 + beta/2 I4^2     (docs/physics.md, eq. 1)
+ * Isotropic tissue has dlambda = dmu = beta = 0 and needs no fibre. */
+typedef struct tm_material {
+    double lambda_Pa, mu_Pa;   /* transverse Lame coefficients */
+    double dlambda_Pa;         /* lambda_L - lambda_T */
+    double dmu_Pa;             /* mu_L - mu_T */
+    double beta_Pa;            /* the paper's law: -(dlambda + 2 dmu) */
+    double density_kg_m3;      /* > 0 */
+    double damping_1_s;        /* rate d >= 0: gamma_i = d m_i */
+} tm_material;
+
+/* Each refuses (TM_ERR_MATERIAL) constants that are not positive definite, naming constants and inequality.
+ * Density 1000 kg/m3 and damping 0 are filled in; set them afterwards. */
+TM_API tm_status tm_material_lame(double lambda_Pa, double mu_Pa, tm_material *out, tm_error *error);
+TM_API tm_status tm_material_young(double young_Pa, double poisson, tm_material *out, tm_error *error);
+/* The paper's four constants, beta = -(dlambda + 2 dmu). */
+TM_API tm_status tm_material_paper(double lambda_T_Pa, double mu_T_Pa, double lambda_L_Pa, double mu_L_Pa,
+                                   tm_material *out, tm_error *error);
+/* Five constants: beta free. */
+TM_API tm_status tm_material_five(double lambda_T_Pa, double mu_T_Pa, double lambda_L_Pa, double mu_L_Pa,
+                                  double beta_Pa, tm_material *out, tm_error *error);
+/* Five engineering constants: nu_LT = -eps_T/eps_L under tension along the fibre, nu_TT in the cross plane. */
+TM_API tm_status tm_material_engineering(double E_L_Pa, double E_T_Pa, double nu_LT, double nu_TT, double G_L_Pa,
+                                         tm_material *out, tm_error *error);
+
+/* Positive definite iff mu_T > 0, mu_L > 0, C33 > 0, (lambda_T + mu_T) C33 > C13^2; density > 0, damping >= 0. */
+TM_API tm_status tm_material_check(const tm_material *material, tm_error *error);
+TM_API bool tm_material_is_isotropic(const tm_material *material);
+
+/* Largest stiffness (eigenvalue bound of the 6x6 elasticity matrix in Mandel form), Pa. */
+TM_API double tm_material_stiffest_Pa(const tm_material *material);
+
+/* The 6x6 elasticity matrix (Voigt, engineering shears xx yy zz yz xz xy) for the unit fibre a (null if isotropic). */
+TM_API void tm_material_voigt(const tm_material *material, const double fibre[3], double C[36]);
+
+/* The block K_kl (row-major 3x3, N/m) of one tetrahedron: design eq., exact gradient of V*w. `fibre` null if isotropic. */
+TM_API void tm_stiffness_block(const tm_material *material, const double fibre[3], double volume_m3,
+                               const double alpha_k[3], const double alpha_l[3], double K[9]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

@@ -1,0 +1,129 @@
+/* State and step. A world is a tissue's state and a list of stages: what was asked for, in order, and nothing else. */
+#ifndef TENSORMASS_WORLD_H
+#define TENSORMASS_WORLD_H
+
+#include "tissue.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Mutable state. Displacements u = P - rest. All arrays [3*vertex_count]. */
+typedef struct tm_state {
+    int64_t step;       /* substeps done */
+    double time_s;      /* simulated */
+    double dt_s;        /* of the substep under way */
+    double *u_m;        /* at time_s */
+    double *u_prev_m;   /* one step before */
+    double *u_next_m;   /* written by the integrator, corrected by constraints, rotated in at the end of the step */
+    double *force_N;    /* internal + external force at time_s */
+} tm_state;
+
+/* Order of stages within one step; inside a phase, order of addition. */
+typedef enum tm_phase {
+    TM_PHASE_BEGIN = 0,     /* tool paths, moving supports, topology changes */
+    TM_PHASE_FORCE = 1,     /* internal force: writes force_N */
+    TM_PHASE_LOAD = 2,      /* gravity, vertex forces: add to force_N */
+    TM_PHASE_INTEGRATE = 3, /* writes u_next_m */
+    TM_PHASE_CONSTRAIN = 4, /* supports, contact: correct u_next_m */
+    TM_PHASE_END = 5        /* measurements */
+} tm_phase;
+
+typedef struct tm_world tm_world;
+
+/* One effect. `self` is its own state, taken when the stage was built. `run` allocates nothing and cannot fail. */
+typedef struct tm_stage {
+    const char *name;       /* static string: "force", "gravity", "contact" ... */
+    tm_phase phase;
+    void (*run)(void *self, tm_world *world);
+    void (*destroy)(void *self);
+    void (*step_changed)(void *self, tm_world *world); /* dt changed or tissue was cut: refresh what was derived; may be null */
+    void *self;
+} tm_stage;
+
+#define TM_MAX_STAGES 32
+
+typedef struct tm_stage_report {
+    const char *name;
+    tm_phase phase;
+    int64_t bytes;          /* held by the stage */
+    int64_t runs;
+    double seconds;         /* measured when timing is on, else 0 */
+} tm_stage_report;
+
+typedef struct tm_world_def {
+    uint32_t cookie;
+    tm_tissue *tissue;      /* must outlive the world */
+    double dt_s;            /* 0: the guaranteed critical step times `step_fraction`; above the guaranteed step: TM_ERR_STEP */
+    double step_fraction;   /* 0.9 */
+    bool damped;            /* false: the undamped integrator (fewer instructions); materials' damping must then be 0 */
+} tm_world_def;
+
+TM_API tm_world_def tm_world_def_default(void);
+/* A world with the stages every scene has: force and integrate. */
+TM_API tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *error);
+TM_API void tm_world_destroy(tm_world *world); /* destroys its stages too, not the tissue */
+
+/* The world takes the stage over. */
+TM_API tm_status tm_world_add_stage(tm_world *world, const tm_stage *stage, int64_t bytes, tm_error *error);
+TM_API tm_status tm_world_remove_stage(tm_world *world, const char *name, tm_error *error);
+TM_API int32_t tm_world_stages(const tm_world *world, tm_stage_report report[TM_MAX_STAGES]);
+TM_API void tm_world_set_timing(tm_world *world, bool on);
+
+TM_API tm_state *tm_world_state(tm_world *world);
+TM_API tm_tissue *tm_world_tissue(tm_world *world);
+TM_API double tm_world_step_s(const tm_world *world);
+/* P_prev is rescaled as docs/physics.md says: u_prev <- u - (new/old)(u - u_prev). */
+TM_API tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error);
+
+/* `count` substeps. No allocation, no lock, no log. Stops and returns TM_ERR_UNSTABLE, with the last finite state in
+ * place, when a displacement stops being finite or exceeds 1e6 m (checked after each call, over all vertices). */
+TM_API tm_status tm_world_step(tm_world *world, int32_t count);
+
+/* --- stages of the library; each file of src/stage_*.c is one --- */
+
+TM_API tm_status tm_stage_gravity(tm_world *world, const double g_m_s2[3], tm_error *error);
+
+/* Constant forces on vertices: vertex forces and tractions already lumped. [3*vertex_count] N, copied. */
+TM_API tm_status tm_stage_load(tm_world *world, const double *force_N, tm_error *error);
+/* Adds a traction (Pa, over rest area) on surface triangles to force_N; the caller's buffer, no world needed. */
+TM_API void tm_load_add_traction(const tm_mesh *mesh, const int32_t *triangle, int32_t triangle_count,
+                                 const double traction_Pa[3], double *force_N);
+
+/* Prescribed displacement: component i of the list holds u[dof[i]] = value[i]. dof = 3*vertex + axis. Copied. */
+typedef struct tm_support_def {
+    uint32_t cookie;
+    int32_t count;
+    const int32_t *dof;
+    const double *value_m;
+} tm_support_def;
+TM_API tm_support_def tm_support_def_default(void);
+TM_API tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error *error);
+/* Reaction of the support on the tissue at the last step, [3*vertex_count] N added into `reaction_N` (zero elsewhere).
+ * At rest it is -(internal + external force) of those components. */
+TM_API void tm_support_reaction(const tm_world *world, double *reaction_N);
+/* Marks [3*vertex_count] with 1 where a component is prescribed. */
+TM_API void tm_support_mask(const tm_world *world, uint8_t *mask);
+
+/* --- rest --- */
+
+typedef struct tm_settle_def {
+    uint32_t cookie;
+    double tolerance;        /* on max |residual force| / max(|external|, |internal|) over free components; 1e-10 */
+    int64_t max_steps;       /* 2e6 */
+    bool (*progress)(void *user, int64_t step, double residual); /* may be null; false stops (TM_ERR_CONVERGENCE) */
+    void *user;
+} tm_settle_def;
+typedef struct tm_settle_result { int64_t steps; double residual; double energy_J; } tm_settle_result;
+TM_API tm_settle_def tm_settle_def_default(void);
+/* Dynamic relaxation (adaptive damping, fictitious masses allowed): solves K u = f_ext with the world's supports and loads. Leaves
+ * u = u_prev = the solution. Contact stages stay active. Allocates its own work space. */
+TM_API tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error);
+
+/* Hash of u and u_prev (bits). */
+TM_API uint64_t tm_world_hash(const tm_world *world);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

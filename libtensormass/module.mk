@@ -1,0 +1,12 @@
+# libtensormass.so and .a: the core, with no dependency but libc and libm.
+TM_SRC := $(sort $(wildcard libtensormass/src/*.c))
+LIBTM_A := $(OUT)/lib/libtensormass.a
+LIBTM_SO := $(OUT)/lib/libtensormass.so.$(VERSION)
+LIBRARIES += $(LIBTM_A) $(LIBTM_SO)
+$(LIBTM_A): $(call objects,$(TM_SRC))
+	@mkdir -p $(@D)
+	rm -f $@ && ar rcs $@ $^
+$(LIBTM_SO): $(call objects,$(TM_SRC))
+	@mkdir -p $(@D)
+	$(CC) $(SAN) -shared -Wl,-soname,libtensormass.so.0 -Wl,--no-undefined -o $@ $^ -lm
+	ln -sf $(@F) $(@D)/libtensormass.so.0 && ln -sf libtensormass.so.0 $(@D)/libtensormass.so
