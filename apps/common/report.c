@@ -1,0 +1,49 @@
+/* Errors as people read them: "file:line: what; what to do", with the exit code of the contract. */
+#include <stdarg.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "app.h"
+
+static void print_place(const char *file, int line) {
+    if (!file) return;
+    if (line > 0)
+        fprintf(stderr, "%s:%d: ", file, line);
+    else
+        fprintf(stderr, "%s: ", file);
+}
+
+int app_bad_input(const char *file, int line, const char *format, ...) {
+    print_place(file, line);
+    va_list arguments;
+    va_start(arguments, format);
+    vfprintf(stderr, format, arguments);
+    va_end(arguments);
+    fputc('\n', stderr);
+    return APP_BAD_INPUT;
+}
+
+/* Memory, convergence and instability are not the input's fault. */
+static int exit_code(tm_status status) {
+    switch (status) {
+    case TM_OK: return APP_DONE;
+    case TM_ERR_MEMORY:
+    case TM_ERR_CONVERGENCE:
+    case TM_ERR_UNSTABLE:
+    case TM_ERR_LIMIT: return APP_FAILED;
+    case TM_ERR_ARGUMENT:
+    case TM_ERR_MESH:
+    case TM_ERR_MATERIAL:
+    case TM_ERR_SUPPORT:
+    case TM_ERR_STEP:
+    case TM_ERR_FILE:
+    case TM_ERR_EXCLUDED: return APP_BAD_INPUT;
+    }
+    return APP_FAILED;
+}
+
+int app_report(const char *file, int line, const tm_error *error) {
+    print_place(file, line);
+    fprintf(stderr, "%s\n", error->message[0] ? error->message : tm_status_name(error->status));
+    return exit_code(error->status);
+}
