@@ -34,7 +34,7 @@ OPT := $(OPT_$(config))
 SAN := $(filter -fsanitize%,$(OPT))
 
 # -ffp-contract=off: the plain form's bits must not depend on compiler or processor.
-WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wconversion -Wno-sign-conversion $(if $(CI),-Werror)
+WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wconversion -Wno-sign-conversion -Wno-format-truncation $(if $(CI),-Werror)
 BASE_CFLAGS := -std=c11 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC -MMD -MP $(WARN)
 BASE_CXXFLAGS := -std=c++17 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC -MMD -MP -Wall -Wextra
 INCLUDES := -Ilibtensormass/include -Ihaptic_rt/core -Ihaptic_rt -Iapps -Iapps/common -I$(OUT)/gen
@@ -129,14 +129,15 @@ check-run:
 INSTALL_ROOT = $(DESTDIR)$(PREFIX)
 SHARE = $(INSTALL_ROOT)/share/tensormass
 install: programs
-	install -d $(INSTALL_ROOT)/{bin,include/tensormass,lib/tensormass,lib/pkgconfig} $(SHARE)/{lcm_types,scenes,meshes}
+	install -d $(INSTALL_ROOT)/{bin,include/tensormass,lib/tensormass,lib/pkgconfig} $(SHARE)/{lcm_types,apps/scenes,meshes}
 	install -m 644 libtensormass/include/*.h $(INSTALL_ROOT)/include
 	install -m 644 libtensormass/include/tensormass/*.h $(INSTALL_ROOT)/include/tensormass
 	cp -Pf $(OUT)/lib/libtensormass*.a $(OUT)/lib/libtensormass*.so* $(INSTALL_ROOT)/lib
 	install -m 755 $(MODULES) $(INSTALL_ROOT)/lib/tensormass
 	install -m 755 $(PROGRAMS) $(INSTALL_ROOT)/bin
 	install -m 644 lcm_types/*.lcm $(SHARE)/lcm_types
-	cp -R apps/scenes/. $(SHARE)/scenes
+	cp -R apps/scenes/. $(SHARE)/apps/scenes
+	install -m 644 $(wildcard meshes/*.msh meshes/*.csv meshes/README.md) $(SHARE)/meshes
 	for pc in tools/*.pc.in; do sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@VERSION@|$(VERSION)|' $$pc > $(INSTALL_ROOT)/lib/pkgconfig/$$(basename $$pc .in); done
 
 #: make clean                  remove build/
