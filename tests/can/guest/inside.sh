@@ -1,0 +1,34 @@
+# What both guests run once the host's tree is their root:   dash inside.sh vcan|controllers RUN_DIR uml|qemu
+# Brings up the bus, runs RUN_DIR/job.sh (with CAN_A and CAN_B, the controller's and the device's interface, and OUT, a directory
+# in the guest's memory), and copies OUT to RUN_DIR/out. The host's files are only written there.
+bus=$1 run=$2
+export PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/tmp GUEST=$3
+[ -c /dev/null ] && [ "$3" = uml ] || mount -t devtmpfs dev /dev
+[ "$3" = uml ] || { mount -t proc proc /proc; mount -t sysfs sysfs /sys; }
+mount -t tmpfs tmpfs /tmp
+mount -t tmpfs tmpfs /run
+mkdir -p /dev/shm /tmp/out
+mount -t tmpfs tmpfs /dev/shm
+/bin/ip link set lo up
+/bin/ip route add 224.0.0.0/4 dev lo
+case $bus in
+vcan)
+    /bin/ip link add vcan0 type vcan || exit 125
+    /bin/ip link set vcan0 up || exit 125
+    export CAN_A=vcan0 CAN_B=vcan0 ;;
+controllers)
+    for i in can0 can1; do
+        /bin/ip link set $i type can bitrate 1000000 restart-ms 100 || exit 125
+        /bin/ip link set $i txqueuelen 64 up || exit 125
+    done
+    export CAN_A=can0 CAN_B=can1 ;;
+esac
+export OUT=/tmp/out
+cd /tmp
+/bin/bash "$run/job.sh"
+status=$?
+/bin/ip -details -statistics link show > $OUT/links.txt 2>&1
+mkdir -p "$run/out"
+cp -r $OUT/. "$run/out/" || status=125
+sync
+exit $status

@@ -1,0 +1,43 @@
+#!/bin/bash
+# Takes the Debian kernel (vmlinuz and the modules a guest needs) out of its package, without installing it, and packs the small
+# first root of the QEMU guest.   tests/can/guest/kernel.sh DIR   leaves DIR/vmlinuz, DIR/initramfs.gz; does nothing when they are there.
+set -euo pipefail
+dir=$1
+here=$(cd "$(dirname "$0")" && pwd)
+mkdir -p "$dir"
+exec 9>"$dir/.lock"
+flock 9
+
+# In the order in which they must be loaded; init_qemu.sh reads it from the file `order`.
+virtio="virtio_ring virtio virtio_pci_legacy_dev virtio_pci_modern_dev virtio_pci netfs fscache 9pnet 9pnet_virtio 9p"
+can="can can-raw can-dev vcan sja1000 kvaser_pci"
+
+if [ ! -s "$dir/vmlinuz" ]; then
+    package=$(apt-cache depends linux-image-amd64 2>/dev/null | sed -n 's/^ *Depends: //p' | head -1)
+    [ -n "$package" ] || { echo "guest: apt knows no linux-image-amd64; run apt-get update" >&2; exit 2; }
+    rm -rf "$dir/deb" "$dir/root"
+    mkdir -p "$dir/deb" "$dir/modules"
+    (cd "$dir/deb" && timeout 600 apt-get download -q "$package" >../download.log 2>&1) ||
+        { cat "$dir/download.log" >&2; echo "guest: could not download $package; check the network, run apt-get update, then the same command again" >&2; exit 2; }
+    dpkg -x "$dir"/deb/*.deb "$dir/root"
+    for module in $virtio $can; do
+        cp "$(find "$dir/root" -name "$module.ko" -print -quit)" "$dir/modules/" || { echo "guest: $package has no module $module" >&2; exit 1; }
+    done
+    cp "$dir"/root/boot/vmlinuz-* "$dir/vmlinuz.part"
+    mv "$dir/vmlinuz.part" "$dir/vmlinuz"
+    rm -rf "$dir/root" "$dir/deb"
+fi
+
+if [ ! -s "$dir/initramfs.gz" ] || [ "$here/init_qemu.sh" -nt "$dir/initramfs.gz" ] || [ "$here/kernel.sh" -nt "$dir/initramfs.gz" ]; then
+    root="$dir/initramfs"
+    rm -rf "$root"
+    mkdir -p "$root"/{bin,dev,proc,sys,host,modules}
+    cp "$(command -v busybox)" "$root/bin/busybox"
+    for tool in sh mount insmod chroot poweroff sleep cat; do ln -s busybox "$root/bin/$tool"; done
+    cp "$dir"/modules/*.ko "$root/modules/"
+    echo "$virtio $can" > "$root/modules/order"
+    install -m 755 "$here/init_qemu.sh" "$root/init"
+    (cd "$root" && find . | /bin/busybox cpio -o -H newc 2>/dev/null | gzip -1) > "$dir/initramfs.part"
+    mv "$dir/initramfs.part" "$dir/initramfs.gz"
+    rm -rf "$root"
+fi

@@ -1,0 +1,45 @@
+"""Runs a shell job in a guest that has CAN (tests/can/guest.sh) and reads what stock candump saw there."""
+import functools
+import pathlib
+import re
+import subprocess
+
+from conftest import BUILD, ROOT
+
+RUNS = BUILD / "tests" / "can"
+LINE = re.compile(r"^\((\d+)\.(\d{6})\) (\S+) ([0-9A-F]+)#([0-9A-F]*)(?: ([TR]))?$")
+
+
+def run(kind, bus, name, job, limit_s):
+    """The finished process of guest.sh and the directory of what the job left. `job` is shell text."""
+    directory = RUNS / name
+    script = RUNS / f"{name}.sh"
+    RUNS.mkdir(parents=True, exist_ok=True)
+    script.write_text(job)
+    # The guest's own limit ends it; waiting for another guest's turn comes on top.
+    done = subprocess.run([ROOT / "tests/can/guest.sh", kind, bus, str(limit_s), directory, script], capture_output=True, text=True,
+                          timeout=limit_s + 1800, stdin=subprocess.DEVNULL)
+    return done, directory / "out"
+
+
+@functools.lru_cache(None)
+def vcan_guest():
+    """"uml", or "qemu" where user-mode Linux does not start on this host: the vcan tests run either way."""
+    done, _ = run("uml", "vcan", "uml_starts", "true\n", 60)
+    if done.returncode != 0:
+        print(f"user-mode Linux does not start here, QEMU runs the vcan tests: {done.stderr[-500:]}")
+    return "uml" if done.returncode == 0 else "qemu"
+
+
+def on(bus):
+    return vcan_guest() if bus == "vcan" else "qemu"
+
+
+def candump(path):
+    """[(time in us, interface, identifier, data)] of a `candump -L` log. Every line must be one."""
+    frames = []
+    for number, line in enumerate(pathlib.Path(path).read_text().splitlines(), 1):
+        match = LINE.match(line)
+        assert match, f"{path}:{number}: not a line of candump -L: {line!r}"
+        frames.append((int(match[1]) * 1000000 + int(match[2]), match[3], int(match[4], 16), bytes.fromhex(match[5])))
+    return frames
