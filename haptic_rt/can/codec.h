@@ -1,0 +1,63 @@
+/* The frames of impulse_engine.dbc as structs: counters, checksums and ids handled here, bits packed by the generated impulse_engine.c.
+ * No operating system, no heap. */
+#ifndef HRT_CODEC_H
+#define HRT_CODEC_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "can/frame.h"
+#include "hrt.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef struct hrt_can_counters {
+    uint32_t lost;     /* gaps in a counter */
+    uint32_t repeated; /* the same counter again */
+    uint32_t corrupt;  /* checksum, length or value wrong */
+    uint32_t foreign;  /* not ours: ids we do not know, extended, remote */
+    uint32_t error;    /* error frames */
+    uint32_t bus_off;
+} hrt_can_counters;
+
+typedef enum hrt_can_kind {
+    HRT_CAN_FOREIGN = 0,
+    HRT_CAN_CORRUPT,
+    HRT_CAN_ERROR_FRAME,
+    HRT_CAN_ENCODER_A,   /* device: pitch, yaw, insertion */
+    HRT_CAN_ENCODER_B,   /* device: roll, grip, pedal; completes the set of ENCODER_A with the same counter */
+    HRT_CAN_DEVICE_BEAT,
+    HRT_CAN_DEVICE_FAULT,
+    HRT_CAN_COMMAND,     /* controller: torques */
+    HRT_CAN_CONTROLLER_BEAT,
+    HRT_CAN_RESET
+} hrt_can_kind;
+
+typedef struct hrt_can_message {
+    hrt_can_kind kind;
+    int32_t instrument;
+    uint8_t counter;
+    int32_t count[HRT_JOINTS];    /* A: 0..2, B: 3..4 */
+    bool pedal;
+    bool motors_on;
+    float torque[HRT_MOTORS];
+    uint8_t state, fault;         /* heartbeats; fault: DEVICE_FAULT too */
+    uint16_t session;             /* device heartbeat: new at each start, never 0 */
+    uint16_t gaps;                /* device heartbeat: commands missed, by their counter */
+    uint16_t detail;              /* device fault */
+} hrt_can_message;
+
+/* Fills `frame`; values are clamped to what the frame can carry. False for a kind that is never sent. */
+bool hrt_can_pack(const hrt_can_message *message, hrt_can_frame *frame);
+/* Kind CORRUPT or FOREIGN when it is not one of ours. */
+void hrt_can_unpack(const hrt_can_frame *frame, hrt_can_message *message);
+
+/* Torque per count on the wire: N m, N m, N. */
+extern const float hrt_can_torque_unit[HRT_MOTORS];
+
+#ifdef __cplusplus
+}
+#endif
+#endif

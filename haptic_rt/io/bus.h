@@ -1,0 +1,77 @@
+/* A CAN bus behind a small table of functions: classical frames, never blocking. Drivers: `loopback` (in process), `virtual` (between processes,
+ * no kernel CAN), `socketcan`. A bus endpoint hears every other endpoint's frames and not its own. */
+#ifndef HRT_BUS_H
+#define HRT_BUS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "can/frame.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+typedef enum hrt_bus_state {
+    HRT_BUS_OK = 0,
+    HRT_BUS_WARNING = 1,  /* error counters high, or a send queue that was full */
+    HRT_BUS_OFF = 2,      /* the controller left the bus */
+    HRT_BUS_DOWN = 3      /* no bus: interface gone */
+} hrt_bus_state;
+
+typedef struct hrt_bus hrt_bus;
+
+typedef struct hrt_bus_driver {
+    const char *name;
+    /* 1 sent, 0 no room now (dropped), -1 bus off or down. */
+    int (*send)(hrt_bus *bus, const hrt_can_frame *frame);
+    /* 1 a frame, 0 none waits, -1 bus off or down. */
+    int (*receive)(hrt_bus *bus, hrt_can_frame *frame);
+    hrt_bus_state (*state)(hrt_bus *bus);
+    /* One attempt to come back after off or down; at most every 100 ms. */
+    void (*recover)(hrt_bus *bus, int64_t now_us);
+    void (*close)(hrt_bus *bus);
+} hrt_bus_driver;
+
+struct hrt_bus {
+    const hrt_bus_driver *driver;
+    int fd;
+    hrt_bus_state now;
+    int64_t tried_us;
+    uint64_t tx, rx, errors, dropped;
+    uint64_t tx_bits, rx_bits; /* on the wire with the worst stuffing */
+    char name[64];
+    char path[108];            /* virtual: the directory */
+    char self[108];
+    struct hrt_peer_table *peers; /* virtual: who listens */
+    struct hrt_loopback *loopback;
+    int port;
+};
+
+/* In-process bus: endpoints of one hrt_loopback. Caller-owned; ports 0..7. */
+enum { HRT_LOOPBACK_PORTS = 8, HRT_LOOPBACK_DEPTH = 256 };
+typedef struct hrt_loopback {
+    struct hrt_loopback_port {
+        bool open;
+        uint32_t head, tail;
+        hrt_can_frame frame[HRT_LOOPBACK_DEPTH];
+    } port[HRT_LOOPBACK_PORTS];
+    bool off; /* tests: bus-off for all */
+} hrt_loopback;
+void hrt_loopback_init(hrt_loopback *loopback);
+/* False when all ports are taken. */
+bool hrt_bus_open_loopback(hrt_bus *bus, hrt_loopback *loopback);
+
+/* "virtual:NAME" (directory $TM_BUS_DIR/NAME, default /tmp/tensormass-bus-UID/NAME) or "socketcan:can0". On failure `why` says what is wrong and what to do. */
+bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size);
+
+static inline int hrt_bus_send(hrt_bus *bus, const hrt_can_frame *frame) { return bus->driver->send(bus, frame); }
+static inline int hrt_bus_receive(hrt_bus *bus, hrt_can_frame *frame) { return bus->driver->receive(bus, frame); }
+static inline hrt_bus_state hrt_bus_state_now(hrt_bus *bus) { return bus->driver->state(bus); }
+static inline void hrt_bus_recover(hrt_bus *bus, int64_t now_us) { bus->driver->recover(bus, now_us); }
+static inline void hrt_bus_close(hrt_bus *bus) { if (bus->driver) bus->driver->close(bus); }
+
+#ifdef __cplusplus
+}
+#endif
+#endif

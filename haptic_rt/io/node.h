@@ -1,0 +1,130 @@
+/* A controller on its bus: controller + CAN codec + mailbox. Who calls hrt_node_tick differs (Linux loop, lockstep simulation), the code does not. */
+#ifndef HRT_NODE_H
+#define HRT_NODE_H
+
+#include <stdatomic.h>
+
+#include "bus.h"
+#include "can/codec.h"
+#include "hrt.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Where the scene put the trocar and how the device hangs there. World frame. */
+typedef struct hrt_pose {
+    double trocar_m[3];
+    double axis[3]; /* shaft's direction into the body at zero pitch and yaw */
+    double up[3];
+} hrt_pose;
+
+typedef struct hrt_node_config {
+    int32_t instrument; /* 0, 1 */
+    int8_t mode;        /* 0 probe, 1 grasper, 2 cautery */
+    int64_t session;    /* new at every start; lockstep: any constant */
+    hrt_params params;
+    bool pose_known;    /* false: never engages before hrt_node_post_pose */
+    hrt_pose pose;
+    hrt_extrapolator extrapolator;
+    bool passivity, coupling;
+    bool enable;        /* permission to engage; true */
+} hrt_node_config;
+hrt_node_config hrt_node_config_default(int32_t instrument);
+
+/* lcm_types/force_sample_t.lcm, field by field. */
+typedef struct hrt_force_sample {
+    int64_t utime, session, tool_session, tool_utime;
+    uint32_t seq;
+    int32_t instrument;
+    double tip_m[3], force_N[3], stiffness_N_m[9];
+    int32_t stiffness_kind, flags, topology_revision;
+} hrt_force_sample;
+
+/* lcm_types/contact_patch_t.lcm, by pointers into the caller's message. */
+typedef struct hrt_patch_message {
+    int64_t session;
+    uint32_t seq;
+    int32_t instrument, topology_revision, vertex_count, triangle_count;
+    const float *vertex_m;          /* [3*vertex_count], relative to origin_m */
+    const double *origin_m;         /* [3] */
+    const int8_t *triangle;         /* [3*triangle_count] */
+    const float *compliance_m_N;    /* [n(n+1)/2], n = 3*vertex_count */
+    float skin_compliance_m_N, radius_m, contact_length_m;
+} hrt_patch_message;
+
+/* lcm_types/tool_state_t.lcm */
+typedef struct hrt_tool_state {
+    int64_t utime, session;
+    uint32_t seq;
+    int8_t instrument, mode, state, active, extrapolator;
+    double tip_m[3]; /* world */
+    double joint[5];
+} hrt_tool_state;
+
+/* lcm_types/controller_status_t.lcm; timing quantiles are the loop's (haptic-rt fills them). */
+typedef struct hrt_status {
+    int64_t utime, session, ticks, missed_ticks;
+    int32_t instrument, state, fault, limits, extrapolator, passivity_on;
+    const char *fault_text;
+    double passivity_J, force_N[3], sample_age_s, lateness_us[4], duration_us[4];
+    int64_t samples_received, samples_late, samples_lost, samples_rejected, can_tx, can_rx, can_errors;
+} hrt_status;
+
+/* Commands, thread-safe like samples. -1 leaves a setting. */
+typedef struct hrt_command {
+    int32_t extrapolator, passivity, coupling, enable;
+    bool reset;
+} hrt_command;
+
+/* One writer, one reader, no lock: three slots, the middle one is swapped. */
+typedef struct hrt_mailbox {
+    struct hrt_slot { hrt_sample sample; hrt_patch patch; } slot[3];
+    _Atomic uint32_t middle; /* slot number, | 4 when not yet read */
+    uint32_t write, read;
+} hrt_mailbox;
+
+typedef struct hrt_node {
+    hrt_node_config config;
+    hrt_bus *bus;
+    hrt_controller controller;
+    hrt_mailbox mailbox;
+    float scratch[HRT_PATCH_COMPLIANCE]; /* the posting thread's */
+    hrt_patch pending;                   /* a patch whose sample has not come yet */
+    bool pending_valid;
+    int64_t posted_session;
+    uint32_t posted_seq;
+    bool posted;
+    _Atomic uint32_t post_rejected, post_late;
+    _Atomic int32_t command_extrapolator, command_passivity, command_coupling, command_enable, command_reset;
+    _Atomic int64_t now_us;              /* of the last tick, for checks outside it */
+    /* pose mailbox: written once in a while, sequence-locked */
+    _Atomic uint32_t pose_seq;
+    hrt_pose pose_posted;
+    uint32_t pose_taken;
+    hrt_input input;
+    hrt_output output;
+    uint8_t command_counter, encoder_counter;
+    bool encoder_counter_known;
+    int64_t heartbeat_us;
+    uint32_t tool_seq;
+    uint32_t reset_counter;
+    hrt_can_counters can;
+} hrt_node;
+
+/* The bus is opened by the caller and outlives the node. */
+void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus);
+/* From one thread, not the tick's. A patch comes before the sample with the same seq. Validated here; anything but HRT_ACCEPT never reaches the tick. */
+hrt_reject hrt_node_post_patch(hrt_node *node, const hrt_patch_message *patch);
+hrt_reject hrt_node_post_sample(hrt_node *node, const hrt_force_sample *sample);
+/* The scene's trocar. Taken over while no force is rendered. */
+void hrt_node_post_pose(hrt_node *node, const hrt_pose *pose);
+void hrt_node_post_command(hrt_node *node, const hrt_command *command);
+/* Every 2 ms: receive, tick, send. `tool` (null: not wanted) is what the simulation is told. */
+void hrt_node_tick(hrt_node *node, int64_t now_us, hrt_tool_state *tool);
+void hrt_node_status(const hrt_node *node, hrt_status *status);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
