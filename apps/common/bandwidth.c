@@ -1,0 +1,49 @@
+#include <stdlib.h>
+#include <time.h>
+
+#include "bandwidth.h"
+
+double app_seconds(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+static int ascending(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+double app_median(double *value, int count) {
+    qsort(value, (size_t)count, sizeof *value, ascending);
+    return count % 2 ? value[count / 2] : 0.5 * (value[count / 2 - 1] + value[count / 2]);
+}
+
+static void triad(const double *restrict a, const double *restrict b, double *restrict c, size_t n, double s) {
+    for (size_t i = 0; i < n; i++) c[i] = a[i] + s * b[i];
+}
+
+double app_bandwidth_B_s(size_t bytes, int rounds) {
+    enum { MAX_ROUNDS = 64 };
+    if (rounds > MAX_ROUNDS) rounds = MAX_ROUNDS;
+    size_t n = bytes / (3 * sizeof(double));
+    double *memory = malloc(3 * n * sizeof *memory), rate[MAX_ROUNDS];
+    if (!memory || n == 0 || rounds < 1) {
+        free(memory);
+        return 0;
+    }
+    for (size_t i = 0; i < 3 * n; i++) memory[i] = 1.0;
+    /* Small arrays are passed over often enough for the clock to resolve. */
+    size_t passes = 1 + (size_t)20e6 / bytes;
+    volatile double sink = 0;
+    for (int r = -1; r < rounds; r++) { /* round -1 warms up */
+        double start = app_seconds();
+        for (size_t p = 0; p < passes; p++) {
+            triad(memory, memory + n, memory + 2 * n, n, 1.0 + (double)p);
+            sink += memory[2 * n + p % n]; /* so that no pass is folded away */
+        }
+        if (r >= 0) rate[r] = (double)(3 * n * sizeof *memory * passes) / (app_seconds() - start);
+    }
+    free(memory);
+    return app_median(rate, rounds);
+}

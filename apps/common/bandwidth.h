@@ -1,0 +1,17 @@
+/* This machine's memory bandwidth, measured in the same run as whatever is held against it. */
+#ifndef TM_BANDWIDTH_H
+#define TM_BANDWIDTH_H
+
+#include <stddef.h>
+
+/* Bytes per second of one thread reading a[i], b[i] and writing c[i] = a[i] + s b[i] over arrays of `bytes` in all (the triad
+ * of McCalpin's STREAM): the median of `rounds` passes. 0 if memory is short. Choose `bytes` like the working set that is judged. */
+double app_bandwidth_B_s(size_t bytes, int rounds);
+
+/* Median of `count` values, which are sorted in place. */
+double app_median(double *value, int count);
+
+/* Monotonic seconds. */
+double app_seconds(void);
+
+#endif
