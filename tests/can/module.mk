@@ -1,9 +1,10 @@
 # SocketCAN in a guest kernel: haptic-rt and tm-device unchanged, watched by stock candump. A skip is not a pass.
+#: make check-can            haptic-rt and tm-device over a real kernel's CAN, in user-mode Linux and QEMU
 .PHONY: check-can guest-kernel
 guest-kernel:
-	@tools/setup.sh check
+	@tools/setup.sh build check
 	@tests/can/guest/kernel.sh $(BUILD)/guest
-check-can: setup-build
-	@tools/setup.sh check
+check-can:
+	@tools/setup.sh build check
 	@$(MAKE) --no-print-directory programs venv guest-kernel
-	TM_OUT=$(OUT) $(VENV)/bin/python -m pytest -q tests/can
+	TM_OUT=$(OUT) $(VENV)/bin/python -m pytest tests/can -q -p no:cacheprovider $(PYTEST_ARGS)

@@ -1,0 +1,29 @@
+"""Starts two_hosts_net.py in namespaces of its own and returns what it left. Nothing outlives the call."""
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+from conftest import BUILD, ROOT
+
+# Leaves this machine, and no further than the next one: the relay's wire is all there is.
+LCM_URL = "udpm://239.255.76.67:7667?ttl=1"
+
+
+def run(name, hosts, link, seconds):
+    """(link.json, directory). `hosts` = {"simulation": [argv...], "controller": [argv...]}."""
+    directory = BUILD / "tests" / "two_hosts" / name
+    shutil.rmtree(directory, ignore_errors=True)
+    directory.mkdir(parents=True)
+    spec = {"seconds": seconds, "link": link, "hosts": {h: [[str(a) for a in argv] for argv in commands] for h, commands in hosts.items()}}
+    (directory / "spec.json").write_text(json.dumps(spec))
+    own = [] if os.geteuid() == 0 else ["-r"]
+    # A process namespace: when the relay ends or is killed, every process in it is.
+    command = ["timeout", "-k", "5", str(int(seconds) + 30), "unshare", *own, "-n", "-m", "-p", "--fork", "--mount-proc", "--kill-child",
+               sys.executable, ROOT / "tests/loop/two_hosts_net.py", directory / "spec.json"]
+    environment = dict(os.environ, LCM_DEFAULT_URL=LCM_URL, PATH=os.environ["PATH"] + ":/usr/sbin:/sbin")
+    done = subprocess.run(command, cwd=directory, env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    logs = "".join(f"--- {p.name}\n{p.read_text()[-4000:]}" for p in sorted(directory.glob("*.log")))
+    assert done.returncode == 0, f"two hosts: status {done.returncode}\n{done.stderr[-4000:]}\n{logs}"
+    return json.loads((directory / "link.json").read_text()), directory
