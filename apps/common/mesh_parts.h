@@ -1,0 +1,40 @@
+/* Inside the mesh loader: what its files share. Programs use mesh_file.h. */
+#ifndef TM_MESH_PARTS_H
+#define TM_MESH_PARTS_H
+
+#include "mesh_file.h"
+
+/* What a loader may pass over, for tm-mesh repair. Programs that simulate pass null. */
+typedef struct app_mesh_lenient {
+    int64_t dropped_vertices; /* out: vertices that no element used, left behind by the reader */
+} app_mesh_lenient;
+tm_status app_mesh_load_lenient(const char *path, double scale, app_mesh_lenient *lenient, app_mesh *mesh, tm_error *error);
+
+/* Allocates the arrays for the counts already set. False: no memory, nothing held. */
+bool app_mesh_allocate(app_mesh *mesh, int32_t group_vertex_count);
+
+/* One block of bytes for cache and pipe: versioned, checksummed, carrying `hash`. */
+void *app_mesh_encode(const app_mesh *mesh, size_t *size);
+/* TM_ERR_FILE for anything that is not a whole, sound block of this version with this hash. */
+tm_status app_mesh_decode(const void *bytes, size_t size, uint64_t hash, app_mesh *mesh, tm_error *error);
+
+/* The cache on disk. Both are quiet: a cache that cannot be used is no error. */
+bool app_mesh_cache_load(uint64_t hash, app_mesh *mesh);
+void app_mesh_cache_store(const app_mesh *mesh);
+
+/* Tags of an ASCII .msh in the order of the file, which Gmsh's reader forgets, as it does vertices that no element uses. */
+typedef struct app_mesh_scan {
+    int64_t *vertex_tag, *tet_tag;
+    int64_t vertex_count, tet_count; /* -1: not told by this kind of file */
+} app_mesh_scan;
+/* `text` ends in a NUL that is not counted in `size`. */
+tm_status app_mesh_scan_msh(const char *text, size_t size, app_mesh_scan *scan, tm_error *error);
+void app_mesh_scan_free(app_mesh_scan *scan);
+
+/* Entry point of the gmsh module: reads into a mesh in ascending tag order, unscaled. */
+typedef tm_status app_gmsh_read_fn(const char *path, app_mesh *mesh, tm_error *error);
+
+tm_status app_mesh_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
+
+#endif
