@@ -1,0 +1,181 @@
+/* Scenes: YAML read through one table of fields that also makes the defaults, the errors and docs/scene-reference.md.
+ *
+ * Every value carries the line it came from: 0 where it is a default, negative where it came from --set. */
+#ifndef TM_SCENE_H
+#define TM_SCENE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#include "tensormass/base.h"
+
+typedef struct app_section { int line; } app_section;
+typedef struct app_number { double si; int line; } app_number;
+typedef struct app_integer { int64_t value; int line; } app_integer;
+typedef struct app_vector { double v[3]; int line; } app_vector;
+typedef struct app_text { const char *s; int line; } app_text;        /* never null: "" */
+typedef struct app_choice { int index; int line; } app_choice;        /* into the field's a|b|c */
+typedef struct app_flag { bool on; int line; } app_flag;
+typedef struct app_integers { int64_t *item; int count; int line; } app_integers;
+typedef struct app_list { void *item; int count; int line; } app_list; /* of the field's item struct */
+
+typedef enum app_kind {
+    APP_SECTION,  /* mapping */
+    APP_NUMBER,   /* quantity of `unit` */
+    APP_INTEGER,
+    APP_VECTOR,   /* three quantities of `unit` */
+    APP_TEXT,
+    APP_PATH,     /* text, relative to the scene's folder, made absolute or relative to the working directory */
+    APP_CHOICE,   /* one of `unit`, "a|b|c" */
+    APP_FLAG,     /* yes or no */
+    APP_INTEGERS, /* an integer or a list of them */
+    APP_LIST,     /* sequence of mappings, fields "path[].…", items of `size` bytes that begin with an app_section */
+    APP_TABLE     /* mapping of names to mappings, fields "path.*.…"; items begin with an app_text, the name */
+} app_kind;
+
+typedef struct app_field {
+    const char *path;
+    app_kind kind;
+    const char *unit;     /* dimension, or choices */
+    const char *fallback; /* text, parsed like the scene's own; null: unset; "!" required */
+    double min, max;      /* SI, inclusive; min == max: no range */
+    size_t offset;        /* in the enclosing struct: root, or list item */
+    size_t size;          /* of a list's item */
+    const char *doc;
+} app_field;
+
+/* A table and the struct it fills. The scene's own, and one for each effect. */
+typedef struct app_schema {
+    const app_field *field;
+    int count;
+    size_t size; /* of the root struct */
+} app_schema;
+
+/* --- which vertices --- */
+
+typedef struct app_select {
+    app_text group;
+    app_section box;
+    app_vector box_min, box_max;
+    app_section plane;
+    app_vector plane_point, plane_normal;
+    app_number plane_within;
+    app_integers vertex;
+} app_select;
+
+/* The selector's fields for another table: APP_SELECT_FIELDS("supports[].", offsetof(app_support, select)). */
+#define APP_SELECT_FIELDS(prefix, at)                                                                                          \
+    {prefix "group", APP_TEXT, NULL, NULL, 0, 0, (at) + offsetof(app_select, group), 0,                                        \
+     "vertices of this physical group of the mesh"},                                                                           \
+    {prefix "box", APP_SECTION, NULL, NULL, 0, 0, (at) + offsetof(app_select, box), 0, "vertices within an axis-aligned box"}, \
+    {prefix "box.min", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, box_min), 0, "lower corner"},              \
+    {prefix "box.max", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, box_max), 0, "upper corner"},              \
+    {prefix "plane", APP_SECTION, NULL, NULL, 0, 0, (at) + offsetof(app_select, plane), 0, "vertices on a plane"},             \
+    {prefix "plane.point", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, plane_point), 0, "a point of it"},     \
+    {prefix "plane.normal", APP_VECTOR, "none", "!", 0, 0, (at) + offsetof(app_select, plane_normal), 0, "its normal, any length"}, \
+    {prefix "plane.within", APP_NUMBER, "length", "1 um", 0, 1, (at) + offsetof(app_select, plane_within), 0,                  \
+     "how far from the plane a vertex may lie"},                                                                               \
+    {prefix "vertex", APP_INTEGERS, NULL, NULL, 0, 2147483647, (at) + offsetof(app_select, vertex), 0,                         \
+     "vertices by number, counted from 0 in file order; one or a list"}
+
+/* --- the scene --- */
+
+typedef enum app_model { APP_DYNAMIC = 0, APP_PRECOMPUTED = 1, APP_HYBRID = 2 } app_model;
+
+typedef struct app_material {
+    app_text region; /* "*": every region not named */
+    app_number young, poisson;
+    app_number lambda, mu;
+    app_number lambda_T, mu_T, lambda_L, mu_L, beta;
+    app_number E_L, E_T, nu_LT, nu_TT, G_L;
+    app_number density, damping;
+} app_material;
+
+typedef struct app_support {
+    app_section here;
+    app_text name;
+    app_select select;
+    app_text axes; /* some of xyz */
+    app_vector displace;
+} app_support;
+
+typedef struct app_load {
+    app_section here;
+    app_text name;
+    app_select select;
+    app_vector force, traction;
+} app_load;
+
+/* Either joint values or a tip position; the rest of the joints with either. */
+typedef struct app_pose {
+    app_number pitch, yaw, insertion, roll, grip;
+    app_vector tip;
+} app_pose;
+
+typedef struct app_instrument {
+    app_section here;
+    app_choice mode; /* tm_tool_mode */
+    app_vector trocar, axis, up;
+    app_number radius, contact_length;
+    app_section start_here;
+    app_pose start;
+} app_instrument;
+
+typedef struct app_waypoint {
+    app_section here;
+    app_number time;
+    app_pose pose;
+    app_flag active;
+} app_waypoint;
+
+typedef struct app_hand {
+    app_section here;
+    app_integer instrument;
+    app_choice between; /* 0 smooth (minimum jerk), 1 straight */
+    app_flag repeat;
+    app_section tremor;
+    app_number tremor_amplitude, tremor_frequency;
+    app_list path; /* app_waypoint */
+} app_hand;
+
+typedef struct app_scene {
+    const char *file;
+    app_text title;
+    app_choice model;
+    app_section tissue;
+    app_text mesh;
+    app_number scale;
+    app_choice precision; /* 0 double, 1 single: tm_precision */
+    app_choice force;     /* 0 best, 1 plain: tm_force_form */
+    app_list material;    /* app_material */
+    app_list support;     /* app_support */
+    app_list load;        /* app_load */
+    app_list instrument;  /* app_instrument */
+    app_list hand;        /* app_hand */
+    app_section time;
+    app_number frame_rate, duration, step, step_fraction, average;
+
+    int effect_count;
+    void **effect;        /* the options of each schema handed to app_scene_load, first member app_section: line 0, not named */
+
+    /* private */
+    void *arena;
+    char **set;
+    int set_count;
+} app_scene;
+
+/* Reads `file`, with `set` ("path=value") laid over it. Complains on stderr and returns APP_BAD_INPUT, or 0. */
+int app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count, app_scene **scene);
+void app_scene_free(app_scene *scene);
+/* Zeroed memory that lives as long as the scene. */
+void *app_scene_alloc(app_scene *scene, size_t bytes);
+
+/* Complaint about a value by its line. Returns APP_BAD_INPUT. */
+int app_scene_bad(const app_scene *scene, int line, const char *format, ...) __attribute__((format(printf, 3, 4)));
+/* "scene.yaml:12", or "--set path=value". */
+void app_scene_where(const app_scene *scene, int line, char *text, size_t size);
+
+extern const app_schema app_scene_schema;
+
+#endif
