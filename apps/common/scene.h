@@ -165,7 +165,7 @@ typedef struct app_scene {
     int set_count;
 } app_scene;
 
-/* Reads `file`, with `set` ("path=value") laid over it. Complains on stderr and returns APP_BAD_INPUT, or 0. */
+/* Reads `file`, with `set` ("path=value", or "path" to leave a key out) laid over it. Complains on stderr and returns APP_BAD_INPUT, or 0. */
 int app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count, app_scene **scene);
 void app_scene_free(app_scene *scene);
 /* Zeroed memory that lives as long as the scene. */

@@ -10,7 +10,7 @@
 
 #include "app.h"
 
-enum { PATH_MAX_CHARS = 256, SCENE_MAX_BYTES = 4 << 20 };
+enum { PATH_MAX_CHARS = 256, SHOWN_MAX_CHARS = 400, MAX_ITEMS = 200000, SCENE_MAX_BYTES = 4 << 20 };
 /* Lines of nodes that --set made: far past any line of a scene. */
 #define SET_LINE 0x40000000u
 
@@ -21,6 +21,7 @@ typedef struct reader {
     yaml_document_t document;
     const app_schema *schema[64];
     int schema_count;
+    int items; /* of lists, all told: aliases could multiply them */
 } reader;
 
 void *app_scene_alloc(app_scene *scene, size_t bytes) {
@@ -244,6 +245,8 @@ static int integers(reader *r, yaml_node_t *node, const app_field *field, const 
     bool one = node->type == YAML_SCALAR_NODE;
     if (node->type == YAML_MAPPING_NODE) return bad_shape(r, node, shown, "a whole number or a list of them");
     int count = one ? 1 : (int)(node->data.sequence.items.top - node->data.sequence.items.start);
+    r->items += count;
+    if (r->items > MAX_ITEMS) return app_scene_bad(r->scene, line_of(node), "more than %d list items; write fewer", MAX_ITEMS);
     if (!count) return app_scene_bad(r->scene, line_of(node), "%s is an empty list; write at least one number, or leave the key out", shown);
     out->item = app_scene_alloc(r->scene, sizeof *out->item * (size_t)count);
     for (int i = 0; i < count; ++i) {
@@ -268,15 +271,17 @@ static bool is_null(const yaml_node_t *node) {
 }
 
 static int read_list(reader *r, const app_schema *schema, yaml_node_t *node, const app_field *field, const char *shown, app_list *out) {
-    char prefix[PATH_MAX_CHARS], name[PATH_MAX_CHARS];
+    char prefix[PATH_MAX_CHARS], name[SHOWN_MAX_CHARS];
     if (node->type != YAML_SEQUENCE_NODE) return bad_shape(r, node, shown, "a list: lines that begin with '- '");
     int count = (int)(node->data.sequence.items.top - node->data.sequence.items.start);
+    r->items += count;
+    if (r->items > MAX_ITEMS) return app_scene_bad(r->scene, line_of(node), "more than %d list items; write fewer", MAX_ITEMS);
     *out = (app_list){app_scene_alloc(r->scene, field->size * (size_t)(count ? count : 1)), count, line_of(node)};
     snprintf(prefix, sizeof prefix, "%s[]", field->path);
     for (int i = 0; i < count; ++i) {
         yaml_node_t *item = node_at(r, node->data.sequence.items.start[i]);
         char *at = (char *)out->item + field->size * (size_t)i;
-        snprintf(name, sizeof name, "%s[%d]", shown, i);
+        snprintf(name, sizeof name, "%.300s[%d]", shown, i);
         if (item->type != YAML_MAPPING_NODE) return bad_shape(r, item, name, "keys and values");
         ((app_section *)at)->line = line_of(item);
         int rc = read_mapping(r, schema, item, line_of(item), prefix, name, &at);
@@ -286,9 +291,11 @@ static int read_list(reader *r, const app_schema *schema, yaml_node_t *node, con
 }
 
 static int read_table(reader *r, const app_schema *schema, yaml_node_t *node, const app_field *field, const char *shown, app_list *out) {
-    char prefix[PATH_MAX_CHARS], name[PATH_MAX_CHARS];
+    char prefix[PATH_MAX_CHARS], name[SHOWN_MAX_CHARS];
     if (node->type != YAML_MAPPING_NODE) return bad_shape(r, node, shown, "names, each with keys and values");
     int count = (int)(node->data.mapping.pairs.top - node->data.mapping.pairs.start);
+    r->items += count;
+    if (r->items > MAX_ITEMS) return app_scene_bad(r->scene, line_of(node), "more than %d list items; write fewer", MAX_ITEMS);
     *out = (app_list){app_scene_alloc(r->scene, field->size * (size_t)(count ? count : 1)), count, line_of(node)};
     snprintf(prefix, sizeof prefix, "%s.*", field->path);
     for (int i = 0; i < count; ++i) {
@@ -300,7 +307,7 @@ static int read_table(reader *r, const app_schema *schema, yaml_node_t *node, co
         for (int j = 0; j < i; ++j)
             if (!strcmp(((app_text *)((char *)out->item + field->size * (size_t)j))->s, ((app_text *)at)->s))
                 return app_scene_bad(r->scene, line_of(key), "'%.60s' is named twice in %s; keep one", ((app_text *)at)->s, shown);
-        snprintf(name, sizeof name, "%s.%.60s", shown, ((app_text *)at)->s);
+        snprintf(name, sizeof name, "%.300s.%.60s", shown, ((app_text *)at)->s);
         if (value->type != YAML_MAPPING_NODE) return bad_shape(r, value, name, "keys and values");
         int rc = read_mapping(r, schema, value, line_of(key), prefix, name, &at);
         if (rc) return rc;
@@ -347,7 +354,7 @@ static int default_value(reader *r, const app_schema *schema, const app_field *f
 
 /* `only` null: the top level, where every schema has its own base. */
 static int read_mapping(reader *r, const app_schema *only, yaml_node_t *node, int line, const char *prefix, const char *shown, char *const *base) {
-    char name[PATH_MAX_CHARS];
+    char name[SHOWN_MAX_CHARS];
     yaml_node_pair_t *begin = node ? node->data.mapping.pairs.start : NULL, *end = node ? node->data.mapping.pairs.top : NULL;
     for (yaml_node_pair_t *pair = begin; pair != end; ++pair) {
         yaml_node_t *key = node_at(r, pair->key);
@@ -363,7 +370,7 @@ static int read_mapping(reader *r, const app_schema *only, yaml_node_t *node, in
         for (; s < r->schema_count && !field; ++s)
             if (!only || r->schema[s] == only) field = find_field(r->schema[s], prefix, text);
         if (!field) return unknown_key(r, only, line_of(key), text, prefix, shown);
-        snprintf(name, sizeof name, "%s%s%s", shown, *shown ? "." : "", text);
+        snprintf(name, sizeof name, "%.300s%s%.90s", shown, *shown ? "." : "", text);
         int rc = read_value(r, r->schema[s - 1], key, node_at(r, pair->value), field, name, base[only ? 0 : s - 1]);
         if (rc) return rc;
     }
@@ -438,11 +445,13 @@ static int apply_set(reader *r, int set) {
     const char *text = r->scene->set[set], *equals = strchr(text, '=');
     char path[PATH_MAX_CHARS], *rest = path;
     int line = -(set + 1), at = 1;
-    if (!equals || equals == text || (size_t)(equals - text) >= sizeof path)
+    bool remove = !equals; /* --unset */
+    if (remove) equals = text + strlen(text);
+    if (equals == text || (size_t)(equals - text) >= sizeof path)
         return app_bad_input("--set", 0, "'%s' is not PATH=VALUE; write for example --set tissue.force=plain", text);
     memcpy(path, text, (size_t)(equals - text));
     path[equals - text] = 0;
-    int value = parse_set_value(r, equals + 1, set);
+    int value = parse_set_value(r, remove ? "" : equals + 1, set);
     if (!value) return app_scene_bad(r->scene, line, "the value is not YAML; quote it or correct it");
     while (*rest) {
         yaml_node_t *node = node_at(r, at);
@@ -465,15 +474,21 @@ static int apply_set(reader *r, int set) {
         for (yaml_node_pair_t *p = node->data.mapping.pairs.start; p != node->data.mapping.pairs.top && !found; ++p)
             if (node_at(r, p->key)->type == YAML_SCALAR_NODE && !strcmp((const char *)node_at(r, p->key)->data.scalar.value, rest)) found = p;
         bool last = !next;
+        if (remove && (last || !found)) {
+            if (!found) return app_scene_bad(r->scene, line, "there is no '%s' to leave out; name a key that the scene has", rest);
+            *found = *--node->data.mapping.pairs.top;
+            return 0;
+        }
         if (found && !last && !is_null(node_at(r, found->value))) at = found->value;
         else {
+            long slot = found ? found - node->data.mapping.pairs.start : 0;
             int key = set_key(r, rest, set), child = last ? value : yaml_document_add_mapping(&r->document, NULL, YAML_ANY_MAPPING_STYLE);
             if (!key || !child) return app_scene_bad(r->scene, line, "out of memory; use a smaller value");
             if (!last) node_at(r, child)->start_mark.line = SET_LINE + (unsigned)set;
-            if (found) { /* node_at may have moved with the document's growth: look the pair up again by its offset */
+            if (found) { /* the mapping may have moved with the document's growth */
                 node = node_at(r, at);
-                for (yaml_node_pair_t *p = node->data.mapping.pairs.start; p != node->data.mapping.pairs.top; ++p)
-                    if (!strcmp((const char *)node_at(r, p->key)->data.scalar.value, rest)) *p = (yaml_node_pair_t){key, child};
+                found = node->data.mapping.pairs.start + slot;
+                *found = (yaml_node_pair_t){key, child};
             } else if (!yaml_document_append_mapping_pair(&r->document, at, key, child)) return app_scene_bad(r->scene, line, "out of memory; use a smaller value");
             at = child;
         }
