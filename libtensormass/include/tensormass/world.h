@@ -73,6 +73,9 @@ TM_API void tm_world_set_timing(tm_world *world, bool on);
 TM_API tm_state *tm_world_state(tm_world *world);
 TM_API tm_tissue *tm_world_tissue(tm_world *world);
 TM_API double tm_world_step_s(const tm_world *world);
+/* [vertex_count] displacement within one step per newton, 1/(m/dt2 + gamma/2dt); 0 without mass. Constraints weigh by it. Prescribed
+ * components are marked by tm_support_mask, not here. While settling it holds the relaxation's fictitious masses: read it each step. */
+TM_API const double *tm_world_mobility_s2_kg(const tm_world *world);
 /* P_prev is rescaled as docs/physics.md says: u_prev <- u - (new/old)(u - u_prev). */
 TM_API tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error);
 
@@ -102,6 +105,8 @@ TM_API tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm
 /* Reaction of the support on the tissue at the last step, [3*vertex_count] N added into `reaction_N` (zero elsewhere).
  * At rest it is -(internal + external force) of those components. */
 TM_API void tm_support_reaction(const tm_world *world, double *reaction_N);
+/* Moves component `component` of the definition's list to `value_m` (a moving support, called by a stage of TM_PHASE_BEGIN). */
+TM_API void tm_support_move(tm_world *world, int32_t component, double value_m);
 /* Marks [3*vertex_count] with 1 where a component is prescribed. */
 TM_API void tm_support_mask(const tm_world *world, uint8_t *mask);
 

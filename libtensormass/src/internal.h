@@ -1,0 +1,112 @@
+/* Private to libtensormass: memory pools, error helper, the insides of tissue and world. */
+#ifndef TM_INTERNAL_H
+#define TM_INTERNAL_H
+
+#include "kernel.h"
+#include "tensormass/tissue.h"
+#include "tensormass/world.h"
+
+/* Cookies of filled definition structs: an unfilled one is a broken contract. */
+enum {
+    TM_COOKIE_MESH = 0x6d657368, TM_COOKIE_TISSUE = 0x74697373, TM_COOKIE_WORLD = 0x776f726c,
+    TM_COOKIE_SUPPORT = 0x73757070, TM_COOKIE_SETTLE = 0x73657474
+};
+
+/* Every array of an object is one block of its pool; releasing the pool frees the object. A failed take marks the pool,
+ * so that builders take everything first and look once. Blocks are zeroed and aligned to 64 bytes. */
+typedef struct tm_block tm_block;
+typedef struct tm_pool {
+    tm_block *first;
+    int64_t bytes;
+    bool failed;
+} tm_pool;
+void *tm_pool_take(tm_pool *pool, int64_t count, size_t size);
+void tm_pool_release(tm_pool *pool);
+#define TM_TAKE(pool, type, count) ((type *)tm_pool_take((pool), (count), sizeof(type)))
+
+/* Fills `error` (may be null) and returns `status`. */
+tm_status tm_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
+tm_status tm_fail_memory(tm_error *error, const char *what);
+
+struct tm_tissue {
+    tm_pool pool;
+    const tm_mesh *mesh;
+    tm_material *material;    /* [material_count] */
+    int32_t material_count;
+    int32_t *region_material; /* [region_count] */
+    double *fibre;            /* [3*tet_count] or null */
+    tm_precision precision;
+    bool cuttable;
+    uint8_t *alive;           /* [tet_count] */
+    int32_t alive_count;
+    double *mass_kg, *damping_kg_s; /* [vertex_count] */
+    int32_t *upper_begin;     /* [vertex_count+1] first edge (k,l), l>k, of each vertex: edges are sorted by k */
+    void *vertex_tensor;      /* [9*vertex_count] float or double */
+    void *edge_tensor;        /* [9*edge_count] */
+    double *tet_block;        /* cuttable: [90*tet_count] blocks K00 K11 K22 K33, then of edges 01 02 03 12 13 23 with k<l; else null */
+    tm_force_kernel force;
+    tm_surface_view surface;  /* views the mesh's own arrays when nothing can differ from them */
+    int32_t *surface_triangle, *surface_face; /* writable, or null when viewing the mesh's */
+    int32_t *face_slot;       /* cuttable: [4*tet_count] slot of a face in the surface, -1 */
+    struct tm_cut_work *cut;  /* cuttable: marks and queues of cut.c */
+};
+
+/* --- assembly, shared by create and cut; all sums ascending over living tetrahedra --- */
+void tm_tissue_tet_blocks(const tm_tissue *tissue, int32_t tet, double block[90]);
+void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex);
+void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge);
+/* Largest eigenvalue of M_e^-1 K_e, 1/s2. */
+double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet);
+/* Leaves the eigenvalues of a symmetric 6x6 matrix on its diagonal: Jacobi rotations, accurate however far apart they lie. */
+void tm_diagonalise6(double A[36]);
+
+struct tm_world {
+    tm_pool pool;
+    tm_state state;
+    tm_tissue *tissue;
+    bool damped, timing;
+    double guaranteed_step_s; /* of the tissue at creation: cutting never lowers it */
+    int32_t guaranteed_tet;
+    double *mobility_s2_kg;   /* [vertex_count] 1/(m/dt2 + gamma/2dt), 0 without mass: displacement per force within a step */
+    double *carry;            /* damped: [vertex_count] (m/dt2 - gamma/2dt) * mobility; else null */
+    double *keep_u_m, *keep_u_prev_m; /* state at the start of a tm_world_step call */
+    int32_t stage_count;
+    struct tm_stage_slot {
+        tm_stage stage;
+        int64_t bytes, runs;
+        double seconds;
+    } slot[TM_MAX_STAGES];
+    void *support;            /* self of the support stage, or null */
+};
+
+/* Calls every stage's step_changed: dt changed or the tissue was cut. */
+void tm_world_changed(tm_world *world);
+
+/* Every world's own stages. */
+void tm_stage_force_run(void *self, tm_world *world);
+void tm_stage_integrate_run(void *self, tm_world *world);
+void tm_stage_integrate_damped_run(void *self, tm_world *world);
+/* Refreshes mobility and carry from masses, damping and dt; stops vertices that have lost their last tetrahedron. */
+void tm_stage_integrate_changed(void *self, tm_world *world);
+/* The stages settle knows: with these alone the rest state is a linear system. */
+void tm_stage_gravity_run(void *self, tm_world *world);
+void tm_stage_load_run(void *self, tm_world *world);
+void tm_stage_support_run(void *self, tm_world *world);
+/* Writes the prescribed values into u. */
+void tm_support_impose(const tm_world *world, double *u_m);
+
+double tm_clock_s(void);
+
+/* --- small vectors --- */
+static inline double tm_dot3(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static inline void tm_sub3(const double *a, const double *b, double *c) {
+    for (int i = 0; i < 3; i++) c[i] = a[i] - b[i];
+}
+static inline void tm_cross3(const double *a, const double *b, double *c) {
+    c[0] = a[1] * b[2] - a[2] * b[1];
+    c[1] = a[2] * b[0] - a[0] * b[2];
+    c[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+#endif

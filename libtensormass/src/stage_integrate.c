@@ -1,0 +1,39 @@
+/* Stage "integrate": central differences. Solved for the new position they read
+ *   u+ = u + carry (u - u-) + mobility f,  mobility = 1/(m/dt2 + gamma/2dt),  carry = (m/dt2 - gamma/2dt) mobility,
+ * where carry is 1 without damping. */
+#include "internal.h"
+
+void tm_stage_integrate_run(void *self, tm_world *world) {
+    (void)self;
+    const double *TM_RESTRICT u = world->state.u_m, *TM_RESTRICT u_prev = world->state.u_prev_m;
+    const double *TM_RESTRICT f = world->state.force_N, *TM_RESTRICT mobility = world->mobility_s2_kg;
+    double *TM_RESTRICT u_next = world->state.u_next_m;
+    const int32_t n = world->tissue->mesh->vertex_count;
+    for (int32_t v = 0; v < n; v++)
+        for (int32_t i = 3 * v; i < 3 * v + 3; i++) u_next[i] = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
+}
+
+void tm_stage_integrate_damped_run(void *self, tm_world *world) {
+    (void)self;
+    const double *TM_RESTRICT u = world->state.u_m, *TM_RESTRICT u_prev = world->state.u_prev_m;
+    const double *TM_RESTRICT f = world->state.force_N, *TM_RESTRICT mobility = world->mobility_s2_kg;
+    const double *TM_RESTRICT carry = world->carry;
+    double *TM_RESTRICT u_next = world->state.u_next_m;
+    const int32_t n = world->tissue->mesh->vertex_count;
+    for (int32_t v = 0; v < n; v++)
+        for (int32_t i = 3 * v; i < 3 * v + 3; i++) u_next[i] = u[i] + carry[v] * (u[i] - u_prev[i]) + mobility[v] * f[i];
+}
+
+void tm_stage_integrate_changed(void *self, tm_world *world) {
+    (void)self;
+    const double dt = world->state.dt_s;
+    for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++) {
+        const double inertia = world->tissue->mass_kg[v] / (dt * dt);
+        const double drag = world->damped ? world->tissue->damping_kg_s[v] / (2 * dt) : 0;
+        const double weight = inertia + drag;
+        world->mobility_s2_kg[v] = weight > 0 ? 1 / weight : 0;
+        if (world->carry) world->carry[v] = weight > 0 ? (inertia - drag) / weight : 0;
+        if (weight > 0) continue;
+        for (int32_t i = 3 * v; i < 3 * v + 3; i++) world->state.u_prev_m[i] = world->state.u_m[i];
+    }
+}

@@ -1,0 +1,266 @@
+/* Tissue: blocks of the living tetrahedra summed on vertices and edges, masses, the surface. */
+#include "internal.h"
+
+#include <assert.h>
+#include <math.h>
+#include <string.h>
+
+tm_tissue_def tm_tissue_def_default(void) { return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE}; }
+
+void tm_tissue_destroy(tm_tissue *tissue) {
+    if (!tissue) return;
+    tm_pool pool = tissue->pool;
+    tm_pool_release(&pool);
+}
+
+/* --- assembly --- */
+
+static void tet_block(const tm_tissue *tissue, int32_t tet, int local_k, int local_l, double K[9]) {
+    const double *alpha = tissue->mesh->shape_1_m + 12 * (int64_t)tet;
+    tm_stiffness_block(tm_tissue_tet_material(tissue, tet), tm_tissue_tet_fibre(tissue, tet), tissue->mesh->volume_m3[tet],
+                       alpha + 3 * local_k, alpha + 3 * local_l, K);
+}
+
+/* Edge blocks point from the lower to the higher vertex, as edge tensors do. */
+static void tet_edge_block(const tm_tissue *tissue, int32_t tet, int local_edge, double K[9]) {
+    const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet;
+    const int a = tm_edge_vertex[local_edge][0], b = tm_edge_vertex[local_edge][1];
+    tet_block(tissue, tet, v[a] < v[b] ? a : b, v[a] < v[b] ? b : a, K);
+}
+
+void tm_tissue_tet_blocks(const tm_tissue *tissue, int32_t tet, double block[90]) {
+    for (int i = 0; i < 4; i++) tet_block(tissue, tet, i, i, block + 9 * i);
+    for (int e = 0; e < 6; e++) tet_edge_block(tissue, tet, e, block + 36 + 9 * e);
+}
+
+static void store(const tm_tissue *tissue, void *tensor, int64_t index, const double sum[9]) {
+    if (tissue->precision == TM_SINGLE)
+        for (int i = 0; i < 9; i++) ((float *)tensor)[9 * index + i] = (float)sum[i];
+    else
+        memcpy((double *)tensor + 9 * index, sum, 9 * sizeof(double));
+}
+
+static void add9(double *TM_RESTRICT sum, const double *TM_RESTRICT K) {
+    for (int i = 0; i < 9; i++) sum[i] += K[i];
+}
+
+void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
+    const tm_mesh *mesh = tissue->mesh;
+    double sum[9] = {0}, K[9], mass = 0, damping = 0;
+    for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++) {
+        const int32_t t = mesh->vertex_tet[i], *v = mesh->tet + 4 * (int64_t)t;
+        if (!tissue->alive[t]) continue;
+        int local = 0;
+        while (v[local] != vertex) local++;
+        const double *block = K;
+        if (tissue->tet_block) block = tissue->tet_block + 90 * (int64_t)t + 9 * local;
+        else tet_block(tissue, t, local, local, K);
+        add9(sum, block);
+        const tm_material *m = tm_tissue_tet_material(tissue, t);
+        const double share = m->density_kg_m3 * mesh->volume_m3[t] / 4;
+        mass += share;
+        damping += m->damping_1_s * share;
+    }
+    store(tissue, tissue->vertex_tensor, vertex, sum);
+    tissue->mass_kg[vertex] = mass;
+    tissue->damping_kg_s[vertex] = damping;
+}
+
+void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
+    const tm_mesh *mesh = tissue->mesh;
+    double sum[9] = {0}, K[9];
+    for (int32_t i = mesh->edge_tet_begin[edge]; i < mesh->edge_tet_begin[edge + 1]; i++) {
+        const int32_t t = mesh->edge_tet[i], *e = mesh->tet_edge + 6 * (int64_t)t;
+        if (!tissue->alive[t]) continue;
+        int local = 0;
+        while (e[local] != edge) local++;
+        const double *block = K;
+        if (tissue->tet_block) block = tissue->tet_block + 90 * (int64_t)t + 36 + 9 * local;
+        else tet_edge_block(tissue, t, local, K);
+        add9(sum, block);
+    }
+    store(tissue, tissue->edge_tensor, edge, sum);
+}
+
+/* --- building --- */
+
+static tm_status check_regions(const tm_tissue_def *def, tm_error *error) {
+    if (def->material_count < 1 || !def->material)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "no material; give at least one");
+    for (int32_t i = 0; i < def->material_count; i++) {
+        const tm_status status = tm_material_check(def->material + i, error);
+        if (status) {
+            if (error) error->entity = i;
+            return status;
+        }
+    }
+    for (int32_t r = 0; r < def->mesh->region_count; r++) {
+        const int32_t m = def->region_material ? def->region_material[r] : r;
+        if (m < 0 || m >= def->material_count)
+            return tm_fail(error, TM_ERR_ARGUMENT, r, "region %d: has material %d of %d; give every region a material", r, m,
+                           def->material_count);
+    }
+    return TM_OK;
+}
+
+static tm_status check_fibres(const tm_tissue_def *def, tm_error *error) {
+    for (int32_t t = 0; t < def->mesh->tet_count; t++) {
+        const int32_t r = def->mesh->region[t];
+        const tm_material *m = def->material + (def->region_material ? def->region_material[r] : r);
+        if (tm_material_is_isotropic(m)) continue;
+        if (!def->fibre)
+            return tm_fail(error, TM_ERR_ARGUMENT, t, "tetrahedron %d: region %d is anisotropic and there are no fibres; give a "
+                           "direction for each tetrahedron", t, r);
+        const double length = sqrt(tm_dot3(def->fibre + 3 * (int64_t)t, def->fibre + 3 * (int64_t)t));
+        if (!(fabs(length - 1) <= 1e-3))
+            return tm_fail(error, TM_ERR_ARGUMENT, t, "tetrahedron %d: its fibre (%g %g %g) has length %g; give unit vectors", t,
+                           def->fibre[3 * (int64_t)t], def->fibre[3 * (int64_t)t + 1], def->fibre[3 * (int64_t)t + 2], length);
+    }
+    return TM_OK;
+}
+
+static bool any_anisotropic(const tm_tissue_def *def) {
+    for (int32_t i = 0; i < def->material_count; i++)
+        if (!tm_material_is_isotropic(def->material + i)) return true;
+    return false;
+}
+
+static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
+    const tm_mesh *mesh = def->mesh;
+    const size_t real = def->precision == TM_SINGLE ? sizeof(float) : sizeof(double);
+    tissue->material = TM_TAKE(pool, tm_material, def->material_count);
+    tissue->region_material = TM_TAKE(pool, int32_t, mesh->region_count);
+    if (def->fibre && any_anisotropic(def)) tissue->fibre = TM_TAKE(pool, double, 3 * (int64_t)mesh->tet_count);
+    tissue->alive = TM_TAKE(pool, uint8_t, mesh->tet_count);
+    tissue->mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
+    tissue->damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
+    tissue->upper_begin = TM_TAKE(pool, int32_t, (int64_t)mesh->vertex_count + 1);
+    tissue->vertex_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->vertex_count, real);
+    tissue->edge_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->edge_count, real);
+    if (def->cuttable) {
+        tissue->tet_block = TM_TAKE(pool, double, 90 * (int64_t)mesh->tet_count);
+        tissue->face_slot = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
+    }
+    if (def->cuttable || def->alive) {
+        /* Every face of the mesh, once: no subset has a larger surface. */
+        const int64_t faces = (4 * (int64_t)mesh->tet_count + mesh->surface_count) / 2;
+        tissue->surface_triangle = TM_TAKE(pool, int32_t, 3 * faces);
+        tissue->surface_face = TM_TAKE(pool, int32_t, faces);
+    }
+}
+
+static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
+    const tm_mesh *mesh = def->mesh;
+    tissue->mesh = mesh;
+    tissue->material_count = def->material_count;
+    tissue->precision = def->precision;
+    tissue->cuttable = def->cuttable;
+    tissue->force = def->precision == TM_SINGLE ? tm_force_plain_single : tm_force_plain_double;
+    memcpy(tissue->material, def->material, sizeof(tm_material) * (size_t)def->material_count);
+    for (int32_t r = 0; r < mesh->region_count; r++) tissue->region_material[r] = def->region_material ? def->region_material[r] : r;
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        tissue->alive[t] = !def->alive || def->alive[t];
+        tissue->alive_count += tissue->alive[t];
+        if (!tissue->fibre) continue;
+        const double *a = def->fibre + 3 * (int64_t)t;
+        const double length = sqrt(tm_dot3(a, a));
+        for (int i = 0; i < 3; i++) tissue->fibre[3 * (int64_t)t + i] = length > 0 && isfinite(length) ? a[i] / length : 0;
+    }
+    for (int32_t e = 0; e < mesh->edge_count; e++) tissue->upper_begin[mesh->edge[2 * e] + 1]++;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) tissue->upper_begin[v + 1] += tissue->upper_begin[v];
+}
+
+static void build_surface(tm_tissue *tissue) {
+    const tm_mesh *mesh = tissue->mesh;
+    if (!tissue->surface_triangle) {
+        tissue->surface = (tm_surface_view){mesh->surface_count, mesh->surface, mesh->surface_face, 0};
+        return;
+    }
+    int32_t n = 0;
+    for (int32_t f = 0; f < 4 * mesh->tet_count; f++) {
+        const int32_t neighbour = mesh->tet_neighbour[f];
+        const bool outer = tissue->alive[f / 4] && (neighbour < 0 || !tissue->alive[neighbour]);
+        if (tissue->face_slot) tissue->face_slot[f] = outer ? n : -1;
+        if (!outer) continue;
+        for (int i = 0; i < 3; i++)
+            tissue->surface_triangle[3 * n + i] = mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][i]];
+        tissue->surface_face[n++] = f;
+    }
+    tissue->surface = (tm_surface_view){n, tissue->surface_triangle, tissue->surface_face, 0};
+}
+
+tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_error *error) {
+    assert(def && tissue && def->cookie == TM_COOKIE_TISSUE && def->mesh);
+    tm_status status = check_regions(def, error);
+    if (!status) status = check_fibres(def, error);
+    if (status) return status;
+
+    tm_pool pool = {0};
+    tm_tissue *t = TM_TAKE(&pool, tm_tissue, 1);
+    if (t) take(t, &pool, def);
+    if (pool.failed) {
+        tm_pool_release(&pool);
+        return tm_fail_memory(error, "tissue");
+    }
+    copy_constants(t, def);
+    if (t->tet_block)
+        for (int32_t i = 0; i < def->mesh->tet_count; i++) tm_tissue_tet_blocks(t, i, t->tet_block + 90 * (int64_t)i);
+    for (int32_t v = 0; v < def->mesh->vertex_count; v++) tm_tissue_assemble_vertex(t, v);
+    for (int32_t e = 0; e < def->mesh->edge_count; e++) tm_tissue_assemble_edge(t, e);
+    build_surface(t);
+    t->pool = pool;
+    *tissue = t;
+    return TM_OK;
+}
+
+/* --- views --- */
+
+const tm_mesh *tm_tissue_mesh(const tm_tissue *tissue) { return tissue->mesh; }
+const double *tm_tissue_mass_kg(const tm_tissue *tissue) { return tissue->mass_kg; }
+const double *tm_tissue_damping_kg_s(const tm_tissue *tissue) { return tissue->damping_kg_s; }
+const uint8_t *tm_tissue_alive(const tm_tissue *tissue) { return tissue->alive; }
+int32_t tm_tissue_alive_count(const tm_tissue *tissue) { return tissue->alive_count; }
+int64_t tm_tissue_bytes(const tm_tissue *tissue) { return tissue->pool.bytes; }
+tm_surface_view tm_tissue_surface(const tm_tissue *tissue) { return tissue->surface; }
+
+const tm_material *tm_tissue_tet_material(const tm_tissue *tissue, int32_t tet) {
+    return tissue->material + tissue->region_material[tissue->mesh->region[tet]];
+}
+
+const double *tm_tissue_tet_fibre(const tm_tissue *tissue, int32_t tet) {
+    return tissue->fibre ? tissue->fibre + 3 * (int64_t)tet : NULL;
+}
+
+static void tensor(const tm_tissue *tissue, const void *from, int64_t index, double K[9]) {
+    for (int i = 0; i < 9; i++)
+        K[i] = tissue->precision == TM_SINGLE ? (double)((const float *)from)[9 * index + i] : ((const double *)from)[9 * index + i];
+}
+void tm_tissue_vertex_tensor(const tm_tissue *tissue, int32_t vertex, double K[9]) {
+    tensor(tissue, tissue->vertex_tensor, vertex, K);
+}
+void tm_tissue_edge_tensor(const tm_tissue *tissue, int32_t edge, double K[9]) { tensor(tissue, tissue->edge_tensor, edge, K); }
+
+void tm_tissue_force(const tm_tissue *tissue, const double *u_m, double *force_N) {
+    tissue->force(tissue->mesh->vertex_count, tissue->upper_begin, tissue->mesh->edge, tissue->vertex_tensor, tissue->edge_tensor,
+                  u_m, force_N);
+}
+
+static double form(const double K[9], const double *a, const double *b) {
+    double sum = 0;
+    for (int i = 0; i < 3; i++) sum += a[i] * tm_dot3(K + 3 * i, b);
+    return sum;
+}
+
+double tm_tissue_energy(const tm_tissue *tissue, const double *u_m) {
+    const tm_mesh *mesh = tissue->mesh;
+    double sum = 0, K[9];
+    for (int32_t v = 0; v < mesh->vertex_count; v++) {
+        tm_tissue_vertex_tensor(tissue, v, K);
+        sum += 0.5 * form(K, u_m + 3 * (int64_t)v, u_m + 3 * (int64_t)v);
+    }
+    for (int32_t e = 0; e < mesh->edge_count; e++) {
+        tm_tissue_edge_tensor(tissue, e, K);
+        sum += form(K, u_m + 3 * (int64_t)mesh->edge[2 * e], u_m + 3 * (int64_t)mesh->edge[2 * e + 1]);
+    }
+    return sum;
+}

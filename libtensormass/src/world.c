@@ -1,0 +1,208 @@
+/* World: state, the list of stages, the step. */
+#include "internal.h"
+
+#include <assert.h>
+#include <math.h>
+#include <string.h>
+
+tm_world_def tm_world_def_default(void) {
+    return (tm_world_def){.cookie = TM_COOKIE_WORLD, .step_fraction = 0.9, .damped = true};
+}
+
+static const double LARGEST_DISPLACEMENT_M = 1e6;
+
+/* --- the step --- */
+
+static void rotate(tm_state *s) {
+    double *oldest = s->u_prev_m;
+    s->u_prev_m = s->u_m;
+    s->u_m = s->u_next_m;
+    s->u_next_m = oldest;
+    s->step++;
+    s->time_s += s->dt_s;
+}
+
+static void substep(tm_world *world) {
+    for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].stage.run(world->slot[i].stage.self, world);
+    rotate(&world->state);
+}
+
+static void timed_substep(tm_world *world) {
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const double begin = tm_clock_s();
+        world->slot[i].stage.run(world->slot[i].stage.self, world);
+        world->slot[i].seconds += tm_clock_s() - begin;
+    }
+    rotate(&world->state);
+}
+
+static bool sound(const double *u, int32_t n) {
+    int bad = 0;
+    for (int32_t i = 0; i < n; i++) bad |= !(fabs(u[i]) <= LARGEST_DISPLACEMENT_M);
+    return !bad;
+}
+
+tm_status tm_world_step(tm_world *world, int32_t count) {
+    tm_state *s = &world->state;
+    const int32_t n = 3 * world->tissue->mesh->vertex_count;
+    const int64_t step = s->step;
+    const double time_s = s->time_s;
+    memcpy(world->keep_u_m, s->u_m, sizeof(double) * (size_t)n);
+    memcpy(world->keep_u_prev_m, s->u_prev_m, sizeof(double) * (size_t)n);
+    for (int32_t i = 0; i < count; i++) {
+        if (world->timing) timed_substep(world);
+        else substep(world);
+    }
+    for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].runs += count;
+    if (sound(s->u_m, n)) return TM_OK;
+    memcpy(s->u_m, world->keep_u_m, sizeof(double) * (size_t)n);
+    memcpy(s->u_prev_m, world->keep_u_prev_m, sizeof(double) * (size_t)n);
+    s->step = step;
+    s->time_s = time_s;
+    return TM_ERR_UNSTABLE;
+}
+
+/* --- stages --- */
+
+void tm_world_changed(tm_world *world) {
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const tm_stage *stage = &world->slot[i].stage;
+        if (stage->step_changed) stage->step_changed(stage->self, world);
+    }
+}
+
+static int32_t find_stage(const tm_world *world, const char *name) {
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (!strcmp(world->slot[i].stage.name, name)) return i;
+    return -1;
+}
+
+tm_status tm_world_add_stage(tm_world *world, const tm_stage *stage, int64_t bytes, tm_error *error) {
+    assert(stage && stage->name && stage->run);
+    if (find_stage(world, stage->name) >= 0)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is there already; give it everything at once", stage->name);
+    if (world->stage_count == TM_MAX_STAGES)
+        return tm_fail(error, TM_ERR_LIMIT, -1, "stage %s would be number %d of at most %d; leave an effect out", stage->name,
+                       world->stage_count + 1, TM_MAX_STAGES);
+    int32_t at = world->stage_count++;
+    for (; at > 0 && world->slot[at - 1].stage.phase > stage->phase; at--) world->slot[at] = world->slot[at - 1];
+    world->slot[at] = (struct tm_stage_slot){.stage = *stage, .bytes = bytes};
+    if (stage->run == tm_stage_support_run) world->support = stage->self;
+    if (stage->step_changed) stage->step_changed(stage->self, world);
+    return TM_OK;
+}
+
+tm_status tm_world_remove_stage(tm_world *world, const char *name, tm_error *error) {
+    const int32_t at = find_stage(world, name);
+    if (at < 0) return tm_fail(error, TM_ERR_ARGUMENT, -1, "no stage %s; see tm_world_stages", name);
+    const tm_stage stage = world->slot[at].stage;
+    memmove(world->slot + at, world->slot + at + 1, sizeof world->slot[0] * (size_t)(world->stage_count - at - 1));
+    world->stage_count--;
+    if (stage.self && stage.self == world->support) world->support = NULL;
+    if (stage.destroy) stage.destroy(stage.self);
+    return TM_OK;
+}
+
+int32_t tm_world_stages(const tm_world *world, tm_stage_report report[TM_MAX_STAGES]) {
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const struct tm_stage_slot *slot = world->slot + i;
+        report[i] = (tm_stage_report){slot->stage.name, slot->stage.phase, slot->bytes, slot->runs, slot->seconds};
+    }
+    return world->stage_count;
+}
+
+/* --- creation --- */
+
+static tm_status check_step(const tm_world *world, double dt_s, tm_error *error) {
+    if (!isfinite(dt_s) || !(dt_s > 0))
+        return tm_fail(error, TM_ERR_STEP, -1, "time step %g s; give a positive one", dt_s);
+    if (dt_s > world->guaranteed_step_s)
+        return tm_fail(error, TM_ERR_STEP, world->guaranteed_tet, "time step %.6g s is above the guaranteed critical step %.6g s, set by "
+                       "tetrahedron %d; lower the step or mend that tetrahedron", dt_s, world->guaranteed_step_s, world->guaranteed_tet);
+    return TM_OK;
+}
+
+static bool take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
+    const int64_t n = def->tissue->mesh->vertex_count;
+    world->state.u_m = TM_TAKE(pool, double, 3 * n);
+    world->state.u_prev_m = TM_TAKE(pool, double, 3 * n);
+    world->state.u_next_m = TM_TAKE(pool, double, 3 * n);
+    world->state.force_N = TM_TAKE(pool, double, 3 * n);
+    world->keep_u_m = TM_TAKE(pool, double, 3 * n);
+    world->keep_u_prev_m = TM_TAKE(pool, double, 3 * n);
+    world->mobility_s2_kg = TM_TAKE(pool, double, n);
+    if (def->damped) world->carry = TM_TAKE(pool, double, n);
+    return !pool->failed;
+}
+
+static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *error) {
+    world->tissue = def->tissue;
+    world->damped = def->damped;
+    if (!def->damped)
+        for (int32_t t = 0; t < def->tissue->mesh->tet_count; t++)
+            if (tm_tissue_tet_material(def->tissue, t)->damping_1_s > 0)
+                return tm_fail(error, TM_ERR_ARGUMENT, def->tissue->mesh->region[t], "region %d: damping %g 1/s in an undamped world; ask "
+                               "for a damped world or set the damping to 0", def->tissue->mesh->region[t],
+                               tm_tissue_tet_material(def->tissue, t)->damping_1_s);
+    world->guaranteed_step_s = tm_critical_step_guaranteed(def->tissue, &world->guaranteed_tet);
+    if (def->dt_s == 0 && !(def->step_fraction > 0 && def->step_fraction <= 1))
+        return tm_fail(error, TM_ERR_STEP, -1, "step fraction %g; give one above 0 and not above 1", def->step_fraction);
+    if (def->dt_s == 0 && world->guaranteed_step_s == HUGE_VAL)
+        return tm_fail(error, TM_ERR_STEP, -1, "no living tetrahedron sets a critical step; give a time step");
+    const double dt_s = def->dt_s == 0 ? world->guaranteed_step_s * def->step_fraction : def->dt_s;
+    tm_status status = check_step(world, dt_s, error);
+    if (status) return status;
+    world->state.dt_s = dt_s;
+    const tm_stage force = {.name = "force", .phase = TM_PHASE_FORCE, .run = tm_stage_force_run};
+    const tm_stage integrate = {.name = "integrate", .phase = TM_PHASE_INTEGRATE, .step_changed = tm_stage_integrate_changed,
+                                .run = def->damped ? tm_stage_integrate_damped_run : tm_stage_integrate_run};
+    status = tm_world_add_stage(world, &force, 0, error);
+    return status ? status : tm_world_add_stage(world, &integrate, 0, error);
+}
+
+tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *error) {
+    assert(def && world && def->cookie == TM_COOKIE_WORLD && def->tissue);
+    tm_pool pool = {0};
+    tm_world *w = TM_TAKE(&pool, tm_world, 1);
+    tm_status status = w && take(w, &pool, def) ? TM_OK : tm_fail_memory(error, "world");
+    if (!status) status = set_up(w, def, error);
+    if (status) {
+        tm_pool_release(&pool);
+        return status;
+    }
+    w->pool = pool;
+    *world = w;
+    return TM_OK;
+}
+
+void tm_world_destroy(tm_world *world) {
+    if (!world) return;
+    for (int32_t i = world->stage_count - 1; i >= 0; i--)
+        if (world->slot[i].stage.destroy) world->slot[i].stage.destroy(world->slot[i].stage.self);
+    tm_pool pool = world->pool;
+    tm_pool_release(&pool);
+}
+
+/* --- the rest --- */
+
+void tm_world_set_timing(tm_world *world, bool on) { world->timing = on; }
+tm_state *tm_world_state(tm_world *world) { return &world->state; }
+tm_tissue *tm_world_tissue(tm_world *world) { return world->tissue; }
+double tm_world_step_s(const tm_world *world) { return world->state.dt_s; }
+const double *tm_world_mobility_s2_kg(const tm_world *world) { return world->mobility_s2_kg; }
+
+tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
+    const tm_status status = check_step(world, dt_s, error);
+    if (status) return status;
+    tm_state *s = &world->state;
+    const double ratio = dt_s / s->dt_s;
+    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++) s->u_prev_m[i] = s->u_m[i] - ratio * (s->u_m[i] - s->u_prev_m[i]);
+    s->dt_s = dt_s;
+    tm_world_changed(world);
+    return TM_OK;
+}
+
+uint64_t tm_world_hash(const tm_world *world) {
+    const size_t bytes = sizeof(double) * 3 * (size_t)world->tissue->mesh->vertex_count;
+    return tm_hash(world->state.u_prev_m, bytes, tm_hash(world->state.u_m, bytes, TM_HASH_SEED));
+}
