@@ -1,0 +1,82 @@
+/* tm-accuracy: what each choice costs in error and in time. One knob a file, one row in the table of main.c. */
+#ifndef TM_ACCURACY_H
+#define TM_ACCURACY_H
+
+#include <cjson/cJSON.h>
+
+#include "tensormass.h"
+
+/* The pressed quarter block of apps/accuracy/reference/make_inp.py, on `cells`^3 cubes of six Kuhn tetrahedra. */
+#define BLOCK_M 0.03
+#define INDENTER_M 0.02
+#define PROBES 27
+
+typedef struct problem {
+    int cells;
+    double depth; /* of the press, as a share of BLOCK_M */
+    tm_mesh *mesh;
+    tm_tissue *tissue;
+    tm_world *world;
+} problem;
+
+typedef struct problem_def {
+    int cells;
+    double depth;
+    tm_material material;
+    const double *fibre; /* one direction for all, or null */
+    tm_precision precision;
+    bool pressed;        /* false: bottom clamped and the symmetry planes, nothing else: free to vibrate */
+    double dt_s;         /* 0: the guaranteed step times step_fraction */
+    double step_fraction;
+} problem_def;
+
+/* Isotropic liver, undamped, pressed by 5 %. */
+problem_def problem_default(int cells);
+tm_status problem_create(const problem_def *def, problem *p, tm_error *error);
+void problem_destroy(problem *p);
+
+/* What is compared, at rest. */
+typedef struct measured {
+    double probe_u_m[3 * PROBES]; /* at 1/3, 2/3 and 1 of the edge (cells must be a multiple of 3) */
+    double force_z_N;             /* on the indenter's patch */
+    double energy_J;
+} measured;
+tm_status problem_settle(problem *p, double tolerance, measured *m, tm_error *error);
+void problem_measure(problem *p, measured *m);
+
+/* Largest probe difference over the largest probe displacement; relative differences of force and energy. */
+typedef struct differences { double displacement, reaction, energy; } differences;
+differences compare(const measured *m, const measured *truth);
+
+/* Materials of the reference. */
+tm_material material_liver(void);
+tm_material material_fibre(void);
+
+/* Median seconds of one step of each of `count` worlds, runs interleaved so that a slow spell of the machine hits all alike. */
+void time_steps(tm_world **world, int count, int rounds, double *seconds_per_step);
+
+/* The references of CalculiX, from reference.json. `name`: "iso", "fibre" or "neo"; `index`-th case. */
+typedef struct reference reference;
+reference *reference_open(const char *path, tm_error *error);
+void reference_close(reference *r);
+int reference_cases(const reference *r, const char *name);
+bool reference_case(const reference *r, const char *name, int index, double *depth, measured *m);
+
+/* Settings shared by all knobs. */
+typedef struct run {
+    bool quick;               /* the short form: fewer and smaller meshes */
+    int rounds;               /* of interleaved timing */
+    const reference *truth;
+    void (*progress)(const char *knob, double fraction);
+} run;
+
+/* One knob: measures, and returns its JSON: {"rows": [...], ...}. Null with `error` filled on failure. */
+cJSON *knob_mesh(const run *r, tm_error *error);
+cJSON *knob_step(const run *r, tm_error *error);
+cJSON *knob_precision(const run *r, tm_error *error);
+cJSON *knob_model(const run *r, tm_error *error);
+cJSON *knob_fibre(const run *r, tm_error *error);
+
+cJSON *json_row(cJSON *rows);
+
+#endif

@@ -1,0 +1,204 @@
+/* The pressed quarter block: mesh, supports, rest, and what is measured on it. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "accuracy.h"
+#include "bandwidth.h"
+
+static int32_t node(int n, int i, int j, int k) { return i + (n + 1) * (j + (n + 1) * k); }
+
+static tm_status make_mesh(int n, tm_mesh **mesh, tm_error *error) {
+    static const int order[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
+    static const bool odd[6] = {false, true, true, false, false, true};
+    int32_t side = n + 1;
+    double *vertex = malloc(sizeof *vertex * 3 * (size_t)(side * side * side));
+    int32_t *tet = malloc(sizeof *tet * 24 * (size_t)(n * n * n)), count = 0;
+    tm_status status = TM_ERR_MEMORY;
+    if (vertex && tet) {
+        for (int k = 0; k < side; k++)
+            for (int j = 0; j < side; j++)
+                for (int i = 0; i < side; i++) {
+                    double *v = vertex + 3 * node(n, i, j, k);
+                    v[0] = BLOCK_M * i / n, v[1] = BLOCK_M * j / n, v[2] = BLOCK_M * k / n;
+                }
+        for (int c = 0; c < n * n * n; c++)
+            for (int p = 0; p < 6; p++, count++) {
+                int at[3] = {c % n, c / n % n, c / n / n};
+                int32_t v[4] = {node(n, at[0], at[1], at[2])};
+                for (int s = 0; s < 3; s++) {
+                    at[order[p][s]]++;
+                    v[s + 1] = node(n, at[0], at[1], at[2]);
+                }
+                if (odd[p]) { /* an odd order of the axes turns the tetrahedron inside out */
+                    int32_t swap = v[1];
+                    v[1] = v[2], v[2] = swap;
+                }
+                memcpy(tet + 4 * count, v, sizeof v);
+            }
+        tm_mesh_def def = tm_mesh_def_default();
+        def.vertex_count = side * side * side, def.vertex_m = vertex;
+        def.tet_count = count, def.tet = tet;
+        status = tm_mesh_create(&def, mesh, error);
+    }
+    free(vertex);
+    free(tet);
+    return status;
+}
+
+static double indenter(double x, double y) {
+    double s = (x * x + y * y) / (INDENTER_M * INDENTER_M);
+    return s < 1 ? (1 - s) * (1 - s) : 0;
+}
+
+static tm_status add_supports(const problem_def *def, problem *p, tm_error *error) {
+    int n = def->cells;
+    size_t most = (size_t)(n + 1) * (n + 1) * 6;
+    int32_t *dof = malloc(most * sizeof *dof), count = 0;
+    double *value = calloc(most, sizeof *value);
+    tm_status status = TM_ERR_MEMORY;
+    if (dof && value) {
+        for (int32_t v = 0; v < p->mesh->vertex_count; v++) {
+            int i = v % (n + 1), j = v / (n + 1) % (n + 1), k = v / (n + 1) / (n + 1);
+            const double *x = p->mesh->rest_m + 3 * v;
+            if (k == 0)
+                for (int axis = 0; axis < 3; axis++) dof[count++] = 3 * v + axis;
+            if (k > 0 && i == 0) dof[count++] = 3 * v;
+            if (k > 0 && j == 0) dof[count++] = 3 * v + 1;
+            if (def->pressed && k == n && indenter(x[0], x[1]) > 0) {
+                value[count] = -def->depth * BLOCK_M * indenter(x[0], x[1]);
+                dof[count++] = 3 * v + 2;
+            }
+        }
+        tm_support_def support = tm_support_def_default();
+        support.count = count, support.dof = dof, support.value_m = value;
+        status = tm_stage_support(p->world, &support, error);
+    }
+    free(dof);
+    free(value);
+    return status;
+}
+
+problem_def problem_default(int cells) {
+    return (problem_def){.cells = cells, .depth = 0.05, .material = material_liver(), .precision = TM_DOUBLE, .pressed = true,
+                         .step_fraction = 0.9};
+}
+
+tm_status problem_create(const problem_def *def, problem *p, tm_error *error) {
+    memset(p, 0, sizeof *p);
+    p->cells = def->cells, p->depth = def->depth;
+    tm_status status = make_mesh(def->cells, &p->mesh, error);
+    double *fibre = NULL;
+    if (status == TM_OK && def->fibre) {
+        fibre = malloc(sizeof *fibre * 3 * (size_t)p->mesh->tet_count);
+        if (!fibre) status = TM_ERR_MEMORY;
+        for (int32_t t = 0; fibre && t < p->mesh->tet_count; t++) memcpy(fibre + 3 * t, def->fibre, 3 * sizeof *fibre);
+    }
+    if (status == TM_OK) {
+        tm_tissue_def tissue = tm_tissue_def_default();
+        tissue.mesh = p->mesh, tissue.material_count = 1, tissue.material = &def->material;
+        tissue.fibre = fibre, tissue.precision = def->precision;
+        status = tm_tissue_create(&tissue, &p->tissue, error);
+    }
+    free(fibre);
+    if (status == TM_OK) {
+        tm_world_def world = tm_world_def_default();
+        world.tissue = p->tissue, world.dt_s = def->dt_s, world.step_fraction = def->step_fraction;
+        world.damped = def->material.damping_1_s > 0;
+        status = tm_world_create(&world, &p->world, error);
+    }
+    if (status == TM_OK) status = add_supports(def, p, error);
+    if (status != TM_OK) problem_destroy(p);
+    return status;
+}
+
+void problem_destroy(problem *p) {
+    tm_world_destroy(p->world);
+    tm_tissue_destroy(p->tissue);
+    tm_mesh_destroy(p->mesh);
+    memset(p, 0, sizeof *p);
+}
+
+void problem_measure(problem *p, measured *m) {
+    int n = p->cells, at = 0;
+    const double *u = tm_world_state(p->world)->u_m;
+    for (int k = 1; k <= 3; k++)
+        for (int j = 1; j <= 3; j++)
+            for (int i = 1; i <= 3; i++, at++)
+                memcpy(m->probe_u_m + 3 * at, u + 3 * node(n, i * n / 3, j * n / 3, k * n / 3), 3 * sizeof *u);
+    m->energy_J = tm_tissue_energy(p->tissue, u);
+    /* Summed from the internal force: exact at rest. */
+    double *force = malloc(sizeof *force * 3 * (size_t)p->mesh->vertex_count);
+    m->force_z_N = NAN;
+    if (!force) return;
+    tm_tissue_force(p->tissue, u, force);
+    m->force_z_N = 0;
+    for (int32_t v = 0; v < p->mesh->vertex_count; v++) {
+        const double *x = p->mesh->rest_m + 3 * v;
+        if (v / (n + 1) / (n + 1) == n && indenter(x[0], x[1]) > 0) m->force_z_N -= force[3 * v + 2];
+    }
+    free(force);
+}
+
+tm_status problem_settle(problem *p, double tolerance, measured *m, tm_error *error) {
+    tm_settle_def def = tm_settle_def_default();
+    def.tolerance = tolerance;
+    tm_settle_result result;
+    tm_status status = tm_world_settle(p->world, &def, &result, error);
+    if (status == TM_OK && m) problem_measure(p, m);
+    return status;
+}
+
+differences compare(const measured *m, const measured *truth) {
+    double worst = 0, largest = 0;
+    for (int i = 0; i < PROBES; i++) {
+        double d = 0, u = 0;
+        for (int axis = 0; axis < 3; axis++) {
+            double t = truth->probe_u_m[3 * i + axis];
+            d += (m->probe_u_m[3 * i + axis] - t) * (m->probe_u_m[3 * i + axis] - t);
+            u += t * t;
+        }
+        worst = fmax(worst, d), largest = fmax(largest, u);
+    }
+    return (differences){sqrt(worst / largest), fabs(m->force_z_N / truth->force_z_N - 1), fabs(m->energy_J / truth->energy_J - 1)};
+}
+
+tm_material material_liver(void) {
+    tm_material m;
+    if (tm_material_young(5e3, 0.45, &m, NULL) != TM_OK) abort(); /* constants of ours */
+    m.density_kg_m3 = 1060;
+    return m;
+}
+
+tm_material material_fibre(void) {
+    tm_material m;
+    if (tm_material_engineering(30e3, 6e3, 0.4, 0.45, 5e3, &m, NULL) != TM_OK) abort();
+    m.density_kg_m3 = 1060;
+    return m;
+}
+
+void time_steps(tm_world **world, int count, int rounds, double *seconds_per_step) {
+    enum { MAX_ROUNDS = 25, MAX_WORLDS = 16 };
+    static double sample[MAX_WORLDS][MAX_ROUNDS];
+    int steps[MAX_WORLDS];
+    if (rounds > MAX_ROUNDS) rounds = MAX_ROUNDS;
+    for (int w = 0; w < count; w++) { /* as many steps as take about 20 ms */
+        double start = app_seconds();
+        tm_world_step(world[w], 3);
+        double once = (app_seconds() - start) / 3;
+        steps[w] = once > 0.02 ? 1 : (int)(0.02 / once);
+    }
+    for (int r = 0; r < rounds; r++)
+        for (int w = 0; w < count; w++) {
+            double start = app_seconds();
+            tm_world_step(world[w], steps[w]);
+            sample[w][r] = (app_seconds() - start) / steps[w];
+        }
+    for (int w = 0; w < count; w++) seconds_per_step[w] = app_median(sample[w], rounds);
+}
+
+cJSON *json_row(cJSON *rows) {
+    cJSON *row = cJSON_CreateObject();
+    cJSON_AddItemToArray(rows, row);
+    return row;
+}
