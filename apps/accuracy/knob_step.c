@@ -1,0 +1,186 @@
+/* Time step: a block let go from a sagged shape swings freely; its corner's trajectory, phase and energy against the step, up to the
+ * critical one and past it. Truth: the same with a step 40 times below the guaranteed one, its own error (second order) 1,600 times smaller.
+ * Settling: the damped block's time to rest, which a larger step must not change. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "accuracy.h"
+#include "bandwidth.h"
+
+enum { CELLS = 3, SAMPLES = 400, FINE = 40 };
+static const double PERIODS = 10;
+
+typedef struct swing {
+    double u[SAMPLES];        /* of the top corner along z, m, at SAMPLES equal times */
+    double energy_drift;      /* largest |E - E_0| / E_0 of kinetic + elastic energy */
+    double seconds_per_simulated;
+    bool finite;
+} swing;
+
+/* Rest under gravity, then gravity is gone: mostly the lowest mode. */
+static tm_status sagged(double *u, double *period_s, tm_error *error) {
+    problem p;
+    problem_def def = problem_default(CELLS);
+    def.pressed = false;
+    tm_status status = problem_create(&def, &p, error);
+    static const double g[3] = {0, 0, -9.81};
+    if (status == TM_OK) status = tm_stage_gravity(p.world, g, error);
+    if (status == TM_OK) status = problem_settle(&p, 1e-10, NULL, error);
+    if (status == TM_OK) {
+        memcpy(u, tm_world_state(p.world)->u_m, sizeof *u * 3 * (size_t)p.mesh->vertex_count);
+        /* Rayleigh's quotient of the sagged shape: omega^2 = u.Ku / u.Mu. */
+        double inertia = 0;
+        for (int32_t i = 0; i < 3 * p.mesh->vertex_count; i++) inertia += tm_tissue_mass_kg(p.tissue)[i / 3] * u[i] * u[i];
+        *period_s = 2 * M_PI / sqrt(2 * tm_tissue_energy(p.tissue, u) / inertia);
+    }
+    problem_destroy(&p);
+    return status;
+}
+
+/* At rest in time: u_prev such that the central velocity at the start is zero. */
+static void start_from(problem *p, const double *u) {
+    tm_state *s = tm_world_state(p->world);
+    double dt = tm_world_step_s(p->world);
+    const double *mass = tm_tissue_mass_kg(p->tissue);
+    memcpy(s->u_m, u, sizeof *u * 3 * (size_t)p->mesh->vertex_count);
+    tm_tissue_force(p->tissue, u, s->force_N);
+    for (int32_t i = 0; i < 3 * p->mesh->vertex_count; i++) s->u_prev_m[i] = u[i] + 0.5 * dt * dt * s->force_N[i] / mass[i / 3];
+    int n = p->cells;
+    for (int32_t v = 0; v < p->mesh->vertex_count; v++) { /* supports: clamp and symmetry planes stay */
+        int i = v % (n + 1), j = v / (n + 1) % (n + 1), k = v / (n + 1) / (n + 1);
+        for (int axis = 0; axis < 3; axis++)
+            if (k == 0 || (axis == 0 && i == 0) || (axis == 1 && j == 0)) s->u_prev_m[3 * v + axis] = u[3 * v + axis];
+    }
+}
+
+static double total_energy(problem *p, const double *u_before, const double *u) {
+    const tm_state *s = tm_world_state(p->world);
+    double kinetic = 0, dt = tm_world_step_s(p->world);
+    for (int32_t i = 0; i < 3 * p->mesh->vertex_count; i++) {
+        double v = (s->u_m[i] - u_before[i]) / (2 * dt);
+        kinetic += 0.5 * tm_tissue_mass_kg(p->tissue)[i / 3] * v * v;
+    }
+    return kinetic + tm_tissue_energy(p->tissue, u);
+}
+
+/* Integer numbers of steps between samples, so that all trajectories are sampled at the same times. */
+static tm_status swing_run(double dt, int stride, const double *u, swing *out, tm_error *error) {
+    problem p;
+    problem_def def = problem_default(CELLS);
+    def.pressed = false, def.dt_s = dt;
+    tm_status status = problem_create(&def, &p, error);
+    if (status != TM_OK) return status;
+    start_from(&p, u);
+    size_t n = 3 * (size_t)p.mesh->vertex_count;
+    double *before = malloc(sizeof *before * n), *now = malloc(sizeof *now * n), first = tm_tissue_energy(p.tissue, u), spent = 0;
+    int32_t corner = p.mesh->vertex_count - 1;
+    if (!before || !now) status = TM_ERR_MEMORY;
+    *out = (swing){.finite = true};
+    for (int s = 0; s < SAMPLES && status == TM_OK; s++) {
+        double start = app_seconds();
+        status = tm_world_step(p.world, stride - 1);
+        spent += app_seconds() - start;
+        memcpy(before, tm_world_state(p.world)->u_prev_m, n * sizeof *now);
+        memcpy(now, tm_world_state(p.world)->u_m, n * sizeof *now);
+        out->u[s] = now[3 * corner + 2];
+        start = app_seconds();
+        if (status == TM_OK) status = tm_world_step(p.world, 1);
+        spent += app_seconds() - start;
+        if (status == TM_OK) out->energy_drift = fmax(out->energy_drift, fabs(total_energy(&p, before, now) / first - 1));
+    }
+    out->seconds_per_simulated = spent / (SAMPLES * stride * dt);
+    free(before);
+    free(now);
+    problem_destroy(&p);
+    return status;
+}
+
+/* Time by which the last quarter's swing is shifted against the truth, over the elapsed time: least squares in the derivative. */
+static double phase_error(const swing *s, const swing *truth, double sample_s) {
+    double dot = 0, norm = 0;
+    for (int i = SAMPLES * 3 / 4; i < SAMPLES - 1; i++) {
+        double slope = (truth->u[i + 1] - truth->u[i - 1]) / (2 * sample_s);
+        dot += slope * (s->u[i] - truth->u[i]), norm += slope * slope;
+    }
+    return fabs(dot / norm) / (sample_s * SAMPLES * 7 / 8);
+}
+
+/* Simulated seconds until the corner of the damped, sagging block stays within 1 % of its rest. */
+static tm_status settling(double fraction, double *settle_s, tm_error *error) {
+    problem p;
+    problem_def def = problem_default(CELLS);
+    def.pressed = false, def.material.damping_1_s = 30, def.step_fraction = fraction;
+    tm_status status = problem_create(&def, &p, error);
+    static const double g[3] = {0, 0, -9.81};
+    if (status == TM_OK) status = tm_stage_gravity(p.world, g, error);
+    double dt = status == TM_OK ? tm_world_step_s(p.world) : 1;
+    int32_t corner = 3 * ((CELLS + 1) * (CELLS + 1) * (CELLS + 1) - 1) + 2, steps = (int32_t)(1.0 / dt);
+    double *path = malloc(sizeof *path * (size_t)steps);
+    if (status == TM_OK && !path) status = TM_ERR_MEMORY;
+    for (int32_t i = 0; i < steps && status == TM_OK; i++) {
+        status = tm_world_step(p.world, 1);
+        path[i] = tm_world_state(p.world)->u_m[corner];
+    }
+    if (status == TM_OK) status = problem_settle(&p, 1e-10, NULL, error);
+    if (status == TM_OK) {
+        double rest = tm_world_state(p.world)->u_m[corner];
+        int32_t last = steps;
+        while (last > 0 && fabs(path[last - 1] / rest - 1) < 0.01) last--;
+        *settle_s = last * dt;
+    }
+    free(path);
+    problem_destroy(&p);
+    return status;
+}
+
+cJSON *knob_step(const run *r, tm_error *error) {
+    static const int divisor[] = {20, 10, 5, 4, 2, 1};
+    int count = (int)(sizeof divisor / sizeof *divisor);
+    static swing truth, s;
+    double u[3 * (CELLS + 1) * (CELLS + 1) * (CELLS + 1)], period;
+    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
+    tm_status status = sagged(u, &period, error);
+    problem p = {0};
+    problem_def def = problem_default(CELLS);
+    def.pressed = false;
+    double guaranteed = 0, sharp = 0;
+    if (status == TM_OK) status = problem_create(&def, &p, error);
+    if (status == TM_OK) {
+        guaranteed = tm_critical_step_guaranteed(p.tissue, NULL);
+        uint8_t *mask = calloc(3, (size_t)p.mesh->vertex_count);
+        if (mask) tm_support_mask(p.world, mask);
+        status = mask ? tm_critical_step_sharp(p.tissue, mask, 1e-6, 20000, &sharp, error) : TM_ERR_MEMORY;
+        free(mask);
+    }
+    problem_destroy(&p);
+    /* The largest step is the guaranteed one, shortened so that a whole number of them lies between two samples. */
+    double sample_s = PERIODS * period / SAMPLES;
+    int coarse = (int)ceil(sample_s / guaranteed);
+    double largest = sample_s / coarse;
+    if (status == TM_OK) status = swing_run(largest / FINE, coarse * FINE, u, &truth, error);
+    double amplitude = 0;
+    for (int i = 0; i < SAMPLES; i++) amplitude = fmax(amplitude, fabs(truth.u[i]));
+    for (int i = 0; i < count && status == TM_OK; i++) {
+        double settle_s = 0, worst = 0;
+        status = swing_run(largest / divisor[i], coarse * divisor[i], u, &s, error);
+        if (status == TM_OK) status = settling(largest / divisor[i] / guaranteed, &settle_s, error);
+        for (int k = 0; k < SAMPLES; k++) worst = fmax(worst, fabs(s.u[k] - truth.u[k]));
+        cJSON *row = json_row(rows);
+        cJSON_AddNumberToObject(row, "dt_s", largest / divisor[i]);
+        cJSON_AddNumberToObject(row, "of_guaranteed", largest / divisor[i] / guaranteed);
+        cJSON_AddNumberToObject(row, "of_sharp", largest / divisor[i] / sharp);
+        cJSON_AddNumberToObject(row, "trajectory", worst / amplitude);
+        cJSON_AddNumberToObject(row, "phase", phase_error(&s, &truth, sample_s));
+        cJSON_AddNumberToObject(row, "energy", s.energy_drift);
+        cJSON_AddNumberToObject(row, "settle_s", settle_s);
+        cJSON_AddNumberToObject(row, "wall_per_simulated", s.seconds_per_simulated);
+        r->progress("time step", (double)(i + 1) / count);
+    }
+    cJSON_AddNumberToObject(out, "guaranteed_s", guaranteed);
+    cJSON_AddNumberToObject(out, "sharp_s", sharp);
+    cJSON_AddNumberToObject(out, "period_s", period);
+    if (status == TM_OK) return out;
+    cJSON_Delete(out);
+    return NULL;
+}
