@@ -83,10 +83,10 @@ static tm_status swing_run(double dt, int stride, const double *u, swing *out, t
         spent += app_seconds() - start;
         memcpy(before, tm_world_state(p.world)->u_prev_m, n * sizeof *now);
         memcpy(now, tm_world_state(p.world)->u_m, n * sizeof *now);
-        out->u[s] = now[3 * corner + 2];
         start = app_seconds();
         if (status == TM_OK) status = tm_world_step(p.world, 1);
         spent += app_seconds() - start;
+        out->u[s] = tm_world_state(p.world)->u_m[3 * corner + 2];
         if (status == TM_OK) out->energy_drift = fmax(out->energy_drift, fabs(total_energy(&p, before, now) / first - 1));
     }
     out->seconds_per_simulated = spent / (SAMPLES * stride * dt);
@@ -138,7 +138,7 @@ cJSON *knob_step(const run *r, tm_error *error) {
     static const int divisor[] = {20, 10, 5, 4, 2, 1};
     int count = (int)(sizeof divisor / sizeof *divisor);
     static swing truth, s;
-    double u[3 * (CELLS + 1) * (CELLS + 1) * (CELLS + 1)], period;
+    double u[3 * (CELLS + 1) * (CELLS + 1) * (CELLS + 1)], period = 1;
     cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
     tm_status status = sagged(u, &period, error);
     problem p = {0};
