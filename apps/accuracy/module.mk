@@ -1,3 +1,15 @@
 # tm-accuracy measures, page.py draws.
 ACCURACY_SRC := $(sort $(wildcard apps/accuracy/*.c))
 $(eval $(call program,tm-accuracy,$(ACCURACY_SRC),$(LIBAPP_A) $(LIBTM_A),-lcjson))
+
+#: make accuracy               what accuracy costs in time: build/accuracy/index.html (QUICK=1: the short form)
+.PHONY: accuracy accuracy-run
+accuracy:
+	@tools/setup.sh build
+	@$(MAKE) --no-print-directory venv
+	@$(MAKE) --no-print-directory -j$$(nproc) programs
+	@$(MAKE) --no-print-directory accuracy-run
+accuracy-run:
+	@mkdir -p $(OUT)/accuracy
+	$(OUT)/bin/tm-accuracy $(if $(QUICK),--quick) --json $(OUT)/accuracy/figures.json
+	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/accuracy/page.py $(OUT)/accuracy/figures.json -o $(OUT)/accuracy
