@@ -5,44 +5,15 @@
 
 #include "accuracy.h"
 #include "bandwidth.h"
+#include "block.h"
 
 static int32_t node(int n, int i, int j, int k) { return i + (n + 1) * (j + (n + 1) * k); }
 
 static tm_status make_mesh(int n, tm_mesh **mesh, tm_error *error) {
-    static const int order[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
-    static const bool odd[6] = {false, true, true, false, false, true};
-    int32_t side = n + 1;
-    double *vertex = malloc(sizeof *vertex * 3 * (size_t)(side * side * side));
-    int32_t *tet = malloc(sizeof *tet * 24 * (size_t)(n * n * n)), count = 0;
-    tm_status status = TM_ERR_MEMORY;
-    if (vertex && tet) {
-        for (int k = 0; k < side; k++)
-            for (int j = 0; j < side; j++)
-                for (int i = 0; i < side; i++) {
-                    double *v = vertex + 3 * node(n, i, j, k);
-                    v[0] = BLOCK_M * i / n, v[1] = BLOCK_M * j / n, v[2] = BLOCK_M * k / n;
-                }
-        for (int c = 0; c < n * n * n; c++)
-            for (int p = 0; p < 6; p++, count++) {
-                int at[3] = {c % n, c / n % n, c / n / n};
-                int32_t v[4] = {node(n, at[0], at[1], at[2])};
-                for (int s = 0; s < 3; s++) {
-                    at[order[p][s]]++;
-                    v[s + 1] = node(n, at[0], at[1], at[2]);
-                }
-                if (odd[p]) { /* an odd order of the axes turns the tetrahedron inside out */
-                    int32_t swap = v[1];
-                    v[1] = v[2], v[2] = swap;
-                }
-                memcpy(tet + 4 * count, v, sizeof v);
-            }
-        tm_mesh_def def = tm_mesh_def_default();
-        def.vertex_count = side * side * side, def.vertex_m = vertex;
-        def.tet_count = count, def.tet = tet;
-        status = tm_mesh_create(&def, mesh, error);
-    }
-    free(vertex);
-    free(tet);
+    app_block block;
+    if (!app_block_make(&block, (int32_t[3]){n, n, n}, (double[3]){BLOCK_M, BLOCK_M, BLOCK_M})) return TM_ERR_MEMORY;
+    tm_status status = app_block_mesh(&block, NULL, mesh, error);
+    app_block_free(&block);
     return status;
 }
 
