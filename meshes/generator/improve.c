@@ -1,0 +1,104 @@
+/* Moves vertices so that the smallest tetrahedron, which sets everybody's time step, grows. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "generator.h"
+
+typedef struct fans {
+    int *begin, *tet; /* tetrahedra around each vertex */
+    unsigned char *outer;
+} fans;
+
+static fans make_fans(const mesh *m) {
+    fans f = {calloc((size_t)m->vertex_count + 2, sizeof(int)), malloc(4 * (size_t)m->tet_count * sizeof(int)),
+              calloc((size_t)m->vertex_count + 1, 1)};
+    if (!f.begin || !f.tet || !f.outer) exit(1);
+    for (int i = 0; i < 4 * m->tet_count; i++) f.begin[m->tet[i] + 2]++;
+    for (int v = 0; v < m->vertex_count; v++) f.begin[v + 2] += f.begin[v + 1];
+    for (int i = 0; i < 4 * m->tet_count; i++) f.tet[f.begin[m->tet[i] + 1]++] = i / 4;
+    for (int i = 0; i < 3 * m->face_count; i++) f.outer[m->face[i]] = 1;
+    return f;
+}
+
+/* Sum of (scale/size)^6 over a vertex's tetrahedra: the worst weighs most, the rest still counts. */
+static double badness(const mesh *m, const fans *f, int v, double scale) {
+    double sum = 0;
+    for (int i = f->begin[v]; i < f->begin[v + 1]; i++) {
+        const int *t = m->tet + 4 * (size_t)f->tet[i];
+        double size = tet_size(m->vertex + 3 * t[0], m->vertex + 3 * t[1], m->vertex + 3 * t[2], m->vertex + 3 * t[3]);
+        if (size <= 1e-3 * scale) return 1e300;
+        double ratio = scale / size;
+        ratio *= ratio;
+        sum += ratio * ratio * ratio;
+    }
+    return sum;
+}
+
+static void gradient(inside_fn *inside, const double p[3], double step, double g[3]) {
+    for (int k = 0; k < 3; k++) {
+        double a[3] = {p[0], p[1], p[2]}, b[3] = {p[0], p[1], p[2]};
+        a[k] -= step;
+        b[k] += step;
+        g[k] = (inside(b) - inside(a)) / (2 * step);
+    }
+}
+
+static void onto_surface(inside_fn *inside, double p[3], double scale) {
+    for (int turn = 0; turn < 4; turn++) {
+        double g[3], value = inside(p);
+        gradient(inside, p, 1e-4 * scale, g);
+        double square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
+        for (int k = 0; k < 3; k++) p[k] -= value * g[k] / (square + 1e-12);
+    }
+}
+
+/* Tries the six directions of a turned frame; a better place is kept. Returns whether it moved. */
+static bool search(mesh *m, const fans *f, inside_fn *inside, int v, double scale, double step, unsigned *dice) {
+    double *p = m->vertex + 3 * (size_t)v, best = badness(m, f, v, scale), axis[3][3], keep[3];
+    bool moved = false;
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < 3; i++) {
+            *dice = *dice * 1664525u + 1013904223u;
+            axis[k][i] = (double)(*dice >> 8) / 8388608.0 - 1;
+        }
+    for (int k = 0; k < 6; k++) {
+        const double *d = axis[k / 2];
+        double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) + 1e-9;
+        memcpy(keep, p, sizeof keep);
+        for (int i = 0; i < 3; i++) p[i] += (k & 1 ? -step : step) * d[i] / length;
+        if (f->outer[v]) onto_surface(inside, p, scale);
+        double now = badness(m, f, v, scale);
+        if (now < best) {
+            best = now;
+            moved = true;
+        } else
+            memcpy(p, keep, sizeof keep);
+    }
+    return moved;
+}
+
+void improve(mesh *m, inside_fn *inside, int sweeps) {
+    fans f = make_fans(m);
+    double *size = malloc((size_t)m->tet_count * sizeof *size);
+    unsigned dice = 12345;
+    if (!size) exit(1);
+    for (int sweep = 0; sweep < sweeps; sweep++) {
+        double largest = 0;
+        for (int t = 0; t < m->tet_count; t++) {
+            const int *c = m->tet + 4 * (size_t)t;
+            size[t] = tet_size(m->vertex + 3 * c[0], m->vertex + 3 * c[1], m->vertex + 3 * c[2], m->vertex + 3 * c[3]);
+            if (size[t] > largest) largest = size[t];
+        }
+        double step = 0.5 * largest * pow(0.02, (double)sweep / sweeps);
+        for (int v = 0; v < m->vertex_count; v++) {
+            bool poor = false;
+            for (int i = f.begin[v]; i < f.begin[v + 1] && !poor; i++) poor = size[f.tet[i]] < 0.8 * largest;
+            if (poor && (inside || !f.outer[v])) search(m, &f, inside, v, largest, step, &dice);
+        }
+    }
+    free(size);
+    free(f.begin);
+    free(f.tet);
+    free(f.outer);
+}
