@@ -34,20 +34,27 @@ typedef struct tm_contact_def {
     uint32_t cookie;
     int32_t instrument_count;
     const tm_instrument_def *instrument;
-    double skin_compliance_m_N;   /* of each row; 0.5e-3 by default: see docs */
+    double skin_compliance_m_N;   /* of each station of the tool (one row alone has it all); 0.5e-3 by default: see docs */
     int32_t sweeps;               /* projected Gauss-Seidel sweeps per substep, fixed; 10 */
     int32_t max_rows;             /* 256 in all; more are dropped, deepest kept, and flagged */
     double force_cap_N;           /* per row; 50; flagged */
 } tm_contact_def;
 
-/* One row: triangle of the surface against one instrument. */
+/* What of the triangle a row touches: its inside, local edge j (vertex j to j+1 mod 3), or local vertex j. */
+enum { TM_FEATURE_FACE = 0, TM_FEATURE_EDGE = 1, TM_FEATURE_VERTEX = 4 }; /* EDGE+j, VERTEX+j */
+
+/* One row: a station of one instrument against a feature of the surface. Stations are points of the tool's axis, one radius
+ * apart, station 0 the tip; each is a sphere of the tool's radius and has one skin, shared among its rows (docs/contact.md). */
 typedef struct tm_contact_row {
-    int32_t face;          /* lasting name of the triangle */
+    int32_t face;          /* lasting name of the triangle; of an edge or a vertex the lowest among the candidates */
     int32_t vertex[3];
     int32_t instrument;
+    int32_t station;       /* along the axis, 0 the tip */
+    int32_t feature;       /* TM_FEATURE_... */
+    double share;          /* (0,1] of its station's skin: the row's own compliance is skin_compliance_m_N / share */
     double weight[3];      /* barycentric, sum 1 */
     double normal[3];      /* unit, from tool to tissue: the reaction on the tissue is +lambda*normal */
-    double point_m[3];     /* on the tool's axis */
+    double point_m[3];     /* the station: on the tool's axis */
     double gap_m;          /* signed distance minus radius at the geometry the row was found in */
     double lambda_N;       /* reaction >= 0 */
 } tm_contact_row;
@@ -62,6 +69,7 @@ typedef struct tm_tool_reaction {
     int32_t stiffness_kind;  /* 0 none, 1 estimated, 2 exact */
     int32_t row_count;
     bool capped, overflowed;
+    bool inside;             /* it appeared inside the tissue and touches nothing until it has left it */
 } tm_tool_reaction;
 
 typedef struct tm_contact tm_contact;
@@ -83,8 +91,9 @@ TM_API int32_t tm_contact_rows(const tm_contact *contact, const tm_contact_row *
 
 /* --- geometry alone: shared with the precomputed model and the patch --- */
 
-/* Rows of capsules against triangles at the positions rest + u, candidates within `margin_m`. Returns the count (<= max_rows), in the fixed
- * order (instrument, face). Pure; no allocation. */
+/* Rows of a capsule against triangles at the positions rest + u, those with a gap of at most `margin_m`. `candidate` lists triangle slots
+ * (any superset of those in reach, each once; null: all of 0..candidate_count-1; of more than 1024 in reach the rest is left out).
+ * Returns the count (<= max_rows, deepest kept), in the fixed order (station, face, feature). Pure; no allocation, 300 kB of stack. */
 typedef struct tm_capsule { double tip_m[3]; double tail_m[3]; double radius_m; int32_t instrument; } tm_capsule;
 TM_API int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
                                const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,

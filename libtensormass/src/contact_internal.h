@@ -1,0 +1,79 @@
+/* Insides of the contact stage, shared by contact*.c, grasp*.c and patch*.c. */
+#ifndef TM_CONTACT_INTERNAL_H
+#define TM_CONTACT_INTERNAL_H
+
+#include "contact_surface.h"
+#include "internal.h"
+
+enum { TM_COOKIE_CONTACT = 0x636f6e74, TM_COOKIE_GRASP = 0x67726173 };
+
+/* One row made ready for projection: J and A^-1 J^T of its three vertices. */
+typedef struct tm_solver_row {
+    double jacobian[3][3]; /* weight * normal */
+    double response[3][3]; /* mobility * jacobian, 0 where a support holds */
+    double diagonal;       /* J A^-1 J^T, m/N */
+    double compliance;     /* skin / share, m/N */
+    double gap_m;          /* at the start of the substep, at the tool's new place, less what is left to later substeps */
+} tm_solver_row;
+
+typedef struct tm_tool {
+    tm_instrument_def def;
+    tm_tool_pose pose, from, to;
+    int32_t path_step, path_steps;
+    tm_capsule capsule, before;     /* at the end of this substep and of the one before */
+    bool clear;                     /* has been seen outside the tissue since it was placed */
+    /* broad phase */
+    tm_local_surface *surface;
+    tm_capsule gathered_at;
+    int32_t gathered_age;           /* substeps; negative: never */
+    /* frame */
+    double sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3];
+    int32_t sum_count;
+    bool capped, overflowed;
+    double substep_force_N[3], substep_resultant_N[3]; /* of the last substep */
+    tm_tool_reaction reaction;      /* of the last complete average */
+} tm_tool;
+
+/* Another constraint that shares vertices with contact is swept with it, or the two would fight (grasp). */
+typedef struct tm_contact_guest {
+    void *self;
+    void (*prepare)(void *self, tm_world *world);  /* after the tools have moved, before the sweeps */
+    void (*sweep)(void *self, tm_world *world);
+    /* Adds to the tool's force at its tip and to the plain sum, N, of this substep. */
+    void (*react)(void *self, int32_t instrument, double force_N[3], double resultant_N[3]);
+    bool (*holds)(void *self, int32_t instrument, int32_t vertex); /* a vertex it holds is no obstacle to that tool */
+} tm_contact_guest;
+
+struct tm_contact {
+    tm_pool pool;
+    tm_world *world;
+    tm_contact_def def;
+    int32_t tool_count;
+    tm_tool tool[TM_MAX_INSTRUMENTS];
+    tm_contact_row *row, *row_before;  /* [max_rows * tool_count] of this substep and the last */
+    int32_t row_count, row_count_before;
+    tm_solver_row *solver;             /* [max_rows] */
+    tm_hits *hits;
+    uint8_t *held;                     /* [3*vertex_count] components that a support prescribes */
+    const void *held_by;               /* the support stage that `held` was made from */
+    int32_t revision;                  /* of the surface at the last gathering */
+    int32_t frame_step, frame_steps, frame_average;
+    tm_contact_guest guest;
+};
+
+/* contact_tool.c */
+void tm_tool_place(tm_tool *tool, const tm_tool_pose *at);
+void tm_tool_move(tm_tool *tool, const tm_tool_pose *to, int32_t substeps);
+void tm_tool_advance(tm_tool *tool);
+tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument);
+/* The axis beyond the tip meets no triangle where it can touch, and an even number in all. O(surface). */
+bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u_m, const tm_surface_view *surface);
+
+/* contact_solve.c */
+void tm_contact_prepare(tm_contact *contact);
+void tm_contact_project(tm_contact *contact);
+
+/* The stage of a world, by name; null if it has none. */
+tm_contact *tm_world_contact(tm_world *world);
+
+#endif

@@ -1,0 +1,68 @@
+/* Makes the rows of all tools non-penetrating: projected Gauss-Seidel, fixed sweeps in a fixed order, from the multipliers of
+ * the step before. Weighted by A = m/dt2 + gamma/2dt, so that the multipliers are the reactions in newtons, exact at rest. */
+#include "contact_internal.h"
+#include "contact_vec.h"
+
+/* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped) is undone no faster than
+ * this, or it would be thrown out. Above any speed of a hand. */
+#define RECOVERY_M_S 0.5
+
+static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
+    const tm_world *world = contact->world;
+    const tm_tool *tool = contact->tool + row->instrument;
+    double moved[3], before[3];
+    tm_capsule_station(&tool->before, row->station, before);
+    vsub(row->point_m, before, moved);
+    r->compliance = contact->def.skin_compliance_m_N / row->share;
+    r->diagonal = 0;
+    for (int j = 0; j < 3; j++)
+        for (int c = 0; c < 3; c++) {
+            int32_t dof = 3 * row->vertex[j] + c;
+            r->jacobian[j][c] = row->weight[j] * row->normal[c];
+            r->response[j][c] = contact->held[dof] ? 0 : world->mobility_s2_kg[row->vertex[j]] * r->jacobian[j][c];
+            r->diagonal += r->jacobian[j][c] * r->response[j][c];
+        }
+    /* what was too deep before the tool moved, and is not yet to be undone */
+    double left = row->gap_m + vdot(row->normal, moved) + r->compliance * row->lambda_N + RECOVERY_M_S * world->state.dt_s;
+    r->gap_m = row->gap_m - fmin(left, 0);
+}
+
+static void push(const tm_contact_row *row, const tm_solver_row *r, double impulse_N, double *u_next_m) {
+    for (int j = 0; j < 3; j++)
+        for (int c = 0; c < 3; c++)
+            u_next_m[3 * row->vertex[j] + c] += r->response[j][c] * impulse_N;
+}
+
+void tm_contact_prepare(tm_contact *contact) {
+    for (int32_t i = 0; i < contact->row_count; i++) {
+        prepare_row(contact, contact->row + i, contact->solver + i);
+        if (contact->row[i].lambda_N > 0)
+            push(contact->row + i, contact->solver + i, contact->row[i].lambda_N, contact->world->state.u_next_m);
+    }
+}
+
+static void relax(const tm_contact *contact, tm_contact_row *row, const tm_solver_row *r) {
+    const tm_state *state = &contact->world->state;
+    double pivot = r->diagonal + r->compliance, error = r->gap_m + r->compliance * row->lambda_N;
+    if (pivot <= 0) /* held by supports and no skin: nothing gives way */
+        return;
+    for (int j = 0; j < 3; j++)
+        for (int c = 0; c < 3; c++) {
+            int32_t dof = 3 * row->vertex[j] + c;
+            error += r->jacobian[j][c] * (state->u_next_m[dof] - state->u_m[dof]);
+        }
+    double lambda = clamp(row->lambda_N - error / pivot, 0, contact->def.force_cap_N);
+    push(row, r, lambda - row->lambda_N, contact->world->state.u_next_m);
+    row->lambda_N = lambda;
+}
+
+void tm_contact_project(tm_contact *contact) {
+    for (int32_t sweep = 0; sweep < contact->def.sweeps; sweep++) {
+        if (contact->guest.sweep)
+            contact->guest.sweep(contact->guest.self, contact->world);
+        for (int32_t i = 0; i < contact->row_count; i++) { /* there and back: no row is always last */
+            int32_t k = sweep % 2 ? contact->row_count - 1 - i : i;
+            relax(contact, contact->row + k, contact->solver + k);
+        }
+    }
+}
