@@ -1,0 +1,16 @@
+# libtensormass_solve.so and .a: precomputed and hybrid models; SuiteSparse and Eigen stay out of the core.
+TMS_SRC := $(sort $(wildcard libtensormass/solve/*.c libtensormass/solve/*.cpp))
+LIBTMS_A := $(OUT)/lib/libtensormass_solve.a
+LIBTMS_SO := $(OUT)/lib/libtensormass_solve.so.$(VERSION)
+TMS_LIBS := -lcholmod -lstdc++ -lpthread
+LIBRARIES += $(LIBTMS_A) $(LIBTMS_SO)
+$(call objects,$(TMS_SRC)): INCLUDES += -I/usr/include/suitesparse -isystem /usr/include/eigen3
+$(LIBTMS_A): $(call objects,$(TMS_SRC))
+	@mkdir -p $(@D)
+	rm -f $@ && ar rcs $@ $^
+$(LIBTMS_SO): $(call objects,$(TMS_SRC)) $(LIBTM_SO)
+	@mkdir -p $(@D)
+	$(CXX) $(SAN) -shared -Wl,-soname,libtensormass_solve.so.0 -Wl,--no-undefined -o $@ $(call objects,$(TMS_SRC)) -L$(OUT)/lib -ltensormass $(TMS_LIBS) -lm
+	ln -sf $(@F) $(@D)/libtensormass_solve.so.0 && ln -sf libtensormass_solve.so.0 $(@D)/libtensormass_solve.so
+# The same as a module that tm-sim opens when a scene says precomputed or hybrid; the core's functions come from the program.
+$(eval $(call module,solve,$(TMS_SRC),,$(TMS_LIBS)))

@@ -1,0 +1,185 @@
+/* The two back ends behind one face, and the question for memory that comes before any of it is taken. */
+#include "internal.h"
+
+#include <cholmod.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct tms_solver {
+    tm_solver kind;
+    int32_t n;
+    double tolerance;
+    int32_t max_iterations;
+    int64_t bytes;
+    cholmod_common common; /* owns the factor */
+    cholmod_factor *factor;
+    tms_cg *cg;
+};
+
+struct tms_work {
+    const tms_solver *solver;
+    int32_t width;
+    cholmod_common common; /* each thread its own: the factor is only read */
+    cholmod_dense *b, *x, *y, *e;
+    double *cg_b, *cg_x;
+};
+
+static void start(cholmod_common *common) {
+    cholmod_start(common);
+    common->print = 0;
+    common->error_handler = NULL;
+    common->supernodal = CHOLMOD_SUPERNODAL;
+    common->nmethods = 1;
+    common->method[0].ordering = CHOLMOD_METIS;
+    common->quick_return_if_not_posdef = 1;
+}
+
+static int64_t available_bytes(void) {
+    FILE *f = fopen("/proc/meminfo", "r");
+    long long kb = -1;
+    char line[128];
+    while (f && kb < 0 && fgets(line, sizeof line, f)) sscanf(line, "MemAvailable: %lld kB", &kb);
+    if (f) fclose(f);
+    return kb < 0 ? INT64_MAX : kb * 1024;
+}
+
+/* b, x, y, e of each thread. */
+static int64_t work_bytes(const tm_solve_def *def, int32_t n) {
+    return (int64_t)tms_threads(def) * TMS_BLOCK * n * 8 * (def->solver == TM_SOLVER_CG ? 2 : 4);
+}
+
+static tm_status ask_memory(const tm_solve_def *def, int32_t n, int64_t factor, int64_t responses, int64_t single, tm_error *error) {
+    const int64_t limit = def->memory_limit_bytes > 0 ? def->memory_limit_bytes : available_bytes();
+    const int64_t work = work_bytes(def, n), need = factor + responses + work;
+    if (need <= limit) return TM_OK;
+    char t_need[32], t_limit[32], t_factor[32], t_resp[32], t_single[32], t_cg[32], t_work[32];
+    tms_bytes_text(need, t_need);
+    tms_bytes_text(limit, t_limit);
+    tms_bytes_text(factor, t_factor);
+    tms_bytes_text(responses, t_resp);
+    tms_bytes_text(work, t_work);
+    tms_bytes_text(need - responses + single, t_single);
+    tms_bytes_text(need - factor, t_cg);
+    char choices[160] = "";
+    if (single < responses) snprintf(choices, sizeof choices, "single precision responses (%s), ", t_single);
+    if (factor > 0) snprintf(choices + strlen(choices), sizeof choices - strlen(choices), "conjugate gradients (%s, slower), ", t_cg);
+    return tms_fail(error, TM_ERR_MEMORY, -1, "too large: %s needed (factor %s, responses %s, work of %d threads %s) and %s allowed; "
+                    "choose %sfewer threads, or a coarser mesh", t_need, t_factor, t_resp, (int)tms_threads(def), t_work, t_limit, choices);
+}
+
+static tm_status not_definite(const tms_solver *s, const tms_system *system, tm_error *error) {
+    const size_t bad = s->factor->minor;
+    const int32_t free_index = bad < (size_t)s->n ? ((int32_t *)s->factor->Perm)[bad] : 0;
+    const int32_t vertex = system->dof[free_index] / 3;
+    return tms_fail(error, TM_ERR_SUPPORT, vertex, "the tissue can move without force near vertex %d (a part that hangs on one vertex or one edge); "
+                    "join it through faces, or support it", (int)vertex);
+}
+
+static tm_status factorise(tms_solver *s, const tms_system *system, const tm_solve_def *def, int64_t responses, int64_t single,
+                           tm_solve_report *report, tm_error *error) {
+    cholmod_sparse a = {.nrow = (size_t)s->n, .ncol = (size_t)s->n, .nzmax = (size_t)system->begin[s->n], .p = system->begin,
+                        .i = system->row, .x = system->value, .stype = -1, .itype = CHOLMOD_INT, .xtype = CHOLMOD_REAL,
+                        .dtype = CHOLMOD_DOUBLE, .sorted = 0, .packed = 1};
+    start(&s->common);
+    double t = tms_clock_s();
+    s->factor = cholmod_analyze(&a, &s->common);
+    report->order_s = tms_clock_s() - t;
+    if (!s->factor) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to order %d unknowns; use a coarser mesh", (int)s->n);
+    s->bytes = (int64_t)(s->factor->xsize * 8 + s->factor->ssize * 4);
+    report->factor_bytes = s->bytes;
+    tm_status status = ask_memory(def, s->n, s->bytes, responses, single, error);
+    if (status != TM_OK) return status;
+    if (!tms_progress(def, "factor", 0, -1)) return tms_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
+    t = tms_clock_s();
+    cholmod_factorize(&a, s->factor, &s->common);
+    report->factor_s = tms_clock_s() - t;
+    if (s->common.status == CHOLMOD_OUT_OF_MEMORY) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the factor; use conjugate gradients or a coarser mesh");
+    if (s->common.status != CHOLMOD_OK || s->factor->minor < s->factor->n) return not_definite(s, system, error);
+    /* A mechanism can slip past the pivots by rounding; its conditioning cannot. */
+    if (cholmod_rcond(s->factor, &s->common) < 1e-14)
+        return tms_fail(error, TM_ERR_SUPPORT, -1, "the tissue can all but move without force (pivots differ by more than 1e14); "
+                        "look for parts that hang on one vertex or one edge, or materials of wildly different stiffness");
+    return TM_OK;
+}
+
+tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, int64_t responses, int64_t single, tms_solver **solver,
+                            tm_solve_report *report, tm_error *error) {
+    tms_solver *s = calloc(1, sizeof *s);
+    if (!s) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a solver");
+    s->kind = def->solver;
+    s->n = system->n;
+    s->tolerance = def->cg_tolerance;
+    s->max_iterations = def->cg_max_iterations;
+    report->work_bytes = work_bytes(def, s->n) + tms_system_bytes(system);
+    tm_status status;
+    if (s->kind == TM_SOLVER_CG) {
+        status = ask_memory(def, s->n, 0, responses, single, error);
+        if (status == TM_OK && !(s->cg = tms_cg_create(system))) status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory for conjugate gradients; use a coarser mesh");
+    } else {
+        status = factorise(s, system, def, responses, single, report, error);
+    }
+    if (status != TM_OK) {
+        tms_solver_destroy(s);
+        return status;
+    }
+    *solver = s;
+    return TM_OK;
+}
+
+void tms_solver_destroy(tms_solver *s) {
+    if (!s) return;
+    if (s->kind == TM_SOLVER_CHOLESKY) {
+        cholmod_free_factor(&s->factor, &s->common);
+        cholmod_finish(&s->common);
+    }
+    tms_cg_destroy(s->cg);
+    free(s);
+}
+
+int64_t tms_solver_bytes(const tms_solver *s) { return s->bytes; }
+
+/* --- one thread's work --- */
+
+tms_work *tms_work_create(const tms_solver *solver, int32_t width) {
+    tms_work *w = calloc(1, sizeof *w);
+    if (!w) return NULL;
+    const size_t n = (size_t)solver->n;
+    w->solver = solver;
+    w->width = width;
+    start(&w->common);
+    if (solver->kind == TM_SOLVER_CG) {
+        w->cg_b = malloc(n * (size_t)width * 8);
+        w->cg_x = malloc(n * (size_t)width * 8);
+        if (w->cg_b && w->cg_x) return w;
+    } else if ((w->b = cholmod_allocate_dense(n, (size_t)width, n, CHOLMOD_REAL, &w->common))) {
+        return w;
+    }
+    tms_work_destroy(w);
+    return NULL;
+}
+
+void tms_work_destroy(tms_work *w) {
+    if (!w) return;
+    cholmod_free_dense(&w->b, &w->common);
+    cholmod_free_dense(&w->x, &w->common);
+    cholmod_free_dense(&w->y, &w->common);
+    cholmod_free_dense(&w->e, &w->common);
+    cholmod_finish(&w->common);
+    free(w->cg_b);
+    free(w->cg_x);
+    free(w);
+}
+
+double *tms_work_rhs(tms_work *w) { return w->cg_b ? w->cg_b : w->b->x; }
+
+const double *tms_work_solve(tms_work *w) {
+    const tms_solver *s = w->solver;
+    if (s->kind == TM_SOLVER_CHOLESKY) {
+        if (!cholmod_solve2(CHOLMOD_A, s->factor, w->b, NULL, &w->x, NULL, &w->y, &w->e, &w->common)) return NULL;
+        return w->x->x;
+    }
+    for (int32_t j = 0; j < w->width; j++)
+        if (!tms_cg_solve(s->cg, w->cg_b + (int64_t)j * s->n, w->cg_x + (int64_t)j * s->n, s->tolerance, s->max_iterations)) return NULL;
+    return w->cg_x;
+}
