@@ -400,14 +400,22 @@ int32_t tm_local_rows(const tm_local_surface *surface, tm_hits *hits, const tm_c
     return count;
 }
 
-int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
-                        const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
-                        tm_contact_row *row, int32_t max_rows) {
+int32_t tm_contact_find_after(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
+                              const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
+                              const tm_contact_row *before, int32_t before_count, tm_contact_row *row, int32_t max_rows,
+                              bool *overflowed) {
     tm_local_surface surface;
     tm_hits hits;
-    bool overflowed;
     tm_local_gather(&surface, rest_m, u_m, triangle, face, candidate, candidate_count, capsule,
                     capsule->radius_m * (1 + PROXIMITY) + margin_m);
     tm_local_place(&surface, rest_m, u_m);
-    return tm_local_rows(&surface, &hits, capsule, margin_m, NULL, 0, row, max_rows, &overflowed);
+    return tm_local_rows(&surface, &hits, capsule, margin_m, before, before_count, row, max_rows, overflowed);
+}
+
+int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
+                        const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
+                        tm_contact_row *row, int32_t max_rows) {
+    bool overflowed;
+    return tm_contact_find_after(rest_m, u_m, triangle, face, candidate, candidate_count, capsule, margin_m, NULL, 0, row, max_rows,
+                                 &overflowed);
 }

@@ -65,7 +65,6 @@ struct tm_contact {
 void tm_tool_place(tm_tool *tool, const tm_tool_pose *at);
 void tm_tool_move(tm_tool *tool, const tm_tool_pose *to, int32_t substeps);
 void tm_tool_advance(tm_tool *tool);
-tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument);
 /* The axis beyond the tip meets no triangle where it can touch, and an even number in all. O(surface). */
 bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u_m, const tm_surface_view *surface);
 

@@ -98,6 +98,14 @@ typedef struct tm_capsule { double tip_m[3]; double tail_m[3]; double radius_m; 
 TM_API int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
                                const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
                                tm_contact_row *row, int32_t max_rows);
+/* The same, knowing the rows of the solution before (those of the same instrument, lambda_N filled in): a station stays in touch with a
+ * surface that it has sunk through little by little. `overflowed` is set when rows or candidates were left out. */
+TM_API int32_t tm_contact_find_after(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
+                                     const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
+                                     const tm_contact_row *before, int32_t before_count, tm_contact_row *row, int32_t max_rows,
+                                     bool *overflowed);
+/* The part of an instrument that can touch. */
+TM_API tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument);
 /* Equivalent tip force of a force acting at `point` on a tool pivoting about `trocar` with its tip at `tip`. */
 TM_API void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3], const double force_N[3],
                          double tip_force_N[3]);
