@@ -1,0 +1,156 @@
+/* What the cases share: a block on a clamp, its energy, and the words of an outcome. */
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "block.h"
+#include "stability.h"
+
+static void say(outcome *o, verdict v, double figure, const char *format, va_list arguments) {
+    o->verdict = v, o->figure = figure;
+    vsnprintf(o->text, sizeof o->text, format, arguments);
+}
+
+#define WORDS(function, verdict, figure)                       \
+    va_list arguments;                                         \
+    va_start(arguments, format);                               \
+    say(o, verdict, figure, format, arguments);                \
+    va_end(arguments)
+
+void accurate(outcome *o, double figure, const char *format, ...) { WORDS(accurate, isfinite(figure) ? ACCURATE : BROKEN, figure); }
+void stable(outcome *o, double figure, const char *format, ...) { WORDS(stable, isfinite(figure) ? STABLE : BROKEN, figure); }
+void broken(outcome *o, const char *format, ...) { WORDS(broken, BROKEN, NAN); }
+
+void refused(outcome *o, const tm_error *error) {
+    o->verdict = REFUSED, o->figure = 0;
+    snprintf(o->text, sizeof o->text, "%s: %s", tm_status_name(error->status), error->message);
+}
+
+void series_add(outcome *o, double x, double y) {
+    if (o->count < SERIES_MAX && isfinite(x) && isfinite(y)) o->x[o->count] = x, o->y[o->count++] = y;
+}
+
+double random_unit(uint64_t *state) {
+    *state = *state * 6364136223846793005ULL + 1442695040888963407ULL;
+    return (double)(int64_t)(*state >> 11) / (double)(1ULL << 52) - 1;
+}
+
+bench_def bench_default(void) {
+    bench_def def = {.cells = {4, 4, 4}, .size_m = {0.04, 0.04, 0.04}, .material_count = 1, .step_fraction = 0.95, .held = 2};
+    if (tm_material_young(5e3, 0.45, &def.material[0], NULL) != TM_OK) abort(); /* constants of ours */
+    def.material[1] = def.material[0];
+    return def;
+}
+
+static tm_status hold(const bench_def *def, bench *b, tm_error *error) {
+    int32_t layer = (def->cells[0] + 1) * (def->cells[1] + 1), n = b->mesh->vertex_count;
+    int32_t held = def->held == 0 ? 0 : def->held == 1 ? 1 : def->held == 2 ? layer : n;
+    if (!held) return TM_OK;
+    int32_t *dof = malloc(sizeof *dof * 3 * (size_t)held);
+    double *zero = calloc(3 * (size_t)held, sizeof *zero);
+    tm_status status = TM_ERR_MEMORY;
+    if (dof && zero) {
+        for (int32_t i = 0; i < 3 * held; i++) dof[i] = i;
+        tm_support_def support = tm_support_def_default();
+        support.count = 3 * held, support.dof = dof, support.value_m = zero;
+        status = tm_stage_support(b->world, &support, error);
+    }
+    free(dof);
+    free(zero);
+    return status;
+}
+
+static tm_status open_tissue(const bench_def *def, bench *b, tm_error *error) {
+    double *fibre = NULL;
+    if (def->fibre) {
+        fibre = malloc(sizeof *fibre * 3 * (size_t)b->mesh->tet_count);
+        if (!fibre) return TM_ERR_MEMORY;
+        for (int32_t t = 0; t < b->mesh->tet_count; t++) memcpy(fibre + 3 * t, def->fibre, 3 * sizeof *fibre);
+    }
+    tm_tissue_def tissue = tm_tissue_def_default();
+    tissue.mesh = b->mesh, tissue.material = def->material, tissue.material_count = def->material_count;
+    tissue.fibre = fibre, tissue.cuttable = def->cuttable;
+    tm_status status = tm_tissue_create(&tissue, &b->tissue, error);
+    free(fibre);
+    return status;
+}
+
+bool bench_open(const bench_def *def, bench *b, outcome *o) {
+    tm_error error = {0};
+    app_block block;
+    memset(b, 0, sizeof *b);
+    if (!app_block_make(&block, def->cells, def->size_m)) {
+        broken(o, "no memory for the block");
+        return false;
+    }
+    int32_t *region = calloc((size_t)block.tet_count, sizeof *region);
+    for (int32_t t = 0; region && def->material_count > 1 && t < block.tet_count; t++) region[t] = t >= block.tet_count / 2;
+    if (def->deform) def->deform(block.vertex_m, block.vertex_count, def->argument);
+    tm_status status = app_block_mesh(&block, region, &b->mesh, &error);
+    free(region);
+    app_block_free(&block);
+    if (status == TM_OK) status = open_tissue(def, b, &error);
+    if (status == TM_OK) {
+        tm_world_def world = tm_world_def_default();
+        world.tissue = b->tissue, world.dt_s = def->dt_s, world.step_fraction = def->step_fraction;
+        world.damped = def->material[0].damping_1_s > 0;
+        status = tm_world_create(&world, &b->world, &error);
+    }
+    if (status == TM_OK) status = hold(def, b, &error);
+    if (status == TM_OK) return true;
+    bench_close(b);
+    refused(o, &error);
+    return false;
+}
+
+void bench_close(bench *b) {
+    tm_world_destroy(b->world);
+    tm_tissue_destroy(b->tissue);
+    tm_mesh_destroy(b->mesh);
+    memset(b, 0, sizeof *b);
+}
+
+void random_velocities(bench *b, uint64_t seed, double speed_m_s) {
+    tm_state *s = tm_world_state(b->world);
+    int32_t n = 3 * b->mesh->vertex_count;
+    uint8_t *held = calloc((size_t)n, 1);
+    if (!held) return;
+    tm_support_mask(b->world, held);
+    for (int32_t i = 0; i < n; i++) s->u_prev_m[i] = s->u_m[i] - (held[i] ? 0 : speed_m_s * s->dt_s * random_unit(&seed));
+    free(held);
+}
+
+double scheme_energy(bench *b, double *scratch) {
+    const tm_state *s = tm_world_state(b->world);
+    const double *mass = tm_tissue_mass_kg(b->tissue);
+    double kinetic = 0, elastic = 0;
+    tm_tissue_force(b->tissue, s->u_m, scratch);
+    for (int32_t i = 0; i < 3 * b->mesh->vertex_count; i++) {
+        double v = (s->u_m[i] - s->u_prev_m[i]) / s->dt_s;
+        kinetic += 0.5 * mass[i / 3] * v * v;
+        elastic -= 0.5 * s->u_prev_m[i] * scratch[i];
+    }
+    return kinetic + elastic;
+}
+
+double energy_drift(bench *b, int64_t steps, outcome *o) {
+    double *scratch = malloc(sizeof *scratch * 3 * (size_t)b->mesh->vertex_count), worst = 0;
+    if (!scratch) return -1;
+    random_velocities(b, 12345, 0.1);
+    double start = scheme_energy(b, scratch);
+    int64_t piece = steps / 100 > 0 ? steps / 100 : 1;
+    o->x_name = "simulated s", o->y_name = "energy / energy at the start";
+    for (int64_t done = 0; done < steps; done += piece) {
+        if (tm_world_step(b->world, (int32_t)piece) != TM_OK) {
+            free(scratch);
+            return -1;
+        }
+        double now = scheme_energy(b, scratch) / start;
+        worst = fmax(worst, fabs(now - 1));
+        series_add(o, tm_world_state(b->world)->time_s, now);
+    }
+    free(scratch);
+    return worst;
+}

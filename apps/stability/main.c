@@ -1,0 +1,148 @@
+/* tm-stability: runs hard cases and writes their verdicts as JSON; apps/stability/page.py draws them. */
+#include <getopt.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cjson/cJSON.h>
+
+#include "app.h"
+#include "stability.h"
+
+static const struct {
+    const hard_case *row;
+    const int *count;
+} groups[] = {{cases_tissue, &cases_tissue_count}};
+enum { GROUPS = sizeof groups / sizeof *groups };
+
+static const char *verdict_name(verdict v) {
+    switch (v) {
+    case ACCURATE: return "stays accurate";
+    case STABLE: return "stays stable";
+    case REFUSED: return "refused";
+    case BROKEN: return "broken";
+    }
+    return "broken";
+}
+
+static bool good(const hard_case *c, const outcome *o) {
+    return o->verdict == c->expected && (c->expected == REFUSED || (isfinite(o->figure) && o->figure <= c->bound));
+}
+
+static void usage(FILE *to) {
+    fprintf(to, "usage: tm-stability [--case NAME]... [--quick] [--json FILE]\n"
+                "Runs hard cases: each stays accurate, stays stable with a stated loss, or is refused with a clear message. Exit 1 if one does not.\n\n"
+                "  --case NAME   only this one (may be repeated)\n"
+                "  --list        names and what they are\n"
+                "  --quick       the short form of each, as make check runs it\n"
+                "  --json FILE   verdicts, figures and curves\n"
+                "  --help, --version\n");
+}
+
+static void list(void) {
+    for (int g = 0; g < GROUPS; g++)
+        for (int i = 0; i < *groups[g].count; i++) printf("%-24s %s\n", groups[g].row[i].name, groups[g].row[i].what);
+}
+
+static cJSON *as_json(const hard_case *c, const outcome *o, bool quick) {
+    cJSON *row = cJSON_CreateObject();
+    char command[200];
+    snprintf(command, sizeof command, "tm-stability --case %s%s", c->name, quick ? " --quick" : "");
+    cJSON_AddStringToObject(row, "group", c->group);
+    cJSON_AddStringToObject(row, "name", c->name);
+    cJSON_AddStringToObject(row, "what", c->what);
+    cJSON_AddStringToObject(row, "verdict", verdict_name(o->verdict));
+    cJSON_AddStringToObject(row, "expected", verdict_name(c->expected));
+    cJSON_AddBoolToObject(row, "good", good(c, o));
+    cJSON_AddStringToObject(row, "figure_name", c->figure_name);
+    if (c->expected != REFUSED) {
+        cJSON_AddNumberToObject(row, "figure", isfinite(o->figure) ? o->figure : -1);
+        cJSON_AddNumberToObject(row, "bound", c->bound);
+    }
+    cJSON_AddStringToObject(row, "text", o->text);
+    cJSON_AddStringToObject(row, "command", command);
+    if (o->count) {
+        cJSON_AddStringToObject(row, "x_name", o->x_name);
+        cJSON_AddStringToObject(row, "y_name", o->y_name);
+        cJSON_AddItemToObject(row, "x", cJSON_CreateDoubleArray(o->x, o->count));
+        cJSON_AddItemToObject(row, "y", cJSON_CreateDoubleArray(o->y, o->count));
+    }
+    return row;
+}
+
+static int write_json(const char *path, cJSON *root) {
+    tm_error error = {0};
+    app_output output;
+    if (!app_output_begin(&output, path, &error)) return app_report(NULL, 0, &error);
+    char *text = cJSON_Print(root);
+    FILE *file = text ? fopen(output.temporary, "w") : NULL;
+    bool written = file && fputs(text, file) >= 0;
+    if (file && fclose(file) != 0) written = false;
+    free(text);
+    if (written && app_output_commit(&output, &error)) return APP_DONE;
+    app_output_abandon(&output);
+    return app_bad_input(path, 0, "cannot write the verdicts; check the disk");
+}
+
+static bool is_wanted(const char *name, char **wanted, int count) {
+    for (int i = 0; i < count; i++)
+        if (strcmp(wanted[i], name) == 0) return true;
+    return count == 0;
+}
+
+static int run_all(char **wanted, int wanted_count, bool quick, const char *json) {
+    static outcome o;
+    cJSON *root = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(root, "cases");
+    int failed = 0, ran = 0;
+    cJSON_AddBoolToObject(root, "quick", quick);
+    for (int g = 0; g < GROUPS; g++)
+        for (int i = 0; i < *groups[g].count; i++) {
+            const hard_case *c = &groups[g].row[i];
+            if (!is_wanted(c->name, wanted, wanted_count)) continue;
+            memset(&o, 0, sizeof o);
+            o.verdict = BROKEN;
+            snprintf(o.text, sizeof o.text, "the case came to no verdict");
+            c->run(quick, c->argument, &o);
+            bool fine = good(c, &o);
+            failed += !fine, ran++;
+            printf("%-4s %-24s %-15s %s\n", fine ? "ok" : "FAIL", c->name, verdict_name(o.verdict), o.text);
+            fflush(stdout);
+            cJSON_AddItemToArray(rows, as_json(c, &o, quick));
+        }
+    printf("%d cases, %d not as they should be\n", ran, failed);
+    int exit = json ? write_json(json, root) : APP_DONE;
+    cJSON_Delete(root);
+    return exit != APP_DONE ? exit : failed ? APP_FAILED : APP_DONE;
+}
+
+static bool exists(const char *name) {
+    for (int g = 0; g < GROUPS; g++)
+        for (int i = 0; i < *groups[g].count; i++)
+            if (strcmp(groups[g].row[i].name, name) == 0) return true;
+    return false;
+}
+
+int main(int argc, char **argv) {
+    static const struct option options[] = {{"case", required_argument, NULL, 'c'}, {"quick", no_argument, NULL, 'q'}, {"json", required_argument, NULL, 'j'},
+                                            {"list", no_argument, NULL, 'l'}, {"help", no_argument, NULL, 'h'}, {"version", no_argument, NULL, 'v'}, {0}};
+    enum { MOST = 64 };
+    char *wanted[MOST];
+    const char *json = NULL;
+    int count = 0;
+    bool quick = false;
+    for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;) switch (c) {
+        case 'c':
+            if (!exists(optarg)) return app_bad_input("tm-stability", 0, "no case '%s'; --list names them", optarg);
+            if (count < MOST) wanted[count++] = optarg;
+            break;
+        case 'q': quick = true; break;
+        case 'j': json = optarg; break;
+        case 'l': list(); return APP_DONE;
+        case 'h': usage(stdout); return APP_DONE;
+        case 'v': printf("tm-stability %s\n", tm_version()); return APP_DONE;
+        default: return app_bad_input("tm-stability", 0, "unknown or incomplete option; see tm-stability --help");
+        }
+    if (optind < argc) return app_bad_input("tm-stability", 0, "stray argument '%s'; see tm-stability --help", argv[optind]);
+    return run_all(wanted, count, quick, json);
+}
