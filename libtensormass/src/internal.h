@@ -70,6 +70,7 @@ struct tm_world {
     int32_t guaranteed_tet;
     double *mobility_s2_kg;   /* [vertex_count] 1/(m/dt2 + gamma/2dt), 0 without mass: displacement per force within a step */
     double *carry;            /* damped: [vertex_count] (m/dt2 - gamma/2dt) * mobility; else null */
+    uint8_t *held_scratch;    /* [3*vertex_count] of tm_world_set_step */
     double *keep_u_m, *keep_u_prev_m; /* state at the start of a tm_world_step call */
     int32_t stage_count;
     struct tm_stage_slot {

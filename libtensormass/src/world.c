@@ -130,6 +130,7 @@ static bool take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
     world->state.force_N = TM_TAKE(pool, double, 3 * n);
     world->keep_u_m = TM_TAKE(pool, double, 3 * n);
     world->keep_u_prev_m = TM_TAKE(pool, double, 3 * n);
+    world->held_scratch = TM_TAKE(pool, uint8_t, 3 * n);
     world->mobility_s2_kg = TM_TAKE(pool, double, n);
     if (def->damped) world->carry = TM_TAKE(pool, double, n);
     return !pool->failed;
@@ -191,12 +192,29 @@ tm_tissue *tm_world_tissue(tm_world *world) { return world->tissue; }
 double tm_world_step_s(const tm_world *world) { return world->state.dt_s; }
 const double *tm_world_mobility_s2_kg(const tm_world *world) { return world->mobility_s2_kg; }
 
+static void run_phases(tm_world *world, tm_phase first, tm_phase last) {
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const tm_stage *stage = &world->slot[i].stage;
+        if (stage->phase >= first && stage->phase <= last) stage->run(stage->self, world);
+    }
+}
+
+/* The velocity between two steps belongs to their middle: a new step moves that middle, and the velocity with it. Without this half kick
+ * (u_prev merely rescaled) random changes of the step feed energy in. */
 tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
     const tm_status status = check_step(world, dt_s, error);
     if (status) return status;
     tm_state *s = &world->state;
-    const double ratio = dt_s / s->dt_s;
-    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++) s->u_prev_m[i] = s->u_m[i] - ratio * (s->u_m[i] - s->u_prev_m[i]);
+    run_phases(world, TM_PHASE_FORCE, TM_PHASE_LOAD); /* force_N at time_s, which the kick below needs */
+    uint8_t *held = world->held_scratch;
+    memset(held, 0, 3 * (size_t)world->tissue->mesh->vertex_count);
+    tm_support_mask(world, held);
+    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++) {
+        const double mass = world->tissue->mass_kg[i / 3];
+        double v = (s->u_m[i] - s->u_prev_m[i]) / s->dt_s;
+        if (!held[i] && mass > 0) v += 0.5 * (s->dt_s - dt_s) * (s->force_N[i] - world->tissue->damping_kg_s[i / 3] * v) / mass;
+        s->u_prev_m[i] = s->u_m[i] - dt_s * v;
+    }
     s->dt_s = dt_s;
     tm_world_changed(world);
     return TM_OK;

@@ -76,7 +76,8 @@ TM_API double tm_world_step_s(const tm_world *world);
 /* [vertex_count] displacement within one step per newton, 1/(m/dt2 + gamma/2dt); 0 without mass. Constraints weigh by it. Prescribed
  * components are marked by tm_support_mask, not here. While settling it holds the relaxation's fictitious masses: read it each step. */
 TM_API const double *tm_world_mobility_s2_kg(const tm_world *world);
-/* P_prev is rescaled as docs/physics.md says: u_prev <- u - (new/old)(u - u_prev). */
+/* u_prev becomes u - new (v + (old - new)/2 a), v = (u - u_prev)/old, a the acceleration now: rescaling alone (without a) lets changes of
+ * the step feed energy in (apps/stability, "step-changes"). Not for the inside of a step: it evaluates the force. */
 TM_API tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error);
 
 /* `count` substeps. No allocation, no lock, no log. Stops and returns TM_ERR_UNSTABLE, with the last finite state in
