@@ -3,7 +3,9 @@
  * A sphere over a triangulated plane must feel the plane and not the triangles, and its force must change without a jump when
  * its closest feature changes. So a feature is not simply in or out: it has a weight that runs smoothly from 0 to 1 across the
  * borders of its Voronoi region, edges and vertices count as far as they stick out, and the weights of a station are normalised
- * to shares of the one skin that the station has. docs/contact.md, "Rows". */
+ * to shares of the one skin that the station has. And the normal of a face is blended from those of its neighbours, as far as the
+ * undeformed surface is smooth there: a dent is as faceted as its triangles are few, and with their own normals the force would
+ * click from one to the next. docs/contact.md, "Rows". */
 #include <string.h>
 
 #include "contact_surface.h"
@@ -15,6 +17,8 @@
 #define SUNK 0.5         /* a station may be that far (radii) behind a face that it does not know from the step before */
 #define SUNK_KNOWN 8.0   /* and that far behind one that it does */
 #define MIN_RAW 1e-3
+#define SMOOTH_COSINE 0.766  /* normals blend fully across rest folds up to 40 degrees, */
+#define CREASE_COSINE 0.342  /* and not at all from 70 */
 
 int32_t tm_capsule_stations(const tm_capsule *capsule) {
     double axis[3];
@@ -237,6 +241,32 @@ static void sort_hits(tm_hits *hits, int32_t stations) {
     hits->begin[stations] = hits->count;
 }
 
+/* Normal at a corner of face f: of the faces around the vertex, by area, as far as they belong to the same smooth surface. */
+static void corner_normal(const tm_local_surface *s, int32_t f, int32_t v, double out[3]) {
+    double sum[3] = {0, 0, 0};
+    for (int32_t i = s->vertex_edge_begin[v]; i < s->vertex_edge_begin[v + 1]; i++)
+        for (int side = 0; side < 2; side++) {
+            int32_t g = s->edge_face[s->vertex_edge[i]][side];
+            if (g < 0)
+                continue;
+            double cosine = vdot(s->rest_normal[f], s->rest_normal[g]);
+            double smooth = (cosine - CREASE_COSINE) / (SMOOTH_COSINE - CREASE_COSINE);
+            vmadd(sum, ramp(2 * smooth - 1), s->area_normal[g], sum);
+        }
+    vunit(sum, out);
+}
+
+static void blended_normal(const tm_local_surface *s, int32_t f, const double weight[3], double out[3]) {
+    double sum[3] = {0, 0, 0}, corner[3];
+    for (int j = 0; j < 3; j++) {
+        corner_normal(s, f, s->face_vertex[f][j], corner);
+        vmadd(sum, weight[j], corner, sum);
+    }
+    /* a surface folded over itself: stay on the face's own side */
+    if (vunit(sum, out) <= 0.1 || vdot(out, s->normal[f]) < 0.2)
+        vset(s->normal[f], out);
+}
+
 static void face_row(const tm_local_surface *s, int32_t f, const double p[3], tm_contact_row *row) {
     const double *x[3];
     double a[3], b[3], d[3], total[3], part[3], sum = 0;
@@ -255,7 +285,8 @@ static void face_row(const tm_local_surface *s, int32_t f, const double p[3], tm
     }
     for (int j = 0; j < 3; j++)
         row->weight[j] /= sum;
-    vscale(-1, s->normal[f], row->normal);
+    blended_normal(s, f, row->weight, row->normal);
+    vscale(-1, row->normal, row->normal);
     vsub(p, x[0], d);
     row->gap_m = vdot(d, s->normal[f]);
     row->feature = TM_FEATURE_FACE;

@@ -141,11 +141,24 @@ static void build_fans(tm_local_surface *s) {
     s->vertex_edge_begin[s->vertex_count] = 2 * s->edge_count;
 }
 
-void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
-                     const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double reach_m) {
+static double longest_edge(const double *rest_m, const double *u_m, const int32_t vertex[3]) {
+    double p[3][3], d[3], longest = 0;
+    for (int j = 0; j < 3; j++)
+        position(rest_m, u_m, vertex[j], p[j]);
+    for (int j = 0; j < 3; j++) {
+        vsub(p[(j + 1) % 3], p[j], d);
+        longest = fmax(longest, vnorm(d));
+    }
+    return longest;
+}
+
+/* Keys (name, slot) of the triangles within reach, and the longest edge of those. */
+static int32_t near_triangles(tm_local_surface *s, const double *rest_m, const double *u_m, const int32_t *triangle,
+                              const int32_t *face, const int32_t *candidate, int32_t candidate_count,
+                              const tm_capsule *capsule, double reach_m, double *edge_m) {
     box b = capsule_box(capsule, reach_m);
     int32_t n = 0;
-    s->overflowed = false;
+    *edge_m = 0;
     for (int32_t i = 0; i < candidate_count; i++) {
         int32_t slot = candidate ? candidate[i] : i;
         if (!triangle_near(&b, capsule, reach_m, rest_m, u_m, triangle + 3 * slot))
@@ -154,15 +167,31 @@ void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_
             s->overflowed = true;
             break;
         }
+        *edge_m = fmax(*edge_m, longest_edge(rest_m, u_m, triangle + 3 * slot));
         s->key[n++] = (int64_t)face[slot] << 32 | slot;
     }
+    return n;
+}
+
+void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
+                     const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double reach_m) {
+    double edge_m, unused;
+    s->overflowed = false;
+    int32_t n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m, &edge_m);
+    if (n > 0 && n < TM_LOCAL_FACES) /* an edge farther: blended normals need whole fans */
+        n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m + edge_m, &unused);
     sort_keys(s->key, n); /* slots move with cuts, names do not */
     s->face_count = n;
     for (int32_t f = 0; f < n; f++) {
         const int32_t *vertex = triangle + 3 * (int32_t)(s->key[f] & 0xffffffff);
+        double a[3], b[3];
         s->face_id[f] = (int32_t)(s->key[f] >> 32);
         for (int j = 0; j < 3; j++)
             s->face_vertex[f][j] = vertex[j];
+        vsub(rest_m + 3 * vertex[1], rest_m + 3 * vertex[0], a);
+        vsub(rest_m + 3 * vertex[2], rest_m + 3 * vertex[0], b);
+        vcross(a, b, s->rest_normal[f]);
+        vunit(s->rest_normal[f], s->rest_normal[f]);
     }
     build_vertices(s);
     build_edges(s);
@@ -174,7 +203,7 @@ void tm_local_place(tm_local_surface *s, const double *rest_m, const double *u_m
         position(rest_m, u_m, s->vertex_id[v], s->position_m[v]);
     for (int32_t f = 0; f < s->face_count; f++) {
         const double *p[3];
-        double a[3], b[3], cross[3], d[3], radius2 = 0;
+        double a[3], b[3], d[3], radius2 = 0, *area = s->area_normal[f];
         for (int j = 0; j < 3; j++)
             p[j] = s->position_m[s->face_vertex[f][j]];
         for (int c = 0; c < 3; c++)
@@ -186,8 +215,8 @@ void tm_local_place(tm_local_surface *s, const double *rest_m, const double *u_m
         s->reach_m[f] = sqrt(radius2);
         vsub(p[1], p[0], a);
         vsub(p[2], p[0], b);
-        vcross(a, b, cross);
-        if (vunit(cross, s->normal[f]) <= 1e-9 * radius2) /* crushed to a line: no normal to speak of */
+        vcross(a, b, area);
+        if (vunit(area, s->normal[f]) <= 1e-9 * radius2) /* crushed to a line: no normal to speak of */
             memset(s->normal[f], 0, sizeof s->normal[f]);
     }
 }

@@ -24,6 +24,8 @@ typedef struct tm_local_surface {
     /* geometry at the positions last given */
     double position_m[3 * TM_LOCAL_FACES][3];
     double normal[TM_LOCAL_FACES][3];         /* unit, outward; zero: a triangle without area, left out */
+    double area_normal[TM_LOCAL_FACES][3];    /* twice the area long */
+    double rest_normal[TM_LOCAL_FACES][3];    /* of the undeformed surface: tells what was made round from what was made sharp */
     double center_m[TM_LOCAL_FACES][3];
     double reach_m[TM_LOCAL_FACES];           /* of the bounding sphere about the centre */
     int64_t key[3 * TM_LOCAL_FACES];          /* scratch of the build */
