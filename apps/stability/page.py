@@ -1,0 +1,72 @@
+"""Draws the verdicts of tm-stability: `python page.py VERDICTS.json -o FOLDER`."""
+import argparse
+import json
+import pathlib
+import sys
+
+import matplotlib.pyplot as plt
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "pages"))
+from page import Page, series  # noqa: E402
+
+HEADINGS = {
+    "tissue": ("Tissue", "Materials, meshes and supports at the edge of what can be computed."),
+    "tool": ("Tool", "Instruments where they should not be, and faster than they should be."),
+    "cut": ("Cutting", "Tetrahedra removed by the thousand while a tool presses."),
+    "link": ("Link and force", "What may arrive at the controller, or fail to."),
+}
+CLASS = {"stays accurate": "good", "stays stable": "fair", "refused": "good", "broken": "bad"}
+
+
+def draw(page, cases, group):
+    """All curves of one group as small multiples."""
+    drawn = [c for c in cases if "x" in c]
+    if not drawn:
+        return
+    columns = 4
+    rows = (len(drawn) + columns - 1) // columns
+    figure, axes = plt.subplots(rows, columns, figsize=(12, 2.3 * rows), squeeze=False, layout="constrained")
+    for axis, case in zip(axes.flat, drawn):
+        axis.plot(case["x"], case["y"], **{**series(0), "marker": ""})
+        axis.set_title(case["name"], fontsize=9, loc="left")
+        axis.set_xlabel(case["x_name"], fontsize=8)
+        axis.set_ylabel(case["y_name"], fontsize=8)
+        axis.tick_params(labelsize=7)
+        axis.ticklabel_format(useOffset=False)
+        if "energy / energy" in case["y_name"]:
+            axis.set_ylim(min(0, *case["y"]), max(1.2, *case["y"]))
+    for axis in list(axes.flat)[len(drawn):]:
+        axis.axis("off")
+    page.figure(f"curves_{group}", figure, "Each case's curve; a blow-up would leave the frame.")
+
+
+def main():
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("verdicts")
+    arguments.add_argument("-o", "--out", required=True)
+    options = arguments.parse_args()
+    data = json.loads(pathlib.Path(options.verdicts).read_text())
+    cases = data["cases"]
+    counts = {v: sum(c["verdict"] == v for c in cases) for v in CLASS}
+    wrong = [c["name"] for c in cases if not c["good"]]
+    page = Page(options.out, "Hard cases",
+                f"{len(cases)} cases: {counts['stays accurate']} stay accurate, {counts['stays stable']} stay stable with a stated loss, "
+                f"{counts['refused']} are refused with a message, {counts['broken']} broken. "
+                + (f"<b>Not as they should be: {', '.join(wrong)}.</b>" if wrong else "None yields NaN, blows up or resets in silence."),
+                {"form": "quick" if data["quick"] else "whole"})
+    for group in dict.fromkeys(c["group"] for c in cases):
+        own = [c for c in cases if c["group"] == group]
+        heading, text = HEADINGS[group]
+        page.section(heading, text)
+        page.table(group, ["case", "what", "figure", "value", "bound", "in words", "repeat with", "verdict"],
+                   [[c["name"], c["what"], c["figure_name"], c.get("figure", ""), c.get("bound", ""), c["text"], c["command"],
+                     c["verdict"] if c["good"] else f"{c['verdict']} (should be: {c['expected']})"] for c in own],
+                   mark=lambda row: CLASS.get(row[-1], "bad"))
+        draw(page, own, group)
+    page.record("cases", cases)
+    page.record("counts", counts)
+    print(page.write("stability"))
+
+
+if __name__ == "__main__":
+    main()
