@@ -1,0 +1,27 @@
+/* The renderer: a module (lib/tensormass/osmesa.so) that draws in memory, without a display or a graphics card. */
+#ifndef VIEW_RENDER_H
+#define VIEW_RENDER_H
+
+#include "camera.h"
+#include "picture.h"
+#include "tensormass/base.h"
+
+typedef struct view_render_def {
+    int width, height;     /* pixels, 16..8192 */
+    int samples;           /* n*n rays a pixel: 1, 2 or 3 */
+    int levels;            /* of view_skin */
+    float crease_rad;
+} view_render_def;
+
+typedef struct view_renderer view_renderer;
+
+/* The module's one symbol, VIEW_RENDER_SYMBOL. */
+typedef struct view_render_api {
+    tm_status (*create)(const view_render_def *def, view_renderer **renderer, tm_error *error);
+    void (*destroy)(view_renderer *renderer);
+    /* Draws into rgb[3*width*height], top row first. One thread at a time. */
+    tm_status (*draw)(view_renderer *renderer, const view_picture *picture, const view_camera *camera, uint8_t *rgb, tm_error *error);
+} view_render_api;
+#define VIEW_RENDER_SYMBOL "view_osmesa"
+
+#endif
