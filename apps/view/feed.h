@@ -1,0 +1,41 @@
+/* Messages into a picture, live or from a log: a module (lib/tensormass/viewfeed.so), so that LCM is opened only when it is asked for. */
+#ifndef VIEW_FEED_H
+#define VIEW_FEED_H
+
+#include "picture.h"
+#include "tensormass/base.h"
+
+typedef struct view_feed view_feed;
+
+typedef struct view_log_facts {
+    double seconds;      /* from the first tissue to the last */
+    int64_t tissues, events;
+    double peak_force_N; /* largest of any instrument */
+    bool damaged;        /* the file ends in the middle of an event */
+} view_log_facts;
+
+typedef struct view_feed_counts { int64_t accepted, rejected; char why[160]; /* the last one's reason */ } view_feed_counts;
+
+/* lcm_types/hand_command_t.lcm and controller_command_t.lcm, in part. */
+typedef struct view_hand { int instrument; double joint[5]; bool active; } view_hand;
+typedef struct view_command { int instrument; const char *extrapolator; /* or "" */ int passivity; /* -1 leaves it */ bool reset_fault; } view_command;
+
+/* The module's one symbol. */
+typedef struct view_feed_api {
+    /* Reads the log once through for its facts. */
+    tm_status (*open_log)(const char *path, view_feed **feed, view_log_facts *facts, tm_error *error);
+    /* `url` as LCM takes it; null: LCM_DEFAULT_URL, else LCM's default, which stays on this machine. */
+    tm_status (*open_live)(const char *url, view_feed **feed, tm_error *error);
+    void (*close)(view_feed *feed);
+    /* Log: takes in everything up to `time_s` after the first tissue. False: the log has ended. */
+    bool (*advance)(view_feed *feed, double time_s, view_picture *picture);
+    /* Live: takes in what comes for up to `timeout_ms`, or until there is nothing more. False: LCM failed. */
+    bool (*listen)(view_feed *feed, int timeout_ms, view_picture *picture);
+    view_feed_counts (*counts)(const view_feed *feed);
+    /* Live: false if it could not be sent. */
+    bool (*send_hand)(view_feed *feed, const view_hand *hand);
+    bool (*send_command)(view_feed *feed, const view_command *command);
+} view_feed_api;
+#define VIEW_FEED_SYMBOL "view_messages"
+
+#endif

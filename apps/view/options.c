@@ -1,0 +1,165 @@
+#include "options.h"
+
+#include <getopt.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "app.h"
+
+static const char help[] =
+    "usage: tm-view [SOURCE] --png FILE | --frames FOLDER | --film FILE.mp4 [options]\n"
+    "Draws tissue and instruments without a display. SOURCE is an LCM log, a scene (.yaml) or a mesh (.msh .vtk .mesh);\n"
+    "without one, tm-view listens to a running simulation. A window is tm-play's.\n\n"
+    "  --png FILE         one picture (of a log: at its end, or --at)\n"
+    "  --frames FOLDER    numbered pictures, frame_00000.png ...\n"
+    "  --film FILE        H.264 in MP4, through ffmpeg\n"
+    "  --size WxH         [1280x720]          --fps N            pictures per second of the source [30]\n"
+    "  --at S             the moment of --png, seconds after the log's first tissue\n"
+    "  --from S --to S    the part of a log that --frames and --film show\n"
+    "  --duration S       how long to record a live source [10]\n"
+    "  --wait S           how long to wait for a live source's first tissue [60]\n"
+    "  --azimuth DEG --elevation DEG --zoom X --shift X,Y --up x|y|z\n"
+    "                     where the eye is, seen from the tissue's middle [-60, 32, 1, 0,0, z]\n"
+    "  --orbit DEG        the eye walks round, degrees per second [0]\n"
+    "  --newton MM        length of an arrow of one newton [chosen to fit]\n"
+    "  --samples N        N*N rays a pixel, 1 to 3 [2]   --smooth N    splits of each triangle, 0 to 2 [1]\n"
+    "  --crease DEG       sharper edges stay edges [52]  --no-words    picture alone\n"
+    "  --scale X          of a mesh file's coordinates [1]\n"
+    "  --lcm-url URL      [LCM_DEFAULT_URL, else LCM's default]\n"
+    "  --json FILE        figures: pictures, seconds, pictures per second, messages taken and refused\n"
+    "  --help, --version\n";
+
+enum { PNG = 256, FRAMES, FILM, SIZE, FPS, AT, FROM, TO, DURATION, WAIT, AZIMUTH, ELEVATION, ZOOM, SHIFT, UP, ORBIT, NEWTON, SAMPLES, SMOOTH, CREASE, NO_WORDS, SCALE, URL, JSON, HELP, VERSION };
+
+static const struct option table[] = {
+    { "png", 1, NULL, PNG }, { "frames", 1, NULL, FRAMES }, { "film", 1, NULL, FILM }, { "size", 1, NULL, SIZE }, { "fps", 1, NULL, FPS },
+    { "at", 1, NULL, AT }, { "from", 1, NULL, FROM }, { "to", 1, NULL, TO }, { "duration", 1, NULL, DURATION }, { "wait", 1, NULL, WAIT },
+    { "azimuth", 1, NULL, AZIMUTH }, { "elevation", 1, NULL, ELEVATION }, { "zoom", 1, NULL, ZOOM }, { "shift", 1, NULL, SHIFT }, { "up", 1, NULL, UP },
+    { "orbit", 1, NULL, ORBIT }, { "newton", 1, NULL, NEWTON }, { "samples", 1, NULL, SAMPLES }, { "smooth", 1, NULL, SMOOTH }, { "crease", 1, NULL, CREASE },
+    { "no-words", 0, NULL, NO_WORDS }, { "scale", 1, NULL, SCALE }, { "lcm-url", 1, NULL, URL }, { "json", 1, NULL, JSON }, { "help", 0, NULL, HELP },
+    { "version", 0, NULL, VERSION }, { NULL, 0, NULL, 0 },
+};
+
+static const char *name_of(int code)
+{
+    for (const struct option *o = table; o->name; ++o)
+        if (o->val == code) return o->name;
+    return "?";
+}
+
+/* 0 and *value, or a complaint. */
+static int number(int code, const char *text, double low, double high, double *value)
+{
+    char *end;
+    double v = strtod(text, &end);
+    if (end == text || *end || !(v >= low && v <= high))
+        return app_bad_input("tm-view", 0, "--%s %s: not a number from %g to %g; see tm-view --help", name_of(code), text, low, high);
+    *value = v;
+    return 0;
+}
+
+static int whole(int code, const char *text, int low, int high, int *value)
+{
+    double v = 0;
+    int wrong = number(code, text, low, high, &v);
+    if (!wrong && floor(v) != v) return app_bad_input("tm-view", 0, "--%s %s: not a whole number; see tm-view --help", name_of(code), text);
+    *value = (int)v;
+    return wrong;
+}
+
+static int size(const char *text, int *width, int *height)
+{
+    char rest;
+    if (sscanf(text, "%dx%d%c", width, height, &rest) == 2 && *width >= 64 && *width <= 8192 && *height >= 64 && *height <= 8192) return 0;
+    return app_bad_input("tm-view", 0, "--size %s: not WIDTHxHEIGHT, 64 to 8192 pixels each; for example --size 1280x720", text);
+}
+
+static int shift(const char *text, float out[2])
+{
+    char rest;
+    if (sscanf(text, "%f,%f%c", &out[0], &out[1], &rest) == 2 && fabsf(out[0]) <= 10 && fabsf(out[1]) <= 10) return 0;
+    return app_bad_input("tm-view", 0, "--shift %s: not RIGHT,UP in parts of the picture's height; for example --shift 0.1,0", text);
+}
+
+static int up(const char *text, char *out)
+{
+    if (strlen(text) != 1 || !strchr("xyz", *text)) return app_bad_input("tm-view", 0, "--up %s: not an axis; use x, y or z", text);
+    *out = *text;
+    return 0;
+}
+
+/* One option that is a number of the camera or the studio. */
+static int take_figure(int code, const char *text, view_studio_def *s)
+{
+    static const double DEG = 3.14159265358979 / 180;
+    double v = 0;
+    int wrong = 0;
+    switch (code) {
+    case AZIMUTH: wrong = number(code, text, -720, 720, &v); s->camera.azimuth_rad = (float)(v * DEG); break;
+    case ELEVATION: wrong = number(code, text, -89, 89, &v); s->camera.elevation_rad = (float)(v * DEG); break;
+    case ZOOM: wrong = number(code, text, 0.05, 50, &v); s->camera.zoom = (float)v; break;
+    case ORBIT: wrong = number(code, text, -720, 720, &v); s->orbit_rad_s = (float)(v * DEG); break;
+    case NEWTON: wrong = number(code, text, 0.001, 1e5, &v); s->newton_m = v * 1e-3; break;
+    case CREASE: wrong = number(code, text, 0, 180, &v); s->render.crease_rad = (float)(v * DEG); break;
+    }
+    return wrong;
+}
+
+static int take(int code, const char *text, view_options *o)
+{
+    switch (code) {
+    case PNG: o->png = text; return 0;
+    case FRAMES: o->frames = text; return 0;
+    case FILM: o->film = text; return 0;
+    case JSON: o->json = text; return 0;
+    case URL: o->url = text; return 0;
+    case NO_WORDS: o->studio.words = false; return 0;
+    case SIZE: return size(text, &o->studio.render.width, &o->studio.render.height);
+    case FPS: return whole(code, text, 1, 240, &o->fps);
+    case AT: o->has_at = true; return number(code, text, 0, 1e6, &o->at_s);
+    case FROM: return number(code, text, 0, 1e6, &o->from_s);
+    case TO: o->has_to = true; return number(code, text, 0, 1e6, &o->to_s);
+    case DURATION: return number(code, text, 0.01, 1e5, &o->duration_s);
+    case WAIT: return number(code, text, 0, 1e5, &o->wait_s);
+    case SCALE: return number(code, text, 1e-9, 1e9, &o->scale);
+    case SAMPLES: return whole(code, text, 1, 3, &o->studio.render.samples);
+    case SMOOTH: return whole(code, text, 0, 2, &o->studio.render.levels);
+    case SHIFT: return shift(text, o->studio.camera.shift);
+    case UP: return up(text, &o->studio.camera.up);
+    default: return take_figure(code, text, &o->studio);
+    }
+}
+
+static int check(const view_options *o)
+{
+    if (!o->png && !o->frames && !o->film) return app_bad_input("tm-view", 0, "no output named; add --png, --frames or --film, or run tm-play for a window");
+    if (o->has_to && o->to_s < o->from_s) return app_bad_input("tm-view", 0, "--to is before --from; swap them");
+    if (o->film && (o->studio.render.width % 2 || o->studio.render.height % 2))
+        return app_bad_input("tm-view", 0, "a film's width and height must be even; choose another --size");
+    if (o->has_at && !o->png) return app_bad_input("tm-view", 0, "--at belongs to --png; use --from and --to");
+    return 0;
+}
+
+int view_options_parse(int argc, char **argv, view_options *o)
+{
+    memset(o, 0, sizeof *o);
+    o->studio = view_studio_default(1280, 720);
+    o->fps = 30, o->duration_s = 10, o->wait_s = 60, o->scale = 1;
+    opterr = 0;
+    for (int code; (code = getopt_long(argc, argv, "", table, NULL)) != -1;) {
+        if (code == HELP || code == VERSION) {
+            if (code == HELP) fputs(help, stdout);
+            else printf("tm-view %s\n", tm_version());
+            o->finished = true;
+            return 0;
+        }
+        if (code == '?') return app_bad_input("tm-view", 0, "%s: unknown option, or its value is missing; see tm-view --help", argv[optind - 1]);
+        int wrong = take(code, optarg, o);
+        if (wrong) return wrong;
+    }
+    if (optind < argc) o->source = argv[optind++];
+    if (optind < argc) return app_bad_input("tm-view", 0, "'%s': one source at a time; see tm-view --help", argv[optind]);
+    return check(o);
+}

@@ -1,0 +1,28 @@
+/* Pictures to files: PNG, numbered PNGs, and film through ffmpeg. */
+#ifndef VIEW_OUTPUT_H
+#define VIEW_OUTPUT_H
+
+#include <stdio.h>
+#include <sys/types.h>
+
+#include "app.h"
+
+/* Appears whole or not at all. Level 1..9 of compression. */
+tm_status view_png_write(const char *path, int width, int height, const uint8_t *rgb, tm_error *error);
+
+typedef struct view_film {
+    FILE *pipe;
+    pid_t encoder;
+    app_output output;
+    int width, height;
+    int64_t frames;
+} view_film;
+
+/* H.264 in MP4. Sizes must be even. */
+tm_status view_film_begin(view_film *film, const char *path, int width, int height, int fps, tm_error *error);
+tm_status view_film_add(view_film *film, const uint8_t *rgb, tm_error *error);
+tm_status view_film_end(view_film *film, tm_error *error);
+/* Leaves no file. */
+void view_film_abandon(view_film *film);
+
+#endif

@@ -1,0 +1,56 @@
+#include "still.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "app.h"
+#include "mesh_file.h"
+
+/* The vertices that the surface uses, renumbered in their order. */
+static bool surface_of(const tm_mesh *mesh, view_surface *s)
+{
+    int32_t *number = malloc((size_t)mesh->vertex_count * sizeof *number), count = 0;
+    if (!number) return false;
+    for (int32_t v = 0; v < mesh->vertex_count; ++v) number[v] = -1;
+    for (int32_t i = 0; i < 3 * mesh->surface_count; ++i) number[mesh->surface[i]] = 0;
+    for (int32_t v = 0; v < mesh->vertex_count; ++v)
+        if (number[v] == 0) number[v] = count++;
+    bool good = view_surface_reserve(s, count, mesh->surface_count);
+    if (good) {
+        for (int32_t v = 0; v < mesh->vertex_count; ++v) {
+            if (number[v] < 0) continue;
+            s->vertex_id[number[v]] = v;
+            for (int k = 0; k < 3; ++k) s->vertex_m[3 * number[v] + k] = (float)mesh->rest_m[3 * v + k];
+        }
+        for (int32_t i = 0; i < 3 * mesh->surface_count; ++i) s->triangle[i] = number[mesh->surface[i]];
+        memset(s->kind, 0, (size_t)mesh->surface_count);
+        s->vertex_count = count, s->triangle_count = mesh->surface_count;
+        ++s->version, ++s->topology;
+    }
+    free(number);
+    return good;
+}
+
+static int load_mesh(const char *path, double scale, view_picture *picture)
+{
+    tm_error error = { 0 };
+    app_mesh file;
+    if (app_mesh_load(path, scale, &file, &error)) return app_report(path, 0, &error);
+    tm_mesh *mesh = NULL;
+    tm_status status = app_mesh_build(&file, &mesh, &error);
+    app_mesh_free(&file);
+    if (status) return app_report(path, 0, &error);
+    bool good = surface_of(mesh, &picture->surface);
+    picture->tets = mesh->tet_count;
+    tm_mesh_destroy(mesh);
+    return good ? 0 : app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
+}
+
+int view_still_load(const char *path, double scale, view_picture *picture)
+{
+    const char *slash = strrchr(path, '/');
+    snprintf(picture->title, sizeof picture->title, "%s", slash ? slash + 1 : path);
+    return load_mesh(path, scale, picture);
+}
