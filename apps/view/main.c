@@ -92,7 +92,7 @@ static int end_outputs(job *j, int wrong)
 static int show_still(job *j)
 {
     int wrong = begin_outputs(j);
-    int count = j->options.frames || j->options.film ? (int)fmax(1, lrint(j->options.duration_s * j->options.fps)) : 0;
+    int count = j->options.frames || j->options.film ? (int)fmax(1, rint(j->options.duration_s * j->options.fps)) : 0;
     for (int i = 0; i < count && !wrong; ++i) {
         j->picture.time_s = (double)i / j->options.fps;
         wrong = sequence_picture(j);
@@ -175,7 +175,7 @@ static int live_sequence(job *j)
 {
     int wrong = begin_outputs(j);
     double began = now_s(), due = began;
-    int64_t count = (int64_t)fmax(1, llrint(j->options.duration_s * j->options.fps));
+    int64_t count = (int64_t)fmax(1, rint(j->options.duration_s * j->options.fps));
     for (int64_t i = 0; i < count && !wrong; ++i, due += 1.0 / j->options.fps) {
         j->api->listen(j->feed, (int)fmax(0, 1e3 * (due - now_s())), &j->picture);
         j->studio.drawn_hz = i ? (double)i / (now_s() - began) : 0;
