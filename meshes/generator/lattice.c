@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "growing.h"
+#include "generator.h"
 
 /* Points in half cells: all even is a cell's corner, all odd its centre. */
 typedef struct lattice {
