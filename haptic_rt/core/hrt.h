@@ -18,7 +18,7 @@ extern "C" {
 enum { HRT_JOINTS = 5, HRT_MOTORS = 3 }; /* pitch rad, yaw rad, insertion m, roll rad, grip 0..1; the first three driven */
 enum { HRT_PITCH, HRT_YAW, HRT_INSERTION, HRT_ROLL, HRT_GRIP };
 
-/* boot -> self_test -> idle -> engaged <-> stale -> idle; any -> fault -> self_test by reset alone. */
+/* boot -> self_test -> idle -> engaged <-> stale -> idle; idle -> boot when the device goes; any -> fault; fault -> boot by reset alone. */
 typedef enum hrt_state {
     HRT_BOOT = 0,      /* no word from the device yet */
     HRT_SELF_TEST = 1, /* device alive; encoders watched at rest, zero force */
@@ -32,15 +32,15 @@ typedef enum hrt_state {
 typedef enum hrt_fault {
     HRT_FAULT_NONE = 0,
     HRT_FAULT_PARAMETER,       /* a parameter outside its table's range */
-    HRT_FAULT_DEVICE_SILENT,   /* no encoder frame for device_timeout_us */
+    HRT_FAULT_DEVICE_SILENT,   /* no encoder frame for device_timeout_us while in use */
     HRT_FAULT_DEVICE_REPORTED, /* the device's own fault */
     HRT_FAULT_DEVICE_RESTARTED,/* it started anew while in use */
     HRT_FAULT_BUS_OFF,         /* the bus driver reports bus-off or down */
     HRT_FAULT_ENCODER_RANGE,   /* joint outside the workspace */
     HRT_FAULT_ENCODER_JUMP,    /* faster than a hand or the device can move */
     HRT_FAULT_ENCODER_STUCK,   /* count frozen while torque should move it */
-    HRT_FAULT_CLOCK,           /* time went backwards or leapt by more than a second */
-    HRT_FAULT_TICK_LATE,       /* the caller's loop stood still for longer than tick_timeout_us while engaged */
+    HRT_FAULT_CLOCK,           /* time went backwards */
+    HRT_FAULT_TICK_LATE,       /* the caller's loop stood still for longer than tick_timeout_us while in use */
     HRT_FAULT_SELF_TEST,       /* self test not passed within its time */
     HRT_FAULT_INTERNAL,        /* a force that is not finite reached the output stage */
     HRT_FAULT_COUNT
@@ -58,7 +58,7 @@ typedef enum hrt_limit {
     HRT_LIMIT_COUPLING = 128,   /* the virtual coupling carries the force */
     HRT_LIMIT_RAMP = 256,       /* engaging */
     HRT_LIMIT_PATCH = 512,      /* `contact` has no usable patch and runs as `tangent` */
-    HRT_LIMIT_SPEED = 1024      /* the device's speed is outside what forces are rendered at */
+    HRT_LIMIT_PAUSE = 1024      /* a late tick, a late encoder frame or the device's watchdog: forces dropped, will ramp in again */
 } hrt_limit;
 
 typedef enum hrt_extrapolator {
@@ -99,9 +99,10 @@ typedef struct hrt_params {
     /* watchdogs and ramps */
     float stale_us;                    /* age of t_n at which `engaged` becomes `stale` */
     float fade_us, ramp_us;
-    float device_timeout_us, tick_timeout_us;
+    float device_pause_us, tick_pause_us;     /* silence that drops the force, to be ramped in anew */
+    float device_timeout_us, tick_timeout_us; /* silence that is a fault */
     float self_test_us, self_test_timeout_us;
-    float stuck_us, stuck_torque;      /* stuck: no count for so long at this share of torque_max, with the other joints moving */
+    float stuck_us, stuck_torque;      /* stuck: no count for so long while the torque varied by this share of torque_max */
     /* passivity and coupling */
     float passivity_damping_max_N_s_m;
     float passivity_reset_us;          /* without force for so long: the account starts anew */
@@ -152,7 +153,7 @@ typedef struct hrt_patch {
     float contact_length_m;
 } hrt_patch;
 
-/* (t_n, P_n, F_n) and what comes with it. `patch` must stay unchanged until a later sample was given to hrt_tick. */
+/* (t_n, P_n, F_n) and what comes with it. `patch` must stay unchanged for as long as extrapolation.patch points to it. */
 typedef struct hrt_sample {
     int64_t session;       /* of the simulation */
     int64_t tool_session;  /* echoed: must be this controller's */
@@ -221,16 +222,16 @@ typedef struct hrt_extrapolation {
     float broyden_N_m[9];
     float bridge_N[3];      /* what the force was more than the new law says, at the change */
     int64_t bridge_us;
-    bool bridging;
-    bool patch_left;        /* since the newest patch came */
+    bool bridging, changed;
+    bool patch_left; /* the tool went off the newest patch */
+    bool on_patch, patch_new;
     const hrt_patch *patch; /* of the newest sample that brought one */
     int64_t patch_us;
     int32_t row_count;
     hrt_contact_row row[HRT_CONTACT_ROWS];
-    int32_t warm_count;     /* reactions of the last patch, to start the new one from */
     float last_N[3];
     bool last_valid;
-    int32_t limits;         /* hrt_limit bits of the last evaluation */
+    uint32_t limits;        /* hrt_limit bits of the last evaluation */
 } hrt_extrapolation;
 
 void hrt_extrapolation_reset(hrt_extrapolation *x, hrt_extrapolator which);
@@ -251,6 +252,7 @@ typedef struct hrt_input {
     int32_t count[HRT_JOINTS];
     uint32_t device_session;   /* changes when the device starts anew; 0 unknown */
     uint8_t device_fault;      /* the device's own code, 0 none */
+    bool device_watchdog;      /* its watchdog dropped the torque and wants to hear "motors off" first */
     bool pedal;                /* cautery */
     bool bus_ok;
     bool enable;               /* permission to engage */
@@ -275,6 +277,7 @@ typedef struct hrt_output {
     float passivity_J;         /* handed to the hand since engaging, more than received; negative: absorbed */
     int64_t sample_age_us;     /* of t_n; -1: no sample */
     hrt_extrapolator extrapolator;
+    bool pedal;
 } hrt_output;
 
 typedef struct hrt_counters {
@@ -290,7 +293,7 @@ typedef struct hrt_controller {
     hrt_state state;
     hrt_fault fault;
     int32_t fault_detail;
-    int64_t state_since_us, last_tick_us;
+    int64_t state_since_us, last_tick_us, good_since_us;
     bool ticked;
     /* device */
     bool device_seen;
@@ -298,6 +301,7 @@ typedef struct hrt_controller {
     int64_t encoder_us;
     int32_t count[HRT_JOINTS];
     int64_t count_changed_us[HRT_JOINTS];
+    float torque_low[HRT_MOTORS], torque_high[HRT_MOTORS]; /* commanded since the last change of count */
     float joint[HRT_JOINTS], tip_m[3], velocity_m_s[3], joint_velocity[HRT_JOINTS];
     /* simulation */
     bool sample_seen;
@@ -307,7 +311,9 @@ typedef struct hrt_controller {
     hrt_extrapolation extrapolation;
     /* output stage */
     float gain;
+    uint32_t limits;
     float force_N[3]; /* last commanded */
+    float torque[HRT_MOTORS];
     float energy_J;   /* absorbed from the hand */
     int64_t force_free_since_us;
     bool proxy_valid;

@@ -58,7 +58,8 @@ typedef struct hrt_device {
     hrt_device_config config;
     hrt_bus *bus;
     bool started;
-    int64_t start_us, now_us, sent_us, beat_us, command_us;
+    int64_t start_us, now_us, sent_us, beat_us, command_us, heard_us;
+    bool unplugged;                     /* tests: hears and says nothing */
     double joint[HRT_JOINTS], velocity[HRT_JOINTS];
     double torque[HRT_MOTORS];          /* applied now, N m, N m, N */
     double target[HRT_JOINTS];          /* the hand's, now */
@@ -67,7 +68,7 @@ typedef struct hrt_device {
     bool external_active;
     bool active, motors_on;
     hrt_device_fault fault;
-    uint8_t encoder_counter, command_counter;
+    uint8_t encoder_counter, command_counter, beat_counter;
     bool command_counter_known;
     int32_t corrupt_in_a_row;
     uint64_t random;

@@ -35,35 +35,40 @@ typedef struct hrt_bus_driver {
 
 struct hrt_bus {
     const hrt_bus_driver *driver;
-    int fd;
     hrt_bus_state now;
     int64_t tried_us;
-    uint64_t tx, rx, errors, dropped;
-    uint64_t tx_bits, rx_bits; /* on the wire with the worst stuffing */
-    char name[64];
-    char path[108];            /* virtual: the directory */
-    char self[108];
-    struct hrt_peer_table *peers; /* virtual: who listens */
-    struct hrt_loopback *loopback;
-    int port;
+    uint64_t tx, rx, errors, dropped; /* frames; dropped: no room to send, or overrun while not receiving */
+    uint64_t bits;                    /* sent and received, on the wire with the worst stuffing */
+    int fd;                           /* socketcan */
+    char name[256];                   /* interface or file */
+    void *shared;                     /* virtual: the mapped bus; loopback: its hrt_loopback */
+    uint64_t next, self;              /* virtual: next frame to read, own mark; loopback: port */
 };
 
 /* In-process bus: endpoints of one hrt_loopback. Caller-owned; ports 0..7. */
 enum { HRT_LOOPBACK_PORTS = 8, HRT_LOOPBACK_DEPTH = 256 };
 typedef struct hrt_loopback {
-    struct hrt_loopback_port {
+    struct {
         bool open;
         uint32_t head, tail;
         hrt_can_frame frame[HRT_LOOPBACK_DEPTH];
     } port[HRT_LOOPBACK_PORTS];
-    bool off; /* tests: bus-off for all */
+    bool off; /* bus-off for all */
 } hrt_loopback;
 void hrt_loopback_init(hrt_loopback *loopback);
 /* False when all ports are taken. */
 bool hrt_bus_open_loopback(hrt_bus *bus, hrt_loopback *loopback);
 
-/* "virtual:NAME" (directory $TM_BUS_DIR/NAME, default /tmp/tensormass-bus-UID/NAME) or "socketcan:can0". On failure `why` says what is wrong and what to do. */
+/* "virtual:NAME" (the file $TM_BUS_DIR/NAME.bus, by default in /dev/shm/tensormass-UID) or "socketcan:can0". On failure `why` says what is wrong and what to do. */
 bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size);
+
+/* For the drivers: counts a frame's bits. */
+static inline void hrt_bus_count(hrt_bus *bus, uint64_t *what, const hrt_can_frame *frame) {
+    (*what)++;
+    bus->bits += hrt_can_bits(frame->length);
+}
+bool hrt_bus_open_virtual(hrt_bus *bus, const char *name, char *why, int why_size);
+bool hrt_bus_open_socketcan(hrt_bus *bus, const char *interface, char *why, int why_size);
 
 static inline int hrt_bus_send(hrt_bus *bus, const hrt_can_frame *frame) { return bus->driver->send(bus, frame); }
 static inline int hrt_bus_receive(hrt_bus *bus, hrt_can_frame *frame) { return bus->driver->receive(bus, frame); }

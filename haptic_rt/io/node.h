@@ -77,11 +77,11 @@ typedef struct hrt_command {
     bool reset;
 } hrt_command;
 
-/* One writer, one reader, no lock: three slots, the middle one is swapped. */
+/* One writer, one reader, no lock. The writer owns a slot, the reader two (the one whose patch is in use, and a spare), one is between them. */
 typedef struct hrt_mailbox {
-    struct hrt_slot { hrt_sample sample; hrt_patch patch; } slot[3];
-    _Atomic uint32_t middle; /* slot number, | 4 when not yet read */
-    uint32_t write, read;
+    struct hrt_slot { hrt_sample sample; hrt_patch patch; } slot[4];
+    _Atomic uint32_t between; /* slot number, | 4 when not yet read */
+    uint32_t write, held, spare;
 } hrt_mailbox;
 
 typedef struct hrt_node {
@@ -89,26 +89,27 @@ typedef struct hrt_node {
     hrt_bus *bus;
     hrt_controller controller;
     hrt_mailbox mailbox;
-    float scratch[HRT_PATCH_COMPLIANCE]; /* the posting thread's */
-    hrt_patch pending;                   /* a patch whose sample has not come yet */
-    bool pending_valid;
+    /* the posting thread's */
+    float scratch[HRT_PATCH_COMPLIANCE];
+    bool patch_waits; /* in slot[write], for the sample with its seq */
+    int64_t patch_session;
     int64_t posted_session;
     uint32_t posted_seq;
     bool posted;
-    _Atomic uint32_t post_rejected, post_late;
-    _Atomic int32_t command_extrapolator, command_passivity, command_coupling, command_enable, command_reset;
-    _Atomic int64_t now_us;              /* of the last tick, for checks outside it */
-    /* pose mailbox: written once in a while, sequence-locked */
-    _Atomic uint32_t pose_seq;
+    _Atomic uint32_t rejected, late;
+    _Atomic int32_t wish_extrapolator, wish_passivity, wish_coupling, wish_enable, wish_reset; /* -1: none */
     hrt_pose pose_posted;
-    uint32_t pose_taken;
+    _Atomic uint32_t pose_count, pose_taken; /* equal: taken over */
+    /* the tick's */
     hrt_input input;
     hrt_output output;
-    uint8_t command_counter, encoder_counter;
-    bool encoder_counter_known;
-    int64_t heartbeat_us;
+    int32_t half_count[HRT_MOTORS]; /* EncoderA waits for its EncoderB */
+    uint8_t half_counter;
+    bool half_waits;
+    uint8_t encoder_counter, command_counter, beat_counter;
+    bool encoder_known;
+    int64_t beat_us, reset_us;
     uint32_t tool_seq;
-    uint32_t reset_counter;
     hrt_can_counters can;
 } hrt_node;
 

@@ -1,0 +1,26 @@
+#include "sim.h"
+
+typedef struct options {
+    app_section here;
+    app_number rate;
+} options;
+
+static const app_field fields[] = {
+    {"damping", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "motion dies away"},
+    {"damping.rate", APP_NUMBER, "rate", "20 /s", 0, 1e9, offsetof(options, rate), 0,
+     "d in force = -d m v, of materials that name none; velocities fall as exp(-d t)"},
+};
+
+static int prepare(sim *s, const void *own) {
+    const options *o = own;
+    s->damping_1_s = o->rate.si;
+    s->world_def.damped = true;
+    return 0;
+}
+
+const sim_effect sim_effect_damping = {
+    .name = "damping",
+    .doc = "Viscous damping in proportion to mass. Without it the integrator is the undamped one, which has fewer instructions.",
+    .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
+    .prepare = prepare,
+};

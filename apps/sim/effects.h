@@ -1,0 +1,25 @@
+/* Options of the effects that the modes themselves read. */
+#ifndef TM_SIM_EFFECTS_H
+#define TM_SIM_EFFECTS_H
+
+#include "scene.h"
+
+typedef struct sim_haptics {
+    app_section here;
+    app_choice extrapolator; /* hrt_extrapolator */
+    app_number rate, latency, loss, jitter;
+    app_flag passivity;
+    app_integer seed;
+} sim_haptics;
+
+typedef struct sim_recording {
+    app_section here;
+    app_text file;
+} sim_recording;
+
+typedef struct sim_rendering {
+    app_section here;
+    app_integer every;
+} sim_rendering;
+
+#endif

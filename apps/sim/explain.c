@@ -1,0 +1,160 @@
+/* tm-sim --explain: what one step of this scene is made of, who asked for it, what it holds and costs, and what is not there. */
+#include <cjson/cJSON.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "run.h"
+
+enum { ROWS = TM_MAX_STAGES + SIM_MAX_EFFECTS };
+
+typedef struct row {
+    char name[32], asked[300];
+    const char *phase;
+    int line;
+    int64_t bytes;
+    double us_per_step;
+    bool in_step;
+} row;
+
+static const char *const phase_name[] = {"begin", "force", "load", "integrate", "constrain", "end"};
+
+/* Bytes of a tissue like this one with less asked for. -1 when it cannot be built. */
+static int64_t tissue_without(const sim *s, bool fibres, bool cutting) {
+    tm_tissue_def def = s->tissue_def;
+    tm_tissue *plain;
+    tm_error error = {0};
+    tm_material *isotropic = malloc(sizeof *isotropic * (size_t)def.material_count);
+    if (!isotropic) return -1;
+    memcpy(isotropic, def.material, sizeof *isotropic * (size_t)def.material_count);
+    for (int i = 0; i < def.material_count && fibres; ++i) isotropic[i].dlambda_Pa = isotropic[i].dmu_Pa = isotropic[i].beta_Pa = 0;
+    if (fibres) {
+        def.material = isotropic;
+        def.fibre = NULL;
+    }
+    if (cutting) def.cuttable = false;
+    int64_t bytes = -1;
+    if (!tm_tissue_create(&def, &plain, &error)) {
+        bytes = tm_tissue_bytes(plain);
+        tm_tissue_destroy(plain);
+    }
+    free(isotropic);
+    return bytes;
+}
+
+static int line_of_stage(const sim *s, int owner) {
+    if (owner == SIM_OWNER_SUPPORTS) return s->scene->support.line;
+    if (owner == SIM_OWNER_LOADS) return s->scene->load.line;
+    return owner >= 0 ? sim_effect_line(s->scene, owner) : s->scene->tissue.line;
+}
+
+/* Steps until about 0.3 s are spent, timers on. */
+static tm_status measure(sim *s, tm_stage_report *report, int *count) {
+    tm_stage_report before[TM_MAX_STAGES];
+    tm_status status = sim_frame(s, s->pose, s->substeps); /* warm */
+    tm_world_set_timing(s->world, true);
+    tm_world_stages(s->world, before);
+    int64_t begin = app_monotonic_us();
+    for (int i = 0; !status && (i < 1 || app_monotonic_us() - begin < 300000) && i < 100000 && !run_interrupted(); ++i)
+        status = sim_frame(s, s->pose, s->substeps);
+    *count = tm_world_stages(s->world, report);
+    for (int i = 0; i < *count; ++i) {
+        report[i].runs -= before[i].runs;
+        report[i].seconds -= before[i].seconds;
+    }
+    return status;
+}
+
+static int gather(const sim *s, const tm_stage_report *report, int count, row *rows) {
+    int n = 0;
+    rows[n] = (row){.name = "mesh", .phase = "", .line = s->scene->mesh.line, .bytes = s->mesh->bytes};
+    app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
+    ++n;
+    int64_t tissue = tm_tissue_bytes(s->tissue), fibres = 0, cutting = 0, less;
+    if (s->fibre && (less = tissue_without(s, true, false)) >= 0) fibres = tissue - less;
+    if (s->tissue_def.cuttable && (less = tissue_without(s, false, true)) >= 0) cutting = tissue - less;
+    rows[n] = (row){.name = "tissue", .phase = "", .line = s->scene->tissue.line, .bytes = tissue - fibres - cutting};
+    app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
+    ++n;
+    for (int i = 0; i < count; ++i) {
+        int owner = SIM_OWNER_ALL;
+        for (int j = 0; j < s->owner_count; ++j)
+            if (!strcmp(s->owner[j].stage, report[i].name)) owner = s->owner[j].effect;
+        rows[n] = (row){.phase = phase_name[report[i].phase], .line = line_of_stage(s, owner), .bytes = report[i].bytes, .in_step = true,
+                        .us_per_step = report[i].runs ? report[i].seconds * 1e6 / (double)report[i].runs : 0};
+        snprintf(rows[n].name, sizeof rows[n].name, "%s", report[i].name);
+        app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
+        ++n;
+    }
+    /* Effects without a stage of their own. */
+    for (int e = 0; e < sim_effect_count; ++e) {
+        bool staged = false;
+        for (int j = 0; j < s->owner_count; ++j) staged |= s->owner[j].effect == e;
+        if (!sim_effect_line(s->scene, e) || staged) continue;
+        rows[n] = (row){.phase = "", .line = sim_effect_line(s->scene, e), .bytes = s->cost[e].bytes};
+        snprintf(rows[n].name, sizeof rows[n].name, "%s", sim_effects[e]->name);
+        if (!strcmp(sim_effects[e]->name, "anisotropy")) rows[n].bytes += fibres;
+        if (!strcmp(sim_effects[e]->name, "cut")) rows[n].bytes += cutting;
+        app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
+        ++n;
+    }
+    return n;
+}
+
+static void print(const sim *s, const row *rows, int n, double total_us, cJSON *json) {
+    printf("%s: %d tetrahedra, %d vertices; %.4g frames/s of %d substeps of %.4g s (guaranteed critical step %.4g s, set by tetrahedron %lld)\n\n",
+           s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps, s->dt_s, s->critical_s,
+           (long long)s->file.tet_tag[s->critical_tet]);
+    printf("%-14s %-10s %12s %10s %7s  asked for by\n", "stage", "phase", "bytes", "us/step", "share");
+    cJSON *list = cJSON_AddArrayToObject(json, "stages");
+    for (int i = 0; i < n; ++i) {
+        double share = total_us > 0 ? rows[i].us_per_step / total_us : 0;
+        cJSON *j = cJSON_CreateObject();
+        cJSON_AddItemToArray(list, j);
+        cJSON_AddStringToObject(j, "name", rows[i].name);
+        cJSON_AddStringToObject(j, "phase", rows[i].phase);
+        cJSON_AddNumberToObject(j, "line", rows[i].line);
+        cJSON_AddStringToObject(j, "asked_by", rows[i].asked);
+        cJSON_AddNumberToObject(j, "bytes", (double)rows[i].bytes);
+        cJSON_AddBoolToObject(j, "in_step", rows[i].in_step);
+        if (rows[i].in_step) {
+            cJSON_AddNumberToObject(j, "us_per_step", rows[i].us_per_step);
+            cJSON_AddNumberToObject(j, "share", share);
+            printf("%-14s %-10s %12lld %10.3f %6.1f%%  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes, rows[i].us_per_step, 100 * share, rows[i].asked);
+        } else printf("%-14s %-10s %12lld %10s %7s  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes, "-", "-", rows[i].asked);
+    }
+    double real = total_us > 0 ? s->dt_s * 1e6 / total_us : 0;
+    printf("\none step %.3f us: %.2f simulated seconds a second on this machine now\nleft out, and costing nothing:", total_us, real);
+    cJSON_AddNumberToObject(json, "us_per_step", total_us);
+    cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", real);
+    cJSON *left = cJSON_AddArrayToObject(json, "left_out");
+    int left_count = 0;
+    for (int e = 0; e < sim_effect_count; ++e)
+        if (!sim_effect_line(s->scene, e)) {
+            printf(" %s", sim_effects[e]->name);
+            ++left_count;
+            cJSON_AddItemToArray(left, cJSON_CreateString(sim_effects[e]->name));
+        }
+    puts(left_count ? "" : " nothing");
+}
+
+int run_explain(sim *s, const run_options *o) {
+    run_file report = {0};
+    row rows[ROWS];
+    tm_stage_report stages[TM_MAX_STAGES];
+    int count = 0, rc = run_file_begin(&report, o->json);
+    if (rc) return rc;
+    cJSON *json = run_report_begin(s, "explain");
+    tm_status status = measure(s, stages, &count);
+    double total_us = 0;
+    int n = gather(s, stages, count, rows);
+    for (int i = 0; i < n; ++i) total_us += rows[i].us_per_step;
+    if (status) {
+        fputs("tm-sim: the scene blew up while being measured; lower time.step_fraction\n", stderr);
+        run_file_end(&report, false);
+        cJSON_Delete(json);
+        return APP_FAILED;
+    }
+    print(s, rows, n, total_us, json);
+    return run_report_end(json, &report);
+}

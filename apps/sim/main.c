@@ -1,0 +1,189 @@
+/* tm-sim: reads the command line, builds the scene, hands it to one of the modes. */
+#include <getopt.h>
+#include <math.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "run.h"
+
+static const char help[] =
+    "tm-sim SCENE.yaml MODE [options]: soft tissue in frames of 25 to 30 a second\n"
+    "\n"
+    "Modes\n"
+    "  --lockstep            virtual clock; simulation, controller and virtual device in one process; the same bits every time\n"
+    "  --realtime            wall clock; TOOL_i in, FORCE_i PATCH_i TISSUE CUT SIM_STATUS out over LCM, where the scene asks for them\n"
+    "  --settle TOL          solve to rest, to this relative residual; with --write\n"
+    "  --explain             the step's stages, the line that asked for each, what it holds and costs, what was left out\n"
+    "  --check               read and build the scene, no more\n"
+    "  --schema markdown     every key of a scene (docs/scene-reference.md)\n"
+    "\n"
+    "Options\n"
+    "  --set PATH=VALUE      put this value over the scene's (--set time.frame_rate=50); as often as wanted\n"
+    "  --unset PATH          leave this key of the scene out (--unset gravity)\n"
+    "  --force plain|best    form of the force loop (--set tissue.force=...); plain has the same bits on every machine\n"
+    "  --duration TIME       how long, '5 s'; instead of the scene's\n"
+    "  --frames N            how many frames, instead\n"
+    "  --record FILE         LCM log of every message, lockstep sessions too (--set recording.file=...)\n"
+    "  --csv FILE            one row a controller tick: tool, force, sample (a frame, in scenes without haptics)\n"
+    "  --samples FILE        one row a frame and instrument: the force sample as it was sent\n"
+    "  --write FILE          with --settle: displacements and reactions, .vtk or .csv\n"
+    "  --json FILE           figures of the run\n"
+    "  --url URL             LCM URL for --realtime, default udpm://239.255.76.67:7667?ttl=0\n"
+    "  --help, --version\n"
+    "\n"
+    "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else. Ctrl-C ends a run cleanly, files written.\n";
+
+static volatile sig_atomic_t interrupted;
+static void on_signal(int number) {
+    (void)number;
+    interrupted = 1;
+}
+bool run_interrupted(void) { return interrupted; }
+
+enum { OPT_LOCKSTEP = 256, OPT_REALTIME, OPT_SETTLE, OPT_EXPLAIN, OPT_CHECK, OPT_SCHEMA, OPT_SET, OPT_UNSET, OPT_FORCE, OPT_DURATION,
+       OPT_FRAMES, OPT_RECORD, OPT_CSV, OPT_SAMPLES, OPT_WRITE, OPT_JSON, OPT_URL, OPT_HELP, OPT_VERSION };
+
+static const struct option long_options[] = {
+    {"lockstep", no_argument, NULL, OPT_LOCKSTEP}, {"realtime", no_argument, NULL, OPT_REALTIME},
+    {"settle", required_argument, NULL, OPT_SETTLE}, {"explain", no_argument, NULL, OPT_EXPLAIN},
+    {"check", no_argument, NULL, OPT_CHECK},       {"schema", required_argument, NULL, OPT_SCHEMA},
+    {"set", required_argument, NULL, OPT_SET},     {"unset", required_argument, NULL, OPT_UNSET},
+    {"force", required_argument, NULL, OPT_FORCE}, {"duration", required_argument, NULL, OPT_DURATION},
+    {"frames", required_argument, NULL, OPT_FRAMES}, {"record", required_argument, NULL, OPT_RECORD},
+    {"csv", required_argument, NULL, OPT_CSV},     {"samples", required_argument, NULL, OPT_SAMPLES},
+    {"write", required_argument, NULL, OPT_WRITE}, {"json", required_argument, NULL, OPT_JSON},
+    {"url", required_argument, NULL, OPT_URL},     {"help", no_argument, NULL, OPT_HELP},
+    {"version", no_argument, NULL, OPT_VERSION},   {NULL, 0, NULL, 0}};
+
+static int usage(const char *what, const char *argument) {
+    return app_bad_input("tm-sim", 0, what, argument);
+}
+
+static int add_set(run_options *o, const char *prefix, const char *text, bool wants_value) {
+    if (o->set_count >= RUN_MAX_SETS) return usage("more than 64 --set%s; write a scene instead", "");
+    if (wants_value && !*prefix && !strchr(text, '=')) return usage("--set '%s' is not PATH=VALUE; write for example --set tissue.force=plain", text);
+    if (!wants_value && strchr(text, '=')) return usage("--unset '%s' has a value; give the path alone", text);
+    size_t bytes = strlen(prefix) + strlen(text) + 1;
+    char *joined = malloc(bytes);
+    if (!joined) return APP_FAILED;
+    snprintf(joined, bytes, "%s%s", prefix, text);
+    o->set[o->set_count++] = joined;
+    return 0;
+}
+
+static int take_number(const char *name, const char *text, const char *dimension, double low, double *out) {
+    char why[256];
+    if (!app_parse_quantity(text, dimension, out, why, sizeof why)) return app_bad_input(name, 0, "%s", why);
+    if (*out < low) return app_bad_input(name, 0, "%s is below %g; give more", text, low);
+    return 0;
+}
+
+static int choose_mode(run_options *o, run_mode mode) {
+    if (o->mode != RUN_NONE && o->mode != mode) return usage("two modes; choose one of --lockstep --realtime --settle --explain --check%s", "");
+    o->mode = mode;
+    return 0;
+}
+
+static int take_option(run_options *o, int option, char **all) {
+    double number;
+    int rc;
+    switch (option) {
+    case OPT_LOCKSTEP: return choose_mode(o, RUN_LOCKSTEP);
+    case OPT_REALTIME: return choose_mode(o, RUN_REALTIME);
+    case OPT_EXPLAIN: return choose_mode(o, RUN_EXPLAIN);
+    case OPT_CHECK: return choose_mode(o, RUN_CHECK);
+    case OPT_SETTLE:
+        rc = take_number("--settle", optarg, "none", 1e-15, &o->tolerance);
+        return rc ? rc : choose_mode(o, RUN_SETTLE);
+    case OPT_SCHEMA: o->schema = optarg; return 0;
+    case OPT_SET: return add_set(o, "", optarg, true);
+    case OPT_UNSET: return add_set(o, "", optarg, false);
+    case OPT_FORCE: return add_set(o, "tissue.force=", optarg, true);
+    case OPT_DURATION: return take_number("--duration", optarg, "time", 0, &o->duration_s);
+    case OPT_FRAMES:
+        rc = take_number("--frames", optarg, "none", 0, &number);
+        if (!rc && (number != floor(number) || number > 1e12)) rc = usage("--frames '%s' is not a whole number; give one", optarg);
+        if (!rc) o->frames = (int64_t)number;
+        return rc;
+    case OPT_RECORD: return add_set(o, "recording.file=", optarg, true);
+    case OPT_CSV: o->csv = optarg; return 0;
+    case OPT_SAMPLES: o->samples = optarg; return 0;
+    case OPT_WRITE: o->write = optarg; return 0;
+    case OPT_JSON: o->json = optarg; return 0;
+    case OPT_URL: o->url = optarg; return 0;
+    default: return usage("unknown option or missing argument '%s'; tm-sim --help lists them", all[optind - 1]);
+    }
+}
+
+static int parse(run_options *o, int count, char **all) {
+    opterr = 0;
+    for (;;) {
+        int option = getopt_long(count, all, "-", long_options, NULL);
+        if (option == -1) break;
+        if (option == OPT_HELP || option == OPT_VERSION) {
+            if (option == OPT_HELP) fputs(help, stdout);
+            else printf("tm-sim %s\n", tm_version());
+            exit(0);
+        }
+        if (option == 1) {
+            if (o->scene) return usage("a second scene '%s'; give one", optarg);
+            o->scene = optarg;
+            continue;
+        }
+        int rc = take_option(o, option, all);
+        if (rc) return rc;
+    }
+    if (optind < count) return usage("'%s' comes after '--'; give options and scene before", all[optind]);
+    if (o->schema) return strcmp(o->schema, "markdown") ? usage("--schema '%s' is not known; use markdown", o->schema) : 0;
+    if (!o->scene) return usage("no scene%s; tm-sim SCENE.yaml --lockstep, or tm-sim --help", "");
+    if (o->mode == RUN_NONE) return usage("no mode%s; add one of --lockstep --realtime --settle TOL --explain --check", "");
+    if (o->write && o->mode != RUN_SETTLE) return usage("--write %s goes with --settle; add it, or use --csv", o->write);
+    if ((o->csv || o->samples) && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME) return usage("--csv and --samples%s go with --lockstep or --realtime; use --write with --settle", "");
+    return 0;
+}
+
+static int print_schema(void) {
+    const char *name[SIM_MAX_EFFECTS], *doc[SIM_MAX_EFFECTS];
+    app_schema schema[SIM_MAX_EFFECTS];
+    for (int i = 0; i < sim_effect_count; ++i) {
+        name[i] = sim_effects[i]->name;
+        doc[i] = sim_effects[i]->doc;
+        schema[i] = sim_effects[i]->schema;
+    }
+    app_scene_reference(stdout, schema, name, doc, sim_effect_count);
+    return fflush(stdout) ? APP_FAILED : APP_DONE;
+}
+
+static int run(run_options *o) {
+    app_scene *scene;
+    sim *s;
+    if (o->schema) return print_schema();
+    int rc = sim_scene_load(o->scene, o->set, o->set_count, &scene);
+    if (rc) return rc;
+    rc = sim_create(scene, &s);
+    if (rc) return rc;
+    switch (o->mode) {
+    case RUN_LOCKSTEP: rc = run_lockstep(s, o); break;
+    case RUN_REALTIME: rc = run_realtime(s, o); break;
+    case RUN_SETTLE: rc = run_settle(s, o); break;
+    case RUN_EXPLAIN: rc = run_explain(s, o); break;
+    case RUN_CHECK: printf("%s: %d tetrahedra, %d substeps of %.3g s a frame\n", o->scene, s->mesh->tet_count, s->substeps, s->dt_s); break;
+    case RUN_NONE: break;
+    }
+    sim_destroy(s);
+    return rc;
+}
+
+int main(int count, char **all) {
+    run_options o = {.duration_s = -1, .frames = -1};
+    struct sigaction action = {.sa_handler = on_signal};
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);
+    int rc = parse(&o, count, all);
+    if (!rc) rc = run(&o);
+    for (int i = 0; i < o.set_count; ++i) free(o.set[i]);
+    return rc;
+}

@@ -1,0 +1,10 @@
+# tm-sim, and what it is made of (libsim.a) for programs that run a scene themselves.
+SIM_SRC := $(sort $(filter-out apps/sim/main.c apps/sim/lcm_%.c,$(wildcard apps/sim/*.c)))
+LIBSIM_A := $(OUT)/lib/libsim.a
+LIBRARIES += $(LIBSIM_A)
+$(LIBSIM_A): $(call objects,$(SIM_SRC))
+	@mkdir -p $(@D)
+	rm -f $@ && ar rcs $@ $^
+SIM_LIBS = $(LIBSIM_A) $(LIBAPP_A) $(LIBHRT_IO_A) $(LIBHRT_A) $(LIBTM_A)
+$(eval $(call program,tm-sim,apps/sim/main.c,$(SIM_LIBS),-lyaml -lcjson))
+$(eval $(call module,lcm,apps/sim/lcm_link.c,$(LIBLCMTYPES_A),-llcm))

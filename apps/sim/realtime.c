@@ -1,0 +1,251 @@
+/* tm-sim --realtime: frames on the wall clock; tools and forces over LCM. */
+#include <cjson/cJSON.h>
+#include <errno.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "figures.h"
+#include "publish.h"
+#include "run.h"
+#include "tools.h"
+
+enum { EXTRAPOLATOR_TANGENT = 4, EXTRAPOLATOR_CONTACT = 5 }; /* hrt_extrapolator, as tool_state_t carries it */
+
+typedef struct controller_seen {
+    bool seen;
+    int64_t ticks, missed;
+    double lateness_us[4];
+} controller_seen;
+
+typedef struct realtime {
+    sim *s;
+    const run_options *o;
+    const sim_haptics *haptics; /* null: instruments follow the hand */
+    sim_publisher publisher;
+    sim_tools tools;
+    run_file samples, report;
+    controller_seen controller[TM_MAX_INSTRUMENTS];
+    int64_t start_us, next_us, frame_us, frame, overruns;
+    double simulated_s, compute_s, cost_s; /* cost_s: of one substep, smoothed */
+    sim_quantiles lateness, compute;
+    sim_magnitude force;
+    bool told_waiting, told_tool[TM_MAX_INSTRUMENTS];
+} realtime;
+
+static int64_t utime_now(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_REALTIME, &t);
+    return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
+}
+
+static void take_tool(void *user, int instrument, const tensormass_tool_state_t *message) {
+    realtime *r = user;
+    if (sim_tools_take(&r->tools, instrument, message) && !r->told_tool[instrument]) {
+        fprintf(stderr, "tm-sim: controller of instrument %d is here\n", instrument);
+        r->told_tool[instrument] = true;
+    }
+}
+
+static void take_status(void *user, int instrument, const tensormass_controller_status_t *message) {
+    controller_seen *c = &((realtime *)user)->controller[instrument];
+    c->seen = true;
+    c->ticks = message->ticks;
+    c->missed = message->missed_ticks;
+    memcpy(c->lateness_us, message->lateness_us, sizeof c->lateness_us);
+}
+
+static void wait_until(realtime *r, int64_t deadline_us) {
+    for (;;) {
+        int64_t left = deadline_us - app_monotonic_us();
+        if (left <= 0 || run_interrupted()) break;
+        if (r->haptics) r->publisher.api->receive(r->publisher.link, left);
+        else {
+            struct timespec t = {deadline_us / 1000000, deadline_us % 1000000 * 1000};
+            clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
+        }
+    }
+    if (r->haptics) r->publisher.api->receive(r->publisher.link, 0);
+}
+
+/* As many substeps as the frame has time for, by the cost of the last ones: simulated time is dropped, never owed. */
+static int32_t affordable(const realtime *r) {
+    if (r->cost_s <= 0) return r->s->substeps;
+    double can = 0.95 * r->s->frame_s / r->cost_s;
+    if (can >= r->s->substeps) return r->s->substeps;
+    return can < 1 ? 1 : (int32_t)can;
+}
+
+static void publish(realtime *r, int32_t substeps, double spent_s, bool overran) {
+    sim *s = r->s;
+    int32_t average = s->average < substeps ? s->average : substeps;
+    for (int i = 0; i < s->instrument_count; ++i) {
+        const sim_tool *tool = &r->tools.tool[i];
+        bool stiffness = tool->seen && (tool->now.extrapolator == EXTRAPOLATOR_TANGENT || tool->now.extrapolator == EXTRAPOLATOR_CONTACT);
+        int64_t t_n = sim_tools_mean_utime(&r->tools, i, substeps, average);
+        tensormass_force_sample_t sample;
+        int64_t utime = utime_now();
+        sim_force_sample(&r->publisher, s, i, utime, tool->now.session, t_n, stiffness, overran ? SIM_FLAG_OVERRAN : 0, &sample);
+        if (r->haptics) sim_publish_force(&r->publisher, utime, &sample);
+        sim_magnitude_add(&r->force, sample.force_N);
+        if (r->samples.begun) {
+            fprintf(r->samples.stream, "%" PRId64 ",%.6f,%d,%" PRId64, r->frame, (double)(app_monotonic_us() - r->start_us) * 1e-6, i, t_n);
+            for (int a = 0; a < 3; ++a) fprintf(r->samples.stream, ",%.9g", sample.tip_m[a]);
+            for (int a = 0; a < 3; ++a) fprintf(r->samples.stream, ",%.9g", sample.force_N[a]);
+            fprintf(r->samples.stream, ",%d,%d\n", s->reaction[i].row_count, sample.flags);
+        }
+    }
+    double wall_s = (double)(app_monotonic_us() - r->start_us) * 1e-6;
+    sim_publish_frame(&r->publisher, s, utime_now(), spent_s, wall_s > 0 ? r->simulated_s / wall_s : 0);
+}
+
+static tm_status one_frame(realtime *r) {
+    sim *s = r->s;
+    tm_tool_pose to[TM_MAX_INSTRUMENTS];
+    int64_t begin = app_monotonic_us();
+    for (int i = 0; i < s->instrument_count; ++i) {
+        double joint[SIM_JOINTS];
+        bool active;
+        if (r->haptics) to[i] = sim_tools_target(&r->tools, i);
+        else {
+            sim_hand_target(s, i, (double)(begin - r->start_us) * 1e-6, joint, &active);
+            to[i] = sim_pose(s, i, joint, active);
+        }
+    }
+    int32_t substeps = affordable(r);
+    tm_status status = sim_frame(s, to, substeps);
+    double spent_s = (double)(app_monotonic_us() - begin) * 1e-6, cost = spent_s / substeps;
+    r->cost_s = r->cost_s > 0 ? r->cost_s + 0.2 * (cost - r->cost_s) : cost;
+    r->compute_s += spent_s;
+    r->simulated_s += substeps * s->dt_s;
+    ++r->frame;
+    sim_quantiles_add(&r->compute, spent_s * 1e6);
+    sim_quantiles_add(&r->lateness, (double)(begin - r->next_us));
+    int64_t now = app_monotonic_us();
+    bool overran = now > r->next_us + r->frame_us || substeps < s->substeps;
+    if (overran) {
+        ++r->overruns;
+        r->publisher.dropped_us += llround((s->substeps - substeps) * s->dt_s * 1e6);
+    }
+    publish(r, substeps, spent_s, overran);
+    r->next_us += r->frame_us;
+    now = app_monotonic_us();
+    if (now > r->next_us) { /* never catches up: the schedule begins anew from here */
+        r->publisher.dropped_us += now - r->next_us;
+        r->next_us = now;
+    }
+    return status;
+}
+
+static int loop(realtime *r) {
+    double duration = r->o->duration_s; /* without one, until Ctrl-C */
+    int64_t total = r->o->frames >= 0 ? r->o->frames : duration >= 0 ? llround(duration / r->s->frame_s) : INT64_MAX;
+    tm_status status = TM_OK;
+    r->frame_us = llround(r->s->frame_s * 1e6);
+    r->start_us = app_monotonic_us();
+    r->next_us = r->start_us + r->frame_us;
+    while (!status && !run_interrupted()) {
+        wait_until(r, r->next_us);
+        if (run_interrupted() || r->frame >= total || (duration >= 0 && app_monotonic_us() - r->start_us > llround(duration * 1e6) + r->frame_us)) break;
+        status = one_frame(r);
+        if (r->haptics && !r->told_waiting && r->frame * r->frame_us > 1000000) {
+            for (int i = 0; i < r->s->instrument_count; ++i)
+                if (!r->tools.tool[i].seen) fprintf(stderr, "tm-sim: waiting for TOOL_%d; start haptic-rt (any order is fine)\n", i);
+            r->told_waiting = true;
+        }
+    }
+    if (!status) return 0;
+    fprintf(stderr, "tm-sim: frame %" PRId64 ": a displacement stopped being finite or passed 1e6 m; lower time.step_fraction\n", r->frame);
+    return APP_FAILED;
+}
+
+static void report(realtime *r, cJSON *json) {
+    char hash[20];
+    double wall_s = (double)(app_monotonic_us() - r->start_us) * 1e-6;
+    snprintf(hash, sizeof hash, "%016" PRIx64, sim_hash(r->s));
+    cJSON_AddNumberToObject(json, "frames", (double)r->frame);
+    cJSON_AddNumberToObject(json, "sim_s", r->simulated_s);
+    cJSON_AddNumberToObject(json, "wall_s", wall_s);
+    cJSON_AddNumberToObject(json, "compute_s", r->compute_s);
+    /* Against the clock while running: below 1 only when time was dropped. What the machine could do is compute_s's. */
+    cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", wall_s > 0 ? r->simulated_s / wall_s : 0);
+    cJSON_AddNumberToObject(json, "sim_seconds_per_compute_second", r->compute_s > 0 ? r->simulated_s / r->compute_s : 0);
+    cJSON_AddNumberToObject(json, "overruns", (double)r->overruns);
+    cJSON_AddNumberToObject(json, "dropped_s", (double)r->publisher.dropped_us * 1e-6);
+    sim_report_quantiles(json, "frame_lateness_us", &r->lateness);
+    sim_report_quantiles(json, "frame_compute_us", &r->compute);
+    sim_report_magnitude(json, "force_N", &r->force);
+    cJSON_AddNumberToObject(json, "tets_alive", tm_tissue_alive_count(r->s->tissue));
+    cJSON_AddStringToObject(json, "state_hash", hash);
+    int64_t ticks = 0, missed = 0;
+    double late[4] = {0};
+    cJSON *list = cJSON_AddArrayToObject(json, "tools");
+    for (int i = 0; r->haptics && i < r->s->instrument_count; ++i) {
+        const sim_tool *t = &r->tools.tool[i];
+        cJSON *row = cJSON_CreateObject();
+        cJSON_AddItemToArray(list, row);
+        cJSON_AddNumberToObject(row, "accepted", (double)t->accepted);
+        cJSON_AddNumberToObject(row, "late", (double)t->late);
+        cJSON_AddNumberToObject(row, "foreign", (double)t->foreign);
+        cJSON_AddNumberToObject(row, "rejected", (double)t->rejected);
+        ticks += r->controller[i].ticks;
+        missed += r->controller[i].missed;
+        for (int k = 0; k < 4; ++k) late[k] = fmax(late[k], r->controller[i].lateness_us[k]);
+    }
+    cJSON_AddNumberToObject(json, "ticks", (double)ticks);
+    cJSON_AddNumberToObject(json, "missed_ticks", (double)missed);
+    cJSON *row = cJSON_AddObjectToObject(json, "lateness_us"); /* the controllers' own figures */
+    cJSON_AddNumberToObject(row, "p50", late[0]);
+    cJSON_AddNumberToObject(row, "p99", late[1]);
+    cJSON_AddNumberToObject(row, "max", late[3]);
+    printf("%" PRId64 " frames in %.2f s, %.3f simulated s per s, %" PRId64 " overruns, %.3g s dropped; force %.3g N RMS, %.3g N peak\n", r->frame, wall_s,
+           wall_s > 0 ? r->simulated_s / wall_s : 0, r->overruns, (double)r->publisher.dropped_us * 1e-6, sim_magnitude_rms(&r->force), r->force.peak);
+}
+
+static int begin(realtime *r, const char *log) {
+    sim *s = r->s;
+    int rc = run_file_begin(&r->samples, r->o->samples);
+    if (!rc) rc = run_file_begin(&r->report, r->o->json);
+    r->haptics = sim_options(s->scene, "haptics");
+    bool network = r->haptics || sim_has(s, "rendering");
+    const char *url = r->o->url ? r->o->url : getenv("LCM_DEFAULT_URL");
+    if (!url || !*url) url = "udpm://239.255.76.67:7667?ttl=0";
+    if (!rc) rc = sim_publisher_open(&r->publisher, s, network ? url : NULL, log, utime_now());
+    r->tools.s = s;
+    for (int i = 0; !rc && r->haptics && i < s->instrument_count; ++i) {
+        r->publisher.api->on_tool(r->publisher.link, i, take_tool, r);
+        r->publisher.api->on_controller(r->publisher.link, i, take_status, r);
+    }
+    if (r->samples.begun) fputs("frame,time_s,instrument,tn_us,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rows,flags\n", r->samples.stream);
+    return rc;
+}
+
+int run_realtime(sim *s, const run_options *o) {
+    realtime r = {.s = s, .o = o};
+    tm_error error = {0};
+    app_output log = {0};
+    if (o->csv) return app_bad_input("--csv", 0, "a row a controller tick is for --lockstep; use --samples, or record and read CONTROLLER_0");
+    const sim_recording *recording = sim_options(s->scene, "recording");
+    if (recording && !app_output_begin(&log, recording->file.s, &error)) return sim_report(s->scene, recording->file.line, &error);
+    int rc = begin(&r, recording ? log.temporary : NULL);
+    cJSON *json = run_report_begin(s, "realtime");
+    if (!rc) rc = loop(&r);
+    if (!sim_publisher_close(&r.publisher) && !rc) {
+        fprintf(stderr, "%s: the log could not be written; the disk may be full\n", log.path);
+        rc = APP_FAILED;
+    }
+    if (recording && rc) app_output_abandon(&log);
+    else if (recording && !app_output_commit(&log, &error)) rc = app_report(NULL, 0, &error);
+    if (!rc) report(&r, json);
+    int rc2 = run_file_end(&r.samples, !rc);
+    if (rc) {
+        run_file_end(&r.report, false);
+        cJSON_Delete(json);
+    } else rc = run_report_end(json, &r.report);
+    sim_quantiles_free(&r.lateness);
+    sim_quantiles_free(&r.compute);
+    return rc ? rc : rc2;
+}

@@ -1,0 +1,44 @@
+/* The modes of tm-sim. Each takes a built scene and returns the exit code, having complained. */
+#ifndef TM_SIM_RUN_H
+#define TM_SIM_RUN_H
+
+#include "sim.h"
+
+typedef enum run_mode { RUN_NONE = 0, RUN_LOCKSTEP, RUN_REALTIME, RUN_SETTLE, RUN_EXPLAIN, RUN_CHECK } run_mode;
+
+enum { RUN_MAX_SETS = 64 };
+
+typedef struct run_options {
+    const char *scene, *schema, *csv, *samples, *write, *json, *url;
+    run_mode mode;
+    double tolerance, duration_s; /* duration below 0: the scene's */
+    int64_t frames;                           /* below 0: by duration */
+    char *set[RUN_MAX_SETS];
+    int set_count;
+} run_options;
+
+int run_lockstep(sim *s, const run_options *o);
+int run_realtime(sim *s, const run_options *o);
+int run_settle(sim *s, const run_options *o);
+int run_explain(sim *s, const run_options *o);
+
+/* Ctrl-C or SIGTERM came. */
+bool run_interrupted(void);
+
+/* Output files, opened before the run so that a folder that is not there is told at once, and renamed after it. */
+typedef struct run_file {
+    app_output output;
+    bool begun;
+    void *stream; /* FILE */
+} run_file;
+/* path null: nothing happens, and nothing in the others either. */
+int run_file_begin(run_file *file, const char *path);
+int run_file_end(run_file *file, bool good);
+
+/* cJSON object of what every run reports: scene, mesh, step, memory. */
+struct cJSON;
+struct cJSON *run_report_begin(const sim *s, const char *mode);
+/* Writes and deletes it. */
+int run_report_end(struct cJSON *report, run_file *file);
+
+#endif

@@ -1,0 +1,130 @@
+/* tm-sim --settle: the shape at rest, and what holds it. */
+#include <cjson/cJSON.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "run.h"
+
+typedef struct watch {
+    double tolerance, first;
+    bool stopped;
+} watch;
+
+static bool on_progress(void *user, int64_t step, double residual) {
+    watch *w = user;
+    if (w->first == 0) w->first = residual;
+    double all = log(w->first / w->tolerance), done = log(w->first / residual);
+    (void)step;
+    app_progress("settling", all > 0 && done > 0 ? fmin(done / all, 1) : 0, false);
+    w->stopped = run_interrupted();
+    return !w->stopped;
+}
+
+static void write_csv(FILE *out, const tm_mesh *mesh, const double *u, const double *reaction) {
+    fputs("vertex,x_m,y_m,z_m,ux_m,uy_m,uz_m,rx_N,ry_N,rz_N\n", out);
+    for (int32_t v = 0; v < mesh->vertex_count; ++v) {
+        const double *x = &mesh->rest_m[3 * v], *d = &u[3 * v], *r = &reaction[3 * v];
+        fprintf(out, "%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", v, x[0], x[1], x[2], d[0], d[1], d[2], r[0], r[1], r[2]);
+    }
+}
+
+static void write_vectors(FILE *out, const char *name, const double *v, int32_t count) {
+    fprintf(out, "VECTORS %s double\n", name);
+    for (int32_t i = 0; i < count; ++i) fprintf(out, "%.17g %.17g %.17g\n", v[3 * i], v[3 * i + 1], v[3 * i + 2]);
+}
+
+static void write_vtk(FILE *out, const tm_mesh *mesh, const double *u, const double *reaction) {
+    fprintf(out, "# vtk DataFile Version 3.0\ntm-sim: rest positions, displacement in m, support reactions in N\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS %d double\n", mesh->vertex_count);
+    for (int32_t v = 0; v < mesh->vertex_count; ++v) fprintf(out, "%.17g %.17g %.17g\n", mesh->rest_m[3 * v], mesh->rest_m[3 * v + 1], mesh->rest_m[3 * v + 2]);
+    fprintf(out, "CELLS %d %d\n", mesh->tet_count, 5 * mesh->tet_count);
+    for (int32_t t = 0; t < mesh->tet_count; ++t) fprintf(out, "4 %d %d %d %d\n", mesh->tet[4 * t], mesh->tet[4 * t + 1], mesh->tet[4 * t + 2], mesh->tet[4 * t + 3]);
+    fprintf(out, "CELL_TYPES %d\n", mesh->tet_count);
+    for (int32_t t = 0; t < mesh->tet_count; ++t) fputs("10\n", out);
+    fprintf(out, "POINT_DATA %d\n", mesh->vertex_count);
+    write_vectors(out, "displacement_m", u, mesh->vertex_count);
+    write_vectors(out, "reaction_N", reaction, mesh->vertex_count);
+    fprintf(out, "CELL_DATA %d\nSCALARS region int 1\nLOOKUP_TABLE default\n", mesh->tet_count);
+    for (int32_t t = 0; t < mesh->tet_count; ++t) fprintf(out, "%d\n", mesh->region[t]);
+}
+
+/* One row a support: the force that it exerts on the tissue. */
+static void report_supports(const sim *s, const double *reaction, cJSON *json) {
+    cJSON *list = cJSON_AddArrayToObject(json, "supports");
+    for (int i = 0; i < s->scene->support.count; ++i) {
+        const app_support *support = (const app_support *)s->scene->support.item + i;
+        double sum[3] = {0, 0, 0};
+        int count = 0;
+        for (int32_t v = 0; v < s->mesh->vertex_count; ++v) {
+            if (s->support_of[v] != i + 1) continue;
+            ++count;
+            for (int a = 0; a < 3; ++a) sum[a] += reaction[3 * v + a];
+        }
+        char name[160];
+        if (*support->name.s) snprintf(name, sizeof name, "%s", support->name.s);
+        else app_scene_where(s->scene, support->here.line, name, sizeof name);
+        printf("support %-24s %6d vertices   reaction %.9g %.9g %.9g N\n", name, count, sum[0], sum[1], sum[2]);
+        cJSON *row = cJSON_CreateObject();
+        cJSON_AddItemToArray(list, row);
+        cJSON_AddStringToObject(row, "name", name);
+        cJSON_AddNumberToObject(row, "line", support->here.line);
+        cJSON_AddNumberToObject(row, "vertices", count);
+        cJSON_AddItemToObject(row, "reaction_N", cJSON_CreateDoubleArray(sum, 3));
+    }
+}
+
+static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) {
+    tm_error error = {0};
+    tm_settle_def def = tm_settle_def_default();
+    tm_settle_result result = {0};
+    watch w = {.tolerance = o->tolerance};
+    def.tolerance = o->tolerance;
+    def.progress = on_progress;
+    def.user = &w;
+    tm_status status = tm_world_settle(s->world, &def, &result, &error);
+    app_progress("settling", 1, true);
+    if (w.stopped) {
+        fputs("tm-sim: interrupted; nothing was written\n", stderr);
+        return APP_FAILED;
+    }
+    if (status) return app_report(s->scene->file, 0, &error);
+    double *reaction = calloc((size_t)s->mesh->vertex_count * 3, sizeof *reaction);
+    if (!reaction) return APP_FAILED;
+    const double *u = tm_world_state(s->world)->u_m;
+    if (s->support_of) tm_support_reaction(s->world, reaction);
+    double largest = 0;
+    for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
+        largest = fmax(largest, sqrt(u[3 * v] * u[3 * v] + u[3 * v + 1] * u[3 * v + 1] + u[3 * v + 2] * u[3 * v + 2]));
+    printf("at rest after %lld steps, residual %.3g; energy %.9g J; largest displacement %.6g m\n", (long long)result.steps, result.residual, result.energy_J, largest);
+    cJSON_AddNumberToObject(json, "steps", (double)result.steps);
+    cJSON_AddNumberToObject(json, "residual", result.residual);
+    cJSON_AddNumberToObject(json, "energy_J", result.energy_J);
+    cJSON_AddNumberToObject(json, "largest_displacement_m", largest);
+    report_supports(s, reaction, json);
+    if (written->begun) {
+        size_t n = strlen(o->write);
+        (n > 4 && !strcmp(o->write + n - 4, ".vtk") ? write_vtk : write_csv)(written->stream, s->mesh, u, reaction);
+    }
+    free(reaction);
+    return 0;
+}
+
+int run_settle(sim *s, const run_options *o) {
+    run_file written = {0}, report = {0};
+    size_t n = o->write ? strlen(o->write) : 0;
+    if (o->write && !(n > 4 && (!strcmp(o->write + n - 4, ".vtk") || !strcmp(o->write + n - 4, ".csv"))))
+        return app_bad_input(o->write, 0, "is neither .vtk nor .csv; give the file one of these endings");
+    int rc = run_file_begin(&written, o->write);
+    if (!rc) rc = run_file_begin(&report, o->json);
+    cJSON *json = run_report_begin(s, "settle");
+    if (!rc) rc = settle(s, o, &written, json);
+    int rc2 = run_file_end(&written, !rc);
+    if (!rc) rc = rc2;
+    if (rc) {
+        run_file_end(&report, false);
+        cJSON_Delete(json);
+        return rc;
+    }
+    return run_report_end(json, &report);
+}

@@ -1,0 +1,118 @@
+/* A scene made to run: tissue, world, stages, instruments. What tm-sim does with it (lockstep, real time, settle, explain) is in files of
+ * their own; other programs link this and drive frames themselves. */
+#ifndef TM_SIM_H
+#define TM_SIM_H
+
+#include "scene_parts.h"
+#include "tensormass.h"
+#include "tensormass/contact.h"
+
+enum { SIM_JOINTS = 5 }; /* pitch rad, yaw rad, insertion m, roll rad, grip 0..1; as hrt.h */
+
+typedef struct sim sim;
+
+/* A pair of effects that cannot be in one scene, and the way out ("...; what to do"). */
+typedef struct sim_exclusion {
+    const char *other, *why;
+} sim_exclusion;
+
+/* One effect: one effect_NAME.c, one row in effects.c. `options` is the struct that its schema fills; its first member is an app_section whose
+ * line is 0 when the scene does not name the effect: then none of these functions is called. All return 0 or an exit code, having complained. */
+typedef struct sim_effect {
+    const char *name, *doc;
+    app_schema schema;
+    const char *needs[4];
+    sim_exclusion excludes[4];
+    int (*check)(const app_scene *scene, const void *options);    /* needs no mesh */
+    int (*prepare)(sim *s, const void *options);                  /* mesh is there; may change s->tissue_def and s->damping_1_s */
+    int (*build)(sim *s, const void *options);                    /* world is there: add stages */
+    void (*frame)(sim *s, void *own);                             /* after each frame's substeps; `own` as build left it in s->own[] */
+    void (*destroy)(void *own);
+} sim_effect;
+
+enum { SIM_MAX_EFFECTS = 24 };
+extern const sim_effect *const sim_effects[];
+extern const int sim_effect_count;
+const sim_effect *sim_effect_find(const char *name, int *index);
+
+/* Where each effect's cost is booked. */
+typedef struct sim_cost {
+    int64_t bytes; /* held by the library for it, and what it declared with sim_add_bytes */
+} sim_cost;
+
+enum { SIM_OWNER_ALL = -1, SIM_OWNER_SUPPORTS = -2, SIM_OWNER_LOADS = -3 };
+/* Whose stage a name is: an effect's index, or one of the above. */
+typedef struct sim_owner {
+    const char *stage;
+    int effect;
+} sim_owner;
+
+struct sim {
+    app_scene *scene;
+    app_mesh file;
+    tm_mesh *mesh;
+    tm_material *material;     /* [region_count] */
+    double damping_1_s;        /* of materials that name none */
+    double *fibre;             /* [3*tet_count] or null */
+    tm_tissue_def tissue_def;
+    tm_tissue *tissue;
+    tm_world_def world_def;
+    tm_world *world;
+    tm_contact *contact;       /* null: no effect `contact` */
+    tm_contact_def contact_def;
+    tm_instrument_def instrument_def[TM_MAX_INSTRUMENTS];
+    double axes[TM_MAX_INSTRUMENTS][9];         /* columns: the device's x, y, z in the world; see hrt_frame */
+    double start_joint[TM_MAX_INSTRUMENTS][SIM_JOINTS];
+    int instrument_count;
+
+    double frame_s, dt_s;
+    int32_t substeps, average; /* of a whole frame */
+    double critical_s;         /* guaranteed */
+    int32_t critical_tet;
+    int64_t frames;
+    tm_tool_pose pose[TM_MAX_INSTRUMENTS];      /* at the end of the last frame */
+    tm_tool_reaction reaction[TM_MAX_INSTRUMENTS];
+
+    sim_cost cost[SIM_MAX_EFFECTS];
+    int64_t declared_bytes; /* sim_add_bytes, all told */
+    sim_owner owner[TM_MAX_STAGES];
+    int owner_count;
+    void *own[SIM_MAX_EFFECTS];
+    uint8_t *support_of; /* [3*vertex_count] 1 + index of the scene's support, 0 free; null: no supports */
+};
+
+/* Reads the scene with the fields of every effect; 0 or an exit code, having complained. */
+int sim_scene_load(const char *file, char *const *set, int set_count, app_scene **scene);
+/* Checks and builds. Takes the scene over, also on failure. */
+int sim_create(app_scene *scene, sim **out);
+void sim_destroy(sim *s);
+
+bool sim_has(const sim *s, const char *effect);
+/* For an effect's options: null when the scene does not name it. */
+const void *sim_options(const app_scene *scene, const char *effect);
+/* app_report of a library's error for the line that is to blame. */
+int sim_report(const app_scene *scene, int line, const tm_error *error);
+/* The line that asked for an effect, 0: not named. */
+int sim_effect_line(const app_scene *scene, int index);
+void sim_add_bytes(sim *s, int64_t bytes);
+
+/* One frame: every instrument goes to to[i] over `substeps` (s->substeps for a whole frame). */
+tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps);
+
+/* Joints to a pose in the world, and back. */
+tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active);
+bool sim_joints(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]);
+/* A pose of the scene as joints. */
+void sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]);
+/* The scene's hand of an instrument, null if it has none. */
+const app_hand *sim_hand(const sim *s, int instrument);
+
+/* Where that hand wants the instrument at a time; at the start pose without a hand. */
+void sim_hand_target(const sim *s, int instrument, double time_s, double joint[SIM_JOINTS], bool *active);
+/* The surface, displacements [3*vertex_count] and simulated time, whatever the model. */
+tm_surface_view sim_surface(const sim *s);
+const double *sim_displacement(const sim *s);
+double sim_time_s(const sim *s);
+uint64_t sim_hash(const sim *s);
+
+#endif

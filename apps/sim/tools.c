@@ -1,0 +1,59 @@
+#include "tools.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Farther apart than this, controller and scene disagree on the trocar. */
+static const double tip_tolerance_m = 0.005;
+
+static bool sane(const sim *s, int instrument, const tensormass_tool_state_t *m) {
+    const double low[SIM_JOINTS] = {-1.65, -1.65, -0.05, -1e3, -0.1}, high[SIM_JOINTS] = {1.65, 1.65, 0.6, 1e3, 1.1};
+    for (int j = 0; j < SIM_JOINTS; ++j)
+        if (!isfinite(m->joint[j]) || m->joint[j] < low[j] || m->joint[j] > high[j]) return false;
+    tm_tool_pose pose = sim_pose(s, instrument, m->joint, false);
+    for (int a = 0; a < 3; ++a)
+        if (!isfinite(m->tip_m[a]) || fabs(m->tip_m[a] - pose.tip_m[a]) > tip_tolerance_m) return false;
+    return m->mode >= 0 && m->mode <= 2 && m->state >= 0 && m->state <= 5 && (m->active == 0 || m->active == 1);
+}
+
+bool sim_tools_take(sim_tools *t, int instrument, const tensormass_tool_state_t *m) {
+    sim_tool *tool = &t->tool[instrument];
+    if (m->instrument != instrument || (tool->seen && m->session < tool->now.session)) {
+        ++tool->foreign;
+        return false;
+    }
+    if (!sane(t->s, instrument, m)) {
+        ++tool->rejected;
+        return false;
+    }
+    bool same = tool->seen && m->session == tool->now.session;
+    if (same && ((int32_t)((uint32_t)m->seq - (uint32_t)tool->now.seq) <= 0 || m->utime <= tool->now.utime)) {
+        ++tool->late;
+        return false;
+    }
+    tool->now = *m;
+    tool->seen = true;
+    ++tool->accepted;
+    return true;
+}
+
+tm_tool_pose sim_tools_target(const sim_tools *t, int instrument) {
+    const sim_tool *tool = &t->tool[instrument];
+    if (!tool->seen) return t->s->pose[instrument];
+    bool probe = t->s->instrument_def[instrument].mode == TM_TOOL_PROBE;
+    tm_tool_pose pose = sim_pose(t->s, instrument, tool->now.joint, probe || tool->now.active);
+    /* The controller's own tip is the one that it gets back; the two agree to the tolerance above. */
+    memcpy(pose.tip_m, tool->now.tip_m, sizeof pose.tip_m);
+    pose.grip = fmin(fmax(pose.grip, 0), 1);
+    return pose;
+}
+
+int64_t sim_tools_mean_utime(sim_tools *t, int instrument, int32_t substeps, int32_t average) {
+    sim_tool *tool = &t->tool[instrument];
+    if (!tool->seen) return 0;
+    int64_t end = tool->now.utime, begin = tool->used_seen && tool->used_session == tool->now.session ? tool->used_utime : end;
+    tool->used_seen = true;
+    tool->used_utime = end;
+    tool->used_session = tool->now.session;
+    return end - (int64_t)((double)(end - begin) * (average - 1) / (2.0 * substeps));
+}

@@ -1,0 +1,207 @@
+/* The extrapolators: one row of the table each. All are defined and bounded at standstill, on reversal and under one-count jitter; order and loss of
+ * samples are settled before (controller.c). */
+#include "internal.h"
+
+typedef struct moment {
+    const hrt_params *params;
+    float age_s;       /* t - t_n, capped by the horizon */
+    float moved_m[3];  /* P - P_n, capped by the horizon */
+    float interval_s;  /* t_n - t_{n-1} */
+    float step_m[3];   /* P_n - P_{n-1} */
+    float change_N[3]; /* F_n - F_{n-1} */
+} moment;
+
+static float capped_ratio(const moment *m, float ratio) { return hrt_clamp(ratio, -m->params->ratio_max, m->params->ratio_max); }
+
+/* A square of a displacement that does not vanish when the tool stands still: below a count or two it says nothing. */
+static float guarded_square(const hrt_params *params, const float step_m[3]) {
+    return hrt_dot(step_m, step_m) + params->standstill_m * params->standstill_m;
+}
+
+/* A probe is pushed, never pulled: what points against the touch is taken out. */
+static void only_push(const hrt_extrapolation *x, float force[3]) {
+    const float *touch = hrt_length(x->now.force_N) > 0.0f ? x->now.force_N : x->before.force_N;
+    const float size2 = hrt_dot(touch, touch);
+    if (!x->now.unilateral || !(size2 > 0.0f)) return;
+    const float along = hrt_dot(force, touch);
+    if (along < 0.0f) hrt_add_scaled(force, -along / size2, touch);
+}
+
+static void law_hold(hrt_extrapolation *x, const moment *m, float force[3]) {
+    (void)x, (void)m, (void)force;
+}
+
+static void law_time(hrt_extrapolation *x, const moment *m, float force[3]) {
+    if (x->have < 2) return;
+    hrt_add_scaled(force, capped_ratio(m, m->age_s / fmaxf(m->interval_s, 1.0e-3f)), m->change_N);
+}
+
+static void law_position(hrt_extrapolation *x, const moment *m, float force[3]) {
+    if (x->have < 2) return;
+    hrt_add_scaled(force, capped_ratio(m, hrt_dot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)), m->change_N);
+    only_push(x, force);
+}
+
+/* As printed: a ratio of lengths, so the force goes on growing when the tool turns back. For comparison. */
+static void law_paper_position(hrt_extrapolation *x, const moment *m, float force[3]) {
+    const float square = hrt_dot(m->step_m, m->step_m);
+    if (x->have < 2 || !(square > 1.0e-12f)) return;
+    hrt_add_scaled(force, capped_ratio(m, fabsf(hrt_dot(m->moved_m, m->step_m)) / square), m->change_N);
+}
+
+static void add_stiffness(const float stiffness[9], const float moved[3], float force[3]) {
+    float change[3];
+    hrt_apply(stiffness, moved, change);
+    hrt_add_scaled(force, 1.0f, change);
+}
+
+static void law_broyden(hrt_extrapolation *x, const moment *m, float force[3]) {
+    add_stiffness(x->broyden_N_m, m->moved_m, force);
+    only_push(x, force);
+}
+
+/* Without a stiffness in the sample the estimate serves. */
+static void law_tangent(hrt_extrapolation *x, const moment *m, float force[3]) {
+    add_stiffness(x->now.stiffness_kind != 0 ? x->now.stiffness_N_m : x->broyden_N_m, m->moved_m, force);
+    only_push(x, force);
+}
+
+typedef struct law {
+    const char *name;
+    void (*force)(hrt_extrapolation *x, const moment *m, float force[3]); /* force is F_n on entry */
+} law;
+
+static const law laws[HRT_EXTRAPOLATOR_COUNT] = {
+    [HRT_HOLD] = {"hold", law_hold},       [HRT_TIME] = {"time", law_time},       [HRT_POSITION] = {"position", law_position},
+    [HRT_BROYDEN] = {"broyden", law_broyden}, [HRT_TANGENT] = {"tangent", law_tangent},
+    [HRT_CONTACT] = {"contact", law_tangent}, /* off its patch; on it: contact.c */
+    [HRT_PAPER_POSITION] = {"paper_position", law_paper_position},
+};
+
+const char *hrt_extrapolator_name(hrt_extrapolator which) {
+    return (int)which >= 0 && which < HRT_EXTRAPOLATOR_COUNT ? laws[which].name : "unknown";
+}
+
+bool hrt_extrapolator_find(const char *name, hrt_extrapolator *which) {
+    for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {
+        const char *a = laws[w].name, *b = name;
+        while (*a && *a == *b) a++, b++;
+        if (*a == *b) {
+            *which = (hrt_extrapolator)w;
+            return true;
+        }
+    }
+    return false;
+}
+
+void hrt_extrapolation_reset(hrt_extrapolation *x, hrt_extrapolator which) {
+    static const hrt_extrapolation zero = {.which = HRT_HOLD};
+    *x = zero;
+    x->which = which;
+}
+
+void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which) {
+    if (x->which == which) return;
+    x->which = which;
+    x->changed = true;
+    x->row_count = 0;
+    x->on_patch = false;
+}
+
+static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
+    float step[3], miss[3], predicted[3];
+    hrt_sub(x->now.tip_m, x->before.tip_m, step);
+    hrt_sub(x->now.force_N, x->before.force_N, miss);
+    hrt_apply(x->broyden_N_m, step, predicted);
+    hrt_add_scaled(miss, -1.0f, predicted);
+    const float square = guarded_square(params, step);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) x->broyden_N_m[3 * i + j] += miss[i] * step[j] / square;
+    /* Out of touch nothing is stiff. */
+    const bool free = !(hrt_length(x->now.force_N) > 0.0f) && !(hrt_length(x->before.force_N) > 0.0f);
+    const float norm = hrt_norm9(x->broyden_N_m);
+    const float share = free ? 0.0f : norm > params->stiffness_max_N_m ? params->stiffness_max_N_m / norm : 1.0f;
+    for (int i = 0; i < 9; i++) x->broyden_N_m[i] *= share;
+}
+
+static void take_patch(hrt_extrapolation *x, const hrt_sample *sample) {
+    /* A patch of another cut state than its sample's is none. */
+    const hrt_patch *fresh = sample->patch && sample->patch->topology_revision == sample->topology_revision ? sample->patch : NULL;
+    if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh) hrt_contact_warm(x, x->patch, fresh);
+    else x->row_count = 0;
+    x->patch = fresh;
+    x->patch_us = sample->t_us;
+    x->patch_left = false;
+    x->patch_new = true;
+}
+
+void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, const hrt_sample *sample) {
+    x->before = x->have ? x->now : *sample;
+    x->now = *sample;
+    x->have = x->have ? 2 : 1;
+    if (x->have == 2) update_broyden(x, params);
+    take_patch(x, sample);
+}
+
+static void cap_length(float v[3], float most, uint32_t *limits) {
+    const float size = hrt_length(v);
+    if (!(size > most)) return;
+    hrt_scale(v, most / size);
+    *limits |= HRT_LIMIT_HORIZON;
+}
+
+static void describe(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3], moment *m) {
+    m->params = params;
+    const float age_us = (float)(now_us - x->now.t_us);
+    if (age_us > params->horizon_us) x->limits |= HRT_LIMIT_HORIZON;
+    m->age_s = 1.0e-6f * hrt_clamp(age_us, 0.0f, params->horizon_us);
+    hrt_sub(tip_m, x->now.tip_m, m->moved_m);
+    cap_length(m->moved_m, params->horizon_m, &x->limits);
+    m->interval_s = hrt_seconds(x->now.t_us - x->before.t_us);
+    hrt_sub(x->now.tip_m, x->before.tip_m, m->step_m);
+    hrt_sub(x->now.force_N, x->before.force_N, m->change_N);
+}
+
+/* The law's own force; says whether it came from the patch. */
+static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3], float force[3]) {
+    moment m;
+    describe(x, params, now_us, tip_m, &m);
+    if (x->which == HRT_CONTACT) {
+        const bool young = x->patch && !hrt_older(now_us - x->patch_us, params->patch_stale_us);
+        if (young && !x->patch_left) {
+            if (hrt_contact_force(x, tip_m, x->patch_new ? 4 : 2, force)) return true;
+            x->patch_left = true; /* until a new patch comes */
+        }
+        x->limits |= HRT_LIMIT_PATCH;
+    }
+    hrt_copy(force, x->now.force_N);
+    laws[x->which].force(x, &m, force);
+    return false;
+}
+
+/* Two laws meet without a jump: the difference at the change fades over blend_us. */
+static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, float force[3]) {
+    if (x->changed && x->last_valid) {
+        hrt_sub(x->last_N, force, x->bridge_N);
+        x->bridge_us = now_us;
+        x->bridging = true;
+    }
+    x->changed = false;
+    if (!x->bridging) return;
+    const float left = 1.0f - (float)(now_us - x->bridge_us) / fmaxf(params->blend_us, 1.0f);
+    if (left > 0.0f) hrt_add_scaled(force, left, x->bridge_N);
+    else x->bridging = false;
+}
+
+void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3], float force_N[3]) {
+    x->limits = 0;
+    for (int i = 0; i < 3; i++) force_N[i] = 0.0f;
+    if (!x->have) return;
+    const bool on_patch = evaluate(x, params, now_us, tip_m, force_N);
+    if (x->which == HRT_CONTACT && on_patch != x->on_patch && x->last_valid) x->changed = true;
+    x->on_patch = on_patch;
+    x->patch_new = false;
+    bridge(x, params, now_us, force_N);
+    hrt_copy(x->last_N, force_N);
+    x->last_valid = true;
+}

@@ -1,0 +1,76 @@
+/* Shared by the files of the core, not by its users. */
+#ifndef HRT_INTERNAL_H
+#define HRT_INTERNAL_H
+
+#include <math.h>
+
+#include "hrt.h"
+
+static inline float hrt_dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static inline float hrt_length(const float a[3]) { return sqrtf(hrt_dot(a, a)); }
+static inline void hrt_sub(const float a[3], const float b[3], float c[3]) {
+    for (int i = 0; i < 3; i++) c[i] = a[i] - b[i];
+}
+static inline void hrt_copy(float to[3], const float from[3]) {
+    for (int i = 0; i < 3; i++) to[i] = from[i];
+}
+static inline void hrt_add_scaled(float a[3], float s, const float b[3]) {
+    for (int i = 0; i < 3; i++) a[i] += s * b[i];
+}
+static inline void hrt_scale(float a[3], float s) {
+    for (int i = 0; i < 3; i++) a[i] *= s;
+}
+static inline void hrt_cross(const float a[3], const float b[3], float c[3]) {
+    c[0] = a[1] * b[2] - a[2] * b[1];
+    c[1] = a[2] * b[0] - a[0] * b[2];
+    c[2] = a[0] * b[1] - a[1] * b[0];
+}
+/* y = M x, row-major 3x3. */
+static inline void hrt_apply(const float m[9], const float x[3], float y[3]) {
+    for (int i = 0; i < 3; i++) y[i] = m[3 * i] * x[0] + m[3 * i + 1] * x[1] + m[3 * i + 2] * x[2];
+}
+/* y = M^T x. */
+static inline void hrt_apply_transposed(const float m[9], const float x[3], float y[3]) {
+    for (int i = 0; i < 3; i++) y[i] = m[i] * x[0] + m[3 + i] * x[1] + m[6 + i] * x[2];
+}
+static inline float hrt_clamp(float value, float low, float high) {
+    return value < low ? low : value > high ? high : value;
+}
+static inline float hrt_norm9(const float m[9]) {
+    float s = 0.0f;
+    for (int i = 0; i < 9; i++) s += m[i] * m[i];
+    return sqrtf(s);
+}
+/* Not by isfinite: the firmware build may be told that no NaN exists. */
+static inline bool hrt_finite(float x) { return x >= -3.0e38f && x <= 3.0e38f; }
+static inline bool hrt_finite_n(const float *x, int32_t n) {
+    bool good = true;
+    for (int32_t i = 0; i < n; i++) good = good && hrt_finite(x[i]);
+    return good;
+}
+/* Microseconds as seconds; for differences alone. */
+static inline float hrt_seconds(int64_t us) { return 1.0e-6f * (float)us; }
+static inline bool hrt_older(int64_t us, float limit_us) { return (float)us > limit_us; }
+
+/* faults.c: latches the first. */
+void hrt_latch(hrt_controller *c, int64_t now_us, hrt_fault fault, int32_t detail);
+
+/* encoders.c: counts to joints, tip and velocity; plausibility. */
+void hrt_read_device(hrt_controller *c, int64_t now_us, const hrt_input *in);
+
+/* output.c: force to render -> force within every limit and its torques. dt_s: since the last tick. */
+void hrt_limit_force(hrt_controller *c, float dt_s, const float wanted_N[3]);
+
+/* passivity.c */
+void hrt_passivity_observe(hrt_controller *c, int64_t now_us, const float moved_m[3]);
+void hrt_passivity_control(hrt_controller *c, float dt_s, float force_N[3]);
+
+/* coupling.c: force at the tip, by the extrapolation itself or through a coupled proxy. */
+void hrt_render(hrt_controller *c, int64_t now_us, bool coupling, float force_N[3]);
+
+/* contact.c: force of the tool at `tip_m` against the newest patch; false when the tool has left it. */
+bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], int32_t linearisations, float force_N[3]);
+/* Starting values for a new patch from the rows of the old one. */
+void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patch *fresh);
+
+#endif

@@ -1,0 +1,99 @@
+/* What comes from outside is checked here, outside the tick: finite, bounded, indices in range, compliance positive semidefinite. */
+#include "internal.h"
+
+static const char *const reject_text[HRT_REJECT_COUNT] = {
+    "accepted", "a value is not finite", "a value is beyond any sense", "the compliance is not positive semidefinite",
+    "a count or an index is out of range", "for another controller or instrument", "from the future", "overtaken by a newer one",
+};
+
+const char *hrt_reject_text(hrt_reject reject) {
+    return (int)reject >= 0 && reject < HRT_REJECT_COUNT ? reject_text[reject] : "unknown";
+}
+
+static float largest(const float *x, int32_t n) {
+    float most = 0.0f;
+    for (int32_t i = 0; i < n; i++) most = fmaxf(most, fabsf(x[i]));
+    return most;
+}
+
+hrt_reject hrt_sample_check(hrt_sample *sample, const hrt_params *params) {
+    if (!hrt_finite_n(sample->tip_m, 3) || !hrt_finite_n(sample->force_N, 3) || !hrt_finite_n(sample->stiffness_N_m, 9))
+        return HRT_REJECT_NOT_FINITE;
+    if (largest(sample->tip_m, 3) > 2.0f || largest(sample->force_N, 3) > 1000.0f || largest(sample->stiffness_N_m, 9) > 1.0e9f ||
+        sample->t_us < 0)
+        return HRT_REJECT_HUGE;
+    if (sample->stiffness_kind < 0 || sample->stiffness_kind > 2) return HRT_REJECT_INDEX;
+    const float norm = hrt_norm9(sample->stiffness_N_m);
+    if (norm > params->stiffness_max_N_m)
+        for (int i = 0; i < 9; i++) sample->stiffness_N_m[i] *= params->stiffness_max_N_m / norm;
+    return HRT_ACCEPT;
+}
+
+static int32_t packed(int32_t n, int32_t i, int32_t j) { return i * (2 * n - i - 1) / 2 + j; }
+
+/* LDL^T in place; a pivot within rounding of zero must have a row within rounding of zero. */
+static bool semidefinite(float *a, int32_t n, float most) {
+    const float tolerance = 1.0e-5f * (float)n * most;
+    for (int32_t k = 0; k < n; k++) {
+        const float pivot = a[packed(n, k, k)];
+        if (pivot < -tolerance) return false;
+        if (pivot <= tolerance) {
+            for (int32_t j = k + 1; j < n; j++)
+                if (fabsf(a[packed(n, k, j)]) > 10.0f * sqrtf(tolerance * most)) return false;
+            continue;
+        }
+        for (int32_t i = k + 1; i < n; i++) {
+            const float factor = a[packed(n, k, i)] / pivot;
+            if (factor == 0.0f) continue;
+            for (int32_t j = i; j < n; j++) a[packed(n, i, j)] -= factor * a[packed(n, k, j)];
+        }
+    }
+    return true;
+}
+
+static bool has_edge(const uint8_t corner[3], uint8_t a, uint8_t b) {
+    bool has_a = false, has_b = false;
+    for (int i = 0; i < 3; i++) {
+        has_a = has_a || corner[i] == a;
+        has_b = has_b || corner[i] == b;
+    }
+    return has_a && has_b;
+}
+
+static void find_boundary(hrt_patch *patch) {
+    for (int32_t t = 0; t < patch->triangle_count; t++) {
+        const uint8_t *corner = &patch->triangle[3 * t];
+        uint8_t bits = 0;
+        for (int e = 0; e < 3; e++) {
+            bool shared = false;
+            for (int32_t o = 0; o < patch->triangle_count; o++)
+                shared = shared || (o != t && has_edge(&patch->triangle[3 * o], corner[(e + 1) % 3], corner[(e + 2) % 3]));
+            if (!shared) bits = (uint8_t)(bits | (1u << e));
+        }
+        patch->boundary[t] = bits;
+    }
+}
+
+hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANCE]) {
+    if (patch->vertex_count < 3 || patch->vertex_count > HRT_PATCH_MAX_VERTICES || patch->triangle_count < 1 ||
+        patch->triangle_count > HRT_PATCH_MAX_TRIANGLES)
+        return HRT_REJECT_INDEX;
+    const int32_t n = 3 * patch->vertex_count;
+    for (int32_t t = 0; t < patch->triangle_count; t++) {
+        const uint8_t *corner = &patch->triangle[3 * t];
+        for (int i = 0; i < 3; i++)
+            if (corner[i] >= patch->vertex_count || corner[i] == corner[(i + 1) % 3]) return HRT_REJECT_INDEX;
+    }
+    if (!hrt_finite_n(patch->vertex_m, n) || !hrt_finite_n(patch->compliance_m_N, n * (n + 1) / 2) || !hrt_finite(patch->radius_m) ||
+        !hrt_finite(patch->contact_length_m) || !hrt_finite(patch->skin_compliance_m_N))
+        return HRT_REJECT_NOT_FINITE;
+    const float most = largest(patch->compliance_m_N, n * (n + 1) / 2);
+    if (largest(patch->vertex_m, n) > 2.0f || most > 10.0f || patch->radius_m < 0.0f || patch->radius_m > 0.1f ||
+        patch->contact_length_m < 0.0f || patch->contact_length_m > 1.0f || patch->skin_compliance_m_N < 0.0f ||
+        patch->skin_compliance_m_N > 10.0f)
+        return HRT_REJECT_HUGE;
+    for (int32_t i = 0; i < n * (n + 1) / 2; i++) scratch[i] = patch->compliance_m_N[i];
+    if (!semidefinite(scratch, n, most)) return HRT_REJECT_ASYMMETRIC;
+    find_boundary(patch);
+    return HRT_ACCEPT;
+}

@@ -1,0 +1,242 @@
+/* The virtual Impulse Engine. Joints are independent masses with friction, pushed by the motors and by a hand that is a spring and a damper to where it wants to be. */
+#include "device.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { BEAT_US = 50000, STEP_US = 250, CATCH_UP_US = 50000, CORRUPT_MAX = 10, FRAMES_PER_STEP = 64 };
+static const double PI = 3.14159265358979323846;
+
+hrt_device_config hrt_device_config_default(int32_t instrument) {
+    hrt_device_config c = {.instrument = instrument,
+                           .inertia = {0.0045, 0.0045, 0.2},
+                           .viscous = {0.01, 0.01, 0.5},
+                           .coulomb = {0.008, 0.008, 0.06},
+                           .hand_stiffness = {7.0, 7.0, 300.0},
+                           .hand_damping = {0.25, 0.25, 11.0},
+                           .roll_grip_rate = 60.0,
+                           .rest = {0.0, 0.0, 0.1, 0.0, 0.0},
+                           .watchdog_us = 20000.0,
+                           .period_us = 2000.0,
+                           .session = 1,
+                           .hand = {.tremor_hz = 9.0}};
+    hrt_params_default(&c.profile);
+    return c;
+}
+
+void hrt_device_init(hrt_device *device, const hrt_device_config *config, hrt_bus *bus) {
+    memset(device, 0, sizeof *device);
+    device->config = *config;
+    device->bus = bus;
+    device->random = config->seed ? config->seed : 1;
+    for (int j = 0; j < HRT_JOINTS; j++)
+        device->joint[j] = device->target[j] = config->hand.key ? config->hand.key[0].joint[j] : config->rest[j];
+}
+
+void hrt_device_hand(hrt_device *device, const double joint[HRT_JOINTS], bool active) {
+    device->external = true;
+    device->external_active = active;
+    memcpy(device->external_target, joint, sizeof device->external_target);
+}
+
+/* ---------------------------------------------------------------------------------------------- the hand */
+
+static double between(const hrt_hand_script *hand, double s) { return hand->straight ? s : s * s * s * (10.0 + s * (6.0 * s - 15.0)); }
+
+static void scripted(hrt_device *d, double time_s, double target[HRT_JOINTS], bool *active) {
+    const hrt_hand_script *hand = &d->config.hand;
+    if (!hand->key || hand->key_count < 1) {
+        memcpy(target, d->config.rest, sizeof d->config.rest);
+        return;
+    }
+    const double last_s = hand->key[hand->key_count - 1].time_s;
+    if (hand->repeat && last_s > 0.0 && time_s > last_s) time_s = fmod(time_s, last_s);
+    int32_t k = 0;
+    while (k + 1 < hand->key_count && hand->key[k + 1].time_s <= time_s) k++;
+    const hrt_keyframe *a = &hand->key[k], *b = &hand->key[k + 1 < hand->key_count ? k + 1 : k];
+    const double span = b->time_s - a->time_s;
+    const double s = span > 0.0 && time_s > a->time_s ? between(hand, (time_s - a->time_s) / span) : 0.0;
+    for (int j = 0; j < HRT_JOINTS; j++) target[j] = a->joint[j] + s * (b->joint[j] - a->joint[j]);
+    *active = a->active;
+}
+
+static void want(hrt_device *d, double time_s) {
+    const hrt_hand_script *hand = &d->config.hand;
+    double target[HRT_JOINTS];
+    d->active = false;
+    if (d->external) {
+        memcpy(target, d->external_target, sizeof target);
+        d->active = d->external_active;
+    } else scripted(d, time_s, target, &d->active);
+    if (hand->tremor_m > 0.0) {
+        const double w = 2.0 * PI * hand->tremor_hz * time_s, reach = fmax(target[HRT_INSERTION], 0.02);
+        target[HRT_PITCH] += hand->tremor_m / reach * sin(w);
+        target[HRT_YAW] += hand->tremor_m / reach * sin(1.13 * w + 1.0);
+        target[HRT_INSERTION] += hand->tremor_m * sin(0.91 * w + 2.0);
+    }
+    memcpy(d->target, target, sizeof target);
+}
+
+/* ---------------------------------------------------------------------------------------------- motion */
+
+static double shrink(double x, double by) { return x > by ? x - by : x < -by ? x + by : 0.0; }
+
+static void move(hrt_device *d, double dt_s) {
+    const hrt_device_config *c = &d->config;
+    double before[HRT_JOINTS];
+    memcpy(before, d->target, sizeof before);
+    want(d, 1.0e-6 * ((double)(d->now_us - d->start_us) - c->start_us));
+    for (int j = 0; j < HRT_JOINTS; j++) {
+        if (j < HRT_MOTORS) {
+            const double wanted_rate = (d->target[j] - before[j]) / dt_s;
+            const double push = d->torque[j] + c->hand_stiffness[j] * (d->target[j] - d->joint[j]) + c->hand_damping[j] * wanted_rate;
+            const double damping = c->hand_damping[j] + c->viscous[j];
+            /* Damping implicit, dry friction as what it can stop within the step. */
+            const double v = (d->velocity[j] + dt_s * push / c->inertia[j]) / (1.0 + dt_s * damping / c->inertia[j]);
+            d->velocity[j] = shrink(v, dt_s * c->coulomb[j] / c->inertia[j]);
+        } else d->velocity[j] = (d->target[j] - d->joint[j]) * fmin(c->roll_grip_rate, 1.0 / dt_s);
+        d->joint[j] += dt_s * d->velocity[j];
+        const double low = (double)c->profile.joint_min[j], high = (double)c->profile.joint_max[j];
+        if (d->joint[j] < low || d->joint[j] > high) {
+            d->joint[j] = fmin(fmax(d->joint[j], low), high);
+            d->velocity[j] = 0.0;
+        }
+    }
+}
+
+/* ---------------------------------------------------------------------------------------------- frames */
+
+static void motors_off(hrt_device *d) {
+    d->motors_on = false;
+    for (int j = 0; j < HRT_MOTORS; j++) d->torque[j] = 0.0;
+}
+
+static void send_message(hrt_device *d, hrt_can_message *m) {
+    hrt_can_frame frame;
+    m->instrument = d->config.instrument;
+    if (hrt_can_pack(m, &frame)) hrt_bus_send(d->bus, &frame);
+}
+
+static void fail(hrt_device *d, hrt_device_fault fault) {
+    motors_off(d);
+    if (d->fault != HRT_DEVICE_FINE) return;
+    d->fault = fault;
+    hrt_can_message m = {.kind = HRT_CAN_DEVICE_FAULT, .fault = (uint8_t)fault};
+    send_message(d, &m);
+}
+
+static void take_command(hrt_device *d, const hrt_can_message *m) {
+    const uint8_t step = (uint8_t)((m->counter - d->command_counter) & 0x7F);
+    d->corrupt_in_a_row = 0;
+    if (d->command_counter_known && step == 0) {
+        d->can.repeated++; /* a transmitter that repeats itself does not feed the watchdog */
+        return;
+    }
+    if (d->command_counter_known && step > 1) d->can.lost += step - 1u;
+    d->command_counter_known = true;
+    d->command_counter = m->counter;
+    d->command_us = d->heard_us;
+    d->commands++;
+    if (!m->motors_on) {
+        motors_off(d);
+        if (d->fault == HRT_DEVICE_WATCHDOG || d->fault == HRT_DEVICE_BUS_OFF) d->fault = HRT_DEVICE_FINE;
+        return;
+    }
+    if (d->fault != HRT_DEVICE_FINE) return;
+    d->motors_on = true;
+    for (int j = 0; j < HRT_MOTORS; j++) {
+        const double most = (double)d->config.profile.torque_max[j];
+        d->torque[j] = fmin(fmax((double)m->torque[j], -most), most);
+    }
+}
+
+static void take_frames(hrt_device *d) {
+    hrt_can_frame frame;
+    hrt_can_message m;
+    for (int i = 0; i < FRAMES_PER_STEP && hrt_bus_receive(d->bus, &frame) > 0; i++) {
+        hrt_can_unpack(&frame, &m);
+        const bool ours = m.instrument == d->config.instrument;
+        switch (m.kind) {
+        case HRT_CAN_FOREIGN: d->can.foreign++; break;
+        case HRT_CAN_ERROR_FRAME: d->can.error++; break;
+        case HRT_CAN_CORRUPT:
+            d->can.corrupt++;
+            if (ours && ++d->corrupt_in_a_row >= CORRUPT_MAX) fail(d, HRT_DEVICE_BAD_COMMAND);
+            break;
+        case HRT_CAN_COMMAND:
+            if (ours) take_command(d, &m);
+            break;
+        case HRT_CAN_RESET:
+            if (!ours) break;
+            d->fault = HRT_DEVICE_FINE;
+            d->corrupt_in_a_row = 0;
+            motors_off(d);
+            break;
+        case HRT_CAN_ENCODER_A:
+        case HRT_CAN_ENCODER_B:
+        case HRT_CAN_DEVICE_BEAT:
+        case HRT_CAN_DEVICE_FAULT:
+        case HRT_CAN_CONTROLLER_BEAT: break;
+        }
+    }
+    if (hrt_bus_state_now(d->bus) >= HRT_BUS_OFF) {
+        if (d->motors_on) fail(d, HRT_DEVICE_BUS_OFF);
+        d->can.bus_off++;
+        hrt_bus_recover(d->bus, d->heard_us);
+    }
+}
+
+static double uniform(hrt_device *d) {
+    d->random ^= d->random << 13;
+    d->random ^= d->random >> 7;
+    d->random ^= d->random << 17;
+    return (double)(d->random >> 11) * 0x1.0p-53;
+}
+
+static int32_t encoder(hrt_device *d, int j) {
+    const hrt_params *p = &d->config.profile;
+    double counts = d->joint[j] * (double)p->counts_per_unit[j] + (double)p->count_zero[j];
+    if (d->config.noise_counts > 0.0)
+        counts += d->config.noise_counts * sqrt(-2.0 * log(uniform(d) + 1.0e-300)) * cos(2.0 * PI * uniform(d));
+    return (int32_t)lrint(counts);
+}
+
+static void send_frames(hrt_device *d, int64_t now_us) {
+    if (!d->unplugged && (double)(now_us - d->sent_us) >= d->config.period_us) {
+        hrt_can_message a = {.kind = HRT_CAN_ENCODER_A, .counter = ++d->encoder_counter};
+        hrt_can_message b = {.kind = HRT_CAN_ENCODER_B, .counter = d->encoder_counter, .pedal = d->active};
+        for (int j = 0; j < HRT_JOINTS; j++) a.count[j] = b.count[j] = encoder(d, j);
+        send_message(d, &a);
+        send_message(d, &b);
+        /* Keep the beat; after a stall begin a new one rather than catch up. */
+        const int64_t period = (int64_t)d->config.period_us;
+        d->sent_us = now_us - d->sent_us < 2 * period ? d->sent_us + period : now_us;
+    }
+    if (d->unplugged || (d->beat_us != 0 && now_us - d->beat_us < BEAT_US)) return;
+    hrt_can_message beat = {.kind = HRT_CAN_DEVICE_BEAT,
+                            .counter = d->beat_counter++,
+                            .state = d->fault != HRT_DEVICE_FINE ? 2 : d->motors_on ? 1 : 0,
+                            .fault = (uint8_t)d->fault,
+                            .session = d->config.session,
+                            .gaps = (uint16_t)d->can.lost};
+    send_message(d, &beat);
+    d->beat_us = now_us;
+}
+
+void hrt_device_step(hrt_device *d, int64_t now_us) {
+    if (!d->started) {
+        d->started = true;
+        d->start_us = d->now_us = d->command_us = now_us;
+        d->sent_us = now_us - (int64_t)d->config.period_us;
+    }
+    d->heard_us = now_us;
+    if (!d->unplugged) take_frames(d);
+    if (now_us - d->now_us > CATCH_UP_US) d->now_us = now_us - CATCH_UP_US;
+    while (d->now_us < now_us) {
+        const int64_t step = now_us - d->now_us < STEP_US ? now_us - d->now_us : STEP_US;
+        d->now_us += step;
+        if (d->motors_on && (double)(d->now_us - d->command_us) > d->config.watchdog_us) fail(d, HRT_DEVICE_WATCHDOG);
+        move(d, 1.0e-6 * (double)step);
+    }
+    send_frames(d, now_us);
+}

@@ -1,0 +1,318 @@
+/* Controller + CAN + mailbox, the same under the Linux loop and in lockstep. */
+#include "node.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { UNREAD = 4, FRAMES_PER_TICK = 64, BEAT_US = 50000, RESET_QUIET_US = 10000 };
+
+hrt_node_config hrt_node_config_default(int32_t instrument) {
+    hrt_node_config config = {.instrument = instrument,
+                              .session = 1 + instrument,
+                              .pose = {.axis = {0.0, 0.0, 1.0}, .up = {0.0, 1.0, 0.0}},
+                              .extrapolator = HRT_POSITION,
+                              .enable = true};
+    hrt_params_default(&config.params);
+    return config;
+}
+
+static hrt_frame frame_of(const hrt_pose *pose) {
+    hrt_frame frame;
+    const float axis[3] = {(float)pose->axis[0], (float)pose->axis[1], (float)pose->axis[2]};
+    const float up[3] = {(float)pose->up[0], (float)pose->up[1], (float)pose->up[2]};
+    hrt_frame_from_axis(&frame, axis, up);
+    return frame;
+}
+
+void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus) {
+    memset(node, 0, sizeof *node);
+    node->config = *config;
+    node->bus = bus;
+    const hrt_frame frame = frame_of(&config->pose);
+    hrt_init(&node->controller, &config->params, &frame, config->session);
+    node->mailbox.write = 1;
+    node->mailbox.held = 2;
+    node->mailbox.spare = 3;
+    node->pose_posted = config->pose;
+    node->wish_extrapolator = node->wish_passivity = node->wish_coupling = node->wish_enable = -1;
+    node->input.extrapolator = config->extrapolator;
+    node->input.passivity = config->passivity;
+    node->input.coupling = config->coupling;
+    node->input.bus_ok = true;
+    hrt_extrapolation_reset(&node->controller.extrapolation, config->extrapolator);
+}
+
+/* ---------------------------------------------------------------------------------------------- the posting thread */
+
+static hrt_reject refuse(hrt_node *node, hrt_reject why) {
+    if (why == HRT_REJECT_OLD) atomic_fetch_add(&node->late, 1);
+    else atomic_fetch_add(&node->rejected, 1);
+    return why;
+}
+
+/* A pose that was posted but not taken over yet: nothing fits until it is. */
+static bool pose_settled(hrt_node *node) { return atomic_load(&node->pose_count) == atomic_load(&node->pose_taken); }
+
+hrt_reject hrt_node_post_patch(hrt_node *node, const hrt_patch_message *m) {
+    node->patch_waits = false;
+    if (m->instrument != node->config.instrument || !pose_settled(node)) return refuse(node, HRT_REJECT_FOREIGN);
+    if (m->vertex_count < 3 || m->vertex_count > HRT_PATCH_MAX_VERTICES || m->triangle_count < 1 ||
+        m->triangle_count > HRT_PATCH_MAX_TRIANGLES)
+        return refuse(node, HRT_REJECT_INDEX);
+    hrt_patch *patch = &node->mailbox.slot[node->mailbox.write].patch;
+    memset(patch, 0, sizeof *patch);
+    patch->seq = m->seq;
+    patch->topology_revision = m->topology_revision;
+    patch->vertex_count = m->vertex_count;
+    patch->triangle_count = m->triangle_count;
+    patch->skin_compliance_m_N = m->skin_compliance_m_N;
+    patch->radius_m = m->radius_m;
+    patch->contact_length_m = m->contact_length_m;
+    const int32_t n = 3 * m->vertex_count;
+    for (int32_t i = 0; i < n; i++)
+        patch->vertex_m[i] = (float)((double)m->vertex_m[i] + m->origin_m[i % 3] - node->pose_posted.trocar_m[i % 3]);
+    for (int32_t i = 0; i < 3 * m->triangle_count; i++) patch->triangle[i] = (uint8_t)m->triangle[i];
+    memcpy(patch->compliance_m_N, m->compliance_m_N, (size_t)(n * (n + 1) / 2) * sizeof(float));
+    const hrt_reject verdict = hrt_patch_prepare(patch, node->scratch);
+    if (verdict != HRT_ACCEPT) return refuse(node, verdict);
+    node->patch_waits = true;
+    node->patch_session = m->session;
+    return HRT_ACCEPT;
+}
+
+static void convert(const hrt_node *node, const hrt_force_sample *m, hrt_sample *s) {
+    memset(s, 0, sizeof *s);
+    s->session = m->session;
+    s->tool_session = m->tool_session;
+    s->t_us = m->tool_utime;
+    s->seq = m->seq;
+    s->topology_revision = m->topology_revision;
+    s->stiffness_kind = m->stiffness_kind;
+    s->unilateral = node->config.mode != 1;
+    for (int i = 0; i < 3; i++) {
+        s->tip_m[i] = (float)(m->tip_m[i] - node->pose_posted.trocar_m[i]);
+        s->force_N[i] = (float)m->force_N[i];
+    }
+    if (m->stiffness_kind != 0)
+        for (int i = 0; i < 9; i++) s->stiffness_N_m[i] = (float)m->stiffness_N_m[i];
+}
+
+hrt_reject hrt_node_post_sample(hrt_node *node, const hrt_force_sample *m) {
+    hrt_mailbox *box = &node->mailbox;
+    struct hrt_slot *slot = &box->slot[box->write];
+    const bool with_patch = node->patch_waits && slot->patch.seq == m->seq && node->patch_session == m->session;
+    node->patch_waits = false;
+    if (m->instrument != node->config.instrument || m->tool_session != node->config.session || !pose_settled(node))
+        return refuse(node, HRT_REJECT_FOREIGN);
+    convert(node, m, &slot->sample);
+    const hrt_reject verdict = hrt_sample_check(&slot->sample, &node->config.params);
+    if (verdict != HRT_ACCEPT) return refuse(node, verdict);
+    /* Never bury a newer one that the tick has not seen. */
+    const bool unread = (atomic_load(&box->between) & UNREAD) != 0;
+    if (unread && node->posted && node->posted_session == m->session && !hrt_seq_after(m->seq, node->posted_seq))
+        return refuse(node, HRT_REJECT_OLD);
+    slot->sample.patch = with_patch ? &slot->patch : NULL;
+    node->posted = true;
+    node->posted_session = m->session;
+    node->posted_seq = m->seq;
+    box->write = atomic_exchange(&box->between, box->write | UNREAD) & 3u;
+    return HRT_ACCEPT;
+}
+
+void hrt_node_post_pose(hrt_node *node, const hrt_pose *pose) {
+    hrt_frame frame;
+    const float axis[3] = {(float)pose->axis[0], (float)pose->axis[1], (float)pose->axis[2]};
+    const float up[3] = {(float)pose->up[0], (float)pose->up[1], (float)pose->up[2]};
+    if (!pose_settled(node) || !hrt_frame_from_axis(&frame, axis, up)) return;
+    for (int i = 0; i < 3; i++)
+        if (!(fabs(pose->trocar_m[i]) < 1.0e6)) return;
+    const bool first = atomic_load(&node->pose_count) == 0 && !node->config.pose_known;
+    if (!first && memcmp(pose, &node->pose_posted, sizeof *pose) == 0) return;
+    node->pose_posted = *pose;
+    atomic_fetch_add(&node->pose_count, 1);
+}
+
+void hrt_node_post_command(hrt_node *node, const hrt_command *command) {
+    if (command->extrapolator >= 0) atomic_store(&node->wish_extrapolator, command->extrapolator);
+    if (command->passivity >= 0) atomic_store(&node->wish_passivity, command->passivity);
+    if (command->coupling >= 0) atomic_store(&node->wish_coupling, command->coupling);
+    if (command->enable >= 0) atomic_store(&node->wish_enable, command->enable);
+    if (command->reset) atomic_store(&node->wish_reset, 1);
+}
+
+/* ---------------------------------------------------------------------------------------------- the tick's thread */
+
+static void take_commands(hrt_node *node, int64_t now_us) {
+    const int32_t extrapolator = atomic_exchange(&node->wish_extrapolator, -1), passivity = atomic_exchange(&node->wish_passivity, -1);
+    const int32_t coupling = atomic_exchange(&node->wish_coupling, -1), enable = atomic_exchange(&node->wish_enable, -1);
+    if (extrapolator >= 0 && extrapolator < HRT_EXTRAPOLATOR_COUNT) node->input.extrapolator = (hrt_extrapolator)extrapolator;
+    if (passivity >= 0) node->input.passivity = passivity != 0;
+    if (coupling >= 0) node->input.coupling = coupling != 0;
+    if (enable >= 0) node->config.enable = enable != 0;
+    node->input.reset = atomic_exchange(&node->wish_reset, 0) == 1;
+    if (node->input.reset) {
+        node->reset_us = now_us;
+        node->input.device_fault = 0;
+        node->input.device_watchdog = false;
+    }
+    const bool in_use = node->controller.state == HRT_ENGAGED || node->controller.state == HRT_STALE;
+    if (!in_use && !pose_settled(node)) {
+        node->config.pose = node->pose_posted;
+        node->config.pose_known = true;
+        node->controller.frame = frame_of(&node->config.pose);
+        atomic_store(&node->pose_taken, atomic_load(&node->pose_count));
+    }
+    node->input.enable = node->config.enable && node->config.pose_known;
+}
+
+static void take_encoders(hrt_node *node, int64_t now_us, const hrt_can_message *m) {
+    if (m->kind == HRT_CAN_ENCODER_A) {
+        for (int i = 0; i < HRT_MOTORS; i++) node->half_count[i] = m->count[i];
+        node->half_counter = m->counter;
+        node->half_waits = true;
+        return;
+    }
+    const bool whole = node->half_waits && node->half_counter == m->counter;
+    node->half_waits = false;
+    const uint8_t step = (uint8_t)((m->counter - node->encoder_counter) & 0x7F);
+    if (!whole) {
+        node->can.lost++;
+        return;
+    }
+    if (node->encoder_known && step == 0) {
+        node->can.repeated++;
+        return;
+    }
+    if (node->encoder_known && step > 1) node->can.lost += step - 1u;
+    node->encoder_known = true;
+    node->encoder_counter = m->counter;
+    for (int j = 0; j < HRT_JOINTS; j++) node->input.count[j] = j < HRT_MOTORS ? node->half_count[j] : m->count[j];
+    node->input.pedal = m->pedal;
+    node->input.encoder_us = now_us;
+}
+
+/* Watchdog and bus-off dropped the torque and end when the device hears "motors off", which idle says: no fault here. */
+static void take_device_fault(hrt_node *node, int64_t now_us, uint8_t code) {
+    if (node->reset_us != 0 && now_us - node->reset_us < RESET_QUIET_US) return;
+    node->input.device_watchdog = code == 1 || code == 3;
+    node->input.device_fault = node->input.device_watchdog ? 0 : code;
+}
+
+static void take_frames(hrt_node *node, int64_t now_us) {
+    hrt_can_frame frame;
+    hrt_can_message m;
+    for (int i = 0; i < FRAMES_PER_TICK && hrt_bus_receive(node->bus, &frame) > 0; i++) {
+        hrt_can_unpack(&frame, &m);
+        const bool ours = m.instrument == node->config.instrument;
+        switch (m.kind) {
+        case HRT_CAN_FOREIGN: node->can.foreign++; break;
+        case HRT_CAN_CORRUPT: node->can.corrupt++; break;
+        case HRT_CAN_ERROR_FRAME: node->can.error++; break;
+        case HRT_CAN_ENCODER_A:
+        case HRT_CAN_ENCODER_B:
+            if (ours) take_encoders(node, now_us, &m);
+            break;
+        case HRT_CAN_DEVICE_BEAT:
+            if (!ours) break;
+            node->input.device_session = m.session;
+            take_device_fault(node, now_us, m.fault);
+            break;
+        case HRT_CAN_DEVICE_FAULT:
+            if (ours) take_device_fault(node, now_us, m.fault);
+            break;
+        case HRT_CAN_COMMAND:
+        case HRT_CAN_CONTROLLER_BEAT:
+        case HRT_CAN_RESET: break; /* the other controller's */
+        }
+    }
+    const bool ok = hrt_bus_state_now(node->bus) < HRT_BUS_OFF;
+    if (!ok && node->input.bus_ok) node->can.bus_off++;
+    if (!ok) hrt_bus_recover(node->bus, now_us);
+    node->input.bus_ok = ok;
+}
+
+static const hrt_sample *take_sample(hrt_mailbox *box) {
+    if ((atomic_load(&box->between) & UNREAD) == 0) return NULL;
+    box->spare = atomic_exchange(&box->between, box->spare) & 3u;
+    return &box->slot[box->spare].sample;
+}
+
+static void send_message(hrt_node *node, hrt_can_message *m) {
+    hrt_can_frame frame;
+    m->instrument = node->config.instrument;
+    if (hrt_can_pack(m, &frame)) hrt_bus_send(node->bus, &frame);
+}
+
+static void send_frames(hrt_node *node, int64_t now_us) {
+    hrt_can_message command = {.kind = HRT_CAN_COMMAND, .counter = node->command_counter++, .motors_on = node->output.motors_on};
+    for (int i = 0; i < HRT_MOTORS; i++) command.torque[i] = node->output.torque[i];
+    if (node->input.reset) {
+        hrt_can_message reset = {.kind = HRT_CAN_RESET, .counter = node->command_counter};
+        send_message(node, &reset);
+    }
+    send_message(node, &command);
+    if (node->beat_us != 0 && now_us - node->beat_us < BEAT_US) return;
+    hrt_can_message beat = {.kind = HRT_CAN_CONTROLLER_BEAT,
+                            .counter = node->beat_counter++,
+                            .state = (uint8_t)node->output.state,
+                            .fault = (uint8_t)node->output.fault,
+                            .gaps = (uint16_t)node->can.lost};
+    send_message(node, &beat);
+    node->beat_us = now_us;
+}
+
+static void tell(hrt_node *node, int64_t now_us, hrt_tool_state *tool) {
+    const hrt_output *out = &node->output;
+    memset(tool, 0, sizeof *tool);
+    tool->utime = now_us;
+    tool->session = node->config.session;
+    tool->seq = ++node->tool_seq;
+    tool->instrument = (int8_t)node->config.instrument;
+    tool->mode = node->config.mode;
+    tool->state = (int8_t)out->state;
+    tool->active = out->pedal;
+    tool->extrapolator = (int8_t)out->extrapolator;
+    for (int i = 0; i < 3; i++) tool->tip_m[i] = node->config.pose.trocar_m[i] + (double)out->tip_m[i];
+    for (int j = 0; j < HRT_JOINTS; j++) tool->joint[j] = (double)out->joint[j];
+}
+
+void hrt_node_tick(hrt_node *node, int64_t now_us, hrt_tool_state *tool) {
+    hrt_mailbox *box = &node->mailbox;
+    take_commands(node, now_us);
+    take_frames(node, now_us);
+    hrt_tick(&node->controller, now_us, &node->input, take_sample(box), &node->output);
+    if (node->controller.extrapolation.patch == &box->slot[box->spare].patch) {
+        const uint32_t freed = box->held; /* the controller went over to the new patch */
+        box->held = box->spare;
+        box->spare = freed;
+    }
+    send_frames(node, now_us);
+    if (tool) tell(node, now_us, tool);
+}
+
+void hrt_node_status(const hrt_node *node, hrt_status *status) {
+    const hrt_output *out = &node->output;
+    const hrt_counters *counters = &node->controller.counters;
+    memset(status, 0, sizeof *status);
+    status->utime = node->controller.last_tick_us;
+    status->session = node->config.session;
+    status->ticks = counters->ticks;
+    status->instrument = node->config.instrument;
+    status->state = out->state;
+    status->fault = out->fault;
+    status->fault_text = out->fault == HRT_FAULT_NONE ? "" : hrt_fault_text(out->fault);
+    status->limits = (int32_t)out->limits;
+    status->extrapolator = out->extrapolator;
+    status->passivity_on = node->input.passivity;
+    status->passivity_J = (double)out->passivity_J;
+    for (int i = 0; i < 3; i++) status->force_N[i] = (double)out->force_N[i];
+    status->sample_age_s = out->sample_age_us < 0 ? -1.0 : 1.0e-6 * (double)out->sample_age_us;
+    const uint32_t rejected = atomic_load(&node->rejected), late = atomic_load(&node->late);
+    status->samples_received = (int64_t)counters->samples_received + rejected + late;
+    status->samples_late = (int64_t)counters->samples_late + late;
+    status->samples_lost = counters->samples_lost;
+    status->samples_rejected = (int64_t)counters->samples_rejected + rejected;
+    status->can_tx = (int64_t)node->bus->tx;
+    status->can_rx = (int64_t)node->bus->rx;
+    status->can_errors = (int64_t)node->can.error + node->can.corrupt + node->can.lost + node->can.repeated;
+}

@@ -1,0 +1,95 @@
+"""The short form of `make accuracy`: orders, monotone frontiers, completeness. Never times."""
+import json
+import subprocess
+import sys
+
+import pytest
+
+sys.path.insert(0, "apps/pages")
+
+
+@pytest.fixture(scope="module")
+def page(bin, root, tmp_path_factory):
+    out = tmp_path_factory.mktemp("accuracy")
+    figures = out / "figures.json"
+    subprocess.run([bin / "tm-accuracy", "--quick", "--json", figures], cwd=root, check=True, timeout=600)
+    subprocess.run([sys.executable, root / "apps/accuracy/page.py", figures, "-o", out], check=True, timeout=300)
+    return out, json.loads((out / "accuracy.json").read_text())
+
+
+def test_every_knob_has_its_figure_table_and_numbers(page):
+    out, data = page
+    html = (out / "index.html").read_text()
+    for knob in ("mesh", "step", "precision", "model", "fibre"):
+        assert data[knob]["rows"], knob
+        assert (out / f"{knob}.csv").read_text().count("\n") > len(data[knob]["rows"]), knob
+        assert (out / f"{knob}.png").stat().st_size > 5000, knob
+        assert f'alt="{knob}"' in html, knob
+    assert "http" not in html.replace("http-equiv", ""), "the page is not self-contained"
+    assert data["bandwidth_B_s"] > 0
+    assert all(data["circumstances"][k] != "unknown" for k in ("machine", "compiler", "flags"))
+
+
+@pytest.mark.parametrize("law", ["isotropic", "fibred"])
+def test_finer_meshes_are_better(page, law):
+    rows = [r for r in page[1]["mesh"]["rows"] if r["law"] == law]
+    for key in ("displacement", "reaction"):
+        errors = [r[key] for r in rows]
+        assert errors == sorted(errors, reverse=True), (key, errors)
+    orders = page[1]["mesh"]["orders"][law]
+    assert orders["displacement"][-1] > 0.8
+    assert orders["reaction"][-1] > 1.5
+
+
+def test_no_mesh_is_dominated(page):
+    """Each finer mesh is better and dearer, so all lie on the frontier. Prices are in tetrahedra times steps, not seconds."""
+    rows = [r for r in page[1]["mesh"]["rows"] if r["law"] == "isotropic"]
+    price = [r["tets"] / r["step_s"] for r in rows]
+    assert price == sorted(price)
+    assert all(a["displacement"] > b["displacement"] for a, b in zip(rows, rows[1:]))
+
+
+def test_the_step_is_second_order_and_rest_does_not_depend_on_it(page):
+    step = page[1]["step"]
+    for key in ("trajectory", "phase", "energy"):
+        assert 1.8 < step["orders"][key] < 2.3, (key, step["orders"][key])
+    settle = [r["settle_s"] for r in step["rows"]]
+    assert max(settle) / min(settle) < 1.02
+    assert step["guaranteed_s"] <= step["sharp_s"]
+
+
+def test_single_tensors_cost_seven_digits_and_half_the_bytes(page):
+    rows = page[1]["precision"]["rows"]
+    for double, single in zip(rows[::2], rows[1::2]):
+        assert double["displacement"] == 0
+        assert 0 < single["displacement"] < 1e-5
+        assert single["bytes"] < 0.7 * double["bytes"]
+
+
+def test_linear_tissue_is_worse_the_deeper_it_is_pressed(page):
+    rows = page[1]["model"]["rows"]
+    assert [r["depth"] for r in rows][0] == pytest.approx(0.01) and rows[-1]["depth"] == pytest.approx(0.4)
+    errors = [r["displacement"] for r in rows]
+    assert errors == sorted(errors)
+
+
+def test_leaving_fibres_out_is_worse_than_the_mesh(page):
+    rows = page[1]["fibre"]["rows"]
+    assert rows[0]["model"] == "fibred"
+    assert all(r["displacement"] > 1.5 * rows[0]["displacement"] for r in rows[1:])
+
+
+@pytest.mark.parametrize("arguments, says", [
+    (["--knob", "nonsense", "--json", "x.json"], "no knob 'nonsense'"),
+    (["--quick"], "--json FILE is missing"),
+    (["--bad"], "unknown or incomplete option"),
+    (["--reference", "nowhere.json", "--json", "x.json"], "nowhere.json"),
+    (["--json", "no/such/folder/x.json", "--quick", "--knob", "precision"], "no/such/folder"),
+])
+def test_bad_use(bin, root, tmp_path, arguments, says):
+    if "--reference" not in arguments:
+        arguments = [*arguments, "--reference", root / "apps/accuracy/reference/reference.json"]
+    run = subprocess.run([bin / "tm-accuracy", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 2, run
+    assert says in run.stderr
+    assert not list(tmp_path.iterdir())
