@@ -24,20 +24,21 @@ static const char help[] =
     "                     where the eye is, seen from the tissue's middle [-60, 32, 1, 0,0, z]\n"
     "  --orbit DEG        the eye walks round, degrees per second [0]\n"
     "  --newton MM        length of an arrow of one newton [chosen to fit]\n"
-    "  --samples N        N*N rays a pixel, 1 to 3 [2]   --smooth N    splits of each triangle, 0 to 2 [1]\n"
+    "  --quality N        0 fast, 1 smooth edges, 2 also averages 2x2 [2 for one picture, 1 for many]\n"
+    "  --smooth N         splits of each triangle, 0 to 2 [1]\n"
     "  --crease DEG       sharper edges stay edges [52]  --no-words    picture alone\n"
     "  --scale X          of a mesh file's coordinates [1]\n"
     "  --lcm-url URL      [LCM_DEFAULT_URL, else LCM's default]\n"
     "  --json FILE        figures: pictures, seconds, pictures per second, messages taken and refused\n"
     "  --help, --version\n";
 
-enum { PNG = 256, FRAMES, FILM, SIZE, FPS, AT, FROM, TO, DURATION, WAIT, AZIMUTH, ELEVATION, ZOOM, SHIFT, UP, ORBIT, NEWTON, SAMPLES, SMOOTH, CREASE, NO_WORDS, SCALE, URL, JSON, HELP, VERSION };
+enum { PNG = 256, FRAMES, FILM, SIZE, FPS, AT, FROM, TO, DURATION, WAIT, AZIMUTH, ELEVATION, ZOOM, SHIFT, UP, ORBIT, NEWTON, QUALITY, SMOOTH, CREASE, NO_WORDS, SCALE, URL, JSON, HELP, VERSION };
 
 static const struct option table[] = {
     { "png", 1, NULL, PNG }, { "frames", 1, NULL, FRAMES }, { "film", 1, NULL, FILM }, { "size", 1, NULL, SIZE }, { "fps", 1, NULL, FPS },
     { "at", 1, NULL, AT }, { "from", 1, NULL, FROM }, { "to", 1, NULL, TO }, { "duration", 1, NULL, DURATION }, { "wait", 1, NULL, WAIT },
     { "azimuth", 1, NULL, AZIMUTH }, { "elevation", 1, NULL, ELEVATION }, { "zoom", 1, NULL, ZOOM }, { "shift", 1, NULL, SHIFT }, { "up", 1, NULL, UP },
-    { "orbit", 1, NULL, ORBIT }, { "newton", 1, NULL, NEWTON }, { "samples", 1, NULL, SAMPLES }, { "smooth", 1, NULL, SMOOTH }, { "crease", 1, NULL, CREASE },
+    { "orbit", 1, NULL, ORBIT }, { "newton", 1, NULL, NEWTON }, { "quality", 1, NULL, QUALITY }, { "smooth", 1, NULL, SMOOTH }, { "crease", 1, NULL, CREASE },
     { "no-words", 0, NULL, NO_WORDS }, { "scale", 1, NULL, SCALE }, { "lcm-url", 1, NULL, URL }, { "json", 1, NULL, JSON }, { "help", 0, NULL, HELP },
     { "version", 0, NULL, VERSION }, { NULL, 0, NULL, 0 },
 };
@@ -124,7 +125,7 @@ static int take(int code, const char *text, view_options *o)
     case DURATION: return number(code, text, 0.01, 1e5, &o->duration_s);
     case WAIT: return number(code, text, 0, 1e5, &o->wait_s);
     case SCALE: return number(code, text, 1e-9, 1e9, &o->scale);
-    case SAMPLES: return whole(code, text, 1, 3, &o->studio.render.samples);
+    case QUALITY: return whole(code, text, 0, 2, &o->quality);
     case SMOOTH: return whole(code, text, 0, 2, &o->studio.render.levels);
     case SHIFT: return shift(text, o->studio.camera.shift);
     case UP: return up(text, &o->studio.camera.up);
@@ -146,7 +147,7 @@ int view_options_parse(int argc, char **argv, view_options *o)
 {
     memset(o, 0, sizeof *o);
     o->studio = view_studio_default(1280, 720);
-    o->fps = 30, o->duration_s = 10, o->wait_s = 60, o->scale = 1;
+    o->fps = 30, o->duration_s = 10, o->wait_s = 60, o->scale = 1, o->quality = -1;
     opterr = 0;
     for (int code; (code = getopt_long(argc, argv, "", table, NULL)) != -1;) {
         if (code == HELP || code == VERSION) {
@@ -161,5 +162,8 @@ int view_options_parse(int argc, char **argv, view_options *o)
     }
     if (optind < argc) o->source = argv[optind++];
     if (optind < argc) return app_bad_input("tm-view", 0, "'%s': one source at a time; see tm-view --help", argv[optind]);
+    if (o->quality < 0) o->quality = o->frames || o->film ? 1 : 2;
+    o->studio.render.edges = o->quality > 0;
+    o->studio.render.samples = o->quality > 1 ? 2 : 1;
     return check(o);
 }

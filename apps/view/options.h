@@ -10,7 +10,7 @@ typedef struct view_options {
     view_studio_def studio;
     double from_s, to_s, at_s, duration_s, wait_s, scale;
     bool has_at, has_to;
-    int fps;
+    int fps, quality;
     bool finished;         /* --help or --version was printed */
 } view_options;
 

@@ -39,7 +39,7 @@ static void thousands(char *out, size_t room, int32_t n)
 
 static void simulation_panel(pen p, const view_picture *s, double drawn_hz)
 {
-    float right = p.x + 21.5f * p.cap, top = p.y - 1.9f * p.cap;
+    float right = p.x + 25 * p.cap, top = p.y - 1.9f * p.cap;
     int lines = s->has_status ? 3 : 1;
     view_box(p.canvas, p.x - p.cap, top, right, top + p.line * (float)lines + 1.5f * p.cap, 0.6f * p.cap, PANEL);
     float x = write_at(&p, p.x, WHITE, "%s", s->title);
@@ -57,7 +57,7 @@ static void simulation_panel(pen p, const view_picture *s, double drawn_hz)
 
 static void instrument_panel(pen p, const view_instrument *t, int i)
 {
-    float right = p.x + 21.5f * p.cap, top = p.y - 1.9f * p.cap;
+    float right = p.x + 24 * p.cap, top = p.y - 1.9f * p.cap;
     bool fault = t->has_controller && t->state == 5;
     view_box(p.canvas, p.x - p.cap, top, right, top + p.line * (t->has_controller ? 3.0f : 2.0f) + 1.5f * p.cap, 0.6f * p.cap, PANEL);
     view_box(p.canvas, p.x - p.cap, top, p.x - 0.65f * p.cap, top + p.line * (t->has_controller ? 3.0f : 2.0f) + 1.5f * p.cap, 0.15f * p.cap, TOOL[i]);
@@ -126,7 +126,9 @@ static void arrow_label(pen p, const view_picture *s, const view_camera *camera,
     if (force < 0.02 || !view_camera_project(camera, p.canvas->width, p.canvas->height, end, at)) return;
     char text[32];
     snprintf(text, sizeof text, "%.2f N", force);
-    float width = view_text_width(text, p.cap), x = at[0] + 1.2f * p.cap, y = at[1] + 0.2f * p.cap;
+    float width = view_text_width(text, p.cap);
+    float x = fminf(fmaxf(at[0] + 1.2f * p.cap, p.cap), (float)p.canvas->width - width - 2 * p.cap);
+    float y = fminf(fmaxf(at[1] + 0.2f * p.cap, 3 * p.cap), (float)p.canvas->height - 2 * p.cap);
     view_box(p.canvas, x - 0.5f * p.cap, y - 1.6f * p.cap, x + width + 0.5f * p.cap, y + 0.6f * p.cap, 0.4f * p.cap, PANEL);
     view_text(p.canvas, x, y, p.cap, TOOL[i], text);
 }
@@ -149,7 +151,7 @@ void view_overlay(const view_canvas *canvas, const view_picture *s, const view_c
     pen p = pen_for(canvas);
     if (s->title[0]) simulation_panel(p, s, drawn_hz);
     pen q = p;
-    q.x = (float)canvas->width - 23 * p.cap;
+    q.x = (float)canvas->width - 25.4f * p.cap;
     int any = 0;
     for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
         if (s->instrument[i].shown) {

@@ -12,7 +12,7 @@
 #include "shapes.h"
 #include "skin.h"
 
-enum { SHADOW_PX = 1024, SPOT_PX = 192 };
+enum { SHADOW_PX = 1024, SPOT_PX = 128 };
 
 typedef struct batch { GLuint array, vertices, indices, coarse_indices; GLsizei count, coarse_count; } batch;
 
@@ -22,7 +22,7 @@ struct view_renderer {
     int width, height;        /* of the drawing: samples times the picture's */
     uint8_t *buffer;          /* [4*width*height] bottom row first */
     GLuint depth_program, blur_program, sky_program, floor_program, tissue_program, metal_program;
-    GLuint shadow_texture, shadow_target, spot_texture[3], spot_target[3], empty;
+    GLuint shadow_texture, shadow_target, spot_texture[3], spot_target[3], picture_target, picture_buffer[2], empty;
     batch tissue, tools, arrows;
     view_skin *skin;
     view_shape tool_shape, arrow_shape;
@@ -131,6 +131,21 @@ static void targets_create(view_renderer *r)
     glGenVertexArrays(1, &r->empty);
 }
 
+/* Four coverage samples a pixel smooth the edges; shading still runs once a pixel. */
+static bool picture_target_create(view_renderer *r)
+{
+    static const GLenum format[2] = { GL_RGBA8, GL_DEPTH_COMPONENT24 }, attachment[2] = { GL_COLOR_ATTACHMENT0, GL_DEPTH_ATTACHMENT };
+    glGenFramebuffers(1, &r->picture_target);
+    glBindFramebuffer(GL_FRAMEBUFFER, r->picture_target);
+    glGenRenderbuffers(2, r->picture_buffer);
+    for (int i = 0; i < 2; ++i) {
+        glBindRenderbuffer(GL_RENDERBUFFER, r->picture_buffer[i]);
+        glRenderbufferStorageMultisample(GL_RENDERBUFFER, r->def.edges ? 4 : 0, format[i], r->width, r->height);
+        glFramebufferRenderbuffer(GL_FRAMEBUFFER, attachment[i], GL_RENDERBUFFER, r->picture_buffer[i]);
+    }
+    return glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
+}
+
 static void renderer_destroy(view_renderer *r)
 {
     if (!r) return;
@@ -177,6 +192,10 @@ static tm_status renderer_create(const view_render_def *def, view_renderer **out
     batch_create(&r->tools);
     batch_create(&r->arrows);
     targets_create(r);
+    if (!picture_target_create(r)) {
+        renderer_destroy(r);
+        return failed(error, TM_ERR_LIMIT, "OSMesa gives no picture with smooth edges; install libosmesa6 22.3 or later");
+    }
     *out = r;
     return TM_OK;
 }
@@ -294,8 +313,8 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
         view_shape_instrument(&r->tool_shape, t);
         double along[3];
         for (int k = 0; k < 3; ++k) along[k] = t->force_N[k] * p->newton_m;
-        if (length3(along) > 0.02 * camera->radius_m)
-            view_shape_arrow(&r->arrow_shape, t->tip_m, along, 0.028f * camera->radius_m, i ? VIEW_PAINT_ARROW_1 : VIEW_PAINT_ARROW_0);
+        if (length3(along) > 0.01 * camera->radius_m)
+            view_shape_arrow(&r->arrow_shape, t->tip_m, along, fminf(0.022f * camera->radius_m, (float)length3(along) / 4), i ? VIEW_PAINT_ARROW_1 : VIEW_PAINT_ARROW_0);
     }
     fill_batch(&r->tools, r->tool_shape.vertex, r->tool_shape.count);
     fill_batch(&r->arrows, r->arrow_shape.vertex, r->arrow_shape.count);
@@ -435,8 +454,8 @@ static tm_status renderer_draw(view_renderer *r, const view_picture *p, const vi
     set_scene(r, camera, &s);
     pass_shadow(r, &s);
     pass_spot(r, &s, s.key, 0, 0.8f);
-    pass_spot(r, &s, s.up, 1, 2.2f);
-    glBindFramebuffer(GL_FRAMEBUFFER, 0);
+    pass_spot(r, &s, s.up, 1, 2.0f);
+    glBindFramebuffer(GL_FRAMEBUFFER, r->picture_target);
     glViewport(0, 0, r->width, r->height);
     glClear(GL_DEPTH_BUFFER_BIT);
     pass_background(r, &s);
@@ -446,6 +465,8 @@ static tm_status renderer_draw(view_renderer *r, const view_picture *p, const vi
     draw_batch(&r->tools);
     glClear(GL_DEPTH_BUFFER_BIT); /* arrows are seen through everything: a force often points back along its instrument */
     draw_batch(&r->arrows);
+    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
+    glBlitFramebuffer(0, 0, r->width, r->height, 0, 0, r->width, r->height, GL_COLOR_BUFFER_BIT, GL_NEAREST);
     glFinish();
     if (glGetError() != GL_NO_ERROR) return failed(error, TM_ERR_LIMIT, "OSMesa refused a drawing command; install libosmesa6 22.3 or later");
     gather(r, rgb);

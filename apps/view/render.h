@@ -8,7 +8,8 @@
 
 typedef struct view_render_def {
     int width, height;     /* pixels, 16..8192 */
-    int samples;           /* n*n rays a pixel: 1, 2 or 3 */
+    int samples;           /* n*n drawn pixels averaged into one: 1, 2 or 3 */
+    bool edges;            /* smooth edges, at half the speed */
     int levels;            /* of view_skin */
     float crease_rad;
 } view_render_def;

@@ -18,6 +18,10 @@
     "    du * vec3(k1 + k4 * u.y + k6 * u.z + k7 * u.y * u.z, k2 + k5 * u.z + k4 * u.x + k7 * u.z * u.x,\n"  \
     "              k3 + k6 * u.x + k5 * u.y + k7 * u.x * u.y)); }\n"
 
+/* Display value of linear light: c^(1/2.2) by square roots, which cost less. */
+#define VIEW_DISPLAY                                                                                          \
+    "vec3 display(vec3 c) { vec3 a = sqrt(clamp(c, 0.0, 1.0)), b = sqrt(a); return 0.5851 * a + 0.7831 * b - 0.3683 * sqrt(b); }\n"
+
 static const char *const view_depth_vertex =
     VIEW_GLSL "layout(location = 0) in vec3 at; uniform mat4 to_clip; void main() { gl_Position = to_clip * vec4(at, 1.0); }\n";
 static const char *const view_depth_fragment = VIEW_GLSL "out vec4 colour; void main() { colour = vec4(1.0); }\n";
@@ -27,12 +31,12 @@ static const char *const view_blur_vertex =
     VIEW_GLSL "out vec2 uv; void main() { vec2 p = vec2(gl_VertexID & 1, gl_VertexID >> 1) * 2.0; uv = p; gl_Position = vec4(p * 2.0 - 1.0, 0.0, 1.0); }\n";
 static const char *const view_blur_fragment =
     VIEW_GLSL "in vec2 uv; uniform sampler2D image; uniform vec2 stride; out vec4 colour;\n"
-    "void main() { float s = 0.0, w = 0.0; for (int i = -6; i <= 6; ++i) { float g = exp(-float(i * i) / 16.0);\n"
-    "  s += g * texture(image, uv + float(i) * stride).r; w += g; } colour = vec4(s / w); }\n";
+    "float two(float at) { return texture(image, uv + at * stride).r + texture(image, uv - at * stride).r; }\n"
+    "void main() { colour = vec4(0.16 * texture(image, uv).r + 0.15 * two(1.0) + 0.12 * two(2.0) + 0.08 * two(3.0) + 0.05 * two(4.0) + 0.02 * two(5.0)); }\n";
 
 static const char *const view_sky_fragment =
-    VIEW_GLSL "in vec2 uv; out vec4 colour; uniform vec3 low, high;\n"
-    "void main() { vec3 c = mix(low, high, uv.y); vec2 d = uv - 0.5; c *= 1.0 - 0.55 * dot(d, d); colour = vec4(pow(c, vec3(1.0 / 2.2)), 1.0); }\n";
+    VIEW_GLSL VIEW_DISPLAY "in vec2 uv; out vec4 colour; uniform vec3 low, high;\n"
+    "void main() { vec3 c = mix(low, high, uv.y); vec2 d = uv - 0.5; c *= 1.0 - 0.55 * dot(d, d); colour = vec4(display(c), 1.0); }\n";
 
 static const char *const view_lit_vertex =
     VIEW_GLSL
@@ -45,18 +49,17 @@ static const char *const view_lit_vertex =
     "  light = to_light * vec4(at, 1.0);\n"
     "  misc = vec4(kind_shade, mottle); }\n";
 
-#define VIEW_LIGHTING                                                                                         \
+#define VIEW_LIGHTING VIEW_DISPLAY                                                                            \
     "in vec3 world, n, ref; in vec4 light; in vec4 misc; out vec4 colour;\n"                                  \
     "uniform vec3 eye, key, fill, up; uniform sampler2DShadow shadow; uniform float texel;\n"                 \
     "float lit(vec3 N) {\n"                                                                                   \
     "  vec3 p = light.xyz * 0.5 + 0.5; p.z -= 0.0025 + 0.004 * (1.0 - max(dot(N, key), 0.0)); float s = 0.0;\n" \
-    "  s += texture(shadow, p + vec3(-0.9, -0.4, 0) * texel); s += texture(shadow, p + vec3(0.4, -0.9, 0) * texel);\n" \
-    "  s += texture(shadow, p + vec3(0.9, 0.4, 0) * texel); s += texture(shadow, p + vec3(-0.4, 0.9, 0) * texel); return s * 0.25; }\n" \
+    "  s += texture(shadow, p + vec3(-0.5, -0.4, 0) * texel); s += texture(shadow, p + vec3(0.5, 0.4, 0) * texel); return s * 0.5; }\n" \
     "float gloss(vec3 N, vec3 V, vec3 L, float a) { vec3 H = normalize(V + L); float nh = max(dot(N, H), 0.0), a2 = a * a, d = nh * nh * (a2 - 1.0) + 1.0;\n" \
     "  float lh = max(dot(L, H), 0.1); return max(dot(N, L), 0.0) * a2 / (4.0 * 3.14159 * d * d * lh * lh * (a + 0.5)); }\n" \
     "vec3 room(vec3 d) { float h = dot(d, up); vec3 c = mix(vec3(0.10, 0.09, 0.09), vec3(0.30, 0.34, 0.38), smoothstep(-0.4, 0.8, h));\n" \
     "  c += vec3(1.9, 1.85, 1.75) * smoothstep(0.90, 0.965, dot(d, key)); c += vec3(0.5, 0.6, 0.75) * smoothstep(0.80, 0.95, dot(d, fill)); return c; }\n" \
-    "vec3 film(vec3 c) { c *= 1.05; c = c * (2.51 * c + 0.03) / (c * (2.43 * c + 0.59) + 0.14); return pow(clamp(c, 0.0, 1.0), vec3(1.0 / 2.2)); }\n"
+    "vec3 film(vec3 c) { c *= 1.05; c = c * (2.51 * c + 0.03) / (c * (2.43 * c + 0.59) + 0.14); return display(c); }\n"
 
 /* Wet tissue: light bleeds past the terminator, red farthest; a thin film of water mirrors the lamps. */
 static const char *const view_tissue_fragment =
@@ -66,9 +69,9 @@ static const char *const view_tissue_fragment =
     "  vec4 fine = noise(ref * mix(0.9, 1.5, opened)), coarse = noise(ref * 0.27 + 3.1);\n"
     "  vec3 V = normalize(eye - world), N0 = normalize(n); if (dot(N0, V) < 0.0) N0 = -N0;\n"
     "  vec3 g = fine.yzw * mix(0.055, 0.16, opened) + coarse.yzw * 0.05; vec3 N = normalize(N0 - (g - dot(g, N0) * N0));\n"
-    "  vec3 skin = mix(vec3(0.105, 0.0125, 0.0085), vec3(0.215, 0.035, 0.021), smoothstep(0.25, 0.75, misc.z));\n"
-    "  skin = mix(skin, vec3(0.20, 0.048, 0.02), 0.35 * smoothstep(0.5, 0.85, misc.w)) * (0.92 + 0.16 * fine.x);\n"
-    "  vec3 flesh = mix(vec3(0.44, 0.085, 0.055), vec3(0.60, 0.19, 0.125), smoothstep(0.3, 0.75, fine.x)); flesh = mix(flesh, vec3(0.33, 0.03, 0.022), 0.7 * smoothstep(0.55, 0.8, coarse.x));\n"
+    "  vec3 skin = mix(vec3(0.066, 0.0085, 0.0062), vec3(0.148, 0.0225, 0.0145), smoothstep(0.25, 0.75, misc.z));\n"
+    "  skin = mix(skin, vec3(0.14, 0.034, 0.016), 0.4 * smoothstep(0.5, 0.85, misc.w)) * (0.92 + 0.16 * fine.x);\n"
+    "  vec3 flesh = mix(vec3(0.36, 0.045, 0.032), vec3(0.52, 0.12, 0.085), smoothstep(0.3, 0.75, fine.x)); flesh = mix(flesh, vec3(0.24, 0.014, 0.012), 0.8 * smoothstep(0.55, 0.8, coarse.x));\n"
     "  vec3 albedo = mix(skin, flesh, opened);\n"
     "  float s = lit(N0), nl = dot(N, key), wetness = mix(1.0, 0.55, opened) * (0.75 + 0.5 * coarse.x);\n"
     "  vec3 wrap = vec3(0.36, 0.12, 0.09);\n"
@@ -93,8 +96,8 @@ static const char *const view_metal_fragment =
     "  else if (kind < 3.5) { albedo = vec3(0.022, 0.024, 0.028); f0 = vec3(0.045); a = 0.28; }\n"
     "  else if (kind < 4.5) { albedo = vec3(0.2, 0.05, 0.02); glow = mix(vec3(3.2, 0.9, 0.15), vec3(4.0, 2.4, 1.0), nv); }\n"
     "  else if (kind < 5.5) { albedo = vec3(0.55, 0.58, 0.62); f0 = vec3(0.05); a = 0.35; }\n"
-    "  else if (kind < 6.5) { albedo = vec3(1.0, 0.62, 0.05); glow = albedo * 0.35; }\n"
-    "  else { albedo = vec3(0.05, 0.55, 0.85); glow = albedo * 0.35; }\n"
+    "  else if (kind < 6.5) { albedo = vec3(0.62, 0.27, 0.012); glow = albedo * 0.30; }\n"
+    "  else { albedo = vec3(0.02, 0.24, 0.52); glow = albedo * 0.30; }\n"
     "  if (kind > 5.5) s = 1.0;\n"
     "  vec3 c = albedo * (nl * s * 2.6 + nf * 0.5 + 0.30 * (dot(N, up) * 0.5 + 0.5) + 0.12) + glow;\n"
     "  vec3 F = f0 + (1.0 - f0) * pow(1.0 - nv, 5.0) * 0.5;\n"
@@ -107,17 +110,16 @@ static const char *const view_floor_vertex =
     "  spot = p * size / spot_size * 0.5 + 0.5; gl_Position = to_clip * vec4(world, 1.0); }\n";
 /* A surgical drape that fades into the background. */
 static const char *const view_floor_fragment =
-    VIEW_GLSL VIEW_NOISE
+    VIEW_GLSL VIEW_DISPLAY
     "in vec3 world; in vec2 spot; out vec4 colour; uniform vec3 eye, middle, up, low, high; uniform sampler2D key_spot, sky_spot; uniform float radius; uniform vec2 screen;\n"
     "void main() {\n"
     "  float away = length(world - middle) / radius; vec2 q = clamp(spot, 0.0, 1.0);\n"
     "  float inside = step(abs(spot.x - 0.5), 0.5) * step(abs(spot.y - 0.5), 0.5);\n"
     "  float k = inside * texture(key_spot, q).r, a = inside * texture(sky_spot, q).r;\n"
-    "  vec3 drape = vec3(0.030, 0.088, 0.098); vec3 x = world / radius;\n"
-    "  drape *= 0.94 + 0.12 * noise(x * 2.2).x;\n"
+    "  vec3 drape = vec3(0.030, 0.088, 0.098);\n"
     "  vec3 c = drape * (1.45 * (1.0 - 0.82 * k) + 0.55 * (1.0 - 0.85 * a));\n"
     "  c *= exp(-0.10 * away * away);\n"
     "  vec2 uv = gl_FragCoord.xy / screen; vec3 sky = mix(low, high, uv.y); vec2 d = uv - 0.5; sky *= 1.0 - 0.55 * dot(d, d);\n"
-    "  c = mix(c, sky, smoothstep(1.6, 6.0, away)); colour = vec4(pow(c, vec3(1.0 / 2.2)), 1.0); }\n";
+    "  c = mix(c, sky, smoothstep(1.6, 6.0, away)); colour = vec4(display(c), 1.0); }\n";
 
 #endif

@@ -6,7 +6,7 @@
 
 #include "camera.h"
 
-enum { AROUND = 28, JAW_STEPS = 24 };
+enum { AROUND = 24, JAW_STEPS = 24 };
 static const float PI = 3.14159265f;
 
 /* A place and three directions; w is the axis. */
@@ -67,7 +67,7 @@ static void lathe(view_shape *s, const frame *f, const ring *r, int count, int p
 /* A round end at `along`, as rings of a quarter circle with normals of the sphere. */
 static void dome(view_shape *s, const frame *f, float along, float radius, int paint)
 {
-    enum { STEPS = 8 };
+    enum { STEPS = 5 };
     for (int i = 0; i < STEPS; ++i) {
         float p = PI / 2 * (float)i / STEPS, q = PI / 2 * (float)(i + 1) / STEPS;
         for (int j = 0; j < AROUND; ++j) {
@@ -174,7 +174,7 @@ void view_shape_arrow(view_shape *s, const double from_m[3], const double along_
     if (!(length > 0)) return;
     for (int k = 0; k < 3; ++k) f.w[k] /= length;
     view_frame(f.w, f.u, f.v);
-    float head = fminf(5 * thickness_m, 0.6f * length);
+    float head = fminf(4.5f * thickness_m, 0.7f * length);
     const ring shaft[] = { { 0, 0 }, { 0, thickness_m / 2 }, { length - head, thickness_m / 2 } };
     const ring point[] = { { length - head, thickness_m / 2 }, { length - head, 1.5f * thickness_m }, { length, 0 } };
     lathe(s, &f, shaft, 3, paint);
