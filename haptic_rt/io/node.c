@@ -276,18 +276,34 @@ static void tell(hrt_node *node, int64_t now_us, hrt_tool_state *tool) {
     for (int j = 0; j < HRT_JOINTS; j++) tool->joint[j] = (double)out->joint[j];
 }
 
-void hrt_node_tick(hrt_node *node, int64_t now_us, hrt_tool_state *tool) {
+static int64_t stage_done(hrt_node *node, int stage, int64_t since_ns) {
+    const int64_t now_ns = node->clock_ns ? node->clock_ns() : 0;
+    if (stage >= 0) node->stage_ns[stage] = now_ns - since_ns;
+    return now_ns;
+}
+
+bool hrt_node_tick(hrt_node *node, int64_t now_us, hrt_tool_state *tool) {
     hrt_mailbox *box = &node->mailbox;
+    int64_t clock_ns = stage_done(node, -1, 0);
     take_commands(node, now_us);
     take_frames(node, now_us);
+    clock_ns = stage_done(node, HRT_NODE_RECEIVE, clock_ns);
     hrt_tick(&node->controller, now_us, &node->input, take_sample(box), &node->output);
     if (node->controller.extrapolation.patch == &box->slot[box->spare].patch) {
         const uint32_t freed = box->held; /* the controller went over to the new patch */
         box->held = box->spare;
         box->spare = freed;
     }
+    clock_ns = stage_done(node, HRT_NODE_TICK, clock_ns);
     send_frames(node, now_us);
+    stage_done(node, HRT_NODE_SEND, clock_ns);
     if (tool) tell(node, now_us, tool);
+    return node->input.encoder_us != 0 && node->config.pose_known;
+}
+
+void hrt_node_stop(hrt_node *node) {
+    hrt_can_message off = {.kind = HRT_CAN_COMMAND, .counter = node->command_counter++};
+    send_message(node, &off);
 }
 
 void hrt_node_status(const hrt_node *node, hrt_status *status) {

@@ -84,6 +84,8 @@ typedef struct hrt_mailbox {
     uint32_t write, held, spare;
 } hrt_mailbox;
 
+enum { HRT_NODE_RECEIVE, HRT_NODE_TICK, HRT_NODE_SEND, HRT_NODE_STAGES };
+
 typedef struct hrt_node {
     hrt_node_config config;
     hrt_bus *bus;
@@ -111,6 +113,9 @@ typedef struct hrt_node {
     int64_t beat_us, reset_us;
     uint32_t tool_seq;
     hrt_can_counters can;
+    /* for timing figures: set by who wants them */
+    int64_t (*clock_ns)(void);
+    int64_t stage_ns[HRT_NODE_STAGES];
 } hrt_node;
 
 /* The bus is opened by the caller and outlives the node. */
@@ -121,8 +126,10 @@ hrt_reject hrt_node_post_sample(hrt_node *node, const hrt_force_sample *sample);
 /* The scene's trocar. Taken over while no force is rendered. */
 void hrt_node_post_pose(hrt_node *node, const hrt_pose *pose);
 void hrt_node_post_command(hrt_node *node, const hrt_command *command);
-/* Every 2 ms: receive, tick, send. `tool` (null: not wanted) is what the simulation is told. */
-void hrt_node_tick(hrt_node *node, int64_t now_us, hrt_tool_state *tool);
+/* Every 2 ms: receive, tick, send. `tool` (null: not wanted) is what the simulation is told; false: it means nothing yet (no encoders, or no pose). */
+bool hrt_node_tick(hrt_node *node, int64_t now_us, hrt_tool_state *tool);
+/* Before the program ends: motors off. */
+void hrt_node_stop(hrt_node *node);
 void hrt_node_status(const hrt_node *node, hrt_status *status);
 
 #ifdef __cplusplus

@@ -1,0 +1,96 @@
+/* A closed ring in one process on a virtual clock: virtual device, loopback bus, node, and a wall of springs in place of the simulation. */
+#ifndef TEST_LOOP_H
+#define TEST_LOOP_H
+
+#include <string.h>
+
+#include "device/device.h"
+#include "io/node.h"
+
+typedef struct loop {
+    hrt_loopback wires;
+    hrt_bus device_bus, node_bus;
+    hrt_device device;
+    hrt_node node;
+    hrt_tool_state tool, delayed[64];
+    int64_t now_us, frame_us, next_frame_us;
+    int32_t latency_frames; /* the sample tells of the tool this many frames ago */
+    uint32_t seq;
+    int64_t session;
+    bool sim_alive, send_stiffness;
+    double wall_N_m, wall_depth_m; /* pushes against +z beyond this depth below the trocar */
+    uint32_t frames;
+    double peak_N;
+} loop;
+
+static inline void loop_start(loop *l, const hrt_device_config *device, const hrt_node_config *node) {
+    memset(l, 0, sizeof *l);
+    hrt_loopback_init(&l->wires);
+    hrt_bus_open_loopback(&l->device_bus, &l->wires);
+    hrt_bus_open_loopback(&l->node_bus, &l->wires);
+    hrt_device_init(&l->device, device, &l->device_bus);
+    hrt_node_init(&l->node, node, &l->node_bus);
+    l->now_us = 1000000;
+    l->frame_us = 40000;
+    l->session = 77;
+    l->sim_alive = true;
+    l->wall_N_m = 300.0;
+    l->wall_depth_m = 0.12;
+    l->next_frame_us = l->now_us;
+}
+
+static inline hrt_force_sample loop_sample(const loop *l, const hrt_tool_state *tool) {
+    hrt_force_sample s = {.utime = l->now_us, .session = l->session, .tool_session = tool->session, .tool_utime = tool->utime,
+                          .seq = l->seq, .instrument = tool->instrument};
+    const double depth = tool->tip_m[2] - l->wall_depth_m;
+    for (int i = 0; i < 3; i++) s.tip_m[i] = tool->tip_m[i];
+    s.force_N[2] = depth > 0.0 ? -l->wall_N_m * depth : 0.0;
+    if (l->send_stiffness) {
+        s.stiffness_kind = 2;
+        s.stiffness_N_m[8] = depth > 0.0 ? -l->wall_N_m : 0.0;
+    }
+    return s;
+}
+
+static inline void loop_frame(loop *l) {
+    if (!l->sim_alive || l->tool.state < HRT_IDLE) return;
+    l->delayed[l->frames % 64] = l->tool;
+    l->frames++;
+    if ((int32_t)l->frames <= l->latency_frames) return;
+    l->seq++;
+    const hrt_force_sample s = loop_sample(l, &l->delayed[(l->frames - 1u - (uint32_t)l->latency_frames) % 64]);
+    hrt_node_post_sample(&l->node, &s);
+}
+
+/* One tick of 2 ms. */
+static inline void loop_tick(loop *l) {
+    hrt_device_step(&l->device, l->now_us);
+    hrt_node_tick(&l->node, l->now_us, &l->tool);
+    if (l->now_us >= l->next_frame_us) {
+        loop_frame(l);
+        l->next_frame_us += l->frame_us;
+    }
+    l->now_us += 2000;
+}
+
+static inline void loop_run(loop *l, double seconds) {
+    for (int64_t until = l->now_us + (int64_t)(seconds * 1e6); l->now_us < until;) loop_tick(l);
+}
+
+static inline hrt_node_config loop_node_config(void) {
+    hrt_node_config c = hrt_node_config_default(0);
+    c.pose_known = true;
+    return c;
+}
+
+/* Device whose hand pushes into the wall: straight in to 0.135 m and holds. */
+static inline hrt_device_config loop_device_config(void) {
+    static const hrt_keyframe press[] = {
+        {.time_s = 0.0, .joint = {0.0, 0.0, 0.10, 0.0, 0.0}}, {.time_s = 0.6, .joint = {0.0, 0.0, 0.10, 0.0, 0.0}}, {.time_s = 1.2, .joint = {0.0, 0.0, 0.135, 0.0, 0.0}}};
+    hrt_device_config c = hrt_device_config_default(0);
+    c.hand.key = press;
+    c.hand.key_count = 3;
+    return c;
+}
+
+#endif
