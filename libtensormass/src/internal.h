@@ -9,7 +9,7 @@
 /* Cookies of filled definition structs: an unfilled one is a broken contract. */
 enum {
     TM_COOKIE_MESH = 0x6d657368, TM_COOKIE_TISSUE = 0x74697373, TM_COOKIE_WORLD = 0x776f726c,
-    TM_COOKIE_SUPPORT = 0x73757070, TM_COOKIE_SETTLE = 0x73657474
+    TM_COOKIE_SUPPORT = 0x73757070, TM_COOKIE_SETTLE = 0x73657474, TM_COOKIE_CUT = 0x63757421
 };
 
 /* Every array of an object is one block of its pool; releasing the pool frees the object. A failed take marks the pool,
@@ -56,6 +56,8 @@ struct tm_tissue {
 void tm_tissue_tet_blocks(const tm_tissue *tissue, int32_t tet, double block[90]);
 void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex);
 void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge);
+/* The surface of the living tetrahedra from nothing, slots ascending by face. */
+void tm_tissue_build_surface(tm_tissue *tissue);
 /* Largest eigenvalue of M_e^-1 K_e, 1/s2. */
 double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet);
 /* Leaves the eigenvalues of a symmetric 6x6 matrix on its diagonal: Jacobi rotations, accurate however far apart they lie. */
@@ -66,6 +68,7 @@ struct tm_world {
     tm_state state;
     tm_tissue *tissue;
     bool damped, timing;
+    int32_t revision;         /* of the tissue's surface that masses and stages know */
     double guaranteed_step_s; /* of the tissue at creation: cutting never lowers it */
     int32_t guaranteed_tet;
     double *mobility_s2_kg;   /* [vertex_count] 1/(m/dt2 + gamma/2dt), 0 without mass: displacement per force within a step */

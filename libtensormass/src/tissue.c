@@ -1,5 +1,5 @@
 /* Tissue: blocks of the living tetrahedra summed on vertices and edges, masses, the surface. */
-#include "internal.h"
+#include "cut_internal.h"
 
 #include <assert.h>
 #include <math.h>
@@ -140,6 +140,7 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     if (def->cuttable) {
         tissue->tet_block = TM_TAKE(pool, double, 90 * (int64_t)mesh->tet_count);
         tissue->face_slot = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
+        tissue->cut = tm_cut_take_work(pool, mesh);
     }
     if (def->cuttable || def->alive) {
         /* Every face of the mesh, once: no subset has a larger surface. */
@@ -170,10 +171,10 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     for (int32_t v = 0; v < mesh->vertex_count; v++) tissue->upper_begin[v + 1] += tissue->upper_begin[v];
 }
 
-static void build_surface(tm_tissue *tissue) {
+void tm_tissue_build_surface(tm_tissue *tissue) {
     const tm_mesh *mesh = tissue->mesh;
     if (!tissue->surface_triangle) {
-        tissue->surface = (tm_surface_view){mesh->surface_count, mesh->surface, mesh->surface_face, 0};
+        tissue->surface = (tm_surface_view){mesh->surface_count, mesh->surface, mesh->surface_face, tissue->surface.revision};
         return;
     }
     int32_t n = 0;
@@ -186,7 +187,7 @@ static void build_surface(tm_tissue *tissue) {
             tissue->surface_triangle[3 * n + i] = mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][i]];
         tissue->surface_face[n++] = f;
     }
-    tissue->surface = (tm_surface_view){n, tissue->surface_triangle, tissue->surface_face, 0};
+    tissue->surface = (tm_surface_view){n, tissue->surface_triangle, tissue->surface_face, tissue->surface.revision};
 }
 
 tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_error *error) {
@@ -207,7 +208,8 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
         for (int32_t i = 0; i < def->mesh->tet_count; i++) tm_tissue_tet_blocks(t, i, t->tet_block + 90 * (int64_t)i);
     for (int32_t v = 0; v < def->mesh->vertex_count; v++) tm_tissue_assemble_vertex(t, v);
     for (int32_t e = 0; e < def->mesh->edge_count; e++) tm_tissue_assemble_edge(t, e);
-    build_surface(t);
+    tm_tissue_build_surface(t);
+    if (t->cut) tm_cut_count_edges(t);
     t->pool = pool;
     *tissue = t;
     return TM_OK;

@@ -47,6 +47,7 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     const int32_t n = 3 * world->tissue->mesh->vertex_count;
     const int64_t step = s->step;
     const double time_s = s->time_s;
+    if (world->revision != world->tissue->surface.revision) tm_world_changed(world); /* cut by the caller since */
     memcpy(world->keep_u_m, s->u_m, sizeof(double) * (size_t)n);
     memcpy(world->keep_u_prev_m, s->u_prev_m, sizeof(double) * (size_t)n);
     for (int32_t i = 0; i < count; i++) {
@@ -65,6 +66,7 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
 /* --- stages --- */
 
 void tm_world_changed(tm_world *world) {
+    world->revision = world->tissue->surface.revision;
     for (int32_t i = 0; i < world->stage_count; i++) {
         const tm_stage *stage = &world->slot[i].stage;
         if (stage->step_changed) stage->step_changed(stage->self, world);
@@ -138,6 +140,7 @@ static bool take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
 
 static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *error) {
     world->tissue = def->tissue;
+    world->revision = def->tissue->surface.revision;
     world->damped = def->damped;
     if (!def->damped)
         for (int32_t t = 0; t < def->tissue->mesh->tet_count; t++)

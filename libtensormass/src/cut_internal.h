@@ -1,0 +1,49 @@
+/* Work space of cutting, taken with a cuttable tissue, and the steps that cut.c and cut_mend.c share. */
+#ifndef TM_CUT_INTERNAL_H
+#define TM_CUT_INTERNAL_H
+
+#include "internal.h"
+#include "tensormass/cut.h"
+
+/* Things waiting their turn, each at most once. */
+typedef struct tm_cut_queue {
+    int32_t capacity, begin, count;
+    int32_t *item;   /* [capacity] ring */
+    uint8_t *waits;  /* [capacity] by item */
+} tm_cut_queue;
+
+/* Things seen in this call, each once. */
+typedef struct tm_cut_list {
+    int32_t count;
+    int32_t *item;
+    uint32_t *stamp; /* by item: the call that saw it last */
+} tm_cut_list;
+
+typedef struct tm_cut_work {
+    uint32_t call;
+    tm_cut_list vertex, edge, tet;          /* touched (vertices, edges), removed (tetrahedra) in this call */
+    tm_cut_queue vertex_check, edge_check;  /* whose fans are still to be looked at */
+    int32_t *edge_alive;                    /* [edge_count] living tetrahedra around an edge */
+    int32_t star_max;                       /* most tetrahedra around a vertex */
+    int32_t *star, *fan, *stack;            /* [star_max] of the vertex or edge looked at */
+    int32_t *rim_tet, *rim_face, *rim_loop; /* [3*star_max] outer faces at the vertex looked at */
+    uint32_t fan_call;
+    uint32_t *fan_stamp;                    /* [tet_count] */
+    int32_t *fan_of;                        /* [tet_count] place in star */
+} tm_cut_work;
+
+tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh);
+void tm_cut_count_edges(tm_tissue *tissue);
+/* Takes one living tetrahedron away: alive mark, surface, counts; what it touched waits for a look and for new tensors. */
+void tm_cut_kill(tm_tissue *tissue, int32_t tet);
+/* Removes what hangs by a vertex or an edge, until nothing does. */
+void tm_cut_mend(tm_tissue *tissue);
+int32_t tm_cut_queue_pop(tm_cut_queue *queue);
+
+/* Vertices that the last tm_cut_remove touched. */
+static inline int32_t tm_cut_touched(const tm_tissue *tissue, const int32_t **vertex) {
+    *vertex = tissue->cut->vertex.item;
+    return tissue->cut->vertex.count;
+}
+
+#endif
