@@ -1,6 +1,6 @@
 # tm-stability runs the hard cases, page.py draws their verdicts.
 STABILITY_SRC := $(sort $(wildcard apps/stability/*.c))
-$(eval $(call program,tm-stability,$(STABILITY_SRC),$(LIBAPP_A) $(LIBTM_A),-lcjson))
+$(eval $(call program,tm-stability,$(STABILITY_SRC),$(LIBAPP_A) $(LIBTM_A) $(LIBHRT_IO_A) $(LIBHRT_A),-lcjson))
 
 #: make stability              every hard case and its verdict: build/stability/index.html (QUICK=1: the short form)
 .PHONY: stability stability-run
