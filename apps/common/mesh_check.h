@@ -5,12 +5,13 @@
 #include "mesh_file.h"
 
 typedef enum app_defect_kind {
-    APP_DEFECT_NOT_FINITE,      /* vertex: a coordinate is nan or infinite */
+    APP_DEFECT_NOT_FINITE,      /* vertex: a coordinate is nan, infinite or absurd */
     APP_DEFECT_VERTEX_TWICE,    /* tet names vertex twice */
     APP_DEFECT_FLAT,            /* tet: no volume to rounding */
     APP_DEFECT_INVERTED,        /* tet: negative volume */
     APP_DEFECT_TET_TWICE,       /* tet has the vertices of tet `other` */
     APP_DEFECT_FACE_SHARED,     /* tet: a face shared with `other` and a third */
+    APP_DEFECT_OVERLAP,         /* tet and `other` lie on one side of a common face */
     APP_DEFECT_UNUSED_VERTEX,   /* vertex: in no tetrahedron */
     APP_DEFECT_KINDS
 } app_defect_kind;
@@ -27,7 +28,7 @@ void app_defect_text(const app_mesh *mesh, const app_defect *defect, char *text,
 /* "flat", "inverted", ... */
 const char *app_defect_name(app_defect_kind kind);
 
-/* Six times the volume, and its size below which it is rounding: (1e-12 of the longest edge's cube). */
+/* Six times the volume, and what of it may be rounding: tm_mesh_create's own measure of flat. */
 double app_tet_volume6(const app_mesh *mesh, int32_t tet, double *rounding);
 
 #endif

@@ -89,9 +89,11 @@ TM_API int32_t tm_precomputed_update(tm_precomputed *model, const tm_tool_pose *
 /* Puts an instrument there at once: no swept path. Contact is solved by the next update. */
 TM_API void tm_precomputed_place(tm_precomputed *model, int32_t instrument, const tm_tool_pose *at);
 TM_API tm_tool_pose tm_precomputed_pose(const tm_precomputed *model, int32_t instrument);
-/* At the last update; stiffness_kind 2: the exact derivative of the converged force, turning normals included. time_s is 0. */
-TM_API tm_tool_reaction tm_precomputed_reaction(const tm_precomputed *model, int32_t instrument);
-/* Rows that carry force, or would if the tool came nearer. */
+/* Equivalent tip force on the tool at the last update, N: enough where the stiffness is not asked for. */
+TM_API void tm_precomputed_force(const tm_precomputed *model, int32_t instrument, double force_N[3]);
+/* At the last update; stiffness_kind 2: the derivative of the converged force, turning normals included, computed here (as dear as a
+ * few updates). time_s is 0. */
+TM_API tm_tool_reaction tm_precomputed_reaction(tm_precomputed *model, int32_t instrument);
 TM_API int32_t tm_precomputed_rows(const tm_precomputed *model, const tm_contact_row **rows);
 
 /* [3*vertex_count] superposed over the surface; inner vertices read 0. Computed when asked for, at most once per update. */

@@ -221,7 +221,7 @@ void make_liver(mesh *m, int tets) {
         fill_body(m, liver, low, high, cell);
         if (m->tet_count >= tets && find_surface(m)) break;
     }
-    improve(m, liver, 60);
+    improve(m, liver, NULL, 60);
     need_surface(m);
     name_liver(m);
     allocate_fibres(m);

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "generator.h"
+#include "growing.h"
 
 static void *grow(void *array, size_t bytes) {
     void *grown = realloc(array, bytes);

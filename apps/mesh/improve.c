@@ -3,7 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "generator.h"
+#include "growing.h"
 
 typedef struct fans {
     int *begin, *tet; /* tetrahedra around each vertex */
@@ -78,7 +78,7 @@ static bool search(mesh *m, const fans *f, inside_fn *inside, int v, double scal
     return moved;
 }
 
-void improve(mesh *m, inside_fn *inside, int sweeps) {
+void improve(mesh *m, inside_fn *inside, const unsigned char *fixed, int sweeps) {
     fans f = make_fans(m);
     double *size = malloc((size_t)m->tet_count * sizeof *size);
     unsigned dice = 12345;
@@ -94,7 +94,7 @@ void improve(mesh *m, inside_fn *inside, int sweeps) {
         for (int v = 0; v < m->vertex_count; v++) {
             bool poor = false;
             for (int i = f.begin[v]; i < f.begin[v + 1] && !poor; i++) poor = size[f.tet[i]] < 0.8 * largest;
-            if (poor && (inside || !f.outer[v])) search(m, &f, inside, v, largest, step, &dice);
+            if (poor && (inside || !f.outer[v]) && !(fixed && fixed[v])) search(m, &f, inside, v, largest, step, &dice);
         }
     }
     free(size);

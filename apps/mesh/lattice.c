@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "generator.h"
+#include "growing.h"
 
 /* Points in half cells: all even is a cell's corner, all odd its centre. */
 typedef struct lattice {

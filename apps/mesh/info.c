@@ -1,0 +1,297 @@
+/* tm-mesh info and check. */
+#include <getopt.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "command.h"
+#include "common/json_file.h"
+#include "common/mesh_check.h"
+#include "tensormass/tissue.h"
+
+typedef struct options {
+    const char *file, *json;
+    double scale, young_Pa, poisson, density_kg_m3;
+} options;
+
+/* Bounds between the bins of the histograms. */
+static const double aspect_bound[] = {1.5, 2, 3, 5, 10, 100}, dihedral_bound_deg[] = {2, 5, 10, 20, 30, 40};
+enum { BINS = 7, LISTED = 20 };
+
+typedef struct figures {
+    double low_m[3], high_m[3], volume_m3;
+    int64_t aspect[BINS], dihedral[BINS];
+    double worst_aspect, min_dihedral_deg, step_s, median_step_s;
+    int32_t worst_aspect_tet, step_tet, pieces;
+} figures;
+
+static void usage(FILE *to, const char *command) {
+    fprintf(to,
+            "usage: tm-mesh %s [--scale S] [--young E] [--poisson NU] [--density RHO] [--json FILE] MESH\n"
+            "%s\n\n"
+            "  --scale S      metres per unit of the file [1]: 1e-3 for millimetres\n"
+            "  --young E      Young's modulus that the critical step is told for [5 kPa]\n"
+            "  --poisson NU   its Poisson ratio [0.45]\n"
+            "  --density RHO  its density [1060 kg/m3]\n"
+            "  --json FILE    the figures as JSON\n"
+            "  --help\n",
+            command,
+            strcmp(command, "info") == 0 ? "Tells counts, size, quality, regions, groups, the worst element and the time step it causes."
+                                         : "Exit 0: can be simulated. Exit 2: every defect with the number of its tetrahedron or vertex in the file, and what to do.");
+}
+
+static int parse(const char *command, int argc, char **argv, options *o) {
+    static const struct option names[] = {{"scale", required_argument, NULL, 's'},   {"young", required_argument, NULL, 'y'},
+                                          {"poisson", required_argument, NULL, 'p'}, {"density", required_argument, NULL, 'd'},
+                                          {"json", required_argument, NULL, 'j'},    {"help", no_argument, NULL, 'h'}, {0}};
+    *o = (options){.scale = 1, .young_Pa = 5000, .poisson = 0.45, .density_kg_m3 = 1060};
+    optind = 1;
+    opterr = 0;
+    for (int c; (c = getopt_long(argc, argv, "h", names, NULL)) != -1;) {
+        bool good = true;
+        switch (c) {
+        case 's': good = command_quantity("scale", optarg, "none", &o->scale); break;
+        case 'y': good = command_quantity("young", optarg, "pressure", &o->young_Pa); break;
+        case 'p': good = command_quantity("poisson", optarg, "none", &o->poisson); break;
+        case 'd': good = command_quantity("density", optarg, "density", &o->density_kg_m3); break;
+        case 'j': o->json = optarg; break;
+        case 'h': usage(stdout, command); exit(APP_DONE);
+        default: return command_usage(command, "bad option '%s'", argv[optind - 1]);
+        }
+        if (!good) return APP_BAD_INPUT;
+    }
+    if (optind + 1 != argc) return command_usage(command, "name one mesh file");
+    o->file = argv[optind];
+    return APP_DONE;
+}
+
+/* All defects, the first of them one a line. */
+static int refuse(const app_mesh *file, const char *path, const tm_error *error) {
+    static app_defect defect[LISTED];
+    int64_t count = app_mesh_defects(file, defect, LISTED);
+    if (count <= 0) return app_report(path, 0, error);
+    for (int64_t i = 0; i < count && i < LISTED; i++) {
+        char text[400];
+        app_defect_text(file, &defect[i], text, sizeof text);
+        app_bad_input(path, 0, "%s", text);
+    }
+    if (count > LISTED) app_bad_input(path, 0, "and %lld defects more; run tm-mesh repair, or mesh the organ anew", (long long)count - LISTED);
+    return APP_BAD_INPUT;
+}
+
+/* Pieces that hang together through faces. */
+static int32_t count_pieces(const tm_mesh *mesh) {
+    int32_t *parent = malloc((size_t)mesh->tet_count * sizeof *parent), pieces = 0;
+    if (!parent) return -1;
+    for (int32_t t = 0; t < mesh->tet_count; t++) parent[t] = t;
+    for (int32_t f = 0; f < 4 * mesh->tet_count; f++)
+        if (mesh->tet_neighbour[f] >= 0) parent[root_of(parent, f / 4)] = root_of(parent, mesh->tet_neighbour[f]);
+    for (int32_t t = 0; t < mesh->tet_count; t++) pieces += parent[t] == t;
+    free(parent);
+    return pieces;
+}
+
+static int bin_of(const double *bound, double value) {
+    int bin = 0;
+    while (bin < BINS - 1 && value >= bound[bin]) bin++;
+    return bin;
+}
+
+static void measure_shape(const tm_mesh *mesh, figures *f) {
+    *f = (figures){.low_m = {INFINITY, INFINITY, INFINITY}, .high_m = {-INFINITY, -INFINITY, -INFINITY}, .min_dihedral_deg = 180};
+    for (int64_t i = 0; i < 3 * (int64_t)mesh->vertex_count; i++) {
+        f->low_m[i % 3] = fmin(f->low_m[i % 3], mesh->rest_m[i]);
+        f->high_m[i % 3] = fmax(f->high_m[i % 3], mesh->rest_m[i]);
+    }
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        tm_tet_quality q = tm_mesh_tet_quality(mesh, t);
+        double angle = q.min_dihedral_rad * 180 / M_PI;
+        f->volume_m3 += q.volume_m3;
+        f->aspect[bin_of(aspect_bound, q.aspect)]++;
+        f->dihedral[bin_of(dihedral_bound_deg, angle)]++;
+        f->min_dihedral_deg = fmin(f->min_dihedral_deg, angle);
+        if (q.aspect > f->worst_aspect) {
+            f->worst_aspect = q.aspect;
+            f->worst_aspect_tet = t;
+        }
+    }
+    f->pieces = count_pieces(mesh);
+}
+
+static int by_size(const void *a, const void *b) {
+    double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static tm_status measure_step(const tm_mesh *mesh, const options *o, figures *f, tm_error *error) {
+    tm_material material;
+    tm_status status = tm_material_young(o->young_Pa, o->poisson, &material, error);
+    if (status) return status;
+    material.density_kg_m3 = o->density_kg_m3;
+    int32_t *one = calloc((size_t)mesh->region_count + 1, sizeof *one);
+    double *step = malloc((size_t)mesh->tet_count * sizeof *step);
+    tm_tissue *tissue = NULL;
+    tm_tissue_def def = tm_tissue_def_default();
+    def.mesh = mesh;
+    def.material_count = 1;
+    def.material = &material;
+    def.region_material = one;
+    status = one && step ? tm_tissue_create(&def, &tissue, error) : app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory");
+    if (!status) {
+        f->step_s = tm_critical_step_guaranteed(tissue, &f->step_tet);
+        for (int32_t t = 0; t < mesh->tet_count; t++) step[t] = tm_critical_step_element(tissue, t);
+        qsort(step, (size_t)mesh->tet_count, sizeof *step, by_size);
+        f->median_step_s = step[mesh->tet_count / 2];
+        tm_tissue_destroy(tissue);
+    }
+    free(one);
+    free(step);
+    return status;
+}
+
+static void print_histogram(const char *what, const int64_t count[BINS], const double *bound) {
+    printf("%s:", what);
+    for (int b = 0; b < BINS; b++) {
+        if (b == 0)
+            printf("  <%g: ", bound[0]);
+        else if (b == BINS - 1)
+            printf("  >%g: ", bound[b - 1]);
+        else
+            printf("  %g-%g: ", bound[b - 1], bound[b]);
+        printf("%lld", (long long)count[b]);
+    }
+    printf("\n");
+}
+
+/* Volume and tetrahedra of each region. */
+static void region_sums(const tm_mesh *mesh, int32_t region, double *volume_m3, int32_t *tets) {
+    *volume_m3 = 0;
+    *tets = 0;
+    for (int32_t t = 0; t < mesh->tet_count; t++)
+        if (mesh->region[t] == region) {
+            *volume_m3 += mesh->volume_m3[t];
+            ++*tets;
+        }
+}
+
+static void print_tet(const app_mesh *file, int32_t t) {
+    const int32_t *v = file->tet + 4 * (size_t)t;
+    printf("tetrahedron %lld (vertices %lld %lld %lld %lld)", (long long)file->tet_tag[t], (long long)file->vertex_tag[v[0]],
+           (long long)file->vertex_tag[v[1]], (long long)file->vertex_tag[v[2]], (long long)file->vertex_tag[v[3]]);
+}
+
+static void print_figures(const app_mesh *file, const tm_mesh *mesh, const options *o, const figures *f) {
+    printf("%s\n%d tetrahedra, %d vertices, %d edges, %d outer triangles, %d piece%s\n", o->file, mesh->tet_count, mesh->vertex_count,
+           mesh->edge_count, mesh->surface_count, f->pieces, f->pieces == 1 ? "" : "s");
+    printf("box: %.4g %.4g %.4g to %.4g %.4g %.4g m (%.4g x %.4g x %.4g mm), volume %.4g cm3\n", f->low_m[0], f->low_m[1], f->low_m[2],
+           f->high_m[0], f->high_m[1], f->high_m[2], 1e3 * (f->high_m[0] - f->low_m[0]), 1e3 * (f->high_m[1] - f->low_m[1]),
+           1e3 * (f->high_m[2] - f->low_m[2]), 1e6 * f->volume_m3);
+    for (int32_t r = 0; r < file->region_count; r++) {
+        double volume_m3;
+        int32_t tets;
+        region_sums(mesh, r, &volume_m3, &tets);
+        printf("region '%s': %d tetrahedra, %.4g cm3\n", file->region_name[r], tets, 1e6 * volume_m3);
+    }
+    for (int32_t g = 0; g < file->group_count; g++)
+        printf("group '%s': %d vertices\n", file->group_name[g], file->group_begin[g + 1] - file->group_begin[g]);
+    print_histogram("aspect (1: regular)", f->aspect, aspect_bound);
+    print_histogram("smallest dihedral angle, degrees", f->dihedral, dihedral_bound_deg);
+    printf("worst shape: ");
+    print_tet(file, f->worst_aspect_tet);
+    printf(", aspect %.3g; smallest dihedral angle of all %.3g degrees\n", f->worst_aspect, f->min_dihedral_deg);
+    printf("critical step: %.4g ms (E %g Pa, nu %g, %g kg/m3), set by ", 1e3 * f->step_s, o->young_Pa, o->poisson, o->density_kg_m3);
+    print_tet(file, f->step_tet);
+    printf("; median element %.4g ms, %.2f of it; %.0f substeps in a frame of 1/30 s\n", 1e3 * f->median_step_s, f->step_s / f->median_step_s,
+           ceil(1 / (30 * f->step_s)));
+    if (fmax(fmax(f->high_m[0] - f->low_m[0], f->high_m[1] - f->low_m[1]), f->high_m[2] - f->low_m[2]) > 2)
+        printf("note: larger than 2 m; is it in millimetres? then --scale 1e-3\n");
+    if (f->pieces > 1) printf("note: %d pieces that share no face; each needs a support of its own\n", f->pieces);
+}
+
+static void add_three(cJSON *to, const char *name, const double v[3]) { cJSON_AddItemToObject(to, name, cJSON_CreateDoubleArray(v, 3)); }
+
+static cJSON *histogram_json(const int64_t count[BINS], const double *bound) {
+    cJSON *all = cJSON_CreateObject(), *counts = cJSON_AddArrayToObject(all, "count");
+    cJSON_AddItemToObject(all, "bound", cJSON_CreateDoubleArray(bound, BINS - 1));
+    for (int b = 0; b < BINS; b++) cJSON_AddItemToArray(counts, cJSON_CreateNumber((double)count[b]));
+    return all;
+}
+
+static cJSON *figures_json(const app_mesh *file, const tm_mesh *mesh, const options *o, const figures *f) {
+    cJSON *root = cJSON_CreateObject();
+    cJSON_AddStringToObject(root, "file", o->file);
+    cJSON_AddNumberToObject(root, "scale", o->scale);
+    cJSON_AddNumberToObject(root, "tets", mesh->tet_count);
+    cJSON_AddNumberToObject(root, "vertices", mesh->vertex_count);
+    cJSON_AddNumberToObject(root, "edges", mesh->edge_count);
+    cJSON_AddNumberToObject(root, "surface_triangles", mesh->surface_count);
+    cJSON_AddNumberToObject(root, "pieces", f->pieces);
+    add_three(root, "low_m", f->low_m);
+    add_three(root, "high_m", f->high_m);
+    cJSON_AddNumberToObject(root, "volume_m3", f->volume_m3);
+    cJSON *regions = cJSON_AddArrayToObject(root, "regions"), *groups = cJSON_AddArrayToObject(root, "groups");
+    for (int32_t r = 0; r < file->region_count; r++) {
+        double volume_m3;
+        int32_t tets;
+        region_sums(mesh, r, &volume_m3, &tets);
+        cJSON *one = cJSON_CreateObject();
+        cJSON_AddStringToObject(one, "name", file->region_name[r]);
+        cJSON_AddNumberToObject(one, "tets", tets);
+        cJSON_AddNumberToObject(one, "volume_m3", volume_m3);
+        cJSON_AddItemToArray(regions, one);
+    }
+    for (int32_t g = 0; g < file->group_count; g++) {
+        cJSON *one = cJSON_CreateObject();
+        cJSON_AddStringToObject(one, "name", file->group_name[g]);
+        cJSON_AddNumberToObject(one, "vertices", file->group_begin[g + 1] - file->group_begin[g]);
+        cJSON_AddItemToArray(groups, one);
+    }
+    cJSON_AddItemToObject(root, "aspect", histogram_json(f->aspect, aspect_bound));
+    cJSON_AddItemToObject(root, "min_dihedral_deg", histogram_json(f->dihedral, dihedral_bound_deg));
+    cJSON_AddNumberToObject(root, "worst_aspect", f->worst_aspect);
+    cJSON_AddNumberToObject(root, "worst_aspect_tet", (double)file->tet_tag[f->worst_aspect_tet]);
+    cJSON_AddNumberToObject(root, "smallest_dihedral_deg", f->min_dihedral_deg);
+    cJSON *step = cJSON_AddObjectToObject(root, "critical_step");
+    cJSON_AddNumberToObject(step, "young_Pa", o->young_Pa);
+    cJSON_AddNumberToObject(step, "poisson", o->poisson);
+    cJSON_AddNumberToObject(step, "density_kg_m3", o->density_kg_m3);
+    cJSON_AddNumberToObject(step, "guaranteed_s", f->step_s);
+    cJSON_AddNumberToObject(step, "tet", (double)file->tet_tag[f->step_tet]);
+    cJSON_AddNumberToObject(step, "median_s", f->median_step_s);
+    cJSON_AddNumberToObject(step, "worst_over_median", f->step_s / f->median_step_s);
+    return root;
+}
+
+static int run(const char *command, int argc, char **argv) {
+    options o;
+    app_mesh file = {0};
+    tm_mesh *mesh = NULL;
+    tm_error error = {0};
+    figures f;
+    int exit = parse(command, argc, argv, &o);
+    if (exit != APP_DONE) return exit;
+    if (app_mesh_load(o.file, o.scale, &file, &error)) return app_report(o.file, 0, &error);
+    if (app_mesh_build(&file, &mesh, &error)) {
+        exit = error.status == TM_ERR_MESH ? refuse(&file, o.file, &error) : app_report(o.file, 0, &error);
+        app_mesh_free(&file);
+        return exit;
+    }
+    measure_shape(mesh, &f);
+    if (measure_step(mesh, &o, &f, &error))
+        exit = app_report("tm-mesh", 0, &error);
+    else {
+        cJSON *root = o.json ? figures_json(&file, mesh, &o, &f) : NULL;
+        if (root && app_json_write(o.json, root, &error)) exit = app_report(NULL, 0, &error);
+        cJSON_Delete(root);
+    }
+    if (exit == APP_DONE && strcmp(command, "info") == 0)
+        print_figures(&file, mesh, &o, &f);
+    else if (exit == APP_DONE)
+        printf("%s: sound: %d tetrahedra, %d vertices, critical step %.4g ms\n", o.file, mesh->tet_count, mesh->vertex_count, 1e3 * f.step_s);
+    tm_mesh_destroy(mesh);
+    app_mesh_free(&file);
+    return exit;
+}
+
+int command_info(int argc, char **argv) { return run("info", argc, argv); }
+int command_check(int argc, char **argv) { return run("check", argc, argv); }

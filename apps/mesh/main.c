@@ -1,0 +1,60 @@
+/* tm-mesh: looks at meshes, refuses bad ones, mends and refines them. */
+#include <stdarg.h>
+#include <string.h>
+
+#include "command.h"
+
+static const struct {
+    const char *name;
+    command_fn *run;
+    const char *what;
+} commands[] = {
+    {"info", command_info, "counts, size, quality, regions, groups, worst element and the step it causes"},
+    {"check", command_check, "whether it can be simulated; exit 2 and every defect by its number if not"},
+    {"refine", command_refine, "smaller tetrahedra in a box or a region"},
+    {"repair", command_repair, "turn inverted, drop flat, double and unused"},
+    {"convert", command_convert, "between .msh, .vtk and .mesh, scaled"},
+};
+enum { COMMANDS = sizeof commands / sizeof *commands };
+
+static void usage(FILE *to) {
+    fprintf(to, "usage: tm-mesh COMMAND ...\n\n");
+    for (int i = 0; i < COMMANDS; i++) fprintf(to, "  %-8s %s\n", commands[i].name, commands[i].what);
+    fprintf(to, "\n  tm-mesh COMMAND --help, --version\n");
+}
+
+bool command_quantity(const char *option, const char *text, const char *dimension, double *si) {
+    char why[200];
+    if (app_parse_quantity(text, dimension, si, why, sizeof why)) return true;
+    app_bad_input(NULL, 0, "tm-mesh: --%s %s: %s", option, text, why);
+    return false;
+}
+
+int command_usage(const char *command, const char *format, ...) {
+    char what[300];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(what, sizeof what, format, arguments);
+    va_end(arguments);
+    return app_bad_input(NULL, 0, "tm-mesh %s: %s; see tm-mesh %s --help", command, what, command);
+}
+
+int main(int argc, char **argv) {
+    const char *name = argc > 1 ? argv[1] : "";
+    if (strcmp(name, "--help") == 0 || strcmp(name, "-h") == 0) {
+        usage(stdout);
+        return APP_DONE;
+    }
+    if (strcmp(name, "--version") == 0) {
+        printf("tm-mesh %s\n", tm_version());
+        return APP_DONE;
+    }
+    for (int i = 0; i < COMMANDS; i++)
+        if (strcmp(name, commands[i].name) == 0) return commands[i].run(argc - 1, argv + 1);
+    if (!*name)
+        app_bad_input(NULL, 0, "tm-mesh: no command; use one of these");
+    else
+        app_bad_input(NULL, 0, "tm-mesh: unknown command '%s'; use one of these", name);
+    usage(stderr);
+    return APP_BAD_INPUT;
+}

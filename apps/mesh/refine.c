@@ -1,0 +1,290 @@
+/* tm-mesh refine: smaller tetrahedra where a scene cuts. */
+#include <getopt.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "command.h"
+#include "growing.h"
+
+enum { LIMIT = 20 * 1000 * 1000 };
+
+typedef struct options {
+    const char *in, *out, *region, *fibres, *out_fibres;
+    double scale, box_m[6], size_m;
+    bool boxed;
+} options;
+
+static void usage(void) {
+    printf("usage: tm-mesh refine --box X0,Y0,Z0,X1,Y1,Z1 | --region NAME --size SIZE [--scale S] [--fibres IN.csv --write-fibres OUT.csv] IN -o OUT\n"
+           "Halves longest edges until none of a tetrahedron that reaches into the box (or belongs to the region) is longer than SIZE, then moves\n"
+           "inner vertices so that the smallest tetrahedron, which sets the time step, grows. Old vertices keep their numbers, vertices on the\n"
+           "surface, between regions and in groups their places; new ones join the groups of both their neighbours.\n\n"
+           "  --box ...           two corners, e.g. -20mm,-60mm,0,20mm,-30mm,40mm\n"
+           "  --region NAME       a physical volume of the file\n"
+           "  --size SIZE         the longest edge wanted there, e.g. 3mm\n"
+           "  --fibres IN.csv     fibres of IN; --write-fibres OUT.csv those of OUT (each piece has its parent's)\n"
+           "  --scale S           metres per unit of the file [1]\n"
+           "  -o OUT              .msh, .vtk or .mesh\n");
+}
+
+static bool parse_box(const char *text, double box_m[6]) {
+    char part[200], *save = NULL;
+    int n = 0;
+    if ((size_t)snprintf(part, sizeof part, "%s", text) >= sizeof part) part[0] = 0;
+    for (char *word = strtok_r(part, ",", &save); word; word = strtok_r(NULL, ",", &save), n++)
+        if (n >= 6 || !command_quantity("box", word, "length", &box_m[n])) return false;
+    bool good = n == 6;
+    for (int k = 0; good && k < 3; k++) good = box_m[k] < box_m[k + 3];
+    if (!good) app_bad_input(NULL, 0, "tm-mesh refine: --box %s: six lengths, the lower corner first", text);
+    return good;
+}
+
+static int parse(int argc, char **argv, options *o) {
+    static const struct option names[] = {{"box", required_argument, NULL, 'b'},     {"region", required_argument, NULL, 'r'},
+                                          {"size", required_argument, NULL, 'z'},    {"scale", required_argument, NULL, 's'},
+                                          {"fibres", required_argument, NULL, 'f'},  {"write-fibres", required_argument, NULL, 'w'},
+                                          {"output", required_argument, NULL, 'o'},  {"help", no_argument, NULL, 'h'}, {0}};
+    *o = (options){.scale = 1};
+    optind = 1;
+    opterr = 0;
+    for (int c; (c = getopt_long(argc, argv, "ho:", names, NULL)) != -1;) {
+        bool good = true;
+        switch (c) {
+        case 'b': good = o->boxed = parse_box(optarg, o->box_m); break;
+        case 'r': o->region = optarg; break;
+        case 'z': good = command_quantity("size", optarg, "length", &o->size_m); break;
+        case 's': good = command_quantity("scale", optarg, "none", &o->scale); break;
+        case 'f': o->fibres = optarg; break;
+        case 'w': o->out_fibres = optarg; break;
+        case 'o': o->out = optarg; break;
+        case 'h': usage(); exit(APP_DONE);
+        default: return command_usage("refine", "bad option '%s'", argv[optind - 1]);
+        }
+        if (!good) return APP_BAD_INPUT;
+    }
+    if (optind + 1 != argc) return command_usage("refine", "name one mesh file");
+    if (!o->out) return command_usage("refine", "no output; give -o OUT");
+    if (o->boxed == (o->region != NULL)) return command_usage("refine", "say where: either --box or --region");
+    if (!(o->size_m > 0)) return command_usage("refine", "--size must be above 0");
+    if (!o->fibres != !o->out_fibres) return command_usage("refine", "--fibres and --write-fibres go together");
+    o->in = argv[optind];
+    return APP_DONE;
+}
+
+typedef struct target {
+    double low_m[3], high_m[3], size_m;
+    int region; /* -1: the box */
+} target;
+
+/* Reaches into the box with its own bounds: a tetrahedron larger than the box has no vertex in it. */
+static bool too_large(const mesh *m, int tet, double longest_m, const void *context) {
+    const target *where = context;
+    if (longest_m <= where->size_m) return false;
+    if (where->region >= 0) return m->region[tet] == where->region;
+    for (int k = 0; k < 3; k++) {
+        double low = INFINITY, high = -INFINITY;
+        for (int i = 0; i < 4; i++) {
+            double x = m->vertex[3 * (size_t)m->tet[4 * (size_t)tet + (size_t)i] + (size_t)k];
+            low = fmin(low, x);
+            high = fmax(high, x);
+        }
+        if (high < where->low_m[k] || low > where->high_m[k]) return false;
+    }
+    return true;
+}
+
+static bool is_region_name(const app_mesh *file, const char *name, int32_t *region) {
+    for (*region = 0; *region < file->region_count; ++*region)
+        if (strcmp(file->region_name[*region], name) == 0) return true;
+    return false;
+}
+
+/* The group's mark on every vertex. A new vertex is in it if both ends of its edge are, and, for a group of the surface, if it is on it, too. */
+static void mark_group(const app_mesh *file, const mesh *m, int32_t group, const unsigned char *outer, const int *midpoint, unsigned char *mark) {
+    int32_t region;
+    memset(mark, 0, (size_t)m->vertex_count);
+    if (is_region_name(file, file->group_name[group], &region)) {
+        for (int i = 0; i < 4 * m->tet_count; i++)
+            if (m->region[i / 4] == region) mark[m->tet[i]] = 1;
+    }
+    bool skin = true;
+    for (int32_t i = file->group_begin[group]; i < file->group_begin[group + 1]; i++) {
+        mark[file->group_vertex[i]] = 1;
+        skin = skin && outer[file->group_vertex[i]];
+    }
+    for (int v = file->vertex_count; v < m->vertex_count; v++) { /* parents come before their midpoints */
+        const int *ends = midpoint + 2 * (v - file->vertex_count);
+        if (mark[ends[0]] && mark[ends[1]] && (outer[v] || !skin)) mark[v] = 1;
+    }
+}
+
+/* Vertices that must stay: on the surface, in a group that is no region, between regions. */
+static unsigned char *fixed_vertices(const app_mesh *file, const mesh *m, const unsigned char *outer, const int *midpoint) {
+    unsigned char *fixed = malloc((size_t)m->vertex_count + 1), *mark = malloc((size_t)m->vertex_count + 1);
+    int *region = malloc(((size_t)m->vertex_count + 1) * sizeof *region);
+    if (fixed && mark && region) {
+        memcpy(fixed, outer, (size_t)m->vertex_count);
+        for (int v = 0; v < m->vertex_count; v++) region[v] = -1;
+        for (int i = 0; i < 4 * m->tet_count; i++) {
+            int *r = &region[m->tet[i]];
+            if (*r >= 0 && *r != m->region[i / 4]) fixed[m->tet[i]] = 1;
+            *r = m->region[i / 4];
+        }
+        for (int32_t g = 0; g < file->group_count; g++) {
+            int32_t of;
+            if (is_region_name(file, file->group_name[g], &of)) continue;
+            mark_group(file, m, g, outer, midpoint, mark);
+            for (int v = 0; v < m->vertex_count; v++) fixed[v] |= mark[v];
+        }
+    } else {
+        free(fixed);
+        fixed = NULL;
+    }
+    free(mark);
+    free(region);
+    return fixed;
+}
+
+static bool copy_in(const app_mesh *file, mesh *m) {
+    for (int32_t v = 0; v < file->vertex_count; v++) add_vertex(m, file->vertex_m + 3 * (size_t)v);
+    for (int32_t t = 0; t < file->tet_count; t++) {
+        const int32_t *v = file->tet + 4 * (size_t)t;
+        add_tet(m, v[0], v[1], v[2], v[3]);
+        m->region[t] = file->region[t];
+    }
+    return true;
+}
+
+/* The app_mesh of what has grown: old numbers kept, new ones above them. */
+static bool copy_out(const app_mesh *file, const mesh *m, const unsigned char *outer, const int *midpoint, app_mesh *out) {
+    unsigned char *mark = malloc((size_t)m->vertex_count + 1);
+    *out = *file;
+    out->vertex_count = m->vertex_count;
+    out->tet_count = m->tet_count;
+    if (!mark || file->group_count > INT32_MAX / (m->vertex_count + 1) || !app_mesh_allocate(out, file->group_count * m->vertex_count)) {
+        free(mark);
+        *out = (app_mesh){0};
+        return false;
+    }
+    memcpy(out->vertex_m, m->vertex, 3 * (size_t)m->vertex_count * sizeof(double));
+    int64_t tag = 0;
+    for (int32_t v = 0; v < m->vertex_count; v++) {
+        out->vertex_tag[v] = v < file->vertex_count ? file->vertex_tag[v] : tag + 1;
+        if (out->vertex_tag[v] > tag) tag = out->vertex_tag[v];
+    }
+    tag = 0;
+    for (int32_t t = 0; t < m->tet_count; t++) {
+        memcpy(out->tet + 4 * (size_t)t, m->tet + 4 * (size_t)t, 4 * sizeof(int32_t));
+        out->region[t] = m->region[t];
+        out->tet_tag[t] = t < file->tet_count ? file->tet_tag[t] : tag + 1;
+        if (out->tet_tag[t] > tag) tag = out->tet_tag[t];
+    }
+    memcpy(out->region_name, file->region_name, (size_t)file->region_count * sizeof *out->region_name);
+    memcpy(out->group_name, file->group_name, (size_t)file->group_count * sizeof *out->group_name);
+    for (int32_t g = 0, n = 0; g < file->group_count; g++) {
+        mark_group(file, m, g, outer, midpoint, mark);
+        for (int32_t v = 0; v < m->vertex_count; v++)
+            if (mark[v]) out->group_vertex[n++] = v;
+        out->group_begin[g + 1] = n;
+    }
+    free(mark);
+    return true;
+}
+
+static double smallest_size(const mesh *m) {
+    double smallest = INFINITY;
+    for (int t = 0; t < m->tet_count; t++) {
+        const int *v = m->tet + 4 * (size_t)t;
+        smallest = fmin(smallest, tet_size(m->vertex + 3 * (size_t)v[0], m->vertex + 3 * (size_t)v[1], m->vertex + 3 * (size_t)v[2],
+                                           m->vertex + 3 * (size_t)v[3]));
+    }
+    return smallest;
+}
+
+/* Each piece has the fibre of the tetrahedron it came from. */
+static int carry_fibres(const options *o, const app_mesh *file, const mesh *m, const int *parent) {
+    tm_error error = {0};
+    int line = 0, exit = APP_DONE;
+    double *old = malloc(3 * (size_t)file->tet_count * sizeof *old), *new = malloc(3 * (size_t)m->tet_count * sizeof *new);
+    if (!old || !new)
+        exit = APP_FAILED;
+    else if (app_fibres_load(o->fibres, file->tet_count, old, &line, &error))
+        exit = app_report(o->fibres, line, &error);
+    else {
+        for (int t = 0; t < m->tet_count; t++) memcpy(new + 3 * (size_t)t, old + 3 * (size_t)parent[t], 3 * sizeof *new);
+        if (write_fibres(new, m->tet_count, o->out_fibres, &error)) exit = app_report(NULL, 0, &error);
+    }
+    free(old);
+    free(new);
+    return exit;
+}
+
+static int write_all(const options *o, const app_mesh *file, const mesh *m, const unsigned char *outer, const int *parent, const int *midpoint,
+                     double before_m) {
+    app_mesh out = {0};
+    tm_error error = {0};
+    tm_mesh *built = NULL;
+    int exit = APP_DONE;
+    if (!copy_out(file, m, outer, midpoint, &out))
+        app_bad_input(o->in, 0, "no memory; choose a larger --size"), exit = APP_FAILED;
+    else if (app_mesh_build(&out, &built, &error))
+        exit = app_report(o->in, 0, &error);
+    else if (o->fibres)
+        exit = carry_fibres(o, file, m, parent);
+    if (exit == APP_DONE && write_mesh_file(&out, o->out, &error)) exit = app_report(NULL, 0, &error);
+    if (exit == APP_DONE)
+        printf("%s: %d tetrahedra (were %d), %d vertices (were %d); the smallest is %.2f of the smallest before, and so is the critical step, about\n",
+               o->out, m->tet_count, file->tet_count, m->vertex_count, file->vertex_count, smallest_size(m) / before_m);
+    tm_mesh_destroy(built);
+    app_mesh_free(&out);
+    return exit;
+}
+
+static int refine(const options *o, const app_mesh *file, int32_t region) {
+    mesh m = {0};
+    int *parent = NULL, *midpoint = NULL, exit = APP_FAILED;
+    unsigned char *outer = NULL, *fixed = NULL;
+    target where = {.size_m = o->size_m, .region = o->region ? region : -1};
+    memcpy(where.low_m, o->box_m, sizeof where.low_m);
+    memcpy(where.high_m, o->box_m + 3, sizeof where.high_m);
+    copy_in(file, &m);
+    double before_m = smallest_size(&m);
+    if (!bisect(&m, too_large, &where, LIMIT, &parent, &midpoint)) {
+        exit = app_bad_input(o->in, 0, "more than %d tetrahedra would come of it; choose a larger --size", LIMIT);
+    } else {
+        find_surface(&m);
+        outer = calloc((size_t)m.vertex_count + 1, 1);
+        for (int i = 0; outer && i < 3 * m.face_count; i++) outer[m.face[i]] = 1;
+        fixed = outer ? fixed_vertices(file, &m, outer, midpoint) : NULL;
+        if (fixed) {
+            improve(&m, NULL, fixed, 12);
+            exit = write_all(o, file, &m, outer, parent, midpoint, before_m);
+        }
+    }
+    free(outer);
+    free(fixed);
+    free(parent);
+    free(midpoint);
+    free_mesh(&m);
+    return exit;
+}
+
+int command_refine(int argc, char **argv) {
+    options o;
+    app_mesh file;
+    tm_mesh *built = NULL;
+    tm_error error = {0};
+    int32_t region = -1;
+    int exit = parse(argc, argv, &o);
+    if (exit) return exit;
+    if (app_mesh_load(o.in, o.scale, &file, &error)) return app_report(o.in, 0, &error);
+    if (app_mesh_build(&file, &built, &error))
+        exit = app_report(o.in, 0, &error);
+    else if (o.region && !is_region_name(&file, o.region, &region))
+        exit = app_bad_input(o.in, 0, "no region '%s'; tm-mesh info lists its regions", o.region);
+    tm_mesh_destroy(built);
+    if (exit == APP_DONE) exit = refine(&o, &file, region);
+    app_mesh_free(&file);
+    return exit;
+}

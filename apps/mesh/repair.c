@@ -1,0 +1,269 @@
+/* tm-mesh repair and convert. */
+#include <getopt.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "command.h"
+#include "common/mesh_check.h"
+
+typedef struct options {
+    const char *in, *out;
+    double scale, merge_m;
+    bool largest;
+} options;
+
+static void repair_usage(void) {
+    printf("usage: tm-mesh repair [--scale S] [--merge DISTANCE] [--largest] IN -o OUT\n"
+           "Turns inverted tetrahedra, drops flat and double ones, those that name a vertex twice and those that lie over others, and vertices\n"
+           "that none uses. Says what it did. Numbers stay those of the file. A coordinate that is nan cannot be mended.\n\n"
+           "  --merge DISTANCE  make vertices that are closer than this one, e.g. 1um\n"
+           "  --largest         keep only the largest of several pieces\n"
+           "  --scale S         metres per unit of the file [1]\n"
+           "  -o OUT            .msh, .vtk or .mesh\n");
+}
+
+static void convert_usage(void) {
+    printf("usage: tm-mesh convert [--scale S] IN -o OUT\n"
+           "Between .msh (2.2, 4.1 read; 2.2 written), .vtk and .mesh. .vtk and .mesh carry regions as numbers, and no vertex groups.\n\n"
+           "  --scale S  metres per unit of the file [1]\n"
+           "  -o OUT     .msh, .vtk or .mesh\n");
+}
+
+static int parse(const char *command, void (*usage)(void), int argc, char **argv, options *o) {
+    static const struct option names[] = {{"scale", required_argument, NULL, 's'}, {"merge", required_argument, NULL, 'm'},
+                                          {"largest", no_argument, NULL, 'l'}, {"output", required_argument, NULL, 'o'},
+                                          {"help", no_argument, NULL, 'h'}, {0}};
+    bool repair = strcmp(command, "repair") == 0;
+    *o = (options){.scale = 1};
+    optind = 1;
+    opterr = 0;
+    for (int c; (c = getopt_long(argc, argv, "ho:", names, NULL)) != -1;) {
+        if (c == 's' && command_quantity("scale", optarg, "none", &o->scale)) continue;
+        if (c == 's') return APP_BAD_INPUT;
+        if (c == 'm' && repair) {
+            if (!command_quantity("merge", optarg, "length", &o->merge_m)) return APP_BAD_INPUT;
+        } else if (c == 'l' && repair)
+            o->largest = true;
+        else if (c == 'o')
+            o->out = optarg;
+        else if (c == 'h') {
+            usage();
+            exit(APP_DONE);
+        } else
+            return command_usage(command, "bad option '%s'", argv[optind - 1]);
+    }
+    if (optind + 1 != argc) return command_usage(command, "name one mesh file");
+    if (!o->out) return command_usage(command, "no output; give -o OUT");
+    o->in = argv[optind];
+    return APP_DONE;
+}
+
+bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept) {
+    app_mesh out = *mesh;
+    int32_t *place = malloc(((size_t)mesh->vertex_count + 1) * sizeof *place), members = 0;
+    if (!place) return false;
+    memset(place, -1, ((size_t)mesh->vertex_count + 1) * sizeof *place);
+    out.tet_count = out.vertex_count = 0;
+    for (int32_t t = 0; t < mesh->tet_count; t++)
+        for (int k = 0; keep[t] && k < 4; k++) place[mesh->tet[4 * (size_t)t + (size_t)k]] = 0;
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        if (place[v] == 0) place[v] = out.vertex_count++;
+    for (int32_t t = 0; t < mesh->tet_count; t++) out.tet_count += keep[t] != 0;
+    for (int32_t i = 0; i < mesh->group_begin[mesh->group_count]; i++) members += place[mesh->group_vertex[i]] >= 0;
+    if (!app_mesh_allocate(&out, members)) {
+        free(place);
+        return false;
+    }
+    for (int32_t v = 0; v < mesh->vertex_count; v++) {
+        if (place[v] < 0) continue;
+        memcpy(out.vertex_m + 3 * (size_t)place[v], mesh->vertex_m + 3 * (size_t)v, 3 * sizeof(double));
+        out.vertex_tag[place[v]] = mesh->vertex_tag[v];
+    }
+    for (int32_t t = 0, n = 0; t < mesh->tet_count; t++) {
+        if (!keep[t]) continue;
+        for (int k = 0; k < 4; k++) out.tet[4 * (size_t)n + (size_t)k] = place[mesh->tet[4 * (size_t)t + (size_t)k]];
+        out.tet_tag[n] = mesh->tet_tag[t];
+        out.region[n] = mesh->region[t];
+        if (kept) kept[n] = t;
+        n++;
+    }
+    memcpy(out.region_name, mesh->region_name, (size_t)mesh->region_count * sizeof *out.region_name);
+    memcpy(out.group_name, mesh->group_name, (size_t)mesh->group_count * sizeof *out.group_name);
+    for (int32_t g = 0, n = 0; g < mesh->group_count; g++) {
+        for (int32_t i = mesh->group_begin[g]; i < mesh->group_begin[g + 1]; i++)
+            if (place[mesh->group_vertex[i]] >= 0) out.group_vertex[n++] = place[mesh->group_vertex[i]];
+        out.group_begin[g + 1] = n;
+    }
+    free(place);
+    app_mesh_free(mesh);
+    *mesh = out;
+    return true;
+}
+
+/* Vertices within a distance of one before them (in the order of x) become that one. Returns how many, -1: no memory. */
+static const double *sort_points; /* qsort has no context */
+static int by_x(const void *a, const void *b) {
+    int32_t v = *(const int32_t *)a, w = *(const int32_t *)b;
+    double x = sort_points[3 * (size_t)v], y = sort_points[3 * (size_t)w];
+    return x != y ? (x < y ? -1 : 1) : (v > w) - (v < w);
+}
+
+static int32_t merge_vertices(app_mesh *mesh, double distance_m) {
+    size_t n = (size_t)mesh->vertex_count;
+    int32_t *order = malloc((n + 1) * sizeof *order), *target = malloc((n + 1) * sizeof *target), merged = 0;
+    if (!order || !target) {
+        free(order);
+        free(target);
+        return -1;
+    }
+    for (int32_t v = 0; v < mesh->vertex_count; v++) order[v] = target[v] = v;
+    sort_points = mesh->vertex_m;
+    qsort(order, n, sizeof *order, by_x);
+    for (size_t i = 0; i < n; i++) {
+        const double *p = mesh->vertex_m + 3 * (size_t)order[i];
+        for (size_t j = i; j-- > 0;) {
+            const double *q = mesh->vertex_m + 3 * (size_t)order[j];
+            double x = p[0] - q[0], y = p[1] - q[1], z = p[2] - q[2];
+            if (x > distance_m) break;
+            if (target[order[j]] != order[j] || x * x + y * y + z * z > distance_m * distance_m) continue;
+            target[order[i]] = order[j];
+            merged++;
+            break;
+        }
+    }
+    for (size_t i = 0; i < 4 * (size_t)mesh->tet_count; i++) mesh->tet[i] = target[mesh->tet[i]];
+    for (int32_t i = 0; i < mesh->group_begin[mesh->group_count]; i++) mesh->group_vertex[i] = target[mesh->group_vertex[i]];
+    free(order);
+    free(target);
+    return merged;
+}
+
+/* One round: turns or drops what each defect names. Returns what is left to do, -1: cannot be mended (said), -2: no memory. */
+static int64_t mend_round(app_mesh *mesh, const char *path, int64_t done[APP_DEFECT_KINDS]) {
+    int64_t count = app_mesh_defects(mesh, NULL, 0);
+    app_defect *defect = count > 0 ? malloc((size_t)count * sizeof *defect) : NULL;
+    uint8_t *keep = malloc((size_t)mesh->tet_count + 1);
+    if (count < 0 || (count && !defect) || !keep) return -2;
+    app_mesh_defects(mesh, defect, count);
+    memset(keep, 1, (size_t)mesh->tet_count);
+    int64_t left = count;
+    for (int64_t i = 0; i < count && left > 0; i++) {
+        const app_defect *d = &defect[i];
+        int32_t *v = d->tet >= 0 ? mesh->tet + 4 * (size_t)d->tet : NULL, spare;
+        char text[400];
+        if (d->tet >= 0 && !keep[d->tet]) continue;
+        if (d->other >= 0 && !keep[d->other]) continue;
+        switch (d->kind) {
+        case APP_DEFECT_NOT_FINITE:
+            app_defect_text(mesh, d, text, sizeof text);
+            app_bad_input(path, 0, "%s", text);
+            left = -1;
+            break;
+        case APP_DEFECT_INVERTED:
+            spare = v[2];
+            v[2] = v[3];
+            v[3] = spare;
+            break;
+        case APP_DEFECT_VERTEX_TWICE:
+        case APP_DEFECT_FLAT:
+        case APP_DEFECT_TET_TWICE:
+        case APP_DEFECT_FACE_SHARED:
+        case APP_DEFECT_OVERLAP: keep[d->tet] = 0; break;
+        case APP_DEFECT_UNUSED_VERTEX:
+        case APP_DEFECT_KINDS: break;
+        }
+        done[d->kind]++;
+    }
+    free(defect);
+    if (left > 0 && !subset(mesh, keep, NULL)) left = -2;
+    free(keep);
+    return left;
+}
+
+int32_t root_of(int32_t *parent, int32_t v) {
+    while (parent[v] != v) v = parent[v] = parent[parent[v]];
+    return v;
+}
+
+/* Drops all but the piece with most tetrahedra (pieces hang together through vertices here). Returns how many went, -1: no memory. */
+static int32_t keep_largest(app_mesh *mesh) {
+    size_t n = (size_t)mesh->vertex_count;
+    int32_t *parent = malloc((n + 1) * sizeof *parent), *size = calloc(n + 1, sizeof *size), best = 0, before = mesh->tet_count;
+    uint8_t *keep = malloc((size_t)mesh->tet_count + 1);
+    bool good = parent && size && keep;
+    for (int32_t v = 0; good && v < mesh->vertex_count; v++) parent[v] = v;
+    for (int32_t t = 0; good && t < mesh->tet_count; t++)
+        for (int k = 1; k < 4; k++)
+            parent[root_of(parent, mesh->tet[4 * (size_t)t + (size_t)k])] = root_of(parent, mesh->tet[4 * (size_t)t]);
+    for (int32_t t = 0; good && t < mesh->tet_count; t++) {
+        int32_t r = root_of(parent, mesh->tet[4 * (size_t)t]);
+        if (++size[r] > size[best]) best = r;
+    }
+    for (int32_t t = 0; good && t < mesh->tet_count; t++) keep[t] = root_of(parent, mesh->tet[4 * (size_t)t]) == best;
+    good = good && subset(mesh, keep, NULL);
+    free(parent);
+    free(size);
+    free(keep);
+    return good ? before - mesh->tet_count : -1;
+}
+
+typedef struct outcome {
+    int64_t done[APP_DEFECT_KINDS];
+    int32_t merged, far;
+} outcome;
+
+/* In memory. Returns APP_DONE, or an exit code after a complaint. */
+static int mend(app_mesh *mesh, const options *o, outcome *out) {
+    int64_t left = 1;
+    out->merged = o->merge_m > 0 ? merge_vertices(mesh, o->merge_m) : 0;
+    for (int round = 0; left > 0 && round < 20; round++) left = mend_round(mesh, o->in, out->done);
+    if (left == -1) return APP_BAD_INPUT;
+    if (left == 0 && o->largest) out->far = keep_largest(mesh);
+    if (out->merged < 0 || left < 0 || out->far < 0) return app_bad_input(o->in, 0, "no memory; use a coarser mesh"), APP_FAILED;
+    if (left > 0) return app_bad_input(o->in, 0, "%lld defects are left after 20 rounds; mesh the organ anew", (long long)left);
+    if (mesh->tet_count == 0) return app_bad_input(o->in, 0, "no tetrahedron is left; mesh the organ anew");
+    return APP_DONE;
+}
+
+static void tell(const app_mesh *mesh, const char *path, const outcome *out) {
+    static const char *const did[APP_DEFECT_KINDS] = {"", "tetrahedra dropped: a vertex twice", "tetrahedra dropped: flat",
+                                                      "tetrahedra turned: inverted", "tetrahedra dropped: double",
+                                                      "tetrahedra dropped: third on a face", "tetrahedra dropped: over another",
+                                                      "vertices dropped: unused"};
+    printf("%s: %d tetrahedra, %d vertices\n", path, mesh->tet_count, mesh->vertex_count);
+    if (out->merged) printf("  %d vertices merged\n", out->merged);
+    for (int k = 1; k < APP_DEFECT_KINDS; k++)
+        if (out->done[k]) printf("  %lld %s\n", (long long)out->done[k], did[k]);
+    if (out->far) printf("  %d tetrahedra of smaller pieces dropped\n", out->far);
+}
+
+static int load_write(const char *command, const options *o) {
+    app_mesh mesh;
+    app_mesh_lenient lenient = {0};
+    outcome out = {0};
+    tm_error error = {0};
+    tm_mesh *built = NULL;
+    bool repair = strcmp(command, "repair") == 0;
+    tm_status status = repair ? app_mesh_load_lenient(o->in, o->scale, &lenient, &mesh, &error) : app_mesh_load(o->in, o->scale, &mesh, &error);
+    if (status) return app_report(o->in, 0, &error);
+    int exit = repair ? mend(&mesh, o, &out) : APP_DONE;
+    if (exit == APP_DONE && app_mesh_build(&mesh, &built, &error)) exit = app_report(o->in, 0, &error);
+    if (exit == APP_DONE && write_mesh_file(&mesh, o->out, &error)) exit = app_report(NULL, 0, &error);
+    out.done[APP_DEFECT_UNUSED_VERTEX] += lenient.dropped_vertices;
+    if (exit == APP_DONE) tell(&mesh, o->out, &out);
+    tm_mesh_destroy(built);
+    app_mesh_free(&mesh);
+    return exit;
+}
+
+int command_repair(int argc, char **argv) {
+    options o;
+    int exit = parse("repair", repair_usage, argc, argv, &o);
+    return exit ? exit : load_write("repair", &o);
+}
+
+int command_convert(int argc, char **argv) {
+    options o;
+    int exit = parse("convert", convert_usage, argc, argv, &o);
+    return exit ? exit : load_write("convert", &o);
+}

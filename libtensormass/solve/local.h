@@ -1,0 +1,93 @@
+/* The on-line system: contact of all instruments and imposed vertices, on a compliance that somebody else knows.
+ *
+ * Unknown are the forces f on a few surface vertices (slots). The shape u = base + C f gives the contact rows of the core's own
+ * finder, and the rows give forces: lambda = share/skin * depth, not below 0 and not above the cap. That is the unilateral problem with
+ * regularised rows; it is solved for f = rows(base + C f) by Newton's method with the turning of the normals in its matrix, so that the
+ * force is the converged one and not that of yesterday's normals. */
+#ifndef TMS_LOCAL_H
+#define TMS_LOCAL_H
+
+#include "internal.h"
+
+enum { TMS_NEWTON_STEPS = 16, TMS_HALVINGS = 4, TMS_MAX_PIECES = 32 };
+
+typedef struct tms_tool {
+    tm_instrument_def def;
+    tm_tool_pose pose;
+    tm_capsule capsule;
+    bool ignored;                  /* while the shape without it is asked for */
+    int32_t *candidate;            /* [candidate_max] surface slots near it */
+    int32_t candidate_count;
+    double force_N[3], resultant_N[3];
+    int32_t row_count;
+    bool capped, overflowed;
+} tms_tool;
+
+typedef struct tms_pin { int32_t vertex; double u_m[3]; } tms_pin;
+
+typedef struct tms_local {
+    const tm_mesh *mesh;
+    tm_surface_view surface;
+    tm_contact_def def;            /* instrument_count 0: no contact */
+    int32_t tool_count;
+    tms_tool tool[TM_MAX_INSTRUMENTS];
+    /* the client's */
+    void *self;
+    void (*compliance)(void *self, int32_t a, int32_t b, double C[9]); /* of vertex a by forces on vertex b, m/N, row-major */
+    void (*refresh)(void *self, const int32_t *vertex, int32_t count); /* bring base_m up to date at these; may be null */
+    double *base_m;                /* [3*vertex_count] shape without f */
+    double *u_m;                   /* [3*vertex_count] shape: at the slots always, elsewhere as the client left it */
+    /* slots */
+    int32_t capacity, use_count;
+    int32_t *slot_of;              /* [vertex_count] -1 */
+    int32_t *vertex;               /* [capacity] -1: never used */
+    int32_t *use;                  /* [use_count] slots of this solve, by ascending vertex */
+    uint8_t *wanted;               /* [capacity] */
+    int32_t *stamp, stamp_now;     /* [vertex_count] */
+    int32_t *list;                 /* [capacity] wanted vertices, ascending */
+    double *block;                 /* [3*capacity][3*capacity] */
+    double *f, *fc, *r, *step, *keep, *try_u; /* [3*capacity] by slot */
+    int32_t *pin_of;               /* [capacity] -1 */
+    tms_pin *pin;                  /* [capacity] */
+    int32_t pin_count;
+    double pin_compliance_m_N;
+    /* rows */
+    tm_contact_row *row, *before;  /* [max_rows] */
+    int32_t row_count, before_count;
+    /* Newton */
+    int32_t act_count, *act;       /* slots with unknown forces */
+    int32_t *act_of;               /* [capacity] -1 */
+    double *lu;                    /* [(3*capacity)^2] */
+    int32_t *pivot;
+    double *rhs;
+    bool converged;
+    int64_t bytes;
+    void *memory;
+} tms_local;
+
+/* All memory now. `contact` null: none. The surface view's arrays must stay. */
+tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const tm_contact_def *contact, int32_t capacity, tms_local *local,
+                           tm_error *error);
+void tms_local_destroy(tms_local *local);
+void tms_local_place(tms_local *local, int32_t tool, const tm_tool_pose *at);
+/* Slots for everything near the tools; forces of vertices that left are dropped. */
+void tms_local_gather(tms_local *local);
+/* Newton's method from the forces there are. Returns the steps taken; `converged` tells. */
+int32_t tms_local_solve(tms_local *local);
+/* Moves all tools to `pose` in pieces, gathering and solving at each. */
+int32_t tms_local_update(tms_local *local, const tm_tool_pose *pose);
+/* d(force at the tip)/d(tip) of the converged solution, row-major. Leaves the solution as it was. */
+void tms_local_stiffness(tms_local *local, int32_t tool, double K[9]);
+/* Factorises the matrix of the present solution over the slots in use; false if singular. */
+bool tms_local_factor(tms_local *local, bool turning);
+/* Forces that a load b on the slots (in local->rhs order of act) meets: x := J^-1 b. */
+void tms_local_back(const tms_local *local, double *x);
+tm_tool_reaction tms_local_reaction(const tms_local *local, int32_t tool);
+
+/* dense.c: LU with partial pivoting, row-major. */
+bool tms_lu(double *a, int32_t *pivot, int32_t n);
+void tms_lu_solve(const double *a, const int32_t *pivot, int32_t n, double *x);
+/* Change of the force of one row with the positions of its three vertices: D = share/skin G G^T - lambda H. */
+void tms_row_stiffness(const tm_contact_row *row, const double position_m[3][3], double radius_m, double skin_m_N, double cap_N, bool turning, double D[81]);
+
+#endif

@@ -1,0 +1,208 @@
+/* The precomputed model: stored responses of the surface, and the on-line system over them. */
+#include "local.h"
+
+#include <assert.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct tm_precomputed {
+    const tm_tissue *tissue;
+    tms_responses responses;
+    int32_t *kept_of;      /* [3*vertex_count] column of a component, -1 */
+    int32_t *surface;      /* [surface_count] vertices with responses, ascending */
+    int32_t surface_count;
+    double *sum;           /* [kept_count] superposition */
+    bool superposed;
+    tms_local local;
+};
+
+tm_precomputed_def tm_precomputed_def_default(void) {
+    return (tm_precomputed_def){.cookie = TMS_COOKIE_PRECOMPUTED, .problem = tm_solve_def_default(), .max_local_vertices = 128};
+}
+
+static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_responses *responses, tm_solve_report *report, tm_error *error) {
+    const tm_surface_view surface = tm_tissue_surface(def->problem.tissue);
+    uint8_t *wanted = calloc((size_t)tm_tissue_mesh(def->problem.tissue)->vertex_count, 1);
+    if (!wanted) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface");
+    for (int32_t i = 0; i < 3 * surface.count; i++) wanted[surface.triangle[i]] = 1;
+    const tms_request request = {.def = &def->problem, .wanted = wanted, .precision = def->precision, .file = def->file, .team = def->team};
+    const tm_status status = tms_responses_get(&request, force, responses, report, error);
+    free(wanted);
+    return status;
+}
+
+static void compliance(void *self, int32_t a, int32_t b, double C[9]) {
+    const tm_precomputed *m = self;
+    for (int i = 0; i < 9; i++) {
+        const int32_t row = m->kept_of[3 * a + i / 3], column = m->kept_of[3 * b + i % 3];
+        C[i] = row < 0 || column < 0 ? 0 : tms_response(&m->responses, column, row);
+    }
+}
+
+static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_error *error) {
+    const tm_mesh *mesh = tm_tissue_mesh(def->problem.tissue);
+    const int32_t n = 3 * mesh->vertex_count;
+    const tms_responses *r = &m->responses;
+    m->tissue = def->problem.tissue;
+    m->kept_of = malloc((size_t)n * sizeof *m->kept_of);
+    m->surface = malloc((size_t)(r->kept_count + 1) * sizeof *m->surface);
+    m->sum = calloc((size_t)(r->kept_count + 1), sizeof *m->sum);
+    if (!m->kept_of || !m->surface || !m->sum) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model");
+    tm_status status = tms_local_create(mesh, tm_tissue_surface(m->tissue), def->contact, def->max_local_vertices, &m->local, error);
+    if (status != TM_OK) return status;
+    m->local.self = m;
+    m->local.compliance = compliance;
+    for (int32_t d = 0; d < n; d++) m->kept_of[d] = -1;
+    for (int32_t i = 0; i < r->kept_count; i++) {
+        const int32_t v = r->kept[i] / 3;
+        m->kept_of[r->kept[i]] = i;
+        m->local.base_m[r->kept[i]] = r->base_m[i];
+        if (!m->surface_count || m->surface[m->surface_count - 1] != v) m->surface[m->surface_count++] = v;
+    }
+    const tm_surface_view surface = m->local.surface;
+    for (int32_t i = 0; i < 9 * surface.count; i++) { /* prescribed components of the surface */
+        const int32_t d = 3 * surface.triangle[i / 3] + i % 3;
+        if (def->problem.fixed[d]) m->local.base_m[d] = def->problem.fixed_value_m ? def->problem.fixed_value_m[d] : 0;
+    }
+    memcpy(m->local.u_m, m->local.base_m, (size_t)n * 8);
+    return TM_OK;
+}
+
+tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **model, tm_solve_report *report, tm_error *error) {
+    assert(def && def->cookie == TMS_COOKIE_PRECOMPUTED && def->problem.cookie == TMS_COOKIE_PROBLEM && def->problem.tissue && def->problem.fixed);
+    assert(!def->team || def->team->count == 1); /* other ranks have nothing to open */
+    tm_solve_report mine = {0};
+    tm_precomputed *m = calloc(1, sizeof *m);
+    tm_status status = m ? get_responses(def, false, &m->responses, &mine, error) : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model");
+    if (report) *report = mine;
+    if (status == TM_OK) status = set_up(m, def, error);
+    if (status != TM_OK) {
+        tm_precomputed_destroy(m);
+        return status;
+    }
+    *model = m;
+    return TM_OK;
+}
+
+tm_status tm_precomputed_write(const tm_precomputed_def *def, tm_solve_report *report, tm_error *error) {
+    assert(def && def->cookie == TMS_COOKIE_PRECOMPUTED && def->problem.cookie == TMS_COOKIE_PROBLEM && def->file);
+    tm_solve_report mine = {0};
+    tms_responses responses;
+    const tm_status status = get_responses(def, true, &responses, &mine, error);
+    if (status == TM_OK) tms_responses_release(&responses);
+    if (report) *report = mine;
+    return status;
+}
+
+void tm_precomputed_destroy(tm_precomputed *m) {
+    if (!m) return;
+    tms_local_destroy(&m->local);
+    tms_responses_release(&m->responses);
+    free(m->kept_of);
+    free(m->surface);
+    free(m->sum);
+    free(m);
+}
+
+int64_t tm_precomputed_bytes(const tm_precomputed *m) {
+    return m->responses.bytes + m->local.bytes + (int64_t)sizeof *m + 12 * (int64_t)tm_tissue_mesh(m->tissue)->vertex_count + 12 * (int64_t)m->responses.kept_count;
+}
+
+/* --- on line --- */
+
+static void add_double(double *restrict sum, const double *restrict column, double f, int32_t n) {
+    for (int32_t i = 0; i < n; i++) sum[i] += f * column[i];
+}
+static void add_single(double *restrict sum, const float *restrict column, double f, int32_t n) {
+    for (int32_t i = 0; i < n; i++) sum[i] += f * (double)column[i];
+}
+
+/* The whole surface: base and the forces' responses, by ascending vertex. */
+static void superpose(tm_precomputed *m) {
+    const tms_responses *r = &m->responses;
+    const tms_local *l = &m->local;
+    memcpy(m->sum, r->base_m, (size_t)r->kept_count * 8);
+    for (int32_t i = 0; i < l->use_count; i++)
+        for (int c = 0; c < 3; c++) {
+            const int32_t column = m->kept_of[3 * l->vertex[l->use[i]] + c];
+            const double f = l->f[3 * l->use[i] + c];
+            if (column < 0 || f == 0) continue;
+            const int64_t at = (int64_t)column * r->kept_count;
+            if (r->precision == TM_DOUBLE) add_double(m->sum, (const double *)r->column + at, f, r->kept_count);
+            else add_single(m->sum, (const float *)r->column + at, f, r->kept_count);
+        }
+    for (int32_t i = 0; i < r->kept_count; i++) l->u_m[r->kept[i]] = m->sum[i];
+    m->superposed = true;
+}
+
+int32_t tm_precomputed_update(tm_precomputed *m, const tm_tool_pose *pose) {
+    if (!m->superposed) superpose(m); /* the broad phase looks at the whole surface */
+    const int32_t steps = tms_local_update(&m->local, pose);
+    m->superposed = false;
+    return m->local.converged ? steps : -steps - 1;
+}
+
+void tm_precomputed_place(tm_precomputed *m, int32_t instrument, const tm_tool_pose *at) {
+    assert(instrument >= 0 && instrument < m->local.tool_count);
+    tms_local_place(&m->local, instrument, at);
+}
+
+tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) { return m->local.tool[instrument].pose; }
+
+void tm_precomputed_force(const tm_precomputed *m, int32_t instrument, double force_N[3]) {
+    memcpy(force_N, m->local.tool[instrument].force_N, 24);
+}
+
+tm_tool_reaction tm_precomputed_reaction(tm_precomputed *m, int32_t instrument) {
+    assert(instrument >= 0 && instrument < m->local.tool_count);
+    tm_tool_reaction reaction = tms_local_reaction(&m->local, instrument);
+    tms_local_stiffness(&m->local, instrument, reaction.stiffness_N_m);
+    reaction.stiffness_kind = 2;
+    return reaction;
+}
+
+int32_t tm_precomputed_rows(const tm_precomputed *m, const tm_contact_row **rows) {
+    *rows = m->local.row;
+    return m->local.row_count;
+}
+
+const double *tm_precomputed_displacement(tm_precomputed *m) {
+    if (!m->superposed) superpose(m);
+    return m->local.u_m;
+}
+
+int32_t tm_precomputed_surface(const tm_precomputed *m, const int32_t **vertex) {
+    *vertex = m->surface;
+    return m->surface_count;
+}
+
+/* --- imposed displacements --- */
+
+static bool has_response(const tm_precomputed *m, int32_t v) {
+    return v >= 0 && v < tm_tissue_mesh(m->tissue)->vertex_count && (m->kept_of[3 * v] >= 0 || m->kept_of[3 * v + 1] >= 0 || m->kept_of[3 * v + 2] >= 0);
+}
+
+tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t *vertex, const double *u_m, double compliance_m_N, tm_error *error) {
+    tms_local *l = &m->local;
+    if (count > l->capacity) return tms_fail(error, TM_ERR_LIMIT, count, "%d vertices imposed and room for %d; raise max_local_vertices", (int)count, (int)l->capacity);
+    if (!(compliance_m_N >= 0)) return tms_fail(error, TM_ERR_ARGUMENT, -1, "imposed displacement with a compliance of %g m/N; give 0 or more", compliance_m_N);
+    l->stamp_now++;
+    for (int32_t i = 0; i < count; i++) {
+        if (!has_response(m, vertex[i])) return tms_fail(error, TM_ERR_ARGUMENT, vertex[i], "vertex %d is not on the free surface, so it has no responses; impose surface vertices", (int)vertex[i]);
+        if (l->stamp[vertex[i]] == l->stamp_now) return tms_fail(error, TM_ERR_ARGUMENT, vertex[i], "vertex %d is imposed twice", (int)vertex[i]);
+        l->stamp[vertex[i]] = l->stamp_now;
+    }
+    for (int32_t i = 0; i < count; i++) {
+        l->pin[i].vertex = vertex[i];
+        memcpy(l->pin[i].u_m, u_m + 3 * (int64_t)i, 24);
+    }
+    l->pin_count = count;
+    l->pin_compliance_m_N = compliance_m_N;
+    return TM_OK;
+}
+
+void tm_precomputed_imposed_force(const tm_precomputed *m, int32_t i, double force_N[3]) {
+    const tms_local *l = &m->local;
+    const int32_t s = l->slot_of[l->pin[i].vertex]; /* what holds it is its force less what the tools add */
+    for (int c = 0; c < 3; c++) force_N[c] = s < 0 ? 0 : l->f[3 * s + c] - l->fc[3 * s + c];
+}
