@@ -50,8 +50,11 @@ static void simulation_panel(pen p, const view_picture *s, double drawn_hz)
     p.y += p.line;
     write_at(&p, p.x, GREY, "%s tetrahedra   %d substeps", tets, s->substeps);
     p.y += p.line;
-    x = write_at(&p, p.x, GREY, "%.1f Hz  %.1f ms   ", s->frame_hz, 1e3 * s->compute_s);
-    x = write_at(&p, x, s->sim_rate > 0.98 ? GOOD : BAD, "%.2f s/s", s->sim_rate);
+    x = write_at(&p, p.x, GREY, "%.1f Hz   ", s->frame_hz);
+    if (s->sim_rate > 0) {
+        x = write_at(&p, x, GREY, "%.1f ms   ", 1e3 * s->compute_s);
+        x = write_at(&p, x, s->sim_rate > 0.98 ? GOOD : BAD, "%.2f s/s", s->sim_rate);
+    } else x = write_at(&p, x, GREY, "lockstep"); /* its clock is virtual, so it reports no speed */
     if (drawn_hz > 0) write_at(&p, x + p.cap, GREY, "  view %.0f Hz", drawn_hz);
 }
 
@@ -76,7 +79,8 @@ static void instrument_panel(pen p, const view_instrument *t, int i)
     float x = write_at(&p, p.x, fault ? BAD : t->state == 3 ? GOOD : GREY, "%s", state);
     write_at(&p, x + p.cap, GREY, "%s%s", fault ? t->fault_text : t->extrapolator, !fault && t->passivity ? " + passivity" : "");
     p.y += p.line;
-    write_at(&p, p.x, GREY, "%.0f Hz   %lld missed   p99 %.0f us", t->tick_hz, (long long)t->missed_ticks, t->lateness_p99_us);
+    x = write_at(&p, p.x, GREY, "%.0f Hz   %lld missed", t->tick_hz, (long long)t->missed_ticks);
+    if (t->lateness_p99_us > 0) write_at(&p, x, GREY, "   p99 %.0f us", t->lateness_p99_us);
 }
 
 /* Round number of newtons at or below `peak`, for an axis. */

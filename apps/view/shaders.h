@@ -53,8 +53,8 @@ static const char *const view_lit_vertex =
     "in vec3 world, n, ref; in vec4 light; in vec4 misc; out vec4 colour;\n"                                  \
     "uniform vec3 eye, key, fill, up; uniform sampler2DShadow shadow; uniform float texel;\n"                 \
     "float lit(vec3 N) {\n"                                                                                   \
-    "  vec3 p = light.xyz * 0.5 + 0.5; p.z -= 0.0025 + 0.004 * (1.0 - max(dot(N, key), 0.0)); float s = 0.0;\n" \
-    "  s += texture(shadow, p + vec3(-0.5, -0.4, 0) * texel); s += texture(shadow, p + vec3(0.5, 0.4, 0) * texel); return s * 0.5; }\n" \
+    "  float nl = dot(N, key); vec3 p = light.xyz * 0.5 + 0.5; p.z -= 0.003 + 0.006 * (1.0 - max(nl, 0.0)); float s = 0.0;\n" \
+    "  s += texture(shadow, p + vec3(-0.5, -0.4, 0) * texel); s += texture(shadow, p + vec3(0.5, 0.4, 0) * texel); return s * 0.5 * smoothstep(0.0, 0.2, nl); }\n" \
     "float gloss(vec3 N, vec3 V, vec3 L, float a) { vec3 H = normalize(V + L); float nh = max(dot(N, H), 0.0), a2 = a * a, d = nh * nh * (a2 - 1.0) + 1.0;\n" \
     "  float lh = max(dot(L, H), 0.1); return max(dot(N, L), 0.0) * a2 / (4.0 * 3.14159 * d * d * lh * lh * (a + 0.5)); }\n" \
     "vec3 room(vec3 d) { float h = dot(d, up); vec3 c = mix(vec3(0.10, 0.09, 0.09), vec3(0.30, 0.34, 0.38), smoothstep(-0.4, 0.8, h));\n" \
@@ -69,7 +69,7 @@ static const char *const view_tissue_fragment =
     "  vec4 fine = noise(ref * mix(0.9, 1.5, opened)), coarse = noise(ref * 0.27 + 3.1);\n"
     "  vec3 V = normalize(eye - world), N0 = normalize(n); if (dot(N0, V) < 0.0) N0 = -N0;\n"
     "  vec3 g = fine.yzw * mix(0.055, 0.16, opened) + coarse.yzw * 0.05; vec3 N = normalize(N0 - (g - dot(g, N0) * N0));\n"
-    "  vec3 skin = mix(vec3(0.066, 0.0085, 0.0062), vec3(0.148, 0.0225, 0.0145), smoothstep(0.25, 0.75, misc.z));\n"
+    "  vec3 skin = mix(vec3(0.066, 0.011, 0.0085), vec3(0.138, 0.026, 0.018), smoothstep(0.25, 0.75, misc.z));\n"
     "  skin = mix(skin, vec3(0.14, 0.034, 0.016), 0.4 * smoothstep(0.5, 0.85, misc.w)) * (0.92 + 0.16 * fine.x);\n"
     "  vec3 flesh = mix(vec3(0.36, 0.045, 0.032), vec3(0.52, 0.12, 0.085), smoothstep(0.3, 0.75, fine.x)); flesh = mix(flesh, vec3(0.24, 0.014, 0.012), 0.8 * smoothstep(0.55, 0.8, coarse.x));\n"
     "  vec3 albedo = mix(skin, flesh, opened);\n"
