@@ -6,6 +6,8 @@ LIBRARIES += $(LIBLCMTYPES_A) $(OUT)/python/tensormass/__init__.py
 $(OUT)/gen/lcm_types/tensormass_%.c: lcm_types/%.lcm
 	@mkdir -p $(@D)
 	lcm-gen -c --c-cpath $(@D) --c-hpath $(@D) --cinclude lcm_types $<
+# The header comes with its .c: what includes it is built anew when its type changes.
+$(OUT)/gen/lcm_types/tensormass_%.h: $(OUT)/gen/lcm_types/tensormass_%.c ;
 $(LIBLCMTYPES_A): $(patsubst $(OUT)/gen/%.c,$(OUT)/obj/%.o,$(LCM_GEN))
 	@mkdir -p $(@D)
 	rm -f $@ && ar rcs $@ $^

@@ -35,7 +35,7 @@ void view_frame(const float axis[3], float u[3], float v[3])
 
 view_camera_def view_camera_default(void)
 {
-    return (view_camera_def){ .azimuth_rad = -60 * PI / 180, .elevation_rad = 32 * PI / 180, .zoom = 1, .up = 'z' };
+    return (view_camera_def){ .azimuth_rad = -110 * PI / 180, .elevation_rad = 40 * PI / 180, .zoom = 1, .up = 'z' };
 }
 
 /* Unit vectors of the eye's frame: right, up, back (towards the eye). */

@@ -21,7 +21,7 @@ static const char help[] =
     "  --duration S       how long to record a live source [10]\n"
     "  --wait S           how long to wait for a live source's first tissue [60]\n"
     "  --azimuth DEG --elevation DEG --zoom X --shift X,Y --up x|y|z\n"
-    "                     where the eye is, seen from the tissue's middle [-60, 32, 1, 0,0, z]\n"
+    "                     where the eye is, seen from the tissue's middle [-110, 40, 1, 0,0, z]\n"
     "  --orbit DEG        the eye walks round, degrees per second [0]\n"
     "  --newton MM        length of an arrow of one newton [chosen to fit]\n"
     "  --quality N        0 fast, 1 smooth edges, 2 also averages 2x2 [2 for one picture, 1 for many]\n"

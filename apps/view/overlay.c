@@ -158,7 +158,7 @@ void view_overlay(const view_canvas *canvas, const view_picture *s, const view_c
     q.x = (float)canvas->width - 25.4f * p.cap;
     int any = 0;
     for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
-        if (s->instrument[i].shown) {
+        if (s->has_status && s->instrument[i].shown) {
             instrument_panel(q, &s->instrument[i], i);
             q.y += 8.2f * p.cap;
             any = 1;

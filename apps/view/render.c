@@ -26,6 +26,7 @@ struct view_renderer {
     batch tissue, tools, arrows;
     view_skin *skin;
     view_shape tool_shape, arrow_shape;
+    int32_t shadow_count;     /* vertices of tool_shape that throw shadows */
 
 };
 
@@ -316,6 +317,9 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
         if (length3(along) > 0.01 * camera->radius_m)
             view_shape_arrow(&r->arrow_shape, t->tip_m, along, fminf(0.022f * camera->radius_m, (float)length3(along) / 4), i ? VIEW_PAINT_ARROW_1 : VIEW_PAINT_ARROW_0);
     }
+    r->shadow_count = r->tool_shape.count; /* ports hang in a wall that is not drawn: their shadows would come from nowhere */
+    for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
+        if (p->instrument[i].shown) view_shape_port(&r->tool_shape, &p->instrument[i]);
     fill_batch(&r->tools, r->tool_shape.vertex, r->tool_shape.count);
     fill_batch(&r->arrows, r->arrow_shape.vertex, r->arrow_shape.count);
     return TM_OK;
@@ -350,7 +354,8 @@ static void draw_depth(const view_renderer *r, const float m[16], bool coarse)
     glUseProgram(r->depth_program);
     uniform_matrix(r->depth_program, "to_clip", m);
     draw_tissue(r, coarse);
-    draw_batch(&r->tools);
+    glBindVertexArray(r->tools.array);
+    glDrawArrays(GL_TRIANGLES, 0, r->shadow_count);
 }
 
 static void pass_shadow(const view_renderer *r, const scene *s)

@@ -20,6 +20,8 @@
 
 /* Display value of linear light: c^(1/2.2) by square roots, which cost less. */
 #define VIEW_DISPLAY                                                                                          \
+    /* Half a step of noise keeps wide gradients from showing their 256 steps. */                            \
+    "float dither() { return (fract(sin(dot(gl_FragCoord.xy, vec2(12.9898, 78.233))) * 43758.5453) - 0.5) / 255.0; }\n" \
     "vec3 display(vec3 c) { vec3 a = sqrt(clamp(c, 0.0, 1.0)), b = sqrt(a); return 0.5851 * a + 0.7831 * b - 0.3683 * sqrt(b); }\n"
 
 static const char *const view_depth_vertex =
@@ -36,7 +38,7 @@ static const char *const view_blur_fragment =
 
 static const char *const view_sky_fragment =
     VIEW_GLSL VIEW_DISPLAY "in vec2 uv; out vec4 colour; uniform vec3 low, high;\n"
-    "void main() { vec3 c = mix(low, high, uv.y); vec2 d = uv - 0.5; c *= 1.0 - 0.55 * dot(d, d); colour = vec4(display(c), 1.0); }\n";
+    "void main() { vec3 c = mix(low, high, uv.y); vec2 d = uv - 0.5; c *= 1.0 - 0.55 * dot(d, d); colour = vec4(display(c) + dither(), 1.0); }\n";
 
 static const char *const view_lit_vertex =
     VIEW_GLSL
@@ -120,6 +122,6 @@ static const char *const view_floor_fragment =
     "  vec3 c = drape * (1.45 * (1.0 - 0.82 * k) + 0.55 * (1.0 - 0.85 * a));\n"
     "  c *= exp(-0.10 * away * away);\n"
     "  vec2 uv = gl_FragCoord.xy / screen; vec3 sky = mix(low, high, uv.y); vec2 d = uv - 0.5; sky *= 1.0 - 0.55 * dot(d, d);\n"
-    "  c = mix(c, sky, smoothstep(1.6, 6.0, away)); colour = vec4(display(c), 1.0); }\n";
+    "  c = mix(c, sky, smoothstep(1.6, 6.0, away)); colour = vec4(display(c) + dither(), 1.0); }\n";
 
 #endif

@@ -129,12 +129,17 @@ static frame tip_frame(const view_instrument *t)
     return f;
 }
 
+static float inside_m(const view_instrument *t)
+{
+    double sum = 0;
+    for (int k = 0; k < 3; ++k) sum += (t->tip_m[k] - t->trocar_m[k]) * (t->tip_m[k] - t->trocar_m[k]);
+    return (float)sqrt(sum);
+}
+
 void view_shape_instrument(view_shape *s, const view_instrument *t)
 {
     frame f = tip_frame(t);
-    float r = (float)t->radius_m, inside = 0;
-    for (int k = 0; k < 3; ++k) inside += (float)((t->tip_m[k] - t->trocar_m[k]) * (t->tip_m[k] - t->trocar_m[k]));
-    inside = sqrtf(inside);
+    float r = (float)t->radius_m, inside = inside_m(t);
     float back = -(inside + 60 * r);
     if (t->mode == 1) {
         float length = 6.4f * r, open = 0.42f * (float)(1 - fmin(fmax(t->grip, 0), 1));
@@ -160,6 +165,12 @@ void view_shape_instrument(view_shape *s, const view_instrument *t)
         lathe(s, &f, end, 3, VIEW_PAINT_STEEL);
         dome(s, &f, 0, 0.92f * r, VIEW_PAINT_STEEL);
     }
+}
+
+void view_shape_port(view_shape *s, const view_instrument *t)
+{
+    frame f = tip_frame(t);
+    float r = (float)t->radius_m, inside = inside_m(t);
     const ring port[] = { { -inside - 14 * r, 0 }, { -inside - 14 * r, 4.4f * r }, { -inside - 9 * r, 4.4f * r }, { -inside - 8.4f * r, 3.8f * r }, { -inside - 6 * r, 2 * r },
                           { -inside + 6 * r, 2 * r }, { -inside + 6 * r, 1.2f * r } };
     lathe(s, &f, port, 7, VIEW_PAINT_PORT);

@@ -7,6 +7,7 @@
 
 #include "app.h"
 #include "mesh_file.h"
+#include "sim/sim.h"
 
 /* The vertices that the surface uses, renumbered in their order. */
 static bool surface_of(const tm_mesh *mesh, view_surface *s)
@@ -48,9 +49,33 @@ static int load_mesh(const char *path, double scale, view_picture *picture)
     return good ? 0 : app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
 }
 
+/* The scene as it stands before its first frame. */
+static int load_scene(const char *path, view_picture *picture)
+{
+    app_scene *scene;
+    sim *s;
+    int wrong = sim_scene_load(path, NULL, 0, &scene);
+    if (!wrong) wrong = sim_create(scene, &s);
+    if (wrong) return wrong;
+    if (!surface_of(s->mesh, &picture->surface)) wrong = app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
+    for (int i = 0; i < s->instrument_count && i < VIEW_INSTRUMENTS; ++i) {
+        view_instrument *t = &picture->instrument[i];
+        tm_tool_pose pose = sim_pose(s, i, s->start_joint[i], false);
+        memcpy(t->tip_m, pose.tip_m, sizeof t->tip_m);
+        memcpy(t->trocar_m, s->instrument_def[i].trocar_m, sizeof t->trocar_m);
+        t->radius_m = s->instrument_def[i].radius_m, t->roll_rad = pose.roll_rad, t->grip = pose.grip;
+        t->mode = (int)s->instrument_def[i].mode;
+        t->shown = true;
+    }
+    picture->tets = s->mesh->tet_count;
+    sim_destroy(s);
+    return wrong;
+}
+
 int view_still_load(const char *path, double scale, view_picture *picture)
 {
     const char *slash = strrchr(path, '/');
     snprintf(picture->title, sizeof picture->title, "%s", slash ? slash + 1 : path);
-    return load_mesh(path, scale, picture);
+    const char *dot = strrchr(path, '.');
+    return dot && (!strcmp(dot, ".yaml") || !strcmp(dot, ".yml")) ? load_scene(path, picture) : load_mesh(path, scale, picture);
 }

@@ -76,7 +76,7 @@ static double arrow_scale(view_studio *studio, const view_picture *picture)
         if (picture->instrument[i].shown) studio->peak_force_N = fmax(studio->peak_force_N, sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]));
     }
     double unit = pow(10, ceil(log10(fmax(studio->peak_force_N, 0.2)))), full = studio->peak_force_N <= 0.2 * unit ? 0.2 * unit : studio->peak_force_N <= 0.5 * unit ? 0.5 * unit : unit;
-    return 0.6 * (double)studio->camera.radius_m / full;
+    return 0.45 * (double)studio->camera.radius_m / full;
 }
 
 tm_status view_studio_draw(view_studio *studio, view_picture *picture, tm_error *error)
