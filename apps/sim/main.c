@@ -16,6 +16,7 @@ static const char help[] =
     "  --realtime            wall clock; TOOL_i in, FORCE_i PATCH_i TISSUE CUT SIM_STATUS out over LCM, where the scene asks for them\n"
     "  --settle TOL          solve to rest, to this relative residual; with --write\n"
     "  --explain             the step's stages, the line that asked for each, what it holds and costs, what was left out\n"
+    "  --hands PREFIX        write the scene's scripted hands to PREFIX0.csv, PREFIX1.csv, for tm-device\n"
     "  --check               read and build the scene, no more\n"
     "  --schema markdown     every key of a scene (docs/scene-reference.md)\n"
     "\n"
@@ -43,7 +44,7 @@ static void on_signal(int number) {
 bool run_interrupted(void) { return interrupted; }
 
 enum { OPT_LOCKSTEP = 256, OPT_REALTIME, OPT_SETTLE, OPT_EXPLAIN, OPT_CHECK, OPT_SCHEMA, OPT_SET, OPT_UNSET, OPT_FORCE, OPT_DURATION,
-       OPT_FRAMES, OPT_RECORD, OPT_CSV, OPT_SAMPLES, OPT_WRITE, OPT_JSON, OPT_URL, OPT_HELP, OPT_VERSION };
+       OPT_FRAMES, OPT_RECORD, OPT_CSV, OPT_SAMPLES, OPT_WRITE, OPT_JSON, OPT_URL, OPT_HANDS, OPT_HELP, OPT_VERSION };
 
 static const struct option long_options[] = {
     {"lockstep", no_argument, NULL, OPT_LOCKSTEP}, {"realtime", no_argument, NULL, OPT_REALTIME},
@@ -54,7 +55,7 @@ static const struct option long_options[] = {
     {"frames", required_argument, NULL, OPT_FRAMES}, {"record", required_argument, NULL, OPT_RECORD},
     {"csv", required_argument, NULL, OPT_CSV},     {"samples", required_argument, NULL, OPT_SAMPLES},
     {"write", required_argument, NULL, OPT_WRITE}, {"json", required_argument, NULL, OPT_JSON},
-    {"url", required_argument, NULL, OPT_URL},     {"help", no_argument, NULL, OPT_HELP},
+    {"url", required_argument, NULL, OPT_URL},     {"hands", required_argument, NULL, OPT_HANDS}, {"help", no_argument, NULL, OPT_HELP},
     {"version", no_argument, NULL, OPT_VERSION},   {NULL, 0, NULL, 0}};
 
 static int usage(const char *what, const char *argument) {
@@ -81,7 +82,7 @@ static int take_number(const char *name, const char *text, const char *dimension
 }
 
 static int choose_mode(run_options *o, run_mode mode) {
-    if (o->mode != RUN_NONE && o->mode != mode) return usage("two modes; choose one of --lockstep --realtime --settle --explain --check%s", "");
+    if (o->mode != RUN_NONE && o->mode != mode) return usage("two modes; choose one of --lockstep --realtime --settle --explain --hands --check%s", "");
     o->mode = mode;
     return 0;
 }
@@ -94,6 +95,7 @@ static int take_option(run_options *o, int option, char **all) {
     case OPT_REALTIME: return choose_mode(o, RUN_REALTIME);
     case OPT_EXPLAIN: return choose_mode(o, RUN_EXPLAIN);
     case OPT_CHECK: return choose_mode(o, RUN_CHECK);
+    case OPT_HANDS: o->hands = optarg; return choose_mode(o, RUN_HANDS);
     case OPT_SETTLE:
         rc = take_number("--settle", optarg, "none", 1e-15, &o->tolerance);
         return rc ? rc : choose_mode(o, RUN_SETTLE);
@@ -169,6 +171,7 @@ static int run(run_options *o) {
     case RUN_REALTIME: rc = run_realtime(s, o); break;
     case RUN_SETTLE: rc = run_settle(s, o); break;
     case RUN_EXPLAIN: rc = run_explain(s, o); break;
+    case RUN_HANDS: rc = run_hands(s, o); break;
     case RUN_CHECK: printf("%s: %d tetrahedra, %d substeps of %.3g s a frame\n", o->scene, s->mesh->tet_count, s->substeps, s->dt_s); break;
     case RUN_NONE: break;
     }

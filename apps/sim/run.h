@@ -4,12 +4,12 @@
 
 #include "sim.h"
 
-typedef enum run_mode { RUN_NONE = 0, RUN_LOCKSTEP, RUN_REALTIME, RUN_SETTLE, RUN_EXPLAIN, RUN_CHECK } run_mode;
+typedef enum run_mode { RUN_NONE = 0, RUN_LOCKSTEP, RUN_REALTIME, RUN_SETTLE, RUN_EXPLAIN, RUN_CHECK, RUN_HANDS } run_mode;
 
 enum { RUN_MAX_SETS = 64 };
 
 typedef struct run_options {
-    const char *scene, *schema, *csv, *samples, *write, *json, *url;
+    const char *scene, *schema, *csv, *samples, *write, *json, *url, *hands;
     run_mode mode;
     double tolerance, duration_s; /* duration below 0: the scene's */
     int64_t frames;                           /* below 0: by duration */
@@ -21,6 +21,7 @@ int run_lockstep(sim *s, const run_options *o);
 int run_realtime(sim *s, const run_options *o);
 int run_settle(sim *s, const run_options *o);
 int run_explain(sim *s, const run_options *o);
+int run_hands(sim *s, const run_options *o);
 
 /* Ctrl-C or SIGTERM came. */
 bool run_interrupted(void);
