@@ -7,6 +7,25 @@
  * this, or it would be thrown out. Above any speed of a hand. */
 #define RECOVERY_M_S 0.5
 
+double tm_skin_depth(double compliance_m_N, double radius_m, double lambda_N) {
+    double depth = compliance_m_N * lambda_N, soft = TM_SKIN_TRAVEL * radius_m;
+    return depth <= soft ? depth : soft + (depth - soft) / TM_SKIN_HARDENING;
+}
+
+double tm_skin_slope(double compliance_m_N, double radius_m, double lambda_N) {
+    return compliance_m_N * lambda_N <= TM_SKIN_TRAVEL * radius_m ? compliance_m_N : compliance_m_N / TM_SKIN_HARDENING;
+}
+
+double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N, double cap_N) {
+    double soft = TM_SKIN_TRAVEL * radius_m, pivot = diagonal_m_N + compliance_m_N;
+    if (gap_m >= 0 || pivot <= 0)
+        return 0; /* pivot 0: held by supports and no skin, nothing gives way */
+    double lambda = -gap_m / pivot;
+    if (compliance_m_N * lambda > soft)
+        lambda = -(gap_m + soft - soft / TM_SKIN_HARDENING) / (diagonal_m_N + compliance_m_N / TM_SKIN_HARDENING);
+    return fmin(lambda, cap_N);
+}
+
 static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
     const tm_world *world = contact->world;
     const tm_tool *tool = contact->tool + row->instrument;
@@ -23,7 +42,8 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
             r->diagonal += r->jacobian[j][c] * r->response[j][c];
         }
     /* what was too deep before the tool moved, and is not yet to be undone */
-    double left = row->gap_m + vdot(row->normal, moved) + r->compliance * row->lambda_N + RECOVERY_M_S * world->state.dt_s;
+    double depth = tm_skin_depth(r->compliance, tool->def.radius_m, row->lambda_N);
+    double left = row->gap_m + vdot(row->normal, moved) + depth + RECOVERY_M_S * world->state.dt_s;
     r->gap_m = row->gap_m - fmin(left, 0);
 }
 
@@ -43,15 +63,14 @@ void tm_contact_prepare(tm_contact *contact) {
 
 static void relax(const tm_contact *contact, tm_contact_row *row, const tm_solver_row *r) {
     const tm_state *state = &contact->world->state;
-    double pivot = r->diagonal + r->compliance, error = r->gap_m + r->compliance * row->lambda_N;
-    if (pivot <= 0) /* held by supports and no skin: nothing gives way */
-        return;
+    double free_gap = r->gap_m - r->diagonal * row->lambda_N; /* as it would be without this row */
     for (int j = 0; j < 3; j++)
         for (int c = 0; c < 3; c++) {
             int32_t dof = 3 * row->vertex[j] + c;
-            error += r->jacobian[j][c] * (state->u_next_m[dof] - state->u_m[dof]);
+            free_gap += r->jacobian[j][c] * (state->u_next_m[dof] - state->u_m[dof]);
         }
-    double lambda = clamp(row->lambda_N - error / pivot, 0, contact->def.force_cap_N);
+    double lambda = tm_skin_reaction(r->compliance, contact->tool[row->instrument].def.radius_m, free_gap, r->diagonal,
+                                     contact->def.force_cap_N);
     push(row, r, lambda - row->lambda_N, contact->world->state.u_next_m);
     row->lambda_N = lambda;
 }

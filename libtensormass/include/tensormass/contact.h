@@ -106,6 +106,15 @@ TM_API int32_t tm_contact_find_after(const double *rest_m, const double *u_m, co
                                      bool *overflowed);
 /* The part of an instrument that can touch. */
 TM_API tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument);
+/* The skin of one row of compliance c (skin_compliance / share), m/N: it gives c*lambda up to TM_SKIN_TRAVEL radii and a twentieth as
+ * easily beyond, so that no force of a hand brings the tool's axis through the surface. tm_skin_depth is the penetration under lambda,
+ * tm_skin_slope its derivative, tm_skin_reaction the lambda in [0, cap] that solves gap + diagonal*lambda + depth(lambda) = 0. */
+#define TM_SKIN_TRAVEL 0.3
+#define TM_SKIN_HARDENING 20.0
+TM_API double tm_skin_depth(double compliance_m_N, double radius_m, double lambda_N);
+TM_API double tm_skin_slope(double compliance_m_N, double radius_m, double lambda_N);
+TM_API double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N, double cap_N);
+
 /* Equivalent tip force of a force acting at `point` on a tool pivoting about `trocar` with its tip at `tip`. */
 TM_API void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3], const double force_N[3],
                          double tip_force_N[3]);
