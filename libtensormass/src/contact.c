@@ -49,8 +49,12 @@ static void gather(tm_contact *contact, tm_tool *tool) {
     }
     tool->gathered_age = 0;
     tool->gathered_at = tool->capsule;
-    if (!tool->clear)
-        tool->clear = tm_tool_is_clear(tool, rest, state->u_m, &surface);
+    if (!tool->clear) {
+        bool outside = tm_tool_is_clear(tool, rest, state->u_m, &surface);
+        tool->clear = outside && !tool->pierced;
+        tool->pierced = !outside || tool->pierced;
+        tool->leaving = outside;
+    }
     double reach = radius * (REACH + ROOM_TOOL + ROOM_TISSUE) + 2 * travel(&tool->capsule, &tool->before);
     tm_local_gather(tool->surface, rest, state->u_m, surface.triangle, surface.face, NULL, surface.count, &tool->capsule, reach);
 }
@@ -65,6 +69,18 @@ static bool row_before(const tm_contact_row *a, const tm_contact_row *b) {
     if (a->station != b->station)
         return a->station < b->station;
     return a->face != b->face ? a->face < b->face : a->feature < b->feature;
+}
+
+/* What each station's skin bore at the last substep: rows that take over from one another take over its depth too. */
+static void remember_depth(tm_contact *contact) {
+    for (int32_t t = 0; t < contact->tool_count; t++)
+        memset(contact->tool[t].station_depth_m, 0, sizeof contact->tool[t].station_depth_m);
+    for (int32_t i = 0; i < contact->row_count_before; i++) {
+        const tm_contact_row *row = contact->row_before + i;
+        tm_tool *tool = contact->tool + row->instrument;
+        double depth = tm_skin_depth(contact->def.skin_compliance_m_N / row->share, tool->def.radius_m, row->lambda_N);
+        tool->station_depth_m[row->station] = fmax(tool->station_depth_m[row->station], depth);
+    }
 }
 
 /* Both lists are sorted: the multipliers of the last substep pass over in one walk. */
@@ -120,7 +136,7 @@ static void find_rows(tm_contact *contact) {
         if (!touches(tool))
             continue;
         gather(contact, tool);
-        if (!tool->clear)
+        if (!tool->clear && !tool->leaving)
             continue;
         double margin = 0.1 * tool->def.radius_m + travel(&tool->capsule, &tool->before);
         bool overflowed = false;
@@ -128,10 +144,17 @@ static void find_rows(tm_contact *contact) {
         tm_local_place(tool->surface, contact->world->tissue->mesh->rest_m, state->u_m);
         int32_t count = tm_local_rows(tool->surface, contact->hits, &tool->capsule, margin, contact->row_before + first,
                                       history - first, row, contact->def.max_rows, &overflowed);
+        if (!tool->clear) { /* its axis has left the tissue; wait for its skin */
+            for (int32_t i = 0; i < count && tool->leaving; i++)
+                tool->leaving = row[i].gap_m >= 0;
+            tool->clear = tool->leaving;
+            continue;
+        }
         tool->overflowed |= overflowed;
         contact->row_count += contact->guest.holds ? drop_held(contact, t, row, count) : count;
     }
     drop_shallowest(contact);
+    remember_depth(contact);
     warm_start(contact);
 }
 

@@ -22,6 +22,9 @@ typedef struct tm_tool {
     int32_t path_step, path_steps;
     tm_capsule capsule, before;     /* at the end of this substep and of the one before */
     bool clear;                     /* has been seen outside the tissue since it was placed */
+    bool leaving;                   /* not clear, but its axis is outside */
+    bool pierced;                   /* was placed inside: clear again when nothing is within its radius */
+    double station_depth_m[TM_MAX_STATIONS]; /* how far its skin was pressed in at the last substep */
     /* broad phase */
     tm_local_surface *surface;
     tm_capsule gathered_at;

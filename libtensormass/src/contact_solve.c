@@ -42,8 +42,7 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
             r->diagonal += r->jacobian[j][c] * r->response[j][c];
         }
     /* what was too deep before the tool moved, and is not yet to be undone */
-    double depth = tm_skin_depth(r->compliance, tool->def.radius_m, row->lambda_N);
-    double left = row->gap_m + vdot(row->normal, moved) + depth + RECOVERY_M_S * world->state.dt_s;
+    double left = row->gap_m + vdot(row->normal, moved) + tool->station_depth_m[row->station] + RECOVERY_M_S * world->state.dt_s;
     r->gap_m = row->gap_m - fmin(left, 0);
 }
 

@@ -45,7 +45,7 @@ void tm_tool_place(tm_tool *tool, const tm_tool_pose *at) {
     tool->pose = tool->from = tool->to = *at;
     tool->path_step = tool->path_steps = 0;
     tool->capsule = tool->before = tm_tool_capsule(&tool->def, at, tool->capsule.instrument);
-    tool->clear = false;
+    tool->clear = tool->pierced = false;
     tool->gathered_age = -1;
 }
 
@@ -70,7 +70,7 @@ void tm_tool_advance(tm_tool *tool) {
         tool->capsule = tm_tool_capsule(&tool->def, &tool->pose, tool->capsule.instrument);
     }
     if (tool->pose.active && !was_active && tool->def.mode != TM_TOOL_CAUTERY)
-        tool->clear = false; /* it has just come into the body */
+        tool->clear = tool->pierced = false; /* it has just come into the body */
 }
 
 /* Ray from `at` along unit e against a triangle: 1 where it crosses within [0, length). */

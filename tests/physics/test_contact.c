@@ -1,0 +1,646 @@
+/* Contact: geometry of the rows, reactions, roughness, lag, tools that must not pass through, hard cases that must stay bounded. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "contact_scene.h"
+
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static double norm(const double *a) { return sqrt(dot(a, a)); }
+static double distance(const double *a, const double *b) {
+    double d[3] = {a[0] - b[0], a[1] - b[1], a[2] - b[2]};
+    return norm(d);
+}
+static bool long_run(void) { return getenv("TM_LONG") && !strcmp(getenv("TM_LONG"), "1"); }
+static double between(double low, double high) { return low + (high - low) * scene_random(); }
+static int32_t substeps_in(const scene *s, double seconds) { return (int32_t)ceil(seconds / tm_world_step_s(s->world)); }
+
+/* --- geometry --- */
+
+/* Virtual work: what a force does at its point while the joints move is what the tip force does at the tip. */
+static void test_tip_force_does_the_same_work(void **unused) {
+    (void)unused;
+    scene_seed = 3;
+    for (int k = 0; k < 100; k++) {
+        double trocar[3], tip[3], point[3], force[3], at_tip[3], spin[3], e[3], arm[3], tip_arm[3];
+        for (int c = 0; c < 3; c++) {
+            trocar[c] = between(-0.1, 0.1), tip[c] = trocar[c] + between(-0.2, 0.2), point[c] = tip[c] + between(-0.05, 0.05);
+            force[c] = between(-3, 3), spin[c] = between(-1, 1);
+            arm[c] = point[c] - trocar[c], tip_arm[c] = tip[c] - trocar[c], e[c] = tip_arm[c];
+        }
+        double length = norm(e), insertion = between(-1, 1);
+        for (int c = 0; c < 3; c++)
+            e[c] /= length;
+        double along = dot(spin, e); /* the pivots do not roll */
+        for (int c = 0; c < 3; c++)
+            spin[c] -= along * e[c];
+        double point_v[3], tip_v[3];
+        for (int c = 0; c < 3; c++) {
+            int a = (c + 1) % 3, b = (c + 2) % 3;
+            point_v[c] = spin[a] * arm[b] - spin[b] * arm[a] + insertion * e[c];
+            tip_v[c] = spin[a] * tip_arm[b] - spin[b] * tip_arm[a] + insertion * e[c];
+        }
+        tm_tip_force(trocar, tip, point, force, at_tip);
+        assert_true(fabs(dot(force, point_v) - dot(at_tip, tip_v)) < 1e-13);
+    }
+}
+
+static tm_capsule sphere(double x, double y, double z, double radius) {
+    return (tm_capsule){.tip_m = {x, y, z}, .tail_m = {x, y, z}, .radius_m = radius};
+}
+
+static int32_t find(const scene *s, const tm_capsule *capsule, double margin, tm_contact_row row[64]) {
+    tm_surface_view f = tm_tissue_surface(s->tissue);
+    return tm_contact_find(s->mesh->rest_m, tm_world_state(s->world)->u_m, f.triangle, f.face, NULL, f.count, capsule, margin, row, 64);
+}
+
+/* On a plane, however it is triangulated, the rows of a sphere act as one: one normal, one gap, one skin, one point. */
+static void test_flat_surface_hides_its_triangles(void **unused) {
+    (void)unused;
+    scene_def d = scene_def_default();
+    scene s = scene_create(&d);
+    scene_seed = 5;
+    int many = 0;
+    double off = 0;
+    for (int k = 0; k < 2000; k++) {
+        tm_capsule tool = sphere(between(-0.03, 0.03), between(-0.03, 0.03), 0.042 + 0.0024, 0.0025);
+        tm_contact_row row[64];
+        int32_t n = find(&s, &tool, 0.0005, row);
+        double share = 0, at[3] = {0, 0, tool.tip_m[2]};
+        assert_true(n >= 1);
+        many += n > 1;
+        for (int32_t i = 0; i < n; i++) {
+            assert_true(fabs(row[i].gap_m + 0.0001) < 1e-12);
+            assert_true(row[i].normal[2] < -1 + 1e-12);
+            share += row[i].share;
+            for (int j = 0; j < 3; j++)
+                for (int c = 0; c < 2; c++)
+                    at[c] += row[i].share * row[i].weight[j] * s.mesh->rest_m[3 * row[i].vertex[j] + c];
+        }
+        assert_true(fabs(share - 1) < 1e-5);
+        off = fmax(off, distance(at, tool.tip_m));
+    }
+    print_message("the rows act at most %.2f mm from where the sphere touches\n", 1e3 * off);
+    assert_true(off < 0.0005);
+    assert_true(many > 200); /* seams were met */
+    scene_destroy(&s);
+}
+
+/* Against a block of known shape: the nearest row has the true distance and direction over faces, edges and corners. */
+static void test_rows_measure_the_true_distance(void **unused) {
+    (void)unused;
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 5, d.cells[2] = 4;
+    scene s = scene_create(&d);
+    scene_seed = 9;
+    int kinds[3] = {0, 0, 0};
+    double half[3] = {0.036, 0.036, 0.021};
+    for (int k = 0; k < 40000; k++) {
+        double p[3], out[3], radius = 0.0025, at[3];
+        for (int c = 0; c < 3; c++) {
+            at[c] = between(-1.1, 1.1) * half[c];
+            out[c] = at[c] - fmax(-half[c], fmin(half[c], at[c]));
+        }
+        double gap = norm(out);
+        if (gap < 0.0015 || gap > 0.0027)
+            continue;
+        for (int c = 0; c < 3; c++)
+            p[c] = at[c] + (c == 2 ? half[2] : 0);
+        tm_capsule tool = sphere(p[0], p[1], p[2], radius);
+        tm_contact_row row[64];
+        int32_t n = find(&s, &tool, 0.0005, row), nearest = 0;
+        assert_true(n >= 1);
+        for (int32_t i = 1; i < n; i++)
+            if (row[i].share > row[nearest].share)
+                nearest = i;
+        kinds[(row[nearest].feature + 2) / 3]++;
+        assert_true(fabs(row[nearest].gap_m + radius - gap) < 0.0001);
+        assert_true(-dot(row[nearest].normal, out) / gap > 0.98);
+    }
+    print_message("nearest feature: face %d, edge %d, vertex %d times\n", kinds[0], kinds[1], kinds[2]);
+    assert_true(kinds[0] > 1000 && kinds[1] > 100 && kinds[2] > 5);
+    scene_destroy(&s);
+}
+
+static void test_too_many_rows_keep_the_deepest(void **unused) {
+    (void)unused;
+    scene_def d = scene_def_default();
+    scene s = scene_create(&d);
+    tm_surface_view f = tm_tissue_surface(s.tissue);
+    tm_capsule tool = {.tip_m = {-0.03, 0, 0.0435}, .tail_m = {0.03, 0, 0.0445}, .radius_m = 0.0025};
+    tm_contact_row all[64], few[4];
+    int32_t n = tm_contact_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, f.triangle, f.face, NULL, f.count, &tool, 0.0005, all, 64);
+    int32_t kept = tm_contact_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, f.triangle, f.face, NULL, f.count, &tool, 0.0005, few, 4);
+    assert_true(n > 10 && n < 64);
+    assert_int_equal(kept, 4);
+    for (int32_t i = 0; i < n; i++) {
+        int deeper = 0;
+        for (int32_t k = 0; k < n; k++)
+            deeper += all[k].gap_m < all[i].gap_m - 1e-12;
+        bool in = false;
+        for (int k = 0; k < 4; k++)
+            in = in || (few[k].face == all[i].face && few[k].station == all[i].station && few[k].feature == all[i].feature);
+        assert_true(deeper >= 4 ? !in : true);
+    }
+    scene_destroy(&s);
+}
+
+/* --- reactions --- */
+
+typedef struct spy { double *before; double sum_N[3]; int32_t vertices; } spy;
+static void spy_before(void *self, tm_world *world) {
+    spy *x = self;
+    memcpy(x->before, tm_world_state(world)->u_next_m, sizeof(double) * 3 * (size_t)x->vertices);
+}
+static void spy_after(void *self, tm_world *world) {
+    spy *x = self;
+    const double *mobility = tm_world_mobility_s2_kg(world), *after = tm_world_state(world)->u_next_m;
+    for (int c = 0; c < 3; c++) {
+        x->sum_N[c] = 0;
+        for (int32_t v = 0; v < x->vertices; v++)
+            x->sum_N[c] += (after[3 * v + c] - x->before[3 * v + c]) / mobility[v];
+    }
+}
+
+/* What contact does to the tissue, counted vertex by vertex from outside, is the opposite of what the tool feels. */
+static void test_action_is_reaction(void **unused) {
+    (void)unused;
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 8, d.cells[2] = 5;
+    memcpy(d.trocar_m[0], (double[3]){0.2, 0, 0.07}, sizeof d.trocar_m[0]); /* flat: the shaft lies on the tissue */
+    memcpy(d.tip_m[0], (double[3]){0.012, 0.004, 0.0447}, sizeof d.tip_m[0]);
+    scene s = scene_create(&d);
+    spy x = {.vertices = s.mesh->vertex_count, .before = malloc(sizeof(double) * 3 * (size_t)s.mesh->vertex_count)};
+    tm_error error;
+    /* the contact stage is already there: take the spy's reading between the integrator and the constraints */
+    tm_stage before = {.name = "spy_before", .phase = TM_PHASE_INTEGRATE, .run = spy_before, .self = &x};
+    tm_stage after = {.name = "spy_after", .phase = TM_PHASE_END, .run = spy_after, .self = &x};
+    scene_must(tm_world_add_stage(s.world, &before, 0, &error), &error);
+    scene_must(tm_world_add_stage(s.world, &after, 0, &error), &error);
+    double worst = 0, peak = 0, lever = 0;
+    tm_tool_pose to = scene_pose(0.012, 0.004, 0.038);
+    tm_contact_move(s.contact, 0, &to, 2000);
+    /* supports move nothing here: their vertices are far below; checked by the sum itself */
+    for (int k = 0; k < 2000; k++) {
+        tm_contact_begin_frame(s.contact, 1, 1);
+        assert_int_equal(tm_world_step(s.world, 1), TM_OK);
+        tm_tool_reaction r = tm_contact_reaction(s.contact, 0);
+        double support[3] = {0, 0, 0}, *reaction = calloc((size_t)(3 * x.vertices), sizeof(double));
+        tm_support_reaction(s.world, reaction);
+        for (int32_t i = 0; i < 3 * x.vertices; i++)
+            support[i % 3] += reaction[i];
+        free(reaction);
+        for (int c = 0; c < 3; c++)
+            worst = fmax(worst, fabs(x.sum_N[c] - support[c] + r.resultant_N[c]));
+        peak = fmax(peak, norm(r.resultant_N));
+        lever = fmax(lever, distance(r.force_N, r.resultant_N));
+    }
+    print_message("action and reaction differ by %.1e of %.3f N\n", worst, peak);
+    assert_true(peak > 0.1);
+    assert_true(lever > 0.001); /* the shaft touches too, and that is not a touch at the tip */
+    assert_true(worst < 1e-9 * peak);
+    free(x.before);
+    scene_destroy(&s);
+}
+
+static void hold(scene *s, double seconds, tm_tool_reaction *r) {
+    int32_t n = substeps_in(s, seconds);
+    assert_int_equal(tm_world_step(s->world, n), TM_OK);
+    tm_contact_begin_frame(s->contact, 1, 1);
+    assert_int_equal(tm_world_step(s->world, 1), TM_OK);
+    *r = tm_contact_reaction(s->contact, 0);
+}
+
+/* A probe held still against damped tissue feels the static reaction: of the settled solve, and of the elastic forces alone. */
+static void held_probe(double damping_1_s, double seconds, double skin) {
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
+    d.damping_1_s = damping_1_s;
+    d.skin_m_N = skin;
+    d.tip_m[0][2] = 0.0447;
+    scene s = scene_create(&d);
+    tm_tool_pose to = scene_pose(0.008, 0.006, 0.0405);
+    tm_contact_move(s.contact, 0, &to, substeps_in(&s, 0.1));
+    tm_tool_reaction dynamic, settled;
+    hold(&s, seconds, &dynamic);
+    /* elastic forces at the vertices that the rows touch balance the tool */
+    double *f = calloc((size_t)(3 * s.mesh->vertex_count), sizeof(double)), elastic[3] = {0, 0, 0};
+    tm_tissue_force(s.tissue, tm_world_state(s.world)->u_m, f);
+    for (int32_t v = 0; v < s.mesh->vertex_count; v++)
+        for (int c = 0; c < 3 && s.mesh->rest_m[3 * v + 2] > 1e-9; c++)
+            elastic[c] += f[3 * v + c];
+    free(f);
+    tm_settle_def settle = tm_settle_def_default();
+    settle.tolerance = 1e-9;
+    tm_error error;
+    scene_must(tm_world_settle(s.world, &settle, NULL, &error), &error);
+    tm_contact_begin_frame(s.contact, 1, 1);
+    assert_int_equal(tm_world_step(s.world, 1), TM_OK);
+    settled = tm_contact_reaction(s.contact, 0);
+    double scale = norm(settled.force_N);
+    print_message("damping %.0f 1/s, skin %.1e m/N: %.6f N; held against settled %.1e, against the elastic forces %.1e\n", damping_1_s,
+                  d.skin_m_N < 0 ? 0.5e-3 : skin, scale, distance(dynamic.force_N, settled.force_N) / scale,
+                  distance(dynamic.resultant_N, elastic) / scale);
+    assert_true(scale > 0.05);
+    assert_true(distance(dynamic.force_N, settled.force_N) < 1e-6 * scale);
+    assert_true(distance(dynamic.resultant_N, elastic) < 1e-6 * scale);
+    scene_destroy(&s);
+}
+static void test_held_probe_feels_the_static_reaction(void **unused) {
+    (void)unused;
+    held_probe(100, 0.6, -1);
+    held_probe(100, 0.6, 0);
+    /* damping that weighs a tenth of inertia, d dt / 2 = 0.1: without gamma/2dt in the weights 50 N would read 45.45 N */
+    held_probe(1300, 9, -1);
+}
+
+/* --- smoothness --- */
+
+typedef struct stroke { double roughness, roughness_p99, lag, peak_N; } stroke;
+
+static int by_value(const void *a, const void *b) { return *(const double *)a > *(const double *)b ? 1 : -1; }
+
+/* The force of the settled solve at the tip of the reaction r; the world goes on as if it had not been asked. */
+static double lag_behind_rest(scene *s, const tm_tool_reaction *r) {
+    tm_state *state = tm_world_state(s->world);
+    size_t bytes = sizeof(double) * 3 * (size_t)s->mesh->vertex_count;
+    double *keep = malloc(2 * bytes);
+    memcpy(keep, state->u_m, bytes);
+    memcpy((char *)keep + bytes, state->u_prev_m, bytes);
+    tm_tool_pose was = tm_contact_pose(s->contact, 0), at = was;
+    memcpy(at.tip_m, r->tip_m, sizeof at.tip_m);
+    tm_contact_move(s->contact, 0, &at, 1);
+    tm_world_step(s->world, 1);
+    tm_settle_def settle = tm_settle_def_default();
+    settle.tolerance = 1e-5;
+    tm_error error;
+    scene_must(tm_world_settle(s->world, &settle, NULL, &error), &error);
+    tm_contact_begin_frame(s->contact, 1, 1);
+    tm_world_step(s->world, 1);
+    tm_tool_reaction rest = tm_contact_reaction(s->contact, 0);
+    memcpy(state->u_m, keep, bytes);
+    memcpy(state->u_prev_m, (char *)keep + bytes, bytes);
+    free(keep);
+    tm_contact_move(s->contact, 0, &was, 1);
+    tm_world_step(s->world, 1);
+    return distance(rest.force_N, r->force_N);
+}
+
+/* Presses at 0.01 m/s to a tenth of the thickness, then slides 20 mm at 0.01 m/s, in frames of 2 ms. Settles now and then when
+ * `lag` is asked for (it disturbs the next frame, so roughness is measured in a run of its own). */
+static stroke press_and_slide(const scene_def *d, bool lag) {
+    scene s = scene_create(d);
+    double top = d->size_m[2] + d->bulge_m, x = d->tip_m[0][0], z = d->tip_m[0][2], depth = 0.1 * d->size_m[2];
+    double press_s = 1.5 * (z - (top + d->radius_m - depth)) / 0.01, slide_s = 1.5 * 0.02 / 0.01;
+    int frames = (int)((press_s + slide_s) / 0.002), touched = 0, n = 0;
+    double (*force)[3] = malloc(sizeof(double) * 3 * (size_t)frames), *rough = malloc(sizeof(double) * (size_t)frames);
+    stroke result = {0, 0, 0, 0};
+    for (int k = 0; k < frames; k++) {
+        double t = (k + 1) * 0.002, a = fmin(t / press_s, 1), b = fmax(t - press_s, 0) / slide_s;
+        a = a * a * (3 - 2 * a), b = b * b * (3 - 2 * b); /* starts and stops gently, at most 0.01 m/s */
+        tm_tool_reaction r = scene_frame(&s, 0, scene_pose(x + 0.02 * b, d->tip_m[0][1], z + a * (top + d->radius_m - depth - z)), 0.002);
+        memcpy(force[k], r.force_N, sizeof force[k]);
+        result.peak_N = fmax(result.peak_N, norm(r.force_N));
+        touched = r.row_count > 0 ? touched + 1 : 0;
+        if (touched > 10) { /* 20 ms after contact was made */
+            double second[3];
+            for (int c = 0; c < 3; c++)
+                second[c] = force[k][c] - 2 * force[k - 1][c] + force[k - 2][c];
+            rough[n++] = norm(second);
+        }
+        if (lag && touched > 50 && k % 100 == 0)
+            result.lag = fmax(result.lag, lag_behind_rest(&s, &r));
+    }
+    assert_true(n > frames / 2);
+    qsort(rough, (size_t)n, sizeof(double), by_value);
+    result.roughness = rough[n - 1] / result.peak_N;
+    result.roughness_p99 = rough[(int)(0.99 * n)] / result.peak_N;
+    result.lag /= result.peak_N;
+    free(force);
+    free(rough);
+    scene_destroy(&s);
+    return result;
+}
+
+static void test_force_is_smooth_and_follows(void **unused) {
+    (void)unused;
+    static const double lane[] = {0.0035, 0, 0.002, 0.005};
+    int lanes = long_run() ? 4 : 2;
+    for (int k = 0; k < 2 * lanes; k++) {
+        scene_def d = scene_def_default(); /* 6,048 tetrahedra, edges of 6 mm, tool radius 2.5 mm */
+        d.bulge_m = k % 2 ? 0.01 : 0;
+        d.tip_m[0][0] = -0.01;
+        d.tip_m[0][1] = lane[k / 2];
+        d.tip_m[0][2] = d.size_m[2] + d.bulge_m + 0.0027;
+        stroke smooth = press_and_slide(&d, false);
+        stroke lag = k < 2 || long_run() ? press_and_slide(&d, true) : smooth;
+        print_message("%s, lane %.1f mm: peak %.3f N, roughness largest %.3f %%, 99 of 100 below %.3f %%, lag %.2f %%\n",
+                      d.bulge_m > 0 ? "curved" : "flat", 1e3 * lane[k / 2], smooth.peak_N, 100 * smooth.roughness,
+                      100 * smooth.roughness_p99, 100 * lag.lag);
+        assert_true(smooth.peak_N > 0.1);
+        assert_true(smooth.roughness < 0.005);
+        assert_true(smooth.roughness_p99 < 0.002);
+        assert_true(lag.lag < 0.05);
+    }
+}
+
+/* --- never through --- */
+
+/* Where segment a b meets the triangle p, as a fraction, or -1. */
+static bool meets(const double *a, const double *b, const double p[3][3]) {
+    double u[3], v[3], d[3], h[3], q[3], s[3];
+    for (int c = 0; c < 3; c++)
+        u[c] = p[1][c] - p[0][c], v[c] = p[2][c] - p[0][c], d[c] = b[c] - a[c], s[c] = a[c] - p[0][c];
+    for (int c = 0; c < 3; c++) {
+        int i = (c + 1) % 3, j = (c + 2) % 3;
+        h[c] = d[i] * v[j] - d[j] * v[i];
+        q[c] = s[i] * u[j] - s[j] * u[i];
+    }
+    double det = dot(u, h), x = dot(s, h) / det, y = dot(d, q) / det, t = dot(v, q) / det;
+    return det != 0 && x >= 0 && y >= 0 && x + y <= 1 && t >= 0 && t <= 1;
+}
+
+/* Triangles of the deformed surface that the tool's axis goes through. */
+static int pierced(const scene *s, int tool) {
+    tm_surface_view f = tm_tissue_surface(s->tissue);
+    const double *u = tm_world_state(s->world)->u_m, *trocar = s->def.trocar_m[tool];
+    tm_tool_pose at = tm_contact_pose(s->contact, tool);
+    double tail[3], length = distance(trocar, at.tip_m);
+    int count = 0;
+    for (int c = 0; c < 3; c++)
+        tail[c] = at.tip_m[c] + (trocar[c] - at.tip_m[c]) * s->def.length_m / length;
+    for (int32_t i = 0; i < f.count; i++) {
+        double p[3][3];
+        for (int j = 0; j < 3; j++)
+            for (int c = 0; c < 3; c++)
+                p[j][c] = s->mesh->rest_m[3 * f.triangle[3 * i + j] + c] + u[3 * f.triangle[3 * i + j] + c];
+        count += meets(at.tip_m, tail, p);
+    }
+    return count;
+}
+
+/* One approach from outside to a point up to 12 mm within a block of 48 x 48 x 30 mm; the largest force, -1 if it went through. */
+static double approach(scene_def *d, double speed, uint64_t seed) {
+    double from[3], to[3], n[3] = {0, 0, 1}, along[3];
+    scene_seed = 7919 * seed + 11;
+    for (int i = 0; i < 20; i++)
+        scene_random();
+    double azimuth = between(0, 6.28), height = between(0, 1.2), deep = between(0.004, 0.012);
+    double trocar[3] = {0.2 * cos(azimuth) * cos(height), 0.2 * sin(azimuth) * cos(height), 0.08 + 0.2 * sin(height)};
+    to[0] = between(-0.022, 0.022), to[1] = between(-0.022, 0.022), to[2] = 0.03;
+    if (seed % 3 == 0) /* from the side */
+        n[0] = trocar[0] > 0 ? 1 : -1, n[2] = 0, to[0] = 0.024 * n[0], to[2] = between(0.008, 0.028);
+    for (int c = 0; c < 3; c++) {
+        to[c] -= deep * n[c];
+        from[c] = to[c] + (deep + 0.008) * n[c] + (n[c] == 0 && c < 2 ? between(-0.01, 0.01) : 0);
+        along[c] = to[c] - from[c];
+    }
+    memcpy(d->trocar_m[0], trocar, sizeof trocar);
+    memcpy(d->tip_m[0], from, sizeof from);
+    scene s = scene_create(d);
+    int frames = (int)ceil(norm(along) / speed / 0.01);
+    double most = 0;
+    for (int k = 1; k <= frames + 2 && most >= 0; k++) {
+        double t = fmin((double)k / frames, 1);
+        tm_tool_reaction r = scene_frame(&s, 0, scene_pose(from[0] + t * along[0], from[1] + t * along[1], from[2] + t * along[2]),
+                                         norm(along) / speed / frames);
+        most = pierced(&s, 0) || r.inside ? -1 : fmax(most, norm(r.resultant_N));
+    }
+    scene_destroy(&s);
+    return most;
+}
+
+static void test_never_passes_through(void **unused) {
+    (void)unused;
+    int count = long_run() ? 1000 : 60, touched = 0;
+    static const struct { double speed, young; } kind[] = {{0.1, 5e3}, {0.1, 5e4}, {1, 5e3}};
+    for (int k = 0; k < 3; k++) {
+        int approaches = k == 0 ? count : count / 6;
+        double most = 0;
+        for (int i = 0; i < approaches; i++) {
+            scene_def d = scene_def_default();
+            d.cells[0] = d.cells[1] = 8, d.cells[2] = 5; /* 6 mm edges */
+            d.size_m[0] = d.size_m[1] = 0.048, d.size_m[2] = 0.03;
+            d.young_Pa = kind[k].young;
+            double force = approach(&d, kind[k].speed, (uint64_t)i);
+            if (force < 0)
+                fail_msg("approach %d at %g m/s into %g Pa went through", i, kind[k].speed, kind[k].young);
+            most = fmax(most, force);
+            touched += force > 0.01;
+        }
+        print_message("%d approaches at %g m/s into %g kPa: none through, at most %.2f N\n", approaches, kind[k].speed,
+                      kind[k].young / 1000, most);
+    }
+    assert_true(touched > count);
+}
+
+/* --- hard cases stay bounded --- */
+
+static void assert_sound(const scene *s) {
+    const double *u = tm_world_state(s->world)->u_m;
+    for (int32_t i = 0; i < 3 * s->mesh->vertex_count; i++)
+        assert_true(fabs(u[i]) < 0.05);
+}
+
+static void test_supports_are_never_moved(void **unused) {
+    (void)unused;
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
+    d.trocar_m[0][2] = -0.2; /* from below, against the held face */
+    d.tip_m[0][2] = -0.003;
+    scene s = scene_create(&d);
+    tm_tool_reaction r;
+    for (int k = 1; k <= 20; k++) {
+        r = scene_frame(&s, 0, scene_pose(0.01, 0.005, -0.003 + 0.0005 * k), 0.005);
+        for (int32_t v = 0; v < s.mesh->vertex_count; v++)
+            for (int c = 0; c < 3 && s.mesh->rest_m[3 * v + 2] < 1e-9; c++)
+                assert_true(tm_world_state(s.world)->u_m[3 * v + c] == 0);
+    }
+    /* 7 mm past the face: far over the cap, said so, and still pushed back */
+    assert_true(r.capped);
+    assert_true(r.force_N[2] < -10 && norm(r.force_N) < 200);
+    assert_sound(&s);
+    scene_destroy(&s);
+}
+
+static void test_pinched_triangle(void **unused) {
+    (void)unused;
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
+    d.tools = 2;
+    memcpy(d.tip_m, (double[2][3]){{0.0100, 0.006, 0.0447}, {0.0101, 0.006, 0.0447}}, sizeof d.tip_m);
+    d.trocar_m[0][0] = 0.2, d.trocar_m[1][0] = -0.2;
+    scene s = scene_create(&d);
+    double most = 0;
+    for (int k = 1; k <= 40; k++) { /* both press the same triangle, crosswise, then tear apart */
+        double z = 0.0447 - 0.00015 * fmin(k, 30), x = k > 30 ? 0.0005 * (k - 30) : 0;
+        tm_tool_pose a = scene_pose(0.010 + x, 0.006, z), b = scene_pose(0.0101 - x, 0.006, z);
+        int32_t n = substeps_in(&s, 0.005);
+        tm_contact_begin_frame(s.contact, n, n);
+        tm_contact_move(s.contact, 0, &a, n);
+        tm_contact_move(s.contact, 1, &b, n);
+        assert_int_equal(tm_world_step(s.world, n), TM_OK);
+        most = fmax(most, fmax(norm(tm_contact_reaction(s.contact, 0).force_N), norm(tm_contact_reaction(s.contact, 1).force_N)));
+    }
+    assert_true(most > 0.05 && most < 5);
+    assert_sound(&s);
+    scene_destroy(&s);
+}
+
+/* Placed inside: no force until it has left; then it is a tool like any other. Placed overlapping: pushed out gently. */
+static void test_tool_that_appears_inside(void **unused) {
+    (void)unused;
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
+    scene s = scene_create(&d);
+    tm_tool_pose deep = scene_pose(0.01, 0.005, 0.02);
+    tm_contact_place(s.contact, 0, &deep);
+    tm_tool_reaction r = scene_frame(&s, 0, deep, 0.02);
+    assert_true(r.inside && norm(r.force_N) == 0 && tm_tissue_energy(s.tissue, tm_world_state(s.world)->u_m) == 0);
+    r = scene_frame(&s, 0, scene_pose(0.01, 0.005, 0.06), 0.1);
+    assert_true(!r.inside && norm(r.force_N) == 0);
+    r = scene_frame(&s, 0, scene_pose(0.01, 0.005, 0.040), 0.2);
+    assert_true(!r.inside && r.force_N[2] > 0.05);
+    tm_tool_pose overlap = scene_pose(-0.01, 0.005, 0.0425); /* axis outside by 0.5 mm, sphere 2 mm within */
+    tm_contact_place(s.contact, 0, &overlap);
+    double most = 0;
+    for (int k = 0; k < 40; k++) {
+        r = scene_frame(&s, 0, overlap, 0.001);
+        most = fmax(most, norm(r.force_N));
+    }
+    print_message("a tool that appears 2 mm deep: at most %.2f N, then %.2f N\n", most, norm(r.force_N));
+    assert_true(r.force_N[2] > 0.05 && most < 10 * r.force_N[2]);
+    assert_sound(&s);
+    scene_destroy(&s);
+}
+
+/* An instrument that is switched off touches nothing. */
+static void test_inactive_probe_touches_nothing(void **unused) {
+    (void)unused;
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
+    scene s = scene_create(&d);
+    tm_tool_pose off = scene_pose(0.01, 0.005, 0.03);
+    off.active = false;
+    tm_tool_reaction r = scene_frame(&s, 0, off, 0.2);
+    assert_true(norm(r.force_N) == 0 && r.row_count == 0 && !r.inside);
+    scene_destroy(&s);
+}
+
+/* --- frames, instruments, bits --- */
+
+/* P, t and F are means over the same substeps: on a steady path P is the path at t. */
+static void test_averages_belong_together(void **unused) {
+    (void)unused;
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
+    d.trocar_m[0][0] = d.tip_m[0][0], d.trocar_m[0][1] = d.tip_m[0][1]; /* straight down: the path is even */
+    scene s = scene_create(&d);
+    double dt = tm_world_step_s(s.world);
+    for (int last = 1; last <= 40; last += 13) {
+        tm_tool_pose from = tm_contact_pose(s.contact, 0), to = from;
+        double start = tm_world_state(s.world)->time_s;
+        to.tip_m[2] -= 0.004;
+        tm_contact_begin_frame(s.contact, 40, last);
+        tm_contact_move(s.contact, 0, &to, 40);
+        assert_int_equal(tm_world_step(s.world, 40), TM_OK);
+        tm_tool_reaction r = tm_contact_reaction(s.contact, 0);
+        double mean = 40 - 0.5 * (last - 1);
+        assert_true(fabs(r.time_s - start - mean * dt) < 1e-12);
+        assert_true(fabs(r.tip_m[2] - (from.tip_m[2] - 0.004 * mean / 40)) < 1e-12);
+    }
+    scene_destroy(&s);
+}
+
+static uint64_t two_tools(tm_tool_reaction r[2]) {
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 8, d.cells[2] = 5;
+    d.tools = 2;
+    memcpy(d.tip_m, (double[2][3]){{0.018, 0.004, 0.0447}, {-0.018, -0.004, 0.0447}}, sizeof d.tip_m);
+    scene s = scene_create(&d);
+    for (int k = 1; k <= 20; k++) {
+        int32_t n = substeps_in(&s, 0.01);
+        tm_tool_pose a = scene_pose(0.018, 0.004, 0.0447 - 0.0002 * k), b = scene_pose(-0.018, -0.004, 0.0447 - 0.0001 * k);
+        tm_contact_begin_frame(s.contact, n, n);
+        tm_contact_move(s.contact, 0, &a, n);
+        tm_contact_move(s.contact, 1, &b, n);
+        assert_int_equal(tm_world_step(s.world, n), TM_OK);
+    }
+    r[0] = tm_contact_reaction(s.contact, 0);
+    r[1] = tm_contact_reaction(s.contact, 1);
+    uint64_t hash = tm_world_hash(s.world);
+    scene_destroy(&s);
+    return hash;
+}
+
+/* Tool 0 presses twice as deep as tool 1, far away: swapped or summed forces would show. */
+static void test_two_tools_feel_their_own_forces(void **unused) {
+    (void)unused;
+    tm_tool_reaction r[2];
+    two_tools(r);
+    print_message("two tools, 4 mm and 2 mm deep: %.3f N and %.3f N\n", r[0].force_N[2], r[1].force_N[2]);
+    assert_true(r[0].force_N[2] > 1.5 * r[1].force_N[2] && r[1].force_N[2] > 0.02);
+    assert_true(fabs(r[0].tip_m[0] - 0.018) < 1e-6 && fabs(r[1].tip_m[0] + 0.018) < 1e-6);
+}
+
+static void test_same_bits_every_time(void **unused) {
+    (void)unused;
+    tm_tool_reaction a[2], b[2];
+    int64_t high = 0;
+    uint64_t first = two_tools(a);
+    high = tm_memory_high_water();
+    assert_true(two_tools(b) == first);
+    assert_memory_equal(a[0].force_N, b[0].force_N, sizeof a[0].force_N);
+    assert_memory_equal(a[1].force_N, b[1].force_N, sizeof a[1].force_N);
+    assert_true(tm_memory_high_water() == high && tm_memory_in_use() == 0);
+}
+
+static void test_bad_definitions_are_refused(void **unused) {
+    (void)unused;
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = d.cells[2] = 2;
+    scene s = scene_create(&d);
+    tm_instrument_def tool = {.radius_m = 0.0025, .contact_length_m = 0.1, .trocar_m = {0, 0, 1}};
+    tm_contact *contact = NULL;
+    tm_error error;
+    for (int k = 0; k < 7; k++) {
+        tm_contact_def def = tm_contact_def_default();
+        tm_instrument_def bad = tool;
+        def.instrument_count = k == 0 ? 0 : k == 1 ? 3 : 1;
+        def.instrument = &bad;
+        if (k == 2) def.skin_compliance_m_N = -1;
+        if (k == 3) def.sweeps = 0;
+        if (k == 4) def.force_cap_N = 0;
+        if (k == 5) bad.radius_m = 0;
+        if (k == 6) bad.pose.tip_m[1] = NAN;
+        error.message[0] = 0;
+        assert_int_equal(tm_stage_contact(s.world, &def, &contact, &error), TM_ERR_ARGUMENT);
+        assert_non_null(strchr(error.message, ';'));
+        assert_null(contact);
+    }
+    scene_destroy(&s);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_tip_force_does_the_same_work),
+        cmocka_unit_test(test_flat_surface_hides_its_triangles),
+        cmocka_unit_test(test_rows_measure_the_true_distance),
+        cmocka_unit_test(test_too_many_rows_keep_the_deepest),
+        cmocka_unit_test(test_action_is_reaction),
+        cmocka_unit_test(test_held_probe_feels_the_static_reaction),
+        cmocka_unit_test(test_force_is_smooth_and_follows),
+        cmocka_unit_test(test_never_passes_through),
+        cmocka_unit_test(test_supports_are_never_moved),
+        cmocka_unit_test(test_pinched_triangle),
+        cmocka_unit_test(test_tool_that_appears_inside),
+        cmocka_unit_test(test_inactive_probe_touches_nothing),
+        cmocka_unit_test(test_averages_belong_together),
+        cmocka_unit_test(test_two_tools_feel_their_own_forces),
+        cmocka_unit_test(test_same_bits_every_time),
+        cmocka_unit_test(test_bad_definitions_are_refused),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
