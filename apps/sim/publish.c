@@ -145,6 +145,10 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
         memcpy(m.tip_m[i], s->pose[i].tip_m, sizeof m.tip_m[i]);
         memcpy(m.trocar_m[i], s->instrument_def[i].trocar_m, sizeof m.trocar_m[i]);
         memcpy(m.force_N[i], s->reaction[i].force_N, sizeof m.force_N[i]);
+        for (int a = 0; a < 3; ++a) {
+            m.axis[i][a] = s->axes[i][3 * a + 2];
+            m.up[i][a] = s->axes[i][3 * a + 1];
+        }
         m.radius_m[i] = s->instrument_def[i].radius_m;
         m.roll_rad[i] = s->pose[i].roll_rad;
         m.grip[i] = s->pose[i].grip;

@@ -1,0 +1,155 @@
+"""Bad input: exit 2, `file:line: what; what to do`, nothing written."""
+import re
+
+import pytest
+from simkit import BLOCK, block_scene, run
+
+BASE = BLOCK.lstrip()
+
+
+def refuse(bin, scene, tmp_path, *args):
+    before = sorted(tmp_path.rglob("*"))
+    _, said = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--json", tmp_path / "o.json", "--csv", tmp_path / "o.csv",
+                  "--samples", tmp_path / "s.csv", "--record", tmp_path / "o.lcm", *args, code=2)
+    assert sorted(tmp_path.rglob("*")) == before
+    assert said.count("\n") == 1 and ";" in said, said
+    return said
+
+
+# (scene text with {mesh}, line that must be named, words of the message)
+BAD = {
+    "unknown key": (BASE.replace("young", "yung"), 5, "unknown key 'yung' in tissue.materials.*; did you mean 'young'?"),
+    "unknown top key": (BASE + "gravty:\n", 8, "did you mean 'gravity'?"),
+    "far off key": (BASE + "zzzzzzzzz: 1\n", 8, "use one of: title, model"),
+    "wrong unit": (BASE.replace("10 kPa", "10 mm"), 5, "'mm' is a length where a pressure is expected; write it in Pa"),
+    "unknown unit": (BASE.replace("10 kPa", "10 furlong"), 5, "unknown unit 'furlong'; a pressure is written in Pa"),
+    "not a number": (BASE.replace("10 kPa", "soft"), 5, "'soft' is not a number"),
+    "nan": (BASE.replace("10 kPa", "nan"), 5, "not a number"),
+    "infinite": (BASE.replace("10 kPa", "1e999"), 5, "not finite"),
+    "hexadecimal": (BASE.replace("10 kPa", "0x10"), 5, "not a number"),
+    "out of range": (BASE + "time: {{frame_rate: 0.1 Hz}}\n", 8, "outside"),
+    "not yaml": (BASE + "time: [\n", 9, "not YAML"),
+    "tab": (BASE + "time:\n\tduration: 1\n", 9, "not YAML"),
+    "empty": ("", 1, "empty"),
+    "only a comment": ("# nothing\n", 1, "empty"),
+    "a list": ("- 1\n", 1, "is a list"),
+    "two documents": (BASE + "---\ntissue:\n", 8, "second document"),
+    "key twice": (BASE + "gravity:\ngravity:\n", 9, "already given on line 8"),
+    "missing key": (BASE.replace("  mesh: {mesh}\n", ""), 1, "key 'mesh' is missing"),
+    "missing mesh": (BASE.replace("{mesh}", "nowhere.msh"), 2, "nowhere.msh cannot be read"),
+    "value missing": (BASE.replace("plain", ""), 3, "has no value"),
+    "choice": (BASE.replace("plain", "fastest"), 3, "use one of: best plain"),
+    "shape": (BASE.replace("plain", "[1]"), 3, "is a list"),
+    "vector too short": (BASE + "gravity: {{acceleration: [0, 1]}}\n", 8, "2 components"),
+    "half a family": (BASE.replace(", poisson: 0.4", ""), 5, "only some of its constants; give all of: young poisson"),
+    "two families": (BASE.replace("poisson: 0.4", "poisson: 0.4, mu: 3 kPa"), 5, "mixes families"),
+    "indefinite": (BASE.replace("0.4", "0.5"), 5, "material '*'"),
+    "no such region": (BASE.replace('"*"', "liver"), 5, "no region 'liver'; it has: tissue"),
+    "no such group": (BASE.replace("z_min", "bottom"), 7, "no group 'bottom'; it has: "),
+    "no selector": (BASE.replace(", group: z_min", ""), 7, "selects no vertices"),
+    "two selectors": (BASE.replace("group: z_min", "group: z_min, vertex: 1"), 7, "2 selectors"),
+    "no such vertex": (BASE.replace("group: z_min", "vertex: 999999"), 7, "no vertex 999999"),
+    "empty box": (BASE.replace("group: z_min", "box: {{min: [5, 5, 5], max: [6, 6, 6]}}"), 7, "finds no vertex"),
+    "box inside out": (BASE.replace("group: z_min", "box: {{min: [1, 0, 0], max: [0, 1, 1]}}"), 7, "below box.min"),
+    "zero normal": (BASE.replace("group: z_min", "plane: {{point: [0, 0, 0], normal: [0, 0, 0]}}"), 7, "plane.normal is zero"),
+    "supports contradict": (BASE + "  - {{group: x_min, displace: [1 mm, 0, 0]}}\n", 8, "already held at 0 m along x by the support on line 7"),
+    "axes": (BASE.replace("group: z_min", "group: z_min, axes: w"), 7, "axes 'w'"),
+    "free axis moved": (BASE.replace("group: z_min", "group: z_min, axes: xy, displace: [0, 0, 1 mm]"), 7, "leave free"),
+    "load without force": (BASE + "loads:\n  - {{group: z_max}}\n", 9, "either a force or a traction"),
+    "fibred without fibres": (BASE.replace("young: 10 kPa, poisson: 0.4", "lambda_T: 1 kPa, mu_T: 1 kPa, lambda_L: 2 kPa, mu_L: 2 kPa"), 5, "add 'anisotropy:'"),
+    "fibres twice": (BASE + "anisotropy: {{rule: constant, file: a.csv}}\n", 8, "either a file or a rule"),
+    "fibre file missing": (BASE + "anisotropy: {{file: a.csv}}\n", None, "a.csv"),
+    "damping not named": (BASE.replace("poisson: 0.4", "poisson: 0.4, damping: 3 /s"), 5, "add 'damping:'"),
+    "contact without tool": (BASE + "contact:\n", 8, "needs instruments"),
+    "haptics without tool": (BASE + "haptics:\n", 8, "needs instruments"),
+    "three instruments": (BASE + "instruments: [{{trocar: [0,0,1]}}, {{trocar: [0,0,1]}}, {{trocar: [0,0,1]}}]\n", 8, "3 instruments"),
+    "axis along up": (BASE + "instruments:\n  - {{trocar: [0, 0, 1], axis: [0, 1, 0], up: [0, 2, 0]}}\n", 9, "parallel"),
+    "pose twice": (BASE + "instruments:\n  - trocar: [0, 0, 20 cm]\n    start: {{tip: [0, 0, 10 cm], pitch: 3 deg}}\n", 10, "leave one out"),
+    "hand without tool": (BASE + "hand:\n  - path: [{{time: 0}}]\n", 9, "hand for instrument 0"),
+    "path out of order": (BASE + "instruments:\n  - trocar: [0, 0, 20 cm]\nhand:\n  - path: [{{time: 1}}, {{time: 1}}]\n", 11, "order them by time"),
+    "step too large": (BASE + "time: {{step: 0.1 s}}\n", 8, "guaranteed critical step"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_scene(bin, root, tmp_path, what):
+    text, line, words = BAD[what]
+    scene = tmp_path / "bad.yaml"
+    scene.write_text(text.format(mesh=root / "meshes" / "block_1k.msh"))
+    said = refuse(bin, scene, tmp_path)
+    assert words in said, said
+    if line:
+        assert said.startswith(f"{scene}:{line}: "), said
+
+
+def write_mesh(path, nodes, tets):
+    path.write_text("$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n%d\n%s\n$EndNodes\n$Elements\n%d\n%s\n$EndElements\n" % (
+        len(nodes), "\n".join(f"{i + 1} {p}" for i, p in enumerate(nodes)),
+        len(tets), "\n".join(f"{i + 1} 4 2 1 1 {t}" for i, t in enumerate(tets))))
+
+
+GOOD_NODES = ["0 0 0", "1 0 0", "0 1 0", "0 0 1", "1 1 1"]
+MESHES = {
+    "flat": (["0 0 0", "1 0 0", "0 1 0", "1 1 0"], ["1 2 3 4"]),
+    "not finite": (["0 0 0", "1 0 0", "0 nan 0", "0 0 1"], ["1 2 3 4"]),
+    "vertex twice": (GOOD_NODES[:4], ["1 2 3 3"]),
+    "unused vertex": (GOOD_NODES, ["1 2 3 4"]),
+    "no tetrahedra": (GOOD_NODES[:4], []),
+    "inverted": (GOOD_NODES[:4], ["1 3 2 4"]),
+}
+
+
+@pytest.mark.parametrize("what", MESHES)
+def test_mesh(bin, tmp_path, what):
+    write_mesh(tmp_path / "bad.msh", *MESHES[what])
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(BASE.format(mesh="bad.msh").replace("group: z_min", "vertex: 0"))
+    cache = {"TM_CACHE_DIR": str(tmp_path.parent / "cache")}
+    before = sorted(tmp_path.rglob("*"))
+    _, said = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--json", tmp_path / "o.json", code=2, env=cache)
+    assert said.startswith(str(tmp_path / "bad.msh")) and ";" in said, said
+    assert sorted(tmp_path.rglob("*")) == before
+
+
+COMMANDS = {
+    "no arguments": ([], "no scene"),
+    "unknown option": (["--fast"], "'--fast'"),
+    "no mode": (["{scene}"], "no mode"),
+    "two modes": (["{scene}", "--lockstep", "--realtime"], "two modes"),
+    "two scenes": (["{scene}", "{scene}", "--lockstep"], "second scene"),
+    "missing file": (["/nowhere/scene.yaml", "--lockstep"], "cannot be read"),
+    "a folder": (["{folder}", "--lockstep"], "regular file"),
+    "settle word": (["{scene}", "--settle", "much"], "not a number"),
+    "settle zero": (["{scene}", "--settle", "0"], "below"),
+    "duration unit": (["{scene}", "--lockstep", "--duration", "5 kg"], "is a mass where a time"),
+    "frames fraction": (["{scene}", "--lockstep", "--frames", "1.5"], "whole number"),
+    "set without value": (["{scene}", "--lockstep", "--set", "gravity"], "PATH=VALUE"),
+    "set unknown": (["{scene}", "--lockstep", "--set", "tissue.colour=red"], "unknown key 'colour' in tissue"),
+    "set wrong": (["{scene}", "--lockstep", "--set", "tissue.scale=3 mm"], "--set tissue.scale=3 mm: "),
+    "set no item": (["{scene}", "--lockstep", "--set", "supports[7].axes=x"], "no list item"),
+    "unset nothing": (["{scene}", "--lockstep", "--unset", "gravity"], "no 'gravity' to leave out"),
+    "write without settle": (["{scene}", "--lockstep", "--write", "a.vtk"], "--settle"),
+    "write what": (["{scene}", "--settle", "1e-6", "--write", "a.obj"], ".vtk nor .csv"),
+    "nowhere to write": (["{scene}", "--lockstep", "--frames", "1", "--json", "/nowhere/o.json"], "/nowhere/o.json"),
+    "schema": (["--schema", "html"], "use markdown"),
+}
+
+
+@pytest.mark.parametrize("what", COMMANDS)
+def test_command(bin, root, tmp_path, what):
+    args, words = COMMANDS[what]
+    scene = block_scene(tmp_path, root)
+    _, said = run(bin / "tm-sim", *[a.format(scene=scene, folder=tmp_path) for a in args], code=2)
+    assert words in said and ";" in said and said.count("\n") == 1, said
+
+
+def test_help_and_version(bin):
+    out, _ = run(bin / "tm-sim", "--help")
+    for option in ("--lockstep", "--realtime", "--settle", "--explain", "--json", "--record", "--set"):
+        assert option in out
+    assert re.fullmatch(r"tm-sim \d+\.\d+\.\d+\n", run(bin / "tm-sim", "--version")[0])
+
+
+def test_committed_reference_is_the_generated_one(bin, root):
+    out, _ = run(bin / "tm-sim", "--schema", "markdown")
+    assert out == (root / "docs" / "scene-reference.md").read_text(), "run: build/bin/tm-sim --schema markdown > docs/scene-reference.md"
