@@ -286,7 +286,7 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
         tm_tool_place(self->tool + t, &def->instrument[t].pose);
     }
     const tm_stage stage = {.name = "contact", .phase = TM_PHASE_CONSTRAIN, .run = run, .destroy = destroy,
-                            .step_changed = changed, .self = self};
+                            .step_changed = changed, .self = self, .snapshot = tm_contact_snapshot, .restore = tm_contact_restore};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);

@@ -75,6 +75,10 @@ bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u
 void tm_contact_prepare(tm_contact *contact);
 void tm_contact_project(tm_contact *contact);
 
+/* contact_snapshot.c: the stage's hooks */
+int64_t tm_contact_snapshot(void *self, void *buffer);
+bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
+
 /* The stage of a world, by name; null if it has none. */
 tm_contact *tm_world_contact(tm_world *world);
 

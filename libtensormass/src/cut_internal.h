@@ -40,6 +40,8 @@ void tm_cut_kill(tm_tissue *tissue, int32_t tet);
 void tm_cut_mend(tm_tissue *tissue);
 int32_t tm_cut_queue_pop(tm_cut_queue *queue);
 
+bool tm_stage_is_cut(const tm_stage *stage);
+
 /* Vertices that the last tm_cut_remove touched. */
 static inline int32_t tm_cut_touched(const tm_tissue *tissue, const int32_t **vertex) {
     *vertex = tissue->cut->vertex.item;

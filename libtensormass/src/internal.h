@@ -86,6 +86,8 @@ struct tm_world {
 
 /* Calls every stage's step_changed: dt changed or the tissue was cut. */
 void tm_world_changed(tm_world *world);
+/* The same after tm_cut_remove, at a cost that does not grow with the mesh: masses are looked at where it cut only. */
+void tm_world_cut(tm_world *world);
 
 /* Every world's own stages. */
 void tm_stage_force_run(void *self, tm_world *world);
@@ -93,6 +95,7 @@ void tm_stage_integrate_run(void *self, tm_world *world);
 void tm_stage_integrate_damped_run(void *self, tm_world *world);
 /* Refreshes mobility and carry from masses, damping and dt; stops vertices that have lost their last tetrahedron. */
 void tm_stage_integrate_changed(void *self, tm_world *world);
+void tm_stage_integrate_refresh(tm_world *world, const int32_t *vertex, int32_t count);
 /* The stages settle knows: with these alone the rest state is a linear system. */
 void tm_stage_gravity_run(void *self, tm_world *world);
 void tm_stage_load_run(void *self, tm_world *world);

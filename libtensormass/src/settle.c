@@ -3,7 +3,7 @@
  * With forces, loads and supports alone the rest is a linear system, and the relaxation's mass (the 3x3 vertex tensors), damping and
  * step are chosen anew each step so that the energy falls the most: that choice is the conjugate gradient method.
  * With any further constraint (contact) the stages themselves run, under fictitious masses and a damping taken from the motion. */
-#include "internal.h"
+#include "cut_internal.h"
 
 #include <assert.h>
 #include <float.h>
@@ -50,7 +50,7 @@ static double largest(const double *a, const uint8_t *held, int32_t n) {
 static void run_phase(tm_world *world, tm_phase phase) {
     for (int32_t i = 0; i < world->stage_count; i++) {
         const tm_stage *stage = &world->slot[i].stage;
-        if (stage->phase == phase) stage->run(stage->self, world);
+        if (stage->phase == phase && !tm_stage_is_cut(stage)) stage->run(stage->self, world);
     }
 }
 

@@ -24,16 +24,22 @@ void tm_stage_integrate_damped_run(void *self, tm_world *world) {
         for (int32_t i = 3 * v; i < 3 * v + 3; i++) u_next[i] = u[i] + carry[v] * (u[i] - u_prev[i]) + mobility[v] * f[i];
 }
 
+static void refresh(tm_world *world, int32_t v) {
+    const double dt = world->state.dt_s;
+    const double inertia = world->tissue->mass_kg[v] / (dt * dt);
+    const double drag = world->damped ? world->tissue->damping_kg_s[v] / (2 * dt) : 0;
+    const double weight = inertia + drag;
+    world->mobility_s2_kg[v] = weight > 0 ? 1 / weight : 0;
+    if (world->carry) world->carry[v] = weight > 0 ? (inertia - drag) / weight : 0;
+    if (weight > 0) return;
+    for (int32_t i = 3 * v; i < 3 * v + 3; i++) world->state.u_prev_m[i] = world->state.u_m[i];
+}
+
 void tm_stage_integrate_changed(void *self, tm_world *world) {
     (void)self;
-    const double dt = world->state.dt_s;
-    for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++) {
-        const double inertia = world->tissue->mass_kg[v] / (dt * dt);
-        const double drag = world->damped ? world->tissue->damping_kg_s[v] / (2 * dt) : 0;
-        const double weight = inertia + drag;
-        world->mobility_s2_kg[v] = weight > 0 ? 1 / weight : 0;
-        if (world->carry) world->carry[v] = weight > 0 ? (inertia - drag) / weight : 0;
-        if (weight > 0) continue;
-        for (int32_t i = 3 * v; i < 3 * v + 3; i++) world->state.u_prev_m[i] = world->state.u_m[i];
-    }
+    for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++) refresh(world, v);
+}
+
+void tm_stage_integrate_refresh(tm_world *world, const int32_t *vertex, int32_t count) {
+    for (int32_t i = 0; i < count; i++) refresh(world, vertex[i]);
 }

@@ -3,6 +3,7 @@
 
 #include <assert.h>
 #include <math.h>
+#include <string.h>
 
 typedef struct support {
     tm_pool pool;
@@ -85,6 +86,21 @@ static tm_status fill(support *stage, const tm_support_def *def, int32_t dofs, i
     return TM_OK;
 }
 
+/* The prescribed values: tm_support_move changes them. */
+static int64_t snapshot(void *self, void *buffer) {
+    const support *stage = self;
+    if (buffer) memcpy(buffer, stage->value_m, sizeof(double) * (size_t)stage->count);
+    return (int64_t)sizeof(double) * stage->count;
+}
+
+static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
+    (void)world;
+    support *stage = self;
+    if (bytes != (int64_t)sizeof(double) * stage->count) return false;
+    if (apply) memcpy(stage->value_m, buffer, (size_t)bytes);
+    return true;
+}
+
 tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error *error) {
     assert(def->cookie == TM_COOKIE_SUPPORT);
     tm_status status = check(world, def, error);
@@ -104,7 +120,8 @@ tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error 
     tm_pool_release(&work);
     if (!status) {
         self->pool = pool;
-        const tm_stage stage = {.name = "support", .phase = TM_PHASE_CONSTRAIN, .run = tm_stage_support_run, .destroy = destroy, .self = self};
+        const tm_stage stage = {.name = "support", .phase = TM_PHASE_CONSTRAIN, .run = tm_stage_support_run, .destroy = destroy, .self = self,
+                                .snapshot = snapshot, .restore = restore};
         status = tm_world_add_stage(world, &stage, pool.bytes, error);
     }
     if (status) tm_pool_release(&pool);

@@ -1,5 +1,5 @@
 /* World: state, the list of stages, the step. */
-#include "internal.h"
+#include "cut_internal.h"
 
 #include <assert.h>
 #include <math.h>
@@ -70,6 +70,16 @@ void tm_world_changed(tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++) {
         const tm_stage *stage = &world->slot[i].stage;
         if (stage->step_changed) stage->step_changed(stage->self, world);
+    }
+}
+
+void tm_world_cut(tm_world *world) {
+    const int32_t *vertex, count = tm_cut_touched(world->tissue, &vertex);
+    world->revision = world->tissue->surface.revision;
+    tm_stage_integrate_refresh(world, vertex, count);
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const tm_stage *stage = &world->slot[i].stage;
+        if (stage->step_changed && stage->step_changed != tm_stage_integrate_changed) stage->step_changed(stage->self, world);
     }
 }
 

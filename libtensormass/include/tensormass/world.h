@@ -39,6 +39,10 @@ typedef struct tm_stage {
     void (*destroy)(void *self);
     void (*step_changed)(void *self, tm_world *world); /* dt changed or tissue was cut: refresh what was derived; may be null */
     void *self;
+    /* Snapshots; both null: the stage keeps nothing between steps that the scene does not set. `snapshot` returns how many bytes it
+     * keeps and writes them to `buffer` unless that is null. `restore` says whether `buffer` fits this stage and, if `apply`, takes it. */
+    int64_t (*snapshot)(void *self, void *buffer);
+    bool (*restore)(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
 } tm_stage;
 
 #define TM_MAX_STAGES 32
