@@ -1,0 +1,235 @@
+/* tm-device: the virtual Impulse Engine as a program of its own on a CAN bus, with a hand that follows a script or LCM. */
+#include <cjson/cJSON.h>
+#include <getopt.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "app.h"
+#include "device.h"
+#include "hand_file.h"
+#include "io/lcm_link.h"
+#include "io/loop.h"
+#include "io/profile.h"
+#include "io/report.h"
+
+typedef struct program {
+    const char *bus, *hand, *url, *json;
+    hrt_device_config config;
+    int rate, priority;
+    double duration_s;
+    bool stats;
+    hrt_bus wires;
+    hrt_device device;
+    const hrt_link_api *api;
+    hrt_link *link;
+    hrt_loop loop;
+    app_output json_out;
+    double torque_peak[HRT_MOTORS], torque_square[HRT_MOTORS];
+    /* from the receive thread: two copies, the newest is `turn` */
+    struct { double joint[HRT_JOINTS]; bool active; } hand_said[2];
+    _Atomic int hand_turn; /* -1: none yet */
+    _Atomic int fault, heard;
+} program;
+
+static void usage(void) {
+    puts("usage: tm-device --bus ADDRESS [options]\n"
+         "A virtual Impulse Engine on a CAN bus: mass, friction, encoder counts, torque limits, a watchdog, and a hand that moves it.\n"
+         "\n"
+         "  --bus ADDRESS          virtual:NAME or socketcan:INTERFACE\n"
+         "  --instrument N         0 or 1 (0)\n"
+         "  --hand FILE            CSV: time_s,pitch_rad,yaw_rad,insertion_m,roll_rad,grip[,active]; `lcm` follows HAND_N; without, it rests\n"
+         "  --repeat               begin the script again at its end\n"
+         "  --straight             straight lines between rows instead of minimum-jerk\n"
+         "  --tremor M             amplitude at the tip, m (0); about 9 Hz\n"
+         "  --grasp GAIN           strength of the hand: 1 as configured, 0 lets go (1)\n"
+         "  --noise COUNTS         RMS noise of the encoders (0), from --seed N (1)\n"
+         "  --profile FILE, --set NAME=VALUE   device profile\n"
+         "  --url URL              LCM for --hand lcm (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
+         "  --rate HZ              encoder frames a second, 100..2000 (500)\n"
+         "  --duration S, --priority N, --stats, --json FILE, --help, --version   as of haptic-rt\n"
+         "\n"
+         "Exit 0: done. 2: bad input. 1: anything else. Frames: docs/can.md.");
+}
+
+enum { O_BUS = 1, O_INSTRUMENT, O_HAND, O_REPEAT, O_STRAIGHT, O_TREMOR, O_GRASP, O_NOISE, O_SEED, O_PROFILE, O_SET, O_URL, O_RATE, O_DURATION,
+       O_PRIORITY, O_STATS, O_JSON, O_HELP, O_VERSION };
+static const struct option options[] = {
+    {"bus", 1, 0, O_BUS}, {"instrument", 1, 0, O_INSTRUMENT}, {"hand", 1, 0, O_HAND}, {"repeat", 0, 0, O_REPEAT},
+    {"straight", 0, 0, O_STRAIGHT}, {"tremor", 1, 0, O_TREMOR}, {"grasp", 1, 0, O_GRASP}, {"noise", 1, 0, O_NOISE},
+    {"seed", 1, 0, O_SEED}, {"profile", 1, 0, O_PROFILE}, {"set", 1, 0, O_SET}, {"url", 1, 0, O_URL}, {"rate", 1, 0, O_RATE},
+    {"duration", 1, 0, O_DURATION}, {"priority", 1, 0, O_PRIORITY}, {"stats", 0, 0, O_STATS}, {"json", 1, 0, O_JSON},
+    {"help", 0, 0, O_HELP}, {"version", 0, 0, O_VERSION}, {0, 0, 0, 0}};
+
+static bool take_option(program *p, int option, const char *text) {
+    double number = 0.0;
+    hrt_device_config *c = &p->config;
+    switch (option) {
+    case O_BUS: p->bus = text; return true;
+    case O_INSTRUMENT:
+        if (!hrt_option_number("--instrument", text, 0, 1, &number)) return false;
+        c->instrument = (int32_t)number;
+        return true;
+    case O_HAND: p->hand = text; return true;
+    case O_REPEAT: c->hand.repeat = true; return true;
+    case O_STRAIGHT: c->hand.straight = true; return true;
+    case O_TREMOR: return hrt_option_number("--tremor", text, 0, 0.01, &c->hand.tremor_m);
+    case O_GRASP:
+        if (!hrt_option_number("--grasp", text, 0, 100, &number)) return false;
+        for (int j = 0; j < HRT_MOTORS; j++) {
+            c->hand_stiffness[j] *= number;
+            c->hand_damping[j] *= sqrt(number);
+        }
+        return true;
+    case O_NOISE: return hrt_option_number("--noise", text, 0, 1000, &c->noise_counts);
+    case O_SEED:
+        if (!hrt_option_number("--seed", text, 1, 9.0e15, &number)) return false;
+        c->seed = (uint64_t)number;
+        return true;
+    case O_PROFILE: return hrt_profile_read(text, &c->profile);
+    case O_SET: return hrt_profile_set(text, &c->profile);
+    case O_URL: p->url = text; return true;
+    case O_RATE:
+        if (!hrt_option_number("--rate", text, 100, 2000, &number)) return false;
+        p->rate = (int)number;
+        return true;
+    case O_DURATION: return hrt_option_number("--duration", text, 0.01, 1.0e6, &p->duration_s);
+    case O_PRIORITY:
+        if (!hrt_option_number("--priority", text, 0, 99, &number)) return false;
+        p->priority = (int)number;
+        return true;
+    case O_STATS: p->stats = true; return true;
+    case O_JSON: p->json = text; return true;
+    default: return false;
+    }
+}
+
+/* -1: go on; else the exit code. */
+static int read_options(program *p, int argc, char **argv) {
+    opterr = 0;
+    for (int option; (option = getopt_long(argc, argv, ":", options, NULL)) != -1;) {
+        if (option == '?') return app_bad_input(argv[optind - 1], 0, "no such option; see tm-device --help");
+        if (option == ':') return app_bad_input(argv[optind - 1], 0, "needs a value; see tm-device --help");
+        if (option == O_HELP) return usage(), APP_DONE;
+        if (option == O_VERSION) return printf("tm-device %s\n", tm_version()), APP_DONE;
+        if (!take_option(p, option, optarg)) return APP_BAD_INPUT;
+    }
+    if (optind < argc) return app_bad_input(argv[optind], 0, "not an option; see tm-device --help");
+    if (!p->bus) return app_bad_input("--bus", 0, "is missing; name one, for example --bus virtual:demo (see --help)");
+    return -1;
+}
+
+static void hand_said(void *user, const double joint[5], bool active) {
+    program *p = user;
+    const int turn = atomic_load(&p->hand_turn) == 0 ? 1 : 0;
+    memcpy(p->hand_said[turn].joint, joint, sizeof p->hand_said[turn].joint);
+    p->hand_said[turn].active = active;
+    atomic_store(&p->hand_turn, turn);
+}
+
+static void tick(void *user, int64_t now_us) {
+    program *p = user;
+    const int turn = atomic_load(&p->hand_turn);
+    if (turn >= 0) hrt_device_hand(&p->device, p->hand_said[turn].joint, p->hand_said[turn].active);
+    hrt_device_step(&p->device, now_us);
+    for (int j = 0; j < HRT_MOTORS; j++) {
+        p->torque_peak[j] = fmax(p->torque_peak[j], fabs(p->device.torque[j]));
+        p->torque_square[j] += p->device.torque[j] * p->device.torque[j];
+    }
+    atomic_store(&p->fault, (int)p->device.fault);
+    atomic_store(&p->heard, p->device.commands > 0);
+}
+
+static int open_all(program *p) {
+    char why[300];
+    const bool follow = p->hand && strcmp(p->hand, "lcm") == 0;
+    if (p->hand && !follow && !hrt_hand_file_read(p->hand, &p->config.hand)) return APP_BAD_INPUT;
+    if (!hrt_bus_open(&p->wires, p->bus, why, sizeof why)) return app_bad_input("--bus", 0, "%s", why);
+    hrt_device_init(&p->device, &p->config, &p->wires);
+    atomic_store(&p->hand_turn, -1);
+    if (follow) {
+        const char *set = getenv("LCM_DEFAULT_URL");
+        const hrt_link_def def = {.url = p->url ? p->url : set && *set ? set : HRT_LCM_URL, .instrument = p->config.instrument,
+                                  .hand = hand_said, .user = p};
+        p->api = hrt_link_module();
+        if (!p->api) return APP_FAILED;
+        p->link = p->api->open(&def, why, sizeof why);
+        if (!p->link) return app_bad_input("--url", 0, "%s", why);
+    }
+    return hrt_output_begin(&p->json_out, p->json);
+}
+
+static void watch(program *p) {
+    static const char *const fault_text[] = {"well again", "commands stopped: torque dropped; waits for \"motors off\"",
+                                             "ten corrupt commands in a row: torque dropped; waits for a reset", "the bus is off: torque dropped"};
+    bool told_wait = false, heard = false;
+    int told_fault = 0;
+    const struct timespec wait = {0, 50000000};
+    while (!atomic_load(&p->loop.done)) {
+        nanosleep(&wait, NULL);
+        const int fault = atomic_load(&p->fault);
+        if (!atomic_load(&p->heard) && !told_wait && atomic_load(&p->loop.ticks) > 50) {
+            fprintf(stderr, "tm-device: waiting for commands on %s (start haptic-rt; any order is fine)\n", p->bus);
+            told_wait = true;
+        }
+        if (!heard && atomic_load(&p->heard)) {
+            fprintf(stderr, "tm-device: commands come\n");
+            heard = true;
+        }
+        if (fault != told_fault && fault >= 0 && fault <= 3) fprintf(stderr, "tm-device: %s\n", fault_text[fault]);
+        told_fault = fault;
+    }
+    pthread_join(p->loop.thread, NULL);
+}
+
+static int write_json(program *p) {
+    cJSON *json = cJSON_CreateObject();
+    cJSON_AddNumberToObject(json, "instrument", p->config.instrument);
+    hrt_report_loop(json, &p->loop);
+    cJSON_AddNumberToObject(json, "commands", p->device.commands);
+    cJSON_AddNumberToObject(json, "fault", (double)p->device.fault);
+    const double ticks = fmax(1.0, (double)p->loop.ticks);
+    const double peak[HRT_MOTORS] = {p->torque_peak[0], p->torque_peak[1], p->torque_peak[2]};
+    const double rms[HRT_MOTORS] = {sqrt(p->torque_square[0] / ticks), sqrt(p->torque_square[1] / ticks), sqrt(p->torque_square[2] / ticks)};
+    cJSON_AddItemToObject(json, "torque_peak", cJSON_CreateDoubleArray(peak, HRT_MOTORS));
+    cJSON_AddItemToObject(json, "torque_rms", cJSON_CreateDoubleArray(rms, HRT_MOTORS));
+    cJSON_AddItemToObject(json, "joint", cJSON_CreateDoubleArray(p->device.joint, HRT_JOINTS));
+    hrt_report_can(json, &p->wires, &p->device.can, ticks / p->rate);
+    return hrt_report_write(json, &p->json_out);
+}
+
+int main(int argc, char **argv) {
+    static program p;
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    p.config = hrt_device_config_default(0);
+    p.config.session = (uint16_t)(1 + ((uint64_t)now.tv_sec * 1000 + (uint64_t)now.tv_nsec / 1000000 + (uint64_t)getpid()) % 65535);
+    p.rate = 500;
+    p.priority = 70;
+    const int bad = read_options(&p, argc, argv);
+    if (bad >= 0) return bad;
+    const int failed = open_all(&p);
+    if (failed) return failed;
+    p.loop = (hrt_loop){.program = "tm-device", .period_ns = 1000000000 / p.rate, .priority = p.priority, .tick = tick, .user = &p,
+                        .ticks_max = p.duration_s > 0.0 ? (int64_t)(p.duration_s * p.rate + 0.5) : 0};
+    p.device.config.period_us = 0.5e6 / p.rate; /* one set a tick; the tick keeps the rate */
+    hrt_stop_on_signals(&p.loop.stop);
+    if (!hrt_loop_start(&p.loop)) {
+        if (p.json) app_output_abandon(&p.json_out);
+        return APP_FAILED;
+    }
+    watch(&p);
+    if (p.link) p.api->close(p.link);
+    if (p.stats) {
+        printf("tm-device: %lld ticks, %lld missed, %u commands, %u gaps\n", (long long)p.loop.ticks, (long long)p.loop.missed, p.device.commands, p.device.can.lost);
+        hrt_print_quantiles("lateness", &p.loop.lateness);
+        hrt_print_quantiles("duration", &p.loop.duration);
+    }
+    const int status = p.json ? write_json(&p) : APP_DONE;
+    hrt_bus_close(&p.wires);
+    free((void *)(uintptr_t)p.config.hand.key);
+    return status;
+}

@@ -1,0 +1,374 @@
+/* haptic-rt: the controller as a Linux program. A loop thread ticks; this thread says what happens and writes the figures. */
+#include <cjson/cJSON.h>
+#include <getopt.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "app.h"
+#include "lcm_link.h"
+#include "loop.h"
+#include "profile.h"
+#include "report.h"
+#include "samples.h"
+
+enum { STATUS_EVERY_US = 100000, RECORD_COLUMNS = 17 };
+
+typedef struct program {
+    /* options */
+    const char *bus, *url, *samples_path, *json, *record_path;
+    hrt_node_config config;
+    int rate, priority;
+    double duration_s, auto_reset_s;
+    bool stats, lcm;
+    /* running */
+    hrt_bus wires;
+    hrt_node node;
+    hrt_samples samples;
+    const hrt_link_api *api;
+    hrt_link *link;
+    hrt_loop loop;
+    hrt_tool_state tool;
+    int64_t status_us;
+    app_output json_out, record_out;
+    hrt_histogram stage[HRT_NODE_STAGES + 1];
+    double force_square, force_peak_N;
+    int64_t force_ticks;
+    float *record;
+    int64_t record_rows, record_room;
+    /* told to the other thread */
+    _Atomic int state, fault, detail;
+    _Atomic bool pose_known, samples_over;
+    _Atomic int64_t samples_seen, resets;
+} program;
+
+static void usage(void) {
+    puts("usage: haptic-rt --bus ADDRESS [options]\n"
+         "The controller of one Impulse Engine: 500 times a second encoders in, torques out, forces from tm-sim extrapolated between its frames.\n"
+         "\n"
+         "  --bus, --device ADDRESS  virtual:NAME or socketcan:INTERFACE\n"
+         "  --instrument N           0 or 1: channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and the device's ids on the bus (0)\n"
+         "  --mode NAME              probe, grasper or cautery (probe)\n"
+         "  --extrapolator NAME      hold, time, position, broyden, tangent, contact, paper_position (position)\n"
+         "  --passivity              passivity control on\n"
+         "  --coupling               virtual coupling on\n"
+         "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   the trocar's pose, m, world; without them it is learned from SIM_STATUS\n"
+         "  --profile FILE           device profile and parameters\n"
+         "  --set NAME=VALUE         one parameter; may be repeated\n"
+         "  --params                 print all parameters with range and unit, and end\n"
+         "  --url URL                LCM (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
+         "  --samples FILE           recorded samples (CSV) instead of LCM; with --url, beside it\n"
+         "  --rate HZ                ticks a second, 100..2000 (500)\n"
+         "  --duration S             end after so long (never)\n"
+         "  --priority N             SCHED_FIFO 1..99, 0 for normal scheduling (80)\n"
+         "  --auto-reset S           reset a fault by itself after so long; for demonstrations and tests\n"
+         "  --stats                  timing figures at the end\n"
+         "  --json FILE              all figures at the end\n"
+         "  --record FILE            every tick as CSV; needs --duration\n"
+         "  --help, --version\n"
+         "\n"
+         "Exit 0: done. 2: bad input. 1: anything else. States, faults and limits: docs/controller.md.");
+}
+
+/* ---------------------------------------------------------------------------------------------- options */
+
+static bool read_vector(const char *option, const char *text, double v[3]) {
+    char tail;
+    if (sscanf(text, "%lf,%lf,%lf%c", &v[0], &v[1], &v[2], &tail) == 3 && isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2])) return true;
+    app_bad_input(option, 0, "'%s' is no vector; write X,Y,Z", text);
+    return false;
+}
+
+static bool read_mode(const char *text, int8_t *mode) {
+    static const char *const name[3] = {"probe", "grasper", "cautery"};
+    for (int8_t m = 0; m < 3; m++)
+        if (strcmp(text, name[m]) == 0) {
+            *mode = m;
+            return true;
+        }
+    app_bad_input("--mode", 0, "'%s' is no mode; use probe, grasper or cautery", text);
+    return false;
+}
+
+enum { O_BUS = 1, O_INSTRUMENT, O_MODE, O_EXTRAPOLATOR, O_PASSIVITY, O_COUPLING, O_TROCAR, O_AXIS, O_UP, O_PROFILE, O_SET, O_PARAMS, O_URL,
+       O_SAMPLES, O_RATE, O_DURATION, O_PRIORITY, O_AUTO_RESET, O_STATS, O_JSON, O_RECORD, O_HELP, O_VERSION };
+static const struct option options[] = {
+    {"bus", 1, 0, O_BUS}, {"device", 1, 0, O_BUS}, {"instrument", 1, 0, O_INSTRUMENT}, {"mode", 1, 0, O_MODE},
+    {"extrapolator", 1, 0, O_EXTRAPOLATOR}, {"passivity", 0, 0, O_PASSIVITY}, {"coupling", 0, 0, O_COUPLING}, {"trocar", 1, 0, O_TROCAR},
+    {"axis", 1, 0, O_AXIS}, {"up", 1, 0, O_UP}, {"profile", 1, 0, O_PROFILE}, {"set", 1, 0, O_SET}, {"params", 0, 0, O_PARAMS},
+    {"url", 1, 0, O_URL}, {"samples", 1, 0, O_SAMPLES}, {"rate", 1, 0, O_RATE}, {"duration", 1, 0, O_DURATION},
+    {"priority", 1, 0, O_PRIORITY}, {"auto-reset", 1, 0, O_AUTO_RESET}, {"stats", 0, 0, O_STATS}, {"json", 1, 0, O_JSON},
+    {"record", 1, 0, O_RECORD}, {"help", 0, 0, O_HELP}, {"version", 0, 0, O_VERSION}, {0, 0, 0, 0}};
+
+/* One option. False: bad, already told. */
+static bool take_option(program *p, int option, const char *text) {
+    double number = 0.0;
+    switch (option) {
+    case O_BUS: p->bus = text; return true;
+    case O_INSTRUMENT:
+        if (!hrt_option_number("--instrument", text, 0, 1, &number)) return false;
+        p->config.instrument = (int32_t)number;
+        return true;
+    case O_MODE: return read_mode(text, &p->config.mode);
+    case O_EXTRAPOLATOR:
+        if (hrt_extrapolator_find(text, &p->config.extrapolator)) return true;
+        app_bad_input("--extrapolator", 0, "'%s' is none; use hold, time, position, broyden, tangent, contact or paper_position", text);
+        return false;
+    case O_PASSIVITY: p->config.passivity = true; return true;
+    case O_COUPLING: p->config.coupling = true; return true;
+    case O_TROCAR: p->config.pose_known = true; return read_vector("--trocar", text, p->config.pose.trocar_m);
+    case O_AXIS: return read_vector("--axis", text, p->config.pose.axis);
+    case O_UP: return read_vector("--up", text, p->config.pose.up);
+    case O_PROFILE: return hrt_profile_read(text, &p->config.params);
+    case O_SET: return hrt_profile_set(text, &p->config.params);
+    case O_URL: p->url = text; return true;
+    case O_SAMPLES: p->samples_path = text; return true;
+    case O_RATE:
+        if (!hrt_option_number("--rate", text, 100, 2000, &number)) return false;
+        p->rate = (int)number;
+        return true;
+    case O_DURATION: return hrt_option_number("--duration", text, 0.01, 1.0e6, &p->duration_s);
+    case O_PRIORITY:
+        if (!hrt_option_number("--priority", text, 0, 99, &number)) return false;
+        p->priority = (int)number;
+        return true;
+    case O_AUTO_RESET: return hrt_option_number("--auto-reset", text, 0.05, 1.0e6, &p->auto_reset_s);
+    case O_STATS: p->stats = true; return true;
+    case O_JSON: p->json = text; return true;
+    case O_RECORD: p->record_path = text; return true;
+    default: return false;
+    }
+}
+
+static bool consistent(program *p) {
+    hrt_frame frame;
+    const float axis[3] = {(float)p->config.pose.axis[0], (float)p->config.pose.axis[1], (float)p->config.pose.axis[2]};
+    const float up[3] = {(float)p->config.pose.up[0], (float)p->config.pose.up[1], (float)p->config.pose.up[2]};
+    if (!p->bus) app_bad_input("--bus", 0, "is missing; name one, for example --bus virtual:demo (see --help)");
+    else if (!hrt_frame_from_axis(&frame, axis, up)) app_bad_input("--axis", 0, "is zero or along --up; give two directions that differ");
+    else if (p->record_path && !(p->duration_s > 0.0)) app_bad_input("--record", 0, "needs --duration; give one");
+    else if (hrt_params_check(&p->config.params) >= 0)
+        app_bad_input("--set", 0, "%s: lower end not below upper end; mend it", hrt_param_table[hrt_params_check(&p->config.params)].name);
+    else return true;
+    return false;
+}
+
+/* -1: go on; else the exit code. */
+static int read_options(program *p, int argc, char **argv) {
+    opterr = 0;
+    for (int option; (option = getopt_long(argc, argv, ":", options, NULL)) != -1;) {
+        if (option == '?') return app_bad_input(argv[optind - 1], 0, "no such option; see haptic-rt --help");
+        if (option == ':') return app_bad_input(argv[optind - 1], 0, "needs a value; see haptic-rt --help");
+        if (option == O_HELP) return usage(), APP_DONE;
+        if (option == O_VERSION) return printf("haptic-rt %s\n", tm_version()), APP_DONE;
+        if (option == O_PARAMS) return hrt_profile_write(stdout, &p->config.params), APP_DONE;
+        if (!take_option(p, option, optarg)) return APP_BAD_INPUT;
+    }
+    if (optind < argc) return app_bad_input(argv[optind], 0, "not an option; see haptic-rt --help");
+    return consistent(p) ? -1 : APP_BAD_INPUT;
+}
+
+/* ---------------------------------------------------------------------------------------------- the loop's thread */
+
+static void record(program *p, int64_t now_us) {
+    if (p->record_rows >= p->record_room) return;
+    float *row = &p->record[RECORD_COLUMNS * p->record_rows++];
+    const hrt_output *o = &p->node.output;
+    const float values[RECORD_COLUMNS] = {1.0e-6f * (float)(now_us - p->loop.start_us), (float)o->state, (float)o->fault, (float)o->limits,
+        o->joint[0], o->joint[1], o->joint[2], o->joint[3], o->joint[4], o->force_N[0], o->force_N[1], o->force_N[2],
+        o->torque[0], o->torque[1], o->torque[2], o->gain, 1.0e-6f * (float)o->sample_age_us};
+    memcpy(row, values, sizeof values);
+}
+
+static void figures(program *p, int64_t publish_ns) {
+    for (int s = 0; s < HRT_NODE_STAGES; s++) hrt_histogram_add(&p->stage[s], p->node.stage_ns[s]);
+    hrt_histogram_add(&p->stage[HRT_NODE_STAGES], publish_ns);
+    const float *f = p->node.output.force_N;
+    const double square = (double)(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]);
+    p->force_square += square;
+    p->force_ticks++;
+    p->force_peak_N = fmax(p->force_peak_N, sqrt(square));
+}
+
+static void publish_status(program *p) {
+    hrt_status status;
+    hrt_node_status(&p->node, &status);
+    status.missed_ticks = atomic_load(&p->loop.missed);
+    hrt_histogram_quantiles(&p->loop.lateness, status.lateness_us);
+    hrt_histogram_quantiles(&p->loop.duration, status.duration_us);
+    p->api->publish_status(p->link, &status);
+}
+
+static void tick(void *user, int64_t now_us) {
+    program *p = user;
+    const bool meaningful = hrt_node_tick(&p->node, now_us, &p->tool);
+    const int64_t begin_ns = hrt_clock_ns();
+    if (p->samples_path && !hrt_samples_feed(&p->samples, &p->node, &p->tool, now_us)) atomic_store(&p->samples_over, true);
+    if (p->link && meaningful) p->api->publish_tool(p->link, &p->tool);
+    if (p->link && now_us - p->status_us >= STATUS_EVERY_US) {
+        publish_status(p);
+        p->status_us = now_us;
+    }
+    figures(p, hrt_clock_ns() - begin_ns);
+    if (p->record) record(p, now_us);
+    atomic_store(&p->state, (int)p->node.output.state);
+    atomic_store(&p->fault, (int)p->node.output.fault);
+    atomic_store(&p->detail, p->node.output.fault_detail);
+    atomic_store(&p->pose_known, p->node.config.pose_known);
+    atomic_store(&p->samples_seen, (int64_t)p->node.controller.counters.samples_received);
+}
+
+/* ---------------------------------------------------------------------------------------------- this thread */
+
+/* What it waits for, once each time it begins to wait. */
+static void say(const program *p, int *said, int *told_state) {
+    const int state = atomic_load(&p->state), fault = atomic_load(&p->fault);
+    if (state != *told_state && (state == HRT_ENGAGED || state == HRT_STALE || state == HRT_FAULT)) {
+        if (state == HRT_FAULT) fprintf(stderr, "haptic-rt: fault %s (%d): %s\n", hrt_fault_name((hrt_fault)fault), atomic_load(&p->detail), hrt_fault_text((hrt_fault)fault));
+        else fprintf(stderr, "haptic-rt: %s\n", state == HRT_ENGAGED ? "engaged" : "the simulation went silent; force fades to zero");
+    }
+    if (state != *told_state && state != HRT_SELF_TEST) *said = 0;
+    *told_state = state;
+    const int wait = state == HRT_BOOT ? 1 : state != HRT_IDLE ? 0 : !atomic_load(&p->pose_known) ? 2 : 3;
+    if (wait == *said) return;
+    *said = wait;
+    if (wait == 1) fprintf(stderr, "haptic-rt: waiting for device %d on %s (start tm-device; any order is fine)\n", p->config.instrument, p->bus);
+    if (wait == 2) fprintf(stderr, "haptic-rt: waiting for the trocar's pose: SIM_STATUS of tm-sim (any order is fine), or give --trocar\n");
+    if (wait == 3) fprintf(stderr, "haptic-rt: waiting for fresh samples: %s\n", p->samples_path ? "the file's" : "FORCE of tm-sim (any order is fine)");
+}
+
+static void watch(program *p) {
+    int said = 0, told_state = -1;
+    double in_fault_s = 0.0;
+    while (!atomic_load(&p->loop.done)) {
+        const struct timespec wait = {0, 50000000};
+        nanosleep(&wait, NULL);
+        if (atomic_load(&p->loop.ticks) > 50) say(p, &said, &told_state);
+        in_fault_s = atomic_load(&p->state) == HRT_FAULT ? in_fault_s + 0.05 : 0.0;
+        if (p->auto_reset_s > 0.0 && in_fault_s >= p->auto_reset_s) {
+            const hrt_command reset = {.extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
+            fprintf(stderr, "haptic-rt: reset by --auto-reset\n");
+            hrt_node_post_command(&p->node, &reset);
+            atomic_fetch_add(&p->resets, 1);
+            in_fault_s = 0.0;
+        }
+    }
+    pthread_join(p->loop.thread, NULL);
+    hrt_node_stop(&p->node);
+}
+
+static const char *const stage_name[HRT_NODE_STAGES + 1] = {"receive", "control", "send", "publish"};
+
+static int write_json(program *p) {
+    cJSON *json = cJSON_CreateObject();
+    hrt_status s;
+    hrt_node_status(&p->node, &s);
+    cJSON_AddNumberToObject(json, "instrument", p->config.instrument);
+    cJSON_AddNumberToObject(json, "rate_Hz", p->rate);
+    hrt_report_loop(json, &p->loop);
+    cJSON *stages = cJSON_AddObjectToObject(json, "stage_us");
+    for (int i = 0; i <= HRT_NODE_STAGES; i++) hrt_report_quantiles(stages, stage_name[i], &p->stage[i]);
+    cJSON_AddStringToObject(json, "state", hrt_state_name((hrt_state)s.state));
+    cJSON_AddStringToObject(json, "fault", hrt_fault_name((hrt_fault)s.fault));
+    cJSON_AddNumberToObject(json, "resets", (double)p->resets);
+    cJSON_AddStringToObject(json, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)s.extrapolator));
+    cJSON *force = cJSON_AddObjectToObject(json, "force_N");
+    cJSON_AddNumberToObject(force, "rms", p->force_ticks ? sqrt(p->force_square / (double)p->force_ticks) : 0.0);
+    cJSON_AddNumberToObject(force, "peak", p->force_peak_N);
+    cJSON *samples = cJSON_AddObjectToObject(json, "samples");
+    cJSON_AddNumberToObject(samples, "received", (double)s.samples_received);
+    cJSON_AddNumberToObject(samples, "late", (double)s.samples_late);
+    cJSON_AddNumberToObject(samples, "lost", (double)s.samples_lost);
+    cJSON_AddNumberToObject(samples, "rejected", (double)s.samples_rejected);
+    hrt_report_can(json, &p->wires, &p->node.can, (double)p->loop.ticks / p->rate);
+    return hrt_report_write(json, &p->json_out);
+}
+
+static int write_record(program *p) {
+    FILE *file = fopen(p->record_out.temporary, "w");
+    if (file) fputs("time_s,state,fault,limits,pitch_rad,yaw_rad,insertion_m,roll_rad,grip,fx_N,fy_N,fz_N,torque_pitch_Nm,torque_yaw_Nm,force_insertion_N,gain,sample_age_s\n", file);
+    for (int64_t r = 0; file && r < p->record_rows; r++)
+        for (int c = 0; c < RECORD_COLUMNS; c++) fprintf(file, "%.9g%c", (double)p->record[RECORD_COLUMNS * r + c], c + 1 < RECORD_COLUMNS ? ',' : '\n');
+    return hrt_output_end(&p->record_out, file);
+}
+
+static void print_stats(const program *p) {
+    printf("haptic-rt: %lld ticks, %lld missed, %s\n", (long long)p->loop.ticks, (long long)p->loop.missed,
+           p->loop.real_time ? "SCHED_FIFO" : "normal scheduling");
+    hrt_print_quantiles("lateness", &p->loop.lateness);
+    hrt_print_quantiles("duration", &p->loop.duration);
+    for (int i = 0; i <= HRT_NODE_STAGES; i++) hrt_print_quantiles(stage_name[i], &p->stage[i]);
+    printf("  bus        %llu sent, %llu received, load %.1f %% of 1 Mbit/s\n", (unsigned long long)p->wires.tx, (unsigned long long)p->wires.rx,
+           100.0 * (double)p->wires.bits / (1.0e6 * (double)p->loop.ticks / p->rate));
+}
+
+static int open_link(program *p) {
+    char why[300];
+    const char *set = getenv("LCM_DEFAULT_URL");
+    const hrt_link_def def = {.url = p->url ? p->url : set && *set ? set : HRT_LCM_URL, .instrument = p->config.instrument, .node = &p->node};
+    if (p->samples_path && !p->url) return APP_DONE; /* without LCM */
+    p->api = hrt_link_module();
+    if (!p->api) return APP_FAILED;
+    /* The receive threads inherit: real-time, but below the loop. */
+    const bool raised = p->priority > 1 && hrt_priority(p->priority > 20 ? p->priority - 20 : 1);
+    p->link = p->api->open(&def, why, sizeof why);
+    if (raised) hrt_priority(0);
+    return p->link ? APP_DONE : app_bad_input("--url", 0, "%s", why);
+}
+
+static int open_all(program *p) {
+    char why[300];
+    if (p->samples_path && !hrt_samples_read(&p->samples, p->samples_path)) return APP_BAD_INPUT;
+    if (!hrt_bus_open(&p->wires, p->bus, why, sizeof why)) return app_bad_input("--bus", 0, "%s", why);
+    hrt_node_init(&p->node, &p->config, &p->wires);
+    p->node.clock_ns = hrt_clock_ns;
+    if (p->record_path) {
+        p->record_room = (int64_t)(p->duration_s * p->rate) + 1;
+        p->record = calloc((size_t)p->record_room, RECORD_COLUMNS * sizeof(float));
+        if (!p->record) return app_bad_input("--record", 0, "out of memory; use a shorter --duration"), APP_FAILED;
+    }
+    const int unlinked = open_link(p);
+    if (unlinked) return unlinked;
+    const int unwritable = hrt_output_begin(&p->json_out, p->json);
+    if (unwritable) return unwritable;
+    const int unrecorded = hrt_output_begin(&p->record_out, p->record_path);
+    if (unrecorded && p->json) app_output_abandon(&p->json_out);
+    return unrecorded;
+}
+
+int main(int argc, char **argv) {
+    static program p;
+    struct timespec now;
+    clock_gettime(CLOCK_REALTIME, &now);
+    p.config = hrt_node_config_default(0);
+    p.config.session = (int64_t)now.tv_sec * 1000000 + now.tv_nsec / 1000;
+    p.rate = 500;
+    p.priority = 80;
+    const int bad = read_options(&p, argc, argv);
+    if (bad >= 0) return bad;
+    const int failed = open_all(&p);
+    if (failed) return failed;
+    p.loop.program = "haptic-rt";
+    p.loop.period_ns = 1000000000 / p.rate;
+    p.loop.priority = p.priority;
+    p.loop.ticks_max = p.duration_s > 0.0 ? (int64_t)(p.duration_s * p.rate + 0.5) : 0;
+    p.loop.tick = tick;
+    p.loop.user = &p;
+    hrt_stop_on_signals(&p.loop.stop);
+    if (!hrt_loop_start(&p.loop)) {
+        if (p.json) app_output_abandon(&p.json_out);
+        if (p.record_path) app_output_abandon(&p.record_out);
+        return APP_FAILED;
+    }
+    watch(&p);
+    if (p.link) p.api->close(p.link);
+    if (p.stats) print_stats(&p);
+    int status = p.json ? write_json(&p) : APP_DONE;
+    if (p.record_path && write_record(&p) != APP_DONE) status = APP_FAILED;
+    hrt_bus_close(&p.wires);
+    hrt_table_free(&p.samples.table);
+    free(p.record);
+    return status;
+}

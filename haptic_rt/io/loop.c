@@ -1,0 +1,117 @@
+#include "loop.h"
+
+#include <errno.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
+#include <time.h>
+
+enum { STACK_TOUCHED = 256 * 1024 };
+
+int64_t hrt_clock_ns(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (int64_t)t.tv_sec * 1000000000 + t.tv_nsec;
+}
+
+bool hrt_priority(int priority) {
+    const struct sched_param p = {.sched_priority = priority};
+    return sched_setscheduler(0, priority > 0 ? SCHED_FIFO : SCHED_OTHER, &p) == 0;
+}
+
+static void sleep_until(int64_t ns) {
+    const struct timespec t = {ns / 1000000000, ns % 1000000000};
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR) {}
+}
+
+/* Faults in the stack that the ticks will use. */
+static __attribute__((noinline)) void touch_stack(void) {
+    volatile char page[STACK_TOUCHED];
+    for (size_t i = 0; i < sizeof page; i += 1024) page[i] = 0;
+}
+
+static void count_faults(int64_t *minor, int64_t *major) {
+    struct rusage usage;
+    getrusage(RUSAGE_THREAD, &usage);
+    *minor = usage.ru_minflt;
+    *major = usage.ru_majflt;
+}
+
+static void *run(void *user) {
+    hrt_loop *l = user;
+    l->real_time = l->priority > 0 && hrt_priority(l->priority);
+    touch_stack();
+    const int64_t start_ns = hrt_clock_ns(), warm_ticks = 1000000000 / l->period_ns;
+    int64_t next_ns = start_ns + l->period_ns, minor = 0, major = 0;
+    l->start_us = start_ns / 1000;
+    while (!atomic_load(&l->stop) && (l->ticks_max == 0 || atomic_load(&l->ticks) < l->ticks_max)) {
+        sleep_until(next_ns);
+        const int64_t begin_ns = hrt_clock_ns();
+        l->tick(l->user, begin_ns / 1000);
+        const int64_t end_ns = hrt_clock_ns();
+        hrt_histogram_add(&l->lateness, begin_ns - next_ns);
+        hrt_histogram_add(&l->duration, end_ns - begin_ns);
+        if (atomic_fetch_add(&l->ticks, 1) == warm_ticks) count_faults(&minor, &major);
+        next_ns += l->period_ns;
+        if (end_ns >= next_ns) { /* ticks that can't be held any more are missed, not caught up */
+            const int64_t lost = (end_ns - next_ns) / l->period_ns + 1;
+            atomic_fetch_add(&l->missed, lost);
+            next_ns += lost * l->period_ns;
+        }
+    }
+    if (atomic_load(&l->ticks) > warm_ticks) {
+        count_faults(&l->faults_minor, &l->faults_major);
+        l->faults_minor -= minor;
+        l->faults_major -= major;
+    }
+    struct timespec cpu;
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &cpu);
+    l->cpu_us = (int64_t)cpu.tv_sec * 1000000 + cpu.tv_nsec / 1000;
+    atomic_store(&l->done, true);
+    return NULL;
+}
+
+bool hrt_loop_start(hrt_loop *l) {
+    if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
+        fprintf(stderr, "%s: memory is not locked (%s): page faults may delay a tick; raise `ulimit -l` or run with CAP_IPC_LOCK\n", l->program, strerror(errno));
+    if (l->priority > 0) {
+        const struct sched_param p = {.sched_priority = l->priority};
+        /* Tried on this thread first, so that the warning is given here and not from the loop. */
+        struct sched_param old;
+        const int policy = sched_getscheduler(0);
+        sched_getparam(0, &old);
+        if (sched_setscheduler(0, SCHED_FIFO, &p) != 0)
+            fprintf(stderr, "%s: no SCHED_FIFO (%s): the loop runs at normal priority and will be late on a busy machine; run with CAP_SYS_NICE or set RLIMIT_RTPRIO\n", l->program, strerror(errno));
+        else sched_setscheduler(0, policy, &old);
+    }
+    pthread_attr_t attributes;
+    pthread_attr_init(&attributes);
+    pthread_attr_setstacksize(&attributes, 4 * STACK_TOUCHED);
+    int error = pthread_create(&l->thread, &attributes, run, l);
+    if (error == EAGAIN) { /* a small lock limit leaves no room for a stack */
+        munlockall();
+        fprintf(stderr, "%s: memory is not locked: the limit is too small; raise `ulimit -l` or run with CAP_IPC_LOCK\n", l->program);
+        error = pthread_create(&l->thread, &attributes, run, l);
+    }
+    pthread_attr_destroy(&attributes);
+    if (error) fprintf(stderr, "%s: cannot start the loop's thread (%s); close other programs\n", l->program, strerror(error));
+    return error == 0;
+}
+
+static _Atomic bool *signal_stop;
+static void on_signal(int number) {
+    (void)number;
+    atomic_store(signal_stop, true);
+}
+
+void hrt_stop_on_signals(_Atomic bool *stop) {
+    signal_stop = stop;
+    struct sigaction action;
+    memset(&action, 0, sizeof action);
+    action.sa_handler = on_signal;
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+}

@@ -1,0 +1,72 @@
+#include "report.h"
+
+#include <cjson/cJSON.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+
+static const char *const quantile_name[4] = {"p50", "p99", "p999", "max"};
+
+void hrt_report_quantiles(cJSON *json, const char *name, const hrt_histogram *h) {
+    double us[4];
+    hrt_histogram_quantiles(h, us);
+    cJSON *row = cJSON_AddObjectToObject(json, name);
+    for (int q = 0; q < 4; q++) cJSON_AddNumberToObject(row, quantile_name[q], us[q]);
+}
+
+void hrt_print_quantiles(const char *name, const hrt_histogram *h) {
+    double us[4];
+    hrt_histogram_quantiles(h, us);
+    printf("  %-10s p50 %8.1f  p99 %8.1f  p99.9 %8.1f  max %8.1f us\n", name, us[0], us[1], us[2], us[3]);
+}
+
+void hrt_report_loop(cJSON *json, const hrt_loop *loop) {
+    cJSON_AddNumberToObject(json, "ticks", (double)loop->ticks);
+    cJSON_AddNumberToObject(json, "missed_ticks", (double)loop->missed);
+    cJSON_AddBoolToObject(json, "real_time", loop->real_time);
+    cJSON_AddNumberToObject(json, "page_faults_minor", (double)loop->faults_minor);
+    cJSON_AddNumberToObject(json, "page_faults_major", (double)loop->faults_major);
+    cJSON_AddNumberToObject(json, "cpu_us", (double)loop->cpu_us);
+    hrt_report_quantiles(json, "lateness_us", &loop->lateness);
+    hrt_report_quantiles(json, "duration_us", &loop->duration);
+}
+
+void hrt_report_can(cJSON *json, const hrt_bus *bus, const hrt_can_counters *can, double seconds) {
+    cJSON *row = cJSON_AddObjectToObject(json, "can");
+    const struct { const char *name; double value; } figures[] = {
+        {"tx", (double)bus->tx}, {"rx", (double)bus->rx}, {"dropped", (double)bus->dropped}, {"lost", can->lost},
+        {"repeated", can->repeated}, {"corrupt", can->corrupt}, {"foreign", can->foreign}, {"error_frames", can->error},
+        {"bus_off", can->bus_off}, {"load_percent", seconds > 0.0 ? 100.0 * (double)bus->bits / (1.0e6 * seconds) : 0.0}};
+    for (size_t i = 0; i < sizeof figures / sizeof *figures; i++) cJSON_AddNumberToObject(row, figures[i].name, figures[i].value);
+}
+
+int hrt_output_begin(app_output *output, const char *path) {
+    tm_error error = {.status = TM_OK};
+    if (!path || app_output_begin(output, path, &error)) return APP_DONE;
+    return app_report(NULL, 0, &error);
+}
+
+int hrt_output_end(app_output *output, FILE *file) {
+    tm_error error = {.status = TM_OK};
+    const bool written = file && !ferror(file);
+    if (file && fclose(file) == 0 && written) return app_output_commit(output, &error) ? APP_DONE : (app_report(NULL, 0, &error), APP_FAILED);
+    app_output_abandon(output);
+    return app_bad_input(output->path, 0, "could not be written to its end; free some space"), APP_FAILED;
+}
+
+int hrt_report_write(cJSON *json, app_output *output) {
+    char *text = cJSON_Print(json);
+    cJSON_Delete(json);
+    FILE *file = text ? fopen(output->temporary, "w") : NULL;
+    if (file) fprintf(file, "%s\n", text);
+    free(text);
+    return hrt_output_end(output, file);
+}
+
+bool hrt_option_number(const char *option, const char *text, double low, double high, double *value) {
+    char *end;
+    *value = strtod(text, &end);
+    if (end != text && *end == 0 && *value >= low && *value <= high) return true;
+    app_bad_input(option, 0, "'%s' is no number of %g..%g; give one", text, low, high);
+    return false;
+}

@@ -1,0 +1,101 @@
+#include "table.h"
+
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "app.h"
+
+static char *trim(char *s) {
+    while (*s == ' ' || *s == '\t') s++;
+    for (char *end = s + strlen(s); end > s && strchr(" \t\r\n", end[-1]); end--) end[-1] = 0;
+    return s;
+}
+
+static bool read_header(hrt_table *t, char *line, const char *path, int number) {
+    char *rest = line;
+    for (char *cell; (cell = strsep(&rest, ",")) != NULL; t->columns++) {
+        cell = trim(cell);
+        if (t->columns == HRT_TABLE_COLUMNS || *cell == 0 || strlen(cell) >= sizeof t->name[0]) {
+            app_bad_input(path, number, "a column name is empty, too long, or one of more than %d; write names like time_s,insertion_m", HRT_TABLE_COLUMNS);
+            return false;
+        }
+        strcpy(t->name[t->columns], cell);
+    }
+    return true;
+}
+
+static bool read_row(hrt_table *t, char *line, const char *path, int number) {
+    if (t->rows % 1024 == 0) {
+        double *value = realloc(t->value, sizeof *value * (size_t)((t->rows + 1024) * t->columns));
+        if (value) t->value = value;
+        int *lines = realloc(t->line, sizeof *lines * (size_t)(t->rows + 1024));
+        if (lines) t->line = lines;
+        if (!value || !lines) {
+            app_bad_input(path, number, "out of memory; use a shorter file");
+            return false;
+        }
+    }
+    char *rest = line;
+    int32_t c = 0;
+    for (char *cell; (cell = strsep(&rest, ",")) != NULL; c++) {
+        char *end;
+        cell = trim(cell);
+        const double x = strtod(cell, &end);
+        if (c == t->columns || end == cell || *end || !isfinite(x)) {
+            app_bad_input(path, number, c == t->columns ? "more than %d values; write one a column" : "a value of %d is not a finite number; write digits", t->columns);
+            return false;
+        }
+        t->value[t->rows * t->columns + c] = x;
+    }
+    if (c != t->columns) {
+        app_bad_input(path, number, "%d values where the header has %d; write one a column", c, t->columns);
+        return false;
+    }
+    t->line[t->rows++] = number;
+    return true;
+}
+
+bool hrt_table_read(const char *path, hrt_table *t) {
+    memset(t, 0, sizeof *t);
+    FILE *file = fopen(path, "r");
+    if (!file) {
+        app_bad_input(path, 0, "cannot be read (%s); name an existing file", strerror(errno));
+        return false;
+    }
+    char line[2048];
+    bool good = true;
+    for (int number = 1; good && fgets(line, sizeof line, file); number++) {
+        line[strcspn(line, "#")] = 0;
+        char *text = trim(line);
+        if (*text == 0) continue;
+        good = t->columns == 0 ? read_header(t, text, path, number) : read_row(t, text, path, number);
+    }
+    if (good && t->rows == 0) {
+        app_bad_input(path, 0, "holds no rows; write a header line and at least one row of numbers");
+        good = false;
+    }
+    fclose(file);
+    if (!good) hrt_table_free(t);
+    return good;
+}
+
+void hrt_table_free(hrt_table *t) {
+    free(t->value);
+    free(t->line);
+    memset(t, 0, sizeof *t);
+}
+
+int32_t hrt_table_column(const hrt_table *t, const char *name) {
+    for (int32_t c = 0; c < t->columns; c++)
+        if (strcmp(t->name[c], name) == 0) return c;
+    return -1;
+}
+
+bool hrt_table_need(const hrt_table *t, const char *path, const char *name, int32_t *column) {
+    *column = hrt_table_column(t, name);
+    if (*column < 0) app_bad_input(path, 1, "no column '%s'; add it to the header", name);
+    return *column >= 0;
+}
