@@ -1,0 +1,335 @@
+"""tm-view as a user drives it: logs, stills, live, film, and messages that nobody should believe."""
+import json
+import os
+import pathlib
+import shutil
+import struct
+import subprocess
+import sys
+import time
+
+import pytest
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+import synthetic  # noqa: E402
+
+SMALL = ["--size", "320x240", "--quality", "0"]
+
+
+def run(bin, *args, env=None, timeout=120):
+    return subprocess.run([str(bin / "tm-view"), *map(str, args)], capture_output=True, text=True, timeout=timeout, env=env)
+
+
+@pytest.fixture(scope="session")
+def python_types(build):
+    return build / "python"
+
+
+@pytest.fixture(scope="session")
+def log(tmp_path_factory, python_types):
+    path = tmp_path_factory.mktemp("log") / "session.lcm"
+    synthetic.write_log(python_types, path, seconds=2.0)
+    return path
+
+
+def pixels(path):
+    from matplotlib import image
+
+    return image.imread(str(path))[..., :3]
+
+
+def share(picture, test):
+    """Part of the pixels for which test(r, g, b) holds."""
+    r, g, b = picture[..., 0], picture[..., 1], picture[..., 2]
+    return float(test(r, g, b).mean())
+
+
+def tissue_red(r, g, b):
+    return (r > 2 * g) & (r > 2 * b) & (r > 0.15)
+
+
+def drape(r, g, b):
+    return (b > 1.3 * r) & (g > 1.2 * r)
+
+
+def arrow_amber(r, g, b):
+    return (r > 0.75) & (g > 0.6) & (b < 0.4)
+
+
+def test_picture_shows_tissue_drape_and_force(bin, log, tmp_path):
+    out, bare = tmp_path / "words.png", tmp_path / "bare.png"
+    assert run(bin, log, "--at", "1.5", "--png", out, "--size", "640x480").returncode == 0
+    assert run(bin, log, "--at", "1.5", "--png", bare, "--size", "640x480", "--no-words").returncode == 0
+    picture = pixels(bare)
+    assert picture.shape == (480, 640, 3)
+    assert 0.10 < share(picture, tissue_red) < 0.6
+    assert share(picture, drape) > 0.2
+    assert share(picture, arrow_amber) > 0.0005
+    assert abs(pixels(out) - picture).max() > 0.3  # the words
+
+
+def test_arrow_follows_the_force(bin, log, tmp_path):
+    """At 0.1 s the synthetic force is a tenth of what it is at 1.5 s."""
+    parts = []
+    for at in ("0.1", "1.5"):
+        out = tmp_path / f"{at}.png"
+        assert run(bin, log, "--at", at, "--png", out, "--size", "640x480", "--no-words").returncode == 0
+        parts.append(share(pixels(out), arrow_amber))
+    assert parts[1] > 5 * max(parts[0], 1e-5)
+
+
+def test_cut_surface_is_coloured_apart(bin, log, tmp_path):
+    """Flesh is pink where skin is dark red: nothing else in the picture is."""
+
+    def pink(r, g, b):
+        return (r > 0.7) & (g > 0.25) & (g < 0.75 * r) & (b > 0.2) & (b < 0.75 * r)
+
+    parts = []
+    for at in ("0.9", "2.0"):
+        out = tmp_path / f"{at}.png"
+        assert run(bin, log, "--at", at, "--png", out, "--size", "640x480", "--no-words").returncode == 0
+        parts.append(share(pixels(out), pink))
+    assert parts[1] > parts[0] + 0.01
+
+
+def test_same_log_same_bytes(bin, log, tmp_path):
+    for name in ("a", "b"):
+        assert run(bin, log, "--frames", tmp_path / name, "--to", "0.3", "--size", "320x240").returncode == 0
+    first = sorted((tmp_path / "a").iterdir())
+    assert [p.name for p in first] == [f"frame_{i:05d}.png" for i in range(10)]
+    for p in first:
+        assert p.read_bytes() == (tmp_path / "b" / p.name).read_bytes()
+    assert first[0].read_bytes() != first[-1].read_bytes()
+
+
+def probe(path):
+    run = subprocess.run(["ffprobe", "-v", "error", "-count_frames", "-select_streams", "v", "-of", "json", "-show_entries",
+                          "stream=codec_name,width,height,nb_read_frames,r_frame_rate", str(path)], capture_output=True, text=True, check=True)
+    return json.loads(run.stdout)["streams"][0]
+
+
+@pytest.mark.parametrize("fps,frames", [(30, 61), (12, 25)])
+def test_film(bin, log, tmp_path, fps, frames):
+    film, figures = tmp_path / "film.mp4", tmp_path / "figures.json"
+    result = run(bin, log, "--film", film, "--json", figures, "--fps", fps, *SMALL)
+    assert result.returncode == 0, result.stderr
+    stream = probe(film)
+    assert (stream["codec_name"], stream["width"], stream["height"], int(stream["nb_read_frames"])) == ("h264", 320, 240, frames)
+    assert stream["r_frame_rate"] == f"{fps}/1"
+    report = json.loads(figures.read_text())
+    assert report["pictures"] == frames and report["messages_refused"] == 0
+    assert report["log_tissues"] == 61 and report["log_seconds"] == pytest.approx(2.0, abs=1e-3)
+    assert report["peak_force_N"] == pytest.approx(1.8, rel=0.1)
+    assert os.listdir(tmp_path) == ["film.mp4", "figures.json"] or sorted(os.listdir(tmp_path)) == ["figures.json", "film.mp4"]
+
+
+def test_png_and_film_of_one_log(bin, log, tmp_path):
+    assert run(bin, log, "--film", tmp_path / "f.mp4", "--png", tmp_path / "p.png", "--at", "1", "--to", "0.5", *SMALL).returncode == 0
+    assert int(probe(tmp_path / "f.mp4")["nb_read_frames"]) == 16
+    assert pixels(tmp_path / "p.png").shape == (240, 320, 3)
+
+
+def test_still_of_a_mesh_and_of_a_scene(bin, root, tmp_path):
+    mesh, scene = tmp_path / "mesh.png", tmp_path / "scene.png"
+    result = run(bin, root / "meshes" / "liver_1k.msh", "--png", mesh, "--size", "640x480", "--no-words")
+    assert result.returncode == 0, result.stderr
+    assert share(pixels(mesh), tissue_red) > 0.1
+    result = run(bin, root / "apps" / "scenes" / "liver-press.yaml", "--png", scene, "--size", "640x480", "--no-words")
+    assert result.returncode == 0, result.stderr
+    picture = pixels(scene)
+    assert share(picture, tissue_red) > 0.1
+    assert share(picture, lambda r, g, b: (abs(r - g) < 0.04) & (r < 0.3)) > 0.001  # the dark shaft
+
+
+def test_scene_errors_are_the_scenes(bin, tmp_path):
+    scene = tmp_path / "bad.yaml"
+    scene.write_text("title: x\ntisue:\n  mesh: nowhere.msh\n")
+    result = run(bin, scene, "--png", tmp_path / "x.png")
+    assert result.returncode == 2 and "bad.yaml:2:" in result.stderr, result.stderr
+    assert not (tmp_path / "x.png").exists()
+
+
+BAD = [
+    ([], "no output named"),
+    (["--png"], "--png"),
+    (["--colour", "red"], "unknown option"),
+    (["LOG", "LOG", "--png", "OUT"], "one source"),
+    (["LOG", "--png", "OUT", "--size", "12x"], "--size"),
+    (["LOG", "--png", "OUT", "--size", "9000x100"], "--size"),
+    (["LOG", "--film", "OUT", "--size", "641x480"], "even"),
+    (["LOG", "--film", "OUT", "--fps", "0"], "--fps"),
+    (["LOG", "--png", "OUT", "--fps", "2.5"], "whole number"),
+    (["LOG", "--png", "OUT", "--zoom", "nan"], "--zoom"),
+    (["LOG", "--png", "OUT", "--up", "w"], "--up"),
+    (["LOG", "--png", "OUT", "--shift", "1"], "--shift"),
+    (["LOG", "--png", "OUT", "--quality", "7"], "--quality"),
+    (["LOG", "--film", "OUT", "--from", "3", "--to", "1"], "--to is before"),
+    (["LOG", "--film", "OUT", "--from", "60"], "lasts 2.00 s"),
+    (["LOG", "--png", "OUT", "--at", "60"], "lasts 2.00 s"),
+    (["nowhere.lcm", "--png", "OUT"], "cannot be read"),
+    (["nowhere.msh", "--png", "OUT"], "nowhere.msh"),
+    (["nowhere.yaml", "--png", "OUT"], "nowhere.yaml"),
+    (["TEXT", "--png", "OUT"], "no LCM log"),
+    (["EMPTY", "--png", "OUT"], "no LCM log"),
+    (["FOREIGN", "--png", "OUT"], "no TISSUE"),
+    (["LOG", "--png", "FOLDER/no/p.png"], "cannot write"),
+    (["LOG", "--film", "FOLDER/no/p.mp4"], "cannot write"),
+    (["LOG", "--frames", "FOLDER/no/p"], "cannot be made"),
+]
+
+
+@pytest.mark.parametrize("args,said", BAD, ids=lambda v: " ".join(v) if isinstance(v, list) else None)
+def test_bad_input(bin, log, tmp_path, python_types, args, said):
+    import lcm
+
+    (tmp_path / "text").write_text("this is no log\n" * 100)
+    (tmp_path / "empty").write_bytes(b"")
+    foreign = lcm.EventLog(str(tmp_path / "foreign"), "w", overwrite=True)
+    foreign.write_event(1, "OTHER", b"data")
+    foreign.close()
+    before = sorted(os.listdir(tmp_path))
+    names = {"LOG": log, "OUT": tmp_path / "out", "TEXT": tmp_path / "text", "EMPTY": tmp_path / "empty", "FOREIGN": tmp_path / "foreign"}
+    result = run(bin, *[str(names.get(a, a)).replace("FOLDER", str(tmp_path)) for a in args])
+    assert result.returncode == 2, result.stderr
+    assert said in result.stderr and (";" in result.stderr or "see" in result.stderr), result.stderr
+    assert len(result.stderr.strip().splitlines()) == 1, result.stderr
+    assert sorted(os.listdir(tmp_path)) == before
+
+
+def test_help_and_version(bin):
+    for option in ("--help", "--version"):
+        result = run(bin, option)
+        assert result.returncode == 0 and "tm-view" in result.stdout and not result.stderr
+
+
+def test_no_ffmpeg_says_what_to_install(bin, log, tmp_path):
+    result = run(bin, log, "--film", tmp_path / "film.mp4", *SMALL, env={**os.environ, "PATH": str(tmp_path)})
+    assert result.returncode == 2 and "apt-get install ffmpeg" in result.stderr
+    assert os.listdir(tmp_path) == []
+
+
+def spoilers():
+    """Name, and what it makes of a frame's tissue bytes or status bytes."""
+
+    def put(data, at, form, value):
+        return data[:at] + struct.pack(form, value) + data[at + struct.calcsize(form):]
+
+    def count_at(data):
+        return struct.unpack(">i", data[40:44])[0]
+
+    def triangle_at(data):
+        return 44 + 16 * count_at(data) + 4
+
+    return {
+        "coordinate not a number": ("TISSUE", lambda d: put(d, 44 + 12 * 7, ">f", float("nan"))),
+        "coordinate infinite": ("TISSUE", lambda d: put(d, 44, ">f", float("inf"))),
+        "triangle past the vertices": ("TISSUE", lambda d: put(d, triangle_at(d) + 12 * 5, ">i", count_at(d))),
+        "triangle negative": ("TISSUE", lambda d: put(d, triangle_at(d), ">i", -1)),
+        "vertex count negative": ("TISSUE", lambda d: put(d, 40, ">i", -5)),
+        "vertex count enormous": ("TISSUE", lambda d: put(d, 40, ">i", 2**31 - 1)),
+        "kind unknown": ("TISSUE", lambda d: d[:-1] + b"\x09"),
+        "truncated": ("TISSUE", lambda d: d[: len(d) // 2]),
+        "trailing bytes": ("TISSUE", lambda d: d + b"\0\0\0\0"),
+        "empty": ("TISSUE", lambda d: b""),
+        "other type": ("TISSUE", lambda d: b"\1\2\3\4\5\6\7\x08" + d[8:]),
+        "string longer than the message": ("SIM_STATUS", lambda d: put(d, 28, ">i", 1 << 30)),
+        "string negative": ("SIM_STATUS", lambda d: put(d, 28, ">i", -1)),
+        "force not a number": ("SIM_STATUS", lambda d: put(d, len(d) - 8, ">d", float("nan"))),
+        "status truncated": ("SIM_STATUS", lambda d: d[:-3]),
+        "controller truncated": ("CONTROLLER_0", lambda d: d[:60]),
+        "controller string negative": ("CONTROLLER_1", lambda d: put(d, 34, ">i", -7)),
+    }
+
+
+@pytest.mark.parametrize("name", spoilers())
+def test_hostile_messages_are_refused(bin, tmp_path, python_types, name):
+    """Sound messages go before and after; the bad one changes nothing but the count."""
+    channel, spoil = spoilers()[name]
+    clean, dirty = tmp_path / "clean.lcm", tmp_path / "dirty.lcm"
+
+    def add(session, frame, messages):
+        return messages + [(c, spoil(d)) for c, d in messages if c == channel] if frame == 3 else messages
+
+    synthetic.write_log(python_types, clean, seconds=0.2, rows=8)
+    synthetic.write_log(python_types, dirty, seconds=0.2, rows=8, spoil=add)
+    for path in (clean, dirty):
+        result = run(bin, path, "--frames", tmp_path / path.stem, "--json", tmp_path / f"{path.stem}.json", "--size", "128x96", "--quality", "0")
+        assert result.returncode == 0, result.stderr
+    assert json.loads((tmp_path / "clean.json").read_text())["messages_refused"] == 0
+    assert json.loads((tmp_path / "dirty.json").read_text())["messages_refused"] == 1
+    assert "refused" in result.stderr and channel in result.stderr
+    for frame in sorted((tmp_path / "clean").iterdir()):
+        assert frame.read_bytes() == (tmp_path / "dirty" / frame.name).read_bytes()
+
+
+def test_log_cut_off_in_the_middle(bin, log, tmp_path):
+    short = tmp_path / "short.lcm"
+    data = log.read_bytes()
+    short.write_bytes(data[: len(data) * 2 // 3])
+    result = run(bin, short, "--png", tmp_path / "p.png", *SMALL)
+    assert result.returncode == 0 and "ends in the middle" in result.stderr
+    assert (tmp_path / "p.png").exists()
+
+
+# --- live, in a network of its own ---
+
+NAMESPACE = ["unshare", "-n" if os.geteuid() == 0 else "-rn", "sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]
+
+
+def namespace_works():
+    return subprocess.run([*NAMESPACE, "true"], capture_output=True).returncode == 0
+
+
+needs_namespace = pytest.mark.skipif(not namespace_works(), reason="network namespaces are not permitted here")
+
+PUBLISHER = """
+import sys, time
+sys.path[:0] = [{here!r}]
+import synthetic, lcm
+types = synthetic.import_types({types!r})
+link = lcm.LCM("udpm://239.255.76.67:7667?ttl=0")
+for run, pause in ((1, {pause}), (2, 0)):
+    session = synthetic.Session(types, 8, session=run)
+    for frame in range(45):
+        session.seq = frame
+        now = int(time.time() * 1e6)
+        link.publish("TISSUE", session.tissue(now, frame / 30).encode())
+        link.publish("SIM_STATUS", session.status(now, frame / 30).encode())
+        time.sleep(1 / 30)
+    time.sleep(pause)
+"""
+
+
+@needs_namespace
+def test_live_waits_then_shows_and_survives_a_restart(bin, build, tmp_path):
+    """tm-view is started first; the simulation comes later, goes away for more than a second, and comes back with a new session."""
+    script = PUBLISHER.format(here=str(HERE), types=str(build / "python"), pause=1.6)
+    (tmp_path / "publish.py").write_text(script)
+    shell = (f'"{bin}/tm-view" --frames "{tmp_path}/f" --fps 10 --duration 4.2 --json "{tmp_path}/j.json" --size 320x240 --quality 0 & view=$!; '
+             f'sleep 1.2; "{sys.executable}" "{tmp_path}/publish.py"; wait $view')
+    result = subprocess.run([*NAMESPACE, "bash", "-c", shell], capture_output=True, text=True, timeout=60)
+    assert result.returncode == 0, result.stderr
+    assert "waiting for TISSUE: start tm-sim" in result.stderr
+    figures = json.loads((tmp_path / "j.json").read_text())
+    frames = sorted((tmp_path / "f").iterdir())
+    assert figures["pictures"] == len(frames) == 42
+    assert figures["messages_refused"] == 0 and figures["messages_taken"] > 100
+    different = len({p.read_bytes() for p in frames})
+    assert different > 15  # it moved, stood still while nobody sent, and moved again
+    assert frames[-1].read_bytes() != frames[25].read_bytes()
+
+
+@needs_namespace
+def test_live_without_a_simulation_gives_up(bin, tmp_path):
+    result = subprocess.run([*NAMESPACE, str(bin / "tm-view"), "--png", str(tmp_path / "p.png"), "--wait", "0.6"], capture_output=True, text=True, timeout=30)
+    assert result.returncode == 1 and "no TISSUE in 0.6 s; start tm-sim" in result.stderr
+    assert os.listdir(tmp_path) == []
+
+
+@needs_namespace
+def test_live_without_a_multicast_route_says_what_to_do(bin, tmp_path):
+    lonely = [NAMESPACE[0], NAMESPACE[1], "sh", "-c", 'exec "$@"', "sh"]
+    result = subprocess.run([*lonely, str(bin / "tm-view"), "--png", str(tmp_path / "p.png")], capture_output=True, text=True, timeout=30)
+    assert result.returncode == 2 and "ip route add 224.0.0.0/4 dev lo" in result.stderr
+    assert os.listdir(tmp_path) == []
