@@ -1,0 +1,18 @@
+/* The generated organs, cut down in 20 random orders. */
+#include "organ.h"
+
+static void generated_organs(void **state) {
+    (void)state;
+    const char *root = getenv("TM_ROOT");
+    char path[600];
+    const bool whole = getenv("TM_LONG") != NULL;
+    snprintf(path, sizeof path, "%s/meshes/liver_1k.msh", root ? root : ".");
+    assert_true(organ_cut_down(path, ORDERS, 30));
+    snprintf(path, sizeof path, "%s/meshes/liver_10k.msh", root ? root : ".");
+    assert_true(organ_cut_down(path, whole ? ORDERS : 2, whole ? 30 : 12));
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(generated_organs)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
