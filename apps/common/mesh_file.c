@@ -160,7 +160,7 @@ static int by_tag(const void *a, const void *b) {
     return x->tag != y->tag ? (x->tag < y->tag ? -1 : 1) : (x->place < y->place ? -1 : x->place > y->place);
 }
 
-/* Where each of the file's tags sits in the mesh's ascending list: old_of_new[new]. Refuses tags that come twice or are missing. */
+/* Where each of the file's tags sits in the mesh's ascending list: old_of_new[new]. Refuses tags that the mesh has not. */
 static tm_status order_of_file(const char *what, const int64_t *file_tag, int64_t file_count, const int64_t *mesh_tag, int32_t mesh_count,
                                bool lenient, int32_t *old_of_new, tm_error *error) {
     rank *sorted = malloc(((size_t)file_count + 1) * sizeof *sorted);
@@ -170,9 +170,7 @@ static tm_status order_of_file(const char *what, const int64_t *file_tag, int64_
     tm_status status = TM_OK;
     int32_t *old_of_place = malloc(((size_t)file_count + 1) * sizeof *old_of_place), m = 0;
     for (int64_t i = 0; i < file_count && old_of_place && !status; i++) {
-        if (i && sorted[i].tag == sorted[i - 1].tag)
-            status = app_mesh_fail(error, TM_ERR_MESH, sorted[i].tag, "%s %lld is there twice; number them anew", what, (long long)sorted[i].tag);
-        else if (m < mesh_count && mesh_tag[m] == sorted[i].tag)
+        if (m < mesh_count && mesh_tag[m] == sorted[i].tag)
             old_of_place[sorted[i].place] = m++;
         else if (lenient)
             old_of_place[sorted[i].place] = -1;

@@ -22,14 +22,26 @@ tm_status app_mesh_decode(const void *bytes, size_t size, uint64_t hash, app_mes
 bool app_mesh_cache_load(uint64_t hash, app_mesh *mesh);
 void app_mesh_cache_store(const app_mesh *mesh);
 
-/* Tags of an ASCII .msh in the order of the file, which Gmsh's reader forgets, as it does vertices that no element uses. */
+/* What Gmsh's reader forgets of a .msh: the tags in the order of the file, vertices that no element uses. */
 typedef struct app_mesh_scan {
-    int64_t *vertex_tag, *tet_tag;
-    int64_t vertex_count, tet_count; /* -1: not told by this kind of file */
+    int64_t *vertex_tag, *tet_tag; /* null: not told by this kind of file */
+    int64_t vertex_count, tet_count; /* -1: likewise */
 } app_mesh_scan;
-/* `text` ends in a NUL that is not counted in `size`. */
+/* `text` ends in a NUL that is not counted in `size`. Refuses what is cut short, elements that are no first-order tetrahedra, tags that come twice. */
 tm_status app_mesh_scan_msh(const char *text, size_t size, app_mesh_scan *scan, tm_error *error);
 void app_mesh_scan_free(app_mesh_scan *scan);
+
+/* Shared by the scanners of text and of binary files. */
+typedef struct app_mesh_cursor {
+    const char *at, *end;
+    int line; /* 0 in a binary file */
+    app_mesh_scan *scan;
+    tm_error *error;
+} app_mesh_cursor;
+tm_status app_mesh_scan_binary(app_mesh_cursor *cursor, int major);
+tm_status app_mesh_scan_element(app_mesh_cursor *cursor, int64_t tag, int64_t type);
+int app_mesh_type_vertices(int64_t type);
+bool app_mesh_append(int64_t **array, int64_t *count, int64_t value);
 
 /* Entry point of the gmsh module: reads into a mesh in ascending tag order, unscaled. */
 typedef tm_status app_gmsh_read_fn(const char *path, app_mesh *mesh, tm_error *error);

@@ -1,19 +1,34 @@
-/* The tags of an ASCII .msh in the order of the file. Gmsh's reader sorts by tag and leaves out vertices that no element uses;
- * fibre files and results count in file order, and a vertex left out is an error to tell. Gives line numbers, too. */
+/* The tags of a .msh in the order of the file, and its element types. Gmsh's reader sorts by tag, leaves out vertices that no element
+ * uses, and writes beyond its buffers where one volume mixes first and second order. Here is the text form, with line numbers. */
 #include <errno.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "mesh_parts.h"
 
-typedef struct cursor {
-    const char *at, *end;
-    int line;
-    app_mesh_scan *scan;
-    tm_error *error;
-} cursor;
+typedef app_mesh_cursor cursor;
 
 enum { MAX_COUNT = 500 * 1000 * 1000, TET4 = 4 };
+
+/* Vertices of a first-order element, -1 for any other. */
+int app_mesh_type_vertices(int64_t type) {
+    static const int vertices[] = {-1, 2, 3, 4, 4, 8, 6, 5};
+    return type == 15 ? 1 : type >= 1 && type <= 7 ? vertices[type] : -1;
+}
+
+tm_status app_mesh_scan_element(cursor *c, int64_t tag, int64_t type) {
+    static const char *const name[] = {"hexahedron", "prism", "pyramid"};
+    char place[40] = "";
+    if (c->line) snprintf(place, sizeof place, "line %d: ", c->line);
+    if (app_mesh_type_vertices(type) < 0)
+        return app_mesh_fail(c->error, TM_ERR_MESH, tag, "%selement %lld is not of first order (type %lld); save first-order elements (gmsh -order 1)",
+                             place, (long long)tag, (long long)type);
+    if (type >= 5 && type <= 7)
+        return app_mesh_fail(c->error, TM_ERR_MESH, tag, "%selement %lld is a %s; mesh with tetrahedra alone", place, (long long)tag, name[type - 5]);
+    if (type == TET4 && !app_mesh_append(&c->scan->tet_tag, &c->scan->tet_count, tag)) return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory");
+    return TM_OK;
+}
 
 static tm_status bad(cursor *c, const char *what) {
     return app_mesh_fail(c->error, TM_ERR_FILE, -1, "line %d: %s; the file is damaged or cut short, write it anew", c->line, what);
@@ -52,7 +67,7 @@ static int line_integers(cursor *c, int64_t *out, int wanted) {
     return n;
 }
 
-static bool append(int64_t **array, int64_t *count, int64_t value) {
+bool app_mesh_append(int64_t **array, int64_t *count, int64_t value) {
     if ((*count & (*count - 1)) == 0) { /* grows at powers of two */
         int64_t *grown = realloc(*array, (size_t)(*count ? 2 * *count : 1) * sizeof **array);
         if (!grown) return false;
@@ -71,7 +86,7 @@ static tm_status coordinates(cursor *c, bool tagged) {
     if (tagged) {
         long long tag = strtoll(p, &after, 10);
         if (after == p || tag <= 0) return bad(c, "a vertex is: number x y z");
-        if (!append(&c->scan->vertex_tag, &c->scan->vertex_count, tag)) return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory");
+        if (!app_mesh_append(&c->scan->vertex_tag, &c->scan->vertex_count, tag)) return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory");
         p = after;
     }
     for (int i = 0; i < 3; i++) {
@@ -98,8 +113,8 @@ static tm_status elements_2(cursor *c) {
     for (int64_t i = 0; i < count; i++) {
         int n = line_integers(c, field, 2);
         if (n != 2) return bad(c, n < 0 ? "the file ends among its elements" : "an element is: number type tags vertices");
-        if (field[1] == TET4 && !append(&c->scan->tet_tag, &c->scan->tet_count, field[0]))
-            return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory");
+        tm_status status = app_mesh_scan_element(c, field[0], field[1]);
+        if (status) return status;
     }
     return TM_OK;
 }
@@ -111,7 +126,7 @@ static tm_status nodes_4(cursor *c) {
         if (line_integers(c, head, 4) != 4 || head[3] < 0 || head[3] > MAX_COUNT) return bad(c, "a block of vertices begins with 4 numbers");
         for (int64_t i = 0; i < head[3]; i++) {
             if (line_integers(c, &tag, 1) != 1 || tag <= 0) return bad(c, "a vertex number is missing");
-            if (!append(&c->scan->vertex_tag, &c->scan->vertex_count, tag)) return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory");
+            if (!app_mesh_append(&c->scan->vertex_tag, &c->scan->vertex_count, tag)) return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory");
         }
         for (int64_t i = 0; i < head[3]; i++) {
             tm_status status = coordinates(c, false);
@@ -128,8 +143,8 @@ static tm_status elements_4(cursor *c) {
         if (line_integers(c, head, 4) != 4 || head[3] < 0 || head[3] > MAX_COUNT) return bad(c, "a block of elements begins with 4 numbers");
         for (int64_t i = 0; i < head[3]; i++) {
             if (line_integers(c, &tag, 1) != 1) return bad(c, "an element number is missing");
-            if (head[2] == TET4 && !append(&c->scan->tet_tag, &c->scan->tet_count, tag))
-                return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory");
+            tm_status status = app_mesh_scan_element(c, tag, head[2]);
+            if (status) return status;
         }
     }
     return TM_OK;
@@ -152,33 +167,51 @@ static tm_status format_line(cursor *c, int *major, bool *binary) {
                          (int)(length > 20 ? 20 : length), text);
 }
 
+static tm_status scan_text(cursor *c, int major) {
+    bool nodes = false, elements = false;
+    const char *line;
+    size_t length;
+    tm_status status = TM_OK;
+    while (!status && next_line(c, &line, &length)) {
+        if (is(line, length, "$Nodes")) {
+            nodes = true;
+            status = major == 2 ? nodes_2(c) : nodes_4(c);
+            if (!status && !(next_line(c, &line, &length) && is(line, length, "$EndNodes"))) status = bad(c, "$EndNodes expected here");
+        } else if (is(line, length, "$Elements")) {
+            elements = true;
+            status = major == 2 ? elements_2(c) : elements_4(c);
+            if (!status && !(next_line(c, &line, &length) && is(line, length, "$EndElements")))
+                status = bad(c, "$EndElements expected here");
+        }
+    }
+    return status || (nodes && elements) ? status : bad(c, nodes ? "no $Elements" : "no $Nodes");
+}
+
+static int by_value(const void *a, const void *b) {
+    int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
+    return (x > y) - (x < y);
+}
+
+static tm_status refuse_twice(const int64_t *tag, int64_t count, const char *what, tm_error *error) {
+    int64_t *sorted = malloc(((size_t)count + 1) * sizeof *sorted), twice = -1;
+    if (!sorted) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory");
+    if (count) memcpy(sorted, tag, (size_t)count * sizeof *sorted);
+    qsort(sorted, (size_t)count, sizeof *sorted, by_value);
+    for (int64_t i = 1; i < count && twice < 0; i++)
+        if (sorted[i] == sorted[i - 1]) twice = sorted[i];
+    free(sorted);
+    return twice < 0 ? TM_OK : app_mesh_fail(error, TM_ERR_MESH, twice, "%s %lld is there twice; number them anew", what, (long long)twice);
+}
+
 tm_status app_mesh_scan_msh(const char *text, size_t size, app_mesh_scan *scan, tm_error *error) {
     *scan = (app_mesh_scan){0};
     cursor c = {text, text + size, 0, scan, error};
     int major = 0;
-    bool binary = false, nodes = false, elements = false;
-    const char *line;
-    size_t length;
+    bool binary = false;
     tm_status status = format_line(&c, &major, &binary);
-    if (!status && binary) {
-        const char *at = major == 2 ? memmem(text, size, "$Nodes", 6) : NULL;
-        scan->vertex_count = at ? strtoll(at + 6, NULL, 10) : -1;
-        scan->tet_count = -1;
-        return TM_OK;
-    }
-    while (!status && next_line(&c, &line, &length)) {
-        if (is(line, length, "$Nodes")) {
-            nodes = true;
-            status = major == 2 ? nodes_2(&c) : nodes_4(&c);
-            if (!status && !(next_line(&c, &line, &length) && is(line, length, "$EndNodes"))) status = bad(&c, "$EndNodes expected here");
-        } else if (is(line, length, "$Elements")) {
-            elements = true;
-            status = major == 2 ? elements_2(&c) : elements_4(&c);
-            if (!status && !(next_line(&c, &line, &length) && is(line, length, "$EndElements")))
-                status = bad(&c, "$EndElements expected here");
-        }
-    }
-    if (!status && !(nodes && elements)) status = bad(&c, nodes ? "no $Elements" : "no $Nodes");
+    if (!status) status = binary ? app_mesh_scan_binary(&c, major) : scan_text(&c, major);
+    if (!status) status = refuse_twice(scan->vertex_tag, scan->vertex_count, "vertex", error);
+    if (!status) status = refuse_twice(scan->tet_tag, scan->tet_count, "tetrahedron", error);
     if (status) app_mesh_scan_free(scan);
     return status;
 }

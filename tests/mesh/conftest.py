@@ -1,0 +1,14 @@
+import os
+
+import pytest
+
+
+@pytest.fixture
+def env(tmp_path):
+    """A mesh cache of the test's own."""
+    return dict(os.environ, TM_CACHE_DIR=str(tmp_path / "cache"))
+
+
+@pytest.fixture
+def tm_mesh(bin):
+    return bin / "tm-mesh"

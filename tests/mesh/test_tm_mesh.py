@@ -1,0 +1,199 @@
+"""tm-mesh as a user meets it: help, usage, info, refine, repair, convert."""
+import csv
+import json
+import math
+import random
+
+import meshlib
+import pytest
+from test_mesh_files import info, named_block, write
+
+COMMANDS = ["info", "check", "refine", "repair", "convert"]
+
+
+@pytest.mark.parametrize("args", [["--help"], ["--version"]] + [[c, "--help"] for c in COMMANDS])
+def test_help(args, tm_mesh):
+    result = meshlib.run(tm_mesh, *args)
+    assert result.returncode == 0 and result.stdout and result.stderr == ""
+
+
+@pytest.mark.parametrize("args", [
+    [], ["nonsense"], ["info"], ["info", "--wrong", "MESH"], ["info", "MESH", "MESH"], ["info", "--young", "5 mm", "MESH"], ["info", "--young"],
+    ["check", "--poisson", "0.5", "MESH"], ["check", "--density", "heavy", "MESH"], ["check", "--young", "-5 kPa", "MESH"],
+    ["refine", "MESH", "-o", "OUT"], ["refine", "--size", "1mm", "MESH", "-o", "OUT"], ["refine", "--region", "none", "--size", "1mm", "MESH", "-o", "OUT"],
+    ["refine", "--region", "lower part", "--size", "0", "MESH", "-o", "OUT"], ["refine", "--box", "0,0,0,1,1", "--size", "1mm", "MESH", "-o", "OUT"],
+    ["refine", "--box", "0,0,0,1,1,0", "--size", "1mm", "MESH", "-o", "OUT"], ["refine", "--region", "upper", "--size", "1mm", "MESH"],
+    ["refine", "--region", "upper", "--size", "1mm", "--fibres", "x.csv", "MESH", "-o", "OUT"],
+    ["repair", "MESH"], ["repair", "MESH", "-o", "out.xyz"], ["convert", "MESH", "-o", "out.stl"], ["convert", "--merge", "1mm", "MESH", "-o", "OUT"],
+    ["convert", "MESH", "-o", "/nowhere/out.msh"],
+])
+def test_bad_usage(args, tm_mesh, env, tmp_path):
+    path = write(tmp_path / "b.msh", meshlib.msh2(named_block()))
+    args = [str(path) if a == "MESH" else str(tmp_path / "out.msh") if a == "OUT" else a for a in args]
+    result = meshlib.run(tm_mesh, *args, env=env)
+    assert result.returncode == 2, (result.returncode, result.stdout, result.stderr)
+    assert result.stderr.strip() and result.stdout == ""
+    assert not list(tmp_path.glob("out*"))
+
+
+def test_info_names_the_worst_element(tm_mesh, env, tmp_path):
+    """One vertex pressed close to a face: the step's element is one of its own, the step falls with the altitude, E and density as they must."""
+    m = meshlib.block()
+    plain, _ = info(tm_mesh, write(tmp_path / "a.msh", meshlib.msh2(m)), env)
+    m.points[13] = [0.05, 0.05, 0.002]
+    bad, text = info(tm_mesh, write(tmp_path / "b.msh", meshlib.msh2(m)), env)
+    step = bad["critical_step"]
+    assert 13 in m.tets[step["tet"] - 1] and 13 in m.tets[bad["worst_aspect_tet"] - 1]
+    assert step["guaranteed_s"] < 0.2 * plain["critical_step"]["guaranteed_s"]
+    assert f"tetrahedron {step['tet']} " in text
+    stiff, _ = info(tm_mesh, tmp_path / "b.msh", env, "--young", "20 kPa", "--density", "1060")
+    assert stiff["critical_step"]["guaranteed_s"] == pytest.approx(step["guaranteed_s"] / 2, rel=1e-9)
+    heavy, _ = info(tm_mesh, tmp_path / "b.msh", env, "--density", "4240 kg/m3")
+    assert heavy["critical_step"]["guaranteed_s"] == pytest.approx(step["guaranteed_s"] * 2, rel=1e-9)
+
+
+def test_info_counts_pieces(tm_mesh, env, tmp_path):
+    m = meshlib.block()
+    n = len(m.points)
+    far = meshlib.block()
+    m.points += [[x + 1, y, z] for x, y, z in far.points]
+    m.tets += [[v + n for v in t] for t in far.tets[:24]]
+    used = sorted({v for t in m.tets for v in t})
+    m.points = [m.points[v] for v in used]
+    m.tets = [[used.index(v) for v in t] for t in m.tets]
+    m.region, m.vertex_tag = [1] * len(m.tets), list(range(1, len(m.points) + 1))
+    path = write(tmp_path / "two.msh", meshlib.msh2(m))
+    figures, text = info(tm_mesh, path, env)
+    assert figures["pieces"] == 2 and "2 pieces" in text
+    out = tmp_path / "one.msh"
+    assert meshlib.run(tm_mesh, "repair", "--largest", path, "-o", out, env=env).returncode == 0
+    assert info(tm_mesh, out, env)[0]["tets"] == 48
+
+
+def longest_edge(points, tet):
+    return max(math.dist(points[a], points[b]) for i, a in enumerate(tet) for b in tet[:i])
+
+
+def reaches(points, tet, low, high):
+    return all(min(points[v][k] for v in tet) <= high[k] and max(points[v][k] for v in tet) >= low[k] for k in range(3))
+
+
+def test_refine_box(tm_mesh, env, tmp_path, root):
+    """Where the box is, no edge is longer than asked; volume, regions and groups stay; the mesh is sound; fibres follow their tetrahedra."""
+    source, out = root / "meshes" / "liver_1k.msh", tmp_path / "fine.msh"
+    low, high, size = (-0.03, -0.07, -0.06), (0.0, -0.03, -0.02), 0.010
+    box = ",".join(f"{1e3 * x}mm" for x in low + high)
+    result = meshlib.run(tm_mesh, "refine", "--box", box, "--size", "10mm", "--fibres", root / "meshes" / "liver_1k.fibres.csv",
+                         "--write-fibres", tmp_path / "fine.csv", source, "-o", out, env=env)
+    assert result.returncode == 0, result.stderr
+    coarse, fine = figures(tm_mesh, source, env, tmp_path), figures(tm_mesh, out, env, tmp_path)
+    assert fine["tets"] > coarse["tets"] + 500
+    assert fine["volume_m3"] == pytest.approx(coarse["volume_m3"], rel=1e-9)
+    for a, b in zip(coarse["regions"], fine["regions"]):
+        assert a["name"] == b["name"] and b["volume_m3"] == pytest.approx(a["volume_m3"], rel=1e-9)
+    assert [g["name"] for g in coarse["groups"] if g["vertices"]] and {g["name"] for g in coarse["groups"]} == {g["name"] for g in fine["groups"]}
+    assert fine["smallest_dihedral_deg"] > 8
+    points, tets = vtk_of(tm_mesh, out, env, tmp_path)
+    there = [t for t in tets if reaches(points, t, low, high)]
+    # the last smoothing may move an inner vertex a little
+    assert len(there) > 200 and max(longest_edge(points, t) for t in there) < 1.3 * size
+    far = [t for t in tets if not reaches(points, t, [x - 0.04 for x in low], [x + 0.04 for x in high])]
+    assert min(longest_edge(points, t) for t in far) > 1.5 * size, "refined far from the box"
+    fibres = list(csv.reader((tmp_path / "fine.csv").open()))[1:]
+    old = list(csv.reader((root / "meshes" / "liver_1k.fibres.csv").open()))[1:]
+    assert len(fibres) == len(tets)
+    assert {tuple(map(lambda x: round(float(x), 5), r[1:])) for r in fibres} <= {tuple(map(lambda x: round(float(x), 5), r[1:])) for r in old}
+
+
+def figures(tm_mesh, path, env, tmp_path):
+    result = meshlib.run(tm_mesh, "info", path, "--json", tmp_path / "f.json", env=env)
+    assert result.returncode == 0, result.stderr
+    return json.loads((tmp_path / "f.json").read_text())
+
+
+def vtk_of(tm_mesh, path, env, tmp_path):
+    result = meshlib.run(tm_mesh, "convert", path, "-o", tmp_path / "v.vtk", env=env)
+    assert result.returncode == 0, result.stderr
+    return meshlib.read_vtk(tmp_path / "v.vtk")
+
+
+def test_refine_region(tm_mesh, env, tmp_path):
+    path, out = write(tmp_path / "b.msh", meshlib.msh2(named_block())), tmp_path / "out.msh"
+    result = meshlib.run(tm_mesh, "refine", "--region", "upper", "--size", "30 mm", path, "-o", out, env=env)
+    assert result.returncode == 0, result.stderr
+    fine = figures(tm_mesh, out, env, tmp_path)
+    tets = {r["name"]: r["tets"] for r in fine["regions"]}
+    assert tets["upper"] > 4 * 24 and 24 <= tets["lower part"] < tets["upper"]
+    assert {r["name"]: round(r["volume_m3"], 9) for r in fine["regions"]} == {"upper": 5e-4, "lower part": 5e-4}
+    points, cells = vtk_of(tm_mesh, out, env, tmp_path)
+    assert points[:27] != [] and all(math.dist(points[v], p) < 1e-12 for v, p in enumerate(meshlib.block().points) if v != 13)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_refine_is_sound_on_any_mesh(seed, tm_mesh, env, tmp_path):
+    """Random irregular meshes, random boxes: conformal, positive, the same volume."""
+    dice = random.Random(seed)
+    m = meshlib.block(3)
+    for p in m.points:
+        if all(0.001 < x < 0.099 for x in p):
+            for k in range(3):
+                p[k] += dice.uniform(-0.008, 0.008)
+    path, out = write(tmp_path / "b.msh", meshlib.msh2(m)), tmp_path / "out.msh"
+    c, r = [dice.uniform(0, 0.1) for _ in range(3)], dice.uniform(0.001, 0.04)
+    box = ",".join(str(x) for x in [x - r for x in c] + [x + r for x in c])
+    result = meshlib.run(tm_mesh, "refine", f"--box={box}", "--size", "12mm", path, "-o", out, env=env)
+    assert result.returncode == 0, result.stderr
+    fine = figures(tm_mesh, out, env, tmp_path)
+    assert fine["volume_m3"] == pytest.approx(1e-3, rel=1e-9) and fine["tets"] > 162
+
+
+def test_repair(tm_mesh, env, tmp_path):
+    """Everything wrong at once that can be mended, told and mended; groups and regions stay."""
+    m = named_block()
+    m.tets[7][0], m.tets[7][1] = m.tets[7][1], m.tets[7][0]
+    m.tets += [m.tets[20][::-1], [0, 1, 4, 3], [0, 1, 1, 5]]
+    m.region += [2, 1, 1]
+    m.points.append([9, 9, 9])
+    m.vertex_tag.append(77)
+    path, out = write(tmp_path / "bad.msh", meshlib.msh2(m)), tmp_path / "good.msh"
+    assert meshlib.run(tm_mesh, "check", path, env=env).returncode == 2
+    result = meshlib.run(tm_mesh, "repair", path, "-o", out, env=env)
+    assert result.returncode == 0, result.stderr
+    for said in ("1 tetrahedra dropped: a vertex twice", "1 tetrahedra dropped: flat", "1 tetrahedra dropped: double", "1 vertices dropped: unused"):
+        assert said in result.stdout, result.stdout
+    fixed = figures(tm_mesh, out, env, tmp_path)
+    assert (fixed["tets"], fixed["vertices"]) == (48, 27) and fixed["volume_m3"] == pytest.approx(1e-3)
+    assert {g["name"]: g["vertices"] for g in fixed["groups"]}["clamp"] == 5
+
+
+def test_repair_merges(tm_mesh, env, tmp_path):
+    """Every tetrahedron with vertices of its own, as some exporters write: one piece again."""
+    m = meshlib.block()
+    m.points = [m.points[v] for t in m.tets for v in t]
+    m.tets = [[4 * i + k for k in range(4)] for i in range(48)]
+    m.vertex_tag = list(range(1, 193))
+    path, out = write(tmp_path / "soup.msh", meshlib.msh2(m)), tmp_path / "good.msh"
+    assert figures(tm_mesh, path, env, tmp_path)["pieces"] == 48
+    assert meshlib.run(tm_mesh, "repair", "--merge", "1 um", path, "-o", out, env=env).returncode == 0
+    fixed = figures(tm_mesh, out, env, tmp_path)
+    assert (fixed["pieces"], fixed["vertices"]) == (1, 27)
+
+
+def test_repair_gives_up(tm_mesh, env, tmp_path):
+    m = meshlib.block()
+    m.points[3][0] = float("nan")
+    path, out = write(tmp_path / "bad.msh", meshlib.msh2(m)), tmp_path / "good.msh"
+    result = meshlib.run(tm_mesh, "repair", path, "-o", out, env=env)
+    assert result.returncode == 2 and "vertex 4 " in result.stderr and not out.exists()
+
+
+@pytest.mark.parametrize("ending", ["msh", "vtk", "mesh"])
+def test_convert_round_trip(ending, tm_mesh, env, tmp_path):
+    m = named_block()
+    dice = random.Random(1)
+    for p in m.points:
+        for k in range(3):
+            p[k] += dice.uniform(-1e-3, 1e-3)
+    path, out = write(tmp_path / "a.msh", meshlib.msh4(m)), tmp_path / f"b.{ending}"
+    assert meshlib.run(tm_mesh, "convert", path, "-o", out, env=env).returncode == 0
+    assert vtk_of(tm_mesh, out, env, tmp_path) == ([tuple(p) for p in m.points], [tuple(t) for t in m.tets])
