@@ -1,5 +1,5 @@
 # The generated meshes. 1k and 10k are committed (tests compare them with what the generator makes); `make meshes` adds the 50k ones in build/meshes.
-MESH_GROWING := apps/mesh/growing.c apps/mesh/improve.c apps/mesh/lattice.c
+MESH_GROWING := apps/mesh/growing.c apps/mesh/bisect.c apps/mesh/improve.c apps/mesh/lattice.c
 MESH_GENERATOR := $(OUT)/obj/meshes/generate
 MESHES_50K := $(foreach s,block cylinder liver,$(OUT)/meshes/$(s)_50k.msh)
 $(MESH_GENERATOR): $(call objects,$(sort $(wildcard meshes/generator/*.c)) $(MESH_GROWING))

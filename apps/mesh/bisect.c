@@ -58,6 +58,8 @@ static edge longest_edge(const mesh *m, int tet) {
     return best;
 }
 
+double longest_edge_m(const mesh *m, int tet) { return sqrt(longest_edge(m, tet).square); }
+
 static int corner_of(const mesh *m, int tet, int vertex) {
     for (int k = 0; k < 4; k++)
         if (m->tet[4 * (size_t)tet + (size_t)k] == vertex) return k;
@@ -157,8 +159,7 @@ bool bisect(mesh *m, wanted_fn *wanted, const void *context, int limit, int **pa
     bool good = start(&w);
     for (int t = 0; good && t < m->tet_count; t++) /* halves made on the way sit at the end and are met later */
         while (good) {
-            edge e = longest_edge(m, t);
-            if (!wanted(m, t, sqrt(e.square), context)) break;
+            if (!wanted(m, t, longest_edge_m(m, t), context)) break;
             good = m->tet_count < limit && halve_near(&w, t);
         }
     for (int v = 0; w.around && v < w.vertex_room; v++) free(w.around[v].item);

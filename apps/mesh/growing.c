@@ -70,6 +70,16 @@ static double area2_squared(const double *a, const double *b, const double *c) {
     return x * x + y * y + z * z;
 }
 
+void face_normal(const mesh *m, const int f[3], double n[3]) {
+    const double *a = m->vertex + 3 * (size_t)f[0], *b = m->vertex + 3 * (size_t)f[1], *c = m->vertex + 3 * (size_t)f[2];
+    for (int k = 0; k < 3; k++) {
+        int i = (k + 1) % 3, j = (k + 2) % 3;
+        n[k] = (b[i] - a[i]) * (c[j] - a[j]) - (b[j] - a[j]) * (c[i] - a[i]);
+    }
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    for (int k = 0; k < 3; k++) n[k] /= length;
+}
+
 double tet_size(const double *a, const double *b, const double *c, const double *d) {
     double areas = area2_squared(b, c, d) + area2_squared(a, c, d) + area2_squared(a, b, d) + area2_squared(a, b, c);
     return volume6(a, b, c, d) / sqrt(areas); /* altitude = 6V / 2A */

@@ -26,6 +26,8 @@ void free_mesh(mesh *m);
 /* Fills `face` from the tetrahedra: each outer face once, ascending. False if they are not a closed manifold. */
 bool find_surface(mesh *m);
 
+/* Unit normal of the triangle. */
+void face_normal(const mesh *m, const int face[3], double n[3]);
 /* 1/sqrt(sum 1/h_k^2) of the four altitudes, m: what the critical step is made of. Negative for an inverted one. */
 double tet_size(const double *a, const double *b, const double *c, const double *d);
 
@@ -34,13 +36,25 @@ typedef double inside_fn(const double p[3]);
 
 /* Fills the body with the tetrahedra of a body-centred cubic lattice of cell `a`, cut and pulled to the surface. */
 void fill_body(mesh *m, inside_fn *inside, const double low[3], const double high[3], double a);
-/* Moves vertices until the smallest tet_size no longer grows; those of the surface stay on it (inside null: they stay
- * where they are), those with a mark in `fixed` (or null) stay. */
-void improve(mesh *m, inside_fn *inside, const unsigned char *fixed, int sweeps);
-
-/* Halves longest edges (Rivara) around every tetrahedron that `wanted` says is too large, until none is. parent[t] is the tetrahedron of
- * the start that t came from; midpoint[2*(v - first new vertex)] are the ends of the edge that new vertex v halved. Both malloced here. */
+/* Whether a tetrahedron is too large where it is. */
 typedef bool wanted_fn(const mesh *m, int tet, double longest_m, const void *context);
+
+/* Halves longest edges (Rivara) around every tetrahedron that is wanted smaller, until none is. parent[t] is the tetrahedron of
+ * the start that t came from; midpoint[2*(v - first new vertex)] are the ends of the edge that new vertex v halved. Both malloced here. */
 bool bisect(mesh *m, wanted_fn *wanted, const void *context, int limit, int **parent, int **midpoint);
+double longest_edge_m(const mesh *m, int tet);
+
+/* How far a vertex may move: not at all, along `direction`, across it (in the plane that it is the normal of), anywhere. */
+typedef enum freedom { FIXED, ALONG, ACROSS, FREE } freedom;
+typedef struct hold {
+    unsigned char *freedom; /* [vertex_count] */
+    double *direction;      /* [3*vertex_count] unit */
+    wanted_fn *wanted;      /* no tetrahedron becomes one of these */
+    const void *context;
+} hold;
+
+/* Moves vertices so that the smallest tet_size grows. Either `inside` is given: vertices of the surface stay on it, all others are free, or `hold` is:
+ * each keeps to it. */
+void improve(mesh *m, inside_fn *inside, const hold *h, int sweeps);
 
 #endif

@@ -53,32 +53,45 @@ static void onto_surface(inside_fn *inside, double p[3], double scale) {
     }
 }
 
-/* Tries the six directions of a turned frame; a better place is kept. Returns whether it moved. */
-static bool search(mesh *m, const fans *f, inside_fn *inside, int v, double scale, double step, unsigned *dice) {
+static bool allowed(const mesh *m, const fans *f, const hold *h, int v) {
+    for (int i = f->begin[v]; h && i < f->begin[v + 1]; i++)
+        if (h->wanted(m, f->tet[i], longest_edge_m(m, f->tet[i]), h->context)) return false;
+    return true;
+}
+
+static void keep_to(const hold *h, int v, double d[3]) {
+    const double *n = h->direction + 3 * (size_t)v;
+    double along = d[0] * n[0] + d[1] * n[1] + d[2] * n[2];
+    for (int k = 0; k < 3; k++) {
+        if (h->freedom[v] == ALONG) d[k] = along * n[k];
+        if (h->freedom[v] == ACROSS) d[k] -= along * n[k];
+    }
+}
+
+/* Tries the six directions of a turned frame; a better place is kept. */
+static void search(mesh *m, const fans *f, inside_fn *inside, const hold *h, int v, double scale, double step, unsigned *dice) {
     double *p = m->vertex + 3 * (size_t)v, best = badness(m, f, v, scale), axis[3][3], keep[3];
-    bool moved = false;
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < 3; i++) {
             *dice = *dice * 1664525u + 1013904223u;
             axis[k][i] = (double)(*dice >> 8) / 8388608.0 - 1;
         }
     for (int k = 0; k < 6; k++) {
-        const double *d = axis[k / 2];
+        double *d = axis[k / 2];
+        if (h) keep_to(h, v, d);
         double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) + 1e-9;
         memcpy(keep, p, sizeof keep);
         for (int i = 0; i < 3; i++) p[i] += (k & 1 ? -step : step) * d[i] / length;
-        if (f->outer[v]) onto_surface(inside, p, scale);
+        if (inside && f->outer[v]) onto_surface(inside, p, scale);
         double now = badness(m, f, v, scale);
-        if (now < best) {
+        if (now < best && allowed(m, f, h, v))
             best = now;
-            moved = true;
-        } else
+        else
             memcpy(p, keep, sizeof keep);
     }
-    return moved;
 }
 
-void improve(mesh *m, inside_fn *inside, const unsigned char *fixed, int sweeps) {
+void improve(mesh *m, inside_fn *inside, const hold *h, int sweeps) {
     fans f = make_fans(m);
     double *size = malloc((size_t)m->tet_count * sizeof *size);
     unsigned dice = 12345;
@@ -94,7 +107,7 @@ void improve(mesh *m, inside_fn *inside, const unsigned char *fixed, int sweeps)
         for (int v = 0; v < m->vertex_count; v++) {
             bool poor = false;
             for (int i = f.begin[v]; i < f.begin[v + 1] && !poor; i++) poor = size[f.tet[i]] < 0.8 * largest;
-            if (poor && (inside || !f.outer[v]) && !(fixed && fixed[v])) search(m, &f, inside, v, largest, step, &dice);
+            if (poor && !(h && h->freedom[v] == FIXED)) search(m, &f, inside, h, v, largest, step, &dice);
         }
     }
     free(size);

@@ -119,31 +119,56 @@ static void mark_group(const app_mesh *file, const mesh *m, int32_t group, const
     }
 }
 
-/* Vertices that must stay: on the surface, in a group that is no region, between regions. */
-static unsigned char *fixed_vertices(const app_mesh *file, const mesh *m, const unsigned char *outer, const int *midpoint) {
-    unsigned char *fixed = malloc((size_t)m->vertex_count + 1), *mark = malloc((size_t)m->vertex_count + 1);
+/* What a vertex of the surface may do without changing its shape: slide in the plane of its triangles or along the ridge of two planes. */
+static void hold_surface(const mesh *m, const unsigned char *outer, hold *h) {
+    memset(h->freedom, FREE, (size_t)m->vertex_count);
+    for (int v = 0; v < m->vertex_count; v++)
+        if (outer[v]) h->freedom[v] = FREE + 1; /* no triangle seen yet */
+    for (int i = 0; i < 3 * m->face_count; i++) {
+        int v = m->face[i];
+        double n[3], *d = h->direction + 3 * (size_t)v, cross[3];
+        face_normal(m, m->face + i / 3 * 3, n);
+        for (int k = 0; k < 3; k++) cross[k] = n[(k + 1) % 3] * d[(k + 2) % 3] - n[(k + 2) % 3] * d[(k + 1) % 3];
+        double sine = sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]), along = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
+        if (h->freedom[v] > FREE) {
+            h->freedom[v] = ACROSS;
+            memcpy(d, n, sizeof n);
+        } else if (h->freedom[v] == ACROSS && !(sine < 1e-6 && along > 0)) {
+            h->freedom[v] = sine < 1e-6 ? FIXED : ALONG;
+            for (int k = 0; k < 3 && sine >= 1e-6; k++) d[k] = cross[k] / sine;
+        } else if (h->freedom[v] == ALONG && fabs(along) > 1e-6)
+            h->freedom[v] = FIXED;
+    }
+}
+
+/* Old vertices of the surface stay, and so do those between regions and those of inner groups. */
+static bool hold_vertices(const app_mesh *file, const mesh *m, const unsigned char *outer, const int *midpoint, hold *h) {
+    unsigned char *mark = malloc((size_t)m->vertex_count + 1);
     int *region = malloc(((size_t)m->vertex_count + 1) * sizeof *region);
-    if (fixed && mark && region) {
-        memcpy(fixed, outer, (size_t)m->vertex_count);
+    h->freedom = malloc((size_t)m->vertex_count + 1);
+    h->direction = calloc(3 * (size_t)m->vertex_count + 1, sizeof *h->direction);
+    bool good = mark && region && h->freedom && h->direction;
+    if (good) {
+        hold_surface(m, outer, h);
+        for (int v = 0; v < file->vertex_count; v++)
+            if (outer[v]) h->freedom[v] = FIXED;
         for (int v = 0; v < m->vertex_count; v++) region[v] = -1;
         for (int i = 0; i < 4 * m->tet_count; i++) {
             int *r = &region[m->tet[i]];
-            if (*r >= 0 && *r != m->region[i / 4]) fixed[m->tet[i]] = 1;
+            if (*r >= 0 && *r != m->region[i / 4]) h->freedom[m->tet[i]] = FIXED;
             *r = m->region[i / 4];
         }
         for (int32_t g = 0; g < file->group_count; g++) {
             int32_t of;
             if (is_region_name(file, file->group_name[g], &of)) continue;
             mark_group(file, m, g, outer, midpoint, mark);
-            for (int v = 0; v < m->vertex_count; v++) fixed[v] |= mark[v];
+            for (int v = 0; v < m->vertex_count; v++)
+                if (mark[v] && !outer[v]) h->freedom[v] = FIXED;
         }
-    } else {
-        free(fixed);
-        fixed = NULL;
     }
     free(mark);
     free(region);
-    return fixed;
+    return good;
 }
 
 static bool copy_in(const app_mesh *file, mesh *m) {
@@ -244,8 +269,9 @@ static int write_all(const options *o, const app_mesh *file, const mesh *m, cons
 static int refine(const options *o, const app_mesh *file, int32_t region) {
     mesh m = {0};
     int *parent = NULL, *midpoint = NULL, exit = APP_FAILED;
-    unsigned char *outer = NULL, *fixed = NULL;
+    unsigned char *outer = NULL;
     target where = {.size_m = o->size_m, .region = o->region ? region : -1};
+    hold h = {.wanted = too_large, .context = &where};
     memcpy(where.low_m, o->box_m, sizeof where.low_m);
     memcpy(where.high_m, o->box_m + 3, sizeof where.high_m);
     copy_in(file, &m);
@@ -256,14 +282,14 @@ static int refine(const options *o, const app_mesh *file, int32_t region) {
         find_surface(&m);
         outer = calloc((size_t)m.vertex_count + 1, 1);
         for (int i = 0; outer && i < 3 * m.face_count; i++) outer[m.face[i]] = 1;
-        fixed = outer ? fixed_vertices(file, &m, outer, midpoint) : NULL;
-        if (fixed) {
-            improve(&m, NULL, fixed, 12);
+        if (outer && hold_vertices(file, &m, outer, midpoint, &h)) {
+            improve(&m, NULL, &h, 30);
             exit = write_all(o, file, &m, outer, parent, midpoint, before_m);
         }
     }
     free(outer);
-    free(fixed);
+    free(h.freedom);
+    free(h.direction);
     free(parent);
     free(midpoint);
     free_mesh(&m);

@@ -13,16 +13,6 @@ static void centre_of(const mesh *m, const int *vertex, int count, double c[3]) 
     }
 }
 
-static void face_normal(const mesh *m, const int f[3], double n[3]) {
-    const double *a = m->vertex + 3 * (size_t)f[0], *b = m->vertex + 3 * (size_t)f[1], *c = m->vertex + 3 * (size_t)f[2];
-    for (int k = 0; k < 3; k++) {
-        int i = (k + 1) % 3, j = (k + 2) % 3;
-        n[k] = (b[i] - a[i]) * (c[j] - a[j]) - (b[j] - a[j]) * (c[i] - a[i]);
-    }
-    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    for (int k = 0; k < 3; k++) n[k] /= length;
-}
-
 static void need_surface(mesh *m) {
     if (find_surface(m)) return;
     fprintf(stderr, "the surface is not a closed manifold; choose another number of tetrahedra\n");

@@ -95,14 +95,18 @@ def test_refine_box(tm_mesh, env, tmp_path, root):
     assert fine["smallest_dihedral_deg"] > 8
     points, tets = vtk_of(tm_mesh, out, env, tmp_path)
     there = [t for t in tets if reaches(points, t, low, high)]
-    # the last smoothing may move an inner vertex a little
-    assert len(there) > 200 and max(longest_edge(points, t) for t in there) < 1.3 * size
+    assert len(there) > 200 and max(longest_edge(points, t) for t in there) < (1 + 1e-9) * size
     far = [t for t in tets if not reaches(points, t, [x - 0.04 for x in low], [x + 0.04 for x in high])]
     assert min(longest_edge(points, t) for t in far) > 1.5 * size, "refined far from the box"
     fibres = list(csv.reader((tmp_path / "fine.csv").open()))[1:]
     old = list(csv.reader((root / "meshes" / "liver_1k.fibres.csv").open()))[1:]
     assert len(fibres) == len(tets)
-    assert {tuple(map(lambda x: round(float(x), 5), r[1:])) for r in fibres} <= {tuple(map(lambda x: round(float(x), 5), r[1:])) for r in old}
+    for row, was in zip(fibres, old):  # the first part of each tetrahedron keeps its number
+        assert [float(x) for x in row[1:]] == pytest.approx([float(x) for x in was[1:]], abs=2e-6)
+    known = {tuple(round(float(x) / 1e-4) for x in r[1:]) for r in old}
+    for row in fibres[len(old):]:
+        x, y, z = (round(float(x) / 1e-4) for x in row[1:])
+        assert any((x + i, y + j, z + k) in known for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1))
 
 
 def figures(tm_mesh, path, env, tmp_path):
@@ -126,7 +130,7 @@ def test_refine_region(tm_mesh, env, tmp_path):
     assert tets["upper"] > 4 * 24 and 24 <= tets["lower part"] < tets["upper"]
     assert {r["name"]: round(r["volume_m3"], 9) for r in fine["regions"]} == {"upper": 5e-4, "lower part": 5e-4}
     points, cells = vtk_of(tm_mesh, out, env, tmp_path)
-    assert points[:27] != [] and all(math.dist(points[v], p) < 1e-12 for v, p in enumerate(meshlib.block().points) if v != 13)
+    assert all(math.dist(points[v], p) < 1e-12 for v, p in enumerate(meshlib.block().points)), "an old vertex of the surface or between regions moved"
 
 
 @pytest.mark.parametrize("seed", range(4))
