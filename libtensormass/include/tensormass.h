@@ -9,6 +9,7 @@
 #include "tensormass/tissue.h"
 #include "tensormass/world.h"
 #include "tensormass/contact.h"
+#include "tensormass/grasp.h"
 #include "tensormass/cut.h"
 
 #endif

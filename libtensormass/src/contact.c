@@ -94,16 +94,18 @@ static void warm_start(tm_contact *contact) {
     }
 }
 
-/* A vertex in the jaws is no obstacle to the jaws. */
-static int32_t drop_held(const tm_contact *contact, int32_t tool, tm_contact_row *row, int32_t count) {
+bool tm_row_is_held(const tm_contact_guest *guest, const tm_contact_row *row) {
+    for (int j = 0; j < 3; j++)
+        if (row->weight[j] > 0 && !guest->holds(guest->self, row->instrument, row->vertex[j]))
+            return false;
+    return true;
+}
+
+static int32_t drop_held(const tm_contact *contact, tm_contact_row *row, int32_t count) {
     int32_t kept = 0;
-    for (int32_t i = 0; i < count; i++) {
-        bool held = false;
-        for (int j = 0; j < 3 && !held; j++)
-            held = row[i].weight[j] > 0 && contact->guest.holds(contact->guest.self, tool, row[i].vertex[j]);
-        if (!held)
+    for (int32_t i = 0; i < count; i++)
+        if (!tm_row_is_held(&contact->guest, row + i))
             row[kept++] = row[i];
-    }
     return kept;
 }
 
@@ -151,7 +153,7 @@ static void find_rows(tm_contact *contact) {
             continue;
         }
         tool->overflowed |= overflowed;
-        contact->row_count += contact->guest.holds ? drop_held(contact, t, row, count) : count;
+        contact->row_count += contact->guest.holds ? drop_held(contact, row, count) : count;
     }
     drop_shallowest(contact);
     remember_depth(contact);
@@ -214,7 +216,8 @@ static void run(void *self, tm_world *world) {
 static void changed(void *self, tm_world *world) {
     tm_contact *contact = self;
     int32_t revision = tm_tissue_surface(world->tissue).revision;
-    refresh_supports(contact);
+    if (revision == contact->revision) /* a cut moves no support, and must not cost what the mesh is large */
+        refresh_supports(contact);
     for (int32_t t = 0; t < contact->tool_count && revision != contact->revision; t++)
         contact->tool[t].gathered_age = -1;
     contact->revision = revision;

@@ -47,6 +47,9 @@ typedef struct tm_contact_guest {
     bool (*holds)(void *self, int32_t instrument, int32_t vertex); /* a vertex it holds is no obstacle to that tool */
 } tm_contact_guest;
 
+/* All vertices that bear the row are held: it is no obstacle to the tool that holds them. */
+bool tm_row_is_held(const tm_contact_guest *guest, const tm_contact_row *row);
+
 struct tm_contact {
     tm_pool pool;
     tm_world *world;

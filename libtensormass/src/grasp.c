@@ -1,0 +1,411 @@
+/* Stage "grasp": springs between the jaws and the vertices that they closed upon, solved in the same sweeps as contact. */
+#include "contact_internal.h"
+#include "tensormass/grasp.h"
+
+#include <assert.h>
+#include <math.h>
+#include <string.h>
+
+#include "contact_vec.h"
+
+typedef struct hold {
+    tm_grasp_state state;
+    bool was_closed;
+    double axis_m[3][3];    /* of the tool's frame at this substep: two across, one along the shaft */
+    double origin[3];       /* direction of the shaft that roll is counted from */
+    double fade;            /* of the forces while letting go, 1 to 0 */
+    int32_t count;
+    int32_t *vertex;        /* [max_vertices] */
+    double *offset_m;       /* [3*max_vertices] where the jaw has it, in the tool's frame */
+    double *target_m;       /* [3*max_vertices] the same in the world, now */
+    double *force_N;        /* [3*max_vertices] on the tissue */
+    double *let_go_N;       /* [3*max_vertices] the same when the jaw opened */
+    double *distance_m;     /* [max_vertices] scratch of the capture */
+} hold;
+
+struct tm_grasp {
+    tm_pool pool;
+    tm_grasp_def def;
+    tm_contact *contact;
+    hold hold[TM_MAX_INSTRUMENTS];
+};
+
+tm_grasp_def tm_grasp_def_default(void) {
+    return (tm_grasp_def){.cookie = TM_COOKIE_GRASP, .close_grip = 0.7, .open_grip = 0.3, .jaw_length_m = 0.01, .reach_m = 0.001,
+                          .compliance_m_N = 0.2e-3, .fade_s = 0.1, .force_cap_N = 20, .max_vertices = 64};
+}
+
+/* --- the tool's frame --- */
+
+/* The shaft's direction e; across it the frame that the shortest turn from `origin` to e makes, rolled about e. */
+static void turn_frame(hold *h, const tm_tool *tool) {
+    double e[3], side[3], across[3], *x = h->axis_m[0], *y = h->axis_m[1];
+    vsub(tool->capsule.tip_m, tool->def.trocar_m, e);
+    if (vunit(e, e) <= 0)
+        vset(h->origin, e);
+    /* a fixed vector across origin, turned along */
+    double least[3] = {0, 0, 0};
+    int axis = 0;
+    for (int c = 1; c < 3; c++)
+        if (fabs(h->origin[c]) < fabs(h->origin[axis]))
+            axis = c;
+    least[axis] = 1;
+    vcross(h->origin, least, side);
+    vunit(side, side);
+    vcross(h->origin, e, across);
+    double cosine = vdot(h->origin, e), s = vdot(across, side) / fmax(1 + cosine, 1e-6);
+    vcross(across, side, x);
+    for (int c = 0; c < 3; c++)
+        x[c] += cosine * side[c] + s * across[c];
+    vmadd(x, -vdot(x, e), e, x);
+    vunit(x, x);
+    vcross(e, x, y);
+    double cr = cos(tool->pose.roll_rad), sr = sin(tool->pose.roll_rad), rolled[3];
+    for (int c = 0; c < 3; c++) {
+        rolled[c] = cr * x[c] + sr * y[c];
+        y[c] = cr * y[c] - sr * x[c];
+    }
+    vset(rolled, x);
+    vset(e, h->axis_m[2]);
+}
+
+static void to_tool(const hold *h, const tm_tool *tool, const double at_m[3], double offset_m[3]) {
+    double d[3];
+    vsub(at_m, tool->capsule.tip_m, d);
+    for (int c = 0; c < 3; c++)
+        offset_m[c] = vdot(d, h->axis_m[c]);
+}
+
+static void to_world(const hold *h, const tm_tool *tool, const double offset_m[3], double at_m[3]) {
+    vset(tool->capsule.tip_m, at_m);
+    for (int c = 0; c < 3; c++)
+        vmadd(at_m, offset_m[c], h->axis_m[c], at_m);
+}
+
+static void vertex_at(const tm_world *world, int32_t vertex, double at_m[3]) {
+    for (int c = 0; c < 3; c++)
+        at_m[c] = world->tissue->mesh->rest_m[3 * vertex + c] + world->state.u_m[3 * vertex + c];
+}
+
+/* --- capture --- */
+
+/* Nearest point of triangle p to point q (Voronoi regions), squared distance. */
+static double point_triangle(const double q[3], const double p[3][3]) {
+    double ab[3], ac[3], aq[3], n[3], d[3], best = INFINITY;
+    vsub(p[1], p[0], ab);
+    vsub(p[2], p[0], ac);
+    vsub(q, p[0], aq);
+    vcross(ab, ac, n);
+    double nn = vdot(n, n), cross[3];
+    vcross(aq, ac, cross);
+    double s = nn > 0 ? vdot(cross, n) / nn : -1;
+    vcross(ab, aq, cross);
+    double t = nn > 0 ? vdot(cross, n) / nn : -1;
+    if (s >= 0 && t >= 0 && s + t <= 1)
+        return vdot(aq, n) * vdot(aq, n) / nn;
+    for (int j = 0; j < 3; j++) {
+        vsub(p[(j + 1) % 3], p[j], ab);
+        vsub(q, p[j], aq);
+        double length2 = vdot(ab, ab);
+        vmadd(aq, -(length2 > 0 ? clamp(vdot(aq, ab) / length2, 0, 1) : 0), ab, d);
+        best = fmin(best, vdot(d, d));
+    }
+    return best;
+}
+
+/* Distance of the jaw's axis from a triangle, sampled at eighths of the jaw: capture needs no more. */
+static double jaw_distance(const tm_capsule *jaw, const double p[3][3]) {
+    double best = INFINITY;
+    for (int k = 0; k <= 8; k++) {
+        double q[3];
+        for (int c = 0; c < 3; c++)
+            q[c] = jaw->tip_m[c] + k / 8.0 * (jaw->tail_m[c] - jaw->tip_m[c]);
+        best = fmin(best, point_triangle(q, p));
+    }
+    return sqrt(best);
+}
+
+/* Each vertex once, with the distance of its nearest triangle; of too many the farthest goes. */
+static void take_vertex(const tm_grasp *grasp, hold *h, int32_t vertex, double distance_m) {
+    int32_t farthest = 0;
+    for (int32_t i = 0; i < h->count; i++) {
+        if (h->vertex[i] == vertex) {
+            h->distance_m[i] = fmin(h->distance_m[i], distance_m);
+            return;
+        }
+        if (h->distance_m[i] > h->distance_m[farthest])
+            farthest = i;
+    }
+    int32_t at = h->count;
+    if (h->count == grasp->def.max_vertices) {
+        if (h->distance_m[farthest] <= distance_m)
+            return;
+        at = farthest;
+    } else {
+        h->count++;
+    }
+    h->vertex[at] = vertex;
+    h->distance_m[at] = distance_m;
+}
+
+static void capture(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world) {
+    const tm_tool *tool = grasp->contact->tool + t;
+    tm_surface_view surface = tm_tissue_surface(world->tissue);
+    tm_capsule jaw = tool->capsule;
+    double reach = tool->def.radius_m + grasp->def.reach_m;
+    vmadd(jaw.tip_m, -grasp->def.jaw_length_m, h->axis_m[2], jaw.tail_m);
+    h->count = 0;
+    for (int32_t i = 0; i < surface.count; i++) {
+        double p[3][3], distance;
+        for (int j = 0; j < 3; j++)
+            vertex_at(world, surface.triangle[3 * i + j], p[j]);
+        distance = jaw_distance(&jaw, p);
+        for (int j = 0; j < 3 && distance <= reach; j++)
+            take_vertex(grasp, h, surface.triangle[3 * i + j], distance);
+    }
+    for (int32_t i = 1; i < h->count; i++) { /* by number: one order whatever the surface's slots */
+        int32_t vertex = h->vertex[i], j = i;
+        for (; j > 0 && h->vertex[j - 1] > vertex; j--)
+            h->vertex[j] = h->vertex[j - 1];
+        h->vertex[j] = vertex;
+    }
+}
+
+static bool holds(void *self, int32_t instrument, int32_t vertex) {
+    const hold *h = ((tm_grasp *)self)->hold + instrument;
+    for (int32_t i = 0; i < h->count; i++)
+        if (h->vertex[i] == vertex)
+            return true;
+    return false;
+}
+
+/* What contact did with the vertices the hold takes over, so that closing changes no force. */
+static void take_over(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world) {
+    const tm_contact *contact = grasp->contact;
+    memset(h->force_N, 0, sizeof(double) * 3 * (size_t)h->count);
+    for (int32_t k = 0; k < contact->row_count; k++) {
+        const tm_contact_row *row = contact->row + k;
+        if (row->instrument != t || !tm_row_is_held(&contact->guest, row))
+            continue;
+        for (int32_t i = 0; i < h->count; i++)
+            for (int j = 0; j < 3; j++)
+                if (row->vertex[j] == h->vertex[i])
+                    vmadd(h->force_N + 3 * i, row->lambda_N * row->weight[j], row->normal, h->force_N + 3 * i);
+    }
+    for (int32_t i = 0; i < h->count; i++) {
+        double at[3];
+        vertex_at(world, h->vertex[i], at);
+        vmadd(at, grasp->def.compliance_m_N, h->force_N + 3 * i, at);
+        to_tool(h, contact->tool + t, at, h->offset_m + 3 * i);
+    }
+}
+
+/* --- the jaw --- */
+
+static void drop(hold *h, int32_t i) {
+    h->count--;
+    memmove(h->vertex + i, h->vertex + i + 1, sizeof *h->vertex * (size_t)(h->count - i));
+    double *array[] = {h->offset_m, h->target_m, h->force_N, h->let_go_N};
+    for (int k = 0; k < 4; k++)
+        memmove(array[k] + 3 * i, array[k] + 3 * (i + 1), sizeof(double) * 3 * (size_t)(h->count - i));
+}
+
+static void open_jaw(hold *h) {
+    h->state = TM_GRASP_LETTING_GO;
+    h->fade = 1;
+    memcpy(h->let_go_N, h->force_N, sizeof(double) * 3 * (size_t)h->count);
+}
+
+/* What is let go is no obstacle to the jaw that it lay in until it is out of it. */
+static void release_what_is_out(hold *h, const tm_tool *tool, const tm_world *world) {
+    for (int32_t i = h->count - 1; i >= 0; i--) {
+        double at[3], d[3];
+        vertex_at(world, h->vertex[i], at);
+        vsub(at, tool->capsule.tip_m, d);
+        double along = clamp(vdot(d, h->axis_m[2]), -tool->def.contact_length_m, 0);
+        vmadd(d, -along, h->axis_m[2], d);
+        if (vnorm(d) > 1.05 * tool->def.radius_m)
+            drop(h, i);
+    }
+    if (h->count == 0)
+        h->state = TM_GRASP_OPEN;
+}
+
+static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
+    hold *h = grasp->hold + t;
+    const tm_tool *tool = grasp->contact->tool + t;
+    bool closed = tool->pose.active && (h->was_closed ? tool->pose.grip > grasp->def.open_grip : tool->pose.grip >= grasp->def.close_grip);
+    bool closing = closed && !h->was_closed;
+    h->was_closed = closed;
+    if (closing && h->state != TM_GRASP_HOLDING) { /* while letting go too: upon what is there now */
+        capture(grasp, h, t, world);
+        take_over(grasp, h, t, world);
+        h->state = h->count > 0 ? TM_GRASP_HOLDING : TM_GRASP_OPEN;
+        return;
+    }
+    switch (h->state) {
+    case TM_GRASP_OPEN:
+        break;
+    case TM_GRASP_HOLDING:
+        if (!closed)
+            open_jaw(h);
+        break;
+    case TM_GRASP_LETTING_GO:
+        if (h->fade > 0)
+            h->fade = fmax(h->fade - world->state.dt_s / fmax(grasp->def.fade_s, world->state.dt_s), 0);
+        else
+            release_what_is_out(h, tool, world);
+        break;
+    }
+}
+
+static void push_vertex(const tm_grasp *grasp, tm_world *world, int32_t vertex, const double force_N[3]) {
+    for (int c = 0; c < 3; c++)
+        if (!grasp->contact->held[3 * vertex + c])
+            world->state.u_next_m[3 * vertex + c] += world->mobility_s2_kg[vertex] * force_N[c];
+}
+
+/* After the tools have moved: jaws work, targets follow, the last substep's forces start the sweeps. */
+static void prepare(void *self, tm_world *world) {
+    tm_grasp *grasp = self;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
+        hold *h = grasp->hold + t;
+        const tm_tool *tool = grasp->contact->tool + t;
+        if (tool->def.mode != TM_TOOL_GRASPER)
+            continue;
+        turn_frame(h, tool);
+        work_jaw(grasp, t, world);
+        for (int32_t i = 0; i < h->count; i++) {
+            to_world(h, tool, h->offset_m + 3 * i, h->target_m + 3 * i);
+            if (h->state == TM_GRASP_LETTING_GO)
+                vscale(h->fade, h->let_go_N + 3 * i, h->force_N + 3 * i);
+            push_vertex(grasp, world, h->vertex[i], h->force_N + 3 * i);
+        }
+    }
+}
+
+/* One vertex against its spring: f = (target - x) / compliance with x at the end of the step. */
+static void relax(const tm_grasp *grasp, const hold *h, int32_t i, tm_world *world) {
+    int32_t vertex = h->vertex[i];
+    double *force = h->force_N + 3 * i, wanted[3], change[3];
+    for (int c = 0; c < 3; c++) {
+        int32_t dof = 3 * vertex + c;
+        double mobility = grasp->contact->held[dof] ? 0 : world->mobility_s2_kg[vertex];
+        double free_at = world->tissue->mesh->rest_m[dof] + world->state.u_next_m[dof] - mobility * force[c];
+        wanted[c] = (h->target_m[3 * i + c] - free_at) / (mobility + grasp->def.compliance_m_N);
+    }
+    double size = vnorm(wanted);
+    if (size > grasp->def.force_cap_N)
+        vscale(grasp->def.force_cap_N / size, wanted, wanted);
+    vsub(wanted, force, change);
+    push_vertex(grasp, world, vertex, change);
+    vset(wanted, force);
+}
+
+static void sweep(void *self, tm_world *world) {
+    const tm_grasp *grasp = self;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++)
+        for (int32_t i = 0; i < grasp->hold[t].count && grasp->hold[t].state == TM_GRASP_HOLDING; i++)
+            relax(grasp, grasp->hold + t, i, world);
+}
+
+static void react(void *self, int32_t t, double force_N[3], double resultant_N[3]) {
+    const tm_grasp *grasp = self;
+    const hold *h = grasp->hold + t;
+    const tm_tool *tool = grasp->contact->tool + t;
+    for (int32_t i = 0; i < h->count; i++) {
+        double on_tool[3], at_tip[3];
+        vscale(-1, h->force_N + 3 * i, on_tool);
+        tm_tip_force(tool->def.trocar_m, tool->capsule.tip_m, h->target_m + 3 * i, on_tool, at_tip);
+        vmadd(force_N, 1, at_tip, force_N);
+        vmadd(resultant_N, 1, on_tool, resultant_N);
+    }
+}
+
+/* --- stage --- */
+
+/* The work is done inside contact's sweeps; the stage is there for its name, its memory and the news of cuts. */
+static void run(void *self, tm_world *world) { (void)self, (void)world; }
+
+static void changed(void *self, tm_world *world) {
+    tm_grasp *grasp = self;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
+        hold *h = grasp->hold + t;
+        for (int32_t i = h->count - 1; i >= 0; i--)
+            if (world->tissue->mass_kg[h->vertex[i]] <= 0)
+                drop(h, i);
+    }
+}
+
+static void destroy(void *self) {
+    tm_grasp *grasp = self;
+    memset(&grasp->contact->guest, 0, sizeof grasp->contact->guest);
+    tm_pool pool = grasp->pool;
+    tm_pool_release(&pool);
+}
+
+static bool take_hold(tm_pool *pool, hold *h, int32_t n, const tm_tool *tool) {
+    h->vertex = TM_TAKE(pool, int32_t, n);
+    h->offset_m = TM_TAKE(pool, double, 3 * n);
+    h->target_m = TM_TAKE(pool, double, 3 * n);
+    h->force_N = TM_TAKE(pool, double, 3 * n);
+    h->let_go_N = TM_TAKE(pool, double, 3 * n);
+    h->distance_m = TM_TAKE(pool, double, n);
+    vsub(tool->capsule.tip_m, tool->def.trocar_m, h->origin);
+    if (vunit(h->origin, h->origin) <= 0)
+        h->origin[2] = -1;
+    return !pool->failed;
+}
+
+static tm_status check(const tm_grasp_def *def, tm_error *error) {
+    if (!(def->open_grip >= 0) || !(def->close_grip > def->open_grip) || !(def->close_grip <= 1))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "grasp: closes at grip %g and opens at %g; give 0 <= open < close <= 1", def->close_grip,
+                       def->open_grip);
+    if (!(def->jaw_length_m >= 0) || !(def->reach_m >= 0) || !(def->compliance_m_N > 0) || !(def->fade_s >= 0)
+        || !(def->force_cap_N > 0) || def->max_vertices < 1 || !isfinite(def->compliance_m_N + def->jaw_length_m + def->reach_m + def->fade_s))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "grasp: jaw %g m, reach %g m, compliance %g m/N, fade %g s, cap %g N, %d vertices; give a "
+                       "positive compliance, cap and number, and none negative", def->jaw_length_m, def->reach_m, def->compliance_m_N,
+                       def->fade_s, def->force_cap_N, def->max_vertices);
+    return TM_OK;
+}
+
+tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_def *def, tm_grasp **grasp, tm_error *error) {
+    assert(world && contact && def && def->cookie == TM_COOKIE_GRASP && grasp);
+    tm_status status = check(def, error);
+    if (status)
+        return status;
+    if (contact->guest.self)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "grasp: this contact stage has one already; add it once");
+    tm_pool pool = {0};
+    tm_grasp *self = TM_TAKE(&pool, tm_grasp, 1);
+    bool taken = self != NULL;
+    for (int32_t t = 0; t < contact->tool_count && taken; t++)
+        taken = take_hold(&pool, self->hold + t, def->max_vertices, contact->tool + t);
+    if (!taken) {
+        tm_pool_release(&pool);
+        return tm_fail_memory(error, "grasp stage");
+    }
+    self->pool = pool;
+    self->def = *def;
+    self->contact = contact;
+    const tm_stage stage = {.name = "grasp", .phase = TM_PHASE_CONSTRAIN, .run = run, .destroy = destroy, .step_changed = changed,
+                            .self = self};
+    status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    if (status) {
+        tm_pool_release(&pool);
+        return status;
+    }
+    contact->guest = (tm_contact_guest){self, prepare, sweep, react, holds};
+    *grasp = self;
+    return TM_OK;
+}
+
+int32_t tm_grasp_held(const tm_grasp *grasp, int32_t instrument, const int32_t **vertex, tm_grasp_state *state) {
+    assert(instrument >= 0 && instrument < grasp->contact->tool_count);
+    const hold *h = grasp->hold + instrument;
+    if (vertex)
+        *vertex = h->vertex;
+    if (state)
+        *state = h->state;
+    return h->count;
+}
