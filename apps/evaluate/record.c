@@ -1,0 +1,154 @@
+/* Recordings: a model driven along a path, open loop, at some frame rate; the truth is the same model at 500 frames a second. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "evaluate.h"
+
+const char *const model_name[MODEL_COUNT] = {"precomputed", "isotropic", "fibred", "cut", "hybrid"};
+
+sim *model_open(model m, double rate_Hz, const char *const *settings) {
+    char file[256], rate[64], *set[16] = {rate};
+    int count = 1;
+    sim *s = NULL;
+    app_scene *scene = NULL;
+    snprintf(file, sizeof file, "apps/scenes/evaluate-%s.yaml", model_name[m]);
+    snprintf(rate, sizeof rate, "time.frame_rate=%.9g", rate_Hz);
+    for (int i = 0; settings && settings[i] && count < 16; i++) set[count++] = (char *)(uintptr_t)settings[i];
+    if (sim_scene_load(file, set, count, &scene) || sim_create(scene, &s)) return NULL;
+    return s;
+}
+
+void device_see(const sim *s, const hrt_params *params, const double tip_m[3], bool encoders, float seen_m[3]) {
+    float relative[3];
+    for (int i = 0; i < 3; i++) relative[i] = (float)(tip_m[i] - s->instrument_def[0].trocar_m[i]);
+    memcpy(seen_m, relative, sizeof relative);
+    if (!encoders) return;
+    hrt_frame frame;
+    float joint[HRT_JOINTS] = {0};
+    for (int i = 0; i < 9; i++) frame.r[i] = (float)s->axes[0][i];
+    if (!hrt_inverse(&frame, relative, joint)) return;
+    for (int j = 0; j < HRT_MOTORS; j++) joint[j] = roundf(joint[j] * params->counts_per_unit[j]) / params->counts_per_unit[j];
+    hrt_tip(&frame, joint, seen_m);
+}
+
+static tm_tool_pose pose_at(const sim *s, const hrt_params *params, const path *p, double time_s, bool encoders) {
+    tm_tool_pose pose = {.active = true};
+    float seen[3];
+    path_tip(p, time_s, pose.tip_m);
+    if (!encoders) return pose;
+    device_see(s, params, pose.tip_m, true, seen);
+    for (int i = 0; i < 3; i++) pose.tip_m[i] = s->instrument_def[0].trocar_m[i] + (double)seen[i];
+    return pose;
+}
+
+/* The surface lies at z = 0; the tip's sphere touches it with its centre one radius above. */
+static path placed(const path *p, const sim *s) {
+    path q = *p;
+    const double *trocar = s->instrument_def[0].trocar_m;
+    q.entry_m[0] = trocar[0] + 0.0013, q.entry_m[1] = trocar[1] - 0.0007; /* on no lattice line */
+    q.entry_m[2] = s->instrument_def[0].radius_m;
+    return q;
+}
+
+static void take(const sim *s, int64_t t_us, int64_t ready_us, uint32_t seq, sampled *out) {
+    const tm_tool_reaction *r = &s->reaction[0];
+    *out = (sampled){.ready_us = ready_us};
+    hrt_sample *x = &out->sample;
+    x->session = 1, x->tool_session = 1, x->t_us = t_us, x->seq = seq, x->unilateral = true;
+    x->stiffness_kind = r->stiffness_kind;
+    x->topology_revision = sim_surface(s).revision;
+    for (int i = 0; i < 3; i++) {
+        x->tip_m[i] = (float)(r->tip_m[i] - s->instrument_def[0].trocar_m[i]);
+        x->force_N[i] = (float)r->force_N[i];
+    }
+    for (int i = 0; i < 9; i++) x->stiffness_N_m[i] = (float)r->stiffness_N_m[i];
+}
+
+/* Starts with the tool out of touch, so that nothing swings when the path begins. */
+static void start(sim *s, const hrt_params *params, const path *p, bool encoders) {
+    tm_tool_pose pose = pose_at(s, params, p, 0, encoders);
+    if (s->contact) tm_contact_place(s->contact, 0, &pose);
+    s->pose[0] = pose;
+}
+
+int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, recording *out) {
+    (void)patches;
+    sim *s = model_open(m, rate_Hz, NULL);
+    if (!s) return APP_FAILED;
+    path q = placed(p, s);
+    hrt_params_default(&out->params);
+    start(s, &out->params, &q, encoders);
+    out->frame_s = s->frame_s;
+    out->samples = (int)(q.length_s / s->frame_s);
+    out->sample = calloc((size_t)out->samples, sizeof *out->sample);
+    if (!out->sample) abort();
+    tm_status status = TM_OK;
+    for (int k = 0; k < out->samples && !status; k++) {
+        /* The frame's path ends where the tool is when the sample is taken: t_n is on the tool's clock. */
+        double end_s = (k + 1) * s->frame_s;
+        tm_tool_pose to = pose_at(s, &out->params, &q, end_s, encoders);
+        status = sim_frame(s, &to, s->substeps);
+        int64_t end_us = llround(end_s * 1e6), back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
+        take(s, end_us - back_us, end_us, (uint32_t)k, &out->sample[k]);
+    }
+    sim_destroy(s);
+    if (!status) return 0;
+    fprintf(stderr, "tm-evaluate: the %s model became unstable at %g Hz\n", model_name[m], rate_Hz);
+    return APP_FAILED;
+}
+
+int record_truth(model m, const path *p, bool encoders, recording *out) {
+    static const char *const last_alone[] = {"time.average=0", NULL};
+    sim *s = model_open(m, 1e6 / TICK_US, last_alone);
+    if (!s) return APP_FAILED;
+    path q = placed(p, s);
+    hrt_params_default(&out->params);
+    start(s, &out->params, &q, encoders);
+    out->ticks = (int)(q.length_s * 1e6 / TICK_US);
+    out->tip_m = calloc(3 * (size_t)out->ticks, sizeof *out->tip_m);
+    out->truth_N = calloc(3 * (size_t)out->ticks, sizeof *out->truth_N);
+    if (!out->tip_m || !out->truth_N) abort();
+    tm_status status = TM_OK;
+    for (int k = 0; k < out->ticks && !status; k++) {
+        tm_tool_pose to = pose_at(s, &out->params, &q, k * 1e-6 * TICK_US, encoders);
+        status = sim_frame(s, &to, s->substeps);
+        double size = 0;
+        for (int i = 0; i < 3; i++) {
+            out->tip_m[3 * k + i] = (float)(to.tip_m[i] - s->instrument_def[0].trocar_m[i]);
+            out->truth_N[3 * k + i] = (float)s->reaction[0].force_N[i];
+            size += s->reaction[0].force_N[i] * s->reaction[0].force_N[i];
+        }
+        out->peak_N = fmax(out->peak_N, sqrt(size));
+    }
+    sim_destroy(s);
+    if (!status) return 0;
+    fprintf(stderr, "tm-evaluate: the %s model became unstable at 500 Hz\n", model_name[m]);
+    return APP_FAILED;
+}
+
+void truth_by_interpolation(recording *r) {
+    r->interpolated = true, r->peak_N = 0;
+    int n = 0;
+    for (int k = 0; k < r->ticks; k++) {
+        int64_t t = (int64_t)k * TICK_US;
+        while (n + 1 < r->samples && r->sample[n + 1].sample.t_us <= t) n++;
+        const hrt_sample *a = &r->sample[n].sample, *b = &r->sample[n + 1 < r->samples ? n + 1 : n].sample;
+        double share = b->t_us > a->t_us ? fmin(fmax((double)(t - a->t_us) / (double)(b->t_us - a->t_us), 0), 1) : 0, size = 0;
+        for (int i = 0; i < 3; i++) {
+            double f = (1 - share) * (double)a->force_N[i] + share * (double)b->force_N[i];
+            r->truth_N[3 * k + i] = (float)f;
+            size += f * f;
+        }
+        r->peak_N = fmax(r->peak_N, sqrt(size));
+    }
+}
+
+void recording_free(recording *r) {
+    for (int i = 0; i < r->samples; i++) free(r->sample[i].patch);
+    free(r->sample);
+    free(r->tip_m);
+    free(r->truth_N);
+    memset(r, 0, sizeof *r);
+}

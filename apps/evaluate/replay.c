@@ -1,0 +1,112 @@
+/* A recording through an extrapolator, tick by tick, and its errors. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "bandwidth.h"
+#include "evaluate.h"
+
+static double uniform(uint64_t *state) {
+    *state = *state * 6364136223846793005ULL + 1442695040888963407ULL;
+    return (double)(*state >> 11) * 0x1p-53;
+}
+
+typedef struct arrival {
+    int64_t at_us;
+    const sampled *sample;
+} arrival;
+
+/* What the line delivers and when: lost ones are left out, and no sample overtakes an earlier one. */
+static int arrivals(const recording *r, const conditions *c, arrival *out) {
+    uint64_t seed = c->seed * 7919 + 1;
+    int count = 0;
+    int64_t frame_us = llround(r->frame_s * 1e6), last = 0;
+    for (int i = 0; i < r->samples; i++) {
+        double late = (double)c->latency_frames + c->jitter * uniform(&seed);
+        bool lost = uniform(&seed) < c->loss;
+        if (lost) continue;
+        int64_t at = r->sample[i].ready_us + llround(late * (double)frame_us);
+        if (at < last) at = last;
+        out[count++] = (arrival){last = at, &r->sample[i]};
+    }
+    return count;
+}
+
+static int ascending(const void *a, const void *b) {
+    float x = *(const float *)a, y = *(const float *)b;
+    return (x > y) - (x < y);
+}
+
+typedef struct sums {
+    double error2, angle2;
+    int counted, angled, in_contact, off_patch;
+    errors e;
+} sums;
+
+static double length3(const float v[3]) { return sqrt((double)v[0] * v[0] + (double)v[1] * v[1] + (double)v[2] * v[2]); }
+
+static void judge(sums *s, const recording *r, int tick, const float force[3], uint32_t limits) {
+    const float *truth = r->truth_N + 3 * tick;
+    float d[3] = {force[0] - truth[0], force[1] - truth[1], force[2] - truth[2]};
+    double error = length3(d), size = length3(force), size_true = length3(truth);
+    s->error2 += error * error, s->counted++;
+    s->e.peak = fmax(s->e.peak, error / r->peak_N);
+    s->e.over_limit = fmax(s->e.over_limit, size / (double)r->params.force_max_N);
+    if (size_true > 0) s->in_contact++, s->off_patch += (limits & HRT_LIMIT_PATCH) != 0;
+    if (size_true > 0.1 * r->peak_N && size > 0) {
+        double cosine = ((double)force[0] * truth[0] + (double)force[1] * truth[1] + (double)force[2] * truth[2]) / (size * size_true);
+        double angle = acos(fmin(fmax(cosine, -1), 1));
+        s->angle2 += angle * angle, s->angled++;
+    }
+}
+
+errors replay(const recording *r, hrt_extrapolator which, const conditions *c, float *force_N) {
+    static hrt_extrapolation x;
+    sums s = {0};
+    arrival *line = malloc(sizeof *line * (size_t)(r->samples + 1));
+    float *jump = malloc(sizeof *jump * (size_t)r->ticks), last[3] = {0};
+    if (!line || !jump) abort();
+    int count = arrivals(r, c, line), next = 0, jumps = 0;
+    bool begun = false;
+    double spent = 0;
+    hrt_extrapolation_reset(&x, which);
+    for (int tick = 0; tick < r->ticks; tick++) {
+        int64_t now = (int64_t)tick * TICK_US;
+        float force[3];
+        double start = app_seconds();
+        for (; next < count && line[next].at_us <= now; next++) {
+            hrt_extrapolation_sample(&x, &r->params, &line[next].sample->sample);
+            begun = true;
+        }
+        hrt_extrapolation_force(&x, &r->params, now, r->tip_m + 3 * tick, force);
+        spent += app_seconds() - start;
+        if (force_N) memcpy(force_N + 3 * tick, force, sizeof force);
+        if (!begun) continue;
+        judge(&s, r, tick, force, x.limits);
+        float step[3] = {force[0] - last[0], force[1] - last[1], force[2] - last[2]};
+        jump[jumps++] = (float)length3(step);
+        memcpy(last, force, sizeof last);
+    }
+    s.e.rms = s.counted ? sqrt(s.error2 / s.counted) / r->peak_N : 0;
+    s.e.direction_rad = s.angled ? sqrt(s.angle2 / s.angled) : 0;
+    s.e.off_patch = s.in_contact ? (double)s.off_patch / s.in_contact : 0;
+    s.e.ns_per_tick = 1e9 * spent / r->ticks;
+    qsort(jump, (size_t)jumps, sizeof *jump, ascending);
+    if (jumps) s.e.jump_peak = jump[jumps - 1] / r->peak_N, s.e.jump_p99 = jump[(int)(0.99 * (jumps - 1))] / r->peak_N;
+    free(line);
+    free(jump);
+    return s.e;
+}
+
+cJSON *errors_json(const errors *e) {
+    cJSON *row = cJSON_CreateObject();
+    cJSON_AddNumberToObject(row, "rms", e->rms);
+    cJSON_AddNumberToObject(row, "peak", e->peak);
+    cJSON_AddNumberToObject(row, "jump_peak", e->jump_peak);
+    cJSON_AddNumberToObject(row, "jump_p99", e->jump_p99);
+    cJSON_AddNumberToObject(row, "direction_rad", e->direction_rad);
+    cJSON_AddNumberToObject(row, "over_limit", e->over_limit);
+    cJSON_AddNumberToObject(row, "off_patch", e->off_patch);
+    cJSON_AddNumberToObject(row, "ns_per_tick", e->ns_per_tick);
+    return row;
+}
