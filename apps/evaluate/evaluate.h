@@ -15,15 +15,15 @@ enum { TICK_US = 2000 };
 typedef struct path {
     double entry_m[3];    /* where the tip's sphere touches the surface */
     double speed_m_s;     /* mean along each stroke */
-    double depth_m;       /* the deepest press */
+    double depth_m;       /* the deepest press; strokes scale with it */
     double tremor_m;      /* 0: a steady hand; else three incommensurate tones about 9 Hz, RMS about half of this along each axis */
     bool reversals;       /* short strokes to and fro instead of the surgeon's tour */
-    double length_s;
 } path;
 
 /* Minimum-jerk strokes: contact made, press, slide, slide across, reverse, pause, deeper, lift off, touch again. */
 path path_make(double speed_m_s, double tremor_m);
 path path_reversals(double speed_m_s, double tremor_m);
+double path_length_s(const path *p);
 void path_tip(const path *p, double time_s, double tip_m[3]);
 
 /* --- models --- */

@@ -23,15 +23,17 @@ static double leg_s(const path *p, const double *a, const double *b) {
     return d > 0 ? d / p->speed_m_s : PAUSE_S;
 }
 
-static path make(double speed, double tremor, bool reversals) {
-    path p = {.speed_m_s = speed, .depth_m = 0.005, .tremor_m = tremor, .reversals = reversals};
-    stroke s = strokes(&p);
-    for (int i = 0; i + 1 < s.count; i++) p.length_s += leg_s(&p, s.point[i], s.point[i + 1]);
-    return p;
+double path_length_s(const path *p) {
+    stroke s = strokes(p);
+    double sum = 0;
+    for (int i = 0; i + 1 < s.count; i++) sum += leg_s(p, s.point[i], s.point[i + 1]);
+    return sum;
 }
 
-path path_make(double speed_m_s, double tremor_m) { return make(speed_m_s, tremor_m, false); }
-path path_reversals(double speed_m_s, double tremor_m) { return make(speed_m_s, tremor_m, true); }
+path path_make(double speed_m_s, double tremor_m) { return (path){.speed_m_s = speed_m_s, .depth_m = 0.005, .tremor_m = tremor_m}; }
+path path_reversals(double speed_m_s, double tremor_m) {
+    return (path){.speed_m_s = speed_m_s, .depth_m = 0.005, .tremor_m = tremor_m, .reversals = true};
+}
 
 void path_tip(const path *p, double time_s, double tip_m[3]) {
     stroke s = strokes(p);

@@ -43,12 +43,14 @@ static tm_tool_pose pose_at(const sim *s, const hrt_params *params, const path *
     return pose;
 }
 
-/* The surface lies at z = 0; the tip's sphere touches it with its centre one radius above. */
+/* Below the trocar, on the block's upper face; the tip's sphere touches it with its centre one radius above. */
 static path placed(const path *p, const sim *s) {
     path q = *p;
     const double *trocar = s->instrument_def[0].trocar_m;
+    double top = -HUGE_VAL;
+    for (int32_t v = 0; v < s->mesh->vertex_count; v++) top = fmax(top, s->mesh->rest_m[3 * v + 2]);
     q.entry_m[0] = trocar[0] + 0.0013, q.entry_m[1] = trocar[1] - 0.0007; /* on no lattice line */
-    q.entry_m[2] = s->instrument_def[0].radius_m;
+    q.entry_m[2] = top + s->instrument_def[0].radius_m;
     return q;
 }
 
@@ -81,7 +83,7 @@ int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, 
     hrt_params_default(&out->params);
     start(s, &out->params, &q, encoders);
     out->frame_s = s->frame_s;
-    out->samples = (int)(q.length_s / s->frame_s);
+    out->samples = (int)(path_length_s(&q) / s->frame_s);
     out->sample = calloc((size_t)out->samples, sizeof *out->sample);
     if (!out->sample) abort();
     tm_status status = TM_OK;
@@ -106,7 +108,7 @@ int record_truth(model m, const path *p, bool encoders, recording *out) {
     path q = placed(p, s);
     hrt_params_default(&out->params);
     start(s, &out->params, &q, encoders);
-    out->ticks = (int)(q.length_s * 1e6 / TICK_US);
+    out->ticks = (int)(path_length_s(&q) * 1e6 / TICK_US);
     out->tip_m = calloc(3 * (size_t)out->ticks, sizeof *out->tip_m);
     out->truth_N = calloc(3 * (size_t)out->ticks, sizeof *out->truth_N);
     if (!out->tip_m || !out->truth_N) abort();
