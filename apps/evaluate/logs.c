@@ -1,0 +1,211 @@
+/* Sessions as plain LCM logs: what a run of tm-sim records, or what --generate writes. */
+#include <lcm/eventlog.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "app.h"
+#include "evaluate.h"
+#include "lcm_types/tensormass_contact_patch_t.h"
+#include "lcm_types/tensormass_force_sample_t.h"
+#include "lcm_types/tensormass_tool_state_t.h"
+
+enum { START_US = 1000000, ENCODED_MAX = 32768 };
+
+/* --- write --- */
+
+#define PUT(log, channel, at_us, type, message)                                                  \
+    do {                                                                                         \
+        static uint8_t buffer[ENCODED_MAX];                                                      \
+        int size = type##_encode(buffer, 0, sizeof buffer, message);                             \
+        put(log, channel, at_us, buffer, size);                                                  \
+    } while (0)
+
+static bool failed;
+
+static void put(lcm_eventlog_t *log, const char *channel, int64_t at_us, uint8_t *data, int size) {
+    lcm_eventlog_event_t event = {.timestamp = START_US + at_us, .channellen = (int)strlen(channel), .datalen = size, .channel = (char *)(uintptr_t)channel, .data = data};
+    if (size < 0 || lcm_eventlog_write_event(log, &event) != 0) failed = true;
+}
+
+static void put_force(lcm_eventlog_t *log, const char *channel, int64_t at_us, const hrt_sample *s, const double trocar[3]) {
+    tensormass_force_sample_t m = {.utime = START_US + at_us, .seq = (int32_t)s->seq, .session = 1, .tool_session = 1, .tool_utime = START_US + s->t_us,
+                                   .stiffness_kind = (int8_t)s->stiffness_kind, .topology_revision = s->topology_revision};
+    for (int i = 0; i < 3; i++) m.tip_m[i] = trocar[i] + (double)s->tip_m[i], m.force_N[i] = (double)s->force_N[i];
+    for (int i = 0; i < 9; i++) m.stiffness_N_m[i] = (double)s->stiffness_N_m[i];
+    PUT(log, channel, at_us, tensormass_force_sample_t, &m);
+}
+
+static void put_patch(lcm_eventlog_t *log, const sampled *x, const double trocar[3]) {
+    static tensormass_contact_patch_t m;
+    const hrt_patch *p = x->patch;
+    memset(&m, 0, sizeof m);
+    m.utime = START_US + x->ready_us, m.seq = (int32_t)x->sample.seq, m.session = 1, m.kind = (int8_t)x->sample.stiffness_kind;
+    m.topology_revision = p->topology_revision, m.vertex_count = p->vertex_count, m.triangle_count = p->triangle_count;
+    memcpy(m.vertex_m, p->vertex_m, sizeof m.vertex_m);
+    memcpy(m.triangle, p->triangle, sizeof m.triangle);
+    memcpy(m.compliance_m_N, p->compliance_m_N, sizeof m.compliance_m_N);
+    memcpy(m.origin_m, trocar, sizeof m.origin_m);
+    memcpy(m.trocar_m, trocar, sizeof m.trocar_m);
+    m.skin_compliance_m_N = p->skin_compliance_m_N, m.radius_m = p->radius_m, m.contact_length_m = p->contact_length_m;
+    PUT(log, "PATCH_0", x->ready_us, tensormass_contact_patch_t, &m);
+}
+
+int log_write(const char *file, const recording *r, const double trocar_m[3]) {
+    app_output output;
+    tm_error error = {0};
+    if (!app_output_begin(&output, file, &error)) return app_report(NULL, 0, &error);
+    lcm_eventlog_t *log = lcm_eventlog_create(output.temporary, "w");
+    failed = !log;
+    int next = 0;
+    for (int k = 0; k < r->ticks && !failed; k++) {
+        int64_t at = (int64_t)k * TICK_US;
+        for (; next < r->samples && r->sample[next].ready_us <= at; next++) {
+            if (r->sample[next].patch) put_patch(log, &r->sample[next], trocar_m);
+            put_force(log, "FORCE_0", r->sample[next].ready_us, &r->sample[next].sample, trocar_m);
+        }
+        tensormass_tool_state_t tool = {.utime = START_US + at, .seq = k, .session = 1, .state = 3, .active = 1};
+        hrt_sample truth = {.t_us = at, .seq = (uint32_t)k};
+        for (int i = 0; i < 3; i++) {
+            tool.tip_m[i] = trocar_m[i] + (double)r->tip_m[3 * k + i];
+            truth.tip_m[i] = r->tip_m[3 * k + i], truth.force_N[i] = r->truth_N[3 * k + i];
+        }
+        PUT(log, "TOOL_0", at, tensormass_tool_state_t, &tool);
+        put_force(log, "TRUTH_0", at, &truth, trocar_m);
+    }
+    if (log) lcm_eventlog_destroy(log);
+    if (!failed && app_output_commit(&output, &error)) return 0;
+    app_output_abandon(&output);
+    fprintf(stderr, "%s: the log could not be written whole; check the disk\n", file);
+    return APP_FAILED;
+}
+
+/* --- read --- */
+
+typedef struct reading {
+    recording *r;
+    int ticks_room, samples_room, truths;
+    int64_t first_us;
+    bool started;
+    double origin[3];
+    hrt_patch *pending;
+    uint32_t pending_seq;
+    float *truth;
+} reading;
+
+static void *room(void *array, int *have, int want, size_t size) {
+    if (want <= *have) return array;
+    *have = want * 2;
+    void *more = realloc(array, (size_t)*have * size);
+    if (!more) abort();
+    return more;
+}
+
+static void take_tool(reading *g, const tensormass_tool_state_t *m) {
+    recording *r = g->r;
+    if (!g->started) {
+        g->started = true, g->first_us = m->utime;
+        memcpy(g->origin, m->tip_m, sizeof g->origin); /* any point near by will do as the origin */
+    }
+    /* Ticks lie on a grid of TICK_US; a gap is filled with the last position. */
+    int64_t tick = (m->utime - g->first_us) / TICK_US;
+    if (tick < 0 || tick > 100000000) return;
+    r->tip_m = room(r->tip_m, &g->ticks_room, (int)tick + 1, 3 * sizeof *r->tip_m);
+    for (int64_t k = r->ticks; k < tick; k++) memcpy(r->tip_m + 3 * k, r->tip_m + 3 * (r->ticks - 1), 3 * sizeof *r->tip_m);
+    for (int i = 0; i < 3; i++) r->tip_m[3 * tick + i] = (float)(m->tip_m[i] - g->origin[i]);
+    if (tick + 1 > r->ticks) r->ticks = (int)tick + 1;
+}
+
+static void take_force(reading *g, const tensormass_force_sample_t *m, int64_t logged_us) {
+    recording *r = g->r;
+    if (!g->started || !m->tool_utime) return; /* before a controller spoke */
+    r->sample = room(r->sample, &g->samples_room, r->samples + 1, sizeof *r->sample);
+    sampled *x = &r->sample[r->samples];
+    *x = (sampled){.ready_us = (m->utime > logged_us ? m->utime : logged_us) - g->first_us};
+    hrt_sample *s = &x->sample;
+    s->session = s->tool_session = 1, s->t_us = m->tool_utime - g->first_us, s->seq = (uint32_t)m->seq, s->stiffness_kind = m->stiffness_kind;
+    s->unilateral = true, s->topology_revision = m->topology_revision;
+    for (int i = 0; i < 3; i++) s->tip_m[i] = (float)(m->tip_m[i] - g->origin[i]), s->force_N[i] = (float)m->force_N[i];
+    for (int i = 0; i < 9; i++) s->stiffness_N_m[i] = (float)m->stiffness_N_m[i];
+    if (s->t_us < 0) s->t_us = 0;
+    if (hrt_sample_check(s, &r->params) != HRT_ACCEPT) return;
+    if (g->pending && g->pending_seq == s->seq) s->patch = x->patch = g->pending, g->pending = NULL;
+    r->samples++;
+}
+
+static void take_truth(reading *g, const tensormass_force_sample_t *m) {
+    if (!g->started) return;
+    int64_t tick = (m->utime - g->first_us) / TICK_US;
+    if (tick != g->truths) return;
+    static int have;
+    if (g->truths == 0) have = 0;
+    g->truth = room(g->truth, &have, g->truths + 1, 3 * sizeof *g->truth);
+    for (int i = 0; i < 3; i++) g->truth[3 * tick + i] = (float)m->force_N[i];
+    g->truths++;
+}
+
+static void take_patch(reading *g, const tensormass_contact_patch_t *m) {
+    static float scratch[HRT_PATCH_COMPLIANCE];
+    if (m->vertex_count < 3 || m->vertex_count > HRT_PATCH_MAX_VERTICES || m->triangle_count < 1 || m->triangle_count > HRT_PATCH_MAX_TRIANGLES) return;
+    free(g->pending);
+    g->pending = calloc(1, sizeof *g->pending);
+    if (!g->pending) abort();
+    hrt_patch *p = g->pending;
+    p->seq = g->pending_seq = (uint32_t)m->seq, p->topology_revision = m->topology_revision;
+    p->vertex_count = m->vertex_count, p->triangle_count = m->triangle_count;
+    for (int i = 0; i < 3 * m->vertex_count; i++) p->vertex_m[i] = (float)((double)m->vertex_m[i] + m->origin_m[i % 3] - g->origin[i % 3]);
+    memcpy(p->triangle, m->triangle, sizeof p->triangle);
+    memcpy(p->compliance_m_N, m->compliance_m_N, sizeof p->compliance_m_N);
+    p->skin_compliance_m_N = m->skin_compliance_m_N, p->radius_m = m->radius_m, p->contact_length_m = m->contact_length_m;
+    if (hrt_patch_prepare(p, scratch) == HRT_ACCEPT) return;
+    free(p);
+    g->pending = NULL;
+}
+
+static void take_event(reading *g, const lcm_eventlog_event_t *e) {
+    static tensormass_contact_patch_t patch;
+    tensormass_tool_state_t tool;
+    tensormass_force_sample_t force;
+    if (!strcmp(e->channel, "TOOL_0") && tensormass_tool_state_t_decode(e->data, 0, e->datalen, &tool) >= 0) take_tool(g, &tool);
+    if (!strcmp(e->channel, "PATCH_0") && tensormass_contact_patch_t_decode(e->data, 0, e->datalen, &patch) >= 0) take_patch(g, &patch);
+    if (!strcmp(e->channel, "FORCE_0") && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0) take_force(g, &force, e->timestamp);
+    if (!strcmp(e->channel, "TRUTH_0") && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0) take_truth(g, &force);
+}
+
+/* The truth of the log, or the paper's. */
+static void finish(reading *g) {
+    recording *r = g->r;
+    r->truth_N = calloc(3 * (size_t)r->ticks, sizeof *r->truth_N);
+    if (!r->truth_N) abort();
+    r->frame_s = r->samples > 1 ? 1e-6 * (double)(r->sample[r->samples - 1].sample.t_us - r->sample[0].sample.t_us) / (r->samples - 1) : 0;
+    if (g->truths < r->ticks) {
+        truth_by_interpolation(r);
+        return;
+    }
+    memcpy(r->truth_N, g->truth, 3 * (size_t)r->ticks * sizeof *r->truth_N);
+    for (int k = 0; k < r->ticks; k++) {
+        const float *f = r->truth_N + 3 * k;
+        r->peak_N = fmax(r->peak_N, sqrt((double)f[0] * f[0] + (double)f[1] * f[1] + (double)f[2] * f[2]));
+    }
+}
+
+int log_read(const char *file, recording *out) {
+    reading g = {.r = out};
+    memset(out, 0, sizeof *out);
+    hrt_params_default(&out->params);
+    snprintf(out->name, sizeof out->name, "%s", file);
+    lcm_eventlog_t *log = lcm_eventlog_create(file, "r");
+    if (!log) return app_bad_input(file, 0, "cannot be read; name an LCM log, as tm-sim --record or lcm-logger writes it");
+    for (lcm_eventlog_event_t *e; (e = lcm_eventlog_read_next_event(log)); lcm_eventlog_free_event(e)) take_event(&g, e);
+    lcm_eventlog_destroy(log);
+    free(g.pending);
+    int rc = 0;
+    if (out->ticks < 2 || out->samples < 2)
+        rc = app_bad_input(file, 0, "holds %d TOOL_0 and %d FORCE_0 messages with a controller's time; record a session with both", out->ticks, out->samples);
+    else
+        finish(&g);
+    free(g.truth);
+    if (rc) recording_free(out);
+    return rc;
+}

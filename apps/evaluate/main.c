@@ -1,0 +1,154 @@
+/* tm-evaluate: errors of extrapolated forces, from logs or from sessions of its own. */
+#include <getopt.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "app.h"
+#include "bandwidth.h"
+#include "evaluate.h"
+
+void progress(const char *what, double fraction) { app_progress(what, fraction, false); }
+
+static void usage(FILE *to) {
+    fprintf(to, "usage: tm-evaluate LOG...            errors of every extrapolator on recorded sessions (LCM logs)\n"
+                "       tm-evaluate --study           the whole study on sessions of its own; make evaluate draws it\n"
+                "       tm-evaluate --generate DIR    write those sessions' logs, at 20 Hz\n\n"
+                "  --json FILE     the figures\n"
+                "  --quick         with --study: fewer rates, speeds and depths\n"
+                "  --model NAME    with --study, --generate: only this one (may be repeated):");
+    for (int m = 0; m < MODEL_COUNT; m++) fprintf(to, " %s", model_name[m]);
+    fprintf(to, "\n  --latency N     with LOG: hold samples back by N frames more\n"
+                "  --loss SHARE    with LOG: lose this share of the samples\n"
+                "  --help, --version\n\n"
+                "Run it where apps/scenes is: from the root of the project, or of share/tensormass.\n");
+}
+
+static int write_json(const char *file_name, cJSON *root) {
+    app_output output;
+    tm_error error = {0};
+    if (!file_name) return APP_DONE;
+    if (!app_output_begin(&output, file_name, &error)) return app_report(NULL, 0, &error);
+    char *text = cJSON_Print(root);
+    FILE *file = text ? fopen(output.temporary, "w") : NULL;
+    bool written = file && fputs(text, file) >= 0;
+    if (file && fclose(file) != 0) written = false;
+    free(text);
+    if (written && app_output_commit(&output, &error)) return APP_DONE;
+    app_output_abandon(&output);
+    return app_bad_input(file_name, 0, "cannot write the figures; check the disk");
+}
+
+static int evaluate_logs(char **log, int count, const conditions *c, const char *json) {
+    cJSON *root = cJSON_CreateObject(), *logs = cJSON_AddArrayToObject(root, "logs");
+    int rc = 0;
+    for (int i = 0; i < count && !rc; i++) {
+        recording r;
+        rc = log_read(log[i], &r);
+        if (rc) break;
+        cJSON *one = add_row(logs), *rows;
+        cJSON_AddStringToObject(one, "log", log[i]);
+        cJSON_AddStringToObject(one, "truth", r.interpolated ? "interpolated" : "recorded");
+        cJSON_AddNumberToObject(one, "ticks", r.ticks);
+        cJSON_AddNumberToObject(one, "samples", r.samples);
+        cJSON_AddNumberToObject(one, "peak_N", r.peak_N);
+        rows = cJSON_AddArrayToObject(one, "rows");
+        printf("%s: %d samples over %.1f s, peak %.3g N, truth %s\n%-16s %9s %9s %9s %9s\n", log[i], r.samples, 1e-6 * TICK_US * r.ticks, r.peak_N,
+               r.interpolated ? "interpolated afterwards" : "recorded at 500 Hz", "extrapolator", "RMS %", "peak %", "jump %", "angle deg");
+        for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
+            errors e = replay(&r, (hrt_extrapolator)x, c, NULL);
+            cJSON *row = errors_json(&e);
+            cJSON_AddItemToArray(rows, row);
+            cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)x));
+            printf("%-16s %9.3f %9.2f %9.2f %9.2f\n", hrt_extrapolator_name((hrt_extrapolator)x), 100 * e.rms, 100 * e.peak, 100 * e.jump_p99, 57.29578 * e.direction_rad);
+        }
+        recording_free(&r);
+    }
+    if (!rc) rc = write_json(json, root);
+    cJSON_Delete(root);
+    return rc;
+}
+
+static int study(const study_run *run, const char *json) {
+    cJSON *root = cJSON_CreateObject(), *part;
+    int rc = APP_FAILED;
+    cJSON_AddBoolToObject(root, "quick", run->quick);
+    if ((part = study_roughness(run))) {
+        cJSON_AddItemToObject(root, "roughness", part);
+        if ((part = study_rates(run))) {
+            cJSON_AddItemToObject(root, "rates", part);
+            if ((part = study_loop(run))) {
+                cJSON_AddItemToObject(root, "loop", part);
+                cJSON_AddNumberToObject(root, "bandwidth_B_s", app_bandwidth_B_s(4 << 20, 15));
+                rc = write_json(json, root);
+            }
+        }
+    }
+    app_progress("", 1, true);
+    cJSON_Delete(root);
+    return rc;
+}
+
+static int generate_one(const char *folder, model m, bool reversals) {
+    path p = reversals ? path_reversals(0.05, 0) : path_make(0.01, 40e-6);
+    recording r = {0};
+    char file[1024];
+    int rc = record_truth(m, &p, true, &r);
+    if (!rc) rc = record(m, &p, 20, true, true, &r);
+    sim *s = rc ? NULL : model_open(m, 20, NULL);
+    snprintf(file, sizeof file, "%s/%s-%s.lcm", folder, model_name[m], reversals ? "reversals" : "tour");
+    if (!rc) rc = s ? log_write(file, &r, s->instrument_def[0].trocar_m) : APP_FAILED;
+    if (!rc) printf("%s\n", file);
+    sim_destroy(s);
+    recording_free(&r);
+    return rc;
+}
+
+static int generate(const char *folder, const study_run *run) {
+    int rc = 0;
+    for (int m = 0; m < MODEL_COUNT && !rc; m++)
+        for (int reversals = 0; reversals < 2 && run->model[m] && !rc; reversals++) rc = generate_one(folder, (model)m, reversals != 0);
+    return rc;
+}
+
+int main(int argc, char **argv) {
+    static const struct option options[] = {{"study", no_argument, NULL, 's'}, {"generate", required_argument, NULL, 'g'}, {"json", required_argument, NULL, 'j'},
+                                            {"quick", no_argument, NULL, 'q'}, {"model", required_argument, NULL, 'm'}, {"latency", required_argument, NULL, 'l'},
+                                            {"loss", required_argument, NULL, 'o'}, {"help", no_argument, NULL, 'h'}, {"version", no_argument, NULL, 'v'}, {0}};
+    const char *json = NULL, *folder = NULL;
+    study_run run = {0};
+    conditions c = {.seed = 1};
+    bool all = true, studying = false;
+    char *rest;
+    for (int o; (o = getopt_long(argc, argv, "", options, NULL)) != -1;) {
+        int m = 0;
+        switch (o) {
+        case 's': studying = true; break;
+        case 'g': folder = optarg; break;
+        case 'j': json = optarg; break;
+        case 'q': run.quick = true; break;
+        case 'm':
+            while (m < MODEL_COUNT && strcmp(model_name[m], optarg) != 0) m++;
+            if (m == MODEL_COUNT) return app_bad_input("tm-evaluate", 0, "no model '%s'; --help lists them", optarg);
+            run.model[m] = true, all = false;
+            break;
+        case 'l':
+            c.latency_frames = (int)strtol(optarg, &rest, 10);
+            if (*rest || rest == optarg || c.latency_frames < 0 || c.latency_frames > 100) return app_bad_input("tm-evaluate", 0, "--latency %s: give a whole number of frames from 0 to 100", optarg);
+            break;
+        case 'o':
+            c.loss = strtod(optarg, &rest);
+            if (*rest || rest == optarg || !(c.loss >= 0 && c.loss < 1)) return app_bad_input("tm-evaluate", 0, "--loss %s: give a share from 0 to below 1", optarg);
+            break;
+        case 'h': usage(stdout); return APP_DONE;
+        case 'v': printf("tm-evaluate %s\n", tm_version()); return APP_DONE;
+        default: return app_bad_input("tm-evaluate", 0, "unknown or incomplete option; see tm-evaluate --help");
+        }
+    }
+    for (int m = 0; m < MODEL_COUNT; m++) run.model[m] = run.model[m] || all;
+    if (studying + (folder != NULL) + (optind < argc) != 1) return app_bad_input("tm-evaluate", 0, "name logs, or --study, or --generate DIR; see tm-evaluate --help");
+    if (studying && !json) return app_bad_input("tm-evaluate", 0, "--study wants --json FILE; say where the figures go");
+    if (studying) return study(&run, json);
+    if (folder) return generate(folder, &run);
+    return evaluate_logs(argv + optind, argc - optind, &c, json);
+}

@@ -1,0 +1,221 @@
+/* The closed loop: device, hand, controller and a delayed simulation of a soft surface. For each extrapolator and rate, the stiffest contact whose
+ * oscillation dies out: after a step of 1 mm in the hand's wish the insertion stays within one encoder count.
+ *
+ * The surface is a patch with an exponential compliance kernel, solved at the samples as `contact` solves it at the ticks. Stated conditions: no Coulomb
+ * friction, coupling off, force, slew and stiffness limits out of the way (a case with a limit active is not counted as stable), the same
+ * device and hand for all. Theory, for a hold: b > K (T/2 + delay), b the damping of device and hand together (Diolaiti et al. 2006; Colgate 1997). */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "device/device.h"
+#include "evaluate.h"
+#include "io/node.h"
+
+enum { COLUMNS = 4, ROWS = 3, VERTICES = COLUMNS * ROWS, MAX_LINE = 8 };
+static const double SPACING_M = 0.005, KERNEL_M = 0.008, RADIUS_M = 0.0035, SURFACE_M = 0.12, PRESS_M = 0.002, SECONDS = 6, STEP_AT_S = 3;
+
+/* A flat patch below the tool: surface at insertion SURFACE_M, outward normal towards the trocar. */
+static void make_patch(hrt_patch *p, double compliance_m_N) {
+    *p = (hrt_patch){.vertex_count = VERTICES, .radius_m = (float)RADIUS_M, .contact_length_m = 0.05f, .skin_compliance_m_N = (float)(0.05 * compliance_m_N)};
+    for (int i = 0; i < VERTICES; i++) {
+        p->vertex_m[3 * i] = (float)(SPACING_M * (i % COLUMNS - 1.4));
+        p->vertex_m[3 * i + 1] = (float)(SPACING_M * (i / COLUMNS - 0.8));
+        p->vertex_m[3 * i + 2] = (float)SURFACE_M;
+    }
+    for (int c = 0; c < (COLUMNS - 1) * (ROWS - 1); c++) {
+        uint8_t a = (uint8_t)(c % (COLUMNS - 1) + COLUMNS * (c / (COLUMNS - 1))), b = (uint8_t)(a + 1), d = (uint8_t)(a + COLUMNS), e = (uint8_t)(d + 1);
+        uint8_t t[6] = {a, d, b, b, d, e}; /* counter-clockwise seen from the trocar, that is from smaller z */
+        memcpy(p->triangle + 6 * p->triangle_count / 2, t, sizeof t);
+        p->triangle_count += 2;
+    }
+    int at = 0;
+    for (int i = 0; i < 3 * VERTICES; i++)
+        for (int j = i; j < 3 * VERTICES; j++, at++) {
+            const float *a = p->vertex_m + 3 * (i / 3), *b = p->vertex_m + 3 * (j / 3);
+            double d = hypot((double)a[0] - (double)b[0], (double)a[1] - (double)b[1]);
+            p->compliance_m_N[at] = i % 3 == j % 3 ? (float)(compliance_m_N * exp(-d / KERNEL_M)) : 0;
+        }
+}
+
+/* The surface's converged reaction on a tip (relative to the trocar), and its stiffness by central differences. */
+static void surface_force(const hrt_patch *patch, const hrt_params *params, const float tip[3], float force[3]) {
+    static hrt_extrapolation x;
+    hrt_sample s = {.tip_m = {tip[0], tip[1], tip[2]}, .unilateral = true, .patch = patch};
+    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    hrt_extrapolation_sample(&x, params, &s);
+    for (int i = 0; i < 12; i++) hrt_extrapolation_force(&x, params, 0, tip, force);
+}
+
+static void surface_stiffness(const hrt_patch *patch, const hrt_params *params, const float tip[3], double K[9]) {
+    for (int j = 0; j < 3; j++) {
+        float a[3] = {tip[0], tip[1], tip[2]}, b[3] = {tip[0], tip[1], tip[2]}, fa[3], fb[3];
+        const float h = 2e-5f;
+        a[j] += h, b[j] -= h;
+        surface_force(patch, params, a, fa), surface_force(patch, params, b, fb);
+        for (int i = 0; i < 3; i++) K[3 * i + j] = (double)(fa[i] - fb[i]) / (2 * (double)h);
+    }
+}
+
+typedef struct loop_case {
+    hrt_extrapolator which;
+    double rate_Hz;
+    int delay_frames;
+    bool passivity;
+} loop_case;
+
+typedef struct loop_result {
+    bool settled, limited, engaged;
+    double stiffness_N_m; /* of the surface along the shaft where the tool rests */
+    double last_swing_m;
+} loop_result;
+
+typedef struct waiting { int64_t due_us; hrt_force_sample sample; } waiting;
+
+typedef struct loop {
+    hrt_loopback bus;
+    hrt_bus node_bus, device_bus;
+    hrt_node node;
+    hrt_device device;
+    hrt_patch patch, posted;
+    waiting line[MAX_LINE];
+    int waiting_count;
+    uint32_t seq;
+} loop;
+
+static void set_up(loop *l, const loop_case *c, double compliance) {
+    memset(l, 0, sizeof *l);
+    hrt_loopback_init(&l->bus);
+    hrt_bus_open_loopback(&l->device_bus, &l->bus);
+    hrt_bus_open_loopback(&l->node_bus, &l->bus);
+    hrt_device_config device = hrt_device_config_default(0);
+    for (int j = 0; j < HRT_MOTORS; j++) device.coulomb[j] = 0;
+    device.rest[HRT_INSERTION] = SURFACE_M - RADIUS_M + PRESS_M;
+    hrt_node_config node = hrt_node_config_default(0);
+    node.pose_known = true, node.extrapolator = c->which, node.passivity = c->passivity;
+    node.params.slew_max_N_s = node.params.axis_slew_max_N_s = 20000, node.params.stiffness_max_N_m = 1e6f;
+    node.params.power_max_W = node.params.axis_power_max_W = 100;
+    node.params.patch_stale_us = node.params.stale_us = 900000; /* slow rates are studied, not stale links */
+    node.params.horizon_us = 900000;
+    hrt_device_init(&l->device, &device, &l->device_bus);
+    hrt_node_init(&l->node, &node, &l->node_bus);
+    make_patch(&l->patch, compliance);
+}
+
+static void post(loop *l, const waiting *w) {
+    static const double origin[3] = {0, 0, 0};
+    l->posted = l->patch;
+    hrt_patch_message m = {.session = 1, .seq = w->sample.seq, .vertex_count = VERTICES, .triangle_count = l->patch.triangle_count, .vertex_m = l->patch.vertex_m,
+                           .origin_m = origin, .triangle = (const int8_t *)l->patch.triangle, .compliance_m_N = l->patch.compliance_m_N,
+                           .skin_compliance_m_N = l->patch.skin_compliance_m_N, .radius_m = l->patch.radius_m, .contact_length_m = l->patch.contact_length_m};
+    if (l->node.config.extrapolator == HRT_CONTACT) hrt_node_post_patch(&l->node, &m);
+    hrt_node_post_sample(&l->node, &w->sample);
+}
+
+/* Samples the tool now; the line holds it back. */
+static void simulate(loop *l, const loop_case *c, int64_t now_us, int64_t frame_us, const hrt_tool_state *tool) {
+    waiting w = {.due_us = now_us + c->delay_frames * frame_us};
+    w.sample = (hrt_force_sample){.utime = now_us, .session = 1, .tool_session = tool->session, .tool_utime = tool->utime, .seq = l->seq++, .stiffness_kind = 2};
+    float tip[3], force[3];
+    for (int i = 0; i < 3; i++) w.sample.tip_m[i] = tool->tip_m[i], tip[i] = (float)tool->tip_m[i];
+    surface_force(&l->patch, &l->node.config.params, tip, force);
+    for (int i = 0; i < 3; i++) w.sample.force_N[i] = (double)force[i];
+    if (c->which == HRT_TANGENT || c->which == HRT_CONTACT) surface_stiffness(&l->patch, &l->node.config.params, tip, w.sample.stiffness_N_m);
+    if (c->delay_frames == 0)
+        post(l, &w);
+    else if (l->waiting_count < MAX_LINE)
+        l->line[l->waiting_count++] = w;
+}
+
+static void deliver(loop *l, int64_t now_us) {
+    while (l->waiting_count && l->line[0].due_us <= now_us) {
+        post(l, &l->line[0]);
+        memmove(l->line, l->line + 1, sizeof *l->line * (size_t)--l->waiting_count);
+    }
+}
+
+static loop_result run_loop(const loop_case *c, double compliance) {
+    static loop l;
+    loop_result r = {0};
+    hrt_tool_state tool = {0};
+    double low = 1, high = 0;
+    set_up(&l, c, compliance);
+    int64_t frame_us = llround(1e6 / c->rate_Hz), next_frame = 0, end = (int64_t)(SECONDS * 1e6);
+    for (int64_t t = 0; t < end; t += TICK_US) {
+        int64_t now = 1000000 + t;
+        double s = 1e-6 * (double)t, joint[HRT_JOINTS] = {0, 0, SURFACE_M - RADIUS_M + PRESS_M + (s > STEP_AT_S ? 0.001 : 0), 0, 0};
+        hrt_device_hand(&l.device, joint, false);
+        hrt_device_step(&l.device, now);
+        deliver(&l, now);
+        hrt_node_tick(&l.node, now, &tool);
+        if (t >= next_frame && tool.session) {
+            simulate(&l, c, now, frame_us, &tool);
+            next_frame += frame_us;
+        }
+        r.engaged |= l.node.output.state == HRT_ENGAGED;
+        if (s > STEP_AT_S - 1) r.limited |= (l.node.output.limits & (HRT_LIMIT_FORCE | HRT_LIMIT_AXIS | HRT_LIMIT_SLEW | HRT_LIMIT_POWER)) != 0;
+        if (s > SECONDS - 1) low = fmin(low, l.device.joint[HRT_INSERTION]), high = fmax(high, l.device.joint[HRT_INSERTION]);
+    }
+    float tip[3] = {0, 0, (float)l.device.joint[HRT_INSERTION]};
+    double K[9];
+    surface_stiffness(&l.patch, &l.node.config.params, tip, K);
+    r.stiffness_N_m = -K[8];
+    r.last_swing_m = high - low;
+    r.settled = r.engaged && l.node.output.state == HRT_ENGAGED && !r.limited && r.last_swing_m <= 1 / (double)l.node.config.params.counts_per_unit[HRT_INSERTION];
+    return r;
+}
+
+/* Largest stable stiffness, by doubling and then halving the gap; `beyond` when nothing tried was unstable. */
+static loop_result largest(const loop_case *c, bool quick, bool *beyond) {
+    loop_result best = {0};
+    double good = 0, bad = 0;
+    *beyond = false;
+    for (double compliance = 1.0 / 50; !(bad > 0); compliance /= 1.6) {
+        if (compliance < 1.0 / 60000) {
+            *beyond = true;
+            return best;
+        }
+        loop_result r = run_loop(c, compliance);
+        if (r.settled) best = r, good = compliance;
+        else bad = compliance;
+    }
+    if (!(good > 0)) return best;
+    for (int i = 0; i < (quick ? 2 : 5); i++) {
+        double middle = sqrt(good * bad);
+        loop_result r = run_loop(c, middle);
+        if (r.settled) best = r, good = middle;
+        else bad = middle;
+    }
+    return best;
+}
+
+cJSON *study_loop(const study_run *run) {
+    static const double whole[] = {10, 15, 20, 25, 30, 50, 100, 500}, quick[] = {30};
+    const double *rates = run->quick ? quick : whole;
+    int count = run->quick ? 1 : (int)(sizeof whole / sizeof *whole), delays = run->quick ? 1 : 2;
+    const hrt_device_config device = hrt_device_config_default(0);
+    double b = device.viscous[HRT_INSERTION] + device.hand_damping[HRT_INSERTION];
+    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
+    for (int k = 0; k < count; k++)
+        for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++)
+            for (int delay = 0; delay < delays; delay++)
+                for (int passivity = 0; passivity < 2; passivity++) {
+                    loop_case c = {(hrt_extrapolator)x, rates[k], delay, passivity != 0};
+                    bool beyond;
+                    progress("closed loop", ((k * HRT_EXTRAPOLATOR_COUNT + x) * 4 + 2 * delay + passivity) / (4.0 * count * HRT_EXTRAPOLATOR_COUNT));
+                    loop_result r = largest(&c, run->quick, &beyond);
+                    cJSON *row = add_row(rows);
+                    cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name(c.which));
+                    cJSON_AddNumberToObject(row, "rate_Hz", c.rate_Hz);
+                    cJSON_AddNumberToObject(row, "delay_frames", delay);
+                    cJSON_AddBoolToObject(row, "passivity", c.passivity);
+                    cJSON_AddNumberToObject(row, "stiffness_N_m", r.stiffness_N_m);
+                    cJSON_AddBoolToObject(row, "beyond", beyond);
+                    cJSON_AddNumberToObject(row, "theory_N_m", b / (0.5 / c.rate_Hz + delay / c.rate_Hz));
+                }
+    cJSON_AddNumberToObject(out, "damping_N_s_m", b);
+    cJSON_AddNumberToObject(out, "hand_stiffness_N_m", device.hand_stiffness[HRT_INSERTION]);
+    cJSON_AddNumberToObject(out, "mass_kg", device.inertia[HRT_INSERTION]);
+    return out;
+}
