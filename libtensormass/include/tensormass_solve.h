@@ -67,7 +67,7 @@ typedef struct tm_precomputed_def {
     const char *file;               /* cache; null: none. Atomically replaced when it is rebuilt */
     const tm_solve_team *team;      /* null: this process alone */
     const tm_contact_def *contact;  /* instruments, skin compliance, cap; null: none. skin_compliance_m_N > 0 */
-    int32_t max_local_vertices;     /* of the on-line system: contacts and imposed vertices together; 128 */
+    int32_t max_local_vertices;     /* of the on-line system: surroundings of the tools and imposed vertices together; 256 */
 } tm_precomputed_def;
 
 typedef struct tm_precomputed tm_precomputed;
@@ -82,9 +82,9 @@ TM_API tm_status tm_precomputed_write(const tm_precomputed_def *def, tm_solve_re
 TM_API void tm_precomputed_destroy(tm_precomputed *model);
 TM_API int64_t tm_precomputed_bytes(const tm_precomputed *model);
 
-/* One on-line update: every instrument moves from where it is to `pose[instrument]`, the path cut into pieces no longer than half its
- * radius (at most 32), contact solved anew at each to convergence (bounded). No allocation. Returns the Newton steps of the last
- * piece; negative: the residual is still above 1e-6 of the force after the last allowed step. */
+/* One on-line update: every instrument moves from where it is to `pose[instrument]`, the path cut into pieces no longer than an eighth of its
+ * radius, contact solved anew at each to convergence (256 solves at most). No allocation. Returns the Newton steps of the last
+ * piece; negative: the residual is still above 1e-9 of the displacement after the last allowed step. */
 TM_API int32_t tm_precomputed_update(tm_precomputed *model, const tm_tool_pose *pose);
 /* Puts an instrument there at once: no swept path. Contact is solved by the next update. */
 TM_API void tm_precomputed_place(tm_precomputed *model, int32_t instrument, const tm_tool_pose *at);
@@ -117,7 +117,7 @@ typedef struct tm_hybrid_def {
     tm_precision precision;
     const char *file;               /* cache, as above */
     const tm_contact_def *contact;  /* null: no contact on the condensed part */
-    int32_t max_local_vertices;     /* 128 */
+    int32_t max_local_vertices;     /* 256 */
 } tm_hybrid_def;
 
 typedef struct tm_hybrid tm_hybrid;

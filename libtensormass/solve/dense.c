@@ -116,14 +116,10 @@ static void turning_normal(const tm_contact_row *row, const double x[3][3], doub
     if (f.q < 2) add_beside(row, t, f.q, fmax(fabs(d), 0.2 * radius), H);
 }
 
-void tms_row_stiffness(const tm_contact_row *row, const double x[3][3], double radius, double skin, double cap, bool turning, double D[81]) {
+void tms_row_stiffness(const tm_contact_row *row, const double x[3][3], double radius, double slope, double D[81]) {
     memset(D, 0, 81 * sizeof *D);
-    if (turning) {
-        turning_normal(row, x, radius, D);
-        for (int i = 0; i < 81; i++) D[i] *= -row->lambda_N;
-    }
-    if (row->lambda_N >= cap) return;
-    for (int a = 0; a < 9; a++)
-        for (int b = 0; b < 9; b++)
-            D[9 * a + b] += row->share / skin * row->weight[a / 3] * row->normal[a % 3] * row->weight[b / 3] * row->normal[b % 3];
+    turning_normal(row, x, radius, D);
+    for (int i = 0; i < 81; i++) D[i] *= -row->lambda_N;
+    for (int a = 0; a < 9 && slope > 0; a++)
+        for (int b = 0; b < 9; b++) D[9 * a + b] += row->weight[a / 3] * row->normal[a % 3] * row->weight[b / 3] * row->normal[b % 3] / slope;
 }

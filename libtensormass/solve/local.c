@@ -15,7 +15,7 @@ static void *carve(char **at, size_t bytes) {
 }
 
 /* One block; called with null first, to measure. */
-static size_t lay_out(tms_local *l, char *memory, int32_t tools) {
+static size_t lay_out(tms_local *l, char *memory) {
     char *at = memory;
     const size_t n = (size_t)l->mesh->vertex_count, c = (size_t)l->capacity, c3 = 3 * c, rows = (size_t)l->def.max_rows;
     l->base_m = carve(&at, 24 * n);
@@ -31,13 +31,14 @@ static size_t lay_out(tms_local *l, char *memory, int32_t tools) {
     l->pivot = carve(&at, 4 * c3);
     l->wanted = carve(&at, c);
     l->pin = carve(&at, c * sizeof *l->pin);
-    double **vector[] = {&l->f, &l->fc, &l->r, &l->step, &l->keep, &l->try_u, &l->rhs};
+    double **vector[] = {&l->f, &l->f_saved, &l->r, &l->keep, &l->du, &l->step, &l->now.fc, &l->probe.fc};
     for (size_t i = 0; i < sizeof vector / sizeof *vector; i++) *vector[i] = carve(&at, 8 * c3);
+    for (int i = 0; i <= TMS_KRYLOV; i++) l->krylov[i] = carve(&at, 8 * c3);
+    for (int i = 0; i < TMS_KRYLOV; i++) l->ready[i] = carve(&at, 8 * c3);
     l->block = carve(&at, 8 * c3 * c3);
     l->lu = carve(&at, 8 * c3 * c3);
-    l->row = carve(&at, rows * sizeof *l->row);
-    l->before = carve(&at, rows * sizeof *l->before);
-    for (int32_t t = 0; t < tools; t++) l->tool[t].candidate = carve(&at, 4 * (size_t)l->surface.count);
+    tm_contact_row **row[] = {&l->now.row, &l->probe.row, &l->before};
+    for (int i = 0; i < 3; i++) *row[i] = carve(&at, rows * sizeof(tm_contact_row));
     return (size_t)(at - memory);
 }
 
@@ -62,58 +63,33 @@ tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const t
     const tm_status status = check(&l.def, error);
     if (status != TM_OK) return status;
     l.tool_count = l.def.instrument_count;
-    l.bytes = (int64_t)lay_out(&l, NULL, l.tool_count);
+    l.bytes = (int64_t)lay_out(&l, NULL);
     l.memory = aligned_alloc(64, (size_t)l.bytes);
     if (!l.memory) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for %d vertices on line; lower max_local_vertices", (int)capacity);
     memset(l.memory, 0, (size_t)l.bytes);
-    lay_out(&l, l.memory, l.tool_count);
+    lay_out(&l, l.memory);
     for (int32_t v = 0; v < mesh->vertex_count; v++) l.slot_of[v] = -1;
     for (int32_t s = 0; s < capacity; s++) l.vertex[s] = l.pin_of[s] = l.act_of[s] = -1;
     *local = l;
+    local->def.instrument = NULL; /* the caller's array is copied */
     for (int32_t t = 0; t < l.tool_count; t++) {
         local->tool[t].def = l.def.instrument[t];
         tms_local_place(local, t, &l.def.instrument[t].pose);
+        const tm_status made = tm_contact_search_create(&local->tool[t].search, error);
+        if (made == TM_OK) continue;
+        tms_local_destroy(local);
+        return made;
     }
-    local->def.instrument = NULL;
     return TM_OK;
 }
 
 void tms_local_destroy(tms_local *local) {
+    for (int32_t t = 0; t < local->tool_count; t++) tm_contact_search_destroy(local->tool[t].search);
     free(local->memory);
     *local = (tms_local){0};
 }
 
 /* --- which vertices --- */
-
-static double axis_distance(const tm_capsule *c, const double p[3]) {
-    double axis[3], to[3], along = 0, length2 = 0, sum = 0;
-    for (int i = 0; i < 3; i++) axis[i] = c->tail_m[i] - c->tip_m[i], to[i] = p[i] - c->tip_m[i];
-    for (int i = 0; i < 3; i++) along += axis[i] * to[i], length2 += axis[i] * axis[i];
-    const double t = length2 > 0 ? fmin(fmax(along / length2, 0), 1) : 0;
-    for (int i = 0; i < 3; i++) sum += (to[i] - t * axis[i]) * (to[i] - t * axis[i]);
-    return sqrt(sum);
-}
-
-/* Triangles whose bounding ball comes within `reach` of the axis. */
-static void find_candidates(const tms_local *l, tms_tool *tool, double reach) {
-    tool->candidate_count = 0;
-    if (!tool->pose.active) return;
-    for (int32_t i = 0; i < l->surface.count; i++) {
-        const int32_t *v = l->surface.triangle + 3 * (int64_t)i;
-        double p[3][3], centre[3] = {0}, far2 = 0;
-        for (int k = 0; k < 3; k++)
-            for (int c = 0; c < 3; c++) {
-                p[k][c] = l->mesh->rest_m[3 * (int64_t)v[k] + c] + l->u_m[3 * (int64_t)v[k] + c];
-                centre[c] += p[k][c] / 3;
-            }
-        for (int k = 0; k < 3; k++) {
-            double d2 = 0;
-            for (int c = 0; c < 3; c++) d2 += (p[k][c] - centre[c]) * (p[k][c] - centre[c]);
-            far2 = fmax(far2, d2);
-        }
-        if (axis_distance(&tool->capsule, centre) <= reach + sqrt(far2)) tool->candidate[tool->candidate_count++] = i;
-    }
-}
 
 static int32_t want(tms_local *l, int32_t v, int32_t count) {
     if (l->stamp[v] == l->stamp_now || count < 0) return count;
@@ -130,9 +106,10 @@ static int32_t list_wanted(tms_local *l) {
     int32_t count = 0;
     l->stamp_now++;
     for (int32_t i = 0; i < l->pin_count; i++) count = want(l, l->pin[i].vertex, count);
-    for (int32_t t = 0; t < l->tool_count; t++)
-        for (int32_t i = 0; i < l->tool[t].candidate_count; i++)
-            for (int k = 0; k < 3; k++) count = want(l, l->surface.triangle[3 * (int64_t)l->tool[t].candidate[i] + k], count);
+    for (int32_t t = 0; t < l->tool_count; t++) {
+        const int32_t *vertex, vertices = l->tool[t].near ? tm_contact_search_vertices(l->tool[t].search, &vertex) : 0;
+        for (int32_t i = 0; i < vertices; i++) count = want(l, vertex[i], count);
+    }
     return count;
 }
 
@@ -178,18 +155,17 @@ static void assign_slots(tms_local *l, int32_t count) {
 }
 
 void tms_local_gather(tms_local *l) {
-    double room = 2; /* radii: a tick's travel and give, and what the finder looks at */
+    double reach = 2.5; /* radii: what the finder looks at, a piece of the path, and what the tissue may give */
     int32_t count = -1;
-    for (int tries = 0; tries < 4 && count < 0; tries++, room *= 0.6) {
+    for (int tries = 0; count < 0; tries++, reach *= 0.8) {
         for (int32_t t = 0; t < l->tool_count; t++) {
-            find_candidates(l, &l->tool[t], room * l->tool[t].def.radius_m);
-            l->tool[t].overflowed = tries > 1;
+            tms_tool *tool = &l->tool[t];
+            const int32_t *vertex;
+            tool->near = tool->pose.active && tries < 20; /* then there is no room for any */
+            if (!tool->near) continue;
+            tool->overflowed = !tm_contact_search_gather(tool->search, l->mesh->rest_m, l->u_m, &l->surface, &tool->capsule, reach * tool->def.radius_m) || tries > 2;
+            tool->near = tm_contact_search_vertices(tool->search, &vertex) > 0;
         }
-        count = list_wanted(l);
-    }
-    for (int32_t t = 0; count < 0 && t < l->tool_count; t++) l->tool[t].overflowed = true;
-    while (count < 0) { /* still too many: drop the last candidates until the rest fits */
-        for (int32_t t = 0; t < l->tool_count; t++) l->tool[t].candidate_count = l->tool[t].candidate_count * 3 / 4;
         count = list_wanted(l);
     }
     assign_slots(l, count);
@@ -200,55 +176,57 @@ void tms_local_gather(tms_local *l) {
 
 void tms_local_shape(tms_local *l) {
     const int64_t c3 = 3 * (int64_t)l->capacity;
-    for (int32_t i = 0; i < l->use_count; i++) {
-        const int32_t a = l->use[i], v = l->vertex[a];
-        for (int c = 0; c < 3; c++) {
-            const double *row = l->block + (3 * a + c) * c3;
-            double sum = 0;
-            for (int32_t j = 0; j < l->use_count; j++) {
-                const int32_t b = l->use[j];
-                sum += row[3 * b] * l->f[3 * b] + row[3 * b + 1] * l->f[3 * b + 1] + row[3 * b + 2] * l->f[3 * b + 2];
-            }
-            l->u_m[3 * (int64_t)v + c] = l->base_m[3 * (int64_t)v + c] + sum;
+    int32_t loaded[l->use_count + 1], count = 0; /* few of those near a tool carry force */
+    for (int32_t j = 0; j < l->use_count; j++) {
+        const double *f = l->f + 3 * l->use[j];
+        if (f[0] != 0 || f[1] != 0 || f[2] != 0) loaded[count++] = l->use[j];
+    }
+    for (int32_t i = 0; i < 3 * l->use_count; i++) {
+        const int64_t d = 3 * (int64_t)l->vertex[l->use[i / 3]] + i % 3;
+        const double *row = l->block + (3 * l->use[i / 3] + i % 3) * c3;
+        double sum = 0;
+        for (int32_t j = 0; j < count; j++) {
+            const double *f = l->f + 3 * loaded[j], *C = row + 3 * loaded[j];
+            sum += C[0] * f[0] + C[1] * f[1] + C[2] * f[2];
         }
+        l->u_m[d] = l->base_m[d] + sum;
     }
 }
 
-static void add_row(tms_local *l, tms_tool *tool, tm_contact_row *row) {
-    const double press = -row->gap_m * row->share / l->def.skin_compliance_m_N;
-    row->lambda_N = press < 0 ? 0 : press > l->def.force_cap_N ? l->def.force_cap_N : press;
-    tool->capped |= press > l->def.force_cap_N;
+static void add_row(const tms_local *l, tms_look *look, tm_contact_row *row) {
+    const tms_tool *tool = &l->tool[row->instrument];
     double on_tool[3], at_tip[3];
+    row->lambda_N = tm_skin_reaction(l->def.skin_compliance_m_N / row->share, tool->def.radius_m, row->gap_m, 0, l->def.force_cap_N);
+    look->capped[row->instrument] |= row->lambda_N >= l->def.force_cap_N;
     for (int c = 0; c < 3; c++) on_tool[c] = -row->lambda_N * row->normal[c];
     tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
-    for (int c = 0; c < 3; c++) tool->force_N[c] += at_tip[c], tool->resultant_N[c] += on_tool[c];
+    for (int c = 0; c < 3; c++) look->force_N[row->instrument][c] += at_tip[c], look->resultant_N[row->instrument][c] += on_tool[c];
     for (int k = 0; k < 3; k++)
-        for (int c = 0; c < 3; c++) l->fc[3 * l->slot_of[row->vertex[k]] + c] -= row->weight[k] * on_tool[c];
+        for (int c = 0; c < 3; c++) look->fc[3 * l->slot_of[row->vertex[k]] + c] -= row->weight[k] * on_tool[c];
 }
 
-void tms_local_rows(tms_local *l, tm_contact_row *row, int32_t *row_count) {
-    int32_t count = 0, first = 0;
+void tms_local_look(tms_local *l, tms_look *look) {
+    int32_t first = 0;
+    look->count = 0;
     for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) l->fc[3 * l->use[i] + c] = 0;
+        for (int c = 0; c < 3; c++) look->fc[3 * l->use[i] + c] = 0;
+    memset(look->force_N, 0, sizeof look->force_N);
+    memset(look->resultant_N, 0, sizeof look->resultant_N);
+    memset(look->capped, 0, sizeof look->capped);
     for (int32_t t = 0; t < l->tool_count; t++) {
         tms_tool *tool = &l->tool[t];
         int32_t last = first;
         while (last < l->before_count && l->before[last].instrument == t) last++;
-        memset(tool->force_N, 0, sizeof tool->force_N);
-        memset(tool->resultant_N, 0, sizeof tool->resultant_N);
-        tool->row_count = 0;
-        tool->capped = false;
-        if (!tool->ignored && tool->candidate_count > 0) {
+        if (tool->near && !tool->ignored) {
             bool overflowed = false;
-            tool->row_count = tm_contact_find_after(l->mesh->rest_m, l->u_m, l->surface.triangle, l->surface.face, tool->candidate, tool->candidate_count,
-                                                    &tool->capsule, 0, l->before + first, last - first, row + count, l->def.max_rows - count, &overflowed);
+            const int32_t found = tm_contact_search_rows(tool->search, l->mesh->rest_m, l->u_m, &tool->capsule, 0, l->before + first, last - first,
+                                                         look->row + look->count, l->def.max_rows - look->count, &overflowed);
             tool->overflowed |= overflowed;
-            for (int32_t i = count; i < count + tool->row_count; i++) add_row(l, tool, &row[i]);
-            count += tool->row_count;
+            for (int32_t i = 0; i < found; i++) add_row(l, look, &look->row[look->count + i]);
+            look->count += found;
         }
         first = last;
     }
-    *row_count = count;
 }
 
 /* --- tools --- */
@@ -266,41 +244,61 @@ void tms_local_place(tms_local *l, int32_t t, const tm_tool_pose *at) {
     l->before_count = kept;
 }
 
-static int32_t pieces_of(const tms_local *l, const tm_tool_pose *pose) {
+/* How long the path is, in pieces. */
+static double path_pieces(const tms_local *l, const tm_tool_pose *pose) {
     double most = 0;
     for (int32_t t = 0; t < l->tool_count; t++) {
-        double d2 = 0;
         const tm_capsule to = tm_tool_capsule(&l->tool[t].def, &pose[t], t), *from = &l->tool[t].capsule;
-        for (int c = 0; c < 3; c++) d2 += (to.tip_m[c] - from->tip_m[c]) * (to.tip_m[c] - from->tip_m[c]);
-        double tail2 = 0;
+        double tip2 = 0, tail2 = 0;
+        for (int c = 0; c < 3; c++) tip2 += (to.tip_m[c] - from->tip_m[c]) * (to.tip_m[c] - from->tip_m[c]);
         for (int c = 0; c < 3; c++) tail2 += (to.tail_m[c] - from->tail_m[c]) * (to.tail_m[c] - from->tail_m[c]);
-        if (pose[t].active || l->tool[t].pose.active) most = fmax(most, sqrt(fmax(d2, tail2)) / (0.5 * l->tool[t].def.radius_m));
+        if (pose[t].active || l->tool[t].pose.active) most = fmax(most, sqrt(fmax(tip2, tail2)) / (TMS_PIECE * l->tool[t].def.radius_m));
     }
-    return most <= 1 ? 1 : most >= TMS_MAX_PIECES ? TMS_MAX_PIECES : (int32_t)ceil(most);
+    return most;
+}
+
+/* What a piece that does not converge is undone to. */
+static void save(tms_local *l, bool back) {
+    for (int32_t s = 0; s < l->capacity; s++)
+        for (int c = 0; c < 3; c++) *(back ? &l->f[3 * s + c] : &l->f_saved[3 * s + c]) = back ? l->f_saved[3 * s + c] : l->f[3 * s + c];
+}
+
+static void go_to(tms_local *l, const tm_tool_pose *from, const tm_tool_pose *to, double s) {
+    for (int32_t t = 0; t < l->tool_count; t++) {
+        tm_tool_pose at = to[t];
+        for (int c = 0; c < 3 && s < 1; c++) at.tip_m[c] = from[t].tip_m[c] + s * (to[t].tip_m[c] - from[t].tip_m[c]);
+        set_pose(l, t, &at);
+    }
 }
 
 int32_t tms_local_update(tms_local *l, const tm_tool_pose *pose) {
-    const int32_t pieces = l->tool_count ? pieces_of(l, pose) : 1;
     tm_tool_pose from[TM_MAX_INSTRUMENTS];
+    const double whole = l->tool_count ? fmax(path_pieces(l, pose), 1) : 1;
+    double done = 0, piece = 1 / whole;
     int32_t steps = 0;
     for (int32_t t = 0; t < l->tool_count; t++) from[t] = l->tool[t].pose;
-    for (int32_t p = 1; p <= pieces; p++) {
-        const double s = (double)p / pieces;
-        for (int32_t t = 0; t < l->tool_count; t++) {
-            tm_tool_pose at = pose[t];
-            for (int c = 0; c < 3 && p < pieces; c++) at.tip_m[c] = from[t].tip_m[c] + s * (pose[t].tip_m[c] - from[t].tip_m[c]);
-            set_pose(l, t, &at);
-        }
+    for (int32_t solves = 1; done < 1; solves++) {
+        const bool last_chance = solves >= TMS_MAX_SOLVES || piece * whole < 1.0 / 64;
+        const double to = last_chance && solves >= TMS_MAX_SOLVES ? 1 : fmin(1, done + piece);
+        save(l, false);
+        go_to(l, from, pose, to);
         tms_local_gather(l);
         steps = tms_local_solve(l);
+        if (!l->converged && !last_chance) { /* it was too far: back, and half of it */
+            save(l, true);
+            piece *= 0.5;
+            continue;
+        }
+        done = to;
+        piece = fmin(2 * piece, 1 / whole);
     }
     return steps;
 }
 
 tm_tool_reaction tms_local_reaction(const tms_local *l, int32_t t) {
     const tms_tool *tool = &l->tool[t];
-    tm_tool_reaction r = {.capped = tool->capped, .overflowed = tool->overflowed};
-    for (int c = 0; c < 3; c++) r.tip_m[c] = tool->pose.tip_m[c], r.force_N[c] = tool->force_N[c], r.resultant_N[c] = tool->resultant_N[c];
-    for (int32_t i = 0; i < l->row_count; i++) r.row_count += l->row[i].instrument == t && l->row[i].lambda_N > 0;
+    tm_tool_reaction r = {.capped = l->now.capped[t], .overflowed = tool->overflowed};
+    for (int c = 0; c < 3; c++) r.tip_m[c] = tool->pose.tip_m[c], r.force_N[c] = l->now.force_N[t][c], r.resultant_N[c] = l->now.resultant_N[t][c];
+    for (int32_t i = 0; i < l->now.count; i++) r.row_count += l->now.row[i].instrument == t && l->now.row[i].lambda_N > 0;
     return r;
 }

@@ -1,27 +1,36 @@
 /* The on-line system: contact of all instruments and imposed vertices, on a compliance that somebody else knows.
  *
  * Unknown are the forces f on a few surface vertices (slots). The shape u = base + C f gives the contact rows of the core's own
- * finder, and the rows give forces: lambda = share/skin * depth, not below 0 and not above the cap. That is the unilateral problem with
- * regularised rows; it is solved for f = rows(base + C f) by Newton's method with the turning of the normals in its matrix, so that the
- * force is the converged one and not that of yesterday's normals. */
+ * finder, and the rows give forces: the skin's reaction to their depth, not below 0 and not above the cap. That is the unilateral
+ * problem with regularised rows. It is solved for f = rows(base + C f) by Newton's method: the force is the converged one, of
+ * today's normals and shares. A row's own change with its triangle is known in closed form and makes a matrix; what the finder adds
+ * (shares, blended normals) is felt by looking again beside the shape, in a few Krylov steps preconditioned by that matrix. */
 #ifndef TMS_LOCAL_H
 #define TMS_LOCAL_H
 
 #include "internal.h"
 
-enum { TMS_NEWTON_STEPS = 16, TMS_HALVINGS = 4, TMS_MAX_PIECES = 32 };
+enum { TMS_NEWTON_STEPS = 16, TMS_HALVINGS = 4, TMS_MAX_SOLVES = 256, TMS_KRYLOV = 24 };
+#define TMS_PIECE 0.125 /* radii: of the path of a tool, solved at once */
 
 typedef struct tms_tool {
     tm_instrument_def def;
     tm_tool_pose pose;
     tm_capsule capsule;
     bool ignored;                  /* while the shape without it is asked for */
-    int32_t *candidate;            /* [candidate_max] surface slots near it */
-    int32_t candidate_count;
-    double force_N[3], resultant_N[3];
-    int32_t row_count;
-    bool capped, overflowed;
+    tm_contact_search *search;     /* surface around it */
+    bool near;                     /* there is some */
+    bool overflowed;
 } tms_tool;
+
+/* What the rows of one shape do. */
+typedef struct tms_look {
+    tm_contact_row *row;           /* [max_rows] */
+    int32_t count;
+    double *fc;                    /* [3*capacity] forces on the slots */
+    double force_N[TM_MAX_INSTRUMENTS][3], resultant_N[TM_MAX_INSTRUMENTS][3];
+    bool capped[TM_MAX_INSTRUMENTS];
+} tms_look;
 
 typedef struct tms_pin { int32_t vertex; double u_m[3]; } tms_pin;
 
@@ -46,20 +55,22 @@ typedef struct tms_local {
     int32_t *stamp, stamp_now;     /* [vertex_count] */
     int32_t *list;                 /* [capacity] wanted vertices, ascending */
     double *block;                 /* [3*capacity][3*capacity] */
-    double *f, *fc, *r, *step, *keep, *try_u; /* [3*capacity] by slot */
+    double *f, *f_saved, *r, *keep, *du; /* [3*capacity] by slot */
     int32_t *pin_of;               /* [capacity] -1 */
     tms_pin *pin;                  /* [capacity] */
     int32_t pin_count;
     double pin_compliance_m_N;
     /* rows */
-    tm_contact_row *row, *before;  /* [max_rows] */
-    int32_t row_count, before_count;
+    tms_look now, probe;           /* of the solution; of a shape beside it */
+    tm_contact_row *before;        /* [max_rows] of the solution before */
+    int32_t before_count;
     /* Newton */
     int32_t act_count, *act;       /* slots with unknown forces */
     int32_t *act_of;               /* [capacity] -1 */
     double *lu;                    /* [(3*capacity)^2] */
     int32_t *pivot;
-    double *rhs;
+    double *step;                  /* [3*capacity] by act, as are the Krylov vectors */
+    double *krylov[TMS_KRYLOV + 1], *ready[TMS_KRYLOV];
     bool converged;
     int64_t bytes;
     void *memory;
@@ -78,16 +89,12 @@ int32_t tms_local_solve(tms_local *local);
 int32_t tms_local_update(tms_local *local, const tm_tool_pose *pose);
 /* d(force at the tip)/d(tip) of the converged solution, row-major. Leaves the solution as it was. */
 void tms_local_stiffness(tms_local *local, int32_t tool, double K[9]);
-/* Factorises the matrix of the present solution over the slots in use; false if singular. */
-bool tms_local_factor(tms_local *local, bool turning);
-/* Forces that a load b on the slots (in local->rhs order of act) meets: x := J^-1 b. */
-void tms_local_back(const tms_local *local, double *x);
 tm_tool_reaction tms_local_reaction(const tms_local *local, int32_t tool);
 
 /* dense.c: LU with partial pivoting, row-major. */
 bool tms_lu(double *a, int32_t *pivot, int32_t n);
 void tms_lu_solve(const double *a, const int32_t *pivot, int32_t n, double *x);
-/* Change of the force of one row with the positions of its three vertices: D = share/skin G G^T - lambda H. */
-void tms_row_stiffness(const tm_contact_row *row, const double position_m[3][3], double radius_m, double skin_m_N, double cap_N, bool turning, double D[81]);
+/* Change of the force of one row with the positions of its three vertices: D = G G^T / slope - lambda H; slope 0: the force is capped. */
+void tms_row_stiffness(const tm_contact_row *row, const double position_m[3][3], double radius_m, double slope_m_N, double D[81]);
 
 #endif

@@ -6,7 +6,7 @@
 
 /* u at the slots from base and forces. */
 void tms_local_shape(tms_local *local);
-/* Rows of that shape, their forces on the slots (fc) and on the tools. */
-void tms_local_rows(tms_local *local, tm_contact_row *row, int32_t *row_count);
+/* Rows of the shape in u_m, their forces on the slots and on the tools. */
+void tms_local_look(tms_local *local, tms_look *look);
 
 #endif

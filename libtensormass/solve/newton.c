@@ -5,50 +5,51 @@
 #include <math.h>
 #include <string.h>
 
-static const double CONVERGED = 1e-10; /* of the largest force */
+static const double CONVERGED = 1e-9;   /* of the largest displacement that the forces make */
+static const double TOUCHING_M = 1e-13; /* below it two surfaces that just touch cannot be told from two that do not */
+static const double BESIDE = 1e-5;      /* radii: how far beside the shape the linear steps look */
+static const double STRIDE = 0.3;       /* radii: how far one step may move the surface: rows farther off are others */
 
-/* Residual of every slot in use: newtons; metres where a displacement is imposed. */
-static double residual(tms_local *l) {
-    double merit = 0;
+static bool pinned(const tms_local *l, int32_t slot, int axis) {
+    const int64_t d = 3 * slot + axis;
+    return l->pin_of[slot] >= 0 && l->block[d * 3 * l->capacity + d] > 0; /* a fixed component stays where it is */
+}
+
+/* --- residual --- */
+
+/* Residual of every slot in use: newtons; metres where a displacement is imposed. Returns the sum of squares of the displacements
+ * that it would make, and whether all of them are small. */
+static double residual(tms_local *l, bool *small) {
+    double merit = 0, most = 1e-15, worst = 0;
     const int64_t c3 = 3 * (int64_t)l->capacity;
-    for (int32_t i = 0; i < l->use_count; i++) {
-        const int32_t s = l->use[i], pin = l->pin_of[s];
+    for (int32_t i = 0; i < l->use_count; i++)
         for (int c = 0; c < 3; c++) {
-            const int32_t d = 3 * s + c;
-            const double own = l->block[d * c3 + d], free_r = l->f[d] - l->fc[d];
-            const bool pinned = pin >= 0 && own > 0; /* a fixed component stays where it is */
-            l->r[d] = pinned ? l->u_m[3 * (int64_t)l->vertex[s] + c] - l->pin[pin].u_m[c] + l->pin_compliance_m_N * free_r : free_r;
-            merit += pinned ? l->r[d] * l->r[d] : own * own * l->r[d] * l->r[d];
+            const int32_t s = l->use[i], d = 3 * s + c;
+            const double own = l->block[d * c3 + d], free_r = l->f[d] - l->now.fc[d];
+            const bool held = pinned(l, s, c);
+            l->r[d] = held ? l->u_m[3 * (int64_t)l->vertex[s] + c] - l->pin[l->pin_of[s]].u_m[c] + l->pin_compliance_m_N * free_r : free_r;
+            const double off = held ? l->r[d] : own * l->r[d];
+            merit += off * off;
+            most = fmax(most, fabs(own * l->f[d]));
+            worst = fmax(worst, fabs(off));
         }
-    }
+    *small = worst <= CONVERGED * most + TOUCHING_M;
     return merit;
 }
 
 static double evaluate(tms_local *l) {
     tms_local_shape(l);
-    tms_local_rows(l, l->row, &l->row_count);
-    return residual(l);
+    tms_local_look(l, &l->now);
+    return residual(l, &l->converged);
 }
 
-/* Small enough: each residual as the displacement it makes, against the largest that the forces make. */
-static bool small_enough(const tms_local *l) {
-    const int64_t c3 = 3 * (int64_t)l->capacity;
-    double most = 1e-15, worst = 0;
-    for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) {
-            const int32_t d = 3 * l->use[i] + c;
-            const double own = l->block[d * c3 + d], scale = l->pin_of[l->use[i]] >= 0 && own > 0 ? 1 : own;
-            most = fmax(most, fabs(own * l->f[d]));
-            worst = fmax(worst, fabs(scale * l->r[d]));
-        }
-    return worst <= CONVERGED * most;
-}
+/* --- the known part of the matrix: I + D C, pinned rows C + s (I + D C) --- */
 
 /* Slots whose force is unknown: under a row, loaded, or held. */
 static void choose_act(tms_local *l) {
     for (int32_t s = 0; s < l->capacity; s++) l->act_of[s] = -1;
-    for (int32_t i = 0; i < l->row_count; i++)
-        for (int k = 0; k < 3; k++) l->act_of[l->slot_of[l->row[i].vertex[k]]] = 0;
+    for (int32_t i = 0; i < l->now.count; i++)
+        for (int k = 0; k < 3; k++) l->act_of[l->slot_of[l->now.row[i].vertex[k]]] = 0;
     l->act_count = 0;
     for (int32_t i = 0; i < l->use_count; i++) {
         const int32_t s = l->use[i];
@@ -59,13 +60,14 @@ static void choose_act(tms_local *l) {
     }
 }
 
-/* lu := lu + D C for one row. */
-static void add_row_matrix(tms_local *l, const tm_contact_row *row, bool turning, int32_t m) {
+static void add_row_matrix(tms_local *l, const tm_contact_row *row, int32_t m) {
     const int64_t c3 = 3 * (int64_t)l->capacity;
+    const double radius = l->tool[row->instrument].def.radius_m;
+    const double slope = row->lambda_N >= l->def.force_cap_N ? 0 : tm_skin_slope(l->def.skin_compliance_m_N / row->share, radius, row->lambda_N);
     double x[3][3], D[81];
     for (int k = 0; k < 3; k++)
         for (int c = 0; c < 3; c++) x[k][c] = l->mesh->rest_m[3 * (int64_t)row->vertex[k] + c] + l->u_m[3 * (int64_t)row->vertex[k] + c];
-    tms_row_stiffness(row, x, l->tool[row->instrument].def.radius_m, l->def.skin_compliance_m_N, l->def.force_cap_N, turning, D);
+    tms_row_stiffness(row, x, radius, slope, D);
     for (int a = 0; a < 9; a++) {
         double *out = l->lu + (int64_t)(3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3) * m;
         for (int b = 0; b < 9; b++) {
@@ -77,50 +79,166 @@ static void add_row_matrix(tms_local *l, const tm_contact_row *row, bool turning
     }
 }
 
-bool tms_local_factor(tms_local *l, bool turning) {
+static bool factor(tms_local *l) {
     choose_act(l);
     const int32_t m = 3 * l->act_count;
     const int64_t c3 = 3 * (int64_t)l->capacity;
     memset(l->lu, 0, sizeof(double) * (size_t)m * (size_t)m);
-    for (int32_t i = 0; i < l->row_count; i++)
-        if (l->row[i].lambda_N > 0) add_row_matrix(l, &l->row[i], turning, m);
+    for (int32_t i = 0; i < l->now.count; i++)
+        if (l->now.row[i].lambda_N > 0) add_row_matrix(l, &l->now.row[i], m);
     for (int32_t i = 0; i < m; i++) l->lu[(int64_t)i * m + i] += 1;
-    for (int32_t i = 0; i < l->act_count; i++) {
-        if (l->pin_of[l->act[i]] < 0) continue;
-        for (int c = 0; c < 3; c++) {
-            double *row = l->lu + (int64_t)(3 * i + c) * m;
-            const double *C = l->block + (3 * l->act[i] + c) * c3;
-            if (!(C[3 * l->act[i] + c] > 0)) continue;
-            for (int32_t j = 0; j < m; j++) row[j] = C[3 * l->act[j / 3] + j % 3] + l->pin_compliance_m_N * row[j];
-        }
+    for (int32_t i = 0; i < m; i++) {
+        if (!pinned(l, l->act[i / 3], i % 3)) continue;
+        double *row = l->lu + (int64_t)i * m;
+        const double *C = l->block + (3 * l->act[i / 3] + i % 3) * c3;
+        for (int32_t j = 0; j < m; j++) row[j] = C[3 * l->act[j / 3] + j % 3] + l->pin_compliance_m_N * row[j];
     }
     return tms_lu(l->lu, l->pivot, m);
 }
 
-void tms_local_back(const tms_local *l, double *x) { tms_lu_solve(l->lu, l->pivot, 3 * l->act_count, x); }
+/* --- the whole matrix, by looking beside the shape --- */
 
-/* f := keep - s * step; then the merit there. */
-static double try_step(tms_local *l, double s) {
-    for (int32_t i = 0; i < 3 * l->act_count; i++) {
-        const int32_t d = 3 * l->act[i / 3] + i % 3;
-        l->f[d] = l->keep[d] - s * l->step[i];
-    }
-    return evaluate(l);
+/* Where the shape is now, to look beside it and come back. */
+static void keep_shape(tms_local *l) {
+    for (int32_t i = 0; i < l->use_count; i++)
+        for (int c = 0; c < 3; c++) l->keep[3 * l->use[i] + c] = l->u_m[3 * (int64_t)l->vertex[l->use[i]] + c];
+}
+static void set_shape(tms_local *l, double h) {
+    for (int32_t i = 0; i < l->use_count; i++)
+        for (int c = 0; c < 3; c++) {
+            const int32_t d = 3 * l->use[i] + c;
+            l->u_m[3 * (int64_t)l->vertex[l->use[i]] + c] = l->keep[d] + h * l->du[d];
+        }
 }
 
-/* One step down the merit, halved where it overshoots. False: no step of this matrix helps. */
-static bool descend(tms_local *l, double *merit) {
-    for (int32_t i = 0; i < 3 * l->act_count; i++) {
-        const int32_t d = 3 * l->act[i / 3] + i % 3;
-        l->keep[d] = l->f[d];
-        l->step[i] = l->r[d];
+/* du := C df over the slots in use; df by act. Returns the largest. */
+static double response(tms_local *l, const double *df) {
+    const int64_t c3 = 3 * (int64_t)l->capacity;
+    double most = 0;
+    for (int32_t i = 0; i < l->use_count; i++)
+        for (int c = 0; c < 3; c++) {
+            const double *row = l->block + (3 * l->use[i] + c) * c3;
+            double sum = 0;
+            for (int32_t j = 0; j < l->act_count; j++)
+                for (int k = 0; k < 3; k++) sum += row[3 * l->act[j] + k] * df[3 * j + k];
+            l->du[3 * l->use[i] + c] = sum;
+            most = fmax(most, fabs(sum));
+        }
+    return most;
+}
+
+/* A direction to look in: the shape by du, and a tool's tip by one unit vector (tool < 0: none). Change of the rows' forces by act, and of
+ * the tip's force, for a unit of it; by one look beside, or two for a derivative. */
+typedef struct direction { int32_t tool; int axis; bool both_sides; double dF[3]; } direction;
+
+static void look_along(tms_local *l, direction *to, double h, double *change) {
+    const tms_tool kept = to->tool >= 0 ? l->tool[to->tool] : l->tool[0];
+    memset(to->dF, 0, sizeof to->dF);
+    for (int32_t j = 0; j < 3 * l->act_count; j++) change[j] = 0;
+    for (int side = 0; side < 2; side++) {
+        const tms_look *look = &l->now;
+        const double s = side == 0 ? 1 : to->both_sides ? -1 : 0;
+        if (s != 0) {
+            if (to->tool >= 0) {
+                tms_tool *tool = &l->tool[to->tool];
+                tool->pose.tip_m[to->axis] = kept.pose.tip_m[to->axis] + s * h;
+                tool->capsule = tm_tool_capsule(&tool->def, &tool->pose, to->tool);
+            }
+            set_shape(l, s * h);
+            tms_local_look(l, &l->probe);
+            look = &l->probe;
+        }
+        const double weight = (side == 0 ? 1 : -1) / (to->both_sides ? 2 * h : h);
+        for (int32_t j = 0; j < 3 * l->act_count; j++) change[j] += weight * look->fc[3 * l->act[j / 3] + j % 3];
+        for (int c = 0; c < 3 && to->tool >= 0; c++) to->dF[c] += weight * look->force_N[to->tool][c];
     }
-    tms_local_back(l, l->step);
+    if (to->tool >= 0) l->tool[to->tool] = kept;
+}
+
+/* out := A df, A = dr/df; or with a tool in `to` the change of r when df is the change of f and the tip moves by one unit. */
+static void apply(tms_local *l, direction *to, const double *df, double *out) {
+    const double most = fmax(response(l, df), to->tool >= 0 ? 1 : 0), radius = l->tool[0].def.radius_m;
+    if (most > 0 && l->tool_count) look_along(l, to, BESIDE * radius / most, out);
+    else memset(out, 0, 24 * (size_t)l->act_count);
+    for (int32_t j = 0; j < 3 * l->act_count; j++) {
+        const int32_t s = l->act[j / 3];
+        out[j] = pinned(l, s, j % 3) ? l->du[3 * s + j % 3] + l->pin_compliance_m_N * (df[j] - out[j]) : df[j] - out[j];
+    }
+}
+
+/* Displacement that a residual would make: the norm that residuals are compared in. */
+static double scale(const tms_local *l, int32_t j) {
+    const int64_t d = 3 * l->act[j / 3] + j % 3;
+    return pinned(l, l->act[j / 3], j % 3) ? 1 : l->block[d * 3 * l->capacity + d] + 1e-300;
+}
+static double inner(const tms_local *l, const double *a, const double *b) {
+    double sum = 0;
+    for (int32_t j = 0; j < 3 * l->act_count; j++) sum += a[j] * b[j] * scale(l, j) * scale(l, j);
+    return sum;
+}
+
+/* x := A^-1 b by GMRES, preconditioned from the right by the factorised known part. Stops at `tolerance` of |b|. Needs keep_shape. */
+static void krylov_solve(tms_local *l, const double *b, double tolerance, bool both_sides, double *x) {
+    const int32_t m = 3 * l->act_count;
+    double H[TMS_KRYLOV + 1][TMS_KRYLOV], cosine[TMS_KRYLOV], sine[TMS_KRYLOV], g[TMS_KRYLOV + 1], y[TMS_KRYLOV];
+    direction to = {.tool = -1, .both_sides = both_sides};
+    const double norm = sqrt(inner(l, b, b));
+    int32_t k = 0;
+    g[0] = norm;
+    for (int32_t j = 0; j < m && norm > 0; j++) l->krylov[0][j] = b[j] / norm;
+    while (norm > 0 && k < TMS_KRYLOV && fabs(g[k]) > tolerance * norm) {
+        double *next = l->krylov[k + 1];
+        memcpy(l->ready[k], l->krylov[k], 8 * (size_t)m);
+        tms_lu_solve(l->lu, l->pivot, m, l->ready[k]);
+        apply(l, &to, l->ready[k], next);
+        for (int32_t i = 0; i <= k; i++) {
+            H[i][k] = inner(l, next, l->krylov[i]);
+            for (int32_t j = 0; j < m; j++) next[j] -= H[i][k] * l->krylov[i][j];
+        }
+        H[k + 1][k] = sqrt(inner(l, next, next));
+        for (int32_t j = 0; j < m && H[k + 1][k] > 0; j++) next[j] /= H[k + 1][k];
+        for (int32_t i = 0; i < k; i++) {
+            const double t = cosine[i] * H[i][k] + sine[i] * H[i + 1][k];
+            H[i + 1][k] = cosine[i] * H[i + 1][k] - sine[i] * H[i][k];
+            H[i][k] = t;
+        }
+        const double length = hypot(H[k][k], H[k + 1][k]);
+        if (!(length > 0)) break;
+        cosine[k] = H[k][k] / length;
+        sine[k] = H[k + 1][k] / length;
+        H[k][k] = length;
+        g[k + 1] = -sine[k] * g[k];
+        g[k] *= cosine[k];
+        k++;
+    }
+    memset(x, 0, 8 * (size_t)m);
+    for (int32_t i = k - 1; i >= 0; i--) {
+        y[i] = g[i];
+        for (int32_t j = i + 1; j < k; j++) y[i] -= H[i][j] * y[j];
+        y[i] /= H[i][i];
+        for (int32_t j = 0; j < m; j++) x[j] += y[i] * l->ready[i][j];
+    }
+}
+
+/* --- Newton --- */
+
+/* One step, halved where it overshoots; false when no part of it helps. */
+static bool descend(tms_local *l, double tolerance, double *merit) {
     const double old = *merit;
-    double s = 1;
+    const int32_t m = 3 * l->act_count;
+    double *b = l->krylov[TMS_KRYLOV];
+    for (int32_t j = 0; j < m; j++) b[j] = l->r[3 * l->act[j / 3] + j % 3];
+    keep_shape(l);
+    krylov_solve(l, b, tolerance, false, l->step);
+    for (int32_t j = 0; j < m; j++) l->keep[3 * l->act[j / 3] + j % 3] = l->f[3 * l->act[j / 3] + j % 3];
+    double s = l->tool_count && l->now.count ? fmin(1, STRIDE * l->tool[0].def.radius_m / (response(l, l->step) + 1e-300)) : 1;
     for (int i = 0; i <= TMS_HALVINGS; i++, s *= 0.5) {
-        *merit = try_step(l, s);
-        if (*merit < (1 - 0.1 * s) * old) return true;
+        for (int32_t j = 0; j < m; j++) {
+            const int32_t d = 3 * l->act[j / 3] + j % 3;
+            l->f[d] = l->keep[d] - s * l->step[j];
+        }
+        *merit = evaluate(l);
+        if (l->converged || *merit < (1 - 0.1 * s) * old) return true;
     }
     return false;
 }
@@ -128,105 +246,33 @@ static bool descend(tms_local *l, double *merit) {
 int32_t tms_local_solve(tms_local *l) {
     double merit = evaluate(l);
     int32_t steps = 0;
-    bool factored = false, turning = true;
-    for (l->converged = small_enough(l); !l->converged && steps < TMS_NEWTON_STEPS; steps++) {
-        const double old = merit;
-        /* The matrix of the step before serves again as long as it brings the residual down tenfold and no new vertex came in. */
-        if (!factored && !tms_local_factor(l, turning)) break;
-        const bool good = descend(l, &merit);
-        l->converged = small_enough(l);
-        int32_t loaded = 0;
-        for (int32_t i = 0; i < l->row_count; i++)
-            for (int k = 0; k < 3; k++) loaded += l->act_of[l->slot_of[l->row[i].vertex[k]]] < 0;
-        factored = good && merit < 0.01 * old && loaded == 0;
-        if (good) turning = true;
-        else if (turning) turning = false; /* beyond a snap the curvature misleads: without it every step goes down */
-        else break;
+    while (!l->converged && steps < TMS_NEWTON_STEPS) {
+        steps++;
+        if (!factor(l) || !descend(l, 1e-3, &merit)) break;
     }
-    l->before_count = l->row_count;
-    memcpy(l->before, l->row, (size_t)l->row_count * sizeof *l->row);
+    l->before_count = l->now.count;
+    memcpy(l->before, l->now.row, (size_t)l->now.count * sizeof *l->now.row);
     return steps;
 }
 
 /* --- derivative --- */
 
-static void offset_shape(tms_local *l, const double *u0, const double *du, double h) {
-    for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) {
-            const int32_t d = 3 * l->use[i] + c;
-            l->u_m[3 * (int64_t)l->vertex[l->use[i]] + c] = u0[d] + h * du[d];
-        }
-}
-
-/* Change of rows' forces (on the slots, into `change`) and of the tool's tip force, along (du, tip + e_axis), by central differences. */
-static void along(tms_local *l, int32_t t, int axis, const double *u0, const double *du, double *change, double dF[3]) {
-    tms_tool *tool = &l->tool[t];
-    const tm_tool_pose pose = tool->pose;
-    const tm_capsule capsule = tool->capsule;
-    double most = 1;
-    for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) most = fmax(most, fabs(du[3 * l->use[i] + c]));
-    const double h = 1e-4 * tool->def.radius_m / most;
-    int32_t count;
-    for (int side = 1; side >= -1; side -= 2) {
-        tool->pose.tip_m[axis] = pose.tip_m[axis] + side * h;
-        tool->capsule = tm_tool_capsule(&tool->def, &tool->pose, t);
-        offset_shape(l, u0, du, side * h);
-        tms_local_rows(l, l->row, &count);
-        for (int32_t i = 0; i < l->use_count; i++)
-            for (int c = 0; c < 3; c++) {
-                const int32_t d = 3 * l->use[i] + c;
-                change[d] = side > 0 ? l->fc[d] / (2 * h) : change[d] - l->fc[d] / (2 * h);
-            }
-        for (int c = 0; c < 3; c++) dF[c] = side > 0 ? tool->force_N[c] / (2 * h) : dF[c] - tool->force_N[c] / (2 * h);
-    }
-    tool->pose = pose;
-    tool->capsule = capsule;
-}
-
-/* du := C df over the slots in use; df lives on act. */
-static void response(const tms_local *l, const double *df, double *du) {
-    const int64_t c3 = 3 * (int64_t)l->capacity;
-    for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) {
-            const double *row = l->block + (3 * l->use[i] + c) * c3;
-            double sum = 0;
-            for (int32_t j = 0; j < 3 * l->act_count; j++) sum += row[3 * l->act[j / 3] + j % 3] * df[j];
-            du[3 * l->use[i] + c] = sum;
-        }
-}
-
 void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
     memset(K, 0, 9 * sizeof *K);
-    if (l->tool[t].row_count == 0 || !tms_local_factor(l, true)) return;
-    double *u0 = l->keep, *du = l->try_u, *df = l->step, *change = l->r;
-    for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) u0[3 * l->use[i] + c] = l->u_m[3 * (int64_t)l->vertex[l->use[i]] + c];
-    /* df = d(rows)(C df, dP): the matrix at hand knows all of d(rows) but the turning of the shares, so few rounds suffice. */
+    bool any = false;
+    for (int32_t i = 0; i < l->now.count; i++) any |= l->now.row[i].instrument == t;
+    if (!any || !factor(l)) return;
+    double *b = l->krylov[TMS_KRYLOV];
+    keep_shape(l);
     for (int axis = 0; axis < 3; axis++) {
-        double dF[3] = {0};
-        memset(df, 0, 24 * (size_t)l->act_count);
-        for (int round = 0; round < 24; round++) {
-            double worst = 0, most = 1e-12;
-            response(l, df, du);
-            along(l, t, axis, u0, du, change, dF);
-            for (int32_t j = 0; j < 3 * l->act_count; j++) {
-                const int32_t s = l->act[j / 3], d = 3 * s + j % 3;
-                const double free_r = df[j] - change[d], own = l->block[d * 3 * (int64_t)l->capacity + d];
-                const bool pinned = l->pin_of[s] >= 0 && own > 0;
-                l->rhs[j] = pinned ? du[d] + l->pin_compliance_m_N * free_r : free_r;
-                worst = fmax(worst, fabs(pinned ? l->rhs[j] / own : free_r));
-                most = fmax(most, fabs(df[j]));
-            }
-            if (worst <= 1e-7 * most) break;
-            tms_local_back(l, l->rhs);
-            for (int32_t j = 0; j < 3 * l->act_count; j++) df[j] -= l->rhs[j];
-        }
-        for (int c = 0; c < 3; c++) K[3 * c + axis] = dF[c];
+        /* r stays zero: A df = -(change of r with the tip alone); then the force along both */
+        direction to = {.tool = t, .axis = axis, .both_sides = true};
+        memset(l->step, 0, 24 * (size_t)l->act_count);
+        apply(l, &to, l->step, b);
+        for (int32_t j = 0; j < 3 * l->act_count; j++) b[j] = -b[j];
+        krylov_solve(l, b, 1e-8, true, l->step);
+        apply(l, &to, l->step, b);
+        for (int c = 0; c < 3; c++) K[3 * c + axis] = to.dF[c];
     }
-    /* back to the solution, bit for bit */
-    for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) l->u_m[3 * (int64_t)l->vertex[l->use[i]] + c] = u0[3 * l->use[i] + c];
-    tms_local_rows(l, l->row, &l->row_count);
-    residual(l);
+    set_shape(l, 0);
 }

@@ -17,7 +17,7 @@ struct tm_precomputed {
 };
 
 tm_precomputed_def tm_precomputed_def_default(void) {
-    return (tm_precomputed_def){.cookie = TMS_COOKIE_PRECOMPUTED, .problem = tm_solve_def_default(), .max_local_vertices = 128};
+    return (tm_precomputed_def){.cookie = TMS_COOKIE_PRECOMPUTED, .problem = tm_solve_def_default(), .max_local_vertices = 256};
 }
 
 static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_responses *responses, tm_solve_report *report, tm_error *error) {
@@ -150,7 +150,7 @@ void tm_precomputed_place(tm_precomputed *m, int32_t instrument, const tm_tool_p
 tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) { return m->local.tool[instrument].pose; }
 
 void tm_precomputed_force(const tm_precomputed *m, int32_t instrument, double force_N[3]) {
-    memcpy(force_N, m->local.tool[instrument].force_N, 24);
+    memcpy(force_N, m->local.now.force_N[instrument], 24);
 }
 
 tm_tool_reaction tm_precomputed_reaction(tm_precomputed *m, int32_t instrument) {
@@ -162,8 +162,8 @@ tm_tool_reaction tm_precomputed_reaction(tm_precomputed *m, int32_t instrument) 
 }
 
 int32_t tm_precomputed_rows(const tm_precomputed *m, const tm_contact_row **rows) {
-    *rows = m->local.row;
-    return m->local.row_count;
+    *rows = m->local.now.row;
+    return m->local.now.count;
 }
 
 const double *tm_precomputed_displacement(tm_precomputed *m) {
@@ -204,5 +204,5 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
 void tm_precomputed_imposed_force(const tm_precomputed *m, int32_t i, double force_N[3]) {
     const tms_local *l = &m->local;
     const int32_t s = l->slot_of[l->pin[i].vertex]; /* what holds it is its force less what the tools add */
-    for (int c = 0; c < 3; c++) force_N[c] = s < 0 ? 0 : l->f[3 * s + c] - l->fc[3 * s + c];
+    for (int c = 0; c < 3; c++) force_N[c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
 }

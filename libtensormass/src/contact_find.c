@@ -8,7 +8,7 @@
  * click from one to the next. docs/contact.md, "Rows". */
 #include <string.h>
 
-#include "contact_surface.h"
+#include "contact_internal.h"
 #include "contact_vec.h"
 
 #define BLEND 0.2        /* half width of the transition between neighbouring features, in tool radii */
@@ -431,22 +431,57 @@ int32_t tm_local_rows(const tm_local_surface *surface, tm_hits *hits, const tm_c
     return count;
 }
 
-int32_t tm_contact_find_after(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
-                              const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
-                              const tm_contact_row *before, int32_t before_count, tm_contact_row *row, int32_t max_rows,
-                              bool *overflowed) {
-    tm_local_surface surface;
-    tm_hits hits;
-    tm_local_gather(&surface, rest_m, u_m, triangle, face, candidate, candidate_count, capsule,
-                    capsule->radius_m * (1 + PROXIMITY) + margin_m);
-    tm_local_place(&surface, rest_m, u_m);
-    return tm_local_rows(&surface, &hits, capsule, margin_m, before, before_count, row, max_rows, overflowed);
-}
-
 int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
                         const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
                         tm_contact_row *row, int32_t max_rows) {
+    tm_local_surface surface;
+    tm_hits hits;
     bool overflowed;
-    return tm_contact_find_after(rest_m, u_m, triangle, face, candidate, candidate_count, capsule, margin_m, NULL, 0, row, max_rows,
-                                 &overflowed);
+    tm_local_gather(&surface, rest_m, u_m, triangle, face, candidate, candidate_count, capsule,
+                    capsule->radius_m * (1 + PROXIMITY) + margin_m);
+    tm_local_place(&surface, rest_m, u_m);
+    return tm_local_rows(&surface, &hits, capsule, margin_m, NULL, 0, row, max_rows, &overflowed);
+}
+
+/* --- gathered once --- */
+
+struct tm_contact_search {
+    tm_pool pool;
+    tm_local_surface surface;
+    tm_hits hits;
+};
+
+tm_status tm_contact_search_create(tm_contact_search **made, tm_error *error) {
+    tm_pool pool = {0};
+    tm_contact_search *self = TM_TAKE(&pool, tm_contact_search, 1);
+    if (!self)
+        return tm_fail_memory(error, "search around a tool");
+    self->pool = pool;
+    *made = self;
+    return TM_OK;
+}
+
+void tm_contact_search_destroy(tm_contact_search *self) {
+    if (!self)
+        return;
+    tm_pool pool = self->pool;
+    tm_pool_release(&pool);
+}
+
+bool tm_contact_search_gather(tm_contact_search *self, const double *rest_m, const double *u_m, const tm_surface_view *surface,
+                              const tm_capsule *capsule, double reach_m) {
+    tm_local_gather(&self->surface, rest_m, u_m, surface->triangle, surface->face, NULL, surface->count, capsule, reach_m);
+    return !self->surface.overflowed;
+}
+
+int32_t tm_contact_search_vertices(const tm_contact_search *self, const int32_t **vertex) {
+    *vertex = self->surface.vertex_id;
+    return self->surface.vertex_count;
+}
+
+int32_t tm_contact_search_rows(tm_contact_search *self, const double *rest_m, const double *u_m, const tm_capsule *capsule,
+                               double margin_m, const tm_contact_row *before, int32_t before_count, tm_contact_row *row,
+                               int32_t max_rows, bool *overflowed) {
+    tm_local_place(&self->surface, rest_m, u_m);
+    return tm_local_rows(&self->surface, &self->hits, capsule, margin_m, before, before_count, row, max_rows, overflowed);
 }

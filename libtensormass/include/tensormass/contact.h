@@ -98,12 +98,20 @@ typedef struct tm_capsule { double tip_m[3]; double tail_m[3]; double radius_m; 
 TM_API int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
                                const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
                                tm_contact_row *row, int32_t max_rows);
-/* The same, knowing the rows of the solution before (those of the same instrument, lambda_N filled in): a station stays in touch with a
- * surface that it has sunk through little by little. `overflowed` is set when rows or candidates were left out. */
-TM_API int32_t tm_contact_find_after(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
-                                     const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
-                                     const tm_contact_row *before, int32_t before_count, tm_contact_row *row, int32_t max_rows,
-                                     bool *overflowed);
+/* What surrounds one tool, gathered once and looked at many times: for iterations that move the surface between looks. */
+typedef struct tm_contact_search tm_contact_search;
+TM_API tm_status tm_contact_search_create(tm_contact_search **search, tm_error *error);
+TM_API void tm_contact_search_destroy(tm_contact_search *search);
+/* Takes all triangles within `reach_m` of the axis, and whole fans around them (at most 1024; false: some were left out). */
+TM_API bool tm_contact_search_gather(tm_contact_search *search, const double *rest_m, const double *u_m, const tm_surface_view *surface,
+                                     const tm_capsule *capsule, double reach_m);
+/* Vertices of the gathered triangles, ascending: the only ones whose u the rows depend on. */
+TM_API int32_t tm_contact_search_vertices(const tm_contact_search *search, const int32_t **vertex);
+/* As tm_contact_find, of the gathered triangles. `before` (may be null): rows of the solution before, those of this instrument: a
+ * station stays in touch with a surface that it has sunk through little by little. `*overflowed` is set when rows were left out. */
+TM_API int32_t tm_contact_search_rows(tm_contact_search *search, const double *rest_m, const double *u_m, const tm_capsule *capsule,
+                                      double margin_m, const tm_contact_row *before, int32_t before_count, tm_contact_row *row,
+                                      int32_t max_rows, bool *overflowed);
 /* The part of an instrument that can touch. */
 TM_API tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument);
 /* The skin of one row of compliance c (skin_compliance / share), m/N: it gives c*lambda up to TM_SKIN_TRAVEL radii and a twentieth as

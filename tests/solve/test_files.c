@@ -1,0 +1,253 @@
+/* Response files: cached, checked whole, replaced at once; the same bits whatever the threads; a killed run leaves the old one. */
+#include "kit.h"
+
+#include <signal.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+typedef struct set_up {
+    tm_mesh *mesh;
+    tm_tissue *tissue;
+    uint8_t *fixed;
+    char path[256], part[300];
+    tm_precomputed_def def;
+} set_up;
+
+static set_up open_set_up(const char *name) {
+    set_up s = {0};
+    fix_random random = {3};
+    const tm_material material = kit_material(8e3, 0.4);
+    s.mesh = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.2, &random);
+    s.tissue = fix_tissue(s.mesh, &material, NULL, TM_DOUBLE, false);
+    s.fixed = kit_clamp(s.mesh, 1e-9);
+    s.def = tm_precomputed_def_default();
+    s.def.problem = kit_problem(s.tissue, s.fixed);
+    const char *out = getenv("TM_OUT");
+    snprintf(s.path, sizeof s.path, "%s/tests/solve/%s.tmr", out ? out : "build", name);
+    snprintf(s.part, sizeof s.part, "%s.part", s.path);
+    unlink(s.path);
+    unlink(s.part);
+    return s;
+}
+
+static void close_set_up(set_up *s) {
+    unlink(s->path);
+    assert_int_not_equal(access(s->part, F_OK), 0);
+    free(s->fixed);
+    tm_tissue_destroy(s->tissue);
+    tm_mesh_destroy(s->mesh);
+    assert_int_equal(tm_memory_in_use(), 0);
+}
+
+static unsigned char *slurp(const char *path, size_t *size) {
+    FILE *f = fopen(path, "rb");
+    struct stat st;
+    assert_non_null(f);
+    assert_int_equal(fstat(fileno(f), &st), 0);
+    unsigned char *bytes = malloc((size_t)st.st_size);
+    *size = fread(bytes, 1, (size_t)st.st_size, f);
+    assert_int_equal(*size, st.st_size);
+    fclose(f);
+    return bytes;
+}
+
+static void spit(const char *path, const unsigned char *bytes, size_t size) {
+    FILE *f = fopen(path, "wb");
+    assert_non_null(f);
+    assert_int_equal(fwrite(bytes, 1, size, f), size);
+    fclose(f);
+}
+
+/* Opens it, and tells whether it came from the file. */
+static bool opens(const set_up *s, char why[160]) {
+    tm_precomputed *model;
+    tm_solve_report report;
+    tm_error error;
+    tm_precomputed_def def = s->def;
+    def.file = s->path;
+    fix_ok(tm_precomputed_create(&def, &model, &report, &error), &error);
+    tm_precomputed_destroy(model);
+    memcpy(why, report.why, 160);
+    return report.from_file;
+}
+
+static void cached(void **state) {
+    (void)state;
+    set_up s = open_set_up("cached");
+    char why[160];
+    assert_false(opens(&s, why));
+    assert_string_equal(why, "no file yet");
+    assert_true(opens(&s, why));
+    assert_string_equal(why, "");
+    /* what it opens is what it computes */
+    const int32_t vertex = s.mesh->vertex_count - 1, n = 3 * s.mesh->vertex_count;
+    const double push[3] = {1e-3, -2e-3, 3e-3};
+    double *shape[2];
+    for (int i = 0; i < 2; i++) {
+        tm_precomputed_def def = s.def;
+        def.file = i ? s.path : NULL;
+        tm_precomputed *model;
+        tm_error error;
+        fix_ok(tm_precomputed_create(&def, &model, NULL, &error), &error);
+        fix_ok(tm_precomputed_impose(model, 1, &vertex, push, 0, &error), &error);
+        assert_true(tm_precomputed_update(model, NULL) >= 0);
+        shape[i] = malloc(8 * (size_t)n);
+        memcpy(shape[i], tm_precomputed_displacement(model), 8 * (size_t)n);
+        tm_precomputed_destroy(model);
+    }
+    assert_memory_equal(shape[0], shape[1], 8 * (size_t)n);
+    assert_true(fabs(shape[0][3 * vertex + 2] - push[2]) < 1e-15);
+    free(shape[0]), free(shape[1]);
+    /* other materials, supports, loads and precisions are other problems */
+    tm_material stiffer = kit_material(9e3, 0.4);
+    tm_tissue *other = fix_tissue(s.mesh, &stiffer, NULL, TM_DOUBLE, false), *mine = s.tissue;
+    double *load = calloc((size_t)n, 8);
+    load[n - 1] = 1e-3;
+    for (int change = 0; change < 4; change++) {
+        set_up t = s;
+        if (change == 0) t.def.problem.tissue = other;
+        if (change == 1) t.fixed[n - 1] = 1;
+        if (change == 2) t.def.problem.load_N = load;
+        if (change == 3) t.def.precision = TM_SINGLE;
+        assert_false(opens(&t, why));
+        assert_non_null(strstr(why, "of another mesh, material"));
+        assert_true(opens(&t, why));
+        t.fixed[n - 1] = 0;
+    }
+    s.tissue = mine;
+    tm_tissue_destroy(other);
+    free(load);
+    close_set_up(&s);
+}
+
+static void same_bits(void **state) {
+    (void)state;
+    set_up s = open_set_up("bits");
+    unsigned char *bytes[3];
+    size_t size[3];
+    const int32_t threads[3] = {1, 2, 5};
+    tm_error error;
+    for (int i = 0; i < 3; i++) {
+        tm_precomputed_def def = s.def;
+        def.file = s.path;
+        def.problem.threads = threads[i];
+        fix_ok(tm_precomputed_write(&def, NULL, &error), &error);
+        bytes[i] = slurp(s.path, &size[i]);
+        assert_int_equal(size[i], size[0]);
+        assert_memory_equal(bytes[i], bytes[0], size[0]);
+    }
+    for (int i = 0; i < 3; i++) free(bytes[i]);
+    close_set_up(&s);
+}
+
+static void damaged(void **state) {
+    (void)state;
+    set_up s = open_set_up("damaged");
+    char why[160];
+    size_t size;
+    assert_false(opens(&s, why));
+    unsigned char *good = slurp(s.path, &size), *bad = malloc(size + 1);
+    fix_random random = {11};
+    for (int i = 0; i < 60; i++) { /* one bit anywhere; the first in every part of the head */
+        memcpy(bad, good, size);
+        const size_t at = i < 40 ? (size_t)(i * 2) : (size_t)(fix_uniform(&random) * (double)size);
+        bad[at] ^= (unsigned char)(1 << i % 8);
+        spit(s.path, bad, size);
+        /* padding before the columns is covered too */
+        assert_false(opens(&s, why));
+        assert_true(strlen(why) > 0);
+        assert_true(opens(&s, why));
+        size_t again;
+        unsigned char *rebuilt = slurp(s.path, &again);
+        assert_int_equal(again, size);
+        assert_memory_equal(rebuilt, good, size);
+        free(rebuilt);
+    }
+    const size_t lengths[] = {0, 1, 7, 63, 64, 4095, size / 2, size - 1, size + 1};
+    for (size_t i = 0; i < sizeof lengths / sizeof *lengths; i++) {
+        memcpy(bad, good, size);
+        bad[size] = 0;
+        spit(s.path, bad, lengths[i]);
+        assert_false(opens(&s, why));
+    }
+    spit(s.path, (const unsigned char *)"not of ours, but here first\n", 28);
+    assert_false(opens(&s, why));
+    assert_string_equal(why, "not a response file");
+    free(good), free(bad);
+    close_set_up(&s);
+}
+
+/* --- interrupted --- */
+
+static bool kill_in_the_middle(void *user, const char *what, double fraction, double left) {
+    (void)user, (void)left;
+    if (!strcmp(what, "responses") && fraction > 0.4) raise(SIGKILL);
+    return true;
+}
+static bool stop_in_the_middle(void *user, const char *what, double fraction, double left) {
+    int *calls = user;
+    ++*calls;
+    return !(!strcmp(what, "responses") && fraction > 0.4 && left >= 0);
+}
+
+/* The run that is killed: this program, called again. */
+static void killed(void) {
+    set_up s = open_set_up("killed");
+    snprintf(s.path, sizeof s.path, "%s", getenv("TEST_FILES_PATH"));
+    tm_error error;
+    s.def.file = s.path;
+    s.def.problem.threads = 1;
+    s.def.problem.progress = kill_in_the_middle;
+    tm_precomputed_write(&s.def, NULL, &error);
+}
+
+static void interrupted(void **state) {
+    (void)state;
+    set_up s = open_set_up("interrupted");
+    char why[160];
+    size_t size, again;
+    int calls = 0;
+    tm_error error;
+    assert_false(opens(&s, why));
+    unsigned char *old = slurp(s.path, &size);
+    tm_precomputed_def def = s.def;
+    def.file = s.path;
+    def.problem.threads = 1;
+    def.problem.user = &calls;
+    setenv("TEST_FILES_PATH", s.path, 1);
+    const pid_t child = fork();
+    if (child == 0) { /* a fresh program: threads do not survive a fork */
+        execl("/proc/self/exe", "test_files", "killed", NULL);
+        _exit(0);
+    }
+    int status;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    assert_true(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL);
+    unsigned char *now = slurp(s.path, &again);
+    assert_int_equal(again, size);
+    assert_memory_equal(now, old, size);
+    free(now);
+    assert_int_equal(access(s.part, F_OK), 0); /* what it left ... */
+    assert_true(opens(&s, why));
+    def.problem.progress = stop_in_the_middle;
+    assert_int_equal(tm_precomputed_write(&def, NULL, &error), TM_ERR_CONVERGENCE);
+    assert_true(calls > 3);
+    assert_int_not_equal(access(s.part, F_OK), 0); /* ... is taken over and cleared by the next */
+    assert_true(opens(&s, why));
+    now = slurp(s.path, &again);
+    assert_memory_equal(now, old, size);
+    free(now), free(old);
+    /* nowhere to write */
+    def.file = "/nonexistent/place/x.tmr";
+    def.problem.progress = NULL;
+    assert_int_equal(tm_precomputed_write(&def, NULL, &error), TM_ERR_FILE);
+    assert_non_null(strstr(error.message, "/nonexistent/place/x.tmr"));
+    close_set_up(&s);
+}
+
+int main(int argc, char **argv) {
+    if (argc == 2 && !strcmp(argv[1], "killed")) return killed(), 0;
+    const struct CMUnitTest tests[] = {cmocka_unit_test(cached), cmocka_unit_test(same_bits), cmocka_unit_test(damaged), cmocka_unit_test(interrupted)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

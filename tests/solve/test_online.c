@@ -1,0 +1,180 @@
+/* On-line contact of the precomputed model: the dynamic model at rest, its own derivative, smoothness, grasped vertices. */
+#include "../physics/contact_scene.h"
+#include "kit.h"
+
+#include <time.h>
+
+/* A scene of the contact tests, and the precomputed model of the same. */
+typedef struct pair {
+    scene scene;
+    uint8_t *fixed;
+    tm_precomputed *model;
+} pair;
+
+static pair make_pair(const scene_def *def, tm_precision precision) {
+    pair p = {.scene = scene_create(def)};
+    p.fixed = calloc(3 * (size_t)p.scene.mesh->vertex_count, 1);
+    tm_support_mask(p.scene.world, p.fixed);
+    tm_instrument_def tool[2];
+    for (int t = 0; t < def->tools; t++) {
+        tool[t] = (tm_instrument_def){.mode = TM_TOOL_PROBE, .radius_m = def->radius_m, .contact_length_m = def->length_m};
+        memcpy(tool[t].trocar_m, def->trocar_m[t], 24);
+        memcpy(tool[t].pose.tip_m, def->tip_m[t], 24);
+        tool[t].pose.active = true;
+    }
+    tm_contact_def contact = tm_contact_def_default();
+    contact.instrument_count = def->tools;
+    contact.instrument = tool;
+    if (def->skin_m_N >= 0) contact.skin_compliance_m_N = def->skin_m_N;
+    tm_precomputed_def model = tm_precomputed_def_default();
+    model.problem = kit_problem(p.scene.tissue, p.fixed);
+    model.contact = &contact;
+    model.precision = precision;
+    tm_error error;
+    fix_ok(tm_precomputed_create(&model, &p.model, NULL, &error), &error);
+    return p;
+}
+
+static void free_pair(pair *p) {
+    tm_precomputed_destroy(p->model);
+    free(p->fixed);
+    scene_destroy(&p->scene);
+}
+
+static double distance3(const double *a, const double *b) { return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2])); }
+static double length3(const double *a) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
+
+/* --- the dynamic model at rest --- */
+
+static void rest_case(const char *what, scene_def def, int tools, const tm_tool_pose *to) {
+    def.tools = tools;
+    pair p = make_pair(&def, TM_DOUBLE);
+    tm_tool_reaction dynamic[2];
+    for (int frame = 0; frame < 100; frame++) /* down in the first ten, then rest */
+        for (int t = 0; t < tools; t++) {
+            const double s = frame < 10 ? (frame + 1) / 10.0 : 1;
+            tm_tool_pose at = to[t];
+            for (int c = 0; c < 3; c++) at.tip_m[c] = def.tip_m[t][c] + s * (to[t].tip_m[c] - def.tip_m[t][c]);
+            if (t == tools - 1) dynamic[t] = scene_frame(&p.scene, t, at, 0.04);
+            else tm_contact_move(p.scene.contact, t, &at, (int32_t)ceil(0.04 / tm_world_step_s(p.scene.world)));
+        }
+    for (int t = 0; t < tools; t++) dynamic[t] = tm_contact_reaction(p.scene.contact, t);
+    const int32_t steps = tm_precomputed_update(p.model, to);
+    const double *u = tm_precomputed_displacement(p.model), *v = tm_world_state(p.scene.world)->u_m;
+    const int32_t *surface, count = tm_precomputed_surface(p.model, &surface);
+    double worst = 0, most = 0;
+    for (int32_t i = 0; i < 3 * count; i++) {
+        const int32_t d = 3 * surface[i / 3] + i % 3;
+        worst = fmax(worst, fabs(u[d] - v[d]));
+        most = fmax(most, fabs(v[d]));
+    }
+    for (int t = 0; t < tools; t++) {
+        const tm_tool_reaction r = tm_precomputed_reaction(p.model, t);
+        const double off = distance3(r.force_N, dynamic[t].force_N) / length3(dynamic[t].force_N);
+        print_message("  %s: tool %d %.3f N, %d rows, %d steps: force off by %.1e, shape by %.1e\n", what, t, length3(r.force_N), r.row_count, steps, off, worst / most);
+        assert_true(length3(r.force_N) > 0.01);
+        assert_true(off < 1e-6);
+    }
+    assert_true(steps >= 0);
+    assert_true(worst < 1e-6 * most);
+    free_pair(&p);
+}
+
+static void agrees_with_dynamic(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
+    rest_case("tip", def, 1, (tm_tool_pose[]){scene_pose(0.004, 0.003, 0.040)});
+    scene_def lying = def; /* the shaft across a bulge */
+    lying.bulge_m = 0.01;
+    lying.trocar_m[0][0] = -0.12, lying.trocar_m[0][2] = 0.075;
+    lying.tip_m[0][0] = 0.05, lying.tip_m[0][1] = 0.003, lying.tip_m[0][2] = 0.06;
+    rest_case("shaft", lying, 1, (tm_tool_pose[]){scene_pose(0.045, 0.003, 0.042)});
+    rest_case("two tools", def, 2, (tm_tool_pose[]){scene_pose(0.006, 0.002, 0.0405), scene_pose(-0.006, -0.003, 0.041)});
+}
+
+/* --- derivative --- */
+
+static void force_at(tm_precomputed *model, const double tip[3], double force[3]) {
+    const tm_tool_pose pose = scene_pose(tip[0], tip[1], tip[2]);
+    assert_true(tm_precomputed_update(model, &pose) >= 0);
+    tm_precomputed_force(model, 0, force);
+}
+
+static void stiffness(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
+    def.bulge_m = 0.006;
+    def.trocar_m[0][0] = -0.06;
+    pair p = make_pair(&def, TM_DOUBLE);
+    fix_random random = {9};
+    int checked = 0;
+    double worst_off = 0;
+    for (int i = 0; i < 30; i++) {
+        double tip[3] = {0.015 * fix_signed(&random), 0.015 * fix_signed(&random), 0.060}, K[9], up[3], down[3], force[3];
+        const double depth = 0.001 + 0.004 * fix_uniform(&random);
+        force_at(p.model, tip, force);
+        tip[2] = 0.0505 - 0.006 * (tip[0] * tip[0] + tip[1] * tip[1]) / 0.0013 - depth;
+        force_at(p.model, tip, force);
+        const uint64_t before = tm_hash(tm_precomputed_displacement(p.model), 24 * (size_t)p.scene.mesh->vertex_count, TM_HASH_SEED);
+        const tm_tool_reaction r = tm_precomputed_reaction(p.model, 0);
+        assert_int_equal(r.stiffness_kind, 2);
+        assert_true(tm_hash(tm_precomputed_displacement(p.model), 24 * (size_t)p.scene.mesh->vertex_count, TM_HASH_SEED) == before);
+        if (length3(force) < 1e-3) continue;
+        double off = 0;
+        for (int a = 0; a < 3; a++) {
+            const double h = 1e-7, x = tip[a];
+            tip[a] = x + h, force_at(p.model, tip, up);
+            tip[a] = x - h, force_at(p.model, tip, down);
+            tip[a] = x;
+            for (int c = 0; c < 3; c++) K[3 * c + a] = (up[c] - down[c]) / (2 * h);
+        }
+        off = kit_difference(r.stiffness_N_m, K, 9);
+        worst_off = fmax(worst_off, off);
+        if (off > 1e-4) print_message("  tip (%.4f %.4f %.4f) %.3f N %d rows: off by %.1e of %.0f N/m\n", tip[0], tip[1], tip[2], length3(force), r.row_count, off, fix_largest(K, 9));
+        assert_true(off < 1e-3);
+        checked++;
+    }
+    print_message("  %d places, stiffness against differences of the converged force: off by %.1e at worst\n", checked, worst_off);
+    assert_true(checked > 20);
+    free_pair(&p);
+}
+
+/* --- smoothness: a stroke at 500 Hz --- */
+
+static void smooth(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    pair p = make_pair(&def, TM_DOUBLE);
+    double force[3], before[3] = {0}, jump[3] = {0}, second = 0, peak = 0, first = 0;
+    int32_t most_steps = 0;
+    double seconds = 0;
+    for (int i = 0; i < 1500; i++) { /* 10 mm/s down 2 mm, then along */
+        const double s = i * 2e-5;
+        const tm_tool_pose pose = scene_pose(-0.012 + fmax(0, s - 0.006), 0.003, 0.0455 - fmin(s, 0.006));
+        struct timespec a, b;
+        clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &a);
+        const int32_t steps = tm_precomputed_update(p.model, &pose);
+        clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &b);
+        seconds += (double)(b.tv_sec - a.tv_sec) + 1e-9 * (double)(b.tv_nsec - a.tv_nsec);
+        assert_true(steps >= 0);
+        most_steps = steps > most_steps ? steps : most_steps;
+        tm_precomputed_force(p.model, 0, force);
+        peak = fmax(peak, length3(force));
+        for (int c = 0; c < 3; c++) {
+            const double now = force[c] - before[c];
+            if (i > 1) second = fmax(second, fabs(now - jump[c])), first = fmax(first, fabs(now));
+            jump[c] = now;
+            before[c] = force[c];
+        }
+    }
+    print_message("  peak %.3f N; largest change in a tick %.2f %%, largest second difference %.2f %% of it; at most %d steps; %.0f us an update\n", peak, 100 * first / peak, 100 * second / peak, most_steps, seconds / 1500 * 1e6);
+    assert_true(second < 0.02 * peak);
+    free_pair(&p);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(agrees_with_dynamic), cmocka_unit_test(stiffness), cmocka_unit_test(smooth)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
