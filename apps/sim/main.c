@@ -16,7 +16,7 @@ static const char help[] =
     "  --realtime            wall clock; TOOL_i in, FORCE_i PATCH_i TISSUE CUT SIM_STATUS out over LCM, where the scene asks for them\n"
     "  --settle TOL          solve to rest, to this relative residual; with --write\n"
     "  --explain             the step's stages, the line that asked for each, what it holds and costs, what was left out\n"
-    "  --hands PREFIX        write the scene's scripted hands to PREFIX0.csv, PREFIX1.csv, for tm-device\n"
+    "  --hands PREFIX        write the scene's scripted hands to PREFIX0.csv, PREFIX1.csv, for tm-device, its settings to PREFIX.json\n"
     "  --check               read and build the scene, no more\n"
     "  --schema markdown     every key of a scene (docs/scene-reference.md)\n"
     "\n"

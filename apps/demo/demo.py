@@ -1,0 +1,291 @@
+"""make demo: the ring closed once on the wall clock, then in lockstep; pictures, film, force plot and figures in one folder.
+
+The parts follow each other: what draws never takes the processor from what must be on time.
+"""
+import argparse
+import csv
+import json
+import math
+import os
+import pathlib
+import platform
+import shutil
+import subprocess
+import sys
+import time
+
+HERE = pathlib.Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+from session import Session  # noqa: E402
+
+
+def arguments():
+    p = argparse.ArgumentParser(description="Runs a scene with its devices and controllers in real time, records it, draws it, and runs it again in lockstep.")
+    p.add_argument("--build", type=pathlib.Path, default=pathlib.Path("build"), help="where bin/ and python/ are [build]")
+    p.add_argument("--out", type=pathlib.Path, help="results [BUILD/demo]")
+    p.add_argument("--scene", type=pathlib.Path, default=HERE.parent / "scenes" / "liver-press.yaml")
+    p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="as of tm-sim")
+    p.add_argument("--duration", type=float, help="seconds of the real-time run [the scene's, and one more]")
+    p.add_argument("--size", default="1280x720", help="of film and pictures")
+    p.add_argument("--camera", default="", help="options of tm-view, in one string")
+    p.add_argument("--no-film", action="store_true", help="figures and pictures alone")
+    p.add_argument("--realtime-only", action="store_true", help=argparse.SUPPRESS)  # the part inside the network namespace
+    a = p.parse_args()
+    a.build = a.build.resolve()
+    a.out = (a.out or a.build / "demo").resolve()
+    return a
+
+
+def fail(message):
+    print(f"demo: {message}", file=sys.stderr)
+    sys.exit(1)
+
+
+def say(message):
+    print(f"demo: {message}", flush=True)
+
+
+# --- the real-time run, inside the namespace ---
+
+
+def realtime(a):
+    session = Session(a.build / "bin", a.scene, a.out, sets=a.set)
+    duration = a.duration or session.facts["duration_s"] + 1
+    try:
+        session.start_logger(a.out / "demo.lcm")
+        session.start_ring(duration)
+        good = session.wait(("tm-sim", "tm-device", "haptic-rt"))
+    finally:
+        session.end()
+    return 0 if good else 1
+
+
+def run_realtime(a):
+    say("real time: simulation, controllers and virtual devices, each a program of its own (`make spy` looks on)")
+    passed = [x for x in sys.argv[1:]]
+    command = [HERE / "netns.sh", "run", a.out / "netns.pid", sys.executable, __file__, *passed, "--realtime-only"]
+    code = subprocess.run([str(c) for c in command]).returncode
+    (a.out / "netns.pid").unlink(missing_ok=True)
+    if code:
+        fail(f"the real-time run failed; the programs' words are in {a.out}/*.txt, and docs/troubleshooting.md helps by symptom")
+
+
+# --- lockstep ---
+
+
+def run_lockstep(a):
+    """Twice the same run on a virtual clock, with the plain form of the force loop: the hash must be the same."""
+    results = []
+    for n in (1, 2):
+        say(f"lockstep, run {n} of 2")
+        figures = a.out / f"lockstep{n}.json"
+        extra = ["--csv", a.out / "lockstep.csv", "--samples", a.out / "lockstep_samples.csv"] if n == 1 else []
+        sets = [x for s in a.set for x in ("--set", s)]
+        command = [a.build / "bin" / "tm-sim", a.scene, *sets, "--lockstep", "--force", "plain", "--json", figures, *extra]
+        run = subprocess.run([str(c) for c in command], stdout=subprocess.DEVNULL)
+        if run.returncode:
+            fail("the lockstep run failed; its message is above")
+        results.append(json.loads(figures.read_text()))
+    if results[0]["state_hash"] != results[1]["state_hash"]:
+        fail(f"two lockstep runs ended in different states, {results[0]['state_hash']} and {results[1]['state_hash']}; please report this with the scene")
+    return results
+
+
+# --- figures ---
+
+
+def load(path):
+    return json.loads(path.read_text())
+
+
+def commit(root):
+    run = subprocess.run(["git", "-C", str(root), "rev-parse", "--short", "HEAD"], capture_output=True, text=True)
+    return run.stdout.strip() or "unknown"
+
+
+def processor():
+    for line in pathlib.Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            return line.split(":", 1)[1].strip()
+    return platform.machine()
+
+
+def summary(a, lockstep):
+    sim, facts = load(a.out / "sim.json"), load(a.out / "hand.json")
+    controllers = [load(a.out / f"controller{i}.json") for i in range(len(facts["instruments"]))]
+    worst = {k: max(c["lateness_us"][k] for c in controllers) for k in ("p50", "p99", "max")}
+    square = sum(c["force_N"]["rms"] ** 2 for c in controllers) / len(controllers)
+    return {
+        "scene": os.path.relpath(a.scene), "title": facts["title"], "model": sim["model"],
+        "tets": sim["tets"], "vertices": sim["vertices"], "tets_alive_at_end": sim["tets_alive"],
+        "frames": sim["frames"], "frame_s": sim["frame_s"], "substeps_per_frame": sim["substeps_per_frame"], "dt_s": sim["dt_s"],
+        "sim_seconds_per_wall_second": sim["sim_seconds_per_wall_second"],
+        "sim_seconds_per_compute_second": sim["sim_seconds_per_compute_second"],
+        "overruns": sim["overruns"], "dropped_s": sim["dropped_s"], "frame_compute_us": sim["frame_compute_us"],
+        "ticks": sum(c["ticks"] for c in controllers), "missed_ticks": sum(c["missed_ticks"] for c in controllers),
+        "lateness_us": worst,
+        "force_N": {"rms": math.sqrt(square), "peak": max(c["force_N"]["peak"] for c in controllers)},
+        "instruments": [{"mode": t["mode"], "ticks": c["ticks"], "missed_ticks": c["missed_ticks"], "lateness_us": c["lateness_us"],
+                         "force_N": c["force_N"], "samples": c["samples"], "extrapolator": c["extrapolator"], "real_time": c["real_time"],
+                         "fault": c["fault"]} for t, c in zip(facts["instruments"], controllers)],
+        "state_hash": lockstep[0]["state_hash"],
+        "lockstep": {"runs": len(lockstep), "force_form": lockstep[0]["force"], "frames": lockstep[0]["frames"], "force_N": lockstep[0]["force_N"],
+                     "sim_seconds_per_compute_second": lockstep[0]["sim_seconds_per_wall_second"]},
+        "machine": {"processor": processor(), "cores": os.cpu_count(), "kernel": platform.release()},
+        "commit": commit(HERE),
+    }
+
+
+def table(s, a):
+    late = s["lateness_us"]
+    rows = [
+        ("organ", f"{s['tets']:,} tetrahedra, {s['tets_alive_at_end']:,} at the end; {s['frames']} frames of {s['substeps_per_frame']} substeps"),
+        ("simulation", f"{s['sim_seconds_per_wall_second']:.3f} s per s of wall clock ({s['sim_seconds_per_compute_second']:.1f} per s of computing), {s['overruns']} overruns"),
+        ("controllers", f"{s['ticks']} ticks, {s['missed_ticks']} missed; late by p50 {late['p50']:.0f}, p99 {late['p99']:.0f}, max {late['max']:.0f} us"),
+        ("forces", f"{s['force_N']['rms']:.3f} N RMS, {s['force_N']['peak']:.3f} N peak"),
+        ("lockstep", f"state {s['state_hash']}, the same twice"),
+        ("results", os.path.relpath(a.out) + ": summary.json film.mp4 picture.png frames/ force.png demo.lcm"),
+    ]
+    print()
+    for name, text in rows:
+        print(f"  {name:<12} {text}")
+    print()
+    if not all(i["real_time"] for i in s["instruments"]):
+        print("  The controllers ran with normal scheduling: SCHED_FIFO was not permitted (docs/troubleshooting.md, 'missed ticks').\n")
+
+
+# --- pictures ---
+
+
+def view(a, *args):
+    command = [a.build / "bin" / "tm-view", a.out / "demo.lcm", "--size", a.size, *a.camera.split(), *args]
+    if subprocess.run([str(c) for c in command]).returncode:
+        fail("tm-view failed; its message is above")
+
+
+def strongest_moment(a):
+    """Seconds after the log's first tissue at which the simulation reported the largest force, and how long the log is."""
+    import lcm
+
+    sys.path.insert(0, str(a.build / "python"))
+    import tensormass
+
+    begin, best, at, last = None, -1.0, 0.0, 0.0
+    for event in lcm.EventLog(str(a.out / "demo.lcm"), "r"):
+        if event.channel == "TISSUE":
+            begin = begin or event.timestamp
+            last = event.timestamp
+        elif event.channel == "SIM_STATUS" and begin:
+            m = tensormass.sim_status_t.decode(event.data)
+            force = max(math.hypot(*m.force_N[i]) for i in range(m.instrument_count))
+            if force > best:
+                best, at = force, (event.timestamp - begin) * 1e-6
+    return at, (last - begin) * 1e-6
+
+
+def draw(a):
+    at, length = strongest_moment(a)
+    say("pictures")
+    view(a, "--png", a.out / "picture.png", "--at", f"{min(at, length):.3f}")
+    view(a, "--frames", a.out / "frames", "--fps", "2", "--quality", "2")
+    if not a.no_film:
+        say("film")
+        view(a, "--film", a.out / "film.mp4", "--fps", "30", "--json", a.out / "film.json")
+
+
+def ticks(path):
+    with open(path) as file:
+        rows = list(csv.DictReader(file))
+    return [float(r["time_s"]) for r in rows], [math.sqrt(sum(float(r[k]) ** 2 for k in ("fx_N", "fy_N", "fz_N"))) for r in rows]
+
+
+def samples(a, instrument, begin_us):
+    import lcm
+
+    sys.path.insert(0, str(a.build / "python"))
+    import tensormass
+
+    time_s, force = [], []
+    for event in lcm.EventLog(str(a.out / "demo.lcm"), "r"):
+        if event.channel == f"FORCE_{instrument}":
+            m = tensormass.force_sample_t.decode(event.data)
+            time_s.append((m.utime - begin_us) * 1e-6)
+            force.append(math.hypot(*m.force_N))
+    return time_s, force
+
+
+def first_tool_us(a, instrument):
+    """When the controller's first tick was, on the log's clock: its record counts from there."""
+    import lcm
+
+    for event in lcm.EventLog(str(a.out / "demo.lcm"), "r"):
+        if event.channel == f"TOOL_{instrument}":
+            return event.timestamp
+    fail(f"the log holds no TOOL_{instrument}; haptic-rt's words are in {a.out}/haptic-rt{instrument}.txt")
+
+
+def plot(a, s):
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot as plt
+
+    count = len(s["instruments"])
+    figure, axes = plt.subplots(count, 2, figsize=(12, 3.2 * count + 0.4), width_ratios=(3, 2), squeeze=False)
+    for i, row in enumerate(axes):
+        t, f = ticks(a.out / f"ticks{i}.csv")
+        ts, fs = samples(a, i, first_tool_us(a, i))
+        peak = max(range(len(f)), key=f.__getitem__)
+        for axis in row:
+            axis.plot(t, f, color="#c05a1c", linewidth=1.1, label=f"controller, {len(t) / max(t[-1] - t[0], 1e-9):.0f} Hz")
+            axis.plot(ts, fs, "o", color="#245d80", markersize=2.6 if axis is row[0] else 5, label=f"simulation, {1 / s['frame_s']:.0f} Hz")
+            axis.set_xlabel("time, s")
+            axis.grid(alpha=0.25)
+        row[0].set_ylabel(f"{s['instruments'][i]['mode']}: force, N")
+        row[0].legend(loc="upper left", fontsize=8)
+        middle = rise(t, f, peak)
+        row[1].set_xlim(middle - 0.3, middle + 0.3)
+        inside = [v for x, v in zip(t, f) if abs(x - middle) < 0.3]
+        row[1].set_ylim(min(inside) - 0.08 * max(inside) - 0.01, 1.1 * max(inside) + 0.01)
+        row[1].set_title("0.6 s of it", fontsize=9)
+    figure.suptitle(f"{s['title']}: {s['instruments'][0]['extrapolator']} between samples", fontsize=11)
+    figure.tight_layout()
+    figure.savefig(a.out / "force.png", dpi=110, metadata={"Software": None})
+
+
+def rise(t, f, peak):
+    """The middle of the steepest half second before the peak: where extrapolation shows."""
+    step = 250
+    best = max(range(step, max(peak + 1, step + 1)), key=lambda k: f[min(k, len(f) - 1)] - f[min(k, len(f) - 1) - step], default=peak)
+    best = min(best, len(t) - 1)
+    return (t[best] + t[max(0, best - step)]) / 2
+
+
+def main():
+    a = arguments()
+    if a.realtime_only:
+        sys.exit(realtime(a))
+    for program in ("lcm-logger", "ip", "unshare", *([] if a.no_film else ["ffmpeg"])):
+        if not shutil.which(program):
+            print(f"demo: {program} is not installed; run `make demo`, which installs what is missing, or tools/setup.sh build demo", file=sys.stderr)
+            sys.exit(2)
+    if not a.scene.exists():
+        print(f"{a.scene}: no such scene; the scenes are in apps/scenes", file=sys.stderr)
+        sys.exit(2)
+    shutil.rmtree(a.out, ignore_errors=True)
+    a.out.mkdir(parents=True)
+    began = time.monotonic()
+    run_realtime(a)
+    lockstep = run_lockstep(a)
+    s = summary(a, lockstep)
+    draw(a)
+    plot(a, s)
+    s["demo_seconds"] = round(time.monotonic() - began, 1)
+    temporary = a.out / "summary.json~"
+    temporary.write_text(json.dumps(s, indent=1) + "\n")
+    temporary.rename(a.out / "summary.json")
+    table(s, a)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,84 @@
+"""Starts and ends the programs of a session: simulation, one controller and one virtual device an instrument, the logger.
+
+Used by demo.py and play.py, inside the session's network namespace (netns.sh).
+"""
+import json
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+
+def stop_all(processes, patience_s=5.0):
+    """SIGINT to each that still runs, then SIGKILL to those that do not listen."""
+    for p in processes:
+        if p.poll() is None:
+            p.send_signal(signal.SIGINT)
+    end = time.monotonic() + patience_s
+    for p in processes:
+        try:
+            p.wait(max(0.01, end - time.monotonic()))
+        except subprocess.TimeoutExpired:
+            p.kill()
+            p.wait()
+
+
+class Session:
+    """A scene's programs. `out` receives their figures and logs; `hand` is "script" or "lcm" (HAND_i moves the instruments)."""
+
+    def __init__(self, bin_dir, scene, out, hand="script", sets=()):
+        self.bin, self.scene, self.out, self.hand = pathlib.Path(bin_dir), str(scene), pathlib.Path(out), hand
+        self.sets = [a for s in sets for a in ("--set", s)]
+        self.out.mkdir(parents=True, exist_ok=True)
+        subprocess.run([self.bin / "tm-sim", self.scene, *self.sets, "--hands", self.out / "hand"], check=True)
+        self.facts = json.loads((self.out / "hand.json").read_text())
+        self.bus = f"virtual:session{os.getpid()}"
+        self.running = []
+
+    def begin(self, name, *command):
+        log = open(self.out / f"{name}.txt", "w")
+        process = subprocess.Popen([str(c) for c in command], stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
+        process.name = name
+        self.running.append(process)
+        return process
+
+    def start_logger(self, path):
+        path.unlink(missing_ok=True)
+        return self.begin("lcm-logger", "lcm-logger", "-q", "-f", path)
+
+    def start_ring(self, duration_s=None):
+        """Simulation first, then devices and controllers; any order would do. Without a duration they run until stopped."""
+        until = ["--duration", f"{duration_s:g} s"] if duration_s else []
+        self.begin("tm-sim", self.bin / "tm-sim", self.scene, *self.sets, "--realtime", *until, "--json", self.out / "sim.json")
+        time.sleep(0.5)
+        until = ["--duration", f"{duration_s:g}"] if duration_s else []
+        for i, instrument in enumerate(self.facts["instruments"]):
+            hand = self.out / f"hand{i}.csv" if self.hand == "script" else "lcm"
+            style = ["--straight"] * instrument["straight"] + ["--repeat"] * instrument["repeat"] + ["--tremor", f"{instrument['tremor_m']:g}"]
+            self.begin(f"tm-device{i}", self.bin / "tm-device", "--bus", self.bus, "--instrument", i, "--hand", hand,
+                       *(style if self.hand == "script" else []), *until, "--json", self.out / f"device{i}.json")
+            record = ["--record", self.out / f"ticks{i}.csv"] if duration_s else []
+            self.begin(f"haptic-rt{i}", self.bin / "haptic-rt", "--bus", self.bus, "--instrument", i, "--mode", instrument["mode"],
+                       "--extrapolator", self.facts["extrapolator"], *["--passivity"] * self.facts["passivity"], *record, *until,
+                       "--json", self.out / f"controller{i}.json")
+
+    def wait(self, names, tell=None):
+        """Until the named programs have ended; the first to fail ends the session. Returns whether all ended well."""
+        while True:
+            for p in self.running:
+                if p.poll() not in (None, 0):
+                    print(f"{p.name} ended with exit code {p.returncode}; its last words ({self.out}/{p.name}.txt):", file=sys.stderr)
+                    sys.stderr.write("".join((self.out / f"{p.name}.txt").read_text().splitlines(True)[-5:]))
+                    return False
+            if all(p.poll() is not None for p in self.running if p.name.startswith(names)):
+                return True
+            if tell:
+                tell()
+            time.sleep(0.1)
+
+    def end(self):
+        stop_all([p for p in self.running if p.name != "lcm-logger"])
+        time.sleep(0.2)  # the logger hears the last messages
+        stop_all([p for p in self.running if p.name == "lcm-logger"])
