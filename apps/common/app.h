@@ -32,6 +32,10 @@ void app_output_abandon(app_output *output);
 /* A progress line on a terminal, nothing in a pipe. fraction in [0,1]; call with done=true at the end. */
 void app_progress(const char *what, double fraction, bool done);
 
+/* The folder of things that can be made again: $TM_CACHE_DIR, else $XDG_CACHE_HOME/tensormass, else ~/.cache/tensormass. Made if it is not
+ * there; false when it cannot be. */
+bool app_cache_folder(char *path, size_t size);
+
 int64_t app_monotonic_us(void);
 
 #endif

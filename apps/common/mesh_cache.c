@@ -9,7 +9,6 @@
 #include "app.h"
 #include "mesh_parts.h"
 
-/* $TM_CACHE_DIR, else $XDG_CACHE_HOME/tensormass, else ~/.cache/tensormass. False: nowhere. */
 static bool cache_folder(char *path, size_t size) {
     const char *own = getenv("TM_CACHE_DIR"), *xdg = getenv("XDG_CACHE_HOME"), *home = getenv("HOME");
     int length;
@@ -33,6 +32,8 @@ static bool make_folders(char *path) {
     }
     return mkdir(path, 0777) == 0 || errno == EEXIST;
 }
+
+bool app_cache_folder(char *path, size_t size) { return cache_folder(path, size) && make_folders(path); }
 
 bool app_mesh_cache_load(uint64_t hash, app_mesh *mesh) {
     char folder[900], path[960];

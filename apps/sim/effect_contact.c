@@ -14,18 +14,24 @@ static const app_field fields[] = {
     {"contact.rows", APP_INTEGER, NULL, "256", 8, 100000, offsetof(options, rows), 0, "at most; the deepest are kept and the loss is flagged"},
 };
 
+const tm_contact_def *sim_contact_definition(sim *s) {
+    const options *o = sim_options(s->scene, "contact");
+    s->contact_def = tm_contact_def_default();
+    s->contact_def.instrument_count = s->instrument_count;
+    s->contact_def.instrument = s->instrument_def;
+    s->contact_def.skin_compliance_m_N = o->skin.si;
+    s->contact_def.force_cap_N = o->force_cap.si;
+    s->contact_def.sweeps = (int32_t)o->sweeps.value;
+    s->contact_def.max_rows = (int32_t)o->rows.value;
+    return &s->contact_def;
+}
+
 static int build(sim *s, const void *own) {
     const options *o = own;
     tm_error error = {0};
-    tm_contact_def def = tm_contact_def_default();
-    def.instrument_count = s->instrument_count;
-    def.instrument = s->instrument_def;
-    def.skin_compliance_m_N = o->skin.si;
-    def.force_cap_N = o->force_cap.si;
-    def.sweeps = (int32_t)o->sweeps.value;
-    def.max_rows = (int32_t)o->rows.value;
-    s->contact_def = def;
-    return tm_stage_contact(s->world, &def, &s->contact, &error) ? sim_report(s->scene, o->here.line, &error) : 0;
+    const tm_contact_def *def = sim_contact_definition(s);
+    if (!s->world) return 0;
+    return tm_stage_contact(s->world, def, &s->contact, &error) ? sim_report(s->scene, o->here.line, &error) : 0;
 }
 
 const sim_effect sim_effect_contact = {

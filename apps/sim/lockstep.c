@@ -204,6 +204,7 @@ static tm_status frame(lockstep *l, int64_t now_us) {
     for (int i = 0; i < s->instrument_count; ++i) {
         double joint[SIM_JOINTS];
         bool active;
+        s->want_stiffness[i] = sim_tools_want_stiffness(&l->tools, i);
         if (l->haptics) to[i] = sim_tools_target(&l->tools, i);
         else {
             sim_hand_target(s, i, (double)(now_us - START_US) * 1e-6, joint, &active);
@@ -216,10 +217,9 @@ static tm_status frame(lockstep *l, int64_t now_us) {
     l->compute_s += spent_s;
     for (int i = 0; i < s->instrument_count; ++i) {
         const sim_tool *tool = &l->tools.tool[i];
-        bool stiffness = tool->seen && (tool->now.extrapolator == HRT_TANGENT || tool->now.extrapolator == HRT_CONTACT);
         int64_t t_n = sim_tools_mean_utime(&l->tools, i, s->substeps, s->average);
         tensormass_force_sample_t sample;
-        sim_force_sample(&l->publisher, s, i, now_us, tool->now.session, t_n, stiffness, 0, &sample);
+        sim_force_sample(&l->publisher, s, i, now_us, tool->now.session, t_n, s->want_stiffness[i], 0, &sample);
         sim_publish_force(&l->publisher, now_us, &sample);
         trace_frame(l, &sample, now_us);
         if (l->haptics) queue_sample(l, i, now_us, &sample);

@@ -1,7 +1,6 @@
 /* tm-sim: reads the command line, builds the scene, hands it to one of the modes. */
 #include <getopt.h>
 #include <math.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -35,13 +34,6 @@ static const char help[] =
     "  --help, --version\n"
     "\n"
     "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else. Ctrl-C ends a run cleanly, files written.\n";
-
-static volatile sig_atomic_t interrupted;
-static void on_signal(int number) {
-    (void)number;
-    interrupted = 1;
-}
-bool run_interrupted(void) { return interrupted; }
 
 enum { OPT_LOCKSTEP = 256, OPT_REALTIME, OPT_SETTLE, OPT_EXPLAIN, OPT_CHECK, OPT_SCHEMA, OPT_SET, OPT_UNSET, OPT_FORCE, OPT_DURATION,
        OPT_FRAMES, OPT_RECORD, OPT_CSV, OPT_SAMPLES, OPT_WRITE, OPT_JSON, OPT_URL, OPT_HANDS, OPT_HELP, OPT_VERSION };
@@ -181,10 +173,7 @@ static int run(run_options *o) {
 
 int main(int count, char **all) {
     run_options o = {.duration_s = -1, .frames = -1};
-    struct sigaction action = {.sa_handler = on_signal};
-    sigaction(SIGINT, &action, NULL);
-    sigaction(SIGTERM, &action, NULL);
-    signal(SIGPIPE, SIG_IGN);
+    run_catch_signals();
     int rc = parse(&o, count, all);
     if (!rc) rc = run(&o);
     for (int i = 0; i < o.set_count; ++i) free(o.set[i]);

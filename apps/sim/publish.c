@@ -117,7 +117,7 @@ void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t ut
     const tm_tool_reaction *r = &s->reaction[instrument];
     *out = (tensormass_force_sample_t){.utime = utime, .seq = p->seq[instrument]++, .session = p->session, .instrument = (int8_t)instrument,
                                        .tool_session = tool_session, .tool_utime = tool_utime};
-    memcpy(out->tip_m, s->contact ? r->tip_m : s->pose[instrument].tip_m, sizeof out->tip_m);
+    memcpy(out->tip_m, r->row_count || s->contact ? r->tip_m : s->pose[instrument].tip_m, sizeof out->tip_m);
     memcpy(out->force_N, r->force_N, sizeof out->force_N);
     if (stiffness && r->stiffness_kind) {
         out->stiffness_kind = (int8_t)r->stiffness_kind;

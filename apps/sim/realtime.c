@@ -13,8 +13,6 @@
 #include "run.h"
 #include "tools.h"
 
-enum { EXTRAPOLATOR_TANGENT = 4, EXTRAPOLATOR_CONTACT = 5 }; /* hrt_extrapolator, as tool_state_t carries it */
-
 typedef struct controller_seen {
     bool seen;
     int64_t ticks, missed;
@@ -84,11 +82,10 @@ static void publish(realtime *r, int32_t substeps, double spent_s, bool overran)
     int32_t average = s->average < substeps ? s->average : substeps;
     for (int i = 0; i < s->instrument_count; ++i) {
         const sim_tool *tool = &r->tools.tool[i];
-        bool stiffness = tool->seen && (tool->now.extrapolator == EXTRAPOLATOR_TANGENT || tool->now.extrapolator == EXTRAPOLATOR_CONTACT);
         int64_t t_n = sim_tools_mean_utime(&r->tools, i, substeps, average);
         tensormass_force_sample_t sample;
         int64_t utime = utime_now();
-        sim_force_sample(&r->publisher, s, i, utime, tool->now.session, t_n, stiffness, overran ? SIM_FLAG_OVERRAN : 0, &sample);
+        sim_force_sample(&r->publisher, s, i, utime, tool->now.session, t_n, s->want_stiffness[i], overran ? SIM_FLAG_OVERRAN : 0, &sample);
         if (r->haptics) sim_publish_force(&r->publisher, utime, &sample);
         sim_magnitude_add(&r->force, sample.force_N);
         if (r->samples.begun) {
@@ -109,6 +106,7 @@ static tm_status one_frame(realtime *r) {
     for (int i = 0; i < s->instrument_count; ++i) {
         double joint[SIM_JOINTS];
         bool active;
+        s->want_stiffness[i] = sim_tools_want_stiffness(&r->tools, i);
         if (r->haptics) to[i] = sim_tools_target(&r->tools, i);
         else {
             sim_hand_target(s, i, (double)(begin - r->start_us) * 1e-6, joint, &active);

@@ -21,6 +21,7 @@ typedef struct sim_exclusion {
 typedef struct sim_effect {
     const char *name, *doc;
     app_schema schema;
+    int model; /* app_model that stands for naming the effect; its own section then only holds options */
     const char *needs[4];
     sim_exclusion excludes[4];
     int (*check)(const app_scene *scene, const void *options);    /* needs no mesh */
@@ -47,6 +48,21 @@ typedef struct sim_owner {
     int effect;
 } sim_owner;
 
+/* How a frame is computed. `own` is s->model_own. */
+typedef struct sim_model {
+    int (*begin)(sim *s);                                                     /* before effects build */
+    int (*end)(sim *s);                                                       /* after; may be null */
+    tm_status (*frame)(sim *s, const tm_tool_pose *to, int32_t substeps);     /* fills s->reaction */
+    tm_surface_view (*surface)(const sim *s);
+    const double *(*displacement)(const sim *s);                              /* [3*vertex_count] */
+    double (*time_s)(const sim *s);
+    uint64_t (*hash)(const sim *s);
+    int64_t (*bytes)(const sim *s);                                           /* of model_own; may be null */
+    void (*destroy)(void *own);
+} sim_model;
+extern const sim_model *const sim_models[]; /* by app_model */
+extern const sim_model sim_model_precomputed, sim_model_hybrid;
+
 struct sim {
     app_scene *scene;
     app_mesh file;
@@ -58,7 +74,9 @@ struct sim {
     tm_tissue *tissue;
     tm_world_def world_def;
     tm_world *world;
-    tm_contact *contact;       /* null: no effect `contact` */
+    const sim_model *model;
+    void *model_own;
+    tm_contact *contact;       /* null: no effect `contact`, or a model without world */
     tm_contact_def contact_def;
     tm_instrument_def instrument_def[TM_MAX_INSTRUMENTS];
     double axes[TM_MAX_INSTRUMENTS][9];         /* columns: the device's x, y, z in the world; see hrt_frame */
@@ -78,7 +96,14 @@ struct sim {
     sim_owner owner[TM_MAX_STAGES];
     int owner_count;
     void *own[SIM_MAX_EFFECTS];
-    uint8_t *support_of; /* [3*vertex_count] 1 + index of the scene's support, 0 free; null: no supports */
+    uint8_t *support_of;       /* [vertex_count] 1 + index of the scene's support, 0 free; null: no supports */
+    int32_t held_count;        /* prescribed components, ascending: the components of the stage `support` */
+    int32_t *held_dof;         /* [held_count] */
+    double *held_m;            /* [held_count] */
+    uint8_t *held_by;          /* [held_count] 1 + index of the scene's support */
+    double *load_N;            /* [3*vertex_count] or null */
+    double gravity_m_s2[3];    /* for models without world */
+    bool want_stiffness[TM_MAX_INSTRUMENTS]; /* the controller's extrapolator asks for dF/dP */
 };
 
 /* Reads the scene with the fields of every effect; 0 or an exit code, having complained. */
@@ -95,6 +120,19 @@ int sim_report(const app_scene *scene, int line, const tm_error *error);
 /* The line that asked for an effect, 0: not named. */
 int sim_effect_line(const app_scene *scene, int index);
 void sim_add_bytes(sim *s, int64_t bytes);
+
+/* Pieces of building, shared by the models. */
+int sim_make_supports(sim *s);
+int sim_make_loads(sim *s);
+void sim_make_instruments(sim *s);
+int sim_choose_step(sim *s); /* from s->critical_s */
+int sim_make_world(sim *s);
+tm_status sim_world_frame(sim *s, const tm_tool_pose *to, int32_t substeps);
+/* The scene's gravity, null if it has none. */
+const app_vector *sim_gravity(const sim *s);
+/* What contact of this scene is, before the stage is built: fills s->contact_def. */
+const tm_contact_def *sim_contact_definition(sim *s);
+void sim_own_stages(sim *s, int effect); /* books the stages that have come since the last call */
 
 /* One frame: every instrument goes to to[i] over `substeps` (s->substeps for a whole frame). */
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps);

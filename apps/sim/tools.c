@@ -3,6 +3,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "hrt.h"
+
 /* Farther apart than this, controller and scene disagree on the trocar. */
 static const double tip_tolerance_m = 0.005;
 
@@ -46,6 +48,11 @@ tm_tool_pose sim_tools_target(const sim_tools *t, int instrument) {
     memcpy(pose.tip_m, tool->now.tip_m, sizeof pose.tip_m);
     pose.grip = fmin(fmax(pose.grip, 0), 1);
     return pose;
+}
+
+bool sim_tools_want_stiffness(const sim_tools *t, int instrument) {
+    const sim_tool *tool = &t->tool[instrument];
+    return tool->seen && (tool->now.extrapolator == HRT_TANGENT || tool->now.extrapolator == HRT_CONTACT);
 }
 
 int64_t sim_tools_mean_utime(sim_tools *t, int instrument, int32_t substeps, int32_t average) {

@@ -1,0 +1,87 @@
+/* Instruments of a scene: axes, joints and poses. */
+#include "sim.h"
+
+#include <math.h>
+#include <string.h>
+
+static void normalise(double v[3]) {
+    double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    for (int a = 0; a < 3; ++a) v[a] /= length;
+}
+
+static void make_axes(const app_instrument *t, double axes[9]) {
+    double z[3], x[3], y[3];
+    memcpy(z, t->axis.v, sizeof z);
+    normalise(z);
+    const double *u = t->up.v;
+    x[0] = u[1] * z[2] - u[2] * z[1];
+    x[1] = u[2] * z[0] - u[0] * z[2];
+    x[2] = u[0] * z[1] - u[1] * z[0];
+    normalise(x);
+    y[0] = z[1] * x[2] - z[2] * x[1];
+    y[1] = z[2] * x[0] - z[0] * x[2];
+    y[2] = z[0] * x[1] - z[1] * x[0];
+    for (int a = 0; a < 3; ++a) {
+        axes[3 * a] = x[a];
+        axes[3 * a + 1] = y[a];
+        axes[3 * a + 2] = z[a];
+    }
+}
+
+tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active) {
+    const double *r = s->axes[instrument];
+    double d[3] = {sin(joint[1]), sin(joint[0]) * cos(joint[1]), cos(joint[0]) * cos(joint[1])};
+    tm_tool_pose pose = {.roll_rad = joint[3], .grip = joint[4], .active = active};
+    for (int a = 0; a < 3; ++a)
+        pose.tip_m[a] = s->instrument_def[instrument].trocar_m[a] + joint[2] * (r[3 * a] * d[0] + r[3 * a + 1] * d[1] + r[3 * a + 2] * d[2]);
+    return pose;
+}
+
+bool sim_joints(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]) {
+    const double *r = s->axes[instrument];
+    double world[3], d[3] = {0, 0, 0};
+    for (int a = 0; a < 3; ++a) world[a] = tip_m[a] - s->instrument_def[instrument].trocar_m[a];
+    for (int a = 0; a < 3; ++a)
+        for (int c = 0; c < 3; ++c) d[c] += r[3 * a + c] * world[a];
+    double insertion = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
+    if (!(insertion > 1e-9)) return false;
+    joint[0] = atan2(d[1], d[2]);
+    joint[1] = asin(d[0] / insertion);
+    joint[2] = insertion;
+    return true;
+}
+
+void sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
+    joint[0] = pose->pitch.si;
+    joint[1] = pose->yaw.si;
+    joint[2] = pose->insertion.si;
+    joint[3] = pose->roll.si;
+    joint[4] = pose->grip.si;
+    if (pose->tip.line) sim_joints(s, instrument, pose->tip.v, joint);
+}
+
+const app_hand *sim_hand(const sim *s, int instrument) {
+    for (int i = 0; i < s->scene->hand.count; ++i) {
+        const app_hand *h = (const app_hand *)s->scene->hand.item + i;
+        if (h->instrument.value == instrument) return h;
+    }
+    return NULL;
+}
+
+void sim_make_instruments(sim *s) {
+    s->instrument_count = s->scene->instrument.count;
+    for (int i = 0; i < s->instrument_count; ++i) {
+        const app_instrument *t = (const app_instrument *)s->scene->instrument.item + i;
+        tm_instrument_def *def = &s->instrument_def[i];
+        def->mode = (tm_tool_mode)t->mode.index;
+        memcpy(def->trocar_m, t->trocar.v, sizeof def->trocar_m);
+        def->radius_m = t->radius.si;
+        def->contact_length_m = t->contact_length.si;
+        make_axes(t, s->axes[i]);
+        const app_hand *hand = sim_hand(s, i);
+        const app_pose *start = t->start_here.line || !hand ? &t->start : &((const app_waypoint *)hand->path.item)->pose;
+        sim_scene_joints(s, i, start, s->start_joint[i]);
+        /* A probe is in the body from the start; a cautery burns only when told. */
+        s->pose[i] = def->pose = sim_pose(s, i, s->start_joint[i], def->mode == TM_TOOL_PROBE);
+    }
+}
