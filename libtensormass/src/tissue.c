@@ -135,8 +135,8 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     tissue->mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
     tissue->damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
     tissue->upper_begin = TM_TAKE(pool, int32_t, (int64_t)mesh->vertex_count + 1);
-    tissue->vertex_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->vertex_count, real);
-    tissue->edge_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->edge_count, real);
+    tissue->vertex_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->vertex_count + TM_FORCE_PADDING, real);
+    tissue->edge_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->edge_count + TM_FORCE_PADDING, real);
     if (def->cuttable) {
         tissue->tet_block = TM_TAKE(pool, double, 90 * (int64_t)mesh->tet_count);
         tissue->face_slot = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
@@ -156,7 +156,7 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     tissue->material_count = def->material_count;
     tissue->precision = def->precision;
     tissue->cuttable = def->cuttable;
-    tissue->force = def->precision == TM_SINGLE ? tm_force_plain_single : tm_force_plain_double;
+    tissue->force = tm_force_choose(def->form == TM_FORCE_PLAIN, def->precision == TM_SINGLE);
     memcpy(tissue->material, def->material, sizeof(tm_material) * (size_t)def->material_count);
     for (int32_t r = 0; r < mesh->region_count; r++) tissue->region_material[r] = def->region_material ? def->region_material[r] : r;
     for (int32_t t = 0; t < mesh->tet_count; t++) {

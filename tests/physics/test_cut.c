@@ -58,6 +58,7 @@ static void twenty_orders(void **state) {
     (void)state;
     for (int order = 0; order < 20; order++) {
         scene s = make(order % 2, order % 3 == 2 ? TM_SINGLE : TM_DOUBLE);
+        if (order % 5 == 4) s.def.form = TM_FORCE_BEST;
         start(&s);
         fix_random random = {100 + (uint64_t)order};
         int32_t *list = malloc(sizeof(int32_t) * (size_t)s.mesh->tet_count);
