@@ -237,7 +237,7 @@ def plot(a, s):
         ts, fs = samples(a, i, first_tool_us(a, i))
         peak = max(range(len(f)), key=f.__getitem__)
         for axis in row:
-            axis.plot(t, f, color="#c05a1c", linewidth=1.1, label=f"controller, {len(t) / max(t[-1] - t[0], 1e-9):.0f} Hz")
+            axis.plot(t, f, color="#c05a1c", linewidth=1.1, label=f"controller, {(len(t) - 1) / max(t[-1] - t[0], 1e-9):.0f} Hz")
             axis.plot(ts, fs, "o", color="#245d80", markersize=2.6 if axis is row[0] else 5, label=f"simulation, {1 / s['frame_s']:.0f} Hz")
             axis.set_xlabel("time, s")
             axis.grid(alpha=0.25)
