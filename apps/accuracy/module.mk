@@ -12,4 +12,4 @@ accuracy:
 accuracy-run:
 	@mkdir -p $(OUT)/accuracy
 	$(OUT)/bin/tm-accuracy $(if $(QUICK),--quick) --json $(OUT)/accuracy/figures.json
-	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/accuracy/page.py $(OUT)/accuracy/figures.json -o $(OUT)/accuracy
+	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/accuracy/page.py $(OUT)/accuracy/figures.json $(if $(wildcard $(OUT)/evaluate/rates.json),--rates $(OUT)/evaluate/rates.json) -o $(OUT)/accuracy

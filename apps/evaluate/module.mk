@@ -2,3 +2,15 @@
 EVALUATE_SRC := $(sort $(wildcard apps/evaluate/*.c))
 $(eval $(call program,tm-evaluate,$(EVALUATE_SRC),$(SIM_LIBS) $(LIBLCMTYPES_A),-llcm -lyaml -lcjson))
 $(call objects,$(EVALUATE_SRC)): $(LCM_GEN)
+
+#: make evaluate               extrapolation errors: build/evaluate/index.html (QUICK=1: the short form)
+.PHONY: evaluate evaluate-run
+evaluate:
+	@tools/setup.sh build
+	@$(MAKE) --no-print-directory venv
+	@$(MAKE) --no-print-directory -j$$(nproc) programs
+	@$(MAKE) --no-print-directory evaluate-run
+evaluate-run:
+	@mkdir -p $(OUT)/evaluate
+	$(OUT)/bin/tm-evaluate --study $(if $(QUICK),--quick) $(EVALUATE_ARGS) --json $(OUT)/evaluate/figures.json
+	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/evaluate/page.py $(OUT)/evaluate/figures.json -o $(OUT)/evaluate

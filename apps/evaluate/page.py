@@ -1,0 +1,233 @@
+"""Draws what tm-evaluate measured: `python page.py FIGURES.json -o FOLDER`. Leaves index.html, evaluate.json, rates.json (for `make accuracy`)."""
+import argparse
+import json
+import pathlib
+import sys
+
+import matplotlib.pyplot as plt
+import numpy as np
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "pages"))
+from page import Page, label_line, series  # noqa: E402
+
+NAMES = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position"]
+SKETCH = {0: dict(hold=3.0, time=3.5, position=3.3, broyden=2.0, tangent=0.9, contact=0.03),
+          1: dict(hold=6.4, time=8.0, position=7.6, broyden=5.5, tangent=3.7, contact=0.08)}
+
+
+def pick(rows, **wanted):
+    base = dict(truth="model", path="tour", rate_Hz=20, speed_m_s=0.01, tremor_m=40e-6, latency_frames=0, jitter=0, loss=0, encoders=True)
+    base.update(wanted)
+    def same(row, key, value):
+        return value is ... or (abs(row[key] - value) < 1e-9 if isinstance(value, float) or isinstance(value, int) and not isinstance(value, bool) else row[key] == value)
+    return [r for r in rows if all(same(r, k, v) for k, v in base.items())]
+
+
+def by_name(rows, key):
+    """{extrapolator: [(x, rms %)]} sorted by x."""
+    out = {}
+    for name in NAMES:
+        points = sorted((r[key], 100 * r["rms"]) for r in rows if r["extrapolator"] == name)
+        if points:
+            out[name] = points
+    return out
+
+
+def curves(axis, rows, key, xlabel, log=True):
+    for i, (name, points) in enumerate(by_name(rows, key).items()):
+        x, y = [p[0] for p in points], [max(p[1], 1e-4) for p in points]
+        axis.plot(x, y, **series(i))
+        label_line(axis, x[-1], y[-1], name, series(i))
+    axis.set(xlabel=xlabel, ylabel="RMS force error, % of peak", yscale="log", **({"xscale": "log"} if log else {}))
+
+
+def roughness(page, rows):
+    page.section("The force itself", "Second difference of the unfiltered force from tick to tick (2 ms), contact made and lost left out, over the peak. "
+                 "No extrapolator can be smoother than this.")
+    figure, axis = plt.subplots()
+    for i, model in enumerate(dict.fromkeys(r["model"] for r in rows)):
+        own = [r for r in rows if r["model"] == model]
+        x = [1e3 * r["depth_m"] for r in own]
+        axis.plot(x, [100 * r["largest"] for r in own], **series(i))
+        axis.plot(x, [100 * r["p99"] for r in own], **{**series(i), "fillstyle": "none"}, alpha=0.6)
+        label_line(axis, x[-1], 100 * own[-1]["largest"], f"{model}, largest", series(i))
+        label_line(axis, x[-1], 100 * own[-1]["p99"], f"{model}, 99 %", series(i))
+    axis.axhline(0.5, color="#999999", linewidth=1)
+    axis.annotate("aim: 0.5 %", (axis.get_xlim()[0], 0.5), xytext=(3, 3), textcoords="offset points", fontsize=8, color="#777777")
+    axis.set(xlabel="deepest press, mm", ylabel="second difference per tick, % of peak", yscale="log")
+    worst = max(rows, key=lambda r: r["largest"])
+    page.figure("roughness", figure, f"The worst is {100 * worst['largest']:.2f} % ({worst['model']}, {1e3 * worst['depth_m']:.0f} mm); 99 % of the ticks of every model stay below "
+                f"{100 * max(r['p99'] for r in rows):.2f} %.", "tm-evaluate --study")
+    page.table("roughness", ["model", "depth mm", "largest %", "99 % of ticks below %", "peak N"],
+               [[r["model"], 1e3 * r["depth_m"], 100 * r["largest"], 100 * r["p99"], r["peak_N"]] for r in rows])
+
+
+def figure5(page, data):
+    samples, truth = np.array(data["samples"]), np.array(data["truth"])
+    page.section("The paper's figure 5, with numbers", f"A steady hand at 0.01 m/s, 20 Hz, {data['model']} model. Left: samples as impulses, the extrapolated force as a line, over time. "
+                 "Right: its error as a vector, polar, in the plane across and along the shaft; one row an extrapolator, one scale for all.")
+    names = [n for n in NAMES if n in data["extrapolators"]]
+    figure = plt.figure(figsize=(9, 1.7 * len(names)), layout="constrained")
+    dt = data["dt_s"]
+    time = np.arange(len(truth)) * dt
+    errors = {n: np.array(data["extrapolators"][n]) - truth for n in names}
+    scale = 1.05 * max(np.linalg.norm(e, axis=1).max() for e in errors.values())
+    at = np.linspace(0, time[-1], len(samples))
+    for i, name in enumerate(names):
+        left = figure.add_subplot(len(names), 2, 2 * i + 1)
+        force = np.array(data["extrapolators"][name])
+        left.vlines(at, 0, np.linalg.norm(samples, axis=1), color="#bbbbbb", linewidth=0.8)
+        left.plot(time, np.linalg.norm(force, axis=1), color="#1b1b1b", linewidth=1)
+        left.set_ylabel(f"{name}\nN", fontsize=8)
+        left.tick_params(labelsize=7)
+        right = figure.add_subplot(len(names), 2, 2 * i + 2, projection="polar")
+        e = errors[name]
+        across = np.where(e[:, 0] >= 0, 1, -1) * np.hypot(e[:, 0], e[:, 1])
+        right.plot(np.arctan2(e[:, 2], across), np.linalg.norm(e, axis=1), color="#c1440e", linewidth=0.7)
+        right.set_ylim(0, scale)
+        right.tick_params(labelsize=6)
+        right.set_xticklabels([])
+    left.set_xlabel("s", fontsize=8)
+    page.figure("figure5", figure, "What the paper showed as pictures. The fuller a rosette, the larger the error of that extrapolator; an empty one is what the hand wants.", "tm-evaluate --study")
+
+
+def rates(page, rows, models):
+    page.section("Rate, speed and latency", "RMS of the vector error over the peak force; surgeon-like strokes at 0.01 m/s with a tremor of 40 µm at 9 Hz, encoders on, 20 Hz, unless said otherwise. "
+                 "Truth: the same model run at 500 Hz on the same path.")
+    for model in models:
+        figure, axes = plt.subplots(1, 3, figsize=(13, 4), layout="constrained")
+        curves(axes[0], pick(rows, model=model, rate_Hz=...), "rate_Hz", "frames a second")
+        curves(axes[1], pick(rows, model=model, speed_m_s=...), "speed_m_s", "speed, m/s")
+        curves(axes[2], pick(rows, model=model, latency_frames=...), "latency_frames", "latency, frames", log=False)
+        at = {r["extrapolator"]: 100 * r["rms"] for r in pick(rows, model=model)}
+        best = min(at, key=at.get)
+        page.figure(f"rates_{model}", figure, f"<b>{model}</b>: at 20 Hz <code>{best}</code> is best with {at[best]:.2f} % (<code>position</code> {at['position']:.2f} %, <code>hold</code> {at['hold']:.2f} %).",
+                    f"tm-evaluate --study --model {model}")
+    table = []
+    for model in models:
+        for late in (0, 1, 2, 3):
+            row = [model, late]
+            for name in NAMES:
+                own = [r for r in pick(rows, model=model, latency_frames=late) if r["extrapolator"] == name]
+                row.append(100 * own[0]["rms"] if own else "")
+            table.append(row)
+    page.table("latency", ["model", "frames late", *NAMES], table, "RMS error in % of peak at 20 Hz, 0.01 m/s, tremor on.")
+
+
+def conditions(page, rows, models):
+    page.section("Jitter, loss, encoders, reversals", "The same strokes at 20 Hz under worse circumstances.")
+    for key, text in (("jitter", "jitter of the frame time, share of a frame"), ("loss", "share of samples lost")):
+        figure, axis = plt.subplots()
+        curves(axis, pick(rows, model=models[0], **{key: ...}), key, text, log=False)
+        page.figure(key, figure, f"{models[0]} model: what {key} does to each extrapolator.")
+    table = []
+    for model in models:
+        for label, wanted in (("steady hand", dict(tremor_m=0)), ("tremor", {}), ("tremor, no encoders", dict(encoders=False)),
+                              ("tremor, truth as the paper's", dict(truth="interpolated")), ("reversals at 0.05 m/s", dict(path="reversals", speed_m_s=0.05, tremor_m=0))):
+            own = {r["extrapolator"]: r for r in pick(rows, model=model, **wanted)}
+            if own:
+                table.append([model, label, *(100 * own[n]["rms"] for n in NAMES)])
+    page.table("circumstances", ["model", "path", *NAMES], table, "RMS error in % of peak, no latency.")
+    table = []
+    for model in models:
+        for r in pick(rows, model=model):
+            table.append([model, r["extrapolator"], 100 * r["peak"], 100 * r["jump_peak"], 100 * r["jump_p99"], 57.2958 * r["direction_rad"], r["over_limit"], r["off_patch"], r["ns_per_tick"]])
+    page.table("details", ["model", "extrapolator", "peak error %", "largest jump per tick %", "99 % of jumps below %", "direction, deg RMS", "force / limit", "off the patch", "ns per tick"], table)
+
+
+def loop(page, data):
+    rows = data["rows"]
+    page.section("Closed loop", f"The stiffest contact whose oscillation dies out within one encoder count after a step of 1 mm in the hand's wish. Mass {data['mass_kg']} kg, hand {data['hand_stiffness_N_m']:.0f} N/m, "
+                 f"device and hand damping b = {data['damping_N_s_m']:.1f} N·s/m, no Coulomb friction, no limit active. Theory for <code>hold</code>: b &gt; K (T/2 + delay).")
+    delays = sorted({r["delay_frames"] for r in rows})
+    figure, axes = plt.subplots(1, len(delays), figsize=(6.4 * len(delays), 4.4), layout="constrained", squeeze=False)
+    for axis, delay in zip(axes[0], delays):
+        for i, name in enumerate(NAMES):
+            for passivity in (False, True):
+                own = sorted((r for r in rows if r["extrapolator"] == name and r["delay_frames"] == delay and r["passivity"] == passivity), key=lambda r: r["rate_Hz"])
+                style = series(i)
+                axis.plot([r["rate_Hz"] for r in own], [max(r["stiffness_N_m"], 1) for r in own], **{**style, **({"linestyle": "", "fillstyle": "none"} if passivity else {})})
+                if own and not passivity:
+                    label_line(axis, own[-1]["rate_Hz"], max(own[-1]["stiffness_N_m"], 1), name, style)
+        theory = sorted({(r["rate_Hz"], r["theory_N_m"]) for r in rows if r["delay_frames"] == delay})
+        axis.plot([t[0] for t in theory], [t[1] for t in theory], color="#bbbbbb", linewidth=5, zorder=0)
+        axis.set(xscale="log", yscale="log", xlabel="frames a second", ylabel="largest stable stiffness, N/m", title=f"{delay} frame{'s' if delay != 1 else ''} of delay")
+    at = {r["extrapolator"]: r["stiffness_N_m"] for r in rows if r["rate_Hz"] == 30 and r["delay_frames"] == 0 and not r["passivity"]}
+    best = max(at, key=at.get)
+    page.figure("loop", figure, f"Filled: passivity control off; open: on; grey: theory for hold. At 30 Hz <code>hold</code> carries {at['hold']:.0f} N/m, <code>{best}</code> {at[best]:.0f} N/m, "
+                f"{at[best] / at['hold']:.1f} times as much.", "tm-evaluate --study")
+    page.table("loop", ["extrapolator", "Hz", "frames late", "passivity", "stable up to N/m", "theory for hold N/m"],
+               [[r["extrapolator"], r["rate_Hz"], r["delay_frames"], "on" if r["passivity"] else "off", f"> {r['stiffness_N_m']:.0f}" if r["beyond"] else round(r["stiffness_N_m"]), round(r["theory_N_m"])] for r in rows])
+    return {"hold_N_m": at["hold"], "best": best, "best_N_m": at[best], "ratio": at[best] / at["hold"]}
+
+
+def claims(rows, models, loop_facts):
+    """What issue and paper ask, as numbers and plain truth values."""
+    out = {"closed_loop": {**loop_facts, "ten_times_hold": loop_facts["ratio"] >= 10}}
+    for model in models:
+        steady = {r["extrapolator"]: r["rms"] for r in pick(rows, model=model, tremor_m=0)}
+        own = {late: {r["extrapolator"]: r["rms"] for r in pick(rows, model=model, latency_frames=late)} for late in (0, 1, 2)}
+        fast = {late: {r["extrapolator"]: r["rms"] for r in pick(rows, model=model, speed_m_s=0.03, latency_frames=late)} for late in (0, 1, 2)}
+        back = {r["extrapolator"]: r["rms"] for r in pick(rows, model=model, path="reversals", speed_m_s=0.05, tremor_m=0)}
+        out[model] = {
+            "position_beats_hold_steady": steady["position"] < steady["hold"], "position_beats_time_steady": steady["position"] < steady["time"],
+            "position_beats_hold_tremor": own[0]["position"] < own[0]["hold"], "position_beats_time_tremor": own[0]["position"] < own[0]["time"],
+            "tangent_over_position": own[0]["tangent"] / own[0]["position"], "tangent_over_position_late": own[1]["tangent"] / own[1]["position"],
+            "contact_over_position": {f"{late} late": own[late]["contact"] / own[late]["position"] for late in own},
+            "contact_over_position_0.03": {f"{late} late": fast[late]["contact"] / fast[late]["position"] for late in fast if "contact" in fast[late]},
+            "signed_beats_unsigned_on_reversals": back["position"] < back["paper_position"],
+            "largest_force_over_limit": max(r["over_limit"] for r in rows if r["model"] == model),
+        }
+    return out
+
+
+def claims_table(page, facts, rows, models):
+    page.section("What was claimed, and what came out")
+    table = []
+    for model in models:
+        f = facts[model]
+        table += [[model, "position beats hold, steady hand", f["position_beats_hold_steady"]], [model, "position beats time, steady hand", f["position_beats_time_steady"]],
+                  [model, "position beats hold, tremor", f["position_beats_hold_tremor"]], [model, "position beats time, tremor", f["position_beats_time_tremor"]],
+                  [model, "tangent / position, tremor (aim: a third)", f["tangent_over_position"]], [model, "tangent / position, a frame late (aim: a half)", f["tangent_over_position_late"]],
+                  *[[model, f"contact / position, {late} (aim on precomputed: a thirtieth)", v] for late, v in f["contact_over_position"].items()],
+                  *[[model, f"contact / position at 0.03 m/s, {late}", v] for late, v in f["contact_over_position_0.03"].items()],
+                  [model, "signed beats unsigned on reversals", f["signed_beats_unsigned_on_reversals"]], [model, "largest force over the device's limit", f["largest_force_over_limit"]]]
+    c = facts["closed_loop"]
+    table.append(["closed loop", f"{c['best']} at 30 Hz over hold (aim: 10)", c["ratio"]])
+    page.table("claims", ["model", "claim", "came out"], table)
+    if "precomputed" in models:
+        mine = {late: {r["extrapolator"]: 100 * r["rms"] for r in pick(rows, model="precomputed", latency_frames=late)} for late in (0, 1)}
+        page.table("sketch", ["frames late", "extrapolator", "the sketch, RMS % of peak", "here"],
+                   [[late, n, SKETCH[late][n], mine[late][n]] for late in (0, 1) for n in SKETCH[late]],
+                   "The sketch: a precomputed block in numpy that the design started from; another path on another block, so of the same kind, not the same experiment.")
+
+
+def main():
+    arguments = argparse.ArgumentParser(description=__doc__)
+    arguments.add_argument("figures")
+    arguments.add_argument("-o", "--out", required=True)
+    options = arguments.parse_args()
+    data = json.loads(pathlib.Path(options.figures).read_text())
+    rows = data["rates"]["rows"]
+    models = list(dict.fromkeys(r["model"] for r in rows))
+    page = Page(options.out, "Force extrapolation, measured",
+                "Forces come from the simulation 10 to 100 times a second and go to the hand 500 times. What happens between is extrapolated; this page says how well.",
+                {"memory bandwidth in this run": f"{data['bandwidth_B_s'] / 1e9:.1f} GB/s", "form": "quick" if data["quick"] else "whole"})
+    roughness(page, data["roughness"])
+    figure5(page, data["rates"]["figure5"])
+    rates(page, rows, models)
+    conditions(page, rows, models)
+    loop_facts = loop(page, data["loop"])
+    facts = claims(rows, models, loop_facts)
+    claims_table(page, facts, rows, models)
+    for key in ("roughness", "loop"):
+        page.record(key, data[key])
+    page.record("rows", rows)
+    page.record("claims", facts)
+    main_rows = pick(rows, model=models[0], rate_Hz=...)
+    (pathlib.Path(options.out) / "rates.json").write_text(json.dumps({"model": models[0], "rows": main_rows}, indent=1) + "\n")
+    print(page.write("evaluate"))
+
+
+if __name__ == "__main__":
+    main()
