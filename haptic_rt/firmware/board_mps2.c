@@ -1,0 +1,66 @@
+/* Arm MPS2 boards (AN386: Cortex-M4F, AN500: Cortex-M7), 25 MHz. They have no CAN controller: its driver here is a loop-back queue, and the place
+ * where a real part's registers go. The watchdog is the CMSDK's. */
+#include "board.h"
+#include "systick.h"
+
+enum { CORE_HZ = 25000000 };
+#define WATCHDOG_LOAD (*(volatile uint32_t *)0x40008000u)
+#define WATCHDOG_CONTROL (*(volatile uint32_t *)0x40008008u)
+enum { WATCHDOG_COUNT_AND_RESET = 3, WATCHDOG_TICKS = 10 };
+
+static volatile uint32_t interrupts;
+static uint32_t taken;
+
+static struct { hrt_can_frame frame[16]; uint32_t head, tail; } queue;
+
+void fw_systick(void) { interrupts++; }
+
+void fw_board_start(void) {
+    WATCHDOG_LOAD = (uint32_t)CORE_HZ / 1000000u * FW_PERIOD_US * WATCHDOG_TICKS;
+    WATCHDOG_CONTROL = WATCHDOG_COUNT_AND_RESET;
+    systick_start(CORE_HZ, FW_PERIOD_US);
+}
+
+uint32_t fw_board_wait_tick(void) {
+    while (interrupts == taken) __asm volatile("wfi");
+    const uint32_t now = interrupts, since = now - taken;
+    taken = now;
+    return since;
+}
+
+int64_t fw_board_now_us(void) { return (int64_t)interrupts * FW_PERIOD_US; }
+
+void fw_board_watchdog(void) { WATCHDOG_LOAD = (uint32_t)CORE_HZ / 1000000u * FW_PERIOD_US * WATCHDOG_TICKS; }
+
+_Noreturn void fw_board_panic(const char *why) {
+    (void)why;
+    for (;;) {} /* no command any more; the watchdog resets the board */
+}
+
+bool fw_can_receive(hrt_can_frame *frame) {
+    if (queue.head == queue.tail) return false;
+    *frame = queue.frame[queue.tail++ % 16];
+    return true;
+}
+
+bool fw_can_send(const hrt_can_frame *frame) {
+    if (queue.head - queue.tail == 16) return false;
+    queue.frame[queue.head++ % 16] = *frame;
+    return true;
+}
+
+bool fw_can_ok(void) { return true; }
+
+void fw_link_receive(int32_t device, fw_news *news, hrt_sample *sample, hrt_patch *patch) {
+    (void)device;
+    (void)sample;
+    (void)patch;
+    *news = (fw_news){0};
+}
+
+void fw_link_send(int32_t device, const hrt_output *output) {
+    (void)device;
+    (void)output;
+}
+void fw_measure_begin(int32_t device) { (void)device; }
+void fw_measure_end(int32_t device) { (void)device; }

@@ -1,0 +1,46 @@
+# The controller on a Cortex-M7 and a Cortex-M4F: build/firmware/CPU/VARIANT/haptic_rt.elf. The same core sources as the host's.
+# Variants: plain (no patches: `contact` runs as `tangent`), contact12, contact24.
+FW_CC := arm-none-eabi-gcc
+FW_CPUS := m7 m4f
+FW_VARIANTS := plain contact12 contact24
+FW_CPU_m7 := -mcpu=cortex-m7 -mfpu=fpv5-sp-d16
+FW_CPU_m4f := -mcpu=cortex-m4 -mfpu=fpv4-sp-d16
+FW_DEF_plain := -DFW_PATCHES=0
+FW_DEF_contact12 := -DFW_PATCHES=1 -DHRT_PATCH_MAX_VERTICES=12 -DHRT_PATCH_MAX_TRIANGLES=16
+FW_DEF_contact24 := -DFW_PATCHES=1
+# An enum is one byte here, so that a check against negative values is always true.
+FW_WARN := -Wall -Wextra -Wno-type-limits -Wconversion -Wno-sign-conversion -Wdouble-promotion -Werror
+# No contraction to fused multiply-adds: the bits are to be the host's.
+FW_CFLAGS := -std=c11 -O2 -g -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -ffunction-sections -fdata-sections -MMD -MP $(FW_WARN) \
+	-Ihaptic_rt -Ihaptic_rt/core
+FW_LDFLAGS := -mthumb -mfloat-abi=hard -nostartfiles -specs=nano.specs -Wl,--gc-sections -T haptic_rt/firmware/link.ld
+FW_CORE_SRC := $(sort $(wildcard haptic_rt/core/*.c haptic_rt/can/*.c))
+FW_SRC := $(addprefix haptic_rt/firmware/,start.c loop.c main.c)
+FW_BOARD_SRC := haptic_rt/firmware/board_mps2.c
+FW_LINK_LD := haptic_rt/firmware/link.ld
+
+# $(call fw_objects,CPU,VARIANT,SOURCES)
+fw_objects = $(patsubst %.c,$(BUILD)/firmware/$(1)/$(2)/obj/%.o,$(3))
+# $(eval $(call fw_image,CPU,VARIANT,NAME,SOURCES BESIDE THE CORE)): build/firmware/CPU/VARIANT/NAME.elf and its map.
+define fw_image
+$(BUILD)/firmware/$(1)/$(2)/$(3).elf: $(call fw_objects,$(1),$(2),$(4) $(FW_CORE_SRC)) $(FW_LINK_LD)
+	$$(FW_CC) $$(FW_CPU_$(1)) $$(FW_LDFLAGS) -Wl,-Map=$$(@:.elf=.map) -o $$@ $$(filter %.o,$$^) -lm
+endef
+define fw_compile
+$(BUILD)/firmware/$(1)/$(2)/obj/%.o: %.c haptic_rt/firmware/module.mk
+	@mkdir -p $$(@D)
+	$$(FW_CC) $$(FW_CPU_$(1)) $$(FW_CFLAGS) $$(FW_DEF_$(2)) -c $$< -o $$@
+endef
+$(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call fw_compile,$(c),$(v)))))
+$(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call fw_image,$(c),$(v),haptic_rt,$(FW_SRC) $(FW_BOARD_SRC)))))
+FW_ELF := $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(BUILD)/firmware/$(c)/$(v)/haptic_rt.elf))
+
+#: make firmware             the controller for Cortex-M7 and M4F: build/firmware/CPU/VARIANT/haptic_rt.elf and their sizes
+.PHONY: firmware
+firmware:
+	@tools/setup.sh build check
+	@$(MAKE) --no-print-directory firmware-elf
+.PHONY: firmware-elf
+firmware-elf: $(FW_ELF)
+	@arm-none-eabi-size $(FW_ELF)
+-include $(shell find $(BUILD)/firmware -name '*.d' 2>/dev/null)

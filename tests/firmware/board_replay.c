@@ -1,0 +1,110 @@
+/* A board whose bus and link are a recording: replay.in is read, replay.out and replay.cost are written, in the working directory. Runs on the
+ * emulated board by semihosting and, with port_host.c, on the host. Its timer is the port's. */
+#include "port.h"
+#include "replay.h"
+
+static uint8_t input[REPLAY_TICK_MAX], output[4096];
+static replay_bytes events, results;
+static int32_t in_file, out_file, cost_file;
+static int64_t now_us;
+static bool bus_ok = true;
+static uint32_t began, cost[FW_DEVICES];
+
+/* ---- the next event, if it is of this kind and device ---- */
+
+static bool next_is(uint8_t kind, int32_t device) {
+    return events.end - events.at >= 2 && events.at[0] == kind && (device < 0 || events.at[1] == device);
+}
+static void take_head(void) { events.at += 2; }
+
+/* ---- board.h ---- */
+
+void fw_board_start(void) {
+    in_file = semihost_open("replay.in", false);
+    out_file = semihost_open("replay.out", true);
+    cost_file = semihost_open("replay.cost", true);
+    if (in_file < 0 || out_file < 0 || cost_file < 0) fw_board_panic("replay.in, replay.out or replay.cost cannot be opened");
+    results = (replay_bytes){.at = output, .end = output + sizeof output, .write = true};
+    port_start();
+}
+
+static void end_of_recording(void) {
+    semihost_close(out_file);
+    semihost_close(cost_file);
+    port_finish();
+}
+
+/* Writes what the last tick left, then reads the next. */
+uint32_t fw_board_wait_tick(void) {
+    if (results.failed) fw_board_panic("a tick's output is larger than its buffer");
+    if (now_us > 0 && (!semihost_write(out_file, output, (uint32_t)(results.at - output)) || !semihost_write(cost_file, cost, sizeof cost)))
+        fw_board_panic("replay.out cannot be written");
+    results.at = output;
+    uint32_t size;
+    if (!semihost_read(in_file, &size, 4)) end_of_recording();
+    if (size > sizeof input || !semihost_read(in_file, input, size)) fw_board_panic("replay.in is cut off");
+    events = (replay_bytes){.at = input, .end = input + size};
+    if (next_is(EVENT_BUS, -1)) {
+        bus_ok = input[1];
+        take_head();
+    }
+    now_us += FW_PERIOD_US;
+    const uint32_t ticks = port_wait_tick();
+    /* Virtual time is by instructions: a late tick would mean that one took 2 ms of them. */
+    return ticks;
+}
+
+int64_t fw_board_now_us(void) { return now_us; }
+void fw_board_watchdog(void) {}
+_Noreturn void fw_board_panic(const char *why) { port_panic(why); }
+
+bool fw_can_ok(void) { return bus_ok; }
+
+bool fw_can_receive(hrt_can_frame *frame) {
+    if (!next_is(EVENT_FRAME, -1)) return false;
+    take_head();
+    replay_frame(&events, frame);
+    return !events.failed;
+}
+
+bool fw_can_send(const hrt_can_frame *frame) {
+    hrt_can_frame copy = *frame;
+    uint8_t kind = OUT_FRAME;
+    replay_u8(&results, &kind);
+    replay_frame(&results, &copy);
+    return true;
+}
+
+void fw_link_receive(int32_t device, fw_news *news, hrt_sample *sample, hrt_patch *patch) {
+    if (next_is(EVENT_COMMAND, device)) {
+        take_head();
+        replay_command(&events, news);
+        news->command = true;
+    }
+    if (next_is(EVENT_PATCH, device)) {
+        take_head();
+        static hrt_patch unwanted;
+        replay_patch(&events, patch ? patch : &unwanted);
+        news->patch = patch != NULL;
+    }
+    if (next_is(EVENT_SAMPLE, device)) {
+        take_head();
+        replay_sample(&events, sample);
+        news->sample = true;
+    }
+    if (events.failed) fw_board_panic("replay.in has an event cut off");
+}
+
+void fw_link_send(int32_t device, const hrt_output *tick) {
+    hrt_output copy = *tick;
+    uint8_t kind = OUT_OUTPUT;
+    (void)device;
+    replay_u8(&results, &kind);
+    replay_output(&results, &copy);
+}
+
+void fw_measure_begin(int32_t device) {
+    (void)device;
+    began = port_count();
+}
+void fw_measure_end(int32_t device) { cost[device] = port_since(began); }

@@ -1,0 +1,14 @@
+/* What board_replay.c needs of the machine it runs on: files, a timer, a count of instructions. port_m.c: the emulated Cortex-M; port_host.c: the host. */
+#ifndef FW_PORT_H
+#define FW_PORT_H
+
+#include "semihost.h"
+
+void port_start(void);
+uint32_t port_wait_tick(void); /* timer interrupts since the last call */
+uint32_t port_count(void);
+uint32_t port_since(uint32_t count); /* instructions since then; 0 where they cannot be counted */
+_Noreturn void port_finish(void);
+_Noreturn void port_panic(const char *why);
+
+#endif

@@ -1,0 +1,252 @@
+/* Makes the recording that the firmware is replayed on:   record FILE TICKS VERTICES(0|12|24)
+ * Two virtual devices with hands, a bus that loses, repeats and corrupts frames, and a simulation that presses them into a bumpy elastic
+ * surface at 25 Hz, a frame late, with samples lost, doubled, overtaken and poisoned. Every extrapolator gets its share of the ticks, with a fault, a
+ * silence of the simulation and a reset in between. What the firmware's loop reads is written down. Seeded: the same file every time. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "device/device.h"
+#include "replay.h"
+
+enum { FRAME_TICKS = 20, LATE_FRAMES = 1 };
+
+static struct {
+    int64_t now_us;
+    int32_t tick, tick_count, vertex_count;
+    hrt_loopback wire;
+    hrt_bus bus[FW_DEVICES + 1];
+    hrt_device device[FW_DEVICES];
+    fw_loop loop;
+    uint64_t random;
+    bool bus_ok;
+    struct {
+        hrt_extrapolation model;
+        hrt_patch patch, sent;
+        hrt_sample made, last;  /* made: published LATE_FRAMES later; last: published before */
+        uint32_t seq;
+        bool ready;
+    } simulation[FW_DEVICES];
+} world;
+
+static uint8_t buffer[REPLAY_TICK_MAX];
+static replay_bytes events;
+
+static uint32_t draw(uint32_t below) {
+    world.random = world.random * 6364136223846793005u + 1442695040888963407u;
+    return (uint32_t)(world.random >> 33) % below;
+}
+
+static void event(uint8_t kind, int32_t device) {
+    uint8_t who = (uint8_t)device;
+    replay_u8(&events, &kind);
+    replay_u8(&events, &who);
+}
+
+/* ---- the tissue ---- */
+
+static const float grid_m = 0.004f, depth_m = 0.1f, reach_m = 0.006f, compliance_m_N = 0.003f;
+
+static float surface_z(float x, float y) { return depth_m + 0.0008f * sinf(300.f * x) * cosf(260.f * y); }
+
+/* A grid of nx by ny vertices around the tip, snapped to the surface's own, its compliance an exponential of distance (positive definite). */
+static void make_patch(hrt_patch *patch, const float tip_m[3], uint32_t seq) {
+    const int32_t nx = world.vertex_count == 12 ? 4 : 6, ny = world.vertex_count == 12 ? 3 : 4;
+    const float x0 = grid_m * (roundf(tip_m[0] / grid_m) - 0.5f * (float)(nx - 1)), y0 = grid_m * (roundf(tip_m[1] / grid_m) - 0.5f * (float)(ny - 1));
+    memset(patch, 0, sizeof *patch);
+    *patch = (hrt_patch){.seq = seq, .topology_revision = 1, .vertex_count = nx * ny, .skin_compliance_m_N = 0.001f, .radius_m = 0.0025f,
+                         .contact_length_m = 0.05f};
+    for (int32_t v = 0; v < nx * ny; v++) {
+        const float x = x0 + grid_m * (float)(v % nx), y = y0 + grid_m * (float)(v / nx);
+        patch->vertex_m[3 * v] = x;
+        patch->vertex_m[3 * v + 1] = y;
+        patch->vertex_m[3 * v + 2] = surface_z(x, y);
+    }
+    for (int32_t j = 0; j + 1 < ny; j++)
+        for (int32_t i = 0; i + 1 < nx; i++) {
+            const int32_t a = j * nx + i, b = a + 1, c = a + nx, d = c + 1;
+            const int32_t corner[6] = {a, c, b, b, c, d}; /* outward is -z, towards the trocar */
+            for (int32_t k = 0; k < 6; k++) patch->triangle[3 * patch->triangle_count + k] = (uint8_t)corner[k];
+            patch->triangle_count += 2;
+        }
+    float *entry = patch->compliance_m_N;
+    for (int32_t row = 0; row < 3 * nx * ny; row++)
+        for (int32_t column = row; column < 3 * nx * ny; column++) {
+            const float *p = &patch->vertex_m[row - row % 3], *q = &patch->vertex_m[column - column % 3];
+            const float distance = sqrtf((p[0] - q[0]) * (p[0] - q[0]) + (p[1] - q[1]) * (p[1] - q[1]));
+            *entry++ = row % 3 == column % 3 ? compliance_m_N * expf(-distance / reach_m) : 0;
+        }
+}
+
+/* What a quasi-static simulation would say at this tip: the contact law on its own patch, stiffness by differences. */
+static void solve(int32_t index, const hrt_params *params, hrt_sample *sample) {
+    static float scratch[HRT_PATCH_COMPLIANCE];
+    hrt_extrapolation *model = &world.simulation[index].model;
+    hrt_patch *patch = &world.simulation[index].patch;
+    make_patch(patch, sample->tip_m, sample->seq);
+    if (hrt_patch_prepare(patch, scratch) != HRT_ACCEPT) {
+        fprintf(stderr, "record: the recorder's own patch is refused\n");
+        exit(1);
+    }
+    sample->patch = patch;
+    hrt_extrapolation_reset(model, HRT_CONTACT);
+    hrt_extrapolation_sample(model, params, sample);
+    for (int32_t settle = 0; settle < 4; settle++) hrt_extrapolation_force(model, params, sample->t_us, sample->tip_m, sample->force_N);
+    for (int32_t column = 0; column < 3; column++) {
+        const float step = 2e-5f;
+        float tip[3] = {sample->tip_m[0], sample->tip_m[1], sample->tip_m[2]}, more[3], less[3];
+        tip[column] += step;
+        hrt_extrapolation_force(model, params, sample->t_us, tip, more);
+        tip[column] -= 2 * step;
+        hrt_extrapolation_force(model, params, sample->t_us, tip, less);
+        for (int32_t row = 0; row < 3; row++) sample->stiffness_N_m[3 * row + column] = (more[row] - less[row]) / (2 * step);
+    }
+    sample->stiffness_kind = 2;
+}
+
+static void simulate(int32_t index) {
+    const fw_device *device = &world.loop.device[index];
+    hrt_sample *made = &world.simulation[index].made;
+    *made = (hrt_sample){.session = 7, .tool_session = device->controller.session, .t_us = world.now_us, .seq = ++world.simulation[index].seq, .topology_revision = 1,
+                         .unilateral = true};
+    memcpy(made->tip_m, device->output.tip_m, sizeof made->tip_m);
+    if (world.vertex_count) solve(index, &device->controller.params, made);
+    else {
+        const float deep = made->tip_m[2] + 0.0025f - surface_z(made->tip_m[0], made->tip_m[1]);
+        made->force_N[2] = deep > 0 ? -400.f * deep : 0;
+        made->stiffness_N_m[8] = deep > 0 ? -400.f : 0;
+        made->stiffness_kind = 1;
+    }
+    world.simulation[index].ready = true;
+}
+
+/* ---- board.h: what the loop reads is written down ---- */
+
+void fw_board_start(void) {}
+uint32_t fw_board_wait_tick(void) { return 1; }
+int64_t fw_board_now_us(void) { return world.now_us; }
+void fw_board_watchdog(void) {}
+_Noreturn void fw_board_panic(const char *why) {
+    fprintf(stderr, "record: %s\n", why);
+    exit(1);
+}
+bool fw_can_ok(void) { return world.bus_ok; }
+bool fw_can_send(const hrt_can_frame *frame) { return hrt_bus_send(&world.bus[FW_DEVICES], frame) > 0; }
+void fw_link_send(int32_t device, const hrt_output *output) {
+    (void)device;
+    (void)output;
+}
+void fw_measure_begin(int32_t device) { (void)device; }
+void fw_measure_end(int32_t device) { (void)device; }
+
+bool fw_can_receive(hrt_can_frame *frame) {
+    static hrt_can_frame again;
+    static bool repeat;
+    if (repeat) {
+        repeat = false;
+        *frame = again;
+    } else {
+        do {
+            if (hrt_bus_receive(&world.bus[FW_DEVICES], frame) <= 0) return false;
+        } while (draw(200) == 0); /* lost */
+        if (draw(300) == 0) frame->data[draw(8)] ^= (uint8_t)(1 + draw(255));
+        if (draw(500) == 0) frame->id = 0x7F0u;
+        again = *frame;
+        repeat = draw(300) == 0;
+    }
+    event(EVENT_FRAME, 0);
+    replay_frame(&events, frame);
+    return true;
+}
+
+static void commands(int32_t device, fw_news *news) {
+    const int32_t share = world.tick_count / HRT_EXTRAPOLATOR_COUNT, which = world.tick / share, into = world.tick % share;
+    const bool after_fault = which == HRT_BROYDEN && into == share / 2;
+    if (into != 0 && into != share / 2 && into != 3 * share / 4 && !after_fault) return;
+    *news = (fw_news){.command = true, .enable = true, .reset = after_fault, .passivity = into >= share / 2, .coupling = into >= 3 * share / 4,
+                      .extrapolator = (hrt_extrapolator)(which < HRT_EXTRAPOLATOR_COUNT ? which : HRT_TANGENT)};
+    event(EVENT_COMMAND, device);
+    replay_command(&events, news);
+}
+
+static bool silent(void) {
+    const int32_t share = world.tick_count / HRT_EXTRAPOLATOR_COUNT, which = world.tick / share, into = world.tick % share;
+    return which == HRT_TIME && into > share / 2 && into < share / 2 + 150;
+}
+
+void fw_link_receive(int32_t device, fw_news *news, hrt_sample *sample, hrt_patch *patch) {
+    commands(device, news);
+    if (world.tick % FRAME_TICKS != FRAME_TICKS - 1 || !world.simulation[device].ready) return;
+    hrt_sample *made = &world.simulation[device].made, *last = &world.simulation[device].last;
+    const bool doubled = draw(15) == 0, lost = draw(15) == 0 || silent();
+    const hrt_sample newest = doubled && last->seq ? *last : *made;
+    *last = *made;
+    world.simulation[device].sent = world.simulation[device].patch;
+    simulate(device);
+    if (lost) return;
+    *sample = newest;
+    if (draw(25) == 0) sample->force_N[draw(3)] = draw(2) ? NAN : 1e9f;
+    if (newest.patch && !doubled) {
+        *patch = world.simulation[device].sent;
+        if (draw(15) == 0) patch->triangle[draw(6)] = 200;
+        event(EVENT_PATCH, device);
+        replay_patch(&events, patch);
+        news->patch = true;
+    }
+    event(EVENT_SAMPLE, device);
+    replay_sample(&events, sample);
+    news->sample = true;
+}
+
+/* ---- hands ---- */
+
+/* Presses in, slides across the bumps, pulls out, comes back elsewhere: pitch, yaw, insertion. */
+static const hrt_keyframe strokes[] = {
+    {.time_s = 0.0, .joint = {0.00, 0.00, 0.092}}, {.time_s = 0.25, .joint = {0.02, 0.01, 0.104}}, {.time_s = 0.6, .joint = {-0.03, 0.05, 0.105}},
+    {.time_s = 0.9, .joint = {0.05, 0.02, 0.106}}, {.time_s = 1.1, .joint = {0.05, 0.00, 0.094}},  {.time_s = 1.3, .joint = {0.01, -0.04, 0.103}},
+    {.time_s = 1.6, .joint = {-0.05, -0.01, 0.107}}, {.time_s = 1.8, .joint = {0.00, 0.00, 0.092}},
+};
+
+static void set_up(void) {
+    hrt_loopback_init(&world.wire);
+    for (int32_t i = 0; i <= FW_DEVICES; i++)
+        if (!hrt_bus_open_loopback(&world.bus[i], &world.wire)) fw_board_panic("loop-back bus is full");
+    for (int32_t i = 0; i < FW_DEVICES; i++) {
+        hrt_device_config config = hrt_device_config_default(i);
+        config.hand = (hrt_hand_script){.key = strokes, .key_count = sizeof strokes / sizeof strokes[0], .repeat = true, .tremor_m = 4e-5, .tremor_hz = 9};
+        memcpy(config.rest, strokes[0].joint, sizeof config.rest);
+        config.start_us = 300000 * (i + 1);
+        hrt_device_init(&world.device[i], &config, &world.bus[i]);
+    }
+    world.bus_ok = true;
+    world.random = 11;
+    fw_loop_init(&world.loop, fw_board_now_us() + 1);
+}
+
+static void tick(FILE *file) {
+    const int32_t share = world.tick_count / HRT_EXTRAPOLATOR_COUNT;
+    const int32_t fault_at = HRT_BROYDEN * share + share / 4;
+    events = (replay_bytes){.at = buffer, .end = buffer + sizeof buffer, .write = true};
+    const bool bus_ok = world.tick < fault_at || world.tick >= fault_at + 10;
+    if (bus_ok != world.bus_ok) event(EVENT_BUS, bus_ok);
+    world.bus_ok = bus_ok;
+    world.now_us += FW_PERIOD_US;
+    for (int32_t i = 0; i < FW_DEVICES; i++) hrt_device_step(&world.device[i], world.now_us);
+    fw_loop_tick(&world.loop, world.now_us, 0);
+    if (world.tick == 0)
+        for (int32_t i = 0; i < FW_DEVICES; i++) simulate(i);
+    const uint32_t size = (uint32_t)(events.at - buffer);
+    if (events.failed || fwrite(&size, 4, 1, file) != 1 || fwrite(buffer, 1, size, file) != size) fw_board_panic("the recording cannot be written");
+}
+
+int main(int argc, char **argv) {
+    if (argc != 4) return fprintf(stderr, "usage: record FILE TICKS 0|12|24\n"), 2;
+    FILE *file = fopen(argv[1], "wb");
+    if (!file) return perror(argv[1]), 1;
+    world.tick_count = atoi(argv[2]);
+    world.vertex_count = atoi(argv[3]);
+    set_up();
+    for (world.tick = 0; world.tick < world.tick_count; world.tick++) tick(file);
+    return fclose(file) ? 1 : 0;
+}

@@ -1,0 +1,90 @@
+#include <string.h>
+
+#include "replay.h"
+
+static void raw(replay_bytes *bytes, void *value, uint32_t size) {
+    if (bytes->failed || (uint32_t)(bytes->end - bytes->at) < size) {
+        bytes->failed = true;
+        return;
+    }
+    if (bytes->write) memcpy(bytes->at, value, size);
+    else memcpy(value, bytes->at, size);
+    bytes->at += size;
+}
+
+void replay_u8(replay_bytes *bytes, uint8_t *value) { raw(bytes, value, 1); }
+
+static void number(replay_bytes *bytes, int32_t *value) { raw(bytes, value, 4); }
+
+/* Enums and bools have different sizes on different machines. */
+#define AS_NUMBER(bytes, type, field)  \
+    do {                               \
+        int32_t as_number = (int32_t)(field); \
+        number(bytes, &as_number);     \
+        (field) = (type)as_number;     \
+    } while (0)
+
+void replay_frame(replay_bytes *bytes, hrt_can_frame *frame) {
+    raw(bytes, &frame->id, 4);
+    replay_u8(bytes, &frame->length);
+    replay_u8(bytes, &frame->flags);
+    raw(bytes, frame->data, sizeof frame->data);
+}
+
+void replay_sample(replay_bytes *bytes, hrt_sample *sample) {
+    raw(bytes, &sample->session, 8);
+    raw(bytes, &sample->tool_session, 8);
+    raw(bytes, &sample->t_us, 8);
+    raw(bytes, &sample->seq, 4);
+    number(bytes, &sample->topology_revision);
+    number(bytes, &sample->stiffness_kind);
+    AS_NUMBER(bytes, bool, sample->unilateral);
+    raw(bytes, sample->tip_m, sizeof sample->tip_m);
+    raw(bytes, sample->force_N, sizeof sample->force_N);
+    raw(bytes, sample->stiffness_N_m, sizeof sample->stiffness_N_m);
+}
+
+/* Counts are written first and bound what follows; a firmware built for smaller patches reads none of a larger one. */
+void replay_patch(replay_bytes *bytes, hrt_patch *patch) {
+    raw(bytes, &patch->seq, 4);
+    number(bytes, &patch->topology_revision);
+    number(bytes, &patch->vertex_count);
+    number(bytes, &patch->triangle_count);
+    if (patch->vertex_count < 0 || patch->vertex_count > HRT_PATCH_MAX_VERTICES || patch->triangle_count < 0 ||
+        patch->triangle_count > HRT_PATCH_MAX_TRIANGLES) {
+        bytes->failed = true;
+        return;
+    }
+    const uint32_t n = 3u * (uint32_t)patch->vertex_count;
+    raw(bytes, patch->vertex_m, 4 * n);
+    raw(bytes, patch->triangle, 3u * (uint32_t)patch->triangle_count);
+    raw(bytes, patch->compliance_m_N, 2 * n * (n + 1));
+    raw(bytes, &patch->skin_compliance_m_N, 4);
+    raw(bytes, &patch->radius_m, 4);
+    raw(bytes, &patch->contact_length_m, 4);
+}
+
+void replay_command(replay_bytes *bytes, fw_news *news) {
+    AS_NUMBER(bytes, bool, news->enable);
+    AS_NUMBER(bytes, bool, news->reset);
+    AS_NUMBER(bytes, bool, news->passivity);
+    AS_NUMBER(bytes, bool, news->coupling);
+    AS_NUMBER(bytes, hrt_extrapolator, news->extrapolator);
+}
+
+void replay_output(replay_bytes *bytes, hrt_output *output) {
+    AS_NUMBER(bytes, hrt_state, output->state);
+    AS_NUMBER(bytes, hrt_fault, output->fault);
+    number(bytes, &output->fault_detail);
+    raw(bytes, &output->limits, 4);
+    AS_NUMBER(bytes, bool, output->motors_on);
+    raw(bytes, output->torque, sizeof output->torque);
+    raw(bytes, output->force_N, sizeof output->force_N);
+    raw(bytes, output->joint, sizeof output->joint);
+    raw(bytes, output->tip_m, sizeof output->tip_m);
+    raw(bytes, output->velocity_m_s, sizeof output->velocity_m_s);
+    raw(bytes, &output->gain, 4);
+    raw(bytes, &output->passivity_J, 4);
+    raw(bytes, &output->sample_age_us, 8);
+    AS_NUMBER(bytes, hrt_extrapolator, output->extrapolator);
+}
