@@ -1,82 +1,88 @@
 #include "can/link.h"
 
-void hrt_link_init(hrt_link *link, int32_t instrument) { *link = (hrt_link){.instrument = instrument}; }
+enum { COUNTER_MASK = 0x7F, LATE = 64 }; /* half a turn back or more is an old frame, not a gap */
 
-/* True when `counter` is newer than the last; counts gaps and repetitions. Half a turn back or more is late, not a gap. */
-static bool newer(hrt_link *link, uint8_t counter) {
-    const uint8_t step = (uint8_t)(counter - link->encoder_counter);
-    if (link->encoder_seen && (step == 0 || step >= 128)) {
+void hrt_link_init(hrt_link *link, int32_t instrument) {
+    static const hrt_link zero;
+    *link = zero;
+    link->instrument = instrument;
+}
+
+void hrt_link_reset(hrt_link *link, int64_t now_us, hrt_input *input) {
+    link->reset_us = now_us;
+    input->device_fault = 0;
+    input->device_watchdog = false;
+}
+
+static void take_encoders(hrt_link *link, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
+    const bool whole = link->half_waits && link->half_counter == m->counter;
+    const uint8_t step = (uint8_t)((m->counter - link->encoder_counter) & COUNTER_MASK);
+    link->half_waits = false;
+    if (!whole) return; /* the gap shows in the next whole set's counter */
+    if (link->encoder_known && (step == 0 || step >= LATE)) {
         link->can.repeated++;
-        return false;
+        return;
     }
-    if (link->encoder_seen) link->can.lost += step - 1u;
-    return true;
-}
-
-static void take_half(hrt_link *link, const hrt_can_message *message) {
-    for (int32_t i = 0; i < 3; i++) link->half[i] = message->count[i];
-    link->half_counter = message->counter;
-    link->half_seen = true;
-}
-
-static void take_set(hrt_link *link, int64_t now_us, const hrt_can_message *message, hrt_input *input) {
-    if (!link->half_seen || link->half_counter != message->counter) return; /* its gap shows with the next whole set */
-    link->half_seen = false;
-    if (!newer(link, message->counter)) return;
-    link->encoder_counter = message->counter;
-    link->encoder_seen = true;
-    for (int32_t i = 0; i < 3; i++) input->count[i] = link->half[i];
-    for (int32_t i = 3; i < HRT_JOINTS; i++) input->count[i] = message->count[i];
-    input->pedal = message->pedal;
+    if (link->encoder_known) link->can.lost += step - 1u;
+    link->encoder_known = true;
+    link->encoder_counter = m->counter;
+    for (int32_t j = 0; j < HRT_JOINTS; j++) input->count[j] = j < HRT_MOTORS ? link->half_count[j] : m->count[j];
+    input->pedal = m->pedal;
     input->encoder_us = now_us;
 }
 
-/* A device that started anew counts from anywhere. */
-static void take_beat(hrt_link *link, const hrt_can_message *message, hrt_input *input) {
-    if (message->session != input->device_session) link->encoder_seen = false;
-    input->device_session = message->session;
-    input->device_fault = message->fault;
+static void take_half(hrt_link *link, const hrt_can_message *m) {
+    for (int32_t i = 0; i < HRT_MOTORS; i++) link->half_count[i] = m->count[i];
+    link->half_counter = m->counter;
+    link->half_waits = true;
 }
 
-void hrt_link_take(hrt_link *link, int64_t now_us, const hrt_can_message *message, hrt_input *input) {
-    const bool mine = message->instrument == link->instrument;
-    switch (message->kind) {
+/* The watchdog is no fault: it ends when the device hears "motors off", which idle says. */
+static void take_device_fault(const hrt_link *link, int64_t now_us, uint8_t code, hrt_input *input) {
+    if (link->reset_us != 0 && now_us - link->reset_us < HRT_LINK_RESET_QUIET_US) return;
+    input->device_watchdog = code == 1;
+    input->device_fault = code > 1 ? code : 0;
+}
+
+void hrt_link_take(hrt_link *link, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
+    const bool ours = m->instrument == link->instrument;
+    switch (m->kind) {
     case HRT_CAN_FOREIGN: link->can.foreign++; break;
+    case HRT_CAN_CORRUPT: link->can.corrupt++; break;
     case HRT_CAN_ERROR_FRAME: link->can.error++; break;
-    case HRT_CAN_CORRUPT: link->can.corrupt += mine; break;
     case HRT_CAN_ENCODER_A:
-        if (mine) take_half(link, message);
+        if (ours) take_half(link, m);
         break;
     case HRT_CAN_ENCODER_B:
-        if (mine) take_set(link, now_us, message, input);
+        if (ours) take_encoders(link, now_us, m, input);
         break;
     case HRT_CAN_DEVICE_BEAT:
-        if (mine) take_beat(link, message, input);
+        if (!ours) break;
+        if (m->session != input->device_session) link->encoder_known = false; /* started anew, it counts from anywhere */
+        input->device_session = m->session;
+        take_device_fault(link, now_us, m->fault, input);
         break;
     case HRT_CAN_DEVICE_FAULT:
-        if (mine) input->device_fault = message->fault;
+        if (ours) take_device_fault(link, now_us, m->fault, input);
         break;
-    case HRT_CAN_COMMAND: /* a controller's own kinds: somebody else speaks for it */
+    case HRT_CAN_COMMAND:
     case HRT_CAN_CONTROLLER_BEAT:
-    case HRT_CAN_RESET: link->can.foreign += mine; break;
+    case HRT_CAN_RESET: break; /* the other controller's */
     }
 }
 
 int32_t hrt_link_frames(hrt_link *link, int64_t now_us, const hrt_output *output, bool reset, hrt_can_frame frame[HRT_LINK_FRAMES]) {
     int32_t count = 0;
-    hrt_can_message message = {.kind = HRT_CAN_COMMAND, .instrument = link->instrument, .counter = ++link->command_counter, .motors_on = output->motors_on,
-                               .state = (uint8_t)output->state, .fault = (uint8_t)output->fault};
-    for (int32_t i = 0; i < HRT_MOTORS; i++) message.torque[i] = output->torque[i];
-    count += hrt_can_pack(&message, &frame[count]);
-    if (!link->beaten || now_us - link->beat_us >= HRT_LINK_BEAT_US) {
-        link->beaten = true;
-        link->beat_us = now_us;
-        message.kind = HRT_CAN_CONTROLLER_BEAT;
-        count += hrt_can_pack(&message, &frame[count]);
-    }
     if (reset) {
-        message.kind = HRT_CAN_RESET;
+        const hrt_can_message message = {.kind = HRT_CAN_RESET, .instrument = link->instrument, .counter = link->command_counter};
         count += hrt_can_pack(&message, &frame[count]);
     }
-    return count;
+    hrt_can_message command = {.kind = HRT_CAN_COMMAND, .instrument = link->instrument, .counter = link->command_counter++, .motors_on = output->motors_on};
+    for (int32_t i = 0; i < HRT_MOTORS; i++) command.torque[i] = output->torque[i];
+    count += hrt_can_pack(&command, &frame[count]);
+    if (link->beat_us != 0 && now_us - link->beat_us < HRT_LINK_BEAT_US) return count;
+    const hrt_can_message beat = {.kind = HRT_CAN_CONTROLLER_BEAT, .instrument = link->instrument, .counter = link->beat_counter++,
+                                  .state = (uint8_t)output->state, .fault = (uint8_t)output->fault, .gaps = (uint16_t)link->can.lost};
+    link->beat_us = now_us;
+    return count + hrt_can_pack(&beat, &frame[count]);
 }

@@ -9,23 +9,26 @@
 extern "C" {
 #endif
 
-enum { HRT_LINK_FRAMES = 3, HRT_LINK_BEAT_US = 100000 };
+enum { HRT_LINK_FRAMES = 3, HRT_LINK_BEAT_US = 50000, HRT_LINK_RESET_QUIET_US = 10000 };
 
 typedef struct hrt_link {
     int32_t instrument;
-    uint8_t command_counter, encoder_counter, half_counter;
-    bool encoder_seen, half_seen;   /* half: ENCODER_A came, ENCODER_B of the same counter has not */
-    int32_t half[3];
-    bool beaten;
-    int64_t beat_us;
+    int32_t half_count[HRT_MOTORS]; /* EncoderA waits for its EncoderB */
+    uint8_t half_counter;
+    bool half_waits;
+    bool encoder_known;
+    uint8_t encoder_counter, command_counter, beat_counter;
+    int64_t beat_us, reset_us; /* 0: never */
     hrt_can_counters can;
 } hrt_link;
 
 void hrt_link_init(hrt_link *link, int32_t instrument);
-/* One received message; of other instruments nothing is taken, and only errors and foreign frames are counted. A set of encoder frames is taken when both halves have come with one
- * counter that is newer than the last (a repeated or overtaken one does not count as a sign of life). */
+/* Before the tick in which input->reset is set: what the device said about its fault until now, and says in the next 10 ms, is forgotten. */
+void hrt_link_reset(hrt_link *link, int64_t now_us, hrt_input *input);
+/* One received message; those of other instruments change nothing. Encoder counts are taken when both halves came under one counter newer than the
+ * last; a repeated or overtaken set is no sign of life. */
 void hrt_link_take(hrt_link *link, int64_t now_us, const hrt_can_message *message, hrt_input *input);
-/* What to send after a tick: the command, now and then the heartbeat, a reset when asked. Returns how many of `frame` were filled. */
+/* What to send after a tick: the reset when asked, the command, now and then the heartbeat. Returns how many of `frame` were filled. */
 int32_t hrt_link_frames(hrt_link *link, int64_t now_us, const hrt_output *output, bool reset, hrt_can_frame frame[HRT_LINK_FRAMES]);
 
 #ifdef __cplusplus

@@ -1,35 +1,31 @@
 /* Arm MPS2 boards (AN386: Cortex-M4F, AN500: Cortex-M7), 25 MHz. They have no CAN controller: its driver here is a loop-back queue, and the place
  * where a real part's registers go. The watchdog is the CMSDK's. */
-#include "board.h"
+#include "loop.h"
 #include "systick.h"
 
 enum { CORE_HZ = 25000000 };
 #define WATCHDOG_LOAD (*(volatile uint32_t *)0x40008000u)
 #define WATCHDOG_CONTROL (*(volatile uint32_t *)0x40008008u)
-enum { WATCHDOG_COUNT_AND_RESET = 3, WATCHDOG_TICKS = 10 };
+enum { WATCHDOG_COUNT_AND_RESET = 3, WATCHDOG_TICKS = 10, QUEUE = 16 };
 
-static volatile uint32_t interrupts;
-static uint32_t taken;
+static void (*tick_handler)(void);
+static int64_t now_us; /* the tick's alone */
+static struct { hrt_can_frame frame[QUEUE]; uint32_t head, tail; } queue;
 
-static struct { hrt_can_frame frame[16]; uint32_t head, tail; } queue;
+void fw_systick(void) {
+    now_us += FW_PERIOD_US;
+    tick_handler();
+}
 
-void fw_systick(void) { interrupts++; }
-
-void fw_board_start(void) {
-    WATCHDOG_LOAD = (uint32_t)CORE_HZ / 1000000u * FW_PERIOD_US * WATCHDOG_TICKS;
+void fw_board_start(void (*tick)(void)) {
+    tick_handler = tick;
+    fw_board_watchdog();
     WATCHDOG_CONTROL = WATCHDOG_COUNT_AND_RESET;
     systick_start(CORE_HZ, FW_PERIOD_US);
 }
 
-uint32_t fw_board_wait_tick(void) {
-    while (interrupts == taken) __asm volatile("wfi");
-    const uint32_t now = interrupts, since = now - taken;
-    taken = now;
-    return since;
-}
-
-int64_t fw_board_now_us(void) { return (int64_t)interrupts * FW_PERIOD_US; }
-
+void fw_board_sleep(void) { __asm volatile("wfi" ::: "memory"); }
+int64_t fw_board_now_us(void) { return now_us; }
 void fw_board_watchdog(void) { WATCHDOG_LOAD = (uint32_t)CORE_HZ / 1000000u * FW_PERIOD_US * WATCHDOG_TICKS; }
 
 _Noreturn void fw_board_panic(const char *why) {
@@ -39,13 +35,13 @@ _Noreturn void fw_board_panic(const char *why) {
 
 bool fw_can_receive(hrt_can_frame *frame) {
     if (queue.head == queue.tail) return false;
-    *frame = queue.frame[queue.tail++ % 16];
+    *frame = queue.frame[queue.tail++ % QUEUE];
     return true;
 }
 
 bool fw_can_send(const hrt_can_frame *frame) {
-    if (queue.head - queue.tail == 16) return false;
-    queue.frame[queue.head++ % 16] = *frame;
+    if (queue.head - queue.tail == QUEUE) return false;
+    queue.frame[queue.head++ % QUEUE] = *frame;
     return true;
 }
 
@@ -53,14 +49,21 @@ bool fw_can_ok(void) { return true; }
 
 void fw_link_receive(int32_t device, fw_news *news, hrt_sample *sample, hrt_patch *patch) {
     (void)device;
+    (void)news;
     (void)sample;
     (void)patch;
-    *news = (fw_news){0};
 }
 
 void fw_link_send(int32_t device, const hrt_output *output) {
     (void)device;
     (void)output;
 }
-void fw_measure_begin(int32_t device) { (void)device; }
-void fw_measure_end(int32_t device) { (void)device; }
+
+void fw_measure_begin(int32_t device, fw_span span) {
+    (void)device;
+    (void)span;
+}
+void fw_measure_end(int32_t device, fw_span span) {
+    (void)device;
+    (void)span;
+}

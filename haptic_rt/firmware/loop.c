@@ -10,17 +10,70 @@ static float patch_scratch[HRT_PATCH_COMPLIANCE]; /* one for all: patches are ch
 #endif
 
 void fw_loop_init(fw_loop *loop, int64_t session) {
-    hrt_params params;
+    static hrt_params params;
     hrt_params_default(&params);
-    loop->missed_ticks = 0;
     for (int32_t i = 0; i < FW_DEVICES; i++) {
         fw_device *device = &loop->device[i];
         hrt_init(&device->controller, &params, &device_axes, session);
         hrt_link_init(&device->link, i);
         device->input = (hrt_input){.enable = true, .extrapolator = HRT_TANGENT};
+        device->posted = false;
         device->rejected = 0;
     }
 }
+
+/* ---- main ---- */
+
+/* The one that the controller does not hold, to be received into. Null: this firmware has no room for patches. While nothing is posted the tick
+ * does not change which one that is. */
+static hrt_patch *free_patch(fw_device *device) {
+#if FW_PATCHES
+    return &device->patch[device->controller.extrapolation.patch == &device->patch[0]];
+#else
+    (void)device;
+    return NULL;
+#endif
+}
+
+static bool patch_is_good(int32_t index, hrt_patch *patch) {
+#if FW_PATCHES
+    fw_measure_begin(index, FW_SPAN_PATCH);
+    const bool good = hrt_patch_prepare(patch, patch_scratch) == HRT_ACCEPT;
+    fw_measure_end(index, FW_SPAN_PATCH);
+    return good;
+#else
+    (void)index;
+    (void)patch;
+    return false;
+#endif
+}
+
+static void check(fw_device *device, int32_t index, hrt_patch *patch) {
+    fw_news *news = &device->news;
+    if (news->sample && hrt_sample_check(&device->sample, &device->controller.params) != HRT_ACCEPT) {
+        news->sample = false;
+        device->rejected++;
+    }
+    if (!news->sample) return;
+    const bool good = news->patch && patch_is_good(index, patch);
+    device->rejected += news->patch && !good;
+    device->sample.patch = good ? patch : NULL;
+}
+
+void fw_loop_background(fw_loop *loop) {
+    for (int32_t i = 0; i < FW_DEVICES; i++) {
+        fw_device *device = &loop->device[i];
+        if (device->posted) continue; /* the link keeps its newest until the tick took the last */
+        hrt_patch *patch = free_patch(device);
+        device->news = (fw_news){0};
+        fw_link_receive(i, &device->news, &device->sample, patch);
+        check(device, i, patch);
+        __atomic_signal_fence(__ATOMIC_RELEASE); /* one core: the compiler's order is the interrupt's */
+        device->posted = device->news.sample || device->news.command;
+    }
+}
+
+/* ---- interrupt ---- */
 
 static void receive_frames(fw_loop *loop, int64_t now_us) {
     hrt_can_frame frame;
@@ -31,59 +84,34 @@ static void receive_frames(fw_loop *loop, int64_t now_us) {
     }
 }
 
-/* The one that the controller does not hold, to be received into. Null: this firmware has no room for patches. */
-static hrt_patch *free_patch(fw_device *device) {
-#if FW_PATCHES
-    return &device->patch[device->controller.extrapolation.patch == &device->patch[0]];
-#else
-    (void)device;
-    return NULL;
-#endif
-}
-
-static bool patch_is_good(hrt_patch *patch) {
-#if FW_PATCHES
-    return hrt_patch_prepare(patch, patch_scratch) == HRT_ACCEPT;
-#else
-    (void)patch;
-    return false;
-#endif
-}
-
-/* The newest good sample into `sample`; false when none came. */
-static bool receive_sample(fw_device *device, int32_t index, hrt_sample *sample) {
-    fw_news news = {0};
-    hrt_patch *patch = free_patch(device);
-    fw_link_receive(index, &news, sample, patch);
-    device->input.reset = news.command && news.reset;
-    if (news.command) {
-        device->input.enable = news.enable;
-        device->input.passivity = news.passivity;
-        device->input.coupling = news.coupling;
-        device->input.extrapolator = news.extrapolator;
+/* The newest good sample, or null. */
+static const hrt_sample *take_news(fw_device *device, int64_t now_us) {
+    hrt_input *input = &device->input;
+    input->reset = false;
+    if (!device->posted) return NULL;
+    __atomic_signal_fence(__ATOMIC_ACQUIRE);
+    const fw_news *news = &device->news;
+    if (news->command) {
+        input->reset = news->reset;
+        input->enable = news->enable;
+        input->passivity = news->passivity;
+        input->coupling = news->coupling;
+        input->extrapolator = news->extrapolator;
+        if (news->reset) hrt_link_reset(&device->link, now_us, input);
     }
-    if (!news.sample) return false;
-    if (hrt_sample_check(sample, &device->controller.params) != HRT_ACCEPT) {
-        device->rejected++;
-        return false;
-    }
-    const bool good = news.patch && patch_is_good(patch);
-    device->rejected += news.patch && !good;
-    sample->patch = good ? patch : NULL;
-    return true;
+    device->posted = false;
+    return news->sample ? &device->sample : NULL;
 }
 
-void fw_loop_tick(fw_loop *loop, int64_t now_us, uint32_t late_ticks) {
-    loop->missed_ticks += late_ticks;
+void fw_loop_tick(fw_loop *loop, int64_t now_us) {
     receive_frames(loop, now_us);
     for (int32_t i = 0; i < FW_DEVICES; i++) {
         fw_device *device = &loop->device[i];
-        hrt_sample sample;
-        const bool fresh = receive_sample(device, i, &sample);
+        const hrt_sample *sample = take_news(device, now_us);
         device->input.bus_ok = fw_can_ok();
-        fw_measure_begin(i);
-        hrt_tick(&device->controller, now_us, &device->input, fresh ? &sample : NULL, &device->output);
-        fw_measure_end(i);
+        fw_measure_begin(i, FW_SPAN_TICK);
+        hrt_tick(&device->controller, now_us, &device->input, sample, &device->output);
+        fw_measure_end(i, FW_SPAN_TICK);
         hrt_can_frame frame[HRT_LINK_FRAMES];
         const int32_t count = hrt_link_frames(&device->link, now_us, &device->output, device->input.reset, frame);
         for (int32_t f = 0; f < count; f++) fw_can_send(&frame[f]);

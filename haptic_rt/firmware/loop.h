@@ -1,5 +1,5 @@
-/* The firmware's work, once a tick, for every device on the bus: the same on the board and, compiled for the host, in the reference of
- * its test. Static memory, bounded loops. */
+/* The firmware's work for every device on the bus, in two halves: the tick, in the timer's interrupt, and below it the checking of what the
+ * simulation sent. The same on the board and, compiled for the host, in the reference of its test. Static memory, bounded loops. */
 #ifndef FW_LOOP_H
 #define FW_LOOP_H
 
@@ -16,6 +16,10 @@ typedef struct fw_device {
     hrt_link link;
     hrt_input input;
     hrt_output output;
+    /* from main to the tick: main writes while `posted` is false, the tick reads and clears it */
+    volatile bool posted;
+    fw_news news;
+    hrt_sample sample;
     uint32_t rejected; /* samples and patches that failed their check */
 #if FW_PATCHES
     hrt_patch patch[2];
@@ -24,15 +28,17 @@ typedef struct fw_device {
 
 typedef struct fw_loop {
     fw_device device[FW_DEVICES];
-    uint32_t missed_ticks;
 } fw_loop;
 
 void fw_loop_init(fw_loop *loop, int64_t session);
-/* Receive, tick, send. `late_ticks`: timer interrupts beyond the one that woke us. */
-void fw_loop_tick(fw_loop *loop, int64_t now_us, uint32_t late_ticks);
+/* In the interrupt: receive frames, tick, send. */
+void fw_loop_tick(fw_loop *loop, int64_t now_us);
+/* In main: take what the link brought, check it, post it to the tick. */
+void fw_loop_background(fw_loop *loop);
 
-/* Around every hrt_tick, for builds that measure; empty in the product. */
-void fw_measure_begin(int32_t device);
-void fw_measure_end(int32_t device);
+/* Around every hrt_tick and every patch's check, for builds that measure; empty in the product. */
+typedef enum fw_span { FW_SPAN_TICK, FW_SPAN_PATCH } fw_span;
+void fw_measure_begin(int32_t device, fw_span span);
+void fw_measure_end(int32_t device, fw_span span);
 
 #endif

@@ -1,14 +1,18 @@
-/* The microcontroller's main: once a timer tick, the loop. */
+/* The microcontroller's main: the tick runs in the timer's interrupt, the checking of what the simulation sent below it. */
 #include "loop.h"
 
 static fw_loop loop;
 
+static void tick(void) {
+    fw_loop_tick(&loop, fw_board_now_us());
+    fw_board_watchdog();
+}
+
 int main(void) {
-    fw_board_start();
-    fw_loop_init(&loop, fw_board_now_us() + 1);
+    fw_loop_init(&loop, 1);
+    fw_board_start(tick);
     for (;;) {
-        const uint32_t ticks = fw_board_wait_tick();
-        fw_loop_tick(&loop, fw_board_now_us(), ticks - 1);
-        fw_board_watchdog();
+        fw_loop_background(&loop);
+        fw_board_sleep();
     }
 }

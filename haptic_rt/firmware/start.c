@@ -1,4 +1,4 @@
-/* Start-up of a Cortex-M with FPU: vectors, RAM, FPU, painted stack. Everything before main(). */
+/* Start-up of a Cortex-M with FPU: vectors, RAM, FPU, two painted stacks. Everything before main(). */
 #include <stdint.h>
 
 #include "board.h"
@@ -7,34 +7,43 @@
 #define FPU_FULL_ACCESS (0xFu << 20)
 #define IRQ_COUNT 32
 
-extern uint32_t fw_data_begin[], fw_data_end[], fw_data_load[], fw_bss_begin[], fw_bss_end[], fw_stack_begin[], fw_stack_end[];
+extern uint32_t fw_data_begin[], fw_data_end[], fw_data_load[], fw_bss_begin[], fw_bss_end[];
+extern uint32_t fw_tick_stack_begin[], fw_tick_stack_end[], fw_main_stack_begin[], fw_main_stack_end[];
 int main(void);
 _Noreturn void fw_reset(void);
+_Noreturn void fw_start(void);
 void fw_unexpected(void);
 
 /* No handler of ours uses them: whatever arrives here is a fault, and a fault stops the commands, so that the device's own
  * watchdog drops the torque. */
 void fw_unexpected(void) { fw_board_panic("unexpected exception"); }
 
-__attribute__((noinline)) static void prepare_ram(void) {
+/* On main's stack already, so that both can be painted from end to end but for this frame. */
+_Noreturn void fw_start(void) {
     for (uint32_t *to = fw_data_begin, *from = fw_data_load; to < fw_data_end;) *to++ = *from++;
     for (uint32_t *to = fw_bss_begin; to < fw_bss_end;) *to++ = 0;
-    /* Up to here, a little below the stack pointer of this very function. */
+    for (uint32_t *to = fw_tick_stack_begin; to < fw_tick_stack_end;) *to++ = FW_STACK_PAINT;
     uint32_t *top = (uint32_t *)__builtin_frame_address(0) - 16;
-    for (uint32_t *to = fw_stack_begin; to < top;) *to++ = FW_STACK_PAINT;
-}
-
-_Noreturn void fw_reset(void) {
+    for (uint32_t *to = fw_main_stack_begin; to < top;) *to++ = FW_STACK_PAINT;
     SCB_CPACR |= FPU_FULL_ACCESS;
     __asm volatile("dsb\n isb" ::: "memory");
-    prepare_ram();
     main();
     fw_board_panic("main returned");
 }
 
+/* Interrupts keep the stack of the vector table; main gets its own. */
+__attribute__((naked)) _Noreturn void fw_reset(void) {
+    __asm volatile("ldr r0, =fw_main_stack_end\n"
+                   "msr psp, r0\n"
+                   "movs r0, #2\n"
+                   "msr control, r0\n"
+                   "isb\n"
+                   "b fw_start\n");
+}
+
 typedef void (*vector)(void);
 __attribute__((section(".vectors"), used)) static const vector vectors[16 + IRQ_COUNT] = {
-    (vector)(uintptr_t)fw_stack_end,
+    (vector)(uintptr_t)fw_tick_stack_end,
     (vector)fw_reset,
     [2 ... 14] = fw_unexpected,
     fw_systick,

@@ -3,12 +3,14 @@
 #include "port.h"
 #include "replay.h"
 
-static uint8_t input[REPLAY_TICK_MAX], output[4096];
+static uint8_t input[REPLAY_TICK_MAX], output[1024];
 static replay_bytes events, results;
 static int32_t in_file, out_file, cost_file;
 static int64_t now_us;
 static bool bus_ok = true;
-static uint32_t began, cost[FW_DEVICES];
+static uint32_t began[2];
+static uint32_t cost[2 * FW_DEVICES]; /* hrt_tick of each, the patch's check of each */
+static void (*tick_handler)(void);
 
 /* ---- the next event, if it is of this kind and device ---- */
 
@@ -19,39 +21,45 @@ static void take_head(void) { events.at += 2; }
 
 /* ---- board.h ---- */
 
-void fw_board_start(void) {
-    in_file = semihost_open("replay.in", false);
-    out_file = semihost_open("replay.out", true);
-    cost_file = semihost_open("replay.cost", true);
-    if (in_file < 0 || out_file < 0 || cost_file < 0) fw_board_panic("replay.in, replay.out or replay.cost cannot be opened");
-    results = (replay_bytes){.at = output, .end = output + sizeof output, .write = true};
-    port_start();
-}
-
-static void end_of_recording(void) {
-    semihost_close(out_file);
-    semihost_close(cost_file);
-    port_finish();
-}
-
-/* Writes what the last tick left, then reads the next. */
-uint32_t fw_board_wait_tick(void) {
-    if (results.failed) fw_board_panic("a tick's output is larger than its buffer");
-    if (now_us > 0 && (!semihost_write(out_file, output, (uint32_t)(results.at - output)) || !semihost_write(cost_file, cost, sizeof cost)))
-        fw_board_panic("replay.out cannot be written");
-    results.at = output;
+/* Main reads a tick's events and runs the background on them, sleeps, the tick takes the rest in its interrupt. */
+static void read_events(void) {
     uint32_t size;
-    if (!semihost_read(in_file, &size, 4)) end_of_recording();
+    if (!semihost_read(in_file, &size, 4)) {
+        semihost_close(out_file);
+        semihost_close(cost_file);
+        port_finish();
+    }
     if (size > sizeof input || !semihost_read(in_file, input, size)) fw_board_panic("replay.in is cut off");
     events = (replay_bytes){.at = input, .end = input + size};
     if (next_is(EVENT_BUS, -1)) {
         bus_ok = input[1];
         take_head();
     }
+}
+
+void fw_board_start(void (*tick)(void)) {
+    tick_handler = tick;
+    in_file = semihost_open("replay.in", false);
+    out_file = semihost_open("replay.out", true);
+    cost_file = semihost_open("replay.cost", true);
+    if (in_file < 0 || out_file < 0 || cost_file < 0) fw_board_panic("replay.in, replay.out or replay.cost cannot be opened");
+    read_events();
+    port_start();
+}
+
+void port_tick(void) {
+    results = (replay_bytes){.at = output, .end = output + sizeof output, .write = true};
     now_us += FW_PERIOD_US;
-    const uint32_t ticks = port_wait_tick();
-    /* Virtual time is by instructions: a late tick would mean that one took 2 ms of them. */
-    return ticks;
+    tick_handler();
+}
+
+void fw_board_sleep(void) {
+    port_wait_tick();
+    if (results.failed) fw_board_panic("a tick's output is larger than its buffer");
+    if (!semihost_write(out_file, output, (uint32_t)(results.at - output)) || !semihost_write(cost_file, cost, sizeof cost))
+        fw_board_panic("replay.out cannot be written");
+    for (int32_t i = 0; i < 2 * FW_DEVICES; i++) cost[i] = 0;
+    read_events();
 }
 
 int64_t fw_board_now_us(void) { return now_us; }
@@ -103,8 +111,8 @@ void fw_link_send(int32_t device, const hrt_output *tick) {
     replay_output(&results, &copy);
 }
 
-void fw_measure_begin(int32_t device) {
+void fw_measure_begin(int32_t device, fw_span span) {
     (void)device;
-    began = port_count();
+    began[span] = port_count();
 }
-void fw_measure_end(int32_t device) { cost[device] = port_since(began); }
+void fw_measure_end(int32_t device, fw_span span) { cost[span * FW_DEVICES + device] = port_since(began[span]); }

@@ -1,6 +1,5 @@
 # The firmware in an emulator on recorded inputs, against the host: build/firmware/report.json.
 FW_REPLAY_SRC := $(FW_SRC) $(addprefix tests/firmware/,board_replay.c replay_format.c port_m.c semihost.c)
-FW_INCLUDE_TESTS := -Itests/firmware
 $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call fw_image,$(c),$(v),replay,$(FW_REPLAY_SRC)))))
 FW_REPLAY_ELF := $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(BUILD)/firmware/$(c)/$(v)/replay.elf))
 
@@ -25,3 +24,4 @@ check-firmware:
 	@tools/setup.sh build check
 	@$(MAKE) --no-print-directory venv firmware-replay
 	TM_OUT=$(abspath $(OUT)) $(VENV)/bin/python -m pytest tests/firmware -q -p no:cacheprovider $(PYTEST_ARGS)
+	@$(VENV)/bin/python tests/firmware/report.py $(BUILD)/firmware/report.json

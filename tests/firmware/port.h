@@ -5,7 +5,8 @@
 #include "semihost.h"
 
 void port_start(void);
-uint32_t port_wait_tick(void); /* timer interrupts since the last call */
+void port_wait_tick(void);     /* until the timer's next interrupt was served */
+void port_tick(void);          /* board_replay.c: what that interrupt does */
 uint32_t port_count(void);
 uint32_t port_since(uint32_t count); /* instructions since then; 0 where they cannot be counted */
 _Noreturn void port_finish(void);

@@ -21,7 +21,7 @@ void semihost_close(int32_t file) {
 _Noreturn void semihost_exit(int32_t status) { exit(status); }
 
 void port_start(void) {}
-uint32_t port_wait_tick(void) { return 1; }
+void port_wait_tick(void) { port_tick(); }
 uint32_t port_count(void) { return 0; }
 uint32_t port_since(uint32_t count) { return count; }
 _Noreturn void port_finish(void) { exit(0); }

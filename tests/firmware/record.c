@@ -123,8 +123,8 @@ static void simulate(int32_t index) {
 
 /* ---- board.h: what the loop reads is written down ---- */
 
-void fw_board_start(void) {}
-uint32_t fw_board_wait_tick(void) { return 1; }
+void fw_board_start(void (*tick)(void)) { (void)tick; }
+void fw_board_sleep(void) {}
 int64_t fw_board_now_us(void) { return world.now_us; }
 void fw_board_watchdog(void) {}
 _Noreturn void fw_board_panic(const char *why) {
@@ -137,8 +137,14 @@ void fw_link_send(int32_t device, const hrt_output *output) {
     (void)device;
     (void)output;
 }
-void fw_measure_begin(int32_t device) { (void)device; }
-void fw_measure_end(int32_t device) { (void)device; }
+void fw_measure_begin(int32_t device, fw_span span) {
+    (void)device;
+    (void)span;
+}
+void fw_measure_end(int32_t device, fw_span span) {
+    (void)device;
+    (void)span;
+}
 
 bool fw_can_receive(hrt_can_frame *frame) {
     static hrt_can_frame again;
@@ -221,7 +227,7 @@ static void set_up(void) {
     }
     world.bus_ok = true;
     world.random = 11;
-    fw_loop_init(&world.loop, fw_board_now_us() + 1);
+    fw_loop_init(&world.loop, 1);
 }
 
 static void tick(FILE *file) {
@@ -231,11 +237,12 @@ static void tick(FILE *file) {
     const bool bus_ok = world.tick < fault_at || world.tick >= fault_at + 10;
     if (bus_ok != world.bus_ok) event(EVENT_BUS, bus_ok);
     world.bus_ok = bus_ok;
+    if (world.tick == 1)
+        for (int32_t i = 0; i < FW_DEVICES; i++) simulate(i);
+    fw_loop_background(&world.loop);
     world.now_us += FW_PERIOD_US;
     for (int32_t i = 0; i < FW_DEVICES; i++) hrt_device_step(&world.device[i], world.now_us);
-    fw_loop_tick(&world.loop, world.now_us, 0);
-    if (world.tick == 0)
-        for (int32_t i = 0; i < FW_DEVICES; i++) simulate(i);
+    fw_loop_tick(&world.loop, world.now_us);
     const uint32_t size = (uint32_t)(events.at - buffer);
     if (events.failed || fwrite(&size, 4, 1, file) != 1 || fwrite(buffer, 1, size, file) != size) fw_board_panic("the recording cannot be written");
 }

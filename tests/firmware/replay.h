@@ -2,7 +2,7 @@
  *
  * replay.in   per tick: uint32 size, then events: uint8 kind, uint8 device, body (kinds below)
  * replay.out  per tick: uint8 OUT_FRAME and a frame, or uint8 OUT_OUTPUT and hrt_output field by field, in the order of sending
- * replay.cost per tick and device: uint32 instructions of hrt_tick (0 where nobody counts) */
+ * replay.cost per tick: uint32 instructions of hrt_tick of each device, then of the check of a patch of each (0: none, or nobody counts) */
 #ifndef REPLAY_H
 #define REPLAY_H
 
@@ -10,7 +10,7 @@
 
 enum { EVENT_FRAME = 1, EVENT_SAMPLE, EVENT_PATCH, EVENT_COMMAND, EVENT_BUS };
 enum { OUT_FRAME = 1, OUT_OUTPUT };
-enum { REPLAY_TICK_MAX = 64 * 1024 };
+enum { REPLAY_TICK_MAX = 28 * 1024 };
 
 /* Bytes read or written in turn; `failed` once it ran over its end. */
 typedef struct replay_bytes {

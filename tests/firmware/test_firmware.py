@@ -1,0 +1,118 @@
+"""The firmware on an emulated Cortex-M7 and M4F, replaying recorded inputs: the host's outputs, bit for bit; what it costs in flash, RAM,
+stack and instructions. Writes build/firmware/report.json."""
+import fcntl
+import json
+import os
+import shutil
+import struct
+import subprocess
+
+import image
+import pytest
+import report
+from conftest import BUILD, LONG, ROOT
+
+DEVICES = 2
+EXTRAPOLATORS = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position"]
+VARIANTS = {"plain": 0, "contact12": 12, "contact24": 24}
+TICKS = 35000 if LONG else 3500
+FIRMWARE = ROOT / "build" / "firmware"
+# The aims; instructions and bytes are the same on every run and every host, so that they may be asserted.
+TICK_STACK, MAIN_STACK = 8 * 1024, 2 * 1024  # link.ld
+FLASH_CORE = 16 * 1024
+RAM_DEVICE = 4 * 1024
+PATCHES = {"plain": 0, "contact12": 8 * 1024, "contact24": 24 * 1024}
+INSTRUCTIONS = {"plain": 5000, "contact12": 60000, "contact24": 150000}
+
+
+@pytest.fixture(scope="session")
+def built():
+    FIRMWARE.mkdir(parents=True, exist_ok=True)
+    with open(FIRMWARE / ".lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        done = subprocess.run(["make", "--no-print-directory", "firmware-replay"], cwd=ROOT, capture_output=True, text=True,
+                              env={k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")})
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+    return BUILD / "tests" / "firmware"
+
+
+@pytest.fixture(scope="session")
+def recordings(built):
+    """variant -> (directory with replay.in, the host's replay.out)."""
+    made = {}
+    for variant, vertices in VARIANTS.items():
+        directory = built / "host" / variant
+        directory.mkdir(parents=True, exist_ok=True)
+        subprocess.run([built / "record", directory / "replay.in", str(TICKS), str(vertices)], check=True, timeout=300)
+        program = built / ("replay_plain" if variant == "plain" else "replay_contact")
+        subprocess.run([program], cwd=directory, check=True, timeout=300)
+        made[variant] = directory
+    return made
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+def test_recording_covers(recordings, variant):
+    """A comparison of outputs is worth what the inputs reach."""
+    ticks = [values for kind, values in image.outputs(recordings[variant] / "replay.out") if kind == "output"]
+    assert len(ticks) == DEVICES * TICKS
+    for number, name in enumerate(EXTRAPOLATORS):
+        pushing = [t for t in ticks if t["extrapolator"] == number and t["state"] == 3 and sum(t[f"force_N[{i}]"] ** 2 for i in range(3)) > 0.01]
+        assert len(pushing) > TICKS / 70, f"{name}: a force in {len(pushing)} ticks only"
+    assert {t["state"] for t in ticks} == {0, 1, 2, 3, 4, 5}, "not every state was visited"
+
+
+def compare(host, board):
+    """Largest difference of each field, None where the bytes are equal."""
+    if (host / "replay.out").read_bytes() == (board / "replay.out").read_bytes():
+        return None
+    a, b = image.outputs(host / "replay.out"), image.outputs(board / "replay.out")
+    assert len(a) == len(b), f"{len(b)} records, the host has {len(a)}"
+    worst = {}
+    for (kind, x), (other_kind, y) in zip(a, b):
+        assert kind == other_kind
+        if kind == "frame":
+            worst["frames"] = worst.get("frames", 0) + (x != y)
+            continue
+        for field in image.OUTPUT_FIELDS:
+            if struct.pack("<d", x[field]) != struct.pack("<d", y[field]):
+                worst[field] = max(worst.get(field, 0), abs(x[field] - y[field]))
+    return worst
+
+
+def costs(board, host_ticks):
+    """{extrapolator: worst and median instructions of hrt_tick}, the worst of all, the worst check of a patch (below the tick)."""
+    data = (board / "replay.cost").read_bytes()
+    counts = list(struct.iter_unpack(f"<{2 * DEVICES}I", data))
+    assert len(counts) * DEVICES == len(host_ticks)
+    ticks = [count for row in counts for count in row[:DEVICES]]
+    by = {}
+    for count, tick in zip(ticks, host_ticks):
+        by.setdefault(EXTRAPOLATORS[tick["extrapolator"]], []).append(count)
+    return {name: {"worst": max(c), "median": sorted(c)[len(c) // 2]} for name, c in by.items()}, max(ticks), max(max(row[DEVICES:]) for row in counts)
+
+
+@pytest.mark.parametrize("variant", VARIANTS)
+@pytest.mark.parametrize("cpu", image.MACHINE)
+def test_replay(built, recordings, cpu, variant):
+    host = recordings[variant]
+    board = built / cpu / variant
+    shutil.rmtree(board, ignore_errors=True)
+    board.mkdir(parents=True)
+    (board / "replay.in").symlink_to(host / "replay.in")
+    image.emulate(cpu, FIRMWARE / cpu / variant / "replay.elf", board, 600 if LONG else 120)
+    worst = compare(host, board)
+    ticks = [values for kind, values in image.outputs(host / "replay.out") if kind == "output"]
+    by_law, most, check = costs(board, ticks)
+    tick_stack, main_stack, device_bytes, controller_bytes, patch_bytes = struct.unpack("<5I", (board / "replay.report").read_bytes())
+    flash = image.weigh(FIRMWARE / cpu / variant / "haptic_rt.map")
+    entry = {"ticks": TICKS, "devices": DEVICES, "differences_from_host": worst, "flash_bytes": flash,
+             "flash_core_bytes": flash["core"] + flash["libraries"], "ram_bytes_per_device": device_bytes, "controller_bytes": controller_bytes,
+             "patch_bytes": patch_bytes if variant != "plain" else 0, "stack_bytes": tick_stack + main_stack, "tick_stack_bytes": tick_stack,
+             "main_stack_bytes": main_stack, "instructions_per_tick": by_law, "instructions_patch_check": check}
+    (board / "report.json").write_text(json.dumps(entry, indent=1))
+    report.collect(built, FIRMWARE)
+    assert worst is None, worst
+    assert tick_stack < TICK_STACK * 3 / 4 and main_stack < MAIN_STACK * 3 / 4, (tick_stack, main_stack)
+    assert entry["flash_core_bytes"] < FLASH_CORE
+    assert device_bytes < RAM_DEVICE + PATCHES[variant]
+    assert most < INSTRUCTIONS[variant], by_law
