@@ -195,7 +195,8 @@ void hrt_tick(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_
     c->counters.ticks++;
     c->limits = 0;
     hrt_copy(before, c->tip_m);
-    if (c->state != HRT_FAULT && hrt_params_check(&c->params) >= 0)
+    /* Constant from here on: looked at whenever `boot` is passed. */
+    if (c->state == HRT_BOOT && hrt_params_check(&c->params) >= 0)
         hrt_latch(c, now_us, HRT_FAULT_PARAMETER, hrt_params_check(&c->params));
     const float dt_s = read_clock(c, now_us);
     hrt_read_device(c, now_us, in);
