@@ -132,11 +132,11 @@ static void change_state(hrt_controller *c, int64_t now_us, const hrt_input *in,
     case HRT_ENGAGED:
         if (!device_well(c, now_us, in)) break;
         if (!fresh) enter(c, now_us, HRT_STALE);
-        else c->gain = fminf(1.0f, c->gain + fminf(dt_s, 0.004f) / hrt_seconds((int64_t)c->params.ramp_us));
+        else c->gain = fminf(1.0f, c->gain + fminf(dt_s, 0.004f) / (1.0e-6f * c->params.ramp_us));
         break;
     case HRT_STALE:
         if (!device_well(c, now_us, in)) break;
-        c->gain = fmaxf(0.0f, c->gain - dt_s / hrt_seconds((int64_t)c->params.fade_us));
+        c->gain = fmaxf(0.0f, c->gain - dt_s / (1.0e-6f * c->params.fade_us));
         if (!(c->gain > 0.0f)) enter(c, now_us, HRT_IDLE);
         else if (fresh && c->sample_us >= c->state_since_us) enter(c, now_us, HRT_ENGAGED);
         break;

@@ -49,7 +49,7 @@ static void check_stuck(hrt_controller *c, int64_t now_us, const hrt_input *in) 
 }
 
 static void take_counts(hrt_controller *c, const hrt_input *in, float dt_s) {
-    const float tau = hrt_seconds((int64_t)c->params.velocity_filter_us);
+    const float tau = (1.0e-6f * c->params.velocity_filter_us);
     const float share = dt_s / (dt_s + tau);
     for (int j = 0; j < HRT_JOINTS; j++) {
         const float rate = ((float)in->count[j] - (float)c->count[j]) / (c->params.counts_per_unit[j] * dt_s);

@@ -152,7 +152,7 @@ static void cap_length(float v[3], float most, uint32_t *limits) {
 
 static void describe(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3], moment *m) {
     m->params = params;
-    const float age_us = (float)(now_us - x->now.t_us);
+    const float age_us = hrt_us(now_us - x->now.t_us);
     if (age_us > params->horizon_us) x->limits |= HRT_LIMIT_HORIZON;
     m->age_s = 1.0e-6f * hrt_clamp(age_us, 0.0f, params->horizon_us);
     hrt_sub(tip_m, x->now.tip_m, m->moved_m);
@@ -188,7 +188,7 @@ static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_u
     }
     x->changed = false;
     if (!x->bridging) return;
-    const float left = 1.0f - (float)(now_us - x->bridge_us) / fmaxf(params->blend_us, 1.0f);
+    const float left = 1.0f - hrt_us(now_us - x->bridge_us) / fmaxf(params->blend_us, 1.0f);
     if (left > 0.0f) hrt_add_scaled(force, left, x->bridge_N);
     else x->bridging = false;
 }

@@ -48,9 +48,10 @@ static inline bool hrt_finite_n(const float *x, int32_t n) {
     for (int32_t i = 0; i < n; i++) good = good && hrt_finite(x[i]);
     return good;
 }
-/* Microseconds as seconds; for differences alone. */
-static inline float hrt_seconds(int64_t us) { return 1.0e-6f * (float)us; }
-static inline bool hrt_older(int64_t us, float limit_us) { return (float)us > limit_us; }
+/* A difference of times; saturates at half an hour. By 32 bits, which every processor converts by itself. */
+static inline float hrt_us(int64_t us) { return (float)(int32_t)(us > INT32_MAX ? INT32_MAX : us < -INT32_MAX ? -INT32_MAX : us); }
+static inline float hrt_seconds(int64_t us) { return 1.0e-6f * hrt_us(us); }
+static inline bool hrt_older(int64_t us, float limit_us) { return hrt_us(us) > limit_us; }
 
 /* faults.c: latches the first. */
 void hrt_latch(hrt_controller *c, int64_t now_us, hrt_fault fault, int32_t detail);

@@ -19,12 +19,12 @@ def collect(runs, firmware):
 
 
 def table(report):
-    lines = [f"{'image':16}{'core+libs':>10}{'flash':>8}{'RAM/device':>11}{'stack':>7}  instructions per tick, worst"]
+    lines = [f"{'image':16}{'core':>8}{'flash':>8}{'RAM/device':>11}{'stack':>7}  instructions per tick, worst"]
     for cpu, variants in report.items():
         for variant, r in variants.items():
             worst = "  ".join(f"{law} {cost['worst']}" for law, cost in r["instructions_per_tick"].items())
             same = "host's bits" if r["differences_from_host"] is None else f"differs: {r['differences_from_host']}"
-            lines.append(f"{cpu + ' ' + variant:16}{r['flash_core_bytes']:10}{sum(r['flash_bytes'].values()):8}{r['ram_bytes_per_device']:11}"
+            lines.append(f"{cpu + ' ' + variant:16}{r['flash_core_bytes']:8}{sum(r['flash_bytes'].values()):8}{r['ram_bytes_per_device']:11}"
                          f"{r['stack_bytes']:7}  {worst}; {same}")
     return "\n".join(lines)
 
