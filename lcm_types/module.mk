@@ -8,6 +8,8 @@ $(OUT)/gen/lcm_types/tensormass_%.c: lcm_types/%.lcm
 	lcm-gen -c --c-cpath $(@D) --c-hpath $(@D) --cinclude lcm_types $<
 # The header comes with its .c: what includes it is built anew when its type changes.
 $(OUT)/gen/lcm_types/tensormass_%.h: $(OUT)/gen/lcm_types/tensormass_%.c ;
+# The first build does not know yet who includes them.
+$(call objects,$(wildcard apps/*/*.c haptic_rt/*/*.c tests/*/*.c)): | $(LCM_GEN)
 $(LIBLCMTYPES_A): $(patsubst $(OUT)/gen/%.c,$(OUT)/obj/%.o,$(LCM_GEN))
 	@mkdir -p $(@D)
 	rm -f $@ && ar rcs $@ $^

@@ -48,8 +48,8 @@ static inline bool hrt_finite_n(const float *x, int32_t n) {
     for (int32_t i = 0; i < n; i++) good = good && hrt_finite(x[i]);
     return good;
 }
-/* A difference of times; saturates at half an hour. By 32 bits, which every processor converts by itself. */
-static inline float hrt_us(int64_t us) { return (float)(int32_t)(us > INT32_MAX ? INT32_MAX : us < -INT32_MAX ? -INT32_MAX : us); }
+/* A difference of times as a float; saturates at half an hour (time.c). */
+float hrt_us(int64_t us);
 static inline float hrt_seconds(int64_t us) { return 1.0e-6f * hrt_us(us); }
 static inline bool hrt_older(int64_t us, float limit_us) { return hrt_us(us) > limit_us; }
 
