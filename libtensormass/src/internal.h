@@ -44,7 +44,9 @@ struct tm_tissue {
     int32_t *upper_begin;     /* [vertex_count+1] first edge (k,l), l>k, of each vertex: edges are sorted by k */
     void *vertex_tensor;      /* [9*vertex_count] float or double */
     void *edge_tensor;        /* [9*edge_count] */
-    double *tet_block;        /* cuttable: [90*tet_count] blocks K00 K11 K22 K33, then of edges 01 02 03 12 13 23 with k<l; else null */
+    double *vertex_block;     /* cuttable: [9*4*tet_count] blocks K_kk in the order of mesh->vertex_tet, so that a sum reads straight on; else null */
+    double *edge_block;       /* cuttable: [9*6*tet_count] in the order of mesh->edge_tet */
+    double *vertex_share;     /* cuttable: [2*4*tet_count] mass and damping that a tetrahedron gives, in the order of mesh->vertex_tet */
     tm_force_kernel force;
     tm_surface_view surface;  /* views the mesh's own arrays when nothing can differ from them */
     int32_t *surface_triangle, *surface_face; /* writable, or null when viewing the mesh's */
@@ -53,7 +55,6 @@ struct tm_tissue {
 };
 
 /* --- assembly, shared by create and cut; all sums ascending over living tetrahedra --- */
-void tm_tissue_tet_blocks(const tm_tissue *tissue, int32_t tet, double block[90]);
 void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex);
 void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge);
 /* The surface of the living tetrahedra from nothing, slots ascending by face. */

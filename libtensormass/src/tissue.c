@@ -15,22 +15,45 @@ void tm_tissue_destroy(tm_tissue *tissue) {
 
 /* --- assembly --- */
 
-static void tet_block(const tm_tissue *tissue, int32_t tet, int local_k, int local_l, double K[9]) {
+static void stiffness(const tm_tissue *tissue, int32_t tet, int local_k, int local_l, double K[9]) {
     const double *alpha = tissue->mesh->shape_1_m + 12 * (int64_t)tet;
     tm_stiffness_block(tm_tissue_tet_material(tissue, tet), tm_tissue_tet_fibre(tissue, tet), tissue->mesh->volume_m3[tet],
                        alpha + 3 * local_k, alpha + 3 * local_l, K);
 }
 
-/* Edge blocks point from the lower to the higher vertex, as edge tensors do. */
-static void tet_edge_block(const tm_tissue *tissue, int32_t tet, int local_edge, double K[9]) {
+static void vertex_stiffness(const tm_tissue *tissue, int32_t tet, int32_t vertex, double K[9]) {
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet;
-    const int a = tm_edge_vertex[local_edge][0], b = tm_edge_vertex[local_edge][1];
-    tet_block(tissue, tet, v[a] < v[b] ? a : b, v[a] < v[b] ? b : a, K);
+    int local = 0;
+    while (v[local] != vertex) local++;
+    stiffness(tissue, tet, local, local, K);
 }
 
-void tm_tissue_tet_blocks(const tm_tissue *tissue, int32_t tet, double block[90]) {
-    for (int i = 0; i < 4; i++) tet_block(tissue, tet, i, i, block + 9 * i);
-    for (int e = 0; e < 6; e++) tet_edge_block(tissue, tet, e, block + 36 + 9 * e);
+/* Edge blocks point from the lower to the higher vertex, as edge tensors do. */
+static void edge_stiffness(const tm_tissue *tissue, int32_t tet, int32_t edge, double K[9]) {
+    const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet, *ends = tissue->mesh->edge + 2 * (int64_t)edge;
+    int k = 0, l = 0;
+    while (v[k] != ends[0]) k++;
+    while (v[l] != ends[1]) l++;
+    stiffness(tissue, tet, k, l, K);
+}
+
+/* Mass, and damping, that a tetrahedron gives to each of its vertices. */
+static void tet_share(const tm_tissue *tissue, int32_t tet, double share[2]) {
+    const tm_material *m = tm_tissue_tet_material(tissue, tet);
+    share[0] = m->density_kg_m3 * tissue->mesh->volume_m3[tet] / 4;
+    share[1] = m->damping_1_s * share[0];
+}
+
+static void keep_blocks(tm_tissue *tissue) {
+    const tm_mesh *mesh = tissue->mesh;
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++) {
+            vertex_stiffness(tissue, mesh->vertex_tet[i], v, tissue->vertex_block + 9 * (int64_t)i);
+            tet_share(tissue, mesh->vertex_tet[i], tissue->vertex_share + 2 * (int64_t)i);
+        }
+    for (int32_t e = 0; e < mesh->edge_count; e++)
+        for (int32_t i = mesh->edge_tet_begin[e]; i < mesh->edge_tet_begin[e + 1]; i++)
+            edge_stiffness(tissue, mesh->edge_tet[i], e, tissue->edge_block + 9 * (int64_t)i);
 }
 
 static void store(const tm_tissue *tissue, void *tensor, int64_t index, const double sum[9]) {
@@ -46,20 +69,22 @@ static void add9(double *TM_RESTRICT sum, const double *TM_RESTRICT K) {
 
 void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
     const tm_mesh *mesh = tissue->mesh;
-    double sum[9] = {0}, K[9], mass = 0, damping = 0;
+    double sum[9] = {0}, mass = 0, damping = 0;
     for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++) {
-        const int32_t t = mesh->vertex_tet[i], *v = mesh->tet + 4 * (int64_t)t;
+        const int32_t t = mesh->vertex_tet[i];
         if (!tissue->alive[t]) continue;
-        int local = 0;
-        while (v[local] != vertex) local++;
-        const double *block = K;
-        if (tissue->tet_block) block = tissue->tet_block + 90 * (int64_t)t + 9 * local;
-        else tet_block(tissue, t, local, local, K);
+        double K[9], S[2];
+        const double *block = K, *share = S;
+        if (tissue->vertex_block) {
+            block = tissue->vertex_block + 9 * (int64_t)i;
+            share = tissue->vertex_share + 2 * (int64_t)i;
+        } else {
+            vertex_stiffness(tissue, t, vertex, K);
+            tet_share(tissue, t, S);
+        }
         add9(sum, block);
-        const tm_material *m = tm_tissue_tet_material(tissue, t);
-        const double share = m->density_kg_m3 * mesh->volume_m3[t] / 4;
-        mass += share;
-        damping += m->damping_1_s * share;
+        mass += share[0];
+        damping += share[1];
     }
     store(tissue, tissue->vertex_tensor, vertex, sum);
     tissue->mass_kg[vertex] = mass;
@@ -68,15 +93,14 @@ void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
 
 void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
     const tm_mesh *mesh = tissue->mesh;
-    double sum[9] = {0}, K[9];
+    double sum[9] = {0};
     for (int32_t i = mesh->edge_tet_begin[edge]; i < mesh->edge_tet_begin[edge + 1]; i++) {
-        const int32_t t = mesh->edge_tet[i], *e = mesh->tet_edge + 6 * (int64_t)t;
+        const int32_t t = mesh->edge_tet[i];
         if (!tissue->alive[t]) continue;
-        int local = 0;
-        while (e[local] != edge) local++;
+        double K[9];
         const double *block = K;
-        if (tissue->tet_block) block = tissue->tet_block + 90 * (int64_t)t + 36 + 9 * local;
-        else tet_edge_block(tissue, t, local, K);
+        if (tissue->edge_block) block = tissue->edge_block + 9 * (int64_t)i;
+        else edge_stiffness(tissue, t, edge, K);
         add9(sum, block);
     }
     store(tissue, tissue->edge_tensor, edge, sum);
@@ -138,7 +162,9 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     tissue->vertex_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->vertex_count + TM_FORCE_PADDING, real);
     tissue->edge_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->edge_count + TM_FORCE_PADDING, real);
     if (def->cuttable) {
-        tissue->tet_block = TM_TAKE(pool, double, 90 * (int64_t)mesh->tet_count);
+        tissue->vertex_block = TM_TAKE(pool, double, 36 * (int64_t)mesh->tet_count);
+        tissue->edge_block = TM_TAKE(pool, double, 54 * (int64_t)mesh->tet_count);
+        tissue->vertex_share = TM_TAKE(pool, double, 8 * (int64_t)mesh->tet_count);
         tissue->face_slot = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
         tissue->cut = tm_cut_take_work(pool, mesh);
     }
@@ -204,8 +230,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
         return tm_fail_memory(error, "tissue");
     }
     copy_constants(t, def);
-    if (t->tet_block)
-        for (int32_t i = 0; i < def->mesh->tet_count; i++) tm_tissue_tet_blocks(t, i, t->tet_block + 90 * (int64_t)i);
+    if (t->cuttable) keep_blocks(t);
     for (int32_t v = 0; v < def->mesh->vertex_count; v++) tm_tissue_assemble_vertex(t, v);
     for (int32_t e = 0; e < def->mesh->edge_count; e++) tm_tissue_assemble_edge(t, e);
     tm_tissue_build_surface(t);
