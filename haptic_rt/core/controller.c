@@ -59,10 +59,9 @@ static bool sample_wanted(hrt_controller *c, int64_t now_us, const hrt_sample *s
     }
     if (!c->sample_seen) return true;
     if (s->session != c->sim_session) {
-        /* Another simulation. Never in the middle of a touch: let go first. */
+        /* Another simulation: never in the middle of a touch. When the first one ended, this one waits until its force has faded. */
         if (in_use(c)) {
             c->counters.samples_rejected++;
-            if (c->state == HRT_ENGAGED) enter(c, now_us, HRT_STALE);
             return false;
         }
         hrt_extrapolation_reset(&c->extrapolation, c->extrapolation.which);
@@ -126,7 +125,7 @@ static void change_state(hrt_controller *c, int64_t now_us, const hrt_input *in,
         break;
     case HRT_IDLE:
         /* t_n after entering: the simulation answers to this very visit. */
-        if (device_well(c, now_us, in) && fresh && !quiet && !in->device_watchdog && c->sample_us >= c->state_since_us)
+        if (device_well(c, now_us, in) && fresh && !quiet && !in->device_watchdog && c->sample_us > c->state_since_us)
             enter(c, now_us, HRT_ENGAGED);
         break;
     case HRT_ENGAGED:
@@ -138,7 +137,7 @@ static void change_state(hrt_controller *c, int64_t now_us, const hrt_input *in,
         if (!device_well(c, now_us, in)) break;
         c->gain = fmaxf(0.0f, c->gain - dt_s / (1.0e-6f * c->params.fade_us));
         if (!(c->gain > 0.0f)) enter(c, now_us, HRT_IDLE);
-        else if (fresh && c->sample_us >= c->state_since_us) enter(c, now_us, HRT_ENGAGED);
+        else if (fresh) enter(c, now_us, HRT_ENGAGED);
         break;
     case HRT_FAULT:
         if (in->reset && in->bus_ok) {
@@ -192,6 +191,7 @@ static void report(const hrt_controller *c, int64_t now_us, const hrt_input *in,
 
 void hrt_tick(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_sample *newest, hrt_output *out) {
     float before[3], moved[3];
+    const hrt_state state = c->state;
     c->counters.ticks++;
     c->limits = 0;
     hrt_copy(before, c->tip_m);
@@ -203,7 +203,7 @@ void hrt_tick(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_
     hrt_sub(c->tip_m, before, moved);
     if (in_use(c)) hrt_passivity_observe(c, now_us, moved);
     read_simulation(c, now_us, in, newest);
-    change_state(c, now_us, in, dt_s);
+    if (c->state == state) change_state(c, now_us, in, dt_s); /* one change a tick */
     if (in_use(c)) make_force(c, now_us, in, dt_s);
     else no_force(c);
     report(c, now_us, in, out);
