@@ -14,8 +14,7 @@ static bool in_use(const hrt_controller *c) { return c->state == HRT_ENGAGED || 
 
 static void enter(hrt_controller *c, int64_t now_us, hrt_state state) {
     if (state == HRT_BOOT) {
-        c->device_seen = false;
-        c->encoder_us = 0;
+        c->device_seen = false; /* encoder_us stays: only a newer frame is a sign of life */
         c->sample_seen = false;
         hrt_extrapolation_reset(&c->extrapolation, c->extrapolation.which);
     }

@@ -56,13 +56,19 @@ static void add_stiffness(const float stiffness[9], const float moved[3], float 
 }
 
 static void law_broyden(hrt_extrapolation *x, const moment *m, float force[3]) {
+    if (x->broyden_bounded) x->limits |= HRT_LIMIT_STIFFNESS;
     add_stiffness(x->broyden_N_m, m->moved_m, force);
     only_push(x, force);
 }
 
 /* Without a stiffness in the sample the estimate serves. */
 static void law_tangent(hrt_extrapolation *x, const moment *m, float force[3]) {
-    add_stiffness(x->now.stiffness_kind != 0 ? x->now.stiffness_N_m : x->broyden_N_m, m->moved_m, force);
+    if (x->now.stiffness_kind == 0) {
+        law_broyden(x, m, force);
+        return;
+    }
+    if (x->now.stiffness_bounded) x->limits |= HRT_LIMIT_STIFFNESS;
+    add_stiffness(x->now.stiffness_N_m, m->moved_m, force);
     only_push(x, force);
 }
 
@@ -120,6 +126,7 @@ static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
     /* Out of touch nothing is stiff. */
     const bool free = !(hrt_length(x->now.force_N) > 0.0f) && !(hrt_length(x->before.force_N) > 0.0f);
     const float norm = hrt_norm9(x->broyden_N_m);
+    x->broyden_bounded = norm > params->stiffness_max_N_m;
     const float share = free ? 0.0f : norm > params->stiffness_max_N_m ? params->stiffness_max_N_m / norm : 1.0f;
     for (int i = 0; i < 9; i++) x->broyden_N_m[i] *= share;
 }

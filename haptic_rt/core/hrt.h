@@ -162,6 +162,7 @@ typedef struct hrt_sample {
     int32_t topology_revision;
     int32_t stiffness_kind;/* 0 none, 1 estimated, 2 exact */
     bool unilateral;       /* a probe: tissue pushes, never pulls */
+    bool stiffness_bounded;/* set by hrt_sample_check when it scaled the stiffness down */
     float tip_m[3];
     float force_N[3];
     float stiffness_N_m[9];/* dF/dP, row-major */
@@ -220,6 +221,7 @@ typedef struct hrt_extrapolation {
     int32_t have;           /* samples held: 0, 1, 2 */
     hrt_sample now, before;
     float broyden_N_m[9];
+    bool broyden_bounded;
     float bridge_N[3];      /* what the force was more than the new law says, at the change */
     int64_t bridge_us;
     bool bridging, changed;

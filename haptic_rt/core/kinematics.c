@@ -7,16 +7,16 @@ bool hrt_frame_from_axis(hrt_frame *frame, const float axis[3], const float up[3
     if (!hrt_finite_n(axis, 3) || !hrt_finite_n(up, 3)) return false;
     const float za = hrt_length(axis), ua = hrt_length(up);
     if (!(za > 1.0e-6f) || !(za < 1.0e6f) || !(ua > 1.0e-6f) || !(ua < 1.0e6f)) return false;
-    float z[3], y[3], x[3];
+    float z[3], y[3], x[3], unit_up[3];
     hrt_copy(z, axis);
     hrt_scale(z, 1.0f / za);
-    hrt_copy(y, up);
-    hrt_scale(y, 1.0f / ua);
-    hrt_add_scaled(y, -hrt_dot(y, z), z);
-    const float ya = hrt_length(y);
-    if (!(ya > 1.0e-3f)) return false;
-    hrt_scale(y, 1.0f / ya);
-    hrt_cross(y, z, x);
+    hrt_copy(unit_up, up);
+    hrt_scale(unit_up, 1.0f / ua);
+    hrt_cross(unit_up, z, x);
+    const float xa = hrt_length(x);
+    if (!(xa > 1.0e-3f)) return false;
+    hrt_scale(x, 1.0f / xa);
+    hrt_cross(z, x, y); /* last, so that all three are perpendicular to rounding however slanted `up` is */
     for (int i = 0; i < 3; i++) {
         frame->r[3 * i] = x[i];
         frame->r[3 * i + 1] = y[i];

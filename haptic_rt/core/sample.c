@@ -24,7 +24,8 @@ hrt_reject hrt_sample_check(hrt_sample *sample, const hrt_params *params) {
         return HRT_REJECT_HUGE;
     if (sample->stiffness_kind < 0 || sample->stiffness_kind > 2) return HRT_REJECT_INDEX;
     const float norm = hrt_norm9(sample->stiffness_N_m);
-    if (norm > params->stiffness_max_N_m)
+    sample->stiffness_bounded = norm > params->stiffness_max_N_m;
+    if (sample->stiffness_bounded)
         for (int i = 0; i < 9; i++) sample->stiffness_N_m[i] *= params->stiffness_max_N_m / norm;
     return HRT_ACCEPT;
 }

@@ -1,0 +1,108 @@
+/* The Impulse Engine's geometry: derivative against differences, inverse, virtual work. */
+#include "rig.h"
+
+static hrt_frame some_frame(uint64_t *seed) {
+    hrt_frame frame;
+    float axis[3], up[3];
+    do
+        for (int i = 0; i < 3; i++) {
+            axis[i] = rig_uniform(seed, -1.0f, 1.0f);
+            up[i] = rig_uniform(seed, -1.0f, 1.0f);
+        }
+    while (!hrt_frame_from_axis(&frame, axis, up));
+    return frame;
+}
+
+static void some_joints(uint64_t *seed, float joint[HRT_JOINTS]) {
+    joint[HRT_PITCH] = rig_uniform(seed, -0.8f, 0.8f);
+    joint[HRT_YAW] = rig_uniform(seed, -0.8f, 0.8f);
+    joint[HRT_INSERTION] = rig_uniform(seed, 0.02f, 0.25f);
+    joint[HRT_ROLL] = rig_uniform(seed, -3.0f, 3.0f);
+    joint[HRT_GRIP] = rig_uniform(seed, 0.0f, 1.0f);
+}
+
+static void jacobian_is_the_derivative(void **state) {
+    (void)state;
+    uint64_t seed = 1;
+    for (int k = 0; k < 2000; k++) {
+        const hrt_frame frame = some_frame(&seed);
+        float joint[HRT_JOINTS], keep[HRT_JOINTS], jacobian[9], before[3], after[3];
+        some_joints(&seed, joint);
+        memcpy(keep, joint, sizeof keep);
+        hrt_jacobian(&frame, joint, jacobian);
+        for (int j = 0; j < 3; j++) {
+            const float h = 1.0e-3f;
+            joint[j] = keep[j] - h;
+            hrt_tip(&frame, joint, before);
+            joint[j] = keep[j] + h;
+            hrt_tip(&frame, joint, after);
+            joint[j] = keep[j];
+            for (int i = 0; i < 3; i++) assert_float_equal((after[i] - before[i]) / (2.0f * h), jacobian[3 * i + j], 1.0e-4);
+        }
+    }
+}
+
+static void inverse_undoes(void **state) {
+    (void)state;
+    uint64_t seed = 2;
+    for (int k = 0; k < 2000; k++) {
+        const hrt_frame frame = some_frame(&seed);
+        float joint[HRT_JOINTS], back[3], tip[3];
+        some_joints(&seed, joint);
+        hrt_tip(&frame, joint, tip);
+        assert_true(hrt_inverse(&frame, tip, back));
+        for (int j = 0; j < 3; j++) assert_float_equal(back[j], joint[j], 2.0e-6);
+    }
+    const float nowhere[3] = {0.0f, 0.0f, 0.0f};
+    float joint[3];
+    const hrt_frame frame = some_frame(&seed);
+    assert_false(hrt_inverse(&frame, nowhere, joint));
+}
+
+static void frame_is_a_rotation(void **state) {
+    (void)state;
+    uint64_t seed = 3;
+    for (int k = 0; k < 500; k++) {
+        const hrt_frame f = some_frame(&seed);
+        for (int a = 0; a < 3; a++)
+            for (int b = 0; b < 3; b++) {
+                float dot = 0.0f;
+                for (int i = 0; i < 3; i++) dot += f.r[3 * i + a] * f.r[3 * i + b];
+                assert_float_equal(dot, a == b ? 1.0f : 0.0f, 1.0e-6);
+            }
+        const float det = f.r[0] * (f.r[4] * f.r[8] - f.r[5] * f.r[7]) - f.r[1] * (f.r[3] * f.r[8] - f.r[5] * f.r[6]) + f.r[2] * (f.r[3] * f.r[7] - f.r[4] * f.r[6]);
+        assert_float_equal(det, 1.0f, 1.0e-5);
+    }
+    hrt_frame f;
+    const float z[3] = {0, 0, 1}, y[3] = {0, 1, 0}, zero[3] = {0, 0, 0}, nan[3] = {NAN, 0, 1};
+    assert_true(hrt_frame_from_axis(&f, z, y));
+    assert_false(hrt_frame_from_axis(&f, z, z));
+    assert_false(hrt_frame_from_axis(&f, zero, y));
+    assert_false(hrt_frame_from_axis(&f, nan, y));
+}
+
+/* Torque by the transpose does the work of the force: tau . dq = F . dP. */
+static void virtual_work(void **state) {
+    (void)state;
+    rig r;
+    rig_engage(&r);
+    r.force_N[0] = 0.8f;
+    r.force_N[1] = -0.5f;
+    rig_run(&r, 0.5);
+    float jacobian[9];
+    hrt_jacobian(&r.c.frame, r.out.joint, jacobian);
+    for (int j = 0; j < 3; j++) {
+        float torque = 0.0f;
+        for (int i = 0; i < 3; i++) torque += jacobian[3 * i + j] * r.out.force_N[i];
+        assert_float_equal(torque, r.out.torque[j], 1.0e-6);
+    }
+    assert_float_equal(r.out.torque[HRT_INSERTION], -2.0f, 1.0e-5); /* straight down the shaft */
+    assert_float_equal(r.out.torque[HRT_YAW], 0.8f * 0.1f, 1.0e-5);
+    assert_float_equal(r.out.torque[HRT_PITCH], -0.5f * 0.1f, 1.0e-5);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(jacobian_is_the_derivative), cmocka_unit_test(inverse_undoes),
+                                       cmocka_unit_test(frame_is_a_rotation), cmocka_unit_test(virtual_work)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
