@@ -3,8 +3,8 @@
  * Unknown are the forces f on a few surface vertices (slots). The shape u = base + C f gives the contact rows of the core's own
  * finder, and the rows give forces: the skin's reaction to their depth, not below 0 and not above the cap. That is the unilateral
  * problem with regularised rows. It is solved for f = rows(base + C f) by Newton's method: the force is the converged one, of
- * today's normals and shares. A row's own change with its triangle is known in closed form and makes a matrix; what the finder adds
- * (shares, blended normals) is felt by looking again beside the shape, in a few Krylov steps preconditioned by that matrix. */
+ * today's normals and shares. How a row's force changes along its normal is known and makes a matrix; all else (normals that turn, shares
+ * that pass from row to row) is felt by looking again beside the shape, in a few Krylov steps preconditioned by that matrix. */
 #ifndef TMS_LOCAL_H
 #define TMS_LOCAL_H
 
@@ -94,7 +94,4 @@ tm_tool_reaction tms_local_reaction(const tms_local *local, int32_t tool);
 /* dense.c: LU with partial pivoting, row-major. */
 bool tms_lu(double *a, int32_t *pivot, int32_t n);
 void tms_lu_solve(const double *a, const int32_t *pivot, int32_t n, double *x);
-/* Change of the force of one row with the positions of its three vertices: D = G G^T / slope - lambda H; slope 0: the force is capped. */
-void tms_row_stiffness(const tm_contact_row *row, const double position_m[3][3], double radius_m, double slope_m_N, double D[81]);
-
 #endif

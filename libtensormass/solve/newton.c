@@ -60,22 +60,22 @@ static void choose_act(tms_local *l) {
     }
 }
 
+/* One row's D = G G^T / slope, G = weight * normal: lu += G (C^T G)^T / slope. */
 static void add_row_matrix(tms_local *l, const tm_contact_row *row, int32_t m) {
+    if (row->lambda_N >= l->def.force_cap_N) return;
     const int64_t c3 = 3 * (int64_t)l->capacity;
-    const double radius = l->tool[row->instrument].def.radius_m;
-    const double slope = row->lambda_N >= l->def.force_cap_N ? 0 : tm_skin_slope(l->def.skin_compliance_m_N / row->share, radius, row->lambda_N);
-    double x[3][3], D[81];
-    for (int k = 0; k < 3; k++)
-        for (int c = 0; c < 3; c++) x[k][c] = l->mesh->rest_m[3 * (int64_t)row->vertex[k] + c] + l->u_m[3 * (int64_t)row->vertex[k] + c];
-    tms_row_stiffness(row, x, radius, slope, D);
+    const double slope = tm_skin_slope(l->def.skin_compliance_m_N / row->share, l->tool[row->instrument].def.radius_m, row->lambda_N);
+    double *move = l->step; /* of every unknown's force along the row */
+    memset(move, 0, 8 * (size_t)m);
+    for (int a = 0; a < 9; a++) {
+        const double *C = l->block + (3 * l->slot_of[row->vertex[a / 3]] + a % 3) * c3, G = row->weight[a / 3] * row->normal[a % 3] / slope;
+        for (int32_t j = 0; j < l->act_count && G != 0; j++)
+            for (int c = 0; c < 3; c++) move[3 * j + c] += G * C[3 * l->act[j] + c];
+    }
     for (int a = 0; a < 9; a++) {
         double *out = l->lu + (int64_t)(3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3) * m;
-        for (int b = 0; b < 9; b++) {
-            if (D[9 * a + b] == 0) continue;
-            const double *C = l->block + (3 * l->slot_of[row->vertex[b / 3]] + b % 3) * c3;
-            for (int32_t j = 0; j < l->act_count; j++)
-                for (int c = 0; c < 3; c++) out[3 * j + c] += D[9 * a + b] * C[3 * l->act[j] + c];
-        }
+        const double G = row->weight[a / 3] * row->normal[a % 3];
+        for (int32_t j = 0; j < m && G != 0; j++) out[j] += G * move[j];
     }
 }
 
