@@ -160,6 +160,23 @@ static void find_rows(tm_contact *contact) {
     warm_start(contact);
 }
 
+/* Somebody else's rows: only the forces of a grasp are swept here. */
+static void solve_instead(tm_contact *contact, tm_world *world) {
+    tm_tool_pose pose[TM_MAX_INSTRUMENTS];
+    bool overflowed[TM_MAX_INSTRUMENTS] = {false};
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        pose[t] = contact->tool[t].pose;
+        pose[t].active = touches(contact->tool + t);
+        contact->tool[t].clear = true;
+    }
+    contact->row_count = 0;
+    tm_contact_project(contact);
+    contact->row_count = contact->solver_instead.solve(contact->solver_instead.self, world, pose, contact->row, contact->def.max_rows,
+                                                       overflowed);
+    for (int32_t t = 0; t < contact->tool_count; t++)
+        contact->tool[t].overflowed |= overflowed[t];
+}
+
 static void sum_reactions(tm_contact *contact) {
     for (int32_t t = 0; t < contact->tool_count; t++) {
         tm_tool *tool = contact->tool + t;
@@ -205,9 +222,13 @@ static void run(void *self, tm_world *world) {
         tm_tool_advance(contact->tool + t);
     if (contact->guest.prepare)
         contact->guest.prepare(contact->guest.self, world);
-    find_rows(contact);
-    tm_contact_prepare(contact);
-    tm_contact_project(contact);
+    if (contact->solver_instead.solve) {
+        solve_instead(contact, world);
+    } else {
+        find_rows(contact);
+        tm_contact_prepare(contact);
+        tm_contact_project(contact);
+    }
     sum_reactions(contact);
     average(contact);
 }
@@ -317,6 +338,12 @@ void tm_contact_place(tm_contact *contact, int32_t instrument, const tm_tool_pos
 }
 
 tm_tool_pose tm_contact_pose(const tm_contact *contact, int32_t instrument) { return contact->tool[instrument].pose; }
+
+void tm_contact_set_solver(tm_contact *contact, const tm_contact_solver *solver) { contact->solver_instead = *solver; }
+
+bool tm_contact_holds(const tm_contact *contact, const tm_contact_row *row) {
+    return contact->guest.holds && tm_row_is_held(&contact->guest, row);
+}
 
 void tm_contact_begin_frame(tm_contact *contact, int32_t substeps, int32_t average_over) {
     contact->frame_step = 0;

@@ -65,6 +65,7 @@ struct tm_contact {
     int32_t revision;                  /* of the surface at the last gathering */
     int32_t frame_step, frame_steps, frame_average;
     tm_contact_guest guest;
+    tm_contact_solver solver_instead; /* solve null: the stage's own */
 };
 
 /* contact_tool.c */

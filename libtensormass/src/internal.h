@@ -41,6 +41,7 @@ struct tm_tissue {
     uint8_t *alive;           /* [tet_count] */
     int32_t alive_count;
     double *mass_kg, *damping_kg_s; /* [vertex_count] */
+    double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] or null */
     int32_t *upper_begin;     /* [vertex_count+1] first edge (k,l), l>k, of each vertex: edges are sorted by k */
     void *vertex_tensor;      /* [9*vertex_count] float or double */
     void *edge_tensor;        /* [9*edge_count] */

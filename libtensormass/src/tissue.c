@@ -69,7 +69,9 @@ static void add9(double *TM_RESTRICT sum, const double *TM_RESTRICT K) {
 
 void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
     const tm_mesh *mesh = tissue->mesh;
-    double sum[9] = {0}, mass = 0, damping = 0;
+    double sum[9] = {0};
+    double mass = tissue->extra_mass_kg ? tissue->extra_mass_kg[vertex] : 0;
+    double damping = tissue->extra_damping_kg_s ? tissue->extra_damping_kg_s[vertex] : 0;
     for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++) {
         const int32_t t = mesh->vertex_tet[i];
         if (!tissue->alive[t]) continue;
@@ -158,6 +160,8 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     tissue->alive = TM_TAKE(pool, uint8_t, mesh->tet_count);
     tissue->mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
     tissue->damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
+    if (def->extra_mass_kg) tissue->extra_mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
+    if (def->extra_damping_kg_s) tissue->extra_damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
     tissue->upper_begin = TM_TAKE(pool, int32_t, (int64_t)mesh->vertex_count + 1);
     tissue->vertex_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->vertex_count + TM_FORCE_PADDING, real);
     tissue->edge_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->edge_count + TM_FORCE_PADDING, real);
@@ -183,6 +187,8 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     tissue->precision = def->precision;
     tissue->cuttable = def->cuttable;
     tissue->force = tm_force_choose(def->form == TM_FORCE_PLAIN, def->precision == TM_SINGLE);
+    if (def->extra_mass_kg) memcpy(tissue->extra_mass_kg, def->extra_mass_kg, sizeof(double) * (size_t)mesh->vertex_count);
+    if (def->extra_damping_kg_s) memcpy(tissue->extra_damping_kg_s, def->extra_damping_kg_s, sizeof(double) * (size_t)mesh->vertex_count);
     memcpy(tissue->material, def->material, sizeof(tm_material) * (size_t)def->material_count);
     for (int32_t r = 0; r < mesh->region_count; r++) tissue->region_material[r] = def->region_material ? def->region_material[r] : r;
     for (int32_t t = 0; t < mesh->tet_count; t++) {

@@ -89,6 +89,18 @@ TM_API void tm_contact_begin_frame(tm_contact *contact, int32_t substeps, int32_
 TM_API tm_tool_reaction tm_contact_reaction(const tm_contact *contact, int32_t instrument);
 TM_API int32_t tm_contact_rows(const tm_contact *contact, const tm_contact_row **rows);
 
+/* Who finds and solves the rows in the stage's place: the hybrid model, whose surface is more than that of the world's tissue. Called
+ * once a substep, after the integrator; corrects u_next_m and writes the rows (order as in tm_contact_find, lambda_N filled in), whose
+ * reactions, averages and touched faces are then the stage's own. pose[].active: it can touch. */
+typedef struct tm_contact_solver {
+    void *self;
+    int32_t (*solve)(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows,
+                     bool overflowed[TM_MAX_INSTRUMENTS]);
+} tm_contact_solver;
+TM_API void tm_contact_set_solver(tm_contact *contact, const tm_contact_solver *solver);
+/* All vertices that bear the row are between the jaws of its tool: it is no obstacle to it. */
+TM_API bool tm_contact_holds(const tm_contact *contact, const tm_contact_row *row);
+
 /* --- geometry alone: shared with the precomputed model and the patch --- */
 
 /* Rows of a capsule against triangles at the positions rest + u, those with a gap of at most `margin_m`. `candidate` lists triangle slots

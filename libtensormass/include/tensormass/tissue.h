@@ -26,6 +26,7 @@ typedef struct tm_tissue_def {
     tm_precision precision;
     tm_force_form form;
     bool cuttable;                    /* take the memory that cutting needs now; false: tm_cut_* refuse */
+    const double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] of what hangs on the tissue and is not in it (the condensed part of a hybrid); copied; null: none */
     const uint8_t *alive;             /* [tet_count] 0: build without this tetrahedron; null: all alive. "The fresh build" of tests */
 } tm_tissue_def;
 
