@@ -31,11 +31,17 @@ void face_normal(const mesh *m, const int face[3], double n[3]);
 /* 1/sqrt(sum 1/h_k^2) of the four altitudes, m: what the critical step is made of. Negative for an inverted one. */
 double tet_size(const double *a, const double *b, const double *c, const double *d);
 
-/* A body where inside(p) > 0, growing about as fast as the distance to its surface. */
-typedef double inside_fn(const double p[3]);
+/* A closed body. */
+typedef struct solid {
+    double (*inside)(const void *shape, const double p[3]); /* > 0 inside, about as far as the surface is */
+    void (*project)(const void *shape, double p[3]);        /* onto the surface nearby */
+    const void *shape;
+    double low[3], high[3];
+} solid;
 
 /* Fills the body with the tetrahedra of a body-centred cubic lattice of cell `a`, cut and pulled to the surface. */
-void fill_body(mesh *m, inside_fn *inside, const double low[3], const double high[3], double a);
+void fill_body(mesh *m, const solid *b, double a);
+
 /* Whether a tetrahedron is too large where it is. */
 typedef bool wanted_fn(const mesh *m, int tet, double longest_m, const void *context);
 
@@ -53,8 +59,8 @@ typedef struct hold {
     const void *context;
 } hold;
 
-/* Moves vertices so that the smallest tet_size grows. Either `inside` is given: vertices of the surface stay on it, all others are free, or `hold` is:
- * each keeps to it. */
-void improve(mesh *m, inside_fn *inside, const hold *h, int sweeps);
+/* Moves vertices so that the smallest tet_size grows. Either the body is given: vertices of the surface stay on it, all others are free, or `h` is:
+ * each keeps to it. The other is null. */
+void improve(mesh *m, const solid *b, const hold *h, int sweeps);
 
 #endif

@@ -35,24 +35,6 @@ static double badness(const mesh *m, const fans *f, int v, double scale) {
     return sum;
 }
 
-static void gradient(inside_fn *inside, const double p[3], double step, double g[3]) {
-    for (int k = 0; k < 3; k++) {
-        double a[3] = {p[0], p[1], p[2]}, b[3] = {p[0], p[1], p[2]};
-        a[k] -= step;
-        b[k] += step;
-        g[k] = (inside(b) - inside(a)) / (2 * step);
-    }
-}
-
-static void onto_surface(inside_fn *inside, double p[3], double scale) {
-    for (int turn = 0; turn < 4; turn++) {
-        double g[3], value = inside(p);
-        gradient(inside, p, 1e-4 * scale, g);
-        double square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
-        for (int k = 0; k < 3; k++) p[k] -= value * g[k] / (square + 1e-12);
-    }
-}
-
 static bool allowed(const mesh *m, const fans *f, const hold *h, int v) {
     for (int i = f->begin[v]; h && i < f->begin[v + 1]; i++)
         if (h->wanted(m, f->tet[i], longest_edge_m(m, f->tet[i]), h->context)) return false;
@@ -69,7 +51,7 @@ static void keep_to(const hold *h, int v, double d[3]) {
 }
 
 /* Tries the six directions of a turned frame; a better place is kept. */
-static void search(mesh *m, const fans *f, inside_fn *inside, const hold *h, int v, double scale, double step, unsigned *dice) {
+static void search(mesh *m, const fans *f, const solid *b, const hold *h, int v, double scale, double step, unsigned *dice) {
     double *p = m->vertex + 3 * (size_t)v, best = badness(m, f, v, scale), axis[3][3], keep[3];
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < 3; i++) {
@@ -82,7 +64,7 @@ static void search(mesh *m, const fans *f, inside_fn *inside, const hold *h, int
         double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) + 1e-9;
         memcpy(keep, p, sizeof keep);
         for (int i = 0; i < 3; i++) p[i] += (k & 1 ? -step : step) * d[i] / length;
-        if (inside && f->outer[v]) onto_surface(inside, p, scale);
+        if (b && f->outer[v]) b->project(b->shape, p);
         double now = badness(m, f, v, scale);
         if (now < best && allowed(m, f, h, v))
             best = now;
@@ -91,7 +73,7 @@ static void search(mesh *m, const fans *f, inside_fn *inside, const hold *h, int
     }
 }
 
-void improve(mesh *m, inside_fn *inside, const hold *h, int sweeps) {
+void improve(mesh *m, const solid *b, const hold *h, int sweeps) {
     fans f = make_fans(m);
     double *size = malloc((size_t)m->tet_count * sizeof *size);
     unsigned dice = 12345;
@@ -107,7 +89,7 @@ void improve(mesh *m, inside_fn *inside, const hold *h, int sweeps) {
         for (int v = 0; v < m->vertex_count; v++) {
             bool poor = false;
             for (int i = f.begin[v]; i < f.begin[v + 1] && !poor; i++) poor = size[f.tet[i]] < 0.8 * largest;
-            if (poor && !(h && h->freedom[v] == FIXED)) search(m, &f, inside, h, v, largest, step, &dice);
+            if (poor && !(h && h->freedom[v] == FIXED)) search(m, &f, b, h, v, largest, step, &dice);
         }
     }
     free(size);

@@ -24,12 +24,12 @@ static bool is_point(const lattice *l, const int i[3]) {
     return true;
 }
 
-static void cut_point(inside_fn *inside, const double *in, const double *out, double p[3]) {
+static void cut_point(const solid *body, const double *in, const double *out, double p[3]) {
     double low = 0, high = 1;
     for (int step = 0; step < 50; step++) {
         double middle = 0.5 * (low + high);
         for (int k = 0; k < 3; k++) p[k] = in[k] + middle * (out[k] - in[k]);
-        if (inside(p) > 0)
+        if (body->inside(body->shape, p) > 0)
             low = middle;
         else
             high = middle;
@@ -41,7 +41,7 @@ static const int neighbour[14][3] = {{2, 0, 0},   {-2, 0, 0},  {0, 2, 0},   {0, 
                                      {1, 1, -1},  {1, -1, 1},  {1, -1, -1}, {-1, 1, 1},   {-1, 1, -1},  {-1, -1, 1}, {-1, -1, -1}};
 
 /* A point that the surface passes closely is pulled onto it, by the shortest way along an edge. */
-static void pull(lattice *l, inside_fn *inside, const int i[3]) {
+static void pull(lattice *l, const solid *body, const int i[3]) {
     size_t me = at(l, i);
     double best = 1e300, target[3] = {0, 0, 0};
     if (l->value[me] == 0) return;
@@ -50,7 +50,7 @@ static void pull(lattice *l, inside_fn *inside, const int i[3]) {
         if (!is_point(l, j) || l->value[at(l, j)] * l->value[me] >= 0) continue;
         const double *a = l->position + 3 * me, *b = l->position + 3 * at(l, j);
         double p[3], travel = 0, length = 0;
-        cut_point(inside, l->value[me] > 0 ? a : b, l->value[me] > 0 ? b : a, p);
+        cut_point(body, l->value[me] > 0 ? a : b, l->value[me] > 0 ? b : a, p);
         for (int k = 0; k < 3; k++) {
             travel += (p[k] - a[k]) * (p[k] - a[k]);
             length += (b[k] - a[k]) * (b[k] - a[k]);
@@ -74,7 +74,7 @@ typedef struct cut {
 typedef struct builder {
     mesh *m;
     lattice *l;
-    inside_fn *inside;
+    const solid *body;
     cut *cuts;
     int cut_count, cut_room, *bucket, buckets;
 } builder;
@@ -95,7 +95,7 @@ static int cut_vertex(builder *b, size_t in, size_t out) {
         if (!b->cuts) exit(1);
     }
     double p[3];
-    cut_point(b->inside, b->l->position + 3 * in, b->l->position + 3 * out, p);
+    cut_point(b->body, b->l->position + 3 * in, b->l->position + 3 * out, p);
     b->cuts[b->cut_count] = (cut){low, high, add_vertex(b->m, p), *slot};
     *slot = b->cut_count;
     return b->cuts[b->cut_count++].vertex;
@@ -175,18 +175,18 @@ static void trim_around(builder *b, const int i[3], int axis) {
     }
 }
 
-void fill_body(mesh *m, inside_fn *inside, const double low[3], const double high[3], double a) {
+void fill_body(mesh *m, const solid *body, double a) {
     lattice l = {.half = 0.5 * a};
     size_t points = 1;
     for (int k = 0; k < 3; k++) {
-        l.low[k] = low[k] - a;
-        l.n[k] = (int)((high[k] - low[k]) / l.half) + 6;
+        l.low[k] = body->low[k] - a;
+        l.n[k] = (int)((body->high[k] - body->low[k]) / l.half) + 6;
         points *= (size_t)l.n[k];
     }
     l.position = malloc(3 * points * sizeof *l.position);
     l.value = malloc(points * sizeof *l.value);
     l.vertex = malloc(points * sizeof *l.vertex);
-    builder b = {.m = m, .l = &l, .inside = inside, .buckets = 65536};
+    builder b = {.m = m, .l = &l, .body = body, .buckets = 65536};
     b.bucket = malloc((size_t)b.buckets * sizeof *b.bucket);
     if (!l.position || !l.value || !l.vertex || !b.bucket) exit(1);
     memset(b.bucket, -1, (size_t)b.buckets * sizeof *b.bucket);
@@ -200,9 +200,9 @@ void fill_body(mesh *m, inside_fn *inside, const double low[3], const double hig
                     size_t p = at(&l, i);
                     if (job == 0) {
                         for (int k = 0; k < 3; k++) l.position[3 * p + (size_t)k] = l.low[k] + l.half * i[k];
-                        l.value[p] = inside(l.position + 3 * p);
+                        l.value[p] = body->inside(body->shape, l.position + 3 * p);
                     } else if (job == 1) {
-                        pull(&l, inside, i);
+                        pull(&l, body, i);
                     } else if (i[0] & 1) {
                         for (int axis = 0; axis < 3; axis++) trim_around(&b, i, axis);
                     }

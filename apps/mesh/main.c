@@ -11,6 +11,7 @@ static const struct {
 } commands[] = {
     {"info", command_info, "counts, size, quality, regions, groups, worst element and the step it causes"},
     {"check", command_check, "whether it can be simulated; exit 2 and every defect by its number if not"},
+    {"fill", command_fill, "tetrahedra inside a closed surface (STL)"},
     {"refine", command_refine, "smaller tetrahedra in a box or a region"},
     {"repair", command_repair, "turn inverted, drop flat, double and unused"},
     {"convert", command_convert, "between .msh, .vtk and .mesh, scaled"},

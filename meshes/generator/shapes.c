@@ -162,7 +162,8 @@ static const double cava_x_m = 0.005;
 
 static double gall_bladder(const double p[3]) { return ellipsoid(p, -0.024, -0.046, -0.037, 0.018, 0.036, 0.019); }
 
-static double liver(const double p[3]) {
+static double liver(const void *shape, const double p[3]) {
+    (void)shape;
     double right = ellipsoid(p, -0.038, 0.004, -0.012, 0.067, 0.064, 0.064);
     double left = ellipsoid(p, 0.048, -0.012, 0.016, 0.066, 0.046, 0.030);
     double body = join(right, left, 0.050);
@@ -174,6 +175,21 @@ static double liver(const double p[3]) {
     body = carve(body, sqrt(dx * dx + dy * dy) - cava_radius_m, 0.012);
     body = carve(body, gall_bladder(p), 0.014);
     return -body;
+}
+
+/* Newton along the gradient. */
+static void onto_liver(const void *shape, double p[3]) {
+    for (int turn = 0; turn < 4; turn++) {
+        double g[3], value = liver(shape, p), step = 1e-6;
+        for (int k = 0; k < 3; k++) {
+            double a[3] = {p[0], p[1], p[2]}, b[3] = {p[0], p[1], p[2]};
+            a[k] -= step;
+            b[k] += step;
+            g[k] = (liver(shape, b) - liver(shape, a)) / (2 * step);
+        }
+        double square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
+        for (int k = 0; k < 3; k++) p[k] -= value * g[k] / (square + 1e-12);
+    }
 }
 
 static void name_liver(mesh *m) {
@@ -204,14 +220,14 @@ static void name_liver(mesh *m) {
 }
 
 void make_liver(mesh *m, int tets) {
-    const double low[3] = {-0.115, -0.075, -0.065}, high[3] = {0.115, 0.085, 0.065};
+    const solid organ = {liver, onto_liver, NULL, {-0.115, -0.075, -0.065}, {0.115, 0.085, 0.065}};
     double cell = cbrt(12 * 0.00105 / tets) * 1.15;
     for (;; cell *= 0.99) {
         free_mesh(m);
-        fill_body(m, liver, low, high, cell);
+        fill_body(m, &organ, cell);
         if (m->tet_count >= tets && find_surface(m)) break;
     }
-    improve(m, liver, NULL, 60);
+    improve(m, &organ, NULL, 60);
     need_surface(m);
     name_liver(m);
     allocate_fibres(m);

@@ -1,0 +1,389 @@
+/* Distance to a closed surface of triangles: a grid finds the nearest triangle, pseudonormals (Baerentzen and Aanaes 2005) the side. */
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/mesh_parts.h"
+#include "shell.h"
+
+struct shell {
+    int vertex_count, triangle_count;
+    double *vertex;        /* [3*vertex_count] m */
+    int *triangle;         /* [3*triangle_count] */
+    double *face_normal;   /* [3*triangle_count] unit */
+    double *edge_normal;   /* [9*triangle_count] sum of the two faces' at the edge from corner k to k+1 */
+    double *vertex_normal; /* [3*vertex_count] weighted by angle */
+    double low[3], high[3], cell, volume_m3;
+    int cells[3], *cell_begin, *cell_triangle;
+};
+
+static void subtract(const double *a, const double *b, double d[3]) {
+    for (int k = 0; k < 3; k++) d[k] = a[k] - b[k];
+}
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static void cross(const double *a, const double *b, double c[3]) {
+    for (int k = 0; k < 3; k++) c[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+}
+
+/* ---- reading ---- */
+
+static tm_status add_triangle(shell *s, const double p[9], double scale, int *room, tm_error *error) {
+    if (s->triangle_count == *room) {
+        *room = *room ? 2 * *room : 1024;
+        double *grown = realloc(s->vertex, 9 * (size_t)*room * sizeof *grown);
+        if (!grown) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+        s->vertex = grown;
+    }
+    for (int i = 0; i < 9; i++) {
+        if (!isfinite(p[i])) return app_mesh_fail(error, TM_ERR_MESH, s->triangle_count, "triangle %d has a coordinate that is nan or infinite; write the surface anew",
+                                                  s->triangle_count + 1);
+        s->vertex[9 * (size_t)s->triangle_count + (size_t)i] = scale * p[i];
+    }
+    s->triangle_count++;
+    return TM_OK;
+}
+
+static tm_status read_binary(shell *s, const unsigned char *bytes, uint32_t triangles, double scale, tm_error *error) {
+    int room = 0;
+    for (uint32_t t = 0; t < triangles; t++) {
+        float f[12];
+        double p[9];
+        memcpy(f, bytes + 84 + 50 * (size_t)t, sizeof f);
+        for (int i = 0; i < 9; i++) p[i] = f[3 + i];
+        tm_status status = add_triangle(s, p, scale, &room, error);
+        if (status) return status;
+    }
+    return TM_OK;
+}
+
+static tm_status read_text(shell *s, char *text, double scale, tm_error *error) {
+    int room = 0, line = 0, corner = 0;
+    double p[9];
+    for (char *row; (row = strsep(&text, "\n"));) {
+        line++;
+        row += strspn(row, " \t");
+        if (strncmp(row, "vertex", 6) != 0) continue;
+        if (sscanf(row + 6, "%lf %lf %lf", &p[3 * corner], &p[3 * corner + 1], &p[3 * corner + 2]) != 3)
+            return app_mesh_fail(error, TM_ERR_FILE, -1, "line %d: vertex and three numbers wanted; write the surface anew", line);
+        if (++corner < 3) continue;
+        corner = 0;
+        tm_status status = add_triangle(s, p, scale, &room, error);
+        if (status) return status;
+    }
+    return TM_OK;
+}
+
+static tm_status read_file(shell *s, const char *path, double scale, tm_error *error) {
+    FILE *file = fopen(path, "rb");
+    if (!file) return app_mesh_fail(error, TM_ERR_FILE, -1, "cannot open: %s; check the path", strerror(errno));
+    char *bytes = NULL;
+    size_t size = 0;
+    bool whole = fseek(file, 0, SEEK_END) == 0 && (long)(size = (size_t)ftell(file)) >= 0 && fseek(file, 0, SEEK_SET) == 0 && size < ((size_t)1 << 40);
+    bytes = whole ? malloc(size + 1) : NULL;
+    whole = bytes && fread(bytes, 1, size, file) == size;
+    fclose(file);
+    tm_status status;
+    uint32_t triangles = 0;
+    if (whole) bytes[size] = 0;
+    if (whole && size >= 84) memcpy(&triangles, bytes + 80, 4);
+    if (!whole)
+        status = app_mesh_fail(error, TM_ERR_FILE, -1, "cannot be read; check the file");
+    else if (size >= 84 && size == 84 + 50 * (size_t)triangles && triangles > 0)
+        status = read_binary(s, (unsigned char *)bytes, triangles, scale, error);
+    else if (strncmp(bytes + strspn(bytes, " \t\r\n"), "solid", 5) == 0)
+        status = read_text(s, bytes, scale, error);
+    else
+        status = app_mesh_fail(error, TM_ERR_FILE, -1, "neither text nor binary STL, or cut short; write the surface anew");
+    free(bytes);
+    if (!status && s->triangle_count == 0) status = app_mesh_fail(error, TM_ERR_MESH, -1, "no triangles in it; write the surface anew");
+    return status;
+}
+
+/* ---- joining ---- */
+
+static const double *sort_points; /* qsort has no context */
+static int by_place(const void *a, const void *b) {
+    const double *p = sort_points + 3 * (size_t)*(const int *)a, *q = sort_points + 3 * (size_t)*(const int *)b;
+    for (int k = 0; k < 3; k++)
+        if (p[k] != q[k]) return p[k] < q[k] ? -1 : 1;
+    return 0;
+}
+
+/* Corners of one place become one vertex. */
+static bool join(shell *s) {
+    int n = 3 * s->triangle_count, *order = malloc((size_t)n * sizeof *order);
+    double *vertex = malloc(3 * (size_t)n * sizeof *vertex);
+    s->triangle = malloc((size_t)n * sizeof *s->triangle);
+    if (order && vertex && s->triangle) {
+        for (int i = 0; i < n; i++) order[i] = i;
+        sort_points = s->vertex;
+        qsort(order, (size_t)n, sizeof *order, by_place);
+        for (int i = 0; i < n; i++) {
+            if (i == 0 || by_place(&order[i], &order[i - 1]) != 0)
+                memcpy(vertex + 3 * (size_t)s->vertex_count++, s->vertex + 3 * (size_t)order[i], 3 * sizeof *vertex);
+            s->triangle[order[i]] = s->vertex_count - 1;
+        }
+        free(order);
+        free(s->vertex);
+        s->vertex = vertex;
+        return true;
+    }
+    free(order);
+    free(vertex);
+    return false;
+}
+
+typedef struct side {
+    int from, to, at; /* at = 3*triangle + corner */
+} side;
+
+static int by_ends(const void *a, const void *b) {
+    const side *x = a, *y = b;
+    return x->from != y->from ? (x->from < y->from ? -1 : 1) : (x->to > y->to) - (x->to < y->to);
+}
+
+static double *at3(double *array, int i) { return array + 3 * (size_t)i; }
+
+static void normals_of_faces(shell *s) {
+    for (int t = 0; t < s->triangle_count; t++) {
+        const int *v = s->triangle + 3 * (size_t)t;
+        double u[3], w[3], n[3];
+        subtract(at3(s->vertex, v[1]), at3(s->vertex, v[0]), u);
+        subtract(at3(s->vertex, v[2]), at3(s->vertex, v[0]), w);
+        cross(u, w, n);
+        s->volume_m3 += dot(n, at3(s->vertex, v[0])) / 6;
+        double length = sqrt(dot(n, n));
+        for (int k = 0; k < 3; k++) at3(s->face_normal, t)[k] = length > 0 ? n[k] / length : 0;
+        for (int c = 0; c < 3; c++) {
+            subtract(at3(s->vertex, v[(c + 1) % 3]), at3(s->vertex, v[c]), u);
+            subtract(at3(s->vertex, v[(c + 2) % 3]), at3(s->vertex, v[c]), w);
+            double lengths = sqrt(dot(u, u) * dot(w, w)), angle = lengths > 0 ? acos(fmax(-1, fmin(1, dot(u, w) / lengths))) : 0;
+            for (int k = 0; k < 3; k++) at3(s->vertex_normal, v[c])[k] += angle * at3(s->face_normal, t)[k];
+        }
+    }
+}
+
+/* Each directed edge must come once, and its opposite once. */
+static tm_status normals_of_edges(shell *s, tm_error *error) {
+    int n = 3 * s->triangle_count;
+    side *sides = malloc((size_t)n * sizeof *sides);
+    if (!sides) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    for (int i = 0; i < n; i++) sides[i] = (side){s->triangle[i], s->triangle[i % 3 == 2 ? i - 2 : i + 1], i};
+    qsort(sides, (size_t)n, sizeof *sides, by_ends);
+    int open = 0, first = -1;
+    for (int i = 0; i < n; i++) {
+        side back = {sides[i].to, sides[i].from, 0}, *other = bsearch(&back, sides, (size_t)n, sizeof *sides, by_ends);
+        bool twice = i > 0 && by_ends(&sides[i], &sides[i - 1]) == 0;
+        if (!other || twice || sides[i].from == sides[i].to) {
+            open++;
+            if (first < 0) first = sides[i].at / 3;
+            continue;
+        }
+        for (int k = 0; k < 3; k++)
+            at3(s->edge_normal, sides[i].at)[k] = at3(s->face_normal, sides[i].at / 3)[k] + at3(s->face_normal, other->at / 3)[k];
+    }
+    free(sides);
+    if (open)
+        return app_mesh_fail(error, TM_ERR_MESH, first, "the surface is not closed: %d edges have no partner, one at triangle %d; close its holes and flip "
+                             "what is turned (MeshLab, Blender)", open, first + 1);
+    return TM_OK;
+}
+
+/* ---- the grid ---- */
+
+static int cell_at(const shell *s, int axis, double x) {
+    int i = (int)floor((x - s->low[axis]) / s->cell);
+    return i < 0 ? 0 : i >= s->cells[axis] ? s->cells[axis] - 1 : i;
+}
+
+static void triangle_cells(const shell *s, int t, int low[3], int high[3]) {
+    for (int k = 0; k < 3; k++) {
+        double least = INFINITY, most = -INFINITY;
+        for (int c = 0; c < 3; c++) {
+            double x = s->vertex[3 * (size_t)s->triangle[3 * t + c] + (size_t)k];
+            least = fmin(least, x);
+            most = fmax(most, x);
+        }
+        low[k] = cell_at(s, k, least);
+        high[k] = cell_at(s, k, most);
+    }
+}
+
+static bool make_grid(shell *s) {
+    double volume = 1;
+    for (int k = 0; k < 3; k++) s->low[k] = INFINITY, s->high[k] = -INFINITY;
+    for (int i = 0; i < 3 * s->vertex_count; i++) {
+        s->low[i % 3] = fmin(s->low[i % 3], s->vertex[i]);
+        s->high[i % 3] = fmax(s->high[i % 3], s->vertex[i]);
+    }
+    for (int k = 0; k < 3; k++) volume *= fmax(s->high[k] - s->low[k], 1e-9);
+    s->cell = cbrt(volume / fmin(2e6, 8.0 * s->triangle_count + 64));
+    for (int k = 0; k < 3; k++) s->cells[k] = (int)fmin(400, (s->high[k] - s->low[k]) / s->cell) + 1;
+    for (int k = 0; k < 3; k++) s->cell = fmax(s->cell, (s->high[k] - s->low[k]) / s->cells[k]);
+    size_t cells = (size_t)s->cells[0] * (size_t)s->cells[1] * (size_t)s->cells[2];
+    s->cell_begin = calloc(cells + 2, sizeof *s->cell_begin);
+    for (int fill = 0; s->cell_begin && fill < 2; fill++) {
+        for (int t = 0; t < s->triangle_count; t++) {
+            int low[3], high[3];
+            triangle_cells(s, t, low, high);
+            for (int z = low[2]; z <= high[2]; z++)
+                for (int y = low[1]; y <= high[1]; y++)
+                    for (int x = low[0]; x <= high[0]; x++) {
+                        size_t c = ((size_t)z * (size_t)s->cells[1] + (size_t)y) * (size_t)s->cells[0] + (size_t)x;
+                        if (fill)
+                            s->cell_triangle[s->cell_begin[c + 1]++] = t;
+                        else
+                            s->cell_begin[c + 2]++;
+                    }
+        }
+        if (fill) break;
+        for (size_t c = 0; c < cells; c++) s->cell_begin[c + 2] += s->cell_begin[c + 1];
+        s->cell_triangle = malloc(((size_t)s->cell_begin[cells + 1] + 1) * sizeof *s->cell_triangle);
+        if (!s->cell_triangle) return false;
+    }
+    return s->cell_begin != NULL;
+}
+
+tm_status shell_load(const char *path, double scale, shell **out, tm_error *error) {
+    shell *s = calloc(1, sizeof *s);
+    if (!s) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    tm_status status = read_file(s, path, scale, error);
+    if (!status && !join(s)) status = app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    for (int turn = 0; !status && turn < 2; turn++) {
+        free(s->face_normal);
+        free(s->edge_normal);
+        free(s->vertex_normal);
+        s->volume_m3 = 0;
+        s->face_normal = calloc(3 * (size_t)s->triangle_count, sizeof *s->face_normal);
+        s->edge_normal = calloc(9 * (size_t)s->triangle_count, sizeof *s->edge_normal);
+        s->vertex_normal = calloc(3 * (size_t)s->vertex_count, sizeof *s->vertex_normal);
+        if (!s->face_normal || !s->edge_normal || !s->vertex_normal) {
+            status = app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+            break;
+        }
+        normals_of_faces(s);
+        status = normals_of_edges(s, error);
+        if (status || s->volume_m3 >= 0) break;
+        for (int t = 0; t < s->triangle_count; t++) { /* inside out */
+            int *v = s->triangle + 3 * (size_t)t, spare = v[1];
+            v[1] = v[2];
+            v[2] = spare;
+        }
+    }
+    if (!status && !make_grid(s)) status = app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    if (status)
+        shell_free(s);
+    else
+        *out = s;
+    return status;
+}
+
+void shell_free(shell *s) {
+    if (!s) return;
+    free(s->vertex);
+    free(s->triangle);
+    free(s->face_normal);
+    free(s->edge_normal);
+    free(s->vertex_normal);
+    free(s->cell_begin);
+    free(s->cell_triangle);
+    free(s);
+}
+
+int shell_triangles(const shell *s) { return s->triangle_count; }
+double shell_volume_m3(const shell *s) { return s->volume_m3; }
+
+/* ---- distance ---- */
+
+typedef struct nearest {
+    double square, point[3];
+    const double *normal; /* of the face, edge or vertex that is nearest */
+} nearest;
+
+static void consider(nearest *best, const double p[3], const double q[3], const double *normal) {
+    double d[3];
+    subtract(p, q, d);
+    double square = dot(d, d);
+    if (square >= best->square) return;
+    best->square = square;
+    memcpy(best->point, q, sizeof best->point);
+    best->normal = normal;
+}
+
+/* The face if p is above it, else each edge's nearest point or end. */
+static void consider_triangle(const shell *s, int t, const double p[3], nearest *best) {
+    const int *v = s->triangle + 3 * (size_t)t;
+    const double *n = s->face_normal + 3 * (size_t)t;
+    bool above = true;
+    for (int c = 0; c < 3; c++) {
+        const double *a = s->vertex + 3 * (size_t)v[c], *b = s->vertex + 3 * (size_t)v[(c + 1) % 3];
+        double e[3], d[3], out[3], q[3];
+        subtract(b, a, e);
+        subtract(p, a, d);
+        cross(e, n, out);
+        above = above && dot(out, d) <= 0;
+        double along = dot(d, e), length2 = dot(e, e);
+        if (along <= 0)
+            consider(best, p, a, s->vertex_normal + 3 * (size_t)v[c]);
+        else if (along >= length2)
+            consider(best, p, b, s->vertex_normal + 3 * (size_t)v[(c + 1) % 3]);
+        else {
+            for (int k = 0; k < 3; k++) q[k] = a[k] + along / length2 * e[k];
+            consider(best, p, q, s->edge_normal + 3 * (3 * (size_t)t + (size_t)c));
+        }
+    }
+    if (!above) return;
+    double d[3], q[3];
+    subtract(p, s->vertex + 3 * (size_t)v[0], d);
+    double height = dot(d, n);
+    for (int k = 0; k < 3; k++) q[k] = p[k] - height * n[k];
+    consider(best, p, q, n);
+}
+
+/* Cells in growing cubes around p until nothing nearer can come. */
+static nearest find_nearest(const shell *s, const double p[3]) {
+    nearest best = {.square = INFINITY};
+    int middle[3];
+    for (int k = 0; k < 3; k++) middle[k] = cell_at(s, k, p[k]);
+    int most = s->cells[0] > s->cells[1] ? s->cells[0] : s->cells[1];
+    if (s->cells[2] > most) most = s->cells[2];
+    for (int ring = 0; ring <= most; ring++) {
+        double reach = (ring - 1) * s->cell; /* cells of this ring are at least so far away */
+        if (ring > 1 && best.square <= reach * reach) break;
+        for (int z = middle[2] - ring; z <= middle[2] + ring; z++)
+            for (int y = middle[1] - ring; y <= middle[1] + ring; y++)
+                for (int x = middle[0] - ring; x <= middle[0] + ring; x++) {
+                    bool shell_cell = abs(z - middle[2]) == ring || abs(y - middle[1]) == ring || abs(x - middle[0]) == ring;
+                    if (!shell_cell) {
+                        x = middle[0] + ring - 1; /* next is the far side */
+                        continue;
+                    }
+                    if (x < 0 || y < 0 || z < 0 || x >= s->cells[0] || y >= s->cells[1] || z >= s->cells[2]) continue;
+                    size_t c = ((size_t)z * (size_t)s->cells[1] + (size_t)y) * (size_t)s->cells[0] + (size_t)x;
+                    for (int i = s->cell_begin[c]; i < s->cell_begin[c + 1]; i++) consider_triangle(s, s->cell_triangle[i], p, &best);
+                }
+    }
+    return best;
+}
+
+static double inside(const void *shape, const double p[3]) {
+    nearest n = find_nearest(shape, p);
+    double d[3];
+    subtract(p, n.point, d);
+    double distance = sqrt(n.square);
+    return dot(d, n.normal) > 0 ? -distance : distance;
+}
+
+static void project(const void *shape, double p[3]) {
+    nearest n = find_nearest(shape, p);
+    memcpy(p, n.point, sizeof n.point);
+}
+
+solid shell_solid(const shell *s) {
+    solid out = {inside, project, s, {0}, {0}};
+    memcpy(out.low, s->low, sizeof out.low);
+    memcpy(out.high, s->high, sizeof out.high);
+    return out;
+}
