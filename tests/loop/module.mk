@@ -1,3 +1,8 @@
 # The controller's core, node, device and programs. Plain C tests; test_*.py run the programs.
 $(foreach t,$(sort $(wildcard tests/loop/test_*.c)),$(eval $(call test,$(t),$(LIBHRT_IO_A) $(LIBHRT_A),)))
 $(patsubst %.c,$(OUT)/obj/%.o,$(wildcard tests/loop/test_*.c)): CFLAGS_EXTRA += -Wno-float-conversion
+# The codec alone, for Python (tests/can/test_dbc.py).
+tests: $(OUT)/tests/can/codec.so
+$(OUT)/tests/can/codec.so: haptic_rt/can/codec.c haptic_rt/can/impulse_engine.c haptic_rt/can/codec.h
+	@mkdir -p $(@D)
+	$(CC) -shared -fPIC -O1 $(INCLUDES) -o $@ $(filter %.c,$^)
