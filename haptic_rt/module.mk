@@ -20,7 +20,7 @@ HRT_PROGRAM_SRC := $(addprefix haptic_rt/io/,link.c loop.c profile.c report.c ta
 $(eval $(call program,haptic-rt,haptic_rt/io/haptic_rt.c haptic_rt/io/samples.c $(HRT_PROGRAM_SRC),$(HRT_LIBS),-lcjson))
 $(eval $(call program,tm-device,haptic_rt/device/tm_device.c haptic_rt/device/hand_file.c $(HRT_PROGRAM_SRC),$(HRT_LIBS),-lcjson))
 # LCM is linked into this module alone.
-$(eval $(call module,haptic,haptic_rt/io/lcm_link.c,$(OUT)/lib/liblcm_types.a $(LIBHRT_IO_A) $(LIBHRT_A),-llcm))
+$(eval $(call module,haptic,haptic_rt/io/lcm_link.c apps/common/wire.c,$(OUT)/lib/liblcm_types.a $(LIBHRT_IO_A) $(LIBHRT_A),-llcm))
 $(OUT)/obj/haptic_rt/io/lcm_link.o: | $(OUT)/lib/liblcm_types.a
 
 #: make can-codec              generate haptic_rt/can/impulse_engine.[ch] from the DBC file

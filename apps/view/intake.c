@@ -85,7 +85,7 @@ static bool take_tissue(view_surface *s, const tensormass_tissue_t *m)
 static void on_tissue(view_intake *in, view_picture *p, double time_s, const void *data, int size)
 {
     tensormass_tissue_t m;
-    if (!view_wire_sound("32.#*12.*4.#*12.*1.", data, size) || tensormass_tissue_t_decode(data, 0, size, &m) != size) {
+    if (!app_wire_sound("32.#*12.*4.#*12.*1.", data, size) || tensormass_tissue_t_decode(data, 0, size, &m) != size) {
         reject(in, "TISSUE: not a whole tissue_t of this version");
         return;
     }
@@ -119,19 +119,11 @@ static void take_instrument(view_instrument *t, const tensormass_sim_status_t *m
     t->radius_m = m->radius_m[i], t->roll_rad = m->roll_rad[i], t->grip = m->grip[i];
 }
 
-/* Layout of a message with strings: `head` bytes, `strings` of them, and as many bytes as the empty message has left. */
-static bool sound(const char *head, int head_bytes, int strings, int empty_size, const void *data, int size)
-{
-    char layout[32];
-    snprintf(layout, sizeof layout, "%s%d.", head, empty_size - 8 - head_bytes - 5 * strings);
-    return view_wire_sound(layout, data, size);
-}
-
 static void on_status(view_intake *in, view_picture *p, double time_s, const void *data, int size)
 {
     char none[] = "";
     tensormass_sim_status_t m = { .scene = none, .model = none };
-    if (!sound("20.ss", 20, 2, tensormass_sim_status_t_encoded_size(&m), data, size) || tensormass_sim_status_t_decode(data, 0, size, &m) != size) {
+    if (!app_wire_sound_head("20.ss", 20, 2, tensormass_sim_status_t_encoded_size(&m), data, size) || tensormass_sim_status_t_decode(data, 0, size, &m) != size) {
         reject(in, "SIM_STATUS: not a whole sim_status_t of this version");
         return;
     }
@@ -161,7 +153,7 @@ static void on_controller(view_intake *in, view_picture *p, double time_s, int i
 {
     char none[] = "";
     tensormass_controller_status_t m = { .fault_text = none, .extrapolator = none };
-    if (!sound("26.s4.s", 30, 2, tensormass_controller_status_t_encoded_size(&m), data, size) || tensormass_controller_status_t_decode(data, 0, size, &m) != size) {
+    if (!app_wire_sound_head("26.s4.s", 30, 2, tensormass_controller_status_t_encoded_size(&m), data, size) || tensormass_controller_status_t_decode(data, 0, size, &m) != size) {
         reject(in, "CONTROLLER_%d: not a whole controller_status_t of this version", i);
         return;
     }

@@ -3,5 +3,5 @@ VIEW_STUDIO_SRC := $(addprefix apps/view/,camera.c font.c overlay.c picture.c st
 VIEW_SRC := $(VIEW_STUDIO_SRC) $(addprefix apps/view/,main.c options.c output.c still.c)
 $(eval $(call program,tm-view,$(VIEW_SRC),$(SIM_LIBS),$$(call pkg_libs,libpng) -lyaml -lcjson))
 $(eval $(call module,osmesa,$(addprefix apps/view/,camera.c picture.c render.c shapes.c skin.c),,$$(call pkg_libs,osmesa)))
-$(eval $(call module,viewfeed,$(addprefix apps/view/,feed.c intake.c picture.c wire.c),$(LIBLCMTYPES_A),$$(call pkg_libs,lcm)))
+$(eval $(call module,viewfeed,$(addprefix apps/view/,feed.c intake.c picture.c) apps/common/wire.c,$(LIBLCMTYPES_A),$$(call pkg_libs,lcm)))
 $(call objects,$(addprefix apps/view/,feed.c intake.c)): | $(LIBLCMTYPES_A)

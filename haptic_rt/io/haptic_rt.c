@@ -22,7 +22,7 @@ typedef struct program {
     hrt_node_config config;
     int rate, priority;
     double duration_s, auto_reset_s;
-    bool stats, lcm;
+    bool stats, replay, lcm;
     /* running */
     hrt_bus wires;
     hrt_node node;
@@ -60,6 +60,7 @@ static void usage(void) {
          "  --params                 print all parameters with range and unit, and end\n"
          "  --url URL                LCM (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
          "  --samples FILE           recorded samples (CSV) instead of LCM; with --url, beside it\n"
+         "  --replay                 samples come from lcm-logplayer: take them though they answered another controller\n"
          "  --rate HZ                ticks a second, 100..2000 (500)\n"
          "  --duration S             end after so long (never)\n"
          "  --priority N             SCHED_FIFO 1..99, 0 for normal scheduling (80)\n"
@@ -93,14 +94,14 @@ static bool read_mode(const char *text, int8_t *mode) {
 }
 
 enum { O_BUS = 1, O_INSTRUMENT, O_MODE, O_EXTRAPOLATOR, O_PASSIVITY, O_COUPLING, O_TROCAR, O_AXIS, O_UP, O_PROFILE, O_SET, O_PARAMS, O_URL,
-       O_SAMPLES, O_RATE, O_DURATION, O_PRIORITY, O_AUTO_RESET, O_STATS, O_JSON, O_RECORD, O_HELP, O_VERSION };
+       O_SAMPLES, O_RATE, O_DURATION, O_PRIORITY, O_AUTO_RESET, O_STATS, O_JSON, O_RECORD, O_REPLAY, O_HELP, O_VERSION };
 static const struct option options[] = {
     {"bus", 1, 0, O_BUS}, {"device", 1, 0, O_BUS}, {"instrument", 1, 0, O_INSTRUMENT}, {"mode", 1, 0, O_MODE},
     {"extrapolator", 1, 0, O_EXTRAPOLATOR}, {"passivity", 0, 0, O_PASSIVITY}, {"coupling", 0, 0, O_COUPLING}, {"trocar", 1, 0, O_TROCAR},
     {"axis", 1, 0, O_AXIS}, {"up", 1, 0, O_UP}, {"profile", 1, 0, O_PROFILE}, {"set", 1, 0, O_SET}, {"params", 0, 0, O_PARAMS},
     {"url", 1, 0, O_URL}, {"samples", 1, 0, O_SAMPLES}, {"rate", 1, 0, O_RATE}, {"duration", 1, 0, O_DURATION},
     {"priority", 1, 0, O_PRIORITY}, {"auto-reset", 1, 0, O_AUTO_RESET}, {"stats", 0, 0, O_STATS}, {"json", 1, 0, O_JSON},
-    {"record", 1, 0, O_RECORD}, {"help", 0, 0, O_HELP}, {"version", 0, 0, O_VERSION}, {0, 0, 0, 0}};
+    {"record", 1, 0, O_RECORD}, {"replay", 0, 0, O_REPLAY}, {"help", 0, 0, O_HELP}, {"version", 0, 0, O_VERSION}, {0, 0, 0, 0}};
 
 /* One option. False: bad, already told. */
 static bool take_option(program *p, int option, const char *text) {
@@ -136,6 +137,7 @@ static bool take_option(program *p, int option, const char *text) {
         return true;
     case O_AUTO_RESET: return hrt_option_number("--auto-reset", text, 0.05, 1.0e6, &p->auto_reset_s);
     case O_STATS: p->stats = true; return true;
+    case O_REPLAY: p->replay = true; return true;
     case O_JSON: p->json = text; return true;
     case O_RECORD: p->record_path = text; return true;
     default: return false;
@@ -307,7 +309,7 @@ static void print_stats(const program *p) {
 static int open_link(program *p) {
     char why[300];
     const char *set = getenv("LCM_DEFAULT_URL");
-    const hrt_link_def def = {.url = p->url ? p->url : set && *set ? set : HRT_LCM_URL, .instrument = p->config.instrument, .node = &p->node};
+    const hrt_link_def def = {.url = p->url ? p->url : set && *set ? set : HRT_LCM_URL, .instrument = p->config.instrument, .node = &p->node, .replay = p->replay};
     if (p->samples_path && !p->url) return APP_DONE; /* without LCM */
     p->api = hrt_link_module();
     if (!p->api) return APP_FAILED;

@@ -1,5 +1,6 @@
 /* The module `haptic`: the one place of haptic_rt that calls liblcm. */
 #include "lcm_link.h"
+#include "wire.h"
 
 #include <lcm/lcm.h>
 #include <math.h>
@@ -8,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "lcm_types/tensormass_contact_patch_t.h"
 #include "lcm_types/tensormass_controller_command_t.h"
@@ -17,7 +19,7 @@
 #include "lcm_types/tensormass_sim_status_t.h"
 #include "lcm_types/tensormass_tool_state_t.h"
 
-enum { CHANNEL = 32, BUFFER = 4096 };
+enum { CHANNEL = 32, BUFFER = 4096, REPLAY_AGE_US = 5000 };
 
 struct hrt_link {
     hrt_link_def def;
@@ -25,10 +27,28 @@ struct hrt_link {
     pthread_t thread;
     _Atomic bool stop;
     hrt_link_counts counts;
-    int64_t sim_session;
+    int64_t sim_session, replay_session, replay_offset_us;
     char tool_channel[CHANNEL], status_channel[CHANNEL];
     uint32_t status_seq;
 };
+
+static int64_t now_us(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_MONOTONIC, &t);
+    return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
+}
+
+/* A recorded sample answers a controller that is gone: it is taken as an answer to this one, with its ages kept among samples of one recording. */
+static void replayed(hrt_link *link, const tensormass_force_sample_t *m, hrt_force_sample *s) {
+    if (m->tool_session == 0) return; /* the simulation had not heard a controller yet */
+    if (m->tool_session != link->replay_session || m->session != link->sim_session) {
+        link->replay_session = m->tool_session;
+        link->sim_session = m->session;
+        link->replay_offset_us = now_us() - m->tool_utime - REPLAY_AGE_US;
+    }
+    s->tool_session = link->def.node->config.session;
+    s->tool_utime = m->tool_utime + link->replay_offset_us;
+}
 
 static void on_force(const lcm_recv_buf_t *raw, const char *channel, const tensormass_force_sample_t *m, void *user) {
     (void)raw, (void)channel;
@@ -39,6 +59,7 @@ static void on_force(const lcm_recv_buf_t *raw, const char *channel, const tenso
     memcpy(s.tip_m, m->tip_m, sizeof s.tip_m);
     memcpy(s.force_N, m->force_N, sizeof s.force_N);
     memcpy(s.stiffness_N_m, m->stiffness_N_m, sizeof s.stiffness_N_m);
+    if (link->def.replay) replayed(link, m, &s);
     hrt_node_post_sample(link->def.node, &s);
     atomic_fetch_add(&link->counts.samples, 1);
 }
@@ -56,9 +77,7 @@ static void on_patch(const lcm_recv_buf_t *raw, const char *channel, const tenso
     atomic_fetch_add(&link->counts.patches, 1);
 }
 
-static void on_sim_status(const lcm_recv_buf_t *raw, const char *channel, const tensormass_sim_status_t *m, void *user) {
-    (void)raw, (void)channel;
-    hrt_link *link = user;
+static void take_sim_status(hrt_link *link, const tensormass_sim_status_t *m) {
     const int32_t i = link->def.instrument;
     if (i >= m->instrument_count) return;
     hrt_pose pose;
@@ -69,15 +88,36 @@ static void on_sim_status(const lcm_recv_buf_t *raw, const char *channel, const 
     atomic_fetch_add(&link->counts.poses, 1);
 }
 
-static void on_command(const lcm_recv_buf_t *raw, const char *channel, const tensormass_controller_command_t *m, void *user) {
-    (void)raw, (void)channel;
-    hrt_link *link = user;
+/* Generated decoders believe the lengths of strings: messages that hold any are walked first. */
+static void on_sim_status(const lcm_recv_buf_t *raw, const char *channel, void *user) {
+    (void)channel;
+    char none[] = "";
+    tensormass_sim_status_t m = {.scene = none, .model = none};
+    const int size = (int)raw->data_size;
+    if (!app_wire_sound_head("20.ss", 20, 2, tensormass_sim_status_t_encoded_size(&m), raw->data, size)) return;
+    if (tensormass_sim_status_t_decode(raw->data, 0, size, &m) != size) return;
+    take_sim_status(user, &m);
+    tensormass_sim_status_t_decode_cleanup(&m);
+}
+
+static void take_command(hrt_link *link, const tensormass_controller_command_t *m) {
     if (m->instrument != link->def.instrument) return;
     hrt_extrapolator which = HRT_HOLD;
     hrt_command command = {.extrapolator = -1, .passivity = m->passivity, .coupling = -1, .enable = -1, .reset = m->reset_fault == 1};
     if (m->extrapolator && hrt_extrapolator_find(m->extrapolator, &which)) command.extrapolator = which;
     hrt_node_post_command(link->def.node, &command);
     atomic_fetch_add(&link->counts.commands, 1);
+}
+
+static void on_command(const lcm_recv_buf_t *raw, const char *channel, void *user) {
+    (void)channel;
+    char none[] = "";
+    tensormass_controller_command_t m = {.extrapolator = none};
+    const int size = (int)raw->data_size;
+    if (!app_wire_sound_head("13.s", 13, 1, tensormass_controller_command_t_encoded_size(&m), raw->data, size)) return;
+    if (tensormass_controller_command_t_decode(raw->data, 0, size, &m) != size) return;
+    take_command(user, &m);
+    tensormass_controller_command_t_decode_cleanup(&m);
 }
 
 static void on_hand(const lcm_recv_buf_t *raw, const char *channel, const tensormass_hand_command_t *m, void *user) {
@@ -112,8 +152,8 @@ static bool subscribe(hrt_link *link) {
     snprintf(channel, sizeof channel, "PATCH_%d", i);
     good = good && tensormass_contact_patch_t_subscribe(link->lcm, channel, on_patch, link);
     snprintf(channel, sizeof channel, "CONTROLLER_COMMAND_%d", i);
-    good = good && tensormass_controller_command_t_subscribe(link->lcm, channel, on_command, link);
-    return good && tensormass_sim_status_t_subscribe(link->lcm, "SIM_STATUS", on_sim_status, link);
+    good = good && lcm_subscribe(link->lcm, channel, on_command, link);
+    return good && lcm_subscribe(link->lcm, "SIM_STATUS", on_sim_status, link);
 }
 
 static hrt_link *link_open(const hrt_link_def *def, char *why, int why_size) {

@@ -17,6 +17,7 @@ typedef struct hrt_link_def {
     const char *url;
     int32_t instrument;
     hrt_node *node;   /* controller: FORCE_i, PATCH_i, SIM_STATUS, CONTROLLER_COMMAND_i */
+    bool replay;      /* take samples that lcm-logplayer sends, though they answer another controller */
     /* device: HAND_i */
     void (*hand)(void *user, const double joint[5], bool active);
     void *user;

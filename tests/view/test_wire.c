@@ -7,7 +7,7 @@
 
 #include <cmocka.h>
 
-#include "view/wire.h"
+#include "wire.h"
 
 /* 8 bytes of fingerprint, 2 of whatever, string "ab", count 3, three of 4 bytes. */
 static const uint8_t sound[] = { 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 0, 0, 0, 3, 'a', 'b', 0, 0, 0, 0, 3, 0, 0, 0, 1, 0, 0, 0, 2, 0, 0, 0, 3 };
@@ -16,13 +16,13 @@ static const char layout[] = "2.s#*4.";
 static void whole_message_is_sound(void **state)
 {
     (void)state;
-    assert_true(view_wire_sound(layout, sound, sizeof sound));
+    assert_true(app_wire_sound(layout, sound, sizeof sound));
 }
 
 static void every_truncation_is_refused(void **state)
 {
     (void)state;
-    for (int size = 0; size < (int)sizeof sound; ++size) assert_false(view_wire_sound(layout, sound, size));
+    for (int size = 0; size < (int)sizeof sound; ++size) assert_false(app_wire_sound(layout, sound, size));
 }
 
 static void trailing_bytes_are_refused(void **state)
@@ -30,7 +30,7 @@ static void trailing_bytes_are_refused(void **state)
     (void)state;
     uint8_t longer[sizeof sound + 1] = { 0 };
     memcpy(longer, sound, sizeof sound);
-    assert_false(view_wire_sound(layout, longer, sizeof longer));
+    assert_false(app_wire_sound(layout, longer, sizeof longer));
 }
 
 static void with_byte(int at, uint8_t value, uint8_t *out)
@@ -55,7 +55,7 @@ static void lying_lengths_are_refused(void **state)
     };
     for (size_t i = 0; i < sizeof lies / sizeof lies[0]; ++i) {
         with_byte(lies[i].at, lies[i].value, m);
-        assert_false(view_wire_sound(layout, m, sizeof m));
+        assert_false(app_wire_sound(layout, m, sizeof m));
     }
 }
 

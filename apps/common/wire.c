@@ -1,6 +1,7 @@
 #include "wire.h"
 
 #include <stdint.h>
+#include <stdio.h>
 #include <stdlib.h>
 
 static int64_t integer(const uint8_t *p)
@@ -8,7 +9,7 @@ static int64_t integer(const uint8_t *p)
     return (int32_t)((uint32_t)p[0] << 24 | (uint32_t)p[1] << 16 | (uint32_t)p[2] << 8 | p[3]);
 }
 
-bool view_wire_sound(const char *layout, const void *data, int size)
+bool app_wire_sound(const char *layout, const void *data, int size)
 {
     const uint8_t *bytes = data;
     int64_t at = 8, count = 1;
@@ -34,4 +35,11 @@ bool view_wire_sound(const char *layout, const void *data, int size)
         }
     }
     return at == size;
+}
+
+bool app_wire_sound_head(const char *head, int head_bytes, int strings, int empty_size, const void *data, int size)
+{
+    char layout[64];
+    snprintf(layout, sizeof layout, "%s%d.", head, empty_size - 8 - head_bytes - 5 * strings);
+    return app_wire_sound(layout, data, size);
 }
