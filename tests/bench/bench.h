@@ -1,0 +1,26 @@
+/* Shared by the benchmark's parts. Every part warms up, interleaves what it compares, and reports quantiles. */
+#ifndef TM_BENCH_H
+#define TM_BENCH_H
+
+#include <cjson/cJSON.h>
+
+#include "tensormass.h"
+
+typedef struct bench_run {
+    bool quick;
+    int size_count;
+    const int *cells; /* [size_count] cubes along each edge of the block, six tetrahedra each */
+} bench_run;
+
+/* p50, p99, max (and mean) of `count` values as an object; sorts them. */
+cJSON *bench_quantiles(double *value, int count);
+/* A block of cells^3 cubes; stops the program when memory is short. */
+tm_mesh *bench_block(int cells);
+tm_tissue *bench_tissue(const tm_mesh *mesh, tm_precision precision, tm_force_form form, bool cuttable);
+void bench_must(tm_status status, const tm_error *error);
+
+cJSON *bench_force(const bench_run *run);
+cJSON *bench_step(const bench_run *run);
+cJSON *bench_cut(const bench_run *run);
+
+#endif

@@ -1,0 +1,108 @@
+/* The force pass in both precisions and forms, and the whole step. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "bandwidth.h"
+#include "bench.h"
+
+enum { KINDS = 4 }; /* precision x form */
+
+/* What one pass must move at the least: tensors, neighbours, u read, force zeroed and written. */
+static double pass_bytes(const tm_mesh *mesh, tm_precision precision) {
+    const double real = precision == TM_SINGLE ? 4 : 8;
+    return mesh->edge_count * (9 * real + 8.0) + mesh->vertex_count * (9 * real + 4 + 3 * 8 * 3.0);
+}
+
+static cJSON *one_force(const tm_mesh *mesh, int kind, double *seconds, int rounds, double bandwidth_B_s) {
+    const tm_precision precision = kind / 2 ? TM_SINGLE : TM_DOUBLE;
+    cJSON *row = cJSON_CreateObject();
+    cJSON_AddNumberToObject(row, "tets", mesh->tet_count);
+    cJSON_AddNumberToObject(row, "vertices", mesh->vertex_count);
+    cJSON_AddNumberToObject(row, "edges", mesh->edge_count);
+    cJSON_AddStringToObject(row, "precision", precision == TM_SINGLE ? "single" : "double");
+    cJSON_AddStringToObject(row, "form", kind % 2 ? "plain" : "best");
+    const double median = app_median(seconds, rounds), bytes = pass_bytes(mesh, precision);
+    for (int i = 0; i < rounds; i++) seconds[i] *= 1e6;
+    cJSON_AddItemToObject(row, "us_per_pass", bench_quantiles(seconds, rounds));
+    cJSON_AddNumberToObject(row, "ns_per_edge", 1e9 * median / mesh->edge_count);
+    cJSON_AddNumberToObject(row, "bytes_per_pass", bytes);
+    cJSON_AddNumberToObject(row, "GB_s", 1e-9 * bytes / median);
+    cJSON_AddNumberToObject(row, "bandwidth_GB_s", 1e-9 * bandwidth_B_s);
+    cJSON_AddNumberToObject(row, "share_of_bandwidth", bytes / median / bandwidth_B_s);
+    printf("force %7d tets  %s %s  %8.1f us  %5.2f ns/edge  %5.1f of %5.1f GB/s\n", mesh->tet_count, precision == TM_SINGLE ? "single" : "double",
+           kind % 2 ? "plain" : "best ", 1e6 * median, 1e9 * median / mesh->edge_count, 1e-9 * bytes / median, 1e-9 * bandwidth_B_s);
+    return row;
+}
+
+cJSON *bench_force(const bench_run *run) {
+    cJSON *rows = cJSON_CreateArray();
+    for (int s = 0; s < run->size_count; s++) {
+        tm_mesh *mesh = bench_block(run->cells[s]);
+        tm_tissue *tissue[KINDS];
+        const int n = 3 * mesh->vertex_count, rounds = run->quick ? 11 : 201, passes = 1 + (run->quick ? 20000 : 200000) / mesh->edge_count;
+        double *u = malloc(sizeof(double) * (size_t)n), *f = malloc(sizeof(double) * (size_t)n), *seconds[KINDS];
+        for (int i = 0; i < n; i++) u[i] = 1e-3 * sin(1.7 * i);
+        for (int k = 0; k < KINDS; k++) {
+            tissue[k] = bench_tissue(mesh, k / 2 ? TM_SINGLE : TM_DOUBLE, k % 2 ? TM_FORCE_PLAIN : TM_FORCE_BEST, false);
+            seconds[k] = malloc(sizeof(double) * (size_t)rounds);
+        }
+        for (int r = -2; r < rounds; r++) /* two rounds warm up */
+            for (int k = 0; k < KINDS; k++) {
+                const double begin = app_seconds();
+                for (int p = 0; p < passes; p++) tm_tissue_force(tissue[k], u, f);
+                if (r >= 0) seconds[k][r] = (app_seconds() - begin) / passes;
+            }
+        const double bandwidth = app_bandwidth_B_s((size_t)pass_bytes(mesh, TM_DOUBLE), run->quick ? 3 : 15);
+        for (int k = 0; k < KINDS; k++) {
+            cJSON_AddItemToArray(rows, one_force(mesh, k, seconds[k], rounds, bandwidth));
+            tm_tissue_destroy(tissue[k]);
+            free(seconds[k]);
+        }
+        free(u), free(f);
+        tm_mesh_destroy(mesh);
+    }
+    return rows;
+}
+
+/* A step with everything a plain scene has: force, gravity, damping, supports. */
+cJSON *bench_step(const bench_run *run) {
+    cJSON *rows = cJSON_CreateArray();
+    for (int s = 0; s < run->size_count; s++) {
+        tm_mesh *mesh = bench_block(run->cells[s]);
+        tm_tissue *tissue = bench_tissue(mesh, TM_DOUBLE, TM_FORCE_BEST, false);
+        tm_world_def def = tm_world_def_default();
+        def.tissue = tissue;
+        tm_world *world = NULL;
+        tm_error error;
+        bench_must(tm_world_create(&def, &world, &error), &error);
+        bench_must(tm_stage_gravity(world, (const double[3]){0, 0, -9.81}, &error), &error);
+        const int layer = 3 * (run->cells[s] + 1) * (run->cells[s] + 1), rounds = run->quick ? 11 : 201;
+        int32_t *dof = malloc(sizeof(int32_t) * (size_t)layer);
+        double *zero = calloc((size_t)layer, sizeof(double)), *seconds = malloc(sizeof(double) * (size_t)rounds);
+        for (int i = 0; i < layer; i++) dof[i] = i;
+        tm_support_def support = tm_support_def_default();
+        support.count = layer, support.dof = dof, support.value_m = zero;
+        bench_must(tm_stage_support(world, &support, &error), &error);
+        const int steps = 1 + 200000 / mesh->edge_count;
+        for (int r = -2; r < rounds; r++) {
+            const double begin = app_seconds();
+            tm_world_step(world, steps);
+            if (r >= 0) seconds[r] = 1e6 * (app_seconds() - begin) / steps;
+        }
+        cJSON *row = cJSON_CreateObject();
+        cJSON_AddNumberToObject(row, "tets", mesh->tet_count);
+        cJSON_AddNumberToObject(row, "vertices", mesh->vertex_count);
+        cJSON_AddNumberToObject(row, "dt_us", 1e6 * tm_world_step_s(world));
+        const double median = app_median(seconds, rounds);
+        cJSON_AddItemToObject(row, "us_per_step", bench_quantiles(seconds, rounds));
+        cJSON_AddNumberToObject(row, "sim_seconds_per_wall_second", 1e6 * tm_world_step_s(world) / median);
+        cJSON_AddItemToArray(rows, row);
+        printf("step  %7d tets  %8.1f us, of %.0f us simulated\n", mesh->tet_count, median, 1e6 * tm_world_step_s(world));
+        free(dof), free(zero), free(seconds);
+        tm_world_destroy(world);
+        tm_tissue_destroy(tissue);
+        tm_mesh_destroy(mesh);
+    }
+    return rows;
+}

@@ -1,0 +1,15 @@
+# What a force pass, a step and a removed tetrahedron cost, beside this machine's memory bandwidth in the same run.
+BENCH := $(OUT)/tests/bench/bench
+$(BENCH): $(call objects,$(sort $(wildcard tests/bench/*.c))) $(LIBAPP_A) $(LIBTM_A)
+	@mkdir -p $(@D)
+	$(CC) $(SAN) -o $@ $(call objects,$(sort $(wildcard tests/bench/*.c))) -Wl,--start-group $(LIBAPP_A) $(LIBTM_A) -Wl,--end-group -lcjson -ldl -lm
+tests: $(BENCH)
+
+#: make bench                  cost per edge, step and removed tetrahedron: build/bench/bench.json (QUICK=1: the short form)
+.PHONY: bench bench-run
+bench:
+	@tools/setup.sh build
+	@$(MAKE) --no-print-directory $(BENCH) bench-run
+bench-run:
+	@mkdir -p $(OUT)/bench
+	TM_COMMIT=$$(git rev-parse --short HEAD 2>/dev/null) TM_FLAGS='$(OPT) -ffp-contract=off' $(BENCH) $(if $(QUICK),--quick) --json $(OUT)/bench/bench.json

@@ -1,0 +1,28 @@
+"""The benchmark runs whole and its JSON is complete. Never a word about how fast."""
+import json
+import math
+import subprocess
+
+
+def test_quick_benchmark_is_complete(build, root, tmp_path):
+    program = build / "tests" / "bench" / "bench"
+    out = tmp_path / "bench.json"
+    run = subprocess.run([program, "--quick", "--json", out], cwd=root, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    figures = json.loads(out.read_text())
+    assert {"commit", "compiler", "flags", "machine", "when", "bandwidth_GB_s", "force", "step", "cut"} <= figures.keys()
+    assert len(figures["force"]) == 8 and len(figures["step"]) == 2 and len(figures["cut"]) == 4
+    assert {(r["precision"], r["form"]) for r in figures["force"]} == {(p, f) for p in ("double", "single") for f in ("best", "plain")}
+    for row in figures["force"]:
+        assert row["ns_per_edge"] > 0 and row["share_of_bandwidth"] > 0
+    for row in figures["step"]:
+        assert row["sim_seconds_per_wall_second"] > 0
+    for row in figures["cut"]:
+        assert row["removed"] >= row["calls"] > 0 and math.isfinite(row["equivalent_bytes_per_tet"])
+        q = row["us_per_tet_of_a_call"]
+        assert 0 < q["p50"] <= q["p99"] <= q["max"]
+
+
+def test_bad_option_is_refused(build, root):
+    run = subprocess.run([build / "tests" / "bench" / "bench", "--no-such"], cwd=root, capture_output=True, text=True)
+    assert run.returncode == 2 and "usage" in run.stderr
