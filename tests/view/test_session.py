@@ -1,0 +1,237 @@
+"""A whole session in short: `make demo`'s driver, its log played back into tm-view and haptic-rt, and lcm-spy looking on."""
+import csv
+import json
+import math
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from test_view import needs_namespace, pixels, probe, share, tissue_red
+
+HERE = pathlib.Path(__file__).resolve().parent
+SCENE = "apps/scenes/liver-press.yaml"
+
+
+@pytest.fixture(scope="session")
+def demo(root, build, tmp_path_factory):
+    """The demo's driver, 5 s of it and small pictures."""
+    out = tmp_path_factory.mktemp("demo") / "out"
+    run = subprocess.run([sys.executable, root / "apps" / "demo" / "demo.py", "--build", build, "--out", out, "--scene", root / SCENE,
+                          "--duration", "4", "--set", "time.duration=1 s", "--size", "320x180"], capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stderr
+    return out, run.stdout
+
+
+@pytest.fixture(scope="session")
+def netns(root):
+    script = str(root / "apps" / "demo" / "netns.sh")
+
+    def command(pidfile, *args):
+        return [script, "run", str(pidfile), *map(str, args)]
+
+    return command
+
+
+def test_summary_has_the_promised_keys(demo):
+    s = json.loads((demo[0] / "summary.json").read_text())
+    assert s["tets"] >= 10000 and s["frames"] > 0.9 * 4 / s["frame_s"] and s["substeps_per_frame"] > 1
+    assert s["ticks"] == 2000 and s["missed_ticks"] >= 0
+    assert 0 <= s["lateness_us"]["p50"] <= s["lateness_us"]["p99"] <= s["lateness_us"]["max"]
+    assert 0 < s["force_N"]["rms"] < s["force_N"]["peak"] < 8.9
+    assert s["sim_seconds_per_wall_second"] > 0
+    assert len(s["state_hash"]) == 16 and int(s["state_hash"], 16) != 0
+    assert s["lockstep"]["force_form"] == "plain" and s["lockstep"]["runs"] == 2
+    assert all(i["fault"] == "none" and i["samples"]["received"] > 50 for i in s["instruments"])
+
+
+def test_hash_is_of_the_final_state(demo):
+    """The same run stopped a frame earlier ends elsewhere."""
+    first, second = (json.loads((demo[0] / f"lockstep{n}.json").read_text()) for n in (1, 2))
+    assert first["state_hash"] == second["state_hash"] == json.loads((demo[0] / "summary.json").read_text())["state_hash"]
+    assert first["frames"] == 25
+
+
+def test_terminal_table(demo):
+    for word in ("tetrahedra", "s per s of wall clock", "missed", "N RMS", "the same twice", "summary.json"):
+        assert word in demo[1]
+
+
+def test_pictures_film_plot_and_log(demo):
+    out = demo[0]
+    assert share(pixels(out / "picture.png"), tissue_red) > 0.08
+    frames = sorted((out / "frames").glob("frame_*.png"))
+    assert 6 <= len(frames) <= 9
+    stream = probe(out / "film.mp4")
+    assert (stream["width"], stream["height"]) == (320, 180) and 100 < int(stream["nb_read_frames"]) < 130
+    assert pixels(out / "force.png").std() > 0.02
+    assert (out / "demo.lcm").stat().st_size > 1e6
+
+
+def test_controller_follows_the_simulation(demo):
+    """The peak at 500 Hz is near the peak of the samples, and the force is zero before contact."""
+    with open(demo[0] / "ticks0.csv") as file:
+        rows = [(float(r["time_s"]), math.dist((0, 0, 0), [float(r[k]) for k in ("fx_N", "fy_N", "fz_N")])) for r in csv.DictReader(file)]
+    sim = json.loads((demo[0] / "sim.json").read_text())
+    peak = max(f for _, f in rows)
+    assert peak == pytest.approx(sim["force_N"]["peak"], rel=0.25)
+    assert all(f == 0 for t, f in rows if t < 0.5)
+
+
+def finish(process, timeout=60):
+    out, err = process.communicate(timeout=timeout)
+    assert process.returncode == 0, err
+    return out + err
+
+
+@needs_namespace
+def test_recorded_demo_replays_into_view_and_controller(bin, demo, netns, tmp_path):
+    out = demo[0]
+    script = f"""
+        {bin}/tm-view --film {tmp_path}/replay.mp4 --duration 4 --size 320x180 --quality 0 --json {tmp_path}/view.json & view=$!
+        {bin}/tm-device --bus virtual:replay{os.getpid()} --hand {out}/hand0.csv --duration 6 --json {tmp_path}/device.json & device=$!
+        {bin}/haptic-rt --replay --bus virtual:replay{os.getpid()} --duration 6 --json {tmp_path}/controller.json & controller=$!
+        sleep 0.5; timeout 20 lcm-logplayer {out}/demo.lcm
+        wait $view && wait $device && wait $controller
+    """
+    run = subprocess.run(netns(tmp_path / "pid", "bash", "-c", script), capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    view = json.loads((tmp_path / "view.json").read_text())
+    assert view["messages_taken"] > 150 and view["messages_refused"] == 0 and view["vertices"] > 500
+    assert int(probe(tmp_path / "replay.mp4")["nb_read_frames"]) == 120
+    played, recorded = (json.loads(p.read_text()) for p in (tmp_path / "controller.json", out / "controller0.json"))
+    assert played["samples"]["received"] > 0.8 * recorded["samples"]["received"]
+    assert played["fault"] == "none"
+    assert played["force_N"]["peak"] == pytest.approx(recorded["force_N"]["peak"], rel=0.3)
+
+
+@needs_namespace
+def test_without_replay_a_recording_moves_no_motor(bin, demo, netns, tmp_path):
+    """Samples that answer another controller are foreign: played by accident they must not be felt."""
+    script = f"""
+        {bin}/tm-device --bus virtual:safe{os.getpid()} --hand {demo[0]}/hand0.csv --duration 4 --json {tmp_path}/device.json & device=$!
+        {bin}/haptic-rt --bus virtual:safe{os.getpid()} --duration 4 --json {tmp_path}/controller.json & controller=$!
+        sleep 0.5; timeout 20 lcm-logplayer {demo[0]}/demo.lcm
+        wait $device && wait $controller
+    """
+    run = subprocess.run(netns(tmp_path / "pid", "bash", "-c", script), capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    controller = json.loads((tmp_path / "controller.json").read_text())
+    assert controller["force_N"]["peak"] == 0 and controller["samples"]["rejected"] > 50
+
+
+HOSTILE = """
+import struct, sys, time
+sys.path[:0] = [{here!r}]
+import synthetic, lcm
+types = synthetic.import_types({types!r})
+link = lcm.LCM("udpm://239.255.76.67:7667?ttl=0")
+session = synthetic.Session(types, 8)
+def spoiled(m, at):
+    d = m.encode()
+    return [d[:at] + struct.pack(">i", n) + d[at + 4:] for n in (-1, -2**31, 2**31 - 1, 10**6)] + [d[:k] for k in range(0, len(d), 7)] + [d + b"x"]
+command = types.controller_command_t()
+command.extrapolator = "hold"
+status, controller = session.status(0, 0), session.controller(0, 0, 0)
+for _ in range(3):
+    for channel, message, at in (("CONTROLLER_COMMAND_0", command, 21), ("SIM_STATUS", status, 28), ("CONTROLLER_0", controller, 34)):
+        for data in spoiled(message, at):
+            link.publish(channel, data)
+            time.sleep(0.002)
+"""
+
+
+@needs_namespace
+def test_lying_string_lengths_end_no_program(bin, build, root, netns, tmp_path):
+    """tm-sim hears CONTROLLER_0, haptic-rt hears SIM_STATUS and CONTROLLER_COMMAND_0: all three hold strings."""
+    (tmp_path / "hostile.py").write_text(HOSTILE.format(here=str(HERE), types=str(build / "python")))
+    script = f"""
+        {bin}/tm-sim {root}/{SCENE} --realtime --duration '4 s' --json {tmp_path}/sim.json & sim=$!
+        {bin}/haptic-rt --bus virtual:hostile{os.getpid()} --duration 4 --json {tmp_path}/controller.json & controller=$!
+        sleep 1.5; {sys.executable} {tmp_path}/hostile.py || exit 9
+        wait $sim && wait $controller
+    """
+    run = subprocess.run(netns(tmp_path / "pid", "bash", "-c", script), capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    assert (tmp_path / "sim.json").exists() and (tmp_path / "controller.json").exists()
+
+
+def test_demo_with_a_bad_scene_says_so(root, build, tmp_path):
+    demo = [sys.executable, root / "apps" / "demo" / "demo.py", "--build", build, "--out", tmp_path / "out"]
+    run = subprocess.run([*demo, "--scene", tmp_path / "nowhere.yaml"], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 2 and "nowhere.yaml: no such scene" in run.stderr
+
+
+# --- lcm-spy ---
+
+
+def spy(root, build, env):
+    return subprocess.run([root / "apps" / "demo" / "spy.sh"], capture_output=True, text=True, timeout=60, cwd=root, env={**os.environ, "OUT": str(build), **env})
+
+
+def test_spy_without_java_display_or_session_says_what_to_do(root, build, tmp_path):
+    tools = tmp_path / "bin"
+    tools.mkdir()
+    for name in ("bash", "dirname", "cat", "make"):
+        (tools / name).symlink_to(shutil.which(name))
+    run = spy(root, build, {"PATH": str(tools)})
+    assert run.returncode == 2 and "no Java" in run.stderr and "default-jre" in run.stderr
+    run = spy(root, build, {"DISPLAY": ""})
+    assert run.returncode == 2 and "no display" in run.stderr
+    run = spy(root, tmp_path, {"DISPLAY": ":99", "OUT": str(build / "no-session-here")})
+    assert run.returncode == 2 and ("no session" in run.stderr or "could not be built" in run.stderr)
+
+
+@pytest.fixture
+def display(tmp_path):
+    """A virtual screen."""
+    if not shutil.which("Xvfb"):
+        pytest.skip("Xvfb is not installed; tools/setup.sh check")
+    read, write = os.pipe()
+    server = subprocess.Popen(["Xvfb", "-displayfd", str(write), "-screen", "0", "1100x800x24", "-nolisten", "tcp", "-noreset"], pass_fds=[write], stderr=subprocess.DEVNULL)
+    os.close(write)
+    number = os.read(read, 16).decode().strip()
+    os.close(read)
+    yield f":{number}"
+    server.terminate()
+    server.wait()
+
+
+def screenshot(display, path):
+    subprocess.run(["ffmpeg", "-loglevel", "error", "-y", "-f", "x11grab", "-video_size", "1100x800", "-i", display, "-frames:v", "1", str(path)], check=True, timeout=30)
+    return pixels(path)
+
+
+@needs_namespace
+def test_spy_joins_the_session_and_decodes_its_types(root, build, demo, netns, display, tmp_path):
+    if not shutil.which("java"):
+        pytest.skip("no Java; tools/setup.sh spy")
+    out = tmp_path / "build"
+    (out / "demo").mkdir(parents=True)
+    jar = build / "java" / "tensormass_types.jar"
+    subprocess.run(["make", "-s", os.path.relpath(jar, root)], cwd=root, check=True, timeout=120, capture_output=True)
+    player = subprocess.Popen(netns(out / "demo" / "netns.pid", "lcm-logplayer", demo[0] / "demo.lcm"), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    try:
+        time.sleep(0.3)
+        shutil.copytree(jar.parent, out / "java")
+        script = root / "apps" / "demo" / "netns.sh"
+        classes = f"/usr/share/java/lcm.jar:/usr/share/java/jchart2d.jar:{jar}"
+        window = subprocess.Popen([script, "join", out / "demo" / "netns.pid", "java", "-cp", classes, "lcm.spy.Spy"], env={**os.environ, "DISPLAY": display},
+                                  stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+        try:
+            time.sleep(4.5)
+            picture = screenshot(display, tmp_path / "spy.png")
+        finally:
+            window.send_signal(signal.SIGTERM)
+            said = window.communicate(timeout=20)[0]
+    finally:
+        player.terminate()
+        player.wait()
+    assert f"Found {len(list((root / 'lcm_types').glob('*.lcm')))} LCM types" in said
+    rows = (picture[20:110, :350].mean(axis=2) < 0.5).any(axis=1)
+    assert rows.sum() > 20  # text in the first rows of the table: channels are listed
