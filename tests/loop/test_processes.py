@@ -1,0 +1,328 @@
+"""haptic-rt and tm-device as processes of their own on a virtual bus, and what happens when one of them goes."""
+import csv
+import json
+import math
+import os
+import shutil
+import signal
+import subprocess
+import tempfile
+import time
+
+import pytest
+from virtual_bus import VirtualBus, Watch, torque
+
+COMMAND, DEVICE_FAULT = 0x100, 0x080
+FORCE_N = 2.0
+
+
+@pytest.fixture
+def ring(bin, tmp_path):
+    """Starts programs, ends them whatever happens."""
+    class Ring:
+        def __init__(self):
+            # The bus in memory as by default: the pages of a file on a disk are write-protected whenever they are written back.
+            self.bus_directory = tempfile.mkdtemp(prefix="tm-test-", dir="/dev/shm")
+            self.running, self.env = [], dict(os.environ, TM_BUS_DIR=self.bus_directory)
+            self.directory = tmp_path
+
+        def start(self, *argv):
+            log = tempfile_at(tmp_path, argv[0], len(self.running))
+            process = subprocess.Popen([bin / argv[0], *map(str, argv[1:])], env=self.env, stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
+            process.log = log
+            self.running.append(process)
+            return process
+
+        def device(self, *more):
+            return self.start("tm-device", "--bus", "virtual:t", "--duration", 30, *more)
+
+        def controller(self, *more):
+            return self.start("haptic-rt", "--bus", "virtual:t", "--trocar", "0,0,0", "--duration", 30, *more)
+
+        def samples(self, seconds=30, rate=30):
+            path = tmp_path / "samples.csv"
+            with open(path, "w") as file:
+                file.write("# constant pull along the shaft\ntime_s,fx_N,fy_N,fz_N\n")
+                for i in range(int(seconds * rate)):
+                    file.write(f"{i / rate:.5f},0,0,{-FORCE_N}\n")
+            return path
+
+        def hand(self):
+            path = tmp_path / "hand.csv"
+            path.write_text("time_s,pitch_rad,yaw_rad,insertion_m,roll_rad,grip\n0,0,0,0.10,0,0\n1,0.1,-0.1,0.13,0.5,1\n2,0,0,0.10,0,0\n")
+            return path
+    r = Ring()
+    yield r
+    for process in r.running:
+        process.kill()
+        process.wait()
+    shutil.rmtree(r.bus_directory)
+
+
+def tempfile_at(directory, name, number):
+    return open(directory / f"{name}_{number}.log", "w+")
+
+
+def text(process):
+    process.log.flush()
+    with open(process.log.name) as file:
+        return file.read()
+
+
+def until(condition, what, seconds=10.0):
+    end = time.monotonic() + seconds
+    while not condition():
+        assert time.monotonic() < end, f"{what}: not within {seconds} s"
+        time.sleep(0.005)
+
+
+def pushing(watch, since=0.0):
+    moment, data = watch.last(COMMAND)
+    return data is not None and moment > since and time.monotonic() - moment < 0.1 and abs(torque(data)[2]) > 900 * FORCE_N
+
+
+def end(process, code=0):
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(10) == code, text(process)
+
+
+@pytest.mark.parametrize("device_first", [True, False])
+def test_any_order_and_what_they_wait_for(ring, device_first):
+    first = ring.device("--hand", ring.hand(), "--repeat") if device_first else ring.controller("--samples", ring.samples())
+    until(lambda: "waiting for" in text(first), "the first says what it waits for")
+    second = ring.controller("--samples", ring.samples()) if device_first else ring.device("--hand", ring.hand(), "--repeat")
+    watch = Watch(VirtualBus(ring.bus_directory, "t"))
+    until(lambda: pushing(watch), "force on the bus")
+    controller = second if device_first else first
+    assert "engaged" in text(controller)
+    end(controller)
+    until(lambda: watch.last(COMMAND)[1][6] & 0x80 == 0, "motors off at the end")
+
+
+def test_figures(ring):
+    device = ring.start("tm-device", "--bus", "virtual:t", "--hand", ring.hand(), "--repeat", "--duration", 4, "--json", ring.directory / "d.json", "--stats")
+    controller = ring.controller("--samples", ring.samples(), "--duration", 3, "--stats", "--json", ring.directory / "c.json", "--record", ring.directory / "r.csv",
+                                 "--extrapolator", "hold")
+    assert controller.wait(20) == 0 and device.wait(20) == 0
+    c, d = (json.loads((ring.directory / f"{n}.json").read_text()) for n in "cd")
+    rows = list(csv.DictReader(open(ring.directory / "r.csv")))
+    assert c["ticks"] + c["missed_ticks"] >= 1450 and len(rows) == c["ticks"]
+    assert c["state"] == "engaged" and c["fault"] == "none" and c["extrapolator"] == "hold"
+    assert abs(c["force_N"]["peak"] - FORCE_N) < 0.01 and 0.5 * FORCE_N < c["force_N"]["rms"] <= FORCE_N
+    for stage in ("receive", "control", "send", "publish"):
+        q = c["stage_us"][stage]
+        assert 0 < q["p50"] <= q["p99"] <= q["p999"] <= q["max"]
+    assert c["samples"]["rejected"] == 0 and 60 <= c["samples"]["received"] <= 95
+    # A lost command is a gap in the counter, never lateness: none over shared memory.
+    assert d["can"]["lost"] == 0 and c["can"]["lost"] == 0 and c["can"]["corrupt"] == 0 and c["can"]["foreign"] == 0
+    assert abs(d["commands"] - c["ticks"]) <= 2
+    assert 15 < c["can"]["load_percent"] < 25
+    # Held by the hand's spring, the device is pushed towards the trocar, and the torque follows the Jacobian.
+    last = rows[-1]
+    assert abs(float(last["fz_N"]) + FORCE_N) < 0.01 and float(last["gain"]) == 1.0
+    pitch, yaw = float(last["pitch_rad"]), float(last["yaw_rad"])
+    assert abs(float(last["force_insertion_N"]) + FORCE_N * math.cos(pitch) * math.cos(yaw)) < 0.01
+    assert d["torque_peak"][2] == pytest.approx(FORCE_N, abs=0.02)
+    assert "ticks" in text(controller) and "lateness" in text(controller)
+
+
+def test_no_page_fault_after_start(ring):
+    """The kernel may move pages about and cause faults now and then; faults of our own would come every time."""
+    ring.device()
+    seen = []
+    for attempt in range(4):
+        controller = ring.controller("--samples", ring.samples(), "--duration", 2.5, "--json", ring.directory / "c.json")
+        assert controller.wait(20) == 0
+        c = json.loads((ring.directory / "c.json").read_text())
+        assert c["page_faults_major"] == 0
+        seen.append(c["page_faults_minor"])
+        if seen[-1] == 0 or not c["real_time"]:
+            return
+    raise AssertionError(f"page faults of the loop's thread after its first second, in four runs: {seen}")
+
+
+def syscalls(path):
+    """Calls by name of each thread of a `strace -f` log."""
+    calls = {}
+    for line in open(path, errors="replace"):
+        parts = line.split(None, 1)
+        name = parts[1].split("(")[0].strip() if len(parts) == 2 and "(" in parts[1] else ""
+        if parts and parts[0].isdigit() and name.isidentifier():
+            calls.setdefault(int(parts[0]), []).append(name)
+    return calls
+
+
+def test_system_calls_of_the_loop_are_the_listed_ones(bin, ring):
+    """docs/controller.md, "In the loop": with a virtual bus and recorded samples the loop's thread only sleeps."""
+    ring.device()
+    trace = ring.directory / "trace"
+    run = subprocess.Popen(["strace", "-f", "-o", trace, bin / "haptic-rt", "--bus", "virtual:t", "--trocar", "0,0,0", "--samples", ring.samples(),
+                            "--duration", "3"], env=ring.env, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    ring.running.append(run)
+    assert run.wait(60) == 0
+    loop = max(syscalls(trace).values(), key=lambda calls: calls.count("clock_nanosleep") if len(set(calls)) < 15 else 0)
+    first, last = loop.index("clock_nanosleep"), len(loop) - 1 - loop[::-1].index("clock_nanosleep")
+    assert loop.count("clock_nanosleep") > 1000
+    # getrusage once after the first second: where counting page faults begins.
+    assert set(loop[first:last]) <= {"clock_nanosleep", "getrusage"}, set(loop[first:last])
+
+
+def test_controller_killed_drops_the_torque_and_a_new_one_takes_over(ring):
+    device = ring.device("--hand", ring.hand())
+    controller = ring.controller("--samples", ring.samples())
+    bus = VirtualBus(ring.bus_directory, "t")
+    watch = Watch(bus)
+    until(lambda: pushing(watch), "force")
+    controller.kill()
+    until(lambda: watch.last(DEVICE_FAULT)[0] is not None, "the device tells of its watchdog", 2)
+    last_command = watch.last(COMMAND)[0]
+    dropped = next(t for t, i, d in watch.frames if i == DEVICE_FAULT)
+    # 20 ms by its own clock; this process and the device are scheduled as the machine pleases.
+    assert 0.015 < dropped - last_command < 0.060
+    until(lambda: "commands stopped" in text(device), "it says so")
+    again, since = ring.controller("--samples", ring.samples()), time.monotonic()
+    until(lambda: pushing(watch, since), "force again")
+    assert "well again" in text(device)
+    end(again)
+
+
+def test_device_killed_and_restarted(ring):
+    device = ring.device("--hand", ring.hand())
+    controller = ring.controller("--samples", ring.samples(), "--auto-reset", 0.3)
+    watch = Watch(VirtualBus(ring.bus_directory, "t"))
+    until(lambda: pushing(watch), "force")
+    device.kill()
+    killed = time.monotonic()
+    until(lambda: watch.last(COMMAND)[1][6] & 0x80 == 0, "motors off", 2)
+    first_off = next(t for t, i, d in watch.frames if i == COMMAND and t >= killed and not d[6] & 0x80)
+    assert first_off - killed < 0.060 and torque(watch.last(COMMAND)[1]) == (0, 0, 0)
+    until(lambda: "waiting for device 0" in text(controller), "it waits for the device")
+    ring.device()
+    since = time.monotonic()
+    until(lambda: pushing(watch, since), "force again")
+    end(controller)
+
+
+def test_bus_off_and_recovery(ring):
+    ring.device()
+    controller = ring.controller("--samples", ring.samples(), "--auto-reset", 0.5)
+    bus = VirtualBus(ring.bus_directory, "t")
+    watch = Watch(bus)
+    until(lambda: pushing(watch), "force")
+    bus.set_off(True)
+    until(lambda: "fault bus_off" in text(controller), "the fault is told")
+    bus.set_off(False)
+    since = time.monotonic()
+    until(lambda: pushing(watch, since), "force again")
+    assert "reset by --auto-reset" in text(controller)
+    end(controller)
+
+
+def test_foreign_and_corrupt_frames_change_nothing(ring):
+    ring.device()
+    controller = ring.controller("--samples", ring.samples(), "--duration", 4, "--json", ring.directory / "c.json")
+    bus = VirtualBus(ring.bus_directory, "t")
+    watch = Watch(VirtualBus(ring.bus_directory, "t"))
+    until(lambda: pushing(watch), "force")
+    for k in range(50):
+        bus.send(0x123, b"\x01\x02")
+        bus.send(0x110, bytes(8))      # an EncoderA with a wrong checksum
+        time.sleep(0.002)
+    assert pushing(watch)
+    assert controller.wait(20) == 0
+    c = json.loads((ring.directory / "c.json").read_text())
+    assert c["can"]["foreign"] >= 40 and c["can"]["corrupt"] >= 40 and c["fault"] == "none"
+
+
+def test_two_devices_on_one_bus_feel_their_own_forces(ring):
+    for i in range(2):
+        ring.start("tm-device", "--bus", "virtual:t", "--instrument", i, "--duration", 4.5, "--json", ring.directory / f"d{i}.json")
+        samples = ring.directory / f"s{i}.csv"
+        samples.write_text("time_s,fx_N,fy_N,fz_N\n" + "".join(f"{k / 30:.4f},0,0,{-1.0 - i}\n" for k in range(200)))
+        ring.controller("--instrument", i, "--samples", samples, "--duration", 4, "--json", ring.directory / f"c{i}.json")
+    for process in ring.running:
+        assert process.wait(20) == 0, text(process)
+    for i in range(2):
+        d, c = (json.loads((ring.directory / f"{n}{i}.json").read_text()) for n in "dc")
+        assert d["torque_peak"][2] == pytest.approx(1.0 + i, abs=0.02)
+        assert c["fault"] == "none" and c["can"]["load_percent"] < 60 and d["can"]["lost"] == 0
+        if c["missed_ticks"] == 0:
+            assert c["can"]["load_percent"] > 30
+
+
+BAD = [
+    ("haptic-rt", [], "--bus"),
+    ("haptic-rt", ["--bus", "nonsense"], "virtual:NAME or socketcan:INTERFACE"),
+    ("haptic-rt", ["--bus", "virtual:a/b"], "virtual bus is named by"),
+    ("haptic-rt", ["--bus", "socketcan:no_such_interface"], "socketcan"),
+    ("haptic-rt", ["--bus", "virtual:t", "--extrapolator", "psychic"], "hold, time, position"),
+    ("haptic-rt", ["--bus", "virtual:t", "--rate", "5"], "100..2000"),
+    ("haptic-rt", ["--bus", "virtual:t", "--instrument", "2"], "0..1"),
+    ("haptic-rt", ["--bus", "virtual:t", "--trocar", "1,2"], "X,Y,Z"),
+    ("haptic-rt", ["--bus", "virtual:t", "--axis", "0,1,0"], "--axis"),
+    ("haptic-rt", ["--bus", "virtual:t", "--samples", "missing.csv"], "missing.csv: cannot be read"),
+    ("haptic-rt", ["--bus", "virtual:t", "--profile", "missing.profile"], "cannot be read"),
+    ("haptic-rt", ["--bus", "virtual:t", "--set", "force_max_N=99"], "0..20"),
+    ("haptic-rt", ["--bus", "virtual:t", "--set", "farce=1"], "no parameter"),
+    ("haptic-rt", ["--bus", "virtual:t", "--record", "r.csv"], "--duration"),
+    ("haptic-rt", ["--bus", "virtual:t", "--wat"], "no such option"),
+    ("haptic-rt", ["--bus", "virtual:t", "surplus"], "not an option"),
+    ("haptic-rt", ["--bus"], "needs a value"),
+    ("tm-device", [], "--bus"),
+    ("tm-device", ["--bus", "virtual:t", "--hand", "missing.csv"], "cannot be read"),
+    ("tm-device", ["--bus", "virtual:t", "--tremor", "1"], "0..0.01"),
+    ("tm-device", ["--bus", "virtual:t", "--wat"], "no such option"),
+]
+
+
+@pytest.mark.parametrize("program,argv,expected", BAD, ids=lambda v: " ".join(v) if isinstance(v, list) else None)
+def test_bad_options(bin, tmp_path, program, argv, expected):
+    if any("socketcan:" in a for a in argv):
+        expected = "cannot open no_such_interface" if len("no_such_interface") < 16 else "no interface name"
+    run = subprocess.run([bin / program, *argv], cwd=tmp_path, env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=20)
+    assert run.returncode == 2 and expected in run.stderr and "; " in run.stderr, run.stderr
+    assert [p for p in tmp_path.iterdir() if p.suffix != ".bus"] == []
+
+
+@pytest.mark.parametrize("name,content,line,expected", [
+    ("s.csv", "time_s,fx_N,fy_N\n0,0,0\n", 1, "no column 'fz_N'"),
+    ("s.csv", "time_s,fx_N,fy_N,fz_N\n0,0,0,1\n0.1,0,x,1\n", 3, "not a finite number"),
+    ("s.csv", "time_s,fx_N,fy_N,fz_N\n0,0,0\n", 2, "3 values where the header has 4"),
+    ("s.csv", "time_s,fx_N,fy_N,fz_N\n", 0, "holds no rows"),
+    ("s.csv", "time_s,fx_N,fy_N,fz_N\n0,0,0,nan\n", 2, "not a finite number"),
+    ("h.csv", "time_s,pitch_rad,yaw_rad,insertion_m,roll_rad,grip\n0,0,0,0.1,0,0\n0,0,0,0.1,0,0\n", 3, "ascending"),
+    ("p.profile", "force_max_N = 8\nfarce = 3\n", 2, "no parameter"),
+    ("p.profile", "# fine\n\njoint_min = 0 0\n", 3, "needs 5"),
+    ("p.profile", "force_max_N 8\n", 1, "no '='"),
+    ("p.profile", "joint_min = 1 1 1 1 1\n", 0, "lower end"),
+])
+def test_bad_files(bin, tmp_path, name, content, line, expected):
+    path = tmp_path / name
+    path.write_text(content)
+    option = {"s.csv": "--samples", "h.csv": "--hand", "p.profile": "--profile"}[name]
+    program = "tm-device" if option == "--hand" else "haptic-rt"
+    run = subprocess.run([bin / program, "--bus", "virtual:t", option, path], env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=20)
+    where = f"{path}:{line}: " if line else f"{path}: "
+    assert run.returncode == 2 and run.stderr.startswith(where) and expected in run.stderr, run.stderr
+
+
+@pytest.mark.parametrize("program", ["haptic-rt", "tm-device"])
+def test_help_and_version(bin, program):
+    for option, expected in (("--help", "usage: " + program), ("--version", program + " ")):
+        run = subprocess.run([bin / program, option], capture_output=True, text=True, timeout=20)
+        assert run.returncode == 0 and run.stdout.startswith(expected) and run.stderr == ""
+
+
+def test_an_unwritable_report_is_told_at_once(bin, tmp_path):
+    run = subprocess.run([bin / "tm-device", "--bus", "virtual:t", "--json", tmp_path / "no" / "such.json"], env=dict(os.environ, TM_BUS_DIR=str(tmp_path)),
+                         capture_output=True, text=True, timeout=20)
+    assert run.returncode == 2 and "such.json" in run.stderr
+
+
+def test_the_shipped_profile_is_the_default(bin, root, tmp_path):
+    plain, profiled = (subprocess.run([bin / "haptic-rt", *more, "--params"], capture_output=True, text=True, timeout=20).stdout
+                       for more in ([], ["--profile", root / "haptic_rt/device/profiles/impulse_engine.profile"]))
+    assert plain == profiled and "force_max_N = 8.9" in plain
+    path = tmp_path / "own.profile"
+    path.write_text(plain)
+    assert subprocess.run([bin / "haptic-rt", "--profile", path, "--params"], capture_output=True, text=True, timeout=20).stdout == plain

@@ -1,0 +1,78 @@
+"""Looks at a virtual bus and disturbs it: haptic_rt/io/bus_virtual.h in Python."""
+import mmap
+import os
+import struct
+import threading
+import time
+
+SLOTS, HEADER, SLOT = 4096, 64, 32
+
+
+class VirtualBus:
+    def __init__(self, directory, name):
+        self.path = os.path.join(directory, name + ".bus")
+        end = time.monotonic() + 10
+        while not os.path.exists(self.path) or os.path.getsize(self.path) != HEADER + SLOTS * SLOT:
+            assert time.monotonic() < end, f"{self.path} never came"
+            time.sleep(0.002)
+        self.file = open(self.path, "r+b")
+        self.map = mmap.mmap(self.file.fileno(), 0)
+        self.next = self.head()
+
+    def head(self):
+        return struct.unpack_from("<Q", self.map, 8)[0]
+
+    def set_off(self, off):
+        struct.pack_into("<Q", self.map, 16, 1 if off else 0)
+
+    def receive(self):
+        """[(id, data)] of what came since."""
+        frames = []
+        head = self.head()
+        while self.next < head:
+            at = HEADER + SLOT * (self.next % SLOTS)
+            stamp, _, identifier, length, flags = struct.unpack_from("<QQIBB", self.map, at)
+            if stamp != self.next + 1:
+                break
+            frames.append((identifier, bytes(self.map[at + 22:at + 22 + length])))
+            self.next += 1
+        return frames
+
+    def send(self, identifier, data, flags=0):
+        """Not atomic as the C side is; good enough between its frames."""
+        number = self.head()
+        struct.pack_into("<Q", self.map, 8, number + 1)
+        at = HEADER + SLOT * (number % SLOTS)
+        struct.pack_into("<QQIBB8s", self.map, at, 0, 1, identifier, len(data), flags, bytes(data).ljust(8, b"\0"))
+        struct.pack_into("<Q", self.map, at, number + 1)
+
+
+class Watch(threading.Thread):
+    """Notes when frames pass, to about a millisecond."""
+
+    def __init__(self, bus):
+        super().__init__(daemon=True)
+        self.bus, self.frames, self.stop = bus, [], False
+        self.start()
+
+    def run(self):
+        while not self.stop:
+            now = time.monotonic()
+            self.frames += [(now, identifier, data) for identifier, data in self.bus.receive()]
+            time.sleep(0.0005)
+
+    def last(self, identifier):
+        return next(((t, d) for t, i, d in reversed(self.frames) if i == identifier), (None, None))
+
+
+def torque(data):
+    return struct.unpack_from("<hhh", data)
+
+
+def crc8(data):
+    crc = 0xFF
+    for byte in data:
+        crc ^= byte
+        for _ in range(8):
+            crc = ((crc << 1) ^ 0x1D if crc & 0x80 else crc << 1) & 0xFF
+    return crc ^ 0xFF
