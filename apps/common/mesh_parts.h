@@ -37,10 +37,14 @@ typedef struct app_mesh_cursor {
     int line; /* 0 in a binary file */
     app_mesh_scan *scan;
     tm_error *error;
+    int64_t *sorted; /* the vertex tags, ascending, once they are known */
 } app_mesh_cursor;
 tm_status app_mesh_scan_binary(app_mesh_cursor *cursor, int major);
 tm_status app_mesh_scan_element(app_mesh_cursor *cursor, int64_t tag, int64_t type);
 int app_mesh_type_vertices(int64_t type);
+/* Sorts the vertex tags for the next; refuses one that comes twice. */
+tm_status app_mesh_scan_vertices_end(app_mesh_cursor *cursor);
+tm_status app_mesh_scan_corner(app_mesh_cursor *cursor, int64_t element, int64_t vertex);
 bool app_mesh_append(int64_t **array, int64_t *count, int64_t value);
 
 /* Entry point of the gmsh module: reads into a mesh in ascending tag order, unscaled. */

@@ -30,6 +30,30 @@ tm_status app_mesh_scan_element(cursor *c, int64_t tag, int64_t type) {
     return TM_OK;
 }
 
+static int by_value(const void *a, const void *b) {
+    int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
+    return (x > y) - (x < y);
+}
+
+/* c->sorted := the tags, ascending. */
+static tm_status sort_tags(cursor *c, const int64_t *tag, int64_t count, const char *what) {
+    if (!(c->sorted = malloc(((size_t)count + 1) * sizeof *c->sorted))) return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory");
+    if (count) memcpy(c->sorted, tag, (size_t)count * sizeof *c->sorted);
+    qsort(c->sorted, (size_t)count, sizeof *c->sorted, by_value);
+    for (int64_t i = 1; i < count; i++)
+        if (c->sorted[i] == c->sorted[i - 1])
+            return app_mesh_fail(c->error, TM_ERR_MESH, c->sorted[i], "%s %lld is there twice; number them anew", what, (long long)c->sorted[i]);
+    return TM_OK;
+}
+
+tm_status app_mesh_scan_vertices_end(cursor *c) { return sort_tags(c, c->scan->vertex_tag, c->scan->vertex_count, "vertex"); }
+
+tm_status app_mesh_scan_corner(cursor *c, int64_t element, int64_t vertex) {
+    if (bsearch(&vertex, c->sorted, (size_t)c->scan->vertex_count, sizeof *c->sorted, by_value)) return TM_OK;
+    return app_mesh_fail(c->error, TM_ERR_MESH, element, "element %lld names vertex %lld, which is not there; write the mesh anew", (long long)element,
+                         (long long)vertex);
+}
+
 static tm_status bad(cursor *c, const char *what) {
     return app_mesh_fail(c->error, TM_ERR_FILE, -1, "line %d: %s; the file is damaged or cut short, write it anew", c->line, what);
 }
@@ -108,12 +132,16 @@ static tm_status nodes_2(cursor *c) {
 }
 
 static tm_status elements_2(cursor *c) {
-    int64_t count, field[2];
+    enum { TAGS = 100 };
+    int64_t count, field[3 + TAGS + 8];
     if (line_integers(c, &count, 1) != 1 || count < 0 || count > MAX_COUNT) return bad(c, "$Elements begins with their number");
     for (int64_t i = 0; i < count; i++) {
-        int n = line_integers(c, field, 2);
-        if (n != 2) return bad(c, n < 0 ? "the file ends among its elements" : "an element is: number type tags vertices");
+        int n = line_integers(c, field, 3 + TAGS + 8);
+        if (n < 3 || field[2] < 0 || field[2] > TAGS) return bad(c, n < 0 ? "the file ends among its elements" : "an element is: number type tags vertices");
         tm_status status = app_mesh_scan_element(c, field[0], field[1]);
+        int corners = app_mesh_type_vertices(field[1]), first = 3 + (int)field[2];
+        if (!status && n != first + corners) status = bad(c, "an element has too few or too many vertices");
+        for (int k = 0; !status && k < corners; k++) status = app_mesh_scan_corner(c, field[0], field[first + k]);
         if (status) return status;
     }
     return TM_OK;
@@ -137,13 +165,16 @@ static tm_status nodes_4(cursor *c) {
 }
 
 static tm_status elements_4(cursor *c) {
-    int64_t head[4], tag;
+    int64_t head[4], field[1 + 8 + 1];
     if (line_integers(c, head, 4) != 4 || head[0] < 0 || head[0] > MAX_COUNT) return bad(c, "$Elements begins with 4 numbers");
     for (int64_t b = 0, blocks = head[0]; b < blocks; b++) {
         if (line_integers(c, head, 4) != 4 || head[3] < 0 || head[3] > MAX_COUNT) return bad(c, "a block of elements begins with 4 numbers");
         for (int64_t i = 0; i < head[3]; i++) {
-            if (line_integers(c, &tag, 1) != 1) return bad(c, "an element number is missing");
-            tm_status status = app_mesh_scan_element(c, tag, head[2]);
+            int n = line_integers(c, field, 1 + 8 + 1), corners = app_mesh_type_vertices(head[2]);
+            if (n < 1) return bad(c, "an element number is missing");
+            tm_status status = app_mesh_scan_element(c, field[0], head[2]);
+            if (!status && n != 1 + corners) status = bad(c, "an element has too few or too many vertices");
+            for (int k = 0; !status && k < corners; k++) status = app_mesh_scan_corner(c, field[0], field[1 + k]);
             if (status) return status;
         }
     }
@@ -174,12 +205,13 @@ static tm_status scan_text(cursor *c, int major) {
     tm_status status = TM_OK;
     while (!status && next_line(c, &line, &length)) {
         if (is(line, length, "$Nodes")) {
+            status = nodes ? bad(c, "a second $Nodes") : major == 2 ? nodes_2(c) : nodes_4(c);
             nodes = true;
-            status = major == 2 ? nodes_2(c) : nodes_4(c);
+            if (!status) status = app_mesh_scan_vertices_end(c);
             if (!status && !(next_line(c, &line, &length) && is(line, length, "$EndNodes"))) status = bad(c, "$EndNodes expected here");
         } else if (is(line, length, "$Elements")) {
             elements = true;
-            status = major == 2 ? elements_2(c) : elements_4(c);
+            status = !nodes ? bad(c, "$Elements before $Nodes") : major == 2 ? elements_2(c) : elements_4(c);
             if (!status && !(next_line(c, &line, &length) && is(line, length, "$EndElements")))
                 status = bad(c, "$EndElements expected here");
         }
@@ -187,31 +219,17 @@ static tm_status scan_text(cursor *c, int major) {
     return status || (nodes && elements) ? status : bad(c, nodes ? "no $Elements" : "no $Nodes");
 }
 
-static int by_value(const void *a, const void *b) {
-    int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
-    return (x > y) - (x < y);
-}
-
-static tm_status refuse_twice(const int64_t *tag, int64_t count, const char *what, tm_error *error) {
-    int64_t *sorted = malloc(((size_t)count + 1) * sizeof *sorted), twice = -1;
-    if (!sorted) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory");
-    if (count) memcpy(sorted, tag, (size_t)count * sizeof *sorted);
-    qsort(sorted, (size_t)count, sizeof *sorted, by_value);
-    for (int64_t i = 1; i < count && twice < 0; i++)
-        if (sorted[i] == sorted[i - 1]) twice = sorted[i];
-    free(sorted);
-    return twice < 0 ? TM_OK : app_mesh_fail(error, TM_ERR_MESH, twice, "%s %lld is there twice; number them anew", what, (long long)twice);
-}
-
 tm_status app_mesh_scan_msh(const char *text, size_t size, app_mesh_scan *scan, tm_error *error) {
     *scan = (app_mesh_scan){0};
-    cursor c = {text, text + size, 0, scan, error};
+    cursor c = {text, text + size, 0, scan, error, NULL};
     int major = 0;
     bool binary = false;
     tm_status status = format_line(&c, &major, &binary);
     if (!status) status = binary ? app_mesh_scan_binary(&c, major) : scan_text(&c, major);
-    if (!status) status = refuse_twice(scan->vertex_tag, scan->vertex_count, "vertex", error);
-    if (!status) status = refuse_twice(scan->tet_tag, scan->tet_count, "tetrahedron", error);
+    free(c.sorted);
+    c.sorted = NULL;
+    if (!status) status = sort_tags(&c, scan->tet_tag, scan->tet_count, "tetrahedron");
+    free(c.sorted);
     if (status) app_mesh_scan_free(scan);
     return status;
 }

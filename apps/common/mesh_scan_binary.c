@@ -50,16 +50,22 @@ static tm_status scan_2(cursor *c) {
         if (!take(c, &tag, sizeof tag) || !skip(c, 3, sizeof(double))) return short_file(c);
         if (!app_mesh_append(&c->scan->vertex_tag, &c->scan->vertex_count, tag)) return no_memory(c);
     }
+    tm_status status = app_mesh_scan_vertices_end(c);
+    if (status) return status;
     if (!find_section(c, "\n$Elements\n") || !take_count(c, &count)) return short_file(c);
     while (count > 0) {
-        int32_t head[3], tag; /* type, number, tags */
+        int32_t head[3], tag, vertex; /* type, number, tags */
         if (!take(c, head, sizeof head) || head[1] < 1 || head[1] > count || head[2] < 0 || head[2] > 100) return short_file(c);
         count -= head[1];
         for (int32_t i = 0; i < head[1]; i++) {
             if (!take(c, &tag, sizeof tag)) return short_file(c);
-            tm_status status = app_mesh_scan_element(c, tag, head[0]);
+            status = app_mesh_scan_element(c, tag, head[0]);
             if (status) return status;
-            if (!skip(c, (uint64_t)(head[2] + app_mesh_type_vertices(head[0])), sizeof(int32_t))) return short_file(c);
+            if (!skip(c, (uint64_t)head[2], sizeof(int32_t))) return short_file(c);
+            for (int k = 0; k < app_mesh_type_vertices(head[0]); k++) {
+                if (!take(c, &vertex, sizeof vertex)) return short_file(c);
+                if ((status = app_mesh_scan_corner(c, tag, vertex))) return status;
+            }
         }
     }
     return TM_OK;
@@ -81,7 +87,7 @@ static tm_status nodes_4(cursor *c) {
 }
 
 static tm_status elements_4(cursor *c) {
-    uint64_t head[4], count, tag;
+    uint64_t head[4], count, tag, vertex;
     if (!find_section(c, "\n$Elements\n") || !take(c, head, sizeof head)) return short_file(c);
     for (uint64_t b = 0; b < head[0]; b++) {
         int32_t entity[3]; /* dimension, tag, type */
@@ -90,7 +96,10 @@ static tm_status elements_4(cursor *c) {
             if (!take(c, &tag, sizeof tag) || tag > INT64_MAX) return short_file(c);
             tm_status status = app_mesh_scan_element(c, (int64_t)tag, entity[2]);
             if (status) return status;
-            if (!skip(c, (uint64_t)app_mesh_type_vertices(entity[2]), sizeof(uint64_t))) return short_file(c);
+            for (int k = 0; k < app_mesh_type_vertices(entity[2]); k++) {
+                if (!take(c, &vertex, sizeof vertex)) return short_file(c);
+                if ((status = app_mesh_scan_corner(c, (int64_t)tag, vertex > INT64_MAX ? -1 : (int64_t)vertex))) return status;
+            }
         }
     }
     return TM_OK;
@@ -104,5 +113,6 @@ tm_status app_mesh_scan_binary(cursor *c, int major) {
     c->at--; /* a section begins with the end of the line before */
     if (major == 2) return scan_2(c);
     tm_status status = nodes_4(c);
+    if (!status) status = app_mesh_scan_vertices_end(c);
     return status ? status : elements_4(c);
 }

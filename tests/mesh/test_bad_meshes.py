@@ -72,6 +72,18 @@ def element(text, line):
     return text
 
 
+def wrong_corner(m, write_format):
+    m.points.append([0, 0, 1])
+    m.vertex_tag.append(555)
+    m.tets[0][0] = 27
+    text = write_format(m)
+    del m.points[-1], m.vertex_tag[-1]
+    m.tets[0][0] = 0
+    right = write_format(m)
+    at = text.index(b"$Elements")
+    return right[:right.index(b"$Elements")] + text[at:]
+
+
 CASES = {
     "nan": (nan_vertex, r"vertex 5 .*nan"),
     "infinite": (infinite_vertex, r"vertex 5 "),
@@ -92,13 +104,16 @@ CASES = {
     "stl": (lambda m: "solid x\nfacet normal 0 0 1\nouter loop\nendsolid x\n", r"not a \.msh file"),
     "garbage": (lambda m: bytes((i * 73 + i // 7) % 256 for i in range(5000)), r"not a \.msh file"),
     "garbage after header": (lambda m: b"$MeshFormat\n4.1 1 8\n\x01\0\0\0\n$EndMeshFormat\n$Nodes\n" + bytes((i * 73 + i // 7) % 256 for i in range(5000)), r"."),
+    "missing vertex 4.1": (lambda m: meshlib.msh4(m).replace("\n3 1 4 48\n1 ", "\n3 1 4 48\n1 600 "), r"too many vertices"),
+    "missing vertex binary": (lambda m: wrong_corner(m, meshlib.msh2_binary), r"element 1 names vertex 555"),
+    "missing vertex binary 4.1": (lambda m: wrong_corner(m, meshlib.msh4_binary), r"element 1 names vertex 555"),
     "old format": (lambda m: meshlib.msh2(m).replace("2.2 0 8", "1.0 0 8"), r"format '1\.0 0 8'.*4\.1 or 2\.2"),
     "4.0": (lambda m: meshlib.msh2(m).replace("2.2 0 8", "4 0 8"), r"format '4 0 8'"),
     "quadratic": (lambda m: element(meshlib.msh2(m), "99 11 2 1 1 1 2 4 10 3 5 6 7 8 9"), r"line \d+: element 99 .*first order"),
     "hexahedron": (lambda m: element(meshlib.msh2(m), "99 5 2 1 1 1 2 5 4 10 11 14 13"), r"element 99 .*hexahedron"),
     "all quadratic": (lambda m: re.sub(r"\$Elements.*", "$Elements\n1\n7 11 2 1 1 1 2 4 10 3 5 6 7 8 9\n$EndElements\n", meshlib.msh2(m), flags=re.S), r"element 7 .*first order"),
     "surface only": (lambda m: re.sub(r"\$Elements.*", "$Elements\n1\n1 2 2 1 1 1 2 4\n$EndElements\n", meshlib.msh2(m), flags=re.S), r"no tetrahedra"),
-    "missing vertex": (lambda m: element(meshlib.msh2(m), "99 4 2 1 1 1 2 4 555"), r"555"),
+    "missing vertex": (lambda m: element(meshlib.msh2(m), "99 4 2 1 1 1 2 4 555"), r"element 99 names vertex 555"),
     "vertex number twice": (lambda m: meshlib.msh2(m).replace("\n2 0.05", "\n1 0.05"), r"vertex 1 is there twice"),
     "element number twice": (lambda m: element(meshlib.msh2(m), "5 4 2 1 1 1 2 4 10"), r"5"),
     "letters for a number": (lambda m: meshlib.msh2(m).replace("\n3 0.1 ", "\n3 zero "), r"line 8: .*not a number"),
