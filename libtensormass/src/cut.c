@@ -28,6 +28,9 @@ tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh) {
     take_queue(&w->vertex_check, pool, mesh->vertex_count);
     take_queue(&w->edge_check, pool, mesh->edge_count);
     w->edge_alive = TM_TAKE(pool, int32_t, mesh->edge_count);
+    w->vertex_alive = TM_TAKE(pool, int32_t, mesh->vertex_count);
+    w->edge_whole = TM_TAKE(pool, int32_t, mesh->edge_count);
+    w->vertex_whole = TM_TAKE(pool, int32_t, mesh->vertex_count);
     w->star = TM_TAKE(pool, int32_t, w->star_max);
     w->fan = TM_TAKE(pool, int32_t, w->star_max);
     w->stack = TM_TAKE(pool, int32_t, w->star_max);
@@ -39,12 +42,25 @@ tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh) {
     return w;
 }
 
-void tm_cut_count_edges(tm_tissue *tissue) {
+void tm_cut_count(tm_tissue *tissue) {
     const tm_mesh *mesh = tissue->mesh;
+    tm_cut_work *w = tissue->cut;
     for (int32_t e = 0; e < mesh->edge_count; e++) {
-        tissue->cut->edge_alive[e] = 0;
-        for (int32_t i = mesh->edge_tet_begin[e]; i < mesh->edge_tet_begin[e + 1]; i++)
-            tissue->cut->edge_alive[e] += tissue->alive[mesh->edge_tet[i]];
+        w->edge_alive[e] = 0;
+        w->edge_whole[e] = mesh->edge_tet_begin[e + 1] - mesh->edge_tet_begin[e];
+        for (int32_t i = mesh->edge_tet_begin[e]; i < mesh->edge_tet_begin[e + 1]; i++) w->edge_alive[e] += tissue->alive[mesh->edge_tet[i]];
+    }
+    for (int32_t v = 0; v < mesh->vertex_count; v++) {
+        w->vertex_alive[v] = 0;
+        w->vertex_whole[v] = mesh->vertex_tet_begin[v + 1] - mesh->vertex_tet_begin[v];
+        for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++)
+            w->vertex_alive[v] += tissue->alive[mesh->vertex_tet[i]];
+    }
+    for (int32_t f = 0; f < 4 * mesh->tet_count; f++) {
+        if (mesh->tet_neighbour[f] >= 0) continue;
+        for (int i = 0; i < 3; i++) w->vertex_whole[mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][i]]] = -1;
+        for (int e = 0; e < 6; e++)
+            if (tm_edge_vertex[e][0] != f % 4 && tm_edge_vertex[e][1] != f % 4) w->edge_whole[mesh->tet_edge[6 * (int64_t)(f / 4) + e]] = -1;
     }
 }
 
@@ -54,7 +70,7 @@ static void see(tm_cut_list *list, uint32_t call, int32_t item) {
     list->item[list->count++] = item;
 }
 
-static void push(tm_cut_queue *queue, int32_t item) {
+void tm_cut_queue_push(tm_cut_queue *queue, int32_t item) {
     if (queue->waits[item]) return;
     queue->waits[item] = 1;
     int32_t end = queue->begin + queue->count++;
@@ -100,8 +116,45 @@ static void update_surface(tm_tissue *tissue, int32_t tet) {
     }
 }
 
+/* Local edge between two local vertices. */
+static const int8_t edge_between[4][4] = {{-1, 0, 1, 2}, {0, -1, 3, 4}, {1, 3, -1, 5}, {2, 4, 5, -1}};
+
+/* Whose fans may fall apart when this tetrahedron goes? Only they are looked at afterwards.
+ *
+ * About an edge the fan splits only if both neighbours live and the fan was not closed. About a vertex, where the tetrahedron is a triangle
+ * of the star's section: with no free side it opens a new outline (but the first in a closed star); with one free side it may split the
+ * star when the corner opposite lies on the outline too; with two or three it is an ear. A split edge means a look at its ends as well. */
+static void find_doubts(tm_tissue *tissue, int32_t tet) {
+    tm_cut_work *w = tissue->cut;
+    const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet, *edge = tissue->mesh->tet_edge + 6 * (int64_t)tet;
+    bool joined[4], closed[6];
+    for (int i = 0; i < 4; i++) {
+        const int32_t other = tissue->mesh->tet_neighbour[4 * (int64_t)tet + i];
+        joined[i] = other >= 0 && tissue->alive[other];
+    }
+    for (int e = 0; e < 6; e++) {
+        const int a = tm_edge_vertex[e][0], b = tm_edge_vertex[e][1], c = tm_edge_vertex[5 - e][0], d = tm_edge_vertex[5 - e][1];
+        closed[e] = w->edge_alive[edge[e]] == w->edge_whole[edge[e]];
+        if (closed[e] || !joined[c] || !joined[d]) continue;
+        tm_cut_queue_push(&w->edge_check, edge[e]);
+        tm_cut_queue_push(&w->vertex_check, v[a]);
+        tm_cut_queue_push(&w->vertex_check, v[b]);
+    }
+    for (int i = 0; i < 4; i++) {
+        int sides = 0, free_side = 0;
+        for (int j = 0; j < 4; j++) {
+            if (j == i) continue;
+            sides += joined[j];
+            if (!joined[j]) free_side = j;
+        }
+        const bool doubt = sides == 3 ? w->vertex_alive[v[i]] != w->vertex_whole[v[i]] : sides == 2 && !closed[edge_between[i][free_side]];
+        if (doubt) tm_cut_queue_push(&w->vertex_check, v[i]);
+    }
+}
+
 void tm_cut_kill(tm_tissue *tissue, int32_t tet) {
     tm_cut_work *w = tissue->cut;
+    find_doubts(tissue, tet);
     tissue->alive[tet] = 0;
     tissue->alive_count--;
     see(&w->tet, w->call, tet);
@@ -110,12 +163,11 @@ void tm_cut_kill(tm_tissue *tissue, int32_t tet) {
         const int32_t edge = tissue->mesh->tet_edge[6 * (int64_t)tet + e];
         w->edge_alive[edge]--;
         see(&w->edge, w->call, edge);
-        push(&w->edge_check, edge);
     }
     for (int i = 0; i < 4; i++) {
         const int32_t vertex = tissue->mesh->tet[4 * (int64_t)tet + i];
+        w->vertex_alive[vertex]--;
         see(&w->vertex, w->call, vertex);
-        push(&w->vertex_check, vertex);
     }
 }
 

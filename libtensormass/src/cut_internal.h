@@ -23,7 +23,8 @@ typedef struct tm_cut_work {
     uint32_t call;
     tm_cut_list vertex, edge, tet;          /* touched (vertices, edges), removed (tetrahedra) in this call */
     tm_cut_queue vertex_check, edge_check;  /* whose fans are still to be looked at */
-    int32_t *edge_alive;                    /* [edge_count] living tetrahedra around an edge */
+    int32_t *edge_alive, *vertex_alive;     /* living tetrahedra around an edge, a vertex */
+    int32_t *edge_whole, *vertex_whole;     /* how many close up all around it; -1: on the mesh's own surface, never */
     int32_t star_max;                       /* most tetrahedra around a vertex */
     int32_t *star, *fan, *stack;            /* [star_max] of the vertex or edge looked at */
     int32_t *rim_tet, *rim_face, *rim_loop; /* [3*star_max] outer faces at the vertex looked at */
@@ -33,11 +34,13 @@ typedef struct tm_cut_work {
 } tm_cut_work;
 
 tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh);
-void tm_cut_count_edges(tm_tissue *tissue);
+/* Counts the living tetrahedra around edges and vertices. */
+void tm_cut_count(tm_tissue *tissue);
 /* Takes one living tetrahedron away: alive mark, surface, counts; what it touched waits for a look and for new tensors. */
 void tm_cut_kill(tm_tissue *tissue, int32_t tet);
 /* Removes what hangs by a vertex or an edge, until nothing does. */
 void tm_cut_mend(tm_tissue *tissue);
+void tm_cut_queue_push(tm_cut_queue *queue, int32_t item);
 int32_t tm_cut_queue_pop(tm_cut_queue *queue);
 
 bool tm_stage_is_cut(const tm_stage *stage);

@@ -182,8 +182,10 @@ static void check_vertex(tm_tissue *tissue, int32_t vertex) {
     seams /= 2;
     if (2 * seams == 3 * n) return; /* all around */
     const int32_t fans = label_fans(tissue, n, face_has_vertex, vertex);
+    if (fans == 1 && is_disc(tissue, n, seams, vertex)) return;
     if (fans > 1) keep_largest_fan(tissue, n, fans);
-    else if (!is_disc(tissue, n, seams, vertex)) open_ring(tissue, n, vertex);
+    else open_ring(tissue, n, vertex);
+    tm_cut_queue_push(&tissue->cut->vertex_check, vertex); /* what is left may be a ring, or have one more hole */
 }
 
 void tm_cut_mend(tm_tissue *tissue) {

@@ -240,7 +240,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     for (int32_t v = 0; v < def->mesh->vertex_count; v++) tm_tissue_assemble_vertex(t, v);
     for (int32_t e = 0; e < def->mesh->edge_count; e++) tm_tissue_assemble_edge(t, e);
     tm_tissue_build_surface(t);
-    if (t->cut) tm_cut_count_edges(t);
+    if (t->cut) tm_cut_count(t);
     t->pool = pool;
     *tissue = t;
     return TM_OK;
