@@ -33,6 +33,7 @@ typedef struct tms_system {
 } tms_system;
 
 /* Every part of the tissue must be held by `fixed` (TM_ERR_SUPPORT names a vertex of the one that is not). */
+tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error *error);
 tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error);
 void tms_system_destroy(tms_system *system);
 int64_t tms_system_bytes(const tms_system *system);
@@ -106,6 +107,8 @@ typedef struct tms_request {
     tm_precision precision;
     const char *file;
     const tm_solve_team *team;
+    tms_system *system;            /* out, both or neither: kept for solutions on line, made anew where the responses came from a file */
+    tms_solver **solver;
 } tms_request;
 
 /* From the file, else computed and written. `force`: whatever the file holds. On ranks above 0 nothing is returned. */

@@ -89,6 +89,8 @@ void tms_local_destroy(tms_local *local) {
     *local = (tms_local){0};
 }
 
+bool tms_local_can_touch(const tms_tool *tool) { return tool->pose.active || tool->def.mode == TM_TOOL_CAUTERY; }
+
 /* --- which vertices --- */
 
 static int32_t want(tms_local *l, int32_t v, int32_t count) {
@@ -154,6 +156,14 @@ static void assign_slots(tms_local *l, int32_t count) {
     for (int32_t i = 0; i < l->pin_count; i++) l->pin_of[l->slot_of[l->pin[i].vertex]] = i;
 }
 
+void tms_local_forget(tms_local *l) {
+    for (int32_t s = 0; s < l->capacity; s++) {
+        if (l->vertex[s] >= 0) l->slot_of[l->vertex[s]] = -1;
+        l->vertex[s] = l->pin_of[s] = -1;
+    }
+    memset(l->f, 0, 24 * (size_t)l->capacity);
+}
+
 void tms_local_gather(tms_local *l) {
     double reach = 2.5; /* radii: what the finder looks at, a piece of the path, and what the tissue may give */
     int32_t count = -1;
@@ -161,7 +171,7 @@ void tms_local_gather(tms_local *l) {
         for (int32_t t = 0; t < l->tool_count; t++) {
             tms_tool *tool = &l->tool[t];
             const int32_t *vertex;
-            tool->near = tool->pose.active && tries < 20; /* then there is no room for any */
+            tool->near = tms_local_can_touch(tool) && tries < 20; /* then there is no room for any */
             if (!tool->near) continue;
             tool->overflowed = !tm_contact_search_gather(tool->search, l->mesh->rest_m, l->u_m, &l->surface, &tool->capsule, reach * tool->def.radius_m) || tries > 2;
             tool->near = tm_contact_search_vertices(tool->search, &vertex) > 0;
@@ -222,8 +232,12 @@ void tms_local_look(tms_local *l, tms_look *look) {
             const int32_t found = tm_contact_search_rows(tool->search, l->mesh->rest_m, l->u_m, &tool->capsule, 0, l->before + first, last - first,
                                                          look->row + look->count, l->def.max_rows - look->count, &overflowed);
             tool->overflowed |= overflowed;
-            for (int32_t i = 0; i < found; i++) add_row(l, look, &look->row[look->count + i]);
-            look->count += found;
+            const int32_t end = look->count + found;
+            for (int32_t i = look->count; i < end; i++) {
+                if (l->passes && l->passes(l->self, &look->row[i])) continue;
+                look->row[look->count] = look->row[i];
+                add_row(l, look, &look->row[look->count++]);
+            }
         }
         first = last;
     }
@@ -231,13 +245,13 @@ void tms_local_look(tms_local *l, tms_look *look) {
 
 /* --- tools --- */
 
-static void set_pose(tms_local *l, int32_t t, const tm_tool_pose *pose) {
+void tms_local_pose(tms_local *l, int32_t t, const tm_tool_pose *pose) {
     l->tool[t].pose = *pose;
     l->tool[t].capsule = tm_tool_capsule(&l->tool[t].def, pose, t);
 }
 
 void tms_local_place(tms_local *l, int32_t t, const tm_tool_pose *at) {
-    set_pose(l, t, at);
+    tms_local_pose(l, t, at);
     int32_t kept = 0; /* what it had sunk into was elsewhere */
     for (int32_t i = 0; i < l->before_count; i++)
         if (l->before[i].instrument != t) l->before[kept++] = l->before[i];
@@ -252,7 +266,7 @@ static double path_pieces(const tms_local *l, const tm_tool_pose *pose) {
         double tip2 = 0, tail2 = 0;
         for (int c = 0; c < 3; c++) tip2 += (to.tip_m[c] - from->tip_m[c]) * (to.tip_m[c] - from->tip_m[c]);
         for (int c = 0; c < 3; c++) tail2 += (to.tail_m[c] - from->tail_m[c]) * (to.tail_m[c] - from->tail_m[c]);
-        if (pose[t].active || l->tool[t].pose.active) most = fmax(most, sqrt(fmax(tip2, tail2)) / (TMS_PIECE * l->tool[t].def.radius_m));
+        if (pose[t].active || tms_local_can_touch(&l->tool[t])) most = fmax(most, sqrt(fmax(tip2, tail2)) / (TMS_PIECE * l->tool[t].def.radius_m));
     }
     return most;
 }
@@ -267,7 +281,7 @@ static void go_to(tms_local *l, const tm_tool_pose *from, const tm_tool_pose *to
     for (int32_t t = 0; t < l->tool_count; t++) {
         tm_tool_pose at = to[t];
         for (int c = 0; c < 3 && s < 1; c++) at.tip_m[c] = from[t].tip_m[c] + s * (to[t].tip_m[c] - from[t].tip_m[c]);
-        set_pose(l, t, &at);
+        tms_local_pose(l, t, &at);
     }
 }
 

@@ -44,6 +44,7 @@ typedef struct tms_local {
     void *self;
     void (*compliance)(void *self, int32_t a, int32_t b, double C[9]); /* of vertex a by forces on vertex b, m/N, row-major */
     void (*refresh)(void *self, const int32_t *vertex, int32_t count); /* bring base_m up to date at these; may be null */
+    bool (*passes)(void *self, const tm_contact_row *row); /* a row that is no obstacle; may be null */
     double *base_m;                /* [3*vertex_count] shape without f */
     double *u_m;                   /* [3*vertex_count] shape: at the slots always, elsewhere as the client left it */
     /* slots */
@@ -80,7 +81,13 @@ typedef struct tms_local {
 tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const tm_contact_def *contact, int32_t capacity, tms_local *local,
                            tm_error *error);
 void tms_local_destroy(tms_local *local);
+/* Where a tool is now; what it touched before is still known. */
+void tms_local_pose(tms_local *local, int32_t tool, const tm_tool_pose *pose);
+/* A tool put there: what it touched before is forgotten. */
 void tms_local_place(tms_local *local, int32_t tool, const tm_tool_pose *at);
+bool tms_local_can_touch(const tms_tool *tool);
+/* All compliances are asked for anew. */
+void tms_local_forget(tms_local *local);
 /* Slots for everything near the tools; forces of vertices that left are dropped. */
 void tms_local_gather(tms_local *local);
 /* Newton's method from the forces there are. Returns the steps taken; `converged` tells. */

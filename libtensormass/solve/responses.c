@@ -130,8 +130,13 @@ static tm_status compute(const tms_request *q, uint64_t key, tms_responses *r, t
     if (status == TM_OK) status = compute_into(q, &system, solver, kept_count, key, memory, columns, error);
     if (status == TM_OK && file.map == MAP_FAILED && rank == 0) view(r, memory, columns);
 done:
-    tms_solver_destroy(solver); /* before the file is flushed: the factor is the larger half of memory */
-    tms_system_destroy(&system);
+    if (q->solver && status == TM_OK) {
+        *q->system = system;
+        *q->solver = solver;
+    } else {
+        tms_solver_destroy(solver); /* before the file is flushed: the factor is the larger half of memory */
+        tms_system_destroy(&system);
+    }
     if (file.map != MAP_FAILED && status == TM_OK) {
         status = tms_file_commit(&file, threads, error);
         if (status == TM_OK && !tms_file_open(q->file, key, threads, &r->map, &r->map_bytes, report->why))
@@ -141,6 +146,14 @@ done:
         tms_file_abandon(&file);
     }
     if (status != TM_OK || rank > 0) tms_responses_release(r);
+    return status;
+}
+
+static tm_status factor_again(const tms_request *q, tm_solve_report *report, tm_error *error) {
+    tm_status status = tms_system_create(q->def->tissue, q->def->fixed, q->system, error);
+    if (status != TM_OK) return status;
+    status = tms_solver_create(q->system, q->def, 0, 0, q->solver, report, error);
+    if (status != TM_OK) tms_system_destroy(q->system);
     return status;
 }
 
@@ -157,8 +170,10 @@ tm_status tms_responses_get(const tms_request *q, bool force, tms_responses *r, 
         report->why[0] = 0;
         report->columns = r->kept_count + r->interface_count;
         report->responses_bytes = r->bytes;
+        const tm_status status = q->solver ? factor_again(q, report, error) : TM_OK;
         report->seconds = tms_clock_s() - start;
-        return TM_OK;
+        if (status != TM_OK) tms_responses_release(r);
+        return status;
     }
     char why[160];
     memcpy(why, report->why, sizeof why);

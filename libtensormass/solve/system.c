@@ -73,7 +73,7 @@ static void find_parts(const tm_tissue *tissue, int32_t *parent, part *parts) {
         }
 }
 
-static tm_status check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error *error) {
+tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error *error) {
     const tm_mesh *mesh = tm_tissue_mesh(tissue);
     const int32_t n = mesh->vertex_count;
     int32_t *parent = malloc((size_t)n * sizeof *parent);
@@ -154,7 +154,7 @@ static int64_t walk_column(const tm_tissue *tissue, const tms_system *s, int32_t
 tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error) {
     const int32_t n = tm_tissue_mesh(tissue)->vertex_count;
     tms_system s = {.vertex_count = n};
-    tm_status status = check_held(tissue, fixed, error);
+    tm_status status = tms_check_held(tissue, fixed, error);
     if (status != TM_OK) return status;
     s.index = malloc(3 * (size_t)n * sizeof *s.index);
     s.dof = malloc(3 * (size_t)n * sizeof *s.dof);

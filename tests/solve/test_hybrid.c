@@ -1,0 +1,254 @@
+/* The hybrid model: at rest the same as the full one, before a cut and after; stable at its guaranteed step; contact on either part and across. */
+#include "../physics/contact_scene.h"
+#include "kit.h"
+
+typedef struct hybrid_set {
+    tm_mesh *mesh;
+    tm_tissue *whole, *tissue;
+    uint8_t *fixed, *dynamic;
+    double *load;
+    tm_hybrid *hybrid;
+    tm_world *world;
+    tm_contact *contact;
+} hybrid_set;
+
+/* Tensor/mass where the centre of a tetrahedron is beyond `cut_x`. */
+static uint8_t *beyond(const tm_mesh *mesh, double cut_x) {
+    uint8_t *dynamic = malloc((size_t)mesh->tet_count);
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        double x = 0;
+        for (int i = 0; i < 4; i++) x += mesh->rest_m[3 * mesh->tet[4 * t + i]] / 4;
+        dynamic[t] = x > cut_x;
+    }
+    return dynamic;
+}
+
+static tm_tissue_def tissue_def(const tm_mesh *mesh, const tm_material *material) {
+    tm_tissue_def def = tm_tissue_def_default();
+    def.mesh = mesh;
+    def.material_count = 1;
+    def.material = material;
+    def.form = TM_FORCE_PLAIN;
+    return def;
+}
+
+/* `mesh` is taken over. */
+static hybrid_set make(tm_mesh *mesh, const tm_material *material, uint8_t *fixed, double cut_x, const double g[3], const tm_contact_def *contact,
+                       double step_fraction) {
+    hybrid_set s = {.mesh = mesh, .fixed = fixed, .dynamic = beyond(mesh, cut_x)};
+    tm_error error;
+    tm_tissue_def def = tissue_def(mesh, material);
+    fix_ok(tm_tissue_create(&def, &s.whole, &error), &error);
+    s.load = calloc(3 * (size_t)mesh->vertex_count, 8);
+    for (int32_t d = 0; g && d < 3 * mesh->vertex_count; d++) s.load[d] = tm_tissue_mass_kg(s.whole)[d / 3] * g[d % 3];
+    tm_hybrid_def hybrid = tm_hybrid_def_default();
+    hybrid.problem = kit_problem(s.whole, fixed);
+    hybrid.problem.load_N = s.load;
+    hybrid.dynamic = s.dynamic;
+    hybrid.contact = contact;
+    fix_ok(tm_hybrid_create(&hybrid, &s.hybrid, NULL, &error), &error);
+    def.cuttable = true;
+    tm_hybrid_tissue(s.hybrid, &def);
+    fix_ok(tm_tissue_create(&def, &s.tissue, &error), &error);
+    tm_world_def world = tm_world_def_default();
+    world.tissue = s.tissue;
+    world.dt_s = step_fraction * tm_hybrid_critical_step(s.hybrid, NULL);
+    world.damped = material->damping_1_s > 0;
+    fix_ok(tm_world_create(&world, &s.world, &error), &error);
+    uint8_t *outside = calloc(3 * (size_t)mesh->vertex_count, 1); /* supports of the world's own vertices */
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) outside[d] = fixed[d] && tm_tissue_mass_kg(s.tissue)[d / 3] > 0;
+    kit_support(s.world, outside, NULL);
+    free(outside);
+    if (g) fix_ok(tm_stage_gravity(s.world, g, &error), &error);
+    if (contact) fix_ok(tm_stage_contact(s.world, contact, &s.contact, &error), &error);
+    fix_ok(tm_stage_hybrid(s.world, s.hybrid, s.contact, &error), &error);
+    return s;
+}
+
+static void free_set(hybrid_set *s) {
+    tm_world_destroy(s->world);
+    tm_hybrid_destroy(s->hybrid);
+    tm_tissue_destroy(s->tissue);
+    tm_tissue_destroy(s->whole);
+    tm_mesh_destroy(s->mesh);
+    free(s->fixed), free(s->dynamic), free(s->load);
+}
+
+static void run_for(hybrid_set *s, double seconds) {
+    const int32_t steps = (int32_t)ceil(seconds / tm_world_step_s(s->world));
+    assert_int_equal(tm_world_step(s->world, steps), TM_OK);
+    tm_hybrid_recover(s->hybrid, s->world);
+}
+
+/* --- rest --- */
+
+static double off_rest(const hybrid_set *s, const uint8_t *alive, bool everywhere) {
+    tm_error error;
+    tm_tissue_def def = tissue_def(s->mesh, tm_tissue_tet_material(s->whole, 0));
+    def.alive = alive;
+    tm_tissue *left;
+    fix_ok(tm_tissue_create(&def, &left, &error), &error);
+    double *u = malloc(24 * (size_t)s->mesh->vertex_count), *load = malloc(24 * (size_t)s->mesh->vertex_count), worst = 0;
+    const double *v = tm_world_state(s->world)->u_m;
+    for (int32_t d = 0; d < 3 * s->mesh->vertex_count; d++) {
+        const double whole = tm_tissue_mass_kg(s->whole)[d / 3];
+        load[d] = s->load[d] * tm_tissue_mass_kg(left)[d / 3] / whole;
+    }
+    tm_solve_def problem = kit_problem(left, s->fixed);
+    problem.load_N = load;
+    fix_ok(tm_solve_static(&problem, u, NULL, NULL, &error), &error);
+    const double most = fix_largest(u, 3 * s->mesh->vertex_count);
+    for (int32_t d = 0; d < 3 * s->mesh->vertex_count; d++)
+        if (tm_tissue_mass_kg(left)[d / 3] > 0 && (everywhere || tm_tissue_mass_kg(s->tissue)[d / 3] > 0)) worst = fmax(worst, fabs(u[d] - v[d]) / most);
+    free(u), free(load);
+    tm_tissue_destroy(left);
+    return worst;
+}
+
+static void rest_case(const int cells[3], double seconds) {
+    fix_random random = {5};
+    const double g[3] = {0, 1, -9.81};
+    tm_mesh *mesh = fix_block(cells, (double[]){0.1, 0.06, 0.05}, 0.2, &random);
+    tm_material material = kit_material(20e3, 0.4);
+    material.damping_1_s = 60;
+    hybrid_set s = make(mesh, &material, kit_clamp(mesh, 1e-9), 0.06, g, NULL, 1);
+    run_for(&s, seconds);
+    const double before = off_rest(&s, NULL, true);
+    int32_t list[64], removed = 0, interface_cuts = 0;
+    for (int32_t t = 0; t < mesh->tet_count && removed < 40; t++) { /* from the far top, and beside the interface */
+        double x = 0, z = 0;
+        for (int i = 0; i < 4; i++) x += mesh->rest_m[3 * mesh->tet[4 * t + i]] / 4, z += mesh->rest_m[3 * mesh->tet[4 * t + i] + 2] / 4;
+        if (s.dynamic[t] && z > 0.04 && (x > 0.085 || (x < 0.07 && interface_cuts++ < 12))) list[removed++] = t;
+    }
+    assert_true(tm_cut_remove(s.tissue, list, removed, NULL, 0) >= removed);
+    run_for(&s, seconds);
+    uint8_t *alive = malloc((size_t)mesh->tet_count);
+    for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = !s.dynamic[t] || tm_tissue_alive(s.tissue)[t];
+    const double inside = off_rest(&s, alive, false), everywhere = off_rest(&s, alive, true);
+    print_message("  %d tetrahedra: off the full model by %.1e; after cutting %d, %.1e in the tensor/mass part, %.1e everywhere\n", mesh->tet_count, before, removed, inside, everywhere);
+    assert_true(before < 1e-6);
+    assert_true(inside < 1e-6);
+    assert_true(everywhere < 1e-6);
+    free(alive);
+    free_set(&s);
+}
+
+static void same_rest(void **state) {
+    (void)state;
+    rest_case((int[]){8, 5, 4}, 1.8);
+    if (kit_long()) rest_case((int[]){17, 10, 10}, 1.8), rest_case((int[]){30, 17, 16}, 1.8);
+}
+
+/* --- stability --- */
+
+static void stable(void **state) {
+    (void)state;
+    fix_random random = {17};
+    tm_mesh *mesh = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.3, &random);
+    const tm_material material = kit_material(10e3, 0.49);
+    hybrid_set s = make(mesh, &material, kit_clamp(mesh, 1e-9), 0.03, NULL, NULL, 1); /* undamped, at the guaranteed step itself */
+    tm_state *at = tm_world_state(s.world);
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
+        if (tm_tissue_mass_kg(s.tissue)[d / 3] > 0 && !s.fixed[d]) at->u_m[d] = 1e-4 * fix_signed(&random);
+    memcpy(at->u_prev_m, at->u_m, 24 * (size_t)mesh->vertex_count);
+    double early = 0, late = 0;
+    for (int i = 0; i < 40; i++) {
+        assert_int_equal(tm_world_step(s.world, 500), TM_OK);
+        const double most = fix_largest(tm_world_state(s.world)->u_m, 3 * mesh->vertex_count);
+        *(i < 20 ? &early : &late) = fmax(i < 20 ? early : late, most);
+    }
+    print_message("  20,000 undamped steps at the guaranteed step: largest displacement %.2e m, then %.2e m\n", early, late);
+    assert_true(late < 1.5 * early);
+    /* above it the stage refuses */
+    tm_world_def def = tm_world_def_default();
+    tm_error error;
+    free_set(&s);
+    mesh = fix_block((int[]){4, 3, 3}, (double[]){0.06, 0.04, 0.04}, 0.3, &random);
+    uint8_t *fixed = kit_clamp(mesh, 1e-9), *dynamic = beyond(mesh, 0.03);
+    tm_tissue *whole = fix_tissue(mesh, &material, NULL, TM_DOUBLE, false), *part;
+    tm_hybrid_def hybrid_def = tm_hybrid_def_default();
+    hybrid_def.problem = kit_problem(whole, fixed);
+    hybrid_def.dynamic = dynamic;
+    tm_hybrid *hybrid;
+    fix_ok(tm_hybrid_create(&hybrid_def, &hybrid, NULL, &error), &error);
+    tm_tissue_def tissue = tissue_def(mesh, &material);
+    tm_hybrid_tissue(hybrid, &tissue);
+    fix_ok(tm_tissue_create(&tissue, &part, &error), &error);
+    def.tissue = part;
+    def.dt_s = tm_critical_step_guaranteed(part, NULL);
+    tm_world *world;
+    fix_ok(tm_world_create(&def, &world, &error), &error);
+    const tm_status status = tm_stage_hybrid(world, hybrid, NULL, &error);
+    if (def.dt_s > tm_hybrid_critical_step(hybrid, NULL)) assert_int_equal(status, TM_ERR_STEP);
+    else assert_int_equal(status, TM_OK);
+    tm_world_destroy(world);
+    tm_hybrid_destroy(hybrid);
+    tm_tissue_destroy(part);
+    tm_tissue_destroy(whole);
+    tm_mesh_destroy(mesh);
+    free(fixed), free(dynamic);
+}
+
+/* --- contact --- */
+
+static void press(const char *what, const tm_tool_pose *to) {
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
+    def.damping_1_s = 150;
+    tm_mesh *mesh = scene_mesh(&def);
+    uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) fixed[d] = mesh->rest_m[d / 3 * 3 + 2] < 1e-9;
+    tm_instrument_def tool = {.mode = TM_TOOL_PROBE, .radius_m = def.radius_m, .contact_length_m = def.length_m, .pose = *to};
+    memcpy(tool.trocar_m, def.trocar_m[0], 24);
+    tool.pose.tip_m[2] = 0.06;
+    tm_contact_def contact = tm_contact_def_default();
+    contact.instrument_count = 1;
+    contact.instrument = &tool;
+    tm_material material = kit_material(def.young_Pa, def.poisson);
+    material.damping_1_s = def.damping_1_s;
+    hybrid_set s = make(mesh, &material, fixed, 0.0, NULL, &contact, 0.9);
+    tm_tool_reaction r = {0};
+    for (int frame = 0; frame < 40; frame++) {
+        const int32_t steps = (int32_t)ceil(0.04 / tm_world_step_s(s.world));
+        tm_tool_pose at = *to;
+        at.tip_m[2] = fmax(to->tip_m[2], 0.06 - 0.004 * (frame + 1));
+        tm_contact_begin_frame(s.contact, steps, 1);
+        tm_contact_move(s.contact, 0, &at, steps);
+        run_for(&s, 0.04);
+        r = tm_hybrid_reaction(s.hybrid, 0);
+    }
+    tm_precomputed_def full = tm_precomputed_def_default();
+    full.problem = kit_problem(s.whole, fixed);
+    full.contact = &contact;
+    tm_precomputed *model;
+    tm_error error;
+    fix_ok(tm_precomputed_create(&full, &model, NULL, &error), &error);
+    assert_true(tm_precomputed_update(model, to) >= 0);
+    double force[3], off[3];
+    tm_precomputed_force(model, 0, force);
+    for (int c = 0; c < 3; c++) off[c] = r.force_N[c] - force[c];
+    const double rough = fix_largest(off, 3) / fix_largest(force, 3);
+    const double *u = tm_precomputed_displacement(model);
+    double worst = 0;
+    const int32_t *surface, count = tm_precomputed_surface(model, &surface);
+    for (int32_t i = 0; i < 3 * count; i++) worst = fmax(worst, fabs(u[3 * surface[i / 3] + i % 3] - tm_world_state(s.world)->u_m[3 * surface[i / 3] + i % 3]));
+    print_message("  %s: %.3f N on %d rows, off the precomputed model by %.1e; shape by %.1e of the largest\n", what, fix_largest(force, 3), r.row_count, rough, worst / fix_largest(u, 3 * mesh->vertex_count));
+    assert_true(fix_largest(force, 3) > 0.05);
+    assert_true(rough < 1e-6);
+    assert_true(worst < 1e-6 * fix_largest(u, 3 * mesh->vertex_count));
+    assert_int_equal(tm_hybrid_surface(s.hybrid).count, mesh->surface_count);
+    tm_precomputed_destroy(model);
+    free_set(&s);
+}
+
+static void contact(void **state) {
+    (void)state;
+    press("on the tensor/mass part", &(tm_tool_pose){.tip_m = {0.018, 0.004, 0.0405}, .active = true});
+    press("on the condensed part", &(tm_tool_pose){.tip_m = {-0.018, 0.003, 0.0405}, .active = true});
+    press("across the interface", &(tm_tool_pose){.tip_m = {0.001, -0.002, 0.0405}, .active = true});
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_rest), cmocka_unit_test(stable), cmocka_unit_test(contact)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
