@@ -195,11 +195,10 @@ def display(tmp_path):
     read, write = os.pipe()
     server = subprocess.Popen(["Xvfb", "-displayfd", str(write), "-screen", "0", "1100x800x24", "-nolisten", "tcp", "-noreset"], pass_fds=[write], stderr=subprocess.DEVNULL)
     os.close(write)
-    number = os.read(read, 16).decode().strip()
-    os.close(read)
-    yield f":{number}"
-    server.terminate()
-    server.wait()
+    with os.fdopen(read) as told:  # kept open: the server writes more than once
+        yield f":{told.readline().strip()}"
+        server.terminate()
+        server.wait()
 
 
 def screenshot(display, path):
