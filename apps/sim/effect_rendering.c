@@ -1,13 +1,98 @@
-#include "effects.h"
-#include "sim.h"
+/* The surface as a message for viewers: its memory is taken with the scene, filled once a frame. */
+#include <math.h>
+#include <string.h>
+
+#include "publish.h"
 
 static const app_field fields[] = {
     {"rendering", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_rendering, here), 0, "the surface goes out for pictures, on TISSUE"},
     {"rendering.every", APP_INTEGER, NULL, "1", 1, 10000, offsetof(sim_rendering, every), 0, "one in so many frames"},
 };
 
+typedef struct sim_picture {
+    tensormass_tissue_t message;
+    int32_t *slot_of; /* [vertex_count] index into the message, -1: not on the surface */
+    int32_t revision;
+    size_t bytes;
+} sim_picture;
+
+/* One piece of memory: the message's arrays of rows, the rows, and the numbering. */
+static int build(sim *s, const void *own) {
+    const sim_rendering *o = own;
+    size_t n = (size_t)s->mesh->vertex_count;
+    /* Cutting may lay open every face of every tetrahedron but for those that pair up: two each at most, and the hull. */
+    size_t t = (size_t)s->mesh->surface_count + (s->tissue_def.cuttable ? 2 * (size_t)s->mesh->tet_count : 0);
+    size_t bytes = sizeof(sim_picture) + n * (sizeof(float *) + 3 * sizeof(float) + 2 * sizeof(int32_t)) + t * (sizeof(int32_t *) + 3 * sizeof(int32_t) + 1);
+    sim_picture *p = s->picture = tm_allocate(bytes);
+    if (!p) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+    memset(p, 0, bytes);
+    p->bytes = bytes;
+    p->revision = -1;
+    p->message.vertex_m = (float **)(p + 1);
+    p->message.triangle = (int32_t **)(p->message.vertex_m + n);
+    float *xyz = (float *)(p->message.triangle + t);
+    int32_t *corner = (int32_t *)(xyz + 3 * n);
+    p->message.vertex_id = corner + 3 * t;
+    p->slot_of = p->message.vertex_id + n;
+    p->message.triangle_kind = (int8_t *)(p->slot_of + n);
+    for (size_t i = 0; i < n; ++i) p->message.vertex_m[i] = xyz + 3 * i;
+    for (size_t i = 0; i < t; ++i) p->message.triangle[i] = corner + 3 * i;
+    return 0;
+}
+
+static void destroy(sim *s) {
+    if (s->picture) tm_release(s->picture, s->picture->bytes);
+}
+
+static bool was_outside(const tm_mesh *mesh, int32_t face) {
+    int32_t low = 0, high = mesh->surface_count;
+    while (low < high) {
+        int32_t middle = low + (high - low) / 2;
+        if (mesh->surface_face[middle] < face) low = middle + 1;
+        else high = middle;
+    }
+    return low < mesh->surface_count && mesh->surface_face[low] == face;
+}
+
+static void renumber(sim_picture *p, const sim *s, const tm_surface_view *surface) {
+    tensormass_tissue_t *m = &p->message;
+    m->vertex_count = 0;
+    for (int32_t v = 0; v < s->mesh->vertex_count; ++v) p->slot_of[v] = -1;
+    for (int32_t i = 0; i < 3 * surface->count; ++i) p->slot_of[surface->triangle[i]] = 0;
+    for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
+        if (!p->slot_of[v]) {
+            p->slot_of[v] = m->vertex_count;
+            m->vertex_id[m->vertex_count++] = v;
+        }
+    m->triangle_count = surface->count;
+    for (int32_t t = 0; t < surface->count; ++t) {
+        for (int c = 0; c < 3; ++c) m->triangle[t][c] = p->slot_of[surface->triangle[3 * t + c]];
+        m->triangle_kind[t] = !was_outside(s->mesh, surface->face[t]);
+    }
+    m->topology_revision = p->revision = surface->revision;
+}
+
+const tensormass_tissue_t *sim_picture_now(sim *s, int64_t utime, int64_t session, int32_t seq) {
+    sim_picture *p = s->picture;
+    tm_surface_view surface = sim_surface(s);
+    if (surface.revision != p->revision) renumber(p, s, &surface);
+    const double *u = sim_displacement(s);
+    for (int32_t i = 0; i < p->message.vertex_count; ++i)
+        for (int a = 0; a < 3; ++a) {
+            int32_t d = 3 * p->message.vertex_id[i] + a;
+            p->message.vertex_m[i][a] = (float)(s->mesh->rest_m[d] + u[d]);
+        }
+    p->message.utime = utime;
+    p->message.seq = seq;
+    p->message.session = session;
+    p->message.sim_utime = llround(sim_time_s(s) * 1e6);
+    return &p->message;
+}
+
 const sim_effect sim_effect_rendering = {
     .name = "rendering",
     .doc = "`tissue` messages for tm-view, live or in the recording. The simulation itself opens no graphics library.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(sim_rendering)},
+    .build = build,
+    .destroy = destroy,
 };

@@ -76,12 +76,26 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
     rows[n] = (row){.name = "tissue", .phase = "", .line = s->scene->tissue.line, .bytes = tissue - fibres - cutting};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
     ++n;
+    /* What an effect holds beside its stages: in the library's account, or inside the tissue. */
+    int64_t beside[SIM_MAX_EFFECTS];
+    for (int e = 0; e < sim_effect_count; ++e) {
+        beside[e] = s->cost[e].bytes;
+        if (!strcmp(sim_effects[e]->name, "anisotropy")) beside[e] += fibres;
+        if (!strcmp(sim_effects[e]->name, "cut")) beside[e] += cutting;
+        for (int i = 0; i < count; ++i)
+            for (int j = 0; j < s->owner_count; ++j)
+                if (s->owner[j].effect == e && !strcmp(s->owner[j].stage, report[i].name)) beside[e] -= report[i].bytes;
+    }
     for (int i = 0; i < count; ++i) {
         int owner = SIM_OWNER_ALL;
         for (int j = 0; j < s->owner_count; ++j)
             if (!strcmp(s->owner[j].stage, report[i].name)) owner = s->owner[j].effect;
         rows[n] = (row){.phase = phase_name[report[i].phase], .line = line_of_stage(s, owner), .bytes = report[i].bytes, .in_step = true,
                         .us_per_step = report[i].runs ? report[i].seconds * 1e6 / (double)report[i].runs : 0};
+        if (owner >= 0) {
+            rows[n].bytes += beside[owner];
+            beside[owner] = 0;
+        }
         snprintf(rows[n].name, sizeof rows[n].name, "%s", report[i].name);
         app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
         ++n;
@@ -91,10 +105,8 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
         bool staged = false;
         for (int j = 0; j < s->owner_count; ++j) staged |= s->owner[j].effect == e;
         if (!sim_effect_line(s->scene, e) || staged) continue;
-        rows[n] = (row){.phase = "", .line = sim_effect_line(s->scene, e), .bytes = s->cost[e].bytes};
+        rows[n] = (row){.phase = "", .line = sim_effect_line(s->scene, e), .bytes = beside[e]};
         snprintf(rows[n].name, sizeof rows[n].name, "%s", sim_effects[e]->name);
-        if (!strcmp(sim_effects[e]->name, "anisotropy")) rows[n].bytes += fibres;
-        if (!strcmp(sim_effects[e]->name, "cut")) rows[n].bytes += cutting;
         app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
         ++n;
     }

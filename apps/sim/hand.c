@@ -9,7 +9,7 @@ static double ease(double s, bool straight) { return straight ? s : s * s * s * 
 void sim_hand_target(const sim *s, int instrument, double time_s, double joint[SIM_JOINTS], bool *active) {
     const app_hand *hand = sim_hand(s, instrument);
     memcpy(joint, s->start_joint[instrument], sizeof(double) * SIM_JOINTS);
-    *active = s->instrument_def[instrument].mode == TM_TOOL_PROBE;
+    *active = s->instrument_def[instrument].mode != TM_TOOL_CAUTERY;
     if (!hand) return;
     const app_waypoint *w = hand->path.item;
     int n = hand->path.count, i = 0;

@@ -81,7 +81,7 @@ void sim_make_instruments(sim *s) {
         const app_hand *hand = sim_hand(s, i);
         const app_pose *start = t->start_here.line || !hand ? &t->start : &((const app_waypoint *)hand->path.item)->pose;
         sim_scene_joints(s, i, start, s->start_joint[i]);
-        /* A probe is in the body from the start; a cautery burns only when told. */
-        s->pose[i] = def->pose = sim_pose(s, i, s->start_joint[i], def->mode == TM_TOOL_PROBE);
+        /* Probe and grasper are in the body from the start; a cautery burns only when told. */
+        s->pose[i] = def->pose = sim_pose(s, i, s->start_joint[i], def->mode != TM_TOOL_CAUTERY);
     }
 }

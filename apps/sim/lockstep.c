@@ -12,6 +12,7 @@
 #include "io/node.h"
 #include "publish.h"
 #include "run.h"
+#include "snapshot.h"
 #include "tools.h"
 
 enum { QUEUE = 512, START_US = 1000000, SESSION = 1 };
@@ -40,7 +41,7 @@ typedef struct lockstep {
     sim_tools tools;
     sim_publisher publisher;
     run_file csv, samples, report;
-    int64_t tick_us, ticks, frame;
+    int64_t tick_us, ticks, frame, first_frame; /* first: not 0 after --restore */
     uint64_t random;
     double compute_s;
     sim_magnitude force;
@@ -239,6 +240,7 @@ static int64_t frame_total(const lockstep *l) {
 
 static int loop(lockstep *l) {
     int64_t total = frame_total(l), now_us = START_US;
+    int64_t snapshot_frame = l->o->snapshot ? llround(l->o->snapshot_s / l->s->frame_s) : -1;
     tm_status status = TM_OK;
     for (; l->frame < total && !status && !run_interrupted();) {
         /* A frame between two ticks comes before the later one; at the same time the tick comes first. */
@@ -250,6 +252,10 @@ static int loop(lockstep *l) {
         }
         ++l->frame;
         status = frame(l, frame_us(l, l->frame));
+        if (l->frame == snapshot_frame) {
+            int rc = sim_snapshot_save(l->s, l->o->snapshot);
+            if (rc) return rc;
+        }
         app_progress("lockstep", (double)l->frame / (double)total, false);
     }
     app_progress("lockstep", 1, true);
@@ -280,8 +286,8 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     char hash[20];
     sim *s = l->s;
     snprintf(hash, sizeof hash, "%016" PRIx64, sim_hash(s));
-    double simulated_s = (double)l->frame * s->frame_s;
-    cJSON_AddNumberToObject(json, "frames", (double)l->frame);
+    double simulated_s = (double)(l->frame - l->first_frame) * s->frame_s;
+    cJSON_AddNumberToObject(json, "frames", (double)(l->frame - l->first_frame));
     cJSON_AddNumberToObject(json, "sim_s", simulated_s);
     cJSON_AddNumberToObject(json, "compute_s", l->compute_s);
     cJSON_AddNumberToObject(json, "wall_s", wall_s);
@@ -292,6 +298,7 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     sim_report_quantiles(json, "lateness_us", &none);
     sim_report_magnitude(json, "force_N", &l->force);
     cJSON_AddNumberToObject(json, "tets_alive", tm_tissue_alive_count(s->tissue));
+    cJSON_AddNumberToObject(json, "tets_removed", (double)s->cuts.total);
     cJSON_AddStringToObject(json, "state_hash", hash);
     report_controllers(l, json);
     printf("%" PRId64 " frames, %.3g s simulated, %.2f simulated s per s of computing; %" PRId64 " ticks; force %.3g N RMS, %.3g N peak; state %s\n",
@@ -304,10 +311,14 @@ static int begin(lockstep *l, const char *log) {
     if (!rc) rc = run_file_begin(&l->samples, l->o->samples);
     if (!rc) rc = run_file_begin(&l->report, l->o->json);
     if (!rc) rc = sim_publisher_open(&l->publisher, s, NULL, log, SESSION);
+    l->haptics = sim_options(s->scene, "haptics");
+    if (!rc && l->haptics && (l->o->restore || l->o->snapshot))
+        rc = app_scene_bad(s->scene, l->haptics->here.line, "a snapshot holds the simulation, not its controllers; add --unset haptics, so that instruments follow the hand");
+    if (!rc && l->o->restore) rc = sim_snapshot_restore(s, l->o->restore);
+    l->frame = l->first_frame = s->frames;
     if (l->csv.begun) fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N,pitch_rad,yaw_rad,insertion_m,roll_rad,grip,age_s\n", l->csv.stream);
     if (l->samples.begun) fputs("frame,time_s,instrument,tn_s,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rx_N,ry_N,rz_N,rows,flags,stiffness_kind,k11,k12,k13,k21,k22,k23,k31,k32,k33\n", l->samples.stream);
     l->tools.s = s;
-    l->haptics = sim_options(s->scene, "haptics");
     if (rc || !l->haptics) return rc;
     l->tick_us = llround(1e6 / l->haptics->rate.si);
     l->random = (uint64_t)l->haptics->seed.value;

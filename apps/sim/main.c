@@ -31,12 +31,14 @@ static const char help[] =
     "  --write FILE          with --settle: displacements and reactions, .vtk or .csv\n"
     "  --json FILE           figures of the run\n"
     "  --url URL             LCM URL for --realtime, default udpm://239.255.76.67:7667?ttl=0\n"
+    "  --snapshot-at TIME --snapshot FILE  save the state at this simulated time (lockstep, scenes without haptics)\n"
+    "  --restore FILE        go on from a saved state\n"
     "  --help, --version\n"
     "\n"
     "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else. Ctrl-C ends a run cleanly, files written.\n";
 
 enum { OPT_LOCKSTEP = 256, OPT_REALTIME, OPT_SETTLE, OPT_EXPLAIN, OPT_CHECK, OPT_SCHEMA, OPT_SET, OPT_UNSET, OPT_FORCE, OPT_DURATION,
-       OPT_FRAMES, OPT_RECORD, OPT_CSV, OPT_SAMPLES, OPT_WRITE, OPT_JSON, OPT_URL, OPT_HANDS, OPT_HELP, OPT_VERSION };
+       OPT_FRAMES, OPT_RECORD, OPT_CSV, OPT_SAMPLES, OPT_WRITE, OPT_JSON, OPT_URL, OPT_HANDS, OPT_SNAPSHOT_AT, OPT_SNAPSHOT, OPT_RESTORE, OPT_HELP, OPT_VERSION };
 
 static const struct option long_options[] = {
     {"lockstep", no_argument, NULL, OPT_LOCKSTEP}, {"realtime", no_argument, NULL, OPT_REALTIME},
@@ -47,6 +49,8 @@ static const struct option long_options[] = {
     {"frames", required_argument, NULL, OPT_FRAMES}, {"record", required_argument, NULL, OPT_RECORD},
     {"csv", required_argument, NULL, OPT_CSV},     {"samples", required_argument, NULL, OPT_SAMPLES},
     {"write", required_argument, NULL, OPT_WRITE}, {"json", required_argument, NULL, OPT_JSON},
+    {"snapshot-at", required_argument, NULL, OPT_SNAPSHOT_AT}, {"snapshot", required_argument, NULL, OPT_SNAPSHOT},
+    {"restore", required_argument, NULL, OPT_RESTORE},
     {"url", required_argument, NULL, OPT_URL},     {"hands", required_argument, NULL, OPT_HANDS}, {"help", no_argument, NULL, OPT_HELP},
     {"version", no_argument, NULL, OPT_VERSION},   {NULL, 0, NULL, 0}};
 
@@ -107,6 +111,9 @@ static int take_option(run_options *o, int option, char **all) {
     case OPT_WRITE: o->write = optarg; return 0;
     case OPT_JSON: o->json = optarg; return 0;
     case OPT_URL: o->url = optarg; return 0;
+    case OPT_RESTORE: o->restore = optarg; return 0;
+    case OPT_SNAPSHOT: o->snapshot = optarg; return 0;
+    case OPT_SNAPSHOT_AT: return take_number("--snapshot-at", optarg, "time", 0, &o->snapshot_s);
     default: return usage("unknown option or missing argument '%s'; tm-sim --help lists them", all[optind - 1]);
     }
 }
@@ -135,6 +142,9 @@ static int parse(run_options *o, int count, char **all) {
     if (o->mode == RUN_NONE) return usage("no mode%s; add one of --lockstep --realtime --settle TOL --explain --check", "");
     if (o->write && o->mode != RUN_SETTLE) return usage("--write %s goes with --settle; add it, or use --csv", o->write);
     if ((o->csv || o->samples) && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME) return usage("--csv and --samples%s go with --lockstep or --realtime; use --write with --settle", "");
+    if ((o->snapshot != NULL) != (o->snapshot_s >= 0)) return usage("--snapshot-at TIME and --snapshot FILE%s go together; give both", "");
+    if (o->snapshot && o->mode != RUN_LOCKSTEP) return usage("--snapshot %s goes with --lockstep; add it", o->snapshot);
+    if (o->restore && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME) return usage("--restore %s goes with --lockstep or --realtime; add one", o->restore);
     return 0;
 }
 
@@ -172,7 +182,7 @@ static int run(run_options *o) {
 }
 
 int main(int count, char **all) {
-    run_options o = {.duration_s = -1, .frames = -1};
+    run_options o = {.duration_s = -1, .frames = -1, .snapshot_s = -1};
     run_catch_signals();
     int rc = parse(&o, count, all);
     if (!rc) rc = run(&o);

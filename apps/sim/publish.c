@@ -1,85 +1,22 @@
 #include "publish.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* --- tissue --- */
+/* --- cuts: one message for each who cut, in the frame's order --- */
 
-static void free_tissue(sim_publisher *p) {
-    if (p->tissue.vertex_m) free(p->tissue.vertex_m[0]);
-    if (p->tissue.triangle) free(p->tissue.triangle[0]);
-    free(p->tissue.vertex_m);
-    free(p->tissue.triangle);
-    free(p->tissue.vertex_id);
-    free(p->tissue.triangle_kind);
-    free(p->slot_of);
-}
-
-/* Room for any surface that cutting could leave: every vertex; four faces a tetrahedron would be it, but half of them always pair up. */
-static bool take_tissue(sim_publisher *p, const sim *s) {
-    size_t n = (size_t)s->mesh->vertex_count, t = s->tissue_def.cuttable ? 4 * (size_t)s->mesh->tet_count : (size_t)s->mesh->surface_count;
-    p->tissue.vertex_m = calloc(n, sizeof *p->tissue.vertex_m);
-    p->tissue.triangle = calloc(t, sizeof *p->tissue.triangle);
-    p->tissue.vertex_id = calloc(n, sizeof *p->tissue.vertex_id);
-    p->tissue.triangle_kind = calloc(t, 1);
-    p->slot_of = calloc(n, sizeof *p->slot_of);
-    float *xyz = calloc(3 * n, sizeof *xyz);
-    int32_t *corner = calloc(3 * t, sizeof *corner);
-    if (!p->tissue.vertex_m || !p->tissue.triangle || !p->tissue.vertex_id || !p->tissue.triangle_kind || !p->slot_of || !xyz || !corner) {
-        free(xyz);
-        free(corner);
-        return false;
+static void send_cuts(sim_publisher *p, const sim *s, int64_t utime) {
+    for (int who = -1; who < s->instrument_count && s->cuts.count; ++who) {
+        int32_t count = 0;
+        for (int32_t i = 0; i < s->cuts.count; ++i)
+            if (s->cuts.instrument[i] == who) p->removed[count++] = s->cuts.tet[i];
+        if (!count) continue;
+        tensormass_cut_event_t m = {.utime = utime, .seq = p->cut_seq++, .session = p->session, .instrument = (int8_t)who,
+                                    .topology_revision = sim_surface(s).revision, .removed_count = count, .removed_tet = p->removed,
+                                    .alive_count = tm_tissue_alive_count(s->tissue)};
+        p->api->send(p->link, SIM_CUT, "CUT", utime, &m);
     }
-    for (size_t i = 0; i < n; ++i) p->tissue.vertex_m[i] = xyz + 3 * i;
-    for (size_t i = 0; i < t; ++i) p->tissue.triangle[i] = corner + 3 * i;
-    p->tissue_revision = -1;
-    return true;
-}
-
-static bool was_outside(const tm_mesh *mesh, int32_t face) {
-    int32_t low = 0, high = mesh->surface_count;
-    while (low < high) {
-        int32_t middle = low + (high - low) / 2;
-        if (mesh->surface_face[middle] < face) low = middle + 1;
-        else high = middle;
-    }
-    return low < mesh->surface_count && mesh->surface_face[low] == face;
-}
-
-static void renumber(sim_publisher *p, const sim *s, const tm_surface_view *surface) {
-    tensormass_tissue_t *m = &p->tissue;
-    m->vertex_count = 0;
-    for (int32_t v = 0; v < s->mesh->vertex_count; ++v) p->slot_of[v] = -1;
-    for (int32_t i = 0; i < 3 * surface->count; ++i) p->slot_of[surface->triangle[i]] = 0;
-    for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
-        if (!p->slot_of[v]) {
-            p->slot_of[v] = m->vertex_count;
-            m->vertex_id[m->vertex_count++] = v;
-        }
-    m->triangle_count = surface->count;
-    for (int32_t t = 0; t < surface->count; ++t) {
-        for (int c = 0; c < 3; ++c) m->triangle[t][c] = p->slot_of[surface->triangle[3 * t + c]];
-        m->triangle_kind[t] = !was_outside(s->mesh, surface->face[t]);
-    }
-    m->topology_revision = p->tissue_revision = surface->revision;
-}
-
-static void send_tissue(sim_publisher *p, sim *s, int64_t utime) {
-    tm_surface_view surface = sim_surface(s);
-    if (surface.revision != p->tissue_revision) renumber(p, s, &surface);
-    const double *u = sim_displacement(s);
-    for (int32_t i = 0; i < p->tissue.vertex_count; ++i)
-        for (int a = 0; a < 3; ++a) {
-            int32_t d = 3 * p->tissue.vertex_id[i] + a;
-            p->tissue.vertex_m[i][a] = (float)(s->mesh->rest_m[d] + u[d]);
-        }
-    p->tissue.utime = utime;
-    p->tissue.seq = p->tissue_seq++;
-    p->tissue.session = p->session;
-    p->tissue.sim_utime = llround(sim_time_s(s) * 1e6);
-    p->api->send(p->link, SIM_TISSUE, "TISSUE", utime, &p->tissue);
 }
 
 /* --- the rest --- */
@@ -96,9 +33,10 @@ int sim_publisher_open(sim_publisher *p, const sim *s, const char *url, const ch
         return APP_BAD_INPUT;
     }
     p->rendering = sim_options(s->scene, "rendering");
-    if (p->rendering && !take_tissue(p, s)) {
+    if (sim_has(s, "cut")) p->removed = malloc(sizeof *p->removed * (size_t)s->mesh->tet_count);
+    if (sim_has(s, "cut") && !p->removed) {
         sim_publisher_close(p);
-        fputs("tm-sim: out of memory for the tissue's picture; use a smaller mesh\n", stderr);
+        fputs("tm-sim: out of memory for cut messages; use a smaller mesh\n", stderr);
         return APP_FAILED;
     }
     return 0;
@@ -107,7 +45,8 @@ int sim_publisher_open(sim_publisher *p, const sim *s, const char *url, const ch
 bool sim_publisher_close(sim_publisher *p) {
     if (!p->api) return true;
     bool good = p->api->close(p->link);
-    free_tissue(p);
+    free(p->removed);
+    p->removed = NULL;
     p->api = NULL;
     return good;
 }
@@ -159,6 +98,8 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
         m.mode[i] = (int8_t)s->instrument_def[i].mode;
         m.active[i] = s->pose[i].active;
     }
+    send_cuts(p, s, utime);
     p->api->send(p->link, SIM_STATUS, "SIM_STATUS", utime, &m);
-    if (p->rendering && s->frames % p->rendering->every.value == 0) send_tissue(p, s, utime);
+    if (p->rendering && s->frames % p->rendering->every.value == 0)
+        p->api->send(p->link, SIM_TISSUE, "TISSUE", utime, sim_picture_now(s, utime, p->session, p->tissue_seq++));
 }

@@ -11,6 +11,7 @@
 #include "figures.h"
 #include "publish.h"
 #include "run.h"
+#include "snapshot.h"
 #include "tools.h"
 
 typedef struct controller_seen {
@@ -213,6 +214,7 @@ static int begin(realtime *r, const char *log) {
     if (!url || !*url) url = "udpm://239.255.76.67:7667?ttl=0";
     if (!rc) rc = sim_publisher_open(&r->publisher, s, network ? url : NULL, log, utime_now());
     r->tools.s = s;
+    if (!rc && r->o->restore) rc = sim_snapshot_restore(s, r->o->restore);
     for (int i = 0; !rc && r->haptics && i < s->instrument_count; ++i) {
         r->publisher.api->on_tool(r->publisher.link, i, take_tool, r);
         r->publisher.api->on_controller(r->publisher.link, i, take_status, r);

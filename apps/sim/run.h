@@ -9,9 +9,9 @@ typedef enum run_mode { RUN_NONE = 0, RUN_LOCKSTEP, RUN_REALTIME, RUN_SETTLE, RU
 enum { RUN_MAX_SETS = 64 };
 
 typedef struct run_options {
-    const char *scene, *schema, *csv, *samples, *write, *json, *url, *hands;
+    const char *scene, *schema, *csv, *samples, *write, *json, *url, *hands, *snapshot, *restore;
     run_mode mode;
-    double tolerance, duration_s; /* duration below 0: the scene's */
+    double tolerance, snapshot_s, duration_s; /* duration below 0: the scene's */
     int64_t frames;                           /* below 0: by duration */
     char *set[RUN_MAX_SETS];
     int set_count;

@@ -83,8 +83,6 @@ static int check_scene(const app_scene *scene) {
 
 /* --- building --- */
 
-void sim_add_bytes(sim *s, int64_t bytes) { s->declared_bytes += bytes; }
-
 static int load_mesh(sim *s) {
     tm_error error = {0};
     const app_scene *scene = s->scene;
@@ -113,9 +111,9 @@ static int run_hook(sim *s, bool build) {
     for (int i = 0; i < sim_effect_count && !rc; ++i) {
         int (*hook)(sim *, const void *) = build ? sim_effects[i]->build : sim_effects[i]->prepare;
         if (!sim_effect_line(s->scene, i) || !hook) continue;
-        int64_t before = tm_memory_in_use() + s->declared_bytes;
+        int64_t before = tm_memory_in_use();
         rc = hook(s, s->scene->effect[i]);
-        s->cost[i].bytes += tm_memory_in_use() + s->declared_bytes - before;
+        s->cost[i].bytes += tm_memory_in_use() - before;
         if (build && !rc) sim_own_stages(s, i);
     }
     return rc;
@@ -162,7 +160,7 @@ int sim_create(app_scene *scene, sim **out) {
 void sim_destroy(sim *s) {
     if (!s) return;
     for (int i = 0; i < sim_effect_count; ++i)
-        if (s->own[i] && sim_effects[i]->destroy) sim_effects[i]->destroy(s->own[i]);
+        if (sim_effects[i]->destroy) sim_effects[i]->destroy(s);
     if (s->world) tm_world_destroy(s->world);
     if (s->model && s->model->destroy && s->model_own) s->model->destroy(s->model_own);
     if (s->tissue) tm_tissue_destroy(s->tissue);
@@ -185,7 +183,7 @@ tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     tm_status status = s->model->frame(s, to, substeps);
     for (int i = 0; i < s->instrument_count; ++i) s->pose[i] = to[i];
     for (int i = 0; i < sim_effect_count; ++i)
-        if (sim_effects[i]->frame && sim_effect_line(s->scene, i)) sim_effects[i]->frame(s, s->own[i]);
+        if (sim_effects[i]->frame && sim_effect_line(s->scene, i)) sim_effects[i]->frame(s);
     ++s->frames;
     return status;
 }

@@ -27,8 +27,8 @@ typedef struct sim_effect {
     int (*check)(const app_scene *scene, const void *options);    /* needs no mesh */
     int (*prepare)(sim *s, const void *options);                  /* mesh is there; may change s->tissue_def and s->damping_1_s */
     int (*build)(sim *s, const void *options);                    /* world is there: add stages */
-    void (*frame)(sim *s, void *own);                             /* after each frame's substeps; `own` as build left it in s->own[] */
-    void (*destroy)(void *own);
+    void (*frame)(sim *s);                                        /* after each frame's substeps */
+    void (*destroy)(sim *s);                                      /* what it left in `s`, also after a build that failed half-way */
 } sim_effect;
 
 enum { SIM_MAX_EFFECTS = 24 };
@@ -38,7 +38,7 @@ const sim_effect *sim_effect_find(const char *name, int *index);
 
 /* Where each effect's cost is booked. */
 typedef struct sim_cost {
-    int64_t bytes; /* held by the library for it, and what it declared with sim_add_bytes */
+    int64_t bytes; /* of the library's account (tm_memory_in_use) */
 } sim_cost;
 
 enum { SIM_OWNER_ALL = -1, SIM_OWNER_SUPPORTS = -2, SIM_OWNER_LOADS = -3 };
@@ -62,6 +62,15 @@ typedef struct sim_model {
 } sim_model;
 extern const sim_model *const sim_models[]; /* by app_model */
 extern const sim_model sim_model_precomputed, sim_model_hybrid;
+
+/* What the last frame's cutting took. */
+typedef struct sim_cuts {
+    int32_t count, capacity, *tet;
+    int8_t *instrument; /* who, -1: a loose piece */
+    int64_t total;
+} sim_cuts;
+
+struct sim_picture;
 
 struct sim {
     app_scene *scene;
@@ -88,14 +97,14 @@ struct sim {
     double critical_s;         /* guaranteed */
     int32_t critical_tet;
     int64_t frames;
+    sim_cuts cuts;
+    struct sim_picture *picture; /* effect rendering, else null */
     tm_tool_pose pose[TM_MAX_INSTRUMENTS];      /* at the end of the last frame */
     tm_tool_reaction reaction[TM_MAX_INSTRUMENTS];
 
     sim_cost cost[SIM_MAX_EFFECTS];
-    int64_t declared_bytes; /* sim_add_bytes, all told */
     sim_owner owner[TM_MAX_STAGES];
     int owner_count;
-    void *own[SIM_MAX_EFFECTS];
     uint8_t *support_of;       /* [vertex_count] 1 + index of the scene's support, 0 free; null: no supports */
     int32_t held_count;        /* prescribed components, ascending: the components of the stage `support` */
     int32_t *held_dof;         /* [held_count] */
@@ -119,7 +128,6 @@ const void *sim_options(const app_scene *scene, const char *effect);
 int sim_report(const app_scene *scene, int line, const tm_error *error);
 /* The line that asked for an effect, 0: not named. */
 int sim_effect_line(const app_scene *scene, int index);
-void sim_add_bytes(sim *s, int64_t bytes);
 
 /* Pieces of building, shared by the models. */
 int sim_make_supports(sim *s);

@@ -42,8 +42,8 @@ bool sim_tools_take(sim_tools *t, int instrument, const tensormass_tool_state_t 
 tm_tool_pose sim_tools_target(const sim_tools *t, int instrument) {
     const sim_tool *tool = &t->tool[instrument];
     if (!tool->seen) return t->s->pose[instrument];
-    bool probe = t->s->instrument_def[instrument].mode == TM_TOOL_PROBE;
-    tm_tool_pose pose = sim_pose(t->s, instrument, tool->now.joint, probe || tool->now.active);
+    bool always = t->s->instrument_def[instrument].mode != TM_TOOL_CAUTERY;
+    tm_tool_pose pose = sim_pose(t->s, instrument, tool->now.joint, always || tool->now.active);
     /* The controller's own tip is the one that it gets back; the two agree to the tolerance above. */
     memcpy(pose.tip_m, tool->now.tip_m, sizeof pose.tip_m);
     pose.grip = fmin(fmax(pose.grip, 0), 1);

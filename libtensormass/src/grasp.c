@@ -337,6 +337,83 @@ static void changed(void *self, tm_world *world) {
     }
 }
 
+/* What one instrument's hold is between steps; its vertices' arrays follow it. */
+typedef struct kept {
+    int32_t state, was_closed, count, unused;
+    double axis_m[3][3], origin[3], fade;
+} kept;
+
+static int64_t kept_bytes(int32_t count) { return (int64_t)sizeof(kept) + count * (int64_t)(sizeof(int64_t) + 12 * sizeof(double)); }
+
+/* Copies between a hold's arrays and the buffer after its `kept`. Vertices as int64, so that everything stays aligned. */
+static void move_arrays(hold *h, char *buffer, bool out) {
+    int64_t *vertex = (int64_t *)buffer;
+    double *number = (double *)(vertex + h->count);
+    double *const array[4] = {h->offset_m, h->target_m, h->force_N, h->let_go_N};
+    for (int32_t i = 0; i < h->count; i++) {
+        if (out) vertex[i] = h->vertex[i];
+        else h->vertex[i] = (int32_t)vertex[i];
+    }
+    for (int a = 0; a < 4; a++, number += 3 * h->count) {
+        const size_t bytes = sizeof(double) * 3 * (size_t)h->count;
+        if (out) memcpy(number, array[a], bytes);
+        else memcpy(array[a], number, bytes);
+    }
+}
+
+static int64_t snapshot(void *self, void *buffer) {
+    tm_grasp *grasp = self;
+    int64_t bytes = 0;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
+        hold *h = grasp->hold + t;
+        if (buffer) {
+            kept k = {.state = h->state, .was_closed = h->was_closed, .count = h->count, .fade = h->fade};
+            memcpy(k.axis_m, h->axis_m, sizeof k.axis_m);
+            memcpy(k.origin, h->origin, sizeof k.origin);
+            memcpy((char *)buffer + bytes, &k, sizeof k);
+            move_arrays(h, (char *)buffer + bytes + sizeof k, true);
+        }
+        bytes += kept_bytes(h->count);
+    }
+    return bytes;
+}
+
+static bool fits(const tm_grasp *grasp, const tm_world *world, const char *buffer, int64_t bytes) {
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
+        kept k;
+        if (bytes < (int64_t)sizeof k) return false;
+        memcpy(&k, buffer, sizeof k);
+        if (k.count < 0 || k.count > grasp->def.max_vertices || k.state < TM_GRASP_OPEN || k.state > TM_GRASP_LETTING_GO) return false;
+        if (bytes < kept_bytes(k.count)) return false;
+        const int64_t *vertex = (const int64_t *)(buffer + sizeof k);
+        for (int32_t i = 0; i < k.count; i++)
+            if (vertex[i] < 0 || vertex[i] >= world->tissue->mesh->vertex_count) return false;
+        buffer += kept_bytes(k.count);
+        bytes -= kept_bytes(k.count);
+    }
+    return bytes == 0;
+}
+
+static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
+    tm_grasp *grasp = self;
+    if (!fits(grasp, world, buffer, bytes)) return false;
+    const char *from = buffer;
+    for (int32_t t = 0; t < grasp->contact->tool_count && apply; t++) {
+        hold *h = grasp->hold + t;
+        kept k;
+        memcpy(&k, from, sizeof k);
+        h->state = (tm_grasp_state)k.state;
+        h->was_closed = k.was_closed != 0;
+        h->count = k.count;
+        h->fade = k.fade;
+        memcpy(h->axis_m, k.axis_m, sizeof k.axis_m);
+        memcpy(h->origin, k.origin, sizeof k.origin);
+        move_arrays(h, (char *)(uintptr_t)(from + sizeof k), false);
+        from += kept_bytes(k.count);
+    }
+    return true;
+}
+
 static void destroy(void *self) {
     tm_grasp *grasp = self;
     memset(&grasp->contact->guest, 0, sizeof grasp->contact->guest);
@@ -389,7 +466,7 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
     self->def = *def;
     self->contact = contact;
     const tm_stage stage = {.name = "grasp", .phase = TM_PHASE_CONSTRAIN, .run = run, .destroy = destroy, .step_changed = changed,
-                            .self = self};
+                            .self = self, .snapshot = snapshot, .restore = restore};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);

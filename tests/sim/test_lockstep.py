@@ -159,7 +159,7 @@ def test_explain_names_stage_and_line(bin, root, tmp_path):
     assert "--set damping.rate=3 /s" in out and "left out, and costing nothing: anisotropy gravity" in out
 
 
-@pytest.mark.parametrize("effect,more", [("gravity", ""), ("damping", ""), ("contact", INSTRUMENT), ("rendering", ""), ("haptics", INSTRUMENT)])
+@pytest.mark.parametrize("effect,more", [("gravity", ""), ("damping", ""), ("contact", INSTRUMENT), ("rendering", ""), ("haptics", INSTRUMENT), ("cut", INSTRUMENT + "contact:\n"), ("grasp", INSTRUMENT + "contact:\n")])
 def test_an_effect_added_and_removed_returns_memory_and_stages_exactly(bin, root, tmp_path, effect, more):
     scene = block_scene(tmp_path, root, more)
     without, rows = explain(bin, scene, tmp_path)

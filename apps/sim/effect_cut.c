@@ -1,0 +1,57 @@
+/* Cautery: removal of what an active instrument touches, and what this frame's cuts took. */
+#include "sim.h"
+#include "tensormass/cut.h"
+
+typedef struct options {
+    app_section here;
+    app_number rate;
+    app_choice loose;
+} options;
+
+static const app_field fields[] = {
+    {"cut", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "active cauteries remove what they touch"},
+    {"cut.rate", APP_NUMBER, "rate", "200 /s", 1e-3, 1e9, offsetof(options, rate), 0, "tetrahedra a second that one cautery may remove"},
+    {"cut.loose", APP_CHOICE, "fall|remove", "fall", 0, 0, offsetof(options, loose), 0, "pieces that hang on nothing fall out of sight, or vanish"},
+};
+
+static int prepare(sim *s, const void *own) {
+    (void)own;
+    s->tissue_def.cuttable = true;
+    return 0;
+}
+
+static int build(sim *s, const void *own) {
+    const options *o = own;
+    tm_error error = {0};
+    tm_cut_def def = tm_cut_def_default();
+    def.rate_1_s = o->rate.si;
+    def.loose = (tm_cut_loose)o->loose.index;
+    if (tm_stage_cut(s->world, s->contact, &def, &error)) return sim_report(s->scene, o->here.line, &error);
+    size_t n = (size_t)s->mesh->tet_count;
+    s->cuts.tet = tm_allocate(n * sizeof *s->cuts.tet);
+    s->cuts.instrument = tm_allocate(n);
+    s->cuts.capacity = (int32_t)n;
+    return s->cuts.tet && s->cuts.instrument ? 0 : app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+}
+
+static void destroy(sim *s) {
+    tm_release(s->cuts.tet, (size_t)s->cuts.capacity * sizeof *s->cuts.tet);
+    tm_release(s->cuts.instrument, (size_t)s->cuts.capacity);
+}
+
+static void frame(sim *s) {
+    s->cuts.count = tm_cut_take(s->world, s->cuts.tet, s->cuts.instrument, s->mesh->tet_count);
+    s->cuts.total += s->cuts.count;
+}
+
+const sim_effect sim_effect_cut = {
+    .name = "cut",
+    .doc = "Cauteries (instruments of mode `cautery`) remove tetrahedra while their pedal is down; the mesh stays conformal and manifold, and the "
+           "tissue equals a fresh build of what is left, bit for bit.",
+    .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
+    .needs = {"contact"},
+    .prepare = prepare,
+    .build = build,
+    .frame = frame,
+    .destroy = destroy,
+};

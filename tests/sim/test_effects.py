@@ -1,0 +1,153 @@
+"""Effects at work: cutting, grasping, breathing, snapshots, the three models."""
+import json
+import sys
+
+import lcm
+import numpy as np
+import pytest
+from simkit import block_scene, report, run
+
+HOLD = ("hand[0].path=[{time: 0 s, tip: [50 mm, 50 mm, 60 mm]}, {time: 0.5 s, tip: [52 mm, 50 mm, 47 mm]}, "
+        "{time: 3 s, tip: [52 mm, 50 mm, 47 mm]}]")
+
+
+@pytest.fixture(scope="module")
+def types(build):
+    sys.path.insert(0, str(build / "python"))
+    import tensormass
+    return tensormass
+
+
+def columns(path):
+    return np.genfromtxt(path, delimiter=",", names=True)
+
+
+@pytest.fixture(scope="module")
+def cut_session(bin, root, tmp_path_factory):
+    tmp = tmp_path_factory.mktemp("cut")
+    r = report(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--lockstep", "--record", tmp / "log", "--csv", tmp / "t.csv",
+               "--samples", tmp / "s.csv", "--set", "rendering=", tmp=tmp)
+    return r, tmp
+
+
+def test_cut_events_and_tissue_tell_the_same_story(cut_session, types):
+    r, tmp = cut_session
+    removed, revision, alive, open_faces = [], 0, r["tets"], 0
+    for e in lcm.EventLog(str(tmp / "log")):
+        if e.channel == "CUT":
+            m = types.cut_event_t.decode(e.data)
+            assert m.removed_count == len(m.removed_tet) > 0 and m.instrument in (1, -1) and m.topology_revision > revision
+            removed += m.removed_tet
+            alive -= m.removed_count
+            assert m.alive_count == alive
+            revision = m.topology_revision
+        elif e.channel == "TISSUE":
+            m = types.tissue_t.decode(e.data)
+            assert m.topology_revision == revision  # a late subscriber needs nothing but this message
+            open_faces = sum(m.triangle_kind)
+            edges = {}
+            for a, b, c in m.triangle:
+                for k in ((a, b), (b, c), (c, a)):
+                    edges[k] = edges.get(k, 0) + 1
+            assert all(n == 1 and edges.get((b, a)) == 1 for (a, b), n in edges.items())  # closed and manifold
+        elif e.channel == "SIM_STATUS":
+            assert types.sim_status_t.decode(e.data).tets_alive == alive
+    assert len(removed) == len(set(removed)) == r["tets_removed"] == r["tets"] - r["tets_alive"] > 5
+    assert open_faces > 10
+
+
+def test_the_grasper_pulls_and_lets_go(cut_session):
+    _, tmp = cut_session
+    s = columns(tmp / "s.csv")
+    s = s[s["instrument"] == 0]
+    pulled = (s["time_s"] > 1.5) & (s["time_s"] < 2.4)
+    assert (s["fz_N"][pulled] < -0.3).all()  # the tissue pulls the tool back down
+    after = s["fz_N"][s["time_s"] > 2.6]
+    assert (np.diff(np.abs(after)) <= 1e-12).all() and np.abs(after[-5:]).max() == 0
+
+
+def test_each_device_feels_its_own_instrument(cut_session):
+    _, tmp = cut_session
+    t = columns(tmp / "t.csv")
+    at = (t["time_s"] > 1.6) & (t["time_s"] < 2.3)
+    grasper, cautery = (t["fz_N"][at & (t["instrument"] == i)] for i in (0, 1))
+    assert (grasper < -0.3).all() and np.median(cautery) > -0.1
+    pressed = (t["time_s"] > 0.6) & (t["time_s"] < 0.9)
+    assert t["fz_N"][pressed & (t["instrument"] == 0)].max() > 0.1
+    assert np.abs(t["fz_N"][pressed & (t["instrument"] == 1)]).max() == 0
+
+
+def test_a_snapshot_goes_on_with_the_same_bits(bin, root, tmp_path):
+    scene = [bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--lockstep", "--unset", "haptics"]
+    state = tmp_path / "state.tms"
+    whole = report(*scene, "--samples", tmp_path / "whole.csv", tmp=tmp_path)
+    report(*scene, "--duration", "1.8 s", "--snapshot-at", "1.72 s", "--snapshot", state, tmp=tmp_path)
+    rest = report(*scene, "--restore", state, "--samples", tmp_path / "rest.csv", tmp=tmp_path)
+    assert rest["state_hash"] == whole["state_hash"] and rest["tets_alive"] == whole["tets_alive"] and rest["frames"] == 80 - 43
+    assert (tmp_path / "whole.csv").read_text().endswith((tmp_path / "rest.csv").read_text().split("\n", 1)[1])
+    good = state.read_bytes()
+    for name, bad in {"cut short": good[:-9], "empty": b"", "foreign": b"PK" + good, "one bit": good[:700] + bytes([good[700] ^ 4]) + good[701:],
+                      "longer": good + b"\0", "header": good[:20] + bytes([good[20] ^ 1]) + good[21:]}.items():
+        state.write_bytes(bad)
+        _, said = run(*scene, "--restore", state, "--json", tmp_path / "no.json", code=2)
+        assert said.startswith(str(state)) and ";" in said and not (tmp_path / "no.json").exists(), name
+    state.write_bytes(good)
+    run(*scene, "--restore", state, "--set", "tissue.mesh=" + str(root / "meshes/cylinder_1k.msh"), "--set", "supports=[{group: end_0}]", code=2)
+    _, said = run(*scene[:-2], "--restore", state, code=2)
+    assert "haptics" in said
+
+
+def test_models_agree_at_rest(bin, root, tmp_path):
+    force = {}
+    for model in ("dynamic", "precomputed"):
+        run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--unset", "haptics", "--duration", "3 s", "--set", HOLD,
+            "--set", "damping.rate=150 /s", "--set", "hybrid.box={min: [-1, -1, 20 mm], max: [1, 1, 1]}",
+            "--set", f"model={model}", "--samples", tmp_path / "s.csv", env={"TM_CACHE_DIR": str(tmp_path)})
+        last = columns(tmp_path / "s.csv")[-1]
+        force[model] = np.array([last["fx_N"], last["fy_N"], last["fz_N"]])
+    assert np.linalg.norm(force["dynamic"]) > 0.3
+    for model in ("precomputed",):
+        assert np.linalg.norm(force[model] - force["dynamic"]) < 1e-5 * np.linalg.norm(force["dynamic"]), force
+
+
+def test_precomputed_files_are_used_again_and_rebuilt_when_damaged(bin, root, tmp_path):
+    scene = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--unset", "haptics", "--set", "model=precomputed"]
+    env = {"TM_CACHE_DIR": str(tmp_path / "cache")}
+    first = report(*scene, tmp=tmp_path, env=env)
+    out, said = run(*scene, env=env)
+    assert "computed" not in said and first["state_hash"] in out
+    (file,) = (tmp_path / "cache").glob("precomputed-*.tms")
+    good = file.read_bytes()
+    file.write_bytes(good[:len(good) // 2])
+    out, said = run(*scene, env=env)
+    assert "computed" in said and first["state_hash"] in out and file.read_bytes() == good
+
+
+def test_excluded_effects_are_refused_with_both_lines(bin, root, tmp_path):
+    scene = block_scene(tmp_path, root, "model: precomputed\ninstruments:\n  - trocar: [50 mm, 50 mm, 18 cm]\ncontact:\ncut:\n")
+    _, said = run(bin / "tm-sim", scene, "--check", code=2)
+    assert said.startswith(f"{scene}:8: precomputed and cut ({scene}:12) exclude each other") and "hybrid" in said
+    run(bin / "tm-sim", scene, "--check", "--unset", "cut")
+    run(bin / "tm-sim", scene, "--check", "--set", "model=dynamic")
+    _, said = run(bin / "tm-sim", scene, "--check", "--set", "model=hybrid", "--unset", "cut", code=2)
+    assert "either a region or a box" in said
+
+
+def test_breathing_moves_its_support_and_nothing_else_holds_still(bin, root, tmp_path, types):
+    scene = block_scene(tmp_path, root, "breathing: {support: bottom, amplitude: [0, 0, 4 mm], period: 1 s}\ndamping: {rate: 100 /s}\nrendering:\n")
+    run(bin / "tm-sim", scene, "--lockstep", "--duration", "1 s", "--record", tmp_path / "log")
+    heights = {}
+    for e in lcm.EventLog(str(tmp_path / "log")):
+        if e.channel == "TISSUE":
+            m = types.tissue_t.decode(e.data)
+            heights[m.sim_utime] = np.array(m.vertex_m)[:, 2]
+    rest = heights[min(heights)]
+    bottom = rest < 1e-3
+    for utime, z in heights.items():
+        expected = 0.004 * 0.5 * (1 - np.cos(2 * np.pi * utime * 1e-6))
+        assert np.abs(z[bottom] - expected).max() < 1e-6
+    assert (heights[520000] - rest)[~bottom].min() > 0.002  # the rest is carried along
+    _, said = run(bin / "tm-sim", scene, "--check", "--set", "breathing.support=diaphragm", code=2)
+    assert "does not name" in said
+    _, said = run(bin / "tm-sim", scene, "--check", "--set", "supports[0].axes=x", code=2)
+    assert "leaves free" in said
