@@ -36,6 +36,7 @@ double app_bandwidth_B_s(size_t bytes, int rounds) {
     /* Small arrays are passed over often enough for the clock to resolve. */
     size_t passes = 1 + (size_t)20e6 / bytes;
     volatile double sink = 0;
+    (void)sink;
     for (int r = -1; r < rounds; r++) { /* round -1 warms up */
         double start = app_seconds();
         for (size_t p = 0; p < passes; p++) {
