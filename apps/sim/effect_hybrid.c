@@ -14,7 +14,7 @@ static const app_field fields[] = {
     {"hybrid.box.max", APP_VECTOR, "length", "!", 0, 0, OPTION(box_max), "upper corner"},
     {"hybrid.precision", APP_CHOICE, "double|single", "double", 0, 0, OPTION(precision), "of the condensed part"},
     {"hybrid.cache", APP_FLAG, NULL, "yes", 0, 0, OPTION(cache), "keep it on disk: $TM_CACHE_DIR, $XDG_CACHE_HOME/tensormass or ~/.cache/tensormass"},
-    {"hybrid.max_vertices", APP_INTEGER, NULL, "128", 8, 4096, OPTION(max_vertices), "of the contact system on the condensed part"},
+    {"hybrid.max_vertices", APP_INTEGER, NULL, "256", 8, 4096, OPTION(max_vertices), "of the contact system on the condensed part"},
 };
 
 typedef struct model {

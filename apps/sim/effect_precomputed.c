@@ -11,7 +11,7 @@ static const app_field fields[] = {
     {"precomputed.solver", APP_CHOICE, "cholesky|cg", "cholesky", 0, 0, OPTION(solver), "CHOLMOD, or conjugate gradients as in the paper"},
     {"precomputed.precision", APP_CHOICE, "double|single", "double", 0, 0, OPTION(precision), "of the stored responses"},
     {"precomputed.cache", APP_FLAG, NULL, "yes", 0, 0, OPTION(cache), "keep them on disk: $TM_CACHE_DIR, $XDG_CACHE_HOME/tensormass or ~/.cache/tensormass"},
-    {"precomputed.max_vertices", APP_INTEGER, NULL, "128", 8, 4096, OPTION(max_vertices), "of the on-line contact system"},
+    {"precomputed.max_vertices", APP_INTEGER, NULL, "256", 8, 4096, OPTION(max_vertices), "of the on-line contact system"},
 };
 
 typedef struct model {
