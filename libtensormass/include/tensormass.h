@@ -10,6 +10,7 @@
 #include "tensormass/world.h"
 #include "tensormass/contact.h"
 #include "tensormass/grasp.h"
+#include "tensormass/patch.h"
 #include "tensormass/cut.h"
 
 #endif

@@ -365,6 +365,8 @@ tm_tool_reaction tm_contact_reaction(const tm_contact *contact, int32_t instrume
     const tm_tool *tool = contact->tool + instrument;
     tm_tool_reaction reaction = {.capped = tool->capped, .overflowed = tool->overflowed};
     reaction.inside = touches(tool) && !tool->clear;
+    reaction.stiffness_kind = tool->stiffness_kind;
+    memcpy(reaction.stiffness_N_m, tool->stiffness_N_m, tool->stiffness_kind ? sizeof reaction.stiffness_N_m : 0);
     for (int32_t i = 0; i < contact->row_count; i++)
         reaction.row_count += contact->row[i].instrument == instrument && contact->row[i].lambda_N > 0;
     if (tool->sum_count == 0) { /* nothing averaged yet: as the last substep left it */

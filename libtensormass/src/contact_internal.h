@@ -34,7 +34,8 @@ typedef struct tm_tool {
     int32_t sum_count;
     bool capped, overflowed;
     double substep_force_N[3], substep_resultant_N[3]; /* of the last substep */
-    tm_tool_reaction reaction;      /* of the last complete average */
+    double stiffness_N_m[9];        /* dF/dP by the stage "patch" */
+    int32_t stiffness_kind;
 } tm_tool;
 
 /* Another constraint that shares vertices with contact is swept with it, or the two would fight (grasp). */

@@ -1,0 +1,170 @@
+/* Stage "patch": for each instrument the surface near it, its compliance and the contact stiffness, from the dynamic model. */
+#include "patch_internal.h"
+
+#include <assert.h>
+#include <math.h>
+#include <string.h>
+
+#include "contact_vec.h"
+
+struct tm_patch_maker {
+    tm_pool pool;
+    tm_patch_def def;
+    tm_contact *contact;
+    tm_world *world;
+    tm_columns *columns;
+    tm_patch_solver *solver;
+    int32_t revision;
+    double tip_m[TM_MAX_INSTRUMENTS][3], velocity_m_s[TM_MAX_INSTRUMENTS][3], time_s[TM_MAX_INSTRUMENTS];
+};
+
+tm_patch_def tm_patch_def_default(void) {
+    return (tm_patch_def){.cookie = TM_COOKIE_PATCH, .max_vertices = TM_PATCH_VERTICES, .max_triangles = TM_PATCH_TRIANGLES,
+                          .column_vertices = 64, .tolerance = 3e-3, .horizon_s = 0.08};
+}
+
+static void observe_motion(tm_patch_maker *maker, int32_t t) {
+    const tm_tool *tool = maker->contact->tool + t;
+    double now = maker->world->state.time_s, passed = now - maker->time_s[t];
+    if (passed > 0 && passed < 0.5)
+        for (int c = 0; c < 3; c++)
+            maker->velocity_m_s[t][c] = (tool->pose.tip_m[c] - maker->tip_m[t][c]) / passed;
+    else if (passed != 0)
+        memset(maker->velocity_m_s[t], 0, sizeof maker->velocity_m_s[t]);
+    vset(tool->pose.tip_m, maker->tip_m[t]);
+    maker->time_s[t] = now;
+}
+
+static bool usable(void *self, int32_t vertex) { return tm_columns_good(((tm_patch_maker *)self)->columns, vertex); }
+static bool block(void *self, int32_t a, int32_t b, double C[9]) {
+    return tm_columns_block(((tm_patch_maker *)self)->columns, a, b, C);
+}
+
+static int32_t grow(tm_patch_maker *maker, int32_t t, bool known_only, tm_patch *patch) {
+    const tm_contact *contact = maker->contact;
+    tm_surface_view surface = tm_tissue_surface(maker->world->tissue);
+    return tm_patch_grow(maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface, &contact->tool[t].capsule,
+                         maker->velocity_m_s[t], maker->def.horizon_s, contact->row, contact->row_count, maker->def.max_vertices,
+                         maker->def.max_triangles, known_only ? usable : NULL, maker, patch);
+}
+
+/* The patch's vertices by their distance from the tip. */
+static void want(tm_patch_maker *maker, int32_t t, const tm_patch *patch) {
+    int32_t vertex[TM_PATCH_VERTICES];
+    double distance[TM_PATCH_VERTICES];
+    for (int32_t i = 0; i < patch->vertex_count; i++) {
+        double d[3];
+        vsub(patch->vertex_m + 3 * i, maker->contact->tool[t].pose.tip_m, d);
+        double far = vdot(d, d);
+        int32_t j = i;
+        for (; j > 0 && distance[j - 1] > far; j--) {
+            vertex[j] = vertex[j - 1];
+            distance[j] = distance[j - 1];
+        }
+        vertex[j] = patch->vertex[i];
+        distance[j] = far;
+    }
+    tm_columns_want(maker->columns, t, vertex, patch->vertex_count);
+}
+
+static bool bears_outside(const tm_patch_maker *maker, int32_t t, const tm_patch *patch) {
+    const tm_contact *contact = maker->contact;
+    for (int32_t k = 0; k < contact->row_count; k++) {
+        const tm_contact_row *row = contact->row + k;
+        if (row->instrument != t || row->lambda_N <= 0)
+            continue;
+        for (int j = 0; j < 3; j++) {
+            bool within = row->weight[j] == 0;
+            for (int32_t i = 0; i < patch->vertex_count && !within; i++)
+                within = patch->vertex[i] == row->vertex[j];
+            if (!within)
+                return true;
+        }
+    }
+    return false;
+}
+
+static bool holds_tissue(const tm_patch_maker *maker, int32_t t) {
+    const tm_contact_guest *guest = &maker->contact->guest;
+    for (int32_t v = 0; guest->holds && v < maker->world->tissue->mesh->vertex_count; v++)
+        if (guest->holds(guest->self, t, v))
+            return true;
+    return false;
+}
+
+bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
+    assert(t >= 0 && t < maker->contact->tool_count);
+    const tm_contact *contact = maker->contact;
+    tm_tool *tool = maker->contact->tool + t;
+    int32_t revision = tm_tissue_surface(maker->world->tissue).revision;
+    tool->stiffness_kind = 0;
+    memset(patch, 0, sizeof *patch);
+    observe_motion(maker, t);
+    if (revision != maker->revision)
+        tm_columns_cut(maker->columns);
+    maker->revision = revision;
+    patch->instrument = t;
+    grow(maker, t, false, patch);
+    want(maker, t, patch);
+    tm_columns_work(maker->columns, maker->def.iterations);
+    if (grow(maker, t, true, patch) == 0 || bears_outside(maker, t, patch) || holds_tissue(maker, t))
+        return false;
+    patch->kind = 1;
+    patch->topology_revision = revision;
+    patch->skin_compliance_m_N = contact->def.skin_compliance_m_N;
+    patch->force_cap_N = contact->def.force_cap_N;
+    patch->radius_m = tool->def.radius_m;
+    patch->contact_length_m = tool->def.contact_length_m;
+    vset(tool->def.trocar_m, patch->trocar_m);
+    if (!tm_patch_fill(patch, block, maker, contact->row, contact->row_count))
+        return false;
+    tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
+    tool->stiffness_kind = 1;
+    return true;
+}
+
+int32_t tm_patch_pending(const tm_patch_maker *maker) { return tm_columns_pending(maker->columns); }
+
+static void run(void *self, tm_world *world) { (void)self, (void)world; }
+
+static void destroy(void *self) {
+    tm_patch_maker *maker = self;
+    tm_patch_solver_destroy(maker->solver);
+    tm_pool pool = maker->pool;
+    tm_pool_release(&pool);
+}
+
+tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_def *def, tm_patch_maker **made, tm_error *error) {
+    assert(world && contact && def && def->cookie == TM_COOKIE_PATCH && made);
+    if (def->max_vertices < 3 || def->max_vertices > TM_PATCH_VERTICES || def->max_triangles < 1
+        || def->max_triangles > TM_PATCH_TRIANGLES || def->column_vertices < def->max_vertices || def->iterations < 0
+        || !(def->tolerance > 0) || !(def->horizon_s >= 0))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "patch: %d vertices, %d triangles, %d columns, %d iterations, tolerance %g, horizon %g s; give "
+                       "3 to %d vertices, 1 to %d triangles, at least as many columns, and none negative", def->max_vertices,
+                       def->max_triangles, def->column_vertices, def->iterations, def->tolerance, def->horizon_s, TM_PATCH_VERTICES,
+                       TM_PATCH_TRIANGLES);
+    tm_pool pool = {0};
+    tm_patch_maker *maker = TM_TAKE(&pool, tm_patch_maker, 1);
+    tm_columns *columns = tm_columns_create(&pool, world, def->column_vertices, def->tolerance);
+    tm_status status = maker && columns ? tm_patch_solver_create(&maker->solver, error) : tm_fail_memory(error, "patch stage");
+    if (status) {
+        tm_pool_release(&pool);
+        return status;
+    }
+    maker->pool = pool;
+    maker->def = *def;
+    if (def->iterations == 0)
+        maker->def.iterations = 4 + 80000 / world->tissue->mesh->vertex_count;
+    maker->contact = contact;
+    maker->world = world;
+    maker->columns = columns;
+    maker->revision = tm_tissue_surface(world->tissue).revision;
+    const tm_stage stage = {.name = "patch", .phase = TM_PHASE_END, .run = run, .destroy = destroy, .self = maker};
+    status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    if (status) {
+        destroy(maker);
+        return status;
+    }
+    *made = maker;
+    return TM_OK;
+}
