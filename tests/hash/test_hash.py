@@ -1,0 +1,26 @@
+"""The golden hash: the same bits from gcc and clang, optimised and not, and on every run."""
+import shutil
+import subprocess
+
+import pytest
+
+COMMON = ["-std=c11", "-D_GNU_SOURCE", "-ffp-contract=off", "-fno-math-errno", "-w", "-Ilibtensormass/include"]
+BUILDS = {"gcc -O2": ["gcc", "-O2", "-DNDEBUG"], "gcc -O0": ["gcc", "-O0"], "clang -O3": ["clang", "-O3", "-DNDEBUG"]}
+
+
+def state_hash(root, folder, name, command):
+    if not shutil.which(command[0]):
+        pytest.skip(f"{command[0]} is not installed; tools/setup.sh check")
+    program = folder / name.replace(" ", "")
+    sources = sorted(str(p.relative_to(root)) for p in (root / "libtensormass" / "src").glob("*.c"))
+    build = subprocess.run([*command, *COMMON, "tests/hash/state_hash.c", *sources, "-lm", "-o", program], cwd=root, capture_output=True, text=True, timeout=300)
+    assert build.returncode == 0, build.stderr[-4000:]
+    said = [subprocess.run([program], cwd=root, capture_output=True, text=True, timeout=300, check=True).stdout.strip() for _ in range(2)]
+    assert said[0] == said[1], f"{name}: two runs differ"
+    assert len(said[0]) == 16
+    return said[0]
+
+
+def test_compilers_agree_on_every_bit(root, tmp_path):
+    said = {name: state_hash(root, tmp_path, name, command) for name, command in BUILDS.items()}
+    assert len(set(said.values())) == 1, said
