@@ -99,8 +99,21 @@ static uint64_t hash(const sim *s) {
 
 static int64_t bytes(const sim *s) { return ((model *)s->model_own)->bytes; }
 
+static tm_status solve(sim *s, double *u_m, double *reaction_N, tm_error *error) {
+    model *m = s->model_own;
+    tm_precomputed_def def = m->api.tm_precomputed_def_default_();
+    tm_solve_report report = {0};
+    sim_problem problem;
+    if (sim_problem_make(s, s->tissue, &problem, &def.problem)) return TM_ERR_MEMORY;
+    def.problem.solver = (tm_solver)((const sim_solve_options *)sim_options(s->scene, "precomputed"))->solver.index;
+    tm_status status = m->api.tm_solve_static_(&def.problem, u_m, reaction_N, &report, error);
+    sim_problem_free(&problem);
+    return status;
+}
+
 const sim_model sim_model_precomputed = {.begin = begin, .end = end, .frame = frame, .surface = surface, .displacement = displacement,
-                                         .time_s = time_s, .hash = hash, .bytes = bytes, .destroy = destroy};
+                                         .time_s = time_s, .hash = hash, .bytes = bytes, .solve = solve,
+                                         .destroy = destroy};
 
 const sim_effect sim_effect_precomputed = {
     .name = "precomputed",

@@ -48,9 +48,27 @@ static int line_of_stage(const sim *s, int owner) {
     return owner >= 0 ? sim_effect_line(s->scene, owner) : s->scene->tissue.line;
 }
 
+/* A model without world is one stage, run once a frame. */
+static tm_status measure_model(sim *s, tm_stage_report *report, int *count) {
+    tm_status status = sim_frame(s, s->pose, 1);
+    int64_t begin = app_monotonic_us(), spent = 0, runs = 0;
+    for (; !status && spent < 300000 && runs < 1000000 && !run_interrupted(); ++runs) {
+        status = sim_frame(s, s->pose, 1);
+        spent = app_monotonic_us() - begin;
+    }
+    const char *name = s->scene->model.index == APP_PRECOMPUTED ? "precomputed" : "model";
+    report[0] = (tm_stage_report){.name = name, .phase = TM_PHASE_END, .runs = runs, .seconds = (double)spent * 1e-6};
+    *count = 1;
+    sim_effect_find(name, &s->owner[0].effect);
+    s->owner[0].stage = name;
+    s->owner_count = 1;
+    return status;
+}
+
 /* Steps until about 0.3 s are spent, timers on. */
 static tm_status measure(sim *s, tm_stage_report *report, int *count) {
     tm_stage_report before[TM_MAX_STAGES];
+    if (!s->world) return measure_model(s, report, count);
     tm_status status = sim_frame(s, s->pose, s->substeps); /* warm */
     tm_world_set_timing(s->world, true);
     tm_world_stages(s->world, before);
@@ -79,7 +97,7 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
     /* What an effect holds beside its stages: in the library's account, or inside the tissue. */
     int64_t beside[SIM_MAX_EFFECTS];
     for (int e = 0; e < sim_effect_count; ++e) {
-        beside[e] = s->cost[e].bytes;
+        beside[e] = s->cost[e].bytes + (sim_effects[e]->model && s->model->bytes && sim_effect_line(s->scene, e) ? s->model->bytes(s) : 0);
         if (!strcmp(sim_effects[e]->name, "anisotropy")) beside[e] += fibres;
         if (!strcmp(sim_effects[e]->name, "cut")) beside[e] += cutting;
         for (int i = 0; i < count; ++i)

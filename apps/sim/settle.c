@@ -74,29 +74,46 @@ static void report_supports(const sim *s, const double *reaction, cJSON *json) {
     }
 }
 
-static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) {
+/* Relaxes the world, or asks the model's own solver. u and reaction [3*vertex_count], zeroed. */
+static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_settle_result *result) {
     tm_error error = {0};
-    tm_settle_def def = tm_settle_def_default();
-    tm_settle_result result = {0};
     watch w = {.tolerance = o->tolerance};
-    def.tolerance = o->tolerance;
-    def.progress = on_progress;
-    def.user = &w;
-    tm_status status = tm_world_settle(s->world, &def, &result, &error);
+    tm_status status;
+    if (s->model->solve) {
+        status = s->model->solve(s, u, reaction, &error);
+        result->energy_J = tm_tissue_energy(s->tissue, u);
+    } else {
+        tm_settle_def def = tm_settle_def_default();
+        def.tolerance = o->tolerance;
+        def.progress = on_progress;
+        def.user = &w;
+        status = tm_world_settle(s->world, &def, result, &error);
+        memcpy(u, tm_world_state(s->world)->u_m, sizeof *u * 3 * (size_t)s->mesh->vertex_count);
+        tm_support_reaction(s->world, reaction);
+    }
     app_progress("settling", 1, true);
     if (w.stopped) {
         fputs("tm-sim: interrupted; nothing was written\n", stderr);
         return APP_FAILED;
     }
-    if (status) return app_report(s->scene->file, 0, &error);
-    double *reaction = calloc((size_t)s->mesh->vertex_count * 3, sizeof *reaction);
-    if (!reaction) return APP_FAILED;
-    const double *u = tm_world_state(s->world)->u_m;
-    if (s->support_of) tm_support_reaction(s->world, reaction);
+    return status ? app_report(s->scene->file, 0, &error) : 0;
+}
+
+static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) {
+    tm_settle_result result = {0};
+    size_t count = 3 * (size_t)s->mesh->vertex_count;
+    double *u = calloc(2 * count, sizeof *u), *reaction = u + count;
+    int rc = u ? rest(s, o, u, reaction, &result) : APP_FAILED;
+    if (rc) {
+        free(u);
+        return rc;
+    }
     double largest = 0;
     for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
         largest = fmax(largest, sqrt(u[3 * v] * u[3 * v] + u[3 * v + 1] * u[3 * v + 1] + u[3 * v + 2] * u[3 * v + 2]));
-    printf("at rest after %lld steps, residual %.3g; energy %.9g J; largest displacement %.6g m\n", (long long)result.steps, result.residual, result.energy_J, largest);
+    if (s->model->solve) printf("at rest, by the direct solver");
+    else printf("at rest after %lld steps, residual %.3g", (long long)result.steps, result.residual);
+    printf("; energy %.9g J; largest displacement %.6g m\n", result.energy_J, largest);
     cJSON_AddNumberToObject(json, "steps", (double)result.steps);
     cJSON_AddNumberToObject(json, "residual", result.residual);
     cJSON_AddNumberToObject(json, "energy_J", result.energy_J);
@@ -106,11 +123,13 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
         size_t n = strlen(o->write);
         (n > 4 && !strcmp(o->write + n - 4, ".vtk") ? write_vtk : write_csv)(written->stream, s->mesh, u, reaction);
     }
-    free(reaction);
+    free(u);
     return 0;
 }
 
 int run_settle(sim *s, const run_options *o) {
+    if (s->scene->model.index == APP_HYBRID)
+        return app_scene_bad(s->scene, s->scene->model.line, "--settle relaxes a whole tissue, not a hybrid one; write 'model: dynamic' (the same shape at rest) or 'model: precomputed'");
     run_file written = {0}, report = {0};
     size_t n = o->write ? strlen(o->write) : 0;
     if (o->write && !(n > 4 && (!strcmp(o->write + n - 4, ".vtk") || !strcmp(o->write + n - 4, ".csv"))))

@@ -58,6 +58,8 @@ typedef struct sim_model {
     double (*time_s)(const sim *s);
     uint64_t (*hash)(const sim *s);
     int64_t (*bytes)(const sim *s);                                           /* of model_own; may be null */
+    /* The static solution [3*vertex_count] without contact, by the model's own solver; null: the world's relaxation. */
+    tm_status (*solve)(sim *s, double *u_m, double *reaction_N, tm_error *error);
     void (*destroy)(void *own);
 } sim_model;
 extern const sim_model *const sim_models[]; /* by app_model */

@@ -97,16 +97,16 @@ def test_a_snapshot_goes_on_with_the_same_bits(bin, root, tmp_path):
     assert "haptics" in said
 
 
-def test_models_agree_at_rest(bin, root, tmp_path):
+def test_three_models_agree_at_rest(bin, root, tmp_path):
     force = {}
-    for model in ("dynamic", "precomputed"):
+    for model in ("dynamic", "precomputed", "hybrid"):
         run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--unset", "haptics", "--duration", "3 s", "--set", HOLD,
             "--set", "damping.rate=150 /s", "--set", "hybrid.box={min: [-1, -1, 20 mm], max: [1, 1, 1]}",
             "--set", f"model={model}", "--samples", tmp_path / "s.csv", env={"TM_CACHE_DIR": str(tmp_path)})
         last = columns(tmp_path / "s.csv")[-1]
         force[model] = np.array([last["fx_N"], last["fy_N"], last["fz_N"]])
     assert np.linalg.norm(force["dynamic"]) > 0.3
-    for model in ("precomputed",):
+    for model in ("precomputed", "hybrid"):
         assert np.linalg.norm(force[model] - force["dynamic"]) < 1e-5 * np.linalg.norm(force["dynamic"]), force
 
 
@@ -131,6 +131,9 @@ def test_excluded_effects_are_refused_with_both_lines(bin, root, tmp_path):
     run(bin / "tm-sim", scene, "--check", "--set", "model=dynamic")
     _, said = run(bin / "tm-sim", scene, "--check", "--set", "model=hybrid", "--unset", "cut", code=2)
     assert "either a region or a box" in said
+    _, said = run(bin / "tm-sim", scene, "--check", "--set", "model=hybrid", "--unset", "cut", "--set", "hybrid.region=spleen", code=2)
+    assert "no tetrahedron" in said
+
 
 
 def test_breathing_moves_its_support_and_nothing_else_holds_still(bin, root, tmp_path, types):
