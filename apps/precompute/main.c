@@ -1,0 +1,196 @@
+/* tm-precompute: the responses of a scene's tissue, computed ahead of time, by as many threads and ranks as there are. */
+#include <cjson/cJSON.h>
+#include <getopt.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "app.h"
+#include "sim/run.h"
+#include "sim/solve_api.h"
+#include "team.h"
+
+static const char help[] =
+    "%s SCENE.yaml [options]: responses of the surface for `model: precomputed`, into the file where tm-sim looks for them\n\n"
+    "  --out FILE            write there instead of the cache\n"
+    "  --solver NAME         cholesky or cg, instead of the scene's (precomputed.solver)\n"
+    "  --precision NAME      double or single, instead of the scene's (precomputed.precision)\n"
+    "  --threads N           of each process; default: one for each core\n"
+    "  --memory MB           the most to ask for; default: what the machine has available\n"
+    "  --set PATH=VALUE      put this value over the scene's; as often as wanted\n"
+    "  --keep                leave a file that holds these very responses as it is\n"
+    "  --json FILE           time, sizes, seconds\n"
+    "  --help, --version\n\n"
+    "Built with Open MPI (make MPI=1) it is tm-precompute-mpi, and `mpirun -n 4 tm-precompute-mpi SCENE.yaml` spreads the columns over the\n"
+    "ranks; the file is the same to the last bit. Killed in the middle it leaves the old file.\n"
+    "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else.\n";
+
+enum { OUT = 1000, SOLVER, PRECISION, THREADS, MEMORY, SET, KEEP, JSON, HELP, VERSION };
+static const struct option long_options[] = {
+    {"out", required_argument, NULL, OUT}, {"solver", required_argument, NULL, SOLVER}, {"precision", required_argument, NULL, PRECISION},
+    {"threads", required_argument, NULL, THREADS}, {"memory", required_argument, NULL, MEMORY}, {"set", required_argument, NULL, SET},
+    {"keep", no_argument, NULL, KEEP}, {"json", required_argument, NULL, JSON}, {"help", no_argument, NULL, HELP},
+    {"version", no_argument, NULL, VERSION}, {NULL, 0, NULL, 0},
+};
+
+typedef struct choice {
+    const char *scene, *out, *json;
+    char set[RUN_MAX_SETS][512], *set_list[RUN_MAX_SETS];
+    int set_count;
+    int32_t threads;
+    int64_t memory_bytes;
+    bool keep;
+} choice;
+
+static int usage(const char *what, const char *argument) {
+    fprintf(stderr, "%s: ", team_name);
+    fprintf(stderr, what, argument);
+    fputs("\n", stderr);
+    return APP_BAD_INPUT;
+}
+
+static int add_set(choice *o, const char *path, const char *value) {
+    if (o->set_count == RUN_MAX_SETS) return usage("more than 64 --set%s; write a scene instead", "");
+    o->set_list[o->set_count] = o->set[o->set_count];
+    if (snprintf(o->set[o->set_count], sizeof o->set[0], "%s%s", path, value) >= (int)sizeof o->set[0]) return usage("'%s' is too long", value);
+    o->set_count++;
+    return 0;
+}
+
+static int whole_number(const char *text, const char *name, long least, long most, long *number) {
+    char *end;
+    *number = strtol(text, &end, 10);
+    if (*end || end == text || *number < least || *number > most) {
+        fprintf(stderr, "%s: %s '%s': give a whole number from %ld to %ld\n", team_name, name, text, least, most);
+        return APP_BAD_INPUT;
+    }
+    return 0;
+}
+
+static int take_option(choice *o, int option, char **all) {
+    long number = 0;
+    int rc = 0;
+    switch (option) {
+    case OUT: o->out = optarg; return 0;
+    case SOLVER: return add_set(o, "precomputed.solver=", optarg);
+    case PRECISION: return add_set(o, "precomputed.precision=", optarg);
+    case THREADS:
+        rc = whole_number(optarg, "--threads", 1, 1024, &number);
+        o->threads = (int32_t)number;
+        return rc;
+    case MEMORY:
+        rc = whole_number(optarg, "--memory", 1, 1L << 40, &number);
+        o->memory_bytes = (int64_t)number * 1000000;
+        return rc;
+    case SET:
+        if (!strchr(optarg, '=')) return usage("--set '%s' is not PATH=VALUE; write for example --set tissue.scale=0.5", optarg);
+        return add_set(o, "", optarg);
+    case KEEP: o->keep = true; return 0;
+    case JSON: o->json = optarg; return 0;
+    case 1:
+        if (o->scene) return usage("a second scene '%s'; give one", optarg);
+        o->scene = optarg;
+        return 0;
+    default: return usage("unknown option or missing argument '%s'; --help lists them", all[optind - 1]);
+    }
+}
+
+static int parse(choice *o, int count, char **all) {
+    opterr = 0;
+    for (;;) {
+        const int option = getopt_long(count, all, "-", long_options, NULL);
+        if (option == -1) break;
+        if (option == HELP || option == VERSION) {
+            if (option == HELP) printf(help, team_name);
+            else printf("%s %s\n", team_name, tm_version());
+            exit(team_end(0));
+        }
+        const int rc = take_option(o, option, all);
+        if (rc) return rc;
+    }
+    if (!o->scene) return usage("no scene%s; give one, or --help", "");
+    return 0;
+}
+
+static int report(const choice *o, const tm_solve_report *r, const char *file, run_file *json) {
+    cJSON *j = cJSON_CreateObject();
+    cJSON_AddStringToObject(j, "scene", o->scene);
+    cJSON_AddStringToObject(j, "file", file);
+    cJSON_AddBoolToObject(j, "from_file", r->from_file);
+    cJSON_AddNumberToObject(j, "columns", r->columns);
+    cJSON_AddNumberToObject(j, "free_dofs", r->free_dofs);
+    cJSON_AddNumberToObject(j, "factor_bytes", (double)r->factor_bytes);
+    cJSON_AddNumberToObject(j, "responses_bytes", (double)r->responses_bytes);
+    cJSON_AddNumberToObject(j, "work_bytes", (double)r->work_bytes);
+    cJSON_AddNumberToObject(j, "order_s", r->order_s);
+    cJSON_AddNumberToObject(j, "factor_s", r->factor_s);
+    cJSON_AddNumberToObject(j, "seconds", r->seconds);
+    printf("%s: %d columns%s, %.1f MB, %.2f s (factor %.1f MB)\n", file, r->columns, r->from_file ? " already there" : "", (double)r->responses_bytes * 1e-6, r->seconds, (double)r->factor_bytes * 1e-6);
+    return run_report_end(j, json);
+}
+
+/* The options of `precomputed`, whether the scene's model asks for them or not. */
+static const sim_solve_options *options_of(const sim *s) {
+    int index = 0;
+    sim_effect_find("precomputed", &index);
+    return s->scene->effect[index];
+}
+
+static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file *json) {
+    const sim_solve_options *options = options_of(s);
+    const app_vector *g = sim_gravity(s);
+    char file[1024];
+    tm_error error = {0};
+    tm_solve_report r = {0};
+    sim_problem problem;
+    tm_precomputed_def def = tm_precomputed_def_default();
+    if (g) memcpy(s->gravity_m_s2, g->v, sizeof s->gravity_m_s2);
+    int rc = sim_problem_make(s, s->tissue, &problem, &def.problem);
+    if (rc) return rc;
+    sim_solve_file(s, options, "precomputed", file, sizeof file);
+    if (o->out && snprintf(file, sizeof file, "%s", o->out) >= (int)sizeof file) rc = usage("--out '%s' is too long", o->out);
+    if (!rc && !*file) rc = usage("the scene keeps no cache (precomputed.cache)%s; add --out FILE", "");
+    const bool first = !team || team->rank == 0;
+    def.problem.solver = (tm_solver)options->solver.index;
+    def.problem.threads = o->threads;
+    def.problem.memory_limit_bytes = o->memory_bytes;
+    if (!first) def.problem.progress = NULL;
+    def.precision = (tm_precision)options->precision.index;
+    def.file = file;
+    def.team = team;
+    tm_precomputed *model = NULL;
+    const bool alone = !team || team->count == 1;
+    if (!rc && o->keep && !alone) rc = usage("--keep%s is for one process; leave it out under mpirun", "");
+    const tm_status status = rc ? TM_OK : o->keep ? tm_precomputed_create(&def, &model, &r, &error) : tm_precomputed_write(&def, &r, &error);
+    if (!rc && status) rc = app_report(status == TM_ERR_FILE ? NULL : o->scene, status == TM_ERR_FILE ? 0 : s->scene->tissue.line, &error);
+    tm_precomputed_destroy(model);
+    sim_problem_free(&problem);
+    return rc || !first ? rc : report(o, &r, file, json);
+}
+
+static int run(const choice *o, const tm_solve_team *team) {
+    app_scene *scene;
+    sim *s;
+    run_file json = {0};
+    const bool first = !team || team->rank == 0;
+    int rc = sim_scene_load(o->scene, o->set_list, o->set_count, &scene);
+    if (rc) return rc;
+    rc = sim_create(scene, &s);
+    if (rc) return rc;
+    if (first) rc = run_file_begin(&json, o->json);
+    if (!rc) rc = compute(s, o, team, &json);
+    run_file_end(&json, false);
+    sim_destroy(s);
+    return rc;
+}
+
+int main(int count, char **all) {
+    static choice o;
+    const tm_solve_team *team = team_begin(&count, &all);
+    run_catch_signals();
+    int rc = parse(&o, count, all);
+    /* A world is built for nothing but its tissue; `precomputed` itself would compute at once. */
+    if (!rc) rc = add_set(&o, "model=", "dynamic");
+    if (!rc) rc = run(&o, team);
+    return team_end(rc);
+}

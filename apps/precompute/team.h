@@ -1,0 +1,13 @@
+/* The processes that share the columns: this one alone, or Open MPI's ranks (another build of the same program). */
+#ifndef TM_PRECOMPUTE_TEAM_H
+#define TM_PRECOMPUTE_TEAM_H
+
+#include "tensormass_solve.h"
+
+extern const char team_name[]; /* of the program */
+/* Null: alone. */
+const tm_solve_team *team_begin(int *count, char ***all);
+/* Ends all ranks, at once when one has failed. Returns `code`. */
+int team_end(int code);
+
+#endif
