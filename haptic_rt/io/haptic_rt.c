@@ -222,6 +222,12 @@ static void tick(void *user, int64_t now_us) {
     atomic_store(&p->samples_seen, (int64_t)p->node.controller.counters.samples_received);
 }
 
+/* At once, before the device's watchdog wonders. */
+static void end(void *user) {
+    program *p = user;
+    hrt_node_stop(&p->node);
+}
+
 /* ---------------------------------------------------------------------------------------------- this thread */
 
 /* What it waits for, once each time it begins to wait. */
@@ -258,7 +264,6 @@ static void watch(program *p) {
         }
     }
     pthread_join(p->loop.thread, NULL);
-    hrt_node_stop(&p->node);
 }
 
 static const char *const stage_name[HRT_NODE_STAGES + 1] = {"receive", "control", "send", "publish"};
@@ -357,6 +362,7 @@ int main(int argc, char **argv) {
     p.loop.priority = p.priority;
     p.loop.ticks_max = p.duration_s > 0.0 ? (int64_t)(p.duration_s * p.rate + 0.5) : 0;
     p.loop.tick = tick;
+    p.loop.end = end;
     p.loop.user = &p;
     hrt_stop_on_signals(&p.loop.stop);
     if (!hrt_loop_start(&p.loop)) {

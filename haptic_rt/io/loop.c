@@ -62,6 +62,7 @@ static void *run(void *user) {
             next_ns += lost * l->period_ns;
         }
     }
+    if (l->end) l->end(l->user);
     if (atomic_load(&l->ticks) > warm_ticks) {
         count_faults(&l->faults_minor, &l->faults_major);
         l->faults_minor -= minor;

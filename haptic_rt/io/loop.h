@@ -16,6 +16,7 @@ typedef struct hrt_loop {
     int priority;     /* SCHED_FIFO 1..99; 0: normal scheduling */
     int64_t ticks_max;/* 0: until stopped */
     void (*tick)(void *user, int64_t now_us);
+    void (*end)(void *user); /* in the loop's thread, right after the last tick; may be null */
     void *user;
     /* results */
     _Atomic bool stop, done;
