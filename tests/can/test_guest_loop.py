@@ -1,6 +1,11 @@
 """haptic-rt and tm-device, unchanged, over a real kernel's CAN in a guest: user-mode Linux with vcan, QEMU with two emulated SJA1000 controllers.
-What happened is read from stock candump's log and from the programs' JSON. A lost command is a gap in its counter; lateness is not looked at."""
+What happened is read from stock candump's log and from the programs' JSON. A lost command is a gap in its counter; lateness is not looked at.
+
+QEMU's time is counted in instructions, so that there nothing is excused. User-mode Linux lives in its host's time: when the host lets it stand still,
+all senders on the bus fall silent together, the log shows it as a hole, and what is measured leaves the hole out."""
+import fcntl
 import json
+import os
 
 import cantools
 import guest_run
@@ -8,44 +13,54 @@ import pytest
 from conftest import BUILD, LONG, ROOT
 
 BUSES = ["vcan", "controllers"]
-STEADY_S = 60 if LONG else 8
+STEADY_S = 60 if LONG else 6
 DATABASE = cantools.database.load_file(ROOT / "haptic_rt" / "can" / "impulse_engine.dbc")
 MESSAGE = {message.frame_id: message for message in DATABASE.messages}
 ZERO_WITHIN_US = 150000
 WATCHDOG_US = 20000
+SLACK_US = 6000  # a step of the device, a tick, the frame's way
+HOLE_US = 8000   # 24 frames that everybody owes
 
 # Steps of a tenth of a newton every 40 ms, so that each sample shows in the torques: along the shaft, out of the body.
 FORCE_N = (1.5, 1.6)
 
-
-def samples(seconds):
-    rows = [f"{0.04 * i:.3f},0,0,{-FORCE_N[i % 2]}" for i in range(int(seconds / 0.04))]
-    return "time_s,fx_N,fy_N,fz_N\n" + "\n".join(rows) + "\n"
-
-
-def job(seconds, body, sample_seconds=None):
-    """Both devices and both controllers for `seconds`; `body` runs meanwhile with PIDs in d0 d1 c0 c1. All must end in time."""
-    return f"""
+# scene NAME SECONDS SAMPLE_SECONDS BODY: both devices and both controllers for SECONDS, samples for SAMPLE_SECONDS of it, BODY meanwhile, with their
+# process ids in d0 d1 c0 c1. All must end in time.
+SCENE = f"""
 cd {ROOT}
-cat > /tmp/samples.csv <<END
-{samples(sample_seconds or seconds + 1)}END
-candump -L $CAN_A,0:0,#FFFFFFFF > $OUT/a.log & candump=$!
-if [ $CAN_A != $CAN_B ]; then candump -L $CAN_B,0:0,#FFFFFFFF > $OUT/b.log & candump="$candump $!"; fi
-for i in 0 1; do
-    {BUILD}/bin/tm-device --bus socketcan:$CAN_B --instrument $i --duration {seconds + 1} --json $OUT/d$i.json 2> $OUT/d$i.txt & eval d$i=$!
-done
-sleep 0.2
-for i in 0 1; do
-    {BUILD}/bin/haptic-rt --bus socketcan:$CAN_A --instrument $i --samples /tmp/samples.csv --extrapolator hold --trocar 0,0,0 --duration {seconds} \\
-        --json $OUT/c$i.json --record $OUT/c$i.csv --stats 2> $OUT/c$i.txt > $OUT/c$i.stats & eval c$i=$!
-done
-{body}
-wait $d0 $d1 $c0 $c1
-sleep 0.2
-kill $candump
-cat $OUT/*.txt
-true
+scene() {{
+    out=$OUT/$1 seconds=$2
+    mkdir -p $out
+    {{ echo time_s,fx_N,fy_N,fz_N; awk -v n=$3 'BEGIN {{ for (i = 0; i < n / 0.04; i++) printf "%.3f,0,0,%s\\n", 0.04 * i, i % 2 ? -{FORCE_N[1]} : -{FORCE_N[0]} }}'; }} > /tmp/samples.csv
+    candump -L $CAN_A,0:0,#FFFFFFFF > $out/a.log & listeners=$!
+    if [ $CAN_A != $CAN_B ]; then candump -L $CAN_B,0:0,#FFFFFFFF > $out/b.log & listeners="$listeners $!"; fi
+    for i in 0 1; do
+        {BUILD}/bin/tm-device --bus socketcan:$CAN_B --instrument $i --duration $(($seconds + 1)) --json $out/d$i.json 2> $out/d$i.txt & eval d$i=$!
+    done
+    sleep 0.2
+    for i in 0 1; do
+        {BUILD}/bin/haptic-rt --bus socketcan:$CAN_A --instrument $i --samples /tmp/samples.csv --extrapolator hold --trocar 0,0,0 --duration $seconds \\
+            --json $out/c$i.json --stats 2> $out/c$i.txt > $out/c$i.stats & eval c$i=$!
+    done
+    eval "$4"
+    wait $d0 $d1 $c0 $c1
+    sleep 0.1
+    kill $listeners
+    wait
+    grep . $out/*.txt
+}}
 """
+SCENES = {
+    "steady": (STEADY_S, STEADY_S + 1, ""),
+    "silent": (3, 1.6, ""),
+    "unplugged": (3, 4, "sleep 1.6; kill -9 $d0"),
+    "orphaned": (3, 4, "sleep 1.6; kill -9 $c0"),
+}
+ONLY = {
+    "vcan": {"bus_off": (3, 4, "sleep 1.6; cansend $CAN_A 20000040#0000000000000000")},
+    "controllers": {"down": (4, 5, "sleep 1.6; /bin/ip link set $CAN_A down; sleep 0.5; /bin/ip link set $CAN_A up; sleep 0.1; "
+                                   "candump -L $CAN_A,0:0,#FFFFFFFF > $out/c.log & listeners=\\\"$listeners $!\\\"")},
+}
 
 
 class Log:
@@ -54,20 +69,25 @@ class Log:
     def __init__(self, path):
         self.frames = guest_run.candump(path)
         self.named = {}
-        self.errors = [f for f in self.frames if f[2] & 0x20000000 and f[2] > 0x7FF]
+        self.errors = [f for f in self.frames if f[2] & 0x20000000]
+        times = [t for t, _, _, _ in self.frames]
+        self.holes = [(a, b) for a, b in zip(times, times[1:]) if b - a > HOLE_US]
         for time_us, _, identifier, data in self.frames:
             if identifier in MESSAGE:
                 message = MESSAGE[identifier]
                 self.named.setdefault(message.name, []).append((time_us, message.decode(data, decode_choices=False)))
 
-    def awake_us(self, begin_us, end_us):
-        """Time between, less that in which the whole guest stood still because its host did: with a device and its controller alive, three frames come
-        every 2 ms; a hole of more than 4 ms in all of them is the host's."""
-        times = [begin_us] + [t for t, _, _, _ in self.frames if begin_us < t < end_us] + [end_us]
-        return sum(min(b - a, 4000) for a, b in zip(times, times[1:]))
-
     def all(self, name):
         return self.named.get(name, [])
+
+    def awake_us(self, begin_us, end_us):
+        """Time between, less that in which the whole guest stood still."""
+        times = [begin_us] + [t for t, _, _, _ in self.frames if begin_us < t < end_us] + [end_us]
+        return sum(min(b - a, 2000) for a, b in zip(times, times[1:]))
+
+    def calm(self, time_us):
+        """No hole in the second before."""
+        return not any(b > time_us - 1000000 and a < time_us for a, b in self.holes)
 
 
 def gaps(messages):
@@ -79,20 +99,38 @@ def push(signals):
     return max(abs(signals[k]) for k in ("TorquePitch", "TorqueYaw", "ForceInsertion"))
 
 
-def run(bus, name, seconds, body, limit_s, sample_seconds=None):
-    done, out = guest_run.run(guest_run.on(bus), bus, f"{name}_{bus}", job(seconds, body, sample_seconds), limit_s)
-    assert done.returncode == 0, done.stderr
-    return out
+def scene(bus, name):
+    """The directory of what the scene left. All of a bus's scenes are played in one boot of the guest, by whoever of the test processes comes first."""
+    scenes = {**SCENES, **ONLY[bus]}
+    this_run = os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid()))
+    guest_run.RUNS.mkdir(parents=True, exist_ok=True)
+    stamp = guest_run.RUNS / f"loop_{bus}.run"
+    with open(guest_run.RUNS / f"loop_{bus}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not stamp.exists() or stamp.read_text() != this_run:
+            job = SCENE + "".join(f'scene {n} {seconds} {samples} "{body.replace("$", chr(92) + "$")}"\n' for n, (seconds, samples, body) in scenes.items())
+            done, out = guest_run.run(guest_run.on(bus), bus, f"loop_{bus}", job + "true\n", 240 + 15 * sum(s for s, _, _ in scenes.values()))
+            assert done.returncode == 0, done.stderr
+            stamp.write_text(this_run)
+    return guest_run.RUNS / f"loop_{bus}" / "out" / name
 
 
 def told(out, which):
     return json.loads((out / f"{which}.json").read_text())
 
 
+def excused(bus, log):
+    """Holes in user-mode Linux's time are the host's. In QEMU there are none, and nothing is excused."""
+    if guest_run.on(bus) == "qemu":
+        assert not log.holes
+    return log.holes
+
+
 @pytest.mark.parametrize("bus", BUSES)
 def test_two_devices_without_a_lost_command(bus):
-    out = run(bus, "steady", STEADY_S, "", 90 + 20 * STEADY_S)
+    out = scene(bus, "steady")
     log = Log(out / "a.log")
+    holes = excused(bus, log)
     assert not log.errors
     for i in (0, 1):
         commands, encoders_a, encoders_b = log.all(f"MotorCommand{i}"), log.all(f"EncoderA{i}"), log.all(f"EncoderB{i}")
@@ -100,13 +138,14 @@ def test_two_devices_without_a_lost_command(bus):
         assert len(commands) == controller["ticks"] + 1, "one a tick, and \"motors off\" at the end"
         assert controller["ticks"] == 500 * STEADY_S
         assert gaps(commands) == 0 and gaps(encoders_a) == 0 and gaps(encoders_b) == 0
-        assert len(commands) > 0.98 * 500 * STEADY_S, f"{len(commands)} commands in {STEADY_S} s"
-        assert len(encoders_a) > 0.98 * 500 * (STEADY_S + 0.5) and len(encoders_a) == len(encoders_b)
-        assert controller["fault"] == "none" and not log.all(f"DeviceFault{i}")
-        assert all(s["Fault"] == 0 for _, s in log.all(f"DeviceHeartbeat{i}") + log.all(f"ControllerHeartbeat{i}"))
+        assert len(encoders_a) > 0.98 * 500 * (STEADY_S + 0.5) - sum(b - a for a, b in holes) / 2000 and len(encoders_a) == len(encoders_b)
+        assert controller["fault"] == "none"
         assert controller["can"]["lost"] == 0 and device["can"]["lost"] == 0 and device["can"]["corrupt"] == 0
+        assert not [t for t, _ in log.all(f"DeviceFault{i}") if log.calm(t)]
+        beats = log.all(f"DeviceHeartbeat{i}") + log.all(f"ControllerHeartbeat{i}")
+        assert beats and all(s["Fault"] == 0 for t, s in beats if log.calm(t))
         # What was asked for is what the motors get: the force along the shaft, once it is ramped in.
-        settled = [s for t, s in commands if commands[0][0] + 2000000 < t < commands[-1][0]]
+        settled = [s for t, s in commands if commands[0][0] + 2000000 < t < commands[-1][0] and log.calm(t)]
         assert settled and all(s["MotorsOn"] for s in settled)
         assert all(FORCE_N[0] - 0.02 < -s["ForceInsertion"] < FORCE_N[1] + 0.02 for s in settled)
         assert {round(-s["ForceInsertion"], 1) for s in settled} >= set(FORCE_N)
@@ -117,70 +156,72 @@ def test_two_devices_without_a_lost_command(bus):
 
 @pytest.mark.parametrize("bus", BUSES)
 def test_simulation_killed(bus):
-    """Samples stop at 2 s of their time. The last one shows as the last step of the force."""
-    out = run(bus, "silent", 4, "", 120, sample_seconds=2)
+    """The samples stop. The last one shows as the last step of the force."""
+    out = scene(bus, "silent")
     log = Log(out / "a.log")
+    excused(bus, log)
     for i in (0, 1):
         commands = log.all(f"MotorCommand{i}")
         force = [(t, -s["ForceInsertion"]) for t, s in commands]
         steps = [t for (_, a), (t, b) in zip(force, force[1:]) if abs(b - a) > 0.08 and FORCE_N[0] - 0.02 < b < FORCE_N[1] + 0.02]
-        pushing = [t for t, s in commands if push(s) > 0]
-        assert len(steps) > 20, "the samples never reached the motors"
-        assert log.awake_us(steps[-1], pushing[-1]) < ZERO_WITHIN_US, f"force for {pushing[-1] - steps[-1]} us after the last sample"
-        assert commands[-1][0] > pushing[-1] + 1000000, "nothing is commanded any more"
+        pushing_us = max(t for t, s in commands if push(s) > 0)
+        assert len(steps) > 10, "the samples never reached the motors"
+        assert log.awake_us(steps[-1], pushing_us) < ZERO_WITHIN_US, f"force for {pushing_us - steps[-1]} us after the last sample"
+        assert commands[-1][0] > pushing_us + 500000, "nothing is commanded any more"
         assert told(out, f"c{i}")["fault"] == "none", "a simulation's end is no fault"
 
 
 @pytest.mark.parametrize("bus", BUSES)
 def test_device_unplugged(bus):
-    out = run(bus, "unplugged", 4, "sleep 2; kill -9 $d0", 120)
+    out = scene(bus, "unplugged")
     log = Log(out / "a.log")
-    commands = log.all("MotorCommand0")
-    last_us = log.all("EncoderA0")[-1][0]
-    assert last_us < log.frames[-1][0] - 1000000
+    excused(bus, log)
+    commands, last_us = log.all("MotorCommand0"), log.all("EncoderA0")[-1][0]
+    assert last_us < log.frames[-1][0] - 500000
     assert any(push(s) > 1 for t, s in commands if t < last_us)
     late_us = log.awake_us(last_us, max(t for t, s in commands if push(s) > 0 or s["MotorsOn"]))
     assert late_us < ZERO_WITHIN_US, f"force for {late_us} us after the device's last word"
     assert told(out, "c0")["state"] != "engaged"
-    assert told(out, "c1")["fault"] == "none" and push(log.all("MotorCommand1")[-2][1]) > 1, "the other device must not feel it"
-    assert gaps(log.all("MotorCommand1")) == 0
+    assert told(out, "c1")["fault"] == "none" and gaps(log.all("MotorCommand1")) == 0
+    other = [push(s) for t, s in log.all("MotorCommand1")[:-1] if t > last_us and log.calm(t)]
+    assert all(p > 1 for p in other), "the other device must not feel it"
 
 
 @pytest.mark.parametrize("bus", BUSES)
 def test_controller_killed(bus):
     """The device's watchdog drops the torque within 20 ms and says so."""
-    out = run(bus, "orphaned", 4, "sleep 2; kill -9 $c0", 120)
+    out = scene(bus, "orphaned")
     log = Log(out / "a.log")
+    excused(bus, log)
     last_us, last = log.all("MotorCommand0")[-1]
     assert push(last) > 1 and last["MotorsOn"]
-    faults = log.all("DeviceFault0")
-    assert faults, "the watchdog said nothing"
-    assert 0 < log.awake_us(last_us, faults[0][0]) < WATCHDOG_US + 4000, f"{faults[0][0] - last_us} us; the watchdog's time and a step of the device"
-    assert faults[0][1]["Code"] == 1
+    faults = [(t, s) for t, s in log.all("DeviceFault0") if t > last_us]
+    assert len(faults) == 1 and faults[0][1]["Code"] == 1, "the watchdog says it once"
+    assert 0 < log.awake_us(last_us, faults[0][0]) < WATCHDOG_US + SLACK_US, f"{faults[0][0] - last_us} us"
     beats = [s for t, s in log.all("DeviceHeartbeat0") if t > faults[0][0]]
     assert beats and all(s["Fault"] == 1 for s in beats)
-    assert not log.all("DeviceFault1") and gaps(log.all("MotorCommand1")) == 0
+    assert not [t for t, _ in log.all("DeviceFault1") if log.calm(t)] and gaps(log.all("MotorCommand1")) == 0
 
 
 def test_bus_off():
     """An error frame says bus-off; nothing else can on vcan. Both controllers let go, and come back only by a reset."""
-    out = run("vcan", "bus_off", 4, "sleep 2; cansend $CAN_A 20000040#0000000000000000", 120)
+    out = scene("vcan", "bus_off")
     log = Log(out / "a.log")
+    excused("vcan", log)
     assert len(log.errors) == 1
     off_us = log.errors[0][0]
     for i in (0, 1):
         commands = log.all(f"MotorCommand{i}")
         assert any(push(s) > 1 for t, s in commands if t < off_us)
-        pushing_us = log.awake_us(off_us, max(t for t, s in commands if push(s) > 0))
-        assert pushing_us < 10000, f"force for {pushing_us} us after bus-off"
+        late_us = log.awake_us(off_us, max(t for t, s in commands if push(s) > 0))
+        assert late_us < SLACK_US, f"force for {late_us} us after bus-off"
         assert told(out, f"c{i}")["fault"] == "bus_off" and told(out, f"c{i}")["can"]["bus_off"] == 1
-        assert commands[-1][0] > off_us + 1000000 and not commands[-1][1]["MotorsOn"], "recovered: commands again, without torque"
+        assert commands[-1][0] > off_us + 500000 and not commands[-1][1]["MotorsOn"], "recovered: commands again, without torque"
 
 
 def test_interface_down():
     """The controller's own interface goes down and up again: the device hears nothing and its watchdog acts."""
-    body = "sleep 2; /bin/ip link set $CAN_A down; sleep 0.5; /bin/ip link set $CAN_A up; sleep 0.1; candump -L $CAN_A,0:0,#FFFFFFFF > $OUT/c.log & candump=\"$candump $!\""
-    out = run("controllers", "down", 5, body, 150)
+    out = scene("controllers", "down")
     log = Log(out / "b.log")
     for i in (0, 1):
         commands, faults = log.all(f"MotorCommand{i}"), log.all(f"DeviceFault{i}")
@@ -188,6 +229,6 @@ def test_interface_down():
         assert len(silence) == 1, "the commands stop once and come again"
         last_us = silence[0][0]
         assert push(next(s for t, s in commands if t == last_us)) > 1
-        assert faults and 0 < log.awake_us(last_us, faults[0][0]) < WATCHDOG_US + 4000
+        assert faults and 0 < faults[0][0] - last_us < WATCHDOG_US + SLACK_US
         assert told(out, f"c{i}")["fault"] == "bus_off"
         assert all(push(s) == 0 for t, s in commands if t > silence[0][1]), "no torque before a reset"
