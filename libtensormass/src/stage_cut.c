@@ -106,7 +106,9 @@ static void begin_search(cut *stage, tm_world *world) {
     tm_support_mask(world, stage->held);
     bool any = false;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
-        const bool support = stage->held[3 * v] || stage->held[3 * v + 1] || stage->held[3 * v + 2];
+        /* What hangs on a vertex from outside (a hybrid's condensed part) holds it as a support does. */
+        const bool hung = world->tissue->extra_mass_kg && world->tissue->extra_mass_kg[v] > 0;
+        const bool support = hung || stage->held[3 * v] || stage->held[3 * v + 1] || stage->held[3 * v + 2];
         any = any || support;
         if (!support && !grasped(stage, v)) continue;
         for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++) reach(stage, world->tissue, mesh->vertex_tet[i]);

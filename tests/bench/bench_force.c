@@ -86,9 +86,9 @@ cJSON *bench_step(const bench_run *run) {
         bench_must(tm_stage_support(world, &support, &error), &error);
         const int steps = 1 + 200000 / mesh->edge_count;
         for (int r = -2; r < rounds; r++) {
-            const double begin = app_seconds();
+            const double start = app_seconds();
             tm_world_step(world, steps);
-            if (r >= 0) seconds[r] = 1e6 * (app_seconds() - begin) / steps;
+            if (r >= 0) seconds[r] = 1e6 * (app_seconds() - start) / steps;
         }
         cJSON *row = cJSON_CreateObject();
         cJSON_AddNumberToObject(row, "tets", mesh->tet_count);
@@ -97,8 +97,17 @@ cJSON *bench_step(const bench_run *run) {
         const double median = app_median(seconds, rounds);
         cJSON_AddItemToObject(row, "us_per_step", bench_quantiles(seconds, rounds));
         cJSON_AddNumberToObject(row, "sim_seconds_per_wall_second", 1e6 * tm_world_step_s(world) / median);
+        tm_settle_def settle = tm_settle_def_default();
+        tm_settle_result rest;
+        const double begin = app_seconds();
+        bench_must(tm_world_settle(world, &settle, &rest, &error), &error);
+        const double settled = app_seconds() - begin;
+        cJSON_AddNumberToObject(row, "settle_s", settled);
+        cJSON_AddNumberToObject(row, "settle_steps", (double)rest.steps);
+        cJSON_AddNumberToObject(row, "settle_residual", rest.residual);
         cJSON_AddItemToArray(rows, row);
-        printf("step  %7d tets  %8.1f us, of %.0f us simulated\n", mesh->tet_count, median, 1e6 * tm_world_step_s(world));
+        printf("step  %7d tets  %8.1f us, of %.0f us simulated; settled in %.3f s, %lld relaxation steps\n", mesh->tet_count, median,
+               1e6 * tm_world_step_s(world), settled, (long long)rest.steps);
         free(dof), free(zero), free(seconds);
         tm_world_destroy(world);
         tm_tissue_destroy(tissue);
