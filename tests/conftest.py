@@ -1,12 +1,8 @@
 """Shared by every Python test: where the build is, and the last line `N passed, N failed, N skipped`."""
 import os
-import pathlib
 
 import pytest
-
-ROOT = pathlib.Path(__file__).resolve().parent.parent
-BUILD = pathlib.Path(os.environ.get("TM_OUT", ROOT / "build")).resolve()
-LONG = os.environ.get("TM_LONG") == "1"
+from paths import BUILD, LONG, ROOT
 
 
 @pytest.fixture(scope="session")
@@ -35,3 +31,23 @@ def pytest_unconfigure(config):
         return
     count = {k: len(reporter.stats.get(k, [])) for k in ("passed", "failed", "error", "skipped")}
     print(f"{count['passed']} passed, {count['failed'] + count['error']} failed, {count['skipped']} skipped", flush=True)
+
+
+@pytest.fixture(scope="session")
+def once(tmp_path_factory):
+    """once(NAME, MAKE): the folder that MAKE(folder) filled, made by whichever worker comes first and shared by all."""
+    import fcntl
+
+    def made(name, make):
+        base = tmp_path_factory.getbasetemp()
+        base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+        folder = base / f"once-{name}"
+        with open(base / f"once-{name}.lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            if not (folder / ".done").exists():
+                folder.mkdir(exist_ok=True)
+                make(folder)
+                (folder / ".done").touch()
+        return folder
+
+    return made

@@ -4,7 +4,7 @@ import pathlib
 import subprocess
 
 import pytest
-from conftest import BUILD, ROOT
+from paths import BUILD, ROOT
 
 MANIFEST = BUILD / "tests" / "manifest.txt"
 PROGRAMS = [pathlib.Path(p) for p in MANIFEST.read_text().split()] if MANIFEST.exists() else []

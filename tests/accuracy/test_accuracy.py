@@ -5,15 +5,15 @@ import sys
 
 import pytest
 
-sys.path.insert(0, "apps/pages")
-
 
 @pytest.fixture(scope="module")
-def page(bin, root, tmp_path_factory):
-    out = tmp_path_factory.mktemp("accuracy")
-    figures = out / "figures.json"
-    subprocess.run([bin / "tm-accuracy", "--quick", "--json", figures], cwd=root, check=True, timeout=600)
-    subprocess.run([sys.executable, root / "apps/accuracy/page.py", figures, "-o", out], check=True, timeout=300)
+def page(bin, root, once):
+    def make(out):
+        figures = out / "figures.json"
+        subprocess.run([bin / "tm-accuracy", "--quick", "--json", figures], cwd=root, check=True, timeout=600)
+        subprocess.run([sys.executable, root / "apps/accuracy/page.py", figures, "-o", out], check=True, timeout=300)
+
+    out = once("accuracy", make)
     return out, json.loads((out / "accuracy.json").read_text())
 
 

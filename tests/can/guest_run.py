@@ -4,7 +4,7 @@ import pathlib
 import re
 import subprocess
 
-from conftest import BUILD, ROOT
+from paths import BUILD, ROOT
 
 RUNS = BUILD / "tests" / "can"
 LINE = re.compile(r"^\((\d+)\.(\d{6})\) (\S+) ([0-9A-F]+)#([0-9A-F]*)(?: ([TR]))?$")

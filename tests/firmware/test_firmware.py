@@ -10,7 +10,7 @@ import subprocess
 import image
 import pytest
 import report
-from conftest import BUILD, LONG, ROOT
+from paths import BUILD, LONG, ROOT
 
 DEVICES = 2
 EXTRAPOLATORS = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position"]

@@ -5,7 +5,7 @@ import shutil
 import subprocess
 import sys
 
-from conftest import BUILD, ROOT
+from paths import BUILD, ROOT
 
 # Leaves this machine, and no further than the next one: the relay's wire is all there is.
 LCM_URL = "udpm://239.255.76.67:7667?ttl=1"

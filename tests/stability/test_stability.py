@@ -7,12 +7,14 @@ import pytest
 
 
 @pytest.fixture(scope="module")
-def page(bin, root, long_run, tmp_path_factory):
-    out = tmp_path_factory.mktemp("stability")
-    quick = [] if long_run else ["--quick"]
-    run = subprocess.run([bin / "tm-stability", *quick, "--json", out / "verdicts.json"], cwd=root, capture_output=True, text=True, timeout=3000)
-    assert run.returncode in (0, 1), run.stderr
-    subprocess.run([sys.executable, root / "apps/stability/page.py", out / "verdicts.json", "-o", out], check=True, timeout=300)
+def page(bin, root, long_run, once):
+    def make(out):
+        quick = [] if long_run else ["--quick"]
+        run = subprocess.run([bin / "tm-stability", *quick, "--json", out / "verdicts.json"], cwd=root, capture_output=True, text=True, timeout=3000)
+        assert run.returncode in (0, 1), run.stderr
+        subprocess.run([sys.executable, root / "apps/stability/page.py", out / "verdicts.json", "-o", out], check=True, timeout=300)
+
+    out = once("stability", make)
     return out, json.loads((out / "stability.json").read_text())
 
 
@@ -26,7 +28,7 @@ def cases(root):
 
 
 def pytest_generate_tests(metafunc):
-    from conftest import ROOT
+    from paths import ROOT
     if "case" in metafunc.fixturenames:
         metafunc.parametrize("case", cases(ROOT))
 

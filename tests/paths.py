@@ -1,0 +1,7 @@
+"""Where the sources and the build under test are."""
+import os
+import pathlib
+
+ROOT = pathlib.Path(__file__).resolve().parent.parent
+BUILD = pathlib.Path(os.environ.get("TM_OUT", ROOT / "build")).resolve()
+LONG = os.environ.get("TM_LONG") == "1"
