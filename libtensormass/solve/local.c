@@ -161,6 +161,7 @@ void tms_local_forget(tms_local *l) {
         if (l->vertex[s] >= 0) l->slot_of[l->vertex[s]] = -1;
         l->vertex[s] = l->pin_of[s] = -1;
     }
+    l->use_count = 0;
     memset(l->f, 0, 24 * (size_t)l->capacity);
 }
 

@@ -1,0 +1,169 @@
+"""tm-precompute as a user runs it: alone, over ranks, killed; and tm-sim with the three models by one line."""
+import json
+import os
+import re
+import shutil
+import signal
+import subprocess
+import time
+
+import pytest
+
+SCENE = """\
+tissue:
+  mesh: {mesh}
+  materials:
+    tissue: {{young: 8 kPa, poisson: 0.4, density: 1000 kg/m3}}
+model: {model}
+damping: {{rate: 60 /s}}
+gravity:
+hybrid: {{box: {{min: [-1 m, -1 m, {z}], max: [1 m, 1 m, 1 m]}}}}
+contact:
+supports:
+  - {{name: bottom, group: z_min}}
+instruments:
+  - mode: probe
+    trocar: [50 mm, 50 mm, 250 mm]
+    axis: [0, 0, -1]
+    up: [0, 1, 0]
+hand:
+  - instrument: 0
+    path:
+      - {{time: 0 s, tip: [{x}, {y}, {top}]}}
+      - {{time: 0.6 s, tip: [{x}, {y}, {deep}]}}
+time: {{frame_rate: 25 Hz, duration: 2.4 s}}
+"""
+
+
+@pytest.fixture
+def place(tmp_path):
+    env = dict(os.environ, TM_CACHE_DIR=str(tmp_path / "cache"))
+    return tmp_path, env
+
+
+def run(command, env, code=0, timeout=120):
+    done = subprocess.run([str(c) for c in command], env=env, capture_output=True, text=True, timeout=timeout)
+    assert done.returncode == code, done.stdout + done.stderr
+    return done
+
+
+def block(root, bin, env):
+    """Bounding box of the block mesh."""
+    text = run([bin / "tm-mesh", "info", root / "meshes/block_1k.msh"], env).stdout
+    low, high = re.search(r"box: ([-\d. e]+) to ([-\d. e]+) m", text).groups()
+    return [float(x) for x in low.split()], [float(x) for x in high.split()]
+
+
+def write_scene(folder, root, bin, env, mesh="block_1k", model="precomputed"):
+    low, high = block(root, bin, env)
+    path = folder / f"{model}-{mesh}.yaml"
+    path.write_text(SCENE.format(mesh=root / f"meshes/{mesh}.msh", model=model, x=0.53 * (low[0] + high[0]), y=0.52 * (low[1] + high[1]),
+                                 top=high[2] + 0.01, deep=high[2] + 0.0025 - 0.004, z=low[2] + 0.55 * (high[2] - low[2])))
+    return path
+
+
+def mpirun(bin, ranks):
+    program = bin / "tm-precompute-mpi"
+    if not program.exists() or not shutil.which("mpirun"):
+        pytest.skip("no Open MPI: mpicc and mpirun (libopenmpi-dev, openmpi-bin)")
+    return ["mpirun", "--allow-run-as-root", "--oversubscribe", "-n", ranks, program]
+
+
+def test_ranks_write_the_same_file(bin, root, place):
+    folder, env = place
+    scene = write_scene(folder, root, bin, env)
+    run([bin / "tm-precompute", scene, "--out", folder / "one.tms", "--json", folder / "one.json"], env)
+    one = (folder / "one.tms").read_bytes()
+    assert json.loads((folder / "one.json").read_text())["responses_bytes"] == len(one)
+    for ranks in (2, 4):
+        run([*mpirun(bin, ranks), scene, "--out", folder / "many.tms", "--threads", 1], env)
+        assert (folder / "many.tms").read_bytes() == one
+        (folder / "many.tms").unlink()
+
+
+def descendants(pid):
+    children = []
+    for entry in os.listdir("/proc"):
+        if entry.isdigit():
+            try:
+                fields = open(f"/proc/{entry}/stat").read().rsplit(")", 1)[1].split()
+            except OSError:
+                continue
+            if int(fields[1]) == pid:
+                children += [int(entry), *descendants(int(entry))]
+    return children
+
+
+def test_a_rank_that_dies_leaves_the_old_file(bin, root, place):
+    folder, env = place
+    scene = write_scene(folder, root, bin, env, mesh="block_10k")
+    out = folder / "out.tms"
+    out.write_bytes(b"the old file")
+    job = subprocess.Popen([str(c) for c in [*mpirun(bin, 2), scene, "--out", out, "--threads", 1]], env=env,
+                           stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    part, end, victim = folder / "out.tms.part", time.time() + 60, None
+    while time.time() < end and not victim:
+        if part.exists() and job.poll() is None:
+            for pid in descendants(job.pid):
+                try:
+                    if b"OMPI_COMM_WORLD_RANK=1\0" in open(f"/proc/{pid}/environ", "rb").read() + b"\0":
+                        victim = pid
+                except OSError:
+                    pass
+        time.sleep(0.01)
+    assert victim, "rank 1 was never seen at work"
+    os.kill(victim, signal.SIGKILL)
+    assert job.wait(timeout=60) != 0
+    assert out.read_bytes() == b"the old file"
+    # what was left half-way is no obstacle to the next run
+    run([bin / "tm-precompute", write_scene(folder, root, bin, env), "--out", out], env)
+    assert out.read_bytes().startswith(b"TMRESP")
+    assert not part.exists()
+
+
+def test_what_was_computed_ahead_is_found(bin, root, place):
+    folder, env = place
+    scene = write_scene(folder, root, bin, env)
+    run([bin / "tm-precompute", scene], env)
+    first = run([bin / "tm-sim", "--lockstep", scene], env)
+    assert "computed" not in first.stderr
+    other = run([bin / "tm-sim", "--lockstep", scene, "--set", "tissue.scale=0.9"], env)
+    assert "the precomputed model computed in" in other.stderr
+    for solver in ("cholesky", "cg"):
+        told = run([bin / "tm-precompute", scene, "--solver", solver, "--keep"], env).stdout
+        assert ("already there" in told) == (solver == "cholesky")
+
+
+def test_bad_input(bin, root, place):
+    folder, env = place
+    scene = write_scene(folder, root, bin, env)
+    for arguments, text in (
+        ([], "no scene"), ([scene, "--solver", "qr"], "cholesky"), ([scene, "--threads", "none"], "whole number"),
+        ([scene, "--memory", 1, "--out", folder / "x.tms"], "too large"), ([scene, "--out", "/nonexistent/x.tms"], "/nonexistent/x.tms"),
+        ([scene, "--set", "supports=[]", "--out", folder / "x.tms"], "support"), ([folder / "no.yaml"], "no.yaml"), ([scene, "--what"], "--what"),
+    ):
+        done = subprocess.run([str(c) for c in [bin / "tm-precompute", *arguments]], env=env, capture_output=True, text=True, timeout=60)
+        assert done.returncode in (1, 2), (arguments, done.stdout, done.stderr)
+        assert text in done.stderr, (arguments, done.stderr)
+        assert not (folder / "x.tms").exists()
+    assert "tm-precompute SCENE.yaml" in run([bin / "tm-precompute", "--help"], env).stdout
+
+
+def last_force(path):
+    rows = [line.split(",") for line in path.read_text().splitlines()]
+    at = [rows[0].index(name) for name in ("fx_N", "fy_N", "fz_N")]
+    return [float(rows[-1][i]) for i in at]
+
+
+def test_three_models_by_one_line(bin, root, place):
+    """Pressed and held, the three models push back the same."""
+    folder, env = place
+    force = {}
+    for model in ("dynamic", "precomputed", "hybrid"):
+        scene = write_scene(folder, root, bin, env, model=model)
+        run([bin / "tm-sim", "--lockstep", scene, "--samples", folder / f"{model}.csv"], env)
+        force[model] = last_force(folder / f"{model}.csv")
+    size = max(abs(f) for f in force["precomputed"])
+    assert size > 0.02
+    for model in ("dynamic", "hybrid"):
+        assert max(abs(a - b) for a, b in zip(force[model], force["precomputed"])) < 1e-5 * size, force
