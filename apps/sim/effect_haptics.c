@@ -1,4 +1,5 @@
 #include "effects.h"
+#include "hrt.h"
 #include "sim.h"
 
 static const app_field fields[] = {
@@ -6,6 +7,9 @@ static const app_field fields[] = {
      "forces go to a controller: over LCM in real time; in lockstep controller and virtual device run in the same process"},
     {"haptics.extrapolator", APP_CHOICE, "hold|time|position|broyden|tangent|contact|paper_position", "position", 0, 0, offsetof(sim_haptics, extrapolator), 0,
      "in lockstep; in real time the controller says what it runs"},
+    {"haptics.sends", APP_CHOICE, "force|stiffness|patch", NULL, 0, 0, offsetof(sim_haptics, sends), 0,
+     "what may go with the force, when the controller's extrapolator asks for it (`tangent`: stiffness, `contact`: patch); left out: what `extrapolator` asks for"},
+    {"haptics.patch_vertices", APP_INTEGER, NULL, "24", 3, 24, offsetof(sim_haptics, patch_vertices), 0, "of a patch; up to 12 with 16 triangles, more with 32"},
     {"haptics.rate", APP_NUMBER, "rate", "500 Hz", 50, 10000, offsetof(sim_haptics, rate), 0, "controller ticks a second, in lockstep"},
     {"haptics.passivity", APP_FLAG, NULL, "yes", 0, 0, offsetof(sim_haptics, passivity), 0, "passivity control, in lockstep"},
     {"haptics.latency", APP_NUMBER, "none", "1", 0, 100, offsetof(sim_haptics, latency), 0, "in lockstep: frames between a tool sample and the publishing of its force"},
@@ -14,9 +18,38 @@ static const app_field fields[] = {
     {"haptics.seed", APP_INTEGER, NULL, "1", 0, 1e9, offsetof(sim_haptics, seed), 0, "of that randomness; the same seed, the same run"},
 };
 
+sim_sends sim_sends_of(int extrapolator) {
+    return extrapolator == HRT_CONTACT ? SIM_SENDS_PATCH : extrapolator == HRT_TANGENT ? SIM_SENDS_STIFFNESS : SIM_SENDS_FORCE;
+}
+
+/* Memory and a stage only for what may be sent. */
+static int build(sim *s, const void *own) {
+    const sim_haptics *o = own;
+    tm_error error = {0};
+    s->can_send = o->sends.line ? (sim_sends)o->sends.index : sim_sends_of(o->extrapolator.index);
+    s->patch_vertices = (int32_t)o->patch_vertices.value;
+    if (!sim_has(s, "contact")) s->can_send = SIM_SENDS_FORCE;
+    if (s->can_send == SIM_SENDS_PATCH) {
+        s->patch = tm_allocate(sizeof *s->patch * (size_t)s->instrument_count);
+        if (!s->patch) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+    }
+    if (s->can_send == SIM_SENDS_FORCE || s->scene->model.index != APP_DYNAMIC) return 0;
+    tm_patch_def def = tm_patch_def_default();
+    def.max_vertices = s->patch_vertices;
+    def.max_triangles = s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16;
+    def.horizon_s = 2 * s->frame_s;
+    return tm_stage_patch(s->world, s->contact, &def, &s->patch_maker, &error) ? sim_report(s->scene, o->here.line, &error) : 0;
+}
+
+static void destroy(sim *s) {
+    if (s->patch) tm_release(s->patch, sizeof *s->patch * (size_t)s->instrument_count);
+}
+
 const sim_effect sim_effect_haptics = {
     .name = "haptics",
     .doc = "Force samples for a 500 Hz controller. Without it instruments follow the `hand` exactly and nobody feels anything.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(sim_haptics)},
     .needs = {"instruments"},
+    .build = build,
+    .destroy = destroy,
 };

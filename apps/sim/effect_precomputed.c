@@ -69,7 +69,7 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     m->time_s += s->frame_s;
     for (int i = 0; touching && i < s->instrument_count; ++i) {
         tm_tool_reaction *r = &s->reaction[i];
-        if (s->want_stiffness[i]) *r = m->api.tm_precomputed_reaction_(m->precomputed, i);
+        if (s->wants[i] != SIM_SENDS_FORCE) *r = m->api.tm_precomputed_reaction_(m->precomputed, i);
         else {
             *r = (tm_tool_reaction){0};
             m->api.tm_precomputed_force_(m->precomputed, i, r->force_N);
@@ -82,6 +82,40 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
         r->time_s = m->time_s;
     }
     return TM_OK;
+}
+
+static bool block(void *self, int32_t a, int32_t b, double C[9]) {
+    model *m = self;
+    m->api.tm_precomputed_compliance_(m->precomputed, a, b, C);
+    return true;
+}
+
+static void feel(sim *s, int i) {
+    model *m = s->model_own;
+    enum { ROWS = 64 };
+    const tm_contact_row *all;
+    tm_contact_row own[ROWS];
+    int32_t count = 0, total = m->api.tm_precomputed_rows_(m->precomputed, &all);
+    if (s->wants[i] != SIM_SENDS_PATCH || !s->patch) return;
+    for (int32_t k = 0; k < total && count < ROWS; ++k)
+        if (all[k].instrument == i) own[count++] = all[k];
+    tm_patch *patch = &s->patch[i];
+    const tm_instrument_def *def = &s->instrument_def[i];
+    tm_capsule capsule = tm_tool_capsule(def, &s->pose[i], i);
+    tm_surface_view view = tm_tissue_surface(s->tissue);
+    memset(patch, 0, sizeof *patch);
+    patch->kind = 2;
+    patch->instrument = i;
+    patch->topology_revision = view.revision;
+    patch->skin_compliance_m_N = s->contact_def.skin_compliance_m_N;
+    patch->force_cap_N = s->contact_def.force_cap_N;
+    patch->radius_m = def->radius_m;
+    patch->contact_length_m = def->contact_length_m;
+    memcpy(patch->trocar_m, def->trocar_m, sizeof patch->trocar_m);
+    const double *u = m->api.tm_precomputed_displacement_(m->precomputed);
+    int32_t triangles = tm_patch_choose(s->mesh->rest_m, u, &view, &capsule, s->velocity_m_s[i], 2 * s->frame_s, own, count, s->patch_vertices,
+                                        s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16, patch);
+    s->patch_valid[i] = triangles > 0 && tm_patch_fill(patch, block, m, own, count);
 }
 
 static tm_surface_view surface(const sim *s) { return tm_tissue_surface(s->tissue); }
@@ -111,7 +145,7 @@ static tm_status solve(sim *s, double *u_m, double *reaction_N, tm_error *error)
     return status;
 }
 
-const sim_model sim_model_precomputed = {.begin = begin, .end = end, .frame = frame, .surface = surface, .displacement = displacement,
+const sim_model sim_model_precomputed = {.begin = begin, .end = end, .frame = frame, .feel = feel, .surface = surface, .displacement = displacement,
                                          .time_s = time_s, .hash = hash, .bytes = bytes, .solve = solve,
                                          .destroy = destroy};
 

@@ -7,6 +7,8 @@
 typedef struct sim_haptics {
     app_section here;
     app_choice extrapolator; /* hrt_extrapolator */
+    app_choice sends;        /* sim_sends; unset: by the extrapolator */
+    app_integer patch_vertices;
     app_number rate, latency, loss, jitter;
     app_flag passivity;
     app_integer seed;

@@ -20,6 +20,7 @@ enum { QUEUE = 512, START_US = 1000000, SESSION = 1 };
 typedef struct sent {
     int64_t due_us;
     tensormass_force_sample_t sample;
+    tensormass_contact_patch_t *patch; /* null: none; ours to free */
 } sent;
 
 typedef struct station {
@@ -139,14 +140,27 @@ static void trace_tick(lockstep *l, int i, int64_t now_us) {
     fprintf(l->csv.stream, ",%.6f\n", (double)h->sample_age_us * 1e-6);
 }
 
+/* A patch comes before the sample with the same seq. */
+static void deliver(station *t, sent *s) {
+    hrt_force_sample sample;
+    tensormass_contact_patch_t *p = s->patch;
+    if (p) {
+        hrt_patch_message m = {.session = p->session, .seq = (uint32_t)p->seq, .instrument = p->instrument, .topology_revision = p->topology_revision,
+                               .vertex_count = p->vertex_count, .triangle_count = p->triangle_count, .vertex_m = p->vertex_m,
+                               .origin_m = p->origin_m, .triangle = p->triangle, .compliance_m_N = p->compliance_m_N,
+                               .skin_compliance_m_N = p->skin_compliance_m_N, .radius_m = p->radius_m,
+                               .contact_length_m = p->contact_length_m};
+        hrt_node_post_patch(&t->node, &m);
+        free(p);
+    }
+    force_message(&s->sample, &sample);
+    hrt_node_post_sample(&t->node, &sample);
+}
+
 static void tick(lockstep *l, int64_t now_us) {
     for (int i = 0; i < l->s->instrument_count; ++i) {
         station *t = &l->station[i];
-        for (; t->head != t->tail && t->queue[t->head % QUEUE].due_us <= now_us; ++t->head) {
-            hrt_force_sample sample;
-            force_message(&t->queue[t->head % QUEUE].sample, &sample);
-            hrt_node_post_sample(&t->node, &sample);
-        }
+        for (; t->head != t->tail && t->queue[t->head % QUEUE].due_us <= now_us; ++t->head) deliver(t, &t->queue[t->head % QUEUE]);
         hrt_device_step(&t->device, now_us);
         hrt_node_tick(&t->node, now_us, &t->tool);
         double force[3] = {(double)t->node.output.force_N[0], (double)t->node.output.force_N[1], (double)t->node.output.force_N[2]};
@@ -188,15 +202,19 @@ static void trace_frame(lockstep *l, const tensormass_force_sample_t *m, int64_t
     }
 }
 
-static void queue_sample(lockstep *l, int i, int64_t now_us, const tensormass_force_sample_t *sample) {
+/* Takes the patch over. */
+static void queue_sample(lockstep *l, int i, int64_t now_us, const tensormass_force_sample_t *sample, tensormass_contact_patch_t *patch) {
     station *t = &l->station[i];
     double late_s = l->haptics->latency.si * l->s->frame_s + next_random(l) * l->haptics->jitter.si;
     bool lost = next_random(l) < l->haptics->loss.si;
-    if (lost || t->tail - t->head == QUEUE) return;
+    if (lost || t->tail - t->head == QUEUE) {
+        free(patch);
+        return;
+    }
     int64_t due = now_us + llround(late_s * 1e6);
     /* One wire: what is sent later does not arrive earlier. */
     if (t->tail != t->head && t->queue[(t->tail - 1) % QUEUE].due_us > due) due = t->queue[(t->tail - 1) % QUEUE].due_us;
-    t->queue[t->tail++ % QUEUE] = (sent){due, *sample};
+    t->queue[t->tail++ % QUEUE] = (sent){due, *sample, patch};
 }
 
 static tm_status frame(lockstep *l, int64_t now_us) {
@@ -205,7 +223,7 @@ static tm_status frame(lockstep *l, int64_t now_us) {
     for (int i = 0; i < s->instrument_count; ++i) {
         double joint[SIM_JOINTS];
         bool active;
-        s->want_stiffness[i] = sim_tools_want_stiffness(&l->tools, i);
+        s->wants[i] = sim_tools_want(&l->tools, i);
         if (l->haptics) to[i] = sim_tools_target(&l->tools, i);
         else {
             sim_hand_target(s, i, (double)(now_us - START_US) * 1e-6, joint, &active);
@@ -220,10 +238,13 @@ static tm_status frame(lockstep *l, int64_t now_us) {
         const sim_tool *tool = &l->tools.tool[i];
         int64_t t_n = sim_tools_mean_utime(&l->tools, i, s->substeps, s->average);
         tensormass_force_sample_t sample;
-        sim_force_sample(&l->publisher, s, i, now_us, tool->now.session, t_n, s->want_stiffness[i], 0, &sample);
+        sim_force_sample(&l->publisher, s, i, now_us, tool->now.session, t_n, 0, &sample);
+        tensormass_contact_patch_t *patch = s->patch_valid[i] ? malloc(sizeof *patch) : NULL;
+        if (patch && sim_contact_patch(&l->publisher, s, &sample, patch)) sim_publish_patch(&l->publisher, now_us, patch);
         sim_publish_force(&l->publisher, now_us, &sample);
         trace_frame(l, &sample, now_us);
-        if (l->haptics) queue_sample(l, i, now_us, &sample);
+        if (l->haptics) queue_sample(l, i, now_us, &sample, patch);
+        else free(patch);
     }
     /* The clock of this run is virtual, so is the cost that it reports: a log must not depend on the machine. */
     sim_publish_frame(&l->publisher, s, now_us, 0, 0);
@@ -355,7 +376,9 @@ int run_lockstep(sim *s, const run_options *o) {
         cJSON_Delete(json);
     } else rc = run_report_end(json, &l->report);
     for (int i = 0; l->station && i < s->instrument_count; ++i) {
-        free(l->station[i].key);
+        station *t = &l->station[i];
+        for (; t->head != t->tail; ++t->head) free(t->queue[t->head % QUEUE].patch);
+        free(t->key);
         hrt_bus_close(&l->station[i].node_bus);
         hrt_bus_close(&l->station[i].device_bus);
     }

@@ -57,12 +57,21 @@ tm_status sim_world_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     return status;
 }
 
+/* The patch maker goes on computing while nothing is near; what it lacks comes a frame later. */
+static void feel(sim *s, int i) {
+    tm_patch unused, *patch = s->patch ? &s->patch[i] : &unused;
+    if (!s->patch_maker) return;
+    bool made = tm_patch_make(s->patch_maker, i, patch);
+    s->reaction[i] = tm_contact_reaction(s->contact, i);
+    s->patch_valid[i] = made && s->patch && s->wants[i] == SIM_SENDS_PATCH;
+}
+
 static tm_surface_view surface(const sim *s) { return tm_tissue_surface(s->tissue); }
 static const double *displacement(const sim *s) { return tm_world_state(s->world)->u_m; }
 static double time_s(const sim *s) { return tm_world_state(s->world)->time_s; }
 static uint64_t hash(const sim *s) { return tm_world_hash(s->world); }
 
-static const sim_model dynamic = {.begin = begin, .frame = sim_world_frame, .surface = surface, .displacement = displacement, .time_s = time_s, .hash = hash};
+static const sim_model dynamic = {.begin = begin, .frame = sim_world_frame, .feel = feel, .surface = surface, .displacement = displacement, .time_s = time_s, .hash = hash};
 
 /* By the index of the scene's `model`. */
 const sim_model *const sim_models[] = {&dynamic, &sim_model_precomputed, &sim_model_hybrid};

@@ -51,19 +51,55 @@ bool sim_publisher_close(sim_publisher *p) {
     return good;
 }
 
-void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session, int64_t tool_utime, bool stiffness,
+void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session, int64_t tool_utime,
                       int32_t flags, tensormass_force_sample_t *out) {
     const tm_tool_reaction *r = &s->reaction[instrument];
     *out = (tensormass_force_sample_t){.utime = utime, .seq = p->seq[instrument]++, .session = p->session, .instrument = (int8_t)instrument,
                                        .tool_session = tool_session, .tool_utime = tool_utime};
     memcpy(out->tip_m, r->row_count || s->contact ? r->tip_m : s->pose[instrument].tip_m, sizeof out->tip_m);
     memcpy(out->force_N, r->force_N, sizeof out->force_N);
-    if (stiffness && r->stiffness_kind) {
+    if (s->wants[instrument] != SIM_SENDS_FORCE && r->stiffness_kind) {
         out->stiffness_kind = (int8_t)r->stiffness_kind;
         memcpy(out->stiffness_N_m, r->stiffness_N_m, sizeof out->stiffness_N_m);
     }
-    out->flags = flags | (r->capped ? SIM_FLAG_CAPPED : 0) | (r->overflowed ? SIM_FLAG_OVERFLOWED : 0);
+    out->flags = flags | (s->patch_valid[instrument] ? SIM_FLAG_PATCH : 0) | (r->capped ? SIM_FLAG_CAPPED : 0) | (r->overflowed ? SIM_FLAG_OVERFLOWED : 0);
     out->topology_revision = sim_surface(s).revision;
+}
+
+bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_force_sample_t *sample, tensormass_contact_patch_t *out) {
+    if (!s->patch_valid[sample->instrument]) return false;
+    const tm_patch *t = &s->patch[sample->instrument];
+    memset(out, 0, sizeof *out);
+    out->utime = sample->utime;
+    out->seq = sample->seq;
+    out->session = p->session;
+    out->instrument = sample->instrument;
+    out->topology_revision = t->topology_revision;
+    out->kind = (int8_t)t->kind;
+    out->vertex_count = t->vertex_count;
+    out->triangle_count = t->triangle_count;
+    memcpy(out->origin_m, t->trocar_m, sizeof out->origin_m);
+    for (int i = 0; i < 3 * t->vertex_count; ++i) {
+        out->vertex_m[i] = (float)(t->vertex_m[i] - t->trocar_m[i % 3]);
+        out->rest_m[i] = (float)(t->rest_m[i] - t->trocar_m[i % 3]);
+    }
+    memcpy(out->face, t->face, sizeof *out->face * (size_t)t->triangle_count);
+    memcpy(out->triangle, t->triangle, 3 * (size_t)t->triangle_count);
+    int n = 3 * t->vertex_count;
+    for (int i = 0; i < n * (n + 1) / 2; ++i) out->compliance_m_N[i] = (float)t->compliance_m_N[i];
+    out->skin_compliance_m_N = (float)t->skin_compliance_m_N;
+    out->force_cap_N = (float)t->force_cap_N;
+    out->radius_m = (float)t->radius_m;
+    out->contact_length_m = (float)t->contact_length_m;
+    memcpy(out->trocar_m, t->trocar_m, sizeof out->trocar_m);
+    return true;
+}
+
+void sim_publish_patch(sim_publisher *p, int64_t utime, const tensormass_contact_patch_t *patch) {
+    char channel[16];
+    if (!p->api) return;
+    snprintf(channel, sizeof channel, "PATCH_%d", patch->instrument);
+    p->api->send(p->link, SIM_PATCH, channel, utime, patch);
 }
 
 void sim_publish_force(sim_publisher *p, int64_t utime, const tensormass_force_sample_t *sample) {

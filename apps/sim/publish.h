@@ -25,9 +25,12 @@ bool sim_publisher_close(sim_publisher *p);
 /* The tissue as it is now; the surface's arrays are rewritten by the next call. Scenes with `rendering` only. */
 const tensormass_tissue_t *sim_picture_now(sim *s, int64_t utime, int64_t session, int32_t seq);
 
-/* The force sample of an instrument after a frame. tool_session 0: no controller has spoken. `stiffness`: the controller's extrapolator wants it. */
-void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session, int64_t tool_utime, bool stiffness,
+/* The force sample of an instrument after a frame. tool_session 0: no controller has spoken. */
+void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session, int64_t tool_utime,
                       int32_t flags, tensormass_force_sample_t *out);
+/* The patch of the last frame, with its sample's seq; before the sample. False: there is none. */
+bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_force_sample_t *sample, tensormass_contact_patch_t *out);
+void sim_publish_patch(sim_publisher *p, int64_t utime, const tensormass_contact_patch_t *patch);
 void sim_publish_force(sim_publisher *p, int64_t utime, const tensormass_force_sample_t *sample);
 /* Cuts, status, tissue. compute_s: spent on the frame. */
 void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s, double speed);

@@ -86,7 +86,9 @@ static void publish(realtime *r, int32_t substeps, double spent_s, bool overran)
         int64_t t_n = sim_tools_mean_utime(&r->tools, i, substeps, average);
         tensormass_force_sample_t sample;
         int64_t utime = utime_now();
-        sim_force_sample(&r->publisher, s, i, utime, tool->now.session, t_n, s->want_stiffness[i], overran ? SIM_FLAG_OVERRAN : 0, &sample);
+        sim_force_sample(&r->publisher, s, i, utime, tool->now.session, t_n, overran ? SIM_FLAG_OVERRAN : 0, &sample);
+        static tensormass_contact_patch_t patch; /* 11 kB, one thread */
+        if (r->haptics && sim_contact_patch(&r->publisher, s, &sample, &patch)) sim_publish_patch(&r->publisher, utime, &patch);
         if (r->haptics) sim_publish_force(&r->publisher, utime, &sample);
         sim_magnitude_add(&r->force, sample.force_N);
         if (r->samples.begun) {
@@ -107,7 +109,7 @@ static tm_status one_frame(realtime *r) {
     for (int i = 0; i < s->instrument_count; ++i) {
         double joint[SIM_JOINTS];
         bool active;
-        s->want_stiffness[i] = sim_tools_want_stiffness(&r->tools, i);
+        s->wants[i] = sim_tools_want(&r->tools, i);
         if (r->haptics) to[i] = sim_tools_target(&r->tools, i);
         else {
             sim_hand_target(s, i, (double)(begin - r->start_us) * 1e-6, joint, &active);

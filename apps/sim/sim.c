@@ -181,7 +181,12 @@ void sim_destroy(sim *s) {
 
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     tm_status status = s->model->frame(s, to, substeps);
-    for (int i = 0; i < s->instrument_count; ++i) s->pose[i] = to[i];
+    for (int i = 0; i < s->instrument_count; ++i) {
+        for (int a = 0; a < 3; ++a) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->frame_s;
+        s->pose[i] = to[i];
+        s->patch_valid[i] = false;
+        if (s->wants[i] != SIM_SENDS_FORCE && s->model->feel) s->model->feel(s, i);
+    }
     for (int i = 0; i < sim_effect_count; ++i)
         if (sim_effects[i]->frame && sim_effect_line(s->scene, i)) sim_effects[i]->frame(s);
     ++s->frames;

@@ -6,6 +6,7 @@
 #include "scene_parts.h"
 #include "tensormass.h"
 #include "tensormass/contact.h"
+#include "tensormass/patch.h"
 
 enum { SIM_JOINTS = 5 }; /* pitch rad, yaw rad, insertion m, roll rad, grip 0..1; as hrt.h */
 
@@ -58,6 +59,8 @@ typedef struct sim_model {
     double (*time_s)(const sim *s);
     uint64_t (*hash)(const sim *s);
     int64_t (*bytes)(const sim *s);                                           /* of model_own; may be null */
+    /* Stiffness into s->reaction, patch into s->patch where wanted; after a frame. Null: forces alone. */
+    void (*feel)(sim *s, int instrument);
     /* The static solution [3*vertex_count] without contact, by the model's own solver; null: the world's relaxation. */
     tm_status (*solve)(sim *s, double *u_m, double *reaction_N, tm_error *error);
     void (*destroy)(void *own);
@@ -73,6 +76,9 @@ typedef struct sim_cuts {
 } sim_cuts;
 
 struct sim_picture;
+
+/* What goes to a controller beside the force. */
+typedef enum sim_sends { SIM_SENDS_FORCE, SIM_SENDS_STIFFNESS, SIM_SENDS_PATCH } sim_sends;
 
 struct sim {
     app_scene *scene;
@@ -114,7 +120,13 @@ struct sim {
     uint8_t *held_by;          /* [held_count] 1 + index of the scene's support */
     double *load_N;            /* [3*vertex_count] or null */
     double gravity_m_s2[3];    /* for models without world */
-    bool want_stiffness[TM_MAX_INSTRUMENTS]; /* the controller's extrapolator asks for dF/dP */
+    sim_sends can_send;                      /* what the scene took memory for */
+    sim_sends wants[TM_MAX_INSTRUMENTS];     /* what the controller's extrapolator asks for, at most can_send */
+    tm_patch *patch;                         /* [instrument_count] with SIM_SENDS_PATCH, else null */
+    bool patch_valid[TM_MAX_INSTRUMENTS];    /* by the last frame */
+    tm_patch_maker *patch_maker;             /* dynamic model that sends more than forces */
+    int32_t patch_vertices;
+    double velocity_m_s[TM_MAX_INSTRUMENTS][3]; /* of the tips over the last frame */
 };
 
 /* Reads the scene with the fields of every effect; 0 or an exit code, having complained. */
@@ -146,6 +158,9 @@ void sim_own_stages(sim *s, int effect); /* books the stages that have come sinc
 
 /* One frame: every instrument goes to to[i] over `substeps` (s->substeps for a whole frame). */
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps);
+
+/* What an extrapolator (hrt_extrapolator) needs. */
+sim_sends sim_sends_of(int extrapolator);
 
 /* Joints to a pose in the world, and back. */
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active);

@@ -3,8 +3,6 @@
 #include <math.h>
 #include <string.h>
 
-#include "hrt.h"
-
 /* Farther apart than this, controller and scene disagree on the trocar. */
 static const double tip_tolerance_m = 0.005;
 
@@ -50,9 +48,10 @@ tm_tool_pose sim_tools_target(const sim_tools *t, int instrument) {
     return pose;
 }
 
-bool sim_tools_want_stiffness(const sim_tools *t, int instrument) {
+sim_sends sim_tools_want(const sim_tools *t, int instrument) {
     const sim_tool *tool = &t->tool[instrument];
-    return tool->seen && (tool->now.extrapolator == HRT_TANGENT || tool->now.extrapolator == HRT_CONTACT);
+    sim_sends wanted = tool->seen ? sim_sends_of(tool->now.extrapolator) : SIM_SENDS_FORCE;
+    return wanted < t->s->can_send ? wanted : t->s->can_send;
 }
 
 int64_t sim_tools_mean_utime(sim_tools *t, int instrument, int32_t substeps, int32_t average) {

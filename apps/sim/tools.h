@@ -22,8 +22,8 @@ typedef struct sim_tools {
 bool sim_tools_take(sim_tools *t, int instrument, const tensormass_tool_state_t *message);
 /* Where a frame that begins now shall end; the instrument stays where it is when nothing came. */
 tm_tool_pose sim_tools_target(const sim_tools *t, int instrument);
-/* The controller's extrapolator needs dF/dP. */
-bool sim_tools_want_stiffness(const sim_tools *t, int instrument);
+/* What the controller's extrapolator needs, as far as the scene lets it. */
+sim_sends sim_tools_want(const sim_tools *t, int instrument);
 /* The controller's time of the frame's average (0: no controller yet), once the frame is done. */
 int64_t sim_tools_mean_utime(sim_tools *t, int instrument, int32_t substeps, int32_t average);
 

@@ -101,6 +101,9 @@ TM_API const double *tm_precomputed_displacement(tm_precomputed *model);
 /* The surface vertices that have responses (not wholly fixed), ascending. */
 TM_API int32_t tm_precomputed_surface(const tm_precomputed *model, const int32_t **vertex);
 
+/* Displacement of surface vertex a by unit forces on surface vertex b: C[9], m/N, row-major, without contact; 0 where a component is fixed. */
+TM_API void tm_precomputed_compliance(const tm_precomputed *model, int32_t a, int32_t b, double C[9]);
+
 /* The paper's way: displacements imposed on surface vertices (all free components), held from the next update on. Replaces the list before;
  * count 0 lets go. compliance_m_N 0 holds exactly. TM_ERR_LIMIT: more than max_local_vertices; TM_ERR_ARGUMENT: not a surface vertex. */
 TM_API tm_status tm_precomputed_impose(tm_precomputed *model, int32_t count, const int32_t *vertex, const double *u_m,

@@ -176,6 +176,8 @@ int32_t tm_precomputed_surface(const tm_precomputed *m, const int32_t **vertex) 
     return m->surface_count;
 }
 
+void tm_precomputed_compliance(const tm_precomputed *m, int32_t a, int32_t b, double C[9]) { compliance((void *)(uintptr_t)m, a, b, C); }
+
 /* --- imposed displacements --- */
 
 static bool has_response(const tm_precomputed *m, int32_t v) {

@@ -154,3 +154,52 @@ def test_breathing_moves_its_support_and_nothing_else_holds_still(bin, root, tmp
     assert "does not name" in said
     _, said = run(bin / "tm-sim", scene, "--check", "--set", "supports[0].axes=x", code=2)
     assert "leaves free" in said
+
+
+@pytest.mark.parametrize("model,kind", [("dynamic", 1), ("precomputed", 2)])
+def test_stiffness_and_patch_go_out_only_when_the_extrapolator_asks(bin, root, tmp_path, types, model, kind):
+    for extrapolator in ("position", "tangent", "contact"):
+        run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", f"model={model}", "--set", f"haptics.extrapolator={extrapolator}",
+            "--record", tmp_path / "log", env={"TM_CACHE_DIR": str(tmp_path)})
+        forces, patches = {}, {}
+        for e in lcm.EventLog(str(tmp_path / "log")):
+            if e.channel == "FORCE_0":
+                m = types.force_sample_t.decode(e.data)
+                forces[m.seq] = m
+                assert bool(m.flags & 8) == (m.seq in patches)  # the patch comes right before its sample
+            elif e.channel == "PATCH_0":
+                m = types.contact_patch_t.decode(e.data)
+                patches[m.seq] = m
+        touching = [f for f in forces.values() if np.linalg.norm(f.force_N) > 0.1]
+        assert len(touching) > 10
+        if extrapolator == "position":
+            assert not patches and all(f.stiffness_kind == 0 for f in forces.values())
+            continue
+        known = [f for f in touching if f.stiffness_kind]
+        assert len(known) > 0.8 * len(touching) and all(f.stiffness_kind == kind for f in known)
+        for f in known:  # pressing deeper pushes back harder
+            K = np.array(f.stiffness_N_m).reshape(3, 3)
+            assert K[2, 2] < -5
+        if extrapolator == "tangent":
+            assert not patches
+            continue
+        assert len(patches) > 0.8 * len(touching)
+        for p in patches.values():
+            n = 3 * p.vertex_count
+            C = np.zeros((n, n))
+            C[np.triu_indices(n)] = p.compliance_m_N[:n * (n + 1) // 2]
+            C = C + np.triu(C, 1).T
+            assert p.kind == kind and np.isfinite(C).all() and np.linalg.eigvalsh(C)[0] > -1e-5 * np.abs(C).max()
+            assert max(p.triangle[:3 * p.triangle_count]) < p.vertex_count and list(p.trocar_m) == [0.05, 0.05, 0.18]
+
+
+def test_only_what_may_be_sent_takes_memory(bin, root, tmp_path):
+    scene = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--explain", "--set"]
+    rows = {}
+    for extrapolator in ("position", "tangent", "contact"):
+        r = report(*scene, f"haptics.extrapolator={extrapolator}", tmp=tmp_path)
+        rows[extrapolator] = {s["name"]: s for s in r["stages"]}, r["memory_bytes"]
+    assert "patch" not in rows["position"][0] and rows["position"][0]["haptics"]["bytes"] == 0
+    for e in ("tangent", "contact"):
+        stages, memory = rows[e]
+        assert stages["patch"]["line"] == 23 and stages["patch"]["bytes"] == memory - rows["position"][1] > 0
