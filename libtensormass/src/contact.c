@@ -34,7 +34,7 @@ static double travel(const tm_capsule *a, const tm_capsule *b) {
     double tip[3], tail[3];
     vsub(a->tip_m, b->tip_m, tip);
     vsub(a->tail_m, b->tail_m, tail);
-    return fmax(vnorm(tip), vnorm(tail));
+    return vmax(vnorm(tip), vnorm(tail));
 }
 
 static void gather(tm_contact *contact, tm_tool *tool) {
@@ -79,7 +79,7 @@ static void remember_depth(tm_contact *contact) {
         const tm_contact_row *row = contact->row_before + i;
         tm_tool *tool = contact->tool + row->instrument;
         double depth = tm_skin_depth(contact->def.skin_compliance_m_N / row->share, tool->def.radius_m, row->lambda_N);
-        tool->station_depth_m[row->station] = fmax(tool->station_depth_m[row->station], depth);
+        tool->station_depth_m[row->station] = vmax(tool->station_depth_m[row->station], depth);
     }
 }
 

@@ -57,8 +57,8 @@ static bool station_range(const search *q, const double center[3], double radius
     if (!(chord2 >= 0))
         return false;
     double half = sqrt(chord2), step = q->capsule->radius_m;
-    *first = (int32_t)ceil(fmax((along - half) / step, 0));
-    *last = (int32_t)floor(fmin((along + half) / step, q->stations - 1));
+    *first = (int32_t)ceil(vmax((along - half) / step, 0));
+    *last = (int32_t)floor(vmin((along + half) / step, q->stations - 1));
     return *first <= *last;
 }
 
@@ -91,9 +91,9 @@ static double edge_blend(const search *q, int32_t edge) {
     for (int k = 0; k < 2; k++) {
         int32_t f = q->s->edge_face[edge][k];
         if (f >= 0)
-            width = fmin(width, 0.25 * inward(q->s, f, edge_slot(q->s, f, edge), in));
+            width = vmin(width, 0.25 * inward(q->s, f, edge_slot(q->s, f, edge), in));
     }
-    return fmax(width, 1e-9);
+    return vmax(width, 1e-9);
 }
 
 static bool known(const search *q, int32_t station, int32_t f) {
@@ -130,7 +130,7 @@ static void face_hits(search *q, int32_t f) {
             vsub(p, s->position_m[s->face_vertex[f][j]], d);
             double x = vdot(d, in[j]);
             raw *= ramp(x / width[j]);
-            outside = fmax(outside, -x);
+            outside = vmax(outside, -x);
         }
         if (raw <= 0)
             continue;
@@ -166,7 +166,7 @@ static void edge_hits(search *q, int32_t e) {
     double sharp = edge_sharpness(s, e);
     if (sharp <= 0)
         return;
-    double width = edge_blend(q, e), along_width = fmin(BLEND * q->capsule->radius_m, 0.25 * length);
+    double width = edge_blend(q, e), along_width = vmin(BLEND * q->capsule->radius_m, 0.25 * length);
     for (int32_t k = first; k <= last; k++) {
         double p[3], d[3], across[3], in[3], out = 0, raw = sharp;
         tm_capsule_station(q->capsule, k, p);
@@ -206,7 +206,7 @@ static void vertex_hits(search *q, int32_t v) {
         const int32_t *ends = s->edge_vertex[s->vertex_edge[i]];
         vsub(s->position_m[ends[0] == v ? ends[1] : ends[0]], at, spoke);
         vunit(spoke, spoke);
-        sharp = fmin(sharp, ramp(-2 * vdot(spoke, up) / SHARP - 1));
+        sharp = vmin(sharp, ramp(-2 * vdot(spoke, up) / SHARP - 1));
     }
     if (sharp <= 0)
         return;
@@ -220,7 +220,7 @@ static void vertex_hits(search *q, int32_t v) {
             const int32_t *ends = s->edge_vertex[s->vertex_edge[i]];
             vsub(s->position_m[ends[0] == v ? ends[1] : ends[0]], at, spoke);
             double length = vunit(spoke, spoke);
-            raw *= ramp(-vdot(d, spoke) / fmax(fmin(BLEND * q->capsule->radius_m, 0.25 * length), 1e-9));
+            raw *= ramp(-vdot(d, spoke) / vmax(vmin(BLEND * q->capsule->radius_m, 0.25 * length), 1e-9));
         }
         if (raw > 0)
             add_hit(q, k, 2, v, raw, vnorm(d));
@@ -280,7 +280,7 @@ static void face_row(const tm_local_surface *s, int32_t f, const double p[3], tm
         vsub(x[(j + 2) % 3], x[(j + 1) % 3], a);
         vsub(p, x[(j + 1) % 3], d);
         vcross(a, d, part);
-        row->weight[j] = fmax(vdot(part, total) / area2, 0);
+        row->weight[j] = vmax(vdot(part, total) / area2, 0);
         sum += row->weight[j];
     }
     for (int j = 0; j < 3; j++)
@@ -376,7 +376,7 @@ static int32_t station_rows(const search *q, int32_t k, double margin_m, tm_cont
         *overflowed = true;
     }
     for (int32_t i = begin; i < end; i++)
-        nearest = fmin(nearest, hits->hit[hits->order[i]].distance_m);
+        nearest = vmin(nearest, hits->hit[hits->order[i]].distance_m);
     for (int32_t i = begin; i < end; i++) {
         const tm_hit *hit = hits->hit + hits->order[i];
         double farther = (hit->distance_m - nearest) / (PROXIMITY * q->capsule->radius_m);
@@ -385,7 +385,7 @@ static int32_t station_rows(const search *q, int32_t k, double margin_m, tm_cont
     }
     for (int32_t i = begin; i < end; i++) {
         tm_contact_row new_row;
-        double share = weight[i - begin] / fmax(total, MIN_RAW);
+        double share = weight[i - begin] / vmax(total, MIN_RAW);
         if (share < 1e-6)
             continue;
         make_row(q, hits->hit + hits->order[i], share, &new_row);
@@ -437,6 +437,7 @@ int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *
     tm_local_surface surface;
     tm_hits hits;
     bool overflowed;
+    surface.edge_m = 0;
     tm_local_gather(&surface, rest_m, u_m, triangle, face, candidate, candidate_count, capsule,
                     capsule->radius_m * (1 + PROXIMITY) + margin_m);
     tm_local_place(&surface, rest_m, u_m);

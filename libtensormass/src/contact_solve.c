@@ -23,7 +23,7 @@ double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, do
     double lambda = -gap_m / pivot;
     if (compliance_m_N * lambda > soft)
         lambda = -(gap_m + soft - soft / TM_SKIN_HARDENING) / (diagonal_m_N + compliance_m_N / TM_SKIN_HARDENING);
-    return fmin(lambda, cap_N);
+    return vmin(lambda, cap_N);
 }
 
 static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
@@ -43,7 +43,7 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
         }
     /* what was too deep before the tool moved, and is not yet to be undone */
     double left = row->gap_m + vdot(row->normal, moved) + tool->station_depth_m[row->station] + RECOVERY_M_S * world->state.dt_s;
-    r->gap_m = row->gap_m - fmin(left, 0);
+    r->gap_m = row->gap_m - vmin(left, 0);
 }
 
 static void push(const tm_contact_row *row, const tm_solver_row *r, double impulse_N, double *u_next_m) {

@@ -11,8 +11,8 @@ typedef struct box { double low[3], high[3]; } box;
 static box capsule_box(const tm_capsule *capsule, double reach_m) {
     box b;
     for (int c = 0; c < 3; c++) {
-        b.low[c] = fmin(capsule->tip_m[c], capsule->tail_m[c]) - reach_m;
-        b.high[c] = fmax(capsule->tip_m[c], capsule->tail_m[c]) + reach_m;
+        b.low[c] = vmin(capsule->tip_m[c], capsule->tail_m[c]) - reach_m;
+        b.high[c] = vmax(capsule->tip_m[c], capsule->tail_m[c]) + reach_m;
     }
     return b;
 }
@@ -32,23 +32,23 @@ static double axis_distance(const tm_capsule *capsule, const double point[3]) {
     return vnorm(off);
 }
 
-static bool triangle_near(const box *b, const tm_capsule *capsule, double reach_m, const double *rest_m, const double *u_m,
-                          const int32_t vertex[3]) {
-    double p[3][3];
+/* How far the axis is from the ball around a triangle; at once infinity when its box misses the axis' box. */
+static double triangle_beyond(const box *b, const tm_capsule *capsule, const double *rest_m, const double *u_m,
+                              const int32_t vertex[3]) {
+    double p[3][3], center[3], radius2 = 0;
     for (int j = 0; j < 3; j++)
         position(rest_m, u_m, vertex[j], p[j]);
     for (int c = 0; c < 3; c++)
-        if (fmax(fmax(p[0][c], p[1][c]), p[2][c]) < b->low[c] || fmin(fmin(p[0][c], p[1][c]), p[2][c]) > b->high[c])
-            return false;
-    double center[3], radius2 = 0;
+        if (vmax(vmax(p[0][c], p[1][c]), p[2][c]) < b->low[c] || vmin(vmin(p[0][c], p[1][c]), p[2][c]) > b->high[c])
+            return INFINITY;
     for (int c = 0; c < 3; c++)
         center[c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
     for (int j = 0; j < 3; j++) {
         double d[3];
         vsub(p[j], center, d);
-        radius2 = fmax(radius2, vdot(d, d));
+        radius2 = vmax(radius2, vdot(d, d));
     }
-    return axis_distance(capsule, center) <= sqrt(radius2) + reach_m;
+    return axis_distance(capsule, center) - sqrt(radius2);
 }
 
 /* Shell sort: no recursion, no allocation, the same on every machine. Keys are distinct or equal ones are alike. */
@@ -147,27 +147,31 @@ static double longest_edge(const double *rest_m, const double *u_m, const int32_
         position(rest_m, u_m, vertex[j], p[j]);
     for (int j = 0; j < 3; j++) {
         vsub(p[(j + 1) % 3], p[j], d);
-        longest = fmax(longest, vnorm(d));
+        longest = vmax(longest, vnorm(d));
     }
     return longest;
 }
 
-/* Keys (name, slot) of the triangles within reach, and the longest edge of those. */
+/* Keys (name, slot) of the triangles within reach_m + edge_m, and the longest edge of those within reach_m. */
 static int32_t near_triangles(tm_local_surface *s, const double *rest_m, const double *u_m, const int32_t *triangle,
                               const int32_t *face, const int32_t *candidate, int32_t candidate_count,
-                              const tm_capsule *capsule, double reach_m, double *edge_m) {
-    box b = capsule_box(capsule, reach_m);
+                              const tm_capsule *capsule, double reach_m, double edge_m, double *longest_m) {
+    box b = capsule_box(capsule, reach_m + edge_m);
     int32_t n = 0;
-    *edge_m = 0;
+    s->overflowed = false;
+    *longest_m = 0;
     for (int32_t i = 0; i < candidate_count; i++) {
         int32_t slot = candidate ? candidate[i] : i;
-        if (!triangle_near(&b, capsule, reach_m, rest_m, u_m, triangle + 3 * slot))
+        const int32_t *vertex = triangle + 3 * slot;
+        double beyond = triangle_beyond(&b, capsule, rest_m, u_m, vertex);
+        if (beyond > reach_m + edge_m)
             continue;
         if (n == TM_LOCAL_FACES) {
             s->overflowed = true;
             break;
         }
-        *edge_m = fmax(*edge_m, longest_edge(rest_m, u_m, triangle + 3 * slot));
+        if (beyond <= reach_m)
+            *longest_m = vmax(*longest_m, longest_edge(rest_m, u_m, vertex));
         s->key[n++] = (int64_t)face[slot] << 32 | slot;
     }
     return n;
@@ -175,11 +179,13 @@ static int32_t near_triangles(tm_local_surface *s, const double *rest_m, const d
 
 void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
                      const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double reach_m) {
-    double edge_m, unused;
-    s->overflowed = false;
-    int32_t n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m, &edge_m);
-    if (n > 0 && n < TM_LOCAL_FACES) /* an edge farther: blended normals need whole fans */
-        n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m + edge_m, &unused);
+    /* An edge farther than the rows reach: blended normals need whole fans. How long edges are here shows on the way. */
+    double edge_m = 1.2 * s->edge_m;
+    int32_t n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m, edge_m, &s->edge_m);
+    if (s->edge_m > edge_m && n < TM_LOCAL_FACES) {
+        double unused;
+        n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m, s->edge_m, &unused);
+    }
     sort_keys(s->key, n); /* slots move with cuts, names do not */
     s->face_count = n;
     for (int32_t f = 0; f < n; f++) {
@@ -210,7 +216,7 @@ void tm_local_place(tm_local_surface *s, const double *rest_m, const double *u_m
             s->center_m[f][c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
         for (int j = 0; j < 3; j++) {
             vsub(p[j], s->center_m[f], d);
-            radius2 = fmax(radius2, vdot(d, d));
+            radius2 = vmax(radius2, vdot(d, d));
         }
         s->reach_m[f] = sqrt(radius2);
         vsub(p[1], p[0], a);

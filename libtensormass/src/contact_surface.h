@@ -12,6 +12,7 @@
 typedef struct tm_local_surface {
     int32_t face_count, vertex_count, edge_count;
     bool overflowed;
+    double edge_m;                            /* longest near the tool when last gathered: a guess for the next time, 0 at first */
     int32_t face_id[TM_LOCAL_FACES];          /* lasting name, ascending */
     int32_t face_vertex[TM_LOCAL_FACES][3];   /* local vertices */
     int32_t face_edge[TM_LOCAL_FACES][3];     /* local edge j: vertex j to vertex j+1 mod 3 */

@@ -30,6 +30,9 @@ static inline double vunit(const double a[3], double out[3]) {
     vscale(length > 0 ? 1 / length : 0, a, out);
     return length;
 }
+/* fmax and fmin are calls, for the sake of NaN and signed zero. */
+static inline double vmax(double a, double b) { return a > b ? a : b; }
+static inline double vmin(double a, double b) { return a < b ? a : b; }
 static inline double clamp(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
 /* 0 below -1, 1 above 1, smooth between; ramp(t) + ramp(-t) = 1. */
 static inline double ramp(double t) {
