@@ -28,7 +28,8 @@ json.dump(got, open("got.json", "w"))
 def counted(name, link):
     python = [sys.executable, "-c"]
     hosts = {"controller": [python + [textwrap.dedent(RECEIVER)]], "simulation": [python + [textwrap.dedent(SENDER)]]}
-    result, directory = two_hosts_run.run(name, hosts, link, 4)
+    directory = two_hosts_run.directory(name)
+    result = two_hosts_run.run(directory, hosts, link, 4)
     assert all(code in (0, -2) for code in result["exit"]), (result, [p.read_text() for p in directory.glob("*.log")])
     return json.loads((directory / "got.json").read_text()), result
 

@@ -2,7 +2,7 @@
 
     python two_hosts_net.py SPEC.json      (inside `unshare -n -m -p --fork --mount-proc`; see two_hosts.py)
 
-The spec is {"seconds": S, "link": {...}, "hosts": {"simulation": [[argv], ...], "controller": [[argv], ...]}}; each command's output goes to
+The spec is {"seconds": S, "link": {...}, "kill": {"at_s", "host", "command"} or null, "hosts": {"simulation": [[argv], ...], "controller": [[argv], ...]}}; each command's output goes to
 NAME_N.log beside the spec. This process is the relay and lives in a third namespace; when it ends, all it started ends with it.
 """
 import heapq
@@ -94,7 +94,7 @@ class Relay:
 
     def run(self, start_s, until_s, alive):
         cut_at = None
-        while (now := time.monotonic()) < until_s and alive():
+        while (now := time.monotonic()) < until_s and alive(now - start_s):
             if cut_at is None and self.is_cut(now - start_s):
                 cut_at = time.monotonic_ns() // 1000
             wait = min(0.05, max(0.0, self.queue[0][0] - now)) if self.queue else 0.05
@@ -117,13 +117,23 @@ def main():
         inside[name], cable = make_host(name)
         cables.append(cable)
     relay = Relay(spec["link"], cables)
-    started = []
+    started, by_host = [], {}
+    kill = spec.get("kill")
     start_s = time.monotonic()
     for name, commands in spec["hosts"].items():
         for i, argv in enumerate(commands):
             log = open(spec_path.parent / f"{name}_{i}.log", "w")
             started.append(subprocess.Popen(inside[name] + argv, stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL))
-    cut_us = relay.run(start_s, start_s + spec["seconds"], lambda: any(p.poll() is None for p in started))
+            by_host.setdefault(name, []).append(started[-1])
+
+    def alive(elapsed_s):
+        nonlocal kill
+        if kill and elapsed_s >= kill["at_s"]:
+            by_host[kill["host"]][kill["command"]].kill()
+            kill = None
+        return any(p.poll() is None for p in started)
+
+    cut_us = relay.run(start_s, start_s + spec["seconds"], alive)
     for process in started:
         if process.poll() is None:
             process.send_signal(signal.SIGINT)

@@ -11,19 +11,24 @@ from paths import BUILD, ROOT
 LCM_URL = "udpm://239.255.76.67:7667?ttl=1"
 
 
-def run(name, hosts, link, seconds):
-    """(link.json, directory). `hosts` = {"simulation": [argv...], "controller": [argv...]}."""
-    directory = BUILD / "tests" / "two_hosts" / name
-    shutil.rmtree(directory, ignore_errors=True)
-    directory.mkdir(parents=True)
-    spec = {"seconds": seconds, "link": link, "hosts": {h: [[str(a) for a in argv] for argv in commands] for h, commands in hosts.items()}}
-    (directory / "spec.json").write_text(json.dumps(spec))
+def directory(name):
+    """Made anew; where a run's files go."""
+    path = BUILD / "tests" / "two_hosts" / name
+    shutil.rmtree(path, ignore_errors=True)
+    path.mkdir(parents=True)
+    return path
+
+
+def run(path, hosts, link, seconds, kill=None):
+    """The contents of link.json. `hosts` = {"simulation": [argv...], "controller": [argv...]}; `kill` = {"at_s": S, "host": NAME, "command": N}: SIGKILL."""
+    spec = {"seconds": seconds, "link": link, "kill": kill, "hosts": {h: [[str(a) for a in argv] for argv in commands] for h, commands in hosts.items()}}
+    (path / "spec.json").write_text(json.dumps(spec))
     own = [] if os.geteuid() == 0 else ["-r"]
     # A process namespace: when the relay ends or is killed, every process in it is.
     command = ["timeout", "-k", "5", str(int(seconds) + 30), "unshare", *own, "-n", "-m", "-p", "--fork", "--mount-proc", "--kill-child",
-               sys.executable, ROOT / "tests/loop/two_hosts_net.py", directory / "spec.json"]
+               sys.executable, ROOT / "tests/loop/two_hosts_net.py", path / "spec.json"]
     environment = dict(os.environ, LCM_DEFAULT_URL=LCM_URL, PATH=os.environ["PATH"] + ":/usr/sbin:/sbin")
-    done = subprocess.run(command, cwd=directory, env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL)
-    logs = "".join(f"--- {p.name}\n{p.read_text()[-4000:]}" for p in sorted(directory.glob("*.log")))
+    done = subprocess.run(command, cwd=path, env=environment, capture_output=True, text=True, stdin=subprocess.DEVNULL)
+    logs = "".join(f"--- {p.name}\n{p.read_text()[-4000:]}" for p in sorted(path.glob("*.log")) if "sim.log" not in p.name)
     assert done.returncode == 0, f"two hosts: status {done.returncode}\n{done.stderr[-4000:]}\n{logs}"
-    return json.loads((directory / "link.json").read_text()), directory
+    return json.loads((path / "link.json").read_text())
