@@ -84,38 +84,11 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     return TM_OK;
 }
 
-static bool block(void *self, int32_t a, int32_t b, double C[9]) {
-    model *m = self;
-    m->api.tm_precomputed_compliance_(m->precomputed, a, b, C);
-    return true;
-}
-
 static void feel(sim *s, int i) {
     model *m = s->model_own;
-    enum { ROWS = 64 };
-    const tm_contact_row *all;
-    tm_contact_row own[ROWS];
-    int32_t count = 0, total = m->api.tm_precomputed_rows_(m->precomputed, &all);
     if (s->wants[i] != SIM_SENDS_PATCH || !s->patch) return;
-    for (int32_t k = 0; k < total && count < ROWS; ++k)
-        if (all[k].instrument == i) own[count++] = all[k];
-    tm_patch *patch = &s->patch[i];
-    const tm_instrument_def *def = &s->instrument_def[i];
-    tm_capsule capsule = tm_tool_capsule(def, &s->pose[i], i);
-    tm_surface_view view = tm_tissue_surface(s->tissue);
-    memset(patch, 0, sizeof *patch);
-    patch->kind = 2;
-    patch->instrument = i;
-    patch->topology_revision = view.revision;
-    patch->skin_compliance_m_N = s->contact_def.skin_compliance_m_N;
-    patch->force_cap_N = s->contact_def.force_cap_N;
-    patch->radius_m = def->radius_m;
-    patch->contact_length_m = def->contact_length_m;
-    memcpy(patch->trocar_m, def->trocar_m, sizeof patch->trocar_m);
-    const double *u = m->api.tm_precomputed_displacement_(m->precomputed);
-    int32_t triangles = tm_patch_choose(s->mesh->rest_m, u, &view, &capsule, s->velocity_m_s[i], 2 * s->frame_s, own, count, s->patch_vertices,
-                                        s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16, patch);
-    s->patch_valid[i] = triangles > 0 && tm_patch_fill(patch, block, m, own, count);
+    s->patch_valid[i] = m->api.tm_precomputed_patch_(m->precomputed, i, s->velocity_m_s[i], 2 * s->frame_s, s->patch_vertices,
+                                                     s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16, &s->patch[i]);
 }
 
 static tm_surface_view surface(const sim *s) { return tm_tissue_surface(s->tissue); }

@@ -4,6 +4,7 @@
 #define TENSORMASS_SOLVE_H
 
 #include "tensormass.h"
+#include "tensormass/patch.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -96,13 +97,16 @@ TM_API void tm_precomputed_force(const tm_precomputed *model, int32_t instrument
 TM_API tm_tool_reaction tm_precomputed_reaction(tm_precomputed *model, int32_t instrument);
 TM_API int32_t tm_precomputed_rows(const tm_precomputed *model, const tm_contact_row **rows);
 
+/* The surface near the instrument with its exact compliance (kind 2), as tm_patch_make gives it from the dynamic model: what other
+ * instruments and imposed vertices hold is in it. velocity_m_s: of the tip, looked ahead along by horizon_s. False: nothing near,
+ * or the tool bears on more than a patch can hold. No allocation. */
+TM_API bool tm_precomputed_patch(tm_precomputed *model, int32_t instrument, const double velocity_m_s[3], double horizon_s,
+                                 int32_t max_vertices, int32_t max_triangles, tm_patch *patch);
+
 /* [3*vertex_count] superposed over the surface; inner vertices read 0. Computed when asked for, at most once per update. */
 TM_API const double *tm_precomputed_displacement(tm_precomputed *model);
 /* The surface vertices that have responses (not wholly fixed), ascending. */
 TM_API int32_t tm_precomputed_surface(const tm_precomputed *model, const int32_t **vertex);
-
-/* Displacement of surface vertex a by unit forces on surface vertex b: C[9], m/N, row-major, without contact; 0 where a component is fixed. */
-TM_API void tm_precomputed_compliance(const tm_precomputed *model, int32_t a, int32_t b, double C[9]);
 
 /* The paper's way: displacements imposed on surface vertices (all free components), held from the next update on. Replaces the list before;
  * count 0 lets go. compliance_m_N 0 holds exactly. TM_ERR_LIMIT: more than max_local_vertices; TM_ERR_ARGUMENT: not a surface vertex. */

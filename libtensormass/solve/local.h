@@ -96,6 +96,10 @@ int32_t tms_local_solve(tms_local *local);
 int32_t tms_local_update(tms_local *local, const tm_tool_pose *pose);
 /* d(force at the tip)/d(tip) of the converged solution, row-major. Leaves the solution as it was. */
 void tms_local_stiffness(tms_local *local, int32_t tool, double K[9]);
+/* How the other tools and imposed vertices answer: after _without, _yield gives the forces (by act) with which they meet a displacement
+ * (by act) that something else makes. To first order, with their normals and shares as they are. */
+bool tms_local_without(tms_local *local, int32_t tool);
+void tms_local_yield(tms_local *local, int32_t tool, const double *u_m, double *df_N);
 tm_tool_reaction tms_local_reaction(const tms_local *local, int32_t tool);
 
 /* dense.c: LU with partial pivoting, row-major. */

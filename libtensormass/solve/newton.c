@@ -79,13 +79,14 @@ static void add_row_matrix(tms_local *l, const tm_contact_row *row, int32_t m) {
     }
 }
 
-static bool factor(tms_local *l) {
+/* `without`: a tool that is left out, -1. */
+static bool factor(tms_local *l, int32_t without) {
     choose_act(l);
     const int32_t m = 3 * l->act_count;
     const int64_t c3 = 3 * (int64_t)l->capacity;
     memset(l->lu, 0, sizeof(double) * (size_t)m * (size_t)m);
     for (int32_t i = 0; i < l->now.count; i++)
-        if (l->now.row[i].lambda_N > 0) add_row_matrix(l, &l->now.row[i], m);
+        if (l->now.row[i].lambda_N > 0 && l->now.row[i].instrument != without) add_row_matrix(l, &l->now.row[i], m);
     for (int32_t i = 0; i < m; i++) l->lu[(int64_t)i * m + i] += 1;
     for (int32_t i = 0; i < m; i++) {
         if (!pinned(l, l->act[i / 3], i % 3)) continue;
@@ -248,7 +249,7 @@ int32_t tms_local_solve(tms_local *l) {
     int32_t steps = 0;
     while (!l->converged && steps < TMS_NEWTON_STEPS) {
         steps++;
-        if (!factor(l) || !descend(l, 1e-3, &merit)) break;
+        if (!factor(l, -1) || !descend(l, 1e-3, &merit)) break;
     }
     l->before_count = l->now.count;
     memcpy(l->before, l->now.row, (size_t)l->now.count * sizeof *l->now.row);
@@ -261,7 +262,7 @@ void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
     memset(K, 0, 9 * sizeof *K);
     bool any = false;
     for (int32_t i = 0; i < l->now.count; i++) any |= l->now.row[i].instrument == t;
-    if (!any || !factor(l)) return;
+    if (!any || !factor(l, -1)) return;
     double *b = l->krylov[TMS_KRYLOV];
     keep_shape(l);
     for (int axis = 0; axis < 3; axis++) {
@@ -275,4 +276,24 @@ void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
         for (int c = 0; c < 3; c++) K[3 * c + axis] = to.dF[c];
     }
     set_shape(l, 0);
+}
+
+/* --- what the others make of a compliance --- */
+
+bool tms_local_without(tms_local *l, int32_t tool) { return factor(l, tool); }
+
+void tms_local_yield(tms_local *l, int32_t tool, const double *u, double *df) {
+    const int32_t m = 3 * l->act_count;
+    memset(df, 0, 8 * (size_t)m);
+    for (int32_t i = 0; i < l->now.count; i++) {
+        const tm_contact_row *row = &l->now.row[i];
+        if (row->instrument == tool || row->lambda_N <= 0 || row->lambda_N >= l->def.force_cap_N) continue;
+        double along = 0;
+        for (int a = 0; a < 9; a++) along += row->weight[a / 3] * row->normal[a % 3] * u[3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3];
+        along /= tm_skin_slope(l->def.skin_compliance_m_N / row->share, l->tool[row->instrument].def.radius_m, row->lambda_N);
+        for (int a = 0; a < 9; a++) df[3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3] -= row->weight[a / 3] * row->normal[a % 3] * along;
+    }
+    for (int32_t j = 0; j < m; j++)
+        if (pinned(l, l->act[j / 3], j % 3)) df[j] = -u[j] + l->pin_compliance_m_N * df[j];
+    tms_lu_solve(l->lu, l->pivot, m, df);
 }

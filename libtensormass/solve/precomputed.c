@@ -1,20 +1,9 @@
 /* The precomputed model: stored responses of the surface, and the on-line system over them. */
-#include "local.h"
+#include "precomputed.h"
 
 #include <assert.h>
 #include <stdlib.h>
 #include <string.h>
-
-struct tm_precomputed {
-    const tm_tissue *tissue;
-    tms_responses responses;
-    int32_t *kept_of;      /* [3*vertex_count] column of a component, -1 */
-    int32_t *surface;      /* [surface_count] vertices with responses, ascending */
-    int32_t surface_count;
-    double *sum;           /* [kept_count] superposition */
-    bool superposed;
-    tms_local local;
-};
 
 tm_precomputed_def tm_precomputed_def_default(void) {
     return (tm_precomputed_def){.cookie = TMS_COOKIE_PRECOMPUTED, .problem = tm_solve_def_default(), .max_local_vertices = 256};
@@ -31,7 +20,7 @@ static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_re
     return status;
 }
 
-static void compliance(void *self, int32_t a, int32_t b, double C[9]) {
+void tms_precomputed_compliance(void *self, int32_t a, int32_t b, double C[9]) {
     const tm_precomputed *m = self;
     for (int i = 0; i < 9; i++) {
         const int32_t row = m->kept_of[3 * a + i / 3], column = m->kept_of[3 * b + i % 3];
@@ -51,7 +40,8 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     tm_status status = tms_local_create(mesh, tm_tissue_surface(m->tissue), def->contact, def->max_local_vertices, &m->local, error);
     if (status != TM_OK) return status;
     m->local.self = m;
-    m->local.compliance = compliance;
+    if (def->contact && !(m->yield = malloc((size_t)TM_PATCH_DOFS * 24 * (size_t)m->local.capacity))) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model");
+    m->local.compliance = tms_precomputed_compliance;
     for (int32_t d = 0; d < n; d++) m->kept_of[d] = -1;
     for (int32_t i = 0; i < r->kept_count; i++) {
         const int32_t v = r->kept[i] / 3;
@@ -101,6 +91,7 @@ void tm_precomputed_destroy(tm_precomputed *m) {
     free(m->kept_of);
     free(m->surface);
     free(m->sum);
+    free(m->yield);
     free(m);
 }
 
@@ -175,8 +166,6 @@ int32_t tm_precomputed_surface(const tm_precomputed *m, const int32_t **vertex) 
     *vertex = m->surface;
     return m->surface_count;
 }
-
-void tm_precomputed_compliance(const tm_precomputed *m, int32_t a, int32_t b, double C[9]) { compliance((void *)(uintptr_t)m, a, b, C); }
 
 /* --- imposed displacements --- */
 

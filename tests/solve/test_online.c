@@ -141,6 +141,51 @@ static void stiffness(void **state) {
     free_pair(&p);
 }
 
+/* --- the patch --- */
+
+/* What the controller would feel near the sample, from the patch alone, against the model itself. */
+static double patch_off(pair *p, tm_patch_solver *solver, const tm_tool_pose *at, int tools, double step_m, fix_random *random) {
+    static tm_patch patch;
+    assert_true(tm_precomputed_update(p->model, at) >= 0);
+    assert_true(tm_precomputed_patch(p->model, 0, (double[]){0, 0, 0}, 0, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES, &patch));
+    assert_int_equal(patch.kind, 2);
+    double worst = 0, most = 0;
+    for (int i = 0; i < 10; i++) {
+        tm_tool_pose moved[2] = {at[0], at[tools - 1]};
+        double force[3], felt[3];
+        bool inside;
+        for (int c = 0; c < 3; c++) moved[0].tip_m[c] += i ? step_m * fix_signed(random) : 0;
+        assert_true(tm_precomputed_update(p->model, moved) >= 0);
+        tm_precomputed_force(p->model, 0, force);
+        tm_patch_force(solver, &patch, moved[0].tip_m, felt, &inside);
+        assert_true(inside);
+        worst = fmax(worst, distance3(force, felt));
+        most = fmax(most, length3(force));
+    }
+    return worst / most;
+}
+
+static void patch(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    tm_patch_solver *solver;
+    tm_error error;
+    fix_random random = {21};
+    fix_ok(tm_patch_solver_create(&solver, &error), &error);
+    pair p = make_pair(&def, TM_DOUBLE);
+    const double alone = patch_off(&p, solver, (tm_tool_pose[]){scene_pose(0.004, 0.003, 0.0415)}, 1, 3e-4, &random);
+    free_pair(&p);
+    def.tools = 2;
+    p = make_pair(&def, TM_DOUBLE);
+    const tm_tool_pose both[2] = {scene_pose(0.0055, 0.003, 0.0415), scene_pose(-0.0055, 0.001, 0.0405)};
+    const double beside = patch_off(&p, solver, both, 2, 3e-4, &random);
+    free_pair(&p);
+    print_message("  force from the patch, tip moved by up to 0.3 mm: off by %.1e alone, %.1e with another tool 11 mm away\n", alone, beside);
+    assert_true(alone < 1e-5); /* the tool stays on the same triangles: nothing but the solver's tolerance */
+    assert_true(beside < 1e-2); /* the other tool's rows to first order */
+    tm_patch_solver_destroy(solver);
+}
+
 /* --- smoothness: a stroke at 500 Hz --- */
 
 static void smooth(void **state) {
@@ -175,6 +220,6 @@ static void smooth(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(agrees_with_dynamic), cmocka_unit_test(stiffness), cmocka_unit_test(smooth)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(agrees_with_dynamic), cmocka_unit_test(stiffness), cmocka_unit_test(patch), cmocka_unit_test(smooth)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
