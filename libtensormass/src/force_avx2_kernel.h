@@ -5,14 +5,15 @@
  * lane of u or is dropped. Forces are read and written as two and one, so that no store goes past the caller's array. */
 TM_AVX2 void TM_NAME(int32_t vertex_count, const int32_t *TM_RESTRICT upper_begin, const int32_t *TM_RESTRICT edge_vertex,
                      const void *vertex, const void *edge, const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
-    const TM_REAL *vertex_tensor = vertex, *edge_tensor = edge;
+    const double *vertex_tensor = vertex;
+    const TM_REAL *edge_tensor = edge;
     const __m256i three = _mm256_set_epi64x(0, -1, -1, -1);
     memset(force_N, 0, sizeof(double) * 3 * (size_t)vertex_count);
     for (int32_t k = 0; k < vertex_count; k++) {
-        const TM_REAL *A = vertex_tensor + 9 * (int64_t)k;
+        const double *A = vertex_tensor + 9 * (int64_t)k;
         const __m256d uk = _mm256_maskload_pd(u_m + 3 * (int64_t)k, three);
         const __m256d x = _mm256_set1_pd(u_m[3 * (int64_t)k]), y = _mm256_set1_pd(u_m[3 * (int64_t)k + 1]), z = _mm256_set1_pd(u_m[3 * (int64_t)k + 2]);
-        __m256d fx = _mm256_mul_pd(TM_LOAD4(A), uk), fy = _mm256_mul_pd(TM_LOAD4(A + 3), uk), fz = _mm256_mul_pd(TM_LOAD4(A + 6), uk);
+        __m256d fx = _mm256_mul_pd(_mm256_loadu_pd(A), uk), fy = _mm256_mul_pd(_mm256_loadu_pd(A + 3), uk), fz = _mm256_mul_pd(_mm256_loadu_pd(A + 6), uk);
         for (int32_t e = upper_begin[k]; e < upper_begin[k + 1]; e++) {
             const TM_REAL *K = edge_tensor + 9 * (int64_t)e;
             const int64_t l = 3 * (int64_t)edge_vertex[2 * (int64_t)e + 1];

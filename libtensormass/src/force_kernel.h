@@ -4,15 +4,15 @@
  * neighbours in ascending order, then -K_kk u_k - sum of K_kl u_l. This order is the promise behind equal bits. */
 void TM_NAME(int32_t vertex_count, const int32_t *TM_RESTRICT upper_begin, const int32_t *TM_RESTRICT edge_vertex,
              const void *vertex, const void *edge, const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
-    const TM_REAL *TM_RESTRICT vertex_tensor = vertex;
+    const double *TM_RESTRICT vertex_tensor = vertex;
     const TM_REAL *TM_RESTRICT edge_tensor = edge;
     for (int32_t i = 0; i < 3 * vertex_count; i++) force_N[i] = 0.0;
     for (int32_t k = 0; k < vertex_count; k++) {
-        const TM_REAL *A = vertex_tensor + 9 * (int64_t)k;
+        const double *A = vertex_tensor + 9 * (int64_t)k;
         const double x = u_m[3 * k], y = u_m[3 * k + 1], z = u_m[3 * k + 2];
-        double fx = (double)A[0] * x + (double)A[1] * y + (double)A[2] * z;
-        double fy = (double)A[3] * x + (double)A[4] * y + (double)A[5] * z;
-        double fz = (double)A[6] * x + (double)A[7] * y + (double)A[8] * z;
+        double fx = A[0] * x + A[1] * y + A[2] * z;
+        double fy = A[3] * x + A[4] * y + A[5] * z;
+        double fz = A[6] * x + A[7] * y + A[8] * z;
         for (int32_t e = upper_begin[k]; e < upper_begin[k + 1]; e++) {
             const TM_REAL *K = edge_tensor + 9 * (int64_t)e;
             const int32_t l = 3 * edge_vertex[2 * e + 1];

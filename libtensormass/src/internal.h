@@ -43,9 +43,9 @@ struct tm_tissue {
     double *mass_kg, *damping_kg_s; /* [vertex_count] */
     double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] or null */
     int32_t *upper_begin;     /* [vertex_count+1] first edge (k,l), l>k, of each vertex: edges are sorted by k */
-    void *vertex_tensor;      /* [9*vertex_count] float or double */
+    double *vertex_tensor;    /* [9*vertex_count] double even when edges are single: an eighth of the whole, and the larger numbers */
     void *edge_tensor;        /* [9*edge_count] */
-    double *vertex_block;     /* cuttable: [9*4*tet_count] blocks K_kk in the order of mesh->vertex_tet, so that a sum reads straight on; else null */
+    double *vertex_block;     /* cuttable, double: [9*4*tet_count] blocks K_kk in the order of mesh->vertex_tet, so that a sum reads straight on; else null */
     double *edge_block;       /* cuttable: [9*6*tet_count] in the order of mesh->edge_tet */
     double *vertex_share;     /* cuttable: [2*4*tet_count] mass and damping that a tetrahedron gives, in the order of mesh->vertex_tet */
     tm_force_kernel force;
@@ -56,8 +56,8 @@ struct tm_tissue {
 };
 
 /* --- assembly, shared by create and cut; all sums ascending over living tetrahedra --- */
-void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex);
 void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge);
+void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex); /* after its edges */
 /* The surface of the living tetrahedra from nothing, slots ascending by face. */
 void tm_tissue_build_surface(tm_tissue *tissue);
 /* Largest eigenvalue of M_e^-1 K_e, 1/s2. */

@@ -48,7 +48,7 @@ static void keep_blocks(tm_tissue *tissue) {
     const tm_mesh *mesh = tissue->mesh;
     for (int32_t v = 0; v < mesh->vertex_count; v++)
         for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++) {
-            vertex_stiffness(tissue, mesh->vertex_tet[i], v, tissue->vertex_block + 9 * (int64_t)i);
+            if (tissue->vertex_block) vertex_stiffness(tissue, mesh->vertex_tet[i], v, tissue->vertex_block + 9 * (int64_t)i);
             tet_share(tissue, mesh->vertex_tet[i], tissue->vertex_share + 2 * (int64_t)i);
         }
     for (int32_t e = 0; e < mesh->edge_count; e++)
@@ -56,39 +56,56 @@ static void keep_blocks(tm_tissue *tissue) {
             edge_stiffness(tissue, mesh->edge_tet[i], e, tissue->edge_block + 9 * (int64_t)i);
 }
 
-static void store(const tm_tissue *tissue, void *tensor, int64_t index, const double sum[9]) {
-    if (tissue->precision == TM_SINGLE)
-        for (int i = 0; i < 9; i++) ((float *)tensor)[9 * index + i] = (float)sum[i];
-    else
-        memcpy((double *)tensor + 9 * index, sum, 9 * sizeof(double));
-}
 
 static void add9(double *TM_RESTRICT sum, const double *TM_RESTRICT K) {
     for (int i = 0; i < 9; i++) sum[i] += K[i];
 }
 
-void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
+/* Single edge tensors do not add up to the vertex tensor by rounding, and the rest would resist a translation: a slender beam of them is off
+ * by a thousandth. So in single the vertex tensor is minus the sum of its edges as stored, made symmetric, and kept in double. */
+static void balance_edges(const tm_tissue *tissue, int32_t vertex, double sum[9]) {
     const tm_mesh *mesh = tissue->mesh;
-    double sum[9] = {0};
-    double mass = tissue->extra_mass_kg ? tissue->extra_mass_kg[vertex] : 0;
-    double damping = tissue->extra_damping_kg_s ? tissue->extra_damping_kg_s[vertex] : 0;
+    double S[9] = {0};
+    for (int32_t i = mesh->vertex_edge_begin[vertex]; i < mesh->vertex_edge_begin[vertex + 1]; i++) {
+        const int32_t edge = mesh->vertex_edge[i];
+        const float *K = (const float *)tissue->edge_tensor + 9 * (int64_t)edge;
+        const bool upper = mesh->edge[2 * edge] == vertex;
+        for (int k = 0; k < 9; k++) S[k] -= (double)K[upper ? k : 3 * (k % 3) + k / 3];
+    }
+    for (int k = 0; k < 9; k++) sum[k] = (S[k] + S[3 * (k % 3) + k / 3]) / 2;
+}
+
+static void sum_blocks(const tm_tissue *tissue, int32_t vertex, double sum[9]) {
+    const tm_mesh *mesh = tissue->mesh;
+    memset(sum, 0, 9 * sizeof(double));
     for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++) {
         const int32_t t = mesh->vertex_tet[i];
         if (!tissue->alive[t]) continue;
-        double K[9], S[2];
-        const double *block = K, *share = S;
-        if (tissue->vertex_block) {
-            block = tissue->vertex_block + 9 * (int64_t)i;
-            share = tissue->vertex_share + 2 * (int64_t)i;
-        } else {
-            vertex_stiffness(tissue, t, vertex, K);
-            tet_share(tissue, t, S);
-        }
+        double K[9];
+        const double *block = K;
+        if (tissue->vertex_block) block = tissue->vertex_block + 9 * (int64_t)i;
+        else vertex_stiffness(tissue, t, vertex, K);
         add9(sum, block);
+    }
+}
+
+void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
+    const tm_mesh *mesh = tissue->mesh;
+    double *sum = tissue->vertex_tensor + 9 * (int64_t)vertex;
+    double mass = tissue->extra_mass_kg ? tissue->extra_mass_kg[vertex] : 0;
+    double damping = tissue->extra_damping_kg_s ? tissue->extra_damping_kg_s[vertex] : 0;
+    if (tissue->precision == TM_SINGLE) balance_edges(tissue, vertex, sum);
+    else sum_blocks(tissue, vertex, sum);
+    for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++) {
+        const int32_t t = mesh->vertex_tet[i];
+        if (!tissue->alive[t]) continue;
+        double S[2];
+        const double *share = S;
+        if (tissue->vertex_share) share = tissue->vertex_share + 2 * (int64_t)i;
+        else tet_share(tissue, t, S);
         mass += share[0];
         damping += share[1];
     }
-    store(tissue, tissue->vertex_tensor, vertex, sum);
     tissue->mass_kg[vertex] = mass;
     tissue->damping_kg_s[vertex] = damping;
 }
@@ -105,7 +122,10 @@ void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
         else edge_stiffness(tissue, t, edge, K);
         add9(sum, block);
     }
-    store(tissue, tissue->edge_tensor, edge, sum);
+    if (tissue->precision == TM_SINGLE)
+        for (int i = 0; i < 9; i++) ((float *)tissue->edge_tensor)[9 * (int64_t)edge + i] = (float)sum[i];
+    else
+        memcpy((double *)tissue->edge_tensor + 9 * (int64_t)edge, sum, sizeof sum);
 }
 
 /* --- building --- */
@@ -163,10 +183,10 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     if (def->extra_mass_kg) tissue->extra_mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
     if (def->extra_damping_kg_s) tissue->extra_damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
     tissue->upper_begin = TM_TAKE(pool, int32_t, (int64_t)mesh->vertex_count + 1);
-    tissue->vertex_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->vertex_count + TM_FORCE_PADDING, real);
+    tissue->vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)mesh->vertex_count + TM_FORCE_PADDING);
     tissue->edge_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->edge_count + TM_FORCE_PADDING, real);
     if (def->cuttable) {
-        tissue->vertex_block = TM_TAKE(pool, double, 36 * (int64_t)mesh->tet_count);
+        if (def->precision == TM_DOUBLE) tissue->vertex_block = TM_TAKE(pool, double, 36 * (int64_t)mesh->tet_count);
         tissue->edge_block = TM_TAKE(pool, double, 54 * (int64_t)mesh->tet_count);
         tissue->vertex_share = TM_TAKE(pool, double, 8 * (int64_t)mesh->tet_count);
         tissue->face_slot = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
@@ -237,8 +257,8 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     }
     copy_constants(t, def);
     if (t->cuttable) keep_blocks(t);
-    for (int32_t v = 0; v < def->mesh->vertex_count; v++) tm_tissue_assemble_vertex(t, v);
     for (int32_t e = 0; e < def->mesh->edge_count; e++) tm_tissue_assemble_edge(t, e);
+    for (int32_t v = 0; v < def->mesh->vertex_count; v++) tm_tissue_assemble_vertex(t, v);
     tm_tissue_build_surface(t);
     if (t->cut) tm_cut_count(t);
     t->pool = pool;
@@ -264,14 +284,15 @@ const double *tm_tissue_tet_fibre(const tm_tissue *tissue, int32_t tet) {
     return tissue->fibre ? tissue->fibre + 3 * (int64_t)tet : NULL;
 }
 
-static void tensor(const tm_tissue *tissue, const void *from, int64_t index, double K[9]) {
-    for (int i = 0; i < 9; i++)
-        K[i] = tissue->precision == TM_SINGLE ? (double)((const float *)from)[9 * index + i] : ((const double *)from)[9 * index + i];
-}
 void tm_tissue_vertex_tensor(const tm_tissue *tissue, int32_t vertex, double K[9]) {
-    tensor(tissue, tissue->vertex_tensor, vertex, K);
+    memcpy(K, tissue->vertex_tensor + 9 * (int64_t)vertex, 9 * sizeof(double));
 }
-void tm_tissue_edge_tensor(const tm_tissue *tissue, int32_t edge, double K[9]) { tensor(tissue, tissue->edge_tensor, edge, K); }
+
+void tm_tissue_edge_tensor(const tm_tissue *tissue, int32_t edge, double K[9]) {
+    const int64_t at = 9 * (int64_t)edge;
+    for (int i = 0; i < 9; i++)
+        K[i] = tissue->precision == TM_SINGLE ? (double)((const float *)tissue->edge_tensor)[at + i] : ((const double *)tissue->edge_tensor)[at + i];
+}
 
 void tm_tissue_force(const tm_tissue *tissue, const double *u_m, double *force_N) {
     tissue->force(tissue->mesh->vertex_count, tissue->upper_begin, tissue->mesh->edge, tissue->vertex_tensor, tissue->edge_tensor,

@@ -10,7 +10,7 @@
 extern "C" {
 #endif
 
-typedef enum tm_precision { TM_DOUBLE = 0, TM_SINGLE = 1 } tm_precision; /* of the stored tensors only */
+typedef enum tm_precision { TM_DOUBLE = 0, TM_SINGLE = 1 } tm_precision; /* of the stored edge tensors only */
 
 /* Which form of the force loop runs. All SIMD forms agree with TM_FORCE_PLAIN to rounding; only the plain form's
  * bits are promised across compilers and processors. */
