@@ -6,6 +6,7 @@
 #include <cjson/cJSON.h>
 
 #include "hrt.h"
+#include "lcm_types/tensormass_contact_patch_t.h"
 #include "sim/sim.h"
 
 enum { TICK_US = 2000 };
@@ -88,6 +89,8 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
 /* Sessions are plain LCM logs: TOOL_0 every tick, FORCE_0 and PATCH_0 every frame, TRUTH_0 (force_sample_t) every tick where the truth is known. */
 int log_write(const char *file, const recording *r, const double trocar_m[3]);
 int log_read(const char *file, recording *out);
+/* Checked and prepared as the controller does it; positions relative to origin_m. False: refused. */
+bool patch_from_message(const tensormass_contact_patch_t *m, const double origin_m[3], hrt_patch *p);
 
 /* --- studies: each returns its JSON, null having complained --- */
 

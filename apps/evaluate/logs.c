@@ -145,21 +145,26 @@ static void take_truth(reading *g, const tensormass_force_sample_t *m) {
     g->truths++;
 }
 
-static void take_patch(reading *g, const tensormass_contact_patch_t *m) {
+bool patch_from_message(const tensormass_contact_patch_t *m, const double origin_m[3], hrt_patch *p) {
     static float scratch[HRT_PATCH_COMPLIANCE];
-    if (m->vertex_count < 3 || m->vertex_count > HRT_PATCH_MAX_VERTICES || m->triangle_count < 1 || m->triangle_count > HRT_PATCH_MAX_TRIANGLES) return;
-    free(g->pending);
-    g->pending = calloc(1, sizeof *g->pending);
-    if (!g->pending) abort();
-    hrt_patch *p = g->pending;
-    p->seq = g->pending_seq = (uint32_t)m->seq, p->topology_revision = m->topology_revision;
+    if (m->vertex_count < 3 || m->vertex_count > HRT_PATCH_MAX_VERTICES || m->triangle_count < 1 || m->triangle_count > HRT_PATCH_MAX_TRIANGLES) return false;
+    memset(p, 0, sizeof *p);
+    p->seq = (uint32_t)m->seq, p->topology_revision = m->topology_revision;
     p->vertex_count = m->vertex_count, p->triangle_count = m->triangle_count;
-    for (int i = 0; i < 3 * m->vertex_count; i++) p->vertex_m[i] = (float)((double)m->vertex_m[i] + m->origin_m[i % 3] - g->origin[i % 3]);
+    for (int i = 0; i < 3 * m->vertex_count; i++) p->vertex_m[i] = (float)((double)m->vertex_m[i] + m->origin_m[i % 3] - origin_m[i % 3]);
     memcpy(p->triangle, m->triangle, sizeof p->triangle);
     memcpy(p->compliance_m_N, m->compliance_m_N, sizeof p->compliance_m_N);
     p->skin_compliance_m_N = m->skin_compliance_m_N, p->radius_m = m->radius_m, p->contact_length_m = m->contact_length_m;
-    if (hrt_patch_prepare(p, scratch) == HRT_ACCEPT) return;
-    free(p);
+    return hrt_patch_prepare(p, scratch) == HRT_ACCEPT;
+}
+
+static void take_patch(reading *g, const tensormass_contact_patch_t *m) {
+    free(g->pending);
+    g->pending = calloc(1, sizeof *g->pending);
+    if (!g->pending) abort();
+    g->pending_seq = (uint32_t)m->seq;
+    if (patch_from_message(m, g->origin, g->pending)) return;
+    free(g->pending);
     g->pending = NULL;
 }
 

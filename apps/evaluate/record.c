@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "evaluate.h"
+#include "sim/publish.h"
 
 const char *const model_name[MODEL_COUNT] = {"precomputed", "isotropic", "fibred", "cut", "hybrid"};
 
@@ -54,6 +55,20 @@ static path placed(const path *p, const sim *s) {
     return q;
 }
 
+/* As the message would carry it, single precision and checks included. */
+static void take_patch(const sim *s, sampled *out) {
+    static tensormass_contact_patch_t message;
+    static const sim_publisher nobody;
+    tensormass_force_sample_t stamp = {.seq = (int32_t)out->sample.seq};
+    if (!sim_contact_patch(&nobody, s, &stamp, &message)) return;
+    out->patch = malloc(sizeof *out->patch);
+    if (!out->patch) abort();
+    if (patch_from_message(&message, s->instrument_def[0].trocar_m, out->patch))
+        out->sample.patch = out->patch;
+    else
+        free(out->patch), out->patch = NULL;
+}
+
 static void take(const sim *s, int64_t t_us, int64_t ready_us, uint32_t seq, sampled *out) {
     const tm_tool_reaction *r = &s->reaction[0];
     *out = (sampled){.ready_us = ready_us};
@@ -66,6 +81,7 @@ static void take(const sim *s, int64_t t_us, int64_t ready_us, uint32_t seq, sam
         x->force_N[i] = (float)r->force_N[i];
     }
     for (int i = 0; i < 9; i++) x->stiffness_N_m[i] = (float)r->stiffness_N_m[i];
+    take_patch(s, out);
 }
 
 /* Starts with the tool out of touch, so that nothing swings when the path begins. */
@@ -76,9 +92,9 @@ static void start(sim *s, const hrt_params *params, const path *p, bool encoders
 }
 
 int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, recording *out) {
-    (void)patches;
     sim *s = model_open(m, rate_Hz, NULL);
     if (!s) return APP_FAILED;
+    s->wants[0] = patches ? s->can_send : SIM_SENDS_FORCE;
     path q = placed(p, s);
     hrt_params_default(&out->params);
     start(s, &out->params, &q, encoders);
@@ -102,7 +118,7 @@ int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, 
 }
 
 int record_truth(model m, const path *p, bool encoders, recording *out) {
-    static const char *const last_alone[] = {"time.average=0", NULL};
+    static const char *const last_alone[] = {"time.average=0", "haptics.sends=force", "haptics.extrapolator=hold", NULL};
     sim *s = model_open(m, 1e6 / TICK_US, last_alone);
     if (!s) return APP_FAILED;
     path q = placed(p, s);
