@@ -1,0 +1,73 @@
+"""The loop under way, watched from outside: it allocates nothing, frees nothing and calls the kernel only to sleep and to send."""
+import os
+import subprocess
+import tempfile
+
+import pytest
+from conftest import BUILD, ROOT
+
+# In namespaces of its own: LCM on loopback.
+ALONE = ["unshare", *([] if os.geteuid() == 0 else ["-r"]), "-n", "sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]
+WITH_SIMULATION = f"""
+{BUILD}/bin/tm-sim {ROOT}/apps/scenes/block-press.yaml --realtime --duration '7 s' > sim.log 2>&1 & sim=$!
+{BUILD}/bin/tm-device --bus virtual:loop --hand hand0.csv --repeat --duration 7 2> device.log & device=$!
+"$@"
+status=$?
+kill $sim $device 2>/dev/null
+wait
+exit $status
+"""
+
+
+def run(tmp_path, extrapolator, *wrapper, **environment):
+    """haptic-rt for 4 s against tm-sim over LCM and tm-device on a virtual bus, started through `wrapper`."""
+    subprocess.run([BUILD / "bin/tm-sim", ROOT / "apps/scenes/block-press.yaml", "--hands", tmp_path / "hand"], check=True, timeout=60, stdout=subprocess.DEVNULL)
+    with tempfile.TemporaryDirectory(prefix="tm-test-", dir="/dev/shm") as bus:
+        done = subprocess.run([*ALONE, "timeout", "60", "sh", "-c", WITH_SIMULATION, "sh", *wrapper, BUILD / "bin/haptic-rt", "--bus", "virtual:loop", "--duration", "4",
+                               "--extrapolator", extrapolator, "--json", tmp_path / "c.json"], cwd=tmp_path, capture_output=True, text=True, timeout=90,
+                              env=dict(os.environ, TM_BUS_DIR=bus, PATH=os.environ["PATH"] + ":/usr/sbin:/sbin", **environment))
+    assert done.returncode == 0, done.stderr
+    assert "engaged" in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize("extrapolator", ["tangent", "contact"])
+def test_no_allocation(tmp_path, extrapolator):
+    """COUNT_MALLOC's lines: sleeps, allocations and frees after the 500th sleep, of each thread that sleeps by the clock."""
+    run(tmp_path, extrapolator, "env", f"LD_PRELOAD={BUILD}/tests/timing/count_malloc.so", f"COUNT_MALLOC={tmp_path}/count")
+    threads = [tuple(map(int, line.split())) for line in (tmp_path / "count").read_text().splitlines()]
+    assert len(threads) == 1 and threads[0][0] >= 1990, threads
+    assert threads[0][1:] == (0, 0), f"{threads[0][1]} allocations, {threads[0][2]} frees in the loop"
+
+
+def test_counter_counts(tmp_path):
+    """That the counter would see it: a loop that allocates once a tick."""
+    source = tmp_path / "loop.c"
+    source.write_text("""
+#include <pthread.h>
+#include <stdlib.h>
+#include <time.h>
+static void *volatile kept;
+static void *loop(void *unused) {
+    const struct timespec t = {0, 1000};
+    for (int i = 0; i < 600; i++) { clock_nanosleep(CLOCK_MONOTONIC, 0, &t, 0); kept = malloc(10); free(kept); }
+    return unused;
+}
+int main(void) { pthread_t thread; return pthread_create(&thread, 0, loop, 0) || pthread_join(thread, 0); }
+""")
+    subprocess.run(["gcc", "-o", tmp_path / "loop", source, "-lpthread"], check=True)
+    subprocess.run([tmp_path / "loop"], check=True, timeout=20,
+                   env=dict(os.environ, LD_PRELOAD=f"{BUILD}/tests/timing/count_malloc.so", COUNT_MALLOC=str(tmp_path / "count")))
+    assert (tmp_path / "count").read_text().split() == ["600", "100", "100"]
+
+
+def test_system_calls_with_lcm(tmp_path):
+    run(tmp_path, "contact", "strace", "-f", "-o", "trace")
+    calls = {}
+    for line in open(tmp_path / "trace", errors="replace"):
+        thread, _, rest = line.partition(" ")
+        calls.setdefault(thread, []).append(rest.strip().split("(")[0])
+    loop = max(calls.values(), key=lambda names: names.count("clock_nanosleep"))
+    first, last = loop.index("clock_nanosleep"), len(loop) - 1 - loop[::-1].index("clock_nanosleep")
+    under_way = [name for name in loop[first:last] if name.isidentifier()]
+    assert under_way.count("clock_nanosleep") > 1500 and under_way.count("sendmsg") > 1000
+    assert set(under_way) <= {"clock_nanosleep", "sendmsg", "getrusage"}, set(under_way)
