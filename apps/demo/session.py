@@ -58,7 +58,7 @@ class Session:
             hand = self.out / f"hand{i}.csv" if self.hand == "script" else "lcm"
             style = ["--straight"] * instrument["straight"] + ["--repeat"] * instrument["repeat"] + ["--tremor", f"{instrument['tremor_m']:g}"]
             self.begin(f"tm-device{i}", self.bin / "tm-device", "--bus", self.bus, "--instrument", i, "--hand", hand,
-                       *(style if self.hand == "script" else []), *until, "--json", self.out / f"device{i}.json")
+                       *(style if self.hand == "script" else ["--start", ",".join(f"{j:.9g}" for j in instrument["start_joint"])]), *until, "--json", self.out / f"device{i}.json")
             record = ["--record", self.out / f"ticks{i}.csv"] if duration_s else []
             self.begin(f"haptic-rt{i}", self.bin / "haptic-rt", "--bus", self.bus, "--instrument", i, "--mode", instrument["mode"],
                        "--extrapolator", self.facts["extrapolator"], *["--passivity"] * self.facts["passivity"], *record, *until,

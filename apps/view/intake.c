@@ -101,6 +101,7 @@ static const char *status_fault(const tensormass_sim_status_t *m)
     if (m->instrument_count < 0 || m->instrument_count > VIEW_INSTRUMENTS) return "instrument_count is not 0, 1 or 2";
     for (int i = 0; i < m->instrument_count; ++i) {
         if (!all_within(m->tip_m[i], 3, FAR_M) || !all_within(m->trocar_m[i], 3, FAR_M)) return "an instrument's place is not finite";
+        if (!all_within(m->axis[i], 3, 1e6) || !all_within(m->up[i], 3, 1e6)) return "an instrument's axis is not finite";
         if (!(m->radius_m[i] > 0 && m->radius_m[i] <= 0.1)) return "an instrument's radius is not in (0, 0.1] m";
         if (!all_within(m->force_N[i], 3, LARGE_N)) return "a force is not finite";
         if (!all_within(&m->roll_rad[i], 1, 1e6) || !all_within(&m->grip[i], 1, 10)) return "roll or grip is not finite";
@@ -115,6 +116,8 @@ static void take_instrument(view_instrument *t, const tensormass_sim_status_t *m
     t->mode = m->mode[i], t->active = m->active[i] != 0;
     memcpy(t->tip_m, m->tip_m[i], sizeof t->tip_m);
     memcpy(t->trocar_m, m->trocar_m[i], sizeof t->trocar_m);
+    memcpy(t->axis, m->axis[i], sizeof t->axis);
+    memcpy(t->up, m->up[i], sizeof t->up);
     memcpy(t->force_N, m->force_N[i], sizeof t->force_N);
     t->radius_m = m->radius_m[i], t->roll_rad = m->roll_rad[i], t->grip = m->grip[i];
 }

@@ -25,6 +25,7 @@ typedef struct view_instrument {
     int mode;            /* tm_tool_mode */
     bool active;         /* cautery current */
     double tip_m[3], trocar_m[3], radius_m, roll_rad, grip;
+    double axis[3], up[3]; /* the device's pose at the trocar; zero: not told */
     double force_N[3];   /* on the tool, as the simulation says */
     /* From the controller, while it is heard. */
     bool has_controller;

@@ -46,6 +46,11 @@ void view_studio_refit(view_studio *studio)
     studio->fitted = false;
 }
 
+void view_studio_turn(view_studio *studio)
+{
+    if (studio->fitted) studio->camera = view_camera_fit(&studio->def.camera, &studio->first, studio->def.render.width, studio->def.render.height);
+}
+
 /* Keeps the points the camera was fitted to, so that orbiting goes round where the tissue was, not where it is pushed. */
 static bool keep_first(view_studio *studio, const view_surface *surface)
 {

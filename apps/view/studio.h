@@ -34,6 +34,8 @@ void view_studio_close(view_studio *studio);
 tm_status view_studio_draw(view_studio *studio, view_picture *picture, tm_error *error);
 /* Fits the camera anew at the next picture, from def.camera. */
 void view_studio_refit(view_studio *studio);
+/* Takes def.camera's new angles and zoom, looking at what was fitted first. */
+void view_studio_turn(view_studio *studio);
 /* The module with LCM in it. */
 const view_feed_api *view_feed_open(tm_error *error);
 

@@ -42,6 +42,7 @@ static void usage(void) {
          "  --bus ADDRESS          virtual:NAME or socketcan:INTERFACE\n"
          "  --instrument N         0 or 1 (0)\n"
          "  --hand FILE            CSV: time_s,pitch_rad,yaw_rad,insertion_m,roll_rad,grip[,active]; `lcm` follows HAND_N; without, it rests\n"
+         "  --start P,Y,I,R,G      joints at rest: pitch and yaw rad, insertion m, roll rad, grip 0..1 (0,0,0.1,0,0)\n"
          "  --repeat               begin the script again at its end\n"
          "  --straight             straight lines between rows instead of minimum-jerk\n"
          "  --tremor M             amplitude at the tip, m (0); about 9 Hz\n"
@@ -55,14 +56,25 @@ static void usage(void) {
          "Exit 0: done. 2: bad input. 1: anything else. Frames: docs/can.md.");
 }
 
-enum { O_BUS = 1, O_INSTRUMENT, O_HAND, O_REPEAT, O_STRAIGHT, O_TREMOR, O_GRASP, O_NOISE, O_SEED, O_PROFILE, O_SET, O_URL, O_RATE, O_DURATION,
+enum { O_BUS = 1, O_INSTRUMENT, O_HAND, O_START, O_REPEAT, O_STRAIGHT, O_TREMOR, O_GRASP, O_NOISE, O_SEED, O_PROFILE, O_SET, O_URL, O_RATE, O_DURATION,
        O_PRIORITY, O_STATS, O_JSON, O_HELP, O_VERSION };
 static const struct option options[] = {
-    {"bus", 1, 0, O_BUS}, {"instrument", 1, 0, O_INSTRUMENT}, {"hand", 1, 0, O_HAND}, {"repeat", 0, 0, O_REPEAT},
+    {"bus", 1, 0, O_BUS}, {"instrument", 1, 0, O_INSTRUMENT}, {"hand", 1, 0, O_HAND}, {"start", 1, 0, O_START}, {"repeat", 0, 0, O_REPEAT},
     {"straight", 0, 0, O_STRAIGHT}, {"tremor", 1, 0, O_TREMOR}, {"grasp", 1, 0, O_GRASP}, {"noise", 1, 0, O_NOISE},
     {"seed", 1, 0, O_SEED}, {"profile", 1, 0, O_PROFILE}, {"set", 1, 0, O_SET}, {"url", 1, 0, O_URL}, {"rate", 1, 0, O_RATE},
     {"duration", 1, 0, O_DURATION}, {"priority", 1, 0, O_PRIORITY}, {"stats", 0, 0, O_STATS}, {"json", 1, 0, O_JSON},
     {"help", 0, 0, O_HELP}, {"version", 0, 0, O_VERSION}, {0, 0, 0, 0}};
+
+static bool read_start(const char *text, double joint[HRT_JOINTS]) {
+    char tail;
+    double v[HRT_JOINTS];
+    const int read = sscanf(text, "%lf,%lf,%lf,%lf,%lf%c", &v[0], &v[1], &v[2], &v[3], &v[4], &tail);
+    bool good = read == HRT_JOINTS;
+    for (int j = 0; j < HRT_JOINTS && good; j++) good = fabs(v[j]) < 100.0;
+    if (!good) return app_bad_input("--start", 0, "'%s' is no place; write PITCH,YAW,INSERTION,ROLL,GRIP", text), false;
+    memcpy(joint, v, sizeof v);
+    return true;
+}
 
 static bool take_option(program *p, int option, const char *text) {
     double number = 0.0;
@@ -74,6 +86,7 @@ static bool take_option(program *p, int option, const char *text) {
         c->instrument = (int32_t)number;
         return true;
     case O_HAND: p->hand = text; return true;
+    case O_START: return read_start(text, c->rest);
     case O_REPEAT: c->hand.repeat = true; return true;
     case O_STRAIGHT: c->hand.straight = true; return true;
     case O_TREMOR: return hrt_option_number("--tremor", text, 0, 0.01, &c->hand.tremor_m);

@@ -1,0 +1,187 @@
+#include "controls.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+static const double PACE_M_S = 0.03, ROLL_RAD_S = 1.5, GRIP_1_S = 4, WHEEL_M = 0.003, SLOW = 0.25;
+static const float TURN_RAD_PX = 0.006f;
+
+void play_controls_begin(play_controls *c)
+{
+    memset(c, 0, sizeof *c);
+    c->help = true;
+    c->eye_zoom = 1;
+    hrt_params_default(&c->limits);
+}
+
+static bool frame_of(const view_instrument *t, hrt_frame *frame)
+{
+    const float axis[3] = { (float)t->axis[0], (float)t->axis[1], (float)t->axis[2] }, up[3] = { (float)t->up[0], (float)t->up[1], (float)t->up[2] };
+    return hrt_frame_from_axis(frame, axis, up);
+}
+
+/* The hand begins where the instrument is, so that nothing jumps. */
+static void meet(play_hand *hand, const view_instrument *t)
+{
+    hrt_frame frame;
+    float tip[3], joint[3];
+    if (hand->known || !t->shown || !frame_of(t, &frame)) return;
+    for (int k = 0; k < 3; ++k) tip[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
+    if (!hrt_inverse(&frame, tip, joint)) return;
+    for (int k = 0; k < 3; ++k) hand->joint[k] = (double)joint[k];
+    hand->joint[3] = t->roll_rad, hand->joint[4] = t->grip;
+    hand->known = true;
+}
+
+static void next_extrapolator(play_controls *c, const view_instrument *t)
+{
+    hrt_extrapolator now = HRT_HOLD;
+    if (!hrt_extrapolator_find(t->extrapolator, &now)) now = (hrt_extrapolator)-1;
+    hrt_extrapolator next = (hrt_extrapolator)(((int)now + 1) % (int)(HRT_CONTACT + 1));
+    snprintf(c->extrapolator, sizeof c->extrapolator, "%s", hrt_extrapolator_name(next));
+    c->command = (view_command){ .instrument = c->selected, .extrapolator = c->extrapolator, .passivity = -1 };
+    c->has_command = true;
+}
+
+static void select_next(play_controls *c, const view_picture *p, int wanted)
+{
+    if (wanted >= 0 && wanted < VIEW_INSTRUMENTS && p->instrument[wanted].shown) {
+        c->hand[c->selected].acting = false;
+        c->selected = wanted;
+    }
+}
+
+static void key_down(play_controls *c, const view_picture *p, int code)
+{
+    const view_instrument *t = &p->instrument[c->selected];
+    switch (code) {
+    case PLAY_ESCAPE: c->quit = true; break;
+    case PLAY_TAB: select_next(c, p, (c->selected + 1) % VIEW_INSTRUMENTS); break;
+    case '1': select_next(c, p, 0); break;
+    case '2': select_next(c, p, 1); break;
+    case 'f': c->hand[c->selected].latched = !c->hand[c->selected].latched; break;
+    case 'h': c->help = !c->help; break;
+    case 'x': next_extrapolator(c, t); break;
+    case 'p':
+        c->command = (view_command){ .instrument = c->selected, .extrapolator = "", .passivity = !t->passivity };
+        c->has_command = true;
+        break;
+    case 'r':
+        c->command = (view_command){ .instrument = c->selected, .extrapolator = "", .passivity = -1, .reset_fault = true };
+        c->has_command = true;
+        break;
+    default: break;
+    }
+}
+
+static void update_acting(play_controls *c)
+{
+    c->hand[c->selected].acting = c->held[' '] || c->button[3];
+}
+
+void play_controls_event(play_controls *c, const view_picture *p, const play_event *e)
+{
+    switch (e->type) {
+    case PLAY_QUIT: c->quit = true; break;
+    case PLAY_KEY:
+        if (e->code > 0 && e->code < 512) c->held[e->code] = e->down;
+        if (e->down) key_down(c, p, e->code);
+        break;
+    case PLAY_BUTTON:
+        if (e->code >= 1 && e->code <= 3) c->button[e->code] = e->down;
+        break;
+    case PLAY_MOTION:
+        if (c->button[1]) c->motion[0] += e->dx, c->motion[1] += e->dy;
+        if (c->button[2]) c->eye_turn[0] -= TURN_RAD_PX * e->dx, c->eye_turn[1] += TURN_RAD_PX * e->dy;
+        break;
+    case PLAY_WHEEL:
+        if (c->held['z']) c->eye_zoom *= powf(1.1f, e->dy);
+        else c->wheel += e->dy;
+        break;
+    case PLAY_FOCUS_LOST: /* a key let go elsewhere is never heard of */
+        memset(c->held, 0, sizeof c->held);
+        memset(c->button, 0, sizeof c->button);
+        break;
+    }
+    update_acting(c);
+}
+
+/* The eye's right and up in the world. */
+static void eye_axes(const view_camera *camera, int height_px, float right[3], float up[3])
+{
+    float view[16], projection[16];
+    view_camera_matrices(camera, height_px, height_px, view, projection);
+    for (int k = 0; k < 3; ++k) right[k] = view[4 * k], up[k] = view[4 * k + 1];
+}
+
+/* Metres of a pixel at the depth of a point. */
+static double metres_a_pixel(const view_camera *camera, int height_px, const double point_m[3])
+{
+    double to[3], at[3], depth = 0, length = 0;
+    for (int k = 0; k < 3; ++k) {
+        to[k] = (double)camera->at_m[k] - (double)camera->eye_m[k];
+        at[k] = point_m[k] - (double)camera->eye_m[k];
+        depth += to[k] * at[k], length += to[k] * to[k];
+    }
+    depth = fmax(depth / sqrt(fmax(length, 1e-12)), 1e-3);
+    return 2 * depth * tan((double)camera->fov_rad / 2) / height_px;
+}
+
+/* Turns the instrument about its trocar so that the tip follows `move_m` as far as that lies across the shaft. */
+static void pivot(play_hand *hand, const view_instrument *t, const double move_m[3])
+{
+    hrt_frame frame;
+    float joint[HRT_JOINTS], tip[3], to[3], joint3[3];
+    if (!frame_of(t, &frame)) return;
+    for (int j = 0; j < HRT_JOINTS; ++j) joint[j] = (float)hand->joint[j];
+    hrt_tip(&frame, joint, tip);
+    double along = 0, length2 = 0;
+    for (int k = 0; k < 3; ++k) along += move_m[k] * (double)tip[k], length2 += (double)tip[k] * (double)tip[k];
+    if (!(length2 > 0)) return;
+    for (int k = 0; k < 3; ++k) to[k] = tip[k] + (float)(move_m[k] - along / length2 * (double)tip[k]);
+    if (!hrt_inverse(&frame, to, joint3)) return;
+    hand->joint[0] = (double)joint3[0], hand->joint[1] = (double)joint3[1];
+}
+
+static double axis_of(const play_controls *c, int plus, int minus)
+{
+    return (c->held[plus] ? 1 : 0) - (c->held[minus] ? 1 : 0);
+}
+
+static void keep_inside(play_hand *hand, const hrt_params *limits)
+{
+    for (int j = 0; j < HRT_JOINTS; ++j) hand->joint[j] = fmin(fmax(hand->joint[j], (double)limits->joint_min[j]), (double)limits->joint_max[j]);
+}
+
+void play_controls_step(play_controls *c, const view_picture *p, const view_camera *camera, int height_px, double dt_s)
+{
+    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) meet(&c->hand[i], &p->instrument[i]);
+    play_hand *hand = &c->hand[c->selected];
+    const view_instrument *t = &p->instrument[c->selected];
+    if (!hand->known) return;
+    double pace = dt_s * (c->held[PLAY_SHIFT] ? SLOW : 1), px = metres_a_pixel(camera, height_px, t->tip_m) * (c->held[PLAY_SHIFT] ? SLOW : 1), move[3];
+    float right[3], up[3];
+    eye_axes(camera, height_px, right, up);
+    double across = axis_of(c, PLAY_RIGHT, PLAY_LEFT) * PACE_M_S * pace + (double)c->motion[0] * px;
+    double upward = axis_of(c, PLAY_UP, PLAY_DOWN) * PACE_M_S * pace - (double)c->motion[1] * px;
+    for (int k = 0; k < 3; ++k) move[k] = across * (double)right[k] + upward * (double)up[k];
+    if (across != 0 || upward != 0) pivot(hand, t, move);
+    hand->joint[2] += (axis_of(c, 'w', 's') + axis_of(c, PLAY_PAGE_DOWN, PLAY_PAGE_UP)) * PACE_M_S * pace + (double)c->wheel * WHEEL_M * (c->held[PLAY_SHIFT] ? SLOW : 1);
+    hand->joint[3] += axis_of(c, 'e', 'q') * ROLL_RAD_S * pace;
+    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) {
+        bool shut = p->instrument[i].mode == 1 && (c->hand[i].latched || c->hand[i].acting);
+        c->hand[i].joint[4] += (shut ? 1 : -1) * GRIP_1_S * dt_s;
+        keep_inside(&c->hand[i], &c->limits);
+    }
+    c->motion[0] = c->motion[1] = c->wheel = 0;
+}
+
+bool play_controls_hand(const play_controls *c, const view_picture *p, int i, view_hand *hand)
+{
+    if (!c->hand[i].known) return false;
+    hand->instrument = i;
+    memcpy(hand->joint, c->hand[i].joint, sizeof hand->joint);
+    hand->active = p->instrument[i].mode == 2 && c->hand[i].acting;
+    return true;
+}

@@ -1,0 +1,13 @@
+# tm-play and its window; make play.
+PLAY_SRC := $(addprefix apps/play/,main.c controls.c) $(addprefix apps/view/,camera.c font.c output.c overlay.c picture.c studio.c)
+$(eval $(call program,tm-play,$(PLAY_SRC),$(LIBAPP_A) $(LIBHRT_A) $(LIBTM_A),$$(call pkg_libs,libpng)))
+$(eval $(call module,window,apps/play/window.c,,$$(call pkg_libs,sdl2)))
+$(OUT)/obj/apps/play/window.o: CFLAGS_EXTRA += $(call pkg_cflags,sdl2)
+PLAY_SCENE ?= $(DEMO_SCENE)
+PLAY_ARGS ?=
+#: make play                   a window: mouse and keys move the instruments (PLAY_ARGS='--record session.lcm')
+.PHONY: play
+play:
+	@tools/setup.sh build demo
+	@+$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$$(nproc)) all venv
+	@$(VENV)/bin/python apps/play/play.py --build $(OUT) --scene $(PLAY_SCENE) $(PLAY_ARGS)
