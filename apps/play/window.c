@@ -27,7 +27,7 @@ static bool seen_by_people(void)
 {
     const char *driver = SDL_GetCurrentVideoDriver();
     if (driver && (!strcmp(driver, "x11") || !strcmp(driver, "wayland"))) return true;
-    SDL_SetError("no display: neither DISPLAY nor WAYLAND_DISPLAY leads to one");
+    if (driver) SDL_SetError("no display: neither DISPLAY nor WAYLAND_DISPLAY leads to one");
     return false;
 }
 
@@ -37,7 +37,10 @@ static tm_status window_open(int width, int height, const char *title, play_wind
     error->status = w ? TM_ERR_LIMIT : TM_ERR_MEMORY;
     if (!w) return error->status;
     SDL_SetHint(SDL_HINT_NO_SIGNAL_HANDLERS, "1");
+    /* The picture comes from OSMesa; a second OpenGL in one process does not go well with it. */
+    SDL_SetHint(SDL_HINT_FRAMEBUFFER_ACCELERATION, "0");
     SDL_SetHint(SDL_HINT_VIDEO_X11_NET_WM_BYPASS_COMPOSITOR, "0");
+    if (!getenv("SDL_VIDEODRIVER")) SDL_SetHint(SDL_HINT_VIDEODRIVER, getenv("WAYLAND_DISPLAY") ? "wayland,x11" : "x11");
     w->width = width, w->height = height;
     if (!SDL_Init(SDL_INIT_VIDEO) && seen_by_people()) w->window = SDL_CreateWindow(title, SDL_WINDOWPOS_UNDEFINED, SDL_WINDOWPOS_UNDEFINED, width, height, SDL_WINDOW_RESIZABLE);
     if (w->window) w->renderer = SDL_CreateRenderer(w->window, -1, SDL_RENDERER_SOFTWARE);
