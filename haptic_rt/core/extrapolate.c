@@ -114,8 +114,8 @@ void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which) {
     if (x->which == which) return;
     x->which = which;
     x->changed = true;
-    x->row_count = 0;
     x->on_patch = false;
+    hrt_contact_clear(x);
 }
 
 static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
@@ -139,7 +139,7 @@ static void take_patch(hrt_extrapolation *x, const hrt_sample *sample) {
     /* A patch of another cut state than its sample's is none. */
     const hrt_patch *fresh = sample->patch && sample->patch->topology_revision == sample->topology_revision ? sample->patch : NULL;
     if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh) hrt_contact_warm(x, x->patch, fresh);
-    else x->row_count = 0;
+    else hrt_contact_clear(x);
     x->patch = fresh;
     x->patch_us = sample->t_us;
     x->patch_left = false;

@@ -136,8 +136,22 @@ int32_t hrt_params_check(const hrt_params *params);
 #endif
 enum {
     HRT_PATCH_DOFS = 3 * HRT_PATCH_MAX_VERTICES,
-    HRT_PATCH_COMPLIANCE = HRT_PATCH_DOFS * (HRT_PATCH_DOFS + 1) / 2
+    HRT_PATCH_COMPLIANCE = HRT_PATCH_DOFS * (HRT_PATCH_DOFS + 1) / 2,
+    HRT_PATCH_EDGES = 3 * HRT_PATCH_MAX_TRIANGLES,
+    HRT_NO_FACE = 255
 };
+
+/* Which triangles share what, and how far their normals blend; filled by hrt_patch_prepare, so that the tick finds it ready. */
+typedef struct hrt_patch_topology {
+    uint8_t edge_count;
+    uint8_t edge_vertex[HRT_PATCH_EDGES][2];
+    uint8_t edge_face[HRT_PATCH_EDGES][2];              /* HRT_NO_FACE: the patch ends there */
+    uint8_t face_edge[HRT_PATCH_MAX_TRIANGLES][3];      /* edge j: corner j to corner j+1 */
+    uint8_t fan_begin[HRT_PATCH_MAX_VERTICES + 1], fan_face[3 * HRT_PATCH_MAX_TRIANGLES];
+    uint8_t spoke_begin[HRT_PATCH_MAX_VERTICES + 1], spoke_edge[2 * HRT_PATCH_EDGES];
+    uint8_t border[HRT_PATCH_MAX_VERTICES];             /* 1: on the patch's edge */
+    uint8_t smooth[HRT_PATCH_MAX_TRIANGLES][HRT_PATCH_MAX_TRIANGLES]; /* 255: the undeformed surface is smooth from one to the other */
+} hrt_patch_topology;
 
 /* A piece of the tissue's surface near the tool and its compliance. Immutable once it has passed hrt_patch_prepare. */
 typedef struct hrt_patch {
@@ -145,12 +159,15 @@ typedef struct hrt_patch {
     int32_t topology_revision;
     int32_t vertex_count, triangle_count;
     float vertex_m[HRT_PATCH_DOFS];                /* without this tool's contact, relative to the trocar */
+    float rest_m[HRT_PATCH_DOFS];                  /* undeformed; all zero: as vertex_m */
+    int32_t face[HRT_PATCH_MAX_TRIANGLES];         /* lasting names of the triangles; all zero: their numbers */
     uint8_t triangle[3 * HRT_PATCH_MAX_TRIANGLES]; /* normal outward */
-    uint8_t boundary[HRT_PATCH_MAX_TRIANGLES];     /* filled by prepare: bit e: the edge opposite corner e ends the patch */
     float compliance_m_N[HRT_PATCH_COMPLIANCE];    /* upper triangle, row by row, of (3 vertex_count)^2 */
-    float skin_compliance_m_N;
+    float skin_compliance_m_N;                     /* of a station: a sphere of the tool (docs/contact.md) */
+    float force_cap_N;                             /* of one row; 0: 50 */
     float radius_m;
     float contact_length_m;
+    hrt_patch_topology topology;
 } hrt_patch;
 
 /* (t_n, P_n, F_n) and what comes with it. `patch` must stay unchanged for as long as extrapolation.patch points to it. */
@@ -187,7 +204,7 @@ const char *hrt_reject_text(hrt_reject reject);
 
 /* Outside the tick: finite and bounded. Stiffness is scaled down to stiffness_max (not refused). */
 hrt_reject hrt_sample_check(hrt_sample *sample, const hrt_params *params);
-/* Outside the tick: indices, finite, positive semidefinite within rounding (Cholesky in `scratch`); fills `boundary`. */
+/* Outside the tick: indices, finite, positive semidefinite within rounding (Cholesky in `scratch`); fills the topology. */
 hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANCE]);
 
 /* ------------------------------------------------------------------------------------------------ kinematics */
@@ -209,10 +226,12 @@ void hrt_counts_to_joint(const hrt_params *params, const int32_t count[HRT_JOINT
 
 enum { HRT_CONTACT_ROWS = 16 };
 
+/* A station of the tool's axis (0 the tip, one radius apart) against a feature of the patch. */
 typedef struct hrt_contact_row {
-    uint8_t triangle;
-    float weight[3], normal[3], point_m[3];
-    float gap_m;    /* with the patch undeformed, at this row's geometry */
+    uint8_t triangle, station, feature; /* feature: 0 the face, 1+j edge j, 4+j corner j */
+    float share;                        /* of the station's skin */
+    float weight[3], normal[3], point_m[3]; /* normal from tool to tissue */
+    float gap_m;
     float lambda_N;
 } hrt_contact_row;
 
@@ -231,6 +250,7 @@ typedef struct hrt_extrapolation {
     int64_t patch_us;
     int32_t row_count;
     hrt_contact_row row[HRT_CONTACT_ROWS];
+    float patch_force_N[HRT_PATCH_DOFS]; /* what the rows do to the patch */
     float last_N[3];
     bool last_valid;
     uint32_t limits;        /* hrt_limit bits of the last evaluation */

@@ -71,7 +71,17 @@ void hrt_render(hrt_controller *c, int64_t now_us, bool coupling, float force_N[
 
 /* contact.c: force of the tool at `tip_m` against the newest patch; false when the tool has left it. */
 bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], int32_t linearisations, float force_N[3]);
-/* Starting values for a new patch from the rows of the old one. */
+/* Forgets the reactions. */
+void hrt_contact_clear(hrt_extrapolation *x);
+/* Carries the reactions over to a new patch. */
 void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patch *fresh);
+
+/* rows.c: rows of the tool's axis from `tip_m` towards the trocar against the patch shifted by `shift_m`, those with a gap of at most a fifth of the
+ * radius. `before`: the rows of the shape before, which let a station stay in touch with a surface that it has sunk through. Returns the count, at most HRT_CONTACT_ROWS. */
+int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3], const hrt_contact_row *before, int32_t before_count,
+                         hrt_contact_row *row);
+
+/* topology.c */
+void hrt_patch_topology_build(hrt_patch *patch);
 
 #endif

@@ -52,27 +52,14 @@ static bool semidefinite(float *a, int32_t n, float most) {
     return true;
 }
 
-static bool has_edge(const uint8_t corner[3], uint8_t a, uint8_t b) {
-    bool has_a = false, has_b = false;
-    for (int i = 0; i < 3; i++) {
-        has_a = has_a || corner[i] == a;
-        has_b = has_b || corner[i] == b;
-    }
-    return has_a && has_b;
-}
-
-static void find_boundary(hrt_patch *patch) {
-    for (int32_t t = 0; t < patch->triangle_count; t++) {
-        const uint8_t *corner = &patch->triangle[3 * t];
-        uint8_t bits = 0;
-        for (int e = 0; e < 3; e++) {
-            bool shared = false;
-            for (int32_t o = 0; o < patch->triangle_count; o++)
-                shared = shared || (o != t && has_edge(&patch->triangle[3 * o], corner[(e + 1) % 3], corner[(e + 2) % 3]));
-            if (!shared) bits = (uint8_t)(bits | (1u << e));
-        }
-        patch->boundary[t] = bits;
-    }
+/* What a sender may leave out. */
+static void fill_in(hrt_patch *patch, int32_t n) {
+    if (!(largest(patch->rest_m, n) > 0.0f))
+        for (int32_t i = 0; i < n; i++) patch->rest_m[i] = patch->vertex_m[i];
+    bool named = false;
+    for (int32_t t = 0; t < patch->triangle_count; t++) named = named || patch->face[t] != 0;
+    for (int32_t t = 0; t < patch->triangle_count && !named; t++) patch->face[t] = t;
+    if (!(patch->force_cap_N > 0.0f)) patch->force_cap_N = 50.0f;
 }
 
 hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANCE]) {
@@ -85,16 +72,18 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
         for (int i = 0; i < 3; i++)
             if (corner[i] >= patch->vertex_count || corner[i] == corner[(i + 1) % 3]) return HRT_REJECT_INDEX;
     }
-    if (!hrt_finite_n(patch->vertex_m, n) || !hrt_finite_n(patch->compliance_m_N, n * (n + 1) / 2) || !hrt_finite(patch->radius_m) ||
+    if (!hrt_finite_n(patch->vertex_m, n) || !hrt_finite_n(patch->rest_m, n) ||
+        !hrt_finite_n(patch->compliance_m_N, n * (n + 1) / 2) || !hrt_finite(patch->radius_m) || !hrt_finite(patch->force_cap_N) ||
         !hrt_finite(patch->contact_length_m) || !hrt_finite(patch->skin_compliance_m_N))
         return HRT_REJECT_NOT_FINITE;
     const float most = largest(patch->compliance_m_N, n * (n + 1) / 2);
-    if (largest(patch->vertex_m, n) > 2.0f || most > 10.0f || patch->radius_m < 0.0f || patch->radius_m > 0.1f ||
+    if (largest(patch->vertex_m, n) > 2.0f || largest(patch->rest_m, n) > 2.0f || most > 10.0f || patch->radius_m < 1.0e-4f || patch->radius_m > 0.1f ||
         patch->contact_length_m < 0.0f || patch->contact_length_m > 1.0f || patch->skin_compliance_m_N < 0.0f ||
         patch->skin_compliance_m_N > 10.0f)
         return HRT_REJECT_HUGE;
     for (int32_t i = 0; i < n * (n + 1) / 2; i++) scratch[i] = patch->compliance_m_N[i];
     if (!semidefinite(scratch, n, most)) return HRT_REJECT_ASYMMETRIC;
-    find_boundary(patch);
+    fill_in(patch, n);
+    hrt_patch_topology_build(patch);
     return HRT_ACCEPT;
 }

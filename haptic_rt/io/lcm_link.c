@@ -69,10 +69,10 @@ static void on_patch(const lcm_recv_buf_t *raw, const char *channel, const tenso
     hrt_link *link = user;
     const hrt_patch_message p = {.session = m->session, .seq = (uint32_t)m->seq, .instrument = m->instrument,
                                  .topology_revision = m->topology_revision, .vertex_count = m->vertex_count,
-                                 .triangle_count = m->triangle_count, .vertex_m = m->vertex_m, .origin_m = m->origin_m,
-                                 .triangle = m->triangle, .compliance_m_N = m->compliance_m_N,
-                                 .skin_compliance_m_N = m->skin_compliance_m_N, .radius_m = m->radius_m,
-                                 .contact_length_m = m->contact_length_m};
+                                 .triangle_count = m->triangle_count, .vertex_m = m->vertex_m, .rest_m = m->rest_m, .origin_m = m->origin_m,
+                                 .triangle = m->triangle, .face = m->face, .compliance_m_N = m->compliance_m_N,
+                                 .skin_compliance_m_N = m->skin_compliance_m_N, .force_cap_N = m->force_cap_N,
+                                 .radius_m = m->radius_m, .contact_length_m = m->contact_length_m};
     hrt_node_post_patch(link->def.node, &p);
     atomic_fetch_add(&link->counts.patches, 1);
 }

@@ -66,12 +66,17 @@ hrt_reject hrt_node_post_patch(hrt_node *node, const hrt_patch_message *m) {
     patch->vertex_count = m->vertex_count;
     patch->triangle_count = m->triangle_count;
     patch->skin_compliance_m_N = m->skin_compliance_m_N;
+    patch->force_cap_N = m->force_cap_N;
     patch->radius_m = m->radius_m;
     patch->contact_length_m = m->contact_length_m;
     const int32_t n = 3 * m->vertex_count;
-    for (int32_t i = 0; i < n; i++)
-        patch->vertex_m[i] = (float)((double)m->vertex_m[i] + m->origin_m[i % 3] - node->pose_posted.trocar_m[i % 3]);
+    for (int32_t i = 0; i < n; i++) {
+        const double origin_m = m->origin_m[i % 3] - node->pose_posted.trocar_m[i % 3];
+        patch->vertex_m[i] = (float)((double)m->vertex_m[i] + origin_m);
+        if (m->rest_m) patch->rest_m[i] = (float)((double)m->rest_m[i] + origin_m);
+    }
     for (int32_t i = 0; i < 3 * m->triangle_count; i++) patch->triangle[i] = (uint8_t)m->triangle[i];
+    for (int32_t t = 0; m->face && t < m->triangle_count; t++) patch->face[t] = m->face[t];
     memcpy(patch->compliance_m_N, m->compliance_m_N, (size_t)(n * (n + 1) / 2) * sizeof(float));
     const hrt_reject verdict = hrt_patch_prepare(patch, node->scratch);
     if (verdict != HRT_ACCEPT) return refuse(node, verdict);

@@ -47,10 +47,12 @@ typedef struct hrt_patch_message {
     uint32_t seq;
     int32_t instrument, topology_revision, vertex_count, triangle_count;
     const float *vertex_m;          /* [3*vertex_count], relative to origin_m */
+    const float *rest_m;            /* [3*vertex_count], undeformed, relative to origin_m; null: as vertex_m */
     const double *origin_m;         /* [3] */
+    const int32_t *face;            /* [triangle_count] lasting names; null: their numbers */
     const int8_t *triangle;         /* [3*triangle_count] */
     const float *compliance_m_N;    /* [n(n+1)/2], n = 3*vertex_count */
-    float skin_compliance_m_N, radius_m, contact_length_m;
+    float skin_compliance_m_N, force_cap_N /* 0: 50 */, radius_m, contact_length_m;
 } hrt_patch_message;
 
 /* lcm_types/tool_state_t.lcm */

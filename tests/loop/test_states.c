@@ -278,7 +278,7 @@ static void fault_self_test(void **state) {
 
 static void fault_parameter(void **state) {
     (void)state;
-    rig_engage(&r);
+    rig_start(&r);
     r.c.params.force_max_N = NAN;
     rig_tick(&r);
     assert_int_equal(r.out.state, HRT_FAULT);
@@ -292,6 +292,12 @@ static void fault_parameter(void **state) {
     r.in.reset = true;
     rig_tick(&r);
     assert_int_equal(r.out.state, HRT_BOOT);
+    for (int32_t row = 0; row < hrt_param_count; row++) { /* every one of them is checked */
+        hrt_params p = r.params;
+        ((float *)(void *)((char *)&p + hrt_param_table[row].offset))[hrt_param_table[row].count - 1] = hrt_param_table[row].max * 2.0f + 1.0f;
+        assert_int_equal(hrt_params_check(&p), row);
+        assert_int_equal(hrt_params_check(&r.params), -1);
+    }
 }
 
 static void fault_internal(void **state) {

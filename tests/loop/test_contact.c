@@ -1,0 +1,389 @@
+/* `contact`: rows against the simulation's own finder, the solve against what it must satisfy, hand-overs without a jump, patches that are refused. */
+#include "rig.h"
+
+#include "tensormass/contact.h"
+
+enum { SIDE = 5, VERTICES = 24, TRIANGLES = 32 };
+
+static hrt_params params;
+static hrt_patch patch;
+static float scratch[HRT_PATCH_COMPLIANCE];
+
+static int packed(int n, int i, int j) { return i * (2 * n - i - 1) / 2 + j; }
+
+/* A piece of bumpy ground, 5 x 5 vertices less a corner, at depth z0 under the trocar, normals up to it. */
+static void make_ground(hrt_patch *p, uint64_t *seed, float spacing, float bump, float z0) {
+    memset(p, 0, sizeof *p);
+    p->vertex_count = VERTICES;
+    for (int v = 0; v < VERTICES; v++) {
+        p->vertex_m[3 * v] = spacing * ((float)(v % SIDE) - 2.0f) + rig_uniform(seed, -0.15f, 0.15f) * spacing;
+        p->vertex_m[3 * v + 1] = spacing * ((float)(v / SIDE) - 2.0f) + rig_uniform(seed, -0.15f, 0.15f) * spacing;
+        p->vertex_m[3 * v + 2] = z0 + rig_uniform(seed, -bump, bump);
+    }
+    for (int x = 0; x < SIDE - 1; x++)
+        for (int y = 0; y < SIDE - 1; y++) {
+            const uint8_t a = (uint8_t)(x + SIDE * y), b = (uint8_t)(a + 1), c = (uint8_t)(a + SIDE), d = (uint8_t)(c + 1);
+            const uint8_t corner[6] = {a, c, b, b, c, d};
+            for (int t = 0; t < 2; t++)
+                if (corner[3 * t] < VERTICES && corner[3 * t + 1] < VERTICES && corner[3 * t + 2] < VERTICES)
+                    memcpy(&p->triangle[3 * p->triangle_count++], &corner[3 * t], 3);
+        }
+    /* Elastic ground of a decaying kernel: positive definite. */
+    for (int i = 0; i < 3 * VERTICES; i++)
+        for (int j = i; j < 3 * VERTICES; j++) {
+            float apart[3];
+            for (int c = 0; c < 3; c++) apart[c] = p->vertex_m[3 * (i / 3) + c] - p->vertex_m[3 * (j / 3) + c];
+            const float far = sqrtf(apart[0] * apart[0] + apart[1] * apart[1]);
+            p->compliance_m_N[packed(3 * VERTICES, i, j)] = i % 3 == j % 3 ? 0.003f * expf(-far / (2.0f * spacing)) : 0.0f;
+        }
+    p->skin_compliance_m_N = 0.0005f;
+    p->radius_m = 0.0025f;
+    p->contact_length_m = 0.08f;
+}
+
+static void take(hrt_extrapolation *x, int64_t t_us, const float tip[3], const hrt_patch *p, uint32_t seq) {
+    hrt_sample s = {.session = SIM, .tool_session = SESSION, .t_us = t_us, .seq = seq, .unilateral = true, .patch = p};
+    memcpy(s.tip_m, tip, sizeof s.tip_m);
+    hrt_extrapolation_sample(x, &params, &s);
+}
+
+static int set_up(void **state) {
+    (void)state;
+    hrt_params_default(&params);
+    return 0;
+}
+
+/* ---------------------------------------------------------------------------------------------- rows */
+
+typedef struct doubles {
+    double rest_m[HRT_PATCH_DOFS], u_m[HRT_PATCH_DOFS];
+    int32_t triangle[3 * HRT_PATCH_MAX_TRIANGLES], face[HRT_PATCH_MAX_TRIANGLES];
+} doubles;
+
+static void to_doubles(const hrt_patch *p, const float *shift, doubles *d) {
+    for (int i = 0; i < 3 * p->vertex_count; i++) {
+        d->rest_m[i] = (double)p->rest_m[i];
+        d->u_m[i] = (double)p->vertex_m[i] + (double)shift[i] - d->rest_m[i];
+    }
+    for (int i = 0; i < 3 * p->triangle_count; i++) d->triangle[i] = p->triangle[i];
+    for (int t = 0; t < p->triangle_count; t++) d->face[t] = t;
+}
+
+extern int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3], const hrt_contact_row *before, int32_t before_count,
+                                hrt_contact_row *row);
+
+static void rows_are_those_of_the_simulation(void **state) {
+    (void)state;
+    uint64_t seed = 4;
+    int rows = 0, faces = 0, edges = 0, vertices = 0, missed = 0, worst_count = 0;
+    double worst_gap = 0.0, worst_normal = 0.0, worst_share = 0.0, worst_weight = 0.0;
+    for (int k = 0; k < 4000; k++) {
+        if (k % 50 == 0) {
+            make_ground(&patch, &seed, 0.004f, k % 100 ? 0.0015f : 0.0001f, 0.12f);
+            for (int i = 0; i < 3 * VERTICES; i++) patch.rest_m[i] = patch.vertex_m[i] + rig_uniform(&seed, -0.0004f, 0.0004f);
+            assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
+        }
+        float shift[HRT_PATCH_DOFS];
+        for (int i = 0; i < 3 * VERTICES; i++) shift[i] = rig_uniform(&seed, -0.0003f, 0.0003f);
+        float tip[3] = {rig_uniform(&seed, -0.006f, 0.006f), rig_uniform(&seed, -0.006f, 0.006f), 0.12f - rig_uniform(&seed, 0.0005f, 0.004f)};
+        hrt_contact_row row[HRT_CONTACT_ROWS];
+        tm_contact_row truth[64];
+        static doubles d;
+        to_doubles(&patch, shift, &d);
+        const tm_instrument_def def = {.radius_m = (double)patch.radius_m, .contact_length_m = (double)patch.contact_length_m};
+        const tm_tool_pose pose = {.tip_m = {(double)tip[0], (double)tip[1], (double)tip[2]}};
+        const tm_capsule capsule = tm_tool_capsule(&def, &pose, 0);
+        const int32_t expected = tm_contact_find(d.rest_m, d.u_m, d.triangle, d.face, NULL, patch.triangle_count, &capsule, 0.2 * def.radius_m, truth, 64);
+        const int32_t found = hrt_contact_rows(&patch, shift, tip, NULL, 0, row);
+        worst_count = expected > worst_count ? expected : worst_count;
+        for (int32_t e = 0; e < expected; e++) {
+            const hrt_contact_row *same = NULL;
+            for (int32_t i = 0; i < found; i++)
+                if (row[i].station == truth[e].station && row[i].triangle == truth[e].face && row[i].feature == truth[e].feature) same = &row[i];
+            if (!same) {
+                missed += truth[e].share > 1e-3 && truth[e].gap_m < 0.19 * def.radius_m && expected <= HRT_CONTACT_ROWS;
+                continue;
+            }
+            rows++;
+            faces += same->feature == 0, edges += same->feature >= 1 && same->feature < 4, vertices += same->feature >= 4;
+            worst_gap = fmax(worst_gap, fabs((double)same->gap_m - truth[e].gap_m));
+            worst_share = fmax(worst_share, fabs((double)same->share - truth[e].share));
+            for (int i = 0; i < 3; i++) {
+                worst_normal = fmax(worst_normal, fabs((double)same->normal[i] - truth[e].normal[i]));
+                worst_weight = fmax(worst_weight, fabs((double)same->weight[i] - truth[e].weight[i]));
+            }
+        }
+    }
+    print_message("%d rows (%d faces, %d edges, %d vertices), at most %d at once: gap off by %.1e m, normal %.1e, share %.1e, weight %.1e\n", rows, faces, edges,
+                  vertices, worst_count, worst_gap, worst_normal, worst_share, worst_weight);
+    assert_int_equal(missed, 0);
+    assert_true(rows > 8000 && faces > 1000 && edges > 100 && vertices > 50);
+    assert_true(worst_gap < 1e-7 && worst_normal < 3e-3 && worst_share < 1e-3 && worst_weight < 1e-4);
+}
+
+/* ---------------------------------------------------------------------------------------------- the solve */
+
+static void ground(float bump) {
+    uint64_t seed = 9;
+    make_ground(&patch, &seed, 0.004f, bump, 0.12f);
+    assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
+}
+
+static void settle(hrt_extrapolation *x, const float tip[3], float force[3]) {
+    for (int k = 0; k < 60; k++) hrt_extrapolation_force(x, &params, 0, tip, force);
+}
+
+/* On flat, even ground the reaction is straight up and its size is that of springs in a row. */
+static void pressing_flat_ground(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    ground(0.0f);
+    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    float tip[3] = {0.0f, 0.0f, 0.11f}, force[3];
+    take(&x, 0, tip, &patch, 1);
+    settle(&x, tip, force);
+    assert_float_equal(force[2], 0.0f, 0.0f); /* above the ground */
+    float last = 0.0f;
+    for (int k = 0; k < 40; k++) {
+        tip[2] = 0.1176f + 0.0001f * (float)k;
+        settle(&x, tip, force);
+        assert_false((x.limits & HRT_LIMIT_PATCH) != 0);
+        assert_true(force[2] <= last + 1e-6f); /* pushes towards the trocar, more and more */
+        last = force[2];
+    }
+    /* 4 mm deep less the radius that rests on it: compliance of the point and the skin in series. */
+    assert_true(last < -0.8f && last > -2.0f);
+    assert_true(fabsf(force[0]) < 0.05f * fabsf(last) && fabsf(force[1]) < 0.05f * fabsf(last));
+}
+
+/* 0 <= gap + depth(lambda) _|_ lambda >= 0 at the converged shape, found by the simulation's finder. */
+static void complementarity(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    uint64_t seed = 21;
+    for (int k = 0; k < 30; k++) {
+        make_ground(&patch, &seed, 0.004f, 0.0006f, 0.12f);
+        assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
+        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        float tip[3] = {rig_uniform(&seed, -0.003f, 0.003f), rig_uniform(&seed, -0.003f, 0.003f), 0.1172f}, force[3];
+        take(&x, 0, tip, &patch, 1);
+        for (int step = 0; step < 40; step++) { /* little by little, as a hand does */
+            tip[2] += 0.00005f;
+            settle(&x, tip, force);
+        }
+        float shift[HRT_PATCH_DOFS] = {0};
+        for (int i = 0; i < 3 * VERTICES; i++)
+            for (int j = 0; j < 3 * VERTICES; j++) shift[i] += patch.compliance_m_N[packed(3 * VERTICES, i < j ? i : j, i < j ? j : i)] * x.patch_force_N[j];
+        hrt_contact_row row[HRT_CONTACT_ROWS];
+        const int32_t found = hrt_contact_rows(&patch, shift, tip, x.row, x.row_count, row);
+        double sum = 0.0;
+        for (int32_t i = 0; i < x.row_count; i++) {
+            assert_true(x.row[i].lambda_N >= 0.0f);
+            sum += (double)x.row[i].lambda_N;
+        }
+        assert_true(sum > 0.3);
+        for (int32_t i = 0; i < found; i++)
+            for (int32_t b = 0; b < x.row_count; b++) {
+                if (row[i].station != x.row[b].station || row[i].triangle != x.row[b].triangle || row[i].feature != x.row[b].feature) continue;
+                const double skin = (double)patch.skin_compliance_m_N / (double)row[i].share;
+                const double left = (double)row[i].gap_m + tm_skin_depth(skin, (double)patch.radius_m, (double)x.row[b].lambda_N);
+                if (x.row[b].lambda_N > 0.01f) assert_true(fabs(left) < 2e-5);
+                else assert_true(left > -2e-5);
+            }
+    }
+}
+
+/* Pressing and sliding at 500 Hz: what two linearisations of ten sweeps give against the converged solution, and how rough it is. */
+static void two_linearisations_suffice(void **state) {
+    (void)state;
+    static hrt_extrapolation fast, slow;
+    ground(0.0006f);
+    hrt_extrapolation_reset(&fast, HRT_CONTACT);
+    hrt_extrapolation_reset(&slow, HRT_CONTACT);
+    float tip[3] = {-0.004f, 0.0f, 0.1172f}, f[2][3], past[2][2][3] = {0};
+    take(&fast, 0, tip, &patch, 1);
+    take(&slow, 0, tip, &patch, 1);
+    double peak = 0.0, square = 0.0, rough[2] = {0.0, 0.0};
+    const int ticks = 500;
+    for (int t = 0; t < ticks; t++) { /* 8 mm in a second, 1.5 mm deep */
+        tip[0] = -0.004f + 0.008f * (float)t / (float)ticks;
+        tip[2] = 0.1174f + 0.0015f * fminf(1.0f, (float)t / 100.0f);
+        hrt_extrapolation_force(&fast, &params, 0, tip, f[0]);
+        settle(&slow, tip, f[1]);
+        assert_false((fast.limits & HRT_LIMIT_PATCH) != 0);
+        double error = 0.0, size = 0.0, bend[2] = {0.0, 0.0};
+        for (int i = 0; i < 3; i++) {
+            error += pow((double)(f[0][i] - f[1][i]), 2);
+            size += pow((double)f[1][i], 2);
+            for (int w = 0; w < 2; w++) {
+                bend[w] += pow((double)(f[w][i] - 2.0f * past[w][0][i] + past[w][1][i]), 2);
+                past[w][1][i] = past[w][0][i];
+                past[w][0][i] = f[w][i];
+            }
+        }
+        peak = fmax(peak, sqrt(size));
+        square += error / ticks;
+        for (int w = 0; w < 2 && t > 20; w++) rough[w] = fmax(rough[w], sqrt(bend[w]));
+    }
+    print_message("sliding at 8 mm/s over bumps: RMS off the converged force %.4f %% of peak %.2f N; roughness %.2f %%, converged %.2f %%\n", 100.0 * sqrt(square) / peak, peak,
+                  100.0 * rough[0] / peak, 100.0 * rough[1] / peak);
+    assert_true(peak > 0.2 && sqrt(square) / peak < 0.001 && rough[0] < 1.1 * rough[1] + 0.0005 * peak);
+}
+
+static void leaving_the_patch_hands_over_without_a_jump(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    ground(0.0002f);
+    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    float tip[3] = {0.0f, 0.0f, 0.1175f}, force[3], last[3] = {0}, most = 0.0f;
+    take(&x, 0, tip, &patch, 1);
+    bool left = false;
+    int64_t t_us = 0;
+    for (int t = 0; t < 1500; t++, t_us += 2000) {
+        tip[0] = t < 200 ? 0.0f : 0.00002f * (float)(t - 200); /* 10 mm/s sideways, off the patch after 8 mm */
+        tip[2] = 0.1175f + 0.001f * fminf(1.0f, (float)t / 100.0f);
+        if (t % 20 == 0) { /* samples go on; the patch stays the same one */
+            hrt_sample s = {.session = SIM, .t_us = t_us, .seq = (uint32_t)t, .unilateral = true, .patch = &patch, .stiffness_kind = 2};
+            memcpy(s.tip_m, tip, sizeof tip);
+            memcpy(s.force_N, last, sizeof last);
+            s.stiffness_N_m[8] = -400.0f;
+            if (!left) hrt_extrapolation_sample(&x, &params, &s);
+        }
+        hrt_extrapolation_force(&x, &params, t_us, tip, force);
+        if ((x.limits & HRT_LIMIT_PATCH) != 0) left = true;
+        for (int i = 0; i < 3 && t > 2; i++) most = fmaxf(most, fabsf(force[i] - last[i]));
+        memcpy(last, force, sizeof last);
+    }
+    assert_true(left);
+    print_message("largest change within a tick, hand-over included: %.4f N\n", (double)most);
+    assert_true(most < 0.05f);
+}
+
+static void cut_stale_or_missing_patch(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    ground(0.0002f);
+    float tip[3] = {0.0f, 0.0f, 0.1185f}, force[3];
+    for (int what = 0; what < 3; what++) {
+        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        take(&x, 0, tip, &patch, 1);
+        settle(&x, tip, force);
+        assert_false((x.limits & HRT_LIMIT_PATCH) != 0);
+        const float before = force[2];
+        hrt_sample s = {.session = SIM, .t_us = 2000, .seq = 2, .unilateral = true, .force_N = {0, 0, -3.0f}};
+        memcpy(s.tip_m, tip, sizeof tip);
+        s.patch = what == 0 ? NULL : &patch;
+        s.topology_revision = what == 1 ? 1 : 0; /* cut since the patch was made */
+        const int64_t now_us = what == 2 ? 2000 + (int64_t)params.patch_stale_us + 1 : 4000;
+        hrt_extrapolation_sample(&x, &params, &s);
+        hrt_extrapolation_force(&x, &params, now_us, tip, force);
+        assert_true((x.limits & HRT_LIMIT_PATCH) != 0);
+        assert_float_equal(force[2], before, 0.01f); /* bridged, */
+        for (int t = 1; t < 20; t++) hrt_extrapolation_force(&x, &params, now_us + 2000 * t, tip, force);
+        assert_float_equal(force[2], -3.0f, 1e-4f); /* then the tangent's */
+    }
+}
+
+/* A new patch of the same tissue, chosen a little further on and numbered otherwise: the force does not notice. */
+static void a_new_patch_is_not_felt(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    static hrt_patch other;
+    ground(0.0006f);
+    for (int t = 0; t < TRIANGLES; t++) patch.face[t] = 1000 + t;
+    assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
+    other = patch;
+    const int n = patch.vertex_count, dofs = 3 * n;
+    for (int v = 0; v < n; v++) { /* vertex v is n-1-v now */
+        memcpy(&other.vertex_m[3 * (n - 1 - v)], &patch.vertex_m[3 * v], 3 * sizeof(float));
+        memcpy(&other.rest_m[3 * (n - 1 - v)], &patch.rest_m[3 * v], 3 * sizeof(float));
+    }
+    for (int i = 0; i < dofs; i++)
+        for (int j = i; j < dofs; j++) {
+            const int a = 3 * (n - 1 - i / 3) + i % 3, b = 3 * (n - 1 - j / 3) + j % 3;
+            other.compliance_m_N[packed(dofs, a < b ? a : b, a < b ? b : a)] = patch.compliance_m_N[packed(dofs, i, j)];
+        }
+    for (int t = 0; t < patch.triangle_count; t++) {
+        const int u = patch.triangle_count - 1 - t;
+        other.face[u] = patch.face[t];
+        for (int j = 0; j < 3; j++) other.triangle[3 * u + j] = (uint8_t)(n - 1 - patch.triangle[3 * t + j]);
+    }
+    assert_int_equal(hrt_patch_prepare(&other, scratch), HRT_ACCEPT);
+    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    float tip[3] = {0.0006f, 0.0003f, 0.1187f}, force[3], after[3];
+    take(&x, 0, tip, &patch, 1);
+    settle(&x, tip, force);
+    assert_true(force[2] < -0.1f);
+    take(&x, 0, tip, &other, 2);
+    hrt_extrapolation_force(&x, &params, 0, tip, after);
+    for (int i = 0; i < 3; i++) assert_float_equal(after[i], force[i], 2e-4f);
+}
+
+/* ---------------------------------------------------------------------------------------------- refused patches */
+
+static void bad_patches(void **state) {
+    (void)state;
+    static hrt_patch p;
+    ground(0.0005f);
+    const struct { int what; hrt_reject verdict; } cases[] = {
+        {0, HRT_ACCEPT}, {1, HRT_REJECT_INDEX}, {2, HRT_REJECT_INDEX}, {3, HRT_REJECT_INDEX}, {4, HRT_REJECT_INDEX}, {5, HRT_REJECT_NOT_FINITE},
+        {6, HRT_REJECT_NOT_FINITE}, {7, HRT_REJECT_ASYMMETRIC}, {8, HRT_REJECT_ASYMMETRIC}, {9, HRT_REJECT_HUGE}, {10, HRT_REJECT_HUGE}, {11, HRT_ACCEPT},
+        {12, HRT_REJECT_INDEX}, {13, HRT_REJECT_NOT_FINITE}};
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+        p = patch;
+        switch (cases[k].what) {
+        case 1: p.vertex_count = 25; break;
+        case 2: p.triangle_count = 33; break;
+        case 3: p.triangle[5] = 24; break;
+        case 4: p.triangle[1] = p.triangle[0]; break;
+        case 5: p.vertex_m[7] = NAN; break;
+        case 6: p.compliance_m_N[2627] = INFINITY; break;
+        case 7: p.compliance_m_N[0] = -0.001f; break;
+        case 8: p.compliance_m_N[3] = 0.01f; break; /* a coupling larger than what it couples */
+        case 9: p.radius_m = 1.0f; break;
+        case 10: p.skin_compliance_m_N = -1.0f; break;
+        case 11: memset(p.compliance_m_N, 0, sizeof p.compliance_m_N); break; /* rigid: semidefinite all the same */
+        case 12: p.vertex_count = 2; break;
+        case 13: p.rest_m[3] = NAN; break;
+        default: break;
+        }
+        assert_int_equal(hrt_patch_prepare(&p, scratch), cases[k].verdict);
+    }
+}
+
+/* Whatever passes the check, the tick stays finite and bounded. */
+static void wild_patches_stay_bounded(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    static hrt_patch p[2];
+    uint64_t seed = 77;
+    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    int taken = 0;
+    for (int k = 0; k < 3000; k++) {
+        hrt_patch *q = &p[k % 2];
+        make_ground(q, &seed, rig_uniform(&seed, 0.0f, 0.006f), rig_uniform(&seed, 0.0f, 0.01f), 0.12f);
+        if (k % 3 == 0)
+            for (int i = 0; i < 96; i++) q->triangle[i] = (uint8_t)(rig_random(&seed) % VERTICES);
+        if (k % 5 == 0) memset(q->compliance_m_N, 0, sizeof q->compliance_m_N);
+        if (k % 7 == 0) q->skin_compliance_m_N = 0.0f;
+        if (hrt_patch_prepare(q, scratch) != HRT_ACCEPT) continue;
+        taken++;
+        float tip[3] = {rig_uniform(&seed, -0.01f, 0.01f), rig_uniform(&seed, -0.01f, 0.01f), rig_uniform(&seed, 0.11f, 0.13f)}, force[3];
+        take(&x, 2000 * k, tip, q, (uint32_t)k);
+        for (int t = 0; t < 4; t++) {
+            for (int i = 0; i < 3; i++) tip[i] += rig_uniform(&seed, -0.001f, 0.001f);
+            hrt_extrapolation_force(&x, &params, 2000 * k + t, tip, force);
+            for (int i = 0; i < 3; i++) assert_true(isfinite(force[i]) && fabsf(force[i]) <= 50.0f * HRT_CONTACT_ROWS * 1.5f);
+        }
+    }
+    assert_true(taken > 1500);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(rows_are_those_of_the_simulation), cmocka_unit_test(pressing_flat_ground), cmocka_unit_test(complementarity),
+        cmocka_unit_test(two_linearisations_suffice), cmocka_unit_test(leaving_the_patch_hands_over_without_a_jump),
+        cmocka_unit_test(cut_stale_or_missing_patch), cmocka_unit_test(a_new_patch_is_not_felt), cmocka_unit_test(bad_patches),
+        cmocka_unit_test(wild_patches_stay_bounded)};
+    return cmocka_run_group_tests(tests, set_up, NULL);
+}
