@@ -9,18 +9,25 @@ static const float SKIN_TRAVEL = 0.3f, SKIN_HARDENING = 20.0f;
 typedef struct solve {
     const hrt_patch *patch;
     int32_t dofs, rows;
-    float shift_m[HRT_PATCH_DOFS];                    /* C f */
-    float response[HRT_CONTACT_ROWS][HRT_PATCH_DOFS]; /* shift for one newton in row i */
-    float w[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS];
-    float gap_m[HRT_CONTACT_ROWS];                    /* with the patch undeformed, at the row's geometry */
-    hrt_contact_row row[HRT_CONTACT_ROWS];
+    float shift_m[HRT_PATCH_DOFS];                /* C f, or what one row does at the vertices that rows touch */
+    int32_t touched_count;
+    uint8_t touched[HRT_PATCH_MAX_VERTICES];      /* vertices under rows, ascending */
+    float w[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS];  /* compliance between rows */
+    float gap_m[HRT_CONTACT_ROWS];                /* with the patch undeformed, at the row's geometry */
+    hrt_contact_row *row;
+    float *force_N;                               /* f: what the rows do to the patch */
 } solve;
 
 static int32_t packed_row(int32_t n, int32_t i) { return i * (2 * n - i - 1) / 2; }
 
+static float compliance(const solve *s, int32_t a, int32_t b) {
+    return a < b ? s->patch->compliance_m_N[packed_row(s->dofs, a) + b] : s->patch->compliance_m_N[packed_row(s->dofs, b) + a];
+}
+
 /* shift += c * column `dof` of the compliance. */
-static void add_column(const solve *s, int32_t dof, float c, float *shift) {
+static void add_column(solve *s, int32_t dof, float c) {
     const int32_t n = s->dofs;
+    float *shift = s->shift_m;
     const float *above = &s->patch->compliance_m_N[dof];
     for (int32_t i = 0; i < dof; i++) {
         shift[i] += c * *above;
@@ -32,16 +39,41 @@ static void add_column(const solve *s, int32_t dof, float c, float *shift) {
 
 static const uint8_t *corners(const solve *s, const hrt_contact_row *row) { return &s->patch->triangle[3 * row->triangle]; }
 
-static void respond(const solve *s, const hrt_contact_row *row, float *shift) {
-    for (int32_t i = 0; i < s->dofs; i++) shift[i] = 0.0f;
-    for (int k = 0; k < 3; k++)
-        for (int i = 0; i < 3; i++)
-            if (row->weight[k] > 0.0f) add_column(s, 3 * corners(s, row)[k] + i, row->weight[k] * row->normal[i], shift);
+static void shift_by_forces(solve *s) {
+    for (int32_t i = 0; i < s->dofs; i++) s->shift_m[i] = 0.0f;
+    for (int32_t i = 0; i < s->dofs; i++)
+        if (s->force_N[i] < 0.0f || s->force_N[i] > 0.0f) add_column(s, i, s->force_N[i]);
 }
 
-static float row_shift(const solve *s, const hrt_contact_row *row, const float *shift) {
+/* shift := C f of one newton in a row, at the touched vertices alone. */
+static void shift_by_row(solve *s, const hrt_contact_row *row) {
+    for (int32_t t = 0; t < s->touched_count; t++)
+        for (int i = 0; i < 3; i++) {
+            const int32_t a = 3 * s->touched[t] + i;
+            float sum = 0.0f;
+            for (int k = 0; k < 3; k++) {
+                const int32_t b = 3 * corners(s, row)[k];
+                if (!(row->weight[k] > 0.0f)) continue;
+                float part = 0.0f;
+                for (int c = 0; c < 3; c++) part += row->normal[c] * compliance(s, a, b + c);
+                sum += row->weight[k] * part;
+            }
+            s->shift_m[a] = sum;
+        }
+}
+
+static void find_touched(solve *s) {
+    bool under[HRT_PATCH_MAX_VERTICES] = {false};
+    for (int32_t r = 0; r < s->rows; r++)
+        for (int k = 0; k < 3; k++) under[corners(s, &s->row[r])[k]] = true;
+    s->touched_count = 0;
+    for (int32_t v = 0; v < s->patch->vertex_count; v++)
+        if (under[v]) s->touched[s->touched_count++] = (uint8_t)v;
+}
+
+static float row_shift(const solve *s, const hrt_contact_row *row) {
     float sum = 0.0f;
-    for (int k = 0; k < 3; k++) sum += row->weight[k] * hrt_dot(row->normal, &shift[3 * corners(s, row)[k]]);
+    for (int k = 0; k < 3; k++) sum += row->weight[k] * hrt_dot(row->normal, &s->shift_m[3 * corners(s, row)[k]]);
     return sum;
 }
 
@@ -55,7 +87,7 @@ static void find_rows(solve *s, const float tip_m[3]) {
         for (int32_t b = 0; b < count; b++)
             if (before[b].station == row->station && before[b].triangle == row->triangle && before[b].feature == row->feature)
                 row->lambda_N = before[b].lambda_N;
-        s->gap_m[r] = row->gap_m - row_shift(s, row, s->shift_m);
+        s->gap_m[r] = row->gap_m - row_shift(s, row);
     }
 }
 
@@ -69,9 +101,10 @@ static float reaction(const hrt_patch *patch, float share, float gap_m, float di
 }
 
 static void relax(solve *s) {
+    find_touched(s);
     for (int32_t i = 0; i < s->rows; i++) {
-        respond(s, &s->row[i], s->response[i]);
-        for (int32_t j = 0; j <= i; j++) s->w[i][j] = s->w[j][i] = row_shift(s, &s->row[j], s->response[i]);
+        shift_by_row(s, &s->row[i]);
+        for (int32_t j = 0; j <= i; j++) s->w[i][j] = s->w[j][i] = row_shift(s, &s->row[j]);
     }
     for (int32_t sweep = 0; sweep < SWEEPS; sweep++)
         for (int32_t m = 0; m < s->rows; m++) { /* there and back: no row is always last */
@@ -80,10 +113,10 @@ static void relax(solve *s) {
             for (int32_t j = 0; j < s->rows; j++) gap += s->w[i][j] * s->row[j].lambda_N;
             s->row[i].lambda_N = reaction(s->patch, s->row[i].share, gap, fmaxf(s->w[i][i], 0.0f));
         }
-    for (int32_t i = 0; i < s->dofs; i++) s->shift_m[i] = 0.0f;
+    for (int32_t i = 0; i < s->dofs; i++) s->force_N[i] = 0.0f;
     for (int32_t r = 0; r < s->rows; r++)
-        if (s->row[r].lambda_N > 0.0f)
-            for (int32_t i = 0; i < s->dofs; i++) s->shift_m[i] += s->row[r].lambda_N * s->response[r][i];
+        for (int k = 0; k < 3; k++)
+            hrt_add_scaled(&s->force_N[3 * corners(s, &s->row[r])[k]], s->row[r].lambda_N * s->row[r].weight[k], s->row[r].normal);
 }
 
 /* Bears mainly upon the patch's edge: the tissue goes on there and we do not know how. */
@@ -94,19 +127,17 @@ static bool on_edge(const solve *s, const hrt_contact_row *row) {
 }
 
 /* Reactions to the equivalent force at the tip of a tool that pivots about the origin; false when one is on the edge. */
-static bool gather(const solve *s, const float tip_m[3], float *patch_force_N, float force_N[3]) {
+static bool gather(const solve *s, const float tip_m[3], float force_N[3]) {
     const float reach = hrt_length(tip_m);
     const float axis[3] = {tip_m[0] / reach, tip_m[1] / reach, tip_m[2] / reach};
     bool inside = true;
     for (int i = 0; i < 3; i++) force_N[i] = 0.0f;
-    for (int32_t i = 0; i < s->dofs; i++) patch_force_N[i] = 0.0f;
     for (int32_t r = 0; r < s->rows; r++) {
         const hrt_contact_row *row = &s->row[r];
         if (!(row->lambda_N > 0.0f)) continue;
         inside = inside && !on_edge(s, row);
         const float lever = hrt_dot(row->point_m, axis) / reach, along = hrt_dot(row->normal, axis);
         for (int i = 0; i < 3; i++) force_N[i] -= row->lambda_N * (along * axis[i] + lever * (row->normal[i] - along * axis[i]));
-        for (int k = 0; k < 3; k++) hrt_add_scaled(&patch_force_N[3 * corners(s, row)[k]], row->lambda_N * row->weight[k], row->normal);
     }
     return inside;
 }
@@ -117,17 +148,15 @@ bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], int32_t linea
     s.patch = x->patch;
     s.dofs = 3 * x->patch->vertex_count;
     s.rows = x->row_count;
-    for (int32_t r = 0; r < s.rows; r++) s.row[r] = x->row[r];
-    for (int32_t i = 0; i < s.dofs; i++) s.shift_m[i] = 0.0f;
-    for (int32_t i = 0; i < s.dofs; i++)
-        if (x->patch_force_N[i] < 0.0f || x->patch_force_N[i] > 0.0f) add_column(&s, i, x->patch_force_N[i], s.shift_m);
+    s.row = x->row;
+    s.force_N = x->patch_force_N;
     for (int32_t k = 0; k < linearisations; k++) {
+        shift_by_forces(&s);
         find_rows(&s, tip_m);
         relax(&s);
     }
     x->row_count = s.rows;
-    for (int32_t r = 0; r < s.rows; r++) x->row[r] = s.row[r];
-    return gather(&s, tip_m, x->patch_force_N, force_N);
+    return gather(&s, tip_m, force_N);
 }
 
 void hrt_contact_clear(hrt_extrapolation *x) {

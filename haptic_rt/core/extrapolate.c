@@ -137,13 +137,12 @@ static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
 
 static void take_patch(hrt_extrapolation *x, const hrt_sample *sample) {
     /* A patch of another cut state than its sample's is none. */
-    const hrt_patch *fresh = sample->patch && sample->patch->topology_revision == sample->topology_revision ? sample->patch : NULL;
+    const hrt_patch *fresh = HRT_WITH_PATCHES && sample->patch && sample->patch->topology_revision == sample->topology_revision ? sample->patch : NULL;
     if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh) hrt_contact_warm(x, x->patch, fresh);
     else hrt_contact_clear(x);
     x->patch = fresh;
     x->patch_us = sample->t_us;
     x->patch_left = false;
-    x->patch_new = true;
 }
 
 void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, const hrt_sample *sample) {
@@ -178,9 +177,9 @@ static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now
     moment m;
     describe(x, params, now_us, tip_m, &m);
     if (x->which == HRT_CONTACT) {
-        const bool young = x->patch && !hrt_older(now_us - x->patch_us, params->patch_stale_us);
+        const bool young = HRT_WITH_PATCHES && x->patch && !hrt_older(now_us - x->patch_us, params->patch_stale_us);
         if (young && !x->patch_left) {
-            if (hrt_contact_force(x, tip_m, x->patch_new ? 4 : 2, force)) return true;
+            if (hrt_contact_force(x, tip_m, 2, force)) return true;
             x->patch_left = true; /* until a new patch comes */
         }
         x->limits |= HRT_LIMIT_PATCH;
@@ -211,7 +210,6 @@ void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int
     const bool on_patch = evaluate(x, params, now_us, tip_m, force_N);
     if (x->which == HRT_CONTACT && on_patch != x->on_patch && x->last_valid) x->changed = true;
     x->on_patch = on_patch;
-    x->patch_new = false;
     bridge(x, params, now_us, force_N);
     hrt_copy(x->last_N, force_N);
     x->last_valid = true;

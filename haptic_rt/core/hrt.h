@@ -137,7 +137,7 @@ int32_t hrt_params_check(const hrt_params *params);
 enum {
     HRT_PATCH_DOFS = 3 * HRT_PATCH_MAX_VERTICES,
     HRT_PATCH_COMPLIANCE = HRT_PATCH_DOFS * (HRT_PATCH_DOFS + 1) / 2,
-    HRT_PATCH_EDGES = 3 * HRT_PATCH_MAX_TRIANGLES,
+    HRT_PATCH_EDGES = 2 * HRT_PATCH_MAX_TRIANGLES, /* a piece of surface has fewer: vertices + triangles - 1 */
     HRT_NO_FACE = 255
 };
 
@@ -245,7 +245,7 @@ typedef struct hrt_extrapolation {
     int64_t bridge_us;
     bool bridging, changed;
     bool patch_left; /* the tool went off the newest patch */
-    bool on_patch, patch_new;
+    bool on_patch;
     const hrt_patch *patch; /* of the newest sample that brought one */
     int64_t patch_us;
     int32_t row_count;

@@ -6,6 +6,11 @@
 
 #include "hrt.h"
 
+/* 0 leaves the patch out of a small part's flash: `contact` then runs as `tangent`. */
+#ifndef HRT_WITH_PATCHES
+#define HRT_WITH_PATCHES 1
+#endif
+
 static inline float hrt_dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static inline float hrt_length(const float a[3]) { return sqrtf(hrt_dot(a, a)); }
 static inline void hrt_sub(const float a[3], const float b[3], float c[3]) {
@@ -81,7 +86,7 @@ void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patc
 int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3], const hrt_contact_row *before, int32_t before_count,
                          hrt_contact_row *row);
 
-/* topology.c */
-void hrt_patch_topology_build(hrt_patch *patch);
+/* topology.c; false: too many edges for a piece of surface. */
+bool hrt_patch_topology_build(hrt_patch *patch);
 
 #endif

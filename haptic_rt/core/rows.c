@@ -26,7 +26,7 @@ typedef struct search {
     float radius_m, reach_m, sunk_m;
     float at[HRT_PATCH_DOFS];
     float area[HRT_PATCH_MAX_TRIANGLES][3], normal[HRT_PATCH_MAX_TRIANGLES][3]; /* outward; area: twice as long as the area */
-    float bounds_m[HRT_PATCH_MAX_TRIANGLES];
+    float length_m[HRT_PATCH_EDGES], blend_m[HRT_PATCH_EDGES];                  /* of edges; half width of the transition across */
     int32_t hits;
     hit hit[HITS];
 } search;
@@ -50,10 +50,8 @@ static void station_point(const search *q, int32_t k, float p[3]) {
     hrt_add_scaled(p, (float)k * q->radius_m, q->axis);
 }
 
-static void place(search *q, const float *shift_m) {
-    const hrt_patch *patch = q->patch;
-    for (int32_t i = 0; i < 3 * patch->vertex_count; i++) q->at[i] = patch->vertex_m[i] + shift_m[i];
-    for (int32_t f = 0; f < patch->triangle_count; f++) {
+static void place_faces(search *q) {
+    for (int32_t f = 0; f < q->patch->triangle_count; f++) {
         float a[3], b[3];
         hrt_sub(vertex(q, f, 1), vertex(q, f, 0), a);
         hrt_sub(vertex(q, f, 2), vertex(q, f, 0), b);
@@ -61,17 +59,30 @@ static void place(search *q, const float *shift_m) {
         hrt_copy(q->normal[f], q->area[f]);
         const float size = fmaxf(hrt_dot(a, a), hrt_dot(b, b));
         if (unit(q->normal[f]) <= 1.0e-6f * size) hrt_scale(q->normal[f], 0.0f); /* crushed to a line */
-        q->bounds_m[f] = sqrtf(size); /* about corner 0 */
     }
 }
 
-/* Stations whose spheres, widened to reach, can touch a ball; false if none. */
-static bool station_range(const search *q, const float centre[3], float radius, int32_t *first, int32_t *last) {
+/* The transition across an edge is the same seen from both faces, so that their weights add up to one. The height of a triangle over its edge is
+ * twice its area by the edge's length. */
+static void place_edges(search *q) {
+    for (uint8_t e = 0; e < q->t->edge_count; e++) {
+        float edge[3], width = BLEND * q->radius_m;
+        hrt_sub(&q->at[3 * q->t->edge_vertex[e][1]], &q->at[3 * q->t->edge_vertex[e][0]], edge);
+        q->length_m[e] = fmaxf(hrt_length(edge), 1.0e-9f);
+        for (int side = 0; side < 2; side++) {
+            const uint8_t f = q->t->edge_face[e][side];
+            if (f != HRT_NO_FACE) width = fminf(width, 0.25f * hrt_dot(q->area[f], q->normal[f]) / q->length_m[e]);
+        }
+        q->blend_m[e] = fmaxf(width, 1.0e-9f);
+    }
+}
+
+/* Stations within `reach` of a point; false if none. */
+static bool station_range(const search *q, const float centre[3], float reach, int32_t *first, int32_t *last) {
     float to[3];
     hrt_sub(centre, q->tip_m, to);
-    const float along = hrt_dot(to, q->axis), reach = radius + q->reach_m;
-    hrt_add_scaled(to, -along, q->axis);
-    const float chord2 = reach * reach - hrt_dot(to, to);
+    const float along = hrt_dot(to, q->axis);
+    const float chord2 = reach * reach - hrt_dot(to, to) + along * along;
     if (!(chord2 >= 0.0f)) return false;
     const float half = sqrtf(chord2), low = (along - half) / q->radius_m, high = (along + half) / q->radius_m;
     const float end = (float)(q->stations - 1);
@@ -85,28 +96,16 @@ static void add_hit(search *q, int32_t station, uint8_t kind, int32_t index, flo
     if (q->hits < HITS) q->hit[q->hits++] = (hit){(uint8_t)station, kind, (uint8_t)index, raw, distance_m};
 }
 
-/* In-plane unit vector of face f across its edge j, into the face; returns how far away the opposite corner is. */
-static float inward(const search *q, int32_t f, int j, float in[3]) {
-    float edge[3], apex[3];
+/* In-plane unit vector of face f across its edge j, into the face. */
+static void inward(const search *q, int32_t f, int j, float in[3]) {
+    float edge[3];
     hrt_sub(vertex(q, f, (j + 1) % 3), vertex(q, f, j), edge);
     hrt_cross(q->normal[f], edge, in);
-    unit(in);
-    hrt_sub(vertex(q, f, (j + 2) % 3), vertex(q, f, j), apex);
-    return hrt_dot(apex, in);
+    hrt_scale(in, 1.0f / q->length_m[q->t->face_edge[f][j]]);
 }
 
 static int edge_slot(const search *q, int32_t f, uint8_t edge) {
     return q->t->face_edge[f][0] == edge ? 0 : q->t->face_edge[f][1] == edge ? 1 : 2;
-}
-
-/* Half width of the transition across an edge, the same seen from both faces. */
-static float edge_blend(const search *q, uint8_t edge) {
-    float width = BLEND * q->radius_m, in[3];
-    for (int side = 0; side < 2; side++) {
-        const uint8_t f = q->t->edge_face[edge][side];
-        if (f != HRT_NO_FACE) width = fminf(width, 0.25f * inward(q, f, edge_slot(q, f, edge), in));
-    }
-    return fmaxf(width, 1.0e-9f);
 }
 
 /* Touched a corner of this face in the shape before. */
@@ -119,16 +118,14 @@ static bool known(const search *q, int32_t station, int32_t f) {
     return false;
 }
 
-static void face_station(search *q, int32_t f, int32_t k, float in[3][3], const float width[3]) {
-    float p[3], d[3], raw = 1.0f, outside = 0.0f;
+static void face_station(search *q, int32_t f, int32_t k, float height) {
+    float p[3], d[3], in[3], raw = 1.0f, outside = 0.0f;
     station_point(q, k, p);
-    hrt_sub(p, vertex(q, f, 0), d);
-    const float height = hrt_dot(d, q->normal[f]);
-    if (height > q->reach_m || height < -q->sunk_m) return;
     for (int j = 0; j < 3 && raw > 0.0f; j++) {
+        inward(q, f, j, in);
         hrt_sub(p, vertex(q, f, j), d);
-        const float x = hrt_dot(d, in[j]);
-        raw *= ramp(x / width[j]);
+        const float x = hrt_dot(d, in);
+        raw *= ramp(x / q->blend_m[q->t->face_edge[f][j]]);
         outside = fmaxf(outside, -x);
     }
     if (!(raw > 0.0f)) return;
@@ -137,15 +134,22 @@ static void face_station(search *q, int32_t f, int32_t k, float in[3][3], const 
 }
 
 static void face_hits(search *q, int32_t f) {
+    float d[3];
     int32_t first, last;
+    const float *a = vertex(q, f, 0), *b = vertex(q, f, 1), *c = vertex(q, f, 2);
     if (!(hrt_dot(q->normal[f], q->normal[f]) > 0.0f)) return;
-    if (!station_range(q, vertex(q, f, 0), q->bounds_m[f] + q->sunk_m, &first, &last)) return;
-    float in[3][3], width[3];
-    for (int j = 0; j < 3; j++) {
-        inward(q, f, j, in[j]);
-        width[j] = edge_blend(q, q->t->face_edge[f][j]);
+    hrt_sub(q->tip_m, a, d);
+    const float height = hrt_dot(d, q->normal[f]), step = q->radius_m * hrt_dot(q->axis, q->normal[f]);
+    if (step > 0.0f ? height > q->reach_m : height < -q->sunk_m) return; /* and farther on from station to station */
+    const float centre[3] = {(a[0] + b[0] + c[0]) / 3.0f, (a[1] + b[1] + c[1]) / 3.0f, (a[2] + b[2] + c[2]) / 3.0f};
+    /* No corner is farther from the centre than two thirds of the longest edge; the transitions reach 0.75 of that beyond. */
+    const uint8_t *edge = q->t->face_edge[f];
+    const float wide = 1.17f * fmaxf(q->length_m[edge[0]], fmaxf(q->length_m[edge[1]], q->length_m[edge[2]])), high = fmaxf(q->reach_m, q->sunk_m);
+    if (!station_range(q, centre, sqrtf(wide * wide + high * high), &first, &last)) return;
+    for (int32_t k = first; k <= last; k++) {
+        const float h = height + (float)k * step;
+        if (h <= q->reach_m && h >= -q->sunk_m) face_station(q, f, k, h);
     }
-    for (int32_t k = first; k <= last; k++) face_station(q, f, k, in, width);
 }
 
 /* 0 flat or hollow, 1 a fold that sticks out. */
@@ -180,18 +184,17 @@ static void edge_station(search *q, uint8_t e, int32_t k, const float along[3], 
 }
 
 static void edge_hits(search *q, uint8_t e) {
-    const float *a = &q->at[3 * q->t->edge_vertex[e][0]], *b = &q->at[3 * q->t->edge_vertex[e][1]];
+    const float *a = &q->at[3 * q->t->edge_vertex[e][0]], *b = &q->at[3 * q->t->edge_vertex[e][1]], length = q->length_m[e];
     float along[3], middle[3];
     int32_t first, last;
     hrt_sub(b, a, along);
     hrt_copy(middle, a);
     hrt_add_scaled(middle, 0.5f, along);
-    const float length = unit(along);
-    if (!(length > 0.0f) || !station_range(q, middle, 0.5f * length, &first, &last)) return;
+    if (!station_range(q, middle, 0.5f * length + q->reach_m, &first, &last)) return;
     const float sharp = edge_sharpness(q, e);
     if (!(sharp > 0.0f)) return;
-    const float width = edge_blend(q, e);
-    for (int32_t k = first; k <= last; k++) edge_station(q, e, k, along, length, sharp, width);
+    hrt_scale(along, 1.0f / length);
+    for (int32_t k = first; k <= last; k++) edge_station(q, e, k, along, length, sharp, q->blend_m[e]);
 }
 
 /* Unit vector from vertex v along its i-th spoke; returns its length. */
@@ -206,7 +209,7 @@ static void vertex_hits(search *q, uint8_t v) {
     const int32_t begin = t->spoke_begin[v], end = t->spoke_begin[v + 1];
     float up[3] = {0.0f, 0.0f, 0.0f}, sharp = 1.0f, to[3];
     int32_t first, last;
-    if (!station_range(q, &q->at[3 * v], 0.0f, &first, &last)) return;
+    if (!station_range(q, &q->at[3 * v], q->reach_m, &first, &last)) return;
     for (int32_t i = begin; i < end; i++)
         for (int side = 0; side < 2; side++) {
             const uint8_t f = t->edge_face[t->spoke_edge[i]][side];
@@ -358,7 +361,9 @@ int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const flo
     for (int32_t i = 0; i < before_count; i++) /* it sinks little by little: looked for only when it has begun to */
         if (before[i].lambda_N > 0.0f && before[i].gap_m < -(0.7f + SUNK) * q.radius_m) q.sunk_m = SUNK_KNOWN * q.radius_m;
     aim(&q, tip_m);
-    place(&q, shift_m);
+    for (int32_t i = 0; i < 3 * patch->vertex_count; i++) q.at[i] = patch->vertex_m[i] + shift_m[i];
+    place_faces(&q);
+    place_edges(&q);
     for (int32_t f = 0; f < patch->triangle_count; f++) face_hits(&q, f);
     for (uint8_t e = 0; e < q.t->edge_count; e++) edge_hits(&q, e);
     for (uint8_t v = 0; v < patch->vertex_count; v++) vertex_hits(&q, v);

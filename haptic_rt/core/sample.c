@@ -84,6 +84,5 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
     for (int32_t i = 0; i < n * (n + 1) / 2; i++) scratch[i] = patch->compliance_m_N[i];
     if (!semidefinite(scratch, n, most)) return HRT_REJECT_ASYMMETRIC;
     fill_in(patch, n);
-    hrt_patch_topology_build(patch);
-    return HRT_ACCEPT;
+    return hrt_patch_topology_build(patch) ? HRT_ACCEPT : HRT_REJECT_INDEX;
 }
