@@ -238,7 +238,7 @@ static tm_status frame(lockstep *l, int64_t now_us) {
         const sim_tool *tool = &l->tools.tool[i];
         int64_t t_n = sim_tools_mean_utime(&l->tools, i, s->substeps, s->average);
         tensormass_force_sample_t sample;
-        sim_force_sample(&l->publisher, s, i, now_us, tool->now.session, t_n, 0, &sample);
+        sim_force_sample(&l->publisher, s, i, now_us, t_n ? tool->now.session : 0, t_n, 0, &sample);
         tensormass_contact_patch_t *patch = s->patch_valid[i] ? malloc(sizeof *patch) : NULL;
         if (patch && sim_contact_patch(&l->publisher, s, &sample, patch)) sim_publish_patch(&l->publisher, now_us, patch);
         sim_publish_force(&l->publisher, now_us, &sample);

@@ -86,7 +86,7 @@ static void publish(realtime *r, int32_t substeps, double spent_s, bool overran)
         int64_t t_n = sim_tools_mean_utime(&r->tools, i, substeps, average);
         tensormass_force_sample_t sample;
         int64_t utime = utime_now();
-        sim_force_sample(&r->publisher, s, i, utime, tool->now.session, t_n, overran ? SIM_FLAG_OVERRAN : 0, &sample);
+        sim_force_sample(&r->publisher, s, i, utime, t_n ? tool->now.session : 0, t_n, overran ? SIM_FLAG_OVERRAN : 0, &sample);
         static tensormass_contact_patch_t patch; /* 11 kB, one thread */
         if (r->haptics && sim_contact_patch(&r->publisher, s, &sample, &patch)) sim_publish_patch(&r->publisher, utime, &patch);
         if (r->haptics) sim_publish_force(&r->publisher, utime, &sample);

@@ -57,9 +57,14 @@ sim_sends sim_tools_want(const sim_tools *t, int instrument) {
 int64_t sim_tools_mean_utime(sim_tools *t, int instrument, int32_t substeps, int32_t average) {
     sim_tool *tool = &t->tool[instrument];
     if (!tool->seen) return 0;
-    int64_t end = tool->now.utime, begin = tool->used_seen && tool->used_session == tool->now.session ? tool->used_utime : end;
+    const double *v = t->s->velocity_m_s[instrument];
+    double jump_m = t->s->frame_s * sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    bool known = tool->used_seen && tool->used_session == tool->now.session;
+    int64_t end = tool->now.utime, begin = known ? tool->used_utime : end;
     tool->used_seen = true;
     tool->used_utime = end;
     tool->used_session = tool->now.session;
+    /* The way from where the last controller left the tool is nobody's motion: no place on it has a time of this controller. */
+    if (!known && jump_m > 1e-3) return 0;
     return end - (int64_t)((double)(end - begin) * (average - 1) / (2.0 * substeps));
 }

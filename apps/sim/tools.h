@@ -24,7 +24,7 @@ bool sim_tools_take(sim_tools *t, int instrument, const tensormass_tool_state_t 
 tm_tool_pose sim_tools_target(const sim_tools *t, int instrument);
 /* What the controller's extrapolator needs, as far as the scene lets it. */
 sim_sends sim_tools_want(const sim_tools *t, int instrument);
-/* The controller's time of the frame's average (0: no controller yet), once the frame is done. */
+/* The controller's time of the frame's average, once the frame is done. 0: no controller yet, or a frame that brought the tool to a new one. */
 int64_t sim_tools_mean_utime(sim_tools *t, int instrument, int32_t substeps, int32_t average);
 
 #endif

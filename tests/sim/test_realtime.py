@@ -1,0 +1,51 @@
+"""tm-sim on the wall clock, over LCM, in a network namespace of its own."""
+import json
+import os
+import sys
+
+import pytest
+from simkit import block_scene, run
+
+NAMESPACE = ["unshare", "-n" if os.geteuid() == 0 else "-rn", "sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]
+
+
+@pytest.fixture(scope="module")
+def session(bin, build, root, tmp_path_factory):
+    tmp = tmp_path_factory.mktemp("realtime")
+    scene = block_scene(tmp, root, "instruments:\n  - trocar: [50 mm, 50 mm, 180 mm]\ncontact:\ndamping: {rate: 60 /s}\nhaptics:\nrendering:\n")
+    out, _ = run(*NAMESPACE, sys.executable, root / "tests/sim/fake_controller.py", build, bin / "tm-sim", scene, tmp / "report.json")
+    return json.loads(out), json.loads((tmp / "report.json").read_text()), scene
+
+
+def test_it_ends_cleanly_and_says_who_came(session):
+    heard, report, scene = session
+    assert heard["exit"] == 0 and "controller of instrument 0 is here" in heard["said"]
+    assert heard["scene"] == str(scene) and heard["trocar"] == [0.05, 0.05, 0.18]
+    assert heard["others"].get("TISSUE", 0) > 10 and "PATCH_0" not in heard["others"] and "FORCE_1" not in heard["others"]
+
+
+def test_untrusted_tool_states_are_refused_and_counted(session):
+    heard, report, _ = session
+    (tool,) = report["tools"]
+    assert heard["sent"]["bad"] > 50
+    # Loopback UDP may drop under load, never invent.
+    for counted, sent in (("rejected", heard["sent"]["bad"]), ("foreign", heard["sent"]["foreign"])):
+        assert 0.8 * sent <= tool[counted] <= sent, (counted, tool, heard["sent"])
+    assert 0 < tool["accepted"] <= heard["sent"]["good"]
+    assert tool["late"] >= 0.8 * heard["sent"]["late"]
+
+
+def test_the_force_is_finite_pushes_back_and_echoes_the_controllers_own_time(session):
+    heard, _, _ = session
+    mine = [f for f in heard["forces"] if f[0] == 5000000]
+    assert len(mine) > 20
+    assert all(abs(x) < 50 for f in heard["forces"] for x in f[2])
+    assert mine[-1][2][2] > 0.05
+    assert heard["echo_error_m"] < 2e-4  # 12 mm/s, samples 4 ms apart, and a frame's average over a bent path
+    seqs = [f[4] for f in heard["forces"]]
+    assert seqs == sorted(set(seqs)) and len({f[5] for f in heard["forces"]}) == 1
+
+
+def test_a_restarted_controller_is_taken_up(session):
+    heard, _, _ = session
+    assert heard["forces"][-1][0] == 5000001
