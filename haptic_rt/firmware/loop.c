@@ -15,7 +15,7 @@ void fw_loop_init(fw_loop *loop, int64_t session) {
     for (int32_t i = 0; i < FW_DEVICES; i++) {
         fw_device *device = &loop->device[i];
         hrt_init(&device->controller, &params, &device_axes, session);
-        hrt_link_init(&device->link, i);
+        hrt_can_link_init(&device->link, i);
         device->input = (hrt_input){.enable = true, .extrapolator = HRT_TANGENT};
         device->posted = false;
         device->rejected = 0;
@@ -80,7 +80,7 @@ static void receive_frames(fw_loop *loop, int64_t now_us) {
     for (int32_t n = 0; n < FRAMES_A_TICK_MAX && fw_can_receive(&frame); n++) {
         hrt_can_message message;
         hrt_can_unpack(&frame, &message);
-        for (int32_t i = 0; i < FW_DEVICES; i++) hrt_link_take(&loop->device[i].link, now_us, &message, &loop->device[i].input);
+        for (int32_t i = 0; i < FW_DEVICES; i++) hrt_can_link_take(&loop->device[i].link, now_us, &message, &loop->device[i].input);
     }
 }
 
@@ -97,7 +97,7 @@ static const hrt_sample *take_news(fw_device *device, int64_t now_us) {
         input->passivity = news->passivity;
         input->coupling = news->coupling;
         input->extrapolator = news->extrapolator;
-        if (news->reset) hrt_link_reset(&device->link, now_us, input);
+        if (news->reset) hrt_can_link_reset(&device->link, now_us, input);
     }
     device->posted = false;
     return news->sample ? &device->sample : NULL;
@@ -112,8 +112,8 @@ void fw_loop_tick(fw_loop *loop, int64_t now_us) {
         fw_measure_begin(i, FW_SPAN_TICK);
         hrt_tick(&device->controller, now_us, &device->input, sample, &device->output);
         fw_measure_end(i, FW_SPAN_TICK);
-        hrt_can_frame frame[HRT_LINK_FRAMES];
-        const int32_t count = hrt_link_frames(&device->link, now_us, &device->output, device->input.reset, frame);
+        hrt_can_frame frame[HRT_CAN_LINK_FRAMES];
+        const int32_t count = hrt_can_link_frames(&device->link, now_us, &device->output, device->input.reset, frame);
         for (int32_t f = 0; f < count; f++) fw_can_send(&frame[f]);
         fw_link_send(i, &device->output);
     }

@@ -4,7 +4,7 @@
 #define FW_LOOP_H
 
 #include "board.h"
-#include "can/link.h"
+#include "can/can_link.h"
 
 /* Patches: 0 leaves `contact` without a patch (it runs as `tangent`), 1 keeps one in use and one being received. */
 #ifndef FW_PATCHES
@@ -13,7 +13,7 @@
 
 typedef struct fw_device {
     hrt_controller controller;
-    hrt_link link;
+    hrt_can_link link;
     hrt_input input;
     hrt_output output;
     /* from main to the tick: main writes while `posted` is false, the tick reads and clears it */

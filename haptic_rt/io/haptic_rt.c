@@ -289,7 +289,7 @@ static int write_json(program *p) {
     cJSON_AddNumberToObject(samples, "late", (double)s.samples_late);
     cJSON_AddNumberToObject(samples, "lost", (double)s.samples_lost);
     cJSON_AddNumberToObject(samples, "rejected", (double)s.samples_rejected);
-    hrt_report_can(json, &p->wires, &p->node.can, (double)p->loop.ticks / p->rate);
+    hrt_report_can(json, &p->wires, &p->node.line.can, (double)p->loop.ticks / p->rate);
     return hrt_report_write(json, &p->json_out);
 }
 

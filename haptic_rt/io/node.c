@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { UNREAD = 4, FRAMES_PER_TICK = 64, BEAT_US = 50000, RESET_QUIET_US = 10000 };
+enum { UNREAD = 4, FRAMES_PER_TICK = 64 };
 
 hrt_node_config hrt_node_config_default(int32_t instrument) {
     hrt_node_config config = {.instrument = instrument,
@@ -29,6 +29,7 @@ void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus) 
     node->config = *config;
     node->bus = bus;
     const hrt_frame frame = frame_of(&config->pose);
+    hrt_can_link_init(&node->line, config->instrument);
     hrt_init(&node->controller, &config->params, &frame, config->session);
     node->mailbox.write = 1;
     node->mailbox.held = 2;
@@ -155,11 +156,7 @@ static void take_commands(hrt_node *node, int64_t now_us) {
     if (coupling >= 0) node->input.coupling = coupling != 0;
     if (enable >= 0) node->config.enable = enable != 0;
     node->input.reset = atomic_exchange(&node->wish_reset, 0) == 1;
-    if (node->input.reset) {
-        node->reset_us = now_us;
-        node->input.device_fault = 0;
-        node->input.device_watchdog = false;
-    }
+    if (node->input.reset) hrt_can_link_reset(&node->line, now_us, &node->input);
     const bool in_use = node->controller.state == HRT_ENGAGED || node->controller.state == HRT_STALE;
     if (!in_use && !pose_settled(node)) {
         node->config.pose = node->pose_posted;
@@ -170,68 +167,15 @@ static void take_commands(hrt_node *node, int64_t now_us) {
     node->input.enable = node->config.enable && node->config.pose_known;
 }
 
-static void take_encoders(hrt_node *node, int64_t now_us, const hrt_can_message *m) {
-    if (m->kind == HRT_CAN_ENCODER_A) {
-        for (int i = 0; i < HRT_MOTORS; i++) node->half_count[i] = m->count[i];
-        node->half_counter = m->counter;
-        node->half_waits = true;
-        return;
-    }
-    const bool whole = node->half_waits && node->half_counter == m->counter;
-    node->half_waits = false;
-    const uint8_t step = (uint8_t)((m->counter - node->encoder_counter) & 0x7F);
-    if (!whole) {
-        node->can.lost++;
-        return;
-    }
-    if (node->encoder_known && step == 0) {
-        node->can.repeated++;
-        return;
-    }
-    if (node->encoder_known && step > 1) node->can.lost += step - 1u;
-    node->encoder_known = true;
-    node->encoder_counter = m->counter;
-    for (int j = 0; j < HRT_JOINTS; j++) node->input.count[j] = j < HRT_MOTORS ? node->half_count[j] : m->count[j];
-    node->input.pedal = m->pedal;
-    node->input.encoder_us = now_us;
-}
-
-/* Watchdog and bus-off dropped the torque and end when the device hears "motors off", which idle says: no fault here. */
-static void take_device_fault(hrt_node *node, int64_t now_us, uint8_t code) {
-    if (node->reset_us != 0 && now_us - node->reset_us < RESET_QUIET_US) return;
-    node->input.device_watchdog = code == 1 || code == 3;
-    node->input.device_fault = node->input.device_watchdog ? 0 : code;
-}
-
 static void take_frames(hrt_node *node, int64_t now_us) {
     hrt_can_frame frame;
     hrt_can_message m;
     for (int i = 0; i < FRAMES_PER_TICK && hrt_bus_receive(node->bus, &frame) > 0; i++) {
         hrt_can_unpack(&frame, &m);
-        const bool ours = m.instrument == node->config.instrument;
-        switch (m.kind) {
-        case HRT_CAN_FOREIGN: node->can.foreign++; break;
-        case HRT_CAN_CORRUPT: node->can.corrupt++; break;
-        case HRT_CAN_ERROR_FRAME: node->can.error++; break;
-        case HRT_CAN_ENCODER_A:
-        case HRT_CAN_ENCODER_B:
-            if (ours) take_encoders(node, now_us, &m);
-            break;
-        case HRT_CAN_DEVICE_BEAT:
-            if (!ours) break;
-            node->input.device_session = m.session;
-            take_device_fault(node, now_us, m.fault);
-            break;
-        case HRT_CAN_DEVICE_FAULT:
-            if (ours) take_device_fault(node, now_us, m.fault);
-            break;
-        case HRT_CAN_COMMAND:
-        case HRT_CAN_CONTROLLER_BEAT:
-        case HRT_CAN_RESET: break; /* the other controller's */
-        }
+        hrt_can_link_take(&node->line, now_us, &m, &node->input);
     }
     const bool ok = hrt_bus_state_now(node->bus) < HRT_BUS_OFF;
-    if (!ok && node->input.bus_ok) node->can.bus_off++;
+    if (!ok && node->input.bus_ok) node->line.can.bus_off++;
     if (!ok) hrt_bus_recover(node->bus, now_us);
     node->input.bus_ok = ok;
 }
@@ -242,28 +186,10 @@ static const hrt_sample *take_sample(hrt_mailbox *box) {
     return &box->slot[box->spare].sample;
 }
 
-static void send_message(hrt_node *node, hrt_can_message *m) {
-    hrt_can_frame frame;
-    m->instrument = node->config.instrument;
-    if (hrt_can_pack(m, &frame)) hrt_bus_send(node->bus, &frame);
-}
-
 static void send_frames(hrt_node *node, int64_t now_us) {
-    hrt_can_message command = {.kind = HRT_CAN_COMMAND, .counter = node->command_counter++, .motors_on = node->output.motors_on};
-    for (int i = 0; i < HRT_MOTORS; i++) command.torque[i] = node->output.torque[i];
-    if (node->input.reset) {
-        hrt_can_message reset = {.kind = HRT_CAN_RESET, .counter = node->command_counter};
-        send_message(node, &reset);
-    }
-    send_message(node, &command);
-    if (node->beat_us != 0 && now_us - node->beat_us < BEAT_US) return;
-    hrt_can_message beat = {.kind = HRT_CAN_CONTROLLER_BEAT,
-                            .counter = node->beat_counter++,
-                            .state = (uint8_t)node->output.state,
-                            .fault = (uint8_t)node->output.fault,
-                            .gaps = (uint16_t)node->can.lost};
-    send_message(node, &beat);
-    node->beat_us = now_us;
+    hrt_can_frame frame[HRT_CAN_LINK_FRAMES];
+    const int32_t count = hrt_can_link_frames(&node->line, now_us, &node->output, node->input.reset, frame);
+    for (int32_t i = 0; i < count; i++) hrt_bus_send(node->bus, &frame[i]);
 }
 
 static void tell(hrt_node *node, int64_t now_us, hrt_tool_state *tool) {
@@ -307,8 +233,8 @@ bool hrt_node_tick(hrt_node *node, int64_t now_us, hrt_tool_state *tool) {
 }
 
 void hrt_node_stop(hrt_node *node) {
-    hrt_can_message off = {.kind = HRT_CAN_COMMAND, .counter = node->command_counter++};
-    send_message(node, &off);
+    hrt_can_frame frame;
+    if (hrt_can_link_off(&node->line, &frame)) hrt_bus_send(node->bus, &frame);
 }
 
 void hrt_node_status(const hrt_node *node, hrt_status *status) {
@@ -335,5 +261,5 @@ void hrt_node_status(const hrt_node *node, hrt_status *status) {
     status->samples_rejected = (int64_t)counters->samples_rejected + rejected;
     status->can_tx = (int64_t)node->bus->tx;
     status->can_rx = (int64_t)node->bus->rx;
-    status->can_errors = (int64_t)node->can.error + node->can.corrupt + node->can.lost + node->can.repeated;
+    status->can_errors = (int64_t)node->line.can.error + node->line.can.corrupt + node->line.can.lost + node->line.can.repeated;
 }

@@ -5,7 +5,7 @@
 #include <stdatomic.h>
 
 #include "bus.h"
-#include "can/codec.h"
+#include "can/can_link.h"
 #include "hrt.h"
 
 #ifdef __cplusplus
@@ -107,14 +107,8 @@ typedef struct hrt_node {
     /* the tick's */
     hrt_input input;
     hrt_output output;
-    int32_t half_count[HRT_MOTORS]; /* EncoderA waits for its EncoderB */
-    uint8_t half_counter;
-    bool half_waits;
-    uint8_t encoder_counter, command_counter, beat_counter;
-    bool encoder_known;
-    int64_t beat_us, reset_us;
+    hrt_can_link line;
     uint32_t tool_seq;
-    hrt_can_counters can;
     /* for timing figures: set by who wants them */
     int64_t (*clock_ns)(void);
     int64_t stage_ns[HRT_NODE_STAGES];

@@ -75,7 +75,7 @@ static void seeded_noise_stays_bounded(void **state) {
         assert_int_equal(l.tool.state, HRT_ENGAGED);
         assert_true(high - low < 0.0004);
     }
-    assert_int_equal(l.node.can.lost + l.node.can.repeated + l.node.can.corrupt, 0);
+    assert_int_equal(l.node.line.can.lost + l.node.line.can.repeated + l.node.line.can.corrupt, 0);
 }
 
 static void the_same_bits_every_time(void **state) {
@@ -272,7 +272,7 @@ static void device_judges_commands(void **state) {
     loop_tick(&l);
     assert_int_equal(l.device.can.foreign - foreign, 2);
     assert_int_equal(l.device.can.error, 1);
-    assert_int_equal(l.node.can.error, 1);
+    assert_int_equal(l.node.line.can.error, 1);
     frame.flags = 0;
     for (int i = 0; i < 10; i++) hrt_bus_send(&intruder, &frame);
     loop_tick(&l);
@@ -341,13 +341,13 @@ static void flipped_bits_are_refused(void **state) {
 static void encoder_frames_lost_and_repeated(void **state) {
     (void)state;
     press(HRT_HOLD);
-    const uint32_t lost = l.node.can.lost, repeated = l.node.can.repeated;
+    const uint32_t lost = l.node.line.can.lost, repeated = l.node.line.can.repeated;
     l.device.encoder_counter += 2; /* two sets never came */
     loop_tick(&l);
-    assert_int_equal(l.node.can.lost - lost, 2);
+    assert_int_equal(l.node.line.can.lost - lost, 2);
     l.device.encoder_counter--; /* the same once more */
     loop_tick(&l);
-    assert_int_equal(l.node.can.repeated - repeated, 1);
+    assert_int_equal(l.node.line.can.repeated - repeated, 1);
     assert_int_equal(l.tool.state, HRT_ENGAGED); /* one is no reason */
     for (int i = 0; i < 8; i++) {
         l.device.encoder_counter--; /* a device that hangs and repeats is silent */

@@ -1,20 +1,20 @@
-#include "can/link.h"
+#include "can/can_link.h"
 
 enum { COUNTER_MASK = 0x7F, LATE = 64 }; /* half a turn back or more is an old frame, not a gap */
 
-void hrt_link_init(hrt_link *link, int32_t instrument) {
-    static const hrt_link zero;
+void hrt_can_link_init(hrt_can_link *link, int32_t instrument) {
+    static const hrt_can_link zero;
     *link = zero;
     link->instrument = instrument;
 }
 
-void hrt_link_reset(hrt_link *link, int64_t now_us, hrt_input *input) {
+void hrt_can_link_reset(hrt_can_link *link, int64_t now_us, hrt_input *input) {
     link->reset_us = now_us;
     input->device_fault = 0;
     input->device_watchdog = false;
 }
 
-static void take_encoders(hrt_link *link, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
+static void take_encoders(hrt_can_link *link, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
     const bool whole = link->half_waits && link->half_counter == m->counter;
     const uint8_t step = (uint8_t)((m->counter - link->encoder_counter) & COUNTER_MASK);
     link->half_waits = false;
@@ -31,20 +31,20 @@ static void take_encoders(hrt_link *link, int64_t now_us, const hrt_can_message 
     input->encoder_us = now_us;
 }
 
-static void take_half(hrt_link *link, const hrt_can_message *m) {
+static void take_half(hrt_can_link *link, const hrt_can_message *m) {
     for (int32_t i = 0; i < HRT_MOTORS; i++) link->half_count[i] = m->count[i];
     link->half_counter = m->counter;
     link->half_waits = true;
 }
 
-/* The watchdog is no fault: it ends when the device hears "motors off", which idle says. */
-static void take_device_fault(const hrt_link *link, int64_t now_us, uint8_t code, hrt_input *input) {
-    if (link->reset_us != 0 && now_us - link->reset_us < HRT_LINK_RESET_QUIET_US) return;
-    input->device_watchdog = code == 1;
-    input->device_fault = code > 1 ? code : 0;
+/* Watchdog and bus-off dropped the torque and end when the device hears "motors off", which idle says: no fault here. */
+static void take_device_fault(const hrt_can_link *link, int64_t now_us, uint8_t code, hrt_input *input) {
+    if (link->reset_us != 0 && now_us - link->reset_us < HRT_CAN_LINK_RESET_QUIET_US) return;
+    input->device_watchdog = code == 1 || code == 3;
+    input->device_fault = input->device_watchdog ? 0 : code;
 }
 
-void hrt_link_take(hrt_link *link, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
+void hrt_can_link_take(hrt_can_link *link, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
     const bool ours = m->instrument == link->instrument;
     switch (m->kind) {
     case HRT_CAN_FOREIGN: link->can.foreign++; break;
@@ -71,7 +71,7 @@ void hrt_link_take(hrt_link *link, int64_t now_us, const hrt_can_message *m, hrt
     }
 }
 
-int32_t hrt_link_frames(hrt_link *link, int64_t now_us, const hrt_output *output, bool reset, hrt_can_frame frame[HRT_LINK_FRAMES]) {
+int32_t hrt_can_link_frames(hrt_can_link *link, int64_t now_us, const hrt_output *output, bool reset, hrt_can_frame frame[HRT_CAN_LINK_FRAMES]) {
     int32_t count = 0;
     if (reset) {
         const hrt_can_message message = {.kind = HRT_CAN_RESET, .instrument = link->instrument, .counter = link->command_counter};
@@ -80,9 +80,14 @@ int32_t hrt_link_frames(hrt_link *link, int64_t now_us, const hrt_output *output
     hrt_can_message command = {.kind = HRT_CAN_COMMAND, .instrument = link->instrument, .counter = link->command_counter++, .motors_on = output->motors_on};
     for (int32_t i = 0; i < HRT_MOTORS; i++) command.torque[i] = output->torque[i];
     count += hrt_can_pack(&command, &frame[count]);
-    if (link->beat_us != 0 && now_us - link->beat_us < HRT_LINK_BEAT_US) return count;
+    if (link->beat_us != 0 && now_us - link->beat_us < HRT_CAN_LINK_BEAT_US) return count;
     const hrt_can_message beat = {.kind = HRT_CAN_CONTROLLER_BEAT, .instrument = link->instrument, .counter = link->beat_counter++,
                                   .state = (uint8_t)output->state, .fault = (uint8_t)output->fault, .gaps = (uint16_t)link->can.lost};
     link->beat_us = now_us;
     return count + hrt_can_pack(&beat, &frame[count]);
+}
+
+bool hrt_can_link_off(hrt_can_link *link, hrt_can_frame *frame) {
+    const hrt_can_message off = {.kind = HRT_CAN_COMMAND, .instrument = link->instrument, .counter = link->command_counter++};
+    return hrt_can_pack(&off, frame);
 }

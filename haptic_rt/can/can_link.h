@@ -1,7 +1,7 @@
 /* The controller's side of the bus: messages into hrt_input, hrt_output into frames. No operating system, no heap: hrt_node and the firmware
  * both use it. What lost, late, repeated, corrupt and foreign frames do is defined here. */
-#ifndef HRT_LINK_H
-#define HRT_LINK_H
+#ifndef HRT_CAN_LINK_H
+#define HRT_CAN_LINK_H
 
 #include "can/codec.h"
 
@@ -9,9 +9,9 @@
 extern "C" {
 #endif
 
-enum { HRT_LINK_FRAMES = 3, HRT_LINK_BEAT_US = 50000, HRT_LINK_RESET_QUIET_US = 10000 };
+enum { HRT_CAN_LINK_FRAMES = 3, HRT_CAN_LINK_BEAT_US = 50000, HRT_CAN_LINK_RESET_QUIET_US = 10000 };
 
-typedef struct hrt_link {
+typedef struct hrt_can_link {
     int32_t instrument;
     int32_t half_count[HRT_MOTORS]; /* EncoderA waits for its EncoderB */
     uint8_t half_counter;
@@ -20,16 +20,19 @@ typedef struct hrt_link {
     uint8_t encoder_counter, command_counter, beat_counter;
     int64_t beat_us, reset_us; /* 0: never */
     hrt_can_counters can;
-} hrt_link;
+} hrt_can_link;
 
-void hrt_link_init(hrt_link *link, int32_t instrument);
+void hrt_can_link_init(hrt_can_link *link, int32_t instrument);
 /* Before the tick in which input->reset is set: what the device said about its fault until now, and says in the next 10 ms, is forgotten. */
-void hrt_link_reset(hrt_link *link, int64_t now_us, hrt_input *input);
+void hrt_can_link_reset(hrt_can_link *link, int64_t now_us, hrt_input *input);
 /* One received message; those of other instruments change nothing. Encoder counts are taken when both halves came under one counter newer than the
  * last; a repeated or overtaken set is no sign of life. */
-void hrt_link_take(hrt_link *link, int64_t now_us, const hrt_can_message *message, hrt_input *input);
+void hrt_can_link_take(hrt_can_link *link, int64_t now_us, const hrt_can_message *message, hrt_input *input);
 /* What to send after a tick: the reset when asked, the command, now and then the heartbeat. Returns how many of `frame` were filled. */
-int32_t hrt_link_frames(hrt_link *link, int64_t now_us, const hrt_output *output, bool reset, hrt_can_frame frame[HRT_LINK_FRAMES]);
+int32_t hrt_can_link_frames(hrt_can_link *link, int64_t now_us, const hrt_output *output, bool reset, hrt_can_frame frame[HRT_CAN_LINK_FRAMES]);
+
+/* A last command: motors off. */
+bool hrt_can_link_off(hrt_can_link *link, hrt_can_frame *frame);
 
 #ifdef __cplusplus
 }
