@@ -12,6 +12,8 @@ static const app_field fields[] = {
     {"haptics.patch_vertices", APP_INTEGER, NULL, "24", 3, 24, offsetof(sim_haptics, patch_vertices), 0, "of a patch; up to 12 with 16 triangles, more with 32"},
     {"haptics.rate", APP_NUMBER, "rate", "500 Hz", 50, 10000, offsetof(sim_haptics, rate), 0, "controller ticks a second, in lockstep"},
     {"haptics.passivity", APP_FLAG, NULL, "yes", 0, 0, offsetof(sim_haptics, passivity), 0, "passivity control, in lockstep"},
+    {"haptics.profile", APP_PATH, NULL, NULL, 0, 0, offsetof(sim_haptics, profile), 0,
+     "device profile (haptic_rt/device/profiles; `haptic-rt --params`), in lockstep; left out, the built-in Impulse Engine"},
     {"haptics.latency", APP_NUMBER, "none", "1", 0, 100, offsetof(sim_haptics, latency), 0, "in lockstep: frames between a tool sample and the publishing of its force"},
     {"haptics.jitter", APP_NUMBER, "time", "0 s", 0, 1, offsetof(sim_haptics, jitter), 0, "in lockstep: each sample is late by up to this, at random"},
     {"haptics.loss", APP_NUMBER, "none", "0", 0, 1, offsetof(sim_haptics, loss), 0, "in lockstep: share of force samples lost, at random"},

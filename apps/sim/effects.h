@@ -11,6 +11,7 @@ typedef struct sim_haptics {
     app_integer patch_vertices;
     app_number rate, latency, loss, jitter;
     app_flag passivity;
+    app_text profile;
     app_integer seed;
 } sim_haptics;
 

@@ -10,6 +10,7 @@
 #include "device/device.h"
 #include "figures.h"
 #include "io/node.h"
+#include "io/profile.h"
 #include "publish.h"
 #include "run.h"
 #include "snapshot.h"
@@ -66,6 +67,7 @@ static int make_station(lockstep *l, int i) {
     const app_hand *hand = sim_hand(s, i);
     hrt_device_config device = hrt_device_config_default(i);
     hrt_node_config node = hrt_node_config_default(i);
+    if (l->haptics->profile.line && !hrt_profile_read(l->haptics->profile.s, &device.profile)) return APP_BAD_INPUT;
     node.params = device.profile;
     node.mode = (int8_t)s->instrument_def[i].mode;
     node.session = SESSION;
@@ -146,9 +148,9 @@ static void deliver(station *t, sent *s) {
     tensormass_contact_patch_t *p = s->patch;
     if (p) {
         hrt_patch_message m = {.session = p->session, .seq = (uint32_t)p->seq, .instrument = p->instrument, .topology_revision = p->topology_revision,
-                               .vertex_count = p->vertex_count, .triangle_count = p->triangle_count, .vertex_m = p->vertex_m,
-                               .origin_m = p->origin_m, .triangle = p->triangle, .compliance_m_N = p->compliance_m_N,
-                               .skin_compliance_m_N = p->skin_compliance_m_N, .radius_m = p->radius_m,
+                               .vertex_count = p->vertex_count, .triangle_count = p->triangle_count, .vertex_m = p->vertex_m, .rest_m = p->rest_m,
+                               .origin_m = p->origin_m, .face = p->face, .triangle = p->triangle, .compliance_m_N = p->compliance_m_N,
+                               .skin_compliance_m_N = p->skin_compliance_m_N, .force_cap_N = p->force_cap_N, .radius_m = p->radius_m,
                                .contact_length_m = p->contact_length_m};
         hrt_node_post_patch(&t->node, &m);
         free(p);

@@ -57,6 +57,16 @@ def test_latency_delays_the_force(bin, root, tmp_path):
     assert first[1] - first[0] == pytest.approx(0.04, abs=0.003)
 
 
+def test_a_device_profile_is_obeyed(bin, root, tmp_path):
+    weak = tmp_path / "weak.profile"
+    weak.write_text("force_max_N = 0.2\n")
+    scene = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", f"haptics.profile={weak}"]
+    assert 0.15 < report(*scene, tmp=tmp_path)["force_N"]["peak"] <= 0.2 * (1 + 1e-5)
+    weak.write_text("force_max_N = strong\n")
+    _, said = run(*scene, "--json", tmp_path / "no.json", code=2)
+    assert said.startswith(f"{weak}:1: ") and ";" in said and not (tmp_path / "no.json").exists()
+
+
 def test_loss_loses_samples_the_same_way_every_time(bin, root, tmp_path):
     args = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", "haptics.loss=0.3"]
     a, b = report(*args, tmp=tmp_path), report(*args, tmp=tmp_path)
