@@ -169,20 +169,25 @@ def test_explain_names_stage_and_line(bin, root, tmp_path):
     assert "--set damping.rate=3 /s" in out and "left out, and costing nothing: anisotropy gravity" in out
 
 
-@pytest.mark.parametrize("effect,more", [("gravity", ""), ("damping", ""), ("contact", INSTRUMENT), ("rendering", ""), ("haptics", INSTRUMENT), ("cut", INSTRUMENT + "contact:\n"), ("grasp", INSTRUMENT + "contact:\n")])
-def test_an_effect_added_and_removed_returns_memory_and_stages_exactly(bin, root, tmp_path, effect, more):
+CONTACT = INSTRUMENT + "contact:\n"
+
+
+@pytest.mark.parametrize("effect,value,more", [
+    ("gravity", "", ""), ("damping", "", ""), ("rendering", "", ""), ("breathing", "{support: bottom}", ""), ("contact", "", INSTRUMENT),
+    ("haptics", "", INSTRUMENT), ("haptics", "{extrapolator: contact}", CONTACT), ("grasp", "", CONTACT), ("cut", "", CONTACT)])
+def test_an_effect_added_and_removed_returns_memory_and_stages_exactly(bin, root, tmp_path, effect, value, more):
     scene = block_scene(tmp_path, root, more)
     without, rows = explain(bin, scene, tmp_path)
-    named, rows_named = explain(bin, scene, tmp_path, "--set", f"{effect}=")
-    back, rows_back = explain(bin, scene, tmp_path, "--set", f"{effect}=", "--unset", effect)
+    named, rows_named = explain(bin, scene, tmp_path, "--set", f"{effect}={value}")
+    back, rows_back = explain(bin, scene, tmp_path, "--set", f"{effect}={value}", "--unset", effect)
     cost = sum(row["bytes"] for row in named["stages"]) - sum(row["bytes"] for row in without["stages"])
     assert named["memory_bytes"] - without["memory_bytes"] == cost
     assert back["memory_bytes"] == without["memory_bytes"] and set(rows_back) == set(rows)
-    assert effect in rows_named and effect not in rows and effect in without["left_out"]
-    if effect in ("gravity", "contact"):
-        assert rows_named[effect]["in_step"]
-    if effect == "contact":
-        assert cost > 0
+    new = set(rows_named) - set(rows)
+    assert new and effect in without["left_out"] and effect not in named["left_out"]
+    assert all(rows_named[name]["asked_by"] == f"--set {effect}={value}" for name in new)
+    if effect in ("gravity", "contact", "breathing", "grasp", "cut"):
+        assert rows_named[effect]["in_step"] and cost > 0
 
 
 def test_fibres_cost_their_memory_and_nothing_in_the_step(bin, root, tmp_path):
