@@ -3,7 +3,7 @@
 enum { COUNTER_MASK = 0x7F, LATE = 64 }; /* half a turn back or more is an old frame, not a gap */
 
 void hrt_can_link_init(hrt_can_link *link, int32_t instrument) {
-    static const hrt_can_link zero;
+    static const hrt_can_link zero = {0};
     *link = zero;
     link->instrument = instrument;
 }

@@ -35,14 +35,18 @@ static uint8_t checksum(const hrt_can_frame *frame) {
     return (uint8_t)(crc ^ 0xFFu);
 }
 
-static int16_t to_int16(float value) {
-    if (!(value > -32768.0f)) return value == value ? INT16_MIN : 0;
-    if (!(value < 32767.0f)) return INT16_MAX;
-    return (int16_t)(value < 0.0f ? value - 0.5f : value + 0.5f);
+static int16_t count_to_int16(int32_t count) {
+    if (count < INT16_MIN) return INT16_MIN;
+    if (count > INT16_MAX) return INT16_MAX;
+    return (int16_t)count;
 }
 
-static int16_t count_to_int16(int32_t count) {
-    return count < INT16_MIN ? INT16_MIN : count > INT16_MAX ? INT16_MAX : (int16_t)count;
+/* Rounded; beyond the wire's range its end; not a number: zero. */
+static int16_t to_int16(float value) {
+    const bool inside = value > -32768.0f && value < 32767.0f;
+    if (inside) return count_to_int16((int32_t)(value < 0.0f ? value - 0.5f : value + 0.5f));
+    if (value > 0.0f) return INT16_MAX;
+    return value < 0.0f ? INT16_MIN : 0;
 }
 
 static bool pack_payload(const hrt_can_message *m, hrt_can_frame *f) {

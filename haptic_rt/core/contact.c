@@ -37,7 +37,7 @@ static void add_column(solve *s, int32_t dof, float c) {
     for (int32_t j = dof; j < n; j++) shift[j] += c * row[j];
 }
 
-static const uint8_t *corners(const solve *s, const hrt_contact_row *row) { return &s->patch->triangle[3 * row->triangle]; }
+static const uint8_t *corners(const solve *s, const hrt_contact_row *row) { return &s->patch->triangle[HRT_XYZ * row->triangle]; }
 
 static void shift_by_forces(solve *s) {
     for (int32_t i = 0; i < s->dofs; i++) s->shift_m[i] = 0.0f;
@@ -73,7 +73,7 @@ static void find_touched(solve *s) {
 
 static float row_shift(const solve *s, const hrt_contact_row *row) {
     float sum = 0.0f;
-    for (int k = 0; k < 3; k++) sum += row->weight[k] * hrt_dot(row->normal, &s->shift_m[3 * corners(s, row)[k]]);
+    for (int k = 0; k < 3; k++) sum += row->weight[k] * hrt_dot(row->normal, &s->shift_m[HRT_XYZ * corners(s, row)[k]]);
     return sum;
 }
 
@@ -116,7 +116,7 @@ static void relax(solve *s) {
     for (int32_t i = 0; i < s->dofs; i++) s->force_N[i] = 0.0f;
     for (int32_t r = 0; r < s->rows; r++)
         for (int k = 0; k < 3; k++)
-            hrt_add_scaled(&s->force_N[3 * corners(s, &s->row[r])[k]], s->row[r].lambda_N * s->row[r].weight[k], s->row[r].normal);
+            hrt_add_scaled(&s->force_N[HRT_XYZ * corners(s, &s->row[r])[k]], s->row[r].lambda_N * s->row[r].weight[k], s->row[r].normal);
 }
 
 /* Bears mainly upon the patch's edge: the tissue goes on there and we do not know how. */
@@ -168,7 +168,7 @@ void hrt_contact_clear(hrt_extrapolation *x) {
 static int32_t same_vertex(const hrt_patch *old, int32_t v, const hrt_patch *fresh) {
     for (int32_t u = 0; u < fresh->vertex_count; u++) {
         float apart[3];
-        hrt_sub(&fresh->rest_m[3 * u], &old->rest_m[3 * v], apart);
+        hrt_sub(&fresh->rest_m[HRT_XYZ * u], &old->rest_m[HRT_XYZ * v], apart);
         if (hrt_dot(apart, apart) < 1.0e-10f) return u;
     }
     return -1;
@@ -177,9 +177,9 @@ static int32_t same_vertex(const hrt_patch *old, int32_t v, const hrt_patch *fre
 void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patch *fresh) {
     float force_N[HRT_PATCH_DOFS] = {0};
     for (int32_t v = 0; v < old->vertex_count; v++) {
-        const float *f = &x->patch_force_N[3 * v];
+        const float *f = &x->patch_force_N[HRT_XYZ * v];
         const int32_t u = hrt_dot(f, f) > 0.0f ? same_vertex(old, v, fresh) : -1;
-        if (u >= 0) hrt_copy(&force_N[3 * u], f);
+        if (u >= 0) hrt_copy(&force_N[HRT_XYZ * u], f);
     }
     for (int32_t i = 0; i < HRT_PATCH_DOFS; i++) x->patch_force_N[i] = force_N[i];
     int32_t kept = 0;

@@ -128,10 +128,10 @@ static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) x->broyden_N_m[3 * i + j] += miss[i] * step[j] / square;
     /* Out of touch nothing is stiff. */
-    const bool free = !(hrt_length(x->now.force_N) > 0.0f) && !(hrt_length(x->before.force_N) > 0.0f);
+    const bool untouched = !(hrt_length(x->now.force_N) > 0.0f) && !(hrt_length(x->before.force_N) > 0.0f);
     const float norm = hrt_norm9(x->broyden_N_m);
     x->broyden_bounded = norm > params->stiffness_max_N_m;
-    const float share = free ? 0.0f : norm > params->stiffness_max_N_m ? params->stiffness_max_N_m / norm : 1.0f;
+    const float share = untouched ? 0.0f : norm > params->stiffness_max_N_m ? params->stiffness_max_N_m / norm : 1.0f;
     for (int i = 0; i < 9; i++) x->broyden_N_m[i] *= share;
 }
 

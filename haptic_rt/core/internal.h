@@ -6,6 +6,9 @@
 
 #include "hrt.h"
 
+/* Three numbers a point, three corners a triangle; as wide as a pointer's offset. */
+static const ptrdiff_t HRT_XYZ = 3;
+
 /* 0 leaves the patch out of a small part's flash: `contact` then runs as `tangent`. */
 #ifndef HRT_WITH_PATCHES
 #define HRT_WITH_PATCHES 1

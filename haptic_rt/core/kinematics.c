@@ -18,9 +18,9 @@ bool hrt_frame_from_axis(hrt_frame *frame, const float axis[3], const float up[3
     hrt_scale(x, 1.0f / xa);
     hrt_cross(z, x, y); /* last, so that all three are perpendicular to rounding however slanted `up` is */
     for (int i = 0; i < 3; i++) {
-        frame->r[3 * i] = x[i];
-        frame->r[3 * i + 1] = y[i];
-        frame->r[3 * i + 2] = z[i];
+        frame->r[HRT_XYZ * i] = x[i];
+        frame->r[HRT_XYZ * i + 1] = y[i];
+        frame->r[HRT_XYZ * i + 2] = z[i];
     }
     return true;
 }

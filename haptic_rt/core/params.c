@@ -7,7 +7,7 @@
 #endif
 
 #define ROW(field, unit, low, high, text, ...)                                                                                             \
-    { #field, unit, HRT_PARAM_TEXT(text), (uint16_t)offsetof(hrt_params, field), (uint8_t)(sizeof(((hrt_params *)0)->field) / sizeof(float)), low, high, { __VA_ARGS__ } }
+    { #field, unit, HRT_PARAM_TEXT(text), (uint16_t)offsetof(hrt_params, field), (uint8_t)((sizeof(((hrt_params *)0)->field) + sizeof(float) - 1u) / sizeof(float)), low, high, { __VA_ARGS__ } }
 
 const hrt_param_info hrt_param_table[] = {
     ROW(counts_per_unit, "1/rad 1/rad 1/m 1/rad 1", 1.0f, 1.0e6f, "encoder counts per joint unit", 8000.0f, 8000.0f, 40000.0f, 700.0f, 250.0f),

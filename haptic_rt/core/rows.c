@@ -43,7 +43,7 @@ static float unit(float v[3]) {
     return size;
 }
 
-static const float *vertex(const search *q, int32_t f, int j) { return &q->at[3 * q->patch->triangle[3 * f + j]]; }
+static const float *vertex(const search *q, int32_t f, int j) { return &q->at[HRT_XYZ * q->patch->triangle[3 * f + j]]; }
 
 static void station_point(const search *q, int32_t k, float p[3]) {
     hrt_copy(p, q->tip_m);
@@ -67,7 +67,7 @@ static void place_faces(search *q) {
 static void place_edges(search *q) {
     for (uint8_t e = 0; e < q->t->edge_count; e++) {
         float edge[3], width = BLEND * q->radius_m;
-        hrt_sub(&q->at[3 * q->t->edge_vertex[e][1]], &q->at[3 * q->t->edge_vertex[e][0]], edge);
+        hrt_sub(&q->at[HRT_XYZ * q->t->edge_vertex[e][1]], &q->at[HRT_XYZ * q->t->edge_vertex[e][0]], edge);
         q->length_m[e] = fmaxf(hrt_length(edge), 1.0e-9f);
         for (int side = 0; side < 2; side++) {
             const uint8_t f = q->t->edge_face[e][side];
@@ -167,7 +167,7 @@ static void edge_station(search *q, uint8_t e, int32_t k, const float along[3], 
     float p[3], d[3], in[3], out = 0.0f, raw = sharp;
     const float ends = fminf(BLEND * q->radius_m, 0.25f * length);
     station_point(q, k, p);
-    hrt_sub(p, &q->at[3 * q->t->edge_vertex[e][0]], d);
+    hrt_sub(p, &q->at[HRT_XYZ * q->t->edge_vertex[e][0]], d);
     const float y = hrt_dot(d, along);
     hrt_add_scaled(d, -y, along);
     const float distance = hrt_length(d);
@@ -184,7 +184,7 @@ static void edge_station(search *q, uint8_t e, int32_t k, const float along[3], 
 }
 
 static void edge_hits(search *q, uint8_t e) {
-    const float *a = &q->at[3 * q->t->edge_vertex[e][0]], *b = &q->at[3 * q->t->edge_vertex[e][1]], length = q->length_m[e];
+    const float *a = &q->at[HRT_XYZ * q->t->edge_vertex[e][0]], *b = &q->at[HRT_XYZ * q->t->edge_vertex[e][1]], length = q->length_m[e];
     float along[3], middle[3];
     int32_t first, last;
     hrt_sub(b, a, along);
@@ -200,7 +200,7 @@ static void edge_hits(search *q, uint8_t e) {
 /* Unit vector from vertex v along its i-th spoke; returns its length. */
 static float spoke(const search *q, uint8_t v, int32_t i, float to[3]) {
     const uint8_t *ends = q->t->edge_vertex[q->t->spoke_edge[i]];
-    hrt_sub(&q->at[3 * (ends[0] == v ? ends[1] : ends[0])], &q->at[3 * v], to);
+    hrt_sub(&q->at[HRT_XYZ * (ends[0] == v ? ends[1] : ends[0])], &q->at[HRT_XYZ * v], to);
     return unit(to);
 }
 
@@ -209,7 +209,7 @@ static void vertex_hits(search *q, uint8_t v) {
     const int32_t begin = t->spoke_begin[v], end = t->spoke_begin[v + 1];
     float up[3] = {0.0f, 0.0f, 0.0f}, sharp = 1.0f, to[3];
     int32_t first, last;
-    if (!station_range(q, &q->at[3 * v], q->reach_m, &first, &last)) return;
+    if (!station_range(q, &q->at[HRT_XYZ * v], q->reach_m, &first, &last)) return;
     for (int32_t i = begin; i < end; i++)
         for (int side = 0; side < 2; side++) {
             const uint8_t f = t->edge_face[t->spoke_edge[i]][side];
@@ -224,7 +224,7 @@ static void vertex_hits(search *q, uint8_t v) {
     for (int32_t k = first; k <= last; k++) {
         float p[3], raw = sharp;
         station_point(q, k, p);
-        hrt_add_scaled(p, -1.0f, &q->at[3 * v]);
+        hrt_add_scaled(p, -1.0f, &q->at[HRT_XYZ * v]);
         const float distance = hrt_length(p);
         if (!(hrt_dot(p, up) > 0.0f) || distance > q->reach_m) continue;
         for (int32_t i = begin; i < end && raw > 0.0f; i++) {
@@ -292,7 +292,7 @@ static void edge_row(const search *q, uint8_t e, const float p[3], hrt_contact_r
 static void vertex_row(const search *q, uint8_t v, const float p[3], hrt_contact_row *row) {
     const uint8_t f = q->t->fan_face[q->t->fan_begin[v]];
     float d[3];
-    hrt_sub(p, &q->at[3 * v], d);
+    hrt_sub(p, &q->at[HRT_XYZ * v], d);
     row->gap_m = unit(d) - q->radius_m;
     row->triangle = f;
     for (int j = 0; j < 3; j++) {

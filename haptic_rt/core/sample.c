@@ -68,7 +68,7 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
         return HRT_REJECT_INDEX;
     const int32_t n = 3 * patch->vertex_count;
     for (int32_t t = 0; t < patch->triangle_count; t++) {
-        const uint8_t *corner = &patch->triangle[3 * t];
+        const uint8_t *corner = &patch->triangle[HRT_XYZ * t];
         for (int i = 0; i < 3; i++)
             if (corner[i] >= patch->vertex_count || corner[i] == corner[(i + 1) % 3]) return HRT_REJECT_INDEX;
     }

@@ -34,11 +34,12 @@ static bool build_edges(hrt_patch *patch) {
 static void build_fans(hrt_patch *patch) {
     hrt_patch_topology *t = &patch->topology;
     uint8_t faces = 0, spokes = 0;
-    for (uint8_t v = 0; v < patch->vertex_count; v++) {
+    const uint8_t vertices = (uint8_t)patch->vertex_count, triangles = (uint8_t)patch->triangle_count;
+    for (uint8_t v = 0; v < vertices; v++) {
         t->fan_begin[v] = faces;
         t->spoke_begin[v] = spokes;
         t->border[v] = 0;
-        for (uint8_t f = 0; f < patch->triangle_count; f++)
+        for (uint8_t f = 0; f < triangles; f++)
             for (int j = 0; j < 3; j++)
                 if (patch->triangle[3 * f + j] == v) t->fan_face[faces++] = f;
         for (uint8_t e = 0; e < t->edge_count; e++)
@@ -52,10 +53,10 @@ static void build_fans(hrt_patch *patch) {
 }
 
 static void rest_normal(const hrt_patch *patch, int32_t f, float normal[3]) {
-    const uint8_t *corner = &patch->triangle[3 * f];
+    const uint8_t *corner = &patch->triangle[HRT_XYZ * f];
     float a[3], b[3];
-    hrt_sub(&patch->rest_m[3 * corner[1]], &patch->rest_m[3 * corner[0]], a);
-    hrt_sub(&patch->rest_m[3 * corner[2]], &patch->rest_m[3 * corner[0]], b);
+    hrt_sub(&patch->rest_m[HRT_XYZ * corner[1]], &patch->rest_m[HRT_XYZ * corner[0]], a);
+    hrt_sub(&patch->rest_m[HRT_XYZ * corner[2]], &patch->rest_m[HRT_XYZ * corner[0]], b);
     hrt_cross(a, b, normal);
     const float size = hrt_length(normal);
     hrt_scale(normal, size > 0.0f ? 1.0f / size : 0.0f);
