@@ -34,14 +34,21 @@ static void meet(play_hand *hand, const view_instrument *t)
     hand->known = true;
 }
 
+/* The command that goes out with the next picture; keys pressed since the last one share it. */
+static view_command *command_for(play_controls *c)
+{
+    if (!c->has_command || c->command.instrument != c->selected) c->command = (view_command){ .instrument = c->selected, .extrapolator = "", .passivity = -1 };
+    c->has_command = true;
+    return &c->command;
+}
+
 static void next_extrapolator(play_controls *c, const view_instrument *t)
 {
     hrt_extrapolator now = HRT_HOLD;
     if (!hrt_extrapolator_find(t->extrapolator, &now)) now = (hrt_extrapolator)-1;
     hrt_extrapolator next = (hrt_extrapolator)(((int)now + 1) % (int)(HRT_CONTACT + 1));
     snprintf(c->extrapolator, sizeof c->extrapolator, "%s", hrt_extrapolator_name(next));
-    c->command = (view_command){ .instrument = c->selected, .extrapolator = c->extrapolator, .passivity = -1 };
-    c->has_command = true;
+    command_for(c)->extrapolator = c->extrapolator;
 }
 
 static void select_next(play_controls *c, const view_picture *p, int wanted)
@@ -63,14 +70,8 @@ static void key_down(play_controls *c, const view_picture *p, int code)
     case 'f': c->hand[c->selected].latched = !c->hand[c->selected].latched; break;
     case 'h': c->help = !c->help; break;
     case 'x': next_extrapolator(c, t); break;
-    case 'p':
-        c->command = (view_command){ .instrument = c->selected, .extrapolator = "", .passivity = !t->passivity };
-        c->has_command = true;
-        break;
-    case 'r':
-        c->command = (view_command){ .instrument = c->selected, .extrapolator = "", .passivity = -1, .reset_fault = true };
-        c->has_command = true;
-        break;
+    case 'p': command_for(c)->passivity = !t->passivity; break;
+    case 'r': command_for(c)->reset_fault = true; break;
     default: break;
     }
 }

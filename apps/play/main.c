@@ -134,7 +134,9 @@ static void draw_help(const play *p)
     enum { LINES = sizeof line / sizeof line[0] };
     const view_canvas *canvas = &p->studio.canvas;
     float cap = fmaxf(8, (float)canvas->height / 62), step = 1.9f * cap, x = 2.4f * cap, y = (float)canvas->height / 2 - step * LINES / 2;
-    view_box(canvas, x - cap, y - 2 * cap, x + 23 * cap, y + step * (LINES - 1) + cap, 0.6f * cap, (view_colour){ 10, 15, 19, 0.58f });
+    float width = 0;
+    for (int i = 0; i < LINES; ++i) width = fmaxf(width, view_text_width(line[i], cap));
+    view_box(canvas, x - cap, y - 2 * cap, x + width + cap, y + step * (LINES - 1) + cap, 0.6f * cap, (view_colour){ 10, 15, 19, 0.58f });
     for (int i = 0; i < LINES; ++i) view_text(canvas, x, y + step * (float)i, cap, (view_colour){ 215, 222, 228, 1 }, line[i]);
 }
 

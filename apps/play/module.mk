@@ -5,9 +5,10 @@ $(eval $(call module,window,apps/play/window.c,,$$(call pkg_libs,sdl2)))
 $(OUT)/obj/apps/play/window.o: CFLAGS_EXTRA += $(call pkg_cflags,sdl2)
 PLAY_SCENE ?= $(DEMO_SCENE)
 PLAY_ARGS ?=
+PLAY_WINDOW ?=
 #: make play                   a window: mouse and keys move the instruments (PLAY_ARGS='--record session.lcm')
 .PHONY: play
 play:
 	@tools/setup.sh build demo
 	@+$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$$(nproc)) all venv
-	@$(VENV)/bin/python apps/play/play.py --build $(OUT) --scene $(PLAY_SCENE) $(PLAY_ARGS)
+	@$(VENV)/bin/python apps/play/play.py --build $(OUT) --scene $(PLAY_SCENE) $(PLAY_ARGS) -- $(DEMO_CAMERA) $(PLAY_WINDOW)

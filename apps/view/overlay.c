@@ -39,7 +39,7 @@ static void thousands(char *out, size_t room, int32_t n)
 
 static void simulation_panel(pen p, const view_picture *s, double drawn_hz)
 {
-    float right = p.x + 25 * p.cap, top = p.y - 1.9f * p.cap;
+    float right = p.x + (drawn_hz > 0 ? 31 : 25) * p.cap, top = p.y - 1.9f * p.cap;
     int lines = s->has_status ? 3 : 1;
     view_box(p.canvas, p.x - p.cap, top, right, top + p.line * (float)lines + 1.5f * p.cap, 0.6f * p.cap, PANEL);
     float x = write_at(&p, p.x, WHITE, "%s", s->title);
@@ -127,7 +127,7 @@ static void arrow_label(pen p, const view_picture *s, const view_camera *camera,
     double force = size_of(t->force_N), end[3];
     for (int k = 0; k < 3; ++k) end[k] = t->tip_m[k] + s->newton_m * t->force_N[k];
     float at[2];
-    if (force < 0.02 || !view_camera_project(camera, p.canvas->width, p.canvas->height, end, at)) return;
+    if (force < 0.05 || !view_camera_project(camera, p.canvas->width, p.canvas->height, end, at)) return;
     char text[32];
     snprintf(text, sizeof text, "%.2f N", force);
     float width = view_text_width(text, p.cap);

@@ -96,7 +96,7 @@ static const char *const view_metal_fragment =
     "  vec3 albedo = vec3(0.0), f0 = vec3(0.04), glow = vec3(0.0); float a = 0.25;\n"
     "  if (kind < 2.5) { albedo = vec3(0.06); f0 = vec3(0.56, 0.57, 0.58); a = 0.22; }\n"
     "  else if (kind < 3.5) { albedo = vec3(0.022, 0.024, 0.028); f0 = vec3(0.045); a = 0.28; }\n"
-    "  else if (kind < 4.5) { albedo = vec3(0.2, 0.05, 0.02); glow = mix(vec3(3.2, 0.9, 0.15), vec3(4.0, 2.4, 1.0), nv); }\n"
+    "  else if (kind < 4.5) { albedo = vec3(0.2, 0.05, 0.02); glow = mix(vec3(1.5, 0.28, 0.03), vec3(2.6, 1.15, 0.30), nv); }\n"
     "  else if (kind < 5.5) { albedo = vec3(0.55, 0.58, 0.62); f0 = vec3(0.05); a = 0.35; }\n"
     "  else if (kind < 6.5) { albedo = vec3(0.62, 0.27, 0.012); glow = albedo * 0.30; }\n"
     "  else { albedo = vec3(0.02, 0.24, 0.52); glow = albedo * 0.30; }\n"

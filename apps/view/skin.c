@@ -5,6 +5,7 @@
 #include <string.h>
 
 enum { LEVELS_MAX = 2 };
+static const float COS_TORN = -0.25f;
 
 /* One split: every edge of the level above gets a vertex in its middle, every triangle becomes four. */
 typedef struct level {
@@ -128,7 +129,9 @@ static bool smooth(const view_skin *skin, const view_surface *s, const side *p, 
     float m[3], n[3];
     face_normal(s->vertex_m + 3 * a[0], s->vertex_m + 3 * a[1], s->vertex_m + 3 * a[2], m);
     face_normal(s->vertex_m + 3 * b[0], s->vertex_m + 3 * b[1], s->vertex_m + 3 * b[2], n);
-    return dot3(m, n) >= skin->cos_crease * sqrtf(dot3(m, m) * dot3(n, n));
+    /* Torn tetrahedra are jagged; flesh is not. What a cut laid open is smoothed past right angles. */
+    float limit = s->kind[p->triangle] ? fminf(skin->cos_crease, COS_TORN) : skin->cos_crease;
+    return dot3(m, n) >= limit * sqrtf(dot3(m, m) * dot3(n, n));
 }
 
 /* Corners that meet across smooth edges share a sector: one position, one normal. */
