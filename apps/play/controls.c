@@ -129,18 +129,27 @@ static double metres_a_pixel(const view_camera *camera, int height_px, const dou
     return 2 * depth * tan((double)camera->fov_rad / 2) / height_px;
 }
 
-/* Turns the instrument about its trocar so that the tip follows `move_m` as far as that lies across the shaft. */
-static void pivot(play_hand *hand, const view_instrument *t, const double move_m[3])
+static float dot(const float a[3], const float b[3])
 {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
+
+/* Turns the instrument about its trocar so that the tip moves `across` and `upward` (m) as the eye sees it: the motion in the plane across
+ * the shaft that looks like it, damped where the eye sees that plane edge-on. */
+static void pivot(play_hand *hand, const view_instrument *t, const float right[3], const float up[3], float across, float upward)
+{
+    static const float DAMPING = 0.06f;
     hrt_frame frame;
-    float joint[HRT_JOINTS], tip[3], to[3], joint3[3];
+    float joint[HRT_JOINTS], tip[3], to[3], joint3[3], u[3], v[3];
     if (!frame_of(t, &frame)) return;
     for (int j = 0; j < HRT_JOINTS; ++j) joint[j] = (float)hand->joint[j];
     hrt_tip(&frame, joint, tip);
-    double along = 0, length2 = 0;
-    for (int k = 0; k < 3; ++k) along += move_m[k] * (double)tip[k], length2 += (double)tip[k] * (double)tip[k];
-    if (!(length2 > 0)) return;
-    for (int k = 0; k < 3; ++k) to[k] = tip[k] + (float)(move_m[k] - along / length2 * (double)tip[k]);
+    view_frame(tip, u, v);
+    float a = dot(u, right), b = dot(v, right), c = dot(u, up), d = dot(v, up);
+    float m00 = a * a + c * c + DAMPING, m01 = a * b + c * d, m11 = b * b + d * d + DAMPING, det = m00 * m11 - m01 * m01;
+    float x = a * across + c * upward, y = b * across + d * upward;
+    float along_u = (m11 * x - m01 * y) / det, along_v = (m00 * y - m01 * x) / det;
+    for (int k = 0; k < 3; ++k) to[k] = tip[k] + along_u * u[k] + along_v * v[k];
     if (!hrt_inverse(&frame, to, joint3)) return;
     hand->joint[0] = (double)joint3[0], hand->joint[1] = (double)joint3[1];
 }
@@ -161,13 +170,12 @@ void play_controls_step(play_controls *c, const view_picture *p, const view_came
     play_hand *hand = &c->hand[c->selected];
     const view_instrument *t = &p->instrument[c->selected];
     if (!hand->known) return;
-    double pace = dt_s * (c->held[PLAY_SHIFT] ? SLOW : 1), px = metres_a_pixel(camera, height_px, t->tip_m) * (c->held[PLAY_SHIFT] ? SLOW : 1), move[3];
+    double pace = dt_s * (c->held[PLAY_SHIFT] ? SLOW : 1), px = metres_a_pixel(camera, height_px, t->tip_m) * (c->held[PLAY_SHIFT] ? SLOW : 1);
     float right[3], up[3];
     eye_axes(camera, height_px, right, up);
     double across = axis_of(c, PLAY_RIGHT, PLAY_LEFT) * PACE_M_S * pace + (double)c->motion[0] * px;
     double upward = axis_of(c, PLAY_UP, PLAY_DOWN) * PACE_M_S * pace - (double)c->motion[1] * px;
-    for (int k = 0; k < 3; ++k) move[k] = across * (double)right[k] + upward * (double)up[k];
-    if (across != 0 || upward != 0) pivot(hand, t, move);
+    if (across != 0 || upward != 0) pivot(hand, t, right, up, (float)across, (float)upward);
     hand->joint[2] += (axis_of(c, 'w', 's') + axis_of(c, PLAY_PAGE_DOWN, PLAY_PAGE_UP)) * PACE_M_S * pace + (double)c->wheel * WHEEL_M * (c->held[PLAY_SHIFT] ? SLOW : 1);
     hand->joint[3] += axis_of(c, 'e', 'q') * ROLL_RAD_S * pace;
     for (int i = 0; i < VIEW_INSTRUMENTS; ++i) {

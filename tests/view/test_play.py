@@ -1,0 +1,128 @@
+"""make play's window under a virtual screen: synthetic mouse and keys must move the device, and be felt."""
+import json
+import math
+import os
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+import synthetic
+from test_session import SCENE, display, screenshot  # noqa: F401 (display is a fixture)
+from test_view import needs_namespace, share, tissue_red
+
+
+def play(root, build, *args, env=None, timeout=60):
+    return subprocess.run([sys.executable, root / "apps" / "play" / "play.py", "--build", build, *map(str, args)], capture_output=True, text=True, timeout=timeout, env=env)
+
+
+NO_DISPLAY = {k: v for k, v in os.environ.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+
+
+def test_without_a_display(root, build, bin, tmp_path):
+    run = play(root, build, "--out", tmp_path / "out", env=NO_DISPLAY)
+    assert run.returncode == 2 and "no display" in run.stderr and "make demo" in run.stderr
+    assert os.listdir(tmp_path) == []
+    run = subprocess.run([bin / "tm-play"], capture_output=True, text=True, timeout=20, env=NO_DISPLAY)
+    assert run.returncode == 2 and "no window" in run.stderr and "tm-view" in run.stderr
+    run = subprocess.run([bin / "tm-play"], capture_output=True, text=True, timeout=20, env={**NO_DISPLAY, "DISPLAY": ":4999"})
+    assert run.returncode == 2 and "no window" in run.stderr
+
+
+@pytest.mark.parametrize("args,said", [(["--size", "9x9"], "--size"), (["--nothing"], "unknown option"), (["stray"], "not an option"), (["--quality", "2"], "--quality"), (["--duration", "x"], "--duration")])
+def test_bad_options(bin, args, said):
+    run = subprocess.run([bin / "tm-play", *args], capture_output=True, text=True, timeout=20, env=NO_DISPLAY)
+    assert run.returncode == 2 and said in run.stderr
+
+
+def test_help_and_version(bin):
+    for option in ("--help", "--version"):
+        run = subprocess.run([bin / "tm-play", option], capture_output=True, text=True, timeout=20, env=NO_DISPLAY)
+        assert run.returncode == 0 and "tm-play" in run.stdout
+
+
+def test_bad_scene_and_record_folder(root, build, tmp_path):
+    env = {**NO_DISPLAY, "DISPLAY": ":4999"}
+    run = play(root, build, "--out", tmp_path / "out", "--scene", tmp_path / "no.yaml", env=env)
+    assert run.returncode == 2 and "no such scene" in run.stderr
+    run = play(root, build, "--out", tmp_path / "out", "--scene", root / SCENE, "--record", tmp_path / "no" / "x.lcm", env=env)
+    assert run.returncode == 2 and "its folder is not there" in run.stderr
+
+
+def xdotool(display_name, *args):
+    return subprocess.run(["xdotool", *map(str, args)], env={**os.environ, "DISPLAY": display_name}, capture_output=True, text=True, timeout=20).stdout
+
+
+def find_window(display_name, patience_s=20):
+    end = time.monotonic() + patience_s
+    while time.monotonic() < end:
+        found = xdotool(display_name, "search", "--name", "^tensormass$").split()
+        if found:
+            return found[0]
+        time.sleep(0.2)
+    return None
+
+
+def read_log(path, types):
+    import lcm
+
+    kinds = {"HAND": types.hand_command_t, "TOOL": types.tool_state_t, "CONTROLLER": types.controller_status_t, "FORCE": types.force_sample_t,
+             "CONTROLLER_COMMAND": types.controller_command_t}
+    out = {}
+    for event in lcm.EventLog(str(path), "r"):
+        kind = kinds.get(event.channel[:-2])
+        if kind:
+            out.setdefault(event.channel, []).append(kind.decode(event.data))
+    return out
+
+
+@needs_namespace
+def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_path):  # noqa: F811
+    """Pivot by mouse, insert by key until the tissue answers, switch extrapolator and passivity; all of it is in the log."""
+    log, figures = tmp_path / "session.lcm", tmp_path / "play.json"
+    env = {**os.environ, "DISPLAY": display}
+    session = subprocess.Popen([sys.executable, root / "apps" / "play" / "play.py", "--build", build, "--scene", root / SCENE, "--out", tmp_path / "out", "--record", log,
+                                "--", "--size", "480x320", "--json", str(figures)], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        window = find_window(display)
+        assert window, "the window did not open"
+        time.sleep(2.5)
+        xdotool(display, "mousemove", "--window", window, 240, 160)
+        xdotool(display, "mousedown", 1)
+        for _ in range(5):
+            xdotool(display, "mousemove_relative", "--", -4, 2)
+            time.sleep(0.05)
+        xdotool(display, "mouseup", 1)
+        xdotool(display, "key", "x")
+        xdotool(display, "key", "p")
+        xdotool(display, "keydown", "w")
+        time.sleep(1.6)
+        xdotool(display, "keyup", "w")
+        time.sleep(0.8)
+        picture = screenshot(display, tmp_path / "screen.png")
+        xdotool(display, "key", "Escape")
+        out, err = session.communicate(timeout=30)
+    finally:
+        if session.poll() is None:
+            session.send_signal(signal.SIGINT)
+            session.communicate(timeout=20)
+    assert session.returncode == 0, out + err
+    assert share(picture, tissue_red) > 0.02
+    report = json.loads(figures.read_text())
+    assert report["hands_sent"] > 10 and report["messages_refused"] == 0
+    heard = read_log(log, synthetic.import_types(build / "python"))
+    first, last = heard["HAND_0"][0].joint, heard["HAND_0"][-1].joint
+    assert last[2] - first[2] > 0.02  # inserted
+    assert math.hypot(last[0] - first[0], last[1] - first[1]) > 0.01  # pivoted
+    tool = heard["TOOL_0"][-1].joint
+    assert tool[0] == pytest.approx(last[0], abs=0.03) and tool[2] == pytest.approx(last[2], abs=0.01)  # the device followed, but for what presses back
+    assert max(math.hypot(*m.force_N) for m in heard["FORCE_0"]) > 0.1
+    assert max(math.hypot(*m.force_N) for m in heard["CONTROLLER_0"]) > 0.1
+    before, after = heard["CONTROLLER_0"][5], heard["CONTROLLER_0"][-1]
+    assert (before.extrapolator, after.extrapolator) == ("position", "broyden") and before.passivity_on != after.passivity_on
+    assert heard["CONTROLLER_COMMAND_0"]
+    assert not list((tmp_path / "out").glob("netns.pid"))
+    drawn = subprocess.run([bin / "tm-view", log, "--png", tmp_path / "drawn.png", "--size", "320x200"], capture_output=True, text=True, timeout=60)
+    assert drawn.returncode == 0, drawn.stderr
