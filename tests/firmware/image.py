@@ -3,6 +3,7 @@ import pathlib
 import re
 import struct
 import subprocess
+import time
 
 MACHINE = {"m7": "mps2-an500", "m4f": "mps2-an386"}
 OUT_FRAME, OUT_OUTPUT = 1, 2
@@ -61,3 +62,28 @@ def outputs(path):
         at += layout.size
         parsed.append(("frame", values) if kind == OUT_FRAME else ("output", dict(zip(OUTPUT_FIELDS, values))))
     return parsed
+
+
+def symbol(elf, name):
+    """Address of a symbol, file-local ones too."""
+    for line in subprocess.run(["arm-none-eabi-nm", elf], capture_output=True, text=True, check=True).stdout.splitlines():
+        address, _, found = line.split(maxsplit=2)
+        if found == name:
+            return int(address, 16)
+    raise AssertionError(f"{elf} has no symbol {name}")
+
+
+def peek(cpu, elf, addresses, times, pause_s):
+    """Runs an image and reads 32-bit words of its memory `times` times through the emulator's monitor."""
+    command = ["timeout", "-k", "5", "60", "qemu-system-arm", "-M", MACHINE[cpu], "-display", "none", "-monitor", "stdio", "-serial", "none", "-icount", "shift=3,sleep=off",
+               "-kernel", str(elf)]
+    machine = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+    for _ in range(times):
+        time.sleep(pause_s)
+        for address in addresses:
+            machine.stdin.write(f"xp /1wx {address:#x}\n")
+        machine.stdin.flush()
+    text, _ = machine.communicate("quit\n", timeout=60)
+    words = [int(word, 16) for word in re.findall(r"^[0-9a-f]{8,16}: 0x([0-9a-f]{8})", text, re.M)]
+    assert len(words) == times * len(addresses), text[-2000:]
+    return [words[i : i + len(addresses)] for i in range(0, len(words), len(addresses))]
