@@ -1,0 +1,81 @@
+"""haptic-rt and tm-device over LCM, the simulation played by message_ring.py in a network namespace of its own."""
+import csv
+import json
+import math
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+
+import pytest
+
+NAMESPACE = "ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec \"$@\""
+
+
+@pytest.fixture(scope="module")
+def seen(bin, build, root):
+    directory = tempfile.mkdtemp(prefix="tm-test-", dir="/dev/shm")
+    unshare = ["unshare", "-n"] if os.geteuid() == 0 else ["unshare", "-rn"]
+    try:
+        run = subprocess.run([*unshare, "sh", "-c", NAMESPACE, "sh", sys.executable, root / "tests/loop/message_ring.py", bin, build / "python", directory],
+                             capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL, env=dict(os.environ, PATH=os.environ["PATH"] + ":/usr/sbin:/sbin"))
+        logs = {name: open(os.path.join(directory, name)).read() for name in sorted(os.listdir(directory)) if name.endswith(".log")}
+        assert run.returncode == 0, run.stderr + str(logs)
+        result = json.loads(run.stdout)
+        result["logs"] = "".join(logs.values())
+        with open(os.path.join(directory, "record.csv")) as file:
+            result["record"] = [{k: float(v) for k, v in row.items()} for row in csv.DictReader(file)]
+        return result
+    finally:
+        shutil.rmtree(directory)
+
+
+def test_nothing_is_told_before_the_pose_is_known(seen):
+    assert seen["published_before_the_pose"] == 0
+    assert "waiting for the trocar's pose" in seen["logs"]
+
+
+def test_the_ring_closes(seen):
+    assert seen["pressed"], seen["logs"]
+    first = seen["first"]
+    assert first["state"] == 3 and first["fault"] == 0 and first["text"] == ""
+    # The tip is where the scene's trocar and the joints put it: straight down from the trocar.
+    pitch, yaw, insertion = first["joint"][:3]
+    assert first["tip"][2] == pytest.approx(0.2 - insertion * math.cos(pitch) * math.cos(yaw), abs=1e-5)
+    assert first["tip"][:2] == pytest.approx([0.01, 0.02], abs=2e-3)
+    # A hand of 300 N/m against a wall of 300 N/m meets half way: 0.07 m wanted, 0.08 m the wall.
+    assert first["force"][2] == pytest.approx(1.5, abs=0.2)
+    assert first["active"] == 1 and first["joint"][4] == pytest.approx(0.5, abs=0.01)
+    assert first["tool_extrapolator"] == 0 and first["extrapolator"] == "hold" and first["passivity"] == 0
+    assert seen["tools"] > 500 and seen["statuses"] > 15
+
+
+def test_law_and_passivity_are_switched_by_command(seen):
+    assert (seen["switched"]["extrapolator"], seen["switched"]["passivity"], seen["switched"]["tool_extrapolator"]) == ("tangent", 1, 4)
+    assert seen["switched"]["state"] == 3
+
+
+def test_bad_messages_are_counted_and_change_nothing(seen):
+    after, before = seen["after_bad"], seen["switched"]
+    assert after["state"] == 3 and after["extrapolator"] == "tangent"
+    assert after["rejected"] - before["rejected"] >= 3  # not finite, for another controller, bad patch; what cannot be decoded never arrives
+    assert after["force"][2] == pytest.approx(1.5, abs=0.2)
+
+
+def test_device_gone_and_back(seen):
+    assert seen["device_gone"]["state"] in (0, 5) and seen["device_gone"]["force"] == [0, 0, 0]
+    assert seen["pressed_again"], seen["logs"]
+
+
+def test_simulation_gone_leaves_no_force(seen):
+    gone = seen["simulation_gone"]
+    assert gone["state"] == 2 and gone["force"] == [0, 0, 0] and gone["fault"] == 0
+    pushing = [row for row in seen["record"] if row["fz_N"] > 0.5]
+    assert len(pushing) > 500
+    # Every tick on record: 150 ms after t_n of the last valid sample nothing pushes.
+    old = [row for row in seen["record"] if row["sample_age_s"] > 0.15]
+    assert len(old) > 100 and all(row["fx_N"] == row["fy_N"] == row["fz_N"] == 0 for row in old)
+    assert all(row["force_insertion_N"] == 0 for row in old)
+    assert seen["exit"] == 0
+    assert "the simulation went silent" in seen["logs"]
