@@ -2,6 +2,7 @@
  * before anything is taken. */
 #include "cut_internal.h"
 
+#include <math.h>
 #include <string.h>
 
 enum { VERSION = 1, ORDER = 0x01020304 };
@@ -193,6 +194,11 @@ tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes
     const uint8_t *alive = (const uint8_t *)(u_prev + n);
     const int32_t *face = (const int32_t *)(alive + padded(h.tet_count));
     const char *rest = (const char *)face + padded((int64_t)sizeof(int32_t) * h.surface_count);
+    for (int64_t i = 0; i < 6 * (int64_t)h.vertex_count; i++) {
+        double value; /* u, then u_prev */
+        memcpy(&value, u + i * (int64_t)sizeof value, sizeof value);
+        if (!isfinite(value)) return tm_fail(error, TM_ERR_FILE, i / 3 % h.vertex_count, "snapshot: a displacement is not finite; save it again");
+    }
     if (!surface_fits(tissue, alive, face, h.surface_count))
         return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its surface is not that of its tetrahedra; save it again");
     const bool cut = memcmp(alive, tissue->alive, (size_t)h.tet_count) != 0;
