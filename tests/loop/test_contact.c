@@ -2,6 +2,7 @@
 #include "rig.h"
 
 #include "tensormass/contact.h"
+#include "tensormass/patch.h"
 
 enum { SIDE = 5, VERTICES = 24, TRIANGLES = 32 };
 
@@ -193,6 +194,61 @@ static void complementarity(void **state) {
     }
 }
 
+/* The simulation's own solver of a patch, in double and to convergence, gives the same force. */
+static void the_force_is_that_of_the_simulation(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    static tm_patch truth;
+    tm_patch_solver *solver = NULL;
+    tm_error error = {0};
+    uint64_t seed = 33;
+    double worst = 0.0, most = 0.0;
+    int compared = 0;
+    assert_int_equal(tm_patch_solver_create(&solver, &error), TM_OK);
+    for (int k = 0; k < 20; k++) {
+        make_ground(&patch, &seed, 0.004f, 0.0006f, 0.12f);
+        for (int i = 0; i < 3 * VERTICES; i++) patch.rest_m[i] = patch.vertex_m[i] + rig_uniform(&seed, -0.0001f, 0.0001f);
+        assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
+        memset(&truth, 0, sizeof truth);
+        truth.kind = 2;
+        truth.vertex_count = patch.vertex_count;
+        truth.triangle_count = patch.triangle_count;
+        for (int v = 0; v < VERTICES; v++) truth.vertex[v] = 100 * k + v; /* another patch each time */
+        for (int i = 0; i < 3 * VERTICES; i++) {
+            truth.vertex_m[i] = (double)patch.vertex_m[i];
+            truth.rest_m[i] = (double)patch.rest_m[i];
+        }
+        for (int t = 0; t < patch.triangle_count; t++) truth.face[t] = t;
+        for (int i = 0; i < 3 * patch.triangle_count; i++) truth.triangle[i] = (int8_t)patch.triangle[i];
+        for (int i = 0; i < 3 * VERTICES * (3 * VERTICES + 1) / 2; i++) truth.compliance_m_N[i] = (double)patch.compliance_m_N[i];
+        truth.skin_compliance_m_N = (double)patch.skin_compliance_m_N;
+        truth.force_cap_N = 50.0;
+        truth.radius_m = (double)patch.radius_m;
+        truth.contact_length_m = (double)patch.contact_length_m;
+        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        float tip[3] = {rig_uniform(&seed, -0.003f, 0.003f), rig_uniform(&seed, -0.003f, 0.003f), 0.1172f}, force[3];
+        take(&x, 0, tip, &patch, 1);
+        for (int step = 0; step < 50; step++) { /* in, and sideways */
+            double at[3], expected[3];
+            bool inside;
+            tip[0] += 0.00002f;
+            tip[2] += 0.00004f;
+            for (int i = 0; i < 3; i++) at[i] = (double)tip[i];
+            settle(&x, tip, force);
+            tm_patch_force(solver, &truth, at, expected, &inside);
+            if (!inside || (x.limits & HRT_LIMIT_PATCH) != 0) break;
+            for (int i = 0; i < 3; i++) {
+                worst = fmax(worst, fabs((double)force[i] - expected[i]));
+                most = fmax(most, fabs(expected[i]));
+            }
+            compared++;
+        }
+    }
+    tm_patch_solver_destroy(solver);
+    print_message("%d forces up to %.2f N: at most %.1e N off the simulation's\n", compared, most, worst);
+    assert_true(compared > 500 && most > 0.5 && worst < 0.005 * most);
+}
+
 /* Pressing and sliding at 500 Hz: what two linearisations of ten sweeps give against the converged solution, and how rough it is. */
 static void two_linearisations_suffice(void **state) {
     (void)state;
@@ -382,6 +438,7 @@ static void wild_patches_stay_bounded(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(rows_are_those_of_the_simulation), cmocka_unit_test(pressing_flat_ground), cmocka_unit_test(complementarity),
+        cmocka_unit_test(the_force_is_that_of_the_simulation),
         cmocka_unit_test(two_linearisations_suffice), cmocka_unit_test(leaving_the_patch_hands_over_without_a_jump),
         cmocka_unit_test(cut_stale_or_missing_patch), cmocka_unit_test(a_new_patch_is_not_felt), cmocka_unit_test(bad_patches),
         cmocka_unit_test(wild_patches_stay_bounded)};
