@@ -55,11 +55,12 @@ static cJSON *one_cut(const tm_mesh *mesh, bool scattered, const bench_run *run,
     cJSON_AddNumberToObject(row, "calls", count);
     cJSON_AddNumberToObject(row, "removed", removed);
     cJSON_AddNumberToObject(row, "us_per_tet", sum / removed);
+    const double median = app_median(us, count);
     cJSON_AddItemToObject(row, "us_per_tet_of_a_call", bench_quantiles(us, count));
     cJSON_AddNumberToObject(row, "bandwidth_GB_s", 1e-9 * bandwidth_B_s);
     cJSON_AddNumberToObject(row, "equivalent_bytes_per_tet", 1e-6 * sum / removed * bandwidth_B_s);
-    printf("cut   %7d tets  %-9s  %5.2f us per tetrahedron removed (%d calls, %d removed)\n", mesh->tet_count, scattered ? "scattered" : "cautery",
-           sum / removed, count, removed);
+    printf("cut   %7d tets  %-9s  %5.2f us per tetrahedron removed, median call %5.2f us (%d calls, %d removed)\n", mesh->tet_count,
+           scattered ? "scattered" : "cautery", sum / removed, median, count, removed);
     free(order), free(us);
     return row;
 }

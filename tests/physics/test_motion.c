@@ -231,6 +231,26 @@ static void damped_world_comes_to_the_settled_rest(void **state) {
     tm_mesh_destroy(mesh);
 }
 
+/* Left alone, damped tissue comes to rest in exactly its own shape: no denormals to crawl in. And steps are the same however grouped. */
+static void dies_away_to_nothing(void **state) {
+    (void)state;
+    oscillator o = make_oscillator(400), p = make_oscillator(400);
+    tm_world_state(o.world)->u_m[FREE_DOF] = tm_world_state(p.world)->u_m[FREE_DOF] = 1e-3;
+    for (int steps = 0; steps < 1000; steps += 25) assert_int_equal(tm_world_step(o.world, 25), TM_OK);
+    for (int steps = 0; steps < 1000; steps += 8) assert_int_equal(tm_world_step(p.world, 8), TM_OK);
+    assert_true(tm_world_hash(o.world) == tm_world_hash(p.world));
+    assert_true(tm_world_state(o.world)->u_m[FREE_DOF] != 0);
+    double before = 1;
+    for (int call = 0; call < 4000 && before != 0; call++) {
+        assert_int_equal(tm_world_step(o.world, 256), TM_OK);
+        before = tm_world_state(o.world)->u_m[FREE_DOF];
+        assert_true(before == 0 || fabs(before) > 1e-77);
+    }
+    assert_true(before == 0 && tm_world_state(o.world)->u_prev_m[FREE_DOF] == 0);
+    destroy_oscillator(&p);
+    destroy_oscillator(&o);
+}
+
 static void refusals(void **state) {
     (void)state;
     oscillator o = make_oscillator(50);
@@ -277,6 +297,6 @@ static void refusals(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(one_free_vertex), cmocka_unit_test(energy_is_kept),
                                        cmocka_unit_test(grows_past_the_sharp_step), cmocka_unit_test(damping_and_step_changes),
-                                       cmocka_unit_test(damped_world_comes_to_the_settled_rest), cmocka_unit_test(refusals)};
+                                       cmocka_unit_test(damped_world_comes_to_the_settled_rest), cmocka_unit_test(dies_away_to_nothing), cmocka_unit_test(refusals)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
