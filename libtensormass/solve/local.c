@@ -35,6 +35,7 @@ static size_t lay_out(tms_local *l, char *memory) {
     for (size_t i = 0; i < sizeof vector / sizeof *vector; i++) *vector[i] = carve(&at, 8 * c3);
     for (int i = 0; i <= TMS_KRYLOV; i++) l->krylov[i] = carve(&at, 8 * c3);
     for (int i = 0; i < TMS_KRYLOV; i++) l->ready[i] = carve(&at, 8 * c3);
+    for (int i = 0; i < TMS_PAIRS; i++) l->pair_f[i] = carve(&at, 8 * c3), l->pair_r[i] = carve(&at, 8 * c3);
     l->block = carve(&at, 8 * c3 * c3);
     l->lu = carve(&at, 8 * c3 * c3);
     tm_contact_row **row[] = {&l->now.row, &l->probe.row, &l->before};
@@ -148,6 +149,7 @@ static void assign_slots(tms_local *l, int32_t count) {
             l->slot_of[v] = next;
             l->wanted[next] = 1;
             fill_slot(l, next);
+            l->pair_count = 0; /* they were of another vertex here */
         }
         l->use[i] = l->slot_of[v];
         l->pin_of[l->slot_of[v]] = -1;
@@ -161,7 +163,7 @@ void tms_local_forget(tms_local *l) {
         if (l->vertex[s] >= 0) l->slot_of[l->vertex[s]] = -1;
         l->vertex[s] = l->pin_of[s] = -1;
     }
-    l->use_count = 0;
+    l->use_count = l->pair_count = 0;
     memset(l->f, 0, 24 * (size_t)l->capacity);
 }
 

@@ -10,7 +10,7 @@
 
 #include "internal.h"
 
-enum { TMS_NEWTON_STEPS = 16, TMS_HALVINGS = 4, TMS_MAX_SOLVES = 256, TMS_KRYLOV = 24 };
+enum { TMS_NEWTON_STEPS = 16, TMS_HALVINGS = 4, TMS_MAX_SOLVES = 256, TMS_KRYLOV = 24, TMS_PAIRS = 10, TMS_SECANT_STEPS = 10 };
 #define TMS_PIECE 0.125 /* radii: of the path of a tool, solved at once */
 
 typedef struct tms_tool {
@@ -72,6 +72,8 @@ typedef struct tms_local {
     int32_t *pivot;
     double *step;                  /* [3*capacity] by act, as are the Krylov vectors */
     double *krylov[TMS_KRYLOV + 1], *ready[TMS_KRYLOV];
+    double *pair_f[TMS_PAIRS], *pair_r[TMS_PAIRS]; /* [3*capacity] by slot: changes of f and r that went together, lately */
+    int32_t pair_count, pair_next;
     bool converged;
     int64_t bytes;
     void *memory;

@@ -37,7 +37,7 @@ static double residual(tms_local *l, bool *small) {
     return merit;
 }
 
-static double evaluate(tms_local *l) {
+double tms_local_evaluate(tms_local *l) {
     tms_local_shape(l);
     tms_local_look(l, &l->now);
     return residual(l, &l->converged);
@@ -79,8 +79,7 @@ static void add_row_matrix(tms_local *l, const tm_contact_row *row, int32_t m) {
     }
 }
 
-/* `without`: a tool that is left out, -1. */
-static bool factor(tms_local *l, int32_t without) {
+bool tms_local_factor(tms_local *l, int32_t without) {
     choose_act(l);
     const int32_t m = 3 * l->act_count;
     const int64_t c3 = 3 * (int64_t)l->capacity;
@@ -167,14 +166,13 @@ static void apply(tms_local *l, direction *to, const double *df, double *out) {
     }
 }
 
-/* Displacement that a residual would make: the norm that residuals are compared in. */
-static double scale(const tms_local *l, int32_t j) {
+double tms_local_scale(const tms_local *l, int32_t j) {
     const int64_t d = 3 * l->act[j / 3] + j % 3;
     return pinned(l, l->act[j / 3], j % 3) ? 1 : l->block[d * 3 * l->capacity + d] + 1e-300;
 }
 static double inner(const tms_local *l, const double *a, const double *b) {
     double sum = 0;
-    for (int32_t j = 0; j < 3 * l->act_count; j++) sum += a[j] * b[j] * scale(l, j) * scale(l, j);
+    for (int32_t j = 0; j < 3 * l->act_count; j++) sum += a[j] * b[j] * tms_local_scale(l, j) * tms_local_scale(l, j);
     return sum;
 }
 
@@ -238,18 +236,18 @@ static bool descend(tms_local *l, double tolerance, double *merit) {
             const int32_t d = 3 * l->act[j / 3] + j % 3;
             l->f[d] = l->keep[d] - s * l->step[j];
         }
-        *merit = evaluate(l);
+        *merit = tms_local_evaluate(l);
         if (l->converged || *merit < (1 - 0.1 * s) * old) return true;
     }
     return false;
 }
 
 int32_t tms_local_solve(tms_local *l) {
-    double merit = evaluate(l);
-    int32_t steps = 0;
-    while (!l->converged && steps < TMS_NEWTON_STEPS) {
+    double merit = tms_local_evaluate(l);
+    int32_t steps = l->converged ? 0 : tms_local_secant(l, &merit);
+    while (!l->converged && steps < TMS_NEWTON_STEPS) { /* it stalled: the whole matrix */
         steps++;
-        if (!factor(l, -1) || !descend(l, 1e-3, &merit)) break;
+        if (!tms_local_factor(l, -1) || !descend(l, 1e-3, &merit)) break;
     }
     l->before_count = l->now.count;
     memcpy(l->before, l->now.row, (size_t)l->now.count * sizeof *l->now.row);
@@ -262,7 +260,7 @@ void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
     memset(K, 0, 9 * sizeof *K);
     bool any = false;
     for (int32_t i = 0; i < l->now.count; i++) any |= l->now.row[i].instrument == t;
-    if (!any || !factor(l, -1)) return;
+    if (!any || !tms_local_factor(l, -1)) return;
     double *b = l->krylov[TMS_KRYLOV];
     keep_shape(l);
     for (int axis = 0; axis < 3; axis++) {
@@ -280,7 +278,7 @@ void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
 
 /* --- what the others make of a compliance --- */
 
-bool tms_local_without(tms_local *l, int32_t tool) { return factor(l, tool); }
+bool tms_local_without(tms_local *l, int32_t tool) { return tms_local_factor(l, tool); }
 
 void tms_local_yield(tms_local *l, int32_t tool, const double *u, double *df) {
     const int32_t m = 3 * l->act_count;
