@@ -35,8 +35,6 @@ struct tm_hybrid {
     double *through;               /* [3*capacity][interface_count] how a slot inside follows the interface */
     int32_t *through_vertex;       /* [capacity] whose it is, -1 */
     double *give_m_N;              /* [interface_count] mobility within a substep, 0 where supported */
-    tm_capsule gathered_at[TM_MAX_INSTRUMENTS];
-    int32_t gathered_age;
     tm_world *world;
     tm_contact *contact;
     uint8_t *held;                 /* [3*vertex_count] the world's supports */

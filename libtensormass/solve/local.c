@@ -6,6 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+enum { GATHER_EVERY = 8 };               /* solves */
+static const double GATHER_TRAVEL = 0.2; /* radii */
+
 /* --- memory --- */
 
 static void *carve(char **at, size_t bytes) {
@@ -31,7 +34,7 @@ static size_t lay_out(tms_local *l, char *memory) {
     l->pivot = carve(&at, 4 * c3);
     l->wanted = carve(&at, c);
     l->pin = carve(&at, c * sizeof *l->pin);
-    double **vector[] = {&l->f, &l->f_saved, &l->r, &l->keep, &l->du, &l->step, &l->now.fc, &l->probe.fc};
+    double **vector[] = {&l->f, &l->f_saved, &l->f_spare, &l->r, &l->keep, &l->du, &l->step, &l->now.fc, &l->probe.fc};
     for (size_t i = 0; i < sizeof vector / sizeof *vector; i++) *vector[i] = carve(&at, 8 * c3);
     for (int i = 0; i <= TMS_KRYLOV; i++) l->krylov[i] = carve(&at, 8 * c3);
     for (int i = 0; i < TMS_KRYLOV; i++) l->ready[i] = carve(&at, 8 * c3);
@@ -73,6 +76,7 @@ tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const t
     for (int32_t s = 0; s < capacity; s++) l.vertex[s] = l.pin_of[s] = l.act_of[s] = -1;
     *local = l;
     local->def.instrument = NULL; /* the caller's array is copied */
+    tms_local_regather(local);
     for (int32_t t = 0; t < l.tool_count; t++) {
         local->tool[t].def = l.def.instrument[t];
         tms_local_place(local, t, &l.def.instrument[t].pose);
@@ -118,7 +122,7 @@ static int32_t list_wanted(tms_local *l) {
 
 static void fill_slot(tms_local *l, int32_t slot) {
     const int64_t c3 = 3 * (int64_t)l->capacity;
-    for (int32_t other = 0; other < l->capacity; other++) {
+    for (int32_t other = 0; other < l->high; other++) {
         if (l->vertex[other] < 0) continue;
         double C[9];
         l->compliance(l->self, l->vertex[slot], l->vertex[other], C);
@@ -148,6 +152,7 @@ static void assign_slots(tms_local *l, int32_t count) {
             l->vertex[next] = v;
             l->slot_of[v] = next;
             l->wanted[next] = 1;
+            if (next >= l->high) l->high = next + 1;
             fill_slot(l, next);
             l->pair_count = 0; /* they were of another vertex here */
         }
@@ -163,11 +168,34 @@ void tms_local_forget(tms_local *l) {
         if (l->vertex[s] >= 0) l->slot_of[l->vertex[s]] = -1;
         l->vertex[s] = l->pin_of[s] = -1;
     }
-    l->use_count = l->pair_count = 0;
+    l->use_count = l->pair_count = l->high = 0;
+    tms_local_regather(l);
     memset(l->f, 0, 24 * (size_t)l->capacity);
 }
 
+void tms_local_regather(tms_local *l) {
+    l->use_count = 0;
+    l->gathered_age = GATHER_EVERY;
+}
+
+static bool still_around(tms_local *l) {
+    double most = 0;
+    for (int32_t t = 0; t < l->tool_count; t++)
+        for (int c = 0; c < 3; c++) {
+            const tms_tool *tool = &l->tool[t];
+            if (tool->near != tms_local_can_touch(tool)) return false;
+            most = fmax(most, fabs(tool->capsule.tip_m[c] - tool->gathered_at.tip_m[c]) / tool->def.radius_m);
+            most = fmax(most, fabs(tool->capsule.tail_m[c] - tool->gathered_at.tail_m[c]) / tool->def.radius_m);
+        }
+    return l->gathered_age++ < GATHER_EVERY && most < GATHER_TRAVEL;
+}
+
 void tms_local_gather(tms_local *l) {
+    if (still_around(l)) {
+        if (l->refresh) l->refresh(l->self, l->list, l->use_count);
+        return;
+    }
+    l->gathered_age = 1;
     double reach = 2.5; /* radii: what the finder looks at, a piece of the path, and what the tissue may give */
     int32_t count = -1;
     for (int tries = 0; count < 0; tries++, reach *= 0.8) {
@@ -175,6 +203,7 @@ void tms_local_gather(tms_local *l) {
             tms_tool *tool = &l->tool[t];
             const int32_t *vertex;
             tool->near = tms_local_can_touch(tool) && tries < 20; /* then there is no room for any */
+            tool->gathered_at = tool->capsule;
             if (!tool->near) continue;
             tool->overflowed = !tm_contact_search_gather(tool->search, l->mesh->rest_m, l->u_m, &l->surface, &tool->capsule, reach * tool->def.radius_m) || tries > 2;
             tool->near = tm_contact_search_vertices(tool->search, &vertex) > 0;
@@ -187,22 +216,28 @@ void tms_local_gather(tms_local *l) {
 
 /* --- rows and forces --- */
 
-void tms_local_shape(tms_local *l) {
-    const int64_t c3 = 3 * (int64_t)l->capacity;
-    int32_t loaded[l->use_count + 1], count = 0; /* few of those near a tool carry force */
-    for (int32_t j = 0; j < l->use_count; j++) {
-        const double *f = l->f + 3 * l->use[j];
-        if (f[0] != 0 || f[1] != 0 || f[2] != 0) loaded[count++] = l->use[j];
+/* out += f times the displacements of all slots by that force: a row of the block, which is symmetric and lies in memory as it is read. */
+static void spread(const tms_local *l, int32_t component, double f, double *restrict out) {
+    const double *restrict row = l->block + (int64_t)component * 3 * l->capacity;
+    const int32_t n = 3 * l->high;
+    for (int32_t i = 0; i < n; i++) out[i] += f * row[i];
+}
+
+void tms_local_response(const tms_local *l, const int32_t *slot, int32_t count, const double *f, bool by_slot, double *out) {
+    memset(out, 0, 24 * (size_t)l->high);
+    for (int32_t j = 0; j < 3 * count; j++) {
+        const int32_t d = 3 * slot[j / 3] + j % 3;
+        const double force = by_slot ? f[d] : f[j];
+        if (force != 0) spread(l, d, force, out);
     }
+}
+
+void tms_local_shape(tms_local *l) {
+    tms_local_response(l, l->use, l->use_count, l->f, true, l->du);
     for (int32_t i = 0; i < 3 * l->use_count; i++) {
-        const int64_t d = 3 * (int64_t)l->vertex[l->use[i / 3]] + i % 3;
-        const double *row = l->block + (3 * l->use[i / 3] + i % 3) * c3;
-        double sum = 0;
-        for (int32_t j = 0; j < count; j++) {
-            const double *f = l->f + 3 * loaded[j], *C = row + 3 * loaded[j];
-            sum += C[0] * f[0] + C[1] * f[1] + C[2] * f[2];
-        }
-        l->u_m[d] = l->base_m[d] + sum;
+        const int32_t s = l->use[i / 3];
+        const int64_t d = 3 * (int64_t)l->vertex[s] + i % 3;
+        l->u_m[d] = l->base_m[d] + l->du[3 * s + i % 3];
     }
 }
 

@@ -20,6 +20,7 @@ typedef struct tms_tool {
     bool ignored;                  /* while the shape without it is asked for */
     tm_contact_search *search;     /* surface around it */
     bool near;                     /* there is some */
+    tm_capsule gathered_at;        /* where it was then */
     bool overflowed;
 } tms_tool;
 
@@ -48,7 +49,8 @@ typedef struct tms_local {
     double *base_m;                /* [3*vertex_count] shape without f */
     double *u_m;                   /* [3*vertex_count] shape: at the slots always, elsewhere as the client left it */
     /* slots */
-    int32_t capacity, use_count;
+    int32_t capacity, use_count, high; /* slots below `high` have been used */
+    int32_t gathered_age;          /* solves since what surrounds the tools was looked for */
     int32_t *slot_of;              /* [vertex_count] -1 */
     int32_t *vertex;               /* [capacity] -1: never used */
     int32_t *use;                  /* [use_count] slots of this solve, by ascending vertex */
@@ -56,7 +58,7 @@ typedef struct tms_local {
     int32_t *stamp, stamp_now;     /* [vertex_count] */
     int32_t *list;                 /* [capacity] wanted vertices, ascending */
     double *block;                 /* [3*capacity][3*capacity] */
-    double *f, *f_saved, *r, *keep, *du; /* [3*capacity] by slot */
+    double *f, *f_saved, *f_spare, *r, *keep, *du; /* [3*capacity] by slot */
     int32_t *pin_of;               /* [capacity] -1 */
     tms_pin *pin;                  /* [capacity] */
     int32_t pin_count;
@@ -90,8 +92,10 @@ void tms_local_place(tms_local *local, int32_t tool, const tm_tool_pose *at);
 bool tms_local_can_touch(const tms_tool *tool);
 /* All compliances are asked for anew. */
 void tms_local_forget(tms_local *local);
-/* Slots for everything near the tools; forces of vertices that left are dropped. */
+/* Slots for everything near the tools; forces of vertices that left are dropped. Nothing is looked for again while no tool has moved far
+ * and not much time has passed, unless _regather was called. */
 void tms_local_gather(tms_local *local);
+void tms_local_regather(tms_local *local);
 /* Newton's method from the forces there are. Returns the steps taken; `converged` tells. */
 int32_t tms_local_solve(tms_local *local);
 /* Moves all tools to `pose` in pieces, gathering and solving at each. */

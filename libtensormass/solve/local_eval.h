@@ -4,6 +4,8 @@
 
 #include "local.h"
 
+/* out [3*high] := displacements by forces on `slot`, given by slot or in the list's order. */
+void tms_local_response(const tms_local *local, const int32_t *slot, int32_t count, const double *f, bool by_slot, double *out);
 /* u at the slots from base and forces. */
 void tms_local_shape(tms_local *local);
 /* Rows of the shape in u_m, their forces on the slots and on the tools. */

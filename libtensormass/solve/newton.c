@@ -111,19 +111,11 @@ static void set_shape(tms_local *l, double h) {
         }
 }
 
-/* du := C df over the slots in use; df by act. Returns the largest. */
+/* du := C df over the slots; df by act. Returns the largest in use. */
 static double response(tms_local *l, const double *df) {
-    const int64_t c3 = 3 * (int64_t)l->capacity;
     double most = 0;
-    for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) {
-            const double *row = l->block + (3 * l->use[i] + c) * c3;
-            double sum = 0;
-            for (int32_t j = 0; j < l->act_count; j++)
-                for (int k = 0; k < 3; k++) sum += row[3 * l->act[j] + k] * df[3 * j + k];
-            l->du[3 * l->use[i] + c] = sum;
-            most = fmax(most, fabs(sum));
-        }
+    tms_local_response(l, l->act, l->act_count, df, false, l->du);
+    for (int32_t i = 0; i < 3 * l->use_count; i++) most = fmax(most, fabs(l->du[3 * l->use[i / 3] + i % 3]));
     return most;
 }
 

@@ -188,6 +188,8 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
         memcpy(l->pin[i].u_m, u_m + 3 * (int64_t)i, 24);
     }
     l->pin_count = count;
+    l->pair_count = 0; /* changes of other unknowns */
+    tms_local_regather(l);
     l->pin_compliance_m_N = compliance_m_N;
     return TM_OK;
 }

@@ -63,7 +63,7 @@ static void remember(tms_local *l, const double *f_before, const double *r_befor
 }
 
 int32_t tms_local_secant(tms_local *l, double *merit) {
-    double *b = l->step, *f_part = l->krylov[TMS_KRYLOV], *f_before = l->keep, *r_before = l->du;
+    double *b = l->step, *f_part = l->krylov[TMS_KRYLOV], *f_before = l->keep, *r_before = l->f_spare;
     bool factored = false;
     int32_t steps = 0;
     while (!l->converged && steps < TMS_SECANT_STEPS) {

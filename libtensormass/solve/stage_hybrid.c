@@ -3,12 +3,8 @@
 #include "hybrid.h"
 
 #include <assert.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
-
-enum { GATHER_EVERY = 8 };               /* substeps */
-static const double GATHER_TRAVEL = 0.2; /* radii */
 
 /* --- force on the interface --- */
 
@@ -125,7 +121,7 @@ static void rebuild_surface(tm_hybrid *h) {
     }
     h->surface = (tm_surface_view){n, h->surface_triangle, h->surface_face, h->surface.revision + 1};
     h->local.surface = h->surface;
-    h->gathered_age = GATHER_EVERY;
+    tms_local_regather(&h->local);
 }
 
 /* The forces found, let into the coming positions. */
@@ -150,26 +146,6 @@ static void move(tm_hybrid *h) {
     for (int32_t k = 0; inside && k < n; k++) u_next[h->interface[k]] += h->give_m_N[k] * h->push_N[k];
 }
 
-/* What surrounds the tools is looked for again when one has moved or the tissue may have: the room that gathering leaves covers it. */
-static void gather(tm_hybrid *h, const tm_state *state) {
-    tms_local *l = &h->local;
-    double most = 0;
-    for (int32_t t = 0; t < l->tool_count; t++)
-        for (int c = 0; c < 3; c++) {
-            const tms_tool *tool = &l->tool[t];
-            most = fmax(most, fabs(tool->capsule.tip_m[c] - h->gathered_at[t].tip_m[c]) / tool->def.radius_m);
-            most = fmax(most, fabs(tool->capsule.tail_m[c] - h->gathered_at[t].tail_m[c]) / tool->def.radius_m);
-        }
-    if (h->gathered_age++ < GATHER_EVERY && most < GATHER_TRAVEL) {
-        refresh(h, l->list, l->use_count);
-        return;
-    }
-    h->gathered_age = 1;
-    for (int32_t t = 0; t < l->tool_count; t++) h->gathered_at[t] = l->tool[t].capsule;
-    memcpy(l->u_m, state->u_m, 24 * (size_t)h->mesh->vertex_count);
-    tms_local_gather(l);
-}
-
 static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows, bool overflowed[TM_MAX_INSTRUMENTS]) {
     tm_hybrid *h = self;
     tms_local *l = &h->local;
@@ -182,12 +158,13 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
     }
     if (!any) { /* nothing is pushed, and nothing remembered */
         memset(l->f, 0, 24 * (size_t)l->capacity);
-        l->use_count = l->before_count = 0;
-        h->gathered_age = GATHER_EVERY;
+        l->before_count = 0;
+        tms_local_regather(l);
         return 0;
     }
     for (int32_t k = 0; k < h->interface_count; k++) h->at_m[k] = state->u_next_m[h->interface[k]];
-    gather(h, state);
+    memcpy(l->u_m, state->u_m, 24 * (size_t)h->mesh->vertex_count);
+    tms_local_gather(l);
     if (l->use_count == 0) return 0;
     tms_local_solve(l);
     move(h);
@@ -206,7 +183,6 @@ static void changed(void *self, tm_world *world) {
     for (int32_t k = 0; k < h->interface_count; k++) h->give_m_N[k] = mobility(h, h->interface[k]);
     if (!h->local.memory) return;
     tms_local_forget(&h->local);
-    h->gathered_age = GATHER_EVERY;
     for (int32_t s = 0; s < h->local.capacity; s++) h->through_vertex[s] = -1;
 }
 

@@ -136,7 +136,7 @@ static void on_line(const char *size, const organ *o, const tm_tissue *tissue, i
     tm_error error;
     fix_ok(tm_precomputed_create(&def, &model, NULL, &error), &error);
     double height = 0.12;
-    for (int rows = 0; rows < 34 && height > 0; height -= 0.0005) { /* down until they lie on thirty rows */
+    for (int rows = 0; rows < 30 && height > 0; height -= 0.0001) { /* down until they lie on thirty rows */
         lay(pose, height, 0);
         tm_precomputed_update(model, pose);
         rows = rows_with_force(model);
