@@ -87,7 +87,7 @@ int32_t tms_local_secant(tms_local *l, double *merit) {
             *merit = tms_local_evaluate(l);
             break;
         }
-        if (*merit > 0.25 * old) break;
+        if (*merit > 0.8 * old) break; /* stalled */
     }
     return steps;
 }
