@@ -25,6 +25,7 @@ struct sim_lcm {
         void (*tool)(void *, int, const tensormass_tool_state_t *);
         void (*controller)(void *, int, const tensormass_controller_status_t *);
         void *tool_user, *controller_user;
+        tensormass_tool_state_t_subscription_t *subscription;
     } heard[INSTRUMENTS];
 };
 
@@ -50,6 +51,8 @@ static sim_lcm *link_open(const char *url, const char *log, tm_error *error) {
 
 static bool link_close(sim_lcm *link) {
     bool good = !link->failed;
+    for (int i = 0; i < INSTRUMENTS; ++i)
+        if (link->heard[i].subscription) tensormass_tool_state_t_unsubscribe(link->lcm, link->heard[i].subscription);
     if (link->lcm) lcm_destroy(link->lcm);
     if (link->log) {
         good = !fflush(link->log->f) && !ferror(link->log->f) && good;
@@ -132,8 +135,8 @@ static void link_on_tool(sim_lcm *link, int instrument, void (*take)(void *, int
     h->tool = take;
     h->tool_user = user;
     snprintf(channel, sizeof channel, "TOOL_%d", instrument);
-    tensormass_tool_state_t_subscription_t *s = tensormass_tool_state_t_subscribe(link->lcm, channel, tool_came, h);
-    if (s) tensormass_tool_state_t_subscription_set_queue_capacity(s, 100);
+    h->subscription = tensormass_tool_state_t_subscribe(link->lcm, channel, tool_came, h);
+    if (h->subscription) tensormass_tool_state_t_subscription_set_queue_capacity(h->subscription, 100);
 }
 
 static void link_on_controller(sim_lcm *link, int instrument, void (*take)(void *, int, const tensormass_controller_status_t *), void *user) {

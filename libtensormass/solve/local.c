@@ -13,7 +13,7 @@ static const double GATHER_TRAVEL = 0.2; /* radii */
 
 static void *carve(char **at, size_t bytes) {
     void *p = *at;
-    *at += (bytes + 63) / 64 * 64;
+    *at = (char *)((uintptr_t)*at + (bytes + 63) / 64 * 64); /* as a number: while measuring there is no memory to point into */
     return p;
 }
 

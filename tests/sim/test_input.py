@@ -153,3 +153,27 @@ def test_help_and_version(bin):
 def test_committed_reference_is_the_generated_one(bin, root):
     out, _ = run(bin / "tm-sim", "--schema", "markdown")
     assert out == (root / "docs" / "scene-reference.md").read_text(), "run: build/bin/tm-sim --schema markdown > docs/scene-reference.md"
+
+
+@pytest.mark.parametrize("path,written,si", [
+    ("tissue.materials.*.young", ["10 kPa", "10kPa", "0.01 MPa", "1e4 Pa", "10000 N/m2"], "10000"),
+    ("tissue.materials.*.density", ["1.05 g/cm3", "1050 kg/m^3", "1.05 g/ml"], "1050"),
+    ("damping.rate", ["0.02 kHz", "20 /s", "20 1/s"], "20"),
+    ("time.frame_rate", ["25 Hz", "+25"], "25"),
+    ("instruments[0].trocar", ["[5 cm, 50 mm, 18e4 um]", "[0.05 m, .05, 180 mm]"], "[0.05, 0.05, 0.18]"),
+    ("instruments[0].start.pitch", ["30 deg", "523.598775598298873 mrad"], "0.523598775598298873"),
+    ("contact.skin", ["1 mm/N"], "0.001"),
+    ("haptics.loss", ["25 %"], "0.25"),
+])
+def test_units_mean_what_they_say(bin, root, tmp_path, path, written, si):
+    """The same run, to the last bit of its trace, however a number is written."""
+    scene = block_scene(tmp_path, root, "damping:\ncontact:\nhaptics:\ninstruments:\n  - trocar: [50 mm, 50 mm, 18 cm]\n    start: {insertion: 13 cm}\n")
+
+    def trace(value):
+        run(bin / "tm-sim", scene, "--lockstep", "--duration", "0.3 s", "--set", f"{path}={value}", "--csv", tmp_path / "t.csv", "--samples", tmp_path / "s.csv")
+        return [float(x) for name in ("t.csv", "s.csv") for line in (tmp_path / name).read_text().splitlines()[1:] for x in line.split(",")]
+
+    expected = trace(si)
+    assert max(map(abs, expected)) > 0
+    for value in written:
+        assert trace(value) == pytest.approx(expected, rel=1e-6, abs=1e-9), value

@@ -49,3 +49,15 @@ def test_the_force_is_finite_pushes_back_and_echoes_the_controllers_own_time(ses
 def test_a_restarted_controller_is_taken_up(session):
     heard, _, _ = session
     assert heard["forces"][-1][0] == 5000001
+
+
+def test_a_machine_too_slow_drops_time_and_never_catches_up(bin, root, tmp_path):
+    """A scene that no machine runs in time: frames stay frequent, simulated time falls behind and is told."""
+    scene = block_scene(tmp_path, root, mesh="block_10k.msh")
+    path = tmp_path / "o.json"
+    run(bin / "tm-sim", scene, "--realtime", "--duration", "1.5 s", "--set", "tissue.materials.*.young=1 GPa", "--json", path, timeout=60)
+    r = json.loads(path.read_text())
+    assert r["overruns"] > 3 and r["sim_s"] < 0.5 * r["wall_s"]
+    assert r["frames"] > 5  # no frame was computed whole
+    assert abs(r["wall_s"] - r["sim_s"] - r["dropped_s"]) < 0.3 * r["wall_s"]
+    assert r["sim_seconds_per_wall_second"] < 0.5
