@@ -130,7 +130,7 @@ static void keys_insert_and_roll_within_the_workspace(void **state)
     double from = c.hand[0].joint[2];
     key(&c, &p, 'w', true);
     play_controls_step(&c, &p, &camera, HEIGHT, 0.5);
-    assert_float_equal(c.hand[0].joint[2], from + 0.015, 1e-9);
+    assert_float_equal((float)c.hand[0].joint[2], (float)(from + 0.015), 1e-6f);
     for (int i = 0; i < 100; ++i) play_controls_step(&c, &p, &camera, HEIGHT, 0.5);
     assert_float_equal((float)c.hand[0].joint[2], c.limits.joint_max[2], 1e-9f);
     key(&c, &p, 'w', false);
