@@ -18,10 +18,15 @@ if [ ! -f "$types" ]; then
 fi
 make -s "$types" || say "the message types could not be built; see the message above"
 
-session=
-for name in demo play; do
-    pid=$(cat "$out/$name/netns.pid" 2>/dev/null) && [ -e "/proc/$pid/ns/net" ] && session=$out/$name/netns.pid
-done
+running() {
+    for name in demo play; do
+        pid=$(cat "$out/$name/netns.pid" 2>/dev/null) && [ -e "/proc/$pid/ns/net" ] && echo "$out/$name/netns.pid" && return
+    done
+}
+session=$(running)
+patience=${SPY_WAIT:-60} # `make demo & make spy`: the demo may be building still
+[ -n "$session" ] || [ "$patience" = 0 ] || echo "spy: waiting up to $patience s for a session (make demo, make play)" >&2
+for ((i = 0; i < 2 * patience && ${#session} == 0; i++)); do sleep 0.5; session=$(running); done
 [ -n "$session" ] || say "no session runs; start \`make demo\` or \`make play\` in another terminal, then \`make spy\` again"
 echo "spy: joining the session of $session" >&2
 # Debian's own lcm-spy script passes an option that Java 17 no longer takes.

@@ -171,7 +171,7 @@ def test_demo_with_a_bad_scene_says_so(root, build, tmp_path):
 
 
 def spy(root, build, env):
-    return subprocess.run([root / "apps" / "demo" / "spy.sh"], capture_output=True, text=True, timeout=60, cwd=root, env={**os.environ, "OUT": str(build), **env})
+    return subprocess.run([root / "apps" / "demo" / "spy.sh"], capture_output=True, text=True, timeout=60, cwd=root, env={**os.environ, "OUT": str(build), "SPY_WAIT": "0", **env})
 
 
 def test_spy_without_java_display_or_session_says_what_to_do(root, build, tmp_path):
