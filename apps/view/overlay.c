@@ -126,13 +126,16 @@ static void arrow_label(pen p, const view_picture *s, const view_camera *camera,
     const view_instrument *t = &s->instrument[i];
     double force = size_of(t->force_N), end[3];
     for (int k = 0; k < 3; ++k) end[k] = t->tip_m[k] + s->newton_m * t->force_N[k];
-    float at[2];
-    if (force < 0.05 || !view_camera_project(camera, p.canvas->width, p.canvas->height, end, at)) return;
+    float at[2], from[2];
+    int w = p.canvas->width, h = p.canvas->height;
+    if (force < 0.05 || !view_camera_project(camera, w, h, end, at) || !view_camera_project(camera, w, h, t->tip_m, from)) return;
     char text[32];
     snprintf(text, sizeof text, "%.2f N", force);
-    float width = view_text_width(text, p.cap);
-    float x = fminf(fmaxf(at[0] + 1.2f * p.cap, p.cap), (float)p.canvas->width - width - 2 * p.cap);
-    float y = fminf(fmaxf(at[1] + 0.2f * p.cap, 3 * p.cap), (float)p.canvas->height - 2 * p.cap);
+    /* Beyond the arrow's point, centred on its direction. */
+    float width = view_text_width(text, p.cap), dx = at[0] - from[0], dy = at[1] - from[1], length = fmaxf(hypotf(dx, dy), 1);
+    float x = at[0] + dx / length * (width / 2 + 2.5f * p.cap) - width / 2, y = at[1] + dy / length * 2.5f * p.cap + p.cap / 2;
+    x = fminf(fmaxf(x, p.cap), (float)w - width - 2 * p.cap);
+    y = fminf(fmaxf(y, 3 * p.cap), (float)h - 2 * p.cap);
     view_box(p.canvas, x - 0.5f * p.cap, y - 1.6f * p.cap, x + width + 0.5f * p.cap, y + 0.6f * p.cap, 0.4f * p.cap, PANEL);
     view_text(p.canvas, x, y, p.cap, TOOL[i], text);
 }

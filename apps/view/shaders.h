@@ -95,7 +95,7 @@ static const char *const view_metal_fragment =
     "  float kind = floor(misc.x + 0.5), s = lit(N), nl = max(dot(N, key), 0.0), nf = max(dot(N, fill), 0.0), nv = max(dot(N, V), 0.0);\n"
     "  vec3 albedo = vec3(0.0), f0 = vec3(0.04), glow = vec3(0.0); float a = 0.25;\n"
     "  if (kind < 2.5) { albedo = vec3(0.06); f0 = vec3(0.56, 0.57, 0.58); a = 0.22; }\n"
-    "  else if (kind < 3.5) { albedo = vec3(0.022, 0.024, 0.028); f0 = vec3(0.045); a = 0.28; }\n"
+    "  else if (kind < 3.5) { albedo = vec3(0.040, 0.043, 0.050); f0 = vec3(0.05); a = 0.26; }\n"
     "  else if (kind < 4.5) { albedo = vec3(0.2, 0.05, 0.02); glow = mix(vec3(1.5, 0.28, 0.03), vec3(2.6, 1.15, 0.30), nv); }\n"
     "  else if (kind < 5.5) { albedo = vec3(0.55, 0.58, 0.62); f0 = vec3(0.05); a = 0.35; }\n"
     "  else if (kind < 6.5) { albedo = vec3(0.62, 0.27, 0.012); glow = albedo * 0.30; }\n"
