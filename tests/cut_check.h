@@ -1,10 +1,13 @@
-/* A cut tissue against a fresh build of what is left: every bit of tensors, masses, forces; the surface as a set; and its manifoldness. */
+/* A cut tissue against a fresh build of what is left: every bit of tensors, masses, forces; the surface as a set; and
+ * its manifoldness. */
 #ifndef TM_TEST_CUT_CHECK_H
 #define TM_TEST_CUT_CHECK_H
 
 #include "fixture.h"
 
-static inline int cut_compare_int(const void *a, const void *b) { return *(const int32_t *)a < *(const int32_t *)b ? -1 : *(const int32_t *)a > *(const int32_t *)b; }
+static inline int cut_compare_int(const void *a, const void *b) {
+    return *(const int32_t *)a < *(const int32_t *)b ? -1 : *(const int32_t *)a > *(const int32_t *)b;
+}
 
 static inline void cut_same_surface(const tm_tissue *cut, const tm_tissue *fresh) {
     const tm_surface_view a = tm_tissue_surface(cut), b = tm_tissue_surface(fresh);
@@ -15,7 +18,8 @@ static inline void cut_same_surface(const tm_tissue *cut, const tm_tissue *fresh
     if (a.count) assert_memory_equal(sorted, b.face, sizeof(int32_t) * (size_t)a.count);
     const tm_mesh *mesh = tm_tissue_mesh(cut);
     for (int32_t s = 0; s < a.count; s++)
-        for (int i = 0; i < 3; i++) assert_int_equal(a.triangle[3 * s + i], mesh->tet[4 * (a.face[s] / 4) + tm_face_vertex[a.face[s] % 4][i]]);
+        for (int i = 0; i < 3; i++)
+            assert_int_equal(a.triangle[3 * s + i], mesh->tet[4 * (a.face[s] / 4) + tm_face_vertex[a.face[s] % 4][i]]);
     free(sorted);
 }
 
@@ -39,9 +43,11 @@ static inline void cut_same_bits(tm_tissue *cut, const tm_tissue_def *def) {
         tm_tissue_edge_tensor(cut, e, A), tm_tissue_edge_tensor(fresh, e, B);
         assert_memory_equal(A, B, sizeof A);
     }
-    double *u = malloc(sizeof(double) * 3 * n), *f = malloc(sizeof(double) * 3 * n), *g = malloc(sizeof(double) * 3 * n);
+    double *u = malloc(sizeof(double) * 3 * n), *f = malloc(sizeof(double) * 3 * n),
+           *g = malloc(sizeof(double) * 3 * n);
     fix_random random = {(uint64_t)tm_tissue_alive_count(cut)};
-    for (size_t i = 0; i < 3 * n; i++) u[i] = fix_signed(&random);
+    for (size_t i = 0; i < 3 * n; i++)
+        u[i] = fix_signed(&random);
     tm_tissue_force(cut, u, f), tm_tissue_force(fresh, u, g);
     assert_memory_equal(f, g, sizeof(double) * 3 * n);
     assert_int_equal(tm_tissue_alive_count(cut), tm_tissue_alive_count(fresh));
@@ -50,15 +56,20 @@ static inline void cut_same_bits(tm_tissue *cut, const tm_tissue_def *def) {
     tm_tissue_destroy(fresh);
 }
 
-/* Every edge of the surface in two triangles, once each way; around every vertex one fan. Returns 0, or says what is wrong. */
+/* Every edge of the surface in two triangles, once each way; around every vertex one fan. Returns 0, or says what is
+ * wrong. */
 static inline const char *cut_not_manifold(const tm_tissue *tissue) {
     const tm_surface_view s = tm_tissue_surface(tissue);
     const int32_t n = tm_tissue_mesh(tissue)->vertex_count;
-    int32_t *begin = calloc((size_t)n + 2, sizeof(int32_t)), *corner = malloc(sizeof(int32_t) * (size_t)(3 * s.count + 1));
+    int32_t *begin = calloc((size_t)n + 2, sizeof(int32_t)),
+            *corner = malloc(sizeof(int32_t) * (size_t)(3 * s.count + 1));
     const char *wrong = NULL;
-    for (int32_t i = 0; i < 3 * s.count; i++) begin[s.triangle[i] + 2]++;
-    for (int32_t v = 0; v < n; v++) begin[v + 2] += begin[v + 1];
-    for (int32_t i = 0; i < 3 * s.count; i++) corner[begin[s.triangle[i] + 1]++] = i;
+    for (int32_t i = 0; i < 3 * s.count; i++)
+        begin[s.triangle[i] + 2]++;
+    for (int32_t v = 0; v < n; v++)
+        begin[v + 2] += begin[v + 1];
+    for (int32_t i = 0; i < 3 * s.count; i++)
+        corner[begin[s.triangle[i] + 1]++] = i;
     for (int32_t v = 0; v < n && !wrong; v++) {
         const int32_t first = begin[v], count = begin[v + 1] - first;
         int32_t at = first, walked = 0;
@@ -98,24 +109,28 @@ static inline void cut_order_from(const tm_mesh *mesh, int32_t *order, fix_rando
             key[t] += d * d;
         }
         int32_t j = t;
-        for (; j > 0 && key[order[j - 1]] > key[t]; j--) order[j] = order[j - 1];
+        for (; j > 0 && key[order[j - 1]] > key[t]; j--)
+            order[j] = order[j - 1];
         order[j] = t;
     }
     free(key);
 }
 
-/* Removes `fraction` of a tissue in the given order, `batch` at a time, checking everything after each. Returns how many calls. */
-static inline int32_t cut_down(tm_tissue *tissue, const tm_tissue_def *def, tm_world *world, const int32_t *order, double fraction, int32_t batch,
-                               bool manifold_at_first) {
+/* Removes `fraction` of a tissue in the given order, `batch` at a time, checking everything after each. Returns how
+ * many calls. */
+static inline int32_t cut_down(tm_tissue *tissue, const tm_tissue_def *def, tm_world *world, const int32_t *order,
+                               double fraction, int32_t batch, bool manifold_at_first) {
     const tm_mesh *mesh = def->mesh;
     const int32_t target = (int32_t)(mesh->tet_count * (1 - fraction));
     int32_t calls = 0, revision = tm_tissue_surface(tissue).revision;
     int32_t *removed = malloc(sizeof(int32_t) * (size_t)mesh->tet_count);
     for (int32_t i = 0; i < mesh->tet_count && tm_tissue_alive_count(tissue) > target; i += batch, calls++) {
-        const int32_t before = tm_tissue_alive_count(tissue), count = i + batch < mesh->tet_count ? batch : mesh->tet_count - i;
+        const int32_t before = tm_tissue_alive_count(tissue),
+                      count = i + batch < mesh->tet_count ? batch : mesh->tet_count - i;
         const int32_t gone = tm_cut_remove(tissue, order + i, count, removed, mesh->tet_count);
         assert_int_equal(gone, before - tm_tissue_alive_count(tissue));
-        for (int32_t k = 0; k < gone; k++) assert_false(tm_tissue_alive(tissue)[removed[k]]);
+        for (int32_t k = 0; k < gone; k++)
+            assert_false(tm_tissue_alive(tissue)[removed[k]]);
         assert_int_equal(tm_tissue_surface(tissue).revision, revision + (gone > 0));
         revision += gone > 0;
         cut_same_bits(tissue, def);

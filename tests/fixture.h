@@ -2,20 +2,22 @@
 #ifndef TM_TEST_FIXTURE_H
 #define TM_TEST_FIXTURE_H
 
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
-#include <cmocka.h>
-
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include <cmocka.h> /* wants some of the above before it */
+
 #include "tensormass.h"
 
-typedef struct fix_random { uint64_t state; } fix_random;
+typedef struct fix_random {
+    uint64_t state;
+} fix_random;
 
 /* Uniform in [0,1). */
 static inline double fix_uniform(fix_random *random) {
@@ -25,14 +27,17 @@ static inline double fix_uniform(fix_random *random) {
     z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
     return (double)((z ^ (z >> 31)) >> 11) / 9007199254740992.0;
 }
-static inline double fix_signed(fix_random *random) { return 2 * fix_uniform(random) - 1; }
+static inline double fix_signed(fix_random *random) {
+    return 2 * fix_uniform(random) - 1;
+}
 
 /* The status must be TM_OK; the message shows if not. */
 static inline void fix_ok(tm_status status, const tm_error *error) {
     if (status != TM_OK) fail_msg("%s: %s", tm_status_name(status), error->message);
 }
 
-/* A block of cells[0] x cells[1] x cells[2] boxes, six tetrahedra each; inner vertices moved at random by `jitter` times the cell. */
+/* A block of cells[0] x cells[1] x cells[2] boxes, six tetrahedra each; inner vertices moved at random by `jitter`
+ * times the cell. */
 static inline tm_mesh *fix_block(const int cells[3], const double size_m[3], double jitter, fix_random *random) {
     static const int path[6][3] = {{0, 1, 2}, {1, 2, 0}, {2, 0, 1}, {0, 2, 1}, {1, 0, 2}, {2, 1, 0}};
     const int nx = cells[0] + 1, ny = cells[1] + 1, nz = cells[2] + 1;
@@ -43,8 +48,10 @@ static inline tm_mesh *fix_block(const int cells[3], const double size_m[3], dou
     for (int32_t v = 0; v < n; v++) {
         const int at[3] = {v / stride[0], v / stride[1] % ny, v % nz};
         for (int i = 0; i < 3; i++) {
-            const bool inner = at[0] > 0 && at[0] < nx - 1 && at[1] > 0 && at[1] < ny - 1 && at[2] > 0 && at[2] < nz - 1;
-            vertex[3 * v + i] = size_m[i] / cells[i] * (at[i] + (inner && jitter > 0 ? jitter * fix_signed(random) : 0));
+            const bool inner =
+                at[0] > 0 && at[0] < nx - 1 && at[1] > 0 && at[1] < ny - 1 && at[2] > 0 && at[2] < nz - 1;
+            vertex[3 * v + i] =
+                size_m[i] / cells[i] * (at[i] + (inner && jitter > 0 ? jitter * fix_signed(random) : 0));
         }
     }
     int32_t *next = tet;
@@ -53,7 +60,8 @@ static inline tm_mesh *fix_block(const int cells[3], const double size_m[3], dou
             for (int z = 0; z < cells[2]; z++)
                 for (int p = 0; p < 6; p++, next += 4) {
                     next[0] = x * stride[0] + y * stride[1] + z;
-                    for (int i = 0; i < 3; i++) next[i + 1] = next[i] + stride[path[p][i]];
+                    for (int i = 0; i < 3; i++)
+                        next[i + 1] = next[i] + stride[path[p][i]];
                     if (p < 3) continue;
                     const int32_t swap = next[1]; /* odd paths turn the other way round */
                     next[1] = next[2];
@@ -87,13 +95,14 @@ static inline tm_status fix_one_tet(const double vertex_m[12], tm_mesh **mesh, t
 static inline double *fix_fibres(const tm_mesh *mesh, const double a[3]) {
     double *fibre = malloc(sizeof(double) * 3 * (size_t)mesh->tet_count);
     const double length = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
-    for (int32_t i = 0; i < 3 * mesh->tet_count; i++) fibre[i] = a[i % 3] / length;
+    for (int32_t i = 0; i < 3 * mesh->tet_count; i++)
+        fibre[i] = a[i % 3] / length;
     return fibre;
 }
 
 /* One material everywhere, uniform fibre `a` (null if isotropic). */
-static inline tm_tissue *fix_tissue(const tm_mesh *mesh, const tm_material *material, const double a[3], tm_precision precision,
-                                    bool cuttable) {
+static inline tm_tissue *fix_tissue(const tm_mesh *mesh, const tm_material *material, const double a[3],
+                                    tm_precision precision, bool cuttable) {
     double *fibre = a ? fix_fibres(mesh, a) : NULL;
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh;
@@ -122,7 +131,8 @@ static inline tm_world *fix_world(tm_tissue *tissue, bool damped) {
 
 static inline double fix_largest(const double *a, int32_t n) {
     double most = 0;
-    for (int32_t i = 0; i < n; i++) most = fmax(most, fabs(a[i]));
+    for (int32_t i = 0; i < n; i++)
+        most = fmax(most, fabs(a[i]));
     return most;
 }
 

@@ -67,7 +67,8 @@ tm_status tm_fail_memory(tm_error *error, const char *what) {
 
 uint64_t tm_hash(const void *bytes, size_t count, uint64_t seed) {
     const unsigned char *b = bytes;
-    for (size_t i = 0; i < count; i++) seed = (seed ^ b[i]) * 0x100000001b3ULL;
+    for (size_t i = 0; i < count; i++)
+        seed = (seed ^ b[i]) * 0x100000001b3ULL;
     return seed;
 }
 
@@ -95,10 +96,16 @@ static _Atomic int64_t in_use, high_water;
 void tm_set_allocator(const tm_allocator *allocator) {
     hook = allocator ? *allocator : (tm_allocator){default_alloc, default_free, NULL};
 }
-int64_t tm_memory_in_use(void) { return atomic_load(&in_use); }
-int64_t tm_memory_high_water(void) { return atomic_load(&high_water); }
+int64_t tm_memory_in_use(void) {
+    return atomic_load(&in_use);
+}
+int64_t tm_memory_high_water(void) {
+    return atomic_load(&high_water);
+}
 
-static size_t rounded(size_t bytes) { return (bytes + 63) / 64 * 64; }
+static size_t rounded(size_t bytes) {
+    return (bytes + 63) / 64 * 64;
+}
 
 void *tm_allocate(size_t bytes) {
     if (bytes > SIZE_MAX / 2) return NULL;
@@ -107,7 +114,8 @@ void *tm_allocate(size_t bytes) {
     if (!memory) return NULL;
     const int64_t now = atomic_fetch_add(&in_use, (int64_t)size) + (int64_t)size;
     int64_t most = atomic_load(&high_water);
-    while (now > most && !atomic_compare_exchange_weak(&high_water, &most, now)) {}
+    while (now > most && !atomic_compare_exchange_weak(&high_water, &most, now)) {
+    }
     return memory;
 }
 

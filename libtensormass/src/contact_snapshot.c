@@ -1,5 +1,5 @@
-/* What contact keeps between steps: the tools on their paths, the rows with their multipliers, the frame's sums, and which triangles each
- * tool has gathered (their small topology is built again from that). */
+/* What contact keeps between steps: the tools on their paths, the rows with their multipliers, the frame's sums, and
+ * which triangles each tool has gathered (their small topology is built again from that). */
 #include "contact_internal.h"
 
 #include <string.h>
@@ -21,8 +21,8 @@ typedef struct kept_capsule {
 typedef struct kept_tool {
     kept_pose pose, from, to;
     kept_capsule capsule, before, gathered_at;
-    double station_depth_m[TM_MAX_STATIONS], sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3], substep_force_N[3],
-        substep_resultant_N[3], stiffness_N_m[9];
+    double station_depth_m[TM_MAX_STATIONS], sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3],
+        substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
     int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, capped, overflowed, stiffness_kind;
 } kept_tool;
 
@@ -60,11 +60,23 @@ static tm_capsule unpack_capsule(const kept_capsule *k, int32_t instrument) {
 }
 
 static kept_tool pack_tool(const tm_tool *tool) {
-    kept_tool k = {.pose = pack_pose(&tool->pose), .from = pack_pose(&tool->from), .to = pack_pose(&tool->to),
-                   .capsule = pack_capsule(&tool->capsule), .before = pack_capsule(&tool->before), .gathered_at = pack_capsule(&tool->gathered_at),
-                   .sum_time_s = tool->sum_time_s, .path_step = tool->path_step, .path_steps = tool->path_steps, .clear = tool->clear,
-                   .leaving = tool->leaving, .pierced = tool->pierced, .gathered_age = tool->gathered_age, .sum_count = tool->sum_count,
-                   .capped = tool->capped, .overflowed = tool->overflowed, .stiffness_kind = tool->stiffness_kind};
+    kept_tool k = {.pose = pack_pose(&tool->pose),
+                   .from = pack_pose(&tool->from),
+                   .to = pack_pose(&tool->to),
+                   .capsule = pack_capsule(&tool->capsule),
+                   .before = pack_capsule(&tool->before),
+                   .gathered_at = pack_capsule(&tool->gathered_at),
+                   .sum_time_s = tool->sum_time_s,
+                   .path_step = tool->path_step,
+                   .path_steps = tool->path_steps,
+                   .clear = tool->clear,
+                   .leaving = tool->leaving,
+                   .pierced = tool->pierced,
+                   .gathered_age = tool->gathered_age,
+                   .sum_count = tool->sum_count,
+                   .capped = tool->capped,
+                   .overflowed = tool->overflowed,
+                   .stiffness_kind = tool->stiffness_kind};
     COPY(k.station_depth_m, tool->station_depth_m);
     COPY(k.sum_tip_m, tool->sum_tip_m);
     COPY(k.sum_force_N, tool->sum_force_N);
@@ -104,8 +116,13 @@ static void unpack_tool(const kept_tool *k, int32_t instrument, tm_tool *tool) {
 }
 
 static kept_row pack_row(const tm_contact_row *row) {
-    kept_row k = {.share = row->share, .gap_m = row->gap_m, .lambda_N = row->lambda_N, .face = row->face, .instrument = row->instrument,
-                  .station = row->station, .feature = row->feature};
+    kept_row k = {.share = row->share,
+                  .gap_m = row->gap_m,
+                  .lambda_N = row->lambda_N,
+                  .face = row->face,
+                  .instrument = row->instrument,
+                  .station = row->station,
+                  .feature = row->feature};
     COPY(k.weight, row->weight);
     COPY(k.normal, row->normal);
     COPY(k.point_m, row->point_m);
@@ -114,8 +131,13 @@ static kept_row pack_row(const tm_contact_row *row) {
 }
 
 static tm_contact_row unpack_row(const kept_row *k) {
-    tm_contact_row row = {.share = k->share, .gap_m = k->gap_m, .lambda_N = k->lambda_N, .face = k->face, .instrument = k->instrument,
-                          .station = k->station, .feature = k->feature};
+    tm_contact_row row = {.share = k->share,
+                          .gap_m = k->gap_m,
+                          .lambda_N = k->lambda_N,
+                          .face = k->face,
+                          .instrument = k->instrument,
+                          .station = k->station,
+                          .feature = k->feature};
     COPY(row.weight, k->weight);
     COPY(row.normal, k->normal);
     COPY(row.point_m, k->point_m);
@@ -124,12 +146,16 @@ static tm_contact_row unpack_row(const kept_row *k) {
 }
 
 static int64_t bytes_of(const kept *k) {
-    int64_t bytes = (int64_t)sizeof *k + (int64_t)sizeof(kept_tool) * k->tool_count + (int64_t)sizeof(kept_row) * k->row_count;
-    for (int32_t t = 0; t < k->tool_count; t++) bytes += (int64_t)sizeof(int32_t) * k->gathered[t];
+    int64_t bytes =
+        (int64_t)sizeof *k + (int64_t)sizeof(kept_tool) * k->tool_count + (int64_t)sizeof(kept_row) * k->row_count;
+    for (int32_t t = 0; t < k->tool_count; t++)
+        bytes += (int64_t)sizeof(int32_t) * k->gathered[t];
     return bytes;
 }
 
-static void *put(void *to, const void *from, size_t bytes) { return (char *)memcpy(to, from, bytes) + bytes; }
+static void *put(void *to, const void *from, size_t bytes) {
+    return (char *)memcpy(to, from, bytes) + bytes;
+}
 static const void *take(void *to, const void *from, size_t bytes) {
     memcpy(to, from, bytes);
     return (const char *)from + bytes;
@@ -170,8 +196,10 @@ static int32_t slots_of(const tm_tissue *tissue, const int32_t *face, int32_t co
         } else {
             while (low < high) {
                 const int32_t middle = (low + high) / 2;
-                if (surface->face[middle] < face[i]) low = middle + 1;
-                else high = middle;
+                if (surface->face[middle] < face[i])
+                    low = middle + 1;
+                else
+                    high = middle;
             }
         }
         if (low < 0 || low >= surface->count || surface->face[low] != face[i]) return -1;
@@ -187,8 +215,8 @@ static void gather_again(tm_contact *contact, tm_tool *tool, const int32_t *face
         tool->gathered_age = -1;
         return;
     }
-    tm_local_gather(tool->surface, tissue->mesh->rest_m, contact->world->state.u_m, tissue->surface.triangle, tissue->surface.face, slot, count,
-                    &tool->gathered_at, 1e9);
+    tm_local_gather(tool->surface, tissue->mesh->rest_m, contact->world->state.u_m, tissue->surface.triangle,
+                    tissue->surface.face, slot, count, &tool->gathered_at, 1e9);
 }
 
 static bool rows_fit(const tm_contact *contact, const kept *k, const void *from) {
@@ -196,8 +224,10 @@ static bool rows_fit(const tm_contact *contact, const kept *k, const void *from)
     for (int32_t i = 0; i < k->row_count; i++) {
         kept_row row;
         from = take(&row, from, sizeof row);
-        bool fits = row.face >= 0 && row.face < 4 * mesh->tet_count && row.instrument >= 0 && row.instrument < contact->tool_count;
-        for (int j = 0; j < 3; j++) fits = fits && row.vertex[j] >= 0 && row.vertex[j] < mesh->vertex_count;
+        bool fits = row.face >= 0 && row.face < 4 * mesh->tet_count && row.instrument >= 0 &&
+                    row.instrument < contact->tool_count;
+        for (int j = 0; j < 3; j++)
+            fits = fits && row.vertex[j] >= 0 && row.vertex[j] < mesh->vertex_count;
         if (!fits) return false;
     }
     return true;
@@ -208,7 +238,9 @@ bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t
     kept k;
     if (bytes < (int64_t)sizeof k) return false;
     const void *from = take(&k, buffer, sizeof k);
-    if (k.tool_count != contact->tool_count || k.row_count < 0 || k.row_count > contact->def.max_rows * contact->tool_count) return false;
+    if (k.tool_count != contact->tool_count || k.row_count < 0 ||
+        k.row_count > contact->def.max_rows * contact->tool_count)
+        return false;
     for (int32_t t = 0; t < k.tool_count; t++)
         if (k.gathered[t] < 0 || k.gathered[t] > TM_LOCAL_FACES) return false;
     if (bytes != bytes_of(&k) || !rows_fit(contact, &k, from)) return false;

@@ -1,5 +1,5 @@
-/* Removal of tetrahedra: surface, mending, then every touched vertex and edge summed again from its living tetrahedra, in the order of
- * a fresh build. Subtracting would be quicker to write and would drift. */
+/* Removal of tetrahedra: surface, mending, then every touched vertex and edge summed again from its living tetrahedra,
+ * in the order of a fresh build. Subtracting would be quicker to write and would drift. */
 #include "cut_internal.h"
 #include "plant.h"
 
@@ -49,7 +49,8 @@ void tm_cut_count(tm_tissue *tissue) {
     for (int32_t e = 0; e < mesh->edge_count; e++) {
         w->edge_alive[e] = 0;
         w->edge_whole[e] = mesh->edge_tet_begin[e + 1] - mesh->edge_tet_begin[e];
-        for (int32_t i = mesh->edge_tet_begin[e]; i < mesh->edge_tet_begin[e + 1]; i++) w->edge_alive[e] += tissue->alive[mesh->edge_tet[i]];
+        for (int32_t i = mesh->edge_tet_begin[e]; i < mesh->edge_tet_begin[e + 1]; i++)
+            w->edge_alive[e] += tissue->alive[mesh->edge_tet[i]];
     }
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         w->vertex_alive[v] = 0;
@@ -59,9 +60,11 @@ void tm_cut_count(tm_tissue *tissue) {
     }
     for (int32_t f = 0; f < 4 * mesh->tet_count; f++) {
         if (mesh->tet_neighbour[f] >= 0) continue;
-        for (int i = 0; i < 3; i++) w->vertex_whole[mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][i]]] = -1;
+        for (int i = 0; i < 3; i++)
+            w->vertex_whole[mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][i]]] = -1;
         for (int e = 0; e < 6; e++)
-            if (tm_edge_vertex[e][0] != f % 4 && tm_edge_vertex[e][1] != f % 4) w->edge_whole[mesh->tet_edge[6 * (int64_t)(f / 4) + e]] = -1;
+            if (tm_edge_vertex[e][0] != f % 4 && tm_edge_vertex[e][1] != f % 4)
+                w->edge_whole[mesh->tet_edge[6 * (int64_t)(f / 4) + e]] = -1;
     }
 }
 
@@ -91,7 +94,8 @@ int32_t tm_cut_queue_pop(tm_cut_queue *queue) {
 
 static void hide_face(tm_tissue *tissue, int32_t face) {
     const int32_t slot = tissue->face_slot[face], last = --tissue->surface.count;
-    for (int i = 0; i < 3; i++) tissue->surface_triangle[3 * slot + i] = tissue->surface_triangle[3 * last + i];
+    for (int i = 0; i < 3; i++)
+        tissue->surface_triangle[3 * slot + i] = tissue->surface_triangle[3 * last + i];
     tissue->surface_face[slot] = tissue->surface_face[last];
     tissue->face_slot[tissue->surface_face[slot]] = slot;
     tissue->face_slot[face] = -1;
@@ -99,7 +103,8 @@ static void hide_face(tm_tissue *tissue, int32_t face) {
 
 static void show_face(tm_tissue *tissue, int32_t face) {
     const int32_t slot = tissue->surface.count++, *v = tissue->mesh->tet + 4 * (int64_t)(face / 4);
-    for (int i = 0; i < 3; i++) tissue->surface_triangle[3 * slot + i] = v[tm_face_vertex[face % 4][i]];
+    for (int i = 0; i < 3; i++)
+        tissue->surface_triangle[3 * slot + i] = v[tm_face_vertex[face % 4][i]];
     tissue->surface_face[slot] = face;
     tissue->face_slot[face] = slot;
 }
@@ -112,7 +117,8 @@ static void update_surface(tm_tissue *tissue, int32_t tet) {
             continue;
         }
         int back = 0;
-        while (tissue->mesh->tet_neighbour[4 * neighbour + back] != tet) back++;
+        while (tissue->mesh->tet_neighbour[4 * neighbour + back] != tet)
+            back++;
         show_face(tissue, 4 * neighbour + back);
     }
 }
@@ -122,9 +128,10 @@ static const int8_t edge_between[4][4] = {{-1, 0, 1, 2}, {0, -1, 3, 4}, {1, 3, -
 
 /* Whose fans may fall apart when this tetrahedron goes? Only they are looked at afterwards.
  *
- * About an edge the fan splits only if both neighbours live and the fan was not closed. About a vertex, where the tetrahedron is a triangle
- * of the star's section: with no free side it opens a new outline (but the first in a closed star); with one free side it may split the
- * star when the corner opposite lies on the outline too; with two or three it is an ear. A split edge means a look at its ends as well. */
+ * About an edge the fan splits only if both neighbours live and the fan was not closed. About a vertex, where the
+ * tetrahedron is a triangle of the star's section: with no free side it opens a new outline (but the first in a closed
+ * star); with one free side it may split the star when the corner opposite lies on the outline too; with two or three
+ * it is an ear. A split edge means a look at its ends as well. */
 static void find_doubts(tm_tissue *tissue, int32_t tet) {
     tm_cut_work *w = tissue->cut;
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet, *edge = tissue->mesh->tet_edge + 6 * (int64_t)tet;
@@ -134,7 +141,8 @@ static void find_doubts(tm_tissue *tissue, int32_t tet) {
         joined[i] = other >= 0 && tissue->alive[other];
     }
     for (int e = 0; e < 6; e++) {
-        const int a = tm_edge_vertex[e][0], b = tm_edge_vertex[e][1], c = tm_edge_vertex[5 - e][0], d = tm_edge_vertex[5 - e][1];
+        const int a = tm_edge_vertex[e][0], b = tm_edge_vertex[e][1], c = tm_edge_vertex[5 - e][0],
+                  d = tm_edge_vertex[5 - e][1];
         closed[e] = w->edge_alive[edge[e]] == w->edge_whole[edge[e]];
         if (closed[e] || !joined[c] || !joined[d]) continue;
         tm_cut_queue_push(&w->edge_check, edge[e]);
@@ -148,7 +156,8 @@ static void find_doubts(tm_tissue *tissue, int32_t tet) {
             sides += joined[j];
             if (!joined[j]) free_side = j;
         }
-        const bool doubt = sides == 3 ? w->vertex_alive[v[i]] != w->vertex_whole[v[i]] : sides == 2 && !closed[edge_between[i][free_side]];
+        const bool doubt = sides == 3 ? w->vertex_alive[v[i]] != w->vertex_whole[v[i]]
+                                      : sides == 2 && !closed[edge_between[i][free_side]];
         if (doubt) tm_cut_queue_push(&w->vertex_check, v[i]);
     }
 }
@@ -183,10 +192,14 @@ int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int3
         if (tissue->alive[tet[i]]) tm_cut_kill(tissue, tet[i]);
     }
     tm_cut_mend(tissue);
-    for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_assemble_edge(tissue, w->edge.item[i]);
-    if (PLANT_REMOVAL && w->edge.count && tissue->precision == TM_DOUBLE) ((double *)tissue->edge_tensor)[9 * (int64_t)w->edge.item[0]] *= -1;
-    for (int32_t i = 0; i < w->vertex.count; i++) tm_tissue_assemble_vertex(tissue, w->vertex.item[i]);
+    for (int32_t i = 0; i < w->edge.count; i++)
+        tm_tissue_assemble_edge(tissue, w->edge.item[i]);
+    if (PLANT_REMOVAL && w->edge.count && tissue->precision == TM_DOUBLE)
+        ((double *)tissue->edge_tensor)[9 * (int64_t)w->edge.item[0]] *= -1;
+    for (int32_t i = 0; i < w->vertex.count; i++)
+        tm_tissue_assemble_vertex(tissue, w->vertex.item[i]);
     tissue->surface.revision += w->tet.count > 0;
-    for (int32_t i = 0; removed && i < w->tet.count && i < removed_max; i++) removed[i] = w->tet.item[i];
+    for (int32_t i = 0; removed && i < w->tet.count && i < removed_max; i++)
+        removed[i] = w->tet.item[i];
     return w->tet.count;
 }

@@ -8,8 +8,8 @@
 /* Things waiting their turn, each at most once. */
 typedef struct tm_cut_queue {
     int32_t capacity, begin, count;
-    int32_t *item;   /* [capacity] ring */
-    uint8_t *waits;  /* [capacity] by item */
+    int32_t *item;  /* [capacity] ring */
+    uint8_t *waits; /* [capacity] by item */
 } tm_cut_queue;
 
 /* Things seen in this call, each once. */
@@ -29,14 +29,15 @@ typedef struct tm_cut_work {
     int32_t *star, *fan, *stack;            /* [star_max] of the vertex or edge looked at */
     int32_t *rim_tet, *rim_face, *rim_loop; /* [3*star_max] outer faces at the vertex looked at */
     uint32_t fan_call;
-    uint32_t *fan_stamp;                    /* [tet_count] */
-    int32_t *fan_of;                        /* [tet_count] place in star */
+    uint32_t *fan_stamp; /* [tet_count] */
+    int32_t *fan_of;     /* [tet_count] place in star */
 } tm_cut_work;
 
 tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh);
 /* Counts the living tetrahedra around edges and vertices. */
 void tm_cut_count(tm_tissue *tissue);
-/* Takes one living tetrahedron away: alive mark, surface, counts; what it touched waits for a look and for new tensors. */
+/* Takes one living tetrahedron away: alive mark, surface, counts; what it touched waits for a look and for new tensors.
+ */
 void tm_cut_kill(tm_tissue *tissue, int32_t tet);
 /* Removes what hangs by a vertex or an edge, until nothing does. */
 void tm_cut_mend(tm_tissue *tissue);

@@ -1,15 +1,18 @@
 /* Mending: what cutting leaves hanging by an edge or a vertex goes too, so that the surface stays a manifold.
  *
- * Around an edge the living tetrahedra must form one fan. Around a vertex they must be joined by faces, and their outline (on a small
- * sphere about the vertex) must be one closed line or none: a ring, two outlines, is two surfaces that touch in a point, and is cut open
- * along its shortest way across. Every mend removes something, so this ends. Ties go to the fan that holds the lowest tetrahedron. */
+ * Around an edge the living tetrahedra must form one fan. Around a vertex they must be joined by faces, and their
+ * outline (on a small sphere about the vertex) must be one closed line or none: a ring, two outlines, is two surfaces
+ * that touch in a point, and is cut open along its shortest way across. Every mend removes something, so this ends.
+ * Ties go to the fan that holds the lowest tetrahedron. */
 #include "cut_internal.h"
 
 /* Labels star[0..n) by fan, over neighbours that `joined` allows; returns how many fans. Work: stack. */
 typedef bool (*joined)(const tm_mesh *mesh, int32_t tet, int face, int32_t hinge);
 
 /* A face holds the vertex unless it lies opposite. */
-static bool face_has_vertex(const tm_mesh *mesh, int32_t tet, int face, int32_t vertex) { return mesh->tet[4 * (int64_t)tet + face] != vertex; }
+static bool face_has_vertex(const tm_mesh *mesh, int32_t tet, int face, int32_t vertex) {
+    return mesh->tet[4 * (int64_t)tet + face] != vertex;
+}
 
 static bool face_has_edge(const tm_mesh *mesh, int32_t tet, int face, int32_t edge) {
     const int32_t opposite = mesh->tet[4 * (int64_t)tet + face];
@@ -58,7 +61,8 @@ static void keep_largest_fan(tm_tissue *tissue, int32_t n, int32_t fans) {
     int32_t best = 0, most = 0;
     for (int32_t fan = 0; fan < fans; fan++) {
         int32_t size = 0;
-        for (int32_t i = 0; i < n; i++) size += w->fan[i] == fan;
+        for (int32_t i = 0; i < n; i++)
+            size += w->fan[i] == fan;
         if (size > most) {
             most = size;
             best = fan;
@@ -104,7 +108,8 @@ static int32_t collect_rim(tm_tissue *tissue, int32_t n, int32_t vertex) {
 
 static bool share_edge_at(const tm_tissue *tissue, int32_t a, int32_t b, int32_t vertex) {
     const tm_cut_work *w = tissue->cut;
-    const int32_t *p = tissue->mesh->tet + 4 * (int64_t)w->star[w->rim_tet[a]], *q = tissue->mesh->tet + 4 * (int64_t)w->star[w->rim_tet[b]];
+    const int32_t *p = tissue->mesh->tet + 4 * (int64_t)w->star[w->rim_tet[a]],
+                  *q = tissue->mesh->tet + 4 * (int64_t)w->star[w->rim_tet[b]];
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) {
             const int32_t x = p[tm_face_vertex[w->rim_face[a]][i]];
@@ -140,7 +145,8 @@ static void open_ring(tm_tissue *tissue, int32_t n, int32_t vertex) {
     label_loops(tissue, rim, vertex);
     int32_t begin = 0, end = 0, last = -1;
     int32_t *from = w->fan; /* place the search came from, -2: not yet seen */
-    for (int32_t i = 0; i < n; i++) from[i] = on_loop(w, rim, i, true) ? -1 : -2;
+    for (int32_t i = 0; i < n; i++)
+        from[i] = on_loop(w, rim, i, true) ? -1 : -2;
     for (int32_t i = 0; i < n; i++)
         if (from[i] == -1) w->stack[end++] = i;
     while (begin < end && last < 0) {
@@ -155,8 +161,10 @@ static void open_ring(tm_tissue *tissue, int32_t n, int32_t vertex) {
         }
     }
     if (last < 0)
-        for (int32_t i = 0; i < n; i++) tm_cut_kill(tissue, w->star[i]);
-    for (; last >= 0; last = from[last]) tm_cut_kill(tissue, w->star[last]);
+        for (int32_t i = 0; i < n; i++)
+            tm_cut_kill(tissue, w->star[i]);
+    for (; last >= 0; last = from[last])
+        tm_cut_kill(tissue, w->star[last]);
 }
 
 /* One closed outline: Euler's V - E + F of the star's section is 1. `seams` are inner faces at the vertex. */
@@ -183,8 +191,10 @@ static void check_vertex(tm_tissue *tissue, int32_t vertex) {
     if (2 * seams == 3 * n) return; /* all around */
     const int32_t fans = label_fans(tissue, n, face_has_vertex, vertex);
     if (fans == 1 && is_disc(tissue, n, seams, vertex)) return;
-    if (fans > 1) keep_largest_fan(tissue, n, fans);
-    else open_ring(tissue, n, vertex);
+    if (fans > 1)
+        keep_largest_fan(tissue, n, fans);
+    else
+        open_ring(tissue, n, vertex);
     tm_cut_queue_push(&tissue->cut->vertex_check, vertex); /* what is left may be a ring, or have one more hole */
 }
 
@@ -192,8 +202,11 @@ void tm_cut_mend(tm_tissue *tissue) {
     tm_cut_work *w = tissue->cut;
     for (;;) {
         /* Edges first: the outlines about a vertex presume whole edges. */
-        if (w->edge_check.count > 0) check_edge(tissue, tm_cut_queue_pop(&w->edge_check));
-        else if (w->vertex_check.count > 0) check_vertex(tissue, tm_cut_queue_pop(&w->vertex_check));
-        else return;
+        if (w->edge_check.count > 0)
+            check_edge(tissue, tm_cut_queue_pop(&w->edge_check));
+        else if (w->vertex_check.count > 0)
+            check_vertex(tissue, tm_cut_queue_pop(&w->vertex_check));
+        else
+            return;
     }
 }

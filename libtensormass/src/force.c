@@ -1,4 +1,5 @@
-/* The force loops: the plain reference in both precisions, the AVX2 forms where they can be, and the choice between them. */
+/* The force loops: the plain reference in both precisions, the AVX2 forms where they can be, and the choice between
+ * them. */
 #include "kernel.h"
 
 #include <stddef.h>
@@ -36,7 +37,8 @@
 
 tm_force_kernel tm_force_choose(bool plain, bool single) {
 #ifdef TM_HAS_AVX2
-    if (!plain && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma")) return single ? tm_force_avx2_single : tm_force_avx2_double;
+    if (!plain && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+        return single ? tm_force_avx2_single : tm_force_avx2_double;
 #endif
     (void)plain;
     return single ? tm_force_plain_single : tm_force_plain_double;

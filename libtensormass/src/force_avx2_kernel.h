@@ -1,10 +1,13 @@
-/* The force loop with AVX2 and FMA, included once for double and once for single tensors: TM_REAL, TM_NAME and TM_LOAD4 are set by the
- * includer. Sums as force_kernel.h does, but fused and by lanes: it agrees with the plain form to rounding, not in bits.
+/* The force loop with AVX2 and FMA, included once for double and once for single tensors: TM_REAL, TM_NAME and TM_LOAD4
+ * are set by the includer. Sums as force_kernel.h does, but fused and by lanes: it agrees with the plain form to
+ * rounding, not in bits.
  *
- * A row of a block is loaded as four numbers, the fourth belonging to what follows (tensors are padded for the last): it meets a zero
- * lane of u or is dropped. Forces are read and written as two and one, so that no store goes past the caller's array. */
-TM_AVX2 void TM_NAME(int32_t vertex_count, const int32_t *TM_RESTRICT upper_begin, const int32_t *TM_RESTRICT edge_vertex,
-                     const void *vertex, const void *edge, const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
+ * A row of a block is loaded as four numbers, the fourth belonging to what follows (tensors are padded for the last):
+ * it meets a zero lane of u or is dropped. Forces are read and written as two and one, so that no store goes past the
+ * caller's array. */
+TM_AVX2 void TM_NAME(int32_t vertex_count, const int32_t *TM_RESTRICT upper_begin,
+                     const int32_t *TM_RESTRICT edge_vertex, const void *vertex, const void *edge,
+                     const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
     const double *vertex_tensor = vertex;
     const TM_REAL *edge_tensor = edge;
     const __m256i three = _mm256_set_epi64x(0, -1, -1, -1);
@@ -12,8 +15,10 @@ TM_AVX2 void TM_NAME(int32_t vertex_count, const int32_t *TM_RESTRICT upper_begi
     for (int32_t k = 0; k < vertex_count; k++) {
         const double *A = vertex_tensor + 9 * (int64_t)k;
         const __m256d uk = _mm256_maskload_pd(u_m + 3 * (int64_t)k, three);
-        const __m256d x = _mm256_set1_pd(u_m[3 * (int64_t)k]), y = _mm256_set1_pd(u_m[3 * (int64_t)k + 1]), z = _mm256_set1_pd(u_m[3 * (int64_t)k + 2]);
-        __m256d fx = _mm256_mul_pd(_mm256_loadu_pd(A), uk), fy = _mm256_mul_pd(_mm256_loadu_pd(A + 3), uk), fz = _mm256_mul_pd(_mm256_loadu_pd(A + 6), uk);
+        const __m256d x = _mm256_set1_pd(u_m[3 * (int64_t)k]), y = _mm256_set1_pd(u_m[3 * (int64_t)k + 1]),
+                      z = _mm256_set1_pd(u_m[3 * (int64_t)k + 2]);
+        __m256d fx = _mm256_mul_pd(_mm256_loadu_pd(A), uk), fy = _mm256_mul_pd(_mm256_loadu_pd(A + 3), uk),
+                fz = _mm256_mul_pd(_mm256_loadu_pd(A + 6), uk);
         for (int32_t e = upper_begin[k]; e < upper_begin[k + 1]; e++) {
             const TM_REAL *K = edge_tensor + 9 * (int64_t)e;
             const int64_t l = 3 * (int64_t)edge_vertex[2 * (int64_t)e + 1];

@@ -8,8 +8,12 @@
 
 /* Cookies of filled definition structs: an unfilled one is a broken contract. */
 enum {
-    TM_COOKIE_MESH = 0x6d657368, TM_COOKIE_TISSUE = 0x74697373, TM_COOKIE_WORLD = 0x776f726c,
-    TM_COOKIE_SUPPORT = 0x73757070, TM_COOKIE_SETTLE = 0x73657474, TM_COOKIE_CUT = 0x63757421
+    TM_COOKIE_MESH = 0x6d657368,
+    TM_COOKIE_TISSUE = 0x74697373,
+    TM_COOKIE_WORLD = 0x776f726c,
+    TM_COOKIE_SUPPORT = 0x73757070,
+    TM_COOKIE_SETTLE = 0x73657474,
+    TM_COOKIE_CUT = 0x63757421
 };
 
 /* Every array of an object is one block of its pool; releasing the pool frees the object. A failed take marks the pool,
@@ -32,27 +36,30 @@ tm_status tm_fail_memory(tm_error *error, const char *what);
 struct tm_tissue {
     tm_pool pool;
     const tm_mesh *mesh;
-    tm_material *material;    /* [material_count] */
+    tm_material *material; /* [material_count] */
     int32_t material_count;
     int32_t *region_material; /* [region_count] */
     double *fibre;            /* [3*tet_count] or null */
     tm_precision precision;
     bool cuttable;
-    uint8_t *alive;           /* [tet_count] */
+    uint8_t *alive; /* [tet_count] */
     int32_t alive_count;
-    double *mass_kg, *damping_kg_s; /* [vertex_count] */
+    double *mass_kg, *damping_kg_s;             /* [vertex_count] */
     double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] or null */
-    int32_t *upper_begin;     /* [vertex_count+1] first edge (k,l), l>k, of each vertex: edges are sorted by k */
-    double *vertex_tensor;    /* [9*vertex_count] double even when edges are single: an eighth of the whole, and the larger numbers */
-    void *edge_tensor;        /* [9*edge_count] */
-    double *vertex_block;     /* cuttable, double: [9*4*tet_count] blocks K_kk in the order of mesh->vertex_tet, so that a sum reads straight on; else null */
-    double *edge_block;       /* cuttable: [9*6*tet_count] in the order of mesh->edge_tet */
-    double *vertex_share;     /* cuttable: [2*4*tet_count] mass and damping that a tetrahedron gives, in the order of mesh->vertex_tet */
+    int32_t *upper_begin;  /* [vertex_count+1] first edge (k,l), l>k, of each vertex: edges are sorted by k */
+    double *vertex_tensor; /* [9*vertex_count] double even when edges are single: an eighth of the whole, and the larger
+                              numbers */
+    void *edge_tensor;     /* [9*edge_count] */
+    double *vertex_block;  /* cuttable, double: [9*4*tet_count] blocks K_kk in the order of mesh->vertex_tet, so that a
+                              sum reads straight on; else null */
+    double *edge_block;    /* cuttable: [9*6*tet_count] in the order of mesh->edge_tet */
+    double *vertex_share;  /* cuttable: [2*4*tet_count] mass and damping that a tetrahedron gives, in the order of
+                              mesh->vertex_tet */
     tm_force_kernel force;
-    tm_surface_view surface;  /* views the mesh's own arrays when nothing can differ from them */
+    tm_surface_view surface;                  /* views the mesh's own arrays when nothing can differ from them */
     int32_t *surface_triangle, *surface_face; /* writable, or null when viewing the mesh's */
-    int32_t *face_slot;       /* cuttable: [4*tet_count] slot of a face in the surface, -1 */
-    struct tm_cut_work *cut;  /* cuttable: marks and queues of cut.c */
+    int32_t *face_slot;                       /* cuttable: [4*tet_count] slot of a face in the surface, -1 */
+    struct tm_cut_work *cut;                  /* cuttable: marks and queues of cut.c */
 };
 
 /* --- assembly, shared by create and cut; all sums ascending over living tetrahedra --- */
@@ -62,7 +69,8 @@ void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex); /* after its 
 void tm_tissue_build_surface(tm_tissue *tissue);
 /* Largest eigenvalue of M_e^-1 K_e, 1/s2. */
 double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet);
-/* Leaves the eigenvalues of a symmetric 6x6 matrix on its diagonal: Jacobi rotations, accurate however far apart they lie. */
+/* Leaves the eigenvalues of a symmetric 6x6 matrix on its diagonal: Jacobi rotations, accurate however far apart they
+ * lie. */
 void tm_diagonalise6(double A[36]);
 
 struct tm_world {
@@ -73,9 +81,9 @@ struct tm_world {
     int32_t revision;         /* of the tissue's surface that masses and stages know */
     double guaranteed_step_s; /* of the tissue at creation: cutting never lowers it */
     int32_t guaranteed_tet;
-    double *mobility_s2_kg;   /* [vertex_count] 1/(m/dt2 + gamma/2dt), 0 without mass: displacement per force within a step */
-    double *carry;            /* damped: [vertex_count] (m/dt2 - gamma/2dt) * mobility; else null */
-    uint8_t *held_scratch;    /* [3*vertex_count] of tm_world_set_step */
+    double *mobility_s2_kg; /* [vertex_count] 1/(m/dt2 + gamma/2dt), 0 without mass: move per newton in a step */
+    double *carry;          /* damped: [vertex_count] (m/dt2 - gamma/2dt) * mobility; else null */
+    uint8_t *held_scratch;  /* [3*vertex_count] of tm_world_set_step */
     double *keep_u_m, *keep_u_prev_m; /* state at the start of a tm_world_step call */
     int32_t stage_count;
     struct tm_stage_slot {
@@ -83,7 +91,7 @@ struct tm_world {
         int64_t bytes, runs;
         double seconds;
     } slot[TM_MAX_STAGES];
-    void *support;            /* self of the support stage, or null */
+    void *support; /* self of the support stage, or null */
 };
 
 /* Calls every stage's step_changed: dt changed or the tissue was cut. */
@@ -108,9 +116,12 @@ void tm_support_impose(const tm_world *world, double *u_m);
 double tm_clock_s(void);
 
 /* --- small vectors --- */
-static inline double tm_dot3(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static inline double tm_dot3(const double *a, const double *b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 static inline void tm_sub3(const double *a, const double *b, double *c) {
-    for (int i = 0; i < 3; i++) c[i] = a[i] - b[i];
+    for (int i = 0; i < 3; i++)
+        c[i] = a[i] - b[i];
 }
 static inline void tm_cross3(const double *a, const double *b, double *c) {
     c[0] = a[1] * b[2] - a[2] * b[1];

@@ -1,6 +1,6 @@
-/* The one header with `restrict` and intrinsics. The force loop's arrays never overlap, and only told so does the compiler keep sums in
- * registers; it does not find the AVX2 form by itself, for a block's three columns fill no vector. The plain C form is the reference; its
- * order of sums is fixed (see force_kernel.h). */
+/* The one header with `restrict` and intrinsics. The force loop's arrays never overlap, and only told so does the
+ * compiler keep sums in registers; it does not find the AVX2 form by itself, for a block's three columns fill no
+ * vector. The plain C form is the reference; its order of sums is fixed (see force_kernel.h). */
 #ifndef TM_KERNEL_H
 #define TM_KERNEL_H
 
@@ -20,8 +20,8 @@ typedef void (*tm_force_kernel)(int32_t vertex_count, const int32_t *TM_RESTRICT
                                 const int32_t *TM_RESTRICT edge_vertex, const void *vertex, const void *edge,
                                 const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N);
 
-#define TM_FORCE_DECLARE(name)                                                                                                   \
-    void name(int32_t vertex_count, const int32_t *TM_RESTRICT upper_begin, const int32_t *TM_RESTRICT edge_vertex,            \
+#define TM_FORCE_DECLARE(name)                                                                                         \
+    void name(int32_t vertex_count, const int32_t *TM_RESTRICT upper_begin, const int32_t *TM_RESTRICT edge_vertex,    \
               const void *vertex, const void *edge, const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N)
 TM_FORCE_DECLARE(tm_force_plain_double);
 TM_FORCE_DECLARE(tm_force_plain_single);

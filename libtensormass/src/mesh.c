@@ -15,7 +15,9 @@ typedef struct owned_mesh {
     tm_pool pool;
 } owned_mesh;
 
-tm_mesh_def tm_mesh_def_default(void) { return (tm_mesh_def){.cookie = TM_COOKIE_MESH}; }
+tm_mesh_def tm_mesh_def_default(void) {
+    return (tm_mesh_def){.cookie = TM_COOKIE_MESH};
+}
 
 void tm_mesh_destroy(tm_mesh *mesh) {
     if (!mesh) return;
@@ -38,8 +40,10 @@ static tm_status check_vertices(const tm_mesh_def *def, tm_error *error) {
     for (int32_t v = 0; v < def->vertex_count; v++)
         for (int i = 0; i < 3; i++)
             if (!isfinite(def->vertex_m[3 * v + i]) || fabs(def->vertex_m[3 * v + i]) > 1e6)
-                return tm_fail(error, TM_ERR_MESH, v, "vertex %d: its %c coordinate is %g, not a finite number below 1e6 m; "
-                               "mend the mesh file or its scale", v, "xyz"[i], def->vertex_m[3 * v + i]);
+                return tm_fail(error, TM_ERR_MESH, v,
+                               "vertex %d: its %c coordinate is %g, not a finite number below 1e6 m; "
+                               "mend the mesh file or its scale",
+                               v, "xyz"[i], def -> vertex_m[3 * v + i]);
     return TM_OK;
 }
 
@@ -47,21 +51,26 @@ static tm_status check_tet(const tm_mesh_def *def, int32_t t, tm_error *error) {
     const int32_t *v = def->tet + 4 * (int64_t)t;
     for (int i = 0; i < 4; i++) {
         if (v[i] < 0 || v[i] >= def->vertex_count)
-            return tm_fail(error, TM_ERR_MESH, t, "tetrahedron %d: names vertex %d of %d; give indices from 0 to %d", t, v[i],
-                           def->vertex_count, def->vertex_count - 1);
+            return tm_fail(error, TM_ERR_MESH, t, "tetrahedron %d: names vertex %d of %d; give indices from 0 to %d", t,
+                           v[i], def->vertex_count, def->vertex_count - 1);
         for (int j = 0; j < i; j++)
             if (v[i] == v[j])
-                return tm_fail(error, TM_ERR_MESH, t, "tetrahedron %d: names vertex %d twice; remove it or mend the mesh", t, v[i]);
+                return tm_fail(error, TM_ERR_MESH, t,
+                               "tetrahedron %d: names vertex %d twice; remove it or mend the mesh", t, v[i]);
     }
     double noise;
     const double d = six_volume(def->vertex_m + 3 * (int64_t)v[0], def->vertex_m + 3 * (int64_t)v[1],
                                 def->vertex_m + 3 * (int64_t)v[2], def->vertex_m + 3 * (int64_t)v[3], &noise);
     if (!(fabs(d) > noise) || !(fabs(d) > DBL_MIN))
-        return tm_fail(error, TM_ERR_MESH, t, "tetrahedron %d (vertices %d %d %d %d): flat, its volume is zero; remove it or "
-                       "mesh again", t, v[0], v[1], v[2], v[3]);
+        return tm_fail(error, TM_ERR_MESH, t,
+                       "tetrahedron %d (vertices %d %d %d %d): flat, its volume is zero; remove it or "
+                       "mesh again",
+                       t, v[0], v[1], v[2], v[3]);
     if (d < 0)
-        return tm_fail(error, TM_ERR_MESH, t, "tetrahedron %d (vertices %d %d %d %d): negative volume %g m3, its vertices are "
-                       "in negative order; swap two of them", t, v[0], v[1], v[2], v[3], d / 6);
+        return tm_fail(error, TM_ERR_MESH, t,
+                       "tetrahedron %d (vertices %d %d %d %d): negative volume %g m3, its vertices are "
+                       "in negative order; swap two of them",
+                       t, v[0], v[1], v[2], v[3], d / 6);
     if (def->region && def->region[t] < 0)
         return tm_fail(error, TM_ERR_MESH, t, "tetrahedron %d: region %d; number regions from 0", t, def->region[t]);
     return TM_OK;
@@ -70,9 +79,12 @@ static tm_status check_tet(const tm_mesh_def *def, int32_t t, tm_error *error) {
 /* Stable counting sort of `order` by key[order[i]], 0 <= key < keys; `start` has keys+1 entries. */
 static void sort_by(int32_t *order, int32_t *scratch, const int32_t *key, int32_t count, int32_t keys, int32_t *start) {
     memset(start, 0, sizeof(int32_t) * ((size_t)keys + 1));
-    for (int32_t i = 0; i < count; i++) start[key[i] + 1]++;
-    for (int32_t k = 0; k < keys; k++) start[k + 1] += start[k];
-    for (int32_t i = 0; i < count; i++) scratch[start[key[order[i]]]++] = order[i];
+    for (int32_t i = 0; i < count; i++)
+        start[key[i] + 1]++;
+    for (int32_t k = 0; k < keys; k++)
+        start[k + 1] += start[k];
+    for (int32_t i = 0; i < count; i++)
+        scratch[start[key[order[i]]]++] = order[i];
     memcpy(order, scratch, sizeof(int32_t) * (size_t)count);
 }
 
@@ -83,9 +95,21 @@ typedef struct work {
 } work;
 
 static void sort3(int32_t a[3]) {
-    if (a[0] > a[1]) { int32_t t = a[0]; a[0] = a[1]; a[1] = t; }
-    if (a[1] > a[2]) { int32_t t = a[1]; a[1] = a[2]; a[2] = t; }
-    if (a[0] > a[1]) { int32_t t = a[0]; a[0] = a[1]; a[1] = t; }
+    if (a[0] > a[1]) {
+        int32_t t = a[0];
+        a[0] = a[1];
+        a[1] = t;
+    }
+    if (a[1] > a[2]) {
+        int32_t t = a[1];
+        a[1] = a[2];
+        a[2] = t;
+    }
+    if (a[0] > a[1]) {
+        int32_t t = a[0];
+        a[0] = a[1];
+        a[1] = t;
+    }
 }
 
 /* Which side of a face, named by its ascending vertices, a tetrahedron of positive volume lies on. */
@@ -97,7 +121,8 @@ static bool even(const int32_t *tet, int i) {
 static bool same_tet(const int32_t *a, const int32_t *b) {
     int shared = 0;
     for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++) shared += a[i] == b[j];
+        for (int j = 0; j < 4; j++)
+            shared += a[i] == b[j];
     return shared == 4;
 }
 
@@ -106,13 +131,18 @@ static tm_status join_faces(tm_mesh *mesh, const int32_t face[], int32_t count, 
     if (count == 1) return TM_OK;
     const int32_t t1 = face[1] / 4;
     if (same_tet(mesh->tet + 4 * (int64_t)t0, mesh->tet + 4 * (int64_t)t1))
-        return tm_fail(error, TM_ERR_MESH, t1, "tetrahedron %d: has the same four vertices as tetrahedron %d; remove one", t1, t0);
+        return tm_fail(error, TM_ERR_MESH, t1,
+                       "tetrahedron %d: has the same four vertices as tetrahedron %d; remove one", t1, t0);
     if (count > 2)
-        return tm_fail(error, TM_ERR_MESH, face[2] / 4, "tetrahedron %d: its face is shared with tetrahedra %d and %d, and a face "
-                       "has two sides; remove the one that overlaps", face[2] / 4, t0, t1);
+        return tm_fail(error, TM_ERR_MESH, face[2] / 4,
+                       "tetrahedron %d: its face is shared with tetrahedra %d and %d, and a face "
+                       "has two sides; remove the one that overlaps",
+                       face[2] / 4, t0, t1);
     if (even(mesh->tet + 4 * (int64_t)t0, face[0] % 4) == even(mesh->tet + 4 * (int64_t)t1, face[1] % 4))
-        return tm_fail(error, TM_ERR_MESH, t1, "tetrahedron %d: overlaps tetrahedron %d, both on one side of their common face; "
-                       "remove one", t1, t0);
+        return tm_fail(error, TM_ERR_MESH, t1,
+                       "tetrahedron %d: overlaps tetrahedron %d, both on one side of their common face; "
+                       "remove one",
+                       t1, t0);
     mesh->tet_neighbour[face[0]] = t1;
     mesh->tet_neighbour[face[1]] = t0;
     return TM_OK;
@@ -123,13 +153,16 @@ static tm_status build_neighbours(tm_mesh *mesh, work *w, tm_error *error) {
     for (int32_t f = 0; f < faces; f++) {
         const int32_t *v = mesh->tet + 4 * (int64_t)(f / 4);
         int32_t a[3];
-        for (int i = 0; i < 3; i++) a[i] = v[tm_face_vertex[f % 4][i]];
+        for (int i = 0; i < 3; i++)
+            a[i] = v[tm_face_vertex[f % 4][i]];
         sort3(a);
-        for (int i = 0; i < 3; i++) w->key[i][f] = a[i];
+        for (int i = 0; i < 3; i++)
+            w->key[i][f] = a[i];
         w->order[f] = f;
         mesh->tet_neighbour[f] = -1;
     }
-    for (int i = 2; i >= 0; i--) sort_by(w->order, w->scratch, w->key[i], faces, mesh->vertex_count, w->start);
+    for (int i = 2; i >= 0; i--)
+        sort_by(w->order, w->scratch, w->key[i], faces, mesh->vertex_count, w->start);
     for (int32_t begin = 0, end; begin < faces; begin = end) {
         const int32_t f = w->order[begin];
         for (end = begin + 1; end < faces; end++) {
@@ -165,11 +198,15 @@ static int32_t number_edges(tm_mesh *mesh, work *w) {
 
 /* Lists, for each of `items`, the owners whose `width` entries name it, ascending. */
 static void invert(const int32_t *entry, int32_t owners, int32_t width, int32_t items, int32_t *begin, int32_t *list) {
-    for (int64_t i = 0; i < (int64_t)owners * width; i++) begin[entry[i] + 1]++;
-    for (int32_t v = 0; v < items; v++) begin[v + 1] += begin[v];
+    for (int64_t i = 0; i < (int64_t)owners * width; i++)
+        begin[entry[i] + 1]++;
+    for (int32_t v = 0; v < items; v++)
+        begin[v + 1] += begin[v];
     for (int32_t t = 0; t < owners; t++)
-        for (int32_t i = 0; i < width; i++) list[begin[entry[(int64_t)t * width + i]]++] = t;
-    for (int32_t v = items; v > 0; v--) begin[v] = begin[v - 1];
+        for (int32_t i = 0; i < width; i++)
+            list[begin[entry[(int64_t)t * width + i]]++] = t;
+    for (int32_t v = items; v > 0; v--)
+        begin[v] = begin[v - 1];
     begin[0] = 0;
 }
 
@@ -191,14 +228,16 @@ static tm_status build_edges(tm_mesh *mesh, tm_pool *pool, work *w, tm_error *er
 }
 
 static tm_status build_surface(tm_mesh *mesh, tm_pool *pool, tm_error *error) {
-    for (int32_t f = 0; f < 4 * mesh->tet_count; f++) mesh->surface_count += mesh->tet_neighbour[f] < 0;
+    for (int32_t f = 0; f < 4 * mesh->tet_count; f++)
+        mesh->surface_count += mesh->tet_neighbour[f] < 0;
     mesh->surface = TM_TAKE(pool, int32_t, 3 * (int64_t)mesh->surface_count);
     mesh->surface_face = TM_TAKE(pool, int32_t, mesh->surface_count);
     if (pool->failed) return tm_fail_memory(error, "mesh");
     int32_t n = 0;
     for (int32_t f = 0; f < 4 * mesh->tet_count; f++) {
         if (mesh->tet_neighbour[f] >= 0) continue;
-        for (int i = 0; i < 3; i++) mesh->surface[3 * n + i] = mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][i]];
+        for (int i = 0; i < 3; i++)
+            mesh->surface[3 * n + i] = mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][i]];
         mesh->surface_face[n++] = f;
     }
     return TM_OK;
@@ -208,13 +247,17 @@ static void build_shapes(tm_mesh *mesh) {
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         const int32_t *v = mesh->tet + 4 * (int64_t)t;
         double d[3][3], *alpha = mesh->shape_1_m + 12 * (int64_t)t;
-        for (int i = 0; i < 3; i++) tm_sub3(mesh->rest_m + 3 * (int64_t)v[i + 1], mesh->rest_m + 3 * (int64_t)v[0], d[i]);
-        for (int i = 0; i < 3; i++) tm_cross3(d[(i + 1) % 3], d[(i + 2) % 3], alpha + 3 * (i + 1));
+        for (int i = 0; i < 3; i++)
+            tm_sub3(mesh->rest_m + 3 * (int64_t)v[i + 1], mesh->rest_m + 3 * (int64_t)v[0], d[i]);
+        for (int i = 0; i < 3; i++)
+            tm_cross3(d[(i + 1) % 3], d[(i + 2) % 3], alpha + 3 * (i + 1));
         double n[3];
         tm_cross3(d[0], d[1], n);
         const double det = tm_dot3(n, d[2]);
-        for (int i = 3; i < 12; i++) alpha[i] /= det;
-        for (int i = 0; i < 3; i++) alpha[i] = -(alpha[3 + i] + alpha[6 + i] + alpha[9 + i]);
+        for (int i = 3; i < 12; i++)
+            alpha[i] /= det;
+        for (int i = 0; i < 3; i++)
+            alpha[i] = -(alpha[3 + i] + alpha[6 + i] + alpha[9 + i]);
         mesh->volume_m3[t] = det / 6;
     }
 }
@@ -244,7 +287,8 @@ static tm_status take_and_copy(tm_mesh *mesh, tm_pool *pool, const tm_mesh_def *
 
 static tm_status take_work(const tm_mesh_def *def, work *w, tm_error *error) {
     const int64_t records = 6 * (int64_t)def->tet_count;
-    for (int i = 0; i < 3; i++) w->key[i] = TM_TAKE(&w->pool, int32_t, records);
+    for (int i = 0; i < 3; i++)
+        w->key[i] = TM_TAKE(&w->pool, int32_t, records);
     w->order = TM_TAKE(&w->pool, int32_t, records);
     w->scratch = TM_TAKE(&w->pool, int32_t, records);
     w->start = TM_TAKE(&w->pool, int32_t, (int64_t)def->vertex_count + 1);
@@ -269,14 +313,16 @@ static tm_status build(tm_mesh *mesh, tm_pool *pool, const tm_mesh_def *def, wor
 tm_status tm_mesh_create(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error) {
     assert(def && mesh && def->cookie == TM_COOKIE_MESH);
     if (def->vertex_count < 4 || def->tet_count < 1)
-        return tm_fail(error, TM_ERR_MESH, -1, "an empty mesh: %d vertices, %d tetrahedra; give at least one tetrahedron",
-                       def->vertex_count, def->tet_count);
+        return tm_fail(error, TM_ERR_MESH, -1,
+                       "an empty mesh: %d vertices, %d tetrahedra; give at least one tetrahedron", def->vertex_count,
+                       def->tet_count);
     if (def->tet_count > INT32_MAX / 16 || def->vertex_count > INT32_MAX / 16)
         return tm_fail(error, TM_ERR_MESH, -1, "%d vertices and %d tetrahedra are more than %d; use a coarser mesh",
                        def->vertex_count, def->tet_count, INT32_MAX / 16);
     assert(def->vertex_m && def->tet);
     tm_status status = check_vertices(def, error);
-    for (int32_t t = 0; t < def->tet_count && !status; t++) status = check_tet(def, t, error);
+    for (int32_t t = 0; t < def->tet_count && !status; t++)
+        status = check_tet(def, t, error);
     if (status) return status;
 
     tm_pool pool = {0};

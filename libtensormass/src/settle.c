@@ -1,8 +1,9 @@
 /* Rest: dynamic relaxation of K u = f_ext.
  *
- * With forces, loads and supports alone the rest is a linear system, and the relaxation's mass (the 3x3 vertex tensors), damping and
- * step are chosen anew each step so that the energy falls the most: that choice is the conjugate gradient method.
- * With any further constraint (contact) the stages themselves run, under fictitious masses and a damping taken from the motion. */
+ * With forces, loads and supports alone the rest is a linear system, and the relaxation's mass (the 3x3 vertex
+ * tensors), damping and step are chosen anew each step so that the energy falls the most: that choice is the conjugate
+ * gradient method. With any further constraint (contact) the stages themselves run, under fictitious masses and a
+ * damping taken from the motion. */
 #include "cut_internal.h"
 
 #include <assert.h>
@@ -18,20 +19,21 @@ typedef struct relaxation {
     tm_pool pool;
     tm_world *world;
     const tm_settle_def *def;
-    int32_t n;                 /* components */
-    uint8_t *held;             /* [n] prescribed, or without mass */
-    double *external;          /* [n] */
+    int32_t n;        /* components */
+    uint8_t *held;    /* [n] prescribed, or without mass */
+    double *external; /* [n] */
     double *start_u, *start_u_prev;
     double *residual, *step, *image, *scaled; /* [n] */
-    double *inverse;           /* [9*vertex_count] linear: inverse vertex tensors of the free components */
-    double *mass;              /* [vertex_count] else: fictitious masses, kg per s2 */
+    double *inverse; /* [9*vertex_count] linear: inverse vertex tensors of the free components */
+    double *mass;    /* [vertex_count] else: fictitious masses, kg per s2 */
     int64_t steps;
     double relative;
 } relaxation;
 
 static bool known(const tm_stage *stage) {
-    return stage->run == tm_stage_force_run || stage->run == tm_stage_integrate_run || stage->run == tm_stage_integrate_damped_run ||
-           stage->run == tm_stage_gravity_run || stage->run == tm_stage_load_run || stage->run == tm_stage_support_run;
+    return stage->run == tm_stage_force_run || stage->run == tm_stage_integrate_run ||
+           stage->run == tm_stage_integrate_damped_run || stage->run == tm_stage_gravity_run ||
+           stage->run == tm_stage_load_run || stage->run == tm_stage_support_run;
 }
 
 static bool is_linear(const tm_world *world) {
@@ -59,14 +61,17 @@ static bool report(relaxation *x) {
 }
 
 static tm_status not_converged(const relaxation *x, tm_error *error) {
-    return tm_fail(error, TM_ERR_CONVERGENCE, -1, "the residual is %g after %lld steps, not %g; allow more steps, a larger tolerance, or "
-                   "hold the tissue better", x->relative, (long long)x->steps, x->def->tolerance);
+    return tm_fail(error, TM_ERR_CONVERGENCE, -1,
+                   "the residual is %g after %lld steps, not %g; allow more steps, a larger tolerance, or "
+                   "hold the tissue better",
+                   x->relative, (long long)x->steps, x->def->tolerance);
 }
 
 /* --- what cannot come to rest --- */
 
 static int32_t root(int32_t *parent, int32_t v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
+    while (parent[v] != v)
+        v = parent[v] = parent[parent[v]];
     return v;
 }
 
@@ -77,10 +82,12 @@ static bool piece_is_held(const relaxation *x, int32_t *parent, int32_t piece) {
     int32_t count = 0;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         if (root(parent, v) != piece) continue;
-        for (int i = 0; i < 3; i++) centre[i] += mesh->rest_m[3 * v + i];
+        for (int i = 0; i < 3; i++)
+            centre[i] += mesh->rest_m[3 * v + i];
         count++;
     }
-    for (int i = 0; i < 3; i++) centre[i] /= count;
+    for (int i = 0; i < 3; i++)
+        centre[i] /= count;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         double d[3];
         tm_sub3(mesh->rest_m + 3 * v, centre, d);
@@ -91,9 +98,11 @@ static bool piece_is_held(const relaxation *x, int32_t *parent, int32_t piece) {
         double d[3], row[6] = {0}, axis[3] = {0, 0, 0};
         axis[i % 3] = row[i % 3] = 1;
         tm_sub3(mesh->rest_m + 3 * (i / 3), centre, d);
-        for (int k = 0; k < 3; k++) d[k] /= size;
+        for (int k = 0; k < 3; k++)
+            d[k] /= size;
         tm_cross3(d, axis, row + 3);
-        for (int k = 0; k < 36; k++) G[k] += row[k / 6] * row[k % 6];
+        for (int k = 0; k < 36; k++)
+            G[k] += row[k / 6] * row[k % 6];
     }
     tm_diagonalise6(G);
     double least = G[0], most = G[0];
@@ -113,7 +122,8 @@ static tm_status check_supports(relaxation *x, tm_error *error) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "settling");
     }
-    for (int32_t v = 0; v < mesh->vertex_count; v++) parent[v] = v;
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        parent[v] = v;
     for (int32_t t = 0; t < mesh->tet_count; t++)
         for (int i = 1; i < 4 && x->world->tissue->alive[t]; i++)
             parent[root(parent, mesh->tet[4 * (int64_t)t + i])] = root(parent, mesh->tet[4 * (int64_t)t]);
@@ -123,8 +133,10 @@ static tm_status check_supports(relaxation *x, tm_error *error) {
         if (x->external[i] == 0 || x->world->tissue->mass_kg[i / 3] == 0 || seen[piece]) continue;
         seen[piece] = 1;
         if (!piece_is_held(x, parent, piece))
-            status = tm_fail(error, TM_ERR_SUPPORT, i / 3, "vertex %d: it bears a load and the supports leave its piece a rigid motion, so there "
-                             "is no rest; hold three vertices that are not in one line", i / 3);
+            status = tm_fail(error, TM_ERR_SUPPORT, i / 3,
+                             "vertex %d: it bears a load and the supports leave its piece a rigid motion, so there "
+                             "is no rest; hold three vertices that are not in one line",
+                             i / 3);
     }
     tm_pool_release(&pool);
     return status;
@@ -138,24 +150,29 @@ static void invert_vertex(const tm_tissue *tissue, int32_t v, const uint8_t *hel
     tm_tissue_vertex_tensor(tissue, v, K);
     for (int i = 0; i < 3; i++) {
         if (!held[i]) continue;
-        for (int j = 0; j < 3; j++) K[3 * i + j] = K[3 * j + i] = 0;
+        for (int j = 0; j < 3; j++)
+            K[3 * i + j] = K[3 * j + i] = 0;
         K[4 * i] = 1;
     }
     double row[9];
-    for (int i = 0; i < 3; i++) tm_cross3(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), row + 3 * i);
+    for (int i = 0; i < 3; i++)
+        tm_cross3(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), row + 3 * i);
     const double det = tm_dot3(K, row);
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) inverse[3 * i + j] = held[i] || held[j] ? 0 : row[3 * j + i] / det;
+        for (int j = 0; j < 3; j++)
+            inverse[3 * i + j] = held[i] || held[j] ? 0 : row[3 * j + i] / det;
 }
 
 static void precondition(const relaxation *x, const double *r, double *z) {
     for (int32_t v = 0; v < x->n / 3; v++)
-        for (int i = 0; i < 3; i++) z[3 * v + i] = tm_dot3(x->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
+        for (int i = 0; i < 3; i++)
+            z[3 * v + i] = tm_dot3(x->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
 }
 
 static double product(const double *a, const double *b, int32_t n) {
     double sum = 0;
-    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
+    for (int32_t i = 0; i < n; i++)
+        sum += a[i] * b[i];
     return sum;
 }
 
@@ -164,7 +181,8 @@ static void true_residual(relaxation *x) {
     const double *u = x->world->state.u_m;
     tm_tissue_force(x->world->tissue, u, x->image);
     const double reference = fmax(largest(x->external, NULL, x->n), largest(x->image, NULL, x->n));
-    for (int32_t i = 0; i < x->n; i++) x->residual[i] = x->held[i] ? 0 : x->external[i] + x->image[i];
+    for (int32_t i = 0; i < x->n; i++)
+        x->residual[i] = x->held[i] ? 0 : x->external[i] + x->image[i];
     const double most = largest(x->residual, NULL, x->n);
     x->relative = most > 0 ? most / reference : 0;
 }
@@ -188,7 +206,8 @@ static tm_status relax_linear_once(relaxation *x, double reference, tm_error *er
         precondition(x, x->residual, x->scaled);
         const double next = product(x->residual, x->scaled, x->n);
         const double carry = next / rz;
-        for (int32_t i = 0; i < x->n; i++) x->step[i] = x->scaled[i] + carry * x->step[i];
+        for (int32_t i = 0; i < x->n; i++)
+            x->step[i] = x->scaled[i] + carry * x->step[i];
         rz = next;
         x->relative = largest(x->residual, NULL, x->n) / reference;
         if (++x->steps >= x->def->max_steps || !report(x)) return not_converged(x, error);
@@ -199,7 +218,8 @@ static tm_status relax_linear_once(relaxation *x, double reference, tm_error *er
 
 static tm_status relax_linear(relaxation *x, tm_error *error) {
     const tm_tissue *tissue = x->world->tissue;
-    for (int32_t v = 0; v < x->n / 3; v++) invert_vertex(tissue, v, x->held + 3 * v, x->inverse + 9 * (int64_t)v);
+    for (int32_t v = 0; v < x->n / 3; v++)
+        invert_vertex(tissue, v, x->held + 3 * v, x->inverse + 9 * (int64_t)v);
     double best = HUGE_VAL;
     for (int idle = 0;;) {
         true_residual(x);
@@ -223,7 +243,8 @@ static void fictitious_masses(relaxation *x) {
     memset(sum, 0, sizeof(double) * (size_t)x->n);
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         tm_tissue_vertex_tensor(tissue, v, K);
-        for (int i = 0; i < 9; i++) sum[3 * v + i / 3] += fabs(K[i]);
+        for (int i = 0; i < 9; i++)
+            sum[3 * v + i / 3] += fabs(K[i]);
     }
     for (int32_t e = 0; e < mesh->edge_count; e++) {
         tm_tissue_edge_tensor(tissue, e, K);
@@ -236,16 +257,20 @@ static void fictitious_masses(relaxation *x) {
         x->mass[v] = 1.1 / 4 * fmax(sum[3 * v], fmax(sum[3 * v + 1], sum[3 * v + 2]));
 }
 
-/* One pass over all stages but the integrator, whose place the relaxation takes. residual := the whole force, constraints included. */
+/* One pass over all stages but the integrator, whose place the relaxation takes. residual := the whole force,
+ * constraints included. */
 static void relaxed_pass(relaxation *x, double damping) {
     tm_world *world = x->world;
     tm_state *s = &world->state;
     const double carry = (1 - damping / 2) / (1 + damping / 2);
-    for (int32_t v = 0; v < x->n / 3; v++) world->mobility_s2_kg[v] = x->mass[v] > 0 ? 1 / (x->mass[v] * (1 + damping / 2)) : 0;
+    for (int32_t v = 0; v < x->n / 3; v++)
+        world->mobility_s2_kg[v] = x->mass[v] > 0 ? 1 / (x->mass[v] * (1 + damping / 2)) : 0;
     run_phase(world, TM_PHASE_BEGIN);
     run_phase(world, TM_PHASE_FORCE);
     run_phase(world, TM_PHASE_LOAD);
-    for (int32_t i = 0; i < x->n; i++) s->u_next_m[i] = s->u_m[i] + carry * (s->u_m[i] - s->u_prev_m[i]) + world->mobility_s2_kg[i / 3] * s->force_N[i];
+    for (int32_t i = 0; i < x->n; i++)
+        s->u_next_m[i] =
+            s->u_m[i] + carry * (s->u_m[i] - s->u_prev_m[i]) + world->mobility_s2_kg[i / 3] * s->force_N[i];
     run_phase(world, TM_PHASE_CONSTRAIN);
     for (int32_t i = 0; i < x->n; i++) {
         const double mobility = world->mobility_s2_kg[i / 3];
@@ -254,7 +279,8 @@ static void relaxed_pass(relaxation *x, double damping) {
     }
 }
 
-/* Critical damping of the mode that moves: its frequency by Rayleigh's quotient of the last move. image = residual before. */
+/* Critical damping of the mode that moves: its frequency by Rayleigh's quotient of the last move. image = residual
+ * before. */
 static double damping_from_motion(const relaxation *x) {
     const tm_state *s = &x->world->state;
     double stiff = 0, heavy = 0;
@@ -300,8 +326,10 @@ static bool take(relaxation *x, bool linear) {
     x->step = TM_TAKE(&x->pool, double, n);
     x->image = TM_TAKE(&x->pool, double, n);
     x->scaled = TM_TAKE(&x->pool, double, n);
-    if (linear) x->inverse = TM_TAKE(&x->pool, double, 3 * n);
-    else x->mass = TM_TAKE(&x->pool, double, n / 3);
+    if (linear)
+        x->inverse = TM_TAKE(&x->pool, double, 3 * n);
+    else
+        x->mass = TM_TAKE(&x->pool, double, n / 3);
     return !x->pool.failed;
 }
 
@@ -323,13 +351,15 @@ static void prepare(relaxation *x) {
 /* Leaves forces, reactions and contact as the first step from here would find them. */
 static void refresh(tm_world *world) {
     tm_world_changed(world);
-    for (tm_phase phase = TM_PHASE_FORCE; phase <= TM_PHASE_CONSTRAIN; phase++) run_phase(world, phase);
+    for (tm_phase phase = TM_PHASE_FORCE; phase <= TM_PHASE_CONSTRAIN; phase++)
+        run_phase(world, phase);
 }
 
 tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error) {
     assert(def && def->cookie == TM_COOKIE_SETTLE);
     if (!(def->tolerance > 0) || def->max_steps < 1)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g, %lld steps; give positive numbers", def->tolerance, (long long)def->max_steps);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g, %lld steps; give positive numbers", def->tolerance,
+                       (long long)def->max_steps);
     relaxation x = {.world = world, .def = def, .n = 3 * world->tissue->mesh->vertex_count};
     const bool linear = is_linear(world);
     if (!take(&x, linear)) {

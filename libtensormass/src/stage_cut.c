@@ -1,5 +1,5 @@
-/* Stage "cut": active cauteries remove what they touch, at the tissue's rate; pieces that hang on nothing are found a little each step
- * and removed, at once or when they have fallen out of sight. */
+/* Stage "cut": active cauteries remove what they touch, at the tissue's rate; pieces that hang on nothing are found a
+ * little each step and removed, at once or when they have fallen out of sight. */
 #include "contact_internal.h"
 #include "cut_internal.h"
 
@@ -8,10 +8,10 @@
 #include <string.h>
 
 enum {
-    REACH_PER_STEP = 256,   /* tetrahedra that the search for loose pieces visits in a step */
-    SWEEP_PER_STEP = 2048,  /* that it looks at afterwards */
-    LOOSE_PER_STEP = 32,    /* loose ones removed in a step */
-    FALLING_PAUSE = 256     /* steps between two searches while pieces fall */
+    REACH_PER_STEP = 256,  /* tetrahedra that the search for loose pieces visits in a step */
+    SWEEP_PER_STEP = 2048, /* that it looks at afterwards */
+    LOOSE_PER_STEP = 32,   /* loose ones removed in a step */
+    FALLING_PAUSE = 256    /* steps between two searches while pieces fall */
 };
 static const double OUT_OF_SIGHT = 3; /* diagonals of the mesh that a falling piece may travel */
 
@@ -26,22 +26,24 @@ typedef struct cut {
     double sight_m;
     /* what was removed, for tm_cut_take */
     int32_t log_begin, log_count;
-    int32_t *log_tet;                  /* [tet_count] */
+    int32_t *log_tet; /* [tet_count] */
     int8_t *log_instrument;
     /* the search for loose pieces */
     search state;
-    int32_t revision;                  /* of the surface when it began */
+    int32_t revision; /* of the surface when it began */
     int32_t pause;
-    bool falling;                      /* the last search left loose pieces */
+    bool falling; /* the last search left loose pieces */
     int32_t queue_begin, queue_end, sweep_at;
-    uint8_t *reached;                  /* [tet_count] */
-    uint8_t *held;                     /* [3*vertex_count] */
-    int32_t *queue;                    /* [tet_count] */
+    uint8_t *reached; /* [tet_count] */
+    uint8_t *held;    /* [3*vertex_count] */
+    int32_t *queue;   /* [tet_count] */
 } cut;
 
 static void run(void *self, tm_world *world);
 
-tm_cut_def tm_cut_def_default(void) { return (tm_cut_def){.cookie = TM_COOKIE_CUT, .rate_1_s = 200, .loose = TM_LOOSE_FALL}; }
+tm_cut_def tm_cut_def_default(void) {
+    return (tm_cut_def){.cookie = TM_COOKIE_CUT, .rate_1_s = 200, .loose = TM_LOOSE_FALL};
+}
 
 static void remove_tet(cut *stage, tm_world *world, const int32_t *tet, int32_t count, int8_t instrument) {
     tm_tissue *tissue = world->tissue;
@@ -61,8 +63,10 @@ static int32_t deepest(const cut *stage, const tm_world *world, int32_t instrume
     const tm_contact_row *row, *best = NULL;
     const int32_t rows = tm_contact_rows(stage->contact, &row);
     for (int32_t i = 0; i < rows; i++) {
-        if (row[i].instrument != instrument || !(row[i].lambda_N > 0) || !world->tissue->alive[row[i].face / 4]) continue;
-        if (!best || row[i].gap_m < best->gap_m || (row[i].gap_m == best->gap_m && row[i].face < best->face)) best = row + i;
+        if (row[i].instrument != instrument || !(row[i].lambda_N > 0) || !world->tissue->alive[row[i].face / 4])
+            continue;
+        if (!best || row[i].gap_m < best->gap_m || (row[i].gap_m == best->gap_m && row[i].face < best->face))
+            best = row + i;
     }
     return best ? best->face / 4 : -1;
 }
@@ -82,7 +86,8 @@ static void cauterise(cut *stage, tm_world *world) {
 }
 
 /* --- loose pieces ---
- * A flood from what is held, over faces. Cuts during the flood do no harm: what it has not reached at the end was not reachable all along. */
+ * A flood from what is held, over faces. Cuts during the flood do no harm: what it has not reached at the end was not
+ * reachable all along. */
 
 static bool grasped(const cut *stage, int32_t vertex) {
     const tm_contact_guest *guest = &stage->contact->guest;
@@ -111,7 +116,8 @@ static void begin_search(cut *stage, tm_world *world) {
         const bool support = hung || stage->held[3 * v] || stage->held[3 * v + 1] || stage->held[3 * v + 2];
         any = any || support;
         if (!support && !grasped(stage, v)) continue;
-        for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++) reach(stage, world->tissue, mesh->vertex_tet[i]);
+        for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++)
+            reach(stage, world->tissue, mesh->vertex_tet[i]);
     }
     stage->falling = false;
     stage->state = any ? SEARCH_REACH : SEARCH_IDLE; /* a scene that holds nothing has no loose pieces */
@@ -120,7 +126,8 @@ static void begin_search(cut *stage, tm_world *world) {
 static void flood(cut *stage, const tm_tissue *tissue) {
     for (int budget = REACH_PER_STEP; budget > 0 && stage->queue_begin < stage->queue_end; budget--) {
         const int32_t tet = stage->queue[stage->queue_begin++];
-        for (int f = 0; f < 4; f++) reach(stage, tissue, tissue->mesh->tet_neighbour[4 * (int64_t)tet + f]);
+        for (int f = 0; f < 4; f++)
+            reach(stage, tissue, tissue->mesh->tet_neighbour[4 * (int64_t)tet + f]);
     }
     if (stage->queue_begin == stage->queue_end) stage->state = SEARCH_SWEEP;
 }
@@ -133,11 +140,14 @@ static bool out_of_sight(const cut *stage, const tm_world *world, int32_t tet) {
 static void sweep(cut *stage, tm_world *world) {
     const tm_tissue *tissue = world->tissue;
     int32_t loose[LOOSE_PER_STEP], count = 0;
-    for (int budget = SWEEP_PER_STEP; budget > 0 && stage->sweep_at < tissue->mesh->tet_count && count < LOOSE_PER_STEP; budget--) {
+    for (int budget = SWEEP_PER_STEP; budget > 0 && stage->sweep_at < tissue->mesh->tet_count && count < LOOSE_PER_STEP;
+         budget--) {
         const int32_t tet = stage->sweep_at++;
         if (!tissue->alive[tet] || stage->reached[tet]) continue;
-        if (stage->loose == TM_LOOSE_REMOVE || out_of_sight(stage, world, tet)) loose[count++] = tet;
-        else stage->falling = true;
+        if (stage->loose == TM_LOOSE_REMOVE || out_of_sight(stage, world, tet))
+            loose[count++] = tet;
+        else
+            stage->falling = true;
     }
     if (count > 0) remove_tet(stage, world, loose, count, -1);
     if (stage->sweep_at < tissue->mesh->tet_count) return;
@@ -151,7 +161,8 @@ static void run(void *self, tm_world *world) {
     switch (stage->state) {
     case SEARCH_IDLE:
         if (stage->pause > 0) stage->pause--;
-        if (stage->revision != world->tissue->surface.revision || (stage->falling && stage->pause == 0)) begin_search(stage, world);
+        if (stage->revision != world->tissue->surface.revision || (stage->falling && stage->pause == 0))
+            begin_search(stage, world);
         break;
     case SEARCH_REACH: flood(stage, world->tissue); break;
     case SEARCH_SWEEP: sweep(stage, world); break;
@@ -191,8 +202,13 @@ static int64_t snapshot(void *self, void *buffer) {
     const int64_t bytes = (int64_t)sizeof(kept) + search_bytes(stage, tissue);
     if (!buffer) return bytes;
     /* Only the difference to the surface's revision means anything elsewhere. */
-    const kept k = {.state = stage->state, .revision = tissue->surface.revision - stage->revision, .pause = stage->pause,
-                    .falling = stage->falling, .queue_begin = stage->queue_begin, .queue_end = stage->queue_end, .sweep_at = stage->sweep_at};
+    const kept k = {.state = stage->state,
+                    .revision = tissue->surface.revision - stage->revision,
+                    .pause = stage->pause,
+                    .falling = stage->falling,
+                    .queue_begin = stage->queue_begin,
+                    .queue_end = stage->queue_end,
+                    .sweep_at = stage->sweep_at};
     char *to = buffer;
     memcpy(to, &k, sizeof k);
     memcpy(to, stage->credit, sizeof stage->credit);
@@ -209,7 +225,8 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     if (bytes < (int64_t)sizeof k) return false;
     memcpy(&k, buffer, sizeof k);
     const bool busy = k.state == SEARCH_REACH || k.state == SEARCH_SWEEP;
-    if ((!busy && k.state != SEARCH_IDLE) || k.queue_begin < 0 || k.queue_end < k.queue_begin || k.queue_end > tets || k.sweep_at < 0 || k.sweep_at > tets)
+    if ((!busy && k.state != SEARCH_IDLE) || k.queue_begin < 0 || k.queue_end < k.queue_begin || k.queue_end > tets ||
+        k.sweep_at < 0 || k.sweep_at > tets)
         return false;
     if (bytes != (int64_t)sizeof k + (busy ? tets + (int64_t)sizeof(int32_t) * k.queue_end : 0)) return false;
     if (!apply) return true;
@@ -231,30 +248,48 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
 tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *def, tm_error *error) {
     assert(contact && def && def->cookie == TM_COOKIE_CUT);
     if (!world->tissue->cuttable)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: the tissue was not made cuttable; set cuttable in its definition");
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "cut: the tissue was not made cuttable; set cuttable in its definition");
     if (!isfinite(def->rate_1_s) || !(def->rate_1_s > 0))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: a rate of %g tetrahedra per second; give a positive one", def->rate_1_s);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: a rate of %g tetrahedra per second; give a positive one",
+                       def->rate_1_s);
     const tm_mesh *mesh = world->tissue->mesh;
     tm_pool pool = {0};
     cut *self = TM_TAKE(&pool, cut, 1);
     int32_t *log_tet = TM_TAKE(&pool, int32_t, mesh->tet_count), *queue = TM_TAKE(&pool, int32_t, mesh->tet_count);
     int8_t *log_instrument = TM_TAKE(&pool, int8_t, mesh->tet_count);
-    uint8_t *reached = TM_TAKE(&pool, uint8_t, mesh->tet_count), *held = TM_TAKE(&pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
+    uint8_t *reached = TM_TAKE(&pool, uint8_t, mesh->tet_count),
+            *held = TM_TAKE(&pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
     if (pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "cut stage");
     }
-    *self = (cut){.pool = pool, .contact = contact, .rate_1_s = def->rate_1_s, .loose = def->loose, .sight_m = OUT_OF_SIGHT * diagonal(mesh),
-                  .log_tet = log_tet, .log_instrument = log_instrument, .reached = reached, .held = held, .queue = queue,
+    *self = (cut){.pool = pool,
+                  .contact = contact,
+                  .rate_1_s = def->rate_1_s,
+                  .loose = def->loose,
+                  .sight_m = OUT_OF_SIGHT * diagonal(mesh),
+                  .log_tet = log_tet,
+                  .log_instrument = log_instrument,
+                  .reached = reached,
+                  .held = held,
+                  .queue = queue,
                   .revision = world->tissue->surface.revision};
-    const tm_stage stage = {.name = "cut", .phase = TM_PHASE_BEGIN, .run = run, .destroy = destroy, .self = self, .snapshot = snapshot,
+    const tm_stage stage = {.name = "cut",
+                            .phase = TM_PHASE_BEGIN,
+                            .run = run,
+                            .destroy = destroy,
+                            .self = self,
+                            .snapshot = snapshot,
                             .restore = restore};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) destroy(self);
     return status;
 }
 
-bool tm_stage_is_cut(const tm_stage *stage) { return stage->run == run; }
+bool tm_stage_is_cut(const tm_stage *stage) {
+    return stage->run == run;
+}
 
 int32_t tm_cut_take(tm_world *world, int32_t *tet, int8_t *instrument, int32_t max) {
     cut *stage = NULL;

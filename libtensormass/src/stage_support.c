@@ -8,14 +8,16 @@
 typedef struct support {
     tm_pool pool;
     int32_t count;
-    int32_t *dof;       /* ascending, each once */
+    int32_t *dof; /* ascending, each once */
     double *value_m;
     double *reaction_N; /* of the last step, on the tissue */
     int32_t *place;     /* [given] where the caller's component went */
     int32_t given;
 } support;
 
-tm_support_def tm_support_def_default(void) { return (tm_support_def){.cookie = TM_COOKIE_SUPPORT}; }
+tm_support_def tm_support_def_default(void) {
+    return (tm_support_def){.cookie = TM_COOKIE_SUPPORT};
+}
 
 void tm_stage_support_run(void *self, tm_world *world) {
     support *stage = self;
@@ -30,17 +32,20 @@ void tm_stage_support_run(void *self, tm_world *world) {
 
 void tm_support_impose(const tm_world *world, double *u_m) {
     const support *stage = world->support;
-    for (int32_t i = 0; stage && i < stage->count; i++) u_m[stage->dof[i]] = stage->value_m[i];
+    for (int32_t i = 0; stage && i < stage->count; i++)
+        u_m[stage->dof[i]] = stage->value_m[i];
 }
 
 void tm_support_reaction(const tm_world *world, double *reaction_N) {
     const support *stage = world->support;
-    for (int32_t i = 0; stage && i < stage->count; i++) reaction_N[stage->dof[i]] += stage->reaction_N[i];
+    for (int32_t i = 0; stage && i < stage->count; i++)
+        reaction_N[stage->dof[i]] += stage->reaction_N[i];
 }
 
 void tm_support_mask(const tm_world *world, uint8_t *mask) {
     const support *stage = world->support;
-    for (int32_t i = 0; stage && i < stage->count; i++) mask[stage->dof[i]] = 1;
+    for (int32_t i = 0; stage && i < stage->count; i++)
+        mask[stage->dof[i]] = 1;
 }
 
 void tm_support_move(tm_world *world, int32_t component, double value_m) {
@@ -58,10 +63,12 @@ static tm_status check(const tm_world *world, const tm_support_def *def, tm_erro
     const int32_t dofs = 3 * world->tissue->mesh->vertex_count;
     for (int32_t i = 0; i < def->count; i++) {
         if (def->dof[i] < 0 || def->dof[i] >= dofs)
-            return tm_fail(error, TM_ERR_ARGUMENT, i, "support: component %d names dof %d of %d; dof = 3*vertex + axis", i, def->dof[i], dofs);
+            return tm_fail(error, TM_ERR_ARGUMENT, i, "support: component %d names dof %d of %d; dof = 3*vertex + axis",
+                           i, def->dof[i], dofs);
         if (!isfinite(def->value_m[i]) || fabs(def->value_m[i]) > 1e6)
-            return tm_fail(error, TM_ERR_ARGUMENT, def->dof[i] / 3, "support: vertex %d is held at %g m; give a finite displacement",
-                           def->dof[i] / 3, def->value_m[i]);
+            return tm_fail(error, TM_ERR_ARGUMENT, def->dof[i] / 3,
+                           "support: vertex %d is held at %g m; give a finite displacement", def->dof[i] / 3,
+                           def->value_m[i]);
     }
     return TM_OK;
 }
@@ -71,8 +78,10 @@ static tm_status fill(support *stage, const tm_support_def *def, int32_t dofs, i
     for (int32_t i = 0; i < def->count; i++) {
         const int32_t d = def->dof[i];
         if (seen[d] && def->value_m[seen[d] - 1] != def->value_m[i])
-            return tm_fail(error, TM_ERR_SUPPORT, d / 3, "support: vertex %d is held at %g m and at %g m along %c; take it out of one "
-                           "support", d / 3, def->value_m[seen[d] - 1], def->value_m[i], "xyz"[d % 3]);
+            return tm_fail(error, TM_ERR_SUPPORT, d / 3,
+                           "support: vertex %d is held at %g m and at %g m along %c; take it out of one "
+                           "support",
+                           d / 3, def->value_m[seen[d] - 1], def->value_m[i], "xyz"[d % 3]);
         if (!seen[d]) seen[d] = i + 1;
     }
     for (int32_t d = 0; d < dofs; d++) {
@@ -82,7 +91,8 @@ static tm_status fill(support *stage, const tm_support_def *def, int32_t dofs, i
         seen[d] = stage->count++;
     }
     stage->given = def->count;
-    for (int32_t i = 0; i < def->count; i++) stage->place[i] = seen[def->dof[i]];
+    for (int32_t i = 0; i < def->count; i++)
+        stage->place[i] = seen[def->dof[i]];
     return TM_OK;
 }
 
@@ -120,8 +130,13 @@ tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error 
     tm_pool_release(&work);
     if (!status) {
         self->pool = pool;
-        const tm_stage stage = {.name = "support", .phase = TM_PHASE_CONSTRAIN, .run = tm_stage_support_run, .destroy = destroy, .self = self,
-                                .snapshot = snapshot, .restore = restore};
+        const tm_stage stage = {.name = "support",
+                                .phase = TM_PHASE_CONSTRAIN,
+                                .run = tm_stage_support_run,
+                                .destroy = destroy,
+                                .self = self,
+                                .snapshot = snapshot,
+                                .restore = restore};
         status = tm_world_add_stage(world, &stage, pool.bytes, error);
     }
     if (status) tm_pool_release(&pool);

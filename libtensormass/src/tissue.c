@@ -5,7 +5,9 @@
 #include <math.h>
 #include <string.h>
 
-tm_tissue_def tm_tissue_def_default(void) { return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE}; }
+tm_tissue_def tm_tissue_def_default(void) {
+    return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE};
+}
 
 void tm_tissue_destroy(tm_tissue *tissue) {
     if (!tissue) return;
@@ -17,14 +19,15 @@ void tm_tissue_destroy(tm_tissue *tissue) {
 
 static void stiffness(const tm_tissue *tissue, int32_t tet, int local_k, int local_l, double K[9]) {
     const double *alpha = tissue->mesh->shape_1_m + 12 * (int64_t)tet;
-    tm_stiffness_block(tm_tissue_tet_material(tissue, tet), tm_tissue_tet_fibre(tissue, tet), tissue->mesh->volume_m3[tet],
-                       alpha + 3 * local_k, alpha + 3 * local_l, K);
+    tm_stiffness_block(tm_tissue_tet_material(tissue, tet), tm_tissue_tet_fibre(tissue, tet),
+                       tissue->mesh->volume_m3[tet], alpha + 3 * local_k, alpha + 3 * local_l, K);
 }
 
 static void vertex_stiffness(const tm_tissue *tissue, int32_t tet, int32_t vertex, double K[9]) {
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet;
     int local = 0;
-    while (v[local] != vertex) local++;
+    while (v[local] != vertex)
+        local++;
     stiffness(tissue, tet, local, local, K);
 }
 
@@ -32,8 +35,10 @@ static void vertex_stiffness(const tm_tissue *tissue, int32_t tet, int32_t verte
 static void edge_stiffness(const tm_tissue *tissue, int32_t tet, int32_t edge, double K[9]) {
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet, *ends = tissue->mesh->edge + 2 * (int64_t)edge;
     int k = 0, l = 0;
-    while (v[k] != ends[0]) k++;
-    while (v[l] != ends[1]) l++;
+    while (v[k] != ends[0])
+        k++;
+    while (v[l] != ends[1])
+        l++;
     stiffness(tissue, tet, k, l, K);
 }
 
@@ -48,7 +53,8 @@ static void keep_blocks(tm_tissue *tissue) {
     const tm_mesh *mesh = tissue->mesh;
     for (int32_t v = 0; v < mesh->vertex_count; v++)
         for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++) {
-            if (tissue->vertex_block) vertex_stiffness(tissue, mesh->vertex_tet[i], v, tissue->vertex_block + 9 * (int64_t)i);
+            if (tissue->vertex_block)
+                vertex_stiffness(tissue, mesh->vertex_tet[i], v, tissue->vertex_block + 9 * (int64_t)i);
             tet_share(tissue, mesh->vertex_tet[i], tissue->vertex_share + 2 * (int64_t)i);
         }
     for (int32_t e = 0; e < mesh->edge_count; e++)
@@ -56,13 +62,14 @@ static void keep_blocks(tm_tissue *tissue) {
             edge_stiffness(tissue, mesh->edge_tet[i], e, tissue->edge_block + 9 * (int64_t)i);
 }
 
-
 static void add9(double *TM_RESTRICT sum, const double *TM_RESTRICT K) {
-    for (int i = 0; i < 9; i++) sum[i] += K[i];
+    for (int i = 0; i < 9; i++)
+        sum[i] += K[i];
 }
 
-/* Single edge tensors do not add up to the vertex tensor by rounding, and the rest would resist a translation: a slender beam of them is off
- * by a thousandth. So in single the vertex tensor is minus the sum of its edges as stored, made symmetric, and kept in double. */
+/* Single edge tensors do not add up to the vertex tensor by rounding, and the rest would resist a translation: a
+ * slender beam of them is off by a thousandth. So in single the vertex tensor is minus the sum of its edges as stored,
+ * made symmetric, and kept in double. */
 static void balance_edges(const tm_tissue *tissue, int32_t vertex, double sum[9]) {
     const tm_mesh *mesh = tissue->mesh;
     double S[9] = {0};
@@ -70,9 +77,11 @@ static void balance_edges(const tm_tissue *tissue, int32_t vertex, double sum[9]
         const int32_t edge = mesh->vertex_edge[i];
         const float *K = (const float *)tissue->edge_tensor + 9 * (int64_t)edge;
         const bool upper = mesh->edge[2 * edge] == vertex;
-        for (int k = 0; k < 9; k++) S[k] -= (double)K[upper ? k : 3 * (k % 3) + k / 3];
+        for (int k = 0; k < 9; k++)
+            S[k] -= (double)K[upper ? k : 3 * (k % 3) + k / 3];
     }
-    for (int k = 0; k < 9; k++) sum[k] = (S[k] + S[3 * (k % 3) + k / 3]) / 2;
+    for (int k = 0; k < 9; k++)
+        sum[k] = (S[k] + S[3 * (k % 3) + k / 3]) / 2;
 }
 
 static void sum_blocks(const tm_tissue *tissue, int32_t vertex, double sum[9]) {
@@ -83,8 +92,10 @@ static void sum_blocks(const tm_tissue *tissue, int32_t vertex, double sum[9]) {
         if (!tissue->alive[t]) continue;
         double K[9];
         const double *block = K;
-        if (tissue->vertex_block) block = tissue->vertex_block + 9 * (int64_t)i;
-        else vertex_stiffness(tissue, t, vertex, K);
+        if (tissue->vertex_block)
+            block = tissue->vertex_block + 9 * (int64_t)i;
+        else
+            vertex_stiffness(tissue, t, vertex, K);
         add9(sum, block);
     }
 }
@@ -94,15 +105,19 @@ void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
     double *sum = tissue->vertex_tensor + 9 * (int64_t)vertex;
     double mass = tissue->extra_mass_kg ? tissue->extra_mass_kg[vertex] : 0;
     double damping = tissue->extra_damping_kg_s ? tissue->extra_damping_kg_s[vertex] : 0;
-    if (tissue->precision == TM_SINGLE) balance_edges(tissue, vertex, sum);
-    else sum_blocks(tissue, vertex, sum);
+    if (tissue->precision == TM_SINGLE)
+        balance_edges(tissue, vertex, sum);
+    else
+        sum_blocks(tissue, vertex, sum);
     for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++) {
         const int32_t t = mesh->vertex_tet[i];
         if (!tissue->alive[t]) continue;
         double S[2];
         const double *share = S;
-        if (tissue->vertex_share) share = tissue->vertex_share + 2 * (int64_t)i;
-        else tet_share(tissue, t, S);
+        if (tissue->vertex_share)
+            share = tissue->vertex_share + 2 * (int64_t)i;
+        else
+            tet_share(tissue, t, S);
         mass += share[0];
         damping += share[1];
     }
@@ -118,12 +133,15 @@ void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
         if (!tissue->alive[t]) continue;
         double K[9];
         const double *block = K;
-        if (tissue->edge_block) block = tissue->edge_block + 9 * (int64_t)i;
-        else edge_stiffness(tissue, t, edge, K);
+        if (tissue->edge_block)
+            block = tissue->edge_block + 9 * (int64_t)i;
+        else
+            edge_stiffness(tissue, t, edge, K);
         add9(sum, block);
     }
     if (tissue->precision == TM_SINGLE)
-        for (int i = 0; i < 9; i++) ((float *)tissue->edge_tensor)[9 * (int64_t)edge + i] = (float)sum[i];
+        for (int i = 0; i < 9; i++)
+            ((float *)tissue->edge_tensor)[9 * (int64_t)edge + i] = (float)sum[i];
     else
         memcpy((double *)tissue->edge_tensor + 9 * (int64_t)edge, sum, sizeof sum);
 }
@@ -143,8 +161,8 @@ static tm_status check_regions(const tm_tissue_def *def, tm_error *error) {
     for (int32_t r = 0; r < def->mesh->region_count; r++) {
         const int32_t m = def->region_material ? def->region_material[r] : r;
         if (m < 0 || m >= def->material_count)
-            return tm_fail(error, TM_ERR_ARGUMENT, r, "region %d: has material %d of %d; give every region a material", r, m,
-                           def->material_count);
+            return tm_fail(error, TM_ERR_ARGUMENT, r, "region %d: has material %d of %d; give every region a material",
+                           r, m, def->material_count);
     }
     return TM_OK;
 }
@@ -155,12 +173,15 @@ static tm_status check_fibres(const tm_tissue_def *def, tm_error *error) {
         const tm_material *m = def->material + (def->region_material ? def->region_material[r] : r);
         if (tm_material_is_isotropic(m)) continue;
         if (!def->fibre)
-            return tm_fail(error, TM_ERR_ARGUMENT, t, "tetrahedron %d: region %d is anisotropic and there are no fibres; give a "
-                           "direction for each tetrahedron", t, r);
+            return tm_fail(error, TM_ERR_ARGUMENT, t,
+                           "tetrahedron %d: region %d is anisotropic and there are no fibres; give a "
+                           "direction for each tetrahedron",
+                           t, r);
         const double length = sqrt(tm_dot3(def->fibre + 3 * (int64_t)t, def->fibre + 3 * (int64_t)t));
         if (!(fabs(length - 1) <= 1e-3))
-            return tm_fail(error, TM_ERR_ARGUMENT, t, "tetrahedron %d: its fibre (%g %g %g) has length %g; give unit vectors", t,
-                           def->fibre[3 * (int64_t)t], def->fibre[3 * (int64_t)t + 1], def->fibre[3 * (int64_t)t + 2], length);
+            return tm_fail(
+                error, TM_ERR_ARGUMENT, t, "tetrahedron %d: its fibre (%g %g %g) has length %g; give unit vectors", t,
+                def->fibre[3 * (int64_t)t], def->fibre[3 * (int64_t)t + 1], def->fibre[3 * (int64_t)t + 2], length);
     }
     return TM_OK;
 }
@@ -207,26 +228,33 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     tissue->precision = def->precision;
     tissue->cuttable = def->cuttable;
     tissue->force = tm_force_choose(def->form == TM_FORCE_PLAIN, def->precision == TM_SINGLE);
-    if (def->extra_mass_kg) memcpy(tissue->extra_mass_kg, def->extra_mass_kg, sizeof(double) * (size_t)mesh->vertex_count);
-    if (def->extra_damping_kg_s) memcpy(tissue->extra_damping_kg_s, def->extra_damping_kg_s, sizeof(double) * (size_t)mesh->vertex_count);
+    if (def->extra_mass_kg)
+        memcpy(tissue->extra_mass_kg, def->extra_mass_kg, sizeof(double) * (size_t)mesh->vertex_count);
+    if (def->extra_damping_kg_s)
+        memcpy(tissue->extra_damping_kg_s, def->extra_damping_kg_s, sizeof(double) * (size_t)mesh->vertex_count);
     memcpy(tissue->material, def->material, sizeof(tm_material) * (size_t)def->material_count);
-    for (int32_t r = 0; r < mesh->region_count; r++) tissue->region_material[r] = def->region_material ? def->region_material[r] : r;
+    for (int32_t r = 0; r < mesh->region_count; r++)
+        tissue->region_material[r] = def->region_material ? def->region_material[r] : r;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         tissue->alive[t] = !def->alive || def->alive[t];
         tissue->alive_count += tissue->alive[t];
         if (!tissue->fibre) continue;
         const double *a = def->fibre + 3 * (int64_t)t;
         const double length = sqrt(tm_dot3(a, a));
-        for (int i = 0; i < 3; i++) tissue->fibre[3 * (int64_t)t + i] = length > 0 && isfinite(length) ? a[i] / length : 0;
+        for (int i = 0; i < 3; i++)
+            tissue->fibre[3 * (int64_t)t + i] = length > 0 && isfinite(length) ? a[i] / length : 0;
     }
-    for (int32_t e = 0; e < mesh->edge_count; e++) tissue->upper_begin[mesh->edge[2 * e] + 1]++;
-    for (int32_t v = 0; v < mesh->vertex_count; v++) tissue->upper_begin[v + 1] += tissue->upper_begin[v];
+    for (int32_t e = 0; e < mesh->edge_count; e++)
+        tissue->upper_begin[mesh->edge[2 * e] + 1]++;
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        tissue->upper_begin[v + 1] += tissue->upper_begin[v];
 }
 
 void tm_tissue_build_surface(tm_tissue *tissue) {
     const tm_mesh *mesh = tissue->mesh;
     if (!tissue->surface_triangle) {
-        tissue->surface = (tm_surface_view){mesh->surface_count, mesh->surface, mesh->surface_face, tissue->surface.revision};
+        tissue->surface =
+            (tm_surface_view){mesh->surface_count, mesh->surface, mesh->surface_face, tissue->surface.revision};
         return;
     }
     int32_t n = 0;
@@ -257,8 +285,10 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     }
     copy_constants(t, def);
     if (t->cuttable) keep_blocks(t);
-    for (int32_t e = 0; e < def->mesh->edge_count; e++) tm_tissue_assemble_edge(t, e);
-    for (int32_t v = 0; v < def->mesh->vertex_count; v++) tm_tissue_assemble_vertex(t, v);
+    for (int32_t e = 0; e < def->mesh->edge_count; e++)
+        tm_tissue_assemble_edge(t, e);
+    for (int32_t v = 0; v < def->mesh->vertex_count; v++)
+        tm_tissue_assemble_vertex(t, v);
     tm_tissue_build_surface(t);
     if (t->cut) tm_cut_count(t);
     t->pool = pool;
@@ -268,13 +298,27 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
 
 /* --- views --- */
 
-const tm_mesh *tm_tissue_mesh(const tm_tissue *tissue) { return tissue->mesh; }
-const double *tm_tissue_mass_kg(const tm_tissue *tissue) { return tissue->mass_kg; }
-const double *tm_tissue_damping_kg_s(const tm_tissue *tissue) { return tissue->damping_kg_s; }
-const uint8_t *tm_tissue_alive(const tm_tissue *tissue) { return tissue->alive; }
-int32_t tm_tissue_alive_count(const tm_tissue *tissue) { return tissue->alive_count; }
-int64_t tm_tissue_bytes(const tm_tissue *tissue) { return tissue->pool.bytes; }
-tm_surface_view tm_tissue_surface(const tm_tissue *tissue) { return tissue->surface; }
+const tm_mesh *tm_tissue_mesh(const tm_tissue *tissue) {
+    return tissue->mesh;
+}
+const double *tm_tissue_mass_kg(const tm_tissue *tissue) {
+    return tissue->mass_kg;
+}
+const double *tm_tissue_damping_kg_s(const tm_tissue *tissue) {
+    return tissue->damping_kg_s;
+}
+const uint8_t *tm_tissue_alive(const tm_tissue *tissue) {
+    return tissue->alive;
+}
+int32_t tm_tissue_alive_count(const tm_tissue *tissue) {
+    return tissue->alive_count;
+}
+int64_t tm_tissue_bytes(const tm_tissue *tissue) {
+    return tissue->pool.bytes;
+}
+tm_surface_view tm_tissue_surface(const tm_tissue *tissue) {
+    return tissue->surface;
+}
 
 const tm_material *tm_tissue_tet_material(const tm_tissue *tissue, int32_t tet) {
     return tissue->material + tissue->region_material[tissue->mesh->region[tet]];
@@ -291,17 +335,19 @@ void tm_tissue_vertex_tensor(const tm_tissue *tissue, int32_t vertex, double K[9
 void tm_tissue_edge_tensor(const tm_tissue *tissue, int32_t edge, double K[9]) {
     const int64_t at = 9 * (int64_t)edge;
     for (int i = 0; i < 9; i++)
-        K[i] = tissue->precision == TM_SINGLE ? (double)((const float *)tissue->edge_tensor)[at + i] : ((const double *)tissue->edge_tensor)[at + i];
+        K[i] = tissue->precision == TM_SINGLE ? (double)((const float *)tissue->edge_tensor)[at + i]
+                                              : ((const double *)tissue->edge_tensor)[at + i];
 }
 
 void tm_tissue_force(const tm_tissue *tissue, const double *u_m, double *force_N) {
-    tissue->force(tissue->mesh->vertex_count, tissue->upper_begin, tissue->mesh->edge, tissue->vertex_tensor, tissue->edge_tensor,
-                  u_m, force_N);
+    tissue->force(tissue->mesh->vertex_count, tissue->upper_begin, tissue->mesh->edge, tissue->vertex_tensor,
+                  tissue->edge_tensor, u_m, force_N);
 }
 
 static double form(const double K[9], const double *a, const double *b) {
     double sum = 0;
-    for (int i = 0; i < 3; i++) sum += a[i] * tm_dot3(K + 3 * i, b);
+    for (int i = 0; i < 3; i++)
+        sum += a[i] * tm_dot3(K + 3 * i, b);
     return sum;
 }
 

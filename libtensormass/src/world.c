@@ -23,7 +23,8 @@ static void rotate(tm_state *s) {
 }
 
 static void substep(tm_world *world) {
-    for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].stage.run(world->slot[i].stage.self, world);
+    for (int32_t i = 0; i < world->stage_count; i++)
+        world->slot[i].stage.run(world->slot[i].stage.self, world);
     rotate(&world->state);
 }
 
@@ -36,17 +37,20 @@ static void timed_substep(tm_world *world) {
     rotate(&world->state);
 }
 
-/* What has died away to nothing becomes nothing: tissue at rest in its own shape would end among the denormals, on which many processors are
- * ten times slower, and never leave them. Tied to the step's number, so that bits do not depend on how steps are grouped into calls. */
+/* What has died away to nothing becomes nothing: tissue at rest in its own shape would end among the denormals, on
+ * which many processors are ten times slower, and never leave them. Tied to the step's number, so that bits do not
+ * depend on how steps are grouped into calls. */
 enum { FLUSH_EVERY = 256 };
 static void flush(double *u, int32_t n) {
     const double tiny = 1e-60; /* above 1e-44 m nothing changes, below 1e-76 m nothing is left */
-    for (int32_t i = 0; i < n; i++) u[i] = (u[i] + tiny) - tiny;
+    for (int32_t i = 0; i < n; i++)
+        u[i] = (u[i] + tiny) - tiny;
 }
 
 static bool sound(const double *u, int32_t n) {
     int bad = 0;
-    for (int32_t i = 0; i < n; i++) bad |= !(fabs(u[i]) <= LARGEST_DISPLACEMENT_M);
+    for (int32_t i = 0; i < n; i++)
+        bad |= !(fabs(u[i]) <= LARGEST_DISPLACEMENT_M);
     return !bad;
 }
 
@@ -59,13 +63,16 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     memcpy(world->keep_u_m, s->u_m, sizeof(double) * (size_t)n);
     memcpy(world->keep_u_prev_m, s->u_prev_m, sizeof(double) * (size_t)n);
     for (int32_t i = 0; i < count; i++) {
-        if (world->timing) timed_substep(world);
-        else substep(world);
+        if (world->timing)
+            timed_substep(world);
+        else
+            substep(world);
         if (s->step % FLUSH_EVERY) continue;
         flush(s->u_m, n);
         flush(s->u_prev_m, n);
     }
-    for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].runs += count;
+    for (int32_t i = 0; i < world->stage_count; i++)
+        world->slot[i].runs += count;
     if (sound(s->u_m, n)) return TM_OK;
     memcpy(s->u_m, world->keep_u_m, sizeof(double) * (size_t)n);
     memcpy(s->u_prev_m, world->keep_u_prev_m, sizeof(double) * (size_t)n);
@@ -90,7 +97,8 @@ void tm_world_cut(tm_world *world) {
     tm_stage_integrate_refresh(world, vertex, count);
     for (int32_t i = 0; i < world->stage_count; i++) {
         const tm_stage *stage = &world->slot[i].stage;
-        if (stage->step_changed && stage->step_changed != tm_stage_integrate_changed) stage->step_changed(stage->self, world);
+        if (stage->step_changed && stage->step_changed != tm_stage_integrate_changed)
+            stage->step_changed(stage->self, world);
     }
 }
 
@@ -103,12 +111,14 @@ static int32_t find_stage(const tm_world *world, const char *name) {
 tm_status tm_world_add_stage(tm_world *world, const tm_stage *stage, int64_t bytes, tm_error *error) {
     assert(stage && stage->name && stage->run);
     if (find_stage(world, stage->name) >= 0)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is there already; give it everything at once", stage->name);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is there already; give it everything at once",
+                       stage->name);
     if (world->stage_count == TM_MAX_STAGES)
-        return tm_fail(error, TM_ERR_LIMIT, -1, "stage %s would be number %d of at most %d; leave an effect out", stage->name,
-                       world->stage_count + 1, TM_MAX_STAGES);
+        return tm_fail(error, TM_ERR_LIMIT, -1, "stage %s would be number %d of at most %d; leave an effect out",
+                       stage->name, world->stage_count + 1, TM_MAX_STAGES);
     int32_t at = world->stage_count++;
-    for (; at > 0 && world->slot[at - 1].stage.phase > stage->phase; at--) world->slot[at] = world->slot[at - 1];
+    for (; at > 0 && world->slot[at - 1].stage.phase > stage->phase; at--)
+        world->slot[at] = world->slot[at - 1];
     world->slot[at] = (struct tm_stage_slot){.stage = *stage, .bytes = bytes};
     if (stage->run == tm_stage_support_run) world->support = stage->self;
     if (stage->step_changed) stage->step_changed(stage->self, world);
@@ -140,8 +150,10 @@ static tm_status check_step(const tm_world *world, double dt_s, tm_error *error)
     if (!isfinite(dt_s) || !(dt_s > 0))
         return tm_fail(error, TM_ERR_STEP, -1, "time step %g s; give a positive one", dt_s);
     if (dt_s > world->guaranteed_step_s)
-        return tm_fail(error, TM_ERR_STEP, world->guaranteed_tet, "time step %.6g s is above the guaranteed critical step %.6g s, set by "
-                       "tetrahedron %d; lower the step or mend that tetrahedron", dt_s, world->guaranteed_step_s, world->guaranteed_tet);
+        return tm_fail(error, TM_ERR_STEP, world->guaranteed_tet,
+                       "time step %.6g s is above the guaranteed critical step %.6g s, set by "
+                       "tetrahedron %d; lower the step or mend that tetrahedron",
+                       dt_s, world->guaranteed_step_s, world->guaranteed_tet);
     return TM_OK;
 }
 
@@ -166,12 +178,14 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
     if (!def->damped)
         for (int32_t t = 0; t < def->tissue->mesh->tet_count; t++)
             if (tm_tissue_tet_material(def->tissue, t)->damping_1_s > 0)
-                return tm_fail(error, TM_ERR_ARGUMENT, def->tissue->mesh->region[t], "region %d: damping %g 1/s in an undamped world; ask "
-                               "for a damped world or set the damping to 0", def->tissue->mesh->region[t],
-                               tm_tissue_tet_material(def->tissue, t)->damping_1_s);
+                return tm_fail(error, TM_ERR_ARGUMENT, def->tissue->mesh->region[t],
+                               "region %d: damping %g 1/s in an undamped world; ask "
+                               "for a damped world or set the damping to 0",
+                               def->tissue->mesh->region[t], tm_tissue_tet_material(def->tissue, t)->damping_1_s);
     world->guaranteed_step_s = tm_critical_step_guaranteed(def->tissue, &world->guaranteed_tet);
     if (def->dt_s == 0 && !(def->step_fraction > 0 && def->step_fraction <= 1))
-        return tm_fail(error, TM_ERR_STEP, -1, "step fraction %g; give one above 0 and not above 1", def->step_fraction);
+        return tm_fail(error, TM_ERR_STEP, -1, "step fraction %g; give one above 0 and not above 1",
+                       def->step_fraction);
     if (def->dt_s == 0 && world->guaranteed_step_s == HUGE_VAL)
         return tm_fail(error, TM_ERR_STEP, -1, "no living tetrahedron sets a critical step; give a time step");
     const double dt_s = def->dt_s == 0 ? world->guaranteed_step_s * def->step_fraction : def->dt_s;
@@ -179,7 +193,9 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
     if (status) return status;
     world->state.dt_s = dt_s;
     const tm_stage force = {.name = "force", .phase = TM_PHASE_FORCE, .run = tm_stage_force_run};
-    const tm_stage integrate = {.name = "integrate", .phase = TM_PHASE_INTEGRATE, .step_changed = tm_stage_integrate_changed,
+    const tm_stage integrate = {.name = "integrate",
+                                .phase = TM_PHASE_INTEGRATE,
+                                .step_changed = tm_stage_integrate_changed,
                                 .run = def->damped ? tm_stage_integrate_damped_run : tm_stage_integrate_run};
     status = tm_world_add_stage(world, &force, 0, error);
     return status ? status : tm_world_add_stage(world, &integrate, 0, error);
@@ -210,11 +226,21 @@ void tm_world_destroy(tm_world *world) {
 
 /* --- the rest --- */
 
-void tm_world_set_timing(tm_world *world, bool on) { world->timing = on; }
-tm_state *tm_world_state(tm_world *world) { return &world->state; }
-tm_tissue *tm_world_tissue(tm_world *world) { return world->tissue; }
-double tm_world_step_s(const tm_world *world) { return world->state.dt_s; }
-const double *tm_world_mobility_s2_kg(const tm_world *world) { return world->mobility_s2_kg; }
+void tm_world_set_timing(tm_world *world, bool on) {
+    world->timing = on;
+}
+tm_state *tm_world_state(tm_world *world) {
+    return &world->state;
+}
+tm_tissue *tm_world_tissue(tm_world *world) {
+    return world->tissue;
+}
+double tm_world_step_s(const tm_world *world) {
+    return world->state.dt_s;
+}
+const double *tm_world_mobility_s2_kg(const tm_world *world) {
+    return world->mobility_s2_kg;
+}
 
 static void run_phases(tm_world *world, tm_phase first, tm_phase last) {
     for (int32_t i = 0; i < world->stage_count; i++) {
@@ -223,8 +249,8 @@ static void run_phases(tm_world *world, tm_phase first, tm_phase last) {
     }
 }
 
-/* The velocity between two steps belongs to their middle: a new step moves that middle, and the velocity with it. Without this half kick
- * (u_prev merely rescaled) random changes of the step feed energy in. */
+/* The velocity between two steps belongs to their middle: a new step moves that middle, and the velocity with it.
+ * Without this half kick (u_prev merely rescaled) random changes of the step feed energy in. */
 tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
     const tm_status status = check_step(world, dt_s, error);
     if (status) return status;
@@ -236,7 +262,8 @@ tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
     for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++) {
         const double mass = world->tissue->mass_kg[i / 3];
         double v = (s->u_m[i] - s->u_prev_m[i]) / s->dt_s;
-        if (!held[i] && mass > 0) v += 0.5 * (s->dt_s - dt_s) * (s->force_N[i] - world->tissue->damping_kg_s[i / 3] * v) / mass;
+        if (!held[i] && mass > 0)
+            v += 0.5 * (s->dt_s - dt_s) * (s->force_N[i] - world->tissue->damping_kg_s[i / 3] * v) / mass;
         s->u_prev_m[i] = s->u_m[i] - dt_s * v;
     }
     s->dt_s = dt_s;

@@ -27,7 +27,8 @@ static int ascending(const void *a, const void *b) {
 cJSON *bench_quantiles(double *value, int count) {
     double sum = 0;
     qsort(value, (size_t)count, sizeof *value, ascending);
-    for (int i = 0; i < count; i++) sum += value[i];
+    for (int i = 0; i < count; i++)
+        sum += value[i];
     cJSON *q = cJSON_CreateObject();
     cJSON_AddNumberToObject(q, "p50", value[count / 2]);
     cJSON_AddNumberToObject(q, "p99", value[(int)(0.99 * (count - 1))]);
@@ -41,7 +42,8 @@ tm_mesh *bench_block(int cells) {
     app_block block;
     tm_mesh *mesh = NULL;
     tm_error error = {.message = "no memory for the block; run with --quick"};
-    if (!app_block_make(&block, (int32_t[3]){cells, cells, cells}, (double[3]){0.1, 0.1, 0.1})) bench_must(TM_ERR_MEMORY, &error);
+    if (!app_block_make(&block, (int32_t[3]){cells, cells, cells}, (double[3]){0.1, 0.1, 0.1}))
+        bench_must(TM_ERR_MEMORY, &error);
     bench_must(app_block_mesh(&block, NULL, &mesh, &error), &error);
     app_block_free(&block);
     return mesh;
@@ -53,7 +55,8 @@ tm_tissue *bench_tissue(const tm_mesh *mesh, tm_precision precision, tm_force_fo
     bench_must(tm_material_young(5e3, 0.45, &material, &error), &error);
     material.damping_1_s = 50;
     tm_tissue_def def = tm_tissue_def_default();
-    def.mesh = mesh, def.material_count = 1, def.material = &material, def.precision = precision, def.form = form, def.cuttable = cuttable;
+    def.mesh = mesh, def.material_count = 1, def.material = &material, def.precision = precision, def.form = form,
+    def.cuttable = cuttable;
     tm_tissue *tissue = NULL;
     bench_must(tm_tissue_create(&def, &tissue, &error), &error);
     return tissue;
@@ -71,7 +74,9 @@ static cJSON *machine(void) {
     return m;
 }
 
-static void add_text(cJSON *root, const char *key, const char *value) { cJSON_AddStringToObject(root, key, value && *value ? value : "unknown"); }
+static void add_text(cJSON *root, const char *key, const char *value) {
+    cJSON_AddStringToObject(root, key, value && *value ? value : "unknown");
+}
 
 static int measure(const char *path, bool quick) {
     static const int all[] = {6, 12, 20, 26}, few[] = {4, 6};
@@ -86,7 +91,8 @@ static int measure(const char *path, bool quick) {
     add_text(root, "when", when);
     cJSON_AddItemToObject(root, "machine", machine());
     cJSON_AddBoolToObject(root, "quick", quick);
-    cJSON_AddNumberToObject(root, "bandwidth_GB_s", 1e-9 * app_bandwidth_B_s((size_t)(quick ? 8 : 200) << 20, quick ? 3 : 9));
+    cJSON_AddNumberToObject(root, "bandwidth_GB_s",
+                            1e-9 * app_bandwidth_B_s((size_t)(quick ? 8 : 200) << 20, quick ? 3 : 9));
     cJSON_AddItemToObject(root, "force", bench_force(&run));
     cJSON_AddItemToObject(root, "step", bench_step(&run));
     cJSON_AddItemToObject(root, "cut", bench_cut(&run));
@@ -97,15 +103,20 @@ static int measure(const char *path, bool quick) {
 }
 
 static void usage(FILE *to) {
-    fprintf(to, "usage: bench [--quick] [--json FILE]\nCost of a force pass, a step and a removed tetrahedron, beside the memory bandwidth of this machine.\n");
+    fprintf(to, "usage: bench [--quick] [--json FILE]\nCost of a force pass, a step and a removed tetrahedron, beside "
+                "the memory bandwidth of this machine.\n");
 }
 
 int main(int argc, char **argv) {
-    static const struct option options[] = {{"json", required_argument, NULL, 'j'}, {"quick", no_argument, NULL, 'q'},
-                                            {"help", no_argument, NULL, 'h'}, {"version", no_argument, NULL, 'v'}, {0}};
+    static const struct option options[] = {{"json", required_argument, NULL, 'j'},
+                                            {"quick", no_argument, NULL, 'q'},
+                                            {"help", no_argument, NULL, 'h'},
+                                            {"version", no_argument, NULL, 'v'},
+                                            {0}};
     const char *path = NULL;
     bool quick = false;
-    for (int option; (option = getopt_long(argc, argv, "", options, NULL)) != -1;) switch (option) {
+    for (int option; (option = getopt_long(argc, argv, "", options, NULL)) != -1;)
+        switch (option) {
         case 'j': path = optarg; break;
         case 'q': quick = true; break;
         case 'h': usage(stdout); return APP_DONE;

@@ -1,5 +1,5 @@
-/* Removal of tetrahedra, one a call, as a cautery eats its way in from a corner; and scattered over the mesh, the worst for the caches and
- * for mending. Surface, mending, tensors and masses included. */
+/* Removal of tetrahedra, one a call, as a cautery eats its way in from a corner; and scattered over the mesh, the worst
+ * for the caches and for mending. Surface, mending, tensors and masses included. */
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -13,7 +13,10 @@ static int by_distance(const void *a, const void *b) {
 
 /* Keys with their tetrahedra: by distance from a corner, or at random. */
 static void order_tets(const tm_mesh *mesh, bool scattered, int32_t *order) {
-    struct { double key; int32_t tet; } *item = malloc(sizeof *item * (size_t)mesh->tet_count);
+    struct {
+        double key;
+        int32_t tet;
+    } *item = malloc(sizeof *item * (size_t)mesh->tet_count);
     uint64_t noise = 1;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         noise = noise * 6364136223846793005ULL + 1442695040888963407ULL;
@@ -21,12 +24,14 @@ static void order_tets(const tm_mesh *mesh, bool scattered, int32_t *order) {
         item[t].key = scattered ? (double)(noise >> 11) : 0;
         for (int i = 0; i < 3 && !scattered; i++) {
             double middle = 0;
-            for (int k = 0; k < 4; k++) middle += mesh->rest_m[3 * mesh->tet[4 * t + k] + i] / 4;
+            for (int k = 0; k < 4; k++)
+                middle += mesh->rest_m[3 * mesh->tet[4 * t + k] + i] / 4;
             item[t].key += middle * middle;
         }
     }
     qsort(item, (size_t)mesh->tet_count, sizeof *item, by_distance);
-    for (int32_t t = 0; t < mesh->tet_count; t++) order[t] = item[t].tet;
+    for (int32_t t = 0; t < mesh->tet_count; t++)
+        order[t] = item[t].tet;
     free(item);
 }
 
@@ -59,8 +64,8 @@ static cJSON *one_cut(const tm_mesh *mesh, bool scattered, const bench_run *run,
     cJSON_AddItemToObject(row, "us_per_tet_of_a_call", bench_quantiles(us, count));
     cJSON_AddNumberToObject(row, "bandwidth_GB_s", 1e-9 * bandwidth_B_s);
     cJSON_AddNumberToObject(row, "equivalent_bytes_per_tet", 1e-6 * sum / removed * bandwidth_B_s);
-    printf("cut   %7d tets  %-9s  %5.2f us per tetrahedron removed, median call %5.2f us (%d calls, %d removed)\n", mesh->tet_count,
-           scattered ? "scattered" : "cautery", sum / removed, median, count, removed);
+    printf("cut   %7d tets  %-9s  %5.2f us per tetrahedron removed, median call %5.2f us (%d calls, %d removed)\n",
+           mesh->tet_count, scattered ? "scattered" : "cautery", sum / removed, median, count, removed);
     free(order), free(us);
     return row;
 }

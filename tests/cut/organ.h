@@ -1,5 +1,6 @@
-/* The property test of cutting over an organ from a file: 95 % of the tetrahedra gone in random orders, bits of a fresh build after every
- * batch, a manifold surface, finite steps. A mesh that no tissue can be made of is refused with a message: said, not counted. */
+/* The property test of cutting over an organ from a file: 95 % of the tetrahedra gone in random orders, bits of a fresh
+ * build after every batch, a manifold surface, finite steps. A mesh that no tissue can be made of is refused with a
+ * message: said, not counted. */
 #ifndef TM_TEST_ORGAN_H
 #define TM_TEST_ORGAN_H
 
@@ -42,9 +43,12 @@ static inline bool organ_cut_down(const char *path, int orders, int batches) {
         manifold = !cut_not_manifold(tissue);
         tm_world *world = fix_world(tissue, true);
         fix_ok(tm_stage_gravity(world, (const double[3]){0, 0, -9.81}, &error), &error);
-        for (int32_t t = 0; t < mesh->tet_count; t++) order[t] = t;
-        if (k % 2) cut_order_from(mesh, order, &random);
-        else cut_shuffle(order, mesh->tet_count, &random);
+        for (int32_t t = 0; t < mesh->tet_count; t++)
+            order[t] = t;
+        if (k % 2)
+            cut_order_from(mesh, order, &random);
+        else
+            cut_shuffle(order, mesh->tet_count, &random);
         calls += cut_down(tissue, &def, world, order, 0.95, mesh->tet_count / batches + 1, manifold);
         assert_true(tm_tissue_alive_count(tissue) <= mesh->tet_count / 20 + 1);
         tm_world_destroy(world);

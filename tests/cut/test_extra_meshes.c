@@ -3,7 +3,9 @@
 
 #include <dirent.h>
 
-static int by_name(const void *a, const void *b) { return strcmp(a, b); }
+static int by_name(const void *a, const void *b) {
+    return strcmp(a, b);
+}
 
 static void extra_meshes(void **state) {
     (void)state;
@@ -14,12 +16,14 @@ static void extra_meshes(void **state) {
     if (!dir) fail_msg("TM_EXTRA_MESHES=%s cannot be opened", folder);
     for (struct dirent *entry; (entry = readdir(dir)) && count < 256;) {
         const char *dot = strrchr(entry->d_name, '.');
-        if (dot && (!strcmp(dot, ".msh") || !strcmp(dot, ".vtk") || !strcmp(dot, ".mesh"))) snprintf(path[count++], sizeof *path, "%s/%s", folder, entry->d_name);
+        if (dot && (!strcmp(dot, ".msh") || !strcmp(dot, ".vtk") || !strcmp(dot, ".mesh")))
+            snprintf(path[count++], sizeof *path, "%s/%s", folder, entry->d_name);
     }
     closedir(dir);
     qsort(path, (size_t)count, sizeof *path, by_name);
     int accepted = 0;
-    for (int i = 0; i < count; i++) accepted += organ_cut_down(path[i], ORDERS, 30);
+    for (int i = 0; i < count; i++)
+        accepted += organ_cut_down(path[i], ORDERS, 30);
     print_message("  %d of %d meshes cut\n", accepted, count);
     assert_true(accepted > 0);
 }

@@ -1,7 +1,7 @@
 /* Steps an isotropic, undamped, gravity-free block, as tests/effects/test_plain_step.py asks, under callgrind.
  *   plain_step library|driver|returned FRAMES
- * library: the world's step. driver: force and integration written out by hand. returned: the library's step after every effect was added
- * and taken away again; prints the bytes that are left over. */
+ * library: the world's step. driver: force and integration written out by hand. returned: the library's step after
+ * every effect was added and taken away again; prints the bytes that are left over. */
 #include "../fixture.h"
 
 enum { SUBSTEPS = 25 };
@@ -13,7 +13,8 @@ static void by_hand(double *u, double *u_prev, double *u_next, double *f, const 
     for (int s = 0; s < substeps; s++) {
         tm_tissue_force(tissue, u, f);
         for (int32_t v = 0; v < mesh->vertex_count; v++)
-            for (int32_t i = 3 * v; i < 3 * v + 3; i++) u_next[i] = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
+            for (int32_t i = 3 * v; i < 3 * v + 3; i++)
+                u_next[i] = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
         double *oldest = u_prev;
         u_prev = u, u = u_next, u_next = oldest;
     }
@@ -28,7 +29,11 @@ static int64_t add_and_remove(tm_world *world) {
     const int32_t dof[3] = {0, 1, 2};
     tm_support_def support = tm_support_def_default();
     support.count = 3, support.dof = dof, support.value_m = zero;
-    tm_instrument_def tool = {.mode = TM_TOOL_CAUTERY, .trocar_m = {0, 0, 0.5}, .radius_m = 0.0025, .contact_length_m = 0.1, .pose = {.tip_m = {0, 0, 0.4}}};
+    tm_instrument_def tool = {.mode = TM_TOOL_CAUTERY,
+                              .trocar_m = {0, 0, 0.5},
+                              .radius_m = 0.0025,
+                              .contact_length_m = 0.1,
+                              .pose = {.tip_m = {0, 0, 0.4}}};
     tm_contact_def contact = tm_contact_def_default();
     contact.instrument_count = 1, contact.instrument = &tool;
     tm_contact *handle = NULL;
@@ -39,7 +44,8 @@ static int64_t add_and_remove(tm_world *world) {
     fix_ok(tm_stage_contact(world, &contact, &handle, &error), &error);
     fix_ok(tm_stage_cut(world, handle, &cut, &error), &error);
     static const char *const name[] = {"cut", "contact", "support", "load", "gravity"};
-    for (int i = 0; i < 5; i++) fix_ok(tm_world_remove_stage(world, name[i], &error), &error);
+    for (int i = 0; i < 5; i++)
+        fix_ok(tm_world_remove_stage(world, name[i], &error), &error);
     free(force);
     return tm_memory_in_use() - before;
 }
@@ -57,10 +63,13 @@ int main(int argc, char **argv) {
     tm_world *world = fix_world(tissue, false);
     if (returned) printf("%lld\n", (long long)add_and_remove(world));
     tm_state *s = tm_world_state(world);
-    for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) s->u_m[i] = s->u_prev_m[i] = 1e-6 * fix_signed(&random);
+    for (int32_t i = 0; i < 3 * mesh->vertex_count; i++)
+        s->u_m[i] = s->u_prev_m[i] = 1e-6 * fix_signed(&random);
     for (int frame = 0; frame < frames; frame++) {
-        if (driver) by_hand(s->u_m, s->u_prev_m, s->u_next_m, s->force_N, tm_world_mobility_s2_kg(world), SUBSTEPS);
-        else if (tm_world_step(world, SUBSTEPS) != TM_OK) return 1;
+        if (driver)
+            by_hand(s->u_m, s->u_prev_m, s->u_next_m, s->force_N, tm_world_mobility_s2_kg(world), SUBSTEPS);
+        else if (tm_world_step(world, SUBSTEPS) != TM_OK)
+            return 1;
     }
     return 0;
 }

@@ -1,5 +1,5 @@
-/* Prints one hash of a story that goes through the whole library: settling, steps, contact, cutting, single and double tensors. Compilers
- * and processors must agree on it (plain force form, -ffp-contract=off). */
+/* Prints one hash of a story that goes through the whole library: settling, steps, contact, cutting, single and double
+ * tensors. Compilers and processors must agree on it (plain force form, -ffp-contract=off). */
 #include "../physics/contact_scene.h"
 
 static uint64_t of_world(const tm_world *world, uint64_t h) {
@@ -15,12 +15,14 @@ int main(void) {
         def.cells[0] = def.cells[1] = 6, def.cells[2] = 4;
         tm_mesh *mesh = scene_mesh(&def);
         double *fibre = malloc(sizeof(double) * 3 * (size_t)mesh->tet_count);
-        for (int32_t i = 0; i < 3 * mesh->tet_count; i++) fibre[i] = i % 3 ? 2 / 3.0 : 1 / 3.0;
+        for (int32_t i = 0; i < 3 * mesh->tet_count; i++)
+            fibre[i] = i % 3 ? 2 / 3.0 : 1 / 3.0;
         tm_material material;
         scene_must(tm_material_engineering(3e4, 6e3, 0.4, 0.45, 5e3, &material, &error), &error);
         material.damping_1_s = 50;
         tm_tissue_def tissue = tm_tissue_def_default();
-        tissue.mesh = mesh, tissue.material_count = 1, tissue.material = &material, tissue.fibre = fibre, tissue.precision = precision;
+        tissue.mesh = mesh, tissue.material_count = 1, tissue.material = &material, tissue.fibre = fibre,
+        tissue.precision = precision;
         tissue.form = TM_FORCE_PLAIN, tissue.cuttable = true;
         scene s = {.def = def, .mesh = mesh};
         scene_must(tm_tissue_create(&tissue, &s.tissue, &error), &error);
@@ -32,7 +34,10 @@ int main(void) {
         tm_settle_def settle = tm_settle_def_default();
         scene_must(tm_world_settle(s.world, &settle, NULL, &error), &error);
         h = of_world(s.world, h);
-        tm_instrument_def tool = {.mode = TM_TOOL_CAUTERY, .trocar_m = {0, 0, 0.25}, .radius_m = 0.0025, .contact_length_m = 0.1,
+        tm_instrument_def tool = {.mode = TM_TOOL_CAUTERY,
+                                  .trocar_m = {0, 0, 0.25},
+                                  .radius_m = 0.0025,
+                                  .contact_length_m = 0.1,
                                   .pose = {.tip_m = {0.01, 0.005, 0.06}, .active = true}};
         tm_contact_def contact = tm_contact_def_default();
         contact.instrument_count = 1, contact.instrument = &tool;

@@ -19,12 +19,15 @@ typedef struct scene {
 static scene make(bool fibred, tm_precision precision) {
     scene s = {.mesh = organ(41)};
     tm_error error;
-    if (fibred) fix_ok(tm_material_paper(1e4, 3e3, 1.2e4, 9e3, s.material, &error), &error);
-    else fix_ok(tm_material_young(1e4, 0.45, s.material, &error), &error);
+    if (fibred)
+        fix_ok(tm_material_paper(1e4, 3e3, 1.2e4, 9e3, s.material, &error), &error);
+    else
+        fix_ok(tm_material_young(1e4, 0.45, s.material, &error), &error);
     s.material->damping_1_s = 20;
     s.fibre = fix_fibres(s.mesh, (const double[3]){1, 2, 2});
     s.def = tm_tissue_def_default();
-    s.def.mesh = s.mesh, s.def.material_count = 1, s.def.fibre = fibred ? s.fibre : NULL, s.def.precision = precision, s.def.cuttable = true;
+    s.def.mesh = s.mesh, s.def.material_count = 1, s.def.fibre = fibred ? s.fibre : NULL, s.def.precision = precision,
+    s.def.cuttable = true;
     s.def.form = TM_FORCE_PLAIN;
     return s;
 }
@@ -36,7 +39,8 @@ static void start(scene *s) {
     s->world = fix_world(s->tissue, true);
     const double zero[90] = {0};
     int32_t dof[90];
-    for (int i = 0; i < 90; i++) dof[i] = i; /* the 30 vertices at x = 0 */
+    for (int i = 0; i < 90; i++)
+        dof[i] = i; /* the 30 vertices at x = 0 */
     tm_support_def def = tm_support_def_default();
     def.count = 90, def.dof = dof, def.value_m = zero;
     fix_ok(tm_stage_support(s->world, &def, &error), &error);
@@ -62,9 +66,12 @@ static void twenty_orders(void **state) {
         start(&s);
         fix_random random = {100 + (uint64_t)order};
         int32_t *list = malloc(sizeof(int32_t) * (size_t)s.mesh->tet_count);
-        for (int32_t t = 0; t < s.mesh->tet_count; t++) list[t] = t;
-        if (order % 4 == 3) cut_order_from(s.mesh, list, &random);
-        else cut_shuffle(list, s.mesh->tet_count, &random);
+        for (int32_t t = 0; t < s.mesh->tet_count; t++)
+            list[t] = t;
+        if (order % 4 == 3)
+            cut_order_from(s.mesh, list, &random);
+        else
+            cut_shuffle(list, s.mesh->tet_count, &random);
         const double bound = tm_critical_step_guaranteed(s.tissue, NULL);
         cut_down(s.tissue, &s.def, s.world, list, 0.95, getenv("TM_LONG") ? 1 : 1 + order, true);
         assert_true(tm_tissue_alive_count(s.tissue) <= s.mesh->tet_count / 20);
@@ -81,12 +88,14 @@ static void down_to_nothing(void **state) {
     start(&s);
     fix_random random = {5};
     int32_t *list = malloc(sizeof(int32_t) * (size_t)s.mesh->tet_count);
-    for (int32_t t = 0; t < s.mesh->tet_count; t++) list[t] = t;
+    for (int32_t t = 0; t < s.mesh->tet_count; t++)
+        list[t] = t;
     cut_shuffle(list, s.mesh->tet_count, &random);
     cut_down(s.tissue, &s.def, s.world, list, 1, 37, true);
     assert_int_equal(tm_tissue_alive_count(s.tissue), 0);
     assert_int_equal(tm_tissue_surface(s.tissue).count, 0);
-    for (int32_t v = 0; v < s.mesh->vertex_count; v++) assert_true(tm_tissue_mass_kg(s.tissue)[v] == 0);
+    for (int32_t v = 0; v < s.mesh->vertex_count; v++)
+        assert_true(tm_tissue_mass_kg(s.tissue)[v] == 0);
     /* Empty and valid: it steps, nothing moves, and nothing more can be removed. */
     double *u = malloc(sizeof(double) * 3 * (size_t)s.mesh->vertex_count);
     memcpy(u, tm_world_state(s.world)->u_m, sizeof(double) * 3 * (size_t)s.mesh->vertex_count);
@@ -123,7 +132,8 @@ static void hanging_parts_go(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* A tunnel that ends in a point: the star of its end is a ring, which must be opened. Found by digging along every line of cells. */
+/* A tunnel that ends in a point: the star of its end is a ring, which must be opened. Found by digging along every line
+ * of cells. */
 static void rings_are_opened(void **state) {
     (void)state;
     fix_random random = {9};
@@ -134,11 +144,13 @@ static void rings_are_opened(void **state) {
     int32_t inner = 0;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         /* Two tetrahedra of an inner vertex that share no more than it: taking both pierces its star twice. */
-        const int32_t *star = mesh->vertex_tet + mesh->vertex_tet_begin[v], n = mesh->vertex_tet_begin[v + 1] - mesh->vertex_tet_begin[v];
+        const int32_t *star = mesh->vertex_tet + mesh->vertex_tet_begin[v],
+                      n = mesh->vertex_tet_begin[v + 1] - mesh->vertex_tet_begin[v];
         for (int32_t i = 1; i < n; i++) {
             int shared = 0;
             for (int a = 0; a < 4; a++)
-                for (int b = 0; b < 4; b++) shared += mesh->tet[4 * star[0] + a] == mesh->tet[4 * star[i] + b];
+                for (int b = 0; b < 4; b++)
+                    shared += mesh->tet[4 * star[0] + a] == mesh->tet[4 * star[i] + b];
             if (shared != 1) continue;
             tm_tissue *tissue = fix_tissue(mesh, &material, NULL, TM_DOUBLE, true);
             const int32_t removed = tm_cut_remove(tissue, (const int32_t[2]){star[0], star[i]}, 2, NULL, 0);
@@ -176,7 +188,8 @@ static void no_allocation(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(hanging_parts_go), cmocka_unit_test(rings_are_opened), cmocka_unit_test(twenty_orders),
-                                       cmocka_unit_test(down_to_nothing), cmocka_unit_test(no_allocation)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(hanging_parts_go), cmocka_unit_test(rings_are_opened),
+                                       cmocka_unit_test(twenty_orders), cmocka_unit_test(down_to_nothing),
+                                       cmocka_unit_test(no_allocation)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

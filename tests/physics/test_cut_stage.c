@@ -32,7 +32,8 @@ static void cuts_at_its_rate(void **state) {
     scene s = cutting_scene(rate, TM_LOOSE_FALL);
     int32_t tets = s.mesh->tet_count, tet[512], touched = 0, cut = 0;
     int8_t who[512];
-    for (int i = 0; i < 60; i++) story(&s, i, false);
+    for (int i = 0; i < 60; i++)
+        story(&s, i, false);
     assert_int_equal(tm_tissue_alive_count(s.tissue), tets); /* without current it is a probe */
     assert_true(tm_contact_reaction(s.contact, CAUTERY).row_count > 0);
     for (int i = 0; i < 60; i++) {
@@ -92,16 +93,20 @@ static void loose_pieces(void **state) {
         int8_t *who = malloc((size_t)s.mesh->tet_count);
         const int32_t n = tm_cut_take(s.world, tet, who, s.mesh->tet_count);
         assert_int_equal(n, above);
-        for (int32_t i = 0; i < n; i++) assert_int_equal(who[i], -1);
+        for (int32_t i = 0; i < n; i++)
+            assert_int_equal(who[i], -1);
         free(tet), free(who);
-        if (loose == TM_LOOSE_REMOVE) assert_true(steps <= 1000 && fallen_at < 0);
-        else assert_true(fallen_at > 0 && steps > fallen_at);
+        if (loose == TM_LOOSE_REMOVE)
+            assert_true(steps <= 1000 && fallen_at < 0);
+        else
+            assert_true(fallen_at > 0 && steps > fallen_at);
         scene_destroy(&s);
     }
 }
 
 static uint64_t run_on(scene *s, int from, int to) {
-    for (int i = from; i < to; i++) story(s, i, true);
+    for (int i = from; i < to; i++)
+        story(s, i, true);
     const tm_surface_view surface = tm_tissue_surface(s->tissue);
     const tm_tool_reaction reaction = tm_contact_reaction(s->contact, PROBE);
     uint64_t h = tm_hash(surface.triangle, sizeof(int32_t) * 3 * (size_t)surface.count, tm_world_hash(s->world));
@@ -156,7 +161,8 @@ static void snapshot_refusals(void **state) {
         assert_int_equal(tm_snapshot_restore(s.world, kept, bytes, &error), TM_ERR_FILE);
         kept[at] = (char)(kept[at] ^ 1 << i % 8);
     }
-    for (int64_t cut = 0; cut < bytes; cut += cut < 100 ? 1 : 4001) assert_int_equal(tm_snapshot_restore(s.world, kept, cut, &error), TM_ERR_FILE);
+    for (int64_t cut = 0; cut < bytes; cut += cut < 100 ? 1 : 4001)
+        assert_int_equal(tm_snapshot_restore(s.world, kept, cut, &error), TM_ERR_FILE);
     assert_int_equal(tm_snapshot_restore(s.world, kept, bytes + 8, &error), TM_ERR_FILE);
     assert_int_equal(tm_snapshot_restore(s.world, kept + 1, bytes, &error), TM_ERR_ARGUMENT);
     /* Other materials, other stages. */
@@ -199,7 +205,7 @@ static void steps_allocate_nothing(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(cuts_at_its_rate), cmocka_unit_test(loose_pieces),
-                                       cmocka_unit_test(snapshot_goes_on_with_the_same_bits), cmocka_unit_test(snapshot_refusals),
-                                       cmocka_unit_test(steps_allocate_nothing)};
+                                       cmocka_unit_test(snapshot_goes_on_with_the_same_bits),
+                                       cmocka_unit_test(snapshot_refusals), cmocka_unit_test(steps_allocate_nothing)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* The scheme in time: closed form of one free vertex, its own energy, growth past the critical step, steps that change, blow-ups. */
+/* The scheme in time: closed form of one free vertex, its own energy, growth past the critical step, steps that change,
+ * blow-ups. */
 #include "../fixture.h"
 
 /* One tetrahedron with everything held but component `dof`: a scalar oscillator k, m, d. */
@@ -17,7 +18,8 @@ static oscillator make_oscillator(double damping) {
     tm_material material;
     fix_ok(tm_material_young(1e4, 0.4, &material, &error), &error);
     material.damping_1_s = damping;
-    fix_ok(fix_one_tet((const double[12]){0, 0, 0, 0.01, 0, 0, 0, 0.01, 0, 0.002, 0.001, 0.012}, &o.mesh, &error), &error);
+    fix_ok(fix_one_tet((const double[12]){0, 0, 0, 0.01, 0, 0, 0, 0.01, 0, 0.002, 0.001, 0.012}, &o.mesh, &error),
+           &error);
     o.tissue = fix_tissue(o.mesh, &material, NULL, TM_DOUBLE, false);
     o.world = fix_world(o.tissue, damping > 0);
     int32_t dof[11], n = 0;
@@ -42,7 +44,8 @@ static void destroy_oscillator(oscillator *o) {
     tm_mesh_destroy(o->mesh);
 }
 
-/* u_n = rho^n (A cos n theta + B sin n theta): roots of (1+g) z^2 - (2 - w^2) z + (1-g) = 0, g = d dt/2, w^2 = k dt^2/m. */
+/* u_n = rho^n (A cos n theta + B sin n theta): roots of (1+g) z^2 - (2 - w^2) z + (1-g) = 0, g = d dt/2, w^2 = k
+ * dt^2/m. */
 static void check_closed_form(double damping) {
     oscillator o = make_oscillator(damping);
     const double g = o.d * o.dt / 2, w2 = o.k / o.m * o.dt * o.dt;
@@ -84,8 +87,8 @@ static double scheme_energy(tm_world *world, double *force) {
 
 enum { HELD = 12 }; /* components of the four vertices at x = 0 */
 
-/* A clamped block with random velocities at `fraction` of the sharp step. No user may ask for that: the guaranteed step is below the
- * sharp one. So the step is written into the state, and the mobilities with it. */
+/* A clamped block with random velocities at `fraction` of the sharp step. No user may ask for that: the guaranteed step
+ * is below the sharp one. So the step is written into the state, and the mobilities with it. */
 static tm_world *thrown(tm_mesh *mesh, tm_tissue **tissue, double fraction) {
     tm_error error;
     tm_material material;
@@ -94,7 +97,8 @@ static tm_world *thrown(tm_mesh *mesh, tm_tissue **tissue, double fraction) {
     int32_t dof[HELD];
     uint8_t fixed[100] = {0};
     const double zero[HELD] = {0};
-    for (int i = 0; i < HELD; i++) dof[i] = i, fixed[i] = 1;
+    for (int i = 0; i < HELD; i++)
+        dof[i] = i, fixed[i] = 1;
     double sharp = 0;
     fix_ok(tm_critical_step_sharp(*tissue, fixed, 1e-10, 100000, &sharp, &error), &error);
     tm_world *world = fix_world(*tissue, false);
@@ -105,10 +109,12 @@ static tm_world *thrown(tm_mesh *mesh, tm_tissue **tissue, double fraction) {
     const double ratio = fraction * sharp / s->dt_s;
     assert_true(ratio > 1);
     double *mobility = (double *)tm_world_mobility_s2_kg(world);
-    for (int32_t v = 0; v < mesh->vertex_count; v++) mobility[v] *= ratio * ratio;
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        mobility[v] *= ratio * ratio;
     s->dt_s *= ratio;
     fix_random random = {23};
-    for (int32_t i = HELD; i < 3 * mesh->vertex_count; i++) s->u_prev_m[i] = -s->dt_s * 0.1 * fix_signed(&random);
+    for (int32_t i = HELD; i < 3 * mesh->vertex_count; i++)
+        s->u_prev_m[i] = -s->dt_s * 0.1 * fix_signed(&random);
     return world;
 }
 
@@ -173,7 +179,8 @@ static void damping_and_step_changes(void **state) {
     }
     /* The velocity belongs to the middle of a step: a shorter step moves that middle, and half a kick goes with it. */
     tm_error error;
-    const double velocity = (s->u_m[FREE_DOF] - s->u_prev_m[FREE_DOF]) / s->dt_s, u = s->u_m[FREE_DOF], fine = 0.37 * o.dt;
+    const double velocity = (s->u_m[FREE_DOF] - s->u_prev_m[FREE_DOF]) / s->dt_s, u = s->u_m[FREE_DOF],
+                 fine = 0.37 * o.dt;
     const double kicked = velocity + 0.5 * (o.dt - fine) * (-o.k * u / o.m - o.d * velocity);
     fix_ok(tm_world_set_step(o.world, fine, &error), &error);
     assert_true(tm_world_step_s(o.world) == fine && s->u_m[FREE_DOF] == u);
@@ -198,14 +205,16 @@ static void damped_world_comes_to_the_settled_rest(void **state) {
     tm_world *world = fix_world(tissue, true);
     int32_t dof[12];
     const double zero[12] = {0};
-    for (int i = 0; i < 12; i++) dof[i] = i; /* the face x = 0 */
+    for (int i = 0; i < 12; i++)
+        dof[i] = i; /* the face x = 0 */
     tm_support_def def = tm_support_def_default();
     def.count = 12, def.dof = dof, def.value_m = zero;
     fix_ok(tm_stage_support(world, &def, &error), &error);
     fix_ok(tm_stage_gravity(world, (const double[3]){0, 0, -9.81}, &error), &error);
     assert_int_equal(tm_world_step(world, 40000), TM_OK);
     const int32_t n = 3 * mesh->vertex_count;
-    double *u = malloc(sizeof(double) * (size_t)n), *a = calloc((size_t)n, sizeof(double)), *b = calloc((size_t)n, sizeof(double));
+    double *u = malloc(sizeof(double) * (size_t)n), *a = calloc((size_t)n, sizeof(double)),
+           *b = calloc((size_t)n, sizeof(double));
     memcpy(u, tm_world_state(world)->u_m, sizeof(double) * (size_t)n);
     tm_support_reaction(world, a);
     tm_settle_result result;
@@ -223,7 +232,8 @@ static void damped_world_comes_to_the_settled_rest(void **state) {
     const uint64_t hash = tm_world_hash(world);
     memcpy(u, tm_world_state(world)->u_m, sizeof(double) * (size_t)n);
     assert_int_equal(tm_world_step(world, 100), TM_OK);
-    for (int32_t i = 0; i < n; i++) assert_true(fabs(u[i] - tm_world_state(world)->u_m[i]) < 1e-9 * fix_largest(u, n));
+    for (int32_t i = 0; i < n; i++)
+        assert_true(fabs(u[i] - tm_world_state(world)->u_m[i]) < 1e-9 * fix_largest(u, n));
     assert_true(hash != tm_world_hash(world));
     free(u), free(a), free(b);
     tm_world_destroy(world);
@@ -231,13 +241,16 @@ static void damped_world_comes_to_the_settled_rest(void **state) {
     tm_mesh_destroy(mesh);
 }
 
-/* Left alone, damped tissue comes to rest in exactly its own shape: no denormals to crawl in. And steps are the same however grouped. */
+/* Left alone, damped tissue comes to rest in exactly its own shape: no denormals to crawl in. And steps are the same
+ * however grouped. */
 static void dies_away_to_nothing(void **state) {
     (void)state;
     oscillator o = make_oscillator(400), p = make_oscillator(400);
     tm_world_state(o.world)->u_m[FREE_DOF] = tm_world_state(p.world)->u_m[FREE_DOF] = 1e-3;
-    for (int steps = 0; steps < 1000; steps += 25) assert_int_equal(tm_world_step(o.world, 25), TM_OK);
-    for (int steps = 0; steps < 1000; steps += 8) assert_int_equal(tm_world_step(p.world, 8), TM_OK);
+    for (int steps = 0; steps < 1000; steps += 25)
+        assert_int_equal(tm_world_step(o.world, 25), TM_OK);
+    for (int steps = 0; steps < 1000; steps += 8)
+        assert_int_equal(tm_world_step(p.world, 8), TM_OK);
     assert_true(tm_world_hash(o.world) == tm_world_hash(p.world));
     assert_true(tm_world_state(o.world)->u_m[FREE_DOF] != 0);
     double before = 1;
@@ -295,8 +308,12 @@ static void refusals(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(one_free_vertex), cmocka_unit_test(energy_is_kept),
-                                       cmocka_unit_test(grows_past_the_sharp_step), cmocka_unit_test(damping_and_step_changes),
-                                       cmocka_unit_test(damped_world_comes_to_the_settled_rest), cmocka_unit_test(dies_away_to_nothing), cmocka_unit_test(refusals)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(one_free_vertex),
+                                       cmocka_unit_test(energy_is_kept),
+                                       cmocka_unit_test(grows_past_the_sharp_step),
+                                       cmocka_unit_test(damping_and_step_changes),
+                                       cmocka_unit_test(damped_world_comes_to_the_settled_rest),
+                                       cmocka_unit_test(dies_away_to_nothing),
+                                       cmocka_unit_test(refusals)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

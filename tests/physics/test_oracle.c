@@ -5,7 +5,8 @@
 static void support(tm_world *world, const oracle *o, const double *press) {
     int32_t *dof = malloc(sizeof(int32_t) * 3 * (size_t)o->vertex_count), n = 0;
     double *value = malloc(sizeof(double) * 3 * (size_t)o->vertex_count), far = 0;
-    for (int32_t v = 0; v < o->vertex_count; v++) far = fmax(far, o->vertex[3 * v]);
+    for (int32_t v = 0; v < o->vertex_count; v++)
+        far = fmax(far, o->vertex[3 * v]);
     for (int32_t i = 0; i < 3 * o->vertex_count; i++) {
         const double x = o->vertex[3 * (i / 3)];
         if (x > 1e-12 && !(press && x > far - 1e-12)) continue;
@@ -37,14 +38,19 @@ static void check_case(const oracle *o, int kase, tm_tissue *tissue, double tole
 
     const double *u = tm_world_state(world)->u_m, most = fix_largest(o->u[kase], 3 * o->vertex_count);
     double worst = 0, clamp[3] = {0}, tip[3] = {0}, largest = 0, off = 0;
-    for (int32_t i = 0; i < 3 * o->vertex_count; i++) worst = fmax(worst, fabs(u[i] - o->u[kase][i]) / most);
+    for (int32_t i = 0; i < 3 * o->vertex_count; i++)
+        worst = fmax(worst, fabs(u[i] - o->u[kase][i]) / most);
     double *reaction = calloc(3 * (size_t)o->vertex_count, sizeof(double));
     tm_support_reaction(world, reaction);
-    for (int32_t i = 0; i < 3 * o->vertex_count; i++) *(o->vertex[3 * (i / 3)] < 1e-12 ? clamp + i % 3 : tip + i % 3) += reaction[i];
-    for (int i = 0; i < 3; i++) largest = fmax(largest, fabs(o->clamp[kase][i]));
-    for (int i = 0; i < 3; i++) off = fmax(off, fmax(fabs(clamp[i] - o->clamp[kase][i]), fabs(tip[i] - o->tip[kase][i])) / largest);
+    for (int32_t i = 0; i < 3 * o->vertex_count; i++)
+        *(o->vertex[3 * (i / 3)] < 1e-12 ? clamp + i % 3 : tip + i % 3) += reaction[i];
+    for (int i = 0; i < 3; i++)
+        largest = fmax(largest, fabs(o->clamp[kase][i]));
+    for (int i = 0; i < 3; i++)
+        off = fmax(off, fmax(fabs(clamp[i] - o->clamp[kase][i]), fabs(tip[i] - o->tip[kase][i])) / largest);
     const double energy = fabs(result.energy_J / o->energy[kase] - 1);
-    print_message("  case %d: displacement %.1e, reaction %.1e, energy %.1e, %lld steps\n", kase, worst, off, energy, (long long)result.steps);
+    print_message("  case %d: displacement %.1e, reaction %.1e, energy %.1e, %lld steps\n", kase, worst, off, energy,
+                  (long long)result.steps);
     assert_true(worst <= tolerance);
     assert_true(off <= tolerance);
     assert_true(energy <= 10 * tolerance);
@@ -60,7 +66,8 @@ static void check_set(const char *name) {
     int laws = 1;
     fix_ok(tm_material_five(o.lame[0], o.lame[1], o.lame[2], o.lame[3], o.lame[4], material, &error), &error);
     if (!strcmp(name, "iso")) laws = 2, fix_ok(tm_material_young(10e3, 0.45, material + 1, &error), &error);
-    if (!strcmp(name, "fibre")) laws = 2, fix_ok(tm_material_paper(o.lame[0], o.lame[1], o.lame[2], o.lame[3], material + 1, &error), &error);
+    if (!strcmp(name, "fibre"))
+        laws = 2, fix_ok(tm_material_paper(o.lame[0], o.lame[1], o.lame[2], o.lame[3], material + 1, &error), &error);
     if (o.engineering[0] > 0) {
         const double *e = o.engineering;
         laws = 2, fix_ok(tm_material_engineering(e[0], e[1], e[2], e[3], e[4], material + 1, &error), &error);
@@ -70,19 +77,28 @@ static void check_set(const char *name) {
         for (tm_precision precision = TM_DOUBLE; precision <= TM_SINGLE; precision++) {
             material[law].density_kg_m3 = o.density;
             print_message("%s, constants %d, %s\n", name, law, precision == TM_DOUBLE ? "double" : "single");
-            tm_tissue *tissue = fix_tissue(o.mesh, material + law, tm_material_is_isotropic(material + law) ? NULL : o.fibre, precision, false);
-            for (int kase = 0; kase < 3; kase++) check_case(&o, kase, tissue, precision == TM_DOUBLE ? 1e-7 : 1e-4);
+            tm_tissue *tissue = fix_tissue(o.mesh, material + law,
+                                           tm_material_is_isotropic(material + law) ? NULL : o.fibre, precision, false);
+            for (int kase = 0; kase < 3; kase++)
+                check_case(&o, kase, tissue, precision == TM_DOUBLE ? 1e-7 : 1e-4);
             tm_tissue_destroy(tissue);
         }
     oracle_unload(&o);
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-static void isotropic(void **state) { (void)state, check_set("iso"); }
-static void paper_law(void **state) { (void)state, check_set("fibre"); }
-static void engineering(void **state) { (void)state, check_set("muscle"); }
+static void isotropic(void **state) {
+    (void)state, check_set("iso");
+}
+static void paper_law(void **state) {
+    (void)state, check_set("fibre");
+}
+static void engineering(void **state) {
+    (void)state, check_set("muscle");
+}
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(isotropic), cmocka_unit_test(paper_law), cmocka_unit_test(engineering)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(isotropic), cmocka_unit_test(paper_law),
+                                       cmocka_unit_test(engineering)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

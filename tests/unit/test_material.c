@@ -1,11 +1,13 @@
-/* Constants: conversions there and back, refusals that name the inequality, the elasticity matrix against its definition. */
+/* Constants: conversions there and back, refusals that name the inequality, the elasticity matrix against its
+ * definition. */
 #include "../fixture.h"
 
 /* Solves C x = b, 6x6. */
 static void solve6(const double C[36], const double b[6], double x[6]) {
     double A[6][7];
     for (int i = 0; i < 6; i++) {
-        for (int j = 0; j < 6; j++) A[i][j] = C[6 * i + j];
+        for (int j = 0; j < 6; j++)
+            A[i][j] = C[6 * i + j];
         A[i][6] = b[i];
     }
     for (int k = 0; k < 6; k++) {
@@ -17,9 +19,11 @@ static void solve6(const double C[36], const double b[6], double x[6]) {
             A[k][j] = A[pivot][j], A[pivot][j] = t;
         }
         for (int i = 0; i < 6; i++)
-            for (int j = 6; i != k && j >= k; j--) A[i][j] -= A[i][k] / A[k][k] * A[k][j];
+            for (int j = 6; i != k && j >= k; j--)
+                A[i][j] -= A[i][k] / A[k][k] * A[k][j];
     }
-    for (int k = 0; k < 6; k++) x[k] = A[k][6] / A[k][k];
+    for (int k = 0; k < 6; k++)
+        x[k] = A[k][6] / A[k][k];
 }
 
 static void engineering_round_trip(void **state) {
@@ -31,9 +35,11 @@ static void engineering_round_trip(void **state) {
     double C[36], e[6];
     tm_material_voigt(&m, (double[3]){0, 0, 1}, C);
     solve6(C, (double[6]){0, 0, 1, 0, 0, 0}, e); /* tension along the fibre */
-    assert_true(fabs(e[2] * E_L - 1) < 1e-12 && fabs(-e[0] / e[2] - nu_LT) < 1e-12 && fabs(-e[1] / e[2] - nu_LT) < 1e-12);
+    assert_true(fabs(e[2] * E_L - 1) < 1e-12 && fabs(-e[0] / e[2] - nu_LT) < 1e-12 &&
+                fabs(-e[1] / e[2] - nu_LT) < 1e-12);
     solve6(C, (double[6]){1, 0, 0, 0, 0, 0}, e); /* across */
-    assert_true(fabs(e[0] * E_T - 1) < 1e-12 && fabs(-e[1] / e[0] - nu_TT) < 1e-12 && fabs(-e[2] / e[0] - nu_LT * E_T / E_L) < 1e-12);
+    assert_true(fabs(e[0] * E_T - 1) < 1e-12 && fabs(-e[1] / e[0] - nu_TT) < 1e-12 &&
+                fabs(-e[2] / e[0] - nu_LT * E_T / E_L) < 1e-12);
     solve6(C, (double[6]){0, 0, 0, 1, 0, 0}, e); /* axial shear, engineering strain */
     assert_true(fabs(e[3] * G - 1) < 1e-12);
     solve6(C, (double[6]){0, 0, 0, 0, 0, 1}, e); /* shear in the cross plane */
@@ -51,10 +57,12 @@ static double density(const tm_material *m, const double a[3], const double E[3]
     double I1 = 0, I2 = 0, I4 = 0, I5 = 0;
     for (int i = 0; i < 3; i++) {
         double row = 0;
-        for (int j = 0; j < 3; j++) row += E[i][j] * a[j], I2 += E[i][j] * E[i][j];
+        for (int j = 0; j < 3; j++)
+            row += E[i][j] * a[j], I2 += E[i][j] * E[i][j];
         I1 += E[i][i], I4 += a[i] * row, I5 += row * row;
     }
-    return m->lambda_Pa / 2 * I1 * I1 + m->mu_Pa * I2 + m->dlambda_Pa * I1 * I4 + 2 * m->dmu_Pa * I5 + m->beta_Pa / 2 * I4 * I4;
+    return m->lambda_Pa / 2 * I1 * I1 + m->mu_Pa * I2 + m->dlambda_Pa * I1 * I4 + 2 * m->dmu_Pa * I5 +
+           m->beta_Pa / 2 * I4 * I4;
 }
 
 static void matrix_is_the_energy(void **state) {
@@ -65,9 +73,12 @@ static void matrix_is_the_energy(void **state) {
     fix_ok(tm_material_five(1e4, 3e3, 1.2e4, 9e3, 7e3, &m, &error), &error);
     for (int trial = 0; trial < 50; trial++) {
         double a[3], e[6], C[36], length = 0, w = 0;
-        for (int i = 0; i < 3; i++) a[i] = fix_signed(&random), length += a[i] * a[i];
-        for (int i = 0; i < 3; i++) a[i] /= sqrt(length);
-        for (int i = 0; i < 6; i++) e[i] = fix_signed(&random);
+        for (int i = 0; i < 3; i++)
+            a[i] = fix_signed(&random), length += a[i] * a[i];
+        for (int i = 0; i < 3; i++)
+            a[i] /= sqrt(length);
+        for (int i = 0; i < 6; i++)
+            e[i] = fix_signed(&random);
         const double E[3][3] = {{e[0], e[5] / 2, e[4] / 2}, {e[5] / 2, e[1], e[3] / 2}, {e[4] / 2, e[3] / 2, e[2]}};
         tm_material_voigt(&m, a, C);
         for (int i = 0; i < 36; i++) {
@@ -77,7 +88,8 @@ static void matrix_is_the_energy(void **state) {
         assert_true(fabs(w / density(&m, a, E) - 1) < 1e-12);
         /* The stiffest figure bounds w over unit Mandel strain, and is reached. */
         double norm = 0;
-        for (int i = 0; i < 6; i++) norm += e[i] * e[i] * (i < 3 ? 1 : 0.5);
+        for (int i = 0; i < 6; i++)
+            norm += e[i] * e[i] * (i < 3 ? 1 : 0.5);
         assert_true(2 * w <= tm_material_stiffest_Pa(&m) * norm * (1 + 1e-12));
     }
     fix_ok(tm_material_young(1e4, 0.3, &m, &error), &error);
@@ -91,7 +103,10 @@ static void names(tm_status status, const tm_error *error, const char *const *sa
         if (!strstr(error->message, *says)) fail_msg("'%s' is not in: %s", *says, error->message);
     assert_non_null(strstr(error->message, "; "));
 }
-#define NAMES(...) (const char *const[]){__VA_ARGS__, NULL}
+#define NAMES(...)                                                                                                     \
+    (const char *const[]) {                                                                                            \
+        __VA_ARGS__, NULL                                                                                              \
+    }
 
 static void refusals(void **state) {
     (void)state;
@@ -105,7 +120,8 @@ static void refusals(void **state) {
     names(tm_material_lame(-1e4, 1e4, &m, &e), &e, NAMES("3 lambda + 2 mu > 0"));
     names(tm_material_five(1e4, 3e3, 1e4, -1, 0, &m, &e), &e, NAMES("mu_L = -1", "mu_L > 0"));
     names(tm_material_five(1e4, 3e3, 1e4, 3e3, -2e4, &m, &e), &e, NAMES("beta = -20000", "C33", "> 0"));
-    names(tm_material_five(1e4, 3e3, 3e4, 3e3, 0, &m, &e), &e, NAMES("lambda_L = 30000", "(lambda_T + mu_T) C33 > C13^2"));
+    names(tm_material_five(1e4, 3e3, 3e4, 3e3, 0, &m, &e), &e,
+          NAMES("lambda_L = 30000", "(lambda_T + mu_T) C33 > C13^2"));
     names(tm_material_engineering(-1, 1, 0.3, 0.3, 1, &m, &e), &e, NAMES("E_L = -1", "E_L > 0"));
     names(tm_material_engineering(1e4, 1e4, 0.3, 1, 1e3, &m, &e), &e, NAMES("nu_TT = 1", "nu_TT < 1"));
     names(tm_material_engineering(6e3, 3e4, 0.4, 0.45, 5e3, &m, &e), &e, NAMES("nu_LT = 0.4", "2 nu_LT^2"));
@@ -134,15 +150,20 @@ static void definiteness_agrees_with_the_matrix(void **state) {
     fix_random random = {5};
     int accepted = 0, trials = 2000;
     for (int trial = 0; trial < trials; trial++) {
-        tm_material m = {.lambda_Pa = 2e4 * fix_signed(&random), .mu_Pa = 1e4 * fix_signed(&random) + 4e3, .dlambda_Pa = 2e4 * fix_signed(&random),
-                         .dmu_Pa = 1e4 * fix_signed(&random), .beta_Pa = 4e4 * fix_signed(&random), .density_kg_m3 = 1000};
+        tm_material m = {.lambda_Pa = 2e4 * fix_signed(&random),
+                         .mu_Pa = 1e4 * fix_signed(&random) + 4e3,
+                         .dlambda_Pa = 2e4 * fix_signed(&random),
+                         .dmu_Pa = 1e4 * fix_signed(&random),
+                         .beta_Pa = 4e4 * fix_signed(&random),
+                         .density_kg_m3 = 1000};
         double C[36];
         tm_material_voigt(&m, (double[3]){0, 0, 1}, C);
         bool definite = true; /* Cholesky */
         for (int j = 0; j < 6 && definite; j++) {
             definite = C[7 * j] > 0;
             for (int i = j + 1; i < 6; i++)
-                for (int k = j + 1; k < 6; k++) C[6 * i + k] -= C[6 * i + j] * C[6 * j + k] / C[7 * j];
+                for (int k = j + 1; k < 6; k++)
+                    C[6 * i + k] -= C[6 * i + j] * C[6 * j + k] / C[7 * j];
         }
         assert_int_equal(tm_material_check(&m, NULL) == TM_OK, definite);
         accepted += definite;
@@ -152,6 +173,7 @@ static void definiteness_agrees_with_the_matrix(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(engineering_round_trip), cmocka_unit_test(matrix_is_the_energy),
-                                       cmocka_unit_test(refusals), cmocka_unit_test(definiteness_agrees_with_the_matrix)};
+                                       cmocka_unit_test(refusals),
+                                       cmocka_unit_test(definiteness_agrees_with_the_matrix)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

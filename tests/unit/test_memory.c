@@ -1,8 +1,12 @@
-/* The allocator hook: exact accounts, every n-th allocation failing, none within a step. And the small things of base.h. */
+/* The allocator hook: exact accounts, every n-th allocation failing, none within a step. And the small things of
+ * base.h. */
 #include "../fixture.h"
 
 /* An allocator that counts, fails on the n-th call, or fails every call while armed. */
-static struct { int64_t calls, fail_at, live, live_bytes; bool armed; } hook;
+static struct {
+    int64_t calls, fail_at, live, live_bytes;
+    bool armed;
+} hook;
 
 static void *hook_alloc(size_t bytes, void *user) {
     assert_ptr_equal(user, &hook);
@@ -55,7 +59,8 @@ static tm_status build(scene *s, tm_error *error) {
     fix_ok(tm_material_paper(1e4, 3e3, 1.2e4, 9e3, &material, error), error);
     material.damping_1_s = 5;
     tm_tissue_def tissue = tm_tissue_def_default();
-    tissue.mesh = s->mesh, tissue.material_count = 1, tissue.material = &material, tissue.fibre = fibre, tissue.cuttable = true, tissue.alive = alive;
+    tissue.mesh = s->mesh, tissue.material_count = 1, tissue.material = &material, tissue.fibre = fibre,
+    tissue.cuttable = true, tissue.alive = alive;
     status = tm_tissue_create(&tissue, &s->tissue, error);
     if (status) return status;
     tm_world_def world = tm_world_def_default();
@@ -86,7 +91,8 @@ static void every_allocation_fails_once(void **state) {
         install(n);
         error.status = TM_OK;
         const tm_status status = build(&s, &error);
-        if (status != TM_ERR_MEMORY) fail_msg("allocation %lld of %lld: %s", (long long)n, (long long)calls, tm_status_name(status));
+        if (status != TM_ERR_MEMORY)
+            fail_msg("allocation %lld of %lld: %s", (long long)n, (long long)calls, tm_status_name(status));
         assert_int_equal(error.status, TM_ERR_MEMORY);
         assert_non_null(strstr(error.message, "; "));
         destroy(&s);
@@ -157,7 +163,8 @@ static void names_and_hash(void **state) {
     assert_string_equal(tm_version(), "0.1.0");
     assert_string_equal(tm_status_name(TM_ERR_MESH), "TM_ERR_MESH");
     assert_string_equal(tm_status_name((tm_status)77), "TM_ERR_UNKNOWN");
-    for (int i = 0; i >= -11; i--) assert_true(strcmp(tm_status_name((tm_status)i), "TM_ERR_UNKNOWN"));
+    for (int i = 0; i >= -11; i--)
+        assert_true(strcmp(tm_status_name((tm_status)i), "TM_ERR_UNKNOWN"));
     /* FNV-1a's published values. */
     assert_true(tm_hash("", 0, TM_HASH_SEED) == 0xcbf29ce484222325ULL);
     assert_true(tm_hash("a", 1, TM_HASH_SEED) == 0xaf63dc4c8601ec8cULL);
@@ -165,7 +172,8 @@ static void names_and_hash(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_allocation_fails_once), cmocka_unit_test(accounts_are_exact),
-                                       cmocka_unit_test(no_allocation_in_a_step), cmocka_unit_test(names_and_hash)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_allocation_fails_once),
+                                       cmocka_unit_test(accounts_are_exact), cmocka_unit_test(no_allocation_in_a_step),
+                                       cmocka_unit_test(names_and_hash)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
