@@ -2,6 +2,8 @@
 #include "internal.h"
 
 #include <cholmod.h>
+#include <malloc.h>
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,7 +27,36 @@ struct tms_work {
     double *cg_b, *cg_x;
 };
 
+/* Fast BLAS kernels round differently on memory that is aligned differently. Where SuiteSparse's memory begins must not be chance, or two
+ * runs, or two ranks, differ in the last bit. This is set for the whole process; free() frees it as before. */
+static void *aligned_malloc(size_t bytes) {
+    void *memory;
+    return posix_memalign(&memory, 4096, bytes ? bytes : 1) ? NULL : memory;
+}
+static void *aligned_calloc(size_t count, size_t size) {
+    if (size && count > SIZE_MAX / size) return NULL;
+    void *memory = aligned_malloc(count * size);
+    if (memory) memset(memory, 0, count * size);
+    return memory;
+}
+static void *aligned_realloc(void *old, size_t bytes) {
+    void *memory = aligned_malloc(bytes);
+    if (!memory || !old) return memory;
+    const size_t had = malloc_usable_size(old);
+    memcpy(memory, old, had < bytes ? had : bytes);
+    free(old);
+    return memory;
+}
+
+static void align_memory(void) {
+    SuiteSparse_config.malloc_func = aligned_malloc;
+    SuiteSparse_config.calloc_func = aligned_calloc;
+    SuiteSparse_config.realloc_func = aligned_realloc;
+}
+
 static void start(cholmod_common *common) {
+    static pthread_once_t once = PTHREAD_ONCE_INIT;
+    pthread_once(&once, align_memory);
     cholmod_start(common);
     common->print = 0;
     common->error_handler = NULL;
