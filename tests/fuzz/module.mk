@@ -1,0 +1,41 @@
+# libFuzzer targets. `make fuzz` builds them with clang (config=fuzz) and runs each for FUZZ_SECONDS; make check runs each for some thousand inputs.
+FUZZ_SECONDS ?= 60
+.PHONY: fuzz fuzz-programs fuzz-run
+#: make fuzz FUZZ_SECONDS=60   fuzz every parser and decoder: build/fuzz/fuzz.json, findings in build/fuzz/findings/
+ifneq ($(config),fuzz)
+fuzz fuzz-programs fuzz-run:
+	@$(MAKE) --no-print-directory config=fuzz $@
+else
+fuzz:
+	@tools/setup.sh build check
+	@$(MAKE) --no-print-directory venv
+	@$(MAKE) --no-print-directory -j$$(nproc) fuzz-programs
+	@$(MAKE) --no-print-directory fuzz-run
+fuzz-run:
+	$(VENV)/bin/python tests/fuzz/run.py --build $(OUT) --seconds $(FUZZ_SECONDS) $(FUZZ_ARGS)
+
+# $(eval $(call fuzzer,NAME,OTHER SOURCES,LIBRARIES,FLAGS))
+FUZZERS :=
+define fuzzer
+FUZZERS += $(OUT)/tests/fuzz/$(1)
+$(OUT)/tests/fuzz/$(1): $(call objects,tests/fuzz/$(1).c $(2)) $(3)
+	@mkdir -p $$(@D)
+	$$(CC) $$(filter-out -fsanitize=fuzzer-no-link%,$$(SAN)) -fsanitize=fuzzer,address,undefined -rdynamic -o $$@ $$(call objects,tests/fuzz/$(1).c $(2)) \
+		-Wl,--start-group $(3) -Wl,--end-group $(4) -ldl -lm -lpthread
+endef
+FUZZ_HRT := $(LIBHRT_IO_A) $(LIBHRT_A)
+$(eval $(call fuzzer,fuzz_mesh,,$(LIBAPP_A) $(LIBTM_A),))
+$(eval $(call fuzzer,fuzz_mesh_cache,,$(LIBAPP_A) $(LIBTM_A),))
+$(eval $(call fuzzer,fuzz_mesh_text,,$(LIBAPP_A) $(LIBTM_A),))
+$(eval $(call fuzzer,fuzz_snapshot,,$(LIBTM_A),))
+$(eval $(call fuzzer,fuzz_responses,,$(LIBTMS_A) $(LIBTM_A),$(TMS_LIBS)))
+$(eval $(call fuzzer,fuzz_can,,$(FUZZ_HRT),))
+$(eval $(call fuzzer,fuzz_lcm,,$(LIBLCMTYPES_A) $(FUZZ_HRT) $(LIBAPP_A) $(LIBTM_A),-llcm))
+$(eval $(call fuzzer,fuzz_sample,,$(FUZZ_HRT),))
+$(eval $(call fuzzer,fuzz_scene,,$(SIM_LIBS) $(LIBLCMTYPES_A),-lyaml -lcjson))
+$(eval $(call fuzzer,fuzz_tables,haptic_rt/device/hand_file.c haptic_rt/io/profile.c haptic_rt/io/table.c haptic_rt/io/samples.c apps/mesh/shell.c,$(FUZZ_HRT) $(LIBAPP_A) $(LIBTM_A),))
+$(call objects,$(wildcard tests/fuzz/*.c)): INCLUDES += -Ihaptic_rt/io
+$(call objects,tests/fuzz/fuzz_lcm.c): | $(LIBLCMTYPES_A)
+$(OUT)/tests/fuzz/fuzz_scene: | $(OUT)/lib/tensormass/gmsh.so
+fuzz-programs: $(FUZZERS)
+endif

@@ -1,0 +1,83 @@
+"""Runs the fuzz targets of a config=fuzz build and writes what they did as JSON.
+
+    run.py --build build/fuzz --seconds 60 [--runs N] [--jobs 2] [NAME...]
+
+Seeds: tests/fuzz/corpus/NAME/ (committed, findings among them) and what earlier runs found (BUILD/corpus/NAME/). A finding is left in
+BUILD/findings/NAME/; the exit status is then 1. Kept findings belong into tests/fuzz/corpus/NAME/ once they are mended.
+"""
+import argparse
+import concurrent.futures
+import json
+import os
+import pathlib
+import re
+import resource
+import subprocess
+import sys
+
+HERE = pathlib.Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+
+
+def run_one(program, build, seconds, runs, seed):
+    name = program.name
+    corpus, findings = build / "corpus" / name, build / "findings" / name
+    corpus.mkdir(parents=True, exist_ok=True)
+    findings.mkdir(parents=True, exist_ok=True)
+    seeds = HERE / "corpus" / name
+    command = [program, "-print_final_stats=1", "-close_fd_mask=3", "-rss_limit_mb=1500", "-timeout=20", f"-artifact_prefix={findings}/", f"-seed={seed}"]
+    command += [f"-runs={runs}"] if runs else [f"-max_total_time={seconds}"]
+    command += [corpus] if not runs else []
+    command += [seeds] if seeds.is_dir() else []
+    dictionary = HERE / f"{name}.dict"
+    command += [f"-dict={dictionary}"] if dictionary.exists() else []
+    env = dict(os.environ, TM_ROOT=str(ROOT), ASAN_OPTIONS="detect_leaks=1:allocator_may_return_null=1:handle_abort=1", UBSAN_OPTIONS="print_stacktrace=1")
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    done = subprocess.run([str(c) for c in command], cwd=ROOT, env=env, capture_output=True, text=True, errors="replace",
+                          timeout=(seconds or 0) + 600)
+    text = done.stdout + done.stderr
+
+    def stat(key):
+        found = re.findall(rf"stat::{key}:\s*(\d+)", text)
+        return int(found[-1]) if found else None
+    coverage = re.findall(r"cov: (\d+)", text)
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    return name, {
+        "exit": done.returncode, "inputs": stat("number_of_executed_units"), "new_units": stat("new_units_added"),
+        "edges_covered": int(coverage[-1]) if coverage else None, "peak_MB": stat("peak_rss_mb"),
+        "cpu_s_of_all_so_far": round(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, 1),
+        "seconds": seconds if not runs else None, "seeds": len(list(seeds.iterdir())) if seeds.is_dir() else 0,
+        "findings": sorted(p.name for p in findings.iterdir()),
+        "said": text[-6000:] if done.returncode else "",
+    }
+
+
+def main():
+    p = argparse.ArgumentParser()
+    p.add_argument("--build", type=pathlib.Path, required=True)
+    p.add_argument("--seconds", type=int, default=60)
+    p.add_argument("--runs", type=int, default=0)
+    p.add_argument("--seed", type=int, default=1)
+    p.add_argument("--jobs", type=int, default=os.cpu_count() or 1)
+    p.add_argument("names", nargs="*")
+    a = p.parse_args()
+    build = a.build.resolve()
+    programs = sorted(f for f in (build / "tests" / "fuzz").iterdir() if f.name.startswith("fuzz_") and os.access(f, os.X_OK) and f.is_file())
+    programs = [f for f in programs if not a.names or f.name in a.names]
+    if not programs:
+        sys.exit(f"run.py: no fuzz targets in {build}; make fuzz-programs config=fuzz")
+    results = {}
+    with concurrent.futures.ThreadPoolExecutor(a.jobs) as pool:
+        for future in concurrent.futures.as_completed([pool.submit(run_one, f, build, a.seconds, a.runs, a.seed) for f in programs]):
+            name, result = future.result()
+            results[name] = result
+            print(f"{name:18} {'ok' if result['exit'] == 0 else 'FOUND ' + ' '.join(result['findings'])}: {result['inputs']} inputs, "
+                  f"{result['edges_covered']} edges", flush=True)
+            if result["exit"]:
+                print(result["said"], file=sys.stderr)
+    (build / "fuzz.json").write_text(json.dumps({"targets": {k: results[k] for k in sorted(results)}}, indent=1) + "\n")
+    return 1 if any(r["exit"] for r in results.values()) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
