@@ -192,7 +192,7 @@ static tm_status format_line(cursor *c, int *major, bool *binary) {
     char *after;
     double version = strtod(text, &after);
     *binary = strtol(after, NULL, 10) != 0;
-    *major = (int)version;
+    *major = version >= 2 && version < 3 ? 2 : 4;
     if (*major == 2 || (version > 4.05 && version < 4.2)) return TM_OK;
     return app_mesh_fail(c->error, TM_ERR_FILE, -1, "line %d: .msh format '%.*s'; save as 4.1 or 2.2 (gmsh -format msh41)", c->line,
                          (int)(length > 20 ? 20 : length), text);

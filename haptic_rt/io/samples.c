@@ -12,6 +12,7 @@ bool hrt_samples_read(hrt_samples *s, const char *path) {
     s->next = 0;
     s->seq = 0;
     s->start_us = 0;
+    if (!good) hrt_table_free(&s->table);
     return good;
 }
 

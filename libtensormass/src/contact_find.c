@@ -57,6 +57,8 @@ static bool station_range(const search *q, const double center[3], double radius
     if (!(chord2 >= 0))
         return false;
     double half = sqrt(chord2), step = q->capsule->radius_m;
+    if (!(along + half >= 0 && along - half <= step * (q->stations - 1)))
+        return false; /* and the casts below are in range, wherever the surface was thrown */
     *first = (int32_t)ceil(vmax((along - half) / step, 0));
     *last = (int32_t)floor(vmin((along + half) / step, q->stations - 1));
     return *first <= *last;

@@ -14,7 +14,7 @@ static void floats(fuzz_bytes *b, float *out, int count, bool tame) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    static hrt_patch patch;
+    static hrt_patch patches[6]; /* one that is in use must not change */
     static float scratch[HRT_PATCH_COMPLIANCE];
     fuzz_bytes b = {data, size};
     hrt_params params;
@@ -24,6 +24,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     int64_t now_us = 1000000;
     uint32_t seq = 0;
     for (int round = 0; round < 6 && b.left; round++) {
+        hrt_patch *patch = &patches[round];
         uint8_t what = fuzz_u8(&b);
         hrt_sample s = {.session = 1, .tool_session = 1, .seq = ++seq, .stiffness_kind = what & 3, .unilateral = what & 4};
         s.t_us = now_us - (int64_t)fuzz_u8(&b) * 500;
@@ -31,21 +32,21 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         floats(&b, s.force_N, 3, what & 8);
         floats(&b, s.stiffness_N_m, 9, what & 16);
         if (what & 32) {
-            memset(&patch, 0, sizeof patch);
-            patch.seq = s.seq;
-            patch.vertex_count = fuzz_u8(&b) % (HRT_PATCH_MAX_VERTICES + 3);
-            patch.triangle_count = fuzz_u8(&b) % (HRT_PATCH_MAX_TRIANGLES + 3);
-            patch.radius_m = 0.0025f;
-            patch.skin_compliance_m_N = 1e-4f;
-            patch.contact_length_m = 0.05f;
-            int dofs = 3 * patch.vertex_count < HRT_PATCH_DOFS ? 3 * patch.vertex_count : HRT_PATCH_DOFS;
-            floats(&b, patch.vertex_m, dofs, what & 64);
-            fuzz_take(&b, patch.triangle, sizeof patch.triangle);
+            memset(patch, 0, sizeof *patch);
+            patch->seq = s.seq;
+            patch->vertex_count = fuzz_u8(&b) % (HRT_PATCH_MAX_VERTICES + 3);
+            patch->triangle_count = fuzz_u8(&b) % (HRT_PATCH_MAX_TRIANGLES + 3);
+            patch->radius_m = 0.0025f;
+            patch->skin_compliance_m_N = 1e-4f;
+            patch->contact_length_m = 0.05f;
+            int dofs = 3 * patch->vertex_count < HRT_PATCH_DOFS ? 3 * patch->vertex_count : HRT_PATCH_DOFS;
+            floats(&b, patch->vertex_m, dofs, what & 64);
+            fuzz_take(&b, patch->triangle, sizeof patch->triangle);
             if (what & 128) /* a diagonal one, which is accepted */
-                for (int i = 0, at = 0; i < dofs; at += dofs - i, i++) patch.compliance_m_N[at] = 1e-3f * (float)(1 + (fuzz_u8(&b) & 15));
+                for (int i = 0, at = 0; i < dofs; at += dofs - i, i++) patch->compliance_m_N[at] = 1e-3f * (float)(1 + (fuzz_u8(&b) & 15));
             else
-                floats(&b, patch.compliance_m_N, dofs * (dofs + 1) / 2, what & 64);
-            if (hrt_patch_prepare(&patch, scratch) == HRT_ACCEPT) s.patch = &patch;
+                floats(&b, patch->compliance_m_N, dofs * (dofs + 1) / 2, what & 64);
+            if (hrt_patch_prepare(patch, scratch) == HRT_ACCEPT) s.patch = patch;
         }
         if (hrt_sample_check(&s, &params) == HRT_ACCEPT) hrt_extrapolation_sample(&x, &params, &s);
         for (int tick = 0; tick < 8; tick++) {

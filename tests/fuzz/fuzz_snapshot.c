@@ -1,10 +1,11 @@
-/* Snapshots of a world that is touched, grasped and cut: refused with the world left as it was, or taken, after which the world goes on
- * with finite numbers and gives a snapshot again. */
+/* Snapshots of a world that is touched and cut: refused with the world left as it was, or taken, after which the world goes on with finite
+ * numbers. Behind a right checksum everything but the stages' own parts is changed: those are the library's structs as they lie in memory,
+ * which only the checksum guards (a snapshot is for the same build and is not made by hand). */
 #include <math.h>
 
 #include "fuzz.h"
 
-enum { CHECKSUM_AT = 24, HEADER = 80 };
+enum { CHECKSUM_AT = 24, SURFACE_AT = 48, HEADER = 80 };
 
 static fuzz_body body;
 static tm_world *world;
@@ -30,8 +31,17 @@ static uint64_t checksum(const uint8_t *snapshot, size_t bytes) {
     return tm_hash(snapshot + HEADER, bytes - HEADER, tm_hash(head, HEADER, TM_HASH_SEED));
 }
 
+static size_t padded(size_t bytes) { return (bytes + 7) / 8 * 8; }
+
+/* Where the stages' parts begin. */
+static size_t stages_at(void) {
+    int32_t surface;
+    memcpy(&surface, (char *)good + SURFACE_AT, 4);
+    return HEADER + 48 * (size_t)body.mesh->vertex_count + padded((size_t)body.mesh->tet_count) + padded(4 * (size_t)surface);
+}
+
 /* The saved snapshot with what the input says written over it: pieces of (offset, length, bytes). */
-static uint8_t *patched(fuzz_bytes *b, size_t *size) {
+static uint8_t *patched(fuzz_bytes *b, size_t limit, size_t *size) {
     *size = (size_t)good_bytes;
     uint8_t *bytes = fuzz_copy(good, *size);
     while (b->left >= 3) {
@@ -40,7 +50,7 @@ static uint8_t *patched(fuzz_bytes *b, size_t *size) {
         uint8_t length = fuzz_u8(b) % 32;
         for (uint8_t i = 0; i < length; i++) {
             uint8_t value = fuzz_u8(b);
-            if ((size_t)at + i < *size) bytes[at + i] = value;
+            if ((size_t)at + i < limit) bytes[at + i] = value;
         }
     }
     return bytes;
@@ -74,8 +84,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     size_t bytes = b.left;
     PROMISE(tm_snapshot_restore(world, good, good_bytes, NULL) == TM_OK);
     uint64_t before = tm_world_hash(world);
-    uint8_t *snapshot = mode & 1 ? patched(&b, &bytes) : fuzz_copy(b.at, b.left);
-    if (mode & 2 && bytes > HEADER) {
+    uint8_t *snapshot = mode & 1 ? patched(&b, mode & 2 ? stages_at() : (size_t)good_bytes, &bytes) : fuzz_copy(b.at, b.left);
+    if (mode & 2 && mode & 1) {
         uint64_t sum = checksum(snapshot, bytes);
         memcpy(snapshot + CHECKSUM_AT, &sum, 8);
     }

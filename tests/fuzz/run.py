@@ -27,7 +27,7 @@ def run_one(program, build, seconds, runs, seed):
     seeds = HERE / "corpus" / name
     command = [program, "-print_final_stats=1", "-close_fd_mask=3", "-rss_limit_mb=1500", "-timeout=20", f"-artifact_prefix={findings}/", f"-seed={seed}"]
     command += [f"-runs={runs}"] if runs else [f"-max_total_time={seconds}"]
-    command += [corpus] if not runs else []
+    command += [corpus]  # first: libFuzzer writes what it finds new into it
     command += [seeds] if seeds.is_dir() else []
     dictionary = HERE / f"{name}.dict"
     command += [f"-dict={dictionary}"] if dictionary.exists() else []
