@@ -32,7 +32,7 @@ cd {ROOT}
 scene() {{
     out=$OUT/$1 seconds=$2
     mkdir -p $out
-    {{ echo time_s,fx_N,fy_N,fz_N; awk -v n=$3 'BEGIN {{ for (i = 0; i < n / 0.04; i++) printf "%.3f,0,0,%s\\n", 0.04 * i, i % 2 ? -{FORCE_N[1]} : -{FORCE_N[0]} }}'; }} > /tmp/samples.csv
+    {{ echo time_s,fx_N,fy_N,fz_N; awk -v n=$3 'BEGIN {{ for (i = 0; i < n / 0.04; i++) printf "%.3f,0,0,%s\\n", 0.04 * i, i % 2 ? -{FORCE_N[1]} : -{FORCE_N[0]} }}'; }} > $TMPDIR/samples.csv
     candump -L $CAN_A,0:0,#FFFFFFFF > $out/a.log & listeners=$!
     if [ $CAN_A != $CAN_B ]; then candump -L $CAN_B,0:0,#FFFFFFFF > $out/b.log & listeners="$listeners $!"; fi
     for i in 0 1; do
@@ -40,7 +40,7 @@ scene() {{
     done
     sleep 0.2
     for i in 0 1; do
-        {BUILD}/bin/haptic-rt --bus socketcan:$CAN_A --instrument $i --samples /tmp/samples.csv --extrapolator hold --trocar 0,0,0 --duration $seconds \\
+        {BUILD}/bin/haptic-rt --bus socketcan:$CAN_A --instrument $i --samples $TMPDIR/samples.csv --extrapolator hold --trocar 0,0,0 --duration $seconds \\
             --json $out/c$i.json --stats 2> $out/c$i.txt > $out/c$i.stats & eval c$i=$!
     done
     eval "$4"
@@ -233,3 +233,25 @@ def test_interface_down():
         assert faults and 0 < faults[0][0] - last_us < WATCHDOG_US + SLACK_US
         assert told(out, f"c{i}")["fault"] == "bus_off"
         assert all(push(s) == 0 for t, s in commands if t > silence[0][1]), "no torque before a reset"
+
+
+def test_system_calls_over_socketcan():
+    """docs/dedicated-machine.md: the loop's thread sleeps, receives and sends. (User-mode Linux has no vDSO: there, reading the clock is a call too.)"""
+    job = f"""
+cd {ROOT}
+printf 'time_s,fx_N,fy_N,fz_N\\n0,0,0,-1\\n0.1,0,0,-1\\n' > $TMPDIR/samples.csv
+{BUILD}/bin/tm-device --bus socketcan:$CAN_B --duration 4 &
+strace -f -o $OUT/trace {BUILD}/bin/haptic-rt --bus socketcan:$CAN_A --trocar 0,0,0 --samples $TMPDIR/samples.csv --duration 3 || exit 1
+wait
+"""
+    done, out = guest_run.run(guest_run.on("vcan"), "vcan", "calls", job, 120)
+    assert done.returncode == 0, done.stderr
+    calls = {}
+    for line in (out / "trace").read_text(errors="replace").splitlines():
+        thread, _, rest = line.partition(" ")
+        calls.setdefault(thread, []).append(rest.strip().split("(")[0])
+    loop = max(calls.values(), key=lambda names: names.count("clock_nanosleep"))
+    first, last = loop.index("clock_nanosleep"), len(loop) - 1 - loop[::-1].index("clock_nanosleep")
+    under_way = [name for name in loop[first:last] if name.isidentifier()]
+    assert under_way.count("clock_nanosleep") > 1000 and under_way.count("recvfrom") > 2000 and under_way.count("sendto") > 1000
+    assert set(under_way) <= {"clock_nanosleep", "recvfrom", "sendto", "getrusage", "clock_gettime"}, set(under_way)

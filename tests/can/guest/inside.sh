@@ -1,14 +1,19 @@
 # What both guests run once the host's tree is their root:   dash inside.sh vcan|controllers RUN_DIR uml|qemu
 # Brings up the bus, runs RUN_DIR/job.sh (with CAN_A and CAN_B, the controller's and the device's interface, and OUT, a directory
-# in the guest's memory), and copies OUT to RUN_DIR/out. The host's files are only written there.
+# in the guest's memory), and copies OUT to RUN_DIR/out. The host's files are written nowhere else.
 bus=$1 run=$2
-export PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/tmp GUEST=$3
-[ -c /dev/null ] && [ "$3" = uml ] || mount -t devtmpfs dev /dev
-[ "$3" = uml ] || { mount -t proc proc /proc; mount -t sysfs sysfs /sys; }
-mount -t tmpfs tmpfs /tmp
-mount -t tmpfs tmpfs /run
-mkdir -p /dev/shm /tmp/out
+export PATH=/usr/sbin:/usr/bin:/sbin:/bin GUEST=$3
+if [ "$3" = qemu ]; then
+    mount -t devtmpfs dev /dev
+    mount -t proc proc /proc
+    mount -t sysfs sysfs /sys
+    mkdir -p /dev/shm
+fi
+# Not over /tmp: the checkout itself may lie there.
+mkdir -p "$run/memory" && mount -t tmpfs tmpfs "$run/memory" || exit 125
 mount -t tmpfs tmpfs /dev/shm
+mkdir -p "$run/memory/out"
+export OUT="$run/memory/out" TMPDIR="$run/memory" HOME="$run/memory"
 /bin/ip link set lo up
 /bin/ip route add 224.0.0.0/4 dev lo
 case $bus in
@@ -23,12 +28,11 @@ controllers)
     done
     export CAN_A=can0 CAN_B=can1 ;;
 esac
-export OUT=/tmp/out
-cd /tmp
+cd "$TMPDIR"
 /bin/bash "$run/job.sh"
 status=$?
-/bin/ip -details -statistics link show > $OUT/links.txt 2>&1
+/bin/ip -details -statistics link show > "$OUT/links.txt" 2>&1
 mkdir -p "$run/out"
-cp -r $OUT/. "$run/out/" || status=125
+cp -r "$OUT/." "$run/out/" || status=125
 sync
 exit $status
