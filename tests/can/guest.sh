@@ -3,7 +3,7 @@
 #   tests/can/guest.sh uml|qemu vcan|controllers SECONDS RUN_DIR JOB.sh
 # The guest sees the host's tree. The job finds CAN_A and CAN_B (the controller's and the device's interface, the same one on vcan)
 # and OUT in its environment; what it leaves in OUT is in RUN_DIR/out afterwards. RUN_DIR/console.log is the guest's console.
-# Exit: the job's own status, 124 time-out, 125 the guest did not start. The console is printed when it is not 0.
+# $TM_GUEST_UML: another user-mode Linux. Exit: the job's own status, 124 time-out, 125 the guest did not start. The console is printed when it is not 0.
 set -uo pipefail
 kind=$1 bus=$2 limit=$3 run=$4 job=$5
 here=$(cd "$(dirname "$0")" && pwd)
@@ -23,7 +23,7 @@ uml)
     pin=()
     last=$(($(nproc) - 1))
     [ "${TM_GUEST_PIN:-1}" = 1 ] && taskset -c $last chrt -f 50 true 2>/dev/null && pin=(taskset -c $last chrt -f 50)
-    TMPDIR=/dev/shm timeout -k 5 "$limit" "${pin[@]}" linux.uml mem=512M root=/dev/root rootfstype=hostfs rootflags=/ rw quiet \
+    TMPDIR=/dev/shm timeout -k 5 "$limit" "${pin[@]}" "${TM_GUEST_UML:-linux.uml}" mem=512M root=/dev/root rootfstype=hostfs rootflags=/ rw quiet \
         panic=-1 init="$run/init_uml.sh" con0=fd:0,fd:1 con=null -- "tm_run=$run" </dev/null >"$run/console.log" 2>&1
     status=$?
     if [ $status != 124 ] && [ $status != 137 ]; then status=$(cat "$run/status" 2>/dev/null || echo 125); else status=124; fi ;;

@@ -6,5 +6,5 @@ guest-kernel:
 	@tests/can/guest/kernel.sh $(BUILD)/guest
 check-can:
 	@tools/setup.sh build check
-	@$(MAKE) --no-print-directory programs venv guest-kernel
-	TM_OUT=$(OUT) $(VENV)/bin/python -m pytest tests/can -q -p no:cacheprovider $(PYTEST_ARGS)
+	@$(MAKE) --no-print-directory programs venv guest-kernel $(OUT)/tests/can/codec.so
+	TM_OUT=$(abspath $(OUT)) $(VENV)/bin/python -m pytest tests/can -q -p no:cacheprovider $(PYTEST_ARGS)
