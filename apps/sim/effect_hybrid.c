@@ -90,6 +90,7 @@ static int begin(sim *s) {
     s->tissue = NULL;
     m->api.tm_hybrid_tissue_(m->hybrid, &s->tissue_def);
     if (tm_tissue_create(&s->tissue_def, &s->tissue, &error)) return sim_report(s->scene, s->scene->tissue.line, &error);
+    s->condensed_tets = s->mesh->tet_count - tm_tissue_alive_count(s->tissue);
     s->critical_s = m->api.tm_hybrid_critical_step_(m->hybrid, &s->critical_tet);
     return sim_make_world(s);
 }

@@ -60,12 +60,25 @@ void sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double
     if (pose->tip.line) sim_joints(s, instrument, pose->tip.v, joint);
 }
 
-const app_hand *sim_hand(const sim *s, int instrument) {
-    for (int i = 0; i < s->scene->hand.count; ++i) {
-        const app_hand *h = (const app_hand *)s->scene->hand.item + i;
-        if (h->instrument.value == instrument) return h;
+tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s) {
+    double joint[SIM_JOINTS];
+    bool pedal = false;
+    hrt_hand_target(&s->hand[instrument], s->start_joint[instrument], time_s, joint, &pedal);
+    return sim_pose(s, instrument, joint, pedal || s->instrument_def[instrument].mode != TM_TOOL_CAUTERY);
+}
+
+/* The scene's hand of an instrument as the virtual device takes it. */
+static void make_hand(sim *s, int instrument, const app_hand *hand) {
+    const app_waypoint *w = hand->path.item;
+    hrt_keyframe *key = app_scene_alloc(s->scene, sizeof *key * (size_t)hand->path.count);
+    for (int k = 0; k < hand->path.count; ++k) {
+        key[k].time_s = w[k].time.si;
+        key[k].active = w[k].active.on;
+        sim_scene_joints(s, instrument, &w[k].pose, key[k].joint);
     }
-    return NULL;
+    s->hand[instrument] = (hrt_hand_script){.key = key, .key_count = hand->path.count, .straight = hand->between.index == 1,
+                                            .repeat = hand->repeat.on, .tremor_m = hand->tremor.line ? hand->tremor_amplitude.si : 0,
+                                            .tremor_hz = hand->tremor_frequency.si};
 }
 
 void sim_make_instruments(sim *s) {
@@ -78,9 +91,13 @@ void sim_make_instruments(sim *s) {
         def->radius_m = t->radius.si;
         def->contact_length_m = t->contact_length.si;
         make_axes(t, s->axes[i]);
-        const app_hand *hand = sim_hand(s, i);
-        const app_pose *start = t->start_here.line || !hand ? &t->start : &((const app_waypoint *)hand->path.item)->pose;
-        sim_scene_joints(s, i, start, s->start_joint[i]);
+        for (int h = 0; h < s->scene->hand.count; ++h) {
+            const app_hand *hand = (const app_hand *)s->scene->hand.item + h;
+            if (hand->instrument.value == i) make_hand(s, i, hand);
+        }
+        /* An instrument starts where its hand does, unless it is told otherwise. */
+        sim_scene_joints(s, i, &t->start, s->start_joint[i]);
+        if (s->hand[i].key && !t->start_here.line) memcpy(s->start_joint[i], s->hand[i].key[0].joint, sizeof s->start_joint[i]);
         /* Probe and grasper are in the body from the start; a cautery burns only when told. */
         s->pose[i] = def->pose = sim_pose(s, i, s->start_joint[i], def->mode != TM_TOOL_CAUTERY);
     }

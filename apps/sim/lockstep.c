@@ -28,7 +28,6 @@ typedef struct station {
     hrt_node node;
     hrt_device device;
     hrt_bus node_bus, device_bus;
-    hrt_keyframe *key;
     hrt_tool_state tool;
     sent queue[QUEUE];
     uint32_t head, tail;
@@ -64,7 +63,6 @@ static int make_station(lockstep *l, int i) {
     sim *s = l->s;
     station *t = &l->station[i];
     const app_instrument *scene = (const app_instrument *)s->scene->instrument.item + i;
-    const app_hand *hand = sim_hand(s, i);
     hrt_device_config device = hrt_device_config_default(i);
     hrt_node_config node = hrt_node_config_default(i);
     if (l->haptics->profile.line && !hrt_profile_read(l->haptics->profile.s, &device.profile)) return APP_BAD_INPUT;
@@ -82,18 +80,7 @@ static int make_station(lockstep *l, int i) {
     device.seed = (uint64_t)l->haptics->seed.value;
     device.period_us = (double)l->tick_us;
     for (int j = 0; j < SIM_JOINTS; ++j) device.rest[j] = s->start_joint[i][j];
-    if (hand) {
-        const app_waypoint *w = hand->path.item;
-        t->key = calloc((size_t)hand->path.count, sizeof *t->key);
-        if (!t->key) return APP_FAILED;
-        for (int k = 0; k < hand->path.count; ++k) {
-            t->key[k].time_s = w[k].time.si;
-            sim_scene_joints(s, i, &w[k].pose, t->key[k].joint);
-            t->key[k].active = w[k].active.on;
-        }
-        device.hand = (hrt_hand_script){.key = t->key, .key_count = hand->path.count, .straight = hand->between.index == 1, .repeat = hand->repeat.on,
-                                        .tremor_m = hand->tremor.line ? hand->tremor_amplitude.si : 0, .tremor_hz = hand->tremor_frequency.si};
-    }
+    device.hand = s->hand[i];
     hrt_bus_open_loopback(&t->device_bus, &l->bus);
     hrt_bus_open_loopback(&t->node_bus, &l->bus);
     hrt_device_init(&t->device, &device, &t->device_bus);
@@ -223,14 +210,9 @@ static tm_status frame(lockstep *l, int64_t now_us) {
     sim *s = l->s;
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
     for (int i = 0; i < s->instrument_count; ++i) {
-        double joint[SIM_JOINTS];
-        bool active;
         s->wants[i] = sim_tools_want(&l->tools, i);
         if (l->haptics) to[i] = sim_tools_target(&l->tools, i);
-        else {
-            sim_hand_target(s, i, (double)(now_us - START_US) * 1e-6, joint, &active);
-            to[i] = sim_pose(s, i, joint, active);
-        }
+        else to[i] = sim_hand_pose(s, i, (double)(now_us - START_US) * 1e-6);
     }
     int64_t before = app_monotonic_us();
     tm_status status = sim_frame(s, to, s->substeps);
@@ -320,7 +302,7 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     sim_quantiles none = {0};
     sim_report_quantiles(json, "lateness_us", &none);
     sim_report_magnitude(json, "force_N", &l->force);
-    cJSON_AddNumberToObject(json, "tets_alive", tm_tissue_alive_count(s->tissue));
+    cJSON_AddNumberToObject(json, "tets_alive", sim_alive(s));
     cJSON_AddNumberToObject(json, "tets_removed", (double)s->cuts.total);
     cJSON_AddStringToObject(json, "state_hash", hash);
     report_controllers(l, json);
@@ -380,7 +362,6 @@ int run_lockstep(sim *s, const run_options *o) {
     for (int i = 0; l->station && i < s->instrument_count; ++i) {
         station *t = &l->station[i];
         for (; t->head != t->tail; ++t->head) free(t->queue[t->head % QUEUE].patch);
-        free(t->key);
         hrt_bus_close(&l->station[i].node_bus);
         hrt_bus_close(&l->station[i].device_bus);
     }

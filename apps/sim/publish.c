@@ -14,7 +14,7 @@ static void send_cuts(sim_publisher *p, const sim *s, int64_t utime) {
         if (!count) continue;
         tensormass_cut_event_t m = {.utime = utime, .seq = p->cut_seq++, .session = p->session, .instrument = (int8_t)who,
                                     .topology_revision = sim_surface(s).revision, .removed_count = count, .removed_tet = p->removed,
-                                    .alive_count = tm_tissue_alive_count(s->tissue)};
+                                    .alive_count = sim_alive(s)};
         p->api->send(p->link, SIM_CUT, "CUT", utime, &m);
     }
 }
@@ -113,7 +113,7 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
     static char models[][12] = {"dynamic", "precomputed", "hybrid"};
     if (!p->api) return;
     tensormass_sim_status_t m = {.utime = utime, .seq = p->status_seq++, .session = p->session, .scene = (char *)(uintptr_t)s->scene->file,
-                                 .model = models[s->scene->model.index], .tets_alive = tm_tissue_alive_count(s->tissue), .substeps = s->substeps,
+                                 .model = models[s->scene->model.index], .tets_alive = sim_alive(s), .substeps = s->substeps,
                                  .dt_s = s->dt_s, .frame_s = s->frame_s, .compute_s = compute_s, .sim_seconds_per_wall_second = speed,
                                  .dropped_utime = p->dropped_us, .instrument_count = (int8_t)s->instrument_count};
     for (int i = 0; i < s->instrument_count; ++i) {

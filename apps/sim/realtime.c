@@ -107,14 +107,9 @@ static tm_status one_frame(realtime *r) {
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
     int64_t begin = app_monotonic_us();
     for (int i = 0; i < s->instrument_count; ++i) {
-        double joint[SIM_JOINTS];
-        bool active;
         s->wants[i] = sim_tools_want(&r->tools, i);
         if (r->haptics) to[i] = sim_tools_target(&r->tools, i);
-        else {
-            sim_hand_target(s, i, (double)(begin - r->start_us) * 1e-6, joint, &active);
-            to[i] = sim_pose(s, i, joint, active);
-        }
+        else to[i] = sim_hand_pose(s, i, (double)(begin - r->start_us) * 1e-6);
     }
     int32_t substeps = affordable(r);
     tm_status status = sim_frame(s, to, substeps);
@@ -192,7 +187,7 @@ static void report(realtime *r, cJSON *json) {
     sim_report_quantiles(json, "frame_lateness_us", &r->lateness);
     sim_report_quantiles(json, "frame_compute_us", &r->compute);
     sim_report_magnitude(json, "force_N", &r->force);
-    cJSON_AddNumberToObject(json, "tets_alive", tm_tissue_alive_count(r->s->tissue));
+    cJSON_AddNumberToObject(json, "tets_alive", sim_alive(r->s));
     cJSON_AddStringToObject(json, "state_hash", hash);
     int64_t ticks = 0, missed = 0;
     double late[4] = {0};

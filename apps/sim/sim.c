@@ -196,4 +196,5 @@ tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
 tm_surface_view sim_surface(const sim *s) { return s->model->surface(s); }
 const double *sim_displacement(const sim *s) { return s->model->displacement(s); }
 double sim_time_s(const sim *s) { return s->model->time_s(s); }
+int32_t sim_alive(const sim *s) { return s->condensed_tets + tm_tissue_alive_count(s->tissue); }
 uint64_t sim_hash(const sim *s) { return s->model->hash(s); }

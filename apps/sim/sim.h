@@ -3,12 +3,13 @@
 #ifndef TM_SIM_H
 #define TM_SIM_H
 
+#include "device/device.h"
 #include "scene_parts.h"
 #include "tensormass.h"
 #include "tensormass/contact.h"
 #include "tensormass/patch.h"
 
-enum { SIM_JOINTS = 5 }; /* pitch rad, yaw rad, insertion m, roll rad, grip 0..1; as hrt.h */
+enum { SIM_JOINTS = HRT_JOINTS }; /* pitch rad, yaw rad, insertion m, roll rad, grip 0..1 */
 
 typedef struct sim sim;
 
@@ -98,6 +99,7 @@ struct sim {
     tm_instrument_def instrument_def[TM_MAX_INSTRUMENTS];
     double axes[TM_MAX_INSTRUMENTS][9];         /* columns: the device's x, y, z in the world; see hrt_frame */
     double start_joint[TM_MAX_INSTRUMENTS][SIM_JOINTS];
+    hrt_hand_script hand[TM_MAX_INSTRUMENTS];   /* the scene's; no keys: it has none and stays at the start */
     int instrument_count;
 
     double frame_s, dt_s;
@@ -106,6 +108,7 @@ struct sim {
     int32_t critical_tet;
     int64_t frames;
     sim_cuts cuts;
+    int32_t condensed_tets;        /* hybrid: those that are not in the world's tissue */
     struct sim_picture *picture; /* effect rendering, else null */
     tm_tool_pose pose[TM_MAX_INSTRUMENTS];      /* at the end of the last frame */
     tm_tool_reaction reaction[TM_MAX_INSTRUMENTS];
@@ -167,15 +170,15 @@ tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINT
 bool sim_joints(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]);
 /* A pose of the scene as joints. */
 void sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]);
-/* The scene's hand of an instrument, null if it has none. */
-const app_hand *sim_hand(const sim *s, int instrument);
 
-/* Where that hand wants the instrument at a time; at the start pose without a hand. */
-void sim_hand_target(const sim *s, int instrument, double time_s, double joint[SIM_JOINTS], bool *active);
+/* Where the scene's hand wants the instrument at a time. */
+tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s);
 /* The surface, displacements [3*vertex_count] and simulated time, whatever the model. */
 tm_surface_view sim_surface(const sim *s);
 const double *sim_displacement(const sim *s);
 double sim_time_s(const sim *s);
+/* Living tetrahedra of the whole organ. */
+int32_t sim_alive(const sim *s);
 uint64_t sim_hash(const sim *s);
 
 #endif

@@ -7,24 +7,20 @@
 #include "hrt.h"
 #include "run.h"
 
-static int write_hand(const sim *s, int i, const app_hand *hand, const char *path) {
+static void write_key(FILE *out, double time_s, const double joint[SIM_JOINTS], bool active) {
+    fprintf(out, "%.17g", time_s);
+    for (int j = 0; j < SIM_JOINTS; ++j) fprintf(out, ",%.17g", joint[j]);
+    fprintf(out, ",%d\n", active);
+}
+
+static int write_hand(const sim *s, int i, const char *path) {
+    const hrt_hand_script *hand = &s->hand[i];
     run_file file = {0};
     int rc = run_file_begin(&file, path);
     if (rc) return rc;
     fputs("time_s,pitch_rad,yaw_rad,insertion_m,roll_rad,grip,active\n", file.stream);
-    if (!hand) {
-        fputs("0", file.stream);
-        for (int j = 0; j < SIM_JOINTS; ++j) fprintf(file.stream, ",%.17g", s->start_joint[i][j]);
-        fputs(",0\n", file.stream);
-    }
-    for (int k = 0; hand && k < hand->path.count; ++k) {
-        const app_waypoint *w = (const app_waypoint *)hand->path.item + k;
-        double joint[SIM_JOINTS];
-        sim_scene_joints(s, i, &w->pose, joint);
-        fprintf(file.stream, "%.17g", w->time.si);
-        for (int j = 0; j < SIM_JOINTS; ++j) fprintf(file.stream, ",%.17g", joint[j]);
-        fprintf(file.stream, ",%d\n", w->active.on);
-    }
+    if (!hand->key) write_key(file.stream, 0, s->start_joint[i], false);
+    for (int k = 0; k < hand->key_count; ++k) write_key(file.stream, hand->key[k].time_s, hand->key[k].joint, hand->key[k].active);
     return run_file_end(&file, true);
 }
 
@@ -45,14 +41,14 @@ static int write_session(const sim *s, const char *path) {
     }
     cJSON *list = cJSON_AddArrayToObject(json, "instruments");
     for (int i = 0; i < s->instrument_count; ++i) {
-        const app_hand *hand = sim_hand(s, i);
+        const hrt_hand_script *hand = &s->hand[i];
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
         cJSON_AddStringToObject(row, "mode", modes[s->instrument_def[i].mode]);
         cJSON_AddItemToObject(row, "start_joint", cJSON_CreateDoubleArray(s->start_joint[i], SIM_JOINTS));
-        cJSON_AddNumberToObject(row, "tremor_m", hand && hand->tremor.line ? hand->tremor_amplitude.si : 0);
-        cJSON_AddBoolToObject(row, "straight", hand && hand->between.index == 1);
-        cJSON_AddBoolToObject(row, "repeat", hand && hand->repeat.on);
+        cJSON_AddNumberToObject(row, "tremor_m", hand->tremor_m);
+        cJSON_AddBoolToObject(row, "straight", hand->straight);
+        cJSON_AddBoolToObject(row, "repeat", hand->repeat);
     }
     return run_report_end(json, &file);
 }
@@ -61,7 +57,7 @@ int run_hands(sim *s, const run_options *o) {
     char path[1024];
     for (int i = 0; i < s->instrument_count; ++i) {
         snprintf(path, sizeof path, "%.1000s%d.csv", o->hands, i);
-        int rc = write_hand(s, i, sim_hand(s, i), path);
+        int rc = write_hand(s, i, path);
         if (rc) return rc;
     }
     snprintf(path, sizeof path, "%.1000s.json", o->hands);

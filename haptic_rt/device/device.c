@@ -43,10 +43,9 @@ void hrt_device_hand(hrt_device *device, const double joint[HRT_JOINTS], bool ac
 
 static double between(const hrt_hand_script *hand, double s) { return hand->straight ? s : s * s * s * (10.0 + s * (6.0 * s - 15.0)); }
 
-static void scripted(hrt_device *d, double time_s, double target[HRT_JOINTS], bool *active) {
-    const hrt_hand_script *hand = &d->config.hand;
+static void scripted(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s, double target[HRT_JOINTS], bool *active) {
     if (!hand->key || hand->key_count < 1) {
-        memcpy(target, d->config.rest, sizeof d->config.rest);
+        memcpy(target, rest, sizeof(double) * HRT_JOINTS);
         return;
     }
     const double last_s = hand->key[hand->key_count - 1].time_s;
@@ -60,6 +59,19 @@ static void scripted(hrt_device *d, double time_s, double target[HRT_JOINTS], bo
     *active = a->active;
 }
 
+static void tremble(const hrt_hand_script *hand, double time_s, double target[HRT_JOINTS]) {
+    if (!(hand->tremor_m > 0.0)) return;
+    const double w = 2.0 * PI * hand->tremor_hz * time_s, reach = fmax(target[HRT_INSERTION], 0.02);
+    target[HRT_PITCH] += hand->tremor_m / reach * sin(w);
+    target[HRT_YAW] += hand->tremor_m / reach * sin(1.13 * w + 1.0);
+    target[HRT_INSERTION] += hand->tremor_m * sin(0.91 * w + 2.0);
+}
+
+void hrt_hand_target(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s, double target[HRT_JOINTS], bool *active) {
+    scripted(hand, rest, time_s, target, active);
+    tremble(hand, time_s, target);
+}
+
 static void want(hrt_device *d, double time_s) {
     const hrt_hand_script *hand = &d->config.hand;
     double target[HRT_JOINTS];
@@ -67,13 +79,8 @@ static void want(hrt_device *d, double time_s) {
     if (d->external) {
         memcpy(target, d->external_target, sizeof target);
         d->active = d->external_active;
-    } else scripted(d, time_s, target, &d->active);
-    if (hand->tremor_m > 0.0) {
-        const double w = 2.0 * PI * hand->tremor_hz * time_s, reach = fmax(target[HRT_INSERTION], 0.02);
-        target[HRT_PITCH] += hand->tremor_m / reach * sin(w);
-        target[HRT_YAW] += hand->tremor_m / reach * sin(1.13 * w + 1.0);
-        target[HRT_INSERTION] += hand->tremor_m * sin(0.91 * w + 2.0);
-    }
+        tremble(hand, time_s, target);
+    } else hrt_hand_target(hand, d->config.rest, time_s, target, &d->active);
     memcpy(d->target, target, sizeof target);
 }
 

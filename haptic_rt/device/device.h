@@ -27,6 +27,9 @@ typedef struct hrt_hand_script {
     double tremor_hz;        /* 9 */
 } hrt_hand_script;
 
+/* Where such a hand wants its instrument; `rest` without keys. `*active` is the pedal: left as it is without keys. */
+void hrt_hand_target(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s, double target[HRT_JOINTS], bool *active);
+
 typedef struct hrt_device_config {
     int32_t instrument;
     hrt_params profile;                 /* counts, workspace, torque limits */

@@ -203,3 +203,20 @@ def test_only_what_may_be_sent_takes_memory(bin, root, tmp_path):
     for e in ("tangent", "contact"):
         stages, memory = rows[e]
         assert stages["patch"]["line"] == 23 and stages["patch"]["bytes"] == memory - rows["position"][1] > 0
+
+
+def test_the_hybrid_model_is_cut_and_grasped_like_the_whole(bin, root, tmp_path):
+    """The same pull before and after the same cut, held until it rests."""
+    force, told = {}, {}
+    for model in ("dynamic", "hybrid"):
+        told[model] = report(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--lockstep", "--unset", "haptics", "--set", "damping.rate=150",
+                             "--set", "hybrid.box={min: [-1, -1, 20 mm], max: [1, 1, 1]}", "--set", f"model={model}",
+                             "--samples", tmp_path / "s.csv", tmp=tmp_path, env={"TM_CACHE_DIR": str(tmp_path)})
+        s = columns(tmp_path / "s.csv")
+        s = s[s["instrument"] == 0]
+        force[model] = np.array([[s[f"f{a}_N"][np.argmin(np.abs(s["time_s"] - t))] for a in "xyz"] for t in (1.48, 2.4)])
+    assert told["dynamic"]["tets_removed"] == told["hybrid"]["tets_removed"] > 5
+    assert told["dynamic"]["tets_alive"] == told["hybrid"]["tets_alive"]
+    size = np.linalg.norm(force["dynamic"], axis=1)
+    assert (size > 0.5).all() and abs(size[1] - size[0]) > 1e-3  # the cut made a difference
+    assert np.linalg.norm(force["hybrid"] - force["dynamic"], axis=1).max() < 1e-3 * size.max(), force
