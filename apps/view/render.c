@@ -300,7 +300,8 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
     const view_vertex *vertex;
     const uint32_t *index = NULL;
     bool changed;
-    fill_batch(&r->tissue, vertex, view_skin_vertices(r->skin, &vertex));
+    int32_t vertices = view_skin_vertices(r->skin, &vertex);
+    fill_batch(&r->tissue, vertex, vertices);
     r->tissue.count = view_skin_indices(r->skin, &index, &changed);
     if (changed) {
         fill_indices(&r->tissue, r->tissue.indices, index, r->tissue.count);

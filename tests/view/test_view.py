@@ -333,3 +333,27 @@ def test_live_without_a_multicast_route_says_what_to_do(bin, tmp_path):
     result = subprocess.run([*lonely, str(bin / "tm-view"), "--png", str(tmp_path / "p.png")], capture_output=True, text=True, timeout=30)
     assert result.returncode == 2 and "ip route add 224.0.0.0/4 dev lo" in result.stderr
     assert os.listdir(tmp_path) == []
+
+
+def test_random_corruption_ends_nothing(bin, tmp_path, python_types):
+    """Bytes changed at random, among sound messages: refused or drawn, and the picture still comes."""
+    import random
+
+    chance = random.Random(7)
+
+    def add(session, frame, messages):
+        spoiled = []
+        for channel, data in messages:
+            for _ in range(20):
+                bytes_ = bytearray(data)
+                for _ in range(chance.randint(1, 8)):
+                    bytes_[chance.randrange(len(bytes_))] = chance.randrange(256)
+                spoiled.append((channel, bytes(bytes_)))
+        return spoiled + messages
+
+    path, figures = tmp_path / "random.lcm", tmp_path / "figures.json"
+    synthetic.write_log(python_types, path, seconds=0.3, rows=8, spoil=add)
+    result = run(bin, path, "--frames", tmp_path / "f", "--json", figures, "--size", "128x96", "--quality", "0")
+    assert result.returncode == 0, result.stderr
+    report = json.loads(figures.read_text())
+    assert report["pictures"] == 10 and report["messages_refused"] > 100 and report["vertices"] == 114
