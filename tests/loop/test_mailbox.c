@@ -1,0 +1,91 @@
+/* Samples, patches, poses and commands posted by one thread while another ticks: never torn, never freed under the reader. Run with config=tsan too. */
+// clang-format off
+#include <math.h>
+#include <pthread.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <time.h>
+#include <cmocka.h>
+// clang-format on
+
+#include "loop.h"
+
+static loop l;
+static _Atomic bool stop;
+static _Atomic int64_t tool_us;
+static int64_t posted, refused;
+
+/* Every number of the sample and of its patch is made from seq: a mixture of two would show. */
+static float mark(uint32_t seq) { return 0.001f * (float)(seq % 997u + 1u); }
+
+static void make_patch(uint32_t seq, float *vertex, int8_t *triangle, float *compliance, hrt_patch_message *m) {
+    static const double origin[3] = {0, 0, 0};
+    memset(compliance, 0, 78 * sizeof *compliance);
+    for (int i = 0, at = 0; i < 9; at += 9 - i, i++) compliance[at] = 0.001f * mark(seq);
+    for (int i = 0; i < 9; i++) vertex[i] = (i == 3 || i == 7 ? 0.01f : 0.0f) + (i % 3 == 2 ? 0.2f : 0.0f) + 0.001f * mark(seq);
+    triangle[0] = 0, triangle[1] = 2, triangle[2] = 1;
+    *m = (hrt_patch_message){.session = 7, .seq = seq, .vertex_count = 3, .triangle_count = 1, .vertex_m = vertex, .origin_m = origin, .triangle = triangle,
+                             .compliance_m_N = compliance, .radius_m = 0.0025f, .contact_length_m = 0.05f, .skin_compliance_m_N = mark(seq)};
+}
+
+static void *poster(void *user) {
+    (void)user;
+    float vertex[9], compliance[78];
+    int8_t triangle[3];
+    for (uint32_t seq = 1; !atomic_load(&stop); seq++) {
+        hrt_patch_message patch;
+        make_patch(seq, vertex, triangle, compliance, &patch);
+        if (hrt_node_post_patch(&l.node, &patch) != HRT_ACCEPT) refused++;
+        const double f = (double)mark(seq);
+        const hrt_force_sample s = {.session = 7, .tool_session = l.node.config.session, .tool_utime = atomic_load(&tool_us), .seq = seq, .tip_m = {f, f, f},
+                                    .force_N = {f, f, f}, .stiffness_kind = 2, .stiffness_N_m = {f, f, f, f, f, f, f, f, f}};
+        if (hrt_node_post_sample(&l.node, &s) == HRT_ACCEPT) posted++;
+        if (seq % 1000 == 0) {
+            const hrt_command c = {.extrapolator = (int32_t)(seq / 1000 % HRT_EXTRAPOLATOR_COUNT), .passivity = (int32_t)(seq / 1000 % 2), .coupling = -1, .enable = -1};
+            hrt_node_post_command(&l.node, &c);
+        }
+        if (seq % 3 == 0) { /* not always ahead of the reader */
+            const struct timespec wait = {0, 20000};
+            nanosleep(&wait, NULL);
+        }
+    }
+    return NULL;
+}
+
+static void never_torn(void **state) {
+    (void)state;
+    const hrt_device_config d = loop_device_config();
+    hrt_node_config n = loop_node_config();
+    n.extrapolator = HRT_CONTACT;
+    pthread_t thread;
+    uint32_t taken = 0, last = 0, with_patch = 0;
+    loop_start(&l, &d, &n);
+    l.sim_alive = false;
+    atomic_store(&tool_us, l.now_us);
+    assert_int_equal(pthread_create(&thread, NULL, poster, NULL), 0);
+    for (int tick = 0; tick < 60000; tick++) {
+        loop_tick(&l);
+        atomic_store(&tool_us, l.now_us - 2000);
+        const hrt_sample *s = &l.node.controller.extrapolation.now;
+        if (!l.node.controller.sample_seen || s->seq == last) continue;
+        last = s->seq;
+        taken++;
+        for (int i = 0; i < 3; i++) assert_true(s->force_N[i] == mark(last) && s->tip_m[i] == mark(last) && s->stiffness_N_m[4 * i] == mark(last));
+        const hrt_patch *p = l.node.controller.extrapolation.patch;
+        if (!p) continue;
+        with_patch++;
+        assert_int_equal(p->seq, last);
+        assert_true(p->skin_compliance_m_N == mark(last) && p->compliance_m_N[0] == 0.001f * mark(last) && p->vertex_m[0] == 0.001f * mark(last));
+    }
+    atomic_store(&stop, true);
+    pthread_join(thread, NULL);
+    print_message("%lld posted, %u taken, %u with their patch\n", (long long)posted, taken, with_patch);
+    assert_int_equal(refused, 0);
+    assert_true(taken > 500 && with_patch > 500 && posted > taken);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(never_torn)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
