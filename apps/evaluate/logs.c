@@ -9,6 +9,7 @@
 #include "evaluate.h"
 #include "lcm_types/tensormass_contact_patch_t.h"
 #include "lcm_types/tensormass_force_sample_t.h"
+#include "lcm_types/tensormass_sim_status_t.h"
 #include "lcm_types/tensormass_tool_state_t.h"
 
 enum { START_US = 1000000, ENCODED_MAX = 32768 };
@@ -44,6 +45,9 @@ static void put_patch(lcm_eventlog_t *log, const sampled *x, const double trocar
     m.utime = START_US + x->ready_us, m.seq = (int32_t)x->sample.seq, m.session = 1, m.kind = (int8_t)x->sample.stiffness_kind;
     m.topology_revision = p->topology_revision, m.vertex_count = p->vertex_count, m.triangle_count = p->triangle_count;
     memcpy(m.vertex_m, p->vertex_m, sizeof m.vertex_m);
+    memcpy(m.rest_m, p->rest_m, sizeof m.rest_m);
+    memcpy(m.face, p->face, sizeof m.face);
+    m.force_cap_N = p->force_cap_N;
     memcpy(m.triangle, p->triangle, sizeof m.triangle);
     memcpy(m.compliance_m_N, p->compliance_m_N, sizeof m.compliance_m_N);
     memcpy(m.origin_m, trocar, sizeof m.origin_m);
@@ -88,7 +92,8 @@ typedef struct reading {
     int ticks_room, samples_room, truths;
     int64_t first_us;
     bool started;
-    double origin[3];
+    bool origin_known;
+    double origin[3]; /* the trocar */
     hrt_patch *pending;
     uint32_t pending_seq;
     float *truth;
@@ -106,7 +111,7 @@ static void take_tool(reading *g, const tensormass_tool_state_t *m) {
     recording *r = g->r;
     if (!g->started) {
         g->started = true, g->first_us = m->utime;
-        memcpy(g->origin, m->tip_m, sizeof g->origin); /* any point near by will do as the origin */
+        if (!g->origin_known) memcpy(g->origin, m->tip_m, sizeof g->origin); /* no patches then, and any point near by will do */
     }
     /* Ticks lie on a grid of TICK_US; a gap is filled with the last position. */
     int64_t tick = (m->utime - g->first_us) / TICK_US;
@@ -151,8 +156,13 @@ bool patch_from_message(const tensormass_contact_patch_t *m, const double origin
     memset(p, 0, sizeof *p);
     p->seq = (uint32_t)m->seq, p->topology_revision = m->topology_revision;
     p->vertex_count = m->vertex_count, p->triangle_count = m->triangle_count;
-    for (int i = 0; i < 3 * m->vertex_count; i++) p->vertex_m[i] = (float)((double)m->vertex_m[i] + m->origin_m[i % 3] - origin_m[i % 3]);
+    for (int i = 0; i < 3 * m->vertex_count; i++) {
+        double shift = m->origin_m[i % 3] - origin_m[i % 3];
+        p->vertex_m[i] = (float)((double)m->vertex_m[i] + shift), p->rest_m[i] = (float)((double)m->rest_m[i] + shift);
+    }
     memcpy(p->triangle, m->triangle, sizeof p->triangle);
+    memcpy(p->face, m->face, sizeof p->face);
+    p->force_cap_N = m->force_cap_N;
     memcpy(p->compliance_m_N, m->compliance_m_N, sizeof p->compliance_m_N);
     p->skin_compliance_m_N = m->skin_compliance_m_N, p->radius_m = m->radius_m, p->contact_length_m = m->contact_length_m;
     return hrt_patch_prepare(p, scratch) == HRT_ACCEPT;
@@ -195,6 +205,23 @@ static void finish(reading *g) {
     }
 }
 
+/* The trocar stands in the first patch, or in the simulation's status. */
+static void find_trocar(reading *g, lcm_eventlog_t *log) {
+    static tensormass_contact_patch_t patch;
+    for (lcm_eventlog_event_t *e; !g->origin_known && (e = lcm_eventlog_read_next_event(log)); lcm_eventlog_free_event(e)) {
+        tensormass_sim_status_t status;
+        if (!strcmp(e->channel, "PATCH_0") && tensormass_contact_patch_t_decode(e->data, 0, e->datalen, &patch) >= 0) {
+            memcpy(g->origin, patch.trocar_m, sizeof g->origin);
+            g->origin_known = true;
+        }
+        if (!strcmp(e->channel, "SIM_STATUS") && tensormass_sim_status_t_decode(e->data, 0, e->datalen, &status) >= 0) {
+            memcpy(g->origin, status.trocar_m[0], sizeof g->origin);
+            g->origin_known = status.instrument_count > 0;
+            tensormass_sim_status_t_decode_cleanup(&status);
+        }
+    }
+}
+
 int log_read(const char *file, recording *out) {
     reading g = {.r = out};
     memset(out, 0, sizeof *out);
@@ -202,6 +229,10 @@ int log_read(const char *file, recording *out) {
     snprintf(out->name, sizeof out->name, "%s", file);
     lcm_eventlog_t *log = lcm_eventlog_create(file, "r");
     if (!log) return app_bad_input(file, 0, "cannot be read; name an LCM log, as tm-sim --record or lcm-logger writes it");
+    find_trocar(&g, log);
+    lcm_eventlog_destroy(log);
+    log = lcm_eventlog_create(file, "r");
+    if (!log) return app_bad_input(file, 0, "was there a moment ago; leave it in place while it is read");
     for (lcm_eventlog_event_t *e; (e = lcm_eventlog_read_next_event(log)); lcm_eventlog_free_event(e)) take_event(&g, e);
     lcm_eventlog_destroy(log);
     free(g.pending);
