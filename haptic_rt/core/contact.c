@@ -2,7 +2,7 @@
  * the reactions of the last tick deform it, 0 <= gap + skin _|_ lambda >= 0 is solved by projected Gauss-Seidel sweeps from those reactions, and both once more. */
 #include "internal.h"
 
-enum { SWEEPS = 10 };
+enum { BRANCHES = 6 };
 /* The skin gives way up to this share of the radius and a twentieth as easily beyond (docs/contact.md). */
 static const float SKIN_TRAVEL = 0.3f, SKIN_HARDENING = 20.0f;
 
@@ -15,7 +15,8 @@ typedef struct solve {
     float w[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS];  /* compliance between rows */
     float gap_m[HRT_CONTACT_ROWS];                /* with the patch undeformed, at the row's geometry */
     hrt_contact_row *row;
-    float *force_N;                               /* f: what the rows do to the patch */
+    float *force_N;                               /* f: what the shape is made with */
+    float made_N[HRT_PATCH_DOFS];                 /* what the rows make of that shape */
 } solve;
 
 static int32_t packed_row(int32_t n, int32_t i) { return i * (2 * n - i - 1) / 2; }
@@ -91,14 +92,85 @@ static void find_rows(solve *s, const float tip_m[3]) {
     }
 }
 
-/* lambda in [0, cap] with gap + diagonal lambda + depth(lambda) = 0. */
-static float reaction(const hrt_patch *patch, float share, float gap_m, float diagonal) {
-    const float skin = patch->skin_compliance_m_N / share, soft = SKIN_TRAVEL * patch->radius_m, pivot = diagonal + skin;
-    if (gap_m >= 0.0f || !(pivot > 1.0e-12f)) return 0.0f;
-    float lambda = -gap_m / pivot;
-    if (skin * lambda > soft) lambda = -(gap_m + soft - soft / SKIN_HARDENING) / (diagonal + skin / SKIN_HARDENING);
-    return fminf(lambda, patch->force_cap_N);
+/* --- the unilateral problem of one set of rows --- */
+
+/* Which branch of its skin a row is in. Sweeps over rows would need hundreds: the tissue gives way far more than the skin, and neighbours all feel
+ * the same tissue. By branches it is a small symmetric positive definite system, and the branches of the last tick nearly always hold. */
+typedef enum branch { OFF, SOFT, HARD, CAPPED } branch;
+
+static float row_skin(const solve *s, int32_t i) { return s->patch->skin_compliance_m_N / s->row[i].share; }
+static float soft_depth(const solve *s) { return SKIN_TRAVEL * s->patch->radius_m; }
+
+static bool stands(branch b) { return b == SOFT || b == HARD; }
+
+/* gap + W lambda + depth(lambda) of row i. */
+static float row_error(const solve *s, int32_t i) {
+    const float skin = row_skin(s, i), soft = soft_depth(s), straight = skin * s->row[i].lambda_N;
+    float error = s->gap_m[i] + (straight <= soft ? straight : soft + (straight - soft) / SKIN_HARDENING);
+    for (int32_t k = 0; k < s->rows; k++) error += s->w[i][k] * s->row[k].lambda_N;
+    return error;
 }
+
+static void eliminate(float a[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS + 1], int32_t n) {
+    for (int32_t k = 0; k < n; k++) {
+        if (!(a[k][k] > 1.0e-12f)) continue;
+        for (int32_t i = k + 1; i < n; i++) {
+            const float factor = a[i][k] / a[k][k];
+            for (int32_t j = k; j <= n; j++) a[i][j] -= factor * a[k][j];
+        }
+    }
+    for (int32_t k = n - 1; k >= 0; k--) {
+        for (int32_t j = k + 1; j < n; j++) a[k][n] -= a[k][j] * a[j][n];
+        a[k][n] = a[k][k] > 1.0e-12f ? a[k][n] / a[k][k] : 0.0f;
+    }
+}
+
+static void solve_branches(solve *s, const branch state[HRT_CONTACT_ROWS]) {
+    float a[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS + 1];
+    int32_t at[HRT_CONTACT_ROWS], n = 0;
+    for (int32_t i = 0; i < s->rows; i++) {
+        if (stands(state[i])) at[n++] = i;
+        else s->row[i].lambda_N = state[i] == CAPPED ? s->patch->force_cap_N : 0.0f;
+    }
+    for (int32_t r = 0; r < n; r++) {
+        const int32_t i = at[r];
+        const float skin = row_skin(s, i), soft = soft_depth(s);
+        for (int32_t c = 0; c < n; c++) a[r][c] = s->w[i][at[c]];
+        a[r][r] += state[i] == SOFT ? skin : skin / SKIN_HARDENING;
+        a[r][n] = -s->gap_m[i] - (state[i] == SOFT ? 0.0f : soft - soft / SKIN_HARDENING);
+        for (int32_t k = 0; k < s->rows; k++)
+            if (state[k] == CAPPED) a[r][n] -= s->w[i][k] * s->patch->force_cap_N;
+    }
+    eliminate(a, n);
+    for (int32_t r = 0; r < n; r++) s->row[at[r]].lambda_N = a[r][n];
+}
+
+static branch next_branch(const solve *s, int32_t i, branch now) {
+    const float lambda = s->row[i].lambda_N;
+    if (now == OFF) return row_error(s, i) < 0.0f ? SOFT : OFF;
+    if (now == CAPPED && row_error(s, i) > 0.0f) return HARD;
+    if (!(lambda > 0.0f)) return OFF;
+    if (lambda >= s->patch->force_cap_N) return CAPPED;
+    return row_skin(s, i) * lambda > soft_depth(s) ? HARD : SOFT;
+}
+
+static void solve_rows(solve *s) {
+    branch state[HRT_CONTACT_ROWS];
+    for (int32_t i = 0; i < s->rows; i++) state[i] = s->row[i].lambda_N > 0.0f || s->gap_m[i] < 0.0f ? SOFT : OFF;
+    bool changed = true;
+    for (int32_t k = 0; k < BRANCHES && changed; k++) {
+        solve_branches(s, state);
+        changed = false;
+        for (int32_t i = 0; i < s->rows; i++) {
+            const branch next = next_branch(s, i, state[i]);
+            changed = changed || next != state[i];
+            state[i] = next;
+        }
+    }
+    for (int32_t i = 0; i < s->rows; i++) s->row[i].lambda_N = hrt_clamp(s->row[i].lambda_N, 0.0f, s->patch->force_cap_N);
+}
+
+/* --- rounds: the rows' normals turn with the shape that their forces make --- */
 
 static void relax(solve *s) {
     find_touched(s);
@@ -106,17 +178,65 @@ static void relax(solve *s) {
         shift_by_row(s, &s->row[i]);
         for (int32_t j = 0; j <= i; j++) s->w[i][j] = s->w[j][i] = row_shift(s, &s->row[j]);
     }
-    for (int32_t sweep = 0; sweep < SWEEPS; sweep++)
-        for (int32_t m = 0; m < s->rows; m++) { /* there and back: no row is always last */
-            const int32_t i = sweep % 2 == 0 ? m : s->rows - 1 - m;
-            float gap = s->gap_m[i] - s->w[i][i] * s->row[i].lambda_N;
-            for (int32_t j = 0; j < s->rows; j++) gap += s->w[i][j] * s->row[j].lambda_N;
-            s->row[i].lambda_N = reaction(s->patch, s->row[i].share, gap, fmaxf(s->w[i][i], 0.0f));
-        }
-    for (int32_t i = 0; i < s->dofs; i++) s->force_N[i] = 0.0f;
+    solve_rows(s);
+    for (int32_t i = 0; i < s->dofs; i++) s->made_N[i] = 0.0f;
     for (int32_t r = 0; r < s->rows; r++)
         for (int k = 0; k < 3; k++)
-            hrt_add_scaled(&s->force_N[HRT_XYZ * corners(s, &s->row[r])[k]], s->row[r].lambda_N * s->row[r].weight[k], s->row[r].normal);
+            hrt_add_scaled(&s->made_N[HRT_XYZ * corners(s, &s->row[r])[k]], s->row[r].lambda_N * s->row[r].weight[k], s->row[r].normal);
+}
+
+static float dot_n(const float *a, const float *b, int32_t n) {
+    float sum = 0.0f;
+    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+/* mix: the combination of the remembered changes of the residual that is nearest to it. */
+static void nearest_mix(const hrt_mixing *m, int32_t n, float mix[HRT_MIXING_MEMORY]) {
+    float a[HRT_MIXING_MEMORY][HRT_MIXING_MEMORY + 1], trace = 0.0f;
+    const int32_t count = m->count;
+    for (int32_t i = 0; i < count; i++) {
+        for (int32_t j = 0; j <= i; j++) a[i][j] = a[j][i] = dot_n(m->residual_change_N[i], m->residual_change_N[j], n);
+        a[i][count] = dot_n(m->residual_change_N[i], m->residual_N, n);
+        trace += a[i][i];
+    }
+    for (int32_t k = 0; k < count; k++) {
+        a[k][k] += 1.0e-5f * trace + 1.0e-30f;
+        for (int32_t i = k + 1; i < count; i++) {
+            const float factor = a[i][k] / a[k][k];
+            for (int32_t j = k; j <= count; j++) a[i][j] -= factor * a[k][j];
+        }
+    }
+    for (int32_t k = count - 1; k >= 0; k--) {
+        for (int32_t j = k + 1; j < count; j++) a[k][count] -= a[k][j] * mix[j];
+        mix[k] = a[k][count] / a[k][k];
+    }
+}
+
+/* The next forces from those the shape was made with and those the rows made of it: Anderson's mixing over the last rounds, of earlier ticks too.
+ * Taking the rows' forces as they are swings or creeps. */
+static void take_forces(solve *s, hrt_mixing *m) {
+    float mix[HRT_MIXING_MEMORY];
+    const int32_t n = s->dofs, slot = m->next;
+    for (int32_t i = 0; i < n; i++) {
+        const float residual = s->made_N[i] - s->force_N[i];
+        if (m->primed) {
+            m->residual_change_N[slot][i] = residual - m->residual_N[i];
+            m->force_change_N[slot][i] = s->force_N[i] - m->force_N[i];
+        }
+        m->residual_N[i] = residual;
+        m->force_N[i] = s->force_N[i];
+    }
+    if (m->primed) {
+        m->next = (slot + 1) % HRT_MIXING_MEMORY;
+        if (m->count < HRT_MIXING_MEMORY) m->count++;
+    }
+    m->primed = true;
+    nearest_mix(m, n, mix);
+    for (int32_t i = 0; i < n; i++) {
+        s->force_N[i] += m->residual_N[i];
+        for (int32_t k = 0; k < m->count; k++) s->force_N[i] -= mix[k] * (m->force_change_N[k][i] + m->residual_change_N[k][i]);
+    }
 }
 
 /* Bears mainly upon the patch's edge: the tissue goes on there and we do not know how. */
@@ -150,10 +270,12 @@ bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], int32_t linea
     s.rows = x->row_count;
     s.row = x->row;
     s.force_N = x->patch_force_N;
+    x->mixing.primed = false;
     for (int32_t k = 0; k < linearisations; k++) {
         shift_by_forces(&s);
         find_rows(&s, tip_m);
         relax(&s);
+        take_forces(&s, &x->mixing);
     }
     x->row_count = s.rows;
     return gather(&s, tip_m, force_N);
@@ -162,6 +284,8 @@ bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], int32_t linea
 void hrt_contact_clear(hrt_extrapolation *x) {
     x->row_count = 0;
     for (int32_t i = 0; i < HRT_PATCH_DOFS; i++) x->patch_force_N[i] = 0.0f;
+    x->mixing.count = x->mixing.next = 0;
+    x->mixing.primed = false;
 }
 
 /* The vertex of `fresh` that is vertex v of `old`: the undeformed surface does not move. -1: not in it. */

@@ -235,6 +235,16 @@ typedef struct hrt_contact_row {
     float lambda_N;
 } hrt_contact_row;
 
+enum { HRT_MIXING_MEMORY = 4 };
+
+/* What the rounds of `contact` remember of each other (contact.c). */
+typedef struct hrt_mixing {
+    bool primed;
+    int32_t count, next;
+    float residual_N[HRT_PATCH_DOFS], force_N[HRT_PATCH_DOFS];
+    float residual_change_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS], force_change_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS];
+} hrt_mixing;
+
 typedef struct hrt_extrapolation {
     hrt_extrapolator which;
     int32_t have;           /* samples held: 0, 1, 2 */
@@ -251,6 +261,7 @@ typedef struct hrt_extrapolation {
     int32_t row_count;
     hrt_contact_row row[HRT_CONTACT_ROWS];
     float patch_force_N[HRT_PATCH_DOFS]; /* what the rows do to the patch */
+    hrt_mixing mixing;
     float last_N[3];
     bool last_valid;
     uint32_t limits;        /* hrt_limit bits of the last evaluation */
