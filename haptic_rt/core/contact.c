@@ -2,7 +2,7 @@
  * the reactions of the last tick deform it, 0 <= gap + skin _|_ lambda >= 0 is solved by projected Gauss-Seidel sweeps from those reactions, and both once more. */
 #include "internal.h"
 
-enum { BRANCHES = 6 };
+enum { BRANCHES = 4 };
 /* The skin gives way up to this share of the radius and a twentieth as easily beyond (docs/contact.md). */
 static const float SKIN_TRAVEL = 0.3f, SKIN_HARDENING = 20.0f;
 
@@ -111,12 +111,13 @@ static float row_error(const solve *s, int32_t i) {
     return error;
 }
 
+/* a x = a[][n], symmetric: the upper triangle alone is read and written. x comes back in a[][n]. */
 static void eliminate(float a[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS + 1], int32_t n) {
     for (int32_t k = 0; k < n; k++) {
-        if (!(a[k][k] > 1.0e-12f)) continue;
+        const float inverse = a[k][k] > 1.0e-12f ? 1.0f / a[k][k] : 0.0f;
         for (int32_t i = k + 1; i < n; i++) {
-            const float factor = a[i][k] / a[k][k];
-            for (int32_t j = k; j <= n; j++) a[i][j] -= factor * a[k][j];
+            const float factor = a[k][i] * inverse;
+            for (int32_t j = i; j <= n; j++) a[i][j] -= factor * a[k][j];
         }
     }
     for (int32_t k = n - 1; k >= 0; k--) {
@@ -135,7 +136,7 @@ static void solve_branches(solve *s, const branch state[HRT_CONTACT_ROWS]) {
     for (int32_t r = 0; r < n; r++) {
         const int32_t i = at[r];
         const float skin = row_skin(s, i), soft = soft_depth(s);
-        for (int32_t c = 0; c < n; c++) a[r][c] = s->w[i][at[c]];
+        for (int32_t c = r; c < n; c++) a[r][c] = s->w[i][at[c]];
         a[r][r] += state[i] == SOFT ? skin : skin / SKIN_HARDENING;
         a[r][n] = -s->gap_m[i] - (state[i] == SOFT ? 0.0f : soft - soft / SKIN_HARDENING);
         for (int32_t k = 0; k < s->rows; k++)

@@ -235,7 +235,7 @@ typedef struct hrt_contact_row {
     float lambda_N;
 } hrt_contact_row;
 
-enum { HRT_MIXING_MEMORY = 4 };
+enum { HRT_MIXING_MEMORY = 3 };
 
 /* What the rounds of `contact` remember of each other (contact.c). */
 typedef struct hrt_mixing {
