@@ -192,6 +192,7 @@ static void sum_reactions(tm_contact *contact) {
         if (row->lambda_N <= 0)
             continue;
         vscale(-row->lambda_N, row->normal, on_tool);
+        vmadd(on_tool, -1, contact->solver[i].drag_N, on_tool);
         tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
         vmadd(tool->substep_force_N, 1, at_tip, tool->substep_force_N);
         vmadd(tool->substep_resultant_N, 1, on_tool, tool->substep_resultant_N);

@@ -13,6 +13,9 @@ typedef struct tm_solver_row {
     double response[3][3]; /* mobility * jacobian, 0 where a support holds */
     double diagonal;       /* J A^-1 J^T, m/N */
     double compliance;     /* skin / share, m/N */
+    double moved_m[3];     /* by the station in this substep */
+    double weight2;        /* sum of weight^2 * mobility, m/N */
+    double drag_N[3];      /* of the film, on the tissue */
     double gap_m;          /* at the start of the substep, at the tool's new place, less what is left to later substeps */
 } tm_solver_row;
 

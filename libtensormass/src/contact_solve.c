@@ -1,6 +1,9 @@
 /* Makes the rows of all tools non-penetrating: projected Gauss-Seidel, fixed sweeps in a fixed order, from the multipliers of
  * the step before. Weighted by A = m/dt2 + gamma/2dt, so that the multipliers are the reactions in newtons, exact at rest. */
 #include "contact_internal.h"
+
+#include <string.h>
+
 #include "contact_vec.h"
 
 /* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped) is undone no faster than
@@ -26,23 +29,31 @@ double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, do
     return vmin(lambda, cap_N);
 }
 
+/* Between tool and tissue is a film: its drag is FILM * lambda * (speed of the tissue against the tool), whatever the direction; 0.3 % of the
+ * reaction at 0.01 m/s, nothing at rest. Blended normals are not the gradient of any energy, and without a film a tool that is two edges
+ * deep in lightly damped tissue can make it flutter at 100 to 250 Hz. */
+#define FILM_S_M 0.3
+
 static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
     const tm_world *world = contact->world;
     const tm_tool *tool = contact->tool + row->instrument;
-    double moved[3], before[3];
+    double before[3];
     tm_capsule_station(&tool->before, row->station, before);
-    vsub(row->point_m, before, moved);
+    vsub(row->point_m, before, r->moved_m);
     r->compliance = contact->def.skin_compliance_m_N / row->share;
-    r->diagonal = 0;
-    for (int j = 0; j < 3; j++)
+    r->diagonal = r->weight2 = 0;
+    memset(r->drag_N, 0, sizeof r->drag_N);
+    for (int j = 0; j < 3; j++) {
+        r->weight2 += row->weight[j] * row->weight[j] * world->mobility_s2_kg[row->vertex[j]];
         for (int c = 0; c < 3; c++) {
             int32_t dof = 3 * row->vertex[j] + c;
             r->jacobian[j][c] = row->weight[j] * row->normal[c];
             r->response[j][c] = contact->held[dof] ? 0 : world->mobility_s2_kg[row->vertex[j]] * r->jacobian[j][c];
             r->diagonal += r->jacobian[j][c] * r->response[j][c];
         }
+    }
     /* what was too deep before the tool moved, and is not yet to be undone */
-    double left = row->gap_m + vdot(row->normal, moved) + tool->station_depth_m[row->station] + RECOVERY_M_S * world->state.dt_s;
+    double left = row->gap_m + vdot(row->normal, r->moved_m) + tool->station_depth_m[row->station] + RECOVERY_M_S * world->state.dt_s;
     r->gap_m = row->gap_m - vmin(left, 0);
 }
 
@@ -74,6 +85,31 @@ static void relax(const tm_contact *contact, tm_contact_row *row, const tm_solve
     row->lambda_N = lambda;
 }
 
+/* The film of one row, implicit: it brakes and never drives. */
+static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
+    const tm_world *world = contact->world;
+    const tm_state *state = &world->state;
+    double coefficient = FILM_S_M * row->lambda_N / state->dt_s, wanted[3], size;
+    for (int c = 0; c < 3; c++) {
+        double slip = -r->moved_m[c] - r->weight2 * r->drag_N[c];
+        for (int j = 0; j < 3; j++) {
+            int32_t dof = 3 * row->vertex[j] + c;
+            slip += row->weight[j] * (state->u_next_m[dof] - state->u_m[dof]);
+        }
+        wanted[c] = -coefficient * slip / (1 + coefficient * r->weight2);
+    }
+    size = vnorm(wanted);
+    if (size > row->lambda_N) /* never more than the reaction, so that both together never pull */
+        vscale(row->lambda_N / size, wanted, wanted);
+    for (int c = 0; c < 3; c++) {
+        for (int j = 0; j < 3; j++)
+            if (!contact->held[3 * row->vertex[j] + c])
+                state->u_next_m[3 * row->vertex[j] + c] +=
+                    world->mobility_s2_kg[row->vertex[j]] * row->weight[j] * (wanted[c] - r->drag_N[c]);
+        r->drag_N[c] = wanted[c];
+    }
+}
+
 void tm_contact_project(tm_contact *contact) {
     for (int32_t sweep = 0; sweep < contact->def.sweeps; sweep++) {
         if (contact->guest.sweep)
@@ -81,6 +117,7 @@ void tm_contact_project(tm_contact *contact) {
         for (int32_t i = 0; i < contact->row_count; i++) { /* there and back: no row is always last */
             int32_t k = sweep % 2 ? contact->row_count - 1 - i : i;
             relax(contact, contact->row + k, contact->solver + k);
+            drag(contact, contact->row + k, contact->solver + k);
         }
     }
 }
