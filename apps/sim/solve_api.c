@@ -70,7 +70,13 @@ void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, 
     if (!o->cache.on || !app_cache_folder(folder, sizeof folder)) return;
     /* Scenes that differ in anything else than these would only overwrite each other's file, never read it wrongly. */
     uint64_t key = tm_hash(&s->file.hash, sizeof s->file.hash, TM_HASH_SEED);
-    key = tm_hash(s->material, sizeof *s->material * (size_t)s->mesh->region_count, key);
+    for (int32_t r = 0; r < s->mesh->region_count; ++r) {
+        tm_material at_rest = s->material[r];
+        at_rest.damping_1_s = 0; /* plays no part */
+        key = tm_hash(&at_rest, sizeof at_rest, key);
+    }
+    if (o->region.line) key = tm_hash(o->region.s, strlen(o->region.s), key);
+    if (o->box.line) key = tm_hash(o->box_min.v, sizeof o->box_min.v, tm_hash(o->box_max.v, sizeof o->box_max.v, key));
     key = tm_hash(s->held_dof, sizeof *s->held_dof * (size_t)s->held_count, key);
     key = tm_hash(&o->solver.index, sizeof o->solver.index, key);
     key = tm_hash(&o->precision.index, sizeof o->precision.index, key);
