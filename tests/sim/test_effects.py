@@ -220,3 +220,17 @@ def test_the_hybrid_model_is_cut_and_grasped_like_the_whole(bin, root, tmp_path)
     size = np.linalg.norm(force["dynamic"], axis=1)
     assert (size > 0.5).all() and abs(size[1] - size[0]) > 1e-3  # the cut made a difference
     assert np.linalg.norm(force["hybrid"] - force["dynamic"], axis=1).max() < 1e-3 * size.max(), force
+
+
+def test_cutting_everything_away_ends_in_an_empty_tissue(bin, root, tmp_path, types):
+    """A cautery as thick as a fist sweeps the whole block; frames go on after the last tetrahedron."""
+    sweep = ("hand=[{instrument: 0, path: [{time: 0, tip: [50 mm, 50 mm, 120 mm]}, {time: 0.2, tip: [50 mm, 50 mm, 60 mm], active: yes}, "
+             "{time: 0.6, tip: [50 mm, 50 mm, 10 mm], active: yes}, {time: 1, tip: [10 mm, 10 mm, 10 mm], active: yes}, {time: 1.4, tip: [90 mm, 10 mm, 10 mm], active: yes}, "
+             "{time: 1.8, tip: [90 mm, 90 mm, 10 mm], active: yes}, {time: 2.2, tip: [10 mm, 90 mm, 10 mm], active: yes}]}]")
+    r = report(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--lockstep", "--unset", "haptics", "--unset", "grasp", "--duration", "3 s",
+               "--set", "instruments=[{mode: cautery, trocar: [50 mm, 50 mm, 300 mm], radius: 50 mm}]", "--set", sweep, "--set", "cut.rate=1e6",
+               "--set", "gravity=", "--set", "rendering=", "--record", tmp_path / "log", "--samples", tmp_path / "s.csv", tmp=tmp_path)
+    assert r["tets_alive"] == 0 and r["tets_removed"] == r["tets"]
+    assert np.isfinite([list(row) for row in columns(tmp_path / "s.csv").tolist()]).all()
+    last = [types.tissue_t.decode(e.data) for e in lcm.EventLog(str(tmp_path / "log")) if e.channel == "TISSUE"][-1]
+    assert last.vertex_count == last.triangle_count == 0 and last.topology_revision > 0
