@@ -39,7 +39,7 @@ typedef struct program {
     float *record;
     int64_t record_rows, record_room;
     /* told to the other thread */
-    _Atomic int state, fault, detail;
+    _Atomic int state, fault, detail, went_stale;
     _Atomic bool pose_known, samples_over;
     _Atomic int64_t samples_seen, resets;
 } program;
@@ -215,6 +215,8 @@ static void tick(void *user, int64_t now_us) {
     }
     figures(p, hrt_clock_ns() - begin_ns);
     if (p->record) record(p, now_us);
+    /* `stale` may be over before the other thread looks. */
+    if (p->node.output.state == HRT_STALE && atomic_load(&p->state) != HRT_STALE) atomic_fetch_add(&p->went_stale, 1);
     atomic_store(&p->state, (int)p->node.output.state);
     atomic_store(&p->fault, (int)p->node.output.fault);
     atomic_store(&p->detail, p->node.output.fault_detail);
@@ -230,30 +232,33 @@ static void end(void *user) {
 
 /* ---------------------------------------------------------------------------------------------- this thread */
 
-/* What it waits for, once each time it begins to wait. */
-static void say(const program *p, int *said, int *told_state) {
-    const int state = atomic_load(&p->state), fault = atomic_load(&p->fault);
-    if (state != *told_state && (state == HRT_ENGAGED || state == HRT_STALE || state == HRT_FAULT)) {
-        if (state == HRT_FAULT) fprintf(stderr, "haptic-rt: fault %s (%d): %s\n", hrt_fault_name((hrt_fault)fault), atomic_load(&p->detail), hrt_fault_text((hrt_fault)fault));
-        else fprintf(stderr, "haptic-rt: %s\n", state == HRT_ENGAGED ? "engaged" : "the simulation went silent; force fades to zero");
-    }
-    if (state != *told_state && state != HRT_SELF_TEST) *said = 0;
-    *told_state = state;
+typedef struct told { int state, stale, wait; } told;
+
+/* What happened, and what it waits for, once each time it begins to wait. */
+static void say(const program *p, told *t) {
+    const int state = atomic_load(&p->state), fault = atomic_load(&p->fault), stale = atomic_load(&p->went_stale);
+    if (stale != t->stale) fprintf(stderr, "haptic-rt: the simulation went silent; force fades to zero\n");
+    if (state != t->state && state == HRT_ENGAGED) fprintf(stderr, "haptic-rt: engaged\n");
+    if (state != t->state && state == HRT_FAULT)
+        fprintf(stderr, "haptic-rt: fault %s (%d): %s\n", hrt_fault_name((hrt_fault)fault), atomic_load(&p->detail), hrt_fault_text((hrt_fault)fault));
+    if (state != t->state && state != HRT_SELF_TEST) t->wait = 0;
+    t->state = state;
+    t->stale = stale;
     const int wait = state == HRT_BOOT ? 1 : state != HRT_IDLE ? 0 : !atomic_load(&p->pose_known) ? 2 : 3;
-    if (wait == *said) return;
-    *said = wait;
+    if (wait == t->wait) return;
+    t->wait = wait;
     if (wait == 1) fprintf(stderr, "haptic-rt: waiting for device %d on %s (start tm-device; any order is fine)\n", p->config.instrument, p->bus);
     if (wait == 2) fprintf(stderr, "haptic-rt: waiting for the trocar's pose: SIM_STATUS of tm-sim (any order is fine), or give --trocar\n");
     if (wait == 3) fprintf(stderr, "haptic-rt: waiting for fresh samples: %s\n", p->samples_path ? "the file's" : "FORCE of tm-sim (any order is fine)");
 }
 
 static void watch(program *p) {
-    int said = 0, told_state = -1;
+    told t = {.state = -1};
     double in_fault_s = 0.0;
     while (!atomic_load(&p->loop.done)) {
         const struct timespec wait = {0, 50000000};
         nanosleep(&wait, NULL);
-        if (atomic_load(&p->loop.ticks) > 50) say(p, &said, &told_state);
+        if (atomic_load(&p->loop.ticks) > 50) say(p, &t);
         in_fault_s = atomic_load(&p->state) == HRT_FAULT ? in_fault_s + 0.05 : 0.0;
         if (p->auto_reset_s > 0.0 && in_fault_s >= p->auto_reset_s) {
             const hrt_command reset = {.extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
