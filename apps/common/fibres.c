@@ -25,7 +25,8 @@ static const char *parse_row(const char *text, int32_t expected, double *fibre) 
     double length = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
     if (!isfinite(length)) return "a direction is not finite";
     if (length < 1e-6) return "a direction has no length";
-    for (int i = 0; i < 3; i++) fibre[3 * (size_t)expected + (size_t)i] = a[i] / length;
+    for (int i = 0; i < 3; i++)
+        fibre[3 * (size_t)expected + (size_t)i] = a[i] / length;
     return NULL;
 }
 
@@ -33,21 +34,28 @@ static tm_status read_rows(FILE *file, int32_t tet_count, double *fibre, int *li
     char text[256];
     int32_t row = 0;
     *line = 1;
-    if (!fgets(text, sizeof text, file)) return app_mesh_fail(error, TM_ERR_FILE, -1, "the file is empty; its first line is tet,ax,ay,az");
+    if (!fgets(text, sizeof text, file))
+        return app_mesh_fail(error, TM_ERR_FILE, -1, "the file is empty; its first line is tet,ax,ay,az");
     text[strcspn(text, "\r\n")] = 0;
-    if (strcmp(text, "tet,ax,ay,az") != 0) return app_mesh_fail(error, TM_ERR_FILE, -1, "header '%.40s'; write tet,ax,ay,az", text);
+    if (strcmp(text, "tet,ax,ay,az") != 0)
+        return app_mesh_fail(error, TM_ERR_FILE, -1, "header '%.40s'; write tet,ax,ay,az", text);
     for (*line = 2; fgets(text, sizeof text, file); ++*line) {
         if (strspn(text, " \t\r\n") == strlen(text)) continue;
         if (row >= tet_count)
-            return app_mesh_fail(error, TM_ERR_FILE, -1, "more rows than the mesh's %d tetrahedra; is it the fibre file of another mesh?", tet_count);
+            return app_mesh_fail(error, TM_ERR_FILE, -1,
+                                 "more rows than the mesh's %d tetrahedra; is it the fibre file of another mesh?",
+                                 tet_count);
         const char *wrong = parse_row(text, row, fibre);
-        if (wrong) return app_mesh_fail(error, TM_ERR_FILE, row, "tetrahedron %d expected here: %s; correct the row", row, wrong);
+        if (wrong)
+            return app_mesh_fail(error, TM_ERR_FILE, row, "tetrahedron %d expected here: %s; correct the row", row,
+                                 wrong);
         row++;
     }
     if (ferror(file)) return app_mesh_fail(error, TM_ERR_FILE, -1, "%s; check the file", strerror(errno));
     if (row < tet_count)
-        return app_mesh_fail(error, TM_ERR_FILE, row, "ends after %d rows, the mesh has %d tetrahedra; is it the fibre file of another mesh?", row,
-                             tet_count);
+        return app_mesh_fail(error, TM_ERR_FILE, row,
+                             "ends after %d rows, the mesh has %d tetrahedra; is it the fibre file of another mesh?",
+                             row, tet_count);
     return TM_OK;
 }
 

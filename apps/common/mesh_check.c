@@ -23,9 +23,11 @@ static void add(list *l, app_defect_kind kind, int32_t vertex, int32_t tet, int3
 double app_tet_volume6(const app_mesh *mesh, int32_t tet, double *rounding) {
     const double *p[4];
     double e[3][3], lengths = 1;
-    for (int k = 0; k < 4; k++) p[k] = mesh->vertex_m + 3 * (size_t)mesh->tet[4 * (size_t)tet + (size_t)k];
+    for (int k = 0; k < 4; k++)
+        p[k] = mesh->vertex_m + 3 * (size_t)mesh->tet[4 * (size_t)tet + (size_t)k];
     for (int k = 0; k < 3; k++) {
-        for (int i = 0; i < 3; i++) e[k][i] = p[k + 1][i] - p[0][i];
+        for (int i = 0; i < 3; i++)
+            e[k][i] = p[k + 1][i] - p[0][i];
         lengths *= sqrt(e[k][0] * e[k][0] + e[k][1] * e[k][1] + e[k][2] * e[k][2]);
     }
     *rounding = 16 * DBL_EPSILON * lengths;
@@ -71,7 +73,8 @@ static void check_shapes(const app_mesh *m, list *l) {
 
 typedef struct key {
     int32_t v[4], tet;
-    bool even; /* the sorting took an even number of swaps, and so did the face's turn outward: which side the tetrahedron is on */
+    bool even; /* the sorting took an even number of swaps, and so did the face's turn outward: which side the
+                  tetrahedron is on */
 } key;
 
 static int by_key(const void *a, const void *b) {
@@ -89,13 +92,16 @@ static key key_of(const app_mesh *m, int32_t tet, int without) {
         if (k == without) continue;
         int32_t v = m->tet[4 * tet + k];
         int at = n++;
-        for (; at > 0 && out.v[at - 1] > v; at--, out.even = !out.even) out.v[at] = out.v[at - 1];
+        for (; at > 0 && out.v[at - 1] > v; at--, out.even = !out.even)
+            out.v[at] = out.v[at - 1];
         out.v[at] = v;
     }
     return out;
 }
 
-static bool same(const key *a, const key *b) { return memcmp(a->v, b->v, sizeof a->v) == 0; }
+static bool same(const key *a, const key *b) {
+    return memcmp(a->v, b->v, sizeof a->v) == 0;
+}
 
 static bool upright(const app_mesh *m, int32_t t) {
     double rounding;
@@ -106,17 +112,20 @@ static bool check_sharing(const app_mesh *m, list *l) {
     size_t tets = (size_t)m->tet_count;
     key *sorted = malloc((4 * tets + 1) * sizeof *sorted);
     if (!sorted) return false;
-    for (int32_t t = 0; t < m->tet_count; t++) sorted[t] = key_of(m, t, 4);
+    for (int32_t t = 0; t < m->tet_count; t++)
+        sorted[t] = key_of(m, t, 4);
     qsort(sorted, tets, sizeof *sorted, by_key);
     for (size_t i = 1; i < tets; i++)
         if (same(&sorted[i], &sorted[i - 1])) add(l, APP_DEFECT_TET_TWICE, -1, sorted[i].tet, sorted[i - 1].tet);
-    for (size_t f = 0; f < 4 * tets; f++) sorted[f] = key_of(m, (int32_t)(f / 4), (int)(f % 4));
+    for (size_t f = 0; f < 4 * tets; f++)
+        sorted[f] = key_of(m, (int32_t)(f / 4), (int)(f % 4));
     qsort(sorted, 4 * tets, sizeof *sorted, by_key);
     for (size_t i = 2; i < 4 * tets; i++)
         if (same(&sorted[i], &sorted[i - 2]) && sorted[i].tet != sorted[i - 1].tet)
             add(l, APP_DEFECT_FACE_SHARED, -1, sorted[i].tet, sorted[i - 2].tet);
     for (size_t i = 1; i < 4 * tets; i++)
-        if (same(&sorted[i], &sorted[i - 1]) && sorted[i].even == sorted[i - 1].even && upright(m, sorted[i].tet) && upright(m, sorted[i - 1].tet))
+        if (same(&sorted[i], &sorted[i - 1]) && sorted[i].even == sorted[i - 1].even && upright(m, sorted[i].tet) &&
+            upright(m, sorted[i - 1].tet))
             add(l, APP_DEFECT_OVERLAP, -1, sorted[i].tet, sorted[i - 1].tet);
     free(sorted);
     return true;
@@ -125,7 +134,8 @@ static bool check_sharing(const app_mesh *m, list *l) {
 static bool check_used(const app_mesh *m, list *l) {
     uint8_t *used = calloc((size_t)m->vertex_count + 1, 1);
     if (!used) return false;
-    for (int64_t i = 0; i < 4 * (int64_t)m->tet_count; i++) used[m->tet[i]] = 1;
+    for (int64_t i = 0; i < 4 * (int64_t)m->tet_count; i++)
+        used[m->tet[i]] = 1;
     for (int32_t v = 0; v < m->vertex_count; v++)
         if (!used[v]) add(l, APP_DEFECT_UNUSED_VERTEX, v, -1, -1);
     free(used);
@@ -140,8 +150,9 @@ int64_t app_mesh_defects(const app_mesh *mesh, app_defect *defect, int64_t room)
 }
 
 const char *app_defect_name(app_defect_kind kind) {
-    static const char *const name[APP_DEFECT_KINDS] = {"coordinate not finite", "vertex twice in a tetrahedron", "flat", "inverted",
-                                                       "tetrahedron twice", "face shared by three", "overlap", "unused vertex"};
+    static const char *const name[APP_DEFECT_KINDS] = {
+        "coordinate not finite", "vertex twice in a tetrahedron", "flat",    "inverted",
+        "tetrahedron twice",     "face shared by three",          "overlap", "unused vertex"};
     return name[kind];
 }
 
@@ -151,31 +162,41 @@ void app_defect_text(const app_mesh *m, const app_defect *d, char *text, int siz
     char corners[100] = "";
     if (d->tet >= 0) {
         const int32_t *v = m->tet + 4 * (size_t)d->tet;
-        snprintf(corners, sizeof corners, "(vertices %lld %lld %lld %lld) ", (long long)m->vertex_tag[v[0]], (long long)m->vertex_tag[v[1]],
-                 (long long)m->vertex_tag[v[2]], (long long)m->vertex_tag[v[3]]);
+        snprintf(corners, sizeof corners, "(vertices %lld %lld %lld %lld) ", (long long)m->vertex_tag[v[0]],
+                 (long long)m->vertex_tag[v[1]], (long long)m->vertex_tag[v[2]], (long long)m->vertex_tag[v[3]]);
     }
     size_t room = (size_t)size;
     switch (d->kind) {
     case APP_DEFECT_NOT_FINITE:
-        snprintf(text, room, "vertex %lld has a coordinate that is nan, infinite or beyond 1000 km; correct it, or the scale", vertex);
+        snprintf(text, room,
+                 "vertex %lld has a coordinate that is nan, infinite or beyond 1000 km; correct it, or the scale",
+                 vertex);
         break;
     case APP_DEFECT_VERTEX_TWICE:
-        snprintf(text, room, "tetrahedron %lld %snames vertex %lld twice; remove it, or run tm-mesh repair", tet, corners, vertex);
+        snprintf(text, room, "tetrahedron %lld %snames vertex %lld twice; remove it, or run tm-mesh repair", tet,
+                 corners, vertex);
         break;
     case APP_DEFECT_FLAT:
-        snprintf(text, room, "tetrahedron %lld %sis flat; move a vertex, remove it, or run tm-mesh repair", tet, corners);
+        snprintf(text, room, "tetrahedron %lld %sis flat; move a vertex, remove it, or run tm-mesh repair", tet,
+                 corners);
         break;
     case APP_DEFECT_INVERTED:
-        snprintf(text, room, "tetrahedron %lld %sis inverted; swap two of its vertices, or run tm-mesh repair", tet, corners);
+        snprintf(text, room, "tetrahedron %lld %sis inverted; swap two of its vertices, or run tm-mesh repair", tet,
+                 corners);
         break;
     case APP_DEFECT_TET_TWICE:
-        snprintf(text, room, "tetrahedron %lld %shas the vertices of tetrahedron %lld; remove one, or run tm-mesh repair", tet, corners, other);
+        snprintf(text, room,
+                 "tetrahedron %lld %shas the vertices of tetrahedron %lld; remove one, or run tm-mesh repair", tet,
+                 corners, other);
         break;
     case APP_DEFECT_FACE_SHARED:
-        snprintf(text, room, "tetrahedron %lld %sshares a face with tetrahedron %lld and a third; mesh the organ anew", tet, corners, other);
+        snprintf(text, room, "tetrahedron %lld %sshares a face with tetrahedron %lld and a third; mesh the organ anew",
+                 tet, corners, other);
         break;
     case APP_DEFECT_OVERLAP:
-        snprintf(text, room, "tetrahedron %lld %soverlaps tetrahedron %lld: both on one side of a face; mesh the organ anew", tet, corners, other);
+        snprintf(text, room,
+                 "tetrahedron %lld %soverlaps tetrahedron %lld: both on one side of a face; mesh the organ anew", tet,
+                 corners, other);
         break;
     case APP_DEFECT_UNUSED_VERTEX:
         snprintf(text, room, "vertex %lld is in no tetrahedron; remove it, or run tm-mesh repair", vertex);

@@ -5,14 +5,14 @@
 #include "mesh_file.h"
 
 typedef enum app_defect_kind {
-    APP_DEFECT_NOT_FINITE,      /* vertex: a coordinate is nan, infinite or absurd */
-    APP_DEFECT_VERTEX_TWICE,    /* tet names vertex twice */
-    APP_DEFECT_FLAT,            /* tet: no volume to rounding */
-    APP_DEFECT_INVERTED,        /* tet: negative volume */
-    APP_DEFECT_TET_TWICE,       /* tet has the vertices of tet `other` */
-    APP_DEFECT_FACE_SHARED,     /* tet: a face shared with `other` and a third */
-    APP_DEFECT_OVERLAP,         /* tet and `other` lie on one side of a common face */
-    APP_DEFECT_UNUSED_VERTEX,   /* vertex: in no tetrahedron */
+    APP_DEFECT_NOT_FINITE,    /* vertex: a coordinate is nan, infinite or absurd */
+    APP_DEFECT_VERTEX_TWICE,  /* tet names vertex twice */
+    APP_DEFECT_FLAT,          /* tet: no volume to rounding */
+    APP_DEFECT_INVERTED,      /* tet: negative volume */
+    APP_DEFECT_TET_TWICE,     /* tet has the vertices of tet `other` */
+    APP_DEFECT_FACE_SHARED,   /* tet: a face shared with `other` and a third */
+    APP_DEFECT_OVERLAP,       /* tet and `other` lie on one side of a common face */
+    APP_DEFECT_UNUSED_VERTEX, /* vertex: in no tetrahedron */
     APP_DEFECT_KINDS
 } app_defect_kind;
 

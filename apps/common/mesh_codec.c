@@ -23,12 +23,17 @@ enum { SECTIONS = 9 };
 
 /* The arrays in the order of the block: widest first, so that each is aligned. */
 static void sections(const app_mesh *m, size_t group_vertices, section out[SECTIONS]) {
-    size_t v = (size_t)m->vertex_count, t = (size_t)m->tet_count, r = (size_t)m->region_count, g = (size_t)m->group_count;
+    size_t v = (size_t)m->vertex_count, t = (size_t)m->tet_count, r = (size_t)m->region_count,
+           g = (size_t)m->group_count;
     const section all[SECTIONS] = {
-        {m->vertex_m, 3 * v * sizeof(double)},     {m->vertex_tag, v * sizeof(int64_t)},
-        {m->tet_tag, t * sizeof(int64_t)},         {m->tet, 4 * t * sizeof(int32_t)},
-        {m->region, t * sizeof(int32_t)},          {m->group_begin, (g + 1) * sizeof(int32_t)},
-        {m->group_vertex, group_vertices * sizeof(int32_t)}, {m->region_name, r * sizeof *m->region_name},
+        {m->vertex_m, 3 * v * sizeof(double)},
+        {m->vertex_tag, v * sizeof(int64_t)},
+        {m->tet_tag, t * sizeof(int64_t)},
+        {m->tet, 4 * t * sizeof(int32_t)},
+        {m->region, t * sizeof(int32_t)},
+        {m->group_begin, (g + 1) * sizeof(int32_t)},
+        {m->group_vertex, group_vertices * sizeof(int32_t)},
+        {m->region_name, r * sizeof *m->region_name},
         {m->group_name, g * sizeof *m->group_name},
     };
     memcpy(out, all, sizeof all);
@@ -71,7 +76,8 @@ void *app_mesh_encode(const app_mesh *mesh, size_t *size) {
     int32_t group_vertices = mesh->group_begin[mesh->group_count];
     sections(mesh, (size_t)group_vertices, part);
     size_t bytes = 0;
-    for (int i = 0; i < SECTIONS; i++) bytes += part[i].bytes;
+    for (int i = 0; i < SECTIONS; i++)
+        bytes += part[i].bytes;
     char *block = malloc(sizeof(header) + bytes);
     if (!block) return NULL;
     char *at = block + sizeof(header);
@@ -79,10 +85,16 @@ void *app_mesh_encode(const app_mesh *mesh, size_t *size) {
         if (part[i].bytes) memcpy(at, part[i].data, part[i].bytes);
         at += part[i].bytes;
     }
-    header head = {.format = FORMAT, .order_mark = ORDER_MARK, .hash = mesh->hash, .payload_bytes = bytes,
+    header head = {.format = FORMAT,
+                   .order_mark = ORDER_MARK,
+                   .hash = mesh->hash,
+                   .payload_bytes = bytes,
                    .payload_hash = tm_hash(block + sizeof head, bytes, TM_HASH_SEED),
-                   .vertex_count = mesh->vertex_count, .tet_count = mesh->tet_count, .region_count = mesh->region_count,
-                   .group_count = mesh->group_count, .group_vertex_count = group_vertices};
+                   .vertex_count = mesh->vertex_count,
+                   .tet_count = mesh->tet_count,
+                   .region_count = mesh->region_count,
+                   .group_count = mesh->group_count,
+                   .group_vertex_count = group_vertices};
     memcpy(head.magic, magic, sizeof magic);
     memcpy(block, &head, sizeof head);
     *size = sizeof head + bytes;
@@ -120,24 +132,31 @@ tm_status app_mesh_decode(const void *bytes, size_t size, uint64_t hash, app_mes
     if (memcmp(head.magic, magic, sizeof magic) != 0 || head.format != FORMAT || head.order_mark != ORDER_MARK)
         return damaged(error, "written by another version or machine");
     if (head.hash != hash) return damaged(error, "of another file");
-    if (head.vertex_count < 0 || head.tet_count < 0 || head.region_count < 0 || head.group_count < 0 || head.group_vertex_count < 0 ||
-        head.zero != 0)
+    if (head.vertex_count < 0 || head.tet_count < 0 || head.region_count < 0 || head.group_count < 0 ||
+        head.group_vertex_count < 0 || head.zero != 0)
         return damaged(error, "negative counts");
-    app_mesh m = {.vertex_count = head.vertex_count, .tet_count = head.tet_count, .region_count = head.region_count,
-                  .group_count = head.group_count, .hash = head.hash};
+    app_mesh m = {.vertex_count = head.vertex_count,
+                  .tet_count = head.tet_count,
+                  .region_count = head.region_count,
+                  .group_count = head.group_count,
+                  .hash = head.hash};
     section part[SECTIONS];
     sections(&m, (size_t)head.group_vertex_count, part);
     size_t wanted = 0;
-    for (int i = 0; i < SECTIONS; i++) wanted += part[i].bytes;
-    if (head.payload_bytes != wanted || size - sizeof head != wanted) return damaged(error, "length and counts disagree");
+    for (int i = 0; i < SECTIONS; i++)
+        wanted += part[i].bytes;
+    if (head.payload_bytes != wanted || size - sizeof head != wanted)
+        return damaged(error, "length and counts disagree");
     if (tm_hash(payload, wanted, TM_HASH_SEED) != head.payload_hash) return damaged(error, "checksum");
-    if (!app_mesh_allocate(&m, head.group_vertex_count)) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");
+    if (!app_mesh_allocate(&m, head.group_vertex_count))
+        return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");
     sections(&m, (size_t)head.group_vertex_count, part);
     for (int i = 0; i < SECTIONS; i++) {
         if (part[i].bytes) memcpy(part[i].data, payload, part[i].bytes);
         payload += part[i].bytes;
     }
-    const char *what = m.group_begin[m.group_count] == head.group_vertex_count ? unsound(&m) : "group bounds and counts disagree";
+    const char *what =
+        m.group_begin[m.group_count] == head.group_vertex_count ? unsound(&m) : "group bounds and counts disagree";
     if (what) {
         app_mesh_free(&m);
         return damaged(error, what);

@@ -1,5 +1,5 @@
-/* Meshes from files. Gmsh reads them in a process of its own: its libraries, its exits and its crashes on damaged files stay there,
- * and a cached mesh starts none. */
+/* Meshes from files. Gmsh reads them in a process of its own: its libraries, its exits and its crashes on damaged files
+ * stay there, and a cached mesh starts none. */
 #include <errno.h>
 #include <fcntl.h>
 #include <limits.h>
@@ -60,7 +60,8 @@ static tm_status read_whole(const char *path, char **bytes, size_t *size, tm_err
 static int64_t count_after(const char *text, const char *word) {
     size_t length = strlen(word);
     for (const char *p = text; (p = strstr(p, word)); p += length)
-        if ((p == text || p[-1] == '\n' || p[-1] == ' ') && strchr(" \t\r\n", p[length]) && p[length]) return strtoll(p + length, NULL, 10);
+        if ((p == text || p[-1] == '\n' || p[-1] == ' ') && strchr(" \t\r\n", p[length]) && p[length])
+            return strtoll(p + length, NULL, 10);
     return -1;
 }
 
@@ -68,13 +69,16 @@ static int64_t count_after(const char *text, const char *word) {
 static tm_status scan_format(const char *path, const char *text, size_t size, app_mesh_scan *scan, tm_error *error) {
     static const struct {
         const char *ending, *start, *count;
-    } format[] = {{".msh", "$MeshFormat", NULL}, {".vtk", "# vtk DataFile", "POINTS"}, {".mesh", "MeshVersionFormatted", "Vertices"}};
+    } format[] = {{".msh", "$MeshFormat", NULL},
+                  {".vtk", "# vtk DataFile", "POINTS"},
+                  {".mesh", "MeshVersionFormatted", "Vertices"}};
     const char *dot = strrchr(path, '.');
     *scan = (app_mesh_scan){.vertex_count = -1, .tet_count = -1};
     for (size_t i = 0; i < sizeof format / sizeof *format; i++) {
         if (!dot || strcmp(dot, format[i].ending) != 0) continue;
         if (strncmp(text + strspn(text, " \t\r\n"), format[i].start, strlen(format[i].start)) != 0)
-            return app_mesh_fail(error, TM_ERR_FILE, -1, "does not begin with '%s': not a %s file; write it anew, or give it its right ending",
+            return app_mesh_fail(error, TM_ERR_FILE, -1,
+                                 "does not begin with '%s': not a %s file; write it anew, or give it its right ending",
                                  format[i].start, format[i].ending);
         if (i == 0) return app_mesh_scan_msh(text, size, scan, error);
         scan->vertex_count = count_after(text, format[i].count);
@@ -83,7 +87,8 @@ static tm_status scan_format(const char *path, const char *text, size_t size, ap
     return app_mesh_fail(error, TM_ERR_FILE, -1, "unknown kind of mesh file; use .msh (2.2 or 4.1), .vtk or .mesh");
 }
 
-/* In the child: everything that Gmsh says goes nowhere, the answer goes into the pipe and the child ends without clean-up. */
+/* In the child: everything that Gmsh says goes nowhere, the answer goes into the pipe and the child ends without
+ * clean-up. */
 static _Noreturn void read_in_child(const char *path, int pipe_end) {
     tm_error error = {.status = TM_OK, .entity = -1};
     app_mesh mesh = {0};
@@ -99,7 +104,8 @@ static _Noreturn void read_in_child(const char *path, int pipe_end) {
     if (read_mesh && !error.status && !(block = app_mesh_encode(&mesh, &size)))
         app_mesh_fail(&error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");
     FILE *out = fdopen(pipe_end, "wb");
-    bool sent = out && fwrite(&error, sizeof error, 1, out) == 1 && (!size || fwrite(block, 1, size, out) == size) && fclose(out) == 0;
+    bool sent = out && fwrite(&error, sizeof error, 1, out) == 1 && (!size || fwrite(block, 1, size, out) == size) &&
+                fclose(out) == 0;
     _exit(sent ? 0 : 1);
 }
 
@@ -113,7 +119,8 @@ static char *drain(int fd, size_t *size) {
             if (!grown) free(bytes);
             if (!(bytes = grown)) break;
         }
-        do got = read(fd, bytes + *size, room - *size);
+        do
+            got = read(fd, bytes + *size, room - *size);
         while (got < 0 && errno == EINTR);
         if (got > 0) *size += (size_t)got;
     }
@@ -133,12 +140,14 @@ static tm_status read_by_gmsh(const char *path, app_mesh *mesh, tm_error *error)
     char *bytes = child > 0 ? drain(ends[0], &size) : NULL;
     close(ends[0]);
     if (child < 0) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no process for the reader: %s", strerror(errno));
-    while (waitpid(child, &state, 0) < 0 && errno == EINTR) {}
+    while (waitpid(child, &state, 0) < 0 && errno == EINTR) {
+    }
     tm_error told;
     tm_status status;
     if (!bytes || state != 0 || size < sizeof told) {
-        status = app_mesh_fail(error, TM_ERR_FILE, -1, "Gmsh's reader broke off (%s %d); the file is damaged, write it anew",
-                               WIFSIGNALED(state) ? "signal" : "exit", WIFSIGNALED(state) ? WTERMSIG(state) : WEXITSTATUS(state));
+        status = app_mesh_fail(
+            error, TM_ERR_FILE, -1, "Gmsh's reader broke off (%s %d); the file is damaged, write it anew",
+            WIFSIGNALED(state) ? "signal" : "exit", WIFSIGNALED(state) ? WTERMSIG(state) : WEXITSTATUS(state));
     } else {
         memcpy(&told, bytes, sizeof told);
         if (told.status != TM_OK)
@@ -160,12 +169,14 @@ static int by_tag(const void *a, const void *b) {
     return x->tag != y->tag ? (x->tag < y->tag ? -1 : 1) : (x->place < y->place ? -1 : x->place > y->place);
 }
 
-/* Where each of the file's tags sits in the mesh's ascending list: old_of_new[new]. Refuses tags that the mesh has not. */
-static tm_status order_of_file(const char *what, const int64_t *file_tag, int64_t file_count, const int64_t *mesh_tag, int32_t mesh_count,
-                               bool lenient, int32_t *old_of_new, tm_error *error) {
+/* Where each of the file's tags sits in the mesh's ascending list: old_of_new[new]. Refuses tags that the mesh has not.
+ */
+static tm_status order_of_file(const char *what, const int64_t *file_tag, int64_t file_count, const int64_t *mesh_tag,
+                               int32_t mesh_count, bool lenient, int32_t *old_of_new, tm_error *error) {
     rank *sorted = malloc(((size_t)file_count + 1) * sizeof *sorted);
     if (!sorted) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory");
-    for (int64_t i = 0; i < file_count; i++) sorted[i] = (rank){file_tag[i], (int32_t)i};
+    for (int64_t i = 0; i < file_count; i++)
+        sorted[i] = (rank){file_tag[i], (int32_t)i};
     qsort(sorted, (size_t)file_count, sizeof *sorted, by_tag);
     tm_status status = TM_OK;
     int32_t *old_of_place = malloc(((size_t)file_count + 1) * sizeof *old_of_place), m = 0;
@@ -175,11 +186,13 @@ static tm_status order_of_file(const char *what, const int64_t *file_tag, int64_
         else if (lenient)
             old_of_place[sorted[i].place] = -1;
         else
-            status = app_mesh_fail(error, TM_ERR_MESH, sorted[i].tag, "%s %lld is in no tetrahedron; remove it, or run tm-mesh repair", what,
+            status = app_mesh_fail(error, TM_ERR_MESH, sorted[i].tag,
+                                   "%s %lld is in no tetrahedron; remove it, or run tm-mesh repair", what,
                                    (long long)sorted[i].tag);
     }
     if (!old_of_place) status = app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory");
-    if (!status && m != mesh_count) status = app_mesh_fail(error, TM_ERR_FILE, -1, "its %ss were not all understood; write it anew", what);
+    if (!status && m != mesh_count)
+        status = app_mesh_fail(error, TM_ERR_FILE, -1, "its %ss were not all understood; write it anew", what);
     for (int64_t i = 0, n = 0; i < file_count && !status; i++)
         if (old_of_place[i] >= 0) old_of_new[n++] = old_of_place[i];
     free(sorted);
@@ -203,14 +216,16 @@ static bool permute(app_mesh *mesh, const int32_t *vertex, const int32_t *tet) {
         out.vertex_tag[v] = mesh->vertex_tag[vertex[v]];
     }
     for (int32_t t = 0; t < mesh->tet_count; t++) {
-        for (int k = 0; k < 4; k++) out.tet[4 * t + k] = new_of_old[mesh->tet[4 * tet[t] + k]];
+        for (int k = 0; k < 4; k++)
+            out.tet[4 * t + k] = new_of_old[mesh->tet[4 * tet[t] + k]];
         out.tet_tag[t] = mesh->tet_tag[tet[t]];
         out.region[t] = mesh->region[tet[t]];
     }
     memcpy(out.region_name, mesh->region_name, (size_t)mesh->region_count * sizeof *out.region_name);
     memcpy(out.group_name, mesh->group_name, (size_t)mesh->group_count * sizeof *out.group_name);
     memcpy(out.group_begin, mesh->group_begin, ((size_t)mesh->group_count + 1) * sizeof(int32_t));
-    for (int32_t i = 0; i < groups; i++) out.group_vertex[i] = new_of_old[mesh->group_vertex[i]];
+    for (int32_t i = 0; i < groups; i++)
+        out.group_vertex[i] = new_of_old[mesh->group_vertex[i]];
     free(new_of_old);
     app_mesh_free(mesh);
     *mesh = out;
@@ -223,35 +238,46 @@ static int by_value(const void *a, const void *b) {
 }
 
 /* File order, scale, and the vertices that the reader left behind. */
-static tm_status finish(const app_mesh_scan *scan, double scale, app_mesh_lenient *lenient, app_mesh *mesh, tm_error *error) {
+static tm_status finish(const app_mesh_scan *scan, double scale, app_mesh_lenient *lenient, app_mesh *mesh,
+                        tm_error *error) {
     int64_t dropped = scan->vertex_count >= 0 ? scan->vertex_count - mesh->vertex_count : 0;
     if (lenient) lenient->dropped_vertices = dropped;
     tm_status status = TM_OK;
     if (scan->vertex_tag && scan->tet_tag) {
-        int32_t *vertex = calloc((size_t)mesh->vertex_count + 1, sizeof *vertex), *tet = calloc((size_t)mesh->tet_count + 1, sizeof *tet);
+        int32_t *vertex = calloc((size_t)mesh->vertex_count + 1, sizeof *vertex),
+                *tet = calloc((size_t)mesh->tet_count + 1, sizeof *tet);
         status = !vertex || !tet ? app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory") : TM_OK;
         if (!status)
-            status = order_of_file("vertex", scan->vertex_tag, scan->vertex_count, mesh->vertex_tag, mesh->vertex_count, lenient != NULL, vertex, error);
-        if (!status) status = order_of_file("tetrahedron", scan->tet_tag, scan->tet_count, mesh->tet_tag, mesh->tet_count, false, tet, error);
+            status = order_of_file("vertex", scan->vertex_tag, scan->vertex_count, mesh->vertex_tag, mesh->vertex_count,
+                                   lenient != NULL, vertex, error);
+        if (!status)
+            status = order_of_file("tetrahedron", scan->tet_tag, scan->tet_count, mesh->tet_tag, mesh->tet_count, false,
+                                   tet, error);
         if (!status && !permute(mesh, vertex, tet)) status = app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory");
         free(vertex);
         free(tet);
     } else if (dropped > 0 && !lenient) {
         int64_t tag = 1;
-        while (tag <= mesh->vertex_count && mesh->vertex_tag[tag - 1] == tag) tag++;
-        status = app_mesh_fail(error, TM_ERR_MESH, tag, "vertex %lld (counted from 1)%s is in no tetrahedron; remove it, or run tm-mesh repair",
+        while (tag <= mesh->vertex_count && mesh->vertex_tag[tag - 1] == tag)
+            tag++;
+        status = app_mesh_fail(error, TM_ERR_MESH, tag,
+                               "vertex %lld (counted from 1)%s is in no tetrahedron; remove it, or run tm-mesh repair",
                                (long long)tag, dropped > 1 ? " and others" : "");
     }
     if (status) return status;
-    for (int64_t i = 0; i < 3 * (int64_t)mesh->vertex_count; i++) mesh->vertex_m[i] *= scale;
+    for (int64_t i = 0; i < 3 * (int64_t)mesh->vertex_count; i++)
+        mesh->vertex_m[i] *= scale;
     for (int32_t g = 0; g < mesh->group_count; g++)
-        qsort(mesh->group_vertex + mesh->group_begin[g], (size_t)(mesh->group_begin[g + 1] - mesh->group_begin[g]), sizeof(int32_t), by_value);
+        qsort(mesh->group_vertex + mesh->group_begin[g], (size_t)(mesh->group_begin[g + 1] - mesh->group_begin[g]),
+              sizeof(int32_t), by_value);
     return TM_OK;
 }
 
-tm_status app_mesh_load_lenient(const char *path, double scale, app_mesh_lenient *lenient, app_mesh *mesh, tm_error *error) {
+tm_status app_mesh_load_lenient(const char *path, double scale, app_mesh_lenient *lenient, app_mesh *mesh,
+                                tm_error *error) {
     memset(mesh, 0, sizeof *mesh);
-    if (!(scale > 0) || !isfinite(scale)) return app_mesh_fail(error, TM_ERR_ARGUMENT, -1, "scale %g; it must be above 0", scale);
+    if (!(scale > 0) || !isfinite(scale))
+        return app_mesh_fail(error, TM_ERR_ARGUMENT, -1, "scale %g; it must be above 0", scale);
     char *text = NULL;
     size_t size = 0;
     tm_status status = read_whole(path, &text, &size, error);

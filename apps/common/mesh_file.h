@@ -15,19 +15,21 @@ typedef struct app_mesh {
     char (*group_name)[64];  /* [group_count] */
     int32_t *group_begin;    /* [group_count+1] */
     int32_t *group_vertex;
-    int64_t *vertex_tag;     /* [vertex_count] numbers in the file, for messages */
-    int64_t *tet_tag;        /* [tet_count] */
-    uint64_t hash;           /* of the file's bytes and scale: the cache's key */
+    int64_t *vertex_tag; /* [vertex_count] numbers in the file, for messages */
+    int64_t *tet_tag;    /* [tet_count] */
+    uint64_t hash;       /* of the file's bytes and scale: the cache's key */
 } app_mesh;
 
-/* Reads `path` (.msh 2.2/4.1, .vtk, .mesh), times `scale`. From the cache ($TM_CACHE_DIR, else $XDG_CACHE_HOME/tensormass, else ~/.cache/tensormass) when
- * it holds this file. On failure `error->message` names file tags. */
+/* Reads `path` (.msh 2.2/4.1, .vtk, .mesh), times `scale`. From the cache ($TM_CACHE_DIR, else
+ * $XDG_CACHE_HOME/tensormass, else ~/.cache/tensormass) when it holds this file. On failure `error->message` names file
+ * tags. */
 tm_status app_mesh_load(const char *path, double scale, app_mesh *mesh, tm_error *error);
 void app_mesh_free(app_mesh *mesh);
 /* tm_mesh_create with errors told in the file's own tags. */
 tm_status app_mesh_build(const app_mesh *file, tm_mesh **mesh, tm_error *error);
 
-/* Fibres from CSV with a header line "tet,ax,ay,az", tetrahedra counted from 0 in file order, one row each. `*line` is the line to blame. */
+/* Fibres from CSV with a header line "tet,ax,ay,az", tetrahedra counted from 0 in file order, one row each. `*line` is
+ * the line to blame. */
 tm_status app_fibres_load(const char *path, int32_t tet_count, double *fibre, int *line, tm_error *error);
 
 #endif

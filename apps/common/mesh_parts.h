@@ -8,7 +8,8 @@
 typedef struct app_mesh_lenient {
     int64_t dropped_vertices; /* out: vertices that no element used, left behind by the reader */
 } app_mesh_lenient;
-tm_status app_mesh_load_lenient(const char *path, double scale, app_mesh_lenient *lenient, app_mesh *mesh, tm_error *error);
+tm_status app_mesh_load_lenient(const char *path, double scale, app_mesh_lenient *lenient, app_mesh *mesh,
+                                tm_error *error);
 
 /* Allocates the arrays for the counts already set. False: no memory, nothing held. */
 bool app_mesh_allocate(app_mesh *mesh, int32_t group_vertex_count);
@@ -24,10 +25,11 @@ void app_mesh_cache_store(const app_mesh *mesh);
 
 /* What Gmsh's reader forgets of a .msh: the tags in the order of the file, vertices that no element uses. */
 typedef struct app_mesh_scan {
-    int64_t *vertex_tag, *tet_tag; /* null: not told by this kind of file */
+    int64_t *vertex_tag, *tet_tag;   /* null: not told by this kind of file */
     int64_t vertex_count, tet_count; /* -1: likewise */
 } app_mesh_scan;
-/* `text` ends in a NUL that is not counted in `size`. Refuses what is cut short, elements that are no first-order tetrahedra, tags that come twice. */
+/* `text` ends in a NUL that is not counted in `size`. Refuses what is cut short, elements that are no first-order
+ * tetrahedra, tags that come twice. */
 tm_status app_mesh_scan_msh(const char *text, size_t size, app_mesh_scan *scan, tm_error *error);
 void app_mesh_scan_free(app_mesh_scan *scan);
 

@@ -7,7 +7,8 @@
 typedef app_mesh_cursor cursor;
 
 static tm_status short_file(cursor *c) {
-    return app_mesh_fail(c->error, TM_ERR_FILE, -1, "its binary part breaks off; the file is damaged or cut short, write it anew");
+    return app_mesh_fail(c->error, TM_ERR_FILE, -1,
+                         "its binary part breaks off; the file is damaged or cut short, write it anew");
 }
 
 static bool take(cursor *c, void *out, size_t bytes) {
@@ -40,7 +41,9 @@ static bool take_count(cursor *c, int64_t *count) {
     return true;
 }
 
-static tm_status no_memory(cursor *c) { return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory"); }
+static tm_status no_memory(cursor *c) {
+    return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory");
+}
 
 static tm_status scan_2(cursor *c) {
     int64_t count;
@@ -55,7 +58,8 @@ static tm_status scan_2(cursor *c) {
     if (!find_section(c, "\n$Elements\n") || !take_count(c, &count)) return short_file(c);
     while (count > 0) {
         int32_t head[3], tag, vertex; /* type, number, tags */
-        if (!take(c, head, sizeof head) || head[1] < 1 || head[1] > count || head[2] < 0 || head[2] > 100) return short_file(c);
+        if (!take(c, head, sizeof head) || head[1] < 1 || head[1] > count || head[2] < 0 || head[2] > 100)
+            return short_file(c);
         count -= head[1];
         for (int32_t i = 0; i < head[1]; i++) {
             if (!take(c, &tag, sizeof tag)) return short_file(c);
@@ -76,7 +80,8 @@ static tm_status nodes_4(cursor *c) {
     if (!find_section(c, "\n$Nodes\n") || !take(c, head, sizeof head)) return short_file(c);
     for (uint64_t b = 0; b < head[0]; b++) {
         int32_t entity[3]; /* dimension, tag, parametric */
-        if (!take(c, entity, sizeof entity) || !take(c, &count, sizeof count) || entity[0] < 0 || entity[0] > 3) return short_file(c);
+        if (!take(c, entity, sizeof entity) || !take(c, &count, sizeof count) || entity[0] < 0 || entity[0] > 3)
+            return short_file(c);
         for (uint64_t i = 0; i < count; i++) {
             if (!take(c, &tag, sizeof tag) || tag > INT64_MAX) return short_file(c);
             if (!app_mesh_append(&c->scan->vertex_tag, &c->scan->vertex_count, (int64_t)tag)) return no_memory(c);
@@ -98,7 +103,8 @@ static tm_status elements_4(cursor *c) {
             if (status) return status;
             for (int k = 0; k < app_mesh_type_vertices(entity[2]); k++) {
                 if (!take(c, &vertex, sizeof vertex)) return short_file(c);
-                if ((status = app_mesh_scan_corner(c, (int64_t)tag, vertex > INT64_MAX ? -1 : (int64_t)vertex))) return status;
+                if ((status = app_mesh_scan_corner(c, (int64_t)tag, vertex > INT64_MAX ? -1 : (int64_t)vertex)))
+                    return status;
             }
         }
     }
@@ -109,7 +115,8 @@ tm_status app_mesh_scan_binary(cursor *c, int major) {
     int32_t one;
     c->line = 0;
     if (!take(c, &one, sizeof one)) return short_file(c);
-    if (one != 1) return app_mesh_fail(c->error, TM_ERR_FILE, -1, "a binary file of another byte order; save it as text");
+    if (one != 1)
+        return app_mesh_fail(c->error, TM_ERR_FILE, -1, "a binary file of another byte order; save it as text");
     c->at--; /* a section begins with the end of the line before */
     if (major == 2) return scan_2(c);
     tm_status status = nodes_4(c);

@@ -15,12 +15,14 @@ bool command_quantity(const char *option, const char *text, const char *dimensio
 /* Bad usage: says what, points at --help, APP_BAD_INPUT. */
 int command_usage(const char *command, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/* By the path's ending: .msh 2.2 (regions as volumes, vertex groups as points, the file's own numbers), .vtk or .mesh (no groups). */
+/* By the path's ending: .msh 2.2 (regions as volumes, vertex groups as points, the file's own numbers), .vtk or .mesh
+ * (no groups). */
 tm_status write_mesh_file(const app_mesh *mesh, const char *path, tm_error *error);
 /* Directions as the CSV that app_fibres_load reads. */
 tm_status write_fibres(const double *fibre, int32_t tet_count, const char *path, tm_error *error);
 
-/* The mesh without the tetrahedra whose `keep` is 0 and the vertices that none of the rest uses. `kept` [tet_count] may be null: old number of each. */
+/* The mesh without the tetrahedra whose `keep` is 0 and the vertices that none of the rest uses. `kept` [tet_count] may
+ * be null: old number of each. */
 bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept);
 /* Of a forest of joined things: the root of `v`. */
 int32_t root_of(int32_t *parent, int32_t v);

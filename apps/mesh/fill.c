@@ -16,16 +16,21 @@ typedef struct options {
 
 static void usage(void) {
     printf("usage: tm-mesh fill --size SIZE [--scale S] SURFACE.stl -o OUT.msh\n"
-           "Fills a closed surface with tetrahedra whose edges are about SIZE: a lattice, cut and pulled to the surface, then smoothed so that the\n"
-           "smallest tetrahedron, which sets the time step, is as large as may be. Details and ridges finer than SIZE are rounded off.\n\n"
+           "Fills a closed surface with tetrahedra whose edges are about SIZE: a lattice, cut and pulled to the "
+           "surface, then smoothed so that the\n"
+           "smallest tetrahedron, which sets the time step, is as large as may be. Details and ridges finer than SIZE "
+           "are rounded off.\n\n"
            "  --size SIZE  longest inner edge, e.g. 5mm; half of it makes eight times as many\n"
            "  --scale S    metres per unit of the file [1]; 1e-3 for millimetres\n"
            "  -o OUT       .msh, .vtk or .mesh; one region 'tissue', its vertex group 'surface'\n");
 }
 
 static int parse(int argc, char **argv, options *o) {
-    static const struct option names[] = {{"size", required_argument, NULL, 'z'}, {"scale", required_argument, NULL, 's'},
-                                          {"output", required_argument, NULL, 'o'}, {"help", no_argument, NULL, 'h'}, {0}};
+    static const struct option names[] = {{"size", required_argument, NULL, 'z'},
+                                          {"scale", required_argument, NULL, 's'},
+                                          {"output", required_argument, NULL, 'o'},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {0}};
     *o = (options){.scale = 1};
     optind = 1;
     opterr = 0;
@@ -53,7 +58,8 @@ static bool to_app_mesh(const mesh *m, app_mesh *out) {
     unsigned char *outer = calloc((size_t)m->vertex_count + 1, 1);
     int32_t members = 0;
     *out = (app_mesh){.vertex_count = m->vertex_count, .tet_count = m->tet_count, .region_count = 1, .group_count = 1};
-    for (int i = 0; outer && i < 3 * m->face_count; i++) outer[m->face[i]] = 1;
+    for (int i = 0; outer && i < 3 * m->face_count; i++)
+        outer[m->face[i]] = 1;
     if (!outer || !app_mesh_allocate(out, m->vertex_count)) {
         free(outer);
         *out = (app_mesh){0};
@@ -75,7 +81,8 @@ static bool to_app_mesh(const mesh *m, app_mesh *out) {
     return true;
 }
 
-/* A pinched surface (two parts that touch in one vertex) comes of details as fine as the lattice: a little finer a lattice is tried. */
+/* A pinched surface (two parts that touch in one vertex) comes of details as fine as the lattice: a little finer a
+ * lattice is tried. */
 static bool fill_manifold(mesh *m, const solid *body, double size_m) {
     for (int attempt = 0; attempt < 8; attempt++, size_m *= 0.97) {
         free_mesh(m);
@@ -87,7 +94,8 @@ static bool fill_manifold(mesh *m, const solid *body, double size_m) {
 
 static double volume_of(const tm_mesh *built) {
     double volume = 0;
-    for (int32_t t = 0; t < built->tet_count; t++) volume += built->volume_m3[t];
+    for (int32_t t = 0; t < built->tet_count; t++)
+        volume += built->volume_m3[t];
     return volume;
 }
 
@@ -104,11 +112,16 @@ int command_fill(int argc, char **argv) {
     solid body = shell_solid(surface);
     double expected = 12 * shell_volume_m3(surface) / (o.size_m * o.size_m * o.size_m);
     if (expected > LIMIT)
-        exit = app_bad_input(o.in, 0, "about %.2g tetrahedra would come of it; choose a larger --size, or --scale 1e-3 for millimetres", expected);
+        exit = app_bad_input(
+            o.in, 0, "about %.2g tetrahedra would come of it; choose a larger --size, or --scale 1e-3 for millimetres",
+            expected);
     else if (expected < 20)
-        exit = app_bad_input(o.in, 0, "fewer than 20 tetrahedra would fit; choose a smaller --size, or another --scale");
+        exit =
+            app_bad_input(o.in, 0, "fewer than 20 tetrahedra would fit; choose a smaller --size, or another --scale");
     else if (!fill_manifold(&m, &body, o.size_m))
-        exit = app_bad_input(o.in, 0, "details as fine as %g mm pinch the mesh; choose a smaller --size, or smooth the surface", 1e3 * o.size_m);
+        exit = app_bad_input(o.in, 0,
+                             "details as fine as %g mm pinch the mesh; choose a smaller --size, or smooth the surface",
+                             1e3 * o.size_m);
     else {
         improve(&m, &body, NULL, 40);
         if (!to_app_mesh(&m, &out))
@@ -118,8 +131,8 @@ int command_fill(int argc, char **argv) {
         else if (write_mesh_file(&out, o.out, &error))
             exit = app_report(NULL, 0, &error);
         else
-            printf("%s: %d tetrahedra, %d vertices; volume %.4g cm3, the surface's is %.4g cm3\n", o.out, out.tet_count, out.vertex_count,
-                   1e6 * volume_of(built), 1e6 * shell_volume_m3(surface));
+            printf("%s: %d tetrahedra, %d vertices; volume %.4g cm3, the surface's is %.4g cm3\n", o.out, out.tet_count,
+                   out.vertex_count, 1e6 * volume_of(built), 1e6 * shell_volume_m3(surface));
     }
     tm_mesh_destroy(built);
     app_mesh_free(&out);

@@ -1,4 +1,5 @@
-/* The gmsh module's reader: nodes, four-node tetrahedra and physical groups out of Gmsh's model. Runs in a process of its own. */
+/* The gmsh module's reader: nodes, four-node tetrahedra and physical groups out of Gmsh's model. Runs in a process of
+ * its own. */
 #include <gmshc.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -48,10 +49,12 @@ static tm_status refuse_other_elements(int64_t *tets, tm_error *error) {
         if (type[i] == TET4) *tets += (int64_t)count[i];
         if (wrong || !count[i]) continue;
         if (order > 1)
-            return app_mesh_fail(error, TM_ERR_MESH, (int64_t)tag[i][0], "element %zu is of order %d (%s); save first-order elements (gmsh -order 1)",
+            return app_mesh_fail(error, TM_ERR_MESH, (int64_t)tag[i][0],
+                                 "element %zu is of order %d (%s); save first-order elements (gmsh -order 1)",
                                  tag[i][0], order, name);
         if (dim == 3 && type[i] != TET4)
-            return app_mesh_fail(error, TM_ERR_MESH, (int64_t)tag[i][0], "element %zu is a %s; mesh with tetrahedra alone", tag[i][0], name);
+            return app_mesh_fail(error, TM_ERR_MESH, (int64_t)tag[i][0],
+                                 "element %zu is a %s; mesh with tetrahedra alone", tag[i][0], name);
     }
     if (*tets == 0) return app_mesh_fail(error, TM_ERR_MESH, -1, "no tetrahedra in it; mesh the volume (gmsh -3)");
     return TM_OK;
@@ -62,8 +65,10 @@ static tm_status read_nodes(app_mesh *mesh, tagged **nodes, tm_error *error) {
     double *coordinate = NULL, *parameter = NULL;
     int wrong = 0;
     gmshModelMeshGetNodes(&tag, &tags, &coordinate, &coordinates, &parameter, &parameters, -1, -1, 0, 0, &wrong);
-    if (wrong || coordinates != 3 * tags || tags > INT32_MAX / 4) return tm_gmsh_failed(error, "its vertices cannot be read");
-    if (!(*nodes = malloc((tags + 1) * sizeof **nodes))) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh");
+    if (wrong || coordinates != 3 * tags || tags > INT32_MAX / 4)
+        return tm_gmsh_failed(error, "its vertices cannot be read");
+    if (!(*nodes = malloc((tags + 1) * sizeof **nodes)))
+        return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh");
     for (size_t i = 0; i < tags; i++) {
         (*nodes)[i].tag = (int64_t)tag[i];
         memcpy((*nodes)[i].p, coordinate + 3 * i, 3 * sizeof(double));
@@ -113,7 +118,8 @@ static tm_status read_tets(const app_mesh *mesh, regions *r, element *out, int64
     for (size_t e = 0; e + 1 < entities; e += 2) {
         size_t *tag = NULL, *node = NULL, tags = 0, nodes = 0;
         gmshModelMeshGetElementsByType(TET4, &tag, &tags, &node, &nodes, entity[e + 1], 0, 1, &wrong);
-        if (wrong || nodes != 4 * tags || (int64_t)(n + tags) > room) return tm_gmsh_failed(error, "its tetrahedra cannot be read");
+        if (wrong || nodes != 4 * tags || (int64_t)(n + tags) > room)
+            return tm_gmsh_failed(error, "its tetrahedra cannot be read");
         int32_t region = region_of_entity(r, entity[e + 1]);
         if (tags && region == r->count) r->rest = true;
         for (size_t t = 0; t < tags; t++, n++) {
@@ -121,7 +127,8 @@ static tm_status read_tets(const app_mesh *mesh, regions *r, element *out, int64
             out[n].region = region;
             for (int k = 0; k < 4; k++)
                 if ((out[n].v[k] = index_of(mesh, node[4 * t + (size_t)k])) < 0)
-                    return app_mesh_fail(error, TM_ERR_MESH, (int64_t)tag[t], "tetrahedron %zu names vertex %zu, which is not there; write the mesh anew",
+                    return app_mesh_fail(error, TM_ERR_MESH, (int64_t)tag[t],
+                                         "tetrahedron %zu names vertex %zu, which is not there; write the mesh anew",
                                          tag[t], node[4 * t + (size_t)k]);
         }
         gmshFree(tag);
@@ -145,7 +152,9 @@ static tm_status group_name(int dim, int tag, char out[64], tm_error *error) {
     gmshModelGetPhysicalName(dim, tag, &name, &wrong);
     int length = !wrong && name && *name ? snprintf(out, 64, "%s", name) : snprintf(out, 64, "%s_%d", plain[dim], tag);
     gmshFree(name);
-    if (length >= 64) return app_mesh_fail(error, TM_ERR_MESH, tag, "the name of physical group %d is longer than 63 letters; shorten it", tag);
+    if (length >= 64)
+        return app_mesh_fail(error, TM_ERR_MESH, tag,
+                             "the name of physical group %d is longer than 63 letters; shorten it", tag);
     return TM_OK;
 }
 
@@ -167,7 +176,8 @@ static tm_status read_groups(const app_mesh *mesh, const int *group, size_t leng
     }
     for (size_t g = 0; g < kinds; g++) {
         bool seen = false;
-        for (size_t h = 0; h < g; h++) seen = seen || strcmp(name[g], name[h]) == 0;
+        for (size_t h = 0; h < g; h++)
+            seen = seen || strcmp(name[g], name[h]) == 0;
         if (seen) continue;
         int32_t begin = out->members;
         for (size_t h = g; h < kinds; h++) {
@@ -175,7 +185,8 @@ static tm_status read_groups(const app_mesh *mesh, const int *group, size_t leng
             size_t *tag = NULL, tags = 0, coordinates = 0;
             double *coordinate = NULL;
             int wrong = 0;
-            gmshModelMeshGetNodesForPhysicalGroup(group[2 * h], group[2 * h + 1], &tag, &tags, &coordinate, &coordinates, &wrong);
+            gmshModelMeshGetNodesForPhysicalGroup(group[2 * h], group[2 * h + 1], &tag, &tags, &coordinate,
+                                                  &coordinates, &wrong);
             int32_t *grown = realloc(out->vertex, ((size_t)out->members + tags + 1) * sizeof *grown);
             if (wrong || !grown) return tm_gmsh_failed(error, "a physical group cannot be read");
             out->vertex = grown;
@@ -198,7 +209,8 @@ static tm_status read_groups(const app_mesh *mesh, const int *group, size_t leng
     return TM_OK;
 }
 
-static tm_status assemble(app_mesh *mesh, const tagged *node, const element *tet, const groups *g, const regions *r, tm_error *error) {
+static tm_status assemble(app_mesh *mesh, const tagged *node, const element *tet, const groups *g, const regions *r,
+                          tm_error *error) {
     mesh->group_count = g->count;
     mesh->region_count = r->count + (r->rest || r->count == 0);
     int64_t *tags = mesh->vertex_tag;
@@ -236,12 +248,15 @@ static tm_status read_model(app_mesh *mesh, tm_error *error) {
     mesh->tet_count = (int32_t)tets;
     element *tet = malloc((size_t)tets * sizeof *tet);
     mesh->vertex_tag = malloc(((size_t)mesh->vertex_count + 1) * sizeof *mesh->vertex_tag);
-    if (!tet || !mesh->vertex_tag || tets > INT32_MAX / 16) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh");
-    for (int32_t v = 0; v < mesh->vertex_count; v++) mesh->vertex_tag[v] = node[v].tag;
+    if (!tet || !mesh->vertex_tag || tets > INT32_MAX / 16)
+        return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh");
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        mesh->vertex_tag[v] = node[v].tag;
     gmshModelGetPhysicalGroups(&volume, &volumes, 3, &wrong);
     r.tag = malloc((volumes + 1) * sizeof *r.tag);
     if (wrong || !r.tag) return tm_gmsh_failed(error, "its physical groups cannot be read");
-    for (size_t i = 0; i + 1 < volumes; i += 2) r.tag[r.count++] = volume[i + 1];
+    for (size_t i = 0; i + 1 < volumes; i += 2)
+        r.tag[r.count++] = volume[i + 1];
     if ((status = read_tets(mesh, &r, tet, tets, error))) return status;
     gmshModelGetPhysicalGroups(&group, &length, -1, &wrong);
     if (wrong) return tm_gmsh_failed(error, "its physical groups cannot be read");

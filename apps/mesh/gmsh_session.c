@@ -12,7 +12,8 @@ tm_status tm_gmsh_failed(tm_error *error, const char *what) {
     gmshLoggerGet(&line, &lines, &wrong);
     for (size_t i = 0; !wrong && i < lines && !said[0]; i++)
         if (strncmp(line[i], "Error: ", 7) == 0) snprintf(said, sizeof said, "%s", line[i] + 7);
-    return app_mesh_fail(error, TM_ERR_FILE, -1, "%s%s%s; write the mesh anew", what, said[0] ? ": Gmsh says: " : "", said);
+    return app_mesh_fail(error, TM_ERR_FILE, -1, "%s%s%s; write the mesh anew", what, said[0] ? ": Gmsh says: " : "",
+                         said);
 }
 
 tm_status tm_gmsh_open(const char *path, tm_error *error) {

@@ -8,13 +8,13 @@ enum { MAX_NAMES = 12 };
 
 typedef struct mesh {
     int vertex_count, tet_count, vertex_room, tet_room;
-    double *vertex;        /* [3*vertex_count] m */
-    int *tet;              /* [4*tet_count] positive orientation */
-    int *region;           /* [tet_count] index into region_name */
-    double *fibre;         /* [3*tet_count] unit, or null */
+    double *vertex; /* [3*vertex_count] m */
+    int *tet;       /* [4*tet_count] positive orientation */
+    int *region;    /* [tet_count] index into region_name */
+    double *fibre;  /* [3*tet_count] unit, or null */
     int face_count;
-    int *face;             /* [3*face_count] outer triangles, normals outward */
-    int *face_group;       /* [face_count] index into face_name */
+    int *face;       /* [3*face_count] outer triangles, normals outward */
+    int *face_group; /* [face_count] index into face_name */
     int region_names, face_names;
     const char *region_name[MAX_NAMES], *face_name[MAX_NAMES];
 } mesh;
@@ -45,12 +45,14 @@ void fill_body(mesh *m, const solid *b, double a);
 /* Whether a tetrahedron is too large where it is. */
 typedef bool wanted_fn(const mesh *m, int tet, double longest_m, const void *context);
 
-/* Halves longest edges (Rivara) around every tetrahedron that is wanted smaller, until none is. parent[t] is the tetrahedron of
- * the start that t came from; midpoint[2*(v - first new vertex)] are the ends of the edge that new vertex v halved. Both malloced here. */
+/* Halves longest edges (Rivara) around every tetrahedron that is wanted smaller, until none is. parent[t] is the
+ * tetrahedron of the start that t came from; midpoint[2*(v - first new vertex)] are the ends of the edge that new
+ * vertex v halved. Both malloced here. */
 bool bisect(mesh *m, wanted_fn *wanted, const void *context, int limit, int **parent, int **midpoint);
 double longest_edge_m(const mesh *m, int tet);
 
-/* How far a vertex may move: not at all, along `direction`, across it (in the plane that it is the normal of), anywhere. */
+/* How far a vertex may move: not at all, along `direction`, across it (in the plane that it is the normal of),
+ * anywhere. */
 typedef enum freedom { FIXED, ALONG, ACROSS, FREE } freedom;
 typedef struct hold {
     unsigned char *freedom; /* [vertex_count] */
@@ -59,8 +61,8 @@ typedef struct hold {
     const void *context;
 } hold;
 
-/* Moves vertices so that the smallest tet_size grows. Either the body is given: vertices of the surface stay on it, all others are free, or `h` is:
- * each keeps to it. The other is null. */
+/* Moves vertices so that the smallest tet_size grows. Either the body is given: vertices of the surface stay on it, all
+ * others are free, or `h` is: each keeps to it. The other is null. */
 void improve(mesh *m, const solid *b, const hold *h, int sweeps);
 
 #endif

@@ -36,14 +36,20 @@ static void usage(FILE *to, const char *command) {
             "  --json FILE    the figures as JSON\n"
             "  --help\n",
             command,
-            strcmp(command, "info") == 0 ? "Tells counts, size, quality, regions, groups, the worst element and the time step it causes."
-                                         : "Exit 0: can be simulated. Exit 2: every defect with the number of its tetrahedron or vertex in the file, and what to do.");
+            strcmp(command, "info") == 0
+                ? "Tells counts, size, quality, regions, groups, the worst element and the time step it causes."
+                : "Exit 0: can be simulated. Exit 2: every defect with the number of its tetrahedron or vertex in the "
+                  "file, and what to do.");
 }
 
 static int parse(const char *command, int argc, char **argv, options *o) {
-    static const struct option names[] = {{"scale", required_argument, NULL, 's'},   {"young", required_argument, NULL, 'y'},
-                                          {"poisson", required_argument, NULL, 'p'}, {"density", required_argument, NULL, 'd'},
-                                          {"json", required_argument, NULL, 'j'},    {"help", no_argument, NULL, 'h'}, {0}};
+    static const struct option names[] = {{"scale", required_argument, NULL, 's'},
+                                          {"young", required_argument, NULL, 'y'},
+                                          {"poisson", required_argument, NULL, 'p'},
+                                          {"density", required_argument, NULL, 'd'},
+                                          {"json", required_argument, NULL, 'j'},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {0}};
     *o = (options){.scale = 1, .young_Pa = 5000, .poisson = 0.45, .density_kg_m3 = 1060};
     optind = 1;
     opterr = 0;
@@ -75,7 +81,9 @@ static int refuse(const app_mesh *file, const char *path, const tm_error *error)
         app_defect_text(file, &defect[i], text, sizeof text);
         app_bad_input(path, 0, "%s", text);
     }
-    if (count > LISTED) app_bad_input(path, 0, "and %lld defects more; run tm-mesh repair, or mesh the organ anew", (long long)count - LISTED);
+    if (count > LISTED)
+        app_bad_input(path, 0, "and %lld defects more; run tm-mesh repair, or mesh the organ anew",
+                      (long long)count - LISTED);
     return APP_BAD_INPUT;
 }
 
@@ -83,22 +91,26 @@ static int refuse(const app_mesh *file, const char *path, const tm_error *error)
 static int32_t count_pieces(const tm_mesh *mesh) {
     int32_t *parent = malloc((size_t)mesh->tet_count * sizeof *parent), pieces = 0;
     if (!parent) return -1;
-    for (int32_t t = 0; t < mesh->tet_count; t++) parent[t] = t;
+    for (int32_t t = 0; t < mesh->tet_count; t++)
+        parent[t] = t;
     for (int32_t f = 0; f < 4 * mesh->tet_count; f++)
         if (mesh->tet_neighbour[f] >= 0) parent[root_of(parent, f / 4)] = root_of(parent, mesh->tet_neighbour[f]);
-    for (int32_t t = 0; t < mesh->tet_count; t++) pieces += parent[t] == t;
+    for (int32_t t = 0; t < mesh->tet_count; t++)
+        pieces += parent[t] == t;
     free(parent);
     return pieces;
 }
 
 static int bin_of(const double *bound, double value) {
     int bin = 0;
-    while (bin < BINS - 1 && value >= bound[bin]) bin++;
+    while (bin < BINS - 1 && value >= bound[bin])
+        bin++;
     return bin;
 }
 
 static void measure_shape(const tm_mesh *mesh, figures *f) {
-    *f = (figures){.low_m = {INFINITY, INFINITY, INFINITY}, .high_m = {-INFINITY, -INFINITY, -INFINITY}, .min_dihedral_deg = 180};
+    *f = (figures){
+        .low_m = {INFINITY, INFINITY, INFINITY}, .high_m = {-INFINITY, -INFINITY, -INFINITY}, .min_dihedral_deg = 180};
     for (int64_t i = 0; i < 3 * (int64_t)mesh->vertex_count; i++) {
         f->low_m[i % 3] = fmin(f->low_m[i % 3], mesh->rest_m[i]);
         f->high_m[i % 3] = fmax(f->high_m[i % 3], mesh->rest_m[i]);
@@ -136,10 +148,12 @@ static tm_status measure_step(const tm_mesh *mesh, const options *o, figures *f,
     def.material_count = 1;
     def.material = &material;
     def.region_material = one;
-    status = one && step ? tm_tissue_create(&def, &tissue, error) : app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory");
+    status =
+        one && step ? tm_tissue_create(&def, &tissue, error) : app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory");
     if (!status) {
         f->step_s = tm_critical_step_guaranteed(tissue, &f->step_tet);
-        for (int32_t t = 0; t < mesh->tet_count; t++) step[t] = tm_critical_step_element(tissue, t);
+        for (int32_t t = 0; t < mesh->tet_count; t++)
+            step[t] = tm_critical_step_element(tissue, t);
         qsort(step, (size_t)mesh->tet_count, sizeof *step, by_size);
         f->median_step_s = step[mesh->tet_count / 2];
         tm_tissue_destroy(tissue);
@@ -176,16 +190,17 @@ static void region_sums(const tm_mesh *mesh, int32_t region, double *volume_m3, 
 
 static void print_tet(const app_mesh *file, int32_t t) {
     const int32_t *v = file->tet + 4 * (size_t)t;
-    printf("tetrahedron %lld (vertices %lld %lld %lld %lld)", (long long)file->tet_tag[t], (long long)file->vertex_tag[v[0]],
-           (long long)file->vertex_tag[v[1]], (long long)file->vertex_tag[v[2]], (long long)file->vertex_tag[v[3]]);
+    printf("tetrahedron %lld (vertices %lld %lld %lld %lld)", (long long)file->tet_tag[t],
+           (long long)file->vertex_tag[v[0]], (long long)file->vertex_tag[v[1]], (long long)file->vertex_tag[v[2]],
+           (long long)file->vertex_tag[v[3]]);
 }
 
 static void print_figures(const app_mesh *file, const tm_mesh *mesh, const options *o, const figures *f) {
-    printf("%s\n%d tetrahedra, %d vertices, %d edges, %d outer triangles, %d piece%s\n", o->file, mesh->tet_count, mesh->vertex_count,
-           mesh->edge_count, mesh->surface_count, f->pieces, f->pieces == 1 ? "" : "s");
-    printf("box: %.4g %.4g %.4g to %.4g %.4g %.4g m (%.4g x %.4g x %.4g mm), volume %.4g cm3\n", f->low_m[0], f->low_m[1], f->low_m[2],
-           f->high_m[0], f->high_m[1], f->high_m[2], 1e3 * (f->high_m[0] - f->low_m[0]), 1e3 * (f->high_m[1] - f->low_m[1]),
-           1e3 * (f->high_m[2] - f->low_m[2]), 1e6 * f->volume_m3);
+    printf("%s\n%d tetrahedra, %d vertices, %d edges, %d outer triangles, %d piece%s\n", o->file, mesh->tet_count,
+           mesh->vertex_count, mesh->edge_count, mesh->surface_count, f->pieces, f->pieces == 1 ? "" : "s");
+    printf("box: %.4g %.4g %.4g to %.4g %.4g %.4g m (%.4g x %.4g x %.4g mm), volume %.4g cm3\n", f->low_m[0],
+           f->low_m[1], f->low_m[2], f->high_m[0], f->high_m[1], f->high_m[2], 1e3 * (f->high_m[0] - f->low_m[0]),
+           1e3 * (f->high_m[1] - f->low_m[1]), 1e3 * (f->high_m[2] - f->low_m[2]), 1e6 * f->volume_m3);
     for (int32_t r = 0; r < file->region_count; r++) {
         double volume_m3;
         int32_t tets;
@@ -199,21 +214,25 @@ static void print_figures(const app_mesh *file, const tm_mesh *mesh, const optio
     printf("worst shape: ");
     print_tet(file, f->worst_aspect_tet);
     printf(", aspect %.3g; smallest dihedral angle of all %.3g degrees\n", f->worst_aspect, f->min_dihedral_deg);
-    printf("critical step: %.4g ms (E %g Pa, nu %g, %g kg/m3), set by ", 1e3 * f->step_s, o->young_Pa, o->poisson, o->density_kg_m3);
+    printf("critical step: %.4g ms (E %g Pa, nu %g, %g kg/m3), set by ", 1e3 * f->step_s, o->young_Pa, o->poisson,
+           o->density_kg_m3);
     print_tet(file, f->step_tet);
-    printf("; median element %.4g ms, %.2f of it; %.0f substeps in a frame of 1/30 s\n", 1e3 * f->median_step_s, f->step_s / f->median_step_s,
-           ceil(1 / (30 * f->step_s)));
+    printf("; median element %.4g ms, %.2f of it; %.0f substeps in a frame of 1/30 s\n", 1e3 * f->median_step_s,
+           f->step_s / f->median_step_s, ceil(1 / (30 * f->step_s)));
     if (fmax(fmax(f->high_m[0] - f->low_m[0], f->high_m[1] - f->low_m[1]), f->high_m[2] - f->low_m[2]) > 2)
         printf("note: larger than 2 m; is it in millimetres? then --scale 1e-3\n");
     if (f->pieces > 1) printf("note: %d pieces that share no face; each needs a support of its own\n", f->pieces);
 }
 
-static void add_three(cJSON *to, const char *name, const double v[3]) { cJSON_AddItemToObject(to, name, cJSON_CreateDoubleArray(v, 3)); }
+static void add_three(cJSON *to, const char *name, const double v[3]) {
+    cJSON_AddItemToObject(to, name, cJSON_CreateDoubleArray(v, 3));
+}
 
 static cJSON *histogram_json(const int64_t count[BINS], const double *bound) {
     cJSON *all = cJSON_CreateObject(), *counts = cJSON_AddArrayToObject(all, "count");
     cJSON_AddItemToObject(all, "bound", cJSON_CreateDoubleArray(bound, BINS - 1));
-    for (int b = 0; b < BINS; b++) cJSON_AddItemToArray(counts, cJSON_CreateNumber((double)count[b]));
+    for (int b = 0; b < BINS; b++)
+        cJSON_AddItemToArray(counts, cJSON_CreateNumber((double)count[b]));
     return all;
 }
 
@@ -287,11 +306,16 @@ static int run(const char *command, int argc, char **argv) {
     if (exit == APP_DONE && strcmp(command, "info") == 0)
         print_figures(&file, mesh, &o, &f);
     else if (exit == APP_DONE)
-        printf("%s: sound: %d tetrahedra, %d vertices, critical step %.4g ms\n", o.file, mesh->tet_count, mesh->vertex_count, 1e3 * f.step_s);
+        printf("%s: sound: %d tetrahedra, %d vertices, critical step %.4g ms\n", o.file, mesh->tet_count,
+               mesh->vertex_count, 1e3 * f.step_s);
     tm_mesh_destroy(mesh);
     app_mesh_free(&file);
     return exit;
 }
 
-int command_info(int argc, char **argv) { return run("info", argc, argv); }
-int command_check(int argc, char **argv) { return run("check", argc, argv); }
+int command_info(int argc, char **argv) {
+    return run("info", argc, argv);
+}
+int command_check(int argc, char **argv) {
+    return run("check", argc, argv);
+}

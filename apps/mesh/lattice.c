@@ -1,5 +1,6 @@
-/* Isosurface stuffing (Labelle and Shewchuk 2007): a body-centred cubic lattice whose points near the surface are pulled onto it, and
- * whose tetrahedra that the surface still cuts are trimmed. Interior tetrahedra are all alike and as round as a lattice allows. */
+/* Isosurface stuffing (Labelle and Shewchuk 2007): a body-centred cubic lattice whose points near the surface are
+ * pulled onto it, and whose tetrahedra that the surface still cuts are trimmed. Interior tetrahedra are all alike and
+ * as round as a lattice allows. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -9,14 +10,16 @@
 
 /* Points in half cells: all even is a cell's corner, all odd its centre. */
 typedef struct lattice {
-    int n[3];        /* half cells along each axis */
+    int n[3]; /* half cells along each axis */
     double low[3], half;
     double *position; /* pulled */
     double *value;    /* > 0 inside, 0 on the surface */
     int *vertex;      /* of the mesh, -1: none yet */
 } lattice;
 
-static size_t at(const lattice *l, const int i[3]) { return ((size_t)i[2] * (size_t)l->n[1] + (size_t)i[1]) * (size_t)l->n[0] + (size_t)i[0]; }
+static size_t at(const lattice *l, const int i[3]) {
+    return ((size_t)i[2] * (size_t)l->n[1] + (size_t)i[1]) * (size_t)l->n[0] + (size_t)i[0];
+}
 
 static bool is_point(const lattice *l, const int i[3]) {
     for (int k = 0; k < 3; k++)
@@ -28,7 +31,8 @@ static void cut_point(const solid *body, const double *in, const double *out, do
     double low = 0, high = 1;
     for (int step = 0; step < 50; step++) {
         double middle = 0.5 * (low + high);
-        for (int k = 0; k < 3; k++) p[k] = in[k] + middle * (out[k] - in[k]);
+        for (int k = 0; k < 3; k++)
+            p[k] = in[k] + middle * (out[k] - in[k]);
         if (body->inside(body->shape, p) > 0)
             low = middle;
         else
@@ -37,8 +41,9 @@ static void cut_point(const solid *body, const double *in, const double *out, do
 }
 
 /* The 14 neighbours: 6 along the axes (long edges), 8 along the diagonals (short ones). */
-static const int neighbour[14][3] = {{2, 0, 0},   {-2, 0, 0},  {0, 2, 0},   {0, -2, 0},   {0, 0, 2},    {0, 0, -2},  {1, 1, 1},
-                                     {1, 1, -1},  {1, -1, 1},  {1, -1, -1}, {-1, 1, 1},   {-1, 1, -1},  {-1, -1, 1}, {-1, -1, -1}};
+static const int neighbour[14][3] = {{2, 0, 0},  {-2, 0, 0},  {0, 2, 0},   {0, -2, 0},  {0, 0, 2},
+                                     {0, 0, -2}, {1, 1, 1},   {1, 1, -1},  {1, -1, 1},  {1, -1, -1},
+                                     {-1, 1, 1}, {-1, 1, -1}, {-1, -1, 1}, {-1, -1, -1}};
 
 /* A point that the surface passes closely is pulled onto it, by the shortest way along an edge. */
 static void pull(lattice *l, const solid *body, const int i[3]) {
@@ -101,14 +106,16 @@ static int cut_vertex(builder *b, size_t in, size_t out) {
     return b->cuts[b->cut_count++].vertex;
 }
 
-/* A prism a0 a1 a2 - b0 b1 b2 whose side diagonals leave a0 before a1 before a2: three tetrahedra, never in a circle. */
+/* A prism a0 a1 a2 - b0 b1 b2 whose side diagonals leave a0 before a1 before a2: three tetrahedra, never in a circle.
+ */
 static void add_prism(mesh *m, const int a[3], const int b[3]) {
     add_tet(m, a[0], b[0], b[1], b[2]);
     add_tet(m, a[0], a[1], b[1], b[2]);
     add_tet(m, a[0], a[1], a[2], b[2]);
 }
 
-/* What of a lattice tetrahedron is inside. Quadrilaterals are split from their deeper point: the shorter diagonal, and the same from both sides. */
+/* What of a lattice tetrahedron is inside. Quadrilaterals are split from their deeper point: the shorter diagonal, and
+ * the same from both sides. */
 static void trim(builder *b, const size_t corner[4]) {
     size_t plus[4], minus[4], zero[4];
     int p = 0, n = 0, z = 0;
@@ -132,17 +139,23 @@ static void trim(builder *b, const size_t corner[4]) {
             }
         }
     int v[4], c[4], k = 0;
-    for (int i = 0; i < p; i++) v[i] = lattice_vertex(b, plus[i]);
+    for (int i = 0; i < p; i++)
+        v[i] = lattice_vertex(b, plus[i]);
     if (n == 0 || p == 1) { /* whole, or a corner of it */
-        for (int i = 0; i < p; i++) c[k++] = v[i];
-        for (int i = 0; i < z; i++) c[k++] = lattice_vertex(b, zero[i]);
-        for (int i = 0; i < n; i++) c[k++] = cut_vertex(b, plus[0], minus[i]);
+        for (int i = 0; i < p; i++)
+            c[k++] = v[i];
+        for (int i = 0; i < z; i++)
+            c[k++] = lattice_vertex(b, zero[i]);
+        for (int i = 0; i < n; i++)
+            c[k++] = cut_vertex(b, plus[0], minus[i]);
         add_tet(b->m, c[0], c[1], c[2], c[3]);
     } else if (p == 3) {
-        for (int i = 0; i < 3; i++) c[i] = cut_vertex(b, plus[i], minus[0]);
+        for (int i = 0; i < 3; i++)
+            c[i] = cut_vertex(b, plus[i], minus[0]);
         add_prism(b->m, v, c);
     } else if (n == 1) { /* a pyramid over v0 v1 c1 c0 */
-        int apex = lattice_vertex(b, zero[0]), c0 = cut_vertex(b, plus[0], minus[0]), c1 = cut_vertex(b, plus[1], minus[0]);
+        int apex = lattice_vertex(b, zero[0]), c0 = cut_vertex(b, plus[0], minus[0]),
+            c1 = cut_vertex(b, plus[1], minus[0]);
         add_tet(b->m, apex, v[0], v[1], c1);
         add_tet(b->m, apex, v[0], c1, c0);
     } else { /* a wedge between the triangles of v0 and of v1 */
@@ -154,7 +167,8 @@ static void trim(builder *b, const size_t corner[4]) {
     }
 }
 
-/* The four tetrahedra around the long edge from centre `i` along `axis`, each with one edge of the square between the two cells. */
+/* The four tetrahedra around the long edge from centre `i` along `axis`, each with one edge of the square between the
+ * two cells. */
 static void trim_around(builder *b, const int i[3], int axis) {
     int j[3] = {i[0], i[1], i[2]}, u = (axis + 1) % 3, w = (axis + 2) % 3;
     static const int square[5][2] = {{-1, -1}, {1, -1}, {1, 1}, {-1, 1}, {-1, -1}};
@@ -199,12 +213,14 @@ void fill_body(mesh *m, const solid *body, double a) {
                     if (!is_point(&l, i)) continue;
                     size_t p = at(&l, i);
                     if (job == 0) {
-                        for (int k = 0; k < 3; k++) l.position[3 * p + (size_t)k] = l.low[k] + l.half * i[k];
+                        for (int k = 0; k < 3; k++)
+                            l.position[3 * p + (size_t)k] = l.low[k] + l.half * i[k];
                         l.value[p] = body->inside(body->shape, l.position + 3 * p);
                     } else if (job == 1) {
                         pull(&l, body, i);
                     } else if (i[0] & 1) {
-                        for (int axis = 0; axis < 3; axis++) trim_around(&b, i, axis);
+                        for (int axis = 0; axis < 3; axis++)
+                            trim_around(&b, i, axis);
                     }
                 }
     }

@@ -16,9 +16,12 @@ typedef struct options {
 } options;
 
 static void usage(void) {
-    printf("usage: tm-mesh refine --box X0,Y0,Z0,X1,Y1,Z1 | --region NAME --size SIZE [--scale S] [--fibres IN.csv --write-fibres OUT.csv] IN -o OUT\n"
-           "Halves longest edges until none of a tetrahedron that reaches into the box (or belongs to the region) is longer than SIZE, then moves\n"
-           "inner vertices so that the smallest tetrahedron, which sets the time step, grows. Old vertices keep their numbers, vertices on the\n"
+    printf("usage: tm-mesh refine --box X0,Y0,Z0,X1,Y1,Z1 | --region NAME --size SIZE [--scale S] [--fibres IN.csv "
+           "--write-fibres OUT.csv] IN -o OUT\n"
+           "Halves longest edges until none of a tetrahedron that reaches into the box (or belongs to the region) is "
+           "longer than SIZE, then moves\n"
+           "inner vertices so that the smallest tetrahedron, which sets the time step, grows. Old vertices keep their "
+           "numbers, vertices on the\n"
            "surface, between regions and in groups their places; new ones join the groups of both their neighbours.\n\n"
            "  --box ...           two corners, e.g. -20mm,-60mm,0,20mm,-30mm,40mm\n"
            "  --region NAME       a physical volume of the file\n"
@@ -35,16 +38,22 @@ static bool parse_box(const char *text, double box_m[6]) {
     for (char *word = strtok_r(part, ",", &save); word; word = strtok_r(NULL, ",", &save), n++)
         if (n >= 6 || !command_quantity("box", word, "length", &box_m[n])) return false;
     bool good = n == 6;
-    for (int k = 0; good && k < 3; k++) good = box_m[k] < box_m[k + 3];
+    for (int k = 0; good && k < 3; k++)
+        good = box_m[k] < box_m[k + 3];
     if (!good) app_bad_input(NULL, 0, "tm-mesh refine: --box %s: six lengths, the lower corner first", text);
     return good;
 }
 
 static int parse(int argc, char **argv, options *o) {
-    static const struct option names[] = {{"box", required_argument, NULL, 'b'},     {"region", required_argument, NULL, 'r'},
-                                          {"size", required_argument, NULL, 'z'},    {"scale", required_argument, NULL, 's'},
-                                          {"fibres", required_argument, NULL, 'f'},  {"write-fibres", required_argument, NULL, 'w'},
-                                          {"output", required_argument, NULL, 'o'},  {"help", no_argument, NULL, 'h'}, {0}};
+    static const struct option names[] = {{"box", required_argument, NULL, 'b'},
+                                          {"region", required_argument, NULL, 'r'},
+                                          {"size", required_argument, NULL, 'z'},
+                                          {"scale", required_argument, NULL, 's'},
+                                          {"fibres", required_argument, NULL, 'f'},
+                                          {"write-fibres", required_argument, NULL, 'w'},
+                                          {"output", required_argument, NULL, 'o'},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {0}};
     *o = (options){.scale = 1};
     optind = 1;
     opterr = 0;
@@ -100,8 +109,10 @@ static bool is_region_name(const app_mesh *file, const char *name, int32_t *regi
     return false;
 }
 
-/* The group's mark on every vertex. A new vertex is in it if both ends of its edge are, and, for a group of the surface, if it is on it, too. */
-static void mark_group(const app_mesh *file, const mesh *m, int32_t group, const unsigned char *outer, const int *midpoint, unsigned char *mark) {
+/* The group's mark on every vertex. A new vertex is in it if both ends of its edge are, and, for a group of the
+ * surface, if it is on it, too. */
+static void mark_group(const app_mesh *file, const mesh *m, int32_t group, const unsigned char *outer,
+                       const int *midpoint, unsigned char *mark) {
     int32_t region;
     memset(mark, 0, (size_t)m->vertex_count);
     if (is_region_name(file, file->group_name[group], &region)) {
@@ -119,7 +130,8 @@ static void mark_group(const app_mesh *file, const mesh *m, int32_t group, const
     }
 }
 
-/* What a vertex of the surface may do without changing its shape: slide in the plane of its triangles or along the ridge of two planes. */
+/* What a vertex of the surface may do without changing its shape: slide in the plane of its triangles or along the
+ * ridge of two planes. */
 static void hold_surface(const mesh *m, const unsigned char *outer, hold *h) {
     memset(h->freedom, FREE, (size_t)m->vertex_count);
     for (int v = 0; v < m->vertex_count; v++)
@@ -128,21 +140,25 @@ static void hold_surface(const mesh *m, const unsigned char *outer, hold *h) {
         int v = m->face[i];
         double n[3], *d = h->direction + 3 * (size_t)v, cross[3];
         face_normal(m, m->face + i / 3 * 3, n);
-        for (int k = 0; k < 3; k++) cross[k] = n[(k + 1) % 3] * d[(k + 2) % 3] - n[(k + 2) % 3] * d[(k + 1) % 3];
-        double sine = sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]), along = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
+        for (int k = 0; k < 3; k++)
+            cross[k] = n[(k + 1) % 3] * d[(k + 2) % 3] - n[(k + 2) % 3] * d[(k + 1) % 3];
+        double sine = sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]),
+               along = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
         if (h->freedom[v] > FREE) {
             h->freedom[v] = ACROSS;
             memcpy(d, n, sizeof n);
         } else if (h->freedom[v] == ACROSS && !(sine < 1e-6 && along > 0)) {
             h->freedom[v] = sine < 1e-6 ? FIXED : ALONG;
-            for (int k = 0; k < 3 && sine >= 1e-6; k++) d[k] = cross[k] / sine;
+            for (int k = 0; k < 3 && sine >= 1e-6; k++)
+                d[k] = cross[k] / sine;
         } else if (h->freedom[v] == ALONG && fabs(along) > 1e-6)
             h->freedom[v] = FIXED;
     }
 }
 
 /* Old vertices of the surface stay, and so do those between regions and those of inner groups. */
-static bool hold_vertices(const app_mesh *file, const mesh *m, const unsigned char *outer, const int *midpoint, hold *h) {
+static bool hold_vertices(const app_mesh *file, const mesh *m, const unsigned char *outer, const int *midpoint,
+                          hold *h) {
     unsigned char *mark = malloc((size_t)m->vertex_count + 1);
     int *region = malloc(((size_t)m->vertex_count + 1) * sizeof *region);
     h->freedom = malloc((size_t)m->vertex_count + 1);
@@ -152,7 +168,8 @@ static bool hold_vertices(const app_mesh *file, const mesh *m, const unsigned ch
         hold_surface(m, outer, h);
         for (int v = 0; v < file->vertex_count; v++)
             if (outer[v]) h->freedom[v] = FIXED;
-        for (int v = 0; v < m->vertex_count; v++) region[v] = -1;
+        for (int v = 0; v < m->vertex_count; v++)
+            region[v] = -1;
         for (int i = 0; i < 4 * m->tet_count; i++) {
             int *r = &region[m->tet[i]];
             if (*r >= 0 && *r != m->region[i / 4]) h->freedom[m->tet[i]] = FIXED;
@@ -172,7 +189,8 @@ static bool hold_vertices(const app_mesh *file, const mesh *m, const unsigned ch
 }
 
 static bool copy_in(const app_mesh *file, mesh *m) {
-    for (int32_t v = 0; v < file->vertex_count; v++) add_vertex(m, file->vertex_m + 3 * (size_t)v);
+    for (int32_t v = 0; v < file->vertex_count; v++)
+        add_vertex(m, file->vertex_m + 3 * (size_t)v);
     for (int32_t t = 0; t < file->tet_count; t++) {
         const int32_t *v = file->tet + 4 * (size_t)t;
         add_tet(m, v[0], v[1], v[2], v[3]);
@@ -182,12 +200,14 @@ static bool copy_in(const app_mesh *file, mesh *m) {
 }
 
 /* The app_mesh of what has grown: old numbers kept, new ones above them. */
-static bool copy_out(const app_mesh *file, const mesh *m, const unsigned char *outer, const int *midpoint, app_mesh *out) {
+static bool copy_out(const app_mesh *file, const mesh *m, const unsigned char *outer, const int *midpoint,
+                     app_mesh *out) {
     unsigned char *mark = malloc((size_t)m->vertex_count + 1);
     *out = *file;
     out->vertex_count = m->vertex_count;
     out->tet_count = m->tet_count;
-    if (!mark || file->group_count > INT32_MAX / (m->vertex_count + 1) || !app_mesh_allocate(out, file->group_count * m->vertex_count)) {
+    if (!mark || file->group_count > INT32_MAX / (m->vertex_count + 1) ||
+        !app_mesh_allocate(out, file->group_count * m->vertex_count)) {
         free(mark);
         *out = (app_mesh){0};
         return false;
@@ -221,8 +241,8 @@ static double smallest_size(const mesh *m) {
     double smallest = INFINITY;
     for (int t = 0; t < m->tet_count; t++) {
         const int *v = m->tet + 4 * (size_t)t;
-        smallest = fmin(smallest, tet_size(m->vertex + 3 * (size_t)v[0], m->vertex + 3 * (size_t)v[1], m->vertex + 3 * (size_t)v[2],
-                                           m->vertex + 3 * (size_t)v[3]));
+        smallest = fmin(smallest, tet_size(m->vertex + 3 * (size_t)v[0], m->vertex + 3 * (size_t)v[1],
+                                           m->vertex + 3 * (size_t)v[2], m->vertex + 3 * (size_t)v[3]));
     }
     return smallest;
 }
@@ -231,13 +251,15 @@ static double smallest_size(const mesh *m) {
 static int carry_fibres(const options *o, const app_mesh *file, const mesh *m, const int *parent) {
     tm_error error = {0};
     int line = 0, exit = APP_DONE;
-    double *old = malloc(3 * (size_t)file->tet_count * sizeof *old), *new = malloc(3 * (size_t)m->tet_count * sizeof *new);
+    double *old = malloc(3 * (size_t)file->tet_count * sizeof *old),
+           *new = malloc(3 * (size_t)m->tet_count * sizeof *new);
     if (!old || !new)
         exit = APP_FAILED;
     else if (app_fibres_load(o->fibres, file->tet_count, old, &line, &error))
         exit = app_report(o->fibres, line, &error);
     else {
-        for (int t = 0; t < m->tet_count; t++) memcpy(new + 3 * (size_t)t, old + 3 * (size_t)parent[t], 3 * sizeof *new);
+        for (int t = 0; t < m->tet_count; t++)
+            memcpy(new + 3 * (size_t)t, old + 3 * (size_t)parent[t], 3 * sizeof *new);
         if (write_fibres(new, m->tet_count, o->out_fibres, &error)) exit = app_report(NULL, 0, &error);
     }
     free(old);
@@ -245,8 +267,8 @@ static int carry_fibres(const options *o, const app_mesh *file, const mesh *m, c
     return exit;
 }
 
-static int write_all(const options *o, const app_mesh *file, const mesh *m, const unsigned char *outer, const int *parent, const int *midpoint,
-                     double before_m) {
+static int write_all(const options *o, const app_mesh *file, const mesh *m, const unsigned char *outer,
+                     const int *parent, const int *midpoint, double before_m) {
     app_mesh out = {0};
     tm_error error = {0};
     tm_mesh *built = NULL;
@@ -259,7 +281,8 @@ static int write_all(const options *o, const app_mesh *file, const mesh *m, cons
         exit = carry_fibres(o, file, m, parent);
     if (exit == APP_DONE && write_mesh_file(&out, o->out, &error)) exit = app_report(NULL, 0, &error);
     if (exit == APP_DONE)
-        printf("%s: %d tetrahedra (were %d), %d vertices (were %d); the smallest is %.2f of the smallest before, and so is the critical step, about\n",
+        printf("%s: %d tetrahedra (were %d), %d vertices (were %d); the smallest is %.2f of the smallest before, and "
+               "so is the critical step, about\n",
                o->out, m->tet_count, file->tet_count, m->vertex_count, file->vertex_count, smallest_size(m) / before_m);
     tm_mesh_destroy(built);
     app_mesh_free(&out);
@@ -281,7 +304,8 @@ static int refine(const options *o, const app_mesh *file, int32_t region) {
     } else {
         find_surface(&m);
         outer = calloc((size_t)m.vertex_count + 1, 1);
-        for (int i = 0; outer && i < 3 * m.face_count; i++) outer[m.face[i]] = 1;
+        for (int i = 0; outer && i < 3 * m.face_count; i++)
+            outer[m.face[i]] = 1;
         if (outer && hold_vertices(file, &m, outer, midpoint, &h)) {
             improve(&m, NULL, &h, 30);
             exit = write_all(o, file, &m, outer, parent, midpoint, before_m);

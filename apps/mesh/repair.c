@@ -14,8 +14,10 @@ typedef struct options {
 
 static void repair_usage(void) {
     printf("usage: tm-mesh repair [--scale S] [--merge DISTANCE] [--largest] IN -o OUT\n"
-           "Turns inverted tetrahedra, drops flat and double ones, those that name a vertex twice and those that lie over others, and vertices\n"
-           "that none uses. Says what it did. Numbers stay those of the file. A coordinate that is nan cannot be mended.\n\n"
+           "Turns inverted tetrahedra, drops flat and double ones, those that name a vertex twice and those that lie "
+           "over others, and vertices\n"
+           "that none uses. Says what it did. Numbers stay those of the file. A coordinate that is nan cannot be "
+           "mended.\n\n"
            "  --merge DISTANCE  make vertices that are closer than this one, e.g. 1um\n"
            "  --largest         keep only the largest of several pieces\n"
            "  --scale S         metres per unit of the file [1]\n"
@@ -24,15 +26,17 @@ static void repair_usage(void) {
 
 static void convert_usage(void) {
     printf("usage: tm-mesh convert [--scale S] IN -o OUT\n"
-           "Between .msh (2.2, 4.1 read; 2.2 written), .vtk and .mesh. .vtk and .mesh carry regions as numbers, and no vertex groups.\n\n"
+           "Between .msh (2.2, 4.1 read; 2.2 written), .vtk and .mesh. .vtk and .mesh carry regions as numbers, and no "
+           "vertex groups.\n\n"
            "  --scale S  metres per unit of the file [1]\n"
            "  -o OUT     .msh, .vtk or .mesh\n");
 }
 
 static int parse(const char *command, void (*usage)(void), int argc, char **argv, options *o) {
-    static const struct option names[] = {{"scale", required_argument, NULL, 's'}, {"merge", required_argument, NULL, 'm'},
-                                          {"largest", no_argument, NULL, 'l'}, {"output", required_argument, NULL, 'o'},
-                                          {"help", no_argument, NULL, 'h'}, {0}};
+    static const struct option names[] = {
+        {"scale", required_argument, NULL, 's'}, {"merge", required_argument, NULL, 'm'},
+        {"largest", no_argument, NULL, 'l'},     {"output", required_argument, NULL, 'o'},
+        {"help", no_argument, NULL, 'h'},        {0}};
     bool repair = strcmp(command, "repair") == 0;
     *o = (options){.scale = 1};
     optind = 1;
@@ -65,11 +69,14 @@ bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept) {
     memset(place, -1, ((size_t)mesh->vertex_count + 1) * sizeof *place);
     out.tet_count = out.vertex_count = 0;
     for (int32_t t = 0; t < mesh->tet_count; t++)
-        for (int k = 0; keep[t] && k < 4; k++) place[mesh->tet[4 * (size_t)t + (size_t)k]] = 0;
+        for (int k = 0; keep[t] && k < 4; k++)
+            place[mesh->tet[4 * (size_t)t + (size_t)k]] = 0;
     for (int32_t v = 0; v < mesh->vertex_count; v++)
         if (place[v] == 0) place[v] = out.vertex_count++;
-    for (int32_t t = 0; t < mesh->tet_count; t++) out.tet_count += keep[t] != 0;
-    for (int32_t i = 0; i < mesh->group_begin[mesh->group_count]; i++) members += place[mesh->group_vertex[i]] >= 0;
+    for (int32_t t = 0; t < mesh->tet_count; t++)
+        out.tet_count += keep[t] != 0;
+    for (int32_t i = 0; i < mesh->group_begin[mesh->group_count]; i++)
+        members += place[mesh->group_vertex[i]] >= 0;
     if (!app_mesh_allocate(&out, members)) {
         free(place);
         return false;
@@ -81,7 +88,8 @@ bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept) {
     }
     for (int32_t t = 0, n = 0; t < mesh->tet_count; t++) {
         if (!keep[t]) continue;
-        for (int k = 0; k < 4; k++) out.tet[4 * (size_t)n + (size_t)k] = place[mesh->tet[4 * (size_t)t + (size_t)k]];
+        for (int k = 0; k < 4; k++)
+            out.tet[4 * (size_t)n + (size_t)k] = place[mesh->tet[4 * (size_t)t + (size_t)k]];
         out.tet_tag[n] = mesh->tet_tag[t];
         out.region[n] = mesh->region[t];
         if (kept) kept[n] = t;
@@ -100,7 +108,8 @@ bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept) {
     return true;
 }
 
-/* Vertices within a distance of one before them (in the order of x) become that one. Returns how many, -1: no memory. */
+/* Vertices within a distance of one before them (in the order of x) become that one. Returns how many, -1: no memory.
+ */
 static const double *sort_points; /* qsort has no context */
 static int by_x(const void *a, const void *b) {
     int32_t v = *(const int32_t *)a, w = *(const int32_t *)b;
@@ -116,7 +125,8 @@ static int32_t merge_vertices(app_mesh *mesh, double distance_m) {
         free(target);
         return -1;
     }
-    for (int32_t v = 0; v < mesh->vertex_count; v++) order[v] = target[v] = v;
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        order[v] = target[v] = v;
     sort_points = mesh->vertex_m;
     qsort(order, n, sizeof *order, by_x);
     for (size_t i = 0; i < n; i++) {
@@ -131,14 +141,17 @@ static int32_t merge_vertices(app_mesh *mesh, double distance_m) {
             break;
         }
     }
-    for (size_t i = 0; i < 4 * (size_t)mesh->tet_count; i++) mesh->tet[i] = target[mesh->tet[i]];
-    for (int32_t i = 0; i < mesh->group_begin[mesh->group_count]; i++) mesh->group_vertex[i] = target[mesh->group_vertex[i]];
+    for (size_t i = 0; i < 4 * (size_t)mesh->tet_count; i++)
+        mesh->tet[i] = target[mesh->tet[i]];
+    for (int32_t i = 0; i < mesh->group_begin[mesh->group_count]; i++)
+        mesh->group_vertex[i] = target[mesh->group_vertex[i]];
     free(order);
     free(target);
     return merged;
 }
 
-/* One round: turns or drops what each defect names. Returns what is left to do, -1: cannot be mended (said), -2: no memory. */
+/* One round: turns or drops what each defect names. Returns what is left to do, -1: cannot be mended (said), -2: no
+ * memory. */
 static int64_t mend_round(app_mesh *mesh, const char *path, int64_t done[APP_DEFECT_KINDS]) {
     int64_t count = app_mesh_defects(mesh, NULL, 0);
     app_defect *defect = count > 0 ? malloc((size_t)count * sizeof *defect) : NULL;
@@ -181,17 +194,21 @@ static int64_t mend_round(app_mesh *mesh, const char *path, int64_t done[APP_DEF
 }
 
 int32_t root_of(int32_t *parent, int32_t v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
+    while (parent[v] != v)
+        v = parent[v] = parent[parent[v]];
     return v;
 }
 
-/* Drops all but the piece with most tetrahedra (pieces hang together through vertices here). Returns how many went, -1: no memory. */
+/* Drops all but the piece with most tetrahedra (pieces hang together through vertices here). Returns how many went, -1:
+ * no memory. */
 static int32_t keep_largest(app_mesh *mesh) {
     size_t n = (size_t)mesh->vertex_count;
-    int32_t *parent = malloc((n + 1) * sizeof *parent), *size = calloc(n + 1, sizeof *size), best = 0, before = mesh->tet_count;
+    int32_t *parent = malloc((n + 1) * sizeof *parent), *size = calloc(n + 1, sizeof *size), best = 0,
+            before = mesh->tet_count;
     uint8_t *keep = malloc((size_t)mesh->tet_count + 1);
     bool good = parent && size && keep;
-    for (int32_t v = 0; good && v < mesh->vertex_count; v++) parent[v] = v;
+    for (int32_t v = 0; good && v < mesh->vertex_count; v++)
+        parent[v] = v;
     for (int32_t t = 0; good && t < mesh->tet_count; t++)
         for (int k = 1; k < 4; k++)
             parent[root_of(parent, mesh->tet[4 * (size_t)t + (size_t)k])] = root_of(parent, mesh->tet[4 * (size_t)t]);
@@ -199,7 +216,8 @@ static int32_t keep_largest(app_mesh *mesh) {
         int32_t r = root_of(parent, mesh->tet[4 * (size_t)t]);
         if (++size[r] > size[best]) best = r;
     }
-    for (int32_t t = 0; good && t < mesh->tet_count; t++) keep[t] = root_of(parent, mesh->tet[4 * (size_t)t]) == best;
+    for (int32_t t = 0; good && t < mesh->tet_count; t++)
+        keep[t] = root_of(parent, mesh->tet[4 * (size_t)t]) == best;
     good = good && subset(mesh, keep, NULL);
     free(parent);
     free(size);
@@ -216,19 +234,26 @@ typedef struct outcome {
 static int mend(app_mesh *mesh, const options *o, outcome *out) {
     int64_t left = 1;
     out->merged = o->merge_m > 0 ? merge_vertices(mesh, o->merge_m) : 0;
-    for (int round = 0; left > 0 && round < 20; round++) left = mend_round(mesh, o->in, out->done);
+    for (int round = 0; left > 0 && round < 20; round++)
+        left = mend_round(mesh, o->in, out->done);
     if (left == -1) return APP_BAD_INPUT;
     if (left == 0 && o->largest) out->far = keep_largest(mesh);
-    if (out->merged < 0 || left < 0 || out->far < 0) return app_bad_input(o->in, 0, "no memory; use a coarser mesh"), APP_FAILED;
-    if (left > 0) return app_bad_input(o->in, 0, "%lld defects are left after 20 rounds; mesh the organ anew", (long long)left);
+    if (out->merged < 0 || left < 0 || out->far < 0)
+        return app_bad_input(o->in, 0, "no memory; use a coarser mesh"), APP_FAILED;
+    if (left > 0)
+        return app_bad_input(o->in, 0, "%lld defects are left after 20 rounds; mesh the organ anew", (long long)left);
     if (mesh->tet_count == 0) return app_bad_input(o->in, 0, "no tetrahedron is left; mesh the organ anew");
     return APP_DONE;
 }
 
 static void tell(const app_mesh *mesh, const char *path, const outcome *out) {
-    static const char *const did[APP_DEFECT_KINDS] = {"", "tetrahedra dropped: a vertex twice", "tetrahedra dropped: flat",
-                                                      "tetrahedra turned: inverted", "tetrahedra dropped: double",
-                                                      "tetrahedra dropped: third on a face", "tetrahedra dropped: over another",
+    static const char *const did[APP_DEFECT_KINDS] = {"",
+                                                      "tetrahedra dropped: a vertex twice",
+                                                      "tetrahedra dropped: flat",
+                                                      "tetrahedra turned: inverted",
+                                                      "tetrahedra dropped: double",
+                                                      "tetrahedra dropped: third on a face",
+                                                      "tetrahedra dropped: over another",
                                                       "vertices dropped: unused"};
     printf("%s: %d tetrahedra, %d vertices\n", path, mesh->tet_count, mesh->vertex_count);
     if (out->merged) printf("  %d vertices merged\n", out->merged);
@@ -244,7 +269,8 @@ static int load_write(const char *command, const options *o) {
     tm_error error = {0};
     tm_mesh *built = NULL;
     bool repair = strcmp(command, "repair") == 0;
-    tm_status status = repair ? app_mesh_load_lenient(o->in, o->scale, &lenient, &mesh, &error) : app_mesh_load(o->in, o->scale, &mesh, &error);
+    tm_status status = repair ? app_mesh_load_lenient(o->in, o->scale, &lenient, &mesh, &error)
+                              : app_mesh_load(o->in, o->scale, &mesh, &error);
     if (status) return app_report(o->in, 0, &error);
     int exit = repair ? mend(&mesh, o, &out) : APP_DONE;
     if (exit == APP_DONE && app_mesh_build(&mesh, &built, &error)) exit = app_report(o->in, 0, &error);

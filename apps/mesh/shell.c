@@ -1,4 +1,5 @@
-/* Distance to a closed surface of triangles: a grid finds the nearest triangle, pseudonormals (Baerentzen and Aanaes 2005) the side. */
+/* Distance to a closed surface of triangles: a grid finds the nearest triangle, pseudonormals (Baerentzen and Aanaes
+ * 2005) the side. */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -20,11 +21,15 @@ struct shell {
 };
 
 static void subtract(const double *a, const double *b, double d[3]) {
-    for (int k = 0; k < 3; k++) d[k] = a[k] - b[k];
+    for (int k = 0; k < 3; k++)
+        d[k] = a[k] - b[k];
 }
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+static double dot(const double *a, const double *b) {
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+}
 static void cross(const double *a, const double *b, double c[3]) {
-    for (int k = 0; k < 3; k++) c[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+    for (int k = 0; k < 3; k++)
+        c[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
 }
 
 /* ---- reading ---- */
@@ -37,8 +42,10 @@ static tm_status add_triangle(shell *s, const double p[9], double scale, int *ro
         s->vertex = grown;
     }
     for (int i = 0; i < 9; i++) {
-        if (!isfinite(p[i])) return app_mesh_fail(error, TM_ERR_MESH, s->triangle_count, "triangle %d has a coordinate that is nan or infinite; write the surface anew",
-                                                  s->triangle_count + 1);
+        if (!isfinite(p[i]))
+            return app_mesh_fail(error, TM_ERR_MESH, s->triangle_count,
+                                 "triangle %d has a coordinate that is nan or infinite; write the surface anew",
+                                 s->triangle_count + 1);
         s->vertex[9 * (size_t)s->triangle_count + (size_t)i] = scale * p[i];
     }
     s->triangle_count++;
@@ -51,7 +58,8 @@ static tm_status read_binary(shell *s, const unsigned char *bytes, uint32_t tria
         float f[12];
         double p[9];
         memcpy(f, bytes + 84 + 50 * (size_t)t, sizeof f);
-        for (int i = 0; i < 9; i++) p[i] = f[3 + i];
+        for (int i = 0; i < 9; i++)
+            p[i] = f[3 + i];
         tm_status status = add_triangle(s, p, scale, &room, error);
         if (status) return status;
     }
@@ -66,7 +74,8 @@ static tm_status read_text(shell *s, char *text, double scale, tm_error *error) 
         row += strspn(row, " \t");
         if (strncmp(row, "vertex", 6) != 0) continue;
         if (sscanf(row + 6, "%lf %lf %lf", &p[3 * corner], &p[3 * corner + 1], &p[3 * corner + 2]) != 3)
-            return app_mesh_fail(error, TM_ERR_FILE, -1, "line %d: vertex and three numbers wanted; write the surface anew", line);
+            return app_mesh_fail(error, TM_ERR_FILE, -1,
+                                 "line %d: vertex and three numbers wanted; write the surface anew", line);
         if (++corner < 3) continue;
         corner = 0;
         tm_status status = add_triangle(s, p, scale, &room, error);
@@ -80,7 +89,8 @@ static tm_status read_file(shell *s, const char *path, double scale, tm_error *e
     if (!file) return app_mesh_fail(error, TM_ERR_FILE, -1, "cannot open: %s; check the path", strerror(errno));
     char *bytes = NULL;
     size_t size = 0;
-    bool whole = fseek(file, 0, SEEK_END) == 0 && (long)(size = (size_t)ftell(file)) >= 0 && fseek(file, 0, SEEK_SET) == 0 && size < ((size_t)1 << 40);
+    bool whole = fseek(file, 0, SEEK_END) == 0 && (long)(size = (size_t)ftell(file)) >= 0 &&
+                 fseek(file, 0, SEEK_SET) == 0 && size < ((size_t)1 << 40);
     bytes = whole ? malloc(size + 1) : NULL;
     whole = bytes && fread(bytes, 1, size, file) == size;
     fclose(file);
@@ -95,9 +105,11 @@ static tm_status read_file(shell *s, const char *path, double scale, tm_error *e
     else if (strncmp(bytes + strspn(bytes, " \t\r\n"), "solid", 5) == 0)
         status = read_text(s, bytes, scale, error);
     else
-        status = app_mesh_fail(error, TM_ERR_FILE, -1, "neither text nor binary STL, or cut short; write the surface anew");
+        status =
+            app_mesh_fail(error, TM_ERR_FILE, -1, "neither text nor binary STL, or cut short; write the surface anew");
     free(bytes);
-    if (!status && s->triangle_count == 0) status = app_mesh_fail(error, TM_ERR_MESH, -1, "no triangles in it; write the surface anew");
+    if (!status && s->triangle_count == 0)
+        status = app_mesh_fail(error, TM_ERR_MESH, -1, "no triangles in it; write the surface anew");
     return status;
 }
 
@@ -105,7 +117,7 @@ static tm_status read_file(shell *s, const char *path, double scale, tm_error *e
 
 static const double *sort_points; /* qsort has no context */
 static int by_place(const void *a, const void *b) {
-    const double *p = sort_points + 3 * (size_t)*(const int *)a, *q = sort_points + 3 * (size_t)*(const int *)b;
+    const double *p = sort_points + 3 * (size_t) * (const int *)a, *q = sort_points + 3 * (size_t) * (const int *)b;
     for (int k = 0; k < 3; k++)
         if (p[k] != q[k]) return p[k] < q[k] ? -1 : 1;
     return 0;
@@ -117,7 +129,8 @@ static bool join(shell *s) {
     double *vertex = malloc(3 * (size_t)n * sizeof *vertex);
     s->triangle = malloc((size_t)n * sizeof *s->triangle);
     if (order && vertex && s->triangle) {
-        for (int i = 0; i < n; i++) order[i] = i;
+        for (int i = 0; i < n; i++)
+            order[i] = i;
         sort_points = s->vertex;
         qsort(order, (size_t)n, sizeof *order, by_place);
         for (int i = 0; i < n; i++) {
@@ -144,7 +157,9 @@ static int by_ends(const void *a, const void *b) {
     return x->from != y->from ? (x->from < y->from ? -1 : 1) : (x->to > y->to) - (x->to < y->to);
 }
 
-static double *at3(double *array, int i) { return array + 3 * (size_t)i; }
+static double *at3(double *array, int i) {
+    return array + 3 * (size_t)i;
+}
 
 static void normals_of_faces(shell *s) {
     for (int t = 0; t < s->triangle_count; t++) {
@@ -155,12 +170,15 @@ static void normals_of_faces(shell *s) {
         cross(u, w, n);
         s->volume_m3 += dot(n, at3(s->vertex, v[0])) / 6;
         double length = sqrt(dot(n, n));
-        for (int k = 0; k < 3; k++) at3(s->face_normal, t)[k] = length > 0 ? n[k] / length : 0;
+        for (int k = 0; k < 3; k++)
+            at3(s->face_normal, t)[k] = length > 0 ? n[k] / length : 0;
         for (int c = 0; c < 3; c++) {
             subtract(at3(s->vertex, v[(c + 1) % 3]), at3(s->vertex, v[c]), u);
             subtract(at3(s->vertex, v[(c + 2) % 3]), at3(s->vertex, v[c]), w);
-            double lengths = sqrt(dot(u, u) * dot(w, w)), angle = lengths > 0 ? acos(fmax(-1, fmin(1, dot(u, w) / lengths))) : 0;
-            for (int k = 0; k < 3; k++) at3(s->vertex_normal, v[c])[k] += angle * at3(s->face_normal, t)[k];
+            double lengths = sqrt(dot(u, u) * dot(w, w)),
+                   angle = lengths > 0 ? acos(fmax(-1, fmin(1, dot(u, w) / lengths))) : 0;
+            for (int k = 0; k < 3; k++)
+                at3(s->vertex_normal, v[c])[k] += angle * at3(s->face_normal, t)[k];
         }
     }
 }
@@ -170,7 +188,8 @@ static tm_status normals_of_edges(shell *s, tm_error *error) {
     int n = 3 * s->triangle_count;
     side *sides = malloc((size_t)n * sizeof *sides);
     if (!sides) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
-    for (int i = 0; i < n; i++) sides[i] = (side){s->triangle[i], s->triangle[i % 3 == 2 ? i - 2 : i + 1], i};
+    for (int i = 0; i < n; i++)
+        sides[i] = (side){s->triangle[i], s->triangle[i % 3 == 2 ? i - 2 : i + 1], i};
     qsort(sides, (size_t)n, sizeof *sides, by_ends);
     int open = 0, first = -1;
     for (int i = 0; i < n; i++) {
@@ -182,12 +201,16 @@ static tm_status normals_of_edges(shell *s, tm_error *error) {
             continue;
         }
         for (int k = 0; k < 3; k++)
-            at3(s->edge_normal, sides[i].at)[k] = at3(s->face_normal, sides[i].at / 3)[k] + at3(s->face_normal, other->at / 3)[k];
+            at3(s->edge_normal, sides[i].at)[k] =
+                at3(s->face_normal, sides[i].at / 3)[k] + at3(s->face_normal, other->at / 3)[k];
     }
     free(sides);
     if (open)
-        return app_mesh_fail(error, TM_ERR_MESH, first, "the surface is not closed: %d edges have no partner, one at triangle %d; close its holes and flip "
-                             "what is turned (MeshLab, Blender)", open, first + 1);
+        return app_mesh_fail(
+            error, TM_ERR_MESH, first,
+            "the surface is not closed: %d edges have no partner, one at triangle %d; close its holes and flip "
+            "what is turned (MeshLab, Blender)",
+            open, first + 1);
     return TM_OK;
 }
 
@@ -213,15 +236,19 @@ static void triangle_cells(const shell *s, int t, int low[3], int high[3]) {
 
 static bool make_grid(shell *s) {
     double volume = 1;
-    for (int k = 0; k < 3; k++) s->low[k] = INFINITY, s->high[k] = -INFINITY;
+    for (int k = 0; k < 3; k++)
+        s->low[k] = INFINITY, s->high[k] = -INFINITY;
     for (int i = 0; i < 3 * s->vertex_count; i++) {
         s->low[i % 3] = fmin(s->low[i % 3], s->vertex[i]);
         s->high[i % 3] = fmax(s->high[i % 3], s->vertex[i]);
     }
-    for (int k = 0; k < 3; k++) volume *= fmax(s->high[k] - s->low[k], 1e-9);
+    for (int k = 0; k < 3; k++)
+        volume *= fmax(s->high[k] - s->low[k], 1e-9);
     s->cell = cbrt(volume / fmin(2e6, 8.0 * s->triangle_count + 64));
-    for (int k = 0; k < 3; k++) s->cells[k] = (int)fmin(400, (s->high[k] - s->low[k]) / s->cell) + 1;
-    for (int k = 0; k < 3; k++) s->cell = fmax(s->cell, (s->high[k] - s->low[k]) / s->cells[k]);
+    for (int k = 0; k < 3; k++)
+        s->cells[k] = (int)fmin(400, (s->high[k] - s->low[k]) / s->cell) + 1;
+    for (int k = 0; k < 3; k++)
+        s->cell = fmax(s->cell, (s->high[k] - s->low[k]) / s->cells[k]);
     size_t cells = (size_t)s->cells[0] * (size_t)s->cells[1] * (size_t)s->cells[2];
     s->cell_begin = calloc(cells + 2, sizeof *s->cell_begin);
     for (int fill = 0; s->cell_begin && fill < 2; fill++) {
@@ -239,7 +266,8 @@ static bool make_grid(shell *s) {
                     }
         }
         if (fill) break;
-        for (size_t c = 0; c < cells; c++) s->cell_begin[c + 2] += s->cell_begin[c + 1];
+        for (size_t c = 0; c < cells; c++)
+            s->cell_begin[c + 2] += s->cell_begin[c + 1];
         s->cell_triangle = malloc(((size_t)s->cell_begin[cells + 1] + 1) * sizeof *s->cell_triangle);
         if (!s->cell_triangle) return false;
     }
@@ -292,8 +320,12 @@ void shell_free(shell *s) {
     free(s);
 }
 
-int shell_triangles(const shell *s) { return s->triangle_count; }
-double shell_volume_m3(const shell *s) { return s->volume_m3; }
+int shell_triangles(const shell *s) {
+    return s->triangle_count;
+}
+double shell_volume_m3(const shell *s) {
+    return s->volume_m3;
+}
 
 /* ---- distance ---- */
 
@@ -330,7 +362,8 @@ static void consider_triangle(const shell *s, int t, const double p[3], nearest 
         else if (along >= length2)
             consider(best, p, b, s->vertex_normal + 3 * (size_t)v[(c + 1) % 3]);
         else {
-            for (int k = 0; k < 3; k++) q[k] = a[k] + along / length2 * e[k];
+            for (int k = 0; k < 3; k++)
+                q[k] = a[k] + along / length2 * e[k];
             consider(best, p, q, s->edge_normal + 3 * (3 * (size_t)t + (size_t)c));
         }
     }
@@ -338,7 +371,8 @@ static void consider_triangle(const shell *s, int t, const double p[3], nearest 
     double d[3], q[3];
     subtract(p, s->vertex + 3 * (size_t)v[0], d);
     double height = dot(d, n);
-    for (int k = 0; k < 3; k++) q[k] = p[k] - height * n[k];
+    for (int k = 0; k < 3; k++)
+        q[k] = p[k] - height * n[k];
     consider(best, p, q, n);
 }
 
@@ -346,7 +380,8 @@ static void consider_triangle(const shell *s, int t, const double p[3], nearest 
 static nearest find_nearest(const shell *s, const double p[3]) {
     nearest best = {.square = INFINITY};
     int middle[3];
-    for (int k = 0; k < 3; k++) middle[k] = cell_at(s, k, p[k]);
+    for (int k = 0; k < 3; k++)
+        middle[k] = cell_at(s, k, p[k]);
     int most = s->cells[0] > s->cells[1] ? s->cells[0] : s->cells[1];
     if (s->cells[2] > most) most = s->cells[2];
     for (int ring = 0; ring <= most; ring++) {
@@ -355,14 +390,16 @@ static nearest find_nearest(const shell *s, const double p[3]) {
         for (int z = middle[2] - ring; z <= middle[2] + ring; z++)
             for (int y = middle[1] - ring; y <= middle[1] + ring; y++)
                 for (int x = middle[0] - ring; x <= middle[0] + ring; x++) {
-                    bool shell_cell = abs(z - middle[2]) == ring || abs(y - middle[1]) == ring || abs(x - middle[0]) == ring;
+                    bool shell_cell =
+                        abs(z - middle[2]) == ring || abs(y - middle[1]) == ring || abs(x - middle[0]) == ring;
                     if (!shell_cell) {
                         x = middle[0] + ring - 1; /* next is the far side */
                         continue;
                     }
                     if (x < 0 || y < 0 || z < 0 || x >= s->cells[0] || y >= s->cells[1] || z >= s->cells[2]) continue;
                     size_t c = ((size_t)z * (size_t)s->cells[1] + (size_t)y) * (size_t)s->cells[0] + (size_t)x;
-                    for (int i = s->cell_begin[c]; i < s->cell_begin[c + 1]; i++) consider_triangle(s, s->cell_triangle[i], p, &best);
+                    for (int i = s->cell_begin[c]; i < s->cell_begin[c + 1]; i++)
+                        consider_triangle(s, s->cell_triangle[i], p, &best);
                 }
     }
     return best;

@@ -7,7 +7,8 @@
 
 typedef struct shell shell;
 
-/* Text or binary STL, times `scale`. Refuses what is no STL, not finite, or not closed; turns it inside in if its normals point inwards. */
+/* Text or binary STL, times `scale`. Refuses what is no STL, not finite, or not closed; turns it inside in if its
+ * normals point inwards. */
 tm_status shell_load(const char *path, double scale, shell **out, tm_error *error);
 void shell_free(shell *s);
 int shell_triangles(const shell *s);

@@ -19,8 +19,10 @@ static int64_t point_count(const app_mesh *m) {
 
 static void put_names(const app_mesh *m, FILE *file) {
     int names = 0;
-    for (int32_t g = 0; g < m->group_count; g++) names += !is_region(m, g);
-    for (int32_t r = 0; r < m->region_count; r++) names += m->region_name[r][0] != 0;
+    for (int32_t g = 0; g < m->group_count; g++)
+        names += !is_region(m, g);
+    for (int32_t r = 0; r < m->region_count; r++)
+        names += m->region_name[r][0] != 0;
     fprintf(file, "$PhysicalNames\n%d\n", names);
     for (int32_t g = 0; g < m->group_count; g++)
         if (!is_region(m, g)) fprintf(file, "0 %d \"%s\"\n", g + 1, m->group_name[g]);
@@ -41,36 +43,44 @@ static void put_msh(const app_mesh *m, FILE *file) {
     fprintf(file, "$EndNodes\n$Elements\n%lld\n", (long long)(m->tet_count + point_count(m)));
     for (int32_t t = 0; t < m->tet_count; t++) {
         const int32_t *v = m->tet + 4 * (size_t)t, region = m->region[t];
-        fprintf(file, "%lld 4 2 %d %d", (long long)m->tet_tag[t], m->region_name[region][0] ? region + 1 : 0, region + 1);
-        for (int k = 0; k < 4; k++) fprintf(file, " %lld", (long long)m->vertex_tag[v[k]]);
+        fprintf(file, "%lld 4 2 %d %d", (long long)m->tet_tag[t], m->region_name[region][0] ? region + 1 : 0,
+                region + 1);
+        for (int k = 0; k < 4; k++)
+            fprintf(file, " %lld", (long long)m->vertex_tag[v[k]]);
         fputc('\n', file);
         if (m->tet_tag[t] > next) next = m->tet_tag[t];
     }
     for (int32_t g = 0; g < m->group_count; g++)
         for (int32_t i = m->group_begin[g]; !is_region(m, g) && i < m->group_begin[g + 1]; i++)
-            fprintf(file, "%lld 15 2 %d %d %lld\n", (long long)++next, g + 1, g + 1, (long long)m->vertex_tag[m->group_vertex[i]]);
+            fprintf(file, "%lld 15 2 %d %d %lld\n", (long long)++next, g + 1, g + 1,
+                    (long long)m->vertex_tag[m->group_vertex[i]]);
     fprintf(file, "$EndElements\n");
 }
 
 static void put_vtk(const app_mesh *m, FILE *file) {
-    fprintf(file, "# vtk DataFile Version 2.0\ntensormass mesh\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS %d double\n", m->vertex_count);
+    fprintf(file, "# vtk DataFile Version 2.0\ntensormass mesh\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS %d double\n",
+            m->vertex_count);
     for (int32_t v = 0; v < m->vertex_count; v++)
-        fprintf(file, "%.17g %.17g %.17g\n", m->vertex_m[3 * (size_t)v], m->vertex_m[3 * (size_t)v + 1], m->vertex_m[3 * (size_t)v + 2]);
+        fprintf(file, "%.17g %.17g %.17g\n", m->vertex_m[3 * (size_t)v], m->vertex_m[3 * (size_t)v + 1],
+                m->vertex_m[3 * (size_t)v + 2]);
     fprintf(file, "CELLS %d %lld\n", m->tet_count, 5LL * m->tet_count);
     for (int32_t t = 0; t < m->tet_count; t++) {
         const int32_t *v = m->tet + 4 * (size_t)t;
         fprintf(file, "4 %d %d %d %d\n", v[0], v[1], v[2], v[3]);
     }
     fprintf(file, "CELL_TYPES %d\n", m->tet_count);
-    for (int32_t t = 0; t < m->tet_count; t++) fprintf(file, "10\n");
+    for (int32_t t = 0; t < m->tet_count; t++)
+        fprintf(file, "10\n");
     fprintf(file, "CELL_DATA %d\nSCALARS region int 1\nLOOKUP_TABLE default\n", m->tet_count);
-    for (int32_t t = 0; t < m->tet_count; t++) fprintf(file, "%d\n", m->region[t]);
+    for (int32_t t = 0; t < m->tet_count; t++)
+        fprintf(file, "%d\n", m->region[t]);
 }
 
 static void put_medit(const app_mesh *m, FILE *file) {
     fprintf(file, "MeshVersionFormatted 2\nDimension 3\nVertices\n%d\n", m->vertex_count);
     for (int32_t v = 0; v < m->vertex_count; v++)
-        fprintf(file, "%.17g %.17g %.17g 0\n", m->vertex_m[3 * (size_t)v], m->vertex_m[3 * (size_t)v + 1], m->vertex_m[3 * (size_t)v + 2]);
+        fprintf(file, "%.17g %.17g %.17g 0\n", m->vertex_m[3 * (size_t)v], m->vertex_m[3 * (size_t)v + 1],
+                m->vertex_m[3 * (size_t)v + 2]);
     fprintf(file, "Tetrahedra\n%d\n", m->tet_count);
     for (int32_t t = 0; t < m->tet_count; t++) {
         const int32_t *v = m->tet + 4 * (size_t)t;
@@ -84,7 +94,8 @@ static tm_status close_and_commit(FILE *file, app_output *output, tm_error *erro
     whole = fclose(file) == 0 && whole;
     if (whole && app_output_commit(output, error)) return TM_OK;
     app_output_abandon(output);
-    return whole ? TM_ERR_FILE : app_mesh_fail(error, TM_ERR_FILE, -1, "%s: cannot be written whole; check the disk", output->path);
+    return whole ? TM_ERR_FILE
+                 : app_mesh_fail(error, TM_ERR_FILE, -1, "%s: cannot be written whole; check the disk", output->path);
 }
 
 tm_status write_mesh_file(const app_mesh *mesh, const char *path, tm_error *error) {
@@ -112,6 +123,7 @@ tm_status write_fibres(const double *fibre, int32_t tet_count, const char *path,
     if (!file) return app_mesh_fail(error, TM_ERR_FILE, -1, "%s: cannot be written; check the folder", path);
     fprintf(file, "tet,ax,ay,az\n");
     for (int32_t t = 0; t < tet_count; t++)
-        fprintf(file, "%d,%.9g,%.9g,%.9g\n", t, fibre[3 * (size_t)t], fibre[3 * (size_t)t + 1], fibre[3 * (size_t)t + 2]);
+        fprintf(file, "%d,%.9g,%.9g,%.9g\n", t, fibre[3 * (size_t)t], fibre[3 * (size_t)t + 1],
+                fibre[3 * (size_t)t + 2]);
     return close_and_commit(file, &output, error);
 }

@@ -19,8 +19,10 @@ static void report(const mesh *m, const char *prefix) {
         size[t] = tet_size(m->vertex + 3 * v[0], m->vertex + 3 * v[1], m->vertex + 3 * v[2], m->vertex + 3 * v[3]);
     }
     qsort(size, (size_t)m->tet_count, sizeof *size, by_size);
-    printf("%s.msh: %d tetrahedra, %d vertices, %d outer triangles; size smallest %.3g mm, median %.3g mm, ratio %.2f\n", prefix, m->tet_count,
-           m->vertex_count, m->face_count, 1e3 * size[0], 1e3 * size[m->tet_count / 2], size[0] / size[m->tet_count / 2]);
+    printf(
+        "%s.msh: %d tetrahedra, %d vertices, %d outer triangles; size smallest %.3g mm, median %.3g mm, ratio %.2f\n",
+        prefix, m->tet_count, m->vertex_count, m->face_count, 1e3 * size[0], 1e3 * size[m->tet_count / 2],
+        size[0] / size[m->tet_count / 2]);
     free(size);
 }
 

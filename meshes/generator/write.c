@@ -1,12 +1,15 @@
-/* Gmsh 2.2 text, and fibres as CSV. Coordinates are rounded to a tenth of a micrometre, so that the last bits of libm do not show. */
+/* Gmsh 2.2 text, and fibres as CSV. Coordinates are rounded to a tenth of a micrometre, so that the last bits of libm
+ * do not show. */
 #include <stdio.h>
 
 #include "generator.h"
 
 static void write_msh(const mesh *m, FILE *file) {
     fprintf(file, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n%d\n", m->face_names + m->region_names);
-    for (int g = 0; g < m->face_names; g++) fprintf(file, "2 %d \"%s\"\n", g + 1, m->face_name[g]);
-    for (int r = 0; r < m->region_names; r++) fprintf(file, "3 %d \"%s\"\n", r + 1, m->region_name[r]);
+    for (int g = 0; g < m->face_names; g++)
+        fprintf(file, "2 %d \"%s\"\n", g + 1, m->face_name[g]);
+    for (int r = 0; r < m->region_names; r++)
+        fprintf(file, "3 %d \"%s\"\n", r + 1, m->region_name[r]);
     fprintf(file, "$EndPhysicalNames\n$Nodes\n%d\n", m->vertex_count);
     for (int v = 0; v < m->vertex_count; v++) {
         fprintf(file, "%d", v + 1);
@@ -23,7 +26,8 @@ static void write_msh(const mesh *m, FILE *file) {
     }
     for (int t = 0; t < m->tet_count; t++) {
         const int *v = m->tet + 4 * t, r = m->region[t] + 1;
-        fprintf(file, "%d 4 2 %d %d %d %d %d %d\n", m->face_count + t + 1, r, r, v[0] + 1, v[1] + 1, v[2] + 1, v[3] + 1);
+        fprintf(file, "%d 4 2 %d %d %d %d %d %d\n", m->face_count + t + 1, r, r, v[0] + 1, v[1] + 1, v[2] + 1,
+                v[3] + 1);
     }
     fprintf(file, "$EndElements\n");
 }

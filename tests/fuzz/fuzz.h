@@ -15,12 +15,12 @@
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size);
 int LLVMFuzzerInitialize(int *argc, char ***argv);
 
-#define PROMISE(what)                                                                            \
-    do                                                                                           \
-        if (!(what)) {                                                                           \
-            fprintf(stderr, "%s:%d: promise broken: %s\n", __FILE__, __LINE__, #what);           \
-            __builtin_trap();                                                                    \
-        }                                                                                        \
+#define PROMISE(what)                                                                                                  \
+    do                                                                                                                 \
+        if (!(what)) {                                                                                                 \
+            fprintf(stderr, "%s:%d: promise broken: %s\n", __FILE__, __LINE__, #what);                                 \
+            __builtin_trap();                                                                                          \
+        }                                                                                                              \
     while (0)
 
 typedef struct fuzz_bytes {
@@ -60,7 +60,8 @@ static inline const char *fuzz_file(const void *data, size_t size, const char *e
     return path;
 }
 
-/* n x n x n boxes of 10 mm / n, six tetrahedra each; arrays for the caller's mesh. Shared by targets that need a body. */
+/* n x n x n boxes of 10 mm / n, six tetrahedra each; arrays for the caller's mesh. Shared by targets that need a body.
+ */
 typedef struct fuzz_body {
     tm_mesh *mesh;
     tm_tissue *tissue;
@@ -73,13 +74,15 @@ static inline fuzz_body fuzz_block(int n, bool cuttable) {
     double *p = malloc(3 * (size_t)vertices * sizeof *p);
     int32_t *tet = malloc(4 * (size_t)tets * sizeof *tet);
     for (int v = 0; v < vertices; v++)
-        for (int k = 0; k < 3; k++) p[3 * v + k] = 0.01 * (v / step[k] % side) / n;
+        for (int k = 0; k < 3; k++)
+            p[3 * v + k] = 0.01 * (v / step[k] % side) / n;
     for (int v = 0; v < vertices; v++) {
         if (v % side == n || v / side % side == n || v / side / side == n) continue;
         for (int o = 0; o < 6; o++, t++) {
             int32_t *c = tet + 4 * t;
             c[0] = v;
-            for (int k = 0; k < 3; k++) c[k + 1] = c[k] + step[path[o][k]];
+            for (int k = 0; k < 3; k++)
+                c[k + 1] = c[k] + step[path[o][k]];
             if (o >= 3) {
                 int32_t spare = c[1];
                 c[1] = c[2];
@@ -105,7 +108,8 @@ static inline fuzz_body fuzz_block(int n, bool cuttable) {
     tissue.cuttable = cuttable;
     PROMISE(tm_tissue_create(&tissue, &b.tissue, NULL) == TM_OK);
     b.fixed = calloc(3 * (size_t)vertices, 1);
-    for (int i = 0; i < 3 * vertices; i++) b.fixed[i] = p[i / 3 * 3 + 2] < 1e-9;
+    for (int i = 0; i < 3 * vertices; i++)
+        b.fixed[i] = p[i / 3 * 3 + 2] < 1e-9;
     free(p);
     free(tet);
     return b;

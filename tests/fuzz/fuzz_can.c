@@ -1,5 +1,5 @@
-/* CAN frames to a controller and to a device: any frames, any times. What is unpacked packs into the same frame, torques are finite and within
- * the profile, and there is no force but in `engaged` and `stale`. */
+/* CAN frames to a controller and to a device: any frames, any times. What is unpacked packs into the same frame,
+ * torques are finite and within the profile, and there is no force but in `engaged` and `stale`. */
 #include <math.h>
 
 #include "device/device.h"
@@ -14,8 +14,10 @@ static void round_trip(const hrt_can_frame *frame) {
     PROMISE(back.id == frame->id);
     hrt_can_unpack(&back, &again);
     PROMISE(again.kind == message.kind && again.instrument == message.instrument && again.counter == message.counter);
-    PROMISE(memcmp(again.count, message.count, sizeof again.count) == 0 && again.state == message.state && again.fault == message.fault);
-    for (int i = 0; i < HRT_MOTORS; i++) PROMISE(again.torque[i] == message.torque[i]);
+    PROMISE(memcmp(again.count, message.count, sizeof again.count) == 0 && again.state == message.state &&
+            again.fault == message.fault);
+    for (int i = 0; i < HRT_MOTORS; i++)
+        PROMISE(again.torque[i] == message.torque[i]);
 }
 
 static void check_output(const hrt_node *node) {
@@ -45,7 +47,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     fuzz_bytes b = {data, size};
     hrt_bus ends[3];
     hrt_loopback_init(&loopback);
-    for (int i = 0; i < 3; i++) PROMISE(hrt_bus_open_loopback(&ends[i], &loopback));
+    for (int i = 0; i < 3; i++)
+        PROMISE(hrt_bus_open_loopback(&ends[i], &loopback));
     hrt_node_config config = hrt_node_config_default(0);
     config.session = 7;
     config.pose_known = true;
@@ -65,13 +68,16 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         }
         if (with_device) {
             hrt_device_step(&device, now_us);
-            for (int i = 0; i < HRT_JOINTS; i++) PROMISE(isfinite(device.joint[i]));
-            for (int i = 0; i < HRT_MOTORS; i++) PROMISE(isfinite(device.torque[i]));
+            for (int i = 0; i < HRT_JOINTS; i++)
+                PROMISE(isfinite(device.joint[i]));
+            for (int i = 0; i < HRT_MOTORS; i++)
+                PROMISE(isfinite(device.torque[i]));
         }
         hrt_tool_state tool;
         hrt_node_tick(&node, now_us, &tool);
         check_output(&node);
     }
-    for (int i = 0; i < 3; i++) hrt_bus_close(&ends[i]);
+    for (int i = 0; i < 3; i++)
+        hrt_bus_close(&ends[i]);
     return 0;
 }

@@ -1,5 +1,5 @@
-/* Any vertices and tetrahedra: the library refuses exactly the meshes in which the loader's own check finds a defect; what it takes has
- * positive volumes and mutual neighbours, and a step of it stays finite. */
+/* Any vertices and tetrahedra: the library refuses exactly the meshes in which the loader's own check finds a defect;
+ * what it takes has positive volumes and mutual neighbours, and a step of it stays finite. */
 #include <math.h>
 
 #include "common/mesh_check.h"
@@ -9,11 +9,13 @@
 enum { MAX_VERTICES = 12, MAX_TETS = 16 };
 
 static void look_over(const tm_mesh *mesh) {
-    for (int32_t t = 0; t < mesh->tet_count; t++) PROMISE(mesh->volume_m3[t] > 0);
+    for (int32_t t = 0; t < mesh->tet_count; t++)
+        PROMISE(mesh->volume_m3[t] > 0);
     for (int32_t f = 0; f < 4 * mesh->tet_count; f++) {
         int32_t other = mesh->tet_neighbour[f];
         bool mutual = other < 0;
-        for (int i = 0; other >= 0 && i < 4; i++) mutual = mutual || mesh->tet_neighbour[4 * other + i] == f / 4;
+        for (int i = 0; other >= 0 && i < 4; i++)
+            mutual = mutual || mesh->tet_neighbour[4 * other + i] == f / 4;
         PROMISE(mutual);
     }
 }
@@ -34,7 +36,8 @@ static void step(const tm_mesh *mesh) {
     if (tm_world_create(&world_def, &world, NULL) == TM_OK) {
         tm_state *state = tm_world_state(world);
         PROMISE(tm_world_step(world, 5) == TM_OK);
-        for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) PROMISE(state->u_m[i] == 0);
+        for (int32_t i = 0; i < 3 * mesh->vertex_count; i++)
+            PROMISE(state->u_m[i] == 0);
         tm_world_destroy(world);
     }
     tm_tissue_destroy(tissue);
@@ -42,12 +45,15 @@ static void step(const tm_mesh *mesh) {
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     fuzz_bytes b = {data, size};
-    app_mesh m = {.vertex_count = 4 + fuzz_u8(&b) % (MAX_VERTICES - 3), .tet_count = 1 + fuzz_u8(&b) % MAX_TETS, .region_count = 1};
+    app_mesh m = {.vertex_count = 4 + fuzz_u8(&b) % (MAX_VERTICES - 3),
+                  .tet_count = 1 + fuzz_u8(&b) % MAX_TETS,
+                  .region_count = 1};
     bool raw = fuzz_u8(&b) & 1;
     PROMISE(app_mesh_allocate(&m, 0));
     for (int32_t t = 0; t < m.tet_count; t++) {
         m.tet_tag[t] = t + 1;
-        for (int k = 0; k < 4; k++) m.tet[4 * t + k] = fuzz_u8(&b) % m.vertex_count;
+        for (int k = 0; k < 4; k++)
+            m.tet[4 * t + k] = fuzz_u8(&b) % m.vertex_count;
     }
     for (int32_t v = 0; v < m.vertex_count; v++) {
         m.vertex_tag[v] = v + 1;

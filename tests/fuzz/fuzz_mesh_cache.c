@@ -22,7 +22,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         free(back);
         tm_mesh *built = NULL;
         tm_error error = {0};
-        if (mesh.tet_count > 0 && app_mesh_build(&mesh, &built, &error) != TM_OK) PROMISE(error.message[0] && strchr(error.message, ';'));
+        if (mesh.tet_count > 0 && app_mesh_build(&mesh, &built, &error) != TM_OK)
+            PROMISE(error.message[0] && strchr(error.message, ';'));
         tm_mesh_destroy(built);
         app_mesh_free(&mesh);
     }

@@ -1,4 +1,5 @@
-/* What looks at a .msh before Gmsh does: text and binary, 2.2 and 4.1. Refused with a message, or tags that are all different. */
+/* What looks at a .msh before Gmsh does: text and binary, 2.2 and 4.1. Refused with a message, or tags that are all
+ * different. */
 #include "common/mesh_parts.h"
 #include "fuzz.h"
 
@@ -9,7 +10,8 @@ static int by_value(const void *a, const void *b) {
 
 static void all_different(int64_t *tag, int64_t count) {
     if (count > 1) qsort(tag, (size_t)count, sizeof *tag, by_value);
-    for (int64_t i = 1; i < count; i++) PROMISE(tag[i] != tag[i - 1]);
+    for (int64_t i = 1; i < count; i++)
+        PROMISE(tag[i] != tag[i - 1]);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

@@ -1,4 +1,5 @@
-/* Response files of the precomputed model: whatever lies in the file's place, the model is the one that was asked for, the same to the bit. */
+/* Response files of the precomputed model: whatever lies in the file's place, the model is the one that was asked for,
+ * the same to the bit. */
 #include "fuzz.h"
 #include "tensormass_solve.h"
 
@@ -21,7 +22,8 @@ static bool opens_right(bool *from_file) {
     tm_precomputed *model = NULL;
     tm_solve_report report = {0};
     if (tm_precomputed_create(&def, &model, &report, NULL) != TM_OK) return false;
-    PROMISE(tm_precomputed_impose(model, 1, &vertex, push, 0, NULL) == TM_OK && tm_precomputed_update(model, NULL) >= 0);
+    PROMISE(tm_precomputed_impose(model, 1, &vertex, push, 0, NULL) == TM_OK &&
+            tm_precomputed_update(model, NULL) >= 0);
     const double *u = tm_precomputed_displacement(model);
     size_t bytes = 3 * (size_t)body.mesh->vertex_count * sizeof *u;
     if (!shape) shape = fuzz_copy(u, bytes);
@@ -66,7 +68,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             fuzz_take(&b, &at, 3);
             uint8_t count = fuzz_u8(&b) % 16;
             if (count == 0) length = at % (good_bytes + 1);
-            for (uint8_t i = 0; i < count; i++) bytes[(at + i) % good_bytes] = fuzz_u8(&b);
+            for (uint8_t i = 0; i < count; i++)
+                bytes[(at + i) % good_bytes] = fuzz_u8(&b);
         }
         changed = length != good_bytes || memcmp(bytes, good, good_bytes) != 0;
         write_file(bytes, length);

@@ -26,7 +26,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     for (int round = 0; round < 6 && b.left; round++) {
         hrt_patch *patch = &patches[round];
         uint8_t what = fuzz_u8(&b);
-        hrt_sample s = {.session = 1, .tool_session = 1, .seq = ++seq, .stiffness_kind = what & 3, .unilateral = what & 4};
+        hrt_sample s = {
+            .session = 1, .tool_session = 1, .seq = ++seq, .stiffness_kind = what & 3, .unilateral = what & 4};
         s.t_us = now_us - (int64_t)fuzz_u8(&b) * 500;
         floats(&b, s.tip_m, 3, what & 8);
         floats(&b, s.force_N, 3, what & 8);
@@ -43,7 +44,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             floats(&b, patch->vertex_m, dofs, what & 64);
             fuzz_take(&b, patch->triangle, sizeof patch->triangle);
             if (what & 128) /* a diagonal one, which is accepted */
-                for (int i = 0, at = 0; i < dofs; at += dofs - i, i++) patch->compliance_m_N[at] = 1e-3f * (float)(1 + (fuzz_u8(&b) & 15));
+                for (int i = 0, at = 0; i < dofs; at += dofs - i, i++)
+                    patch->compliance_m_N[at] = 1e-3f * (float)(1 + (fuzz_u8(&b) & 15));
             else
                 floats(&b, patch->compliance_m_N, dofs * (dofs + 1) / 2, what & 64);
             if (hrt_patch_prepare(patch, scratch) == HRT_ACCEPT) s.patch = patch;
@@ -54,9 +56,11 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             now_us += 2000;
             floats(&b, tip, 3, true);
             if (what & 8)
-                for (int k = 0; k < 3; k++) tip[k] = s.tip_m[k] + 0.01f * tip[k];
+                for (int k = 0; k < 3; k++)
+                    tip[k] = s.tip_m[k] + 0.01f * tip[k];
             hrt_extrapolation_force(&x, &params, now_us, tip, force);
-            for (int k = 0; k < 3; k++) PROMISE(isfinite(force[k]));
+            for (int k = 0; k < 3; k++)
+                PROMISE(isfinite(force[k]));
         }
     }
     return 0;

@@ -1,4 +1,5 @@
-/* Scenes: refused (2) with something said, or read; what is read and can be built on a small block is built, and comes down again. */
+/* Scenes: refused (2) with something said, or read; what is read and can be built on a small block is built, and comes
+ * down again. */
 #include "common/app.h"
 #include "common/mesh_file.h"
 #include "fuzz.h"
@@ -16,7 +17,8 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
     const char *root = getenv("TM_ROOT");
     snprintf(mesh_path, sizeof mesh_path, "%s/meshes/block_1k.msh", root ? root : ".");
     snprintf(set_mesh, sizeof set_mesh, "tissue.mesh=%s", mesh_path);
-    if (app_mesh_load(mesh_path, 1, &mesh, &error)) fprintf(stderr, "%s: %s\n", mesh_path, error.message), exit(1); /* now it is in the cache */
+    if (app_mesh_load(mesh_path, 1, &mesh, &error))
+        fprintf(stderr, "%s: %s\n", mesh_path, error.message), exit(1); /* now it is in the cache */
     app_mesh_free(&mesh);
     return 0;
 }
@@ -28,7 +30,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     int rc = sim_scene_load(path, NULL, 0, &scene);
     PROMISE(rc == APP_DONE || rc == APP_BAD_INPUT);
     if (rc) return 0;
-    bool writes = scene->mesh.s[0] == 0 || memmem(data, size, "file", 4) || memmem(data, size, "hybrid", 6) || memmem(data, size, "precomputed", 11);
+    bool writes = scene->mesh.s[0] == 0 || memmem(data, size, "file", 4) || memmem(data, size, "hybrid", 6) ||
+                  memmem(data, size, "precomputed", 11);
     app_scene_free(scene);
     if (writes) return 0; /* it names files of its own */
     char *set[] = {set_mesh, "tissue.scale=1"};

@@ -1,6 +1,7 @@
-/* Snapshots of a world that is touched and cut: refused with the world left as it was, or taken, after which the world goes on with finite
- * numbers. Behind a right checksum everything but the stages' own parts is changed: those are the library's structs as they lie in memory,
- * which only the checksum guards (a snapshot is for the same build and is not made by hand). */
+/* Snapshots of a world that is touched and cut: refused with the world left as it was, or taken, after which the world
+ * goes on with finite numbers. Behind a right checksum everything but the stages' own parts is changed: those are the
+ * library's structs as they lie in memory, which only the checksum guards (a snapshot is for the same build and is not
+ * made by hand). */
 #include <math.h>
 
 #include "fuzz.h"
@@ -31,13 +32,16 @@ static uint64_t checksum(const uint8_t *snapshot, size_t bytes) {
     return tm_hash(snapshot + HEADER, bytes - HEADER, tm_hash(head, HEADER, TM_HASH_SEED));
 }
 
-static size_t padded(size_t bytes) { return (bytes + 7) / 8 * 8; }
+static size_t padded(size_t bytes) {
+    return (bytes + 7) / 8 * 8;
+}
 
 /* Where the stages' parts begin. */
 static size_t stages_at(void) {
     int32_t surface;
     memcpy(&surface, (char *)good + SURFACE_AT, 4);
-    return HEADER + 48 * (size_t)body.mesh->vertex_count + padded((size_t)body.mesh->tet_count) + padded(4 * (size_t)surface);
+    return HEADER + 48 * (size_t)body.mesh->vertex_count + padded((size_t)body.mesh->tet_count) +
+           padded(4 * (size_t)surface);
 }
 
 /* The saved snapshot with what the input says written over it: pieces of (offset, length, bytes). */
@@ -63,8 +67,9 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
     def.tissue = body.tissue;
     def.damped = true;
     PROMISE(tm_world_create(&def, &world, NULL) == TM_OK);
-    tm_instrument_def tool[2] = {{TM_TOOL_PROBE, {0.005, 0.005, 0.1}, 0.002, 0.05, {.tip_m = {0.005, 0.005, 0.02}, .active = true}},
-                                 {TM_TOOL_CAUTERY, {0.002, 0.002, 0.1}, 0.002, 0.05, {.tip_m = {0.002, 0.002, 0.02}, .active = true}}};
+    tm_instrument_def tool[2] = {
+        {TM_TOOL_PROBE, {0.005, 0.005, 0.1}, 0.002, 0.05, {.tip_m = {0.005, 0.005, 0.02}, .active = true}},
+        {TM_TOOL_CAUTERY, {0.002, 0.002, 0.1}, 0.002, 0.05, {.tip_m = {0.002, 0.002, 0.02}, .active = true}}};
     tm_contact_def contact_def = tm_contact_def_default();
     contact_def.instrument_count = 2;
     contact_def.instrument = tool;
@@ -84,7 +89,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     size_t bytes = b.left;
     PROMISE(tm_snapshot_restore(world, good, good_bytes, NULL) == TM_OK);
     uint64_t before = tm_world_hash(world);
-    uint8_t *snapshot = mode & 1 ? patched(&b, mode & 2 ? stages_at() : (size_t)good_bytes, &bytes) : fuzz_copy(b.at, b.left);
+    uint8_t *snapshot =
+        mode & 1 ? patched(&b, mode & 2 ? stages_at() : (size_t)good_bytes, &bytes) : fuzz_copy(b.at, b.left);
     if (mode & 2 && mode & 1) {
         uint64_t sum = checksum(snapshot, bytes);
         memcpy(snapshot + CHECKSUM_AT, &sum, 8);
@@ -96,11 +102,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         PROMISE(tm_world_hash(world) == before);
         int64_t now = tm_snapshot_bytes(world);
         void *again = malloc((size_t)now);
-        PROMISE(now == good_bytes && tm_snapshot_save(world, again, now, NULL) == TM_OK && memcmp(again, good, (size_t)now) == 0);
+        PROMISE(now == good_bytes && tm_snapshot_save(world, again, now, NULL) == TM_OK &&
+                memcmp(again, good, (size_t)now) == 0);
         free(again);
     } else {
         go_on(2);
-        for (int32_t i = 0; i < 3 * body.mesh->vertex_count; i++) PROMISE(isfinite(tm_world_state(world)->u_m[i]));
+        for (int32_t i = 0; i < 3 * body.mesh->vertex_count; i++)
+            PROMISE(isfinite(tm_world_state(world)->u_m[i]));
     }
     free(snapshot);
     return 0;

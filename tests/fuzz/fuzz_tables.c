@@ -1,4 +1,5 @@
-/* Small text files and words: device profiles, hand scripts, recorded samples, fibres, STL, quantities with units. Refused, or finite. */
+/* Small text files and words: device profiles, hand scripts, recorded samples, fibres, STL, quantities with units.
+ * Refused, or finite. */
 #include <math.h>
 
 #include "common/app.h"
@@ -19,7 +20,8 @@ static void try_hand(const char *path) {
     hrt_hand_script script = {0};
     if (!hrt_hand_file_read(path, &script)) return;
     for (int32_t i = 0; i < script.key_count; i++)
-        for (int j = 0; j < HRT_JOINTS; j++) PROMISE(isfinite(script.key[i].joint[j]) && isfinite(script.key[i].time_s));
+        for (int j = 0; j < HRT_JOINTS; j++)
+            PROMISE(isfinite(script.key[i].joint[j]) && isfinite(script.key[i].time_s));
     free((void *)(uintptr_t)script.key);
 }
 
@@ -34,7 +36,8 @@ static void try_fibres(const char *path) {
     int line;
     tm_error error = {0};
     if (app_fibres_load(path, 4, fibre, &line, &error) == TM_OK)
-        for (int t = 0; t < 4; t++) PROMISE(fabs(hypot(hypot(fibre[3 * t], fibre[3 * t + 1]), fibre[3 * t + 2]) - 1) < 1e-9);
+        for (int t = 0; t < 4; t++)
+            PROMISE(fabs(hypot(hypot(fibre[3 * t], fibre[3 * t + 1]), fibre[3 * t + 2]) - 1) < 1e-9);
     else
         PROMISE(error.message[0] && line >= 0);
 }

@@ -1,15 +1,10 @@
 /* The block of bytes that the cache holds: what is not whole and sound is refused, and nothing leaks. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-#include <cmocka.h>
-#include <stdlib.h>
-#include <string.h>
-
+#include "../fixture.h"
 #include "common/mesh_parts.h"
 
 static app_mesh two_tets(void) {
-    app_mesh m = {.vertex_count = 5, .tet_count = 2, .region_count = 2, .group_count = 2, .hash = 0x1234567890abcdefULL};
+    app_mesh m = {
+        .vertex_count = 5, .tet_count = 2, .region_count = 2, .group_count = 2, .hash = 0x1234567890abcdefULL};
     static const double p[15] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 1, 1, 1};
     static const int32_t tet[8] = {0, 1, 2, 3, 1, 2, 3, 4}, group[4] = {0, 1, 3, 4};
     assert_true(app_mesh_allocate(&m, 4));
@@ -23,8 +18,10 @@ static app_mesh two_tets(void) {
     strcpy(m.region_name[1], "right");
     strcpy(m.group_name[0], "patch");
     strcpy(m.group_name[1], "other");
-    for (int i = 0; i < 5; i++) m.vertex_tag[i] = 10 + i;
-    for (int i = 0; i < 2; i++) m.tet_tag[i] = 100 + i;
+    for (int i = 0; i < 5; i++)
+        m.vertex_tag[i] = 10 + i;
+    for (int i = 0; i < 2; i++)
+        m.tet_tag[i] = 100 + i;
     return m;
 }
 
@@ -69,7 +66,8 @@ static void test_every_truncation_is_refused(void **state) {
     app_mesh m = two_tets();
     size_t size;
     char *block = app_mesh_encode(&m, &size);
-    for (size_t length = 0; length < size; length++) assert_int_equal(decode_copy(block, length, m.hash), TM_ERR_FILE);
+    for (size_t length = 0; length < size; length++)
+        assert_int_equal(decode_copy(block, length, m.hash), TM_ERR_FILE);
     char *longer = malloc(size + 1);
     memcpy(longer, block, size);
     longer[size] = 0;
@@ -87,7 +85,8 @@ static void test_every_flipped_bit_is_refused(void **state) {
     unsigned char *block = app_mesh_encode(&m, &size);
     for (size_t bit = 0; bit < 8 * size; bit++) {
         block[bit / 8] ^= (unsigned char)(1u << bit % 8);
-        if (decode_copy(block, size, m.hash) != TM_ERR_FILE) fail_msg("bit %zu of byte %zu was accepted", bit % 8, bit / 8);
+        if (decode_copy(block, size, m.hash) != TM_ERR_FILE)
+            fail_msg("bit %zu of byte %zu was accepted", bit % 8, bit / 8);
         block[bit / 8] ^= (unsigned char)(1u << bit % 8);
     }
     free(block);
