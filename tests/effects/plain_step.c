@@ -43,8 +43,14 @@ static int64_t add_and_remove(tm_world *world) {
     fix_ok(tm_stage_support(world, &support, &error), &error);
     fix_ok(tm_stage_contact(world, &contact, &handle, &error), &error);
     fix_ok(tm_stage_cut(world, handle, &cut, &error), &error);
-    static const char *const name[] = {"cut", "contact", "support", "load", "gravity"};
-    for (int i = 0; i < 5; i++)
+    tm_grasp_def grasp = tm_grasp_def_default();
+    tm_grasp *hold = NULL;
+    fix_ok(tm_stage_grasp(world, handle, &grasp, &hold, &error), &error);
+    tm_patch_def patch = tm_patch_def_default();
+    tm_patch_maker *maker = NULL;
+    fix_ok(tm_stage_patch(world, handle, &patch, &maker, &error), &error);
+    static const char *const name[] = {"patch", "grasp", "cut", "contact", "support", "load", "gravity"};
+    for (int i = 0; i < 7; i++)
         fix_ok(tm_world_remove_stage(world, name[i], &error), &error);
     free(force);
     return tm_memory_in_use() - before;

@@ -60,7 +60,7 @@ typedef struct tm_world_def {
     tm_tissue *tissue;      /* must outlive the world */
     double dt_s;            /* 0: the guaranteed critical step times `step_fraction`; above the guaranteed step: TM_ERR_STEP */
     double step_fraction;   /* 0.9 */
-    bool damped;            /* false: the undamped integrator (fewer instructions); materials' damping must then be 0 */
+    bool damped;            /* true; false: the undamped integrator (fewer instructions); materials' damping must then be 0 */
 } tm_world_def;
 
 TM_API tm_world_def tm_world_def_default(void);
