@@ -136,6 +136,11 @@ def summary(a, lockstep):
     }
 
 
+def near(path):
+    relative = os.path.relpath(path)
+    return path if relative.startswith("..") else relative
+
+
 def table(s, a):
     late = s["lateness_us"]
     rows = [
@@ -144,7 +149,7 @@ def table(s, a):
         ("controllers", f"{s['ticks']} ticks, {s['missed_ticks']} missed; late by p50 {late['p50']:.0f}, p99 {late['p99']:.0f}, max {late['max']:.0f} us"),
         ("forces", f"{s['force_N']['rms']:.3f} N RMS, {s['force_N']['peak']:.3f} N peak"),
         ("lockstep", f"state {s['state_hash']}, the same twice"),
-        ("results", os.path.relpath(a.out) + ": summary.json film.mp4 picture.png frames/ force.png demo.lcm"),
+        ("results", f"{near(a.out)}: summary.json {'' if a.no_film else 'film.mp4 '}picture.png frames/ force.png demo.lcm"),
     ]
     print()
     for name, text in rows:

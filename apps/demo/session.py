@@ -5,9 +5,11 @@ Used by demo.py and play.py, inside the session's network namespace (netns.sh).
 import json
 import os
 import pathlib
+import shutil
 import signal
 import subprocess
 import sys
+import tempfile
 import time
 
 
@@ -35,11 +37,14 @@ class Session:
         subprocess.run([self.bin / "tm-sim", self.scene, *self.sets, "--hands", self.out / "hand"], check=True)
         self.facts = json.loads((self.out / "hand.json").read_text())
         self.bus = f"virtual:session{os.getpid()}"
+        # A folder of its own: inside a user namespace everybody is user 0, and root's own folder may be there already.
+        self.bus_dir = tempfile.mkdtemp(prefix="tensormass-", dir="/dev/shm" if os.access("/dev/shm", os.W_OK) else None)
+        self.environment = {**os.environ, "TM_BUS_DIR": self.bus_dir}
         self.running = []
 
     def begin(self, name, *command):
         log = open(self.out / f"{name}.txt", "w")
-        process = subprocess.Popen([str(c) for c in command], stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL)
+        process = subprocess.Popen([str(c) for c in command], stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, env=self.environment)
         process.name = name
         self.running.append(process)
         return process
@@ -82,3 +87,4 @@ class Session:
         stop_all([p for p in self.running if p.name != "lcm-logger"])
         time.sleep(0.2)  # the logger hears the last messages
         stop_all([p for p in self.running if p.name == "lcm-logger"])
+        shutil.rmtree(self.bus_dir, ignore_errors=True)

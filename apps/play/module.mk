@@ -9,6 +9,7 @@ PLAY_WINDOW ?=
 #: make play                   a window: mouse and keys move the instruments (PLAY_ARGS='--record session.lcm')
 .PHONY: play
 play:
+	@[ -n "$$DISPLAY$$WAYLAND_DISPLAY" ] || { echo "play: no display (neither DISPLAY nor WAYLAND_DISPLAY is set); run it on a desktop or over ssh -X, or use make demo, which needs none" >&2; exit 2; }
 	@tools/setup.sh build demo
 	@+$(MAKE) --no-print-directory $(if $(filter -j%,$(MAKEFLAGS)),,-j$$(nproc)) all venv
 	@$(VENV)/bin/python apps/play/play.py --build $(OUT) --scene $(PLAY_SCENE) $(PLAY_ARGS) -- $(DEMO_CAMERA) $(PLAY_WINDOW)
