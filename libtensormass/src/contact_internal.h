@@ -19,6 +19,7 @@ typedef struct tm_solver_row {
     double gap_m;          /* at the start of the substep, at the tool's new place, less what is left to later substeps */
 } tm_solver_row;
 
+/* What lasts between steps is also in contact_snapshot.c: a new field goes there too. */
 typedef struct tm_tool {
     tm_instrument_def def;
     tm_tool_pose pose, from, to;
