@@ -11,8 +11,7 @@
 typedef struct hold {
     tm_grasp_state state;
     bool was_closed;
-    double axis_m[3][3];    /* of the tool's frame at this substep: two across, one along the shaft */
-    double origin[3];       /* direction of the shaft that roll is counted from */
+    tm_jaw jaw;             /* frame at this substep */
     double fade;            /* of the forces while letting go, 1 to 0 */
     int32_t count;
     int32_t *vertex;        /* [max_vertices] */
@@ -35,53 +34,6 @@ tm_grasp_def tm_grasp_def_default(void) {
                           .compliance_m_N = 0.2e-3, .fade_s = 0.1, .force_cap_N = 20, .max_vertices = 64};
 }
 
-/* --- the tool's frame --- */
-
-/* The shaft's direction e; across it the frame that the shortest turn from `origin` to e makes, rolled about e. */
-static void turn_frame(hold *h, const tm_tool *tool) {
-    double e[3], side[3], across[3], *x = h->axis_m[0], *y = h->axis_m[1];
-    vsub(tool->capsule.tip_m, tool->def.trocar_m, e);
-    if (vunit(e, e) <= 0)
-        vset(h->origin, e);
-    /* a fixed vector across origin, turned along */
-    double least[3] = {0, 0, 0};
-    int axis = 0;
-    for (int c = 1; c < 3; c++)
-        if (fabs(h->origin[c]) < fabs(h->origin[axis]))
-            axis = c;
-    least[axis] = 1;
-    vcross(h->origin, least, side);
-    vunit(side, side);
-    vcross(h->origin, e, across);
-    double cosine = vdot(h->origin, e), s = vdot(across, side) / fmax(1 + cosine, 1e-6);
-    vcross(across, side, x);
-    for (int c = 0; c < 3; c++)
-        x[c] += cosine * side[c] + s * across[c];
-    vmadd(x, -vdot(x, e), e, x);
-    vunit(x, x);
-    vcross(e, x, y);
-    double cr = cos(tool->pose.roll_rad), sr = sin(tool->pose.roll_rad), rolled[3];
-    for (int c = 0; c < 3; c++) {
-        rolled[c] = cr * x[c] + sr * y[c];
-        y[c] = cr * y[c] - sr * x[c];
-    }
-    vset(rolled, x);
-    vset(e, h->axis_m[2]);
-}
-
-static void to_tool(const hold *h, const tm_tool *tool, const double at_m[3], double offset_m[3]) {
-    double d[3];
-    vsub(at_m, tool->capsule.tip_m, d);
-    for (int c = 0; c < 3; c++)
-        offset_m[c] = vdot(d, h->axis_m[c]);
-}
-
-static void to_world(const hold *h, const tm_tool *tool, const double offset_m[3], double at_m[3]) {
-    vset(tool->capsule.tip_m, at_m);
-    for (int c = 0; c < 3; c++)
-        vmadd(at_m, offset_m[c], h->axis_m[c], at_m);
-}
-
 static void vertex_at(const tm_world *world, int32_t vertex, double at_m[3]) {
     for (int c = 0; c < 3; c++)
         at_m[c] = world->tissue->mesh->rest_m[3 * vertex + c] + world->state.u_m[3 * vertex + c];
@@ -89,86 +41,11 @@ static void vertex_at(const tm_world *world, int32_t vertex, double at_m[3]) {
 
 /* --- capture --- */
 
-/* Nearest point of triangle p to point q (Voronoi regions), squared distance. */
-static double point_triangle(const double q[3], const double p[3][3]) {
-    double ab[3], ac[3], aq[3], n[3], d[3], best = INFINITY;
-    vsub(p[1], p[0], ab);
-    vsub(p[2], p[0], ac);
-    vsub(q, p[0], aq);
-    vcross(ab, ac, n);
-    double nn = vdot(n, n), cross[3];
-    vcross(aq, ac, cross);
-    double s = nn > 0 ? vdot(cross, n) / nn : -1;
-    vcross(ab, aq, cross);
-    double t = nn > 0 ? vdot(cross, n) / nn : -1;
-    if (s >= 0 && t >= 0 && s + t <= 1)
-        return vdot(aq, n) * vdot(aq, n) / nn;
-    for (int j = 0; j < 3; j++) {
-        vsub(p[(j + 1) % 3], p[j], ab);
-        vsub(q, p[j], aq);
-        double length2 = vdot(ab, ab);
-        vmadd(aq, -(length2 > 0 ? clamp(vdot(aq, ab) / length2, 0, 1) : 0), ab, d);
-        best = fmin(best, vdot(d, d));
-    }
-    return best;
-}
-
-/* Distance of the jaw's axis from a triangle, sampled at eighths of the jaw: capture needs no more. */
-static double jaw_distance(const tm_capsule *jaw, const double p[3][3]) {
-    double best = INFINITY;
-    for (int k = 0; k <= 8; k++) {
-        double q[3];
-        for (int c = 0; c < 3; c++)
-            q[c] = jaw->tip_m[c] + k / 8.0 * (jaw->tail_m[c] - jaw->tip_m[c]);
-        best = fmin(best, point_triangle(q, p));
-    }
-    return sqrt(best);
-}
-
-/* Each vertex once, with the distance of its nearest triangle; of too many the farthest goes. */
-static void take_vertex(const tm_grasp *grasp, hold *h, int32_t vertex, double distance_m) {
-    int32_t farthest = 0;
-    for (int32_t i = 0; i < h->count; i++) {
-        if (h->vertex[i] == vertex) {
-            h->distance_m[i] = fmin(h->distance_m[i], distance_m);
-            return;
-        }
-        if (h->distance_m[i] > h->distance_m[farthest])
-            farthest = i;
-    }
-    int32_t at = h->count;
-    if (h->count == grasp->def.max_vertices) {
-        if (h->distance_m[farthest] <= distance_m)
-            return;
-        at = farthest;
-    } else {
-        h->count++;
-    }
-    h->vertex[at] = vertex;
-    h->distance_m[at] = distance_m;
-}
-
 static void capture(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world) {
     const tm_tool *tool = grasp->contact->tool + t;
     tm_surface_view surface = tm_tissue_surface(world->tissue);
-    tm_capsule jaw = tool->capsule;
-    double reach = tool->def.radius_m + grasp->def.reach_m;
-    vmadd(jaw.tip_m, -grasp->def.jaw_length_m, h->axis_m[2], jaw.tail_m);
-    h->count = 0;
-    for (int32_t i = 0; i < surface.count; i++) {
-        double p[3][3], distance;
-        for (int j = 0; j < 3; j++)
-            vertex_at(world, surface.triangle[3 * i + j], p[j]);
-        distance = jaw_distance(&jaw, p);
-        for (int j = 0; j < 3 && distance <= reach; j++)
-            take_vertex(grasp, h, surface.triangle[3 * i + j], distance);
-    }
-    for (int32_t i = 1; i < h->count; i++) { /* by number: one order whatever the surface's slots */
-        int32_t vertex = h->vertex[i], j = i;
-        for (; j > 0 && h->vertex[j - 1] > vertex; j--)
-            h->vertex[j] = h->vertex[j - 1];
-        h->vertex[j] = vertex;
-    }
+    h->count = tm_jaw_capture(&h->jaw, &grasp->def, &tool->def, &tool->pose, world->tissue->mesh->rest_m, world->state.u_m, &surface,
+                              h->vertex, h->distance_m);
 }
 
 static bool holds(void *self, int32_t instrument, int32_t vertex) {
@@ -196,7 +73,7 @@ static void take_over(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world
         double at[3];
         vertex_at(world, h->vertex[i], at);
         vmadd(at, grasp->def.compliance_m_N, h->force_N + 3 * i, at);
-        to_tool(h, contact->tool + t, at, h->offset_m + 3 * i);
+        tm_jaw_to_tool(&h->jaw, &contact->tool[t].pose, at, h->offset_m + 3 * i);
     }
 }
 
@@ -222,8 +99,8 @@ static void release_what_is_out(hold *h, const tm_tool *tool, const tm_world *wo
         double at[3], d[3];
         vertex_at(world, h->vertex[i], at);
         vsub(at, tool->capsule.tip_m, d);
-        double along = clamp(vdot(d, h->axis_m[2]), -tool->def.contact_length_m, 0);
-        vmadd(d, -along, h->axis_m[2], d);
+        double along = clamp(vdot(d, h->jaw.axis_m[2]), -tool->def.contact_length_m, 0);
+        vmadd(d, -along, h->jaw.axis_m[2], d);
         if (vnorm(d) > 1.05 * tool->def.radius_m)
             drop(h, i);
     }
@@ -273,10 +150,10 @@ static void prepare(void *self, tm_world *world) {
         const tm_tool *tool = grasp->contact->tool + t;
         if (tool->def.mode != TM_TOOL_GRASPER)
             continue;
-        turn_frame(h, tool);
+        tm_jaw_turn(&h->jaw, &tool->def, &tool->pose);
         work_jaw(grasp, t, world);
         for (int32_t i = 0; i < h->count; i++) {
-            to_world(h, tool, h->offset_m + 3 * i, h->target_m + 3 * i);
+            tm_jaw_to_world(&h->jaw, &tool->pose, h->offset_m + 3 * i, h->target_m + 3 * i);
             if (h->state == TM_GRASP_LETTING_GO)
                 vscale(h->fade, h->let_go_N + 3 * i, h->force_N + 3 * i);
             push_vertex(grasp, world, h->vertex[i], h->force_N + 3 * i);
@@ -368,8 +245,8 @@ static int64_t snapshot(void *self, void *buffer) {
         hold *h = grasp->hold + t;
         if (buffer) {
             kept k = {.state = h->state, .was_closed = h->was_closed, .count = h->count, .fade = h->fade};
-            memcpy(k.axis_m, h->axis_m, sizeof k.axis_m);
-            memcpy(k.origin, h->origin, sizeof k.origin);
+            memcpy(k.axis_m, h->jaw.axis_m, sizeof k.axis_m);
+            memcpy(k.origin, h->jaw.origin, sizeof k.origin);
             memcpy((char *)buffer + bytes, &k, sizeof k);
             move_arrays(h, (char *)buffer + bytes + sizeof k, true);
         }
@@ -406,8 +283,8 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
         h->was_closed = k.was_closed != 0;
         h->count = k.count;
         h->fade = k.fade;
-        memcpy(h->axis_m, k.axis_m, sizeof k.axis_m);
-        memcpy(h->origin, k.origin, sizeof k.origin);
+        memcpy(h->jaw.axis_m, k.axis_m, sizeof k.axis_m);
+        memcpy(h->jaw.origin, k.origin, sizeof k.origin);
         move_arrays(h, (char *)(uintptr_t)(from + sizeof k), false);
         from += kept_bytes(k.count);
     }
@@ -428,9 +305,7 @@ static bool take_hold(tm_pool *pool, hold *h, int32_t n, const tm_tool *tool) {
     h->force_N = TM_TAKE(pool, double, 3 * n);
     h->let_go_N = TM_TAKE(pool, double, 3 * n);
     h->distance_m = TM_TAKE(pool, double, n);
-    vsub(tool->capsule.tip_m, tool->def.trocar_m, h->origin);
-    if (vunit(h->origin, h->origin) <= 0)
-        h->origin[2] = -1;
+    tm_jaw_begin(&h->jaw, &tool->def, &tool->pose);
     return !pool->failed;
 }
 

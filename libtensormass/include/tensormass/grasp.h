@@ -29,6 +29,21 @@ TM_API tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_g
 /* Vertices held, or being let go, by an instrument; `*vertex` may be null. Vertices whose last tetrahedron was removed are not held. */
 TM_API int32_t tm_grasp_held(const tm_grasp *grasp, int32_t instrument, const int32_t **vertex, tm_grasp_state *state);
 
+/* --- geometry alone: shared with the precomputed model --- */
+
+typedef struct tm_jaw {
+    double origin[3];    /* direction of the shaft that roll is counted from */
+    double axis_m[3][3]; /* of the tool's frame: two across, one along the shaft */
+} tm_jaw;
+/* Counts roll from the shaft's direction now. */
+TM_API void tm_jaw_begin(tm_jaw *jaw, const tm_instrument_def *tool, const tm_tool_pose *pose);
+TM_API void tm_jaw_turn(tm_jaw *jaw, const tm_instrument_def *tool, const tm_tool_pose *pose);
+TM_API void tm_jaw_to_tool(const tm_jaw *jaw, const tm_tool_pose *pose, const double at_m[3], double offset_m[3]);
+TM_API void tm_jaw_to_world(const tm_jaw *jaw, const tm_tool_pose *pose, const double offset_m[3], double at_m[3]);
+/* Surface vertices (at most def->max_vertices, ascending) that the jaw closes upon; distance_m [max_vertices] is scratch. Returns how many. */
+TM_API int32_t tm_jaw_capture(const tm_jaw *jaw, const tm_grasp_def *def, const tm_instrument_def *tool, const tm_tool_pose *pose,
+                              const double *rest_m, const double *u_m, const tm_surface_view *surface, int32_t *vertex, double *distance_m);
+
 #ifdef __cplusplus
 }
 #endif
