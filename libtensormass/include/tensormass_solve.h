@@ -4,6 +4,7 @@
 #define TENSORMASS_SOLVE_H
 
 #include "tensormass.h"
+#include "tensormass/grasp.h"
 #include "tensormass/patch.h"
 
 #ifdef __cplusplus
@@ -68,6 +69,8 @@ typedef struct tm_precomputed_def {
     const char *file;               /* cache; null: none. Atomically replaced when it is rebuilt */
     const tm_solve_team *team;      /* null: this process alone */
     const tm_contact_def *contact;  /* instruments, skin compliance, cap; null: none. skin_compliance_m_N > 0 */
+    const tm_grasp_def *grasp;      /* instruments of mode grasper hold tissue as in the dynamic model (no cap on a hold); null: they do not */
+    double update_s;                /* time between updates, 0.002: what is let go fades with it */
     int32_t max_local_vertices;     /* of the on-line system: surroundings of the tools and imposed vertices together; 256 */
 } tm_precomputed_def;
 
@@ -96,6 +99,9 @@ TM_API void tm_precomputed_force(const tm_precomputed *model, int32_t instrument
  * few updates). time_s is 0. */
 TM_API tm_tool_reaction tm_precomputed_reaction(tm_precomputed *model, int32_t instrument);
 TM_API int32_t tm_precomputed_rows(const tm_precomputed *model, const tm_contact_row **rows);
+
+/* Vertices in the instrument's jaws; as tm_grasp_held. */
+TM_API int32_t tm_precomputed_held(const tm_precomputed *model, int32_t instrument, const int32_t **vertex, tm_grasp_state *state);
 
 /* The surface near the instrument with its exact compliance (kind 2), as tm_patch_make gives it from the dynamic model: what other
  * instruments and imposed vertices hold is in it. velocity_m_s: of the tip, looked ahead along by horizon_s. False: nothing near,

@@ -41,6 +41,13 @@ static size_t lay_out(tms_local *l, char *memory) {
     for (int i = 0; i < TMS_PAIRS; i++) l->pair_f[i] = carve(&at, 8 * c3), l->pair_r[i] = carve(&at, 8 * c3);
     l->block = carve(&at, 8 * c3 * c3);
     l->lu = carve(&at, 8 * c3 * c3);
+    for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) {
+        const size_t held = (size_t)l->grasp.max_vertices;
+        l->hold[t].vertex = carve(&at, 4 * held);
+        l->hold[t].offset_m = carve(&at, 24 * held);
+        l->hold[t].let_go_N = carve(&at, 24 * held);
+        l->hold[t].distance_m = carve(&at, 8 * held);
+    }
     tm_contact_row **row[] = {&l->now.row, &l->probe.row, &l->before};
     for (int i = 0; i < 3; i++) *row[i] = carve(&at, rows * sizeof(tm_contact_row));
     return (size_t)(at - memory);
@@ -59,10 +66,11 @@ static tm_status check(const tm_contact_def *def, tm_error *error) {
     return TM_OK;
 }
 
-tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const tm_contact_def *contact, int32_t capacity, tms_local *local,
-                           tm_error *error) {
+tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const tm_contact_def *contact, const tm_grasp_def *grasp, int32_t capacity,
+                           tms_local *local, tm_error *error) {
     tms_local l = {.mesh = mesh, .surface = surface, .capacity = capacity, .def = contact ? *contact : tm_contact_def_default()};
     if (!contact) l.def.instrument_count = 0;
+    if (grasp) l.grasp = *grasp;
     if (capacity < 4 || capacity > 4096) return tms_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096", (int)capacity);
     const tm_status status = check(&l.def, error);
     if (status != TM_OK) return status;
@@ -80,6 +88,7 @@ tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const t
     for (int32_t t = 0; t < l.tool_count; t++) {
         local->tool[t].def = l.def.instrument[t];
         tms_local_place(local, t, &l.def.instrument[t].pose);
+        tm_jaw_begin(&local->hold[t].jaw, &local->tool[t].def, &local->tool[t].pose);
         const tm_status made = tm_contact_search_create(&local->tool[t].search, error);
         if (made == TM_OK) continue;
         tms_local_destroy(local);
@@ -272,7 +281,7 @@ void tms_local_look(tms_local *l, tms_look *look) {
             tool->overflowed |= overflowed;
             const int32_t end = look->count + found;
             for (int32_t i = look->count; i < end; i++) {
-                if (l->passes && l->passes(l->self, &look->row[i])) continue;
+                if (tms_local_in_jaws(l, &look->row[i]) || (l->passes && l->passes(l->self, &look->row[i]))) continue;
                 look->row[look->count] = look->row[i];
                 add_row(l, look, &look->row[look->count++]);
             }
@@ -329,11 +338,14 @@ int32_t tms_local_update(tms_local *l, const tm_tool_pose *pose) {
     double done = 0, piece = 1 / whole;
     int32_t steps = 0;
     for (int32_t t = 0; t < l->tool_count; t++) from[t] = l->tool[t].pose;
+    bool worked = false; /* jaws close where the path ends */
     for (int32_t solves = 1; done < 1; solves++) {
         const bool last_chance = solves >= TMS_MAX_SOLVES || piece * whole < 1.0 / 64;
         const double to = last_chance && solves >= TMS_MAX_SOLVES ? 1 : fmin(1, done + piece);
         save(l, false);
         go_to(l, from, pose, to);
+        if (to >= 1 && !worked) tms_local_work_jaws(l), worked = true;
+        tms_local_follow_jaws(l);
         tms_local_gather(l);
         steps = tms_local_solve(l);
         if (!l->converged && !last_chance) { /* it was too far: back, and half of it */
@@ -350,7 +362,8 @@ int32_t tms_local_update(tms_local *l, const tm_tool_pose *pose) {
 tm_tool_reaction tms_local_reaction(const tms_local *l, int32_t t) {
     const tms_tool *tool = &l->tool[t];
     tm_tool_reaction r = {.capped = l->now.capped[t], .overflowed = tool->overflowed};
-    for (int c = 0; c < 3; c++) r.tip_m[c] = tool->pose.tip_m[c], r.force_N[c] = l->now.force_N[t][c], r.resultant_N[c] = l->now.resultant_N[t][c];
+    memcpy(r.tip_m, tool->pose.tip_m, sizeof r.tip_m);
+    tms_local_force(l, t, r.force_N, r.resultant_N);
     for (int32_t i = 0; i < l->now.count; i++) r.row_count += l->now.row[i].instrument == t && l->now.row[i].lambda_N > 0;
     return r;
 }

@@ -9,6 +9,7 @@
 #define TMS_LOCAL_H
 
 #include "internal.h"
+#include "tensormass/grasp.h"
 
 enum { TMS_NEWTON_STEPS = 16, TMS_HALVINGS = 4, TMS_MAX_SOLVES = 256, TMS_KRYLOV = 24, TMS_PAIRS = 10, TMS_SECANT_STEPS = 10 };
 #define TMS_PIECE 0.125 /* radii: of the path of a tool, solved at once */
@@ -33,7 +34,25 @@ typedef struct tms_look {
     bool capped[TM_MAX_INSTRUMENTS];
 } tms_look;
 
-typedef struct tms_pin { int32_t vertex; double u_m[3]; } tms_pin;
+/* A vertex held: by hand (tool -1) or between jaws; or, let go by jaws, bearing a given force that fades. */
+typedef struct tms_pin {
+    int32_t vertex, tool;
+    double u_m[3], compliance_m_N;
+    bool given;
+    double force_N[3];
+} tms_pin;
+
+/* What the jaws of one grasper have. */
+typedef struct tms_hold {
+    tm_jaw jaw;
+    tm_grasp_state state;
+    bool was_closed;
+    double fade;
+    int32_t count, *vertex;        /* [max_vertices] */
+    double *offset_m;              /* [3*max_vertices] in the jaw's frame */
+    double *let_go_N;              /* [3*max_vertices] */
+    double *distance_m;            /* [max_vertices] scratch */
+} tms_hold;
 
 typedef struct tms_local {
     const tm_mesh *mesh;
@@ -61,8 +80,10 @@ typedef struct tms_local {
     double *f, *f_saved, *f_spare, *r, *keep, *du; /* [3*capacity] by slot */
     int32_t *pin_of;               /* [capacity] -1 */
     tms_pin *pin;                  /* [capacity] */
-    int32_t pin_count;
-    double pin_compliance_m_N;
+    int32_t pin_count, hand_count; /* those by hand come first */
+    tm_grasp_def grasp;            /* max_vertices 0: graspers hold nothing */
+    tms_hold hold[TM_MAX_INSTRUMENTS];
+    double update_s;
     /* rows */
     tms_look now, probe;           /* of the solution; of a shape beside it */
     tm_contact_row *before;        /* [max_rows] of the solution before */
@@ -82,8 +103,8 @@ typedef struct tms_local {
 } tms_local;
 
 /* All memory now. `contact` null: none. The surface view's arrays must stay. */
-tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const tm_contact_def *contact, int32_t capacity, tms_local *local,
-                           tm_error *error);
+tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const tm_contact_def *contact, const tm_grasp_def *grasp, int32_t capacity,
+                           tms_local *local, tm_error *error);
 void tms_local_destroy(tms_local *local);
 /* Where a tool is now; what it touched before is still known. */
 void tms_local_pose(tms_local *local, int32_t tool, const tm_tool_pose *pose);
@@ -106,6 +127,14 @@ void tms_local_stiffness(tms_local *local, int32_t tool, double K[9]);
  * (by act) that something else makes. To first order, with their normals and shares as they are. */
 bool tms_local_without(tms_local *local, int32_t tool);
 void tms_local_yield(tms_local *local, int32_t tool, const double *u_m, double *df_N);
+/* grip.c. Once an update: jaws close, open, let go a little more. Then wherever the tools have moved: pins follow the jaws. */
+void tms_local_work_jaws(tms_local *local);
+void tms_local_follow_jaws(tms_local *local);
+bool tms_local_holds(const tms_local *local, int32_t tool);
+/* A row whose vertices are all in its own tool's jaws is no obstacle. */
+bool tms_local_in_jaws(const tms_local *local, const tm_contact_row *row);
+/* On the tool, rows and jaws together. */
+void tms_local_force(const tms_local *local, int32_t tool, double force_N[3], double resultant_N[3]);
 tm_tool_reaction tms_local_reaction(const tms_local *local, int32_t tool);
 
 /* dense.c: LU with partial pivoting, row-major. */

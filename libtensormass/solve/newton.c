@@ -10,9 +10,11 @@ static const double TOUCHING_M = 1e-13; /* below it two surfaces that just touch
 static const double BESIDE = 1e-5;      /* radii: how far beside the shape the linear steps look */
 static const double STRIDE = 0.3;       /* radii: how far one step may move the surface: rows farther off are others */
 
+static const tms_pin *pin_of(const tms_local *l, int32_t slot) { return &l->pin[l->pin_of[slot]]; }
+
 static bool pinned(const tms_local *l, int32_t slot, int axis) {
     const int64_t d = 3 * slot + axis;
-    return l->pin_of[slot] >= 0 && l->block[d * 3 * l->capacity + d] > 0; /* a fixed component stays where it is */
+    return l->pin_of[slot] >= 0 && !l->pin[l->pin_of[slot]].given && l->block[d * 3 * l->capacity + d] > 0; /* a fixed component stays where it is */
 }
 
 /* --- residual --- */
@@ -25,9 +27,10 @@ static double residual(tms_local *l, bool *small) {
     for (int32_t i = 0; i < l->use_count; i++)
         for (int c = 0; c < 3; c++) {
             const int32_t s = l->use[i], d = 3 * s + c;
-            const double own = l->block[d * c3 + d], free_r = l->f[d] - l->now.fc[d];
+            const bool given = l->pin_of[s] >= 0 && pin_of(l, s)->given;
+            const double own = l->block[d * c3 + d], free_r = l->f[d] - l->now.fc[d] - (given ? pin_of(l, s)->force_N[c] : 0);
             const bool held = pinned(l, s, c);
-            l->r[d] = held ? l->u_m[3 * (int64_t)l->vertex[s] + c] - l->pin[l->pin_of[s]].u_m[c] + l->pin_compliance_m_N * free_r : free_r;
+            l->r[d] = held ? l->u_m[3 * (int64_t)l->vertex[s] + c] - pin_of(l, s)->u_m[c] + pin_of(l, s)->compliance_m_N * free_r : free_r;
             const double off = held ? l->r[d] : own * l->r[d];
             merit += off * off;
             most = fmax(most, fabs(own * l->f[d]));
@@ -91,7 +94,7 @@ bool tms_local_factor(tms_local *l, int32_t without) {
         if (!pinned(l, l->act[i / 3], i % 3)) continue;
         double *row = l->lu + (int64_t)i * m;
         const double *C = l->block + (3 * l->act[i / 3] + i % 3) * c3;
-        for (int32_t j = 0; j < m; j++) row[j] = C[3 * l->act[j / 3] + j % 3] + l->pin_compliance_m_N * row[j];
+        for (int32_t j = 0; j < m; j++) row[j] = C[3 * l->act[j / 3] + j % 3] + pin_of(l, l->act[i / 3])->compliance_m_N * row[j];
     }
     return tms_lu(l->lu, l->pivot, m);
 }
@@ -154,7 +157,7 @@ static void apply(tms_local *l, direction *to, const double *df, double *out) {
     else memset(out, 0, 24 * (size_t)l->act_count);
     for (int32_t j = 0; j < 3 * l->act_count; j++) {
         const int32_t s = l->act[j / 3];
-        out[j] = pinned(l, s, j % 3) ? l->du[3 * s + j % 3] + l->pin_compliance_m_N * (df[j] - out[j]) : df[j] - out[j];
+        out[j] = pinned(l, s, j % 3) ? l->du[3 * s + j % 3] + pin_of(l, s)->compliance_m_N * (df[j] - out[j]) : df[j] - out[j];
     }
 }
 
@@ -248,8 +251,32 @@ int32_t tms_local_solve(tms_local *l) {
 
 /* --- derivative --- */
 
+/* Of a tool that holds tissue: the held vertices move with it, so it is moved. */
+static void holding_stiffness(tms_local *l, int32_t t, double K[9]) {
+    const tm_tool_pose pose = l->tool[t].pose;
+    const double h = 1e-3 * l->tool[t].def.radius_m;
+    double unused[3];
+    memcpy(l->f_saved, l->f, 24 * (size_t)l->capacity);
+    for (int i = 0; i < 7; i++) { /* the last: back */
+        const double side = i == 6 ? 0 : i % 2 ? -1 : 1;
+        tm_tool_pose at = pose;
+        at.tip_m[i / 2 % 3] += side * h;
+        tms_local_pose(l, t, &at);
+        tms_local_follow_jaws(l);
+        if (i == 6) memcpy(l->f, l->f_saved, 24 * (size_t)l->capacity), tms_local_evaluate(l);
+        else tms_local_solve(l);
+        double force[3];
+        tms_local_force(l, t, force, unused);
+        for (int c = 0; c < 3 && i < 6; c++) K[3 * c + i / 2] += side * force[c] / (2 * h);
+    }
+}
+
 void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
     memset(K, 0, 9 * sizeof *K);
+    if (tms_local_holds(l, t)) {
+        holding_stiffness(l, t, K);
+        return;
+    }
     bool any = false;
     for (int32_t i = 0; i < l->now.count; i++) any |= l->now.row[i].instrument == t;
     if (!any || !tms_local_factor(l, -1)) return;
@@ -284,6 +311,6 @@ void tms_local_yield(tms_local *l, int32_t tool, const double *u, double *df) {
         for (int a = 0; a < 9; a++) df[3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3] -= row->weight[a / 3] * row->normal[a % 3] * along;
     }
     for (int32_t j = 0; j < m; j++)
-        if (pinned(l, l->act[j / 3], j % 3)) df[j] = -u[j] + l->pin_compliance_m_N * df[j];
+        if (pinned(l, l->act[j / 3], j % 3)) df[j] = -u[j] + pin_of(l, l->act[j / 3])->compliance_m_N * df[j];
     tms_lu_solve(l->lu, l->pivot, m, df);
 }

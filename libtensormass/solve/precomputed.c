@@ -6,7 +6,7 @@
 #include <string.h>
 
 tm_precomputed_def tm_precomputed_def_default(void) {
-    return (tm_precomputed_def){.cookie = TMS_COOKIE_PRECOMPUTED, .problem = tm_solve_def_default(), .max_local_vertices = 256};
+    return (tm_precomputed_def){.cookie = TMS_COOKIE_PRECOMPUTED, .problem = tm_solve_def_default(), .max_local_vertices = 256, .update_s = 0.002};
 }
 
 static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_responses *responses, tm_solve_report *report, tm_error *error) {
@@ -37,8 +37,9 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     m->surface = malloc((size_t)(r->kept_count + 1) * sizeof *m->surface);
     m->sum = calloc((size_t)(r->kept_count + 1), sizeof *m->sum);
     if (!m->kept_of || !m->surface || !m->sum) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model");
-    tm_status status = tms_local_create(mesh, tm_tissue_surface(m->tissue), def->contact, def->max_local_vertices, &m->local, error);
+    tm_status status = tms_local_create(mesh, tm_tissue_surface(m->tissue), def->contact, def->grasp, def->max_local_vertices, &m->local, error);
     if (status != TM_OK) return status;
+    m->local.update_s = def->update_s;
     m->local.self = m;
     if (def->contact && !(m->yield = malloc((size_t)TM_PATCH_DOFS * 24 * (size_t)m->local.capacity))) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model");
     m->local.compliance = tms_precomputed_compliance;
@@ -141,7 +142,8 @@ void tm_precomputed_place(tm_precomputed *m, int32_t instrument, const tm_tool_p
 tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) { return m->local.tool[instrument].pose; }
 
 void tm_precomputed_force(const tm_precomputed *m, int32_t instrument, double force_N[3]) {
-    memcpy(force_N, m->local.now.force_N[instrument], 24);
+    double resultant[3];
+    tms_local_force(&m->local, instrument, force_N, resultant);
 }
 
 tm_tool_reaction tm_precomputed_reaction(tm_precomputed *m, int32_t instrument) {
@@ -155,6 +157,13 @@ tm_tool_reaction tm_precomputed_reaction(tm_precomputed *m, int32_t instrument) 
 int32_t tm_precomputed_rows(const tm_precomputed *m, const tm_contact_row **rows) {
     *rows = m->local.now.row;
     return m->local.now.count;
+}
+
+int32_t tm_precomputed_held(const tm_precomputed *m, int32_t instrument, const int32_t **vertex, tm_grasp_state *state) {
+    const tms_hold *h = &m->local.hold[instrument];
+    if (vertex) *vertex = h->vertex;
+    if (state) *state = h->state;
+    return h->count;
 }
 
 const double *tm_precomputed_displacement(tm_precomputed *m) {
@@ -175,7 +184,7 @@ static bool has_response(const tm_precomputed *m, int32_t v) {
 
 tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t *vertex, const double *u_m, double compliance_m_N, tm_error *error) {
     tms_local *l = &m->local;
-    if (count > l->capacity) return tms_fail(error, TM_ERR_LIMIT, count, "%d vertices imposed and room for %d; raise max_local_vertices", (int)count, (int)l->capacity);
+    if (count + TM_MAX_INSTRUMENTS * l->grasp.max_vertices > l->capacity) return tms_fail(error, TM_ERR_LIMIT, count, "%d vertices imposed and room for %d; raise max_local_vertices", (int)count, (int)l->capacity);
     if (!(compliance_m_N >= 0)) return tms_fail(error, TM_ERR_ARGUMENT, -1, "imposed displacement with a compliance of %g m/N; give 0 or more", compliance_m_N);
     l->stamp_now++;
     for (int32_t i = 0; i < count; i++) {
@@ -184,13 +193,12 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
         l->stamp[vertex[i]] = l->stamp_now;
     }
     for (int32_t i = 0; i < count; i++) {
-        l->pin[i].vertex = vertex[i];
+        l->pin[i] = (tms_pin){.vertex = vertex[i], .tool = -1, .compliance_m_N = compliance_m_N};
         memcpy(l->pin[i].u_m, u_m + 3 * (int64_t)i, 24);
     }
-    l->pin_count = count;
+    l->pin_count = l->hand_count = count; /* what jaws hold follows in the next update */
     l->pair_count = 0; /* changes of other unknowns */
     tms_local_regather(l);
-    l->pin_compliance_m_N = compliance_m_N;
     return TM_OK;
 }
 

@@ -189,7 +189,7 @@ static void changed(void *self, tm_world *world) {
 static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error) {
     h->contact = contact;
     rebuild_surface(h);
-    const tm_status status = tms_local_create(h->mesh, h->surface, &h->contact_def, h->max_local_vertices, &h->local, error);
+    const tm_status status = tms_local_create(h->mesh, h->surface, &h->contact_def, NULL, h->max_local_vertices, &h->local, error);
     if (status != TM_OK) return status;
     h->local.self = h;
     h->local.compliance = compliance;

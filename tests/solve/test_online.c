@@ -11,13 +11,14 @@ typedef struct pair {
     tm_precomputed *model;
 } pair;
 
-static pair make_pair(const scene_def *def, tm_precision precision) {
-    pair p = {.scene = scene_create(def)};
+static pair make_pair_of(const scene_def *def, tm_precision precision, const tm_grasp_def *grasp) {
+    const tm_tool_mode mode[2] = {grasp ? TM_TOOL_GRASPER : TM_TOOL_PROBE, TM_TOOL_PROBE};
+    pair p = {.scene = scene_create_full(def, false, mode)};
     p.fixed = calloc(3 * (size_t)p.scene.mesh->vertex_count, 1);
     tm_support_mask(p.scene.world, p.fixed);
     tm_instrument_def tool[2];
     for (int t = 0; t < def->tools; t++) {
-        tool[t] = (tm_instrument_def){.mode = TM_TOOL_PROBE, .radius_m = def->radius_m, .contact_length_m = def->length_m};
+        tool[t] = (tm_instrument_def){.mode = mode[t], .radius_m = def->radius_m, .contact_length_m = def->length_m};
         memcpy(tool[t].trocar_m, def->trocar_m[t], 24);
         memcpy(tool[t].pose.tip_m, def->tip_m[t], 24);
         tool[t].pose.active = true;
@@ -30,10 +31,13 @@ static pair make_pair(const scene_def *def, tm_precision precision) {
     model.problem = kit_problem(p.scene.tissue, p.fixed);
     model.contact = &contact;
     model.precision = precision;
+    model.grasp = grasp;
     tm_error error;
     fix_ok(tm_precomputed_create(&model, &p.model, NULL, &error), &error);
     return p;
 }
+
+static pair make_pair(const scene_def *def, tm_precision precision) { return make_pair_of(def, precision, NULL); }
 
 static void free_pair(pair *p) {
     tm_precomputed_destroy(p->model);
@@ -186,6 +190,59 @@ static void patch(void **state) {
     tm_patch_solver_destroy(solver);
 }
 
+/* --- grasping --- */
+
+/* Down, close, lift and turn, let go; the dynamic model at rest at each. */
+static void grasp(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
+    def.damping_1_s = 150;
+    const tm_grasp_def how = tm_grasp_def_default();
+    pair p = make_pair_of(&def, TM_DOUBLE, &how);
+    tm_grasp *dynamic;
+    tm_error error;
+    fix_ok(tm_stage_grasp(p.scene.world, p.scene.contact, &how, &dynamic, &error), &error);
+    tm_tool_pose way[4] = {scene_pose(0.004, 0.003, 0.0425), scene_pose(0.004, 0.003, 0.0425), scene_pose(0.006, 0.002, 0.0480), scene_pose(0.006, 0.002, 0.0480)};
+    way[1].grip = way[2].grip = 1;
+    way[2].roll_rad = way[3].roll_rad = 0.3;
+    for (int i = 0; i < 4; i++) {
+        tm_tool_reaction settled = {0};
+        for (int frame = 0; frame < 40; frame++) settled = scene_frame(&p.scene, 0, way[i], 0.04);
+        for (int k = 0; k < (i == 3 ? 60 : 1); k++) assert_true(tm_precomputed_update(p.model, way + i) >= 0); /* 50 updates let go */
+        const tm_tool_reaction r = tm_precomputed_reaction(p.model, 0);
+        const int32_t *held, *theirs;
+        tm_grasp_state mine_is, theirs_is;
+        const int32_t count = tm_precomputed_held(p.model, 0, &held, &mine_is), their_count = tm_grasp_held(dynamic, 0, &theirs, &theirs_is);
+        const double *u = tm_precomputed_displacement(p.model), *v = tm_world_state(p.scene.world)->u_m;
+        double worst = 0, most = 0;
+        const int32_t *surface, n = tm_precomputed_surface(p.model, &surface);
+        for (int32_t k = 0; k < 3 * n; k++) worst = fmax(worst, fabs(u[3 * surface[k / 3] + k % 3] - v[3 * surface[k / 3] + k % 3])), most = fmax(most, fabs(v[3 * surface[k / 3] + k % 3]));
+        print_message("  %s: %.4f N, %d held; off the dynamic model by %.1e N, shape by %.1e m of %.1e\n", (const char *[]){"touching", "closed", "lifted", "let go"}[i], length3(r.force_N), count, distance3(r.force_N, settled.force_N), worst, most);
+        assert_int_equal(count > 0, i == 1 || i == 2);
+        if (i == 1 || i == 2) {
+            double K[9], up[3], down[3];
+            assert_int_equal(count, their_count);
+            assert_memory_equal(held, theirs, sizeof *held * (size_t)count);
+            assert_int_equal(mine_is, theirs_is);
+            for (int a = 0; a < 3; a++) {
+                tm_tool_pose at = way[i];
+                at.tip_m[a] += 1e-6;
+                assert_true(tm_precomputed_update(p.model, &at) >= 0);
+                tm_precomputed_force(p.model, 0, up);
+                at.tip_m[a] -= 2e-6;
+                assert_true(tm_precomputed_update(p.model, &at) >= 0);
+                tm_precomputed_force(p.model, 0, down);
+                for (int c = 0; c < 3; c++) K[3 * c + a] = (up[c] - down[c]) / 2e-6;
+            }
+            assert_true(kit_difference(r.stiffness_N_m, K, 9) < 1e-3);
+        }
+        assert_true(distance3(r.force_N, settled.force_N) < 1e-6 * fmax(length3(settled.force_N), 0.01));
+        assert_true(worst < 1e-6 * fmax(most, 1e-3));
+    }
+    free_pair(&p);
+}
+
 /* --- smoothness: a stroke at 500 Hz --- */
 
 static void smooth(void **state) {
@@ -220,6 +277,6 @@ static void smooth(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(agrees_with_dynamic), cmocka_unit_test(stiffness), cmocka_unit_test(patch), cmocka_unit_test(smooth)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(agrees_with_dynamic), cmocka_unit_test(stiffness), cmocka_unit_test(patch), cmocka_unit_test(grasp), cmocka_unit_test(smooth)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
