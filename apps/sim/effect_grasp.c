@@ -38,6 +38,8 @@ static int build(sim *s, const void *own) {
     def.fade_s = o->fade.si;
     def.force_cap_N = o->force_cap.si;
     def.max_vertices = (int32_t)o->max_vertices.value;
+    s->grasp_def = def;
+    if (!s->world) return 0; /* the precomputed model holds for itself */
     return tm_stage_grasp(s->world, s->contact, &def, &grasp, &error) ? sim_report(s->scene, o->here.line, &error) : 0;
 }
 

@@ -54,6 +54,8 @@ static int end(sim *s) {
     def.precision = (tm_precision)o->precision.index;
     def.file = *file ? file : NULL;
     def.contact = sim_has(s, "contact") ? &s->contact_def : NULL;
+    def.grasp = sim_has(s, "grasp") ? &s->grasp_def : NULL;
+    def.update_s = s->frame_s;
     def.max_local_vertices = (int32_t)o->max_vertices.value;
     if (m->api.tm_precomputed_create_(&def, &m->precomputed, &report, &error)) return sim_report(s->scene, s->scene->model.line, &error);
     m->bytes = m->api.tm_precomputed_bytes_(m->precomputed);
@@ -129,6 +131,5 @@ const sim_effect sim_effect_precomputed = {
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(sim_solve_options)},
     .model = APP_PRECOMPUTED,
     .excludes = {{"cut", "responses hold for uncut tissue; write 'model: dynamic', or 'model: hybrid' with the part to cut under 'hybrid:'"},
-                 {"grasp", "its contact knows no grasp; write 'model: dynamic'"},
                  {"breathing", "its supports stand still; write 'model: dynamic'"}},
 };

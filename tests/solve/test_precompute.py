@@ -167,3 +167,20 @@ def test_three_models_by_one_line(bin, root, place):
     assert size > 0.02
     for model in ("dynamic", "hybrid"):
         assert max(abs(a - b) for a, b in zip(force[model], force["precomputed"])) < 1e-5 * size, force
+
+
+def test_a_grasper_holds_the_same_in_the_precomputed_model(bin, root, place):
+    folder, env = place
+    force = {}
+    for model in ("dynamic", "precomputed"):
+        scene = write_scene(folder, root, bin, env, model=model)
+        text = scene.read_text().replace("contact:\n", "contact:\ngrasp:\n").replace("mode: probe", "mode: grasper")
+        head, path = text.split("path:\n")
+        at = re.search(r"0.6 s, tip: \[([^]]*)\]", path).group(1)
+        up = ", ".join([*at.split(", ")[:2], str(float(at.split(", ")[2]) + 0.008)])
+        path = path.replace("time: {", f"      - {{time: 0.8 s, tip: [{at}], grip: 1}}\n      - {{time: 1.4 s, tip: [{up}], grip: 1}}\ntime: {{")
+        scene.write_text(head + "path:\n" + path.replace("2.4 s", "3 s"))
+        run([bin / "tm-sim", "--lockstep", scene, "--samples", folder / f"{model}.csv"], env)
+        force[model] = last_force(folder / f"{model}.csv")
+    assert force["precomputed"][2] < -0.1, force  # it pulls the tool down
+    assert max(abs(a - b) for a, b in zip(force["dynamic"], force["precomputed"])) < 1e-4 * -force["precomputed"][2], force
