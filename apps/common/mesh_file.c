@@ -98,6 +98,7 @@ static _Noreturn void read_in_child(const char *path, int pipe_end) {
     dup2(nowhere, STDIN_FILENO);
     dup2(nowhere, STDOUT_FILENO);
     dup2(nowhere, STDERR_FILENO);
+    setenv("HOME", "/dev/null", 1); /* FLTK would write its preferences there */
     void *module = app_module("gmsh", &error);
     app_gmsh_read_fn *read_mesh = module ? (app_gmsh_read_fn *)app_module_symbol(module, "tm_gmsh_read", &error) : NULL;
     if (read_mesh) error.status = read_mesh(path, &mesh, &error);

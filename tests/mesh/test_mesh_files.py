@@ -105,6 +105,13 @@ def test_cached_mesh_opens_no_gmsh(tm_mesh, env, tmp_path, root):
     assert not [f for f in second if "gmsh" in f.rsplit("/", 1)[-1]]
 
 
+def test_reading_leaves_nothing_in_the_home_folder(tm_mesh, env, tmp_path, root):
+    """Gmsh brings FLTK, which would write preferences there."""
+    env["HOME"] = str(tmp_path / "home")
+    assert meshlib.run(tm_mesh, "check", root / "meshes" / "liver_1k.msh", env=env).returncode == 0
+    assert not (tmp_path / "home").exists()
+
+
 def test_damaged_cache_is_rebuilt(tm_mesh, env, tmp_path):
     path = write(tmp_path / "b.msh", meshlib.msh2(named_block()))
     good, text = info(tm_mesh, path, env)
