@@ -227,7 +227,8 @@ static void critical_steps(void **state) {
         const double flat = trial % 4 == 3 ? 1e-4 : 1;
         tm_mesh *mesh = fix_block((int[3]){3, 2, 3}, (double[3]){0.03, 0.02, 0.03 * flat}, 0.1 * (trial % 4), &random);
         for (int law = 0; law < 3; law++) {
-            tm_tissue *tissue = fix_tissue(mesh, m + law, law ? FIBRE : NULL, TM_DOUBLE, false);
+            tm_tissue *tissue =
+                fix_tissue(mesh, m + law, law ? FIBRE : NULL, trial % 3 == 2 ? TM_SINGLE : TM_DOUBLE, false);
             int32_t worst = -1;
             tm_error error;
             double sharp = 0, least = HUGE_VAL;
@@ -264,11 +265,15 @@ static void critical_step_of_one(void **state) {
             for (int i = 0; i < 12; i++)
                 p[i] = 0.01 * fix_signed(&random) * (i % 3 == 2 ? thin : 1);
         } while (fix_one_tet(p, &mesh, NULL) != TM_OK);
-        tm_tissue *tissue = fix_tissue(mesh, m + trial % 3, trial % 3 ? FIBRE : NULL, TM_DOUBLE, false);
+        const bool single = trial % 5 == 4;
+        tm_tissue *tissue =
+            fix_tissue(mesh, m + trial % 3, trial % 3 ? FIBRE : NULL, single ? TM_SINGLE : TM_DOUBLE, false);
         double sharp = 0;
         tm_error error;
         fix_ok(tm_critical_step_sharp(tissue, NULL, 1e-9, 20000, &sharp, &error), &error);
-        assert_true(fabs(tm_critical_step_guaranteed(tissue, NULL) / sharp - 1) < 1e-8);
+        const double guaranteed = tm_critical_step_guaranteed(tissue, NULL);
+        assert_true(fabs(guaranteed / sharp - 1) < (single ? 2e-5 : 1e-8));
+        if (single) assert_true(guaranteed <= sharp); /* whatever rounding did to the tensors */
         tm_tissue_destroy(tissue);
         tm_mesh_destroy(mesh);
     }
