@@ -9,8 +9,22 @@ typedef struct family {
     uint32_t members; /* bits of the constants below */
 } family;
 
-enum { YOUNG = 1, POISSON = 2, LAMBDA = 4, MU = 8, LAMBDA_T = 16, MU_T = 32, LAMBDA_L = 64, MU_L = 128, BETA = 256,
-       E_L = 512, E_T = 1024, NU_LT = 2048, NU_TT = 4096, G_L = 8192 };
+enum {
+    YOUNG = 1,
+    POISSON = 2,
+    LAMBDA = 4,
+    MU = 8,
+    LAMBDA_T = 16,
+    MU_T = 32,
+    LAMBDA_L = 64,
+    MU_L = 128,
+    BETA = 256,
+    E_L = 512,
+    E_T = 1024,
+    NU_LT = 2048,
+    NU_TT = 4096,
+    G_L = 8192
+};
 
 static const family families[] = {
     [APP_LAW_YOUNG] = {"young poisson", YOUNG | POISSON},
@@ -21,8 +35,8 @@ static const family families[] = {
 };
 
 static uint32_t given(const app_material *m, int *last_line) {
-    const app_number *all[] = {&m->young, &m->poisson, &m->lambda, &m->mu, &m->lambda_T, &m->mu_T, &m->lambda_L, &m->mu_L, &m->beta,
-                               &m->E_L, &m->E_T, &m->nu_LT, &m->nu_TT, &m->G_L};
+    const app_number *all[] = {&m->young, &m->poisson, &m->lambda, &m->mu,  &m->lambda_T, &m->mu_T,  &m->lambda_L,
+                               &m->mu_L,  &m->beta,    &m->E_L,    &m->E_T, &m->nu_LT,    &m->nu_TT, &m->G_L};
     uint32_t bits = 0;
     for (int i = 0; i < (int)(sizeof all / sizeof all[0]); ++i)
         if (all[i]->line) {
@@ -42,20 +56,31 @@ int app_scene_law(const app_scene *scene, const app_material *m, app_law *law) {
         }
     for (int i = 0; i < (int)(sizeof families / sizeof families[0]); ++i)
         if (bits && !(bits & ~families[i].members))
-            return app_scene_bad(scene, line, "material '%s' has only some of its constants; give all of: %s", m->region.s, families[i].name);
+            return app_scene_bad(scene, line, "material '%s' has only some of its constants; give all of: %s",
+                                 m->region.s, families[i].name);
     if (!bits)
-        return app_scene_bad(scene, m->region.line, "material '%s' has no constants; give 'young' and 'poisson', or another family (docs/scene-reference.md)", m->region.s);
-    return app_scene_bad(scene, line, "material '%s' mixes families of constants; give one of: young poisson | lambda mu | lambda_T mu_T lambda_L mu_L [beta] | E_L E_T nu_LT nu_TT G_L", m->region.s);
+        return app_scene_bad(
+            scene, m->region.line,
+            "material '%s' has no constants; give 'young' and 'poisson', or another family (docs/scene-reference.md)",
+            m->region.s);
+    return app_scene_bad(scene, line,
+                         "material '%s' mixes families of constants; give one of: young poisson | lambda mu | lambda_T "
+                         "mu_T lambda_L mu_L [beta] | E_L E_T nu_LT nu_TT G_L",
+                         m->region.s);
 }
 
 int app_select_check(const app_scene *scene, const app_select *select, int line, const char *what) {
-    int count = (select->group.line != 0) + (select->box.line != 0) + (select->plane.line != 0) + (select->vertex.line != 0);
-    if (!count) return app_scene_bad(scene, line, "%s selects no vertices; add one of: group, box, plane, vertex", what);
-    if (count > 1) return app_scene_bad(scene, line, "%s has %d selectors; keep one of: group, box, plane, vertex", what, count);
+    int count =
+        (select->group.line != 0) + (select->box.line != 0) + (select->plane.line != 0) + (select->vertex.line != 0);
+    if (!count)
+        return app_scene_bad(scene, line, "%s selects no vertices; add one of: group, box, plane, vertex", what);
+    if (count > 1)
+        return app_scene_bad(scene, line, "%s has %d selectors; keep one of: group, box, plane, vertex", what, count);
     if (select->box.line)
         for (int a = 0; a < 3; ++a)
             if (select->box_min.v[a] > select->box_max.v[a])
-                return app_scene_bad(scene, select->box_max.line, "box.max lies below box.min along %c; exchange them", "xyz"[a]);
+                return app_scene_bad(scene, select->box_max.line, "box.max lies below box.min along %c; exchange them",
+                                     "xyz"[a]);
     const double *n = select->plane_normal.v;
     if (select->plane.line && !(n[0] * n[0] + n[1] * n[1] + n[2] * n[2] > 0))
         return app_scene_bad(scene, select->plane_normal.line, "plane.normal is zero; give a direction");
@@ -68,10 +93,13 @@ static int check_supports(const app_scene *scene) {
         int rc = app_select_check(scene, &s->select, s->here.line, "this support");
         if (rc) return rc;
         if (!*s->axes.s || strspn(s->axes.s, "xyz") != strlen(s->axes.s) || strlen(s->axes.s) > 3)
-            return app_scene_bad(scene, s->axes.line, "axes '%s' are not some of x, y and z; write for example xyz", s->axes.s);
+            return app_scene_bad(scene, s->axes.line, "axes '%s' are not some of x, y and z; write for example xyz",
+                                 s->axes.s);
         for (int a = 0; a < 3; ++a)
             if (s->displace.v[a] != 0 && !strchr(s->axes.s, "xyz"[a]))
-                return app_scene_bad(scene, s->displace.line, "the support is moved along %c, which its axes '%s' leave free; add %c to axes", "xyz"[a], s->axes.s, "xyz"[a]);
+                return app_scene_bad(scene, s->displace.line,
+                                     "the support is moved along %c, which its axes '%s' leave free; add %c to axes",
+                                     "xyz"[a], s -> axes.s, "xyz"[a]);
     }
     return 0;
 }
@@ -92,21 +120,26 @@ static int check_pose(const app_scene *scene, const app_pose *pose, const double
     if (!pose->tip.line) return 0;
     if (joint) return app_scene_bad(scene, joint, "a pose has either tip or pitch, yaw and insertion; leave one out");
     double d = 0;
-    for (int a = 0; a < 3; ++a) d += (pose->tip.v[a] - trocar[a]) * (pose->tip.v[a] - trocar[a]);
+    for (int a = 0; a < 3; ++a)
+        d += (pose->tip.v[a] - trocar[a]) * (pose->tip.v[a] - trocar[a]);
     if (!(d > 1e-6) || d > 0.25)
-        return app_scene_bad(scene, pose->tip.line, "the tip is %.3g m from the trocar; keep it between 1 mm and 0.5 m", sqrt(d));
+        return app_scene_bad(scene, pose->tip.line, "the tip is %.3g m from the trocar; keep it between 1 mm and 0.5 m",
+                             sqrt(d));
     return 0;
 }
 
 static int check_instruments(const app_scene *scene) {
-    if (scene->instrument.count > 2) return app_scene_bad(scene, scene->instrument.line, "%d instruments; a scene has one or two", scene->instrument.count);
+    if (scene->instrument.count > 2)
+        return app_scene_bad(scene, scene->instrument.line, "%d instruments; a scene has one or two",
+                             scene->instrument.count);
     for (int i = 0; i < scene->instrument.count; ++i) {
         const app_instrument *t = (const app_instrument *)scene->instrument.item + i;
         const double *a = t->axis.v, *u = t->up.v;
         double c[3] = {a[1] * u[2] - a[2] * u[1], a[2] * u[0] - a[0] * u[2], a[0] * u[1] - a[1] * u[0]};
         double aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], uu = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
         if (!(c[0] * c[0] + c[1] * c[1] + c[2] * c[2] > 1e-6 * aa * uu))
-            return app_scene_bad(scene, t->axis.line ? t->axis.line : t->up.line, "axis and up are parallel or zero; give 'up' another direction");
+            return app_scene_bad(scene, t->axis.line ? t->axis.line : t->up.line,
+                                 "axis and up are parallel or zero; give 'up' another direction");
         int rc = check_pose(scene, &t->start, t->trocar.v);
         if (rc) return rc;
     }
@@ -117,16 +150,21 @@ static int check_hand(const app_scene *scene) {
     for (int i = 0; i < scene->hand.count; ++i) {
         const app_hand *h = (const app_hand *)scene->hand.item + i;
         if (h->instrument.value >= scene->instrument.count)
-            return app_scene_bad(scene, h->instrument.line ? h->instrument.line : h->here.line, "hand for instrument %d, but the scene has %d; add an instrument or correct the number", (int)h->instrument.value, scene->instrument.count);
+            return app_scene_bad(
+                scene, h->instrument.line ? h->instrument.line : h->here.line,
+                "hand for instrument %d, but the scene has %d; add an instrument or correct the number",
+                (int)h->instrument.value, scene->instrument.count);
         for (int j = 0; j < i; ++j)
             if (((const app_hand *)scene->hand.item)[j].instrument.value == h->instrument.value)
-                return app_scene_bad(scene, h->here.line, "a second hand for instrument %d; keep one", (int)h->instrument.value);
+                return app_scene_bad(scene, h->here.line, "a second hand for instrument %d; keep one",
+                                     (int)h->instrument.value);
         if (!h->path.count) return app_scene_bad(scene, h->path.line, "the path is empty; give at least one waypoint");
         const app_instrument *t = (const app_instrument *)scene->instrument.item + h->instrument.value;
         const app_waypoint *w = h->path.item;
         for (int j = 0; j < h->path.count; ++j) {
             if (j && !(w[j].time.si > w[j - 1].time.si))
-                return app_scene_bad(scene, w[j].time.line, "waypoint %d is not later than the one before; order them by time", j);
+                return app_scene_bad(scene, w[j].time.line,
+                                     "waypoint %d is not later than the one before; order them by time", j);
             int rc = check_pose(scene, &w[j].pose, t->trocar.v);
             if (rc) return rc;
         }
@@ -136,7 +174,8 @@ static int check_hand(const app_scene *scene) {
 
 int app_scene_check(const app_scene *scene) {
     int rc = 0;
-    if (!scene->material.count) rc = app_scene_bad(scene, scene->material.line, "no materials; name each region, or \"*\" for all");
+    if (!scene->material.count)
+        rc = app_scene_bad(scene, scene->material.line, "no materials; name each region, or \"*\" for all");
     for (int i = 0; i < scene->material.count && !rc; ++i) {
         app_law law;
         rc = app_scene_law(scene, (const app_material *)scene->material.item + i, &law);

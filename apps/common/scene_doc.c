@@ -9,7 +9,9 @@ static void print_kind(FILE *out, const app_field *f) {
     case APP_SECTION: fputs("section", out); return;
     case APP_NUMBER: fputs(strcmp(f->unit, "none") ? f->unit : "number", out); return;
     case APP_INTEGER: fputs("whole number", out); return;
-    case APP_VECTOR: fprintf(out, "[x, y, z]%s%s", strcmp(f->unit, "none") ? " " : "", strcmp(f->unit, "none") ? f->unit : ""); return;
+    case APP_VECTOR:
+        fprintf(out, "[x, y, z]%s%s", strcmp(f->unit, "none") ? " " : "", strcmp(f->unit, "none") ? f->unit : "");
+        return;
     case APP_TEXT: fputs("text", out); return;
     case APP_PATH: fputs("path", out); return;
     case APP_FLAG: fputs("yes or no", out); return;
@@ -17,7 +19,8 @@ static void print_kind(FILE *out, const app_field *f) {
     case APP_LIST: fputs("list", out); return;
     case APP_TABLE: fputs("named entries", out); return;
     case APP_CHOICE:
-        for (const char *c = f->unit; *c; ++c) *c == '|' ? fputs(", ", out) : fputc(*c, out);
+        for (const char *c = f->unit; *c; ++c)
+            *c == '|' ? fputs(", ", out) : fputc(*c, out);
         return;
     }
 }
@@ -35,19 +38,28 @@ static void print_table(FILE *out, const app_schema *schema, const char *title, 
     fprintf(out, "\n## %s\n\n", title);
     if (doc) fprintf(out, "%s\n\n", doc);
     fputs("| key | value | default | range (SI) | meaning |\n|---|---|---|---|---|\n", out);
-    for (int i = 0; i < schema->count; ++i) print_field(out, &schema->field[i]);
+    for (int i = 0; i < schema->count; ++i)
+        print_field(out, &schema->field[i]);
 }
 
-void app_scene_reference(FILE *out, const app_schema *effect, const char *const *effect_name, const char *const *effect_doc, int effect_count) {
+void app_scene_reference(FILE *out, const app_schema *effect, const char *const *effect_name,
+                         const char *const *effect_doc, int effect_count) {
     fputs("# Scene reference\n\n"
           "<!-- Made by `tm-sim --schema markdown`; do not edit. -->\n\n"
-          "A scene is one YAML file. Numbers are SI or carry a unit (`5 kPa`, `3 mm`, `30 deg`, `25 Hz`); a unit of another dimension is an error,\n"
-          "and so is an unknown key. `a[].b` is key `b` of each item of the list `a`; `a.*.b` is key `b` of each named entry of `a`.\n"
-          "A section or effect that a scene does not name is not there: it costs no memory, no instruction and no library.\n"
-          "`tm-sim SCENE --set PATH=VALUE` replaces or adds one value (`--set tissue.force=plain`, `--set hand[0].path[1].time=2`),\n"
+          "A scene is one YAML file. Numbers are SI or carry a unit (`5 kPa`, `3 mm`, `30 deg`, `25 Hz`); a unit of "
+          "another dimension is an error,\n"
+          "and so is an unknown key. `a[].b` is key `b` of each item of the list `a`; `a.*.b` is key `b` of each named "
+          "entry of `a`.\n"
+          "A section or effect that a scene does not name is not there: it costs no memory, no instruction and no "
+          "library.\n"
+          "`tm-sim SCENE --set PATH=VALUE` replaces or adds one value (`--set tissue.force=plain`, `--set "
+          "hand[0].path[1].time=2`),\n"
           "`--unset PATH` leaves one out.\n",
           out);
     print_table(out, &app_scene_schema, "Scene", NULL);
-    fputs("\n# Effects\n\nEach is a key of its own at the top level; naming it (even with nothing under it) is asking for it.\n", out);
-    for (int i = 0; i < effect_count; ++i) print_table(out, &effect[i], effect_name[i], effect_doc[i]);
+    fputs("\n# Effects\n\nEach is a key of its own at the top level; naming it (even with nothing under it) is asking "
+          "for it.\n",
+          out);
+    for (int i = 0; i < effect_count; ++i)
+        print_table(out, &effect[i], effect_name[i], effect_doc[i]);
 }

@@ -7,7 +7,8 @@
 static int select_group(const app_scene *scene, const app_select *select, const app_mesh *mesh, uint8_t *mark) {
     for (int32_t g = 0; g < mesh->group_count; ++g) {
         if (strcmp(mesh->group_name[g], select->group.s)) continue;
-        for (int32_t i = mesh->group_begin[g]; i < mesh->group_begin[g + 1]; ++i) mark[mesh->group_vertex[i]] = 1;
+        for (int32_t i = mesh->group_begin[g]; i < mesh->group_begin[g + 1]; ++i)
+            mark[mesh->group_vertex[i]] = 1;
         return 0;
     }
     char names[512] = "none";
@@ -29,7 +30,8 @@ static bool is_selected(const app_select *s, const double x[3]) {
     return fabs(distance) <= s->plane_within.si;
 }
 
-int app_select_vertices(const app_scene *scene, const app_select *select, int line, const app_mesh *mesh, uint8_t *mark, int32_t *count) {
+int app_select_vertices(const app_scene *scene, const app_select *select, int line, const app_mesh *mesh, uint8_t *mark,
+                        int32_t *count) {
     memset(mark, 0, (size_t)mesh->vertex_count);
     if (select->group.line) {
         int rc = select_group(scene, select, mesh, mark);
@@ -38,15 +40,23 @@ int app_select_vertices(const app_scene *scene, const app_select *select, int li
         for (int i = 0; i < select->vertex.count; ++i) {
             int64_t v = select->vertex.item[i];
             if (v >= mesh->vertex_count)
-                return app_scene_bad(scene, select->vertex.line, "there is no vertex %lld; the mesh has 0 to %d", (long long)v, mesh->vertex_count - 1);
+                return app_scene_bad(scene, select->vertex.line, "there is no vertex %lld; the mesh has 0 to %d",
+                                     (long long)v, mesh->vertex_count - 1);
             mark[v] = 1;
         }
     } else
-        for (int32_t v = 0; v < mesh->vertex_count; ++v) mark[v] = is_selected(select, &mesh->vertex_m[3 * v]);
+        for (int32_t v = 0; v < mesh->vertex_count; ++v)
+            mark[v] = is_selected(select, &mesh->vertex_m[3 * v]);
     *count = 0;
-    for (int32_t v = 0; v < mesh->vertex_count; ++v) *count += mark[v];
-    if (!*count) return app_scene_bad(scene, select->box.line ? select->box.line : select->plane.line ? select->plane.line : line,
-                                      "the selector finds no vertex of the mesh; widen it, or compare it with `tm-mesh info %s`", scene->mesh.s);
+    for (int32_t v = 0; v < mesh->vertex_count; ++v)
+        *count += mark[v];
+    if (!*count)
+        return app_scene_bad(scene,
+                             select->box.line     ? select->box.line
+                             : select->plane.line ? select->plane.line
+                                                  : line,
+                             "the selector finds no vertex of the mesh; widen it, or compare it with `tm-mesh info %s`",
+                             scene->mesh.s);
     return 0;
 }
 
@@ -55,8 +65,10 @@ static tm_status make_material(const app_material *m, app_law law, tm_material *
     case APP_LAW_YOUNG: return tm_material_young(m->young.si, m->poisson.si, out, error);
     case APP_LAW_LAME: return tm_material_lame(m->lambda.si, m->mu.si, out, error);
     case APP_LAW_PAPER: return tm_material_paper(m->lambda_T.si, m->mu_T.si, m->lambda_L.si, m->mu_L.si, out, error);
-    case APP_LAW_FIVE: return tm_material_five(m->lambda_T.si, m->mu_T.si, m->lambda_L.si, m->mu_L.si, m->beta.si, out, error);
-    case APP_LAW_ENGINEERING: return tm_material_engineering(m->E_L.si, m->E_T.si, m->nu_LT.si, m->nu_TT.si, m->G_L.si, out, error);
+    case APP_LAW_FIVE:
+        return tm_material_five(m->lambda_T.si, m->mu_T.si, m->lambda_L.si, m->mu_L.si, m->beta.si, out, error);
+    case APP_LAW_ENGINEERING:
+        return tm_material_engineering(m->E_L.si, m->E_T.si, m->nu_LT.si, m->nu_TT.si, m->G_L.si, out, error);
     }
     return TM_ERR_MATERIAL;
 }
@@ -69,9 +81,14 @@ int app_scene_materials(const app_scene *scene, const app_mesh *mesh, double def
         size_t used = 0;
         for (int32_t r = 0; r < mesh->region_count && !found; ++r) {
             found = !strcmp(all[i].region.s, mesh->region_name[r]);
-            if (used < sizeof names) used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", r ? ", " : "", mesh->region_name[r]);
+            if (used < sizeof names)
+                used +=
+                    (size_t)snprintf(names + used, sizeof names - used, "%s%s", r ? ", " : "", mesh->region_name[r]);
         }
-        if (!found) return app_scene_bad(scene, all[i].region.line, "the mesh has no region '%s'; it has: %s (or write \"*\" for all)", all[i].region.s, names);
+        if (!found)
+            return app_scene_bad(scene, all[i].region.line,
+                                 "the mesh has no region '%s'; it has: %s (or write \"*\" for all)", all[i].region.s,
+                                 names);
     }
     for (int32_t r = 0; r < mesh->region_count; ++r) {
         const app_material *m = NULL;
@@ -79,12 +96,17 @@ int app_scene_materials(const app_scene *scene, const app_mesh *mesh, double def
             if (!strcmp(all[i].region.s, mesh->region_name[r])) m = &all[i];
         for (int i = 0; i < scene->material.count && !m; ++i)
             if (!strcmp(all[i].region.s, "*")) m = &all[i];
-        if (!m) return app_scene_bad(scene, scene->material.line, "region '%s' of the mesh has no material; add it to tissue.materials, or \"*\" for all", mesh->region_name[r]);
+        if (!m)
+            return app_scene_bad(
+                scene, scene->material.line,
+                "region '%s' of the mesh has no material; add it to tissue.materials, or \"*\" for all",
+                mesh->region_name[r]);
         app_law law;
         tm_error error = {0};
         int rc = app_scene_law(scene, m, &law);
         if (rc) return rc;
-        if (make_material(m, law, &out[r], &error)) return app_scene_bad(scene, m->region.line, "material '%s': %s", m->region.s, error.message);
+        if (make_material(m, law, &out[r], &error))
+            return app_scene_bad(scene, m->region.line, "material '%s': %s", m->region.s, error.message);
         out[r].density_kg_m3 = m->density.si;
         out[r].damping_1_s = m->damping.line ? m->damping.si : default_damping_1_s;
     }

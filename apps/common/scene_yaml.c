@@ -1,28 +1,19 @@
 /* Reads a YAML file through tables of fields. Knows nothing of tissue: only kinds, units, ranges and lines. */
-#include "scene.h"
 
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <yaml.h>
 
 #include "app.h"
+#include "scene_reader.h"
 
-enum { PATH_MAX_CHARS = 256, SHOWN_MAX_CHARS = 400, MAX_ITEMS = 200000, SCENE_MAX_BYTES = 4 << 20 };
-/* Lines of nodes that --set made: far past any line of a scene. */
-#define SET_LINE 0x40000000u
-
-typedef struct block { struct block *next; max_align_t data[]; } block;
-
-typedef struct reader {
-    app_scene *scene;
-    yaml_document_t document;
-    const app_schema *schema[64];
-    int schema_count;
-    int items; /* of lists, all told: aliases could multiply them */
-} reader;
+enum { SHOWN_MAX_CHARS = 400, MAX_ITEMS = 200000, SCENE_MAX_BYTES = 4 << 20 };
+typedef struct block {
+    struct block *next;
+    max_align_t data[];
+} block;
 
 void *app_scene_alloc(app_scene *scene, size_t bytes) {
     block *b = calloc(1, sizeof(block) + bytes);
@@ -48,9 +39,12 @@ void app_scene_free(app_scene *scene) {
 }
 
 void app_scene_where(const app_scene *scene, int line, char *text, size_t size) {
-    if (line < 0) snprintf(text, size, "--set %s", scene->set[-line - 1]);
-    else if (line) snprintf(text, size, "%s:%d", scene->file, line);
-    else snprintf(text, size, "default");
+    if (line < 0)
+        snprintf(text, size, "--set %s", scene->set[-line - 1]);
+    else if (line)
+        snprintf(text, size, "%s:%d", scene->file, line);
+    else
+        snprintf(text, size, "default");
 }
 
 int app_scene_bad(const app_scene *scene, int line, const char *format, ...) {
@@ -59,8 +53,10 @@ int app_scene_bad(const app_scene *scene, int line, const char *format, ...) {
     va_start(list, format);
     vsnprintf(message, sizeof message, format, list);
     va_end(list);
-    if (line < 0) snprintf(file, sizeof file, "--set %s", scene->set[-line - 1]);
-    else snprintf(file, sizeof file, "%s", scene->file);
+    if (line < 0)
+        snprintf(file, sizeof file, "--set %s", scene->set[-line - 1]);
+    else
+        snprintf(file, sizeof file, "%s", scene->file);
     return app_bad_input(file, line < 0 ? 0 : line, "%s", message);
 }
 
@@ -75,7 +71,8 @@ static int edit_distance(const char *a, const char *b) {
     enum { LONGEST = 48 };
     int n = (int)strlen(a), m = (int)strlen(b), row[LONGEST + 1];
     if (n > LONGEST || m > LONGEST) return LONGEST;
-    for (int j = 0; j <= m; ++j) row[j] = j;
+    for (int j = 0; j <= m; ++j)
+        row[j] = j;
     for (int i = 1; i <= n; ++i) {
         int diagonal = row[0];
         row[0] = i;
@@ -110,7 +107,8 @@ static const app_field *find_field(const app_schema *schema, const char *prefix,
     return NULL;
 }
 
-static int unknown_key(const reader *r, const app_schema *only, int line, const char *name, const char *prefix, const char *shown) {
+static int unknown_key(const reader *r, const app_schema *only, int line, const char *name, const char *prefix,
+                       const char *shown) {
     char known[512] = "", in[PATH_MAX_CHARS + 8] = "";
     const char *nearest = NULL;
     int distance = 1 + (int)strlen(name) / 3;
@@ -127,7 +125,8 @@ static int unknown_key(const reader *r, const app_schema *only, int line, const 
                 distance = d;
                 nearest = key;
             }
-            if (used < sizeof known) used += (size_t)snprintf(known + used, sizeof known - used, "%s%s", used ? ", " : "", key);
+            if (used < sizeof known)
+                used += (size_t)snprintf(known + used, sizeof known - used, "%s%s", used ? ", " : "", key);
         }
     }
     if (nearest) return app_scene_bad(r->scene, line, "unknown key '%.60s'%s; did you mean '%s'?", name, in, nearest);
@@ -136,29 +135,36 @@ static int unknown_key(const reader *r, const app_schema *only, int line, const 
 
 /* --- leaves --- */
 
-static const char *node_kind(const yaml_node_t *node) {
-    return node->type == YAML_SCALAR_NODE ? "a single value" : node->type == YAML_SEQUENCE_NODE ? "a list" : "a mapping";
+const char *app_scene_node_kind(const yaml_node_t *node) {
+    return node->type == YAML_SCALAR_NODE     ? "a single value"
+           : node->type == YAML_SEQUENCE_NODE ? "a list"
+                                              : "a mapping";
 }
 
 static int bad_shape(const reader *r, const yaml_node_t *node, const char *shown, const char *wanted) {
-    return app_scene_bad(r->scene, line_of(node), "%s is %s; write %s", shown, node_kind(node), wanted);
+    return app_scene_bad(r->scene, line_of(node), "%s is %s; write %s", shown, app_scene_node_kind(node), wanted);
 }
 
 static int in_range(const reader *r, int line, const app_field *field, const char *shown, double value) {
     if (field->min == field->max || (value >= field->min && value <= field->max)) return 0;
     const char *unit = field->unit && strcmp(field->unit, "none") ? " in SI units" : "";
     if (isinf(field->max))
-        return app_scene_bad(r->scene, line, "%s = %g is below %g%s; choose at least that", shown, value, field->min, unit);
-    return app_scene_bad(r->scene, line, "%s = %g is outside %g to %g%s; choose a value inside", shown, value, field->min, field->max, unit);
+        return app_scene_bad(r->scene, line, "%s = %g is below %g%s; choose at least that", shown, value, field->min,
+                             unit);
+    return app_scene_bad(r->scene, line, "%s = %g is outside %g to %g%s; choose a value inside", shown, value,
+                         field->min, field->max, unit);
 }
 
-static int quantity(const reader *r, int line, const app_field *field, const char *shown, const char *text, double *si) {
+static int quantity(const reader *r, int line, const app_field *field, const char *shown, const char *text,
+                    double *si) {
     char why[256];
-    if (!app_parse_quantity(text, field->unit, si, why, sizeof why)) return app_scene_bad(r->scene, line, "%s: %s", shown, why);
+    if (!app_parse_quantity(text, field->unit, si, why, sizeof why))
+        return app_scene_bad(r->scene, line, "%s: %s", shown, why);
     return in_range(r, line, field, shown, *si);
 }
 
-static int integer(const reader *r, int line, const app_field *field, const char *shown, const char *text, int64_t *value) {
+static int integer(const reader *r, int line, const app_field *field, const char *shown, const char *text,
+                   int64_t *value) {
     char *end;
     double number = strtod(text, &end);
     if (end == text || *end || number != floor(number) || fabs(number) > 9e15)
@@ -209,20 +215,28 @@ static const char *resolve_path(app_scene *scene, const char *text) {
 
 static int scalar(reader *r, int line, const app_field *field, const char *shown, const char *text, void *at) {
     switch (field->kind) {
-    case APP_NUMBER: ((app_number *)at)->line = line; return quantity(r, line, field, shown, text, &((app_number *)at)->si);
-    case APP_INTEGER: ((app_integer *)at)->line = line; return integer(r, line, field, shown, text, &((app_integer *)at)->value);
-    case APP_CHOICE: ((app_choice *)at)->line = line; return choice(r, line, field, shown, text, &((app_choice *)at)->index);
+    case APP_NUMBER:
+        ((app_number *)at)->line = line;
+        return quantity(r, line, field, shown, text, &((app_number *)at)->si);
+    case APP_INTEGER:
+        ((app_integer *)at)->line = line;
+        return integer(r, line, field, shown, text, &((app_integer *)at)->value);
+    case APP_CHOICE:
+        ((app_choice *)at)->line = line;
+        return choice(r, line, field, shown, text, &((app_choice *)at)->index);
     case APP_FLAG: ((app_flag *)at)->line = line; return flag(r, line, shown, text, &((app_flag *)at)->on);
     case APP_TEXT: *(app_text *)at = (app_text){keep(r->scene, text), line}; return 0;
     /* A relative path of --set is the caller's, not the scene's. */
-    case APP_PATH: *(app_text *)at = (app_text){line < 0 ? keep(r->scene, text) : resolve_path(r->scene, text), line}; return 0;
-    case APP_SECTION: case APP_VECTOR: case APP_INTEGERS: case APP_LIST: case APP_TABLE: break;
+    case APP_PATH:
+        *(app_text *)at = (app_text){line < 0 ? keep(r->scene, text) : resolve_path(r->scene, text), line};
+        return 0;
+    case APP_SECTION:
+    case APP_VECTOR:
+    case APP_INTEGERS:
+    case APP_LIST:
+    case APP_TABLE: break;
     }
     abort(); /* a table row's default that its kind cannot have */
-}
-
-static yaml_node_t *node_at(reader *r, int index) {
-    return yaml_document_get_node(&r->document, index);
 }
 
 static int vector(reader *r, yaml_node_t *node, const app_field *field, const char *shown, app_vector *out) {
@@ -230,7 +244,8 @@ static int vector(reader *r, yaml_node_t *node, const app_field *field, const ch
     snprintf(wanted, sizeof wanted, "three numbers, such as [0, 0, 1%s]", !strcmp(field->unit, "length") ? " mm" : "");
     if (node->type != YAML_SEQUENCE_NODE) return bad_shape(r, node, shown, wanted);
     int count = (int)(node->data.sequence.items.top - node->data.sequence.items.start);
-    if (count != 3) return app_scene_bad(r->scene, line_of(node), "%s has %d components; write %s", shown, count, wanted);
+    if (count != 3)
+        return app_scene_bad(r->scene, line_of(node), "%s has %d components; write %s", shown, count, wanted);
     for (int i = 0; i < 3; ++i) {
         yaml_node_t *item = node_at(r, node->data.sequence.items.start[i]);
         if (item->type != YAML_SCALAR_NODE) return bad_shape(r, item, shown, wanted);
@@ -246,8 +261,11 @@ static int integers(reader *r, yaml_node_t *node, const app_field *field, const 
     if (node->type == YAML_MAPPING_NODE) return bad_shape(r, node, shown, "a whole number or a list of them");
     int count = one ? 1 : (int)(node->data.sequence.items.top - node->data.sequence.items.start);
     r->items += count;
-    if (r->items > MAX_ITEMS) return app_scene_bad(r->scene, line_of(node), "more than %d list items; write fewer", MAX_ITEMS);
-    if (!count) return app_scene_bad(r->scene, line_of(node), "%s is an empty list; write at least one number, or leave the key out", shown);
+    if (r->items > MAX_ITEMS)
+        return app_scene_bad(r->scene, line_of(node), "more than %d list items; write fewer", MAX_ITEMS);
+    if (!count)
+        return app_scene_bad(r->scene, line_of(node),
+                             "%s is an empty list; write at least one number, or leave the key out", shown);
     out->item = app_scene_alloc(r->scene, sizeof *out->item * (size_t)count);
     for (int i = 0; i < count; ++i) {
         yaml_node_t *item = one ? node : node_at(r, node->data.sequence.items.start[i]);
@@ -262,20 +280,23 @@ static int integers(reader *r, yaml_node_t *node, const app_field *field, const 
 
 /* --- containers --- */
 
-static int read_mapping(reader *r, const app_schema *only, yaml_node_t *node, int line, const char *prefix, const char *shown, char *const *base);
+static int read_mapping(reader *r, const app_schema *only, yaml_node_t *node, int line, const char *prefix,
+                        const char *shown, char *const *base);
 
-static bool is_null(const yaml_node_t *node) {
+bool app_scene_null(const yaml_node_t *node) {
     if (node->type != YAML_SCALAR_NODE || node->data.scalar.style != YAML_PLAIN_SCALAR_STYLE) return false;
     const char *text = (const char *)node->data.scalar.value;
     return !*text || !strcmp(text, "~") || !strcmp(text, "null");
 }
 
-static int read_list(reader *r, const app_schema *schema, yaml_node_t *node, const app_field *field, const char *shown, app_list *out) {
+static int read_list(reader *r, const app_schema *schema, yaml_node_t *node, const app_field *field, const char *shown,
+                     app_list *out) {
     char prefix[PATH_MAX_CHARS], name[SHOWN_MAX_CHARS];
     if (node->type != YAML_SEQUENCE_NODE) return bad_shape(r, node, shown, "a list: lines that begin with '- '");
     int count = (int)(node->data.sequence.items.top - node->data.sequence.items.start);
     r->items += count;
-    if (r->items > MAX_ITEMS) return app_scene_bad(r->scene, line_of(node), "more than %d list items; write fewer", MAX_ITEMS);
+    if (r->items > MAX_ITEMS)
+        return app_scene_bad(r->scene, line_of(node), "more than %d list items; write fewer", MAX_ITEMS);
     *out = (app_list){app_scene_alloc(r->scene, field->size * (size_t)(count ? count : 1)), count, line_of(node)};
     snprintf(prefix, sizeof prefix, "%s[]", field->path);
     for (int i = 0; i < count; ++i) {
@@ -290,12 +311,14 @@ static int read_list(reader *r, const app_schema *schema, yaml_node_t *node, con
     return 0;
 }
 
-static int read_table(reader *r, const app_schema *schema, yaml_node_t *node, const app_field *field, const char *shown, app_list *out) {
+static int read_table(reader *r, const app_schema *schema, yaml_node_t *node, const app_field *field, const char *shown,
+                      app_list *out) {
     char prefix[PATH_MAX_CHARS], name[SHOWN_MAX_CHARS];
     if (node->type != YAML_MAPPING_NODE) return bad_shape(r, node, shown, "names, each with keys and values");
     int count = (int)(node->data.mapping.pairs.top - node->data.mapping.pairs.start);
     r->items += count;
-    if (r->items > MAX_ITEMS) return app_scene_bad(r->scene, line_of(node), "more than %d list items; write fewer", MAX_ITEMS);
+    if (r->items > MAX_ITEMS)
+        return app_scene_bad(r->scene, line_of(node), "more than %d list items; write fewer", MAX_ITEMS);
     *out = (app_list){app_scene_alloc(r->scene, field->size * (size_t)(count ? count : 1)), count, line_of(node)};
     snprintf(prefix, sizeof prefix, "%s.*", field->path);
     for (int i = 0; i < count; ++i) {
@@ -306,7 +329,8 @@ static int read_table(reader *r, const app_schema *schema, yaml_node_t *node, co
         *(app_text *)at = (app_text){keep(r->scene, (const char *)key->data.scalar.value), line_of(key)};
         for (int j = 0; j < i; ++j)
             if (!strcmp(((app_text *)((char *)out->item + field->size * (size_t)j))->s, ((app_text *)at)->s))
-                return app_scene_bad(r->scene, line_of(key), "'%.60s' is named twice in %s; keep one", ((app_text *)at)->s, shown);
+                return app_scene_bad(r->scene, line_of(key), "'%.60s' is named twice in %s; keep one",
+                                     ((app_text *)at)->s, shown);
         snprintf(name, sizeof name, "%.300s.%.60s", shown, ((app_text *)at)->s);
         if (value->type != YAML_MAPPING_NODE) return bad_shape(r, value, name, "keys and values");
         int rc = read_mapping(r, schema, value, line_of(key), prefix, name, &at);
@@ -315,25 +339,34 @@ static int read_table(reader *r, const app_schema *schema, yaml_node_t *node, co
     return 0;
 }
 
-static int read_value(reader *r, const app_schema *schema, yaml_node_t *key, yaml_node_t *node, const app_field *field, const char *shown, char *base) {
+static int read_value(reader *r, const app_schema *schema, yaml_node_t *key, yaml_node_t *node, const app_field *field,
+                      const char *shown, char *base) {
     char *at = base + field->offset;
     switch (field->kind) {
     case APP_SECTION:
-        if (!is_null(node) && node->type != YAML_MAPPING_NODE) return bad_shape(r, node, shown, "keys and values under it, or nothing");
+        if (!app_scene_null(node) && node->type != YAML_MAPPING_NODE)
+            return bad_shape(r, node, shown, "keys and values under it, or nothing");
         ((app_section *)at)->line = line_of(key);
-        return read_mapping(r, schema, is_null(node) ? NULL : node, line_of(key), field->path, shown, &base);
+        return read_mapping(r, schema, app_scene_null(node) ? NULL : node, line_of(key), field->path, shown, &base);
     case APP_VECTOR: return vector(r, node, field, shown, (app_vector *)at);
     case APP_INTEGERS: return integers(r, node, field, shown, (app_integers *)at);
     case APP_LIST: return read_list(r, schema, node, field, shown, (app_list *)at);
     case APP_TABLE: return read_table(r, schema, node, field, shown, (app_list *)at);
-    case APP_NUMBER: case APP_INTEGER: case APP_TEXT: case APP_PATH: case APP_CHOICE: case APP_FLAG: break;
+    case APP_NUMBER:
+    case APP_INTEGER:
+    case APP_TEXT:
+    case APP_PATH:
+    case APP_CHOICE:
+    case APP_FLAG: break;
     }
     if (node->type != YAML_SCALAR_NODE) return bad_shape(r, node, shown, "a single value");
-    if (is_null(node)) return app_scene_bad(r->scene, line_of(key), "%s has no value; write one, or leave the key out", shown);
+    if (app_scene_null(node))
+        return app_scene_bad(r->scene, line_of(key), "%s has no value; write one, or leave the key out", shown);
     return scalar(r, line_of(node), field, shown, (const char *)node->data.scalar.value, at);
 }
 
-/* Values of fields that a scene leaves out. Lists stay empty; sections that are not there get their members' defaults. */
+/* Values of fields that a scene leaves out. Lists stay empty; sections that are not there get their members' defaults.
+ */
 static int default_value(reader *r, const app_schema *schema, const app_field *field, char *base) {
     char *at = base + field->offset;
     const char *text = field->fallback && strcmp(field->fallback, "!") ? field->fallback : NULL;
@@ -343,19 +376,29 @@ static int default_value(reader *r, const app_schema *schema, const app_field *f
             if (child_key(&schema->field[i], field->path)) default_value(r, schema, &schema->field[i], base);
         return 0;
     case APP_VECTOR:
-        if (text && sscanf(text, "[%lf, %lf, %lf]", &((app_vector *)at)->v[0], &((app_vector *)at)->v[1], &((app_vector *)at)->v[2]) != 3) abort();
+        if (text && sscanf(text, "[%lf, %lf, %lf]", &((app_vector *)at)->v[0], &((app_vector *)at)->v[1],
+                           &((app_vector *)at)->v[2]) != 3)
+            abort();
         return 0;
-    case APP_TEXT: case APP_PATH: *(app_text *)at = (app_text){text ? text : "", 0}; return 0;
-    case APP_LIST: case APP_TABLE: case APP_INTEGERS: return 0;
-    case APP_NUMBER: case APP_INTEGER: case APP_CHOICE: case APP_FLAG: break;
+    case APP_TEXT:
+    case APP_PATH: *(app_text *)at = (app_text){text ? text : "", 0}; return 0;
+    case APP_LIST:
+    case APP_TABLE:
+    case APP_INTEGERS: return 0;
+    case APP_NUMBER:
+    case APP_INTEGER:
+    case APP_CHOICE:
+    case APP_FLAG: break;
     }
     return text ? scalar(r, 0, field, field->path, text, at) : 0;
 }
 
 /* `only` null: the top level, where every schema has its own base. */
-static int read_mapping(reader *r, const app_schema *only, yaml_node_t *node, int line, const char *prefix, const char *shown, char *const *base) {
+static int read_mapping(reader *r, const app_schema *only, yaml_node_t *node, int line, const char *prefix,
+                        const char *shown, char *const *base) {
     char name[SHOWN_MAX_CHARS];
-    yaml_node_pair_t *begin = node ? node->data.mapping.pairs.start : NULL, *end = node ? node->data.mapping.pairs.top : NULL;
+    yaml_node_pair_t *begin = node ? node->data.mapping.pairs.start : NULL,
+                     *end = node ? node->data.mapping.pairs.top : NULL;
     for (yaml_node_pair_t *pair = begin; pair != end; ++pair) {
         yaml_node_t *key = node_at(r, pair->key);
         if (key->type != YAML_SCALAR_NODE) return bad_shape(r, key, *shown ? shown : "the scene", "a word as key");
@@ -363,7 +406,8 @@ static int read_mapping(reader *r, const app_schema *only, yaml_node_t *node, in
         for (yaml_node_pair_t *other = begin; other != pair; ++other) {
             yaml_node_t *before = node_at(r, other->key);
             if (before->type == YAML_SCALAR_NODE && !strcmp((const char *)before->data.scalar.value, text))
-                return app_scene_bad(r->scene, line_of(key), "key '%.60s' is already given on line %d; keep one", text, line_of(before));
+                return app_scene_bad(r->scene, line_of(key), "key '%.60s' is already given on line %d; keep one", text,
+                                     line_of(before));
         }
         const app_field *field = NULL;
         int s = 0;
@@ -385,115 +429,11 @@ static int read_mapping(reader *r, const app_schema *only, yaml_node_t *node, in
                 given = !strcmp((const char *)node_at(r, pair->key)->data.scalar.value, key);
             if (given) continue;
             if (field->fallback && !strcmp(field->fallback, "!"))
-                return app_scene_bad(r->scene, line, "%s%skey '%s' is missing; add it: %s", shown, *shown ? ": " : "", key, field->doc);
+                return app_scene_bad(r->scene, line, "%s%skey '%s' is missing; add it: %s", shown, *shown ? ": " : "",
+                                     key, field->doc);
             int rc = default_value(r, r->schema[s], field, base[only ? 0 : s]);
             if (rc) return rc;
         }
-    }
-    return 0;
-}
-
-/* --- --set path=value --- */
-
-/* A copy of `from`'s node in the scene's document, marked with the line of this --set. */
-static int copy_node(reader *r, yaml_document_t *from, int index, int set, int depth) {
-    yaml_node_t *node = yaml_document_get_node(from, index);
-    int made = 0;
-    if (!node || depth > 8) return 0;
-    if (node->type == YAML_SCALAR_NODE) {
-        made = yaml_document_add_scalar(&r->document, NULL, node->data.scalar.value, (int)node->data.scalar.length, node->data.scalar.style);
-    } else if (node->type == YAML_SEQUENCE_NODE) {
-        made = yaml_document_add_sequence(&r->document, NULL, YAML_ANY_SEQUENCE_STYLE);
-        for (yaml_node_item_t *i = node->data.sequence.items.start; made && i != node->data.sequence.items.top; ++i) {
-            int item = copy_node(r, from, *i, set, depth + 1);
-            if (!item || !yaml_document_append_sequence_item(&r->document, made, item)) return 0;
-        }
-    } else {
-        made = yaml_document_add_mapping(&r->document, NULL, YAML_ANY_MAPPING_STYLE);
-        for (yaml_node_pair_t *p = node->data.mapping.pairs.start; made && p != node->data.mapping.pairs.top; ++p) {
-            int key = copy_node(r, from, p->key, set, depth + 1), value = copy_node(r, from, p->value, set, depth + 1);
-            if (!key || !value || !yaml_document_append_mapping_pair(&r->document, made, key, value)) return 0;
-        }
-    }
-    if (made) node_at(r, made)->start_mark.line = SET_LINE + (unsigned)set;
-    return made;
-}
-
-static int parse_set_value(reader *r, const char *text, int set) {
-    yaml_parser_t parser;
-    yaml_document_t document;
-    if (!*text) text = "~";
-    yaml_parser_initialize(&parser);
-    yaml_parser_set_input_string(&parser, (const unsigned char *)text, strlen(text));
-    int made = 0;
-    if (yaml_parser_load(&parser, &document)) {
-        made = copy_node(r, &document, 1, set, 0);
-        yaml_document_delete(&document);
-    }
-    yaml_parser_delete(&parser);
-    return made;
-}
-
-static int set_key(reader *r, const char *name, int set) {
-    int key = yaml_document_add_scalar(&r->document, NULL, (const unsigned char *)name, -1, YAML_PLAIN_SCALAR_STYLE);
-    if (key) node_at(r, key)->start_mark.line = SET_LINE + (unsigned)set;
-    return key;
-}
-
-/* Lays one "a.b[0].c=value" over the document. A step that is not there is made; a list's item must be there. */
-static int apply_set(reader *r, int set) {
-    const char *text = r->scene->set[set], *equals = strchr(text, '=');
-    char path[PATH_MAX_CHARS], *rest = path;
-    int line = -(set + 1), at = 1;
-    bool remove = !equals; /* --unset */
-    if (remove) equals = text + strlen(text);
-    if (equals == text || (size_t)(equals - text) >= sizeof path)
-        return app_bad_input("--set", 0, "'%s' is not PATH=VALUE; write for example --set tissue.force=plain", text);
-    memcpy(path, text, (size_t)(equals - text));
-    path[equals - text] = 0;
-    int value = parse_set_value(r, remove ? "" : equals + 1, set);
-    if (!value) return app_scene_bad(r->scene, line, "the value is not YAML; quote it or correct it");
-    while (*rest) {
-        yaml_node_t *node = node_at(r, at);
-        size_t length = strcspn(rest, ".[");
-        char next = rest[length];
-        if (*rest == '[') {
-            char *close;
-            long index = strtol(rest + 1, &close, 10);
-            int count = node->type == YAML_SEQUENCE_NODE ? (int)(node->data.sequence.items.top - node->data.sequence.items.start) : 0;
-            if (*close != ']' || index < 0 || index >= count)
-                return app_scene_bad(r->scene, line, "there is no list item %s; use one of the %d there are, counted from 0", rest, count);
-            rest = close + 1 + (close[1] == '.');
-            if (!*rest) node->data.sequence.items.start[index] = value;
-            at = node->data.sequence.items.start[index];
-            continue;
-        }
-        if (node->type != YAML_MAPPING_NODE) return app_scene_bad(r->scene, line, "%s is %s; name a key of a mapping", rest, node_kind(node));
-        rest[length] = 0;
-        yaml_node_pair_t *found = NULL;
-        for (yaml_node_pair_t *p = node->data.mapping.pairs.start; p != node->data.mapping.pairs.top && !found; ++p)
-            if (node_at(r, p->key)->type == YAML_SCALAR_NODE && !strcmp((const char *)node_at(r, p->key)->data.scalar.value, rest)) found = p;
-        bool last = !next;
-        if (remove && (last || !found)) {
-            if (!found) return app_scene_bad(r->scene, line, "there is no '%s' to leave out; name a key that the scene has", rest);
-            *found = *--node->data.mapping.pairs.top;
-            return 0;
-        }
-        if (found && !last && !is_null(node_at(r, found->value))) at = found->value;
-        else {
-            long slot = found ? found - node->data.mapping.pairs.start : 0;
-            int key = set_key(r, rest, set), child = last ? value : yaml_document_add_mapping(&r->document, NULL, YAML_ANY_MAPPING_STYLE);
-            if (!key || !child) return app_scene_bad(r->scene, line, "out of memory; use a smaller value");
-            if (!last) node_at(r, child)->start_mark.line = SET_LINE + (unsigned)set;
-            if (found) { /* the mapping may have moved with the document's growth */
-                node = node_at(r, at);
-                found = node->data.mapping.pairs.start + slot;
-                *found = (yaml_node_pair_t){key, child};
-            } else if (!yaml_document_append_mapping_pair(&r->document, at, key, child)) return app_scene_bad(r->scene, line, "out of memory; use a smaller value");
-            at = child;
-        }
-        rest += length + (next == '.');
-        if (next == '[') *rest = '[';
     }
     return 0;
 }
@@ -509,17 +449,25 @@ static int load_document(reader *r, FILE *file) {
     int rc = 0;
     if (!yaml_parser_load(&parser, &r->document)) {
         rc = app_bad_input(scene->file, (int)parser.problem_mark.line + 1, "not YAML: %s%s%s; correct the line",
-                           parser.problem ? parser.problem : "unreadable", parser.context ? " " : "", parser.context ? parser.context : "");
+                           parser.problem ? parser.problem : "unreadable", parser.context ? " " : "",
+                           parser.context ? parser.context : "");
         yaml_parser_delete(&parser);
         return rc;
     }
     yaml_node_t *root = yaml_document_get_root_node(&r->document);
-    if (!root) rc = app_bad_input(scene->file, 1, "the scene is empty; begin with 'tissue:' (docs/scene-reference.md)");
-    else if (root->type != YAML_MAPPING_NODE) rc = app_bad_input(scene->file, line_of(root), "the scene is %s; write keys and values, such as 'tissue:'", node_kind(root));
+    if (!root)
+        rc = app_bad_input(scene->file, 1, "the scene is empty; begin with 'tissue:' (docs/scene-reference.md)");
+    else if (root->type != YAML_MAPPING_NODE)
+        rc = app_bad_input(scene->file, line_of(root), "the scene is %s; write keys and values, such as 'tissue:'",
+                           app_scene_node_kind(root));
     else if (yaml_parser_load(&parser, &second)) {
-        if (yaml_document_get_root_node(&second)) rc = app_bad_input(scene->file, (int)second.start_mark.line + 1, "a second document begins here; keep one scene a file");
+        if (yaml_document_get_root_node(&second))
+            rc = app_bad_input(scene->file, (int)second.start_mark.line + 1,
+                               "a second document begins here; keep one scene a file");
         yaml_document_delete(&second);
-    } else rc = app_bad_input(scene->file, (int)parser.problem_mark.line + 1, "not YAML: %s; correct the line", parser.problem ? parser.problem : "unreadable");
+    } else
+        rc = app_bad_input(scene->file, (int)parser.problem_mark.line + 1, "not YAML: %s; correct the line",
+                           parser.problem ? parser.problem : "unreadable");
     yaml_parser_delete(&parser);
     if (rc) yaml_document_delete(&r->document);
     return rc;
@@ -531,13 +479,16 @@ static int open_scene(const char *path, FILE **file) {
     if (fseek(*file, 0, SEEK_END) || ftell(*file) < 0 || ftell(*file) > SCENE_MAX_BYTES) {
         bool folder = ftell(*file) < 0 || ftell(*file) == INT64_MAX;
         fclose(*file);
-        return app_bad_input(path, 0, folder ? "is not a regular file; give the path of a scene file" : "is larger than a scene may be (4 MB); give a scene, not a mesh");
+        return app_bad_input(path, 0,
+                             folder ? "is not a regular file; give the path of a scene file"
+                                    : "is larger than a scene may be (4 MB); give a scene, not a mesh");
     }
     rewind(*file);
     return 0;
 }
 
-int app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count, app_scene **out) {
+int app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count,
+                   app_scene **out) {
     FILE *stream;
     int rc = open_scene(file, &stream);
     if (rc) return rc;
@@ -546,7 +497,8 @@ int app_scene_load(const char *file, char *const *set, int set_count, const app_
     scene->file = keep(scene, file);
     scene->set_count = set_count;
     scene->set = app_scene_alloc(scene, sizeof *scene->set * (size_t)(set_count + 1));
-    for (int i = 0; i < set_count; ++i) scene->set[i] = keep(scene, set[i]);
+    for (int i = 0; i < set_count; ++i)
+        scene->set[i] = keep(scene, set[i]);
     scene->effect_count = effect_count;
     scene->effect = app_scene_alloc(scene, sizeof *scene->effect * (size_t)(effect_count + 1));
     reader r = {.scene = scene, .schema_count = effect_count + 1};
@@ -560,11 +512,14 @@ int app_scene_load(const char *file, char *const *set, int set_count, const app_
     rc = load_document(&r, stream);
     fclose(stream);
     if (!rc) {
-        for (int i = 0; i < set_count && !rc; ++i) rc = apply_set(&r, i);
+        for (int i = 0; i < set_count && !rc; ++i)
+            rc = app_scene_apply_set(&r, i);
         if (!rc) rc = read_mapping(&r, NULL, node_at(&r, 1), 1, "", "", base);
         yaml_document_delete(&r.document);
     }
-    if (rc) app_scene_free(scene);
-    else *out = scene;
+    if (rc)
+        app_scene_free(scene);
+    else
+        *out = scene;
     return rc;
 }

@@ -14,20 +14,47 @@ typedef struct unit {
 
 /* The first unit of a dimension is the SI one, which a number without a unit is read in. */
 static const unit units[] = {
-    {"pressure", "Pa", 1},         {"pressure", "kPa", 1e3},       {"pressure", "MPa", 1e6},
-    {"pressure", "GPa", 1e9},      {"pressure", "N/m2", 1},        {"pressure", "mmHg", 133.322387415},
-    {"length", "m", 1},            {"length", "cm", 1e-2},         {"length", "mm", 1e-3},
-    {"length", "um", 1e-6},        {"angle", "rad", 1},            {"angle", "mrad", 1e-3},
-    {"angle", "deg", M_PI / 180},  {"density", "kg/m3", 1},        {"density", "g/cm3", 1e3},
-    {"density", "g/ml", 1e3},      {"force", "N", 1},              {"force", "mN", 1e-3},
-    {"force", "kN", 1e3},          {"time", "s", 1},               {"time", "ms", 1e-3},
-    {"time", "us", 1e-6},          {"time", "min", 60},            {"rate", "1/s", 1},
-    {"rate", "/s", 1},             {"rate", "Hz", 1},              {"rate", "kHz", 1e3},
-    {"mass", "kg", 1},             {"mass", "g", 1e-3},            {"acceleration", "m/s2", 1},
-    {"acceleration", "cm/s2", 1e-2}, {"velocity", "m/s", 1},       {"velocity", "cm/s", 1e-2},
-    {"velocity", "mm/s", 1e-3},    {"compliance", "m/N", 1},       {"compliance", "mm/N", 1e-3},
-    {"stiffness", "N/m", 1},       {"stiffness", "N/mm", 1e3},     {"stiffness", "kN/m", 1e3},
-    {"none", "", 1},               {"none", "%", 1e-2},
+    {"pressure", "Pa", 1},
+    {"pressure", "kPa", 1e3},
+    {"pressure", "MPa", 1e6},
+    {"pressure", "GPa", 1e9},
+    {"pressure", "N/m2", 1},
+    {"pressure", "mmHg", 133.322387415},
+    {"length", "m", 1},
+    {"length", "cm", 1e-2},
+    {"length", "mm", 1e-3},
+    {"length", "um", 1e-6},
+    {"angle", "rad", 1},
+    {"angle", "mrad", 1e-3},
+    {"angle", "deg", M_PI / 180},
+    {"density", "kg/m3", 1},
+    {"density", "g/cm3", 1e3},
+    {"density", "g/ml", 1e3},
+    {"force", "N", 1},
+    {"force", "mN", 1e-3},
+    {"force", "kN", 1e3},
+    {"time", "s", 1},
+    {"time", "ms", 1e-3},
+    {"time", "us", 1e-6},
+    {"time", "min", 60},
+    {"rate", "1/s", 1},
+    {"rate", "/s", 1},
+    {"rate", "Hz", 1},
+    {"rate", "kHz", 1e3},
+    {"mass", "kg", 1},
+    {"mass", "g", 1e-3},
+    {"acceleration", "m/s2", 1},
+    {"acceleration", "cm/s2", 1e-2},
+    {"velocity", "m/s", 1},
+    {"velocity", "cm/s", 1e-2},
+    {"velocity", "mm/s", 1e-3},
+    {"compliance", "m/N", 1},
+    {"compliance", "mm/N", 1e-3},
+    {"stiffness", "N/m", 1},
+    {"stiffness", "N/mm", 1e3},
+    {"stiffness", "kN/m", 1e3},
+    {"none", "", 1},
+    {"none", "%", 1e-2},
 };
 enum { UNIT_COUNT = sizeof units / sizeof units[0] };
 
@@ -68,32 +95,40 @@ static bool find_unit(const char *text, const char *dimension, double *factor, c
     if (!strcmp(dimension, "none"))
         snprintf(why, (size_t)why_size, "'%s' is a unit where a plain number is expected; leave it out", text);
     else if (other)
-        snprintf(why, (size_t)why_size, "'%s' is %s %s where %s %s is expected; write it in %s", text, article(other), other,
-                 article(dimension), dimension, known);
+        snprintf(why, (size_t)why_size, "'%s' is %s %s where %s %s is expected; write it in %s", text, article(other),
+                 other, article(dimension), dimension, known);
     else
-        snprintf(why, (size_t)why_size, "unknown unit '%s'; %s %s is written in %s", text, article(dimension), dimension, known);
+        snprintf(why, (size_t)why_size, "unknown unit '%s'; %s %s is written in %s", text, article(dimension),
+                 dimension, known);
     return false;
 }
 
 bool app_parse_quantity(const char *text, const char *dimension, double *si, char *why, int why_size) {
-    while (isspace((unsigned char)*text)) ++text;
+    while (isspace((unsigned char)*text))
+        ++text;
     const char *digits = text + strspn(text, "+-");
     char *end = NULL;
     double value = strtod(text, &end);
     bool plain = (isdigit((unsigned char)*digits) || *digits == '.') && !(digits[0] == '0' && (digits[1] | 32) == 'x');
     if (end == text || !plain) {
-        snprintf(why, (size_t)why_size, "'%.60s' is not a number; write a number with or without a unit, such as %s", text,
-                 !strcmp(dimension, "pressure") ? "5 kPa" : !strcmp(dimension, "length") ? "3 mm" : !strcmp(dimension, "angle") ? "30 deg" : "0.5");
+        snprintf(why, (size_t)why_size, "'%.60s' is not a number; write a number with or without a unit, such as %s",
+                 text,
+                 !strcmp(dimension, "pressure") ? "5 kPa"
+                 : !strcmp(dimension, "length") ? "3 mm"
+                 : !strcmp(dimension, "angle")  ? "30 deg"
+                                                : "0.5");
         return false;
     }
     if (!isfinite(value)) {
         snprintf(why, (size_t)why_size, "'%.60s' is not finite; write a number that a double can hold", text);
         return false;
     }
-    while (isspace((unsigned char)*end)) ++end;
+    while (isspace((unsigned char)*end))
+        ++end;
     char name[32];
     size_t length = strlen(end);
-    while (length && isspace((unsigned char)end[length - 1])) --length;
+    while (length && isspace((unsigned char)end[length - 1]))
+        --length;
     if (length >= sizeof name) length = sizeof name - 1;
     memcpy(name, end, length);
     name[length] = 0;

@@ -15,8 +15,11 @@ int sim_make_supports(sim *s) {
     s->held_dof = malloc(sizeof *s->held_dof * (size_t)n * 3);
     s->held_m = malloc(sizeof *s->held_m * (size_t)n * 3);
     s->held_by = malloc((size_t)n * 3);
-    int rc = mark && held && value && s->support_of && s->held_dof && s->held_m && s->held_by ? 0 : app_scene_bad(scene, 0, "out of memory; use a smaller mesh");
-    if (scene->support.count > 100) rc = app_scene_bad(scene, scene->support.line, "%d supports; give at most 100", scene->support.count);
+    int rc = mark && held && value && s->support_of && s->held_dof && s->held_m && s->held_by
+                 ? 0
+                 : app_scene_bad(scene, 0, "out of memory; use a smaller mesh");
+    if (scene->support.count > 100)
+        rc = app_scene_bad(scene, scene->support.line, "%d supports; give at most 100", scene->support.count);
     for (int i = 0; i < scene->support.count && !rc; ++i) {
         const app_support *support = (const app_support *)scene->support.item + i;
         rc = app_select_vertices(scene, &support->select, support->here.line, &s->file, mark, &selected);
@@ -25,8 +28,11 @@ int sim_make_supports(sim *s) {
                 if (!strchr(support->axes.s, "xyz"[a])) continue;
                 int32_t d = 3 * v + a;
                 if (held[d] && value[d] != support->displace.v[a])
-                    rc = app_scene_bad(scene, support->here.line, "vertex %d is already held at %g m along %c by the support on line %d; make the selectors disjoint",
-                                       v, value[d], "xyz"[a], ((const app_support *)scene->support.item)[held[d] - 1].here.line);
+                    rc = app_scene_bad(scene, support->here.line,
+                                       "vertex %d is already held at %g m along %c by the support on line %d; make the "
+                                       "selectors disjoint",
+                                       v, value[d], "xyz"[a],
+                                       ((const app_support *)scene->support.item)[held[d] - 1].here.line);
                 if (!held[d]) held[d] = (int8_t)(i + 1);
                 value[d] = support->displace.v[a];
                 if (!s->support_of[v]) s->support_of[v] = (uint8_t)(i + 1);
@@ -52,7 +58,9 @@ static int add_traction(sim *s, const app_load *load, const uint8_t *mark, doubl
         const int32_t *v = &mesh->surface[3 * t];
         if (mark[v[0]] && mark[v[1]] && mark[v[2]]) memcpy(&triangle[3 * count++], v, 3 * sizeof *v);
     }
-    int rc = count ? 0 : app_scene_bad(s->scene, load->traction.line, "no surface triangle has its three vertices selected; widen the selector");
+    int rc = count ? 0
+                   : app_scene_bad(s->scene, load->traction.line,
+                                   "no surface triangle has its three vertices selected; widen the selector");
     if (!rc) tm_load_add_traction(mesh, triangle, count, load->traction.v, force);
     free(triangle);
     return rc;
@@ -70,7 +78,8 @@ int sim_make_loads(sim *s) {
         rc = app_select_vertices(scene, &load->select, load->here.line, &s->file, mark, &selected);
         if (!rc && load->traction.line) rc = add_traction(s, load, mark, force);
         for (int32_t v = 0; v < n && !rc && load->force.line; ++v)
-            for (int a = 0; a < 3 && mark[v]; ++a) force[3 * v + a] += load->force.v[a];
+            for (int a = 0; a < 3 && mark[v]; ++a)
+                force[3 * v + a] += load->force.v[a];
     }
     free(mark);
     return rc;

@@ -19,12 +19,16 @@ static const app_field fields[] = {
     {"anisotropy.file", APP_PATH, NULL, NULL, 0, 0, offsetof(options, file), 0,
      "CSV with header `tet,ax,ay,az`, one row a tetrahedron, counted from 0 in file order; instead of a rule"},
     {"anisotropy.rule", APP_CHOICE, "constant|radial|circular|spherical", NULL, 0, 0, offsetof(options, rule), 0,
-     "`constant`: along `direction`; `radial` and `circular`: away from and around the line through `point` along `direction`; `spherical`: away from `point`"},
+     "`constant`: along `direction`; `radial` and `circular`: away from and around the line through `point` along "
+     "`direction`; `spherical`: away from `point`"},
     {"anisotropy.direction", APP_VECTOR, "none", "[0, 0, 1]", 0, 0, offsetof(options, direction), 0, "any length"},
-    {"anisotropy.point", APP_VECTOR, "length", "[0, 0, 0]", 0, 0, offsetof(options, point), 0, "of the line, or the centre"},
+    {"anisotropy.point", APP_VECTOR, "length", "[0, 0, 0]", 0, 0, offsetof(options, point), 0,
+     "of the line, or the centre"},
 };
 
-static double norm(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
+static double norm(const double v[3]) {
+    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+}
 
 static int check(const app_scene *scene, const void *own) {
     const options *o = own;
@@ -37,7 +41,9 @@ static int check(const app_scene *scene, const void *own) {
 
 /* Any unit vector across `axis`: where a rule has no direction of its own. */
 static void across(const double axis[3], double out[3]) {
-    int small = fabs(axis[0]) <= fabs(axis[1]) && fabs(axis[0]) <= fabs(axis[2]) ? 0 : fabs(axis[1]) <= fabs(axis[2]) ? 1 : 2;
+    int small = fabs(axis[0]) <= fabs(axis[1]) && fabs(axis[0]) <= fabs(axis[2]) ? 0
+                : fabs(axis[1]) <= fabs(axis[2])                                 ? 1
+                                                                                 : 2;
     double e[3] = {small == 0, small == 1, small == 2};
     out[0] = axis[1] * e[2] - axis[2] * e[1];
     out[1] = axis[2] * e[0] - axis[0] * e[2];
@@ -46,11 +52,16 @@ static void across(const double axis[3], double out[3]) {
 
 static void direction_at(const options *o, const double x[3], double out[3]) {
     double axis[3], length = norm(o->direction.v), d[3], along = 0;
-    for (int a = 0; a < 3; ++a) axis[a] = length > 0 ? o->direction.v[a] / length : a == 2;
-    for (int a = 0; a < 3; ++a) d[a] = x[a] - o->point.v[a];
-    for (int a = 0; a < 3; ++a) along += d[a] * axis[a];
-    if (o->rule.index == CONSTANT) memcpy(out, axis, sizeof axis);
-    else if (o->rule.index == SPHERICAL) memcpy(out, d, sizeof d);
+    for (int a = 0; a < 3; ++a)
+        axis[a] = length > 0 ? o->direction.v[a] / length : a == 2;
+    for (int a = 0; a < 3; ++a)
+        d[a] = x[a] - o->point.v[a];
+    for (int a = 0; a < 3; ++a)
+        along += d[a] * axis[a];
+    if (o->rule.index == CONSTANT)
+        memcpy(out, axis, sizeof axis);
+    else if (o->rule.index == SPHERICAL)
+        memcpy(out, d, sizeof d);
     else {
         double r[3] = {d[0] - along * axis[0], d[1] - along * axis[1], d[2] - along * axis[2]};
         memcpy(out, r, sizeof r);
@@ -62,7 +73,8 @@ static void direction_at(const options *o, const double x[3], double out[3]) {
     }
     if (!(norm(out) > 1e-12)) across(axis, out);
     length = norm(out);
-    for (int a = 0; a < 3; ++a) out[a] /= length;
+    for (int a = 0; a < 3; ++a)
+        out[a] /= length;
 }
 
 static int prepare(sim *s, const void *own) {
@@ -79,7 +91,8 @@ static int prepare(sim *s, const void *own) {
     for (int32_t t = 0; t < n; ++t) {
         double x[3] = {0, 0, 0};
         for (int k = 0; k < 4; ++k)
-            for (int a = 0; a < 3; ++a) x[a] += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k] + a];
+            for (int a = 0; a < 3; ++a)
+                x[a] += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k] + a];
         direction_at(o, x, &s->fibre[3 * t]);
     }
     return 0;
@@ -87,7 +100,8 @@ static int prepare(sim *s, const void *own) {
 
 const sim_effect sim_effect_anisotropy = {
     .name = "anisotropy",
-    .doc = "One fibre direction a tetrahedron. The stiffness tensors take it in when the tissue is built; a step costs the same with and without.",
+    .doc = "One fibre direction a tetrahedron. The stiffness tensors take it in when the tissue is built; a step costs "
+           "the same with and without.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .check = check,
     .prepare = prepare,

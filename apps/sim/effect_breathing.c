@@ -15,7 +15,8 @@ typedef struct options {
 static const app_field fields[] = {
     {"breathing", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "a support moves to and fro"},
     {"breathing.support", APP_TEXT, NULL, "!", 0, 0, offsetof(options, support), 0, "the name of that support"},
-    {"breathing.amplitude", APP_VECTOR, "length", "[0, 0, 10 mm]", 0, 0, offsetof(options, amplitude), 0, "from rest to the far end"},
+    {"breathing.amplitude", APP_VECTOR, "length", "[0, 0, 10 mm]", 0, 0, offsetof(options, amplitude), 0,
+     "from rest to the far end"},
     {"breathing.period", APP_NUMBER, "time", "4 s", 0.01, 1000, offsetof(options, period), 0, "of one breath"},
 };
 
@@ -40,7 +41,9 @@ static void run(void *self, tm_world *world) {
         tm_support_move(world, b->component[i].component, b->component[i].rest_m + share * b->component[i].amplitude_m);
 }
 
-static void destroy(void *self) { tm_release(self, (size_t)((breathing *)self)->bytes); }
+static void destroy(void *self) {
+    tm_release(self, (size_t)((breathing *)self)->bytes);
+}
 
 static int find_support(const app_scene *scene, const options *o) {
     for (int i = 0; i < scene->support.count; ++i)
@@ -52,11 +55,16 @@ static int check(const app_scene *scene, const void *own) {
     const options *o = own;
     int i = find_support(scene, o);
     if (i < 0 || !*o->support.s)
-        return app_scene_bad(scene, o->support.line, "breathing moves the support '%s', which the scene does not name; give one of the supports this name", o->support.s);
+        return app_scene_bad(
+            scene, o->support.line,
+            "breathing moves the support '%s', which the scene does not name; give one of the supports this name",
+            o->support.s);
     const app_support *s = (const app_support *)scene->support.item + i;
     for (int a = 0; a < 3; ++a)
         if (o->amplitude.v[a] != 0 && !strchr(s->axes.s, "xyz"[a]))
-            return app_scene_bad(scene, o->amplitude.line ? o->amplitude.line : o->here.line, "breathing moves along %c, which the support leaves free; hold that axis too", "xyz"[a]);
+            return app_scene_bad(scene, o->amplitude.line ? o->amplitude.line : o->here.line,
+                                 "breathing moves along %c, which the support leaves free; hold that axis too",
+                                 "xyz"[a]);
     return 0;
 }
 
@@ -65,7 +73,8 @@ static int build(sim *s, const void *own) {
     tm_error error = {0};
     uint8_t support = (uint8_t)(1 + find_support(s->scene, o));
     int32_t count = 0;
-    for (int32_t i = 0; i < s->held_count; ++i) count += s->held_by[i] == support && o->amplitude.v[s->held_dof[i] % 3] != 0;
+    for (int32_t i = 0; i < s->held_count; ++i)
+        count += s->held_by[i] == support && o->amplitude.v[s->held_dof[i] % 3] != 0;
     size_t bytes = sizeof(breathing) + sizeof(moved) * (size_t)count;
     breathing *b = tm_allocate(bytes);
     if (!b) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
@@ -82,7 +91,8 @@ static int build(sim *s, const void *own) {
 
 const sim_effect sim_effect_breathing = {
     .name = "breathing",
-    .doc = "Moves one of the scene's supports from where it is held to `amplitude` away and back, smoothly: (1 - cos(2 pi t / period)) / 2.",
+    .doc = "Moves one of the scene's supports from where it is held to `amplitude` away and back, smoothly: (1 - cos(2 "
+           "pi t / period)) / 2.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .check = check,
     .build = build,

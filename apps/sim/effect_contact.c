@@ -8,10 +8,14 @@ typedef struct options {
 
 static const app_field fields[] = {
     {"contact", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "instruments push the tissue's surface"},
-    {"contact.skin", APP_NUMBER, "compliance", "0.5 mm/N", 0, 1, offsetof(options, skin), 0, "compliance of each contact row: a soft skin on the tip"},
-    {"contact.force_cap", APP_NUMBER, "force", "50 N", 0.001, 1e6, offsetof(options, force_cap), 0, "of each row; reaching it is flagged"},
-    {"contact.sweeps", APP_INTEGER, NULL, "10", 1, 1000, offsetof(options, sweeps), 0, "of the projection, each substep"},
-    {"contact.rows", APP_INTEGER, NULL, "256", 8, 100000, offsetof(options, rows), 0, "at most; the deepest are kept and the loss is flagged"},
+    {"contact.skin", APP_NUMBER, "compliance", "0.5 mm/N", 0, 1, offsetof(options, skin), 0,
+     "compliance of each contact row: a soft skin on the tip"},
+    {"contact.force_cap", APP_NUMBER, "force", "50 N", 0.001, 1e6, offsetof(options, force_cap), 0,
+     "of each row; reaching it is flagged"},
+    {"contact.sweeps", APP_INTEGER, NULL, "10", 1, 1000, offsetof(options, sweeps), 0,
+     "of the projection, each substep"},
+    {"contact.rows", APP_INTEGER, NULL, "256", 8, 100000, offsetof(options, rows), 0,
+     "at most; the deepest are kept and the loss is flagged"},
 };
 
 const tm_contact_def *sim_contact_definition(sim *s) {
@@ -36,7 +40,8 @@ static int build(sim *s, const void *own) {
 
 const sim_effect sim_effect_contact = {
     .name = "contact",
-    .doc = "Unilateral, frictionless contact between every instrument (a capsule) and the tissue's surface (triangles).",
+    .doc =
+        "Unilateral, frictionless contact between every instrument (a capsule) and the tissue's surface (triangles).",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"instruments"},
     .build = build,

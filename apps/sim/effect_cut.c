@@ -10,8 +10,10 @@ typedef struct options {
 
 static const app_field fields[] = {
     {"cut", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "active cauteries remove what they touch"},
-    {"cut.rate", APP_NUMBER, "rate", "200 /s", 1e-3, 1e9, offsetof(options, rate), 0, "tetrahedra a second that one cautery may remove"},
-    {"cut.loose", APP_CHOICE, "fall|remove", "fall", 0, 0, offsetof(options, loose), 0, "pieces that hang on nothing fall out of sight, or vanish"},
+    {"cut.rate", APP_NUMBER, "rate", "200 /s", 1e-3, 1e9, offsetof(options, rate), 0,
+     "tetrahedra a second that one cautery may remove"},
+    {"cut.loose", APP_CHOICE, "fall|remove", "fall", 0, 0, offsetof(options, loose), 0,
+     "pieces that hang on nothing fall out of sight, or vanish"},
 };
 
 static int prepare(sim *s, const void *own) {
@@ -31,7 +33,9 @@ static int build(sim *s, const void *own) {
     s->cuts.tet = tm_allocate(n * sizeof *s->cuts.tet);
     s->cuts.instrument = tm_allocate(n);
     s->cuts.capacity = (int32_t)n;
-    return s->cuts.tet && s->cuts.instrument ? 0 : app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+    return s->cuts.tet && s->cuts.instrument
+               ? 0
+               : app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
 }
 
 static void destroy(sim *s) {
@@ -46,7 +50,8 @@ static void frame(sim *s) {
 
 const sim_effect sim_effect_cut = {
     .name = "cut",
-    .doc = "Cauteries (instruments of mode `cautery`) remove tetrahedra while their pedal is down; the mesh stays conformal and manifold, and the "
+    .doc = "Cauteries (instruments of mode `cautery`) remove tetrahedra while their pedal is down; the mesh stays "
+           "conformal and manifold, and the "
            "tissue equals a fresh build of what is left, bit for bit.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"contact"},

@@ -20,7 +20,8 @@ static int prepare(sim *s, const void *own) {
 
 const sim_effect sim_effect_damping = {
     .name = "damping",
-    .doc = "Viscous damping in proportion to mass. Without it the integrator is the undamped one, which has fewer instructions.",
+    .doc = "Viscous damping in proportion to mass. Without it the integrator is the undamped one, which has fewer "
+           "instructions.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .prepare = prepare,
 };

@@ -10,19 +10,26 @@ typedef struct options {
 static const app_field fields[] = {
     {"grasp", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "graspers hold the tissue between their jaws"},
     {"grasp.close", APP_NUMBER, "none", "0.7", 0, 1, offsetof(options, close_grip), 0, "grip that closes the jaw"},
-    {"grasp.open", APP_NUMBER, "none", "0.3", 0, 1, offsetof(options, open_grip), 0, "grip that opens it, below `close`"},
-    {"grasp.jaw", APP_NUMBER, "length", "10 mm", 1e-4, 0.1, offsetof(options, jaw), 0, "of the shaft behind the tip that takes hold"},
+    {"grasp.open", APP_NUMBER, "none", "0.3", 0, 1, offsetof(options, open_grip), 0,
+     "grip that opens it, below `close`"},
+    {"grasp.jaw", APP_NUMBER, "length", "10 mm", 1e-4, 0.1, offsetof(options, jaw), 0,
+     "of the shaft behind the tip that takes hold"},
     {"grasp.reach", APP_NUMBER, "length", "1 mm", 0, 0.1, offsetof(options, reach), 0, "beyond the radius"},
-    {"grasp.compliance", APP_NUMBER, "compliance", "0.2 mm/N", 0, 1, offsetof(options, compliance), 0, "of the hold on each vertex"},
-    {"grasp.fade", APP_NUMBER, "time", "0.1 s", 0, 10, offsetof(options, fade), 0, "after opening, until the force is gone"},
-    {"grasp.force_cap", APP_NUMBER, "force", "20 N", 0.001, 1e6, offsetof(options, force_cap), 0, "of each vertex; what is beyond slips"},
-    {"grasp.max_vertices", APP_INTEGER, NULL, "64", 1, 10000, offsetof(options, max_vertices), 0, "held by one instrument, nearest kept"},
+    {"grasp.compliance", APP_NUMBER, "compliance", "0.2 mm/N", 0, 1, offsetof(options, compliance), 0,
+     "of the hold on each vertex"},
+    {"grasp.fade", APP_NUMBER, "time", "0.1 s", 0, 10, offsetof(options, fade), 0,
+     "after opening, until the force is gone"},
+    {"grasp.force_cap", APP_NUMBER, "force", "20 N", 0.001, 1e6, offsetof(options, force_cap), 0,
+     "of each vertex; what is beyond slips"},
+    {"grasp.max_vertices", APP_INTEGER, NULL, "64", 1, 10000, offsetof(options, max_vertices), 0,
+     "held by one instrument, nearest kept"},
 };
 
 static int check(const app_scene *scene, const void *own) {
     const options *o = own;
     if (o->open_grip.si < o->close_grip.si) return 0;
-    return app_scene_bad(scene, o->open_grip.line ? o->open_grip.line : o->close_grip.line, "grasp.open %g is not below grasp.close %g; lower it", o->open_grip.si, o->close_grip.si);
+    return app_scene_bad(scene, o->open_grip.line ? o->open_grip.line : o->close_grip.line,
+                         "grasp.open %g is not below grasp.close %g; lower it", o->open_grip.si, o->close_grip.si);
 }
 
 static int build(sim *s, const void *own) {
@@ -45,7 +52,8 @@ static int build(sim *s, const void *own) {
 
 const sim_effect sim_effect_grasp = {
     .name = "grasp",
-    .doc = "Closing the jaw of an instrument of mode `grasper` ties the tissue between the jaws to it; opening lets go within `fade`.",
+    .doc = "Closing the jaw of an instrument of mode `grasper` ties the tissue between the jaws to it; opening lets go "
+           "within `fade`.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"contact"},
     .check = check,

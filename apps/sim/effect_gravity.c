@@ -9,7 +9,8 @@ typedef struct options {
 
 static const app_field fields[] = {
     {"gravity", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "the tissue has weight"},
-    {"gravity.acceleration", APP_VECTOR, "acceleration", "[0, 0, -9.81]", 0, 0, offsetof(options, acceleration), 0, "world axes"},
+    {"gravity.acceleration", APP_VECTOR, "acceleration", "[0, 0, -9.81]", 0, 0, offsetof(options, acceleration), 0,
+     "world axes"},
 };
 
 static int build(sim *s, const void *own) {

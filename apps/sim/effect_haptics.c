@@ -4,24 +4,36 @@
 
 static const app_field fields[] = {
     {"haptics", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_haptics, here), 0,
-     "forces go to a controller: over LCM in real time; in lockstep controller and virtual device run in the same process"},
-    {"haptics.extrapolator", APP_CHOICE, "hold|time|position|broyden|tangent|contact|paper_position", "position", 0, 0, offsetof(sim_haptics, extrapolator), 0,
-     "in lockstep; in real time the controller says what it runs"},
+     "forces go to a controller: over LCM in real time; in lockstep controller and virtual device run in the same "
+     "process"},
+    {"haptics.extrapolator", APP_CHOICE, "hold|time|position|broyden|tangent|contact|paper_position", "position", 0, 0,
+     offsetof(sim_haptics, extrapolator), 0, "in lockstep; in real time the controller says what it runs"},
     {"haptics.sends", APP_CHOICE, "force|stiffness|patch", NULL, 0, 0, offsetof(sim_haptics, sends), 0,
-     "what may go with the force, when the controller's extrapolator asks for it (`tangent`: stiffness, `contact`: patch); left out: what `extrapolator` asks for"},
-    {"haptics.patch_vertices", APP_INTEGER, NULL, "24", 3, 24, offsetof(sim_haptics, patch_vertices), 0, "of a patch; up to 12 with 16 triangles, more with 32"},
-    {"haptics.rate", APP_NUMBER, "rate", "500 Hz", 50, 10000, offsetof(sim_haptics, rate), 0, "controller ticks a second, in lockstep"},
-    {"haptics.passivity", APP_FLAG, NULL, "yes", 0, 0, offsetof(sim_haptics, passivity), 0, "passivity control, in lockstep"},
+     "what may go with the force, when the controller's extrapolator asks for it (`tangent`: stiffness, `contact`: "
+     "patch); left out: what `extrapolator` asks for"},
+    {"haptics.patch_vertices", APP_INTEGER, NULL, "24", 3, 24, offsetof(sim_haptics, patch_vertices), 0,
+     "of a patch; up to 12 with 16 triangles, more with 32"},
+    {"haptics.rate", APP_NUMBER, "rate", "500 Hz", 50, 10000, offsetof(sim_haptics, rate), 0,
+     "controller ticks a second, in lockstep"},
+    {"haptics.passivity", APP_FLAG, NULL, "yes", 0, 0, offsetof(sim_haptics, passivity), 0,
+     "passivity control, in lockstep"},
     {"haptics.profile", APP_PATH, NULL, NULL, 0, 0, offsetof(sim_haptics, profile), 0,
-     "device profile (haptic_rt/device/profiles; `haptic-rt --params`), in lockstep; left out, the built-in Impulse Engine"},
-    {"haptics.latency", APP_NUMBER, "none", "1", 0, 100, offsetof(sim_haptics, latency), 0, "in lockstep: frames between a tool sample and the publishing of its force"},
-    {"haptics.jitter", APP_NUMBER, "time", "0 s", 0, 1, offsetof(sim_haptics, jitter), 0, "in lockstep: each sample is late by up to this, at random"},
-    {"haptics.loss", APP_NUMBER, "none", "0", 0, 1, offsetof(sim_haptics, loss), 0, "in lockstep: share of force samples lost, at random"},
-    {"haptics.seed", APP_INTEGER, NULL, "1", 0, 1e9, offsetof(sim_haptics, seed), 0, "of that randomness; the same seed, the same run"},
+     "device profile (haptic_rt/device/profiles; `haptic-rt --params`), in lockstep; left out, the built-in Impulse "
+     "Engine"},
+    {"haptics.latency", APP_NUMBER, "none", "1", 0, 100, offsetof(sim_haptics, latency), 0,
+     "in lockstep: frames between a tool sample and the publishing of its force"},
+    {"haptics.jitter", APP_NUMBER, "time", "0 s", 0, 1, offsetof(sim_haptics, jitter), 0,
+     "in lockstep: each sample is late by up to this, at random"},
+    {"haptics.loss", APP_NUMBER, "none", "0", 0, 1, offsetof(sim_haptics, loss), 0,
+     "in lockstep: share of force samples lost, at random"},
+    {"haptics.seed", APP_INTEGER, NULL, "1", 0, 1e9, offsetof(sim_haptics, seed), 0,
+     "of that randomness; the same seed, the same run"},
 };
 
 sim_sends sim_sends_of(int extrapolator) {
-    return extrapolator == HRT_CONTACT ? SIM_SENDS_PATCH : extrapolator == HRT_TANGENT ? SIM_SENDS_STIFFNESS : SIM_SENDS_FORCE;
+    return extrapolator == HRT_CONTACT   ? SIM_SENDS_PATCH
+           : extrapolator == HRT_TANGENT ? SIM_SENDS_STIFFNESS
+                                         : SIM_SENDS_FORCE;
 }
 
 /* Memory and a stage only for what may be sent. */
@@ -40,7 +52,9 @@ static int build(sim *s, const void *own) {
     def.max_vertices = s->patch_vertices;
     def.max_triangles = s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16;
     def.horizon_s = 2 * s->frame_s;
-    return tm_stage_patch(s->world, s->contact, &def, &s->patch_maker, &error) ? sim_report(s->scene, o->here.line, &error) : 0;
+    return tm_stage_patch(s->world, s->contact, &def, &s->patch_maker, &error)
+               ? sim_report(s->scene, o->here.line, &error)
+               : 0;
 }
 
 static void destroy(sim *s) {
@@ -49,7 +63,8 @@ static void destroy(sim *s) {
 
 const sim_effect sim_effect_haptics = {
     .name = "haptics",
-    .doc = "Force samples for a 500 Hz controller. Without it instruments follow the `hand` exactly and nobody feels anything.",
+    .doc = "Force samples for a 500 Hz controller. Without it instruments follow the `hand` exactly and nobody feels "
+           "anything.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(sim_haptics)},
     .needs = {"instruments"},
     .build = build,

@@ -7,14 +7,18 @@
 #define OPTION(member) offsetof(sim_solve_options, member), 0
 
 static const app_field fields[] = {
-    {"hybrid", APP_SECTION, NULL, NULL, 0, 0, OPTION(here), "which part `model: hybrid` computes how; the section alone asks for nothing"},
+    {"hybrid", APP_SECTION, NULL, NULL, 0, 0, OPTION(here),
+     "which part `model: hybrid` computes how; the section alone asks for nothing"},
     {"hybrid.region", APP_TEXT, NULL, NULL, 0, 0, OPTION(region), "this region is tensor/mass"},
-    {"hybrid.box", APP_SECTION, NULL, NULL, 0, 0, OPTION(box), "tetrahedra whose centre lies in this box are tensor/mass"},
+    {"hybrid.box", APP_SECTION, NULL, NULL, 0, 0, OPTION(box),
+     "tetrahedra whose centre lies in this box are tensor/mass"},
     {"hybrid.box.min", APP_VECTOR, "length", "!", 0, 0, OPTION(box_min), "lower corner"},
     {"hybrid.box.max", APP_VECTOR, "length", "!", 0, 0, OPTION(box_max), "upper corner"},
     {"hybrid.precision", APP_CHOICE, "double|single", "double", 0, 0, OPTION(precision), "of the condensed part"},
-    {"hybrid.cache", APP_FLAG, NULL, "yes", 0, 0, OPTION(cache), "keep it on disk: $TM_CACHE_DIR, $XDG_CACHE_HOME/tensormass or ~/.cache/tensormass"},
-    {"hybrid.max_vertices", APP_INTEGER, NULL, "256", 8, 4096, OPTION(max_vertices), "of the contact system on the condensed part"},
+    {"hybrid.cache", APP_FLAG, NULL, "yes", 0, 0, OPTION(cache),
+     "keep it on disk: $TM_CACHE_DIR, $XDG_CACHE_HOME/tensormass or ~/.cache/tensormass"},
+    {"hybrid.max_vertices", APP_INTEGER, NULL, "256", 8, 4096, OPTION(max_vertices),
+     "of the contact system on the condensed part"},
 };
 
 typedef struct model {
@@ -36,7 +40,9 @@ static void destroy(void *own) {
 static int check(const app_scene *scene, const void *own) {
     const sim_solve_options *o = own;
     if (!o->region.line == !o->box.line)
-        return app_scene_bad(scene, scene->model.line, "model: hybrid wants to know which part is tensor/mass; give 'hybrid:' either a region or a box");
+        return app_scene_bad(
+            scene, scene->model.line,
+            "model: hybrid wants to know which part is tensor/mass; give 'hybrid:' either a region or a box");
     return 0;
 }
 
@@ -46,7 +52,8 @@ static int choose_part(const sim *s, const sim_solve_options *o, uint8_t *dynami
         bool in = true;
         for (int a = 0; a < 3 && o->box.line; ++a) {
             double x = 0;
-            for (int k = 0; k < 4; ++k) x += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k] + a];
+            for (int k = 0; k < 4; ++k)
+                x += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k] + a];
             in = in && x >= o->box_min.v[a] && x <= o->box_max.v[a];
         }
         if (o->region.line) in = !strcmp(s->file.region_name[s->mesh->region[t]], o->region.s);
@@ -54,8 +61,14 @@ static int choose_part(const sim *s, const sim_solve_options *o, uint8_t *dynami
         count += in;
     }
     int line = o->region.line ? o->region.line : o->box.line;
-    if (!count) return app_scene_bad(s->scene, line, "no tetrahedron is in the tensor/mass part; name another region or box (tm-mesh info lists regions)");
-    if (count == s->mesh->tet_count) return app_scene_bad(s->scene, line, "every tetrahedron is in the tensor/mass part; write 'model: dynamic', or make the part smaller");
+    if (!count)
+        return app_scene_bad(
+            s->scene, line,
+            "no tetrahedron is in the tensor/mass part; name another region or box (tm-mesh info lists regions)");
+    if (count == s->mesh->tet_count)
+        return app_scene_bad(
+            s->scene, line,
+            "every tetrahedron is in the tensor/mass part; write 'model: dynamic', or make the part smaller");
     return 0;
 }
 
@@ -83,13 +96,15 @@ static int begin(sim *s) {
     def.file = *file ? file : NULL;
     def.contact = sim_has(s, "contact") ? sim_contact_definition(s) : NULL;
     def.max_local_vertices = (int32_t)o->max_vertices.value;
-    if (m->api.tm_hybrid_create_(&def, &m->hybrid, &report, &error)) return sim_report(s->scene, s->scene->model.line, &error);
+    if (m->api.tm_hybrid_create_(&def, &m->hybrid, &report, &error))
+        return sim_report(s->scene, s->scene->model.line, &error);
     m->bytes = m->api.tm_hybrid_bytes_(m->hybrid);
     sim_solve_told(s, "the condensed part", &report);
     tm_tissue_destroy(s->tissue);
     s->tissue = NULL;
     m->api.tm_hybrid_tissue_(m->hybrid, &s->tissue_def);
-    if (tm_tissue_create(&s->tissue_def, &s->tissue, &error)) return sim_report(s->scene, s->scene->tissue.line, &error);
+    if (tm_tissue_create(&s->tissue_def, &s->tissue, &error))
+        return sim_report(s->scene, s->scene->tissue.line, &error);
     s->condensed_tets = s->mesh->tet_count - tm_tissue_alive_count(s->tissue);
     s->critical_s = m->api.tm_hybrid_critical_step_(m->hybrid, &s->critical_tet);
     return sim_make_world(s);
@@ -98,7 +113,8 @@ static int begin(sim *s) {
 static int end(sim *s) {
     model *m = s->model_own;
     tm_error error = {0};
-    if (m->api.tm_stage_hybrid_(s->world, m->hybrid, s->contact, &error)) return sim_report(s->scene, s->scene->model.line, &error);
+    if (m->api.tm_stage_hybrid_(s->world, m->hybrid, s->contact, &error))
+        return sim_report(s->scene, s->scene->model.line, &error);
     int index;
     sim_effect_find("hybrid", &index);
     sim_own_stages(s, index);
@@ -109,7 +125,8 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     model *m = s->model_own;
     tm_status status = sim_world_frame(s, to, substeps);
     m->api.tm_hybrid_recover_(m->hybrid, s->world);
-    for (int i = 0; s->contact && i < s->instrument_count; ++i) s->reaction[i] = m->api.tm_hybrid_reaction_(m->hybrid, i);
+    for (int i = 0; s->contact && i < s->instrument_count; ++i)
+        s->reaction[i] = m->api.tm_hybrid_reaction_(m->hybrid, i);
     return status;
 }
 
@@ -118,17 +135,33 @@ static tm_surface_view surface(const sim *s) {
     return m->api.tm_hybrid_surface_(m->hybrid);
 }
 
-static const double *displacement(const sim *s) { return tm_world_state(s->world)->u_m; }
-static double time_s(const sim *s) { return tm_world_state(s->world)->time_s; }
-static uint64_t hash(const sim *s) { return tm_world_hash(s->world); }
-static int64_t bytes(const sim *s) { return ((model *)s->model_own)->bytes; }
+static const double *displacement(const sim *s) {
+    return tm_world_state(s->world)->u_m;
+}
+static double time_s(const sim *s) {
+    return tm_world_state(s->world)->time_s;
+}
+static uint64_t hash(const sim *s) {
+    return tm_world_hash(s->world);
+}
+static int64_t bytes(const sim *s) {
+    return ((model *)s->model_own)->bytes;
+}
 
-const sim_model sim_model_hybrid = {.begin = begin, .end = end, .frame = frame, .surface = surface, .displacement = displacement,
-                                    .time_s = time_s, .hash = hash, .bytes = bytes, .destroy = destroy};
+const sim_model sim_model_hybrid = {.begin = begin,
+                                    .end = end,
+                                    .frame = frame,
+                                    .surface = surface,
+                                    .displacement = displacement,
+                                    .time_s = time_s,
+                                    .hash = hash,
+                                    .bytes = bytes,
+                                    .destroy = destroy};
 
 const sim_effect sim_effect_hybrid = {
     .name = "hybrid",
-    .doc = "`model: hybrid` asks for it: tensor/mass where the section says (that part may be cut), everything else condensed onto the interface, "
+    .doc = "`model: hybrid` asks for it: tensor/mass where the section says (that part may be cut), everything else "
+           "condensed onto the interface, "
            "quasi-static, its inside recovered once a frame. Opens the module `solve` (CHOLMOD).",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(sim_solve_options)},
     .model = APP_HYBRID,

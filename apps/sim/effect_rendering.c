@@ -5,7 +5,8 @@
 #include "publish.h"
 
 static const app_field fields[] = {
-    {"rendering", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_rendering, here), 0, "the surface goes out for pictures, on TISSUE"},
+    {"rendering", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_rendering, here), 0,
+     "the surface goes out for pictures, on TISSUE"},
     {"rendering.every", APP_INTEGER, NULL, "1", 1, 10000, offsetof(sim_rendering, every), 0, "one in so many frames"},
 };
 
@@ -20,9 +21,11 @@ typedef struct sim_picture {
 static int build(sim *s, const void *own) {
     const sim_rendering *o = own;
     size_t n = (size_t)s->mesh->vertex_count;
-    /* Cutting may lay open every face of every tetrahedron but for those that pair up: two each at most, and the hull. */
+    /* Cutting may lay open every face of every tetrahedron but for those that pair up: two each at most, and the hull.
+     */
     size_t t = (size_t)s->mesh->surface_count + (s->tissue_def.cuttable ? 2 * (size_t)s->mesh->tet_count : 0);
-    size_t bytes = sizeof(sim_picture) + n * (sizeof(float *) + 3 * sizeof(float) + 2 * sizeof(int32_t)) + t * (sizeof(int32_t *) + 3 * sizeof(int32_t) + 1);
+    size_t bytes = sizeof(sim_picture) + n * (sizeof(float *) + 3 * sizeof(float) + 2 * sizeof(int32_t)) +
+                   t * (sizeof(int32_t *) + 3 * sizeof(int32_t) + 1);
     sim_picture *p = s->picture = tm_allocate(bytes);
     if (!p) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
     memset(p, 0, bytes);
@@ -35,8 +38,10 @@ static int build(sim *s, const void *own) {
     p->message.vertex_id = corner + 3 * t;
     p->slot_of = p->message.vertex_id + n;
     p->message.triangle_kind = (int8_t *)(p->slot_of + n);
-    for (size_t i = 0; i < n; ++i) p->message.vertex_m[i] = xyz + 3 * i;
-    for (size_t i = 0; i < t; ++i) p->message.triangle[i] = corner + 3 * i;
+    for (size_t i = 0; i < n; ++i)
+        p->message.vertex_m[i] = xyz + 3 * i;
+    for (size_t i = 0; i < t; ++i)
+        p->message.triangle[i] = corner + 3 * i;
     return 0;
 }
 
@@ -48,8 +53,10 @@ static bool was_outside(const tm_mesh *mesh, int32_t face) {
     int32_t low = 0, high = mesh->surface_count;
     while (low < high) {
         int32_t middle = low + (high - low) / 2;
-        if (mesh->surface_face[middle] < face) low = middle + 1;
-        else high = middle;
+        if (mesh->surface_face[middle] < face)
+            low = middle + 1;
+        else
+            high = middle;
     }
     return low < mesh->surface_count && mesh->surface_face[low] == face;
 }
@@ -57,8 +64,10 @@ static bool was_outside(const tm_mesh *mesh, int32_t face) {
 static void renumber(sim_picture *p, const sim *s, const tm_surface_view *surface) {
     tensormass_tissue_t *m = &p->message;
     m->vertex_count = 0;
-    for (int32_t v = 0; v < s->mesh->vertex_count; ++v) p->slot_of[v] = -1;
-    for (int32_t i = 0; i < 3 * surface->count; ++i) p->slot_of[surface->triangle[i]] = 0;
+    for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
+        p->slot_of[v] = -1;
+    for (int32_t i = 0; i < 3 * surface->count; ++i)
+        p->slot_of[surface->triangle[i]] = 0;
     for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
         if (!p->slot_of[v]) {
             p->slot_of[v] = m->vertex_count;
@@ -66,7 +75,8 @@ static void renumber(sim_picture *p, const sim *s, const tm_surface_view *surfac
         }
     m->triangle_count = surface->count;
     for (int32_t t = 0; t < surface->count; ++t) {
-        for (int c = 0; c < 3; ++c) m->triangle[t][c] = p->slot_of[surface->triangle[3 * t + c]];
+        for (int c = 0; c < 3; ++c)
+            m->triangle[t][c] = p->slot_of[surface->triangle[3 * t + c]];
         m->triangle_kind[t] = !was_outside(s->mesh, surface->face[t]);
     }
     m->topology_revision = p->revision = surface->revision;

@@ -1,4 +1,5 @@
-/* tm-sim --explain: what one step of this scene is made of, who asked for it, what it holds and costs, and what is not there. */
+/* tm-sim --explain: what one step of this scene is made of, who asked for it, what it holds and costs, and what is not
+ * there. */
 #include <cjson/cJSON.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -27,7 +28,8 @@ static int64_t tissue_without(const sim *s, bool fibres, bool cutting) {
     tm_material *isotropic = malloc(sizeof *isotropic * (size_t)def.material_count);
     if (!isotropic) return -1;
     memcpy(isotropic, def.material, sizeof *isotropic * (size_t)def.material_count);
-    for (int i = 0; i < def.material_count && fibres; ++i) isotropic[i].dlambda_Pa = isotropic[i].dmu_Pa = isotropic[i].beta_Pa = 0;
+    for (int i = 0; i < def.material_count && fibres; ++i)
+        isotropic[i].dlambda_Pa = isotropic[i].dmu_Pa = isotropic[i].beta_Pa = 0;
     if (fibres) {
         def.material = isotropic;
         def.fibre = NULL;
@@ -97,7 +99,8 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
     /* What an effect holds beside its stages: in the library's account, or inside the tissue. */
     int64_t beside[SIM_MAX_EFFECTS];
     for (int e = 0; e < sim_effect_count; ++e) {
-        beside[e] = s->cost[e].bytes + (sim_effects[e]->model && s->model->bytes && sim_effect_line(s->scene, e) ? s->model->bytes(s) : 0);
+        beside[e] = s->cost[e].bytes +
+                    (sim_effects[e]->model && s->model->bytes && sim_effect_line(s->scene, e) ? s->model->bytes(s) : 0);
         if (!strcmp(sim_effects[e]->name, "anisotropy")) beside[e] += fibres;
         if (!strcmp(sim_effects[e]->name, "cut")) beside[e] += cutting;
         for (int i = 0; i < count; ++i)
@@ -108,7 +111,10 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
         int owner = SIM_OWNER_ALL;
         for (int j = 0; j < s->owner_count; ++j)
             if (!strcmp(s->owner[j].stage, report[i].name)) owner = s->owner[j].effect;
-        rows[n] = (row){.phase = phase_name[report[i].phase], .line = line_of_stage(s, owner), .bytes = report[i].bytes, .in_step = true,
+        rows[n] = (row){.phase = phase_name[report[i].phase],
+                        .line = line_of_stage(s, owner),
+                        .bytes = report[i].bytes,
+                        .in_step = true,
                         .us_per_step = report[i].runs ? report[i].seconds * 1e6 / (double)report[i].runs : 0};
         if (owner >= 0) {
             rows[n].bytes += beside[owner];
@@ -121,7 +127,8 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
     /* Effects without a stage of their own. */
     for (int e = 0; e < sim_effect_count; ++e) {
         bool staged = false;
-        for (int j = 0; j < s->owner_count; ++j) staged |= s->owner[j].effect == e;
+        for (int j = 0; j < s->owner_count; ++j)
+            staged |= s->owner[j].effect == e;
         if (!sim_effect_line(s->scene, e) || staged) continue;
         rows[n] = (row){.phase = "", .line = sim_effect_line(s->scene, e), .bytes = beside[e]};
         snprintf(rows[n].name, sizeof rows[n].name, "%s", sim_effects[e]->name);
@@ -132,9 +139,10 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
 }
 
 static void print(const sim *s, const row *rows, int n, double total_us, cJSON *json) {
-    printf("%s: %d tetrahedra, %d vertices; %.4g frames/s of %d substeps of %.4g s (guaranteed critical step %.4g s, set by tetrahedron %lld)\n\n",
-           s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps, s->dt_s, s->critical_s,
-           (long long)s->file.tet_tag[s->critical_tet]);
+    printf("%s: %d tetrahedra, %d vertices; %.4g frames/s of %d substeps of %.4g s (guaranteed critical step %.4g s, "
+           "set by tetrahedron %lld)\n\n",
+           s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps, s->dt_s,
+           s->critical_s, (long long)s->file.tet_tag[s->critical_tet]);
     printf("%-14s %-10s %12s %10s %7s  asked for by\n", "stage", "phase", "bytes", "us/step", "share");
     cJSON *list = cJSON_AddArrayToObject(json, "stages");
     for (int i = 0; i < n; ++i) {
@@ -150,11 +158,15 @@ static void print(const sim *s, const row *rows, int n, double total_us, cJSON *
         if (rows[i].in_step) {
             cJSON_AddNumberToObject(j, "us_per_step", rows[i].us_per_step);
             cJSON_AddNumberToObject(j, "share", share);
-            printf("%-14s %-10s %12lld %10.3f %6.1f%%  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes, rows[i].us_per_step, 100 * share, rows[i].asked);
-        } else printf("%-14s %-10s %12lld %10s %7s  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes, "-", "-", rows[i].asked);
+            printf("%-14s %-10s %12lld %10.3f %6.1f%%  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes,
+                   rows[i].us_per_step, 100 * share, rows[i].asked);
+        } else
+            printf("%-14s %-10s %12lld %10s %7s  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes, "-", "-",
+                   rows[i].asked);
     }
     double real = total_us > 0 ? s->dt_s * 1e6 / total_us : 0;
-    printf("\none step %.3f us: %.2f simulated seconds a second on this machine now\nleft out, and costing nothing:", total_us, real);
+    printf("\none step %.3f us: %.2f simulated seconds a second on this machine now\nleft out, and costing nothing:",
+           total_us, real);
     cJSON_AddNumberToObject(json, "us_per_step", total_us);
     cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", real);
     cJSON *left = cJSON_AddArrayToObject(json, "left_out");
@@ -178,7 +190,8 @@ int run_explain(sim *s, const run_options *o) {
     tm_status status = measure(s, stages, &count);
     double total_us = 0;
     int n = gather(s, stages, count, rows);
-    for (int i = 0; i < n; ++i) total_us += rows[i].us_per_step;
+    for (int i = 0; i < n; ++i)
+        total_us += rows[i].us_per_step;
     if (status) {
         fputs("tm-sim: the scene blew up while being measured; lower time.step_fraction\n", stderr);
         run_file_end(&report, false);

@@ -6,7 +6,8 @@
 
 static void normalise(double v[3]) {
     double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    for (int a = 0; a < 3; ++a) v[a] /= length;
+    for (int a = 0; a < 3; ++a)
+        v[a] /= length;
 }
 
 static void make_axes(const app_instrument *t, double axes[9]) {
@@ -33,16 +34,19 @@ tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINT
     double d[3] = {sin(joint[1]), sin(joint[0]) * cos(joint[1]), cos(joint[0]) * cos(joint[1])};
     tm_tool_pose pose = {.roll_rad = joint[3], .grip = joint[4], .active = active};
     for (int a = 0; a < 3; ++a)
-        pose.tip_m[a] = s->instrument_def[instrument].trocar_m[a] + joint[2] * (r[3 * a] * d[0] + r[3 * a + 1] * d[1] + r[3 * a + 2] * d[2]);
+        pose.tip_m[a] = s->instrument_def[instrument].trocar_m[a] +
+                        joint[2] * (r[3 * a] * d[0] + r[3 * a + 1] * d[1] + r[3 * a + 2] * d[2]);
     return pose;
 }
 
 bool sim_joints(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]) {
     const double *r = s->axes[instrument];
     double world[3], d[3] = {0, 0, 0};
-    for (int a = 0; a < 3; ++a) world[a] = tip_m[a] - s->instrument_def[instrument].trocar_m[a];
     for (int a = 0; a < 3; ++a)
-        for (int c = 0; c < 3; ++c) d[c] += r[3 * a + c] * world[a];
+        world[a] = tip_m[a] - s->instrument_def[instrument].trocar_m[a];
+    for (int a = 0; a < 3; ++a)
+        for (int c = 0; c < 3; ++c)
+            d[c] += r[3 * a + c] * world[a];
     double insertion = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     if (!(insertion > 1e-9)) return false;
     joint[0] = atan2(d[1], d[2]);
@@ -76,8 +80,11 @@ static void make_hand(sim *s, int instrument, const app_hand *hand) {
         key[k].active = w[k].active.on;
         sim_scene_joints(s, instrument, &w[k].pose, key[k].joint);
     }
-    s->hand[instrument] = (hrt_hand_script){.key = key, .key_count = hand->path.count, .straight = hand->between.index == 1,
-                                            .repeat = hand->repeat.on, .tremor_m = hand->tremor.line ? hand->tremor_amplitude.si : 0,
+    s->hand[instrument] = (hrt_hand_script){.key = key,
+                                            .key_count = hand->path.count,
+                                            .straight = hand->between.index == 1,
+                                            .repeat = hand->repeat.on,
+                                            .tremor_m = hand->tremor.line ? hand->tremor_amplitude.si : 0,
                                             .tremor_hz = hand->tremor_frequency.si};
 }
 
@@ -97,7 +104,8 @@ void sim_make_instruments(sim *s) {
         }
         /* An instrument starts where its hand does, unless it is told otherwise. */
         sim_scene_joints(s, i, &t->start, s->start_joint[i]);
-        if (s->hand[i].key && !t->start_here.line) memcpy(s->start_joint[i], s->hand[i].key[0].joint, sizeof s->start_joint[i]);
+        if (s->hand[i].key && !t->start_here.line)
+            memcpy(s->start_joint[i], s->hand[i].key[0].joint, sizeof s->start_joint[i]);
         /* Probe and grasper are in the body from the start; a cautery burns only when told. */
         s->pose[i] = def->pose = sim_pose(s, i, s->start_joint[i], def->mode != TM_TOOL_CAUTERY);
     }

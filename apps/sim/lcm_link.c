@@ -43,7 +43,10 @@ static sim_lcm *link_open(const char *url, const char *log, tm_error *error) {
     if (!link) return fail(link, error, "out of memory for messages%s; close other programs", "");
     if (url) link->lcm = lcm_create(url);
     if (url && !link->lcm)
-        return fail(link, error, "LCM cannot open '%s'; for a multicast route on this machine alone type: ip link set lo up; ip route add 224.0.0.0/4 dev lo", url);
+        return fail(link, error,
+                    "LCM cannot open '%s'; for a multicast route on this machine alone type: ip link set lo up; ip "
+                    "route add 224.0.0.0/4 dev lo",
+                    url);
     if (log) link->log = lcm_eventlog_create(log, "w");
     if (log && !link->log) return fail(link, error, "the log %s cannot be written; choose another place", log);
     return link;
@@ -68,9 +71,13 @@ typedef struct codec {
     int (*encode)(void *, int, int, const void *);
 } codec;
 
-#define CODEC(type)                                                                                                   \
-    static int type##_size_any(const void *m) { return tensormass_##type##_encoded_size(m); }                          \
-    static int type##_encode_any(void *b, int o, int n, const void *m) { return tensormass_##type##_encode(b, o, n, m); }
+#define CODEC(type)                                                                                                    \
+    static int type##_size_any(const void *m) {                                                                        \
+        return tensormass_##type##_encoded_size(m);                                                                    \
+    }                                                                                                                  \
+    static int type##_encode_any(void *b, int o, int n, const void *m) {                                               \
+        return tensormass_##type##_encode(b, o, n, m);                                                                 \
+    }
 CODEC(force_sample_t)
 CODEC(contact_patch_t)
 CODEC(tissue_t)
@@ -90,7 +97,11 @@ static const codec codecs[SIM_MESSAGE_COUNT] = {
 };
 
 static void write_event(sim_lcm *link, const char *channel, int64_t utime, void *data, int bytes) {
-    lcm_eventlog_event_t event = {.timestamp = utime, .channellen = (int32_t)strlen(channel), .datalen = bytes, .channel = (char *)(uintptr_t)channel, .data = data};
+    lcm_eventlog_event_t event = {.timestamp = utime,
+                                  .channellen = (int32_t)strlen(channel),
+                                  .datalen = bytes,
+                                  .channel = (char *)(uintptr_t)channel,
+                                  .data = data};
     if (lcm_eventlog_write_event(link->log, &event)) link->failed = true;
 }
 
@@ -104,11 +115,13 @@ static void link_send(sim_lcm *link, sim_message kind, const char *channel, int6
     }
     if (codecs[kind].encode(link->buffer, 0, bytes, message) != bytes) return;
     /* What a controller sends in lockstep goes into the log alone. */
-    if (link->lcm && kind != SIM_TOOL && kind != SIM_CONTROLLER) lcm_publish(link->lcm, channel, link->buffer, (unsigned)bytes);
+    if (link->lcm && kind != SIM_TOOL && kind != SIM_CONTROLLER)
+        lcm_publish(link->lcm, channel, link->buffer, (unsigned)bytes);
     if (link->log) write_event(link, channel, utime, link->buffer, bytes);
 }
 
-static void tool_came(const lcm_recv_buf_t *raw, const char *channel, const tensormass_tool_state_t *message, void *user) {
+static void tool_came(const lcm_recv_buf_t *raw, const char *channel, const tensormass_tool_state_t *message,
+                      void *user) {
     struct heard *h = user;
     if (h->link->log) write_event(h->link, channel, raw->recv_utime, raw->data, (int)raw->data_size);
     h->tool(h->tool_user, h->instrument, message);
@@ -120,14 +133,16 @@ static void controller_came(const lcm_recv_buf_t *raw, const char *channel, void
     char none[] = "";
     tensormass_controller_status_t m = {.fault_text = none, .extrapolator = none};
     int size = (int)raw->data_size;
-    if (!app_wire_sound_head("26.s4.s", 30, 2, tensormass_controller_status_t_encoded_size(&m), raw->data, size)) return;
+    if (!app_wire_sound_head("26.s4.s", 30, 2, tensormass_controller_status_t_encoded_size(&m), raw->data, size))
+        return;
     if (h->link->log) write_event(h->link, channel, raw->recv_utime, raw->data, size);
     if (tensormass_controller_status_t_decode(raw->data, 0, size, &m) != size) return;
     h->controller(h->controller_user, h->instrument, &m);
     tensormass_controller_status_t_decode_cleanup(&m);
 }
 
-static void link_on_tool(sim_lcm *link, int instrument, void (*take)(void *, int, const tensormass_tool_state_t *), void *user) {
+static void link_on_tool(sim_lcm *link, int instrument, void (*take)(void *, int, const tensormass_tool_state_t *),
+                         void *user) {
     char channel[CHANNEL_MAX];
     struct heard *h = &link->heard[instrument];
     h->link = link;
@@ -139,7 +154,8 @@ static void link_on_tool(sim_lcm *link, int instrument, void (*take)(void *, int
     if (h->subscription) tensormass_tool_state_t_subscription_set_queue_capacity(h->subscription, 100);
 }
 
-static void link_on_controller(sim_lcm *link, int instrument, void (*take)(void *, int, const tensormass_controller_status_t *), void *user) {
+static void link_on_controller(sim_lcm *link, int instrument,
+                               void (*take)(void *, int, const tensormass_controller_status_t *), void *user) {
     char channel[CHANNEL_MAX];
     struct heard *h = &link->heard[instrument];
     h->link = link;

@@ -1,5 +1,5 @@
-/* tm-sim --lockstep: simulation, controllers and virtual devices on one virtual clock, in one thread. The same code as in real time, the same
- * bits every time. */
+/* tm-sim --lockstep: simulation, controllers and virtual devices on one virtual clock, in one thread. The same code as
+ * in real time, the same bits every time. */
 #include <cjson/cJSON.h>
 #include <inttypes.h>
 #include <math.h>
@@ -55,7 +55,9 @@ static double next_random(lockstep *l) {
     return (double)((z ^ (z >> 31)) >> 11) * 0x1p-53;
 }
 
-static int64_t frame_us(const lockstep *l, int64_t frame) { return START_US + llround((double)frame * l->s->frame_s * 1e6); }
+static int64_t frame_us(const lockstep *l, int64_t frame) {
+    return START_US + llround((double)frame * l->s->frame_s * 1e6);
+}
 
 /* --- controllers and devices --- */
 
@@ -79,7 +81,8 @@ static int make_station(lockstep *l, int i) {
     device.session = 1;
     device.seed = (uint64_t)l->haptics->seed.value;
     device.period_us = (double)l->tick_us;
-    for (int j = 0; j < SIM_JOINTS; ++j) device.rest[j] = s->start_joint[i][j];
+    for (int j = 0; j < SIM_JOINTS; ++j)
+        device.rest[j] = s->start_joint[i][j];
     device.hand = s->hand[i];
     hrt_bus_open_loopback(&t->device_bus, &l->bus);
     hrt_bus_open_loopback(&t->node_bus, &l->bus);
@@ -89,16 +92,28 @@ static int make_station(lockstep *l, int i) {
 }
 
 static void tool_message(const hrt_tool_state *from, tensormass_tool_state_t *to) {
-    *to = (tensormass_tool_state_t){.utime = from->utime, .seq = (int32_t)from->seq, .session = from->session, .instrument = from->instrument,
-                                    .mode = from->mode, .state = from->state, .active = from->active, .extrapolator = from->extrapolator};
+    *to = (tensormass_tool_state_t){.utime = from->utime,
+                                    .seq = (int32_t)from->seq,
+                                    .session = from->session,
+                                    .instrument = from->instrument,
+                                    .mode = from->mode,
+                                    .state = from->state,
+                                    .active = from->active,
+                                    .extrapolator = from->extrapolator};
     memcpy(to->tip_m, from->tip_m, sizeof to->tip_m);
     memcpy(to->joint, from->joint, sizeof to->joint);
 }
 
 static void force_message(const tensormass_force_sample_t *from, hrt_force_sample *to) {
-    *to = (hrt_force_sample){.utime = from->utime, .session = from->session, .tool_session = from->tool_session, .tool_utime = from->tool_utime,
-                             .seq = (uint32_t)from->seq, .instrument = from->instrument, .stiffness_kind = from->stiffness_kind,
-                             .flags = from->flags, .topology_revision = from->topology_revision};
+    *to = (hrt_force_sample){.utime = from->utime,
+                             .session = from->session,
+                             .tool_session = from->tool_session,
+                             .tool_utime = from->tool_utime,
+                             .seq = (uint32_t)from->seq,
+                             .instrument = from->instrument,
+                             .stiffness_kind = from->stiffness_kind,
+                             .flags = from->flags,
+                             .topology_revision = from->topology_revision};
     memcpy(to->tip_m, from->tip_m, sizeof to->tip_m);
     memcpy(to->force_N, from->force_N, sizeof to->force_N);
     memcpy(to->stiffness_N_m, from->stiffness_N_m, sizeof to->stiffness_N_m);
@@ -108,12 +123,28 @@ static void send_status(lockstep *l, int i, int64_t now_us, int32_t seq) {
     hrt_status h = {0};
     char channel[24];
     hrt_node_status(&l->station[i].node, &h);
-    tensormass_controller_status_t m = {.utime = now_us, .seq = seq, .session = h.session, .instrument = (int8_t)i, .state = (int8_t)h.state,
-        .fault = h.fault, .fault_text = (char *)(uintptr_t)(h.fault_text ? h.fault_text : ""), .limits = h.limits,
-        .extrapolator = (char *)(uintptr_t)hrt_extrapolator_name((hrt_extrapolator)h.extrapolator), .passivity_on = (int8_t)h.passivity_on,
-        .passivity_J = h.passivity_J, .sample_age_s = h.sample_age_s, .ticks = h.ticks, .missed_ticks = h.missed_ticks,
-        .samples_received = h.samples_received, .samples_late = h.samples_late, .samples_lost = h.samples_lost,
-        .samples_rejected = h.samples_rejected, .can_tx = h.can_tx, .can_rx = h.can_rx, .can_errors = h.can_errors};
+    tensormass_controller_status_t m = {.utime = now_us,
+                                        .seq = seq,
+                                        .session = h.session,
+                                        .instrument = (int8_t)i,
+                                        .state = (int8_t)h.state,
+                                        .fault = h.fault,
+                                        .fault_text = (char *)(uintptr_t)(h.fault_text ? h.fault_text : ""),
+                                        .limits = h.limits,
+                                        .extrapolator =
+                                            (char *)(uintptr_t)hrt_extrapolator_name((hrt_extrapolator)h.extrapolator),
+                                        .passivity_on = (int8_t)h.passivity_on,
+                                        .passivity_J = h.passivity_J,
+                                        .sample_age_s = h.sample_age_s,
+                                        .ticks = h.ticks,
+                                        .missed_ticks = h.missed_ticks,
+                                        .samples_received = h.samples_received,
+                                        .samples_late = h.samples_late,
+                                        .samples_lost = h.samples_lost,
+                                        .samples_rejected = h.samples_rejected,
+                                        .can_tx = h.can_tx,
+                                        .can_rx = h.can_rx,
+                                        .can_errors = h.can_errors};
     memcpy(m.force_N, h.force_N, sizeof m.force_N);
     snprintf(channel, sizeof channel, "CONTROLLER_%d", i);
     l->publisher.api->send(l->publisher.link, SIM_CONTROLLER, channel, now_us, &m);
@@ -122,10 +153,14 @@ static void send_status(lockstep *l, int i, int64_t now_us, int32_t seq) {
 static void trace_tick(lockstep *l, int i, int64_t now_us) {
     const station *t = &l->station[i];
     const hrt_output *h = &t->node.output;
-    fprintf(l->csv.stream, "%.6f,%d,%d,%d,%" PRIu32, (double)(now_us - START_US) * 1e-6, i, h->state, h->fault, h->limits);
-    for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", t->tool.tip_m[a]);
-    for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", (double)h->force_N[a]);
-    for (int j = 0; j < SIM_JOINTS; ++j) fprintf(l->csv.stream, ",%.9g", t->tool.joint[j]);
+    fprintf(l->csv.stream, "%.6f,%d,%d,%d,%" PRIu32, (double)(now_us - START_US) * 1e-6, i, h->state, h->fault,
+            h->limits);
+    for (int a = 0; a < 3; ++a)
+        fprintf(l->csv.stream, ",%.9g", t->tool.tip_m[a]);
+    for (int a = 0; a < 3; ++a)
+        fprintf(l->csv.stream, ",%.9g", (double)h->force_N[a]);
+    for (int j = 0; j < SIM_JOINTS; ++j)
+        fprintf(l->csv.stream, ",%.9g", t->tool.joint[j]);
     fprintf(l->csv.stream, ",%.6f\n", (double)h->sample_age_us * 1e-6);
 }
 
@@ -134,10 +169,21 @@ static void deliver(station *t, sent *s) {
     hrt_force_sample sample;
     tensormass_contact_patch_t *p = s->patch;
     if (p) {
-        hrt_patch_message m = {.session = p->session, .seq = (uint32_t)p->seq, .instrument = p->instrument, .topology_revision = p->topology_revision,
-                               .vertex_count = p->vertex_count, .triangle_count = p->triangle_count, .vertex_m = p->vertex_m, .rest_m = p->rest_m,
-                               .origin_m = p->origin_m, .face = p->face, .triangle = p->triangle, .compliance_m_N = p->compliance_m_N,
-                               .skin_compliance_m_N = p->skin_compliance_m_N, .force_cap_N = p->force_cap_N, .radius_m = p->radius_m,
+        hrt_patch_message m = {.session = p->session,
+                               .seq = (uint32_t)p->seq,
+                               .instrument = p->instrument,
+                               .topology_revision = p->topology_revision,
+                               .vertex_count = p->vertex_count,
+                               .triangle_count = p->triangle_count,
+                               .vertex_m = p->vertex_m,
+                               .rest_m = p->rest_m,
+                               .origin_m = p->origin_m,
+                               .face = p->face,
+                               .triangle = p->triangle,
+                               .compliance_m_N = p->compliance_m_N,
+                               .skin_compliance_m_N = p->skin_compliance_m_N,
+                               .force_cap_N = p->force_cap_N,
+                               .radius_m = p->radius_m,
                                .contact_length_m = p->contact_length_m};
         hrt_node_post_patch(&t->node, &m);
         free(p);
@@ -149,10 +195,12 @@ static void deliver(station *t, sent *s) {
 static void tick(lockstep *l, int64_t now_us) {
     for (int i = 0; i < l->s->instrument_count; ++i) {
         station *t = &l->station[i];
-        for (; t->head != t->tail && t->queue[t->head % QUEUE].due_us <= now_us; ++t->head) deliver(t, &t->queue[t->head % QUEUE]);
+        for (; t->head != t->tail && t->queue[t->head % QUEUE].due_us <= now_us; ++t->head)
+            deliver(t, &t->queue[t->head % QUEUE]);
         hrt_device_step(&t->device, now_us);
         hrt_node_tick(&t->node, now_us, &t->tool);
-        double force[3] = {(double)t->node.output.force_N[0], (double)t->node.output.force_N[1], (double)t->node.output.force_N[2]};
+        double force[3] = {(double)t->node.output.force_N[0], (double)t->node.output.force_N[1],
+                           (double)t->node.output.force_N[2]};
         sim_magnitude_add(&l->force, force);
         tensormass_tool_state_t m;
         char channel[16];
@@ -160,7 +208,8 @@ static void tick(lockstep *l, int64_t now_us) {
         sim_tools_take(&l->tools, i, &m);
         snprintf(channel, sizeof channel, "TOOL_%d", i);
         if (l->publisher.api) l->publisher.api->send(l->publisher.link, SIM_TOOL, channel, now_us, &m);
-        if (l->publisher.api && (now_us - START_US) % 100000 < l->tick_us) send_status(l, i, now_us, (int32_t)((now_us - START_US) / 100000));
+        if (l->publisher.api && (now_us - START_US) % 100000 < l->tick_us)
+            send_status(l, i, now_us, (int32_t)((now_us - START_US) / 100000));
         if (l->csv.begun) trace_tick(l, i, now_us);
     }
     ++l->ticks;
@@ -172,27 +221,35 @@ static void trace_frame(lockstep *l, const tensormass_force_sample_t *m, int64_t
     const tm_tool_reaction *r = &l->s->reaction[m->instrument];
     if (l->samples.begun) {
         FILE *out = l->samples.stream;
-        fprintf(out, "%" PRId64 ",%.6f,%d,%.6f", l->frame, (double)(now_us - START_US) * 1e-6, m->instrument, (double)(m->tool_utime ? m->tool_utime - START_US : 0) * 1e-6);
-        for (int a = 0; a < 3; ++a) fprintf(out, ",%.9g", m->tip_m[a]);
-        for (int a = 0; a < 3; ++a) fprintf(out, ",%.9g", m->force_N[a]);
-        for (int a = 0; a < 3; ++a) fprintf(out, ",%.9g", r->resultant_N[a]);
+        fprintf(out, "%" PRId64 ",%.6f,%d,%.6f", l->frame, (double)(now_us - START_US) * 1e-6, m->instrument,
+                (double)(m->tool_utime ? m->tool_utime - START_US : 0) * 1e-6);
+        for (int a = 0; a < 3; ++a)
+            fprintf(out, ",%.9g", m->tip_m[a]);
+        for (int a = 0; a < 3; ++a)
+            fprintf(out, ",%.9g", m->force_N[a]);
+        for (int a = 0; a < 3; ++a)
+            fprintf(out, ",%.9g", r->resultant_N[a]);
         fprintf(out, ",%d,%d,%d", r->row_count, m->flags, m->stiffness_kind);
-        for (int a = 0; a < 9; ++a) fprintf(out, ",%.9g", m->stiffness_N_m[a]);
+        for (int a = 0; a < 9; ++a)
+            fprintf(out, ",%.9g", m->stiffness_N_m[a]);
         fputc('\n', out);
     }
     if (!l->haptics) {
         sim_magnitude_add(&l->force, r->force_N);
         if (l->csv.begun) {
             fprintf(l->csv.stream, "%.6f,%d,-1,0,0", (double)(now_us - START_US) * 1e-6, m->instrument);
-            for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", m->tip_m[a]);
-            for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", m->force_N[a]);
+            for (int a = 0; a < 3; ++a)
+                fprintf(l->csv.stream, ",%.9g", m->tip_m[a]);
+            for (int a = 0; a < 3; ++a)
+                fprintf(l->csv.stream, ",%.9g", m->force_N[a]);
             fprintf(l->csv.stream, ",0,0,0,0,0,0\n");
         }
     }
 }
 
 /* Takes the patch over. */
-static void queue_sample(lockstep *l, int i, int64_t now_us, const tensormass_force_sample_t *sample, tensormass_contact_patch_t *patch) {
+static void queue_sample(lockstep *l, int i, int64_t now_us, const tensormass_force_sample_t *sample,
+                         tensormass_contact_patch_t *patch) {
     station *t = &l->station[i];
     double late_s = l->haptics->latency.si * l->s->frame_s + next_random(l) * l->haptics->jitter.si;
     bool lost = next_random(l) < l->haptics->loss.si;
@@ -202,7 +259,8 @@ static void queue_sample(lockstep *l, int i, int64_t now_us, const tensormass_fo
     }
     int64_t due = now_us + llround(late_s * 1e6);
     /* One wire: what is sent later does not arrive earlier. */
-    if (t->tail != t->head && t->queue[(t->tail - 1) % QUEUE].due_us > due) due = t->queue[(t->tail - 1) % QUEUE].due_us;
+    if (t->tail != t->head && t->queue[(t->tail - 1) % QUEUE].due_us > due)
+        due = t->queue[(t->tail - 1) % QUEUE].due_us;
     t->queue[t->tail++ % QUEUE] = (sent){due, *sample, patch};
 }
 
@@ -211,8 +269,10 @@ static tm_status frame(lockstep *l, int64_t now_us) {
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
     for (int i = 0; i < s->instrument_count; ++i) {
         s->wants[i] = sim_tools_want(&l->tools, i);
-        if (l->haptics) to[i] = sim_tools_target(&l->tools, i);
-        else to[i] = sim_hand_pose(s, i, (double)(now_us - START_US) * 1e-6);
+        if (l->haptics)
+            to[i] = sim_tools_target(&l->tools, i);
+        else
+            to[i] = sim_hand_pose(s, i, (double)(now_us - START_US) * 1e-6);
     }
     int64_t before = app_monotonic_us();
     tm_status status = sim_frame(s, to, s->substeps);
@@ -224,11 +284,14 @@ static tm_status frame(lockstep *l, int64_t now_us) {
         tensormass_force_sample_t sample;
         sim_force_sample(&l->publisher, s, i, now_us, t_n ? tool->now.session : 0, t_n, 0, &sample);
         tensormass_contact_patch_t *patch = s->patch_valid[i] ? malloc(sizeof *patch) : NULL;
-        if (patch && sim_contact_patch(&l->publisher, s, &sample, patch)) sim_publish_patch(&l->publisher, now_us, patch);
+        if (patch && sim_contact_patch(&l->publisher, s, &sample, patch))
+            sim_publish_patch(&l->publisher, now_us, patch);
         sim_publish_force(&l->publisher, now_us, &sample);
         trace_frame(l, &sample, now_us);
-        if (l->haptics) queue_sample(l, i, now_us, &sample, patch);
-        else free(patch);
+        if (l->haptics)
+            queue_sample(l, i, now_us, &sample, patch);
+        else
+            free(patch);
     }
     /* The clock of this run is virtual, so is the cost that it reports: a log must not depend on the machine. */
     sim_publish_frame(&l->publisher, s, now_us, 0, 0);
@@ -265,7 +328,10 @@ static int loop(lockstep *l) {
     }
     app_progress("lockstep", 1, true);
     if (!status) return 0;
-    fprintf(stderr, "tm-sim: frame %" PRId64 ": a displacement stopped being finite or passed 1e6 m; lower time.step_fraction, or look at the materials with --explain\n", l->frame);
+    fprintf(stderr,
+            "tm-sim: frame %" PRId64 ": a displacement stopped being finite or passed 1e6 m; lower time.step_fraction, "
+                                     "or look at the materials with --explain\n",
+            l->frame);
     return APP_FAILED;
 }
 
@@ -283,7 +349,8 @@ static void report_controllers(lockstep *l, cJSON *json) {
         cJSON_AddNumberToObject(row, "samples_late", (double)h.samples_late);
         cJSON_AddNumberToObject(row, "samples_lost", (double)h.samples_lost);
         cJSON_AddNumberToObject(row, "samples_rejected", (double)h.samples_rejected);
-        cJSON_AddNumberToObject(row, "tools_rejected", (double)(l->tools.tool[i].rejected + l->tools.tool[i].foreign + l->tools.tool[i].late));
+        cJSON_AddNumberToObject(row, "tools_rejected",
+                                (double)(l->tools.tool[i].rejected + l->tools.tool[i].foreign + l->tools.tool[i].late));
     }
 }
 
@@ -306,8 +373,10 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     cJSON_AddNumberToObject(json, "tets_removed", (double)s->cuts.total);
     cJSON_AddStringToObject(json, "state_hash", hash);
     report_controllers(l, json);
-    printf("%" PRId64 " frames, %.3g s simulated, %.2f simulated s per s of computing; %" PRId64 " ticks; force %.3g N RMS, %.3g N peak; state %s\n",
-           l->frame, simulated_s, l->compute_s > 0 ? simulated_s / l->compute_s : 0, l->ticks, sim_magnitude_rms(&l->force), l->force.peak, hash);
+    printf("%" PRId64 " frames, %.3g s simulated, %.2f simulated s per s of computing; %" PRId64
+           " ticks; force %.3g N RMS, %.3g N peak; state %s\n",
+           l->frame, simulated_s, l->compute_s > 0 ? simulated_s / l->compute_s : 0, l->ticks,
+           sim_magnitude_rms(&l->force), l->force.peak, hash);
 }
 
 static int begin(lockstep *l, const char *log) {
@@ -318,11 +387,19 @@ static int begin(lockstep *l, const char *log) {
     if (!rc) rc = sim_publisher_open(&l->publisher, s, NULL, log, SESSION);
     l->haptics = sim_options(s->scene, "haptics");
     if (!rc && l->haptics && (l->o->restore || l->o->snapshot))
-        rc = app_scene_bad(s->scene, l->haptics->here.line, "a snapshot holds the simulation, not its controllers; add --unset haptics, so that instruments follow the hand");
+        rc = app_scene_bad(s->scene, l->haptics->here.line,
+                           "a snapshot holds the simulation, not its controllers; add --unset haptics, so that "
+                           "instruments follow the hand");
     if (!rc && l->o->restore) rc = sim_snapshot_restore(s, l->o->restore);
     l->frame = l->first_frame = s->frames;
-    if (l->csv.begun) fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N,pitch_rad,yaw_rad,insertion_m,roll_rad,grip,age_s\n", l->csv.stream);
-    if (l->samples.begun) fputs("frame,time_s,instrument,tn_s,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rx_N,ry_N,rz_N,rows,flags,stiffness_kind,k11,k12,k13,k21,k22,k23,k31,k32,k33\n", l->samples.stream);
+    if (l->csv.begun)
+        fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N,pitch_rad,yaw_rad,insertion_m,roll_"
+              "rad,grip,age_s\n",
+              l->csv.stream);
+    if (l->samples.begun)
+        fputs("frame,time_s,instrument,tn_s,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rx_N,ry_N,rz_N,rows,flags,stiffness_kind,k11,"
+              "k12,k13,k21,k22,k23,k31,k32,k33\n",
+              l->samples.stream);
     l->tools.s = s;
     if (rc || !l->haptics) return rc;
     l->tick_us = llround(1e6 / l->haptics->rate.si);
@@ -330,7 +407,8 @@ static int begin(lockstep *l, const char *log) {
     hrt_loopback_init(&l->bus);
     l->station = calloc((size_t)s->instrument_count, sizeof *l->station);
     if (!l->station) return APP_FAILED;
-    for (int i = 0; i < s->instrument_count && !rc; ++i) rc = make_station(l, i);
+    for (int i = 0; i < s->instrument_count && !rc; ++i)
+        rc = make_station(l, i);
     return rc;
 }
 
@@ -342,7 +420,8 @@ int run_lockstep(sim *s, const run_options *o) {
     app_output log = {0};
     const sim_recording *recording = sim_options(s->scene, "recording");
     int rc = 0;
-    if (recording && !app_output_begin(&log, recording->file.s, &error)) return sim_report(s->scene, recording->file.line, &error);
+    if (recording && !app_output_begin(&log, recording->file.s, &error))
+        return sim_report(s->scene, recording->file.line, &error);
     int64_t start = app_monotonic_us();
     rc = begin(l, recording ? log.temporary : NULL);
     cJSON *json = run_report_begin(s, "lockstep");
@@ -351,17 +430,21 @@ int run_lockstep(sim *s, const run_options *o) {
         fprintf(stderr, "%s: the log could not be written; the disk may be full\n", log.path);
         rc = APP_FAILED;
     }
-    if (recording && rc) app_output_abandon(&log);
-    else if (recording && !app_output_commit(&log, &error)) rc = app_report(NULL, 0, &error);
+    if (recording && rc)
+        app_output_abandon(&log);
+    else if (recording && !app_output_commit(&log, &error))
+        rc = app_report(NULL, 0, &error);
     if (!rc) report(l, json, (double)(app_monotonic_us() - start) * 1e-6);
     int rc2 = run_file_end(&l->csv, !rc), rc3 = run_file_end(&l->samples, !rc);
     if (rc) {
         run_file_end(&l->report, false);
         cJSON_Delete(json);
-    } else rc = run_report_end(json, &l->report);
+    } else
+        rc = run_report_end(json, &l->report);
     for (int i = 0; l->station && i < s->instrument_count; ++i) {
         station *t = &l->station[i];
-        for (; t->head != t->tail; ++t->head) free(t->queue[t->head % QUEUE].patch);
+        for (; t->head != t->tail; ++t->head)
+            free(t->queue[t->head % QUEUE].patch);
         hrt_bus_close(&l->station[i].node_bus);
         hrt_bus_close(&l->station[i].device_bus);
     }

@@ -11,18 +11,23 @@ static const char help[] =
     "tm-sim SCENE.yaml MODE [options]: soft tissue in frames of 25 to 30 a second\n"
     "\n"
     "Modes\n"
-    "  --lockstep            virtual clock; simulation, controller and virtual device in one process; the same bits every time\n"
-    "  --realtime            wall clock; TOOL_i in, FORCE_i PATCH_i TISSUE CUT SIM_STATUS out over LCM, where the scene asks for them\n"
+    "  --lockstep            virtual clock; simulation, controller and virtual device in one process; the same bits "
+    "every time\n"
+    "  --realtime            wall clock; TOOL_i in, FORCE_i PATCH_i TISSUE CUT SIM_STATUS out over LCM, where the "
+    "scene asks for them\n"
     "  --settle TOL          solve to rest, to this relative residual; with --write\n"
-    "  --explain             the step's stages, the line that asked for each, what it holds and costs, what was left out\n"
-    "  --hands PREFIX        write the scene's scripted hands to PREFIX0.csv, PREFIX1.csv, for tm-device, its settings to PREFIX.json\n"
+    "  --explain             the step's stages, the line that asked for each, what it holds and costs, what was left "
+    "out\n"
+    "  --hands PREFIX        write the scene's scripted hands to PREFIX0.csv, PREFIX1.csv, for tm-device, its settings "
+    "to PREFIX.json\n"
     "  --check               read and build the scene, no more\n"
     "  --schema markdown     every key of a scene (docs/scene-reference.md)\n"
     "\n"
     "Options\n"
     "  --set PATH=VALUE      put this value over the scene's (--set time.frame_rate=50); as often as wanted\n"
     "  --unset PATH          leave this key of the scene out (--unset gravity)\n"
-    "  --force plain|best    form of the force loop (--set tissue.force=...); plain has the same bits on every machine\n"
+    "  --force plain|best    form of the force loop (--set tissue.force=...); plain has the same bits on every "
+    "machine\n"
     "  --duration TIME       how long, '5 s'; instead of the scene's\n"
     "  --frames N            how many frames, instead\n"
     "  --record FILE         LCM log of every message, lockstep sessions too (--set recording.file=...)\n"
@@ -35,24 +40,59 @@ static const char help[] =
     "  --restore FILE        go on from a saved state\n"
     "  --help, --version\n"
     "\n"
-    "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else. Ctrl-C ends a run cleanly, files written.\n";
+    "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else. Ctrl-C ends a run cleanly, files "
+    "written.\n";
 
-enum { OPT_LOCKSTEP = 256, OPT_REALTIME, OPT_SETTLE, OPT_EXPLAIN, OPT_CHECK, OPT_SCHEMA, OPT_SET, OPT_UNSET, OPT_FORCE, OPT_DURATION,
-       OPT_FRAMES, OPT_RECORD, OPT_CSV, OPT_SAMPLES, OPT_WRITE, OPT_JSON, OPT_URL, OPT_HANDS, OPT_SNAPSHOT_AT, OPT_SNAPSHOT, OPT_RESTORE, OPT_HELP, OPT_VERSION };
+enum {
+    OPT_LOCKSTEP = 256,
+    OPT_REALTIME,
+    OPT_SETTLE,
+    OPT_EXPLAIN,
+    OPT_CHECK,
+    OPT_SCHEMA,
+    OPT_SET,
+    OPT_UNSET,
+    OPT_FORCE,
+    OPT_DURATION,
+    OPT_FRAMES,
+    OPT_RECORD,
+    OPT_CSV,
+    OPT_SAMPLES,
+    OPT_WRITE,
+    OPT_JSON,
+    OPT_URL,
+    OPT_HANDS,
+    OPT_SNAPSHOT_AT,
+    OPT_SNAPSHOT,
+    OPT_RESTORE,
+    OPT_HELP,
+    OPT_VERSION
+};
 
-static const struct option long_options[] = {
-    {"lockstep", no_argument, NULL, OPT_LOCKSTEP}, {"realtime", no_argument, NULL, OPT_REALTIME},
-    {"settle", required_argument, NULL, OPT_SETTLE}, {"explain", no_argument, NULL, OPT_EXPLAIN},
-    {"check", no_argument, NULL, OPT_CHECK},       {"schema", required_argument, NULL, OPT_SCHEMA},
-    {"set", required_argument, NULL, OPT_SET},     {"unset", required_argument, NULL, OPT_UNSET},
-    {"force", required_argument, NULL, OPT_FORCE}, {"duration", required_argument, NULL, OPT_DURATION},
-    {"frames", required_argument, NULL, OPT_FRAMES}, {"record", required_argument, NULL, OPT_RECORD},
-    {"csv", required_argument, NULL, OPT_CSV},     {"samples", required_argument, NULL, OPT_SAMPLES},
-    {"write", required_argument, NULL, OPT_WRITE}, {"json", required_argument, NULL, OPT_JSON},
-    {"snapshot-at", required_argument, NULL, OPT_SNAPSHOT_AT}, {"snapshot", required_argument, NULL, OPT_SNAPSHOT},
-    {"restore", required_argument, NULL, OPT_RESTORE},
-    {"url", required_argument, NULL, OPT_URL},     {"hands", required_argument, NULL, OPT_HANDS}, {"help", no_argument, NULL, OPT_HELP},
-    {"version", no_argument, NULL, OPT_VERSION},   {NULL, 0, NULL, 0}};
+static const struct option long_options[] = {{"lockstep", no_argument, NULL, OPT_LOCKSTEP},
+                                             {"realtime", no_argument, NULL, OPT_REALTIME},
+                                             {"settle", required_argument, NULL, OPT_SETTLE},
+                                             {"explain", no_argument, NULL, OPT_EXPLAIN},
+                                             {"check", no_argument, NULL, OPT_CHECK},
+                                             {"schema", required_argument, NULL, OPT_SCHEMA},
+                                             {"set", required_argument, NULL, OPT_SET},
+                                             {"unset", required_argument, NULL, OPT_UNSET},
+                                             {"force", required_argument, NULL, OPT_FORCE},
+                                             {"duration", required_argument, NULL, OPT_DURATION},
+                                             {"frames", required_argument, NULL, OPT_FRAMES},
+                                             {"record", required_argument, NULL, OPT_RECORD},
+                                             {"csv", required_argument, NULL, OPT_CSV},
+                                             {"samples", required_argument, NULL, OPT_SAMPLES},
+                                             {"write", required_argument, NULL, OPT_WRITE},
+                                             {"json", required_argument, NULL, OPT_JSON},
+                                             {"snapshot-at", required_argument, NULL, OPT_SNAPSHOT_AT},
+                                             {"snapshot", required_argument, NULL, OPT_SNAPSHOT},
+                                             {"restore", required_argument, NULL, OPT_RESTORE},
+                                             {"url", required_argument, NULL, OPT_URL},
+                                             {"hands", required_argument, NULL, OPT_HANDS},
+                                             {"help", no_argument, NULL, OPT_HELP},
+                                             {"version", no_argument, NULL, OPT_VERSION},
+                                             {NULL, 0, NULL, 0}};
 
 static int usage(const char *what, const char *argument) {
     return app_bad_input("tm-sim", 0, what, argument);
@@ -60,7 +100,8 @@ static int usage(const char *what, const char *argument) {
 
 static int add_set(run_options *o, const char *prefix, const char *text, bool wants_value) {
     if (o->set_count >= RUN_MAX_SETS) return usage("more than 64 --set%s; write a scene instead", "");
-    if (wants_value && !*prefix && !strchr(text, '=')) return usage("--set '%s' is not PATH=VALUE; write for example --set tissue.force=plain", text);
+    if (wants_value && !*prefix && !strchr(text, '='))
+        return usage("--set '%s' is not PATH=VALUE; write for example --set tissue.force=plain", text);
     if (!wants_value && strchr(text, '=')) return usage("--unset '%s' has a value; give the path alone", text);
     size_t bytes = strlen(prefix) + strlen(text) + 1;
     char *joined = malloc(bytes);
@@ -78,7 +119,8 @@ static int take_number(const char *name, const char *text, const char *dimension
 }
 
 static int choose_mode(run_options *o, run_mode mode) {
-    if (o->mode != RUN_NONE && o->mode != mode) return usage("two modes; choose one of --lockstep --realtime --settle --explain --hands --check%s", "");
+    if (o->mode != RUN_NONE && o->mode != mode)
+        return usage("two modes; choose one of --lockstep --realtime --settle --explain --hands --check%s", "");
     o->mode = mode;
     return 0;
 }
@@ -102,7 +144,8 @@ static int take_option(run_options *o, int option, char **all) {
     case OPT_DURATION: return take_number("--duration", optarg, "time", 0, &o->duration_s);
     case OPT_FRAMES:
         rc = take_number("--frames", optarg, "none", 0, &number);
-        if (!rc && (number != floor(number) || number > 1e12)) rc = usage("--frames '%s' is not a whole number; give one", optarg);
+        if (!rc && (number != floor(number) || number > 1e12))
+            rc = usage("--frames '%s' is not a whole number; give one", optarg);
         if (!rc) o->frames = (int64_t)number;
         return rc;
     case OPT_RECORD: return add_set(o, "recording.file=", optarg, true);
@@ -124,8 +167,10 @@ static int parse(run_options *o, int count, char **all) {
         int option = getopt_long(count, all, "-", long_options, NULL);
         if (option == -1) break;
         if (option == OPT_HELP || option == OPT_VERSION) {
-            if (option == OPT_HELP) fputs(help, stdout);
-            else printf("tm-sim %s\n", tm_version());
+            if (option == OPT_HELP)
+                fputs(help, stdout);
+            else
+                printf("tm-sim %s\n", tm_version());
             exit(0);
         }
         if (option == 1) {
@@ -137,14 +182,20 @@ static int parse(run_options *o, int count, char **all) {
         if (rc) return rc;
     }
     if (optind < count) return usage("'%s' comes after '--'; give options and scene before", all[optind]);
-    if (o->schema) return strcmp(o->schema, "markdown") ? usage("--schema '%s' is not known; use markdown", o->schema) : 0;
+    if (o->schema)
+        return strcmp(o->schema, "markdown") ? usage("--schema '%s' is not known; use markdown", o->schema) : 0;
     if (!o->scene) return usage("no scene%s; tm-sim SCENE.yaml --lockstep, or tm-sim --help", "");
-    if (o->mode == RUN_NONE) return usage("no mode%s; add one of --lockstep --realtime --settle TOL --explain --check", "");
-    if (o->write && o->mode != RUN_SETTLE) return usage("--write %s goes with --settle; add it, or use --csv", o->write);
-    if ((o->csv || o->samples) && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME) return usage("--csv and --samples%s go with --lockstep or --realtime; use --write with --settle", "");
-    if ((o->snapshot != NULL) != (o->snapshot_s >= 0)) return usage("--snapshot-at TIME and --snapshot FILE%s go together; give both", "");
+    if (o->mode == RUN_NONE)
+        return usage("no mode%s; add one of --lockstep --realtime --settle TOL --explain --check", "");
+    if (o->write && o->mode != RUN_SETTLE)
+        return usage("--write %s goes with --settle; add it, or use --csv", o->write);
+    if ((o->csv || o->samples) && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME)
+        return usage("--csv and --samples%s go with --lockstep or --realtime; use --write with --settle", "");
+    if ((o->snapshot != NULL) != (o->snapshot_s >= 0))
+        return usage("--snapshot-at TIME and --snapshot FILE%s go together; give both", "");
     if (o->snapshot && o->mode != RUN_LOCKSTEP) return usage("--snapshot %s goes with --lockstep; add it", o->snapshot);
-    if (o->restore && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME) return usage("--restore %s goes with --lockstep or --realtime; add one", o->restore);
+    if (o->restore && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME)
+        return usage("--restore %s goes with --lockstep or --realtime; add one", o->restore);
     return 0;
 }
 
@@ -174,7 +225,10 @@ static int run(run_options *o) {
     case RUN_SETTLE: rc = run_settle(s, o); break;
     case RUN_EXPLAIN: rc = run_explain(s, o); break;
     case RUN_HANDS: rc = run_hands(s, o); break;
-    case RUN_CHECK: printf("%s: %d tetrahedra, %d substeps of %.3g s a frame\n", o->scene, s->mesh->tet_count, s->substeps, s->dt_s); break;
+    case RUN_CHECK:
+        printf("%s: %d tetrahedra, %d substeps of %.3g s a frame\n", o->scene, s->mesh->tet_count, s->substeps,
+               s->dt_s);
+        break;
     case RUN_NONE: break;
     }
     sim_destroy(s);
@@ -186,6 +240,7 @@ int main(int count, char **all) {
     run_catch_signals();
     int rc = parse(&o, count, all);
     if (!rc) rc = run(&o);
-    for (int i = 0; i < o.set_count; ++i) free(o.set[i]);
+    for (int i = 0; i < o.set_count; ++i)
+        free(o.set[i]);
     return rc;
 }

@@ -10,11 +10,17 @@ int sim_choose_step(sim *s) {
     if (scene->step.line) {
         largest = scene->step.si;
         if (largest > s->critical_s)
-            return app_scene_bad(scene, scene->step.line, "time.step = %.4g s is above the guaranteed critical step %.4g s, set by tetrahedron %lld of the mesh file; lower it or leave it out", largest, s->critical_s, (long long)s->file.tet_tag[s->critical_tet]);
+            return app_scene_bad(scene, scene->step.line,
+                                 "time.step = %.4g s is above the guaranteed critical step %.4g s, set by tetrahedron "
+                                 "%lld of the mesh file; lower it or leave it out",
+                                 largest, s->critical_s, (long long)s->file.tet_tag[s->critical_tet]);
     }
     s->frame_s = 1 / scene->frame_rate.si;
     double count = ceil(s->frame_s / largest - 1e-9);
-    if (!(count < 1e8)) return app_scene_bad(scene, scene->step.line, "a frame would take %.3g substeps; repair tetrahedron %lld, whose critical step is %.3g s", count, (long long)s->file.tet_tag[s->critical_tet], s->critical_s);
+    if (!(count < 1e8))
+        return app_scene_bad(scene, scene->step.line,
+                             "a frame would take %.3g substeps; repair tetrahedron %lld, whose critical step is %.3g s",
+                             count, (long long)s->file.tet_tag[s->critical_tet], s->critical_s);
     s->substeps = count < 1 ? 1 : (int32_t)count;
     s->dt_s = s->frame_s / s->substeps;
     s->average = (int32_t)(scene->average.si * s->substeps + 0.5);
@@ -35,9 +41,11 @@ int sim_make_world(sim *s) {
     def.count = s->held_count;
     def.dof = s->held_dof;
     def.value_m = s->held_m;
-    if (s->held_count && tm_stage_support(s->world, &def, &error)) return sim_report(s->scene, s->scene->support.line, &error);
+    if (s->held_count && tm_stage_support(s->world, &def, &error))
+        return sim_report(s->scene, s->scene->support.line, &error);
     sim_own_stages(s, SIM_OWNER_SUPPORTS);
-    if (s->load_N && tm_stage_load(s->world, s->load_N, &error)) return sim_report(s->scene, s->scene->load.line, &error);
+    if (s->load_N && tm_stage_load(s->world, s->load_N, &error))
+        return sim_report(s->scene, s->scene->load.line, &error);
     sim_own_stages(s, SIM_OWNER_LOADS);
     return 0;
 }
@@ -50,10 +58,12 @@ static int begin(sim *s) {
 tm_status sim_world_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     if (s->contact) {
         tm_contact_begin_frame(s->contact, substeps, s->average < substeps ? s->average : substeps);
-        for (int i = 0; i < s->instrument_count; ++i) tm_contact_move(s->contact, i, &to[i], substeps);
+        for (int i = 0; i < s->instrument_count; ++i)
+            tm_contact_move(s->contact, i, &to[i], substeps);
     }
     tm_status status = tm_world_step(s->world, substeps);
-    for (int i = 0; s->contact && i < s->instrument_count; ++i) s->reaction[i] = tm_contact_reaction(s->contact, i);
+    for (int i = 0; s->contact && i < s->instrument_count; ++i)
+        s->reaction[i] = tm_contact_reaction(s->contact, i);
     return status;
 }
 
@@ -66,12 +76,26 @@ static void feel(sim *s, int i) {
     s->patch_valid[i] = made && s->patch && s->wants[i] == SIM_SENDS_PATCH;
 }
 
-static tm_surface_view surface(const sim *s) { return tm_tissue_surface(s->tissue); }
-static const double *displacement(const sim *s) { return tm_world_state(s->world)->u_m; }
-static double time_s(const sim *s) { return tm_world_state(s->world)->time_s; }
-static uint64_t hash(const sim *s) { return tm_world_hash(s->world); }
+static tm_surface_view surface(const sim *s) {
+    return tm_tissue_surface(s->tissue);
+}
+static const double *displacement(const sim *s) {
+    return tm_world_state(s->world)->u_m;
+}
+static double time_s(const sim *s) {
+    return tm_world_state(s->world)->time_s;
+}
+static uint64_t hash(const sim *s) {
+    return tm_world_hash(s->world);
+}
 
-static const sim_model dynamic = {.begin = begin, .frame = sim_world_frame, .feel = feel, .surface = surface, .displacement = displacement, .time_s = time_s, .hash = hash};
+static const sim_model dynamic = {.begin = begin,
+                                  .frame = sim_world_frame,
+                                  .feel = feel,
+                                  .surface = surface,
+                                  .displacement = displacement,
+                                  .time_s = time_s,
+                                  .hash = hash};
 
 /* By the index of the scene's `model`. */
 const sim_model *const sim_models[] = {&dynamic, &sim_model_precomputed, &sim_model_hybrid};

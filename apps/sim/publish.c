@@ -12,8 +12,13 @@ static void send_cuts(sim_publisher *p, const sim *s, int64_t utime) {
         for (int32_t i = 0; i < s->cuts.count; ++i)
             if (s->cuts.instrument[i] == who) p->removed[count++] = s->cuts.tet[i];
         if (!count) continue;
-        tensormass_cut_event_t m = {.utime = utime, .seq = p->cut_seq++, .session = p->session, .instrument = (int8_t)who,
-                                    .topology_revision = sim_surface(s).revision, .removed_count = count, .removed_tet = p->removed,
+        tensormass_cut_event_t m = {.utime = utime,
+                                    .seq = p->cut_seq++,
+                                    .session = p->session,
+                                    .instrument = (int8_t)who,
+                                    .topology_revision = sim_surface(s).revision,
+                                    .removed_count = count,
+                                    .removed_tet = p->removed,
                                     .alive_count = sim_alive(s)};
         p->api->send(p->link, SIM_CUT, "CUT", utime, &m);
     }
@@ -51,22 +56,28 @@ bool sim_publisher_close(sim_publisher *p) {
     return good;
 }
 
-void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session, int64_t tool_utime,
-                      int32_t flags, tensormass_force_sample_t *out) {
+void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session,
+                      int64_t tool_utime, int32_t flags, tensormass_force_sample_t *out) {
     const tm_tool_reaction *r = &s->reaction[instrument];
-    *out = (tensormass_force_sample_t){.utime = utime, .seq = p->seq[instrument]++, .session = p->session, .instrument = (int8_t)instrument,
-                                       .tool_session = tool_session, .tool_utime = tool_utime};
+    *out = (tensormass_force_sample_t){.utime = utime,
+                                       .seq = p->seq[instrument]++,
+                                       .session = p->session,
+                                       .instrument = (int8_t)instrument,
+                                       .tool_session = tool_session,
+                                       .tool_utime = tool_utime};
     memcpy(out->tip_m, r->row_count || s->contact ? r->tip_m : s->pose[instrument].tip_m, sizeof out->tip_m);
     memcpy(out->force_N, r->force_N, sizeof out->force_N);
     if (s->wants[instrument] != SIM_SENDS_FORCE && r->stiffness_kind) {
         out->stiffness_kind = (int8_t)r->stiffness_kind;
         memcpy(out->stiffness_N_m, r->stiffness_N_m, sizeof out->stiffness_N_m);
     }
-    out->flags = flags | (s->patch_valid[instrument] ? SIM_FLAG_PATCH : 0) | (r->capped ? SIM_FLAG_CAPPED : 0) | (r->overflowed ? SIM_FLAG_OVERFLOWED : 0);
+    out->flags = flags | (s->patch_valid[instrument] ? SIM_FLAG_PATCH : 0) | (r->capped ? SIM_FLAG_CAPPED : 0) |
+                 (r->overflowed ? SIM_FLAG_OVERFLOWED : 0);
     out->topology_revision = sim_surface(s).revision;
 }
 
-bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_force_sample_t *sample, tensormass_contact_patch_t *out) {
+bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_force_sample_t *sample,
+                       tensormass_contact_patch_t *out) {
     if (!s->patch_valid[sample->instrument]) return false;
     const tm_patch *t = &s->patch[sample->instrument];
     memset(out, 0, sizeof *out);
@@ -86,7 +97,8 @@ bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_fo
     memcpy(out->face, t->face, sizeof *out->face * (size_t)t->triangle_count);
     memcpy(out->triangle, t->triangle, 3 * (size_t)t->triangle_count);
     int n = 3 * t->vertex_count;
-    for (int i = 0; i < n * (n + 1) / 2; ++i) out->compliance_m_N[i] = (float)t->compliance_m_N[i];
+    for (int i = 0; i < n * (n + 1) / 2; ++i)
+        out->compliance_m_N[i] = (float)t->compliance_m_N[i];
     out->skin_compliance_m_N = (float)t->skin_compliance_m_N;
     out->force_cap_N = (float)t->force_cap_N;
     out->radius_m = (float)t->radius_m;
@@ -112,10 +124,19 @@ void sim_publish_force(sim_publisher *p, int64_t utime, const tensormass_force_s
 void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s, double speed) {
     static char models[][12] = {"dynamic", "precomputed", "hybrid"};
     if (!p->api) return;
-    tensormass_sim_status_t m = {.utime = utime, .seq = p->status_seq++, .session = p->session, .scene = (char *)(uintptr_t)s->scene->file,
-                                 .model = models[s->scene->model.index], .tets_alive = sim_alive(s), .substeps = s->substeps,
-                                 .dt_s = s->dt_s, .frame_s = s->frame_s, .compute_s = compute_s, .sim_seconds_per_wall_second = speed,
-                                 .dropped_utime = p->dropped_us, .instrument_count = (int8_t)s->instrument_count};
+    tensormass_sim_status_t m = {.utime = utime,
+                                 .seq = p->status_seq++,
+                                 .session = p->session,
+                                 .scene = (char *)(uintptr_t)s->scene->file,
+                                 .model = models[s->scene->model.index],
+                                 .tets_alive = sim_alive(s),
+                                 .substeps = s->substeps,
+                                 .dt_s = s->dt_s,
+                                 .frame_s = s->frame_s,
+                                 .compute_s = compute_s,
+                                 .sim_seconds_per_wall_second = speed,
+                                 .dropped_utime = p->dropped_us,
+                                 .instrument_count = (int8_t)s->instrument_count};
     for (int i = 0; i < s->instrument_count; ++i) {
         memcpy(m.tip_m[i], s->pose[i].tip_m, sizeof m.tip_m[i]);
         memcpy(m.trocar_m[i], s->instrument_def[i].trocar_m, sizeof m.trocar_m[i]);

@@ -1,4 +1,5 @@
-/* What a frame tells the world: force samples, status, tissue. Structs of the generated types, filled here for network, log and lockstep alike. */
+/* What a frame tells the world: force samples, status, tissue. Structs of the generated types, filled here for network,
+ * log and lockstep alike. */
 #ifndef TM_SIM_PUBLISH_H
 #define TM_SIM_PUBLISH_H
 
@@ -15,7 +16,7 @@ typedef struct sim_publisher {
     int32_t seq[TM_MAX_INSTRUMENTS], status_seq, tissue_seq, cut_seq;
     int64_t dropped_us;
     const sim_rendering *rendering; /* null: no tissue */
-    int32_t *removed;      /* [tet_count] of a CUT message; null without `cut` */
+    int32_t *removed;               /* [tet_count] of a CUT message; null without `cut` */
 } sim_publisher;
 
 /* Opens the module `lcm` when `url` (network) or a log asks for it. 0 or an exit code. */
@@ -26,10 +27,11 @@ bool sim_publisher_close(sim_publisher *p);
 const tensormass_tissue_t *sim_picture_now(sim *s, int64_t utime, int64_t session, int32_t seq);
 
 /* The force sample of an instrument after a frame. tool_session 0: no controller has spoken. */
-void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session, int64_t tool_utime,
-                      int32_t flags, tensormass_force_sample_t *out);
+void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session,
+                      int64_t tool_utime, int32_t flags, tensormass_force_sample_t *out);
 /* The patch of the last frame, with its sample's seq; before the sample. False: there is none. */
-bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_force_sample_t *sample, tensormass_contact_patch_t *out);
+bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_force_sample_t *sample,
+                       tensormass_contact_patch_t *out);
 void sim_publish_patch(sim_publisher *p, int64_t utime, const tensormass_contact_patch_t *patch);
 void sim_publish_force(sim_publisher *p, int64_t utime, const tensormass_force_sample_t *sample);
 /* Cuts, status, tissue. compute_s: spent on the frame. */

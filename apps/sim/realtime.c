@@ -61,7 +61,8 @@ static void wait_until(realtime *r, int64_t deadline_us) {
     for (;;) {
         int64_t left = deadline_us - app_monotonic_us();
         if (left <= 0 || run_interrupted()) break;
-        if (r->haptics) r->publisher.api->receive(r->publisher.link, left);
+        if (r->haptics)
+            r->publisher.api->receive(r->publisher.link, left);
         else {
             struct timespec t = {deadline_us / 1000000, deadline_us % 1000000 * 1000};
             clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
@@ -86,15 +87,20 @@ static void publish(realtime *r, int32_t substeps, double spent_s, bool overran)
         int64_t t_n = sim_tools_mean_utime(&r->tools, i, substeps, average);
         tensormass_force_sample_t sample;
         int64_t utime = utime_now();
-        sim_force_sample(&r->publisher, s, i, utime, t_n ? tool->now.session : 0, t_n, overran ? SIM_FLAG_OVERRAN : 0, &sample);
+        sim_force_sample(&r->publisher, s, i, utime, t_n ? tool->now.session : 0, t_n, overran ? SIM_FLAG_OVERRAN : 0,
+                         &sample);
         static tensormass_contact_patch_t patch; /* 11 kB, one thread */
-        if (r->haptics && sim_contact_patch(&r->publisher, s, &sample, &patch)) sim_publish_patch(&r->publisher, utime, &patch);
+        if (r->haptics && sim_contact_patch(&r->publisher, s, &sample, &patch))
+            sim_publish_patch(&r->publisher, utime, &patch);
         if (r->haptics) sim_publish_force(&r->publisher, utime, &sample);
         sim_magnitude_add(&r->force, sample.force_N);
         if (r->samples.begun) {
-            fprintf(r->samples.stream, "%" PRId64 ",%.6f,%d,%" PRId64, r->frame, (double)(app_monotonic_us() - r->start_us) * 1e-6, i, t_n);
-            for (int a = 0; a < 3; ++a) fprintf(r->samples.stream, ",%.9g", sample.tip_m[a]);
-            for (int a = 0; a < 3; ++a) fprintf(r->samples.stream, ",%.9g", sample.force_N[a]);
+            fprintf(r->samples.stream, "%" PRId64 ",%.6f,%d,%" PRId64, r->frame,
+                    (double)(app_monotonic_us() - r->start_us) * 1e-6, i, t_n);
+            for (int a = 0; a < 3; ++a)
+                fprintf(r->samples.stream, ",%.9g", sample.tip_m[a]);
+            for (int a = 0; a < 3; ++a)
+                fprintf(r->samples.stream, ",%.9g", sample.force_N[a]);
             fprintf(r->samples.stream, ",%d,%d\n", s->reaction[i].row_count, sample.flags);
         }
     }
@@ -108,8 +114,10 @@ static tm_status one_frame(realtime *r) {
     int64_t begin = app_monotonic_us();
     for (int i = 0; i < s->instrument_count; ++i) {
         s->wants[i] = sim_tools_want(&r->tools, i);
-        if (r->haptics) to[i] = sim_tools_target(&r->tools, i);
-        else to[i] = sim_hand_pose(s, i, (double)(begin - r->start_us) * 1e-6);
+        if (r->haptics)
+            to[i] = sim_tools_target(&r->tools, i);
+        else
+            to[i] = sim_hand_pose(s, i, (double)(begin - r->start_us) * 1e-6);
     }
     int32_t substeps = affordable(r);
     tm_status status = sim_frame(s, to, substeps);
@@ -158,16 +166,22 @@ static int loop(realtime *r) {
     r->next_us = r->start_us + r->frame_us;
     while (!status && !run_interrupted()) {
         wait_until(r, r->next_us);
-        if (run_interrupted() || r->frame >= total || (duration >= 0 && app_monotonic_us() - r->start_us > llround(duration * 1e6) + r->frame_us)) break;
+        if (run_interrupted() || r->frame >= total ||
+            (duration >= 0 && app_monotonic_us() - r->start_us > llround(duration * 1e6) + r->frame_us))
+            break;
         status = one_frame(r);
         if (r->haptics && !r->told_waiting && r->frame * r->frame_us > 1000000) {
             for (int i = 0; i < r->s->instrument_count; ++i)
-                if (!r->tools.tool[i].seen) fprintf(stderr, "tm-sim: waiting for TOOL_%d; start haptic-rt (any order is fine)\n", i);
+                if (!r->tools.tool[i].seen)
+                    fprintf(stderr, "tm-sim: waiting for TOOL_%d; start haptic-rt (any order is fine)\n", i);
             r->told_waiting = true;
         }
     }
     if (!status) return 0;
-    fprintf(stderr, "tm-sim: frame %" PRId64 ": a displacement stopped being finite or passed 1e6 m; lower time.step_fraction\n", r->frame);
+    fprintf(stderr,
+            "tm-sim: frame %" PRId64
+            ": a displacement stopped being finite or passed 1e6 m; lower time.step_fraction\n",
+            r->frame);
     return APP_FAILED;
 }
 
@@ -181,7 +195,8 @@ static void report(realtime *r, cJSON *json) {
     cJSON_AddNumberToObject(json, "compute_s", r->compute_s);
     /* Against the clock while running: below 1 only when time was dropped. What the machine could do is compute_s's. */
     cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", wall_s > 0 ? r->simulated_s / wall_s : 0);
-    cJSON_AddNumberToObject(json, "sim_seconds_per_compute_second", r->compute_s > 0 ? r->simulated_s / r->compute_s : 0);
+    cJSON_AddNumberToObject(json, "sim_seconds_per_compute_second",
+                            r->compute_s > 0 ? r->simulated_s / r->compute_s : 0);
     cJSON_AddNumberToObject(json, "overruns", (double)r->overruns);
     cJSON_AddNumberToObject(json, "dropped_s", (double)r->publisher.dropped_us * 1e-6);
     sim_report_quantiles(json, "frame_lateness_us", &r->lateness);
@@ -202,7 +217,8 @@ static void report(realtime *r, cJSON *json) {
         cJSON_AddNumberToObject(row, "rejected", (double)t->rejected);
         ticks += r->controller[i].ticks;
         missed += r->controller[i].missed;
-        for (int k = 0; k < 4; ++k) late[k] = fmax(late[k], r->controller[i].lateness_us[k]);
+        for (int k = 0; k < 4; ++k)
+            late[k] = fmax(late[k], r->controller[i].lateness_us[k]);
     }
     cJSON_AddNumberToObject(json, "ticks", (double)ticks);
     cJSON_AddNumberToObject(json, "missed_ticks", (double)missed);
@@ -210,8 +226,10 @@ static void report(realtime *r, cJSON *json) {
     cJSON_AddNumberToObject(row, "p50", late[0]);
     cJSON_AddNumberToObject(row, "p99", late[1]);
     cJSON_AddNumberToObject(row, "max", late[3]);
-    printf("%" PRId64 " frames in %.2f s, %.3f simulated s per s, %" PRId64 " overruns, %.3g s dropped; force %.3g N RMS, %.3g N peak\n", r->frame, wall_s,
-           wall_s > 0 ? r->simulated_s / wall_s : 0, r->overruns, (double)r->publisher.dropped_us * 1e-6, sim_magnitude_rms(&r->force), r->force.peak);
+    printf("%" PRId64 " frames in %.2f s, %.3f simulated s per s, %" PRId64
+           " overruns, %.3g s dropped; force %.3g N RMS, %.3g N peak\n",
+           r->frame, wall_s, wall_s > 0 ? r->simulated_s / wall_s : 0, r->overruns,
+           (double)r->publisher.dropped_us * 1e-6, sim_magnitude_rms(&r->force), r->force.peak);
 }
 
 static int begin(realtime *r, const char *log) {
@@ -229,7 +247,8 @@ static int begin(realtime *r, const char *log) {
         r->publisher.api->on_tool(r->publisher.link, i, take_tool, r);
         r->publisher.api->on_controller(r->publisher.link, i, take_status, r);
     }
-    if (r->samples.begun) fputs("frame,time_s,instrument,tn_us,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rows,flags\n", r->samples.stream);
+    if (r->samples.begun)
+        fputs("frame,time_s,instrument,tn_us,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rows,flags\n", r->samples.stream);
     return rc;
 }
 
@@ -237,9 +256,12 @@ int run_realtime(sim *s, const run_options *o) {
     realtime r = {.s = s, .o = o};
     tm_error error = {0};
     app_output log = {0};
-    if (o->csv) return app_bad_input("--csv", 0, "a row a controller tick is for --lockstep; use --samples, or record and read CONTROLLER_0");
+    if (o->csv)
+        return app_bad_input(
+            "--csv", 0, "a row a controller tick is for --lockstep; use --samples, or record and read CONTROLLER_0");
     const sim_recording *recording = sim_options(s->scene, "recording");
-    if (recording && !app_output_begin(&log, recording->file.s, &error)) return sim_report(s->scene, recording->file.line, &error);
+    if (recording && !app_output_begin(&log, recording->file.s, &error))
+        return sim_report(s->scene, recording->file.line, &error);
     int rc = begin(&r, recording ? log.temporary : NULL);
     cJSON *json = run_report_begin(s, "realtime");
     if (!rc) rc = loop(&r);
@@ -247,14 +269,17 @@ int run_realtime(sim *s, const run_options *o) {
         fprintf(stderr, "%s: the log could not be written; the disk may be full\n", log.path);
         rc = APP_FAILED;
     }
-    if (recording && rc) app_output_abandon(&log);
-    else if (recording && !app_output_commit(&log, &error)) rc = app_report(NULL, 0, &error);
+    if (recording && rc)
+        app_output_abandon(&log);
+    else if (recording && !app_output_commit(&log, &error))
+        rc = app_report(NULL, 0, &error);
     if (!rc) report(&r, json);
     int rc2 = run_file_end(&r.samples, !rc);
     if (rc) {
         run_file_end(&r.report, false);
         cJSON_Delete(json);
-    } else rc = run_report_end(json, &r.report);
+    } else
+        rc = run_report_end(json, &r.report);
     sim_quantiles_free(&r.lateness);
     sim_quantiles_free(&r.compute);
     return rc ? rc : rc2;

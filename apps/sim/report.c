@@ -30,7 +30,8 @@ int run_file_end(run_file *file, bool good) {
     if (!good || !written) {
         app_output_abandon(&file->output);
         if (!good) return 0;
-        fprintf(stderr, "%s: cannot be written: the disk may be full; free some space and run again\n", file->output.path);
+        fprintf(stderr, "%s: cannot be written: the disk may be full; free some space and run again\n",
+                file->output.path);
         return APP_FAILED;
     }
     return app_output_commit(&file->output, &error) ? 0 : app_report(NULL, 0, &error);

@@ -4,7 +4,15 @@
 
 #include "sim.h"
 
-typedef enum run_mode { RUN_NONE = 0, RUN_LOCKSTEP, RUN_REALTIME, RUN_SETTLE, RUN_EXPLAIN, RUN_CHECK, RUN_HANDS } run_mode;
+typedef enum run_mode {
+    RUN_NONE = 0,
+    RUN_LOCKSTEP,
+    RUN_REALTIME,
+    RUN_SETTLE,
+    RUN_EXPLAIN,
+    RUN_CHECK,
+    RUN_HANDS
+} run_mode;
 
 enum { RUN_MAX_SETS = 64 };
 

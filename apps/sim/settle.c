@@ -26,27 +26,37 @@ static void write_csv(FILE *out, const tm_mesh *mesh, const double *u, const dou
     fputs("vertex,x_m,y_m,z_m,ux_m,uy_m,uz_m,rx_N,ry_N,rz_N\n", out);
     for (int32_t v = 0; v < mesh->vertex_count; ++v) {
         const double *x = &mesh->rest_m[3 * v], *d = &u[3 * v], *r = &reaction[3 * v];
-        fprintf(out, "%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", v, x[0], x[1], x[2], d[0], d[1], d[2], r[0], r[1], r[2]);
+        fprintf(out, "%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", v, x[0], x[1], x[2], d[0], d[1],
+                d[2], r[0], r[1], r[2]);
     }
 }
 
 static void write_vectors(FILE *out, const char *name, const double *v, int32_t count) {
     fprintf(out, "VECTORS %s double\n", name);
-    for (int32_t i = 0; i < count; ++i) fprintf(out, "%.17g %.17g %.17g\n", v[3 * i], v[3 * i + 1], v[3 * i + 2]);
+    for (int32_t i = 0; i < count; ++i)
+        fprintf(out, "%.17g %.17g %.17g\n", v[3 * i], v[3 * i + 1], v[3 * i + 2]);
 }
 
 static void write_vtk(FILE *out, const tm_mesh *mesh, const double *u, const double *reaction) {
-    fprintf(out, "# vtk DataFile Version 3.0\ntm-sim: rest positions, displacement in m, support reactions in N\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS %d double\n", mesh->vertex_count);
-    for (int32_t v = 0; v < mesh->vertex_count; ++v) fprintf(out, "%.17g %.17g %.17g\n", mesh->rest_m[3 * v], mesh->rest_m[3 * v + 1], mesh->rest_m[3 * v + 2]);
+    fprintf(out,
+            "# vtk DataFile Version 3.0\ntm-sim: rest positions, displacement in m, support reactions in "
+            "N\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS %d double\n",
+            mesh->vertex_count);
+    for (int32_t v = 0; v < mesh->vertex_count; ++v)
+        fprintf(out, "%.17g %.17g %.17g\n", mesh->rest_m[3 * v], mesh->rest_m[3 * v + 1], mesh->rest_m[3 * v + 2]);
     fprintf(out, "CELLS %d %d\n", mesh->tet_count, 5 * mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; ++t) fprintf(out, "4 %d %d %d %d\n", mesh->tet[4 * t], mesh->tet[4 * t + 1], mesh->tet[4 * t + 2], mesh->tet[4 * t + 3]);
+    for (int32_t t = 0; t < mesh->tet_count; ++t)
+        fprintf(out, "4 %d %d %d %d\n", mesh->tet[4 * t], mesh->tet[4 * t + 1], mesh->tet[4 * t + 2],
+                mesh->tet[4 * t + 3]);
     fprintf(out, "CELL_TYPES %d\n", mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; ++t) fputs("10\n", out);
+    for (int32_t t = 0; t < mesh->tet_count; ++t)
+        fputs("10\n", out);
     fprintf(out, "POINT_DATA %d\n", mesh->vertex_count);
     write_vectors(out, "displacement_m", u, mesh->vertex_count);
     write_vectors(out, "reaction_N", reaction, mesh->vertex_count);
     fprintf(out, "CELL_DATA %d\nSCALARS region int 1\nLOOKUP_TABLE default\n", mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; ++t) fprintf(out, "%d\n", mesh->region[t]);
+    for (int32_t t = 0; t < mesh->tet_count; ++t)
+        fprintf(out, "%d\n", mesh->region[t]);
 }
 
 /* One row a support: the force that it exerts on the tissue. */
@@ -59,11 +69,14 @@ static void report_supports(const sim *s, const double *reaction, cJSON *json) {
         for (int32_t v = 0; v < s->mesh->vertex_count; ++v) {
             if (s->support_of[v] != i + 1) continue;
             ++count;
-            for (int a = 0; a < 3; ++a) sum[a] += reaction[3 * v + a];
+            for (int a = 0; a < 3; ++a)
+                sum[a] += reaction[3 * v + a];
         }
         char name[160];
-        if (*support->name.s) snprintf(name, sizeof name, "%s", support->name.s);
-        else app_scene_where(s->scene, support->here.line, name, sizeof name);
+        if (*support->name.s)
+            snprintf(name, sizeof name, "%s", support->name.s);
+        else
+            app_scene_where(s->scene, support->here.line, name, sizeof name);
         printf("support %-24s %6d vertices   reaction %.9g %.9g %.9g N\n", name, count, sum[0], sum[1], sum[2]);
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
@@ -111,8 +124,10 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
     double largest = 0;
     for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
         largest = fmax(largest, sqrt(u[3 * v] * u[3 * v] + u[3 * v + 1] * u[3 * v + 1] + u[3 * v + 2] * u[3 * v + 2]));
-    if (s->model->solve) printf("at rest, by the direct solver");
-    else printf("at rest after %lld steps, residual %.3g", (long long)result.steps, result.residual);
+    if (s->model->solve)
+        printf("at rest, by the direct solver");
+    else
+        printf("at rest after %lld steps, residual %.3g", (long long)result.steps, result.residual);
     printf("; energy %.9g J; largest displacement %.6g m\n", result.energy_J, largest);
     cJSON_AddNumberToObject(json, "steps", (double)result.steps);
     cJSON_AddNumberToObject(json, "residual", result.residual);
@@ -129,7 +144,9 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
 
 int run_settle(sim *s, const run_options *o) {
     if (s->scene->model.index == APP_HYBRID)
-        return app_scene_bad(s->scene, s->scene->model.line, "--settle relaxes a whole tissue, not a hybrid one; write 'model: dynamic' (the same shape at rest) or 'model: precomputed'");
+        return app_scene_bad(s->scene, s->scene->model.line,
+                             "--settle relaxes a whole tissue, not a hybrid one; write 'model: dynamic' (the same "
+                             "shape at rest) or 'model: precomputed'");
     run_file written = {0}, report = {0};
     size_t n = o->write ? strlen(o->write) : 0;
     if (o->write && !(n > 4 && (!strcmp(o->write + n - 4, ".vtk") || !strcmp(o->write + n - 4, ".csv"))))

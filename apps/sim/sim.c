@@ -33,13 +33,16 @@ const void *sim_options(const app_scene *scene, const char *effect) {
     return sim_effect_find(effect, &i) && sim_effect_line(scene, i) ? scene->effect[i] : NULL;
 }
 
-bool sim_has(const sim *s, const char *effect) { return sim_options(s->scene, effect) != NULL; }
+bool sim_has(const sim *s, const char *effect) {
+    return sim_options(s->scene, effect) != NULL;
+}
 
 /* --- the scene as a whole --- */
 
 int sim_scene_load(const char *file, char *const *set, int set_count, app_scene **scene) {
     app_schema schema[SIM_MAX_EFFECTS];
-    for (int i = 0; i < sim_effect_count; ++i) schema[i] = sim_effects[i]->schema;
+    for (int i = 0; i < sim_effect_count; ++i)
+        schema[i] = sim_effects[i]->schema;
     return app_scene_load(file, set, set_count, schema, sim_effect_count, scene);
 }
 
@@ -48,13 +51,16 @@ static int check_effect(const app_scene *scene, int index) {
     int line = sim_effect_line(scene, index), other;
     char where[600];
     for (int i = 0; i < 4 && e->needs[i]; ++i) {
-        if (!strcmp(e->needs[i], "instruments") ? scene->instrument.count > 0 : sim_options(scene, e->needs[i]) != NULL) continue;
-        return app_scene_bad(scene, line, "%s needs %s, which the scene does not name; add '%s:' or remove '%s:'", e->name, e->needs[i], e->needs[i], e->name);
+        if (!strcmp(e->needs[i], "instruments") ? scene->instrument.count > 0 : sim_options(scene, e->needs[i]) != NULL)
+            continue;
+        return app_scene_bad(scene, line, "%s needs %s, which the scene does not name; add '%s:' or remove '%s:'",
+                             e->name, e->needs[i], e->needs[i], e->name);
     }
     for (int i = 0; i < 4 && e->excludes[i].other; ++i) {
         if (!sim_effect_find(e->excludes[i].other, &other) || !sim_effect_line(scene, other)) continue;
         app_scene_where(scene, sim_effect_line(scene, other), where, sizeof where);
-        return app_scene_bad(scene, line, "%s and %s (%s) exclude each other: %s", e->name, e->excludes[i].other, where, e->excludes[i].why);
+        return app_scene_bad(scene, line, "%s and %s (%s) exclude each other: %s", e->name, e->excludes[i].other, where,
+                             e->excludes[i].why);
     }
     return e->check ? e->check(scene, scene->effect[index]) : 0;
 }
@@ -68,15 +74,26 @@ static int check_scene(const app_scene *scene) {
         app_law law;
         rc = app_scene_law(scene, m, &law);
         if (!rc && app_law_fibred(law) && !sim_options(scene, "anisotropy"))
-            rc = app_scene_bad(scene, m->region.line, "material '%s' is fibred, but the scene names no fibres; add 'anisotropy:' with a file or a rule, or give isotropic constants", m->region.s);
+            rc = app_scene_bad(scene, m->region.line,
+                               "material '%s' is fibred, but the scene names no fibres; add 'anisotropy:' with a file "
+                               "or a rule, or give isotropic constants",
+                               m->region.s);
         if (!rc && m->damping.line && !sim_options(scene, "damping"))
-            rc = app_scene_bad(scene, m->damping.line, "material '%s' has a damping rate, but the scene does not name the effect; add 'damping:' or remove the rate", m->region.s);
+            rc = app_scene_bad(scene, m->damping.line,
+                               "material '%s' has a damping rate, but the scene does not name the effect; add "
+                               "'damping:' or remove the rate",
+                               m->region.s);
     }
     for (int i = 0; i < scene->instrument.count && !rc; ++i) {
         const app_instrument *t = (const app_instrument *)scene->instrument.item + i;
-        const char *needed = t->mode.index == TM_TOOL_GRASPER ? "grasp" : t->mode.index == TM_TOOL_CAUTERY ? "cut" : NULL;
+        const char *needed = t->mode.index == TM_TOOL_GRASPER   ? "grasp"
+                             : t->mode.index == TM_TOOL_CAUTERY ? "cut"
+                                                                : NULL;
         if (needed && !sim_options(scene, needed))
-            rc = app_scene_bad(scene, t->mode.line, "instrument %d is a %s, but the scene does not name the effect '%s'; add '%s:' or use the mode probe", i, t->mode.index == TM_TOOL_GRASPER ? "grasper" : "cautery", needed, needed);
+            rc = app_scene_bad(
+                scene, t->mode.line,
+                "instrument %d is a %s, but the scene does not name the effect '%s'; add '%s:' or use the mode probe",
+                i, t->mode.index == TM_TOOL_GRASPER ? "grasper" : "cautery", needed, needed);
     }
     return rc;
 }
@@ -87,7 +104,10 @@ static int load_mesh(sim *s) {
     tm_error error = {0};
     const app_scene *scene = s->scene;
     if (access(scene->mesh.s, R_OK))
-        return app_scene_bad(scene, scene->mesh.line, "tissue.mesh: %s cannot be read: %s; correct the path (it is relative to the scene's folder)", scene->mesh.s, strerror(errno));
+        return app_scene_bad(
+            scene, scene->mesh.line,
+            "tissue.mesh: %s cannot be read: %s; correct the path (it is relative to the scene's folder)",
+            scene->mesh.s, strerror(errno));
     if (app_mesh_load(scene->mesh.s, scene->scale.si, &s->file, &error) || app_mesh_build(&s->file, &s->mesh, &error))
         return app_report(scene->mesh.s, 0, &error);
     return 0;
@@ -100,7 +120,8 @@ void sim_own_stages(sim *s, int effect) {
     int count = tm_world_stages(s->world, report);
     for (int i = 0; i < count; ++i) {
         bool known = false;
-        for (int j = 0; j < s->owner_count; ++j) known |= !strcmp(s->owner[j].stage, report[i].name);
+        for (int j = 0; j < s->owner_count; ++j)
+            known |= !strcmp(s->owner[j].stage, report[i].name);
         if (!known) s->owner[s->owner_count++] = (sim_owner){report[i].name, effect};
     }
 }
@@ -134,7 +155,8 @@ static int make_tissue(sim *s) {
     s->tissue_def.fibre = s->fibre;
     s->tissue_def.precision = (tm_precision)s->scene->precision.index;
     s->tissue_def.form = (tm_force_form)s->scene->force.index;
-    if (tm_tissue_create(&s->tissue_def, &s->tissue, &error)) return sim_report(s->scene, s->scene->tissue.line, &error);
+    if (tm_tissue_create(&s->tissue_def, &s->tissue, &error))
+        return sim_report(s->scene, s->scene->tissue.line, &error);
     return 0;
 }
 
@@ -152,8 +174,10 @@ int sim_create(app_scene *scene, sim **out) {
     if (!rc) rc = s->model->begin(s);
     if (!rc) rc = run_hook(s, true);
     if (!rc && s->model->end) rc = s->model->end(s);
-    if (rc) sim_destroy(s);
-    else *out = s;
+    if (rc)
+        sim_destroy(s);
+    else
+        *out = s;
     return rc;
 }
 
@@ -182,7 +206,8 @@ void sim_destroy(sim *s) {
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     tm_status status = s->model->frame(s, to, substeps);
     for (int i = 0; i < s->instrument_count; ++i) {
-        for (int a = 0; a < 3; ++a) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->frame_s;
+        for (int a = 0; a < 3; ++a)
+            s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->frame_s;
         s->pose[i] = to[i];
         s->patch_valid[i] = false;
         if (s->wants[i] != SIM_SENDS_FORCE && s->model->feel) s->model->feel(s, i);
@@ -193,8 +218,18 @@ tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     return status;
 }
 
-tm_surface_view sim_surface(const sim *s) { return s->model->surface(s); }
-const double *sim_displacement(const sim *s) { return s->model->displacement(s); }
-double sim_time_s(const sim *s) { return s->model->time_s(s); }
-int32_t sim_alive(const sim *s) { return s->condensed_tets + tm_tissue_alive_count(s->tissue); }
-uint64_t sim_hash(const sim *s) { return s->model->hash(s); }
+tm_surface_view sim_surface(const sim *s) {
+    return s->model->surface(s);
+}
+const double *sim_displacement(const sim *s) {
+    return s->model->displacement(s);
+}
+double sim_time_s(const sim *s) {
+    return s->model->time_s(s);
+}
+int32_t sim_alive(const sim *s) {
+    return s->condensed_tets + tm_tissue_alive_count(s->tissue);
+}
+uint64_t sim_hash(const sim *s) {
+    return s->model->hash(s);
+}

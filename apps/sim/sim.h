@@ -1,5 +1,5 @@
-/* A scene made to run: tissue, world, stages, instruments. What tm-sim does with it (lockstep, real time, settle, explain) is in files of
- * their own; other programs link this and drive frames themselves. */
+/* A scene made to run: tissue, world, stages, instruments. What tm-sim does with it (lockstep, real time, settle,
+ * explain) is in files of their own; other programs link this and drive frames themselves. */
 #ifndef TM_SIM_H
 #define TM_SIM_H
 
@@ -19,19 +19,20 @@ typedef struct sim_exclusion {
     const char *other, *why;
 } sim_exclusion;
 
-/* One effect: one effect_NAME.c, one row in effects.c. `options` is the struct that its schema fills; its first member is an app_section whose
- * line is 0 when the scene does not name the effect: then none of these functions is called. All return 0 or an exit code, having complained. */
+/* One effect: one effect_NAME.c, one row in effects.c. `options` is the struct that its schema fills; its first member
+ * is an app_section whose line is 0 when the scene does not name the effect: then none of these functions is called.
+ * All return 0 or an exit code, having complained. */
 typedef struct sim_effect {
     const char *name, *doc;
     app_schema schema;
     int model; /* app_model that stands for naming the effect; its own section then only holds options */
     const char *needs[4];
     sim_exclusion excludes[4];
-    int (*check)(const app_scene *scene, const void *options);    /* needs no mesh */
-    int (*prepare)(sim *s, const void *options);                  /* mesh is there; may change s->tissue_def and s->damping_1_s */
-    int (*build)(sim *s, const void *options);                    /* world is there: add stages */
-    void (*frame)(sim *s);                                        /* after each frame's substeps */
-    void (*destroy)(sim *s);                                      /* what it left in `s`, also after a build that failed half-way */
+    int (*check)(const app_scene *scene, const void *options); /* needs no mesh */
+    int (*prepare)(sim *s, const void *options); /* mesh is there; may change s->tissue_def and s->damping_1_s */
+    int (*build)(sim *s, const void *options);   /* world is there: add stages */
+    void (*frame)(sim *s);                       /* after each frame's substeps */
+    void (*destroy)(sim *s);                     /* what it left in `s`, also after a build that failed half-way */
 } sim_effect;
 
 enum { SIM_MAX_EFFECTS = 24 };
@@ -53,14 +54,14 @@ typedef struct sim_owner {
 
 /* How a frame is computed. `own` is s->model_own. */
 typedef struct sim_model {
-    int (*begin)(sim *s);                                                     /* before effects build */
-    int (*end)(sim *s);                                                       /* after; may be null */
-    tm_status (*frame)(sim *s, const tm_tool_pose *to, int32_t substeps);     /* fills s->reaction */
+    int (*begin)(sim *s);                                                 /* before effects build */
+    int (*end)(sim *s);                                                   /* after; may be null */
+    tm_status (*frame)(sim *s, const tm_tool_pose *to, int32_t substeps); /* fills s->reaction */
     tm_surface_view (*surface)(const sim *s);
-    const double *(*displacement)(const sim *s);                              /* [3*vertex_count] */
+    const double *(*displacement)(const sim *s); /* [3*vertex_count] */
     double (*time_s)(const sim *s);
     uint64_t (*hash)(const sim *s);
-    int64_t (*bytes)(const sim *s);                                           /* of model_own; may be null */
+    int64_t (*bytes)(const sim *s); /* of model_own; may be null */
     /* Stiffness into s->reaction, patch into s->patch where wanted; after a frame. Null: forces alone. */
     void (*feel)(sim *s, int instrument);
     /* The static solution [3*vertex_count] without contact, by the model's own solver; null: the world's relaxation. */
@@ -86,22 +87,22 @@ struct sim {
     app_scene *scene;
     app_mesh file;
     tm_mesh *mesh;
-    tm_material *material;     /* [region_count] */
-    double damping_1_s;        /* of materials that name none */
-    double *fibre;             /* [3*tet_count] or null */
+    tm_material *material; /* [region_count] */
+    double damping_1_s;    /* of materials that name none */
+    double *fibre;         /* [3*tet_count] or null */
     tm_tissue_def tissue_def;
     tm_tissue *tissue;
     tm_world_def world_def;
     tm_world *world;
     const sim_model *model;
     void *model_own;
-    tm_contact *contact;       /* null: no effect `contact`, or a model without world */
+    tm_contact *contact; /* null: no effect `contact`, or a model without world */
     tm_contact_def contact_def;
     tm_grasp_def grasp_def;    /* effect grasp */
     tm_instrument_def instrument_def[TM_MAX_INSTRUMENTS];
-    double axes[TM_MAX_INSTRUMENTS][9];         /* columns: the device's x, y, z in the world; see hrt_frame */
+    double axes[TM_MAX_INSTRUMENTS][9]; /* columns: the device's x, y, z in the world; see hrt_frame */
     double start_joint[TM_MAX_INSTRUMENTS][SIM_JOINTS];
-    hrt_hand_script hand[TM_MAX_INSTRUMENTS];   /* the scene's; no keys: it has none and stays at the start */
+    hrt_hand_script hand[TM_MAX_INSTRUMENTS]; /* the scene's; no keys: it has none and stays at the start */
     int instrument_count;
 
     double frame_s, dt_s;
@@ -110,26 +111,26 @@ struct sim {
     int32_t critical_tet;
     int64_t frames;
     sim_cuts cuts;
-    int32_t condensed_tets;        /* hybrid: those that are not in the world's tissue */
-    struct sim_picture *picture; /* effect rendering, else null */
-    tm_tool_pose pose[TM_MAX_INSTRUMENTS];      /* at the end of the last frame */
+    int32_t condensed_tets;                /* hybrid: those that are not in the world's tissue */
+    struct sim_picture *picture;           /* effect rendering, else null */
+    tm_tool_pose pose[TM_MAX_INSTRUMENTS]; /* at the end of the last frame */
     tm_tool_reaction reaction[TM_MAX_INSTRUMENTS];
 
     sim_cost cost[SIM_MAX_EFFECTS];
     sim_owner owner[TM_MAX_STAGES];
     int owner_count;
-    uint8_t *support_of;       /* [vertex_count] 1 + index of the scene's support, 0 free; null: no supports */
-    int32_t held_count;        /* prescribed components, ascending: the components of the stage `support` */
-    int32_t *held_dof;         /* [held_count] */
-    double *held_m;            /* [held_count] */
-    uint8_t *held_by;          /* [held_count] 1 + index of the scene's support */
-    double *load_N;            /* [3*vertex_count] or null */
-    double gravity_m_s2[3];    /* for models without world */
-    sim_sends can_send;                      /* what the scene took memory for */
-    sim_sends wants[TM_MAX_INSTRUMENTS];     /* what the controller's extrapolator asks for, at most can_send */
-    tm_patch *patch;                         /* [instrument_count] with SIM_SENDS_PATCH, else null */
-    bool patch_valid[TM_MAX_INSTRUMENTS];    /* by the last frame */
-    tm_patch_maker *patch_maker;             /* dynamic model that sends more than forces */
+    uint8_t *support_of;    /* [vertex_count] 1 + index of the scene's support, 0 free; null: no supports */
+    int32_t held_count;     /* prescribed components, ascending: the components of the stage `support` */
+    int32_t *held_dof;      /* [held_count] */
+    double *held_m;         /* [held_count] */
+    uint8_t *held_by;       /* [held_count] 1 + index of the scene's support */
+    double *load_N;         /* [3*vertex_count] or null */
+    double gravity_m_s2[3]; /* for models without world */
+    sim_sends can_send;     /* what the scene took memory for */
+    sim_sends wants[TM_MAX_INSTRUMENTS];  /* what the controller's extrapolator asks for, at most can_send */
+    tm_patch *patch;                      /* [instrument_count] with SIM_SENDS_PATCH, else null */
+    bool patch_valid[TM_MAX_INSTRUMENTS]; /* by the last frame */
+    tm_patch_maker *patch_maker;          /* dynamic model that sends more than forces */
     int32_t patch_vertices;
     double velocity_m_s[TM_MAX_INSTRUMENTS][3]; /* of the tips over the last frame */
 };

@@ -16,13 +16,16 @@ typedef struct header {
     uint64_t checksum; /* of all before it */
 } header;
 
-static uint64_t checksum(const header *h) { return tm_hash(h, offsetof(header, checksum), TM_HASH_SEED); }
+static uint64_t checksum(const header *h) {
+    return tm_hash(h, offsetof(header, checksum), TM_HASH_SEED);
+}
 
 int sim_snapshot_save(sim *s, const char *path) {
     tm_error error = {0};
     app_output output;
     header *h = NULL;
-    if (!s->world) return app_bad_input("--snapshot-at", 0, "the precomputed model has no state to save; write 'model: dynamic'");
+    if (!s->world)
+        return app_bad_input("--snapshot-at", 0, "the precomputed model has no state to save; write 'model: dynamic'");
     int64_t bytes = tm_snapshot_bytes(s->world);
     void *world = malloc((size_t)bytes);
     h = calloc(1, sizeof *h);
@@ -33,7 +36,8 @@ int sim_snapshot_save(sim *s, const char *path) {
         memcpy(h->magic, magic, sizeof magic);
         h->world_bytes = bytes;
         h->frames = s->frames;
-        for (int i = 0; i < TM_MAX_INSTRUMENTS; ++i) memcpy(&h->pose[i], &s->pose[i], sizeof h->pose[i]);
+        for (int i = 0; i < TM_MAX_INSTRUMENTS; ++i)
+            memcpy(&h->pose[i], &s->pose[i], sizeof h->pose[i]);
         h->checksum = checksum(h);
         FILE *file = fopen(output.temporary, "wb");
         bool whole = file && fwrite(h, sizeof *h, 1, file) == 1 && fwrite(world, (size_t)bytes, 1, file) == 1;
@@ -42,7 +46,8 @@ int sim_snapshot_save(sim *s, const char *path) {
             app_output_abandon(&output);
             fprintf(stderr, "%s: the snapshot cannot be written; the disk may be full\n", path);
             rc = APP_FAILED;
-        } else if (!app_output_commit(&output, &error)) rc = app_report(NULL, 0, &error);
+        } else if (!app_output_commit(&output, &error))
+            rc = app_report(NULL, 0, &error);
     }
     free(h);
     free(world);
@@ -69,12 +74,14 @@ static void *read_file(const char *path, size_t *size) {
 int sim_snapshot_restore(sim *s, const char *path) {
     tm_error error = {0};
     size_t size = 0;
-    if (!s->world) return app_bad_input(path, 0, "the precomputed model has no state to restore; write 'model: dynamic'");
+    if (!s->world)
+        return app_bad_input(path, 0, "the precomputed model has no state to restore; write 'model: dynamic'");
     char *bytes = read_file(path, &size);
     if (!bytes) return app_bad_input(path, 0, "cannot be read: %m; give a snapshot that --snapshot-at wrote");
     header h;
     int rc = 0;
-    if (size < sizeof h || memcmp(bytes, magic, sizeof magic)) rc = app_bad_input(path, 0, "is not a snapshot of this version; give one that --snapshot-at wrote");
+    if (size < sizeof h || memcmp(bytes, magic, sizeof magic))
+        rc = app_bad_input(path, 0, "is not a snapshot of this version; give one that --snapshot-at wrote");
     else {
         memcpy(&h, bytes, sizeof h);
         if (h.checksum != checksum(&h) || h.world_bytes < 0 || (uint64_t)h.world_bytes != size - sizeof h)
@@ -87,7 +94,8 @@ int sim_snapshot_restore(sim *s, const char *path) {
     }
     if (!rc) {
         s->frames = h.frames;
-        for (int i = 0; i < TM_MAX_INSTRUMENTS; ++i) s->pose[i] = h.pose[i];
+        for (int i = 0; i < TM_MAX_INSTRUMENTS; ++i)
+            s->pose[i] = h.pose[i];
     }
     free(bytes);
     return rc;

@@ -48,7 +48,8 @@ int sim_problem_make(const sim *s, const tm_tissue *tissue, sim_problem *p, tm_s
     }
     const double *mass = tm_tissue_mass_kg(tissue);
     for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
-        for (int a = 0; a < 3; ++a) p->load_N[3 * v + a] = (s->load_N ? s->load_N[3 * v + a] : 0) + mass[v] * s->gravity_m_s2[a];
+        for (int a = 0; a < 3; ++a)
+            p->load_N[3 * v + a] = (s->load_N ? s->load_N[3 * v + a] : 0) + mass[v] * s->gravity_m_s2[a];
     def->tissue = tissue;
     def->fixed = p->fixed;
     def->fixed_value_m = p->value_m;
@@ -86,5 +87,6 @@ void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, 
 
 void sim_solve_told(const sim *s, const char *what, const tm_solve_report *r) {
     if (r->from_file) return;
-    fprintf(stderr, "%s: %s computed in %.1f s (%d columns, %.1f MB; %s)\n", s->scene->file, what, r->seconds, r->columns, (double)r->responses_bytes * 1e-6, r->why);
+    fprintf(stderr, "%s: %s computed in %.1f s (%d columns, %.1f MB; %s)\n", s->scene->file, what, r->seconds,
+            r->columns, (double)r->responses_bytes * 1e-6, r->why);
 }

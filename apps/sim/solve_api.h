@@ -5,23 +5,30 @@
 #include "sim.h"
 #include "tensormass_solve.h"
 
-#define SIM_SOLVE_PRECOMPUTED(F)                                                                                               \
-    F(tm_precomputed_def_default) F(tm_precomputed_create) F(tm_precomputed_destroy) F(tm_precomputed_bytes)                   \
-    F(tm_precomputed_update) F(tm_precomputed_place) F(tm_precomputed_force) F(tm_precomputed_reaction)                        \
-    F(tm_precomputed_rows) F(tm_precomputed_displacement) F(tm_precomputed_patch) F(tm_solve_static)
-#define SIM_SOLVE_HYBRID(F)                                                                                                    \
-    F(tm_hybrid_def_default) F(tm_hybrid_create) F(tm_hybrid_destroy) F(tm_hybrid_bytes) F(tm_hybrid_tissue)                   \
-    F(tm_hybrid_critical_step) F(tm_stage_hybrid) F(tm_hybrid_recover) F(tm_hybrid_reaction) F(tm_hybrid_surface)
+#define SIM_SOLVE_PRECOMPUTED(F)                                                                                       \
+    F(tm_precomputed_def_default)                                                                                      \
+    F(tm_precomputed_create) F(tm_precomputed_destroy) F(tm_precomputed_bytes) F(tm_precomputed_update)                \
+        F(tm_precomputed_place) F(tm_precomputed_force) F(tm_precomputed_reaction) F(tm_precomputed_rows)              \
+            F(tm_precomputed_displacement) F(tm_precomputed_patch) F(tm_solve_static)
+#define SIM_SOLVE_HYBRID(F)                                                                                            \
+    F(tm_hybrid_def_default)                                                                                           \
+    F(tm_hybrid_create) F(tm_hybrid_destroy) F(tm_hybrid_bytes) F(tm_hybrid_tissue) F(tm_hybrid_critical_step)         \
+        F(tm_stage_hybrid) F(tm_hybrid_recover) F(tm_hybrid_reaction) F(tm_hybrid_surface)
 #define SIM_SOLVE_POINTER(name) __typeof__(name) *name##_;
 
-typedef struct sim_precomputed_api { SIM_SOLVE_PRECOMPUTED(SIM_SOLVE_POINTER) } sim_precomputed_api;
-typedef struct sim_hybrid_api { SIM_SOLVE_HYBRID(SIM_SOLVE_POINTER) } sim_hybrid_api;
+typedef struct sim_precomputed_api {
+    SIM_SOLVE_PRECOMPUTED(SIM_SOLVE_POINTER)
+} sim_precomputed_api;
+typedef struct sim_hybrid_api {
+    SIM_SOLVE_HYBRID(SIM_SOLVE_POINTER)
+} sim_hybrid_api;
 
 /* 0 or an exit code, having complained and blamed the scene's `model` line. */
 int sim_open_precomputed(const sim *s, sim_precomputed_api *api);
 int sim_open_hybrid(const sim *s, sim_hybrid_api *api);
 
-/* The static problem of a scene: tissue, supports, loads with gravity, progress. Memory of the sim: free with sim_problem_free. */
+/* The static problem of a scene: tissue, supports, loads with gravity, progress. Memory of the sim: free with
+ * sim_problem_free. */
 typedef struct sim_problem {
     uint8_t *fixed;
     double *value_m, *load_N;
@@ -40,7 +47,8 @@ typedef struct sim_solve_options {
     app_vector box_min, box_max;
 } sim_solve_options;
 
-/* Where the result is kept, made from what it depends on in name and folder; empty: nowhere. The library checks the contents. */
+/* Where the result is kept, made from what it depends on in name and folder; empty: nowhere. The library checks the
+ * contents. */
 void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, char *path, size_t size);
 void sim_solve_told(const sim *s, const char *what, const tm_solve_report *report);
 

@@ -64,7 +64,8 @@ int64_t sim_tools_mean_utime(sim_tools *t, int instrument, int32_t substeps, int
     tool->used_seen = true;
     tool->used_utime = end;
     tool->used_session = tool->now.session;
-    /* The way from where the last controller left the tool is nobody's motion: no place on it has a time of this controller. */
+    /* The way from where the last controller left the tool is nobody's motion: no place on it has a time of this
+     * controller. */
     if (!known && jump_m > 1e-3) return 0;
     return end - (int64_t)((double)(end - begin) * (average - 1) / (2.0 * substeps));
 }

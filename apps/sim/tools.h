@@ -1,5 +1,5 @@
-/* Where the instruments are said to be: newest trustworthy tool_state of each, and the path of the coming frame. Messages come from a network
- * and are not trusted. */
+/* Where the instruments are said to be: newest trustworthy tool_state of each, and the path of the coming frame.
+ * Messages come from a network and are not trusted. */
 #ifndef TM_SIM_TOOLS_H
 #define TM_SIM_TOOLS_H
 
@@ -7,9 +7,9 @@
 #include "sim.h"
 
 typedef struct sim_tool {
-    tensormass_tool_state_t now;   /* newest accepted */
+    tensormass_tool_state_t now; /* newest accepted */
     bool seen, used_seen;
-    int64_t used_utime, used_session; /* of the sample that the last frame ended at */
+    int64_t used_utime, used_session;          /* of the sample that the last frame ended at */
     int64_t accepted, late, foreign, rejected; /* foreign: an older session, another instrument */
 } sim_tool;
 
@@ -24,7 +24,8 @@ bool sim_tools_take(sim_tools *t, int instrument, const tensormass_tool_state_t 
 tm_tool_pose sim_tools_target(const sim_tools *t, int instrument);
 /* What the controller's extrapolator needs, as far as the scene lets it. */
 sim_sends sim_tools_want(const sim_tools *t, int instrument);
-/* The controller's time of the frame's average, once the frame is done. 0: no controller yet, or a frame that brought the tool to a new one. */
+/* The controller's time of the frame's average, once the frame is done. 0: no controller yet, or a frame that brought
+ * the tool to a new one. */
 int64_t sim_tools_mean_utime(sim_tools *t, int instrument, int32_t substeps, int32_t average);
 
 #endif

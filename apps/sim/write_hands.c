@@ -1,5 +1,6 @@
-/* tm-sim --hands: what the other programs of a session need to know of the scene. The scripted hands as CSV, which tm-device plays, and the
- * instruments' modes and the controller's settings as JSON, for scripts that start the session. */
+/* tm-sim --hands: what the other programs of a session need to know of the scene. The scripted hands as CSV, which
+ * tm-device plays, and the instruments' modes and the controller's settings as JSON, for scripts that start the
+ * session. */
 #include <cjson/cJSON.h>
 #include <stdio.h>
 
@@ -9,7 +10,8 @@
 
 static void write_key(FILE *out, double time_s, const double joint[SIM_JOINTS], bool active) {
     fprintf(out, "%.17g", time_s);
-    for (int j = 0; j < SIM_JOINTS; ++j) fprintf(out, ",%.17g", joint[j]);
+    for (int j = 0; j < SIM_JOINTS; ++j)
+        fprintf(out, ",%.17g", joint[j]);
     fprintf(out, ",%d\n", active);
 }
 
@@ -20,7 +22,8 @@ static int write_hand(const sim *s, int i, const char *path) {
     if (rc) return rc;
     fputs("time_s,pitch_rad,yaw_rad,insertion_m,roll_rad,grip,active\n", file.stream);
     if (!hand->key) write_key(file.stream, 0, s->start_joint[i], false);
-    for (int k = 0; k < hand->key_count; ++k) write_key(file.stream, hand->key[k].time_s, hand->key[k].joint, hand->key[k].active);
+    for (int k = 0; k < hand->key_count; ++k)
+        write_key(file.stream, hand->key[k].time_s, hand->key[k].joint, hand->key[k].active);
     return run_file_end(&file, true);
 }
 
@@ -35,7 +38,8 @@ static int write_session(const sim *s, const char *path) {
     cJSON_AddNumberToObject(json, "duration_s", s->scene->duration.si);
     cJSON_AddNumberToObject(json, "frame_s", s->frame_s);
     if (haptics) {
-        cJSON_AddStringToObject(json, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)haptics->extrapolator.index));
+        cJSON_AddStringToObject(json, "extrapolator",
+                                hrt_extrapolator_name((hrt_extrapolator)haptics->extrapolator.index));
         cJSON_AddBoolToObject(json, "passivity", haptics->passivity.on);
         cJSON_AddNumberToObject(json, "rate_Hz", haptics->rate.si);
     }

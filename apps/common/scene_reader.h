@@ -1,0 +1,35 @@
+/* What the two halves of the scene's reader share: fields into structs (scene_yaml.c), --set over the document
+ * (scene_set.c). */
+#ifndef TM_SCENE_READER_H
+#define TM_SCENE_READER_H
+
+#include <yaml.h>
+
+#include "scene.h"
+
+enum { PATH_MAX_CHARS = 256 };
+/* Lines of nodes that --set made: far past any line of a scene. */
+#define SET_LINE 0x40000000u
+
+typedef struct reader {
+    app_scene *scene;
+    yaml_document_t document;
+    const app_schema *schema[64];
+    int schema_count;
+    int items; /* of lists, all told: aliases could multiply them */
+} reader;
+
+static inline yaml_node_t *node_at(reader *r, int index) {
+    return yaml_document_get_node(&r->document, index);
+}
+
+/* "a single value", "a list", "a mapping" */
+const char *app_scene_node_kind(const yaml_node_t *node);
+/* Nothing was written: "key:", "~" or "null". */
+bool app_scene_null(const yaml_node_t *node);
+
+/* Lays one "a.b[0].c=value" over the document, or takes "a.b" out of it. A step that is not there is made; a list's
+ * item must be there. 0 or an exit code, having complained. */
+int app_scene_apply_set(reader *r, int set);
+
+#endif

@@ -1,0 +1,136 @@
+/* --set PATH=VALUE and --unset PATH: changes to a scene's document before it is read. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "app.h"
+#include "scene_reader.h"
+
+/* A copy of `from`'s node in the scene's document, marked with the line of this --set. */
+static int copy_node(reader *r, yaml_document_t *from, int index, int set, int depth) {
+    yaml_node_t *node = yaml_document_get_node(from, index);
+    int made = 0;
+    if (!node || depth > 8) return 0;
+    if (node->type == YAML_SCALAR_NODE) {
+        made = yaml_document_add_scalar(&r->document, NULL, node->data.scalar.value, (int)node->data.scalar.length,
+                                        node->data.scalar.style);
+    } else if (node->type == YAML_SEQUENCE_NODE) {
+        made = yaml_document_add_sequence(&r->document, NULL, YAML_ANY_SEQUENCE_STYLE);
+        for (yaml_node_item_t *i = node->data.sequence.items.start; made && i != node->data.sequence.items.top; ++i) {
+            int item = copy_node(r, from, *i, set, depth + 1);
+            if (!item || !yaml_document_append_sequence_item(&r->document, made, item)) return 0;
+        }
+    } else {
+        made = yaml_document_add_mapping(&r->document, NULL, YAML_ANY_MAPPING_STYLE);
+        for (yaml_node_pair_t *p = node->data.mapping.pairs.start; made && p != node->data.mapping.pairs.top; ++p) {
+            int key = copy_node(r, from, p->key, set, depth + 1), value = copy_node(r, from, p->value, set, depth + 1);
+            if (!key || !value || !yaml_document_append_mapping_pair(&r->document, made, key, value)) return 0;
+        }
+    }
+    if (made) node_at(r, made)->start_mark.line = SET_LINE + (unsigned)set;
+    return made;
+}
+
+static int parse_set_value(reader *r, const char *text, int set) {
+    yaml_parser_t parser;
+    yaml_document_t document;
+    if (!*text) text = "~";
+    yaml_parser_initialize(&parser);
+    yaml_parser_set_input_string(&parser, (const unsigned char *)text, strlen(text));
+    int made = 0;
+    if (yaml_parser_load(&parser, &document)) {
+        made = copy_node(r, &document, 1, set, 0);
+        yaml_document_delete(&document);
+    }
+    yaml_parser_delete(&parser);
+    return made;
+}
+
+static int set_key(reader *r, const char *name, int set) {
+    int key = yaml_document_add_scalar(&r->document, NULL, (const unsigned char *)name, -1, YAML_PLAIN_SCALAR_STYLE);
+    if (key) node_at(r, key)->start_mark.line = SET_LINE + (unsigned)set;
+    return key;
+}
+
+static int line_of_set(int set) {
+    return -(set + 1);
+}
+
+/* The pair of a mapping, null if it has no such key. */
+static yaml_node_pair_t *find_pair(reader *r, yaml_node_t *mapping, const char *name) {
+    for (yaml_node_pair_t *p = mapping->data.mapping.pairs.start; p != mapping->data.mapping.pairs.top; ++p) {
+        const yaml_node_t *key = node_at(r, p->key);
+        if (key->type == YAML_SCALAR_NODE && !strcmp((const char *)key->data.scalar.value, name)) return p;
+    }
+    return NULL;
+}
+
+/* "[2].rest": goes into the list's item, or replaces it where the path ends. */
+static int enter_item(reader *r, int set, int value, char **rest, int *at) {
+    yaml_node_t *node = node_at(r, *at);
+    char *close;
+    long index = strtol(*rest + 1, &close, 10);
+    bool list = node->type == YAML_SEQUENCE_NODE;
+    long count = list ? node->data.sequence.items.top - node->data.sequence.items.start : 0;
+    if (*close != ']' || index < 0 || index >= count)
+        return app_scene_bad(r->scene, line_of_set(set),
+                             "there is no list item %s; use one of the %ld there are, counted from 0", *rest, count);
+    *rest = close + 1 + (close[1] == '.');
+    if (!**rest) node->data.sequence.items.start[index] = value;
+    *at = node->data.sequence.items.start[index];
+    return 0;
+}
+
+/* Puts `name: child` into the mapping `at`, over what is there. The mapping may move as the document grows, so it is
+ * found by number. */
+static int put_key(reader *r, int set, int at, const char *name, int child) {
+    int key = set_key(r, name, set);
+    yaml_node_pair_t *found = find_pair(r, node_at(r, at), name);
+    if (key && child && found) *found = (yaml_node_pair_t){key, child};
+    if (key && child && (found || yaml_document_append_mapping_pair(&r->document, at, key, child))) return 0;
+    return app_scene_bad(r->scene, line_of_set(set), "out of memory; use a smaller value");
+}
+
+/* "name.rest": goes into the key's value, made where it is not there, or puts the value in (or out) where the path
+ * ends. */
+static int enter_key(reader *r, int set, int value, bool remove, char **rest, int *at) {
+    yaml_node_t *node = node_at(r, *at);
+    int line = line_of_set(set);
+    size_t length = strcspn(*rest, ".[");
+    char next = (*rest)[length], *name = *rest;
+    if (node->type != YAML_MAPPING_NODE)
+        return app_scene_bad(r->scene, line, "%s is %s; name a key of a mapping", name, app_scene_node_kind(node));
+    name[length] = 0;
+    yaml_node_pair_t *found = find_pair(r, node, name);
+    *rest += length + (next == '.');
+    if (remove && !found)
+        return app_scene_bad(r->scene, line, "there is no '%s' to leave out; name a key that the scene has", name);
+    if (remove && !next)
+        *found = *--node->data.mapping.pairs.top;
+    else if (found && next && !app_scene_null(node_at(r, found->value)))
+        *at = found->value;
+    else {
+        int child = next ? yaml_document_add_mapping(&r->document, NULL, YAML_ANY_MAPPING_STYLE) : value;
+        if (child && next) node_at(r, child)->start_mark.line = SET_LINE + (unsigned)set;
+        int rc = put_key(r, set, *at, name, child);
+        if (rc) return rc;
+        *at = child;
+    }
+    if (next == '[') **rest = '[';
+    return 0;
+}
+
+int app_scene_apply_set(reader *r, int set) {
+    const char *text = r->scene->set[set], *equals = strchr(text, '=');
+    char path[PATH_MAX_CHARS], *rest = path;
+    bool remove = !equals; /* --unset */
+    if (remove) equals = text + strlen(text);
+    if (equals == text || (size_t)(equals - text) >= sizeof path)
+        return app_bad_input("--set", 0, "'%s' is not PATH=VALUE; write for example --set tissue.force=plain", text);
+    memcpy(path, text, (size_t)(equals - text));
+    path[equals - text] = 0;
+    int at = 1, value = parse_set_value(r, remove ? "" : equals + 1, set), rc = 0;
+    if (!value) return app_scene_bad(r->scene, line_of_set(set), "the value is not YAML; quote it or correct it");
+    while (*rest && !rc)
+        rc = *rest == '[' ? enter_item(r, set, value, &rest, &at) : enter_key(r, set, value, remove, &rest, &at);
+    return rc;
+}
