@@ -50,6 +50,8 @@ typedef struct tm_contact_guest {
     /* Adds to the tool's force at its tip and to the plain sum, N, of this substep. */
     void (*react)(void *self, int32_t instrument, double force_N[3], double resultant_N[3]);
     bool (*holds)(void *self, int32_t instrument, int32_t vertex); /* a vertex it holds is no obstacle to that tool */
+    /* Vertices held (0 while letting go), where the jaw has them [3*count], and the compliance of the hold on each. */
+    int32_t (*held)(void *self, int32_t instrument, const int32_t **vertex, const double **target_m, double *compliance_m_N);
 } tm_contact_guest;
 
 /* All vertices that bear the row are held: it is no obstacle to the tool that holds them. */

@@ -199,6 +199,15 @@ static void react(void *self, int32_t t, double force_N[3], double resultant_N[3
     }
 }
 
+static int32_t held(void *self, int32_t t, const int32_t **vertex, const double **target_m, double *compliance_m_N) {
+    const tm_grasp *grasp = self;
+    const hold *h = grasp->hold + t;
+    *vertex = h->vertex;
+    *target_m = h->target_m;
+    *compliance_m_N = grasp->def.compliance_m_N;
+    return h->state == TM_GRASP_HOLDING ? h->count : 0;
+}
+
 /* --- stage --- */
 
 /* The work is done inside contact's sweeps; the stage is there for its name, its memory and the news of cuts. */
@@ -347,7 +356,7 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
         tm_pool_release(&pool);
         return status;
     }
-    contact->guest = (tm_contact_guest){self, prepare, sweep, react, holds};
+    contact->guest = (tm_contact_guest){self, prepare, sweep, react, holds, held};
     *grasp = self;
     return TM_OK;
 }

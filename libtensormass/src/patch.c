@@ -84,12 +84,62 @@ static bool bears_outside(const tm_patch_maker *maker, int32_t t, const tm_patch
     return false;
 }
 
-static bool holds_tissue(const tm_patch_maker *maker, int32_t t) {
+static int32_t held(const tm_patch_maker *maker, int32_t t, const int32_t **vertex, const double **target_m, double *compliance_m_N) {
     const tm_contact_guest *guest = &maker->contact->guest;
-    for (int32_t v = 0; guest->holds && v < maker->world->tissue->mesh->vertex_count; v++)
-        if (guest->holds(guest->self, t, v))
-            return true;
-    return false;
+    return guest->held ? guest->held(guest->self, t, vertex, target_m, compliance_m_N) : 0;
+}
+
+/* Motion of a point fixed to the tool by motions of the tip: B such that d(point) = B d(tip), the shaft turning about the trocar. */
+static void lever(const tm_tool *tool, const double point_m[3], double B[3][3]) {
+    double e[3], arm[3];
+    vsub(tool->capsule.tip_m, tool->def.trocar_m, e);
+    double length = fmax(vunit(e, e), 1e-3);
+    vsub(point_m, tool->def.trocar_m, arm);
+    for (int c = 0; c < 3; c++) {
+        double tip[3] = {0, 0, 0}, spin[3], moved[3];
+        tip[c] = 1;
+        vcross(e, tip, spin);
+        vcross(spin, arm, moved);
+        vmadd(moved, vdot(e, tip) * length, e, moved);
+        for (int i = 0; i < 3; i++)
+            B[i][c] = moved[i] / length;
+    }
+}
+
+/* Held tissue pulls back: dF/dP = -B^T (C + hold)^-1 B over the held vertices. False: more are held than there are columns for, or they are
+ * not all there yet. Rows of contact beside the hold are left out. */
+static bool hold_stiffness(tm_patch_maker *maker, int32_t t, const int32_t *vertex, const double *target_m, int32_t count,
+                           double compliance_m_N, double K[9]) {
+    enum { WIDTH = TM_PATCH_DOFS + 3 };
+    double A[TM_PATCH_DOFS][WIDTH], B[TM_PATCH_VERTICES][3][3];
+    if (count > TM_PATCH_VERTICES)
+        return false;
+    for (int32_t a = 0; a < count; a++) {
+        lever(maker->contact->tool + t, target_m + 3 * a, B[a]);
+        for (int32_t b = 0; b < count; b++) {
+            double one[9], other[9];
+            if (!block(maker, vertex[a], vertex[b], one) || !block(maker, vertex[b], vertex[a], other))
+                return false;
+            for (int i = 0; i < 9; i++)
+                A[3 * a + i / 3][3 * b + i % 3] = 0.5 * (one[i] + other[3 * (i % 3) + i / 3]) + (a == b && i % 4 == 0 ? compliance_m_N : 0);
+        }
+        for (int i = 0; i < 9; i++)
+            A[3 * a + i / 3][3 * count + i % 3] = B[a][i / 3][i % 3];
+    }
+    int32_t n = 3 * count;
+    for (int32_t k = 0; k < n; k++) /* symmetric, positive definite through the hold's compliance */
+        for (int32_t i = 0; i < n; i++) {
+            if (i == k || A[k][k] <= 0)
+                continue;
+            double factor = A[i][k] / A[k][k];
+            for (int32_t j = k; j < n + 3; j++)
+                A[i][j] -= factor * A[k][j];
+        }
+    memset(K, 0, 9 * sizeof *K);
+    for (int32_t k = 0; k < n; k++)
+        for (int i = 0; i < 9; i++)
+            K[i] -= A[k][k] > 0 ? B[k / 3][k % 3][i / 3] * A[k][n + i % 3] / A[k][k] : 0;
+    return true;
 }
 
 bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
@@ -104,10 +154,20 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
         tm_columns_cut(maker->columns);
     maker->revision = revision;
     patch->instrument = t;
+    const int32_t *vertex;
+    const double *target_m;
+    double compliance_m_N;
+    int32_t count = held(maker, t, &vertex, &target_m, &compliance_m_N);
+    if (count > 0) {
+        tm_columns_want(maker->columns, t, vertex, count < TM_PATCH_VERTICES ? count : TM_PATCH_VERTICES);
+        tm_columns_work(maker->columns, maker->def.iterations);
+        tool->stiffness_kind = hold_stiffness(maker, t, vertex, target_m, count, compliance_m_N, tool->stiffness_N_m);
+        return false;
+    }
     grow(maker, t, false, patch);
     want(maker, t, patch);
     tm_columns_work(maker->columns, maker->def.iterations);
-    if (grow(maker, t, true, patch) == 0 || bears_outside(maker, t, patch) || holds_tissue(maker, t))
+    if (grow(maker, t, true, patch) == 0 || bears_outside(maker, t, patch))
         return false;
     patch->kind = 1;
     patch->topology_revision = revision;

@@ -346,7 +346,7 @@ static void test_force_is_smooth_and_follows(void **unused) {
     }
 }
 
-/* Deeper than an edge is long, in lightly damped tissue: no flutter (without the film: 49 % of the peak from frame to frame). */
+/* Deeper than an edge is long, in lightly damped tissue: no flutter (without the film: 46 % of the peak from frame to frame). */
 static void test_deep_and_lightly_damped_stays_calm(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();

@@ -170,6 +170,60 @@ static void test_patch_after_a_cut(void **unused) {
     scene_destroy(&p.s);
 }
 
+static void hold_at(scene *s, const double tip_m[3], double seconds, double force_N[3]) {
+    tm_tool_pose at = scene_pose(tip_m[0], tip_m[1], tip_m[2]);
+    at.grip = 1;
+    memcpy(force_N, scene_frame(s, 0, at, seconds).force_N, 3 * sizeof(double));
+}
+
+/* A grasper that pulls: no patch, and the stiffness of what it holds. */
+static void test_stiffness_of_a_hold(void **unused) {
+    (void)unused;
+    static const tm_tool_mode mode[2] = {TM_TOOL_GRASPER, TM_TOOL_GRASPER};
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 8, d.cells[2] = 4;
+    d.damping_1_s = 300;
+    d.trocar_m[0][0] = 0.1;
+    double tip[3] = {0.008, 0.004, 0.0437}, force[3], K[9], wrong = 0, size = 0;
+    memcpy(d.tip_m[0], (double[3]){0.008, 0.004, 0.0447}, sizeof d.tip_m[0]);
+    patch_scene p = {.s = scene_create_full(&d, false, mode)};
+    tm_grasp_def grasp_def = tm_grasp_def_default();
+    tm_patch_def def = tm_patch_def_default();
+    tm_grasp *grasp;
+    tm_error error;
+    scene_must(tm_stage_grasp(p.s.world, p.s.contact, &grasp_def, &grasp, &error), &error);
+    scene_must(tm_stage_patch(p.s.world, p.s.contact, &def, &p.maker, &error), &error);
+    scene_frame(&p.s, 0, scene_pose(tip[0], tip[1], tip[2]), 0.3);
+    hold_at(&p.s, tip, 0.1, force);
+    assert_true(tm_grasp_held(grasp, 0, NULL, NULL) >= 3);
+    tip[2] += 0.003;
+    hold_at(&p.s, tip, 0.5, force);
+    for (int k = 0; k < 500 && (k == 0 || tm_patch_pending(p.maker) > 0); k++)
+        assert_false(tm_patch_make(p.maker, 0, &p.patch));
+    tm_tool_reaction r = tm_contact_reaction(p.s.contact, 0);
+    assert_int_equal(r.stiffness_kind, 1);
+    for (int c = 0; c < 3; c++) {
+        double ahead[3], behind[3], at[3];
+        memcpy(at, tip, sizeof at);
+        at[c] = tip[c] + 1e-4;
+        hold_at(&p.s, at, 0.01, ahead);
+        hold_at(&p.s, at, 0.5, ahead);
+        hold_at(&p.s, at, 0.002, ahead); /* the last frame alone: at rest */
+        at[c] = tip[c] - 1e-4;
+        hold_at(&p.s, at, 0.01, behind);
+        hold_at(&p.s, at, 0.5, behind);
+        hold_at(&p.s, at, 0.002, behind);
+        for (int i = 0; i < 3; i++)
+            K[3 * i + c] = (ahead[i] - behind[i]) / 2e-4;
+    }
+    for (int i = 0; i < 9; i++)
+        wrong += (K[i] - r.stiffness_N_m[i]) * (K[i] - r.stiffness_N_m[i]), size += K[i] * K[i];
+    print_message("held tissue pulled 3 mm: %.3f N, stiffness %.0f N/m along the pull, off by %.2f %%\n", norm(force), r.stiffness_N_m[8],
+                  100 * sqrt(wrong / size));
+    assert_true(sqrt(wrong / size) < 0.03);
+    scene_destroy(&p.s);
+}
+
 /* A tool that moves gets the surface ahead of it. */
 static void test_patch_leads_the_tool(void **unused) {
     (void)unused;
@@ -211,6 +265,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_patch_follows_settled_tissue),
         cmocka_unit_test(test_patch_after_a_cut),
+        cmocka_unit_test(test_stiffness_of_a_hold),
         cmocka_unit_test(test_patch_leads_the_tool),
         cmocka_unit_test(test_making_allocates_nothing),
     };

@@ -74,7 +74,8 @@ TM_API tm_patch_def tm_patch_def_default(void);
 TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_def *def, tm_patch_maker **maker, tm_error *error);
 /* Between frames: goes on computing compliance, then makes the instrument's patch and stiffness from the contact of the last substep.
  * From then on tm_contact_reaction of the instrument carries the stiffness (kind 1). Returns false, with kind 0, while the
- * columns it needs are not all there, when nothing is near, or for an instrument that holds tissue. No allocation, bounded work. */
+ * columns it needs are not all there, and when nothing is near. For an instrument that holds tissue (24 vertices at most) there is
+ * a stiffness, that of the hold, and no patch: false with kind 1. No allocation, bounded work. */
 TM_API bool tm_patch_make(tm_patch_maker *maker, int32_t instrument, tm_patch *patch);
 /* Columns that the patches now need and that are not good yet: 0 when all is there. Before a session starts, call tm_patch_make until it is. */
 TM_API int32_t tm_patch_pending(const tm_patch_maker *maker);
