@@ -166,6 +166,8 @@ def claims(rows, models, loop_facts):
     out = {"closed_loop": {**loop_facts, "ten_times_hold": loop_facts["ratio"] >= 10}}
     for model in models:
         steady = {r["extrapolator"]: r["rms"] for r in pick(rows, model=model, tremor_m=0)}
+        if not steady:
+            continue
         own = {late: {r["extrapolator"]: r["rms"] for r in pick(rows, model=model, latency_frames=late)} for late in (0, 1, 2)}
         fast = {late: {r["extrapolator"]: r["rms"] for r in pick(rows, model=model, speed_m_s=0.03, latency_frames=late)} for late in (0, 1, 2)}
         back = {r["extrapolator"]: r["rms"] for r in pick(rows, model=model, path="reversals", speed_m_s=0.05, tremor_m=0)}
@@ -185,6 +187,8 @@ def claims_table(page, facts, rows, models):
     page.section("What was claimed, and what came out")
     table = []
     for model in models:
+        if model not in facts:
+            continue
         f = facts[model]
         table += [[model, "position beats hold, steady hand", f["position_beats_hold_steady"]], [model, "position beats time, steady hand", f["position_beats_time_steady"]],
                   [model, "position beats hold, tremor", f["position_beats_hold_tremor"]], [model, "position beats time, tremor", f["position_beats_time_tremor"]],

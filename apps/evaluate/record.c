@@ -9,6 +9,19 @@
 
 const char *const model_name[MODEL_COUNT] = {"precomputed", "isotropic", "fibred", "cut", "hybrid"};
 
+/* A slit 4 mm wide and 10 mm deep, 6 mm beside the tool's entry. */
+static void cut_slit(sim *s) {
+    const double *trocar = s->instrument_def[0].trocar_m;
+    double top = -HUGE_VAL;
+    for (int32_t v = 0; v < s->mesh->vertex_count; v++) top = fmax(top, s->mesh->rest_m[3 * v + 2]);
+    for (int32_t t = 0; t < s->mesh->tet_count; t++) {
+        double centre[3] = {0};
+        for (int k = 0; k < 12; k++) centre[k % 3] += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k / 3] + k % 3];
+        double across = centre[0] - trocar[0], along = fabs(centre[1] - trocar[1]);
+        if (across > 0.006 && across < 0.010 && along < 0.014 && centre[2] > top - 0.010) tm_cut_remove(s->tissue, &t, 1, NULL, 0);
+    }
+}
+
 sim *model_open(model m, double rate_Hz, const char *const *settings) {
     char file[256], rate[64], *set[16] = {rate};
     int count = 1;
@@ -18,6 +31,7 @@ sim *model_open(model m, double rate_Hz, const char *const *settings) {
     snprintf(rate, sizeof rate, "time.frame_rate=%.9g", rate_Hz);
     for (int i = 0; settings && settings[i] && count < 16; i++) set[count++] = (char *)(uintptr_t)settings[i];
     if (sim_scene_load(file, set, count, &scene) || sim_create(scene, &s)) return NULL;
+    if (m == MODEL_CUT) cut_slit(s);
     return s;
 }
 

@@ -13,15 +13,15 @@
 #include "evaluate.h"
 #include "io/node.h"
 
-enum { COLUMNS = 4, ROWS = 3, VERTICES = COLUMNS * ROWS, MAX_LINE = 8 };
+enum { COLUMNS = 5, ROWS = 4, VERTICES = COLUMNS * ROWS, MAX_LINE = 8 };
 static const double SPACING_M = 0.005, KERNEL_M = 0.008, RADIUS_M = 0.0035, SURFACE_M = 0.12, PRESS_M = 0.002, SECONDS = 6, STEP_AT_S = 3;
 
-/* A flat patch below the tool: surface at insertion SURFACE_M, outward normal towards the trocar. */
+/* A flat patch, prepared as a received one, below the tool: surface at insertion SURFACE_M, outward normal towards the trocar. */
 static void make_patch(hrt_patch *p, double compliance_m_N) {
     *p = (hrt_patch){.vertex_count = VERTICES, .radius_m = (float)RADIUS_M, .contact_length_m = 0.05f, .skin_compliance_m_N = (float)(0.05 * compliance_m_N)};
     for (int i = 0; i < VERTICES; i++) {
-        p->vertex_m[3 * i] = (float)(SPACING_M * (i % COLUMNS - 1.4));
-        p->vertex_m[3 * i + 1] = (float)(SPACING_M * (i / COLUMNS - 0.8));
+        p->vertex_m[3 * i] = (float)(SPACING_M * (i % COLUMNS - 1.9));
+        p->vertex_m[3 * i + 1] = (float)(SPACING_M * (i / COLUMNS - 1.4));
         p->vertex_m[3 * i + 2] = (float)SURFACE_M;
     }
     for (int c = 0; c < (COLUMNS - 1) * (ROWS - 1); c++) {
@@ -37,6 +37,8 @@ static void make_patch(hrt_patch *p, double compliance_m_N) {
             double d = hypot((double)a[0] - (double)b[0], (double)a[1] - (double)b[1]);
             p->compliance_m_N[at] = i % 3 == j % 3 ? (float)(compliance_m_N * exp(-d / KERNEL_M)) : 0;
         }
+    static float scratch[HRT_PATCH_COMPLIANCE];
+    if (hrt_patch_prepare(p, scratch) != HRT_ACCEPT) abort(); /* a patch of ours */
 }
 
 /* The surface's converged reaction on a tip (relative to the trocar), and its stiffness by central differences. */
@@ -45,7 +47,7 @@ static void surface_force(const hrt_patch *patch, const hrt_params *params, cons
     hrt_sample s = {.tip_m = {tip[0], tip[1], tip[2]}, .unilateral = true, .patch = patch};
     hrt_extrapolation_reset(&x, HRT_CONTACT);
     hrt_extrapolation_sample(&x, params, &s);
-    for (int i = 0; i < 12; i++) hrt_extrapolation_force(&x, params, 0, tip, force);
+    for (int i = 0; i < 20; i++) hrt_extrapolation_force(&x, params, 0, tip, force);
 }
 
 static void surface_stiffness(const hrt_patch *patch, const hrt_params *params, const float tip[3], double K[9]) {

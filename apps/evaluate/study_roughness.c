@@ -47,7 +47,7 @@ cJSON *study_roughness(const study_run *run) {
     cJSON *rows = cJSON_CreateArray();
     for (int m = 0; m < MODEL_COUNT; m++)
         for (int d = 0; d < count; d++) {
-            if (!run->model[m] || (run->quick && d != 2)) continue;
+            if (!run->model[m] || ((run->quick || m == MODEL_HYBRID) && d != 2)) continue;
             progress("roughness", (m * count + d + 1.0) / (MODEL_COUNT * count));
             if (one((model)m, depths_m[d], add_row(rows))) {
                 cJSON_Delete(rows);
