@@ -2,6 +2,7 @@
 #include "patch_internal.h"
 
 #include <assert.h>
+#include <math.h>
 #include <string.h>
 
 #include "contact_vec.h"
@@ -134,15 +135,20 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
     vscale(horizon_s, velocity_m_s, way);
     for (int32_t i = 0; i < surface->count; i++) {
         near_triangle t = {.face = surface->face[i]};
-        double middle[3] = {0, 0, 0};
+        double middle[3] = {0, 0, 0}, nearest = INFINITY;
         bool good = true;
         for (int j = 0; j < 3; j++) {
             t.vertex[j] = surface->triangle[3 * i + j];
-            for (int c = 0; c < 3; c++)
-                middle[c] += (rest_m[3 * t.vertex[j] + c] + u_m[3 * t.vertex[j] + c]) / 3;
+            double at[3];
+            for (int c = 0; c < 3; c++) {
+                at[c] = rest_m[3 * t.vertex[j] + c] + u_m[3 * t.vertex[j] + c];
+                middle[c] += at[c] / 3;
+            }
+            nearest = fmin(nearest, way_distance(capsule->tip_m, way, at));
             good = good && (!usable || usable(self, t.vertex[j]));
         }
-        t.distance_m = way_distance(capsule->tip_m, way, middle);
+        /* By its nearest corner, so that the fans of the nearest vertices are whole: normals blend over fans. */
+        t.distance_m = 0.9 * nearest + 0.1 * way_distance(capsule->tip_m, way, middle);
         for (int32_t k = 0; k < row_count; k++)
             t.pressed = t.pressed || (row[k].face == t.face && row[k].instrument == capsule->instrument && row[k].lambda_N > 0);
         if (good && (t.pressed || t.distance_m < NEAR_M))
