@@ -9,6 +9,7 @@ static const float SKIN_TRAVEL = 0.3f, SKIN_HARDENING = 20.0f;
 typedef struct solve {
     const hrt_patch *patch;
     int32_t dofs, rows;
+    uint16_t start[HRT_PATCH_DOFS];               /* compliance of (i, j), j >= i, is at start[i] + j */
     float shift_m[HRT_PATCH_DOFS];                /* C f, or what one row does at the vertices that rows touch */
     int32_t touched_count;
     uint8_t touched[HRT_PATCH_MAX_VERTICES];      /* vertices under rows, ascending */
@@ -19,12 +20,6 @@ typedef struct solve {
     float made_N[HRT_PATCH_DOFS];                 /* what the rows make of that shape */
 } solve;
 
-static int32_t packed_row(int32_t n, int32_t i) { return i * (2 * n - i - 1) / 2; }
-
-static float compliance(const solve *s, int32_t a, int32_t b) {
-    return a < b ? s->patch->compliance_m_N[packed_row(s->dofs, a) + b] : s->patch->compliance_m_N[packed_row(s->dofs, b) + a];
-}
-
 /* shift += c * column `dof` of the compliance. */
 static void add_column(solve *s, int32_t dof, float c) {
     const int32_t n = s->dofs;
@@ -34,7 +29,7 @@ static void add_column(solve *s, int32_t dof, float c) {
         shift[i] += c * *above;
         above += n - 1 - i;
     }
-    const float *row = &s->patch->compliance_m_N[packed_row(n, dof)];
+    const float *row = &s->patch->compliance_m_N[s->start[dof]];
     for (int32_t j = dof; j < n; j++) shift[j] += c * row[j];
 }
 
@@ -46,21 +41,33 @@ static void shift_by_forces(solve *s) {
         if (s->force_N[i] < 0.0f || s->force_N[i] > 0.0f) add_column(s, i, s->force_N[i]);
 }
 
+/* sum += weight * C_ab normal: the block of vertices a and b, of which the upper triangle is there. */
+static void add_block(const solve *s, int32_t a, int32_t b, const float normal[3], float weight, float sum[3]) {
+    const float *c = s->patch->compliance_m_N;
+    const uint16_t *start = &s->start[HRT_XYZ * (a < b ? a : b)];
+    const int32_t column = HRT_XYZ * (a < b ? b : a);
+    const float *p = &c[start[0] + column], *q = &c[start[1] + column], *r = &c[start[2] + column];
+    if (a < b) {
+        sum[0] += weight * hrt_dot(normal, p);
+        sum[1] += weight * hrt_dot(normal, q);
+        sum[2] += weight * hrt_dot(normal, r);
+    } else if (a > b) {
+        for (int i = 0; i < 3; i++) sum[i] += weight * (normal[0] * p[i] + normal[1] * q[i] + normal[2] * r[i]);
+    } else {
+        sum[0] += weight * (normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2]);
+        sum[1] += weight * (normal[0] * p[1] + normal[1] * q[1] + normal[2] * q[2]);
+        sum[2] += weight * (normal[0] * p[2] + normal[1] * q[2] + normal[2] * r[2]);
+    }
+}
+
 /* shift := C f of one newton in a row, at the touched vertices alone. */
 static void shift_by_row(solve *s, const hrt_contact_row *row) {
-    for (int32_t t = 0; t < s->touched_count; t++)
-        for (int i = 0; i < 3; i++) {
-            const int32_t a = 3 * s->touched[t] + i;
-            float sum = 0.0f;
-            for (int k = 0; k < 3; k++) {
-                const int32_t b = 3 * corners(s, row)[k];
-                if (!(row->weight[k] > 0.0f)) continue;
-                float part = 0.0f;
-                for (int c = 0; c < 3; c++) part += row->normal[c] * compliance(s, a, b + c);
-                sum += row->weight[k] * part;
-            }
-            s->shift_m[a] = sum;
-        }
+    for (int32_t t = 0; t < s->touched_count; t++) {
+        float *sum = &s->shift_m[HRT_XYZ * s->touched[t]];
+        sum[0] = sum[1] = sum[2] = 0.0f;
+        for (int k = 0; k < 3; k++)
+            if (row->weight[k] > 0.0f) add_block(s, s->touched[t], corners(s, row)[k], row->normal, row->weight[k], sum);
+    }
 }
 
 static void find_touched(solve *s) {
@@ -269,6 +276,7 @@ bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], int32_t linea
     s.patch = x->patch;
     s.dofs = 3 * x->patch->vertex_count;
     s.rows = x->row_count;
+    for (int32_t i = 0; i < s.dofs; i++) s.start[i] = (uint16_t)(i * (2 * s.dofs - i - 1) / 2);
     s.row = x->row;
     s.force_N = x->patch_force_N;
     x->mixing.primed = false;
