@@ -28,8 +28,6 @@ static void refresh_supports(tm_contact *contact) {
     tm_support_mask(contact->world, contact->held);
 }
 
-static bool touches(const tm_tool *tool) { return tool->pose.active || tool->def.mode == TM_TOOL_CAUTERY; }
-
 static double travel(const tm_capsule *a, const tm_capsule *b) {
     double tip[3], tail[3];
     vsub(a->tip_m, b->tip_m, tip);
@@ -135,7 +133,7 @@ static void find_rows(tm_contact *contact) {
         int32_t first = history;
         while (history < contact->row_count_before && contact->row_before[history].instrument == t)
             history++;
-        if (!touches(tool))
+        if (!tm_tool_is_present(tool))
             continue;
         gather(contact, tool);
         if (!tool->clear && !tool->leaving)
@@ -166,7 +164,7 @@ static void solve_instead(tm_contact *contact, tm_world *world) {
     bool overflowed[TM_MAX_INSTRUMENTS] = {false};
     for (int32_t t = 0; t < contact->tool_count; t++) {
         pose[t] = contact->tool[t].pose;
-        pose[t].active = touches(contact->tool + t);
+        pose[t].active = tm_tool_is_present(contact->tool + t);
         contact->tool[t].clear = true;
     }
     contact->row_count = 0;
@@ -365,7 +363,7 @@ tm_tool_reaction tm_contact_reaction(const tm_contact *contact, int32_t instrume
     assert(instrument >= 0 && instrument < contact->tool_count);
     const tm_tool *tool = contact->tool + instrument;
     tm_tool_reaction reaction = {.capped = tool->capped, .overflowed = tool->overflowed};
-    reaction.inside = touches(tool) && !tool->clear;
+    reaction.inside = tm_tool_is_present(tool) && !tool->clear;
     reaction.stiffness_kind = tool->stiffness_kind;
     memcpy(reaction.stiffness_N_m, tool->stiffness_N_m, tool->stiffness_kind ? sizeof reaction.stiffness_N_m : 0);
     for (int32_t i = 0; i < contact->row_count; i++)

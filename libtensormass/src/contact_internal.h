@@ -24,6 +24,7 @@ typedef struct tm_tool {
     tm_instrument_def def;
     tm_tool_pose pose, from, to;
     int32_t path_step, path_steps;
+    int32_t placings;               /* times it was put somewhere at once */
     tm_capsule capsule, before;     /* at the end of this substep and of the one before */
     bool clear;                     /* has been seen outside the tissue since it was placed */
     bool leaving;                   /* not clear, but its axis is outside */
@@ -50,7 +51,7 @@ typedef struct tm_contact_guest {
     /* Adds to the tool's force at its tip and to the plain sum, N, of this substep. */
     void (*react)(void *self, int32_t instrument, double force_N[3], double resultant_N[3]);
     bool (*holds)(void *self, int32_t instrument, int32_t vertex); /* a vertex it holds is no obstacle to that tool */
-    /* Vertices held (0 while letting go), where the jaw has them [3*count], and the compliance of the hold on each. */
+    /* Vertices held (-1 while letting go), where the jaw has them [3*count], and the compliance of the hold on each. */
     int32_t (*held)(void *self, int32_t instrument, const int32_t **vertex, const double **target_m, double *compliance_m_N);
 } tm_contact_guest;
 
@@ -79,6 +80,8 @@ struct tm_contact {
 void tm_tool_place(tm_tool *tool, const tm_tool_pose *at);
 void tm_tool_move(tm_tool *tool, const tm_tool_pose *to, int32_t substeps);
 void tm_tool_advance(tm_tool *tool);
+/* In the body at all; a cautery always is. */
+bool tm_tool_is_present(const tm_tool *tool);
 /* The axis beyond the tip meets no triangle where it can touch, and an even number in all. O(surface). */
 bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u_m, const tm_surface_view *surface);
 

@@ -46,6 +46,7 @@ void tm_tool_place(tm_tool *tool, const tm_tool_pose *at) {
     tool->path_step = tool->path_steps = 0;
     tool->capsule = tool->before = tm_tool_capsule(&tool->def, at, tool->capsule.instrument);
     tool->clear = tool->pierced = false;
+    tool->placings++;
     tool->gathered_age = -1;
 }
 
@@ -57,6 +58,8 @@ void tm_tool_move(tm_tool *tool, const tm_tool_pose *to, int32_t substeps) {
     if (substeps <= 0)
         tool->path_steps = 1; /* a path of no length is one piece: it may be long, it is never a teleport */
 }
+
+bool tm_tool_is_present(const tm_tool *tool) { return tool->pose.active || tool->def.mode == TM_TOOL_CAUTERY; }
 
 void tm_tool_advance(tm_tool *tool) {
     bool was_active = tool->pose.active;

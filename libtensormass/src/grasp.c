@@ -11,6 +11,7 @@
 typedef struct hold {
     tm_grasp_state state;
     bool was_closed;
+    int32_t placings;       /* of the tool, as last seen */
     tm_jaw jaw;             /* frame at this substep */
     double fade;            /* of the forces while letting go, 1 to 0 */
     int32_t count;
@@ -205,7 +206,7 @@ static int32_t held(void *self, int32_t t, const int32_t **vertex, const double 
     *vertex = h->vertex;
     *target_m = h->target_m;
     *compliance_m_N = grasp->def.compliance_m_N;
-    return h->state == TM_GRASP_HOLDING ? h->count : 0;
+    return h->state == TM_GRASP_LETTING_GO ? -1 : h->count;
 }
 
 /* --- stage --- */

@@ -154,9 +154,9 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
         tm_columns_cut(maker->columns);
     maker->revision = revision;
     patch->instrument = t;
-    const int32_t *vertex;
-    const double *target_m;
-    double compliance_m_N;
+    const int32_t *vertex = NULL;
+    const double *target_m = NULL;
+    double compliance_m_N = 0;
     int32_t count = held(maker, t, &vertex, &target_m, &compliance_m_N);
     if (count > 0) {
         tm_columns_want(maker->columns, t, vertex, count < TM_PATCH_VERTICES ? count : TM_PATCH_VERTICES);
@@ -167,7 +167,8 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     grow(maker, t, false, patch);
     want(maker, t, patch);
     tm_columns_work(maker->columns, maker->def.iterations);
-    if (grow(maker, t, true, patch) == 0 || bears_outside(maker, t, patch))
+    /* nor for a tool that touches nothing as yet: the patch would touch it */
+    if (count != 0 || !tm_tool_is_present(tool) || !tool->clear || grow(maker, t, true, patch) == 0 || bears_outside(maker, t, patch))
         return false;
     patch->kind = 1;
     patch->topology_revision = revision;

@@ -194,6 +194,26 @@ static void test_dead_vertices_are_let_go(void **unused) {
     scene_destroy(&g.s);
 }
 
+/* Put elsewhere at once, a grasper leaves what it held behind: nothing is flung. */
+static void test_a_leap_lets_go(void **unused) {
+    (void)unused;
+    scene_def d = small_block(1);
+    grasp_scene g = open_scene(&d, false);
+    double force[2][3];
+    tm_tool_pose at = with_grip(scene_pose(0.008, 0.004, 0.0437), 1);
+    for (int k = 0; k < 20; k++)
+        frame(&g, &at, force);
+    assert_true(tm_grasp_held(g.grasp, 0, NULL, NULL) >= 3);
+    at.tip_m[2] = 0.08;
+    tm_contact_place(g.s.contact, 0, &at);
+    for (int k = 0; k < 4; k++) {
+        frame(&g, &at, force);
+        assert_true(norm(force[0]) == 0);
+    }
+    assert_int_equal(tm_grasp_held(g.grasp, 0, NULL, NULL), 0);
+    scene_destroy(&g.s);
+}
+
 /* A scene that does not name grasping pays nothing for it; its graspers are probes. */
 static void test_costs_nothing_unless_named(void **unused) {
     (void)unused;
@@ -230,6 +250,7 @@ int main(void) {
         cmocka_unit_test(test_roll_twists),
         cmocka_unit_test(test_two_hold_and_a_cut_between),
         cmocka_unit_test(test_dead_vertices_are_let_go),
+        cmocka_unit_test(test_a_leap_lets_go),
         cmocka_unit_test(test_costs_nothing_unless_named),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -247,6 +247,25 @@ static void test_patch_leads_the_tool(void **unused) {
     scene_destroy(&p.s);
 }
 
+/* A tool that touches nothing because it appeared inside, or is not in the body, gets no patch: a controller would press it. */
+static void test_no_patch_for_a_tool_that_touches_nothing(void **unused) {
+    (void)unused;
+    patch_scene p = press(0, 0.003, 0.004, 0.0042, false);
+    make(&p);
+    tm_tool_pose at = scene_pose(0.003, 0.004, 0.03);
+    tm_contact_place(p.s.contact, 0, &at);
+    scene_frame(&p.s, 0, at, 0.02);
+    assert_true(tm_contact_reaction(p.s.contact, 0).inside);
+    for (int k = 0; k < 500 && (k == 0 || tm_patch_pending(p.maker) > 0); k++)
+        assert_false(tm_patch_make(p.maker, 0, &p.patch));
+    assert_int_equal(tm_contact_reaction(p.s.contact, 0).stiffness_kind, 0);
+    at = scene_pose(0.003, 0.004, 0.044);
+    at.active = false;
+    scene_frame(&p.s, 0, at, 0.02);
+    assert_false(tm_patch_make(p.maker, 0, &p.patch));
+    scene_destroy(&p.s);
+}
+
 static void test_making_allocates_nothing(void **unused) {
     (void)unused;
     patch_scene p = press(0, 0.003, 0.004, 0.0042, false);
@@ -267,6 +286,7 @@ int main(void) {
         cmocka_unit_test(test_patch_after_a_cut),
         cmocka_unit_test(test_stiffness_of_a_hold),
         cmocka_unit_test(test_patch_leads_the_tool),
+        cmocka_unit_test(test_no_patch_for_a_tool_that_touches_nothing),
         cmocka_unit_test(test_making_allocates_nothing),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
