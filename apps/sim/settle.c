@@ -87,6 +87,23 @@ static void report_supports(const sim *s, const double *reaction, cJSON *json) {
     }
 }
 
+/* Brings every instrument to its start along its own shaft, from the trocar: put there at once, it could be inside the tissue without
+ * ever having touched it. */
+static tm_status insert_tools(sim *s) {
+    enum { STEPS = 400 };
+    if (!s->contact) return TM_OK;
+    tm_contact_begin_frame(s->contact, STEPS, 1);
+    for (int i = 0; i < s->instrument_count; ++i) {
+        double joint[SIM_JOINTS];
+        memcpy(joint, s->start_joint[i], sizeof joint);
+        joint[HRT_INSERTION] = fmin(joint[HRT_INSERTION], 2 * s->instrument_def[i].radius_m);
+        tm_tool_pose outside = sim_pose(s, i, joint, s->pose[i].active);
+        tm_contact_place(s->contact, i, &outside);
+        tm_contact_move(s->contact, i, &s->pose[i], STEPS);
+    }
+    return tm_world_step(s->world, STEPS);
+}
+
 /* Relaxes the world, or asks the model's own solver. u and reaction [3*vertex_count], zeroed. */
 static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_settle_result *result) {
     tm_error error = {0};
@@ -100,7 +117,9 @@ static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_se
         def.tolerance = o->tolerance;
         def.progress = on_progress;
         def.user = &w;
-        status = tm_world_settle(s->world, &def, result, &error);
+        status = insert_tools(s);
+        if (!status) status = tm_world_settle(s->world, &def, result, &error);
+        else snprintf(error.message, sizeof error.message, "the instruments' way in blew up; lower time.step_fraction");
         memcpy(u, tm_world_state(s->world)->u_m, sizeof *u * 3 * (size_t)s->mesh->vertex_count);
         tm_support_reaction(s->world, reaction);
     }
@@ -110,6 +129,24 @@ static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_se
         return APP_FAILED;
     }
     return status ? app_report(s->scene->file, 0, &error) : 0;
+}
+
+/* The static reaction of the tissue on each instrument, as a controller would be told. */
+static void report_tools(const sim *s, cJSON *json) {
+    if (!s->contact) return;
+    tm_contact_begin_frame(s->contact, 1, 1); /* forgets the averages of the way in: now is the state at rest */
+    cJSON *list = cJSON_AddArrayToObject(json, "instruments");
+    for (int i = 0; i < s->instrument_count; ++i) {
+        tm_tool_reaction r = tm_contact_reaction(s->contact, i);
+        printf("instrument %d: %d rows, tip force %.9g %.9g %.9g N%s\n", i, r.row_count, r.force_N[0], r.force_N[1],
+               r.force_N[2], r.inside ? " (it is inside the tissue: no contact until it comes out)" : "");
+        cJSON *row = cJSON_CreateObject();
+        cJSON_AddItemToArray(list, row);
+        cJSON_AddNumberToObject(row, "rows", r.row_count);
+        cJSON_AddItemToObject(row, "force_N", cJSON_CreateDoubleArray(r.force_N, 3));
+        cJSON_AddItemToObject(row, "tip_m", cJSON_CreateDoubleArray(s->pose[i].tip_m, 3));
+        cJSON_AddBoolToObject(row, "inside", r.inside);
+    }
 }
 
 static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) {
@@ -134,6 +171,7 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
     cJSON_AddNumberToObject(json, "energy_J", result.energy_J);
     cJSON_AddNumberToObject(json, "largest_displacement_m", largest);
     report_supports(s, reaction, json);
+    report_tools(s, json);
     if (written->begun) {
         size_t n = strlen(o->write);
         (n > 4 && !strcmp(o->write + n - 4, ".vtk") ? write_vtk : write_csv)(written->stream, s->mesh, u, reaction);

@@ -41,7 +41,7 @@ def send(kind, m):
     link.publish("TOOL_0", m.encode())
 
 
-sim = subprocess.Popen([program, scene, "--realtime", "--json", report], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
+sim = subprocess.Popen([program, scene, "--realtime", "--json", report, "--record", report + ".lcm"], stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
 begin = time.monotonic()
 seq = 0
 while not statuses and time.monotonic() - begin < 20:

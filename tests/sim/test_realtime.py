@@ -3,6 +3,7 @@ import json
 import os
 import sys
 
+import lcm
 import pytest
 from simkit import block_scene, run
 
@@ -49,6 +50,17 @@ def test_the_force_is_finite_pushes_back_and_echoes_the_controllers_own_time(ses
 def test_a_restarted_controller_is_taken_up(session):
     heard, _, _ = session
     assert heard["forces"][-1][0] == 5000001
+
+
+def test_what_was_said_is_in_the_log(session):
+    heard, report, scene = session
+    count = {}
+    for e in lcm.EventLog(str(scene.parent / "report.json.lcm")):
+        count[e.channel] = count.get(e.channel, 0) + 1
+    assert set(count) == {"TOOL_0", "FORCE_0", "TISSUE", "SIM_STATUS"}
+    assert count["FORCE_0"] == count["SIM_STATUS"] == report["frames"]
+    (tool,) = report["tools"]
+    assert count["TOOL_0"] >= sum(tool[k] for k in ("accepted", "late", "foreign", "rejected"))
 
 
 def test_a_machine_too_slow_drops_time_and_never_catches_up(bin, root, tmp_path):

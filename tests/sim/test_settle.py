@@ -65,3 +65,19 @@ def test_nothing_holds_it(bin, tmp_path, root):
     scene = block_scene(tmp_path, root, "gravity:\n")
     _, said = run(bin / "tm-sim", scene, "--settle", "1e-8", "--unset", "supports", "--write", tmp_path / "no.csv", code=2)
     assert "support" in said and not (tmp_path / "no.csv").exists()
+
+
+def test_a_pressed_tissue_at_rest_pushes_as_much_as_it_is_held(bin, root, tmp_path):
+    """The settled contact, the support that holds it and the precomputed model's own solution: one force."""
+    press = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--unset", "haptics", "--set", "instruments[0].start={tip: [52 mm, 50 mm, 47 mm]}"]
+    run(*press, "--settle", "1e-11", "--json", tmp_path / "rest.json")
+    rest = json.loads((tmp_path / "rest.json").read_text())
+    (tool,) = rest["instruments"]
+    force, held = np.array(tool["force_N"]), np.array(rest["supports"][0]["reaction_N"])
+    assert tool["rows"] >= 1 and not tool["inside"] and np.linalg.norm(held) > 0.5
+    # A tip on the shaft's axis straight above: the equivalent tip force is the contact force itself.
+    assert np.linalg.norm(force - held) < 1e-6 * np.linalg.norm(held)
+    run(*press, "--lockstep", "--set", "model=precomputed", "--set", "hand[0].path=[{time: 0, tip: [50 mm, 50 mm, 60 mm]}, {time: 1, tip: [52 mm, 50 mm, 47 mm]}]",
+        "--unset", "instruments[0].start", "--duration", "1.2 s", "--samples", tmp_path / "s.csv", env={"TM_CACHE_DIR": str(tmp_path)})
+    last = np.genfromtxt(tmp_path / "s.csv", delimiter=",", names=True)[-1]
+    assert np.linalg.norm(force - [last["fx_N"], last["fy_N"], last["fz_N"]]) < 1e-6 * np.linalg.norm(force)
