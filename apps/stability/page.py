@@ -40,10 +40,24 @@ def draw(page, cases, group):
     page.figure(f"curves_{group}", figure, "Each case's curve; a blow-up would leave the frame.")
 
 
+def fuzzing(page, path):
+    """What `make fuzz` did last, one row a target; says so if it never ran."""
+    targets = json.loads(path.read_text())["targets"] if path and path.exists() else {}
+    page.section("Fuzzing", "Inputs tried on every parser and decoder, under AddressSanitizer and UndefinedBehaviorSanitizer; what each target "
+                 "promises is in docs/fuzzing.md. " + ("" if targets else "<b>Not run in this build: make fuzz FUZZ_SECONDS=600.</b>"))
+    if targets:
+        page.table("fuzz", ["target", "seconds", "inputs", "edges covered", "seeds", "repeat with", "found"],
+                   [[name, t["seconds"] or "", t["inputs"], t["edges_covered"], t["seeds"], f"make fuzz FUZZ_ARGS={name}",
+                     ", ".join(t["findings"]) if t["exit"] else "nothing"] for name, t in sorted(targets.items())],
+                   mark=lambda row: "good" if row[-1] == "nothing" else "bad")
+    page.record("fuzz", targets)
+
+
 def main():
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("verdicts")
     arguments.add_argument("-o", "--out", required=True)
+    arguments.add_argument("--fuzz", type=pathlib.Path, help="fuzz.json of make fuzz")
     options = arguments.parse_args()
     data = json.loads(pathlib.Path(options.verdicts).read_text())
     cases = data["cases"]
@@ -63,6 +77,7 @@ def main():
                      c["verdict"] if c["good"] else f"{c['verdict']} (should be: {c['expected']})"] for c in own],
                    mark=lambda row: CLASS.get(row[-1], "bad"))
         draw(page, own, group)
+    fuzzing(page, options.fuzz)
     page.record("cases", cases)
     page.record("counts", counts)
     print(page.write("stability"))
