@@ -152,6 +152,11 @@ static void prepare(void *self, tm_world *world) {
         if (tool->def.mode != TM_TOOL_GRASPER)
             continue;
         tm_jaw_turn(&h->jaw, &tool->def, &tool->pose);
+        if (h->placings != tool->placings) { /* it was put elsewhere at once: what it held stays behind */
+            h->count = 0;
+            h->state = TM_GRASP_OPEN;
+            h->placings = tool->placings;
+        }
         work_jaw(grasp, t, world);
         for (int32_t i = 0; i < h->count; i++) {
             tm_jaw_to_world(&h->jaw, &tool->pose, h->offset_m + 3 * i, h->target_m + 3 * i);
@@ -316,6 +321,7 @@ static bool take_hold(tm_pool *pool, hold *h, int32_t n, const tm_tool *tool) {
     h->let_go_N = TM_TAKE(pool, double, 3 * n);
     h->distance_m = TM_TAKE(pool, double, n);
     tm_jaw_begin(&h->jaw, &tool->def, &tool->pose);
+    h->placings = tool->placings;
     return !pool->failed;
 }
 
