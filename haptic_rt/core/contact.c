@@ -307,14 +307,22 @@ static int32_t same_vertex(const hrt_patch *old, int32_t v, const hrt_patch *fre
     return -1;
 }
 
+/* Numbers by the old patch's vertices to numbers by the fresh one's; what has no place there is dropped. */
+static void renumber(float *by_vertex, const int32_t to[HRT_PATCH_MAX_VERTICES], int32_t old_count) {
+    float moved[HRT_PATCH_DOFS] = {0};
+    for (int32_t v = 0; v < old_count; v++)
+        if (to[v] >= 0) hrt_copy(&moved[HRT_XYZ * to[v]], &by_vertex[HRT_XYZ * v]);
+    for (int32_t i = 0; i < HRT_PATCH_DOFS; i++) by_vertex[i] = moved[i];
+}
+
 void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patch *fresh) {
-    float force_N[HRT_PATCH_DOFS] = {0};
-    for (int32_t v = 0; v < old->vertex_count; v++) {
-        const float *f = &x->patch_force_N[HRT_XYZ * v];
-        const int32_t u = hrt_dot(f, f) > 0.0f ? same_vertex(old, v, fresh) : -1;
-        if (u >= 0) hrt_copy(&force_N[HRT_XYZ * u], f);
+    int32_t to[HRT_PATCH_MAX_VERTICES];
+    for (int32_t v = 0; v < old->vertex_count; v++) to[v] = same_vertex(old, v, fresh);
+    renumber(x->patch_force_N, to, old->vertex_count);
+    for (int32_t k = 0; k < x->mixing.count; k++) { /* what the rounds remember stays true of the same tissue */
+        renumber(x->mixing.residual_change_N[k], to, old->vertex_count);
+        renumber(x->mixing.force_change_N[k], to, old->vertex_count);
     }
-    for (int32_t i = 0; i < HRT_PATCH_DOFS; i++) x->patch_force_N[i] = force_N[i];
     int32_t kept = 0;
     for (int32_t r = 0; r < x->row_count; r++)
         for (int32_t t = 0; t < fresh->triangle_count; t++) {
