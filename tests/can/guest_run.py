@@ -25,7 +25,7 @@ def run(kind, bus, name, job, limit_s):
 @functools.lru_cache(None)
 def vcan_guest():
     """"uml", or "qemu" where user-mode Linux does not start on this host: the vcan tests run either way."""
-    done, _ = run("uml", "vcan", "uml_starts", "true\n", 60)
+    done, _ = run("uml", "vcan", "uml_starts", "true\n", 120)
     if done.returncode != 0:
         print(f"user-mode Linux does not start here, QEMU runs the vcan tests: {done.stderr[-500:]}")
     return "uml" if done.returncode == 0 else "qemu"

@@ -14,7 +14,7 @@ kill $listener
 
 @pytest.mark.parametrize("bus", ["vcan", "controllers"])
 def test_every_frame_crosses(bus):
-    done, out = guest_run.run(guest_run.on(bus), bus, f"bus_{bus}", TRAFFIC, 90)
+    done, out = guest_run.run(guest_run.on(bus), bus, f"bus_{bus}", TRAFFIC, 300)
     assert done.returncode == 0, done.stderr
     frames = guest_run.candump(out / "a.log")
     assert [int.from_bytes(data, "little") for _, _, _, data in frames] == list(range(500))
@@ -23,7 +23,7 @@ def test_every_frame_crosses(bus):
 
 def test_failure_and_hang_are_told():
     kind = guest_run.vcan_guest()
-    done, _ = guest_run.run(kind, "vcan", "bus_fails", "echo a word on the console; exit 7\n", 60)
+    done, _ = guest_run.run(kind, "vcan", "bus_fails", "echo a word on the console; exit 7\n", 300)
     assert done.returncode == 7 and "a word on the console" in done.stderr
     done, _ = guest_run.run(kind, "vcan", "bus_hangs", "mkfifo $TMPDIR/never; read word < $TMPDIR/never\n", 8 if kind == "uml" else 25)
     assert done.returncode == 124

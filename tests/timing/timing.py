@@ -83,6 +83,7 @@ def main():
     with tempfile.TemporaryDirectory() as directory:
         for load in ("idle", "busy"):
             report[load] = measure(load, rounds, seconds, pathlib.Path(directory), options.bin)
+    options.json.parent.mkdir(parents=True, exist_ok=True)
     part = options.json.with_suffix(".part")
     part.write_text(json.dumps(report, indent=1) + "\n")
     part.replace(options.json)
