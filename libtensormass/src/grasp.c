@@ -296,6 +296,7 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
         memcpy(&k, from, sizeof k);
         h->state = (tm_grasp_state)k.state;
         h->was_closed = k.was_closed != 0;
+        h->placings = grasp->contact->tool[t].placings;
         h->count = k.count;
         h->fade = k.fade;
         memcpy(h->jaw.axis_m, k.axis_m, sizeof k.axis_m);
