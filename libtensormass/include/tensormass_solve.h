@@ -131,6 +131,7 @@ typedef struct tm_hybrid_def {
     const char *file;               /* cache, as above */
     const tm_contact_def *contact;  /* null: no contact on the condensed part */
     int32_t max_local_vertices;     /* 256 */
+    int32_t patch_vertices;         /* whose compliance is remembered for patches, 64 (at least 24); 0: no patches, nothing factorised for them */
 } tm_hybrid_def;
 
 typedef struct tm_hybrid tm_hybrid;
@@ -151,6 +152,10 @@ TM_API tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *hybrid, tm_contact 
 TM_API void tm_hybrid_recover(tm_hybrid *hybrid, tm_world *world);
 /* Both parts' reaction on an instrument, averages as of tm_contact_reaction. */
 TM_API tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *hybrid, int32_t instrument);
+/* Between frames, after tm_hybrid_recover: the surface near the instrument with the compliance of the whole organ (kind 1), and dF/dP from it.
+ * False after any cut, while columns are still lacking (at most eight vertices are solved a call), and as tm_precomputed_patch. No allocation. */
+TM_API bool tm_hybrid_patch(tm_hybrid *hybrid, int32_t instrument, const double velocity_m_s[3], double horizon_s, int32_t max_vertices,
+                            int32_t max_triangles, tm_patch *patch, double stiffness_N_m[9]);
 /* Surface of the whole organ: dynamic and condensed, without the interface while it is inside. */
 TM_API tm_surface_view tm_hybrid_surface(tm_hybrid *hybrid);
 

@@ -6,6 +6,12 @@
 
 enum { TMS_DYNAMIC = 1, TMS_CONDENSED = 2, TMS_INTERFACE = 3 }; /* of a vertex: tetrahedra on the one side, the other, both */
 
+/* hybrid_patch.c: the whole organ's compliance for patches. */
+typedef struct tms_whole tms_whole;
+tm_status tms_whole_create(const tm_solve_def *problem, int32_t capacity, tms_whole **whole, tm_error *error);
+void tms_whole_destroy(tms_whole *whole);
+int64_t tms_whole_bytes(const tms_whole *whole);
+
 struct tm_hybrid {
     const tm_mesh *mesh;
     uint8_t *alive;                /* [tet_count] dynamic */
@@ -35,6 +41,8 @@ struct tm_hybrid {
     double *through;               /* [3*capacity][interface_count] how a slot inside follows the interface */
     int32_t *through_vertex;       /* [capacity] whose it is, -1 */
     double *give_m_N;              /* [interface_count] mobility within a substep, 0 where supported */
+    tms_whole *whole;              /* null: no patches */
+    int32_t uncut_revision;
     tm_world *world;
     tm_contact *contact;
     uint8_t *held;                 /* [3*vertex_count] the world's supports */

@@ -137,6 +137,9 @@ bool tms_local_in_jaws(const tms_local *local, const tm_contact_row *row);
 void tms_local_force(const tms_local *local, int32_t tool, double force_N[3], double resultant_N[3]);
 tm_tool_reaction tms_local_reaction(const tms_local *local, int32_t tool);
 
+/* patch.c. The patch's tool bears on a vertex that is not in the patch. */
+bool tms_bears_outside(const tm_contact_row *rows, int32_t count, const tm_patch *patch);
+
 /* dense.c: LU with partial pivoting, row-major. */
 bool tms_lu(double *a, int32_t *pivot, int32_t n);
 void tms_lu_solve(const double *a, const int32_t *pivot, int32_t n, double *x);

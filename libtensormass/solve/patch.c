@@ -48,9 +48,9 @@ static bool block(void *self, int32_t a, int32_t b, double C[9]) {
     return true;
 }
 
-static bool bears_outside(const tms_local *l, const tm_patch *patch) {
-    for (int32_t k = 0; k < l->now.count; k++) {
-        const tm_contact_row *row = &l->now.row[k];
+bool tms_bears_outside(const tm_contact_row *rows, int32_t count, const tm_patch *patch) {
+    for (int32_t k = 0; k < count; k++) {
+        const tm_contact_row *row = &rows[k];
         for (int j = 0; j < 3 && row->instrument == patch->instrument && row->lambda_N > 0; j++) {
             bool within = row->weight[j] == 0;
             for (int32_t i = 0; i < patch->vertex_count; i++) within |= patch->vertex[i] == row->vertex[j];
@@ -70,7 +70,7 @@ bool tm_precomputed_patch(tm_precomputed *m, int32_t instrument, const double ve
     if (!tms_local_can_touch(tool)) return false;
     const double *u = tm_precomputed_displacement(m);
     if (!tm_patch_choose(l->mesh->rest_m, u, &l->surface, &tool->capsule, velocity_m_s, horizon_s, l->now.row, l->now.count, max_vertices, max_triangles, patch) ||
-        bears_outside(l, patch))
+        tms_bears_outside(l->now.row, l->now.count, patch))
         return false;
     patch->kind = 2;
     patch->topology_revision = l->surface.revision;

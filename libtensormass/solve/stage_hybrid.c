@@ -213,6 +213,7 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
     for (int32_t t = 0; t < h->mesh->tet_count; t++)
         if (alive[t] && !h->alive[t]) return tms_fail(error, TM_ERR_ARGUMENT, t, "tetrahedron %d is condensed, and alive in the world's tissue; make that tissue with tm_hybrid_tissue", (int)t);
     h->world = world;
+    h->uncut_revision = tm_tissue_surface(tm_world_tissue(world)).revision;
     h->held = calloc(3 * (size_t)h->mesh->vertex_count, 1);
     h->give_m_N = calloc((size_t)h->interface_count, 8);
     if (!h->held || !h->give_m_N) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model");

@@ -46,6 +46,7 @@ static hybrid_set make(tm_mesh *mesh, const tm_material *material, uint8_t *fixe
     hybrid.problem.load_N = s.load;
     hybrid.dynamic = s.dynamic;
     hybrid.contact = contact;
+    hybrid.patch_vertices = contact ? 64 : 0;
     fix_ok(tm_hybrid_create(&hybrid, &s.hybrid, NULL, &error), &error);
     def.cuttable = true;
     tm_hybrid_tissue(s.hybrid, &def);
@@ -237,6 +238,22 @@ static void press(const char *what, const tm_tool_pose *to) {
     assert_true(rough < 1e-6);
     assert_true(worst < 1e-6 * fix_largest(u, 3 * mesh->vertex_count));
     assert_int_equal(tm_hybrid_surface(s.hybrid).count, mesh->surface_count);
+    /* stiffness and patch of the whole organ, from its own factor */
+    static tm_patch patch;
+    double K[9], felt[3];
+    bool made = false, inside;
+    for (int i = 0; i < 4 && !made; i++) made = tm_hybrid_patch(s.hybrid, 0, (double[]){0, 0, 0}, 0, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES, &patch, K);
+    assert_true(made);
+    assert_int_equal(patch.kind, 1);
+    tm_patch_solver *solver;
+    fix_ok(tm_patch_solver_create(&solver, &error), &error);
+    tm_patch_force(solver, &patch, to->tip_m, felt, &inside);
+    const tm_tool_reaction exact = tm_precomputed_reaction(model, 0);
+    for (int c = 0; c < 3; c++) off[c] = felt[c] - force[c];
+    print_message("    patch: force off by %.1e, stiffness by %.1e\n", fix_largest(off, 3) / fix_largest(force, 3), kit_difference(K, exact.stiffness_N_m, 9));
+    assert_true(inside && fix_largest(off, 3) < 1e-5 * fix_largest(force, 3));
+    assert_true(kit_difference(K, exact.stiffness_N_m, 9) < 1e-2);
+    tm_patch_solver_destroy(solver);
     tm_precomputed_destroy(model);
     free_set(&s);
 }
