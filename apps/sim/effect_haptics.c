@@ -36,13 +36,18 @@ sim_sends sim_sends_of(int extrapolator) {
                                          : SIM_SENDS_FORCE;
 }
 
+sim_sends sim_may_send(const sim *s) {
+    const sim_haptics *o = sim_options(s->scene, "haptics");
+    if (!o || !sim_has(s, "contact")) return SIM_SENDS_FORCE;
+    return o->sends.line ? (sim_sends)o->sends.index : sim_sends_of(o->extrapolator.index);
+}
+
 /* Memory and a stage only for what may be sent. */
 static int build(sim *s, const void *own) {
     const sim_haptics *o = own;
     tm_error error = {0};
-    s->can_send = o->sends.line ? (sim_sends)o->sends.index : sim_sends_of(o->extrapolator.index);
+    s->can_send = sim_may_send(s);
     s->patch_vertices = (int32_t)o->patch_vertices.value;
-    if (!sim_has(s, "contact")) s->can_send = SIM_SENDS_FORCE;
     if (s->can_send == SIM_SENDS_PATCH) {
         s->patch = tm_allocate(sizeof *s->patch * (size_t)s->instrument_count);
         if (!s->patch) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");

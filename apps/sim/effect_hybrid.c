@@ -95,6 +95,7 @@ static int begin(sim *s) {
     def.precision = (tm_precision)o->precision.index;
     def.file = *file ? file : NULL;
     def.contact = sim_has(s, "contact") ? sim_contact_definition(s) : NULL;
+    def.patch_vertices = sim_may_send(s) == SIM_SENDS_FORCE ? 0 : 64;
     def.max_local_vertices = (int32_t)o->max_vertices.value;
     if (m->api.tm_hybrid_create_(&def, &m->hybrid, &report, &error))
         return sim_report(s->scene, s->scene->model.line, &error);
@@ -130,6 +131,15 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     return status;
 }
 
+static void feel(sim *s, int i) {
+    model *m = s->model_own;
+    tm_patch unused, *patch = s->patch ? &s->patch[i] : &unused;
+    bool made = m->api.tm_hybrid_patch_(m->hybrid, i, s->velocity_m_s[i], 2 * s->frame_s, s->patch_vertices,
+                                        s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16, patch, s->reaction[i].stiffness_N_m);
+    s->reaction[i].stiffness_kind = made;
+    s->patch_valid[i] = made && s->patch && s->wants[i] == SIM_SENDS_PATCH;
+}
+
 static tm_surface_view surface(const sim *s) {
     model *m = s->model_own;
     return m->api.tm_hybrid_surface_(m->hybrid);
@@ -151,6 +161,7 @@ static int64_t bytes(const sim *s) {
 const sim_model sim_model_hybrid = {.begin = begin,
                                     .end = end,
                                     .frame = frame,
+                                  .feel = feel,
                                     .surface = surface,
                                     .displacement = displacement,
                                     .time_s = time_s,

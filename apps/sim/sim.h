@@ -167,6 +167,8 @@ tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps);
 
 /* What an extrapolator (hrt_extrapolator) needs. */
 sim_sends sim_sends_of(int extrapolator);
+/* What the scene's controllers may ask for, known before anything is built. */
+sim_sends sim_may_send(const sim *s);
 
 /* Joints to a pose in the world, and back. */
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active);
