@@ -45,7 +45,7 @@ static void shift_by_forces(solve *s) {
 static void add_block(const solve *s, int32_t a, int32_t b, const float normal[3], float weight, float sum[3]) {
     const float *c = s->patch->compliance_m_N;
     const uint16_t *start = &s->start[HRT_XYZ * (a < b ? a : b)];
-    const int32_t column = HRT_XYZ * (a < b ? b : a);
+    const ptrdiff_t column = HRT_XYZ * (a < b ? b : a);
     const float *p = &c[start[0] + column], *q = &c[start[1] + column], *r = &c[start[2] + column];
     if (a < b) {
         sum[0] += weight * hrt_dot(normal, p);
@@ -318,10 +318,11 @@ static void renumber(float *by_vertex, const int32_t to[HRT_PATCH_MAX_VERTICES],
 void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patch *fresh) {
     int32_t to[HRT_PATCH_MAX_VERTICES];
     for (int32_t v = 0; v < old->vertex_count; v++) to[v] = same_vertex(old, v, fresh);
-    renumber(x->patch_force_N, to, old->vertex_count);
-    for (int32_t k = 0; k < x->mixing.count; k++) { /* what the rounds remember stays true of the same tissue */
-        renumber(x->mixing.residual_change_N[k], to, old->vertex_count);
-        renumber(x->mixing.force_change_N[k], to, old->vertex_count);
+    /* What the rounds remember stays true of the same tissue. One call, so that it is in flash once. */
+    for (int32_t k = 0; k <= 2 * x->mixing.count; k++) {
+        float *list = x->patch_force_N;
+        if (k > 0) list = k % 2 == 0 ? x->mixing.residual_change_N[(k - 1) / 2] : x->mixing.force_change_N[(k - 1) / 2];
+        renumber(list, to, old->vertex_count);
     }
     int32_t kept = 0;
     for (int32_t r = 0; r < x->row_count; r++)
