@@ -18,11 +18,12 @@ static float guarded_square(const hrt_params *params, const float step_m[3]) {
     return hrt_dot(step_m, step_m) + params->standstill_m * params->standstill_m;
 }
 
-/* A probe is pushed, never pulled: what points against the touch is taken out. */
-static void only_push(const hrt_extrapolation *x, float force[3]) {
+/* A probe is pushed, never pulled: what points against the touch is taken out. A grasper may be pulled, but an estimate does not lead it through zero:
+ * while jaws open the force falls without any motion, and what an estimate makes of that points the other way, and grows. */
+static void only_push(const hrt_extrapolation *x, bool estimated, float force[3]) {
     const float *touch = hrt_length(x->now.force_N) > 0.0f ? x->now.force_N : x->before.force_N;
     const float size2 = hrt_dot(touch, touch);
-    if (!x->now.unilateral || !(size2 > 0.0f)) return;
+    if (!(x->now.unilateral || estimated) || !(size2 > 0.0f)) return;
     const float along = hrt_dot(force, touch);
     if (along < 0.0f) hrt_add_scaled(force, -along / size2, touch);
 }
@@ -43,7 +44,7 @@ static void law_position(hrt_extrapolation *x, const moment *m, float force[3]) 
 #endif
     if (x->have < 2) return;
     hrt_add_scaled(force, capped_ratio(m, hrt_dot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)), m->change_N);
-    only_push(x, force);
+    only_push(x, true, force);
 }
 
 /* As printed: a ratio of lengths, so the force goes on growing when the tool turns back. For comparison. */
@@ -62,7 +63,7 @@ static void add_stiffness(const float stiffness[9], const float moved[3], float 
 static void law_broyden(hrt_extrapolation *x, const moment *m, float force[3]) {
     if (x->broyden_bounded) x->limits |= HRT_LIMIT_STIFFNESS;
     add_stiffness(x->broyden_N_m, m->moved_m, force);
-    only_push(x, force);
+    only_push(x, true, force);
 }
 
 /* Without a stiffness in the sample the estimate serves. */
@@ -73,7 +74,7 @@ static void law_tangent(hrt_extrapolation *x, const moment *m, float force[3]) {
     }
     if (x->now.stiffness_bounded) x->limits |= HRT_LIMIT_STIFFNESS;
     add_stiffness(x->now.stiffness_N_m, m->moved_m, force);
-    only_push(x, force);
+    only_push(x, false, force);
 }
 
 typedef struct law {
@@ -185,6 +186,8 @@ static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now
         x->limits |= HRT_LIMIT_PATCH;
     }
     hrt_copy(force, x->now.force_N);
+    /* A grasper without force holds and touches nothing: what the last samples changed came from its jaws opening, not from its moving. */
+    if (!x->now.unilateral && !(hrt_length(force) > 0.0f)) return false;
     laws[x->which].force(x, &m, force);
     return false;
 }

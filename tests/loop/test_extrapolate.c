@@ -90,8 +90,10 @@ static void tissue_never_pulls(void **state) {
         begin(signed_laws[i], 0.1f + STEP, 0.1f + 2 * STEP);
         assert_float_equal(force_at(60000, 0.095f), 0.0f, 1e-6); /* far out of the tissue */
         begin(signed_laws[i], 0.1f + STEP, 0.1f + 2 * STEP);
-        x.now.unilateral = false; /* a grasper may be pulled */
-        assert_true(force_at(60000, 0.1f - STEP) > 0.1f);
+        x.now.unilateral = false; /* a grasper may be pulled, where the simulation says how stiff what it holds is */
+        const float pulled = force_at(60000, 0.1f - STEP);
+        if (signed_laws[i] == HRT_TANGENT || signed_laws[i] == HRT_CONTACT) assert_true(pulled > 0.1f);
+        else assert_float_equal(pulled, 0.0f, 1e-6);
     }
 }
 
