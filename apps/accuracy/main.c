@@ -78,6 +78,7 @@ int main(int argc, char **argv) {
                                             {"help", no_argument, NULL, 'h'}, {"version", no_argument, NULL, 'v'}, {0}};
     const char *json = NULL, *reference_path = "apps/accuracy/reference/reference.json";
     bool wanted[KNOBS] = {false}, quick = false, some = false;
+    opterr = 0; /* the message is ours */
     for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;) {
         int k = 0;
         switch (c) {
@@ -91,7 +92,7 @@ int main(int argc, char **argv) {
         case 'j': json = optarg; break;
         case 'h': usage(stdout); return APP_DONE;
         case 'v': printf("tm-accuracy %s\n", tm_version()); return APP_DONE;
-        default: return app_bad_input("tm-accuracy", 0, "unknown or incomplete option; see tm-accuracy --help");
+        default: return app_bad_input("tm-accuracy", 0, "%s: unknown or incomplete option; see tm-accuracy --help", argv[optind - 1]);
         }
     }
     if (optind < argc) return app_bad_input("tm-accuracy", 0, "stray argument '%s'; see tm-accuracy --help", argv[optind]);

@@ -120,6 +120,7 @@ int main(int argc, char **argv) {
     conditions c = {.seed = 1};
     bool all = true, studying = false;
     char *rest;
+    opterr = 0; /* the message is ours */
     for (int o; (o = getopt_long(argc, argv, "", options, NULL)) != -1;) {
         int m = 0;
         switch (o) {
@@ -142,7 +143,7 @@ int main(int argc, char **argv) {
             break;
         case 'h': usage(stdout); return APP_DONE;
         case 'v': printf("tm-evaluate %s\n", tm_version()); return APP_DONE;
-        default: return app_bad_input("tm-evaluate", 0, "unknown or incomplete option; see tm-evaluate --help");
+        default: return app_bad_input("tm-evaluate", 0, "%s: unknown or incomplete option; see tm-evaluate --help", argv[optind - 1]);
         }
     }
     for (int m = 0; m < MODEL_COUNT; m++) run.model[m] = run.model[m] || all;

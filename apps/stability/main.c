@@ -131,6 +131,7 @@ int main(int argc, char **argv) {
     const char *json = NULL;
     int count = 0;
     bool quick = false;
+    opterr = 0; /* the message is ours */
     for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;) switch (c) {
         case 'c':
             if (!exists(optarg)) return app_bad_input("tm-stability", 0, "no case '%s'; --list names them", optarg);
@@ -141,7 +142,7 @@ int main(int argc, char **argv) {
         case 'l': list(); return APP_DONE;
         case 'h': usage(stdout); return APP_DONE;
         case 'v': printf("tm-stability %s\n", tm_version()); return APP_DONE;
-        default: return app_bad_input("tm-stability", 0, "unknown or incomplete option; see tm-stability --help");
+        default: return app_bad_input("tm-stability", 0, "%s: unknown or incomplete option; see tm-stability --help", argv[optind - 1]);
         }
     if (optind < argc) return app_bad_input("tm-stability", 0, "stray argument '%s'; see tm-stability --help", argv[optind]);
     return run_all(wanted, count, quick, json);
