@@ -1,5 +1,5 @@
 /* `contact`: a small model of the tissue at the hand. A patch of the surface with its compliance; in every tick the tool's rows are found anew against the patch as
- * the reactions of the last tick deform it, 0 <= gap + skin _|_ lambda >= 0 is solved by projected Gauss-Seidel sweeps from those reactions, and both once more. */
+ * the reactions of the last tick deform it, 0 <= gap + skin _|_ lambda >= 0 is solved by branches from those reactions, and both once more. */
 #include "internal.h"
 
 enum { BRANCHES = 4 };
