@@ -28,6 +28,7 @@ def arguments():
     p.add_argument("--duration", type=float, help="seconds of the real-time run [the scene's, and one more]")
     p.add_argument("--size", default="1280x720", help="of film and pictures")
     p.add_argument("--camera", default="", help="options of tm-view, in one string")
+    p.add_argument("--no-models", action="store_true", help="without the same scene by the three models")
     p.add_argument("--no-film", action="store_true", help="figures and pictures alone")
     p.add_argument("--realtime-only", action="store_true", help=argparse.SUPPRESS)  # the part inside the network namespace
     a = p.parse_args()
@@ -91,6 +92,24 @@ def run_lockstep(a):
     return results
 
 
+# --- the three models ---
+
+
+def run_models(a):
+    """One scene by the dynamic, the precomputed and the hybrid model: one line of it differs, the felt force must not."""
+    results = {}
+    for model in ("dynamic", "precomputed", "hybrid"):
+        say(f"lockstep, model {model}")
+        figures = a.out / f"model_{model}.json"
+        command = [a.build / "bin" / "tm-sim", HERE.parent / "scenes" / "liver-press.yaml", "--set", f"model={model}", "--lockstep",
+                   "--duration", "3.4 s", "--json", figures]
+        if subprocess.run([str(c) for c in command], stdout=subprocess.DEVNULL).returncode:
+            fail(f"the lockstep run of the model {model} failed; its message is above")
+        r = load(figures)
+        results[model] = {"force_N": r["force_N"], "sim_seconds_per_compute_second": r["sim_seconds_per_wall_second"]}
+    return results
+
+
 # --- figures ---
 
 
@@ -110,7 +129,7 @@ def processor():
     return platform.machine()
 
 
-def summary(a, lockstep):
+def summary(a, lockstep, models):
     sim, facts = load(a.out / "sim.json"), load(a.out / "hand.json")
     controllers = [load(a.out / f"controller{i}.json") for i in range(len(facts["instruments"]))]
     worst = {k: max(c["lateness_us"][k] for c in controllers) for k in ("p50", "p99", "max")}
@@ -131,6 +150,7 @@ def summary(a, lockstep):
         "state_hash": lockstep[0]["state_hash"],
         "lockstep": {"runs": len(lockstep), "force_form": lockstep[0]["force"], "frames": lockstep[0]["frames"], "force_N": lockstep[0]["force_N"],
                      "sim_seconds_per_compute_second": lockstep[0]["sim_seconds_per_wall_second"]},
+        "models": models,
         "machine": {"processor": processor(), "cores": os.cpu_count(), "kernel": platform.release()},
         "commit": commit(HERE),
     }
@@ -149,6 +169,7 @@ def table(s, a):
         ("controllers", f"{s['ticks']} ticks, {s['missed_ticks']} missed; late by p50 {late['p50']:.0f}, p99 {late['p99']:.0f}, max {late['max']:.0f} us"),
         ("forces", f"{s['force_N']['rms']:.3f} N RMS, {s['force_N']['peak']:.3f} N peak"),
         ("lockstep", f"state {s['state_hash']}, the same twice"),
+        *([("models", "one scene, peak force: " + "; ".join(f"{m} {r['force_N']['peak']:.3f} N" for m, r in s["models"].items()))] if s["models"] else []),
         ("results", f"{near(a.out)}: summary.json {'' if a.no_film else 'film.mp4 '}picture.png frames/ force.png demo.lcm"),
     ]
     print()
@@ -282,7 +303,7 @@ def main():
     began = time.monotonic()
     run_realtime(a)
     lockstep = run_lockstep(a)
-    s = summary(a, lockstep)
+    s = summary(a, lockstep, {} if a.no_models else run_models(a))
     draw(a)
     plot(a, s)
     s["demo_seconds"] = round(time.monotonic() - began, 1)

@@ -38,6 +38,12 @@ def netns(root):
     return command
 
 
+def test_three_models_feel_the_same(demo):
+    models = json.loads((demo[0] / "summary.json").read_text())["models"]
+    peaks = [models[m]["force_N"]["peak"] for m in ("dynamic", "precomputed", "hybrid")]
+    assert min(peaks) > 0.1 and max(peaks) < 1.05 * min(peaks), models  # the same scene; the dynamic ones lag a little
+
+
 def test_summary_has_the_promised_keys(demo):
     s = json.loads((demo[0] / "summary.json").read_text())
     assert s["tets"] >= 10000 and s["frames"] > 0.9 * 4 / s["frame_s"] and s["substeps_per_frame"] > 1
