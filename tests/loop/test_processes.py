@@ -177,8 +177,8 @@ def test_controller_killed_drops_the_torque_and_a_new_one_takes_over(ring):
     until(lambda: watch.last(DEVICE_FAULT)[0] is not None, "the device tells of its watchdog", 2)
     last_command = watch.last(COMMAND)[0]
     dropped = next(t for t, i, d in watch.frames if i == DEVICE_FAULT)
-    # 20 ms by its own clock; this process and the device are scheduled as the machine pleases.
-    assert 0.015 < dropped - last_command < 0.060
+    # 20 ms by its own clock (tests/loop/test_ring.c, on a virtual one); this process and the device are scheduled as the machine pleases.
+    assert dropped - last_command < 0.150
     until(lambda: "commands stopped" in text(device), "it says so")
     again, since = ring.controller("--samples", ring.samples()), time.monotonic()
     until(lambda: pushing(watch, since), "force again")
@@ -195,7 +195,7 @@ def test_device_killed_and_restarted(ring):
     killed = time.monotonic()
     until(lambda: watch.last(COMMAND)[1][6] & 0x80 == 0, "motors off", 2)
     first_off = next(t for t, i, d in watch.frames if i == COMMAND and t >= killed and not d[6] & 0x80)
-    assert first_off - killed < 0.060 and torque(watch.last(COMMAND)[1]) == (0, 0, 0)
+    assert first_off - killed < 0.150 and torque(watch.last(COMMAND)[1]) == (0, 0, 0)
     until(lambda: "waiting for device 0" in text(controller), "it waits for the device")
     ring.device()
     since = time.monotonic()
