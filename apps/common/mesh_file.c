@@ -82,6 +82,7 @@ static tm_status scan_format(const char *path, const char *text, size_t size, ap
                                  format[i].start, format[i].ending);
         if (i == 0) return app_mesh_scan_msh(text, size, scan, error);
         scan->vertex_count = count_after(text, format[i].count);
+        if (i == 2) scan->tet_count = count_after(text, "Tetrahedra"); /* the reader takes a file cut short for whole */
         return TM_OK;
     }
     return app_mesh_fail(error, TM_ERR_FILE, -1, "unknown kind of mesh file; use .msh (2.2 or 4.1), .vtk or .mesh");
@@ -244,6 +245,10 @@ static tm_status finish(const app_mesh_scan *scan, double scale, app_mesh_lenien
     int64_t dropped = scan->vertex_count >= 0 ? scan->vertex_count - mesh->vertex_count : 0;
     if (lenient) lenient->dropped_vertices = dropped;
     tm_status status = TM_OK;
+    if (!scan->tet_tag && scan->tet_count >= 0 && scan->tet_count != mesh->tet_count)
+        return app_mesh_fail(error, TM_ERR_FILE, -1,
+                             "has %d of the %lld tetrahedra that it announces; the file is cut short, write it anew",
+                             mesh->tet_count, (long long)scan->tet_count);
     if (scan->vertex_tag && scan->tet_tag) {
         int32_t *vertex = calloc((size_t)mesh->vertex_count + 1, sizeof *vertex),
                 *tet = calloc((size_t)mesh->tet_count + 1, sizeof *tet);

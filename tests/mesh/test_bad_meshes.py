@@ -97,6 +97,8 @@ CASES = {
     "third on a face": (third_on_a_face, r"tetrahedron 50 .*shares a face with tetrahedron"),
     "overlap": (overlap, r"tetrahedron 49 .*overlaps tetrahedron"),
     "empty": (lambda m: "", r"empty"),
+    "empty mesh": (lambda m: "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n0\n$EndNodes\n$Elements\n0\n$EndElements\n", r"no tetrahedra"),
+    "empty mesh 4.1": (lambda m: "$MeshFormat\n4.1 0 8\n$EndMeshFormat\n$Nodes\n0 0 0 0\n$EndNodes\n$Elements\n0 0 0 0\n$EndElements\n", r"no tetrahedra"),
     "blank": (lambda m: "\n\n", r"not a \.msh file"),
     "words": (lambda m: "hello\n", r"not a \.msh file"),
     "script": (lambda m: 'SystemCall "touch owned";\n', r"not a \.msh file"),
@@ -157,6 +159,17 @@ def test_refused(case, tm_mesh, env, tmp_path):
     result = meshlib.run(tm_mesh, "check", path, "--json", tmp_path / "out.json", env=env)
     check_refused(result, path, expected)
     assert sorted(p.name for p in tmp_path.iterdir() if p.name != "cache") == ["bad.msh"], "something was written"
+
+
+@pytest.mark.parametrize("write_format,ending", [(meshlib.vtk, "vtk"), (meshlib.medit, "mesh")])
+@pytest.mark.parametrize("share", [0.5, 0.7, 0.8, 0.9, 0.97])
+def test_cut_short(write_format, ending, share, tm_mesh, env, tmp_path):
+    text = write_format(meshlib.block())
+    if ending == "vtk":
+        share *= text.index("CELL_TYPES") / len(text)
+    path = tmp_path / f"bad.{ending}"
+    path.write_text(text[:int(share * len(text))])
+    check_refused(meshlib.run(tm_mesh, "check", path, env=env), path, "cut short|cannot be read|no tetrahedra")
 
 
 QUADRATIC_VTK = meshlib.vtk(meshlib.Mesh(meshlib.block().points, [])).replace("CELLS 0 0\n", "CELLS 1 11\n10 0 1 3 9 2 4 5 6 7 8\n").replace(

@@ -53,6 +53,21 @@ def test_formats(name, tm_mesh, env, tmp_path):
         assert len(figures["regions"]) == 1
 
 
+WAYS = {
+    "CRLF": lambda t: t.replace("\n", "\r\n"),
+    "tabs": lambda t: t.replace(" ", "\t").replace("lower\tpart", "lower part"),
+    "comments": lambda t: t.replace("$Nodes", "$Comments\nmade\nby hand\n$EndComments\n$Nodes", 1),
+    "no last newline": lambda t: t[:-1],
+}
+
+
+# Gmsh itself does not read 4.1 with tabs
+@pytest.mark.parametrize("write_format,way", [(f, w) for f in (meshlib.msh2, meshlib.msh4) for w in WAYS if (f, w) != (meshlib.msh4, "tabs")])
+def test_ways_of_writing(write_format, way, tm_mesh, env, tmp_path):
+    figures, _ = info(tm_mesh, write(tmp_path / "b.msh", WAYS[way](write_format(named_block()))), env)
+    assert figures["tets"] == 48 and {r["name"] for r in figures["regions"]} == {"lower part", "upper"}
+
+
 def test_scale(tm_mesh, env, tmp_path):
     path = write(tmp_path / "b.msh", meshlib.msh2(meshlib.block()))
     figures, _ = info(tm_mesh, path, env, "--scale", "1e-3")
