@@ -33,6 +33,7 @@ cJSON *knob_model(const run *r, tm_error *error) {
     }
     if (status == TM_OK && reference_case(r->truth, "iso", 0, &depth, &truth)) add_differences(cJSON_AddObjectToObject(out, "mesh_alone"), compare(&m, &truth));
     problem_destroy(&p);
+    if (status == TM_OK) model_prices(cJSON_AddArrayToObject(out, "prices"), r->progress);
     if (status == TM_OK) return out;
     cJSON_Delete(out);
     return NULL;

@@ -1,6 +1,6 @@
 # tm-accuracy measures, page.py draws.
 ACCURACY_SRC := $(sort $(wildcard apps/accuracy/*.c))
-$(eval $(call program,tm-accuracy,$(ACCURACY_SRC),$(LIBAPP_A) $(LIBTM_A),-lcjson))
+$(eval $(call program,tm-accuracy,$(ACCURACY_SRC),$(SIM_LIBS),-lyaml -lcjson))
 
 #: make accuracy               what accuracy costs in time: build/accuracy/index.html (QUICK=1: the short form)
 .PHONY: accuracy accuracy-run

@@ -73,6 +73,14 @@ def test_linear_tissue_is_worse_the_deeper_it_is_pressed(page):
     assert errors == sorted(errors)
 
 
+def test_the_three_models_agree_at_rest_and_have_their_prices(page):
+    prices = page[1]["model"]["prices"]
+    assert [p["model"] for p in prices] == ["tensor/mass", "hybrid", "precomputed"]
+    for p in prices:
+        assert p["difference"] < 1e-4, p
+        assert p["seconds_per_frame"] > 0 and p["bytes"] > 0
+
+
 def test_leaving_fibres_out_is_worse_than_the_mesh(page):
     rows = page[1]["fibre"]["rows"]
     assert rows[0]["model"] == "fibred"
