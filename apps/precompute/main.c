@@ -1,4 +1,5 @@
-/* tm-precompute: the responses of a scene's tissue, computed ahead of time, by as many threads and ranks as there are. */
+/* tm-precompute: the responses of a scene's tissue, computed ahead of time, by as many threads and ranks as there are.
+ */
 #include <cjson/cJSON.h>
 #include <getopt.h>
 #include <stdio.h>
@@ -10,27 +11,35 @@
 #include "sim/solve_api.h"
 #include "team.h"
 
-static const char help[] =
-    "%s SCENE.yaml [options]: responses of the surface for `model: precomputed`, into the file where tm-sim looks for them\n\n"
-    "  --out FILE            write there instead of the cache\n"
-    "  --solver NAME         cholesky or cg, instead of the scene's (precomputed.solver)\n"
-    "  --precision NAME      double or single, instead of the scene's (precomputed.precision)\n"
-    "  --threads N           of each process; default: one for each core\n"
-    "  --memory MB           the most to ask for; default: what the machine has available\n"
-    "  --set PATH=VALUE      put this value over the scene's; as often as wanted\n"
-    "  --keep                leave a file that holds these very responses as it is\n"
-    "  --json FILE           time, sizes, seconds\n"
-    "  --help, --version\n\n"
-    "Built with Open MPI (make MPI=1) it is tm-precompute-mpi, and `mpirun -n 4 tm-precompute-mpi SCENE.yaml` spreads the columns over the\n"
-    "ranks; the file is the same to the last bit. Killed in the middle it leaves the old file.\n"
-    "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else.\n";
+static const char help[] = "%s SCENE.yaml [options]: responses of the surface for `model: precomputed`, into the file "
+                           "where tm-sim looks for them\n\n"
+                           "  --out FILE            write there instead of the cache\n"
+                           "  --solver NAME         cholesky or cg, instead of the scene's (precomputed.solver)\n"
+                           "  --precision NAME      double or single, instead of the scene's (precomputed.precision)\n"
+                           "  --threads N           of each process; default: one for each core\n"
+                           "  --memory MB           the most to ask for; default: what the machine has available\n"
+                           "  --set PATH=VALUE      put this value over the scene's; as often as wanted\n"
+                           "  --keep                leave a file that holds these very responses as it is\n"
+                           "  --json FILE           time, sizes, seconds\n"
+                           "  --help, --version\n\n"
+                           "Built with Open MPI (make MPI=1) it is tm-precompute-mpi, and `mpirun -n 4 "
+                           "tm-precompute-mpi SCENE.yaml` spreads the columns over the\n"
+                           "ranks; the file is the same to the last bit. Killed in the middle it leaves the old file.\n"
+                           "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else.\n";
 
 enum { OUT = 1000, SOLVER, PRECISION, THREADS, MEMORY, SET, KEEP, JSON, HELP, VERSION };
 static const struct option long_options[] = {
-    {"out", required_argument, NULL, OUT}, {"solver", required_argument, NULL, SOLVER}, {"precision", required_argument, NULL, PRECISION},
-    {"threads", required_argument, NULL, THREADS}, {"memory", required_argument, NULL, MEMORY}, {"set", required_argument, NULL, SET},
-    {"keep", no_argument, NULL, KEEP}, {"json", required_argument, NULL, JSON}, {"help", no_argument, NULL, HELP},
-    {"version", no_argument, NULL, VERSION}, {NULL, 0, NULL, 0},
+    {"out", required_argument, NULL, OUT},
+    {"solver", required_argument, NULL, SOLVER},
+    {"precision", required_argument, NULL, PRECISION},
+    {"threads", required_argument, NULL, THREADS},
+    {"memory", required_argument, NULL, MEMORY},
+    {"set", required_argument, NULL, SET},
+    {"keep", no_argument, NULL, KEEP},
+    {"json", required_argument, NULL, JSON},
+    {"help", no_argument, NULL, HELP},
+    {"version", no_argument, NULL, VERSION},
+    {NULL, 0, NULL, 0},
 };
 
 typedef struct choice {
@@ -52,7 +61,8 @@ static int usage(const char *what, const char *argument) {
 static int add_set(choice *o, const char *path, const char *value) {
     if (o->set_count == RUN_MAX_SETS) return usage("more than 64 --set%s; write a scene instead", "");
     o->set_list[o->set_count] = o->set[o->set_count];
-    if (snprintf(o->set[o->set_count], sizeof o->set[0], "%s%s", path, value) >= (int)sizeof o->set[0]) return usage("'%s' is too long", value);
+    if (snprintf(o->set[o->set_count], sizeof o->set[0], "%s%s", path, value) >= (int)sizeof o->set[0])
+        return usage("'%s' is too long", value);
     o->set_count++;
     return 0;
 }
@@ -83,7 +93,8 @@ static int take_option(choice *o, int option, char **all) {
         o->memory_bytes = (int64_t)number * 1000000;
         return rc;
     case SET:
-        if (!strchr(optarg, '=')) return usage("--set '%s' is not PATH=VALUE; write for example --set tissue.scale=0.5", optarg);
+        if (!strchr(optarg, '='))
+            return usage("--set '%s' is not PATH=VALUE; write for example --set tissue.scale=0.5", optarg);
         return add_set(o, "", optarg);
     case KEEP: o->keep = true; return 0;
     case JSON: o->json = optarg; return 0;
@@ -101,8 +112,10 @@ static int parse(choice *o, int count, char **all) {
         const int option = getopt_long(count, all, "-", long_options, NULL);
         if (option == -1) break;
         if (option == HELP || option == VERSION) {
-            if (option == HELP) printf(help, team_name);
-            else printf("%s %s\n", team_name, tm_version());
+            if (option == HELP)
+                printf(help, team_name);
+            else
+                printf("%s %s\n", team_name, tm_version());
             exit(team_end(0));
         }
         const int rc = take_option(o, option, all);
@@ -125,7 +138,9 @@ static int report(const choice *o, const tm_solve_report *r, const char *file, r
     cJSON_AddNumberToObject(j, "order_s", r->order_s);
     cJSON_AddNumberToObject(j, "factor_s", r->factor_s);
     cJSON_AddNumberToObject(j, "seconds", r->seconds);
-    printf("%s: %d columns%s, %.1f MB, %.2f s (factor %.1f MB)\n", file, r->columns, r->from_file ? " already there" : "", (double)r->responses_bytes * 1e-6, r->seconds, (double)r->factor_bytes * 1e-6);
+    printf("%s: %d columns%s, %.1f MB, %.2f s (factor %.1f MB)\n", file, r->columns,
+           r->from_file ? " already there" : "", (double)r->responses_bytes * 1e-6, r->seconds,
+           (double)r->factor_bytes * 1e-6);
     return run_report_end(j, json);
 }
 
@@ -148,7 +163,8 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file 
     int rc = sim_problem_make(s, s->tissue, &problem, &def.problem);
     if (rc) return rc;
     sim_solve_file(s, options, "precomputed", file, sizeof file);
-    if (o->out && snprintf(file, sizeof file, "%s", o->out) >= (int)sizeof file) rc = usage("--out '%s' is too long", o->out);
+    if (o->out && snprintf(file, sizeof file, "%s", o->out) >= (int)sizeof file)
+        rc = usage("--out '%s' is too long", o->out);
     if (!rc && !*file) rc = usage("the scene keeps no cache (precomputed.cache)%s; add --out FILE", "");
     const bool first = !team || team->rank == 0;
     def.problem.solver = (tm_solver)options->solver.index;
@@ -161,8 +177,12 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file 
     tm_precomputed *model = NULL;
     const bool alone = !team || team->count == 1;
     if (!rc && o->keep && !alone) rc = usage("--keep%s is for one process; leave it out under mpirun", "");
-    const tm_status status = rc ? TM_OK : o->keep ? tm_precomputed_create(&def, &model, &r, &error) : tm_precomputed_write(&def, &r, &error);
-    if (!rc && status) rc = app_report(status == TM_ERR_FILE ? NULL : o->scene, status == TM_ERR_FILE ? 0 : s->scene->tissue.line, &error);
+    const tm_status status = rc        ? TM_OK
+                             : o->keep ? tm_precomputed_create(&def, &model, &r, &error)
+                                       : tm_precomputed_write(&def, &r, &error);
+    if (!rc && status)
+        rc = app_report(status == TM_ERR_FILE ? NULL : o->scene, status == TM_ERR_FILE ? 0 : s->scene->tissue.line,
+                        &error);
     tm_precomputed_destroy(model);
     sim_problem_free(&problem);
     return rc || !first ? rc : report(o, &r, file, json);

@@ -1,4 +1,5 @@
-/* Ranks of Open MPI. A rank that dies takes the others with it: half a set of columns is of no use, and the old file is untouched. */
+/* Ranks of Open MPI. A rank that dies takes the others with it: half a set of columns is of no use, and the old file is
+ * untouched. */
 #include <mpi.h>
 
 #include "team.h"
@@ -14,7 +15,8 @@ static bool receive(void *user, int32_t rank, int32_t block, void *data, size_t 
     MPI_Status status;
     int got = 0;
     (void)user;
-    if (bytes > INT32_MAX || MPI_Recv(data, (int)bytes, MPI_BYTE, rank, block, MPI_COMM_WORLD, &status) != MPI_SUCCESS) return false;
+    if (bytes > INT32_MAX || MPI_Recv(data, (int)bytes, MPI_BYTE, rank, block, MPI_COMM_WORLD, &status) != MPI_SUCCESS)
+        return false;
     return MPI_Get_count(&status, MPI_BYTE, &got) == MPI_SUCCESS && (size_t)got == bytes;
 }
 

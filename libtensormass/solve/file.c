@@ -1,7 +1,8 @@
-/* Response files: all of it there, unharmed and of this very problem, or not used at all. Little-endian, as the header's byte_order tells.
+/* Response files: all of it there, unharmed and of this very problem, or not used at all. Little-endian, as the
+ * header's byte_order tells.
  *
- *   tms_file_head | kept int32[] | interface int32[] | base double[] | interface_N double[] | schur double[] | chunk checksums uint64[]
- *   padding to 4096 | columns, float or double
+ *   tms_file_head | kept int32[] | interface int32[] | base double[] | interface_N double[] | schur double[] | chunk
+ * checksums uint64[] padding to 4096 | columns, float or double
  *
  * The head's checksum covers everything before the columns, each chunk's checksum 4 MiB of them. */
 #include "internal.h"
@@ -37,10 +38,12 @@ tms_layout tms_file_layout(int32_t kept, int32_t interface, tm_precision precisi
     return l;
 }
 
-/* Four independent lanes of multiply and rotate over 8-byte words: fast enough that checking a file costs no more than reading it. */
+/* Four independent lanes of multiply and rotate over 8-byte words: fast enough that checking a file costs no more than
+ * reading it. */
 static uint64_t checksum(const void *data, size_t bytes, uint64_t seed) {
     const unsigned char *p = data;
-    uint64_t lane[4] = {seed ^ 0x9e3779b97f4a7c15ULL, seed ^ 0xc2b2ae3d27d4eb4fULL, seed ^ 0x165667b19e3779f9ULL, seed ^ bytes};
+    uint64_t lane[4] = {seed ^ 0x9e3779b97f4a7c15ULL, seed ^ 0xc2b2ae3d27d4eb4fULL, seed ^ 0x165667b19e3779f9ULL,
+                        seed ^ bytes};
     for (; bytes >= 32; bytes -= 32, p += 32)
         for (int i = 0; i < 4; i++) {
             uint64_t word;
@@ -51,7 +54,12 @@ static uint64_t checksum(const void *data, size_t bytes, uint64_t seed) {
     return tm_hash(p, bytes, tm_hash(lane, sizeof lane, TM_HASH_SEED));
 }
 
-typedef struct chunk_job { const char *data; size_t bytes; uint64_t *sum; int32_t first, stride, count; } chunk_job;
+typedef struct chunk_job {
+    const char *data;
+    size_t bytes;
+    uint64_t *sum;
+    int32_t first, stride, count;
+} chunk_job;
 
 static void *sum_chunks(void *argument) {
     const chunk_job *job = argument;
@@ -95,17 +103,19 @@ static bool check_head(const tms_file_head *head, size_t size, uint64_t key, cha
     if (head->byte_order != BYTE_ORDER_MARK) return refuse(why, "written on a machine of the other byte order");
     if (head->version != FORMAT_VERSION) return refuse(why, "written by another version of this library");
     if (head->key != key) return refuse(why, "of another mesh, material, support, load or setting");
-    if (head->kept_count < 0 || head->interface_count < 0 || (head->precision != TM_DOUBLE && head->precision != TM_SINGLE) ||
-        head->block != TMS_BLOCK)
+    if (head->kept_count < 0 || head->interface_count < 0 ||
+        (head->precision != TM_DOUBLE && head->precision != TM_SINGLE) || head->block != TMS_BLOCK)
         return refuse(why, "its head is damaged");
     const tms_layout l = tms_file_layout(head->kept_count, head->interface_count, (tm_precision)head->precision);
-    if ((size_t)head->bytes != l.bytes || size != l.bytes || (size_t)head->column_offset != l.column) return refuse(why, "truncated, or longer than it says");
+    if ((size_t)head->bytes != l.bytes || size != l.bytes || (size_t)head->column_offset != l.column)
+        return refuse(why, "truncated, or longer than it says");
     return true;
 }
 
 static bool check_sums(const char *map, const tms_file_head *head, int32_t threads, char why[160]) {
     const tms_layout l = tms_file_layout(head->kept_count, head->interface_count, (tm_precision)head->precision);
-    if (head_checksum(map, l.column) != head->head_checksum) return refuse(why, "damaged: the checksum of its head differs");
+    if (head_checksum(map, l.column) != head->head_checksum)
+        return refuse(why, "damaged: the checksum of its head differs");
     uint64_t *sum = malloc(8 * (size_t)(l.blocks ? l.blocks : 1));
     if (!sum) return refuse(why, "no memory to check it");
     checksum_columns(map + l.column, l.bytes - l.column, sum, l.blocks, threads);
@@ -119,7 +129,8 @@ bool tms_file_open(const char *path, uint64_t key, int32_t threads, void **map, 
     if (fd < 0) return refuse(why, errno == ENOENT ? "no file yet" : "the file cannot be opened");
     struct stat st;
     void *m = MAP_FAILED;
-    if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_size > 0) m = mmap(NULL, (size_t)st.st_size, PROT_READ, MAP_SHARED, fd, 0);
+    if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_size > 0)
+        m = mmap(NULL, (size_t)st.st_size, PROT_READ, MAP_SHARED, fd, 0);
     close(fd);
     if (m == MAP_FAILED) return refuse(why, "empty, or not a file that can be mapped");
     if (!check_head(m, (size_t)st.st_size, key, why) || !check_sums(m, m, threads, why)) {
@@ -137,7 +148,8 @@ static tm_status file_fail(tms_file_write *file, tm_error *error, const char *wh
     char size[32];
     tms_bytes_text((int64_t)file->bytes, size);
     tms_fail(error, TM_ERR_FILE, -1, "%s: %s (%s): %s; %s", file->part, what, size, strerror(number),
-             number == ENOSPC ? "free some space, store the responses in single precision, or name another place" : "name a place that can be written");
+             number == ENOSPC ? "free some space, store the responses in single precision, or name another place"
+                              : "name a place that can be written");
     tms_file_abandon(file);
     return TM_ERR_FILE;
 }
@@ -145,7 +157,9 @@ static tm_status file_fail(tms_file_write *file, tm_error *error, const char *wh
 tm_status tms_file_begin(const char *path, size_t bytes, tms_file_write *file, tm_error *error) {
     *file = (tms_file_write){.fd = -1, .map = MAP_FAILED, .bytes = bytes};
     if (snprintf(file->path, sizeof file->path, "%s", path) >= (int)sizeof file->path)
-        return tms_fail(error, TM_ERR_FILE, -1, "the name of the response file is longer than %d bytes; use a shorter one", (int)sizeof file->path - 1);
+        return tms_fail(error, TM_ERR_FILE, -1,
+                        "the name of the response file is longer than %d bytes; use a shorter one",
+                        (int)sizeof file->path - 1);
     snprintf(file->part, sizeof file->part, "%s.part", path);
     const int fd = open(file->part, O_RDWR | O_CREAT | O_CLOEXEC, 0644);
     if (fd < 0) return file_fail(file, error, "cannot be created", errno);
@@ -172,10 +186,12 @@ tm_status tms_file_commit(tms_file_write *file, int32_t threads, tm_error *error
     const tms_layout l = tms_file_layout(head->kept_count, head->interface_count, (tm_precision)head->precision);
     head->column_offset = (int64_t)l.column;
     head->bytes = (int64_t)l.bytes;
-    checksum_columns((char *)file->map + l.column, l.bytes - l.column, (uint64_t *)(void *)((char *)file->map + l.checksum), l.blocks, threads);
+    checksum_columns((char *)file->map + l.column, l.bytes - l.column,
+                     (uint64_t *)(void *)((char *)file->map + l.checksum), l.blocks, threads);
     head->head_checksum = 0;
     head->head_checksum = head_checksum(file->map, l.column);
-    if (msync(file->map, file->bytes, MS_SYNC) || fsync(file->fd)) return file_fail(file, error, "cannot be flushed to disk", errno);
+    if (msync(file->map, file->bytes, MS_SYNC) || fsync(file->fd))
+        return file_fail(file, error, "cannot be flushed to disk", errno);
     if (rename(file->part, file->path)) return file_fail(file, error, "cannot be renamed", errno);
     munmap(file->map, file->bytes);
     close(file->fd);

@@ -5,7 +5,8 @@
 #include <string.h>
 
 static void vertex_at(const tms_local *l, int32_t vertex, double at_m[3]) {
-    for (int c = 0; c < 3; c++) at_m[c] = l->mesh->rest_m[3 * (int64_t)vertex + c] + l->u_m[3 * (int64_t)vertex + c];
+    for (int c = 0; c < 3; c++)
+        at_m[c] = l->mesh->rest_m[3 * (int64_t)vertex + c] + l->u_m[3 * (int64_t)vertex + c];
 }
 
 static bool has(const int32_t *list, int32_t count, int32_t vertex) {
@@ -22,15 +23,19 @@ bool tms_local_in_jaws(const tms_local *l, const tm_contact_row *row) {
     return true;
 }
 
-bool tms_local_holds(const tms_local *l, int32_t tool) { return l->hold[tool].state == TM_GRASP_HOLDING; }
+bool tms_local_holds(const tms_local *l, int32_t tool) {
+    return l->hold[tool].state == TM_GRASP_HOLDING;
+}
 
 /* Held by hand already, or by the other jaws: one master each. */
 static void leave_out_taken(const tms_local *l, tms_hold *h) {
     int32_t kept = 0;
     for (int32_t i = 0; i < h->count; i++) {
         bool taken = false;
-        for (int32_t k = 0; k < l->hand_count; k++) taken |= l->pin[k].vertex == h->vertex[i];
-        for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) taken |= &l->hold[t] != h && has(l->hold[t].vertex, l->hold[t].count, h->vertex[i]);
+        for (int32_t k = 0; k < l->hand_count; k++)
+            taken |= l->pin[k].vertex == h->vertex[i];
+        for (int t = 0; t < TM_MAX_INSTRUMENTS; t++)
+            taken |= &l->hold[t] != h && has(l->hold[t].vertex, l->hold[t].count, h->vertex[i]);
         if (!taken) h->vertex[kept++] = h->vertex[i];
     }
     h->count = kept;
@@ -40,7 +45,8 @@ static void leave_out_taken(const tms_local *l, tms_hold *h) {
 static void close_jaw(tms_local *l, int32_t t) {
     tms_hold *h = &l->hold[t];
     const tms_tool *tool = &l->tool[t];
-    h->count = tm_jaw_capture(&h->jaw, &l->grasp, &tool->def, &tool->pose, l->mesh->rest_m, l->u_m, &l->surface, h->vertex, h->distance_m);
+    h->count = tm_jaw_capture(&h->jaw, &l->grasp, &tool->def, &tool->pose, l->mesh->rest_m, l->u_m, &l->surface,
+                              h->vertex, h->distance_m);
     leave_out_taken(l, h);
     for (int32_t i = 0; i < h->count; i++) {
         double at[3];
@@ -48,7 +54,8 @@ static void close_jaw(tms_local *l, int32_t t) {
         for (int32_t k = 0; k < l->now.count; k++) {
             const tm_contact_row *row = &l->now.row[k];
             for (int j = 0; j < 3 && row->instrument == t && tms_local_in_jaws(l, row); j++)
-                for (int c = 0; c < 3 && row->vertex[j] == h->vertex[i]; c++) at[c] += l->grasp.compliance_m_N * row->lambda_N * row->weight[j] * row->normal[c];
+                for (int c = 0; c < 3 && row->vertex[j] == h->vertex[i]; c++)
+                    at[c] += l->grasp.compliance_m_N * row->lambda_N * row->weight[j] * row->normal[c];
         }
         tm_jaw_to_tool(&h->jaw, &tool->pose, at, h->offset_m + 3 * i);
     }
@@ -58,7 +65,8 @@ static void close_jaw(tms_local *l, int32_t t) {
 static void open_jaw(tms_local *l, tms_hold *h) {
     for (int32_t i = 0; i < h->count; i++) {
         const int32_t s = l->slot_of[h->vertex[i]];
-        for (int c = 0; c < 3; c++) h->let_go_N[3 * i + c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
+        for (int c = 0; c < 3; c++)
+            h->let_go_N[3 * i + c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
     }
     h->state = TM_GRASP_LETTING_GO;
     h->fade = 1;
@@ -70,7 +78,8 @@ void tms_local_work_jaws(tms_local *l) {
         const tms_tool *tool = &l->tool[t];
         if (tool->def.mode != TM_TOOL_GRASPER || l->grasp.max_vertices == 0) continue;
         tm_jaw_turn(&h->jaw, &tool->def, &tool->pose);
-        const bool closed = tool->pose.active && (h->was_closed ? tool->pose.grip > l->grasp.open_grip : tool->pose.grip >= l->grasp.close_grip);
+        const bool closed = tool->pose.active && (h->was_closed ? tool->pose.grip > l->grasp.open_grip
+                                                                : tool->pose.grip >= l->grasp.close_grip);
         const bool closing = closed && !h->was_closed;
         h->was_closed = closed;
         if (closing && h->state != TM_GRASP_HOLDING) {
@@ -97,7 +106,10 @@ void tms_local_follow_jaws(tms_local *l) {
         for (int32_t i = 0; i < h->count && l->pin_count < l->capacity; i++) {
             tms_pin *pin = &l->pin[l->pin_count++];
             double at[3];
-            *pin = (tms_pin){.vertex = h->vertex[i], .tool = t, .compliance_m_N = l->grasp.compliance_m_N, .given = h->state == TM_GRASP_LETTING_GO};
+            *pin = (tms_pin){.vertex = h->vertex[i],
+                             .tool = t,
+                             .compliance_m_N = l->grasp.compliance_m_N,
+                             .given = h->state == TM_GRASP_LETTING_GO};
             tm_jaw_to_world(&h->jaw, &l->tool[t].pose, h->offset_m + 3 * i, at);
             for (int c = 0; c < 3; c++) {
                 pin->u_m[c] = at[c] - l->mesh->rest_m[3 * (int64_t)pin->vertex + c];
@@ -120,6 +132,7 @@ void tms_local_force(const tms_local *l, int32_t tool, double force_N[3], double
             on_tool[c] = l->now.fc[3 * s + c] - l->f[3 * s + c];
         }
         tm_tip_force(l->tool[tool].def.trocar_m, l->tool[tool].pose.tip_m, at, on_tool, at_tip);
-        for (int c = 0; c < 3; c++) force_N[c] += at_tip[c], resultant_N[c] += on_tool[c];
+        for (int c = 0; c < 3; c++)
+            force_N[c] += at_tip[c], resultant_N[c] += on_tool[c];
     }
 }

@@ -13,7 +13,8 @@ tm_hybrid_def tm_hybrid_def_default(void) {
 /* --- parts --- */
 
 static bool take(tm_hybrid *h, const tm_mesh *mesh) {
-    const size_t n = (size_t)mesh->vertex_count, faces = (4 * (size_t)mesh->tet_count + (size_t)mesh->surface_count) / 2;
+    const size_t n = (size_t)mesh->vertex_count,
+                 faces = (4 * (size_t)mesh->tet_count + (size_t)mesh->surface_count) / 2;
     h->alive = malloc((size_t)mesh->tet_count);
     h->part = calloc(n, 1);
     h->fixed = malloc(3 * n);
@@ -26,8 +27,8 @@ static bool take(tm_hybrid *h, const tm_mesh *mesh) {
     h->surface_face = malloc(4 * faces);
     h->full_u = calloc(3 * n, 8);
     h->full_f = malloc(24 * n);
-    return h->alive && h->part && h->fixed && h->value_m && h->load_N && h->extra_mass_kg && h->extra_damping_kg_s && h->place &&
-           h->surface_triangle && h->surface_face && h->full_u && h->full_f;
+    return h->alive && h->part && h->fixed && h->value_m && h->load_N && h->extra_mass_kg && h->extra_damping_kg_s &&
+           h->place && h->surface_triangle && h->surface_face && h->full_u && h->full_f;
 }
 
 static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) {
@@ -35,14 +36,22 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
     const uint8_t *whole = tm_tissue_alive(def->problem.tissue);
     int32_t dynamic = 0;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
-        if (!whole[t]) return tms_fail(error, TM_ERR_ARGUMENT, t, "tetrahedron %d of the whole tissue is cut away; make the hybrid model of an uncut one", (int)t);
+        if (!whole[t])
+            return tms_fail(error, TM_ERR_ARGUMENT, t,
+                            "tetrahedron %d of the whole tissue is cut away; make the hybrid model of an uncut one",
+                            (int)t);
         h->alive[t] = def->dynamic[t] != 0;
         dynamic += h->alive[t];
-        for (int i = 0; i < 4; i++) h->part[mesh->tet[4 * (int64_t)t + i]] |= h->alive[t] ? TMS_DYNAMIC : TMS_CONDENSED;
+        for (int i = 0; i < 4; i++)
+            h->part[mesh->tet[4 * (int64_t)t + i]] |= h->alive[t] ? TMS_DYNAMIC : TMS_CONDENSED;
     }
     if (dynamic == 0 || dynamic == mesh->tet_count)
-        return tms_fail(error, TM_ERR_ARGUMENT, -1, "%s tetrahedron is in the tensor/mass part; choose a region or box that holds some and leaves some", dynamic ? "every" : "no");
-    for (int32_t v = 0; v < mesh->vertex_count; v++) h->interface_count += h->part[v] == TMS_INTERFACE ? 3 : 0;
+        return tms_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "%s tetrahedron is in the tensor/mass part; choose a region or box that holds some and leaves some",
+            dynamic ? "every" : "no");
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        h->interface_count += h->part[v] == TMS_INTERFACE ? 3 : 0;
     h->interface = malloc((size_t)(h->interface_count + 1) * sizeof *h->interface);
     if (!h->interface) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface");
     h->interface_count = 0;
@@ -52,7 +61,9 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
         h->place[d] = h->interface_count;
         h->interface[h->interface_count++] = d;
     }
-    if (h->interface_count == 0) return tms_fail(error, TM_ERR_ARGUMENT, -1, "the tensor/mass part and the rest do not touch; nothing is condensed onto anything");
+    if (h->interface_count == 0)
+        return tms_fail(error, TM_ERR_ARGUMENT, -1,
+                        "the tensor/mass part and the rest do not touch; nothing is condensed onto anything");
     return TM_OK;
 }
 
@@ -61,7 +72,8 @@ static void set_problem(tm_hybrid *h, const tm_hybrid_def *def) {
     for (int32_t d = 0; d < 3 * h->mesh->vertex_count; d++) {
         const bool interface = h->part[d / 3] == TMS_INTERFACE, inside = h->part[d / 3] == TMS_CONDENSED;
         h->fixed[d] = def->problem.fixed[d] || interface;
-        if (inside && def->problem.fixed[d] && def->problem.fixed_value_m) h->value_m[d] = def->problem.fixed_value_m[d];
+        if (inside && def->problem.fixed[d] && def->problem.fixed_value_m)
+            h->value_m[d] = def->problem.fixed_value_m[d];
         if (inside && def->problem.load_N) h->load_N[d] = def->problem.load_N[d];
     }
     for (int32_t v = 0; v < h->mesh->vertex_count; v++) {
@@ -76,7 +88,8 @@ static void find_step(tm_hybrid *h, const tm_tissue *whole) {
     h->step_s = INFINITY;
     for (int32_t t = 0; t < h->mesh->tet_count; t++) {
         bool moves = h->alive[t];
-        for (int i = 0; i < 4; i++) moves |= h->part[h->mesh->tet[4 * (int64_t)t + i]] == TMS_INTERFACE;
+        for (int i = 0; i < 4; i++)
+            moves |= h->part[h->mesh->tet[4 * (int64_t)t + i]] == TMS_INTERFACE;
         const double step = moves ? tm_critical_step_element(whole, t) : INFINITY;
         if (step < h->step_s) h->step_s = step, h->step_tet = t;
     }
@@ -93,63 +106,81 @@ static tm_status condense(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_repor
     problem.fixed = h->fixed;
     problem.fixed_value_m = h->value_m;
     problem.load_N = h->load_N;
-    const tms_request request = {.def = &problem, .interface = h->interface, .interface_count = h->interface_count, .wanted = wanted,
-                                 .precision = def->precision, .file = def->file, .system = &h->system, .solver = &h->solver};
+    const tms_request request = {.def = &problem,
+                                 .interface = h->interface,
+                                 .interface_count = h->interface_count,
+                                 .wanted = wanted,
+                                 .precision = def->precision,
+                                 .file = def->file,
+                                 .system = &h->system,
+                                 .solver = &h->solver};
     const tm_status status = tms_responses_get(&request, false, &h->responses, report, error);
     free(wanted);
     return status;
 }
 
-/* The condensed stiffness, its upper triangle row by row; made symmetric to the last bit, or it would feed energy in. */
+/* The condensed stiffness, its upper triangle row by row; made symmetric to the last bit, or it would feed energy in.
+ */
 static bool pack_schur(tm_hybrid *h) {
     const int64_t n = h->interface_count;
     h->schur = malloc((size_t)(n * (n + 1) / 2) * 8);
     double *at = h->schur;
     for (int64_t i = 0; at && i < n; i++)
-        for (int64_t j = i; j < n; j++) *at++ = 0.5 * (h->responses.schur[i * n + j] + h->responses.schur[j * n + i]);
+        for (int64_t j = i; j < n; j++)
+            *at++ = 0.5 * (h->responses.schur[i * n + j] + h->responses.schur[j * n + i]);
     return h->schur != NULL;
 }
 
 static tm_status set_up(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report *report, tm_error *error) {
     tm_status status = TM_OK;
     h->mesh = tm_tissue_mesh(def->problem.tissue);
-    if (!take(h, h->mesh)) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
+    if (!take(h, h->mesh))
+        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
     if (status == TM_OK) status = split(h, def, error);
     if (status == TM_OK) status = tms_check_held(def->problem.tissue, def->problem.fixed, error);
     if (status != TM_OK) return status;
     uint8_t *rest = malloc((size_t)h->mesh->tet_count);
-    for (int32_t t = 0; rest && t < h->mesh->tet_count; t++) rest[t] = !h->alive[t];
-    status = rest ? tms_sub_tissue(def->problem.tissue, rest, &h->condensed, error) : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model");
+    for (int32_t t = 0; rest && t < h->mesh->tet_count; t++)
+        rest[t] = !h->alive[t];
+    status = rest ? tms_sub_tissue(def->problem.tissue, rest, &h->condensed, error)
+                  : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model");
     free(rest);
     if (status != TM_OK) return status;
     set_problem(h, def);
     find_step(h, def->problem.tissue);
     status = condense(h, def, report, error);
     if (status != TM_OK) return status;
-    for (int32_t i = 0; i < h->responses.kept_count; i++) h->place[h->responses.kept[i]] = i;
+    for (int32_t i = 0; i < h->responses.kept_count; i++)
+        h->place[h->responses.kept[i]] = i;
     h->work = tms_work_create(h->solver, 1);
     h->push_N = malloc((size_t)(h->interface_count + 1) * 8);
     h->at_m = malloc((size_t)(h->interface_count + 1) * 8);
-    if (!h->work || !pack_schur(h) || !h->push_N || !h->at_m) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
+    if (!h->work || !pack_schur(h) || !h->push_N || !h->at_m)
+        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
     if (def->patch_vertices > 0) status = tms_whole_create(&def->problem, def->patch_vertices, &h->whole, error);
     if (status != TM_OK) return status;
     h->surface.revision = -1;
     h->contact_def = def->contact ? *def->contact : (tm_contact_def){0};
     h->has_contact = def->contact != NULL;
-    for (int t = 0; def->contact && t < def->contact->instrument_count && t < TM_MAX_INSTRUMENTS; t++) h->instrument[t] = def->contact->instrument[t];
+    for (int t = 0; def->contact && t < def->contact->instrument_count && t < TM_MAX_INSTRUMENTS; t++)
+        h->instrument[t] = def->contact->instrument[t];
     h->contact_def.instrument = h->instrument;
     h->max_local_vertices = def->max_local_vertices;
     return TM_OK;
 }
 
 tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, tm_solve_report *report, tm_error *error) {
-    assert(def && def->cookie == TMS_COOKIE_HYBRID && def->problem.cookie == TMS_COOKIE_PROBLEM && def->problem.tissue && def->problem.fixed && def->dynamic);
+    assert(def && def->cookie == TMS_COOKIE_HYBRID && def->problem.cookie == TMS_COOKIE_PROBLEM &&
+           def->problem.tissue && def->problem.fixed && def->dynamic);
     tm_solve_report mine = {0};
     tm_hybrid *h = calloc(1, sizeof *h);
-    const tm_status status = h ? set_up(h, def, &mine, error) : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model");
+    const tm_status status =
+        h ? set_up(h, def, &mine, error) : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model");
     if (report) *report = mine;
-    if (status != TM_OK) tm_hybrid_destroy(h);
-    else *hybrid = h;
+    if (status != TM_OK)
+        tm_hybrid_destroy(h);
+    else
+        *hybrid = h;
     return status;
 }
 
@@ -162,17 +193,36 @@ void tm_hybrid_destroy(tm_hybrid *h) {
     tms_system_destroy(&h->system);
     tms_responses_release(&h->responses);
     tm_tissue_destroy(h->condensed);
-    void *arrays[] = {h->alive, h->part, h->fixed, h->value_m, h->load_N, h->extra_mass_kg, h->extra_damping_kg_s, h->place, h->interface, h->schur,
-                      h->push_N, h->at_m, h->surface_triangle, h->surface_face, h->full_u, h->full_f, h->through, h->through_vertex,
-                      h->give_m_N, h->held};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) free(arrays[i]);
+    void *arrays[] = {h->alive,
+                      h->part,
+                      h->fixed,
+                      h->value_m,
+                      h->load_N,
+                      h->extra_mass_kg,
+                      h->extra_damping_kg_s,
+                      h->place,
+                      h->interface,
+                      h->schur,
+                      h->push_N,
+                      h->at_m,
+                      h->surface_triangle,
+                      h->surface_face,
+                      h->full_u,
+                      h->full_f,
+                      h->through,
+                      h->through_vertex,
+                      h->give_m_N,
+                      h->held};
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
+        free(arrays[i]);
     free(h);
 }
 
 int64_t tm_hybrid_bytes(const tm_hybrid *h) {
     const int64_t n = h->mesh->vertex_count, b = h->interface_count;
-    return h->responses.bytes + tms_solver_bytes(h->solver) + tms_system_bytes(&h->system) + tm_tissue_bytes(h->condensed) + h->local.bytes + tms_whole_bytes(h->whole) +
-           4 * b * (b + 1) + 24 * b * h->local.capacity + 200 * n;
+    return h->responses.bytes + tms_solver_bytes(h->solver) + tms_system_bytes(&h->system) +
+           tm_tissue_bytes(h->condensed) + h->local.bytes + tms_whole_bytes(h->whole) + 4 * b * (b + 1) +
+           24 * b * h->local.capacity + 200 * n;
 }
 
 void tm_hybrid_tissue(const tm_hybrid *h, tm_tissue_def *def) {

@@ -4,7 +4,11 @@
 
 #include "local.h"
 
-enum { TMS_DYNAMIC = 1, TMS_CONDENSED = 2, TMS_INTERFACE = 3 }; /* of a vertex: tetrahedra on the one side, the other, both */
+enum {
+    TMS_DYNAMIC = 1,
+    TMS_CONDENSED = 2,
+    TMS_INTERFACE = 3
+}; /* of a vertex: tetrahedra on the one side, the other, both */
 
 /* hybrid_patch.c: the whole organ's compliance for patches. */
 typedef struct tms_whole tms_whole;
@@ -14,38 +18,38 @@ int64_t tms_whole_bytes(const tms_whole *whole);
 
 struct tm_hybrid {
     const tm_mesh *mesh;
-    uint8_t *alive;                /* [tet_count] dynamic */
-    uint8_t *part;                 /* [vertex_count] */
+    uint8_t *alive; /* [tet_count] dynamic */
+    uint8_t *part;  /* [vertex_count] */
     tm_tissue *condensed;
     double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] of condensed tetrahedra at the interface */
     double step_s;
     int32_t step_tet;
     /* the condensed part's problem */
-    uint8_t *fixed;                /* [3*vertex_count] supports and interface */
-    double *value_m, *load_N;      /* [3*vertex_count] of its inside */
+    uint8_t *fixed;                      /* [3*vertex_count] supports and interface */
+    double *value_m, *load_N;            /* [3*vertex_count] of its inside */
     int32_t *interface, interface_count; /* components, ascending */
-    int32_t *place;                /* [3*vertex_count] in the interface, or among the kept ones; -1 */
+    int32_t *place;                      /* [3*vertex_count] in the interface, or among the kept ones; -1 */
     tms_responses responses;
-    double *schur;                 /* upper triangle by rows */
+    double *schur; /* upper triangle by rows */
     tms_system system;
-    tms_solver *solver;            /* recovers the inside */
+    tms_solver *solver; /* recovers the inside */
     tms_work *work;
-    double *full_u, *full_f;       /* [3*vertex_count] */
-    double *push_N, *at_m;         /* [interface_count] force of the condensed part; displacement */
+    double *full_u, *full_f; /* [3*vertex_count] */
+    double *push_N, *at_m;   /* [interface_count] force of the condensed part; displacement */
     /* contact of the whole organ's surface, in the world's contact stage's place */
     bool has_contact;
     tm_contact_def contact_def;
     tm_instrument_def instrument[TM_MAX_INSTRUMENTS];
     int32_t max_local_vertices;
     tms_local local;
-    double *through;               /* [3*capacity][interface_count] how a slot inside follows the interface */
-    int32_t *through_vertex;       /* [capacity] whose it is, -1 */
-    double *give_m_N;              /* [interface_count] mobility within a substep, 0 where supported */
-    tms_whole *whole;              /* null: no patches */
+    double *through;         /* [3*capacity][interface_count] how a slot inside follows the interface */
+    int32_t *through_vertex; /* [capacity] whose it is, -1 */
+    double *give_m_N;        /* [interface_count] mobility within a substep, 0 where supported */
+    tms_whole *whole;        /* null: no patches */
     int32_t uncut_revision;
     tm_world *world;
     tm_contact *contact;
-    uint8_t *held;                 /* [3*vertex_count] the world's supports */
+    uint8_t *held; /* [3*vertex_count] the world's supports */
     /* surface */
     tm_surface_view surface;
     int32_t *surface_triangle, *surface_face, seen_revision;

@@ -1,5 +1,5 @@
-/* Patch and stiffness of the hybrid model: compliance of the whole, uncut organ by its own factor, a few columns a call, remembered. Exact at
- * rest; an estimate in motion. After a cut it is another organ's, and there is none. */
+/* Patch and stiffness of the hybrid model: compliance of the whole, uncut organ by its own factor, a few columns a
+ * call, remembered. Exact at rest; an estimate in motion. After a cut it is another organ's, and there is none. */
 #include "hybrid.h"
 
 #include <assert.h>
@@ -21,7 +21,8 @@ struct tms_whole {
 tm_status tms_whole_create(const tm_solve_def *problem, int32_t capacity, tms_whole **whole, tm_error *error) {
     tms_whole *w = calloc(1, sizeof *w);
     tm_solve_report report = {0};
-    tm_status status = w ? tms_system_create(problem->tissue, problem->fixed, &w->system, error) : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for patches");
+    tm_status status = w ? tms_system_create(problem->tissue, problem->fixed, &w->system, error)
+                         : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for patches");
     if (status == TM_OK) status = tms_solver_create(&w->system, problem, 0, 0, &w->solver, &report, error);
     if (status == TM_OK) status = tm_patch_solver_create(&w->patch_solver, error);
     if (status == TM_OK) {
@@ -30,13 +31,16 @@ tm_status tms_whole_create(const tm_solve_def *problem, int32_t capacity, tms_wh
         w->vertex = malloc((size_t)capacity * sizeof *w->vertex);
         w->used = calloc((size_t)capacity, sizeof *w->used);
         w->column = malloc((size_t)capacity * 12 * (size_t)w->system.n);
-        if (!w->work || !w->vertex || !w->used || !w->column) status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance of %d vertices; use fewer", (int)capacity);
+        if (!w->work || !w->vertex || !w->used || !w->column)
+            status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance of %d vertices; use fewer",
+                              (int)capacity);
     }
     if (status != TM_OK) {
         tms_whole_destroy(w);
         return status;
     }
-    for (int32_t i = 0; i < capacity; i++) w->vertex[i] = -1;
+    for (int32_t i = 0; i < capacity; i++)
+        w->vertex[i] = -1;
     *whole = w;
     return TM_OK;
 }
@@ -54,7 +58,9 @@ void tms_whole_destroy(tms_whole *w) {
 }
 
 int64_t tms_whole_bytes(const tms_whole *w) {
-    return w ? tms_solver_bytes(w->solver) + tms_system_bytes(&w->system) + 12 * (int64_t)w->capacity * (w->system.n + 1) : 0;
+    return w ? tms_solver_bytes(w->solver) + tms_system_bytes(&w->system) +
+                   12 * (int64_t)w->capacity * (w->system.n + 1)
+             : 0;
 }
 
 static int32_t find(const tms_whole *w, int32_t vertex) {
@@ -63,7 +69,8 @@ static int32_t find(const tms_whole *w, int32_t vertex) {
     return -1;
 }
 
-/* Columns that the patch lacks, at most AT_ONCE of them, over those unused for the longest. True when none is lacking. */
+/* Columns that the patch lacks, at most AT_ONCE of them, over those unused for the longest. True when none is lacking.
+ */
 static bool learn(tms_whole *w, const tm_patch *patch) {
     int32_t place[AT_ONCE], count = 0;
     bool all = true;
@@ -95,7 +102,8 @@ static bool learn(tms_whole *w, const tm_patch *patch) {
     const double *x = tms_work_solve(w->work);
     for (int32_t k = 0; k < count; k++) {
         float *column = w->column + 3 * (int64_t)place[k] * w->system.n;
-        for (int64_t i = 0; x && i < 3 * (int64_t)w->system.n; i++) column[i] = (float)x[3 * k * (int64_t)w->system.n + i];
+        for (int64_t i = 0; x && i < 3 * (int64_t)w->system.n; i++)
+            column[i] = (float)x[3 * k * (int64_t)w->system.n + i];
         if (!x) w->vertex[place[k]] = -1;
     }
     return all && x;
@@ -111,20 +119,22 @@ static bool block(void *self, int32_t a, int32_t b, double C[9]) {
     return at >= 0;
 }
 
-bool tm_hybrid_patch(tm_hybrid *h, int32_t instrument, const double velocity_m_s[3], double horizon_s, int32_t max_vertices, int32_t max_triangles,
-                     tm_patch *patch, double stiffness_N_m[9]) {
+bool tm_hybrid_patch(tm_hybrid *h, int32_t instrument, const double velocity_m_s[3], double horizon_s,
+                     int32_t max_vertices, int32_t max_triangles, tm_patch *patch, double stiffness_N_m[9]) {
     tms_whole *w = h->whole;
     memset(patch, 0, sizeof *patch);
     patch->instrument = instrument;
     if (!w || !h->contact || tm_tissue_surface(tm_world_tissue(h->world)).revision != h->uncut_revision) return false;
     const tm_instrument_def *def = &h->instrument[instrument];
     const tm_tool_pose pose = tm_contact_pose(h->contact, instrument);
-    if (!pose.active || (def->mode == TM_TOOL_GRASPER && pose.grip > 0)) return false; /* jaws' springs are not in a patch */
+    if (!pose.active || (def->mode == TM_TOOL_GRASPER && pose.grip > 0))
+        return false; /* jaws' springs are not in a patch */
     const tm_capsule capsule = tm_tool_capsule(def, &pose, instrument);
     const tm_surface_view surface = tm_hybrid_surface(h);
     const tm_contact_row *row;
     const int32_t count = tm_contact_rows(h->contact, &row);
-    if (!tm_patch_choose(h->mesh->rest_m, tm_world_state(h->world)->u_m, &surface, &capsule, velocity_m_s, horizon_s, row, count, max_vertices, max_triangles, patch) ||
+    if (!tm_patch_choose(h->mesh->rest_m, tm_world_state(h->world)->u_m, &surface, &capsule, velocity_m_s, horizon_s,
+                         row, count, max_vertices, max_triangles, patch) ||
         !learn(w, patch) || tms_bears_outside(row, count, patch))
         return false;
     patch->kind = 1;

@@ -10,11 +10,12 @@ extern "C" {
 
 enum { TMS_COOKIE_PROBLEM = 0x736f6c76, TMS_COOKIE_PRECOMPUTED = 0x70726563, TMS_COOKIE_HYBRID = 0x68796272 };
 
-/* Columns are solved in blocks of this width always, the last one filled up with zeros: dense kernels may sum in another order for
- * another width, and the result must not depend on how many threads or ranks share the work. */
+/* Columns are solved in blocks of this width always, the last one filled up with zeros: dense kernels may sum in
+ * another order for another width, and the result must not depend on how many threads or ranks share the work. */
 #define TMS_BLOCK 64
 
-tm_status tms_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...) __attribute__((format(printf, 4, 5)));
+tm_status tms_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
 double tms_clock_s(void);
 int32_t tms_threads(const tm_solve_def *def);
 void tms_bytes_text(int64_t bytes, char text[32]);
@@ -46,8 +47,9 @@ typedef struct tms_solver tms_solver;
 typedef struct tms_work tms_work; /* of one thread */
 
 /* Asks for all memory first: factor, work of `threads`, and `responses_bytes` beside it. */
-tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, int64_t responses_bytes, int64_t responses_bytes_single,
-                            tms_solver **solver, tm_solve_report *report, tm_error *error);
+tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, int64_t responses_bytes,
+                            int64_t responses_bytes_single, tms_solver **solver, tm_solve_report *report,
+                            tm_error *error);
 void tms_solver_destroy(tms_solver *solver);
 int64_t tms_solver_bytes(const tms_solver *solver);
 tms_work *tms_work_create(const tms_solver *solver, int32_t width);
@@ -63,38 +65,40 @@ bool tms_cg_solve(const tms_cg *cg, const double *b, double *x, double tolerance
 
 /* --- columns.c: responses --- */
 
-/* Column j < kept_count: displacement of the kept components for a unit force on kept component j. The interface_count columns after
- * them: for a unit displacement of an interface component, all other prescribed ones at 0. */
+/* Column j < kept_count: displacement of the kept components for a unit force on kept component j. The interface_count
+ * columns after them: for a unit displacement of an interface component, all other prescribed ones at 0. */
 typedef struct tms_columns {
     const tm_tissue *tissue;
     const tms_system *system;
     const tms_solver *solver;
     int32_t kept_count, interface_count;
-    const int32_t *kept;           /* components, 3*vertex + axis */
-    const int32_t *interface;      /* components, prescribed in `system` */
+    const int32_t *kept;      /* components, 3*vertex + axis */
+    const int32_t *interface; /* components, prescribed in `system` */
     tm_precision precision;
-    void *out;                     /* [(kept_count + interface_count)][kept_count] */
-    double *schur;                 /* [interface_count][interface_count] condensed stiffness, or null */
+    void *out;     /* [(kept_count + interface_count)][kept_count] */
+    double *schur; /* [interface_count][interface_count] condensed stiffness, or null */
 } tms_columns;
 
 int32_t tms_columns_blocks(const tms_columns *columns);
 size_t tms_columns_block_bytes(const tms_columns *columns, int32_t block);
-tm_status tms_columns_run(const tms_columns *columns, const tm_solve_def *def, const tm_solve_team *team, tm_error *error);
+tm_status tms_columns_run(const tms_columns *columns, const tm_solve_def *def, const tm_solve_team *team,
+                          tm_error *error);
 
 /* --- responses.c: what is kept of a factorised problem, in memory or in a file --- */
 
 typedef struct tms_responses {
     int32_t kept_count, interface_count;
     const int32_t *kept, *interface;
-    const double *base_m;          /* [kept_count] displacement under the loads and prescribed values, interface at 0 */
-    const double *interface_N;     /* [interface_count] force of the inside's loads and supports on the interface held at 0 */
-    const double *schur;           /* [interface_count^2] */
-    const void *column;            /* as tms_columns.out */
+    const double *base_m; /* [kept_count] displacement under the loads and prescribed values, interface at 0 */
+    const double
+        *interface_N;    /* [interface_count] force of the inside's loads and supports on the interface held at 0 */
+    const double *schur; /* [interface_count^2] */
+    const void *column;  /* as tms_columns.out */
     tm_precision precision;
     int64_t bytes;
-    void *map;                     /* of the file, or null */
+    void *map; /* of the file, or null */
     size_t map_bytes;
-    void *head;                    /* owned copies when not mapped */
+    void *head; /* owned copies when not mapped */
     void *owned;
 } tms_responses;
 
@@ -103,16 +107,18 @@ typedef struct tms_request {
     const tm_solve_def *def;
     const int32_t *interface;
     int32_t interface_count;
-    const uint8_t *wanted;         /* [vertex_count] 1: responses of this vertex are kept */
+    const uint8_t *wanted; /* [vertex_count] 1: responses of this vertex are kept */
     tm_precision precision;
     const char *file;
     const tm_solve_team *team;
-    tms_system *system;            /* out, both or neither: kept for solutions on line, made anew where the responses came from a file */
+    tms_system
+        *system; /* out, both or neither: kept for solutions on line, made anew where the responses came from a file */
     tms_solver **solver;
 } tms_request;
 
 /* From the file, else computed and written. `force`: whatever the file holds. On ranks above 0 nothing is returned. */
-tm_status tms_responses_get(const tms_request *request, bool force, tms_responses *responses, tm_solve_report *report, tm_error *error);
+tm_status tms_responses_get(const tms_request *request, bool force, tms_responses *responses, tm_solve_report *report,
+                            tm_error *error);
 void tms_responses_release(tms_responses *responses);
 /* Three entries C[3*i.., component j] etc.: the 3x3 block of kept vertices is gathered by the callers with this. */
 static inline double tms_response(const tms_responses *r, int32_t column, int32_t row) {
@@ -125,23 +131,32 @@ static inline double tms_response(const tms_responses *r, int32_t column, int32_
 typedef struct tms_file_head {
     char magic[8];
     uint32_t version, byte_order;
-    uint64_t key;                  /* of mesh, materials, supports, loads, solver, precision */
+    uint64_t key; /* of mesh, materials, supports, loads, solver, precision */
     int32_t kept_count, interface_count, precision, block;
-    int64_t column_offset, bytes;  /* of the file */
-    uint64_t head_checksum;        /* of all before the columns, with this field 0 */
+    int64_t column_offset, bytes; /* of the file */
+    uint64_t head_checksum;       /* of all before the columns, with this field 0 */
 } tms_file_head;
 
 /* Memory map of a whole, checked file; false with the reason in `why`. */
 bool tms_file_open(const char *path, uint64_t key, int32_t threads, void **map, size_t *bytes, char why[160]);
-typedef struct tms_file_write { char path[1024], part[1040]; int fd; void *map; size_t bytes; } tms_file_write;
+typedef struct tms_file_write {
+    char path[1024], part[1040];
+    int fd;
+    void *map;
+    size_t bytes;
+} tms_file_write;
 /* A file of `bytes` under a name of its own, its space taken, mapped for writing. */
 tm_status tms_file_begin(const char *path, size_t bytes, tms_file_write *file, tm_error *error);
 /* Checksums, flushes to disk and renames over `path`. */
 tm_status tms_file_commit(tms_file_write *file, int32_t threads, tm_error *error);
 void tms_file_abandon(tms_file_write *file);
 
-/* Sections of the head, in this order after tms_file_head: kept, interface (int32), base, interface_N, schur (double), block checksums (uint64). */
-typedef struct tms_layout { size_t kept, interface, base, force, schur, checksum, column, bytes; int32_t blocks; } tms_layout;
+/* Sections of the head, in this order after tms_file_head: kept, interface (int32), base, interface_N, schur (double),
+ * block checksums (uint64). */
+typedef struct tms_layout {
+    size_t kept, interface, base, force, schur, checksum, column, bytes;
+    int32_t blocks;
+} tms_layout;
 tms_layout tms_file_layout(int32_t kept_count, int32_t interface_count, tm_precision precision);
 
 #ifdef __cplusplus

@@ -1,4 +1,5 @@
-/* The on-line system: which vertices are in it, rows and forces of a shape, the path of the tools. Newton's method is in newton.c. */
+/* The on-line system: which vertices are in it, rows and forces of a shape, the path of the tools. Newton's method is
+ * in newton.c. */
 #include "local.h"
 #include "local_eval.h"
 
@@ -13,7 +14,8 @@ static const double GATHER_TRAVEL = 0.2; /* radii */
 
 static void *carve(char **at, size_t bytes) {
     void *p = *at;
-    *at = (char *)((uintptr_t)*at + (bytes + 63) / 64 * 64); /* as a number: while measuring there is no memory to point into */
+    *at = (char *)((uintptr_t)*at +
+                   (bytes + 63) / 64 * 64); /* as a number: while measuring there is no memory to point into */
     return p;
 }
 
@@ -35,10 +37,14 @@ static size_t lay_out(tms_local *l, char *memory) {
     l->wanted = carve(&at, c);
     l->pin = carve(&at, c * sizeof *l->pin);
     double **vector[] = {&l->f, &l->f_saved, &l->f_spare, &l->r, &l->keep, &l->du, &l->step, &l->now.fc, &l->probe.fc};
-    for (size_t i = 0; i < sizeof vector / sizeof *vector; i++) *vector[i] = carve(&at, 8 * c3);
-    for (int i = 0; i <= TMS_KRYLOV; i++) l->krylov[i] = carve(&at, 8 * c3);
-    for (int i = 0; i < TMS_KRYLOV; i++) l->ready[i] = carve(&at, 8 * c3);
-    for (int i = 0; i < TMS_PAIRS; i++) l->pair_f[i] = carve(&at, 8 * c3), l->pair_r[i] = carve(&at, 8 * c3);
+    for (size_t i = 0; i < sizeof vector / sizeof *vector; i++)
+        *vector[i] = carve(&at, 8 * c3);
+    for (int i = 0; i <= TMS_KRYLOV; i++)
+        l->krylov[i] = carve(&at, 8 * c3);
+    for (int i = 0; i < TMS_KRYLOV; i++)
+        l->ready[i] = carve(&at, 8 * c3);
+    for (int i = 0; i < TMS_PAIRS; i++)
+        l->pair_f[i] = carve(&at, 8 * c3), l->pair_r[i] = carve(&at, 8 * c3);
     l->block = carve(&at, 8 * c3 * c3);
     l->lu = carve(&at, 8 * c3 * c3);
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) {
@@ -49,39 +55,54 @@ static size_t lay_out(tms_local *l, char *memory) {
         l->hold[t].distance_m = carve(&at, 8 * held);
     }
     tm_contact_row **row[] = {&l->now.row, &l->probe.row, &l->before};
-    for (int i = 0; i < 3; i++) *row[i] = carve(&at, rows * sizeof(tm_contact_row));
+    for (int i = 0; i < 3; i++)
+        *row[i] = carve(&at, rows * sizeof(tm_contact_row));
     return (size_t)(at - memory);
 }
 
 static tm_status check(const tm_contact_def *def, tm_error *error) {
     if (def->instrument_count < 0 || def->instrument_count > TM_MAX_INSTRUMENTS)
-        return tms_fail(error, TM_ERR_ARGUMENT, -1, "contact: %d instruments; give at most %d", (int)def->instrument_count, TM_MAX_INSTRUMENTS);
+        return tms_fail(error, TM_ERR_ARGUMENT, -1, "contact: %d instruments; give at most %d",
+                        (int)def->instrument_count, TM_MAX_INSTRUMENTS);
     if (!(def->skin_compliance_m_N >= 1e-7))
-        return tms_fail(error, TM_ERR_ARGUMENT, -1, "contact: skin compliance %g m/N; the quasi-static models need at least 1e-7 (0.5e-3 is usual)", def->skin_compliance_m_N);
+        return tms_fail(error, TM_ERR_ARGUMENT, -1,
+                        "contact: skin compliance %g m/N; the quasi-static models need at least 1e-7 (0.5e-3 is usual)",
+                        def->skin_compliance_m_N);
     if (def->max_rows < 1 || !(def->force_cap_N > 0))
-        return tms_fail(error, TM_ERR_ARGUMENT, -1, "contact: %d rows and a cap of %g N; give at least one row and a positive cap", (int)def->max_rows, def->force_cap_N);
+        return tms_fail(error, TM_ERR_ARGUMENT, -1,
+                        "contact: %d rows and a cap of %g N; give at least one row and a positive cap",
+                        (int)def->max_rows, def->force_cap_N);
     for (int32_t t = 0; t < def->instrument_count; t++)
         if (!(def->instrument[t].radius_m > 0) || !(def->instrument[t].contact_length_m >= 0))
-            return tms_fail(error, TM_ERR_ARGUMENT, t, "instrument %d: radius %g m, contact length %g m; give a positive radius and a length of 0 or more", (int)t, def->instrument[t].radius_m, def->instrument[t].contact_length_m);
+            return tms_fail(
+                error, TM_ERR_ARGUMENT, t,
+                "instrument %d: radius %g m, contact length %g m; give a positive radius and a length of 0 or more",
+                (int)t, def->instrument[t].radius_m, def->instrument[t].contact_length_m);
     return TM_OK;
 }
 
-tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const tm_contact_def *contact, const tm_grasp_def *grasp, int32_t capacity,
-                           tms_local *local, tm_error *error) {
-    tms_local l = {.mesh = mesh, .surface = surface, .capacity = capacity, .def = contact ? *contact : tm_contact_def_default()};
+tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const tm_contact_def *contact,
+                           const tm_grasp_def *grasp, int32_t capacity, tms_local *local, tm_error *error) {
+    tms_local l = {
+        .mesh = mesh, .surface = surface, .capacity = capacity, .def = contact ? *contact : tm_contact_def_default()};
     if (!contact) l.def.instrument_count = 0;
     if (grasp) l.grasp = *grasp;
-    if (capacity < 4 || capacity > 4096) return tms_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096", (int)capacity);
+    if (capacity < 4 || capacity > 4096)
+        return tms_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096", (int)capacity);
     const tm_status status = check(&l.def, error);
     if (status != TM_OK) return status;
     l.tool_count = l.def.instrument_count;
     l.bytes = (int64_t)lay_out(&l, NULL);
     l.memory = aligned_alloc(64, (size_t)l.bytes);
-    if (!l.memory) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for %d vertices on line; lower max_local_vertices", (int)capacity);
+    if (!l.memory)
+        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for %d vertices on line; lower max_local_vertices",
+                        (int)capacity);
     memset(l.memory, 0, (size_t)l.bytes);
     lay_out(&l, l.memory);
-    for (int32_t v = 0; v < mesh->vertex_count; v++) l.slot_of[v] = -1;
-    for (int32_t s = 0; s < capacity; s++) l.vertex[s] = l.pin_of[s] = l.act_of[s] = -1;
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        l.slot_of[v] = -1;
+    for (int32_t s = 0; s < capacity; s++)
+        l.vertex[s] = l.pin_of[s] = l.act_of[s] = -1;
     *local = l;
     local->def.instrument = NULL; /* the caller's array is copied */
     tms_local_regather(local);
@@ -98,12 +119,15 @@ tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const t
 }
 
 void tms_local_destroy(tms_local *local) {
-    for (int32_t t = 0; t < local->tool_count; t++) tm_contact_search_destroy(local->tool[t].search);
+    for (int32_t t = 0; t < local->tool_count; t++)
+        tm_contact_search_destroy(local->tool[t].search);
     free(local->memory);
     *local = (tms_local){0};
 }
 
-bool tms_local_can_touch(const tms_tool *tool) { return tool->pose.active || tool->def.mode == TM_TOOL_CAUTERY; }
+bool tms_local_can_touch(const tms_tool *tool) {
+    return tool->pose.active || tool->def.mode == TM_TOOL_CAUTERY;
+}
 
 /* --- which vertices --- */
 
@@ -112,7 +136,8 @@ static int32_t want(tms_local *l, int32_t v, int32_t count) {
     if (count == l->capacity) return -1;
     l->stamp[v] = l->stamp_now;
     int32_t at = count;
-    for (; at > 0 && l->list[at - 1] > v; at--) l->list[at] = l->list[at - 1];
+    for (; at > 0 && l->list[at - 1] > v; at--)
+        l->list[at] = l->list[at - 1];
     l->list[at] = v;
     return count + 1;
 }
@@ -121,10 +146,12 @@ static int32_t want(tms_local *l, int32_t v, int32_t count) {
 static int32_t list_wanted(tms_local *l) {
     int32_t count = 0;
     l->stamp_now++;
-    for (int32_t i = 0; i < l->pin_count; i++) count = want(l, l->pin[i].vertex, count);
+    for (int32_t i = 0; i < l->pin_count; i++)
+        count = want(l, l->pin[i].vertex, count);
     for (int32_t t = 0; t < l->tool_count; t++) {
         const int32_t *vertex, vertices = l->tool[t].near ? tm_contact_search_vertices(l->tool[t].search, &vertex) : 0;
-        for (int32_t i = 0; i < vertices; i++) count = want(l, vertex[i], count);
+        for (int32_t i = 0; i < vertices; i++)
+            count = want(l, vertex[i], count);
     }
     return count;
 }
@@ -150,13 +177,15 @@ static void assign_slots(tms_local *l, int32_t count) {
         if (l->slot_of[l->list[i]] >= 0) l->wanted[l->slot_of[l->list[i]]] = 1;
     for (int32_t s = 0; s < l->capacity; s++) {
         if (l->wanted[s]) continue;
-        for (int c = 0; c < 3; c++) l->f[3 * s + c] = 0; /* out of reach: no force */
+        for (int c = 0; c < 3; c++)
+            l->f[3 * s + c] = 0; /* out of reach: no force */
         l->pin_of[s] = -1;
     }
     for (int32_t i = 0; i < count; i++) {
         const int32_t v = l->list[i];
         if (l->slot_of[v] < 0) {
-            while (l->wanted[next]) next++;
+            while (l->wanted[next])
+                next++;
             if (l->vertex[next] >= 0) l->slot_of[l->vertex[next]] = -1;
             l->vertex[next] = v;
             l->slot_of[v] = next;
@@ -169,7 +198,8 @@ static void assign_slots(tms_local *l, int32_t count) {
         l->pin_of[l->slot_of[v]] = -1;
     }
     l->use_count = count;
-    for (int32_t i = 0; i < l->pin_count; i++) l->pin_of[l->slot_of[l->pin[i].vertex]] = i;
+    for (int32_t i = 0; i < l->pin_count; i++)
+        l->pin_of[l->slot_of[l->pin[i].vertex]] = i;
 }
 
 void tms_local_forget(tms_local *l) {
@@ -214,7 +244,9 @@ void tms_local_gather(tms_local *l) {
             tool->near = tms_local_can_touch(tool) && tries < 20; /* then there is no room for any */
             tool->gathered_at = tool->capsule;
             if (!tool->near) continue;
-            tool->overflowed = !tm_contact_search_gather(tool->search, l->mesh->rest_m, l->u_m, &l->surface, &tool->capsule, reach * tool->def.radius_m) || tries > 2;
+            tool->overflowed = !tm_contact_search_gather(tool->search, l->mesh->rest_m, l->u_m, &l->surface,
+                                                         &tool->capsule, reach * tool->def.radius_m) ||
+                               tries > 2;
             tool->near = tm_contact_search_vertices(tool->search, &vertex) > 0;
         }
         count = list_wanted(l);
@@ -225,14 +257,17 @@ void tms_local_gather(tms_local *l) {
 
 /* --- rows and forces --- */
 
-/* out += f times the displacements of all slots by that force: a row of the block, which is symmetric and lies in memory as it is read. */
+/* out += f times the displacements of all slots by that force: a row of the block, which is symmetric and lies in
+ * memory as it is read. */
 static void spread(const tms_local *l, int32_t component, double f, double *restrict out) {
     const double *restrict row = l->block + (int64_t)component * 3 * l->capacity;
     const int32_t n = 3 * l->high;
-    for (int32_t i = 0; i < n; i++) out[i] += f * row[i];
+    for (int32_t i = 0; i < n; i++)
+        out[i] += f * row[i];
 }
 
-void tms_local_response(const tms_local *l, const int32_t *slot, int32_t count, const double *f, bool by_slot, double *out) {
+void tms_local_response(const tms_local *l, const int32_t *slot, int32_t count, const double *f, bool by_slot,
+                        double *out) {
     memset(out, 0, 24 * (size_t)l->high);
     for (int32_t j = 0; j < 3 * count; j++) {
         const int32_t d = 3 * slot[j / 3] + j % 3;
@@ -253,31 +288,38 @@ void tms_local_shape(tms_local *l) {
 static void add_row(const tms_local *l, tms_look *look, tm_contact_row *row) {
     const tms_tool *tool = &l->tool[row->instrument];
     double on_tool[3], at_tip[3];
-    row->lambda_N = tm_skin_reaction(l->def.skin_compliance_m_N / row->share, tool->def.radius_m, row->gap_m, 0, l->def.force_cap_N);
+    row->lambda_N = tm_skin_reaction(l->def.skin_compliance_m_N / row->share, tool->def.radius_m, row->gap_m, 0,
+                                     l->def.force_cap_N);
     look->capped[row->instrument] |= row->lambda_N >= l->def.force_cap_N;
-    for (int c = 0; c < 3; c++) on_tool[c] = -row->lambda_N * row->normal[c];
+    for (int c = 0; c < 3; c++)
+        on_tool[c] = -row->lambda_N * row->normal[c];
     tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
-    for (int c = 0; c < 3; c++) look->force_N[row->instrument][c] += at_tip[c], look->resultant_N[row->instrument][c] += on_tool[c];
+    for (int c = 0; c < 3; c++)
+        look->force_N[row->instrument][c] += at_tip[c], look->resultant_N[row->instrument][c] += on_tool[c];
     for (int k = 0; k < 3; k++)
-        for (int c = 0; c < 3; c++) look->fc[3 * l->slot_of[row->vertex[k]] + c] -= row->weight[k] * on_tool[c];
+        for (int c = 0; c < 3; c++)
+            look->fc[3 * l->slot_of[row->vertex[k]] + c] -= row->weight[k] * on_tool[c];
 }
 
 void tms_local_look(tms_local *l, tms_look *look) {
     int32_t first = 0;
     look->count = 0;
     for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) look->fc[3 * l->use[i] + c] = 0;
+        for (int c = 0; c < 3; c++)
+            look->fc[3 * l->use[i] + c] = 0;
     memset(look->force_N, 0, sizeof look->force_N);
     memset(look->resultant_N, 0, sizeof look->resultant_N);
     memset(look->capped, 0, sizeof look->capped);
     for (int32_t t = 0; t < l->tool_count; t++) {
         tms_tool *tool = &l->tool[t];
         int32_t last = first;
-        while (last < l->before_count && l->before[last].instrument == t) last++;
+        while (last < l->before_count && l->before[last].instrument == t)
+            last++;
         if (tool->near && !tool->ignored) {
             bool overflowed = false;
-            const int32_t found = tm_contact_search_rows(tool->search, l->mesh->rest_m, l->u_m, &tool->capsule, 0, l->before + first, last - first,
-                                                         look->row + look->count, l->def.max_rows - look->count, &overflowed);
+            const int32_t found = tm_contact_search_rows(tool->search, l->mesh->rest_m, l->u_m, &tool->capsule, 0,
+                                                         l->before + first, last - first, look->row + look->count,
+                                                         l->def.max_rows - look->count, &overflowed);
             tool->overflowed |= overflowed;
             const int32_t end = look->count + found;
             for (int32_t i = look->count; i < end; i++) {
@@ -311,9 +353,12 @@ static double path_pieces(const tms_local *l, const tm_tool_pose *pose) {
     for (int32_t t = 0; t < l->tool_count; t++) {
         const tm_capsule to = tm_tool_capsule(&l->tool[t].def, &pose[t], t), *from = &l->tool[t].capsule;
         double tip2 = 0, tail2 = 0;
-        for (int c = 0; c < 3; c++) tip2 += (to.tip_m[c] - from->tip_m[c]) * (to.tip_m[c] - from->tip_m[c]);
-        for (int c = 0; c < 3; c++) tail2 += (to.tail_m[c] - from->tail_m[c]) * (to.tail_m[c] - from->tail_m[c]);
-        if (pose[t].active || tms_local_can_touch(&l->tool[t])) most = fmax(most, sqrt(fmax(tip2, tail2)) / (TMS_PIECE * l->tool[t].def.radius_m));
+        for (int c = 0; c < 3; c++)
+            tip2 += (to.tip_m[c] - from->tip_m[c]) * (to.tip_m[c] - from->tip_m[c]);
+        for (int c = 0; c < 3; c++)
+            tail2 += (to.tail_m[c] - from->tail_m[c]) * (to.tail_m[c] - from->tail_m[c]);
+        if (pose[t].active || tms_local_can_touch(&l->tool[t]))
+            most = fmax(most, sqrt(fmax(tip2, tail2)) / (TMS_PIECE * l->tool[t].def.radius_m));
     }
     return most;
 }
@@ -321,13 +366,15 @@ static double path_pieces(const tms_local *l, const tm_tool_pose *pose) {
 /* What a piece that does not converge is undone to. */
 static void save(tms_local *l, bool back) {
     for (int32_t s = 0; s < l->capacity; s++)
-        for (int c = 0; c < 3; c++) *(back ? &l->f[3 * s + c] : &l->f_saved[3 * s + c]) = back ? l->f_saved[3 * s + c] : l->f[3 * s + c];
+        for (int c = 0; c < 3; c++)
+            *(back ? &l->f[3 * s + c] : &l->f_saved[3 * s + c]) = back ? l->f_saved[3 * s + c] : l->f[3 * s + c];
 }
 
 static void go_to(tms_local *l, const tm_tool_pose *from, const tm_tool_pose *to, double s) {
     for (int32_t t = 0; t < l->tool_count; t++) {
         tm_tool_pose at = to[t];
-        for (int c = 0; c < 3 && s < 1; c++) at.tip_m[c] = from[t].tip_m[c] + s * (to[t].tip_m[c] - from[t].tip_m[c]);
+        for (int c = 0; c < 3 && s < 1; c++)
+            at.tip_m[c] = from[t].tip_m[c] + s * (to[t].tip_m[c] - from[t].tip_m[c]);
         tms_local_pose(l, t, &at);
     }
 }
@@ -337,7 +384,8 @@ int32_t tms_local_update(tms_local *l, const tm_tool_pose *pose) {
     const double whole = l->tool_count ? fmax(path_pieces(l, pose), 1) : 1;
     double done = 0, piece = 1 / whole;
     int32_t steps = 0;
-    for (int32_t t = 0; t < l->tool_count; t++) from[t] = l->tool[t].pose;
+    for (int32_t t = 0; t < l->tool_count; t++)
+        from[t] = l->tool[t].pose;
     bool worked = false; /* jaws close where the path ends */
     for (int32_t solves = 1; done < 1; solves++) {
         const bool last_chance = solves >= TMS_MAX_SOLVES || piece * whole < 1.0 / 64;
@@ -364,6 +412,7 @@ tm_tool_reaction tms_local_reaction(const tms_local *l, int32_t t) {
     tm_tool_reaction r = {.capped = l->now.capped[t], .overflowed = tool->overflowed};
     memcpy(r.tip_m, tool->pose.tip_m, sizeof r.tip_m);
     tms_local_force(l, t, r.force_N, r.resultant_N);
-    for (int32_t i = 0; i < l->now.count; i++) r.row_count += l->now.row[i].instrument == t && l->now.row[i].lambda_N > 0;
+    for (int32_t i = 0; i < l->now.count; i++)
+        r.row_count += l->now.row[i].instrument == t && l->now.row[i].lambda_N > 0;
     return r;
 }

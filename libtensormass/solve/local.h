@@ -1,35 +1,43 @@
 /* The on-line system: contact of all instruments and imposed vertices, on a compliance that somebody else knows.
  *
- * Unknown are the forces f on a few surface vertices (slots). The shape u = base + C f gives the contact rows of the core's own
- * finder, and the rows give forces: the skin's reaction to their depth, not below 0 and not above the cap. That is the unilateral
- * problem with regularised rows. It is solved for f = rows(base + C f) by Newton's method: the force is the converged one, of
- * today's normals and shares. How a row's force changes along its normal is known and makes a matrix; all else (normals that turn, shares
- * that pass from row to row) is felt by looking again beside the shape, in a few Krylov steps preconditioned by that matrix. */
+ * Unknown are the forces f on a few surface vertices (slots). The shape u = base + C f gives the contact rows of the
+ * core's own finder, and the rows give forces: the skin's reaction to their depth, not below 0 and not above the cap.
+ * That is the unilateral problem with regularised rows. It is solved for f = rows(base + C f) by Newton's method: the
+ * force is the converged one, of today's normals and shares. How a row's force changes along its normal is known and
+ * makes a matrix; all else (normals that turn, shares that pass from row to row) is felt by looking again beside the
+ * shape, in a few Krylov steps preconditioned by that matrix. */
 #ifndef TMS_LOCAL_H
 #define TMS_LOCAL_H
 
 #include "internal.h"
 #include "tensormass/grasp.h"
 
-enum { TMS_NEWTON_STEPS = 16, TMS_HALVINGS = 4, TMS_MAX_SOLVES = 256, TMS_KRYLOV = 24, TMS_PAIRS = 10, TMS_SECANT_STEPS = 10 };
+enum {
+    TMS_NEWTON_STEPS = 16,
+    TMS_HALVINGS = 4,
+    TMS_MAX_SOLVES = 256,
+    TMS_KRYLOV = 24,
+    TMS_PAIRS = 10,
+    TMS_SECANT_STEPS = 10
+};
 #define TMS_PIECE 0.125 /* radii: of the path of a tool, solved at once */
 
 typedef struct tms_tool {
     tm_instrument_def def;
     tm_tool_pose pose;
     tm_capsule capsule;
-    bool ignored;                  /* while the shape without it is asked for */
-    tm_contact_search *search;     /* surface around it */
-    bool near;                     /* there is some */
-    tm_capsule gathered_at;        /* where it was then */
+    bool ignored;              /* while the shape without it is asked for */
+    tm_contact_search *search; /* surface around it */
+    bool near;                 /* there is some */
+    tm_capsule gathered_at;    /* where it was then */
     bool overflowed;
 } tms_tool;
 
 /* What the rows of one shape do. */
 typedef struct tms_look {
-    tm_contact_row *row;           /* [max_rows] */
+    tm_contact_row *row; /* [max_rows] */
     int32_t count;
-    double *fc;                    /* [3*capacity] forces on the slots */
+    double *fc; /* [3*capacity] forces on the slots */
     double force_N[TM_MAX_INSTRUMENTS][3], resultant_N[TM_MAX_INSTRUMENTS][3];
     bool capped[TM_MAX_INSTRUMENTS];
 } tms_look;
@@ -48,54 +56,57 @@ typedef struct tms_hold {
     tm_grasp_state state;
     bool was_closed;
     double fade;
-    int32_t count, *vertex;        /* [max_vertices] */
-    double *offset_m;              /* [3*max_vertices] in the jaw's frame */
-    double *let_go_N;              /* [3*max_vertices] */
-    double *distance_m;            /* [max_vertices] scratch */
+    int32_t count, *vertex; /* [max_vertices] */
+    double *offset_m;       /* [3*max_vertices] in the jaw's frame */
+    double *let_go_N;       /* [3*max_vertices] */
+    double *distance_m;     /* [max_vertices] scratch */
 } tms_hold;
 
 typedef struct tms_local {
     const tm_mesh *mesh;
     tm_surface_view surface;
-    tm_contact_def def;            /* instrument_count 0: no contact */
+    tm_contact_def def; /* instrument_count 0: no contact */
     int32_t tool_count;
     tms_tool tool[TM_MAX_INSTRUMENTS];
     /* the client's */
     void *self;
-    void (*compliance)(void *self, int32_t a, int32_t b, double C[9]); /* of vertex a by forces on vertex b, m/N, row-major */
-    void (*refresh)(void *self, const int32_t *vertex, int32_t count); /* bring base_m up to date at these; may be null */
+    void (*compliance)(void *self, int32_t a, int32_t b,
+                       double C[9]); /* of vertex a by forces on vertex b, m/N, row-major */
+    void (*refresh)(void *self, const int32_t *vertex,
+                    int32_t count);                        /* bring base_m up to date at these; may be null */
     bool (*passes)(void *self, const tm_contact_row *row); /* a row that is no obstacle; may be null */
-    double *base_m;                /* [3*vertex_count] shape without f */
-    double *u_m;                   /* [3*vertex_count] shape: at the slots always, elsewhere as the client left it */
+    double *base_m;                                        /* [3*vertex_count] shape without f */
+    double *u_m; /* [3*vertex_count] shape: at the slots always, elsewhere as the client left it */
     /* slots */
-    int32_t capacity, use_count, high; /* slots below `high` have been used */
-    int32_t gathered_age;          /* solves since what surrounds the tools was looked for */
-    int32_t *slot_of;              /* [vertex_count] -1 */
-    int32_t *vertex;               /* [capacity] -1: never used */
-    int32_t *use;                  /* [use_count] slots of this solve, by ascending vertex */
-    uint8_t *wanted;               /* [capacity] */
-    int32_t *stamp, stamp_now;     /* [vertex_count] */
-    int32_t *list;                 /* [capacity] wanted vertices, ascending */
-    double *block;                 /* [3*capacity][3*capacity] */
+    int32_t capacity, use_count, high;             /* slots below `high` have been used */
+    int32_t gathered_age;                          /* solves since what surrounds the tools was looked for */
+    int32_t *slot_of;                              /* [vertex_count] -1 */
+    int32_t *vertex;                               /* [capacity] -1: never used */
+    int32_t *use;                                  /* [use_count] slots of this solve, by ascending vertex */
+    uint8_t *wanted;                               /* [capacity] */
+    int32_t *stamp, stamp_now;                     /* [vertex_count] */
+    int32_t *list;                                 /* [capacity] wanted vertices, ascending */
+    double *block;                                 /* [3*capacity][3*capacity] */
     double *f, *f_saved, *f_spare, *r, *keep, *du; /* [3*capacity] by slot */
-    int32_t *pin_of;               /* [capacity] -1 */
-    tms_pin *pin;                  /* [capacity] */
-    int32_t pin_count, hand_count; /* those by hand come first */
-    tm_grasp_def grasp;            /* max_vertices 0: graspers hold nothing */
+    int32_t *pin_of;                               /* [capacity] -1 */
+    tms_pin *pin;                                  /* [capacity] */
+    int32_t pin_count, hand_count;                 /* those by hand come first */
+    tm_grasp_def grasp;                            /* max_vertices 0: graspers hold nothing */
     tms_hold hold[TM_MAX_INSTRUMENTS];
     double update_s;
     /* rows */
-    tms_look now, probe;           /* of the solution; of a shape beside it */
-    tm_contact_row *before;        /* [max_rows] of the solution before */
+    tms_look now, probe;    /* of the solution; of a shape beside it */
+    tm_contact_row *before; /* [max_rows] of the solution before */
     int32_t before_count;
     /* Newton */
-    int32_t act_count, *act;       /* slots with unknown forces */
-    int32_t *act_of;               /* [capacity] -1 */
-    double *lu;                    /* [(3*capacity)^2] */
+    int32_t act_count, *act; /* slots with unknown forces */
+    int32_t *act_of;         /* [capacity] -1 */
+    double *lu;              /* [(3*capacity)^2] */
     int32_t *pivot;
-    double *step;                  /* [3*capacity] by act, as are the Krylov vectors */
+    double *step; /* [3*capacity] by act, as are the Krylov vectors */
     double *krylov[TMS_KRYLOV + 1], *ready[TMS_KRYLOV];
-    double *pair_f[TMS_PAIRS], *pair_r[TMS_PAIRS]; /* [3*capacity] by slot: changes of f and r that went together, lately */
+    double *pair_f[TMS_PAIRS],
+        *pair_r[TMS_PAIRS]; /* [3*capacity] by slot: changes of f and r that went together, lately */
     int32_t pair_count, pair_next;
     bool converged;
     int64_t bytes;
@@ -103,8 +114,8 @@ typedef struct tms_local {
 } tms_local;
 
 /* All memory now. `contact` null: none. The surface view's arrays must stay. */
-tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const tm_contact_def *contact, const tm_grasp_def *grasp, int32_t capacity,
-                           tms_local *local, tm_error *error);
+tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const tm_contact_def *contact,
+                           const tm_grasp_def *grasp, int32_t capacity, tms_local *local, tm_error *error);
 void tms_local_destroy(tms_local *local);
 /* Where a tool is now; what it touched before is still known. */
 void tms_local_pose(tms_local *local, int32_t tool, const tm_tool_pose *pose);
@@ -113,8 +124,8 @@ void tms_local_place(tms_local *local, int32_t tool, const tm_tool_pose *at);
 bool tms_local_can_touch(const tms_tool *tool);
 /* All compliances are asked for anew. */
 void tms_local_forget(tms_local *local);
-/* Slots for everything near the tools; forces of vertices that left are dropped. Nothing is looked for again while no tool has moved far
- * and not much time has passed, unless _regather was called. */
+/* Slots for everything near the tools; forces of vertices that left are dropped. Nothing is looked for again while no
+ * tool has moved far and not much time has passed, unless _regather was called. */
 void tms_local_gather(tms_local *local);
 void tms_local_regather(tms_local *local);
 /* Newton's method from the forces there are. Returns the steps taken; `converged` tells. */
@@ -123,11 +134,12 @@ int32_t tms_local_solve(tms_local *local);
 int32_t tms_local_update(tms_local *local, const tm_tool_pose *pose);
 /* d(force at the tip)/d(tip) of the converged solution, row-major. Leaves the solution as it was. */
 void tms_local_stiffness(tms_local *local, int32_t tool, double K[9]);
-/* How the other tools and imposed vertices answer: after _without, _yield gives the forces (by act) with which they meet a displacement
- * (by act) that something else makes. To first order, with their normals and shares as they are. */
+/* How the other tools and imposed vertices answer: after _without, _yield gives the forces (by act) with which they
+ * meet a displacement (by act) that something else makes. To first order, with their normals and shares as they are. */
 bool tms_local_without(tms_local *local, int32_t tool);
 void tms_local_yield(tms_local *local, int32_t tool, const double *u_m, double *df_N);
-/* grip.c. Once an update: jaws close, open, let go a little more. Then wherever the tools have moved: pins follow the jaws. */
+/* grip.c. Once an update: jaws close, open, let go a little more. Then wherever the tools have moved: pins follow the
+ * jaws. */
 void tms_local_work_jaws(tms_local *local);
 void tms_local_follow_jaws(tms_local *local);
 bool tms_local_holds(const tms_local *local, int32_t tool);

@@ -10,17 +10,20 @@ static const double TOUCHING_M = 1e-13; /* below it two surfaces that just touch
 static const double BESIDE = 1e-5;      /* radii: how far beside the shape the linear steps look */
 static const double STRIDE = 0.3;       /* radii: how far one step may move the surface: rows farther off are others */
 
-static const tms_pin *pin_of(const tms_local *l, int32_t slot) { return &l->pin[l->pin_of[slot]]; }
+static const tms_pin *pin_of(const tms_local *l, int32_t slot) {
+    return &l->pin[l->pin_of[slot]];
+}
 
 static bool pinned(const tms_local *l, int32_t slot, int axis) {
     const int64_t d = 3 * slot + axis;
-    return l->pin_of[slot] >= 0 && !l->pin[l->pin_of[slot]].given && l->block[d * 3 * l->capacity + d] > 0; /* a fixed component stays where it is */
+    return l->pin_of[slot] >= 0 && !l->pin[l->pin_of[slot]].given &&
+           l->block[d * 3 * l->capacity + d] > 0; /* a fixed component stays where it is */
 }
 
 /* --- residual --- */
 
-/* Residual of every slot in use: newtons; metres where a displacement is imposed. Returns the sum of squares of the displacements
- * that it would make, and whether all of them are small. */
+/* Residual of every slot in use: newtons; metres where a displacement is imposed. Returns the sum of squares of the
+ * displacements that it would make, and whether all of them are small. */
 static double residual(tms_local *l, bool *small) {
     double merit = 0, most = 1e-15, worst = 0;
     const int64_t c3 = 3 * (int64_t)l->capacity;
@@ -28,9 +31,12 @@ static double residual(tms_local *l, bool *small) {
         for (int c = 0; c < 3; c++) {
             const int32_t s = l->use[i], d = 3 * s + c;
             const bool given = l->pin_of[s] >= 0 && pin_of(l, s)->given;
-            const double own = l->block[d * c3 + d], free_r = l->f[d] - l->now.fc[d] - (given ? pin_of(l, s)->force_N[c] : 0);
+            const double own = l->block[d * c3 + d],
+                         free_r = l->f[d] - l->now.fc[d] - (given ? pin_of(l, s)->force_N[c] : 0);
             const bool held = pinned(l, s, c);
-            l->r[d] = held ? l->u_m[3 * (int64_t)l->vertex[s] + c] - pin_of(l, s)->u_m[c] + pin_of(l, s)->compliance_m_N * free_r : free_r;
+            l->r[d] = held ? l->u_m[3 * (int64_t)l->vertex[s] + c] - pin_of(l, s)->u_m[c] +
+                                 pin_of(l, s)->compliance_m_N * free_r
+                           : free_r;
             const double off = held ? l->r[d] : own * l->r[d];
             merit += off * off;
             most = fmax(most, fabs(own * l->f[d]));
@@ -50,9 +56,11 @@ double tms_local_evaluate(tms_local *l) {
 
 /* Slots whose force is unknown: under a row, loaded, or held. */
 static void choose_act(tms_local *l) {
-    for (int32_t s = 0; s < l->capacity; s++) l->act_of[s] = -1;
+    for (int32_t s = 0; s < l->capacity; s++)
+        l->act_of[s] = -1;
     for (int32_t i = 0; i < l->now.count; i++)
-        for (int k = 0; k < 3; k++) l->act_of[l->slot_of[l->now.row[i].vertex[k]]] = 0;
+        for (int k = 0; k < 3; k++)
+            l->act_of[l->slot_of[l->now.row[i].vertex[k]]] = 0;
     l->act_count = 0;
     for (int32_t i = 0; i < l->use_count; i++) {
         const int32_t s = l->use[i];
@@ -67,18 +75,22 @@ static void choose_act(tms_local *l) {
 static void add_row_matrix(tms_local *l, const tm_contact_row *row, int32_t m) {
     if (row->lambda_N >= l->def.force_cap_N) return;
     const int64_t c3 = 3 * (int64_t)l->capacity;
-    const double slope = tm_skin_slope(l->def.skin_compliance_m_N / row->share, l->tool[row->instrument].def.radius_m, row->lambda_N);
+    const double slope =
+        tm_skin_slope(l->def.skin_compliance_m_N / row->share, l->tool[row->instrument].def.radius_m, row->lambda_N);
     double *move = l->step; /* of every unknown's force along the row */
     memset(move, 0, 8 * (size_t)m);
     for (int a = 0; a < 9; a++) {
-        const double *C = l->block + (3 * l->slot_of[row->vertex[a / 3]] + a % 3) * c3, G = row->weight[a / 3] * row->normal[a % 3] / slope;
+        const double *C = l->block + (3 * l->slot_of[row->vertex[a / 3]] + a % 3) * c3,
+                     G = row->weight[a / 3] * row->normal[a % 3] / slope;
         for (int32_t j = 0; j < l->act_count && G != 0; j++)
-            for (int c = 0; c < 3; c++) move[3 * j + c] += G * C[3 * l->act[j] + c];
+            for (int c = 0; c < 3; c++)
+                move[3 * j + c] += G * C[3 * l->act[j] + c];
     }
     for (int a = 0; a < 9; a++) {
         double *out = l->lu + (int64_t)(3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3) * m;
         const double G = row->weight[a / 3] * row->normal[a % 3];
-        for (int32_t j = 0; j < m && G != 0; j++) out[j] += G * move[j];
+        for (int32_t j = 0; j < m && G != 0; j++)
+            out[j] += G * move[j];
     }
 }
 
@@ -89,12 +101,14 @@ bool tms_local_factor(tms_local *l, int32_t without) {
     memset(l->lu, 0, sizeof(double) * (size_t)m * (size_t)m);
     for (int32_t i = 0; i < l->now.count; i++)
         if (l->now.row[i].lambda_N > 0 && l->now.row[i].instrument != without) add_row_matrix(l, &l->now.row[i], m);
-    for (int32_t i = 0; i < m; i++) l->lu[(int64_t)i * m + i] += 1;
+    for (int32_t i = 0; i < m; i++)
+        l->lu[(int64_t)i * m + i] += 1;
     for (int32_t i = 0; i < m; i++) {
         if (!pinned(l, l->act[i / 3], i % 3)) continue;
         double *row = l->lu + (int64_t)i * m;
         const double *C = l->block + (3 * l->act[i / 3] + i % 3) * c3;
-        for (int32_t j = 0; j < m; j++) row[j] = C[3 * l->act[j / 3] + j % 3] + pin_of(l, l->act[i / 3])->compliance_m_N * row[j];
+        for (int32_t j = 0; j < m; j++)
+            row[j] = C[3 * l->act[j / 3] + j % 3] + pin_of(l, l->act[i / 3])->compliance_m_N * row[j];
     }
     return tms_lu(l->lu, l->pivot, m);
 }
@@ -104,7 +118,8 @@ bool tms_local_factor(tms_local *l, int32_t without) {
 /* Where the shape is now, to look beside it and come back. */
 static void keep_shape(tms_local *l) {
     for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) l->keep[3 * l->use[i] + c] = l->u_m[3 * (int64_t)l->vertex[l->use[i]] + c];
+        for (int c = 0; c < 3; c++)
+            l->keep[3 * l->use[i] + c] = l->u_m[3 * (int64_t)l->vertex[l->use[i]] + c];
 }
 static void set_shape(tms_local *l, double h) {
     for (int32_t i = 0; i < l->use_count; i++)
@@ -118,18 +133,25 @@ static void set_shape(tms_local *l, double h) {
 static double response(tms_local *l, const double *df) {
     double most = 0;
     tms_local_response(l, l->act, l->act_count, df, false, l->du);
-    for (int32_t i = 0; i < 3 * l->use_count; i++) most = fmax(most, fabs(l->du[3 * l->use[i / 3] + i % 3]));
+    for (int32_t i = 0; i < 3 * l->use_count; i++)
+        most = fmax(most, fabs(l->du[3 * l->use[i / 3] + i % 3]));
     return most;
 }
 
-/* A direction to look in: the shape by du, and a tool's tip by one unit vector (tool < 0: none). Change of the rows' forces by act, and of
- * the tip's force, for a unit of it; by one look beside, or two for a derivative. */
-typedef struct direction { int32_t tool; int axis; bool both_sides; double dF[3]; } direction;
+/* A direction to look in: the shape by du, and a tool's tip by one unit vector (tool < 0: none). Change of the rows'
+ * forces by act, and of the tip's force, for a unit of it; by one look beside, or two for a derivative. */
+typedef struct direction {
+    int32_t tool;
+    int axis;
+    bool both_sides;
+    double dF[3];
+} direction;
 
 static void look_along(tms_local *l, direction *to, double h, double *change) {
     const tms_tool kept = to->tool >= 0 ? l->tool[to->tool] : l->tool[0];
     memset(to->dF, 0, sizeof to->dF);
-    for (int32_t j = 0; j < 3 * l->act_count; j++) change[j] = 0;
+    for (int32_t j = 0; j < 3 * l->act_count; j++)
+        change[j] = 0;
     for (int side = 0; side < 2; side++) {
         const tms_look *look = &l->now;
         const double s = side == 0 ? 1 : to->both_sides ? -1 : 0;
@@ -144,20 +166,26 @@ static void look_along(tms_local *l, direction *to, double h, double *change) {
             look = &l->probe;
         }
         const double weight = (side == 0 ? 1 : -1) / (to->both_sides ? 2 * h : h);
-        for (int32_t j = 0; j < 3 * l->act_count; j++) change[j] += weight * look->fc[3 * l->act[j / 3] + j % 3];
-        for (int c = 0; c < 3 && to->tool >= 0; c++) to->dF[c] += weight * look->force_N[to->tool][c];
+        for (int32_t j = 0; j < 3 * l->act_count; j++)
+            change[j] += weight * look->fc[3 * l->act[j / 3] + j % 3];
+        for (int c = 0; c < 3 && to->tool >= 0; c++)
+            to->dF[c] += weight * look->force_N[to->tool][c];
     }
     if (to->tool >= 0) l->tool[to->tool] = kept;
 }
 
-/* out := A df, A = dr/df; or with a tool in `to` the change of r when df is the change of f and the tip moves by one unit. */
+/* out := A df, A = dr/df; or with a tool in `to` the change of r when df is the change of f and the tip moves by one
+ * unit. */
 static void apply(tms_local *l, direction *to, const double *df, double *out) {
     const double most = fmax(response(l, df), to->tool >= 0 ? 1 : 0), radius = l->tool[0].def.radius_m;
-    if (most > 0 && l->tool_count) look_along(l, to, BESIDE * radius / most, out);
-    else memset(out, 0, 24 * (size_t)l->act_count);
+    if (most > 0 && l->tool_count)
+        look_along(l, to, BESIDE * radius / most, out);
+    else
+        memset(out, 0, 24 * (size_t)l->act_count);
     for (int32_t j = 0; j < 3 * l->act_count; j++) {
         const int32_t s = l->act[j / 3];
-        out[j] = pinned(l, s, j % 3) ? l->du[3 * s + j % 3] + pin_of(l, s)->compliance_m_N * (df[j] - out[j]) : df[j] - out[j];
+        out[j] = pinned(l, s, j % 3) ? l->du[3 * s + j % 3] + pin_of(l, s)->compliance_m_N * (df[j] - out[j])
+                                     : df[j] - out[j];
     }
 }
 
@@ -167,11 +195,13 @@ double tms_local_scale(const tms_local *l, int32_t j) {
 }
 static double inner(const tms_local *l, const double *a, const double *b) {
     double sum = 0;
-    for (int32_t j = 0; j < 3 * l->act_count; j++) sum += a[j] * b[j] * tms_local_scale(l, j) * tms_local_scale(l, j);
+    for (int32_t j = 0; j < 3 * l->act_count; j++)
+        sum += a[j] * b[j] * tms_local_scale(l, j) * tms_local_scale(l, j);
     return sum;
 }
 
-/* x := A^-1 b by GMRES, preconditioned from the right by the factorised known part. Stops at `tolerance` of |b|. Needs keep_shape. */
+/* x := A^-1 b by GMRES, preconditioned from the right by the factorised known part. Stops at `tolerance` of |b|. Needs
+ * keep_shape. */
 static void krylov_solve(tms_local *l, const double *b, double tolerance, bool both_sides, double *x) {
     const int32_t m = 3 * l->act_count;
     double H[TMS_KRYLOV + 1][TMS_KRYLOV], cosine[TMS_KRYLOV], sine[TMS_KRYLOV], g[TMS_KRYLOV + 1], y[TMS_KRYLOV];
@@ -179,7 +209,8 @@ static void krylov_solve(tms_local *l, const double *b, double tolerance, bool b
     const double norm = sqrt(inner(l, b, b));
     int32_t k = 0;
     g[0] = norm;
-    for (int32_t j = 0; j < m && norm > 0; j++) l->krylov[0][j] = b[j] / norm;
+    for (int32_t j = 0; j < m && norm > 0; j++)
+        l->krylov[0][j] = b[j] / norm;
     while (norm > 0 && k < TMS_KRYLOV && fabs(g[k]) > tolerance * norm) {
         double *next = l->krylov[k + 1];
         memcpy(l->ready[k], l->krylov[k], 8 * (size_t)m);
@@ -187,10 +218,12 @@ static void krylov_solve(tms_local *l, const double *b, double tolerance, bool b
         apply(l, &to, l->ready[k], next);
         for (int32_t i = 0; i <= k; i++) {
             H[i][k] = inner(l, next, l->krylov[i]);
-            for (int32_t j = 0; j < m; j++) next[j] -= H[i][k] * l->krylov[i][j];
+            for (int32_t j = 0; j < m; j++)
+                next[j] -= H[i][k] * l->krylov[i][j];
         }
         H[k + 1][k] = sqrt(inner(l, next, next));
-        for (int32_t j = 0; j < m && H[k + 1][k] > 0; j++) next[j] /= H[k + 1][k];
+        for (int32_t j = 0; j < m && H[k + 1][k] > 0; j++)
+            next[j] /= H[k + 1][k];
         for (int32_t i = 0; i < k; i++) {
             const double t = cosine[i] * H[i][k] + sine[i] * H[i + 1][k];
             H[i + 1][k] = cosine[i] * H[i + 1][k] - sine[i] * H[i][k];
@@ -208,9 +241,11 @@ static void krylov_solve(tms_local *l, const double *b, double tolerance, bool b
     memset(x, 0, 8 * (size_t)m);
     for (int32_t i = k - 1; i >= 0; i--) {
         y[i] = g[i];
-        for (int32_t j = i + 1; j < k; j++) y[i] -= H[i][j] * y[j];
+        for (int32_t j = i + 1; j < k; j++)
+            y[i] -= H[i][j] * y[j];
         y[i] /= H[i][i];
-        for (int32_t j = 0; j < m; j++) x[j] += y[i] * l->ready[i][j];
+        for (int32_t j = 0; j < m; j++)
+            x[j] += y[i] * l->ready[i][j];
     }
 }
 
@@ -221,11 +256,14 @@ static bool descend(tms_local *l, double tolerance, double *merit) {
     const double old = *merit;
     const int32_t m = 3 * l->act_count;
     double *b = l->krylov[TMS_KRYLOV];
-    for (int32_t j = 0; j < m; j++) b[j] = l->r[3 * l->act[j / 3] + j % 3];
+    for (int32_t j = 0; j < m; j++)
+        b[j] = l->r[3 * l->act[j / 3] + j % 3];
     keep_shape(l);
     krylov_solve(l, b, tolerance, false, l->step);
-    for (int32_t j = 0; j < m; j++) l->keep[3 * l->act[j / 3] + j % 3] = l->f[3 * l->act[j / 3] + j % 3];
-    double s = l->tool_count && l->now.count ? fmin(1, STRIDE * l->tool[0].def.radius_m / (response(l, l->step) + 1e-300)) : 1;
+    for (int32_t j = 0; j < m; j++)
+        l->keep[3 * l->act[j / 3] + j % 3] = l->f[3 * l->act[j / 3] + j % 3];
+    double s =
+        l->tool_count && l->now.count ? fmin(1, STRIDE * l->tool[0].def.radius_m / (response(l, l->step) + 1e-300)) : 1;
     for (int i = 0; i <= TMS_HALVINGS; i++, s *= 0.5) {
         for (int32_t j = 0; j < m; j++) {
             const int32_t d = 3 * l->act[j / 3] + j % 3;
@@ -263,11 +301,14 @@ static void holding_stiffness(tms_local *l, int32_t t, double K[9]) {
         at.tip_m[i / 2 % 3] += side * h;
         tms_local_pose(l, t, &at);
         tms_local_follow_jaws(l);
-        if (i == 6) memcpy(l->f, l->f_saved, 24 * (size_t)l->capacity), tms_local_evaluate(l);
-        else tms_local_solve(l);
+        if (i == 6)
+            memcpy(l->f, l->f_saved, 24 * (size_t)l->capacity), tms_local_evaluate(l);
+        else
+            tms_local_solve(l);
         double force[3];
         tms_local_force(l, t, force, unused);
-        for (int c = 0; c < 3 && i < 6; c++) K[3 * c + i / 2] += side * force[c] / (2 * h);
+        for (int c = 0; c < 3 && i < 6; c++)
+            K[3 * c + i / 2] += side * force[c] / (2 * h);
     }
 }
 
@@ -278,7 +319,8 @@ void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
         return;
     }
     bool any = false;
-    for (int32_t i = 0; i < l->now.count; i++) any |= l->now.row[i].instrument == t;
+    for (int32_t i = 0; i < l->now.count; i++)
+        any |= l->now.row[i].instrument == t;
     if (!any || !tms_local_factor(l, -1)) return;
     double *b = l->krylov[TMS_KRYLOV];
     keep_shape(l);
@@ -287,17 +329,21 @@ void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
         direction to = {.tool = t, .axis = axis, .both_sides = true};
         memset(l->step, 0, 24 * (size_t)l->act_count);
         apply(l, &to, l->step, b);
-        for (int32_t j = 0; j < 3 * l->act_count; j++) b[j] = -b[j];
+        for (int32_t j = 0; j < 3 * l->act_count; j++)
+            b[j] = -b[j];
         krylov_solve(l, b, 1e-8, true, l->step);
         apply(l, &to, l->step, b);
-        for (int c = 0; c < 3; c++) K[3 * c + axis] = to.dF[c];
+        for (int c = 0; c < 3; c++)
+            K[3 * c + axis] = to.dF[c];
     }
     set_shape(l, 0);
 }
 
 /* --- what the others make of a compliance --- */
 
-bool tms_local_without(tms_local *l, int32_t tool) { return tms_local_factor(l, tool); }
+bool tms_local_without(tms_local *l, int32_t tool) {
+    return tms_local_factor(l, tool);
+}
 
 void tms_local_yield(tms_local *l, int32_t tool, const double *u, double *df) {
     const int32_t m = 3 * l->act_count;
@@ -306,9 +352,13 @@ void tms_local_yield(tms_local *l, int32_t tool, const double *u, double *df) {
         const tm_contact_row *row = &l->now.row[i];
         if (row->instrument == tool || row->lambda_N <= 0 || row->lambda_N >= l->def.force_cap_N) continue;
         double along = 0;
-        for (int a = 0; a < 9; a++) along += row->weight[a / 3] * row->normal[a % 3] * u[3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3];
-        along /= tm_skin_slope(l->def.skin_compliance_m_N / row->share, l->tool[row->instrument].def.radius_m, row->lambda_N);
-        for (int a = 0; a < 9; a++) df[3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3] -= row->weight[a / 3] * row->normal[a % 3] * along;
+        for (int a = 0; a < 9; a++)
+            along += row->weight[a / 3] * row->normal[a % 3] * u[3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3];
+        along /= tm_skin_slope(l->def.skin_compliance_m_N / row->share, l->tool[row->instrument].def.radius_m,
+                               row->lambda_N);
+        for (int a = 0; a < 9; a++)
+            df[3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3] -=
+                row->weight[a / 3] * row->normal[a % 3] * along;
     }
     for (int32_t j = 0; j < m; j++)
         if (pinned(l, l->act[j / 3], j % 3)) df[j] = -u[j] + pin_of(l, l->act[j / 3])->compliance_m_N * df[j];

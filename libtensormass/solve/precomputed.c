@@ -6,15 +6,21 @@
 #include <string.h>
 
 tm_precomputed_def tm_precomputed_def_default(void) {
-    return (tm_precomputed_def){.cookie = TMS_COOKIE_PRECOMPUTED, .problem = tm_solve_def_default(), .max_local_vertices = 256, .update_s = 0.002};
+    return (tm_precomputed_def){.cookie = TMS_COOKIE_PRECOMPUTED,
+                                .problem = tm_solve_def_default(),
+                                .max_local_vertices = 256,
+                                .update_s = 0.002};
 }
 
-static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_responses *responses, tm_solve_report *report, tm_error *error) {
+static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_responses *responses,
+                               tm_solve_report *report, tm_error *error) {
     const tm_surface_view surface = tm_tissue_surface(def->problem.tissue);
     uint8_t *wanted = calloc((size_t)tm_tissue_mesh(def->problem.tissue)->vertex_count, 1);
     if (!wanted) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface");
-    for (int32_t i = 0; i < 3 * surface.count; i++) wanted[surface.triangle[i]] = 1;
-    const tms_request request = {.def = &def->problem, .wanted = wanted, .precision = def->precision, .file = def->file, .team = def->team};
+    for (int32_t i = 0; i < 3 * surface.count; i++)
+        wanted[surface.triangle[i]] = 1;
+    const tms_request request = {
+        .def = &def->problem, .wanted = wanted, .precision = def->precision, .file = def->file, .team = def->team};
     const tm_status status = tms_responses_get(&request, force, responses, report, error);
     free(wanted);
     return status;
@@ -36,14 +42,18 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     m->kept_of = malloc((size_t)n * sizeof *m->kept_of);
     m->surface = malloc((size_t)(r->kept_count + 1) * sizeof *m->surface);
     m->sum = calloc((size_t)(r->kept_count + 1), sizeof *m->sum);
-    if (!m->kept_of || !m->surface || !m->sum) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model");
-    tm_status status = tms_local_create(mesh, tm_tissue_surface(m->tissue), def->contact, def->grasp, def->max_local_vertices, &m->local, error);
+    if (!m->kept_of || !m->surface || !m->sum)
+        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model");
+    tm_status status = tms_local_create(mesh, tm_tissue_surface(m->tissue), def->contact, def->grasp,
+                                        def->max_local_vertices, &m->local, error);
     if (status != TM_OK) return status;
     m->local.update_s = def->update_s;
     m->local.self = m;
-    if (def->contact && !(m->yield = malloc((size_t)TM_PATCH_DOFS * 24 * (size_t)m->local.capacity))) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model");
+    if (def->contact && !(m->yield = malloc((size_t)TM_PATCH_DOFS * 24 * (size_t)m->local.capacity)))
+        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model");
     m->local.compliance = tms_precomputed_compliance;
-    for (int32_t d = 0; d < n; d++) m->kept_of[d] = -1;
+    for (int32_t d = 0; d < n; d++)
+        m->kept_of[d] = -1;
     for (int32_t i = 0; i < r->kept_count; i++) {
         const int32_t v = r->kept[i] / 3;
         m->kept_of[r->kept[i]] = i;
@@ -59,12 +69,15 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     return TM_OK;
 }
 
-tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **model, tm_solve_report *report, tm_error *error) {
-    assert(def && def->cookie == TMS_COOKIE_PRECOMPUTED && def->problem.cookie == TMS_COOKIE_PROBLEM && def->problem.tissue && def->problem.fixed);
+tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **model, tm_solve_report *report,
+                                tm_error *error) {
+    assert(def && def->cookie == TMS_COOKIE_PRECOMPUTED && def->problem.cookie == TMS_COOKIE_PROBLEM &&
+           def->problem.tissue && def->problem.fixed);
     assert(!def->team || def->team->count == 1); /* other ranks have nothing to open */
     tm_solve_report mine = {0};
     tm_precomputed *m = calloc(1, sizeof *m);
-    tm_status status = m ? get_responses(def, false, &m->responses, &mine, error) : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model");
+    tm_status status = m ? get_responses(def, false, &m->responses, &mine, error)
+                         : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model");
     if (report) *report = mine;
     if (status == TM_OK) status = set_up(m, def, error);
     if (status != TM_OK) {
@@ -97,16 +110,19 @@ void tm_precomputed_destroy(tm_precomputed *m) {
 }
 
 int64_t tm_precomputed_bytes(const tm_precomputed *m) {
-    return m->responses.bytes + m->local.bytes + (int64_t)sizeof *m + 12 * (int64_t)tm_tissue_mesh(m->tissue)->vertex_count + 12 * (int64_t)m->responses.kept_count;
+    return m->responses.bytes + m->local.bytes + (int64_t)sizeof *m +
+           12 * (int64_t)tm_tissue_mesh(m->tissue)->vertex_count + 12 * (int64_t)m->responses.kept_count;
 }
 
 /* --- on line --- */
 
 static void add_double(double *restrict sum, const double *restrict column, double f, int32_t n) {
-    for (int32_t i = 0; i < n; i++) sum[i] += f * column[i];
+    for (int32_t i = 0; i < n; i++)
+        sum[i] += f * column[i];
 }
 static void add_single(double *restrict sum, const float *restrict column, double f, int32_t n) {
-    for (int32_t i = 0; i < n; i++) sum[i] += f * (double)column[i];
+    for (int32_t i = 0; i < n; i++)
+        sum[i] += f * (double)column[i];
 }
 
 /* The whole surface: base and the forces' responses, by ascending vertex. */
@@ -120,10 +136,13 @@ static void superpose(tm_precomputed *m) {
             const double f = l->f[3 * l->use[i] + c];
             if (column < 0 || f == 0) continue;
             const int64_t at = (int64_t)column * r->kept_count;
-            if (r->precision == TM_DOUBLE) add_double(m->sum, (const double *)r->column + at, f, r->kept_count);
-            else add_single(m->sum, (const float *)r->column + at, f, r->kept_count);
+            if (r->precision == TM_DOUBLE)
+                add_double(m->sum, (const double *)r->column + at, f, r->kept_count);
+            else
+                add_single(m->sum, (const float *)r->column + at, f, r->kept_count);
         }
-    for (int32_t i = 0; i < r->kept_count; i++) l->u_m[r->kept[i]] = m->sum[i];
+    for (int32_t i = 0; i < r->kept_count; i++)
+        l->u_m[r->kept[i]] = m->sum[i];
     m->superposed = true;
 }
 
@@ -139,7 +158,9 @@ void tm_precomputed_place(tm_precomputed *m, int32_t instrument, const tm_tool_p
     tms_local_place(&m->local, instrument, at);
 }
 
-tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) { return m->local.tool[instrument].pose; }
+tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) {
+    return m->local.tool[instrument].pose;
+}
 
 void tm_precomputed_force(const tm_precomputed *m, int32_t instrument, double force_N[3]) {
     double resultant[3];
@@ -159,7 +180,8 @@ int32_t tm_precomputed_rows(const tm_precomputed *m, const tm_contact_row **rows
     return m->local.now.count;
 }
 
-int32_t tm_precomputed_held(const tm_precomputed *m, int32_t instrument, const int32_t **vertex, tm_grasp_state *state) {
+int32_t tm_precomputed_held(const tm_precomputed *m, int32_t instrument, const int32_t **vertex,
+                            tm_grasp_state *state) {
     const tms_hold *h = &m->local.hold[instrument];
     if (vertex) *vertex = h->vertex;
     if (state) *state = h->state;
@@ -179,17 +201,27 @@ int32_t tm_precomputed_surface(const tm_precomputed *m, const int32_t **vertex) 
 /* --- imposed displacements --- */
 
 static bool has_response(const tm_precomputed *m, int32_t v) {
-    return v >= 0 && v < tm_tissue_mesh(m->tissue)->vertex_count && (m->kept_of[3 * v] >= 0 || m->kept_of[3 * v + 1] >= 0 || m->kept_of[3 * v + 2] >= 0);
+    return v >= 0 && v < tm_tissue_mesh(m->tissue)->vertex_count &&
+           (m->kept_of[3 * v] >= 0 || m->kept_of[3 * v + 1] >= 0 || m->kept_of[3 * v + 2] >= 0);
 }
 
-tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t *vertex, const double *u_m, double compliance_m_N, tm_error *error) {
+tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t *vertex, const double *u_m,
+                                double compliance_m_N, tm_error *error) {
     tms_local *l = &m->local;
-    if (count + TM_MAX_INSTRUMENTS * l->grasp.max_vertices > l->capacity) return tms_fail(error, TM_ERR_LIMIT, count, "%d vertices imposed and room for %d; raise max_local_vertices", (int)count, (int)l->capacity);
-    if (!(compliance_m_N >= 0)) return tms_fail(error, TM_ERR_ARGUMENT, -1, "imposed displacement with a compliance of %g m/N; give 0 or more", compliance_m_N);
+    if (count + TM_MAX_INSTRUMENTS * l->grasp.max_vertices > l->capacity)
+        return tms_fail(error, TM_ERR_LIMIT, count, "%d vertices imposed and room for %d; raise max_local_vertices",
+                        (int)count, (int)l->capacity);
+    if (!(compliance_m_N >= 0))
+        return tms_fail(error, TM_ERR_ARGUMENT, -1, "imposed displacement with a compliance of %g m/N; give 0 or more",
+                        compliance_m_N);
     l->stamp_now++;
     for (int32_t i = 0; i < count; i++) {
-        if (!has_response(m, vertex[i])) return tms_fail(error, TM_ERR_ARGUMENT, vertex[i], "vertex %d is not on the free surface, so it has no responses; impose surface vertices", (int)vertex[i]);
-        if (l->stamp[vertex[i]] == l->stamp_now) return tms_fail(error, TM_ERR_ARGUMENT, vertex[i], "vertex %d is imposed twice", (int)vertex[i]);
+        if (!has_response(m, vertex[i]))
+            return tms_fail(error, TM_ERR_ARGUMENT, vertex[i],
+                            "vertex %d is not on the free surface, so it has no responses; impose surface vertices",
+                            (int)vertex[i]);
+        if (l->stamp[vertex[i]] == l->stamp_now)
+            return tms_fail(error, TM_ERR_ARGUMENT, vertex[i], "vertex %d is imposed twice", (int)vertex[i]);
         l->stamp[vertex[i]] = l->stamp_now;
     }
     for (int32_t i = 0; i < count; i++) {
@@ -197,7 +229,7 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
         memcpy(l->pin[i].u_m, u_m + 3 * (int64_t)i, 24);
     }
     l->pin_count = l->hand_count = count; /* what jaws hold follows in the next update */
-    l->pair_count = 0; /* changes of other unknowns */
+    l->pair_count = 0;                    /* changes of other unknowns */
     tms_local_regather(l);
     return TM_OK;
 }
@@ -205,5 +237,6 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
 void tm_precomputed_imposed_force(const tm_precomputed *m, int32_t i, double force_N[3]) {
     const tms_local *l = &m->local;
     const int32_t s = l->slot_of[l->pin[i].vertex]; /* what holds it is its force less what the tools add */
-    for (int c = 0; c < 3; c++) force_N[c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
+    for (int c = 0; c < 3; c++)
+        force_N[c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
 }

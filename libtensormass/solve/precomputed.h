@@ -7,13 +7,14 @@
 struct tm_precomputed {
     const tm_tissue *tissue;
     tms_responses responses;
-    int32_t *kept_of;      /* [3*vertex_count] column of a component, -1 */
-    int32_t *surface;      /* [surface_count] vertices with responses, ascending */
+    int32_t *kept_of; /* [3*vertex_count] column of a component, -1 */
+    int32_t *surface; /* [surface_count] vertices with responses, ascending */
     int32_t surface_count;
-    double *sum;           /* [kept_count] superposition */
+    double *sum; /* [kept_count] superposition */
     bool superposed;
     tms_local local;
-    double *yield;         /* [TM_PATCH_DOFS][3*capacity] of a patch: forces of others by force on its vertices; null: no contact */
+    double *
+        yield; /* [TM_PATCH_DOFS][3*capacity] of a patch: forces of others by force on its vertices; null: no contact */
 };
 
 /* 3x3 block of vertex a by forces on vertex b; `self` is the model. */

@@ -11,7 +11,8 @@ static uint64_t key_of(const tms_request *q) {
     const tm_tissue *tissue = q->def->tissue;
     const tm_mesh *mesh = tm_tissue_mesh(tissue);
     const size_t n = (size_t)mesh->vertex_count;
-    const int32_t settings[6] = {mesh->vertex_count, mesh->tet_count, (int32_t)q->precision, (int32_t)q->def->solver, q->interface_count, TMS_BLOCK};
+    const int32_t settings[6] = {mesh->vertex_count,      mesh->tet_count,    (int32_t)q->precision,
+                                 (int32_t)q->def->solver, q->interface_count, TMS_BLOCK};
     uint64_t h = tm_hash(settings, sizeof settings, TM_HASH_SEED);
     if (q->def->solver == TM_SOLVER_CG) h = tm_hash(&q->def->cg_tolerance, 8, h);
     h = tm_hash(mesh->rest_m, 24 * n, h);
@@ -19,7 +20,8 @@ static uint64_t key_of(const tms_request *q) {
     h = tm_hash(tm_tissue_alive(tissue), (size_t)mesh->tet_count, h);
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         const tm_material *m = tm_tissue_tet_material(tissue, t);
-        const double constant[5] = {m->lambda_Pa, m->mu_Pa, m->dlambda_Pa, m->dmu_Pa, m->beta_Pa}, *fibre = tm_tissue_tet_fibre(tissue, t);
+        const double constant[5] = {m->lambda_Pa, m->mu_Pa, m->dlambda_Pa, m->dmu_Pa, m->beta_Pa},
+                     *fibre = tm_tissue_tet_fibre(tissue, t);
         h = tm_hash(constant, sizeof constant, h);
         if (fibre && !tm_material_is_isotropic(m)) h = tm_hash(fibre, 24, h);
     }
@@ -54,7 +56,10 @@ static void view(tms_responses *r, char *memory, const char *columns) {
 /* Head and lists of a new set in `memory`. */
 static void begin_head(const tms_request *q, const tms_system *system, uint64_t key, int32_t kept_count, char *memory) {
     tms_file_head *head = (tms_file_head *)(void *)memory;
-    *head = (tms_file_head){.key = key, .kept_count = kept_count, .interface_count = q->interface_count, .precision = (int32_t)q->precision};
+    *head = (tms_file_head){.key = key,
+                            .kept_count = kept_count,
+                            .interface_count = q->interface_count,
+                            .precision = (int32_t)q->precision};
     const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision);
     int32_t *kept = (int32_t *)(void *)(memory + l.kept), at = 0;
     for (int32_t i = 0; i < system->n; i++)
@@ -63,8 +68,8 @@ static void begin_head(const tms_request *q, const tms_system *system, uint64_t 
 }
 
 /* Displacement under the loads and prescribed values, interface held at 0, and the force it leaves on the interface. */
-static tm_status solve_base(const tms_request *q, const tms_system *system, const tms_solver *solver, const int32_t *kept, int32_t kept_count,
-                            double *base, double *force, tm_error *error) {
+static tm_status solve_base(const tms_request *q, const tms_system *system, const tms_solver *solver,
+                            const int32_t *kept, int32_t kept_count, double *base, double *force, tm_error *error) {
     const size_t dofs = 3 * (size_t)system->vertex_count;
     double *u = calloc(dofs, 8), *f = malloc(dofs * 8);
     tms_work *work = tms_work_create(solver, 1);
@@ -77,16 +82,22 @@ static tm_status solve_base(const tms_request *q, const tms_system *system, cons
         if (q->def->fixed[d] && q->def->fixed_value_m) u[d] = q->def->fixed_value_m[d];
     tm_tissue_force(q->def->tissue, u, f);
     double *b = tms_work_rhs(work);
-    for (int32_t i = 0; i < system->n; i++) b[i] = f[system->dof[i]] + (q->def->load_N ? q->def->load_N[system->dof[i]] : 0);
+    for (int32_t i = 0; i < system->n; i++)
+        b[i] = f[system->dof[i]] + (q->def->load_N ? q->def->load_N[system->dof[i]] : 0);
     const double *x = tms_work_solve(work);
     if (!x) {
-        status = tms_fail(error, TM_ERR_CONVERGENCE, -1, "the loaded shape did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
+        status = tms_fail(
+            error, TM_ERR_CONVERGENCE, -1,
+            "the loaded shape did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
         goto done;
     }
-    for (int32_t i = 0; i < system->n; i++) u[system->dof[i]] = x[i];
-    for (int32_t i = 0; i < kept_count; i++) base[i] = u[kept[i]];
+    for (int32_t i = 0; i < system->n; i++)
+        u[system->dof[i]] = x[i];
+    for (int32_t i = 0; i < kept_count; i++)
+        base[i] = u[kept[i]];
     tm_tissue_force(q->def->tissue, u, f);
-    for (int32_t i = 0; i < q->interface_count; i++) force[i] = f[q->interface[i]];
+    for (int32_t i = 0; i < q->interface_count; i++)
+        force[i] = f[q->interface[i]];
 done:
     tms_work_destroy(work);
     free(u);
@@ -94,21 +105,30 @@ done:
     return status;
 }
 
-static tm_status compute_into(const tms_request *q, const tms_system *system, const tms_solver *solver, int32_t kept_count, uint64_t key,
-                              char *memory, char *columns, tm_error *error) {
+static tm_status compute_into(const tms_request *q, const tms_system *system, const tms_solver *solver,
+                              int32_t kept_count, uint64_t key, char *memory, char *columns, tm_error *error) {
     const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision);
     begin_head(q, system, key, kept_count, memory);
     const int32_t *kept = (const int32_t *)(void *)(memory + l.kept);
-    tm_status status = solve_base(q, system, solver, kept, kept_count, (double *)(void *)(memory + l.base), (double *)(void *)(memory + l.force), error);
+    tm_status status = solve_base(q, system, solver, kept, kept_count, (double *)(void *)(memory + l.base),
+                                  (double *)(void *)(memory + l.force), error);
     if (status != TM_OK) return status;
-    const tms_columns c = {.tissue = q->def->tissue, .system = system, .solver = solver, .kept_count = kept_count,
-                           .interface_count = q->interface_count, .kept = kept, .interface = q->interface, .precision = q->precision,
-                           .out = columns, .schur = q->interface_count ? (double *)(void *)(memory + l.schur) : NULL};
+    const tms_columns c = {.tissue = q->def->tissue,
+                           .system = system,
+                           .solver = solver,
+                           .kept_count = kept_count,
+                           .interface_count = q->interface_count,
+                           .kept = kept,
+                           .interface = q->interface,
+                           .precision = q->precision,
+                           .out = columns,
+                           .schur = q->interface_count ? (double *)(void *)(memory + l.schur) : NULL};
     return tms_columns_run(&c, q->def, q->team, error);
 }
 
 /* Where the result goes: the mapped new file, own memory, or on other ranks a head only. */
-static tm_status compute(const tms_request *q, uint64_t key, tms_responses *r, tm_solve_report *report, tm_error *error) {
+static tm_status compute(const tms_request *q, uint64_t key, tms_responses *r, tm_solve_report *report,
+                         tm_error *error) {
     const int32_t threads = tms_threads(q->def), rank = q->team ? q->team->rank : 0;
     tms_system system = {0};
     tms_solver *solver = NULL;
@@ -116,17 +136,24 @@ static tm_status compute(const tms_request *q, uint64_t key, tms_responses *r, t
     int32_t kept_count = 0;
     tm_status status = tms_system_create(q->def->tissue, q->def->fixed, &system, error);
     if (status != TM_OK) return status;
-    for (int32_t i = 0; i < system.n; i++) kept_count += q->wanted[system.dof[i] / 3];
+    for (int32_t i = 0; i < system.n; i++)
+        kept_count += q->wanted[system.dof[i] / 3];
     const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision);
     report->free_dofs = system.n;
     report->columns = kept_count + q->interface_count;
     report->responses_bytes = (int64_t)l.bytes;
-    status = tms_solver_create(&system, q->def, (int64_t)l.bytes, (int64_t)tms_file_layout(kept_count, q->interface_count, TM_SINGLE).bytes, &solver, report, error);
+    status = tms_solver_create(&system, q->def, (int64_t)l.bytes,
+                               (int64_t)tms_file_layout(kept_count, q->interface_count, TM_SINGLE).bytes, &solver,
+                               report, error);
     if (status == TM_OK && q->file && rank == 0) status = tms_file_begin(q->file, l.bytes, &file, error);
     if (status != TM_OK) goto done;
     char *memory = file.map != MAP_FAILED ? file.map : (r->head = calloc(1, l.column));
-    char *columns = file.map != MAP_FAILED ? memory + l.column : rank == 0 ? (r->owned = malloc(l.bytes - l.column + 1)) : NULL;
-    if (!memory || (rank == 0 && !columns)) status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the responses; store them in single precision, or use a coarser mesh");
+    char *columns = file.map != MAP_FAILED ? memory + l.column
+                    : rank == 0            ? (r->owned = malloc(l.bytes - l.column + 1))
+                                           : NULL;
+    if (!memory || (rank == 0 && !columns))
+        status = tms_fail(error, TM_ERR_MEMORY, -1,
+                          "no memory for the responses; store them in single precision, or use a coarser mesh");
     if (status == TM_OK) status = compute_into(q, &system, solver, kept_count, key, memory, columns, error);
     if (status == TM_OK && file.map == MAP_FAILED && rank == 0) view(r, memory, columns);
 done:
@@ -140,7 +167,8 @@ done:
     if (file.map != MAP_FAILED && status == TM_OK) {
         status = tms_file_commit(&file, threads, error);
         if (status == TM_OK && !tms_file_open(q->file, key, threads, &r->map, &r->map_bytes, report->why))
-            status = tms_fail(error, TM_ERR_FILE, -1, "%s: just written, and already %s; check the disk", q->file, report->why);
+            status = tms_fail(error, TM_ERR_FILE, -1, "%s: just written, and already %s; check the disk", q->file,
+                              report->why);
         if (status == TM_OK) view(r, r->map, (char *)r->map + l.column);
     } else if (file.map != MAP_FAILED) {
         tms_file_abandon(&file);
@@ -157,7 +185,8 @@ static tm_status factor_again(const tms_request *q, tm_solve_report *report, tm_
     return status;
 }
 
-tm_status tms_responses_get(const tms_request *q, bool force, tms_responses *r, tm_solve_report *report, tm_error *error) {
+tm_status tms_responses_get(const tms_request *q, bool force, tms_responses *r, tm_solve_report *report,
+                            tm_error *error) {
     const double start = tms_clock_s();
     const uint64_t key = key_of(q);
     *r = (tms_responses){0};

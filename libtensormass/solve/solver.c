@@ -27,8 +27,9 @@ struct tms_work {
     double *cg_b, *cg_x;
 };
 
-/* Fast BLAS kernels round differently on memory that is aligned differently. Where SuiteSparse's memory begins must not be chance, or two
- * runs, or two ranks, differ in the last bit. This is set for the whole process; free() frees it as before. */
+/* Fast BLAS kernels round differently on memory that is aligned differently. Where SuiteSparse's memory begins must not
+ * be chance, or two runs, or two ranks, differ in the last bit. This is set for the whole process; free() frees it as
+ * before. */
 static void *aligned_malloc(size_t bytes) {
     void *memory;
     return posix_memalign(&memory, 4096, bytes ? bytes : 1) ? NULL : memory;
@@ -70,7 +71,8 @@ static int64_t available_bytes(void) {
     FILE *f = fopen("/proc/meminfo", "r");
     long long kb = -1;
     char line[128];
-    while (f && kb < 0 && fgets(line, sizeof line, f)) sscanf(line, "MemAvailable: %lld kB", &kb);
+    while (f && kb < 0 && fgets(line, sizeof line, f))
+        sscanf(line, "MemAvailable: %lld kB", &kb);
     if (f) fclose(f);
     return kb < 0 ? INT64_MAX : kb * 1024;
 }
@@ -80,7 +82,8 @@ static int64_t work_bytes(const tm_solve_def *def, int32_t n) {
     return (int64_t)tms_threads(def) * TMS_BLOCK * n * 8 * (def->solver == TM_SOLVER_CG ? 2 : 4);
 }
 
-static tm_status ask_memory(const tm_solve_def *def, int32_t n, int64_t factor, int64_t responses, int64_t single, tm_error *error) {
+static tm_status ask_memory(const tm_solve_def *def, int32_t n, int64_t factor, int64_t responses, int64_t single,
+                            tm_error *error) {
     const int64_t limit = def->memory_limit_bytes > 0 ? def->memory_limit_bytes : available_bytes();
     const int64_t work = work_bytes(def, n), need = factor + responses + work;
     if (need <= limit) return TM_OK;
@@ -94,29 +97,45 @@ static tm_status ask_memory(const tm_solve_def *def, int32_t n, int64_t factor, 
     tms_bytes_text(need - factor, t_cg);
     char choices[160] = "";
     if (single < responses) snprintf(choices, sizeof choices, "single precision responses (%s), ", t_single);
-    if (factor > 0) snprintf(choices + strlen(choices), sizeof choices - strlen(choices), "conjugate gradients (%s, slower), ", t_cg);
-    return tms_fail(error, TM_ERR_MEMORY, -1, "too large: %s needed (factor %s, responses %s, work of %d threads %s) and %s allowed; "
-                    "choose %sfewer threads, or a coarser mesh", t_need, t_factor, t_resp, (int)tms_threads(def), t_work, t_limit, choices);
+    if (factor > 0)
+        snprintf(choices + strlen(choices), sizeof choices - strlen(choices), "conjugate gradients (%s, slower), ",
+                 t_cg);
+    return tms_fail(error, TM_ERR_MEMORY, -1,
+                    "too large: %s needed (factor %s, responses %s, work of %d threads %s) and %s allowed; "
+                    "choose %sfewer threads, or a coarser mesh",
+                    t_need, t_factor, t_resp, (int)tms_threads(def), t_work, t_limit, choices);
 }
 
 static tm_status not_definite(const tms_solver *s, const tms_system *system, tm_error *error) {
     const size_t bad = s->factor->minor;
     const int32_t free_index = bad < (size_t)s->n ? ((int32_t *)s->factor->Perm)[bad] : 0;
     const int32_t vertex = system->dof[free_index] / 3;
-    return tms_fail(error, TM_ERR_SUPPORT, vertex, "the tissue can move without force near vertex %d (a part that hangs on one vertex or one edge); "
-                    "join it through faces, or support it", (int)vertex);
+    return tms_fail(error, TM_ERR_SUPPORT, vertex,
+                    "the tissue can move without force near vertex %d (a part that hangs on one vertex or one edge); "
+                    "join it through faces, or support it",
+                    (int)vertex);
 }
 
-static tm_status factorise(tms_solver *s, const tms_system *system, const tm_solve_def *def, int64_t responses, int64_t single,
-                           tm_solve_report *report, tm_error *error) {
-    cholmod_sparse a = {.nrow = (size_t)s->n, .ncol = (size_t)s->n, .nzmax = (size_t)system->begin[s->n], .p = system->begin,
-                        .i = system->row, .x = system->value, .stype = -1, .itype = CHOLMOD_INT, .xtype = CHOLMOD_REAL,
-                        .dtype = CHOLMOD_DOUBLE, .sorted = 0, .packed = 1};
+static tm_status factorise(tms_solver *s, const tms_system *system, const tm_solve_def *def, int64_t responses,
+                           int64_t single, tm_solve_report *report, tm_error *error) {
+    cholmod_sparse a = {.nrow = (size_t)s->n,
+                        .ncol = (size_t)s->n,
+                        .nzmax = (size_t)system->begin[s->n],
+                        .p = system->begin,
+                        .i = system->row,
+                        .x = system->value,
+                        .stype = -1,
+                        .itype = CHOLMOD_INT,
+                        .xtype = CHOLMOD_REAL,
+                        .dtype = CHOLMOD_DOUBLE,
+                        .sorted = 0,
+                        .packed = 1};
     start(&s->common);
     double t = tms_clock_s();
     s->factor = cholmod_analyze(&a, &s->common);
     report->order_s = tms_clock_s() - t;
-    if (!s->factor) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to order %d unknowns; use a coarser mesh", (int)s->n);
+    if (!s->factor)
+        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to order %d unknowns; use a coarser mesh", (int)s->n);
     s->bytes = (int64_t)(s->factor->xsize * 8 + s->factor->ssize * 4);
     report->factor_bytes = s->bytes;
     tm_status status = ask_memory(def, s->n, s->bytes, responses, single, error);
@@ -125,17 +144,21 @@ static tm_status factorise(tms_solver *s, const tms_system *system, const tm_sol
     t = tms_clock_s();
     cholmod_factorize(&a, s->factor, &s->common);
     report->factor_s = tms_clock_s() - t;
-    if (s->common.status == CHOLMOD_OUT_OF_MEMORY) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the factor; use conjugate gradients or a coarser mesh");
+    if (s->common.status == CHOLMOD_OUT_OF_MEMORY)
+        return tms_fail(error, TM_ERR_MEMORY, -1,
+                        "no memory for the factor; use conjugate gradients or a coarser mesh");
     if (s->common.status != CHOLMOD_OK || s->factor->minor < s->factor->n) return not_definite(s, system, error);
     /* A mechanism can slip past the pivots by rounding; its conditioning cannot. */
     if (cholmod_rcond(s->factor, &s->common) < 1e-14)
-        return tms_fail(error, TM_ERR_SUPPORT, -1, "the tissue can all but move without force (pivots differ by more than 1e14); "
-                        "look for parts that hang on one vertex or one edge, or materials of wildly different stiffness");
+        return tms_fail(
+            error, TM_ERR_SUPPORT, -1,
+            "the tissue can all but move without force (pivots differ by more than 1e14); "
+            "look for parts that hang on one vertex or one edge, or materials of wildly different stiffness");
     return TM_OK;
 }
 
-tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, int64_t responses, int64_t single, tms_solver **solver,
-                            tm_solve_report *report, tm_error *error) {
+tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, int64_t responses, int64_t single,
+                            tms_solver **solver, tm_solve_report *report, tm_error *error) {
     tms_solver *s = calloc(1, sizeof *s);
     if (!s) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a solver");
     s->kind = def->solver;
@@ -146,7 +169,8 @@ tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, i
     tm_status status;
     if (s->kind == TM_SOLVER_CG) {
         status = ask_memory(def, s->n, 0, responses, single, error);
-        if (status == TM_OK && !(s->cg = tms_cg_create(system))) status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory for conjugate gradients; use a coarser mesh");
+        if (status == TM_OK && !(s->cg = tms_cg_create(system)))
+            status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory for conjugate gradients; use a coarser mesh");
     } else {
         status = factorise(s, system, def, responses, single, report, error);
     }
@@ -168,7 +192,9 @@ void tms_solver_destroy(tms_solver *s) {
     free(s);
 }
 
-int64_t tms_solver_bytes(const tms_solver *s) { return s->bytes; }
+int64_t tms_solver_bytes(const tms_solver *s) {
+    return s->bytes;
+}
 
 /* --- one thread's work --- */
 
@@ -202,7 +228,9 @@ void tms_work_destroy(tms_work *w) {
     free(w);
 }
 
-double *tms_work_rhs(tms_work *w) { return w->cg_b ? w->cg_b : w->b->x; }
+double *tms_work_rhs(tms_work *w) {
+    return w->cg_b ? w->cg_b : w->b->x;
+}
 
 const double *tms_work_solve(tms_work *w) {
     const tms_solver *s = w->solver;
@@ -211,6 +239,8 @@ const double *tms_work_solve(tms_work *w) {
         return w->x->x;
     }
     for (int32_t j = 0; j < w->width; j++)
-        if (!tms_cg_solve(s->cg, w->cg_b + (int64_t)j * s->n, w->cg_x + (int64_t)j * s->n, s->tolerance, s->max_iterations)) return NULL;
+        if (!tms_cg_solve(s->cg, w->cg_b + (int64_t)j * s->n, w->cg_x + (int64_t)j * s->n, s->tolerance,
+                          s->max_iterations))
+            return NULL;
     return w->cg_x;
 }

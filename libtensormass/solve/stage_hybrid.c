@@ -1,5 +1,6 @@
-/* Stage "hybrid": the condensed part pushes on the interface in every substep, and contact of all tools with the whole organ's surface is
- * solved in one system: dynamic vertices give as their mass lets them within a substep, inner ones quasi-statically, through the interface. */
+/* Stage "hybrid": the condensed part pushes on the interface in every substep, and contact of all tools with the whole
+ * organ's surface is solved in one system: dynamic vertices give as their mass lets them within a substep, inner ones
+ * quasi-statically, through the interface. */
 #include "hybrid.h"
 
 #include <assert.h>
@@ -29,14 +30,18 @@ static void push_back(const tm_hybrid *h) {
 static void run(void *self, tm_world *world) {
     tm_hybrid *h = self;
     const tm_state *state = tm_world_state(world);
-    for (int32_t i = 0; i < h->interface_count; i++) h->at_m[i] = state->u_m[h->interface[i]];
+    for (int32_t i = 0; i < h->interface_count; i++)
+        h->at_m[i] = state->u_m[h->interface[i]];
     push_back(h);
-    for (int32_t i = 0; i < h->interface_count; i++) state->force_N[h->interface[i]] += h->push_N[i];
+    for (int32_t i = 0; i < h->interface_count; i++)
+        state->force_N[h->interface[i]] += h->push_N[i];
 }
 
 /* --- compliance within a substep --- */
 
-static double mobility(const tm_hybrid *h, int32_t dof) { return h->held[dof] ? 0 : tm_world_mobility_s2_kg(h->world)[dof / 3]; }
+static double mobility(const tm_hybrid *h, int32_t dof) {
+    return h->held[dof] ? 0 : tm_world_mobility_s2_kg(h->world)[dof / 3];
+}
 
 /* How the components of an inside vertex follow the interface: [3][interface_count], gathered when its slot is new. */
 static const double *through(tm_hybrid *h, int32_t vertex) {
@@ -47,7 +52,8 @@ static const double *through(tm_hybrid *h, int32_t vertex) {
     h->through_vertex[slot] = vertex;
     for (int c = 0; c < 3; c++) {
         const int32_t at = h->place[3 * vertex + c];
-        for (int32_t k = 0; k < n; k++) row[(int64_t)c * n + k] = at < 0 ? 0 : tms_response(&h->responses, h->responses.kept_count + k, at);
+        for (int32_t k = 0; k < n; k++)
+            row[(int64_t)c * n + k] = at < 0 ? 0 : tms_response(&h->responses, h->responses.kept_count + k, at);
     }
     return row;
 }
@@ -59,7 +65,8 @@ static void inside_inside(tm_hybrid *h, int32_t a, int32_t b, double C[9]) {
         const int32_t row = h->place[3 * a + i / 3], column = h->place[3 * b + i % 3];
         const double *x = ra + (int64_t)(i / 3) * n, *y = rb + (int64_t)(i % 3) * n;
         double sum = row < 0 || column < 0 ? 0 : tms_response(&h->responses, column, row);
-        for (int32_t k = 0; k < n; k++) sum += x[k] * h->give_m_N[k] * y[k];
+        for (int32_t k = 0; k < n; k++)
+            sum += x[k] * h->give_m_N[k] * y[k];
         C[i] = sum;
     }
 }
@@ -80,7 +87,8 @@ static void compliance(void *self, int32_t a, int32_t b, double C[9]) {
                 C[in_a ? 3 * i + j : 3 * j + i] = row[(int64_t)i * h->interface_count + k] * h->give_m_N[k];
             }
     } else if (a == b) {
-        for (int i = 0; i < 3; i++) C[4 * i] = mobility(h, 3 * a + i);
+        for (int i = 0; i < 3; i++)
+            C[4 * i] = mobility(h, 3 * a + i);
     }
 }
 
@@ -95,13 +103,16 @@ static void refresh(void *self, const int32_t *vertex, int32_t count) {
         if (h->part[vertex[i / 3]] == TMS_CONDENSED) {
             const double *row = through(h, vertex[i / 3]) + (int64_t)(i % 3) * n;
             u = at < 0 ? h->value_m[d] : h->responses.base_m[at];
-            for (int32_t k = 0; k < n && at >= 0; k++) u += row[k] * h->at_m[k];
+            for (int32_t k = 0; k < n && at >= 0; k++)
+                u += row[k] * h->at_m[k];
         }
         h->local.base_m[d] = u;
     }
 }
 
-static bool passes(void *self, const tm_contact_row *row) { return tm_contact_holds(((tm_hybrid *)self)->contact, row); }
+static bool passes(void *self, const tm_contact_row *row) {
+    return tm_contact_holds(((tm_hybrid *)self)->contact, row);
+}
 
 /* --- contact --- */
 
@@ -116,7 +127,8 @@ static void rebuild_surface(tm_hybrid *h) {
         const int32_t t = f / 4, other = h->mesh->tet_neighbour[f];
         const bool here = !h->alive[t] || alive[t], there = other >= 0 && (!h->alive[other] || alive[other]);
         if (!here || there) continue;
-        for (int i = 0; i < 3; i++) h->surface_triangle[3 * n + i] = h->mesh->tet[4 * (int64_t)t + tm_face_vertex[f % 4][i]];
+        for (int i = 0; i < 3; i++)
+            h->surface_triangle[3 * n + i] = h->mesh->tet[4 * (int64_t)t + tm_face_vertex[f % 4][i]];
         h->surface_face[n++] = f;
     }
     h->surface = (tm_surface_view){n, h->surface_triangle, h->surface_face, h->surface.revision + 1};
@@ -140,13 +152,16 @@ static void move(tm_hybrid *h) {
             continue;
         }
         const double *row = h->through + (3 * (int64_t)s + i % 3) * n;
-        for (int32_t k = 0; k < n; k++) h->push_N[k] += row[k] * f;
+        for (int32_t k = 0; k < n; k++)
+            h->push_N[k] += row[k] * f;
         inside = true;
     }
-    for (int32_t k = 0; inside && k < n; k++) u_next[h->interface[k]] += h->give_m_N[k] * h->push_N[k];
+    for (int32_t k = 0; inside && k < n; k++)
+        u_next[h->interface[k]] += h->give_m_N[k] * h->push_N[k];
 }
 
-static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows, bool overflowed[TM_MAX_INSTRUMENTS]) {
+static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows,
+                     bool overflowed[TM_MAX_INSTRUMENTS]) {
     tm_hybrid *h = self;
     tms_local *l = &h->local;
     const tm_state *state = tm_world_state(world);
@@ -162,7 +177,8 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
         tms_local_regather(l);
         return 0;
     }
-    for (int32_t k = 0; k < h->interface_count; k++) h->at_m[k] = state->u_next_m[h->interface[k]];
+    for (int32_t k = 0; k < h->interface_count; k++)
+        h->at_m[k] = state->u_next_m[h->interface[k]];
     memcpy(l->u_m, state->u_m, 24 * (size_t)h->mesh->vertex_count);
     tms_local_gather(l);
     if (l->use_count == 0) return 0;
@@ -170,7 +186,8 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
     move(h);
     const int32_t count = l->now.count < max_rows ? l->now.count : max_rows;
     memcpy(row, l->now.row, (size_t)count * sizeof *row);
-    for (int32_t t = 0; t < l->tool_count; t++) overflowed[t] = l->tool[t].overflowed;
+    for (int32_t t = 0; t < l->tool_count; t++)
+        overflowed[t] = l->tool[t].overflowed;
     return count;
 }
 
@@ -180,16 +197,19 @@ static void changed(void *self, tm_world *world) {
     tm_hybrid *h = self;
     memset(h->held, 0, 3 * (size_t)h->mesh->vertex_count);
     tm_support_mask(world, h->held);
-    for (int32_t k = 0; k < h->interface_count; k++) h->give_m_N[k] = mobility(h, h->interface[k]);
+    for (int32_t k = 0; k < h->interface_count; k++)
+        h->give_m_N[k] = mobility(h, h->interface[k]);
     if (!h->local.memory) return;
     tms_local_forget(&h->local);
-    for (int32_t s = 0; s < h->local.capacity; s++) h->through_vertex[s] = -1;
+    for (int32_t s = 0; s < h->local.capacity; s++)
+        h->through_vertex[s] = -1;
 }
 
 static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error) {
     h->contact = contact;
     rebuild_surface(h);
-    const tm_status status = tms_local_create(h->mesh, h->surface, &h->contact_def, NULL, h->max_local_vertices, &h->local, error);
+    const tm_status status =
+        tms_local_create(h->mesh, h->surface, &h->contact_def, NULL, h->max_local_vertices, &h->local, error);
     if (status != TM_OK) return status;
     h->local.self = h;
     h->local.compliance = compliance;
@@ -197,7 +217,10 @@ static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error)
     h->local.passes = passes;
     h->through = malloc(24 * (size_t)h->local.capacity * (size_t)h->interface_count);
     h->through_vertex = malloc(4 * (size_t)h->local.capacity);
-    if (!h->through || !h->through_vertex) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for contact with %d interface components; lower max_local_vertices", (int)h->interface_count);
+    if (!h->through || !h->through_vertex)
+        return tms_fail(error, TM_ERR_MEMORY, -1,
+                        "no memory for contact with %d interface components; lower max_local_vertices",
+                        (int)h->interface_count);
     const tm_contact_solver solver = {h, solve};
     tm_contact_set_solver(contact, &solver);
     return TM_OK;
@@ -205,18 +228,29 @@ static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error)
 
 tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm_error *error) {
     assert(!h->world); /* one world each */
-    if (contact && !h->has_contact) return tms_fail(error, TM_ERR_ARGUMENT, -1, "the hybrid model was made without contact, and its world has some; give tm_hybrid_def.contact");
+    if (contact && !h->has_contact)
+        return tms_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "the hybrid model was made without contact, and its world has some; give tm_hybrid_def.contact");
     if (tm_world_step_s(world) > h->step_s)
-        return tms_fail(error, TM_ERR_STEP, h->step_tet, "time step %.6g s is above the guaranteed critical step %.6g s of the whole organ, set by tetrahedron %d; "
-                        "lower the step or mend that tetrahedron", tm_world_step_s(world), h->step_s, (int)h->step_tet);
+        return tms_fail(
+            error, TM_ERR_STEP, h->step_tet,
+            "time step %.6g s is above the guaranteed critical step %.6g s of the whole organ, set by tetrahedron %d; "
+            "lower the step or mend that tetrahedron",
+            tm_world_step_s(world), h->step_s, (int)h->step_tet);
     const uint8_t *alive = tm_tissue_alive(tm_world_tissue(world));
     for (int32_t t = 0; t < h->mesh->tet_count; t++)
-        if (alive[t] && !h->alive[t]) return tms_fail(error, TM_ERR_ARGUMENT, t, "tetrahedron %d is condensed, and alive in the world's tissue; make that tissue with tm_hybrid_tissue", (int)t);
+        if (alive[t] && !h->alive[t])
+            return tms_fail(
+                error, TM_ERR_ARGUMENT, t,
+                "tetrahedron %d is condensed, and alive in the world's tissue; make that tissue with tm_hybrid_tissue",
+                (int)t);
     h->world = world;
     h->uncut_revision = tm_tissue_surface(tm_world_tissue(world)).revision;
     h->held = calloc(3 * (size_t)h->mesh->vertex_count, 1);
     h->give_m_N = calloc((size_t)h->interface_count, 8);
-    if (!h->held || !h->give_m_N) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model");
+    if (!h->held || !h->give_m_N)
+        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model");
     const tm_status status = contact ? add_contact(h, contact, error) : TM_OK;
     if (status != TM_OK) return status;
     const tm_stage stage = {.name = "hybrid", .phase = TM_PHASE_LOAD, .run = run, .step_changed = changed, .self = h};
@@ -229,21 +263,26 @@ void tm_hybrid_recover(tm_hybrid *h, tm_world *world) {
     const tm_state *state = tm_world_state(world);
     const tms_local *l = &h->local;
     const int32_t dofs = 3 * h->mesh->vertex_count;
-    for (int32_t d = 0; d < dofs; d++) h->full_u[d] = h->part[d / 3] == TMS_INTERFACE ? state->u_m[d] : h->value_m[d];
+    for (int32_t d = 0; d < dofs; d++)
+        h->full_u[d] = h->part[d / 3] == TMS_INTERFACE ? state->u_m[d] : h->value_m[d];
     tm_tissue_force(h->condensed, h->full_u, h->full_f);
     double *b = tms_work_rhs(h->work);
-    for (int32_t i = 0; i < h->system.n; i++) b[i] = h->full_f[h->system.dof[i]] + h->load_N[h->system.dof[i]];
+    for (int32_t i = 0; i < h->system.n; i++)
+        b[i] = h->full_f[h->system.dof[i]] + h->load_N[h->system.dof[i]];
     for (int32_t i = 0; i < 3 * l->use_count; i++) {
         const int32_t s = l->use[i / 3], at = h->system.index[3 * l->vertex[s] + i % 3];
         if (at >= 0) b[at] += l->f[3 * s + i % 3];
     }
     const double *x = tms_work_solve(h->work);
-    for (int32_t i = 0; x && i < h->system.n; i++) h->full_u[h->system.dof[i]] = x[i];
+    for (int32_t i = 0; x && i < h->system.n; i++)
+        h->full_u[h->system.dof[i]] = x[i];
     for (int32_t d = 0; x && d < dofs; d++)
         if (h->part[d / 3] == TMS_CONDENSED) state->u_m[d] = state->u_prev_m[d] = h->full_u[d];
 }
 
-tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *h, int32_t instrument) { return tm_contact_reaction(h->contact, instrument); }
+tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *h, int32_t instrument) {
+    return tm_contact_reaction(h->contact, instrument);
+}
 
 tm_surface_view tm_hybrid_surface(tm_hybrid *h) {
     rebuild_surface(h);

@@ -1,4 +1,5 @@
-/* The free components of a tissue and their stiffness matrix; parts that nothing holds are found before any factor is tried. */
+/* The free components of a tissue and their stiffness matrix; parts that nothing holds are found before any factor is
+ * tried. */
 #include "internal.h"
 
 #include <assert.h>
@@ -9,12 +10,13 @@
 /* --- parts, and whether they are held --- */
 
 static int32_t root_of(int32_t *parent, int32_t v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
+    while (parent[v] != v)
+        v = parent[v] = parent[parent[v]];
     return v;
 }
 
-/* Rank of the rigid motions that the fixed components of one part see: 6 when it is held. Gram matrix of the six motions about
- * the part's centre, in units of its size, by elimination with full pivoting. */
+/* Rank of the rigid motions that the fixed components of one part see: 6 when it is held. Gram matrix of the six
+ * motions about the part's centre, in units of its size, by elimination with full pivoting. */
 static int rank_of_gram(double g[36]) {
     int rank = 0;
     bool used[6] = {false};
@@ -39,7 +41,8 @@ typedef struct part {
 
 static void add_fixed(part *p, const double *x, int axis) {
     double scale = 0, motion[6] = {0};
-    for (int a = 0; a < 3; a++) scale = fmax(scale, p->high[a] - p->low[a]);
+    for (int a = 0; a < 3; a++)
+        scale = fmax(scale, p->high[a] - p->low[a]);
     motion[axis] = 1;
     for (int r = 0; r < 3; r++) { /* rotation about axis r moves component `axis` by (e_r x d)_axis */
         const double d1 = (x[(r + 1) % 3] - 0.5 * (p->low[(r + 1) % 3] + p->high[(r + 1) % 3])) / scale;
@@ -48,7 +51,8 @@ static void add_fixed(part *p, const double *x, int axis) {
         if (axis == (r + 2) % 3) motion[3 + r] = d1;
     }
     for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++) p->gram[6 * i + j] += motion[i] * motion[j];
+        for (int j = 0; j < 6; j++)
+            p->gram[6 * i + j] += motion[i] * motion[j];
     p->fixed++;
 }
 
@@ -57,7 +61,8 @@ static void find_parts(const tm_tissue *tissue, int32_t *parent, part *parts) {
     const uint8_t *alive = tm_tissue_alive(tissue);
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         parent[v] = v;
-        for (int a = 0; a < 3; a++) parts[v].low[a] = INFINITY, parts[v].high[a] = -INFINITY;
+        for (int a = 0; a < 3; a++)
+            parts[v].low[a] = INFINITY, parts[v].high[a] = -INFINITY;
     }
     for (int32_t t = 0; t < mesh->tet_count; t++)
         for (int i = 1; alive[t] && i < 4; i++) {
@@ -68,7 +73,8 @@ static void find_parts(const tm_tissue *tissue, int32_t *parent, part *parts) {
         for (int i = 0; alive[t] && i < 4; i++) {
             part *p = &parts[root_of(parent, mesh->tet[4 * t + i])];
             const double *x = mesh->rest_m + 3 * (int64_t)mesh->tet[4 * t + i];
-            for (int a = 0; a < 3; a++) p->low[a] = fmin(p->low[a], x[a]), p->high[a] = fmax(p->high[a], x[a]);
+            for (int a = 0; a < 3; a++)
+                p->low[a] = fmin(p->low[a], x[a]), p->high[a] = fmax(p->high[a], x[a]);
             if (i == 0) p->tets++;
         }
 }
@@ -97,13 +103,18 @@ tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error
         const int32_t held = p->fixed;
         if (rank_of_gram(p->gram) == 6) continue;
         if (!total)
-            status = tms_fail(error, TM_ERR_SUPPORT, v, "no vertex of the tissue is fixed, so it has no rest; name a support");
+            status = tms_fail(error, TM_ERR_SUPPORT, v,
+                              "no vertex of the tissue is fixed, so it has no rest; name a support");
         else if (!held)
-            status = tms_fail(error, TM_ERR_SUPPORT, v, "the part of %d tetrahedra that holds vertex %d floats: none of its vertices is fixed; "
-                              "support it, or join it to the rest of the mesh", (int)p->tets, (int)v);
+            status = tms_fail(error, TM_ERR_SUPPORT, v,
+                              "the part of %d tetrahedra that holds vertex %d floats: none of its vertices is fixed; "
+                              "support it, or join it to the rest of the mesh",
+                              (int)p->tets, (int)v);
         else
-            status = tms_fail(error, TM_ERR_SUPPORT, v, "the part of %d tetrahedra that holds vertex %d can still move as a rigid body "
-                              "(%d components of it are fixed); fix three vertices that are not in one line, all axes", (int)p->tets, (int)v, (int)held);
+            status = tms_fail(error, TM_ERR_SUPPORT, v,
+                              "the part of %d tetrahedra that holds vertex %d can still move as a rigid body "
+                              "(%d components of it are fixed); fix three vertices that are not in one line, all axes",
+                              (int)p->tets, (int)v, (int)held);
         break;
     }
 done:
@@ -171,12 +182,14 @@ tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_s
     s.row = malloc((size_t)(count ? count : 1) * sizeof *s.row);
     s.value = malloc((size_t)(count ? count : 1) * sizeof *s.value);
     if (!s.row || !s.value) goto no_memory;
-    for (int32_t j = 0; j < s.n; j++) walk_column(tissue, &s, j, s.row + s.begin[j], s.value + s.begin[j]);
+    for (int32_t j = 0; j < s.n; j++)
+        walk_column(tissue, &s, j, s.row + s.begin[j], s.value + s.begin[j]);
     *system = s;
     return TM_OK;
 no_memory:
     tms_system_destroy(&s);
-    return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stiffness matrix of %d vertices; use a smaller mesh", (int)n);
+    return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stiffness matrix of %d vertices; use a smaller mesh",
+                    (int)n);
 }
 
 void tms_system_destroy(tms_system *s) {
@@ -206,7 +219,8 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
     if (any && !(fibre = calloc(3 * (size_t)mesh->tet_count, sizeof *fibre))) goto done;
     for (int32_t t = 0; any && t < mesh->tet_count; t++) {
         const double *a = tm_tissue_tet_fibre(whole, t);
-        for (int i = 0; i < 3; i++) fibre[3 * t + i] = a ? a[i] : i == 0;
+        for (int i = 0; i < 3; i++)
+            fibre[3 * t + i] = a ? a[i] : i == 0;
     }
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh;

@@ -25,8 +25,8 @@ double tms_clock_s(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* OpenBLAS, where it is the BLAS: one thread in each of ours, or its bits depend on how many; and its build without any threading must
- * not be called from two at once (it then returns wrong numbers, seen with 0.3.21). */
+/* OpenBLAS, where it is the BLAS: one thread in each of ours, or its bits depend on how many; and its build without any
+ * threading must not be called from two at once (it then returns wrong numbers, seen with 0.3.21). */
 static bool one_thread_only(void) {
     int (*parallel)(void), found = 1;
     void (*set_threads)(int);
@@ -45,9 +45,12 @@ int32_t tms_threads(const tm_solve_def *def) {
 }
 
 void tms_bytes_text(int64_t bytes, char text[32]) {
-    if (bytes >= 1000000000) snprintf(text, 32, "%.1f GB", (double)bytes * 1e-9);
-    else if (bytes >= 1000000) snprintf(text, 32, "%.0f MB", (double)bytes * 1e-6);
-    else snprintf(text, 32, "%.0f kB", (double)bytes * 1e-3);
+    if (bytes >= 1000000000)
+        snprintf(text, 32, "%.1f GB", (double)bytes * 1e-9);
+    else if (bytes >= 1000000)
+        snprintf(text, 32, "%.0f MB", (double)bytes * 1e-6);
+    else
+        snprintf(text, 32, "%.0f kB", (double)bytes * 1e-3);
 }
 
 bool tms_progress(const tm_solve_def *def, const char *what, double fraction, double seconds_left) {

@@ -1,5 +1,5 @@
-/* What the precomputed model costs: ahead of time against mesh size for both solvers, and on line with some thirty contact rows.
- * `make bench-models`; figures into build/bench/models.json. Nothing here is asserted. */
+/* What the precomputed model costs: ahead of time against mesh size for both solvers, and on line with some thirty
+ * contact rows. `make bench-models`; figures into build/bench/models.json. Nothing here is asserted. */
 #include "organ.h"
 
 #include <cjson/cJSON.h>
@@ -16,7 +16,10 @@ static double processor_s(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-typedef struct watch { double begin_s, fraction; bool stop; } watch;
+typedef struct watch {
+    double begin_s, fraction;
+    bool stop;
+} watch;
 
 static bool watch_columns(void *user, const char *what, double fraction, double left) {
     watch *w = user;
@@ -43,8 +46,9 @@ static void ahead(const char *size, const organ *o, const tm_tissue *tissue, tm_
     const double end = processor_s();
     if (status != TM_OK && !(w.stop && w.fraction > 0)) fix_ok(status, &error);
     const double columns_s = (end - w.begin_s) / w.fraction, all_s = w.begin_s - begin + columns_s;
-    printf("| %s | %d | %s | %d | %.2f | %.1f%s | %.0f | %.0f | %.0f |\n", size, o->mesh->vertex_count, solver == TM_SOLVER_CG ? "CG" : "CHOLMOD", r.columns,
-           w.begin_s - begin, all_s, w.fraction < 1 ? " *" : "", 1e-6 * (double)r.factor_bytes, 1e-6 * (double)r.responses_bytes, 1e-6 * (double)r.work_bytes);
+    printf("| %s | %d | %s | %d | %.2f | %.1f%s | %.0f | %.0f | %.0f |\n", size, o->mesh->vertex_count,
+           solver == TM_SOLVER_CG ? "CG" : "CHOLMOD", r.columns, w.begin_s - begin, all_s, w.fraction < 1 ? " *" : "",
+           1e-6 * (double)r.factor_bytes, 1e-6 * (double)r.responses_bytes, 1e-6 * (double)r.work_bytes);
     fflush(stdout);
     cJSON *j = cJSON_CreateObject();
     cJSON_AddItemToArray(list, j);
@@ -68,7 +72,8 @@ static int rows_with_force(const tm_precomputed *model) {
     const tm_contact_row *row;
     const int32_t count = tm_precomputed_rows(model, &row);
     int n = 0;
-    for (int32_t i = 0; i < count; i++) n += row[i].lambda_N > 0;
+    for (int32_t i = 0; i < count; i++)
+        n += row[i].lambda_N > 0;
     return n;
 }
 
@@ -95,7 +100,8 @@ static double thread_s(void) {
 }
 
 static void time_ticks(tm_precomputed *model, double height, int ticks, cJSON *j) {
-    double *update = malloc(8 * (size_t)ticks), *surface = malloc(8 * (size_t)ticks), *processor = malloc(8 * (size_t)ticks);
+    double *update = malloc(8 * (size_t)ticks), *surface = malloc(8 * (size_t)ticks),
+           *processor = malloc(8 * (size_t)ticks);
     tm_tool_pose pose[2];
     int least = 1000000;
     for (int i = -50; i < ticks; i++) { /* 10 mm/s, to and fro */
@@ -124,7 +130,11 @@ static void on_line(const char *size, const organ *o, const tm_tissue *tissue, i
     tm_tool_pose pose[2];
     lay(pose, 0.12, 0);
     for (int t = 0; t < 2; t++)
-        tool[t] = (tm_instrument_def){.mode = TM_TOOL_PROBE, .radius_m = 0.0025, .contact_length_m = 0.1, .pose = pose[t], .trocar_m = {0.13, t ? 0.03 : -0.03, 0.06}};
+        tool[t] = (tm_instrument_def){.mode = TM_TOOL_PROBE,
+                                      .radius_m = 0.0025,
+                                      .contact_length_m = 0.1,
+                                      .pose = pose[t],
+                                      .trocar_m = {0.13, t ? 0.03 : -0.03, 0.06}};
     tm_contact_def contact = tm_contact_def_default();
     contact.instrument_count = 2;
     contact.instrument = tool;
@@ -150,17 +160,23 @@ static void on_line(const char *size, const organ *o, const tm_tissue *tissue, i
     int32_t loaded = 0, count = tm_precomputed_rows(model, &row);
     uint8_t *seen = calloc((size_t)o->mesh->vertex_count, 1);
     for (int32_t i = 0; i < count; i++)
-        for (int k = 0; k < 3; k++) loaded += !seen[row[i].vertex[k]] && row[i].lambda_N > 0 && row[i].weight[k] > 0, seen[row[i].vertex[k]] |= row[i].lambda_N > 0 && row[i].weight[k] > 0;
+        for (int k = 0; k < 3; k++)
+            loaded += !seen[row[i].vertex[k]] && row[i].lambda_N > 0 && row[i].weight[k] > 0,
+                seen[row[i].vertex[k]] |= row[i].lambda_N > 0 && row[i].weight[k] > 0;
     const double bytes = 8.0 * 3 * loaded * kept, limit = app_bandwidth_B_s((size_t)bytes, 9);
-    const double p50 = cJSON_GetObjectItem(cJSON_GetObjectItem(j, "update_us"), "p50")->valuedouble, p99 = cJSON_GetObjectItem(cJSON_GetObjectItem(j, "update_us"), "p99")->valuedouble;
-    const double own50 = cJSON_GetObjectItem(cJSON_GetObjectItem(j, "processor_us"), "p50")->valuedouble, own99 = cJSON_GetObjectItem(cJSON_GetObjectItem(j, "processor_us"), "p99")->valuedouble;
+    const double p50 = cJSON_GetObjectItem(cJSON_GetObjectItem(j, "update_us"), "p50")->valuedouble,
+                 p99 = cJSON_GetObjectItem(cJSON_GetObjectItem(j, "update_us"), "p99")->valuedouble;
+    const double own50 = cJSON_GetObjectItem(cJSON_GetObjectItem(j, "processor_us"), "p50")->valuedouble,
+                 own99 = cJSON_GetObjectItem(cJSON_GetObjectItem(j, "processor_us"), "p99")->valuedouble;
     const double sum = cJSON_GetObjectItem(cJSON_GetObjectItem(j, "superposition_us"), "p50")->valuedouble;
     cJSON_AddNumberToObject(j, "rows", rows);
     cJSON_AddNumberToObject(j, "loaded_vertices", loaded);
     cJSON_AddNumberToObject(j, "superposition_bytes", bytes);
     cJSON_AddNumberToObject(j, "bandwidth_B_s", limit);
     cJSON_AddNumberToObject(j, "share_of_bandwidth", bytes / (sum * 1e-6) / limit);
-    printf("| %s | %d | %d | %.0f | %.0f | %.0f | %.0f | %.0f | %.1f MB at %.1f GB/s, %.0f %% of %.1f |\n", size, rows, loaded, own50, own99, p50, p99, sum, 1e-6 * bytes, bytes / sum * 1e-3, 100 * bytes / (sum * 1e-6) / limit, limit * 1e-9);
+    printf("| %s | %d | %d | %.0f | %.0f | %.0f | %.0f | %.0f | %.1f MB at %.1f GB/s, %.0f %% of %.1f |\n", size, rows,
+           loaded, own50, own99, p50, p99, sum, 1e-6 * bytes, bytes / sum * 1e-3, 100 * bytes / (sum * 1e-6) / limit,
+           limit * 1e-9);
     fflush(stdout);
     free(seen);
     tm_precomputed_destroy(model);
@@ -185,14 +201,22 @@ int main(int count, char **all) {
         def.mesh = o[i].mesh, def.material_count = 1, def.material = &material, def.region_material = regions;
         fix_ok(tm_tissue_create(&def, &tissue[i], &error), &error);
     }
-    puts("Ahead of time, processor seconds (all threads together); * the columns of the first seconds, in proportion:\n\n"
-         "| liver | vertices | solver | columns | order, factor s | in all s | factor MB | responses MB | work MB |\n|---|---|---|---|---|---|---|---|---|");
+    puts("Ahead of time, processor seconds (all threads together); * the columns of the first seconds, in "
+         "proportion:\n\n"
+         "| liver | vertices | solver | columns | order, factor s | in all s | factor MB | responses MB | work MB "
+         "|\n|---|---|---|---|---|---|---|---|---|");
     const bool line_only = count > 3; /* any third word */
-    for (int i = 0; i < n && !line_only; i++) ahead(sizes[i], &o[i], tissue[i], TM_SOLVER_CHOLESKY, before), ahead(sizes[i], &o[i], tissue[i], TM_SOLVER_CG, before);
-    puts("\nOn line, microseconds of one update with its superposition, two shafts lying on the organ and moving at 10 mm/s:\n\n"
-         "| liver | rows | loaded vertices | processor p50 | p99 | wall p50 | p99 | superposition | it reads |\n|---|---|---|---|---|---|---|---|---|");
-    for (int i = 0; i < n; i++) on_line(sizes[i], &o[i], tissue[i], 1000, line);
-    for (int i = 0; i < n; i++) tm_tissue_destroy(tissue[i]), organ_free(&o[i]);
+    for (int i = 0; i < n && !line_only; i++)
+        ahead(sizes[i], &o[i], tissue[i], TM_SOLVER_CHOLESKY, before),
+            ahead(sizes[i], &o[i], tissue[i], TM_SOLVER_CG, before);
+    puts("\nOn line, microseconds of one update with its superposition, two shafts lying on the organ and moving at 10 "
+         "mm/s:\n\n"
+         "| liver | rows | loaded vertices | processor p50 | p99 | wall p50 | p99 | superposition | it reads "
+         "|\n|---|---|---|---|---|---|---|---|---|");
+    for (int i = 0; i < n; i++)
+        on_line(sizes[i], &o[i], tissue[i], 1000, line);
+    for (int i = 0; i < n; i++)
+        tm_tissue_destroy(tissue[i]), organ_free(&o[i]);
     if (json) {
         FILE *f = fopen(json, "w");
         char *text = cJSON_Print(j);

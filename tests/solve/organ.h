@@ -20,7 +20,8 @@ static inline void organ_skip_to(FILE *f, const char *section) {
 
 /* "1k", "10k" (committed) or "50k" (made here when it is not there). */
 static inline organ organ_read(const char *size) {
-    const char *root = getenv("TM_ROOT") ? getenv("TM_ROOT") : ".", *out = getenv("TM_OUT") ? getenv("TM_OUT") : "build";
+    const char *root = getenv("TM_ROOT") ? getenv("TM_ROOT") : ".",
+               *out = getenv("TM_OUT") ? getenv("TM_OUT") : "build";
     char path[600], make[700];
     const bool large = !strcmp(size, "50k");
     snprintf(path, sizeof path, "%s/meshes/liver_%s.msh", large ? out : root, size);
@@ -32,7 +33,8 @@ static inline organ organ_read(const char *size) {
     organ_skip_to(f, "$Nodes");
     assert_int_equal(fscanf(f, "%d", &count), 1);
     double *vertex = malloc(24 * (size_t)count);
-    for (int v = 0; v < count; v++) assert_int_equal(fscanf(f, "%d %lf %lf %lf", &tag, vertex + 3 * v, vertex + 3 * v + 1, vertex + 3 * v + 2), 4);
+    for (int v = 0; v < count; v++)
+        assert_int_equal(fscanf(f, "%d %lf %lf %lf", &tag, vertex + 3 * v, vertex + 3 * v + 1, vertex + 3 * v + 2), 4);
     organ o = {.fixed = calloc(3 * (size_t)count, 1)};
     int elements;
     organ_skip_to(f, "$Elements");
@@ -41,11 +43,14 @@ static inline organ organ_read(const char *size) {
     for (int e = 0; e < elements; e++) {
         assert_int_equal(fscanf(f, "%d %d %d", &tag, &type, &tags), 3);
         const int corners = type == 4 ? 4 : 3;
-        for (int i = 0; i < tags + corners; i++) assert_int_equal(fscanf(f, "%d", number + i), 1);
+        for (int i = 0; i < tags + corners; i++)
+            assert_int_equal(fscanf(f, "%d", number + i), 1);
         for (int i = 0; i < corners; i++) {
             const int v = number[tags + i] - 1;
-            if (type == 4) tet[4 * tets + i] = v;
-            else if (number[0] == 2 || number[0] == 3) o.fixed[3 * v] = o.fixed[3 * v + 1] = o.fixed[3 * v + 2] = 1;
+            if (type == 4)
+                tet[4 * tets + i] = v;
+            else if (number[0] == 2 || number[0] == 3)
+                o.fixed[3 * v] = o.fixed[3 * v + 1] = o.fixed[3 * v + 2] = 1;
         }
         tets += type == 4;
     }

@@ -1,4 +1,5 @@
-/* Response files: cached, checked whole, replaced at once; the same bits whatever the threads; a killed run leaves the old one. */
+/* Response files: cached, checked whole, replaced at once; the same bits whatever the threads; a killed run leaves the
+ * old one. */
 #include "kit.h"
 
 #include <signal.h>
@@ -137,7 +138,8 @@ static void same_bits(void **state) {
         assert_int_equal(size[i], size[0]);
         assert_memory_equal(bytes[i], bytes[0], size[0]);
     }
-    for (int i = 0; i < 3; i++) free(bytes[i]);
+    for (int i = 0; i < 3; i++)
+        free(bytes[i]);
     close_set_up(&s);
 }
 
@@ -248,6 +250,7 @@ static void interrupted(void **state) {
 
 int main(int argc, char **argv) {
     if (argc == 2 && !strcmp(argv[1], "killed")) return killed(), 0;
-    const struct CMUnitTest tests[] = {cmocka_unit_test(cached), cmocka_unit_test(same_bits), cmocka_unit_test(damaged), cmocka_unit_test(interrupted)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(cached), cmocka_unit_test(same_bits), cmocka_unit_test(damaged),
+                                       cmocka_unit_test(interrupted)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* The hybrid model: at rest the same as the full one, before a cut and after; stable at its guaranteed step; contact on either part and across. */
+/* The hybrid model: at rest the same as the full one, before a cut and after; stable at its guaranteed step; contact on
+ * either part and across. */
 #include "../physics/contact_scene.h"
 #include "kit.h"
 
@@ -17,7 +18,8 @@ static uint8_t *beyond(const tm_mesh *mesh, double cut_x) {
     uint8_t *dynamic = malloc((size_t)mesh->tet_count);
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         double x = 0;
-        for (int i = 0; i < 4; i++) x += mesh->rest_m[3 * mesh->tet[4 * t + i]] / 4;
+        for (int i = 0; i < 4; i++)
+            x += mesh->rest_m[3 * mesh->tet[4 * t + i]] / 4;
         dynamic[t] = x > cut_x;
     }
     return dynamic;
@@ -33,14 +35,15 @@ static tm_tissue_def tissue_def(const tm_mesh *mesh, const tm_material *material
 }
 
 /* `mesh` is taken over. */
-static hybrid_set make(tm_mesh *mesh, const tm_material *material, uint8_t *fixed, double cut_x, const double g[3], const tm_contact_def *contact,
-                       double step_fraction) {
+static hybrid_set make(tm_mesh *mesh, const tm_material *material, uint8_t *fixed, double cut_x, const double g[3],
+                       const tm_contact_def *contact, double step_fraction) {
     hybrid_set s = {.mesh = mesh, .fixed = fixed, .dynamic = beyond(mesh, cut_x)};
     tm_error error;
     tm_tissue_def def = tissue_def(mesh, material);
     fix_ok(tm_tissue_create(&def, &s.whole, &error), &error);
     s.load = calloc(3 * (size_t)mesh->vertex_count, 8);
-    for (int32_t d = 0; g && d < 3 * mesh->vertex_count; d++) s.load[d] = tm_tissue_mass_kg(s.whole)[d / 3] * g[d % 3];
+    for (int32_t d = 0; g && d < 3 * mesh->vertex_count; d++)
+        s.load[d] = tm_tissue_mass_kg(s.whole)[d / 3] * g[d % 3];
     tm_hybrid_def hybrid = tm_hybrid_def_default();
     hybrid.problem = kit_problem(s.whole, fixed);
     hybrid.problem.load_N = s.load;
@@ -57,7 +60,8 @@ static hybrid_set make(tm_mesh *mesh, const tm_material *material, uint8_t *fixe
     world.damped = material->damping_1_s > 0;
     fix_ok(tm_world_create(&world, &s.world, &error), &error);
     uint8_t *outside = calloc(3 * (size_t)mesh->vertex_count, 1); /* supports of the world's own vertices */
-    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) outside[d] = fixed[d] && tm_tissue_mass_kg(s.tissue)[d / 3] > 0;
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
+        outside[d] = fixed[d] && tm_tissue_mass_kg(s.tissue)[d / 3] > 0;
     kit_support(s.world, outside, NULL);
     free(outside);
     if (g) fix_ok(tm_stage_gravity(s.world, g, &error), &error);
@@ -89,7 +93,8 @@ static double off_rest(const hybrid_set *s, const uint8_t *alive, bool everywher
     def.alive = alive;
     tm_tissue *left;
     fix_ok(tm_tissue_create(&def, &left, &error), &error);
-    double *u = malloc(24 * (size_t)s->mesh->vertex_count), *load = malloc(24 * (size_t)s->mesh->vertex_count), worst = 0;
+    double *u = malloc(24 * (size_t)s->mesh->vertex_count), *load = malloc(24 * (size_t)s->mesh->vertex_count),
+           worst = 0;
     const double *v = tm_world_state(s->world)->u_m;
     for (int32_t d = 0; d < 3 * s->mesh->vertex_count; d++) {
         const double whole = tm_tissue_mass_kg(s->whole)[d / 3];
@@ -100,7 +105,8 @@ static double off_rest(const hybrid_set *s, const uint8_t *alive, bool everywher
     fix_ok(tm_solve_static(&problem, u, NULL, NULL, &error), &error);
     const double most = fix_largest(u, 3 * s->mesh->vertex_count);
     for (int32_t d = 0; d < 3 * s->mesh->vertex_count; d++)
-        if (tm_tissue_mass_kg(left)[d / 3] > 0 && (everywhere || tm_tissue_mass_kg(s->tissue)[d / 3] > 0)) worst = fmax(worst, fabs(u[d] - v[d]) / most);
+        if (tm_tissue_mass_kg(left)[d / 3] > 0 && (everywhere || tm_tissue_mass_kg(s->tissue)[d / 3] > 0))
+            worst = fmax(worst, fabs(u[d] - v[d]) / most);
     free(u), free(load);
     tm_tissue_destroy(left);
     return worst;
@@ -118,15 +124,19 @@ static void rest_case(const int cells[3], double seconds) {
     int32_t list[64], removed = 0, interface_cuts = 0;
     for (int32_t t = 0; t < mesh->tet_count && removed < 40; t++) { /* from the far top, and beside the interface */
         double x = 0, z = 0;
-        for (int i = 0; i < 4; i++) x += mesh->rest_m[3 * mesh->tet[4 * t + i]] / 4, z += mesh->rest_m[3 * mesh->tet[4 * t + i] + 2] / 4;
+        for (int i = 0; i < 4; i++)
+            x += mesh->rest_m[3 * mesh->tet[4 * t + i]] / 4, z += mesh->rest_m[3 * mesh->tet[4 * t + i] + 2] / 4;
         if (s.dynamic[t] && z > 0.04 && (x > 0.085 || (x < 0.07 && interface_cuts++ < 12))) list[removed++] = t;
     }
     assert_true(tm_cut_remove(s.tissue, list, removed, NULL, 0) >= removed);
     run_for(&s, seconds);
     uint8_t *alive = malloc((size_t)mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = !s.dynamic[t] || tm_tissue_alive(s.tissue)[t];
+    for (int32_t t = 0; t < mesh->tet_count; t++)
+        alive[t] = !s.dynamic[t] || tm_tissue_alive(s.tissue)[t];
     const double inside = off_rest(&s, alive, false), everywhere = off_rest(&s, alive, true);
-    print_message("  %d tetrahedra: off the full model by %.1e; after cutting %d, %.1e in the tensor/mass part, %.1e everywhere\n", mesh->tet_count, before, removed, inside, everywhere);
+    print_message("  %d tetrahedra: off the full model by %.1e; after cutting %d, %.1e in the tensor/mass part, %.1e "
+                  "everywhere\n",
+                  mesh->tet_count, before, removed, inside, everywhere);
     assert_true(before < 1e-6);
     assert_true(inside < 1e-6);
     assert_true(everywhere < 1e-6);
@@ -147,7 +157,8 @@ static void stable(void **state) {
     fix_random random = {17};
     tm_mesh *mesh = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.3, &random);
     const tm_material material = kit_material(10e3, 0.49);
-    hybrid_set s = make(mesh, &material, kit_clamp(mesh, 1e-9), 0.03, NULL, NULL, 1); /* undamped, at the guaranteed step itself */
+    hybrid_set s =
+        make(mesh, &material, kit_clamp(mesh, 1e-9), 0.03, NULL, NULL, 1); /* undamped, at the guaranteed step itself */
     tm_state *at = tm_world_state(s.world);
     for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
         if (tm_tissue_mass_kg(s.tissue)[d / 3] > 0 && !s.fixed[d]) at->u_m[d] = 1e-4 * fix_signed(&random);
@@ -158,7 +169,8 @@ static void stable(void **state) {
         const double most = fix_largest(tm_world_state(s.world)->u_m, 3 * mesh->vertex_count);
         *(i < 20 ? &early : &late) = fmax(i < 20 ? early : late, most);
     }
-    print_message("  20,000 undamped steps at the guaranteed step: largest displacement %.2e m, then %.2e m\n", early, late);
+    print_message("  20,000 undamped steps at the guaranteed step: largest displacement %.2e m, then %.2e m\n", early,
+                  late);
     assert_true(late < 1.5 * early);
     /* above it the stage refuses */
     tm_world_def def = tm_world_def_default();
@@ -180,8 +192,10 @@ static void stable(void **state) {
     tm_world *world;
     fix_ok(tm_world_create(&def, &world, &error), &error);
     const tm_status status = tm_stage_hybrid(world, hybrid, NULL, &error);
-    if (def.dt_s > tm_hybrid_critical_step(hybrid, NULL)) assert_int_equal(status, TM_ERR_STEP);
-    else assert_int_equal(status, TM_OK);
+    if (def.dt_s > tm_hybrid_critical_step(hybrid, NULL))
+        assert_int_equal(status, TM_ERR_STEP);
+    else
+        assert_int_equal(status, TM_OK);
     tm_world_destroy(world);
     tm_hybrid_destroy(hybrid);
     tm_tissue_destroy(part);
@@ -198,8 +212,10 @@ static void press(const char *what, const tm_tool_pose *to) {
     def.damping_1_s = 150;
     tm_mesh *mesh = scene_mesh(&def);
     uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
-    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) fixed[d] = mesh->rest_m[d / 3 * 3 + 2] < 1e-9;
-    tm_instrument_def tool = {.mode = TM_TOOL_PROBE, .radius_m = def.radius_m, .contact_length_m = def.length_m, .pose = *to};
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
+        fixed[d] = mesh->rest_m[d / 3 * 3 + 2] < 1e-9;
+    tm_instrument_def tool = {
+        .mode = TM_TOOL_PROBE, .radius_m = def.radius_m, .contact_length_m = def.length_m, .pose = *to};
     memcpy(tool.trocar_m, def.trocar_m[0], 24);
     tool.pose.tip_m[2] = 0.06;
     tm_contact_def contact = tm_contact_def_default();
@@ -227,13 +243,17 @@ static void press(const char *what, const tm_tool_pose *to) {
     assert_true(tm_precomputed_update(model, to) >= 0);
     double force[3], off[3];
     tm_precomputed_force(model, 0, force);
-    for (int c = 0; c < 3; c++) off[c] = r.force_N[c] - force[c];
+    for (int c = 0; c < 3; c++)
+        off[c] = r.force_N[c] - force[c];
     const double rough = fix_largest(off, 3) / fix_largest(force, 3);
     const double *u = tm_precomputed_displacement(model);
     double worst = 0;
     const int32_t *surface, count = tm_precomputed_surface(model, &surface);
-    for (int32_t i = 0; i < 3 * count; i++) worst = fmax(worst, fabs(u[3 * surface[i / 3] + i % 3] - tm_world_state(s.world)->u_m[3 * surface[i / 3] + i % 3]));
-    print_message("  %s: %.3f N on %d rows, off the precomputed model by %.1e; shape by %.1e of the largest\n", what, fix_largest(force, 3), r.row_count, rough, worst / fix_largest(u, 3 * mesh->vertex_count));
+    for (int32_t i = 0; i < 3 * count; i++)
+        worst =
+            fmax(worst, fabs(u[3 * surface[i / 3] + i % 3] - tm_world_state(s.world)->u_m[3 * surface[i / 3] + i % 3]));
+    print_message("  %s: %.3f N on %d rows, off the precomputed model by %.1e; shape by %.1e of the largest\n", what,
+                  fix_largest(force, 3), r.row_count, rough, worst / fix_largest(u, 3 * mesh->vertex_count));
     assert_true(fix_largest(force, 3) > 0.05);
     assert_true(rough < 1e-6);
     assert_true(worst < 1e-6 * fix_largest(u, 3 * mesh->vertex_count));
@@ -242,15 +262,18 @@ static void press(const char *what, const tm_tool_pose *to) {
     static tm_patch patch;
     double K[9], felt[3];
     bool made = false, inside;
-    for (int i = 0; i < 4 && !made; i++) made = tm_hybrid_patch(s.hybrid, 0, (double[]){0, 0, 0}, 0, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES, &patch, K);
+    for (int i = 0; i < 4 && !made; i++)
+        made = tm_hybrid_patch(s.hybrid, 0, (double[]){0, 0, 0}, 0, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES, &patch, K);
     assert_true(made);
     assert_int_equal(patch.kind, 1);
     tm_patch_solver *solver;
     fix_ok(tm_patch_solver_create(&solver, &error), &error);
     tm_patch_force(solver, &patch, to->tip_m, felt, &inside);
     const tm_tool_reaction exact = tm_precomputed_reaction(model, 0);
-    for (int c = 0; c < 3; c++) off[c] = felt[c] - force[c];
-    print_message("    patch: force off by %.1e, stiffness by %.1e\n", fix_largest(off, 3) / fix_largest(force, 3), kit_difference(K, exact.stiffness_N_m, 9));
+    for (int c = 0; c < 3; c++)
+        off[c] = felt[c] - force[c];
+    print_message("    patch: force off by %.1e, stiffness by %.1e\n", fix_largest(off, 3) / fix_largest(force, 3),
+                  kit_difference(K, exact.stiffness_N_m, 9));
     assert_true(inside && fix_largest(off, 3) < 1e-5 * fix_largest(force, 3));
     assert_true(kit_difference(K, exact.stiffness_N_m, 9) < 1e-2);
     tm_patch_solver_destroy(solver);
@@ -266,6 +289,7 @@ static void contact(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(same_rest), cmocka_unit_test(stable), cmocka_unit_test(contact)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_rest), cmocka_unit_test(stable),
+                                       cmocka_unit_test(contact)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* On-line contact of the precomputed model: the dynamic model at rest, its own derivative, smoothness, grasped vertices. */
+/* On-line contact of the precomputed model: the dynamic model at rest, its own derivative, smoothness, grasped
+ * vertices. */
 #include "../physics/contact_scene.h"
 #include "kit.h"
 
@@ -37,7 +38,9 @@ static pair make_pair_of(const scene_def *def, tm_precision precision, const tm_
     return p;
 }
 
-static pair make_pair(const scene_def *def, tm_precision precision) { return make_pair_of(def, precision, NULL); }
+static pair make_pair(const scene_def *def, tm_precision precision) {
+    return make_pair_of(def, precision, NULL);
+}
 
 static void free_pair(pair *p) {
     tm_precomputed_destroy(p->model);
@@ -45,8 +48,12 @@ static void free_pair(pair *p) {
     scene_destroy(&p->scene);
 }
 
-static double distance3(const double *a, const double *b) { return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2])); }
-static double length3(const double *a) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
+static double distance3(const double *a, const double *b) {
+    return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
+}
+static double length3(const double *a) {
+    return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+}
 
 /* --- the dynamic model at rest --- */
 
@@ -58,11 +65,15 @@ static void rest_case(const char *what, scene_def def, int tools, const tm_tool_
         for (int t = 0; t < tools; t++) {
             const double s = frame < 10 ? (frame + 1) / 10.0 : 1;
             tm_tool_pose at = to[t];
-            for (int c = 0; c < 3; c++) at.tip_m[c] = def.tip_m[t][c] + s * (to[t].tip_m[c] - def.tip_m[t][c]);
-            if (t == tools - 1) dynamic[t] = scene_frame(&p.scene, t, at, 0.04);
-            else tm_contact_move(p.scene.contact, t, &at, (int32_t)ceil(0.04 / tm_world_step_s(p.scene.world)));
+            for (int c = 0; c < 3; c++)
+                at.tip_m[c] = def.tip_m[t][c] + s * (to[t].tip_m[c] - def.tip_m[t][c]);
+            if (t == tools - 1)
+                dynamic[t] = scene_frame(&p.scene, t, at, 0.04);
+            else
+                tm_contact_move(p.scene.contact, t, &at, (int32_t)ceil(0.04 / tm_world_step_s(p.scene.world)));
         }
-    for (int t = 0; t < tools; t++) dynamic[t] = tm_contact_reaction(p.scene.contact, t);
+    for (int t = 0; t < tools; t++)
+        dynamic[t] = tm_contact_reaction(p.scene.contact, t);
     const int32_t steps = tm_precomputed_update(p.model, to);
     const double *u = tm_precomputed_displacement(p.model), *v = tm_world_state(p.scene.world)->u_m;
     const int32_t *surface, count = tm_precomputed_surface(p.model, &surface);
@@ -75,7 +86,8 @@ static void rest_case(const char *what, scene_def def, int tools, const tm_tool_
     for (int t = 0; t < tools; t++) {
         const tm_tool_reaction r = tm_precomputed_reaction(p.model, t);
         const double off = distance3(r.force_N, dynamic[t].force_N) / length3(dynamic[t].force_N);
-        print_message("  %s: tool %d %.3f N, %d rows, %d steps: force off by %.1e, shape by %.1e\n", what, t, length3(r.force_N), r.row_count, steps, off, worst / most);
+        print_message("  %s: tool %d %.3f N, %d rows, %d steps: force off by %.1e, shape by %.1e\n", what, t,
+                      length3(r.force_N), r.row_count, steps, off, worst / most);
         assert_true(length3(r.force_N) > 0.01);
         assert_true(off < 1e-6);
     }
@@ -94,7 +106,8 @@ static void agrees_with_dynamic(void **state) {
     lying.trocar_m[0][0] = -0.12, lying.trocar_m[0][2] = 0.075;
     lying.tip_m[0][0] = 0.05, lying.tip_m[0][1] = 0.003, lying.tip_m[0][2] = 0.06;
     rest_case("shaft", lying, 1, (tm_tool_pose[]){scene_pose(0.045, 0.003, 0.042)});
-    rest_case("two tools", def, 2, (tm_tool_pose[]){scene_pose(0.006, 0.002, 0.0405), scene_pose(-0.006, -0.003, 0.041)});
+    rest_case("two tools", def, 2,
+              (tm_tool_pose[]){scene_pose(0.006, 0.002, 0.0405), scene_pose(-0.006, -0.003, 0.041)});
 }
 
 /* --- derivative --- */
@@ -116,15 +129,18 @@ static void stiffness(void **state) {
     int checked = 0;
     double worst_off = 0;
     for (int i = 0; i < 30; i++) {
-        double tip[3] = {0.015 * fix_signed(&random), 0.015 * fix_signed(&random), 0.060}, K[9], up[3], down[3], force[3];
+        double tip[3] = {0.015 * fix_signed(&random), 0.015 * fix_signed(&random), 0.060}, K[9], up[3], down[3],
+               force[3];
         const double depth = 0.001 + 0.004 * fix_uniform(&random);
         force_at(p.model, tip, force);
         tip[2] = 0.0505 - 0.006 * (tip[0] * tip[0] + tip[1] * tip[1]) / 0.0013 - depth;
         force_at(p.model, tip, force);
-        const uint64_t before = tm_hash(tm_precomputed_displacement(p.model), 24 * (size_t)p.scene.mesh->vertex_count, TM_HASH_SEED);
+        const uint64_t before =
+            tm_hash(tm_precomputed_displacement(p.model), 24 * (size_t)p.scene.mesh->vertex_count, TM_HASH_SEED);
         const tm_tool_reaction r = tm_precomputed_reaction(p.model, 0);
         assert_int_equal(r.stiffness_kind, 2);
-        assert_true(tm_hash(tm_precomputed_displacement(p.model), 24 * (size_t)p.scene.mesh->vertex_count, TM_HASH_SEED) == before);
+        assert_true(tm_hash(tm_precomputed_displacement(p.model), 24 * (size_t)p.scene.mesh->vertex_count,
+                            TM_HASH_SEED) == before);
         if (length3(force) < 1e-3) continue;
         double off = 0;
         for (int a = 0; a < 3; a++) {
@@ -132,15 +148,19 @@ static void stiffness(void **state) {
             tip[a] = x + h, force_at(p.model, tip, up);
             tip[a] = x - h, force_at(p.model, tip, down);
             tip[a] = x;
-            for (int c = 0; c < 3; c++) K[3 * c + a] = (up[c] - down[c]) / (2 * h);
+            for (int c = 0; c < 3; c++)
+                K[3 * c + a] = (up[c] - down[c]) / (2 * h);
         }
         off = kit_difference(r.stiffness_N_m, K, 9);
         worst_off = fmax(worst_off, off);
-        if (off > 1e-4) print_message("  tip (%.4f %.4f %.4f) %.3f N %d rows: off by %.1e of %.0f N/m\n", tip[0], tip[1], tip[2], length3(force), r.row_count, off, fix_largest(K, 9));
+        if (off > 1e-4)
+            print_message("  tip (%.4f %.4f %.4f) %.3f N %d rows: off by %.1e of %.0f N/m\n", tip[0], tip[1], tip[2],
+                          length3(force), r.row_count, off, fix_largest(K, 9));
         assert_true(off < 1e-3);
         checked++;
     }
-    print_message("  %d places, stiffness against differences of the converged force: off by %.1e at worst\n", checked, worst_off);
+    print_message("  %d places, stiffness against differences of the converged force: off by %.1e at worst\n", checked,
+                  worst_off);
     assert_true(checked > 20);
     free_pair(&p);
 }
@@ -148,17 +168,20 @@ static void stiffness(void **state) {
 /* --- the patch --- */
 
 /* What the controller would feel near the sample, from the patch alone, against the model itself. */
-static double patch_off(pair *p, tm_patch_solver *solver, const tm_tool_pose *at, int tools, double step_m, fix_random *random) {
+static double patch_off(pair *p, tm_patch_solver *solver, const tm_tool_pose *at, int tools, double step_m,
+                        fix_random *random) {
     static tm_patch patch;
     assert_true(tm_precomputed_update(p->model, at) >= 0);
-    assert_true(tm_precomputed_patch(p->model, 0, (double[]){0, 0, 0}, 0, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES, &patch));
+    assert_true(
+        tm_precomputed_patch(p->model, 0, (double[]){0, 0, 0}, 0, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES, &patch));
     assert_int_equal(patch.kind, 2);
     double worst = 0, most = 0;
     for (int i = 0; i < 10; i++) {
         tm_tool_pose moved[2] = {at[0], at[tools - 1]};
         double force[3], felt[3];
         bool inside;
-        for (int c = 0; c < 3; c++) moved[0].tip_m[c] += i ? step_m * fix_signed(random) : 0;
+        for (int c = 0; c < 3; c++)
+            moved[0].tip_m[c] += i ? step_m * fix_signed(random) : 0;
         assert_true(tm_precomputed_update(p->model, moved) >= 0);
         tm_precomputed_force(p->model, 0, force);
         tm_patch_force(solver, &patch, moved[0].tip_m, felt, &inside);
@@ -184,8 +207,10 @@ static void patch(void **state) {
     const tm_tool_pose both[2] = {scene_pose(0.0055, 0.003, 0.0415), scene_pose(-0.0055, 0.001, 0.0405)};
     const double beside = patch_off(&p, solver, both, 2, 3e-4, &random);
     free_pair(&p);
-    print_message("  force from the patch, tip moved by up to 0.3 mm: off by %.1e alone, %.1e with another tool 11 mm away\n", alone, beside);
-    assert_true(alone < 1e-5); /* the tool stays on the same triangles: nothing but the solver's tolerance */
+    print_message(
+        "  force from the patch, tip moved by up to 0.3 mm: off by %.1e alone, %.1e with another tool 11 mm away\n",
+        alone, beside);
+    assert_true(alone < 1e-5);  /* the tool stays on the same triangles: nothing but the solver's tolerance */
     assert_true(beside < 1e-2); /* the other tool's rows to first order */
     tm_patch_solver_destroy(solver);
 }
@@ -203,22 +228,30 @@ static void grasp(void **state) {
     tm_grasp *dynamic;
     tm_error error;
     fix_ok(tm_stage_grasp(p.scene.world, p.scene.contact, &how, &dynamic, &error), &error);
-    tm_tool_pose way[4] = {scene_pose(0.004, 0.003, 0.0425), scene_pose(0.004, 0.003, 0.0425), scene_pose(0.006, 0.002, 0.0480), scene_pose(0.006, 0.002, 0.0480)};
+    tm_tool_pose way[4] = {scene_pose(0.004, 0.003, 0.0425), scene_pose(0.004, 0.003, 0.0425),
+                           scene_pose(0.006, 0.002, 0.0480), scene_pose(0.006, 0.002, 0.0480)};
     way[1].grip = way[2].grip = 1;
     way[2].roll_rad = way[3].roll_rad = 0.3;
     for (int i = 0; i < 4; i++) {
         tm_tool_reaction settled = {0};
-        for (int frame = 0; frame < 40; frame++) settled = scene_frame(&p.scene, 0, way[i], 0.04);
-        for (int k = 0; k < (i == 3 ? 60 : 1); k++) assert_true(tm_precomputed_update(p.model, way + i) >= 0); /* 50 updates let go */
+        for (int frame = 0; frame < 40; frame++)
+            settled = scene_frame(&p.scene, 0, way[i], 0.04);
+        for (int k = 0; k < (i == 3 ? 60 : 1); k++)
+            assert_true(tm_precomputed_update(p.model, way + i) >= 0); /* 50 updates let go */
         const tm_tool_reaction r = tm_precomputed_reaction(p.model, 0);
         const int32_t *held, *theirs;
         tm_grasp_state mine_is, theirs_is;
-        const int32_t count = tm_precomputed_held(p.model, 0, &held, &mine_is), their_count = tm_grasp_held(dynamic, 0, &theirs, &theirs_is);
+        const int32_t count = tm_precomputed_held(p.model, 0, &held, &mine_is),
+                      their_count = tm_grasp_held(dynamic, 0, &theirs, &theirs_is);
         const double *u = tm_precomputed_displacement(p.model), *v = tm_world_state(p.scene.world)->u_m;
         double worst = 0, most = 0;
         const int32_t *surface, n = tm_precomputed_surface(p.model, &surface);
-        for (int32_t k = 0; k < 3 * n; k++) worst = fmax(worst, fabs(u[3 * surface[k / 3] + k % 3] - v[3 * surface[k / 3] + k % 3])), most = fmax(most, fabs(v[3 * surface[k / 3] + k % 3]));
-        print_message("  %s: %.4f N, %d held; off the dynamic model by %.1e N, shape by %.1e m of %.1e\n", (const char *[]){"touching", "closed", "lifted", "let go"}[i], length3(r.force_N), count, distance3(r.force_N, settled.force_N), worst, most);
+        for (int32_t k = 0; k < 3 * n; k++)
+            worst = fmax(worst, fabs(u[3 * surface[k / 3] + k % 3] - v[3 * surface[k / 3] + k % 3])),
+            most = fmax(most, fabs(v[3 * surface[k / 3] + k % 3]));
+        print_message("  %s: %.4f N, %d held; off the dynamic model by %.1e N, shape by %.1e m of %.1e\n",
+                      (const char *[]){"touching", "closed", "lifted", "let go"}[i], length3(r.force_N), count,
+                      distance3(r.force_N, settled.force_N), worst, most);
         assert_int_equal(count > 0, i == 1 || i == 2);
         if (i == 1 || i == 2) {
             double K[9], up[3], down[3];
@@ -233,7 +266,8 @@ static void grasp(void **state) {
                 at.tip_m[a] -= 2e-6;
                 assert_true(tm_precomputed_update(p.model, &at) >= 0);
                 tm_precomputed_force(p.model, 0, down);
-                for (int c = 0; c < 3; c++) K[3 * c + a] = (up[c] - down[c]) / 2e-6;
+                for (int c = 0; c < 3; c++)
+                    K[3 * c + a] = (up[c] - down[c]) / 2e-6;
             }
             assert_true(kit_difference(r.stiffness_N_m, K, 9) < 1e-3);
         }
@@ -271,12 +305,15 @@ static void smooth(void **state) {
             before[c] = force[c];
         }
     }
-    print_message("  peak %.3f N; largest change in a tick %.2f %%, largest second difference %.2f %% of it; at most %d steps; %.0f us an update\n", peak, 100 * first / peak, 100 * second / peak, most_steps, seconds / 1500 * 1e6);
+    print_message("  peak %.3f N; largest change in a tick %.2f %%, largest second difference %.2f %% of it; at most "
+                  "%d steps; %.0f us an update\n",
+                  peak, 100 * first / peak, 100 * second / peak, most_steps, seconds / 1500 * 1e6);
     assert_true(second < 0.02 * peak);
     free_pair(&p);
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(agrees_with_dynamic), cmocka_unit_test(stiffness), cmocka_unit_test(patch), cmocka_unit_test(grasp), cmocka_unit_test(smooth)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(agrees_with_dynamic), cmocka_unit_test(stiffness),
+                                       cmocka_unit_test(patch), cmocka_unit_test(grasp), cmocka_unit_test(smooth)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

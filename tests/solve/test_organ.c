@@ -1,4 +1,5 @@
-/* On the generated organ: direct solution, superposed responses and hybrid model against the settled tensor/mass model. */
+/* On the generated organ: direct solution, superposed responses and hybrid model against the settled tensor/mass model.
+ */
 #include "organ.h"
 
 static tm_tissue *part(const tm_mesh *mesh, const tm_material *material, const tm_hybrid *hybrid) {
@@ -13,7 +14,10 @@ static tm_tissue *part(const tm_mesh *mesh, const tm_material *material, const t
     return tissue;
 }
 
-typedef struct rest { double *u, *reaction; double seconds; } rest;
+typedef struct rest {
+    double *u, *reaction;
+    double seconds;
+} rest;
 
 static rest settle(const organ *o, tm_tissue *tissue, const double g[3]) {
     const size_t n = 3 * (size_t)o->mesh->vertex_count;
@@ -29,7 +33,8 @@ static rest settle(const organ *o, tm_tissue *tissue, const double g[3]) {
     return r;
 }
 
-/* A vertex of the free surface far from the supports is moved by hand: the settled world with one more support says how the organ answers. */
+/* A vertex of the free surface far from the supports is moved by hand: the settled world with one more support says how
+ * the organ answers. */
 static void check_imposed(const organ *o, tm_tissue *tissue, const double *load, const double g[3]) {
     const size_t n = 3 * (size_t)o->mesh->vertex_count;
     tm_precomputed_def def = tm_precomputed_def_default();
@@ -50,18 +55,22 @@ static void check_imposed(const organ *o, tm_tissue *tissue, const double *load,
     uint8_t *fixed = malloc(n);
     double *value = calloc(n, 8), *reaction = calloc(n, 8), hand[3], worst = 0;
     memcpy(fixed, o->fixed, n);
-    for (int c = 0; c < 3; c++) fixed[3 * far + c] = 1, value[3 * far + c] = to[c];
+    for (int c = 0; c < 3; c++)
+        fixed[3 * far + c] = 1, value[3 * far + c] = to[c];
     tm_world *world = fix_world(tissue, true);
     kit_support(world, fixed, value);
     fix_ok(tm_stage_gravity(world, g, &error), &error);
     kit_settle(world);
     tm_support_reaction(world, reaction);
     const double *u = tm_world_state(world)->u_m, *v = tm_precomputed_displacement(model);
-    for (int32_t i = 0; i < 3 * count; i++) worst = fmax(worst, fabs(u[3 * surface[i / 3] + i % 3] - v[3 * surface[i / 3] + i % 3]));
+    for (int32_t i = 0; i < 3 * count; i++)
+        worst = fmax(worst, fabs(u[3 * surface[i / 3] + i % 3] - v[3 * surface[i / 3] + i % 3]));
     tm_precomputed_imposed_force(model, 0, hand);
     const double off = worst / fix_largest(u, (int32_t)n), force_off = kit_difference(hand, reaction + 3 * far, 3);
-    print_message("    a vertex moved by hand: shape off by %.1e, its reaction by %.1e of %.3f N (%d columns in %.1f s, %.0f MB)\n", off, force_off,
-                  fix_largest(hand, 3), report.columns, report.seconds, 1e-6 * (double)report.responses_bytes);
+    print_message("    a vertex moved by hand: shape off by %.1e, its reaction by %.1e of %.3f N (%d columns in %.1f "
+                  "s, %.0f MB)\n",
+                  off, force_off, fix_largest(hand, 3), report.columns, report.seconds,
+                  1e-6 * (double)report.responses_bytes);
     assert_true(off < 1e-6);
     assert_true(force_off < 1e-6);
     tm_world_destroy(world);
@@ -77,12 +86,15 @@ static double largest_off(const organ *o, const tm_tissue *among, const double *
 }
 
 /* The right lobe's front is tensor/mass; twenty tetrahedra of it are cut out. */
-static void check_hybrid(const organ *o, const tm_material *material, tm_tissue *whole, const double *load, const double g[3], const double *full, double seconds) {
+static void check_hybrid(const organ *o, const tm_material *material, tm_tissue *whole, const double *load,
+                         const double g[3], const double *full, double seconds) {
     const tm_mesh *mesh = o->mesh;
-    uint8_t *dynamic = calloc((size_t)mesh->tet_count, 1), *outside = calloc(3 * (size_t)mesh->vertex_count, 1), *alive = malloc((size_t)mesh->tet_count);
+    uint8_t *dynamic = calloc((size_t)mesh->tet_count, 1), *outside = calloc(3 * (size_t)mesh->vertex_count, 1),
+            *alive = malloc((size_t)mesh->tet_count);
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         double x[3] = {0};
-        for (int i = 0; i < 12; i++) x[i % 3] += mesh->rest_m[3 * mesh->tet[4 * t + i / 3] + i % 3] / 4;
+        for (int i = 0; i < 12; i++)
+            x[i % 3] += mesh->rest_m[3 * mesh->tet[4 * t + i / 3] + i % 3] / 4;
         dynamic[t] = x[0] > -0.065 && x[0] < -0.028 && x[1] > -0.04 && x[1] < 0.03 && x[2] > 0.0;
     }
     tm_hybrid_def def = tm_hybrid_def_default();
@@ -99,7 +111,8 @@ static void check_hybrid(const organ *o, const tm_material *material, tm_tissue 
     world_def.dt_s = 0.98 * tm_hybrid_critical_step(hybrid, NULL);
     tm_world *world;
     fix_ok(tm_world_create(&world_def, &world, &error), &error);
-    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) outside[d] = o->fixed[d] && tm_tissue_mass_kg(tissue)[d / 3] > 0;
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
+        outside[d] = o->fixed[d] && tm_tissue_mass_kg(tissue)[d / 3] > 0;
     kit_support(world, outside, NULL);
     fix_ok(tm_stage_gravity(world, g, &error), &error);
     fix_ok(tm_stage_hybrid(world, hybrid, NULL, &error), &error);
@@ -109,22 +122,27 @@ static void check_hybrid(const organ *o, const tm_material *material, tm_tissue 
     const double before = largest_off(o, whole, tm_world_state(world)->u_m, full);
     int32_t cut[20], cuts = 0;
     for (int32_t t = 0; t < mesh->tet_count && cuts < 20; t++) {
-        const bool top = mesh->tet_neighbour[4 * t] < 0 || mesh->tet_neighbour[4 * t + 1] < 0 || mesh->tet_neighbour[4 * t + 2] < 0 || mesh->tet_neighbour[4 * t + 3] < 0;
+        const bool top = mesh->tet_neighbour[4 * t] < 0 || mesh->tet_neighbour[4 * t + 1] < 0 ||
+                         mesh->tet_neighbour[4 * t + 2] < 0 || mesh->tet_neighbour[4 * t + 3] < 0;
         if (dynamic[t] && top) cut[cuts++] = t;
     }
     const int32_t removed = tm_cut_remove(tissue, cut, cuts, NULL, 0);
     assert_true(removed >= cuts && cuts > 3);
     assert_int_equal(tm_world_step(world, steps), TM_OK);
     tm_hybrid_recover(hybrid, world);
-    for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = !dynamic[t] || tm_tissue_alive(tissue)[t];
+    for (int32_t t = 0; t < mesh->tet_count; t++)
+        alive[t] = !dynamic[t] || tm_tissue_alive(tissue)[t];
     tm_tissue_def left_def = tm_tissue_def_default();
     int32_t regions[8] = {0};
-    left_def.mesh = mesh, left_def.material_count = 1, left_def.material = material, left_def.alive = alive, left_def.region_material = regions;
+    left_def.mesh = mesh, left_def.material_count = 1, left_def.material = material, left_def.alive = alive,
+    left_def.region_material = regions;
     tm_tissue *left;
     fix_ok(tm_tissue_create(&left_def, &left, &error), &error);
     rest after = settle(o, left, g);
-    const double in_part = largest_off(o, tissue, tm_world_state(world)->u_m, after.u), everywhere = largest_off(o, left, tm_world_state(world)->u_m, after.u);
-    print_message("    hybrid, %d tetrahedra tensor/mass, %d interface components: at rest off by %.1e; %d cut: %.1e in its tensor/mass part, %.1e everywhere\n",
+    const double in_part = largest_off(o, tissue, tm_world_state(world)->u_m, after.u),
+                 everywhere = largest_off(o, left, tm_world_state(world)->u_m, after.u);
+    print_message("    hybrid, %d tetrahedra tensor/mass, %d interface components: at rest off by %.1e; %d cut: %.1e "
+                  "in its tensor/mass part, %.1e everywhere\n",
                   tm_tissue_alive_count(tissue) + removed, report.interface_dofs, before, removed, in_part, everywhere);
     assert_true(before < 1e-6);
     assert_true(in_part < 1e-6);
@@ -145,14 +163,17 @@ static void check_organ(const char *size, bool hybrid_too) {
     tm_tissue *tissue = part(o.mesh, &material, NULL);
     const size_t n = 3 * (size_t)o.mesh->vertex_count;
     double *load = malloc(8 * n), *u = malloc(8 * n), *reaction = malloc(8 * n);
-    for (size_t d = 0; d < n; d++) load[d] = tm_tissue_mass_kg(tissue)[d / 3] * g[d % 3];
+    for (size_t d = 0; d < n; d++)
+        load[d] = tm_tissue_mass_kg(tissue)[d / 3] * g[d % 3];
     rest settled = settle(&o, tissue, g);
     tm_solve_def def = kit_problem(tissue, o.fixed);
     def.load_N = load;
     tm_error error;
     fix_ok(tm_solve_static(&def, u, reaction, NULL, &error), &error);
-    const double off = kit_difference(u, settled.u, (int32_t)n), force_off = kit_difference(reaction, settled.reaction, (int32_t)n);
-    print_message("  liver of %d tetrahedra: direct solution off the settled one by %.1e, reactions by %.1e\n", o.mesh->tet_count, off, force_off);
+    const double off = kit_difference(u, settled.u, (int32_t)n),
+                 force_off = kit_difference(reaction, settled.reaction, (int32_t)n);
+    print_message("  liver of %d tetrahedra: direct solution off the settled one by %.1e, reactions by %.1e\n",
+                  o.mesh->tet_count, off, force_off);
     assert_true(off < 1e-6);
     assert_true(force_off < 1e-6);
     check_imposed(&o, tissue, load, g);
@@ -162,9 +183,16 @@ static void check_organ(const char *size, bool hybrid_too) {
     organ_free(&o);
 }
 
-static void thousand(void **state) { (void)state, check_organ("1k", true); }
-static void ten_thousand(void **state) { (void)state, check_organ("10k", kit_long()); }
-static void fifty_thousand(void **state) { (void)state; check_organ("50k", true); }
+static void thousand(void **state) {
+    (void)state, check_organ("1k", true);
+}
+static void ten_thousand(void **state) {
+    (void)state, check_organ("10k", kit_long());
+}
+static void fifty_thousand(void **state) {
+    (void)state;
+    check_organ("50k", true);
+}
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(thousand), cmocka_unit_test(ten_thousand)};

@@ -1,4 +1,5 @@
-/* Static solutions and superposed responses against the oracle and against the settled tensor/mass model; what is refused. */
+/* Static solutions and superposed responses against the oracle and against the settled tensor/mass model; what is
+ * refused. */
 #include "../physics/oracle.h"
 #include "kit.h"
 
@@ -12,10 +13,13 @@ static tm_tissue *oracle_tissue(const oracle *o) {
     return fix_tissue(o->mesh, &material, tm_material_is_isotropic(&material) ? NULL : o->fibre, TM_DOUBLE, false);
 }
 
-static bool at_tip(const oracle *o, int32_t v) { return o->vertex[3 * v] > fix_largest(o->vertex, 3 * o->vertex_count) - 1e-12; }
+static bool at_tip(const oracle *o, int32_t v) {
+    return o->vertex[3 * v] > fix_largest(o->vertex, 3 * o->vertex_count) - 1e-12;
+}
 
 /* Clamp, prescribed values and loads of one case. */
-static void oracle_case(const oracle *o, const tm_tissue *tissue, int kase, uint8_t *fixed, double *value, double *load) {
+static void oracle_case(const oracle *o, const tm_tissue *tissue, int kase, uint8_t *fixed, double *value,
+                        double *load) {
     const int32_t n = 3 * o->vertex_count;
     memset(value, 0, 8 * (size_t)n);
     memset(load, 0, 8 * (size_t)n);
@@ -30,17 +34,21 @@ static void oracle_case(const oracle *o, const tm_tissue *tissue, int kase, uint
 static double reaction_off(const oracle *o, int kase, const double *reaction) {
     double clamp[3] = {0}, tip[3] = {0}, worst = 0;
     for (int32_t d = 0; d < 3 * o->vertex_count; d++) {
-        if (o->vertex[d / 3 * 3] < 1e-12) clamp[d % 3] += reaction[d];
-        else if (at_tip(o, d / 3)) tip[d % 3] += reaction[d];
+        if (o->vertex[d / 3 * 3] < 1e-12)
+            clamp[d % 3] += reaction[d];
+        else if (at_tip(o, d / 3))
+            tip[d % 3] += reaction[d];
     }
-    for (int i = 0; i < 3; i++) worst = fmax(worst, fmax(fabs(clamp[i] - o->clamp[kase][i]), fabs(tip[i] - o->tip[kase][i])));
+    for (int i = 0; i < 3; i++)
+        worst = fmax(worst, fmax(fabs(clamp[i] - o->clamp[kase][i]), fabs(tip[i] - o->tip[kase][i])));
     return worst / fix_largest(o->clamp[kase], 3);
 }
 
 static void direct(const oracle *o, const tm_tissue *tissue, tm_solver solver) {
     const int32_t n = 3 * o->vertex_count;
     uint8_t *fixed = malloc((size_t)n);
-    double *value = malloc(8 * (size_t)n), *load = malloc(8 * (size_t)n), *u = malloc(8 * (size_t)n), *reaction = malloc(8 * (size_t)n);
+    double *value = malloc(8 * (size_t)n), *load = malloc(8 * (size_t)n), *u = malloc(8 * (size_t)n),
+           *reaction = malloc(8 * (size_t)n);
     for (int kase = 0; kase < 3; kase++) {
         oracle_case(o, tissue, kase, fixed, value, load);
         tm_solve_def def = kit_problem(tissue, fixed);
@@ -52,14 +60,16 @@ static void direct(const oracle *o, const tm_tissue *tissue, tm_solver solver) {
         tm_error error;
         fix_ok(tm_solve_static(&def, u, reaction, &report, &error), &error);
         const double off = kit_difference(u, o->u[kase], n), force_off = reaction_off(o, kase, reaction);
-        print_message("  %s case %d: displacement %.1e, reaction %.1e\n", solver == TM_SOLVER_CG ? "cg" : "cholesky", kase, off, force_off);
+        print_message("  %s case %d: displacement %.1e, reaction %.1e\n", solver == TM_SOLVER_CG ? "cg" : "cholesky",
+                      kase, off, force_off);
         assert_true(off < 1e-7);
         assert_true(force_off < 1e-7);
     }
     free(fixed), free(value), free(load), free(u), free(reaction);
 }
 
-/* The precomputed model: gravity as its base shape; `press` as displacements imposed on its surface, the paper's way. */
+/* The precomputed model: gravity as its base shape; `press` as displacements imposed on its surface, the paper's way.
+ */
 static void superposed(const oracle *o, const tm_tissue *tissue, tm_precision precision, double tolerance) {
     const int32_t n = 3 * o->vertex_count;
     uint8_t *fixed = malloc((size_t)n);
@@ -67,7 +77,8 @@ static void superposed(const oracle *o, const tm_tissue *tissue, tm_precision pr
     int32_t *vertex = malloc(4 * (size_t)o->vertex_count), count = 0;
     for (int kase = 0; kase < 2; kase++) {
         oracle_case(o, tissue, kase, fixed, value, load);
-        for (int32_t d = 0; d < n; d++) fixed[d] = o->vertex[d / 3 * 3] < 1e-12;
+        for (int32_t d = 0; d < n; d++)
+            fixed[d] = o->vertex[d / 3 * 3] < 1e-12;
         tm_precomputed_def def = tm_precomputed_def_default();
         def.problem = kit_problem(tissue, fixed);
         def.problem.load_N = load;
@@ -83,14 +94,18 @@ static void superposed(const oracle *o, const tm_tissue *tissue, tm_precision pr
         const int32_t *surface, on_surface = tm_precomputed_surface(model, &surface);
         double worst = 0;
         assert_true(on_surface > count);
-        for (int32_t i = 0; i < 3 * on_surface; i++) worst = fmax(worst, fabs(shape[3 * surface[i / 3] + i % 3] - o->u[kase][3 * surface[i / 3] + i % 3]) / most);
+        for (int32_t i = 0; i < 3 * on_surface; i++)
+            worst =
+                fmax(worst, fabs(shape[3 * surface[i / 3] + i % 3] - o->u[kase][3 * surface[i / 3] + i % 3]) / most);
         for (int32_t i = 0; i < count; i++) {
             double f[3];
             tm_precomputed_imposed_force(model, i, f);
-            for (int c = 0; c < 3; c++) push[c] += f[c];
+            for (int c = 0; c < 3; c++)
+                push[c] += f[c];
         }
         const double off = kase == 1 ? kit_difference(push, o->tip[kase], 3) : 0;
-        print_message("  superposed %s case %d: displacement %.1e, reaction %.1e\n", precision == TM_DOUBLE ? "double" : "single", kase, worst, off);
+        print_message("  superposed %s case %d: displacement %.1e, reaction %.1e\n",
+                      precision == TM_DOUBLE ? "double" : "single", kase, worst, off);
         assert_true(worst < tolerance);
         assert_true(off < tolerance);
         tm_precomputed_destroy(model);
@@ -111,9 +126,15 @@ static void check_oracle(const char *name) {
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-static void isotropic(void **state) { (void)state, check_oracle("iso"); }
-static void paper_law(void **state) { (void)state, check_oracle("fibre"); }
-static void engineering(void **state) { (void)state, check_oracle("muscle"); }
+static void isotropic(void **state) {
+    (void)state, check_oracle("iso");
+}
+static void paper_law(void **state) {
+    (void)state, check_oracle("fibre");
+}
+static void engineering(void **state) {
+    (void)state, check_oracle("muscle");
+}
 
 /* --- settled tensor/mass --- */
 
@@ -128,7 +149,8 @@ static void check_settled(const int cells[3]) {
     tm_world *world = fix_world(tissue, true);
     uint8_t *fixed = kit_clamp(mesh, 1e-9);
     const size_t n = 3 * (size_t)mesh->vertex_count;
-    double *value = calloc(n, 8), *load = calloc(n, 8), *u = malloc(8 * n), *reaction = malloc(8 * n), *settled = calloc(n, 8);
+    double *value = calloc(n, 8), *load = calloc(n, 8), *u = malloc(8 * n), *reaction = malloc(8 * n),
+           *settled = calloc(n, 8);
     for (size_t d = 0; d < n; d++) {
         if (fixed[d]) value[d] = 1e-3 * fix_signed(&random); /* a crumpled clamp */
         load[d] = tm_tissue_mass_kg(tissue)[d / 3] * g[d % 3];
@@ -142,8 +164,10 @@ static void check_settled(const int cells[3]) {
     def.load_N = load;
     tm_solve_report report;
     fix_ok(tm_solve_static(&def, u, reaction, &report, &error), &error);
-    const double off = kit_difference(u, tm_world_state(world)->u_m, (int32_t)n), force_off = kit_difference(reaction, settled, (int32_t)n);
-    print_message("  %d tetrahedra: displacement %.1e, reaction %.1e; factor %.2f s\n", mesh->tet_count, off, force_off, report.factor_s);
+    const double off = kit_difference(u, tm_world_state(world)->u_m, (int32_t)n),
+                 force_off = kit_difference(reaction, settled, (int32_t)n);
+    print_message("  %d tetrahedra: displacement %.1e, reaction %.1e; factor %.2f s\n", mesh->tet_count, off, force_off,
+                  report.factor_s);
     assert_true(off < 1e-6);
     assert_true(force_off < 1e-6);
     free(fixed), free(value), free(load), free(u), free(reaction), free(settled);
@@ -154,8 +178,8 @@ static void check_settled(const int cells[3]) {
 
 static void settled_model(void **state) {
     (void)state;
-    check_settled((int[]){8, 5, 4});    /* 960 */
-    check_settled((int[]){17, 10, 10}); /* 10,200 */
+    check_settled((int[]){8, 5, 4});                    /* 960 */
+    check_settled((int[]){17, 10, 10});                 /* 10,200 */
     if (kit_long()) check_settled((int[]){30, 17, 16}); /* 48,960 */
 }
 
@@ -176,15 +200,19 @@ static void loose_tissue(void **state) {
     tm_error error;
     assert_int_equal(try_solve(tissue, fixed, 0, &error), TM_ERR_SUPPORT);
     assert_non_null(strstr(error.message, "no vertex of the tissue is fixed"));
-    for (int i = 0; i < 6; i++) fixed[i] = 1; /* two vertices: it can still turn about their line */
+    for (int i = 0; i < 6; i++)
+        fixed[i] = 1; /* two vertices: it can still turn about their line */
     assert_int_equal(try_solve(tissue, fixed, 0, &error), TM_ERR_SUPPORT);
     assert_non_null(strstr(error.message, "rigid body"));
-    for (int i = 0; i < 9; i++) fixed[i] = 1; /* three in one line */
+    for (int i = 0; i < 9; i++)
+        fixed[i] = 1; /* three in one line */
     assert_int_equal(try_solve(tissue, fixed, 0, &error), TM_ERR_SUPPORT);
-    for (int i = 9; i < 12; i++) fixed[i] = 1; /* a fourth, beside it */
+    for (int i = 9; i < 12; i++)
+        fixed[i] = 1; /* a fourth, beside it */
     fix_ok(try_solve(tissue, fixed, 0, &error), &error);
     /* a slice taken out of the middle leaves a far part that floats; its vertices are beyond x = 0.04 */
-    for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = t / 24 != 3;
+    for (int32_t t = 0; t < mesh->tet_count; t++)
+        alive[t] = t / 24 != 3;
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh, def.material_count = 1, def.material = &material, def.alive = alive;
     tm_tissue *apart;
@@ -194,13 +222,16 @@ static void loose_tissue(void **state) {
     assert_true(mesh->rest_m[3 * error.entity] > 0.0399);
     tm_tissue_destroy(apart);
     /* two parts that share one vertex only: the far one can turn about it */
-    for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = t / 24 < 3;
+    for (int32_t t = 0; t < mesh->tet_count; t++)
+        alive[t] = t / 24 < 3;
     int32_t corner = -1, keep = -1;
     for (int32_t t = 72; t < 96 && keep < 0; t++)
         for (int i = 0; i < 4 && keep < 0; i++) {
             int on_plane = 0;
-            for (int j = 0; j < 4; j++) on_plane += mesh->rest_m[3 * mesh->tet[4 * t + j]] < 0.0301;
-            if (on_plane == 1 && mesh->rest_m[3 * mesh->tet[4 * t + i]] < 0.0301) corner = mesh->tet[4 * t + i], keep = t;
+            for (int j = 0; j < 4; j++)
+                on_plane += mesh->rest_m[3 * mesh->tet[4 * t + j]] < 0.0301;
+            if (on_plane == 1 && mesh->rest_m[3 * mesh->tet[4 * t + i]] < 0.0301)
+                corner = mesh->tet[4 * t + i], keep = t;
         }
     assert_true(keep >= 0 && corner >= 0);
     alive[keep] = 1;
@@ -242,7 +273,8 @@ static void too_large(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(isotropic), cmocka_unit_test(paper_law), cmocka_unit_test(engineering),
-                                       cmocka_unit_test(settled_model), cmocka_unit_test(loose_tissue), cmocka_unit_test(too_large)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(isotropic),    cmocka_unit_test(paper_law),
+                                       cmocka_unit_test(engineering),  cmocka_unit_test(settled_model),
+                                       cmocka_unit_test(loose_tissue), cmocka_unit_test(too_large)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
