@@ -11,7 +11,7 @@ import os
 import cantools
 import guest_run
 import pytest
-from conftest import BUILD, LONG, ROOT
+from paths import BUILD, LONG, ROOT
 
 BUSES = ["vcan", "controllers"]
 STEADY_S = 60 if LONG else 6

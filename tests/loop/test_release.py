@@ -7,7 +7,7 @@ import math
 import subprocess
 
 import pytest
-from conftest import LONG
+from paths import LONG
 
 
 @pytest.mark.parametrize("extrapolator", ["hold", "position", "broyden", "tangent", "contact"] if LONG else ["position", "broyden"])

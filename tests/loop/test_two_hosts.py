@@ -11,7 +11,7 @@ import tempfile
 import lcm
 import pytest
 import two_hosts_run
-from conftest import BUILD, LONG, ROOT
+from paths import BUILD, LONG, ROOT
 
 sys.path.insert(0, str(BUILD / "python"))
 SECONDS = 60 if LONG else 8

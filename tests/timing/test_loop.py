@@ -4,7 +4,7 @@ import subprocess
 import tempfile
 
 import pytest
-from conftest import BUILD, ROOT
+from paths import BUILD, ROOT
 
 # In namespaces of its own: LCM on loopback.
 ALONE = ["unshare", *([] if os.geteuid() == 0 else ["-r"]), "-n", "sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]

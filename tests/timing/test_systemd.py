@@ -3,7 +3,7 @@ import re
 import shlex
 import subprocess
 
-from conftest import BUILD, ROOT
+from paths import BUILD, ROOT
 
 UNIT = ROOT / "haptic_rt" / "systemd" / "haptic-rt@.service.in"
 
