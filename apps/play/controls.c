@@ -7,43 +7,42 @@
 static const double PACE_M_S = 0.03, ROLL_RAD_S = 1.5, GRIP_1_S = 4, WHEEL_M = 0.003, SLOW = 0.25;
 static const float TURN_RAD_PX = 0.006f;
 
-void play_controls_begin(play_controls *c)
-{
+void play_controls_begin(play_controls *c) {
     memset(c, 0, sizeof *c);
     c->help = true;
     c->eye_zoom = 1;
     hrt_params_default(&c->limits);
 }
 
-static bool frame_of(const view_instrument *t, hrt_frame *frame)
-{
-    const float axis[3] = { (float)t->axis[0], (float)t->axis[1], (float)t->axis[2] }, up[3] = { (float)t->up[0], (float)t->up[1], (float)t->up[2] };
+static bool frame_of(const view_instrument *t, hrt_frame *frame) {
+    const float axis[3] = {(float)t->axis[0], (float)t->axis[1], (float)t->axis[2]},
+                up[3] = {(float)t->up[0], (float)t->up[1], (float)t->up[2]};
     return hrt_frame_from_axis(frame, axis, up);
 }
 
 /* The hand begins where the instrument is, so that nothing jumps. */
-static void meet(play_hand *hand, const view_instrument *t)
-{
+static void meet(play_hand *hand, const view_instrument *t) {
     hrt_frame frame;
     float tip[3], joint[3];
     if (hand->known || !t->shown || !frame_of(t, &frame)) return;
-    for (int k = 0; k < 3; ++k) tip[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
+    for (int k = 0; k < 3; ++k)
+        tip[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
     if (!hrt_inverse(&frame, tip, joint)) return;
-    for (int k = 0; k < 3; ++k) hand->joint[k] = (double)joint[k];
+    for (int k = 0; k < 3; ++k)
+        hand->joint[k] = (double)joint[k];
     hand->joint[3] = t->roll_rad, hand->joint[4] = t->grip;
     hand->known = true;
 }
 
 /* The command that goes out with the next picture; keys pressed since the last one share it. */
-static view_command *command_for(play_controls *c)
-{
-    if (!c->has_command || c->command.instrument != c->selected) c->command = (view_command){ .instrument = c->selected, .extrapolator = "", .passivity = -1 };
+static view_command *command_for(play_controls *c) {
+    if (!c->has_command || c->command.instrument != c->selected)
+        c->command = (view_command){.instrument = c->selected, .extrapolator = "", .passivity = -1};
     c->has_command = true;
     return &c->command;
 }
 
-static void next_extrapolator(play_controls *c, const view_instrument *t)
-{
+static void next_extrapolator(play_controls *c, const view_instrument *t) {
     hrt_extrapolator now = HRT_HOLD;
     if (!hrt_extrapolator_find(t->extrapolator, &now)) now = (hrt_extrapolator)-1;
     hrt_extrapolator next = (hrt_extrapolator)(((int)now + 1) % (int)(HRT_CONTACT + 1));
@@ -51,16 +50,14 @@ static void next_extrapolator(play_controls *c, const view_instrument *t)
     command_for(c)->extrapolator = c->extrapolator;
 }
 
-static void select_next(play_controls *c, const view_picture *p, int wanted)
-{
+static void select_next(play_controls *c, const view_picture *p, int wanted) {
     if (wanted >= 0 && wanted < VIEW_INSTRUMENTS && p->instrument[wanted].shown) {
         c->hand[c->selected].acting = false;
         c->selected = wanted;
     }
 }
 
-static void key_down(play_controls *c, const view_picture *p, int code)
-{
+static void key_down(play_controls *c, const view_picture *p, int code) {
     const view_instrument *t = &p->instrument[c->selected];
     switch (code) {
     case PLAY_ESCAPE: c->quit = true; break;
@@ -76,13 +73,11 @@ static void key_down(play_controls *c, const view_picture *p, int code)
     }
 }
 
-static void update_acting(play_controls *c)
-{
+static void update_acting(play_controls *c) {
     c->hand[c->selected].acting = c->held[' '] || c->button[3];
 }
 
-void play_controls_event(play_controls *c, const view_picture *p, const play_event *e)
-{
+void play_controls_event(play_controls *c, const view_picture *p, const play_event *e) {
     switch (e->type) {
     case PLAY_QUIT: c->quit = true; break;
     case PLAY_KEY:
@@ -97,8 +92,10 @@ void play_controls_event(play_controls *c, const view_picture *p, const play_eve
         if (c->button[2]) c->eye_turn[0] -= TURN_RAD_PX * e->dx, c->eye_turn[1] += TURN_RAD_PX * e->dy;
         break;
     case PLAY_WHEEL:
-        if (c->held['z']) c->eye_zoom *= powf(1.1f, e->dy);
-        else c->wheel += e->dy;
+        if (c->held['z'])
+            c->eye_zoom *= powf(1.1f, e->dy);
+        else
+            c->wheel += e->dy;
         break;
     case PLAY_FOCUS_LOST: /* a key let go elsewhere is never heard of */
         memset(c->held, 0, sizeof c->held);
@@ -109,16 +106,15 @@ void play_controls_event(play_controls *c, const view_picture *p, const play_eve
 }
 
 /* The eye's right and up in the world. */
-static void eye_axes(const view_camera *camera, int height_px, float right[3], float up[3])
-{
+static void eye_axes(const view_camera *camera, int height_px, float right[3], float up[3]) {
     float view[16], projection[16];
     view_camera_matrices(camera, height_px, height_px, view, projection);
-    for (int k = 0; k < 3; ++k) right[k] = view[4 * k], up[k] = view[4 * k + 1];
+    for (int k = 0; k < 3; ++k)
+        right[k] = view[4 * k], up[k] = view[4 * k + 1];
 }
 
 /* Metres of a pixel at the depth of a point. */
-static double metres_a_pixel(const view_camera *camera, int height_px, const double point_m[3])
-{
+static double metres_a_pixel(const view_camera *camera, int height_px, const double point_m[3]) {
     double to[3], at[3], depth = 0, length = 0;
     for (int k = 0; k < 3; ++k) {
         to[k] = (double)camera->at_m[k] - (double)camera->eye_m[k];
@@ -129,54 +125,58 @@ static double metres_a_pixel(const view_camera *camera, int height_px, const dou
     return 2 * depth * tan((double)camera->fov_rad / 2) / height_px;
 }
 
-static float dot(const float a[3], const float b[3])
-{
+static float dot(const float a[3], const float b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-/* Turns the instrument about its trocar so that the tip moves `across` and `upward` (m) as the eye sees it: the motion in the plane across
- * the shaft that looks like it, damped where the eye sees that plane edge-on. */
-static void pivot(play_hand *hand, const view_instrument *t, const float right[3], const float up[3], float across, float upward)
-{
+/* Turns the instrument about its trocar so that the tip moves `across` and `upward` (m) as the eye sees it: the motion
+ * in the plane across the shaft that looks like it, damped where the eye sees that plane edge-on. */
+static void pivot(play_hand *hand, const view_instrument *t, const float right[3], const float up[3], float across,
+                  float upward) {
     static const float DAMPING = 0.06f;
     hrt_frame frame;
     float joint[HRT_JOINTS], tip[3], to[3], joint3[3], u[3], v[3];
     if (!frame_of(t, &frame)) return;
-    for (int j = 0; j < HRT_JOINTS; ++j) joint[j] = (float)hand->joint[j];
+    for (int j = 0; j < HRT_JOINTS; ++j)
+        joint[j] = (float)hand->joint[j];
     hrt_tip(&frame, joint, tip);
     view_frame(tip, u, v);
     float a = dot(u, right), b = dot(v, right), c = dot(u, up), d = dot(v, up);
-    float m00 = a * a + c * c + DAMPING, m01 = a * b + c * d, m11 = b * b + d * d + DAMPING, det = m00 * m11 - m01 * m01;
+    float m00 = a * a + c * c + DAMPING, m01 = a * b + c * d, m11 = b * b + d * d + DAMPING,
+          det = m00 * m11 - m01 * m01;
     float x = a * across + c * upward, y = b * across + d * upward;
     float along_u = (m11 * x - m01 * y) / det, along_v = (m00 * y - m01 * x) / det;
-    for (int k = 0; k < 3; ++k) to[k] = tip[k] + along_u * u[k] + along_v * v[k];
+    for (int k = 0; k < 3; ++k)
+        to[k] = tip[k] + along_u * u[k] + along_v * v[k];
     if (!hrt_inverse(&frame, to, joint3)) return;
     hand->joint[0] = (double)joint3[0], hand->joint[1] = (double)joint3[1];
 }
 
-static double axis_of(const play_controls *c, int plus, int minus)
-{
+static double axis_of(const play_controls *c, int plus, int minus) {
     return (c->held[plus] ? 1 : 0) - (c->held[minus] ? 1 : 0);
 }
 
-static void keep_inside(play_hand *hand, const hrt_params *limits)
-{
-    for (int j = 0; j < HRT_JOINTS; ++j) hand->joint[j] = fmin(fmax(hand->joint[j], (double)limits->joint_min[j]), (double)limits->joint_max[j]);
+static void keep_inside(play_hand *hand, const hrt_params *limits) {
+    for (int j = 0; j < HRT_JOINTS; ++j)
+        hand->joint[j] = fmin(fmax(hand->joint[j], (double)limits->joint_min[j]), (double)limits->joint_max[j]);
 }
 
-void play_controls_step(play_controls *c, const view_picture *p, const view_camera *camera, int height_px, double dt_s)
-{
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) meet(&c->hand[i], &p->instrument[i]);
+void play_controls_step(play_controls *c, const view_picture *p, const view_camera *camera, int height_px,
+                        double dt_s) {
+    for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
+        meet(&c->hand[i], &p->instrument[i]);
     play_hand *hand = &c->hand[c->selected];
     const view_instrument *t = &p->instrument[c->selected];
     if (!hand->known) return;
-    double pace = dt_s * (c->held[PLAY_SHIFT] ? SLOW : 1), px = metres_a_pixel(camera, height_px, t->tip_m) * (c->held[PLAY_SHIFT] ? SLOW : 1);
+    double pace = dt_s * (c->held[PLAY_SHIFT] ? SLOW : 1),
+           px = metres_a_pixel(camera, height_px, t->tip_m) * (c->held[PLAY_SHIFT] ? SLOW : 1);
     float right[3], up[3];
     eye_axes(camera, height_px, right, up);
     double across = axis_of(c, PLAY_RIGHT, PLAY_LEFT) * PACE_M_S * pace + (double)c->motion[0] * px;
     double upward = axis_of(c, PLAY_UP, PLAY_DOWN) * PACE_M_S * pace - (double)c->motion[1] * px;
     if (across != 0 || upward != 0) pivot(hand, t, right, up, (float)across, (float)upward);
-    hand->joint[2] += (axis_of(c, 'w', 's') + axis_of(c, PLAY_PAGE_DOWN, PLAY_PAGE_UP)) * PACE_M_S * pace + (double)c->wheel * WHEEL_M * (c->held[PLAY_SHIFT] ? SLOW : 1);
+    hand->joint[2] += (axis_of(c, 'w', 's') + axis_of(c, PLAY_PAGE_DOWN, PLAY_PAGE_UP)) * PACE_M_S * pace +
+                      (double)c->wheel * WHEEL_M * (c->held[PLAY_SHIFT] ? SLOW : 1);
     hand->joint[3] += axis_of(c, 'e', 'q') * ROLL_RAD_S * pace;
     for (int i = 0; i < VIEW_INSTRUMENTS; ++i) {
         bool shut = p->instrument[i].mode == 1 && (c->hand[i].latched || c->hand[i].acting);
@@ -186,8 +186,7 @@ void play_controls_step(play_controls *c, const view_picture *p, const view_came
     c->motion[0] = c->motion[1] = c->wheel = 0;
 }
 
-bool play_controls_hand(const play_controls *c, const view_picture *p, int i, view_hand *hand)
-{
+bool play_controls_hand(const play_controls *c, const view_picture *p, int i, view_hand *hand) {
     if (!c->hand[i].known) return false;
     hand->instrument = i;
     memcpy(hand->joint, c->hand[i].joint, sizeof hand->joint);

@@ -1,4 +1,5 @@
-/* tm-play: a window in which mouse and keys are the hands of the virtual devices. `make play` starts the rest of the session. */
+/* tm-play: a window in which mouse and keys are the hands of the virtual devices. `make play` starts the rest of the
+ * session. */
 #include <getopt.h>
 #include <math.h>
 #include <signal.h>
@@ -46,34 +47,43 @@ typedef struct play {
 
 static volatile sig_atomic_t interrupted;
 
-static void on_signal(int number)
-{
+static void on_signal(int number) {
     (void)number;
     interrupted = 1;
 }
 
-static double now_s(void)
-{
+static double now_s(void) {
     return (double)app_monotonic_us() * 1e-6;
 }
 
 enum { SIZE = 256, QUALITY, AZIMUTH, ELEVATION, ZOOM, WATCH, DURATION, PNG, JSON, URL, HELP, VERSION };
 static const struct option table[] = {
-    { "size", 1, NULL, SIZE }, { "quality", 1, NULL, QUALITY }, { "azimuth", 1, NULL, AZIMUTH }, { "elevation", 1, NULL, ELEVATION }, { "zoom", 1, NULL, ZOOM },
-    { "watch", 0, NULL, WATCH }, { "duration", 1, NULL, DURATION }, { "png", 1, NULL, PNG }, { "json", 1, NULL, JSON }, { "lcm-url", 1, NULL, URL }, { "help", 0, NULL, HELP }, { "version", 0, NULL, VERSION }, { NULL, 0, NULL, 0 },
+    {"size", 1, NULL, SIZE},
+    {"quality", 1, NULL, QUALITY},
+    {"azimuth", 1, NULL, AZIMUTH},
+    {"elevation", 1, NULL, ELEVATION},
+    {"zoom", 1, NULL, ZOOM},
+    {"watch", 0, NULL, WATCH},
+    {"duration", 1, NULL, DURATION},
+    {"png", 1, NULL, PNG},
+    {"json", 1, NULL, JSON},
+    {"lcm-url", 1, NULL, URL},
+    {"help", 0, NULL, HELP},
+    {"version", 0, NULL, VERSION},
+    {NULL, 0, NULL, 0},
 };
 
-static int number(const char *name, const char *text, double low, double high, double *value)
-{
+static int number(const char *name, const char *text, double low, double high, double *value) {
     char *end;
     double v = strtod(text, &end);
-    if (end == text || *end || !(v >= low && v <= high)) return app_bad_input("tm-play", 0, "--%s %s: not a number from %g to %g; see tm-play --help", name, text, low, high);
+    if (end == text || *end || !(v >= low && v <= high))
+        return app_bad_input("tm-play", 0, "--%s %s: not a number from %g to %g; see tm-play --help", name, text, low,
+                             high);
     *value = v;
     return 0;
 }
 
-static int take(play *p, int code, const char *text)
-{
+static int take(play *p, int code, const char *text) {
     static const double DEG = 3.14159265358979 / 180;
     view_render_def *r = &p->studio_def.render;
     double v = 0;
@@ -81,12 +91,27 @@ static int take(play *p, int code, const char *text)
     char rest;
     switch (code) {
     case SIZE:
-        if (sscanf(text, "%dx%d%c", &r->width, &r->height, &rest) == 2 && r->width >= 160 && r->width <= 4096 && r->height >= 120 && r->height <= 4096) return 0;
-        return app_bad_input("tm-play", 0, "--size %s: not WIDTHxHEIGHT, 160x120 to 4096x4096; for example --size 960x600", text);
-    case QUALITY: wrong = number("quality", text, 0, 1, &v); r->edges = v > 0.5; return wrong;
-    case AZIMUTH: wrong = number("azimuth", text, -720, 720, &v); p->studio_def.camera.azimuth_rad = (float)(v * DEG); return wrong;
-    case ELEVATION: wrong = number("elevation", text, -89, 89, &v); p->studio_def.camera.elevation_rad = (float)(v * DEG); return wrong;
-    case ZOOM: wrong = number("zoom", text, 0.05, 50, &v); p->studio_def.camera.zoom = (float)v; return wrong;
+        if (sscanf(text, "%dx%d%c", &r->width, &r->height, &rest) == 2 && r->width >= 160 && r->width <= 4096 &&
+            r->height >= 120 && r->height <= 4096)
+            return 0;
+        return app_bad_input("tm-play", 0,
+                             "--size %s: not WIDTHxHEIGHT, 160x120 to 4096x4096; for example --size 960x600", text);
+    case QUALITY:
+        wrong = number("quality", text, 0, 1, &v);
+        r->edges = v > 0.5;
+        return wrong;
+    case AZIMUTH:
+        wrong = number("azimuth", text, -720, 720, &v);
+        p->studio_def.camera.azimuth_rad = (float)(v * DEG);
+        return wrong;
+    case ELEVATION:
+        wrong = number("elevation", text, -89, 89, &v);
+        p->studio_def.camera.elevation_rad = (float)(v * DEG);
+        return wrong;
+    case ZOOM:
+        wrong = number("zoom", text, 0.05, 50, &v);
+        p->studio_def.camera.zoom = (float)v;
+        return wrong;
     case DURATION: return number("duration", text, 0.05, 1e6, &p->duration_s);
     case WATCH: p->watch = true; return 0;
     case PNG: p->png = text; return 0;
@@ -97,15 +122,16 @@ static int take(play *p, int code, const char *text)
 }
 
 /* -1: go on; else the exit code. */
-static int parse(play *p, int argc, char **argv)
-{
+static int parse(play *p, int argc, char **argv) {
     p->studio_def = view_studio_default(960, 600);
     p->studio_def.render.edges = false;
     opterr = 0;
     for (int code; (code = getopt_long(argc, argv, "", table, NULL)) != -1;) {
         if (code == HELP) return fputs(help, stdout), APP_DONE;
         if (code == VERSION) return printf("tm-play %s\n", tm_version()), APP_DONE;
-        if (code == '?') return app_bad_input("tm-play", 0, "%s: unknown option, or its value is missing; see tm-play --help", argv[optind - 1]);
+        if (code == '?')
+            return app_bad_input("tm-play", 0, "%s: unknown option, or its value is missing; see tm-play --help",
+                                 argv[optind - 1]);
         int wrong = take(p, code, optarg);
         if (wrong) return wrong;
     }
@@ -113,49 +139,64 @@ static int parse(play *p, int argc, char **argv)
     return -1;
 }
 
-static int open_all(play *p)
-{
-    tm_error error = { 0 };
+static int open_all(play *p) {
+    tm_error error = {0};
     void *module = app_module("window", &error);
-    if (!module || !(p->window_api = app_module_symbol(module, PLAY_WINDOW_SYMBOL, &error))) return app_report("tm-play", 0, &error);
+    if (!module || !(p->window_api = app_module_symbol(module, PLAY_WINDOW_SYMBOL, &error)))
+        return app_report("tm-play", 0, &error);
     if (p->window_api->open(p->studio_def.render.width, p->studio_def.render.height, "tensormass", &p->window, &error))
         return app_bad_input("tm-play", 0, "%s", error.message);
     if (view_studio_open(&p->studio, &p->studio_def, &error)) return app_report("tm-play", 0, &error);
-    if (!(p->feed_api = view_feed_open(&error)) || p->feed_api->open_live(p->url, &p->feed, &error)) return app_report("tm-play", 0, &error);
+    if (!(p->feed_api = view_feed_open(&error)) || p->feed_api->open_live(p->url, &p->feed, &error))
+        return app_report("tm-play", 0, &error);
     return 0;
 }
 
-static void draw_help(const play *p)
-{
+static void draw_help(const play *p) {
     static const char *const line[] = {
-        "left drag, arrows   pivot", "wheel, W S   insert", "Q E   roll", "right button, space   grip / cauterise", "F   keep the jaws shut", "1 2 Tab   instrument",
-        "X   next extrapolator", "P   passivity", "R   reset a fault", "middle drag, Z + wheel   eye", "Shift   slowly", "H   this list      Esc   end",
+        "left drag, arrows   pivot",
+        "wheel, W S   insert",
+        "Q E   roll",
+        "right button, space   grip / cauterise",
+        "F   keep the jaws shut",
+        "1 2 Tab   instrument",
+        "X   next extrapolator",
+        "P   passivity",
+        "R   reset a fault",
+        "middle drag, Z + wheel   eye",
+        "Shift   slowly",
+        "H   this list      Esc   end",
     };
     enum { LINES = sizeof line / sizeof line[0] };
     const view_canvas *canvas = &p->studio.canvas;
-    float cap = fmaxf(8, (float)canvas->height / 62), step = 1.9f * cap, x = 2.4f * cap, y = (float)canvas->height / 2 - step * LINES / 2;
+    float cap = fmaxf(8, (float)canvas->height / 62), step = 1.9f * cap, x = 2.4f * cap,
+          y = (float)canvas->height / 2 - step * LINES / 2;
     float width = 0;
-    for (int i = 0; i < LINES; ++i) width = fmaxf(width, view_text_width(line[i], cap));
-    view_box(canvas, x - cap, y - 2 * cap, x + width + cap, y + step * (LINES - 1) + cap, 0.6f * cap, (view_colour){ 10, 15, 19, 0.58f });
-    for (int i = 0; i < LINES; ++i) view_text(canvas, x, y + step * (float)i, cap, (view_colour){ 215, 222, 228, 1 }, line[i]);
+    for (int i = 0; i < LINES; ++i)
+        width = fmaxf(width, view_text_width(line[i], cap));
+    view_box(canvas, x - cap, y - 2 * cap, x + width + cap, y + step * (LINES - 1) + cap, 0.6f * cap,
+             (view_colour){10, 15, 19, 0.58f});
+    for (int i = 0; i < LINES; ++i)
+        view_text(canvas, x, y + step * (float)i, cap, (view_colour){215, 222, 228, 1}, line[i]);
 }
 
 /* Which instrument the mouse moves, where it stands in the list of them. */
-static void draw_selected(const play *p)
-{
+static void draw_selected(const play *p) {
     const view_canvas *canvas = &p->studio.canvas;
     const view_instrument *t = &p->picture.instrument[p->controls.selected];
     float at[2], cap = fmaxf(8, (float)canvas->height / 62);
-    if (p->watch || !t->shown || !view_camera_project(&p->studio.camera, canvas->width, canvas->height, t->tip_m, at)) return;
+    if (p->watch || !t->shown || !view_camera_project(&p->studio.camera, canvas->width, canvas->height, t->tip_m, at))
+        return;
     for (int i = 0; i < 4; ++i) {
         float sx = i & 1 ? 1.0f : -1.0f, sy = i & 2 ? 1.0f : -1.0f, r = 2.6f * cap;
-        view_line(canvas, at[0] + sx * r, at[1] + sy * r, at[0] + sx * (r - cap), at[1] + sy * r, 0.2f * cap, (view_colour){ 255, 255, 255, 0.8f });
-        view_line(canvas, at[0] + sx * r, at[1] + sy * r, at[0] + sx * r, at[1] + sy * (r - cap), 0.2f * cap, (view_colour){ 255, 255, 255, 0.8f });
+        view_line(canvas, at[0] + sx * r, at[1] + sy * r, at[0] + sx * (r - cap), at[1] + sy * r, 0.2f * cap,
+                  (view_colour){255, 255, 255, 0.8f});
+        view_line(canvas, at[0] + sx * r, at[1] + sy * r, at[0] + sx * r, at[1] + sy * (r - cap), 0.2f * cap,
+                  (view_colour){255, 255, 255, 0.8f});
     }
 }
 
-static void move_eye(play *p)
-{
+static void move_eye(play *p) {
     play_controls *c = &p->controls;
     if (c->eye_turn[0] == 0 && c->eye_turn[1] == 0 && c->eye_zoom == 1) return;
     view_camera_def *eye = &p->studio.def.camera;
@@ -166,20 +207,20 @@ static void move_eye(play *p)
     view_studio_turn(&p->studio);
 }
 
-static void send(play *p)
-{
+static void send(play *p) {
     view_hand hand;
     for (int i = 0; i < VIEW_INSTRUMENTS && !p->watch; ++i)
-        if (play_controls_hand(&p->controls, &p->picture, i, &hand) && p->feed_api->send_hand(p->feed, &hand)) ++p->hands;
+        if (play_controls_hand(&p->controls, &p->picture, i, &hand) && p->feed_api->send_hand(p->feed, &hand))
+            ++p->hands;
     if (p->controls.has_command && !p->watch) p->feed_api->send_command(p->feed, &p->controls.command);
     p->controls.has_command = false;
 }
 
-static int one_picture(play *p, double dt_s)
-{
-    tm_error error = { 0 };
+static int one_picture(play *p, double dt_s) {
+    tm_error error = {0};
     play_event event;
-    while (p->window_api->next_event(p->window, &event)) play_controls_event(&p->controls, &p->picture, &event);
+    while (p->window_api->next_event(p->window, &event))
+        play_controls_event(&p->controls, &p->picture, &event);
     play_controls_step(&p->controls, &p->picture, &p->studio.camera, p->studio.canvas.height, dt_s);
     send(p);
     move_eye(p);
@@ -191,13 +232,14 @@ static int one_picture(play *p, double dt_s)
     return 0;
 }
 
-static int loop(play *p)
-{
+static int loop(play *p) {
     double last = p->began_s = now_s(), smooth_s = 1.0 / 30;
     int wrong = 0;
-    while (!wrong && !interrupted && !p->controls.quit && (p->duration_s <= 0 || now_s() - p->began_s < p->duration_s)) {
+    while (!wrong && !interrupted && !p->controls.quit &&
+           (p->duration_s <= 0 || now_s() - p->began_s < p->duration_s)) {
         double next = last + 1.0 / 60;
-        if (!p->feed_api->listen(p->feed, (int)fmax(0, 1e3 * (next - now_s())), &p->picture)) return app_bad_input("tm-play", 0, "LCM stopped working; check the network namespace") - 1;
+        if (!p->feed_api->listen(p->feed, (int)fmax(0, 1e3 * (next - now_s())), &p->picture))
+            return app_bad_input("tm-play", 0, "LCM stopped working; check the network namespace") - 1;
         double now = now_s(), dt_s = now - last;
         last = now;
         smooth_s += 0.1 * (dt_s - smooth_s);
@@ -207,31 +249,31 @@ static int loop(play *p)
     return wrong;
 }
 
-static int write_png(play *p)
-{
-    tm_error error = { 0 };
+static int write_png(play *p) {
+    tm_error error = {0};
     const view_canvas *c = &p->studio.canvas;
     return view_png_write(p->png, c->width, c->height, c->rgb, &error) ? app_report("tm-play", 0, &error) : 0;
 }
 
-static int write_json(const play *p)
-{
-    tm_error error = { 0 };
+static int write_json(const play *p) {
+    tm_error error = {0};
     app_output output;
     view_feed_counts counts = p->feed_api->counts(p->feed);
     double seconds = now_s() - p->began_s;
     if (!app_output_begin(&output, p->json, &error)) return app_report("tm-play", 0, &error);
     FILE *file = fopen(output.temporary, "w");
-    bool written = file && fprintf(file, "{\"pictures\": %lld, \"seconds\": %.3f, \"pictures_per_second\": %.2f, \"hands_sent\": %lld, \"messages_taken\": %lld, \"messages_refused\": %lld}\n",
-                                   (long long)p->pictures, seconds, (double)p->pictures / fmax(seconds, 1e-3), (long long)p->hands, (long long)counts.accepted, (long long)counts.rejected) > 0;
+    bool written = file && fprintf(file,
+                                   "{\"pictures\": %lld, \"seconds\": %.3f, \"pictures_per_second\": %.2f, "
+                                   "\"hands_sent\": %lld, \"messages_taken\": %lld, \"messages_refused\": %lld}\n",
+                                   (long long)p->pictures, seconds, (double)p->pictures / fmax(seconds, 1e-3),
+                                   (long long)p->hands, (long long)counts.accepted, (long long)counts.rejected) > 0;
     if (file && fclose(file)) written = false;
     if (written && app_output_commit(&output, &error)) return 0;
     app_output_abandon(&output);
     return app_bad_input(p->json, 0, "cannot write the figures; check the disk") - 1;
 }
 
-int main(int argc, char **argv)
-{
+int main(int argc, char **argv) {
     static play p;
     int wrong = parse(&p, argc, argv);
     if (wrong >= 0) return wrong;

@@ -12,8 +12,7 @@ struct play_window {
     int width, height;
 };
 
-static void window_close(play_window *w)
-{
+static void window_close(play_window *w) {
     if (!w) return;
     if (w->texture) SDL_DestroyTexture(w->texture);
     if (w->renderer) SDL_DestroyRenderer(w->renderer);
@@ -23,16 +22,14 @@ static void window_close(play_window *w)
 }
 
 /* Without a display SDL falls back to drivers that draw for nobody. */
-static bool seen_by_people(void)
-{
+static bool seen_by_people(void) {
     const char *driver = SDL_GetCurrentVideoDriver();
     if (driver && (!strcmp(driver, "x11") || !strcmp(driver, "wayland"))) return true;
     if (driver) SDL_SetError("no display: neither DISPLAY nor WAYLAND_DISPLAY leads to one");
     return false;
 }
 
-static tm_status window_open(int width, int height, const char *title, play_window **out, tm_error *error)
-{
+static tm_status window_open(int width, int height, const char *title, play_window **out, tm_error *error) {
     play_window *w = calloc(1, sizeof *w);
     error->status = w ? TM_ERR_LIMIT : TM_ERR_MEMORY;
     if (!w) return error->status;
@@ -40,22 +37,27 @@ static tm_status window_open(int width, int height, const char *title, play_wind
     /* The picture comes from OSMesa; a second OpenGL in one process does not go well with it. */
     SDL_SetHint(SDL_HINT_FRAMEBUFFER_ACCELERATION, "0");
     SDL_SetHint(SDL_HINT_VIDEO_X11_NET_WM_BYPASS_COMPOSITOR, "0");
-    if (!getenv("SDL_VIDEODRIVER")) SDL_SetHint(SDL_HINT_VIDEODRIVER, getenv("WAYLAND_DISPLAY") ? "wayland,x11" : "x11");
+    if (!getenv("SDL_VIDEODRIVER"))
+        SDL_SetHint(SDL_HINT_VIDEODRIVER, getenv("WAYLAND_DISPLAY") ? "wayland,x11" : "x11");
     w->width = width, w->height = height;
-    if (!SDL_Init(SDL_INIT_VIDEO) && seen_by_people()) w->window = SDL_CreateWindow(title, SDL_WINDOWPOS_UNDEFINED, SDL_WINDOWPOS_UNDEFINED, width, height, SDL_WINDOW_RESIZABLE);
+    if (!SDL_Init(SDL_INIT_VIDEO) && seen_by_people())
+        w->window = SDL_CreateWindow(title, SDL_WINDOWPOS_UNDEFINED, SDL_WINDOWPOS_UNDEFINED, width, height,
+                                     SDL_WINDOW_RESIZABLE);
     if (w->window) w->renderer = SDL_CreateRenderer(w->window, -1, SDL_RENDERER_SOFTWARE);
-    if (w->renderer) w->texture = SDL_CreateTexture(w->renderer, SDL_PIXELFORMAT_RGB24, SDL_TEXTUREACCESS_STREAMING, width, height);
+    if (w->renderer)
+        w->texture = SDL_CreateTexture(w->renderer, SDL_PIXELFORMAT_RGB24, SDL_TEXTUREACCESS_STREAMING, width, height);
     if (w->texture) {
         *out = w;
         return TM_OK;
     }
-    snprintf(error->message, sizeof error->message, "no window (%s); run it on a desktop or over ssh -X, or use tm-view, which needs no display", SDL_GetError());
+    snprintf(error->message, sizeof error->message,
+             "no window (%s); run it on a desktop or over ssh -X, or use tm-view, which needs no display",
+             SDL_GetError());
     window_close(w);
     return error->status;
 }
 
-static int key_code(SDL_Keycode key)
-{
+static int key_code(SDL_Keycode key) {
     switch (key) {
     case SDLK_LEFT: return PLAY_LEFT;
     case SDLK_RIGHT: return PLAY_RIGHT;
@@ -72,19 +74,17 @@ static int key_code(SDL_Keycode key)
 }
 
 /* Picture pixels for a window's. */
-static void picture_motion(const play_window *w, int dx, int dy, play_event *event)
-{
+static void picture_motion(const play_window *w, int dx, int dy, play_event *event) {
     int wide = w->width, high = w->height;
     SDL_GetWindowSize(w->window, &wide, &high);
     event->dx = (float)dx * (float)w->width / (float)(wide > 0 ? wide : 1);
     event->dy = (float)dy * (float)w->height / (float)(high > 0 ? high : 1);
 }
 
-static bool next_event(play_window *w, play_event *event)
-{
+static bool next_event(play_window *w, play_event *event) {
     SDL_Event e;
     while (SDL_PollEvent(&e)) {
-        *event = (play_event){ .type = PLAY_QUIT };
+        *event = (play_event){.type = PLAY_QUIT};
         switch (e.type) {
         case SDL_QUIT: return true;
         case SDL_KEYDOWN:
@@ -101,9 +101,7 @@ static bool next_event(play_window *w, play_event *event)
             event->type = PLAY_MOTION;
             picture_motion(w, e.motion.xrel, e.motion.yrel, event);
             return true;
-        case SDL_MOUSEWHEEL:
-            event->type = PLAY_WHEEL, event->dy = (float)e.wheel.y;
-            return true;
+        case SDL_MOUSEWHEEL: event->type = PLAY_WHEEL, event->dy = (float)e.wheel.y; return true;
         case SDL_WINDOWEVENT:
             event->type = PLAY_FOCUS_LOST;
             if (e.window.event == SDL_WINDOWEVENT_FOCUS_LOST) return true;
@@ -114,12 +112,11 @@ static bool next_event(play_window *w, play_event *event)
     return false;
 }
 
-static void show(play_window *w, const uint8_t *rgb)
-{
+static void show(play_window *w, const uint8_t *rgb) {
     SDL_UpdateTexture(w->texture, NULL, rgb, 3 * w->width);
     SDL_RenderCopy(w->renderer, w->texture, NULL, NULL);
     SDL_RenderPresent(w->renderer);
 }
 
 __attribute__((visibility("default"))) extern const play_window_api play_sdl;
-const play_window_api play_sdl = { window_open, window_close, next_event, show };
+const play_window_api play_sdl = {window_open, window_close, next_event, show};

@@ -7,16 +7,33 @@
 
 #include "tensormass/base.h"
 
-typedef enum play_event_type { PLAY_QUIT, PLAY_KEY, PLAY_BUTTON, PLAY_MOTION, PLAY_WHEEL, PLAY_FOCUS_LOST } play_event_type;
+typedef enum play_event_type {
+    PLAY_QUIT,
+    PLAY_KEY,
+    PLAY_BUTTON,
+    PLAY_MOTION,
+    PLAY_WHEEL,
+    PLAY_FOCUS_LOST
+} play_event_type;
 
 /* Keys that are no character. Others carry their lower-case ASCII. */
-enum { PLAY_LEFT = 256, PLAY_RIGHT, PLAY_UP, PLAY_DOWN, PLAY_PAGE_UP, PLAY_PAGE_DOWN, PLAY_TAB, PLAY_ESCAPE, PLAY_SHIFT };
+enum {
+    PLAY_LEFT = 256,
+    PLAY_RIGHT,
+    PLAY_UP,
+    PLAY_DOWN,
+    PLAY_PAGE_UP,
+    PLAY_PAGE_DOWN,
+    PLAY_TAB,
+    PLAY_ESCAPE,
+    PLAY_SHIFT
+};
 
 typedef struct play_event {
     play_event_type type;
-    int code;      /* key; button 1 left, 2 middle, 3 right */
-    bool down;     /* of key or button; keys that repeat by themselves are not told again */
-    float dx, dy;  /* motion in picture pixels, x right, y down; wheel steps in dy, away from the user positive */
+    int code;     /* key; button 1 left, 2 middle, 3 right */
+    bool down;    /* of key or button; keys that repeat by themselves are not told again */
+    float dx, dy; /* motion in picture pixels, x right, y down; wheel steps in dy, away from the user positive */
 } play_event;
 
 typedef struct play_window play_window;

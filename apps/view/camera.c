@@ -5,27 +5,24 @@
 
 static const float PI = 3.14159265f;
 
-static float dot(const float a[3], const float b[3])
-{
+static float dot(const float a[3], const float b[3]) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-static void cross(const float a[3], const float b[3], float c[3])
-{
+static void cross(const float a[3], const float b[3], float c[3]) {
     c[0] = a[1] * b[2] - a[2] * b[1];
     c[1] = a[2] * b[0] - a[0] * b[2];
     c[2] = a[0] * b[1] - a[1] * b[0];
 }
 
-static void normalise(float a[3])
-{
+static void normalise(float a[3]) {
     float length = sqrtf(dot(a, a));
-    for (int k = 0; k < 3; ++k) a[k] = length > 0 ? a[k] / length : (float)(k == 2);
+    for (int k = 0; k < 3; ++k)
+        a[k] = length > 0 ? a[k] / length : (float)(k == 2);
 }
 
-void view_frame(const float axis[3], float u[3], float v[3])
-{
-    float helper[3] = { 0, 0, 1 };
+void view_frame(const float axis[3], float u[3], float v[3]) {
+    float helper[3] = {0, 0, 1};
     if (fabsf(axis[2]) > 0.9f * sqrtf(dot(axis, axis))) helper[0] = 1, helper[2] = 0;
     cross(helper, axis, u);
     normalise(u);
@@ -33,23 +30,21 @@ void view_frame(const float axis[3], float u[3], float v[3])
     normalise(v);
 }
 
-view_camera_def view_camera_default(void)
-{
-    return (view_camera_def){ .azimuth_rad = -110 * PI / 180, .elevation_rad = 40 * PI / 180, .zoom = 1, .up = 'z' };
+view_camera_def view_camera_default(void) {
+    return (view_camera_def){.azimuth_rad = -110 * PI / 180, .elevation_rad = 40 * PI / 180, .zoom = 1, .up = 'z'};
 }
 
 /* Unit vectors of the eye's frame: right, up, back (towards the eye). */
-static void eye_frame(const view_camera *camera, float right[3], float up[3], float back[3])
-{
-    for (int k = 0; k < 3; ++k) back[k] = camera->eye_m[k] - camera->at_m[k];
+static void eye_frame(const view_camera *camera, float right[3], float up[3], float back[3]) {
+    for (int k = 0; k < 3; ++k)
+        back[k] = camera->eye_m[k] - camera->at_m[k];
     normalise(back);
     cross(camera->up, back, right);
     normalise(right);
     cross(back, right, up);
 }
 
-static void eye_direction(const view_camera_def *def, float direction[3], float up[3])
-{
+static void eye_direction(const view_camera_def *def, float direction[3], float up[3]) {
     int k = def->up == 'x' ? 0 : def->up == 'y' ? 1 : 2;
     memset(up, 0, 3 * sizeof *up);
     up[k] = 1;
@@ -58,9 +53,8 @@ static void eye_direction(const view_camera_def *def, float direction[3], float 
     direction[(k + 2) % 3] = cosf(def->elevation_rad) * sinf(def->azimuth_rad);
 }
 
-view_camera view_camera_fit(const view_camera_def *def, const view_surface *s, int width, int height)
-{
-    view_camera c = { .fov_rad = 28 * PI / 180 };
+view_camera view_camera_fit(const view_camera_def *def, const view_surface *s, int width, int height) {
+    view_camera c = {.fov_rad = 28 * PI / 180};
     float direction[3];
     eye_direction(def, direction, c.up);
     float low[3], high[3];
@@ -71,17 +65,22 @@ view_camera view_camera_fit(const view_camera_def *def, const view_surface *s, i
             low[k] = fminf(low[k], s->vertex_m[3 * i + k]);
             high[k] = fmaxf(high[k], s->vertex_m[3 * i + k]);
         }
-    for (int k = 0; k < 3; ++k) c.middle_m[k] = c.at_m[k] = (low[k] + high[k]) / 2;
+    for (int k = 0; k < 3; ++k)
+        c.middle_m[k] = c.at_m[k] = (low[k] + high[k]) / 2;
     c.floor_m = dot(low, c.up);
     c.radius_m = fmaxf(sqrtf((high[0] - low[0]) * (high[0] - low[0]) + (high[1] - low[1]) * (high[1] - low[1]) +
-                             (high[2] - low[2]) * (high[2] - low[2])) / 2, 1e-4f);
+                             (high[2] - low[2]) * (high[2] - low[2])) /
+                           2,
+                       1e-4f);
     float tan_y = tanf(c.fov_rad / 2) * 0.72f, tan_x = tan_y * (float)width / (float)height, distance = 0;
-    for (int k = 0; k < 3; ++k) c.eye_m[k] = c.at_m[k] + direction[k];
+    for (int k = 0; k < 3; ++k)
+        c.eye_m[k] = c.at_m[k] + direction[k];
     float right[3], up[3], back[3];
     eye_frame(&c, right, up, back);
     for (int32_t i = 0; i < s->vertex_count; ++i) {
         float d[3];
-        for (int k = 0; k < 3; ++k) d[k] = s->vertex_m[3 * i + k] - c.at_m[k];
+        for (int k = 0; k < 3; ++k)
+            d[k] = s->vertex_m[3 * i + k] - c.at_m[k];
         distance = fmaxf(distance, dot(d, back) + fmaxf(fabsf(dot(d, right)) / tan_x, fabsf(dot(d, up)) / tan_y));
     }
     distance = fmaxf(distance / fmaxf(def->zoom, 0.01f), 1e-4f);
@@ -93,13 +92,14 @@ view_camera view_camera_fit(const view_camera_def *def, const view_surface *s, i
     return c;
 }
 
-void view_camera_matrices(const view_camera *c, int width, int height, float view[16], float projection[16])
-{
+void view_camera_matrices(const view_camera *c, int width, int height, float view[16], float projection[16]) {
     float right[3], up[3], back[3];
     eye_frame(c, right, up, back);
-    for (int k = 0; k < 3; ++k) view[4 * k] = right[k], view[4 * k + 1] = up[k], view[4 * k + 2] = back[k], view[4 * k + 3] = 0;
+    for (int k = 0; k < 3; ++k)
+        view[4 * k] = right[k], view[4 * k + 1] = up[k], view[4 * k + 2] = back[k], view[4 * k + 3] = 0;
     view[12] = -dot(right, c->eye_m), view[13] = -dot(up, c->eye_m), view[14] = -dot(back, c->eye_m), view[15] = 1;
-    float to[3] = { c->at_m[0] - c->eye_m[0], c->at_m[1] - c->eye_m[1], c->at_m[2] - c->eye_m[2] }, distance = sqrtf(dot(to, to));
+    float to[3] = {c->at_m[0] - c->eye_m[0], c->at_m[1] - c->eye_m[1], c->at_m[2] - c->eye_m[2]},
+          distance = sqrtf(dot(to, to));
     float near_m = distance * 0.02f, far_m = distance + 40 * c->radius_m, f = 1 / tanf(c->fov_rad / 2);
     memset(projection, 0, 16 * sizeof *projection);
     projection[0] = f * (float)height / (float)width;
@@ -109,11 +109,11 @@ void view_camera_matrices(const view_camera *c, int width, int height, float vie
     projection[14] = 2 * far_m * near_m / (near_m - far_m);
 }
 
-bool view_camera_project(const view_camera *c, int width, int height, const double point_m[3], float pixel[2])
-{
+bool view_camera_project(const view_camera *c, int width, int height, const double point_m[3], float pixel[2]) {
     float right[3], up[3], back[3], d[3];
     eye_frame(c, right, up, back);
-    for (int k = 0; k < 3; ++k) d[k] = (float)point_m[k] - c->eye_m[k];
+    for (int k = 0; k < 3; ++k)
+        d[k] = (float)point_m[k] - c->eye_m[k];
     float depth = -dot(d, back);
     if (!(depth > 1e-6f)) return false;
     float f = (float)height / 2 / tanf(c->fov_rad / 2);

@@ -1,4 +1,5 @@
-/* Messages into a picture, live or from a log: a module (lib/tensormass/viewfeed.so), so that LCM is opened only when it is asked for. */
+/* Messages into a picture, live or from a log: a module (lib/tensormass/viewfeed.so), so that LCM is opened only when
+ * it is asked for. */
 #ifndef VIEW_FEED_H
 #define VIEW_FEED_H
 
@@ -8,17 +9,29 @@
 typedef struct view_feed view_feed;
 
 typedef struct view_log_facts {
-    double seconds;      /* from the first tissue to the last */
+    double seconds; /* from the first tissue to the last */
     int64_t tissues, events;
     double peak_force_N; /* largest of any instrument */
     bool damaged;        /* the file ends in the middle of an event */
 } view_log_facts;
 
-typedef struct view_feed_counts { int64_t accepted, rejected; char why[160]; /* the last one's reason */ } view_feed_counts;
+typedef struct view_feed_counts {
+    int64_t accepted, rejected;
+    char why[160]; /* the last one's reason */
+} view_feed_counts;
 
 /* lcm_types/hand_command_t.lcm and controller_command_t.lcm, in part. */
-typedef struct view_hand { int instrument; double joint[5]; bool active; } view_hand;
-typedef struct view_command { int instrument; const char *extrapolator; /* or "" */ int passivity; /* -1 leaves it */ bool reset_fault; } view_command;
+typedef struct view_hand {
+    int instrument;
+    double joint[5];
+    bool active;
+} view_hand;
+typedef struct view_command {
+    int instrument;
+    const char *extrapolator; /* or "" */
+    int passivity;            /* -1 leaves it */
+    bool reset_fault;
+} view_command;
 
 /* The module's one symbol. */
 typedef struct view_feed_api {

@@ -3,7 +3,9 @@
 #include <math.h>
 #include <string.h>
 
-/* Strokes on a grid: capitals are 9 high, small letters 6, 'a' 'b' 'c' are -1 -2 -3. Pairs of characters are points, a blank lifts the pen. */
+/* Strokes on a grid: capitals are 9 high, small letters 6, 'a' 'b' 'c' are -1 -2 -3. Pairs of characters are points, a
+ * blank lifts the pen. */
+// clang-format off
 static const char *const glyph['~' - ' ' + 1] = {
     [' ' - ' '] = "", ['!' - ' '] = "1913 1010", ['"' - ' '] = "0907 2927", ['#' - ' '] = "2029 4049 0363 0666",
     ['$' - ' '] = "684929080625456361402001 393a", ['%' - ' '] = "0069 1918 5150", ['&' - ' '] = "60172939470302203063",
@@ -31,20 +33,18 @@ static const char *const glyph['~' - ' ' + 1] = {
     ['v' - ' '] = "063066", ['w' - ' '] = "0610355066", ['x' - ' '] = "0650 0056", ['y' - ' '] = "0630 662b0c", ['z' - ' '] = "06560050",
     ['{' - ' '] = "39282615242130", ['|' - ' '] = "191b", ['}' - ' '] = "09181625141100", ['~' - ' '] = "04254465",
 };
+// clang-format on
 
-static const char *strokes_of(char c)
-{
+static const char *strokes_of(char c) {
     return glyph[(c >= ' ' && c <= '~' ? c : '?') - ' '];
 }
 
-static float coordinate(char c)
-{
+static float coordinate(char c) {
     return c >= 'a' ? (float)('a' - c - 1) : (float)(c - '0');
 }
 
 /* In grid units. Digits share one width, so that a changing number does not shake. */
-static float advance(char c)
-{
+static float advance(char c) {
     if (c == ' ') return 4.5f;
     if (c >= '0' && c <= '9') return 8.2f;
     float widest = 0;
@@ -56,15 +56,14 @@ static float advance(char c)
     return widest + 2.2f;
 }
 
-float view_text_width(const char *text, float cap_px)
-{
+float view_text_width(const char *text, float cap_px) {
     float units = 0;
-    for (; *text; ++text) units += advance(*text);
+    for (; *text; ++text)
+        units += advance(*text);
     return units * cap_px / 9.0f;
 }
 
-static void blend(const view_canvas *canvas, int x, int y, view_colour colour, float coverage)
-{
+static void blend(const view_canvas *canvas, int x, int y, view_colour colour, float coverage) {
     if (coverage <= 0) return;
     float a = colour.alpha * fminf(coverage, 1.0f);
     uint8_t *p = canvas->rgb + 3 * ((size_t)y * (size_t)canvas->width + (size_t)x);
@@ -73,34 +72,32 @@ static void blend(const view_canvas *canvas, int x, int y, view_colour colour, f
     p[2] = (uint8_t)lrintf((float)p[2] + a * ((float)colour.b - (float)p[2]));
 }
 
-typedef struct pixel_range { int x0, y0, x1, y1; } pixel_range;
+typedef struct pixel_range {
+    int x0, y0, x1, y1;
+} pixel_range;
 
-static pixel_range clipped(const view_canvas *canvas, float x0, float y0, float x1, float y1)
-{
+static pixel_range clipped(const view_canvas *canvas, float x0, float y0, float x1, float y1) {
     float w = (float)canvas->width, h = (float)canvas->height;
-    return (pixel_range){ (int)fminf(fmaxf(floorf(x0), 0), w), (int)fminf(fmaxf(floorf(y0), 0), h), (int)fminf(fmaxf(ceilf(x1), 0), w),
-                          (int)fminf(fmaxf(ceilf(y1), 0), h) };
+    return (pixel_range){(int)fminf(fmaxf(floorf(x0), 0), w), (int)fminf(fmaxf(floorf(y0), 0), h),
+                         (int)fminf(fmaxf(ceilf(x1), 0), w), (int)fminf(fmaxf(ceilf(y1), 0), h)};
 }
 
-static float distance_to_segment(float x, float y, const float s[4])
-{
+static float distance_to_segment(float x, float y, const float s[4]) {
     float dx = s[2] - s[0], dy = s[3] - s[1], length2 = dx * dx + dy * dy;
     float t = length2 > 0 ? ((x - s[0]) * dx + (y - s[1]) * dy) / length2 : 0;
     t = fminf(fmaxf(t, 0), 1);
     return hypotf(x - s[0] - t * dx, y - s[1] - t * dy);
 }
 
-void view_line(const view_canvas *canvas, float x0, float y0, float x1, float y1, float width_px, view_colour colour)
-{
-    float s[4] = { x0, y0, x1, y1 }, r = width_px / 2 + 1;
+void view_line(const view_canvas *canvas, float x0, float y0, float x1, float y1, float width_px, view_colour colour) {
+    float s[4] = {x0, y0, x1, y1}, r = width_px / 2 + 1;
     pixel_range range = clipped(canvas, fminf(x0, x1) - r, fminf(y0, y1) - r, fmaxf(x0, x1) + r, fmaxf(y0, y1) + r);
     for (int y = range.y0; y < range.y1; ++y)
         for (int x = range.x0; x < range.x1; ++x)
             blend(canvas, x, y, colour, width_px / 2 + 0.5f - distance_to_segment((float)x + 0.5f, (float)y + 0.5f, s));
 }
 
-void view_box(const view_canvas *canvas, float x0, float y0, float x1, float y1, float corner_px, view_colour colour)
-{
+void view_box(const view_canvas *canvas, float x0, float y0, float x1, float y1, float corner_px, view_colour colour) {
     float cx = (x0 + x1) / 2, cy = (y0 + y1) / 2, hx = (x1 - x0) / 2 - corner_px, hy = (y1 - y0) / 2 - corner_px;
     pixel_range range = clipped(canvas, x0, y0, x1 + 1, y1 + 1);
     for (int y = range.y0; y < range.y1; ++y)
@@ -113,15 +110,14 @@ void view_box(const view_canvas *canvas, float x0, float y0, float x1, float y1,
 enum { SEGMENTS_MAX = 32 };
 
 /* One glyph's segments in pixels; their coverage is the nearest one's, so that a joint is not drawn twice. */
-static int segments_of(char c, float x, float y, float scale, float segment[SEGMENTS_MAX][4])
-{
+static int segments_of(char c, float x, float y, float scale, float segment[SEGMENTS_MAX][4]) {
     int count = 0;
     const char *s = strokes_of(c);
     while (*s) {
         float px = x + scale * coordinate(s[0]), py = y - scale * coordinate(s[1]);
         for (s += 2; *s && *s != ' '; s += 2) {
             float qx = x + scale * coordinate(s[0]), qy = y - scale * coordinate(s[1]);
-            if (count < SEGMENTS_MAX) memcpy(segment[count++], (float[4]){ px, py, qx, qy }, sizeof segment[0]);
+            if (count < SEGMENTS_MAX) memcpy(segment[count++], (float[4]){px, py, qx, qy}, sizeof segment[0]);
             px = qx, py = qy;
         }
         if (*s == ' ') ++s;
@@ -129,16 +125,17 @@ static int segments_of(char c, float x, float y, float scale, float segment[SEGM
     return count;
 }
 
-void view_text(const view_canvas *canvas, float x_px, float y_px, float cap_px, view_colour colour, const char *text)
-{
+void view_text(const view_canvas *canvas, float x_px, float y_px, float cap_px, view_colour colour, const char *text) {
     float scale = cap_px / 9, half = fmaxf(0.62f * scale, 0.55f), segment[SEGMENTS_MAX][4];
     for (; *text; x_px += advance(*text) * scale, ++text) {
         int count = segments_of(*text, x_px, y_px, scale, segment);
-        pixel_range range = clipped(canvas, x_px - 2 * scale - 1, y_px - 11 * scale, x_px + 8 * scale + 1, y_px + 5 * scale);
+        pixel_range range =
+            clipped(canvas, x_px - 2 * scale - 1, y_px - 11 * scale, x_px + 8 * scale + 1, y_px + 5 * scale);
         for (int y = range.y0; count && y < range.y1; ++y)
             for (int x = range.x0; x < range.x1; ++x) {
                 float nearest = 1e9f;
-                for (int i = 0; i < count; ++i) nearest = fminf(nearest, distance_to_segment((float)x + 0.5f, (float)y + 0.5f, segment[i]));
+                for (int i = 0; i < count; ++i)
+                    nearest = fminf(nearest, distance_to_segment((float)x + 0.5f, (float)y + 0.5f, segment[i]));
                 blend(canvas, x, y, colour, half + 0.5f - nearest);
             }
     }

@@ -4,8 +4,14 @@
 
 #include <stdint.h>
 
-typedef struct view_canvas { int width, height; uint8_t *rgb; /* [3*width*height], top row first */ } view_canvas;
-typedef struct view_colour { uint8_t r, g, b; float alpha; } view_colour;
+typedef struct view_canvas {
+    int width, height;
+    uint8_t *rgb; /* [3*width*height], top row first */
+} view_canvas;
+typedef struct view_colour {
+    uint8_t r, g, b;
+    float alpha;
+} view_colour;
 
 /* Width in pixels of `text` in capitals `cap_px` high. */
 float view_text_width(const char *text, float cap_px);

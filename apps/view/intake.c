@@ -13,14 +13,12 @@
 static const double SILENT_S = 1.0;
 static const double FAR_M = 1e3, LARGE_N = 1e6;
 
-void view_intake_begin(view_intake *intake)
-{
+void view_intake_begin(view_intake *intake) {
     memset(intake, 0, sizeof *intake);
     intake->tissue_s = intake->status_s = -1;
 }
 
-static void reject(view_intake *intake, const char *format, ...)
-{
+static void reject(view_intake *intake, const char *format, ...) {
     va_list list;
     va_start(list, format);
     vsnprintf(intake->counts.why, sizeof intake->counts.why, format, list);
@@ -28,25 +26,24 @@ static void reject(view_intake *intake, const char *format, ...)
     ++intake->counts.rejected;
 }
 
-static bool all_within(const double *value, int count, double limit)
-{
+static bool all_within(const double *value, int count, double limit) {
     for (int i = 0; i < count; ++i)
         if (!(fabs(value[i]) <= limit)) return false;
     return true;
 }
 
 /* Copies bytes that people may read: anything that is not printable ASCII becomes '?'. */
-static void copy_text(char *to, size_t room, const char *from)
-{
+static void copy_text(char *to, size_t room, const char *from) {
     size_t n = 0;
-    for (; from[n] && n + 1 < room; ++n) to[n] = from[n] >= ' ' && from[n] <= '~' ? from[n] : '?';
+    for (; from[n] && n + 1 < room; ++n)
+        to[n] = from[n] >= ' ' && from[n] <= '~' ? from[n] : '?';
     to[n] = 0;
 }
 
 /* Null if every index and number can be drawn, else what is wrong. */
-static const char *tissue_fault(const tensormass_tissue_t *m)
-{
-    if (m->vertex_count > VIEW_VERTICES_MAX || m->triangle_count > VIEW_TRIANGLES_MAX) return "more vertices or triangles than can be drawn";
+static const char *tissue_fault(const tensormass_tissue_t *m) {
+    if (m->vertex_count > VIEW_VERTICES_MAX || m->triangle_count > VIEW_TRIANGLES_MAX)
+        return "more vertices or triangles than can be drawn";
     for (int32_t i = 0; i < m->vertex_count; ++i) {
         for (int k = 0; k < 3; ++k)
             if (!(fabsf(m->vertex_m[i][k]) <= (float)FAR_M)) return "a coordinate is not finite, or beyond 1000 m";
@@ -61,9 +58,9 @@ static const char *tissue_fault(const tensormass_tissue_t *m)
     return NULL;
 }
 
-static bool take_tissue(view_surface *s, const tensormass_tissue_t *m)
-{
-    bool same = s->vertex_count == m->vertex_count && s->triangle_count == m->triangle_count && s->session == m->session;
+static bool take_tissue(view_surface *s, const tensormass_tissue_t *m) {
+    bool same =
+        s->vertex_count == m->vertex_count && s->triangle_count == m->triangle_count && s->session == m->session;
     if (!view_surface_reserve(s, m->vertex_count, m->triangle_count)) return false;
     for (int32_t i = 0; i < m->vertex_count; ++i) {
         memcpy(s->vertex_m + 3 * i, m->vertex_m[i], 3 * sizeof(float));
@@ -71,7 +68,8 @@ static bool take_tissue(view_surface *s, const tensormass_tissue_t *m)
         s->vertex_id[i] = m->vertex_id[i];
     }
     for (int32_t i = 0; i < m->triangle_count; ++i) {
-        same = same && !memcmp(s->triangle + 3 * i, m->triangle[i], 3 * sizeof(int32_t)) && s->kind[i] == (uint8_t)m->triangle_kind[i];
+        same = same && !memcmp(s->triangle + 3 * i, m->triangle[i], 3 * sizeof(int32_t)) &&
+               s->kind[i] == (uint8_t)m->triangle_kind[i];
         memcpy(s->triangle + 3 * i, m->triangle[i], 3 * sizeof(int32_t));
         s->kind[i] = (uint8_t)m->triangle_kind[i];
     }
@@ -82,36 +80,39 @@ static bool take_tissue(view_surface *s, const tensormass_tissue_t *m)
     return true;
 }
 
-static void on_tissue(view_intake *in, view_picture *p, double time_s, const void *data, int size)
-{
+static void on_tissue(view_intake *in, view_picture *p, double time_s, const void *data, int size) {
     tensormass_tissue_t m;
     if (!app_wire_sound("32.#*12.*4.#*12.*1.", data, size) || tensormass_tissue_t_decode(data, 0, size, &m) != size) {
         reject(in, "TISSUE: not a whole tissue_t of this version");
         return;
     }
     const char *fault = tissue_fault(&m);
-    if (fault) reject(in, "TISSUE: %s", fault);
-    else if (!take_tissue(&p->surface, &m)) reject(in, "TISSUE: no memory for %d vertices", m.vertex_count);
-    else in->tissue_s = time_s, ++in->counts.accepted;
+    if (fault)
+        reject(in, "TISSUE: %s", fault);
+    else if (!take_tissue(&p->surface, &m))
+        reject(in, "TISSUE: no memory for %d vertices", m.vertex_count);
+    else
+        in->tissue_s = time_s, ++in->counts.accepted;
     tensormass_tissue_t_decode_cleanup(&m);
 }
 
-static const char *status_fault(const tensormass_sim_status_t *m)
-{
+static const char *status_fault(const tensormass_sim_status_t *m) {
     if (m->instrument_count < 0 || m->instrument_count > VIEW_INSTRUMENTS) return "instrument_count is not 0, 1 or 2";
     for (int i = 0; i < m->instrument_count; ++i) {
-        if (!all_within(m->tip_m[i], 3, FAR_M) || !all_within(m->trocar_m[i], 3, FAR_M)) return "an instrument's place is not finite";
-        if (!all_within(m->axis[i], 3, 1e6) || !all_within(m->up[i], 3, 1e6)) return "an instrument's axis is not finite";
+        if (!all_within(m->tip_m[i], 3, FAR_M) || !all_within(m->trocar_m[i], 3, FAR_M))
+            return "an instrument's place is not finite";
+        if (!all_within(m->axis[i], 3, 1e6) || !all_within(m->up[i], 3, 1e6))
+            return "an instrument's axis is not finite";
         if (!(m->radius_m[i] > 0 && m->radius_m[i] <= 0.1)) return "an instrument's radius is not in (0, 0.1] m";
         if (!all_within(m->force_N[i], 3, LARGE_N)) return "a force is not finite";
-        if (!all_within(&m->roll_rad[i], 1, 1e6) || !all_within(&m->grip[i], 1, 10)) return "roll or grip is not finite";
+        if (!all_within(&m->roll_rad[i], 1, 1e6) || !all_within(&m->grip[i], 1, 10))
+            return "roll or grip is not finite";
     }
-    const double numbers[] = { m->dt_s, m->frame_s, m->compute_s, m->sim_seconds_per_wall_second };
+    const double numbers[] = {m->dt_s, m->frame_s, m->compute_s, m->sim_seconds_per_wall_second};
     return all_within(numbers, 4, 1e9) ? NULL : "a time is not finite";
 }
 
-static void take_instrument(view_instrument *t, const tensormass_sim_status_t *m, int i)
-{
+static void take_instrument(view_instrument *t, const tensormass_sim_status_t *m, int i) {
     t->shown = true;
     t->mode = m->mode[i], t->active = m->active[i] != 0;
     memcpy(t->tip_m, m->tip_m[i], sizeof t->tip_m);
@@ -122,16 +123,17 @@ static void take_instrument(view_instrument *t, const tensormass_sim_status_t *m
     t->radius_m = m->radius_m[i], t->roll_rad = m->roll_rad[i], t->grip = m->grip[i];
 }
 
-static void on_status(view_intake *in, view_picture *p, double time_s, const void *data, int size)
-{
+static void on_status(view_intake *in, view_picture *p, double time_s, const void *data, int size) {
     char none[] = "";
-    tensormass_sim_status_t m = { .scene = none, .model = none };
-    if (!app_wire_sound_head("20.ss", 20, 2, tensormass_sim_status_t_encoded_size(&m), data, size) || tensormass_sim_status_t_decode(data, 0, size, &m) != size) {
+    tensormass_sim_status_t m = {.scene = none, .model = none};
+    if (!app_wire_sound_head("20.ss", 20, 2, tensormass_sim_status_t_encoded_size(&m), data, size) ||
+        tensormass_sim_status_t_decode(data, 0, size, &m) != size) {
         reject(in, "SIM_STATUS: not a whole sim_status_t of this version");
         return;
     }
     const char *fault = status_fault(&m);
-    if (fault) reject(in, "SIM_STATUS: %s", fault);
+    if (fault)
+        reject(in, "SIM_STATUS: %s", fault);
     else {
         const char *name = strrchr(m.scene, '/');
         copy_text(p->title, sizeof p->title, name ? name + 1 : m.scene);
@@ -139,12 +141,14 @@ static void on_status(view_intake *in, view_picture *p, double time_s, const voi
         p->has_status = true;
         p->tets = m.tets_alive, p->substeps = m.substeps, p->compute_s = m.compute_s;
         p->sim_rate = m.sim_seconds_per_wall_second, p->frame_hz = m.frame_s > 0 ? 1 / m.frame_s : 0;
-        float force[VIEW_INSTRUMENTS] = { 0 };
+        float force[VIEW_INSTRUMENTS] = {0};
         for (int i = 0; i < VIEW_INSTRUMENTS; ++i) {
             if (i < m.instrument_count) {
                 take_instrument(&p->instrument[i], &m, i);
-                force[i] = (float)sqrt(m.force_N[i][0] * m.force_N[i][0] + m.force_N[i][1] * m.force_N[i][1] + m.force_N[i][2] * m.force_N[i][2]);
-            } else p->instrument[i].shown = false;
+                force[i] = (float)sqrt(m.force_N[i][0] * m.force_N[i][0] + m.force_N[i][1] * m.force_N[i][1] +
+                                       m.force_N[i][2] * m.force_N[i][2]);
+            } else
+                p->instrument[i].shown = false;
         }
         view_trace_add(&p->trace, time_s, force);
         in->status_s = time_s, ++in->counts.accepted;
@@ -152,46 +156,55 @@ static void on_status(view_intake *in, view_picture *p, double time_s, const voi
     tensormass_sim_status_t_decode_cleanup(&m);
 }
 
-static void on_controller(view_intake *in, view_picture *p, double time_s, int i, const void *data, int size)
-{
+static void on_controller(view_intake *in, view_picture *p, double time_s, int i, const void *data, int size) {
     char none[] = "";
-    tensormass_controller_status_t m = { .fault_text = none, .extrapolator = none };
-    if (!app_wire_sound_head("26.s4.s", 30, 2, tensormass_controller_status_t_encoded_size(&m), data, size) || tensormass_controller_status_t_decode(data, 0, size, &m) != size) {
+    tensormass_controller_status_t m = {.fault_text = none, .extrapolator = none};
+    if (!app_wire_sound_head("26.s4.s", 30, 2, tensormass_controller_status_t_encoded_size(&m), data, size) ||
+        tensormass_controller_status_t_decode(data, 0, size, &m) != size) {
         reject(in, "CONTROLLER_%d: not a whole controller_status_t of this version", i);
         return;
     }
     view_instrument *t = &p->instrument[i];
     struct controller_memory *old = &in->controller[i];
-    const double numbers[] = { m.lateness_us[1], m.sample_age_s };
-    if (!all_within(numbers, 2, 1e12)) reject(in, "CONTROLLER_%d: a time is not finite", i);
+    const double numbers[] = {m.lateness_us[1], m.sample_age_s};
+    if (!all_within(numbers, 2, 1e12))
+        reject(in, "CONTROLLER_%d: a time is not finite", i);
     else {
         double passed_s = (double)(m.utime - old->utime) * 1e-6;
-        if (t->has_controller && old->session == m.session && passed_s > 0.01 && passed_s < 10) t->tick_hz = (double)(m.ticks - old->ticks) / passed_s;
+        if (t->has_controller && old->session == m.session && passed_s > 0.01 && passed_s < 10)
+            t->tick_hz = (double)(m.ticks - old->ticks) / passed_s;
         t->has_controller = true;
         t->state = m.state, t->fault = m.fault, t->passivity = m.passivity_on != 0;
         copy_text(t->fault_text, sizeof t->fault_text, m.fault_text);
         copy_text(t->extrapolator, sizeof t->extrapolator, m.extrapolator);
         t->lateness_p99_us = m.lateness_us[1], t->sample_age_s = m.sample_age_s, t->missed_ticks = m.missed_ticks;
-        *old = (struct controller_memory){ m.session, m.utime, m.ticks, time_s };
+        *old = (struct controller_memory){m.session, m.utime, m.ticks, time_s};
         ++in->counts.accepted;
     }
     tensormass_controller_status_t_decode_cleanup(&m);
 }
 
-void view_intake_message(view_intake *in, view_picture *p, double time_s, const char *channel, const void *data, int size)
-{
-    if (!strcmp(channel, "TISSUE")) on_tissue(in, p, time_s, data, size);
-    else if (!strcmp(channel, "SIM_STATUS")) on_status(in, p, time_s, data, size);
-    else if (!strcmp(channel, "CONTROLLER_0")) on_controller(in, p, time_s, 0, data, size);
-    else if (!strcmp(channel, "CONTROLLER_1")) on_controller(in, p, time_s, 1, data, size);
+void view_intake_message(view_intake *in, view_picture *p, double time_s, const char *channel, const void *data,
+                         int size) {
+    if (!strcmp(channel, "TISSUE"))
+        on_tissue(in, p, time_s, data, size);
+    else if (!strcmp(channel, "SIM_STATUS"))
+        on_status(in, p, time_s, data, size);
+    else if (!strcmp(channel, "CONTROLLER_0"))
+        on_controller(in, p, time_s, 0, data, size);
+    else if (!strcmp(channel, "CONTROLLER_1"))
+        on_controller(in, p, time_s, 1, data, size);
 }
 
-void view_intake_age(view_intake *in, view_picture *p, double time_s)
-{
+void view_intake_age(view_intake *in, view_picture *p, double time_s) {
     p->time_s = time_s;
     for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
-        if (p->instrument[i].has_controller && time_s - in->controller[i].heard_s > SILENT_S) p->instrument[i].has_controller = false;
-    if (in->tissue_s < 0) snprintf(p->notice, sizeof p->notice, "waiting for TISSUE: start tm-sim --realtime SCENE");
-    else if (time_s - in->tissue_s > SILENT_S) snprintf(p->notice, sizeof p->notice, "no TISSUE for %.0f s: waiting for tm-sim", floor(time_s - in->tissue_s));
-    else p->notice[0] = 0;
+        if (p->instrument[i].has_controller && time_s - in->controller[i].heard_s > SILENT_S)
+            p->instrument[i].has_controller = false;
+    if (in->tissue_s < 0)
+        snprintf(p->notice, sizeof p->notice, "waiting for TISSUE: start tm-sim --realtime SCENE");
+    else if (time_s - in->tissue_s > SILENT_S)
+        snprintf(p->notice, sizeof p->notice, "no TISSUE for %.0f s: waiting for tm-sim", floor(time_s - in->tissue_s));
+    else
+        p->notice[0] = 0;
 }

@@ -25,19 +25,16 @@ typedef struct job {
     view_log_facts facts;
 } job;
 
-static double now_s(void)
-{
+static double now_s(void) {
     return (double)app_monotonic_us() * 1e-6;
 }
 
-static int complain(tm_error *error)
-{
+static int complain(tm_error *error) {
     return app_report("tm-view", 0, error);
 }
 
-static int draw(job *j)
-{
-    tm_error error = { 0 };
+static int draw(job *j) {
+    tm_error error = {0};
     double start = now_s();
     tm_status status = view_studio_draw(&j->studio, &j->picture, &error);
     j->drawing_s += now_s() - start;
@@ -45,17 +42,15 @@ static int draw(job *j)
     return status ? complain(&error) : 0;
 }
 
-static int write_png(job *j, const char *path)
-{
-    tm_error error = { 0 };
+static int write_png(job *j, const char *path) {
+    tm_error error = {0};
     const view_canvas *c = &j->studio.canvas;
     return view_png_write(path, c->width, c->height, c->rgb, &error) ? complain(&error) : 0;
 }
 
 /* One picture of a sequence: drawn, then to whatever was asked for. */
-static int sequence_picture(job *j)
-{
-    tm_error error = { 0 };
+static int sequence_picture(job *j) {
+    tm_error error = {0};
     int wrong = draw(j);
     if (!wrong && j->options.frames) {
         char path[1100];
@@ -67,30 +62,31 @@ static int sequence_picture(job *j)
     return wrong;
 }
 
-static int begin_outputs(job *j)
-{
-    tm_error error = { 0 };
+static int begin_outputs(job *j) {
+    tm_error error = {0};
     const view_options *o = &j->options;
-    if (o->frames && mkdir(o->frames, 0777) && errno != EEXIST) return app_bad_input(o->frames, 0, "cannot be made (%s); name a folder that can", strerror(errno));
+    if (o->frames && mkdir(o->frames, 0777) && errno != EEXIST)
+        return app_bad_input(o->frames, 0, "cannot be made (%s); name a folder that can", strerror(errno));
     if (o->film) {
-        if (view_film_begin(&j->film, o->film, o->studio.render.width, o->studio.render.height, o->fps, &error)) return complain(&error);
+        if (view_film_begin(&j->film, o->film, o->studio.render.width, o->studio.render.height, o->fps, &error))
+            return complain(&error);
         j->filming = true;
     }
     return 0;
 }
 
-static int end_outputs(job *j, int wrong)
-{
-    tm_error error = { 0 };
+static int end_outputs(job *j, int wrong) {
+    tm_error error = {0};
     if (!j->filming) return wrong;
     j->filming = false;
-    if (wrong) view_film_abandon(&j->film);
-    else if (view_film_end(&j->film, &error)) wrong = complain(&error);
+    if (wrong)
+        view_film_abandon(&j->film);
+    else if (view_film_end(&j->film, &error))
+        wrong = complain(&error);
     return wrong;
 }
 
-static int show_still(job *j)
-{
+static int show_still(job *j) {
     int wrong = begin_outputs(j);
     int count = j->options.frames || j->options.film ? (int)fmax(1, rint(j->options.duration_s * j->options.fps)) : 0;
     for (int i = 0; i < count && !wrong; ++i) {
@@ -107,8 +103,7 @@ static int show_still(job *j)
     return wrong;
 }
 
-static int log_sequence(job *j)
-{
+static int log_sequence(job *j) {
     const view_options *o = &j->options;
     double to_s = o->has_to ? fmin(o->to_s, j->facts.seconds) : j->facts.seconds;
     int wrong = begin_outputs(j);
@@ -122,20 +117,21 @@ static int log_sequence(job *j)
     return end_outputs(j, wrong);
 }
 
-static int open_log(job *j)
-{
-    tm_error error = { 0 };
+static int open_log(job *j) {
+    tm_error error = {0};
     if (!(j->api = view_feed_open(&error))) return complain(&error);
-    if (j->api->open_log(j->options.source, &j->feed, &j->facts, &error)) return app_report(j->options.source, 0, &error);
-    if (j->facts.damaged) fprintf(stderr, "%s: ends in the middle of an event; what came before is shown\n", j->options.source);
+    if (j->api->open_log(j->options.source, &j->feed, &j->facts, &error))
+        return app_report(j->options.source, 0, &error);
+    if (j->facts.damaged)
+        fprintf(stderr, "%s: ends in the middle of an event; what came before is shown\n", j->options.source);
     j->studio.peak_force_N = j->facts.peak_force_N;
     if (j->options.from_s > j->facts.seconds || (j->options.has_at && j->options.at_s > j->facts.seconds))
-        return app_bad_input(j->options.source, 0, "lasts %.2f s; choose --from and --at before that", j->facts.seconds);
+        return app_bad_input(j->options.source, 0, "lasts %.2f s; choose --from and --at before that",
+                             j->facts.seconds);
     return 0;
 }
 
-static int show_log(job *j)
-{
+static int show_log(job *j) {
     int wrong = open_log(j);
     if (wrong) return wrong;
     bool sequence = j->options.frames || j->options.film;
@@ -158,21 +154,25 @@ static int show_log(job *j)
 }
 
 /* Waits for the first tissue, saying so once. */
-static int wait_for_tissue(job *j)
-{
+static int wait_for_tissue(job *j) {
     double began = now_s();
     bool said = false;
     while (!j->picture.surface.vertex_count) {
-        if (!j->api->listen(j->feed, 50, &j->picture)) return app_bad_input("tm-view", 0, "LCM stopped working; check the network namespace") - 1;
+        if (!j->api->listen(j->feed, 50, &j->picture))
+            return app_bad_input("tm-view", 0, "LCM stopped working; check the network namespace") - 1;
         double waited = now_s() - began;
         if (!said && waited > 0.5) said = true, fprintf(stderr, "tm-view: %s\n", j->picture.notice);
-        if (waited > j->options.wait_s) return app_bad_input("tm-view", 0, "no TISSUE in %g s; start tm-sim --realtime SCENE in the same network namespace, or raise --wait", j->options.wait_s) - 1;
+        if (waited > j->options.wait_s)
+            return app_bad_input("tm-view", 0,
+                                 "no TISSUE in %g s; start tm-sim --realtime SCENE in the same network namespace, or "
+                                 "raise --wait",
+                                 j->options.wait_s) -
+                   1;
     }
     return 0;
 }
 
-static int live_sequence(job *j)
-{
+static int live_sequence(job *j) {
     int wrong = begin_outputs(j);
     double began = now_s(), due = began;
     int64_t count = (int64_t)fmax(1, rint(j->options.duration_s * j->options.fps));
@@ -186,12 +186,13 @@ static int live_sequence(job *j)
     return end_outputs(j, wrong);
 }
 
-static int show_live(job *j)
-{
-    tm_error error = { 0 };
-    if (!(j->api = view_feed_open(&error)) || j->api->open_live(j->options.url, &j->feed, &error)) return complain(&error);
+static int show_live(job *j) {
+    tm_error error = {0};
+    if (!(j->api = view_feed_open(&error)) || j->api->open_live(j->options.url, &j->feed, &error))
+        return complain(&error);
     int wrong = wait_for_tissue(j);
-    if (!wrong && (j->options.frames || j->options.film)) wrong = live_sequence(j);
+    if (!wrong && (j->options.frames || j->options.film))
+        wrong = live_sequence(j);
     else if (!wrong) {
         j->api->listen(j->feed, 150, &j->picture); /* SIM_STATUS and the controllers follow the tissue */
         wrong = draw(j);
@@ -200,40 +201,42 @@ static int show_live(job *j)
     return wrong;
 }
 
-static int write_json(job *j)
-{
-    tm_error error = { 0 };
+static int write_json(job *j) {
+    tm_error error = {0};
     app_output output;
     if (!app_output_begin(&output, j->options.json, &error)) return complain(&error);
-    view_feed_counts counts = { 0 };
+    view_feed_counts counts = {0};
     if (j->feed) counts = j->api->counts(j->feed);
     FILE *file = fopen(output.temporary, "w");
-    bool written = file && fprintf(file,
-                "{\"pictures\": %lld, \"seconds\": %.3f, \"drawing_seconds\": %.3f, \"pictures_per_second\": %.2f, \"width\": %d, \"height\": %d,\n"
-                " \"vertices\": %d, \"triangles\": %d, \"topology_revision\": %d, \"log_seconds\": %.3f, \"log_tissues\": %lld, \"peak_force_N\": %.6g,\n"
-                " \"messages_taken\": %lld, \"messages_refused\": %lld}\n",
-                (long long)j->pictures, now_s() - j->began_s, j->drawing_s, j->drawing_s > 0 ? (double)j->pictures / j->drawing_s : 0, j->studio.canvas.width,
-                j->studio.canvas.height, j->picture.surface.vertex_count, j->picture.surface.triangle_count, j->picture.surface.revision, j->facts.seconds,
-                (long long)j->facts.tissues, j->studio.peak_force_N, (long long)counts.accepted, (long long)counts.rejected) > 0;
+    bool written =
+        file && fprintf(file,
+                        "{\"pictures\": %lld, \"seconds\": %.3f, \"drawing_seconds\": %.3f, \"pictures_per_second\": "
+                        "%.2f, \"width\": %d, \"height\": %d,\n"
+                        " \"vertices\": %d, \"triangles\": %d, \"topology_revision\": %d, \"log_seconds\": %.3f, "
+                        "\"log_tissues\": %lld, \"peak_force_N\": %.6g,\n"
+                        " \"messages_taken\": %lld, \"messages_refused\": %lld}\n",
+                        (long long)j->pictures, now_s() - j->began_s, j->drawing_s,
+                        j->drawing_s > 0 ? (double)j->pictures / j->drawing_s : 0, j->studio.canvas.width,
+                        j->studio.canvas.height, j->picture.surface.vertex_count, j->picture.surface.triangle_count,
+                        j->picture.surface.revision, j->facts.seconds, (long long)j->facts.tissues,
+                        j->studio.peak_force_N, (long long)counts.accepted, (long long)counts.rejected) > 0;
     if (file && fclose(file)) written = false;
     if (written && app_output_commit(&output, &error)) return 0;
     app_output_abandon(&output);
     return app_bad_input(j->options.json, 0, "cannot write the figures; check the disk") - 1;
 }
 
-static bool is_still(const char *path)
-{
+static bool is_still(const char *path) {
     const char *dot = strrchr(path, '.');
-    static const char *const endings[] = { ".yaml", ".yml", ".msh", ".vtk", ".mesh" };
+    static const char *const endings[] = {".yaml", ".yml", ".msh", ".vtk", ".mesh"};
     for (size_t i = 0; dot && i < sizeof endings / sizeof endings[0]; ++i)
         if (!strcmp(dot, endings[i])) return true;
     return false;
 }
 
-static int run(job *j)
-{
+static int run(job *j) {
     const view_options *o = &j->options;
-    tm_error error = { 0 };
+    tm_error error = {0};
     bool still = o->source && is_still(o->source);
     int wrong = still ? view_still_load(o->source, o->scale, &j->picture) : 0;
     if (wrong) return wrong;
@@ -241,14 +244,15 @@ static int run(job *j)
     wrong = still ? show_still(j) : o->source ? show_log(j) : show_live(j);
     if (!wrong && j->feed) {
         view_feed_counts counts = j->api->counts(j->feed);
-        if (counts.rejected) fprintf(stderr, "tm-view: %lld messages refused, the last for: %s\n", (long long)counts.rejected, counts.why);
+        if (counts.rejected)
+            fprintf(stderr, "tm-view: %lld messages refused, the last for: %s\n", (long long)counts.rejected,
+                    counts.why);
     }
     if (!wrong && o->json) wrong = write_json(j);
     return wrong;
 }
 
-int main(int argc, char **argv)
-{
+int main(int argc, char **argv) {
     static job j;
     int wrong = view_options_parse(argc, argv, &j.options);
     if (wrong || j.options.finished) return wrong;

@@ -10,7 +10,8 @@
 
 static const char help[] =
     "usage: tm-view [SOURCE] --png FILE | --frames FOLDER | --film FILE.mp4 [options]\n"
-    "Draws tissue and instruments without a display. SOURCE is an LCM log, a scene (.yaml) or a mesh (.msh .vtk .mesh);\n"
+    "Draws tissue and instruments without a display. SOURCE is an LCM log, a scene (.yaml) or a mesh (.msh .vtk "
+    ".mesh);\n"
     "without one, tm-view listens to a running simulation. A window is tm-play's.\n\n"
     "  --png FILE         one picture (of a log: at its end, or --at)\n"
     "  --frames FOLDER    numbered pictures, frame_00000.png ...\n"
@@ -32,84 +33,131 @@ static const char help[] =
     "  --json FILE        figures: pictures, seconds, pictures per second, messages taken and refused\n"
     "  --help, --version\n";
 
-enum { PNG = 256, FRAMES, FILM, SIZE, FPS, AT, FROM, TO, DURATION, WAIT, AZIMUTH, ELEVATION, ZOOM, SHIFT, UP, ORBIT, NEWTON, QUALITY, SMOOTH, CREASE, NO_WORDS, SCALE, URL, JSON, HELP, VERSION };
-
-static const struct option table[] = {
-    { "png", 1, NULL, PNG }, { "frames", 1, NULL, FRAMES }, { "film", 1, NULL, FILM }, { "size", 1, NULL, SIZE }, { "fps", 1, NULL, FPS },
-    { "at", 1, NULL, AT }, { "from", 1, NULL, FROM }, { "to", 1, NULL, TO }, { "duration", 1, NULL, DURATION }, { "wait", 1, NULL, WAIT },
-    { "azimuth", 1, NULL, AZIMUTH }, { "elevation", 1, NULL, ELEVATION }, { "zoom", 1, NULL, ZOOM }, { "shift", 1, NULL, SHIFT }, { "up", 1, NULL, UP },
-    { "orbit", 1, NULL, ORBIT }, { "newton", 1, NULL, NEWTON }, { "quality", 1, NULL, QUALITY }, { "smooth", 1, NULL, SMOOTH }, { "crease", 1, NULL, CREASE },
-    { "no-words", 0, NULL, NO_WORDS }, { "scale", 1, NULL, SCALE }, { "lcm-url", 1, NULL, URL }, { "json", 1, NULL, JSON }, { "help", 0, NULL, HELP },
-    { "version", 0, NULL, VERSION }, { NULL, 0, NULL, 0 },
+enum {
+    PNG = 256,
+    FRAMES,
+    FILM,
+    SIZE,
+    FPS,
+    AT,
+    FROM,
+    TO,
+    DURATION,
+    WAIT,
+    AZIMUTH,
+    ELEVATION,
+    ZOOM,
+    SHIFT,
+    UP,
+    ORBIT,
+    NEWTON,
+    QUALITY,
+    SMOOTH,
+    CREASE,
+    NO_WORDS,
+    SCALE,
+    URL,
+    JSON,
+    HELP,
+    VERSION
 };
 
-static const char *name_of(int code)
-{
+static const struct option table[] = {
+    {"png", 1, NULL, PNG},       {"frames", 1, NULL, FRAMES},   {"film", 1, NULL, FILM},
+    {"size", 1, NULL, SIZE},     {"fps", 1, NULL, FPS},         {"at", 1, NULL, AT},
+    {"from", 1, NULL, FROM},     {"to", 1, NULL, TO},           {"duration", 1, NULL, DURATION},
+    {"wait", 1, NULL, WAIT},     {"azimuth", 1, NULL, AZIMUTH}, {"elevation", 1, NULL, ELEVATION},
+    {"zoom", 1, NULL, ZOOM},     {"shift", 1, NULL, SHIFT},     {"up", 1, NULL, UP},
+    {"orbit", 1, NULL, ORBIT},   {"newton", 1, NULL, NEWTON},   {"quality", 1, NULL, QUALITY},
+    {"smooth", 1, NULL, SMOOTH}, {"crease", 1, NULL, CREASE},   {"no-words", 0, NULL, NO_WORDS},
+    {"scale", 1, NULL, SCALE},   {"lcm-url", 1, NULL, URL},     {"json", 1, NULL, JSON},
+    {"help", 0, NULL, HELP},     {"version", 0, NULL, VERSION}, {NULL, 0, NULL, 0},
+};
+
+static const char *name_of(int code) {
     for (const struct option *o = table; o->name; ++o)
         if (o->val == code) return o->name;
     return "?";
 }
 
 /* 0 and *value, or a complaint. */
-static int number(int code, const char *text, double low, double high, double *value)
-{
+static int number(int code, const char *text, double low, double high, double *value) {
     char *end;
     double v = strtod(text, &end);
     if (end == text || *end || !(v >= low && v <= high))
-        return app_bad_input("tm-view", 0, "--%s %s: not a number from %g to %g; see tm-view --help", name_of(code), text, low, high);
+        return app_bad_input("tm-view", 0, "--%s %s: not a number from %g to %g; see tm-view --help", name_of(code),
+                             text, low, high);
     *value = v;
     return 0;
 }
 
-static int whole(int code, const char *text, int low, int high, int *value)
-{
+static int whole(int code, const char *text, int low, int high, int *value) {
     double v = 0;
     int wrong = number(code, text, low, high, &v);
-    if (!wrong && floor(v) != v) return app_bad_input("tm-view", 0, "--%s %s: not a whole number; see tm-view --help", name_of(code), text);
+    if (!wrong && floor(v) != v)
+        return app_bad_input("tm-view", 0, "--%s %s: not a whole number; see tm-view --help", name_of(code), text);
     *value = (int)v;
     return wrong;
 }
 
-static int size(const char *text, int *width, int *height)
-{
+static int size(const char *text, int *width, int *height) {
     char rest;
-    if (sscanf(text, "%dx%d%c", width, height, &rest) == 2 && *width >= 64 && *width <= 8192 && *height >= 64 && *height <= 8192) return 0;
-    return app_bad_input("tm-view", 0, "--size %s: not WIDTHxHEIGHT, 64 to 8192 pixels each; for example --size 1280x720", text);
+    if (sscanf(text, "%dx%d%c", width, height, &rest) == 2 && *width >= 64 && *width <= 8192 && *height >= 64 &&
+        *height <= 8192)
+        return 0;
+    return app_bad_input("tm-view", 0,
+                         "--size %s: not WIDTHxHEIGHT, 64 to 8192 pixels each; for example --size 1280x720", text);
 }
 
-static int shift(const char *text, float out[2])
-{
+static int shift(const char *text, float out[2]) {
     char rest;
     if (sscanf(text, "%f,%f%c", &out[0], &out[1], &rest) == 2 && fabsf(out[0]) <= 10 && fabsf(out[1]) <= 10) return 0;
-    return app_bad_input("tm-view", 0, "--shift %s: not RIGHT,UP in parts of the picture's height; for example --shift 0.1,0", text);
+    return app_bad_input("tm-view", 0,
+                         "--shift %s: not RIGHT,UP in parts of the picture's height; for example --shift 0.1,0", text);
 }
 
-static int up(const char *text, char *out)
-{
-    if (strlen(text) != 1 || !strchr("xyz", *text)) return app_bad_input("tm-view", 0, "--up %s: not an axis; use x, y or z", text);
+static int up(const char *text, char *out) {
+    if (strlen(text) != 1 || !strchr("xyz", *text))
+        return app_bad_input("tm-view", 0, "--up %s: not an axis; use x, y or z", text);
     *out = *text;
     return 0;
 }
 
 /* One option that is a number of the camera or the studio. */
-static int take_figure(int code, const char *text, view_studio_def *s)
-{
+static int take_figure(int code, const char *text, view_studio_def *s) {
     static const double DEG = 3.14159265358979 / 180;
     double v = 0;
     int wrong = 0;
     switch (code) {
-    case AZIMUTH: wrong = number(code, text, -720, 720, &v); s->camera.azimuth_rad = (float)(v * DEG); break;
-    case ELEVATION: wrong = number(code, text, -89, 89, &v); s->camera.elevation_rad = (float)(v * DEG); break;
-    case ZOOM: wrong = number(code, text, 0.05, 50, &v); s->camera.zoom = (float)v; break;
-    case ORBIT: wrong = number(code, text, -720, 720, &v); s->orbit_rad_s = (float)(v * DEG); break;
-    case NEWTON: wrong = number(code, text, 0.001, 1e5, &v); s->newton_m = v * 1e-3; break;
-    case CREASE: wrong = number(code, text, 0, 180, &v); s->render.crease_rad = (float)(v * DEG); break;
+    case AZIMUTH:
+        wrong = number(code, text, -720, 720, &v);
+        s->camera.azimuth_rad = (float)(v * DEG);
+        break;
+    case ELEVATION:
+        wrong = number(code, text, -89, 89, &v);
+        s->camera.elevation_rad = (float)(v * DEG);
+        break;
+    case ZOOM:
+        wrong = number(code, text, 0.05, 50, &v);
+        s->camera.zoom = (float)v;
+        break;
+    case ORBIT:
+        wrong = number(code, text, -720, 720, &v);
+        s->orbit_rad_s = (float)(v * DEG);
+        break;
+    case NEWTON:
+        wrong = number(code, text, 0.001, 1e5, &v);
+        s->newton_m = v * 1e-3;
+        break;
+    case CREASE:
+        wrong = number(code, text, 0, 180, &v);
+        s->render.crease_rad = (float)(v * DEG);
+        break;
     }
     return wrong;
 }
 
-static int take(int code, const char *text, view_options *o)
-{
+static int take(int code, const char *text, view_options *o) {
     switch (code) {
     case PNG: o->png = text; return 0;
     case FRAMES: o->frames = text; return 0;
@@ -133,9 +181,10 @@ static int take(int code, const char *text, view_options *o)
     }
 }
 
-static int check(const view_options *o)
-{
-    if (!o->png && !o->frames && !o->film) return app_bad_input("tm-view", 0, "no output named; add --png, --frames or --film, or run tm-play for a window");
+static int check(const view_options *o) {
+    if (!o->png && !o->frames && !o->film)
+        return app_bad_input("tm-view", 0,
+                             "no output named; add --png, --frames or --film, or run tm-play for a window");
     if (o->has_to && o->to_s < o->from_s) return app_bad_input("tm-view", 0, "--to is before --from; swap them");
     if (o->film && (o->studio.render.width % 2 || o->studio.render.height % 2))
         return app_bad_input("tm-view", 0, "a film's width and height must be even; choose another --size");
@@ -143,25 +192,29 @@ static int check(const view_options *o)
     return 0;
 }
 
-int view_options_parse(int argc, char **argv, view_options *o)
-{
+int view_options_parse(int argc, char **argv, view_options *o) {
     memset(o, 0, sizeof *o);
     o->studio = view_studio_default(1280, 720);
     o->fps = 30, o->duration_s = 10, o->wait_s = 60, o->scale = 1, o->quality = -1;
     opterr = 0;
     for (int code; (code = getopt_long(argc, argv, "", table, NULL)) != -1;) {
         if (code == HELP || code == VERSION) {
-            if (code == HELP) fputs(help, stdout);
-            else printf("tm-view %s\n", tm_version());
+            if (code == HELP)
+                fputs(help, stdout);
+            else
+                printf("tm-view %s\n", tm_version());
             o->finished = true;
             return 0;
         }
-        if (code == '?') return app_bad_input("tm-view", 0, "%s: unknown option, or its value is missing; see tm-view --help", argv[optind - 1]);
+        if (code == '?')
+            return app_bad_input("tm-view", 0, "%s: unknown option, or its value is missing; see tm-view --help",
+                                 argv[optind - 1]);
         int wrong = take(code, optarg, o);
         if (wrong) return wrong;
     }
     if (optind < argc) o->source = argv[optind++];
-    if (optind < argc) return app_bad_input("tm-view", 0, "'%s': one source at a time; see tm-view --help", argv[optind]);
+    if (optind < argc)
+        return app_bad_input("tm-view", 0, "'%s': one source at a time; see tm-view --help", argv[optind]);
     if (o->quality < 0) o->quality = o->frames || o->film ? 1 : 2;
     o->studio.render.edges = o->quality > 0;
     o->studio.render.samples = o->quality > 1 ? 2 : 1;

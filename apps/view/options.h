@@ -5,13 +5,13 @@
 #include "studio.h"
 
 typedef struct view_options {
-    const char *source;    /* file, or null: live */
+    const char *source; /* file, or null: live */
     const char *png, *frames, *film, *json, *url;
     view_studio_def studio;
     double from_s, to_s, at_s, duration_s, wait_s, scale;
     bool has_at, has_to;
     int fps, quality;
-    bool finished;         /* --help or --version was printed */
+    bool finished; /* --help or --version was printed */
 } view_options;
 
 /* Returns 0, or APP_BAD_INPUT after complaining. */

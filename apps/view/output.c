@@ -12,18 +12,19 @@
 
 extern char **environ;
 
-static tm_status failed(tm_error *error, tm_status status, const char *what, const char *why)
-{
+static tm_status failed(tm_error *error, tm_status status, const char *what, const char *why) {
     error->status = status, error->entity = -1;
     snprintf(error->message, sizeof error->message, "%s: %s", what, why);
     return status;
 }
 
-tm_status view_png_write(const char *path, int width, int height, const uint8_t *rgb, tm_error *error)
-{
+tm_status view_png_write(const char *path, int width, int height, const uint8_t *rgb, tm_error *error) {
     app_output output;
     if (!app_output_begin(&output, path, error)) return error->status;
-    png_image image = { .version = PNG_IMAGE_VERSION, .width = (png_uint_32)width, .height = (png_uint_32)height, .format = PNG_FORMAT_RGB };
+    png_image image = {.version = PNG_IMAGE_VERSION,
+                       .width = (png_uint_32)width,
+                       .height = (png_uint_32)height,
+                       .format = PNG_FORMAT_RGB};
     image.flags = PNG_IMAGE_FLAG_FAST;
     if (!png_image_write_to_file(&image, output.temporary, 0, rgb, 0, NULL)) {
         app_output_abandon(&output);
@@ -32,11 +33,11 @@ tm_status view_png_write(const char *path, int width, int height, const uint8_t 
     return app_output_commit(&output, error) ? TM_OK : error->status;
 }
 
-tm_status view_film_begin(view_film *film, const char *path, int width, int height, int fps, tm_error *error)
-{
+tm_status view_film_begin(view_film *film, const char *path, int width, int height, int fps, tm_error *error) {
     memset(film, 0, sizeof *film);
     film->width = width, film->height = height;
-    if (width % 2 || height % 2) return failed(error, TM_ERR_ARGUMENT, "a film's width and height must be even", "choose another --size");
+    if (width % 2 || height % 2)
+        return failed(error, TM_ERR_ARGUMENT, "a film's width and height must be even", "choose another --size");
     if (!app_output_begin(&film->output, path, error)) return error->status;
     int end[2];
     if (pipe2(end, O_CLOEXEC)) {
@@ -48,9 +49,42 @@ tm_status view_film_begin(view_film *film, const char *path, int width, int heig
     snprintf(size, sizeof size, "%dx%d", width, height);
     snprintf(rate, sizeof rate, "%d", fps);
     /* bitexact and one thread: the same pictures give the same film. */
-    char *argv[] = { "ffmpeg", "-nostdin", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", size, "-r", rate, "-i", "-", "-an",
-                     "-c:v", "libx264", "-preset", "veryfast", "-crf", "19", "-pix_fmt", "yuv420p", "-fflags", "+bitexact", "-flags:v", "+bitexact",
-                     "-map_metadata", "-1", "-movflags", "+faststart", "-f", "mp4", film->output.temporary, NULL };
+    char *argv[] = {"ffmpeg",
+                    "-nostdin",
+                    "-loglevel",
+                    "error",
+                    "-y",
+                    "-f",
+                    "rawvideo",
+                    "-pix_fmt",
+                    "rgb24",
+                    "-s",
+                    size,
+                    "-r",
+                    rate,
+                    "-i",
+                    "-",
+                    "-an",
+                    "-c:v",
+                    "libx264",
+                    "-preset",
+                    "veryfast",
+                    "-crf",
+                    "19",
+                    "-pix_fmt",
+                    "yuv420p",
+                    "-fflags",
+                    "+bitexact",
+                    "-flags:v",
+                    "+bitexact",
+                    "-map_metadata",
+                    "-1",
+                    "-movflags",
+                    "+faststart",
+                    "-f",
+                    "mp4",
+                    film->output.temporary,
+                    NULL};
     posix_spawn_file_actions_t actions;
     posix_spawn_file_actions_init(&actions);
     posix_spawn_file_actions_adddup2(&actions, end[0], 0);
@@ -62,31 +96,30 @@ tm_status view_film_begin(view_film *film, const char *path, int width, int heig
         close(end[1]);
         app_output_abandon(&film->output);
         return failed(error, TM_ERR_FILE, "a film needs ffmpeg, which cannot be started",
-                      wrong == ENOENT ? "it is not installed; apt-get install ffmpeg, or use --frames" : strerror(wrong));
+                      wrong == ENOENT ? "it is not installed; apt-get install ffmpeg, or use --frames"
+                                      : strerror(wrong));
     }
     film->pipe = fdopen(end[1], "wb");
     return TM_OK;
 }
 
-tm_status view_film_add(view_film *film, const uint8_t *rgb, tm_error *error)
-{
+tm_status view_film_add(view_film *film, const uint8_t *rgb, tm_error *error) {
     if (fwrite(rgb, (size_t)film->width * 3, (size_t)film->height, film->pipe) != (size_t)film->height)
         return failed(error, TM_ERR_FILE, "ffmpeg stopped taking pictures", "its own message is above");
     ++film->frames;
     return TM_OK;
 }
 
-static bool encoder_done(view_film *film)
-{
+static bool encoder_done(view_film *film) {
     int status = 0;
     bool flushed = fclose(film->pipe) == 0;
     film->pipe = NULL;
-    while (waitpid(film->encoder, &status, 0) < 0 && errno == EINTR) {}
+    while (waitpid(film->encoder, &status, 0) < 0 && errno == EINTR) {
+    }
     return flushed && WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
-tm_status view_film_end(view_film *film, tm_error *error)
-{
+tm_status view_film_end(view_film *film, tm_error *error) {
     if (!encoder_done(film)) {
         app_output_abandon(&film->output);
         return failed(error, TM_ERR_FILE, "ffmpeg did not finish the film", "its own message is above");
@@ -94,8 +127,7 @@ tm_status view_film_end(view_film *film, tm_error *error)
     return app_output_commit(&film->output, error) ? TM_OK : error->status;
 }
 
-void view_film_abandon(view_film *film)
-{
+void view_film_abandon(view_film *film) {
     if (film->pipe) encoder_done(film);
     app_output_abandon(&film->output);
 }

@@ -5,17 +5,21 @@
 #include <stdio.h>
 #include <string.h>
 
-static const view_colour WHITE = { 240, 243, 246, 1 }, GREY = { 168, 180, 190, 1 }, BAD = { 255, 120, 96, 1 }, GOOD = { 132, 224, 150, 1 }, PANEL = { 10, 15, 19, 0.58f };
-static const view_colour TOOL[VIEW_INSTRUMENTS] = { { 255, 205, 74, 1 }, { 92, 204, 255, 1 } };
-static const char *const mode_name[] = { "probe", "grasper", "cautery" };
-static const char *const state_name[] = { "boot", "self test", "idle", "engaged", "stale", "fault" };
+static const view_colour WHITE = {240, 243, 246, 1}, GREY = {168, 180, 190, 1}, BAD = {255, 120, 96, 1},
+                         GOOD = {132, 224, 150, 1}, PANEL = {10, 15, 19, 0.58f};
+static const view_colour TOOL[VIEW_INSTRUMENTS] = {{255, 205, 74, 1}, {92, 204, 255, 1}};
+static const char *const mode_name[] = {"probe", "grasper", "cautery"};
+static const char *const state_name[] = {"boot", "self test", "idle", "engaged", "stale", "fault"};
 
 /* Where the next line goes. */
-typedef struct pen { const view_canvas *canvas; float x, y, cap, line; } pen;
+typedef struct pen {
+    const view_canvas *canvas;
+    float x, y, cap, line;
+} pen;
 
-static float write_at(const pen *p, float x, view_colour colour, const char *format, ...) __attribute__((format(printf, 4, 5)));
 static float write_at(const pen *p, float x, view_colour colour, const char *format, ...)
-{
+    __attribute__((format(printf, 4, 5)));
+static float write_at(const pen *p, float x, view_colour colour, const char *format, ...) {
     char text[192];
     va_list list;
     va_start(list, format);
@@ -25,20 +29,20 @@ static float write_at(const pen *p, float x, view_colour colour, const char *for
     return x + view_text_width(text, p->cap);
 }
 
-static double size_of(const double v[3])
-{
+static double size_of(const double v[3]) {
     return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
 }
 
-static void thousands(char *out, size_t room, int32_t n)
-{
-    if (n >= 1000000) snprintf(out, room, "%d,%03d,%03d", n / 1000000, n / 1000 % 1000, n % 1000);
-    else if (n >= 1000) snprintf(out, room, "%d,%03d", n / 1000, n % 1000);
-    else snprintf(out, room, "%d", n);
+static void thousands(char *out, size_t room, int32_t n) {
+    if (n >= 1000000)
+        snprintf(out, room, "%d,%03d,%03d", n / 1000000, n / 1000 % 1000, n % 1000);
+    else if (n >= 1000)
+        snprintf(out, room, "%d,%03d", n / 1000, n % 1000);
+    else
+        snprintf(out, room, "%d", n);
 }
 
-static void simulation_panel(pen p, const view_picture *s, double drawn_hz)
-{
+static void simulation_panel(pen p, const view_picture *s, double drawn_hz) {
     float right = p.x + (drawn_hz > 0 ? 31 : 25) * p.cap, top = p.y - 1.9f * p.cap;
     int lines = s->has_status ? 3 : 1;
     view_box(p.canvas, p.x - p.cap, top, right, top + p.line * (float)lines + 1.5f * p.cap, 0.6f * p.cap, PANEL);
@@ -54,17 +58,20 @@ static void simulation_panel(pen p, const view_picture *s, double drawn_hz)
     if (s->sim_rate > 0) {
         x = write_at(&p, x, GREY, "%.1f ms   ", 1e3 * s->compute_s);
         x = write_at(&p, x, s->sim_rate > 0.98 ? GOOD : BAD, "%.2f s/s", s->sim_rate);
-    } else x = write_at(&p, x, GREY, "lockstep"); /* its clock is virtual, so it reports no speed */
+    } else
+        x = write_at(&p, x, GREY, "lockstep"); /* its clock is virtual, so it reports no speed */
     if (drawn_hz > 0) write_at(&p, x + p.cap, GREY, "  view %.0f Hz", drawn_hz);
 }
 
-static void instrument_panel(pen p, const view_instrument *t, int i)
-{
+static void instrument_panel(pen p, const view_instrument *t, int i) {
     float right = p.x + 24 * p.cap, top = p.y - 1.9f * p.cap;
     bool fault = t->has_controller && t->state == 5;
-    view_box(p.canvas, p.x - p.cap, top, right, top + p.line * (t->has_controller ? 3.0f : 2.0f) + 1.5f * p.cap, 0.6f * p.cap, PANEL);
-    view_box(p.canvas, p.x - p.cap, top, p.x - 0.65f * p.cap, top + p.line * (t->has_controller ? 3.0f : 2.0f) + 1.5f * p.cap, 0.15f * p.cap, TOOL[i]);
-    write_at(&p, p.x, TOOL[i], "%s%s", t->mode >= 0 && t->mode <= 2 ? mode_name[t->mode] : "?", t->mode == 2 && t->active ? " ON" : "");
+    view_box(p.canvas, p.x - p.cap, top, right, top + p.line * (t->has_controller ? 3.0f : 2.0f) + 1.5f * p.cap,
+             0.6f * p.cap, PANEL);
+    view_box(p.canvas, p.x - p.cap, top, p.x - 0.65f * p.cap,
+             top + p.line * (t->has_controller ? 3.0f : 2.0f) + 1.5f * p.cap, 0.15f * p.cap, TOOL[i]);
+    write_at(&p, p.x, TOOL[i], "%s%s", t->mode >= 0 && t->mode <= 2 ? mode_name[t->mode] : "?",
+             t->mode == 2 && t->active ? " ON" : "");
     char force[32];
     snprintf(force, sizeof force, "%.2f N", size_of(t->force_N));
     pen big = p;
@@ -77,33 +84,34 @@ static void instrument_panel(pen p, const view_instrument *t, int i)
     }
     const char *state = t->state >= 0 && t->state <= 5 ? state_name[t->state] : "?";
     float x = write_at(&p, p.x, fault ? BAD : t->state == 3 ? GOOD : GREY, "%s", state);
-    write_at(&p, x + p.cap, GREY, "%s%s", fault ? t->fault_text : t->extrapolator, !fault && t->passivity ? " + passivity" : "");
+    write_at(&p, x + p.cap, GREY, "%s%s", fault ? t->fault_text : t->extrapolator,
+             !fault && t->passivity ? " + passivity" : "");
     p.y += p.line;
     x = write_at(&p, p.x, GREY, "%.0f Hz   %lld missed", t->tick_hz, (long long)t->missed_ticks);
     if (t->lateness_p99_us > 0) write_at(&p, x, GREY, "   p99 %.0f us", t->lateness_p99_us);
 }
 
 /* Round number of newtons at or below `peak`, for an axis. */
-static double round_down(double peak)
-{
+static double round_down(double peak) {
     double unit = pow(10, floor(log10(fmax(peak, 1e-6))));
     return peak >= 5 * unit ? 5 * unit : peak >= 2 * unit ? 2 * unit : unit;
 }
 
 /* The forces of the last seconds along the lower edge. */
-static void force_strip(pen p, const view_picture *s)
-{
+static void force_strip(pen p, const view_picture *s) {
     enum { SECONDS = 6 };
-    float w = (float)p.canvas->width, h = (float)p.canvas->height, left = p.x - p.cap, right = w - left, bottom = h - left, top = bottom - 7 * p.cap;
+    float w = (float)p.canvas->width, h = (float)p.canvas->height, left = p.x - p.cap, right = w - left,
+          bottom = h - left, top = bottom - 7 * p.cap;
     double peak = 0.1;
     for (int i = 0; i < s->trace.count; ++i)
-        for (int k = 0; k < VIEW_INSTRUMENTS; ++k) peak = fmax(peak, (double)s->trace.force_N[k][i]);
+        for (int k = 0; k < VIEW_INSTRUMENTS; ++k)
+            peak = fmax(peak, (double)s->trace.force_N[k][i]);
     double tick = round_down(peak);
     view_box(p.canvas, left, top, right, bottom, 0.6f * p.cap, PANEL);
     float x0 = left + 5 * p.cap, x1 = right - p.cap, y0 = bottom - p.cap, y1 = top + p.cap;
     float tick_y = y0 - (float)(tick / peak) * (y0 - y1);
     view_line(p.canvas, x0, y0, x1, y0, 1, GREY);
-    view_line(p.canvas, x0, tick_y, x1, tick_y, 1, (view_colour){ 168, 180, 190, 0.4f });
+    view_line(p.canvas, x0, tick_y, x1, tick_y, 1, (view_colour){168, 180, 190, 0.4f});
     p.y = tick_y + p.cap / 2;
     write_at(&p, left + 0.7f * p.cap, GREY, "%g N", tick);
     for (int k = 0; k < VIEW_INSTRUMENTS; ++k) {
@@ -114,47 +122,51 @@ static void force_strip(pen p, const view_picture *s)
             int at = (s->trace.next - s->trace.count + i + VIEW_TRACE) % VIEW_TRACE;
             double age = s->time_s - s->trace.time_s[at];
             if (age > SECONDS || age < 0) continue;
-            float x = x1 - (float)(age / SECONDS) * (x1 - x0), y = y0 - (float)((double)s->trace.force_N[k][at] / peak) * (y0 - y1);
+            float x = x1 - (float)(age / SECONDS) * (x1 - x0),
+                  y = y0 - (float)((double)s->trace.force_N[k][at] / peak) * (y0 - y1);
             if (have) view_line(p.canvas, px, py, x, y, 0.17f * p.cap, TOOL[k]);
             px = x, py = y, have = true;
         }
     }
 }
 
-static void arrow_label(pen p, const view_picture *s, const view_camera *camera, int i)
-{
+static void arrow_label(pen p, const view_picture *s, const view_camera *camera, int i) {
     const view_instrument *t = &s->instrument[i];
     double force = size_of(t->force_N), end[3];
-    for (int k = 0; k < 3; ++k) end[k] = t->tip_m[k] + s->newton_m * t->force_N[k];
+    for (int k = 0; k < 3; ++k)
+        end[k] = t->tip_m[k] + s->newton_m * t->force_N[k];
     float at[2], from[2];
     int w = p.canvas->width, h = p.canvas->height;
-    if (force < 0.05 || !view_camera_project(camera, w, h, end, at) || !view_camera_project(camera, w, h, t->tip_m, from)) return;
+    if (force < 0.05 || !view_camera_project(camera, w, h, end, at) ||
+        !view_camera_project(camera, w, h, t->tip_m, from))
+        return;
     char text[32];
     snprintf(text, sizeof text, "%.2f N", force);
     /* Beyond the arrow's point, centred on its direction. */
-    float width = view_text_width(text, p.cap), dx = at[0] - from[0], dy = at[1] - from[1], length = fmaxf(hypotf(dx, dy), 1);
-    float x = at[0] + dx / length * (width / 2 + 2.5f * p.cap) - width / 2, y = at[1] + dy / length * 2.5f * p.cap + p.cap / 2;
+    float width = view_text_width(text, p.cap), dx = at[0] - from[0], dy = at[1] - from[1],
+          length = fmaxf(hypotf(dx, dy), 1);
+    float x = at[0] + dx / length * (width / 2 + 2.5f * p.cap) - width / 2,
+          y = at[1] + dy / length * 2.5f * p.cap + p.cap / 2;
     x = fminf(fmaxf(x, p.cap), (float)w - width - 2 * p.cap);
     y = fminf(fmaxf(y, 3 * p.cap), (float)h - 2 * p.cap);
-    view_box(p.canvas, x - 0.5f * p.cap, y - 1.6f * p.cap, x + width + 0.5f * p.cap, y + 0.6f * p.cap, 0.4f * p.cap, PANEL);
+    view_box(p.canvas, x - 0.5f * p.cap, y - 1.6f * p.cap, x + width + 0.5f * p.cap, y + 0.6f * p.cap, 0.4f * p.cap,
+             PANEL);
     view_text(p.canvas, x, y, p.cap, TOOL[i], text);
 }
 
-static void notice(pen p, const char *text)
-{
+static void notice(pen p, const char *text) {
     float width = view_text_width(text, p.cap), w = (float)p.canvas->width, h = (float)p.canvas->height;
-    view_box(p.canvas, (w - width) / 2 - 1.5f * p.cap, h / 2 - 2 * p.cap, (w + width) / 2 + 1.5f * p.cap, h / 2 + 1.6f * p.cap, 0.6f * p.cap, (view_colour){ 10, 15, 19, 0.8f });
+    view_box(p.canvas, (w - width) / 2 - 1.5f * p.cap, h / 2 - 2 * p.cap, (w + width) / 2 + 1.5f * p.cap,
+             h / 2 + 1.6f * p.cap, 0.6f * p.cap, (view_colour){10, 15, 19, 0.8f});
     view_text(p.canvas, (w - width) / 2, h / 2 + p.cap / 2, p.cap, WHITE, text);
 }
 
-static pen pen_for(const view_canvas *canvas)
-{
+static pen pen_for(const view_canvas *canvas) {
     float cap = fmaxf(8, fminf((float)canvas->height / 58, (float)canvas->width / 80));
-    return (pen){ canvas, 2.4f * cap, 3.4f * cap, cap, 1.95f * cap };
+    return (pen){canvas, 2.4f * cap, 3.4f * cap, cap, 1.95f * cap};
 }
 
-void view_overlay(const view_canvas *canvas, const view_picture *s, const view_camera *camera, double drawn_hz)
-{
+void view_overlay(const view_canvas *canvas, const view_picture *s, const view_camera *camera, double drawn_hz) {
     pen p = pen_for(canvas);
     if (s->title[0]) simulation_panel(p, s, drawn_hz);
     pen q = p;
@@ -171,8 +183,8 @@ void view_overlay(const view_canvas *canvas, const view_picture *s, const view_c
     if (s->notice[0]) notice(p, s->notice);
 }
 
-void view_overlay_waiting(const view_canvas *canvas, const view_picture *s)
-{
-    for (size_t i = 0; i < (size_t)canvas->width * (size_t)canvas->height; ++i) memcpy(canvas->rgb + 3 * i, (uint8_t[3]){ 34, 44, 50 }, 3);
+void view_overlay_waiting(const view_canvas *canvas, const view_picture *s) {
+    for (size_t i = 0; i < (size_t)canvas->width * (size_t)canvas->height; ++i)
+        memcpy(canvas->rgb + 3 * i, (uint8_t[3]){34, 44, 50}, 3);
     notice(pen_for(canvas), s->notice);
 }

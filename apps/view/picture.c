@@ -3,8 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-bool view_surface_reserve(view_surface *s, int32_t vertices, int32_t triangles)
-{
+bool view_surface_reserve(view_surface *s, int32_t vertices, int32_t triangles) {
     if (vertices <= s->vertex_capacity && triangles <= s->triangle_capacity) return true;
     int32_t nv = vertices > s->vertex_capacity ? vertices + vertices / 4 : s->vertex_capacity;
     int32_t nt = triangles > s->triangle_capacity ? triangles + triangles / 4 : s->triangle_capacity;
@@ -23,8 +22,7 @@ bool view_surface_reserve(view_surface *s, int32_t vertices, int32_t triangles)
     return true;
 }
 
-void view_surface_free(view_surface *s)
-{
+void view_surface_free(view_surface *s) {
     free(s->vertex_m);
     free(s->vertex_id);
     free(s->triangle);
@@ -32,10 +30,10 @@ void view_surface_free(view_surface *s)
     memset(s, 0, sizeof *s);
 }
 
-void view_trace_add(view_trace *trace, double time_s, const float force_N[VIEW_INSTRUMENTS])
-{
+void view_trace_add(view_trace *trace, double time_s, const float force_N[VIEW_INSTRUMENTS]) {
     trace->time_s[trace->next] = time_s;
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) trace->force_N[i][trace->next] = force_N[i];
+    for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
+        trace->force_N[i][trace->next] = force_N[i];
     trace->next = (trace->next + 1) % VIEW_TRACE;
     if (trace->count < VIEW_TRACE) ++trace->count;
 }

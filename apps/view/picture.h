@@ -1,4 +1,5 @@
-/* What a picture shows, whatever it came from: the tissue's surface, the instruments, and what is known about the programs. */
+/* What a picture shows, whatever it came from: the tissue's surface, the instruments, and what is known about the
+ * programs. */
 #ifndef VIEW_PICTURE_H
 #define VIEW_PICTURE_H
 
@@ -9,27 +10,27 @@ enum { VIEW_INSTRUMENTS = 2, VIEW_TRACE = 512, VIEW_VERTICES_MAX = 2000000, VIEW
 
 typedef struct view_surface {
     int32_t vertex_count, triangle_count;
-    float *vertex_m;     /* [3*vertex_count] m, world */
-    int32_t *vertex_id;  /* [vertex_count] numbers in the mesh: they outlive a cut */
-    int32_t *triangle;   /* [3*triangle_count] normals outward */
-    uint8_t *kind;       /* [triangle_count] 0 original surface, 1 laid open by a cut */
+    float *vertex_m;    /* [3*vertex_count] m, world */
+    int32_t *vertex_id; /* [vertex_count] numbers in the mesh: they outlive a cut */
+    int32_t *triangle;  /* [3*triangle_count] normals outward */
+    uint8_t *kind;      /* [triangle_count] 0 original surface, 1 laid open by a cut */
     int64_t session;
     int32_t revision;
-    uint32_t version;    /* grows with every new set of positions */
-    uint32_t topology;   /* grows whenever triangles or ids changed */
+    uint32_t version;  /* grows with every new set of positions */
+    uint32_t topology; /* grows whenever triangles or ids changed */
     int32_t vertex_capacity, triangle_capacity;
 } view_surface;
 
 typedef struct view_instrument {
     bool shown;
-    int mode;            /* tm_tool_mode */
-    bool active;         /* cautery current */
+    int mode;    /* tm_tool_mode */
+    bool active; /* cautery current */
     double tip_m[3], trocar_m[3], radius_m, roll_rad, grip;
     double axis[3], up[3]; /* the device's pose at the trocar; zero: not told */
-    double force_N[3];   /* on the tool, as the simulation says */
+    double force_N[3];     /* on the tool, as the simulation says */
     /* From the controller, while it is heard. */
     bool has_controller;
-    int state;           /* hrt_state */
+    int state; /* hrt_state */
     int32_t fault;
     char fault_text[96], extrapolator[24];
     bool passivity;
@@ -37,19 +38,23 @@ typedef struct view_instrument {
     int64_t missed_ticks;
 } view_instrument;
 
-typedef struct view_trace { int count, next; double time_s[VIEW_TRACE]; float force_N[VIEW_INSTRUMENTS][VIEW_TRACE]; } view_trace;
+typedef struct view_trace {
+    int count, next;
+    double time_s[VIEW_TRACE];
+    float force_N[VIEW_INSTRUMENTS][VIEW_TRACE];
+} view_trace;
 
 typedef struct view_picture {
     view_surface surface;
     view_instrument instrument[VIEW_INSTRUMENTS];
-    char title[96], model[24];   /* scene and model, or the file's name */
+    char title[96], model[24]; /* scene and model, or the file's name */
     bool has_status;
     int32_t tets, substeps;
     double frame_hz, sim_rate, compute_s;
-    double time_s;               /* since the source began */
-    view_trace trace;            /* forces of the last seconds */
-    double newton_m;             /* length of an arrow of one newton; 0: no arrows */
-    char notice[128];            /* what it waits for, or empty */
+    double time_s;    /* since the source began */
+    view_trace trace; /* forces of the last seconds */
+    double newton_m;  /* length of an arrow of one newton; 0: no arrows */
+    char notice[128]; /* what it waits for, or empty */
 } view_picture;
 
 /* Room for these counts; contents are lost when it grows. False: no memory (the surface is left empty). */

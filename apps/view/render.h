@@ -7,10 +7,10 @@
 #include "tensormass/base.h"
 
 typedef struct view_render_def {
-    int width, height;     /* pixels, 16..8192 */
-    int samples;           /* n*n drawn pixels averaged into one: 1, 2 or 3 */
-    bool edges;            /* smooth edges, at half the speed */
-    int levels;            /* of view_skin */
+    int width, height; /* pixels, 16..8192 */
+    int samples;       /* n*n drawn pixels averaged into one: 1, 2 or 3 */
+    bool edges;        /* smooth edges, at half the speed */
+    int levels;        /* of view_skin */
     float crease_rad;
 } view_render_def;
 
@@ -21,7 +21,8 @@ typedef struct view_render_api {
     tm_status (*create)(const view_render_def *def, view_renderer **renderer, tm_error *error);
     void (*destroy)(view_renderer *renderer);
     /* Draws into rgb[3*width*height], top row first. One thread at a time. */
-    tm_status (*draw)(view_renderer *renderer, const view_picture *picture, const view_camera *camera, uint8_t *rgb, tm_error *error);
+    tm_status (*draw)(view_renderer *renderer, const view_picture *picture, const view_camera *camera, uint8_t *rgb,
+                      tm_error *error);
 } view_render_api;
 #define VIEW_RENDER_SYMBOL "view_osmesa"
 

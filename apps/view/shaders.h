@@ -1,6 +1,7 @@
 /* Shader text of render.c. Colours are linear light until the last line. */
 #ifndef VIEW_SHADERS_H
 #define VIEW_SHADERS_H
+// clang-format off
 
 #define VIEW_GLSL "#version 330 core\n"
 

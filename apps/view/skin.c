@@ -10,15 +10,21 @@ static const float COS_TORN = -0.25f;
 /* One split: every edge of the level above gets a vertex in its middle, every triangle becomes four. */
 typedef struct level {
     int32_t edge_count, triangle_count;
-    int32_t *edge;      /* [2*edge_count] ends, in vertices of the level above */
-    uint8_t *curved;    /* [edge_count] 0 at creases and borders: the middle stays on the straight line, so no gap opens */
-    uint32_t *index;    /* [3*triangle_count] */
+    int32_t *edge;   /* [2*edge_count] ends, in vertices of the level above */
+    uint8_t *curved; /* [edge_count] 0 at creases and borders: the middle stays on the straight line, so no gap opens */
+    uint32_t *index; /* [3*triangle_count] */
 } level;
 
-typedef struct reference { int32_t id; float at_m[3]; } reference;
+typedef struct reference {
+    int32_t id;
+    float at_m[3];
+} reference;
 
 /* One side of a triangle, sortable by the edge it lies on. */
-typedef struct side { uint64_t key; int32_t triangle, local; } side;
+typedef struct side {
+    uint64_t key;
+    int32_t triangle, local;
+} side;
 
 struct view_skin {
     int levels;
@@ -32,13 +38,12 @@ struct view_skin {
     int32_t triangle_count;
     level level[LEVELS_MAX];
     int32_t vertex_count;
-    view_vertex *vertex;    /* sectors, then the middles of each level */
+    view_vertex *vertex; /* sectors, then the middles of each level */
     int32_t reference_count;
-    reference *reference;   /* ascending by id */
+    reference *reference; /* ascending by id */
 };
 
-view_skin *view_skin_create(int levels, float crease_rad)
-{
+view_skin *view_skin_create(int levels, float crease_rad) {
     view_skin *skin = calloc(1, sizeof *skin);
     if (!skin) return NULL;
     skin->levels = levels < 0 ? 0 : levels > LEVELS_MAX ? LEVELS_MAX : levels;
@@ -46,8 +51,7 @@ view_skin *view_skin_create(int levels, float crease_rad)
     return skin;
 }
 
-static void drop_topology(view_skin *skin)
-{
+static void drop_topology(view_skin *skin) {
     free(skin->sector_vertex), skin->sector_vertex = NULL;
     free(skin->index), skin->index = NULL;
     free(skin->vertex), skin->vertex = NULL;
@@ -60,70 +64,66 @@ static void drop_topology(view_skin *skin)
     skin->built = false;
 }
 
-void view_skin_free(view_skin *skin)
-{
+void view_skin_free(view_skin *skin) {
     if (!skin) return;
     drop_topology(skin);
     free(skin->reference);
     free(skin);
 }
 
-static int by_key(const void *a, const void *b)
-{
+static int by_key(const void *a, const void *b) {
     const side *p = a, *q = b;
     if (p->key != q->key) return p->key < q->key ? -1 : 1;
     return p->triangle != q->triangle ? (p->triangle < q->triangle ? -1 : 1) : p->local - q->local;
 }
 
-static side *sorted_sides(const uint32_t *index, int32_t triangle_count)
-{
+static side *sorted_sides(const uint32_t *index, int32_t triangle_count) {
     side *sides = malloc(((size_t)triangle_count * 3 + 1) * sizeof *sides);
     if (!sides) return NULL;
     for (int32_t t = 0; t < triangle_count; ++t)
         for (int i = 0; i < 3; ++i) {
             uint64_t a = index[3 * t + i], b = index[3 * t + (i + 1) % 3];
-            sides[3 * t + i] = (side){ a < b ? a << 32 | b : b << 32 | a, t, i };
+            sides[3 * t + i] = (side){a < b ? a << 32 | b : b << 32 | a, t, i};
         }
     qsort(sides, (size_t)triangle_count * 3, sizeof *sides, by_key);
     return sides;
 }
 
-static void face_normal(const float *a, const float *b, const float *c, float n[3])
-{
-    float u[3] = { b[0] - a[0], b[1] - a[1], b[2] - a[2] }, v[3] = { c[0] - a[0], c[1] - a[1], c[2] - a[2] };
+static void face_normal(const float *a, const float *b, const float *c, float n[3]) {
+    float u[3] = {b[0] - a[0], b[1] - a[1], b[2] - a[2]}, v[3] = {c[0] - a[0], c[1] - a[1], c[2] - a[2]};
     n[0] = u[1] * v[2] - u[2] * v[1];
     n[1] = u[2] * v[0] - u[0] * v[2];
     n[2] = u[0] * v[1] - u[1] * v[0];
 }
 
-static float dot3(const float *a, const float *b)
-{
+static float dot3(const float *a, const float *b) {
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 }
 
-static void normalise(float n[3])
-{
+static void normalise(float n[3]) {
     float length = sqrtf(dot3(n, n));
-    if (length > 0) n[0] /= length, n[1] /= length, n[2] /= length;
-    else n[0] = 0, n[1] = 0, n[2] = 1;
+    if (length > 0)
+        n[0] /= length, n[1] /= length, n[2] /= length;
+    else
+        n[0] = 0, n[1] = 0, n[2] = 1;
 }
 
-static int32_t root_of(int32_t *parent, int32_t i)
-{
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
+static int32_t root_of(int32_t *parent, int32_t i) {
+    while (parent[i] != i)
+        i = parent[i] = parent[parent[i]];
     return i;
 }
 
-static void join(int32_t *parent, int32_t a, int32_t b)
-{
+static void join(int32_t *parent, int32_t a, int32_t b) {
     a = root_of(parent, a), b = root_of(parent, b);
-    if (a < b) parent[b] = a;
-    else parent[a] = b;
+    if (a < b)
+        parent[b] = a;
+    else
+        parent[a] = b;
 }
 
 /* Do these two sides of one edge belong to one smooth patch? */
-static bool smooth(const view_skin *skin, const view_surface *s, const side *p, const side *q)
-{
+static bool smooth(const view_skin *skin, const view_surface *s, const side *p, const side *q) {
     const int32_t *a = s->triangle + 3 * p->triangle, *b = s->triangle + 3 * q->triangle;
     if (s->kind[p->triangle] != s->kind[q->triangle] || a[p->local] != b[(q->local + 1) % 3]) return false;
     float m[3], n[3];
@@ -135,18 +135,21 @@ static bool smooth(const view_skin *skin, const view_surface *s, const side *p, 
 }
 
 /* Corners that meet across smooth edges share a sector: one position, one normal. */
-static bool build_sectors(view_skin *skin, const view_surface *s)
-{
+static bool build_sectors(view_skin *skin, const view_surface *s) {
     int32_t corners = 3 * s->triangle_count;
     int32_t *parent = malloc(((size_t)corners + 1) * sizeof *parent);
     skin->index = malloc(((size_t)corners + 1) * sizeof *skin->index);
     skin->sector_vertex = malloc(((size_t)corners + 1) * sizeof *skin->sector_vertex);
-    side *sides = parent && skin->index && skin->sector_vertex ? sorted_sides((const uint32_t *)s->triangle, s->triangle_count) : NULL;
+    side *sides = parent && skin->index && skin->sector_vertex
+                      ? sorted_sides((const uint32_t *)s->triangle, s->triangle_count)
+                      : NULL;
     if (!sides) return free(parent), false;
-    for (int32_t c = 0; c < corners; ++c) parent[c] = c;
+    for (int32_t c = 0; c < corners; ++c)
+        parent[c] = c;
     for (int32_t i = 0; i < corners;) {
         int32_t end = i + 1;
-        while (end < corners && sides[end].key == sides[i].key) ++end;
+        while (end < corners && sides[end].key == sides[i].key)
+            ++end;
         if (end - i == 2 && smooth(skin, s, &sides[i], &sides[i + 1])) {
             const side *p = &sides[i], *q = &sides[i + 1];
             join(parent, 3 * p->triangle + p->local, 3 * q->triangle + (q->local + 1) % 3);
@@ -161,15 +164,15 @@ static bool build_sectors(view_skin *skin, const view_surface *s)
         if (root == c) {
             skin->sector_vertex[skin->sector_count] = s->triangle[c];
             skin->index[c] = (uint32_t)skin->sector_count++;
-        } else skin->index[c] = skin->index[root];
+        } else
+            skin->index[c] = skin->index[root];
     }
     skin->triangle_count = s->triangle_count;
     free(parent);
     return true;
 }
 
-static bool build_level(level *out, const uint32_t *index, int32_t triangle_count, int32_t vertex_count)
-{
+static bool build_level(level *out, const uint32_t *index, int32_t triangle_count, int32_t vertex_count) {
     int32_t corners = 3 * triangle_count;
     side *sides = sorted_sides(index, triangle_count);
     uint32_t *middle = malloc(((size_t)corners + 1) * sizeof *middle);
@@ -188,7 +191,7 @@ static bool build_level(level *out, const uint32_t *index, int32_t triangle_coun
     }
     for (int32_t t = 0; t < triangle_count; ++t) {
         const uint32_t *v = index + 3 * t, *m = middle + 3 * t;
-        const uint32_t four[12] = { v[0], m[0], m[2], m[0], v[1], m[1], m[2], m[1], v[2], m[0], m[1], m[2] };
+        const uint32_t four[12] = {v[0], m[0], m[2], m[0], v[1], m[1], m[2], m[1], v[2], m[0], m[1], m[2]};
         memcpy(out->index + 12 * t, four, sizeof four);
     }
     out->triangle_count = 4 * triangle_count;
@@ -197,22 +200,22 @@ static bool build_level(level *out, const uint32_t *index, int32_t triangle_coun
     return true;
 }
 
-static int by_id(const void *a, const void *b)
-{
+static int by_id(const void *a, const void *b) {
     const reference *p = a, *q = b;
     return p->id < q->id ? -1 : p->id > q->id;
 }
 
 /* Vertices keep the place where they were first seen; new ones (opened by a cut) start where they are. */
-static bool update_references(view_skin *skin, const view_surface *s)
-{
+static bool update_references(view_skin *skin, const view_surface *s) {
     reference *now = malloc(((size_t)s->vertex_count + 1) * sizeof *now);
     if (!now) return false;
     for (int32_t v = 0; v < s->vertex_count; ++v) {
         now[v].id = s->vertex_id[v];
         memcpy(now[v].at_m, s->vertex_m + 3 * v, sizeof now[v].at_m);
-        const reference *old = skin->reference_count && skin->session == s->session
-                                   ? bsearch(&now[v], skin->reference, (size_t)skin->reference_count, sizeof *now, by_id) : NULL;
+        const reference *old =
+            skin->reference_count && skin->session == s->session
+                ? bsearch(&now[v], skin->reference, (size_t)skin->reference_count, sizeof *now, by_id)
+                : NULL;
         if (old) memcpy(now[v].at_m, old->at_m, sizeof now[v].at_m);
     }
     qsort(now, (size_t)s->vertex_count, sizeof *now, by_id);
@@ -223,22 +226,20 @@ static bool update_references(view_skin *skin, const view_surface *s)
     return true;
 }
 
-static void middle_reference(view_vertex *m, const view_vertex *a, const view_vertex *b)
-{
-    for (int k = 0; k < 3; ++k) m->reference_m[k] = (a->reference_m[k] + b->reference_m[k]) / 2;
+static void middle_reference(view_vertex *m, const view_vertex *a, const view_vertex *b) {
+    for (int k = 0; k < 3; ++k)
+        m->reference_m[k] = (a->reference_m[k] + b->reference_m[k]) / 2;
     m->kind = a->kind;
 }
 
 /* 0..1 at a lattice point. */
-static float lattice(int32_t x, int32_t y, int32_t z)
-{
+static float lattice(int32_t x, int32_t y, int32_t z) {
     uint32_t h = (uint32_t)x * 0x8da6b343u ^ (uint32_t)y * 0xd8163841u ^ (uint32_t)z * 0xcb1ab31fu;
     h = (h ^ h >> 13) * 0x5bd1e995u;
     return (float)((h ^ h >> 15) & 0xffffff) / 16777216.0f;
 }
 
-static float noise(const float at_m[3], float cell_m, float offset)
-{
+static float noise(const float at_m[3], float cell_m, float offset) {
     int32_t i[3];
     float u[3], sum = 0;
     for (int k = 0; k < 3; ++k) {
@@ -252,14 +253,12 @@ static float noise(const float at_m[3], float cell_m, float offset)
     return sum;
 }
 
-static void mottle_of(view_vertex *v, float grain_m)
-{
+static void mottle_of(view_vertex *v, float grain_m) {
     v->mottle[0] = 0.65f * noise(v->reference_m, grain_m * 9, 7.3f) + 0.35f * noise(v->reference_m, grain_m * 3.2f, 0);
     v->mottle[1] = noise(v->reference_m, grain_m * 17, 31.7f);
 }
 
-static bool build(view_skin *skin, const view_surface *s)
-{
+static bool build(view_skin *skin, const view_surface *s) {
     drop_topology(skin);
     if (!update_references(skin, s) || !build_sectors(skin, s)) return false;
     int32_t count = skin->sector_count, triangles = skin->triangle_count;
@@ -271,62 +270,70 @@ static bool build(view_skin *skin, const view_surface *s)
     skin->vertex = calloc((size_t)count + 1, sizeof *skin->vertex);
     if (!skin->vertex) return false;
     skin->vertex_count = count;
-    for (int32_t c = 0; c < 3 * skin->triangle_count; ++c) skin->vertex[skin->index[c]].kind = s->kind[c / 3];
+    for (int32_t c = 0; c < 3 * skin->triangle_count; ++c)
+        skin->vertex[skin->index[c]].kind = s->kind[c / 3];
     for (int32_t i = 0; i < skin->sector_count; ++i) {
-        reference wanted = { .id = s->vertex_id[skin->sector_vertex[i]] };
+        reference wanted = {.id = s->vertex_id[skin->sector_vertex[i]]};
         const reference *r = bsearch(&wanted, skin->reference, (size_t)skin->reference_count, sizeof wanted, by_id);
         memcpy(skin->vertex[i].reference_m, r->at_m, sizeof r->at_m);
     }
     view_vertex *middle = skin->vertex + skin->sector_count;
     for (int i = 0; i < skin->levels; ++i)
         for (int32_t e = 0; e < skin->level[i].edge_count; ++e, ++middle)
-            middle_reference(middle, &skin->vertex[skin->level[i].edge[2 * e]], &skin->vertex[skin->level[i].edge[2 * e + 1]]);
-    for (int32_t i = 0; i < count; ++i) mottle_of(&skin->vertex[i], skin->grain_m);
+            middle_reference(middle, &skin->vertex[skin->level[i].edge[2 * e]],
+                             &skin->vertex[skin->level[i].edge[2 * e + 1]]);
+    for (int32_t i = 0; i < count; ++i)
+        mottle_of(&skin->vertex[i], skin->grain_m);
     skin->topology = s->topology;
     skin->built = skin->index_changed = true;
     return true;
 }
 
 /* Normals weighted by the corner's angle do not depend on how a flat patch is cut into triangles. */
-static void sector_normals(view_skin *skin)
-{
-    for (int32_t i = 0; i < skin->sector_count; ++i) memset(skin->vertex[i].normal, 0, sizeof skin->vertex[i].normal);
+static void sector_normals(view_skin *skin) {
+    for (int32_t i = 0; i < skin->sector_count; ++i)
+        memset(skin->vertex[i].normal, 0, sizeof skin->vertex[i].normal);
     for (int32_t t = 0; t < skin->triangle_count; ++t) {
         view_vertex *v[3];
-        for (int i = 0; i < 3; ++i) v[i] = &skin->vertex[skin->index[3 * t + i]];
+        for (int i = 0; i < 3; ++i)
+            v[i] = &skin->vertex[skin->index[3 * t + i]];
         float n[3];
         face_normal(v[0]->at_m, v[1]->at_m, v[2]->at_m, n);
         normalise(n);
         for (int i = 0; i < 3; ++i) {
             float a[3], b[3];
-            for (int k = 0; k < 3; ++k) a[k] = v[(i + 1) % 3]->at_m[k] - v[i]->at_m[k], b[k] = v[(i + 2) % 3]->at_m[k] - v[i]->at_m[k];
+            for (int k = 0; k < 3; ++k)
+                a[k] = v[(i + 1) % 3]->at_m[k] - v[i]->at_m[k], b[k] = v[(i + 2) % 3]->at_m[k] - v[i]->at_m[k];
             normalise(a);
             normalise(b);
             float angle = acosf(fminf(fmaxf(dot3(a, b), -1), 1));
-            for (int k = 0; k < 3; ++k) v[i]->normal[k] += angle * n[k];
+            for (int k = 0; k < 3; ++k)
+                v[i]->normal[k] += angle * n[k];
         }
     }
-    for (int32_t i = 0; i < skin->sector_count; ++i) normalise(skin->vertex[i].normal);
+    for (int32_t i = 0; i < skin->sector_count; ++i)
+        normalise(skin->vertex[i].normal);
 }
 
 /* Hollows are darker: how far the neighbours stand above the tangent plane, on average. */
-static void sector_shade(view_skin *skin)
-{
-    for (int32_t i = 0; i < skin->sector_count; ++i) skin->vertex[i].shade = 0;
+static void sector_shade(view_skin *skin) {
+    for (int32_t i = 0; i < skin->sector_count; ++i)
+        skin->vertex[i].shade = 0;
     int32_t corners = 3 * skin->triangle_count;
     for (int32_t c = 0; c < corners; ++c) {
         view_vertex *v = &skin->vertex[skin->index[c]];
         const view_vertex *w = &skin->vertex[skin->index[c % 3 == 2 ? c - 2 : c + 1]];
-        float d[3] = { w->at_m[0] - v->at_m[0], w->at_m[1] - v->at_m[1], w->at_m[2] - v->at_m[2] };
+        float d[3] = {w->at_m[0] - v->at_m[0], w->at_m[1] - v->at_m[1], w->at_m[2] - v->at_m[2]};
         normalise(d);
         v->shade += dot3(v->normal, d) / 6; /* six neighbours are usual */
     }
-    for (int32_t i = 0; i < skin->sector_count; ++i) skin->vertex[i].shade = fminf(fmaxf(1 - 1.6f * skin->vertex[i].shade, 0.35f), 1.0f);
+    for (int32_t i = 0; i < skin->sector_count; ++i)
+        skin->vertex[i].shade = fminf(fmaxf(1 - 1.6f * skin->vertex[i].shade, 0.35f), 1.0f);
 }
 
-/* The middle of the cubic that leaves both ends at right angles to their normals (Vlachos and others, "Curved PN triangles", 2001). */
-static void middle_of(view_vertex *m, const view_vertex *a, const view_vertex *b, bool curved)
-{
+/* The middle of the cubic that leaves both ends at right angles to their normals (Vlachos and others, "Curved PN
+ * triangles", 2001). */
+static void middle_of(view_vertex *m, const view_vertex *a, const view_vertex *b, bool curved) {
     float d[3], h[3];
     for (int k = 0; k < 3; ++k) {
         d[k] = b->at_m[k] - a->at_m[k];
@@ -346,8 +353,7 @@ static void middle_of(view_vertex *m, const view_vertex *a, const view_vertex *b
     normalise(m->normal);
 }
 
-bool view_skin_update(view_skin *skin, const view_surface *s, float grain_m)
-{
+bool view_skin_update(view_skin *skin, const view_surface *s, float grain_m) {
     skin->grain_m = grain_m;
     if (skin->built && skin->version == s->version && skin->topology == s->topology) return true;
     if (!skin->built || skin->topology != s->topology)
@@ -366,20 +372,17 @@ bool view_skin_update(view_skin *skin, const view_surface *s, float grain_m)
     return true;
 }
 
-int32_t view_skin_vertices(const view_skin *skin, const view_vertex **vertex)
-{
+int32_t view_skin_vertices(const view_skin *skin, const view_vertex **vertex) {
     *vertex = skin->vertex;
     return skin->built ? skin->vertex_count : 0;
 }
 
-int32_t view_skin_coarse_indices(const view_skin *skin, const uint32_t **index)
-{
+int32_t view_skin_coarse_indices(const view_skin *skin, const uint32_t **index) {
     *index = skin->index;
     return skin->built ? 3 * skin->triangle_count : 0;
 }
 
-int32_t view_skin_indices(view_skin *skin, const uint32_t **index, bool *changed)
-{
+int32_t view_skin_indices(view_skin *skin, const uint32_t **index, bool *changed) {
     *changed = skin->index_changed;
     skin->index_changed = false;
     if (!skin->built) return 0;

@@ -1,4 +1,5 @@
-/* The smooth skin drawn over a coarse surface: normals that know creases, and curved triangles between the mesh's own vertices. */
+/* The smooth skin drawn over a coarse surface: normals that know creases, and curved triangles between the mesh's own
+ * vertices. */
 #ifndef VIEW_SKIN_H
 #define VIEW_SKIN_H
 
@@ -15,10 +16,12 @@ typedef struct view_vertex {
 
 typedef struct view_skin view_skin;
 
-/* `levels` 0..2: each draws four triangles for one. `crease_rad`: edges sharper than this stay edges. Null: no memory. */
+/* `levels` 0..2: each draws four triangles for one. `crease_rad`: edges sharper than this stay edges. Null: no memory.
+ */
 view_skin *view_skin_create(int levels, float crease_rad);
 void view_skin_free(view_skin *skin);
-/* Brings the skin up to the surface's version; does nothing when it is. `grain_m`: size of the finest speckles. False: no memory. */
+/* Brings the skin up to the surface's version; does nothing when it is. `grain_m`: size of the finest speckles. False:
+ * no memory. */
 bool view_skin_update(view_skin *skin, const view_surface *surface, float grain_m);
 int32_t view_skin_vertices(const view_skin *skin, const view_vertex **vertex);
 /* `*changed` tells whether the triangles are others than at the last call. */

@@ -10,12 +10,13 @@
 #include "sim/sim.h"
 
 /* The vertices that the surface uses, renumbered in their order. */
-static bool surface_of(const tm_mesh *mesh, view_surface *s)
-{
+static bool surface_of(const tm_mesh *mesh, view_surface *s) {
     int32_t *number = malloc((size_t)mesh->vertex_count * sizeof *number), count = 0;
     if (!number) return false;
-    for (int32_t v = 0; v < mesh->vertex_count; ++v) number[v] = -1;
-    for (int32_t i = 0; i < 3 * mesh->surface_count; ++i) number[mesh->surface[i]] = 0;
+    for (int32_t v = 0; v < mesh->vertex_count; ++v)
+        number[v] = -1;
+    for (int32_t i = 0; i < 3 * mesh->surface_count; ++i)
+        number[mesh->surface[i]] = 0;
     for (int32_t v = 0; v < mesh->vertex_count; ++v)
         if (number[v] == 0) number[v] = count++;
     bool good = view_surface_reserve(s, count, mesh->surface_count);
@@ -23,9 +24,11 @@ static bool surface_of(const tm_mesh *mesh, view_surface *s)
         for (int32_t v = 0; v < mesh->vertex_count; ++v) {
             if (number[v] < 0) continue;
             s->vertex_id[number[v]] = v;
-            for (int k = 0; k < 3; ++k) s->vertex_m[3 * number[v] + k] = (float)mesh->rest_m[3 * v + k];
+            for (int k = 0; k < 3; ++k)
+                s->vertex_m[3 * number[v] + k] = (float)mesh->rest_m[3 * v + k];
         }
-        for (int32_t i = 0; i < 3 * mesh->surface_count; ++i) s->triangle[i] = number[mesh->surface[i]];
+        for (int32_t i = 0; i < 3 * mesh->surface_count; ++i)
+            s->triangle[i] = number[mesh->surface[i]];
         memset(s->kind, 0, (size_t)mesh->surface_count);
         s->vertex_count = count, s->triangle_count = mesh->surface_count;
         ++s->version, ++s->topology;
@@ -34,9 +37,8 @@ static bool surface_of(const tm_mesh *mesh, view_surface *s)
     return good;
 }
 
-static int load_mesh(const char *path, double scale, view_picture *picture)
-{
-    tm_error error = { 0 };
+static int load_mesh(const char *path, double scale, view_picture *picture) {
+    tm_error error = {0};
     app_mesh file;
     if (app_mesh_load(path, scale, &file, &error)) return app_report(path, 0, &error);
     tm_mesh *mesh = NULL;
@@ -50,14 +52,14 @@ static int load_mesh(const char *path, double scale, view_picture *picture)
 }
 
 /* The scene as it stands before its first frame. */
-static int load_scene(const char *path, view_picture *picture)
-{
+static int load_scene(const char *path, view_picture *picture) {
     app_scene *scene;
     sim *s;
     int wrong = sim_scene_load(path, NULL, 0, &scene);
     if (!wrong) wrong = sim_create(scene, &s);
     if (wrong) return wrong;
-    if (!surface_of(s->mesh, &picture->surface)) wrong = app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
+    if (!surface_of(s->mesh, &picture->surface))
+        wrong = app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
     for (int i = 0; i < s->instrument_count && i < VIEW_INSTRUMENTS; ++i) {
         view_instrument *t = &picture->instrument[i];
         tm_tool_pose pose = sim_pose(s, i, s->start_joint[i], false);
@@ -72,10 +74,10 @@ static int load_scene(const char *path, view_picture *picture)
     return wrong;
 }
 
-int view_still_load(const char *path, double scale, view_picture *picture)
-{
+int view_still_load(const char *path, double scale, view_picture *picture) {
     const char *slash = strrchr(path, '/');
     snprintf(picture->title, sizeof picture->title, "%s", slash ? slash + 1 : path);
     const char *dot = strrchr(path, '.');
-    return dot && (!strcmp(dot, ".yaml") || !strcmp(dot, ".yml")) ? load_scene(path, picture) : load_mesh(path, scale, picture);
+    return dot && (!strcmp(dot, ".yaml") || !strcmp(dot, ".yml")) ? load_scene(path, picture)
+                                                                  : load_mesh(path, scale, picture);
 }

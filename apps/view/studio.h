@@ -10,9 +10,9 @@
 typedef struct view_studio_def {
     view_render_def render;
     view_camera_def camera;
-    float orbit_rad_s;     /* the eye walks round */
-    bool words;            /* overlay */
-    double newton_m;       /* length of an arrow of one newton; 0: chosen so that the largest fits */
+    float orbit_rad_s; /* the eye walks round */
+    bool words;        /* overlay */
+    double newton_m;   /* length of an arrow of one newton; 0: chosen so that the largest fits */
 } view_studio_def;
 
 typedef struct view_studio {
@@ -20,7 +20,7 @@ typedef struct view_studio {
     const view_render_api *api;
     view_renderer *renderer;
     bool fitted;
-    view_surface first;    /* what the camera was fitted to */
+    view_surface first; /* what the camera was fitted to */
     view_camera camera;
     view_canvas canvas;
     double peak_force_N, drawn_hz;

@@ -13,45 +13,52 @@
 enum { HEIGHT = 600 };
 
 /* An instrument leaning into the body, looked at from the front. */
-static void scene(view_picture *p, view_camera *camera)
-{
-    static const view_instrument probe = { .shown = true, .mode = 0, .tip_m = { 0.01, 0.02, 0.05 }, .trocar_m = { 0, -0.05, 0.15 }, .radius_m = 0.0025,
-                                           .axis = { 0, 0.5, -0.8 }, .up = { 0, 0, 1 }, .extrapolator = "position", .grip = 0.25, .roll_rad = 0.1 };
+static void scene(view_picture *p, view_camera *camera) {
+    static const view_instrument probe = {.shown = true,
+                                          .mode = 0,
+                                          .tip_m = {0.01, 0.02, 0.05},
+                                          .trocar_m = {0, -0.05, 0.15},
+                                          .radius_m = 0.0025,
+                                          .axis = {0, 0.5, -0.8},
+                                          .up = {0, 0, 1},
+                                          .extrapolator = "position",
+                                          .grip = 0.25,
+                                          .roll_rad = 0.1};
     memset(p, 0, sizeof *p);
     p->instrument[0] = p->instrument[1] = probe;
     p->instrument[1].mode = 2;
     p->instrument[1].tip_m[0] = -0.04;
-    *camera = (view_camera){ .eye_m = { 0, -0.5f, 0.05f }, .at_m = { 0, 0, 0.05f }, .up = { 0, 0, 1 }, .fov_rad = 0.5f, .radius_m = 0.1f };
+    *camera = (view_camera){
+        .eye_m = {0, -0.5f, 0.05f}, .at_m = {0, 0, 0.05f}, .up = {0, 0, 1}, .fov_rad = 0.5f, .radius_m = 0.1f};
 }
 
-static void key(play_controls *c, const view_picture *p, int code, bool down)
-{
-    play_event e = { .type = PLAY_KEY, .code = code, .down = down };
+static void key(play_controls *c, const view_picture *p, int code, bool down) {
+    play_event e = {.type = PLAY_KEY, .code = code, .down = down};
     play_controls_event(c, p, &e);
 }
 
 /* Where the hand wants the tip, in the world. */
-static void wanted_tip(const play_controls *c, const view_picture *p, int i, double tip_m[3])
-{
+static void wanted_tip(const play_controls *c, const view_picture *p, int i, double tip_m[3]) {
     const view_instrument *t = &p->instrument[i];
     hrt_frame frame;
     float joint[HRT_JOINTS], tip[3];
-    const float axis[3] = { (float)t->axis[0], (float)t->axis[1], (float)t->axis[2] }, up[3] = { (float)t->up[0], (float)t->up[1], (float)t->up[2] };
+    const float axis[3] = {(float)t->axis[0], (float)t->axis[1], (float)t->axis[2]},
+                up[3] = {(float)t->up[0], (float)t->up[1], (float)t->up[2]};
     assert_true(hrt_frame_from_axis(&frame, axis, up));
-    for (int j = 0; j < HRT_JOINTS; ++j) joint[j] = (float)c->hand[i].joint[j];
+    for (int j = 0; j < HRT_JOINTS; ++j)
+        joint[j] = (float)c->hand[i].joint[j];
     hrt_tip(&frame, joint, tip);
-    for (int k = 0; k < 3; ++k) tip_m[k] = t->trocar_m[k] + (double)tip[k];
+    for (int k = 0; k < 3; ++k)
+        tip_m[k] = t->trocar_m[k] + (double)tip[k];
 }
 
-static void begin(play_controls *c, view_picture *p, view_camera *camera)
-{
+static void begin(play_controls *c, view_picture *p, view_camera *camera) {
     scene(p, camera);
     play_controls_begin(c);
     play_controls_step(c, p, camera, HEIGHT, 0.01);
 }
 
-static void hand_begins_where_the_instrument_is(void **state)
-{
+static void hand_begins_where_the_instrument_is(void **state) {
     (void)state;
     play_controls c;
     view_picture p;
@@ -60,13 +67,13 @@ static void hand_begins_where_the_instrument_is(void **state)
     for (int i = 0; i < 2; ++i) {
         double tip[3];
         wanted_tip(&c, &p, i, tip);
-        for (int k = 0; k < 3; ++k) assert_float_equal(tip[k], p.instrument[i].tip_m[k], 1e-6);
+        for (int k = 0; k < 3; ++k)
+            assert_float_equal(tip[k], p.instrument[i].tip_m[k], 1e-6);
     }
     assert_float_equal(c.hand[0].joint[3], 0.1, 1e-9);
 }
 
-static void unknown_instruments_send_nothing(void **state)
-{
+static void unknown_instruments_send_nothing(void **state) {
     (void)state;
     play_controls c;
     view_picture p;
@@ -82,10 +89,9 @@ static void unknown_instruments_send_nothing(void **state)
 }
 
 /* The tip follows the mouse across the picture; the insertion stays. */
-static void drag_moves_the_tip_with_the_mouse(void **state)
-{
+static void drag_moves_the_tip_with_the_mouse(void **state) {
     (void)state;
-    static const float drag[4][2] = { { 10, 0 }, { -10, 0 }, { 0, -10 }, { 0, 10 } };
+    static const float drag[4][2] = {{10, 0}, {-10, 0}, {0, -10}, {0, 10}};
     for (int d = 0; d < 4; ++d) {
         play_controls c;
         view_picture p;
@@ -94,34 +100,34 @@ static void drag_moves_the_tip_with_the_mouse(void **state)
         double insertion = c.hand[0].joint[2], before[3], after[3];
         float a[2], b[2];
         wanted_tip(&c, &p, 0, before);
-        play_event press = { .type = PLAY_BUTTON, .code = 1, .down = true }, move = { .type = PLAY_MOTION, .dx = drag[d][0], .dy = drag[d][1] };
+        play_event press = {.type = PLAY_BUTTON, .code = 1, .down = true},
+                   move = {.type = PLAY_MOTION, .dx = drag[d][0], .dy = drag[d][1]};
         play_controls_event(&c, &p, &press);
         play_controls_event(&c, &p, &move);
         play_controls_step(&c, &p, &camera, HEIGHT, 0.01);
         wanted_tip(&c, &p, 0, after);
-        assert_true(view_camera_project(&camera, HEIGHT, HEIGHT, before, a) && view_camera_project(&camera, HEIGHT, HEIGHT, after, b));
+        assert_true(view_camera_project(&camera, HEIGHT, HEIGHT, before, a) &&
+                    view_camera_project(&camera, HEIGHT, HEIGHT, after, b));
         float along = ((b[0] - a[0]) * drag[d][0] + (b[1] - a[1]) * drag[d][1]) / 10;
         assert_true(along > 7 && along < 12); /* ten pixels, less the damping */
         assert_float_equal(c.hand[0].joint[2], insertion, 1e-9);
     }
 }
 
-static void motion_without_button_moves_nothing(void **state)
-{
+static void motion_without_button_moves_nothing(void **state) {
     (void)state;
     play_controls c;
     view_picture p;
     view_camera camera;
     begin(&c, &p, &camera);
     play_hand before = c.hand[0];
-    play_event move = { .type = PLAY_MOTION, .dx = 50, .dy = 50 };
+    play_event move = {.type = PLAY_MOTION, .dx = 50, .dy = 50};
     play_controls_event(&c, &p, &move);
     play_controls_step(&c, &p, &camera, HEIGHT, 0.01);
     assert_memory_equal(before.joint, c.hand[0].joint, 3 * sizeof(double));
 }
 
-static void keys_insert_and_roll_within_the_workspace(void **state)
-{
+static void keys_insert_and_roll_within_the_workspace(void **state) {
     (void)state;
     play_controls c;
     view_picture p;
@@ -131,7 +137,8 @@ static void keys_insert_and_roll_within_the_workspace(void **state)
     key(&c, &p, 'w', true);
     play_controls_step(&c, &p, &camera, HEIGHT, 0.5);
     assert_float_equal((float)c.hand[0].joint[2], (float)(from + 0.015), 1e-6f);
-    for (int i = 0; i < 100; ++i) play_controls_step(&c, &p, &camera, HEIGHT, 0.5);
+    for (int i = 0; i < 100; ++i)
+        play_controls_step(&c, &p, &camera, HEIGHT, 0.5);
     assert_float_equal((float)c.hand[0].joint[2], c.limits.joint_max[2], 1e-9f);
     key(&c, &p, 'w', false);
     key(&c, &p, 'e', true);
@@ -139,8 +146,7 @@ static void keys_insert_and_roll_within_the_workspace(void **state)
     assert_float_equal(c.hand[0].joint[3], 0.25, 1e-6);
 }
 
-static void focus_lost_lets_go_of_everything(void **state)
-{
+static void focus_lost_lets_go_of_everything(void **state) {
     (void)state;
     play_controls c;
     view_picture p;
@@ -150,14 +156,14 @@ static void focus_lost_lets_go_of_everything(void **state)
     key(&c, &p, '2', true);
     key(&c, &p, ' ', true);
     assert_true(play_controls_hand(&c, &p, 1, &hand) && hand.active);
-    play_event lost = { .type = PLAY_FOCUS_LOST };
+    play_event lost = {.type = PLAY_FOCUS_LOST};
     play_controls_event(&c, &p, &lost);
     assert_true(play_controls_hand(&c, &p, 1, &hand) && !hand.active);
 }
 
-/* The current runs only in a cautery, only while the key is held, and never stays behind with the instrument that was left. */
-static void current_follows_key_and_instrument(void **state)
-{
+/* The current runs only in a cautery, only while the key is held, and never stays behind with the instrument that was
+ * left. */
+static void current_follows_key_and_instrument(void **state) {
     (void)state;
     play_controls c;
     view_picture p;
@@ -174,8 +180,7 @@ static void current_follows_key_and_instrument(void **state)
     assert_true(play_controls_hand(&c, &p, 1, &hand) && !hand.active);
 }
 
-static void jaws_close_while_held_and_stay_when_latched(void **state)
-{
+static void jaws_close_while_held_and_stay_when_latched(void **state) {
     (void)state;
     play_controls c;
     view_picture p;
@@ -183,7 +188,8 @@ static void jaws_close_while_held_and_stay_when_latched(void **state)
     begin(&c, &p, &camera);
     p.instrument[0].mode = 1;
     key(&c, &p, ' ', true);
-    for (int i = 0; i < 10; ++i) play_controls_step(&c, &p, &camera, HEIGHT, 0.05);
+    for (int i = 0; i < 10; ++i)
+        play_controls_step(&c, &p, &camera, HEIGHT, 0.05);
     assert_float_equal(c.hand[0].joint[4], 1, 1e-9);
     key(&c, &p, 'f', true);
     key(&c, &p, ' ', false);
@@ -194,8 +200,7 @@ static void jaws_close_while_held_and_stay_when_latched(void **state)
     assert_float_equal(c.hand[0].joint[4], 0, 1e-9);
 }
 
-static void commands_share_one_message(void **state)
-{
+static void commands_share_one_message(void **state) {
     (void)state;
     play_controls c;
     view_picture p;
@@ -212,12 +217,17 @@ static void commands_share_one_message(void **state)
     assert_true(c.quit);
 }
 
-int main(void)
-{
+int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(hand_begins_where_the_instrument_is), cmocka_unit_test(unknown_instruments_send_nothing), cmocka_unit_test(drag_moves_the_tip_with_the_mouse),
-        cmocka_unit_test(motion_without_button_moves_nothing), cmocka_unit_test(keys_insert_and_roll_within_the_workspace), cmocka_unit_test(focus_lost_lets_go_of_everything),
-        cmocka_unit_test(current_follows_key_and_instrument), cmocka_unit_test(jaws_close_while_held_and_stay_when_latched), cmocka_unit_test(commands_share_one_message),
+        cmocka_unit_test(hand_begins_where_the_instrument_is),
+        cmocka_unit_test(unknown_instruments_send_nothing),
+        cmocka_unit_test(drag_moves_the_tip_with_the_mouse),
+        cmocka_unit_test(motion_without_button_moves_nothing),
+        cmocka_unit_test(keys_insert_and_roll_within_the_workspace),
+        cmocka_unit_test(focus_lost_lets_go_of_everything),
+        cmocka_unit_test(current_follows_key_and_instrument),
+        cmocka_unit_test(jaws_close_while_held_and_stay_when_latched),
+        cmocka_unit_test(commands_share_one_message),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* The drawn skin: closed where the surface is closed, round where it is smooth, sharp where it is creased, and stuck to the tissue through cuts. */
+/* The drawn skin: closed where the surface is closed, round where it is smooth, sharp where it is creased, and stuck to
+ * the tissue through cuts. */
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
@@ -11,22 +12,25 @@
 
 #include "view/skin.h"
 
-/* A cube of side 2 with its faces split into n*n squares; pushed out to the unit sphere if `round`. Vertices shared along edges. */
-static void box(view_surface *s, int n, bool round)
-{
+/* A cube of side 2 with its faces split into n*n squares; pushed out to the unit sphere if `round`. Vertices shared
+ * along edges. */
+static void box(view_surface *s, int n, bool round) {
     int side = n + 1, grid = side * side * side;
     int32_t *number = malloc((size_t)grid * sizeof *number);
     int32_t vertices = 0, triangles = 0;
     assert_true(view_surface_reserve(s, grid, 12 * n * n));
     for (int i = 0; i < grid; ++i) {
-        int at[3] = { i % side, i / side % side, i / side / side };
+        int at[3] = {i % side, i / side % side, i / side / side};
         bool outside = false;
-        for (int k = 0; k < 3; ++k) outside = outside || at[k] == 0 || at[k] == n;
+        for (int k = 0; k < 3; ++k)
+            outside = outside || at[k] == 0 || at[k] == n;
         number[i] = outside ? vertices : -1;
         if (!outside) continue;
         float p[3], length = 0;
-        for (int k = 0; k < 3; ++k) p[k] = 2 * (float)at[k] / (float)n - 1, length += p[k] * p[k];
-        for (int k = 0; k < 3; ++k) s->vertex_m[3 * vertices + k] = round ? p[k] / sqrtf(length) : p[k];
+        for (int k = 0; k < 3; ++k)
+            p[k] = 2 * (float)at[k] / (float)n - 1, length += p[k] * p[k];
+        for (int k = 0; k < 3; ++k)
+            s->vertex_m[3 * vertices + k] = round ? p[k] / sqrtf(length) : p[k];
         s->vertex_id[vertices] = vertices;
         ++vertices;
     }
@@ -41,8 +45,12 @@ static void box(view_surface *s, int n, bool round)
                     at[(axis + 2) % 3] = i / n + (c >= 2);
                     corner[c] = number[at[0] + side * (at[1] + side * at[2])];
                 }
-                int32_t two[6] = { corner[0], corner[1], corner[2], corner[0], corner[2], corner[3] };
-                for (int t = 0; t < 2 && !end; ++t) { int32_t swap = two[3 * t + 1]; two[3 * t + 1] = two[3 * t + 2]; two[3 * t + 2] = swap; }
+                int32_t two[6] = {corner[0], corner[1], corner[2], corner[0], corner[2], corner[3]};
+                for (int t = 0; t < 2 && !end; ++t) {
+                    int32_t swap = two[3 * t + 1];
+                    two[3 * t + 1] = two[3 * t + 2];
+                    two[3 * t + 2] = swap;
+                }
                 memcpy(s->triangle + 3 * triangles, two, sizeof two);
                 triangles += 2;
             }
@@ -52,16 +60,16 @@ static void box(view_surface *s, int n, bool round)
     free(number);
 }
 
-typedef struct edge { float end[6]; } edge;
+typedef struct edge {
+    float end[6];
+} edge;
 
-static int by_bits(const void *a, const void *b)
-{
+static int by_bits(const void *a, const void *b) {
     return memcmp(a, b, sizeof(edge));
 }
 
 /* Every edge of the finest triangles, by the exact positions of its ends, is there twice: no gap, however small. */
-static void assert_closed(view_skin *skin)
-{
+static void assert_closed(view_skin *skin) {
     const view_vertex *v;
     const uint32_t *index;
     bool changed;
@@ -75,20 +83,22 @@ static void assert_closed(view_skin *skin)
         memcpy(edges[i].end + 3, swap ? a : b, 3 * sizeof *a);
     }
     qsort(edges, (size_t)count, sizeof *edges, by_bits);
-    for (int32_t i = 0; i < count; i += 2) assert_memory_equal(&edges[i], &edges[i + 1], sizeof *edges);
+    for (int32_t i = 0; i < count; i += 2)
+        assert_memory_equal(&edges[i], &edges[i + 1], sizeof *edges);
     free(edges);
 }
 
-static void sphere_is_closed_and_round(void **state)
-{
+static void sphere_is_closed_and_round(void **state) {
     (void)state;
-    view_surface s = { 0 };
+    view_surface s = {0};
     box(&s, 4, true);
     /* How far inside the sphere the middles of straight edges would be. */
     float flat = 0;
     for (int32_t i = 0; i < 3 * s.triangle_count; ++i) {
         const float *a = s.vertex_m + 3 * s.triangle[i], *b = s.vertex_m + 3 * s.triangle[i % 3 == 2 ? i - 2 : i + 1];
-        flat = fmaxf(flat, 1 - sqrtf((a[0] + b[0]) * (a[0] + b[0]) + (a[1] + b[1]) * (a[1] + b[1]) + (a[2] + b[2]) * (a[2] + b[2])) / 2);
+        flat = fmaxf(flat, 1 - sqrtf((a[0] + b[0]) * (a[0] + b[0]) + (a[1] + b[1]) * (a[1] + b[1]) +
+                                     (a[2] + b[2]) * (a[2] + b[2])) /
+                                   2);
     }
     for (int levels = 0; levels <= 2; ++levels) {
         view_skin *skin = view_skin_create(levels, 0.9f);
@@ -107,10 +117,9 @@ static void sphere_is_closed_and_round(void **state)
     view_surface_free(&s);
 }
 
-static void cube_is_closed_and_sharp(void **state)
-{
+static void cube_is_closed_and_sharp(void **state) {
     (void)state;
-    view_surface s = { 0 };
+    view_surface s = {0};
     box(&s, 3, false);
     view_skin *skin = view_skin_create(2, 0.9f);
     assert_true(view_skin_update(skin, &s, 0.01f));
@@ -131,12 +140,12 @@ static void cube_is_closed_and_sharp(void **state)
     view_surface_free(&s);
 }
 
-static void opened_flesh_keeps_its_edge(void **state)
-{
+static void opened_flesh_keeps_its_edge(void **state) {
     (void)state;
-    view_surface s = { 0 };
+    view_surface s = {0};
     box(&s, 4, true);
-    for (int32_t t = 0; t < 20; ++t) s.kind[t] = 1;
+    for (int32_t t = 0; t < 20; ++t)
+        s.kind[t] = 1;
     view_skin *skin = view_skin_create(1, 3.2f);
     assert_true(view_skin_update(skin, &s, 0.01f));
     const view_vertex *v;
@@ -156,17 +165,17 @@ static void opened_flesh_keeps_its_edge(void **state)
 }
 
 /* A vertex that moves, and another that a cut takes off the list, do not change where the rest was first seen. */
-static void references_outlive_motion_and_cuts(void **state)
-{
+static void references_outlive_motion_and_cuts(void **state) {
     (void)state;
-    view_surface s = { 0 };
+    view_surface s = {0};
     box(&s, 3, true);
     view_skin *skin = view_skin_create(0, 0.9f);
     assert_true(view_skin_update(skin, &s, 0.01f));
     float first[3];
     memcpy(first, s.vertex_m + 3 * s.triangle[0], sizeof first);
     int32_t id = s.vertex_id[s.triangle[0]];
-    for (int32_t i = 0; i < 3 * s.vertex_count; ++i) s.vertex_m[i] += 5;
+    for (int32_t i = 0; i < 3 * s.vertex_count; ++i)
+        s.vertex_m[i] += 5;
     s.triangle_count -= 2;
     ++s.version, ++s.topology;
     assert_true(view_skin_update(skin, &s, 0.01f));
@@ -182,10 +191,9 @@ static void references_outlive_motion_and_cuts(void **state)
     view_surface_free(&s);
 }
 
-static void empty_surface_is_no_crash(void **state)
-{
+static void empty_surface_is_no_crash(void **state) {
     (void)state;
-    view_surface s = { 0 };
+    view_surface s = {0};
     assert_true(view_surface_reserve(&s, 1, 1));
     s.version = s.topology = 1;
     view_skin *skin = view_skin_create(1, 0.9f);
@@ -196,9 +204,10 @@ static void empty_surface_is_no_crash(void **state)
     view_surface_free(&s);
 }
 
-int main(void)
-{
-    const struct CMUnitTest tests[] = { cmocka_unit_test(sphere_is_closed_and_round), cmocka_unit_test(cube_is_closed_and_sharp), cmocka_unit_test(opened_flesh_keeps_its_edge),
-                                        cmocka_unit_test(references_outlive_motion_and_cuts), cmocka_unit_test(empty_surface_is_no_crash) };
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(sphere_is_closed_and_round), cmocka_unit_test(cube_is_closed_and_sharp),
+        cmocka_unit_test(opened_flesh_keeps_its_edge), cmocka_unit_test(references_outlive_motion_and_cuts),
+        cmocka_unit_test(empty_surface_is_no_crash)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
