@@ -49,11 +49,17 @@ static inline void *fuzz_copy(const void *data, size_t size) {
     return copy;
 }
 
+/* Where a target may write: run.py gives each run a folder of its own and removes it. */
+static inline const char *fuzz_folder(void) {
+    const char *folder = getenv("TM_FUZZ_DIR");
+    return folder ? folder : "/dev/shm";
+}
+
 /* The input as a file that vanishes with the process; the name is good until the next call. */
 static inline const char *fuzz_file(const void *data, size_t size, const char *ending) {
     static char path[200], before[200];
     if (before[0]) unlink(before);
-    snprintf(path, sizeof path, "/dev/shm/tm-fuzz-%ld%s", (long)getpid(), ending);
+    snprintf(path, sizeof path, "%s/tm-fuzz-%ld%s", fuzz_folder(), (long)getpid(), ending);
     FILE *file = fopen(path, "wb");
     PROMISE(file && (!size || fwrite(data, 1, size, file) == size) && fclose(file) == 0);
     memcpy(before, path, sizeof before);

@@ -37,7 +37,7 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
     (void)argc, (void)argv;
     bool from_file;
     body = fuzz_block(2, false);
-    snprintf(path, sizeof path, "/dev/shm/tm-fuzz-%ld.tmr", (long)getpid());
+    snprintf(path, sizeof path, "%s/tm-fuzz-%ld.tmr", fuzz_folder(), (long)getpid());
     unlink(path);
     def = tm_precomputed_def_default();
     def.problem.tissue = body.tissue;

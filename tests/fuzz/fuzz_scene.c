@@ -11,8 +11,8 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
     (void)argc, (void)argv;
     app_mesh mesh;
     tm_error error = {0};
-    char folder[100];
-    snprintf(folder, sizeof folder, "/dev/shm/tm-fuzz-cache-%ld", (long)getpid());
+    char folder[300];
+    snprintf(folder, sizeof folder, "%s/cache", fuzz_folder());
     setenv("TM_CACHE_DIR", folder, 1);
     const char *root = getenv("TM_ROOT");
     snprintf(mesh_path, sizeof mesh_path, "%s/meshes/block_1k.msh", root ? root : ".");
