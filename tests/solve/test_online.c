@@ -312,8 +312,48 @@ static void smooth(void **state) {
     free_pair(&p);
 }
 
+/* --- hard use: two tools at random, up to 0.3 m/s, in and out --- */
+
+static void rough_hands(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.tools = 2;
+    def.bulge_m = 0.008;
+    pair p = make_pair(&def, TM_DOUBLE);
+    fix_random random = {33};
+    double at[2][3] = {{0.01, 0, 0.055}, {-0.01, 0, 0.055}}, v[2][3] = {{0}};
+    const int ticks = kit_long() ? 6000 : 2000;
+    int stalled = 0, touching = 0;
+    for (int i = 0; i < ticks; i++) {
+        tm_tool_pose pose[2];
+        for (int t = 0; t < 2; t++) {
+            for (int c = 0; c < 3; c++) {
+                const double low = c == 2 ? 0.038 : -0.03, high = c == 2 ? 0.06 : 0.03;
+                v[t][c] = 0.98 * v[t][c] + 0.012 * fix_signed(&random);
+                at[t][c] += 0.002 * v[t][c];
+                if (at[t][c] < low) at[t][c] = low, v[t][c] = fabs(v[t][c]);
+                if (at[t][c] > high) at[t][c] = high, v[t][c] = -fabs(v[t][c]);
+            }
+            pose[t] = scene_pose(at[t][0], at[t][1], at[t][2]);
+        }
+        stalled += tm_precomputed_update(p.model, pose) < 0;
+        double force[3];
+        tm_precomputed_force(p.model, 0, force);
+        assert_true(length3(force) < 10); /* and so is finite */
+        touching += length3(force) > 0;
+    }
+    print_message("  %d ticks, %d touching, %d not converged\n", ticks, touching, stalled);
+    assert_true(touching > ticks / 4);
+    assert_true(stalled <= ticks / 200);
+    free_pair(&p);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(agrees_with_dynamic), cmocka_unit_test(stiffness),
-                                       cmocka_unit_test(patch), cmocka_unit_test(grasp), cmocka_unit_test(smooth)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(agrees_with_dynamic),
+                                       cmocka_unit_test(stiffness),
+                                       cmocka_unit_test(patch),
+                                       cmocka_unit_test(grasp),
+                                       cmocka_unit_test(smooth),
+                                       cmocka_unit_test(rough_hands)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
