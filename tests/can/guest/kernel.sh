@@ -13,12 +13,18 @@ virtio="virtio_ring virtio virtio_pci_legacy_dev virtio_pci_modern_dev virtio_pc
 can="can can-raw can-dev vcan sja1000 kvaser_pci"
 
 if [ ! -s "$dir/vmlinuz" ]; then
-    package=$(apt-cache depends linux-image-amd64 2>/dev/null | sed -n 's/^ *Depends: //p' | head -1)
-    [ -n "$package" ] || { echo "guest: apt knows no linux-image-amd64; run apt-get update" >&2; exit 2; }
     rm -rf "$dir/deb" "$dir/root"
     mkdir -p "$dir/deb" "$dir/modules"
-    (cd "$dir/deb" && timeout 600 apt-get download -q "$package" >../download.log 2>&1) ||
-        { cat "$dir/download.log" >&2; echo "guest: could not download $package; check the network, run apt-get update, then the same command again" >&2; exit 2; }
+    fetch() {
+        package=$(apt-cache depends linux-image-amd64 2>/dev/null | sed -n 's/^ *Depends: //p' | head -1)
+        [ -n "$package" ] && (cd "$dir/deb" && timeout 600 apt-get download -q "$package" >../download.log 2>&1)
+    }
+    # Lists may be missing or older than the mirror.
+    fetch || { $([ "$(id -u)" = 0 ] || echo sudo -n) timeout 300 apt-get update -q >"$dir/update.log" 2>&1; fetch; } || {
+        cat "$dir/download.log" >&2 2>/dev/null || true
+        echo "guest: could not download ${package:-linux-image-amd64}; check the network, run apt-get update, then the same command again" >&2
+        exit 2
+    }
     dpkg -x "$dir"/deb/*.deb "$dir/root"
     for module in $virtio $can; do
         cp "$(find "$dir/root" -name "$module.ko" -print -quit)" "$dir/modules/" || { echo "guest: $package has no module $module" >&2; exit 1; }
