@@ -47,7 +47,7 @@ static void surface_force(const hrt_patch *patch, const hrt_params *params, cons
     hrt_sample s = {.tip_m = {tip[0], tip[1], tip[2]}, .unilateral = true, .patch = patch};
     hrt_extrapolation_reset(&x, HRT_CONTACT);
     hrt_extrapolation_sample(&x, params, &s);
-    for (int i = 0; i < 20; i++) hrt_extrapolation_force(&x, params, 0, tip, force);
+    for (int i = 0; i < 10; i++) hrt_extrapolation_force(&x, params, 0, tip, force);
 }
 
 static void surface_stiffness(const hrt_patch *patch, const hrt_params *params, const float tip[3], double K[9]) {
@@ -183,7 +183,7 @@ static loop_result largest(const loop_case *c, bool quick, bool *beyond) {
         else bad = compliance;
     }
     if (!(good > 0)) return best;
-    for (int i = 0; i < (quick ? 2 : 5); i++) {
+    for (int i = 0; i < (quick ? 2 : 3); i++) {
         double middle = sqrt(good * bad);
         loop_result r = run_loop(c, middle);
         if (r.settled) best = r, good = middle;
@@ -193,7 +193,7 @@ static loop_result largest(const loop_case *c, bool quick, bool *beyond) {
 }
 
 cJSON *study_loop(const study_run *run) {
-    static const double whole[] = {10, 15, 20, 25, 30, 50, 100, 500}, quick[] = {30};
+    static const double whole[] = {10, 20, 30, 50, 100}, quick[] = {30};
     const double *rates = run->quick ? quick : whole;
     int count = run->quick ? 1 : (int)(sizeof whole / sizeof *whole), delays = run->quick ? 1 : 2;
     const hrt_device_config device = hrt_device_config_default(0);
