@@ -125,7 +125,7 @@ check check-long:
 	@$(MAKE) --no-print-directory -j$$(nproc) tests
 	@TM_LONG=$(if $(filter check-long,$@),1,$(TM_LONG)) $(MAKE) --no-print-directory check-run
 check-run:
-	@TM_OUT=$(abspath $(OUT)) $(VENV)/bin/python -m pytest tests -q -n $${TM_JOBS:-2} --dist worksteal -p no:cacheprovider $(PYTEST_ARGS)
+	@TM_OUT=$(abspath $(OUT)) $(VENV)/bin/python tests/run.py $(PYTEST_ARGS)
 
 #: make install PREFIX= DESTDIR=  headers, libraries, pkg-config files, programs, modules, LCM types, scenes
 INSTALL_ROOT = $(DESTDIR)$(PREFIX)

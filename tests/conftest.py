@@ -51,3 +51,18 @@ def once(tmp_path_factory):
         return folder
 
     return made
+
+
+# Watch the wall clock: tests/run.py runs them by themselves.
+ALONE = ("can/test_guest", "loop/test_processes", "loop/test_two_hosts", "loop/test_release", "view/test_session", "view/test_play", "bench/")
+
+
+def pytest_configure(config):
+    config.addinivalue_line("markers", "alone: watches the wall clock, runs with no other test beside it")
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        path = item.path.relative_to(ROOT / "tests").as_posix()
+        if path.startswith(ALONE):
+            item.add_marker(pytest.mark.alone)
