@@ -5,9 +5,9 @@ import pytest
 TRAFFIC = """
 timeout 20 candump -L $CAN_A > $OUT/a.log &
 listener=$!
-sleep 0.3
+listening $OUT/a.log
 cangen $CAN_B -g 2 -I 123 -L 8 -D i -n 500
-sleep 0.3
+heard $OUT/a.log
 kill $listener
 """
 

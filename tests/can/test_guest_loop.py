@@ -34,7 +34,8 @@ scene() {{
     mkdir -p $out
     {{ echo time_s,fx_N,fy_N,fz_N; awk -v n=$3 'BEGIN {{ for (i = 0; i < n / 0.04; i++) printf "%.3f,0,0,%s\\n", 0.04 * i, i % 2 ? -{FORCE_N[1]} : -{FORCE_N[0]} }}'; }} > $TMPDIR/samples.csv
     candump -L $CAN_A,0:0,#FFFFFFFF > $out/a.log & listeners=$!
-    if [ $CAN_A != $CAN_B ]; then candump -L $CAN_B,0:0,#FFFFFFFF > $out/b.log & listeners="$listeners $!"; fi
+    if [ $CAN_A != $CAN_B ]; then candump -L $CAN_B,0:0,#FFFFFFFF > $out/b.log & listeners="$listeners $!"; listening $out/b.log; fi
+    listening $out/a.log
     for i in 0 1; do
         {BUILD}/bin/tm-device --bus socketcan:$CAN_B --instrument $i --duration $(($seconds + 1)) --json $out/d$i.json 2> $out/d$i.txt & eval d$i=$!
     done
@@ -45,7 +46,7 @@ scene() {{
     done
     eval "$4"
     wait $d0 $d1 $c0 $c1
-    sleep 0.1
+    for log in $out/[a-c].log; do heard $log; done
     kill $listeners
     wait
     grep . $out/*.txt
