@@ -1,9 +1,8 @@
 """haptic-rt and tm-device, unchanged, over a real kernel's CAN in a guest: user-mode Linux with vcan, QEMU with two emulated SJA1000 controllers.
 What happened is read from stock candump's log and from the programs' JSON. A lost command is a gap in its counter; lateness is not looked at.
 
-QEMU's time is counted in instructions, so that there nothing is excused. User-mode Linux lives in its host's time: when the host lets it stand still,
-all senders on the bus fall silent together, the log shows it as a hole, and what is measured leaves the hole out. (A host that grants real-time tasks
-95 % of a processor does so once a second, when it is busy.)"""
+QEMU's time is counted in instructions. User-mode Linux lives in its host's time: when the host lets it stand still, all senders on the bus fall silent together
+and the log shows a hole. Then QEMU plays the same scenes over its vcan, and nothing is excused anywhere."""
 import fcntl
 import json
 import os
@@ -87,10 +86,6 @@ class Log:
         times = [begin_us] + [t for t, _, _, _ in self.frames if begin_us < t < end_us] + [end_us]
         return sum(min(b - a, 2000) for a, b in zip(times, times[1:]))
 
-    def calm(self, time_us):
-        """No hole in the time before that a watchdog, engaging and ramping take."""
-        return not any(b > time_us - 600000 and a < time_us for a, b in self.holes)
-
 
 def gaps(messages):
     counters = [signals["Counter"] for _, signals in messages]
@@ -101,18 +96,34 @@ def push(signals):
     return max(abs(signals[k]) for k in ("TorquePitch", "TorqueYaw", "ForceInsertion"))
 
 
-def scene(bus, name):
-    """The directory of what the scene left. All of a bus's scenes are played in one boot of the guest, by whoever of the test processes comes first."""
+def stood_still(bus):
+    """The host kept user-mode Linux waiting: watchdogs acted on it, or even candump's socket ran over."""
+    logs = [Log(path) for path in (guest_run.RUNS / f"loop_{bus}" / "out").glob("*/a.log")]
+    return any(log.holes for log in logs)
+
+
+def play(bus):
+    """All scenes of a bus in one boot of the guest. A host too busy for user-mode Linux plays them in QEMU, whose time waits for it."""
     scenes = {**SCENES, **ONLY[bus]}
+    job = SCENE + "".join(f'scene {n} {seconds} {samples} "{body.replace("$", chr(92) + "$")}"\n' for n, (seconds, samples, body) in scenes.items())
+    for kind in dict.fromkeys([guest_run.on(bus), "qemu"]):
+        done, out = guest_run.run(kind, bus, f"loop_{bus}", job + "true\n", 240 + 15 * sum(s for s, _, _ in scenes.values()))
+        assert done.returncode == 0, done.stderr
+        if kind == "qemu" or not stood_still(bus):
+            break
+        print("the host kept user-mode Linux waiting; QEMU plays the scenes")
+    (out / "kind").write_text(kind)
+
+
+def scene(bus, name):
+    """The directory of what the scene left. They are played by whoever of the test processes comes first."""
     this_run = os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid()))
     guest_run.RUNS.mkdir(parents=True, exist_ok=True)
     stamp = guest_run.RUNS / f"loop_{bus}.run"
     with open(guest_run.RUNS / f"loop_{bus}.lock", "w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)
         if not stamp.exists() or stamp.read_text() != this_run:
-            job = SCENE + "".join(f'scene {n} {seconds} {samples} "{body.replace("$", chr(92) + "$")}"\n' for n, (seconds, samples, body) in scenes.items())
-            done, out = guest_run.run(guest_run.on(bus), bus, f"loop_{bus}", job + "true\n", 240 + 15 * sum(s for s, _, _ in scenes.values()))
-            assert done.returncode == 0, done.stderr
+            play(bus)
             stamp.write_text(this_run)
     return guest_run.RUNS / f"loop_{bus}" / "out" / name
 
@@ -121,18 +132,11 @@ def told(out, which):
     return json.loads((out / f"{which}.json").read_text())
 
 
-def excused(bus, log):
-    """Holes in user-mode Linux's time are the host's. In QEMU there are none, and nothing is excused."""
-    if guest_run.on(bus) == "qemu":
-        assert not log.holes
-    return log.holes
-
-
 @pytest.mark.parametrize("bus", BUSES)
 def test_two_devices_without_a_lost_command(bus):
     out = scene(bus, "steady")
     log = Log(out / "a.log")
-    holes = excused(bus, log)
+    assert not log.holes
     assert not log.errors
     for i in (0, 1):
         commands, encoders_a, encoders_b = log.all(f"MotorCommand{i}"), log.all(f"EncoderA{i}"), log.all(f"EncoderB{i}")
@@ -140,14 +144,14 @@ def test_two_devices_without_a_lost_command(bus):
         assert len(commands) == controller["ticks"] + 1, "one a tick, and \"motors off\" at the end"
         assert controller["ticks"] == 500 * STEADY_S
         assert gaps(commands) == 0 and gaps(encoders_a) == 0 and gaps(encoders_b) == 0
-        assert len(encoders_a) > 0.98 * 500 * (STEADY_S + 0.5) - sum(b - a for a, b in holes) / 2000 and len(encoders_a) == len(encoders_b)
+        assert len(encoders_a) > 0.98 * 500 * (STEADY_S + 0.5) and len(encoders_a) == len(encoders_b)
         assert controller["fault"] == "none"
         assert controller["can"]["lost"] == 0 and device["can"]["lost"] == 0 and device["can"]["corrupt"] == 0
-        assert not [t for t, _ in log.all(f"DeviceFault{i}") if log.calm(t)]
+        assert not [t for t, _ in log.all(f"DeviceFault{i}")]
         beats = log.all(f"DeviceHeartbeat{i}") + log.all(f"ControllerHeartbeat{i}")
-        assert beats and all(s["Fault"] == 0 for t, s in beats if log.calm(t))
+        assert beats and all(s["Fault"] == 0 for t, s in beats)
         # What was asked for is what the motors get: the force along the shaft, once it is ramped in.
-        settled = [s for t, s in commands if commands[0][0] + 2000000 < t < commands[-1][0] and log.calm(t)]
+        settled = [s for t, s in commands if commands[0][0] + 2000000 < t < commands[-1][0]]
         assert settled and all(s["MotorsOn"] for s in settled)
         assert all(FORCE_N[0] - 0.02 < -s["ForceInsertion"] < FORCE_N[1] + 0.02 for s in settled)
         assert {round(-s["ForceInsertion"], 1) for s in settled} >= set(FORCE_N)
@@ -161,7 +165,7 @@ def test_simulation_killed(bus):
     """The samples stop. The last one shows as the last step of the force."""
     out = scene(bus, "silent")
     log = Log(out / "a.log")
-    excused(bus, log)
+    assert not log.holes
     for i in (0, 1):
         commands = log.all(f"MotorCommand{i}")
         force = [(t, -s["ForceInsertion"]) for t, s in commands]
@@ -177,7 +181,7 @@ def test_simulation_killed(bus):
 def test_device_unplugged(bus):
     out = scene(bus, "unplugged")
     log = Log(out / "a.log")
-    excused(bus, log)
+    assert not log.holes
     commands, last_us = log.all("MotorCommand0"), log.all("EncoderA0")[-1][0]
     assert last_us < log.frames[-1][0] - 500000
     assert any(push(s) > 1 for t, s in commands if t < last_us)
@@ -185,7 +189,7 @@ def test_device_unplugged(bus):
     assert late_us < ZERO_WITHIN_US, f"force for {late_us} us after the device's last word"
     assert told(out, "c0")["state"] != "engaged"
     assert told(out, "c1")["fault"] == "none" and gaps(log.all("MotorCommand1")) == 0
-    other = [push(s) for t, s in log.all("MotorCommand1")[:-1] if t > last_us and log.calm(t)]
+    other = [push(s) for t, s in log.all("MotorCommand1")[:-1] if t > last_us]
     assert all(p > 1 for p in other), "the other device must not feel it"
 
 
@@ -194,7 +198,7 @@ def test_controller_killed(bus):
     """The device's watchdog drops the torque within 20 ms and says so."""
     out = scene(bus, "orphaned")
     log = Log(out / "a.log")
-    excused(bus, log)
+    assert not log.holes
     last_us, last = log.all("MotorCommand0")[-1]
     assert push(last) > 1 and last["MotorsOn"]
     faults = [(t, s) for t, s in log.all("DeviceFault0") if t > last_us]
@@ -202,14 +206,14 @@ def test_controller_killed(bus):
     assert 0 < log.awake_us(last_us, faults[0][0]) < WATCHDOG_US + SLACK_US, f"{faults[0][0] - last_us} us"
     beats = [s for t, s in log.all("DeviceHeartbeat0") if t > faults[0][0]]
     assert beats and all(s["Fault"] == 1 for s in beats)
-    assert not [t for t, _ in log.all("DeviceFault1") if log.calm(t)] and gaps(log.all("MotorCommand1")) == 0
+    assert not [t for t, _ in log.all("DeviceFault1")] and gaps(log.all("MotorCommand1")) == 0
 
 
 def test_bus_off():
     """An error frame says bus-off; nothing else can on vcan. Both controllers let go, and come back only by a reset."""
     out = scene("vcan", "bus_off")
     log = Log(out / "a.log")
-    excused("vcan", log)
+    assert not log.holes
     assert len(log.errors) == 1
     off_us = log.errors[0][0]
     for i in (0, 1):
