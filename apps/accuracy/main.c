@@ -6,6 +6,7 @@
 
 #include "accuracy.h"
 #include "app.h"
+#include "json_file.h"
 #include "bandwidth.h"
 
 static const struct {
@@ -34,17 +35,8 @@ static void usage(FILE *to) {
 }
 
 static int write_json(const char *path, cJSON *root) {
-    app_output output;
     tm_error error = {0};
-    if (!app_output_begin(&output, path, &error)) return app_report(NULL, 0, &error);
-    char *text = cJSON_Print(root);
-    FILE *file = text ? fopen(output.temporary, "w") : NULL;
-    bool written = file && fputs(text, file) >= 0;
-    if (file && fclose(file) != 0) written = false;
-    free(text);
-    if (written && app_output_commit(&output, &error)) return APP_DONE;
-    app_output_abandon(&output);
-    return app_bad_input(path, 0, "cannot write the figures; check the disk");
+    return app_json_write(path, root, &error) ? app_report(NULL, 0, &error) : APP_DONE;
 }
 
 static int measure(const char *json, const char *reference_path, bool quick, const bool *wanted) {

@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "app.h"
+#include "json_file.h"
 #include "bandwidth.h"
 #include "evaluate.h"
 
@@ -25,18 +26,9 @@ static void usage(FILE *to) {
 }
 
 static int write_json(const char *file_name, cJSON *root) {
-    app_output output;
     tm_error error = {0};
     if (!file_name) return APP_DONE;
-    if (!app_output_begin(&output, file_name, &error)) return app_report(NULL, 0, &error);
-    char *text = cJSON_Print(root);
-    FILE *file = text ? fopen(output.temporary, "w") : NULL;
-    bool written = file && fputs(text, file) >= 0;
-    if (file && fclose(file) != 0) written = false;
-    free(text);
-    if (written && app_output_commit(&output, &error)) return APP_DONE;
-    app_output_abandon(&output);
-    return app_bad_input(file_name, 0, "cannot write the figures; check the disk");
+    return app_json_write(file_name, root, &error) ? app_report(NULL, 0, &error) : APP_DONE;
 }
 
 static int evaluate_logs(char **log, int count, const conditions *c, const char *json) {

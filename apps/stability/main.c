@@ -8,6 +8,7 @@
 #include <cjson/cJSON.h>
 
 #include "app.h"
+#include "json_file.h"
 #include "stability.h"
 
 static const struct {
@@ -73,16 +74,7 @@ static cJSON *as_json(const hard_case *c, const outcome *o, bool quick) {
 
 static int write_json(const char *path, cJSON *root) {
     tm_error error = {0};
-    app_output output;
-    if (!app_output_begin(&output, path, &error)) return app_report(NULL, 0, &error);
-    char *text = cJSON_Print(root);
-    FILE *file = text ? fopen(output.temporary, "w") : NULL;
-    bool written = file && fputs(text, file) >= 0;
-    if (file && fclose(file) != 0) written = false;
-    free(text);
-    if (written && app_output_commit(&output, &error)) return APP_DONE;
-    app_output_abandon(&output);
-    return app_bad_input(path, 0, "cannot write the verdicts; check the disk");
+    return app_json_write(path, root, &error) ? app_report(NULL, 0, &error) : APP_DONE;
 }
 
 static bool is_wanted(const char *name, char **wanted, int count) {
