@@ -46,8 +46,8 @@ def fuzzing(page, path):
     page.section("Fuzzing", "Inputs tried on every parser and decoder, under AddressSanitizer and UndefinedBehaviorSanitizer; what each target "
                  "promises is in docs/fuzzing.md. " + ("" if targets else "<b>Not run in this build: make fuzz FUZZ_SECONDS=600.</b>"))
     if targets:
-        page.table("fuzz", ["target", "seconds", "inputs", "edges covered", "seeds", "repeat with", "found"],
-                   [[name, t["seconds"] or "", t["inputs"], t["edges_covered"], t["seeds"], f"make fuzz FUZZ_ARGS={name}",
+        page.table("fuzz", ["target", "processor seconds", "inputs", "edges covered", "seeds", "repeat with", "found"],
+                   [[name, t["cpu_seconds"], t["inputs"], t["edges_covered"], t["seeds"], f"make fuzz FUZZ_ARGS={name}",
                      ", ".join(t["findings"]) if t["exit"] else "nothing"] for name, t in sorted(targets.items())],
                    mark=lambda row: "good" if row[-1] == "nothing" else "bad")
     page.record("fuzz", targets)

@@ -226,7 +226,7 @@ int main(int argc, char **argv) {
     if (bad >= 0) return bad;
     const int failed = open_all(&p);
     if (failed) return failed;
-    p.loop = (hrt_loop){.program = "tm-device", .period_ns = 1000000000 / p.rate, .priority = p.priority, .tick = tick, .user = &p,
+    p.loop = (hrt_loop){.program = "tm-device", .period_ns = 1000000000 / p.rate, .priority = p.priority, .idle_states = true, .tick = tick, .user = &p,
                         .ticks_max = p.duration_s > 0.0 ? (int64_t)(p.duration_s * p.rate + 0.5) : 0};
     p.device.config.period_us = 0.5e6 / p.rate; /* one set a tick; the tick keeps the rate */
     hrt_stop_on_signals(&p.loop.stop);

@@ -64,6 +64,7 @@ static void usage(void) {
          "  --rate HZ                ticks a second, 100..2000 (500)\n"
          "  --duration S             end after so long (never)\n"
          "  --priority N             SCHED_FIFO 1..99, 0 for normal scheduling (80)\n"
+         "  --idle-states            let idle processors sleep: less power, later ticks\n"
          "  --auto-reset S           reset a fault by itself after so long; for demonstrations and tests\n"
          "  --stats                  timing figures at the end\n"
          "  --json FILE              all figures at the end\n"
@@ -94,14 +95,14 @@ static bool read_mode(const char *text, int8_t *mode) {
 }
 
 enum { O_BUS = 1, O_INSTRUMENT, O_MODE, O_EXTRAPOLATOR, O_PASSIVITY, O_COUPLING, O_TROCAR, O_AXIS, O_UP, O_PROFILE, O_SET, O_PARAMS, O_URL,
-       O_SAMPLES, O_RATE, O_DURATION, O_PRIORITY, O_AUTO_RESET, O_STATS, O_JSON, O_RECORD, O_REPLAY, O_HELP, O_VERSION };
+       O_SAMPLES, O_RATE, O_DURATION, O_PRIORITY, O_AUTO_RESET, O_STATS, O_JSON, O_RECORD, O_REPLAY, O_IDLE_STATES, O_HELP, O_VERSION };
 static const struct option options[] = {
     {"bus", 1, 0, O_BUS}, {"device", 1, 0, O_BUS}, {"instrument", 1, 0, O_INSTRUMENT}, {"mode", 1, 0, O_MODE},
     {"extrapolator", 1, 0, O_EXTRAPOLATOR}, {"passivity", 0, 0, O_PASSIVITY}, {"coupling", 0, 0, O_COUPLING}, {"trocar", 1, 0, O_TROCAR},
     {"axis", 1, 0, O_AXIS}, {"up", 1, 0, O_UP}, {"profile", 1, 0, O_PROFILE}, {"set", 1, 0, O_SET}, {"params", 0, 0, O_PARAMS},
     {"url", 1, 0, O_URL}, {"samples", 1, 0, O_SAMPLES}, {"rate", 1, 0, O_RATE}, {"duration", 1, 0, O_DURATION},
     {"priority", 1, 0, O_PRIORITY}, {"auto-reset", 1, 0, O_AUTO_RESET}, {"stats", 0, 0, O_STATS}, {"json", 1, 0, O_JSON},
-    {"record", 1, 0, O_RECORD}, {"replay", 0, 0, O_REPLAY}, {"help", 0, 0, O_HELP}, {"version", 0, 0, O_VERSION}, {0, 0, 0, 0}};
+    {"record", 1, 0, O_RECORD}, {"replay", 0, 0, O_REPLAY}, {"idle-states", 0, 0, O_IDLE_STATES}, {"help", 0, 0, O_HELP}, {"version", 0, 0, O_VERSION}, {0, 0, 0, 0}};
 
 /* One option. False: bad, already told. */
 static bool take_option(program *p, int option, const char *text) {
@@ -138,6 +139,7 @@ static bool take_option(program *p, int option, const char *text) {
     case O_AUTO_RESET: return hrt_option_number("--auto-reset", text, 0.05, 1.0e6, &p->auto_reset_s);
     case O_STATS: p->stats = true; return true;
     case O_REPLAY: p->replay = true; return true;
+    case O_IDLE_STATES: p->loop.idle_states = true; return true;
     case O_JSON: p->json = text; return true;
     case O_RECORD: p->record_path = text; return true;
     default: return false;
@@ -307,8 +309,8 @@ static int write_record(program *p) {
 }
 
 static void print_stats(const program *p) {
-    printf("haptic-rt: %lld ticks, %lld missed, %s\n", (long long)p->loop.ticks, (long long)p->loop.missed,
-           p->loop.real_time ? "SCHED_FIFO" : "normal scheduling");
+    printf("haptic-rt: %lld ticks, %lld missed, %s%s\n", (long long)p->loop.ticks, (long long)p->loop.missed,
+           p->loop.real_time ? "SCHED_FIFO" : "normal scheduling", p->loop.awake_fd >= 0 ? ", idle states held off" : "");
     hrt_print_quantiles("lateness", &p->loop.lateness);
     hrt_print_quantiles("duration", &p->loop.duration);
     for (int i = 0; i <= HRT_NODE_STAGES; i++) hrt_print_quantiles(stage_name[i], &p->stage[i]);

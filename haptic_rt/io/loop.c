@@ -1,6 +1,7 @@
 #include "loop.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <sched.h>
 #include <signal.h>
 #include <stdio.h>
@@ -8,6 +9,7 @@
 #include <sys/mman.h>
 #include <sys/resource.h>
 #include <time.h>
+#include <unistd.h>
 
 enum { STACK_TOUCHED = 256 * 1024 };
 
@@ -75,7 +77,24 @@ static void *run(void *user) {
     return NULL;
 }
 
+/* A processor that sleeps deeply wakes late: the kernel's PM QoS interface holds it off as long as the file is open (Documentation/power/pm_qos_interface.rst).
+ * Kernels without idle states have no such file. */
+static void hold_idle_states(hrt_loop *l) {
+    const int32_t latency_us = 0;
+    l->awake_fd = -1;
+    if (l->idle_states || l->priority == 0) return;
+    const int fd = open("/dev/cpu_dma_latency", O_WRONLY | O_CLOEXEC);
+    if (fd >= 0 && write(fd, &latency_us, sizeof latency_us) == (ssize_t)sizeof latency_us) {
+        l->awake_fd = fd;
+        return;
+    }
+    if (errno != ENOENT)
+        fprintf(stderr, "%s: idle states are not held off (/dev/cpu_dma_latency: %s): an idle processor wakes late; give this user the file, or --idle-states\n", l->program, strerror(errno));
+    if (fd >= 0) close(fd);
+}
+
 bool hrt_loop_start(hrt_loop *l) {
+    hold_idle_states(l);
     if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
         fprintf(stderr, "%s: memory is not locked (%s): page faults may delay a tick; raise `ulimit -l` or run with CAP_IPC_LOCK\n", l->program, strerror(errno));
     if (l->priority > 0) {

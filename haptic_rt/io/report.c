@@ -24,6 +24,7 @@ void hrt_report_loop(cJSON *json, const hrt_loop *loop) {
     cJSON_AddNumberToObject(json, "ticks", (double)loop->ticks);
     cJSON_AddNumberToObject(json, "missed_ticks", (double)loop->missed);
     cJSON_AddBoolToObject(json, "real_time", loop->real_time);
+    cJSON_AddBoolToObject(json, "idle_states_held_off", loop->awake_fd >= 0);
     cJSON_AddNumberToObject(json, "page_faults_minor", (double)loop->faults_minor);
     cJSON_AddNumberToObject(json, "page_faults_major", (double)loop->faults_major);
     cJSON_AddNumberToObject(json, "cpu_us", (double)loop->cpu_us);

@@ -14,12 +14,13 @@ import re
 import subprocess
 import sys
 import tempfile
+import threading
 
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 
 
-def run_one(program, build, seconds, runs, seed):
+def run_one(program, build, seconds, runs, seed, commit):
     name = program.name
     corpus, findings = build / "corpus" / name, build / "findings" / name
     corpus.mkdir(parents=True, exist_ok=True)
@@ -31,23 +32,30 @@ def run_one(program, build, seconds, runs, seed):
     command += [seeds] if seeds.is_dir() else []
     dictionary = HERE / f"{name}.dict"
     command += [f"-dict={dictionary}"] if dictionary.exists() else []
-    env = dict(os.environ, TM_ROOT=str(ROOT), ASAN_OPTIONS="detect_leaks=1:allocator_may_return_null=1:handle_abort=1", UBSAN_OPTIONS="print_stacktrace=1")
+    # One BLAS thread: waiting for work must not count as work.
+    env = dict(os.environ, TM_ROOT=str(ROOT), OPENBLAS_NUM_THREADS="1", ASAN_OPTIONS="detect_leaks=1:allocator_may_return_null=1:handle_abort=1", UBSAN_OPTIONS="print_stacktrace=1")
     with tempfile.TemporaryDirectory(prefix="tm-fuzz-", dir="/dev/shm") as folder:
         env["TM_FUZZ_DIR"] = folder
-        done = subprocess.run([str(c) for c in command], cwd=ROOT, env=env, capture_output=True, text=True, errors="replace",
-                              timeout=(seconds or 0) + 600)
-    text = done.stdout + done.stderr
+        with tempfile.TemporaryFile("w+", errors="replace") as said:
+            run = subprocess.Popen([str(c) for c in command], cwd=ROOT, env=env, stdout=said, stderr=subprocess.STDOUT)
+            timer = threading.Timer((seconds or 0) + 600, run.kill)
+            timer.start()
+            _, status, used = os.wait4(run.pid, 0)
+            timer.cancel()
+            run.returncode = os.waitstatus_to_exitcode(status)
+            said.seek(0)
+            text = said.read()
 
     def stat(key):
         found = re.findall(rf"stat::{key}:\s*(\d+)", text)
         return int(found[-1]) if found else None
     coverage = re.findall(r"cov: (\d+)", text)
     return name, {
-        "exit": done.returncode, "inputs": stat("number_of_executed_units"), "new_units": stat("new_units_added"),
+        "exit": run.returncode, "inputs": stat("number_of_executed_units"), "new_units": stat("new_units_added"),
         "edges_covered": int(coverage[-1]) if coverage else None, "peak_MB": stat("peak_rss_mb"),
-        "seconds": seconds if not runs else None, "seeds": len(list(seeds.iterdir())) if seeds.is_dir() else 0,
+        "cpu_seconds": round(used.ru_utime + used.ru_stime), "commit": commit, "seeds": len(list(seeds.iterdir())) if seeds.is_dir() else 0,
         "findings": sorted(p.name for p in findings.iterdir()),
-        "said": text[-6000:] if done.returncode else "",
+        "said": text[-6000:] if run.returncode else "",
     }
 
 
@@ -65,17 +73,20 @@ def main():
     programs = [f for f in programs if not a.names or f.name in a.names]
     if not programs:
         sys.exit(f"run.py: no fuzz targets in {build}; make fuzz-programs config=fuzz")
-    results = {}
+    commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout.strip()
+    figures = build / "fuzz.json"
+    results = json.loads(figures.read_text())["targets"] if a.names and figures.exists() else {}  # some: the others keep theirs
+    ran = {}
     with concurrent.futures.ThreadPoolExecutor(a.jobs) as pool:
-        for future in concurrent.futures.as_completed([pool.submit(run_one, f, build, a.seconds, a.runs, a.seed) for f in programs]):
+        for future in concurrent.futures.as_completed([pool.submit(run_one, f, build, a.seconds, a.runs, a.seed, commit) for f in programs]):
             name, result = future.result()
-            results[name] = result
+            results[name] = ran[name] = result
             print(f"{name:18} {'ok' if result['exit'] == 0 else 'FOUND ' + ' '.join(result['findings'])}: {result['inputs']} inputs, "
                   f"{result['edges_covered']} edges", flush=True)
             if result["exit"]:
                 print(result["said"], file=sys.stderr)
-    (build / "fuzz.json").write_text(json.dumps({"targets": {k: results[k] for k in sorted(results)}}, indent=1) + "\n")
-    return 1 if any(r["exit"] for r in results.values()) else 0
+    figures.write_text(json.dumps({"targets": {k: results[k] for k in sorted(results)}}, indent=1) + "\n")
+    return 1 if any(r["exit"] for r in ran.values()) else 0
 
 
 if __name__ == "__main__":

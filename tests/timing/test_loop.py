@@ -1,7 +1,10 @@
 """The loop under way, watched from outside: it allocates nothing, frees nothing and calls the kernel only to sleep and to send."""
+import contextlib
+import json
 import os
 import subprocess
 import tempfile
+import time
 
 import pytest
 from paths import BUILD, ROOT
@@ -71,3 +74,24 @@ def test_system_calls_with_lcm(tmp_path):
     under_way = [name for name in loop[first:last] if name.isidentifier()]
     assert under_way.count("clock_nanosleep") > 1500 and under_way.count("sendmsg") > 1000
     assert set(under_way) <= {"clock_nanosleep", "sendmsg", "getrusage"}, set(under_way)
+
+
+@pytest.mark.parametrize("options, held", [([], True), (["--idle-states"], False), (["--priority", "0"], False)])
+def test_idle_states_are_held_off_while_it_runs(tmp_path, options, held):
+    """Seen from outside: the file is open as long as the loop runs, or it says why it could not be opened."""
+    latency = "/dev/cpu_dma_latency"
+    (tmp_path / "samples.csv").write_text("time_s,fx_N,fy_N,fz_N\n0,0,0,0\n")
+    process = subprocess.Popen([BUILD / "bin/haptic-rt", "--bus", "virtual:idle", "--trocar", "0,0,0", "--samples", tmp_path / "samples.csv", "--duration", "0.5",
+                                "--json", tmp_path / "c.json", *options], env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), stderr=subprocess.PIPE, text=True)
+    opened = set()
+    while process.poll() is None:
+        with contextlib.suppress(OSError):  # it may end while we look
+            opened.update(os.readlink(fd.path) for fd in os.scandir(f"/proc/{process.pid}/fd"))
+        time.sleep(0.01)
+    assert process.returncode == 0
+    said, report = process.stderr.read(), json.loads((tmp_path / "c.json").read_text())
+    held = held and os.path.exists(latency)
+    if held and not os.access(latency, os.W_OK):
+        assert latency in said and not report["idle_states_held_off"]
+    else:
+        assert report["idle_states_held_off"] == held == (latency in opened), said

@@ -1,0 +1,9 @@
+# The suite in the builds of clang's sanitizers. make check runs a short form of it (test_sanitize.py).
+SANITIZERS ?= asan tsan
+#: make sanitize               the suite under ASan+UBSan and under TSan: build/sanitize.json, reports in build/{asan,tsan}/reports/
+.PHONY: sanitize
+sanitize:
+	@tools/setup.sh build demo check
+	@$(MAKE) --no-print-directory venv
+	@for s in $(SANITIZERS); do $(MAKE) --no-print-directory config=$$s -j$$(nproc) tests || exit; done
+	$(VENV)/bin/python tests/sanitize/run.py --build $(BUILD) $(SANITIZERS)

@@ -1,0 +1,75 @@
+"""Runs the suite in sanitizers' builds and writes what came of it: `run.py --build build [--short] [--pytest ARGUMENT]... asan tsan`.
+
+A report of a sanitizer is a finding, whatever the test beside it thought: each goes into a file of its own (build/NAME/reports/), and an empty folder is what passes.
+Exit 1: a finding, or a test that failed. Figures: build/sanitize.json, a row each on the page of `make stability`.
+"""
+import argparse
+import json
+import os
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+
+HERE = pathlib.Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+ABOUT = {"asan": "AddressSanitizer, LeakSanitizer and UndefinedBehaviorSanitizer", "tsan": "ThreadSanitizer"}
+# What a short run holds: the C programs, and the programs' own parsers and threads.
+SHORT = {"asan": ["tests/test_programs.py", "tests/sim/test_input.py", "tests/loop/test_messages.py"],
+         "tsan": ["tests/test_programs.py", "tests/loop/test_messages.py"]}
+
+
+def options(reports):
+    """Environment: where reports go, what is asked for. Suppressions name other people's libraries only."""
+    common = f"log_path={reports}/report:print_suppressions=0"
+    return {"ASAN_OPTIONS": f"detect_leaks=1:detect_stack_use_after_return=1:strict_string_checks=1:allocator_may_return_null=1:{common}",
+            "LSAN_OPTIONS": f"suppressions={HERE}/lsan.supp:print_suppressions=0",
+            "UBSAN_OPTIONS": f"print_stacktrace=1:{common}",
+            "TSAN_OPTIONS": f"suppressions={HERE}/tsan.supp:second_deadlock_stack=1:history_size=4:{common}"}
+
+
+def run_suite(name, build, short, arguments):
+    """The figures of one sanitizer's build."""
+    reports = build / name / "reports"
+    shutil.rmtree(reports, ignore_errors=True)
+    reports.mkdir(parents=True)
+    where = SHORT[name] if short else ["tests"]
+    command = [sys.executable, "-m", "pytest", *where, "-q", "-p", "no:cacheprovider", "-m", "not plain", *arguments]
+    done = subprocess.run(command, cwd=ROOT, env=dict(os.environ, TM_OUT=str(build / name), TM_SANITIZER=name, **options(reports)), capture_output=True, text=True)
+    text = done.stdout + done.stderr
+    count = re.findall(r"^(\d+) passed, (\d+) failed, (\d+) skipped$", text, re.M)
+    passed, failed, skipped = (int(n) for n in count[-1]) if count else (0, 1, 0)
+    found = sorted(p for p in reports.iterdir() if p.stat().st_size)
+    return {"about": ABOUT[name], "form": "short" if short else "whole", "passed": passed, "failed": failed, "skipped": skipped,
+            "reports": [f"{p.name}: {summary(p)}" for p in found], "exit": done.returncode, "said": text[-20000:] if done.returncode else ""}
+
+
+def summary(report):
+    """The line that tells what and where."""
+    text = report.read_text(errors="replace")
+    line = re.search(r"^SUMMARY: .*$|^.*runtime error: .*$", text, re.M)
+    return line[0] if line else text[:200]
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--build", type=pathlib.Path, required=True)
+    parser.add_argument("--short", action="store_true")
+    parser.add_argument("--pytest", action="append", default=[])
+    parser.add_argument("names", nargs="+", choices=sorted(ABOUT))
+    a = parser.parse_args()
+    build, results = a.build.resolve(), {}
+    for name in a.names:
+        result = results[name] = run_suite(name, build, a.short, a.pytest)
+        print(f"{name}: {result['passed']} passed, {result['failed']} failed, {result['skipped']} skipped, {len(result['reports'])} reports", flush=True)
+        for line in result["reports"]:
+            print(f"  {build / name / 'reports' / line}", file=sys.stderr)
+        if result["exit"]:
+            print(result["said"], file=sys.stderr)
+    (build / "sanitize.json").write_text(json.dumps(results, indent=1) + "\n")
+    return 1 if any(r["failed"] or r["reports"] or not r["passed"] for r in results.values()) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
