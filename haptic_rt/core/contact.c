@@ -1,102 +1,107 @@
 /* `contact`: a small model of the tissue at the hand. A patch of the surface with its compliance; in every tick the tool's rows are found anew against the patch as
  * the reactions of the last tick deform it, 0 <= gap + skin _|_ lambda >= 0 is solved by branches from those reactions, and both once more. */
-#include "internal.h"
+#include "vector.h"
 
-enum { BRANCHES = 4 };
+enum { ROUNDS = 2, BRANCHES = 4, WIDTH = HRT_CONTACT_ROWS + 1 };
+_Static_assert(ROUNDS % 2 == 0, "the last round's rows are to end up in the extrapolation");
+_Static_assert(HRT_PATCH_MAX_VERTICES <= 32, "a bit a vertex");
 /* The skin gives way up to this share of the radius and a twentieth as easily beyond (docs/contact.md). */
 static const float SKIN_TRAVEL = 0.3f, SKIN_HARDENING = 20.0f;
+static const float LITTLE = 0.1f; /* change of the forces, squared */
 
 typedef struct solve {
     const hrt_patch *patch;
-    int32_t dofs, rows;
-    uint16_t start[HRT_PATCH_DOFS];               /* compliance of (i, j), j >= i, is at start[i] + j */
-    float shift_m[HRT_PATCH_DOFS];                /* C f, or what one row does at the vertices that rows touch */
-    int32_t touched_count;
-    uint8_t touched[HRT_PATCH_MAX_VERTICES];      /* vertices under rows, ascending */
-    float w[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS];  /* compliance between rows */
-    float gap_m[HRT_CONTACT_ROWS];                /* with the patch undeformed, at the row's geometry */
-    hrt_contact_row *row;
-    float *force_N;                               /* f: what the shape is made with */
-    float made_N[HRT_PATCH_DOFS];                 /* what the rows make of that shape */
+    int32_t rows;
+    hrt_contact_row *row, other[HRT_CONTACT_ROWS]; /* of this round; its rows, or, from round to round in turn, the extrapolation's */
+    float soft_m;                                /* as far as the skin is soft */
+    float *force_N;                              /* f: what the shape is made with */
+    float shift_m[HRT_PATCH_DOFS];               /* C f; then what one row does */
+    float w[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS]; /* compliance between rows */
+    float gap_m[HRT_CONTACT_ROWS];               /* with the patch undeformed, at the row's geometry */
+    float skin_m_N[HRT_CONTACT_ROWS];
+    int32_t touched;
+    uint8_t vertex[HRT_PATCH_MAX_VERTICES];      /* that rows have touched, of this round or before */
+    float residual_N[HRT_PATCH_DOFS];            /* what the rows make of that shape, less f; at touched vertices */
+    float before_N[HRT_PATCH_DOFS], before_residual_N[HRT_PATCH_DOFS]; /* f and the residual of the round before */
 } solve;
 
-/* shift += c * column `dof` of the compliance. */
-static void add_column(solve *s, int32_t dof, float c) {
-    const int32_t n = s->dofs;
-    float *shift = s->shift_m;
-    const float *above = &s->patch->compliance_m_N[dof];
-    for (int32_t i = 0; i < dof; i++) {
-        shift[i] += c * *above;
-        above += n - 1 - i;
+static hrt_v3 at(const float *list, int32_t v) { return hrt_get(&list[HRT_XYZ * v]); }
+static void put(float *list, int32_t v, hrt_v3 x) { hrt_put(x, &list[HRT_XYZ * v]); }
+
+/* shift[a] := the sum of C_ab x over `count` vertices b, of which C's upper triangle is there. */
+static __attribute__((noinline)) void respond(const hrt_patch *patch, int32_t a, const uint8_t *b, const hrt_v3 *x, int32_t count, float *shift_m) {
+    const int32_t n = 3 * patch->vertex_count;
+    hrt_v3 sum = {0.0f, 0.0f, 0.0f};
+    for (; count > 0; count--, b++, x++) {
+        const int32_t i = 3 * (a < *b ? a : *b), j = 3 * (a < *b ? *b : a);
+        const float *p = &patch->compliance_m_N[i * (2 * n - i - 1) / 2 + j], *q = p + n - i - 1, *r = q + n - i - 2;
+        const hrt_v3 u = hrt_get(p);
+        hrt_v3 v = hrt_get(q), w = hrt_get(r);
+        if (a == *b) v.x = u.y, w.x = u.z, w.y = v.z;
+        if (a > *b) sum = hrt_plus(sum, hrt_plus(hrt_plus(hrt_times(x->x, u), hrt_times(x->y, v)), hrt_times(x->z, w)));
+        else sum = hrt_plus(sum, (hrt_v3){hrt_inner(u, *x), hrt_inner(v, *x), hrt_inner(w, *x)});
     }
-    const float *row = &s->patch->compliance_m_N[s->start[dof]];
-    for (int32_t j = dof; j < n; j++) shift[j] += c * row[j];
+    put(shift_m, a, sum);
 }
 
 static const uint8_t *corners(const solve *s, const hrt_contact_row *row) { return &s->patch->triangle[HRT_XYZ * row->triangle]; }
 
 static void shift_by_forces(solve *s) {
-    for (int32_t i = 0; i < s->dofs; i++) s->shift_m[i] = 0.0f;
-    for (int32_t i = 0; i < s->dofs; i++)
-        if (s->force_N[i] < 0.0f || s->force_N[i] > 0.0f) add_column(s, i, s->force_N[i]);
+    hrt_v3 force[HRT_PATCH_MAX_VERTICES];
+    uint8_t from[HRT_PATCH_MAX_VERTICES];
+    int32_t count = 0;
+    for (int32_t i = 0; i < s->touched; i++) {
+        from[count] = s->vertex[i];
+        force[count] = at(s->force_N, s->vertex[i]);
+        if (hrt_inner(force[count], force[count]) > 0.0f) count++;
+    }
+    for (int32_t a = 0; a < s->patch->vertex_count; a++) respond(s->patch, a, from, force, count, s->shift_m);
 }
 
-/* sum += weight * C_ab normal: the block of vertices a and b, of which the upper triangle is there. */
-static void add_block(const solve *s, int32_t a, int32_t b, const float normal[3], float weight, float sum[3]) {
-    const float *c = s->patch->compliance_m_N;
-    const uint16_t *start = &s->start[HRT_XYZ * (a < b ? a : b)];
-    const ptrdiff_t column = HRT_XYZ * (a < b ? b : a);
-    const float *p = &c[start[0] + column], *q = &c[start[1] + column], *r = &c[start[2] + column];
-    if (a < b) {
-        sum[0] += weight * hrt_dot(normal, p);
-        sum[1] += weight * hrt_dot(normal, q);
-        sum[2] += weight * hrt_dot(normal, r);
-    } else if (a > b) {
-        for (int i = 0; i < 3; i++) sum[i] += weight * (normal[0] * p[i] + normal[1] * q[i] + normal[2] * r[i]);
-    } else {
-        sum[0] += weight * (normal[0] * p[0] + normal[1] * p[1] + normal[2] * p[2]);
-        sum[1] += weight * (normal[0] * p[1] + normal[1] * q[1] + normal[2] * q[2]);
-        sum[2] += weight * (normal[0] * p[2] + normal[1] * q[2] + normal[2] * r[2]);
+static float along_row(const solve *s, const hrt_contact_row *row) {
+    const uint8_t *corner = corners(s, row);
+    hrt_v3 shift = {0.0f, 0.0f, 0.0f};
+    for (int k = 0; k < 3; k++)
+        if (row->weight[k] > 0.0f) shift = hrt_plus(shift, hrt_times(row->weight[k], at(s->shift_m, corner[k])));
+    return hrt_inner(hrt_get(row->normal), shift);
+}
+
+/* What one newton in a row does along this and the rows before it, at the vertices that these touch. */
+static void couple(solve *s) {
+    uint8_t list[HRT_PATCH_MAX_VERTICES];
+    int32_t listed = 0;
+    uint32_t seen = 0;
+    for (int32_t i = 0; i < s->rows; i++) {
+        const hrt_contact_row *row = &s->row[i];
+        uint8_t from[3];
+        hrt_v3 newton[3];
+        int32_t count = 0;
+        for (int k = 0; k < 3; k++) {
+            const uint8_t v = corners(s, row)[k];
+            if (!(row->weight[k] > 0.0f)) continue;
+            if ((seen >> v & 1u) == 0) list[listed++] = v;
+            seen |= 1u << v;
+            from[count] = v;
+            newton[count++] = hrt_times(row->weight[k], hrt_get(row->normal));
+        }
+        for (int32_t t = 0; t < listed; t++) respond(s->patch, list[t], from, newton, count, s->shift_m);
+        for (int32_t j = 0; j <= i; j++) s->w[i][j] = s->w[j][i] = along_row(s, &s->row[j]);
     }
 }
 
-/* shift := C f of one newton in a row, at the touched vertices alone. */
-static void shift_by_row(solve *s, const hrt_contact_row *row) {
-    for (int32_t t = 0; t < s->touched_count; t++) {
-        float *sum = &s->shift_m[HRT_XYZ * s->touched[t]];
-        sum[0] = sum[1] = sum[2] = 0.0f;
-        for (int k = 0; k < 3; k++)
-            if (row->weight[k] > 0.0f) add_block(s, s->touched[t], corners(s, row)[k], row->normal, row->weight[k], sum);
-    }
-}
-
-static void find_touched(solve *s) {
-    bool under[HRT_PATCH_MAX_VERTICES] = {false};
-    for (int32_t r = 0; r < s->rows; r++)
-        for (int k = 0; k < 3; k++) under[corners(s, &s->row[r])[k]] = true;
-    s->touched_count = 0;
-    for (int32_t v = 0; v < s->patch->vertex_count; v++)
-        if (under[v]) s->touched[s->touched_count++] = (uint8_t)v;
-}
-
-static float row_shift(const solve *s, const hrt_contact_row *row) {
-    float sum = 0.0f;
-    for (int k = 0; k < 3; k++) sum += row->weight[k] * hrt_dot(row->normal, &s->shift_m[HRT_XYZ * corners(s, row)[k]]);
-    return sum;
-}
-
-static void find_rows(solve *s, const float tip_m[3]) {
-    hrt_contact_row before[HRT_CONTACT_ROWS];
+static void find_rows(solve *s, const float tip_m[3], hrt_hits *hits, hrt_contact_row *row) {
+    const hrt_contact_row *before = s->row;
     const int32_t count = s->rows;
-    for (int32_t r = 0; r < count; r++) before[r] = s->row[r];
-    s->rows = hrt_contact_rows(s->patch, s->shift_m, tip_m, before, count, s->row);
-    for (int32_t r = 0; r < s->rows; r++) {
-        hrt_contact_row *row = &s->row[r];
+    s->rows = hrt_contact_rows(s->patch, s->shift_m, tip_m, before, count, hits, row);
+    s->row = row;
+    for (int32_t r = 0; r < s->rows; r++, row++) {
         for (int32_t b = 0; b < count; b++)
             if (before[b].station == row->station && before[b].triangle == row->triangle && before[b].feature == row->feature)
                 row->lambda_N = before[b].lambda_N;
-        s->gap_m[r] = row->gap_m - row_shift(s, row);
+        s->gap_m[r] = row->gap_m - along_row(s, row);
+        s->skin_m_N[r] = s->patch->skin_compliance_m_N / row->share;
     }
+    couple(s);
 }
 
 /* --- the unilateral problem of one set of rows --- */
@@ -105,21 +110,18 @@ static void find_rows(solve *s, const float tip_m[3]) {
  * the same tissue. By branches it is a small symmetric positive definite system, and the branches of the last tick nearly always hold. */
 typedef enum branch { OFF, SOFT, HARD, CAPPED } branch;
 
-static float row_skin(const solve *s, int32_t i) { return s->patch->skin_compliance_m_N / s->row[i].share; }
-static float soft_depth(const solve *s) { return SKIN_TRAVEL * s->patch->radius_m; }
-
 static bool stands(branch b) { return b == SOFT || b == HARD; }
 
 /* gap + W lambda + depth(lambda) of row i. */
 static float row_error(const solve *s, int32_t i) {
-    const float skin = row_skin(s, i), soft = soft_depth(s), straight = skin * s->row[i].lambda_N;
-    float error = s->gap_m[i] + (straight <= soft ? straight : soft + (straight - soft) / SKIN_HARDENING);
+    const float straight = s->skin_m_N[i] * s->row[i].lambda_N;
+    float error = s->gap_m[i] + (straight <= s->soft_m ? straight : s->soft_m + (straight - s->soft_m) / SKIN_HARDENING);
     for (int32_t k = 0; k < s->rows; k++) error += s->w[i][k] * s->row[k].lambda_N;
     return error;
 }
 
 /* a x = a[][n], symmetric: the upper triangle alone is read and written. x comes back in a[][n]. */
-static void eliminate(float a[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS + 1], int32_t n) {
+static __attribute__((noinline)) void eliminate(float a[][WIDTH], int32_t n) {
     for (int32_t k = 0; k < n; k++) {
         const float inverse = a[k][k] > 1.0e-12f ? 1.0f / a[k][k] : 0.0f;
         for (int32_t i = k + 1; i < n; i++) {
@@ -134,23 +136,23 @@ static void eliminate(float a[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS + 1], int32_t n
 }
 
 static void solve_branches(solve *s, const branch state[HRT_CONTACT_ROWS]) {
-    float a[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS + 1];
-    int32_t at[HRT_CONTACT_ROWS], n = 0;
+    float a[HRT_CONTACT_ROWS][WIDTH];
+    int32_t which[HRT_CONTACT_ROWS], n = 0;
     for (int32_t i = 0; i < s->rows; i++) {
-        if (stands(state[i])) at[n++] = i;
+        if (stands(state[i])) which[n++] = i;
         else s->row[i].lambda_N = state[i] == CAPPED ? s->patch->force_cap_N : 0.0f;
     }
     for (int32_t r = 0; r < n; r++) {
-        const int32_t i = at[r];
-        const float skin = row_skin(s, i), soft = soft_depth(s);
-        for (int32_t c = r; c < n; c++) a[r][c] = s->w[i][at[c]];
+        const int32_t i = which[r];
+        const float skin = s->skin_m_N[i];
+        for (int32_t c = r; c < n; c++) a[r][c] = s->w[i][which[c]];
         a[r][r] += state[i] == SOFT ? skin : skin / SKIN_HARDENING;
-        a[r][n] = -s->gap_m[i] - (state[i] == SOFT ? 0.0f : soft - soft / SKIN_HARDENING);
+        a[r][n] = -s->gap_m[i] - (state[i] == SOFT ? 0.0f : s->soft_m - s->soft_m / SKIN_HARDENING);
         for (int32_t k = 0; k < s->rows; k++)
             if (state[k] == CAPPED) a[r][n] -= s->w[i][k] * s->patch->force_cap_N;
     }
     eliminate(a, n);
-    for (int32_t r = 0; r < n; r++) s->row[at[r]].lambda_N = a[r][n];
+    for (int32_t r = 0; r < n; r++) s->row[which[r]].lambda_N = a[r][n];
 }
 
 static branch next_branch(const solve *s, int32_t i, branch now) {
@@ -159,12 +161,15 @@ static branch next_branch(const solve *s, int32_t i, branch now) {
     if (now == CAPPED && row_error(s, i) > 0.0f) return HARD;
     if (!(lambda > 0.0f)) return OFF;
     if (lambda >= s->patch->force_cap_N) return CAPPED;
-    return row_skin(s, i) * lambda > soft_depth(s) ? HARD : SOFT;
+    return s->skin_m_N[i] * lambda > s->soft_m ? HARD : SOFT;
 }
 
 static void solve_rows(solve *s) {
     branch state[HRT_CONTACT_ROWS];
-    for (int32_t i = 0; i < s->rows; i++) state[i] = s->row[i].lambda_N > 0.0f || s->gap_m[i] < 0.0f ? SOFT : OFF;
+    for (int32_t i = 0; i < s->rows; i++) {
+        const float lambda = s->row[i].lambda_N;
+        state[i] = s->skin_m_N[i] * lambda > s->soft_m ? HARD : lambda > 0.0f || s->gap_m[i] < 0.0f ? SOFT : OFF;
+    }
     bool changed = true;
     for (int32_t k = 0; k < BRANCHES && changed; k++) {
         solve_branches(s, state);
@@ -180,111 +185,135 @@ static void solve_rows(solve *s) {
 
 /* --- rounds: the rows' normals turn with the shape that their forces make --- */
 
-static void relax(solve *s) {
-    find_touched(s);
-    for (int32_t i = 0; i < s->rows; i++) {
-        shift_by_row(s, &s->row[i]);
-        for (int32_t j = 0; j <= i; j++) s->w[i][j] = s->w[j][i] = row_shift(s, &s->row[j]);
-    }
-    solve_rows(s);
-    for (int32_t i = 0; i < s->dofs; i++) s->made_N[i] = 0.0f;
-    for (int32_t r = 0; r < s->rows; r++)
-        for (int k = 0; k < 3; k++)
-            hrt_add_scaled(&s->made_N[HRT_XYZ * corners(s, &s->row[r])[k]], s->row[r].lambda_N * s->row[r].weight[k], s->row[r].normal);
+/* Vertices touched in this patch's life. */
+static void list_touched(solve *s, const hrt_mixing *m) {
+    s->touched = 0;
+    for (int32_t v = 0; v < s->patch->vertex_count; v++)
+        if ((m->touched >> v & 1u) != 0) s->vertex[s->touched++] = (uint8_t)v;
 }
 
-static float dot_n(const float *a, const float *b, int32_t n) {
+/* Those of this round's rows among them. Nothing is remembered of a new one. */
+static void touch(solve *s, hrt_mixing *m) {
+    const hrt_v3 none = {0.0f, 0.0f, 0.0f};
+    for (int32_t r = 0; r < 3 * s->rows; r++) {
+        const uint8_t v = corners(s, &s->row[r / 3])[r % 3];
+        if ((m->touched >> v & 1u) != 0) continue;
+        m->touched |= 1u << v;
+        s->vertex[s->touched++] = v;
+        put(s->before_N, v, none);
+        put(s->before_residual_N, v, none);
+        for (int i = 0; i < HRT_MIXING_MEMORY; i++) {
+            put(m->residual_change_N[i], v, none);
+            put(m->step_N[i], v, none);
+        }
+    }
+}
+
+static float inner_at(const solve *s, const float *a, const float *b) {
     float sum = 0.0f;
-    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
+    for (int32_t i = 0; i < s->touched; i++) sum += hrt_inner(at(a, s->vertex[i]), at(b, s->vertex[i]));
     return sum;
 }
 
-/* mix: the combination of the remembered changes of the residual that is nearest to it. */
-static void nearest_mix(const hrt_mixing *m, int32_t n, float mix[HRT_MIXING_MEMORY]) {
-    float a[HRT_MIXING_MEMORY][HRT_MIXING_MEMORY + 1], trace = 0.0f;
-    const int32_t count = m->count;
-    for (int32_t i = 0; i < count; i++) {
-        for (int32_t j = 0; j <= i; j++) a[i][j] = a[j][i] = dot_n(m->residual_change_N[i], m->residual_change_N[j], n);
-        a[i][count] = dot_n(m->residual_change_N[i], m->residual_N, n);
-        trace += a[i][i];
+/* mix[][HRT_MIXING_MEMORY]: the combination of the remembered changes of the residual that is nearest to it. */
+static void nearest_mix(const solve *s, const hrt_mixing *m, float mix[HRT_MIXING_MEMORY][WIDTH]) {
+    float trace = 1.0e-30f;
+    for (int i = 0; i < HRT_MIXING_MEMORY; i++) {
+        for (int j = i; j <= HRT_MIXING_MEMORY; j++)
+            mix[i][j] = inner_at(s, m->residual_change_N[i], j < HRT_MIXING_MEMORY ? m->residual_change_N[j] : s->residual_N);
+        trace += mix[i][i];
     }
-    for (int32_t k = 0; k < count; k++) {
-        a[k][k] += 1.0e-5f * trace + 1.0e-30f;
-        for (int32_t i = k + 1; i < count; i++) {
-            const float factor = a[i][k] / a[k][k];
-            for (int32_t j = k; j <= count; j++) a[i][j] -= factor * a[k][j];
+    for (int i = 0; i < HRT_MIXING_MEMORY; i++) {
+        for (int j = i; j <= HRT_MIXING_MEMORY; j++) mix[i][j] /= trace;
+        mix[i][i] += 1.0e-5f;
+    }
+    eliminate(mix, HRT_MIXING_MEMORY);
+}
+
+static void find_residual(solve *s) {
+    for (int32_t i = 0; i < s->touched; i++) put(s->residual_N, s->vertex[i], hrt_times(-1.0f, at(s->force_N, s->vertex[i])));
+    for (int32_t r = 0; r < s->rows; r++) {
+        const hrt_contact_row *row = &s->row[r];
+        const hrt_v3 force = hrt_times(row->lambda_N, hrt_get(row->normal));
+        for (int k = 0; k < 3; k++) {
+            const uint8_t v = corners(s, row)[k];
+            put(s->residual_N, v, hrt_plus(at(s->residual_N, v), hrt_times(row->weight[k], force)));
         }
-    }
-    for (int32_t k = count - 1; k >= 0; k--) {
-        for (int32_t j = k + 1; j < count; j++) a[k][count] -= a[k][j] * mix[j];
-        mix[k] = a[k][count] / a[k][k];
     }
 }
 
 /* The next forces from those the shape was made with and those the rows made of it: Anderson's mixing over the last rounds, of earlier ticks too.
- * Taking the rows' forces as they are swings or creeps. */
-static void take_forces(solve *s, hrt_mixing *m) {
-    float mix[HRT_MIXING_MEMORY];
-    const int32_t n = s->dofs, slot = m->next;
-    for (int32_t i = 0; i < n; i++) {
-        const float residual = s->made_N[i] - s->force_N[i];
-        if (m->primed) {
-            m->residual_change_N[slot][i] = residual - m->residual_N[i];
-            m->force_change_N[slot][i] = s->force_N[i] - m->force_N[i];
+ * Taking the rows' forces as they are swings or creeps. True when the forces changed little. */
+static bool take_forces(solve *s, hrt_mixing *m, bool first) {
+    float mix[HRT_MIXING_MEMORY][WIDTH], moved = 0.0f, size = 0.0f;
+    for (int32_t i = 0; i < s->touched; i++) {
+        const int32_t v = s->vertex[i];
+        const hrt_v3 residual = at(s->residual_N, v), force = at(s->force_N, v), change = hrt_minus(residual, at(s->before_residual_N, v));
+        if (!first) {
+            put(m->residual_change_N[m->next], v, change);
+            put(m->step_N[m->next], v, hrt_plus(change, hrt_minus(force, at(s->before_N, v))));
         }
-        m->residual_N[i] = residual;
-        m->force_N[i] = s->force_N[i];
+        put(s->before_residual_N, v, residual);
+        put(s->before_N, v, force);
     }
-    if (m->primed) {
-        m->next = (slot + 1) % HRT_MIXING_MEMORY;
-        if (m->count < HRT_MIXING_MEMORY) m->count++;
+    if (!first) m->next = (uint8_t)((m->next + 1) % HRT_MIXING_MEMORY);
+    nearest_mix(s, m, mix);
+    for (int32_t i = 0; i < s->touched; i++) {
+        const int32_t v = s->vertex[i];
+        hrt_v3 step = at(s->residual_N, v);
+        for (int k = 0; k < HRT_MIXING_MEMORY; k++) step = hrt_minus(step, hrt_times(mix[k][HRT_MIXING_MEMORY], at(m->step_N[k], v)));
+        const hrt_v3 force = hrt_plus(at(s->force_N, v), step);
+        put(s->force_N, v, force);
+        moved += hrt_inner(step, step);
+        size += hrt_inner(force, force);
     }
-    m->primed = true;
-    nearest_mix(m, n, mix);
-    for (int32_t i = 0; i < n; i++) {
-        s->force_N[i] += m->residual_N[i];
-        for (int32_t k = 0; k < m->count; k++) s->force_N[i] -= mix[k] * (m->force_change_N[k][i] + m->residual_change_N[k][i]);
-    }
+    return moved < LITTLE * size;
 }
 
 /* Bears mainly upon the patch's edge: the tissue goes on there and we do not know how. */
 static bool on_edge(const solve *s, const hrt_contact_row *row) {
     float weight = 0.0f;
-    for (int k = 0; k < 3; k++) weight += s->patch->topology.border[corners(s, row)[k]] != 0 ? row->weight[k] : 0.0f;
+    for (int k = 0; k < 3; k++) weight += (s->patch->topology.border >> corners(s, row)[k] & 1u) != 0 ? row->weight[k] : 0.0f;
     return weight > 0.5f;
 }
 
 /* Reactions to the equivalent force at the tip of a tool that pivots about the origin; false when one is on the edge. */
 static bool gather(const solve *s, const float tip_m[3], float force_N[3]) {
-    const float reach = hrt_length(tip_m);
-    const float axis[3] = {tip_m[0] / reach, tip_m[1] / reach, tip_m[2] / reach};
+    const hrt_v3 tip = hrt_get(tip_m);
+    const float reach = hrt_size(tip);
+    const hrt_v3 axis = hrt_times(1.0f / reach, tip);
+    hrt_v3 force = {0.0f, 0.0f, 0.0f};
     bool inside = true;
-    for (int i = 0; i < 3; i++) force_N[i] = 0.0f;
     for (int32_t r = 0; r < s->rows; r++) {
         const hrt_contact_row *row = &s->row[r];
         if (!(row->lambda_N > 0.0f)) continue;
         inside = inside && !on_edge(s, row);
-        const float lever = hrt_dot(row->point_m, axis) / reach, along = hrt_dot(row->normal, axis);
-        for (int i = 0; i < 3; i++) force_N[i] -= row->lambda_N * (along * axis[i] + lever * (row->normal[i] - along * axis[i]));
+        const hrt_v3 normal = hrt_get(row->normal);
+        const float lever = 1.0f - (float)row->station * s->patch->radius_m / reach, along = hrt_inner(normal, axis);
+        force = hrt_minus(force, hrt_times(row->lambda_N, hrt_plus(hrt_times(lever, normal), hrt_times(along - lever * along, axis))));
     }
+    hrt_put(force, force_N);
     return inside;
 }
 
-bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], int32_t linearisations, float force_N[3]) {
+bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], float force_N[3]) {
     solve s;
+    hrt_hits hits = {.count = -1};
     if (!(hrt_length(tip_m) > 1.0e-4f)) return false;
     s.patch = x->patch;
-    s.dofs = 3 * x->patch->vertex_count;
     s.rows = x->row_count;
-    for (int32_t i = 0; i < s.dofs; i++) s.start[i] = (uint16_t)(i * (2 * s.dofs - i - 1) / 2);
     s.row = x->row;
+    s.soft_m = SKIN_TRAVEL * x->patch->radius_m;
     s.force_N = x->patch_force_N;
-    x->mixing.primed = false;
-    for (int32_t k = 0; k < linearisations; k++) {
+    list_touched(&s, &x->mixing);
+    for (int32_t k = 0; k < ROUNDS; k++) {
         shift_by_forces(&s);
-        find_rows(&s, tip_m);
-        relax(&s);
-        take_forces(&s, &x->mixing);
+        find_rows(&s, tip_m, &hits, s.row == x->row ? s.other : x->row);
+        solve_rows(&s);
+        touch(&s, &x->mixing);
+        find_residual(&s);
+        /* On much the same shape the tool is near the same features. */
+        if (!take_forces(&s, &x->mixing, k == 0)) hits.count = -1;
     }
     x->row_count = s.rows;
     return gather(&s, tip_m, force_N);
@@ -292,23 +321,22 @@ bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], int32_t linea
 
 void hrt_contact_clear(hrt_extrapolation *x) {
     x->row_count = 0;
+    x->mixing.touched = 0;
     for (int32_t i = 0; i < HRT_PATCH_DOFS; i++) x->patch_force_N[i] = 0.0f;
-    x->mixing.count = x->mixing.next = 0;
-    x->mixing.primed = false;
 }
 
 /* The vertex of `fresh` that is vertex v of `old`: the undeformed surface does not move. -1: not in it. */
 static int32_t same_vertex(const hrt_patch *old, int32_t v, const hrt_patch *fresh) {
+    const hrt_v3 place = at(old->rest_m, v);
     for (int32_t u = 0; u < fresh->vertex_count; u++) {
-        float apart[3];
-        hrt_sub(&fresh->rest_m[HRT_XYZ * u], &old->rest_m[HRT_XYZ * v], apart);
-        if (hrt_dot(apart, apart) < 1.0e-10f) return u;
+        const hrt_v3 apart = hrt_minus(at(fresh->rest_m, u), place);
+        if (hrt_inner(apart, apart) < 1.0e-10f) return u;
     }
     return -1;
 }
 
 /* Numbers by the old patch's vertices to numbers by the fresh one's; what has no place there is dropped. */
-static void renumber(float *by_vertex, const int32_t to[HRT_PATCH_MAX_VERTICES], int32_t old_count) {
+static void renumber(float *by_vertex, const int8_t to[HRT_PATCH_MAX_VERTICES], int32_t old_count) {
     float moved[HRT_PATCH_DOFS] = {0};
     for (int32_t v = 0; v < old_count; v++)
         if (to[v] >= 0) hrt_copy(&moved[HRT_XYZ * to[v]], &by_vertex[HRT_XYZ * v]);
@@ -316,14 +344,16 @@ static void renumber(float *by_vertex, const int32_t to[HRT_PATCH_MAX_VERTICES],
 }
 
 void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patch *fresh) {
-    int32_t to[HRT_PATCH_MAX_VERTICES];
-    for (int32_t v = 0; v < old->vertex_count; v++) to[v] = same_vertex(old, v, fresh);
-    /* What the rounds remember stays true of the same tissue. One call, so that it is in flash once. */
-    for (int32_t k = 0; k <= 2 * x->mixing.count; k++) {
-        float *list = x->patch_force_N;
-        if (k > 0) list = k % 2 == 0 ? x->mixing.residual_change_N[(k - 1) / 2] : x->mixing.force_change_N[(k - 1) / 2];
-        renumber(list, to, old->vertex_count);
+    int8_t to[HRT_PATCH_MAX_VERTICES];
+    uint32_t touched = 0;
+    for (int32_t v = 0; v < old->vertex_count; v++) {
+        to[v] = (int8_t)((x->mixing.touched >> v & 1u) != 0 ? same_vertex(old, v, fresh) : -1);
+        if (to[v] >= 0) touched |= 1u << to[v];
     }
+    x->mixing.touched = touched;
+    /* What the rounds remember stays true of the same tissue. One call, so that it is in flash once. */
+    for (int k = -1; k < 2 * HRT_MIXING_MEMORY; k++)
+        renumber(k < 0 ? x->patch_force_N : k % 2 == 0 ? x->mixing.residual_change_N[k / 2] : x->mixing.step_N[k / 2], to, old->vertex_count);
     int32_t kept = 0;
     for (int32_t r = 0; r < x->row_count; r++)
         for (int32_t t = 0; t < fresh->triangle_count; t++) {

@@ -144,13 +144,13 @@ enum {
 /* Which triangles share what, and how far their normals blend; filled by hrt_patch_prepare, so that the tick finds it ready. */
 typedef struct hrt_patch_topology {
     uint8_t edge_count;
-    uint8_t edge_vertex[HRT_PATCH_EDGES][2];
+    uint8_t edge_vertex[HRT_PATCH_EDGES][2];            /* as its first triangle runs along it, and the second against it */
     uint8_t edge_face[HRT_PATCH_EDGES][2];              /* HRT_NO_FACE: the patch ends there */
     uint8_t face_edge[HRT_PATCH_MAX_TRIANGLES][3];      /* edge j: corner j to corner j+1 */
-    uint8_t fan_begin[HRT_PATCH_MAX_VERTICES + 1], fan_face[3 * HRT_PATCH_MAX_TRIANGLES];
-    uint8_t spoke_begin[HRT_PATCH_MAX_VERTICES + 1], spoke_edge[2 * HRT_PATCH_EDGES];
-    uint8_t border[HRT_PATCH_MAX_VERTICES];             /* 1: on the patch's edge */
-    uint8_t smooth[HRT_PATCH_MAX_TRIANGLES][HRT_PATCH_MAX_TRIANGLES]; /* 255: the undeformed surface is smooth from one to the other */
+    uint8_t fan_begin[HRT_PATCH_MAX_VERTICES + 1], fan_face[3 * HRT_PATCH_MAX_TRIANGLES]; /* triangles at each vertex */
+    uint32_t border;                                    /* bit v: vertex v is on the patch's edge */
+    uint32_t creased;                                   /* bit v: not all triangles at vertex v are smooth to each other */
+    uint8_t smooth[HRT_PATCH_MAX_TRIANGLES * (HRT_PATCH_MAX_TRIANGLES - 1) / 2 + 1]; /* of f and g < f at f (f-1)/2 + g; 255: the undeformed surface is smooth */
 } hrt_patch_topology;
 
 /* A piece of the tissue's surface near the tool and its compliance. Immutable once it has passed hrt_patch_prepare. */
@@ -230,19 +230,18 @@ enum { HRT_CONTACT_ROWS = 16 };
 typedef struct hrt_contact_row {
     uint8_t triangle, station, feature; /* feature: 0 the face, 1+j edge j, 4+j corner j */
     float share;                        /* of the station's skin */
-    float weight[3], normal[3], point_m[3]; /* normal from tool to tissue */
+    float weight[3], normal[3];         /* normal from tool to tissue */
     float gap_m;
     float lambda_N;
 } hrt_contact_row;
 
 enum { HRT_MIXING_MEMORY = 3 };
 
-/* What the rounds of `contact` remember of each other (contact.c). */
+/* What the rounds of `contact` remember of each other (contact.c), at the vertices that rows have touched. */
 typedef struct hrt_mixing {
-    bool primed;
-    int32_t count, next;
-    float residual_N[HRT_PATCH_DOFS], force_N[HRT_PATCH_DOFS];
-    float residual_change_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS], force_change_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS];
+    uint32_t touched; /* bit v: vertex v */
+    uint8_t next;
+    float residual_change_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS], step_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS];
 } hrt_mixing;
 
 typedef struct hrt_extrapolation {

@@ -78,16 +78,26 @@ void hrt_passivity_control(hrt_controller *c, float dt_s, float force_N[3]);
 void hrt_render(hrt_controller *c, int64_t now_us, bool coupling, float force_N[3]);
 
 /* contact.c: force of the tool at `tip_m` against the newest patch; false when the tool has left it. */
-bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], int32_t linearisations, float force_N[3]);
+bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], float force_N[3]);
 /* Forgets the reactions. */
 void hrt_contact_clear(hrt_extrapolation *x);
 /* Carries the reactions over to a new patch. */
 void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patch *fresh);
 
+/* Features that stations of the tool were found near. count < 0: to be looked for. */
+enum { HRT_HITS_MAX = 64 };
+typedef struct hrt_hits {
+    int32_t count;
+    struct {
+        uint8_t station, kind, index; /* kind 0 face, 1 edge, 2 vertex */
+    } at[HRT_HITS_MAX];
+} hrt_hits;
+
 /* rows.c: rows of the tool's axis from `tip_m` towards the trocar against the patch shifted by `shift_m`, those with a gap of at most a fifth of the
- * radius. `before`: the rows of the shape before, which let a station stay in touch with a surface that it has sunk through. Returns the count, at most HRT_CONTACT_ROWS. */
+ * radius. `before`: the rows of the shape before, which let a station stay in touch with a surface that it has sunk through. `hits`: looked for and left
+ * there, or, on a shape that hardly differs, the only ones to look at. Returns the count, at most HRT_CONTACT_ROWS. */
 int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3], const hrt_contact_row *before, int32_t before_count,
-                         hrt_contact_row *row);
+                         hrt_hits *hits, hrt_contact_row *row);
 
 /* topology.c; false: too many edges for a piece of surface. */
 bool hrt_patch_topology_build(hrt_patch *patch);

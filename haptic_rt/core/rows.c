@@ -1,7 +1,11 @@
 /* The rows of docs/contact.md in single precision, for the few triangles of a patch: stations of the tool's axis against faces, edges and vertices, with weights
  * that run smoothly from one feature to the next, and normals blended over the smooth surface. The simulation's own finder
- * (libtensormass/src/contact_find.c) is the reference that tests hold this one to. */
-#include "internal.h"
+ * (libtensormass/src/contact_find.c) is the reference that tests hold this one to.
+ *
+ * Station by station: what all features ask of it (where it stands from the vertices, how high over the faces) is computed once, and most of them are
+ * done with it by a comparison. Of a station p over a face with unit normal n, n . (p-a) x (p-b) is twice the area that p makes with the edge ab:
+ * over the edge's length the distance from the edge, over the face's area a barycentric weight. */
+#include "vector.h"
 
 static const float BLEND = 0.2f;     /* half width of the transition between neighbouring features, in radii */
 static const float PROXIMITY = 0.4f; /* a feature that much farther (radii) than the nearest has no share */
@@ -9,10 +13,12 @@ static const float SHARP = 0.25f;    /* sine of the fold from which an edge or a
 static const float SUNK = 0.5f;      /* how far (radii) behind a face a station may be that it did not touch before */
 static const float SUNK_KNOWN = 8.0f;
 static const float MARGIN = 0.2f;    /* radii */
-enum { HITS = 64, STATIONS = 256 };
+enum { HITS = 24, STATIONS = 256 }; /* hits of one station */
+
+enum { FACE, EDGE, VERTEX };
 
 typedef struct hit {
-    uint8_t station, kind, index; /* kind 0 face, 1 edge, 2 vertex */
+    uint8_t kind, index;
     float raw, distance_m;
 } hit;
 
@@ -21,360 +27,360 @@ typedef struct search {
     const hrt_patch_topology *t;
     const hrt_contact_row *before;
     int32_t before_count;
-    float tip_m[3], axis[3]; /* axis: from the tip towards the trocar */
-    int32_t stations;
-    float radius_m, reach_m, sunk_m;
-    float at[HRT_PATCH_DOFS];
-    float area[HRT_PATCH_MAX_TRIANGLES][3], normal[HRT_PATCH_MAX_TRIANGLES][3]; /* outward; area: twice as long as the area */
-    float length_m[HRT_PATCH_EDGES], blend_m[HRT_PATCH_EDGES];                  /* of edges; half width of the transition across */
+    hrt_v3 axis; /* towards the trocar, a radius long */
+    float radius_m, reach_m, sunk_m, longest_m; /* edge */
+    hrt_v3 normal[HRT_PATCH_MAX_TRIANGLES]; /* outward; zero: crushed to a line */
+    float size[HRT_PATCH_MAX_TRIANGLES];    /* twice the area */
+    float base_m[HRT_PATCH_MAX_TRIANGLES], rise_m[HRT_PATCH_MAX_TRIANGLES]; /* height of the tip over the face, and what a station adds */
+    float length_m[HRT_PATCH_EDGES];
+    float span_m2[HRT_PATCH_EDGES];         /* half width of the transition across the edge, times its length */
+    /* of the station at hand */
+    int32_t station, from_station;          /* the second: that `from` is of */
+    uint32_t close;                         /* bit v: near enough to vertex v for a face or an edge there */
+    hrt_v3 from[HRT_PATCH_MAX_VERTICES];    /* from the vertex to it */
     int32_t hits;
     hit hit[HITS];
+    uint32_t blended;                       /* bit v: the normal at vertex v is there */
+    hrt_v3 corner[HRT_PATCH_MAX_VERTICES];
 } search;
 
 /* 0 below -1, 1 above 1, smooth between. */
-static float ramp(float x) {
+static __attribute__((noinline)) float ramp(float x) {
     const float q = hrt_clamp(0.5f * (x + 1.0f), 0.0f, 1.0f);
     return q * q * (3.0f - 2.0f * q);
 }
 
-static float unit(float v[3]) {
-    const float size = hrt_length(v);
-    hrt_scale(v, size > 0.0f ? 1.0f / size : 0.0f);
-    return size;
-}
+static const uint8_t *corners(const search *q, int32_t f) { return &q->patch->triangle[HRT_XYZ * f]; }
 
-static const float *vertex(const search *q, int32_t f, int j) { return &q->at[HRT_XYZ * q->patch->triangle[3 * f + j]]; }
+/* Of the station over face f. */
+static float height(const search *q, int32_t f) { return q->base_m[f] + (float)q->station * q->rise_m[f]; }
 
-static void station_point(const search *q, int32_t k, float p[3]) {
-    hrt_copy(p, q->tip_m);
-    hrt_add_scaled(p, (float)k * q->radius_m, q->axis);
-}
+/* From vertex a to vertex b. */
+static hrt_v3 way(const search *q, int32_t a, int32_t b) { return hrt_minus(q->from[a], q->from[b]); }
 
 static void place_faces(search *q) {
     for (int32_t f = 0; f < q->patch->triangle_count; f++) {
-        float a[3], b[3];
-        hrt_sub(vertex(q, f, 1), vertex(q, f, 0), a);
-        hrt_sub(vertex(q, f, 2), vertex(q, f, 0), b);
-        hrt_cross(a, b, q->area[f]);
-        hrt_copy(q->normal[f], q->area[f]);
-        const float size = fmaxf(hrt_dot(a, a), hrt_dot(b, b));
-        if (unit(q->normal[f]) <= 1.0e-6f * size) hrt_scale(q->normal[f], 0.0f); /* crushed to a line */
+        const uint8_t *corner = corners(q, f);
+        const hrt_v3 a = way(q, corner[0], corner[1]), b = way(q, corner[0], corner[2]), area = hrt_outer(a, b);
+        const float size = hrt_size(area);
+        q->size[f] = size;
+        q->normal[f] = hrt_times(size > 1.0e-6f * hrt_max(hrt_inner(a, a), hrt_inner(b, b)) ? 1.0f / size : 0.0f, area);
+        q->base_m[f] = hrt_inner(q->normal[f], q->from[corner[0]]);
+        q->rise_m[f] = hrt_inner(q->normal[f], q->axis);
     }
 }
 
 /* The transition across an edge is the same seen from both faces, so that their weights add up to one. The height of a triangle over its edge is
  * twice its area by the edge's length. */
 static void place_edges(search *q) {
-    for (uint8_t e = 0; e < q->t->edge_count; e++) {
-        float edge[3], width = BLEND * q->radius_m;
-        hrt_sub(&q->at[HRT_XYZ * q->t->edge_vertex[e][1]], &q->at[HRT_XYZ * q->t->edge_vertex[e][0]], edge);
-        q->length_m[e] = fmaxf(hrt_length(edge), 1.0e-9f);
-        for (int side = 0; side < 2; side++) {
-            const uint8_t f = q->t->edge_face[e][side];
-            if (f != HRT_NO_FACE) width = fminf(width, 0.25f * hrt_dot(q->area[f], q->normal[f]) / q->length_m[e]);
-        }
-        q->blend_m[e] = fmaxf(width, 1.0e-9f);
+    q->longest_m = 0.0f;
+    for (int32_t e = 0; e < q->t->edge_count; e++) {
+        const uint8_t *end = q->t->edge_vertex[e], *face = q->t->edge_face[e];
+        const float length = hrt_max(hrt_size(way(q, end[0], end[1])), 1.0e-9f);
+        const float size = hrt_min(q->size[face[0]], q->size[face[face[1] == HRT_NO_FACE ? 0 : 1]]);
+        q->length_m[e] = length;
+        q->longest_m = hrt_max(q->longest_m, length);
+        q->span_m2[e] = hrt_max(hrt_min(BLEND * q->radius_m * length, 0.25f * size), 1.0e-9f * length);
     }
 }
 
-/* Stations within `reach` of a point; false if none. */
-static bool station_range(const search *q, const float centre[3], float reach, int32_t *first, int32_t *last) {
-    float to[3];
-    hrt_sub(centre, q->tip_m, to);
-    const float along = hrt_dot(to, q->axis);
-    const float chord2 = reach * reach - hrt_dot(to, to) + along * along;
-    if (!(chord2 >= 0.0f)) return false;
-    const float half = sqrtf(chord2), low = (along - half) / q->radius_m, high = (along + half) / q->radius_m;
-    const float end = (float)(q->stations - 1);
-    if (high < 0.0f || low > end) return false;
-    *first = low > 0.0f ? (int32_t)low + ((float)(int32_t)low < low ? 1 : 0) : 0;
-    *last = high < end ? (int32_t)high : q->stations - 1;
-    return *first <= *last;
+/* Twice the area, in the plane of face f, between the station and the edge from corner j; positive on the face's side. */
+static float part(const search *q, int32_t f, int j) {
+    const uint8_t *corner = corners(q, f);
+    return hrt_inner(q->normal[f], hrt_outer(q->from[corner[j]], q->from[corner[j == 2 ? 0 : j + 1]]));
 }
 
-static void add_hit(search *q, int32_t station, uint8_t kind, int32_t index, float raw, float distance_m) {
-    if (q->hits < HITS) q->hit[q->hits++] = (hit){(uint8_t)station, kind, (uint8_t)index, raw, distance_m};
-}
-
-/* In-plane unit vector of face f across its edge j, into the face. */
-static void inward(const search *q, int32_t f, int j, float in[3]) {
-    float edge[3];
-    hrt_sub(vertex(q, f, (j + 1) % 3), vertex(q, f, j), edge);
-    hrt_cross(q->normal[f], edge, in);
-    hrt_scale(in, 1.0f / q->length_m[q->t->face_edge[f][j]]);
-}
-
-static int edge_slot(const search *q, int32_t f, uint8_t edge) {
-    return q->t->face_edge[f][0] == edge ? 0 : q->t->face_edge[f][1] == edge ? 1 : 2;
+static void add_hit(search *q, uint8_t kind, int32_t index, float raw, float distance_m) {
+    if (q->hits < HITS) q->hit[q->hits++] = (hit){kind, (uint8_t)index, raw, distance_m};
 }
 
 /* Touched a corner of this face in the shape before. */
-static bool known(const search *q, int32_t station, int32_t f) {
+static bool known(const search *q, int32_t f) {
     for (int32_t i = 0; i < q->before_count; i++) {
-        if (q->before[i].station != station || !(q->before[i].lambda_N > 0.0f)) continue;
+        if (q->before[i].station != q->station || !(q->before[i].lambda_N > 0.0f)) continue;
         for (int j = 0; j < 9; j++)
-            if (q->patch->triangle[3 * q->before[i].triangle + j / 3] == q->patch->triangle[3 * f + j % 3]) return true;
+            if (corners(q, q->before[i].triangle)[j / 3] == corners(q, f)[j % 3]) return true;
     }
     return false;
 }
 
-static void face_station(search *q, int32_t f, int32_t k, float height) {
-    float p[3], d[3], in[3], raw = 1.0f, outside = 0.0f;
-    station_point(q, k, p);
-    for (int j = 0; j < 3 && raw > 0.0f; j++) {
-        inward(q, f, j, in);
-        hrt_sub(p, vertex(q, f, j), d);
-        const float x = hrt_dot(d, in);
-        raw *= ramp(x / q->blend_m[q->t->face_edge[f][j]]);
-        outside = fmaxf(outside, -x);
+static void face_hit(search *q, int32_t f) {
+    const float high = height(q, f);
+    float raw = 1.0f, outside = 0.0f;
+    if (high > q->reach_m || high < -q->sunk_m || !(hrt_inner(q->normal[f], q->normal[f]) > 0.0f)) return;
+    for (int j = 0; j < 3; j++) {
+        const int32_t e = q->t->face_edge[f][j];
+        const float inward = part(q, f, j);
+        if (!(inward > -q->span_m2[e])) return;
+        raw *= ramp(inward / q->span_m2[e]);
+        outside = hrt_max(outside, -inward / q->length_m[e]);
     }
-    if (!(raw > 0.0f)) return;
-    if ((height < -SUNK * q->radius_m || (height < 0.0f && outside > 0.0f)) && !known(q, k, f)) return;
-    add_hit(q, k, 0, f, raw, height > 0.0f ? sqrtf(height * height + outside * outside) : height);
-}
-
-static void face_hits(search *q, int32_t f) {
-    float d[3];
-    int32_t first, last;
-    const float *a = vertex(q, f, 0), *b = vertex(q, f, 1), *c = vertex(q, f, 2);
-    if (!(hrt_dot(q->normal[f], q->normal[f]) > 0.0f)) return;
-    hrt_sub(q->tip_m, a, d);
-    const float height = hrt_dot(d, q->normal[f]), step = q->radius_m * hrt_dot(q->axis, q->normal[f]);
-    if (step > 0.0f ? height > q->reach_m : height < -q->sunk_m) return; /* and farther on from station to station */
-    const float centre[3] = {(a[0] + b[0] + c[0]) / 3.0f, (a[1] + b[1] + c[1]) / 3.0f, (a[2] + b[2] + c[2]) / 3.0f};
-    /* No corner is farther from the centre than two thirds of the longest edge; the transitions reach 0.75 of that beyond. */
-    const uint8_t *edge = q->t->face_edge[f];
-    const float wide = 1.17f * fmaxf(q->length_m[edge[0]], fmaxf(q->length_m[edge[1]], q->length_m[edge[2]])), high = fmaxf(q->reach_m, q->sunk_m);
-    if (!station_range(q, centre, sqrtf(wide * wide + high * high), &first, &last)) return;
-    for (int32_t k = first; k <= last; k++) {
-        const float h = height + (float)k * step;
-        if (h <= q->reach_m && h >= -q->sunk_m) face_station(q, f, k, h);
-    }
+    if ((high < -SUNK * q->radius_m || (high < 0.0f && outside > 0.0f)) && !known(q, f)) return;
+    if (raw > 0.0f) add_hit(q, FACE, f, raw, high > 0.0f ? sqrtf(high * high + outside * outside) : high);
 }
 
 /* 0 flat or hollow, 1 a fold that sticks out. */
-static float edge_sharpness(const search *q, uint8_t e) {
-    const uint8_t a = q->t->edge_face[e][0], b = q->t->edge_face[e][1];
-    float in[3];
+static float edge_sharpness(const search *q, int32_t e) {
+    const uint8_t *end = q->t->edge_vertex[e];
+    const int32_t a = q->t->edge_face[e][0], b = q->t->edge_face[e][1];
     if (b == HRT_NO_FACE) return 1.0f;
-    inward(q, b, edge_slot(q, b, e), in);
-    const float sine = -hrt_dot(q->normal[a], in);
-    if (sine > 0.0f && hrt_dot(q->normal[a], q->normal[b]) < 0.0f) return 1.0f;
+    const uint8_t *corner = corners(q, b);
+    const int32_t apex = corner[0] + corner[1] + corner[2] - end[0] - end[1];
+    const float sine = hrt_inner(q->normal[a], way(q, apex, end[0])) * q->length_m[e] / hrt_max(q->size[b], 1.0e-30f);
+    if (sine > 0.0f && hrt_inner(q->normal[a], q->normal[b]) < 0.0f) return 1.0f;
     return ramp(2.0f * sine / SHARP - 1.0f);
 }
 
-static void edge_station(search *q, uint8_t e, int32_t k, const float along[3], float length, float sharp, float width) {
-    float p[3], d[3], in[3], out = 0.0f, raw = sharp;
-    const float ends = fminf(BLEND * q->radius_m, 0.25f * length);
-    station_point(q, k, p);
-    hrt_sub(p, &q->at[HRT_XYZ * q->t->edge_vertex[e][0]], d);
-    const float y = hrt_dot(d, along);
-    hrt_add_scaled(d, -y, along);
-    const float distance = hrt_length(d);
-    if (distance > q->reach_m) return;
-    raw *= ramp(y / ends) * ramp((length - y) / ends);
-    for (int side = 0; side < 2 && raw > 0.0f; side++) {
-        const uint8_t f = q->t->edge_face[e][side];
-        if (f == HRT_NO_FACE) continue;
-        inward(q, f, edge_slot(q, f, e), in);
-        raw *= ramp(-hrt_dot(d, in) / width);
-        out += hrt_dot(d, q->normal[f]);
-    }
-    if (raw > 0.0f && out > 0.0f) add_hit(q, k, 1, e, raw, distance);
+static float end_blend(const search *q, int32_t e) { return hrt_min(BLEND * q->radius_m, 0.25f * q->length_m[e]); }
+
+static void edge_hit(search *q, int32_t e) {
+    const uint8_t *end = q->t->edge_vertex[e], *face = q->t->edge_face[e];
+    const bool two = face[1] != HRT_NO_FACE;
+    const float one_side = height(q, face[0]), other_side = two ? height(q, face[1]) : 0.0f;
+    if (!(one_side + other_side > 0.0f) || one_side > q->reach_m || other_side > q->reach_m) return;
+    const hrt_v3 a = q->from[end[0]], b = q->from[end[1]];
+    const float y = hrt_inner(a, hrt_minus(a, b)) / q->length_m[e], distance2 = hrt_inner(a, a) - y * y;
+    if (distance2 > q->reach_m * q->reach_m) return;
+    const hrt_v3 across = hrt_times(1.0f / q->span_m2[e], hrt_outer(b, a)); /* out of the first face and into the second */
+    const float ends = end_blend(q, e);
+    float raw = ramp(hrt_inner(q->normal[face[0]], across)) * ramp(y / ends) * ramp((q->length_m[e] - y) / ends);
+    if (two) raw *= ramp(-hrt_inner(q->normal[face[1]], across));
+    if (raw > 0.0f) raw *= edge_sharpness(q, e);
+    if (raw > 0.0f) add_hit(q, EDGE, e, raw, sqrtf(hrt_max(distance2, 0.0f)));
 }
 
-static void edge_hits(search *q, uint8_t e) {
-    const float *a = &q->at[HRT_XYZ * q->t->edge_vertex[e][0]], *b = &q->at[HRT_XYZ * q->t->edge_vertex[e][1]], length = q->length_m[e];
-    float along[3], middle[3];
-    int32_t first, last;
-    hrt_sub(b, a, along);
-    hrt_copy(middle, a);
-    hrt_add_scaled(middle, 0.5f, along);
-    if (!station_range(q, middle, 0.5f * length + q->reach_m, &first, &last)) return;
-    const float sharp = edge_sharpness(q, e);
-    if (!(sharp > 0.0f)) return;
-    hrt_scale(along, 1.0f / length);
-    for (int32_t k = first; k <= last; k++) edge_station(q, e, k, along, length, sharp, q->blend_m[e]);
-}
-
-/* Unit vector from vertex v along its i-th spoke; returns its length. */
-static float spoke(const search *q, uint8_t v, int32_t i, float to[3]) {
-    const uint8_t *ends = q->t->edge_vertex[q->t->spoke_edge[i]];
-    hrt_sub(&q->at[HRT_XYZ * (ends[0] == v ? ends[1] : ends[0])], &q->at[HRT_XYZ * v], to);
-    return unit(to);
-}
-
-static void vertex_hits(search *q, uint8_t v) {
+static void vertex_hit(search *q, int32_t v) {
     const hrt_patch_topology *t = q->t;
-    const int32_t begin = t->spoke_begin[v], end = t->spoke_begin[v + 1];
-    float up[3] = {0.0f, 0.0f, 0.0f}, sharp = 1.0f, to[3];
-    int32_t first, last;
-    if (!station_range(q, &q->at[HRT_XYZ * v], q->reach_m, &first, &last)) return;
-    for (int32_t i = begin; i < end; i++)
-        for (int side = 0; side < 2; side++) {
-            const uint8_t f = t->edge_face[t->spoke_edge[i]][side];
-            if (f != HRT_NO_FACE) hrt_add_scaled(up, 1.0f, q->normal[f]);
-        }
-    unit(up);
-    for (int32_t i = begin; i < end && sharp > 0.0f; i++) {
-        spoke(q, v, i, to);
-        sharp = fminf(sharp, ramp(-2.0f * hrt_dot(to, up) / SHARP - 1.0f));
+    const hrt_v3 d = q->from[v];
+    const float distance2 = hrt_inner(d, d);
+    hrt_v3 up = {0.0f, 0.0f, 0.0f};
+    float raw = 1.0f, sharp = 1.0f;
+    if (distance2 > q->reach_m * q->reach_m) return;
+    for (int32_t i = t->fan_begin[v]; i < t->fan_begin[v + 1]; i++) up = hrt_plus(up, q->normal[t->fan_face[i]]);
+    if (!(hrt_inner(d, up) > 0.0f)) return;
+    const float steep = -2.0f / (SHARP * hrt_size(up));
+    for (int32_t e = 0; e < t->edge_count; e++) {
+        const uint8_t *end = t->edge_vertex[e];
+        if (end[0] != v && end[1] != v) continue;
+        const hrt_v3 to = hrt_times(1.0f / q->length_m[e], way(q, v, end[0] + end[1] - v));
+        sharp = hrt_min(sharp, ramp(steep * hrt_inner(to, up) - 1.0f));
+        raw *= ramp(-hrt_inner(d, to) / hrt_max(end_blend(q, e), 1.0e-9f));
+        if (!(sharp * raw > 0.0f)) return;
     }
-    if (!(sharp > 0.0f)) return;
-    for (int32_t k = first; k <= last; k++) {
-        float p[3], raw = sharp;
-        station_point(q, k, p);
-        hrt_add_scaled(p, -1.0f, &q->at[HRT_XYZ * v]);
-        const float distance = hrt_length(p);
-        if (!(hrt_dot(p, up) > 0.0f) || distance > q->reach_m) continue;
-        for (int32_t i = begin; i < end && raw > 0.0f; i++) {
-            const float length = spoke(q, v, i, to);
-            raw *= ramp(-hrt_dot(p, to) / fmaxf(fminf(BLEND * q->radius_m, 0.25f * length), 1.0e-9f));
-        }
-        if (raw > 0.0f) add_hit(q, k, 2, v, raw, distance);
-    }
+    add_hit(q, VERTEX, v, sharp * raw, sqrtf(distance2));
 }
 
 /* ---------------------------------------------------------------------------------------------- hits to rows */
 
-/* Of the faces around corner j of face f, by area, as far as they belong to the same smooth surface; weighted and added to `sum`. */
-static void add_corner_normal(const search *q, int32_t f, int j, float weight, float sum[3]) {
-    const uint8_t v = q->patch->triangle[3 * f + j];
-    float corner[3] = {0.0f, 0.0f, 0.0f};
-    for (int32_t i = q->t->fan_begin[v]; i < q->t->fan_begin[v + 1]; i++) {
-        const uint8_t g = q->t->fan_face[i];
-        hrt_add_scaled(corner, (float)q->t->smooth[f][g] / 255.0f, q->area[g]);
-    }
-    unit(corner);
-    hrt_add_scaled(sum, weight, corner);
+/* 0..255: how far the undeformed surface is smooth from face f to face g. */
+static int32_t smooth(const search *q, int32_t f, int32_t g) {
+    if (f == g) return 255;
+    return f > g ? q->t->smooth[f * (f - 1) / 2 + g] : q->t->smooth[g * (g - 1) / 2 + f];
 }
 
-static void face_row(const search *q, int32_t f, const float p[3], hrt_contact_row *row) {
-    float edge[3], d[3], part[3], normal[3] = {0.0f, 0.0f, 0.0f}, sum = 0.0f;
-    const float area2 = hrt_dot(q->area[f], q->area[f]);
+/* At corner v of face f: of the faces around it, by area, as far as they belong to the same smooth surface. Where all do, it is the same for each. */
+static hrt_v3 corner_normal(search *q, int32_t f, int32_t v) {
+    hrt_v3 sum = {0.0f, 0.0f, 0.0f};
+    if ((q->blended >> v & 1u) != 0) return q->corner[v];
+    for (int32_t i = q->t->fan_begin[v]; i < q->t->fan_begin[v + 1]; i++) {
+        const int32_t g = q->t->fan_face[i];
+        sum = hrt_plus(sum, hrt_times((float)smooth(q, f, g) * q->size[g], q->normal[g]));
+    }
+    const float size = hrt_size(sum);
+    q->corner[v] = hrt_times(size > 0.0f ? 1.0f / size : 0.0f, sum);
+    q->blended |= ~q->t->creased & 1u << v;
+    return q->corner[v];
+}
+
+static hrt_v3 face_row(search *q, int32_t f, hrt_contact_row *row) {
+    hrt_v3 normal = {0.0f, 0.0f, 0.0f};
+    float sum = 0.0f;
     for (int j = 0; j < 3; j++) { /* areas of the parts, not below zero: a row never pulls on a vertex */
-        hrt_sub(vertex(q, f, (j + 2) % 3), vertex(q, f, (j + 1) % 3), edge);
-        hrt_sub(p, vertex(q, f, (j + 1) % 3), d);
-        hrt_cross(edge, d, part);
-        row->weight[j] = fmaxf(hrt_dot(part, q->area[f]) / area2, 0.0f);
-        sum += row->weight[j];
+        float *weight = &row->weight[j == 0 ? 2 : j - 1];
+        *weight = hrt_max(part(q, f, j), 0.0f);
+        sum += *weight;
     }
     for (int j = 0; j < 3; j++) {
         row->weight[j] /= sum;
-        add_corner_normal(q, f, j, row->weight[j], normal);
+        normal = hrt_plus(normal, hrt_times(row->weight[j], corner_normal(q, f, corners(q, f)[j])));
     }
-    /* A surface folded over itself: stay on the face's own side. */
-    if (unit(normal) <= 0.1f || hrt_dot(normal, q->normal[f]) < 0.2f) hrt_copy(normal, q->normal[f]);
-    for (int i = 0; i < 3; i++) row->normal[i] = -normal[i];
-    hrt_sub(p, vertex(q, f, 0), d);
-    row->gap_m = hrt_dot(d, q->normal[f]) - q->radius_m;
+    row->gap_m = height(q, f);
     row->triangle = (uint8_t)f;
-    row->feature = 0;
+    /* A surface folded over itself: stay on the face's own side. */
+    const float size = hrt_size(normal);
+    if (size <= 0.1f || hrt_inner(normal, q->normal[f]) < 0.2f * size) return q->normal[f];
+    return hrt_times(1.0f / size, normal);
 }
 
-static void edge_row(const search *q, uint8_t e, const float p[3], hrt_contact_row *row) {
-    const uint8_t f = q->t->edge_face[e][0];
-    const int j = edge_slot(q, f, e), k = (j + 1) % 3;
-    float edge[3], d[3];
-    hrt_sub(vertex(q, f, k), vertex(q, f, j), edge);
-    hrt_sub(p, vertex(q, f, j), d);
-    const float s = hrt_dot(d, edge) / hrt_dot(edge, edge);
-    hrt_add_scaled(d, -s, edge);
-    row->gap_m = unit(d) - q->radius_m;
-    for (int i = 0; i < 3; i++) row->normal[i] = -d[i];
+/* The row's normal backwards: from the nearest point, s of the way along the edge from corner j to the next, to the station. */
+static hrt_v3 line_row(const search *q, int32_t f, int j, float s, hrt_contact_row *row) {
+    const int k = j == 2 ? 0 : j + 1;
+    const uint8_t *corner = corners(q, f);
+    const hrt_v3 d = hrt_minus(q->from[corner[j]], hrt_times(s, way(q, corner[j], corner[k])));
     row->weight[k] = hrt_clamp(s, 0.0f, 1.0f);
     row->weight[j] = 1.0f - row->weight[k];
-    row->weight[(j + 2) % 3] = 0.0f;
-    row->triangle = f;
-    row->feature = (uint8_t)(1 + j);
+    row->triangle = (uint8_t)f;
+    row->gap_m = hrt_size(d);
+    return hrt_times(row->gap_m > 0.0f ? 1.0f / row->gap_m : 0.0f, d);
 }
 
-static void vertex_row(const search *q, uint8_t v, const float p[3], hrt_contact_row *row) {
-    const uint8_t f = q->t->fan_face[q->t->fan_begin[v]];
-    float d[3];
-    hrt_sub(p, &q->at[HRT_XYZ * v], d);
-    row->gap_m = unit(d) - q->radius_m;
-    row->triangle = f;
-    for (int j = 0; j < 3; j++) {
-        const bool here = q->patch->triangle[3 * f + j] == v;
-        row->normal[j] = -d[j];
-        row->weight[j] = here ? 1.0f : 0.0f;
-        if (here) row->feature = (uint8_t)(4 + j);
-    }
+static hrt_v3 edge_row(const search *q, int32_t e, hrt_contact_row *row) {
+    const int32_t a = q->t->edge_vertex[e][0], f = q->t->edge_face[e][0];
+    const hrt_v3 edge = way(q, a, q->t->edge_vertex[e][1]);
+    int j = 0;
+    while (j < 2 && q->t->face_edge[f][j] != e) j++;
+    row->feature = (uint8_t)(1 + j);
+    return line_row(q, f, j, hrt_inner(q->from[a], edge) / hrt_inner(edge, edge), row);
+}
+
+static hrt_v3 vertex_row(const search *q, int32_t v, hrt_contact_row *row) {
+    const int32_t f = q->t->fan_face[q->t->fan_begin[v]];
+    int j = 0;
+    while (j < 2 && corners(q, f)[j] != v) j++;
+    row->feature = (uint8_t)(4 + j);
+    return line_row(q, f, j, 0.0f, row);
 }
 
 /* Keeps the deepest. */
 static int32_t push_row(hrt_contact_row *row, int32_t count, const hrt_contact_row *candidate) {
-    if (count < HRT_CONTACT_ROWS) {
-        row[count] = *candidate;
-        return count + 1;
-    }
-    int32_t shallow = 0;
-    for (int32_t i = 1; i < count; i++)
-        if (row[i].gap_m > row[shallow].gap_m) shallow = i;
-    if (candidate->gap_m < row[shallow].gap_m) row[shallow] = *candidate;
+    int32_t shallow = count;
+    if (count == HRT_CONTACT_ROWS) {
+        shallow = 0;
+        for (int32_t i = 1; i < count; i++)
+            if (row[i].gap_m > row[shallow].gap_m) shallow = i;
+        if (!(candidate->gap_m < row[shallow].gap_m)) return count;
+    } else count++;
+    row[shallow] = *candidate;
     return count;
 }
 
-static int32_t station_rows(const search *q, uint8_t station, hrt_contact_row *row, int32_t count) {
-    float nearest = 1.0e30f, total = 0.0f, weight[HITS];
-    for (int32_t i = 0; i < q->hits; i++)
-        if (q->hit[i].station == station) nearest = fminf(nearest, q->hit[i].distance_m);
+static int32_t station_rows(search *q, hrt_contact_row *row, int32_t count) {
+    float nearest = 1.0e30f, total = 1.0e-30f;
+    for (int32_t i = 0; i < q->hits; i++) nearest = hrt_min(nearest, q->hit[i].distance_m);
     for (int32_t i = 0; i < q->hits; i++) {
-        weight[i] = 0.0f;
-        if (q->hit[i].station != station) continue;
-        weight[i] = q->hit[i].raw * ramp(1.0f - 2.0f * (q->hit[i].distance_m - nearest) / (PROXIMITY * q->radius_m));
-        total += weight[i];
+        q->hit[i].raw *= ramp(1.0f - 2.0f * (q->hit[i].distance_m - nearest) / (PROXIMITY * q->radius_m));
+        total += q->hit[i].raw;
     }
     for (int32_t i = 0; i < q->hits; i++) {
-        hrt_contact_row new_row = {.station = station, .share = weight[i] / fmaxf(total, 1.0e-3f)};
+        const hit *h = &q->hit[i];
+        hrt_contact_row new_row = {.station = (uint8_t)q->station, .share = h->raw / hrt_max(total, 1.0e-3f)};
         if (new_row.share < 1.0e-6f) continue;
-        station_point(q, station, new_row.point_m);
-        if (q->hit[i].kind == 0) face_row(q, q->hit[i].index, new_row.point_m, &new_row);
-        else if (q->hit[i].kind == 1) edge_row(q, q->hit[i].index, new_row.point_m, &new_row);
-        else vertex_row(q, q->hit[i].index, new_row.point_m, &new_row);
+        const hrt_v3 normal = h->kind == FACE ? face_row(q, h->index, &new_row) : h->kind == EDGE ? edge_row(q, h->index, &new_row) : vertex_row(q, h->index, &new_row);
+        hrt_put(hrt_times(-1.0f, normal), new_row.normal);
+        new_row.gap_m -= q->radius_m;
         if (new_row.gap_m <= MARGIN * q->radius_m) count = push_row(row, count, &new_row);
     }
     return count;
 }
 
-static void aim(search *q, const float tip_m[3]) {
-    const float reach = hrt_length(tip_m);
-    hrt_copy(q->tip_m, tip_m);
-    hrt_copy(q->axis, tip_m);
-    hrt_scale(q->axis, -1.0f / reach);
-    const float stations = fminf(q->patch->contact_length_m, reach) / q->radius_m + 1.0e-4f;
-    q->stations = stations < (float)(STATIONS - 1) ? (int32_t)stations + 1 : STATIONS;
+/* ---------------------------------------------------------------------------------------------- the search */
+
+/* It sinks little by little: a deep place is looked for only by a station that has begun to sink. */
+static bool sinks(const search *q, const hrt_contact_row *row) { return row->lambda_N > 0.0f && row->gap_m < -(0.7f + SUNK) * q->radius_m; }
+
+/* Goes there; false: no face is near enough, and then no edge or vertex is. */
+static bool stand(search *q, int32_t station) {
+    const hrt_v3 step = hrt_times((float)(station - q->from_station), q->axis);
+    bool near = false;
+    q->station = station;
+    q->hits = 0;
+    q->sunk_m = SUNK * q->radius_m;
+    for (int32_t i = 0; i < q->before_count; i++)
+        if (q->before[i].station == station && sinks(q, &q->before[i])) q->sunk_m = SUNK_KNOWN * q->radius_m;
+    for (int32_t f = 0; f < q->patch->triangle_count; f++) {
+        const float high = height(q, f);
+        near = near || (high <= q->reach_m && high >= -q->sunk_m);
+    }
+    if (!near) return false;
+    /* Over a face, transition included, the nearest corner is not farther than three quarters of its longest edge. */
+    const float high = hrt_max(q->reach_m, q->sunk_m), wide = 0.75f * q->longest_m, close2 = high * high + wide * wide;
+    q->from_station = station;
+    q->close = 0;
+    for (int32_t v = 0; v < q->patch->vertex_count; v++) {
+        q->from[v] = hrt_plus(q->from[v], step);
+        if (hrt_inner(q->from[v], q->from[v]) <= close2) q->close |= 1u << v;
+    }
+    return true;
+}
+
+static bool near_vertex(const search *q, int32_t v) { return (q->close >> v & 1u) != 0; }
+
+/* From the first station that may be near the patch to the last. */
+static void station_range(const search *q, const float tip_m[3], int32_t *first, int32_t *last) {
+    const float square = q->radius_m * q->radius_m, reach = q->reach_m / q->radius_m;
+    const float stations = hrt_min(q->patch->contact_length_m, hrt_length(tip_m)) / q->radius_m + 1.0e-4f, end = hrt_min(stations, (float)(STATIONS - 1));
+    float low = end, high = -1.0f;
+    for (int32_t v = 0; v < q->patch->vertex_count; v++) {
+        const float along = -hrt_inner(q->from[v], q->axis) / square;
+        low = hrt_min(low, along - reach);
+        high = hrt_max(high, along + reach);
+    }
+    for (int32_t i = 0; i < q->before_count; i++)
+        if (sinks(q, &q->before[i])) {
+            low = hrt_min(low, (float)q->before[i].station);
+            high = hrt_max(high, (float)q->before[i].station);
+        }
+    *first = (int32_t)hrt_max(low, 0.0f);
+    *last = high < 0.0f ? -1 : (int32_t)hrt_min(high, end);
+}
+
+static void look_for(search *q, hrt_hits *hits) {
+    for (int32_t f = 0; f < q->patch->triangle_count; f++)
+        if (near_vertex(q, corners(q, f)[0]) || near_vertex(q, corners(q, f)[1]) || near_vertex(q, corners(q, f)[2])) face_hit(q, f);
+    for (int32_t e = 0; e < q->t->edge_count; e++)
+        if (near_vertex(q, q->t->edge_vertex[e][0]) || near_vertex(q, q->t->edge_vertex[e][1])) edge_hit(q, e);
+    for (int32_t v = 0; v < q->patch->vertex_count; v++)
+        if (near_vertex(q, v)) vertex_hit(q, v);
+    for (int32_t i = 0; i < q->hits && hits->count < HRT_HITS_MAX; i++) {
+        hits->at[hits->count].station = (uint8_t)q->station;
+        hits->at[hits->count].kind = q->hit[i].kind;
+        hits->at[hits->count++].index = q->hit[i].index;
+    }
+}
+
+static void prepare(search *q, const hrt_patch *patch, const float *shift_m, const float tip_m[3]) {
+    const hrt_v3 tip = hrt_get(tip_m);
+    q->patch = patch;
+    q->t = &patch->topology;
+    q->radius_m = patch->radius_m;
+    q->reach_m = q->radius_m * (1.0f + PROXIMITY + MARGIN);
+    q->axis = hrt_times(-q->radius_m / hrt_size(tip), tip);
+    q->from_station = 0;
+    q->blended = 0;
+    for (int32_t v = 0; v < patch->vertex_count; v++)
+        q->from[v] = hrt_minus(tip, hrt_plus(hrt_get(&patch->vertex_m[HRT_XYZ * v]), hrt_get(&shift_m[HRT_XYZ * v])));
+    place_faces(q);
+    place_edges(q);
+}
+
+static void look_again(search *q, uint8_t kind, int32_t index) {
+    if (kind == FACE) face_hit(q, index);
+    else if (kind == EDGE) edge_hit(q, index);
+    else vertex_hit(q, index);
 }
 
 int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3], const hrt_contact_row *before, int32_t before_count,
-                         hrt_contact_row *row) {
+                         hrt_hits *hits, hrt_contact_row *row) {
     search q;
-    q.patch = patch;
-    q.t = &patch->topology;
+    int32_t count = 0, next = 0, first, last;
+    prepare(&q, patch, shift_m, tip_m);
     q.before = before;
     q.before_count = before_count;
-    q.radius_m = patch->radius_m;
-    q.reach_m = q.radius_m * (1.0f + PROXIMITY + MARGIN);
-    q.sunk_m = SUNK * q.radius_m;
-    q.hits = 0;
-    for (int32_t i = 0; i < before_count; i++) /* it sinks little by little: looked for only when it has begun to */
-        if (before[i].lambda_N > 0.0f && before[i].gap_m < -(0.7f + SUNK) * q.radius_m) q.sunk_m = SUNK_KNOWN * q.radius_m;
-    aim(&q, tip_m);
-    for (int32_t i = 0; i < 3 * patch->vertex_count; i++) q.at[i] = patch->vertex_m[i] + shift_m[i];
-    place_faces(&q);
-    place_edges(&q);
-    for (int32_t f = 0; f < patch->triangle_count; f++) face_hits(&q, f);
-    for (uint8_t e = 0; e < q.t->edge_count; e++) edge_hits(&q, e);
-    for (uint8_t v = 0; v < patch->vertex_count; v++) vertex_hits(&q, v);
-    int32_t count = 0, low = 0;
-    while (low < STATIONS) { /* stations that were hit, in order */
-        int32_t next = STATIONS;
-        for (int32_t i = 0; i < q.hits; i++)
-            if (q.hit[i].station >= low && q.hit[i].station < next) next = q.hit[i].station;
-        if (next == STATIONS) break;
-        count = station_rows(&q, (uint8_t)next, row, count);
-        low = next + 1;
+    if (hits->count < 0) {
+        hits->count = 0;
+        station_range(&q, tip_m, &first, &last);
+        for (int32_t k = first; k <= last; k++) {
+            if (!stand(&q, k)) continue;
+            look_for(&q, hits);
+            count = station_rows(&q, row, count);
+        }
+        return count;
+    }
+    while (next < hits->count) {
+        const bool near = stand(&q, hits->at[next].station);
+        for (; next < hits->count && hits->at[next].station == q.station; next++)
+            if (near) look_again(&q, hits->at[next].kind, hits->at[next].index);
+        count = station_rows(&q, row, count);
     }
     return count;
 }

@@ -4,15 +4,16 @@
 /* Normals of the undeformed surface blend fully across folds up to 40 degrees and not at all from 70 (docs/contact.md). */
 static const float SMOOTH_COSINE = 0.766f, CREASE_COSINE = 0.342f;
 
-/* Its number, made if need be; HRT_PATCH_EDGES: no room. */
+/* Its number, made if need be, as the first triangle runs along it; HRT_PATCH_EDGES: no room. */
 static uint8_t find_edge(hrt_patch_topology *t, uint8_t a, uint8_t b) {
-    const uint8_t low = a < b ? a : b, high = a < b ? b : a;
-    for (uint8_t e = 0; e < t->edge_count; e++)
-        if (t->edge_vertex[e][0] == low && t->edge_vertex[e][1] == high) return e;
+    for (uint8_t e = 0; e < t->edge_count; e++) {
+        const uint8_t *ends = t->edge_vertex[e];
+        if ((ends[0] == a && ends[1] == b) || (ends[0] == b && ends[1] == a)) return e;
+    }
     if (t->edge_count == HRT_PATCH_EDGES) return HRT_PATCH_EDGES;
     const uint8_t e = t->edge_count++;
-    t->edge_vertex[e][0] = low;
-    t->edge_vertex[e][1] = high;
+    t->edge_vertex[e][0] = a;
+    t->edge_vertex[e][1] = b;
     t->edge_face[e][0] = t->edge_face[e][1] = HRT_NO_FACE;
     return e;
 }
@@ -33,23 +34,16 @@ static bool build_edges(hrt_patch *patch) {
 
 static void build_fans(hrt_patch *patch) {
     hrt_patch_topology *t = &patch->topology;
-    uint8_t faces = 0, spokes = 0;
-    const uint8_t vertices = (uint8_t)patch->vertex_count, triangles = (uint8_t)patch->triangle_count;
-    for (uint8_t v = 0; v < vertices; v++) {
+    uint8_t faces = 0;
+    for (int32_t v = 0; v < patch->vertex_count; v++) {
         t->fan_begin[v] = faces;
-        t->spoke_begin[v] = spokes;
-        t->border[v] = 0;
-        for (uint8_t f = 0; f < triangles; f++)
-            for (int j = 0; j < 3; j++)
-                if (patch->triangle[3 * f + j] == v) t->fan_face[faces++] = f;
-        for (uint8_t e = 0; e < t->edge_count; e++)
-            if (t->edge_vertex[e][0] == v || t->edge_vertex[e][1] == v) {
-                t->spoke_edge[spokes++] = e;
-                if (t->edge_face[e][1] == HRT_NO_FACE) t->border[v] = 1;
-            }
+        for (int32_t c = 0; c < 3 * patch->triangle_count; c++)
+            if (patch->triangle[c] == v) t->fan_face[faces++] = (uint8_t)(c / 3);
     }
     t->fan_begin[patch->vertex_count] = faces;
-    t->spoke_begin[patch->vertex_count] = spokes;
+    t->border = 0;
+    for (int32_t e = 0; e < t->edge_count; e++)
+        if (t->edge_face[e][1] == HRT_NO_FACE) t->border |= 1u << t->edge_vertex[e][0] | 1u << t->edge_vertex[e][1];
 }
 
 static void rest_normal(const hrt_patch *patch, int32_t f, float normal[3]) {
@@ -62,15 +56,29 @@ static void rest_normal(const hrt_patch *patch, int32_t f, float normal[3]) {
     hrt_scale(normal, size > 0.0f ? 1.0f / size : 0.0f);
 }
 
+/* Vertices that two triangles share, a bit each. */
+static uint32_t common(const hrt_patch *patch, int32_t f, int32_t g) {
+    uint32_t of[2] = {0, 0};
+    for (int j = 0; j < 3; j++) {
+        of[0] |= 1u << patch->triangle[3 * f + j];
+        of[1] |= 1u << patch->triangle[3 * g + j];
+    }
+    return of[0] & of[1];
+}
+
 bool hrt_patch_topology_build(hrt_patch *patch) {
     float normal[HRT_PATCH_MAX_TRIANGLES][3];
     if (!build_edges(patch)) return false;
     build_fans(patch);
-    for (int32_t f = 0; f < patch->triangle_count; f++) rest_normal(patch, f, normal[f]);
-    for (int32_t f = 0; f < patch->triangle_count; f++)
-        for (int32_t g = 0; g < patch->triangle_count; g++) {
+    uint8_t *smooth = patch->topology.smooth;
+    patch->topology.creased = 0;
+    for (int32_t f = 0; f < patch->triangle_count; f++) {
+        rest_normal(patch, f, normal[f]);
+        for (int32_t g = 0; g < f; g++) {
             const float part = hrt_clamp((hrt_dot(normal[f], normal[g]) - CREASE_COSINE) / (SMOOTH_COSINE - CREASE_COSINE), 0.0f, 1.0f);
-            patch->topology.smooth[f][g] = (uint8_t)(255.0f * part * part * (3.0f - 2.0f * part) + 0.5f);
+            *smooth++ = (uint8_t)(255.0f * part * part * (3.0f - 2.0f * part) + 0.5f);
+            if (part < 1.0f) patch->topology.creased |= common(patch, f, g);
         }
+    }
     return true;
 }

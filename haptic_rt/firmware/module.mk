@@ -19,10 +19,6 @@ FW_SRC := $(addprefix haptic_rt/firmware/,start.c loop.c main.c)
 FW_BOARD_SRC := haptic_rt/firmware/board_mps2.c
 FW_LINK_LD := haptic_rt/firmware/link.ld
 
-# The contact law takes the time; for it speed is worth its flash.
-FW_FAST := $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(addprefix $(BUILD)/firmware/$(c)/$(v)/obj/haptic_rt/core/,contact.o rows.o)))
-$(FW_FAST): FW_CFLAGS += -O3 -fno-tree-vectorize
-
 # $(call fw_objects,CPU,VARIANT,SOURCES)
 fw_objects = $(patsubst %.c,$(BUILD)/firmware/$(1)/$(2)/obj/%.o,$(3))
 # $(eval $(call fw_image,CPU,VARIANT,NAME,SOURCES BESIDE THE CORE)): build/firmware/CPU/VARIANT/NAME.elf and its map.

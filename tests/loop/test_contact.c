@@ -1,4 +1,5 @@
 /* `contact`: rows against the simulation's own finder, the solve against what it must satisfy, hand-overs without a jump, patches that are refused. */
+#include "internal.h"
 #include "rig.h"
 
 #include "tensormass/contact.h"
@@ -70,8 +71,10 @@ static void to_doubles(const hrt_patch *p, const float *shift, doubles *d) {
     for (int t = 0; t < p->triangle_count; t++) d->face[t] = t;
 }
 
-extern int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3], const hrt_contact_row *before, int32_t before_count,
-                                hrt_contact_row *row);
+static int32_t find_rows(const float *shift_m, const float tip_m[3], const hrt_contact_row *before, int32_t before_count, hrt_contact_row *row) {
+    hrt_hits hits = {.count = -1};
+    return hrt_contact_rows(&patch, shift_m, tip_m, before, before_count, &hits, row);
+}
 
 static void rows_are_those_of_the_simulation(void **state) {
     (void)state;
@@ -95,7 +98,7 @@ static void rows_are_those_of_the_simulation(void **state) {
         const tm_tool_pose pose = {.tip_m = {(double)tip[0], (double)tip[1], (double)tip[2]}};
         const tm_capsule capsule = tm_tool_capsule(&def, &pose, 0);
         const int32_t expected = tm_contact_find(d.rest_m, d.u_m, d.triangle, d.face, NULL, patch.triangle_count, &capsule, 0.2 * def.radius_m, truth, 64);
-        const int32_t found = hrt_contact_rows(&patch, shift, tip, NULL, 0, row);
+        const int32_t found = find_rows(shift, tip, NULL, 0, row);
         worst_count = expected > worst_count ? expected : worst_count;
         for (int32_t e = 0; e < expected; e++) {
             const hrt_contact_row *same = NULL;
@@ -176,7 +179,7 @@ static void complementarity(void **state) {
         for (int i = 0; i < 3 * VERTICES; i++)
             for (int j = 0; j < 3 * VERTICES; j++) shift[i] += patch.compliance_m_N[packed(3 * VERTICES, i < j ? i : j, i < j ? j : i)] * x.patch_force_N[j];
         hrt_contact_row row[HRT_CONTACT_ROWS];
-        const int32_t found = hrt_contact_rows(&patch, shift, tip, x.row, x.row_count, row);
+        const int32_t found = find_rows(shift, tip, x.row, x.row_count, row);
         double sum = 0.0;
         for (int32_t i = 0; i < x.row_count; i++) {
             assert_true(x.row[i].lambda_N >= 0.0f);
