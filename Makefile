@@ -1,6 +1,7 @@
 # tensormass. `make demo` and `make check` do everything, installing what is missing; `make help` lists the rest.
 # config=release|debug|asan|tsan|fuzz|clang chooses the build; release goes to build/, the others to build/<config>/.
 
+, := ,
 config ?= release
 BUILD ?= build
 OUT := $(BUILD)$(if $(filter-out release,$(config)),/$(config))
@@ -31,7 +32,8 @@ OPT_asan := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-san
 OPT_tsan := -O1 -g -fno-omit-frame-pointer -fsanitize=thread
 OPT_fuzz := -O1 -g -fno-omit-frame-pointer -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined
 OPT := $(OPT_$(config))
-SAN := $(filter -fsanitize%,$(OPT))
+# With a sanitizer the C++ library is there from the start: it must know its functions before a module brings C++ along.
+SAN := $(filter -fsanitize%,$(OPT)) $(if $(filter -fsanitize%,$(OPT)),-Wl$(,)--push-state$(,)--no-as-needed -lstdc++ -Wl$(,)--pop-state)
 
 # -ffp-contract=off: the plain form's bits must not depend on compiler or processor.
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wconversion -Wno-sign-conversion $(if $(filter gcc,$(CC)),-Wno-format-truncation)

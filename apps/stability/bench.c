@@ -91,7 +91,14 @@ bool bench_open(const bench_def *def, bench *b, outcome *o) {
     tm_status status = app_block_mesh(&block, region, &b->mesh, &error);
     free(region);
     app_block_free(&block);
-    if (status == TM_OK) status = open_tissue(def, b, &error);
+    if (status == TM_OK) return bench_start(def, b, o);
+    refused(o, &error);
+    return false;
+}
+
+bool bench_start(const bench_def *def, bench *b, outcome *o) {
+    tm_error error = {0};
+    tm_status status = open_tissue(def, b, &error);
     if (status == TM_OK) {
         tm_world_def world = tm_world_def_default();
         world.tissue = b->tissue, world.dt_s = def->dt_s, world.step_fraction = def->step_fraction;

@@ -12,4 +12,4 @@ stability:
 stability-run:
 	@mkdir -p $(OUT)/stability
 	$(OUT)/bin/tm-stability $(if $(QUICK),--quick) --json $(OUT)/stability/verdicts.json; code=$$?; \
-	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/stability/page.py $(OUT)/stability/verdicts.json -o $(OUT)/stability --fuzz $(BUILD)/fuzz/fuzz.json && exit $$code
+	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/stability/page.py $(OUT)/stability/verdicts.json -o $(OUT)/stability --fuzz $(BUILD)/fuzz/fuzz.json --sanitize $(BUILD)/sanitize.json && exit $$code

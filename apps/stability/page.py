@@ -53,11 +53,24 @@ def fuzzing(page, path):
     page.record("fuzz", targets)
 
 
+def sanitizers(page, path):
+    """What `make sanitize` did last, one row a build; says so if it never ran."""
+    builds = json.loads(path.read_text()) if path and path.exists() else {}
+    page.section("Sanitizers", "The suite in builds of clang's sanitizers; any report fails it, also one of a program whose test did not mind. "
+                 + ("" if builds else "<b>Not run in this build: make sanitize.</b>"))
+    if builds:
+        page.table("sanitize", ["build", "what it sees", "commit", "tests passed", "failed", "skipped", "repeat with", "reports"],
+                   [[name, b["about"], b["commit"], b["passed"], b["failed"], b["skipped"], f"make sanitize SANITIZERS={name}", "; ".join(b["reports"]) or "none"]
+                    for name, b in sorted(builds.items())], mark=lambda row: "good" if row[-1] == "none" and not row[4] else "bad")
+    page.record("sanitize", builds)
+
+
 def main():
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("verdicts")
     arguments.add_argument("-o", "--out", required=True)
     arguments.add_argument("--fuzz", type=pathlib.Path, help="fuzz.json of make fuzz")
+    arguments.add_argument("--sanitize", type=pathlib.Path, help="sanitize.json of make sanitize")
     options = arguments.parse_args()
     data = json.loads(pathlib.Path(options.verdicts).read_text())
     cases = data["cases"]
@@ -78,6 +91,7 @@ def main():
                    mark=lambda row: CLASS.get(row[-1], "bad"))
         draw(page, own, group)
     fuzzing(page, options.fuzz)
+    sanitizers(page, options.sanitize)
     page.record("cases", cases)
     page.record("counts", counts)
     print(page.write("stability"))

@@ -62,6 +62,8 @@ typedef struct bench_def {
 bench_def bench_default(void); /* 4x4x4 cells of 10 mm, E = 5 kPa, nu = 0.45, undamped, bottom held, 0.95 of the guaranteed step */
 /* On failure the outcome is REFUSED with the message, and false comes back. */
 bool bench_open(const bench_def *def, bench *b, outcome *o);
+/* The same on a mesh that is in `b` already, its lowest layer of vertices first. */
+bool bench_start(const bench_def *def, bench *b, outcome *o);
 void bench_close(bench *b);
 
 void accurate(outcome *o, double figure, const char *format, ...) __attribute__((format(printf, 3, 4)));

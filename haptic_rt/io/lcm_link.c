@@ -24,6 +24,10 @@ enum { CHANNEL = 32, BUFFER = 4096, REPLAY_AGE_US = 5000 };
 struct hrt_link {
     hrt_link_def def;
     lcm_t *lcm;
+    /* The generated ones: lcm_destroy does not free what they add to the library's own. */
+    tensormass_hand_command_t_subscription_t *hands;
+    tensormass_force_sample_t_subscription_t *forces;
+    tensormass_contact_patch_t_subscription_t *patches;
     pthread_t thread;
     _Atomic bool stop;
     hrt_link_counts counts;
@@ -144,16 +148,26 @@ static bool subscribe(hrt_link *link) {
     bool good = true;
     if (link->def.hand) {
         snprintf(channel, sizeof channel, "HAND_%d", i);
-        good = tensormass_hand_command_t_subscribe(link->lcm, channel, on_hand, link) != NULL;
+        link->hands = tensormass_hand_command_t_subscribe(link->lcm, channel, on_hand, link);
+        good = link->hands != NULL;
     }
     if (!link->def.node) return good;
     snprintf(channel, sizeof channel, "FORCE_%d", i);
-    good = good && tensormass_force_sample_t_subscribe(link->lcm, channel, on_force, link);
+    link->forces = tensormass_force_sample_t_subscribe(link->lcm, channel, on_force, link);
     snprintf(channel, sizeof channel, "PATCH_%d", i);
-    good = good && tensormass_contact_patch_t_subscribe(link->lcm, channel, on_patch, link);
+    link->patches = tensormass_contact_patch_t_subscribe(link->lcm, channel, on_patch, link);
+    good = good && link->forces && link->patches;
     snprintf(channel, sizeof channel, "CONTROLLER_COMMAND_%d", i);
     good = good && lcm_subscribe(link->lcm, channel, on_command, link);
     return good && lcm_subscribe(link->lcm, "SIM_STATUS", on_sim_status, link);
+}
+
+static void leave(hrt_link *link) {
+    if (link->hands) tensormass_hand_command_t_unsubscribe(link->lcm, link->hands);
+    if (link->forces) tensormass_force_sample_t_unsubscribe(link->lcm, link->forces);
+    if (link->patches) tensormass_contact_patch_t_unsubscribe(link->lcm, link->patches);
+    if (link->lcm) lcm_destroy(link->lcm);
+    free(link);
 }
 
 static hrt_link *link_open(const hrt_link_def *def, char *why, int why_size) {
@@ -165,8 +179,7 @@ static hrt_link *link_open(const hrt_link_def *def, char *why, int why_size) {
     link->lcm = lcm_create(def->url);
     if (!link->lcm || !subscribe(link) || pthread_create(&link->thread, NULL, receive, link) != 0) {
         snprintf(why, (size_t)why_size, "LCM cannot open '%s'; for a multicast route on this machine alone type: ip link set lo up; ip route add 224.0.0.0/4 dev lo", def->url);
-        if (link->lcm) lcm_destroy(link->lcm);
-        free(link);
+        leave(link);
         return NULL;
     }
     return link;
@@ -175,8 +188,7 @@ static hrt_link *link_open(const hrt_link_def *def, char *why, int why_size) {
 static void link_close(hrt_link *link) {
     atomic_store(&link->stop, true);
     pthread_join(link->thread, NULL);
-    lcm_destroy(link->lcm);
-    free(link);
+    leave(link);
 }
 
 static void link_publish_tool(hrt_link *link, const hrt_tool_state *t) {

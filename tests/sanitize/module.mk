@@ -7,3 +7,7 @@ sanitize:
 	@$(MAKE) --no-print-directory venv
 	@for s in $(SANITIZERS); do $(MAKE) --no-print-directory config=$$s -j$$(nproc) tests || exit; done
 	$(VENV)/bin/python tests/sanitize/run.py --build $(BUILD) $(SANITIZERS)
+# Compiler and flags of a build, for tests that compile a file of their own.
+.PHONY: print-flags
+print-flags:
+	@echo $(CC) $(OPT)

@@ -1,0 +1,62 @@
+"""The short form of `make sanitize` in every check: the C programs and the rings of programs, built by clang with its sanitizers; and that these see what they are for."""
+import fcntl
+import json
+import os
+import shutil
+import subprocess
+import sys
+
+import pytest
+
+PLANTED = {
+    "asan": ("heap-buffer-overflow", "int *a = malloc(4 * sizeof *a); a[argc + 3] = 1; printf(\"%d\\n\", a[argc + 3]); free(a);"),
+    "asan-leak": ("LeakSanitizer", "void *volatile p = malloc(10); p = 0; printf(\"%p\\n\", p);"),
+    "asan-undefined": ("runtime error", "volatile int x = 2147483647; x += argc; printf(\"%d\\n\", x);"),
+    "tsan": ("data race", "pthread_t t; pthread_create(&t, 0, other, 0); shared += argc; pthread_join(t, 0); printf(\"%d\\n\", shared);"),
+}
+
+
+def make(root, build, config, *targets):
+    """One make at a time in one folder; the rest of the suite may use it too."""
+    env = {k: v for k, v in os.environ.items() if not k.startswith("MAKE") and k not in ("MFLAGS", "TM_OUT")}
+    with open(build / f"{config}.lock", "w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        done = subprocess.run(["make", "-C", str(root), "--no-print-directory", f"config={config}", f"BUILD={build}", f"VENV={build / 'venv'}", "-j2", *targets], env=env,
+                              capture_output=True, text=True, timeout=1800)
+    assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
+
+
+@pytest.mark.parametrize("name", PLANTED)
+def test_it_sees_what_it_is_for(name, root, tmp_path):
+    """A planted fault, built with the flags of the Makefile, is reported where run.py looks."""
+    sys.path.insert(0, str(root / "tests/sanitize"))
+    import run
+    said, body = PLANTED[name]
+    config = name.split("-")[0]
+    flags = subprocess.run(["make", "-C", root, "--no-print-directory", "-s", f"config={config}", "print-flags"], capture_output=True, text=True, check=True).stdout.split()
+    (tmp_path / "fault.c").write_text(f"""
+#include <pthread.h>
+#include <stdio.h>
+#include <stdlib.h>
+static int shared;
+static void *other(void *unused) {{ shared++; return unused; }}
+int main(int argc, char **argv) {{ (void)argv; (void)other; (void)shared; {body} return 0; }}
+""")
+    subprocess.run([*flags, "-o", tmp_path / "fault", tmp_path / "fault.c", "-lpthread"], check=True)
+    (tmp_path / "reports").mkdir()
+    subprocess.run([tmp_path / "fault"], env=dict(os.environ, **run.options(tmp_path / "reports")), capture_output=True, timeout=60)
+    reports = list((tmp_path / "reports").iterdir())
+    assert len(reports) == 1 and said in reports[0].read_text(errors="replace"), f"{said} was not reported"
+
+
+@pytest.mark.parametrize("name", ["asan", "tsan"])
+def test_short_form_finds_nothing(name, root, build, tmp_path):
+    assert shutil.which("clang"), "clang is not installed; make check installs it"
+    make(root, build, name, "tests")
+    (tmp_path / "build").mkdir()
+    for part in (name, "venv"):
+        (tmp_path / "build" / part).symlink_to(build / part)
+    done = subprocess.run([sys.executable, root / "tests/sanitize/run.py", "--build", tmp_path / "build", "--short", name], capture_output=True, text=True, timeout=1800)
+    assert done.returncode == 0, done.stdout + done.stderr[-8000:]
+    figures = json.loads((tmp_path / "build" / "sanitize.json").read_text())[name]
+    assert figures["passed"] > 20 and not figures["failed"], figures
