@@ -6,7 +6,7 @@ sanitize:
 	@tools/setup.sh build demo check
 	@$(MAKE) --no-print-directory venv
 	@for s in $(SANITIZERS); do $(MAKE) --no-print-directory config=$$s -j$$(nproc) tests || exit; done
-	$(VENV)/bin/python tests/sanitize/run.py --build $(BUILD) $(SANITIZERS)
+	$(VENV)/bin/python tests/sanitize/run.py --build $(BUILD) $(foreach a,$(PYTEST_ARGS),--pytest=$(a)) $(SANITIZERS)
 # Compiler and flags of a build, for tests that compile a file of their own.
 .PHONY: print-flags
 print-flags:
