@@ -16,6 +16,8 @@
 #include "io/profile.h"
 #include "io/report.h"
 
+enum { UNREAD = 4 };
+
 typedef struct program {
     const char *bus, *hand, *url, *json;
     hrt_device_config config;
@@ -29,9 +31,11 @@ typedef struct program {
     hrt_loop loop;
     app_output json_out;
     double torque_peak[HRT_MOTORS], torque_square[HRT_MOTORS];
-    /* from the receive thread: two copies, the newest is `turn` */
-    struct { double joint[HRT_JOINTS]; bool active; } hand_said[2];
-    _Atomic int hand_turn; /* -1: none yet */
+    /* From the receive thread: it owns one slot, the loop another, the third is between them (UNREAD: newer than the loop's). */
+    struct { double joint[HRT_JOINTS]; bool active; } hand_said[3];
+    uint32_t hand_write, hand_read;
+    _Atomic uint32_t hand_between;
+    bool hand_heard;
     _Atomic int fault, heard;
 } program;
 
@@ -137,16 +141,18 @@ static int read_options(program *p, int argc, char **argv) {
 
 static void hand_said(void *user, const double joint[5], bool active) {
     program *p = user;
-    const int turn = atomic_load(&p->hand_turn) == 0 ? 1 : 0;
-    memcpy(p->hand_said[turn].joint, joint, sizeof p->hand_said[turn].joint);
-    p->hand_said[turn].active = active;
-    atomic_store(&p->hand_turn, turn);
+    memcpy(p->hand_said[p->hand_write].joint, joint, sizeof p->hand_said[0].joint);
+    p->hand_said[p->hand_write].active = active;
+    p->hand_write = atomic_exchange(&p->hand_between, p->hand_write | UNREAD) & 3u;
 }
 
 static void tick(void *user, int64_t now_us) {
     program *p = user;
-    const int turn = atomic_load(&p->hand_turn);
-    if (turn >= 0) hrt_device_hand(&p->device, p->hand_said[turn].joint, p->hand_said[turn].active);
+    if ((atomic_load(&p->hand_between) & UNREAD) != 0) {
+        p->hand_read = atomic_exchange(&p->hand_between, p->hand_read) & 3u;
+        p->hand_heard = true;
+    }
+    if (p->hand_heard) hrt_device_hand(&p->device, p->hand_said[p->hand_read].joint, p->hand_said[p->hand_read].active);
     hrt_device_step(&p->device, now_us);
     for (int j = 0; j < HRT_MOTORS; j++) {
         p->torque_peak[j] = fmax(p->torque_peak[j], fabs(p->device.torque[j]));
@@ -162,7 +168,8 @@ static int open_all(program *p) {
     if (p->hand && !follow && !hrt_hand_file_read(p->hand, &p->config.hand)) return APP_BAD_INPUT;
     if (!hrt_bus_open(&p->wires, p->bus, why, sizeof why)) return app_bad_input("--bus", 0, "%s", why);
     hrt_device_init(&p->device, &p->config, &p->wires);
-    atomic_store(&p->hand_turn, -1);
+    p->hand_write = 1;
+    p->hand_read = 2;
     if (follow) {
         const char *set = getenv("LCM_DEFAULT_URL");
         const hrt_link_def def = {.url = p->url ? p->url : set && *set ? set : HRT_LCM_URL, .instrument = p->config.instrument,

@@ -68,7 +68,7 @@ static void frame_is_a_rotation(void **state) {
             for (int b = 0; b < 3; b++) {
                 float dot = 0.0f;
                 for (int i = 0; i < 3; i++) dot += f.r[3 * i + a] * f.r[3 * i + b];
-                assert_float_equal(dot, a == b ? 1.0f : 0.0f, 1.0e-6f);
+                assert_float_equal(dot, (a == b ? 1.0f : 0.0f), 1.0e-6f);
             }
         const float det = f.r[0] * (f.r[4] * f.r[8] - f.r[5] * f.r[7]) - f.r[1] * (f.r[3] * f.r[8] - f.r[5] * f.r[6]) + f.r[2] * (f.r[3] * f.r[7] - f.r[4] * f.r[6]);
         assert_float_equal(det, 1.0f, 1.0e-5);
