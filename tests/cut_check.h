@@ -46,8 +46,7 @@ static inline void cut_same_bits(tm_tissue *cut, const tm_tissue_def *def) {
     double *u = malloc(sizeof(double) * 3 * n), *f = malloc(sizeof(double) * 3 * n),
            *g = malloc(sizeof(double) * 3 * n);
     fix_random random = {(uint64_t)tm_tissue_alive_count(cut)};
-    for (size_t i = 0; i < 3 * n; i++)
-        u[i] = fix_signed(&random);
+    for (size_t i = 0; i < 3 * n; i++) u[i] = fix_signed(&random);
     tm_tissue_force(cut, u, f), tm_tissue_force(fresh, u, g);
     assert_memory_equal(f, g, sizeof(double) * 3 * n);
     assert_int_equal(tm_tissue_alive_count(cut), tm_tissue_alive_count(fresh));
@@ -64,12 +63,9 @@ static inline const char *cut_not_manifold(const tm_tissue *tissue) {
     int32_t *begin = calloc((size_t)n + 2, sizeof(int32_t)),
             *corner = malloc(sizeof(int32_t) * (size_t)(3 * s.count + 1));
     const char *wrong = NULL;
-    for (int32_t i = 0; i < 3 * s.count; i++)
-        begin[s.triangle[i] + 2]++;
-    for (int32_t v = 0; v < n; v++)
-        begin[v + 2] += begin[v + 1];
-    for (int32_t i = 0; i < 3 * s.count; i++)
-        corner[begin[s.triangle[i] + 1]++] = i;
+    for (int32_t i = 0; i < 3 * s.count; i++) begin[s.triangle[i] + 2]++;
+    for (int32_t v = 0; v < n; v++) begin[v + 2] += begin[v + 1];
+    for (int32_t i = 0; i < 3 * s.count; i++) corner[begin[s.triangle[i] + 1]++] = i;
     for (int32_t v = 0; v < n && !wrong; v++) {
         const int32_t first = begin[v], count = begin[v + 1] - first;
         int32_t at = first, walked = 0;
@@ -109,8 +105,7 @@ static inline void cut_order_from(const tm_mesh *mesh, int32_t *order, fix_rando
             key[t] += d * d;
         }
         int32_t j = t;
-        for (; j > 0 && key[order[j - 1]] > key[t]; j--)
-            order[j] = order[j - 1];
+        for (; j > 0 && key[order[j - 1]] > key[t]; j--) order[j] = order[j - 1];
         order[j] = t;
     }
     free(key);
@@ -129,8 +124,7 @@ static inline int32_t cut_down(tm_tissue *tissue, const tm_tissue_def *def, tm_w
                       count = i + batch < mesh->tet_count ? batch : mesh->tet_count - i;
         const int32_t gone = tm_cut_remove(tissue, order + i, count, removed, mesh->tet_count);
         assert_int_equal(gone, before - tm_tissue_alive_count(tissue));
-        for (int32_t k = 0; k < gone; k++)
-            assert_false(tm_tissue_alive(tissue)[removed[k]]);
+        for (int32_t k = 0; k < gone; k++) assert_false(tm_tissue_alive(tissue)[removed[k]]);
         assert_int_equal(tm_tissue_surface(tissue).revision, revision + (gone > 0));
         revision += gone > 0;
         cut_same_bits(tissue, def);

@@ -27,9 +27,7 @@ static inline double fix_uniform(fix_random *random) {
     z = (z ^ (z >> 27)) * 0x94d049bb133111ebULL;
     return (double)((z ^ (z >> 31)) >> 11) / 9007199254740992.0;
 }
-static inline double fix_signed(fix_random *random) {
-    return 2 * fix_uniform(random) - 1;
-}
+static inline double fix_signed(fix_random *random) { return 2 * fix_uniform(random) - 1; }
 
 /* The status must be TM_OK; the message shows if not. */
 static inline void fix_ok(tm_status status, const tm_error *error) {
@@ -60,8 +58,7 @@ static inline tm_mesh *fix_block(const int cells[3], const double size_m[3], dou
             for (int z = 0; z < cells[2]; z++)
                 for (int p = 0; p < 6; p++, next += 4) {
                     next[0] = x * stride[0] + y * stride[1] + z;
-                    for (int i = 0; i < 3; i++)
-                        next[i + 1] = next[i] + stride[path[p][i]];
+                    for (int i = 0; i < 3; i++) next[i + 1] = next[i] + stride[path[p][i]];
                     if (p < 3) continue;
                     const int32_t swap = next[1]; /* odd paths turn the other way round */
                     next[1] = next[2];
@@ -95,8 +92,7 @@ static inline tm_status fix_one_tet(const double vertex_m[12], tm_mesh **mesh, t
 static inline double *fix_fibres(const tm_mesh *mesh, const double a[3]) {
     double *fibre = malloc(sizeof(double) * 3 * (size_t)mesh->tet_count);
     const double length = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
-    for (int32_t i = 0; i < 3 * mesh->tet_count; i++)
-        fibre[i] = a[i % 3] / length;
+    for (int32_t i = 0; i < 3 * mesh->tet_count; i++) fibre[i] = a[i % 3] / length;
     return fibre;
 }
 
@@ -131,8 +127,7 @@ static inline tm_world *fix_world(tm_tissue *tissue, bool damped) {
 
 static inline double fix_largest(const double *a, int32_t n) {
     double most = 0;
-    for (int32_t i = 0; i < n; i++)
-        most = fmax(most, fabs(a[i]));
+    for (int32_t i = 0; i < n; i++) most = fmax(most, fabs(a[i]));
     return most;
 }
 

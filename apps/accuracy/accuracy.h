@@ -25,8 +25,8 @@ typedef struct problem_def {
     tm_material material;
     const double *fibre; /* one direction for all, or null */
     tm_precision precision;
-    bool pressed;        /* false: bottom clamped and the symmetry planes, nothing else: free to vibrate */
-    double dt_s;         /* 0: the guaranteed step times step_fraction */
+    bool pressed; /* false: bottom clamped and the symmetry planes, nothing else: free to vibrate */
+    double dt_s;  /* 0: the guaranteed step times step_fraction */
     double step_fraction;
 } problem_def;
 
@@ -45,14 +45,17 @@ tm_status problem_settle(problem *p, double tolerance, measured *m, tm_error *er
 void problem_measure(problem *p, measured *m);
 
 /* Largest probe difference over the largest probe displacement; relative differences of force and energy. */
-typedef struct differences { double displacement, reaction, energy; } differences;
+typedef struct differences {
+    double displacement, reaction, energy;
+} differences;
 differences compare(const measured *m, const measured *truth);
 
 /* Materials of the reference. */
 tm_material material_liver(void);
 tm_material material_fibre(void);
 
-/* Median seconds of one step of each of `count` worlds, runs interleaved so that a slow spell of the machine hits all alike. */
+/* Median seconds of one step of each of `count` worlds, runs interleaved so that a slow spell of the machine hits all
+ * alike. */
 void time_steps(tm_world **world, int count, int rounds, double *seconds_per_step);
 
 /* The references of CalculiX, from reference.json. `name`: "iso", "fibre" or "neo"; `index`-th case. */
@@ -64,8 +67,8 @@ bool reference_case(const reference *r, const char *name, int index, double *dep
 
 /* Settings shared by all knobs. */
 typedef struct run {
-    bool quick;               /* the short form: fewer and smaller meshes */
-    int rounds;               /* of interleaved timing */
+    bool quick; /* the short form: fewer and smaller meshes */
+    int rounds; /* of interleaved timing */
     const reference *truth;
     void (*progress)(const char *knob, double fraction);
 } run;
@@ -77,7 +80,8 @@ cJSON *knob_precision(const run *r, tm_error *error);
 cJSON *knob_model(const run *r, tm_error *error);
 cJSON *knob_fibre(const run *r, tm_error *error);
 
-/* Seconds a frame, set-up, bytes and force at rest of the three models; a model that this build cannot open is left out, having complained. */
+/* Seconds a frame, set-up, bytes and force at rest of the three models; a model that this build cannot open is left
+ * out, having complained. */
 void model_prices(cJSON *rows, void (*progress)(const char *, double));
 
 cJSON *json_row(cJSON *rows);

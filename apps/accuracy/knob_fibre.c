@@ -1,5 +1,6 @@
-/* Fibres: the error of taking fibred tissue for isotropic, with Young's moduli from E_T to E_L, against what the fibre costs. The
- * cost is in set-up alone; in the step it should be nothing, and the figure says whether it is. Truth: CalculiX, "fibre". */
+/* Fibres: the error of taking fibred tissue for isotropic, with Young's moduli from E_T to E_L, against what the fibre
+ * costs. The cost is in set-up alone; in the step it should be nothing, and the figure says whether it is. Truth:
+ * CalculiX, "fibre". */
 #include "accuracy.h"
 
 cJSON *knob_fibre(const run *r, tm_error *error) {

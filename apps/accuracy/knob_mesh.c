@@ -1,5 +1,6 @@
-/* Mesh: error of displacement, reaction and energy against the number of tetrahedra, and its two prices: more tetrahedra a
- * step, and more steps a second. Truth: CalculiX, ten-node tetrahedra (reference.json, "iso" and "fibre"). */
+/* Mesh: error of displacement, reaction and energy against the number of tetrahedra, and its two prices: more
+ * tetrahedra a step, and more steps a second. Truth: CalculiX, ten-node tetrahedra (reference.json, "iso" and "fibre").
+ */
 #include <math.h>
 #include <stdio.h>
 
@@ -55,7 +56,9 @@ cJSON *knob_mesh(const run *r, tm_error *error) {
     const int *cells = r->quick ? quick : whole;
     int count = r->quick ? 3 : 6;
     cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
-    if (one_law(r, "iso", cells, count, rows, error) == TM_OK && one_law(r, "fibre", cells, count, rows, error) == TM_OK) return out;
+    if (one_law(r, "iso", cells, count, rows, error) == TM_OK &&
+        one_law(r, "fibre", cells, count, rows, error) == TM_OK)
+        return out;
     cJSON_Delete(out);
     return NULL;
 }

@@ -1,4 +1,5 @@
-/* Precision of the stored tensors: the same press with single and with double ones. The mesh's own error stands beside it. */
+/* Precision of the stored tensors: the same press with single and with double ones. The mesh's own error stands beside
+ * it. */
 #include "accuracy.h"
 
 cJSON *knob_precision(const run *r, tm_error *error) {

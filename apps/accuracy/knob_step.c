@@ -1,6 +1,7 @@
-/* Time step: a block let go from a sagged shape swings freely; its corner's trajectory, phase and energy against the step, up to the
- * critical one and past it. Truth: the same with a step 200 times below the largest, its own error (second order) 100 times below that of the finest row.
- * Settling: the damped block's time to rest, which a larger step must not change. */
+/* Time step: a block let go from a sagged shape swings freely; its corner's trajectory, phase and energy against the
+ * step, up to the critical one and past it. Truth: the same with a step 200 times below the largest, its own error
+ * (second order) 100 times below that of the finest row. Settling: the damped block's time to rest, which a larger step
+ * must not change. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -12,8 +13,8 @@ enum { CELLS = 3, MOST_SAMPLES = 1000, FINE = 200, STRIDE = 4 };
 static const double PERIODS = 10;
 
 typedef struct swing {
-    double u[MOST_SAMPLES];   /* of the top corner along z, m, at equal times */
-    double energy_drift;      /* largest |E - E_0| / E_0 of kinetic + elastic energy */
+    double u[MOST_SAMPLES]; /* of the top corner along z, m, at equal times */
+    double energy_drift;    /* largest |E - E_0| / E_0 of kinetic + elastic energy */
     double seconds_per_simulated;
     bool finite;
 } swing;
@@ -31,7 +32,8 @@ static tm_status sagged(double *u, double *period_s, tm_error *error) {
         memcpy(u, tm_world_state(p.world)->u_m, sizeof *u * 3 * (size_t)p.mesh->vertex_count);
         /* Rayleigh's quotient of the sagged shape: omega^2 = u.Ku / u.Mu. */
         double inertia = 0;
-        for (int32_t i = 0; i < 3 * p.mesh->vertex_count; i++) inertia += tm_tissue_mass_kg(p.tissue)[i / 3] * u[i] * u[i];
+        for (int32_t i = 0; i < 3 * p.mesh->vertex_count; i++)
+            inertia += tm_tissue_mass_kg(p.tissue)[i / 3] * u[i] * u[i];
         *period_s = 2 * M_PI / sqrt(2 * tm_tissue_energy(p.tissue, u) / inertia);
     }
     problem_destroy(&p);
@@ -45,7 +47,8 @@ static void start_from(problem *p, const double *u) {
     const double *mass = tm_tissue_mass_kg(p->tissue);
     memcpy(s->u_m, u, sizeof *u * 3 * (size_t)p->mesh->vertex_count);
     tm_tissue_force(p->tissue, u, s->force_N);
-    for (int32_t i = 0; i < 3 * p->mesh->vertex_count; i++) s->u_prev_m[i] = u[i] + 0.5 * dt * dt * s->force_N[i] / mass[i / 3];
+    for (int32_t i = 0; i < 3 * p->mesh->vertex_count; i++)
+        s->u_prev_m[i] = u[i] + 0.5 * dt * dt * s->force_N[i] / mass[i / 3];
     int n = p->cells;
     for (int32_t v = 0; v < p->mesh->vertex_count; v++) { /* supports: clamp and symmetry planes stay */
         int i = v % (n + 1), j = v / (n + 1) % (n + 1), k = v / (n + 1) / (n + 1);
@@ -73,7 +76,8 @@ static tm_status swing_run(double dt, int stride, int samples, const double *u, 
     if (status != TM_OK) return status;
     start_from(&p, u);
     size_t n = 3 * (size_t)p.mesh->vertex_count;
-    double *before = malloc(sizeof *before * n), *now = malloc(sizeof *now * n), first = tm_tissue_energy(p.tissue, u), spent = 0;
+    double *before = malloc(sizeof *before * n), *now = malloc(sizeof *now * n), first = tm_tissue_energy(p.tissue, u),
+           spent = 0;
     int32_t corner = p.mesh->vertex_count - 1;
     if (!before || !now) status = TM_ERR_MEMORY;
     *out = (swing){.finite = true};
@@ -87,7 +91,8 @@ static tm_status swing_run(double dt, int stride, int samples, const double *u, 
         if (status == TM_OK) status = tm_world_step(p.world, 1);
         spent += app_seconds() - start;
         out->u[s] = tm_world_state(p.world)->u_m[3 * corner + 2];
-        if (status == TM_OK) out->energy_drift = fmax(out->energy_drift, fabs(total_energy(&p, before, now) / first - 1));
+        if (status == TM_OK)
+            out->energy_drift = fmax(out->energy_drift, fabs(total_energy(&p, before, now) / first - 1));
     }
     out->seconds_per_simulated = spent / (samples * stride * dt);
     free(before);
@@ -96,7 +101,8 @@ static tm_status swing_run(double dt, int stride, int samples, const double *u, 
     return status;
 }
 
-/* Time by which the last quarter's swing is shifted against the truth, over the elapsed time: least squares in the derivative. */
+/* Time by which the last quarter's swing is shifted against the truth, over the elapsed time: least squares in the
+ * derivative. */
 static double phase_error(const swing *s, const swing *truth, int samples, double sample_s) {
     double dot = 0, norm = 0;
     for (int i = samples * 3 / 4; i < samples - 1; i++) {

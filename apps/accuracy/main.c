@@ -6,8 +6,8 @@
 
 #include "accuracy.h"
 #include "app.h"
-#include "json_file.h"
 #include "bandwidth.h"
+#include "json_file.h"
 
 static const struct {
     const char *name, *what;
@@ -65,9 +65,13 @@ static int measure(const char *json, const char *reference_path, bool quick, con
 }
 
 int main(int argc, char **argv) {
-    static const struct option options[] = {{"knob", required_argument, NULL, 'k'}, {"quick", no_argument, NULL, 'q'},
-                                            {"reference", required_argument, NULL, 'r'}, {"json", required_argument, NULL, 'j'},
-                                            {"help", no_argument, NULL, 'h'}, {"version", no_argument, NULL, 'v'}, {0}};
+    static const struct option options[] = {{"knob", required_argument, NULL, 'k'},
+                                            {"quick", no_argument, NULL, 'q'},
+                                            {"reference", required_argument, NULL, 'r'},
+                                            {"json", required_argument, NULL, 'j'},
+                                            {"help", no_argument, NULL, 'h'},
+                                            {"version", no_argument, NULL, 'v'},
+                                            {0}};
     const char *json = NULL, *reference_path = "apps/accuracy/reference/reference.json";
     bool wanted[KNOBS] = {false}, quick = false, some = false;
     opterr = 0; /* the message is ours */
@@ -84,10 +88,13 @@ int main(int argc, char **argv) {
         case 'j': json = optarg; break;
         case 'h': usage(stdout); return APP_DONE;
         case 'v': printf("tm-accuracy %s\n", tm_version()); return APP_DONE;
-        default: return app_bad_input("tm-accuracy", 0, "%s: unknown or incomplete option; see tm-accuracy --help", argv[optind - 1]);
+        default:
+            return app_bad_input("tm-accuracy", 0, "%s: unknown or incomplete option; see tm-accuracy --help",
+                                 argv[optind - 1]);
         }
     }
-    if (optind < argc) return app_bad_input("tm-accuracy", 0, "stray argument '%s'; see tm-accuracy --help", argv[optind]);
+    if (optind < argc)
+        return app_bad_input("tm-accuracy", 0, "stray argument '%s'; see tm-accuracy --help", argv[optind]);
     if (!json) return app_bad_input("tm-accuracy", 0, "--json FILE is missing; say where the figures go");
     for (int k = 0; k < KNOBS; k++) wanted[k] = wanted[k] || !some;
     return measure(json, reference_path, quick, wanted);

@@ -1,4 +1,5 @@
-/* What a frame of each model costs, and that they agree at rest: the same block and the same press, through the scenes of tm-evaluate. */
+/* What a frame of each model costs, and that they agree at rest: the same block and the same press, through the scenes
+ * of tm-evaluate. */
 #include <math.h>
 #include <string.h>
 
@@ -8,7 +9,10 @@
 
 enum { FRAMES = 40, REST = 120 };
 
-typedef struct price { double seconds_per_frame, setup_s, force_N; int64_t bytes; } price;
+typedef struct price {
+    double seconds_per_frame, setup_s, force_N;
+    int64_t bytes;
+} price;
 
 static bool measure(const char *scene_file, price *out) {
     char rate[] = "time.frame_rate=30", sends[] = "haptics.sends=force", extrapolator[] = "haptics.extrapolator=hold";
@@ -38,10 +42,11 @@ static bool measure(const char *scene_file, price *out) {
 }
 
 void model_prices(cJSON *rows, void (*progress)(const char *, double)) {
-    static const struct { const char *name, *scene, *cuttable; } models[] = {
-        {"tensor/mass", "apps/scenes/evaluate-isotropic.yaml", "everywhere"},
-        {"hybrid", "apps/scenes/evaluate-hybrid.yaml", "its tensor/mass part"},
-        {"precomputed", "apps/scenes/evaluate-precomputed.yaml", "nowhere"}};
+    static const struct {
+        const char *name, *scene, *cuttable;
+    } models[] = {{"tensor/mass", "apps/scenes/evaluate-isotropic.yaml", "everywhere"},
+                  {"hybrid", "apps/scenes/evaluate-hybrid.yaml", "its tensor/mass part"},
+                  {"precomputed", "apps/scenes/evaluate-precomputed.yaml", "nowhere"}};
     double truth = 0;
     for (int m = 0; m < 3; m++) {
         price p;

@@ -51,7 +51,11 @@ static tm_status add_supports(const problem_def *def, problem *p, tm_error *erro
 }
 
 problem_def problem_default(int cells) {
-    return (problem_def){.cells = cells, .depth = 0.05, .material = material_liver(), .precision = TM_DOUBLE, .pressed = true,
+    return (problem_def){.cells = cells,
+                         .depth = 0.05,
+                         .material = material_liver(),
+                         .precision = TM_DOUBLE,
+                         .pressed = true,
                          .step_fraction = 0.9};
 }
 
@@ -131,7 +135,8 @@ differences compare(const measured *m, const measured *truth) {
         }
         worst = fmax(worst, d), largest = fmax(largest, u);
     }
-    return (differences){sqrt(worst / largest), fabs(m->force_z_N / truth->force_z_N - 1), fabs(m->energy_J / truth->energy_J - 1)};
+    return (differences){sqrt(worst / largest), fabs(m->force_z_N / truth->force_z_N - 1),
+                         fabs(m->energy_J / truth->energy_J - 1)};
 }
 
 tm_material material_liver(void) {

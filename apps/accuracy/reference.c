@@ -5,7 +5,9 @@
 
 #include "accuracy.h"
 
-struct reference { cJSON *root; };
+struct reference {
+    cJSON *root;
+};
 
 reference *reference_open(const char *path, tm_error *error) {
     FILE *file = fopen(path, "rb");
@@ -22,7 +24,9 @@ reference *reference_open(const char *path, tm_error *error) {
     if (r && r->root) return r;
     free(r);
     error->status = TM_ERR_FILE;
-    snprintf(error->message, sizeof error->message, "%s: not the JSON of the references; make it with make_inp.py --gather, or name it with --reference", path);
+    snprintf(error->message, sizeof error->message,
+             "%s: not the JSON of the references; make it with make_inp.py --gather, or name it with --reference",
+             path);
     return NULL;
 }
 
@@ -41,7 +45,8 @@ bool reference_case(const reference *r, const char *name, int index, double *dep
     const cJSON *one = cJSON_GetArrayItem(cases(r, name), index), *u = cJSON_GetObjectItem(one, "probe_u_m");
     const cJSON *force = cJSON_GetObjectItem(one, "force_z_N"), *energy = cJSON_GetObjectItem(one, "energy_J");
     const cJSON *share = cJSON_GetObjectItem(one, "depth");
-    if (cJSON_GetArraySize(u) != PROBES || !cJSON_IsNumber(force) || !cJSON_IsNumber(energy) || !cJSON_IsNumber(share)) return false;
+    if (cJSON_GetArraySize(u) != PROBES || !cJSON_IsNumber(force) || !cJSON_IsNumber(energy) || !cJSON_IsNumber(share))
+        return false;
     for (int i = 0; i < PROBES; i++)
         for (int axis = 0; axis < 3; axis++)
             m->probe_u_m[3 * i + axis] = cJSON_GetNumberValue(cJSON_GetArrayItem(cJSON_GetArrayItem(u, i), axis));

@@ -4,8 +4,9 @@
 
 #include <stddef.h>
 
-/* Bytes per second of one thread reading a[i], b[i] and writing c[i] = a[i] + s b[i] over arrays of `bytes` in all (the triad
- * of McCalpin's STREAM): the median of `rounds` passes. 0 if memory is short. Choose `bytes` like the working set that is judged. */
+/* Bytes per second of one thread reading a[i], b[i] and writing c[i] = a[i] + s b[i] over arrays of `bytes` in all (the
+ * triad of McCalpin's STREAM): the median of `rounds` passes. 0 if memory is short. Choose `bytes` like the working set
+ * that is judged. */
 double app_bandwidth_B_s(size_t bytes, int rounds);
 
 /* Median of `count` values, which are sorted in place. */

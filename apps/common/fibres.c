@@ -25,8 +25,7 @@ static const char *parse_row(const char *text, int32_t expected, double *fibre) 
     double length = sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
     if (!isfinite(length)) return "a direction is not finite";
     if (length < 1e-6) return "a direction has no length";
-    for (int i = 0; i < 3; i++)
-        fibre[3 * (size_t)expected + (size_t)i] = a[i] / length;
+    for (int i = 0; i < 3; i++) fibre[3 * (size_t)expected + (size_t)i] = a[i] / length;
     return NULL;
 }
 

@@ -33,9 +33,7 @@ static bool make_folders(char *path) {
     return mkdir(path, 0777) == 0 || errno == EEXIST;
 }
 
-bool app_cache_folder(char *path, size_t size) {
-    return cache_folder(path, size) && make_folders(path);
-}
+bool app_cache_folder(char *path, size_t size) { return cache_folder(path, size) && make_folders(path); }
 
 bool app_mesh_cache_load(uint64_t hash, app_mesh *mesh) {
     char folder[900], path[960];

@@ -23,11 +23,9 @@ static void add(list *l, app_defect_kind kind, int32_t vertex, int32_t tet, int3
 double app_tet_volume6(const app_mesh *mesh, int32_t tet, double *rounding) {
     const double *p[4];
     double e[3][3], lengths = 1;
-    for (int k = 0; k < 4; k++)
-        p[k] = mesh->vertex_m + 3 * (size_t)mesh->tet[4 * (size_t)tet + (size_t)k];
+    for (int k = 0; k < 4; k++) p[k] = mesh->vertex_m + 3 * (size_t)mesh->tet[4 * (size_t)tet + (size_t)k];
     for (int k = 0; k < 3; k++) {
-        for (int i = 0; i < 3; i++)
-            e[k][i] = p[k + 1][i] - p[0][i];
+        for (int i = 0; i < 3; i++) e[k][i] = p[k + 1][i] - p[0][i];
         lengths *= sqrt(e[k][0] * e[k][0] + e[k][1] * e[k][1] + e[k][2] * e[k][2]);
     }
     *rounding = 16 * DBL_EPSILON * lengths;
@@ -92,16 +90,13 @@ static key key_of(const app_mesh *m, int32_t tet, int without) {
         if (k == without) continue;
         int32_t v = m->tet[4 * tet + k];
         int at = n++;
-        for (; at > 0 && out.v[at - 1] > v; at--, out.even = !out.even)
-            out.v[at] = out.v[at - 1];
+        for (; at > 0 && out.v[at - 1] > v; at--, out.even = !out.even) out.v[at] = out.v[at - 1];
         out.v[at] = v;
     }
     return out;
 }
 
-static bool same(const key *a, const key *b) {
-    return memcmp(a->v, b->v, sizeof a->v) == 0;
-}
+static bool same(const key *a, const key *b) { return memcmp(a->v, b->v, sizeof a->v) == 0; }
 
 static bool upright(const app_mesh *m, int32_t t) {
     double rounding;
@@ -112,13 +107,11 @@ static bool check_sharing(const app_mesh *m, list *l) {
     size_t tets = (size_t)m->tet_count;
     key *sorted = malloc((4 * tets + 1) * sizeof *sorted);
     if (!sorted) return false;
-    for (int32_t t = 0; t < m->tet_count; t++)
-        sorted[t] = key_of(m, t, 4);
+    for (int32_t t = 0; t < m->tet_count; t++) sorted[t] = key_of(m, t, 4);
     qsort(sorted, tets, sizeof *sorted, by_key);
     for (size_t i = 1; i < tets; i++)
         if (same(&sorted[i], &sorted[i - 1])) add(l, APP_DEFECT_TET_TWICE, -1, sorted[i].tet, sorted[i - 1].tet);
-    for (size_t f = 0; f < 4 * tets; f++)
-        sorted[f] = key_of(m, (int32_t)(f / 4), (int)(f % 4));
+    for (size_t f = 0; f < 4 * tets; f++) sorted[f] = key_of(m, (int32_t)(f / 4), (int)(f % 4));
     qsort(sorted, 4 * tets, sizeof *sorted, by_key);
     for (size_t i = 2; i < 4 * tets; i++)
         if (same(&sorted[i], &sorted[i - 2]) && sorted[i].tet != sorted[i - 1].tet)
@@ -134,8 +127,7 @@ static bool check_sharing(const app_mesh *m, list *l) {
 static bool check_used(const app_mesh *m, list *l) {
     uint8_t *used = calloc((size_t)m->vertex_count + 1, 1);
     if (!used) return false;
-    for (int64_t i = 0; i < 4 * (int64_t)m->tet_count; i++)
-        used[m->tet[i]] = 1;
+    for (int64_t i = 0; i < 4 * (int64_t)m->tet_count; i++) used[m->tet[i]] = 1;
     for (int32_t v = 0; v < m->vertex_count; v++)
         if (!used[v]) add(l, APP_DEFECT_UNUSED_VERTEX, v, -1, -1);
     free(used);

@@ -76,8 +76,7 @@ void *app_mesh_encode(const app_mesh *mesh, size_t *size) {
     int32_t group_vertices = mesh->group_begin[mesh->group_count];
     sections(mesh, (size_t)group_vertices, part);
     size_t bytes = 0;
-    for (int i = 0; i < SECTIONS; i++)
-        bytes += part[i].bytes;
+    for (int i = 0; i < SECTIONS; i++) bytes += part[i].bytes;
     char *block = malloc(sizeof(header) + bytes);
     if (!block) return NULL;
     char *at = block + sizeof(header);
@@ -143,8 +142,7 @@ tm_status app_mesh_decode(const void *bytes, size_t size, uint64_t hash, app_mes
     section part[SECTIONS];
     sections(&m, (size_t)head.group_vertex_count, part);
     size_t wanted = 0;
-    for (int i = 0; i < SECTIONS; i++)
-        wanted += part[i].bytes;
+    for (int i = 0; i < SECTIONS; i++) wanted += part[i].bytes;
     if (head.payload_bytes != wanted || size - sizeof head != wanted)
         return damaged(error, "length and counts disagree");
     if (tm_hash(payload, wanted, TM_HASH_SEED) != head.payload_hash) return damaged(error, "checksum");

@@ -121,8 +121,7 @@ static char *drain(int fd, size_t *size) {
             if (!grown) free(bytes);
             if (!(bytes = grown)) break;
         }
-        do
-            got = read(fd, bytes + *size, room - *size);
+        do got = read(fd, bytes + *size, room - *size);
         while (got < 0 && errno == EINTR);
         if (got > 0) *size += (size_t)got;
     }
@@ -177,8 +176,7 @@ static tm_status order_of_file(const char *what, const int64_t *file_tag, int64_
                                int32_t mesh_count, bool lenient, int32_t *old_of_new, tm_error *error) {
     rank *sorted = malloc(((size_t)file_count + 1) * sizeof *sorted);
     if (!sorted) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory");
-    for (int64_t i = 0; i < file_count; i++)
-        sorted[i] = (rank){file_tag[i], (int32_t)i};
+    for (int64_t i = 0; i < file_count; i++) sorted[i] = (rank){file_tag[i], (int32_t)i};
     qsort(sorted, (size_t)file_count, sizeof *sorted, by_tag);
     tm_status status = TM_OK;
     int32_t *old_of_place = malloc(((size_t)file_count + 1) * sizeof *old_of_place), m = 0;
@@ -218,16 +216,14 @@ static bool permute(app_mesh *mesh, const int32_t *vertex, const int32_t *tet) {
         out.vertex_tag[v] = mesh->vertex_tag[vertex[v]];
     }
     for (int32_t t = 0; t < mesh->tet_count; t++) {
-        for (int k = 0; k < 4; k++)
-            out.tet[4 * t + k] = new_of_old[mesh->tet[4 * tet[t] + k]];
+        for (int k = 0; k < 4; k++) out.tet[4 * t + k] = new_of_old[mesh->tet[4 * tet[t] + k]];
         out.tet_tag[t] = mesh->tet_tag[tet[t]];
         out.region[t] = mesh->region[tet[t]];
     }
     memcpy(out.region_name, mesh->region_name, (size_t)mesh->region_count * sizeof *out.region_name);
     memcpy(out.group_name, mesh->group_name, (size_t)mesh->group_count * sizeof *out.group_name);
     memcpy(out.group_begin, mesh->group_begin, ((size_t)mesh->group_count + 1) * sizeof(int32_t));
-    for (int32_t i = 0; i < groups; i++)
-        out.group_vertex[i] = new_of_old[mesh->group_vertex[i]];
+    for (int32_t i = 0; i < groups; i++) out.group_vertex[i] = new_of_old[mesh->group_vertex[i]];
     free(new_of_old);
     app_mesh_free(mesh);
     *mesh = out;
@@ -264,15 +260,13 @@ static tm_status finish(const app_mesh_scan *scan, double scale, app_mesh_lenien
         free(tet);
     } else if (dropped > 0 && !lenient) {
         int64_t tag = 1;
-        while (tag <= mesh->vertex_count && mesh->vertex_tag[tag - 1] == tag)
-            tag++;
+        while (tag <= mesh->vertex_count && mesh->vertex_tag[tag - 1] == tag) tag++;
         status = app_mesh_fail(error, TM_ERR_MESH, tag,
                                "vertex %lld (counted from 1)%s is in no tetrahedron; remove it, or run tm-mesh repair",
                                (long long)tag, dropped > 1 ? " and others" : "");
     }
     if (status) return status;
-    for (int64_t i = 0; i < 3 * (int64_t)mesh->vertex_count; i++)
-        mesh->vertex_m[i] *= scale;
+    for (int64_t i = 0; i < 3 * (int64_t)mesh->vertex_count; i++) mesh->vertex_m[i] *= scale;
     for (int32_t g = 0; g < mesh->group_count; g++)
         qsort(mesh->group_vertex + mesh->group_begin[g], (size_t)(mesh->group_begin[g + 1] - mesh->group_begin[g]),
               sizeof(int32_t), by_value);

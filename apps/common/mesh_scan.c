@@ -76,8 +76,7 @@ static bool next_line(cursor *c, const char **start, size_t *length) {
     if (!stop) stop = c->end;
     *start = c->at;
     *length = (size_t)(stop - c->at);
-    while (*length && ((*start)[*length - 1] == '\r' || (*start)[*length - 1] == ' '))
-        --*length;
+    while (*length && ((*start)[*length - 1] == '\r' || (*start)[*length - 1] == ' ')) --*length;
     c->at = stop < c->end ? stop + 1 : c->end;
     c->line++;
     return true;
@@ -91,8 +90,7 @@ static int line_integers(cursor *c, int64_t *out, int wanted) {
     int n = 0;
     const char *p = text, *stop = text + length;
     while (n < wanted) {
-        while (p < stop && (*p == ' ' || *p == '\t'))
-            p++;
+        while (p < stop && (*p == ' ' || *p == '\t')) p++;
         char *after;
         if (p >= stop) break;
         errno = 0;
@@ -158,8 +156,7 @@ static tm_status elements_2(cursor *c) {
         tm_status status = app_mesh_scan_element(c, field[0], field[1]);
         int corners = app_mesh_type_vertices(field[1]), first = 3 + (int)field[2];
         if (!status && n != first + corners) status = bad(c, "an element has too few or too many vertices");
-        for (int k = 0; !status && k < corners; k++)
-            status = app_mesh_scan_corner(c, field[0], field[first + k]);
+        for (int k = 0; !status && k < corners; k++) status = app_mesh_scan_corner(c, field[0], field[first + k]);
         if (status) return status;
     }
     return TM_OK;
@@ -197,8 +194,7 @@ static tm_status elements_4(cursor *c) {
             if (n < 1) return bad(c, "an element number is missing");
             tm_status status = app_mesh_scan_element(c, field[0], head[2]);
             if (!status && n != 1 + corners) status = bad(c, "an element has too few or too many vertices");
-            for (int k = 0; !status && k < corners; k++)
-                status = app_mesh_scan_corner(c, field[0], field[1 + k]);
+            for (int k = 0; !status && k < corners; k++) status = app_mesh_scan_corner(c, field[0], field[1 + k]);
             if (status) return status;
         }
     }

@@ -41,9 +41,7 @@ static bool take_count(cursor *c, int64_t *count) {
     return true;
 }
 
-static tm_status no_memory(cursor *c) {
-    return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory");
-}
+static tm_status no_memory(cursor *c) { return app_mesh_fail(c->error, TM_ERR_MEMORY, -1, "no memory"); }
 
 static tm_status scan_2(cursor *c) {
     int64_t count;

@@ -1,4 +1,5 @@
-/* Heavy dependencies (Gmsh, LCM, OSMesa, CHOLMOD) live in shared objects of ours that are opened only when a scene or command asks. */
+/* Heavy dependencies (Gmsh, LCM, OSMesa, CHOLMOD) live in shared objects of ours that are opened only when a scene or
+ * command asks. */
 #include <dlfcn.h>
 #include <stdio.h>
 #include <string.h>
@@ -10,15 +11,18 @@ static void fail(tm_error *error, const char *name, const char *why) {
     if (!error) return;
     static const struct {
         const char *name, *package;
-    } packages[] = {{"gmsh", "libgmsh4.8"}, {"lcm", "liblcm1"}, {"osmesa", "libosmesa6"}, {"solve", "libcholmod3"},
+    } packages[] = {{"gmsh", "libgmsh4.8"},
+                    {"lcm", "liblcm1"},
+                    {"osmesa", "libosmesa6"},
+                    {"solve", "libcholmod3"},
                     {"window", "libsdl2-2.0-0"}};
     const char *package = "its Debian package";
     for (size_t i = 0; i < sizeof packages / sizeof *packages; i++)
         if (strcmp(packages[i].name, name) == 0) package = packages[i].package;
     error->status = TM_ERR_FILE;
     error->entity = -1;
-    snprintf(error->message, sizeof error->message, "module '%s' cannot be opened: %s; apt-get install %s, or run make", name, why,
-             package);
+    snprintf(error->message, sizeof error->message, "module '%s' cannot be opened: %s; apt-get install %s, or run make",
+             name, why, package);
 }
 
 void *app_module(const char *name, tm_error *error) {
@@ -33,7 +37,8 @@ void *app_module(const char *name, tm_error *error) {
     char *slash = strrchr(bin, '/');
     *slash = 0;
     snprintf(path, sizeof path, "%s/../lib/tensormass/%s.so", bin, name);
-    if (access(path, R_OK) != 0) snprintf(path, sizeof path, "%s/../../lib/tensormass/%s.so", bin, name); /* test programs */
+    if (access(path, R_OK) != 0)
+        snprintf(path, sizeof path, "%s/../../lib/tensormass/%s.so", bin, name); /* test programs */
     void *module = dlopen(path, RTLD_NOW | RTLD_LOCAL);
     if (!module) fail(error, name, dlerror());
     return module;

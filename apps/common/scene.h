@@ -10,21 +10,49 @@
 
 #include "tensormass/base.h"
 
-typedef struct app_section { int line; } app_section;
-typedef struct app_number { double si; int line; } app_number;
-typedef struct app_integer { int64_t value; int line; } app_integer;
-typedef struct app_vector { double v[3]; int line; } app_vector;
-typedef struct app_text { const char *s; int line; } app_text;        /* never null: "" */
-typedef struct app_choice { int index; int line; } app_choice;        /* into the field's a|b|c */
-typedef struct app_flag { bool on; int line; } app_flag;
-typedef struct app_integers { int64_t *item; int count; int line; } app_integers;
-typedef struct app_list { void *item; int count; int line; } app_list; /* of the field's item struct */
+typedef struct app_section {
+    int line;
+} app_section;
+typedef struct app_number {
+    double si;
+    int line;
+} app_number;
+typedef struct app_integer {
+    int64_t value;
+    int line;
+} app_integer;
+typedef struct app_vector {
+    double v[3];
+    int line;
+} app_vector;
+typedef struct app_text {
+    const char *s;
+    int line;
+} app_text; /* never null: "" */
+typedef struct app_choice {
+    int index;
+    int line;
+} app_choice; /* into the field's a|b|c */
+typedef struct app_flag {
+    bool on;
+    int line;
+} app_flag;
+typedef struct app_integers {
+    int64_t *item;
+    int count;
+    int line;
+} app_integers;
+typedef struct app_list {
+    void *item;
+    int count;
+    int line;
+} app_list; /* of the field's item struct */
 
 typedef enum app_kind {
-    APP_SECTION,  /* mapping */
-    APP_NUMBER,   /* quantity of `unit` */
+    APP_SECTION, /* mapping */
+    APP_NUMBER,  /* quantity of `unit` */
     APP_INTEGER,
-    APP_VECTOR,   /* three quantities of `unit` */
+    APP_VECTOR, /* three quantities of `unit` */
     APP_TEXT,
     APP_PATH,     /* text, relative to the scene's folder, made absolute or relative to the working directory */
     APP_CHOICE,   /* one of `unit`, "a|b|c" */
@@ -65,19 +93,45 @@ typedef struct app_select {
 } app_select;
 
 /* The selector's fields for another table: APP_SELECT_FIELDS("supports[].", offsetof(app_support, select)). */
-#define APP_SELECT_FIELDS(prefix, at)                                                                                          \
-    {prefix "group", APP_TEXT, NULL, NULL, 0, 0, (at) + offsetof(app_select, group), 0,                                        \
-     "vertices of this physical group of the mesh"},                                                                           \
-    {prefix "box", APP_SECTION, NULL, NULL, 0, 0, (at) + offsetof(app_select, box), 0, "vertices within an axis-aligned box"}, \
-    {prefix "box.min", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, box_min), 0, "lower corner"},              \
-    {prefix "box.max", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, box_max), 0, "upper corner"},              \
-    {prefix "plane", APP_SECTION, NULL, NULL, 0, 0, (at) + offsetof(app_select, plane), 0, "vertices on a plane"},             \
-    {prefix "plane.point", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, plane_point), 0, "a point of it"},     \
-    {prefix "plane.normal", APP_VECTOR, "none", "!", 0, 0, (at) + offsetof(app_select, plane_normal), 0, "its normal, any length"}, \
-    {prefix "plane.within", APP_NUMBER, "length", "1 um", 0, 1, (at) + offsetof(app_select, plane_within), 0,                  \
-     "how far from the plane a vertex may lie"},                                                                               \
-    {prefix "vertex", APP_INTEGERS, NULL, NULL, 0, 2147483647, (at) + offsetof(app_select, vertex), 0,                         \
-     "vertices by number, counted from 0 in file order; one or a list"}
+#define APP_SELECT_FIELDS(prefix, at)                                                                                  \
+    {prefix "group",                                                                                                   \
+     APP_TEXT,                                                                                                         \
+     NULL,                                                                                                             \
+     NULL,                                                                                                             \
+     0,                                                                                                                \
+     0,                                                                                                                \
+     (at) + offsetof(app_select, group),                                                                               \
+     0,                                                                                                                \
+     "vertices of this physical group of the mesh"},                                                                   \
+        {prefix "box",                                                                                                 \
+         APP_SECTION,                                                                                                  \
+         NULL,                                                                                                         \
+         NULL,                                                                                                         \
+         0,                                                                                                            \
+         0,                                                                                                            \
+         (at) + offsetof(app_select, box),                                                                             \
+         0,                                                                                                            \
+         "vertices within an axis-aligned box"},                                                                       \
+        {prefix "box.min", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, box_min), 0, "lower corner"},  \
+        {prefix "box.max", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, box_max), 0, "upper corner"},  \
+        {prefix "plane", APP_SECTION, NULL, NULL, 0, 0, (at) + offsetof(app_select, plane), 0, "vertices on a plane"}, \
+        {prefix "plane.point", APP_VECTOR, "length", "!", 0, 0, (at) + offsetof(app_select, plane_point), 0,           \
+         "a point of it"},                                                                                             \
+        {prefix "plane.normal",   APP_VECTOR, "none", "!", 0, 0, (at) + offsetof(app_select, plane_normal), 0,         \
+         "its normal, any length"},                                                                                    \
+        {prefix "plane.within",                                                                                        \
+         APP_NUMBER,                                                                                                   \
+         "length",                                                                                                     \
+         "1 um",                                                                                                       \
+         0,                                                                                                            \
+         1,                                                                                                            \
+         (at) + offsetof(app_select, plane_within),                                                                    \
+         0,                                                                                                            \
+         "how far from the plane a vertex may lie"},                                                                   \
+    {                                                                                                                  \
+        prefix "vertex", APP_INTEGERS, NULL, NULL, 0, 2147483647, (at) + offsetof(app_select, vertex), 0,              \
+            "vertices by number, counted from 0 in file order; one or a list"                                          \
+    }
 
 /* --- the scene --- */
 
@@ -157,7 +211,8 @@ typedef struct app_scene {
     app_number frame_rate, duration, step, step_fraction, average;
 
     int effect_count;
-    void **effect;        /* the options of each schema handed to app_scene_load, first member app_section: line 0, not named */
+    void *
+        *effect; /* the options of each schema handed to app_scene_load, first member app_section: line 0, not named */
 
     /* private */
     void *arena;
@@ -165,8 +220,10 @@ typedef struct app_scene {
     int set_count;
 } app_scene;
 
-/* Reads `file`, with `set` ("path=value", or "path" to leave a key out) laid over it. Complains on stderr and returns APP_BAD_INPUT, or 0. */
-int app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count, app_scene **scene);
+/* Reads `file`, with `set` ("path=value", or "path" to leave a key out) laid over it. Complains on stderr and returns
+ * APP_BAD_INPUT, or 0. */
+int app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count,
+                   app_scene **scene);
 void app_scene_free(app_scene *scene);
 /* Zeroed memory that lives as long as the scene. */
 void *app_scene_alloc(app_scene *scene, size_t bytes);

@@ -120,8 +120,7 @@ static int check_pose(const app_scene *scene, const app_pose *pose, const double
     if (!pose->tip.line) return 0;
     if (joint) return app_scene_bad(scene, joint, "a pose has either tip or pitch, yaw and insertion; leave one out");
     double d = 0;
-    for (int a = 0; a < 3; ++a)
-        d += (pose->tip.v[a] - trocar[a]) * (pose->tip.v[a] - trocar[a]);
+    for (int a = 0; a < 3; ++a) d += (pose->tip.v[a] - trocar[a]) * (pose->tip.v[a] - trocar[a]);
     if (!(d > 1e-6) || d > 0.25)
         return app_scene_bad(scene, pose->tip.line, "the tip is %.3g m from the trocar; keep it between 1 mm and 0.5 m",
                              sqrt(d));

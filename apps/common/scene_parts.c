@@ -7,8 +7,7 @@
 static int select_group(const app_scene *scene, const app_select *select, const app_mesh *mesh, uint8_t *mark) {
     for (int32_t g = 0; g < mesh->group_count; ++g) {
         if (strcmp(mesh->group_name[g], select->group.s)) continue;
-        for (int32_t i = mesh->group_begin[g]; i < mesh->group_begin[g + 1]; ++i)
-            mark[mesh->group_vertex[i]] = 1;
+        for (int32_t i = mesh->group_begin[g]; i < mesh->group_begin[g + 1]; ++i) mark[mesh->group_vertex[i]] = 1;
         return 0;
     }
     char names[512] = "none";
@@ -45,11 +44,9 @@ int app_select_vertices(const app_scene *scene, const app_select *select, int li
             mark[v] = 1;
         }
     } else
-        for (int32_t v = 0; v < mesh->vertex_count; ++v)
-            mark[v] = is_selected(select, &mesh->vertex_m[3 * v]);
+        for (int32_t v = 0; v < mesh->vertex_count; ++v) mark[v] = is_selected(select, &mesh->vertex_m[3 * v]);
     *count = 0;
-    for (int32_t v = 0; v < mesh->vertex_count; ++v)
-        *count += mark[v];
+    for (int32_t v = 0; v < mesh->vertex_count; ++v) *count += mark[v];
     if (!*count)
         return app_scene_bad(scene,
                              select->box.line     ? select->box.line

@@ -12,9 +12,7 @@ typedef enum app_law { APP_LAW_YOUNG, APP_LAW_LAME, APP_LAW_PAPER, APP_LAW_FIVE,
 /* Which family of constants a material has. Complains and returns APP_BAD_INPUT where it has none, half of one or two.
  */
 int app_scene_law(const app_scene *scene, const app_material *material, app_law *law);
-static inline bool app_law_fibred(app_law law) {
-    return law >= APP_LAW_PAPER;
-}
+static inline bool app_law_fibred(app_law law) { return law >= APP_LAW_PAPER; }
 
 /* Exactly one selector, and it makes sense. `what` begins the complaint: "this support". */
 int app_select_check(const app_scene *scene, const app_select *select, int line, const char *what);

@@ -19,9 +19,7 @@ typedef struct reader {
     int items; /* of lists, all told: aliases could multiply them */
 } reader;
 
-static inline yaml_node_t *node_at(reader *r, int index) {
-    return yaml_document_get_node(&r->document, index);
-}
+static inline yaml_node_t *node_at(reader *r, int index) { return yaml_document_get_node(&r->document, index); }
 
 /* "a single value", "a list", "a mapping" */
 const char *app_scene_node_kind(const yaml_node_t *node);

@@ -1,20 +1,40 @@
-/* The scene's fields, except those of effects (apps/sim/effect_*.c). Parsing, errors, defaults and docs/scene-reference.md come from here. */
+/* The scene's fields, except those of effects (apps/sim/effect_*.c). Parsing, errors, defaults and
+ * docs/scene-reference.md come from here. */
 #include <math.h>
 
 #include "scene.h"
 
 #define AT(member) offsetof(app_scene, member), 0
 #define MATERIAL(member) offsetof(app_material, member), 0
-#define MAT(key, member, unit, fallback, min, max, doc) \
-    {"tissue.materials.*." key, APP_NUMBER, unit, fallback, min, max, MATERIAL(member), doc}
-#define POSE(prefix, base)                                                                                                      \
-    {prefix "pitch", APP_NUMBER, "angle", "0 rad", -1.6, 1.6, (base) + offsetof(app_pose, pitch), 0, "about the trocar, turning `axis` towards `up`"}, \
-    {prefix "yaw", APP_NUMBER, "angle", "0 rad", -1.6, 1.6, (base) + offsetof(app_pose, yaw), 0, "about the trocar's `up`"},     \
-    {prefix "insertion", APP_NUMBER, "length", "0.05 m", 0.0, 0.5, (base) + offsetof(app_pose, insertion), 0, "trocar to tip"},  \
-    {prefix "roll", APP_NUMBER, "angle", "0 rad", -100, 100, (base) + offsetof(app_pose, roll), 0, "about the shaft"},           \
-    {prefix "grip", APP_NUMBER, "none", "0", 0, 1, (base) + offsetof(app_pose, grip), 0, "0 open, 1 closed"},                    \
-    {prefix "tip", APP_VECTOR, "length", NULL, 0, 0, (base) + offsetof(app_pose, tip), 0,                                        \
-     "where the tip is, instead of pitch, yaw and insertion"}
+#define MAT(key, member, unit, fallback, min, max, doc)                                                                \
+    { "tissue.materials.*." key, APP_NUMBER, unit, fallback, min, max, MATERIAL(member), doc }
+#define POSE(prefix, base)                                                                                             \
+    {prefix "pitch",                                                                                                   \
+     APP_NUMBER,                                                                                                       \
+     "angle",                                                                                                          \
+     "0 rad",                                                                                                          \
+     -1.6,                                                                                                             \
+     1.6,                                                                                                              \
+     (base) + offsetof(app_pose, pitch),                                                                               \
+     0,                                                                                                                \
+     "about the trocar, turning `axis` towards `up`"},                                                                 \
+        {prefix "yaw",                                                                                                 \
+         APP_NUMBER,                                                                                                   \
+         "angle",                                                                                                      \
+         "0 rad",                                                                                                      \
+         -1.6,                                                                                                         \
+         1.6,                                                                                                          \
+         (base) + offsetof(app_pose, yaw),                                                                             \
+         0,                                                                                                            \
+         "about the trocar's `up`"},                                                                                   \
+        {prefix "insertion", APP_NUMBER, "length", "0.05 m", 0.0, 0.5, (base) + offsetof(app_pose, insertion), 0,      \
+         "trocar to tip"},                                                                                             \
+        {prefix "roll",    APP_NUMBER, "angle", "0 rad", -100, 100, (base) + offsetof(app_pose, roll), 0,              \
+         "about the shaft"},                                                                                           \
+        {prefix "grip", APP_NUMBER, "none", "0", 0, 1, (base) + offsetof(app_pose, grip), 0, "0 open, 1 closed"}, {    \
+        prefix "tip", APP_VECTOR, "length", NULL, 0, 0, (base) + offsetof(app_pose, tip), 0,                           \
+            "where the tip is, instead of pitch, yaw and insertion"                                                    \
+    }
 
 static const app_field fields[] = {
     {"title", APP_TEXT, NULL, NULL, 0, 0, AT(title), "one line for people"},
@@ -24,7 +44,8 @@ static const app_field fields[] = {
     {"tissue", APP_SECTION, NULL, "!", 0, 0, AT(tissue), "the mesh and its materials"},
     {"tissue.mesh", APP_PATH, NULL, "!", 0, 0, AT(mesh), "mesh file (.msh, .vtk, .mesh), relative to the scene"},
     {"tissue.scale", APP_NUMBER, "none", "1", 1e-9, 1e9, AT(scale), "metres per unit of the mesh file"},
-    {"tissue.precision", APP_CHOICE, "double|single", "double", 0, 0, AT(precision), "of the stored stiffness tensors; positions are always double"},
+    {"tissue.precision", APP_CHOICE, "double|single", "double", 0, 0, AT(precision),
+     "of the stored stiffness tensors; positions are always double"},
     {"tissue.force", APP_CHOICE, "best|plain", "best", 0, 0, AT(force),
      "form of the force loop: the fastest that the processor has, or the plain C reference whose bits are the same everywhere"},
     {"tissue.materials", APP_TABLE, NULL, "!", 0, 0, offsetof(app_scene, material), sizeof(app_material),
@@ -33,25 +54,30 @@ static const app_field fields[] = {
     MAT("poisson", poisson, "none", NULL, -1, 0.5, "isotropic: Poisson's ratio, below 0.5"),
     MAT("lambda", lambda, "pressure", NULL, -1e15, 1e15, "isotropic: first Lame coefficient, with `mu`"),
     MAT("mu", mu, "pressure", NULL, 0, 1e15, "isotropic: shear modulus"),
-    MAT("lambda_T", lambda_T, "pressure", NULL, -1e15, 1e15, "fibred: across the fibre, with `mu_T lambda_L mu_L` (the paper's four)"),
+    MAT("lambda_T", lambda_T, "pressure", NULL, -1e15, 1e15,
+        "fibred: across the fibre, with `mu_T lambda_L mu_L` (the paper's four)"),
     MAT("mu_T", mu_T, "pressure", NULL, 0, 1e15, "fibred: shear modulus across the fibre"),
     MAT("lambda_L", lambda_L, "pressure", NULL, -1e15, 1e15, "fibred: along the fibre"),
     MAT("mu_L", mu_L, "pressure", NULL, 0, 1e15, "fibred: axial shear modulus"),
-    MAT("beta", beta, "pressure", NULL, -1e15, 1e15, "fibred: the fifth constant; without it the paper's law, beta = -(dlambda + 2 dmu)"),
-    MAT("E_L", E_L, "pressure", NULL, 0, 1e15, "fibred, engineering: Young's modulus along the fibre, with `E_T nu_LT nu_TT G_L`"),
+    MAT("beta", beta, "pressure", NULL, -1e15, 1e15,
+        "fibred: the fifth constant; without it the paper's law, beta = -(dlambda + 2 dmu)"),
+    MAT("E_L", E_L, "pressure", NULL, 0, 1e15,
+        "fibred, engineering: Young's modulus along the fibre, with `E_T nu_LT nu_TT G_L`"),
     MAT("E_T", E_T, "pressure", NULL, 0, 1e15, "fibred, engineering: Young's modulus across"),
     MAT("nu_LT", nu_LT, "none", NULL, -10, 10, "fibred, engineering: contraction across under tension along the fibre"),
     MAT("nu_TT", nu_TT, "none", NULL, -1, 1, "fibred, engineering: Poisson's ratio in the cross plane"),
     MAT("G_L", G_L, "pressure", NULL, 0, 1e15, "fibred, engineering: axial shear modulus"),
     MAT("density", density, "density", "1000 kg/m3", 1e-9, 1e9, "mass per rest volume"),
-    MAT("damping", damping, "rate", NULL, 0, 1e9, "this region's damping rate d (force -d m v on each mass); needs the effect `damping`, whose `rate` it replaces"),
+    MAT("damping", damping, "rate", NULL, 0, 1e9,
+        "this region's damping rate d (force -d m v on each mass); needs the effect `damping`, whose `rate` it replaces"),
 
     {"supports", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, support), sizeof(app_support),
      "vertices whose displacement is prescribed. Each item: one selector (`group box plane vertex`) and what holds"},
     {"supports[].name", APP_TEXT, NULL, NULL, 0, 0, offsetof(app_support, name), 0, "name in reports"},
     APP_SELECT_FIELDS("supports[].", offsetof(app_support, select)),
     {"supports[].axes", APP_TEXT, NULL, "xyz", 0, 0, offsetof(app_support, axes), 0, "which components are held"},
-    {"supports[].displace", APP_VECTOR, "length", "[0, 0, 0]", 0, 0, offsetof(app_support, displace), 0, "the displacement they are held at; zero fixes them"},
+    {"supports[].displace", APP_VECTOR, "length", "[0, 0, 0]", 0, 0, offsetof(app_support, displace), 0,
+     "the displacement they are held at; zero fixes them"},
 
     {"loads", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, load), sizeof(app_load),
      "constant forces. Each item: one selector and either `force` or `traction`"},
@@ -61,35 +87,53 @@ static const app_field fields[] = {
     {"loads[].traction", APP_VECTOR, "pressure", NULL, 0, 0, offsetof(app_load, traction), 0,
      "on the surface triangles whose three vertices are selected, per rest area"},
 
-    {"instruments", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, instrument), sizeof(app_instrument), "one or two, numbered 0 and 1"},
-    {"instruments[].mode", APP_CHOICE, "probe|grasper|cautery", "probe", 0, 0, offsetof(app_instrument, mode), 0, "what it does to tissue; a grasper needs `grasp`, a cautery `cut`"},
+    {"instruments", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, instrument), sizeof(app_instrument),
+     "one or two, numbered 0 and 1"},
+    {"instruments[].mode", APP_CHOICE, "probe|grasper|cautery", "probe", 0, 0, offsetof(app_instrument, mode), 0,
+     "what it does to tissue; a grasper needs `grasp`, a cautery `cut`"},
     {"instruments[].trocar", APP_VECTOR, "length", "!", 0, 0, offsetof(app_instrument, trocar), 0, "the pivot, world"},
-    {"instruments[].axis", APP_VECTOR, "none", "[0, 0, -1]", 0, 0, offsetof(app_instrument, axis), 0, "where the shaft points at zero pitch and yaw, any length"},
-    {"instruments[].up", APP_VECTOR, "none", "[0, 1, 0]", 0, 0, offsetof(app_instrument, up), 0, "yaw turns about it; made perpendicular to `axis`"},
-    {"instruments[].radius", APP_NUMBER, "length", "2.5 mm", 1e-4, 0.05, offsetof(app_instrument, radius), 0, "of shaft and tip"},
-    {"instruments[].contact_length", APP_NUMBER, "length", "0.1 m", 0, 1, offsetof(app_instrument, contact_length), 0, "of shaft behind the tip that can touch"},
-    {"instruments[].start", APP_SECTION, NULL, NULL, 0, 0, offsetof(app_instrument, start_here), 0, "pose at the start"},
+    {"instruments[].axis", APP_VECTOR, "none", "[0, 0, -1]", 0, 0, offsetof(app_instrument, axis), 0,
+     "where the shaft points at zero pitch and yaw, any length"},
+    {"instruments[].up", APP_VECTOR, "none", "[0, 1, 0]", 0, 0, offsetof(app_instrument, up), 0,
+     "yaw turns about it; made perpendicular to `axis`"},
+    {"instruments[].radius", APP_NUMBER, "length", "2.5 mm", 1e-4, 0.05, offsetof(app_instrument, radius), 0,
+     "of shaft and tip"},
+    {"instruments[].contact_length", APP_NUMBER, "length", "0.1 m", 0, 1, offsetof(app_instrument, contact_length), 0,
+     "of shaft behind the tip that can touch"},
+    {"instruments[].start", APP_SECTION, NULL, NULL, 0, 0, offsetof(app_instrument, start_here), 0,
+     "pose at the start"},
     POSE("instruments[].start.", offsetof(app_instrument, start)),
 
     {"time", APP_SECTION, NULL, NULL, 0, 0, AT(time), "frames and steps"},
-    {"time.frame_rate", APP_NUMBER, "rate", "25 Hz", 0.5, 2000, AT(frame_rate), "frames a second: force samples, pictures"},
-    {"time.duration", APP_NUMBER, "time", "10 s", 0, 1e6, AT(duration), "simulated, in lockstep; --duration replaces it"},
-    {"time.step", APP_NUMBER, "time", NULL, 1e-12, 1, AT(step), "substep; left out, the guaranteed critical step times `step_fraction`. Above the guaranteed step it is refused"},
-    {"time.step_fraction", APP_NUMBER, "none", "0.9", 0.01, 1, AT(step_fraction), "of the guaranteed critical step, when `step` is left out"},
-    {"time.average", APP_NUMBER, "none", "0.25", 0, 1, AT(average), "share of a frame's last substeps that forces are averaged over; 0: the last alone"},
+    {"time.frame_rate", APP_NUMBER, "rate", "25 Hz", 0.5, 2000, AT(frame_rate),
+     "frames a second: force samples, pictures"},
+    {"time.duration", APP_NUMBER, "time", "10 s", 0, 1e6, AT(duration),
+     "simulated, in lockstep; --duration replaces it"},
+    {"time.step", APP_NUMBER, "time", NULL, 1e-12, 1, AT(step),
+     "substep; left out, the guaranteed critical step times `step_fraction`. Above the guaranteed step it is refused"},
+    {"time.step_fraction", APP_NUMBER, "none", "0.9", 0.01, 1, AT(step_fraction),
+     "of the guaranteed critical step, when `step` is left out"},
+    {"time.average", APP_NUMBER, "none", "0.25", 0, 1, AT(average),
+     "share of a frame's last substeps that forces are averaged over; 0: the last alone"},
 
     {"hand", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, hand), sizeof(app_hand),
      "what the virtual device's hand does, one item an instrument"},
     {"hand[].instrument", APP_INTEGER, NULL, "0", 0, 1, offsetof(app_hand, instrument), 0, "which one"},
-    {"hand[].between", APP_CHOICE, "smooth|straight", "smooth", 0, 0, offsetof(app_hand, between), 0, "from waypoint to waypoint: minimum jerk, or constant speed"},
+    {"hand[].between", APP_CHOICE, "smooth|straight", "smooth", 0, 0, offsetof(app_hand, between), 0,
+     "from waypoint to waypoint: minimum jerk, or constant speed"},
     {"hand[].repeat", APP_FLAG, NULL, "no", 0, 0, offsetof(app_hand, repeat), 0, "begin again after the last waypoint"},
-    {"hand[].tremor", APP_SECTION, NULL, NULL, 0, 0, offsetof(app_hand, tremor), 0, "a hand's tremor on top, the same every run"},
-    {"hand[].tremor.amplitude", APP_NUMBER, "length", "40 um", 0, 0.01, offsetof(app_hand, tremor_amplitude), 0, "of the tip"},
-    {"hand[].tremor.frequency", APP_NUMBER, "rate", "9 Hz", 0.1, 100, offsetof(app_hand, tremor_frequency), 0, "mean frequency"},
-    {"hand[].path", APP_LIST, NULL, "!", 0, 0, offsetof(app_hand, path), sizeof(app_waypoint), "waypoints in the order of time"},
+    {"hand[].tremor", APP_SECTION, NULL, NULL, 0, 0, offsetof(app_hand, tremor), 0,
+     "a hand's tremor on top, the same every run"},
+    {"hand[].tremor.amplitude", APP_NUMBER, "length", "40 um", 0, 0.01, offsetof(app_hand, tremor_amplitude), 0,
+     "of the tip"},
+    {"hand[].tremor.frequency", APP_NUMBER, "rate", "9 Hz", 0.1, 100, offsetof(app_hand, tremor_frequency), 0,
+     "mean frequency"},
+    {"hand[].path", APP_LIST, NULL, "!", 0, 0, offsetof(app_hand, path), sizeof(app_waypoint),
+     "waypoints in the order of time"},
     {"hand[].path[].time", APP_NUMBER, "time", "!", 0, 1e6, offsetof(app_waypoint, time), 0, "when it is reached"},
     POSE("hand[].path[].", offsetof(app_waypoint, pose)),
-    {"hand[].path[].active", APP_FLAG, NULL, "no", 0, 0, offsetof(app_waypoint, active), 0, "cautery pedal, from this waypoint on"},
+    {"hand[].path[].active", APP_FLAG, NULL, "no", 0, 0, offsetof(app_waypoint, active), 0,
+     "cautery pedal, from this waypoint on"},
 };
 
 const app_schema app_scene_schema = {fields, sizeof fields / sizeof fields[0], sizeof(app_scene)};

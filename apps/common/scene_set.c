@@ -51,9 +51,7 @@ static int set_key(reader *r, const char *name, int set) {
     return key;
 }
 
-static int line_of_set(int set) {
-    return -(set + 1);
-}
+static int line_of_set(int set) { return -(set + 1); }
 
 /* The pair of a mapping, null if it has no such key. */
 static yaml_node_pair_t *find_pair(reader *r, yaml_node_t *mapping, const char *name) {

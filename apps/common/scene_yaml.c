@@ -71,8 +71,7 @@ static int edit_distance(const char *a, const char *b) {
     enum { LONGEST = 48 };
     int n = (int)strlen(a), m = (int)strlen(b), row[LONGEST + 1];
     if (n > LONGEST || m > LONGEST) return LONGEST;
-    for (int j = 0; j <= m; ++j)
-        row[j] = j;
+    for (int j = 0; j <= m; ++j) row[j] = j;
     for (int i = 1; i <= n; ++i) {
         int diagonal = row[0];
         row[0] = i;
@@ -497,8 +496,7 @@ int app_scene_load(const char *file, char *const *set, int set_count, const app_
     scene->file = keep(scene, file);
     scene->set_count = set_count;
     scene->set = app_scene_alloc(scene, sizeof *scene->set * (size_t)(set_count + 1));
-    for (int i = 0; i < set_count; ++i)
-        scene->set[i] = keep(scene, set[i]);
+    for (int i = 0; i < set_count; ++i) scene->set[i] = keep(scene, set[i]);
     scene->effect_count = effect_count;
     scene->effect = app_scene_alloc(scene, sizeof *scene->effect * (size_t)(effect_count + 1));
     reader r = {.scene = scene, .schema_count = effect_count + 1};
@@ -512,8 +510,7 @@ int app_scene_load(const char *file, char *const *set, int set_count, const app_
     rc = load_document(&r, stream);
     fclose(stream);
     if (!rc) {
-        for (int i = 0; i < set_count && !rc; ++i)
-            rc = app_scene_apply_set(&r, i);
+        for (int i = 0; i < set_count && !rc; ++i) rc = app_scene_apply_set(&r, i);
         if (!rc) rc = read_mapping(&r, NULL, node_at(&r, 1), 1, "", "", base);
         yaml_document_delete(&r.document);
     }

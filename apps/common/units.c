@@ -58,9 +58,7 @@ static const unit units[] = {
 };
 enum { UNIT_COUNT = sizeof units / sizeof units[0] };
 
-static const char *article(const char *word) {
-    return strchr("aeiou", word[0]) ? "an" : "a";
-}
+static const char *article(const char *word) { return strchr("aeiou", word[0]) ? "an" : "a"; }
 
 /* "Pa, kPa, MPa" */
 static void list_units(const char *dimension, char *out, size_t size) {
@@ -104,8 +102,7 @@ static bool find_unit(const char *text, const char *dimension, double *factor, c
 }
 
 bool app_parse_quantity(const char *text, const char *dimension, double *si, char *why, int why_size) {
-    while (isspace((unsigned char)*text))
-        ++text;
+    while (isspace((unsigned char)*text)) ++text;
     const char *digits = text + strspn(text, "+-");
     char *end = NULL;
     double value = strtod(text, &end);
@@ -123,12 +120,10 @@ bool app_parse_quantity(const char *text, const char *dimension, double *si, cha
         snprintf(why, (size_t)why_size, "'%.60s' is not finite; write a number that a double can hold", text);
         return false;
     }
-    while (isspace((unsigned char)*end))
-        ++end;
+    while (isspace((unsigned char)*end)) ++end;
     char name[32];
     size_t length = strlen(end);
-    while (length && isspace((unsigned char)end[length - 1]))
-        --length;
+    while (length && isspace((unsigned char)end[length - 1])) --length;
     if (length >= sizeof name) length = sizeof name - 1;
     memcpy(name, end, length);
     name[length] = 0;

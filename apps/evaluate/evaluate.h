@@ -1,5 +1,6 @@
-/* tm-evaluate: how far extrapolated forces are from the true ones. A recording is a tool path with the true force at every tick and the samples a
- * simulation of some rate would have sent; replaying it through an extrapolator gives errors. */
+/* tm-evaluate: how far extrapolated forces are from the true ones. A recording is a tool path with the true force at
+ * every tick and the samples a simulation of some rate would have sent; replaying it through an extrapolator gives
+ * errors. */
 #ifndef TM_EVALUATE_H
 #define TM_EVALUATE_H
 
@@ -14,11 +15,12 @@ enum { TICK_US = 2000 };
 /* --- the hand's path --- */
 
 typedef struct path {
-    double entry_m[3];    /* where the tip's sphere touches the surface */
-    double speed_m_s;     /* mean along each stroke */
-    double depth_m;       /* the deepest press; strokes scale with it */
-    double tremor_m;      /* 0: a steady hand; else three incommensurate tones about 9 Hz, RMS about half of this along each axis */
-    bool reversals;       /* short strokes to and fro instead of the surgeon's tour */
+    double entry_m[3]; /* where the tip's sphere touches the surface */
+    double speed_m_s;  /* mean along each stroke */
+    double depth_m;    /* the deepest press; strokes scale with it */
+    double tremor_m; /* 0: a steady hand; else three incommensurate tones about 9 Hz, RMS about half of this along each
+                        axis */
+    bool reversals;  /* short strokes to and fro instead of the surgeon's tour */
 } path;
 
 /* Minimum-jerk strokes: contact made, press, slide, slide across, reverse, pause, deeper, lift off, touch again. */
@@ -31,31 +33,33 @@ void path_tip(const path *p, double time_s, double tip_m[3]);
 
 typedef enum model { MODEL_PRECOMPUTED, MODEL_ISOTROPIC, MODEL_FIBRED, MODEL_CUT, MODEL_HYBRID, MODEL_COUNT } model;
 extern const char *const model_name[MODEL_COUNT];
-/* Opens the model's scene at a frame rate; null, having complained. `settings`: further "path=value", null-terminated or null. */
+/* Opens the model's scene at a frame rate; null, having complained. `settings`: further "path=value", null-terminated
+ * or null. */
 sim *model_open(model m, double rate_Hz, const char *const *settings);
 
 /* --- recordings --- */
 
 typedef struct sampled {
-    hrt_sample sample;    /* t_us = t_n; positions relative to the trocar */
-    int64_t ready_us;     /* end of the frame that made it */
-    hrt_patch *patch;     /* null: none */
+    hrt_sample sample; /* t_us = t_n; positions relative to the trocar */
+    int64_t ready_us;  /* end of the frame that made it */
+    hrt_patch *patch;  /* null: none */
 } sampled;
 
 typedef struct recording {
     char name[64];
     int ticks;
-    float *tip_m;         /* [3*ticks] relative to the trocar, as the encoders say */
-    float *truth_N;       /* [3*ticks] */
+    float *tip_m;   /* [3*ticks] relative to the trocar, as the encoders say */
+    float *truth_N; /* [3*ticks] */
     int samples;
     sampled *sample;
     double frame_s, peak_N;
-    bool interpolated;    /* the truth is the paper's: samples interpolated afterwards */
+    bool interpolated; /* the truth is the paper's: samples interpolated afterwards */
     hrt_params params;
 } recording;
 void recording_free(recording *r);
 
-/* The model run at `rate_Hz` along the path. `encoders`: the tool is seen through encoder counts. Truth from `truth`, or null: to be filled. */
+/* The model run at `rate_Hz` along the path. `encoders`: the tool is seen through encoder counts. Truth from `truth`,
+ * or null: to be filled. */
 int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, recording *out);
 /* Fills ticks, tip and truth of `out` from the model run at 500 Hz. */
 int record_truth(model m, const path *p, bool encoders, recording *out);
@@ -68,7 +72,7 @@ void device_see(const sim *s, const hrt_params *params, const double tip_m[3], b
 
 typedef struct conditions {
     int latency_frames;
-    double jitter;        /* of the frame's end, share of a frame, uniform */
+    double jitter; /* of the frame's end, share of a frame, uniform */
     double loss;
     uint64_t seed;
 } conditions;
@@ -86,7 +90,8 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
 
 /* --- logs --- */
 
-/* Sessions are plain LCM logs: TOOL_0 every tick, FORCE_0 and PATCH_0 every frame, TRUTH_0 (force_sample_t) every tick where the truth is known. */
+/* Sessions are plain LCM logs: TOOL_0 every tick, FORCE_0 and PATCH_0 every frame, TRUTH_0 (force_sample_t) every tick
+ * where the truth is known. */
 int log_write(const char *file, const recording *r, const double trocar_m[3]);
 int log_read(const char *file, recording *out);
 /* Checked and prepared as the controller does it; positions relative to origin_m. False: refused. */
@@ -96,11 +101,11 @@ bool patch_from_message(const tensormass_contact_patch_t *m, const double origin
 
 typedef struct study_run {
     bool quick;
-    bool model[MODEL_COUNT];  /* which can run in this build */
+    bool model[MODEL_COUNT]; /* which can run in this build */
 } study_run;
 
 cJSON *study_roughness(const study_run *r);
-cJSON *study_rates(const study_run *r);       /* rate, speed, latency, jitter, loss, encoders, models, reversals, figure 5 */
+cJSON *study_rates(const study_run *r); /* rate, speed, latency, jitter, loss, encoders, models, reversals, figure 5 */
 cJSON *study_loop(const study_run *r);
 cJSON *errors_json(const errors *e);
 cJSON *add_row(cJSON *rows);

@@ -16,23 +16,33 @@ enum { START_US = 1000000, ENCODED_MAX = 32768 };
 
 /* --- write --- */
 
-#define PUT(log, channel, at_us, type, message)                                                  \
-    do {                                                                                         \
-        static uint8_t buffer[ENCODED_MAX];                                                      \
-        int size = type##_encode(buffer, 0, sizeof buffer, message);                             \
-        put(log, channel, at_us, buffer, size);                                                  \
+#define PUT(log, channel, at_us, type, message)                                                                        \
+    do {                                                                                                               \
+        static uint8_t buffer[ENCODED_MAX];                                                                            \
+        int size = type##_encode(buffer, 0, sizeof buffer, message);                                                   \
+        put(log, channel, at_us, buffer, size);                                                                        \
     } while (0)
 
 static bool failed;
 
 static void put(lcm_eventlog_t *log, const char *channel, int64_t at_us, uint8_t *data, int size) {
-    lcm_eventlog_event_t event = {.timestamp = START_US + at_us, .channellen = (int)strlen(channel), .datalen = size, .channel = (char *)(uintptr_t)channel, .data = data};
+    lcm_eventlog_event_t event = {.timestamp = START_US + at_us,
+                                  .channellen = (int)strlen(channel),
+                                  .datalen = size,
+                                  .channel = (char *)(uintptr_t)channel,
+                                  .data = data};
     if (size < 0 || lcm_eventlog_write_event(log, &event) != 0) failed = true;
 }
 
-static void put_force(lcm_eventlog_t *log, const char *channel, int64_t at_us, const hrt_sample *s, const double trocar[3]) {
-    tensormass_force_sample_t m = {.utime = START_US + at_us, .seq = (int32_t)s->seq, .session = 1, .tool_session = 1, .tool_utime = START_US + s->t_us,
-                                   .stiffness_kind = (int8_t)s->stiffness_kind, .topology_revision = s->topology_revision};
+static void put_force(lcm_eventlog_t *log, const char *channel, int64_t at_us, const hrt_sample *s,
+                      const double trocar[3]) {
+    tensormass_force_sample_t m = {.utime = START_US + at_us,
+                                   .seq = (int32_t)s->seq,
+                                   .session = 1,
+                                   .tool_session = 1,
+                                   .tool_utime = START_US + s->t_us,
+                                   .stiffness_kind = (int8_t)s->stiffness_kind,
+                                   .topology_revision = s->topology_revision};
     for (int i = 0; i < 3; i++) m.tip_m[i] = trocar[i] + (double)s->tip_m[i], m.force_N[i] = (double)s->force_N[i];
     for (int i = 0; i < 9; i++) m.stiffness_N_m[i] = (double)s->stiffness_N_m[i];
     PUT(log, channel, at_us, tensormass_force_sample_t, &m);
@@ -42,7 +52,8 @@ static void put_patch(lcm_eventlog_t *log, const sampled *x, const double trocar
     static tensormass_contact_patch_t m;
     const hrt_patch *p = x->patch;
     memset(&m, 0, sizeof m);
-    m.utime = START_US + x->ready_us, m.seq = (int32_t)x->sample.seq, m.session = 1, m.kind = (int8_t)x->sample.stiffness_kind;
+    m.utime = START_US + x->ready_us, m.seq = (int32_t)x->sample.seq, m.session = 1,
+    m.kind = (int8_t)x->sample.stiffness_kind;
     m.topology_revision = p->topology_revision, m.vertex_count = p->vertex_count, m.triangle_count = p->triangle_count;
     memcpy(m.vertex_m, p->vertex_m, sizeof m.vertex_m);
     memcpy(m.rest_m, p->rest_m, sizeof m.rest_m);
@@ -111,13 +122,15 @@ static void take_tool(reading *g, const tensormass_tool_state_t *m) {
     recording *r = g->r;
     if (!g->started) {
         g->started = true, g->first_us = m->utime;
-        if (!g->origin_known) memcpy(g->origin, m->tip_m, sizeof g->origin); /* no patches then, and any point near by will do */
+        if (!g->origin_known)
+            memcpy(g->origin, m->tip_m, sizeof g->origin); /* no patches then, and any point near by will do */
     }
     /* Ticks lie on a grid of TICK_US; a gap is filled with the last position. */
     int64_t tick = (m->utime - g->first_us) / TICK_US;
     if (tick < 0 || tick > 100000000) return;
     r->tip_m = room(r->tip_m, &g->ticks_room, (int)tick + 1, 3 * sizeof *r->tip_m);
-    for (int64_t k = r->ticks; k < tick; k++) memcpy(r->tip_m + 3 * k, r->tip_m + 3 * (r->ticks - 1), 3 * sizeof *r->tip_m);
+    for (int64_t k = r->ticks; k < tick; k++)
+        memcpy(r->tip_m + 3 * k, r->tip_m + 3 * (r->ticks - 1), 3 * sizeof *r->tip_m);
     for (int i = 0; i < 3; i++) r->tip_m[3 * tick + i] = (float)(m->tip_m[i] - g->origin[i]);
     if (tick + 1 > r->ticks) r->ticks = (int)tick + 1;
 }
@@ -129,7 +142,8 @@ static void take_force(reading *g, const tensormass_force_sample_t *m, int64_t l
     sampled *x = &r->sample[r->samples];
     *x = (sampled){.ready_us = (m->utime > logged_us ? m->utime : logged_us) - g->first_us};
     hrt_sample *s = &x->sample;
-    s->session = s->tool_session = 1, s->t_us = m->tool_utime - g->first_us, s->seq = (uint32_t)m->seq, s->stiffness_kind = m->stiffness_kind;
+    s->session = s->tool_session = 1, s->t_us = m->tool_utime - g->first_us, s->seq = (uint32_t)m->seq,
+    s->stiffness_kind = m->stiffness_kind;
     s->unilateral = true, s->topology_revision = m->topology_revision;
     for (int i = 0; i < 3; i++) s->tip_m[i] = (float)(m->tip_m[i] - g->origin[i]), s->force_N[i] = (float)m->force_N[i];
     for (int i = 0; i < 9; i++) s->stiffness_N_m[i] = (float)m->stiffness_N_m[i];
@@ -152,7 +166,9 @@ static void take_truth(reading *g, const tensormass_force_sample_t *m) {
 
 bool patch_from_message(const tensormass_contact_patch_t *m, const double origin_m[3], hrt_patch *p) {
     static float scratch[HRT_PATCH_COMPLIANCE];
-    if (m->vertex_count < 3 || m->vertex_count > HRT_PATCH_MAX_VERTICES || m->triangle_count < 1 || m->triangle_count > HRT_PATCH_MAX_TRIANGLES) return false;
+    if (m->vertex_count < 3 || m->vertex_count > HRT_PATCH_MAX_VERTICES || m->triangle_count < 1 ||
+        m->triangle_count > HRT_PATCH_MAX_TRIANGLES)
+        return false;
     memset(p, 0, sizeof *p);
     p->seq = (uint32_t)m->seq, p->topology_revision = m->topology_revision;
     p->vertex_count = m->vertex_count, p->triangle_count = m->triangle_count;
@@ -164,7 +180,8 @@ bool patch_from_message(const tensormass_contact_patch_t *m, const double origin
     memcpy(p->face, m->face, sizeof p->face);
     p->force_cap_N = m->force_cap_N;
     memcpy(p->compliance_m_N, m->compliance_m_N, sizeof p->compliance_m_N);
-    p->skin_compliance_m_N = m->skin_compliance_m_N, p->radius_m = m->radius_m, p->contact_length_m = m->contact_length_m;
+    p->skin_compliance_m_N = m->skin_compliance_m_N, p->radius_m = m->radius_m,
+    p->contact_length_m = m->contact_length_m;
     return hrt_patch_prepare(p, scratch) == HRT_ACCEPT;
 }
 
@@ -182,10 +199,14 @@ static void take_event(reading *g, const lcm_eventlog_event_t *e) {
     static tensormass_contact_patch_t patch;
     tensormass_tool_state_t tool;
     tensormass_force_sample_t force;
-    if (!strcmp(e->channel, "TOOL_0") && tensormass_tool_state_t_decode(e->data, 0, e->datalen, &tool) >= 0) take_tool(g, &tool);
-    if (!strcmp(e->channel, "PATCH_0") && tensormass_contact_patch_t_decode(e->data, 0, e->datalen, &patch) >= 0) take_patch(g, &patch);
-    if (!strcmp(e->channel, "FORCE_0") && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0) take_force(g, &force, e->timestamp);
-    if (!strcmp(e->channel, "TRUTH_0") && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0) take_truth(g, &force);
+    if (!strcmp(e->channel, "TOOL_0") && tensormass_tool_state_t_decode(e->data, 0, e->datalen, &tool) >= 0)
+        take_tool(g, &tool);
+    if (!strcmp(e->channel, "PATCH_0") && tensormass_contact_patch_t_decode(e->data, 0, e->datalen, &patch) >= 0)
+        take_patch(g, &patch);
+    if (!strcmp(e->channel, "FORCE_0") && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0)
+        take_force(g, &force, e->timestamp);
+    if (!strcmp(e->channel, "TRUTH_0") && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0)
+        take_truth(g, &force);
 }
 
 /* The truth of the log, or the paper's. */
@@ -193,7 +214,9 @@ static void finish(reading *g) {
     recording *r = g->r;
     r->truth_N = calloc(3 * (size_t)r->ticks, sizeof *r->truth_N);
     if (!r->truth_N) abort();
-    r->frame_s = r->samples > 1 ? 1e-6 * (double)(r->sample[r->samples - 1].sample.t_us - r->sample[0].sample.t_us) / (r->samples - 1) : 0;
+    r->frame_s = r->samples > 1 ? 1e-6 * (double)(r->sample[r->samples - 1].sample.t_us - r->sample[0].sample.t_us) /
+                                      (r->samples - 1)
+                                : 0;
     if (g->truths < r->ticks) {
         truth_by_interpolation(r);
         return;
@@ -208,7 +231,8 @@ static void finish(reading *g) {
 /* The trocar stands in the first patch, or in the simulation's status. */
 static void find_trocar(reading *g, lcm_eventlog_t *log) {
     static tensormass_contact_patch_t patch;
-    for (lcm_eventlog_event_t *e; !g->origin_known && (e = lcm_eventlog_read_next_event(log)); lcm_eventlog_free_event(e)) {
+    for (lcm_eventlog_event_t *e; !g->origin_known && (e = lcm_eventlog_read_next_event(log));
+         lcm_eventlog_free_event(e)) {
         tensormass_sim_status_t status;
         if (!strcmp(e->channel, "PATCH_0") && tensormass_contact_patch_t_decode(e->data, 0, e->datalen, &patch) >= 0) {
             memcpy(g->origin, patch.trocar_m, sizeof g->origin);
@@ -228,17 +252,21 @@ int log_read(const char *file, recording *out) {
     hrt_params_default(&out->params);
     snprintf(out->name, sizeof out->name, "%s", file);
     lcm_eventlog_t *log = lcm_eventlog_create(file, "r");
-    if (!log) return app_bad_input(file, 0, "cannot be read; name an LCM log, as tm-sim --record or lcm-logger writes it");
+    if (!log)
+        return app_bad_input(file, 0, "cannot be read; name an LCM log, as tm-sim --record or lcm-logger writes it");
     find_trocar(&g, log);
     lcm_eventlog_destroy(log);
     log = lcm_eventlog_create(file, "r");
     if (!log) return app_bad_input(file, 0, "was there a moment ago; leave it in place while it is read");
-    for (lcm_eventlog_event_t *e; (e = lcm_eventlog_read_next_event(log)); lcm_eventlog_free_event(e)) take_event(&g, e);
+    for (lcm_eventlog_event_t *e; (e = lcm_eventlog_read_next_event(log)); lcm_eventlog_free_event(e))
+        take_event(&g, e);
     lcm_eventlog_destroy(log);
     free(g.pending);
     int rc = 0;
     if (out->ticks < 2 || out->samples < 2)
-        rc = app_bad_input(file, 0, "holds %d TOOL_0 and %d FORCE_0 messages with a controller's time; record a session with both", out->ticks, out->samples);
+        rc = app_bad_input(
+            file, 0, "holds %d TOOL_0 and %d FORCE_0 messages with a controller's time; record a session with both",
+            out->ticks, out->samples);
     else
         finish(&g);
     free(g.truth);

@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "app.h"
-#include "json_file.h"
 #include "bandwidth.h"
 #include "evaluate.h"
+#include "json_file.h"
 
 void progress(const char *what, double fraction) { app_progress(what, fraction, false); }
 
@@ -45,14 +45,16 @@ static int evaluate_logs(char **log, int count, const conditions *c, const char 
         cJSON_AddNumberToObject(one, "samples", r.samples);
         cJSON_AddNumberToObject(one, "peak_N", r.peak_N);
         rows = cJSON_AddArrayToObject(one, "rows");
-        printf("%s: %d samples over %.1f s, peak %.3g N, truth %s\n%-16s %9s %9s %9s %9s\n", log[i], r.samples, 1e-6 * TICK_US * r.ticks, r.peak_N,
-               r.interpolated ? "interpolated afterwards" : "recorded at 500 Hz", "extrapolator", "RMS %", "peak %", "jump %", "angle deg");
+        printf("%s: %d samples over %.1f s, peak %.3g N, truth %s\n%-16s %9s %9s %9s %9s\n", log[i], r.samples,
+               1e-6 * TICK_US * r.ticks, r.peak_N, r.interpolated ? "interpolated afterwards" : "recorded at 500 Hz",
+               "extrapolator", "RMS %", "peak %", "jump %", "angle deg");
         for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
             errors e = replay(&r, (hrt_extrapolator)x, c, NULL);
             cJSON *row = errors_json(&e);
             cJSON_AddItemToArray(rows, row);
             cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)x));
-            printf("%-16s %9.3f %9.2f %9.2f %9.2f\n", hrt_extrapolator_name((hrt_extrapolator)x), 100 * e.rms, 100 * e.peak, 100 * e.jump_p99, 57.29578 * e.direction_rad);
+            printf("%-16s %9.3f %9.2f %9.2f %9.2f\n", hrt_extrapolator_name((hrt_extrapolator)x), 100 * e.rms,
+                   100 * e.peak, 100 * e.jump_p99, 57.29578 * e.direction_rad);
         }
         recording_free(&r);
     }
@@ -99,14 +101,18 @@ static int generate_one(const char *folder, model m, bool reversals) {
 static int generate(const char *folder, const study_run *run) {
     int rc = 0;
     for (int m = 0; m < MODEL_COUNT && !rc; m++)
-        for (int reversals = 0; reversals < 2 && run->model[m] && !rc; reversals++) rc = generate_one(folder, (model)m, reversals != 0);
+        for (int reversals = 0; reversals < 2 && run->model[m] && !rc; reversals++)
+            rc = generate_one(folder, (model)m, reversals != 0);
     return rc;
 }
 
 int main(int argc, char **argv) {
-    static const struct option options[] = {{"study", no_argument, NULL, 's'}, {"generate", required_argument, NULL, 'g'}, {"json", required_argument, NULL, 'j'},
-                                            {"quick", no_argument, NULL, 'q'}, {"model", required_argument, NULL, 'm'}, {"latency", required_argument, NULL, 'l'},
-                                            {"loss", required_argument, NULL, 'o'}, {"help", no_argument, NULL, 'h'}, {"version", no_argument, NULL, 'v'}, {0}};
+    static const struct option options[] = {
+        {"study", no_argument, NULL, 's'},       {"generate", required_argument, NULL, 'g'},
+        {"json", required_argument, NULL, 'j'},  {"quick", no_argument, NULL, 'q'},
+        {"model", required_argument, NULL, 'm'}, {"latency", required_argument, NULL, 'l'},
+        {"loss", required_argument, NULL, 'o'},  {"help", no_argument, NULL, 'h'},
+        {"version", no_argument, NULL, 'v'},     {0}};
     const char *json = NULL, *folder = NULL;
     study_run run = {0};
     conditions c = {.seed = 1};
@@ -127,20 +133,27 @@ int main(int argc, char **argv) {
             break;
         case 'l':
             c.latency_frames = (int)strtol(optarg, &rest, 10);
-            if (*rest || rest == optarg || c.latency_frames < 0 || c.latency_frames > 100) return app_bad_input("tm-evaluate", 0, "--latency %s: give a whole number of frames from 0 to 100", optarg);
+            if (*rest || rest == optarg || c.latency_frames < 0 || c.latency_frames > 100)
+                return app_bad_input("tm-evaluate", 0, "--latency %s: give a whole number of frames from 0 to 100",
+                                     optarg);
             break;
         case 'o':
             c.loss = strtod(optarg, &rest);
-            if (*rest || rest == optarg || !(c.loss >= 0 && c.loss < 1)) return app_bad_input("tm-evaluate", 0, "--loss %s: give a share from 0 to below 1", optarg);
+            if (*rest || rest == optarg || !(c.loss >= 0 && c.loss < 1))
+                return app_bad_input("tm-evaluate", 0, "--loss %s: give a share from 0 to below 1", optarg);
             break;
         case 'h': usage(stdout); return APP_DONE;
         case 'v': printf("tm-evaluate %s\n", tm_version()); return APP_DONE;
-        default: return app_bad_input("tm-evaluate", 0, "%s: unknown or incomplete option; see tm-evaluate --help", argv[optind - 1]);
+        default:
+            return app_bad_input("tm-evaluate", 0, "%s: unknown or incomplete option; see tm-evaluate --help",
+                                 argv[optind - 1]);
         }
     }
     for (int m = 0; m < MODEL_COUNT; m++) run.model[m] = run.model[m] || all;
-    if (studying + (folder != NULL) + (optind < argc) != 1) return app_bad_input("tm-evaluate", 0, "name logs, or --study, or --generate DIR; see tm-evaluate --help");
-    if (studying && !json) return app_bad_input("tm-evaluate", 0, "--study wants --json FILE; say where the figures go");
+    if (studying + (folder != NULL) + (optind < argc) != 1)
+        return app_bad_input("tm-evaluate", 0, "name logs, or --study, or --generate DIR; see tm-evaluate --help");
+    if (studying && !json)
+        return app_bad_input("tm-evaluate", 0, "--study wants --json FILE; say where the figures go");
     if (studying) return study(&run, json);
     if (folder) return generate(folder, &run);
     return evaluate_logs(argv + optind, argc - optind, &c, json);

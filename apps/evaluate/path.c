@@ -4,10 +4,13 @@
 
 #include "evaluate.h"
 
-/* Millimetres from the touching point: along the surface x, y; into the tissue z (negative: in the air); a stroke of zero length is a pause. */
-static const double tour[][3] = {{0, 0, -3}, {0, 0, 3},  {6, 0, 3},   {6, 0, 3},  {2, 3, 3},  {-4, 3, 5}, {-4, 3, 5}, {-4, -3, 4},
-                                 {3, -4, 4}, {3, -4, 2}, {3, -4, -2}, {1, -1, -2}, {1, -1, 4}, {-3, 2, 2}, {0, 0, -3}};
-static const double to_and_fro[][3] = {{0, 0, -3}, {0, 0, 3}, {0, 0, 1}, {0, 0, 4}, {0, 0, 2}, {3, 0, 3}, {-3, 0, 3}, {2, 2, 3}, {-2, -2, 4}, {0, 0, 1}, {0, 0, 4}, {0, 0, -3}};
+/* Millimetres from the touching point: along the surface x, y; into the tissue z (negative: in the air); a stroke of
+ * zero length is a pause. */
+static const double tour[][3] = {{0, 0, -3},  {0, 0, 3},   {6, 0, 3},   {6, 0, 3},  {2, 3, 3},
+                                 {-4, 3, 5},  {-4, 3, 5},  {-4, -3, 4}, {3, -4, 4}, {3, -4, 2},
+                                 {3, -4, -2}, {1, -1, -2}, {1, -1, 4},  {-3, 2, 2}, {0, 0, -3}};
+static const double to_and_fro[][3] = {{0, 0, -3}, {0, 0, 3}, {0, 0, 1},   {0, 0, 4}, {0, 0, 2}, {3, 0, 3},
+                                       {-3, 0, 3}, {2, 2, 3}, {-2, -2, 4}, {0, 0, 1}, {0, 0, 4}, {0, 0, -3}};
 enum { TOUR = sizeof tour / sizeof *tour, TO_AND_FRO = sizeof to_and_fro / sizeof *to_and_fro };
 static const double PAUSE_S = 0.4, DEEPEST_MM = 5;
 
@@ -19,7 +22,8 @@ typedef struct stroke {
 static stroke strokes(const path *p) { return p->reversals ? (stroke){to_and_fro, TO_AND_FRO} : (stroke){tour, TOUR}; }
 
 static double leg_s(const path *p, const double *a, const double *b) {
-    double d = sqrt((b[0] - a[0]) * (b[0] - a[0]) + (b[1] - a[1]) * (b[1] - a[1]) + (b[2] - a[2]) * (b[2] - a[2])) * p->depth_m / DEEPEST_MM;
+    double d = sqrt((b[0] - a[0]) * (b[0] - a[0]) + (b[1] - a[1]) * (b[1] - a[1]) + (b[2] - a[2]) * (b[2] - a[2])) *
+               p->depth_m / DEEPEST_MM;
     return d > 0 ? d / p->speed_m_s : PAUSE_S;
 }
 
@@ -30,7 +34,9 @@ double path_length_s(const path *p) {
     return sum;
 }
 
-path path_make(double speed_m_s, double tremor_m) { return (path){.speed_m_s = speed_m_s, .depth_m = 0.005, .tremor_m = tremor_m}; }
+path path_make(double speed_m_s, double tremor_m) {
+    return (path){.speed_m_s = speed_m_s, .depth_m = 0.005, .tremor_m = tremor_m};
+}
 path path_reversals(double speed_m_s, double tremor_m) {
     return (path){.speed_m_s = speed_m_s, .depth_m = 0.005, .tremor_m = tremor_m, .reversals = true};
 }

@@ -1,4 +1,5 @@
-/* Recordings: a model driven along a path, open loop, at some frame rate; the truth is the same model at 500 frames a second. */
+/* Recordings: a model driven along a path, open loop, at some frame rate; the truth is the same model at 500 frames a
+ * second. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -18,7 +19,8 @@ static void cut_slit(sim *s) {
         double centre[3] = {0};
         for (int k = 0; k < 12; k++) centre[k % 3] += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k / 3] + k % 3];
         double across = centre[0] - trocar[0], along = fabs(centre[1] - trocar[1]);
-        if (across > 0.006 && across < 0.010 && along < 0.014 && centre[2] > top - 0.010) tm_cut_remove(s->tissue, &t, 1, NULL, 0);
+        if (across > 0.006 && across < 0.010 && along < 0.014 && centre[2] > top - 0.010)
+            tm_cut_remove(s->tissue, &t, 1, NULL, 0);
     }
 }
 
@@ -44,7 +46,8 @@ void device_see(const sim *s, const hrt_params *params, const double tip_m[3], b
     float joint[HRT_JOINTS] = {0};
     for (int i = 0; i < 9; i++) frame.r[i] = (float)s->axes[0][i];
     if (!hrt_inverse(&frame, relative, joint)) return;
-    for (int j = 0; j < HRT_MOTORS; j++) joint[j] = roundf(joint[j] * params->counts_per_unit[j]) / params->counts_per_unit[j];
+    for (int j = 0; j < HRT_MOTORS; j++)
+        joint[j] = roundf(joint[j] * params->counts_per_unit[j]) / params->counts_per_unit[j];
     hrt_tip(&frame, joint, seen_m);
 }
 
@@ -132,7 +135,8 @@ int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, 
 }
 
 int record_truth(model m, const path *p, bool encoders, recording *out) {
-    static const char *const last_alone[] = {"time.average=0", "haptics.sends=force", "haptics.extrapolator=hold", NULL};
+    static const char *const last_alone[] = {"time.average=0", "haptics.sends=force", "haptics.extrapolator=hold",
+                                             NULL};
     sim *s = model_open(m, 1e6 / TICK_US, last_alone);
     if (!s) return APP_FAILED;
     path q = placed(p, s);
@@ -167,7 +171,8 @@ void truth_by_interpolation(recording *r) {
         int64_t t = (int64_t)k * TICK_US;
         while (n + 1 < r->samples && r->sample[n + 1].sample.t_us <= t) n++;
         const hrt_sample *a = &r->sample[n].sample, *b = &r->sample[n + 1 < r->samples ? n + 1 : n].sample;
-        double share = b->t_us > a->t_us ? fmin(fmax((double)(t - a->t_us) / (double)(b->t_us - a->t_us), 0), 1) : 0, size = 0;
+        double share = b->t_us > a->t_us ? fmin(fmax((double)(t - a->t_us) / (double)(b->t_us - a->t_us), 0), 1) : 0,
+               size = 0;
         for (int i = 0; i < 3; i++) {
             double f = (1 - share) * (double)a->force_N[i] + share * (double)b->force_N[i];
             r->truth_N[3 * k + i] = (float)f;

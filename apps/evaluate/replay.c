@@ -43,7 +43,9 @@ typedef struct sums {
     errors e;
 } sums;
 
-static double length3(const float v[3]) { return sqrt((double)v[0] * v[0] + (double)v[1] * v[1] + (double)v[2] * v[2]); }
+static double length3(const float v[3]) {
+    return sqrt((double)v[0] * v[0] + (double)v[1] * v[1] + (double)v[2] * v[2]);
+}
 
 static void judge(sums *s, const recording *r, int tick, const float force[3], uint32_t limits) {
     const float *truth = r->truth_N + 3 * tick;
@@ -54,7 +56,8 @@ static void judge(sums *s, const recording *r, int tick, const float force[3], u
     s->e.over_limit = fmax(s->e.over_limit, size / (double)r->params.force_max_N);
     if (size_true > 0) s->in_contact++, s->off_patch += (limits & HRT_LIMIT_PATCH) != 0;
     if (size_true > 0.1 * r->peak_N && size > 0) {
-        double cosine = ((double)force[0] * truth[0] + (double)force[1] * truth[1] + (double)force[2] * truth[2]) / (size * size_true);
+        double cosine = ((double)force[0] * truth[0] + (double)force[1] * truth[1] + (double)force[2] * truth[2]) /
+                        (size * size_true);
         double angle = acos(fmin(fmax(cosine, -1), 1));
         s->angle2 += angle * angle, s->angled++;
     }

@@ -1,9 +1,11 @@
-/* The closed loop: device, hand, controller and a delayed simulation of a soft surface. For each extrapolator and rate, the stiffest contact whose
- * oscillation dies out: after a step of 1 mm in the hand's wish the insertion stays within one encoder count.
+/* The closed loop: device, hand, controller and a delayed simulation of a soft surface. For each extrapolator and rate,
+ * the stiffest contact whose oscillation dies out: after a step of 1 mm in the hand's wish the insertion stays within
+ * one encoder count.
  *
- * The surface is a patch with an exponential compliance kernel, solved at the samples as `contact` solves it at the ticks. Stated conditions: no Coulomb
- * friction, coupling off, force, slew and stiffness limits out of the way (a case with a limit active is not counted as stable), the same
- * device and hand for all. Theory, for a hold: b > K (T/2 + delay), b the damping of device and hand together (Diolaiti et al. 2006; Colgate 1997). */
+ * The surface is a patch with an exponential compliance kernel, solved at the samples as `contact` solves it at the
+ * ticks. Stated conditions: no Coulomb friction, coupling off, force, slew and stiffness limits out of the way (a case
+ * with a limit active is not counted as stable), the same device and hand for all. Theory, for a hold: b > K (T/2 +
+ * delay), b the damping of device and hand together (Diolaiti et al. 2006; Colgate 1997). */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,18 +16,24 @@
 #include "io/node.h"
 
 enum { COLUMNS = 5, ROWS = 4, VERTICES = COLUMNS * ROWS, MAX_LINE = 8 };
-static const double SPACING_M = 0.005, KERNEL_M = 0.008, RADIUS_M = 0.0035, SURFACE_M = 0.12, PRESS_M = 0.002, SECONDS = 6, STEP_AT_S = 3;
+static const double SPACING_M = 0.005, KERNEL_M = 0.008, RADIUS_M = 0.0035, SURFACE_M = 0.12, PRESS_M = 0.002,
+                    SECONDS = 6, STEP_AT_S = 3;
 
-/* A flat patch, prepared as a received one, below the tool: surface at insertion SURFACE_M, outward normal towards the trocar. */
+/* A flat patch, prepared as a received one, below the tool: surface at insertion SURFACE_M, outward normal towards the
+ * trocar. */
 static void make_patch(hrt_patch *p, double compliance_m_N) {
-    *p = (hrt_patch){.vertex_count = VERTICES, .radius_m = (float)RADIUS_M, .contact_length_m = 0.05f, .skin_compliance_m_N = (float)(0.05 * compliance_m_N)};
+    *p = (hrt_patch){.vertex_count = VERTICES,
+                     .radius_m = (float)RADIUS_M,
+                     .contact_length_m = 0.05f,
+                     .skin_compliance_m_N = (float)(0.05 * compliance_m_N)};
     for (int i = 0; i < VERTICES; i++) {
         p->vertex_m[3 * i] = (float)(SPACING_M * (i % COLUMNS - 1.9));
         p->vertex_m[3 * i + 1] = (float)(SPACING_M * (i / COLUMNS - 1.4));
         p->vertex_m[3 * i + 2] = (float)SURFACE_M;
     }
     for (int c = 0; c < (COLUMNS - 1) * (ROWS - 1); c++) {
-        uint8_t a = (uint8_t)(c % (COLUMNS - 1) + COLUMNS * (c / (COLUMNS - 1))), b = (uint8_t)(a + 1), d = (uint8_t)(a + COLUMNS), e = (uint8_t)(d + 1);
+        uint8_t a = (uint8_t)(c % (COLUMNS - 1) + COLUMNS * (c / (COLUMNS - 1))), b = (uint8_t)(a + 1),
+                d = (uint8_t)(a + COLUMNS), e = (uint8_t)(d + 1);
         uint8_t t[6] = {a, d, b, b, d, e}; /* counter-clockwise seen from the trocar, that is from smaller z */
         memcpy(p->triangle + 6 * p->triangle_count / 2, t, sizeof t);
         p->triangle_count += 2;
@@ -73,7 +81,10 @@ typedef struct loop_result {
     double last_swing_m;
 } loop_result;
 
-typedef struct waiting { int64_t due_us; hrt_force_sample sample; } waiting;
+typedef struct waiting {
+    int64_t due_us;
+    hrt_force_sample sample;
+} waiting;
 
 typedef struct loop {
     hrt_loopback bus;
@@ -108,9 +119,17 @@ static void set_up(loop *l, const loop_case *c, double compliance) {
 static void post(loop *l, const waiting *w) {
     static const double origin[3] = {0, 0, 0};
     l->posted = l->patch;
-    hrt_patch_message m = {.session = 1, .seq = w->sample.seq, .vertex_count = VERTICES, .triangle_count = l->patch.triangle_count, .vertex_m = l->patch.vertex_m,
-                           .origin_m = origin, .triangle = (const int8_t *)l->patch.triangle, .compliance_m_N = l->patch.compliance_m_N,
-                           .skin_compliance_m_N = l->patch.skin_compliance_m_N, .radius_m = l->patch.radius_m, .contact_length_m = l->patch.contact_length_m};
+    hrt_patch_message m = {.session = 1,
+                           .seq = w->sample.seq,
+                           .vertex_count = VERTICES,
+                           .triangle_count = l->patch.triangle_count,
+                           .vertex_m = l->patch.vertex_m,
+                           .origin_m = origin,
+                           .triangle = (const int8_t *)l->patch.triangle,
+                           .compliance_m_N = l->patch.compliance_m_N,
+                           .skin_compliance_m_N = l->patch.skin_compliance_m_N,
+                           .radius_m = l->patch.radius_m,
+                           .contact_length_m = l->patch.contact_length_m};
     if (l->node.config.extrapolator == HRT_CONTACT) hrt_node_post_patch(&l->node, &m);
     hrt_node_post_sample(&l->node, &w->sample);
 }
@@ -118,12 +137,18 @@ static void post(loop *l, const waiting *w) {
 /* Samples the tool now; the line holds it back. */
 static void simulate(loop *l, const loop_case *c, int64_t now_us, int64_t frame_us, const hrt_tool_state *tool) {
     waiting w = {.due_us = now_us + c->delay_frames * frame_us};
-    w.sample = (hrt_force_sample){.utime = now_us, .session = 1, .tool_session = tool->session, .tool_utime = tool->utime, .seq = l->seq++, .stiffness_kind = 2};
+    w.sample = (hrt_force_sample){.utime = now_us,
+                                  .session = 1,
+                                  .tool_session = tool->session,
+                                  .tool_utime = tool->utime,
+                                  .seq = l->seq++,
+                                  .stiffness_kind = 2};
     float tip[3], force[3];
     for (int i = 0; i < 3; i++) w.sample.tip_m[i] = tool->tip_m[i], tip[i] = (float)tool->tip_m[i];
     surface_force(&l->patch, &l->node.config.params, tip, force);
     for (int i = 0; i < 3; i++) w.sample.force_N[i] = (double)force[i];
-    if (c->which == HRT_TANGENT || c->which == HRT_CONTACT) surface_stiffness(&l->patch, &l->node.config.params, tip, w.sample.stiffness_N_m);
+    if (c->which == HRT_TANGENT || c->which == HRT_CONTACT)
+        surface_stiffness(&l->patch, &l->node.config.params, tip, w.sample.stiffness_N_m);
     if (c->delay_frames == 0)
         post(l, &w);
     else if (l->waiting_count < MAX_LINE)
@@ -146,7 +171,8 @@ static loop_result run_loop(const loop_case *c, double compliance) {
     int64_t frame_us = llround(1e6 / c->rate_Hz), next_frame = 0, end = (int64_t)(SECONDS * 1e6);
     for (int64_t t = 0; t < end; t += TICK_US) {
         int64_t now = 1000000 + t;
-        double s = 1e-6 * (double)t, joint[HRT_JOINTS] = {0, 0, SURFACE_M - RADIUS_M + PRESS_M + (s > STEP_AT_S ? 0.001 : 0), 0, 0};
+        double s = 1e-6 * (double)t,
+               joint[HRT_JOINTS] = {0, 0, SURFACE_M - RADIUS_M + PRESS_M + (s > STEP_AT_S ? 0.001 : 0), 0, 0};
         hrt_device_hand(&l.device, joint, false);
         hrt_device_step(&l.device, now);
         deliver(&l, now);
@@ -156,15 +182,19 @@ static loop_result run_loop(const loop_case *c, double compliance) {
             next_frame += frame_us;
         }
         r.engaged |= l.node.output.state == HRT_ENGAGED;
-        if (s > STEP_AT_S - 1) r.limited |= (l.node.output.limits & (HRT_LIMIT_FORCE | HRT_LIMIT_AXIS | HRT_LIMIT_SLEW | HRT_LIMIT_POWER)) != 0;
-        if (s > SECONDS - 1) low = fmin(low, l.device.joint[HRT_INSERTION]), high = fmax(high, l.device.joint[HRT_INSERTION]);
+        if (s > STEP_AT_S - 1)
+            r.limited |=
+                (l.node.output.limits & (HRT_LIMIT_FORCE | HRT_LIMIT_AXIS | HRT_LIMIT_SLEW | HRT_LIMIT_POWER)) != 0;
+        if (s > SECONDS - 1)
+            low = fmin(low, l.device.joint[HRT_INSERTION]), high = fmax(high, l.device.joint[HRT_INSERTION]);
     }
     float tip[3] = {0, 0, (float)l.device.joint[HRT_INSERTION]};
     double K[9];
     surface_stiffness(&l.patch, &l.node.config.params, tip, K);
     r.stiffness_N_m = -K[8];
     r.last_swing_m = high - low;
-    r.settled = r.engaged && l.node.output.state == HRT_ENGAGED && !r.limited && r.last_swing_m <= 1 / (double)l.node.config.params.counts_per_unit[HRT_INSERTION];
+    r.settled = r.engaged && l.node.output.state == HRT_ENGAGED && !r.limited &&
+                r.last_swing_m <= 1 / (double)l.node.config.params.counts_per_unit[HRT_INSERTION];
     return r;
 }
 
@@ -179,15 +209,19 @@ static loop_result largest(const loop_case *c, bool quick, bool *beyond) {
             return best;
         }
         loop_result r = run_loop(c, compliance);
-        if (r.settled) best = r, good = compliance;
-        else bad = compliance;
+        if (r.settled)
+            best = r, good = compliance;
+        else
+            bad = compliance;
     }
     if (!(good > 0)) return best;
     for (int i = 0; i < (quick ? 2 : 3); i++) {
         double middle = sqrt(good * bad);
         loop_result r = run_loop(c, middle);
-        if (r.settled) best = r, good = middle;
-        else bad = middle;
+        if (r.settled)
+            best = r, good = middle;
+        else
+            bad = middle;
     }
     return best;
 }
@@ -205,7 +239,8 @@ cJSON *study_loop(const study_run *run) {
                 for (int passivity = 0; passivity < 2; passivity++) {
                     loop_case c = {(hrt_extrapolator)x, rates[k], delay, passivity != 0};
                     bool beyond;
-                    progress("closed loop", ((k * HRT_EXTRAPOLATOR_COUNT + x) * 4 + 2 * delay + passivity) / (4.0 * count * HRT_EXTRAPOLATOR_COUNT));
+                    progress("closed loop", ((k * HRT_EXTRAPOLATOR_COUNT + x) * 4 + 2 * delay + passivity) /
+                                                (4.0 * count * HRT_EXTRAPOLATOR_COUNT));
                     loop_result r = largest(&c, run->quick, &beyond);
                     cJSON *row = add_row(rows);
                     cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name(c.which));

@@ -62,20 +62,28 @@ static const conditions ideal = {.seed = 1};
 static int one_speed(const study_run *run, model m, double speed, double tremor, bool reversals, cJSON *rows) {
     path p = reversals ? path_reversals(speed, tremor) : path_make(speed, tremor);
     recording truth = {0}, r = {0};
-    setting s = {.model = model_name[m], .path = reversals ? "reversals" : "tour", .speed = speed, .tremor = tremor, .encoders = true};
+    setting s = {.model = model_name[m],
+                 .path = reversals ? "reversals" : "tour",
+                 .speed = speed,
+                 .tremor = tremor,
+                 .encoders = true};
     if (record_truth(m, &p, true, &truth)) return APP_FAILED;
     bool main_speed = fabs(speed - 0.01) < 1e-9 && !reversals;
     int rc = 0;
     for (int i = 0; i < RATES && !rc; i++) {
         bool twenty = fabs(rates[i] - 20) < 1e-9;
-        if (!twenty && (!main_speed || m == MODEL_HYBRID /* a hundred times dearer than the others */ || (run->quick && fabs(rates[i] - 10) > 1e-9 && fabs(rates[i] - 50) > 1e-9))) continue;
+        if (!twenty && (!main_speed || m == MODEL_HYBRID /* a hundred times dearer than the others */ ||
+                        (run->quick && fabs(rates[i] - 10) > 1e-9 && fabs(rates[i] - 50) > 1e-9)))
+            continue;
         rc = sampled_at(m, &p, rates[i], true, &truth, &r);
         if (rc) break;
         s.rate = rates[i];
         add_errors(rows, &r, &s, &ideal, "model");
-        for (int late = 1; late <= 3 && (twenty || main_speed); late++) add_errors(rows, &r, &s, &(conditions){.latency_frames = late, .seed = 1}, "model");
+        for (int late = 1; late <= 3 && (twenty || main_speed); late++)
+            add_errors(rows, &r, &s, &(conditions){.latency_frames = late, .seed = 1}, "model");
         if (twenty && main_speed) {
-            for (int k = 1; k <= 3; k++) add_errors(rows, &r, &s, &(conditions){.jitter = 0.25 * k, .seed = 2}, "model");
+            for (int k = 1; k <= 3; k++)
+                add_errors(rows, &r, &s, &(conditions){.jitter = 0.25 * k, .seed = 2}, "model");
             for (int k = 1; k <= 3; k++) add_errors(rows, &r, &s, &(conditions){.loss = 0.1 * k, .seed = 3}, "model");
         }
         if (twenty) {
@@ -92,7 +100,8 @@ static int one_speed(const study_run *run, model m, double speed, double tremor,
 static int without_encoders(model m, cJSON *rows) {
     path p = path_make(0.01, TREMOR_M);
     recording truth = {0}, r = {0};
-    setting s = {.model = model_name[m], .path = "tour", .speed = 0.01, .tremor = TREMOR_M, .rate = 20, .encoders = false};
+    setting s = {
+        .model = model_name[m], .path = "tour", .speed = 0.01, .tremor = TREMOR_M, .rate = 20, .encoders = false};
     int rc = record_truth(m, &p, false, &truth);
     if (!rc) rc = sampled_at(m, &p, 20, false, &truth, &r);
     if (!rc) add_errors(rows, &r, &s, &ideal, "model");
@@ -109,8 +118,10 @@ static int figure5(model m, cJSON *out) {
     if (!rc) rc = sampled_at(m, &p, 20, true, &truth, &r);
     float *force = rc ? NULL : malloc(3 * (size_t)r.ticks * sizeof *force);
     if (force) {
-        cJSON *samples = cJSON_AddArrayToObject(out, "samples"), *line = cJSON_AddArrayToObject(out, "truth"), *series = cJSON_AddObjectToObject(out, "extrapolators");
-        for (int i = 0; i < r.samples; i++) cJSON_AddItemToArray(samples, cJSON_CreateFloatArray(r.sample[i].sample.force_N, 3));
+        cJSON *samples = cJSON_AddArrayToObject(out, "samples"), *line = cJSON_AddArrayToObject(out, "truth"),
+              *series = cJSON_AddObjectToObject(out, "extrapolators");
+        for (int i = 0; i < r.samples; i++)
+            cJSON_AddItemToArray(samples, cJSON_CreateFloatArray(r.sample[i].sample.force_N, 3));
         for (int k = 0; k < r.ticks; k += 2) cJSON_AddItemToArray(line, cJSON_CreateFloatArray(r.truth_N + 3 * k, 3));
         for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
             replay(&r, (hrt_extrapolator)x, &ideal, force);
@@ -127,7 +138,8 @@ static int figure5(model m, cJSON *out) {
 }
 
 cJSON *study_rates(const study_run *run) {
-    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows"), *figure = cJSON_AddObjectToObject(out, "figure5");
+    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows"),
+          *figure = cJSON_AddObjectToObject(out, "figure5");
     int rc = 0;
     bool drawn = false;
     for (int m = 0; m < MODEL_COUNT && !rc; m++) {
@@ -138,7 +150,8 @@ cJSON *study_rates(const study_run *run) {
             if (m == MODEL_HYBRID && fabs(speeds[i] - 0.01) > 1e-9) continue;
             progress(model_name[m], (double)i / SPEEDS);
             rc = one_speed(run, (model)m, speeds[i], TREMOR_M, false, rows);
-            if (!rc && fabs(speeds[i] - 0.01) < 1e-9 && m != MODEL_HYBRID) rc = one_speed(run, (model)m, speeds[i], 0, false, rows);
+            if (!rc && fabs(speeds[i] - 0.01) < 1e-9 && m != MODEL_HYBRID)
+                rc = one_speed(run, (model)m, speeds[i], 0, false, rows);
         }
         if (m == MODEL_HYBRID) continue;
         if (!rc) rc = one_speed(run, (model)m, 0.05, 0, true, rows);

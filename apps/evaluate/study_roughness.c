@@ -1,4 +1,5 @@
-/* The force itself, before any extrapolation: its second difference from tick to tick at 500 frames a second, from shallow to deep. */
+/* The force itself, before any extrapolation: its second difference from tick to tick at 500 frames a second, from
+ * shallow to deep. */
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>

@@ -52,16 +52,13 @@ static edge longest_edge(const mesh *m, int tet) {
         for (int j = 0; j < i; j++) {
             edge e = {v[i] < v[j] ? v[i] : v[j], v[i] < v[j] ? v[j] : v[i], 0};
             const double *p = m->vertex + 3 * (size_t)e.a, *q = m->vertex + 3 * (size_t)e.b;
-            for (int k = 0; k < 3; k++)
-                e.square += (p[k] - q[k]) * (p[k] - q[k]);
+            for (int k = 0; k < 3; k++) e.square += (p[k] - q[k]) * (p[k] - q[k]);
             if (best.a < 0 || longer(&e, &best)) best = e;
         }
     return best;
 }
 
-double longest_edge_m(const mesh *m, int tet) {
-    return sqrt(longest_edge(m, tet).square);
-}
+double longest_edge_m(const mesh *m, int tet) { return sqrt(longest_edge(m, tet).square); }
 
 static int corner_of(const mesh *m, int tet, int vertex) {
     for (int k = 0; k < 4; k++)
@@ -72,8 +69,7 @@ static int corner_of(const mesh *m, int tet, int vertex) {
 static int new_vertex(work *w, const edge *e) {
     double p[3];
     const double *a = w->m->vertex + 3 * (size_t)e->a, *b = w->m->vertex + 3 * (size_t)e->b;
-    for (int k = 0; k < 3; k++)
-        p[k] = 0.5 * (a[k] + b[k]);
+    for (int k = 0; k < 3; k++) p[k] = 0.5 * (a[k] + b[k]);
     int v = add_vertex(w->m, p);
     if (v >= w->vertex_room) {
         int room = 2 * w->vertex_room;
@@ -137,8 +133,7 @@ static bool halve_near(work *w, int tet) {
     for (int i = 0; i < near->count && good; i++)
         if (corner_of(w->m, near->item[i], e.b) >= 0) good = put(&ring, near->item[i]);
     int middle = good ? new_vertex(w, &e) : -1;
-    for (int i = 0; i < ring.count && good; i++)
-        good = middle >= 0 && halve(w, ring.item[i], &e, middle);
+    for (int i = 0; i < ring.count && good; i++) good = middle >= 0 && halve(w, ring.item[i], &e, middle);
     free(ring.item);
     return good && middle >= 0;
 }
@@ -168,8 +163,7 @@ bool bisect(mesh *m, wanted_fn *wanted, const void *context, int limit, int **pa
             if (!wanted(m, t, longest_edge_m(m, t), context)) break;
             good = m->tet_count < limit && halve_near(&w, t);
         }
-    for (int v = 0; w.around && v < w.vertex_room; v++)
-        free(w.around[v].item);
+    for (int v = 0; w.around && v < w.vertex_room; v++) free(w.around[v].item);
     free(w.around);
     *parent = w.parent;
     *midpoint = w.midpoint;

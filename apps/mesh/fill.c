@@ -58,8 +58,7 @@ static bool to_app_mesh(const mesh *m, app_mesh *out) {
     unsigned char *outer = calloc((size_t)m->vertex_count + 1, 1);
     int32_t members = 0;
     *out = (app_mesh){.vertex_count = m->vertex_count, .tet_count = m->tet_count, .region_count = 1, .group_count = 1};
-    for (int i = 0; outer && i < 3 * m->face_count; i++)
-        outer[m->face[i]] = 1;
+    for (int i = 0; outer && i < 3 * m->face_count; i++) outer[m->face[i]] = 1;
     if (!outer || !app_mesh_allocate(out, m->vertex_count)) {
         free(outer);
         *out = (app_mesh){0};
@@ -94,8 +93,7 @@ static bool fill_manifold(mesh *m, const solid *body, double size_m) {
 
 static double volume_of(const tm_mesh *built) {
     double volume = 0;
-    for (int32_t t = 0; t < built->tet_count; t++)
-        volume += built->volume_m3[t];
+    for (int32_t t = 0; t < built->tet_count; t++) volume += built->volume_m3[t];
     return volume;
 }
 

@@ -176,8 +176,7 @@ static tm_status read_groups(const app_mesh *mesh, const int *group, size_t leng
     }
     for (size_t g = 0; g < kinds; g++) {
         bool seen = false;
-        for (size_t h = 0; h < g; h++)
-            seen = seen || strcmp(name[g], name[h]) == 0;
+        for (size_t h = 0; h < g; h++) seen = seen || strcmp(name[g], name[h]) == 0;
         if (seen) continue;
         int32_t begin = out->members;
         for (size_t h = g; h < kinds; h++) {
@@ -250,13 +249,11 @@ static tm_status read_model(app_mesh *mesh, tm_error *error) {
     mesh->vertex_tag = malloc(((size_t)mesh->vertex_count + 1) * sizeof *mesh->vertex_tag);
     if (!tet || !mesh->vertex_tag || tets > INT32_MAX / 16)
         return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh");
-    for (int32_t v = 0; v < mesh->vertex_count; v++)
-        mesh->vertex_tag[v] = node[v].tag;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) mesh->vertex_tag[v] = node[v].tag;
     gmshModelGetPhysicalGroups(&volume, &volumes, 3, &wrong);
     r.tag = malloc((volumes + 1) * sizeof *r.tag);
     if (wrong || !r.tag) return tm_gmsh_failed(error, "its physical groups cannot be read");
-    for (size_t i = 0; i + 1 < volumes; i += 2)
-        r.tag[r.count++] = volume[i + 1];
+    for (size_t i = 0; i + 1 < volumes; i += 2) r.tag[r.count++] = volume[i + 1];
     if ((status = read_tets(mesh, &r, tet, tets, error))) return status;
     gmshModelGetPhysicalGroups(&group, &length, -1, &wrong);
     if (wrong) return tm_gmsh_failed(error, "its physical groups cannot be read");

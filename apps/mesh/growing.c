@@ -78,8 +78,7 @@ void face_normal(const mesh *m, const int f[3], double n[3]) {
         n[k] = (b[i] - a[i]) * (c[j] - a[j]) - (b[j] - a[j]) * (c[i] - a[i]);
     }
     double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
-    for (int k = 0; k < 3; k++)
-        n[k] /= length;
+    for (int k = 0; k < 3; k++) n[k] /= length;
 }
 
 double tet_size(const double *a, const double *b, const double *c, const double *d) {
@@ -112,8 +111,7 @@ static bool closed_manifold(const mesh *m) {
     size_t n = 3 * (size_t)m->face_count;
     edge *e = grow(NULL, (n + 1) * sizeof *e);
     int *fan = grow(NULL, ((size_t)m->vertex_count + 1) * sizeof *fan);
-    for (size_t i = 0; i < n; i++)
-        e[i] = (edge){m->face[i], m->face[i % 3 == 2 ? i - 2 : i + 1]};
+    for (size_t i = 0; i < n; i++) e[i] = (edge){m->face[i], m->face[i % 3 == 2 ? i - 2 : i + 1]};
     qsort(e, n, sizeof *e, by_ends);
     bool good = true;
     for (size_t i = 0; i < n && good; i++) {
@@ -122,8 +120,7 @@ static bool closed_manifold(const mesh *m) {
     }
     /* Turn once around each vertex from its first triangle: the turn must meet all of its triangles. */
     int *count = grow(NULL, ((size_t)m->vertex_count + 1) * sizeof *count);
-    for (int v = 0; v < m->vertex_count; v++)
-        fan[v] = -1, count[v] = 0;
+    for (int v = 0; v < m->vertex_count; v++) fan[v] = -1, count[v] = 0;
     for (size_t i = 0; i < n; i++) {
         count[m->face[i]]++;
         fan[m->face[i]] = (int)i;
@@ -159,8 +156,7 @@ bool find_surface(mesh *m) {
     side *s = grow(NULL, (n + 1) * sizeof *s);
     for (size_t f = 0; f < n; f++) {
         const int *t = m->tet + f / 4 * 4;
-        for (int i = 0; i < 3; i++)
-            s[f].as_is[i] = s[f].sorted[i] = t[opposite[f % 4][i]];
+        for (int i = 0; i < 3; i++) s[f].as_is[i] = s[f].sorted[i] = t[opposite[f % 4][i]];
         s[f].tet = (int)(f / 4);
         int *v = s[f].sorted, spare;
         for (int pass = 0; pass < 2; pass++)

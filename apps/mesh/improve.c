@@ -14,14 +14,10 @@ static fans make_fans(const mesh *m) {
     fans f = {calloc((size_t)m->vertex_count + 2, sizeof(int)), malloc(4 * (size_t)m->tet_count * sizeof(int)),
               calloc((size_t)m->vertex_count + 1, 1)};
     if (!f.begin || !f.tet || !f.outer) exit(1);
-    for (int i = 0; i < 4 * m->tet_count; i++)
-        f.begin[m->tet[i] + 2]++;
-    for (int v = 0; v < m->vertex_count; v++)
-        f.begin[v + 2] += f.begin[v + 1];
-    for (int i = 0; i < 4 * m->tet_count; i++)
-        f.tet[f.begin[m->tet[i] + 1]++] = i / 4;
-    for (int i = 0; i < 3 * m->face_count; i++)
-        f.outer[m->face[i]] = 1;
+    for (int i = 0; i < 4 * m->tet_count; i++) f.begin[m->tet[i] + 2]++;
+    for (int v = 0; v < m->vertex_count; v++) f.begin[v + 2] += f.begin[v + 1];
+    for (int i = 0; i < 4 * m->tet_count; i++) f.tet[f.begin[m->tet[i] + 1]++] = i / 4;
+    for (int i = 0; i < 3 * m->face_count; i++) f.outer[m->face[i]] = 1;
     return f;
 }
 
@@ -68,8 +64,7 @@ static void search(mesh *m, const fans *f, const solid *b, const hold *h, int v,
         if (h) keep_to(h, v, d);
         double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) + 1e-9;
         memcpy(keep, p, sizeof keep);
-        for (int i = 0; i < 3; i++)
-            p[i] += (k & 1 ? -step : step) * d[i] / length;
+        for (int i = 0; i < 3; i++) p[i] += (k & 1 ? -step : step) * d[i] / length;
         if (b && f->outer[v]) b->project(b->shape, p);
         double now = badness(m, f, v, scale);
         if (now < best && allowed(m, f, h, v))
@@ -94,8 +89,7 @@ void improve(mesh *m, const solid *b, const hold *h, int sweeps) {
         double step = 0.5 * largest * pow(0.02, (double)sweep / sweeps);
         for (int v = 0; v < m->vertex_count; v++) {
             bool poor = false;
-            for (int i = f.begin[v]; i < f.begin[v + 1] && !poor; i++)
-                poor = size[f.tet[i]] < 0.8 * largest;
+            for (int i = f.begin[v]; i < f.begin[v + 1] && !poor; i++) poor = size[f.tet[i]] < 0.8 * largest;
             if (poor && !(h && h->freedom[v] == FIXED)) search(m, &f, b, h, v, largest, step, &dice);
         }
     }

@@ -91,20 +91,17 @@ static int refuse(const app_mesh *file, const char *path, const tm_error *error)
 static int32_t count_pieces(const tm_mesh *mesh) {
     int32_t *parent = malloc((size_t)mesh->tet_count * sizeof *parent), pieces = 0;
     if (!parent) return -1;
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        parent[t] = t;
+    for (int32_t t = 0; t < mesh->tet_count; t++) parent[t] = t;
     for (int32_t f = 0; f < 4 * mesh->tet_count; f++)
         if (mesh->tet_neighbour[f] >= 0) parent[root_of(parent, f / 4)] = root_of(parent, mesh->tet_neighbour[f]);
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        pieces += parent[t] == t;
+    for (int32_t t = 0; t < mesh->tet_count; t++) pieces += parent[t] == t;
     free(parent);
     return pieces;
 }
 
 static int bin_of(const double *bound, double value) {
     int bin = 0;
-    while (bin < BINS - 1 && value >= bound[bin])
-        bin++;
+    while (bin < BINS - 1 && value >= bound[bin]) bin++;
     return bin;
 }
 
@@ -152,8 +149,7 @@ static tm_status measure_step(const tm_mesh *mesh, const options *o, figures *f,
         one && step ? tm_tissue_create(&def, &tissue, error) : app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory");
     if (!status) {
         f->step_s = tm_critical_step_guaranteed(tissue, &f->step_tet);
-        for (int32_t t = 0; t < mesh->tet_count; t++)
-            step[t] = tm_critical_step_element(tissue, t);
+        for (int32_t t = 0; t < mesh->tet_count; t++) step[t] = tm_critical_step_element(tissue, t);
         qsort(step, (size_t)mesh->tet_count, sizeof *step, by_size);
         f->median_step_s = step[mesh->tet_count / 2];
         tm_tissue_destroy(tissue);
@@ -231,8 +227,7 @@ static void add_three(cJSON *to, const char *name, const double v[3]) {
 static cJSON *histogram_json(const int64_t count[BINS], const double *bound) {
     cJSON *all = cJSON_CreateObject(), *counts = cJSON_AddArrayToObject(all, "count");
     cJSON_AddItemToObject(all, "bound", cJSON_CreateDoubleArray(bound, BINS - 1));
-    for (int b = 0; b < BINS; b++)
-        cJSON_AddItemToArray(counts, cJSON_CreateNumber((double)count[b]));
+    for (int b = 0; b < BINS; b++) cJSON_AddItemToArray(counts, cJSON_CreateNumber((double)count[b]));
     return all;
 }
 
@@ -313,9 +308,5 @@ static int run(const char *command, int argc, char **argv) {
     return exit;
 }
 
-int command_info(int argc, char **argv) {
-    return run("info", argc, argv);
-}
-int command_check(int argc, char **argv) {
-    return run("check", argc, argv);
-}
+int command_info(int argc, char **argv) { return run("info", argc, argv); }
+int command_check(int argc, char **argv) { return run("check", argc, argv); }

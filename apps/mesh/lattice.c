@@ -31,8 +31,7 @@ static void cut_point(const solid *body, const double *in, const double *out, do
     double low = 0, high = 1;
     for (int step = 0; step < 50; step++) {
         double middle = 0.5 * (low + high);
-        for (int k = 0; k < 3; k++)
-            p[k] = in[k] + middle * (out[k] - in[k]);
+        for (int k = 0; k < 3; k++) p[k] = in[k] + middle * (out[k] - in[k]);
         if (body->inside(body->shape, p) > 0)
             low = middle;
         else
@@ -139,19 +138,14 @@ static void trim(builder *b, const size_t corner[4]) {
             }
         }
     int v[4], c[4], k = 0;
-    for (int i = 0; i < p; i++)
-        v[i] = lattice_vertex(b, plus[i]);
+    for (int i = 0; i < p; i++) v[i] = lattice_vertex(b, plus[i]);
     if (n == 0 || p == 1) { /* whole, or a corner of it */
-        for (int i = 0; i < p; i++)
-            c[k++] = v[i];
-        for (int i = 0; i < z; i++)
-            c[k++] = lattice_vertex(b, zero[i]);
-        for (int i = 0; i < n; i++)
-            c[k++] = cut_vertex(b, plus[0], minus[i]);
+        for (int i = 0; i < p; i++) c[k++] = v[i];
+        for (int i = 0; i < z; i++) c[k++] = lattice_vertex(b, zero[i]);
+        for (int i = 0; i < n; i++) c[k++] = cut_vertex(b, plus[0], minus[i]);
         add_tet(b->m, c[0], c[1], c[2], c[3]);
     } else if (p == 3) {
-        for (int i = 0; i < 3; i++)
-            c[i] = cut_vertex(b, plus[i], minus[0]);
+        for (int i = 0; i < 3; i++) c[i] = cut_vertex(b, plus[i], minus[0]);
         add_prism(b->m, v, c);
     } else if (n == 1) { /* a pyramid over v0 v1 c1 c0 */
         int apex = lattice_vertex(b, zero[0]), c0 = cut_vertex(b, plus[0], minus[0]),
@@ -213,14 +207,12 @@ void fill_body(mesh *m, const solid *body, double a) {
                     if (!is_point(&l, i)) continue;
                     size_t p = at(&l, i);
                     if (job == 0) {
-                        for (int k = 0; k < 3; k++)
-                            l.position[3 * p + (size_t)k] = l.low[k] + l.half * i[k];
+                        for (int k = 0; k < 3; k++) l.position[3 * p + (size_t)k] = l.low[k] + l.half * i[k];
                         l.value[p] = body->inside(body->shape, l.position + 3 * p);
                     } else if (job == 1) {
                         pull(&l, body, i);
                     } else if (i[0] & 1) {
-                        for (int axis = 0; axis < 3; axis++)
-                            trim_around(&b, i, axis);
+                        for (int axis = 0; axis < 3; axis++) trim_around(&b, i, axis);
                     }
                 }
     }

@@ -20,8 +20,7 @@ enum { COMMANDS = sizeof commands / sizeof *commands };
 
 static void usage(FILE *to) {
     fprintf(to, "usage: tm-mesh COMMAND ...\n\n");
-    for (int i = 0; i < COMMANDS; i++)
-        fprintf(to, "  %-8s %s\n", commands[i].name, commands[i].what);
+    for (int i = 0; i < COMMANDS; i++) fprintf(to, "  %-8s %s\n", commands[i].name, commands[i].what);
     fprintf(to, "\n  tm-mesh COMMAND --help, --version\n");
 }
 

@@ -38,8 +38,7 @@ static bool parse_box(const char *text, double box_m[6]) {
     for (char *word = strtok_r(part, ",", &save); word; word = strtok_r(NULL, ",", &save), n++)
         if (n >= 6 || !command_quantity("box", word, "length", &box_m[n])) return false;
     bool good = n == 6;
-    for (int k = 0; good && k < 3; k++)
-        good = box_m[k] < box_m[k + 3];
+    for (int k = 0; good && k < 3; k++) good = box_m[k] < box_m[k + 3];
     if (!good) app_bad_input(NULL, 0, "tm-mesh refine: --box %s: six lengths, the lower corner first", text);
     return good;
 }
@@ -140,8 +139,7 @@ static void hold_surface(const mesh *m, const unsigned char *outer, hold *h) {
         int v = m->face[i];
         double n[3], *d = h->direction + 3 * (size_t)v, cross[3];
         face_normal(m, m->face + i / 3 * 3, n);
-        for (int k = 0; k < 3; k++)
-            cross[k] = n[(k + 1) % 3] * d[(k + 2) % 3] - n[(k + 2) % 3] * d[(k + 1) % 3];
+        for (int k = 0; k < 3; k++) cross[k] = n[(k + 1) % 3] * d[(k + 2) % 3] - n[(k + 2) % 3] * d[(k + 1) % 3];
         double sine = sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]),
                along = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
         if (h->freedom[v] > FREE) {
@@ -149,8 +147,7 @@ static void hold_surface(const mesh *m, const unsigned char *outer, hold *h) {
             memcpy(d, n, sizeof n);
         } else if (h->freedom[v] == ACROSS && !(sine < 1e-6 && along > 0)) {
             h->freedom[v] = sine < 1e-6 ? FIXED : ALONG;
-            for (int k = 0; k < 3 && sine >= 1e-6; k++)
-                d[k] = cross[k] / sine;
+            for (int k = 0; k < 3 && sine >= 1e-6; k++) d[k] = cross[k] / sine;
         } else if (h->freedom[v] == ALONG && fabs(along) > 1e-6)
             h->freedom[v] = FIXED;
     }
@@ -168,8 +165,7 @@ static bool hold_vertices(const app_mesh *file, const mesh *m, const unsigned ch
         hold_surface(m, outer, h);
         for (int v = 0; v < file->vertex_count; v++)
             if (outer[v]) h->freedom[v] = FIXED;
-        for (int v = 0; v < m->vertex_count; v++)
-            region[v] = -1;
+        for (int v = 0; v < m->vertex_count; v++) region[v] = -1;
         for (int i = 0; i < 4 * m->tet_count; i++) {
             int *r = &region[m->tet[i]];
             if (*r >= 0 && *r != m->region[i / 4]) h->freedom[m->tet[i]] = FIXED;
@@ -189,8 +185,7 @@ static bool hold_vertices(const app_mesh *file, const mesh *m, const unsigned ch
 }
 
 static bool copy_in(const app_mesh *file, mesh *m) {
-    for (int32_t v = 0; v < file->vertex_count; v++)
-        add_vertex(m, file->vertex_m + 3 * (size_t)v);
+    for (int32_t v = 0; v < file->vertex_count; v++) add_vertex(m, file->vertex_m + 3 * (size_t)v);
     for (int32_t t = 0; t < file->tet_count; t++) {
         const int32_t *v = file->tet + 4 * (size_t)t;
         add_tet(m, v[0], v[1], v[2], v[3]);
@@ -304,8 +299,7 @@ static int refine(const options *o, const app_mesh *file, int32_t region) {
     } else {
         find_surface(&m);
         outer = calloc((size_t)m.vertex_count + 1, 1);
-        for (int i = 0; outer && i < 3 * m.face_count; i++)
-            outer[m.face[i]] = 1;
+        for (int i = 0; outer && i < 3 * m.face_count; i++) outer[m.face[i]] = 1;
         if (outer && hold_vertices(file, &m, outer, midpoint, &h)) {
             improve(&m, NULL, &h, 30);
             exit = write_all(o, file, &m, outer, parent, midpoint, before_m);

@@ -69,14 +69,11 @@ bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept) {
     memset(place, -1, ((size_t)mesh->vertex_count + 1) * sizeof *place);
     out.tet_count = out.vertex_count = 0;
     for (int32_t t = 0; t < mesh->tet_count; t++)
-        for (int k = 0; keep[t] && k < 4; k++)
-            place[mesh->tet[4 * (size_t)t + (size_t)k]] = 0;
+        for (int k = 0; keep[t] && k < 4; k++) place[mesh->tet[4 * (size_t)t + (size_t)k]] = 0;
     for (int32_t v = 0; v < mesh->vertex_count; v++)
         if (place[v] == 0) place[v] = out.vertex_count++;
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        out.tet_count += keep[t] != 0;
-    for (int32_t i = 0; i < mesh->group_begin[mesh->group_count]; i++)
-        members += place[mesh->group_vertex[i]] >= 0;
+    for (int32_t t = 0; t < mesh->tet_count; t++) out.tet_count += keep[t] != 0;
+    for (int32_t i = 0; i < mesh->group_begin[mesh->group_count]; i++) members += place[mesh->group_vertex[i]] >= 0;
     if (!app_mesh_allocate(&out, members)) {
         free(place);
         return false;
@@ -88,8 +85,7 @@ bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept) {
     }
     for (int32_t t = 0, n = 0; t < mesh->tet_count; t++) {
         if (!keep[t]) continue;
-        for (int k = 0; k < 4; k++)
-            out.tet[4 * (size_t)n + (size_t)k] = place[mesh->tet[4 * (size_t)t + (size_t)k]];
+        for (int k = 0; k < 4; k++) out.tet[4 * (size_t)n + (size_t)k] = place[mesh->tet[4 * (size_t)t + (size_t)k]];
         out.tet_tag[n] = mesh->tet_tag[t];
         out.region[n] = mesh->region[t];
         if (kept) kept[n] = t;
@@ -125,8 +121,7 @@ static int32_t merge_vertices(app_mesh *mesh, double distance_m) {
         free(target);
         return -1;
     }
-    for (int32_t v = 0; v < mesh->vertex_count; v++)
-        order[v] = target[v] = v;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) order[v] = target[v] = v;
     sort_points = mesh->vertex_m;
     qsort(order, n, sizeof *order, by_x);
     for (size_t i = 0; i < n; i++) {
@@ -141,8 +136,7 @@ static int32_t merge_vertices(app_mesh *mesh, double distance_m) {
             break;
         }
     }
-    for (size_t i = 0; i < 4 * (size_t)mesh->tet_count; i++)
-        mesh->tet[i] = target[mesh->tet[i]];
+    for (size_t i = 0; i < 4 * (size_t)mesh->tet_count; i++) mesh->tet[i] = target[mesh->tet[i]];
     for (int32_t i = 0; i < mesh->group_begin[mesh->group_count]; i++)
         mesh->group_vertex[i] = target[mesh->group_vertex[i]];
     free(order);
@@ -194,8 +188,7 @@ static int64_t mend_round(app_mesh *mesh, const char *path, int64_t done[APP_DEF
 }
 
 int32_t root_of(int32_t *parent, int32_t v) {
-    while (parent[v] != v)
-        v = parent[v] = parent[parent[v]];
+    while (parent[v] != v) v = parent[v] = parent[parent[v]];
     return v;
 }
 
@@ -207,8 +200,7 @@ static int32_t keep_largest(app_mesh *mesh) {
             before = mesh->tet_count;
     uint8_t *keep = malloc((size_t)mesh->tet_count + 1);
     bool good = parent && size && keep;
-    for (int32_t v = 0; good && v < mesh->vertex_count; v++)
-        parent[v] = v;
+    for (int32_t v = 0; good && v < mesh->vertex_count; v++) parent[v] = v;
     for (int32_t t = 0; good && t < mesh->tet_count; t++)
         for (int k = 1; k < 4; k++)
             parent[root_of(parent, mesh->tet[4 * (size_t)t + (size_t)k])] = root_of(parent, mesh->tet[4 * (size_t)t]);
@@ -216,8 +208,7 @@ static int32_t keep_largest(app_mesh *mesh) {
         int32_t r = root_of(parent, mesh->tet[4 * (size_t)t]);
         if (++size[r] > size[best]) best = r;
     }
-    for (int32_t t = 0; good && t < mesh->tet_count; t++)
-        keep[t] = root_of(parent, mesh->tet[4 * (size_t)t]) == best;
+    for (int32_t t = 0; good && t < mesh->tet_count; t++) keep[t] = root_of(parent, mesh->tet[4 * (size_t)t]) == best;
     good = good && subset(mesh, keep, NULL);
     free(parent);
     free(size);
@@ -234,8 +225,7 @@ typedef struct outcome {
 static int mend(app_mesh *mesh, const options *o, outcome *out) {
     int64_t left = 1;
     out->merged = o->merge_m > 0 ? merge_vertices(mesh, o->merge_m) : 0;
-    for (int round = 0; left > 0 && round < 20; round++)
-        left = mend_round(mesh, o->in, out->done);
+    for (int round = 0; left > 0 && round < 20; round++) left = mend_round(mesh, o->in, out->done);
     if (left == -1) return APP_BAD_INPUT;
     if (left == 0 && o->largest) out->far = keep_largest(mesh);
     if (out->merged < 0 || left < 0 || out->far < 0)

@@ -21,15 +21,11 @@ struct shell {
 };
 
 static void subtract(const double *a, const double *b, double d[3]) {
-    for (int k = 0; k < 3; k++)
-        d[k] = a[k] - b[k];
+    for (int k = 0; k < 3; k++) d[k] = a[k] - b[k];
 }
-static double dot(const double *a, const double *b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static void cross(const double *a, const double *b, double c[3]) {
-    for (int k = 0; k < 3; k++)
-        c[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
+    for (int k = 0; k < 3; k++) c[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
 }
 
 /* ---- reading ---- */
@@ -58,8 +54,7 @@ static tm_status read_binary(shell *s, const unsigned char *bytes, uint32_t tria
         float f[12];
         double p[9];
         memcpy(f, bytes + 84 + 50 * (size_t)t, sizeof f);
-        for (int i = 0; i < 9; i++)
-            p[i] = f[3 + i];
+        for (int i = 0; i < 9; i++) p[i] = f[3 + i];
         tm_status status = add_triangle(s, p, scale, &room, error);
         if (status) return status;
     }
@@ -129,8 +124,7 @@ static bool join(shell *s) {
     double *vertex = malloc(3 * (size_t)n * sizeof *vertex);
     s->triangle = malloc((size_t)n * sizeof *s->triangle);
     if (order && vertex && s->triangle) {
-        for (int i = 0; i < n; i++)
-            order[i] = i;
+        for (int i = 0; i < n; i++) order[i] = i;
         sort_points = s->vertex;
         qsort(order, (size_t)n, sizeof *order, by_place);
         for (int i = 0; i < n; i++) {
@@ -157,9 +151,7 @@ static int by_ends(const void *a, const void *b) {
     return x->from != y->from ? (x->from < y->from ? -1 : 1) : (x->to > y->to) - (x->to < y->to);
 }
 
-static double *at3(double *array, int i) {
-    return array + 3 * (size_t)i;
-}
+static double *at3(double *array, int i) { return array + 3 * (size_t)i; }
 
 static void normals_of_faces(shell *s) {
     for (int t = 0; t < s->triangle_count; t++) {
@@ -170,15 +162,13 @@ static void normals_of_faces(shell *s) {
         cross(u, w, n);
         s->volume_m3 += dot(n, at3(s->vertex, v[0])) / 6;
         double length = sqrt(dot(n, n));
-        for (int k = 0; k < 3; k++)
-            at3(s->face_normal, t)[k] = length > 0 ? n[k] / length : 0;
+        for (int k = 0; k < 3; k++) at3(s->face_normal, t)[k] = length > 0 ? n[k] / length : 0;
         for (int c = 0; c < 3; c++) {
             subtract(at3(s->vertex, v[(c + 1) % 3]), at3(s->vertex, v[c]), u);
             subtract(at3(s->vertex, v[(c + 2) % 3]), at3(s->vertex, v[c]), w);
             double lengths = sqrt(dot(u, u) * dot(w, w)),
                    angle = lengths > 0 ? acos(fmax(-1, fmin(1, dot(u, w) / lengths))) : 0;
-            for (int k = 0; k < 3; k++)
-                at3(s->vertex_normal, v[c])[k] += angle * at3(s->face_normal, t)[k];
+            for (int k = 0; k < 3; k++) at3(s->vertex_normal, v[c])[k] += angle * at3(s->face_normal, t)[k];
         }
     }
 }
@@ -188,8 +178,7 @@ static tm_status normals_of_edges(shell *s, tm_error *error) {
     int n = 3 * s->triangle_count;
     side *sides = malloc((size_t)n * sizeof *sides);
     if (!sides) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
-    for (int i = 0; i < n; i++)
-        sides[i] = (side){s->triangle[i], s->triangle[i % 3 == 2 ? i - 2 : i + 1], i};
+    for (int i = 0; i < n; i++) sides[i] = (side){s->triangle[i], s->triangle[i % 3 == 2 ? i - 2 : i + 1], i};
     qsort(sides, (size_t)n, sizeof *sides, by_ends);
     int open = 0, first = -1;
     for (int i = 0; i < n; i++) {
@@ -236,19 +225,15 @@ static void triangle_cells(const shell *s, int t, int low[3], int high[3]) {
 
 static bool make_grid(shell *s) {
     double volume = 1;
-    for (int k = 0; k < 3; k++)
-        s->low[k] = INFINITY, s->high[k] = -INFINITY;
+    for (int k = 0; k < 3; k++) s->low[k] = INFINITY, s->high[k] = -INFINITY;
     for (int i = 0; i < 3 * s->vertex_count; i++) {
         s->low[i % 3] = fmin(s->low[i % 3], s->vertex[i]);
         s->high[i % 3] = fmax(s->high[i % 3], s->vertex[i]);
     }
-    for (int k = 0; k < 3; k++)
-        volume *= fmax(s->high[k] - s->low[k], 1e-9);
+    for (int k = 0; k < 3; k++) volume *= fmax(s->high[k] - s->low[k], 1e-9);
     s->cell = cbrt(volume / fmin(2e6, 8.0 * s->triangle_count + 64));
-    for (int k = 0; k < 3; k++)
-        s->cells[k] = (int)fmin(400, (s->high[k] - s->low[k]) / s->cell) + 1;
-    for (int k = 0; k < 3; k++)
-        s->cell = fmax(s->cell, (s->high[k] - s->low[k]) / s->cells[k]);
+    for (int k = 0; k < 3; k++) s->cells[k] = (int)fmin(400, (s->high[k] - s->low[k]) / s->cell) + 1;
+    for (int k = 0; k < 3; k++) s->cell = fmax(s->cell, (s->high[k] - s->low[k]) / s->cells[k]);
     size_t cells = (size_t)s->cells[0] * (size_t)s->cells[1] * (size_t)s->cells[2];
     s->cell_begin = calloc(cells + 2, sizeof *s->cell_begin);
     for (int fill = 0; s->cell_begin && fill < 2; fill++) {
@@ -266,8 +251,7 @@ static bool make_grid(shell *s) {
                     }
         }
         if (fill) break;
-        for (size_t c = 0; c < cells; c++)
-            s->cell_begin[c + 2] += s->cell_begin[c + 1];
+        for (size_t c = 0; c < cells; c++) s->cell_begin[c + 2] += s->cell_begin[c + 1];
         s->cell_triangle = malloc(((size_t)s->cell_begin[cells + 1] + 1) * sizeof *s->cell_triangle);
         if (!s->cell_triangle) return false;
     }
@@ -320,12 +304,8 @@ void shell_free(shell *s) {
     free(s);
 }
 
-int shell_triangles(const shell *s) {
-    return s->triangle_count;
-}
-double shell_volume_m3(const shell *s) {
-    return s->volume_m3;
-}
+int shell_triangles(const shell *s) { return s->triangle_count; }
+double shell_volume_m3(const shell *s) { return s->volume_m3; }
 
 /* ---- distance ---- */
 
@@ -362,8 +342,7 @@ static void consider_triangle(const shell *s, int t, const double p[3], nearest 
         else if (along >= length2)
             consider(best, p, b, s->vertex_normal + 3 * (size_t)v[(c + 1) % 3]);
         else {
-            for (int k = 0; k < 3; k++)
-                q[k] = a[k] + along / length2 * e[k];
+            for (int k = 0; k < 3; k++) q[k] = a[k] + along / length2 * e[k];
             consider(best, p, q, s->edge_normal + 3 * (3 * (size_t)t + (size_t)c));
         }
     }
@@ -371,8 +350,7 @@ static void consider_triangle(const shell *s, int t, const double p[3], nearest 
     double d[3], q[3];
     subtract(p, s->vertex + 3 * (size_t)v[0], d);
     double height = dot(d, n);
-    for (int k = 0; k < 3; k++)
-        q[k] = p[k] - height * n[k];
+    for (int k = 0; k < 3; k++) q[k] = p[k] - height * n[k];
     consider(best, p, q, n);
 }
 
@@ -380,8 +358,7 @@ static void consider_triangle(const shell *s, int t, const double p[3], nearest 
 static nearest find_nearest(const shell *s, const double p[3]) {
     nearest best = {.square = INFINITY};
     int middle[3];
-    for (int k = 0; k < 3; k++)
-        middle[k] = cell_at(s, k, p[k]);
+    for (int k = 0; k < 3; k++) middle[k] = cell_at(s, k, p[k]);
     int most = s->cells[0] > s->cells[1] ? s->cells[0] : s->cells[1];
     if (s->cells[2] > most) most = s->cells[2];
     for (int ring = 0; ring <= most; ring++) {

@@ -19,10 +19,8 @@ static int64_t point_count(const app_mesh *m) {
 
 static void put_names(const app_mesh *m, FILE *file) {
     int names = 0;
-    for (int32_t g = 0; g < m->group_count; g++)
-        names += !is_region(m, g);
-    for (int32_t r = 0; r < m->region_count; r++)
-        names += m->region_name[r][0] != 0;
+    for (int32_t g = 0; g < m->group_count; g++) names += !is_region(m, g);
+    for (int32_t r = 0; r < m->region_count; r++) names += m->region_name[r][0] != 0;
     fprintf(file, "$PhysicalNames\n%d\n", names);
     for (int32_t g = 0; g < m->group_count; g++)
         if (!is_region(m, g)) fprintf(file, "0 %d \"%s\"\n", g + 1, m->group_name[g]);
@@ -45,8 +43,7 @@ static void put_msh(const app_mesh *m, FILE *file) {
         const int32_t *v = m->tet + 4 * (size_t)t, region = m->region[t];
         fprintf(file, "%lld 4 2 %d %d", (long long)m->tet_tag[t], m->region_name[region][0] ? region + 1 : 0,
                 region + 1);
-        for (int k = 0; k < 4; k++)
-            fprintf(file, " %lld", (long long)m->vertex_tag[v[k]]);
+        for (int k = 0; k < 4; k++) fprintf(file, " %lld", (long long)m->vertex_tag[v[k]]);
         fputc('\n', file);
         if (m->tet_tag[t] > next) next = m->tet_tag[t];
     }
@@ -69,11 +66,9 @@ static void put_vtk(const app_mesh *m, FILE *file) {
         fprintf(file, "4 %d %d %d %d\n", v[0], v[1], v[2], v[3]);
     }
     fprintf(file, "CELL_TYPES %d\n", m->tet_count);
-    for (int32_t t = 0; t < m->tet_count; t++)
-        fprintf(file, "10\n");
+    for (int32_t t = 0; t < m->tet_count; t++) fprintf(file, "10\n");
     fprintf(file, "CELL_DATA %d\nSCALARS region int 1\nLOOKUP_TABLE default\n", m->tet_count);
-    for (int32_t t = 0; t < m->tet_count; t++)
-        fprintf(file, "%d\n", m->region[t]);
+    for (int32_t t = 0; t < m->tet_count; t++) fprintf(file, "%d\n", m->region[t]);
 }
 
 static void put_medit(const app_mesh *m, FILE *file) {

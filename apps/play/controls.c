@@ -25,11 +25,9 @@ static void meet(play_hand *hand, const view_instrument *t) {
     hrt_frame frame;
     float tip[3], joint[3];
     if (hand->known || !t->shown || !frame_of(t, &frame)) return;
-    for (int k = 0; k < 3; ++k)
-        tip[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
+    for (int k = 0; k < 3; ++k) tip[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
     if (!hrt_inverse(&frame, tip, joint)) return;
-    for (int k = 0; k < 3; ++k)
-        hand->joint[k] = (double)joint[k];
+    for (int k = 0; k < 3; ++k) hand->joint[k] = (double)joint[k];
     hand->joint[3] = t->roll_rad, hand->joint[4] = t->grip;
     hand->known = true;
 }
@@ -73,9 +71,7 @@ static void key_down(play_controls *c, const view_picture *p, int code) {
     }
 }
 
-static void update_acting(play_controls *c) {
-    c->hand[c->selected].acting = c->held[' '] || c->button[3];
-}
+static void update_acting(play_controls *c) { c->hand[c->selected].acting = c->held[' '] || c->button[3]; }
 
 void play_controls_event(play_controls *c, const view_picture *p, const play_event *e) {
     switch (e->type) {
@@ -109,8 +105,7 @@ void play_controls_event(play_controls *c, const view_picture *p, const play_eve
 static void eye_axes(const view_camera *camera, int height_px, float right[3], float up[3]) {
     float view[16], projection[16];
     view_camera_matrices(camera, height_px, height_px, view, projection);
-    for (int k = 0; k < 3; ++k)
-        right[k] = view[4 * k], up[k] = view[4 * k + 1];
+    for (int k = 0; k < 3; ++k) right[k] = view[4 * k], up[k] = view[4 * k + 1];
 }
 
 /* Metres of a pixel at the depth of a point. */
@@ -125,9 +120,7 @@ static double metres_a_pixel(const view_camera *camera, int height_px, const dou
     return 2 * depth * tan((double)camera->fov_rad / 2) / height_px;
 }
 
-static float dot(const float a[3], const float b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+static float dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 /* Turns the instrument about its trocar so that the tip moves `across` and `upward` (m) as the eye sees it: the motion
  * in the plane across the shaft that looks like it, damped where the eye sees that plane edge-on. */
@@ -137,8 +130,7 @@ static void pivot(play_hand *hand, const view_instrument *t, const float right[3
     hrt_frame frame;
     float joint[HRT_JOINTS], tip[3], to[3], joint3[3], u[3], v[3];
     if (!frame_of(t, &frame)) return;
-    for (int j = 0; j < HRT_JOINTS; ++j)
-        joint[j] = (float)hand->joint[j];
+    for (int j = 0; j < HRT_JOINTS; ++j) joint[j] = (float)hand->joint[j];
     hrt_tip(&frame, joint, tip);
     view_frame(tip, u, v);
     float a = dot(u, right), b = dot(v, right), c = dot(u, up), d = dot(v, up);
@@ -146,8 +138,7 @@ static void pivot(play_hand *hand, const view_instrument *t, const float right[3
           det = m00 * m11 - m01 * m01;
     float x = a * across + c * upward, y = b * across + d * upward;
     float along_u = (m11 * x - m01 * y) / det, along_v = (m00 * y - m01 * x) / det;
-    for (int k = 0; k < 3; ++k)
-        to[k] = tip[k] + along_u * u[k] + along_v * v[k];
+    for (int k = 0; k < 3; ++k) to[k] = tip[k] + along_u * u[k] + along_v * v[k];
     if (!hrt_inverse(&frame, to, joint3)) return;
     hand->joint[0] = (double)joint3[0], hand->joint[1] = (double)joint3[1];
 }
@@ -163,8 +154,7 @@ static void keep_inside(play_hand *hand, const hrt_params *limits) {
 
 void play_controls_step(play_controls *c, const view_picture *p, const view_camera *camera, int height_px,
                         double dt_s) {
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
-        meet(&c->hand[i], &p->instrument[i]);
+    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) meet(&c->hand[i], &p->instrument[i]);
     play_hand *hand = &c->hand[c->selected];
     const view_instrument *t = &p->instrument[c->selected];
     if (!hand->known) return;

@@ -52,9 +52,7 @@ static void on_signal(int number) {
     interrupted = 1;
 }
 
-static double now_s(void) {
-    return (double)app_monotonic_us() * 1e-6;
-}
+static double now_s(void) { return (double)app_monotonic_us() * 1e-6; }
 
 enum { SIZE = 256, QUALITY, AZIMUTH, ELEVATION, ZOOM, WATCH, DURATION, PNG, JSON, URL, HELP, VERSION };
 static const struct option table[] = {
@@ -172,8 +170,7 @@ static void draw_help(const play *p) {
     float cap = fmaxf(8, (float)canvas->height / 62), step = 1.9f * cap, x = 2.4f * cap,
           y = (float)canvas->height / 2 - step * LINES / 2;
     float width = 0;
-    for (int i = 0; i < LINES; ++i)
-        width = fmaxf(width, view_text_width(line[i], cap));
+    for (int i = 0; i < LINES; ++i) width = fmaxf(width, view_text_width(line[i], cap));
     view_box(canvas, x - cap, y - 2 * cap, x + width + cap, y + step * (LINES - 1) + cap, 0.6f * cap,
              (view_colour){10, 15, 19, 0.58f});
     for (int i = 0; i < LINES; ++i)
@@ -219,8 +216,7 @@ static void send(play *p) {
 static int one_picture(play *p, double dt_s) {
     tm_error error = {0};
     play_event event;
-    while (p->window_api->next_event(p->window, &event))
-        play_controls_event(&p->controls, &p->picture, &event);
+    while (p->window_api->next_event(p->window, &event)) play_controls_event(&p->controls, &p->picture, &event);
     play_controls_step(&p->controls, &p->picture, &p->studio.camera, p->studio.canvas.height, dt_s);
     send(p);
     move_eye(p);

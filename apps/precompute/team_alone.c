@@ -8,6 +8,4 @@ const tm_solve_team *team_begin(int *count, char ***all) {
     return NULL;
 }
 
-int team_end(int code) {
-    return code;
-}
+int team_end(int code) { return code; }

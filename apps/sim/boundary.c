@@ -78,8 +78,7 @@ int sim_make_loads(sim *s) {
         rc = app_select_vertices(scene, &load->select, load->here.line, &s->file, mark, &selected);
         if (!rc && load->traction.line) rc = add_traction(s, load, mark, force);
         for (int32_t v = 0; v < n && !rc && load->force.line; ++v)
-            for (int a = 0; a < 3 && mark[v]; ++a)
-                force[3 * v + a] += load->force.v[a];
+            for (int a = 0; a < 3 && mark[v]; ++a) force[3 * v + a] += load->force.v[a];
     }
     free(mark);
     return rc;

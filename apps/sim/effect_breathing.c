@@ -41,9 +41,7 @@ static void run(void *self, tm_world *world) {
         tm_support_move(world, b->component[i].component, b->component[i].rest_m + share * b->component[i].amplitude_m);
 }
 
-static void destroy(void *self) {
-    tm_release(self, (size_t)((breathing *)self)->bytes);
-}
+static void destroy(void *self) { tm_release(self, (size_t)((breathing *)self)->bytes); }
 
 static int find_support(const app_scene *scene, const options *o) {
     for (int i = 0; i < scene->support.count; ++i)

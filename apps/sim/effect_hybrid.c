@@ -52,8 +52,7 @@ static int choose_part(const sim *s, const sim_solve_options *o, uint8_t *dynami
         bool in = true;
         for (int a = 0; a < 3 && o->box.line; ++a) {
             double x = 0;
-            for (int k = 0; k < 4; ++k)
-                x += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k] + a];
+            for (int k = 0; k < 4; ++k) x += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k] + a];
             in = in && x >= o->box_min.v[a] && x <= o->box_max.v[a];
         }
         if (o->region.line) in = !strcmp(s->file.region_name[s->mesh->region[t]], o->region.s);
@@ -134,8 +133,9 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
 static void feel(sim *s, int i) {
     model *m = s->model_own;
     tm_patch unused, *patch = s->patch ? &s->patch[i] : &unused;
-    bool made = m->api.tm_hybrid_patch_(m->hybrid, i, s->velocity_m_s[i], 2 * s->frame_s, s->patch_vertices,
-                                        s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16, patch, s->reaction[i].stiffness_N_m);
+    bool made =
+        m->api.tm_hybrid_patch_(m->hybrid, i, s->velocity_m_s[i], 2 * s->frame_s, s->patch_vertices,
+                                s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16, patch, s->reaction[i].stiffness_N_m);
     s->reaction[i].stiffness_kind = made;
     s->patch_valid[i] = made && s->patch && s->wants[i] == SIM_SENDS_PATCH;
 }
@@ -145,23 +145,15 @@ static tm_surface_view surface(const sim *s) {
     return m->api.tm_hybrid_surface_(m->hybrid);
 }
 
-static const double *displacement(const sim *s) {
-    return tm_world_state(s->world)->u_m;
-}
-static double time_s(const sim *s) {
-    return tm_world_state(s->world)->time_s;
-}
-static uint64_t hash(const sim *s) {
-    return tm_world_hash(s->world);
-}
-static int64_t bytes(const sim *s) {
-    return ((model *)s->model_own)->bytes;
-}
+static const double *displacement(const sim *s) { return tm_world_state(s->world)->u_m; }
+static double time_s(const sim *s) { return tm_world_state(s->world)->time_s; }
+static uint64_t hash(const sim *s) { return tm_world_hash(s->world); }
+static int64_t bytes(const sim *s) { return ((model *)s->model_own)->bytes; }
 
 const sim_model sim_model_hybrid = {.begin = begin,
                                     .end = end,
                                     .frame = frame,
-                                  .feel = feel,
+                                    .feel = feel,
                                     .surface = surface,
                                     .displacement = displacement,
                                     .time_s = time_s,

@@ -87,8 +87,7 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
         const tm_contact_row *rows;
         int32_t count = m->api.tm_precomputed_rows_(m->precomputed, &rows);
         r->row_count = 0;
-        for (int32_t k = 0; k < count; ++k)
-            r->row_count += rows[k].instrument == i && rows[k].lambda_N > 0;
+        for (int32_t k = 0; k < count; ++k) r->row_count += rows[k].instrument == i && rows[k].lambda_N > 0;
         r->time_s = m->time_s;
     }
     return TM_OK;
@@ -102,26 +101,20 @@ static void feel(sim *s, int i) {
                                      s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16, &s->patch[i]);
 }
 
-static tm_surface_view surface(const sim *s) {
-    return tm_tissue_surface(s->tissue);
-}
+static tm_surface_view surface(const sim *s) { return tm_tissue_surface(s->tissue); }
 
 static const double *displacement(const sim *s) {
     model *m = s->model_own;
     return m->api.tm_precomputed_displacement_(m->precomputed);
 }
 
-static double time_s(const sim *s) {
-    return ((model *)s->model_own)->time_s;
-}
+static double time_s(const sim *s) { return ((model *)s->model_own)->time_s; }
 
 static uint64_t hash(const sim *s) {
     return tm_hash(displacement(s), sizeof(double) * 3 * (size_t)s->mesh->vertex_count, TM_HASH_SEED);
 }
 
-static int64_t bytes(const sim *s) {
-    return ((model *)s->model_own)->bytes;
-}
+static int64_t bytes(const sim *s) { return ((model *)s->model_own)->bytes; }
 
 static tm_status solve(sim *s, double *u_m, double *reaction_N, tm_error *error) {
     model *m = s->model_own;

@@ -38,10 +38,8 @@ static int build(sim *s, const void *own) {
     p->message.vertex_id = corner + 3 * t;
     p->slot_of = p->message.vertex_id + n;
     p->message.triangle_kind = (int8_t *)(p->slot_of + n);
-    for (size_t i = 0; i < n; ++i)
-        p->message.vertex_m[i] = xyz + 3 * i;
-    for (size_t i = 0; i < t; ++i)
-        p->message.triangle[i] = corner + 3 * i;
+    for (size_t i = 0; i < n; ++i) p->message.vertex_m[i] = xyz + 3 * i;
+    for (size_t i = 0; i < t; ++i) p->message.triangle[i] = corner + 3 * i;
     return 0;
 }
 
@@ -64,10 +62,8 @@ static bool was_outside(const tm_mesh *mesh, int32_t face) {
 static void renumber(sim_picture *p, const sim *s, const tm_surface_view *surface) {
     tensormass_tissue_t *m = &p->message;
     m->vertex_count = 0;
-    for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
-        p->slot_of[v] = -1;
-    for (int32_t i = 0; i < 3 * surface->count; ++i)
-        p->slot_of[surface->triangle[i]] = 0;
+    for (int32_t v = 0; v < s->mesh->vertex_count; ++v) p->slot_of[v] = -1;
+    for (int32_t i = 0; i < 3 * surface->count; ++i) p->slot_of[surface->triangle[i]] = 0;
     for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
         if (!p->slot_of[v]) {
             p->slot_of[v] = m->vertex_count;
@@ -75,8 +71,7 @@ static void renumber(sim_picture *p, const sim *s, const tm_surface_view *surfac
         }
     m->triangle_count = surface->count;
     for (int32_t t = 0; t < surface->count; ++t) {
-        for (int c = 0; c < 3; ++c)
-            m->triangle[t][c] = p->slot_of[surface->triangle[3 * t + c]];
+        for (int c = 0; c < 3; ++c) m->triangle[t][c] = p->slot_of[surface->triangle[3 * t + c]];
         m->triangle_kind[t] = !was_outside(s->mesh, surface->face[t]);
     }
     m->topology_revision = p->revision = surface->revision;

@@ -127,8 +127,7 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
     /* Effects without a stage of their own. */
     for (int e = 0; e < sim_effect_count; ++e) {
         bool staged = false;
-        for (int j = 0; j < s->owner_count; ++j)
-            staged |= s->owner[j].effect == e;
+        for (int j = 0; j < s->owner_count; ++j) staged |= s->owner[j].effect == e;
         if (!sim_effect_line(s->scene, e) || staged) continue;
         rows[n] = (row){.phase = "", .line = sim_effect_line(s->scene, e), .bytes = beside[e]};
         snprintf(rows[n].name, sizeof rows[n].name, "%s", sim_effects[e]->name);
@@ -190,8 +189,7 @@ int run_explain(sim *s, const run_options *o) {
     tm_status status = measure(s, stages, &count);
     double total_us = 0;
     int n = gather(s, stages, count, rows);
-    for (int i = 0; i < n; ++i)
-        total_us += rows[i].us_per_step;
+    for (int i = 0; i < n; ++i) total_us += rows[i].us_per_step;
     if (status) {
         fputs("tm-sim: the scene blew up while being measured; lower time.step_fraction\n", stderr);
         run_file_end(&report, false);

@@ -27,9 +27,7 @@ double sim_quantile(sim_quantiles *q, double share) {
     return (double)q->value[i < 0 ? 0 : i];
 }
 
-void sim_quantiles_free(sim_quantiles *q) {
-    free(q->value);
-}
+void sim_quantiles_free(sim_quantiles *q) { free(q->value); }
 
 void sim_magnitude_add(sim_magnitude *m, const double v[3]) {
     double square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
@@ -38,9 +36,7 @@ void sim_magnitude_add(sim_magnitude *m, const double v[3]) {
     ++m->count;
 }
 
-double sim_magnitude_rms(const sim_magnitude *m) {
-    return m->count ? sqrt(m->sum_of_squares / (double)m->count) : 0;
-}
+double sim_magnitude_rms(const sim_magnitude *m) { return m->count ? sqrt(m->sum_of_squares / (double)m->count) : 0; }
 
 void sim_report_quantiles(cJSON *parent, const char *name, sim_quantiles *q) {
     cJSON *row = cJSON_AddObjectToObject(parent, name);

@@ -6,8 +6,7 @@
 
 static void normalise(double v[3]) {
     double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    for (int a = 0; a < 3; ++a)
-        v[a] /= length;
+    for (int a = 0; a < 3; ++a) v[a] /= length;
 }
 
 static void make_axes(const app_instrument *t, double axes[9]) {
@@ -42,11 +41,9 @@ tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINT
 bool sim_joints(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]) {
     const double *r = s->axes[instrument];
     double world[3], d[3] = {0, 0, 0};
+    for (int a = 0; a < 3; ++a) world[a] = tip_m[a] - s->instrument_def[instrument].trocar_m[a];
     for (int a = 0; a < 3; ++a)
-        world[a] = tip_m[a] - s->instrument_def[instrument].trocar_m[a];
-    for (int a = 0; a < 3; ++a)
-        for (int c = 0; c < 3; ++c)
-            d[c] += r[3 * a + c] * world[a];
+        for (int c = 0; c < 3; ++c) d[c] += r[3 * a + c] * world[a];
     double insertion = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     if (!(insertion > 1e-9)) return false;
     joint[0] = atan2(d[1], d[2]);

@@ -11,9 +11,7 @@ static void on_signal(int number) {
     interrupted = 1;
 }
 
-bool run_interrupted(void) {
-    return interrupted;
-}
+bool run_interrupted(void) { return interrupted; }
 
 void run_catch_signals(void) {
     struct sigaction action = {.sa_handler = on_signal};

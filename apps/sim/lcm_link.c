@@ -72,9 +72,7 @@ typedef struct codec {
 } codec;
 
 #define CODEC(type)                                                                                                    \
-    static int type##_size_any(const void *m) {                                                                        \
-        return tensormass_##type##_encoded_size(m);                                                                    \
-    }                                                                                                                  \
+    static int type##_size_any(const void *m) { return tensormass_##type##_encoded_size(m); }                          \
     static int type##_encode_any(void *b, int o, int n, const void *m) {                                               \
         return tensormass_##type##_encode(b, o, n, m);                                                                 \
     }

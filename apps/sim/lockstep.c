@@ -81,8 +81,7 @@ static int make_station(lockstep *l, int i) {
     device.session = 1;
     device.seed = (uint64_t)l->haptics->seed.value;
     device.period_us = (double)l->tick_us;
-    for (int j = 0; j < SIM_JOINTS; ++j)
-        device.rest[j] = s->start_joint[i][j];
+    for (int j = 0; j < SIM_JOINTS; ++j) device.rest[j] = s->start_joint[i][j];
     device.hand = s->hand[i];
     hrt_bus_open_loopback(&t->device_bus, &l->bus);
     hrt_bus_open_loopback(&t->node_bus, &l->bus);
@@ -155,12 +154,9 @@ static void trace_tick(lockstep *l, int i, int64_t now_us) {
     const hrt_output *h = &t->node.output;
     fprintf(l->csv.stream, "%.6f,%d,%d,%d,%" PRIu32, (double)(now_us - START_US) * 1e-6, i, h->state, h->fault,
             h->limits);
-    for (int a = 0; a < 3; ++a)
-        fprintf(l->csv.stream, ",%.9g", t->tool.tip_m[a]);
-    for (int a = 0; a < 3; ++a)
-        fprintf(l->csv.stream, ",%.9g", (double)h->force_N[a]);
-    for (int j = 0; j < SIM_JOINTS; ++j)
-        fprintf(l->csv.stream, ",%.9g", t->tool.joint[j]);
+    for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", t->tool.tip_m[a]);
+    for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", (double)h->force_N[a]);
+    for (int j = 0; j < SIM_JOINTS; ++j) fprintf(l->csv.stream, ",%.9g", t->tool.joint[j]);
     fprintf(l->csv.stream, ",%.6f\n", (double)h->sample_age_us * 1e-6);
 }
 
@@ -223,25 +219,19 @@ static void trace_frame(lockstep *l, const tensormass_force_sample_t *m, int64_t
         FILE *out = l->samples.stream;
         fprintf(out, "%" PRId64 ",%.6f,%d,%.6f", l->frame, (double)(now_us - START_US) * 1e-6, m->instrument,
                 (double)(m->tool_utime ? m->tool_utime - START_US : 0) * 1e-6);
-        for (int a = 0; a < 3; ++a)
-            fprintf(out, ",%.9g", m->tip_m[a]);
-        for (int a = 0; a < 3; ++a)
-            fprintf(out, ",%.9g", m->force_N[a]);
-        for (int a = 0; a < 3; ++a)
-            fprintf(out, ",%.9g", r->resultant_N[a]);
+        for (int a = 0; a < 3; ++a) fprintf(out, ",%.9g", m->tip_m[a]);
+        for (int a = 0; a < 3; ++a) fprintf(out, ",%.9g", m->force_N[a]);
+        for (int a = 0; a < 3; ++a) fprintf(out, ",%.9g", r->resultant_N[a]);
         fprintf(out, ",%d,%d,%d", r->row_count, m->flags, m->stiffness_kind);
-        for (int a = 0; a < 9; ++a)
-            fprintf(out, ",%.9g", m->stiffness_N_m[a]);
+        for (int a = 0; a < 9; ++a) fprintf(out, ",%.9g", m->stiffness_N_m[a]);
         fputc('\n', out);
     }
     if (!l->haptics) {
         sim_magnitude_add(&l->force, r->force_N);
         if (l->csv.begun) {
             fprintf(l->csv.stream, "%.6f,%d,-1,0,0", (double)(now_us - START_US) * 1e-6, m->instrument);
-            for (int a = 0; a < 3; ++a)
-                fprintf(l->csv.stream, ",%.9g", m->tip_m[a]);
-            for (int a = 0; a < 3; ++a)
-                fprintf(l->csv.stream, ",%.9g", m->force_N[a]);
+            for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", m->tip_m[a]);
+            for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", m->force_N[a]);
             fprintf(l->csv.stream, ",0,0,0,0,0,0\n");
         }
     }
@@ -330,7 +320,7 @@ static int loop(lockstep *l) {
     if (!status) return 0;
     fprintf(stderr,
             "tm-sim: frame %" PRId64 ": a displacement stopped being finite or passed 1e6 m; lower time.step_fraction, "
-                                     "or look at the materials with --explain\n",
+            "or look at the materials with --explain\n",
             l->frame);
     return APP_FAILED;
 }
@@ -407,8 +397,7 @@ static int begin(lockstep *l, const char *log) {
     hrt_loopback_init(&l->bus);
     l->station = calloc((size_t)s->instrument_count, sizeof *l->station);
     if (!l->station) return APP_FAILED;
-    for (int i = 0; i < s->instrument_count && !rc; ++i)
-        rc = make_station(l, i);
+    for (int i = 0; i < s->instrument_count && !rc; ++i) rc = make_station(l, i);
     return rc;
 }
 
@@ -443,8 +432,7 @@ int run_lockstep(sim *s, const run_options *o) {
         rc = run_report_end(json, &l->report);
     for (int i = 0; l->station && i < s->instrument_count; ++i) {
         station *t = &l->station[i];
-        for (; t->head != t->tail; ++t->head)
-            free(t->queue[t->head % QUEUE].patch);
+        for (; t->head != t->tail; ++t->head) free(t->queue[t->head % QUEUE].patch);
         hrt_bus_close(&l->station[i].node_bus);
         hrt_bus_close(&l->station[i].device_bus);
     }

@@ -94,9 +94,7 @@ static const struct option long_options[] = {{"lockstep", no_argument, NULL, OPT
                                              {"version", no_argument, NULL, OPT_VERSION},
                                              {NULL, 0, NULL, 0}};
 
-static int usage(const char *what, const char *argument) {
-    return app_bad_input("tm-sim", 0, what, argument);
-}
+static int usage(const char *what, const char *argument) { return app_bad_input("tm-sim", 0, what, argument); }
 
 static int add_set(run_options *o, const char *prefix, const char *text, bool wants_value) {
     if (o->set_count >= RUN_MAX_SETS) return usage("more than 64 --set%s; write a scene instead", "");
@@ -240,7 +238,6 @@ int main(int count, char **all) {
     run_catch_signals();
     int rc = parse(&o, count, all);
     if (!rc) rc = run(&o);
-    for (int i = 0; i < o.set_count; ++i)
-        free(o.set[i]);
+    for (int i = 0; i < o.set_count; ++i) free(o.set[i]);
     return rc;
 }

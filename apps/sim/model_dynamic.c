@@ -58,12 +58,10 @@ static int begin(sim *s) {
 tm_status sim_world_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     if (s->contact) {
         tm_contact_begin_frame(s->contact, substeps, s->average < substeps ? s->average : substeps);
-        for (int i = 0; i < s->instrument_count; ++i)
-            tm_contact_move(s->contact, i, &to[i], substeps);
+        for (int i = 0; i < s->instrument_count; ++i) tm_contact_move(s->contact, i, &to[i], substeps);
     }
     tm_status status = tm_world_step(s->world, substeps);
-    for (int i = 0; s->contact && i < s->instrument_count; ++i)
-        s->reaction[i] = tm_contact_reaction(s->contact, i);
+    for (int i = 0; s->contact && i < s->instrument_count; ++i) s->reaction[i] = tm_contact_reaction(s->contact, i);
     return status;
 }
 
@@ -76,18 +74,10 @@ static void feel(sim *s, int i) {
     s->patch_valid[i] = made && s->patch && s->wants[i] == SIM_SENDS_PATCH;
 }
 
-static tm_surface_view surface(const sim *s) {
-    return tm_tissue_surface(s->tissue);
-}
-static const double *displacement(const sim *s) {
-    return tm_world_state(s->world)->u_m;
-}
-static double time_s(const sim *s) {
-    return tm_world_state(s->world)->time_s;
-}
-static uint64_t hash(const sim *s) {
-    return tm_world_hash(s->world);
-}
+static tm_surface_view surface(const sim *s) { return tm_tissue_surface(s->tissue); }
+static const double *displacement(const sim *s) { return tm_world_state(s->world)->u_m; }
+static double time_s(const sim *s) { return tm_world_state(s->world)->time_s; }
+static uint64_t hash(const sim *s) { return tm_world_hash(s->world); }
 
 static const sim_model dynamic = {.begin = begin,
                                   .frame = sim_world_frame,

@@ -97,8 +97,7 @@ bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_fo
     memcpy(out->face, t->face, sizeof *out->face * (size_t)t->triangle_count);
     memcpy(out->triangle, t->triangle, 3 * (size_t)t->triangle_count);
     int n = 3 * t->vertex_count;
-    for (int i = 0; i < n * (n + 1) / 2; ++i)
-        out->compliance_m_N[i] = (float)t->compliance_m_N[i];
+    for (int i = 0; i < n * (n + 1) / 2; ++i) out->compliance_m_N[i] = (float)t->compliance_m_N[i];
     out->skin_compliance_m_N = (float)t->skin_compliance_m_N;
     out->force_cap_N = (float)t->force_cap_N;
     out->radius_m = (float)t->radius_m;

@@ -97,10 +97,8 @@ static void publish(realtime *r, int32_t substeps, double spent_s, bool overran)
         if (r->samples.begun) {
             fprintf(r->samples.stream, "%" PRId64 ",%.6f,%d,%" PRId64, r->frame,
                     (double)(app_monotonic_us() - r->start_us) * 1e-6, i, t_n);
-            for (int a = 0; a < 3; ++a)
-                fprintf(r->samples.stream, ",%.9g", sample.tip_m[a]);
-            for (int a = 0; a < 3; ++a)
-                fprintf(r->samples.stream, ",%.9g", sample.force_N[a]);
+            for (int a = 0; a < 3; ++a) fprintf(r->samples.stream, ",%.9g", sample.tip_m[a]);
+            for (int a = 0; a < 3; ++a) fprintf(r->samples.stream, ",%.9g", sample.force_N[a]);
             fprintf(r->samples.stream, ",%d,%d\n", s->reaction[i].row_count, sample.flags);
         }
     }
@@ -217,8 +215,7 @@ static void report(realtime *r, cJSON *json) {
         cJSON_AddNumberToObject(row, "rejected", (double)t->rejected);
         ticks += r->controller[i].ticks;
         missed += r->controller[i].missed;
-        for (int k = 0; k < 4; ++k)
-            late[k] = fmax(late[k], r->controller[i].lateness_us[k]);
+        for (int k = 0; k < 4; ++k) late[k] = fmax(late[k], r->controller[i].lateness_us[k]);
     }
     cJSON_AddNumberToObject(json, "ticks", (double)ticks);
     cJSON_AddNumberToObject(json, "missed_ticks", (double)missed);

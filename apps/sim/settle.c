@@ -33,8 +33,7 @@ static void write_csv(FILE *out, const tm_mesh *mesh, const double *u, const dou
 
 static void write_vectors(FILE *out, const char *name, const double *v, int32_t count) {
     fprintf(out, "VECTORS %s double\n", name);
-    for (int32_t i = 0; i < count; ++i)
-        fprintf(out, "%.17g %.17g %.17g\n", v[3 * i], v[3 * i + 1], v[3 * i + 2]);
+    for (int32_t i = 0; i < count; ++i) fprintf(out, "%.17g %.17g %.17g\n", v[3 * i], v[3 * i + 1], v[3 * i + 2]);
 }
 
 static void write_vtk(FILE *out, const tm_mesh *mesh, const double *u, const double *reaction) {
@@ -49,14 +48,12 @@ static void write_vtk(FILE *out, const tm_mesh *mesh, const double *u, const dou
         fprintf(out, "4 %d %d %d %d\n", mesh->tet[4 * t], mesh->tet[4 * t + 1], mesh->tet[4 * t + 2],
                 mesh->tet[4 * t + 3]);
     fprintf(out, "CELL_TYPES %d\n", mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; ++t)
-        fputs("10\n", out);
+    for (int32_t t = 0; t < mesh->tet_count; ++t) fputs("10\n", out);
     fprintf(out, "POINT_DATA %d\n", mesh->vertex_count);
     write_vectors(out, "displacement_m", u, mesh->vertex_count);
     write_vectors(out, "reaction_N", reaction, mesh->vertex_count);
     fprintf(out, "CELL_DATA %d\nSCALARS region int 1\nLOOKUP_TABLE default\n", mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; ++t)
-        fprintf(out, "%d\n", mesh->region[t]);
+    for (int32_t t = 0; t < mesh->tet_count; ++t) fprintf(out, "%d\n", mesh->region[t]);
 }
 
 /* One row a support: the force that it exerts on the tissue. */
@@ -69,8 +66,7 @@ static void report_supports(const sim *s, const double *reaction, cJSON *json) {
         for (int32_t v = 0; v < s->mesh->vertex_count; ++v) {
             if (s->support_of[v] != i + 1) continue;
             ++count;
-            for (int a = 0; a < 3; ++a)
-                sum[a] += reaction[3 * v + a];
+            for (int a = 0; a < 3; ++a) sum[a] += reaction[3 * v + a];
         }
         char name[160];
         if (*support->name.s)
@@ -87,8 +83,8 @@ static void report_supports(const sim *s, const double *reaction, cJSON *json) {
     }
 }
 
-/* Brings every instrument to its start along its own shaft, from the trocar: put there at once, it could be inside the tissue without
- * ever having touched it. */
+/* Brings every instrument to its start along its own shaft, from the trocar: put there at once, it could be inside the
+ * tissue without ever having touched it. */
 static tm_status insert_tools(sim *s) {
     enum { STEPS = 400 };
     if (!s->contact) return TM_OK;
@@ -118,8 +114,10 @@ static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_se
         def.progress = on_progress;
         def.user = &w;
         status = insert_tools(s);
-        if (!status) status = tm_world_settle(s->world, &def, result, &error);
-        else snprintf(error.message, sizeof error.message, "the instruments' way in blew up; lower time.step_fraction");
+        if (!status)
+            status = tm_world_settle(s->world, &def, result, &error);
+        else
+            snprintf(error.message, sizeof error.message, "the instruments' way in blew up; lower time.step_fraction");
         memcpy(u, tm_world_state(s->world)->u_m, sizeof *u * 3 * (size_t)s->mesh->vertex_count);
         tm_support_reaction(s->world, reaction);
     }

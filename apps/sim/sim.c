@@ -33,16 +33,13 @@ const void *sim_options(const app_scene *scene, const char *effect) {
     return sim_effect_find(effect, &i) && sim_effect_line(scene, i) ? scene->effect[i] : NULL;
 }
 
-bool sim_has(const sim *s, const char *effect) {
-    return sim_options(s->scene, effect) != NULL;
-}
+bool sim_has(const sim *s, const char *effect) { return sim_options(s->scene, effect) != NULL; }
 
 /* --- the scene as a whole --- */
 
 int sim_scene_load(const char *file, char *const *set, int set_count, app_scene **scene) {
     app_schema schema[SIM_MAX_EFFECTS];
-    for (int i = 0; i < sim_effect_count; ++i)
-        schema[i] = sim_effects[i]->schema;
+    for (int i = 0; i < sim_effect_count; ++i) schema[i] = sim_effects[i]->schema;
     return app_scene_load(file, set, set_count, schema, sim_effect_count, scene);
 }
 
@@ -120,8 +117,7 @@ void sim_own_stages(sim *s, int effect) {
     int count = tm_world_stages(s->world, report);
     for (int i = 0; i < count; ++i) {
         bool known = false;
-        for (int j = 0; j < s->owner_count; ++j)
-            known |= !strcmp(s->owner[j].stage, report[i].name);
+        for (int j = 0; j < s->owner_count; ++j) known |= !strcmp(s->owner[j].stage, report[i].name);
         if (!known) s->owner[s->owner_count++] = (sim_owner){report[i].name, effect};
     }
 }
@@ -206,8 +202,7 @@ void sim_destroy(sim *s) {
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     tm_status status = s->model->frame(s, to, substeps);
     for (int i = 0; i < s->instrument_count; ++i) {
-        for (int a = 0; a < 3; ++a)
-            s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->frame_s;
+        for (int a = 0; a < 3; ++a) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->frame_s;
         s->pose[i] = to[i];
         s->patch_valid[i] = false;
         if (s->wants[i] != SIM_SENDS_FORCE && s->model->feel) s->model->feel(s, i);
@@ -218,18 +213,8 @@ tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     return status;
 }
 
-tm_surface_view sim_surface(const sim *s) {
-    return s->model->surface(s);
-}
-const double *sim_displacement(const sim *s) {
-    return s->model->displacement(s);
-}
-double sim_time_s(const sim *s) {
-    return s->model->time_s(s);
-}
-int32_t sim_alive(const sim *s) {
-    return s->condensed_tets + tm_tissue_alive_count(s->tissue);
-}
-uint64_t sim_hash(const sim *s) {
-    return s->model->hash(s);
-}
+tm_surface_view sim_surface(const sim *s) { return s->model->surface(s); }
+const double *sim_displacement(const sim *s) { return s->model->displacement(s); }
+double sim_time_s(const sim *s) { return s->model->time_s(s); }
+int32_t sim_alive(const sim *s) { return s->condensed_tets + tm_tissue_alive_count(s->tissue); }
+uint64_t sim_hash(const sim *s) { return s->model->hash(s); }

@@ -98,7 +98,7 @@ struct sim {
     void *model_own;
     tm_contact *contact; /* null: no effect `contact`, or a model without world */
     tm_contact_def contact_def;
-    tm_grasp_def grasp_def;    /* effect grasp */
+    tm_grasp_def grasp_def; /* effect grasp */
     tm_instrument_def instrument_def[TM_MAX_INSTRUMENTS];
     double axes[TM_MAX_INSTRUMENTS][9]; /* columns: the device's x, y, z in the world; see hrt_frame */
     double start_joint[TM_MAX_INSTRUMENTS][SIM_JOINTS];

@@ -10,8 +10,7 @@
 
 static void write_key(FILE *out, double time_s, const double joint[SIM_JOINTS], bool active) {
     fprintf(out, "%.17g", time_s);
-    for (int j = 0; j < SIM_JOINTS; ++j)
-        fprintf(out, ",%.17g", joint[j]);
+    for (int j = 0; j < SIM_JOINTS; ++j) fprintf(out, ",%.17g", joint[j]);
     fprintf(out, ",%d\n", active);
 }
 

@@ -13,14 +13,18 @@ static void say(outcome *o, verdict v, double figure, const char *format, va_lis
     vsnprintf(o->text, sizeof o->text, format, arguments);
 }
 
-#define WORDS(function, verdict, figure)                       \
-    va_list arguments;                                         \
-    va_start(arguments, format);                               \
-    say(o, verdict, figure, format, arguments);                \
+#define WORDS(function, verdict, figure)                                                                               \
+    va_list arguments;                                                                                                 \
+    va_start(arguments, format);                                                                                       \
+    say(o, verdict, figure, format, arguments);                                                                        \
     va_end(arguments)
 
-void accurate(outcome *o, double figure, const char *format, ...) { WORDS(accurate, isfinite(figure) ? ACCURATE : BROKEN, figure); }
-void stable(outcome *o, double figure, const char *format, ...) { WORDS(stable, isfinite(figure) ? STABLE : BROKEN, figure); }
+void accurate(outcome *o, double figure, const char *format, ...) {
+    WORDS(accurate, isfinite(figure) ? ACCURATE : BROKEN, figure);
+}
+void stable(outcome *o, double figure, const char *format, ...) {
+    WORDS(stable, isfinite(figure) ? STABLE : BROKEN, figure);
+}
 void broken(outcome *o, const char *format, ...) { WORDS(broken, BROKEN, NAN); }
 
 void refused(outcome *o, const tm_error *error) {
@@ -38,7 +42,8 @@ double random_unit(uint64_t *state) {
 }
 
 bench_def bench_default(void) {
-    bench_def def = {.cells = {4, 4, 4}, .size_m = {0.04, 0.04, 0.04}, .material_count = 1, .step_fraction = 0.95, .held = 2};
+    bench_def def = {
+        .cells = {4, 4, 4}, .size_m = {0.04, 0.04, 0.04}, .material_count = 1, .step_fraction = 0.95, .held = 2};
     if (tm_material_young(5e3, 0.45, &def.material[0], NULL) != TM_OK) abort(); /* constants of ours */
     def.material[1] = def.material[0];
     return def;
@@ -86,7 +91,8 @@ bool bench_open(const bench_def *def, bench *b, outcome *o) {
         return false;
     }
     int32_t *region = calloc((size_t)block.tet_count, sizeof *region);
-    for (int32_t t = 0; region && def->material_count > 1 && t < block.tet_count; t++) region[t] = t >= block.tet_count / 2;
+    for (int32_t t = 0; region && def->material_count > 1 && t < block.tet_count; t++)
+        region[t] = t >= block.tet_count / 2;
     if (def->deform) def->deform(block.vertex_m, block.vertex_count, def->argument);
     tm_status status = app_block_mesh(&block, region, &b->mesh, &error);
     free(region);
@@ -125,7 +131,8 @@ void random_velocities(bench *b, uint64_t seed, double speed_m_s) {
     uint8_t *held = calloc((size_t)n, 1);
     if (!held) return;
     tm_support_mask(b->world, held);
-    for (int32_t i = 0; i < n; i++) s->u_prev_m[i] = s->u_m[i] - (held[i] ? 0 : speed_m_s * s->dt_s * random_unit(&seed));
+    for (int32_t i = 0; i < n; i++)
+        s->u_prev_m[i] = s->u_m[i] - (held[i] ? 0 : speed_m_s * s->dt_s * random_unit(&seed));
     free(held);
 }
 

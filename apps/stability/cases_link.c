@@ -1,6 +1,7 @@
-/* Hard links: what a network, a clock, a simulation or a device may do to the controller. A hand presses a spring wall through the real node,
- * codec and virtual device on a virtual clock; a line between wall and node loses, delays, doubles and reorders. Whatever arrives, the force
- * at the motors stays within the device's limit, finite, and ends where it should. */
+/* Hard links: what a network, a clock, a simulation or a device may do to the controller. A hand presses a spring wall
+ * through the real node, codec and virtual device on a virtual clock; a line between wall and node loses, delays,
+ * doubles and reorders. Whatever arrives, the force at the motors stays within the device's limit, finite, and ends
+ * where it should. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -12,30 +13,35 @@
 enum { TICK_US = 2000, FRAME_US = 34000, LINE_MAX = 64, SENT_MAX = 64 };
 
 typedef struct line_def {
-    double loss;            /* share of samples lost */
-    int burst;              /* samples lost in a row, each time one is */
+    double loss; /* share of samples lost */
+    int burst;   /* samples lost in a row, each time one is */
     int64_t delay_us, jitter_us;
     bool doubled, reordered;
     uint32_t first_seq;
-    double kill_s, restart_s;      /* simulation gone between; 0: never */
+    double kill_s, restart_s; /* simulation gone between; 0: never */
     bool two_sims;
     double wall_N_m;
     void (*spoil)(hrt_force_sample *sample, int64_t n); /* null: honest samples */
-    double silent_s, babble_s;     /* device unplugged from; a babbler on the bus from; 0: never */
-    double clock_back_s;           /* the caller's clock steps back by 50 ms at this time */
-    const hrt_keyframe *hand;      /* null: the press of below */
+    double silent_s, babble_s;                          /* device unplugged from; a babbler on the bus from; 0: never */
+    double clock_back_s;                                /* the caller's clock steps back by 50 ms at this time */
+    const hrt_keyframe *hand;                           /* null: the press of below */
     int hand_count;
     double noise_counts;
     hrt_extrapolator extrapolator;
 } line_def;
 
 static const hrt_keyframe press[] = {
-    {.time_s = 0.0, .joint = {0, 0, 0.10, 0, 0}},    {.time_s = 1.0, .joint = {0, 0, 0.10, 0, 0}},    {.time_s = 2.0, .joint = {0.02, 0, 0.116, 0, 0}},
-    {.time_s = 2.6, .joint = {0.02, 0.03, 0.116, 0, 0}}, {.time_s = 3.2, .joint = {-0.02, 0.03, 0.104, 0, 0}}, {.time_s = 4.0, .joint = {0, 0, 0.118, 0, 0}},
+    {.time_s = 0.0, .joint = {0, 0, 0.10, 0, 0}},         {.time_s = 1.0, .joint = {0, 0, 0.10, 0, 0}},
+    {.time_s = 2.0, .joint = {0.02, 0, 0.116, 0, 0}},     {.time_s = 2.6, .joint = {0.02, 0.03, 0.116, 0, 0}},
+    {.time_s = 3.2, .joint = {-0.02, 0.03, 0.104, 0, 0}}, {.time_s = 4.0, .joint = {0, 0, 0.118, 0, 0}},
     {.time_s = 6.0, .joint = {0, 0, 0.118, 0, 0}}};
-static const hrt_keyframe still[] = {{.time_s = 0, .joint = {0, 0, 0.10, 0, 0}}, {.time_s = 1, .joint = {0, 0, 0.10, 0, 0}}, {.time_s = 1.5, .joint = {0, 0, 0.112, 0, 0}}};
-static const hrt_keyframe reverse[] = {{.time_s = 0, .joint = {0, 0, 0.10, 0, 0}}, {.time_s = 1, .joint = {0, 0, 0.106, 0, 0}},
-                                       {.time_s = 1.2, .joint = {0, 0, 0.118, 0, 0}}, {.time_s = 1.4, .joint = {0, 0, 0.106, 0, 0}}};
+static const hrt_keyframe still[] = {{.time_s = 0, .joint = {0, 0, 0.10, 0, 0}},
+                                     {.time_s = 1, .joint = {0, 0, 0.10, 0, 0}},
+                                     {.time_s = 1.5, .joint = {0, 0, 0.112, 0, 0}}};
+static const hrt_keyframe reverse[] = {{.time_s = 0, .joint = {0, 0, 0.10, 0, 0}},
+                                       {.time_s = 1, .joint = {0, 0, 0.106, 0, 0}},
+                                       {.time_s = 1.2, .joint = {0, 0, 0.118, 0, 0}},
+                                       {.time_s = 1.4, .joint = {0, 0, 0.106, 0, 0}}};
 
 typedef struct link_run {
     const line_def *def;
@@ -43,7 +49,10 @@ typedef struct link_run {
     hrt_bus node_bus, device_bus, babbler;
     hrt_node node;
     hrt_device device;
-    struct pending { int64_t due_us; hrt_force_sample sample; } line[LINE_MAX];
+    struct pending {
+        int64_t due_us;
+        hrt_force_sample sample;
+    } line[LINE_MAX];
     int in_line;
     int64_t session, frames;
     uint32_t seq;
@@ -83,7 +92,11 @@ static bool lost(link_run *r) {
 
 /* One frame of the simulation: samples the tool, sends what the line lets through. */
 static void simulate(link_run *r, int64_t now_us, const hrt_tool_state *tool, int64_t session, double stiffer) {
-    hrt_force_sample s = {.utime = now_us, .session = session, .tool_session = tool->session, .tool_utime = tool->utime, .seq = r->seq++,
+    hrt_force_sample s = {.utime = now_us,
+                          .session = session,
+                          .tool_session = tool->session,
+                          .tool_utime = tool->utime,
+                          .seq = r->seq++,
                           .stiffness_kind = 2};
     memcpy(s.tip_m, tool->tip_m, sizeof s.tip_m);
     wall(r->def, s.tip_m, s.force_N, s.stiffness_N_m);
@@ -91,7 +104,8 @@ static void simulate(link_run *r, int64_t now_us, const hrt_tool_state *tool, in
     if (r->def->spoil) r->def->spoil(&s, r->frames);
     r->frames++;
     if (lost(r)) return;
-    int64_t due = now_us + r->def->delay_us + (int64_t)(0.5 * (1 + random_unit(&r->random)) * (double)r->def->jitter_us);
+    int64_t due =
+        now_us + r->def->delay_us + (int64_t)(0.5 * (1 + random_unit(&r->random)) * (double)r->def->jitter_us);
     if (r->def->reordered && r->frames % 3 == 0) due += FRAME_US + FRAME_US / 2;
     put(r, &s, due);
     if (r->def->doubled) put(r, &s, due + TICK_US);
@@ -110,13 +124,15 @@ static void deliver(link_run *r, int64_t now_us) {
 
 static void judge(link_run *r, double time_s, outcome *o) {
     const float *f = r->node.output.force_N;
-    double size = sqrt((double)f[0] * f[0] + (double)f[1] * f[1] + (double)f[2] * f[2]), truth[3], ignored[9], tip[3], error = 0, size_true = 0;
+    double size = sqrt((double)f[0] * f[0] + (double)f[1] * f[1] + (double)f[2] * f[2]), truth[3], ignored[9], tip[3],
+           error = 0, size_true = 0;
     for (int i = 0; i < 3; i++) tip[i] = TROCAR[i] + r->node.output.tip_m[i];
     wall(r->def, tip, truth, ignored);
     for (int i = 0; i < 3; i++) error += (f[i] - truth[i]) * (f[i] - truth[i]), size_true += truth[i] * truth[i];
     r->finite = r->finite && isfinite(size);
     r->peak_N = fmax(r->peak_N, size), r->peak_true_N = fmax(r->peak_true_N, sqrt(size_true));
-    if (r->node.output.state == HRT_ENGAGED && r->node.output.gain >= 1) r->sum_sq += error, r->compared++, r->engaged = true;
+    if (r->node.output.state == HRT_ENGAGED && r->node.output.gain >= 1)
+        r->sum_sq += error, r->compared++, r->engaged = true;
     if (r->node.output.state == HRT_FAULT && !r->faulted) r->faulted = true, r->fault = r->node.output.fault;
     if (size > 1e-3) r->quiet_s = time_s;
     r->last_N = size;
@@ -135,19 +151,22 @@ static bool set_up(link_run *r, const line_def *def) {
     r->limit_N = node.params.force_max_N;
     hrt_node_init(&r->node, &node, &r->node_bus);
     hrt_device_config device = hrt_device_config_default(0);
-    device.hand.key = def->hand ? def->hand : press, device.hand.key_count = def->hand ? def->hand_count : (int)(sizeof press / sizeof *press);
+    device.hand.key = def->hand ? def->hand : press,
+    device.hand.key_count = def->hand ? def->hand_count : (int)(sizeof press / sizeof *press);
     device.seed = 11, device.noise_counts = def->noise_counts;
     hrt_device_init(&r->device, &device, &r->device_bus);
     return true;
 }
 
 static void babble(link_run *r) {
-    for (int i = 0; i < 20; i++) { /* random identifiers and bytes: foreign frames, and forged ones of our own with bad checksums */
+    for (int i = 0; i < 20;
+         i++) { /* random identifiers and bytes: foreign frames, and forged ones of our own with bad checksums */
         hrt_can_frame frame = {.id = (uint32_t)(0x7ff * 0.5 * (1 + random_unit(&r->random))), .length = 8};
         for (int b = 0; b < 8; b++) frame.data[b] = (uint8_t)(255 * 0.5 * (1 + random_unit(&r->random)));
         hrt_bus_send(&r->babbler, &frame);
         hrt_can_frame unread;
-        while (hrt_bus_receive(&r->babbler, &unread) == 1) {}
+        while (hrt_bus_receive(&r->babbler, &unread) == 1) {
+        }
     }
 }
 
@@ -186,12 +205,14 @@ static void verdict_of(const link_run *r, outcome *o) {
         broken(o, "a force was not finite");
     else if (!r->engaged)
         broken(o, "never engaged (%s)", end);
-    else
-    {
+    else {
         hrt_status status;
         hrt_node_status(&r->node, &status);
-        stable(o, r->peak_N / r->limit_N, "peak %.2f N of %.1f, RMS error %.1f %% of peak while engaged, samples: %lld rejected, %lld late, %lld lost; %s",
-               r->peak_N, r->limit_N, 100 * rms, (long long)status.samples_rejected, (long long)status.samples_late, (long long)status.samples_lost, end);
+        stable(
+            o, r->peak_N / r->limit_N,
+            "peak %.2f N of %.1f, RMS error %.1f %% of peak while engaged, samples: %lld rejected, %lld late, %lld lost; %s",
+            r->peak_N, r->limit_N, 100 * rms, (long long)status.samples_rejected, (long long)status.samples_late,
+            (long long)status.samples_lost, end);
     }
 }
 
@@ -219,7 +240,8 @@ static void every_extrapolator(line_def def, double seconds, outcome *o) {
         }
         if (one.figure > worst) {
             worst = one.figure, kept = one;
-            snprintf(kept.text, sizeof kept.text, "worst of all extrapolators is %s: %s", hrt_extrapolator_name(def.extrapolator), one.text);
+            snprintf(kept.text, sizeof kept.text, "worst of all extrapolators is %s: %s",
+                     hrt_extrapolator_name(def.extrapolator), one.text);
         }
     }
     *o = kept;
@@ -257,7 +279,8 @@ static void delayed(bool quick, double delay_s, outcome *o) {
     run_line(&def, 6, &r, o);
     /* So late a sample is stale before it comes: no force at all is the right answer. */
     if (delay_s > 0.2 && r.finite && !r.engaged)
-        stable(o, r.peak_N / r.limit_N, "every sample is older than the stale limit: the controller never engages, peak force %.2g N", r.peak_N);
+        stable(o, r.peak_N / r.limit_N,
+               "every sample is older than the stale limit: the controller never engages, peak force %.2g N", r.peak_N);
     else
         verdict_of(&r, o);
 }
@@ -292,17 +315,31 @@ static void jitters(bool quick, double a, outcome *o) {
     every_extrapolator(def, 6, o);
 }
 
-static void zero(hrt_force_sample *s, int64_t n) { if (n % 3 == 1) memset(s->force_N, 0, sizeof s->force_N); }
-static void tiny(hrt_force_sample *s, int64_t n) { if (n % 3 == 1) for (int i = 0; i < 3; i++) s->force_N[i] = 1e-310, s->tip_m[i] *= 1 + 1e-12; }
-static void huge(hrt_force_sample *s, int64_t n) { if (n % 3 == 1) for (int i = 0; i < 3; i++) s->force_N[i] = i == 1 ? -1e30 : 1e30; }
-static void large(hrt_force_sample *s, int64_t n) { if (n % 3 == 1) for (int i = 0; i < 9; i++) s->stiffness_N_m[i] = 1e7, s->force_N[i % 3] = 50 * (n % 2 ? 1 : -1); }
-static void not_a_number(hrt_force_sample *s, int64_t n) { if (n % 3 == 1) s->force_N[n % 3] = NAN, s->stiffness_N_m[n % 9] = INFINITY; }
+static void zero(hrt_force_sample *s, int64_t n) {
+    if (n % 3 == 1) memset(s->force_N, 0, sizeof s->force_N);
+}
+static void tiny(hrt_force_sample *s, int64_t n) {
+    if (n % 3 == 1)
+        for (int i = 0; i < 3; i++) s->force_N[i] = 1e-310, s->tip_m[i] *= 1 + 1e-12;
+}
+static void huge(hrt_force_sample *s, int64_t n) {
+    if (n % 3 == 1)
+        for (int i = 0; i < 3; i++) s->force_N[i] = i == 1 ? -1e30 : 1e30;
+}
+static void large(hrt_force_sample *s, int64_t n) {
+    if (n % 3 == 1)
+        for (int i = 0; i < 9; i++) s->stiffness_N_m[i] = 1e7, s->force_N[i % 3] = 50 * (n % 2 ? 1 : -1);
+}
+static void not_a_number(hrt_force_sample *s, int64_t n) {
+    if (n % 3 == 1) s->force_N[n % 3] = NAN, s->stiffness_N_m[n % 9] = INFINITY;
+}
 static void anything(hrt_force_sample *s, int64_t n) {
     /* Every byte of the message may be anything. */
     uint64_t seed = (uint64_t)n * 2654435761u + 17;
     if (n < 40 || n % 2) return;
     unsigned char *byte = (unsigned char *)s;
-    for (size_t i = 0; i < sizeof *s; i += 1 + (size_t)(3 + 3 * random_unit(&seed))) byte[i] = (unsigned char)(127 * (1 + random_unit(&seed)));
+    for (size_t i = 0; i < sizeof *s; i += 1 + (size_t)(3 + 3 * random_unit(&seed)))
+        byte[i] = (unsigned char)(127 * (1 + random_unit(&seed)));
 }
 static void (*const spoilers[])(hrt_force_sample *, int64_t) = {zero, tiny, large, huge, not_a_number, anything};
 static void spoiled(bool quick, double which, outcome *o) {
@@ -326,7 +363,8 @@ static void sim_killed(bool quick, double restart_s, outcome *o) {
     else if (restart_s > 0 && (r.last_N < 0.1 || r.node.output.state != HRT_ENGAGED))
         broken(o, "the restarted simulation was not taken up again");
     else if (restart_s <= 0)
-        snprintf(o->text + strlen(o->text), sizeof o->text - strlen(o->text), ", zero force %.0f ms after the last frame", 1e3 * (r.quiet_s - def.kill_s));
+        snprintf(o->text + strlen(o->text), sizeof o->text - strlen(o->text),
+                 ", zero force %.0f ms after the last frame", 1e3 * (r.quiet_s - def.kill_s));
 }
 static void two_sims(bool quick, double a, outcome *o) {
     (void)quick, (void)a;
@@ -342,7 +380,8 @@ static void device_silent(bool quick, double a, outcome *o) {
     run_line(&def, 4, &r, o);
     verdict_of(&r, o);
     if (o->verdict == STABLE && (r.quiet_s > def.silent_s + 0.02 || r.node.output.state == HRT_ENGAGED))
-        broken(o, "force for %.3f s after the device fell silent, ended %s", r.quiet_s - def.silent_s, hrt_state_name(r.node.output.state));
+        broken(o, "force for %.3f s after the device fell silent, ended %s", r.quiet_s - def.silent_s,
+               hrt_state_name(r.node.output.state));
 }
 static void device_babbles(bool quick, double a, outcome *o) {
     (void)quick, (void)a;

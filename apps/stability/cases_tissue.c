@@ -1,4 +1,5 @@
-/* Hard tissue: nearly incompressible, stiff beside soft, fibres at the edge of definiteness, slivers, broken meshes, supports, long runs. */
+/* Hard tissue: nearly incompressible, stiff beside soft, fibres at the edge of definiteness, slivers, broken meshes,
+ * supports, long runs. */
 #include <fenv.h>
 #include <float.h>
 #include <math.h>
@@ -20,7 +21,8 @@ static void swing(bench *b, bool quick, outcome *o, const char *loss) {
     if (drift < 0)
         broken(o, "displacements stopped being finite");
     else
-        stable(o, drift, "energy within %.1e over %lld steps of %.3g us; %s", drift, (long long)steps(quick), 1e6 * dt, loss);
+        stable(o, drift, "energy within %.1e over %lld steps of %.3g us; %s", drift, (long long)steps(quick), 1e6 * dt,
+               loss);
 }
 
 static void poisson(bool quick, double nu, outcome *o) {
@@ -39,7 +41,8 @@ static void poisson(bool quick, double nu, outcome *o) {
     char loss[200] = "";
     outcome ignored = {0};
     if (bench_open(&soft, &s, &ignored)) {
-        snprintf(loss, sizeof loss, "the step is %.1f times shorter than at nu = 0.3, and linear tetrahedra lock (see make accuracy)",
+        snprintf(loss, sizeof loss,
+                 "the step is %.1f times shorter than at nu = 0.3, and linear tetrahedra lock (see make accuracy)",
                  tm_world_step_s(s.world) / tm_world_step_s(b.world));
         bench_close(&s);
     }
@@ -59,7 +62,8 @@ static void contrast(bool quick, double ratio, outcome *o) {
     bench_close(&b);
 }
 
-/* lambda = mu = 1 kPa, C13 = lambda: positive definite while C33 > C13^2 / (lambda_T + mu_T) = 500 Pa. `margin` above or below it. */
+/* lambda = mu = 1 kPa, C13 = lambda: positive definite while C33 > C13^2 / (lambda_T + mu_T) = 500 Pa. `margin` above
+ * or below it. */
 static void fibre_margin(bool quick, double margin, outcome *o) {
     static const double oblique[3] = {1.0 / 3, 2.0 / 3, 2.0 / 3};
     bench_def def = bench_default();
@@ -94,7 +98,8 @@ static void sliver(bool quick, double aspect, outcome *o) {
     for (int32_t t = 0; t < b.mesh->tet_count; t++) worst = fmax(worst, tm_mesh_tet_quality(b.mesh, t).aspect);
     double step = tm_critical_step_guaranteed(b.tissue, &tet);
     char loss[160];
-    snprintf(loss, sizeof loss, "aspect %.1e, and tetrahedron %d alone sets the step: %.3g us", worst, (int)tet, 1e6 * step);
+    snprintf(loss, sizeof loss, "aspect %.1e, and tetrahedron %d alone sets the step: %.3g us", worst, (int)tet,
+             1e6 * step);
     swing(&b, quick, o, loss);
     bench_close(&b);
 }
@@ -128,17 +133,20 @@ static void damaged(bool quick, double which, outcome *o) {
     app_block_free(&block);
 }
 
-/* What tm-mesh beside this program makes of a file in which everything is wrong that it can mend: taken, it must then swing as any other. */
+/* What tm-mesh beside this program makes of a file in which everything is wrong that it can mend: taken, it must then
+ * swing as any other. */
 static void write_damaged(FILE *file, const app_block *block) {
     const int32_t n = block->vertex_count;
     fprintf(file, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n%d\n", (int)n + 1);
     for (int32_t v = 0; v < n; v++)
-        fprintf(file, "%d %.17g %.17g %.17g\n", (int)v + 1, block->vertex_m[3 * v], block->vertex_m[3 * v + 1], block->vertex_m[3 * v + 2]);
+        fprintf(file, "%d %.17g %.17g %.17g\n", (int)v + 1, block->vertex_m[3 * v], block->vertex_m[3 * v + 1],
+                block->vertex_m[3 * v + 2]);
     fprintf(file, "%d 9 9 9\n$EndNodes\n$Elements\n%d\n", (int)n + 1, (int)block->tet_count + 3);
     for (int32_t t = 0; t < block->tet_count; t++) {
         const int32_t *v = block->tet + 4 * t;
         const bool inverted = t % 7 == 0;
-        fprintf(file, "%d 4 2 1 1 %d %d %d %d\n", (int)t + 1, (int)v[0] + 1, (int)v[1] + 1, (int)v[inverted ? 3 : 2] + 1, (int)v[inverted ? 2 : 3] + 1);
+        fprintf(file, "%d 4 2 1 1 %d %d %d %d\n", (int)t + 1, (int)v[0] + 1, (int)v[1] + 1,
+                (int)v[inverted ? 3 : 2] + 1, (int)v[inverted ? 2 : 3] + 1);
     }
     const int32_t *v = block->tet + 4 * 20, next = block->tet_count + 1;
     fprintf(file, "%d 4 2 1 1 %d %d %d %d\n", (int)next, (int)v[3] + 1, (int)v[2] + 1, (int)v[1] + 1, (int)v[0] + 1);
@@ -164,14 +172,22 @@ static void mended(bool quick, double argument, outcome *o) {
     snprintf(good, sizeof good, "%s/good.msh", folder);
     FILE *out = fopen(bad, "w");
     if (out) write_damaged(out, &block), fclose(out);
-    const bool refused_first = app_mesh_load(bad, 1, &file, &error) != TM_OK || app_mesh_build(&file, &b.mesh, &error) != TM_OK;
+    const bool refused_first =
+        app_mesh_load(bad, 1, &file, &error) != TM_OK || app_mesh_build(&file, &b.mesh, &error) != TM_OK;
     app_mesh_free(&file);
     snprintf(command, sizeof command, "'%s/tm-mesh' repair %s -o %s > /dev/null", here, bad, good);
-    if (!refused_first) broken(o, "the damaged mesh was taken as it is");
-    else if (system(command) != 0) broken(o, "tm-mesh repair gave up");
-    else if (app_mesh_load(good, 1, &file, &error) != TM_OK || app_mesh_build(&file, &b.mesh, &error) != TM_OK) refused(o, &error);
-    else if (b.mesh->tet_count != block.tet_count || b.mesh->vertex_count != block.vertex_count) broken(o, "%d tetrahedra are left of %d", b.mesh->tet_count, block.tet_count);
-    else if (bench_start(&def, &b, o)) swing(&b, quick, o, "every seventh tetrahedron turned; a double, a flat, one with a vertex twice and an unused vertex dropped");
+    if (!refused_first)
+        broken(o, "the damaged mesh was taken as it is");
+    else if (system(command) != 0)
+        broken(o, "tm-mesh repair gave up");
+    else if (app_mesh_load(good, 1, &file, &error) != TM_OK || app_mesh_build(&file, &b.mesh, &error) != TM_OK)
+        refused(o, &error);
+    else if (b.mesh->tet_count != block.tet_count || b.mesh->vertex_count != block.vertex_count)
+        broken(o, "%d tetrahedra are left of %d", b.mesh->tet_count, block.tet_count);
+    else if (bench_start(&def, &b, o))
+        swing(
+            &b, quick, o,
+            "every seventh tetrahedron turned; a double, a flat, one with a vertex twice and an unused vertex dropped");
     bench_close(&b);
     app_mesh_free(&file);
     app_block_free(&block);
@@ -180,7 +196,8 @@ static void mended(bool quick, double argument, outcome *o) {
     rmdir(folder);
 }
 
-/* Two blocks that share nothing: the upper one floats. It must move as a free body does, and settling must refuse it. */
+/* Two blocks that share nothing: the upper one floats. It must move as a free body does, and settling must refuse it.
+ */
 static void disconnected(bool quick, double settle, outcome *o) {
     app_block block;
     tm_error error = {0};
@@ -217,13 +234,15 @@ static void disconnected(bool quick, double settle, outcome *o) {
         status = tm_world_step(b.world, (int32_t)n);
         const tm_state *s = tm_world_state(b.world);
         double fall = -0.5 * 9.81 * s->time_s * (s->time_s + s->dt_s), got = s->u_m[3 * (b.mesh->vertex_count - 1) + 2];
-        accurate(o, fabs(got / fall - 1), "the free block fell %.6g m, the scheme's closed form says %.6g m", -got, -fall);
+        accurate(o, fabs(got / fall - 1), "the free block fell %.6g m, the scheme's closed form says %.6g m", -got,
+                 -fall);
     }
     if (status != TM_OK) refused(o, &error);
     bench_close(&b);
 }
 
-/* Held nowhere, at one vertex, everywhere: the motion stays bounded, and the clamp's rigid motions are the right ones. */
+/* Held nowhere, at one vertex, everywhere: the motion stays bounded, and the clamp's rigid motions are the right ones.
+ */
 static void supports(bool quick, double held, outcome *o) {
     bench_def def = bench_default();
     bench b;
@@ -232,7 +251,8 @@ static void supports(bool quick, double held, outcome *o) {
     if (held == 3) {
         tm_status status = tm_world_step(b.world, 1000);
         double moved = 0;
-        for (int32_t i = 0; i < 3 * b.mesh->vertex_count; i++) moved = fmax(moved, fabs(tm_world_state(b.world)->u_m[i]));
+        for (int32_t i = 0; i < 3 * b.mesh->vertex_count; i++)
+            moved = fmax(moved, fabs(tm_world_state(b.world)->u_m[i]));
         if (status == TM_OK)
             accurate(o, moved, "nothing moved");
         else
@@ -242,7 +262,8 @@ static void supports(bool quick, double held, outcome *o) {
     bench_close(&b);
 }
 
-/* A damped block comes to rest and stays there: no drift. What is left may be subnormal: the curve shows whether that is slower. */
+/* A damped block comes to rest and stays there: no drift. What is left may be subnormal: the curve shows whether that
+ * is slower. */
 static void ten_million(bool quick, double argument, outcome *o) {
     (void)argument;
     bench_def def = bench_default();
@@ -272,8 +293,10 @@ static void ten_million(bool quick, double argument, outcome *o) {
     if (status != TM_OK)
         broken(o, "the run became unstable");
     else
-        accurate(o, moved, "after %lld steps the block is %.1e m from rest with %d subnormal components; the last steps took %.2f of the first ones' time",
-                 (long long)total, moved, subnormal, last / first);
+        accurate(
+            o, moved,
+            "after %lld steps the block is %.1e m from rest with %d subnormal components; the last steps took %.2f of the first ones' time",
+            (long long)total, moved, subnormal, last / first);
     bench_close(&b);
 }
 
@@ -343,14 +366,19 @@ const hard_case cases_tissue[] = {
     {TISSUE, "vertex-twice", "a vertex twice in one tetrahedron", REFUSED, 0, "", damaged, VERTEX_TWICE},
     {TISSUE, "nan-vertex", "a coordinate that is NaN", REFUSED, 0, "", damaged, NOT_A_NUMBER},
     {TISSUE, "out-of-range", "an index past the last vertex", REFUSED, 0, "", damaged, OUT_OF_RANGE},
-    {TISSUE, "repaired", "all of these but the last two in one file, after tm-mesh repair", STABLE, 1e-9, "energy drift", mended, 0},
-    {TISSUE, "disconnected-falls", "a piece held by nothing, under gravity", ACCURATE, 1e-6, "error of the fall", disconnected, 0},
+    {TISSUE, "repaired", "all of these but the last two in one file, after tm-mesh repair", STABLE, 1e-9,
+     "energy drift", mended, 0},
+    {TISSUE, "disconnected-falls", "a piece held by nothing, under gravity", ACCURATE, 1e-6, "error of the fall",
+     disconnected, 0},
     {TISSUE, "disconnected-settles", "a piece held by nothing, asked to settle", REFUSED, 0, "", disconnected, 1},
-    {TISSUE, "held-nowhere", "no fixed vertex: it flies tens of metres, whose rounding is in the figure", STABLE, 1e-8, "energy drift", supports, 0},
+    {TISSUE, "held-nowhere", "no fixed vertex: it flies tens of metres, whose rounding is in the figure", STABLE, 1e-8,
+     "energy drift", supports, 0},
     {TISSUE, "held-once", "one fixed vertex", STABLE, 1e-8, "energy drift", supports, 1},
     {TISSUE, "held-everywhere", "every vertex fixed", ACCURATE, 0, "m moved", supports, 3},
-    {TISSUE, "ten-million-steps", "1e7 steps (quick: 1e6) of a damped block", ACCURATE, 1e-12, "m from rest", ten_million, 0},
+    {TISSUE, "ten-million-steps", "1e7 steps (quick: 1e6) of a damped block", ACCURATE, 1e-12, "m from rest",
+     ten_million, 0},
     {TISSUE, "step-too-long", "a user step 1 % above the guaranteed one", REFUSED, 0, "", step_above, 1.01},
-    {TISSUE, "step-changes", "the step changes at random every frame of 30 steps", STABLE, 5, "largest energy over the first", changing_step, 0},
+    {TISSUE, "step-changes", "the step changes at random every frame of 30 steps", STABLE, 5,
+     "largest energy over the first", changing_step, 0},
 };
 const int cases_tissue_count = sizeof cases_tissue / sizeof *cases_tissue;

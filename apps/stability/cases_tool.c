@@ -1,5 +1,5 @@
-/* Hard tools: teleporting, spinning, fast, deep, from inside, two in one tetrahedron, frames of any length. Each ends with the tool withdrawn
- * and the tissue left alone: what the abuse did must die out, or the case is broken. */
+/* Hard tools: teleporting, spinning, fast, deep, from inside, two in one tetrahedron, frames of any length. Each ends
+ * with the tool withdrawn and the tissue left alone: what the abuse did must die out, or the case is broken. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
@@ -35,7 +35,8 @@ static bool arena_open(arena *a, int tools, double damping, outcome *o) {
     for (int i = 0; i < tools; i++) {
         a->now[i] = away;
         a->now[i].tip_m[0] += 0.04 * i;
-        tool[i] = (tm_instrument_def){.mode = TM_TOOL_PROBE, .radius_m = 0.0025, .contact_length_m = 0.1, .pose = a->now[i]};
+        tool[i] =
+            (tm_instrument_def){.mode = TM_TOOL_PROBE, .radius_m = 0.0025, .contact_length_m = 0.1, .pose = a->now[i]};
         memcpy(tool[i].trocar_m, trocar[i], sizeof trocar[i]);
     }
     tm_contact_def contact = tm_contact_def_default();
@@ -85,8 +86,10 @@ static void arena_close(arena *a, const char *words) {
     if (!a->finite)
         broken(a->o, "%s: a displacement or force stopped being finite", words);
     else
-        stable(a->o, left, "%s: peak force %.3g N%s%s, largest displacement %.1f mm; %.1e m left after 3 s without the tool", words, a->peak_N,
-               a->capped ? " (capped, flagged)" : "", a->inside ? " (inside, flagged)" : "", 1e3 * a->deepest_m, left);
+        stable(a->o, left,
+               "%s: peak force %.3g N%s%s, largest displacement %.1f mm; %.1e m left after 3 s without the tool", words,
+               a->peak_N, a->capped ? " (capped, flagged)" : "", a->inside ? " (inside, flagged)" : "",
+               1e3 * a->deepest_m, left);
     bench_close(&a->b);
 }
 
@@ -96,7 +99,8 @@ static void teleport(bool quick, double argument, outcome *o) {
     if (!arena_open(&a, 1, 40, o)) return;
     uint64_t seed = 42;
     for (int i = 0; i < (quick ? 60 : 1000); i++) {
-        tm_tool_pose p = at(0.02 + 0.03 * random_unit(&seed), 0.02 + 0.03 * random_unit(&seed), 0.025 + 0.035 * random_unit(&seed));
+        tm_tool_pose p =
+            at(0.02 + 0.03 * random_unit(&seed), 0.02 + 0.03 * random_unit(&seed), 0.025 + 0.035 * random_unit(&seed));
         frame(&a, 0.033, &p, true);
     }
     arena_close(&a, "placed anywhere at every frame");
@@ -108,7 +112,8 @@ static void jump_along(bool quick, double argument, outcome *o) {
     if (!arena_open(&a, 1, 40, o)) return;
     uint64_t seed = 43;
     for (int i = 0; i < (quick ? 60 : 1000); i++) {
-        tm_tool_pose p = at(0.02 + 0.03 * random_unit(&seed), 0.02 + 0.03 * random_unit(&seed), 0.025 + 0.035 * random_unit(&seed));
+        tm_tool_pose p =
+            at(0.02 + 0.03 * random_unit(&seed), 0.02 + 0.03 * random_unit(&seed), 0.025 + 0.035 * random_unit(&seed));
         frame(&a, 0.033, &p, false);
     }
     arena_close(&a, "moved anywhere within every frame");
@@ -225,7 +230,8 @@ static void standing(bool quick, double argument, outcome *o) {
 const hard_case cases_tool[] = {
     {TOOL, "tool-still", "a tool that stands still in contact", ACCURATE, 1e-6, "change of force", standing, 0},
     {TOOL, "tool-teleports", "a tool placed anywhere, also inside, at every frame", STABLE, 1e-6, LEFT, teleport, 0},
-    {TOOL, "tool-jumps", "a tool that moves anywhere within every frame, up to 3 m/s", STABLE, 1e-6, LEFT, jump_along, 0},
+    {TOOL, "tool-jumps", "a tool that moves anywhere within every frame, up to 3 m/s", STABLE, 1e-6, LEFT, jump_along,
+     0},
     {TOOL, "tool-spins", "circling in contact at 5 turns a second", STABLE, 1e-6, LEFT, spin, 5},
     {TOOL, "tool-inside", "a tool that enters from inside", STABLE, 1e-6, LEFT, from_inside, 0},
     {TOOL, "tool-0.1", "plunging at 0.1 m/s", STABLE, 1e-6, LEFT, plunge, 0.1},

@@ -14,7 +14,10 @@
 static const struct {
     const hard_case *row;
     const int *count;
-} groups[] = {{cases_tissue, &cases_tissue_count}, {cases_tool, &cases_tool_count}, {cases_cut, &cases_cut_count}, {cases_link, &cases_link_count}};
+} groups[] = {{cases_tissue, &cases_tissue_count},
+              {cases_tool, &cases_tool_count},
+              {cases_cut, &cases_cut_count},
+              {cases_link, &cases_link_count}};
 enum { GROUPS = sizeof groups / sizeof *groups };
 
 static const char *verdict_name(verdict v) {
@@ -32,13 +35,15 @@ static bool good(const hard_case *c, const outcome *o) {
 }
 
 static void usage(FILE *to) {
-    fprintf(to, "usage: tm-stability [--case NAME]... [--quick] [--json FILE]\n"
-                "Runs hard cases: each stays accurate, stays stable with a stated loss, or is refused with a clear message. Exit 1 if one does not.\n\n"
-                "  --case NAME   only this one (may be repeated)\n"
-                "  --list        names and what they are\n"
-                "  --quick       the short form of each, as make check runs it\n"
-                "  --json FILE   verdicts, figures and curves\n"
-                "  --help, --version\n");
+    fprintf(
+        to,
+        "usage: tm-stability [--case NAME]... [--quick] [--json FILE]\n"
+        "Runs hard cases: each stays accurate, stays stable with a stated loss, or is refused with a clear message. Exit 1 if one does not.\n\n"
+        "  --case NAME   only this one (may be repeated)\n"
+        "  --list        names and what they are\n"
+        "  --quick       the short form of each, as make check runs it\n"
+        "  --json FILE   verdicts, figures and curves\n"
+        "  --help, --version\n");
 }
 
 static void list(void) {
@@ -116,8 +121,13 @@ static bool exists(const char *name) {
 }
 
 int main(int argc, char **argv) {
-    static const struct option options[] = {{"case", required_argument, NULL, 'c'}, {"quick", no_argument, NULL, 'q'}, {"json", required_argument, NULL, 'j'},
-                                            {"list", no_argument, NULL, 'l'}, {"help", no_argument, NULL, 'h'}, {"version", no_argument, NULL, 'v'}, {0}};
+    static const struct option options[] = {{"case", required_argument, NULL, 'c'},
+                                            {"quick", no_argument, NULL, 'q'},
+                                            {"json", required_argument, NULL, 'j'},
+                                            {"list", no_argument, NULL, 'l'},
+                                            {"help", no_argument, NULL, 'h'},
+                                            {"version", no_argument, NULL, 'v'},
+                                            {0}};
     enum { MOST = 64 };
     char *wanted[MOST];
     const char *json = NULL;
@@ -134,8 +144,11 @@ int main(int argc, char **argv) {
         case 'l': list(); return APP_DONE;
         case 'h': usage(stdout); return APP_DONE;
         case 'v': printf("tm-stability %s\n", tm_version()); return APP_DONE;
-        default: return app_bad_input("tm-stability", 0, "%s: unknown or incomplete option; see tm-stability --help", argv[optind - 1]);
+        default:
+            return app_bad_input("tm-stability", 0, "%s: unknown or incomplete option; see tm-stability --help",
+                                 argv[optind - 1]);
         }
-    if (optind < argc) return app_bad_input("tm-stability", 0, "stray argument '%s'; see tm-stability --help", argv[optind]);
+    if (optind < argc)
+        return app_bad_input("tm-stability", 0, "stray argument '%s'; see tm-stability --help", argv[optind]);
     return run_all(wanted, count, quick, json);
 }

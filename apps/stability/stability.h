@@ -17,8 +17,8 @@ typedef enum verdict {
 typedef struct outcome {
     verdict verdict;
     double figure;
-    char text[640];           /* the figure in words, or the message of a refusal */
-    int count;                /* of the series, for the plot: 0 none */
+    char text[640]; /* the figure in words, or the message of a refusal */
+    int count;      /* of the series, for the plot: 0 none */
     const char *x_name, *y_name;
     double x[SERIES_MAX], y[SERIES_MAX];
 } outcome;
@@ -26,10 +26,10 @@ typedef struct outcome {
 typedef struct hard_case {
     const char *group, *name, *what;
     verdict expected;
-    double bound;             /* on the figure; ignored for REFUSED */
-    const char *figure_name;  /* "energy drift", "force over limit" ... */
+    double bound;            /* on the figure; ignored for REFUSED */
+    const char *figure_name; /* "energy drift", "force over limit" ... */
     void (*run)(bool quick, double argument, outcome *o);
-    double argument;          /* lets one function serve a row of cases */
+    double argument; /* lets one function serve a row of cases */
 } hard_case;
 
 extern const hard_case cases_tissue[], cases_tool[], cases_cut[], cases_link[];
@@ -48,18 +48,19 @@ typedef struct bench_def {
     int32_t cells[3];
     double size_m[3];
     tm_material material[2];
-    int material_count;       /* 2: the second fills the upper half */
-    const double *fibre;      /* one direction for all */
-    double dt_s;              /* 0: step_fraction of the guaranteed */
+    int material_count;  /* 2: the second fills the upper half */
+    const double *fibre; /* one direction for all */
+    double dt_s;         /* 0: step_fraction of the guaranteed */
     double step_fraction;
     bool cuttable;
-    int held;                 /* 0 none, 1 one vertex, 2 the bottom, 3 all */
+    int held; /* 0 none, 1 one vertex, 2 the bottom, 3 all */
     /* Last word on the geometry before the mesh is made; may be null. */
     void (*deform)(double *vertex_m, int32_t vertex_count, double argument);
     double argument;
 } bench_def;
 
-bench_def bench_default(void); /* 4x4x4 cells of 10 mm, E = 5 kPa, nu = 0.45, undamped, bottom held, 0.95 of the guaranteed step */
+bench_def bench_default(
+    void); /* 4x4x4 cells of 10 mm, E = 5 kPa, nu = 0.45, undamped, bottom held, 0.95 of the guaranteed step */
 /* On failure the outcome is REFUSED with the message, and false comes back. */
 bool bench_open(const bench_def *def, bench *b, outcome *o);
 /* The same on a mesh that is in `b` already, its lowest layer of vertices first. */
@@ -72,8 +73,8 @@ void refused(outcome *o, const tm_error *error);
 void broken(outcome *o, const char *format, ...) __attribute__((format(printf, 2, 3)));
 void series_add(outcome *o, double x, double y);
 
-/* Random velocities, then `steps` undamped steps: the scheme's own energy must stay. Returns its largest relative change; negative: the
- * run broke. Adds energy to the series. */
+/* Random velocities, then `steps` undamped steps: the scheme's own energy must stay. Returns its largest relative
+ * change; negative: the run broke. Adds energy to the series. */
 double energy_drift(bench *b, int64_t steps, outcome *o);
 /* The scheme's own energy: v.Mv/2 at n+1/2 plus u_n.K u_(n+1)/2, from the world's u_prev and u. */
 double scheme_energy(bench *b, double *scratch);

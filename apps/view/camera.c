@@ -5,9 +5,7 @@
 
 static const float PI = 3.14159265f;
 
-static float dot(const float a[3], const float b[3]) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+static float dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 static void cross(const float a[3], const float b[3], float c[3]) {
     c[0] = a[1] * b[2] - a[2] * b[1];
@@ -17,8 +15,7 @@ static void cross(const float a[3], const float b[3], float c[3]) {
 
 static void normalise(float a[3]) {
     float length = sqrtf(dot(a, a));
-    for (int k = 0; k < 3; ++k)
-        a[k] = length > 0 ? a[k] / length : (float)(k == 2);
+    for (int k = 0; k < 3; ++k) a[k] = length > 0 ? a[k] / length : (float)(k == 2);
 }
 
 void view_frame(const float axis[3], float u[3], float v[3]) {
@@ -36,8 +33,7 @@ view_camera_def view_camera_default(void) {
 
 /* Unit vectors of the eye's frame: right, up, back (towards the eye). */
 static void eye_frame(const view_camera *camera, float right[3], float up[3], float back[3]) {
-    for (int k = 0; k < 3; ++k)
-        back[k] = camera->eye_m[k] - camera->at_m[k];
+    for (int k = 0; k < 3; ++k) back[k] = camera->eye_m[k] - camera->at_m[k];
     normalise(back);
     cross(camera->up, back, right);
     normalise(right);
@@ -65,22 +61,19 @@ view_camera view_camera_fit(const view_camera_def *def, const view_surface *s, i
             low[k] = fminf(low[k], s->vertex_m[3 * i + k]);
             high[k] = fmaxf(high[k], s->vertex_m[3 * i + k]);
         }
-    for (int k = 0; k < 3; ++k)
-        c.middle_m[k] = c.at_m[k] = (low[k] + high[k]) / 2;
+    for (int k = 0; k < 3; ++k) c.middle_m[k] = c.at_m[k] = (low[k] + high[k]) / 2;
     c.floor_m = dot(low, c.up);
     c.radius_m = fmaxf(sqrtf((high[0] - low[0]) * (high[0] - low[0]) + (high[1] - low[1]) * (high[1] - low[1]) +
                              (high[2] - low[2]) * (high[2] - low[2])) /
                            2,
                        1e-4f);
     float tan_y = tanf(c.fov_rad / 2) * 0.72f, tan_x = tan_y * (float)width / (float)height, distance = 0;
-    for (int k = 0; k < 3; ++k)
-        c.eye_m[k] = c.at_m[k] + direction[k];
+    for (int k = 0; k < 3; ++k) c.eye_m[k] = c.at_m[k] + direction[k];
     float right[3], up[3], back[3];
     eye_frame(&c, right, up, back);
     for (int32_t i = 0; i < s->vertex_count; ++i) {
         float d[3];
-        for (int k = 0; k < 3; ++k)
-            d[k] = s->vertex_m[3 * i + k] - c.at_m[k];
+        for (int k = 0; k < 3; ++k) d[k] = s->vertex_m[3 * i + k] - c.at_m[k];
         distance = fmaxf(distance, dot(d, back) + fmaxf(fabsf(dot(d, right)) / tan_x, fabsf(dot(d, up)) / tan_y));
     }
     distance = fmaxf(distance / fmaxf(def->zoom, 0.01f), 1e-4f);
@@ -112,8 +105,7 @@ void view_camera_matrices(const view_camera *c, int width, int height, float vie
 bool view_camera_project(const view_camera *c, int width, int height, const double point_m[3], float pixel[2]) {
     float right[3], up[3], back[3], d[3];
     eye_frame(c, right, up, back);
-    for (int k = 0; k < 3; ++k)
-        d[k] = (float)point_m[k] - c->eye_m[k];
+    for (int k = 0; k < 3; ++k) d[k] = (float)point_m[k] - c->eye_m[k];
     float depth = -dot(d, back);
     if (!(depth > 1e-6f)) return false;
     float f = (float)height / 2 / tanf(c->fov_rad / 2);

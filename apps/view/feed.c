@@ -127,9 +127,7 @@ static bool advance(view_feed *feed, double time_s, view_picture *picture) {
     return feed->pending != NULL;
 }
 
-static double live_s(const view_feed *feed) {
-    return (double)(clock_us(CLOCK_MONOTONIC) - feed->begin_us) * 1e-6;
-}
+static double live_s(const view_feed *feed) { return (double)(clock_us(CLOCK_MONOTONIC) - feed->begin_us) * 1e-6; }
 
 static void on_message(const lcm_recv_buf_t *buffer, const char *channel, void *user) {
     view_feed *feed = user;
@@ -171,9 +169,7 @@ static bool listen_live(view_feed *feed, int timeout_ms, view_picture *picture) 
     return got >= 0;
 }
 
-static view_feed_counts feed_counts(const view_feed *feed) {
-    return feed->intake.counts;
-}
+static view_feed_counts feed_counts(const view_feed *feed) { return feed->intake.counts; }
 
 static bool send_hand(view_feed *feed, const view_hand *hand) {
     tensormass_hand_command_t m = {.utime = clock_us(CLOCK_REALTIME),

@@ -35,13 +35,9 @@ static const char *const glyph['~' - ' ' + 1] = {
 };
 // clang-format on
 
-static const char *strokes_of(char c) {
-    return glyph[(c >= ' ' && c <= '~' ? c : '?') - ' '];
-}
+static const char *strokes_of(char c) { return glyph[(c >= ' ' && c <= '~' ? c : '?') - ' ']; }
 
-static float coordinate(char c) {
-    return c >= 'a' ? (float)('a' - c - 1) : (float)(c - '0');
-}
+static float coordinate(char c) { return c >= 'a' ? (float)('a' - c - 1) : (float)(c - '0'); }
 
 /* In grid units. Digits share one width, so that a changing number does not shake. */
 static float advance(char c) {
@@ -58,8 +54,7 @@ static float advance(char c) {
 
 float view_text_width(const char *text, float cap_px) {
     float units = 0;
-    for (; *text; ++text)
-        units += advance(*text);
+    for (; *text; ++text) units += advance(*text);
     return units * cap_px / 9.0f;
 }
 

@@ -35,8 +35,7 @@ static bool all_within(const double *value, int count, double limit) {
 /* Copies bytes that people may read: anything that is not printable ASCII becomes '?'. */
 static void copy_text(char *to, size_t room, const char *from) {
     size_t n = 0;
-    for (; from[n] && n + 1 < room; ++n)
-        to[n] = from[n] >= ' ' && from[n] <= '~' ? from[n] : '?';
+    for (; from[n] && n + 1 < room; ++n) to[n] = from[n] >= ' ' && from[n] <= '~' ? from[n] : '?';
     to[n] = 0;
 }
 

@@ -25,13 +25,9 @@ typedef struct job {
     view_log_facts facts;
 } job;
 
-static double now_s(void) {
-    return (double)app_monotonic_us() * 1e-6;
-}
+static double now_s(void) { return (double)app_monotonic_us() * 1e-6; }
 
-static int complain(tm_error *error) {
-    return app_report("tm-view", 0, error);
-}
+static int complain(tm_error *error) { return app_report("tm-view", 0, error); }
 
 static int draw(job *j) {
     tm_error error = {0};

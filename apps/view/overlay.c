@@ -29,9 +29,7 @@ static float write_at(const pen *p, float x, view_colour colour, const char *for
     return x + view_text_width(text, p->cap);
 }
 
-static double size_of(const double v[3]) {
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-}
+static double size_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
 static void thousands(char *out, size_t room, int32_t n) {
     if (n >= 1000000)
@@ -104,8 +102,7 @@ static void force_strip(pen p, const view_picture *s) {
           bottom = h - left, top = bottom - 7 * p.cap;
     double peak = 0.1;
     for (int i = 0; i < s->trace.count; ++i)
-        for (int k = 0; k < VIEW_INSTRUMENTS; ++k)
-            peak = fmax(peak, (double)s->trace.force_N[k][i]);
+        for (int k = 0; k < VIEW_INSTRUMENTS; ++k) peak = fmax(peak, (double)s->trace.force_N[k][i]);
     double tick = round_down(peak);
     view_box(p.canvas, left, top, right, bottom, 0.6f * p.cap, PANEL);
     float x0 = left + 5 * p.cap, x1 = right - p.cap, y0 = bottom - p.cap, y1 = top + p.cap;
@@ -133,8 +130,7 @@ static void force_strip(pen p, const view_picture *s) {
 static void arrow_label(pen p, const view_picture *s, const view_camera *camera, int i) {
     const view_instrument *t = &s->instrument[i];
     double force = size_of(t->force_N), end[3];
-    for (int k = 0; k < 3; ++k)
-        end[k] = t->tip_m[k] + s->newton_m * t->force_N[k];
+    for (int k = 0; k < 3; ++k) end[k] = t->tip_m[k] + s->newton_m * t->force_N[k];
     float at[2], from[2];
     int w = p.canvas->width, h = p.canvas->height;
     if (force < 0.05 || !view_camera_project(camera, w, h, end, at) ||

@@ -226,8 +226,7 @@ static void multiply(const float a[16], const float b[16], float c[16]) {
     for (int j = 0; j < 4; ++j)
         for (int i = 0; i < 4; ++i) {
             float sum = 0;
-            for (int k = 0; k < 4; ++k)
-                sum += a[4 * k + i] * b[4 * j + k];
+            for (int k = 0; k < 4; ++k) sum += a[4 * k + i] * b[4 * j + k];
             c[4 * j + i] = sum;
         }
 }
@@ -260,8 +259,7 @@ static void flatten(const scene *s, const float towards[3], float m[16]) {
 
 static void normalise(float a[3]) {
     float length = sqrtf(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
-    for (int k = 0; k < 3; ++k)
-        a[k] /= length > 0 ? length : 1;
+    for (int k = 0; k < 3; ++k) a[k] /= length > 0 ? length : 1;
 }
 
 static void set_scene(const view_renderer *r, const view_camera *c, scene *s) {
@@ -272,11 +270,9 @@ static void set_scene(const view_renderer *r, const view_camera *c, scene *s) {
     memcpy(s->up, c->up, sizeof s->up);
     s->radius = c->radius_m;
     const float right[3] = {view[0], view[4], view[8]};
-    for (int k = 0; k < 3; ++k)
-        back[k] = view[4 * k + 2];
+    for (int k = 0; k < 3; ++k) back[k] = view[4 * k + 2];
     float rise = back[0] * s->up[0] + back[1] * s->up[1] + back[2] * s->up[2];
-    for (int k = 0; k < 3; ++k)
-        flat_back[k] = back[k] - rise * s->up[k];
+    for (int k = 0; k < 3; ++k) flat_back[k] = back[k] - rise * s->up[k];
     normalise(flat_back);
     for (int k = 0; k < 3; ++k) {
         s->key[k] = 1.15f * s->up[k] - 0.75f * right[k] + 0.45f * flat_back[k];
@@ -287,8 +283,7 @@ static void set_scene(const view_renderer *r, const view_camera *c, scene *s) {
     normalise(s->key);
     normalise(s->fill);
     float height = c->middle_m[0] * s->up[0] + c->middle_m[1] * s->up[1] + c->middle_m[2] * s->up[2];
-    for (int k = 0; k < 3; ++k)
-        s->middle[k] = c->middle_m[k] + (c->floor_m - height) * s->up[k];
+    for (int k = 0; k < 3; ++k) s->middle[k] = c->middle_m[k] + (c->floor_m - height) * s->up[k];
     parallel(s->key, c->middle_m, 1.25f * c->radius_m, s->to_light);
     s->spot_size = 2.2f * c->radius_m;
 }
@@ -305,13 +300,9 @@ static void fill_indices(const batch *b, GLuint buffer, const uint32_t *index, i
     glBufferData(GL_ELEMENT_ARRAY_BUFFER, (GLsizeiptr)((size_t)count * sizeof *index), index, GL_DYNAMIC_DRAW);
 }
 
-static double length3(const double v[3]) {
-    return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-}
+static double length3(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
-static float grain(float radius_m) {
-    return radius_m / 90;
-}
+static float grain(float radius_m) { return radius_m / 90; }
 
 static tm_status upload(view_renderer *r, const view_picture *p, const view_camera *camera, tm_error *error) {
     if (!view_skin_update(r->skin, &p->surface, grain(camera->radius_m)))
@@ -333,8 +324,7 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
         if (!t->shown) continue;
         view_shape_instrument(&r->tool_shape, t);
         double along[3];
-        for (int k = 0; k < 3; ++k)
-            along[k] = t->force_N[k] * p->newton_m;
+        for (int k = 0; k < 3; ++k) along[k] = t->force_N[k] * p->newton_m;
         if (length3(along) > 0.01 * camera->radius_m)
             view_shape_arrow(&r->arrow_shape, t->tip_m, along,
                              fminf(0.022f * camera->radius_m, (float)length3(along) / 4),
@@ -426,8 +416,7 @@ static void pass_background(const view_renderer *r, const scene *s) {
         const float *v;
     } vectors[] = {{"middle", s->middle}, {"across", s->across}, {"along", s->along}, {"eye", s->eye},
                    {"up", s->up},         {"low", sky_low},      {"high", sky_high}};
-    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; ++i)
-        uniform3(id, vectors[i].name, vectors[i].v);
+    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; ++i) uniform3(id, vectors[i].name, vectors[i].v);
     glUniform1f(glGetUniformLocation(id, "size"), 8 * s->radius);
     glUniform1f(glGetUniformLocation(id, "spot_size"), s->spot_size);
     glUniform1f(glGetUniformLocation(id, "radius"), s->radius);
@@ -463,8 +452,7 @@ static void gather(const view_renderer *r, uint8_t *rgb) {
             int sum[3] = {area / 2, area / 2, area / 2};
             for (int j = 0; j < n; ++j) {
                 const uint8_t *p = r->buffer + 4 * ((size_t)(n * (h - 1 - y) + j) * (size_t)r->width + (size_t)(n * x));
-                for (int i = 0; i < n; ++i, p += 4)
-                    sum[0] += p[0], sum[1] += p[1], sum[2] += p[2];
+                for (int i = 0; i < n; ++i, p += 4) sum[0] += p[0], sum[1] += p[1], sum[2] += p[2];
             }
             for (int k = 0; k < 3; ++k)
                 rgb[3 * ((size_t)y * (size_t)w + (size_t)x) + (size_t)k] = (uint8_t)(sum[k] / area);

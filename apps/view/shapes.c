@@ -43,8 +43,7 @@ static void add(view_shape *s, const frame *f, const float at[3], const float no
 
 static void quad(view_shape *s, const frame *f, const float at[4][3], const float normal[4][3], int paint) {
     static const int corner[6] = {0, 1, 2, 0, 2, 3};
-    for (int i = 0; i < 6; ++i)
-        add(s, f, at[corner[i]], normal[corner[i]], paint);
+    for (int i = 0; i < 6; ++i) add(s, f, at[corner[i]], normal[corner[i]], paint);
 }
 
 /* A body of revolution; every stretch between two rings is shaded as a cone of its own, so that steps stay sharp. */
@@ -81,8 +80,7 @@ static void dome(view_shape *s, const frame *f, float along, float radius, int p
                                    {cosf(q) * cosf(a), cosf(q) * sinf(a), sinf(q)}};
             float at[4][3];
             for (int c = 0; c < 4; ++c)
-                for (int k = 0; k < 3; ++k)
-                    at[c][k] = radius * n[c][k] + (k == 2 ? along : 0);
+                for (int k = 0; k < 3; ++k) at[c][k] = radius * n[c][k] + (k == 2 ? along : 0);
             quad(s, f, (const float(*)[3])at, n, paint);
         }
     }
@@ -128,22 +126,18 @@ static void jaw(view_shape *s, const frame *tip, float side, float angle, float 
 
 static frame tip_frame(const view_instrument *t) {
     frame f;
-    for (int k = 0; k < 3; ++k)
-        f.o[k] = (float)t->tip_m[k], f.w[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
+    for (int k = 0; k < 3; ++k) f.o[k] = (float)t->tip_m[k], f.w[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
     float length = sqrtf(f.w[0] * f.w[0] + f.w[1] * f.w[1] + f.w[2] * f.w[2]);
-    for (int k = 0; k < 3; ++k)
-        f.w[k] = length > 0 ? f.w[k] / length : (float)-(k == 2);
+    for (int k = 0; k < 3; ++k) f.w[k] = length > 0 ? f.w[k] / length : (float)-(k == 2);
     float u[3], v[3], c = cosf((float)t->roll_rad), s = sinf((float)t->roll_rad);
     view_frame(f.w, u, v);
-    for (int k = 0; k < 3; ++k)
-        f.u[k] = c * u[k] + s * v[k], f.v[k] = c * v[k] - s * u[k];
+    for (int k = 0; k < 3; ++k) f.u[k] = c * u[k] + s * v[k], f.v[k] = c * v[k] - s * u[k];
     return f;
 }
 
 static float inside_m(const view_instrument *t) {
     double sum = 0;
-    for (int k = 0; k < 3; ++k)
-        sum += (t->tip_m[k] - t->trocar_m[k]) * (t->tip_m[k] - t->trocar_m[k]);
+    for (int k = 0; k < 3; ++k) sum += (t->tip_m[k] - t->trocar_m[k]) * (t->tip_m[k] - t->trocar_m[k]);
     return (float)sqrt(sum);
 }
 
@@ -197,12 +191,10 @@ void view_shape_port(view_shape *s, const view_instrument *t) {
 void view_shape_arrow(view_shape *s, const double from_m[3], const double along_m[3], float thickness_m, int paint) {
     frame f;
     float length = 0;
-    for (int k = 0; k < 3; ++k)
-        f.o[k] = (float)from_m[k], f.w[k] = (float)along_m[k], length += f.w[k] * f.w[k];
+    for (int k = 0; k < 3; ++k) f.o[k] = (float)from_m[k], f.w[k] = (float)along_m[k], length += f.w[k] * f.w[k];
     length = sqrtf(length);
     if (!(length > 0)) return;
-    for (int k = 0; k < 3; ++k)
-        f.w[k] /= length;
+    for (int k = 0; k < 3; ++k) f.w[k] /= length;
     view_frame(f.w, f.u, f.v);
     float head = fminf(4.5f * thickness_m, 0.7f * length);
     const ring shaft[] = {{0, 0}, {0, thickness_m / 2}, {length - head, thickness_m / 2}};

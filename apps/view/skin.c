@@ -96,9 +96,7 @@ static void face_normal(const float *a, const float *b, const float *c, float n[
     n[2] = u[0] * v[1] - u[1] * v[0];
 }
 
-static float dot3(const float *a, const float *b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+static float dot3(const float *a, const float *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 
 static void normalise(float n[3]) {
     float length = sqrtf(dot3(n, n));
@@ -109,8 +107,7 @@ static void normalise(float n[3]) {
 }
 
 static int32_t root_of(int32_t *parent, int32_t i) {
-    while (parent[i] != i)
-        i = parent[i] = parent[parent[i]];
+    while (parent[i] != i) i = parent[i] = parent[parent[i]];
     return i;
 }
 
@@ -144,12 +141,10 @@ static bool build_sectors(view_skin *skin, const view_surface *s) {
                       ? sorted_sides((const uint32_t *)s->triangle, s->triangle_count)
                       : NULL;
     if (!sides) return free(parent), false;
-    for (int32_t c = 0; c < corners; ++c)
-        parent[c] = c;
+    for (int32_t c = 0; c < corners; ++c) parent[c] = c;
     for (int32_t i = 0; i < corners;) {
         int32_t end = i + 1;
-        while (end < corners && sides[end].key == sides[i].key)
-            ++end;
+        while (end < corners && sides[end].key == sides[i].key) ++end;
         if (end - i == 2 && smooth(skin, s, &sides[i], &sides[i + 1])) {
             const side *p = &sides[i], *q = &sides[i + 1];
             join(parent, 3 * p->triangle + p->local, 3 * q->triangle + (q->local + 1) % 3);
@@ -227,8 +222,7 @@ static bool update_references(view_skin *skin, const view_surface *s) {
 }
 
 static void middle_reference(view_vertex *m, const view_vertex *a, const view_vertex *b) {
-    for (int k = 0; k < 3; ++k)
-        m->reference_m[k] = (a->reference_m[k] + b->reference_m[k]) / 2;
+    for (int k = 0; k < 3; ++k) m->reference_m[k] = (a->reference_m[k] + b->reference_m[k]) / 2;
     m->kind = a->kind;
 }
 
@@ -270,8 +264,7 @@ static bool build(view_skin *skin, const view_surface *s) {
     skin->vertex = calloc((size_t)count + 1, sizeof *skin->vertex);
     if (!skin->vertex) return false;
     skin->vertex_count = count;
-    for (int32_t c = 0; c < 3 * skin->triangle_count; ++c)
-        skin->vertex[skin->index[c]].kind = s->kind[c / 3];
+    for (int32_t c = 0; c < 3 * skin->triangle_count; ++c) skin->vertex[skin->index[c]].kind = s->kind[c / 3];
     for (int32_t i = 0; i < skin->sector_count; ++i) {
         reference wanted = {.id = s->vertex_id[skin->sector_vertex[i]]};
         const reference *r = bsearch(&wanted, skin->reference, (size_t)skin->reference_count, sizeof wanted, by_id);
@@ -282,8 +275,7 @@ static bool build(view_skin *skin, const view_surface *s) {
         for (int32_t e = 0; e < skin->level[i].edge_count; ++e, ++middle)
             middle_reference(middle, &skin->vertex[skin->level[i].edge[2 * e]],
                              &skin->vertex[skin->level[i].edge[2 * e + 1]]);
-    for (int32_t i = 0; i < count; ++i)
-        mottle_of(&skin->vertex[i], skin->grain_m);
+    for (int32_t i = 0; i < count; ++i) mottle_of(&skin->vertex[i], skin->grain_m);
     skin->topology = s->topology;
     skin->built = skin->index_changed = true;
     return true;
@@ -291,12 +283,10 @@ static bool build(view_skin *skin, const view_surface *s) {
 
 /* Normals weighted by the corner's angle do not depend on how a flat patch is cut into triangles. */
 static void sector_normals(view_skin *skin) {
-    for (int32_t i = 0; i < skin->sector_count; ++i)
-        memset(skin->vertex[i].normal, 0, sizeof skin->vertex[i].normal);
+    for (int32_t i = 0; i < skin->sector_count; ++i) memset(skin->vertex[i].normal, 0, sizeof skin->vertex[i].normal);
     for (int32_t t = 0; t < skin->triangle_count; ++t) {
         view_vertex *v[3];
-        for (int i = 0; i < 3; ++i)
-            v[i] = &skin->vertex[skin->index[3 * t + i]];
+        for (int i = 0; i < 3; ++i) v[i] = &skin->vertex[skin->index[3 * t + i]];
         float n[3];
         face_normal(v[0]->at_m, v[1]->at_m, v[2]->at_m, n);
         normalise(n);
@@ -307,18 +297,15 @@ static void sector_normals(view_skin *skin) {
             normalise(a);
             normalise(b);
             float angle = acosf(fminf(fmaxf(dot3(a, b), -1), 1));
-            for (int k = 0; k < 3; ++k)
-                v[i]->normal[k] += angle * n[k];
+            for (int k = 0; k < 3; ++k) v[i]->normal[k] += angle * n[k];
         }
     }
-    for (int32_t i = 0; i < skin->sector_count; ++i)
-        normalise(skin->vertex[i].normal);
+    for (int32_t i = 0; i < skin->sector_count; ++i) normalise(skin->vertex[i].normal);
 }
 
 /* Hollows are darker: how far the neighbours stand above the tangent plane, on average. */
 static void sector_shade(view_skin *skin) {
-    for (int32_t i = 0; i < skin->sector_count; ++i)
-        skin->vertex[i].shade = 0;
+    for (int32_t i = 0; i < skin->sector_count; ++i) skin->vertex[i].shade = 0;
     int32_t corners = 3 * skin->triangle_count;
     for (int32_t c = 0; c < corners; ++c) {
         view_vertex *v = &skin->vertex[skin->index[c]];

@@ -13,10 +13,8 @@
 static bool surface_of(const tm_mesh *mesh, view_surface *s) {
     int32_t *number = malloc((size_t)mesh->vertex_count * sizeof *number), count = 0;
     if (!number) return false;
-    for (int32_t v = 0; v < mesh->vertex_count; ++v)
-        number[v] = -1;
-    for (int32_t i = 0; i < 3 * mesh->surface_count; ++i)
-        number[mesh->surface[i]] = 0;
+    for (int32_t v = 0; v < mesh->vertex_count; ++v) number[v] = -1;
+    for (int32_t i = 0; i < 3 * mesh->surface_count; ++i) number[mesh->surface[i]] = 0;
     for (int32_t v = 0; v < mesh->vertex_count; ++v)
         if (number[v] == 0) number[v] = count++;
     bool good = view_surface_reserve(s, count, mesh->surface_count);
@@ -24,11 +22,9 @@ static bool surface_of(const tm_mesh *mesh, view_surface *s) {
         for (int32_t v = 0; v < mesh->vertex_count; ++v) {
             if (number[v] < 0) continue;
             s->vertex_id[number[v]] = v;
-            for (int k = 0; k < 3; ++k)
-                s->vertex_m[3 * number[v] + k] = (float)mesh->rest_m[3 * v + k];
+            for (int k = 0; k < 3; ++k) s->vertex_m[3 * number[v] + k] = (float)mesh->rest_m[3 * v + k];
         }
-        for (int32_t i = 0; i < 3 * mesh->surface_count; ++i)
-            s->triangle[i] = number[mesh->surface[i]];
+        for (int32_t i = 0; i < 3 * mesh->surface_count; ++i) s->triangle[i] = number[mesh->surface[i]];
         memset(s->kind, 0, (size_t)mesh->surface_count);
         s->vertex_count = count, s->triangle_count = mesh->surface_count;
         ++s->version, ++s->topology;

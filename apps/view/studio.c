@@ -41,9 +41,7 @@ const view_feed_api *view_feed_open(tm_error *error) {
     return module ? app_module_symbol(module, VIEW_FEED_SYMBOL, error) : NULL;
 }
 
-void view_studio_refit(view_studio *studio) {
-    studio->fitted = false;
-}
+void view_studio_refit(view_studio *studio) { studio->fitted = false; }
 
 void view_studio_turn(view_studio *studio) {
     if (studio->fitted)

@@ -37,7 +37,8 @@ static void take_half(hrt_can_link *link, const hrt_can_message *m) {
     link->half_waits = true;
 }
 
-/* Watchdog and bus-off dropped the torque and end when the device hears "motors off", which idle says: no fault here. */
+/* Watchdog and bus-off dropped the torque and end when the device hears "motors off", which idle says: no fault here.
+ */
 static void take_device_fault(const hrt_can_link *link, int64_t now_us, uint8_t code, hrt_input *input) {
     if (link->reset_us != 0 && now_us - link->reset_us < HRT_CAN_LINK_RESET_QUIET_US) return;
     input->device_watchdog = code == 1 || code == 3;
@@ -58,7 +59,8 @@ void hrt_can_link_take(hrt_can_link *link, int64_t now_us, const hrt_can_message
         break;
     case HRT_CAN_DEVICE_BEAT:
         if (!ours) break;
-        if (m->session != input->device_session) link->encoder_known = false; /* started anew, it counts from anywhere */
+        if (m->session != input->device_session)
+            link->encoder_known = false; /* started anew, it counts from anywhere */
         input->device_session = m->session;
         take_device_fault(link, now_us, m->fault, input);
         break;
@@ -71,23 +73,33 @@ void hrt_can_link_take(hrt_can_link *link, int64_t now_us, const hrt_can_message
     }
 }
 
-int32_t hrt_can_link_frames(hrt_can_link *link, int64_t now_us, const hrt_output *output, bool reset, hrt_can_frame frame[HRT_CAN_LINK_FRAMES]) {
+int32_t hrt_can_link_frames(hrt_can_link *link, int64_t now_us, const hrt_output *output, bool reset,
+                            hrt_can_frame frame[HRT_CAN_LINK_FRAMES]) {
     int32_t count = 0;
     if (reset) {
-        const hrt_can_message message = {.kind = HRT_CAN_RESET, .instrument = link->instrument, .counter = link->command_counter};
+        const hrt_can_message message = {
+            .kind = HRT_CAN_RESET, .instrument = link->instrument, .counter = link->command_counter};
         count += hrt_can_pack(&message, &frame[count]);
     }
-    hrt_can_message command = {.kind = HRT_CAN_COMMAND, .instrument = link->instrument, .counter = link->command_counter++, .motors_on = output->motors_on};
+    hrt_can_message command = {.kind = HRT_CAN_COMMAND,
+                               .instrument = link->instrument,
+                               .counter = link->command_counter++,
+                               .motors_on = output->motors_on};
     for (int32_t i = 0; i < HRT_MOTORS; i++) command.torque[i] = output->torque[i];
     count += hrt_can_pack(&command, &frame[count]);
     if (link->beat_us != 0 && now_us - link->beat_us < HRT_CAN_LINK_BEAT_US) return count;
-    const hrt_can_message beat = {.kind = HRT_CAN_CONTROLLER_BEAT, .instrument = link->instrument, .counter = link->beat_counter++,
-                                  .state = (uint8_t)output->state, .fault = (uint8_t)output->fault, .gaps = (uint16_t)link->can.lost};
+    const hrt_can_message beat = {.kind = HRT_CAN_CONTROLLER_BEAT,
+                                  .instrument = link->instrument,
+                                  .counter = link->beat_counter++,
+                                  .state = (uint8_t)output->state,
+                                  .fault = (uint8_t)output->fault,
+                                  .gaps = (uint16_t)link->can.lost};
     link->beat_us = now_us;
     return count + hrt_can_pack(&beat, &frame[count]);
 }
 
 bool hrt_can_link_off(hrt_can_link *link, hrt_can_frame *frame) {
-    const hrt_can_message off = {.kind = HRT_CAN_COMMAND, .instrument = link->instrument, .counter = link->command_counter++};
+    const hrt_can_message off = {
+        .kind = HRT_CAN_COMMAND, .instrument = link->instrument, .counter = link->command_counter++};
     return hrt_can_pack(&off, frame);
 }

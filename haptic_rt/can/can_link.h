@@ -1,5 +1,5 @@
-/* The controller's side of the bus: messages into hrt_input, hrt_output into frames. No operating system, no heap: hrt_node and the firmware
- * both use it. What lost, late, repeated, corrupt and foreign frames do is defined here. */
+/* The controller's side of the bus: messages into hrt_input, hrt_output into frames. No operating system, no heap:
+ * hrt_node and the firmware both use it. What lost, late, repeated, corrupt and foreign frames do is defined here. */
 #ifndef HRT_CAN_LINK_H
 #define HRT_CAN_LINK_H
 
@@ -23,13 +23,16 @@ typedef struct hrt_can_link {
 } hrt_can_link;
 
 void hrt_can_link_init(hrt_can_link *link, int32_t instrument);
-/* Before the tick in which input->reset is set: what the device said about its fault until now, and says in the next 10 ms, is forgotten. */
+/* Before the tick in which input->reset is set: what the device said about its fault until now, and says in the next 10
+ * ms, is forgotten. */
 void hrt_can_link_reset(hrt_can_link *link, int64_t now_us, hrt_input *input);
-/* One received message; those of other instruments change nothing. Encoder counts are taken when both halves came under one counter newer than the
- * last; a repeated or overtaken set is no sign of life. */
+/* One received message; those of other instruments change nothing. Encoder counts are taken when both halves came under
+ * one counter newer than the last; a repeated or overtaken set is no sign of life. */
 void hrt_can_link_take(hrt_can_link *link, int64_t now_us, const hrt_can_message *message, hrt_input *input);
-/* What to send after a tick: the reset when asked, the command, now and then the heartbeat. Returns how many of `frame` were filled. */
-int32_t hrt_can_link_frames(hrt_can_link *link, int64_t now_us, const hrt_output *output, bool reset, hrt_can_frame frame[HRT_CAN_LINK_FRAMES]);
+/* What to send after a tick: the reset when asked, the command, now and then the heartbeat. Returns how many of `frame`
+ * were filled. */
+int32_t hrt_can_link_frames(hrt_can_link *link, int64_t now_us, const hrt_output *output, bool reset,
+                            hrt_can_frame frame[HRT_CAN_LINK_FRAMES]);
 
 /* A last command: motors off. */
 bool hrt_can_link_off(hrt_can_link *link, hrt_can_frame *frame);

@@ -1,5 +1,5 @@
-/* Frames <-> messages. The layout of device 1 is that of device 0 with every id one higher (tests hold the DBC file to it), so one set of generated functions
- * serves both. */
+/* Frames <-> messages. The layout of device 1 is that of device 0 with every id one higher (tests hold the DBC file to
+ * it), so one set of generated functions serves both. */
 #include "codec.h"
 
 #include "impulse_engine.h"
@@ -21,11 +21,13 @@ static const layout layouts[] = {
     {HRT_CAN_DEVICE_FAULT, IMPULSE_ENGINE_DEVICE_FAULT0_FRAME_ID, IMPULSE_ENGINE_DEVICE_FAULT0_LENGTH},
     {HRT_CAN_RESET, IMPULSE_ENGINE_RESET0_FRAME_ID, IMPULSE_ENGINE_RESET0_LENGTH},
     {HRT_CAN_DEVICE_BEAT, IMPULSE_ENGINE_DEVICE_HEARTBEAT0_FRAME_ID, IMPULSE_ENGINE_DEVICE_HEARTBEAT0_LENGTH},
-    {HRT_CAN_CONTROLLER_BEAT, IMPULSE_ENGINE_CONTROLLER_HEARTBEAT0_FRAME_ID, IMPULSE_ENGINE_CONTROLLER_HEARTBEAT0_LENGTH},
+    {HRT_CAN_CONTROLLER_BEAT, IMPULSE_ENGINE_CONTROLLER_HEARTBEAT0_FRAME_ID,
+     IMPULSE_ENGINE_CONTROLLER_HEARTBEAT0_LENGTH},
 };
 enum { LAYOUTS = (int)(sizeof layouts / sizeof layouts[0]) };
 
-/* CRC-8 SAE J1850 over the id's low byte and all bytes but the last. The id is in it so that a frame under a wrong id is refused. */
+/* CRC-8 SAE J1850 over the id's low byte and all bytes but the last. The id is in it so that a frame under a wrong id
+ * is refused. */
 static uint8_t checksum(const hrt_can_frame *frame) {
     uint32_t crc = 0xFFu;
     for (int i = -1; i < (int)frame->length - 1; i++) {
@@ -57,27 +59,32 @@ static bool pack_payload(const hrt_can_message *m, hrt_can_frame *f) {
             .torque_pitch = to_int16(m->torque[0] / hrt_can_torque_unit[0]),
             .torque_yaw = to_int16(m->torque[1] / hrt_can_torque_unit[1]),
             .force_insertion = to_int16(m->torque[2] / hrt_can_torque_unit[2]),
-            .counter = counter, .motors_on = m->motors_on ? 1u : 0u};
+            .counter = counter,
+            .motors_on = m->motors_on ? 1u : 0u};
         return impulse_engine_motor_command0_pack(f->data, &s, sizeof f->data) > 0;
     }
     case HRT_CAN_ENCODER_A: {
-        const struct impulse_engine_encoder_a0_t s = {.pitch = count_to_int16(m->count[0]), .yaw = count_to_int16(m->count[1]),
-                                                      .insertion = count_to_int16(m->count[2]), .counter = counter};
+        const struct impulse_engine_encoder_a0_t s = {.pitch = count_to_int16(m->count[0]),
+                                                      .yaw = count_to_int16(m->count[1]),
+                                                      .insertion = count_to_int16(m->count[2]),
+                                                      .counter = counter};
         return impulse_engine_encoder_a0_pack(f->data, &s, sizeof f->data) > 0;
     }
     case HRT_CAN_ENCODER_B: {
-        const struct impulse_engine_encoder_b0_t s = {.roll = count_to_int16(m->count[3]), .grip = count_to_int16(m->count[4]),
-                                                      .counter = counter, .pedal = m->pedal ? 1u : 0u};
+        const struct impulse_engine_encoder_b0_t s = {.roll = count_to_int16(m->count[3]),
+                                                      .grip = count_to_int16(m->count[4]),
+                                                      .counter = counter,
+                                                      .pedal = m->pedal ? 1u : 0u};
         return impulse_engine_encoder_b0_pack(f->data, &s, sizeof f->data) > 0;
     }
     case HRT_CAN_DEVICE_BEAT: {
-        const struct impulse_engine_device_heartbeat0_t s = {.state = m->state, .fault = m->fault, .session = m->session,
-                                                             .command_gaps = m->gaps, .counter = counter};
+        const struct impulse_engine_device_heartbeat0_t s = {
+            .state = m->state, .fault = m->fault, .session = m->session, .command_gaps = m->gaps, .counter = counter};
         return impulse_engine_device_heartbeat0_pack(f->data, &s, sizeof f->data) > 0;
     }
     case HRT_CAN_CONTROLLER_BEAT: {
-        const struct impulse_engine_controller_heartbeat0_t s = {.state = m->state, .fault = m->fault, .encoder_gaps = m->gaps,
-                                                                 .counter = counter};
+        const struct impulse_engine_controller_heartbeat0_t s = {
+            .state = m->state, .fault = m->fault, .encoder_gaps = m->gaps, .counter = counter};
         return impulse_engine_controller_heartbeat0_pack(f->data, &s, sizeof f->data) > 0;
     }
     case HRT_CAN_DEVICE_FAULT: {
@@ -192,7 +199,8 @@ void hrt_can_unpack(const hrt_can_frame *frame, hrt_can_message *message) {
         if ((frame->id & ~1u) != layouts[i].id) continue;
         message->kind = layouts[i].kind;
         message->instrument = (int32_t)(frame->id & 1u);
-        if (frame->length != layouts[i].length || frame->data[frame->length - 1] != checksum(frame) || !unpack_payload(frame, message))
+        if (frame->length != layouts[i].length || frame->data[frame->length - 1] != checksum(frame) ||
+            !unpack_payload(frame, message))
             message->kind = HRT_CAN_CORRUPT;
         return;
     }

@@ -1,5 +1,5 @@
-/* The frames of impulse_engine.dbc as structs: counters, checksums and ids handled here, bits packed by the generated impulse_engine.c.
- * No operating system, no heap. */
+/* The frames of impulse_engine.dbc as structs: counters, checksums and ids handled here, bits packed by the generated
+ * impulse_engine.c. No operating system, no heap. */
 #ifndef HRT_CODEC_H
 #define HRT_CODEC_H
 
@@ -26,11 +26,11 @@ typedef enum hrt_can_kind {
     HRT_CAN_FOREIGN = 0,
     HRT_CAN_CORRUPT,
     HRT_CAN_ERROR_FRAME,
-    HRT_CAN_ENCODER_A,   /* device: pitch, yaw, insertion */
-    HRT_CAN_ENCODER_B,   /* device: roll, grip, pedal; completes the set of ENCODER_A with the same counter */
+    HRT_CAN_ENCODER_A, /* device: pitch, yaw, insertion */
+    HRT_CAN_ENCODER_B, /* device: roll, grip, pedal; completes the set of ENCODER_A with the same counter */
     HRT_CAN_DEVICE_BEAT,
     HRT_CAN_DEVICE_FAULT,
-    HRT_CAN_COMMAND,     /* controller: torques */
+    HRT_CAN_COMMAND, /* controller: torques */
     HRT_CAN_CONTROLLER_BEAT,
     HRT_CAN_RESET
 } hrt_can_kind;
@@ -39,14 +39,14 @@ typedef struct hrt_can_message {
     hrt_can_kind kind;
     int32_t instrument;
     uint8_t counter;
-    int32_t count[HRT_JOINTS];    /* A: 0..2, B: 3..4 */
+    int32_t count[HRT_JOINTS]; /* A: 0..2, B: 3..4 */
     bool pedal;
     bool motors_on;
     float torque[HRT_MOTORS];
-    uint8_t state, fault;         /* heartbeats; fault: DEVICE_FAULT too */
-    uint16_t session;             /* device heartbeat: new at each start, never 0 */
-    uint16_t gaps;                /* device heartbeat: commands missed, by their counter */
-    uint16_t detail;              /* device fault */
+    uint8_t state, fault; /* heartbeats; fault: DEVICE_FAULT too */
+    uint16_t session;     /* device heartbeat: new at each start, never 0 */
+    uint16_t gaps;        /* device heartbeat: commands missed, by their counter */
+    uint16_t detail;      /* device fault */
 } hrt_can_message;
 
 /* Fills `frame`; values are clamped to what the frame can carry. False for a kind that is never sent. */

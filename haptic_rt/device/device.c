@@ -1,4 +1,5 @@
-/* The virtual Impulse Engine. Joints are independent masses with friction, pushed by the motors and by a hand that is a spring and a damper to where it wants to be. */
+/* The virtual Impulse Engine. Joints are independent masses with friction, pushed by the motors and by a hand that is a
+ * spring and a damper to where it wants to be. */
 #include "device.h"
 
 #include <math.h>
@@ -41,9 +42,12 @@ void hrt_device_hand(hrt_device *device, const double joint[HRT_JOINTS], bool ac
 
 /* ---------------------------------------------------------------------------------------------- the hand */
 
-static double between(const hrt_hand_script *hand, double s) { return hand->straight ? s : s * s * s * (10.0 + s * (6.0 * s - 15.0)); }
+static double between(const hrt_hand_script *hand, double s) {
+    return hand->straight ? s : s * s * s * (10.0 + s * (6.0 * s - 15.0));
+}
 
-static void scripted(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s, double target[HRT_JOINTS], bool *active) {
+static void scripted(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s,
+                     double target[HRT_JOINTS], bool *active) {
     if (!hand->key || hand->key_count < 1) {
         memcpy(target, rest, sizeof(double) * HRT_JOINTS);
         return;
@@ -67,7 +71,8 @@ static void tremble(const hrt_hand_script *hand, double time_s, double target[HR
     target[HRT_INSERTION] += hand->tremor_m * sin(0.91 * w + 2.0);
 }
 
-void hrt_hand_target(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s, double target[HRT_JOINTS], bool *active) {
+void hrt_hand_target(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s,
+                     double target[HRT_JOINTS], bool *active) {
     scripted(hand, rest, time_s, target, active);
     tremble(hand, time_s, target);
 }
@@ -80,7 +85,8 @@ static void want(hrt_device *d, double time_s) {
         memcpy(target, d->external_target, sizeof target);
         d->active = d->external_active;
         tremble(hand, time_s, target);
-    } else hrt_hand_target(hand, d->config.rest, time_s, target, &d->active);
+    } else
+        hrt_hand_target(hand, d->config.rest, time_s, target, &d->active);
     memcpy(d->target, target, sizeof target);
 }
 
@@ -96,12 +102,14 @@ static void move(hrt_device *d, double dt_s) {
     for (int j = 0; j < HRT_JOINTS; j++) {
         if (j < HRT_MOTORS) {
             const double wanted_rate = (d->target[j] - before[j]) / dt_s;
-            const double push = d->torque[j] + c->hand_stiffness[j] * (d->target[j] - d->joint[j]) + c->hand_damping[j] * wanted_rate;
+            const double push =
+                d->torque[j] + c->hand_stiffness[j] * (d->target[j] - d->joint[j]) + c->hand_damping[j] * wanted_rate;
             const double damping = c->hand_damping[j] + c->viscous[j];
             /* Damping implicit, dry friction as what it can stop within the step. */
             const double v = (d->velocity[j] + dt_s * push / c->inertia[j]) / (1.0 + dt_s * damping / c->inertia[j]);
             d->velocity[j] = shrink(v, dt_s * c->coulomb[j] / c->inertia[j]);
-        } else d->velocity[j] = (d->target[j] - d->joint[j]) * fmin(c->roll_grip_rate, 1.0 / dt_s);
+        } else
+            d->velocity[j] = (d->target[j] - d->joint[j]) * fmin(c->roll_grip_rate, 1.0 / dt_s);
         d->joint[j] += dt_s * d->velocity[j];
         const double low = (double)c->profile.joint_min[j], high = (double)c->profile.joint_max[j];
         if (d->joint[j] < low || d->joint[j] > high) {
@@ -222,7 +230,9 @@ static void send_frames(hrt_device *d, int64_t now_us) {
     if (d->unplugged || (d->beat_us != 0 && now_us - d->beat_us < BEAT_US)) return;
     hrt_can_message beat = {.kind = HRT_CAN_DEVICE_BEAT,
                             .counter = d->beat_counter++,
-                            .state = d->fault != HRT_DEVICE_FINE ? 2 : d->motors_on ? 1 : 0,
+                            .state = d->fault != HRT_DEVICE_FINE ? 2
+                                     : d->motors_on              ? 1
+                                                                 : 0,
                             .fault = (uint8_t)d->fault,
                             .session = d->config.session,
                             .gaps = (uint16_t)d->can.lost};

@@ -1,5 +1,6 @@
-/* The virtual Impulse Engine: mass, Coulomb and viscous friction, encoder counts, torque saturation, a watchdog that drops the torque when commands stop, and a
- * simulated hand. Speaks the frames of impulse_engine.dbc on any bus. Who calls hrt_device_step differs (tm-device, lockstep simulation), the code does not. */
+/* The virtual Impulse Engine: mass, Coulomb and viscous friction, encoder counts, torque saturation, a watchdog that
+ * drops the torque when commands stop, and a simulated hand. Speaks the frames of impulse_engine.dbc on any bus. Who
+ * calls hrt_device_step differs (tm-device, lockstep simulation), the code does not. */
 #ifndef HRT_DEVICE_H
 #define HRT_DEVICE_H
 
@@ -17,43 +18,45 @@ typedef struct hrt_keyframe {
     bool active; /* pedal from here on */
 } hrt_keyframe;
 
-/* Where the hand wants the instrument. Before the first key: the first; after the last: the last, or again from the start. */
+/* Where the hand wants the instrument. Before the first key: the first; after the last: the last, or again from the
+ * start. */
 typedef struct hrt_hand_script {
     const hrt_keyframe *key; /* caller's, times ascending; null: stays at `rest` */
     int32_t key_count;
-    bool straight;           /* straight lines instead of minimum-jerk */
+    bool straight; /* straight lines instead of minimum-jerk */
     bool repeat;
-    double tremor_m;         /* amplitude at the tip, across the shaft and along it */
-    double tremor_hz;        /* 9 */
+    double tremor_m;  /* amplitude at the tip, across the shaft and along it */
+    double tremor_hz; /* 9 */
 } hrt_hand_script;
 
 /* Where such a hand wants its instrument; `rest` without keys. `*active` is the pedal: left as it is without keys. */
-void hrt_hand_target(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s, double target[HRT_JOINTS], bool *active);
+void hrt_hand_target(const hrt_hand_script *hand, const double rest[HRT_JOINTS], double time_s,
+                     double target[HRT_JOINTS], bool *active);
 
 typedef struct hrt_device_config {
     int32_t instrument;
-    hrt_params profile;                 /* counts, workspace, torque limits */
-    double inertia[HRT_MOTORS];         /* kg m^2, kg m^2, kg, device and held hand */
-    double viscous[HRT_MOTORS];         /* N m s, N m s, N s/m */
-    double coulomb[HRT_MOTORS];         /* N m, N m, N */
-    double hand_stiffness[HRT_MOTORS];  /* N m/rad, N m/rad, N/m; 0 lets go */
+    hrt_params profile;                /* counts, workspace, torque limits */
+    double inertia[HRT_MOTORS];        /* kg m^2, kg m^2, kg, device and held hand */
+    double viscous[HRT_MOTORS];        /* N m s, N m s, N s/m */
+    double coulomb[HRT_MOTORS];        /* N m, N m, N */
+    double hand_stiffness[HRT_MOTORS]; /* N m/rad, N m/rad, N/m; 0 lets go */
     double hand_damping[HRT_MOTORS];
-    double roll_grip_rate;              /* 1/s: roll and grip follow the hand with this rate */
-    double rest[HRT_JOINTS];            /* where it starts */
-    double watchdog_us;                 /* 20000: without a command the torque drops */
-    double period_us;                   /* 2000: encoder frames */
-    double start_us;                    /* script time zero, after the first step */
-    uint64_t seed;                      /* noise; 0: none */
-    double noise_counts;                /* RMS, of each encoder, before rounding */
-    uint16_t session;                   /* not 0 */
+    double roll_grip_rate;   /* 1/s: roll and grip follow the hand with this rate */
+    double rest[HRT_JOINTS]; /* where it starts */
+    double watchdog_us;      /* 20000: without a command the torque drops */
+    double period_us;        /* 2000: encoder frames */
+    double start_us;         /* script time zero, after the first step */
+    uint64_t seed;           /* noise; 0: none */
+    double noise_counts;     /* RMS, of each encoder, before rounding */
+    uint16_t session;        /* not 0 */
     hrt_hand_script hand;
 } hrt_device_config;
 hrt_device_config hrt_device_config_default(int32_t instrument);
 
 typedef enum hrt_device_fault {
     HRT_DEVICE_FINE = 0,
-    HRT_DEVICE_WATCHDOG = 1,   /* commands stopped while the motors were on */
-    HRT_DEVICE_BAD_COMMAND = 2,/* ten corrupt commands in a row */
+    HRT_DEVICE_WATCHDOG = 1,    /* commands stopped while the motors were on */
+    HRT_DEVICE_BAD_COMMAND = 2, /* ten corrupt commands in a row */
     HRT_DEVICE_BUS_OFF = 3
 } hrt_device_fault;
 
@@ -62,11 +65,11 @@ typedef struct hrt_device {
     hrt_bus *bus;
     bool started;
     int64_t start_us, now_us, sent_us, beat_us, command_us, heard_us;
-    bool unplugged;                     /* tests: hears and says nothing */
+    bool unplugged; /* tests: hears and says nothing */
     double joint[HRT_JOINTS], velocity[HRT_JOINTS];
-    double torque[HRT_MOTORS];          /* applied now, N m, N m, N */
-    double target[HRT_JOINTS];          /* the hand's, now */
-    bool external;                      /* targets come from hrt_device_hand */
+    double torque[HRT_MOTORS]; /* applied now, N m, N m, N */
+    double target[HRT_JOINTS]; /* the hand's, now */
+    bool external;             /* targets come from hrt_device_hand */
     double external_target[HRT_JOINTS];
     bool external_active;
     bool active, motors_on;
@@ -76,12 +79,13 @@ typedef struct hrt_device {
     int32_t corrupt_in_a_row;
     uint64_t random;
     hrt_can_counters can;
-    uint32_t commands;                  /* good ones */
+    uint32_t commands; /* good ones */
 } hrt_device;
 
 /* The bus is opened by the caller and outlives the device. */
 void hrt_device_init(hrt_device *device, const hrt_device_config *config, hrt_bus *bus);
-/* Takes commands, moves to `now_us` (steps of at most 250 us), sends encoder frames that are due. In lockstep call it before hrt_node_tick(now_us). */
+/* Takes commands, moves to `now_us` (steps of at most 250 us), sends encoder frames that are due. In lockstep call it
+ * before hrt_node_tick(now_us). */
 void hrt_device_step(hrt_device *device, int64_t now_us);
 /* The hand follows this from now on instead of the script. */
 void hrt_device_hand(hrt_device *device, const double joint[HRT_JOINTS], bool active);

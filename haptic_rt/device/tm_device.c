@@ -1,4 +1,5 @@
-/* tm-device: the virtual Impulse Engine as a program of its own on a CAN bus, with a hand that follows a script or LCM. */
+/* tm-device: the virtual Impulse Engine as a program of its own on a CAN bus, with a hand that follows a script or LCM.
+ */
 #include <cjson/cJSON.h>
 #include <getopt.h>
 #include <math.h>
@@ -31,8 +32,12 @@ typedef struct program {
     hrt_loop loop;
     app_output json_out;
     double torque_peak[HRT_MOTORS], torque_square[HRT_MOTORS];
-    /* From the receive thread: it owns one slot, the loop another, the third is between them (UNREAD: newer than the loop's). */
-    struct { double joint[HRT_JOINTS]; bool active; } hand_said[3];
+    /* From the receive thread: it owns one slot, the loop another, the third is between them (UNREAD: newer than the
+     * loop's). */
+    struct {
+        double joint[HRT_JOINTS];
+        bool active;
+    } hand_said[3];
     uint32_t hand_write, hand_read;
     _Atomic uint32_t hand_between;
     bool hand_heard;
@@ -40,34 +45,70 @@ typedef struct program {
 } program;
 
 static void usage(void) {
-    puts("usage: tm-device --bus ADDRESS [options]\n"
-         "A virtual Impulse Engine on a CAN bus: mass, friction, encoder counts, torque limits, a watchdog, and a hand that moves it.\n"
-         "\n"
-         "  --bus ADDRESS          virtual:NAME or socketcan:INTERFACE\n"
-         "  --instrument N         0 or 1 (0)\n"
-         "  --hand FILE            CSV: time_s,pitch_rad,yaw_rad,insertion_m,roll_rad,grip[,active]; `lcm` follows HAND_N; without, it rests\n"
-         "  --start P,Y,I,R,G      joints at rest: pitch and yaw rad, insertion m, roll rad, grip 0..1 (0,0,0.1,0,0)\n"
-         "  --repeat               begin the script again at its end\n"
-         "  --straight             straight lines between rows instead of minimum-jerk\n"
-         "  --tremor M             amplitude at the tip, m (0); about 9 Hz\n"
-         "  --grasp GAIN           strength of the hand: 1 as configured, 0 lets go (1)\n"
-         "  --noise COUNTS         RMS noise of the encoders (0), from --seed N (1)\n"
-         "  --profile FILE, --set NAME=VALUE   device profile\n"
-         "  --url URL              LCM for --hand lcm (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
-         "  --rate HZ              encoder frames a second, 100..2000 (500)\n"
-         "  --duration S, --priority N, --stats, --json FILE, --help, --version   as of haptic-rt\n"
-         "\n"
-         "Exit 0: done. 2: bad input. 1: anything else. Frames: docs/can.md.");
+    puts(
+        "usage: tm-device --bus ADDRESS [options]\n"
+        "A virtual Impulse Engine on a CAN bus: mass, friction, encoder counts, torque limits, a watchdog, and a hand that moves it.\n"
+        "\n"
+        "  --bus ADDRESS          virtual:NAME or socketcan:INTERFACE\n"
+        "  --instrument N         0 or 1 (0)\n"
+        "  --hand FILE            CSV: time_s,pitch_rad,yaw_rad,insertion_m,roll_rad,grip[,active]; `lcm` follows HAND_N; without, it rests\n"
+        "  --start P,Y,I,R,G      joints at rest: pitch and yaw rad, insertion m, roll rad, grip 0..1 (0,0,0.1,0,0)\n"
+        "  --repeat               begin the script again at its end\n"
+        "  --straight             straight lines between rows instead of minimum-jerk\n"
+        "  --tremor M             amplitude at the tip, m (0); about 9 Hz\n"
+        "  --grasp GAIN           strength of the hand: 1 as configured, 0 lets go (1)\n"
+        "  --noise COUNTS         RMS noise of the encoders (0), from --seed N (1)\n"
+        "  --profile FILE, --set NAME=VALUE   device profile\n"
+        "  --url URL              LCM for --hand lcm (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
+        "  --rate HZ              encoder frames a second, 100..2000 (500)\n"
+        "  --duration S, --priority N, --stats, --json FILE, --help, --version   as of haptic-rt\n"
+        "\n"
+        "Exit 0: done. 2: bad input. 1: anything else. Frames: docs/can.md.");
 }
 
-enum { O_BUS = 1, O_INSTRUMENT, O_HAND, O_START, O_REPEAT, O_STRAIGHT, O_TREMOR, O_GRASP, O_NOISE, O_SEED, O_PROFILE, O_SET, O_URL, O_RATE, O_DURATION,
-       O_PRIORITY, O_STATS, O_JSON, O_HELP, O_VERSION };
-static const struct option options[] = {
-    {"bus", 1, 0, O_BUS}, {"instrument", 1, 0, O_INSTRUMENT}, {"hand", 1, 0, O_HAND}, {"start", 1, 0, O_START}, {"repeat", 0, 0, O_REPEAT},
-    {"straight", 0, 0, O_STRAIGHT}, {"tremor", 1, 0, O_TREMOR}, {"grasp", 1, 0, O_GRASP}, {"noise", 1, 0, O_NOISE},
-    {"seed", 1, 0, O_SEED}, {"profile", 1, 0, O_PROFILE}, {"set", 1, 0, O_SET}, {"url", 1, 0, O_URL}, {"rate", 1, 0, O_RATE},
-    {"duration", 1, 0, O_DURATION}, {"priority", 1, 0, O_PRIORITY}, {"stats", 0, 0, O_STATS}, {"json", 1, 0, O_JSON},
-    {"help", 0, 0, O_HELP}, {"version", 0, 0, O_VERSION}, {0, 0, 0, 0}};
+enum {
+    O_BUS = 1,
+    O_INSTRUMENT,
+    O_HAND,
+    O_START,
+    O_REPEAT,
+    O_STRAIGHT,
+    O_TREMOR,
+    O_GRASP,
+    O_NOISE,
+    O_SEED,
+    O_PROFILE,
+    O_SET,
+    O_URL,
+    O_RATE,
+    O_DURATION,
+    O_PRIORITY,
+    O_STATS,
+    O_JSON,
+    O_HELP,
+    O_VERSION
+};
+static const struct option options[] = {{"bus", 1, 0, O_BUS},
+                                        {"instrument", 1, 0, O_INSTRUMENT},
+                                        {"hand", 1, 0, O_HAND},
+                                        {"start", 1, 0, O_START},
+                                        {"repeat", 0, 0, O_REPEAT},
+                                        {"straight", 0, 0, O_STRAIGHT},
+                                        {"tremor", 1, 0, O_TREMOR},
+                                        {"grasp", 1, 0, O_GRASP},
+                                        {"noise", 1, 0, O_NOISE},
+                                        {"seed", 1, 0, O_SEED},
+                                        {"profile", 1, 0, O_PROFILE},
+                                        {"set", 1, 0, O_SET},
+                                        {"url", 1, 0, O_URL},
+                                        {"rate", 1, 0, O_RATE},
+                                        {"duration", 1, 0, O_DURATION},
+                                        {"priority", 1, 0, O_PRIORITY},
+                                        {"stats", 0, 0, O_STATS},
+                                        {"json", 1, 0, O_JSON},
+                                        {"help", 0, 0, O_HELP},
+                                        {"version", 0, 0, O_VERSION},
+                                        {0, 0, 0, 0}};
 
 static bool read_start(const char *text, double joint[HRT_JOINTS]) {
     char tail;
@@ -172,8 +213,12 @@ static int open_all(program *p) {
     p->hand_read = 2;
     if (follow) {
         const char *set = getenv("LCM_DEFAULT_URL");
-        const hrt_link_def def = {.url = p->url ? p->url : set && *set ? set : HRT_LCM_URL, .instrument = p->config.instrument,
-                                  .hand = hand_said, .user = p};
+        const hrt_link_def def = {.url = p->url        ? p->url
+                                         : set && *set ? set
+                                                       : HRT_LCM_URL,
+                                  .instrument = p->config.instrument,
+                                  .hand = hand_said,
+                                  .user = p};
         p->api = hrt_link_module();
         if (!p->api) return APP_FAILED;
         p->link = p->api->open(&def, why, sizeof why);
@@ -184,7 +229,8 @@ static int open_all(program *p) {
 
 static void watch(program *p) {
     static const char *const fault_text[] = {"well again", "commands stopped: torque dropped; waits for \"motors off\"",
-                                             "ten corrupt commands in a row: torque dropped; waits for a reset", "the bus is off: torque dropped"};
+                                             "ten corrupt commands in a row: torque dropped; waits for a reset",
+                                             "the bus is off: torque dropped"};
     bool told_wait = false, heard = false;
     int told_fault = 0;
     const struct timespec wait = {0, 50000000};
@@ -213,7 +259,8 @@ static int write_json(program *p) {
     cJSON_AddNumberToObject(json, "fault", (double)p->device.fault);
     const double ticks = fmax(1.0, (double)p->loop.ticks);
     const double peak[HRT_MOTORS] = {p->torque_peak[0], p->torque_peak[1], p->torque_peak[2]};
-    const double rms[HRT_MOTORS] = {sqrt(p->torque_square[0] / ticks), sqrt(p->torque_square[1] / ticks), sqrt(p->torque_square[2] / ticks)};
+    const double rms[HRT_MOTORS] = {sqrt(p->torque_square[0] / ticks), sqrt(p->torque_square[1] / ticks),
+                                    sqrt(p->torque_square[2] / ticks)};
     cJSON_AddItemToObject(json, "torque_peak", cJSON_CreateDoubleArray(peak, HRT_MOTORS));
     cJSON_AddItemToObject(json, "torque_rms", cJSON_CreateDoubleArray(rms, HRT_MOTORS));
     cJSON_AddItemToObject(json, "joint", cJSON_CreateDoubleArray(p->device.joint, HRT_JOINTS));
@@ -226,14 +273,20 @@ int main(int argc, char **argv) {
     struct timespec now;
     clock_gettime(CLOCK_REALTIME, &now);
     p.config = hrt_device_config_default(0);
-    p.config.session = (uint16_t)(1 + ((uint64_t)now.tv_sec * 1000 + (uint64_t)now.tv_nsec / 1000000 + (uint64_t)getpid()) % 65535);
+    p.config.session =
+        (uint16_t)(1 + ((uint64_t)now.tv_sec * 1000 + (uint64_t)now.tv_nsec / 1000000 + (uint64_t)getpid()) % 65535);
     p.rate = 500;
     p.priority = 70;
     const int bad = read_options(&p, argc, argv);
     if (bad >= 0) return bad;
     const int failed = open_all(&p);
     if (failed) return failed;
-    p.loop = (hrt_loop){.program = "tm-device", .period_ns = 1000000000 / p.rate, .priority = p.priority, .idle_states = true, .tick = tick, .user = &p,
+    p.loop = (hrt_loop){.program = "tm-device",
+                        .period_ns = 1000000000 / p.rate,
+                        .priority = p.priority,
+                        .idle_states = true,
+                        .tick = tick,
+                        .user = &p,
                         .ticks_max = p.duration_s > 0.0 ? (int64_t)(p.duration_s * p.rate + 0.5) : 0};
     p.device.config.period_us = 0.5e6 / p.rate; /* one set a tick; the tick keeps the rate */
     hrt_stop_on_signals(&p.loop.stop);
@@ -244,7 +297,8 @@ int main(int argc, char **argv) {
     watch(&p);
     if (p.link) p.api->close(p.link);
     if (p.stats) {
-        printf("tm-device: %lld ticks, %lld missed, %u commands, %u gaps\n", (long long)p.loop.ticks, (long long)p.loop.missed, p.device.commands, p.device.can.lost);
+        printf("tm-device: %lld ticks, %lld missed, %u commands, %u gaps\n", (long long)p.loop.ticks,
+               (long long)p.loop.missed, p.device.commands, p.device.can.lost);
         hrt_print_quantiles("lateness", &p.loop.lateness);
         hrt_print_quantiles("duration", &p.loop.duration);
     }

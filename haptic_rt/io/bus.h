@@ -1,5 +1,6 @@
-/* A CAN bus behind a small table of functions: classical frames, never blocking. Drivers: `loopback` (in process), `virtual` (between processes,
- * no kernel CAN), `socketcan`. A bus endpoint hears every other endpoint's frames and not its own. */
+/* A CAN bus behind a small table of functions: classical frames, never blocking. Drivers: `loopback` (in process),
+ * `virtual` (between processes, no kernel CAN), `socketcan`. A bus endpoint hears every other endpoint's frames and not
+ * its own. */
 #ifndef HRT_BUS_H
 #define HRT_BUS_H
 
@@ -14,9 +15,9 @@ extern "C" {
 
 typedef enum hrt_bus_state {
     HRT_BUS_OK = 0,
-    HRT_BUS_WARNING = 1,  /* error counters high, or a send queue that was full */
-    HRT_BUS_OFF = 2,      /* the controller left the bus */
-    HRT_BUS_DOWN = 3      /* no bus: interface gone */
+    HRT_BUS_WARNING = 1, /* error counters high, or a send queue that was full */
+    HRT_BUS_OFF = 2,     /* the controller left the bus */
+    HRT_BUS_DOWN = 3     /* no bus: interface gone */
 } hrt_bus_state;
 
 typedef struct hrt_bus hrt_bus;
@@ -59,7 +60,8 @@ void hrt_loopback_init(hrt_loopback *loopback);
 /* False when all ports are taken. */
 bool hrt_bus_open_loopback(hrt_bus *bus, hrt_loopback *loopback);
 
-/* "virtual:NAME" (the file $TM_BUS_DIR/NAME.bus, by default in /dev/shm/tensormass-UID) or "socketcan:can0". On failure `why` says what is wrong and what to do. */
+/* "virtual:NAME" (the file $TM_BUS_DIR/NAME.bus, by default in /dev/shm/tensormass-UID) or "socketcan:can0". On failure
+ * `why` says what is wrong and what to do. */
 bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size);
 
 /* For the drivers: counts a frame's bits. */
@@ -74,7 +76,9 @@ static inline int hrt_bus_send(hrt_bus *bus, const hrt_can_frame *frame) { retur
 static inline int hrt_bus_receive(hrt_bus *bus, hrt_can_frame *frame) { return bus->driver->receive(bus, frame); }
 static inline hrt_bus_state hrt_bus_state_now(hrt_bus *bus) { return bus->driver->state(bus); }
 static inline void hrt_bus_recover(hrt_bus *bus, int64_t now_us) { bus->driver->recover(bus, now_us); }
-static inline void hrt_bus_close(hrt_bus *bus) { if (bus->driver) bus->driver->close(bus); }
+static inline void hrt_bus_close(hrt_bus *bus) {
+    if (bus->driver) bus->driver->close(bus);
+}
 
 #ifdef __cplusplus
 }

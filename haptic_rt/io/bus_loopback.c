@@ -8,8 +8,10 @@ static int loopback_send(hrt_bus *bus, const hrt_can_frame *frame) {
     if (l->off) return -1;
     for (uint64_t p = 0; p < HRT_LOOPBACK_PORTS; p++) {
         if (!l->port[p].open || p == bus->self) continue;
-        if (l->port[p].head - l->port[p].tail == HRT_LOOPBACK_DEPTH) bus->dropped++;
-        else l->port[p].frame[l->port[p].head++ % HRT_LOOPBACK_DEPTH] = *frame;
+        if (l->port[p].head - l->port[p].tail == HRT_LOOPBACK_DEPTH)
+            bus->dropped++;
+        else
+            l->port[p].frame[l->port[p].head++ % HRT_LOOPBACK_DEPTH] = *frame;
     }
     hrt_bus_count(bus, &bus->tx, frame);
     return 1;
@@ -36,7 +38,8 @@ static void loopback_close(hrt_bus *bus) {
     bus->driver = NULL;
 }
 
-static const hrt_bus_driver loopback_driver = {"loopback", loopback_send, loopback_receive, loopback_state, loopback_recover, loopback_close};
+static const hrt_bus_driver loopback_driver = {"loopback",     loopback_send,    loopback_receive,
+                                               loopback_state, loopback_recover, loopback_close};
 
 void hrt_loopback_init(hrt_loopback *loopback) { memset(loopback, 0, sizeof *loopback); }
 

@@ -16,7 +16,8 @@ static int attach(hrt_bus *bus) {
     if (index == 0) return -1;
     const int fd = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
     if (fd < 0) return -1;
-    const can_err_mask_t wanted = CAN_ERR_BUSOFF | CAN_ERR_CRTL | CAN_ERR_RESTARTED | CAN_ERR_BUSERROR | CAN_ERR_ACK | CAN_ERR_PROT;
+    const can_err_mask_t wanted =
+        CAN_ERR_BUSOFF | CAN_ERR_CRTL | CAN_ERR_RESTARTED | CAN_ERR_BUSERROR | CAN_ERR_ACK | CAN_ERR_PROT;
     struct sockaddr_can address;
     memset(&address, 0, sizeof address);
     address.can_family = AF_CAN;
@@ -46,7 +47,8 @@ static int socketcan_send(hrt_bus *bus, const hrt_can_frame *frame) {
     if (bus->now >= HRT_BUS_OFF) return -1;
     struct can_frame out;
     memset(&out, 0, sizeof out);
-    out.can_id = frame->id | ((frame->flags & HRT_CAN_EXTENDED) ? CAN_EFF_FLAG : 0u) | ((frame->flags & HRT_CAN_REMOTE) ? CAN_RTR_FLAG : 0u);
+    out.can_id = frame->id | ((frame->flags & HRT_CAN_EXTENDED) ? CAN_EFF_FLAG : 0u) |
+                 ((frame->flags & HRT_CAN_REMOTE) ? CAN_RTR_FLAG : 0u);
     out.can_dlc = frame->length;
     memcpy(out.data, frame->data, sizeof out.data);
     if (send(bus->fd, &out, sizeof out, MSG_DONTWAIT) != (ssize_t)sizeof out) return failed(bus);
@@ -56,9 +58,12 @@ static int socketcan_send(hrt_bus *bus, const hrt_can_frame *frame) {
 
 static void note_error(hrt_bus *bus, const struct can_frame *in) {
     bus->errors++;
-    if (in->can_id & CAN_ERR_BUSOFF) bus->now = HRT_BUS_OFF;
-    else if (in->can_id & CAN_ERR_RESTARTED) bus->now = HRT_BUS_OK;
-    else if (bus->now == HRT_BUS_OK) bus->now = HRT_BUS_WARNING;
+    if (in->can_id & CAN_ERR_BUSOFF)
+        bus->now = HRT_BUS_OFF;
+    else if (in->can_id & CAN_ERR_RESTARTED)
+        bus->now = HRT_BUS_OK;
+    else if (bus->now == HRT_BUS_OK)
+        bus->now = HRT_BUS_WARNING;
 }
 
 static int socketcan_receive(hrt_bus *bus, hrt_can_frame *frame) {
@@ -69,11 +74,13 @@ static int socketcan_receive(hrt_bus *bus, hrt_can_frame *frame) {
     if (got != (ssize_t)sizeof in) return 0;
     memset(frame, 0, sizeof *frame);
     frame->id = in.can_id & ((in.can_id & CAN_EFF_FLAG) ? CAN_EFF_MASK : CAN_SFF_MASK);
-    frame->flags = (uint8_t)(((in.can_id & CAN_EFF_FLAG) ? HRT_CAN_EXTENDED : 0) | ((in.can_id & CAN_RTR_FLAG) ? HRT_CAN_REMOTE : 0) |
-                             ((in.can_id & CAN_ERR_FLAG) ? HRT_CAN_ERROR : 0));
+    frame->flags =
+        (uint8_t)(((in.can_id & CAN_EFF_FLAG) ? HRT_CAN_EXTENDED : 0) |
+                  ((in.can_id & CAN_RTR_FLAG) ? HRT_CAN_REMOTE : 0) | ((in.can_id & CAN_ERR_FLAG) ? HRT_CAN_ERROR : 0));
     frame->length = in.can_dlc > 8 ? 8 : in.can_dlc;
     memcpy(frame->data, in.data, sizeof frame->data);
-    if (in.can_id & CAN_ERR_FLAG) note_error(bus, &in);
+    if (in.can_id & CAN_ERR_FLAG)
+        note_error(bus, &in);
     else {
         if (bus->now == HRT_BUS_WARNING) bus->now = HRT_BUS_OK;
         hrt_bus_count(bus, &bus->rx, frame);
@@ -83,7 +90,8 @@ static int socketcan_receive(hrt_bus *bus, hrt_can_frame *frame) {
 
 static hrt_bus_state socketcan_state(hrt_bus *bus) { return bus->now; }
 
-/* A kernel with restart-ms brings the controller back by itself; sending again shows whether it did. An interface that went away is opened anew. */
+/* A kernel with restart-ms brings the controller back by itself; sending again shows whether it did. An interface that
+ * went away is opened anew. */
 static void socketcan_recover(hrt_bus *bus, int64_t now_us) {
     if (now_us - bus->tried_us < 100000) return;
     bus->tried_us = now_us;
@@ -102,7 +110,8 @@ static void socketcan_close(hrt_bus *bus) {
     bus->driver = NULL;
 }
 
-static const hrt_bus_driver socketcan_driver = {"socketcan", socketcan_send, socketcan_receive, socketcan_state, socketcan_recover, socketcan_close};
+static const hrt_bus_driver socketcan_driver = {"socketcan",     socketcan_send,    socketcan_receive,
+                                                socketcan_state, socketcan_recover, socketcan_close};
 
 bool hrt_bus_open_socketcan(hrt_bus *bus, const char *interface, char *why, int why_size) {
     memset(bus, 0, sizeof *bus);
@@ -115,9 +124,11 @@ bool hrt_bus_open_socketcan(hrt_bus *bus, const char *interface, char *why, int 
     bus->fd = attach(bus);
     if (bus->fd < 0) {
         const int reason = errno;
-        const char *advice = reason == EAFNOSUPPORT ? "this kernel has no CAN (modprobe can can_raw), or use virtual:NAME"
-                             : reason == ENODEV     ? "no such interface; see `ip link`, set it up with `ip link set NAME up type can bitrate 1000000`"
-                                                    : "see `ip -details link show`";
+        const char *advice =
+            reason == EAFNOSUPPORT ? "this kernel has no CAN (modprobe can can_raw), or use virtual:NAME"
+            : reason == ENODEV
+                ? "no such interface; see `ip link`, set it up with `ip link set NAME up type can bitrate 1000000`"
+                : "see `ip -details link show`";
         snprintf(why, (size_t)why_size, "cannot open %s (%s); %s", interface, strerror(reason), advice);
         return false;
     }

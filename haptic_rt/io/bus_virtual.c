@@ -1,5 +1,5 @@
-/* The bus between processes, without kernel CAN: a ring of frames in a mapped file. Sending and receiving are a few loads and stores, no system call. Any
- * endpoint may come, go or be killed at any time. */
+/* The bus between processes, without kernel CAN: a ring of frames in a mapped file. Sending and receiving are a few
+ * loads and stores, no system call. Any endpoint may come, go or be killed at any time. */
 #include <errno.h>
 #include <fcntl.h>
 #include <stdio.h>
@@ -58,7 +58,9 @@ static int virtual_receive(hrt_bus *bus, hrt_can_frame *frame) {
     return 0;
 }
 
-static hrt_bus_state virtual_state(hrt_bus *bus) { return atomic_load(&((hrt_virtual_bus *)bus->shared)->off) ? HRT_BUS_OFF : HRT_BUS_OK; }
+static hrt_bus_state virtual_state(hrt_bus *bus) {
+    return atomic_load(&((hrt_virtual_bus *)bus->shared)->off) ? HRT_BUS_OFF : HRT_BUS_OK;
+}
 
 static void virtual_recover(hrt_bus *bus, int64_t now_us) { bus->tried_us = now_us; }
 
@@ -67,24 +69,30 @@ static void virtual_close(hrt_bus *bus) {
     bus->driver = NULL;
 }
 
-static const hrt_bus_driver virtual_driver = {"virtual", virtual_send, virtual_receive, virtual_state, virtual_recover, virtual_close};
+static const hrt_bus_driver virtual_driver = {"virtual",     virtual_send,    virtual_receive,
+                                              virtual_state, virtual_recover, virtual_close};
 
 static bool bus_file(const char *name, char *path, int path_size, char *why, int why_size) {
     const char *set = getenv("TM_BUS_DIR");
     char directory[200];
     if (name[0] == 0 || strchr(name, '/') || strlen(name) > 32) {
-        snprintf(why, (size_t)why_size, "a virtual bus is named by 1 to 32 characters without '/'; use for example virtual:bus0");
+        snprintf(why, (size_t)why_size,
+                 "a virtual bus is named by 1 to 32 characters without '/'; use for example virtual:bus0");
         return false;
     }
-    if (set && *set) snprintf(directory, sizeof directory, "%s", set);
-    else snprintf(directory, sizeof directory, "/dev/shm/tensormass-%u", (unsigned)getuid());
+    if (set && *set)
+        snprintf(directory, sizeof directory, "%s", set);
+    else
+        snprintf(directory, sizeof directory, "/dev/shm/tensormass-%u", (unsigned)getuid());
     struct stat st;
     if ((mkdir(directory, 0700) != 0 && errno != EEXIST) || stat(directory, &st) != 0 || !S_ISDIR(st.st_mode)) {
-        snprintf(why, (size_t)why_size, "%s is not a directory that can be made (%s); set TM_BUS_DIR to one", directory, strerror(errno));
+        snprintf(why, (size_t)why_size, "%s is not a directory that can be made (%s); set TM_BUS_DIR to one", directory,
+                 strerror(errno));
         return false;
     }
     if (!(set && *set) && st.st_uid != getuid()) {
-        snprintf(why, (size_t)why_size, "%s belongs to another user; set TM_BUS_DIR to a directory of your own", directory);
+        snprintf(why, (size_t)why_size, "%s belongs to another user; set TM_BUS_DIR to a directory of your own",
+                 directory);
         return false;
     }
     snprintf(path, (size_t)path_size, "%s/%s.bus", directory, name);
@@ -98,7 +106,8 @@ bool hrt_bus_open_virtual(hrt_bus *bus, const char *name, char *why, int why_siz
     const int fd = open(bus->name, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
     struct stat st;
     if (fd < 0 || fstat(fd, &st) != 0 || (st.st_size == 0 && ftruncate(fd, sizeof(hrt_virtual_bus)) != 0)) {
-        snprintf(why, (size_t)why_size, "cannot open %s (%s); set TM_BUS_DIR to a directory of your own", bus->name, strerror(errno));
+        snprintf(why, (size_t)why_size, "cannot open %s (%s); set TM_BUS_DIR to a directory of your own", bus->name,
+                 strerror(errno));
         if (fd >= 0) close(fd);
         return false;
     }

@@ -1,4 +1,5 @@
-/* The virtual bus in memory: what a test needs to look at it or to disturb it. One file, mapped by all; little-endian, 8-byte aligned. */
+/* The virtual bus in memory: what a test needs to look at it or to disturb it. One file, mapped by all; little-endian,
+ * 8-byte aligned. */
 #ifndef HRT_BUS_VIRTUAL_H
 #define HRT_BUS_VIRTUAL_H
 

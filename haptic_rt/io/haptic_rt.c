@@ -1,4 +1,5 @@
-/* haptic-rt: the controller as a Linux program. A loop thread ticks; this thread says what happens and writes the figures. */
+/* haptic-rt: the controller as a Linux program. A loop thread ticks; this thread says what happens and writes the
+ * figures. */
 #include <cjson/cJSON.h>
 #include <getopt.h>
 #include <math.h>
@@ -45,40 +46,43 @@ typedef struct program {
 } program;
 
 static void usage(void) {
-    puts("usage: haptic-rt --bus ADDRESS [options]\n"
-         "The controller of one Impulse Engine: 500 times a second encoders in, torques out, forces from tm-sim extrapolated between its frames.\n"
-         "\n"
-         "  --bus, --device ADDRESS  virtual:NAME or socketcan:INTERFACE\n"
-         "  --instrument N           0 or 1: channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and the device's ids on the bus (0)\n"
-         "  --mode NAME              probe, grasper or cautery (probe)\n"
-         "  --extrapolator NAME      hold, time, position, broyden, tangent, contact, paper_position (position)\n"
-         "  --passivity              passivity control on\n"
-         "  --coupling               virtual coupling on\n"
-         "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   the trocar's pose, m, world; without them it is learned from SIM_STATUS\n"
-         "  --profile FILE           device profile and parameters\n"
-         "  --set NAME=VALUE         one parameter; may be repeated\n"
-         "  --params                 print all parameters with range and unit, and end\n"
-         "  --url URL                LCM (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
-         "  --samples FILE           recorded samples (CSV) instead of LCM; with --url, beside it\n"
-         "  --replay                 samples come from lcm-logplayer: take them though they answered another controller\n"
-         "  --rate HZ                ticks a second, 100..2000 (500)\n"
-         "  --duration S             end after so long (never)\n"
-         "  --priority N             SCHED_FIFO 1..99, 0 for normal scheduling (80)\n"
-         "  --idle-states            let idle processors sleep: less power, later ticks\n"
-         "  --auto-reset S           reset a fault by itself after so long; for demonstrations and tests\n"
-         "  --stats                  timing figures at the end\n"
-         "  --json FILE              all figures at the end\n"
-         "  --record FILE            every tick as CSV; needs --duration\n"
-         "  --help, --version\n"
-         "\n"
-         "Exit 0: done. 2: bad input. 1: anything else. States, faults and limits: docs/controller.md.");
+    puts(
+        "usage: haptic-rt --bus ADDRESS [options]\n"
+        "The controller of one Impulse Engine: 500 times a second encoders in, torques out, forces from tm-sim extrapolated between its frames.\n"
+        "\n"
+        "  --bus, --device ADDRESS  virtual:NAME or socketcan:INTERFACE\n"
+        "  --instrument N           0 or 1: channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and the device's ids on the bus (0)\n"
+        "  --mode NAME              probe, grasper or cautery (probe)\n"
+        "  --extrapolator NAME      hold, time, position, broyden, tangent, contact, paper_position (position)\n"
+        "  --passivity              passivity control on\n"
+        "  --coupling               virtual coupling on\n"
+        "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   the trocar's pose, m, world; without them it is learned from SIM_STATUS\n"
+        "  --profile FILE           device profile and parameters\n"
+        "  --set NAME=VALUE         one parameter; may be repeated\n"
+        "  --params                 print all parameters with range and unit, and end\n"
+        "  --url URL                LCM (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
+        "  --samples FILE           recorded samples (CSV) instead of LCM; with --url, beside it\n"
+        "  --replay                 samples come from lcm-logplayer: take them though they answered another controller\n"
+        "  --rate HZ                ticks a second, 100..2000 (500)\n"
+        "  --duration S             end after so long (never)\n"
+        "  --priority N             SCHED_FIFO 1..99, 0 for normal scheduling (80)\n"
+        "  --idle-states            let idle processors sleep: less power, later ticks\n"
+        "  --auto-reset S           reset a fault by itself after so long; for demonstrations and tests\n"
+        "  --stats                  timing figures at the end\n"
+        "  --json FILE              all figures at the end\n"
+        "  --record FILE            every tick as CSV; needs --duration\n"
+        "  --help, --version\n"
+        "\n"
+        "Exit 0: done. 2: bad input. 1: anything else. States, faults and limits: docs/controller.md.");
 }
 
 /* ---------------------------------------------------------------------------------------------- options */
 
 static bool read_vector(const char *option, const char *text, double v[3]) {
     char tail;
-    if (sscanf(text, "%lf,%lf,%lf%c", &v[0], &v[1], &v[2], &tail) == 3 && isfinite(v[0]) && isfinite(v[1]) && isfinite(v[2])) return true;
+    if (sscanf(text, "%lf,%lf,%lf%c", &v[0], &v[1], &v[2], &tail) == 3 && isfinite(v[0]) && isfinite(v[1]) &&
+        isfinite(v[2]))
+        return true;
     app_bad_input(option, 0, "'%s' is no vector; write X,Y,Z", text);
     return false;
 }
@@ -94,15 +98,60 @@ static bool read_mode(const char *text, int8_t *mode) {
     return false;
 }
 
-enum { O_BUS = 1, O_INSTRUMENT, O_MODE, O_EXTRAPOLATOR, O_PASSIVITY, O_COUPLING, O_TROCAR, O_AXIS, O_UP, O_PROFILE, O_SET, O_PARAMS, O_URL,
-       O_SAMPLES, O_RATE, O_DURATION, O_PRIORITY, O_AUTO_RESET, O_STATS, O_JSON, O_RECORD, O_REPLAY, O_IDLE_STATES, O_HELP, O_VERSION };
-static const struct option options[] = {
-    {"bus", 1, 0, O_BUS}, {"device", 1, 0, O_BUS}, {"instrument", 1, 0, O_INSTRUMENT}, {"mode", 1, 0, O_MODE},
-    {"extrapolator", 1, 0, O_EXTRAPOLATOR}, {"passivity", 0, 0, O_PASSIVITY}, {"coupling", 0, 0, O_COUPLING}, {"trocar", 1, 0, O_TROCAR},
-    {"axis", 1, 0, O_AXIS}, {"up", 1, 0, O_UP}, {"profile", 1, 0, O_PROFILE}, {"set", 1, 0, O_SET}, {"params", 0, 0, O_PARAMS},
-    {"url", 1, 0, O_URL}, {"samples", 1, 0, O_SAMPLES}, {"rate", 1, 0, O_RATE}, {"duration", 1, 0, O_DURATION},
-    {"priority", 1, 0, O_PRIORITY}, {"auto-reset", 1, 0, O_AUTO_RESET}, {"stats", 0, 0, O_STATS}, {"json", 1, 0, O_JSON},
-    {"record", 1, 0, O_RECORD}, {"replay", 0, 0, O_REPLAY}, {"idle-states", 0, 0, O_IDLE_STATES}, {"help", 0, 0, O_HELP}, {"version", 0, 0, O_VERSION}, {0, 0, 0, 0}};
+enum {
+    O_BUS = 1,
+    O_INSTRUMENT,
+    O_MODE,
+    O_EXTRAPOLATOR,
+    O_PASSIVITY,
+    O_COUPLING,
+    O_TROCAR,
+    O_AXIS,
+    O_UP,
+    O_PROFILE,
+    O_SET,
+    O_PARAMS,
+    O_URL,
+    O_SAMPLES,
+    O_RATE,
+    O_DURATION,
+    O_PRIORITY,
+    O_AUTO_RESET,
+    O_STATS,
+    O_JSON,
+    O_RECORD,
+    O_REPLAY,
+    O_IDLE_STATES,
+    O_HELP,
+    O_VERSION
+};
+static const struct option options[] = {{"bus", 1, 0, O_BUS},
+                                        {"device", 1, 0, O_BUS},
+                                        {"instrument", 1, 0, O_INSTRUMENT},
+                                        {"mode", 1, 0, O_MODE},
+                                        {"extrapolator", 1, 0, O_EXTRAPOLATOR},
+                                        {"passivity", 0, 0, O_PASSIVITY},
+                                        {"coupling", 0, 0, O_COUPLING},
+                                        {"trocar", 1, 0, O_TROCAR},
+                                        {"axis", 1, 0, O_AXIS},
+                                        {"up", 1, 0, O_UP},
+                                        {"profile", 1, 0, O_PROFILE},
+                                        {"set", 1, 0, O_SET},
+                                        {"params", 0, 0, O_PARAMS},
+                                        {"url", 1, 0, O_URL},
+                                        {"samples", 1, 0, O_SAMPLES},
+                                        {"rate", 1, 0, O_RATE},
+                                        {"duration", 1, 0, O_DURATION},
+                                        {"priority", 1, 0, O_PRIORITY},
+                                        {"auto-reset", 1, 0, O_AUTO_RESET},
+                                        {"stats", 0, 0, O_STATS},
+                                        {"json", 1, 0, O_JSON},
+                                        {"record", 1, 0, O_RECORD},
+                                        {"replay", 0, 0, O_REPLAY},
+                                        {"idle-states", 0, 0, O_IDLE_STATES},
+                                        {"help", 0, 0, O_HELP},
+                                        {"version", 0, 0, O_VERSION},
+                                        {0, 0, 0, 0}};
 
 /* One option. False: bad, already told. */
 static bool take_option(program *p, int option, const char *text) {
@@ -116,7 +165,8 @@ static bool take_option(program *p, int option, const char *text) {
     case O_MODE: return read_mode(text, &p->config.mode);
     case O_EXTRAPOLATOR:
         if (hrt_extrapolator_find(text, &p->config.extrapolator)) return true;
-        app_bad_input("--extrapolator", 0, "'%s' is none; use hold, time, position, broyden, tangent, contact or paper_position", text);
+        app_bad_input("--extrapolator", 0,
+                      "'%s' is none; use hold, time, position, broyden, tangent, contact or paper_position", text);
         return false;
     case O_PASSIVITY: p->config.passivity = true; return true;
     case O_COUPLING: p->config.coupling = true; return true;
@@ -150,12 +200,17 @@ static bool consistent(program *p) {
     hrt_frame frame;
     const float axis[3] = {(float)p->config.pose.axis[0], (float)p->config.pose.axis[1], (float)p->config.pose.axis[2]};
     const float up[3] = {(float)p->config.pose.up[0], (float)p->config.pose.up[1], (float)p->config.pose.up[2]};
-    if (!p->bus) app_bad_input("--bus", 0, "is missing; name one, for example --bus virtual:demo (see --help)");
-    else if (!hrt_frame_from_axis(&frame, axis, up)) app_bad_input("--axis", 0, "is zero or along --up; give two directions that differ");
-    else if (p->record_path && !(p->duration_s > 0.0)) app_bad_input("--record", 0, "needs --duration; give one");
+    if (!p->bus)
+        app_bad_input("--bus", 0, "is missing; name one, for example --bus virtual:demo (see --help)");
+    else if (!hrt_frame_from_axis(&frame, axis, up))
+        app_bad_input("--axis", 0, "is zero or along --up; give two directions that differ");
+    else if (p->record_path && !(p->duration_s > 0.0))
+        app_bad_input("--record", 0, "needs --duration; give one");
     else if (hrt_params_check(&p->config.params) >= 0)
-        app_bad_input("--set", 0, "%s: lower end not below upper end; mend it", hrt_param_table[hrt_params_check(&p->config.params)].name);
-    else return true;
+        app_bad_input("--set", 0, "%s: lower end not below upper end; mend it",
+                      hrt_param_table[hrt_params_check(&p->config.params)].name);
+    else
+        return true;
     return false;
 }
 
@@ -180,9 +235,23 @@ static void record(program *p, int64_t now_us) {
     if (p->record_rows >= p->record_room) return;
     float *row = &p->record[RECORD_COLUMNS * p->record_rows++];
     const hrt_output *o = &p->node.output;
-    const float values[RECORD_COLUMNS] = {1.0e-6f * (float)(now_us - p->loop.start_us), (float)o->state, (float)o->fault, (float)o->limits,
-        o->joint[0], o->joint[1], o->joint[2], o->joint[3], o->joint[4], o->force_N[0], o->force_N[1], o->force_N[2],
-        o->torque[0], o->torque[1], o->torque[2], o->gain, 1.0e-6f * (float)o->sample_age_us};
+    const float values[RECORD_COLUMNS] = {1.0e-6f * (float)(now_us - p->loop.start_us),
+                                          (float)o->state,
+                                          (float)o->fault,
+                                          (float)o->limits,
+                                          o->joint[0],
+                                          o->joint[1],
+                                          o->joint[2],
+                                          o->joint[3],
+                                          o->joint[4],
+                                          o->force_N[0],
+                                          o->force_N[1],
+                                          o->force_N[2],
+                                          o->torque[0],
+                                          o->torque[1],
+                                          o->torque[2],
+                                          o->gain,
+                                          1.0e-6f * (float)o->sample_age_us};
     memcpy(row, values, sizeof values);
 }
 
@@ -209,7 +278,8 @@ static void tick(void *user, int64_t now_us) {
     program *p = user;
     const bool meaningful = hrt_node_tick(&p->node, now_us, &p->tool);
     const int64_t begin_ns = hrt_clock_ns();
-    if (p->samples_path && !hrt_samples_feed(&p->samples, &p->node, &p->tool, now_us)) atomic_store(&p->samples_over, true);
+    if (p->samples_path && !hrt_samples_feed(&p->samples, &p->node, &p->tool, now_us))
+        atomic_store(&p->samples_over, true);
     if (p->link && meaningful) p->api->publish_tool(p->link, &p->tool);
     if (p->link && now_us - p->status_us >= STATUS_EVERY_US) {
         publish_status(p);
@@ -234,7 +304,9 @@ static void end(void *user) {
 
 /* ---------------------------------------------------------------------------------------------- this thread */
 
-typedef struct told { int state, stale, wait; } told;
+typedef struct told {
+    int state, stale, wait;
+} told;
 
 /* What happened, and what it waits for, once each time it begins to wait. */
 static void say(const program *p, told *t) {
@@ -242,16 +314,24 @@ static void say(const program *p, told *t) {
     if (stale != t->stale) fprintf(stderr, "haptic-rt: the simulation went silent; force fades to zero\n");
     if (state != t->state && state == HRT_ENGAGED) fprintf(stderr, "haptic-rt: engaged\n");
     if (state != t->state && state == HRT_FAULT)
-        fprintf(stderr, "haptic-rt: fault %s (%d): %s\n", hrt_fault_name((hrt_fault)fault), atomic_load(&p->detail), hrt_fault_text((hrt_fault)fault));
+        fprintf(stderr, "haptic-rt: fault %s (%d): %s\n", hrt_fault_name((hrt_fault)fault), atomic_load(&p->detail),
+                hrt_fault_text((hrt_fault)fault));
     if (state != t->state && state != HRT_SELF_TEST) t->wait = 0;
     t->state = state;
     t->stale = stale;
     const int wait = state == HRT_BOOT ? 1 : state != HRT_IDLE ? 0 : !atomic_load(&p->pose_known) ? 2 : 3;
     if (wait == t->wait) return;
     t->wait = wait;
-    if (wait == 1) fprintf(stderr, "haptic-rt: waiting for device %d on %s (start tm-device; any order is fine)\n", p->config.instrument, p->bus);
-    if (wait == 2) fprintf(stderr, "haptic-rt: waiting for the trocar's pose: SIM_STATUS of tm-sim (any order is fine), or give --trocar\n");
-    if (wait == 3) fprintf(stderr, "haptic-rt: waiting for fresh samples: %s\n", p->samples_path ? "the file's" : "FORCE of tm-sim (any order is fine)");
+    if (wait == 1)
+        fprintf(stderr, "haptic-rt: waiting for device %d on %s (start tm-device; any order is fine)\n",
+                p->config.instrument, p->bus);
+    if (wait == 2)
+        fprintf(
+            stderr,
+            "haptic-rt: waiting for the trocar's pose: SIM_STATUS of tm-sim (any order is fine), or give --trocar\n");
+    if (wait == 3)
+        fprintf(stderr, "haptic-rt: waiting for fresh samples: %s\n",
+                p->samples_path ? "the file's" : "FORCE of tm-sim (any order is fine)");
 }
 
 static void watch(program *p) {
@@ -263,7 +343,8 @@ static void watch(program *p) {
         if (atomic_load(&p->loop.ticks) > 50) say(p, &t);
         in_fault_s = atomic_load(&p->state) == HRT_FAULT ? in_fault_s + 0.05 : 0.0;
         if (p->auto_reset_s > 0.0 && in_fault_s >= p->auto_reset_s) {
-            const hrt_command reset = {.extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
+            const hrt_command reset = {
+                .extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
             fprintf(stderr, "haptic-rt: reset by --auto-reset\n");
             hrt_node_post_command(&p->node, &reset);
             atomic_fetch_add(&p->resets, 1);
@@ -302,26 +383,36 @@ static int write_json(program *p) {
 
 static int write_record(program *p) {
     FILE *file = fopen(p->record_out.temporary, "w");
-    if (file) fputs("time_s,state,fault,limits,pitch_rad,yaw_rad,insertion_m,roll_rad,grip,fx_N,fy_N,fz_N,torque_pitch_Nm,torque_yaw_Nm,force_insertion_N,gain,sample_age_s\n", file);
+    if (file)
+        fputs(
+            "time_s,state,fault,limits,pitch_rad,yaw_rad,insertion_m,roll_rad,grip,fx_N,fy_N,fz_N,torque_pitch_Nm,torque_yaw_Nm,force_insertion_N,gain,sample_age_s\n",
+            file);
     for (int64_t r = 0; file && r < p->record_rows; r++)
-        for (int c = 0; c < RECORD_COLUMNS; c++) fprintf(file, "%.9g%c", (double)p->record[RECORD_COLUMNS * r + c], c + 1 < RECORD_COLUMNS ? ',' : '\n');
+        for (int c = 0; c < RECORD_COLUMNS; c++)
+            fprintf(file, "%.9g%c", (double)p->record[RECORD_COLUMNS * r + c], c + 1 < RECORD_COLUMNS ? ',' : '\n');
     return hrt_output_end(&p->record_out, file);
 }
 
 static void print_stats(const program *p) {
     printf("haptic-rt: %lld ticks, %lld missed, %s%s\n", (long long)p->loop.ticks, (long long)p->loop.missed,
-           p->loop.real_time ? "SCHED_FIFO" : "normal scheduling", p->loop.awake_fd >= 0 ? ", idle states held off" : "");
+           p->loop.real_time ? "SCHED_FIFO" : "normal scheduling",
+           p->loop.awake_fd >= 0 ? ", idle states held off" : "");
     hrt_print_quantiles("lateness", &p->loop.lateness);
     hrt_print_quantiles("duration", &p->loop.duration);
     for (int i = 0; i <= HRT_NODE_STAGES; i++) hrt_print_quantiles(stage_name[i], &p->stage[i]);
-    printf("  bus        %llu sent, %llu received, load %.1f %% of 1 Mbit/s\n", (unsigned long long)p->wires.tx, (unsigned long long)p->wires.rx,
-           100.0 * (double)p->wires.bits / (1.0e6 * (double)p->loop.ticks / p->rate));
+    printf("  bus        %llu sent, %llu received, load %.1f %% of 1 Mbit/s\n", (unsigned long long)p->wires.tx,
+           (unsigned long long)p->wires.rx, 100.0 * (double)p->wires.bits / (1.0e6 * (double)p->loop.ticks / p->rate));
 }
 
 static int open_link(program *p) {
     char why[300];
     const char *set = getenv("LCM_DEFAULT_URL");
-    const hrt_link_def def = {.url = p->url ? p->url : set && *set ? set : HRT_LCM_URL, .instrument = p->config.instrument, .node = &p->node, .replay = p->replay};
+    const hrt_link_def def = {.url = p->url        ? p->url
+                                     : set && *set ? set
+                                                   : HRT_LCM_URL,
+                              .instrument = p->config.instrument,
+                              .node = &p->node,
+                              .replay = p->replay};
     if (p->samples_path && !p->url) return APP_DONE; /* without LCM */
     p->api = hrt_link_module();
     if (!p->api) return APP_FAILED;

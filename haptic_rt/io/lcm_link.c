@@ -42,7 +42,8 @@ static int64_t now_us(void) {
     return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
 }
 
-/* A recorded sample answers a controller that is gone: it is taken as an answer to this one, with its ages kept among samples of one recording. */
+/* A recorded sample answers a controller that is gone: it is taken as an answer to this one, with its ages kept among
+ * samples of one recording. */
 static void replayed(hrt_link *link, const tensormass_force_sample_t *m, hrt_force_sample *s) {
     if (m->tool_session == 0) return; /* the simulation had not heard a controller yet */
     if (m->tool_session != link->replay_session || m->session != link->sim_session) {
@@ -57,8 +58,14 @@ static void replayed(hrt_link *link, const tensormass_force_sample_t *m, hrt_for
 static void on_force(const lcm_recv_buf_t *raw, const char *channel, const tensormass_force_sample_t *m, void *user) {
     (void)raw, (void)channel;
     hrt_link *link = user;
-    hrt_force_sample s = {.utime = m->utime, .session = m->session, .tool_session = m->tool_session, .tool_utime = m->tool_utime,
-                          .seq = (uint32_t)m->seq, .instrument = m->instrument, .stiffness_kind = m->stiffness_kind, .flags = m->flags,
+    hrt_force_sample s = {.utime = m->utime,
+                          .session = m->session,
+                          .tool_session = m->tool_session,
+                          .tool_utime = m->tool_utime,
+                          .seq = (uint32_t)m->seq,
+                          .instrument = m->instrument,
+                          .stiffness_kind = m->stiffness_kind,
+                          .flags = m->flags,
                           .topology_revision = m->topology_revision};
     memcpy(s.tip_m, m->tip_m, sizeof s.tip_m);
     memcpy(s.force_N, m->force_N, sizeof s.force_N);
@@ -71,12 +78,22 @@ static void on_force(const lcm_recv_buf_t *raw, const char *channel, const tenso
 static void on_patch(const lcm_recv_buf_t *raw, const char *channel, const tensormass_contact_patch_t *m, void *user) {
     (void)raw, (void)channel;
     hrt_link *link = user;
-    const hrt_patch_message p = {.session = m->session, .seq = (uint32_t)m->seq, .instrument = m->instrument,
-                                 .topology_revision = m->topology_revision, .vertex_count = m->vertex_count,
-                                 .triangle_count = m->triangle_count, .vertex_m = m->vertex_m, .rest_m = m->rest_m, .origin_m = m->origin_m,
-                                 .triangle = m->triangle, .face = m->face, .compliance_m_N = m->compliance_m_N,
-                                 .skin_compliance_m_N = m->skin_compliance_m_N, .force_cap_N = m->force_cap_N,
-                                 .radius_m = m->radius_m, .contact_length_m = m->contact_length_m};
+    const hrt_patch_message p = {.session = m->session,
+                                 .seq = (uint32_t)m->seq,
+                                 .instrument = m->instrument,
+                                 .topology_revision = m->topology_revision,
+                                 .vertex_count = m->vertex_count,
+                                 .triangle_count = m->triangle_count,
+                                 .vertex_m = m->vertex_m,
+                                 .rest_m = m->rest_m,
+                                 .origin_m = m->origin_m,
+                                 .triangle = m->triangle,
+                                 .face = m->face,
+                                 .compliance_m_N = m->compliance_m_N,
+                                 .skin_compliance_m_N = m->skin_compliance_m_N,
+                                 .force_cap_N = m->force_cap_N,
+                                 .radius_m = m->radius_m,
+                                 .contact_length_m = m->contact_length_m};
     hrt_node_post_patch(link->def.node, &p);
     atomic_fetch_add(&link->counts.patches, 1);
 }
@@ -107,7 +124,8 @@ static void on_sim_status(const lcm_recv_buf_t *raw, const char *channel, void *
 static void take_command(hrt_link *link, const tensormass_controller_command_t *m) {
     if (m->instrument != link->def.instrument) return;
     hrt_extrapolator which = HRT_HOLD;
-    hrt_command command = {.extrapolator = -1, .passivity = m->passivity, .coupling = -1, .enable = -1, .reset = m->reset_fault == 1};
+    hrt_command command = {
+        .extrapolator = -1, .passivity = m->passivity, .coupling = -1, .enable = -1, .reset = m->reset_fault == 1};
     if (m->extrapolator && hrt_extrapolator_find(m->extrapolator, &which)) command.extrapolator = which;
     hrt_node_post_command(link->def.node, &command);
     atomic_fetch_add(&link->counts.commands, 1);
@@ -178,7 +196,10 @@ static hrt_link *link_open(const hrt_link_def *def, char *why, int why_size) {
     snprintf(link->status_channel, CHANNEL, "CONTROLLER_%d", def->instrument);
     link->lcm = lcm_create(def->url);
     if (!link->lcm || !subscribe(link) || pthread_create(&link->thread, NULL, receive, link) != 0) {
-        snprintf(why, (size_t)why_size, "LCM cannot open '%s'; for a multicast route on this machine alone type: ip link set lo up; ip route add 224.0.0.0/4 dev lo", def->url);
+        snprintf(
+            why, (size_t)why_size,
+            "LCM cannot open '%s'; for a multicast route on this machine alone type: ip link set lo up; ip route add 224.0.0.0/4 dev lo",
+            def->url);
         leave(link);
         return NULL;
     }
@@ -193,8 +214,14 @@ static void link_close(hrt_link *link) {
 
 static void link_publish_tool(hrt_link *link, const hrt_tool_state *t) {
     uint8_t buffer[BUFFER];
-    tensormass_tool_state_t m = {.utime = t->utime, .seq = (int32_t)t->seq, .session = t->session, .instrument = t->instrument,
-                                 .mode = t->mode, .state = t->state, .active = t->active, .extrapolator = t->extrapolator};
+    tensormass_tool_state_t m = {.utime = t->utime,
+                                 .seq = (int32_t)t->seq,
+                                 .session = t->session,
+                                 .instrument = t->instrument,
+                                 .mode = t->mode,
+                                 .state = t->state,
+                                 .active = t->active,
+                                 .extrapolator = t->extrapolator};
     memcpy(m.tip_m, t->tip_m, sizeof m.tip_m);
     memcpy(m.joint, t->joint, sizeof m.joint);
     const int bytes = tensormass_tool_state_t_encode(buffer, 0, sizeof buffer, &m);
@@ -206,14 +233,27 @@ static void link_publish_status(hrt_link *link, const hrt_status *s) {
     char text[256], name[32];
     snprintf(text, sizeof text, "%s", s->fault_text);
     snprintf(name, sizeof name, "%s", hrt_extrapolator_name((hrt_extrapolator)s->extrapolator));
-    tensormass_controller_status_t m = {.utime = s->utime, .seq = (int32_t)++link->status_seq, .session = s->session,
-                                        .instrument = (int8_t)s->instrument, .state = (int8_t)s->state, .fault = s->fault,
-                                        .fault_text = text, .limits = s->limits, .extrapolator = name,
-                                        .passivity_on = (int8_t)s->passivity_on, .passivity_J = s->passivity_J,
-                                        .sample_age_s = s->sample_age_s, .ticks = s->ticks, .missed_ticks = s->missed_ticks,
-                                        .samples_received = s->samples_received, .samples_late = s->samples_late,
-                                        .samples_lost = s->samples_lost, .samples_rejected = s->samples_rejected,
-                                        .can_tx = s->can_tx, .can_rx = s->can_rx, .can_errors = s->can_errors};
+    tensormass_controller_status_t m = {.utime = s->utime,
+                                        .seq = (int32_t)++link->status_seq,
+                                        .session = s->session,
+                                        .instrument = (int8_t)s->instrument,
+                                        .state = (int8_t)s->state,
+                                        .fault = s->fault,
+                                        .fault_text = text,
+                                        .limits = s->limits,
+                                        .extrapolator = name,
+                                        .passivity_on = (int8_t)s->passivity_on,
+                                        .passivity_J = s->passivity_J,
+                                        .sample_age_s = s->sample_age_s,
+                                        .ticks = s->ticks,
+                                        .missed_ticks = s->missed_ticks,
+                                        .samples_received = s->samples_received,
+                                        .samples_late = s->samples_late,
+                                        .samples_lost = s->samples_lost,
+                                        .samples_rejected = s->samples_rejected,
+                                        .can_tx = s->can_tx,
+                                        .can_rx = s->can_rx,
+                                        .can_errors = s->can_errors};
     memcpy(m.force_N, s->force_N, sizeof m.force_N);
     memcpy(m.lateness_us, s->lateness_us, sizeof m.lateness_us);
     memcpy(m.duration_us, s->duration_us, sizeof m.duration_us);

@@ -1,5 +1,5 @@
-/* LCM for haptic-rt and tm-device, in the module `haptic` that is opened only when messages are wanted. Receives in a thread of its own that posts to the
- * nodes' mailboxes; publishing is done by the caller and does not allocate. */
+/* LCM for haptic-rt and tm-device, in the module `haptic` that is opened only when messages are wanted. Receives in a
+ * thread of its own that posts to the nodes' mailboxes; publishing is done by the caller and does not allocate. */
 #ifndef HRT_LCM_LINK_H
 #define HRT_LCM_LINK_H
 
@@ -16,8 +16,8 @@ typedef struct hrt_link_counts {
 typedef struct hrt_link_def {
     const char *url;
     int32_t instrument;
-    hrt_node *node;   /* controller: FORCE_i, PATCH_i, SIM_STATUS, CONTROLLER_COMMAND_i */
-    bool replay;      /* take samples that lcm-logplayer sends, though they answer another controller */
+    hrt_node *node; /* controller: FORCE_i, PATCH_i, SIM_STATUS, CONTROLLER_COMMAND_i */
+    bool replay;    /* take samples that lcm-logplayer sends, though they answer another controller */
     /* device: HAND_i */
     void (*hand)(void *user, const double joint[5], bool active);
     void *user;

@@ -26,7 +26,8 @@ bool hrt_priority(int priority) {
 
 static void sleep_until(int64_t ns) {
     const struct timespec t = {ns / 1000000000, ns % 1000000000};
-    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR) {}
+    while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR) {
+    }
 }
 
 /* Faults in the stack that the ticks will use. */
@@ -77,8 +78,8 @@ static void *run(void *user) {
     return NULL;
 }
 
-/* A processor that sleeps deeply wakes late: the kernel's PM QoS interface holds it off as long as the file is open (Documentation/power/pm_qos_interface.rst).
- * Kernels without idle states have no such file. */
+/* A processor that sleeps deeply wakes late: the kernel's PM QoS interface holds it off as long as the file is open
+ * (Documentation/power/pm_qos_interface.rst). Kernels without idle states have no such file. */
 static void hold_idle_states(hrt_loop *l) {
     const int32_t latency_us = 0;
     l->awake_fd = -1;
@@ -89,14 +90,20 @@ static void hold_idle_states(hrt_loop *l) {
         return;
     }
     if (errno != ENOENT)
-        fprintf(stderr, "%s: idle states are not held off (/dev/cpu_dma_latency: %s): an idle processor wakes late; give this user the file, or --idle-states\n", l->program, strerror(errno));
+        fprintf(
+            stderr,
+            "%s: idle states are not held off (/dev/cpu_dma_latency: %s): an idle processor wakes late; give this user the file, or --idle-states\n",
+            l->program, strerror(errno));
     if (fd >= 0) close(fd);
 }
 
 bool hrt_loop_start(hrt_loop *l) {
     hold_idle_states(l);
     if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
-        fprintf(stderr, "%s: memory is not locked (%s): page faults may delay a tick; raise `ulimit -l` or run with CAP_IPC_LOCK\n", l->program, strerror(errno));
+        fprintf(
+            stderr,
+            "%s: memory is not locked (%s): page faults may delay a tick; raise `ulimit -l` or run with CAP_IPC_LOCK\n",
+            l->program, strerror(errno));
     if (l->priority > 0) {
         const struct sched_param p = {.sched_priority = l->priority};
         /* Tried on this thread first, so that the warning is given here and not from the loop. */
@@ -104,8 +111,12 @@ bool hrt_loop_start(hrt_loop *l) {
         const int policy = sched_getscheduler(0);
         sched_getparam(0, &old);
         if (sched_setscheduler(0, SCHED_FIFO, &p) != 0)
-            fprintf(stderr, "%s: no SCHED_FIFO (%s): the loop runs at normal priority and will be late on a busy machine; run with CAP_SYS_NICE or set RLIMIT_RTPRIO\n", l->program, strerror(errno));
-        else sched_setscheduler(0, policy, &old);
+            fprintf(
+                stderr,
+                "%s: no SCHED_FIFO (%s): the loop runs at normal priority and will be late on a busy machine; run with CAP_SYS_NICE or set RLIMIT_RTPRIO\n",
+                l->program, strerror(errno));
+        else
+            sched_setscheduler(0, policy, &old);
     }
     pthread_attr_t attributes;
     pthread_attr_init(&attributes);
@@ -113,11 +124,14 @@ bool hrt_loop_start(hrt_loop *l) {
     int error = pthread_create(&l->thread, &attributes, run, l);
     if (error == EAGAIN) { /* a small lock limit leaves no room for a stack */
         munlockall();
-        fprintf(stderr, "%s: memory is not locked: the limit is too small; raise `ulimit -l` or run with CAP_IPC_LOCK\n", l->program);
+        fprintf(stderr,
+                "%s: memory is not locked: the limit is too small; raise `ulimit -l` or run with CAP_IPC_LOCK\n",
+                l->program);
         error = pthread_create(&l->thread, &attributes, run, l);
     }
     pthread_attr_destroy(&attributes);
-    if (error) fprintf(stderr, "%s: cannot start the loop's thread (%s); close other programs\n", l->program, strerror(error));
+    if (error)
+        fprintf(stderr, "%s: cannot start the loop's thread (%s); close other programs\n", l->program, strerror(error));
     return error == 0;
 }
 

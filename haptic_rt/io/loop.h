@@ -1,4 +1,5 @@
-/* The Linux loop of haptic-rt and tm-device: absolute deadlines on the monotonic clock, SCHED_FIFO and locked memory where allowed. */
+/* The Linux loop of haptic-rt and tm-device: absolute deadlines on the monotonic clock, SCHED_FIFO and locked memory
+ * where allowed. */
 #ifndef HRT_LOOP_H
 #define HRT_LOOP_H
 
@@ -13,9 +14,9 @@ typedef struct hrt_loop {
     /* set before start */
     const char *program;
     int64_t period_ns;
-    int priority;     /* SCHED_FIFO 1..99; 0: normal scheduling */
-    bool idle_states; /* leave the processors their idle states; else they are held off while a real-time loop runs */
-    int64_t ticks_max;/* 0: until stopped */
+    int priority;      /* SCHED_FIFO 1..99; 0: normal scheduling */
+    bool idle_states;  /* leave the processors their idle states; else they are held off while a real-time loop runs */
+    int64_t ticks_max; /* 0: until stopped */
     void (*tick)(void *user, int64_t now_us);
     void (*end)(void *user); /* in the loop's thread, right after the last tick; may be null */
     void *user;
@@ -23,8 +24,8 @@ typedef struct hrt_loop {
     _Atomic bool stop, done;
     _Atomic int64_t ticks, missed;
     hrt_histogram lateness, duration;
-    bool real_time;   /* SCHED_FIFO was granted */
-    int awake_fd;     /* /dev/cpu_dma_latency: idle states are held off as long as it is open; -1: they are not */
+    bool real_time; /* SCHED_FIFO was granted */
+    int awake_fd;   /* /dev/cpu_dma_latency: idle states are held off as long as it is open; -1: they are not */
     int64_t start_us, cpu_us;
     int64_t faults_minor, faults_major; /* page faults of the loop's thread after its first second */
     pthread_t thread;

@@ -46,8 +46,10 @@ void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus) 
 /* ---------------------------------------------------------------------------------------------- the posting thread */
 
 static hrt_reject refuse(hrt_node *node, hrt_reject why) {
-    if (why == HRT_REJECT_OLD) atomic_fetch_add(&node->late, 1);
-    else atomic_fetch_add(&node->rejected, 1);
+    if (why == HRT_REJECT_OLD)
+        atomic_fetch_add(&node->late, 1);
+    else
+        atomic_fetch_add(&node->rejected, 1);
     return why;
 }
 
@@ -149,9 +151,12 @@ void hrt_node_post_command(hrt_node *node, const hrt_command *command) {
 /* ---------------------------------------------------------------------------------------------- the tick's thread */
 
 static void take_commands(hrt_node *node, int64_t now_us) {
-    const int32_t extrapolator = atomic_exchange(&node->wish_extrapolator, -1), passivity = atomic_exchange(&node->wish_passivity, -1);
-    const int32_t coupling = atomic_exchange(&node->wish_coupling, -1), enable = atomic_exchange(&node->wish_enable, -1);
-    if (extrapolator >= 0 && extrapolator < HRT_EXTRAPOLATOR_COUNT) node->input.extrapolator = (hrt_extrapolator)extrapolator;
+    const int32_t extrapolator = atomic_exchange(&node->wish_extrapolator, -1),
+                  passivity = atomic_exchange(&node->wish_passivity, -1);
+    const int32_t coupling = atomic_exchange(&node->wish_coupling, -1),
+                  enable = atomic_exchange(&node->wish_enable, -1);
+    if (extrapolator >= 0 && extrapolator < HRT_EXTRAPOLATOR_COUNT)
+        node->input.extrapolator = (hrt_extrapolator)extrapolator;
     if (passivity >= 0) node->input.passivity = passivity != 0;
     if (coupling >= 0) node->input.coupling = coupling != 0;
     if (enable >= 0) node->config.enable = enable != 0;
@@ -261,5 +266,6 @@ void hrt_node_status(const hrt_node *node, hrt_status *status) {
     status->samples_rejected = (int64_t)counters->samples_rejected + rejected;
     status->can_tx = (int64_t)node->bus->tx;
     status->can_rx = (int64_t)node->bus->rx;
-    status->can_errors = (int64_t)node->line.can.error + node->line.can.corrupt + node->line.can.lost + node->line.can.repeated;
+    status->can_errors =
+        (int64_t)node->line.can.error + node->line.can.corrupt + node->line.can.lost + node->line.can.repeated;
 }

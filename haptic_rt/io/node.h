@@ -1,4 +1,5 @@
-/* A controller on its bus: controller + CAN codec + mailbox. Who calls hrt_node_tick differs (Linux loop, lockstep simulation), the code does not. */
+/* A controller on its bus: controller + CAN codec + mailbox. Who calls hrt_node_tick differs (Linux loop, lockstep
+ * simulation), the code does not. */
 #ifndef HRT_NODE_H
 #define HRT_NODE_H
 
@@ -24,11 +25,11 @@ typedef struct hrt_node_config {
     int8_t mode;        /* 0 probe, 1 grasper, 2 cautery */
     int64_t session;    /* new at every start; lockstep: any constant */
     hrt_params params;
-    bool pose_known;    /* false: never engages before hrt_node_post_pose */
+    bool pose_known; /* false: never engages before hrt_node_post_pose */
     hrt_pose pose;
     hrt_extrapolator extrapolator;
     bool passivity, coupling;
-    bool enable;        /* permission to engage; true */
+    bool enable; /* permission to engage; true */
 } hrt_node_config;
 hrt_node_config hrt_node_config_default(int32_t instrument);
 
@@ -46,12 +47,12 @@ typedef struct hrt_patch_message {
     int64_t session;
     uint32_t seq;
     int32_t instrument, topology_revision, vertex_count, triangle_count;
-    const float *vertex_m;          /* [3*vertex_count], relative to origin_m */
-    const float *rest_m;            /* [3*vertex_count], undeformed, relative to origin_m; null: as vertex_m */
-    const double *origin_m;         /* [3] */
-    const int32_t *face;            /* [triangle_count] lasting names; null: their numbers */
-    const int8_t *triangle;         /* [3*triangle_count] */
-    const float *compliance_m_N;    /* [n(n+1)/2], n = 3*vertex_count */
+    const float *vertex_m;       /* [3*vertex_count], relative to origin_m */
+    const float *rest_m;         /* [3*vertex_count], undeformed, relative to origin_m; null: as vertex_m */
+    const double *origin_m;      /* [3] */
+    const int32_t *face;         /* [triangle_count] lasting names; null: their numbers */
+    const int8_t *triangle;      /* [3*triangle_count] */
+    const float *compliance_m_N; /* [n(n+1)/2], n = 3*vertex_count */
     float skin_compliance_m_N, force_cap_N /* 0: 50 */, radius_m, contact_length_m;
 } hrt_patch_message;
 
@@ -79,9 +80,13 @@ typedef struct hrt_command {
     bool reset;
 } hrt_command;
 
-/* One writer, one reader, no lock. The writer owns a slot, the reader two (the one whose patch is in use, and a spare), one is between them. */
+/* One writer, one reader, no lock. The writer owns a slot, the reader two (the one whose patch is in use, and a spare),
+ * one is between them. */
 typedef struct hrt_mailbox {
-    struct hrt_slot { hrt_sample sample; hrt_patch patch; } slot[4];
+    struct hrt_slot {
+        hrt_sample sample;
+        hrt_patch patch;
+    } slot[4];
     _Atomic uint32_t between; /* slot number, | 4 when not yet read */
     uint32_t write, held, spare;
 } hrt_mailbox;
@@ -116,13 +121,15 @@ typedef struct hrt_node {
 
 /* The bus is opened by the caller and outlives the node. */
 void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus);
-/* From one thread, not the tick's. A patch comes before the sample with the same seq. Validated here; anything but HRT_ACCEPT never reaches the tick. */
+/* From one thread, not the tick's. A patch comes before the sample with the same seq. Validated here; anything but
+ * HRT_ACCEPT never reaches the tick. */
 hrt_reject hrt_node_post_patch(hrt_node *node, const hrt_patch_message *patch);
 hrt_reject hrt_node_post_sample(hrt_node *node, const hrt_force_sample *sample);
 /* The scene's trocar. Taken over while no force is rendered. */
 void hrt_node_post_pose(hrt_node *node, const hrt_pose *pose);
 void hrt_node_post_command(hrt_node *node, const hrt_command *command);
-/* Every 2 ms: receive, tick, send. `tool` (null: not wanted) is what the simulation is told; false: it means nothing yet (no encoders, or no pose). */
+/* Every 2 ms: receive, tick, send. `tool` (null: not wanted) is what the simulation is told; false: it means nothing
+ * yet (no encoders, or no pose). */
 bool hrt_node_tick(hrt_node *node, int64_t now_us, hrt_tool_state *tool);
 /* Before the program ends: motors off. */
 void hrt_node_stop(hrt_node *node);

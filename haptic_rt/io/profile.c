@@ -6,7 +6,9 @@
 
 #include "app.h"
 
-static float *values(hrt_params *params, const hrt_param_info *row) { return (float *)(void *)((char *)params + row->offset); }
+static float *values(hrt_params *params, const hrt_param_info *row) {
+    return (float *)(void *)((char *)params + row->offset);
+}
 
 static const hrt_param_info *find(const char *name) {
     for (int32_t r = 0; r < hrt_param_count; r++)
@@ -34,7 +36,8 @@ static bool set(char *text, hrt_params *params, const char *file, int line) {
         char *end;
         const float x = strtof(cell, &end);
         if (*end || i == row->count || !(x >= row->min && x <= row->max)) {
-            app_bad_input(file, line, "%s: '%s' will not do; it has %d value(s) of %g..%g in %s", name, cell, row->count, (double)row->min, (double)row->max, row->unit);
+            app_bad_input(file, line, "%s: '%s' will not do; it has %d value(s) of %g..%g in %s", name, cell,
+                          row->count, (double)row->min, (double)row->max, row->unit);
             return false;
         }
         values(params, row)[i] = x;
@@ -64,7 +67,9 @@ bool hrt_profile_read(const char *path, hrt_params *params) {
     }
     fclose(file);
     const int32_t bad = good ? hrt_params_check(params) : -1;
-    if (bad >= 0) app_bad_input(path, 0, "%s: lower end not below upper end, or out of range; mend it", hrt_param_table[bad].name);
+    if (bad >= 0)
+        app_bad_input(path, 0, "%s: lower end not below upper end, or out of range; mend it",
+                      hrt_param_table[bad].name);
     return good && bad < 0;
 }
 

@@ -4,7 +4,6 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-
 static const char *const quantile_name[4] = {"p50", "p99", "p999", "max"};
 
 void hrt_report_quantiles(cJSON *json, const char *name, const hrt_histogram *h) {
@@ -34,11 +33,21 @@ void hrt_report_loop(cJSON *json, const hrt_loop *loop) {
 
 void hrt_report_can(cJSON *json, const hrt_bus *bus, const hrt_can_counters *can, double seconds) {
     cJSON *row = cJSON_AddObjectToObject(json, "can");
-    const struct { const char *name; double value; } figures[] = {
-        {"tx", (double)bus->tx}, {"rx", (double)bus->rx}, {"dropped", (double)bus->dropped}, {"lost", can->lost},
-        {"repeated", can->repeated}, {"corrupt", can->corrupt}, {"foreign", can->foreign}, {"error_frames", can->error},
-        {"bus_off", can->bus_off}, {"load_percent", seconds > 0.0 ? 100.0 * (double)bus->bits / (1.0e6 * seconds) : 0.0}};
-    for (size_t i = 0; i < sizeof figures / sizeof *figures; i++) cJSON_AddNumberToObject(row, figures[i].name, figures[i].value);
+    const struct {
+        const char *name;
+        double value;
+    } figures[] = {{"tx", (double)bus->tx},
+                   {"rx", (double)bus->rx},
+                   {"dropped", (double)bus->dropped},
+                   {"lost", can->lost},
+                   {"repeated", can->repeated},
+                   {"corrupt", can->corrupt},
+                   {"foreign", can->foreign},
+                   {"error_frames", can->error},
+                   {"bus_off", can->bus_off},
+                   {"load_percent", seconds > 0.0 ? 100.0 * (double)bus->bits / (1.0e6 * seconds) : 0.0}};
+    for (size_t i = 0; i < sizeof figures / sizeof *figures; i++)
+        cJSON_AddNumberToObject(row, figures[i].name, figures[i].value);
 }
 
 int hrt_output_begin(app_output *output, const char *path) {
@@ -50,7 +59,8 @@ int hrt_output_begin(app_output *output, const char *path) {
 int hrt_output_end(app_output *output, FILE *file) {
     tm_error error = {.status = TM_OK};
     const bool written = file && !ferror(file);
-    if (file && fclose(file) == 0 && written) return app_output_commit(output, &error) ? APP_DONE : (app_report(NULL, 0, &error), APP_FAILED);
+    if (file && fclose(file) == 0 && written)
+        return app_output_commit(output, &error) ? APP_DONE : (app_report(NULL, 0, &error), APP_FAILED);
     app_output_abandon(output);
     return app_bad_input(output->path, 0, "could not be written to its end; free some space"), APP_FAILED;
 }

@@ -13,7 +13,8 @@ struct cJSON;
 void hrt_report_quantiles(struct cJSON *json, const char *name, const hrt_histogram *h);
 void hrt_report_loop(struct cJSON *json, const hrt_loop *loop);
 void hrt_report_can(struct cJSON *json, const hrt_bus *bus, const hrt_can_counters *can, double seconds);
-/* Output files are begun before the run, so that a wrong path is told at once, and appear whole or not at all. `path` null: nothing. 0 or an exit code. */
+/* Output files are begun before the run, so that a wrong path is told at once, and appear whole or not at all. `path`
+ * null: nothing. 0 or an exit code. */
 int hrt_output_begin(app_output *output, const char *path);
 /* Closes `file` (null: it could not be opened) and puts it in place. */
 int hrt_output_end(app_output *output, FILE *file);

@@ -17,8 +17,12 @@ bool hrt_samples_read(hrt_samples *s, const char *path) {
 }
 
 static void post(hrt_samples *s, const double *row, hrt_node *node, const hrt_tool_state *tool) {
-    hrt_force_sample sample = {.utime = tool->utime, .session = 1, .tool_session = tool->session, .tool_utime = tool->utime,
-                               .seq = ++s->seq, .instrument = tool->instrument};
+    hrt_force_sample sample = {.utime = tool->utime,
+                               .session = 1,
+                               .tool_session = tool->session,
+                               .tool_utime = tool->utime,
+                               .seq = ++s->seq,
+                               .instrument = tool->instrument};
     for (int i = 0; i < 3; i++) {
         sample.force_N[i] = row[s->force[i]];
         sample.tip_m[i] = s->tip[i] >= 0 ? row[s->tip[i]] : tool->tip_m[i];

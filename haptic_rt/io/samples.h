@@ -1,5 +1,5 @@
-/* Recorded force samples instead of a simulation: CSV as `tm-sim --samples` writes it, or by hand. Needed: time_s,fx_N,fy_N,fz_N. Also read: instrument,
- * px_m,py_m,pz_m (world; else the tool's own tip), kxx..kzz (N/m). */
+/* Recorded force samples instead of a simulation: CSV as `tm-sim --samples` writes it, or by hand. Needed:
+ * time_s,fx_N,fy_N,fz_N. Also read: instrument, px_m,py_m,pz_m (world; else the tool's own tip), kxx..kzz (N/m). */
 #ifndef HRT_SAMPLES_H
 #define HRT_SAMPLES_H
 
@@ -11,7 +11,7 @@ typedef struct hrt_samples {
     int32_t time, instrument, force[3], tip[3], stiffness[9]; /* columns; -1: none */
     int32_t next;
     uint32_t seq;
-    int64_t start_us;  /* 0: not begun */
+    int64_t start_us; /* 0: not begun */
 } hrt_samples;
 
 bool hrt_samples_read(hrt_samples *samples, const char *path);

@@ -19,7 +19,10 @@ static bool read_header(hrt_table *t, char *line, const char *path, int number) 
     for (char *cell; (cell = strsep(&rest, ",")) != NULL; t->columns++) {
         cell = trim(cell);
         if (t->columns == HRT_TABLE_COLUMNS || *cell == 0 || strlen(cell) >= sizeof t->name[0]) {
-            app_bad_input(path, number, "a column name is empty, too long, or one of more than %d; write names like time_s,insertion_m", HRT_TABLE_COLUMNS);
+            app_bad_input(
+                path, number,
+                "a column name is empty, too long, or one of more than %d; write names like time_s,insertion_m",
+                HRT_TABLE_COLUMNS);
             return false;
         }
         strcpy(t->name[t->columns], cell);
@@ -45,7 +48,10 @@ static bool read_row(hrt_table *t, char *line, const char *path, int number) {
         cell = trim(cell);
         const double x = strtod(cell, &end);
         if (c == t->columns || end == cell || *end || !isfinite(x)) {
-            app_bad_input(path, number, c == t->columns ? "more than %d values; write one a column" : "a value of %d is not a finite number; write digits", t->columns);
+            app_bad_input(path, number,
+                          c == t->columns ? "more than %d values; write one a column"
+                                          : "a value of %d is not a finite number; write digits",
+                          t->columns);
             return false;
         }
         t->value[t->rows * t->columns + c] = x;

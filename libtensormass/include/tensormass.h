@@ -1,16 +1,17 @@
 /* libtensormass: soft tissue that can be felt. Tensor/mass finite elements, explicit dynamics, contact, cutting.
- * SI units everywhere. Depends on the C library and libm, prints nothing, exits nowhere, allocates nothing in a step. */
+ * SI units everywhere. Depends on the C library and libm, prints nothing, exits nowhere, allocates nothing in a step.
+ */
 #ifndef TENSORMASS_H
 #define TENSORMASS_H
 
 #include "tensormass/base.h"
-#include "tensormass/mesh.h"
+#include "tensormass/contact.h"
+#include "tensormass/cut.h"
+#include "tensormass/grasp.h"
 #include "tensormass/material.h"
+#include "tensormass/mesh.h"
+#include "tensormass/patch.h"
 #include "tensormass/tissue.h"
 #include "tensormass/world.h"
-#include "tensormass/contact.h"
-#include "tensormass/grasp.h"
-#include "tensormass/patch.h"
-#include "tensormass/cut.h"
 
 #endif

@@ -1,5 +1,6 @@
-/* libtensormass_solve: static solutions, the precomputed and the hybrid model. A library of its own, since it brings SuiteSparse and
- * Eigen with it (CHOLMOD's supernodal module is GPL). The manner is the core's: SI units, flat arrays, a status and a message, nothing printed. */
+/* libtensormass_solve: static solutions, the precomputed and the hybrid model. A library of its own, since it brings
+ * SuiteSparse and Eigen with it (CHOLMOD's supernodal module is GPL). The manner is the core's: SI units, flat arrays,
+ * a status and a message, nothing printed. */
 #ifndef TENSORMASS_SOLVE_H
 #define TENSORMASS_SOLVE_H
 
@@ -15,48 +16,52 @@ extern "C" {
 
 typedef enum tm_solver {
     TM_SOLVER_CHOLESKY = 0, /* CHOLMOD, nested dissection, supernodal */
-    TM_SOLVER_CG = 1        /* Eigen's conjugate gradients, Jacobi preconditioner, as the paper did: slower, needs no factor */
+    TM_SOLVER_CG = 1 /* Eigen's conjugate gradients, Jacobi preconditioner, as the paper did: slower, needs no factor */
 } tm_solver;
 
 typedef struct tm_solve_def {
     uint32_t cookie;
-    const tm_tissue *tissue;      /* its living tetrahedra; const while the call runs, its mesh must outlive what is made */
-    const uint8_t *fixed;         /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask) */
-    const double *fixed_value_m;  /* [3*vertex_count] read where fixed; null: all 0 */
-    const double *load_N;         /* [3*vertex_count] constant forces, gravity included; null: none */
+    const tm_tissue *tissue; /* its living tetrahedra; const while the call runs, its mesh must outlive what is made */
+    const uint8_t *fixed;    /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask) */
+    const double *fixed_value_m; /* [3*vertex_count] read where fixed; null: all 0 */
+    const double *load_N;        /* [3*vertex_count] constant forces, gravity included; null: none */
     tm_solver solver;
-    double cg_tolerance;          /* relative residual, 1e-11 */
-    int32_t cg_max_iterations;    /* per column; 20000 */
-    int32_t threads;              /* 0: one for each core. Never changes a bit of the result */
-    int64_t memory_limit_bytes;   /* 0: what the machine has available now */
-    /* May be null. `what` is "factor", "responses" ...; seconds_left < 0: not known yet. Returning false stops (TM_ERR_CONVERGENCE). */
+    double cg_tolerance;        /* relative residual, 1e-11 */
+    int32_t cg_max_iterations;  /* per column; 20000 */
+    int32_t threads;            /* 0: one for each core. Never changes a bit of the result */
+    int64_t memory_limit_bytes; /* 0: what the machine has available now */
+    /* May be null. `what` is "factor", "responses" ...; seconds_left < 0: not known yet. Returning false stops
+     * (TM_ERR_CONVERGENCE). */
     bool (*progress)(void *user, const char *what, double fraction, double seconds_left);
     void *user;
 } tm_solve_def;
 
 typedef struct tm_solve_report {
     int32_t free_dofs, columns, interface_dofs;
-    int64_t factor_bytes;      /* 0 with CG */
-    int64_t responses_bytes;   /* stored, and mapped on line */
-    int64_t work_bytes;        /* asked for beside them while computing */
+    int64_t factor_bytes;    /* 0 with CG */
+    int64_t responses_bytes; /* stored, and mapped on line */
+    int64_t work_bytes;      /* asked for beside them while computing */
     double order_s, factor_s, columns_s, seconds;
     bool from_file;
-    char why[160];             /* why a file was not used: "no file", "another mesh, material or support", "checksum differs" ... */
+    char why[160]; /* why a file was not used: "no file", "another mesh, material or support", "checksum differs" ... */
 } tm_solve_report;
 
 TM_API tm_solve_def tm_solve_def_default(void);
 
-/* u_m [3*vertex_count]; reaction_N [3*vertex_count], force of the supports ON THE TISSUE, 0 elsewhere; either may be null.
- * TM_ERR_SUPPORT: a part that nothing holds, `entity` a vertex of it. TM_ERR_MEMORY: says how much, and what would be smaller. */
-TM_API tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *reaction_N, tm_solve_report *report, tm_error *error);
+/* u_m [3*vertex_count]; reaction_N [3*vertex_count], force of the supports ON THE TISSUE, 0 elsewhere; either may be
+ * null. TM_ERR_SUPPORT: a part that nothing holds, `entity` a vertex of it. TM_ERR_MEMORY: says how much, and what
+ * would be smaller. */
+TM_API tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *reaction_N, tm_solve_report *report,
+                                 tm_error *error);
 
 /* --- ranks: columns over several processes, without this library knowing of any transport --- */
 
-/* Rank 0 gathers and writes; the others compute and send. Blocks have a fixed width and number, whatever the ranks and threads. */
+/* Rank 0 gathers and writes; the others compute and send. Blocks have a fixed width and number, whatever the ranks and
+ * threads. */
 typedef struct tm_solve_team {
     int32_t rank, count;
-    bool (*send)(void *user, int32_t block, const void *data, size_t bytes);              /* to rank 0 */
-    bool (*receive)(void *user, int32_t rank, int32_t block, void *data, size_t bytes);   /* by rank 0 */
+    bool (*send)(void *user, int32_t block, const void *data, size_t bytes);            /* to rank 0 */
+    bool (*receive)(void *user, int32_t rank, int32_t block, void *data, size_t bytes); /* by rank 0 */
     void *user;
 } tm_solve_team;
 
@@ -65,57 +70,64 @@ typedef struct tm_solve_team {
 typedef struct tm_precomputed_def {
     uint32_t cookie;
     tm_solve_def problem;
-    tm_precision precision;         /* of the stored responses */
-    const char *file;               /* cache; null: none. Atomically replaced when it is rebuilt */
-    const tm_solve_team *team;      /* null: this process alone */
-    const tm_contact_def *contact;  /* instruments, skin compliance, cap; null: none. skin_compliance_m_N > 0 */
-    const tm_grasp_def *grasp;      /* instruments of mode grasper hold tissue as in the dynamic model (no cap on a hold); null: they do not */
-    double update_s;                /* time between updates, 0.002: what is let go fades with it */
-    int32_t max_local_vertices;     /* of the on-line system: surroundings of the tools and imposed vertices together; 256 */
+    tm_precision precision;        /* of the stored responses */
+    const char *file;              /* cache; null: none. Atomically replaced when it is rebuilt */
+    const tm_solve_team *team;     /* null: this process alone */
+    const tm_contact_def *contact; /* instruments, skin compliance, cap; null: none. skin_compliance_m_N > 0 */
+    const tm_grasp_def *grasp; /* instruments of mode grasper hold tissue as in the dynamic model (no cap on a hold);
+                                  null: they do not */
+    double update_s;           /* time between updates, 0.002: what is let go fades with it */
+    int32_t
+        max_local_vertices; /* of the on-line system: surroundings of the tools and imposed vertices together; 256 */
 } tm_precomputed_def;
 
 typedef struct tm_precomputed tm_precomputed;
 
 TM_API tm_precomputed_def tm_precomputed_def_default(void);
 
-/* Opens def.file if it holds this very problem, whole; else computes, and writes it. A foreign or damaged file is never half-read: it is
- * rebuilt and `report->why` says why. The tissue must outlive it. */
-TM_API tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **model, tm_solve_report *report, tm_error *error);
+/* Opens def.file if it holds this very problem, whole; else computes, and writes it. A foreign or damaged file is never
+ * half-read: it is rebuilt and `report->why` says why. The tissue must outlive it. */
+TM_API tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **model, tm_solve_report *report,
+                                       tm_error *error);
 /* Computes and writes def.file, whatever is there. With a team every rank calls it. */
 TM_API tm_status tm_precomputed_write(const tm_precomputed_def *def, tm_solve_report *report, tm_error *error);
 TM_API void tm_precomputed_destroy(tm_precomputed *model);
 TM_API int64_t tm_precomputed_bytes(const tm_precomputed *model);
 
-/* One on-line update: every instrument moves from where it is to `pose[instrument]`, the path cut into pieces no longer than an eighth of its
- * radius, contact solved anew at each to convergence (256 solves at most). No allocation. Returns the Newton steps of the last
- * piece; negative: the residual is still above 1e-9 of the displacement after the last allowed step. */
+/* One on-line update: every instrument moves from where it is to `pose[instrument]`, the path cut into pieces no longer
+ * than an eighth of its radius, contact solved anew at each to convergence (256 solves at most). No allocation. Returns
+ * the Newton steps of the last piece; negative: the residual is still above 1e-9 of the displacement after the last
+ * allowed step. */
 TM_API int32_t tm_precomputed_update(tm_precomputed *model, const tm_tool_pose *pose);
 /* Puts an instrument there at once: no swept path. Contact is solved by the next update. */
 TM_API void tm_precomputed_place(tm_precomputed *model, int32_t instrument, const tm_tool_pose *at);
 TM_API tm_tool_pose tm_precomputed_pose(const tm_precomputed *model, int32_t instrument);
 /* Equivalent tip force on the tool at the last update, N: enough where the stiffness is not asked for. */
 TM_API void tm_precomputed_force(const tm_precomputed *model, int32_t instrument, double force_N[3]);
-/* At the last update; stiffness_kind 2: the derivative of the converged force, turning normals included, computed here (as dear as a
- * few updates). time_s is 0. */
+/* At the last update; stiffness_kind 2: the derivative of the converged force, turning normals included, computed here
+ * (as dear as a few updates). time_s is 0. */
 TM_API tm_tool_reaction tm_precomputed_reaction(tm_precomputed *model, int32_t instrument);
 TM_API int32_t tm_precomputed_rows(const tm_precomputed *model, const tm_contact_row **rows);
 
 /* Vertices in the instrument's jaws; as tm_grasp_held. */
-TM_API int32_t tm_precomputed_held(const tm_precomputed *model, int32_t instrument, const int32_t **vertex, tm_grasp_state *state);
+TM_API int32_t tm_precomputed_held(const tm_precomputed *model, int32_t instrument, const int32_t **vertex,
+                                   tm_grasp_state *state);
 
-/* The surface near the instrument with its exact compliance (kind 2), as tm_patch_make gives it from the dynamic model: what other
- * instruments and imposed vertices hold is in it. velocity_m_s: of the tip, looked ahead along by horizon_s. False: nothing near,
- * or the tool bears on more than a patch can hold. No allocation. */
-TM_API bool tm_precomputed_patch(tm_precomputed *model, int32_t instrument, const double velocity_m_s[3], double horizon_s,
-                                 int32_t max_vertices, int32_t max_triangles, tm_patch *patch);
+/* The surface near the instrument with its exact compliance (kind 2), as tm_patch_make gives it from the dynamic model:
+ * what other instruments and imposed vertices hold is in it. velocity_m_s: of the tip, looked ahead along by horizon_s.
+ * False: nothing near, or the tool bears on more than a patch can hold. No allocation. */
+TM_API bool tm_precomputed_patch(tm_precomputed *model, int32_t instrument, const double velocity_m_s[3],
+                                 double horizon_s, int32_t max_vertices, int32_t max_triangles, tm_patch *patch);
 
-/* [3*vertex_count] superposed over the surface; inner vertices read 0. Computed when asked for, at most once per update. */
+/* [3*vertex_count] superposed over the surface; inner vertices read 0. Computed when asked for, at most once per
+ * update. */
 TM_API const double *tm_precomputed_displacement(tm_precomputed *model);
 /* The surface vertices that have responses (not wholly fixed), ascending. */
 TM_API int32_t tm_precomputed_surface(const tm_precomputed *model, const int32_t **vertex);
 
-/* The paper's way: displacements imposed on surface vertices (all free components), held from the next update on. Replaces the list before;
- * count 0 lets go. compliance_m_N 0 holds exactly. TM_ERR_LIMIT: more than max_local_vertices; TM_ERR_ARGUMENT: not a surface vertex. */
+/* The paper's way: displacements imposed on surface vertices (all free components), held from the next update on.
+ * Replaces the list before; count 0 lets go. compliance_m_N 0 holds exactly. TM_ERR_LIMIT: more than
+ * max_local_vertices; TM_ERR_ARGUMENT: not a surface vertex. */
 TM_API tm_status tm_precomputed_impose(tm_precomputed *model, int32_t count, const int32_t *vertex, const double *u_m,
                                        double compliance_m_N, tm_error *error);
 /* Force that the i-th imposed vertex exerts on the tissue, N. */
@@ -125,37 +137,43 @@ TM_API void tm_precomputed_imposed_force(const tm_precomputed *model, int32_t i,
 
 typedef struct tm_hybrid_def {
     uint32_t cookie;
-    tm_solve_def problem;           /* of the whole organ: tissue with all tetrahedra alive, supports, loads */
-    const uint8_t *dynamic;         /* [tet_count] 1: tensor/mass */
+    tm_solve_def problem;   /* of the whole organ: tissue with all tetrahedra alive, supports, loads */
+    const uint8_t *dynamic; /* [tet_count] 1: tensor/mass */
     tm_precision precision;
-    const char *file;               /* cache, as above */
-    const tm_contact_def *contact;  /* null: no contact on the condensed part */
-    int32_t max_local_vertices;     /* 256 */
-    int32_t patch_vertices;         /* whose compliance is remembered for patches, 64 (at least 24); 0: no patches, nothing factorised for them */
+    const char *file;              /* cache, as above */
+    const tm_contact_def *contact; /* null: no contact on the condensed part */
+    int32_t max_local_vertices;    /* 256 */
+    int32_t patch_vertices; /* whose compliance is remembered for patches, 64 (at least 24); 0: no patches, nothing
+                               factorised for them */
 } tm_hybrid_def;
 
 typedef struct tm_hybrid tm_hybrid;
 
 TM_API tm_hybrid_def tm_hybrid_def_default(void);
-TM_API tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, tm_solve_report *report, tm_error *error);
+TM_API tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, tm_solve_report *report,
+                                  tm_error *error);
 TM_API void tm_hybrid_destroy(tm_hybrid *hybrid);
 TM_API int64_t tm_hybrid_bytes(const tm_hybrid *hybrid);
 
-/* Sets alive and the interface's extra mass in the definition of the world's tissue: pointers into `hybrid`, which must outlive it. */
+/* Sets alive and the interface's extra mass in the definition of the world's tissue: pointers into `hybrid`, which must
+ * outlive it. */
 TM_API void tm_hybrid_tissue(const tm_hybrid *hybrid, tm_tissue_def *def);
-/* Guaranteed step of the whole: dynamic tetrahedra, and condensed ones at the interface. The world's step must not exceed it. */
+/* Guaranteed step of the whole: dynamic tetrahedra, and condensed ones at the interface. The world's step must not
+ * exceed it. */
 TM_API double tm_hybrid_critical_step(const tm_hybrid *hybrid, int32_t *tet);
-/* Adds the stage "hybrid". `contact` (may be null) is the world's own contact stage: its instruments are the condensed part's too.
- * World's loads and supports act on the dynamic part and the interface; those of the condensed inside come from def.problem. */
+/* Adds the stage "hybrid". `contact` (may be null) is the world's own contact stage: its instruments are the condensed
+ * part's too. World's loads and supports act on the dynamic part and the interface; those of the condensed inside come
+ * from def.problem. */
 TM_API tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *hybrid, tm_contact *contact, tm_error *error);
 /* Once per frame: displacement of the condensed inside, written into the world's state. No allocation. */
 TM_API void tm_hybrid_recover(tm_hybrid *hybrid, tm_world *world);
 /* Both parts' reaction on an instrument, averages as of tm_contact_reaction. */
 TM_API tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *hybrid, int32_t instrument);
-/* Between frames, after tm_hybrid_recover: the surface near the instrument with the compliance of the whole organ (kind 1), and dF/dP from it.
- * False after any cut, while columns are still lacking (at most eight vertices are solved a call), and as tm_precomputed_patch. No allocation. */
-TM_API bool tm_hybrid_patch(tm_hybrid *hybrid, int32_t instrument, const double velocity_m_s[3], double horizon_s, int32_t max_vertices,
-                            int32_t max_triangles, tm_patch *patch, double stiffness_N_m[9]);
+/* Between frames, after tm_hybrid_recover: the surface near the instrument with the compliance of the whole organ (kind
+ * 1), and dF/dP from it. False after any cut, while columns are still lacking (at most eight vertices are solved a
+ * call), and as tm_precomputed_patch. No allocation. */
+TM_API bool tm_hybrid_patch(tm_hybrid *hybrid, int32_t instrument, const double velocity_m_s[3], double horizon_s,
+                            int32_t max_vertices, int32_t max_triangles, tm_patch *patch, double stiffness_N_m[9]);
 /* Surface of the whole organ: dynamic and condensed, without the interface while it is inside. */
 TM_API tm_surface_view tm_hybrid_surface(tm_hybrid *hybrid);
 

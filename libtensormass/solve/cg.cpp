@@ -22,9 +22,7 @@ tms_cg *tms_cg_create(const tms_system *s) try {
     return nullptr;
 }
 
-void tms_cg_destroy(tms_cg *cg) {
-    delete cg;
-}
+void tms_cg_destroy(tms_cg *cg) { delete cg; }
 
 bool tms_cg_solve(const tms_cg *cg, const double *b, double *x, double tolerance, int32_t max_iterations) try {
     const Eigen::Index n = cg->full.rows();

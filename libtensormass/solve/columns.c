@@ -23,9 +23,7 @@ static int32_t block_columns(const tms_columns *c, int32_t block) {
     const int32_t left = c->kept_count + c->interface_count - block * TMS_BLOCK;
     return left < TMS_BLOCK ? left : TMS_BLOCK;
 }
-static size_t entry_bytes(const tms_columns *c) {
-    return c->precision == TM_DOUBLE ? 8 : 4;
-}
+static size_t entry_bytes(const tms_columns *c) { return c->precision == TM_DOUBLE ? 8 : 4; }
 size_t tms_columns_block_bytes(const tms_columns *c, int32_t block) {
     return (size_t)block_columns(c, block) * (size_t)c->kept_count * entry_bytes(c);
 }
@@ -45,21 +43,18 @@ static void fill_rhs(worker *w, int32_t j, double *b) {
         w->full_u[dof] = 1;
         tm_tissue_force(c->tissue, w->full_u, w->full_f);
         w->full_u[dof] = 0;
-        for (int32_t i = 0; i < s->n; i++)
-            b[i] = w->full_f[s->dof[i]];
+        for (int32_t i = 0; i < s->n; i++) b[i] = w->full_f[s->dof[i]];
     }
 }
 
 static void schur_column(worker *w, int32_t column, const double *x) {
     const tms_columns *c = w->c;
-    for (int32_t i = 0; i < c->system->n; i++)
-        w->full_u[c->system->dof[i]] = x[i];
+    for (int32_t i = 0; i < c->system->n; i++) w->full_u[c->system->dof[i]] = x[i];
     w->full_u[c->interface[column]] = 1;
     tm_tissue_force(c->tissue, w->full_u, w->full_f);
     for (int32_t i = 0; i < c->interface_count; i++)
         c->schur[(int64_t)column * c->interface_count + i] = -w->full_f[c->interface[i]];
-    for (int32_t i = 0; i < c->system->n; i++)
-        w->full_u[c->system->dof[i]] = 0;
+    for (int32_t i = 0; i < c->system->n; i++) w->full_u[c->system->dof[i]] = 0;
     w->full_u[c->interface[column]] = 0;
 }
 
@@ -69,8 +64,7 @@ static void *solve_block(void *argument) {
     const int32_t n = c->system->n;
     if (w->block < 0) return NULL;
     double *b = tms_work_rhs(w->work);
-    for (int32_t j = 0; j < TMS_BLOCK; j++)
-        fill_rhs(w, w->block * TMS_BLOCK + j, b + (int64_t)j * n);
+    for (int32_t j = 0; j < TMS_BLOCK; j++) fill_rhs(w, w->block * TMS_BLOCK + j, b + (int64_t)j * n);
     const double *x = tms_work_solve(w->work);
     if (!x) {
         w->failed = true;

@@ -23,8 +23,7 @@ bool tms_lu(double *restrict a, int32_t *restrict pivot, int32_t n) {
             const double factor = row[k] * inverse;
             row[k] = factor;
             if (factor != 0)
-                for (int32_t j = k + 1; j < n; j++)
-                    row[j] -= factor * top[j];
+                for (int32_t j = k + 1; j < n; j++) row[j] -= factor * top[j];
         }
     }
     return true;
@@ -38,14 +37,12 @@ void tms_lu_solve(const double *a, const int32_t *pivot, int32_t n, double *x) {
     }
     for (int32_t i = 1; i < n; i++) {
         double sum = 0;
-        for (int32_t j = 0; j < i; j++)
-            sum += a[(int64_t)i * n + j] * x[j];
+        for (int32_t j = 0; j < i; j++) sum += a[(int64_t)i * n + j] * x[j];
         x[i] -= sum;
     }
     for (int32_t i = n - 1; i >= 0; i--) {
         double sum = 0;
-        for (int32_t j = i + 1; j < n; j++)
-            sum += a[(int64_t)i * n + j] * x[j];
+        for (int32_t j = i + 1; j < n; j++) sum += a[(int64_t)i * n + j] * x[j];
         x[i] = (x[i] - sum) / a[(int64_t)i * n + i];
     }
 }

@@ -5,8 +5,7 @@
 #include <string.h>
 
 static void vertex_at(const tms_local *l, int32_t vertex, double at_m[3]) {
-    for (int c = 0; c < 3; c++)
-        at_m[c] = l->mesh->rest_m[3 * (int64_t)vertex + c] + l->u_m[3 * (int64_t)vertex + c];
+    for (int c = 0; c < 3; c++) at_m[c] = l->mesh->rest_m[3 * (int64_t)vertex + c] + l->u_m[3 * (int64_t)vertex + c];
 }
 
 static bool has(const int32_t *list, int32_t count, int32_t vertex) {
@@ -23,17 +22,14 @@ bool tms_local_in_jaws(const tms_local *l, const tm_contact_row *row) {
     return true;
 }
 
-bool tms_local_holds(const tms_local *l, int32_t tool) {
-    return l->hold[tool].state == TM_GRASP_HOLDING;
-}
+bool tms_local_holds(const tms_local *l, int32_t tool) { return l->hold[tool].state == TM_GRASP_HOLDING; }
 
 /* Held by hand already, or by the other jaws: one master each. */
 static void leave_out_taken(const tms_local *l, tms_hold *h) {
     int32_t kept = 0;
     for (int32_t i = 0; i < h->count; i++) {
         bool taken = false;
-        for (int32_t k = 0; k < l->hand_count; k++)
-            taken |= l->pin[k].vertex == h->vertex[i];
+        for (int32_t k = 0; k < l->hand_count; k++) taken |= l->pin[k].vertex == h->vertex[i];
         for (int t = 0; t < TM_MAX_INSTRUMENTS; t++)
             taken |= &l->hold[t] != h && has(l->hold[t].vertex, l->hold[t].count, h->vertex[i]);
         if (!taken) h->vertex[kept++] = h->vertex[i];
@@ -65,8 +61,7 @@ static void close_jaw(tms_local *l, int32_t t) {
 static void open_jaw(tms_local *l, tms_hold *h) {
     for (int32_t i = 0; i < h->count; i++) {
         const int32_t s = l->slot_of[h->vertex[i]];
-        for (int c = 0; c < 3; c++)
-            h->let_go_N[3 * i + c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
+        for (int c = 0; c < 3; c++) h->let_go_N[3 * i + c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
     }
     h->state = TM_GRASP_LETTING_GO;
     h->fade = 1;
@@ -132,7 +127,6 @@ void tms_local_force(const tms_local *l, int32_t tool, double force_N[3], double
             on_tool[c] = l->now.fc[3 * s + c] - l->f[3 * s + c];
         }
         tm_tip_force(l->tool[tool].def.trocar_m, l->tool[tool].pose.tip_m, at, on_tool, at_tip);
-        for (int c = 0; c < 3; c++)
-            force_N[c] += at_tip[c], resultant_N[c] += on_tool[c];
+        for (int c = 0; c < 3; c++) force_N[c] += at_tip[c], resultant_N[c] += on_tool[c];
     }
 }

@@ -42,16 +42,14 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
                             (int)t);
         h->alive[t] = def->dynamic[t] != 0;
         dynamic += h->alive[t];
-        for (int i = 0; i < 4; i++)
-            h->part[mesh->tet[4 * (int64_t)t + i]] |= h->alive[t] ? TMS_DYNAMIC : TMS_CONDENSED;
+        for (int i = 0; i < 4; i++) h->part[mesh->tet[4 * (int64_t)t + i]] |= h->alive[t] ? TMS_DYNAMIC : TMS_CONDENSED;
     }
     if (dynamic == 0 || dynamic == mesh->tet_count)
         return tms_fail(
             error, TM_ERR_ARGUMENT, -1,
             "%s tetrahedron is in the tensor/mass part; choose a region or box that holds some and leaves some",
             dynamic ? "every" : "no");
-    for (int32_t v = 0; v < mesh->vertex_count; v++)
-        h->interface_count += h->part[v] == TMS_INTERFACE ? 3 : 0;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) h->interface_count += h->part[v] == TMS_INTERFACE ? 3 : 0;
     h->interface = malloc((size_t)(h->interface_count + 1) * sizeof *h->interface);
     if (!h->interface) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface");
     h->interface_count = 0;
@@ -88,8 +86,7 @@ static void find_step(tm_hybrid *h, const tm_tissue *whole) {
     h->step_s = INFINITY;
     for (int32_t t = 0; t < h->mesh->tet_count; t++) {
         bool moves = h->alive[t];
-        for (int i = 0; i < 4; i++)
-            moves |= h->part[h->mesh->tet[4 * (int64_t)t + i]] == TMS_INTERFACE;
+        for (int i = 0; i < 4; i++) moves |= h->part[h->mesh->tet[4 * (int64_t)t + i]] == TMS_INTERFACE;
         const double step = moves ? tm_critical_step_element(whole, t) : INFINITY;
         if (step < h->step_s) h->step_s = step, h->step_tet = t;
     }
@@ -126,8 +123,7 @@ static bool pack_schur(tm_hybrid *h) {
     h->schur = malloc((size_t)(n * (n + 1) / 2) * 8);
     double *at = h->schur;
     for (int64_t i = 0; at && i < n; i++)
-        for (int64_t j = i; j < n; j++)
-            *at++ = 0.5 * (h->responses.schur[i * n + j] + h->responses.schur[j * n + i]);
+        for (int64_t j = i; j < n; j++) *at++ = 0.5 * (h->responses.schur[i * n + j] + h->responses.schur[j * n + i]);
     return h->schur != NULL;
 }
 
@@ -140,8 +136,7 @@ static tm_status set_up(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report 
     if (status == TM_OK) status = tms_check_held(def->problem.tissue, def->problem.fixed, error);
     if (status != TM_OK) return status;
     uint8_t *rest = malloc((size_t)h->mesh->tet_count);
-    for (int32_t t = 0; rest && t < h->mesh->tet_count; t++)
-        rest[t] = !h->alive[t];
+    for (int32_t t = 0; rest && t < h->mesh->tet_count; t++) rest[t] = !h->alive[t];
     status = rest ? tms_sub_tissue(def->problem.tissue, rest, &h->condensed, error)
                   : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model");
     free(rest);
@@ -150,8 +145,7 @@ static tm_status set_up(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report 
     find_step(h, def->problem.tissue);
     status = condense(h, def, report, error);
     if (status != TM_OK) return status;
-    for (int32_t i = 0; i < h->responses.kept_count; i++)
-        h->place[h->responses.kept[i]] = i;
+    for (int32_t i = 0; i < h->responses.kept_count; i++) h->place[h->responses.kept[i]] = i;
     h->work = tms_work_create(h->solver, 1);
     h->push_N = malloc((size_t)(h->interface_count + 1) * 8);
     h->at_m = malloc((size_t)(h->interface_count + 1) * 8);
@@ -213,8 +207,7 @@ void tm_hybrid_destroy(tm_hybrid *h) {
                       h->through_vertex,
                       h->give_m_N,
                       h->held};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++)
-        free(arrays[i]);
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) free(arrays[i]);
     free(h);
 }
 

@@ -39,8 +39,7 @@ tm_status tms_whole_create(const tm_solve_def *problem, int32_t capacity, tms_wh
         tms_whole_destroy(w);
         return status;
     }
-    for (int32_t i = 0; i < capacity; i++)
-        w->vertex[i] = -1;
+    for (int32_t i = 0; i < capacity; i++) w->vertex[i] = -1;
     *whole = w;
     return TM_OK;
 }

@@ -37,14 +37,10 @@ static size_t lay_out(tms_local *l, char *memory) {
     l->wanted = carve(&at, c);
     l->pin = carve(&at, c * sizeof *l->pin);
     double **vector[] = {&l->f, &l->f_saved, &l->f_spare, &l->r, &l->keep, &l->du, &l->step, &l->now.fc, &l->probe.fc};
-    for (size_t i = 0; i < sizeof vector / sizeof *vector; i++)
-        *vector[i] = carve(&at, 8 * c3);
-    for (int i = 0; i <= TMS_KRYLOV; i++)
-        l->krylov[i] = carve(&at, 8 * c3);
-    for (int i = 0; i < TMS_KRYLOV; i++)
-        l->ready[i] = carve(&at, 8 * c3);
-    for (int i = 0; i < TMS_PAIRS; i++)
-        l->pair_f[i] = carve(&at, 8 * c3), l->pair_r[i] = carve(&at, 8 * c3);
+    for (size_t i = 0; i < sizeof vector / sizeof *vector; i++) *vector[i] = carve(&at, 8 * c3);
+    for (int i = 0; i <= TMS_KRYLOV; i++) l->krylov[i] = carve(&at, 8 * c3);
+    for (int i = 0; i < TMS_KRYLOV; i++) l->ready[i] = carve(&at, 8 * c3);
+    for (int i = 0; i < TMS_PAIRS; i++) l->pair_f[i] = carve(&at, 8 * c3), l->pair_r[i] = carve(&at, 8 * c3);
     l->block = carve(&at, 8 * c3 * c3);
     l->lu = carve(&at, 8 * c3 * c3);
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) {
@@ -55,8 +51,7 @@ static size_t lay_out(tms_local *l, char *memory) {
         l->hold[t].distance_m = carve(&at, 8 * held);
     }
     tm_contact_row **row[] = {&l->now.row, &l->probe.row, &l->before};
-    for (int i = 0; i < 3; i++)
-        *row[i] = carve(&at, rows * sizeof(tm_contact_row));
+    for (int i = 0; i < 3; i++) *row[i] = carve(&at, rows * sizeof(tm_contact_row));
     return (size_t)(at - memory);
 }
 
@@ -99,10 +94,8 @@ tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const t
                         (int)capacity);
     memset(l.memory, 0, (size_t)l.bytes);
     lay_out(&l, l.memory);
-    for (int32_t v = 0; v < mesh->vertex_count; v++)
-        l.slot_of[v] = -1;
-    for (int32_t s = 0; s < capacity; s++)
-        l.vertex[s] = l.pin_of[s] = l.act_of[s] = -1;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) l.slot_of[v] = -1;
+    for (int32_t s = 0; s < capacity; s++) l.vertex[s] = l.pin_of[s] = l.act_of[s] = -1;
     *local = l;
     local->def.instrument = NULL; /* the caller's array is copied */
     tms_local_regather(local);
@@ -119,15 +112,12 @@ tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const t
 }
 
 void tms_local_destroy(tms_local *local) {
-    for (int32_t t = 0; t < local->tool_count; t++)
-        tm_contact_search_destroy(local->tool[t].search);
+    for (int32_t t = 0; t < local->tool_count; t++) tm_contact_search_destroy(local->tool[t].search);
     free(local->memory);
     *local = (tms_local){0};
 }
 
-bool tms_local_can_touch(const tms_tool *tool) {
-    return tool->pose.active || tool->def.mode == TM_TOOL_CAUTERY;
-}
+bool tms_local_can_touch(const tms_tool *tool) { return tool->pose.active || tool->def.mode == TM_TOOL_CAUTERY; }
 
 /* --- which vertices --- */
 
@@ -136,8 +126,7 @@ static int32_t want(tms_local *l, int32_t v, int32_t count) {
     if (count == l->capacity) return -1;
     l->stamp[v] = l->stamp_now;
     int32_t at = count;
-    for (; at > 0 && l->list[at - 1] > v; at--)
-        l->list[at] = l->list[at - 1];
+    for (; at > 0 && l->list[at - 1] > v; at--) l->list[at] = l->list[at - 1];
     l->list[at] = v;
     return count + 1;
 }
@@ -146,12 +135,10 @@ static int32_t want(tms_local *l, int32_t v, int32_t count) {
 static int32_t list_wanted(tms_local *l) {
     int32_t count = 0;
     l->stamp_now++;
-    for (int32_t i = 0; i < l->pin_count; i++)
-        count = want(l, l->pin[i].vertex, count);
+    for (int32_t i = 0; i < l->pin_count; i++) count = want(l, l->pin[i].vertex, count);
     for (int32_t t = 0; t < l->tool_count; t++) {
         const int32_t *vertex, vertices = l->tool[t].near ? tm_contact_search_vertices(l->tool[t].search, &vertex) : 0;
-        for (int32_t i = 0; i < vertices; i++)
-            count = want(l, vertex[i], count);
+        for (int32_t i = 0; i < vertices; i++) count = want(l, vertex[i], count);
     }
     return count;
 }
@@ -177,15 +164,13 @@ static void assign_slots(tms_local *l, int32_t count) {
         if (l->slot_of[l->list[i]] >= 0) l->wanted[l->slot_of[l->list[i]]] = 1;
     for (int32_t s = 0; s < l->capacity; s++) {
         if (l->wanted[s]) continue;
-        for (int c = 0; c < 3; c++)
-            l->f[3 * s + c] = 0; /* out of reach: no force */
+        for (int c = 0; c < 3; c++) l->f[3 * s + c] = 0; /* out of reach: no force */
         l->pin_of[s] = -1;
     }
     for (int32_t i = 0; i < count; i++) {
         const int32_t v = l->list[i];
         if (l->slot_of[v] < 0) {
-            while (l->wanted[next])
-                next++;
+            while (l->wanted[next]) next++;
             if (l->vertex[next] >= 0) l->slot_of[l->vertex[next]] = -1;
             l->vertex[next] = v;
             l->slot_of[v] = next;
@@ -198,8 +183,7 @@ static void assign_slots(tms_local *l, int32_t count) {
         l->pin_of[l->slot_of[v]] = -1;
     }
     l->use_count = count;
-    for (int32_t i = 0; i < l->pin_count; i++)
-        l->pin_of[l->slot_of[l->pin[i].vertex]] = i;
+    for (int32_t i = 0; i < l->pin_count; i++) l->pin_of[l->slot_of[l->pin[i].vertex]] = i;
 }
 
 void tms_local_forget(tms_local *l) {
@@ -262,8 +246,7 @@ void tms_local_gather(tms_local *l) {
 static void spread(const tms_local *l, int32_t component, double f, double *restrict out) {
     const double *restrict row = l->block + (int64_t)component * 3 * l->capacity;
     const int32_t n = 3 * l->high;
-    for (int32_t i = 0; i < n; i++)
-        out[i] += f * row[i];
+    for (int32_t i = 0; i < n; i++) out[i] += f * row[i];
 }
 
 void tms_local_response(const tms_local *l, const int32_t *slot, int32_t count, const double *f, bool by_slot,
@@ -291,30 +274,26 @@ static void add_row(const tms_local *l, tms_look *look, tm_contact_row *row) {
     row->lambda_N = tm_skin_reaction(l->def.skin_compliance_m_N / row->share, tool->def.radius_m, row->gap_m, 0,
                                      l->def.force_cap_N);
     look->capped[row->instrument] |= row->lambda_N >= l->def.force_cap_N;
-    for (int c = 0; c < 3; c++)
-        on_tool[c] = -row->lambda_N * row->normal[c];
+    for (int c = 0; c < 3; c++) on_tool[c] = -row->lambda_N * row->normal[c];
     tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
     for (int c = 0; c < 3; c++)
         look->force_N[row->instrument][c] += at_tip[c], look->resultant_N[row->instrument][c] += on_tool[c];
     for (int k = 0; k < 3; k++)
-        for (int c = 0; c < 3; c++)
-            look->fc[3 * l->slot_of[row->vertex[k]] + c] -= row->weight[k] * on_tool[c];
+        for (int c = 0; c < 3; c++) look->fc[3 * l->slot_of[row->vertex[k]] + c] -= row->weight[k] * on_tool[c];
 }
 
 void tms_local_look(tms_local *l, tms_look *look) {
     int32_t first = 0;
     look->count = 0;
     for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++)
-            look->fc[3 * l->use[i] + c] = 0;
+        for (int c = 0; c < 3; c++) look->fc[3 * l->use[i] + c] = 0;
     memset(look->force_N, 0, sizeof look->force_N);
     memset(look->resultant_N, 0, sizeof look->resultant_N);
     memset(look->capped, 0, sizeof look->capped);
     for (int32_t t = 0; t < l->tool_count; t++) {
         tms_tool *tool = &l->tool[t];
         int32_t last = first;
-        while (last < l->before_count && l->before[last].instrument == t)
-            last++;
+        while (last < l->before_count && l->before[last].instrument == t) last++;
         if (tool->near && !tool->ignored) {
             bool overflowed = false;
             const int32_t found = tm_contact_search_rows(tool->search, l->mesh->rest_m, l->u_m, &tool->capsule, 0,
@@ -353,10 +332,8 @@ static double path_pieces(const tms_local *l, const tm_tool_pose *pose) {
     for (int32_t t = 0; t < l->tool_count; t++) {
         const tm_capsule to = tm_tool_capsule(&l->tool[t].def, &pose[t], t), *from = &l->tool[t].capsule;
         double tip2 = 0, tail2 = 0;
-        for (int c = 0; c < 3; c++)
-            tip2 += (to.tip_m[c] - from->tip_m[c]) * (to.tip_m[c] - from->tip_m[c]);
-        for (int c = 0; c < 3; c++)
-            tail2 += (to.tail_m[c] - from->tail_m[c]) * (to.tail_m[c] - from->tail_m[c]);
+        for (int c = 0; c < 3; c++) tip2 += (to.tip_m[c] - from->tip_m[c]) * (to.tip_m[c] - from->tip_m[c]);
+        for (int c = 0; c < 3; c++) tail2 += (to.tail_m[c] - from->tail_m[c]) * (to.tail_m[c] - from->tail_m[c]);
         if (pose[t].active || tms_local_can_touch(&l->tool[t]))
             most = fmax(most, sqrt(fmax(tip2, tail2)) / (TMS_PIECE * l->tool[t].def.radius_m));
     }
@@ -373,8 +350,7 @@ static void save(tms_local *l, bool back) {
 static void go_to(tms_local *l, const tm_tool_pose *from, const tm_tool_pose *to, double s) {
     for (int32_t t = 0; t < l->tool_count; t++) {
         tm_tool_pose at = to[t];
-        for (int c = 0; c < 3 && s < 1; c++)
-            at.tip_m[c] = from[t].tip_m[c] + s * (to[t].tip_m[c] - from[t].tip_m[c]);
+        for (int c = 0; c < 3 && s < 1; c++) at.tip_m[c] = from[t].tip_m[c] + s * (to[t].tip_m[c] - from[t].tip_m[c]);
         tms_local_pose(l, t, &at);
     }
 }
@@ -384,8 +360,7 @@ int32_t tms_local_update(tms_local *l, const tm_tool_pose *pose) {
     const double whole = l->tool_count ? fmax(path_pieces(l, pose), 1) : 1;
     double done = 0, piece = 1 / whole;
     int32_t steps = 0;
-    for (int32_t t = 0; t < l->tool_count; t++)
-        from[t] = l->tool[t].pose;
+    for (int32_t t = 0; t < l->tool_count; t++) from[t] = l->tool[t].pose;
     bool worked = false; /* jaws close where the path ends */
     for (int32_t solves = 1; done < 1; solves++) {
         const bool last_chance = solves >= TMS_MAX_SOLVES || piece * whole < 1.0 / 64;

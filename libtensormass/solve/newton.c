@@ -10,9 +10,7 @@ static const double TOUCHING_M = 1e-13; /* below it two surfaces that just touch
 static const double BESIDE = 1e-5;      /* radii: how far beside the shape the linear steps look */
 static const double STRIDE = 0.3;       /* radii: how far one step may move the surface: rows farther off are others */
 
-static const tms_pin *pin_of(const tms_local *l, int32_t slot) {
-    return &l->pin[l->pin_of[slot]];
-}
+static const tms_pin *pin_of(const tms_local *l, int32_t slot) { return &l->pin[l->pin_of[slot]]; }
 
 static bool pinned(const tms_local *l, int32_t slot, int axis) {
     const int64_t d = 3 * slot + axis;
@@ -56,11 +54,9 @@ double tms_local_evaluate(tms_local *l) {
 
 /* Slots whose force is unknown: under a row, loaded, or held. */
 static void choose_act(tms_local *l) {
-    for (int32_t s = 0; s < l->capacity; s++)
-        l->act_of[s] = -1;
+    for (int32_t s = 0; s < l->capacity; s++) l->act_of[s] = -1;
     for (int32_t i = 0; i < l->now.count; i++)
-        for (int k = 0; k < 3; k++)
-            l->act_of[l->slot_of[l->now.row[i].vertex[k]]] = 0;
+        for (int k = 0; k < 3; k++) l->act_of[l->slot_of[l->now.row[i].vertex[k]]] = 0;
     l->act_count = 0;
     for (int32_t i = 0; i < l->use_count; i++) {
         const int32_t s = l->use[i];
@@ -83,14 +79,12 @@ static void add_row_matrix(tms_local *l, const tm_contact_row *row, int32_t m) {
         const double *C = l->block + (3 * l->slot_of[row->vertex[a / 3]] + a % 3) * c3,
                      G = row->weight[a / 3] * row->normal[a % 3] / slope;
         for (int32_t j = 0; j < l->act_count && G != 0; j++)
-            for (int c = 0; c < 3; c++)
-                move[3 * j + c] += G * C[3 * l->act[j] + c];
+            for (int c = 0; c < 3; c++) move[3 * j + c] += G * C[3 * l->act[j] + c];
     }
     for (int a = 0; a < 9; a++) {
         double *out = l->lu + (int64_t)(3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3) * m;
         const double G = row->weight[a / 3] * row->normal[a % 3];
-        for (int32_t j = 0; j < m && G != 0; j++)
-            out[j] += G * move[j];
+        for (int32_t j = 0; j < m && G != 0; j++) out[j] += G * move[j];
     }
 }
 
@@ -101,8 +95,7 @@ bool tms_local_factor(tms_local *l, int32_t without) {
     memset(l->lu, 0, sizeof(double) * (size_t)m * (size_t)m);
     for (int32_t i = 0; i < l->now.count; i++)
         if (l->now.row[i].lambda_N > 0 && l->now.row[i].instrument != without) add_row_matrix(l, &l->now.row[i], m);
-    for (int32_t i = 0; i < m; i++)
-        l->lu[(int64_t)i * m + i] += 1;
+    for (int32_t i = 0; i < m; i++) l->lu[(int64_t)i * m + i] += 1;
     for (int32_t i = 0; i < m; i++) {
         if (!pinned(l, l->act[i / 3], i % 3)) continue;
         double *row = l->lu + (int64_t)i * m;
@@ -118,8 +111,7 @@ bool tms_local_factor(tms_local *l, int32_t without) {
 /* Where the shape is now, to look beside it and come back. */
 static void keep_shape(tms_local *l) {
     for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++)
-            l->keep[3 * l->use[i] + c] = l->u_m[3 * (int64_t)l->vertex[l->use[i]] + c];
+        for (int c = 0; c < 3; c++) l->keep[3 * l->use[i] + c] = l->u_m[3 * (int64_t)l->vertex[l->use[i]] + c];
 }
 static void set_shape(tms_local *l, double h) {
     for (int32_t i = 0; i < l->use_count; i++)
@@ -133,8 +125,7 @@ static void set_shape(tms_local *l, double h) {
 static double response(tms_local *l, const double *df) {
     double most = 0;
     tms_local_response(l, l->act, l->act_count, df, false, l->du);
-    for (int32_t i = 0; i < 3 * l->use_count; i++)
-        most = fmax(most, fabs(l->du[3 * l->use[i / 3] + i % 3]));
+    for (int32_t i = 0; i < 3 * l->use_count; i++) most = fmax(most, fabs(l->du[3 * l->use[i / 3] + i % 3]));
     return most;
 }
 
@@ -150,8 +141,7 @@ typedef struct direction {
 static void look_along(tms_local *l, direction *to, double h, double *change) {
     const tms_tool kept = to->tool >= 0 ? l->tool[to->tool] : l->tool[0];
     memset(to->dF, 0, sizeof to->dF);
-    for (int32_t j = 0; j < 3 * l->act_count; j++)
-        change[j] = 0;
+    for (int32_t j = 0; j < 3 * l->act_count; j++) change[j] = 0;
     for (int side = 0; side < 2; side++) {
         const tms_look *look = &l->now;
         const double s = side == 0 ? 1 : to->both_sides ? -1 : 0;
@@ -166,10 +156,8 @@ static void look_along(tms_local *l, direction *to, double h, double *change) {
             look = &l->probe;
         }
         const double weight = (side == 0 ? 1 : -1) / (to->both_sides ? 2 * h : h);
-        for (int32_t j = 0; j < 3 * l->act_count; j++)
-            change[j] += weight * look->fc[3 * l->act[j / 3] + j % 3];
-        for (int c = 0; c < 3 && to->tool >= 0; c++)
-            to->dF[c] += weight * look->force_N[to->tool][c];
+        for (int32_t j = 0; j < 3 * l->act_count; j++) change[j] += weight * look->fc[3 * l->act[j / 3] + j % 3];
+        for (int c = 0; c < 3 && to->tool >= 0; c++) to->dF[c] += weight * look->force_N[to->tool][c];
     }
     if (to->tool >= 0) l->tool[to->tool] = kept;
 }
@@ -195,8 +183,7 @@ double tms_local_scale(const tms_local *l, int32_t j) {
 }
 static double inner(const tms_local *l, const double *a, const double *b) {
     double sum = 0;
-    for (int32_t j = 0; j < 3 * l->act_count; j++)
-        sum += a[j] * b[j] * tms_local_scale(l, j) * tms_local_scale(l, j);
+    for (int32_t j = 0; j < 3 * l->act_count; j++) sum += a[j] * b[j] * tms_local_scale(l, j) * tms_local_scale(l, j);
     return sum;
 }
 
@@ -209,8 +196,7 @@ static void krylov_solve(tms_local *l, const double *b, double tolerance, bool b
     const double norm = sqrt(inner(l, b, b));
     int32_t k = 0;
     g[0] = norm;
-    for (int32_t j = 0; j < m && norm > 0; j++)
-        l->krylov[0][j] = b[j] / norm;
+    for (int32_t j = 0; j < m && norm > 0; j++) l->krylov[0][j] = b[j] / norm;
     while (norm > 0 && k < TMS_KRYLOV && fabs(g[k]) > tolerance * norm) {
         double *next = l->krylov[k + 1];
         memcpy(l->ready[k], l->krylov[k], 8 * (size_t)m);
@@ -218,12 +204,10 @@ static void krylov_solve(tms_local *l, const double *b, double tolerance, bool b
         apply(l, &to, l->ready[k], next);
         for (int32_t i = 0; i <= k; i++) {
             H[i][k] = inner(l, next, l->krylov[i]);
-            for (int32_t j = 0; j < m; j++)
-                next[j] -= H[i][k] * l->krylov[i][j];
+            for (int32_t j = 0; j < m; j++) next[j] -= H[i][k] * l->krylov[i][j];
         }
         H[k + 1][k] = sqrt(inner(l, next, next));
-        for (int32_t j = 0; j < m && H[k + 1][k] > 0; j++)
-            next[j] /= H[k + 1][k];
+        for (int32_t j = 0; j < m && H[k + 1][k] > 0; j++) next[j] /= H[k + 1][k];
         for (int32_t i = 0; i < k; i++) {
             const double t = cosine[i] * H[i][k] + sine[i] * H[i + 1][k];
             H[i + 1][k] = cosine[i] * H[i + 1][k] - sine[i] * H[i][k];
@@ -241,11 +225,9 @@ static void krylov_solve(tms_local *l, const double *b, double tolerance, bool b
     memset(x, 0, 8 * (size_t)m);
     for (int32_t i = k - 1; i >= 0; i--) {
         y[i] = g[i];
-        for (int32_t j = i + 1; j < k; j++)
-            y[i] -= H[i][j] * y[j];
+        for (int32_t j = i + 1; j < k; j++) y[i] -= H[i][j] * y[j];
         y[i] /= H[i][i];
-        for (int32_t j = 0; j < m; j++)
-            x[j] += y[i] * l->ready[i][j];
+        for (int32_t j = 0; j < m; j++) x[j] += y[i] * l->ready[i][j];
     }
 }
 
@@ -256,12 +238,10 @@ static bool descend(tms_local *l, double tolerance, double *merit) {
     const double old = *merit;
     const int32_t m = 3 * l->act_count;
     double *b = l->krylov[TMS_KRYLOV];
-    for (int32_t j = 0; j < m; j++)
-        b[j] = l->r[3 * l->act[j / 3] + j % 3];
+    for (int32_t j = 0; j < m; j++) b[j] = l->r[3 * l->act[j / 3] + j % 3];
     keep_shape(l);
     krylov_solve(l, b, tolerance, false, l->step);
-    for (int32_t j = 0; j < m; j++)
-        l->keep[3 * l->act[j / 3] + j % 3] = l->f[3 * l->act[j / 3] + j % 3];
+    for (int32_t j = 0; j < m; j++) l->keep[3 * l->act[j / 3] + j % 3] = l->f[3 * l->act[j / 3] + j % 3];
     double s =
         l->tool_count && l->now.count ? fmin(1, STRIDE * l->tool[0].def.radius_m / (response(l, l->step) + 1e-300)) : 1;
     for (int i = 0; i <= TMS_HALVINGS; i++, s *= 0.5) {
@@ -307,8 +287,7 @@ static void holding_stiffness(tms_local *l, int32_t t, double K[9]) {
             tms_local_solve(l);
         double force[3];
         tms_local_force(l, t, force, unused);
-        for (int c = 0; c < 3 && i < 6; c++)
-            K[3 * c + i / 2] += side * force[c] / (2 * h);
+        for (int c = 0; c < 3 && i < 6; c++) K[3 * c + i / 2] += side * force[c] / (2 * h);
     }
 }
 
@@ -319,8 +298,7 @@ void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
         return;
     }
     bool any = false;
-    for (int32_t i = 0; i < l->now.count; i++)
-        any |= l->now.row[i].instrument == t;
+    for (int32_t i = 0; i < l->now.count; i++) any |= l->now.row[i].instrument == t;
     if (!any || !tms_local_factor(l, -1)) return;
     double *b = l->krylov[TMS_KRYLOV];
     keep_shape(l);
@@ -329,21 +307,17 @@ void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
         direction to = {.tool = t, .axis = axis, .both_sides = true};
         memset(l->step, 0, 24 * (size_t)l->act_count);
         apply(l, &to, l->step, b);
-        for (int32_t j = 0; j < 3 * l->act_count; j++)
-            b[j] = -b[j];
+        for (int32_t j = 0; j < 3 * l->act_count; j++) b[j] = -b[j];
         krylov_solve(l, b, 1e-8, true, l->step);
         apply(l, &to, l->step, b);
-        for (int c = 0; c < 3; c++)
-            K[3 * c + axis] = to.dF[c];
+        for (int c = 0; c < 3; c++) K[3 * c + axis] = to.dF[c];
     }
     set_shape(l, 0);
 }
 
 /* --- what the others make of a compliance --- */
 
-bool tms_local_without(tms_local *l, int32_t tool) {
-    return tms_local_factor(l, tool);
-}
+bool tms_local_without(tms_local *l, int32_t tool) { return tms_local_factor(l, tool); }
 
 void tms_local_yield(tms_local *l, int32_t tool, const double *u, double *df) {
     const int32_t m = 3 * l->act_count;

@@ -12,8 +12,7 @@ typedef struct source {
 
 static bool others_hold(const tms_local *l, int32_t tool) {
     bool any = l->pin_count > 0;
-    for (int32_t i = 0; i < l->now.count; i++)
-        any |= l->now.row[i].instrument != tool && l->now.row[i].lambda_N > 0;
+    for (int32_t i = 0; i < l->now.count; i++) any |= l->now.row[i].instrument != tool && l->now.row[i].lambda_N > 0;
     return any;
 }
 
@@ -25,8 +24,7 @@ static void fill_yield(tm_precomputed *m, int32_t tool, const tm_patch *patch) {
         for (int32_t i = 0; i < l->act_count; i++) {
             double C[9];
             tms_precomputed_compliance(m, l->vertex[l->act[i]], patch->vertex[j / 3], C);
-            for (int c = 0; c < 3; c++)
-                u[3 * i + c] = C[3 * c + j % 3];
+            for (int c = 0; c < 3; c++) u[3 * i + c] = C[3 * c + j % 3];
         }
         tms_local_yield(l, tool, u, m->yield + (int64_t)j * 3 * l->capacity);
     }
@@ -38,15 +36,13 @@ static bool block(void *self, int32_t a, int32_t b, double C[9]) {
     const tms_local *l = &m->local;
     tms_precomputed_compliance(m, a, b, C);
     int32_t at = 0;
-    while (from->patch->vertex[at] != b)
-        at++;
+    while (from->patch->vertex[at] != b) at++;
     for (int32_t i = 0; from->others && i < l->act_count; i++) {
         double A[9];
         tms_precomputed_compliance(m, a, l->vertex[l->act[i]], A);
         for (int k = 0; k < 9; k++) {
             const double *df = m->yield + (int64_t)(3 * at + k % 3) * 3 * l->capacity + 3 * i;
-            for (int c = 0; c < 3; c++)
-                C[k] += A[3 * (k / 3) + c] * df[c];
+            for (int c = 0; c < 3; c++) C[k] += A[3 * (k / 3) + c] * df[c];
         }
     }
     return true;
@@ -57,8 +53,7 @@ bool tms_bears_outside(const tm_contact_row *rows, int32_t count, const tm_patch
         const tm_contact_row *row = &rows[k];
         for (int j = 0; j < 3 && row->instrument == patch->instrument && row->lambda_N > 0; j++) {
             bool within = row->weight[j] == 0;
-            for (int32_t i = 0; i < patch->vertex_count; i++)
-                within |= patch->vertex[i] == row->vertex[j];
+            for (int32_t i = 0; i < patch->vertex_count; i++) within |= patch->vertex[i] == row->vertex[j];
             if (!within) return true;
         }
     }

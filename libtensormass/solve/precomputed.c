@@ -17,8 +17,7 @@ static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_re
     const tm_surface_view surface = tm_tissue_surface(def->problem.tissue);
     uint8_t *wanted = calloc((size_t)tm_tissue_mesh(def->problem.tissue)->vertex_count, 1);
     if (!wanted) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface");
-    for (int32_t i = 0; i < 3 * surface.count; i++)
-        wanted[surface.triangle[i]] = 1;
+    for (int32_t i = 0; i < 3 * surface.count; i++) wanted[surface.triangle[i]] = 1;
     const tms_request request = {
         .def = &def->problem, .wanted = wanted, .precision = def->precision, .file = def->file, .team = def->team};
     const tm_status status = tms_responses_get(&request, force, responses, report, error);
@@ -52,8 +51,7 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     if (def->contact && !(m->yield = malloc((size_t)TM_PATCH_DOFS * 24 * (size_t)m->local.capacity)))
         return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model");
     m->local.compliance = tms_precomputed_compliance;
-    for (int32_t d = 0; d < n; d++)
-        m->kept_of[d] = -1;
+    for (int32_t d = 0; d < n; d++) m->kept_of[d] = -1;
     for (int32_t i = 0; i < r->kept_count; i++) {
         const int32_t v = r->kept[i] / 3;
         m->kept_of[r->kept[i]] = i;
@@ -117,12 +115,10 @@ int64_t tm_precomputed_bytes(const tm_precomputed *m) {
 /* --- on line --- */
 
 static void add_double(double *restrict sum, const double *restrict column, double f, int32_t n) {
-    for (int32_t i = 0; i < n; i++)
-        sum[i] += f * column[i];
+    for (int32_t i = 0; i < n; i++) sum[i] += f * column[i];
 }
 static void add_single(double *restrict sum, const float *restrict column, double f, int32_t n) {
-    for (int32_t i = 0; i < n; i++)
-        sum[i] += f * (double)column[i];
+    for (int32_t i = 0; i < n; i++) sum[i] += f * (double)column[i];
 }
 
 /* The whole surface: base and the forces' responses, by ascending vertex. */
@@ -141,8 +137,7 @@ static void superpose(tm_precomputed *m) {
             else
                 add_single(m->sum, (const float *)r->column + at, f, r->kept_count);
         }
-    for (int32_t i = 0; i < r->kept_count; i++)
-        l->u_m[r->kept[i]] = m->sum[i];
+    for (int32_t i = 0; i < r->kept_count; i++) l->u_m[r->kept[i]] = m->sum[i];
     m->superposed = true;
 }
 
@@ -158,9 +153,7 @@ void tm_precomputed_place(tm_precomputed *m, int32_t instrument, const tm_tool_p
     tms_local_place(&m->local, instrument, at);
 }
 
-tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) {
-    return m->local.tool[instrument].pose;
-}
+tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) { return m->local.tool[instrument].pose; }
 
 void tm_precomputed_force(const tm_precomputed *m, int32_t instrument, double force_N[3]) {
     double resultant[3];
@@ -237,6 +230,5 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
 void tm_precomputed_imposed_force(const tm_precomputed *m, int32_t i, double force_N[3]) {
     const tms_local *l = &m->local;
     const int32_t s = l->slot_of[l->pin[i].vertex]; /* what holds it is its force less what the tools add */
-    for (int c = 0; c < 3; c++)
-        force_N[c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
+    for (int c = 0; c < 3; c++) force_N[c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
 }

@@ -91,13 +91,10 @@ static tm_status solve_base(const tms_request *q, const tms_system *system, cons
             "the loaded shape did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
         goto done;
     }
-    for (int32_t i = 0; i < system->n; i++)
-        u[system->dof[i]] = x[i];
-    for (int32_t i = 0; i < kept_count; i++)
-        base[i] = u[kept[i]];
+    for (int32_t i = 0; i < system->n; i++) u[system->dof[i]] = x[i];
+    for (int32_t i = 0; i < kept_count; i++) base[i] = u[kept[i]];
     tm_tissue_force(q->def->tissue, u, f);
-    for (int32_t i = 0; i < q->interface_count; i++)
-        force[i] = f[q->interface[i]];
+    for (int32_t i = 0; i < q->interface_count; i++) force[i] = f[q->interface[i]];
 done:
     tms_work_destroy(work);
     free(u);
@@ -136,8 +133,7 @@ static tm_status compute(const tms_request *q, uint64_t key, tms_responses *r, t
     int32_t kept_count = 0;
     tm_status status = tms_system_create(q->def->tissue, q->def->fixed, &system, error);
     if (status != TM_OK) return status;
-    for (int32_t i = 0; i < system.n; i++)
-        kept_count += q->wanted[system.dof[i] / 3];
+    for (int32_t i = 0; i < system.n; i++) kept_count += q->wanted[system.dof[i] / 3];
     const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision);
     report->free_dofs = system.n;
     report->columns = kept_count + q->interface_count;

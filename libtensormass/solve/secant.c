@@ -16,8 +16,7 @@ static bool knows_all(const tms_local *l) {
 
 /* By act from by slot. */
 static void pick(const tms_local *l, const double *by_slot, double *by_act) {
-    for (int32_t j = 0; j < l->act_count; j++)
-        memcpy(by_act + 3 * j, by_slot + 3 * l->act[j], 24);
+    for (int32_t j = 0; j < l->act_count; j++) memcpy(by_act + 3 * j, by_slot + 3 * l->act[j], 24);
 }
 
 /* b := b less its part in the span of the changes of r lately, each by as much of its change of f, whose sum goes into
@@ -32,30 +31,23 @@ static void use_pairs(tms_local *l, double *b, double *f_part) {
         double *r = l->krylov[n], *df = l->ready[n], size = 0, left = 0;
         pick(l, l->pair_r[at], r);
         pick(l, l->pair_f[at], df);
-        for (int32_t j = 0; j < m; j++)
-            r[j] *= tms_local_scale(l, j), size += r[j] * r[j];
+        for (int32_t j = 0; j < m; j++) r[j] *= tms_local_scale(l, j), size += r[j] * r[j];
         for (int32_t i = 0; i < n; i++) {
             double dot = 0;
-            for (int32_t j = 0; j < m; j++)
-                dot += r[j] * q[i][j];
-            for (int32_t j = 0; j < m; j++)
-                r[j] -= dot * q[i][j], df[j] -= dot * f[i][j];
+            for (int32_t j = 0; j < m; j++) dot += r[j] * q[i][j];
+            for (int32_t j = 0; j < m; j++) r[j] -= dot * q[i][j], df[j] -= dot * f[i][j];
         }
-        for (int32_t j = 0; j < m; j++)
-            left += r[j] * r[j];
+        for (int32_t j = 0; j < m; j++) left += r[j] * r[j];
         if (!(left > 1e-8 * size)) continue;
         const double unit = 1 / sqrt(left);
-        for (int32_t j = 0; j < m; j++)
-            r[j] *= unit, df[j] *= unit;
+        for (int32_t j = 0; j < m; j++) r[j] *= unit, df[j] *= unit;
         q[n] = r, f[n] = df;
         n++;
     }
     for (int32_t i = 0; i < n; i++) {
         double dot = 0;
-        for (int32_t j = 0; j < m; j++)
-            dot += b[j] * tms_local_scale(l, j) * q[i][j];
-        for (int32_t j = 0; j < m; j++)
-            b[j] -= dot * q[i][j] / tms_local_scale(l, j), f_part[j] += dot * f[i][j];
+        for (int32_t j = 0; j < m; j++) dot += b[j] * tms_local_scale(l, j) * q[i][j];
+        for (int32_t j = 0; j < m; j++) b[j] -= dot * q[i][j] / tms_local_scale(l, j), f_part[j] += dot * f[i][j];
     }
 }
 
@@ -86,8 +78,7 @@ int32_t tms_local_secant(tms_local *l, double *merit) {
         pick(l, l->r, b);
         use_pairs(l, b, f_part);
         tms_lu_solve(l->lu, l->pivot, 3 * l->act_count, b);
-        for (int32_t j = 0; j < 3 * l->act_count; j++)
-            l->f[3 * l->act[j / 3] + j % 3] -= b[j] + f_part[j];
+        for (int32_t j = 0; j < 3 * l->act_count; j++) l->f[3 * l->act[j / 3] + j % 3] -= b[j] + f_part[j];
         *merit = tms_local_evaluate(l);
         remember(l, f_before, r_before);
         steps++;

@@ -71,8 +71,7 @@ static int64_t available_bytes(void) {
     FILE *f = fopen("/proc/meminfo", "r");
     long long kb = -1;
     char line[128];
-    while (f && kb < 0 && fgets(line, sizeof line, f))
-        sscanf(line, "MemAvailable: %lld kB", &kb);
+    while (f && kb < 0 && fgets(line, sizeof line, f)) sscanf(line, "MemAvailable: %lld kB", &kb);
     if (f) fclose(f);
     return kb < 0 ? INT64_MAX : kb * 1024;
 }
@@ -192,9 +191,7 @@ void tms_solver_destroy(tms_solver *s) {
     free(s);
 }
 
-int64_t tms_solver_bytes(const tms_solver *s) {
-    return s->bytes;
-}
+int64_t tms_solver_bytes(const tms_solver *s) { return s->bytes; }
 
 /* --- one thread's work --- */
 
@@ -228,9 +225,7 @@ void tms_work_destroy(tms_work *w) {
     free(w);
 }
 
-double *tms_work_rhs(tms_work *w) {
-    return w->cg_b ? w->cg_b : w->b->x;
-}
+double *tms_work_rhs(tms_work *w) { return w->cg_b ? w->cg_b : w->b->x; }
 
 const double *tms_work_solve(tms_work *w) {
     const tms_solver *s = w->solver;

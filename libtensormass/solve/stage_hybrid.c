@@ -30,11 +30,9 @@ static void push_back(const tm_hybrid *h) {
 static void run(void *self, tm_world *world) {
     tm_hybrid *h = self;
     const tm_state *state = tm_world_state(world);
-    for (int32_t i = 0; i < h->interface_count; i++)
-        h->at_m[i] = state->u_m[h->interface[i]];
+    for (int32_t i = 0; i < h->interface_count; i++) h->at_m[i] = state->u_m[h->interface[i]];
     push_back(h);
-    for (int32_t i = 0; i < h->interface_count; i++)
-        state->force_N[h->interface[i]] += h->push_N[i];
+    for (int32_t i = 0; i < h->interface_count; i++) state->force_N[h->interface[i]] += h->push_N[i];
 }
 
 /* --- compliance within a substep --- */
@@ -65,8 +63,7 @@ static void inside_inside(tm_hybrid *h, int32_t a, int32_t b, double C[9]) {
         const int32_t row = h->place[3 * a + i / 3], column = h->place[3 * b + i % 3];
         const double *x = ra + (int64_t)(i / 3) * n, *y = rb + (int64_t)(i % 3) * n;
         double sum = row < 0 || column < 0 ? 0 : tms_response(&h->responses, column, row);
-        for (int32_t k = 0; k < n; k++)
-            sum += x[k] * h->give_m_N[k] * y[k];
+        for (int32_t k = 0; k < n; k++) sum += x[k] * h->give_m_N[k] * y[k];
         C[i] = sum;
     }
 }
@@ -87,8 +84,7 @@ static void compliance(void *self, int32_t a, int32_t b, double C[9]) {
                 C[in_a ? 3 * i + j : 3 * j + i] = row[(int64_t)i * h->interface_count + k] * h->give_m_N[k];
             }
     } else if (a == b) {
-        for (int i = 0; i < 3; i++)
-            C[4 * i] = mobility(h, 3 * a + i);
+        for (int i = 0; i < 3; i++) C[4 * i] = mobility(h, 3 * a + i);
     }
 }
 
@@ -103,8 +99,7 @@ static void refresh(void *self, const int32_t *vertex, int32_t count) {
         if (h->part[vertex[i / 3]] == TMS_CONDENSED) {
             const double *row = through(h, vertex[i / 3]) + (int64_t)(i % 3) * n;
             u = at < 0 ? h->value_m[d] : h->responses.base_m[at];
-            for (int32_t k = 0; k < n && at >= 0; k++)
-                u += row[k] * h->at_m[k];
+            for (int32_t k = 0; k < n && at >= 0; k++) u += row[k] * h->at_m[k];
         }
         h->local.base_m[d] = u;
     }
@@ -152,12 +147,10 @@ static void move(tm_hybrid *h) {
             continue;
         }
         const double *row = h->through + (3 * (int64_t)s + i % 3) * n;
-        for (int32_t k = 0; k < n; k++)
-            h->push_N[k] += row[k] * f;
+        for (int32_t k = 0; k < n; k++) h->push_N[k] += row[k] * f;
         inside = true;
     }
-    for (int32_t k = 0; inside && k < n; k++)
-        u_next[h->interface[k]] += h->give_m_N[k] * h->push_N[k];
+    for (int32_t k = 0; inside && k < n; k++) u_next[h->interface[k]] += h->give_m_N[k] * h->push_N[k];
 }
 
 static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows,
@@ -177,8 +170,7 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
         tms_local_regather(l);
         return 0;
     }
-    for (int32_t k = 0; k < h->interface_count; k++)
-        h->at_m[k] = state->u_next_m[h->interface[k]];
+    for (int32_t k = 0; k < h->interface_count; k++) h->at_m[k] = state->u_next_m[h->interface[k]];
     memcpy(l->u_m, state->u_m, 24 * (size_t)h->mesh->vertex_count);
     tms_local_gather(l);
     if (l->use_count == 0) return 0;
@@ -186,8 +178,7 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
     move(h);
     const int32_t count = l->now.count < max_rows ? l->now.count : max_rows;
     memcpy(row, l->now.row, (size_t)count * sizeof *row);
-    for (int32_t t = 0; t < l->tool_count; t++)
-        overflowed[t] = l->tool[t].overflowed;
+    for (int32_t t = 0; t < l->tool_count; t++) overflowed[t] = l->tool[t].overflowed;
     return count;
 }
 
@@ -197,12 +188,10 @@ static void changed(void *self, tm_world *world) {
     tm_hybrid *h = self;
     memset(h->held, 0, 3 * (size_t)h->mesh->vertex_count);
     tm_support_mask(world, h->held);
-    for (int32_t k = 0; k < h->interface_count; k++)
-        h->give_m_N[k] = mobility(h, h->interface[k]);
+    for (int32_t k = 0; k < h->interface_count; k++) h->give_m_N[k] = mobility(h, h->interface[k]);
     if (!h->local.memory) return;
     tms_local_forget(&h->local);
-    for (int32_t s = 0; s < h->local.capacity; s++)
-        h->through_vertex[s] = -1;
+    for (int32_t s = 0; s < h->local.capacity; s++) h->through_vertex[s] = -1;
 }
 
 static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error) {
@@ -263,19 +252,16 @@ void tm_hybrid_recover(tm_hybrid *h, tm_world *world) {
     const tm_state *state = tm_world_state(world);
     const tms_local *l = &h->local;
     const int32_t dofs = 3 * h->mesh->vertex_count;
-    for (int32_t d = 0; d < dofs; d++)
-        h->full_u[d] = h->part[d / 3] == TMS_INTERFACE ? state->u_m[d] : h->value_m[d];
+    for (int32_t d = 0; d < dofs; d++) h->full_u[d] = h->part[d / 3] == TMS_INTERFACE ? state->u_m[d] : h->value_m[d];
     tm_tissue_force(h->condensed, h->full_u, h->full_f);
     double *b = tms_work_rhs(h->work);
-    for (int32_t i = 0; i < h->system.n; i++)
-        b[i] = h->full_f[h->system.dof[i]] + h->load_N[h->system.dof[i]];
+    for (int32_t i = 0; i < h->system.n; i++) b[i] = h->full_f[h->system.dof[i]] + h->load_N[h->system.dof[i]];
     for (int32_t i = 0; i < 3 * l->use_count; i++) {
         const int32_t s = l->use[i / 3], at = h->system.index[3 * l->vertex[s] + i % 3];
         if (at >= 0) b[at] += l->f[3 * s + i % 3];
     }
     const double *x = tms_work_solve(h->work);
-    for (int32_t i = 0; x && i < h->system.n; i++)
-        h->full_u[h->system.dof[i]] = x[i];
+    for (int32_t i = 0; x && i < h->system.n; i++) h->full_u[h->system.dof[i]] = x[i];
     for (int32_t d = 0; x && d < dofs; d++)
         if (h->part[d / 3] == TMS_CONDENSED) state->u_m[d] = state->u_prev_m[d] = h->full_u[d];
 }

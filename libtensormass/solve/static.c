@@ -11,11 +11,9 @@ static tm_status solve(const tm_solve_def *def, const tms_system *system, const 
     if (!work) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
     tm_tissue_force(def->tissue, u, f);
     double *b = tms_work_rhs(work);
-    for (int32_t i = 0; i < system->n; i++)
-        b[i] = f[system->dof[i]] + (def->load_N ? def->load_N[system->dof[i]] : 0);
+    for (int32_t i = 0; i < system->n; i++) b[i] = f[system->dof[i]] + (def->load_N ? def->load_N[system->dof[i]] : 0);
     const double *x = tms_work_solve(work);
-    for (int32_t i = 0; x && i < system->n; i++)
-        u[system->dof[i]] = x[i];
+    for (int32_t i = 0; x && i < system->n; i++) u[system->dof[i]] = x[i];
     tms_work_destroy(work);
     return x ? TM_OK
              : tms_fail(error, TM_ERR_CONVERGENCE, -1,

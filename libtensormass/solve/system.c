@@ -10,8 +10,7 @@
 /* --- parts, and whether they are held --- */
 
 static int32_t root_of(int32_t *parent, int32_t v) {
-    while (parent[v] != v)
-        v = parent[v] = parent[parent[v]];
+    while (parent[v] != v) v = parent[v] = parent[parent[v]];
     return v;
 }
 
@@ -41,8 +40,7 @@ typedef struct part {
 
 static void add_fixed(part *p, const double *x, int axis) {
     double scale = 0, motion[6] = {0};
-    for (int a = 0; a < 3; a++)
-        scale = fmax(scale, p->high[a] - p->low[a]);
+    for (int a = 0; a < 3; a++) scale = fmax(scale, p->high[a] - p->low[a]);
     motion[axis] = 1;
     for (int r = 0; r < 3; r++) { /* rotation about axis r moves component `axis` by (e_r x d)_axis */
         const double d1 = (x[(r + 1) % 3] - 0.5 * (p->low[(r + 1) % 3] + p->high[(r + 1) % 3])) / scale;
@@ -51,8 +49,7 @@ static void add_fixed(part *p, const double *x, int axis) {
         if (axis == (r + 2) % 3) motion[3 + r] = d1;
     }
     for (int i = 0; i < 6; i++)
-        for (int j = 0; j < 6; j++)
-            p->gram[6 * i + j] += motion[i] * motion[j];
+        for (int j = 0; j < 6; j++) p->gram[6 * i + j] += motion[i] * motion[j];
     p->fixed++;
 }
 
@@ -61,8 +58,7 @@ static void find_parts(const tm_tissue *tissue, int32_t *parent, part *parts) {
     const uint8_t *alive = tm_tissue_alive(tissue);
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         parent[v] = v;
-        for (int a = 0; a < 3; a++)
-            parts[v].low[a] = INFINITY, parts[v].high[a] = -INFINITY;
+        for (int a = 0; a < 3; a++) parts[v].low[a] = INFINITY, parts[v].high[a] = -INFINITY;
     }
     for (int32_t t = 0; t < mesh->tet_count; t++)
         for (int i = 1; alive[t] && i < 4; i++) {
@@ -73,8 +69,7 @@ static void find_parts(const tm_tissue *tissue, int32_t *parent, part *parts) {
         for (int i = 0; alive[t] && i < 4; i++) {
             part *p = &parts[root_of(parent, mesh->tet[4 * t + i])];
             const double *x = mesh->rest_m + 3 * (int64_t)mesh->tet[4 * t + i];
-            for (int a = 0; a < 3; a++)
-                p->low[a] = fmin(p->low[a], x[a]), p->high[a] = fmax(p->high[a], x[a]);
+            for (int a = 0; a < 3; a++) p->low[a] = fmin(p->low[a], x[a]), p->high[a] = fmax(p->high[a], x[a]);
             if (i == 0) p->tets++;
         }
 }
@@ -182,8 +177,7 @@ tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_s
     s.row = malloc((size_t)(count ? count : 1) * sizeof *s.row);
     s.value = malloc((size_t)(count ? count : 1) * sizeof *s.value);
     if (!s.row || !s.value) goto no_memory;
-    for (int32_t j = 0; j < s.n; j++)
-        walk_column(tissue, &s, j, s.row + s.begin[j], s.value + s.begin[j]);
+    for (int32_t j = 0; j < s.n; j++) walk_column(tissue, &s, j, s.row + s.begin[j], s.value + s.begin[j]);
     *system = s;
     return TM_OK;
 no_memory:
@@ -219,8 +213,7 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
     if (any && !(fibre = calloc(3 * (size_t)mesh->tet_count, sizeof *fibre))) goto done;
     for (int32_t t = 0; any && t < mesh->tet_count; t++) {
         const double *a = tm_tissue_tet_fibre(whole, t);
-        for (int i = 0; i < 3; i++)
-            fibre[3 * t + i] = a ? a[i] : i == 0;
+        for (int i = 0; i < 3; i++) fibre[3 * t + i] = a ? a[i] : i == 0;
     }
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh;

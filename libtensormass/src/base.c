@@ -27,9 +27,7 @@
 #define TEXT_OF(x) #x
 #define TEXT(x) TEXT_OF(x)
 
-const char *tm_version(void) {
-    return TEXT(TM_VERSION_MAJOR) "." TEXT(TM_VERSION_MINOR) "." TEXT(TM_VERSION_PATCH);
-}
+const char *tm_version(void) { return TEXT(TM_VERSION_MAJOR) "." TEXT(TM_VERSION_MINOR) "." TEXT(TM_VERSION_PATCH); }
 
 const char *tm_status_name(tm_status status) {
     switch (status) {
@@ -67,8 +65,7 @@ tm_status tm_fail_memory(tm_error *error, const char *what) {
 
 uint64_t tm_hash(const void *bytes, size_t count, uint64_t seed) {
     const unsigned char *b = bytes;
-    for (size_t i = 0; i < count; i++)
-        seed = (seed ^ b[i]) * 0x100000001b3ULL;
+    for (size_t i = 0; i < count; i++) seed = (seed ^ b[i]) * 0x100000001b3ULL;
     return seed;
 }
 
@@ -96,16 +93,10 @@ static _Atomic int64_t in_use, high_water;
 void tm_set_allocator(const tm_allocator *allocator) {
     hook = allocator ? *allocator : (tm_allocator){default_alloc, default_free, NULL};
 }
-int64_t tm_memory_in_use(void) {
-    return atomic_load(&in_use);
-}
-int64_t tm_memory_high_water(void) {
-    return atomic_load(&high_water);
-}
+int64_t tm_memory_in_use(void) { return atomic_load(&in_use); }
+int64_t tm_memory_high_water(void) { return atomic_load(&high_water); }
 
-static size_t rounded(size_t bytes) {
-    return (bytes + 63) / 64 * 64;
-}
+static size_t rounded(size_t bytes) { return (bytes + 63) / 64 * 64; }
 
 void *tm_allocate(size_t bytes) {
     if (bytes > SIZE_MAX / 2) return NULL;

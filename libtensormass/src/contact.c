@@ -7,8 +7,8 @@
 
 #include "contact_vec.h"
 
-/* Broad phase: candidates are gathered with this much room (in tool radii) and kept until the tool has used up its part or the
- * tissue, at a bounded speed, might have used up its own. */
+/* Broad phase: candidates are gathered with this much room (in tool radii) and kept until the tool has used up its part
+ * or the tissue, at a bounded speed, might have used up its own. */
 #define ROOM_TOOL 0.5
 #define ROOM_TISSUE 1.0
 #define TISSUE_SPEED_M_S 0.5
@@ -16,8 +16,8 @@
 #define REACH 1.6 /* radii: what tm_local_rows looks at, its margin included */
 
 tm_contact_def tm_contact_def_default(void) {
-    return (tm_contact_def){.cookie = TM_COOKIE_CONTACT, .skin_compliance_m_N = 0.5e-3, .sweeps = 10, .max_rows = 256,
-                            .force_cap_N = 50};
+    return (tm_contact_def){
+        .cookie = TM_COOKIE_CONTACT, .skin_compliance_m_N = 0.5e-3, .sweeps = 10, .max_rows = 256, .force_cap_N = 50};
 }
 
 /* --- one substep --- */
@@ -40,8 +40,9 @@ static void gather(tm_contact *contact, tm_tool *tool) {
     const double *rest = contact->world->tissue->mesh->rest_m;
     tm_surface_view surface = tm_tissue_surface(contact->world->tissue);
     double radius = tool->def.radius_m, age_s = tool->gathered_age * state->dt_s;
-    if (tool->gathered_age >= 0 && tool->gathered_age < GATHER_EVERY && age_s * TISSUE_SPEED_M_S < ROOM_TISSUE * radius
-        && travel(&tool->capsule, &tool->gathered_at) < ROOM_TOOL * radius) {
+    if (tool->gathered_age >= 0 && tool->gathered_age < GATHER_EVERY &&
+        age_s * TISSUE_SPEED_M_S < ROOM_TISSUE * radius &&
+        travel(&tool->capsule, &tool->gathered_at) < ROOM_TOOL * radius) {
         tool->gathered_age++;
         return;
     }
@@ -54,7 +55,8 @@ static void gather(tm_contact *contact, tm_tool *tool) {
         tool->leaving = outside;
     }
     double reach = radius * (REACH + ROOM_TOOL + ROOM_TISSUE) + 2 * travel(&tool->capsule, &tool->before);
-    tm_local_gather(tool->surface, rest, state->u_m, surface.triangle, surface.face, NULL, surface.count, &tool->capsule, reach);
+    tm_local_gather(tool->surface, rest, state->u_m, surface.triangle, surface.face, NULL, surface.count,
+                    &tool->capsule, reach);
 }
 
 static bool same_row(const tm_contact_row *a, const tm_contact_row *b) {
@@ -62,10 +64,8 @@ static bool same_row(const tm_contact_row *a, const tm_contact_row *b) {
 }
 
 static bool row_before(const tm_contact_row *a, const tm_contact_row *b) {
-    if (a->instrument != b->instrument)
-        return a->instrument < b->instrument;
-    if (a->station != b->station)
-        return a->station < b->station;
+    if (a->instrument != b->instrument) return a->instrument < b->instrument;
+    if (a->station != b->station) return a->station < b->station;
     return a->face != b->face ? a->face < b->face : a->feature < b->feature;
 }
 
@@ -85,8 +85,7 @@ static void remember_depth(tm_contact *contact) {
 static void warm_start(tm_contact *contact) {
     int32_t k = 0;
     for (int32_t i = 0; i < contact->row_count; i++) {
-        while (k < contact->row_count_before && row_before(contact->row_before + k, contact->row + i))
-            k++;
+        while (k < contact->row_count_before && row_before(contact->row_before + k, contact->row + i)) k++;
         if (k < contact->row_count_before && same_row(contact->row_before + k, contact->row + i))
             contact->row[i].lambda_N = contact->row_before[k].lambda_N;
     }
@@ -94,16 +93,14 @@ static void warm_start(tm_contact *contact) {
 
 bool tm_row_is_held(const tm_contact_guest *guest, const tm_contact_row *row) {
     for (int j = 0; j < 3; j++)
-        if (row->weight[j] > 0 && !guest->holds(guest->self, row->instrument, row->vertex[j]))
-            return false;
+        if (row->weight[j] > 0 && !guest->holds(guest->self, row->instrument, row->vertex[j])) return false;
     return true;
 }
 
 static int32_t drop_held(const tm_contact *contact, tm_contact_row *row, int32_t count) {
     int32_t kept = 0;
     for (int32_t i = 0; i < count; i++)
-        if (!tm_row_is_held(&contact->guest, row + i))
-            row[kept++] = row[i];
+        if (!tm_row_is_held(&contact->guest, row + i)) row[kept++] = row[i];
     return kept;
 }
 
@@ -111,8 +108,7 @@ static void drop_shallowest(tm_contact *contact) {
     while (contact->row_count > contact->def.max_rows) {
         int32_t shallow = 0;
         for (int32_t i = 1; i < contact->row_count; i++)
-            if (contact->row[i].gap_m > contact->row[shallow].gap_m)
-                shallow = i;
+            if (contact->row[i].gap_m > contact->row[shallow].gap_m) shallow = i;
         contact->tool[contact->row[shallow].instrument].overflowed = true;
         contact->row_count--;
         memmove(contact->row + shallow, contact->row + shallow + 1,
@@ -131,13 +127,10 @@ static void find_rows(tm_contact *contact) {
     for (int32_t t = 0; t < contact->tool_count; t++) {
         tm_tool *tool = contact->tool + t;
         int32_t first = history;
-        while (history < contact->row_count_before && contact->row_before[history].instrument == t)
-            history++;
-        if (!tm_tool_is_present(tool))
-            continue;
+        while (history < contact->row_count_before && contact->row_before[history].instrument == t) history++;
+        if (!tm_tool_is_present(tool)) continue;
         gather(contact, tool);
-        if (!tool->clear && !tool->leaving)
-            continue;
+        if (!tool->clear && !tool->leaving) continue;
         double margin = 0.1 * tool->def.radius_m + travel(&tool->capsule, &tool->before);
         bool overflowed = false;
         tm_contact_row *row = contact->row + contact->row_count;
@@ -145,8 +138,7 @@ static void find_rows(tm_contact *contact) {
         int32_t count = tm_local_rows(tool->surface, contact->hits, &tool->capsule, margin, contact->row_before + first,
                                       history - first, row, contact->def.max_rows, &overflowed);
         if (!tool->clear) { /* its axis has left the tissue; wait for its skin */
-            for (int32_t i = 0; i < count && tool->leaving; i++)
-                tool->leaving = row[i].gap_m >= 0;
+            for (int32_t i = 0; i < count && tool->leaving; i++) tool->leaving = row[i].gap_m >= 0;
             tool->clear = tool->leaving;
             continue;
         }
@@ -169,10 +161,9 @@ static void solve_instead(tm_contact *contact, tm_world *world) {
     }
     contact->row_count = 0;
     tm_contact_project(contact);
-    contact->row_count = contact->solver_instead.solve(contact->solver_instead.self, world, pose, contact->row, contact->def.max_rows,
-                                                       overflowed);
-    for (int32_t t = 0; t < contact->tool_count; t++)
-        contact->tool[t].overflowed |= overflowed[t];
+    contact->row_count = contact->solver_instead.solve(contact->solver_instead.self, world, pose, contact->row,
+                                                       contact->def.max_rows, overflowed);
+    for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].overflowed |= overflowed[t];
 }
 
 static void sum_reactions(tm_contact *contact) {
@@ -187,8 +178,7 @@ static void sum_reactions(tm_contact *contact) {
         const tm_contact_row *row = contact->row + i;
         tm_tool *tool = contact->tool + row->instrument;
         double on_tool[3], at_tip[3];
-        if (row->lambda_N <= 0)
-            continue;
+        if (row->lambda_N <= 0) continue;
         vscale(-row->lambda_N, row->normal, on_tool);
         vmadd(on_tool, -1, contact->solver[i].drag_N, on_tool);
         tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
@@ -200,8 +190,8 @@ static void sum_reactions(tm_contact *contact) {
 
 static void average(tm_contact *contact) {
     const tm_state *state = &contact->world->state;
-    bool within = contact->frame_step < contact->frame_steps
-                  && contact->frame_step >= contact->frame_steps - contact->frame_average;
+    bool within = contact->frame_step < contact->frame_steps &&
+                  contact->frame_step >= contact->frame_steps - contact->frame_average;
     contact->frame_step++;
     for (int32_t t = 0; t < contact->tool_count && within; t++) {
         tm_tool *tool = contact->tool + t;
@@ -215,12 +205,9 @@ static void average(tm_contact *contact) {
 
 static void run(void *self, tm_world *world) {
     tm_contact *contact = self;
-    if (contact->held_by != world->support)
-        refresh_supports(contact);
-    for (int32_t t = 0; t < contact->tool_count; t++)
-        tm_tool_advance(contact->tool + t);
-    if (contact->guest.prepare)
-        contact->guest.prepare(contact->guest.self, world);
+    if (contact->held_by != world->support) refresh_supports(contact);
+    for (int32_t t = 0; t < contact->tool_count; t++) tm_tool_advance(contact->tool + t);
+    if (contact->guest.prepare) contact->guest.prepare(contact->guest.self, world);
     if (contact->solver_instead.solve) {
         solve_instead(contact, world);
     } else {
@@ -250,34 +237,36 @@ static tm_status check(const tm_contact_def *def, tm_error *error) {
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact: %d instruments; give 1 to %d", def->instrument_count,
                        TM_MAX_INSTRUMENTS);
     if (!(def->skin_compliance_m_N >= 0) || !isfinite(def->skin_compliance_m_N))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact: skin compliance %g m/N; give 0 or more", def->skin_compliance_m_N);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact: skin compliance %g m/N; give 0 or more",
+                       def->skin_compliance_m_N);
     if (def->sweeps < 1 || def->max_rows < 1 || def->max_rows > TM_LOCAL_HITS || !(def->force_cap_N > 0))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact: %d sweeps, %d rows, force cap %g N; give at least one sweep, 1 to %d rows "
-                       "and a positive cap", def->sweeps, def->max_rows, def->force_cap_N, TM_LOCAL_HITS);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "contact: %d sweeps, %d rows, force cap %g N; give at least one sweep, 1 to %d rows "
+                       "and a positive cap",
+                       def->sweeps, def->max_rows, def->force_cap_N, TM_LOCAL_HITS);
     for (int32_t i = 0; i < def->instrument_count; i++) {
         const tm_instrument_def *tool = def->instrument + i;
         bool finite = isfinite(tool->pose.roll_rad) && isfinite(tool->pose.grip);
-        for (int c = 0; c < 3; c++)
-            finite = finite && isfinite(tool->trocar_m[c]) && isfinite(tool->pose.tip_m[c]);
-        if (!finite || !(tool->radius_m > 0) || !isfinite(tool->radius_m) || !(tool->contact_length_m >= 0)
-            || !isfinite(tool->contact_length_m))
-            return tm_fail(error, TM_ERR_ARGUMENT, i, "instrument %d: radius %g m, contact length %g m; give a positive radius, a "
-                           "length of 0 or more and finite places", i, tool->radius_m, tool->contact_length_m);
+        for (int c = 0; c < 3; c++) finite = finite && isfinite(tool->trocar_m[c]) && isfinite(tool->pose.tip_m[c]);
+        if (!finite || !(tool->radius_m > 0) || !isfinite(tool->radius_m) || !(tool->contact_length_m >= 0) ||
+            !isfinite(tool->contact_length_m))
+            return tm_fail(error, TM_ERR_ARGUMENT, i,
+                           "instrument %d: radius %g m, contact length %g m; give a positive radius, a "
+                           "length of 0 or more and finite places",
+                           i, tool->radius_m, tool->contact_length_m);
     }
     return TM_OK;
 }
 
 static tm_contact *take(tm_pool *pool, const tm_contact_def *def, int32_t vertex_count) {
     tm_contact *contact = TM_TAKE(pool, tm_contact, 1);
-    if (!contact)
-        return NULL;
+    if (!contact) return NULL;
     contact->row = TM_TAKE(pool, tm_contact_row, def->max_rows * def->instrument_count);
     contact->row_before = TM_TAKE(pool, tm_contact_row, def->max_rows * def->instrument_count);
     contact->solver = TM_TAKE(pool, tm_solver_row, def->max_rows);
     contact->hits = TM_TAKE(pool, tm_hits, 1);
     contact->held = TM_TAKE(pool, uint8_t, 3 * (int64_t)vertex_count);
-    for (int32_t t = 0; t < def->instrument_count; t++)
-        contact->tool[t].surface = TM_TAKE(pool, tm_local_surface, 1);
+    for (int32_t t = 0; t < def->instrument_count; t++) contact->tool[t].surface = TM_TAKE(pool, tm_local_surface, 1);
     return contact;
 }
 
@@ -289,8 +278,7 @@ static void destroy(void *self) {
 tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contact **contact, tm_error *error) {
     assert(world && def && def->cookie == TM_COOKIE_CONTACT && contact);
     tm_status status = check(def, error);
-    if (status)
-        return status;
+    if (status) return status;
     tm_pool pool = {0};
     tm_contact *self = take(&pool, def, world->tissue->mesh->vertex_count);
     if (!self || pool.failed) {
@@ -308,8 +296,14 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
         self->tool[t].capsule.instrument = t;
         tm_tool_place(self->tool + t, &def->instrument[t].pose);
     }
-    const tm_stage stage = {.name = "contact", .phase = TM_PHASE_CONSTRAIN, .run = run, .destroy = destroy,
-                            .step_changed = changed, .self = self, .snapshot = tm_contact_snapshot, .restore = tm_contact_restore};
+    const tm_stage stage = {.name = "contact",
+                            .phase = TM_PHASE_CONSTRAIN,
+                            .run = run,
+                            .destroy = destroy,
+                            .step_changed = changed,
+                            .self = self,
+                            .snapshot = tm_contact_snapshot,
+                            .restore = tm_contact_restore};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);
@@ -331,8 +325,7 @@ void tm_contact_place(tm_contact *contact, int32_t instrument, const tm_tool_pos
     tm_tool_place(contact->tool + instrument, at);
     int32_t kept = 0; /* its multipliers belong to where it was */
     for (int32_t i = 0; i < contact->row_count; i++)
-        if (contact->row[i].instrument != instrument)
-            contact->row[kept++] = contact->row[i];
+        if (contact->row[i].instrument != instrument) contact->row[kept++] = contact->row[i];
     contact->row_count = kept;
 }
 
@@ -390,7 +383,6 @@ int32_t tm_contact_rows(const tm_contact *contact, const tm_contact_row **rows) 
 
 tm_contact *tm_world_contact(tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.run == run)
-            return world->slot[i].stage.self;
+        if (world->slot[i].stage.run == run) return world->slot[i].stage.self;
     return NULL;
 }

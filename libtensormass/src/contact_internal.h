@@ -16,7 +16,7 @@ typedef struct tm_solver_row {
     double moved_m[3];     /* by the station in this substep */
     double weight2;        /* sum of weight^2 * mobility, m/N */
     double drag_N[3];      /* of the film, on the tissue */
-    double gap_m;          /* at the start of the substep, at the tool's new place, less what is left to later substeps */
+    double gap_m; /* at the start of the substep, at the tool's new place, less what is left to later substeps */
 } tm_solver_row;
 
 /* What lasts between steps is also in contact_snapshot.c: a new field goes there too. */
@@ -24,35 +24,36 @@ typedef struct tm_tool {
     tm_instrument_def def;
     tm_tool_pose pose, from, to;
     int32_t path_step, path_steps;
-    int32_t placings;               /* times it was put somewhere at once */
-    tm_capsule capsule, before;     /* at the end of this substep and of the one before */
-    bool clear;                     /* has been seen outside the tissue since it was placed */
-    bool leaving;                   /* not clear, but its axis is outside */
-    bool pierced;                   /* was placed inside: clear again when nothing is within its radius */
+    int32_t placings;                        /* times it was put somewhere at once */
+    tm_capsule capsule, before;              /* at the end of this substep and of the one before */
+    bool clear;                              /* has been seen outside the tissue since it was placed */
+    bool leaving;                            /* not clear, but its axis is outside */
+    bool pierced;                            /* was placed inside: clear again when nothing is within its radius */
     double station_depth_m[TM_MAX_STATIONS]; /* how far its skin was pressed in at the last substep */
     /* broad phase */
     tm_local_surface *surface;
     tm_capsule gathered_at;
-    int32_t gathered_age;           /* substeps; negative: never */
+    int32_t gathered_age; /* substeps; negative: never */
     /* frame */
     double sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3];
     int32_t sum_count;
     bool capped, overflowed;
     double substep_force_N[3], substep_resultant_N[3]; /* of the last substep */
-    double stiffness_N_m[9];        /* dF/dP by the stage "patch" */
+    double stiffness_N_m[9];                           /* dF/dP by the stage "patch" */
     int32_t stiffness_kind;
 } tm_tool;
 
 /* Another constraint that shares vertices with contact is swept with it, or the two would fight (grasp). */
 typedef struct tm_contact_guest {
     void *self;
-    void (*prepare)(void *self, tm_world *world);  /* after the tools have moved, before the sweeps */
+    void (*prepare)(void *self, tm_world *world); /* after the tools have moved, before the sweeps */
     void (*sweep)(void *self, tm_world *world);
     /* Adds to the tool's force at its tip and to the plain sum, N, of this substep. */
     void (*react)(void *self, int32_t instrument, double force_N[3], double resultant_N[3]);
     bool (*holds)(void *self, int32_t instrument, int32_t vertex); /* a vertex it holds is no obstacle to that tool */
     /* Vertices held (-1 while letting go), where the jaw has them [3*count], and the compliance of the hold on each. */
-    int32_t (*held)(void *self, int32_t instrument, const int32_t **vertex, const double **target_m, double *compliance_m_N);
+    int32_t (*held)(void *self, int32_t instrument, const int32_t **vertex, const double **target_m,
+                    double *compliance_m_N);
 } tm_contact_guest;
 
 /* All vertices that bear the row are held: it is no obstacle to the tool that holds them. */
@@ -64,13 +65,13 @@ struct tm_contact {
     tm_contact_def def;
     int32_t tool_count;
     tm_tool tool[TM_MAX_INSTRUMENTS];
-    tm_contact_row *row, *row_before;  /* [max_rows * tool_count] of this substep and the last */
+    tm_contact_row *row, *row_before; /* [max_rows * tool_count] of this substep and the last */
     int32_t row_count, row_count_before;
-    tm_solver_row *solver;             /* [max_rows] */
+    tm_solver_row *solver; /* [max_rows] */
     tm_hits *hits;
-    uint8_t *held;                     /* [3*vertex_count] components that a support prescribes */
-    const void *held_by;               /* the support stage that `held` was made from */
-    int32_t revision;                  /* of the surface at the last gathering */
+    uint8_t *held;       /* [3*vertex_count] components that a support prescribes */
+    const void *held_by; /* the support stage that `held` was made from */
+    int32_t revision;    /* of the surface at the last gathering */
     int32_t frame_step, frame_steps, frame_average;
     tm_contact_guest guest;
     tm_contact_solver solver_instead; /* solve null: the stage's own */

@@ -148,14 +148,11 @@ static tm_contact_row unpack_row(const kept_row *k) {
 static int64_t bytes_of(const kept *k) {
     int64_t bytes =
         (int64_t)sizeof *k + (int64_t)sizeof(kept_tool) * k->tool_count + (int64_t)sizeof(kept_row) * k->row_count;
-    for (int32_t t = 0; t < k->tool_count; t++)
-        bytes += (int64_t)sizeof(int32_t) * k->gathered[t];
+    for (int32_t t = 0; t < k->tool_count; t++) bytes += (int64_t)sizeof(int32_t) * k->gathered[t];
     return bytes;
 }
 
-static void *put(void *to, const void *from, size_t bytes) {
-    return (char *)memcpy(to, from, bytes) + bytes;
-}
+static void *put(void *to, const void *from, size_t bytes) { return (char *)memcpy(to, from, bytes) + bytes; }
 static const void *take(void *to, const void *from, size_t bytes) {
     memcpy(to, from, bytes);
     return (const char *)from + bytes;
@@ -226,8 +223,7 @@ static bool rows_fit(const tm_contact *contact, const kept *k, const void *from)
         from = take(&row, from, sizeof row);
         bool fits = row.face >= 0 && row.face < 4 * mesh->tet_count && row.instrument >= 0 &&
                     row.instrument < contact->tool_count;
-        for (int j = 0; j < 3; j++)
-            fits = fits && row.vertex[j] >= 0 && row.vertex[j] < mesh->vertex_count;
+        for (int j = 0; j < 3; j++) fits = fits && row.vertex[j] >= 0 && row.vertex[j] < mesh->vertex_count;
         if (!fits) return false;
     }
     return true;

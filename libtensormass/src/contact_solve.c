@@ -1,13 +1,14 @@
-/* Makes the rows of all tools non-penetrating: projected Gauss-Seidel, fixed sweeps in a fixed order, from the multipliers of
- * the step before. Weighted by A = m/dt2 + gamma/2dt, so that the multipliers are the reactions in newtons, exact at rest. */
+/* Makes the rows of all tools non-penetrating: projected Gauss-Seidel, fixed sweeps in a fixed order, from the
+ * multipliers of the step before. Weighted by A = m/dt2 + gamma/2dt, so that the multipliers are the reactions in
+ * newtons, exact at rest. */
 #include "contact_internal.h"
 
 #include <string.h>
 
 #include "contact_vec.h"
 
-/* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped) is undone no faster than
- * this, or it would be thrown out. Above any speed of a hand. */
+/* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped) is undone no
+ * faster than this, or it would be thrown out. Above any speed of a hand. */
 #define RECOVERY_M_S 0.5
 
 double tm_skin_depth(double compliance_m_N, double radius_m, double lambda_N) {
@@ -21,17 +22,16 @@ double tm_skin_slope(double compliance_m_N, double radius_m, double lambda_N) {
 
 double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N, double cap_N) {
     double soft = TM_SKIN_TRAVEL * radius_m, pivot = diagonal_m_N + compliance_m_N;
-    if (gap_m >= 0 || pivot <= 0)
-        return 0; /* pivot 0: held by supports and no skin, nothing gives way */
+    if (gap_m >= 0 || pivot <= 0) return 0; /* pivot 0: held by supports and no skin, nothing gives way */
     double lambda = -gap_m / pivot;
     if (compliance_m_N * lambda > soft)
         lambda = -(gap_m + soft - soft / TM_SKIN_HARDENING) / (diagonal_m_N + compliance_m_N / TM_SKIN_HARDENING);
     return vmin(lambda, cap_N);
 }
 
-/* Between tool and tissue is a film: its drag is FILM * lambda * (speed of the tissue against the tool), whatever the direction; 0.3 % of the
- * reaction at 0.01 m/s, nothing at rest. Blended normals are not the gradient of any energy, and without a film a tool that is two edges
- * deep in lightly damped tissue can make it flutter at 100 to 250 Hz. */
+/* Between tool and tissue is a film: its drag is FILM * lambda * (speed of the tissue against the tool), whatever the
+ * direction; 0.3 % of the reaction at 0.01 m/s, nothing at rest. Blended normals are not the gradient of any energy,
+ * and without a film a tool that is two edges deep in lightly damped tissue can make it flutter at 100 to 250 Hz. */
 #define FILM_S_M 0.3
 
 static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
@@ -53,14 +53,14 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
         }
     }
     /* what was too deep before the tool moved, and is not yet to be undone */
-    double left = row->gap_m + vdot(row->normal, r->moved_m) + tool->station_depth_m[row->station] + RECOVERY_M_S * world->state.dt_s;
+    double left = row->gap_m + vdot(row->normal, r->moved_m) + tool->station_depth_m[row->station] +
+                  RECOVERY_M_S * world->state.dt_s;
     r->gap_m = row->gap_m - vmin(left, 0);
 }
 
 static void push(const tm_contact_row *row, const tm_solver_row *r, double impulse_N, double *u_next_m) {
     for (int j = 0; j < 3; j++)
-        for (int c = 0; c < 3; c++)
-            u_next_m[3 * row->vertex[j] + c] += r->response[j][c] * impulse_N;
+        for (int c = 0; c < 3; c++) u_next_m[3 * row->vertex[j] + c] += r->response[j][c] * impulse_N;
 }
 
 void tm_contact_prepare(tm_contact *contact) {
@@ -112,8 +112,7 @@ static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver
 
 void tm_contact_project(tm_contact *contact) {
     for (int32_t sweep = 0; sweep < contact->def.sweeps; sweep++) {
-        if (contact->guest.sweep)
-            contact->guest.sweep(contact->guest.self, contact->world);
+        if (contact->guest.sweep) contact->guest.sweep(contact->guest.self, contact->world);
         for (int32_t i = 0; i < contact->row_count; i++) { /* there and back: no row is always last */
             int32_t k = sweep % 2 ? contact->row_count - 1 - i : i;
             relax(contact, contact->row + k, contact->solver + k);

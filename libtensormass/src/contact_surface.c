@@ -6,7 +6,9 @@
 
 #include "contact_vec.h"
 
-typedef struct box { double low[3], high[3]; } box;
+typedef struct box {
+    double low[3], high[3];
+} box;
 
 static box capsule_box(const tm_capsule *capsule, double reach_m) {
     box b;
@@ -18,8 +20,7 @@ static box capsule_box(const tm_capsule *capsule, double reach_m) {
 }
 
 static void position(const double *rest_m, const double *u_m, int32_t vertex, double out[3]) {
-    for (int c = 0; c < 3; c++)
-        out[c] = rest_m[3 * vertex + c] + (u_m ? u_m[3 * vertex + c] : 0);
+    for (int c = 0; c < 3; c++) out[c] = rest_m[3 * vertex + c] + (u_m ? u_m[3 * vertex + c] : 0);
 }
 
 /* Distance from a point to the capsule's axis. */
@@ -36,13 +37,11 @@ static double axis_distance(const tm_capsule *capsule, const double point[3]) {
 static double triangle_beyond(const box *b, const tm_capsule *capsule, const double *rest_m, const double *u_m,
                               const int32_t vertex[3]) {
     double p[3][3], center[3], radius2 = 0;
-    for (int j = 0; j < 3; j++)
-        position(rest_m, u_m, vertex[j], p[j]);
+    for (int j = 0; j < 3; j++) position(rest_m, u_m, vertex[j], p[j]);
     for (int c = 0; c < 3; c++)
         if (vmax(vmax(p[0][c], p[1][c]), p[2][c]) < b->low[c] || vmin(vmin(p[0][c], p[1][c]), p[2][c]) > b->high[c])
             return INFINITY;
-    for (int c = 0; c < 3; c++)
-        center[c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
+    for (int c = 0; c < 3; c++) center[c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
     for (int j = 0; j < 3; j++) {
         double d[3];
         vsub(p[j], center, d);
@@ -58,8 +57,7 @@ static void sort_keys(int64_t *key, int32_t count) {
         for (int32_t i = gap[g]; i < count; i++) {
             int64_t k = key[i];
             int32_t j = i;
-            for (; j >= gap[g] && key[j - gap[g]] > k; j -= gap[g])
-                key[j] = key[j - gap[g]];
+            for (; j >= gap[g] && key[j - gap[g]] > k; j -= gap[g]) key[j] = key[j - gap[g]];
             key[j] = k;
         }
 }
@@ -79,21 +77,17 @@ static int32_t local_vertex(const tm_local_surface *s, int32_t id) {
 static void build_vertices(tm_local_surface *s) {
     int32_t n = 0;
     for (int32_t f = 0; f < s->face_count; f++)
-        for (int j = 0; j < 3; j++)
-            s->key[n++] = s->face_vertex[f][j];
+        for (int j = 0; j < 3; j++) s->key[n++] = s->face_vertex[f][j];
     sort_keys(s->key, n);
     s->vertex_count = 0;
     for (int32_t i = 0; i < n; i++)
-        if (i == 0 || s->key[i] != s->key[i - 1])
-            s->vertex_id[s->vertex_count++] = (int32_t)s->key[i];
-    for (int32_t v = 0; v < s->vertex_count; v++)
-        s->vertex_face[v] = -1;
+        if (i == 0 || s->key[i] != s->key[i - 1]) s->vertex_id[s->vertex_count++] = (int32_t)s->key[i];
+    for (int32_t v = 0; v < s->vertex_count; v++) s->vertex_face[v] = -1;
     for (int32_t f = 0; f < s->face_count; f++)
         for (int j = 0; j < 3; j++) {
             int32_t v = local_vertex(s, s->face_vertex[f][j]);
             s->face_vertex[f][j] = v;
-            if (s->vertex_face[v] < 0)
-                s->vertex_face[v] = f;
+            if (s->vertex_face[v] < 0) s->vertex_face[v] = f;
         }
 }
 
@@ -126,25 +120,21 @@ static void build_edges(tm_local_surface *s) {
 static void build_fans(tm_local_surface *s) {
     memset(s->vertex_edge_begin, 0, sizeof(int32_t) * (size_t)(s->vertex_count + 1));
     for (int32_t e = 0; e < s->edge_count; e++)
-        for (int j = 0; j < 2; j++)
-            s->vertex_edge_begin[s->edge_vertex[e][j] + 1]++;
-    for (int32_t v = 0; v < s->vertex_count; v++)
-        s->vertex_edge_begin[v + 1] += s->vertex_edge_begin[v];
+        for (int j = 0; j < 2; j++) s->vertex_edge_begin[s->edge_vertex[e][j] + 1]++;
+    for (int32_t v = 0; v < s->vertex_count; v++) s->vertex_edge_begin[v + 1] += s->vertex_edge_begin[v];
     for (int32_t e = s->edge_count - 1; e >= 0; e--) /* filled from the back, so that begin ends where it should */
         for (int j = 0; j < 2; j++) {
             int32_t v = s->edge_vertex[e][j];
             s->vertex_edge[--s->vertex_edge_begin[v + 1]] = e;
         }
     /* each begin[v+1] has slid to the start of v: shift down */
-    for (int32_t v = 0; v < s->vertex_count; v++)
-        s->vertex_edge_begin[v] = s->vertex_edge_begin[v + 1];
+    for (int32_t v = 0; v < s->vertex_count; v++) s->vertex_edge_begin[v] = s->vertex_edge_begin[v + 1];
     s->vertex_edge_begin[s->vertex_count] = 2 * s->edge_count;
 }
 
 static double longest_edge(const double *rest_m, const double *u_m, const int32_t vertex[3]) {
     double p[3][3], d[3], longest = 0;
-    for (int j = 0; j < 3; j++)
-        position(rest_m, u_m, vertex[j], p[j]);
+    for (int j = 0; j < 3; j++) position(rest_m, u_m, vertex[j], p[j]);
     for (int j = 0; j < 3; j++) {
         vsub(p[(j + 1) % 3], p[j], d);
         longest = vmax(longest, vnorm(d));
@@ -164,27 +154,29 @@ static int32_t near_triangles(tm_local_surface *s, const double *rest_m, const d
         int32_t slot = candidate ? candidate[i] : i;
         const int32_t *vertex = triangle + 3 * slot;
         double beyond = triangle_beyond(&b, capsule, rest_m, u_m, vertex);
-        if (beyond > reach_m + edge_m)
-            continue;
+        if (beyond > reach_m + edge_m) continue;
         if (n == TM_LOCAL_FACES) {
             s->overflowed = true;
             break;
         }
-        if (beyond <= reach_m)
-            *longest_m = vmax(*longest_m, longest_edge(rest_m, u_m, vertex));
+        if (beyond <= reach_m) *longest_m = vmax(*longest_m, longest_edge(rest_m, u_m, vertex));
         s->key[n++] = (int64_t)face[slot] << 32 | slot;
     }
     return n;
 }
 
-void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
-                     const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double reach_m) {
-    /* An edge farther than the rows reach: blended normals need whole fans. How long edges are here shows on the way. */
+void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_m, const int32_t *triangle,
+                     const int32_t *face, const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule,
+                     double reach_m) {
+    /* An edge farther than the rows reach: blended normals need whole fans. How long edges are here shows on the way.
+     */
     double edge_m = 1.2 * s->edge_m;
-    int32_t n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m, edge_m, &s->edge_m);
+    int32_t n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m, edge_m,
+                               &s->edge_m);
     if (s->edge_m > edge_m && n < TM_LOCAL_FACES) {
         double unused;
-        n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m, s->edge_m, &unused);
+        n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m, s->edge_m,
+                           &unused);
     }
     sort_keys(s->key, n); /* slots move with cuts, names do not */
     s->face_count = n;
@@ -192,8 +184,7 @@ void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_
         const int32_t *vertex = triangle + 3 * (int32_t)(s->key[f] & 0xffffffff);
         double a[3], b[3];
         s->face_id[f] = (int32_t)(s->key[f] >> 32);
-        for (int j = 0; j < 3; j++)
-            s->face_vertex[f][j] = vertex[j];
+        for (int j = 0; j < 3; j++) s->face_vertex[f][j] = vertex[j];
         vsub(rest_m + 3 * vertex[1], rest_m + 3 * vertex[0], a);
         vsub(rest_m + 3 * vertex[2], rest_m + 3 * vertex[0], b);
         vcross(a, b, s->rest_normal[f]);
@@ -205,15 +196,12 @@ void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_
 }
 
 void tm_local_place(tm_local_surface *s, const double *rest_m, const double *u_m) {
-    for (int32_t v = 0; v < s->vertex_count; v++)
-        position(rest_m, u_m, s->vertex_id[v], s->position_m[v]);
+    for (int32_t v = 0; v < s->vertex_count; v++) position(rest_m, u_m, s->vertex_id[v], s->position_m[v]);
     for (int32_t f = 0; f < s->face_count; f++) {
         const double *p[3];
         double a[3], b[3], d[3], radius2 = 0, *area = s->area_normal[f];
-        for (int j = 0; j < 3; j++)
-            p[j] = s->position_m[s->face_vertex[f][j]];
-        for (int c = 0; c < 3; c++)
-            s->center_m[f][c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
+        for (int j = 0; j < 3; j++) p[j] = s->position_m[s->face_vertex[f][j]];
+        for (int c = 0; c < 3; c++) s->center_m[f][c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
         for (int j = 0; j < 3; j++) {
             vsub(p[j], s->center_m[f], d);
             radius2 = vmax(radius2, vdot(d, d));

@@ -1,42 +1,44 @@
-/* The piece of surface near one tool: candidate triangles with their own small topology, and the rows found against it. */
+/* The piece of surface near one tool: candidate triangles with their own small topology, and the rows found against it.
+ */
 #ifndef TM_CONTACT_SURFACE_H
 #define TM_CONTACT_SURFACE_H
 
 #include "tensormass/contact.h"
 
-#define TM_LOCAL_FACES 1024     /* candidates of one tool */
-#define TM_LOCAL_HITS 2048      /* (station, feature) pairs within reach */
+#define TM_LOCAL_FACES 1024 /* candidates of one tool */
+#define TM_LOCAL_HITS 2048  /* (station, feature) pairs within reach */
 #define TM_MAX_STATIONS 256
 
 /* Local topology of the candidate triangles; fixed arrays, so that it lives in a stage or on a stack. */
 typedef struct tm_local_surface {
     int32_t face_count, vertex_count, edge_count;
     bool overflowed;
-    double edge_m;                            /* longest near the tool when last gathered: a guess for the next time, 0 at first */
-    int32_t face_id[TM_LOCAL_FACES];          /* lasting name, ascending */
-    int32_t face_vertex[TM_LOCAL_FACES][3];   /* local vertices */
-    int32_t face_edge[TM_LOCAL_FACES][3];     /* local edge j: vertex j to vertex j+1 mod 3 */
-    int32_t vertex_id[3 * TM_LOCAL_FACES];    /* number in the mesh, ascending */
-    int32_t vertex_face[3 * TM_LOCAL_FACES];  /* lowest local face at it */
+    double edge_m; /* longest near the tool when last gathered: a guess for the next time, 0 at first */
+    int32_t face_id[TM_LOCAL_FACES];         /* lasting name, ascending */
+    int32_t face_vertex[TM_LOCAL_FACES][3];  /* local vertices */
+    int32_t face_edge[TM_LOCAL_FACES][3];    /* local edge j: vertex j to vertex j+1 mod 3 */
+    int32_t vertex_id[3 * TM_LOCAL_FACES];   /* number in the mesh, ascending */
+    int32_t vertex_face[3 * TM_LOCAL_FACES]; /* lowest local face at it */
     int32_t edge_vertex[3 * TM_LOCAL_FACES][2];
     int32_t edge_face[3 * TM_LOCAL_FACES][2]; /* lower first, -1: beyond the candidates */
     int32_t vertex_edge_begin[3 * TM_LOCAL_FACES + 1];
     int32_t vertex_edge[6 * TM_LOCAL_FACES];
     /* geometry at the positions last given */
     double position_m[3 * TM_LOCAL_FACES][3];
-    double normal[TM_LOCAL_FACES][3];         /* unit, outward; zero: a triangle without area, left out */
-    double area_normal[TM_LOCAL_FACES][3];    /* twice the area long */
-    double rest_normal[TM_LOCAL_FACES][3];    /* of the undeformed surface: tells what was made round from what was made sharp */
+    double normal[TM_LOCAL_FACES][3];      /* unit, outward; zero: a triangle without area, left out */
+    double area_normal[TM_LOCAL_FACES][3]; /* twice the area long */
+    double rest_normal[TM_LOCAL_FACES]
+                      [3]; /* of the undeformed surface: tells what was made round from what was made sharp */
     double center_m[TM_LOCAL_FACES][3];
-    double reach_m[TM_LOCAL_FACES];           /* of the bounding sphere about the centre */
-    int64_t key[3 * TM_LOCAL_FACES];          /* scratch of the build */
+    double reach_m[TM_LOCAL_FACES];  /* of the bounding sphere about the centre */
+    int64_t key[3 * TM_LOCAL_FACES]; /* scratch of the build */
 } tm_local_surface;
 
 /* A (station, feature) pair within reach. */
 typedef struct tm_hit {
-    int32_t station, kind, index;  /* kind 0 face, 1 edge, 2 vertex; index local */
-    double raw;                    /* weight before shares are made of it */
-    double distance_m;             /* signed, station to feature */
+    int32_t station, kind, index; /* kind 0 face, 1 edge, 2 vertex; index local */
+    double raw;                   /* weight before shares are made of it */
+    double distance_m;            /* signed, station to feature */
 } tm_hit;
 
 typedef struct tm_hits {
@@ -54,8 +56,8 @@ void tm_local_gather(tm_local_surface *surface, const double *rest_m, const doub
 /* Positions, normals and bounds of the gathered triangles now. */
 void tm_local_place(tm_local_surface *surface, const double *rest_m, const double *u_m);
 
-/* Rows against the gathered surface. `history` (may be null): rows of the step before, which let a station stay in touch with a
- * surface that it has sunk through. Sorted by (station, face, feature). */
+/* Rows against the gathered surface. `history` (may be null): rows of the step before, which let a station stay in
+ * touch with a surface that it has sunk through. Sorted by (station, face, feature). */
 int32_t tm_local_rows(const tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,
                       const tm_contact_row *history, int32_t history_count, tm_contact_row *row, int32_t max_rows,
                       bool *overflowed);

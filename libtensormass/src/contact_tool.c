@@ -7,8 +7,7 @@ static double direction(const double trocar_m[3], const double tip_m[3], double 
     double d[3];
     vsub(tip_m, trocar_m, d);
     double length = vunit(d, e);
-    if (length <= 0)
-        e[0] = 0, e[1] = 0, e[2] = -1;
+    if (length <= 0) e[0] = 0, e[1] = 0, e[2] = -1;
     return length;
 }
 
@@ -20,7 +19,8 @@ tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pos
     return capsule;
 }
 
-/* Joint-linear about the trocar: the direction turns at an even rate in the plane of both ends, the insertion grows evenly. */
+/* Joint-linear about the trocar: the direction turns at an even rate in the plane of both ends, the insertion grows
+ * evenly. */
 static void along_path(const double trocar_m[3], const tm_tool_pose *from, const tm_tool_pose *to, double fraction,
                        tm_tool_pose *pose) {
     double a[3], b[3], across[3], e[3];
@@ -28,8 +28,7 @@ static void along_path(const double trocar_m[3], const tm_tool_pose *from, const
     vcross(a, b, across);
     double sine = vnorm(across), angle = atan2(sine, vdot(a, b));
     if (sine < 1e-9) {
-        for (int c = 0; c < 3; c++)
-            e[c] = a[c] + fraction * (b[c] - a[c]);
+        for (int c = 0; c < 3; c++) e[c] = a[c] + fraction * (b[c] - a[c]);
     } else {
         vscale(sin((1 - fraction) * angle) / sine, a, e);
         vmadd(e, sin(fraction * angle) / sine, b, e);
@@ -69,7 +68,8 @@ void tm_tool_advance(tm_tool *tool) {
         if (tool->path_step == tool->path_steps)
             tool->pose = tool->to;
         else
-            along_path(tool->def.trocar_m, &tool->from, &tool->to, (double)tool->path_step / tool->path_steps, &tool->pose);
+            along_path(tool->def.trocar_m, &tool->from, &tool->to, (double)tool->path_step / tool->path_steps,
+                       &tool->pose);
         tool->capsule = tm_tool_capsule(&tool->def, &tool->pose, tool->capsule.instrument);
     }
     if (tool->pose.active && !was_active && tool->def.mode != TM_TOOL_CAUTERY)
@@ -84,8 +84,7 @@ static int crosses(const double at[3], const double e[3], double length, const d
     vsub(at, p[0], d);
     vcross(e, b, h);
     double det = vdot(a, h);
-    if (det == 0)
-        return 0;
+    if (det == 0) return 0;
     double s = vdot(d, h) / det;
     vcross(d, a, q);
     double t = vdot(e, q) / det, along = vdot(b, q) / det;
@@ -105,8 +104,7 @@ bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u
                 int32_t dof = 3 * surface->triangle[3 * i + j] + c;
                 p[j][c] = rest_m[dof] + u_m[dof];
             }
-        if (crosses(tip, e, length, p))
-            return false;
+        if (crosses(tip, e, length, p)) return false;
         crossings += crosses(tip, e, INFINITY, p);
     }
     return crossings % 2 == 0;

@@ -13,19 +13,16 @@
 static void factor_elasticity(const tm_material *material, const double *fibre, double L[36]) {
     double C[36];
     tm_material_voigt(material, fibre, C);
-    for (int i = 0; i < 36; i++)
-        C[i] *= (i / 6 > 2 ? sqrt(2.0) : 1) * (i % 6 > 2 ? sqrt(2.0) : 1);
+    for (int i = 0; i < 36; i++) C[i] *= (i / 6 > 2 ? sqrt(2.0) : 1) * (i % 6 > 2 ? sqrt(2.0) : 1);
     memset(L, 0, 36 * sizeof(double));
     for (int j = 0; j < 6; j++) {
         double d = C[7 * j];
-        for (int k = 0; k < j; k++)
-            d -= L[6 * j + k] * L[6 * j + k];
+        for (int k = 0; k < j; k++) d -= L[6 * j + k] * L[6 * j + k];
         const double root = sqrt(fmax(d, 0));
         L[7 * j] = root;
         for (int i = j + 1; i < 6; i++) {
             double s = C[6 * i + j];
-            for (int k = 0; k < j; k++)
-                s -= L[6 * i + k] * L[6 * j + k];
+            for (int k = 0; k < j; k++) s -= L[6 * i + k] * L[6 * j + k];
             L[6 * i + j] = root > 0 ? s / root : 0;
         }
     }
@@ -40,16 +37,14 @@ static void strain_gram(const double alpha[12], double G[36]) {
         const double B[6][3] = {{x, 0, 0},         {0, y, 0},         {0, 0, z},
                                 {0, h * z, h * y}, {h * z, 0, h * x}, {h * y, h * x, 0}};
         for (int i = 0; i < 6; i++)
-            for (int j = 0; j < 6; j++)
-                G[6 * i + j] += tm_dot3(B[i], B[j]);
+            for (int j = 0; j < 6; j++) G[6 * i + j] += tm_dot3(B[i], B[j]);
     }
 }
 
 void tm_diagonalise6(double A[36]) {
     for (int sweep = 0; sweep < 30; sweep++) {
         double off = 0, diagonal = 0;
-        for (int i = 0; i < 36; i++)
-            *(i % 7 ? &off : &diagonal) += A[i] * A[i];
+        for (int i = 0; i < 36; i++) *(i % 7 ? &off : &diagonal) += A[i] * A[i];
         if (off <= 1e-30 * diagonal) break;
         for (int p = 0; p < 5; p++)
             for (int q = p + 1; q < 6; q++) {
@@ -79,32 +74,26 @@ static double element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, dou
     strain_gram(tissue->mesh->shape_1_m + 12 * (int64_t)tet, G);
     const double scale = 4 / material->density_kg_m3;
     double trace = 0;
-    for (int i = 0; i < 6; i++)
-        trace += G[7 * i];
+    for (int i = 0; i < 6; i++) trace += G[7 * i];
     if (scale * trace * tm_material_stiffest_Pa(material) <= floor) return 0;
     factor_elasticity(material, tm_tissue_tet_fibre(tissue, tet), L);
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < 6; j++) {
             GL[6 * i + j] = 0;
-            for (int k = j; k < 6; k++)
-                GL[6 * i + j] += G[6 * i + k] * L[6 * k + j];
+            for (int k = j; k < 6; k++) GL[6 * i + j] += G[6 * i + k] * L[6 * k + j];
         }
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < 6; j++) {
             A[6 * i + j] = 0;
-            for (int k = i; k < 6; k++)
-                A[6 * i + j] += L[6 * k + i] * GL[6 * k + j];
+            for (int k = i; k < 6; k++) A[6 * i + j] += L[6 * k + i] * GL[6 * k + j];
         }
     tm_diagonalise6(A);
     double most = 0;
-    for (int i = 0; i < 6; i++)
-        most = fmax(most, A[7 * i]);
+    for (int i = 0; i < 6; i++) most = fmax(most, A[7 * i]);
     return scale * most;
 }
 
-double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet) {
-    return element_eigenvalue_above(tissue, tet, 0);
-}
+double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet) { return element_eigenvalue_above(tissue, tet, 0); }
 
 /* What rounding may add to the largest eigenvalue: of the assembled tensors, single ones above all. */
 static double step_of(const tm_tissue *tissue, double eigenvalue) {
@@ -162,17 +151,14 @@ typedef struct iteration {
 } iteration;
 
 static void apply(iteration *it, const double *x, double *y) {
-    for (int64_t i = 0; i < it->n; i++)
-        it->work[i] = x[i] * it->scale[i];
+    for (int64_t i = 0; i < it->n; i++) it->work[i] = x[i] * it->scale[i];
     tm_tissue_force(it->tissue, it->work, y);
-    for (int64_t i = 0; i < it->n; i++)
-        y[i] = -y[i] * it->scale[i];
+    for (int64_t i = 0; i < it->n; i++) y[i] = -y[i] * it->scale[i];
 }
 
 static double product(const iteration *it, const double *a, const double *b) {
     double sum = 0;
-    for (int64_t i = 0; i < it->n; i++)
-        sum += a[i] * b[i];
+    for (int64_t i = 0; i < it->n; i++) sum += a[i] * b[i];
     return sum;
 }
 
@@ -224,19 +210,16 @@ static void top_vector(double A[9], int m, double v[3]) {
     int best = 0;
     for (int i = 1; i < m; i++)
         if (A[4 * i] > A[4 * best]) best = i;
-    for (int i = 0; i < 3; i++)
-        v[i] = i < m ? V[3 * i + best] : 0;
+    for (int i = 0; i < 3; i++) v[i] = i < m ? V[3 * i + best] : 0;
 }
 
 /* Replaces x by the best combination of the first m basis vectors and leaves its move in the direction slot. */
 static void combine(iteration *it, int m) {
     double A[9] = {0}, v[3];
     for (int i = 0; i < m; i++)
-        for (int j = 0; j < m; j++)
-            A[3 * i + j] = product(it, it->basis[i], it->image[j]);
+        for (int j = 0; j < m; j++) A[3 * i + j] = product(it, it->basis[i], it->image[j]);
     for (int i = 0; i < m; i++)
-        for (int j = 0; j < i; j++)
-            A[3 * i + j] = A[3 * j + i];
+        for (int j = 0; j < i; j++) A[3 * i + j] = A[3 * j + i];
     top_vector(A, m, v);
     for (int64_t i = 0; i < it->n; i++) {
         double move = 0, image = 0;
@@ -278,8 +261,7 @@ static tm_status iterate(iteration *it, double tolerance, int32_t max_iterations
         if (!orthonormalise(it, 0, false)) break;
         apply(it, it->basis[0], it->image[0]);
         value = product(it, it->basis[0], it->image[0]);
-        for (int64_t i = 0; i < it->n; i++)
-            it->basis[1][i] = it->image[0][i] - value * it->basis[0][i];
+        for (int64_t i = 0; i < it->n; i++) it->basis[1][i] = it->image[0][i] - value * it->basis[0][i];
         residual = sqrt(product(it, it->basis[1], it->basis[1])) / (value > 0 ? value : 1);
         *eigenvalue = value;
         if (residual <= tolerance) return TM_OK;

@@ -60,8 +60,7 @@ void tm_cut_count(tm_tissue *tissue) {
     }
     for (int32_t f = 0; f < 4 * mesh->tet_count; f++) {
         if (mesh->tet_neighbour[f] >= 0) continue;
-        for (int i = 0; i < 3; i++)
-            w->vertex_whole[mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][i]]] = -1;
+        for (int i = 0; i < 3; i++) w->vertex_whole[mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][i]]] = -1;
         for (int e = 0; e < 6; e++)
             if (tm_edge_vertex[e][0] != f % 4 && tm_edge_vertex[e][1] != f % 4)
                 w->edge_whole[mesh->tet_edge[6 * (int64_t)(f / 4) + e]] = -1;
@@ -94,8 +93,7 @@ int32_t tm_cut_queue_pop(tm_cut_queue *queue) {
 
 static void hide_face(tm_tissue *tissue, int32_t face) {
     const int32_t slot = tissue->face_slot[face], last = --tissue->surface.count;
-    for (int i = 0; i < 3; i++)
-        tissue->surface_triangle[3 * slot + i] = tissue->surface_triangle[3 * last + i];
+    for (int i = 0; i < 3; i++) tissue->surface_triangle[3 * slot + i] = tissue->surface_triangle[3 * last + i];
     tissue->surface_face[slot] = tissue->surface_face[last];
     tissue->face_slot[tissue->surface_face[slot]] = slot;
     tissue->face_slot[face] = -1;
@@ -103,8 +101,7 @@ static void hide_face(tm_tissue *tissue, int32_t face) {
 
 static void show_face(tm_tissue *tissue, int32_t face) {
     const int32_t slot = tissue->surface.count++, *v = tissue->mesh->tet + 4 * (int64_t)(face / 4);
-    for (int i = 0; i < 3; i++)
-        tissue->surface_triangle[3 * slot + i] = v[tm_face_vertex[face % 4][i]];
+    for (int i = 0; i < 3; i++) tissue->surface_triangle[3 * slot + i] = v[tm_face_vertex[face % 4][i]];
     tissue->surface_face[slot] = face;
     tissue->face_slot[face] = slot;
 }
@@ -117,8 +114,7 @@ static void update_surface(tm_tissue *tissue, int32_t tet) {
             continue;
         }
         int back = 0;
-        while (tissue->mesh->tet_neighbour[4 * neighbour + back] != tet)
-            back++;
+        while (tissue->mesh->tet_neighbour[4 * neighbour + back] != tet) back++;
         show_face(tissue, 4 * neighbour + back);
     }
 }
@@ -192,14 +188,11 @@ int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int3
         if (tissue->alive[tet[i]]) tm_cut_kill(tissue, tet[i]);
     }
     tm_cut_mend(tissue);
-    for (int32_t i = 0; i < w->edge.count; i++)
-        tm_tissue_assemble_edge(tissue, w->edge.item[i]);
+    for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_assemble_edge(tissue, w->edge.item[i]);
     if (PLANT_REMOVAL && w->edge.count && tissue->precision == TM_DOUBLE)
         ((double *)tissue->edge_tensor)[9 * (int64_t)w->edge.item[0]] *= -1;
-    for (int32_t i = 0; i < w->vertex.count; i++)
-        tm_tissue_assemble_vertex(tissue, w->vertex.item[i]);
+    for (int32_t i = 0; i < w->vertex.count; i++) tm_tissue_assemble_vertex(tissue, w->vertex.item[i]);
     tissue->surface.revision += w->tet.count > 0;
-    for (int32_t i = 0; removed && i < w->tet.count && i < removed_max; i++)
-        removed[i] = w->tet.item[i];
+    for (int32_t i = 0; removed && i < w->tet.count && i < removed_max; i++) removed[i] = w->tet.item[i];
     return w->tet.count;
 }

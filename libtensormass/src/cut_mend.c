@@ -61,8 +61,7 @@ static void keep_largest_fan(tm_tissue *tissue, int32_t n, int32_t fans) {
     int32_t best = 0, most = 0;
     for (int32_t fan = 0; fan < fans; fan++) {
         int32_t size = 0;
-        for (int32_t i = 0; i < n; i++)
-            size += w->fan[i] == fan;
+        for (int32_t i = 0; i < n; i++) size += w->fan[i] == fan;
         if (size > most) {
             most = size;
             best = fan;
@@ -145,8 +144,7 @@ static void open_ring(tm_tissue *tissue, int32_t n, int32_t vertex) {
     label_loops(tissue, rim, vertex);
     int32_t begin = 0, end = 0, last = -1;
     int32_t *from = w->fan; /* place the search came from, -2: not yet seen */
-    for (int32_t i = 0; i < n; i++)
-        from[i] = on_loop(w, rim, i, true) ? -1 : -2;
+    for (int32_t i = 0; i < n; i++) from[i] = on_loop(w, rim, i, true) ? -1 : -2;
     for (int32_t i = 0; i < n; i++)
         if (from[i] == -1) w->stack[end++] = i;
     while (begin < end && last < 0) {
@@ -161,10 +159,8 @@ static void open_ring(tm_tissue *tissue, int32_t n, int32_t vertex) {
         }
     }
     if (last < 0)
-        for (int32_t i = 0; i < n; i++)
-            tm_cut_kill(tissue, w->star[i]);
-    for (; last >= 0; last = from[last])
-        tm_cut_kill(tissue, w->star[last]);
+        for (int32_t i = 0; i < n; i++) tm_cut_kill(tissue, w->star[i]);
+    for (; last >= 0; last = from[last]) tm_cut_kill(tissue, w->star[last]);
 }
 
 /* One closed outline: Euler's V - E + F of the star's section is 1. `seams` are inner faces at the vertex. */

@@ -7,8 +7,7 @@ void TM_NAME(int32_t vertex_count, const int32_t *TM_RESTRICT upper_begin, const
              const void *vertex, const void *edge, const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
     const double *TM_RESTRICT vertex_tensor = vertex;
     const TM_REAL *TM_RESTRICT edge_tensor = edge;
-    for (int32_t i = 0; i < 3 * vertex_count; i++)
-        force_N[i] = 0.0;
+    for (int32_t i = 0; i < 3 * vertex_count; i++) force_N[i] = 0.0;
     for (int32_t k = 0; k < vertex_count; k++) {
         const double *A = vertex_tensor + 9 * (int64_t)k;
         const double x = u_m[3 * k], y = u_m[3 * k + 1], z = u_m[3 * k + 2];

@@ -1,6 +1,7 @@
-/* Stage "grasp": springs between the jaws and the vertices that they closed upon, solved in the same sweeps as contact. */
-#include "contact_internal.h"
+/* Stage "grasp": springs between the jaws and the vertices that they closed upon, solved in the same sweeps as contact.
+ */
 #include "tensormass/grasp.h"
+#include "contact_internal.h"
 
 #include <assert.h>
 #include <math.h>
@@ -11,16 +12,16 @@
 typedef struct hold {
     tm_grasp_state state;
     bool was_closed;
-    int32_t placings;       /* of the tool, as last seen */
-    tm_jaw jaw;             /* frame at this substep */
-    double fade;            /* of the forces while letting go, 1 to 0 */
+    int32_t placings; /* of the tool, as last seen */
+    tm_jaw jaw;       /* frame at this substep */
+    double fade;      /* of the forces while letting go, 1 to 0 */
     int32_t count;
-    int32_t *vertex;        /* [max_vertices] */
-    double *offset_m;       /* [3*max_vertices] where the jaw has it, in the tool's frame */
-    double *target_m;       /* [3*max_vertices] the same in the world, now */
-    double *force_N;        /* [3*max_vertices] on the tissue */
-    double *let_go_N;       /* [3*max_vertices] the same when the jaw opened */
-    double *distance_m;     /* [max_vertices] scratch of the capture */
+    int32_t *vertex;    /* [max_vertices] */
+    double *offset_m;   /* [3*max_vertices] where the jaw has it, in the tool's frame */
+    double *target_m;   /* [3*max_vertices] the same in the world, now */
+    double *force_N;    /* [3*max_vertices] on the tissue */
+    double *let_go_N;   /* [3*max_vertices] the same when the jaw opened */
+    double *distance_m; /* [max_vertices] scratch of the capture */
 } hold;
 
 struct tm_grasp {
@@ -31,8 +32,15 @@ struct tm_grasp {
 };
 
 tm_grasp_def tm_grasp_def_default(void) {
-    return (tm_grasp_def){.cookie = TM_COOKIE_GRASP, .close_grip = 0.7, .open_grip = 0.3, .jaw_length_m = 0.01, .reach_m = 0.001,
-                          .compliance_m_N = 0.2e-3, .fade_s = 0.1, .force_cap_N = 20, .max_vertices = 64};
+    return (tm_grasp_def){.cookie = TM_COOKIE_GRASP,
+                          .close_grip = 0.7,
+                          .open_grip = 0.3,
+                          .jaw_length_m = 0.01,
+                          .reach_m = 0.001,
+                          .compliance_m_N = 0.2e-3,
+                          .fade_s = 0.1,
+                          .force_cap_N = 20,
+                          .max_vertices = 64};
 }
 
 static void vertex_at(const tm_world *world, int32_t vertex, double at_m[3]) {
@@ -45,15 +53,14 @@ static void vertex_at(const tm_world *world, int32_t vertex, double at_m[3]) {
 static void capture(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world) {
     const tm_tool *tool = grasp->contact->tool + t;
     tm_surface_view surface = tm_tissue_surface(world->tissue);
-    h->count = tm_jaw_capture(&h->jaw, &grasp->def, &tool->def, &tool->pose, world->tissue->mesh->rest_m, world->state.u_m, &surface,
-                              h->vertex, h->distance_m);
+    h->count = tm_jaw_capture(&h->jaw, &grasp->def, &tool->def, &tool->pose, world->tissue->mesh->rest_m,
+                              world->state.u_m, &surface, h->vertex, h->distance_m);
 }
 
 static bool holds(void *self, int32_t instrument, int32_t vertex) {
     const hold *h = ((tm_grasp *)self)->hold + instrument;
     for (int32_t i = 0; i < h->count; i++)
-        if (h->vertex[i] == vertex)
-            return true;
+        if (h->vertex[i] == vertex) return true;
     return false;
 }
 
@@ -63,8 +70,7 @@ static void take_over(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world
     memset(h->force_N, 0, sizeof(double) * 3 * (size_t)h->count);
     for (int32_t k = 0; k < contact->row_count; k++) {
         const tm_contact_row *row = contact->row + k;
-        if (row->instrument != t || !tm_row_is_held(&contact->guest, row))
-            continue;
+        if (row->instrument != t || !tm_row_is_held(&contact->guest, row)) continue;
         for (int32_t i = 0; i < h->count; i++)
             for (int j = 0; j < 3; j++)
                 if (row->vertex[j] == h->vertex[i])
@@ -102,17 +108,16 @@ static void release_what_is_out(hold *h, const tm_tool *tool, const tm_world *wo
         vsub(at, tool->capsule.tip_m, d);
         double along = clamp(vdot(d, h->jaw.axis_m[2]), -tool->def.contact_length_m, 0);
         vmadd(d, -along, h->jaw.axis_m[2], d);
-        if (vnorm(d) > 1.05 * tool->def.radius_m)
-            drop(h, i);
+        if (vnorm(d) > 1.05 * tool->def.radius_m) drop(h, i);
     }
-    if (h->count == 0)
-        h->state = TM_GRASP_OPEN;
+    if (h->count == 0) h->state = TM_GRASP_OPEN;
 }
 
 static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
     hold *h = grasp->hold + t;
     const tm_tool *tool = grasp->contact->tool + t;
-    bool closed = tool->pose.active && (h->was_closed ? tool->pose.grip > grasp->def.open_grip : tool->pose.grip >= grasp->def.close_grip);
+    bool closed = tool->pose.active &&
+                  (h->was_closed ? tool->pose.grip > grasp->def.open_grip : tool->pose.grip >= grasp->def.close_grip);
     bool closing = closed && !h->was_closed;
     h->was_closed = closed;
     if (closing && h->state != TM_GRASP_HOLDING) { /* while letting go too: upon what is there now */
@@ -122,11 +127,9 @@ static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
         return;
     }
     switch (h->state) {
-    case TM_GRASP_OPEN:
-        break;
+    case TM_GRASP_OPEN: break;
     case TM_GRASP_HOLDING:
-        if (!closed)
-            open_jaw(h);
+        if (!closed) open_jaw(h);
         break;
     case TM_GRASP_LETTING_GO:
         if (h->fade > 0)
@@ -149,8 +152,7 @@ static void prepare(void *self, tm_world *world) {
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
         hold *h = grasp->hold + t;
         const tm_tool *tool = grasp->contact->tool + t;
-        if (tool->def.mode != TM_TOOL_GRASPER)
-            continue;
+        if (tool->def.mode != TM_TOOL_GRASPER) continue;
         tm_jaw_turn(&h->jaw, &tool->def, &tool->pose);
         if (h->placings != tool->placings) { /* it was put elsewhere at once: what it held stays behind */
             h->count = 0;
@@ -160,8 +162,7 @@ static void prepare(void *self, tm_world *world) {
         work_jaw(grasp, t, world);
         for (int32_t i = 0; i < h->count; i++) {
             tm_jaw_to_world(&h->jaw, &tool->pose, h->offset_m + 3 * i, h->target_m + 3 * i);
-            if (h->state == TM_GRASP_LETTING_GO)
-                vscale(h->fade, h->let_go_N + 3 * i, h->force_N + 3 * i);
+            if (h->state == TM_GRASP_LETTING_GO) vscale(h->fade, h->let_go_N + 3 * i, h->force_N + 3 * i);
             push_vertex(grasp, world, h->vertex[i], h->force_N + 3 * i);
         }
     }
@@ -178,8 +179,7 @@ static void relax(const tm_grasp *grasp, const hold *h, int32_t i, tm_world *wor
         wanted[c] = (h->target_m[3 * i + c] - free_at) / (mobility + grasp->def.compliance_m_N);
     }
     double size = vnorm(wanted);
-    if (size > grasp->def.force_cap_N)
-        vscale(grasp->def.force_cap_N / size, wanted, wanted);
+    if (size > grasp->def.force_cap_N) vscale(grasp->def.force_cap_N / size, wanted, wanted);
     vsub(wanted, force, change);
     push_vertex(grasp, world, vertex, change);
     vset(wanted, force);
@@ -224,8 +224,7 @@ static void changed(void *self, tm_world *world) {
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
         hold *h = grasp->hold + t;
         for (int32_t i = h->count - 1; i >= 0; i--)
-            if (world->tissue->mass_kg[h->vertex[i]] <= 0)
-                drop(h, i);
+            if (world->tissue->mass_kg[h->vertex[i]] <= 0) drop(h, i);
     }
 }
 
@@ -235,21 +234,28 @@ typedef struct kept {
     double axis_m[3][3], origin[3], fade;
 } kept;
 
-static int64_t kept_bytes(int32_t count) { return (int64_t)sizeof(kept) + count * (int64_t)(sizeof(int64_t) + 12 * sizeof(double)); }
+static int64_t kept_bytes(int32_t count) {
+    return (int64_t)sizeof(kept) + count * (int64_t)(sizeof(int64_t) + 12 * sizeof(double));
+}
 
-/* Copies between a hold's arrays and the buffer after its `kept`. Vertices as int64, so that everything stays aligned. */
+/* Copies between a hold's arrays and the buffer after its `kept`. Vertices as int64, so that everything stays aligned.
+ */
 static void move_arrays(hold *h, char *buffer, bool out) {
     int64_t *vertex = (int64_t *)buffer;
     double *number = (double *)(vertex + h->count);
     double *const array[4] = {h->offset_m, h->target_m, h->force_N, h->let_go_N};
     for (int32_t i = 0; i < h->count; i++) {
-        if (out) vertex[i] = h->vertex[i];
-        else h->vertex[i] = (int32_t)vertex[i];
+        if (out)
+            vertex[i] = h->vertex[i];
+        else
+            h->vertex[i] = (int32_t)vertex[i];
     }
     for (int a = 0; a < 4; a++, number += 3 * h->count) {
         const size_t bytes = sizeof(double) * 3 * (size_t)h->count;
-        if (out) memcpy(number, array[a], bytes);
-        else memcpy(array[a], number, bytes);
+        if (out)
+            memcpy(number, array[a], bytes);
+        else
+            memcpy(array[a], number, bytes);
     }
 }
 
@@ -275,7 +281,9 @@ static bool fits(const tm_grasp *grasp, const tm_world *world, const char *buffe
         kept k;
         if (bytes < (int64_t)sizeof k) return false;
         memcpy(&k, buffer, sizeof k);
-        if (k.count < 0 || k.count > grasp->def.max_vertices || k.state < TM_GRASP_OPEN || k.state > TM_GRASP_LETTING_GO) return false;
+        if (k.count < 0 || k.count > grasp->def.max_vertices || k.state < TM_GRASP_OPEN ||
+            k.state > TM_GRASP_LETTING_GO)
+            return false;
         if (bytes < kept_bytes(k.count)) return false;
         const int64_t *vertex = (const int64_t *)(buffer + sizeof k);
         for (int32_t i = 0; i < k.count; i++)
@@ -328,21 +336,25 @@ static bool take_hold(tm_pool *pool, hold *h, int32_t n, const tm_tool *tool) {
 
 static tm_status check(const tm_grasp_def *def, tm_error *error) {
     if (!(def->open_grip >= 0) || !(def->close_grip > def->open_grip) || !(def->close_grip <= 1))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "grasp: closes at grip %g and opens at %g; give 0 <= open < close <= 1", def->close_grip,
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "grasp: closes at grip %g and opens at %g; give 0 <= open < close <= 1", def->close_grip,
                        def->open_grip);
-    if (!(def->jaw_length_m >= 0) || !(def->reach_m >= 0) || !(def->compliance_m_N > 0) || !(def->fade_s >= 0)
-        || !(def->force_cap_N > 0) || def->max_vertices < 1 || !isfinite(def->compliance_m_N + def->jaw_length_m + def->reach_m + def->fade_s))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "grasp: jaw %g m, reach %g m, compliance %g m/N, fade %g s, cap %g N, %d vertices; give a "
-                       "positive compliance, cap and number, and none negative", def->jaw_length_m, def->reach_m, def->compliance_m_N,
-                       def->fade_s, def->force_cap_N, def->max_vertices);
+    if (!(def->jaw_length_m >= 0) || !(def->reach_m >= 0) || !(def->compliance_m_N > 0) || !(def->fade_s >= 0) ||
+        !(def->force_cap_N > 0) || def->max_vertices < 1 ||
+        !isfinite(def->compliance_m_N + def->jaw_length_m + def->reach_m + def->fade_s))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "grasp: jaw %g m, reach %g m, compliance %g m/N, fade %g s, cap %g N, %d vertices; give a "
+                       "positive compliance, cap and number, and none negative",
+                       def->jaw_length_m, def->reach_m, def->compliance_m_N, def->fade_s, def->force_cap_N,
+                       def->max_vertices);
     return TM_OK;
 }
 
-tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_def *def, tm_grasp **grasp, tm_error *error) {
+tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_def *def, tm_grasp **grasp,
+                         tm_error *error) {
     assert(world && contact && def && def->cookie == TM_COOKIE_GRASP && grasp);
     tm_status status = check(def, error);
-    if (status)
-        return status;
+    if (status) return status;
     if (contact->guest.self)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "grasp: this contact stage has one already; add it once");
     tm_pool pool = {0};
@@ -357,8 +369,14 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
     self->pool = pool;
     self->def = *def;
     self->contact = contact;
-    const tm_stage stage = {.name = "grasp", .phase = TM_PHASE_CONSTRAIN, .run = run, .destroy = destroy, .step_changed = changed,
-                            .self = self, .snapshot = snapshot, .restore = restore};
+    const tm_stage stage = {.name = "grasp",
+                            .phase = TM_PHASE_CONSTRAIN,
+                            .run = run,
+                            .destroy = destroy,
+                            .step_changed = changed,
+                            .self = self,
+                            .snapshot = snapshot,
+                            .restore = restore};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);
@@ -372,9 +390,7 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
 int32_t tm_grasp_held(const tm_grasp *grasp, int32_t instrument, const int32_t **vertex, tm_grasp_state *state) {
     assert(instrument >= 0 && instrument < grasp->contact->tool_count);
     const hold *h = grasp->hold + instrument;
-    if (vertex)
-        *vertex = h->vertex;
-    if (state)
-        *state = h->state;
+    if (vertex) *vertex = h->vertex;
+    if (state) *state = h->state;
     return h->count;
 }

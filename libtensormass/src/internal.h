@@ -116,12 +116,9 @@ void tm_support_impose(const tm_world *world, double *u_m);
 double tm_clock_s(void);
 
 /* --- small vectors --- */
-static inline double tm_dot3(const double *a, const double *b) {
-    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
-}
+static inline double tm_dot3(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static inline void tm_sub3(const double *a, const double *b, double *c) {
-    for (int i = 0; i < 3; i++)
-        c[i] = a[i] - b[i];
+    for (int i = 0; i < 3; i++) c[i] = a[i] - b[i];
 }
 static inline void tm_cross3(const double *a, const double *b, double *c) {
     c[0] = a[1] * b[2] - a[2] * b[1];

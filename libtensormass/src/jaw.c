@@ -1,4 +1,5 @@
-/* The jaw of a grasper: its frame, and the vertices between it. Geometry alone: the grasp stage and the precomputed model use it. */
+/* The jaw of a grasper: its frame, and the vertices between it. Geometry alone: the grasp stage and the precomputed
+ * model use it. */
 #include "tensormass/grasp.h"
 
 #include <math.h>
@@ -7,30 +8,26 @@
 
 void tm_jaw_begin(tm_jaw *jaw, const tm_instrument_def *tool, const tm_tool_pose *pose) {
     vsub(pose->tip_m, tool->trocar_m, jaw->origin);
-    if (vunit(jaw->origin, jaw->origin) <= 0)
-        jaw->origin[2] = -1;
+    if (vunit(jaw->origin, jaw->origin) <= 0) jaw->origin[2] = -1;
 }
 
 /* The shaft's direction e; across it the frame that the shortest turn from `origin` to e makes, rolled about e. */
 void tm_jaw_turn(tm_jaw *h, const tm_instrument_def *tool, const tm_tool_pose *pose) {
     double e[3], side[3], across[3], *x = h->axis_m[0], *y = h->axis_m[1];
     vsub(pose->tip_m, tool->trocar_m, e);
-    if (vunit(e, e) <= 0)
-        vset(h->origin, e);
+    if (vunit(e, e) <= 0) vset(h->origin, e);
     /* a fixed vector across origin, turned along */
     double least[3] = {0, 0, 0};
     int axis = 0;
     for (int c = 1; c < 3; c++)
-        if (fabs(h->origin[c]) < fabs(h->origin[axis]))
-            axis = c;
+        if (fabs(h->origin[c]) < fabs(h->origin[axis])) axis = c;
     least[axis] = 1;
     vcross(h->origin, least, side);
     vunit(side, side);
     vcross(h->origin, e, across);
     double cosine = vdot(h->origin, e), s = vdot(across, side) / fmax(1 + cosine, 1e-6);
     vcross(across, side, x);
-    for (int c = 0; c < 3; c++)
-        x[c] += cosine * side[c] + s * across[c];
+    for (int c = 0; c < 3; c++) x[c] += cosine * side[c] + s * across[c];
     vmadd(x, -vdot(x, e), e, x);
     vunit(x, x);
     vcross(e, x, y);
@@ -46,14 +43,12 @@ void tm_jaw_turn(tm_jaw *h, const tm_instrument_def *tool, const tm_tool_pose *p
 void tm_jaw_to_tool(const tm_jaw *h, const tm_tool_pose *pose, const double at_m[3], double offset_m[3]) {
     double d[3];
     vsub(at_m, pose->tip_m, d);
-    for (int c = 0; c < 3; c++)
-        offset_m[c] = vdot(d, h->axis_m[c]);
+    for (int c = 0; c < 3; c++) offset_m[c] = vdot(d, h->axis_m[c]);
 }
 
 void tm_jaw_to_world(const tm_jaw *h, const tm_tool_pose *pose, const double offset_m[3], double at_m[3]) {
     vset(pose->tip_m, at_m);
-    for (int c = 0; c < 3; c++)
-        vmadd(at_m, offset_m[c], h->axis_m[c], at_m);
+    for (int c = 0; c < 3; c++) vmadd(at_m, offset_m[c], h->axis_m[c], at_m);
 }
 
 /* Nearest point of triangle p to point q (Voronoi regions), squared distance. */
@@ -68,8 +63,7 @@ static double point_triangle(const double q[3], const double p[3][3]) {
     double s = nn > 0 ? vdot(cross, n) / nn : -1;
     vcross(ab, aq, cross);
     double t = nn > 0 ? vdot(cross, n) / nn : -1;
-    if (s >= 0 && t >= 0 && s + t <= 1)
-        return vdot(aq, n) * vdot(aq, n) / nn;
+    if (s >= 0 && t >= 0 && s + t <= 1) return vdot(aq, n) * vdot(aq, n) / nn;
     for (int j = 0; j < 3; j++) {
         vsub(p[(j + 1) % 3], p[j], ab);
         vsub(q, p[j], aq);
@@ -85,15 +79,19 @@ static double jaw_distance(const tm_capsule *jaw, const double p[3][3]) {
     double best = INFINITY;
     for (int k = 0; k <= 8; k++) {
         double q[3];
-        for (int c = 0; c < 3; c++)
-            q[c] = jaw->tip_m[c] + k / 8.0 * (jaw->tail_m[c] - jaw->tip_m[c]);
+        for (int c = 0; c < 3; c++) q[c] = jaw->tip_m[c] + k / 8.0 * (jaw->tail_m[c] - jaw->tip_m[c]);
         best = fmin(best, point_triangle(q, p));
     }
     return sqrt(best);
 }
 
-/* What the jaw has so far: each vertex once, with the distance of its nearest triangle; of too many the farthest goes. */
-typedef struct catch { int32_t count, max, *vertex; double *distance_m; } catch;
+/* What the jaw has so far: each vertex once, with the distance of its nearest triangle; of too many the farthest goes.
+ */
+typedef struct catch {
+    int32_t count, max, *vertex;
+    double *distance_m;
+}
+catch;
 
 static void take_vertex(catch *h, int32_t vertex, double distance_m) {
     int32_t farthest = 0;
@@ -102,13 +100,11 @@ static void take_vertex(catch *h, int32_t vertex, double distance_m) {
             h->distance_m[i] = fmin(h->distance_m[i], distance_m);
             return;
         }
-        if (h->distance_m[i] > h->distance_m[farthest])
-            farthest = i;
+        if (h->distance_m[i] > h->distance_m[farthest]) farthest = i;
     }
     int32_t at = h->count;
     if (h->count == h->max) {
-        if (h->distance_m[farthest] <= distance_m)
-            return;
+        if (h->distance_m[farthest] <= distance_m) return;
         at = farthest;
     } else {
         h->count++;
@@ -117,8 +113,9 @@ static void take_vertex(catch *h, int32_t vertex, double distance_m) {
     h->distance_m[at] = distance_m;
 }
 
-int32_t tm_jaw_capture(const tm_jaw *jaw, const tm_grasp_def *def, const tm_instrument_def *tool, const tm_tool_pose *pose,
-                       const double *rest_m, const double *u_m, const tm_surface_view *surface, int32_t *vertex, double *distance_m) {
+int32_t tm_jaw_capture(const tm_jaw *jaw, const tm_grasp_def *def, const tm_instrument_def *tool,
+                       const tm_tool_pose *pose, const double *rest_m, const double *u_m,
+                       const tm_surface_view *surface, int32_t *vertex, double *distance_m) {
     catch h = {.max = def->max_vertices, .vertex = vertex, .distance_m = distance_m};
     tm_capsule axis;
     vset(pose->tip_m, axis.tip_m);
@@ -135,8 +132,7 @@ int32_t tm_jaw_capture(const tm_jaw *jaw, const tm_grasp_def *def, const tm_inst
     }
     for (int32_t i = 1; i < h.count; i++) { /* by number: one order whatever the surface's slots */
         int32_t moving = h.vertex[i], j = i;
-        for (; j > 0 && h.vertex[j - 1] > moving; j--)
-            h.vertex[j] = h.vertex[j - 1];
+        for (; j > 0 && h.vertex[j - 1] > moving; j--) h.vertex[j] = h.vertex[j - 1];
         h.vertex[j] = moving;
     }
     return h.count;

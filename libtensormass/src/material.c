@@ -7,16 +7,12 @@
 
 enum { DEFAULT_DENSITY_KG_M3 = 1000 };
 
-bool tm_material_is_isotropic(const tm_material *m) {
-    return m->dlambda_Pa == 0 && m->dmu_Pa == 0 && m->beta_Pa == 0;
-}
+bool tm_material_is_isotropic(const tm_material *m) { return m->dlambda_Pa == 0 && m->dmu_Pa == 0 && m->beta_Pa == 0; }
 
 static double c33(const tm_material *m) {
     return m->lambda_Pa + 2 * m->mu_Pa + 2 * m->dlambda_Pa + 4 * m->dmu_Pa + m->beta_Pa;
 }
-static double c13(const tm_material *m) {
-    return m->lambda_Pa + m->dlambda_Pa;
-}
+static double c13(const tm_material *m) { return m->lambda_Pa + m->dlambda_Pa; }
 
 static tm_status check_isotropic(const tm_material *m, tm_error *error) {
     if (!(3 * m->lambda_Pa + 2 * m->mu_Pa > 0))
@@ -179,10 +175,8 @@ void tm_stiffness_block(const tm_material *m, const double fibre[3], double volu
     const double isotropic = PLANT_EQ12 ? 2 * volume_m3 : volume_m3;
     const double lambda = m->lambda_Pa * isotropic, mu = m->mu_Pa * isotropic, product = tm_dot3(alpha_k, alpha_l);
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            K[3 * i + j] = lambda * alpha_k[i] * alpha_l[j] + mu * alpha_l[i] * alpha_k[j];
-    for (int i = 0; i < 3; i++)
-        K[4 * i] += mu * product;
+        for (int j = 0; j < 3; j++) K[3 * i + j] = lambda * alpha_k[i] * alpha_l[j] + mu * alpha_l[i] * alpha_k[j];
+    for (int i = 0; i < 3; i++) K[4 * i] += mu * product;
     if (!fibre || tm_material_is_isotropic(m)) return;
 
     const double dlambda = m->dlambda_Pa * volume_m3, dmu = m->dmu_Pa * volume_m3, beta = m->beta_Pa * volume_m3;
@@ -192,6 +186,5 @@ void tm_stiffness_block(const tm_material *m, const double fibre[3], double volu
             K[3 * i + j] += dlambda * (pk * fibre[i] * alpha_l[j] + pl * alpha_k[i] * fibre[j]) +
                             dmu * (pk * alpha_l[i] * fibre[j] + pl * fibre[i] * alpha_k[j]) +
                             (dmu * product + beta * pk * pl) * fibre[i] * fibre[j];
-    for (int i = 0; i < 3; i++)
-        K[4 * i] += dmu * pk * pl;
+    for (int i = 0; i < 3; i++) K[4 * i] += dmu * pk * pl;
 }

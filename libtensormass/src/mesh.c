@@ -15,9 +15,7 @@ typedef struct owned_mesh {
     tm_pool pool;
 } owned_mesh;
 
-tm_mesh_def tm_mesh_def_default(void) {
-    return (tm_mesh_def){.cookie = TM_COOKIE_MESH};
-}
+tm_mesh_def tm_mesh_def_default(void) { return (tm_mesh_def){.cookie = TM_COOKIE_MESH}; }
 
 void tm_mesh_destroy(tm_mesh *mesh) {
     if (!mesh) return;
@@ -79,12 +77,9 @@ static tm_status check_tet(const tm_mesh_def *def, int32_t t, tm_error *error) {
 /* Stable counting sort of `order` by key[order[i]], 0 <= key < keys; `start` has keys+1 entries. */
 static void sort_by(int32_t *order, int32_t *scratch, const int32_t *key, int32_t count, int32_t keys, int32_t *start) {
     memset(start, 0, sizeof(int32_t) * ((size_t)keys + 1));
-    for (int32_t i = 0; i < count; i++)
-        start[key[i] + 1]++;
-    for (int32_t k = 0; k < keys; k++)
-        start[k + 1] += start[k];
-    for (int32_t i = 0; i < count; i++)
-        scratch[start[key[order[i]]]++] = order[i];
+    for (int32_t i = 0; i < count; i++) start[key[i] + 1]++;
+    for (int32_t k = 0; k < keys; k++) start[k + 1] += start[k];
+    for (int32_t i = 0; i < count; i++) scratch[start[key[order[i]]]++] = order[i];
     memcpy(order, scratch, sizeof(int32_t) * (size_t)count);
 }
 
@@ -121,8 +116,7 @@ static bool even(const int32_t *tet, int i) {
 static bool same_tet(const int32_t *a, const int32_t *b) {
     int shared = 0;
     for (int i = 0; i < 4; i++)
-        for (int j = 0; j < 4; j++)
-            shared += a[i] == b[j];
+        for (int j = 0; j < 4; j++) shared += a[i] == b[j];
     return shared == 4;
 }
 
@@ -153,16 +147,13 @@ static tm_status build_neighbours(tm_mesh *mesh, work *w, tm_error *error) {
     for (int32_t f = 0; f < faces; f++) {
         const int32_t *v = mesh->tet + 4 * (int64_t)(f / 4);
         int32_t a[3];
-        for (int i = 0; i < 3; i++)
-            a[i] = v[tm_face_vertex[f % 4][i]];
+        for (int i = 0; i < 3; i++) a[i] = v[tm_face_vertex[f % 4][i]];
         sort3(a);
-        for (int i = 0; i < 3; i++)
-            w->key[i][f] = a[i];
+        for (int i = 0; i < 3; i++) w->key[i][f] = a[i];
         w->order[f] = f;
         mesh->tet_neighbour[f] = -1;
     }
-    for (int i = 2; i >= 0; i--)
-        sort_by(w->order, w->scratch, w->key[i], faces, mesh->vertex_count, w->start);
+    for (int i = 2; i >= 0; i--) sort_by(w->order, w->scratch, w->key[i], faces, mesh->vertex_count, w->start);
     for (int32_t begin = 0, end; begin < faces; begin = end) {
         const int32_t f = w->order[begin];
         for (end = begin + 1; end < faces; end++) {
@@ -198,15 +189,11 @@ static int32_t number_edges(tm_mesh *mesh, work *w) {
 
 /* Lists, for each of `items`, the owners whose `width` entries name it, ascending. */
 static void invert(const int32_t *entry, int32_t owners, int32_t width, int32_t items, int32_t *begin, int32_t *list) {
-    for (int64_t i = 0; i < (int64_t)owners * width; i++)
-        begin[entry[i] + 1]++;
-    for (int32_t v = 0; v < items; v++)
-        begin[v + 1] += begin[v];
+    for (int64_t i = 0; i < (int64_t)owners * width; i++) begin[entry[i] + 1]++;
+    for (int32_t v = 0; v < items; v++) begin[v + 1] += begin[v];
     for (int32_t t = 0; t < owners; t++)
-        for (int32_t i = 0; i < width; i++)
-            list[begin[entry[(int64_t)t * width + i]]++] = t;
-    for (int32_t v = items; v > 0; v--)
-        begin[v] = begin[v - 1];
+        for (int32_t i = 0; i < width; i++) list[begin[entry[(int64_t)t * width + i]]++] = t;
+    for (int32_t v = items; v > 0; v--) begin[v] = begin[v - 1];
     begin[0] = 0;
 }
 
@@ -228,8 +215,7 @@ static tm_status build_edges(tm_mesh *mesh, tm_pool *pool, work *w, tm_error *er
 }
 
 static tm_status build_surface(tm_mesh *mesh, tm_pool *pool, tm_error *error) {
-    for (int32_t f = 0; f < 4 * mesh->tet_count; f++)
-        mesh->surface_count += mesh->tet_neighbour[f] < 0;
+    for (int32_t f = 0; f < 4 * mesh->tet_count; f++) mesh->surface_count += mesh->tet_neighbour[f] < 0;
     mesh->surface = TM_TAKE(pool, int32_t, 3 * (int64_t)mesh->surface_count);
     mesh->surface_face = TM_TAKE(pool, int32_t, mesh->surface_count);
     if (pool->failed) return tm_fail_memory(error, "mesh");
@@ -249,15 +235,12 @@ static void build_shapes(tm_mesh *mesh) {
         double d[3][3], *alpha = mesh->shape_1_m + 12 * (int64_t)t;
         for (int i = 0; i < 3; i++)
             tm_sub3(mesh->rest_m + 3 * (int64_t)v[i + 1], mesh->rest_m + 3 * (int64_t)v[0], d[i]);
-        for (int i = 0; i < 3; i++)
-            tm_cross3(d[(i + 1) % 3], d[(i + 2) % 3], alpha + 3 * (i + 1));
+        for (int i = 0; i < 3; i++) tm_cross3(d[(i + 1) % 3], d[(i + 2) % 3], alpha + 3 * (i + 1));
         double n[3];
         tm_cross3(d[0], d[1], n);
         const double det = tm_dot3(n, d[2]);
-        for (int i = 3; i < 12; i++)
-            alpha[i] /= det;
-        for (int i = 0; i < 3; i++)
-            alpha[i] = -(alpha[3 + i] + alpha[6 + i] + alpha[9 + i]);
+        for (int i = 3; i < 12; i++) alpha[i] /= det;
+        for (int i = 0; i < 3; i++) alpha[i] = -(alpha[3 + i] + alpha[6 + i] + alpha[9 + i]);
         mesh->volume_m3[t] = det / 6;
     }
 }
@@ -287,8 +270,7 @@ static tm_status take_and_copy(tm_mesh *mesh, tm_pool *pool, const tm_mesh_def *
 
 static tm_status take_work(const tm_mesh_def *def, work *w, tm_error *error) {
     const int64_t records = 6 * (int64_t)def->tet_count;
-    for (int i = 0; i < 3; i++)
-        w->key[i] = TM_TAKE(&w->pool, int32_t, records);
+    for (int i = 0; i < 3; i++) w->key[i] = TM_TAKE(&w->pool, int32_t, records);
     w->order = TM_TAKE(&w->pool, int32_t, records);
     w->scratch = TM_TAKE(&w->pool, int32_t, records);
     w->start = TM_TAKE(&w->pool, int32_t, (int64_t)def->vertex_count + 1);
@@ -321,8 +303,7 @@ tm_status tm_mesh_create(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error
                        def->vertex_count, def->tet_count, INT32_MAX / 16);
     assert(def->vertex_m && def->tet);
     tm_status status = check_vertices(def, error);
-    for (int32_t t = 0; t < def->tet_count && !status; t++)
-        status = check_tet(def, t, error);
+    for (int32_t t = 0; t < def->tet_count && !status; t++) status = check_tet(def, t, error);
     if (status) return status;
 
     tm_pool pool = {0};

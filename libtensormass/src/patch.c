@@ -1,4 +1,5 @@
-/* Stage "patch": for each instrument the surface near it, its compliance and the contact stiffness, from the dynamic model. */
+/* Stage "patch": for each instrument the surface near it, its compliance and the contact stiffness, from the dynamic
+ * model. */
 #include "patch_internal.h"
 
 #include <assert.h>
@@ -19,16 +20,19 @@ struct tm_patch_maker {
 };
 
 tm_patch_def tm_patch_def_default(void) {
-    return (tm_patch_def){.cookie = TM_COOKIE_PATCH, .max_vertices = TM_PATCH_VERTICES, .max_triangles = TM_PATCH_TRIANGLES,
-                          .column_vertices = 64, .tolerance = 3e-3, .horizon_s = 0.08};
+    return (tm_patch_def){.cookie = TM_COOKIE_PATCH,
+                          .max_vertices = TM_PATCH_VERTICES,
+                          .max_triangles = TM_PATCH_TRIANGLES,
+                          .column_vertices = 64,
+                          .tolerance = 3e-3,
+                          .horizon_s = 0.08};
 }
 
 static void observe_motion(tm_patch_maker *maker, int32_t t) {
     const tm_tool *tool = maker->contact->tool + t;
     double now = maker->world->state.time_s, passed = now - maker->time_s[t];
     if (passed > 0 && passed < 0.5)
-        for (int c = 0; c < 3; c++)
-            maker->velocity_m_s[t][c] = (tool->pose.tip_m[c] - maker->tip_m[t][c]) / passed;
+        for (int c = 0; c < 3; c++) maker->velocity_m_s[t][c] = (tool->pose.tip_m[c] - maker->tip_m[t][c]) / passed;
     else if (passed != 0)
         memset(maker->velocity_m_s[t], 0, sizeof maker->velocity_m_s[t]);
     vset(tool->pose.tip_m, maker->tip_m[t]);
@@ -43,9 +47,10 @@ static bool block(void *self, int32_t a, int32_t b, double C[9]) {
 static int32_t grow(tm_patch_maker *maker, int32_t t, bool known_only, tm_patch *patch) {
     const tm_contact *contact = maker->contact;
     tm_surface_view surface = tm_tissue_surface(maker->world->tissue);
-    return tm_patch_grow(maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface, &contact->tool[t].capsule,
-                         maker->velocity_m_s[t], maker->def.horizon_s, contact->row, contact->row_count, maker->def.max_vertices,
-                         maker->def.max_triangles, known_only ? usable : NULL, maker, patch);
+    return tm_patch_grow(maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface,
+                         &contact->tool[t].capsule, maker->velocity_m_s[t], maker->def.horizon_s, contact->row,
+                         contact->row_count, maker->def.max_vertices, maker->def.max_triangles,
+                         known_only ? usable : NULL, maker, patch);
 }
 
 /* The patch's vertices by their distance from the tip. */
@@ -71,25 +76,24 @@ static bool bears_outside(const tm_patch_maker *maker, int32_t t, const tm_patch
     const tm_contact *contact = maker->contact;
     for (int32_t k = 0; k < contact->row_count; k++) {
         const tm_contact_row *row = contact->row + k;
-        if (row->instrument != t || row->lambda_N <= 0)
-            continue;
+        if (row->instrument != t || row->lambda_N <= 0) continue;
         for (int j = 0; j < 3; j++) {
             bool within = row->weight[j] == 0;
-            for (int32_t i = 0; i < patch->vertex_count && !within; i++)
-                within = patch->vertex[i] == row->vertex[j];
-            if (!within)
-                return true;
+            for (int32_t i = 0; i < patch->vertex_count && !within; i++) within = patch->vertex[i] == row->vertex[j];
+            if (!within) return true;
         }
     }
     return false;
 }
 
-static int32_t held(const tm_patch_maker *maker, int32_t t, const int32_t **vertex, const double **target_m, double *compliance_m_N) {
+static int32_t held(const tm_patch_maker *maker, int32_t t, const int32_t **vertex, const double **target_m,
+                    double *compliance_m_N) {
     const tm_contact_guest *guest = &maker->contact->guest;
     return guest->held ? guest->held(guest->self, t, vertex, target_m, compliance_m_N) : 0;
 }
 
-/* Motion of a point fixed to the tool by motions of the tip: B such that d(point) = B d(tip), the shaft turning about the trocar. */
+/* Motion of a point fixed to the tool by motions of the tip: B such that d(point) = B d(tip), the shaft turning about
+ * the trocar. */
 static void lever(const tm_tool *tool, const double point_m[3], double B[3][3]) {
     double e[3], arm[3];
     vsub(tool->capsule.tip_m, tool->def.trocar_m, e);
@@ -101,44 +105,38 @@ static void lever(const tm_tool *tool, const double point_m[3], double B[3][3]) 
         vcross(e, tip, spin);
         vcross(spin, arm, moved);
         vmadd(moved, vdot(e, tip) * length, e, moved);
-        for (int i = 0; i < 3; i++)
-            B[i][c] = moved[i] / length;
+        for (int i = 0; i < 3; i++) B[i][c] = moved[i] / length;
     }
 }
 
-/* Held tissue pulls back: dF/dP = -B^T (C + hold)^-1 B over the held vertices. False: more are held than there are columns for, or they are
- * not all there yet. Rows of contact beside the hold are left out. */
-static bool hold_stiffness(tm_patch_maker *maker, int32_t t, const int32_t *vertex, const double *target_m, int32_t count,
-                           double compliance_m_N, double K[9]) {
+/* Held tissue pulls back: dF/dP = -B^T (C + hold)^-1 B over the held vertices. False: more are held than there are
+ * columns for, or they are not all there yet. Rows of contact beside the hold are left out. */
+static bool hold_stiffness(tm_patch_maker *maker, int32_t t, const int32_t *vertex, const double *target_m,
+                           int32_t count, double compliance_m_N, double K[9]) {
     enum { WIDTH = TM_PATCH_DOFS + 3 };
     double A[TM_PATCH_DOFS][WIDTH], B[TM_PATCH_VERTICES][3][3];
-    if (count > TM_PATCH_VERTICES)
-        return false;
+    if (count > TM_PATCH_VERTICES) return false;
     for (int32_t a = 0; a < count; a++) {
         lever(maker->contact->tool + t, target_m + 3 * a, B[a]);
         for (int32_t b = 0; b < count; b++) {
             double one[9], other[9];
-            if (!block(maker, vertex[a], vertex[b], one) || !block(maker, vertex[b], vertex[a], other))
-                return false;
+            if (!block(maker, vertex[a], vertex[b], one) || !block(maker, vertex[b], vertex[a], other)) return false;
             for (int i = 0; i < 9; i++)
-                A[3 * a + i / 3][3 * b + i % 3] = 0.5 * (one[i] + other[3 * (i % 3) + i / 3]) + (a == b && i % 4 == 0 ? compliance_m_N : 0);
+                A[3 * a + i / 3][3 * b + i % 3] =
+                    0.5 * (one[i] + other[3 * (i % 3) + i / 3]) + (a == b && i % 4 == 0 ? compliance_m_N : 0);
         }
-        for (int i = 0; i < 9; i++)
-            A[3 * a + i / 3][3 * count + i % 3] = B[a][i / 3][i % 3];
+        for (int i = 0; i < 9; i++) A[3 * a + i / 3][3 * count + i % 3] = B[a][i / 3][i % 3];
     }
     int32_t n = 3 * count;
     for (int32_t k = 0; k < n; k++) /* symmetric, positive definite through the hold's compliance */
         for (int32_t i = 0; i < n; i++) {
-            if (i == k || A[k][k] <= 0)
-                continue;
+            if (i == k || A[k][k] <= 0) continue;
             double factor = A[i][k] / A[k][k];
-            for (int32_t j = k; j < n + 3; j++)
-                A[i][j] -= factor * A[k][j];
+            for (int32_t j = k; j < n + 3; j++) A[i][j] -= factor * A[k][j];
         }
     memset(K, 0, 9 * sizeof *K);
     for (int32_t k = 0; k < n; k++)
-        for (int i = 0; i < 9; i++)
-            K[i] -= A[k][k] > 0 ? B[k / 3][k % 3][i / 3] * A[k][n + i % 3] / A[k][k] : 0;
+        for (int i = 0; i < 9; i++) K[i] -= A[k][k] > 0 ? B[k / 3][k % 3][i / 3] * A[k][n + i % 3] / A[k][k] : 0;
     return true;
 }
 
@@ -150,8 +148,7 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     tool->stiffness_kind = 0;
     memset(patch, 0, sizeof *patch);
     observe_motion(maker, t);
-    if (revision != maker->revision)
-        tm_columns_cut(maker->columns);
+    if (revision != maker->revision) tm_columns_cut(maker->columns);
     maker->revision = revision;
     patch->instrument = t;
     const int32_t *vertex = NULL;
@@ -168,7 +165,8 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     want(maker, t, patch);
     tm_columns_work(maker->columns, maker->def.iterations);
     /* nor for a tool that touches nothing as yet: the patch would touch it */
-    if (count != 0 || !tm_tool_is_present(tool) || !tool->clear || grow(maker, t, true, patch) == 0 || bears_outside(maker, t, patch))
+    if (count != 0 || !tm_tool_is_present(tool) || !tool->clear || grow(maker, t, true, patch) == 0 ||
+        bears_outside(maker, t, patch))
         return false;
     patch->kind = 1;
     patch->topology_revision = revision;
@@ -177,8 +175,7 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     patch->radius_m = tool->def.radius_m;
     patch->contact_length_m = tool->def.contact_length_m;
     vset(tool->def.trocar_m, patch->trocar_m);
-    if (!tm_patch_fill(patch, block, maker, contact->row, contact->row_count))
-        return false;
+    if (!tm_patch_fill(patch, block, maker, contact->row, contact->row_count)) return false;
     tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
     tool->stiffness_kind = 1;
     return true;
@@ -195,27 +192,29 @@ static void destroy(void *self) {
     tm_pool_release(&pool);
 }
 
-tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_def *def, tm_patch_maker **made, tm_error *error) {
+tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_def *def, tm_patch_maker **made,
+                         tm_error *error) {
     assert(world && contact && def && def->cookie == TM_COOKIE_PATCH && made);
-    if (def->max_vertices < 3 || def->max_vertices > TM_PATCH_VERTICES || def->max_triangles < 1
-        || def->max_triangles > TM_PATCH_TRIANGLES || def->column_vertices < def->max_vertices || def->iterations < 0
-        || !(def->tolerance > 0) || !(def->horizon_s >= 0))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "patch: %d vertices, %d triangles, %d columns, %d iterations, tolerance %g, horizon %g s; give "
-                       "3 to %d vertices, 1 to %d triangles, at least as many columns, and none negative", def->max_vertices,
-                       def->max_triangles, def->column_vertices, def->iterations, def->tolerance, def->horizon_s, TM_PATCH_VERTICES,
-                       TM_PATCH_TRIANGLES);
+    if (def->max_vertices < 3 || def->max_vertices > TM_PATCH_VERTICES || def->max_triangles < 1 ||
+        def->max_triangles > TM_PATCH_TRIANGLES || def->column_vertices < def->max_vertices || def->iterations < 0 ||
+        !(def->tolerance > 0) || !(def->horizon_s >= 0))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "patch: %d vertices, %d triangles, %d columns, %d iterations, tolerance %g, horizon %g s; give "
+                       "3 to %d vertices, 1 to %d triangles, at least as many columns, and none negative",
+                       def->max_vertices, def->max_triangles, def->column_vertices, def->iterations, def->tolerance,
+                       def->horizon_s, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES);
     tm_pool pool = {0};
     tm_patch_maker *maker = TM_TAKE(&pool, tm_patch_maker, 1);
     tm_columns *columns = tm_columns_create(&pool, world, def->column_vertices, def->tolerance);
-    tm_status status = maker && columns ? tm_patch_solver_create(&maker->solver, error) : tm_fail_memory(error, "patch stage");
+    tm_status status =
+        maker && columns ? tm_patch_solver_create(&maker->solver, error) : tm_fail_memory(error, "patch stage");
     if (status) {
         tm_pool_release(&pool);
         return status;
     }
     maker->pool = pool;
     maker->def = *def;
-    if (def->iterations == 0)
-        maker->def.iterations = 4 + 80000 / world->tissue->mesh->vertex_count;
+    if (def->iterations == 0) maker->def.iterations = 4 + 80000 / world->tissue->mesh->vertex_count;
     maker->contact = contact;
     maker->world = world;
     maker->columns = columns;

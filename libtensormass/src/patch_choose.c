@@ -33,8 +33,7 @@ static double way_distance(const double from[3], const double way[3], const doub
 
 /* Keeps the POOL nearest; equal distances by name, so that slots do not matter. */
 static bool farther(const near_triangle *a, const near_triangle *b) {
-    if (a->pressed != b->pressed)
-        return b->pressed;
+    if (a->pressed != b->pressed) return b->pressed;
     return a->distance_m != b->distance_m ? a->distance_m > b->distance_m : a->face > b->face;
 }
 
@@ -45,23 +44,19 @@ static void keep_near(growth *g, const near_triangle *candidate) {
     }
     int32_t worst = 0;
     for (int32_t i = 1; i < POOL; i++)
-        if (farther(g->pool + i, g->pool + worst))
-            worst = i;
-    if (farther(g->pool + worst, candidate))
-        g->pool[worst] = *candidate;
+        if (farther(g->pool + i, g->pool + worst)) worst = i;
+    if (farther(g->pool + worst, candidate)) g->pool[worst] = *candidate;
 }
 
 static bool has_vertex(const growth *g, int32_t vertex) {
     for (int32_t i = 0; i < g->vertex_count; i++)
-        if (g->vertex[i] == vertex)
-            return true;
+        if (g->vertex[i] == vertex) return true;
     return false;
 }
 
 static int known_corners(const growth *g, const near_triangle *t) {
     int known = 0;
-    for (int j = 0; j < 3; j++)
-        known += has_vertex(g, t->vertex[j]);
+    for (int j = 0; j < 3; j++) known += has_vertex(g, t->vertex[j]);
     return known;
 }
 
@@ -69,22 +64,19 @@ static void take(growth *g, near_triangle *t) {
     t->taken = true;
     g->triangle_count++;
     for (int j = 0; j < 3; j++)
-        if (!has_vertex(g, t->vertex[j]))
-            g->vertex[g->vertex_count++] = t->vertex[j];
+        if (!has_vertex(g, t->vertex[j])) g->vertex[g->vertex_count++] = t->vertex[j];
 }
 
-/* The best triangle that fits: pressed ones wherever they are, others along an edge of what is there; null if none does. */
+/* The best triangle that fits: pressed ones wherever they are, others along an edge of what is there; null if none
+ * does. */
 static near_triangle *next(growth *g) {
     near_triangle *best = NULL;
     for (int32_t i = 0; i < g->count; i++) {
         near_triangle *t = g->pool + i;
         int known = t->taken ? 0 : known_corners(g, t);
-        if (t->taken || g->vertex_count + 3 - known > g->max_vertices)
-            continue;
-        if (g->triangle_count > 0 && known < 2 && !t->pressed)
-            continue;
-        if (!best || farther(best, t))
-            best = t;
+        if (t->taken || g->vertex_count + 3 - known > g->max_vertices) continue;
+        if (g->triangle_count > 0 && known < 2 && !t->pressed) continue;
+        if (!best || farther(best, t)) best = t;
     }
     return best;
 }
@@ -92,16 +84,14 @@ static near_triangle *next(growth *g) {
 static void sort_int(int32_t *a, int32_t n) {
     for (int32_t i = 1; i < n; i++) {
         int32_t moving = a[i], j = i;
-        for (; j > 0 && a[j - 1] > moving; j--)
-            a[j] = a[j - 1];
+        for (; j > 0 && a[j - 1] > moving; j--) a[j] = a[j - 1];
         a[j] = moving;
     }
 }
 
 static int8_t place_of(const tm_patch *patch, int32_t vertex) {
     int8_t i = 0;
-    while (patch->vertex[i] != vertex)
-        i++;
+    while (patch->vertex[i] != vertex) i++;
     return i;
 }
 
@@ -116,8 +106,7 @@ static void write_patch(const growth *g, const double *rest_m, const double *u_m
         patch->vertex_m[i] = rest_m[dof] + u_m[dof];
     }
     for (int32_t i = 0; i < g->count; i++)
-        if (g->pool[i].taken)
-            patch->face[patch->triangle_count++] = g->pool[i].face;
+        if (g->pool[i].taken) patch->face[patch->triangle_count++] = g->pool[i].face;
     sort_int(patch->face, patch->triangle_count);
     for (int32_t k = 0; k < patch->triangle_count; k++)
         for (int32_t i = 0; i < g->count; i++)
@@ -125,11 +114,12 @@ static void write_patch(const growth *g, const double *rest_m, const double *u_m
                 patch->triangle[3 * k + j] = place_of(patch, g->pool[i].vertex[j]);
 }
 
-int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_view *surface, const tm_capsule *capsule,
-                      const double velocity_m_s[3], double horizon_s, const tm_contact_row *row, int32_t row_count,
-                      int32_t max_vertices, int32_t max_triangles, bool (*usable)(void *self, int32_t vertex), void *self,
-                      tm_patch *patch) {
-    assert(max_vertices >= 3 && max_vertices <= TM_PATCH_VERTICES && max_triangles >= 1 && max_triangles <= TM_PATCH_TRIANGLES);
+int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_view *surface,
+                      const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
+                      const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
+                      bool (*usable)(void *self, int32_t vertex), void *self, tm_patch *patch) {
+    assert(max_vertices >= 3 && max_vertices <= TM_PATCH_VERTICES && max_triangles >= 1 &&
+           max_triangles <= TM_PATCH_TRIANGLES);
     growth g = {.max_vertices = max_vertices, .max_triangles = max_triangles};
     double way[3];
     vscale(horizon_s, velocity_m_s, way);
@@ -150,19 +140,19 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
         /* By its nearest corner, so that the fans of the nearest vertices are whole: normals blend over fans. */
         t.distance_m = 0.9 * nearest + 0.1 * way_distance(capsule->tip_m, way, middle);
         for (int32_t k = 0; k < row_count; k++)
-            t.pressed = t.pressed || (row[k].face == t.face && row[k].instrument == capsule->instrument && row[k].lambda_N > 0);
-        if (good && (t.pressed || t.distance_m < NEAR_M))
-            keep_near(&g, &t);
+            t.pressed =
+                t.pressed || (row[k].face == t.face && row[k].instrument == capsule->instrument && row[k].lambda_N > 0);
+        if (good && (t.pressed || t.distance_m < NEAR_M)) keep_near(&g, &t);
     }
-    for (near_triangle *t; g.triangle_count < max_triangles && (t = next(&g)) != NULL;)
-        take(&g, t);
+    for (near_triangle *t; g.triangle_count < max_triangles && (t = next(&g)) != NULL;) take(&g, t);
     write_patch(&g, rest_m, u_m, patch);
     return patch->triangle_count;
 }
 
-int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm_surface_view *surface, const tm_capsule *capsule,
-                        const double velocity_m_s[3], double horizon_s, const tm_contact_row *row, int32_t row_count,
-                        int32_t max_vertices, int32_t max_triangles, tm_patch *patch) {
-    return tm_patch_grow(rest_m, u_m, surface, capsule, velocity_m_s, horizon_s, row, row_count, max_vertices, max_triangles, NULL,
-                         NULL, patch);
+int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm_surface_view *surface,
+                        const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
+                        const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
+                        tm_patch *patch) {
+    return tm_patch_grow(rest_m, u_m, surface, capsule, velocity_m_s, horizon_s, row, row_count, max_vertices,
+                         max_triangles, NULL, NULL, patch);
 }

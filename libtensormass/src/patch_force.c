@@ -24,53 +24,48 @@ double tm_patch_compliance(const tm_patch *patch, int32_t i, int32_t j) {
     return patch->compliance_m_N[packed(3 * patch->vertex_count, i, j)];
 }
 
-/* Cholesky of the packed matrix plus shift on the diagonal, in place; false if a pivot falls below zero by more than rounding. Components that
- * a support holds have rows of zeros: their pivot is the shift and nothing hangs on it. */
+/* Cholesky of the packed matrix plus shift on the diagonal, in place; false if a pivot falls below zero by more than
+ * rounding. Components that a support holds have rows of zeros: their pivot is the shift and nothing hangs on it. */
 static bool semidefinite(double *a, int32_t n, double shift, double least) {
     for (int32_t k = 0; k < n; k++) {
         double pivot = a[packed(n, k, k)] + shift;
-        if (pivot < -least)
-            return false;
+        if (pivot < -least) return false;
         if (pivot <= least) {
             for (int32_t j = k + 1; j < n; j++)
-                if (fabs(a[packed(n, k, j)]) > 1e3 * least)
-                    return false;
+                if (fabs(a[packed(n, k, j)]) > 1e3 * least) return false;
             continue;
         }
         for (int32_t i = k + 1; i < n; i++) {
             double factor = a[packed(n, k, i)] / pivot;
-            for (int32_t j = i; j < n && factor != 0; j++)
-                a[packed(n, i, j)] -= factor * a[packed(n, k, j)];
+            for (int32_t j = i; j < n && factor != 0; j++) a[packed(n, i, j)] -= factor * a[packed(n, k, j)];
         }
     }
     return true;
 }
 
-/* Columns that are good to a thousandth make a matrix that may be indefinite by as much: the diagonal is raised until it is not. */
+/* Columns that are good to a thousandth make a matrix that may be indefinite by as much: the diagonal is raised until
+ * it is not. */
 static void make_semidefinite(tm_patch *patch) {
     int32_t n = 3 * patch->vertex_count, size = n * (n + 1) / 2;
     double most = 0, work[TM_PATCH_COMPLIANCE];
-    for (int32_t i = 0; i < size; i++)
-        most = fmax(most, fabs(patch->compliance_m_N[i]));
+    for (int32_t i = 0; i < size; i++) most = fmax(most, fabs(patch->compliance_m_N[i]));
     for (double shift = 0; shift <= 0.1 * most; shift = shift > 0 ? 3 * shift : 1e-6 * most) {
         memcpy(work, patch->compliance_m_N, sizeof(double) * (size_t)size);
-        if (!semidefinite(work, n, shift, 1e-8 * most))
-            continue;
-        for (int32_t i = 0; i < n; i++)
-            patch->compliance_m_N[packed(n, i, i)] += shift > 0 ? shift + 1e-6 * most : 0;
+        if (!semidefinite(work, n, shift, 1e-8 * most)) continue;
+        for (int32_t i = 0; i < n; i++) patch->compliance_m_N[packed(n, i, i)] += shift > 0 ? shift + 1e-6 * most : 0;
         return;
     }
 }
 
 static int32_t find_vertex(const tm_patch *patch, int32_t vertex) {
     for (int32_t i = 0; i < patch->vertex_count; i++)
-        if (patch->vertex[i] == vertex)
-            return i;
+        if (patch->vertex[i] == vertex) return i;
     return -1;
 }
 
 /* Forces of this tool's rows on the patch's vertices; rows that bear on other vertices are left with the tissue. */
-static void row_forces(const tm_patch *patch, const tm_contact_row *row, int32_t row_count, double force_N[TM_PATCH_DOFS]) {
+static void row_forces(const tm_patch *patch, const tm_contact_row *row, int32_t row_count,
+                       double force_N[TM_PATCH_DOFS]) {
     memset(force_N, 0, sizeof(double) * TM_PATCH_DOFS);
     for (int32_t k = 0; k < row_count; k++) {
         int32_t at[3];
@@ -89,13 +84,11 @@ static void deform(const tm_patch *patch, const double *force_N, double sign, do
     int32_t n = 3 * patch->vertex_count;
     for (int32_t j = 0; j < n; j++) {
         double force = sign * force_N[j];
-        if (force == 0)
-            continue;
+        if (force == 0) continue;
         for (int32_t i = 0, at = j; i < j; at += n - 1 - i, i++) /* column j above the diagonal: packed(n, i, j) */
             position_m[i] += force * patch->compliance_m_N[at];
         const double *row = patch->compliance_m_N + packed(n, j, j);
-        for (int32_t i = j; i < n; i++)
-            position_m[i] += force * row[i - j];
+        for (int32_t i = j; i < n; i++) position_m[i] += force * row[i - j];
     }
 }
 
@@ -106,8 +99,7 @@ bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_c
     for (int32_t a = 0; a < patch->vertex_count; a++)
         for (int32_t b = 0; b < patch->vertex_count; b++) {
             double C[9];
-            if (!block(self, patch->vertex[a], patch->vertex[b], C))
-                return false;
+            if (!block(self, patch->vertex[a], patch->vertex[b], C)) return false;
             for (int i = 0; i < 9; i++) { /* both halves meet in the upper one: the mean */
                 int32_t r = 3 * a + i / 3, c = 3 * b + i % 3;
                 patch->compliance_m_N[packed(n, r, c)] += r == c ? C[i] : 0.5 * C[i];
@@ -129,17 +121,17 @@ struct tm_patch_solver {
     int32_t row_count, before_count;
     double response[ROWS][TM_PATCH_DOFS]; /* C J^T of each row */
     double W[ROWS][ROWS];
-    double gap_m[ROWS];                   /* without any force */
+    double gap_m[ROWS]; /* without any force */
     double force_N[TM_PATCH_DOFS], u_m[TM_PATCH_DOFS];
-    double residual_N[TM_PATCH_DOFS], force_before_N[TM_PATCH_DOFS]; /* of the round before, and the last changes of both */
+    double residual_N[TM_PATCH_DOFS],
+        force_before_N[TM_PATCH_DOFS]; /* of the round before, and the last changes of both */
     double residual_change_N[MEMORY][TM_PATCH_DOFS], force_change_N[MEMORY][TM_PATCH_DOFS];
 };
 
 tm_status tm_patch_solver_create(tm_patch_solver **made, tm_error *error) {
     tm_pool pool = {0};
     tm_patch_solver *solver = TM_TAKE(&pool, tm_patch_solver, 1);
-    if (!solver)
-        return tm_fail_memory(error, "patch solver");
+    if (!solver) return tm_fail_memory(error, "patch solver");
     tm_status status = tm_contact_search_create(&solver->search, error);
     if (status) {
         tm_pool_release(&pool);
@@ -151,8 +143,7 @@ tm_status tm_patch_solver_create(tm_patch_solver **made, tm_error *error) {
 }
 
 void tm_patch_solver_destroy(tm_patch_solver *solver) {
-    if (!solver)
-        return;
+    if (!solver) return;
     tm_contact_search_destroy(solver->search);
     tm_pool pool = solver->pool;
     tm_pool_release(&pool);
@@ -166,22 +157,19 @@ static bool same_row(const tm_contact_row *a, const tm_contact_row *b) {
 static void find_rows(tm_patch_solver *s, const tm_patch *patch, const tm_capsule *capsule) {
     memcpy(s->before, s->row, sizeof *s->row * (size_t)s->row_count);
     s->before_count = s->row_count;
-    for (int32_t i = 0; i < 3 * patch->vertex_count; i++)
-        s->u_m[i] = patch->vertex_m[i] - patch->rest_m[i];
+    for (int32_t i = 0; i < 3 * patch->vertex_count; i++) s->u_m[i] = patch->vertex_m[i] - patch->rest_m[i];
     deform(patch, s->force_N, 1, s->u_m);
     bool overflowed;
     s->row_count = tm_contact_search_rows(s->search, patch->rest_m, s->u_m, capsule, 0.2 * capsule->radius_m, s->before,
                                           s->before_count, s->row, ROWS, &overflowed);
     for (int32_t i = 0; i < s->row_count; i++)
         for (int32_t k = 0; k < s->before_count; k++)
-            if (same_row(s->row + i, s->before + k))
-                s->row[i].lambda_N = s->before[k].lambda_N;
+            if (same_row(s->row + i, s->before + k)) s->row[i].lambda_N = s->before[k].lambda_N;
 }
 
 static double row_shift(const tm_contact_row *row, const double *u_m) {
     double sum = 0;
-    for (int j = 0; j < 3; j++)
-        sum += row->weight[j] * vdot(row->normal, u_m + 3 * row->vertex[j]);
+    for (int j = 0; j < 3; j++) sum += row->weight[j] * vdot(row->normal, u_m + 3 * row->vertex[j]);
     return sum;
 }
 
@@ -192,14 +180,14 @@ static void linearise(tm_patch_solver *s, const tm_patch *patch) {
     for (int32_t i = 0; i < s->row_count; i++) {
         double unit[TM_PATCH_DOFS] = {0};
         for (int j = 0; j < 3; j++)
-            vmadd(unit + 3 * s->row[i].vertex[j], s->row[i].weight[j], s->row[i].normal, unit + 3 * s->row[i].vertex[j]);
+            vmadd(unit + 3 * s->row[i].vertex[j], s->row[i].weight[j], s->row[i].normal,
+                  unit + 3 * s->row[i].vertex[j]);
         memset(s->response[i], 0, sizeof s->response[i]);
         deform(patch, unit, 1, s->response[i]);
         s->gap_m[i] = s->row[i].gap_m - row_shift(s->row + i, shift);
     }
     for (int32_t i = 0; i < s->row_count; i++)
-        for (int32_t k = 0; k < s->row_count; k++)
-            s->W[i][k] = row_shift(s->row + i, s->response[k]);
+        for (int32_t k = 0; k < s->row_count; k++) s->W[i][k] = row_shift(s->row + i, s->response[k]);
 }
 
 typedef enum row_state { ROW_OFF, ROW_SOFT, ROW_HARD, ROW_CAPPED } row_state;
@@ -207,13 +195,12 @@ typedef enum row_state { ROW_OFF, ROW_SOFT, ROW_HARD, ROW_CAPPED } row_state;
 /* gap + W lambda + depth(lambda) of row i. */
 static double row_error(const tm_patch_solver *s, const tm_patch *patch, int32_t i) {
     double error = s->gap_m[i];
-    for (int32_t k = 0; k < s->row_count; k++)
-        error += s->W[i][k] * s->row[k].lambda_N;
+    for (int32_t k = 0; k < s->row_count; k++) error += s->W[i][k] * s->row[k].lambda_N;
     return error + tm_skin_depth(patch->skin_compliance_m_N / s->row[i].share, patch->radius_m, s->row[i].lambda_N);
 }
 
-/* The multipliers of the rows whose skin is in its soft or hard branch, all at once: Gaussian elimination of a symmetric positive
- * definite matrix. The multipliers of the others are given. */
+/* The multipliers of the rows whose skin is in its soft or hard branch, all at once: Gaussian elimination of a
+ * symmetric positive definite matrix. The multipliers of the others are given. */
 static void solve_branches(tm_patch_solver *s, const tm_patch *patch, const row_state *state) {
     double A[ROWS][ROWS + 1];
     int32_t at[ROWS], n = 0;
@@ -226,8 +213,7 @@ static void solve_branches(tm_patch_solver *s, const tm_patch *patch, const row_
     for (int32_t a = 0; a < n; a++) {
         int32_t i = at[a];
         double compliance = patch->skin_compliance_m_N / s->row[i].share, soft = TM_SKIN_TRAVEL * patch->radius_m;
-        for (int32_t b = 0; b < n; b++)
-            A[a][b] = s->W[i][at[b]];
+        for (int32_t b = 0; b < n; b++) A[a][b] = s->W[i][at[b]];
         A[a][a] += state[i] == ROW_SOFT ? compliance : compliance / TM_SKIN_HARDENING;
         A[a][n] = -s->gap_m[i] - (state[i] == ROW_SOFT ? 0 : soft - soft / TM_SKIN_HARDENING);
         for (int32_t k = 0; k < s->row_count; k++)
@@ -236,13 +222,11 @@ static void solve_branches(tm_patch_solver *s, const tm_patch *patch, const row_
     for (int32_t k = 0; k < n; k++)
         for (int32_t i = k + 1; i < n && A[k][k] > 0; i++) {
             double factor = A[i][k] / A[k][k];
-            for (int32_t j = k; j <= n; j++)
-                A[i][j] -= factor * A[k][j];
+            for (int32_t j = k; j <= n; j++) A[i][j] -= factor * A[k][j];
         }
     for (int32_t k = n - 1; k >= 0; k--) {
         double sum = A[k][n];
-        for (int32_t j = k + 1; j < n; j++)
-            sum -= A[k][j] * s->row[at[j]].lambda_N;
+        for (int32_t j = k + 1; j < n; j++) sum -= A[k][j] * s->row[at[j]].lambda_N;
         s->row[at[k]].lambda_N = A[k][k] > 0 ? sum / A[k][k] : 0;
     }
 }
@@ -254,18 +238,16 @@ static bool change_branches(const tm_patch_solver *s, const tm_patch *patch, row
         double lambda = s->row[i].lambda_N, compliance = patch->skin_compliance_m_N / s->row[i].share;
         bool over = compliance * lambda > TM_SKIN_TRAVEL * patch->radius_m;
         row_state next = lambda >= patch->force_cap_N ? ROW_CAPPED : over ? ROW_HARD : ROW_SOFT;
-        if (state[i] == ROW_OFF ? row_error(s, patch, i) >= 0 : lambda <= 0)
-            next = ROW_OFF;
-        if (state[i] == ROW_CAPPED && row_error(s, patch, i) > 0)
-            next = ROW_HARD;
+        if (state[i] == ROW_OFF ? row_error(s, patch, i) >= 0 : lambda <= 0) next = ROW_OFF;
+        if (state[i] == ROW_CAPPED && row_error(s, patch, i) > 0) next = ROW_HARD;
         changed = changed || next != state[i];
         state[i] = next;
     }
     return changed;
 }
 
-/* The unilateral problem of these rows: by branches, from those of the round before. Sweeps would need hundreds: the tissue gives way far
- * more than the skin, and neighbouring rows all feel the same tissue. */
+/* The unilateral problem of these rows: by branches, from those of the round before. Sweeps would need hundreds: the
+ * tissue gives way far more than the skin, and neighbouring rows all feel the same tissue. */
 static void solve_rows(tm_patch_solver *s, const tm_patch *patch) {
     row_state state[ROWS];
     for (int32_t i = 0; i < s->row_count; i++)
@@ -278,8 +260,8 @@ static void solve_rows(tm_patch_solver *s, const tm_patch *patch) {
     for (int k = 0; k < SWEEPS && changed; k++) /* branches that will not settle */
         for (int32_t i = 0; i < s->row_count; i++) {
             double compliance = patch->skin_compliance_m_N / s->row[i].share, lambda;
-            double free_gap = row_error(s, patch, i) - tm_skin_depth(compliance, patch->radius_m, s->row[i].lambda_N)
-                              - s->W[i][i] * s->row[i].lambda_N;
+            double free_gap = row_error(s, patch, i) - tm_skin_depth(compliance, patch->radius_m, s->row[i].lambda_N) -
+                              s->W[i][i] * s->row[i].lambda_N;
             lambda = tm_skin_reaction(compliance, patch->radius_m, free_gap, fmax(s->W[i][i], 0), patch->force_cap_N);
             s->row[i].lambda_N = lambda;
         }
@@ -287,17 +269,16 @@ static void solve_rows(tm_patch_solver *s, const tm_patch *patch) {
 
 static double dot_n(const double *a, const double *b, int32_t n) {
     double sum = 0;
-    for (int32_t i = 0; i < n; i++)
-        sum += a[i] * b[i];
+    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
     return sum;
 }
 
-/* mix := the combination of the remembered changes of the residual that is nearest to the residual: normal equations, a few unknowns. */
+/* mix := the combination of the remembered changes of the residual that is nearest to the residual: normal equations, a
+ * few unknowns. */
 static void nearest_combination(const tm_patch_solver *s, int32_t n, int32_t count, double mix[MEMORY]) {
     double A[MEMORY][MEMORY + 1], trace = 0;
     for (int32_t i = 0; i < count; i++) {
-        for (int32_t j = 0; j < count; j++)
-            A[i][j] = dot_n(s->residual_change_N[i], s->residual_change_N[j], n);
+        for (int32_t j = 0; j < count; j++) A[i][j] = dot_n(s->residual_change_N[i], s->residual_change_N[j], n);
         A[i][count] = dot_n(s->residual_change_N[i], s->residual_N, n);
         trace += A[i][i];
     }
@@ -305,26 +286,24 @@ static void nearest_combination(const tm_patch_solver *s, int32_t n, int32_t cou
         A[k][k] += 1e-12 * trace + 1e-300;
         for (int32_t i = k + 1; i < count; i++) {
             double factor = A[i][k] / A[k][k];
-            for (int32_t j = k; j <= count; j++)
-                A[i][j] -= factor * A[k][j];
+            for (int32_t j = k; j <= count; j++) A[i][j] -= factor * A[k][j];
         }
     }
     for (int32_t k = count - 1; k >= 0; k--) {
         mix[k] = A[k][count];
-        for (int32_t j = k + 1; j < count; j++)
-            mix[k] -= A[k][j] * mix[j];
+        for (int32_t j = k + 1; j < count; j++) mix[k] -= A[k][j] * mix[j];
         mix[k] /= A[k][k];
     }
 }
 
-/* The rows' forces against those that the shape was made with, and the next forces: Anderson's mixing of the last few rounds. Taking the
- * rows' forces as they are swings (normals turn with the shape that the forces make) or creeps. Returns the largest residual. */
+/* The rows' forces against those that the shape was made with, and the next forces: Anderson's mixing of the last few
+ * rounds. Taking the rows' forces as they are swings (normals turn with the shape that the forces make) or creeps.
+ * Returns the largest residual. */
 static double take_forces(tm_patch_solver *s, const tm_patch *patch, int32_t round) {
     int32_t n = 3 * patch->vertex_count, count = round < MEMORY ? round : MEMORY, slot = (round - 1) % MEMORY;
     double largest = 0, before[TM_PATCH_DOFS], mix[MEMORY];
     memcpy(before, s->residual_N, sizeof before);
-    for (int32_t i = 0; i < n; i++)
-        s->residual_N[i] = -s->force_N[i];
+    for (int32_t i = 0; i < n; i++) s->residual_N[i] = -s->force_N[i];
     for (int32_t i = 0; i < s->row_count; i++)
         for (int j = 0; j < 3; j++)
             vmadd(s->residual_N + 3 * s->row[i].vertex[j], s->row[i].lambda_N * s->row[i].weight[j], s->row[i].normal,
@@ -357,8 +336,7 @@ static void find_border(const tm_patch *patch, bool border[TM_PATCH_VERTICES]) {
                 int8_t c = patch->triangle[o], d = patch->triangle[o - o % 3 + (o + 1) % 3];
                 seen += (a == c && b == d) || (a == d && b == c);
             }
-            if (seen < 2)
-                border[a] = border[b] = true;
+            if (seen < 2) border[a] = border[b] = true;
         }
 }
 
@@ -367,10 +345,8 @@ static bool is_inside(const tm_patch_solver *s, const tm_patch *patch) {
     find_border(patch, border);
     for (int32_t i = 0; i < s->row_count; i++) {
         double weight = 0;
-        for (int j = 0; j < 3; j++)
-            weight += border[s->row[i].vertex[j]] ? s->row[i].weight[j] : 0;
-        if (s->row[i].lambda_N > 0 && weight > 0.5)
-            return false;
+        for (int j = 0; j < 3; j++) weight += border[s->row[i].vertex[j]] ? s->row[i].weight[j] : 0;
+        if (s->row[i].lambda_N > 0 && weight > 0.5) return false;
     }
     return true;
 }
@@ -383,26 +359,24 @@ void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_
     vset(patch->trocar_m, def.trocar_m);
     vset(tip_m, pose.tip_m);
     tm_capsule capsule = tm_tool_capsule(&def, &pose, patch->instrument);
-    for (int32_t i = 0; i < 3 * patch->triangle_count; i++)
-        triangle[i] = patch->triangle[i];
+    for (int32_t i = 0; i < 3 * patch->triangle_count; i++) triangle[i] = patch->triangle[i];
     surface.triangle = triangle;
     surface.face = patch->face;
-    if (s->vertex_count != patch->vertex_count || memcmp(s->vertex, patch->vertex, sizeof(int32_t) * (size_t)patch->vertex_count)) {
+    if (s->vertex_count != patch->vertex_count ||
+        memcmp(s->vertex, patch->vertex, sizeof(int32_t) * (size_t)patch->vertex_count)) {
         s->vertex_count = patch->vertex_count;
         memcpy(s->vertex, patch->vertex, sizeof(int32_t) * (size_t)patch->vertex_count);
         s->row_count = 0;
         memset(s->force_N, 0, sizeof s->force_N);
     }
-    for (int32_t i = 0; i < 3 * patch->vertex_count; i++)
-        s->u_m[i] = patch->vertex_m[i] - patch->rest_m[i];
+    for (int32_t i = 0; i < 3 * patch->vertex_count; i++) s->u_m[i] = patch->vertex_m[i] - patch->rest_m[i];
     deform(patch, s->force_N, 1, s->u_m);
     tm_contact_search_gather(s->search, patch->rest_m, s->u_m, &surface, &capsule, 1);
     for (int32_t k = 0; k < ROUNDS; k++) {
         find_rows(s, patch, &capsule);
         linearise(s, patch);
         solve_rows(s, patch);
-        if (take_forces(s, patch, k) < 2e-8)
-            break;
+        if (take_forces(s, patch, k) < 2e-8) break;
     }
     memset(force_N, 0, 3 * sizeof(double));
     for (int32_t i = 0; i < s->row_count; i++) {
@@ -411,8 +385,7 @@ void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_
         tm_tip_force(patch->trocar_m, tip_m, s->row[i].point_m, on_tool, at_tip);
         vmadd(force_N, 1, at_tip, force_N);
     }
-    if (inside)
-        *inside = is_inside(s, patch);
+    if (inside) *inside = is_inside(s, patch);
 }
 
 void tm_patch_stiffness(tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double stiffness_N_m[9]) {
@@ -424,7 +397,6 @@ void tm_patch_stiffness(tm_patch_solver *s, const tm_patch *patch, const double 
         tm_patch_force(s, patch, at, ahead, NULL);
         at[c] = tip_m[c] - h;
         tm_patch_force(s, patch, at, behind, NULL);
-        for (int i = 0; i < 3; i++)
-            stiffness_N_m[3 * i + c] = (ahead[i] - behind[i]) / (2 * h);
+        for (int i = 0; i < 3; i++) stiffness_N_m[3 * i + c] = (ahead[i] - behind[i]) / (2 * h);
     }
 }

@@ -8,15 +8,16 @@
 enum { TM_COOKIE_PATCH = 0x70617463 };
 
 /* tm_patch_choose among triangles whose vertices are all usable (null: all are). */
-int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_view *surface, const tm_capsule *capsule,
-                      const double velocity_m_s[3], double horizon_s, const tm_contact_row *row, int32_t row_count,
-                      int32_t max_vertices, int32_t max_triangles, bool (*usable)(void *self, int32_t vertex), void *self,
-                      tm_patch *patch);
+int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_view *surface,
+                      const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
+                      const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
+                      bool (*usable)(void *self, int32_t vertex), void *self, tm_patch *patch);
 
 /* patch_columns.c: columns of the quasi-static compliance, computed little by little and remembered. */
 typedef struct tm_columns tm_columns;
 tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, double tolerance);
-/* These vertices' columns are needed from now on, most urgent first; others may be forgotten for them. Owner: one of few. */
+/* These vertices' columns are needed from now on, most urgent first; others may be forgotten for them. Owner: one of
+ * few. */
 void tm_columns_want(tm_columns *columns, int32_t owner, const int32_t *vertex, int32_t count);
 /* At most so many iterations. */
 void tm_columns_work(tm_columns *columns, int32_t iterations);

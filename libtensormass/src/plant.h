@@ -1,4 +1,5 @@
-/* Known faults, one of which tests/stability/test_planted.py switches in at a time to see the named tests turn red. Always 0 in a product. */
+/* Known faults, one of which tests/stability/test_planted.py switches in at a time to see the named tests turn red.
+ * Always 0 in a product. */
 #ifndef TM_PLANT_H
 #define TM_PLANT_H
 

@@ -70,8 +70,7 @@ static tm_status not_converged(const relaxation *x, tm_error *error) {
 /* --- what cannot come to rest --- */
 
 static int32_t root(int32_t *parent, int32_t v) {
-    while (parent[v] != v)
-        v = parent[v] = parent[parent[v]];
+    while (parent[v] != v) v = parent[v] = parent[parent[v]];
     return v;
 }
 
@@ -82,12 +81,10 @@ static bool piece_is_held(const relaxation *x, int32_t *parent, int32_t piece) {
     int32_t count = 0;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         if (root(parent, v) != piece) continue;
-        for (int i = 0; i < 3; i++)
-            centre[i] += mesh->rest_m[3 * v + i];
+        for (int i = 0; i < 3; i++) centre[i] += mesh->rest_m[3 * v + i];
         count++;
     }
-    for (int i = 0; i < 3; i++)
-        centre[i] /= count;
+    for (int i = 0; i < 3; i++) centre[i] /= count;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         double d[3];
         tm_sub3(mesh->rest_m + 3 * v, centre, d);
@@ -98,11 +95,9 @@ static bool piece_is_held(const relaxation *x, int32_t *parent, int32_t piece) {
         double d[3], row[6] = {0}, axis[3] = {0, 0, 0};
         axis[i % 3] = row[i % 3] = 1;
         tm_sub3(mesh->rest_m + 3 * (i / 3), centre, d);
-        for (int k = 0; k < 3; k++)
-            d[k] /= size;
+        for (int k = 0; k < 3; k++) d[k] /= size;
         tm_cross3(d, axis, row + 3);
-        for (int k = 0; k < 36; k++)
-            G[k] += row[k / 6] * row[k % 6];
+        for (int k = 0; k < 36; k++) G[k] += row[k / 6] * row[k % 6];
     }
     tm_diagonalise6(G);
     double least = G[0], most = G[0];
@@ -122,8 +117,7 @@ static tm_status check_supports(relaxation *x, tm_error *error) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "settling");
     }
-    for (int32_t v = 0; v < mesh->vertex_count; v++)
-        parent[v] = v;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) parent[v] = v;
     for (int32_t t = 0; t < mesh->tet_count; t++)
         for (int i = 1; i < 4 && x->world->tissue->alive[t]; i++)
             parent[root(parent, mesh->tet[4 * (int64_t)t + i])] = root(parent, mesh->tet[4 * (int64_t)t]);
@@ -150,29 +144,24 @@ static void invert_vertex(const tm_tissue *tissue, int32_t v, const uint8_t *hel
     tm_tissue_vertex_tensor(tissue, v, K);
     for (int i = 0; i < 3; i++) {
         if (!held[i]) continue;
-        for (int j = 0; j < 3; j++)
-            K[3 * i + j] = K[3 * j + i] = 0;
+        for (int j = 0; j < 3; j++) K[3 * i + j] = K[3 * j + i] = 0;
         K[4 * i] = 1;
     }
     double row[9];
-    for (int i = 0; i < 3; i++)
-        tm_cross3(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), row + 3 * i);
+    for (int i = 0; i < 3; i++) tm_cross3(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), row + 3 * i);
     const double det = tm_dot3(K, row);
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            inverse[3 * i + j] = held[i] || held[j] ? 0 : row[3 * j + i] / det;
+        for (int j = 0; j < 3; j++) inverse[3 * i + j] = held[i] || held[j] ? 0 : row[3 * j + i] / det;
 }
 
 static void precondition(const relaxation *x, const double *r, double *z) {
     for (int32_t v = 0; v < x->n / 3; v++)
-        for (int i = 0; i < 3; i++)
-            z[3 * v + i] = tm_dot3(x->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
+        for (int i = 0; i < 3; i++) z[3 * v + i] = tm_dot3(x->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
 }
 
 static double product(const double *a, const double *b, int32_t n) {
     double sum = 0;
-    for (int32_t i = 0; i < n; i++)
-        sum += a[i] * b[i];
+    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
     return sum;
 }
 
@@ -181,8 +170,7 @@ static void true_residual(relaxation *x) {
     const double *u = x->world->state.u_m;
     tm_tissue_force(x->world->tissue, u, x->image);
     const double reference = fmax(largest(x->external, NULL, x->n), largest(x->image, NULL, x->n));
-    for (int32_t i = 0; i < x->n; i++)
-        x->residual[i] = x->held[i] ? 0 : x->external[i] + x->image[i];
+    for (int32_t i = 0; i < x->n; i++) x->residual[i] = x->held[i] ? 0 : x->external[i] + x->image[i];
     const double most = largest(x->residual, NULL, x->n);
     x->relative = most > 0 ? most / reference : 0;
 }
@@ -206,8 +194,7 @@ static tm_status relax_linear_once(relaxation *x, double reference, tm_error *er
         precondition(x, x->residual, x->scaled);
         const double next = product(x->residual, x->scaled, x->n);
         const double carry = next / rz;
-        for (int32_t i = 0; i < x->n; i++)
-            x->step[i] = x->scaled[i] + carry * x->step[i];
+        for (int32_t i = 0; i < x->n; i++) x->step[i] = x->scaled[i] + carry * x->step[i];
         rz = next;
         x->relative = largest(x->residual, NULL, x->n) / reference;
         if (++x->steps >= x->def->max_steps || !report(x)) return not_converged(x, error);
@@ -218,8 +205,7 @@ static tm_status relax_linear_once(relaxation *x, double reference, tm_error *er
 
 static tm_status relax_linear(relaxation *x, tm_error *error) {
     const tm_tissue *tissue = x->world->tissue;
-    for (int32_t v = 0; v < x->n / 3; v++)
-        invert_vertex(tissue, v, x->held + 3 * v, x->inverse + 9 * (int64_t)v);
+    for (int32_t v = 0; v < x->n / 3; v++) invert_vertex(tissue, v, x->held + 3 * v, x->inverse + 9 * (int64_t)v);
     double best = HUGE_VAL;
     for (int idle = 0;;) {
         true_residual(x);
@@ -243,8 +229,7 @@ static void fictitious_masses(relaxation *x) {
     memset(sum, 0, sizeof(double) * (size_t)x->n);
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         tm_tissue_vertex_tensor(tissue, v, K);
-        for (int i = 0; i < 9; i++)
-            sum[3 * v + i / 3] += fabs(K[i]);
+        for (int i = 0; i < 9; i++) sum[3 * v + i / 3] += fabs(K[i]);
     }
     for (int32_t e = 0; e < mesh->edge_count; e++) {
         tm_tissue_edge_tensor(tissue, e, K);
@@ -351,8 +336,7 @@ static void prepare(relaxation *x) {
 /* Leaves forces, reactions and contact as the first step from here would find them. */
 static void refresh(tm_world *world) {
     tm_world_changed(world);
-    for (tm_phase phase = TM_PHASE_FORCE; phase <= TM_PHASE_CONSTRAIN; phase++)
-        run_phase(world, phase);
+    for (tm_phase phase = TM_PHASE_FORCE; phase <= TM_PHASE_CONSTRAIN; phase++) run_phase(world, phase);
 }
 
 tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error) {

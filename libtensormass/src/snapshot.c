@@ -24,9 +24,7 @@ typedef struct stage_header {
     int64_t bytes;
 } stage_header;
 
-static int64_t padded(int64_t bytes) {
-    return (bytes + 7) / 8 * 8;
-}
+static int64_t padded(int64_t bytes) { return (bytes + 7) / 8 * 8; }
 
 static uint64_t scene_hash(const tm_tissue *tissue) {
     const tm_mesh *mesh = tissue->mesh;
@@ -51,9 +49,7 @@ static int64_t body_bytes(const tm_mesh *mesh, int32_t surface_count) {
            padded((int64_t)sizeof(int32_t) * surface_count);
 }
 
-static bool keeps(const tm_stage *stage) {
-    return stage->snapshot && stage->restore;
-}
+static bool keeps(const tm_stage *stage) { return stage->snapshot && stage->restore; }
 
 int64_t tm_snapshot_bytes(const tm_world *world) {
     int64_t bytes = (int64_t)sizeof(header) + body_bytes(world->tissue->mesh, world->tissue->surface.count);
@@ -98,8 +94,7 @@ tm_status tm_snapshot_save(const tm_world *world, void *buffer, int64_t bytes, t
         const tm_stage *stage = &world->slot[i].stage;
         if (!keeps(stage)) continue;
         stage_header s = {.bytes = stage->snapshot(stage->self, NULL)};
-        for (size_t c = 0; c + 1 < sizeof s.name && stage->name[c]; c++)
-            s.name[c] = stage->name[c];
+        for (size_t c = 0; c + 1 < sizeof s.name && stage->name[c]; c++) s.name[c] = stage->name[c];
         memcpy(to, &s, sizeof s);
         to += sizeof s;
         memset(to, 0, (size_t)padded(s.bytes));
@@ -206,12 +201,9 @@ static void take_tissue(tm_tissue *tissue, const uint8_t *alive, const int32_t *
     const tm_mesh *mesh = tissue->mesh;
     memcpy(tissue->alive, alive, (size_t)mesh->tet_count);
     tissue->alive_count = 0;
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        tissue->alive_count += alive[t];
-    for (int32_t e = 0; e < mesh->edge_count; e++)
-        tm_tissue_assemble_edge(tissue, e);
-    for (int32_t v = 0; v < mesh->vertex_count; v++)
-        tm_tissue_assemble_vertex(tissue, v);
+    for (int32_t t = 0; t < mesh->tet_count; t++) tissue->alive_count += alive[t];
+    for (int32_t e = 0; e < mesh->edge_count; e++) tm_tissue_assemble_edge(tissue, e);
+    for (int32_t v = 0; v < mesh->vertex_count; v++) tm_tissue_assemble_vertex(tissue, v);
     tm_cut_count(tissue);
     memset(tissue->face_slot, -1, sizeof(int32_t) * 4 * (size_t)mesh->tet_count);
     for (int32_t i = 0; i < count; i++) {

@@ -126,8 +126,7 @@ static void begin_search(cut *stage, tm_world *world) {
 static void flood(cut *stage, const tm_tissue *tissue) {
     for (int budget = REACH_PER_STEP; budget > 0 && stage->queue_begin < stage->queue_end; budget--) {
         const int32_t tet = stage->queue[stage->queue_begin++];
-        for (int f = 0; f < 4; f++)
-            reach(stage, tissue, tissue->mesh->tet_neighbour[4 * (int64_t)tet + f]);
+        for (int f = 0; f < 4; f++) reach(stage, tissue, tissue->mesh->tet_neighbour[4 * (int64_t)tet + f]);
     }
     if (stage->queue_begin == stage->queue_end) stage->state = SEARCH_SWEEP;
 }
@@ -287,9 +286,7 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
     return status;
 }
 
-bool tm_stage_is_cut(const tm_stage *stage) {
-    return stage->run == run;
-}
+bool tm_stage_is_cut(const tm_stage *stage) { return stage->run == run; }
 
 int32_t tm_cut_take(tm_world *world, int32_t *tet, int8_t *instrument, int32_t max) {
     cut *stage = NULL;

@@ -34,8 +34,7 @@ tm_status tm_stage_gravity(tm_world *world, const double g_m_s2[3], tm_error *er
     tm_pool pool = {0};
     gravity *self = TM_TAKE(&pool, gravity, 1);
     if (!self) return tm_fail_memory(error, "gravity stage");
-    for (int i = 0; i < 3; i++)
-        self->g_m_s2[i] = g_m_s2[i];
+    for (int i = 0; i < 3; i++) self->g_m_s2[i] = g_m_s2[i];
     self->pool = pool;
     const tm_stage stage = {
         .name = "gravity", .phase = TM_PHASE_LOAD, .run = tm_stage_gravity_run, .destroy = destroy, .self = self};

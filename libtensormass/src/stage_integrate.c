@@ -11,8 +11,7 @@ void tm_stage_integrate_run(void *self, tm_world *world) {
     double *TM_RESTRICT u_next = world->state.u_next_m;
     const int32_t n = world->tissue->mesh->vertex_count;
     for (int32_t v = 0; v < n; v++)
-        for (int32_t i = 3 * v; i < 3 * v + 3; i++)
-            u_next[i] = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
+        for (int32_t i = 3 * v; i < 3 * v + 3; i++) u_next[i] = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
 }
 
 void tm_stage_integrate_damped_run(void *self, tm_world *world) {
@@ -35,17 +34,14 @@ static void refresh(tm_world *world, int32_t v) {
     world->mobility_s2_kg[v] = weight > 0 ? 1 / weight : 0;
     if (world->carry) world->carry[v] = weight > 0 ? (inertia - drag) / weight : 0;
     if (weight > 0) return;
-    for (int32_t i = 3 * v; i < 3 * v + 3; i++)
-        world->state.u_prev_m[i] = world->state.u_m[i];
+    for (int32_t i = 3 * v; i < 3 * v + 3; i++) world->state.u_prev_m[i] = world->state.u_m[i];
 }
 
 void tm_stage_integrate_changed(void *self, tm_world *world) {
     (void)self;
-    for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++)
-        refresh(world, v);
+    for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++) refresh(world, v);
 }
 
 void tm_stage_integrate_refresh(tm_world *world, const int32_t *vertex, int32_t count) {
-    for (int32_t i = 0; i < count; i++)
-        refresh(world, vertex[i]);
+    for (int32_t i = 0; i < count; i++) refresh(world, vertex[i]);
 }

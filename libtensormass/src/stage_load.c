@@ -13,8 +13,7 @@ void tm_stage_load_run(void *self, tm_world *world) {
     const double *TM_RESTRICT force = ((const load *)self)->force_N;
     double *TM_RESTRICT f = world->state.force_N;
     const int32_t n = 3 * world->tissue->mesh->vertex_count;
-    for (int32_t i = 0; i < n; i++)
-        f[i] += force[i];
+    for (int32_t i = 0; i < n; i++) f[i] += force[i];
 }
 
 static void destroy(void *self) {
@@ -54,7 +53,6 @@ void tm_load_add_traction(const tm_mesh *mesh, const int32_t *triangle, int32_t 
         tm_sub3(mesh->rest_m + 3 * (int64_t)v[2], mesh->rest_m + 3 * (int64_t)v[0], b);
         tm_cross3(a, b, n);
         const double third = sqrt(tm_dot3(n, n)) / 6;
-        for (int i = 0; i < 9; i++)
-            force_N[3 * (int64_t)v[i / 3] + i % 3] += third * traction_Pa[i % 3];
+        for (int i = 0; i < 9; i++) force_N[3 * (int64_t)v[i / 3] + i % 3] += third * traction_Pa[i % 3];
     }
 }

@@ -15,9 +15,7 @@ typedef struct support {
     int32_t given;
 } support;
 
-tm_support_def tm_support_def_default(void) {
-    return (tm_support_def){.cookie = TM_COOKIE_SUPPORT};
-}
+tm_support_def tm_support_def_default(void) { return (tm_support_def){.cookie = TM_COOKIE_SUPPORT}; }
 
 void tm_stage_support_run(void *self, tm_world *world) {
     support *stage = self;
@@ -32,20 +30,17 @@ void tm_stage_support_run(void *self, tm_world *world) {
 
 void tm_support_impose(const tm_world *world, double *u_m) {
     const support *stage = world->support;
-    for (int32_t i = 0; stage && i < stage->count; i++)
-        u_m[stage->dof[i]] = stage->value_m[i];
+    for (int32_t i = 0; stage && i < stage->count; i++) u_m[stage->dof[i]] = stage->value_m[i];
 }
 
 void tm_support_reaction(const tm_world *world, double *reaction_N) {
     const support *stage = world->support;
-    for (int32_t i = 0; stage && i < stage->count; i++)
-        reaction_N[stage->dof[i]] += stage->reaction_N[i];
+    for (int32_t i = 0; stage && i < stage->count; i++) reaction_N[stage->dof[i]] += stage->reaction_N[i];
 }
 
 void tm_support_mask(const tm_world *world, uint8_t *mask) {
     const support *stage = world->support;
-    for (int32_t i = 0; stage && i < stage->count; i++)
-        mask[stage->dof[i]] = 1;
+    for (int32_t i = 0; stage && i < stage->count; i++) mask[stage->dof[i]] = 1;
 }
 
 void tm_support_move(tm_world *world, int32_t component, double value_m) {
@@ -91,8 +86,7 @@ static tm_status fill(support *stage, const tm_support_def *def, int32_t dofs, i
         seen[d] = stage->count++;
     }
     stage->given = def->count;
-    for (int32_t i = 0; i < def->count; i++)
-        stage->place[i] = seen[def->dof[i]];
+    for (int32_t i = 0; i < def->count; i++) stage->place[i] = seen[def->dof[i]];
     return TM_OK;
 }
 

@@ -5,9 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-tm_tissue_def tm_tissue_def_default(void) {
-    return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE};
-}
+tm_tissue_def tm_tissue_def_default(void) { return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE}; }
 
 void tm_tissue_destroy(tm_tissue *tissue) {
     if (!tissue) return;
@@ -26,8 +24,7 @@ static void stiffness(const tm_tissue *tissue, int32_t tet, int local_k, int loc
 static void vertex_stiffness(const tm_tissue *tissue, int32_t tet, int32_t vertex, double K[9]) {
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet;
     int local = 0;
-    while (v[local] != vertex)
-        local++;
+    while (v[local] != vertex) local++;
     stiffness(tissue, tet, local, local, K);
 }
 
@@ -35,10 +32,8 @@ static void vertex_stiffness(const tm_tissue *tissue, int32_t tet, int32_t verte
 static void edge_stiffness(const tm_tissue *tissue, int32_t tet, int32_t edge, double K[9]) {
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)tet, *ends = tissue->mesh->edge + 2 * (int64_t)edge;
     int k = 0, l = 0;
-    while (v[k] != ends[0])
-        k++;
-    while (v[l] != ends[1])
-        l++;
+    while (v[k] != ends[0]) k++;
+    while (v[l] != ends[1]) l++;
     stiffness(tissue, tet, k, l, K);
 }
 
@@ -63,8 +58,7 @@ static void keep_blocks(tm_tissue *tissue) {
 }
 
 static void add9(double *TM_RESTRICT sum, const double *TM_RESTRICT K) {
-    for (int i = 0; i < 9; i++)
-        sum[i] += K[i];
+    for (int i = 0; i < 9; i++) sum[i] += K[i];
 }
 
 /* Single edge tensors do not add up to the vertex tensor by rounding, and the rest would resist a translation: a
@@ -77,11 +71,9 @@ static void balance_edges(const tm_tissue *tissue, int32_t vertex, double sum[9]
         const int32_t edge = mesh->vertex_edge[i];
         const float *K = (const float *)tissue->edge_tensor + 9 * (int64_t)edge;
         const bool upper = mesh->edge[2 * edge] == vertex;
-        for (int k = 0; k < 9; k++)
-            S[k] -= (double)K[upper ? k : 3 * (k % 3) + k / 3];
+        for (int k = 0; k < 9; k++) S[k] -= (double)K[upper ? k : 3 * (k % 3) + k / 3];
     }
-    for (int k = 0; k < 9; k++)
-        sum[k] = (S[k] + S[3 * (k % 3) + k / 3]) / 2;
+    for (int k = 0; k < 9; k++) sum[k] = (S[k] + S[3 * (k % 3) + k / 3]) / 2;
 }
 
 static void sum_blocks(const tm_tissue *tissue, int32_t vertex, double sum[9]) {
@@ -140,8 +132,7 @@ void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
         add9(sum, block);
     }
     if (tissue->precision == TM_SINGLE)
-        for (int i = 0; i < 9; i++)
-            ((float *)tissue->edge_tensor)[9 * (int64_t)edge + i] = (float)sum[i];
+        for (int i = 0; i < 9; i++) ((float *)tissue->edge_tensor)[9 * (int64_t)edge + i] = (float)sum[i];
     else
         memcpy((double *)tissue->edge_tensor + 9 * (int64_t)edge, sum, sizeof sum);
 }
@@ -244,10 +235,8 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
         for (int i = 0; i < 3; i++)
             tissue->fibre[3 * (int64_t)t + i] = length > 0 && isfinite(length) ? a[i] / length : 0;
     }
-    for (int32_t e = 0; e < mesh->edge_count; e++)
-        tissue->upper_begin[mesh->edge[2 * e] + 1]++;
-    for (int32_t v = 0; v < mesh->vertex_count; v++)
-        tissue->upper_begin[v + 1] += tissue->upper_begin[v];
+    for (int32_t e = 0; e < mesh->edge_count; e++) tissue->upper_begin[mesh->edge[2 * e] + 1]++;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) tissue->upper_begin[v + 1] += tissue->upper_begin[v];
 }
 
 void tm_tissue_build_surface(tm_tissue *tissue) {
@@ -285,10 +274,8 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     }
     copy_constants(t, def);
     if (t->cuttable) keep_blocks(t);
-    for (int32_t e = 0; e < def->mesh->edge_count; e++)
-        tm_tissue_assemble_edge(t, e);
-    for (int32_t v = 0; v < def->mesh->vertex_count; v++)
-        tm_tissue_assemble_vertex(t, v);
+    for (int32_t e = 0; e < def->mesh->edge_count; e++) tm_tissue_assemble_edge(t, e);
+    for (int32_t v = 0; v < def->mesh->vertex_count; v++) tm_tissue_assemble_vertex(t, v);
     tm_tissue_build_surface(t);
     if (t->cut) tm_cut_count(t);
     t->pool = pool;
@@ -298,27 +285,13 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
 
 /* --- views --- */
 
-const tm_mesh *tm_tissue_mesh(const tm_tissue *tissue) {
-    return tissue->mesh;
-}
-const double *tm_tissue_mass_kg(const tm_tissue *tissue) {
-    return tissue->mass_kg;
-}
-const double *tm_tissue_damping_kg_s(const tm_tissue *tissue) {
-    return tissue->damping_kg_s;
-}
-const uint8_t *tm_tissue_alive(const tm_tissue *tissue) {
-    return tissue->alive;
-}
-int32_t tm_tissue_alive_count(const tm_tissue *tissue) {
-    return tissue->alive_count;
-}
-int64_t tm_tissue_bytes(const tm_tissue *tissue) {
-    return tissue->pool.bytes;
-}
-tm_surface_view tm_tissue_surface(const tm_tissue *tissue) {
-    return tissue->surface;
-}
+const tm_mesh *tm_tissue_mesh(const tm_tissue *tissue) { return tissue->mesh; }
+const double *tm_tissue_mass_kg(const tm_tissue *tissue) { return tissue->mass_kg; }
+const double *tm_tissue_damping_kg_s(const tm_tissue *tissue) { return tissue->damping_kg_s; }
+const uint8_t *tm_tissue_alive(const tm_tissue *tissue) { return tissue->alive; }
+int32_t tm_tissue_alive_count(const tm_tissue *tissue) { return tissue->alive_count; }
+int64_t tm_tissue_bytes(const tm_tissue *tissue) { return tissue->pool.bytes; }
+tm_surface_view tm_tissue_surface(const tm_tissue *tissue) { return tissue->surface; }
 
 const tm_material *tm_tissue_tet_material(const tm_tissue *tissue, int32_t tet) {
     return tissue->material + tissue->region_material[tissue->mesh->region[tet]];
@@ -346,8 +319,7 @@ void tm_tissue_force(const tm_tissue *tissue, const double *u_m, double *force_N
 
 static double form(const double K[9], const double *a, const double *b) {
     double sum = 0;
-    for (int i = 0; i < 3; i++)
-        sum += a[i] * tm_dot3(K + 3 * i, b);
+    for (int i = 0; i < 3; i++) sum += a[i] * tm_dot3(K + 3 * i, b);
     return sum;
 }
 

@@ -23,8 +23,7 @@ static void rotate(tm_state *s) {
 }
 
 static void substep(tm_world *world) {
-    for (int32_t i = 0; i < world->stage_count; i++)
-        world->slot[i].stage.run(world->slot[i].stage.self, world);
+    for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].stage.run(world->slot[i].stage.self, world);
     rotate(&world->state);
 }
 
@@ -43,14 +42,12 @@ static void timed_substep(tm_world *world) {
 enum { FLUSH_EVERY = 256 };
 static void flush(double *u, int32_t n) {
     const double tiny = 1e-60; /* above 1e-44 m nothing changes, below 1e-76 m nothing is left */
-    for (int32_t i = 0; i < n; i++)
-        u[i] = (u[i] + tiny) - tiny;
+    for (int32_t i = 0; i < n; i++) u[i] = (u[i] + tiny) - tiny;
 }
 
 static bool sound(const double *u, int32_t n) {
     int bad = 0;
-    for (int32_t i = 0; i < n; i++)
-        bad |= !(fabs(u[i]) <= LARGEST_DISPLACEMENT_M);
+    for (int32_t i = 0; i < n; i++) bad |= !(fabs(u[i]) <= LARGEST_DISPLACEMENT_M);
     return !bad;
 }
 
@@ -71,8 +68,7 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
         flush(s->u_m, n);
         flush(s->u_prev_m, n);
     }
-    for (int32_t i = 0; i < world->stage_count; i++)
-        world->slot[i].runs += count;
+    for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].runs += count;
     if (sound(s->u_m, n)) return TM_OK;
     memcpy(s->u_m, world->keep_u_m, sizeof(double) * (size_t)n);
     memcpy(s->u_prev_m, world->keep_u_prev_m, sizeof(double) * (size_t)n);
@@ -117,8 +113,7 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *stage, int64_t byt
         return tm_fail(error, TM_ERR_LIMIT, -1, "stage %s would be number %d of at most %d; leave an effect out",
                        stage->name, world->stage_count + 1, TM_MAX_STAGES);
     int32_t at = world->stage_count++;
-    for (; at > 0 && world->slot[at - 1].stage.phase > stage->phase; at--)
-        world->slot[at] = world->slot[at - 1];
+    for (; at > 0 && world->slot[at - 1].stage.phase > stage->phase; at--) world->slot[at] = world->slot[at - 1];
     world->slot[at] = (struct tm_stage_slot){.stage = *stage, .bytes = bytes};
     if (stage->run == tm_stage_support_run) world->support = stage->self;
     if (stage->step_changed) stage->step_changed(stage->self, world);
@@ -226,21 +221,11 @@ void tm_world_destroy(tm_world *world) {
 
 /* --- the rest --- */
 
-void tm_world_set_timing(tm_world *world, bool on) {
-    world->timing = on;
-}
-tm_state *tm_world_state(tm_world *world) {
-    return &world->state;
-}
-tm_tissue *tm_world_tissue(tm_world *world) {
-    return world->tissue;
-}
-double tm_world_step_s(const tm_world *world) {
-    return world->state.dt_s;
-}
-const double *tm_world_mobility_s2_kg(const tm_world *world) {
-    return world->mobility_s2_kg;
-}
+void tm_world_set_timing(tm_world *world, bool on) { world->timing = on; }
+tm_state *tm_world_state(tm_world *world) { return &world->state; }
+tm_tissue *tm_world_tissue(tm_world *world) { return world->tissue; }
+double tm_world_step_s(const tm_world *world) { return world->state.dt_s; }
+const double *tm_world_mobility_s2_kg(const tm_world *world) { return world->mobility_s2_kg; }
 
 static void run_phases(tm_world *world, tm_phase first, tm_phase last) {
     for (int32_t i = 0; i < world->stage_count; i++) {

@@ -9,8 +9,7 @@
 static void centre_of(const mesh *m, const int *vertex, int count, double c[3]) {
     for (int k = 0; k < 3; k++) {
         c[k] = 0;
-        for (int i = 0; i < count; i++)
-            c[k] += m->vertex[3 * (size_t)vertex[i] + (size_t)k] / count;
+        for (int i = 0; i < count; i++) c[k] += m->vertex[3 * (size_t)vertex[i] + (size_t)k] / count;
     }
 }
 
@@ -22,8 +21,7 @@ static void need_surface(mesh *m) {
 
 static void set_fibre(mesh *m, int t, const double d[3]) {
     double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    for (int k = 0; k < 3; k++)
-        m->fibre[3 * (size_t)t + (size_t)k] = d[k] / length;
+    for (int k = 0; k < 3; k++) m->fibre[3 * (size_t)t + (size_t)k] = d[k] / length;
 }
 
 static void allocate_fibres(mesh *m) {
@@ -52,8 +50,7 @@ void make_block(mesh *m, int tets) {
             for (int i = 0; i < n[0]; i++)
                 for (int o = 0; o < 6; o++) {
                     int v[4] = {i * stride[0] + j * stride[1] + k * stride[2]};
-                    for (int s = 0; s < 3; s++)
-                        v[s + 1] = v[s] + stride[order[o][s]];
+                    for (int s = 0; s < 3; s++) v[s + 1] = v[s] + stride[order[o][s]];
                     add_tet(m, v[0], v[1], v[2], v[3]);
                 }
     need_surface(m);
@@ -61,8 +58,7 @@ void make_block(mesh *m, int tets) {
     m->region_names = 1;
     m->region_name[0] = "tissue";
     m->face_names = 6;
-    for (int g = 0; g < 6; g++)
-        m->face_name[g] = names[g];
+    for (int g = 0; g < 6; g++) m->face_name[g] = names[g];
     for (int f = 0; f < m->face_count; f++) {
         double normal[3];
         face_normal(m, m->face + 3 * f, normal);
@@ -76,9 +72,7 @@ void make_block(mesh *m, int tets) {
 
 static const double cylinder_length_m = 0.12, cylinder_radius_m = 0.03;
 
-static int ring_point(int ring, int i) {
-    return ring == 0 ? 0 : 1 + 3 * ring * (ring - 1) + i % (6 * ring);
-}
+static int ring_point(int ring, int i) { return ring == 0 ? 0 : 1 + 3 * ring * (ring - 1) + i % (6 * ring); }
 
 /* The triangles of the disk of `rings` rings, 6 rings^2 of them. */
 static int disk_triangles(int rings, int *out) {
@@ -111,11 +105,9 @@ static void extrude(mesh *m, const int triangle[3], int bottom, int top) {
 
 void make_cylinder(mesh *m, int tets) {
     int rings = 1, layers = 1;
-    for (; 18 * rings * rings * layers < tets; rings++)
-        layers = 4 * (rings + 1);
+    for (; 18 * rings * rings * layers < tets; rings++) layers = 4 * (rings + 1);
     if (rings > 1 && 18 * (rings - 1) * (rings - 1) * layers >= tets) rings--;
-    while (18 * rings * rings * (layers - 1) >= tets)
-        layers--;
+    while (18 * rings * rings * (layers - 1) >= tets) layers--;
     int points = 1 + 3 * rings * (rings + 1);
     for (int l = 0; l <= layers; l++)
         for (int r = 0; r <= rings; r++)
@@ -127,8 +119,7 @@ void make_cylinder(mesh *m, int tets) {
     if (!triangle) exit(1);
     int triangles = disk_triangles(rings, triangle);
     for (int l = 0; l < layers; l++)
-        for (int t = 0; t < triangles; t++)
-            extrude(m, triangle + 3 * t, l * points, (l + 1) * points);
+        for (int t = 0; t < triangles; t++) extrude(m, triangle + 3 * t, l * points, (l + 1) * points);
     free(triangle);
     need_surface(m);
     m->region_names = 1;
@@ -165,17 +156,13 @@ static double join(double a, double b, double k) {
     return (a < b ? a : b) - (h > 0 ? h * h / (4 * k) : 0);
 }
 
-static double carve(double body, double tool, double k) {
-    return -join(-body, tool, k);
-}
+static double carve(double body, double tool, double k) { return -join(-body, tool, k); }
 
 static const double hilum[3] = {0.012, 0.01, -0.060};        /* where the vessels enter: fibres run away from it */
 static const double cava_y_m = 0.062, cava_radius_m = 0.016; /* the vena cava's groove, along z, at x = 0.005 */
 static const double cava_x_m = 0.005;
 
-static double gall_bladder(const double p[3]) {
-    return ellipsoid(p, -0.024, -0.046, -0.037, 0.018, 0.036, 0.019);
-}
+static double gall_bladder(const double p[3]) { return ellipsoid(p, -0.024, -0.046, -0.037, 0.018, 0.036, 0.019); }
 
 static double liver(const void *shape, const double p[3]) {
     (void)shape;
@@ -204,8 +191,7 @@ static void onto_liver(const void *shape, double p[3]) {
             g[k] = (liver(shape, b) - liver(shape, a)) / (2 * step);
         }
         double square = g[0] * g[0] + g[1] * g[1] + g[2] * g[2];
-        for (int k = 0; k < 3; k++)
-            p[k] -= value * g[k] / (square + 1e-12);
+        for (int k = 0; k < 3; k++) p[k] -= value * g[k] / (square + 1e-12);
     }
 }
 
@@ -220,8 +206,7 @@ static void name_liver(mesh *m) {
     }
     static const char *const names[4] = {"free_surface", "vena_cava", "ligament", "gallbladder_fossa"};
     m->face_names = 4;
-    for (int g = 0; g < 4; g++)
-        m->face_name[g] = names[g];
+    for (int g = 0; g < 4; g++) m->face_name[g] = names[g];
     for (int f = 0; f < m->face_count; f++) {
         double c[3], n[3], dx, dy;
         centre_of(m, m->face + 3 * f, 3, c);

@@ -6,10 +6,8 @@
 
 static void write_msh(const mesh *m, FILE *file) {
     fprintf(file, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n%d\n", m->face_names + m->region_names);
-    for (int g = 0; g < m->face_names; g++)
-        fprintf(file, "2 %d \"%s\"\n", g + 1, m->face_name[g]);
-    for (int r = 0; r < m->region_names; r++)
-        fprintf(file, "3 %d \"%s\"\n", r + 1, m->region_name[r]);
+    for (int g = 0; g < m->face_names; g++) fprintf(file, "2 %d \"%s\"\n", g + 1, m->face_name[g]);
+    for (int r = 0; r < m->region_names; r++) fprintf(file, "3 %d \"%s\"\n", r + 1, m->region_name[r]);
     fprintf(file, "$EndPhysicalNames\n$Nodes\n%d\n", m->vertex_count);
     for (int v = 0; v < m->vertex_count; v++) {
         fprintf(file, "%d", v + 1);

@@ -27,8 +27,7 @@ static int ascending(const void *a, const void *b) {
 cJSON *bench_quantiles(double *value, int count) {
     double sum = 0;
     qsort(value, (size_t)count, sizeof *value, ascending);
-    for (int i = 0; i < count; i++)
-        sum += value[i];
+    for (int i = 0; i < count; i++) sum += value[i];
     cJSON *q = cJSON_CreateObject();
     cJSON_AddNumberToObject(q, "p50", value[count / 2]);
     cJSON_AddNumberToObject(q, "p99", value[(int)(0.99 * (count - 1))]);
@@ -115,8 +114,7 @@ int main(int argc, char **argv) {
                                             {0}};
     const char *path = NULL;
     bool quick = false;
-    for (int option; (option = getopt_long(argc, argv, "", options, NULL)) != -1;)
-        switch (option) {
+    for (int option; (option = getopt_long(argc, argv, "", options, NULL)) != -1;) switch (option) {
         case 'j': path = optarg; break;
         case 'q': quick = true; break;
         case 'h': usage(stdout); return APP_DONE;

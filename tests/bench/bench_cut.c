@@ -24,14 +24,12 @@ static void order_tets(const tm_mesh *mesh, bool scattered, int32_t *order) {
         item[t].key = scattered ? (double)(noise >> 11) : 0;
         for (int i = 0; i < 3 && !scattered; i++) {
             double middle = 0;
-            for (int k = 0; k < 4; k++)
-                middle += mesh->rest_m[3 * mesh->tet[4 * t + k] + i] / 4;
+            for (int k = 0; k < 4; k++) middle += mesh->rest_m[3 * mesh->tet[4 * t + k] + i] / 4;
             item[t].key += middle * middle;
         }
     }
     qsort(item, (size_t)mesh->tet_count, sizeof *item, by_distance);
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        order[t] = item[t].tet;
+    for (int32_t t = 0; t < mesh->tet_count; t++) order[t] = item[t].tet;
     free(item);
 }
 

@@ -23,8 +23,7 @@ static cJSON *one_force(const tm_mesh *mesh, int kind, double *seconds, int roun
     cJSON_AddStringToObject(row, "precision", precision == TM_SINGLE ? "single" : "double");
     cJSON_AddStringToObject(row, "form", kind % 2 ? "plain" : "best");
     const double median = app_median(seconds, rounds), bytes = pass_bytes(mesh, precision);
-    for (int i = 0; i < rounds; i++)
-        seconds[i] *= 1e6;
+    for (int i = 0; i < rounds; i++) seconds[i] *= 1e6;
     cJSON_AddItemToObject(row, "us_per_pass", bench_quantiles(seconds, rounds));
     cJSON_AddNumberToObject(row, "ns_per_edge", 1e9 * median / mesh->edge_count);
     cJSON_AddNumberToObject(row, "bytes_per_pass", bytes);
@@ -45,8 +44,7 @@ cJSON *bench_force(const bench_run *run) {
         const int n = 3 * mesh->vertex_count, rounds = run->quick ? 11 : 201,
                   passes = 1 + (run->quick ? 20000 : 200000) / mesh->edge_count;
         double *u = malloc(sizeof(double) * (size_t)n), *f = malloc(sizeof(double) * (size_t)n), *seconds[KINDS];
-        for (int i = 0; i < n; i++)
-            u[i] = 1e-3 * sin(1.7 * i);
+        for (int i = 0; i < n; i++) u[i] = 1e-3 * sin(1.7 * i);
         for (int k = 0; k < KINDS; k++) {
             tissue[k] =
                 bench_tissue(mesh, k / 2 ? TM_SINGLE : TM_DOUBLE, k % 2 ? TM_FORCE_PLAIN : TM_FORCE_BEST, false);
@@ -55,8 +53,7 @@ cJSON *bench_force(const bench_run *run) {
         for (int r = -2; r < rounds; r++) /* two rounds warm up */
             for (int k = 0; k < KINDS; k++) {
                 const double begin = app_seconds();
-                for (int p = 0; p < passes; p++)
-                    tm_tissue_force(tissue[k], u, f);
+                for (int p = 0; p < passes; p++) tm_tissue_force(tissue[k], u, f);
                 if (r >= 0) seconds[k][r] = (app_seconds() - begin) / passes;
             }
         const double bandwidth = app_bandwidth_B_s((size_t)pass_bytes(mesh, TM_DOUBLE), run->quick ? 3 : 15);
@@ -86,8 +83,7 @@ cJSON *bench_step(const bench_run *run) {
         const int layer = 3 * (run->cells[s] + 1) * (run->cells[s] + 1), rounds = run->quick ? 11 : 201;
         int32_t *dof = malloc(sizeof(int32_t) * (size_t)layer);
         double *zero = calloc((size_t)layer, sizeof(double)), *seconds = malloc(sizeof(double) * (size_t)rounds);
-        for (int i = 0; i < layer; i++)
-            dof[i] = i;
+        for (int i = 0; i < layer; i++) dof[i] = i;
         tm_support_def support = tm_support_def_default();
         support.count = layer, support.dof = dof, support.value_m = zero;
         bench_must(tm_stage_support(world, &support, &error), &error);

@@ -43,8 +43,7 @@ static inline bool organ_cut_down(const char *path, int orders, int batches) {
         manifold = !cut_not_manifold(tissue);
         tm_world *world = fix_world(tissue, true);
         fix_ok(tm_stage_gravity(world, (const double[3]){0, 0, -9.81}, &error), &error);
-        for (int32_t t = 0; t < mesh->tet_count; t++)
-            order[t] = t;
+        for (int32_t t = 0; t < mesh->tet_count; t++) order[t] = t;
         if (k % 2)
             cut_order_from(mesh, order, &random);
         else

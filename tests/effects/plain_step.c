@@ -13,8 +13,7 @@ static void by_hand(double *u, double *u_prev, double *u_next, double *f, const 
     for (int s = 0; s < substeps; s++) {
         tm_tissue_force(tissue, u, f);
         for (int32_t v = 0; v < mesh->vertex_count; v++)
-            for (int32_t i = 3 * v; i < 3 * v + 3; i++)
-                u_next[i] = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
+            for (int32_t i = 3 * v; i < 3 * v + 3; i++) u_next[i] = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
         double *oldest = u_prev;
         u_prev = u, u = u_next, u_next = oldest;
     }
@@ -50,8 +49,7 @@ static int64_t add_and_remove(tm_world *world) {
     tm_patch_maker *maker = NULL;
     fix_ok(tm_stage_patch(world, handle, &patch, &maker, &error), &error);
     static const char *const name[] = {"patch", "grasp", "cut", "contact", "support", "load", "gravity"};
-    for (int i = 0; i < 7; i++)
-        fix_ok(tm_world_remove_stage(world, name[i], &error), &error);
+    for (int i = 0; i < 7; i++) fix_ok(tm_world_remove_stage(world, name[i], &error), &error);
     free(force);
     return tm_memory_in_use() - before;
 }
@@ -69,8 +67,7 @@ int main(int argc, char **argv) {
     tm_world *world = fix_world(tissue, false);
     if (returned) printf("%lld\n", (long long)add_and_remove(world));
     tm_state *s = tm_world_state(world);
-    for (int32_t i = 0; i < 3 * mesh->vertex_count; i++)
-        s->u_m[i] = s->u_prev_m[i] = 1e-6 * fix_signed(&random);
+    for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) s->u_m[i] = s->u_prev_m[i] = 1e-6 * fix_signed(&random);
     for (int frame = 0; frame < frames; frame++) {
         if (driver)
             by_hand(s->u_m, s->u_prev_m, s->u_next_m, s->force_N, tm_world_mobility_s2_kg(world), SUBSTEPS);

@@ -80,15 +80,13 @@ static inline fuzz_body fuzz_block(int n, bool cuttable) {
     double *p = malloc(3 * (size_t)vertices * sizeof *p);
     int32_t *tet = malloc(4 * (size_t)tets * sizeof *tet);
     for (int v = 0; v < vertices; v++)
-        for (int k = 0; k < 3; k++)
-            p[3 * v + k] = 0.01 * (v / step[k] % side) / n;
+        for (int k = 0; k < 3; k++) p[3 * v + k] = 0.01 * (v / step[k] % side) / n;
     for (int v = 0; v < vertices; v++) {
         if (v % side == n || v / side % side == n || v / side / side == n) continue;
         for (int o = 0; o < 6; o++, t++) {
             int32_t *c = tet + 4 * t;
             c[0] = v;
-            for (int k = 0; k < 3; k++)
-                c[k + 1] = c[k] + step[path[o][k]];
+            for (int k = 0; k < 3; k++) c[k + 1] = c[k] + step[path[o][k]];
             if (o >= 3) {
                 int32_t spare = c[1];
                 c[1] = c[2];
@@ -114,8 +112,7 @@ static inline fuzz_body fuzz_block(int n, bool cuttable) {
     tissue.cuttable = cuttable;
     PROMISE(tm_tissue_create(&tissue, &b.tissue, NULL) == TM_OK);
     b.fixed = calloc(3 * (size_t)vertices, 1);
-    for (int i = 0; i < 3 * vertices; i++)
-        b.fixed[i] = p[i / 3 * 3 + 2] < 1e-9;
+    for (int i = 0; i < 3 * vertices; i++) b.fixed[i] = p[i / 3 * 3 + 2] < 1e-9;
     free(p);
     free(tet);
     return b;

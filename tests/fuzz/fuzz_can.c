@@ -16,8 +16,7 @@ static void round_trip(const hrt_can_frame *frame) {
     PROMISE(again.kind == message.kind && again.instrument == message.instrument && again.counter == message.counter);
     PROMISE(memcmp(again.count, message.count, sizeof again.count) == 0 && again.state == message.state &&
             again.fault == message.fault);
-    for (int i = 0; i < HRT_MOTORS; i++)
-        PROMISE(again.torque[i] == message.torque[i]);
+    for (int i = 0; i < HRT_MOTORS; i++) PROMISE(again.torque[i] == message.torque[i]);
 }
 
 static void check_output(const hrt_node *node) {
@@ -47,8 +46,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     fuzz_bytes b = {data, size};
     hrt_bus ends[3];
     hrt_loopback_init(&loopback);
-    for (int i = 0; i < 3; i++)
-        PROMISE(hrt_bus_open_loopback(&ends[i], &loopback));
+    for (int i = 0; i < 3; i++) PROMISE(hrt_bus_open_loopback(&ends[i], &loopback));
     hrt_node_config config = hrt_node_config_default(0);
     config.session = 7;
     config.pose_known = true;
@@ -68,16 +66,13 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         }
         if (with_device) {
             hrt_device_step(&device, now_us);
-            for (int i = 0; i < HRT_JOINTS; i++)
-                PROMISE(isfinite(device.joint[i]));
-            for (int i = 0; i < HRT_MOTORS; i++)
-                PROMISE(isfinite(device.torque[i]));
+            for (int i = 0; i < HRT_JOINTS; i++) PROMISE(isfinite(device.joint[i]));
+            for (int i = 0; i < HRT_MOTORS; i++) PROMISE(isfinite(device.torque[i]));
         }
         hrt_tool_state tool;
         hrt_node_tick(&node, now_us, &tool);
         check_output(&node);
     }
-    for (int i = 0; i < 3; i++)
-        hrt_bus_close(&ends[i]);
+    for (int i = 0; i < 3; i++) hrt_bus_close(&ends[i]);
     return 0;
 }

@@ -17,15 +17,13 @@ static int64_t now;
 
 static void hand(void *user, const double joint[5], bool active) {
     (void)user;
-    for (int i = 0; i < 5; i++)
-        PROMISE(isfinite(joint[i]));
+    for (int i = 0; i < 5; i++) PROMISE(isfinite(joint[i]));
     hrt_device_hand(&device, joint, active);
 }
 
 static void start(void) {
     hrt_loopback_init(&loopback);
-    for (int i = 0; i < 2; i++)
-        PROMISE(hrt_bus_open_loopback(&ends[i], &loopback));
+    for (int i = 0; i < 2; i++) PROMISE(hrt_bus_open_loopback(&ends[i], &loopback));
     hrt_node_config config = hrt_node_config_default(0);
     config.session = 7;
     config.pose_known = true;
@@ -94,8 +92,7 @@ static void set_fingerprint(int kind, uint8_t *bytes, int size) {
                                    __tensormass_controller_command_t_get_hash(),
                                    __tensormass_cut_event_t_get_hash(),
                                    __tensormass_tissue_t_get_hash()};
-    for (int i = 0; i < 8 && i < size; i++)
-        bytes[i] = (uint8_t)((uint64_t)prints[kind] >> (56 - 8 * i));
+    for (int i = 0; i < 8 && i < size; i++) bytes[i] = (uint8_t)((uint64_t)prints[kind] >> (56 - 8 * i));
 }
 
 static void give(int kind, uint8_t *bytes, int size) {

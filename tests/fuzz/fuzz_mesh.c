@@ -9,13 +9,11 @@
 enum { MAX_VERTICES = 12, MAX_TETS = 16 };
 
 static void look_over(const tm_mesh *mesh) {
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        PROMISE(mesh->volume_m3[t] > 0);
+    for (int32_t t = 0; t < mesh->tet_count; t++) PROMISE(mesh->volume_m3[t] > 0);
     for (int32_t f = 0; f < 4 * mesh->tet_count; f++) {
         int32_t other = mesh->tet_neighbour[f];
         bool mutual = other < 0;
-        for (int i = 0; other >= 0 && i < 4; i++)
-            mutual = mutual || mesh->tet_neighbour[4 * other + i] == f / 4;
+        for (int i = 0; other >= 0 && i < 4; i++) mutual = mutual || mesh->tet_neighbour[4 * other + i] == f / 4;
         PROMISE(mutual);
     }
 }
@@ -36,8 +34,7 @@ static void step(const tm_mesh *mesh) {
     if (tm_world_create(&world_def, &world, NULL) == TM_OK) {
         tm_state *state = tm_world_state(world);
         PROMISE(tm_world_step(world, 5) == TM_OK);
-        for (int32_t i = 0; i < 3 * mesh->vertex_count; i++)
-            PROMISE(state->u_m[i] == 0);
+        for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) PROMISE(state->u_m[i] == 0);
         tm_world_destroy(world);
     }
     tm_tissue_destroy(tissue);
@@ -52,8 +49,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     PROMISE(app_mesh_allocate(&m, 0));
     for (int32_t t = 0; t < m.tet_count; t++) {
         m.tet_tag[t] = t + 1;
-        for (int k = 0; k < 4; k++)
-            m.tet[4 * t + k] = fuzz_u8(&b) % m.vertex_count;
+        for (int k = 0; k < 4; k++) m.tet[4 * t + k] = fuzz_u8(&b) % m.vertex_count;
     }
     for (int32_t v = 0; v < m.vertex_count; v++) {
         m.vertex_tag[v] = v + 1;

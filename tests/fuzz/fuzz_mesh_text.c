@@ -10,8 +10,7 @@ static int by_value(const void *a, const void *b) {
 
 static void all_different(int64_t *tag, int64_t count) {
     if (count > 1) qsort(tag, (size_t)count, sizeof *tag, by_value);
-    for (int64_t i = 1; i < count; i++)
-        PROMISE(tag[i] != tag[i - 1]);
+    for (int64_t i = 1; i < count; i++) PROMISE(tag[i] != tag[i - 1]);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {

@@ -68,8 +68,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             fuzz_take(&b, &at, 3);
             uint8_t count = fuzz_u8(&b) % 16;
             if (count == 0) length = at % (good_bytes + 1);
-            for (uint8_t i = 0; i < count; i++)
-                bytes[(at + i) % good_bytes] = fuzz_u8(&b);
+            for (uint8_t i = 0; i < count; i++) bytes[(at + i) % good_bytes] = fuzz_u8(&b);
         }
         changed = length != good_bytes || memcmp(bytes, good, good_bytes) != 0;
         write_file(bytes, length);

@@ -56,11 +56,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             now_us += 2000;
             floats(&b, tip, 3, true);
             if (what & 8)
-                for (int k = 0; k < 3; k++)
-                    tip[k] = s.tip_m[k] + 0.01f * tip[k];
+                for (int k = 0; k < 3; k++) tip[k] = s.tip_m[k] + 0.01f * tip[k];
             hrt_extrapolation_force(&x, &params, now_us, tip, force);
-            for (int k = 0; k < 3; k++)
-                PROMISE(isfinite(force[k]));
+            for (int k = 0; k < 3; k++) PROMISE(isfinite(force[k]));
         }
     }
     return 0;

@@ -32,9 +32,7 @@ static uint64_t checksum(const uint8_t *snapshot, size_t bytes) {
     return tm_hash(snapshot + HEADER, bytes - HEADER, tm_hash(head, HEADER, TM_HASH_SEED));
 }
 
-static size_t padded(size_t bytes) {
-    return (bytes + 7) / 8 * 8;
-}
+static size_t padded(size_t bytes) { return (bytes + 7) / 8 * 8; }
 
 /* Where the stages' parts begin. */
 static size_t stages_at(void) {
@@ -107,8 +105,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         free(again);
     } else {
         go_on(2);
-        for (int32_t i = 0; i < 3 * body.mesh->vertex_count; i++)
-            PROMISE(isfinite(tm_world_state(world)->u_m[i]));
+        for (int32_t i = 0; i < 3 * body.mesh->vertex_count; i++) PROMISE(isfinite(tm_world_state(world)->u_m[i]));
     }
     free(snapshot);
     return 0;

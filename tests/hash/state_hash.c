@@ -15,8 +15,7 @@ int main(void) {
         def.cells[0] = def.cells[1] = 6, def.cells[2] = 4;
         tm_mesh *mesh = scene_mesh(&def);
         double *fibre = malloc(sizeof(double) * 3 * (size_t)mesh->tet_count);
-        for (int32_t i = 0; i < 3 * mesh->tet_count; i++)
-            fibre[i] = i % 3 ? 2 / 3.0 : 1 / 3.0;
+        for (int32_t i = 0; i < 3 * mesh->tet_count; i++) fibre[i] = i % 3 ? 2 / 3.0 : 1 / 3.0;
         tm_material material;
         scene_must(tm_material_engineering(3e4, 6e3, 0.4, 0.45, 5e3, &material, &error), &error);
         material.damping_1_s = 50;

@@ -23,7 +23,8 @@ int main(void) {
     tm_allocator hook = {take, give, NULL};
     tm_set_allocator(&hook);
     /* one cube of five tetrahedra */
-    static const double vertex[24] = {0, 0, 0, 1e-2, 0, 0, 0, 1e-2, 0, 1e-2, 1e-2, 0, 0, 0, 1e-2, 1e-2, 0, 1e-2, 0, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2};
+    static const double vertex[24] = {0, 0, 0,    1e-2, 0, 0,    0, 1e-2, 0,    1e-2, 1e-2, 0,
+                                      0, 0, 1e-2, 1e-2, 0, 1e-2, 0, 1e-2, 1e-2, 1e-2, 1e-2, 1e-2};
     static const int32_t tet[20] = {0, 1, 2, 4, 1, 3, 2, 7, 1, 5, 7, 4, 2, 7, 6, 4, 1, 2, 4, 7};
     tm_error error;
     tm_mesh_def mesh_def = tm_mesh_def_default();

@@ -1,4 +1,5 @@
-/* A closed ring in one process on a virtual clock: virtual device, loopback bus, node, and a wall of springs in place of the simulation. */
+/* A closed ring in one process on a virtual clock: virtual device, loopback bus, node, and a wall of springs in place
+ * of the simulation. */
 #ifndef TEST_LOOP_H
 #define TEST_LOOP_H
 
@@ -40,8 +41,12 @@ static inline void loop_start(loop *l, const hrt_device_config *device, const hr
 }
 
 static inline hrt_force_sample loop_sample(const loop *l, const hrt_tool_state *tool) {
-    hrt_force_sample s = {.utime = l->now_us, .session = l->session, .tool_session = tool->session, .tool_utime = tool->utime,
-                          .seq = l->seq, .instrument = tool->instrument};
+    hrt_force_sample s = {.utime = l->now_us,
+                          .session = l->session,
+                          .tool_session = tool->session,
+                          .tool_utime = tool->utime,
+                          .seq = l->seq,
+                          .instrument = tool->instrument};
     const double depth = tool->tip_m[2] - l->wall_depth_m;
     for (int i = 0; i < 3; i++) s.tip_m[i] = tool->tip_m[i];
     s.force_N[2] = depth > 0.0 ? -l->wall_N_m * depth : 0.0;
@@ -85,8 +90,9 @@ static inline hrt_node_config loop_node_config(void) {
 
 /* Device whose hand pushes into the wall: straight in to 0.135 m and holds. */
 static inline hrt_device_config loop_device_config(void) {
-    static const hrt_keyframe press[] = {
-        {.time_s = 0.0, .joint = {0.0, 0.0, 0.10, 0.0, 0.0}}, {.time_s = 0.6, .joint = {0.0, 0.0, 0.10, 0.0, 0.0}}, {.time_s = 1.2, .joint = {0.0, 0.0, 0.135, 0.0, 0.0}}};
+    static const hrt_keyframe press[] = {{.time_s = 0.0, .joint = {0.0, 0.0, 0.10, 0.0, 0.0}},
+                                         {.time_s = 0.6, .joint = {0.0, 0.0, 0.10, 0.0, 0.0}},
+                                         {.time_s = 1.2, .joint = {0.0, 0.0, 0.135, 0.0, 0.0}}};
     hrt_device_config c = hrt_device_config_default(0);
     c.hand.key = press;
     c.hand.key_count = 3;

@@ -22,10 +22,10 @@ typedef struct rig {
     hrt_output out;
     hrt_sample sample;
     int64_t now_us;
-    bool device, sim;     /* alive */
-    int64_t frame_us;     /* between samples */
+    bool device, sim; /* alive */
+    int64_t frame_us; /* between samples */
     int64_t next_us;
-    int64_t latency_us;   /* of t_n when posted */
+    int64_t latency_us; /* of t_n when posted */
     float force_N[3];
 } rig;
 
@@ -68,7 +68,9 @@ static inline int64_t rig_until(rig *r, hrt_state state, double seconds) {
     const int64_t start = r->now_us;
     while (r->out.state != state) {
         rig_tick(r);
-        if (r->now_us - start > (int64_t)(seconds * 1e6)) fail_msg("not in %s after %g s but in %s, fault %s", hrt_state_name(state), seconds, hrt_state_name(r->out.state), hrt_fault_name(r->out.fault));
+        if (r->now_us - start > (int64_t)(seconds * 1e6))
+            fail_msg("not in %s after %g s but in %s, fault %s", hrt_state_name(state), seconds,
+                     hrt_state_name(r->out.state), hrt_fault_name(r->out.fault));
     }
     return r->now_us - start;
 }
@@ -81,7 +83,8 @@ static inline void rig_engage(rig *r) {
 }
 
 static inline double rig_force(const rig *r) {
-    return sqrt((double)(r->out.force_N[0] * r->out.force_N[0] + r->out.force_N[1] * r->out.force_N[1] + r->out.force_N[2] * r->out.force_N[2]));
+    return sqrt((double)(r->out.force_N[0] * r->out.force_N[0] + r->out.force_N[1] * r->out.force_N[1] +
+                         r->out.force_N[2] * r->out.force_N[2]));
 }
 
 static inline void assert_no_force(const rig *r) {
@@ -97,6 +100,8 @@ static inline uint32_t rig_random(uint64_t *state) {
     *state = *state * 6364136223846793005u + 1442695040888963407u;
     return (uint32_t)(*state >> 33);
 }
-static inline float rig_uniform(uint64_t *state, float low, float high) { return low + (high - low) * (float)(rig_random(state) % 1000001u) / 1000000.0f; }
+static inline float rig_uniform(uint64_t *state, float low, float high) {
+    return low + (high - low) * (float)(rig_random(state) % 1000001u) / 1000000.0f;
+}
 
 #endif

@@ -1,4 +1,5 @@
-/* Every extrapolator where it is easy to go wrong: standstill, reversal, one-count jitter, late, lost, doubled, reordered samples, seq wrap. */
+/* Every extrapolator where it is easy to go wrong: standstill, reversal, one-count jitter, late, lost, doubled,
+ * reordered samples, seq wrap. */
 #include "rig.h"
 
 static hrt_params params;
@@ -92,8 +93,10 @@ static void tissue_never_pulls(void **state) {
         begin(signed_laws[i], 0.1f + STEP, 0.1f + 2 * STEP);
         x.now.unilateral = false; /* a grasper may be pulled, where the simulation says how stiff what it holds is */
         const float pulled = force_at(60000, 0.1f - STEP);
-        if (signed_laws[i] == HRT_TANGENT || signed_laws[i] == HRT_CONTACT) assert_true(pulled > 0.1f);
-        else assert_float_equal(pulled, 0.0f, 1e-6);
+        if (signed_laws[i] == HRT_TANGENT || signed_laws[i] == HRT_CONTACT)
+            assert_true(pulled > 0.1f);
+        else
+            assert_float_equal(pulled, 0.0f, 1e-6);
     }
 }
 
@@ -110,7 +113,8 @@ static void standstill(void **state) {
     }
 }
 
-/* The tool stands, one encoder count comes and goes, the force it tells of is rough by 0.05 N: what is felt stays near. */
+/* The tool stands, one encoder count comes and goes, the force it tells of is rough by 0.05 N: what is felt stays near.
+ */
 static void one_count_jitter(void **state) {
     (void)state;
     const float count = 1.0f / 40000.0f;
@@ -124,9 +128,12 @@ static void one_count_jitter(void **state) {
             s.force_N[2] = -4.0f + rig_uniform(&seed, -0.025f, 0.025f);
             hrt_extrapolation_sample(&x, &params, &s);
             for (int t = 0; t < 25; t++)
-                worst = fmax(worst, fabs((double)force_at(50000 * k + 2000 * t, 0.11f + (float)(rig_random(&seed) % 2) * count) + 4.0));
+                worst = fmax(
+                    worst,
+                    fabs((double)force_at(50000 * k + 2000 * t, 0.11f + (float)(rig_random(&seed) % 2) * count) + 4.0));
         }
-        print_message("%-8s one count of jitter, 0.05 N of roughness: off by at most %.3f N\n", hrt_extrapolator_name((hrt_extrapolator)w), worst);
+        print_message("%-8s one count of jitter, 0.05 N of roughness: off by at most %.3f N\n",
+                      hrt_extrapolator_name((hrt_extrapolator)w), worst);
         assert_true(worst < (w == HRT_TIME ? 0.08 : 0.1));
     }
 }
@@ -142,7 +149,8 @@ static void bounded_whatever_the_differences(void **state) {
             assert_int_equal(hrt_sample_check(&s, &params), HRT_ACCEPT);
             hrt_extrapolation_sample(&x, &params, &s);
             /* At most F_n + ratio_max dF, or F_n + stiffness_max horizon. */
-            const float most = fmaxf(14.0f + params.ratio_max * 28.0f, 14.0f + params.stiffness_max_N_m * params.horizon_m);
+            const float most =
+                fmaxf(14.0f + params.ratio_max * 28.0f, 14.0f + params.stiffness_max_N_m * params.horizon_m);
             assert_true(fabsf(force_at(2000 * k + 1000, rig_uniform(&seed, -0.2f, 0.2f))) <= most * 1.001f);
         }
     }
@@ -192,7 +200,8 @@ static void broyden_remembers(void **state) {
     assert_float_equal(x.broyden_N_m[8], -400.0f, 2.0f);
 }
 
-/* ---------------------------------------------------------------------------------------------- order of samples, through the tick */
+/* ---------------------------------------------------------------------------------------------- order of samples,
+ * through the tick */
 
 static rig r;
 
@@ -255,7 +264,8 @@ static void a_wild_seq_does_not_lock_the_door(void **state) {
     rig_until(&r, HRT_ENGAGED, 0.3);
 }
 
-/* ---------------------------------------------------------------------------------------------- what is refused before the tick */
+/* ---------------------------------------------------------------------------------------------- what is refused before
+ * the tick */
 
 static void samples_are_checked(void **state) {
     (void)state;
@@ -264,9 +274,12 @@ static void samples_are_checked(void **state) {
     for (int k = 0; k < 4; k++)
         for (int f = 0; f < 15; f++) {
             hrt_sample s = good;
-            if (f < 3) s.tip_m[f] = wild[k];
-            else if (f < 6) s.force_N[f - 3] = wild[k];
-            else s.stiffness_N_m[f - 6] = wild[k];
+            if (f < 3)
+                s.tip_m[f] = wild[k];
+            else if (f < 6)
+                s.force_N[f - 3] = wild[k];
+            else
+                s.stiffness_N_m[f - 6] = wild[k];
             assert_int_not_equal(hrt_sample_check(&s, &params), HRT_ACCEPT);
         }
     hrt_sample s = good;
@@ -280,11 +293,19 @@ static void samples_are_checked(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(names), cmocka_unit_test(along_the_line), cmocka_unit_test(reversal), cmocka_unit_test(tissue_never_pulls),
-        cmocka_unit_test(standstill), cmocka_unit_test(one_count_jitter), cmocka_unit_test(bounded_whatever_the_differences),
-        cmocka_unit_test(horizon), cmocka_unit_test(changing_the_law_makes_no_jump), cmocka_unit_test(broyden_remembers),
-        cmocka_unit_test(lost_late_doubled_reordered), cmocka_unit_test(seq_wraps), cmocka_unit_test(a_wild_seq_does_not_lock_the_door),
-        cmocka_unit_test(samples_are_checked)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(names),
+                                       cmocka_unit_test(along_the_line),
+                                       cmocka_unit_test(reversal),
+                                       cmocka_unit_test(tissue_never_pulls),
+                                       cmocka_unit_test(standstill),
+                                       cmocka_unit_test(one_count_jitter),
+                                       cmocka_unit_test(bounded_whatever_the_differences),
+                                       cmocka_unit_test(horizon),
+                                       cmocka_unit_test(changing_the_law_makes_no_jump),
+                                       cmocka_unit_test(broyden_remembers),
+                                       cmocka_unit_test(lost_late_doubled_reordered),
+                                       cmocka_unit_test(seq_wraps),
+                                       cmocka_unit_test(a_wild_seq_does_not_lock_the_door),
+                                       cmocka_unit_test(samples_are_checked)};
     return cmocka_run_group_tests(tests, set_up, NULL);
 }

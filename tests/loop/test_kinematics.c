@@ -37,7 +37,8 @@ static void jacobian_is_the_derivative(void **state) {
             joint[j] = keep[j] + h;
             hrt_tip(&frame, joint, after);
             joint[j] = keep[j];
-            for (int i = 0; i < 3; i++) assert_float_equal((after[i] - before[i]) / (2.0f * h), jacobian[3 * i + j], 1.0e-4);
+            for (int i = 0; i < 3; i++)
+                assert_float_equal((after[i] - before[i]) / (2.0f * h), jacobian[3 * i + j], 1.0e-4);
         }
     }
 }
@@ -70,7 +71,8 @@ static void frame_is_a_rotation(void **state) {
                 for (int i = 0; i < 3; i++) dot += f.r[3 * i + a] * f.r[3 * i + b];
                 assert_float_equal(dot, (a == b ? 1.0f : 0.0f), 1.0e-6f);
             }
-        const float det = f.r[0] * (f.r[4] * f.r[8] - f.r[5] * f.r[7]) - f.r[1] * (f.r[3] * f.r[8] - f.r[5] * f.r[6]) + f.r[2] * (f.r[3] * f.r[7] - f.r[4] * f.r[6]);
+        const float det = f.r[0] * (f.r[4] * f.r[8] - f.r[5] * f.r[7]) - f.r[1] * (f.r[3] * f.r[8] - f.r[5] * f.r[6]) +
+                          f.r[2] * (f.r[3] * f.r[7] - f.r[4] * f.r[6]);
         assert_float_equal(det, 1.0f, 1.0e-5);
     }
     hrt_frame f;

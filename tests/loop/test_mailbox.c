@@ -1,4 +1,5 @@
-/* Samples, patches, poses and commands posted by one thread while another ticks: never torn, never freed under the reader. Run with config=tsan too. */
+/* Samples, patches, poses and commands posted by one thread while another ticks: never torn, never freed under the
+ * reader. Run with config=tsan too. */
 // clang-format off
 #include <math.h>
 #include <pthread.h>
@@ -23,10 +24,20 @@ static void make_patch(uint32_t seq, float *vertex, int8_t *triangle, float *com
     static const double origin[3] = {0, 0, 0};
     memset(compliance, 0, 78 * sizeof *compliance);
     for (int i = 0, at = 0; i < 9; at += 9 - i, i++) compliance[at] = 0.001f * mark(seq);
-    for (int i = 0; i < 9; i++) vertex[i] = (i == 3 || i == 7 ? 0.01f : 0.0f) + (i % 3 == 2 ? 0.2f : 0.0f) + 0.001f * mark(seq);
+    for (int i = 0; i < 9; i++)
+        vertex[i] = (i == 3 || i == 7 ? 0.01f : 0.0f) + (i % 3 == 2 ? 0.2f : 0.0f) + 0.001f * mark(seq);
     triangle[0] = 0, triangle[1] = 2, triangle[2] = 1;
-    *m = (hrt_patch_message){.session = 7, .seq = seq, .vertex_count = 3, .triangle_count = 1, .vertex_m = vertex, .origin_m = origin, .triangle = triangle,
-                             .compliance_m_N = compliance, .radius_m = 0.0025f, .contact_length_m = 0.05f, .skin_compliance_m_N = mark(seq)};
+    *m = (hrt_patch_message){.session = 7,
+                             .seq = seq,
+                             .vertex_count = 3,
+                             .triangle_count = 1,
+                             .vertex_m = vertex,
+                             .origin_m = origin,
+                             .triangle = triangle,
+                             .compliance_m_N = compliance,
+                             .radius_m = 0.0025f,
+                             .contact_length_m = 0.05f,
+                             .skin_compliance_m_N = mark(seq)};
 }
 
 static void *poster(void *user) {
@@ -38,11 +49,20 @@ static void *poster(void *user) {
         make_patch(seq, vertex, triangle, compliance, &patch);
         if (hrt_node_post_patch(&l.node, &patch) != HRT_ACCEPT) refused++;
         const double f = (double)mark(seq);
-        const hrt_force_sample s = {.session = 7, .tool_session = l.node.config.session, .tool_utime = atomic_load(&tool_us), .seq = seq, .tip_m = {f, f, f},
-                                    .force_N = {f, f, f}, .stiffness_kind = 2, .stiffness_N_m = {f, f, f, f, f, f, f, f, f}};
+        const hrt_force_sample s = {.session = 7,
+                                    .tool_session = l.node.config.session,
+                                    .tool_utime = atomic_load(&tool_us),
+                                    .seq = seq,
+                                    .tip_m = {f, f, f},
+                                    .force_N = {f, f, f},
+                                    .stiffness_kind = 2,
+                                    .stiffness_N_m = {f, f, f, f, f, f, f, f, f}};
         if (hrt_node_post_sample(&l.node, &s) == HRT_ACCEPT) posted++;
         if (seq % 1000 == 0) {
-            const hrt_command c = {.extrapolator = (int32_t)(seq / 1000 % HRT_EXTRAPOLATOR_COUNT), .passivity = (int32_t)(seq / 1000 % 2), .coupling = -1, .enable = -1};
+            const hrt_command c = {.extrapolator = (int32_t)(seq / 1000 % HRT_EXTRAPOLATOR_COUNT),
+                                   .passivity = (int32_t)(seq / 1000 % 2),
+                                   .coupling = -1,
+                                   .enable = -1};
             hrt_node_post_command(&l.node, &c);
         }
         if (seq % 3 == 0) { /* not always ahead of the reader */
@@ -71,12 +91,15 @@ static void never_torn(void **state) {
         if (!l.node.controller.sample_seen || s->seq == last) continue;
         last = s->seq;
         taken++;
-        for (int i = 0; i < 3; i++) assert_true(s->force_N[i] == mark(last) && s->tip_m[i] == mark(last) && s->stiffness_N_m[4 * i] == mark(last));
+        for (int i = 0; i < 3; i++)
+            assert_true(s->force_N[i] == mark(last) && s->tip_m[i] == mark(last) &&
+                        s->stiffness_N_m[4 * i] == mark(last));
         const hrt_patch *p = l.node.controller.extrapolation.patch;
         if (!p) continue;
         with_patch++;
         assert_int_equal(p->seq, last);
-        assert_true(p->skin_compliance_m_N == mark(last) && p->compliance_m_N[0] == 0.001f * mark(last) && p->vertex_m[0] == 0.001f * mark(last));
+        assert_true(p->skin_compliance_m_N == mark(last) && p->compliance_m_N[0] == 0.001f * mark(last) &&
+                    p->vertex_m[0] == 0.001f * mark(last));
     }
     atomic_store(&stop, true);
     pthread_join(thread, NULL);

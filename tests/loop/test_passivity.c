@@ -1,4 +1,5 @@
-/* The observer's account is exact, its controller calms a loop that oscillates, the virtual coupling bounds what is felt; both can be switched and watched. */
+/* The observer's account is exact, its controller calms a loop that oscillates, the virtual coupling bounds what is
+ * felt; both can be switched and watched. */
 // clang-format off
 #include <math.h>
 #include <setjmp.h>
@@ -55,7 +56,8 @@ static void the_account_is_the_work_done(void **state) {
         /* Out of touch for 50 ms the account begins anew. */
         free_s = size > 0.0 ? 0.0 : free_s + 0.002;
         if (free_s > 0.06) work = 0.0;
-        if (engaged && free_s == 0.0) assert_true(fabs(work - (double)l.node.output.passivity_J) < 2e-4 + 1e-3 * fabs(work));
+        if (engaged && free_s == 0.0)
+            assert_true(fabs(work - (double)l.node.output.passivity_J) < 2e-4 + 1e-3 * fabs(work));
     }
     assert_int_equal(l.tool.state, HRT_ENGAGED);
 }
@@ -70,7 +72,8 @@ static void the_controller_calms_a_loop_that_swings(void **state) {
         start(HRT_HOLD, walls[i], true, false);
         loop_run(&l, 4.0);
         const double with = swing();
-        print_message("hold at 25 Hz, wall %.0f N/m: swings %.1f mm without passivity control, %.2f mm with\n", walls[i], 1e3 * without, 1e3 * with);
+        print_message("hold at 25 Hz, wall %.0f N/m: swings %.1f mm without passivity control, %.2f mm with\n",
+                      walls[i], 1e3 * without, 1e3 * with);
         assert_true(without > 0.01 && with < 0.0005);
         assert_int_equal(l.tool.state, HRT_ENGAGED);
         assert_true(l.node.output.passivity_J < 0.01f);
@@ -130,9 +133,11 @@ static void the_coupling_bounds_the_stiffness(void **state) {
         loop_run(&l, 4.0);
         const double with = swing();
         assert_true((l.node.output.limits & HRT_LIMIT_COUPLING) != 0);
-        const double depth = l.device.joint[HRT_INSERTION] - l.wall_depth_m, expected = depth / (1.0 / walls[i] + 1.0 / 800.0);
-        print_message("wall %.0f N/m: swings %.2f mm without coupling, %.3f mm with; %.2f N at %.2f mm, springs in a row give %.2f N\n", walls[i], 1e3 * without, 1e3 * with,
-                      -(double)l.node.output.force_N[2], 1e3 * depth, expected);
+        const double depth = l.device.joint[HRT_INSERTION] - l.wall_depth_m,
+                     expected = depth / (1.0 / walls[i] + 1.0 / 800.0);
+        print_message(
+            "wall %.0f N/m: swings %.2f mm without coupling, %.3f mm with; %.2f N at %.2f mm, springs in a row give %.2f N\n",
+            walls[i], 1e3 * without, 1e3 * with, -(double)l.node.output.force_N[2], 1e3 * depth, expected);
         assert_true(with < 1e-5);
         assert_true(fabs(-(double)l.node.output.force_N[2] - expected) < 0.03 * expected);
         if (walls[i] > 1500.0) assert_true(without > 0.005);
@@ -143,8 +148,9 @@ static void the_coupling_bounds_the_stiffness(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(the_account_is_the_work_done), cmocka_unit_test(the_controller_calms_a_loop_that_swings),
-                                       cmocka_unit_test(switched_while_running), cmocka_unit_test(a_passive_loop_is_left_alone),
-                                       cmocka_unit_test(the_coupling_bounds_the_stiffness)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(the_account_is_the_work_done), cmocka_unit_test(the_controller_calms_a_loop_that_swings),
+        cmocka_unit_test(switched_while_running), cmocka_unit_test(a_passive_loop_is_left_alone),
+        cmocka_unit_test(the_coupling_bounds_the_stiffness)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -1,4 +1,5 @@
-/* Random inputs, most of them plausible, some mad: never beyond a limit, never NaN, never off the state diagram. 1e6 ticks; TM_LONG=1: 1e8. */
+/* Random inputs, most of them plausible, some mad: never beyond a limit, never NaN, never off the state diagram. 1e6
+ * ticks; TM_LONG=1: 1e8. */
 #include "rig.h"
 
 #include <stdio.h>
@@ -95,7 +96,8 @@ static const hrt_sample *next_sample(wild *w) {
     hrt_sample *s = &w->sample;
     s->session = chance(w, 500) ? 8 : 7;
     s->tool_session = chance(w, 200) ? 1 : SESSION;
-    s->t_us = w->now_us - (chance(w, 10) ? (int64_t)(rig_random(&w->seed) % 400000) : (int64_t)(rig_random(&w->seed) % 40000));
+    s->t_us = w->now_us -
+              (chance(w, 10) ? (int64_t)(rig_random(&w->seed) % 400000) : (int64_t)(rig_random(&w->seed) % 40000));
     if (chance(w, 300)) s->t_us = w->now_us + 5000;
     w->seq += chance(w, 20) ? rig_random(&w->seed) % 5 : 1;
     s->seq = chance(w, 100) ? rig_random(&w->seed) : w->seq;
@@ -119,13 +121,17 @@ static void spoil(wild *w) {
     w->in.device_fault = w->mood && chance(w, 20000) ? 2 : 0;
     w->in.device_watchdog = w->mood && chance(w, 5000);
     w->in.reset = chance(w, 300);
-    if (chance(w, 3000)) w->in.enable = !w->in.enable;
-    else if (chance(w, 300)) w->in.enable = true;
+    if (chance(w, 3000))
+        w->in.enable = !w->in.enable;
+    else if (chance(w, 300))
+        w->in.enable = true;
     if (w->mood && chance(w, 50000)) w->in.device_session++;
     if (chance(w, 700)) w->in.extrapolator = (hrt_extrapolator)(rig_random(&w->seed) % (HRT_EXTRAPOLATOR_COUNT + 1));
     if (chance(w, 1000)) w->in.passivity = !w->in.passivity;
     if (chance(w, 1000)) w->in.coupling = !w->in.coupling;
-    w->now_us += w->mood && chance(w, 20000) ? (int64_t)(rig_random(&w->seed) % 600000) : chance(w, 50) ? 2600 : TICK_US;
+    w->now_us += w->mood && chance(w, 20000) ? (int64_t)(rig_random(&w->seed) % 600000)
+                 : chance(w, 50)             ? 2600
+                                             : TICK_US;
     if (w->mood && chance(w, 100000)) w->now_us -= 3000;
     if (!(w->mood && chance(w, 30)) && !(w->mood && w->now_us % 1000000 < 20000)) w->in.encoder_us = w->now_us;
 }
@@ -162,7 +168,8 @@ static void one_tick(wild *w) {
     const hrt_sample *s = next_sample(w);
     hrt_tick(&w->c, w->now_us, &w->in, s, &w->out);
     assert_in_range(w->out.state, 0, HRT_STATE_COUNT - 1);
-    if (w->out.state != state && !legal[state][w->out.state]) fail_msg("%s to %s", hrt_state_name(state), hrt_state_name(w->out.state));
+    if (w->out.state != state && !legal[state][w->out.state])
+        fail_msg("%s to %s", hrt_state_name(state), hrt_state_name(w->out.state));
     if (state == HRT_FAULT && w->out.state == HRT_FAULT) assert_int_equal(w->out.fault, fault);
     if (state == HRT_FAULT && w->out.state != HRT_FAULT) assert_true(w->in.reset);
     assert_int_equal(w->out.state == HRT_FAULT, w->out.fault != HRT_FAULT_NONE);
@@ -199,7 +206,8 @@ static void random_inputs(void **state) {
     for (int s = 0; s < HRT_STATE_COUNT; s++) assert_true(w.visits[s] > ticks / 2000);
     assert_true(w.visits[HRT_ENGAGED] > ticks / 5);
     for (int b = 0; b < 11; b++) assert_true(w.limits[b] > 0);
-    const hrt_fault seen[] = {HRT_FAULT_DEVICE_REPORTED, HRT_FAULT_BUS_OFF, HRT_FAULT_ENCODER_JUMP, HRT_FAULT_CLOCK, HRT_FAULT_TICK_LATE};
+    const hrt_fault seen[] = {HRT_FAULT_DEVICE_REPORTED, HRT_FAULT_BUS_OFF, HRT_FAULT_ENCODER_JUMP, HRT_FAULT_CLOCK,
+                              HRT_FAULT_TICK_LATE};
     for (size_t i = 0; i < sizeof seen / sizeof *seen; i++) assert_true(w.faults[seen[i]] > 0);
 }
 

@@ -1,4 +1,5 @@
-/* Node and virtual device in one process on a virtual clock: the closed loop, and everything that can be taken away from it. */
+/* Node and virtual device in one process on a virtual clock: the closed loop, and everything that can be taken away
+ * from it. */
 // clang-format off
 #include <math.h>
 #include <setjmp.h>
@@ -231,7 +232,8 @@ static void two_devices(void **state) {
             hrt_device_step(&device[i], t);
             hrt_node_tick(&node[i], t, &tool[i]);
             if (t % 40000 != 0) continue;
-            hrt_force_sample s = {.session = 1, .tool_session = tool[i].session, .tool_utime = t, .seq = ++seq, .instrument = i};
+            hrt_force_sample s = {
+                .session = 1, .tool_session = tool[i].session, .tool_utime = t, .seq = ++seq, .instrument = i};
             for (int a = 0; a < 3; a++) s.tip_m[a] = tool[i].tip_m[a];
             s.force_N[2] = i == 0 ? -1.5 : 0.75;
             hrt_node_post_sample(&node[i], &s);
@@ -241,7 +243,8 @@ static void two_devices(void **state) {
     assert_true(fabs(device[1].torque[HRT_INSERTION] - 0.75) < 1e-3);
     assert_true(fabs((double)node[0].output.joint[HRT_INSERTION] - device[0].joint[HRT_INSERTION]) < 2.0 / 40000);
     assert_true(fabs((double)node[1].output.joint[HRT_INSERTION] - device[1].joint[HRT_INSERTION]) < 2.0 / 40000);
-    /* Four endpoints hear everything: 3 frames each 2 ms and device, two heartbeats each 50 ms. Below 60 % of 1 Mbit/s in the worst stuffing. */
+    /* Four endpoints hear everything: 3 frames each 2 ms and device, two heartbeats each 50 ms. Below 60 % of 1 Mbit/s
+     * in the worst stuffing. */
     const double load = (double)bus[0].bits / 2.0e6;
     print_message("bus load, two devices at 500 Hz: %.1f %%\n", 100.0 * load);
     assert_true(load > 0.3 && load < 0.6);
@@ -288,7 +291,8 @@ static void repeated_and_lost_commands(void **state) {
     hrt_bus intruder;
     assert_true(hrt_bus_open_loopback(&intruder, &l.wires));
     hrt_device_step(&l.device, l.now_us);
-    hrt_can_message m = {.kind = HRT_CAN_COMMAND, .counter = l.device.command_counter, .motors_on = true, .torque = {0.1f, 0.1f, 1.0f}};
+    hrt_can_message m = {
+        .kind = HRT_CAN_COMMAND, .counter = l.device.command_counter, .motors_on = true, .torque = {0.1f, 0.1f, 1.0f}};
     hrt_can_frame frame;
     const uint32_t repeated = l.device.can.repeated, lost = l.device.can.lost;
     for (int i = 0; i < 12; i++) {
@@ -310,11 +314,22 @@ static void repeated_and_lost_commands(void **state) {
 /* Every single bit of every frame flipped: never taken for good by either side. */
 static void flipped_bits_are_refused(void **state) {
     (void)state;
-    const hrt_can_kind kinds[] = {HRT_CAN_COMMAND, HRT_CAN_ENCODER_A, HRT_CAN_ENCODER_B, HRT_CAN_DEVICE_BEAT, HRT_CAN_CONTROLLER_BEAT, HRT_CAN_DEVICE_FAULT, HRT_CAN_RESET};
+    const hrt_can_kind kinds[] = {HRT_CAN_COMMAND,         HRT_CAN_ENCODER_A,    HRT_CAN_ENCODER_B, HRT_CAN_DEVICE_BEAT,
+                                  HRT_CAN_CONTROLLER_BEAT, HRT_CAN_DEVICE_FAULT, HRT_CAN_RESET};
     for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++)
         for (int instrument = 0; instrument < 2; instrument++) {
-            const hrt_can_message m = {.kind = kinds[k], .instrument = instrument, .counter = 93, .count = {-1234, 555, 4001, -7, 128}, .pedal = true,
-                                       .motors_on = true, .torque = {0.5f, -0.25f, 3.5f}, .state = 2, .fault = 1, .session = 999, .gaps = 3, .detail = 77};
+            const hrt_can_message m = {.kind = kinds[k],
+                                       .instrument = instrument,
+                                       .counter = 93,
+                                       .count = {-1234, 555, 4001, -7, 128},
+                                       .pedal = true,
+                                       .motors_on = true,
+                                       .torque = {0.5f, -0.25f, 3.5f},
+                                       .state = 2,
+                                       .fault = 1,
+                                       .session = 999,
+                                       .gaps = 3,
+                                       .detail = 77};
             hrt_can_frame frame, bad;
             hrt_can_message back;
             assert_true(hrt_can_pack(&m, &frame));
@@ -358,10 +373,12 @@ static void encoder_frames_lost_and_repeated(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_loop_settles), cmocka_unit_test(seeded_noise_stays_bounded), cmocka_unit_test(the_same_bits_every_time),
-        cmocka_unit_test(simulation_killed), cmocka_unit_test(controller_killed), cmocka_unit_test(device_unplugged),
-        cmocka_unit_test(device_restarted), cmocka_unit_test(bus_off), cmocka_unit_test(no_pose_no_force), cmocka_unit_test(two_devices),
-        cmocka_unit_test(device_judges_commands), cmocka_unit_test(repeated_and_lost_commands), cmocka_unit_test(flipped_bits_are_refused),
-        cmocka_unit_test(encoder_frames_lost_and_repeated)};
+        cmocka_unit_test(the_loop_settles),         cmocka_unit_test(seeded_noise_stays_bounded),
+        cmocka_unit_test(the_same_bits_every_time), cmocka_unit_test(simulation_killed),
+        cmocka_unit_test(controller_killed),        cmocka_unit_test(device_unplugged),
+        cmocka_unit_test(device_restarted),         cmocka_unit_test(bus_off),
+        cmocka_unit_test(no_pose_no_force),         cmocka_unit_test(two_devices),
+        cmocka_unit_test(device_judges_commands),   cmocka_unit_test(repeated_and_lost_commands),
+        cmocka_unit_test(flipped_bits_are_refused), cmocka_unit_test(encoder_frames_lost_and_repeated)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

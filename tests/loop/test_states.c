@@ -294,7 +294,8 @@ static void fault_parameter(void **state) {
     assert_int_equal(r.out.state, HRT_BOOT);
     for (int32_t row = 0; row < hrt_param_count; row++) { /* every one of them is checked */
         hrt_params p = r.params;
-        ((float *)(void *)((char *)&p + hrt_param_table[row].offset))[hrt_param_table[row].count - 1] = hrt_param_table[row].max * 2.0f + 1.0f;
+        ((float *)(void *)((char *)&p + hrt_param_table[row].offset))[hrt_param_table[row].count - 1] =
+            hrt_param_table[row].max * 2.0f + 1.0f;
         assert_int_equal(hrt_params_check(&p), row);
         assert_int_equal(hrt_params_check(&r.params), -1);
     }
@@ -319,14 +320,26 @@ static void every_name_is_there(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(from_boot_to_engaged), cmocka_unit_test(engaging_ramps_in), cmocka_unit_test(no_permission_no_force),
-        cmocka_unit_test(stale_fades_to_zero), cmocka_unit_test(stale_comes_back), cmocka_unit_test(a_late_tick_pauses),
-        cmocka_unit_test(a_silent_device_pauses_then_faults), cmocka_unit_test(the_device_watchdog_pauses),
-        cmocka_unit_test(another_simulation_waits_for_the_end_of_a_touch), cmocka_unit_test(fault_of_the_device),
-        cmocka_unit_test(fault_when_the_device_restarts_in_use), cmocka_unit_test(fault_bus_off), cmocka_unit_test(fault_encoder_range),
-        cmocka_unit_test(fault_encoder_jump), cmocka_unit_test(fault_encoder_stuck), cmocka_unit_test(fault_clock),
-        cmocka_unit_test(fault_tick_late), cmocka_unit_test(fault_self_test), cmocka_unit_test(fault_parameter),
-        cmocka_unit_test(fault_internal), cmocka_unit_test(every_name_is_there)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(from_boot_to_engaged),
+                                       cmocka_unit_test(engaging_ramps_in),
+                                       cmocka_unit_test(no_permission_no_force),
+                                       cmocka_unit_test(stale_fades_to_zero),
+                                       cmocka_unit_test(stale_comes_back),
+                                       cmocka_unit_test(a_late_tick_pauses),
+                                       cmocka_unit_test(a_silent_device_pauses_then_faults),
+                                       cmocka_unit_test(the_device_watchdog_pauses),
+                                       cmocka_unit_test(another_simulation_waits_for_the_end_of_a_touch),
+                                       cmocka_unit_test(fault_of_the_device),
+                                       cmocka_unit_test(fault_when_the_device_restarts_in_use),
+                                       cmocka_unit_test(fault_bus_off),
+                                       cmocka_unit_test(fault_encoder_range),
+                                       cmocka_unit_test(fault_encoder_jump),
+                                       cmocka_unit_test(fault_encoder_stuck),
+                                       cmocka_unit_test(fault_clock),
+                                       cmocka_unit_test(fault_tick_late),
+                                       cmocka_unit_test(fault_self_test),
+                                       cmocka_unit_test(fault_parameter),
+                                       cmocka_unit_test(fault_internal),
+                                       cmocka_unit_test(every_name_is_there)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

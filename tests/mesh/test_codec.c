@@ -18,10 +18,8 @@ static app_mesh two_tets(void) {
     strcpy(m.region_name[1], "right");
     strcpy(m.group_name[0], "patch");
     strcpy(m.group_name[1], "other");
-    for (int i = 0; i < 5; i++)
-        m.vertex_tag[i] = 10 + i;
-    for (int i = 0; i < 2; i++)
-        m.tet_tag[i] = 100 + i;
+    for (int i = 0; i < 5; i++) m.vertex_tag[i] = 10 + i;
+    for (int i = 0; i < 2; i++) m.tet_tag[i] = 100 + i;
     return m;
 }
 
@@ -66,8 +64,7 @@ static void test_every_truncation_is_refused(void **state) {
     app_mesh m = two_tets();
     size_t size;
     char *block = app_mesh_encode(&m, &size);
-    for (size_t length = 0; length < size; length++)
-        assert_int_equal(decode_copy(block, length, m.hash), TM_ERR_FILE);
+    for (size_t length = 0; length < size; length++) assert_int_equal(decode_copy(block, length, m.hash), TM_ERR_FILE);
     char *longer = malloc(size + 1);
     memcpy(longer, block, size);
     longer[size] = 0;

@@ -1,4 +1,5 @@
-/* A block of soft tissue with its bottom held and a tool above it: what the contact tests press, slide along and prod. */
+/* A block of soft tissue with its bottom held and a tool above it: what the contact tests press, slide along and prod.
+ */
 #ifndef CONTACT_SCENE_H
 #define CONTACT_SCENE_H
 
@@ -12,13 +13,13 @@
 typedef struct scene_def {
     int cells[3];
     double size_m[3];
-    double jitter;        /* of inner and surface vertices within their plane, in cells */
+    double jitter; /* of inner and surface vertices within their plane, in cells */
     double young_Pa, poisson, damping_1_s;
-    double skin_m_N;      /* negative: the default */
+    double skin_m_N; /* negative: the default */
     int tools;
     double trocar_m[2][3], tip_m[2][3];
     double radius_m, length_m;
-    double bulge_m;       /* the top is raised in the middle by this much, so that it is curved */
+    double bulge_m; /* the top is raised in the middle by this much, so that it is curved */
 } scene_def;
 
 typedef struct scene {
@@ -44,14 +45,24 @@ static void scene_must(tm_status status, const tm_error *error) {
 }
 
 static inline scene_def scene_def_default(void) {
-    return (scene_def){.cells = {12, 12, 7}, .size_m = {0.072, 0.072, 0.042}, .jitter = 0.2, .young_Pa = 5000, .poisson = 0.45,
-                       .damping_1_s = 100, .skin_m_N = -1, .tools = 1, .trocar_m = {{0, 0, 0.25}, {0, 0, 0.25}},
-                       .tip_m = {{0.01, 0.005, 0.06}, {-0.01, 0.005, 0.06}}, .radius_m = 0.0025, .length_m = 0.1};
+    return (scene_def){.cells = {12, 12, 7},
+                       .size_m = {0.072, 0.072, 0.042},
+                       .jitter = 0.2,
+                       .young_Pa = 5000,
+                       .poisson = 0.45,
+                       .damping_1_s = 100,
+                       .skin_m_N = -1,
+                       .tools = 1,
+                       .trocar_m = {{0, 0, 0.25}, {0, 0, 0.25}},
+                       .tip_m = {{0.01, 0.005, 0.06}, {-0.01, 0.005, 0.06}},
+                       .radius_m = 0.0025,
+                       .length_m = 0.1};
 }
 
 /* Six tetrahedra a cell; x and y about 0, z from 0 up; vertices shifted at random but within the block's faces. */
 static tm_mesh *scene_mesh(const scene_def *d) {
-    int nx = d->cells[0] + 1, ny = d->cells[1] + 1, nz = d->cells[2] + 1, tets = 6 * d->cells[0] * d->cells[1] * d->cells[2];
+    int nx = d->cells[0] + 1, ny = d->cells[1] + 1, nz = d->cells[2] + 1,
+        tets = 6 * d->cells[0] * d->cells[1] * d->cells[2];
     double *vertex = malloc(sizeof(double) * 3 * (size_t)(nx * ny * nz));
     int32_t *tet = malloc(sizeof(int32_t) * 4 * (size_t)tets), n = 0;
     static const int path[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
@@ -64,8 +75,7 @@ static tm_mesh *scene_mesh(const scene_def *d) {
                 for (int c = 0; c < 3; c++) {
                     double shift = d->jitter * (2 * scene_random() - 1);
                     v[c] = d->size_m[c] * (at[c] + (at[c] > 0 && at[c] < d->cells[c] ? shift : 0)) / d->cells[c];
-                    if (c < 2)
-                        v[c] -= d->size_m[c] / 2;
+                    if (c < 2) v[c] -= d->size_m[c] / 2;
                 }
                 double x = 2 * v[0] / d->size_m[0], y = 2 * v[1] / d->size_m[1];
                 v[2] += d->bulge_m * (1 - x * x) * (1 - y * y) * v[2] / d->size_m[2];
@@ -106,8 +116,7 @@ static void scene_support(scene *s) {
     tm_support_def def = tm_support_def_default();
     tm_error error;
     for (int32_t v = 0; v < s->mesh->vertex_count; v++)
-        for (int c = 0; c < 3 && s->mesh->rest_m[3 * v + 2] < 1e-9; c++)
-            dof[def.count++] = 3 * v + c;
+        for (int c = 0; c < 3 && s->mesh->rest_m[3 * v + 2] < 1e-9; c++) dof[def.count++] = 3 * v + c;
     def.dof = dof;
     def.value_m = value;
     scene_must(tm_stage_support(s->world, &def, &error), &error);
@@ -133,7 +142,8 @@ static inline scene scene_create_full(const scene_def *d, bool cuttable, const t
     scene_support(&s);
     tm_instrument_def tool[2];
     for (int t = 0; t < d->tools; t++) {
-        tool[t] = (tm_instrument_def){.mode = mode ? mode[t] : TM_TOOL_PROBE, .radius_m = d->radius_m, .contact_length_m = d->length_m};
+        tool[t] = (tm_instrument_def){
+            .mode = mode ? mode[t] : TM_TOOL_PROBE, .radius_m = d->radius_m, .contact_length_m = d->length_m};
         memcpy(tool[t].trocar_m, d->trocar_m[t], sizeof tool[t].trocar_m);
         memcpy(tool[t].pose.tip_m, d->tip_m[t], sizeof tool[t].pose.tip_m);
         tool[t].pose.active = true;
@@ -141,8 +151,7 @@ static inline scene scene_create_full(const scene_def *d, bool cuttable, const t
     tm_contact_def contact = tm_contact_def_default();
     contact.instrument_count = d->tools;
     contact.instrument = tool;
-    if (d->skin_m_N >= 0)
-        contact.skin_compliance_m_N = d->skin_m_N;
+    if (d->skin_m_N >= 0) contact.skin_compliance_m_N = d->skin_m_N;
     scene_must(tm_stage_contact(s.world, &contact, &s.contact, &error), &error);
     return s;
 }
@@ -164,8 +173,7 @@ static inline tm_tool_reaction scene_frame(scene *s, int32_t tool, tm_tool_pose 
     int32_t substeps = (int32_t)ceil(frame_s / tm_world_step_s(s->world));
     tm_contact_begin_frame(s->contact, substeps, substeps);
     tm_contact_move(s->contact, tool, &to, substeps);
-    if (tm_world_step(s->world, substeps) != TM_OK)
-        fprintf(stderr, "scene: the step is unstable\n"), exit(1);
+    if (tm_world_step(s->world, substeps) != TM_OK) fprintf(stderr, "scene: the step is unstable\n"), exit(1);
     return tm_contact_reaction(s->contact, tool);
 }
 

@@ -36,7 +36,9 @@ static inline void oracle_load(const char *name, oracle *o) {
     word(file, "gravity"), numbers(file, &o->density, 1), numbers(file, o->g, 3);
     word(file, "press"), numbers(file, o->press, 3);
     word(file, "poke"), assert_int_equal(fscanf(file, "%d", &o->poke_vertex), 1), numbers(file, o->poke, 3);
-    for (int i = 0; i < 3; i++) word(file, kase[i]), numbers(file, o->clamp[i], 3), numbers(file, o->tip[i], 3), numbers(file, o->energy + i, 1);
+    for (int i = 0; i < 3; i++)
+        word(file, kase[i]), numbers(file, o->clamp[i], 3), numbers(file, o->tip[i], 3),
+            numbers(file, o->energy + i, 1);
     word(file, "vertices"), assert_int_equal(fscanf(file, "%d", &o->vertex_count), 1);
     o->vertex = malloc(sizeof(double) * 3 * (size_t)o->vertex_count);
     numbers(file, o->vertex, 3 * o->vertex_count);

@@ -1,4 +1,5 @@
-/* Contact: geometry of the rows, reactions, roughness, lag, tools that must not pass through, hard cases that must stay bounded. */
+/* Contact: geometry of the rows, reactions, roughness, lag, tools that must not pass through, hard cases that must stay
+ * bounded. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -15,7 +16,9 @@ static double distance(const double *a, const double *b) {
 }
 static bool long_run(void) { return getenv("TM_LONG") && !strcmp(getenv("TM_LONG"), "1"); }
 static double between(double low, double high) { return low + (high - low) * scene_random(); }
-static int32_t substeps_in(const scene *s, double seconds) { return (int32_t)ceil(seconds / tm_world_step_s(s->world)); }
+static int32_t substeps_in(const scene *s, double seconds) {
+    return (int32_t)ceil(seconds / tm_world_step_s(s->world));
+}
 
 /* --- geometry --- */
 
@@ -26,16 +29,15 @@ static void test_tip_force_does_the_same_work(void **unused) {
     for (int k = 0; k < 100; k++) {
         double trocar[3], tip[3], point[3], force[3], at_tip[3], spin[3], e[3], arm[3], tip_arm[3];
         for (int c = 0; c < 3; c++) {
-            trocar[c] = between(-0.1, 0.1), tip[c] = trocar[c] + between(-0.2, 0.2), point[c] = tip[c] + between(-0.05, 0.05);
+            trocar[c] = between(-0.1, 0.1), tip[c] = trocar[c] + between(-0.2, 0.2),
+            point[c] = tip[c] + between(-0.05, 0.05);
             force[c] = between(-3, 3), spin[c] = between(-1, 1);
             arm[c] = point[c] - trocar[c], tip_arm[c] = tip[c] - trocar[c], e[c] = tip_arm[c];
         }
         double length = norm(e), insertion = between(-1, 1);
-        for (int c = 0; c < 3; c++)
-            e[c] /= length;
+        for (int c = 0; c < 3; c++) e[c] /= length;
         double along = dot(spin, e); /* the pivots do not roll */
-        for (int c = 0; c < 3; c++)
-            spin[c] -= along * e[c];
+        for (int c = 0; c < 3; c++) spin[c] -= along * e[c];
         double point_v[3], tip_v[3];
         for (int c = 0; c < 3; c++) {
             int a = (c + 1) % 3, b = (c + 2) % 3;
@@ -53,7 +55,8 @@ static tm_capsule sphere(double x, double y, double z, double radius) {
 
 static int32_t find(const scene *s, const tm_capsule *capsule, double margin, tm_contact_row row[64]) {
     tm_surface_view f = tm_tissue_surface(s->tissue);
-    return tm_contact_find(s->mesh->rest_m, tm_world_state(s->world)->u_m, f.triangle, f.face, NULL, f.count, capsule, margin, row, 64);
+    return tm_contact_find(s->mesh->rest_m, tm_world_state(s->world)->u_m, f.triangle, f.face, NULL, f.count, capsule,
+                           margin, row, 64);
 }
 
 /* On a plane, however it is triangulated, the rows of a sphere act as one: one normal, one gap, one skin, one point. */
@@ -104,17 +107,14 @@ static void test_rows_measure_the_true_distance(void **unused) {
             out[c] = at[c] - fmax(-half[c], fmin(half[c], at[c]));
         }
         double gap = norm(out);
-        if (gap < 0.0015 || gap > 0.0027)
-            continue;
-        for (int c = 0; c < 3; c++)
-            p[c] = at[c] + (c == 2 ? half[2] : 0);
+        if (gap < 0.0015 || gap > 0.0027) continue;
+        for (int c = 0; c < 3; c++) p[c] = at[c] + (c == 2 ? half[2] : 0);
         tm_capsule tool = sphere(p[0], p[1], p[2], radius);
         tm_contact_row row[64];
         int32_t n = find(&s, &tool, 0.0005, row), nearest = 0;
         assert_true(n >= 1);
         for (int32_t i = 1; i < n; i++)
-            if (row[i].share > row[nearest].share)
-                nearest = i;
+            if (row[i].share > row[nearest].share) nearest = i;
         kinds[(row[nearest].feature + 2) / 3]++;
         assert_true(fabs(row[nearest].gap_m + radius - gap) < 0.0001);
         assert_true(-dot(row[nearest].normal, out) / gap > 0.98);
@@ -131,17 +131,19 @@ static void test_too_many_rows_keep_the_deepest(void **unused) {
     tm_surface_view f = tm_tissue_surface(s.tissue);
     tm_capsule tool = {.tip_m = {-0.03, 0, 0.0435}, .tail_m = {0.03, 0, 0.0445}, .radius_m = 0.0025};
     tm_contact_row all[64], few[4];
-    int32_t n = tm_contact_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, f.triangle, f.face, NULL, f.count, &tool, 0.0005, all, 64);
-    int32_t kept = tm_contact_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, f.triangle, f.face, NULL, f.count, &tool, 0.0005, few, 4);
+    int32_t n = tm_contact_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, f.triangle, f.face, NULL, f.count, &tool,
+                                0.0005, all, 64);
+    int32_t kept = tm_contact_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, f.triangle, f.face, NULL, f.count,
+                                   &tool, 0.0005, few, 4);
     assert_true(n > 10 && n < 64);
     assert_int_equal(kept, 4);
     for (int32_t i = 0; i < n; i++) {
         int deeper = 0;
-        for (int32_t k = 0; k < n; k++)
-            deeper += all[k].gap_m < all[i].gap_m - 1e-12;
+        for (int32_t k = 0; k < n; k++) deeper += all[k].gap_m < all[i].gap_m - 1e-12;
         bool in = false;
         for (int k = 0; k < 4; k++)
-            in = in || (few[k].face == all[i].face && few[k].station == all[i].station && few[k].feature == all[i].feature);
+            in = in ||
+                 (few[k].face == all[i].face && few[k].station == all[i].station && few[k].feature == all[i].feature);
         assert_true(deeper >= 4 ? !in : true);
     }
     scene_destroy(&s);
@@ -149,7 +151,11 @@ static void test_too_many_rows_keep_the_deepest(void **unused) {
 
 /* --- reactions --- */
 
-typedef struct spy { double *before; double sum_N[3]; int32_t vertices; } spy;
+typedef struct spy {
+    double *before;
+    double sum_N[3];
+    int32_t vertices;
+} spy;
 static void spy_before(void *self, tm_world *world) {
     spy *x = self;
     memcpy(x->before, tm_world_state(world)->u_next_m, sizeof(double) * 3 * (size_t)x->vertices);
@@ -189,11 +195,9 @@ static void test_action_is_reaction(void **unused) {
         tm_tool_reaction r = tm_contact_reaction(s.contact, 0);
         double support[3] = {0, 0, 0}, *reaction = calloc((size_t)(3 * x.vertices), sizeof(double));
         tm_support_reaction(s.world, reaction);
-        for (int32_t i = 0; i < 3 * x.vertices; i++)
-            support[i % 3] += reaction[i];
+        for (int32_t i = 0; i < 3 * x.vertices; i++) support[i % 3] += reaction[i];
         free(reaction);
-        for (int c = 0; c < 3; c++)
-            worst = fmax(worst, fabs(x.sum_N[c] - support[c] + r.resultant_N[c]));
+        for (int c = 0; c < 3; c++) worst = fmax(worst, fabs(x.sum_N[c] - support[c] + r.resultant_N[c]));
         peak = fmax(peak, norm(r.resultant_N));
         lever = fmax(lever, distance(r.force_N, r.resultant_N));
     }
@@ -213,7 +217,8 @@ static void hold(scene *s, double seconds, tm_tool_reaction *r) {
     *r = tm_contact_reaction(s->contact, 0);
 }
 
-/* A probe held still against damped tissue feels the static reaction: of the settled solve, and of the elastic forces alone. */
+/* A probe held still against damped tissue feels the static reaction: of the settled solve, and of the elastic forces
+ * alone. */
 static void held_probe(double damping_1_s, double seconds, double skin) {
     scene_def d = scene_def_default();
     d.cells[0] = d.cells[1] = 6, d.cells[2] = 4;
@@ -229,8 +234,7 @@ static void held_probe(double damping_1_s, double seconds, double skin) {
     double *f = calloc((size_t)(3 * s.mesh->vertex_count), sizeof(double)), elastic[3] = {0, 0, 0};
     tm_tissue_force(s.tissue, tm_world_state(s.world)->u_m, f);
     for (int32_t v = 0; v < s.mesh->vertex_count; v++)
-        for (int c = 0; c < 3 && s.mesh->rest_m[3 * v + 2] > 1e-9; c++)
-            elastic[c] += f[3 * v + c];
+        for (int c = 0; c < 3 && s.mesh->rest_m[3 * v + 2] > 1e-9; c++) elastic[c] += f[3 * v + c];
     free(f);
     tm_settle_def settle = tm_settle_def_default();
     settle.tolerance = 1e-9;
@@ -240,9 +244,10 @@ static void held_probe(double damping_1_s, double seconds, double skin) {
     assert_int_equal(tm_world_step(s.world, 1), TM_OK);
     settled = tm_contact_reaction(s.contact, 0);
     double scale = norm(settled.force_N);
-    print_message("damping %.0f 1/s, skin %.1e m/N: %.6f N; held against settled %.1e, against the elastic forces %.1e\n", damping_1_s,
-                  d.skin_m_N < 0 ? 0.5e-3 : skin, scale, distance(dynamic.force_N, settled.force_N) / scale,
-                  distance(dynamic.resultant_N, elastic) / scale);
+    print_message(
+        "damping %.0f 1/s, skin %.1e m/N: %.6f N; held against settled %.1e, against the elastic forces %.1e\n",
+        damping_1_s, d.skin_m_N < 0 ? 0.5e-3 : skin, scale, distance(dynamic.force_N, settled.force_N) / scale,
+        distance(dynamic.resultant_N, elastic) / scale);
     assert_true(scale > 0.05);
     assert_true(distance(dynamic.force_N, settled.force_N) < 1e-6 * scale);
     assert_true(distance(dynamic.resultant_N, elastic) < 1e-6 * scale);
@@ -252,13 +257,16 @@ static void test_held_probe_feels_the_static_reaction(void **unused) {
     (void)unused;
     held_probe(100, 0.6, -1);
     held_probe(100, 0.6, 0);
-    /* damping that weighs a tenth of inertia, d dt / 2 = 0.1: without gamma/2dt in the weights 50 N would read 45.45 N */
+    /* damping that weighs a tenth of inertia, d dt / 2 = 0.1: without gamma/2dt in the weights 50 N would read 45.45 N
+     */
     held_probe(1300, 9, -1);
 }
 
 /* --- smoothness --- */
 
-typedef struct stroke { double roughness, roughness_p99, lag, peak_N; } stroke;
+typedef struct stroke {
+    double roughness, roughness_p99, lag, peak_N;
+} stroke;
 
 static int by_value(const void *a, const void *b) { return *(const double *)a > *(const double *)b ? 1 : -1; }
 
@@ -288,30 +296,29 @@ static double lag_behind_rest(scene *s, const tm_tool_reaction *r) {
     return distance(rest.force_N, r->force_N);
 }
 
-/* Presses at 0.01 m/s to this share of the thickness, then slides 20 mm at 0.01 m/s, in frames of 2 ms. Settles now and then when
- * `lag` is asked for (it disturbs the next frame, so roughness is measured in a run of its own). */
+/* Presses at 0.01 m/s to this share of the thickness, then slides 20 mm at 0.01 m/s, in frames of 2 ms. Settles now and
+ * then when `lag` is asked for (it disturbs the next frame, so roughness is measured in a run of its own). */
 static stroke press_and_slide(const scene_def *d, double share, bool lag) {
     scene s = scene_create(d);
     double top = d->size_m[2] + d->bulge_m, x = d->tip_m[0][0], z = d->tip_m[0][2], depth = share * d->size_m[2];
     double press_s = 1.5 * (z - (top + d->radius_m - depth)) / 0.01, slide_s = 1.5 * 0.02 / 0.01;
     int frames = (int)((press_s + slide_s) / 0.002), touched = 0, n = 0;
-    double (*force)[3] = malloc(sizeof(double) * 3 * (size_t)frames), *rough = malloc(sizeof(double) * (size_t)frames);
+    double(*force)[3] = malloc(sizeof(double) * 3 * (size_t)frames), *rough = malloc(sizeof(double) * (size_t)frames);
     stroke result = {0, 0, 0, 0};
     for (int k = 0; k < frames; k++) {
         double t = (k + 1) * 0.002, a = fmin(t / press_s, 1), b = fmax(t - press_s, 0) / slide_s;
         a = a * a * (3 - 2 * a), b = b * b * (3 - 2 * b); /* starts and stops gently, at most 0.01 m/s */
-        tm_tool_reaction r = scene_frame(&s, 0, scene_pose(x + 0.02 * b, d->tip_m[0][1], z + a * (top + d->radius_m - depth - z)), 0.002);
+        tm_tool_reaction r = scene_frame(
+            &s, 0, scene_pose(x + 0.02 * b, d->tip_m[0][1], z + a * (top + d->radius_m - depth - z)), 0.002);
         memcpy(force[k], r.force_N, sizeof force[k]);
         result.peak_N = fmax(result.peak_N, norm(r.force_N));
         touched = r.row_count > 0 ? touched + 1 : 0;
         if (touched > 10) { /* 20 ms after contact was made */
             double second[3];
-            for (int c = 0; c < 3; c++)
-                second[c] = force[k][c] - 2 * force[k - 1][c] + force[k - 2][c];
+            for (int c = 0; c < 3; c++) second[c] = force[k][c] - 2 * force[k - 1][c] + force[k - 2][c];
             rough[n++] = norm(second);
         }
-        if (lag && touched > 50 && k % 100 == 0)
-            result.lag = fmax(result.lag, lag_behind_rest(&s, &r));
+        if (lag && touched > 50 && k % 100 == 0) result.lag = fmax(result.lag, lag_behind_rest(&s, &r));
     }
     assert_true(n > frames / 2);
     qsort(rough, (size_t)n, sizeof(double), by_value);
@@ -336,9 +343,10 @@ static void test_force_is_smooth_and_follows(void **unused) {
         d.tip_m[0][2] = d.size_m[2] + d.bulge_m + 0.0027;
         stroke smooth = press_and_slide(&d, 0.1, false);
         stroke lag = k < 2 || long_run() ? press_and_slide(&d, 0.1, true) : smooth;
-        print_message("%s, lane %.1f mm: peak %.3f N, roughness largest %.3f %%, 99 of 100 below %.3f %%, lag %.2f %%\n",
-                      d.bulge_m > 0 ? "curved" : "flat", 1e3 * lane[k / 2], smooth.peak_N, 100 * smooth.roughness,
-                      100 * smooth.roughness_p99, 100 * lag.lag);
+        print_message(
+            "%s, lane %.1f mm: peak %.3f N, roughness largest %.3f %%, 99 of 100 below %.3f %%, lag %.2f %%\n",
+            d.bulge_m > 0 ? "curved" : "flat", 1e3 * lane[k / 2], smooth.peak_N, 100 * smooth.roughness,
+            100 * smooth.roughness_p99, 100 * lag.lag);
         assert_true(smooth.peak_N > 0.1);
         assert_true(smooth.roughness < 0.005);
         assert_true(smooth.roughness_p99 < 0.002);
@@ -346,15 +354,16 @@ static void test_force_is_smooth_and_follows(void **unused) {
     }
 }
 
-/* Deeper than an edge is long, in lightly damped tissue: no flutter (without the film: 46 % of the peak from frame to frame). */
+/* Deeper than an edge is long, in lightly damped tissue: no flutter (without the film: 46 % of the peak from frame to
+ * frame). */
 static void test_deep_and_lightly_damped_stays_calm(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
     memcpy(d.tip_m[0], (double[3]){-0.01, 0.0035, d.size_m[2] + 0.0027}, sizeof d.tip_m[0]);
     d.damping_1_s = 100;
     stroke deep = press_and_slide(&d, 0.19, false);
-    print_message("8 mm deep: peak %.3f N, roughness largest %.3f %%, 99 of 100 below %.3f %%\n", deep.peak_N, 100 * deep.roughness,
-                  100 * deep.roughness_p99);
+    print_message("8 mm deep: peak %.3f N, roughness largest %.3f %%, 99 of 100 below %.3f %%\n", deep.peak_N,
+                  100 * deep.roughness, 100 * deep.roughness_p99);
     assert_true(deep.peak_N > 0.4 && deep.roughness < 0.005);
 }
 
@@ -381,8 +390,7 @@ static int pierced(const scene *s, int tool) {
     tm_tool_pose at = tm_contact_pose(s->contact, tool);
     double tail[3], length = distance(trocar, at.tip_m);
     int count = 0;
-    for (int c = 0; c < 3; c++)
-        tail[c] = at.tip_m[c] + (trocar[c] - at.tip_m[c]) * s->def.length_m / length;
+    for (int c = 0; c < 3; c++) tail[c] = at.tip_m[c] + (trocar[c] - at.tip_m[c]) * s->def.length_m / length;
     for (int32_t i = 0; i < f.count; i++) {
         double p[3][3];
         for (int j = 0; j < 3; j++)
@@ -393,12 +401,12 @@ static int pierced(const scene *s, int tool) {
     return count;
 }
 
-/* One approach from outside to a point up to 12 mm within a block of 48 x 48 x 30 mm; the largest force, -1 if it went through. */
+/* One approach from outside to a point up to 12 mm within a block of 48 x 48 x 30 mm; the largest force, -1 if it went
+ * through. */
 static double approach(scene_def *d, double speed, uint64_t seed) {
     double from[3], to[3], n[3] = {0, 0, 1}, along[3];
     scene_seed = 7919 * seed + 11;
-    for (int i = 0; i < 20; i++)
-        scene_random();
+    for (int i = 0; i < 20; i++) scene_random();
     double azimuth = between(0, 6.28), height = between(0, 1.2), deep = between(0.004, 0.012);
     double trocar[3] = {0.2 * cos(azimuth) * cos(height), 0.2 * sin(azimuth) * cos(height), 0.08 + 0.2 * sin(height)};
     to[0] = between(-0.022, 0.022), to[1] = between(-0.022, 0.022), to[2] = 0.03;
@@ -416,8 +424,9 @@ static double approach(scene_def *d, double speed, uint64_t seed) {
     double most = 0;
     for (int k = 1; k <= frames + 2 && most >= 0; k++) {
         double t = fmin((double)k / frames, 1);
-        tm_tool_reaction r = scene_frame(&s, 0, scene_pose(from[0] + t * along[0], from[1] + t * along[1], from[2] + t * along[2]),
-                                         norm(along) / speed / frames);
+        tm_tool_reaction r =
+            scene_frame(&s, 0, scene_pose(from[0] + t * along[0], from[1] + t * along[1], from[2] + t * along[2]),
+                        norm(along) / speed / frames);
         most = pierced(&s, 0) || r.inside ? -1 : fmax(most, norm(r.resultant_N));
     }
     scene_destroy(&s);
@@ -437,8 +446,7 @@ static void test_never_passes_through(void **unused) {
             d.size_m[0] = d.size_m[1] = 0.048, d.size_m[2] = 0.03;
             d.young_Pa = kind[k].young;
             double force = approach(&d, kind[k].speed, (uint64_t)i);
-            if (force < 0)
-                fail_msg("approach %d at %g m/s into %g Pa went through", i, kind[k].speed, kind[k].young);
+            if (force < 0) fail_msg("approach %d at %g m/s into %g Pa went through", i, kind[k].speed, kind[k].young);
             most = fmax(most, force);
             touched += force > 0.01;
         }
@@ -452,8 +460,7 @@ static void test_never_passes_through(void **unused) {
 
 static void assert_sound(const scene *s) {
     const double *u = tm_world_state(s->world)->u_m;
-    for (int32_t i = 0; i < 3 * s->mesh->vertex_count; i++)
-        assert_true(fabs(u[i]) < 0.05);
+    for (int32_t i = 0; i < 3 * s->mesh->vertex_count; i++) assert_true(fabs(u[i]) < 0.05);
 }
 
 static void test_supports_are_never_moved(void **unused) {
@@ -494,14 +501,16 @@ static void test_pinched_triangle(void **unused) {
         tm_contact_move(s.contact, 0, &a, n);
         tm_contact_move(s.contact, 1, &b, n);
         assert_int_equal(tm_world_step(s.world, n), TM_OK);
-        most = fmax(most, fmax(norm(tm_contact_reaction(s.contact, 0).force_N), norm(tm_contact_reaction(s.contact, 1).force_N)));
+        most = fmax(most, fmax(norm(tm_contact_reaction(s.contact, 0).force_N),
+                               norm(tm_contact_reaction(s.contact, 1).force_N)));
     }
     assert_true(most > 0.05 && most < 5);
     assert_sound(&s);
     scene_destroy(&s);
 }
 
-/* Placed inside: no force until it has left; then it is a tool like any other. Placed overlapping: pushed out gently. */
+/* Placed inside: no force until it has left; then it is a tool like any other. Placed overlapping: pushed out gently.
+ */
 static void test_tool_that_appears_inside(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
@@ -574,7 +583,8 @@ static uint64_t two_tools(tm_tool_reaction r[2]) {
     scene s = scene_create(&d);
     for (int k = 1; k <= 20; k++) {
         int32_t n = substeps_in(&s, 0.01);
-        tm_tool_pose a = scene_pose(0.018, 0.004, 0.0447 - 0.0002 * k), b = scene_pose(-0.018, -0.004, 0.0447 - 0.0001 * k);
+        tm_tool_pose a = scene_pose(0.018, 0.004, 0.0447 - 0.0002 * k),
+                     b = scene_pose(-0.018, -0.004, 0.0447 - 0.0001 * k);
         tm_contact_begin_frame(s.contact, n, n);
         tm_contact_move(s.contact, 0, &a, n);
         tm_contact_move(s.contact, 1, &b, n);

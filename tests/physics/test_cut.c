@@ -39,8 +39,7 @@ static void start(scene *s) {
     s->world = fix_world(s->tissue, true);
     const double zero[90] = {0};
     int32_t dof[90];
-    for (int i = 0; i < 90; i++)
-        dof[i] = i; /* the 30 vertices at x = 0 */
+    for (int i = 0; i < 90; i++) dof[i] = i; /* the 30 vertices at x = 0 */
     tm_support_def def = tm_support_def_default();
     def.count = 90, def.dof = dof, def.value_m = zero;
     fix_ok(tm_stage_support(s->world, &def, &error), &error);
@@ -66,8 +65,7 @@ static void twenty_orders(void **state) {
         start(&s);
         fix_random random = {100 + (uint64_t)order};
         int32_t *list = malloc(sizeof(int32_t) * (size_t)s.mesh->tet_count);
-        for (int32_t t = 0; t < s.mesh->tet_count; t++)
-            list[t] = t;
+        for (int32_t t = 0; t < s.mesh->tet_count; t++) list[t] = t;
         if (order % 4 == 3)
             cut_order_from(s.mesh, list, &random);
         else
@@ -88,14 +86,12 @@ static void down_to_nothing(void **state) {
     start(&s);
     fix_random random = {5};
     int32_t *list = malloc(sizeof(int32_t) * (size_t)s.mesh->tet_count);
-    for (int32_t t = 0; t < s.mesh->tet_count; t++)
-        list[t] = t;
+    for (int32_t t = 0; t < s.mesh->tet_count; t++) list[t] = t;
     cut_shuffle(list, s.mesh->tet_count, &random);
     cut_down(s.tissue, &s.def, s.world, list, 1, 37, true);
     assert_int_equal(tm_tissue_alive_count(s.tissue), 0);
     assert_int_equal(tm_tissue_surface(s.tissue).count, 0);
-    for (int32_t v = 0; v < s.mesh->vertex_count; v++)
-        assert_true(tm_tissue_mass_kg(s.tissue)[v] == 0);
+    for (int32_t v = 0; v < s.mesh->vertex_count; v++) assert_true(tm_tissue_mass_kg(s.tissue)[v] == 0);
     /* Empty and valid: it steps, nothing moves, and nothing more can be removed. */
     double *u = malloc(sizeof(double) * 3 * (size_t)s.mesh->vertex_count);
     memcpy(u, tm_world_state(s.world)->u_m, sizeof(double) * 3 * (size_t)s.mesh->vertex_count);
@@ -149,8 +145,7 @@ static void rings_are_opened(void **state) {
         for (int32_t i = 1; i < n; i++) {
             int shared = 0;
             for (int a = 0; a < 4; a++)
-                for (int b = 0; b < 4; b++)
-                    shared += mesh->tet[4 * star[0] + a] == mesh->tet[4 * star[i] + b];
+                for (int b = 0; b < 4; b++) shared += mesh->tet[4 * star[0] + a] == mesh->tet[4 * star[i] + b];
             if (shared != 1) continue;
             tm_tissue *tissue = fix_tissue(mesh, &material, NULL, TM_DOUBLE, true);
             const int32_t removed = tm_cut_remove(tissue, (const int32_t[2]){star[0], star[i]}, 2, NULL, 0);

@@ -32,8 +32,7 @@ static void cuts_at_its_rate(void **state) {
     scene s = cutting_scene(rate, TM_LOOSE_FALL);
     int32_t tets = s.mesh->tet_count, tet[512], touched = 0, cut = 0;
     int8_t who[512];
-    for (int i = 0; i < 60; i++)
-        story(&s, i, false);
+    for (int i = 0; i < 60; i++) story(&s, i, false);
     assert_int_equal(tm_tissue_alive_count(s.tissue), tets); /* without current it is a probe */
     assert_true(tm_contact_reaction(s.contact, CAUTERY).row_count > 0);
     for (int i = 0; i < 60; i++) {
@@ -93,8 +92,7 @@ static void loose_pieces(void **state) {
         int8_t *who = malloc((size_t)s.mesh->tet_count);
         const int32_t n = tm_cut_take(s.world, tet, who, s.mesh->tet_count);
         assert_int_equal(n, above);
-        for (int32_t i = 0; i < n; i++)
-            assert_int_equal(who[i], -1);
+        for (int32_t i = 0; i < n; i++) assert_int_equal(who[i], -1);
         free(tet), free(who);
         if (loose == TM_LOOSE_REMOVE)
             assert_true(steps <= 1000 && fallen_at < 0);
@@ -105,8 +103,7 @@ static void loose_pieces(void **state) {
 }
 
 static uint64_t run_on(scene *s, int from, int to) {
-    for (int i = from; i < to; i++)
-        story(s, i, true);
+    for (int i = from; i < to; i++) story(s, i, true);
     const tm_surface_view surface = tm_tissue_surface(s->tissue);
     const tm_tool_reaction reaction = tm_contact_reaction(s->contact, PROBE);
     uint64_t h = tm_hash(surface.triangle, sizeof(int32_t) * 3 * (size_t)surface.count, tm_world_hash(s->world));

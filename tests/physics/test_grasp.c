@@ -11,7 +11,10 @@ static double norm(const double *a) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[
 
 static const tm_tool_mode GRASPERS[2] = {TM_TOOL_GRASPER, TM_TOOL_GRASPER};
 
-typedef struct grasp_scene { scene s; tm_grasp *grasp; } grasp_scene;
+typedef struct grasp_scene {
+    scene s;
+    tm_grasp *grasp;
+} grasp_scene;
 
 static grasp_scene open_scene(scene_def *d, bool cuttable) {
     grasp_scene g = {.s = scene_create_full(d, cuttable, GRASPERS)};
@@ -30,8 +33,7 @@ static tm_tool_pose with_grip(tm_tool_pose pose, double grip) {
 static void frame(grasp_scene *g, const tm_tool_pose *to, double force_N[2][3]) {
     int32_t n = (int32_t)ceil(0.005 / tm_world_step_s(g->s.world));
     tm_contact_begin_frame(g->s.contact, n, n);
-    for (int t = 0; t < g->s.def.tools; t++)
-        tm_contact_move(g->s.contact, t, to + t, n);
+    for (int t = 0; t < g->s.def.tools; t++) tm_contact_move(g->s.contact, t, to + t, n);
     assert_int_equal(tm_world_step(g->s.world, n), TM_OK);
     for (int t = 0; t < g->s.def.tools; t++)
         memcpy(force_N[t], tm_contact_reaction(g->s.contact, t).force_N, sizeof force_N[t]);
@@ -46,8 +48,8 @@ static scene_def small_block(int tools) {
     return d;
 }
 
-/* Press a little, close, pull 6 mm up: the tool is pulled down by what the tissue's own elasticity says. Open: the force falls
- * monotonically and is zero within the stated time; nothing is held any more. */
+/* Press a little, close, pull 6 mm up: the tool is pulled down by what the tissue's own elasticity says. Open: the
+ * force falls monotonically and is zero within the stated time; nothing is held any more. */
 static void test_hold_pull_and_let_go(void **unused) {
     (void)unused;
     scene_def d = small_block(1);
@@ -55,8 +57,7 @@ static void test_hold_pull_and_let_go(void **unused) {
     tm_grasp_state state;
     double force[2][3], before[3], worst_jump = 0;
     tm_tool_pose at = scene_pose(0.008, 0.004, 0.0437);
-    for (int k = 0; k < 40; k++)
-        frame(&g, &at, force);
+    for (int k = 0; k < 40; k++) frame(&g, &at, force);
     assert_int_equal(tm_grasp_held(g.grasp, 0, NULL, &state), 0);
     assert_true(force[0][2] > 0.02);
     for (int k = 1; k <= 10; k++) { /* closing changes no force: the hold takes over what contact bore */
@@ -68,7 +69,8 @@ static void test_hold_pull_and_let_go(void **unused) {
     }
     int32_t held = tm_grasp_held(g.grasp, 0, NULL, &state);
     assert_true(held >= 3 && state == TM_GRASP_HOLDING);
-    print_message("%d vertices held; closing changed the force by at most %.1e N of %.3f N\n", held, worst_jump, norm(force[0]));
+    print_message("%d vertices held; closing changed the force by at most %.1e N of %.3f N\n", held, worst_jump,
+                  norm(force[0]));
     assert_true(worst_jump < 0.02 * norm(force[0]));
     for (int k = 1; k <= 120; k++) {
         at.tip_m[2] = 0.0437 + 0.006 * fmin(k / 60.0, 1);
@@ -89,8 +91,7 @@ static void test_hold_pull_and_let_go(void **unused) {
         frame(&g, &at, force);
         assert_true(norm(force[0]) <= last + 1e-12);
         last = norm(force[0]);
-        if (last == 0 && time_to_zero < 0)
-            time_to_zero = 0.005 * k;
+        if (last == 0 && time_to_zero < 0) time_to_zero = 0.005 * k;
     }
     print_message("opened: zero after %.0f ms\n", 1e3 * time_to_zero);
     assert_true(time_to_zero > 0.05 && time_to_zero <= 0.1 + 0.010);
@@ -99,15 +100,15 @@ static void test_hold_pull_and_let_go(void **unused) {
     scene_destroy(&g.s);
 }
 
-/* Half a turn of roll twists the tissue and turns no force out of nothing; between the two thresholds the jaw stays as it is. */
+/* Half a turn of roll twists the tissue and turns no force out of nothing; between the two thresholds the jaw stays as
+ * it is. */
 static void test_roll_twists(void **unused) {
     (void)unused;
     scene_def d = small_block(1);
     grasp_scene g = open_scene(&d, false);
     double force[2][3];
     tm_tool_pose at = with_grip(scene_pose(0.008, 0.004, 0.0437), 1);
-    for (int k = 0; k < 40; k++)
-        frame(&g, &at, force);
+    for (int k = 0; k < 40; k++) frame(&g, &at, force);
     double energy = tm_tissue_energy(g.s.tissue, tm_world_state(g.s.world)->u_m);
     at.grip = 0.5;
     for (int k = 0; k < 60; k++) {
@@ -122,7 +123,8 @@ static void test_roll_twists(void **unused) {
     scene_destroy(&g.s);
 }
 
-/* Two graspers hold one piece and pull apart; the tetrahedra between them are cut: each force falls to its own new value. */
+/* Two graspers hold one piece and pull apart; the tetrahedra between them are cut: each force falls to its own new
+ * value. */
 static void test_two_hold_and_a_cut_between(void **unused) {
     (void)unused;
     scene_def d = small_block(2);
@@ -144,15 +146,14 @@ static void test_two_hold_and_a_cut_between(void **unused) {
     for (int32_t t = 0; t < g.s.mesh->tet_count; t++) {
         double x = 0, z = 0;
         for (int j = 0; j < 4; j++)
-            x += g.s.mesh->rest_m[3 * g.s.mesh->tet[4 * t + j]] / 4, z += g.s.mesh->rest_m[3 * g.s.mesh->tet[4 * t + j] + 2] / 4;
-        if (fabs(x) < 0.004 && z > 0.02)
-            tet[count++] = t;
+            x += g.s.mesh->rest_m[3 * g.s.mesh->tet[4 * t + j]] / 4,
+                z += g.s.mesh->rest_m[3 * g.s.mesh->tet[4 * t + j] + 2] / 4;
+        if (fabs(x) < 0.004 && z > 0.02) tet[count++] = t;
     }
     assert_true(count > 20);
     assert_true(tm_cut_remove(g.s.tissue, tet, count, NULL, 0) >= count);
     free(tet);
-    for (int k = 0; k < 100; k++)
-        frame(&g, at, force);
+    for (int k = 0; k < 100; k++) frame(&g, at, force);
     print_message("after the cut between them: %.3f N and %.3f N\n", force[0][0], force[1][0]);
     assert_true(fabs(force[0][0]) < 0.95 * fabs(pulled[0]));
     assert_true(fabs(force[1][0]) < 0.7 * fabs(pulled[1]));
@@ -167,8 +168,7 @@ static void test_dead_vertices_are_let_go(void **unused) {
     grasp_scene g = open_scene(&d, true);
     double force[2][3];
     tm_tool_pose at = with_grip(scene_pose(0.008, 0.004, 0.0437), 1);
-    for (int k = 0; k < 20; k++)
-        frame(&g, &at, force);
+    for (int k = 0; k < 20; k++) frame(&g, &at, force);
     const int32_t *vertex;
     int32_t held = tm_grasp_held(g.grasp, 0, &vertex, NULL), n = 0;
     assert_true(held >= 3);
@@ -176,8 +176,7 @@ static void test_dead_vertices_are_let_go(void **unused) {
     for (int32_t t = 0; t < g.s.mesh->tet_count; t++)
         for (int j = 0; j < 4; j++) {
             bool mine = false;
-            for (int32_t i = 0; i < held; i++)
-                mine = mine || g.s.mesh->tet[4 * t + j] == vertex[i];
+            for (int32_t i = 0; i < held; i++) mine = mine || g.s.mesh->tet[4 * t + j] == vertex[i];
             if (mine) {
                 tet[n++] = t;
                 break;
@@ -188,8 +187,7 @@ static void test_dead_vertices_are_let_go(void **unused) {
     at.tip_m[2] += 0.004; /* away from the hole's rim */
     frame(&g, &at, force);
     assert_int_equal(tm_grasp_held(g.grasp, 0, NULL, NULL), 0);
-    for (int k = 0; k < 20; k++)
-        frame(&g, &at, force);
+    for (int k = 0; k < 20; k++) frame(&g, &at, force);
     assert_true(norm(force[0]) == 0);
     scene_destroy(&g.s);
 }
@@ -201,8 +199,7 @@ static void test_a_leap_lets_go(void **unused) {
     grasp_scene g = open_scene(&d, false);
     double force[2][3];
     tm_tool_pose at = with_grip(scene_pose(0.008, 0.004, 0.0437), 1);
-    for (int k = 0; k < 20; k++)
-        frame(&g, &at, force);
+    for (int k = 0; k < 20; k++) frame(&g, &at, force);
     assert_true(tm_grasp_held(g.grasp, 0, NULL, NULL) >= 3);
     at.tip_m[2] = 0.08;
     tm_contact_place(g.s.contact, 0, &at);

@@ -97,8 +97,7 @@ static tm_world *thrown(tm_mesh *mesh, tm_tissue **tissue, double fraction) {
     int32_t dof[HELD];
     uint8_t fixed[100] = {0};
     const double zero[HELD] = {0};
-    for (int i = 0; i < HELD; i++)
-        dof[i] = i, fixed[i] = 1;
+    for (int i = 0; i < HELD; i++) dof[i] = i, fixed[i] = 1;
     double sharp = 0;
     fix_ok(tm_critical_step_sharp(*tissue, fixed, 1e-10, 100000, &sharp, &error), &error);
     tm_world *world = fix_world(*tissue, false);
@@ -109,12 +108,10 @@ static tm_world *thrown(tm_mesh *mesh, tm_tissue **tissue, double fraction) {
     const double ratio = fraction * sharp / s->dt_s;
     assert_true(ratio > 1);
     double *mobility = (double *)tm_world_mobility_s2_kg(world);
-    for (int32_t v = 0; v < mesh->vertex_count; v++)
-        mobility[v] *= ratio * ratio;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) mobility[v] *= ratio * ratio;
     s->dt_s *= ratio;
     fix_random random = {23};
-    for (int32_t i = HELD; i < 3 * mesh->vertex_count; i++)
-        s->u_prev_m[i] = -s->dt_s * 0.1 * fix_signed(&random);
+    for (int32_t i = HELD; i < 3 * mesh->vertex_count; i++) s->u_prev_m[i] = -s->dt_s * 0.1 * fix_signed(&random);
     return world;
 }
 
@@ -205,8 +202,7 @@ static void damped_world_comes_to_the_settled_rest(void **state) {
     tm_world *world = fix_world(tissue, true);
     int32_t dof[12];
     const double zero[12] = {0};
-    for (int i = 0; i < 12; i++)
-        dof[i] = i; /* the face x = 0 */
+    for (int i = 0; i < 12; i++) dof[i] = i; /* the face x = 0 */
     tm_support_def def = tm_support_def_default();
     def.count = 12, def.dof = dof, def.value_m = zero;
     fix_ok(tm_stage_support(world, &def, &error), &error);
@@ -232,8 +228,7 @@ static void damped_world_comes_to_the_settled_rest(void **state) {
     const uint64_t hash = tm_world_hash(world);
     memcpy(u, tm_world_state(world)->u_m, sizeof(double) * (size_t)n);
     assert_int_equal(tm_world_step(world, 100), TM_OK);
-    for (int32_t i = 0; i < n; i++)
-        assert_true(fabs(u[i] - tm_world_state(world)->u_m[i]) < 1e-9 * fix_largest(u, n));
+    for (int32_t i = 0; i < n; i++) assert_true(fabs(u[i] - tm_world_state(world)->u_m[i]) < 1e-9 * fix_largest(u, n));
     assert_true(hash != tm_world_hash(world));
     free(u), free(a), free(b);
     tm_world_destroy(world);
@@ -247,10 +242,8 @@ static void dies_away_to_nothing(void **state) {
     (void)state;
     oscillator o = make_oscillator(400), p = make_oscillator(400);
     tm_world_state(o.world)->u_m[FREE_DOF] = tm_world_state(p.world)->u_m[FREE_DOF] = 1e-3;
-    for (int steps = 0; steps < 1000; steps += 25)
-        assert_int_equal(tm_world_step(o.world, 25), TM_OK);
-    for (int steps = 0; steps < 1000; steps += 8)
-        assert_int_equal(tm_world_step(p.world, 8), TM_OK);
+    for (int steps = 0; steps < 1000; steps += 25) assert_int_equal(tm_world_step(o.world, 25), TM_OK);
+    for (int steps = 0; steps < 1000; steps += 8) assert_int_equal(tm_world_step(p.world, 8), TM_OK);
     assert_true(tm_world_hash(o.world) == tm_world_hash(p.world));
     assert_true(tm_world_state(o.world)->u_m[FREE_DOF] != 0);
     double before = 1;

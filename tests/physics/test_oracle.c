@@ -5,8 +5,7 @@
 static void support(tm_world *world, const oracle *o, const double *press) {
     int32_t *dof = malloc(sizeof(int32_t) * 3 * (size_t)o->vertex_count), n = 0;
     double *value = malloc(sizeof(double) * 3 * (size_t)o->vertex_count), far = 0;
-    for (int32_t v = 0; v < o->vertex_count; v++)
-        far = fmax(far, o->vertex[3 * v]);
+    for (int32_t v = 0; v < o->vertex_count; v++) far = fmax(far, o->vertex[3 * v]);
     for (int32_t i = 0; i < 3 * o->vertex_count; i++) {
         const double x = o->vertex[3 * (i / 3)];
         if (x > 1e-12 && !(press && x > far - 1e-12)) continue;
@@ -38,14 +37,12 @@ static void check_case(const oracle *o, int kase, tm_tissue *tissue, double tole
 
     const double *u = tm_world_state(world)->u_m, most = fix_largest(o->u[kase], 3 * o->vertex_count);
     double worst = 0, clamp[3] = {0}, tip[3] = {0}, largest = 0, off = 0;
-    for (int32_t i = 0; i < 3 * o->vertex_count; i++)
-        worst = fmax(worst, fabs(u[i] - o->u[kase][i]) / most);
+    for (int32_t i = 0; i < 3 * o->vertex_count; i++) worst = fmax(worst, fabs(u[i] - o->u[kase][i]) / most);
     double *reaction = calloc(3 * (size_t)o->vertex_count, sizeof(double));
     tm_support_reaction(world, reaction);
     for (int32_t i = 0; i < 3 * o->vertex_count; i++)
         *(o->vertex[3 * (i / 3)] < 1e-12 ? clamp + i % 3 : tip + i % 3) += reaction[i];
-    for (int i = 0; i < 3; i++)
-        largest = fmax(largest, fabs(o->clamp[kase][i]));
+    for (int i = 0; i < 3; i++) largest = fmax(largest, fabs(o->clamp[kase][i]));
     for (int i = 0; i < 3; i++)
         off = fmax(off, fmax(fabs(clamp[i] - o->clamp[kase][i]), fabs(tip[i] - o->tip[kase][i])) / largest);
     const double energy = fabs(result.energy_J / o->energy[kase] - 1);
@@ -79,23 +76,16 @@ static void check_set(const char *name) {
             print_message("%s, constants %d, %s\n", name, law, precision == TM_DOUBLE ? "double" : "single");
             tm_tissue *tissue = fix_tissue(o.mesh, material + law,
                                            tm_material_is_isotropic(material + law) ? NULL : o.fibre, precision, false);
-            for (int kase = 0; kase < 3; kase++)
-                check_case(&o, kase, tissue, precision == TM_DOUBLE ? 1e-7 : 1e-4);
+            for (int kase = 0; kase < 3; kase++) check_case(&o, kase, tissue, precision == TM_DOUBLE ? 1e-7 : 1e-4);
             tm_tissue_destroy(tissue);
         }
     oracle_unload(&o);
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-static void isotropic(void **state) {
-    (void)state, check_set("iso");
-}
-static void paper_law(void **state) {
-    (void)state, check_set("fibre");
-}
-static void engineering(void **state) {
-    (void)state, check_set("muscle");
-}
+static void isotropic(void **state) { (void)state, check_set("iso"); }
+static void paper_law(void **state) { (void)state, check_set("fibre"); }
+static void engineering(void **state) { (void)state, check_set("muscle"); }
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(isotropic), cmocka_unit_test(paper_law),

@@ -67,8 +67,7 @@ static void chosen_well(const patch_scene *p) {
         int shared = 0;
         for (int32_t o = 0; o < patch->triangle_count; o++) {
             int common = 0;
-            for (int k = 0; k < 9; k++)
-                common += patch->triangle[3 * t + k / 3] == patch->triangle[3 * o + k % 3];
+            for (int k = 0; k < 9; k++) common += patch->triangle[3 * t + k / 3] == patch->triangle[3 * o + k % 3];
             shared += o != t && common == 2;
         }
         assert_true(shared >= 1); /* in one piece, edge to edge */
@@ -76,16 +75,15 @@ static void chosen_well(const patch_scene *p) {
     double x[TM_PATCH_DOFS], sum = 0;
     scene_seed = 11;
     for (int k = 0; k < 50; k++, sum = 0) { /* no load gains energy from it */
+        for (int32_t i = 0; i < 3 * patch->vertex_count; i++) x[i] = 2 * scene_random() - 1;
         for (int32_t i = 0; i < 3 * patch->vertex_count; i++)
-            x[i] = 2 * scene_random() - 1;
-        for (int32_t i = 0; i < 3 * patch->vertex_count; i++)
-            for (int32_t j = 0; j < 3 * patch->vertex_count; j++)
-                sum += x[i] * x[j] * tm_patch_compliance(patch, i, j);
+            for (int32_t j = 0; j < 3 * patch->vertex_count; j++) sum += x[i] * x[j] * tm_patch_compliance(patch, i, j);
         assert_true(sum > 0);
     }
 }
 
-/* At P_n the patch gives the model's force; K is the derivative of settled forces; moved by up to 1 mm it follows the settled force. */
+/* At P_n the patch gives the model's force; K is the derivative of settled forces; moved by up to 1 mm it follows the
+ * settled force. */
 static void patch_against_settled(patch_scene *p, const char *what, double stiffness_within, double force_within) {
     double force[3], at_tip[3], K[9], step = 5e-5, wrong = 0, size = 0, worst = 0, worst_tangent = 0, worst_hold = 0;
     bool inside;
@@ -106,27 +104,27 @@ static void patch_against_settled(patch_scene *p, const char *what, double stiff
         settled(&p->s, at, ahead);
         at[c] -= 2 * step;
         settled(&p->s, at, behind);
-        for (int i = 0; i < 3; i++)
-            K[3 * i + c] = (ahead[i] - behind[i]) / (2 * step);
+        for (int i = 0; i < 3; i++) K[3 * i + c] = (ahead[i] - behind[i]) / (2 * step);
     }
-    for (int i = 0; i < 9; i++)
-        wrong += (K[i] - r.stiffness_N_m[i]) * (K[i] - r.stiffness_N_m[i]), size += K[i] * K[i];
-    static const double moves[5][3] = {{0.0005, 0, 0}, {-0.001, 0, 0}, {0, 0.001, 0}, {0, 0, -0.001}, {0.0005, -0.0005, 0.001}};
+    for (int i = 0; i < 9; i++) wrong += (K[i] - r.stiffness_N_m[i]) * (K[i] - r.stiffness_N_m[i]), size += K[i] * K[i];
+    static const double moves[5][3] = {
+        {0.0005, 0, 0}, {-0.001, 0, 0}, {0, 0.001, 0}, {0, 0, -0.001}, {0.0005, -0.0005, 0.001}};
     for (int k = 0; k < 5; k++) {
         double at[3], truth[3], patch[3], tangent[3];
-        for (int c = 0; c < 3; c++)
-            at[c] = p->tip_m[c] + moves[k][c];
+        for (int c = 0; c < 3; c++) at[c] = p->tip_m[c] + moves[k][c];
         settled(&p->s, at, truth);
         tm_patch_force(solver, &p->patch, at, patch, NULL);
         for (int i = 0; i < 3; i++)
-            tangent[i] = force[i] + r.stiffness_N_m[3 * i] * moves[k][0] + r.stiffness_N_m[3 * i + 1] * moves[k][1] + r.stiffness_N_m[3 * i + 2] * moves[k][2];
+            tangent[i] = force[i] + r.stiffness_N_m[3 * i] * moves[k][0] + r.stiffness_N_m[3 * i + 1] * moves[k][1] +
+                         r.stiffness_N_m[3 * i + 2] * moves[k][2];
         worst = fmax(worst, distance(patch, truth));
         worst_tangent = fmax(worst_tangent, distance(tangent, truth));
         worst_hold = fmax(worst_hold, distance(force, truth));
     }
-    print_message("%s: %.3f N; stiffness off by %.2f %%; moved up to 1.2 mm: patch off by %.3f %%, tangent %.2f %%, hold %.1f %%\n", what,
-                  norm(force), 100 * sqrt(wrong / size), 100 * worst / norm(force), 100 * worst_tangent / norm(force),
-                  100 * worst_hold / norm(force));
+    print_message(
+        "%s: %.3f N; stiffness off by %.2f %%; moved up to 1.2 mm: patch off by %.3f %%, tangent %.2f %%, hold %.1f %%\n",
+        what, norm(force), 100 * sqrt(wrong / size), 100 * worst / norm(force), 100 * worst_tangent / norm(force),
+        100 * worst_hold / norm(force));
     assert_true(sqrt(wrong / size) < stiffness_within);
     assert_true(worst < force_within * norm(force));
     assert_true(worst < 0.2 * worst_tangent && worst_tangent < worst_hold);
@@ -153,9 +151,9 @@ static void test_patch_after_a_cut(void **unused) {
     for (int32_t t = 0; t < p.s.mesh->tet_count; t++) {
         double x = 0, z = 0;
         for (int j = 0; j < 4; j++)
-            x += p.s.mesh->rest_m[3 * p.s.mesh->tet[4 * t + j]] / 4, z += p.s.mesh->rest_m[3 * p.s.mesh->tet[4 * t + j] + 2] / 4;
-        if (x > -0.018 && x < -0.012 && z > 0.018)
-            tet[n++] = t;
+            x += p.s.mesh->rest_m[3 * p.s.mesh->tet[4 * t + j]] / 4,
+                z += p.s.mesh->rest_m[3 * p.s.mesh->tet[4 * t + j] + 2] / 4;
+        if (x > -0.018 && x < -0.012 && z > 0.018) tet[n++] = t;
     }
     assert_true(tm_cut_remove(p.s.tissue, tet, n, NULL, 0) >= n);
     free(tet);
@@ -213,13 +211,11 @@ static void test_stiffness_of_a_hold(void **unused) {
         hold_at(&p.s, at, 0.01, behind);
         hold_at(&p.s, at, 0.5, behind);
         hold_at(&p.s, at, 0.002, behind);
-        for (int i = 0; i < 3; i++)
-            K[3 * i + c] = (ahead[i] - behind[i]) / 2e-4;
+        for (int i = 0; i < 3; i++) K[3 * i + c] = (ahead[i] - behind[i]) / 2e-4;
     }
-    for (int i = 0; i < 9; i++)
-        wrong += (K[i] - r.stiffness_N_m[i]) * (K[i] - r.stiffness_N_m[i]), size += K[i] * K[i];
-    print_message("held tissue pulled 3 mm: %.3f N, stiffness %.0f N/m along the pull, off by %.2f %%\n", norm(force), r.stiffness_N_m[8],
-                  100 * sqrt(wrong / size));
+    for (int i = 0; i < 9; i++) wrong += (K[i] - r.stiffness_N_m[i]) * (K[i] - r.stiffness_N_m[i]), size += K[i] * K[i];
+    print_message("held tissue pulled 3 mm: %.3f N, stiffness %.0f N/m along the pull, off by %.2f %%\n", norm(force),
+                  r.stiffness_N_m[8], 100 * sqrt(wrong / size));
     assert_true(sqrt(wrong / size) < 0.03);
     scene_destroy(&p.s);
 }
@@ -234,20 +230,24 @@ static void test_patch_leads_the_tool(void **unused) {
     double middle[2] = {0, 0};
     for (int k = 0; k < 2; k++) {
         double velocity[3] = {k ? 0.1 : -0.1, 0, 0};
-        assert_true(tm_patch_choose(p.s.mesh->rest_m, tm_world_state(p.s.world)->u_m, &surface, &tool, velocity, 0.08, NULL, 0, 24, 32, &p.patch) > 12);
-        for (int32_t i = 0; i < p.patch.vertex_count; i++)
-            middle[k] += p.patch.rest_m[3 * i] / p.patch.vertex_count;
+        assert_true(tm_patch_choose(p.s.mesh->rest_m, tm_world_state(p.s.world)->u_m, &surface, &tool, velocity, 0.08,
+                                    NULL, 0, 24, 32, &p.patch) > 12);
+        for (int32_t i = 0; i < p.patch.vertex_count; i++) middle[k] += p.patch.rest_m[3 * i] / p.patch.vertex_count;
     }
     print_message("middle of the patch at 0.1 m/s: %.1f mm and %.1f mm\n", 1e3 * middle[0], 1e3 * middle[1]);
     assert_true(middle[1] - middle[0] > 0.003);
-    assert_true(tm_patch_choose(p.s.mesh->rest_m, tm_world_state(p.s.world)->u_m, &surface, &tool, (double[3]){0}, 0, NULL, 0, 12, 16, &p.patch) <= 16);
+    assert_true(tm_patch_choose(p.s.mesh->rest_m, tm_world_state(p.s.world)->u_m, &surface, &tool, (double[3]){0}, 0,
+                                NULL, 0, 12, 16, &p.patch) <= 16);
     assert_true(p.patch.vertex_count <= 12);
     tool.tip_m[2] += 0.1; /* far away: none */
-    assert_int_equal(tm_patch_choose(p.s.mesh->rest_m, tm_world_state(p.s.world)->u_m, &surface, &tool, (double[3]){0}, 0, NULL, 0, 24, 32, &p.patch), 0);
+    assert_int_equal(tm_patch_choose(p.s.mesh->rest_m, tm_world_state(p.s.world)->u_m, &surface, &tool, (double[3]){0},
+                                     0, NULL, 0, 24, 32, &p.patch),
+                     0);
     scene_destroy(&p.s);
 }
 
-/* A tool that touches nothing because it appeared inside, or is not in the body, gets no patch: a controller would press it. */
+/* A tool that touches nothing because it appeared inside, or is not in the body, gets no patch: a controller would
+ * press it. */
 static void test_no_patch_for_a_tool_that_touches_nothing(void **unused) {
     (void)unused;
     patch_scene p = press(0, 0.003, 0.004, 0.0042, false);

@@ -35,8 +35,7 @@ static void patch_test(void **state) {
     double *value = malloc(sizeof(double) * (size_t)n), *exact = malloc(sizeof(double) * (size_t)n);
     for (int32_t i = 0; i < n; i++) {
         exact[i] = 1e-4;
-        for (int j = 0; j < 3; j++)
-            exact[i] += H[3 * (i % 3) + j] * mesh->rest_m[3 * (i / 3) + j];
+        for (int j = 0; j < 3; j++) exact[i] += H[3 * (i % 3) + j] * mesh->rest_m[3 * (i / 3) + j];
         if (!on_boundary(mesh, i / 3)) continue;
         dof[count] = i, value[count++] = exact[i];
     }
@@ -57,8 +56,7 @@ static void patch_test(void **state) {
         settle.tolerance = 1e-13;
         fix_ok(tm_world_settle(world, &settle, NULL, &error), &error);
         const double *u = tm_world_state(world)->u_m;
-        for (int32_t i = 0; i < n; i++)
-            assert_true(fabs(u[i] - exact[i]) < 1e-12 * fix_largest(exact, n));
+        for (int32_t i = 0; i < n; i++) assert_true(fabs(u[i] - exact[i]) < 1e-12 * fix_largest(exact, n));
         tm_world_destroy(world);
         tm_tissue_destroy(tissue);
     }
@@ -75,8 +73,7 @@ static void force_is_the_gradient(void **state) {
     const int32_t n = 3 * mesh->vertex_count;
     double *u = malloc(sizeof(double) * (size_t)n), *force = malloc(sizeof(double) * (size_t)n);
     fix_random random = {11};
-    for (int32_t i = 0; i < n; i++)
-        u[i] = 1e-3 * fix_signed(&random);
+    for (int32_t i = 0; i < n; i++) u[i] = 1e-3 * fix_signed(&random);
     for (int law = 0; law < 3; law++)
         for (tm_precision p = TM_DOUBLE; p <= TM_SINGLE; p++) {
             tm_tissue *tissue = fix_tissue(mesh, m + law, law ? FIBRE : NULL, p, false);
@@ -111,8 +108,7 @@ static double element_energy(const tm_mesh *mesh, const tm_material *m, const do
     }
     const double e[6] = {E[0], E[4], E[8], 2 * E[5], 2 * E[2], 2 * E[1]};
     tm_material_voigt(m, a, C);
-    for (int i = 0; i < 36; i++)
-        w += e[i / 6] * C[i] * e[i % 6] / 2;
+    for (int i = 0; i < 36; i++) w += e[i / 6] * C[i] * e[i % 6] / 2;
     return w * mesh->volume_m3[0];
 }
 
@@ -126,8 +122,7 @@ static void blocks(void **state) {
         double p[12], u[12];
         tm_mesh *mesh = NULL;
         do {
-            for (int i = 0; i < 12; i++)
-                p[i] = 0.01 * fix_signed(&random), u[i] = 1e-3 * fix_signed(&random);
+            for (int i = 0; i < 12; i++) p[i] = 0.01 * fix_signed(&random), u[i] = 1e-3 * fix_signed(&random);
         } while (fix_one_tet(p, &mesh, NULL) != TM_OK);
         for (int law = 0; law < 3; law++) {
             double energy = 0, most = 0, K[9], T[9];
@@ -189,8 +184,7 @@ static void mass_and_views(void **state) {
         mass += tm_tissue_mass_kg(tissue)[v];
         assert_true(fabs(tm_tissue_damping_kg_s(tissue)[v] / (3 * tm_tissue_mass_kg(tissue)[v]) - 1) < 1e-14);
     }
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        volume += mesh->volume_m3[t];
+    for (int32_t t = 0; t < mesh->tet_count; t++) volume += mesh->volume_m3[t];
     assert_true(fabs(mass / (1050 * volume) - 1) < 1e-12);
     assert_int_equal(tm_tissue_surface(tissue).count, mesh->surface_count);
     assert_int_equal(tm_tissue_alive_count(tissue), mesh->tet_count);
@@ -235,8 +229,7 @@ static void critical_steps(void **state) {
             const double guaranteed = tm_critical_step_guaranteed(tissue, &worst);
             fix_ok(tm_critical_step_sharp(tissue, NULL, 1e-8, 20000, &sharp, &error), &error);
             assert_true(guaranteed <= sharp && guaranteed > 0.3 * sharp);
-            for (int32_t t = 0; t < mesh->tet_count; t++)
-                least = fmin(least, tm_critical_step_element(tissue, t));
+            for (int32_t t = 0; t < mesh->tet_count; t++) least = fmin(least, tm_critical_step_element(tissue, t));
             assert_true(least == guaranteed && tm_critical_step_element(tissue, worst) == guaranteed);
             /* Fixing vertices never shortens the sharp step. */
             uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
@@ -262,8 +255,7 @@ static void critical_step_of_one(void **state) {
         double p[12];
         tm_mesh *mesh = NULL;
         do {
-            for (int i = 0; i < 12; i++)
-                p[i] = 0.01 * fix_signed(&random) * (i % 3 == 2 ? thin : 1);
+            for (int i = 0; i < 12; i++) p[i] = 0.01 * fix_signed(&random) * (i % 3 == 2 ? thin : 1);
         } while (fix_one_tet(p, &mesh, NULL) != TM_OK);
         const bool single = trial % 5 == 4;
         tm_tissue *tissue =
@@ -292,8 +284,7 @@ static void forms_agree(void **state) {
             const size_t n = 3 * (size_t)mesh->vertex_count;
             double *u = malloc(sizeof(double) * n), *plain = malloc(sizeof(double) * n),
                    *best = malloc(sizeof(double) * n);
-            for (size_t i = 0; i < n; i++)
-                u[i] = fix_signed(&random), best[i] = NAN;
+            for (size_t i = 0; i < n; i++) u[i] = fix_signed(&random), best[i] = NAN;
             tm_tissue *a = fix_tissue(mesh, m + size % 3, size % 3 ? FIBRE : NULL, p, false), *b = NULL;
             tm_tissue_def def = tm_tissue_def_default();
             double *fibre = fix_fibres(mesh, FIBRE);

@@ -72,8 +72,7 @@ static int rows_with_force(const tm_precomputed *model) {
     const tm_contact_row *row;
     const int32_t count = tm_precomputed_rows(model, &row);
     int n = 0;
-    for (int32_t i = 0; i < count; i++)
-        n += row[i].lambda_N > 0;
+    for (int32_t i = 0; i < count; i++) n += row[i].lambda_N > 0;
     return n;
 }
 
@@ -213,10 +212,8 @@ int main(int count, char **all) {
          "mm/s:\n\n"
          "| liver | rows | loaded vertices | processor p50 | p99 | wall p50 | p99 | superposition | it reads "
          "|\n|---|---|---|---|---|---|---|---|---|");
-    for (int i = 0; i < n; i++)
-        on_line(sizes[i], &o[i], tissue[i], 1000, line);
-    for (int i = 0; i < n; i++)
-        tm_tissue_destroy(tissue[i]), organ_free(&o[i]);
+    for (int i = 0; i < n; i++) on_line(sizes[i], &o[i], tissue[i], 1000, line);
+    for (int i = 0; i < n; i++) tm_tissue_destroy(tissue[i]), organ_free(&o[i]);
     if (json) {
         FILE *f = fopen(json, "w");
         char *text = cJSON_Print(j);

@@ -14,8 +14,7 @@ static inline bool kit_long(void) {
 /* Every vertex with x below `to` is fixed; [3*vertex_count], to free. */
 static inline uint8_t *kit_clamp(const tm_mesh *mesh, double to) {
     uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
-    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
-        fixed[d] = mesh->rest_m[d / 3 * 3] < to;
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) fixed[d] = mesh->rest_m[d / 3 * 3] < to;
     return fixed;
 }
 
@@ -29,8 +28,7 @@ static inline tm_solve_def kit_problem(const tm_tissue *tissue, const uint8_t *f
 /* Largest difference over the components of `a`, relative to the largest of `b`. */
 static inline double kit_difference(const double *a, const double *b, int32_t n) {
     double worst = 0;
-    for (int32_t i = 0; i < n; i++)
-        worst = fmax(worst, fabs(a[i] - b[i]));
+    for (int32_t i = 0; i < n; i++) worst = fmax(worst, fabs(a[i] - b[i]));
     return worst / fix_largest(b, n);
 }
 

@@ -43,8 +43,7 @@ static inline organ organ_read(const char *size) {
     for (int e = 0; e < elements; e++) {
         assert_int_equal(fscanf(f, "%d %d %d", &tag, &type, &tags), 3);
         const int corners = type == 4 ? 4 : 3;
-        for (int i = 0; i < tags + corners; i++)
-            assert_int_equal(fscanf(f, "%d", number + i), 1);
+        for (int i = 0; i < tags + corners; i++) assert_int_equal(fscanf(f, "%d", number + i), 1);
         for (int i = 0; i < corners; i++) {
             const int v = number[tags + i] - 1;
             if (type == 4)

@@ -138,8 +138,7 @@ static void same_bits(void **state) {
         assert_int_equal(size[i], size[0]);
         assert_memory_equal(bytes[i], bytes[0], size[0]);
     }
-    for (int i = 0; i < 3; i++)
-        free(bytes[i]);
+    for (int i = 0; i < 3; i++) free(bytes[i]);
     close_set_up(&s);
 }
 

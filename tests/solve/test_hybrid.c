@@ -18,8 +18,7 @@ static uint8_t *beyond(const tm_mesh *mesh, double cut_x) {
     uint8_t *dynamic = malloc((size_t)mesh->tet_count);
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         double x = 0;
-        for (int i = 0; i < 4; i++)
-            x += mesh->rest_m[3 * mesh->tet[4 * t + i]] / 4;
+        for (int i = 0; i < 4; i++) x += mesh->rest_m[3 * mesh->tet[4 * t + i]] / 4;
         dynamic[t] = x > cut_x;
     }
     return dynamic;
@@ -42,8 +41,7 @@ static hybrid_set make(tm_mesh *mesh, const tm_material *material, uint8_t *fixe
     tm_tissue_def def = tissue_def(mesh, material);
     fix_ok(tm_tissue_create(&def, &s.whole, &error), &error);
     s.load = calloc(3 * (size_t)mesh->vertex_count, 8);
-    for (int32_t d = 0; g && d < 3 * mesh->vertex_count; d++)
-        s.load[d] = tm_tissue_mass_kg(s.whole)[d / 3] * g[d % 3];
+    for (int32_t d = 0; g && d < 3 * mesh->vertex_count; d++) s.load[d] = tm_tissue_mass_kg(s.whole)[d / 3] * g[d % 3];
     tm_hybrid_def hybrid = tm_hybrid_def_default();
     hybrid.problem = kit_problem(s.whole, fixed);
     hybrid.problem.load_N = s.load;
@@ -131,8 +129,7 @@ static void rest_case(const int cells[3], double seconds) {
     assert_true(tm_cut_remove(s.tissue, list, removed, NULL, 0) >= removed);
     run_for(&s, seconds);
     uint8_t *alive = malloc((size_t)mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        alive[t] = !s.dynamic[t] || tm_tissue_alive(s.tissue)[t];
+    for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = !s.dynamic[t] || tm_tissue_alive(s.tissue)[t];
     const double inside = off_rest(&s, alive, false), everywhere = off_rest(&s, alive, true);
     print_message("  %d tetrahedra: off the full model by %.1e; after cutting %d, %.1e in the tensor/mass part, %.1e "
                   "everywhere\n",
@@ -212,8 +209,7 @@ static void press(const char *what, const tm_tool_pose *to) {
     def.damping_1_s = 150;
     tm_mesh *mesh = scene_mesh(&def);
     uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
-    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
-        fixed[d] = mesh->rest_m[d / 3 * 3 + 2] < 1e-9;
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) fixed[d] = mesh->rest_m[d / 3 * 3 + 2] < 1e-9;
     tm_instrument_def tool = {
         .mode = TM_TOOL_PROBE, .radius_m = def.radius_m, .contact_length_m = def.length_m, .pose = *to};
     memcpy(tool.trocar_m, def.trocar_m[0], 24);
@@ -243,8 +239,7 @@ static void press(const char *what, const tm_tool_pose *to) {
     assert_true(tm_precomputed_update(model, to) >= 0);
     double force[3], off[3];
     tm_precomputed_force(model, 0, force);
-    for (int c = 0; c < 3; c++)
-        off[c] = r.force_N[c] - force[c];
+    for (int c = 0; c < 3; c++) off[c] = r.force_N[c] - force[c];
     const double rough = fix_largest(off, 3) / fix_largest(force, 3);
     const double *u = tm_precomputed_displacement(model);
     double worst = 0;
@@ -270,8 +265,7 @@ static void press(const char *what, const tm_tool_pose *to) {
     fix_ok(tm_patch_solver_create(&solver, &error), &error);
     tm_patch_force(solver, &patch, to->tip_m, felt, &inside);
     const tm_tool_reaction exact = tm_precomputed_reaction(model, 0);
-    for (int c = 0; c < 3; c++)
-        off[c] = felt[c] - force[c];
+    for (int c = 0; c < 3; c++) off[c] = felt[c] - force[c];
     print_message("    patch: force off by %.1e, stiffness by %.1e\n", fix_largest(off, 3) / fix_largest(force, 3),
                   kit_difference(K, exact.stiffness_N_m, 9));
     assert_true(inside && fix_largest(off, 3) < 1e-5 * fix_largest(force, 3));

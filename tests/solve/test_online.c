@@ -38,9 +38,7 @@ static pair make_pair_of(const scene_def *def, tm_precision precision, const tm_
     return p;
 }
 
-static pair make_pair(const scene_def *def, tm_precision precision) {
-    return make_pair_of(def, precision, NULL);
-}
+static pair make_pair(const scene_def *def, tm_precision precision) { return make_pair_of(def, precision, NULL); }
 
 static void free_pair(pair *p) {
     tm_precomputed_destroy(p->model);
@@ -51,9 +49,7 @@ static void free_pair(pair *p) {
 static double distance3(const double *a, const double *b) {
     return sqrt((a[0] - b[0]) * (a[0] - b[0]) + (a[1] - b[1]) * (a[1] - b[1]) + (a[2] - b[2]) * (a[2] - b[2]));
 }
-static double length3(const double *a) {
-    return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
-}
+static double length3(const double *a) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
 /* --- the dynamic model at rest --- */
 
@@ -65,15 +61,13 @@ static void rest_case(const char *what, scene_def def, int tools, const tm_tool_
         for (int t = 0; t < tools; t++) {
             const double s = frame < 10 ? (frame + 1) / 10.0 : 1;
             tm_tool_pose at = to[t];
-            for (int c = 0; c < 3; c++)
-                at.tip_m[c] = def.tip_m[t][c] + s * (to[t].tip_m[c] - def.tip_m[t][c]);
+            for (int c = 0; c < 3; c++) at.tip_m[c] = def.tip_m[t][c] + s * (to[t].tip_m[c] - def.tip_m[t][c]);
             if (t == tools - 1)
                 dynamic[t] = scene_frame(&p.scene, t, at, 0.04);
             else
                 tm_contact_move(p.scene.contact, t, &at, (int32_t)ceil(0.04 / tm_world_step_s(p.scene.world)));
         }
-    for (int t = 0; t < tools; t++)
-        dynamic[t] = tm_contact_reaction(p.scene.contact, t);
+    for (int t = 0; t < tools; t++) dynamic[t] = tm_contact_reaction(p.scene.contact, t);
     const int32_t steps = tm_precomputed_update(p.model, to);
     const double *u = tm_precomputed_displacement(p.model), *v = tm_world_state(p.scene.world)->u_m;
     const int32_t *surface, count = tm_precomputed_surface(p.model, &surface);
@@ -148,8 +142,7 @@ static void stiffness(void **state) {
             tip[a] = x + h, force_at(p.model, tip, up);
             tip[a] = x - h, force_at(p.model, tip, down);
             tip[a] = x;
-            for (int c = 0; c < 3; c++)
-                K[3 * c + a] = (up[c] - down[c]) / (2 * h);
+            for (int c = 0; c < 3; c++) K[3 * c + a] = (up[c] - down[c]) / (2 * h);
         }
         off = kit_difference(r.stiffness_N_m, K, 9);
         worst_off = fmax(worst_off, off);
@@ -180,8 +173,7 @@ static double patch_off(pair *p, tm_patch_solver *solver, const tm_tool_pose *at
         tm_tool_pose moved[2] = {at[0], at[tools - 1]};
         double force[3], felt[3];
         bool inside;
-        for (int c = 0; c < 3; c++)
-            moved[0].tip_m[c] += i ? step_m * fix_signed(random) : 0;
+        for (int c = 0; c < 3; c++) moved[0].tip_m[c] += i ? step_m * fix_signed(random) : 0;
         assert_true(tm_precomputed_update(p->model, moved) >= 0);
         tm_precomputed_force(p->model, 0, force);
         tm_patch_force(solver, &patch, moved[0].tip_m, felt, &inside);
@@ -234,8 +226,7 @@ static void grasp(void **state) {
     way[2].roll_rad = way[3].roll_rad = 0.3;
     for (int i = 0; i < 4; i++) {
         tm_tool_reaction settled = {0};
-        for (int frame = 0; frame < 40; frame++)
-            settled = scene_frame(&p.scene, 0, way[i], 0.04);
+        for (int frame = 0; frame < 40; frame++) settled = scene_frame(&p.scene, 0, way[i], 0.04);
         for (int k = 0; k < (i == 3 ? 60 : 1); k++)
             assert_true(tm_precomputed_update(p.model, way + i) >= 0); /* 50 updates let go */
         const tm_tool_reaction r = tm_precomputed_reaction(p.model, 0);
@@ -266,8 +257,7 @@ static void grasp(void **state) {
                 at.tip_m[a] -= 2e-6;
                 assert_true(tm_precomputed_update(p.model, &at) >= 0);
                 tm_precomputed_force(p.model, 0, down);
-                for (int c = 0; c < 3; c++)
-                    K[3 * c + a] = (up[c] - down[c]) / 2e-6;
+                for (int c = 0; c < 3; c++) K[3 * c + a] = (up[c] - down[c]) / 2e-6;
             }
             assert_true(kit_difference(r.stiffness_N_m, K, 9) < 1e-3);
         }

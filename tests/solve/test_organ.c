@@ -55,8 +55,7 @@ static void check_imposed(const organ *o, tm_tissue *tissue, const double *load,
     uint8_t *fixed = malloc(n);
     double *value = calloc(n, 8), *reaction = calloc(n, 8), hand[3], worst = 0;
     memcpy(fixed, o->fixed, n);
-    for (int c = 0; c < 3; c++)
-        fixed[3 * far + c] = 1, value[3 * far + c] = to[c];
+    for (int c = 0; c < 3; c++) fixed[3 * far + c] = 1, value[3 * far + c] = to[c];
     tm_world *world = fix_world(tissue, true);
     kit_support(world, fixed, value);
     fix_ok(tm_stage_gravity(world, g, &error), &error);
@@ -93,8 +92,7 @@ static void check_hybrid(const organ *o, const tm_material *material, tm_tissue 
             *alive = malloc((size_t)mesh->tet_count);
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         double x[3] = {0};
-        for (int i = 0; i < 12; i++)
-            x[i % 3] += mesh->rest_m[3 * mesh->tet[4 * t + i / 3] + i % 3] / 4;
+        for (int i = 0; i < 12; i++) x[i % 3] += mesh->rest_m[3 * mesh->tet[4 * t + i / 3] + i % 3] / 4;
         dynamic[t] = x[0] > -0.065 && x[0] < -0.028 && x[1] > -0.04 && x[1] < 0.03 && x[2] > 0.0;
     }
     tm_hybrid_def def = tm_hybrid_def_default();
@@ -130,8 +128,7 @@ static void check_hybrid(const organ *o, const tm_material *material, tm_tissue 
     assert_true(removed >= cuts && cuts > 3);
     assert_int_equal(tm_world_step(world, steps), TM_OK);
     tm_hybrid_recover(hybrid, world);
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        alive[t] = !dynamic[t] || tm_tissue_alive(tissue)[t];
+    for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = !dynamic[t] || tm_tissue_alive(tissue)[t];
     tm_tissue_def left_def = tm_tissue_def_default();
     int32_t regions[8] = {0};
     left_def.mesh = mesh, left_def.material_count = 1, left_def.material = material, left_def.alive = alive,
@@ -163,8 +160,7 @@ static void check_organ(const char *size, bool hybrid_too) {
     tm_tissue *tissue = part(o.mesh, &material, NULL);
     const size_t n = 3 * (size_t)o.mesh->vertex_count;
     double *load = malloc(8 * n), *u = malloc(8 * n), *reaction = malloc(8 * n);
-    for (size_t d = 0; d < n; d++)
-        load[d] = tm_tissue_mass_kg(tissue)[d / 3] * g[d % 3];
+    for (size_t d = 0; d < n; d++) load[d] = tm_tissue_mass_kg(tissue)[d / 3] * g[d % 3];
     rest settled = settle(&o, tissue, g);
     tm_solve_def def = kit_problem(tissue, o.fixed);
     def.load_N = load;
@@ -183,12 +179,8 @@ static void check_organ(const char *size, bool hybrid_too) {
     organ_free(&o);
 }
 
-static void thousand(void **state) {
-    (void)state, check_organ("1k", true);
-}
-static void ten_thousand(void **state) {
-    (void)state, check_organ("10k", kit_long());
-}
+static void thousand(void **state) { (void)state, check_organ("1k", true); }
+static void ten_thousand(void **state) { (void)state, check_organ("10k", kit_long()); }
 static void fifty_thousand(void **state) {
     (void)state;
     check_organ("50k", true);

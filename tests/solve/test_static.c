@@ -77,8 +77,7 @@ static void superposed(const oracle *o, const tm_tissue *tissue, tm_precision pr
     int32_t *vertex = malloc(4 * (size_t)o->vertex_count), count = 0;
     for (int kase = 0; kase < 2; kase++) {
         oracle_case(o, tissue, kase, fixed, value, load);
-        for (int32_t d = 0; d < n; d++)
-            fixed[d] = o->vertex[d / 3 * 3] < 1e-12;
+        for (int32_t d = 0; d < n; d++) fixed[d] = o->vertex[d / 3 * 3] < 1e-12;
         tm_precomputed_def def = tm_precomputed_def_default();
         def.problem = kit_problem(tissue, fixed);
         def.problem.load_N = load;
@@ -100,8 +99,7 @@ static void superposed(const oracle *o, const tm_tissue *tissue, tm_precision pr
         for (int32_t i = 0; i < count; i++) {
             double f[3];
             tm_precomputed_imposed_force(model, i, f);
-            for (int c = 0; c < 3; c++)
-                push[c] += f[c];
+            for (int c = 0; c < 3; c++) push[c] += f[c];
         }
         const double off = kase == 1 ? kit_difference(push, o->tip[kase], 3) : 0;
         print_message("  superposed %s case %d: displacement %.1e, reaction %.1e\n",
@@ -126,15 +124,9 @@ static void check_oracle(const char *name) {
     assert_int_equal(tm_memory_in_use(), 0);
 }
 
-static void isotropic(void **state) {
-    (void)state, check_oracle("iso");
-}
-static void paper_law(void **state) {
-    (void)state, check_oracle("fibre");
-}
-static void engineering(void **state) {
-    (void)state, check_oracle("muscle");
-}
+static void isotropic(void **state) { (void)state, check_oracle("iso"); }
+static void paper_law(void **state) { (void)state, check_oracle("fibre"); }
+static void engineering(void **state) { (void)state, check_oracle("muscle"); }
 
 /* --- settled tensor/mass --- */
 
@@ -200,19 +192,15 @@ static void loose_tissue(void **state) {
     tm_error error;
     assert_int_equal(try_solve(tissue, fixed, 0, &error), TM_ERR_SUPPORT);
     assert_non_null(strstr(error.message, "no vertex of the tissue is fixed"));
-    for (int i = 0; i < 6; i++)
-        fixed[i] = 1; /* two vertices: it can still turn about their line */
+    for (int i = 0; i < 6; i++) fixed[i] = 1; /* two vertices: it can still turn about their line */
     assert_int_equal(try_solve(tissue, fixed, 0, &error), TM_ERR_SUPPORT);
     assert_non_null(strstr(error.message, "rigid body"));
-    for (int i = 0; i < 9; i++)
-        fixed[i] = 1; /* three in one line */
+    for (int i = 0; i < 9; i++) fixed[i] = 1; /* three in one line */
     assert_int_equal(try_solve(tissue, fixed, 0, &error), TM_ERR_SUPPORT);
-    for (int i = 9; i < 12; i++)
-        fixed[i] = 1; /* a fourth, beside it */
+    for (int i = 9; i < 12; i++) fixed[i] = 1; /* a fourth, beside it */
     fix_ok(try_solve(tissue, fixed, 0, &error), &error);
     /* a slice taken out of the middle leaves a far part that floats; its vertices are beyond x = 0.04 */
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        alive[t] = t / 24 != 3;
+    for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = t / 24 != 3;
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh, def.material_count = 1, def.material = &material, def.alive = alive;
     tm_tissue *apart;
@@ -222,14 +210,12 @@ static void loose_tissue(void **state) {
     assert_true(mesh->rest_m[3 * error.entity] > 0.0399);
     tm_tissue_destroy(apart);
     /* two parts that share one vertex only: the far one can turn about it */
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        alive[t] = t / 24 < 3;
+    for (int32_t t = 0; t < mesh->tet_count; t++) alive[t] = t / 24 < 3;
     int32_t corner = -1, keep = -1;
     for (int32_t t = 72; t < 96 && keep < 0; t++)
         for (int i = 0; i < 4 && keep < 0; i++) {
             int on_plane = 0;
-            for (int j = 0; j < 4; j++)
-                on_plane += mesh->rest_m[3 * mesh->tet[4 * t + j]] < 0.0301;
+            for (int j = 0; j < 4; j++) on_plane += mesh->rest_m[3 * mesh->tet[4 * t + j]] < 0.0301;
             if (on_plane == 1 && mesh->rest_m[3 * mesh->tet[4 * t + i]] < 0.0301)
                 corner = mesh->tet[4 * t + i], keep = t;
         }

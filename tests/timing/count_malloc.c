@@ -1,5 +1,6 @@
-/* LD_PRELOAD: counts what a loop's thread allocates and frees once it is under way. A loop is known by its clock_nanosleep; its first 500 are the start.
- * Each such thread's line on the file $COUNT_MALLOC at its end: sleeps, allocations, frees. */
+/* LD_PRELOAD: counts what a loop's thread allocates and frees once it is under way. A loop is known by its
+ * clock_nanosleep; its first 500 are the start. Each such thread's line on the file $COUNT_MALLOC at its end: sleeps,
+ * allocations, frees. */
 #include <dlfcn.h>
 #include <pthread.h>
 #include <stdio.h>
@@ -43,11 +44,26 @@ int clock_nanosleep(clockid_t clock, int flags, const struct timespec *wanted, s
 
 static void count(long *counter) { *counter += sleeps > START; }
 
-void *malloc(size_t size) { count(&allocations); return __libc_malloc(size); }
-void *calloc(size_t number, size_t size) { count(&allocations); return __libc_calloc(number, size); }
-void *realloc(void *old, size_t size) { count(&allocations); return __libc_realloc(old, size); }
-void *memalign(size_t alignment, size_t size) { count(&allocations); return __libc_memalign(alignment, size); }
-void *aligned_alloc(size_t alignment, size_t size) { count(&allocations); return __libc_memalign(alignment, size); }
+void *malloc(size_t size) {
+    count(&allocations);
+    return __libc_malloc(size);
+}
+void *calloc(size_t number, size_t size) {
+    count(&allocations);
+    return __libc_calloc(number, size);
+}
+void *realloc(void *old, size_t size) {
+    count(&allocations);
+    return __libc_realloc(old, size);
+}
+void *memalign(size_t alignment, size_t size) {
+    count(&allocations);
+    return __libc_memalign(alignment, size);
+}
+void *aligned_alloc(size_t alignment, size_t size) {
+    count(&allocations);
+    return __libc_memalign(alignment, size);
+}
 int posix_memalign(void **memory, size_t alignment, size_t size) {
     count(&allocations);
     return (*memory = __libc_memalign(alignment, size)) ? 0 : 12;

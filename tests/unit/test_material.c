@@ -6,8 +6,7 @@
 static void solve6(const double C[36], const double b[6], double x[6]) {
     double A[6][7];
     for (int i = 0; i < 6; i++) {
-        for (int j = 0; j < 6; j++)
-            A[i][j] = C[6 * i + j];
+        for (int j = 0; j < 6; j++) A[i][j] = C[6 * i + j];
         A[i][6] = b[i];
     }
     for (int k = 0; k < 6; k++) {
@@ -19,11 +18,9 @@ static void solve6(const double C[36], const double b[6], double x[6]) {
             A[k][j] = A[pivot][j], A[pivot][j] = t;
         }
         for (int i = 0; i < 6; i++)
-            for (int j = 6; i != k && j >= k; j--)
-                A[i][j] -= A[i][k] / A[k][k] * A[k][j];
+            for (int j = 6; i != k && j >= k; j--) A[i][j] -= A[i][k] / A[k][k] * A[k][j];
     }
-    for (int k = 0; k < 6; k++)
-        x[k] = A[k][6] / A[k][k];
+    for (int k = 0; k < 6; k++) x[k] = A[k][6] / A[k][k];
 }
 
 static void engineering_round_trip(void **state) {
@@ -57,8 +54,7 @@ static double density(const tm_material *m, const double a[3], const double E[3]
     double I1 = 0, I2 = 0, I4 = 0, I5 = 0;
     for (int i = 0; i < 3; i++) {
         double row = 0;
-        for (int j = 0; j < 3; j++)
-            row += E[i][j] * a[j], I2 += E[i][j] * E[i][j];
+        for (int j = 0; j < 3; j++) row += E[i][j] * a[j], I2 += E[i][j] * E[i][j];
         I1 += E[i][i], I4 += a[i] * row, I5 += row * row;
     }
     return m->lambda_Pa / 2 * I1 * I1 + m->mu_Pa * I2 + m->dlambda_Pa * I1 * I4 + 2 * m->dmu_Pa * I5 +
@@ -73,12 +69,9 @@ static void matrix_is_the_energy(void **state) {
     fix_ok(tm_material_five(1e4, 3e3, 1.2e4, 9e3, 7e3, &m, &error), &error);
     for (int trial = 0; trial < 50; trial++) {
         double a[3], e[6], C[36], length = 0, w = 0;
-        for (int i = 0; i < 3; i++)
-            a[i] = fix_signed(&random), length += a[i] * a[i];
-        for (int i = 0; i < 3; i++)
-            a[i] /= sqrt(length);
-        for (int i = 0; i < 6; i++)
-            e[i] = fix_signed(&random);
+        for (int i = 0; i < 3; i++) a[i] = fix_signed(&random), length += a[i] * a[i];
+        for (int i = 0; i < 3; i++) a[i] /= sqrt(length);
+        for (int i = 0; i < 6; i++) e[i] = fix_signed(&random);
         const double E[3][3] = {{e[0], e[5] / 2, e[4] / 2}, {e[5] / 2, e[1], e[3] / 2}, {e[4] / 2, e[3] / 2, e[2]}};
         tm_material_voigt(&m, a, C);
         for (int i = 0; i < 36; i++) {
@@ -88,8 +81,7 @@ static void matrix_is_the_energy(void **state) {
         assert_true(fabs(w / density(&m, a, E) - 1) < 1e-12);
         /* The stiffest figure bounds w over unit Mandel strain, and is reached. */
         double norm = 0;
-        for (int i = 0; i < 6; i++)
-            norm += e[i] * e[i] * (i < 3 ? 1 : 0.5);
+        for (int i = 0; i < 6; i++) norm += e[i] * e[i] * (i < 3 ? 1 : 0.5);
         assert_true(2 * w <= tm_material_stiffest_Pa(&m) * norm * (1 + 1e-12));
     }
     fix_ok(tm_material_young(1e4, 0.3, &m, &error), &error);
@@ -104,9 +96,7 @@ static void names(tm_status status, const tm_error *error, const char *const *sa
     assert_non_null(strstr(error->message, "; "));
 }
 #define NAMES(...)                                                                                                     \
-    (const char *const[]) {                                                                                            \
-        __VA_ARGS__, NULL                                                                                              \
-    }
+    (const char *const[]) { __VA_ARGS__, NULL }
 
 static void refusals(void **state) {
     (void)state;
@@ -162,8 +152,7 @@ static void definiteness_agrees_with_the_matrix(void **state) {
         for (int j = 0; j < 6 && definite; j++) {
             definite = C[7 * j] > 0;
             for (int i = j + 1; i < 6; i++)
-                for (int k = j + 1; k < 6; k++)
-                    C[6 * i + k] -= C[6 * i + j] * C[6 * j + k] / C[7 * j];
+                for (int k = j + 1; k < 6; k++) C[6 * i + k] -= C[6 * i + j] * C[6 * j + k] / C[7 * j];
         }
         assert_int_equal(tm_material_check(&m, NULL) == TM_OK, definite);
         accepted += definite;

@@ -163,8 +163,7 @@ static void names_and_hash(void **state) {
     assert_string_equal(tm_version(), "0.1.0");
     assert_string_equal(tm_status_name(TM_ERR_MESH), "TM_ERR_MESH");
     assert_string_equal(tm_status_name((tm_status)77), "TM_ERR_UNKNOWN");
-    for (int i = 0; i >= -11; i--)
-        assert_true(strcmp(tm_status_name((tm_status)i), "TM_ERR_UNKNOWN"));
+    for (int i = 0; i >= -11; i--) assert_true(strcmp(tm_status_name((tm_status)i), "TM_ERR_UNKNOWN"));
     /* FNV-1a's published values. */
     assert_true(tm_hash("", 0, TM_HASH_SEED) == 0xcbf29ce484222325ULL);
     assert_true(tm_hash("a", 1, TM_HASH_SEED) == 0xaf63dc4c8601ec8cULL);

@@ -6,8 +6,7 @@ static void topology(void **state) {
     fix_random random = {1};
     tm_mesh *mesh = fix_block((int[3]){3, 2, 4}, (double[3]){0.03, 0.02, 0.04}, 0.2, &random);
     double volume = 0;
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        volume += mesh->volume_m3[t];
+    for (int32_t t = 0; t < mesh->tet_count; t++) volume += mesh->volume_m3[t];
     assert_true(fabs(volume / 24e-6 - 1) < 1e-12);
     assert_int_equal(mesh->tet_count, 144);
     assert_int_equal(mesh->surface_count, 2 * 2 * (3 * 2 + 2 * 4 + 3 * 4));
@@ -33,8 +32,7 @@ static void topology(void **state) {
             if (other < 0) continue;
             int shared = 0;
             for (int i = 0; i < 3; i++)
-                for (int j = 0; j < 4; j++)
-                    shared += v[tm_face_vertex[f][i]] == mesh->tet[4 * other + j];
+                for (int j = 0; j < 4; j++) shared += v[tm_face_vertex[f][i]] == mesh->tet[4 * other + j];
             assert_int_equal(shared, 3);
         }
         /* alpha_k . (p_j - p_i) = delta_jk - delta_ik */
@@ -122,13 +120,10 @@ static void refusals(void **state) {
     bad[11] = 0;
     refuse(4, 1, bad, good, 0, "flat");
     /* Flat to rounding, away from the axes. */
-    for (int i = 0; i < 3; i++)
-        bad[9 + i] = (bad[i] + bad[3 + i] + bad[6 + i]) / 3 + 0.1;
+    for (int i = 0; i < 3; i++) bad[9 + i] = (bad[i] + bad[3 + i] + bad[6 + i]) / 3 + 0.1;
     for (int v = 0; v < 3; v++)
-        for (int i = 0; i < 3; i++)
-            bad[3 * v + i] = 0.1 + cube[3 * v + i] * 0.7;
-    for (int i = 0; i < 3; i++)
-        bad[9 + i] = 0.3 * bad[i] + 0.3 * bad[3 + i] + 0.4 * bad[6 + i];
+        for (int i = 0; i < 3; i++) bad[3 * v + i] = 0.1 + cube[3 * v + i] * 0.7;
+    for (int i = 0; i < 3; i++) bad[9 + i] = 0.3 * bad[i] + 0.3 * bad[3 + i] + 0.4 * bad[6 + i];
     refuse(4, 1, bad, good, 0, "flat");
     /* Thin is not flat. */
     memcpy(bad, cube, sizeof bad);

@@ -22,15 +22,12 @@ static void box(view_surface *s, int n, bool round) {
     for (int i = 0; i < grid; ++i) {
         int at[3] = {i % side, i / side % side, i / side / side};
         bool outside = false;
-        for (int k = 0; k < 3; ++k)
-            outside = outside || at[k] == 0 || at[k] == n;
+        for (int k = 0; k < 3; ++k) outside = outside || at[k] == 0 || at[k] == n;
         number[i] = outside ? vertices : -1;
         if (!outside) continue;
         float p[3], length = 0;
-        for (int k = 0; k < 3; ++k)
-            p[k] = 2 * (float)at[k] / (float)n - 1, length += p[k] * p[k];
-        for (int k = 0; k < 3; ++k)
-            s->vertex_m[3 * vertices + k] = round ? p[k] / sqrtf(length) : p[k];
+        for (int k = 0; k < 3; ++k) p[k] = 2 * (float)at[k] / (float)n - 1, length += p[k] * p[k];
+        for (int k = 0; k < 3; ++k) s->vertex_m[3 * vertices + k] = round ? p[k] / sqrtf(length) : p[k];
         s->vertex_id[vertices] = vertices;
         ++vertices;
     }
@@ -64,9 +61,7 @@ typedef struct edge {
     float end[6];
 } edge;
 
-static int by_bits(const void *a, const void *b) {
-    return memcmp(a, b, sizeof(edge));
-}
+static int by_bits(const void *a, const void *b) { return memcmp(a, b, sizeof(edge)); }
 
 /* Every edge of the finest triangles, by the exact positions of its ends, is there twice: no gap, however small. */
 static void assert_closed(view_skin *skin) {
@@ -83,8 +78,7 @@ static void assert_closed(view_skin *skin) {
         memcpy(edges[i].end + 3, swap ? a : b, 3 * sizeof *a);
     }
     qsort(edges, (size_t)count, sizeof *edges, by_bits);
-    for (int32_t i = 0; i < count; i += 2)
-        assert_memory_equal(&edges[i], &edges[i + 1], sizeof *edges);
+    for (int32_t i = 0; i < count; i += 2) assert_memory_equal(&edges[i], &edges[i + 1], sizeof *edges);
     free(edges);
 }
 
@@ -144,8 +138,7 @@ static void opened_flesh_keeps_its_edge(void **state) {
     (void)state;
     view_surface s = {0};
     box(&s, 4, true);
-    for (int32_t t = 0; t < 20; ++t)
-        s.kind[t] = 1;
+    for (int32_t t = 0; t < 20; ++t) s.kind[t] = 1;
     view_skin *skin = view_skin_create(1, 3.2f);
     assert_true(view_skin_update(skin, &s, 0.01f));
     const view_vertex *v;
@@ -174,8 +167,7 @@ static void references_outlive_motion_and_cuts(void **state) {
     float first[3];
     memcpy(first, s.vertex_m + 3 * s.triangle[0], sizeof first);
     int32_t id = s.vertex_id[s.triangle[0]];
-    for (int32_t i = 0; i < 3 * s.vertex_count; ++i)
-        s.vertex_m[i] += 5;
+    for (int32_t i = 0; i < 3 * s.vertex_count; ++i) s.vertex_m[i] += 5;
     s.triangle_count -= 2;
     ++s.version, ++s.topology;
     assert_true(view_skin_update(skin, &s, 0.01f));

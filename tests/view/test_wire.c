@@ -21,8 +21,7 @@ static void whole_message_is_sound(void **state) {
 
 static void every_truncation_is_refused(void **state) {
     (void)state;
-    for (int size = 0; size < (int)sizeof sound; ++size)
-        assert_false(app_wire_sound(layout, sound, size));
+    for (int size = 0; size < (int)sizeof sound; ++size) assert_false(app_wire_sound(layout, sound, size));
 }
 
 static void trailing_bytes_are_refused(void **state) {

@@ -60,11 +60,13 @@ typedef struct tm_allocator {
 /* Null restores the default (aligned_alloc, free). */
 TM_API void tm_set_allocator(const tm_allocator *allocator);
 
-/* Memory through the hook, for code beside the library that wants to be in its accounts. Not zeroed; null when there is none. */
+/* Memory through the hook, for code beside the library that wants to be in its accounts. Not zeroed; null when there is
+ * none. */
 TM_API void *tm_allocate(size_t bytes);
 TM_API void tm_release(void *memory, size_t bytes); /* null is allowed; `bytes` as they were asked for */
 
-/* Bytes held by live objects now, and the most there ever were. Exact: the cost of an effect is a difference of these. */
+/* Bytes held by live objects now, and the most there ever were. Exact: the cost of an effect is a difference of these.
+ */
 TM_API int64_t tm_memory_in_use(void);
 TM_API int64_t tm_memory_high_water(void);
 

@@ -18,58 +18,60 @@ typedef enum tm_tool_mode { TM_TOOL_PROBE = 0, TM_TOOL_GRASPER = 1, TM_TOOL_CAUT
 typedef struct tm_tool_pose {
     double tip_m[3];
     double roll_rad;
-    double grip;          /* 0 open .. 1 closed */
-    bool active;          /* cautery current, or in the body at all for a probe: false = no contact */
+    double grip; /* 0 open .. 1 closed */
+    bool active; /* cautery current, or in the body at all for a probe: false = no contact */
 } tm_tool_pose;
 
 typedef struct tm_instrument_def {
     tm_tool_mode mode;
-    double trocar_m[3];       /* world */
-    double radius_m;          /* shaft and tip, 0.0025 */
-    double contact_length_m;  /* of shaft behind the tip that can touch, 0.1 */
-    tm_tool_pose pose;        /* at the start */
+    double trocar_m[3];      /* world */
+    double radius_m;         /* shaft and tip, 0.0025 */
+    double contact_length_m; /* of shaft behind the tip that can touch, 0.1 */
+    tm_tool_pose pose;       /* at the start */
 } tm_instrument_def;
 
 typedef struct tm_contact_def {
     uint32_t cookie;
     int32_t instrument_count;
     const tm_instrument_def *instrument;
-    double skin_compliance_m_N;   /* of each station of the tool (one row alone has it all); 0.5e-3 by default: see docs */
-    int32_t sweeps;               /* projected Gauss-Seidel sweeps per substep, fixed; 10 */
-    int32_t max_rows;             /* 256 in all; more are dropped, deepest kept, and flagged */
-    double force_cap_N;           /* per row; 50; flagged */
+    double
+        skin_compliance_m_N; /* of each station of the tool (one row alone has it all); 0.5e-3 by default: see docs */
+    int32_t sweeps;          /* projected Gauss-Seidel sweeps per substep, fixed; 10 */
+    int32_t max_rows;        /* 256 in all; more are dropped, deepest kept, and flagged */
+    double force_cap_N;      /* per row; 50; flagged */
 } tm_contact_def;
 
 /* What of the triangle a row touches: its inside, local edge j (vertex j to j+1 mod 3), or local vertex j. */
 enum { TM_FEATURE_FACE = 0, TM_FEATURE_EDGE = 1, TM_FEATURE_VERTEX = 4 }; /* EDGE+j, VERTEX+j */
 
-/* One row: a station of one instrument against a feature of the surface. Stations are points of the tool's axis, one radius
- * apart, station 0 the tip; each is a sphere of the tool's radius and has one skin, shared among its rows (docs/contact.md). */
+/* One row: a station of one instrument against a feature of the surface. Stations are points of the tool's axis, one
+ * radius apart, station 0 the tip; each is a sphere of the tool's radius and has one skin, shared among its rows
+ * (docs/contact.md). */
 typedef struct tm_contact_row {
-    int32_t face;          /* lasting name of the triangle; of an edge or a vertex the lowest among the candidates */
+    int32_t face; /* lasting name of the triangle; of an edge or a vertex the lowest among the candidates */
     int32_t vertex[3];
     int32_t instrument;
-    int32_t station;       /* along the axis, 0 the tip */
-    int32_t feature;       /* TM_FEATURE_... */
-    double share;          /* (0,1] of its station's skin: the row's own compliance is skin_compliance_m_N / share */
-    double weight[3];      /* barycentric, sum 1 */
-    double normal[3];      /* unit, from tool to tissue: the reaction on the tissue is +lambda*normal */
-    double point_m[3];     /* the station: on the tool's axis */
-    double gap_m;          /* signed distance minus radius at the geometry the row was found in */
-    double lambda_N;       /* reaction >= 0 */
+    int32_t station;   /* along the axis, 0 the tip */
+    int32_t feature;   /* TM_FEATURE_... */
+    double share;      /* (0,1] of its station's skin: the row's own compliance is skin_compliance_m_N / share */
+    double weight[3];  /* barycentric, sum 1 */
+    double normal[3];  /* unit, from tool to tissue: the reaction on the tissue is +lambda*normal */
+    double point_m[3]; /* the station: on the tool's axis */
+    double gap_m;      /* signed distance minus radius at the geometry the row was found in */
+    double lambda_N;   /* reaction >= 0 */
 } tm_contact_row;
 
 /* Frame averages, as the controller wants them: over the last `average` substeps of the frame. */
 typedef struct tm_tool_reaction {
-    double time_s;         /* mean simulated time of the average */
-    double tip_m[3];       /* mean tip position */
-    double force_N[3];     /* equivalent tip force ON THE TOOL (J_tip^-T sum J_i^T f_i) */
-    double resultant_N[3]; /* plain sum of row forces on the tool */
+    double time_s;           /* mean simulated time of the average */
+    double tip_m[3];         /* mean tip position */
+    double force_N[3];       /* equivalent tip force ON THE TOOL (J_tip^-T sum J_i^T f_i) */
+    double resultant_N[3];   /* plain sum of row forces on the tool */
     double stiffness_N_m[9]; /* dF/dP, row-major, material part and turning normals; see stiffness_kind */
     int32_t stiffness_kind;  /* 0 none, 1 estimated, 2 exact */
     int32_t row_count;
     bool capped, overflowed;
-    bool inside;             /* it appeared inside the tissue and touches nothing until it has left it */
+    bool inside; /* it appeared inside the tissue and touches nothing until it has left it */
 } tm_tool_reaction;
 
 typedef struct tm_contact tm_contact;
@@ -89,9 +91,10 @@ TM_API void tm_contact_begin_frame(tm_contact *contact, int32_t substeps, int32_
 TM_API tm_tool_reaction tm_contact_reaction(const tm_contact *contact, int32_t instrument);
 TM_API int32_t tm_contact_rows(const tm_contact *contact, const tm_contact_row **rows);
 
-/* Who finds and solves the rows in the stage's place: the hybrid model, whose surface is more than that of the world's tissue. Called
- * once a substep, after the integrator; corrects u_next_m and writes the rows (order as in tm_contact_find, lambda_N filled in), whose
- * reactions, averages and touched faces are then the stage's own. pose[].active: it can touch. */
+/* Who finds and solves the rows in the stage's place: the hybrid model, whose surface is more than that of the world's
+ * tissue. Called once a substep, after the integrator; corrects u_next_m and writes the rows (order as in
+ * tm_contact_find, lambda_N filled in), whose reactions, averages and touched faces are then the stage's own.
+ * pose[].active: it can touch. */
 typedef struct tm_contact_solver {
     void *self;
     int32_t (*solve)(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows,
@@ -103,32 +106,42 @@ TM_API bool tm_contact_holds(const tm_contact *contact, const tm_contact_row *ro
 
 /* --- geometry alone: shared with the precomputed model and the patch --- */
 
-/* Rows of a capsule against triangles at the positions rest + u, those with a gap of at most `margin_m`. `candidate` lists triangle slots
- * (any superset of those in reach, each once; null: all of 0..candidate_count-1; of more than 1024 in reach the rest is left out).
- * Returns the count (<= max_rows, deepest kept), in the fixed order (station, face, feature). Pure; no allocation, 300 kB of stack. */
-typedef struct tm_capsule { double tip_m[3]; double tail_m[3]; double radius_m; int32_t instrument; } tm_capsule;
+/* Rows of a capsule against triangles at the positions rest + u, those with a gap of at most `margin_m`. `candidate`
+ * lists triangle slots (any superset of those in reach, each once; null: all of 0..candidate_count-1; of more than 1024
+ * in reach the rest is left out). Returns the count (<= max_rows, deepest kept), in the fixed order (station, face,
+ * feature). Pure; no allocation, 300 kB of stack. */
+typedef struct tm_capsule {
+    double tip_m[3];
+    double tail_m[3];
+    double radius_m;
+    int32_t instrument;
+} tm_capsule;
 TM_API int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
-                               const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
-                               tm_contact_row *row, int32_t max_rows);
-/* What surrounds one tool, gathered once and looked at many times: for iterations that move the surface between looks. */
+                               const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule,
+                               double margin_m, tm_contact_row *row, int32_t max_rows);
+/* What surrounds one tool, gathered once and looked at many times: for iterations that move the surface between looks.
+ */
 typedef struct tm_contact_search tm_contact_search;
 TM_API tm_status tm_contact_search_create(tm_contact_search **search, tm_error *error);
 TM_API void tm_contact_search_destroy(tm_contact_search *search);
-/* Takes all triangles within `reach_m` of the axis, and whole fans around them (at most 1024; false: some were left out). */
-TM_API bool tm_contact_search_gather(tm_contact_search *search, const double *rest_m, const double *u_m, const tm_surface_view *surface,
-                                     const tm_capsule *capsule, double reach_m);
+/* Takes all triangles within `reach_m` of the axis, and whole fans around them (at most 1024; false: some were left
+ * out). */
+TM_API bool tm_contact_search_gather(tm_contact_search *search, const double *rest_m, const double *u_m,
+                                     const tm_surface_view *surface, const tm_capsule *capsule, double reach_m);
 /* Vertices of the gathered triangles, ascending: the only ones whose u the rows depend on. */
 TM_API int32_t tm_contact_search_vertices(const tm_contact_search *search, const int32_t **vertex);
-/* As tm_contact_find, of the gathered triangles. `before` (may be null): rows of the solution before, those of this instrument: a
- * station stays in touch with a surface that it has sunk through little by little. `*overflowed` is set when rows were left out. */
-TM_API int32_t tm_contact_search_rows(tm_contact_search *search, const double *rest_m, const double *u_m, const tm_capsule *capsule,
-                                      double margin_m, const tm_contact_row *before, int32_t before_count, tm_contact_row *row,
-                                      int32_t max_rows, bool *overflowed);
+/* As tm_contact_find, of the gathered triangles. `before` (may be null): rows of the solution before, those of this
+ * instrument: a station stays in touch with a surface that it has sunk through little by little. `*overflowed` is set
+ * when rows were left out. */
+TM_API int32_t tm_contact_search_rows(tm_contact_search *search, const double *rest_m, const double *u_m,
+                                      const tm_capsule *capsule, double margin_m, const tm_contact_row *before,
+                                      int32_t before_count, tm_contact_row *row, int32_t max_rows, bool *overflowed);
 /* The part of an instrument that can touch. */
 TM_API tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument);
-/* The skin of one row of compliance c (skin_compliance / share), m/N: it gives c*lambda up to TM_SKIN_TRAVEL radii and a twentieth as
- * easily beyond, so that no force of a hand brings the tool's axis through the surface. tm_skin_depth is the penetration under lambda,
- * tm_skin_slope its derivative, tm_skin_reaction the lambda in [0, cap] that solves gap + diagonal*lambda + depth(lambda) = 0. */
+/* The skin of one row of compliance c (skin_compliance / share), m/N: it gives c*lambda up to TM_SKIN_TRAVEL radii and
+ * a twentieth as easily beyond, so that no force of a hand brings the tool's axis through the surface. tm_skin_depth is
+ * the penetration under lambda, tm_skin_slope its derivative, tm_skin_reaction the lambda in [0, cap] that solves gap +
+ * diagonal*lambda + depth(lambda) = 0. */
 #define TM_SKIN_TRAVEL 0.3
 #define TM_SKIN_HARDENING 20.0
 TM_API double tm_skin_depth(double compliance_m_N, double radius_m, double lambda_N);
@@ -136,8 +149,8 @@ TM_API double tm_skin_slope(double compliance_m_N, double radius_m, double lambd
 TM_API double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N, double cap_N);
 
 /* Equivalent tip force of a force acting at `point` on a tool pivoting about `trocar` with its tip at `tip`. */
-TM_API void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3], const double force_N[3],
-                         double tip_force_N[3]);
+TM_API void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3],
+                         const double force_N[3], double tip_force_N[3]);
 
 #ifdef __cplusplus
 }

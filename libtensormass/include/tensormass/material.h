@@ -11,12 +11,12 @@ extern "C" {
 /* w = lambda/2 I1^2 + mu tr E^2 + dlambda I1 I4 + 2 dmu I5 + beta/2 I4^2     (docs/physics.md, eq. 1)
  * Isotropic tissue has dlambda = dmu = beta = 0 and needs no fibre. */
 typedef struct tm_material {
-    double lambda_Pa, mu_Pa;   /* transverse Lame coefficients */
-    double dlambda_Pa;         /* lambda_L - lambda_T */
-    double dmu_Pa;             /* mu_L - mu_T */
-    double beta_Pa;            /* the paper's law: -(dlambda + 2 dmu) */
-    double density_kg_m3;      /* > 0 */
-    double damping_1_s;        /* rate d >= 0: gamma_i = d m_i */
+    double lambda_Pa, mu_Pa; /* transverse Lame coefficients */
+    double dlambda_Pa;       /* lambda_L - lambda_T */
+    double dmu_Pa;           /* mu_L - mu_T */
+    double beta_Pa;          /* the paper's law: -(dlambda + 2 dmu) */
+    double density_kg_m3;    /* > 0 */
+    double damping_1_s;      /* rate d >= 0: gamma_i = d m_i */
 } tm_material;
 
 /* Each refuses (TM_ERR_MATERIAL) constants that are not positive definite, naming constants and inequality.
@@ -43,7 +43,8 @@ TM_API double tm_material_stiffest_Pa(const tm_material *material);
 /* The 6x6 elasticity matrix (Voigt, engineering shears xx yy zz yz xz xy) for the unit fibre a (null if isotropic). */
 TM_API void tm_material_voigt(const tm_material *material, const double fibre[3], double C[36]);
 
-/* The block K_kl (row-major 3x3, N/m) of one tetrahedron: design eq., exact gradient of V*w. `fibre` null if isotropic. */
+/* The block K_kl (row-major 3x3, N/m) of one tetrahedron: design eq., exact gradient of V*w. `fibre` null if isotropic.
+ */
 TM_API void tm_stiffness_block(const tm_material *material, const double fibre[3], double volume_m3,
                                const double alpha_k[3], const double alpha_l[3], double K[9]);
 

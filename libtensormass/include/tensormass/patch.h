@@ -1,5 +1,6 @@
-/* What a controller needs to feel the tissue between two force samples: the contact stiffness dF/dP, and the patch of surface near the
- * tool with its compliance. Needs nothing of the model but positions and compliance, so that all models share it. */
+/* What a controller needs to feel the tissue between two force samples: the contact stiffness dF/dP, and the patch of
+ * surface near the tool with its compliance. Needs nothing of the model but positions and compliance, so that all
+ * models share it. */
 #ifndef TENSORMASS_PATCH_H
 #define TENSORMASS_PATCH_H
 
@@ -16,16 +17,17 @@ extern "C" {
 
 /* As contact_patch_t.lcm has it, but in double and in world coordinates. */
 typedef struct tm_patch {
-    int32_t kind;                   /* 1 estimated, 2 exact */
+    int32_t kind; /* 1 estimated, 2 exact */
     int32_t instrument;
     int32_t topology_revision;
     int32_t vertex_count, triangle_count;
-    int32_t vertex[TM_PATCH_VERTICES];       /* numbers in the mesh */
-    int32_t face[TM_PATCH_TRIANGLES];        /* lasting names, ascending */
-    int8_t triangle[3 * TM_PATCH_TRIANGLES]; /* into vertex, normal outward */
-    double vertex_m[TM_PATCH_DOFS];          /* positions without this tool's contact */
-    double rest_m[TM_PATCH_DOFS];            /* undeformed: tells which normals blend */
-    double compliance_m_N[TM_PATCH_COMPLIANCE]; /* upper triangle, row by row, of the symmetric (3*vertex_count)^2 matrix */
+    int32_t vertex[TM_PATCH_VERTICES];          /* numbers in the mesh */
+    int32_t face[TM_PATCH_TRIANGLES];           /* lasting names, ascending */
+    int8_t triangle[3 * TM_PATCH_TRIANGLES];    /* into vertex, normal outward */
+    double vertex_m[TM_PATCH_DOFS];             /* positions without this tool's contact */
+    double rest_m[TM_PATCH_DOFS];               /* undeformed: tells which normals blend */
+    double compliance_m_N[TM_PATCH_COMPLIANCE]; /* upper triangle, row by row, of the symmetric (3*vertex_count)^2
+                                                   matrix */
     double skin_compliance_m_N, force_cap_N;
     double radius_m, contact_length_m;
     double trocar_m[3];
@@ -34,27 +36,36 @@ typedef struct tm_patch {
 /* Entry of the compliance matrix, 0 <= i, j < 3*vertex_count. */
 TM_API double tm_patch_compliance(const tm_patch *patch, int32_t i, int32_t j);
 
-/* Chooses vertices and triangles (and fills vertex, face, triangle, rest_m, and vertex_m with the positions as they are): a connected piece grown from the triangle
- * nearest to the tip's way over the coming `horizon_s` at `velocity_m_s`; triangles of `row` (may be null) come first. At most max_vertices (3..24) and
- * max_triangles (1..32). Returns the number of triangles, 0 if none is within 20 mm. Allocates nothing. */
-TM_API int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm_surface_view *surface, const tm_capsule *capsule,
-                               const double velocity_m_s[3], double horizon_s, const tm_contact_row *row, int32_t row_count,
-                               int32_t max_vertices, int32_t max_triangles, tm_patch *patch);
+/* Chooses vertices and triangles (and fills vertex, face, triangle, rest_m, and vertex_m with the positions as they
+ * are): a connected piece grown from the triangle nearest to the tip's way over the coming `horizon_s` at
+ * `velocity_m_s`; triangles of `row` (may be null) come first. At most max_vertices (3..24) and max_triangles (1..32).
+ * Returns the number of triangles, 0 if none is within 20 mm. Allocates nothing. */
+TM_API int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm_surface_view *surface,
+                               const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
+                               const tm_contact_row *row, int32_t row_count, int32_t max_vertices,
+                               int32_t max_triangles, tm_patch *patch);
 
-/* Fills the compliance from C (blocks 3x3 of vertex a by forces on vertex b, m/N, row-major), made symmetric and positive semidefinite within rounding of a float,
- * and takes from vertex_m what this tool's rows make of them: vertex_m -= C f. False: some block is not known. */
+/* Fills the compliance from C (blocks 3x3 of vertex a by forces on vertex b, m/N, row-major), made symmetric and
+ * positive semidefinite within rounding of a float, and takes from vertex_m what this tool's rows make of them:
+ * vertex_m -= C f. False: some block is not known. */
 typedef bool (*tm_patch_block)(void *self, int32_t a, int32_t b, double C[9]);
-TM_API bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_contact_row *row, int32_t row_count);
+TM_API bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_contact_row *row,
+                          int32_t row_count);
 
 /* Contact solved against a patch: what the controller does in its ticks, here in double and to convergence. */
 typedef struct tm_patch_solver tm_patch_solver;
 TM_API tm_status tm_patch_solver_create(tm_patch_solver **solver, tm_error *error);
 TM_API void tm_patch_solver_destroy(tm_patch_solver *solver);
-/* Equivalent tip force on the tool with its tip at tip_m, from the reactions of the call before where the patch is the same.
- * `*inside` (may be null): no row bears upon the patch's border, where the tissue goes on and the patch does not. No allocation. */
-TM_API void tm_patch_force(tm_patch_solver *solver, const tm_patch *patch, const double tip_m[3], double force_N[3], bool *inside);
-/* dF/dP there, row-major, N/m: central differences of tm_patch_force, so with turning normals and rows that come and go. */
-TM_API void tm_patch_stiffness(tm_patch_solver *solver, const tm_patch *patch, const double tip_m[3], double stiffness_N_m[9]);
+/* Equivalent tip force on the tool with its tip at tip_m, from the reactions of the call before where the patch is the
+ * same.
+ * `*inside` (may be null): no row bears upon the patch's border, where the tissue goes on and the patch does not. No
+ * allocation. */
+TM_API void tm_patch_force(tm_patch_solver *solver, const tm_patch *patch, const double tip_m[3], double force_N[3],
+                           bool *inside);
+/* dF/dP there, row-major, N/m: central differences of tm_patch_force, so with turning normals and rows that come and
+ * go. */
+TM_API void tm_patch_stiffness(tm_patch_solver *solver, const tm_patch *patch, const double tip_m[3],
+                               double stiffness_N_m[9]);
 
 /* --- the dynamic model's own: stage "patch" of a world with contact --- */
 
@@ -62,22 +73,26 @@ typedef struct tm_patch_def {
     uint32_t cookie;
     int32_t max_vertices, max_triangles; /* 24 and 32 (12 and 16 for less traffic) */
     int32_t column_vertices;             /* whose compliance is remembered, 64: 36 bytes a vertex of the mesh each */
-    int32_t iterations;                  /* of conjugate gradients a call of tm_patch_make may spend, each about 1.3 force passes; 0: 4 + 80000/vertices */
-    double tolerance;                    /* relative residual at which a column is good, 3e-3 */
-    double horizon_s;                    /* motion looked ahead, 0.08 */
+    int32_t iterations; /* of conjugate gradients a call of tm_patch_make may spend, each about 1.3 force passes; 0: 4 +
+                           80000/vertices */
+    double tolerance;   /* relative residual at which a column is good, 3e-3 */
+    double horizon_s;   /* motion looked ahead, 0.08 */
 } tm_patch_def;
 
 typedef struct tm_patch_maker tm_patch_maker;
 
 TM_API tm_patch_def tm_patch_def_default(void);
 /* The world owns the handle. */
-TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_def *def, tm_patch_maker **maker, tm_error *error);
-/* Between frames: goes on computing compliance, then makes the instrument's patch and stiffness from the contact of the last substep.
- * From then on tm_contact_reaction of the instrument carries the stiffness (kind 1). Returns false, with kind 0, while the
- * columns it needs are not all there, and when nothing is near. For an instrument that holds tissue (24 vertices at most) there is
- * a stiffness, that of the hold, and no patch: false with kind 1. No allocation, bounded work. */
+TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_def *def, tm_patch_maker **maker,
+                                tm_error *error);
+/* Between frames: goes on computing compliance, then makes the instrument's patch and stiffness from the contact of the
+ * last substep. From then on tm_contact_reaction of the instrument carries the stiffness (kind 1). Returns false, with
+ * kind 0, while the columns it needs are not all there, and when nothing is near. For an instrument that holds tissue
+ * (24 vertices at most) there is a stiffness, that of the hold, and no patch: false with kind 1. No allocation, bounded
+ * work. */
 TM_API bool tm_patch_make(tm_patch_maker *maker, int32_t instrument, tm_patch *patch);
-/* Columns that the patches now need and that are not good yet: 0 when all is there. Before a session starts, call tm_patch_make until it is. */
+/* Columns that the patches now need and that are not good yet: 0 when all is there. Before a session starts, call
+ * tm_patch_make until it is. */
 TM_API int32_t tm_patch_pending(const tm_patch_maker *maker);
 
 #ifdef __cplusplus

@@ -18,16 +18,18 @@ typedef enum tm_force_form { TM_FORCE_BEST = 0, TM_FORCE_PLAIN = 1 } tm_force_fo
 
 typedef struct tm_tissue_def {
     uint32_t cookie;
-    const tm_mesh *mesh;              /* must outlive the tissue */
+    const tm_mesh *mesh; /* must outlive the tissue */
     int32_t material_count;
-    const tm_material *material;      /* [material_count], copied */
-    const int32_t *region_material;   /* [mesh->region_count] material of each region, or null: region i has material i */
-    const double *fibre;              /* [3*tet_count] unit vectors, copied; null if every material is isotropic */
+    const tm_material *material;    /* [material_count], copied */
+    const int32_t *region_material; /* [mesh->region_count] material of each region, or null: region i has material i */
+    const double *fibre;            /* [3*tet_count] unit vectors, copied; null if every material is isotropic */
     tm_precision precision;
     tm_force_form form;
-    bool cuttable;                    /* take the memory that cutting needs now; false: tm_cut_* refuse */
-    const double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] of what hangs on the tissue and is not in it (the condensed part of a hybrid); copied; null: none */
-    const uint8_t *alive;             /* [tet_count] 0: build without this tetrahedron; null: all alive. "The fresh build" of tests */
+    bool cuttable; /* take the memory that cutting needs now; false: tm_cut_* refuse */
+    const double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] of what hangs on the tissue and is not in it
+                                                         (the condensed part of a hybrid); copied; null: none */
+    const uint8_t
+        *alive; /* [tet_count] 0: build without this tetrahedron; null: all alive. "The fresh build" of tests */
 } tm_tissue_def;
 
 typedef struct tm_tissue tm_tissue;
@@ -38,15 +40,17 @@ TM_API void tm_tissue_destroy(tm_tissue *tissue);
 
 /* Read-only views; pointers stay valid for the tissue's life, contents change only by cutting. */
 TM_API const tm_mesh *tm_tissue_mesh(const tm_tissue *tissue);
-TM_API const double *tm_tissue_mass_kg(const tm_tissue *tissue);       /* [vertex_count], 0: in no living tetrahedron */
-TM_API const double *tm_tissue_damping_kg_s(const tm_tissue *tissue);  /* [vertex_count] gamma = sum of d * lumped mass */
-TM_API const uint8_t *tm_tissue_alive(const tm_tissue *tissue);        /* [tet_count] */
+TM_API const double *tm_tissue_mass_kg(const tm_tissue *tissue); /* [vertex_count], 0: in no living tetrahedron */
+TM_API const double *
+tm_tissue_damping_kg_s(const tm_tissue *tissue);                /* [vertex_count] gamma = sum of d * lumped mass */
+TM_API const uint8_t *tm_tissue_alive(const tm_tissue *tissue); /* [tet_count] */
 TM_API const tm_material *tm_tissue_tet_material(const tm_tissue *tissue, int32_t tet);
 TM_API const double *tm_tissue_tet_fibre(const tm_tissue *tissue, int32_t tet); /* [3] or null */
 TM_API int32_t tm_tissue_alive_count(const tm_tissue *tissue);
 TM_API int64_t tm_tissue_bytes(const tm_tissue *tissue);
 
-/* Tensors as doubles whatever they are stored in. K[9] row-major, N/m: K_kk, and K_kl with k<l (K_lk is its transpose). */
+/* Tensors as doubles whatever they are stored in. K[9] row-major, N/m: K_kk, and K_kl with k<l (K_lk is its transpose).
+ */
 TM_API void tm_tissue_vertex_tensor(const tm_tissue *tissue, int32_t vertex, double K[9]);
 TM_API void tm_tissue_edge_tensor(const tm_tissue *tissue, int32_t edge, double K[9]);
 
@@ -64,15 +68,17 @@ TM_API void tm_tissue_force(const tm_tissue *tissue, const double *u_m, double *
 /* Stored energy u.K u / 2, J. */
 TM_API double tm_tissue_energy(const tm_tissue *tissue, const double *u_m);
 
-/* Guaranteed: 2/sqrt(largest element eigenvalue of M_e^-1 K_e) (Irons), the minimum over living tetrahedra, s. `*tet` names it.
- * Valid with any damping >= 0 of central differences (which do not lower it), any supports, and after any cut. */
+/* Guaranteed: 2/sqrt(largest element eigenvalue of M_e^-1 K_e) (Irons), the minimum over living tetrahedra, s. `*tet`
+ * names it. Valid with any damping >= 0 of central differences (which do not lower it), any supports, and after any
+ * cut. */
 TM_API double tm_critical_step_guaranteed(const tm_tissue *tissue, int32_t *tet);
 /* The same for one tetrahedron, s. */
 TM_API double tm_critical_step_element(const tm_tissue *tissue, int32_t tet);
-/* Sharp: 2/omega_max of the assembled system by power iteration, run until the residual bound is below `tolerance` (relative).
- * `fixed` [3*vertex_count] marks constrained components, or null. Reported only; comes from the unsafe side. Allocates. */
-TM_API tm_status tm_critical_step_sharp(const tm_tissue *tissue, const uint8_t *fixed, double tolerance, int32_t max_iterations,
-                                        double *step_s, tm_error *error);
+/* Sharp: 2/omega_max of the assembled system by power iteration, run until the residual bound is below `tolerance`
+ * (relative). `fixed` [3*vertex_count] marks constrained components, or null. Reported only; comes from the unsafe
+ * side. Allocates. */
+TM_API tm_status tm_critical_step_sharp(const tm_tissue *tissue, const uint8_t *fixed, double tolerance,
+                                        int32_t max_iterations, double *step_s, tm_error *error);
 
 #ifdef __cplusplus
 }

@@ -10,13 +10,13 @@ extern "C" {
 
 /* Mutable state. Displacements u = P - rest. All arrays [3*vertex_count]. */
 typedef struct tm_state {
-    int64_t step;       /* substeps done */
-    double time_s;      /* simulated */
-    double dt_s;        /* of the substep under way */
-    double *u_m;        /* at time_s */
-    double *u_prev_m;   /* one step before */
-    double *u_next_m;   /* written by the integrator, corrected by constraints, rotated in at the end of the step */
-    double *force_N;    /* internal + external force at time_s */
+    int64_t step;     /* substeps done */
+    double time_s;    /* simulated */
+    double dt_s;      /* of the substep under way */
+    double *u_m;      /* at time_s */
+    double *u_prev_m; /* one step before */
+    double *u_next_m; /* written by the integrator, corrected by constraints, rotated in at the end of the step */
+    double *force_N;  /* internal + external force at time_s */
 } tm_state;
 
 /* Order of stages within one step; inside a phase, order of addition. */
@@ -33,14 +33,16 @@ typedef struct tm_world tm_world;
 
 /* One effect. `self` is its own state, taken when the stage was built. `run` allocates nothing and cannot fail. */
 typedef struct tm_stage {
-    const char *name;       /* static string: "force", "gravity", "contact" ... */
+    const char *name; /* static string: "force", "gravity", "contact" ... */
     tm_phase phase;
     void (*run)(void *self, tm_world *world);
     void (*destroy)(void *self);
-    void (*step_changed)(void *self, tm_world *world); /* dt changed or tissue was cut: refresh what was derived; may be null */
+    void (*step_changed)(void *self,
+                         tm_world *world); /* dt changed or tissue was cut: refresh what was derived; may be null */
     void *self;
-    /* Snapshots; both null: the stage keeps nothing between steps that the scene does not set. `snapshot` returns how many bytes it
-     * keeps and writes them to `buffer` unless that is null. `restore` says whether `buffer` fits this stage and, if `apply`, takes it. */
+    /* Snapshots; both null: the stage keeps nothing between steps that the scene does not set. `snapshot` returns how
+     * many bytes it keeps and writes them to `buffer` unless that is null. `restore` says whether `buffer` fits this
+     * stage and, if `apply`, takes it. */
     int64_t (*snapshot)(void *self, void *buffer);
     bool (*restore)(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
 } tm_stage;
@@ -50,17 +52,17 @@ typedef struct tm_stage {
 typedef struct tm_stage_report {
     const char *name;
     tm_phase phase;
-    int64_t bytes;          /* held by the stage */
+    int64_t bytes; /* held by the stage */
     int64_t runs;
-    double seconds;         /* measured when timing is on, else 0 */
+    double seconds; /* measured when timing is on, else 0 */
 } tm_stage_report;
 
 typedef struct tm_world_def {
     uint32_t cookie;
-    tm_tissue *tissue;      /* must outlive the world */
-    double dt_s;            /* 0: the guaranteed critical step times `step_fraction`; above the guaranteed step: TM_ERR_STEP */
-    double step_fraction;   /* 0.9 */
-    bool damped;            /* true; false: the undamped integrator (fewer instructions); materials' damping must then be 0 */
+    tm_tissue *tissue; /* must outlive the world */
+    double dt_s; /* 0: the guaranteed critical step times `step_fraction`; above the guaranteed step: TM_ERR_STEP */
+    double step_fraction; /* 0.9 */
+    bool damped; /* true; false: the undamped integrator (fewer instructions); materials' damping must then be 0 */
 } tm_world_def;
 
 TM_API tm_world_def tm_world_def_default(void);
@@ -77,11 +79,13 @@ TM_API void tm_world_set_timing(tm_world *world, bool on);
 TM_API tm_state *tm_world_state(tm_world *world);
 TM_API tm_tissue *tm_world_tissue(tm_world *world);
 TM_API double tm_world_step_s(const tm_world *world);
-/* [vertex_count] displacement within one step per newton, 1/(m/dt2 + gamma/2dt); 0 without mass. Constraints weigh by it. Prescribed
- * components are marked by tm_support_mask, not here. While settling it holds the relaxation's fictitious masses: read it each step. */
+/* [vertex_count] displacement within one step per newton, 1/(m/dt2 + gamma/2dt); 0 without mass. Constraints weigh by
+ * it. Prescribed components are marked by tm_support_mask, not here. While settling it holds the relaxation's
+ * fictitious masses: read it each step. */
 TM_API const double *tm_world_mobility_s2_kg(const tm_world *world);
-/* u_prev becomes u - new (v + (old - new)/2 a), v = (u - u_prev)/old, a the acceleration now: rescaling alone (without a) lets changes of
- * the step feed energy in (apps/stability, "step-changes"). Not for the inside of a step: it evaluates the force. */
+/* u_prev becomes u - new (v + (old - new)/2 a), v = (u - u_prev)/old, a the acceleration now: rescaling alone (without
+ * a) lets changes of the step feed energy in (apps/stability, "step-changes"). Not for the inside of a step: it
+ * evaluates the force. */
 TM_API tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error);
 
 /* `count` substeps. No allocation, no lock, no log. Stops and returns TM_ERR_UNSTABLE, with the last finite state in
@@ -110,7 +114,8 @@ TM_API tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm
 /* Reaction of the support on the tissue at the last step, [3*vertex_count] N added into `reaction_N` (zero elsewhere).
  * At rest it is -(internal + external force) of those components. */
 TM_API void tm_support_reaction(const tm_world *world, double *reaction_N);
-/* Moves component `component` of the definition's list to `value_m` (a moving support, called by a stage of TM_PHASE_BEGIN). */
+/* Moves component `component` of the definition's list to `value_m` (a moving support, called by a stage of
+ * TM_PHASE_BEGIN). */
 TM_API void tm_support_move(tm_world *world, int32_t component, double value_m);
 /* Marks [3*vertex_count] with 1 where a component is prescribed. */
 TM_API void tm_support_mask(const tm_world *world, uint8_t *mask);
@@ -119,15 +124,19 @@ TM_API void tm_support_mask(const tm_world *world, uint8_t *mask);
 
 typedef struct tm_settle_def {
     uint32_t cookie;
-    double tolerance;        /* on max |residual force| / max(|external|, |internal|) over free components; 1e-10 */
-    int64_t max_steps;       /* 2e6 */
+    double tolerance;  /* on max |residual force| / max(|external|, |internal|) over free components; 1e-10 */
+    int64_t max_steps; /* 2e6 */
     bool (*progress)(void *user, int64_t step, double residual); /* may be null; false stops (TM_ERR_CONVERGENCE) */
     void *user;
 } tm_settle_def;
-typedef struct tm_settle_result { int64_t steps; double residual; double energy_J; } tm_settle_result;
+typedef struct tm_settle_result {
+    int64_t steps;
+    double residual;
+    double energy_J;
+} tm_settle_result;
 TM_API tm_settle_def tm_settle_def_default(void);
-/* Dynamic relaxation (adaptive damping, fictitious masses allowed): solves K u = f_ext with the world's supports and loads. Leaves
- * u = u_prev = the solution. Contact stages stay active. Allocates its own work space. */
+/* Dynamic relaxation (adaptive damping, fictitious masses allowed): solves K u = f_ext with the world's supports and
+ * loads. Leaves u = u_prev = the solution. Contact stages stay active. Allocates its own work space. */
 TM_API tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error);
 
 /* Hash of u and u_prev (bits). */
