@@ -59,4 +59,4 @@ def test_short_form_finds_nothing(name, root, build, tmp_path):
     done = subprocess.run([sys.executable, root / "tests/sanitize/run.py", "--build", tmp_path / "build", "--short", name], capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stdout + done.stderr[-8000:]
     figures = json.loads((tmp_path / "build" / "sanitize.json").read_text())[name]
-    assert figures["passed"] > 20 and not figures["failed"], figures
+    assert figures["passed"] > 15 and not figures["failed"], figures
