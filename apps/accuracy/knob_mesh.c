@@ -52,9 +52,9 @@ static tm_status one_law(const run *r, const char *law, const int *cells, int co
 }
 
 cJSON *knob_mesh(const run *r, tm_error *error) {
-    static const int quick[] = {3, 6, 9}, whole[] = {3, 6, 9, 12, 15, 18};
+    static const int quick[] = {3, 6, 9}, whole[] = {3, 6, 9, 12, 15, 18, 24, 30};
     const int *cells = r->quick ? quick : whole;
-    int count = r->quick ? 3 : 6;
+    int count = r->quick ? 3 : MOST;
     cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
     if (one_law(r, "iso", cells, count, rows, error) == TM_OK &&
         one_law(r, "fibre", cells, count, rows, error) == TM_OK)
