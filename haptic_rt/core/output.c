@@ -1,20 +1,23 @@
 /* The last stage: whatever was wanted, what leaves is within every limit. Each step only shrinks the force or moves it less. */
 #include "internal.h"
 
+/* Of a limit: from where it is held to, and to where, so that rounding never carries the force past it. */
+static const float FROM = 0.999999f, HELD = 0.999998f;
+
 /* The share of `force` that the motors and the device's vector limit allow. */
 static float allowed_share(hrt_controller *c, const float jacobian[9], const float force[3]) {
     float torque[3], share = 1.0f;
     hrt_apply_transposed(jacobian, force, torque);
     for (int j = 0; j < HRT_MOTORS; j++) {
         const float size = fabsf(torque[j]);
-        if (size > c->params.torque_max[j] * 1.000001f) {
-            share = fminf(share, c->params.torque_max[j] / size);
+        if (size > FROM * c->params.torque_max[j]) {
+            share = fminf(share, HELD * c->params.torque_max[j] / size);
             c->limits |= HRT_LIMIT_AXIS;
         }
     }
     const float size = hrt_length(force);
-    if (size > c->params.force_max_N * 1.000001f) {
-        share = fminf(share, c->params.force_max_N / size);
+    if (size > FROM * c->params.force_max_N) {
+        share = fminf(share, HELD * c->params.force_max_N / size);
         c->limits |= HRT_LIMIT_FORCE;
     }
     return share;
@@ -41,9 +44,9 @@ static float power_share(hrt_controller *c, const float torque[3]) {
     for (int j = 0; j < HRT_MOTORS; j++) {
         const float power = torque[j] * c->joint_velocity[j];
         sum += power;
-        if (power > c->params.axis_power_max_W) share = fminf(share, c->params.axis_power_max_W / power);
+        if (power > FROM * c->params.axis_power_max_W) share = fminf(share, HELD * c->params.axis_power_max_W / power);
     }
-    if (sum > c->params.power_max_W) share = fminf(share, c->params.power_max_W / sum);
+    if (sum > FROM * c->params.power_max_W) share = fminf(share, HELD * c->params.power_max_W / sum);
     if (share < 1.0f) c->limits |= HRT_LIMIT_POWER;
     return share;
 }
