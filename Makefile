@@ -109,7 +109,7 @@ tests: programs $(TESTS)
 	@printf '%s\n' $(TESTS) > $(OUT)/tests/manifest.txt
 
 help:
-	@sed -n 's/^#: //p' $(MAKEFILE_LIST)
+	@sed -n 's/^#: //p' $(MAKEFILE_LIST) | awk -F '  +' '{ printf "%-31s %s\n", $$1, $$2 }'
 
 #: make                        build programs and libraries into build/ (config=debug|asan|tsan|fuzz|clang into build/<config>/)
 #: make setup                  install the Debian packages that building needs

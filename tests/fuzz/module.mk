@@ -1,7 +1,7 @@
 # libFuzzer targets. `make fuzz` builds them with clang (config=fuzz) and runs each for FUZZ_SECONDS; make check runs each for some thousand inputs.
 FUZZ_SECONDS ?= 60
 .PHONY: fuzz fuzz-programs fuzz-run
-#: make fuzz FUZZ_SECONDS=60   fuzz every parser and decoder: build/fuzz/fuzz.json, findings in build/fuzz/findings/
+#: make fuzz FUZZ_SECONDS=60   fuzz every parser and decoder, so many processor seconds each: build/fuzz/fuzz.json, findings in build/fuzz/findings/
 ifneq ($(config),fuzz)
 fuzz fuzz-programs fuzz-run:
 	@$(MAKE) --no-print-directory config=fuzz $@
