@@ -39,6 +39,9 @@ plt.rcParams.update({
 })
 
 
+LINE_LABEL = "line label"
+
+
 def series(index):
     """Style of the index-th series, as keyword arguments of plot()."""
     return dict(SERIES[index % len(SERIES)])
@@ -46,8 +49,31 @@ def series(index):
 
 def label_line(axis, x, y, text, style, dx=4, dy=0):
     """Writes a series' name at its last point, so that no legend has to be looked up."""
-    axis.annotate(text, (x, y), xytext=(dx, dy), textcoords="offset points", color=style.get("color", "k"),
-                  va="center", fontsize=9, annotation_clip=False)
+    label = axis.annotate(text, (x, y), xytext=(dx, dy), textcoords="offset points", color=style.get("color", "k"),
+                          va="center", fontsize=9, annotation_clip=False)
+    label.set_gid(LINE_LABEL)
+
+
+def spread_labels(figure):
+    """Moves labels of lines apart, up and down, as far as they lie over one another."""
+    labels = [text for axis in figure.axes for text in axis.texts if text.get_gid() == LINE_LABEL]
+    if len(labels) < 2:
+        return
+    figure.canvas.draw()
+    points = 72 / figure.dpi
+    for _ in range(60):
+        boxes = sorted(((text.get_window_extent(), text) for text in labels), key=lambda b: b[0].y0)
+        moved = False
+        for i, (low, below) in enumerate(boxes):
+            for high, above in boxes[i + 1:]:
+                if low.y1 <= high.y0 or low.x1 <= high.x0 or high.x1 <= low.x0:
+                    continue
+                for text, way in ((below, -1), (above, 1)):
+                    dx, dy = text.xyann
+                    text.xyann = (dx, dy + way * max(0.5, 0.5 * points * (low.y1 - high.y0)))
+                moved = True
+        if not moved:
+            return
 
 
 def frontier(points):
@@ -102,6 +128,7 @@ class Page:
 
     def figure(self, name, figure, caption, command=None):
         """Embeds a matplotlib figure and leaves NAME.png and NAME.svg beside the page."""
+        spread_labels(figure)
         png = io.BytesIO()
         figure.savefig(png, format="png")
         (self.folder / f"{name}.png").write_bytes(png.getvalue())
