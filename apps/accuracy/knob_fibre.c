@@ -13,7 +13,7 @@ cJSON *knob_fibre(const run *r, tm_error *error) {
     double depth = 0.05, seconds[MODELS];
     tm_status status = reference_case(r->truth, "fibre", 0, &depth, &truth) ? TM_OK : TM_ERR_FILE;
     for (int i = 0; i < MODELS && status == TM_OK; i++) {
-        problem_def def = problem_default(r->quick ? 6 : 12);
+        problem_def def = problem_default(r->quick ? 6 : 24);
         def.depth = depth;
         if (i == 0)
             def.material = material_fibre(), def.fibre = along_x;

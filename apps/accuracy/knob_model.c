@@ -12,7 +12,7 @@ static void add_differences(cJSON *row, differences d) {
 
 cJSON *knob_model(const run *r, tm_error *error) {
     problem p;
-    problem_def def = problem_default(r->quick ? 6 : 12);
+    problem_def def = problem_default(r->quick ? 6 : 30);
     measured m, truth;
     double depth;
     tm_status status = problem_create(&def, &p, error);
