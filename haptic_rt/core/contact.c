@@ -16,7 +16,10 @@ typedef struct solve {
     float soft_m;                                /* as far as the skin is soft */
     float *force_N;                              /* f: what the shape is made with */
     float shift_m[HRT_PATCH_DOFS];               /* C f; then what one row does */
+    uint32_t under, coupled;                     /* bits: vertices under this round's rows; rows whose line of w is there */
     float w[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS]; /* compliance between rows */
+    int32_t load_count;
+    uint8_t loaded[HRT_CONTACT_ROWS];            /* rows that bear */
     float gap_m[HRT_CONTACT_ROWS];               /* with the patch undeformed, at the row's geometry */
     float skin_m_N[HRT_CONTACT_ROWS];
     int32_t touched;
@@ -25,8 +28,8 @@ typedef struct solve {
     float before_N[HRT_PATCH_DOFS], before_residual_N[HRT_PATCH_DOFS]; /* f and the residual of the round before */
 } solve;
 
-static hrt_v3 at(const float *list, int32_t v) { return hrt_get(&list[HRT_XYZ * v]); }
-static void put(float *list, int32_t v, hrt_v3 x) { hrt_put(x, &list[HRT_XYZ * v]); }
+static inline __attribute__((always_inline)) hrt_v3 at(const float *list, int32_t v) { return hrt_get(&list[HRT_XYZ * v]); }
+static inline __attribute__((always_inline)) void put(float *list, int32_t v, hrt_v3 x) { hrt_put(x, &list[HRT_XYZ * v]); }
 
 /* shift[a] := the sum of C_ab x over `count` vertices b, of which C's upper triangle is there. */
 static __attribute__((noinline)) void respond(const hrt_patch *patch, int32_t a, const uint8_t *b, const hrt_v3 *x, int32_t count, float *shift_m) {
@@ -66,27 +69,21 @@ static float along_row(const solve *s, const hrt_contact_row *row) {
     return hrt_inner(hrt_get(row->normal), shift);
 }
 
-/* What one newton in a row does along this and the rows before it, at the vertices that these touch. */
-static void couple(solve *s) {
-    uint8_t list[HRT_PATCH_MAX_VERTICES];
-    int32_t listed = 0;
-    uint32_t seen = 0;
-    for (int32_t i = 0; i < s->rows; i++) {
-        const hrt_contact_row *row = &s->row[i];
-        uint8_t from[3];
-        hrt_v3 newton[3];
-        int32_t count = 0;
-        for (int k = 0; k < 3; k++) {
-            const uint8_t v = corners(s, row)[k];
-            if (!(row->weight[k] > 0.0f)) continue;
-            if ((seen >> v & 1u) == 0) list[listed++] = v;
-            seen |= 1u << v;
-            from[count] = v;
+/* What one newton in row i does along all rows. */
+static void couple(solve *s, int32_t i) {
+    const hrt_contact_row *row = &s->row[i];
+    uint8_t from[3];
+    hrt_v3 newton[3];
+    int32_t count = 0;
+    for (int k = 0; k < 3; k++)
+        if (row->weight[k] > 0.0f) {
+            from[count] = corners(s, row)[k];
             newton[count++] = hrt_times(row->weight[k], hrt_get(row->normal));
         }
-        for (int32_t t = 0; t < listed; t++) respond(s->patch, list[t], from, newton, count, s->shift_m);
-        for (int32_t j = 0; j <= i; j++) s->w[i][j] = s->w[j][i] = along_row(s, &s->row[j]);
-    }
+    for (int32_t v = 0; v < s->patch->vertex_count; v++)
+        if ((s->under >> v & 1u) != 0) respond(s->patch, v, from, newton, count, s->shift_m);
+    for (int32_t j = 0; j < s->rows; j++) s->w[i][j] = along_row(s, &s->row[j]);
+    s->coupled |= 1u << i;
 }
 
 static void find_rows(solve *s, const float tip_m[3], hrt_hits *hits, hrt_contact_row *row) {
@@ -94,14 +91,15 @@ static void find_rows(solve *s, const float tip_m[3], hrt_hits *hits, hrt_contac
     const int32_t count = s->rows;
     s->rows = hrt_contact_rows(s->patch, s->shift_m, tip_m, before, count, hits, row);
     s->row = row;
+    s->under = s->coupled = 0;
     for (int32_t r = 0; r < s->rows; r++, row++) {
         for (int32_t b = 0; b < count; b++)
             if (before[b].station == row->station && before[b].triangle == row->triangle && before[b].feature == row->feature)
                 row->lambda_N = before[b].lambda_N;
         s->gap_m[r] = row->gap_m - along_row(s, row);
         s->skin_m_N[r] = s->patch->skin_compliance_m_N / row->share;
+        for (int k = 0; k < 3; k++) s->under |= 1u << corners(s, row)[k];
     }
-    couple(s);
 }
 
 /* --- the unilateral problem of one set of rows --- */
@@ -116,7 +114,7 @@ static bool stands(branch b) { return b == SOFT || b == HARD; }
 static float row_error(const solve *s, int32_t i) {
     const float straight = s->skin_m_N[i] * s->row[i].lambda_N;
     float error = s->gap_m[i] + (straight <= s->soft_m ? straight : s->soft_m + (straight - s->soft_m) / SKIN_HARDENING);
-    for (int32_t k = 0; k < s->rows; k++) error += s->w[i][k] * s->row[k].lambda_N;
+    for (int32_t k = 0; k < s->load_count; k++) error += s->w[s->loaded[k]][i] * s->row[s->loaded[k]].lambda_N;
     return error;
 }
 
@@ -135,24 +133,32 @@ static __attribute__((noinline)) void eliminate(float a[][WIDTH], int32_t n) {
     }
 }
 
+static void load(solve *s, int32_t i, float lambda_N) {
+    s->row[i].lambda_N = lambda_N;
+    s->loaded[s->load_count++] = (uint8_t)i;
+    if ((s->coupled >> i & 1u) == 0) couple(s, i);
+}
+
 static void solve_branches(solve *s, const branch state[HRT_CONTACT_ROWS]) {
     float a[HRT_CONTACT_ROWS][WIDTH];
-    int32_t which[HRT_CONTACT_ROWS], n = 0;
+    s->load_count = 0;
     for (int32_t i = 0; i < s->rows; i++) {
-        if (stands(state[i])) which[n++] = i;
-        else s->row[i].lambda_N = state[i] == CAPPED ? s->patch->force_cap_N : 0.0f;
+        s->row[i].lambda_N = 0.0f;
+        if (stands(state[i])) load(s, i, 0.0f);
     }
+    const int32_t n = s->load_count;
+    for (int32_t i = 0; i < s->rows; i++)
+        if (state[i] == CAPPED) load(s, i, s->patch->force_cap_N);
     for (int32_t r = 0; r < n; r++) {
-        const int32_t i = which[r];
-        const float skin = s->skin_m_N[i];
-        for (int32_t c = r; c < n; c++) a[r][c] = s->w[i][which[c]];
-        a[r][r] += state[i] == SOFT ? skin : skin / SKIN_HARDENING;
-        a[r][n] = -s->gap_m[i] - (state[i] == SOFT ? 0.0f : s->soft_m - s->soft_m / SKIN_HARDENING);
-        for (int32_t k = 0; k < s->rows; k++)
-            if (state[k] == CAPPED) a[r][n] -= s->w[i][k] * s->patch->force_cap_N;
+        const int32_t i = s->loaded[r];
+        const bool soft = state[i] == SOFT;
+        for (int32_t c = r; c < n; c++) a[r][c] = s->w[i][s->loaded[c]];
+        a[r][r] += soft ? s->skin_m_N[i] : s->skin_m_N[i] / SKIN_HARDENING;
+        a[r][n] = (soft ? 0.0f : s->soft_m / SKIN_HARDENING - s->soft_m) - s->gap_m[i];
+        for (int32_t k = n; k < s->load_count; k++) a[r][n] -= s->w[s->loaded[k]][i] * s->patch->force_cap_N;
     }
     eliminate(a, n);
-    for (int32_t r = 0; r < n; r++) s->row[which[r]].lambda_N = a[r][n];
+    for (int32_t r = 0; r < n; r++) s->row[s->loaded[r]].lambda_N = a[r][n];
 }
 
 static branch next_branch(const solve *s, int32_t i, branch now) {

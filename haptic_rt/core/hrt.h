@@ -74,7 +74,7 @@ typedef enum hrt_extrapolator {
 
 /* ------------------------------------------------------------------------------------------------ parameters */
 
-/* All floats; range, unit and default of each stand in hrt_param_table. Filled by hrt_params_default() or a profile file. */
+/* All floats; range, unit and default of each stand in params.c. Filled by hrt_params_default() or a profile file. */
 typedef struct hrt_params {
     /* the device's profile */
     float counts_per_unit[HRT_JOINTS]; /* 1/rad 1/rad 1/m 1/rad 1 */
@@ -111,17 +111,18 @@ typedef struct hrt_params {
     float velocity_filter_us;          /* time constant of the velocity estimate */
 } hrt_params;
 
-typedef struct hrt_param_info {
-    const char *name;
-    const char *unit;
-    const char *text;
+typedef struct hrt_param_range {
     uint16_t offset; /* bytes into hrt_params */
     uint8_t count;
     float min, max;
-    float value[HRT_JOINTS]; /* defaults */
-} hrt_param_info;
+} hrt_param_range;
 
-extern const hrt_param_info hrt_param_table[];
+typedef struct hrt_param_words {
+    const char *name, *unit, *text;
+} hrt_param_words;
+
+extern const hrt_param_range hrt_param_table[];
+extern const hrt_param_words hrt_param_text[]; /* row by row of the same parameters */
 extern const int32_t hrt_param_count;
 
 void hrt_params_default(hrt_params *params);

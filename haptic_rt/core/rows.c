@@ -22,21 +22,32 @@ typedef struct hit {
     float raw, distance_m;
 } hit;
 
+typedef struct face {
+    hrt_v3 normal;          /* outward; zero: crushed to a line */
+    float size;             /* twice the area */
+    float base_m, rise_m;   /* height of the tip over it, and what each station adds */
+} face;
+
+typedef struct edge {
+    float length_m;
+    float span_m2; /* half width of the transition across it, times its length */
+} edge;
+
 typedef struct search {
     const hrt_patch *patch;
     const hrt_patch_topology *t;
     const hrt_contact_row *before;
     int32_t before_count;
     hrt_v3 axis; /* towards the trocar, a radius long */
-    float radius_m, reach_m, sunk_m, longest_m; /* edge */
-    hrt_v3 normal[HRT_PATCH_MAX_TRIANGLES]; /* outward; zero: crushed to a line */
-    float size[HRT_PATCH_MAX_TRIANGLES];    /* twice the area */
-    float base_m[HRT_PATCH_MAX_TRIANGLES], rise_m[HRT_PATCH_MAX_TRIANGLES]; /* height of the tip over the face, and what a station adds */
-    float length_m[HRT_PATCH_EDGES];
-    float span_m2[HRT_PATCH_EDGES];         /* half width of the transition across the edge, times its length */
+    float radius_m, reach_m, sunk_m;
+    face face[HRT_PATCH_MAX_TRIANGLES];
+    edge edge[HRT_PATCH_EDGES];
+    int32_t ridges;
+    uint8_t ridge[HRT_PATCH_EDGES];         /* edges that stick out */
+    float close_m2[HRT_PATCH_MAX_VERTICES]; /* a station not so near to any corner has nothing to do with a face or an edge there */
     /* of the station at hand */
     int32_t station, from_station;          /* the second: that `from` is of */
-    uint32_t close;                         /* bit v: near enough to vertex v for a face or an edge there */
+    uint32_t close;                         /* a bit a vertex */
     hrt_v3 from[HRT_PATCH_MAX_VERTICES];    /* from the vertex to it */
     int32_t hits;
     hit hit[HITS];
@@ -52,42 +63,50 @@ static __attribute__((noinline)) float ramp(float x) {
 
 static const uint8_t *corners(const search *q, int32_t f) { return &q->patch->triangle[HRT_XYZ * f]; }
 
-/* Of the station over face f. */
-static float height(const search *q, int32_t f) { return q->base_m[f] + (float)q->station * q->rise_m[f]; }
+static inline __attribute__((always_inline)) float height(const face *f, int32_t station) { return f->base_m + (float)station * f->rise_m; }
 
 /* From vertex a to vertex b. */
-static hrt_v3 way(const search *q, int32_t a, int32_t b) { return hrt_minus(q->from[a], q->from[b]); }
+static inline __attribute__((always_inline)) hrt_v3 way(const search *q, int32_t a, int32_t b) { return hrt_minus(q->from[a], q->from[b]); }
 
 static void place_faces(search *q) {
-    for (int32_t f = 0; f < q->patch->triangle_count; f++) {
-        const uint8_t *corner = corners(q, f);
+    const uint8_t *corner = q->patch->triangle;
+    for (face *f = q->face; f < q->face + q->patch->triangle_count; f++, corner += 3) {
         const hrt_v3 a = way(q, corner[0], corner[1]), b = way(q, corner[0], corner[2]), area = hrt_outer(a, b);
-        const float size = hrt_size(area);
-        q->size[f] = size;
-        q->normal[f] = hrt_times(size > 1.0e-6f * hrt_max(hrt_inner(a, a), hrt_inner(b, b)) ? 1.0f / size : 0.0f, area);
-        q->base_m[f] = hrt_inner(q->normal[f], q->from[corner[0]]);
-        q->rise_m[f] = hrt_inner(q->normal[f], q->axis);
+        f->size = hrt_size(area);
+        f->normal = hrt_times(f->size > 1.0e-6f * hrt_max(hrt_inner(a, a), hrt_inner(b, b)) ? 1.0f / f->size : 0.0f, area);
+        f->base_m = hrt_inner(f->normal, q->from[corner[0]]);
+        f->rise_m = hrt_inner(f->normal, q->axis);
     }
 }
 
+/* How far the second face's third corner is below the first face: above zero, the edge between them sticks out. */
+static inline __attribute__((always_inline)) float fold(const search *q, const uint8_t end[2], const uint8_t side[2]) {
+    const uint8_t *corner = corners(q, side[1]);
+    return hrt_inner(q->face[side[0]].normal, way(q, corner[0] + corner[1] + corner[2] - end[0] - end[1], end[0]));
+}
+
 /* The transition across an edge is the same seen from both faces, so that their weights add up to one. The height of a triangle over its edge is
- * twice its area by the edge's length. */
+ * twice its area by the edge's length.
+ * Over a face, transition included, the nearest corner is not farther than three quarters of the longest edge there. */
 static void place_edges(search *q) {
-    q->longest_m = 0.0f;
-    for (int32_t e = 0; e < q->t->edge_count; e++) {
-        const uint8_t *end = q->t->edge_vertex[e], *face = q->t->edge_face[e];
-        const float length = hrt_max(hrt_size(way(q, end[0], end[1])), 1.0e-9f);
-        const float size = hrt_min(q->size[face[0]], q->size[face[face[1] == HRT_NO_FACE ? 0 : 1]]);
-        q->length_m[e] = length;
-        q->longest_m = hrt_max(q->longest_m, length);
-        q->span_m2[e] = hrt_max(hrt_min(BLEND * q->radius_m * length, 0.25f * size), 1.0e-9f * length);
+    const uint8_t *end = q->t->edge_vertex[0], *side = q->t->edge_face[0];
+    for (int32_t v = 0; v < q->patch->vertex_count; v++) q->close_m2[v] = 0.0f;
+    q->ridges = 0;
+    for (edge *e = q->edge; e < q->edge + q->t->edge_count; e++, end += 2, side += 2) {
+        const bool two = side[1] != HRT_NO_FACE;
+        const float length = hrt_max(hrt_size(way(q, end[0], end[1])), 1.0e-9f), wide = 0.75f * length, close2 = q->reach_m * q->reach_m + wide * wide;
+        const float size = hrt_min(q->face[side[0]].size, q->face[side[two ? 1 : 0]].size);
+        e->length_m = length;
+        e->span_m2 = hrt_max(hrt_min(BLEND * q->radius_m * length, 0.25f * size), 1.0e-9f * length);
+        for (int i = 0; i < 2; i++) q->close_m2[end[i]] = hrt_max(q->close_m2[end[i]], close2);
+        if (!two || fold(q, end, side) > 0.0f) q->ridge[q->ridges++] = (uint8_t)(e - q->edge);
     }
 }
 
 /* Twice the area, in the plane of face f, between the station and the edge from corner j; positive on the face's side. */
-static float part(const search *q, int32_t f, int j) {
+static inline __attribute__((always_inline)) float part(const search *q, int32_t f, int j) {
     const uint8_t *corner = corners(q, f);
-    return hrt_inner(q->normal[f], hrt_outer(q->from[corner[j]], q->from[corner[j == 2 ? 0 : j + 1]]));
+    return hrt_inner(q->face[f].normal, hrt_outer(q->from[corner[j]], q->from[corner[j == 2 ? 0 : j + 1]]));
 }
 
 static void add_hit(search *q, uint8_t kind, int32_t index, float raw, float distance_m) {
@@ -105,46 +124,41 @@ static bool known(const search *q, int32_t f) {
 }
 
 static void face_hit(search *q, int32_t f) {
-    const float high = height(q, f);
+    const float high = height(&q->face[f], q->station);
     float raw = 1.0f, outside = 0.0f;
-    if (high > q->reach_m || high < -q->sunk_m || !(hrt_inner(q->normal[f], q->normal[f]) > 0.0f)) return;
+    if (high > q->reach_m || high < -q->sunk_m || !(hrt_inner(q->face[f].normal, q->face[f].normal) > 0.0f)) return;
     for (int j = 0; j < 3; j++) {
         const int32_t e = q->t->face_edge[f][j];
         const float inward = part(q, f, j);
-        if (!(inward > -q->span_m2[e])) return;
-        raw *= ramp(inward / q->span_m2[e]);
-        outside = hrt_max(outside, -inward / q->length_m[e]);
+        if (!(inward > -q->edge[e].span_m2)) return;
+        raw *= ramp(inward / q->edge[e].span_m2);
+        outside = hrt_max(outside, -inward / q->edge[e].length_m);
     }
     if ((high < -SUNK * q->radius_m || (high < 0.0f && outside > 0.0f)) && !known(q, f)) return;
     if (raw > 0.0f) add_hit(q, FACE, f, raw, high > 0.0f ? sqrtf(high * high + outside * outside) : high);
 }
 
-/* 0 flat or hollow, 1 a fold that sticks out. */
+/* 0 flat, 1 a fold that sticks out. */
 static float edge_sharpness(const search *q, int32_t e) {
-    const uint8_t *end = q->t->edge_vertex[e];
-    const int32_t a = q->t->edge_face[e][0], b = q->t->edge_face[e][1];
-    if (b == HRT_NO_FACE) return 1.0f;
-    const uint8_t *corner = corners(q, b);
-    const int32_t apex = corner[0] + corner[1] + corner[2] - end[0] - end[1];
-    const float sine = hrt_inner(q->normal[a], way(q, apex, end[0])) * q->length_m[e] / hrt_max(q->size[b], 1.0e-30f);
-    if (sine > 0.0f && hrt_inner(q->normal[a], q->normal[b]) < 0.0f) return 1.0f;
-    return ramp(2.0f * sine / SHARP - 1.0f);
+    const uint8_t *end = q->t->edge_vertex[e], *side = q->t->edge_face[e];
+    if (side[1] == HRT_NO_FACE || hrt_inner(q->face[side[0]].normal, q->face[side[1]].normal) < 0.0f) return 1.0f;
+    return ramp(2.0f * fold(q, end, side) * q->edge[e].length_m / (SHARP * hrt_max(q->face[side[1]].size, 1.0e-30f)) - 1.0f);
 }
 
-static float end_blend(const search *q, int32_t e) { return hrt_min(BLEND * q->radius_m, 0.25f * q->length_m[e]); }
+static inline __attribute__((always_inline)) float end_blend(const search *q, int32_t e) { return hrt_min(BLEND * q->radius_m, 0.25f * q->edge[e].length_m); }
 
 static void edge_hit(search *q, int32_t e) {
-    const uint8_t *end = q->t->edge_vertex[e], *face = q->t->edge_face[e];
-    const bool two = face[1] != HRT_NO_FACE;
-    const float one_side = height(q, face[0]), other_side = two ? height(q, face[1]) : 0.0f;
+    const uint8_t *end = q->t->edge_vertex[e], *side = q->t->edge_face[e];
+    const bool two = side[1] != HRT_NO_FACE;
+    const float one_side = height(&q->face[side[0]], q->station), other_side = two ? height(&q->face[side[1]], q->station) : 0.0f;
     if (!(one_side + other_side > 0.0f) || one_side > q->reach_m || other_side > q->reach_m) return;
     const hrt_v3 a = q->from[end[0]], b = q->from[end[1]];
-    const float y = hrt_inner(a, hrt_minus(a, b)) / q->length_m[e], distance2 = hrt_inner(a, a) - y * y;
+    const float y = hrt_inner(a, hrt_minus(a, b)) / q->edge[e].length_m, distance2 = hrt_inner(a, a) - y * y;
     if (distance2 > q->reach_m * q->reach_m) return;
-    const hrt_v3 across = hrt_times(1.0f / q->span_m2[e], hrt_outer(b, a)); /* out of the first face and into the second */
+    const hrt_v3 across = hrt_times(1.0f / q->edge[e].span_m2, hrt_outer(b, a)); /* out of the first face and into the second */
     const float ends = end_blend(q, e);
-    float raw = ramp(hrt_inner(q->normal[face[0]], across)) * ramp(y / ends) * ramp((q->length_m[e] - y) / ends);
-    if (two) raw *= ramp(-hrt_inner(q->normal[face[1]], across));
+    float raw = ramp(hrt_inner(q->face[side[0]].normal, across)) * ramp(y / ends) * ramp((q->edge[e].length_m - y) / ends);
+    if (two) raw *= ramp(-hrt_inner(q->face[side[1]].normal, across));
     if (raw > 0.0f) raw *= edge_sharpness(q, e);
     if (raw > 0.0f) add_hit(q, EDGE, e, raw, sqrtf(hrt_max(distance2, 0.0f)));
 }
@@ -156,13 +170,13 @@ static void vertex_hit(search *q, int32_t v) {
     hrt_v3 up = {0.0f, 0.0f, 0.0f};
     float raw = 1.0f, sharp = 1.0f;
     if (distance2 > q->reach_m * q->reach_m) return;
-    for (int32_t i = t->fan_begin[v]; i < t->fan_begin[v + 1]; i++) up = hrt_plus(up, q->normal[t->fan_face[i]]);
+    for (int32_t i = t->fan_begin[v]; i < t->fan_begin[v + 1]; i++) up = hrt_plus(up, q->face[t->fan_face[i]].normal);
     if (!(hrt_inner(d, up) > 0.0f)) return;
     const float steep = -2.0f / (SHARP * hrt_size(up));
     for (int32_t e = 0; e < t->edge_count; e++) {
         const uint8_t *end = t->edge_vertex[e];
         if (end[0] != v && end[1] != v) continue;
-        const hrt_v3 to = hrt_times(1.0f / q->length_m[e], way(q, v, end[0] + end[1] - v));
+        const hrt_v3 to = hrt_times(1.0f / q->edge[e].length_m, way(q, v, end[0] + end[1] - v));
         sharp = hrt_min(sharp, ramp(steep * hrt_inner(to, up) - 1.0f));
         raw *= ramp(-hrt_inner(d, to) / hrt_max(end_blend(q, e), 1.0e-9f));
         if (!(sharp * raw > 0.0f)) return;
@@ -184,7 +198,7 @@ static hrt_v3 corner_normal(search *q, int32_t f, int32_t v) {
     if ((q->blended >> v & 1u) != 0) return q->corner[v];
     for (int32_t i = q->t->fan_begin[v]; i < q->t->fan_begin[v + 1]; i++) {
         const int32_t g = q->t->fan_face[i];
-        sum = hrt_plus(sum, hrt_times((float)smooth(q, f, g) * q->size[g], q->normal[g]));
+        sum = hrt_plus(sum, hrt_times((float)smooth(q, f, g) * q->face[g].size, q->face[g].normal));
     }
     const float size = hrt_size(sum);
     q->corner[v] = hrt_times(size > 0.0f ? 1.0f / size : 0.0f, sum);
@@ -204,11 +218,11 @@ static hrt_v3 face_row(search *q, int32_t f, hrt_contact_row *row) {
         row->weight[j] /= sum;
         normal = hrt_plus(normal, hrt_times(row->weight[j], corner_normal(q, f, corners(q, f)[j])));
     }
-    row->gap_m = height(q, f);
+    row->gap_m = height(&q->face[f], q->station);
     row->triangle = (uint8_t)f;
     /* A surface folded over itself: stay on the face's own side. */
     const float size = hrt_size(normal);
-    if (size <= 0.1f || hrt_inner(normal, q->normal[f]) < 0.2f * size) return q->normal[f];
+    if (size <= 0.1f || hrt_inner(normal, q->face[f].normal) < 0.2f * size) return q->face[f].normal;
     return hrt_times(1.0f / size, normal);
 }
 
@@ -226,11 +240,11 @@ static hrt_v3 line_row(const search *q, int32_t f, int j, float s, hrt_contact_r
 
 static hrt_v3 edge_row(const search *q, int32_t e, hrt_contact_row *row) {
     const int32_t a = q->t->edge_vertex[e][0], f = q->t->edge_face[e][0];
-    const hrt_v3 edge = way(q, a, q->t->edge_vertex[e][1]);
+    const hrt_v3 along = way(q, a, q->t->edge_vertex[e][1]);
     int j = 0;
     while (j < 2 && q->t->face_edge[f][j] != e) j++;
     row->feature = (uint8_t)(1 + j);
-    return line_row(q, f, j, hrt_inner(q->from[a], edge) / hrt_inner(edge, edge), row);
+    return line_row(q, f, j, hrt_inner(q->from[a], along) / hrt_inner(along, along), row);
 }
 
 static hrt_v3 vertex_row(const search *q, int32_t v, hrt_contact_row *row) {
@@ -280,30 +294,29 @@ static bool sinks(const search *q, const hrt_contact_row *row) { return row->lam
 
 /* Goes there; false: no face is near enough, and then no edge or vertex is. */
 static bool stand(search *q, int32_t station) {
-    const hrt_v3 step = hrt_times((float)(station - q->from_station), q->axis);
     bool near = false;
     q->station = station;
     q->hits = 0;
+    q->close = 0;
     q->sunk_m = SUNK * q->radius_m;
-    for (int32_t i = 0; i < q->before_count; i++)
-        if (q->before[i].station == station && sinks(q, &q->before[i])) q->sunk_m = SUNK_KNOWN * q->radius_m;
-    for (int32_t f = 0; f < q->patch->triangle_count; f++) {
-        const float high = height(q, f);
-        near = near || (high <= q->reach_m && high >= -q->sunk_m);
+    for (const hrt_contact_row *row = q->before; row < q->before + q->before_count; row++) {
+        if (row->station != station || !(row->lambda_N > 0.0f)) continue;
+        if (sinks(q, row)) q->sunk_m = SUNK_KNOWN * q->radius_m;
+        for (int j = 0; j < 3; j++) q->close |= 1u << corners(q, row->triangle)[j];
+    }
+    for (const face *f = q->face; f < q->face + q->patch->triangle_count && !near; f++) {
+        const float high = height(f, station);
+        near = high <= q->reach_m && high >= -q->sunk_m;
     }
     if (!near) return false;
-    /* Over a face, transition included, the nearest corner is not farther than three quarters of its longest edge. */
-    const float high = hrt_max(q->reach_m, q->sunk_m), wide = 0.75f * q->longest_m, close2 = high * high + wide * wide;
+    const hrt_v3 step = hrt_times((float)(station - q->from_station), q->axis);
     q->from_station = station;
-    q->close = 0;
     for (int32_t v = 0; v < q->patch->vertex_count; v++) {
         q->from[v] = hrt_plus(q->from[v], step);
-        if (hrt_inner(q->from[v], q->from[v]) <= close2) q->close |= 1u << v;
+        if (hrt_inner(q->from[v], q->from[v]) <= q->close_m2[v]) q->close |= 1u << v;
     }
-    return true;
+    return q->close != 0;
 }
-
-static bool near_vertex(const search *q, int32_t v) { return (q->close >> v & 1u) != 0; }
 
 /* From the first station that may be near the patch to the last. */
 static void station_range(const search *q, const float tip_m[3], int32_t *first, int32_t *last) {
@@ -325,12 +338,15 @@ static void station_range(const search *q, const float tip_m[3], int32_t *first,
 }
 
 static void look_for(search *q, hrt_hits *hits) {
-    for (int32_t f = 0; f < q->patch->triangle_count; f++)
-        if (near_vertex(q, corners(q, f)[0]) || near_vertex(q, corners(q, f)[1]) || near_vertex(q, corners(q, f)[2])) face_hit(q, f);
-    for (int32_t e = 0; e < q->t->edge_count; e++)
-        if (near_vertex(q, q->t->edge_vertex[e][0]) || near_vertex(q, q->t->edge_vertex[e][1])) edge_hit(q, e);
+    const uint8_t *corner = q->patch->triangle;
+    for (int32_t f = 0; f < q->patch->triangle_count; f++, corner += 3)
+        if (((q->close >> corner[0] | q->close >> corner[1] | q->close >> corner[2]) & 1u) != 0) face_hit(q, f);
+    for (int32_t i = 0; i < q->ridges; i++) {
+        const uint8_t *end = q->t->edge_vertex[q->ridge[i]];
+        if (((q->close >> end[0] | q->close >> end[1]) & 1u) != 0) edge_hit(q, q->ridge[i]);
+    }
     for (int32_t v = 0; v < q->patch->vertex_count; v++)
-        if (near_vertex(q, v)) vertex_hit(q, v);
+        if ((q->close >> v & 1u) != 0) vertex_hit(q, v);
     for (int32_t i = 0; i < q->hits && hits->count < HRT_HITS_MAX; i++) {
         hits->at[hits->count].station = (uint8_t)q->station;
         hits->at[hits->count].kind = q->hit[i].kind;

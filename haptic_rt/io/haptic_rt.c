@@ -208,7 +208,7 @@ static bool consistent(program *p) {
         app_bad_input("--record", 0, "needs --duration; give one");
     else if (hrt_params_check(&p->config.params) >= 0)
         app_bad_input("--set", 0, "%s: lower end not below upper end; mend it",
-                      hrt_param_table[hrt_params_check(&p->config.params)].name);
+                      hrt_param_text[hrt_params_check(&p->config.params)].name);
     else
         return true;
     return false;

@@ -6,14 +6,15 @@
 
 #include "app.h"
 
-static float *values(hrt_params *params, const hrt_param_info *row) {
+static float *values(hrt_params *params, const hrt_param_range *row) {
     return (float *)(void *)((char *)params + row->offset);
 }
 
-static const hrt_param_info *find(const char *name) {
-    for (int32_t r = 0; r < hrt_param_count; r++)
-        if (strcmp(hrt_param_table[r].name, name) == 0) return &hrt_param_table[r];
-    return NULL;
+/* Its row; hrt_param_count: none. */
+static int32_t find(const char *name) {
+    int32_t r = 0;
+    while (r < hrt_param_count && strcmp(hrt_param_text[r].name, name) != 0) r++;
+    return r;
 }
 
 /* `text` is "name = value value" and is changed. */
@@ -25,11 +26,13 @@ static bool set(char *text, hrt_params *params, const char *file, int line) {
     }
     *value++ = 0;
     const char *name = strtok_r(text, " \t\r\n", &rest);
-    const hrt_param_info *row = name ? find(name) : NULL;
-    if (!row) {
+    const int32_t r = name ? find(name) : hrt_param_count;
+    if (r == hrt_param_count) {
         app_bad_input(file, line, "'%s' is no parameter; see haptic-rt --params", name ? name : "");
         return false;
     }
+    const hrt_param_range *row = &hrt_param_table[r];
+    const char *unit = hrt_param_text[r].unit;
     rest = NULL;
     int32_t i = 0;
     for (char *cell = strtok_r(value, " \t\r\n,", &rest); cell; cell = strtok_r(NULL, " \t\r\n,", &rest), i++) {
@@ -37,12 +40,12 @@ static bool set(char *text, hrt_params *params, const char *file, int line) {
         const float x = strtof(cell, &end);
         if (*end || i == row->count || !(x >= row->min && x <= row->max)) {
             app_bad_input(file, line, "%s: '%s' will not do; it has %d value(s) of %g..%g in %s", name, cell,
-                          row->count, (double)row->min, (double)row->max, row->unit);
+                          row->count, (double)row->min, (double)row->max, unit);
             return false;
         }
         values(params, row)[i] = x;
     }
-    if (i != row->count) app_bad_input(file, line, "%s: %d value(s), needs %d, in %s", name, i, row->count, row->unit);
+    if (i != row->count) app_bad_input(file, line, "%s: %d value(s), needs %d, in %s", name, i, row->count, unit);
     return i == row->count;
 }
 
@@ -69,15 +72,16 @@ bool hrt_profile_read(const char *path, hrt_params *params) {
     const int32_t bad = good ? hrt_params_check(params) : -1;
     if (bad >= 0)
         app_bad_input(path, 0, "%s: lower end not below upper end, or out of range; mend it",
-                      hrt_param_table[bad].name);
+                      hrt_param_text[bad].name);
     return good && bad < 0;
 }
 
 void hrt_profile_write(FILE *file, const hrt_params *params) {
     for (int32_t r = 0; r < hrt_param_count; r++) {
-        const hrt_param_info *row = &hrt_param_table[r];
+        const hrt_param_range *row = &hrt_param_table[r];
+        const hrt_param_words *words = &hrt_param_text[r];
         const float *value = (const float *)(const void *)((const char *)params + row->offset);
-        fprintf(file, "# %s. %s, %g..%g\n%s =", row->text, row->unit, (double)row->min, (double)row->max, row->name);
+        fprintf(file, "# %s. %s, %g..%g\n%s =", words->text, words->unit, (double)row->min, (double)row->max, words->name);
         for (int32_t i = 0; i < row->count; i++) fprintf(file, " %g", (double)value[i]);
         fputc('\n', file);
     }

@@ -1,5 +1,5 @@
 /* A device's profile and the controller's parameters from a file: `name = value ...`, names, units and ranges as in
- * hrt_param_table. */
+ * core/params.c. */
 #ifndef HRT_PROFILE_H
 #define HRT_PROFILE_H
 

@@ -283,7 +283,7 @@ static void fault_parameter(void **state) {
     rig_tick(&r);
     assert_int_equal(r.out.state, HRT_FAULT);
     assert_int_equal(r.out.fault, HRT_FAULT_PARAMETER);
-    assert_string_equal(hrt_param_table[r.out.fault_detail].name, "force_max_N");
+    assert_string_equal(hrt_param_text[r.out.fault_detail].name, "force_max_N");
     r.in.reset = true; /* comes back at once as long as it is not mended */
     rig_tick(&r);
     rig_tick(&r);
