@@ -248,21 +248,33 @@ static void find_residual(solve *s) {
     }
 }
 
+/* What the last two rounds say of how the residual follows the forces. Where it grows with them, the rows themselves have changed: a step to where it
+ * would vanish leads the wrong way, and far. */
+static void remember(const solve *s, hrt_mixing *m) {
+    float along = 0.0f;
+    for (int32_t i = 0; i < s->touched; i++) {
+        const int32_t v = s->vertex[i];
+        along += hrt_inner(hrt_minus(at(s->residual_N, v), at(s->before_residual_N, v)), hrt_minus(at(s->force_N, v), at(s->before_N, v)));
+    }
+    const float known = along < 0.0f ? 1.0f : 0.0f;
+    for (int32_t i = 0; i < s->touched; i++) {
+        const int32_t v = s->vertex[i];
+        const hrt_v3 change = hrt_times(known, hrt_minus(at(s->residual_N, v), at(s->before_residual_N, v)));
+        put(m->residual_change_N[m->next], v, change);
+        put(m->step_N[m->next], v, hrt_plus(change, hrt_times(known, hrt_minus(at(s->force_N, v), at(s->before_N, v)))));
+    }
+    m->next = (uint8_t)((m->next + 1) % HRT_MIXING_MEMORY);
+}
+
 /* The next forces from those the shape was made with and those the rows made of it: Anderson's mixing over the last rounds, of earlier ticks too.
  * Taking the rows' forces as they are swings or creeps. True when the forces changed little. */
 static bool take_forces(solve *s, hrt_mixing *m, bool first) {
     float mix[HRT_MIXING_MEMORY][WIDTH], moved = 0.0f, size = 0.0f;
+    if (!first) remember(s, m);
     for (int32_t i = 0; i < s->touched; i++) {
-        const int32_t v = s->vertex[i];
-        const hrt_v3 residual = at(s->residual_N, v), force = at(s->force_N, v), change = hrt_minus(residual, at(s->before_residual_N, v));
-        if (!first) {
-            put(m->residual_change_N[m->next], v, change);
-            put(m->step_N[m->next], v, hrt_plus(change, hrt_minus(force, at(s->before_N, v))));
-        }
-        put(s->before_residual_N, v, residual);
-        put(s->before_N, v, force);
+        put(s->before_residual_N, s->vertex[i], at(s->residual_N, s->vertex[i]));
+        put(s->before_N, s->vertex[i], at(s->force_N, s->vertex[i]));
     }
-    if (!first) m->next = (uint8_t)((m->next + 1) % HRT_MIXING_MEMORY);
     nearest_mix(s, m, mix);
     for (int32_t i = 0; i < s->touched; i++) {
         const int32_t v = s->vertex[i];

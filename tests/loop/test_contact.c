@@ -378,6 +378,44 @@ static void a_new_patch_is_not_felt(void **state) {
     for (int i = 0; i < 3; i++) assert_float_equal(after[i], force[i], 2e-4f);
 }
 
+/* A patch met with the tool already deep in it, without reactions to start from: the force goes to where it stays, and does not swing there. */
+static void met_deep_it_settles(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    uint64_t seed = 12;
+    int settled = 0, left = 0;
+    double over = 0.0, late = 0.0;
+    for (int k = 0; k < 200; k++) {
+        make_ground(&patch, &seed, 0.004f, 0.0006f, 0.12f);
+        assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
+        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        const float tip[3] = {rig_uniform(&seed, -0.002f, 0.002f), rig_uniform(&seed, -0.002f, 0.002f), 0.1175f + rig_uniform(&seed, 0.5f, 2.2f) * 0.0025f};
+        float force[40][3];
+        double largest = 0.0, off = 0.0, size;
+        take(&x, 0, tip, &patch, 1);
+        for (int t = 0; t < 40 && (x.limits & HRT_LIMIT_PATCH) == 0; t++) hrt_extrapolation_force(&x, &params, 0, tip, force[t]);
+        if ((x.limits & HRT_LIMIT_PATCH) != 0) {
+            left++;
+            continue;
+        }
+        size = sqrt((double)(force[39][0] * force[39][0] + force[39][1] * force[39][1] + force[39][2] * force[39][2]));
+        for (int t = 0; t < 39; t++) {
+            double apart = 0.0, here = 0.0;
+            for (int i = 0; i < 3; i++) {
+                apart += pow((double)(force[t][i] - force[39][i]), 2);
+                here += pow((double)force[t][i], 2);
+            }
+            largest = fmax(largest, sqrt(here) / size);
+            if (t >= 15) off = fmax(off, sqrt(apart) / size);
+        }
+        settled++;
+        over = fmax(over, largest);
+        late = fmax(late, off);
+    }
+    print_message("%d settled, %d left the patch; at most %.2f of the last force on the way, after 30 ms %.1e off\n", settled, left, over, late);
+    assert_true(left <= 4 && over < 1.5 && late < 0.01);
+}
+
 /* ---------------------------------------------------------------------------------------------- refused patches */
 
 static void bad_patches(void **state) {
@@ -443,7 +481,7 @@ int main(void) {
         cmocka_unit_test(rows_are_those_of_the_simulation), cmocka_unit_test(pressing_flat_ground), cmocka_unit_test(complementarity),
         cmocka_unit_test(the_force_is_that_of_the_simulation),
         cmocka_unit_test(two_linearisations_suffice), cmocka_unit_test(leaving_the_patch_hands_over_without_a_jump),
-        cmocka_unit_test(cut_stale_or_missing_patch), cmocka_unit_test(a_new_patch_is_not_felt), cmocka_unit_test(bad_patches),
+        cmocka_unit_test(cut_stale_or_missing_patch), cmocka_unit_test(a_new_patch_is_not_felt), cmocka_unit_test(met_deep_it_settles), cmocka_unit_test(bad_patches),
         cmocka_unit_test(wild_patches_stay_bounded)};
     return cmocka_run_group_tests(tests, set_up, NULL);
 }
