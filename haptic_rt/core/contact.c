@@ -16,7 +16,7 @@ typedef struct solve {
     float soft_m;                                /* as far as the skin is soft */
     float *force_N;                              /* f: what the shape is made with */
     float shift_m[HRT_PATCH_DOFS];               /* C f; then what one row does */
-    uint32_t under, coupled;                     /* bits: vertices under this round's rows; rows whose line of w is there */
+    uint32_t coupled;                            /* bit i: line i of w is there */
     float w[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS]; /* compliance between rows */
     int32_t load_count;
     uint8_t loaded[HRT_CONTACT_ROWS];            /* rows that bear */
@@ -32,19 +32,19 @@ static inline __attribute__((always_inline)) hrt_v3 at(const float *list, int32_
 static inline __attribute__((always_inline)) void put(float *list, int32_t v, hrt_v3 x) { hrt_put(x, &list[HRT_XYZ * v]); }
 
 /* shift[a] := the sum of C_ab x over `count` vertices b, of which C's upper triangle is there. */
-static __attribute__((noinline)) void respond(const hrt_patch *patch, int32_t a, const uint8_t *b, const hrt_v3 *x, int32_t count, float *shift_m) {
-    const int32_t n = 3 * patch->vertex_count;
+static __attribute__((noinline)) void respond(const hrt_patch *patch, uint32_t a, const uint8_t *b, const hrt_v3 *x, int32_t count, float *shift_m) {
+    const uint32_t n = 3u * (uint32_t)patch->vertex_count;
     hrt_v3 sum = {0.0f, 0.0f, 0.0f};
     for (; count > 0; count--, b++, x++) {
-        const int32_t i = 3 * (a < *b ? a : *b), j = 3 * (a < *b ? *b : a);
-        const float *p = &patch->compliance_m_N[i * (2 * n - i - 1) / 2 + j], *q = p + n - i - 1, *r = q + n - i - 2;
+        const uint32_t i = 3u * (a < *b ? a : *b), j = 3u * (a < *b ? *b : a), after = n - i - 1u;
+        const float *p = &patch->compliance_m_N[i * (n + after) / 2u + j], *q = p + after, *r = q + after - 1;
         const hrt_v3 u = hrt_get(p);
         hrt_v3 v = hrt_get(q), w = hrt_get(r);
         if (a == *b) v.x = u.y, w.x = u.z, w.y = v.z;
-        if (a > *b) sum = hrt_plus(sum, hrt_plus(hrt_plus(hrt_times(x->x, u), hrt_times(x->y, v)), hrt_times(x->z, w)));
+        if (a > *b) sum = hrt_plus(hrt_plus(hrt_plus(sum, hrt_times(x->x, u)), hrt_times(x->y, v)), hrt_times(x->z, w));
         else sum = hrt_plus(sum, (hrt_v3){hrt_inner(u, *x), hrt_inner(v, *x), hrt_inner(w, *x)});
     }
-    put(shift_m, a, sum);
+    put(shift_m, (int32_t)a, sum);
 }
 
 static const uint8_t *corners(const solve *s, const hrt_contact_row *row) { return &s->patch->triangle[HRT_XYZ * row->triangle]; }
@@ -58,7 +58,7 @@ static void shift_by_forces(solve *s) {
         force[count] = at(s->force_N, s->vertex[i]);
         if (hrt_inner(force[count], force[count]) > 0.0f) count++;
     }
-    for (int32_t a = 0; a < s->patch->vertex_count; a++) respond(s->patch, a, from, force, count, s->shift_m);
+    for (int32_t a = 0; a < s->patch->vertex_count; a++) respond(s->patch, (uint32_t)a, from, force, count, s->shift_m);
 }
 
 static float along_row(const solve *s, const hrt_contact_row *row) {
@@ -69,20 +69,25 @@ static float along_row(const solve *s, const hrt_contact_row *row) {
     return hrt_inner(hrt_get(row->normal), shift);
 }
 
-/* What one newton in row i does along all rows. */
+static bool is_coupled(const solve *s, int32_t i) { return (s->coupled >> i & 1u) != 0; }
+
+/* What one newton in row i does along all rows; along those that have been coupled before it is what theirs does along it. */
 static void couple(solve *s, int32_t i) {
     const hrt_contact_row *row = &s->row[i];
     uint8_t from[3];
     hrt_v3 newton[3];
     int32_t count = 0;
+    uint32_t under = 0;
     for (int k = 0; k < 3; k++)
         if (row->weight[k] > 0.0f) {
             from[count] = corners(s, row)[k];
             newton[count++] = hrt_times(row->weight[k], hrt_get(row->normal));
         }
+    for (int32_t j = 0; j < s->rows; j++)
+        for (int k = 0; k < 3 && !is_coupled(s, j); k++) under |= 1u << corners(s, &s->row[j])[k];
     for (int32_t v = 0; v < s->patch->vertex_count; v++)
-        if ((s->under >> v & 1u) != 0) respond(s->patch, v, from, newton, count, s->shift_m);
-    for (int32_t j = 0; j < s->rows; j++) s->w[i][j] = along_row(s, &s->row[j]);
+        if ((under >> v & 1u) != 0) respond(s->patch, (uint32_t)v, from, newton, count, s->shift_m);
+    for (int32_t j = 0; j < s->rows; j++) s->w[i][j] = is_coupled(s, j) ? s->w[j][i] : along_row(s, &s->row[j]);
     s->coupled |= 1u << i;
 }
 
@@ -91,14 +96,13 @@ static void find_rows(solve *s, const float tip_m[3], hrt_hits *hits, hrt_contac
     const int32_t count = s->rows;
     s->rows = hrt_contact_rows(s->patch, s->shift_m, tip_m, before, count, hits, row);
     s->row = row;
-    s->under = s->coupled = 0;
+    s->coupled = 0;
     for (int32_t r = 0; r < s->rows; r++, row++) {
         for (int32_t b = 0; b < count; b++)
             if (before[b].station == row->station && before[b].triangle == row->triangle && before[b].feature == row->feature)
                 row->lambda_N = before[b].lambda_N;
         s->gap_m[r] = row->gap_m - along_row(s, row);
         s->skin_m_N[r] = s->patch->skin_compliance_m_N / row->share;
-        for (int k = 0; k < 3; k++) s->under |= 1u << corners(s, row)[k];
     }
 }
 
@@ -136,7 +140,7 @@ static __attribute__((noinline)) void eliminate(float a[][WIDTH], int32_t n) {
 static void load(solve *s, int32_t i, float lambda_N) {
     s->row[i].lambda_N = lambda_N;
     s->loaded[s->load_count++] = (uint8_t)i;
-    if ((s->coupled >> i & 1u) == 0) couple(s, i);
+    if (!is_coupled(s, i)) couple(s, i);
 }
 
 static void solve_branches(solve *s, const branch state[HRT_CONTACT_ROWS]) {
