@@ -1,5 +1,6 @@
-/* `contact`: a small model of the tissue at the hand. A patch of the surface with its compliance; in every tick the tool's rows are found anew against the patch as
- * the reactions of the last tick deform it, 0 <= gap + skin _|_ lambda >= 0 is solved by branches from those reactions, and both once more. */
+/* `contact`: a small model of the tissue at the hand. A patch of the surface with its compliance; in every tick the
+ * tool's rows are found anew against the patch as the reactions of the last tick deform it, 0 <= gap + skin _|_ lambda
+ * >= 0 is solved by branches from those reactions, and both once more. */
 #include "vector.h"
 
 enum { ROUNDS = 2, BRANCHES = 4, WIDTH = HRT_CONTACT_ROWS + 1 };
@@ -12,27 +13,33 @@ static const float LITTLE = 0.1f; /* change of the forces, squared */
 typedef struct solve {
     const hrt_patch *patch;
     int32_t rows;
-    hrt_contact_row *row, other[HRT_CONTACT_ROWS]; /* of this round; its rows, or, from round to round in turn, the extrapolation's */
-    float soft_m;                                /* as far as the skin is soft */
-    float *force_N;                              /* f: what the shape is made with */
-    float shift_m[HRT_PATCH_DOFS];               /* C f; then what one row does */
-    uint32_t coupled;                            /* bit i: line i of w is there */
+    hrt_contact_row *row,
+        other[HRT_CONTACT_ROWS];   /* of this round; its rows, or, from round to round in turn, the extrapolation's */
+    float soft_m;                  /* as far as the skin is soft */
+    float *force_N;                /* f: what the shape is made with */
+    float shift_m[HRT_PATCH_DOFS]; /* C f; then what one row does */
+    uint32_t coupled;              /* bit i: line i of w is there */
     float w[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS]; /* compliance between rows */
     int32_t load_count;
-    uint8_t loaded[HRT_CONTACT_ROWS];            /* rows that bear */
-    float gap_m[HRT_CONTACT_ROWS];               /* with the patch undeformed, at the row's geometry */
+    uint8_t loaded[HRT_CONTACT_ROWS]; /* rows that bear */
+    float gap_m[HRT_CONTACT_ROWS];    /* with the patch undeformed, at the row's geometry */
     float skin_m_N[HRT_CONTACT_ROWS];
     int32_t touched;
-    uint8_t vertex[HRT_PATCH_MAX_VERTICES];      /* that rows have touched, of this round or before */
-    float residual_N[HRT_PATCH_DOFS];            /* what the rows make of that shape, less f; at touched vertices */
+    uint8_t vertex[HRT_PATCH_MAX_VERTICES]; /* that rows have touched, of this round or before */
+    float residual_N[HRT_PATCH_DOFS];       /* what the rows make of that shape, less f; at touched vertices */
     float before_N[HRT_PATCH_DOFS], before_residual_N[HRT_PATCH_DOFS]; /* f and the residual of the round before */
 } solve;
 
-static inline __attribute__((always_inline)) hrt_v3 at(const float *list, int32_t v) { return hrt_get(&list[HRT_XYZ * v]); }
-static inline __attribute__((always_inline)) void put(float *list, int32_t v, hrt_v3 x) { hrt_put(x, &list[HRT_XYZ * v]); }
+static inline __attribute__((always_inline)) hrt_v3 at(const float *list, int32_t v) {
+    return hrt_get(&list[HRT_XYZ * v]);
+}
+static inline __attribute__((always_inline)) void put(float *list, int32_t v, hrt_v3 x) {
+    hrt_put(x, &list[HRT_XYZ * v]);
+}
 
 /* shift[a] := the sum of C_ab x over `count` vertices b, of which C's upper triangle is there. */
-static __attribute__((noinline)) void respond(const hrt_patch *patch, uint32_t a, const uint8_t *b, const hrt_v3 *x, int32_t count, float *shift_m) {
+static __attribute__((noinline)) void respond(const hrt_patch *patch, uint32_t a, const uint8_t *b, const hrt_v3 *x,
+                                              int32_t count, float *shift_m) {
     const uint32_t n = 3u * (uint32_t)patch->vertex_count;
     hrt_v3 sum = {0.0f, 0.0f, 0.0f};
     for (; count > 0; count--, b++, x++) {
@@ -41,13 +48,17 @@ static __attribute__((noinline)) void respond(const hrt_patch *patch, uint32_t a
         const hrt_v3 u = hrt_get(p);
         hrt_v3 v = hrt_get(q), w = hrt_get(r);
         if (a == *b) v.x = u.y, w.x = u.z, w.y = v.z;
-        if (a > *b) sum = hrt_plus(hrt_plus(hrt_plus(sum, hrt_times(x->x, u)), hrt_times(x->y, v)), hrt_times(x->z, w));
-        else sum = hrt_plus(sum, (hrt_v3){hrt_inner(u, *x), hrt_inner(v, *x), hrt_inner(w, *x)});
+        if (a > *b)
+            sum = hrt_plus(hrt_plus(hrt_plus(sum, hrt_times(x->x, u)), hrt_times(x->y, v)), hrt_times(x->z, w));
+        else
+            sum = hrt_plus(sum, (hrt_v3){hrt_inner(u, *x), hrt_inner(v, *x), hrt_inner(w, *x)});
     }
     put(shift_m, (int32_t)a, sum);
 }
 
-static const uint8_t *corners(const solve *s, const hrt_contact_row *row) { return &s->patch->triangle[HRT_XYZ * row->triangle]; }
+static const uint8_t *corners(const solve *s, const hrt_contact_row *row) {
+    return &s->patch->triangle[HRT_XYZ * row->triangle];
+}
 
 static void shift_by_forces(solve *s) {
     hrt_v3 force[HRT_PATCH_MAX_VERTICES];
@@ -71,7 +82,8 @@ static float along_row(const solve *s, const hrt_contact_row *row) {
 
 static bool is_coupled(const solve *s, int32_t i) { return (s->coupled >> i & 1u) != 0; }
 
-/* What one newton in row i does along all rows; along those that have been coupled before it is what theirs does along it. */
+/* What one newton in row i does along all rows; along those that have been coupled before it is what theirs does along
+ * it. */
 static void couple(solve *s, int32_t i) {
     const hrt_contact_row *row = &s->row[i];
     uint8_t from[3];
@@ -99,7 +111,8 @@ static void find_rows(solve *s, const float tip_m[3], hrt_hits *hits, hrt_contac
     s->coupled = 0;
     for (int32_t r = 0; r < s->rows; r++, row++) {
         for (int32_t b = 0; b < count; b++)
-            if (before[b].station == row->station && before[b].triangle == row->triangle && before[b].feature == row->feature)
+            if (before[b].station == row->station && before[b].triangle == row->triangle &&
+                before[b].feature == row->feature)
                 row->lambda_N = before[b].lambda_N;
         s->gap_m[r] = row->gap_m - along_row(s, row);
         s->skin_m_N[r] = s->patch->skin_compliance_m_N / row->share;
@@ -108,8 +121,9 @@ static void find_rows(solve *s, const float tip_m[3], hrt_hits *hits, hrt_contac
 
 /* --- the unilateral problem of one set of rows --- */
 
-/* Which branch of its skin a row is in. Sweeps over rows would need hundreds: the tissue gives way far more than the skin, and neighbours all feel
- * the same tissue. By branches it is a small symmetric positive definite system, and the branches of the last tick nearly always hold. */
+/* Which branch of its skin a row is in. Sweeps over rows would need hundreds: the tissue gives way far more than the
+ * skin, and neighbours all feel the same tissue. By branches it is a small symmetric positive definite system, and the
+ * branches of the last tick nearly always hold. */
 typedef enum branch { OFF, SOFT, HARD, CAPPED } branch;
 
 static bool stands(branch b) { return b == SOFT || b == HARD; }
@@ -117,7 +131,8 @@ static bool stands(branch b) { return b == SOFT || b == HARD; }
 /* gap + W lambda + depth(lambda) of row i. */
 static float row_error(const solve *s, int32_t i) {
     const float straight = s->skin_m_N[i] * s->row[i].lambda_N;
-    float error = s->gap_m[i] + (straight <= s->soft_m ? straight : s->soft_m + (straight - s->soft_m) / SKIN_HARDENING);
+    float error =
+        s->gap_m[i] + (straight <= s->soft_m ? straight : s->soft_m + (straight - s->soft_m) / SKIN_HARDENING);
     for (int32_t k = 0; k < s->load_count; k++) error += s->w[s->loaded[k]][i] * s->row[s->loaded[k]].lambda_N;
     return error;
 }
@@ -190,7 +205,8 @@ static void solve_rows(solve *s) {
             state[i] = next;
         }
     }
-    for (int32_t i = 0; i < s->rows; i++) s->row[i].lambda_N = hrt_clamp(s->row[i].lambda_N, 0.0f, s->patch->force_cap_N);
+    for (int32_t i = 0; i < s->rows; i++)
+        s->row[i].lambda_N = hrt_clamp(s->row[i].lambda_N, 0.0f, s->patch->force_cap_N);
 }
 
 /* --- rounds: the rows' normals turn with the shape that their forces make --- */
@@ -230,7 +246,8 @@ static void nearest_mix(const solve *s, const hrt_mixing *m, float mix[HRT_MIXIN
     float trace = 1.0e-30f;
     for (int i = 0; i < HRT_MIXING_MEMORY; i++) {
         for (int j = i; j <= HRT_MIXING_MEMORY; j++)
-            mix[i][j] = inner_at(s, m->residual_change_N[i], j < HRT_MIXING_MEMORY ? m->residual_change_N[j] : s->residual_N);
+            mix[i][j] =
+                inner_at(s, m->residual_change_N[i], j < HRT_MIXING_MEMORY ? m->residual_change_N[j] : s->residual_N);
         trace += mix[i][i];
     }
     for (int i = 0; i < HRT_MIXING_MEMORY; i++) {
@@ -241,7 +258,8 @@ static void nearest_mix(const solve *s, const hrt_mixing *m, float mix[HRT_MIXIN
 }
 
 static void find_residual(solve *s) {
-    for (int32_t i = 0; i < s->touched; i++) put(s->residual_N, s->vertex[i], hrt_times(-1.0f, at(s->force_N, s->vertex[i])));
+    for (int32_t i = 0; i < s->touched; i++)
+        put(s->residual_N, s->vertex[i], hrt_times(-1.0f, at(s->force_N, s->vertex[i])));
     for (int32_t r = 0; r < s->rows; r++) {
         const hrt_contact_row *row = &s->row[r];
         const hrt_v3 force = hrt_times(row->lambda_N, hrt_get(row->normal));
@@ -252,26 +270,29 @@ static void find_residual(solve *s) {
     }
 }
 
-/* What the last two rounds say of how the residual follows the forces. Where it grows with them, the rows themselves have changed: a step to where it
- * would vanish leads the wrong way, and far. */
+/* What the last two rounds say of how the residual follows the forces. Where it grows with them, the rows themselves
+ * have changed: a step to where it would vanish leads the wrong way, and far. */
 static void remember(const solve *s, hrt_mixing *m) {
     float along = 0.0f;
     for (int32_t i = 0; i < s->touched; i++) {
         const int32_t v = s->vertex[i];
-        along += hrt_inner(hrt_minus(at(s->residual_N, v), at(s->before_residual_N, v)), hrt_minus(at(s->force_N, v), at(s->before_N, v)));
+        along += hrt_inner(hrt_minus(at(s->residual_N, v), at(s->before_residual_N, v)),
+                           hrt_minus(at(s->force_N, v), at(s->before_N, v)));
     }
     const float known = along < 0.0f ? 1.0f : 0.0f;
     for (int32_t i = 0; i < s->touched; i++) {
         const int32_t v = s->vertex[i];
         const hrt_v3 change = hrt_times(known, hrt_minus(at(s->residual_N, v), at(s->before_residual_N, v)));
         put(m->residual_change_N[m->next], v, change);
-        put(m->step_N[m->next], v, hrt_plus(change, hrt_times(known, hrt_minus(at(s->force_N, v), at(s->before_N, v)))));
+        put(m->step_N[m->next], v,
+            hrt_plus(change, hrt_times(known, hrt_minus(at(s->force_N, v), at(s->before_N, v)))));
     }
     m->next = (uint8_t)((m->next + 1) % HRT_MIXING_MEMORY);
 }
 
-/* The next forces from those the shape was made with and those the rows made of it: Anderson's mixing over the last rounds, of earlier ticks too.
- * Taking the rows' forces as they are swings or creeps. True when the forces changed little. */
+/* The next forces from those the shape was made with and those the rows made of it: Anderson's mixing over the last
+ * rounds, of earlier ticks too. Taking the rows' forces as they are swings or creeps. True when the forces changed
+ * little. */
 static bool take_forces(solve *s, hrt_mixing *m, bool first) {
     float mix[HRT_MIXING_MEMORY][WIDTH], moved = 0.0f, size = 0.0f;
     if (!first) remember(s, m);
@@ -283,7 +304,8 @@ static bool take_forces(solve *s, hrt_mixing *m, bool first) {
     for (int32_t i = 0; i < s->touched; i++) {
         const int32_t v = s->vertex[i];
         hrt_v3 step = at(s->residual_N, v);
-        for (int k = 0; k < HRT_MIXING_MEMORY; k++) step = hrt_minus(step, hrt_times(mix[k][HRT_MIXING_MEMORY], at(m->step_N[k], v)));
+        for (int k = 0; k < HRT_MIXING_MEMORY; k++)
+            step = hrt_minus(step, hrt_times(mix[k][HRT_MIXING_MEMORY], at(m->step_N[k], v)));
         const hrt_v3 force = hrt_plus(at(s->force_N, v), step);
         put(s->force_N, v, force);
         moved += hrt_inner(step, step);
@@ -295,11 +317,13 @@ static bool take_forces(solve *s, hrt_mixing *m, bool first) {
 /* Bears mainly upon the patch's edge: the tissue goes on there and we do not know how. */
 static bool on_edge(const solve *s, const hrt_contact_row *row) {
     float weight = 0.0f;
-    for (int k = 0; k < 3; k++) weight += (s->patch->topology.border >> corners(s, row)[k] & 1u) != 0 ? row->weight[k] : 0.0f;
+    for (int k = 0; k < 3; k++)
+        weight += (s->patch->topology.border >> corners(s, row)[k] & 1u) != 0 ? row->weight[k] : 0.0f;
     return weight > 0.5f;
 }
 
-/* Reactions to the equivalent force at the tip of a tool that pivots about the origin; false when one is on the edge. */
+/* Reactions to the equivalent force at the tip of a tool that pivots about the origin; false when one is on the edge.
+ */
 static bool gather(const solve *s, const float tip_m[3], float force_N[3]) {
     const hrt_v3 tip = hrt_get(tip_m);
     const float reach = hrt_size(tip);
@@ -312,7 +336,8 @@ static bool gather(const solve *s, const float tip_m[3], float force_N[3]) {
         inside = inside && !on_edge(s, row);
         const hrt_v3 normal = hrt_get(row->normal);
         const float lever = 1.0f - (float)row->station * s->patch->radius_m / reach, along = hrt_inner(normal, axis);
-        force = hrt_minus(force, hrt_times(row->lambda_N, hrt_plus(hrt_times(lever, normal), hrt_times(along - lever * along, axis))));
+        force = hrt_minus(force, hrt_times(row->lambda_N,
+                                           hrt_plus(hrt_times(lever, normal), hrt_times(along - lever * along, axis))));
     }
     hrt_put(force, force_N);
     return inside;
@@ -375,7 +400,10 @@ void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patc
     x->mixing.touched = touched;
     /* What the rounds remember stays true of the same tissue. One call, so that it is in flash once. */
     for (int k = -1; k < 2 * HRT_MIXING_MEMORY; k++)
-        renumber(k < 0 ? x->patch_force_N : k % 2 == 0 ? x->mixing.residual_change_N[k / 2] : x->mixing.step_N[k / 2], to, old->vertex_count);
+        renumber(k < 0        ? x->patch_force_N
+                 : k % 2 == 0 ? x->mixing.residual_change_N[k / 2]
+                              : x->mixing.step_N[k / 2],
+                 to, old->vertex_count);
     int32_t kept = 0;
     for (int32_t r = 0; r < x->row_count; r++)
         for (int32_t t = 0; t < fresh->triangle_count; t++) {

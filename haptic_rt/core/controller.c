@@ -43,7 +43,9 @@ static float read_clock(hrt_controller *c, int64_t now_us) {
     return hrt_clamp(hrt_seconds(gap_us), 0.0f, 1.0f);
 }
 
-static int64_t sample_age(const hrt_controller *c, int64_t now_us) { return c->sample_seen ? now_us - c->sample_us : -1; }
+static int64_t sample_age(const hrt_controller *c, int64_t now_us) {
+    return c->sample_seen ? now_us - c->sample_us : -1;
+}
 
 static bool sample_fresh(const hrt_controller *c, int64_t now_us) {
     return c->sample_seen && !hrt_older(now_us - c->sample_us, c->params.stale_us);
@@ -58,7 +60,8 @@ static bool sample_wanted(hrt_controller *c, int64_t now_us, const hrt_sample *s
     }
     if (!c->sample_seen) return true;
     if (s->session != c->sim_session) {
-        /* Another simulation: never in the middle of a touch. When the first one ended, this one waits until its force has faded. */
+        /* Another simulation: never in the middle of a touch. When the first one ended, this one waits until its force
+         * has faded. */
         if (in_use(c)) {
             c->counters.samples_rejected++;
             return false;
@@ -97,8 +100,10 @@ static bool device_well(hrt_controller *c, int64_t now_us, const hrt_input *in) 
     const bool restarted = in->device_session != 0 && c->device_session != 0 && in->device_session != c->device_session;
     if (c->device_session == 0) c->device_session = in->device_session;
     if (restarted || hrt_older(silent_us, c->params.device_timeout_us)) {
-        if (in_use(c)) hrt_latch(c, now_us, restarted ? HRT_FAULT_DEVICE_RESTARTED : HRT_FAULT_DEVICE_SILENT, 0);
-        else enter(c, now_us, HRT_BOOT);
+        if (in_use(c))
+            hrt_latch(c, now_us, restarted ? HRT_FAULT_DEVICE_RESTARTED : HRT_FAULT_DEVICE_SILENT, 0);
+        else
+            enter(c, now_us, HRT_BOOT);
         return false;
     }
     if (in_use(c) && (in->device_watchdog || hrt_older(silent_us, c->params.device_pause_us))) {
@@ -117,10 +122,14 @@ static void change_state(hrt_controller *c, int64_t now_us, const hrt_input *in,
         if (c->device_seen && in->bus_ok) enter(c, now_us, HRT_SELF_TEST);
         break;
     case HRT_SELF_TEST:
-        if (in->device_fault) hrt_latch(c, now_us, HRT_FAULT_DEVICE_REPORTED, in->device_fault);
-        else if (hrt_older(now_us - c->state_since_us, c->params.self_test_timeout_us)) hrt_latch(c, now_us, HRT_FAULT_SELF_TEST, 0);
-        else if (quiet || in->device_watchdog) c->good_since_us = now_us;
-        else if (hrt_older(now_us - c->good_since_us, c->params.self_test_us)) enter(c, now_us, HRT_IDLE);
+        if (in->device_fault)
+            hrt_latch(c, now_us, HRT_FAULT_DEVICE_REPORTED, in->device_fault);
+        else if (hrt_older(now_us - c->state_since_us, c->params.self_test_timeout_us))
+            hrt_latch(c, now_us, HRT_FAULT_SELF_TEST, 0);
+        else if (quiet || in->device_watchdog)
+            c->good_since_us = now_us;
+        else if (hrt_older(now_us - c->good_since_us, c->params.self_test_us))
+            enter(c, now_us, HRT_IDLE);
         break;
     case HRT_IDLE:
         /* t_n after entering: the simulation answers to this very visit. */
@@ -129,14 +138,18 @@ static void change_state(hrt_controller *c, int64_t now_us, const hrt_input *in,
         break;
     case HRT_ENGAGED:
         if (!device_well(c, now_us, in)) break;
-        if (!fresh) enter(c, now_us, HRT_STALE);
-        else c->gain = fminf(1.0f, c->gain + fminf(dt_s, 0.004f) / (1.0e-6f * c->params.ramp_us));
+        if (!fresh)
+            enter(c, now_us, HRT_STALE);
+        else
+            c->gain = fminf(1.0f, c->gain + fminf(dt_s, 0.004f) / (1.0e-6f * c->params.ramp_us));
         break;
     case HRT_STALE:
         if (!device_well(c, now_us, in)) break;
         c->gain = fmaxf(0.0f, c->gain - dt_s / (1.0e-6f * c->params.fade_us));
-        if (!(c->gain > 0.0f)) enter(c, now_us, HRT_IDLE);
-        else if (fresh) enter(c, now_us, HRT_ENGAGED);
+        if (!(c->gain > 0.0f))
+            enter(c, now_us, HRT_IDLE);
+        else if (fresh)
+            enter(c, now_us, HRT_ENGAGED);
         break;
     case HRT_FAULT:
         if (in->reset && in->bus_ok) {
@@ -203,7 +216,9 @@ void hrt_tick(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_
     if (in_use(c)) hrt_passivity_observe(c, now_us, moved);
     read_simulation(c, now_us, in, newest);
     if (c->state == state) change_state(c, now_us, in, dt_s); /* one change a tick */
-    if (in_use(c)) make_force(c, now_us, in, dt_s);
-    else no_force(c);
+    if (in_use(c))
+        make_force(c, now_us, in, dt_s);
+    else
+        no_force(c);
     report(c, now_us, in, out);
 }

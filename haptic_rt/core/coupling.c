@@ -1,8 +1,10 @@
-/* Virtual coupling: where the scene is stiffer than the device can render, the hand feels a spring and damper to a proxy that touches the scene in its
- * stead. The proxy has no mass: k (P - x) + F(x) = 0, followed by one Newton step a tick, implicit in the scene's stiffness. */
+/* Virtual coupling: where the scene is stiffer than the device can render, the hand feels a spring and damper to a
+ * proxy that touches the scene in its stead. The proxy has no mass: k (P - x) + F(x) = 0, followed by one Newton step a
+ * tick, implicit in the scene's stiffness. */
 #include "internal.h"
 
-/* (k I - K) d = r by Cramer's rule; K negative semidefinite to rounding makes it well conditioned. False: leave the proxy. */
+/* (k I - K) d = r by Cramer's rule; K negative semidefinite to rounding makes it well conditioned. False: leave the
+ * proxy. */
 static bool newton(const float stiffness[9], float k, const float r[3], float d[3]) {
     float m[9];
     for (int i = 0; i < 9; i++) m[i] = (i % 4 == 0 ? k : 0.0f) - stiffness[i];

@@ -29,12 +29,13 @@ static void check_jump(hrt_controller *c, int64_t now_us, const hrt_input *in, f
     }
 }
 
-/* A joint that nothing moves although its torque went up or down by a good part of what the motor has. Friction and a firm hand hold
- * far less than that within one count. At the end of the workspace a stop may. */
+/* A joint that nothing moves although its torque went up or down by a good part of what the motor has. Friction and a
+ * firm hand hold far less than that within one count. At the end of the workspace a stop may. */
 static void check_stuck(hrt_controller *c, int64_t now_us, const hrt_input *in) {
     for (int j = 0; j < HRT_MOTORS; j++) {
         const float margin = 0.01f * (c->params.joint_max[j] - c->params.joint_min[j]);
-        const bool at_stop = c->joint[j] < c->params.joint_min[j] + margin || c->joint[j] > c->params.joint_max[j] - margin;
+        const bool at_stop =
+            c->joint[j] < c->params.joint_min[j] + margin || c->joint[j] > c->params.joint_max[j] - margin;
         if (in->count[j] != c->count[j] || at_stop || c->state != HRT_ENGAGED) {
             c->count_changed_us[j] = now_us;
             c->torque_low[j] = c->torque_high[j] = c->torque[j];

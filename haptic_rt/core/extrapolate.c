@@ -1,5 +1,5 @@
-/* The extrapolators: one row of the table each. All are defined and bounded at standstill, on reversal and under one-count jitter; order and loss of
- * samples are settled before (controller.c). */
+/* The extrapolators: one row of the table each. All are defined and bounded at standstill, on reversal and under
+ * one-count jitter; order and loss of samples are settled before (controller.c). */
 #include "internal.h"
 
 typedef struct moment {
@@ -11,15 +11,18 @@ typedef struct moment {
     float change_N[3]; /* F_n - F_{n-1} */
 } moment;
 
-static float capped_ratio(const moment *m, float ratio) { return hrt_clamp(ratio, -m->params->ratio_max, m->params->ratio_max); }
+static float capped_ratio(const moment *m, float ratio) {
+    return hrt_clamp(ratio, -m->params->ratio_max, m->params->ratio_max);
+}
 
 /* A square of a displacement that does not vanish when the tool stands still: below a count or two it says nothing. */
 static float guarded_square(const hrt_params *params, const float step_m[3]) {
     return hrt_dot(step_m, step_m) + params->standstill_m * params->standstill_m;
 }
 
-/* A probe is pushed, never pulled: what points against the touch is taken out. A grasper may be pulled, but an estimate does not lead it through zero:
- * while jaws open the force falls without any motion, and what an estimate makes of that points the other way, and grows. */
+/* A probe is pushed, never pulled: what points against the touch is taken out. A grasper may be pulled, but an estimate
+ * does not lead it through zero: while jaws open the force falls without any motion, and what an estimate makes of that
+ * points the other way, and grows. */
 static void only_push(const hrt_extrapolation *x, bool estimated, float force[3]) {
     const float *touch = hrt_length(x->now.force_N) > 0.0f ? x->now.force_N : x->before.force_N;
     const float size2 = hrt_dot(touch, touch);
@@ -28,9 +31,7 @@ static void only_push(const hrt_extrapolation *x, bool estimated, float force[3]
     if (along < 0.0f) hrt_add_scaled(force, -along / size2, touch);
 }
 
-static void law_hold(hrt_extrapolation *x, const moment *m, float force[3]) {
-    (void)x, (void)m, (void)force;
-}
+static void law_hold(hrt_extrapolation *x, const moment *m, float force[3]) { (void)x, (void)m, (void)force; }
 
 static void law_time(hrt_extrapolation *x, const moment *m, float force[3]) {
     if (x->have < 2) return;
@@ -39,11 +40,16 @@ static void law_time(hrt_extrapolation *x, const moment *m, float force[3]) {
 
 static void law_position(hrt_extrapolation *x, const moment *m, float force[3]) {
 #ifdef PLANT_UNSIGNED /* a known fault, switched in by tests/stability/test_planted.py: the paper's unsigned ratio */
-    hrt_add_scaled(force, x->have < 2 ? 0.0f : capped_ratio(m, fabsf(hrt_dot(m->moved_m, m->step_m)) / guarded_square(m->params, m->step_m)), m->change_N);
+    hrt_add_scaled(force,
+                   x->have < 2
+                       ? 0.0f
+                       : capped_ratio(m, fabsf(hrt_dot(m->moved_m, m->step_m)) / guarded_square(m->params, m->step_m)),
+                   m->change_N);
     return;
 #endif
     if (x->have < 2) return;
-    hrt_add_scaled(force, capped_ratio(m, hrt_dot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)), m->change_N);
+    hrt_add_scaled(force, capped_ratio(m, hrt_dot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)),
+                   m->change_N);
     only_push(x, true, force);
 }
 
@@ -83,8 +89,11 @@ typedef struct law {
 } law;
 
 static const law laws[HRT_EXTRAPOLATOR_COUNT] = {
-    [HRT_HOLD] = {"hold", law_hold},       [HRT_TIME] = {"time", law_time},       [HRT_POSITION] = {"position", law_position},
-    [HRT_BROYDEN] = {"broyden", law_broyden}, [HRT_TANGENT] = {"tangent", law_tangent},
+    [HRT_HOLD] = {"hold", law_hold},
+    [HRT_TIME] = {"time", law_time},
+    [HRT_POSITION] = {"position", law_position},
+    [HRT_BROYDEN] = {"broyden", law_broyden},
+    [HRT_TANGENT] = {"tangent", law_tangent},
     [HRT_CONTACT] = {"contact", law_tangent}, /* off its patch; on it: contact.c */
     [HRT_PAPER_POSITION] = {"paper_position", law_paper_position},
 };
@@ -138,9 +147,14 @@ static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
 
 static void take_patch(hrt_extrapolation *x, const hrt_sample *sample) {
     /* A patch of another cut state than its sample's is none. */
-    const hrt_patch *fresh = HRT_WITH_PATCHES && sample->patch && sample->patch->topology_revision == sample->topology_revision ? sample->patch : NULL;
-    if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh) hrt_contact_warm(x, x->patch, fresh);
-    else hrt_contact_clear(x);
+    const hrt_patch *fresh =
+        HRT_WITH_PATCHES && sample->patch && sample->patch->topology_revision == sample->topology_revision
+            ? sample->patch
+            : NULL;
+    if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh)
+        hrt_contact_warm(x, x->patch, fresh);
+    else
+        hrt_contact_clear(x);
     x->patch = fresh;
     x->patch_us = sample->t_us;
     x->patch_left = false;
@@ -174,7 +188,8 @@ static void describe(hrt_extrapolation *x, const hrt_params *params, int64_t now
 }
 
 /* The law's own force; says whether it came from the patch. */
-static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3], float force[3]) {
+static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3],
+                     float force[3]) {
     moment m;
     describe(x, params, now_us, tip_m, &m);
     if (x->which == HRT_CONTACT) {
@@ -186,7 +201,8 @@ static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now
         x->limits |= HRT_LIMIT_PATCH;
     }
     hrt_copy(force, x->now.force_N);
-    /* A grasper without force holds and touches nothing: what the last samples changed came from its jaws opening, not from its moving. */
+    /* A grasper without force holds and touches nothing: what the last samples changed came from its jaws opening, not
+     * from its moving. */
     if (!x->now.unilateral && !(hrt_length(force) > 0.0f)) return false;
     laws[x->which].force(x, &m, force);
     return false;
@@ -202,11 +218,14 @@ static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_u
     x->changed = false;
     if (!x->bridging) return;
     const float left = 1.0f - hrt_us(now_us - x->bridge_us) / fmaxf(params->blend_us, 1.0f);
-    if (left > 0.0f) hrt_add_scaled(force, left, x->bridge_N);
-    else x->bridging = false;
+    if (left > 0.0f)
+        hrt_add_scaled(force, left, x->bridge_N);
+    else
+        x->bridging = false;
 }
 
-void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3], float force_N[3]) {
+void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3],
+                             float force_N[3]) {
     x->limits = 0;
     for (int i = 0; i < 3; i++) force_N[i] = 0.0f;
     if (!x->have) return;

@@ -1,9 +1,10 @@
-/* The controller: one pure function of time, device input and the newest force sample. No thread, clock, heap, lock, log or operating
- * system; `float` only; every loop bounded. The same code runs under the Linux loop, on a virtual clock, and on a microcontroller.
+/* The controller: one pure function of time, device input and the newest force sample. No thread, clock, heap, lock,
+ * log or operating system; `float` only; every loop bounded. The same code runs under the Linux loop, on a virtual
+ * clock, and on a microcontroller.
  *
- * Time is int64 microseconds of one clock, the caller's; floats hold only differences. Positions are metres relative to the trocar, forces
- * newtons acting on the tool, both along the scene's world axes; the caller moves the origin (io/node.h does).
- * States, transitions, faults, limits: docs/controller.md. */
+ * Time is int64 microseconds of one clock, the caller's; floats hold only differences. Positions are metres relative to
+ * the trocar, forces newtons acting on the tool, both along the scene's world axes; the caller moves the origin
+ * (io/node.h does). States, transitions, faults, limits: docs/controller.md. */
 #ifndef HRT_H
 #define HRT_H
 
@@ -15,10 +16,14 @@
 extern "C" {
 #endif
 
-enum { HRT_JOINTS = 5, HRT_MOTORS = 3 }; /* pitch rad, yaw rad, insertion m, roll rad, grip 0..1; the first three driven */
+enum {
+    HRT_JOINTS = 5,
+    HRT_MOTORS = 3
+}; /* pitch rad, yaw rad, insertion m, roll rad, grip 0..1; the first three driven */
 enum { HRT_PITCH, HRT_YAW, HRT_INSERTION, HRT_ROLL, HRT_GRIP };
 
-/* boot -> self_test -> idle -> engaged <-> stale -> idle; idle -> boot when the device goes; any -> fault; fault -> boot by reset alone. */
+/* boot -> self_test -> idle -> engaged <-> stale -> idle; idle -> boot when the device goes; any -> fault; fault ->
+ * boot by reset alone. */
 typedef enum hrt_state {
     HRT_BOOT = 0,      /* no word from the device yet */
     HRT_SELF_TEST = 1, /* device alive; encoders watched at rest, zero force */
@@ -31,34 +36,35 @@ typedef enum hrt_state {
 
 typedef enum hrt_fault {
     HRT_FAULT_NONE = 0,
-    HRT_FAULT_PARAMETER,       /* a parameter outside its table's range */
-    HRT_FAULT_DEVICE_SILENT,   /* no encoder frame for device_timeout_us while in use */
-    HRT_FAULT_DEVICE_REPORTED, /* the device's own fault */
-    HRT_FAULT_DEVICE_RESTARTED,/* it started anew while in use */
-    HRT_FAULT_BUS_OFF,         /* the bus driver reports bus-off or down */
-    HRT_FAULT_ENCODER_RANGE,   /* joint outside the workspace */
-    HRT_FAULT_ENCODER_JUMP,    /* faster than a hand or the device can move */
-    HRT_FAULT_ENCODER_STUCK,   /* count frozen while torque should move it */
-    HRT_FAULT_CLOCK,           /* time went backwards */
-    HRT_FAULT_TICK_LATE,       /* the caller's loop stood still for longer than tick_timeout_us while in use */
-    HRT_FAULT_SELF_TEST,       /* self test not passed within its time */
-    HRT_FAULT_INTERNAL,        /* a force that is not finite reached the output stage */
+    HRT_FAULT_PARAMETER,        /* a parameter outside its table's range */
+    HRT_FAULT_DEVICE_SILENT,    /* no encoder frame for device_timeout_us while in use */
+    HRT_FAULT_DEVICE_REPORTED,  /* the device's own fault */
+    HRT_FAULT_DEVICE_RESTARTED, /* it started anew while in use */
+    HRT_FAULT_BUS_OFF,          /* the bus driver reports bus-off or down */
+    HRT_FAULT_ENCODER_RANGE,    /* joint outside the workspace */
+    HRT_FAULT_ENCODER_JUMP,     /* faster than a hand or the device can move */
+    HRT_FAULT_ENCODER_STUCK,    /* count frozen while torque should move it */
+    HRT_FAULT_CLOCK,            /* time went backwards */
+    HRT_FAULT_TICK_LATE,        /* the caller's loop stood still for longer than tick_timeout_us while in use */
+    HRT_FAULT_SELF_TEST,        /* self test not passed within its time */
+    HRT_FAULT_INTERNAL,         /* a force that is not finite reached the output stage */
     HRT_FAULT_COUNT
 } hrt_fault;
 
 /* Bits: a limit is active in this tick. Not faults, not latched. */
 typedef enum hrt_limit {
-    HRT_LIMIT_HORIZON = 1,      /* sample or displacement beyond the horizon: extrapolation held there */
-    HRT_LIMIT_FORCE = 2,        /* vector sum */
-    HRT_LIMIT_AXIS = 4,         /* a joint's torque */
+    HRT_LIMIT_HORIZON = 1, /* sample or displacement beyond the horizon: extrapolation held there */
+    HRT_LIMIT_FORCE = 2,   /* vector sum */
+    HRT_LIMIT_AXIS = 4,    /* a joint's torque */
     HRT_LIMIT_SLEW = 8,
     HRT_LIMIT_POWER = 16,
-    HRT_LIMIT_STIFFNESS = 32,   /* received or estimated stiffness bounded */
-    HRT_LIMIT_PASSIVITY = 64,   /* the passivity controller dissipates */
-    HRT_LIMIT_COUPLING = 128,   /* the virtual coupling carries the force */
-    HRT_LIMIT_RAMP = 256,       /* engaging */
-    HRT_LIMIT_PATCH = 512,      /* `contact` has no usable patch and runs as `tangent` */
-    HRT_LIMIT_PAUSE = 1024      /* a late tick, a late encoder frame or the device's watchdog: forces dropped, will ramp in again */
+    HRT_LIMIT_STIFFNESS = 32, /* received or estimated stiffness bounded */
+    HRT_LIMIT_PASSIVITY = 64, /* the passivity controller dissipates */
+    HRT_LIMIT_COUPLING = 128, /* the virtual coupling carries the force */
+    HRT_LIMIT_RAMP = 256,     /* engaging */
+    HRT_LIMIT_PATCH = 512,    /* `contact` has no usable patch and runs as `tangent` */
+    HRT_LIMIT_PAUSE =
+        1024 /* a late tick, a late encoder frame or the device's watchdog: forces dropped, will ramp in again */
 } hrt_limit;
 
 typedef enum hrt_extrapolator {
@@ -80,35 +86,35 @@ typedef struct hrt_params {
     float counts_per_unit[HRT_JOINTS]; /* 1/rad 1/rad 1/m 1/rad 1 */
     float count_zero[HRT_JOINTS];
     float joint_min[HRT_JOINTS], joint_max[HRT_JOINTS];
-    float speed_max[HRT_JOINTS];       /* rad/s rad/s m/s rad/s 1/s: faster is a jump */
-    float torque_max[HRT_MOTORS];      /* N m, N m, N */
-    float force_max_N;                 /* vector sum at the tip */
+    float speed_max[HRT_JOINTS];  /* rad/s rad/s m/s rad/s 1/s: faster is a jump */
+    float torque_max[HRT_MOTORS]; /* N m, N m, N */
+    float force_max_N;            /* vector sum at the tip */
     /* what is rendered */
-    float axis_power_max_W;            /* handed to the hand by one joint */
-    float power_max_W;                 /* by all */
-    float slew_max_N_s;                /* of the vector */
-    float axis_slew_max_N_s;           /* of one world axis */
-    float stiffness_max_N_m;           /* Frobenius norm of K, received or estimated */
+    float axis_power_max_W;  /* handed to the hand by one joint */
+    float power_max_W;       /* by all */
+    float slew_max_N_s;      /* of the vector */
+    float axis_slew_max_N_s; /* of one world axis */
+    float stiffness_max_N_m; /* Frobenius norm of K, received or estimated */
     /* extrapolation */
-    float horizon_us;                  /* of time, beyond t_n */
-    float horizon_m;                   /* of displacement, from P_n */
-    float ratio_max;                   /* largest multiple of the last difference */
-    float standstill_m;                /* displacement below which differences say nothing: about one count */
-    float blend_us;                    /* bridge between two extrapolators */
-    float patch_stale_us;              /* age of t_n of the patch */
+    float horizon_us;     /* of time, beyond t_n */
+    float horizon_m;      /* of displacement, from P_n */
+    float ratio_max;      /* largest multiple of the last difference */
+    float standstill_m;   /* displacement below which differences say nothing: about one count */
+    float blend_us;       /* bridge between two extrapolators */
+    float patch_stale_us; /* age of t_n of the patch */
     /* watchdogs and ramps */
-    float stale_us;                    /* age of t_n at which `engaged` becomes `stale` */
+    float stale_us; /* age of t_n at which `engaged` becomes `stale` */
     float fade_us, ramp_us;
     float device_pause_us, tick_pause_us;     /* silence that drops the force, to be ramped in anew */
     float device_timeout_us, tick_timeout_us; /* silence that is a fault */
     float self_test_us, self_test_timeout_us;
-    float stuck_us, stuck_torque;      /* stuck: no count for so long while the torque varied by this share of torque_max */
+    float stuck_us, stuck_torque; /* stuck: no count for so long while the torque varied by this share of torque_max */
     /* passivity and coupling */
     float passivity_damping_max_N_s_m;
-    float passivity_reset_us;          /* without force for so long: the account starts anew */
-    float coupling_N_m;                /* 0: off. Stiffness above which the coupling carries the force */
+    float passivity_reset_us; /* without force for so long: the account starts anew */
+    float coupling_N_m;       /* 0: off. Stiffness above which the coupling carries the force */
     float coupling_N_s_m;
-    float velocity_filter_us;          /* time constant of the velocity estimate */
+    float velocity_filter_us; /* time constant of the velocity estimate */
 } hrt_params;
 
 typedef struct hrt_param_range {
@@ -126,7 +132,8 @@ extern const hrt_param_words hrt_param_text[]; /* row by row of the same paramet
 extern const int32_t hrt_param_count;
 
 void hrt_params_default(hrt_params *params);
-/* The row of the first parameter that is not finite or outside its range (or whose min is not below its max), -1 if all are good. */
+/* The row of the first parameter that is not finite or outside its range (or whose min is not below its max), -1 if all
+ * are good. */
 int32_t hrt_params_check(const hrt_params *params);
 
 /* ------------------------------------------------------------------------------------------------ samples */
@@ -142,21 +149,23 @@ enum {
     HRT_NO_FACE = 255
 };
 
-/* Which triangles share what, and how far their normals blend; filled by hrt_patch_prepare, so that the tick finds it ready. */
+/* Which triangles share what, and how far their normals blend; filled by hrt_patch_prepare, so that the tick finds it
+ * ready. */
 typedef struct hrt_patch_topology {
     uint8_t edge_count;
-    uint8_t edge_vertex[HRT_PATCH_EDGES][2];            /* as its first triangle runs along it, and the second against it */
-    uint8_t edge_face[HRT_PATCH_EDGES][2];              /* HRT_NO_FACE: the patch ends there */
-    uint8_t face_edge[HRT_PATCH_MAX_TRIANGLES][3];      /* edge j: corner j to corner j+1 */
+    uint8_t edge_vertex[HRT_PATCH_EDGES][2];       /* as its first triangle runs along it, and the second against it */
+    uint8_t edge_face[HRT_PATCH_EDGES][2];         /* HRT_NO_FACE: the patch ends there */
+    uint8_t face_edge[HRT_PATCH_MAX_TRIANGLES][3]; /* edge j: corner j to corner j+1 */
     uint8_t fan_begin[HRT_PATCH_MAX_VERTICES + 1], fan_face[3 * HRT_PATCH_MAX_TRIANGLES]; /* triangles at each vertex */
-    uint32_t border;                                    /* bit v: vertex v is on the patch's edge */
-    uint32_t creased;                                   /* bit v: not all triangles at vertex v are smooth to each other */
-    uint8_t smooth[HRT_PATCH_MAX_TRIANGLES * (HRT_PATCH_MAX_TRIANGLES - 1) / 2 + 1]; /* of f and g < f at f (f-1)/2 + g; 255: the undeformed surface is smooth */
+    uint32_t border;  /* bit v: vertex v is on the patch's edge */
+    uint32_t creased; /* bit v: not all triangles at vertex v are smooth to each other */
+    uint8_t smooth[HRT_PATCH_MAX_TRIANGLES * (HRT_PATCH_MAX_TRIANGLES - 1) / 2 +
+                   1]; /* of f and g < f at f (f-1)/2 + g; 255: the undeformed surface is smooth */
 } hrt_patch_topology;
 
 /* A piece of the tissue's surface near the tool and its compliance. Immutable once it has passed hrt_patch_prepare. */
 typedef struct hrt_patch {
-    uint32_t seq;              /* of its sample */
+    uint32_t seq; /* of its sample */
     int32_t topology_revision;
     int32_t vertex_count, triangle_count;
     float vertex_m[HRT_PATCH_DOFS];                /* without this tool's contact, relative to the trocar */
@@ -171,20 +180,21 @@ typedef struct hrt_patch {
     hrt_patch_topology topology;
 } hrt_patch;
 
-/* (t_n, P_n, F_n) and what comes with it. `patch` must stay unchanged for as long as extrapolation.patch points to it. */
+/* (t_n, P_n, F_n) and what comes with it. `patch` must stay unchanged for as long as extrapolation.patch points to it.
+ */
 typedef struct hrt_sample {
-    int64_t session;       /* of the simulation */
-    int64_t tool_session;  /* echoed: must be this controller's */
-    int64_t t_us;          /* echoed, this controller's clock */
-    uint32_t seq;          /* modulo 2^32 */
+    int64_t session;      /* of the simulation */
+    int64_t tool_session; /* echoed: must be this controller's */
+    int64_t t_us;         /* echoed, this controller's clock */
+    uint32_t seq;         /* modulo 2^32 */
     int32_t topology_revision;
-    int32_t stiffness_kind;/* 0 none, 1 estimated, 2 exact */
-    bool unilateral;       /* a probe: tissue pushes, never pulls */
-    bool stiffness_bounded;/* set by hrt_sample_check when it scaled the stiffness down */
+    int32_t stiffness_kind; /* 0 none, 1 estimated, 2 exact */
+    bool unilateral;        /* a probe: tissue pushes, never pulls */
+    bool stiffness_bounded; /* set by hrt_sample_check when it scaled the stiffness down */
     float tip_m[3];
     float force_N[3];
-    float stiffness_N_m[9];/* dF/dP, row-major */
-    const hrt_patch *patch;/* null: none */
+    float stiffness_N_m[9]; /* dF/dP, row-major */
+    const hrt_patch *patch; /* null: none */
 } hrt_sample;
 
 /* seq a after b, modulo 2^32. */
@@ -193,28 +203,34 @@ static inline bool hrt_seq_after(uint32_t a, uint32_t b) { return (int32_t)(a - 
 typedef enum hrt_reject {
     HRT_ACCEPT = 0,
     HRT_REJECT_NOT_FINITE,
-    HRT_REJECT_HUGE,         /* force, stiffness or position beyond any sense */
-    HRT_REJECT_ASYMMETRIC,   /* compliance cannot be: counts or indices wrong, or not positive semidefinite within rounding */
+    HRT_REJECT_HUGE,       /* force, stiffness or position beyond any sense */
+    HRT_REJECT_ASYMMETRIC, /* compliance cannot be: counts or indices wrong, or not positive semidefinite within
+                              rounding */
     HRT_REJECT_INDEX,
-    HRT_REJECT_FOREIGN,      /* other tool session or instrument */
-    HRT_REJECT_FUTURE,       /* t_n later than now */
-    HRT_REJECT_OLD,          /* doubled, or overtaken by a newer one */
+    HRT_REJECT_FOREIGN, /* other tool session or instrument */
+    HRT_REJECT_FUTURE,  /* t_n later than now */
+    HRT_REJECT_OLD,     /* doubled, or overtaken by a newer one */
     HRT_REJECT_COUNT
 } hrt_reject;
 const char *hrt_reject_text(hrt_reject reject);
 
 /* Outside the tick: finite and bounded. Stiffness is scaled down to stiffness_max (not refused). */
 hrt_reject hrt_sample_check(hrt_sample *sample, const hrt_params *params);
-/* Outside the tick: indices, finite, positive semidefinite within rounding (Cholesky in `scratch`); fills the topology. */
+/* Outside the tick: indices, finite, positive semidefinite within rounding (Cholesky in `scratch`); fills the topology.
+ */
 hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANCE]);
 
 /* ------------------------------------------------------------------------------------------------ kinematics */
 
-/* Orientation of the device in the scene: row-major, columns are the device's x, y, z along world axes. z is the shaft's direction into the body at zero
- * pitch and yaw; y is `up`. tip = insertion * (sin yaw, sin pitch cos yaw, cos pitch cos yaw) in device axes. */
-typedef struct hrt_frame { float r[9]; } hrt_frame;
+/* Orientation of the device in the scene: row-major, columns are the device's x, y, z along world axes. z is the
+ * shaft's direction into the body at zero pitch and yaw; y is `up`. tip = insertion * (sin yaw, sin pitch cos yaw, cos
+ * pitch cos yaw) in device axes. */
+typedef struct hrt_frame {
+    float r[9];
+} hrt_frame;
 
-/* From a direction and an up vector of any length; false when they are parallel, zero or not finite (the frame is then the identity). */
+/* From a direction and an up vector of any length; false when they are parallel, zero or not finite (the frame is then
+ * the identity). */
 bool hrt_frame_from_axis(hrt_frame *frame, const float axis[3], const float up[3]);
 void hrt_tip(const hrt_frame *frame, const float joint[HRT_JOINTS], float tip_m[3]);
 /* d tip / d (pitch, yaw, insertion), row-major 3x3. */
@@ -223,7 +239,8 @@ void hrt_jacobian(const hrt_frame *frame, const float joint[HRT_JOINTS], float j
 bool hrt_inverse(const hrt_frame *frame, const float tip_m[3], float joint3[3]);
 void hrt_counts_to_joint(const hrt_params *params, const int32_t count[HRT_JOINTS], float joint[HRT_JOINTS]);
 
-/* ------------------------------------------------------------------------------------------------ extrapolation alone */
+/* ------------------------------------------------------------------------------------------------ extrapolation alone
+ */
 
 enum { HRT_CONTACT_ROWS = 16 };
 
@@ -247,11 +264,11 @@ typedef struct hrt_mixing {
 
 typedef struct hrt_extrapolation {
     hrt_extrapolator which;
-    int32_t have;           /* samples held: 0, 1, 2 */
+    int32_t have; /* samples held: 0, 1, 2 */
     hrt_sample now, before;
     float broyden_N_m[9];
     bool broyden_bounded;
-    float bridge_N[3];      /* what the force was more than the new law says, at the change */
+    float bridge_N[3]; /* what the force was more than the new law says, at the change */
     int64_t bridge_us;
     bool bridging, changed;
     bool patch_left; /* the tool went off the newest patch */
@@ -264,7 +281,7 @@ typedef struct hrt_extrapolation {
     hrt_mixing mixing;
     float last_N[3];
     bool last_valid;
-    uint32_t limits;        /* hrt_limit bits of the last evaluation */
+    uint32_t limits; /* hrt_limit bits of the last evaluation */
 } hrt_extrapolation;
 
 void hrt_extrapolation_reset(hrt_extrapolation *x, hrt_extrapolator which);
@@ -273,7 +290,8 @@ void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which);
 /* A newer sample (order already checked; see hrt_tick). */
 void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, const hrt_sample *sample);
 /* Force on the tool at `tip_m`, N. Zero when there is no sample. */
-void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3], float force_N[3]);
+void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3],
+                             float force_N[3]);
 const char *hrt_extrapolator_name(hrt_extrapolator which);
 /* False for an unknown name. */
 bool hrt_extrapolator_find(const char *name, hrt_extrapolator *which);
@@ -281,15 +299,15 @@ bool hrt_extrapolator_find(const char *name, hrt_extrapolator *which);
 /* ------------------------------------------------------------------------------------------------ the tick */
 
 typedef struct hrt_input {
-    int64_t encoder_us;        /* when the newest encoder frame was received; 0: none ever */
+    int64_t encoder_us; /* when the newest encoder frame was received; 0: none ever */
     int32_t count[HRT_JOINTS];
-    uint32_t device_session;   /* changes when the device starts anew; 0 unknown */
-    uint8_t device_fault;      /* the device's own code, 0 none */
-    bool device_watchdog;      /* its watchdog dropped the torque and wants to hear "motors off" first */
-    bool pedal;                /* cautery */
+    uint32_t device_session; /* changes when the device starts anew; 0 unknown */
+    uint8_t device_fault;    /* the device's own code, 0 none */
+    bool device_watchdog;    /* its watchdog dropped the torque and wants to hear "motors off" first */
+    bool pedal;              /* cautery */
     bool bus_ok;
-    bool enable;               /* permission to engage */
-    bool reset;                /* true in one tick: leave `fault` */
+    bool enable; /* permission to engage */
+    bool reset;  /* true in one tick: leave `fault` */
     bool passivity;
     bool coupling;
     hrt_extrapolator extrapolator;
@@ -297,18 +315,18 @@ typedef struct hrt_input {
 
 typedef struct hrt_output {
     hrt_state state;
-    hrt_fault fault;           /* the first, latched */
-    int32_t fault_detail;      /* joint, parameter row or device code */
-    uint32_t limits;           /* hrt_limit bits of this tick */
+    hrt_fault fault;      /* the first, latched */
+    int32_t fault_detail; /* joint, parameter row or device code */
+    uint32_t limits;      /* hrt_limit bits of this tick */
     bool motors_on;
-    float torque[HRT_MOTORS];  /* N m, N m, N: what the motors shall push with */
-    float force_N[3];          /* the same at the tip, world axes */
+    float torque[HRT_MOTORS]; /* N m, N m, N: what the motors shall push with */
+    float force_N[3];         /* the same at the tip, world axes */
     float joint[HRT_JOINTS];
-    float tip_m[3];            /* relative to the trocar */
+    float tip_m[3]; /* relative to the trocar */
     float velocity_m_s[3];
-    float gain;                /* ramp and fade, 0..1 */
-    float passivity_J;         /* handed to the hand since engaging, more than received; negative: absorbed */
-    int64_t sample_age_us;     /* of t_n; -1: no sample */
+    float gain;            /* ramp and fade, 0..1 */
+    float passivity_J;     /* handed to the hand since engaging, more than received; negative: absorbed */
+    int64_t sample_age_us; /* of t_n; -1: no sample */
     hrt_extrapolator extrapolator;
     bool pedal;
 } hrt_output;
@@ -347,17 +365,19 @@ typedef struct hrt_controller {
     uint32_t limits;
     float force_N[3]; /* last commanded */
     float torque[HRT_MOTORS];
-    float energy_J;   /* absorbed from the hand */
+    float energy_J; /* absorbed from the hand */
     int64_t force_free_since_us;
     bool proxy_valid;
     float proxy_m[3];
     hrt_counters counters;
 } hrt_controller;
 
-/* Puts a controller into `boot`. Bad parameters end in `fault` at the first tick. session: new at every start, echoed by the simulation. */
+/* Puts a controller into `boot`. Bad parameters end in `fault` at the first tick. session: new at every start, echoed
+ * by the simulation. */
 void hrt_init(hrt_controller *controller, const hrt_params *params, const hrt_frame *frame, int64_t session);
 /* Once every 2 ms. `newest`: a sample that passed hrt_sample_check, or null when none came since the last tick. */
-void hrt_tick(hrt_controller *controller, int64_t now_us, const hrt_input *input, const hrt_sample *newest, hrt_output *output);
+void hrt_tick(hrt_controller *controller, int64_t now_us, const hrt_input *input, const hrt_sample *newest,
+              hrt_output *output);
 
 const char *hrt_state_name(hrt_state state);
 const char *hrt_fault_name(hrt_fault fault);

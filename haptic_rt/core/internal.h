@@ -93,11 +93,12 @@ typedef struct hrt_hits {
     } at[HRT_HITS_MAX];
 } hrt_hits;
 
-/* rows.c: rows of the tool's axis from `tip_m` towards the trocar against the patch shifted by `shift_m`, those with a gap of at most a fifth of the
- * radius. `before`: the rows of the shape before, which let a station stay in touch with a surface that it has sunk through. `hits`: looked for and left
- * there, or, on a shape that hardly differs, the only ones to look at. Returns the count, at most HRT_CONTACT_ROWS. */
-int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3], const hrt_contact_row *before, int32_t before_count,
-                         hrt_hits *hits, hrt_contact_row *row);
+/* rows.c: rows of the tool's axis from `tip_m` towards the trocar against the patch shifted by `shift_m`, those with a
+ * gap of at most a fifth of the radius. `before`: the rows of the shape before, which let a station stay in touch with
+ * a surface that it has sunk through. `hits`: looked for and left there, or, on a shape that hardly differs, the only
+ * ones to look at. Returns the count, at most HRT_CONTACT_ROWS. */
+int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3],
+                         const hrt_contact_row *before, int32_t before_count, hrt_hits *hits, hrt_contact_row *row);
 
 /* topology.c; false: too many edges for a piece of surface. */
 bool hrt_patch_topology_build(hrt_patch *patch);

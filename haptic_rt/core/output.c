@@ -1,4 +1,5 @@
-/* The last stage: whatever was wanted, what leaves is within every limit. Each step only shrinks the force or moves it less. */
+/* The last stage: whatever was wanted, what leaves is within every limit. Each step only shrinks the force or moves it
+ * less. */
 #include "internal.h"
 
 /* Of a limit: from where it is held to, and to where, so that rounding never carries the force past it. */

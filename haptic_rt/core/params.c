@@ -1,45 +1,49 @@
-/* The parameter table: name, unit, range and default of every float of hrt_params. Three arrays are made of it: what a microcontroller does not
- * ask for, the words, is not linked there. */
+/* The parameter table: name, unit, range and default of every float of hrt_params. Three arrays are made of it: what a
+ * microcontroller does not ask for, the words, is not linked there. */
 #include "internal.h"
 
-#define PARAMETERS(ROW, ROWS) \
-    ROWS(counts_per_unit, "1/rad 1/rad 1/m 1/rad 1", 1.0f, 1.0e6f, "encoder counts per joint unit", 8000.0f, 8000.0f, 40000.0f, 700.0f, 250.0f) \
-    ROWS(count_zero, "counts", -32768.0f, 32767.0f, "count at joint value zero", 0.0f) \
-    ROWS(joint_min, "rad rad m rad 1", -100.0f, 100.0f, "workspace, lower end", -0.8f, -0.8f, 0.01f, -10.0f, 0.0f) \
-    ROWS(joint_max, "rad rad m rad 1", -100.0f, 100.0f, "workspace, upper end", 0.8f, 0.8f, 0.25f, 10.0f, 1.0f) \
-    ROWS(speed_max, "rad/s rad/s m/s rad/s 1/s", 0.01f, 1000.0f, "faster is an encoder jump", 20.0f, 20.0f, 3.0f, 100.0f, 50.0f) \
-    ROWS(torque_max, "N m, N m, N", 0.0f, 100.0f, "of each motor", 1.4f, 1.4f, 8.9f) \
-    ROW(force_max_N, "N", 0.0f, 20.0f, "vector sum at the tip", 8.9f) \
-    ROW(axis_power_max_W, "W", 0.01f, 100.0f, "handed to the hand by one joint", 3.0f) \
-    ROW(power_max_W, "W", 0.01f, 100.0f, "handed to the hand by all joints", 5.0f) \
-    ROW(slew_max_N_s, "N/s", 10.0f, 20000.0f, "change of the force vector", 600.0f) \
-    ROW(axis_slew_max_N_s, "N/s", 10.0f, 20000.0f, "change along one world axis", 450.0f) \
-    ROW(stiffness_max_N_m, "N/m", 1.0f, 1.0e6f, "Frobenius norm of a received or estimated stiffness", 5000.0f) \
-    ROW(horizon_us, "us", 1000.0f, 2.0e6f, "extrapolation in time beyond t_n", 150000.0f) \
-    ROW(horizon_m, "m", 1.0e-5f, 0.2f, "extrapolation in position from P_n", 0.02f) \
-    ROW(ratio_max, "1", 0.5f, 100.0f, "largest multiple of the last difference of force", 4.0f) \
-    ROW(standstill_m, "m", 1.0e-7f, 0.01f, "displacement that says nothing: about two counts", 5.0e-5f) \
-    ROW(blend_us, "us", 0.0f, 1.0e6f, "bridge between two extrapolators", 30000.0f) \
-    ROW(patch_stale_us, "us", 1000.0f, 2.0e6f, "age of t_n at which a patch is not used any more", 150000.0f) \
-    ROW(stale_us, "us", 5000.0f, 2.0e6f, "age of t_n at which the force begins to fade", 100000.0f) \
-    ROW(fade_us, "us", 1000.0f, 1.0e6f, "from full force to none", 40000.0f) \
-    ROW(ramp_us, "us", 1000.0f, 5.0e6f, "from no force to full", 200000.0f) \
-    ROW(device_pause_us, "us", 4000.0f, 1.0e6f, "encoder silence that drops the force", 12000.0f) \
-    ROW(tick_pause_us, "us", 3000.0f, 1.0e6f, "late tick that drops the force", 15000.0f) \
-    ROW(device_timeout_us, "us", 4000.0f, 1.0e6f, "encoder silence that is a fault", 100000.0f) \
-    ROW(tick_timeout_us, "us", 3000.0f, 1.0e6f, "late tick that is a fault", 250000.0f) \
-    ROW(self_test_us, "us", 2000.0f, 5.0e6f, "good frames wanted before idle", 100000.0f) \
-    ROW(self_test_timeout_us, "us", 10000.0f, 6.0e7f, "and no longer than", 3.0e6f) \
-    ROW(stuck_us, "us", 10000.0f, 1.0e7f, "count frozen for so long", 150000.0f) \
-    ROW(stuck_torque, "1", 0.05f, 2.0f, "while the torque varied by this share of its maximum", 0.4f) \
-    ROW(passivity_damping_max_N_s_m, "N s/m", 0.0f, 200.0f, "most that the passivity controller may damp", 20.0f) \
-    ROW(passivity_reset_us, "us", 1000.0f, 1.0e7f, "without force for so long: the energy account starts anew", 50000.0f) \
-    ROW(coupling_N_m, "N/m", 50.0f, 1.0e5f, "stiffness above which the virtual coupling carries the force", 2000.0f) \
-    ROW(coupling_N_s_m, "N s/m", 0.0f, 200.0f, "its damping", 2.0f) \
+#define PARAMETERS(ROW, ROWS)                                                                                          \
+    ROWS(counts_per_unit, "1/rad 1/rad 1/m 1/rad 1", 1.0f, 1.0e6f, "encoder counts per joint unit", 8000.0f, 8000.0f,  \
+         40000.0f, 700.0f, 250.0f)                                                                                     \
+    ROWS(count_zero, "counts", -32768.0f, 32767.0f, "count at joint value zero", 0.0f)                                 \
+    ROWS(joint_min, "rad rad m rad 1", -100.0f, 100.0f, "workspace, lower end", -0.8f, -0.8f, 0.01f, -10.0f, 0.0f)     \
+    ROWS(joint_max, "rad rad m rad 1", -100.0f, 100.0f, "workspace, upper end", 0.8f, 0.8f, 0.25f, 10.0f, 1.0f)        \
+    ROWS(speed_max, "rad/s rad/s m/s rad/s 1/s", 0.01f, 1000.0f, "faster is an encoder jump", 20.0f, 20.0f, 3.0f,      \
+         100.0f, 50.0f)                                                                                                \
+    ROWS(torque_max, "N m, N m, N", 0.0f, 100.0f, "of each motor", 1.4f, 1.4f, 8.9f)                                   \
+    ROW(force_max_N, "N", 0.0f, 20.0f, "vector sum at the tip", 8.9f)                                                  \
+    ROW(axis_power_max_W, "W", 0.01f, 100.0f, "handed to the hand by one joint", 3.0f)                                 \
+    ROW(power_max_W, "W", 0.01f, 100.0f, "handed to the hand by all joints", 5.0f)                                     \
+    ROW(slew_max_N_s, "N/s", 10.0f, 20000.0f, "change of the force vector", 600.0f)                                    \
+    ROW(axis_slew_max_N_s, "N/s", 10.0f, 20000.0f, "change along one world axis", 450.0f)                              \
+    ROW(stiffness_max_N_m, "N/m", 1.0f, 1.0e6f, "Frobenius norm of a received or estimated stiffness", 5000.0f)        \
+    ROW(horizon_us, "us", 1000.0f, 2.0e6f, "extrapolation in time beyond t_n", 150000.0f)                              \
+    ROW(horizon_m, "m", 1.0e-5f, 0.2f, "extrapolation in position from P_n", 0.02f)                                    \
+    ROW(ratio_max, "1", 0.5f, 100.0f, "largest multiple of the last difference of force", 4.0f)                        \
+    ROW(standstill_m, "m", 1.0e-7f, 0.01f, "displacement that says nothing: about two counts", 5.0e-5f)                \
+    ROW(blend_us, "us", 0.0f, 1.0e6f, "bridge between two extrapolators", 30000.0f)                                    \
+    ROW(patch_stale_us, "us", 1000.0f, 2.0e6f, "age of t_n at which a patch is not used any more", 150000.0f)          \
+    ROW(stale_us, "us", 5000.0f, 2.0e6f, "age of t_n at which the force begins to fade", 100000.0f)                    \
+    ROW(fade_us, "us", 1000.0f, 1.0e6f, "from full force to none", 40000.0f)                                           \
+    ROW(ramp_us, "us", 1000.0f, 5.0e6f, "from no force to full", 200000.0f)                                            \
+    ROW(device_pause_us, "us", 4000.0f, 1.0e6f, "encoder silence that drops the force", 12000.0f)                      \
+    ROW(tick_pause_us, "us", 3000.0f, 1.0e6f, "late tick that drops the force", 15000.0f)                              \
+    ROW(device_timeout_us, "us", 4000.0f, 1.0e6f, "encoder silence that is a fault", 100000.0f)                        \
+    ROW(tick_timeout_us, "us", 3000.0f, 1.0e6f, "late tick that is a fault", 250000.0f)                                \
+    ROW(self_test_us, "us", 2000.0f, 5.0e6f, "good frames wanted before idle", 100000.0f)                              \
+    ROW(self_test_timeout_us, "us", 10000.0f, 6.0e7f, "and no longer than", 3.0e6f)                                    \
+    ROW(stuck_us, "us", 10000.0f, 1.0e7f, "count frozen for so long", 150000.0f)                                       \
+    ROW(stuck_torque, "1", 0.05f, 2.0f, "while the torque varied by this share of its maximum", 0.4f)                  \
+    ROW(passivity_damping_max_N_s_m, "N s/m", 0.0f, 200.0f, "most that the passivity controller may damp", 20.0f)      \
+    ROW(passivity_reset_us, "us", 1000.0f, 1.0e7f, "without force for so long: the energy account starts anew",        \
+        50000.0f)                                                                                                      \
+    ROW(coupling_N_m, "N/m", 50.0f, 1.0e5f, "stiffness above which the virtual coupling carries the force", 2000.0f)   \
+    ROW(coupling_N_s_m, "N s/m", 0.0f, 200.0f, "its damping", 2.0f)                                                    \
     ROW(velocity_filter_us, "us", 0.0f, 100000.0f, "time constant of the velocity estimate", 8000.0f)
 
-#define RANGE(field, unit, low, high, ...) \
-    {(uint16_t)offsetof(hrt_params, field), (uint8_t)((sizeof(((hrt_params *)0)->field) + sizeof(float) - 1u) / sizeof(float)), low, high},
+#define RANGE(field, unit, low, high, ...)                                                                             \
+    {(uint16_t)offsetof(hrt_params, field),                                                                            \
+     (uint8_t)((sizeof(((hrt_params *)0)->field) + sizeof(float) - 1u) / sizeof(float)), low, high},
 #define WORDS(field, unit, low, high, text, ...) {#field, unit, text},
 #define DEFAULT(field, unit, low, high, text, value) .field = (value),
 #define DEFAULTS(field, unit, low, high, text, ...) .field = {__VA_ARGS__},

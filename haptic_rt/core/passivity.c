@@ -1,12 +1,15 @@
-/* Time-domain passivity (Hannaford and Ryu, 2002): the account of energy taken from the hand, and a damper that stops it from going below zero. */
+/* Time-domain passivity (Hannaford and Ryu, 2002): the account of energy taken from the hand, and a damper that stops
+ * it from going below zero. */
 #include "internal.h"
 
-/* The force of the last tick was held while the tip moved by `moved_m`: its work is exact, no velocity estimate enters. */
+/* The force of the last tick was held while the tip moved by `moved_m`: its work is exact, no velocity estimate enters.
+ */
 void hrt_passivity_observe(hrt_controller *c, int64_t now_us, const float moved_m[3]) {
     c->energy_J -= hrt_dot(c->force_N, moved_m);
     if (hrt_length(c->force_N) > 0.0f) c->force_free_since_us = now_us;
     /* Out of touch the account starts anew: what was absorbed in an old touch must not pay for a new one. */
-    else if (hrt_older(now_us - c->force_free_since_us, c->params.passivity_reset_us)) c->energy_J = 0.0f;
+    else if (hrt_older(now_us - c->force_free_since_us, c->params.passivity_reset_us))
+        c->energy_J = 0.0f;
 }
 
 void hrt_passivity_control(hrt_controller *c, float dt_s, float force_N[3]) {

@@ -1,10 +1,12 @@
-/* The rows of docs/contact.md in single precision, for the few triangles of a patch: stations of the tool's axis against faces, edges and vertices, with weights
- * that run smoothly from one feature to the next, and normals blended over the smooth surface. The simulation's own finder
- * (libtensormass/src/contact_find.c) is the reference that tests hold this one to.
+/* The rows of docs/contact.md in single precision, for the few triangles of a patch: stations of the tool's axis
+ * against faces, edges and vertices, with weights that run smoothly from one feature to the next, and normals blended
+ * over the smooth surface. The simulation's own finder (libtensormass/src/contact_find.c) is the reference that tests
+ * hold this one to.
  *
- * Station by station: what all features ask of it (where it stands from the vertices, how high over the faces) is computed once, and most of them are
- * done with it by a comparison. Of a station p over a face with unit normal n, n . (p-a) x (p-b) is twice the area that p makes with the edge ab:
- * over the edge's length the distance from the edge, over the face's area a barycentric weight. */
+ * Station by station: what all features ask of it (where it stands from the vertices, how high over the faces) is
+ * computed once, and most of them are done with it by a comparison. Of a station p over a face with unit normal n, n .
+ * (p-a) x (p-b) is twice the area that p makes with the edge ab: over the edge's length the distance from the edge,
+ * over the face's area a barycentric weight. */
 #include "vector.h"
 
 static const float BLEND = 0.2f;     /* half width of the transition between neighbouring features, in radii */
@@ -12,7 +14,7 @@ static const float PROXIMITY = 0.4f; /* a feature that much farther (radii) than
 static const float SHARP = 0.25f;    /* sine of the fold from which an edge or a vertex counts fully */
 static const float SUNK = 0.5f;      /* how far (radii) behind a face a station may be that it did not touch before */
 static const float SUNK_KNOWN = 8.0f;
-static const float MARGIN = 0.2f;    /* radii */
+static const float MARGIN = 0.2f;   /* radii */
 enum { HITS = 24, STATIONS = 256 }; /* hits of one station */
 
 enum { FACE, EDGE, VERTEX };
@@ -23,9 +25,9 @@ typedef struct hit {
 } hit;
 
 typedef struct face {
-    hrt_v3 normal;          /* outward; zero: crushed to a line */
-    float size;             /* twice the area */
-    float base_m, rise_m;   /* height of the tip over it, and what each station adds */
+    hrt_v3 normal;        /* outward; zero: crushed to a line */
+    float size;           /* twice the area */
+    float base_m, rise_m; /* height of the tip over it, and what each station adds */
 } face;
 
 typedef struct edge {
@@ -44,14 +46,15 @@ typedef struct search {
     edge edge[HRT_PATCH_EDGES];
     int32_t ridges;
     uint8_t ridge[HRT_PATCH_EDGES];         /* edges that stick out */
-    float close_m2[HRT_PATCH_MAX_VERTICES]; /* a station not so near to any corner has nothing to do with a face or an edge there */
+    float close_m2[HRT_PATCH_MAX_VERTICES]; /* a station not so near to any corner has nothing to do with a face or an
+                                               edge there */
     /* of the station at hand */
-    int32_t station, from_station;          /* the second: that `from` is of */
-    uint32_t close;                         /* a bit a vertex */
-    hrt_v3 from[HRT_PATCH_MAX_VERTICES];    /* from the vertex to it */
+    int32_t station, from_station;       /* the second: that `from` is of */
+    uint32_t close;                      /* a bit a vertex */
+    hrt_v3 from[HRT_PATCH_MAX_VERTICES]; /* from the vertex to it */
     int32_t hits;
     hit hit[HITS];
-    uint32_t blended;                       /* bit v: the normal at vertex v is there */
+    uint32_t blended; /* bit v: the normal at vertex v is there */
     hrt_v3 corner[HRT_PATCH_MAX_VERTICES];
 } search;
 
@@ -63,17 +66,22 @@ static __attribute__((noinline)) float ramp(float x) {
 
 static const uint8_t *corners(const search *q, int32_t f) { return &q->patch->triangle[HRT_XYZ * f]; }
 
-static inline __attribute__((always_inline)) float height(const face *f, int32_t station) { return f->base_m + (float)station * f->rise_m; }
+static inline __attribute__((always_inline)) float height(const face *f, int32_t station) {
+    return f->base_m + (float)station * f->rise_m;
+}
 
 /* From vertex a to vertex b. */
-static inline __attribute__((always_inline)) hrt_v3 way(const search *q, int32_t a, int32_t b) { return hrt_minus(q->from[a], q->from[b]); }
+static inline __attribute__((always_inline)) hrt_v3 way(const search *q, int32_t a, int32_t b) {
+    return hrt_minus(q->from[a], q->from[b]);
+}
 
 static void place_faces(search *q) {
     const uint8_t *corner = q->patch->triangle;
     for (face *f = q->face; f < q->face + q->patch->triangle_count; f++, corner += 3) {
         const hrt_v3 a = way(q, corner[0], corner[1]), b = way(q, corner[0], corner[2]), area = hrt_outer(a, b);
         f->size = hrt_size(area);
-        f->normal = hrt_times(f->size > 1.0e-6f * hrt_max(hrt_inner(a, a), hrt_inner(b, b)) ? 1.0f / f->size : 0.0f, area);
+        f->normal =
+            hrt_times(f->size > 1.0e-6f * hrt_max(hrt_inner(a, a), hrt_inner(b, b)) ? 1.0f / f->size : 0.0f, area);
         f->base_m = hrt_inner(f->normal, q->from[corner[0]]);
         f->rise_m = hrt_inner(f->normal, q->axis);
     }
@@ -85,16 +93,17 @@ static inline __attribute__((always_inline)) float fold(const search *q, const u
     return hrt_inner(q->face[side[0]].normal, way(q, corner[0] + corner[1] + corner[2] - end[0] - end[1], end[0]));
 }
 
-/* The transition across an edge is the same seen from both faces, so that their weights add up to one. The height of a triangle over its edge is
- * twice its area by the edge's length.
- * Over a face, transition included, the nearest corner is not farther than three quarters of the longest edge there. */
+/* The transition across an edge is the same seen from both faces, so that their weights add up to one. The height of a
+ * triangle over its edge is twice its area by the edge's length. Over a face, transition included, the nearest corner
+ * is not farther than three quarters of the longest edge there. */
 static void place_edges(search *q) {
     const uint8_t *end = q->t->edge_vertex[0], *side = q->t->edge_face[0];
     for (int32_t v = 0; v < q->patch->vertex_count; v++) q->close_m2[v] = 0.0f;
     q->ridges = 0;
     for (edge *e = q->edge; e < q->edge + q->t->edge_count; e++, end += 2, side += 2) {
         const bool two = side[1] != HRT_NO_FACE;
-        const float length = hrt_max(hrt_size(way(q, end[0], end[1])), 1.0e-9f), wide = 0.75f * length, close2 = q->reach_m * q->reach_m + wide * wide;
+        const float length = hrt_max(hrt_size(way(q, end[0], end[1])), 1.0e-9f), wide = 0.75f * length,
+                    close2 = q->reach_m * q->reach_m + wide * wide;
         const float size = hrt_min(q->face[side[0]].size, q->face[side[two ? 1 : 0]].size);
         e->length_m = length;
         e->span_m2 = hrt_max(hrt_min(BLEND * q->radius_m * length, 0.25f * size), 1.0e-9f * length);
@@ -103,7 +112,8 @@ static void place_edges(search *q) {
     }
 }
 
-/* Twice the area, in the plane of face f, between the station and the edge from corner j; positive on the face's side. */
+/* Twice the area, in the plane of face f, between the station and the edge from corner j; positive on the face's side.
+ */
 static inline __attribute__((always_inline)) float part(const search *q, int32_t f, int j) {
     const uint8_t *corner = corners(q, f);
     return hrt_inner(q->face[f].normal, hrt_outer(q->from[corner[j]], q->from[corner[j == 2 ? 0 : j + 1]]));
@@ -142,22 +152,28 @@ static void face_hit(search *q, int32_t f) {
 static float edge_sharpness(const search *q, int32_t e) {
     const uint8_t *end = q->t->edge_vertex[e], *side = q->t->edge_face[e];
     if (side[1] == HRT_NO_FACE || hrt_inner(q->face[side[0]].normal, q->face[side[1]].normal) < 0.0f) return 1.0f;
-    return ramp(2.0f * fold(q, end, side) * q->edge[e].length_m / (SHARP * hrt_max(q->face[side[1]].size, 1.0e-30f)) - 1.0f);
+    return ramp(2.0f * fold(q, end, side) * q->edge[e].length_m / (SHARP * hrt_max(q->face[side[1]].size, 1.0e-30f)) -
+                1.0f);
 }
 
-static inline __attribute__((always_inline)) float end_blend(const search *q, int32_t e) { return hrt_min(BLEND * q->radius_m, 0.25f * q->edge[e].length_m); }
+static inline __attribute__((always_inline)) float end_blend(const search *q, int32_t e) {
+    return hrt_min(BLEND * q->radius_m, 0.25f * q->edge[e].length_m);
+}
 
 static void edge_hit(search *q, int32_t e) {
     const uint8_t *end = q->t->edge_vertex[e], *side = q->t->edge_face[e];
     const bool two = side[1] != HRT_NO_FACE;
-    const float one_side = height(&q->face[side[0]], q->station), other_side = two ? height(&q->face[side[1]], q->station) : 0.0f;
+    const float one_side = height(&q->face[side[0]], q->station),
+                other_side = two ? height(&q->face[side[1]], q->station) : 0.0f;
     if (!(one_side + other_side > 0.0f) || one_side > q->reach_m || other_side > q->reach_m) return;
     const hrt_v3 a = q->from[end[0]], b = q->from[end[1]];
     const float y = hrt_inner(a, hrt_minus(a, b)) / q->edge[e].length_m, distance2 = hrt_inner(a, a) - y * y;
     if (distance2 > q->reach_m * q->reach_m) return;
-    const hrt_v3 across = hrt_times(1.0f / q->edge[e].span_m2, hrt_outer(b, a)); /* out of the first face and into the second */
+    const hrt_v3 across =
+        hrt_times(1.0f / q->edge[e].span_m2, hrt_outer(b, a)); /* out of the first face and into the second */
     const float ends = end_blend(q, e);
-    float raw = ramp(hrt_inner(q->face[side[0]].normal, across)) * ramp(y / ends) * ramp((q->edge[e].length_m - y) / ends);
+    float raw =
+        ramp(hrt_inner(q->face[side[0]].normal, across)) * ramp(y / ends) * ramp((q->edge[e].length_m - y) / ends);
     if (two) raw *= ramp(-hrt_inner(q->face[side[1]].normal, across));
     if (raw > 0.0f) raw *= edge_sharpness(q, e);
     if (raw > 0.0f) add_hit(q, EDGE, e, raw, sqrtf(hrt_max(distance2, 0.0f)));
@@ -192,7 +208,8 @@ static int32_t smooth(const search *q, int32_t f, int32_t g) {
     return f > g ? q->t->smooth[f * (f - 1) / 2 + g] : q->t->smooth[g * (g - 1) / 2 + f];
 }
 
-/* At corner v of face f: of the faces around it, by area, as far as they belong to the same smooth surface. Where all do, it is the same for each. */
+/* At corner v of face f: of the faces around it, by area, as far as they belong to the same smooth surface. Where all
+ * do, it is the same for each. */
 static hrt_v3 corner_normal(search *q, int32_t f, int32_t v) {
     hrt_v3 sum = {0.0f, 0.0f, 0.0f};
     if ((q->blended >> v & 1u) != 0) return q->corner[v];
@@ -226,7 +243,8 @@ static hrt_v3 face_row(search *q, int32_t f, hrt_contact_row *row) {
     return hrt_times(1.0f / size, normal);
 }
 
-/* The row's normal backwards: from the nearest point, s of the way along the edge from corner j to the next, to the station. */
+/* The row's normal backwards: from the nearest point, s of the way along the edge from corner j to the next, to the
+ * station. */
 static hrt_v3 line_row(const search *q, int32_t f, int j, float s, hrt_contact_row *row) {
     const int k = j == 2 ? 0 : j + 1;
     const uint8_t *corner = corners(q, f);
@@ -263,7 +281,8 @@ static int32_t push_row(hrt_contact_row *row, int32_t count, const hrt_contact_r
         for (int32_t i = 1; i < count; i++)
             if (row[i].gap_m > row[shallow].gap_m) shallow = i;
         if (!(candidate->gap_m < row[shallow].gap_m)) return count;
-    } else count++;
+    } else
+        count++;
     row[shallow] = *candidate;
     return count;
 }
@@ -279,7 +298,9 @@ static int32_t station_rows(search *q, hrt_contact_row *row, int32_t count) {
         const hit *h = &q->hit[i];
         hrt_contact_row new_row = {.station = (uint8_t)q->station, .share = h->raw / hrt_max(total, 1.0e-3f)};
         if (new_row.share < 1.0e-6f) continue;
-        const hrt_v3 normal = h->kind == FACE ? face_row(q, h->index, &new_row) : h->kind == EDGE ? edge_row(q, h->index, &new_row) : vertex_row(q, h->index, &new_row);
+        const hrt_v3 normal = h->kind == FACE   ? face_row(q, h->index, &new_row)
+                              : h->kind == EDGE ? edge_row(q, h->index, &new_row)
+                                                : vertex_row(q, h->index, &new_row);
         hrt_put(hrt_times(-1.0f, normal), new_row.normal);
         new_row.gap_m -= q->radius_m;
         if (new_row.gap_m <= MARGIN * q->radius_m) count = push_row(row, count, &new_row);
@@ -290,7 +311,9 @@ static int32_t station_rows(search *q, hrt_contact_row *row, int32_t count) {
 /* ---------------------------------------------------------------------------------------------- the search */
 
 /* It sinks little by little: a deep place is looked for only by a station that has begun to sink. */
-static bool sinks(const search *q, const hrt_contact_row *row) { return row->lambda_N > 0.0f && row->gap_m < -(0.7f + SUNK) * q->radius_m; }
+static bool sinks(const search *q, const hrt_contact_row *row) {
+    return row->lambda_N > 0.0f && row->gap_m < -(0.7f + SUNK) * q->radius_m;
+}
 
 /* Goes there; false: no face is near enough, and then no edge or vertex is. */
 static bool stand(search *q, int32_t station) {
@@ -321,7 +344,8 @@ static bool stand(search *q, int32_t station) {
 /* From the first station that may be near the patch to the last. */
 static void station_range(const search *q, const float tip_m[3], int32_t *first, int32_t *last) {
     const float square = q->radius_m * q->radius_m, reach = q->reach_m / q->radius_m;
-    const float stations = hrt_min(q->patch->contact_length_m, hrt_length(tip_m)) / q->radius_m + 1.0e-4f, end = hrt_min(stations, (float)(STATIONS - 1));
+    const float stations = hrt_min(q->patch->contact_length_m, hrt_length(tip_m)) / q->radius_m + 1.0e-4f,
+                end = hrt_min(stations, (float)(STATIONS - 1));
     float low = end, high = -1.0f;
     for (int32_t v = 0; v < q->patch->vertex_count; v++) {
         const float along = -hrt_inner(q->from[v], q->axis) / square;
@@ -370,13 +394,16 @@ static void prepare(search *q, const hrt_patch *patch, const float *shift_m, con
 }
 
 static void look_again(search *q, uint8_t kind, int32_t index) {
-    if (kind == FACE) face_hit(q, index);
-    else if (kind == EDGE) edge_hit(q, index);
-    else vertex_hit(q, index);
+    if (kind == FACE)
+        face_hit(q, index);
+    else if (kind == EDGE)
+        edge_hit(q, index);
+    else
+        vertex_hit(q, index);
 }
 
-int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3], const hrt_contact_row *before, int32_t before_count,
-                         hrt_hits *hits, hrt_contact_row *row) {
+int32_t hrt_contact_rows(const hrt_patch *patch, const float *shift_m, const float tip_m[3],
+                         const hrt_contact_row *before, int32_t before_count, hrt_hits *hits, hrt_contact_row *row) {
     search q;
     int32_t count = 0, next = 0, first, last;
     prepare(&q, patch, shift_m, tip_m);

@@ -1,9 +1,16 @@
-/* What comes from outside is checked here, outside the tick: finite, bounded, indices in range, compliance positive semidefinite. */
+/* What comes from outside is checked here, outside the tick: finite, bounded, indices in range, compliance positive
+ * semidefinite. */
 #include "internal.h"
 
 static const char *const reject_text[HRT_REJECT_COUNT] = {
-    "accepted", "a value is not finite", "a value is beyond any sense", "the compliance is not positive semidefinite",
-    "a count or an index is out of range", "for another controller or instrument", "from the future", "overtaken by a newer one",
+    "accepted",
+    "a value is not finite",
+    "a value is beyond any sense",
+    "the compliance is not positive semidefinite",
+    "a count or an index is out of range",
+    "for another controller or instrument",
+    "from the future",
+    "overtaken by a newer one",
 };
 
 const char *hrt_reject_text(hrt_reject reject) {
@@ -19,8 +26,8 @@ static float largest(const float *x, int32_t n) {
 hrt_reject hrt_sample_check(hrt_sample *sample, const hrt_params *params) {
     if (!hrt_finite_n(sample->tip_m, 3) || !hrt_finite_n(sample->force_N, 3) || !hrt_finite_n(sample->stiffness_N_m, 9))
         return HRT_REJECT_NOT_FINITE;
-    if (largest(sample->tip_m, 3) > 2.0f || largest(sample->force_N, 3) > 1000.0f || largest(sample->stiffness_N_m, 9) > 1.0e9f ||
-        sample->t_us < 0)
+    if (largest(sample->tip_m, 3) > 2.0f || largest(sample->force_N, 3) > 1000.0f ||
+        largest(sample->stiffness_N_m, 9) > 1.0e9f || sample->t_us < 0)
         return HRT_REJECT_HUGE;
     if (sample->stiffness_kind < 0 || sample->stiffness_kind > 2) return HRT_REJECT_INDEX;
     const float norm = hrt_norm9(sample->stiffness_N_m);
@@ -73,13 +80,14 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
             if (corner[i] >= patch->vertex_count || corner[i] == corner[(i + 1) % 3]) return HRT_REJECT_INDEX;
     }
     if (!hrt_finite_n(patch->vertex_m, n) || !hrt_finite_n(patch->rest_m, n) ||
-        !hrt_finite_n(patch->compliance_m_N, n * (n + 1) / 2) || !hrt_finite(patch->radius_m) || !hrt_finite(patch->force_cap_N) ||
-        !hrt_finite(patch->contact_length_m) || !hrt_finite(patch->skin_compliance_m_N))
+        !hrt_finite_n(patch->compliance_m_N, n * (n + 1) / 2) || !hrt_finite(patch->radius_m) ||
+        !hrt_finite(patch->force_cap_N) || !hrt_finite(patch->contact_length_m) ||
+        !hrt_finite(patch->skin_compliance_m_N))
         return HRT_REJECT_NOT_FINITE;
     const float most = largest(patch->compliance_m_N, n * (n + 1) / 2);
-    if (largest(patch->vertex_m, n) > 2.0f || largest(patch->rest_m, n) > 2.0f || most > 10.0f || patch->radius_m < 1.0e-4f || patch->radius_m > 0.1f ||
-        patch->contact_length_m < 0.0f || patch->contact_length_m > 1.0f || patch->skin_compliance_m_N < 0.0f ||
-        patch->skin_compliance_m_N > 10.0f)
+    if (largest(patch->vertex_m, n) > 2.0f || largest(patch->rest_m, n) > 2.0f || most > 10.0f ||
+        patch->radius_m < 1.0e-4f || patch->radius_m > 0.1f || patch->contact_length_m < 0.0f ||
+        patch->contact_length_m > 1.0f || patch->skin_compliance_m_N < 0.0f || patch->skin_compliance_m_N > 10.0f)
         return HRT_REJECT_HUGE;
     for (int32_t i = 0; i < n * (n + 1) / 2; i++) scratch[i] = patch->compliance_m_N[i];
     if (!semidefinite(scratch, n, most)) return HRT_REJECT_ASYMMETRIC;

@@ -1,7 +1,8 @@
 /* Edges, fans and smoothness of a patch: computed once when it comes, outside the tick. */
 #include "internal.h"
 
-/* Normals of the undeformed surface blend fully across folds up to 40 degrees and not at all from 70 (docs/contact.md). */
+/* Normals of the undeformed surface blend fully across folds up to 40 degrees and not at all from 70 (docs/contact.md).
+ */
 static const float SMOOTH_COSINE = 0.766f, CREASE_COSINE = 0.342f;
 
 /* Its number, made if need be, as the first triangle runs along it; HRT_PATCH_EDGES: no room. */
@@ -26,8 +27,10 @@ static bool build_edges(hrt_patch *patch) {
             const uint8_t e = find_edge(t, patch->triangle[3 * f + j], patch->triangle[3 * f + (j + 1) % 3]);
             if (e == HRT_PATCH_EDGES) return false;
             t->face_edge[f][j] = e;
-            if (t->edge_face[e][0] == HRT_NO_FACE) t->edge_face[e][0] = (uint8_t)f;
-            else if (t->edge_face[e][1] == HRT_NO_FACE) t->edge_face[e][1] = (uint8_t)f;
+            if (t->edge_face[e][0] == HRT_NO_FACE)
+                t->edge_face[e][0] = (uint8_t)f;
+            else if (t->edge_face[e][1] == HRT_NO_FACE)
+                t->edge_face[e][1] = (uint8_t)f;
         }
     return true;
 }
@@ -75,7 +78,8 @@ bool hrt_patch_topology_build(hrt_patch *patch) {
     for (int32_t f = 0; f < patch->triangle_count; f++) {
         rest_normal(patch, f, normal[f]);
         for (int32_t g = 0; g < f; g++) {
-            const float part = hrt_clamp((hrt_dot(normal[f], normal[g]) - CREASE_COSINE) / (SMOOTH_COSINE - CREASE_COSINE), 0.0f, 1.0f);
+            const float part = hrt_clamp(
+                (hrt_dot(normal[f], normal[g]) - CREASE_COSINE) / (SMOOTH_COSINE - CREASE_COSINE), 0.0f, 1.0f);
             *smooth++ = (uint8_t)(255.0f * part * part * (3.0f - 2.0f * part) + 0.5f);
             if (part < 1.0f) patch->topology.creased |= common(patch, f, g);
         }

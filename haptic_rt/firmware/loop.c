@@ -24,8 +24,8 @@ void fw_loop_init(fw_loop *loop, int64_t session) {
 
 /* ---- main ---- */
 
-/* The one that the controller does not hold, to be received into. Null: this firmware has no room for patches. While nothing is posted the tick
- * does not change which one that is. */
+/* The one that the controller does not hold, to be received into. Null: this firmware has no room for patches. While
+ * nothing is posted the tick does not change which one that is. */
 static hrt_patch *free_patch(fw_device *device) {
 #if FW_PATCHES
     return &device->patch[device->controller.extrapolation.patch == &device->patch[0]];
@@ -80,7 +80,8 @@ static void receive_frames(fw_loop *loop, int64_t now_us) {
     for (int32_t n = 0; n < FRAMES_A_TICK_MAX && fw_can_receive(&frame); n++) {
         hrt_can_message message;
         hrt_can_unpack(&frame, &message);
-        for (int32_t i = 0; i < FW_DEVICES; i++) hrt_can_link_take(&loop->device[i].link, now_us, &message, &loop->device[i].input);
+        for (int32_t i = 0; i < FW_DEVICES; i++)
+            hrt_can_link_take(&loop->device[i].link, now_us, &message, &loop->device[i].input);
     }
 }
 

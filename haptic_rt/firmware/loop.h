@@ -1,5 +1,6 @@
-/* The firmware's work for every device on the bus, in two halves: the tick, in the timer's interrupt, and below it the checking of what the
- * simulation sent. The same on the board and, compiled for the host, in the reference of its test. Static memory, bounded loops. */
+/* The firmware's work for every device on the bus, in two halves: the tick, in the timer's interrupt, and below it the
+ * checking of what the simulation sent. The same on the board and, compiled for the host, in the reference of its test.
+ * Static memory, bounded loops. */
 #ifndef FW_LOOP_H
 #define FW_LOOP_H
 

@@ -1,4 +1,5 @@
-/* The microcontroller's main: the tick runs in the timer's interrupt, the checking of what the simulation sent below it. */
+/* The microcontroller's main: the tick runs in the timer's interrupt, the checking of what the simulation sent below
+ * it. */
 #include "loop.h"
 
 static fw_loop loop;

@@ -14,8 +14,8 @@ _Noreturn void fw_reset(void);
 _Noreturn void fw_start(void);
 void fw_unexpected(void);
 
-/* No handler of ours uses them: whatever arrives here is a fault, and a fault stops the commands, so that the device's own
- * watchdog drops the torque. */
+/* No handler of ours uses them: whatever arrives here is a fault, and a fault stops the commands, so that the device's
+ * own watchdog drops the torque. */
 void fw_unexpected(void) { fw_board_panic("unexpected exception"); }
 
 /* On main's stack already, so that both can be painted from end to end but for this frame. */
@@ -43,9 +43,6 @@ __attribute__((naked)) _Noreturn void fw_reset(void) {
 
 typedef void (*vector)(void);
 __attribute__((section(".vectors"), used)) static const vector vectors[16 + IRQ_COUNT] = {
-    (vector)(uintptr_t)fw_tick_stack_end,
-    (vector)fw_reset,
-    [2 ... 14] = fw_unexpected,
-    fw_systick,
+    (vector)(uintptr_t)fw_tick_stack_end,        (vector)fw_reset, [2 ... 14] = fw_unexpected, fw_systick,
     [16 ... 16 + IRQ_COUNT - 1] = fw_unexpected,
 };

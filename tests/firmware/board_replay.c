@@ -1,5 +1,5 @@
-/* A board whose bus and link are a recording: replay.in is read, replay.out and replay.cost are written, in the working directory. Runs on the
- * emulated board by semihosting and, with port_host.c, on the host. Its timer is the port's. */
+/* A board whose bus and link are a recording: replay.in is read, replay.out and replay.cost are written, in the working
+ * directory. Runs on the emulated board by semihosting and, with port_host.c, on the host. Its timer is the port's. */
 #include "port.h"
 #include "replay.h"
 
@@ -42,7 +42,8 @@ void fw_board_start(void (*tick)(void)) {
     in_file = semihost_open("replay.in", false);
     out_file = semihost_open("replay.out", true);
     cost_file = semihost_open("replay.cost", true);
-    if (in_file < 0 || out_file < 0 || cost_file < 0) fw_board_panic("replay.in, replay.out or replay.cost cannot be opened");
+    if (in_file < 0 || out_file < 0 || cost_file < 0)
+        fw_board_panic("replay.in, replay.out or replay.cost cannot be opened");
     read_events();
     port_start();
 }
@@ -56,7 +57,8 @@ void port_tick(void) {
 void fw_board_sleep(void) {
     port_wait_tick();
     if (results.failed) fw_board_panic("a tick's output is larger than its buffer");
-    if (!semihost_write(out_file, output, (uint32_t)(results.at - output)) || !semihost_write(cost_file, cost, sizeof cost))
+    if (!semihost_write(out_file, output, (uint32_t)(results.at - output)) ||
+        !semihost_write(cost_file, cost, sizeof cost))
         fw_board_panic("replay.out cannot be written");
     for (int32_t i = 0; i < 2 * FW_DEVICES; i++) cost[i] = 0;
     read_events();

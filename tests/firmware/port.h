@@ -1,12 +1,13 @@
-/* What board_replay.c needs of the machine it runs on: files, a timer, a count of instructions. port_m.c: the emulated Cortex-M; port_host.c: the host. */
+/* What board_replay.c needs of the machine it runs on: files, a timer, a count of instructions. port_m.c: the emulated
+ * Cortex-M; port_host.c: the host. */
 #ifndef FW_PORT_H
 #define FW_PORT_H
 
 #include "semihost.h"
 
 void port_start(void);
-void port_wait_tick(void);     /* until the timer's next interrupt was served */
-void port_tick(void);          /* board_replay.c: what that interrupt does */
+void port_wait_tick(void); /* until the timer's next interrupt was served */
+void port_tick(void);      /* board_replay.c: what that interrupt does */
 uint32_t port_count(void);
 uint32_t port_since(uint32_t count); /* instructions since then; 0 where they cannot be counted */
 _Noreturn void port_finish(void);

@@ -13,7 +13,9 @@ int32_t semihost_open(const char *path, bool write) {
     return -1;
 }
 bool semihost_read(int32_t file, void *to, uint32_t size) { return fread(to, 1, size, open_file[file]) == size; }
-bool semihost_write(int32_t file, const void *from, uint32_t size) { return fwrite(from, 1, size, open_file[file]) == size; }
+bool semihost_write(int32_t file, const void *from, uint32_t size) {
+    return fwrite(from, 1, size, open_file[file]) == size;
+}
 void semihost_close(int32_t file) {
     if (fclose(open_file[file])) port_panic("a file cannot be written to its end");
     open_file[file] = NULL;

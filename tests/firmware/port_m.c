@@ -1,4 +1,5 @@
-/* The emulated Cortex-M: SysTick at 25 MHz and, under `-icount shift=0`, one instruction a nanosecond: 40 instructions a count. */
+/* The emulated Cortex-M: SysTick at 25 MHz and, under `-icount shift=0`, one instruction a nanosecond: 40 instructions
+ * a count. */
 #include "port.h"
 
 #include "firmware/loop.h"
@@ -16,7 +17,8 @@ void fw_systick(void) {
 
 void port_start(void) { systick_start(CORE_HZ, FW_PERIOD_US); }
 
-/* An interrupt before main slept would have been one that came while main was at work: a tick's work may take no longer than that. */
+/* An interrupt before main slept would have been one that came while main was at work: a tick's work may take no longer
+ * than that. */
 void port_wait_tick(void) {
     if (ticked) port_panic("a tick came before main had finished the last one's work");
     while (!ticked) __asm volatile("wfi");
@@ -44,8 +46,9 @@ static void write_file(const char *path, const void *bytes, uint32_t size) {
 }
 
 _Noreturn void port_finish(void) {
-    const uint32_t report[] = {high_water(fw_tick_stack_begin, fw_tick_stack_end), high_water(fw_main_stack_begin, fw_main_stack_end),
-                               sizeof(fw_device), sizeof(hrt_controller), sizeof(hrt_patch)};
+    const uint32_t report[] = {high_water(fw_tick_stack_begin, fw_tick_stack_end),
+                               high_water(fw_main_stack_begin, fw_main_stack_end), sizeof(fw_device),
+                               sizeof(hrt_controller), sizeof(hrt_patch)};
     write_file("replay.report", report, sizeof report);
     semihost_exit(0);
 }

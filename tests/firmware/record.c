@@ -1,7 +1,8 @@
 /* Makes the recording that the firmware is replayed on:   record FILE TICKS VERTICES(0|12|24)
- * Two virtual devices with hands, a bus that loses, repeats and corrupts frames, and a simulation that presses them into a bumpy elastic
- * surface at 25 Hz, a frame late, with samples lost, doubled, overtaken and poisoned. Every extrapolator gets its share of the ticks, with a fault, a
- * silence of the simulation and a reset in between. What the firmware's loop reads is written down. Seeded: the same file every time. */
+ * Two virtual devices with hands, a bus that loses, repeats and corrupts frames, and a simulation that presses them
+ * into a bumpy elastic surface at 25 Hz, a frame late, with samples lost, doubled, overtaken and poisoned. Every
+ * extrapolator gets its share of the ticks, with a fault, a silence of the simulation and a reset in between. What the
+ * firmware's loop reads is written down. Seeded: the same file every time. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -24,7 +25,7 @@ static struct {
     struct {
         hrt_extrapolation model;
         hrt_patch patch, sent;
-        hrt_sample made, last;  /* made: published LATE_FRAMES later; last: published before */
+        hrt_sample made, last; /* made: published LATE_FRAMES later; last: published before */
         uint32_t seq;
         bool ready;
     } simulation[FW_DEVICES];
@@ -50,12 +51,18 @@ static const float grid_m = 0.004f, depth_m = 0.1f, reach_m = 0.006f, compliance
 
 static float surface_z(float x, float y) { return depth_m + 0.0008f * sinf(300.f * x) * cosf(260.f * y); }
 
-/* A grid of nx by ny vertices around the tip, snapped to the surface's own, its compliance an exponential of distance (positive definite). */
+/* A grid of nx by ny vertices around the tip, snapped to the surface's own, its compliance an exponential of distance
+ * (positive definite). */
 static void make_patch(hrt_patch *patch, const float tip_m[3], uint32_t seq) {
     const int32_t nx = world.vertex_count == 12 ? 4 : 6, ny = world.vertex_count == 12 ? 3 : 4;
-    const float x0 = grid_m * (roundf(tip_m[0] / grid_m) - 0.5f * (float)(nx - 1)), y0 = grid_m * (roundf(tip_m[1] / grid_m) - 0.5f * (float)(ny - 1));
+    const float x0 = grid_m * (roundf(tip_m[0] / grid_m) - 0.5f * (float)(nx - 1)),
+                y0 = grid_m * (roundf(tip_m[1] / grid_m) - 0.5f * (float)(ny - 1));
     memset(patch, 0, sizeof *patch);
-    *patch = (hrt_patch){.seq = seq, .topology_revision = 1, .vertex_count = nx * ny, .skin_compliance_m_N = 0.001f, .radius_m = 0.0025f,
+    *patch = (hrt_patch){.seq = seq,
+                         .topology_revision = 1,
+                         .vertex_count = nx * ny,
+                         .skin_compliance_m_N = 0.001f,
+                         .radius_m = 0.0025f,
                          .contact_length_m = 0.05f};
     for (int32_t v = 0; v < nx * ny; v++) {
         const float x = x0 + grid_m * (float)(v % nx), y = y0 + grid_m * (float)(v / nx);
@@ -92,7 +99,8 @@ static void solve(int32_t index, const hrt_params *params, hrt_sample *sample) {
     sample->patch = patch;
     hrt_extrapolation_reset(model, HRT_CONTACT);
     hrt_extrapolation_sample(model, params, sample);
-    for (int32_t settle = 0; settle < 4; settle++) hrt_extrapolation_force(model, params, sample->t_us, sample->tip_m, sample->force_N);
+    for (int32_t settle = 0; settle < 4; settle++)
+        hrt_extrapolation_force(model, params, sample->t_us, sample->tip_m, sample->force_N);
     for (int32_t column = 0; column < 3; column++) {
         const float step = 2e-5f;
         float tip[3] = {sample->tip_m[0], sample->tip_m[1], sample->tip_m[2]}, more[3], less[3];
@@ -100,7 +108,8 @@ static void solve(int32_t index, const hrt_params *params, hrt_sample *sample) {
         hrt_extrapolation_force(model, params, sample->t_us, tip, more);
         tip[column] -= 2 * step;
         hrt_extrapolation_force(model, params, sample->t_us, tip, less);
-        for (int32_t row = 0; row < 3; row++) sample->stiffness_N_m[3 * row + column] = (more[row] - less[row]) / (2 * step);
+        for (int32_t row = 0; row < 3; row++)
+            sample->stiffness_N_m[3 * row + column] = (more[row] - less[row]) / (2 * step);
     }
     sample->stiffness_kind = 2;
 }
@@ -108,10 +117,15 @@ static void solve(int32_t index, const hrt_params *params, hrt_sample *sample) {
 static void simulate(int32_t index) {
     const fw_device *device = &world.loop.device[index];
     hrt_sample *made = &world.simulation[index].made;
-    *made = (hrt_sample){.session = 7, .tool_session = device->controller.session, .t_us = world.now_us, .seq = ++world.simulation[index].seq, .topology_revision = 1,
+    *made = (hrt_sample){.session = 7,
+                         .tool_session = device->controller.session,
+                         .t_us = world.now_us,
+                         .seq = ++world.simulation[index].seq,
+                         .topology_revision = 1,
                          .unilateral = true};
     memcpy(made->tip_m, device->output.tip_m, sizeof made->tip_m);
-    if (world.vertex_count) solve(index, &device->controller.params, made);
+    if (world.vertex_count)
+        solve(index, &device->controller.params, made);
     else {
         const float deep = made->tip_m[2] + 0.0025f - surface_z(made->tip_m[0], made->tip_m[1]);
         made->force_N[2] = deep > 0 ? -400.f * deep : 0;
@@ -167,17 +181,23 @@ bool fw_can_receive(hrt_can_frame *frame) {
 }
 
 static void commands(int32_t device, fw_news *news) {
-    const int32_t share = world.tick_count / HRT_EXTRAPOLATOR_COUNT, which = world.tick / share, into = world.tick % share;
+    const int32_t share = world.tick_count / HRT_EXTRAPOLATOR_COUNT, which = world.tick / share,
+                  into = world.tick % share;
     const bool after_fault = which == HRT_BROYDEN && into == share / 2;
     if (into != 0 && into != share / 2 && into != 3 * share / 4 && !after_fault) return;
-    *news = (fw_news){.command = true, .enable = true, .reset = after_fault, .passivity = into >= share / 2, .coupling = into >= 3 * share / 4,
+    *news = (fw_news){.command = true,
+                      .enable = true,
+                      .reset = after_fault,
+                      .passivity = into >= share / 2,
+                      .coupling = into >= 3 * share / 4,
                       .extrapolator = (hrt_extrapolator)(which < HRT_EXTRAPOLATOR_COUNT ? which : HRT_TANGENT)};
     event(EVENT_COMMAND, device);
     replay_command(&events, news);
 }
 
 static bool silent(void) {
-    const int32_t share = world.tick_count / HRT_EXTRAPOLATOR_COUNT, which = world.tick / share, into = world.tick % share;
+    const int32_t share = world.tick_count / HRT_EXTRAPOLATOR_COUNT, which = world.tick / share,
+                  into = world.tick % share;
     return which == HRT_TIME && into > share / 2 && into < share / 2 + 150;
 }
 
@@ -209,8 +229,9 @@ void fw_link_receive(int32_t device, fw_news *news, hrt_sample *sample, hrt_patc
 
 /* Presses in, slides across the bumps, pulls out, comes back elsewhere: pitch, yaw, insertion. */
 static const hrt_keyframe strokes[] = {
-    {.time_s = 0.0, .joint = {0.00, 0.00, 0.092}}, {.time_s = 0.25, .joint = {0.02, 0.01, 0.104}}, {.time_s = 0.6, .joint = {-0.03, 0.05, 0.105}},
-    {.time_s = 0.9, .joint = {0.05, 0.02, 0.106}}, {.time_s = 1.1, .joint = {0.05, 0.00, 0.094}},  {.time_s = 1.3, .joint = {0.01, -0.04, 0.103}},
+    {.time_s = 0.0, .joint = {0.00, 0.00, 0.092}},   {.time_s = 0.25, .joint = {0.02, 0.01, 0.104}},
+    {.time_s = 0.6, .joint = {-0.03, 0.05, 0.105}},  {.time_s = 0.9, .joint = {0.05, 0.02, 0.106}},
+    {.time_s = 1.1, .joint = {0.05, 0.00, 0.094}},   {.time_s = 1.3, .joint = {0.01, -0.04, 0.103}},
     {.time_s = 1.6, .joint = {-0.05, -0.01, 0.107}}, {.time_s = 1.8, .joint = {0.00, 0.00, 0.092}},
 };
 
@@ -220,7 +241,11 @@ static void set_up(void) {
         if (!hrt_bus_open_loopback(&world.bus[i], &world.wire)) fw_board_panic("loop-back bus is full");
     for (int32_t i = 0; i < FW_DEVICES; i++) {
         hrt_device_config config = hrt_device_config_default(i);
-        config.hand = (hrt_hand_script){.key = strokes, .key_count = sizeof strokes / sizeof strokes[0], .repeat = true, .tremor_m = 4e-5, .tremor_hz = 9};
+        config.hand = (hrt_hand_script){.key = strokes,
+                                        .key_count = sizeof strokes / sizeof strokes[0],
+                                        .repeat = true,
+                                        .tremor_m = 4e-5,
+                                        .tremor_hz = 9};
         memcpy(config.rest, strokes[0].joint, sizeof config.rest);
         config.start_us = 300000 * (i + 1);
         hrt_device_init(&world.device[i], &config, &world.bus[i]);
@@ -244,7 +269,8 @@ static void tick(FILE *file) {
     for (int32_t i = 0; i < FW_DEVICES; i++) hrt_device_step(&world.device[i], world.now_us);
     fw_loop_tick(&world.loop, world.now_us);
     const uint32_t size = (uint32_t)(events.at - buffer);
-    if (events.failed || fwrite(&size, 4, 1, file) != 1 || fwrite(buffer, 1, size, file) != size) fw_board_panic("the recording cannot be written");
+    if (events.failed || fwrite(&size, 4, 1, file) != 1 || fwrite(buffer, 1, size, file) != size)
+        fw_board_panic("the recording cannot be written");
 }
 
 int main(int argc, char **argv) {

@@ -1,8 +1,10 @@
-/* Recorded inputs of the firmware's loop, and its outputs, as files: little-endian, packed field by field, the same on every machine.
+/* Recorded inputs of the firmware's loop, and its outputs, as files: little-endian, packed field by field, the same on
+ * every machine.
  *
  * replay.in   per tick: uint32 size, then events: uint8 kind, uint8 device, body (kinds below)
- * replay.out  per tick: uint8 OUT_FRAME and a frame, or uint8 OUT_OUTPUT and hrt_output field by field, in the order of sending
- * replay.cost per tick: uint32 instructions of hrt_tick of each device, then of the check of a patch of each (0: none, or nobody counts) */
+ * replay.out  per tick: uint8 OUT_FRAME and a frame, or uint8 OUT_OUTPUT and hrt_output field by field, in the order of
+ * sending replay.cost per tick: uint32 instructions of hrt_tick of each device, then of the check of a patch of each
+ * (0: none, or nobody counts) */
 #ifndef REPLAY_H
 #define REPLAY_H
 

@@ -7,8 +7,10 @@ static void raw(replay_bytes *bytes, void *value, uint32_t size) {
         bytes->failed = true;
         return;
     }
-    if (bytes->write) memcpy(bytes->at, value, size);
-    else memcpy(value, bytes->at, size);
+    if (bytes->write)
+        memcpy(bytes->at, value, size);
+    else
+        memcpy(value, bytes->at, size);
     bytes->at += size;
 }
 
@@ -17,11 +19,11 @@ void replay_u8(replay_bytes *bytes, uint8_t *value) { raw(bytes, value, 1); }
 static void number(replay_bytes *bytes, int32_t *value) { raw(bytes, value, 4); }
 
 /* Enums and bools have different sizes on different machines. */
-#define AS_NUMBER(bytes, type, field)  \
-    do {                               \
-        int32_t as_number = (int32_t)(field); \
-        number(bytes, &as_number);     \
-        (field) = (type)as_number;     \
+#define AS_NUMBER(bytes, type, field)                                                                                  \
+    do {                                                                                                               \
+        int32_t as_number = (int32_t)(field);                                                                          \
+        number(bytes, &as_number);                                                                                     \
+        (field) = (type)as_number;                                                                                     \
     } while (0)
 
 void replay_frame(replay_bytes *bytes, hrt_can_frame *frame) {

@@ -1,4 +1,5 @@
-/* Files of the machine that emulates or debugs this one, by Arm's semihosting calls. Test builds only: a device has no such host. */
+/* Files of the machine that emulates or debugs this one, by Arm's semihosting calls. Test builds only: a device has no
+ * such host. */
 #include "semihost.h"
 
 enum { SYS_OPEN = 0x01, SYS_CLOSE = 0x02, SYS_WRITE = 0x05, SYS_READ = 0x06, SYS_EXIT_EXTENDED = 0x20 };
@@ -36,5 +37,6 @@ void semihost_close(int32_t file) {
 _Noreturn void semihost_exit(int32_t status) {
     const uint32_t arguments[2] = {ADP_STOPPED_APPLICATION_EXIT, (uint32_t)status};
     call(SYS_EXIT_EXTENDED, arguments);
-    for (;;) {}
+    for (;;) {
+    }
 }

@@ -1,4 +1,5 @@
-/* `contact`: rows against the simulation's own finder, the solve against what it must satisfy, hand-overs without a jump, patches that are refused. */
+/* `contact`: rows against the simulation's own finder, the solve against what it must satisfy, hand-overs without a
+ * jump, patches that are refused. */
 #include "internal.h"
 #include "rig.h"
 
@@ -24,7 +25,8 @@ static void make_ground(hrt_patch *p, uint64_t *seed, float spacing, float bump,
     }
     for (int x = 0; x < SIDE - 1; x++)
         for (int y = 0; y < SIDE - 1; y++) {
-            const uint8_t a = (uint8_t)(x + SIDE * y), b = (uint8_t)(a + 1), c = (uint8_t)(a + SIDE), d = (uint8_t)(c + 1);
+            const uint8_t a = (uint8_t)(x + SIDE * y), b = (uint8_t)(a + 1), c = (uint8_t)(a + SIDE),
+                          d = (uint8_t)(c + 1);
             const uint8_t corner[6] = {a, c, b, b, c, d};
             for (int t = 0; t < 2; t++)
                 if (corner[3 * t] < VERTICES && corner[3 * t + 1] < VERTICES && corner[3 * t + 2] < VERTICES)
@@ -36,7 +38,8 @@ static void make_ground(hrt_patch *p, uint64_t *seed, float spacing, float bump,
             float apart[3];
             for (int c = 0; c < 3; c++) apart[c] = p->vertex_m[3 * (i / 3) + c] - p->vertex_m[3 * (j / 3) + c];
             const float far = sqrtf(apart[0] * apart[0] + apart[1] * apart[1]);
-            p->compliance_m_N[packed(3 * VERTICES, i, j)] = i % 3 == j % 3 ? 0.003f * expf(-far / (2.0f * spacing)) : 0.0f;
+            p->compliance_m_N[packed(3 * VERTICES, i, j)] =
+                i % 3 == j % 3 ? 0.003f * expf(-far / (2.0f * spacing)) : 0.0f;
         }
     p->skin_compliance_m_N = 0.0005f;
     p->radius_m = 0.0025f;
@@ -71,7 +74,8 @@ static void to_doubles(const hrt_patch *p, const float *shift, doubles *d) {
     for (int t = 0; t < p->triangle_count; t++) d->face[t] = t;
 }
 
-static int32_t find_rows(const float *shift_m, const float tip_m[3], const hrt_contact_row *before, int32_t before_count, hrt_contact_row *row) {
+static int32_t find_rows(const float *shift_m, const float tip_m[3], const hrt_contact_row *before,
+                         int32_t before_count, hrt_contact_row *row) {
     hrt_hits hits = {.count = -1};
     return hrt_contact_rows(&patch, shift_m, tip_m, before, before_count, &hits, row);
 }
@@ -84,32 +88,39 @@ static void rows_are_those_of_the_simulation(void **state) {
     for (int k = 0; k < 4000; k++) {
         if (k % 50 == 0) {
             make_ground(&patch, &seed, 0.004f, k % 100 ? 0.0015f : 0.0001f, 0.12f);
-            for (int i = 0; i < 3 * VERTICES; i++) patch.rest_m[i] = patch.vertex_m[i] + rig_uniform(&seed, -0.0004f, 0.0004f);
+            for (int i = 0; i < 3 * VERTICES; i++)
+                patch.rest_m[i] = patch.vertex_m[i] + rig_uniform(&seed, -0.0004f, 0.0004f);
             assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
         }
         float shift[HRT_PATCH_DOFS];
         for (int i = 0; i < 3 * VERTICES; i++) shift[i] = rig_uniform(&seed, -0.0003f, 0.0003f);
-        float tip[3] = {rig_uniform(&seed, -0.006f, 0.006f), rig_uniform(&seed, -0.006f, 0.006f), 0.12f - rig_uniform(&seed, 0.0005f, 0.004f)};
+        float tip[3] = {rig_uniform(&seed, -0.006f, 0.006f), rig_uniform(&seed, -0.006f, 0.006f),
+                        0.12f - rig_uniform(&seed, 0.0005f, 0.004f)};
         hrt_contact_row row[HRT_CONTACT_ROWS];
         tm_contact_row truth[64];
         static doubles d;
         to_doubles(&patch, shift, &d);
-        const tm_instrument_def def = {.radius_m = (double)patch.radius_m, .contact_length_m = (double)patch.contact_length_m};
+        const tm_instrument_def def = {.radius_m = (double)patch.radius_m,
+                                       .contact_length_m = (double)patch.contact_length_m};
         const tm_tool_pose pose = {.tip_m = {(double)tip[0], (double)tip[1], (double)tip[2]}};
         const tm_capsule capsule = tm_tool_capsule(&def, &pose, 0);
-        const int32_t expected = tm_contact_find(d.rest_m, d.u_m, d.triangle, d.face, NULL, patch.triangle_count, &capsule, 0.2 * def.radius_m, truth, 64);
+        const int32_t expected = tm_contact_find(d.rest_m, d.u_m, d.triangle, d.face, NULL, patch.triangle_count,
+                                                 &capsule, 0.2 * def.radius_m, truth, 64);
         const int32_t found = find_rows(shift, tip, NULL, 0, row);
         worst_count = expected > worst_count ? expected : worst_count;
         for (int32_t e = 0; e < expected; e++) {
             const hrt_contact_row *same = NULL;
             for (int32_t i = 0; i < found; i++)
-                if (row[i].station == truth[e].station && row[i].triangle == truth[e].face && row[i].feature == truth[e].feature) same = &row[i];
+                if (row[i].station == truth[e].station && row[i].triangle == truth[e].face &&
+                    row[i].feature == truth[e].feature)
+                    same = &row[i];
             if (!same) {
                 missed += truth[e].share > 1e-3 && truth[e].gap_m < 0.19 * def.radius_m && expected <= HRT_CONTACT_ROWS;
                 continue;
             }
             rows++;
-            faces += same->feature == 0, edges += same->feature >= 1 && same->feature < 4, vertices += same->feature >= 4;
+            faces += same->feature == 0, edges += same->feature >= 1 && same->feature < 4,
+                vertices += same->feature >= 4;
             worst_gap = fmax(worst_gap, fabs((double)same->gap_m - truth[e].gap_m));
             worst_share = fmax(worst_share, fabs((double)same->share - truth[e].share));
             for (int i = 0; i < 3; i++) {
@@ -118,8 +129,9 @@ static void rows_are_those_of_the_simulation(void **state) {
             }
         }
     }
-    print_message("%d rows (%d faces, %d edges, %d vertices), at most %d at once: gap off by %.1e m, normal %.1e, share %.1e, weight %.1e\n", rows, faces, edges,
-                  vertices, worst_count, worst_gap, worst_normal, worst_share, worst_weight);
+    print_message(
+        "%d rows (%d faces, %d edges, %d vertices), at most %d at once: gap off by %.1e m, normal %.1e, share %.1e, weight %.1e\n",
+        rows, faces, edges, vertices, worst_count, worst_gap, worst_normal, worst_share, worst_weight);
     assert_int_equal(missed, 0);
     assert_true(rows > 8000 && faces > 1000 && edges > 100 && vertices > 50);
     assert_true(worst_gap < 1e-7 && worst_normal < 3e-3 && worst_share < 1e-3 && worst_weight < 1e-4);
@@ -177,7 +189,9 @@ static void complementarity(void **state) {
         }
         float shift[HRT_PATCH_DOFS] = {0};
         for (int i = 0; i < 3 * VERTICES; i++)
-            for (int j = 0; j < 3 * VERTICES; j++) shift[i] += patch.compliance_m_N[packed(3 * VERTICES, i < j ? i : j, i < j ? j : i)] * x.patch_force_N[j];
+            for (int j = 0; j < 3 * VERTICES; j++)
+                shift[i] +=
+                    patch.compliance_m_N[packed(3 * VERTICES, i < j ? i : j, i < j ? j : i)] * x.patch_force_N[j];
         hrt_contact_row row[HRT_CONTACT_ROWS];
         const int32_t found = find_rows(shift, tip, x.row, x.row_count, row);
         double sum = 0.0;
@@ -188,11 +202,16 @@ static void complementarity(void **state) {
         assert_true(sum > 0.3);
         for (int32_t i = 0; i < found; i++)
             for (int32_t b = 0; b < x.row_count; b++) {
-                if (row[i].station != x.row[b].station || row[i].triangle != x.row[b].triangle || row[i].feature != x.row[b].feature) continue;
+                if (row[i].station != x.row[b].station || row[i].triangle != x.row[b].triangle ||
+                    row[i].feature != x.row[b].feature)
+                    continue;
                 const double skin = (double)patch.skin_compliance_m_N / (double)row[i].share;
-                const double left = (double)row[i].gap_m + tm_skin_depth(skin, (double)patch.radius_m, (double)x.row[b].lambda_N);
-                if (x.row[b].lambda_N > 0.01f) assert_true(fabs(left) < 2e-5);
-                else assert_true(left > -2e-5);
+                const double left =
+                    (double)row[i].gap_m + tm_skin_depth(skin, (double)patch.radius_m, (double)x.row[b].lambda_N);
+                if (x.row[b].lambda_N > 0.01f)
+                    assert_true(fabs(left) < 2e-5);
+                else
+                    assert_true(left > -2e-5);
             }
     }
 }
@@ -210,7 +229,8 @@ static void the_force_is_that_of_the_simulation(void **state) {
     assert_int_equal(tm_patch_solver_create(&solver, &error), TM_OK);
     for (int k = 0; k < 20; k++) {
         make_ground(&patch, &seed, 0.004f, 0.0006f, 0.12f);
-        for (int i = 0; i < 3 * VERTICES; i++) patch.rest_m[i] = patch.vertex_m[i] + rig_uniform(&seed, -0.0001f, 0.0001f);
+        for (int i = 0; i < 3 * VERTICES; i++)
+            patch.rest_m[i] = patch.vertex_m[i] + rig_uniform(&seed, -0.0001f, 0.0001f);
         assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
         memset(&truth, 0, sizeof truth);
         truth.kind = 2;
@@ -223,7 +243,8 @@ static void the_force_is_that_of_the_simulation(void **state) {
         }
         for (int t = 0; t < patch.triangle_count; t++) truth.face[t] = t;
         for (int i = 0; i < 3 * patch.triangle_count; i++) truth.triangle[i] = (int8_t)patch.triangle[i];
-        for (int i = 0; i < 3 * VERTICES * (3 * VERTICES + 1) / 2; i++) truth.compliance_m_N[i] = (double)patch.compliance_m_N[i];
+        for (int i = 0; i < 3 * VERTICES * (3 * VERTICES + 1) / 2; i++)
+            truth.compliance_m_N[i] = (double)patch.compliance_m_N[i];
         truth.skin_compliance_m_N = (double)patch.skin_compliance_m_N;
         truth.force_cap_N = 50.0;
         truth.radius_m = (double)patch.radius_m;
@@ -252,7 +273,8 @@ static void the_force_is_that_of_the_simulation(void **state) {
     assert_true(compared > 500 && most > 0.5 && worst < 0.005 * most);
 }
 
-/* Pressing and sliding at 500 Hz: what two linearisations of ten sweeps give against the converged solution, and how rough it is. */
+/* Pressing and sliding at 500 Hz: what two linearisations of ten sweeps give against the converged solution, and how
+ * rough it is. */
 static void two_linearisations_suffice(void **state) {
     (void)state;
     static hrt_extrapolation fast, slow;
@@ -284,8 +306,9 @@ static void two_linearisations_suffice(void **state) {
         square += error / ticks;
         for (int w = 0; w < 2 && t > 20; w++) rough[w] = fmax(rough[w], sqrt(bend[w]));
     }
-    print_message("sliding at 8 mm/s over bumps: RMS off the converged force %.4f %% of peak %.2f N; roughness %.2f %%, converged %.2f %%\n", 100.0 * sqrt(square) / peak, peak,
-                  100.0 * rough[0] / peak, 100.0 * rough[1] / peak);
+    print_message(
+        "sliding at 8 mm/s over bumps: RMS off the converged force %.4f %% of peak %.2f N; roughness %.2f %%, converged %.2f %%\n",
+        100.0 * sqrt(square) / peak, peak, 100.0 * rough[0] / peak, 100.0 * rough[1] / peak);
     assert_true(peak > 0.2 && sqrt(square) / peak < 0.001 && rough[0] < 1.1 * rough[1] + 0.0005 * peak);
 }
 
@@ -302,7 +325,12 @@ static void leaving_the_patch_hands_over_without_a_jump(void **state) {
         tip[0] = t < 200 ? 0.0f : 0.00002f * (float)(t - 200); /* 10 mm/s sideways, off the patch after 8 mm */
         tip[2] = 0.1175f + 0.001f * fminf(1.0f, (float)t / 100.0f);
         if (t % 20 == 0) { /* samples go on; the patch stays the same one */
-            hrt_sample s = {.session = SIM, .t_us = t_us, .seq = (uint32_t)t, .unilateral = true, .patch = &patch, .stiffness_kind = 2};
+            hrt_sample s = {.session = SIM,
+                            .t_us = t_us,
+                            .seq = (uint32_t)t,
+                            .unilateral = true,
+                            .patch = &patch,
+                            .stiffness_kind = 2};
             memcpy(s.tip_m, tip, sizeof tip);
             memcpy(s.force_N, last, sizeof last);
             s.stiffness_N_m[8] = -400.0f;
@@ -378,7 +406,8 @@ static void a_new_patch_is_not_felt(void **state) {
     for (int i = 0; i < 3; i++) assert_float_equal(after[i], force[i], 2e-4f);
 }
 
-/* A patch met with the tool already deep in it, without reactions to start from: the force goes to where it stays, and does not swing there. */
+/* A patch met with the tool already deep in it, without reactions to start from: the force goes to where it stays, and
+ * does not swing there. */
 static void met_deep_it_settles(void **state) {
     (void)state;
     static hrt_extrapolation x;
@@ -389,11 +418,13 @@ static void met_deep_it_settles(void **state) {
         make_ground(&patch, &seed, 0.004f, 0.0006f, 0.12f);
         assert_int_equal(hrt_patch_prepare(&patch, scratch), HRT_ACCEPT);
         hrt_extrapolation_reset(&x, HRT_CONTACT);
-        const float tip[3] = {rig_uniform(&seed, -0.002f, 0.002f), rig_uniform(&seed, -0.002f, 0.002f), 0.1175f + rig_uniform(&seed, 0.5f, 2.2f) * 0.0025f};
+        const float tip[3] = {rig_uniform(&seed, -0.002f, 0.002f), rig_uniform(&seed, -0.002f, 0.002f),
+                              0.1175f + rig_uniform(&seed, 0.5f, 2.2f) * 0.0025f};
         float force[40][3];
         double largest = 0.0, off = 0.0, size;
         take(&x, 0, tip, &patch, 1);
-        for (int t = 0; t < 40 && (x.limits & HRT_LIMIT_PATCH) == 0; t++) hrt_extrapolation_force(&x, &params, 0, tip, force[t]);
+        for (int t = 0; t < 40 && (x.limits & HRT_LIMIT_PATCH) == 0; t++)
+            hrt_extrapolation_force(&x, &params, 0, tip, force[t]);
         if ((x.limits & HRT_LIMIT_PATCH) != 0) {
             left++;
             continue;
@@ -412,7 +443,8 @@ static void met_deep_it_settles(void **state) {
         over = fmax(over, largest);
         late = fmax(late, off);
     }
-    print_message("%d settled, %d left the patch; at most %.2f of the last force on the way, after 30 ms %.1e off\n", settled, left, over, late);
+    print_message("%d settled, %d left the patch; at most %.2f of the last force on the way, after 30 ms %.1e off\n",
+                  settled, left, over, late);
     assert_true(left <= 4 && over < 1.5 && late < 0.01);
 }
 
@@ -422,10 +454,23 @@ static void bad_patches(void **state) {
     (void)state;
     static hrt_patch p;
     ground(0.0005f);
-    const struct { int what; hrt_reject verdict; } cases[] = {
-        {0, HRT_ACCEPT}, {1, HRT_REJECT_INDEX}, {2, HRT_REJECT_INDEX}, {3, HRT_REJECT_INDEX}, {4, HRT_REJECT_INDEX}, {5, HRT_REJECT_NOT_FINITE},
-        {6, HRT_REJECT_NOT_FINITE}, {7, HRT_REJECT_ASYMMETRIC}, {8, HRT_REJECT_ASYMMETRIC}, {9, HRT_REJECT_HUGE}, {10, HRT_REJECT_HUGE}, {11, HRT_ACCEPT},
-        {12, HRT_REJECT_INDEX}, {13, HRT_REJECT_NOT_FINITE}};
+    const struct {
+        int what;
+        hrt_reject verdict;
+    } cases[] = {{0, HRT_ACCEPT},
+                 {1, HRT_REJECT_INDEX},
+                 {2, HRT_REJECT_INDEX},
+                 {3, HRT_REJECT_INDEX},
+                 {4, HRT_REJECT_INDEX},
+                 {5, HRT_REJECT_NOT_FINITE},
+                 {6, HRT_REJECT_NOT_FINITE},
+                 {7, HRT_REJECT_ASYMMETRIC},
+                 {8, HRT_REJECT_ASYMMETRIC},
+                 {9, HRT_REJECT_HUGE},
+                 {10, HRT_REJECT_HUGE},
+                 {11, HRT_ACCEPT},
+                 {12, HRT_REJECT_INDEX},
+                 {13, HRT_REJECT_NOT_FINITE}};
     for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
         p = patch;
         switch (cases[k].what) {
@@ -465,23 +510,31 @@ static void wild_patches_stay_bounded(void **state) {
         if (k % 7 == 0) q->skin_compliance_m_N = 0.0f;
         if (hrt_patch_prepare(q, scratch) != HRT_ACCEPT) continue;
         taken++;
-        float tip[3] = {rig_uniform(&seed, -0.01f, 0.01f), rig_uniform(&seed, -0.01f, 0.01f), rig_uniform(&seed, 0.11f, 0.13f)}, force[3];
+        float tip[3] = {rig_uniform(&seed, -0.01f, 0.01f), rig_uniform(&seed, -0.01f, 0.01f),
+                        rig_uniform(&seed, 0.11f, 0.13f)},
+              force[3];
         take(&x, 2000 * k, tip, q, (uint32_t)k);
         for (int t = 0; t < 4; t++) {
             for (int i = 0; i < 3; i++) tip[i] += rig_uniform(&seed, -0.001f, 0.001f);
             hrt_extrapolation_force(&x, &params, 2000 * k + t, tip, force);
-            for (int i = 0; i < 3; i++) assert_true(isfinite(force[i]) && fabsf(force[i]) <= 50.0f * HRT_CONTACT_ROWS * 1.5f);
+            for (int i = 0; i < 3; i++)
+                assert_true(isfinite(force[i]) && fabsf(force[i]) <= 50.0f * HRT_CONTACT_ROWS * 1.5f);
         }
     }
     assert_true(taken > 1500);
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(rows_are_those_of_the_simulation), cmocka_unit_test(pressing_flat_ground), cmocka_unit_test(complementarity),
-        cmocka_unit_test(the_force_is_that_of_the_simulation),
-        cmocka_unit_test(two_linearisations_suffice), cmocka_unit_test(leaving_the_patch_hands_over_without_a_jump),
-        cmocka_unit_test(cut_stale_or_missing_patch), cmocka_unit_test(a_new_patch_is_not_felt), cmocka_unit_test(met_deep_it_settles), cmocka_unit_test(bad_patches),
-        cmocka_unit_test(wild_patches_stay_bounded)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(rows_are_those_of_the_simulation),
+                                       cmocka_unit_test(pressing_flat_ground),
+                                       cmocka_unit_test(complementarity),
+                                       cmocka_unit_test(the_force_is_that_of_the_simulation),
+                                       cmocka_unit_test(two_linearisations_suffice),
+                                       cmocka_unit_test(leaving_the_patch_hands_over_without_a_jump),
+                                       cmocka_unit_test(cut_stale_or_missing_patch),
+                                       cmocka_unit_test(a_new_patch_is_not_felt),
+                                       cmocka_unit_test(met_deep_it_settles),
+                                       cmocka_unit_test(bad_patches),
+                                       cmocka_unit_test(wild_patches_stay_bounded)};
     return cmocka_run_group_tests(tests, set_up, NULL);
 }
