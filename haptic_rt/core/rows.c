@@ -322,7 +322,8 @@ static bool stand(search *q, int32_t station) {
     q->hits = 0;
     q->close = 0;
     q->sunk_m = SUNK * q->radius_m;
-    for (const hrt_contact_row *row = q->before; row < q->before + q->before_count; row++) {
+    for (int32_t i = 0; i < q->before_count; i++) {
+        const hrt_contact_row *row = &q->before[i];
         if (row->station != station || !(row->lambda_N > 0.0f)) continue;
         if (sinks(q, row)) q->sunk_m = SUNK_KNOWN * q->radius_m;
         for (int j = 0; j < 3; j++) q->close |= 1u << corners(q, row->triangle)[j];
