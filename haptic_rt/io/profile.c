@@ -71,8 +71,7 @@ bool hrt_profile_read(const char *path, hrt_params *params) {
     fclose(file);
     const int32_t bad = good ? hrt_params_check(params) : -1;
     if (bad >= 0)
-        app_bad_input(path, 0, "%s: lower end not below upper end, or out of range; mend it",
-                      hrt_param_text[bad].name);
+        app_bad_input(path, 0, "%s: lower end not below upper end, or out of range; mend it", hrt_param_text[bad].name);
     return good && bad < 0;
 }
 
@@ -81,7 +80,8 @@ void hrt_profile_write(FILE *file, const hrt_params *params) {
         const hrt_param_range *row = &hrt_param_table[r];
         const hrt_param_words *words = &hrt_param_text[r];
         const float *value = (const float *)(const void *)((const char *)params + row->offset);
-        fprintf(file, "# %s. %s, %g..%g\n%s =", words->text, words->unit, (double)row->min, (double)row->max, words->name);
+        fprintf(file, "# %s. %s, %g..%g\n%s =", words->text, words->unit, (double)row->min, (double)row->max,
+                words->name);
         for (int32_t i = 0; i < row->count; i++) fprintf(file, " %g", (double)value[i]);
         fputc('\n', file);
     }
