@@ -5,19 +5,16 @@
 #include "sim.h"
 #include "tensormass_solve.h"
 
-#define SIM_SOLVE_PRECOMPUTED(F)                                                                                       \
-    F(tm_precomputed_def_default)                                                                                      \
-    F(tm_precomputed_create)                                                                                           \
-    F(tm_precomputed_destroy)                                                                                          \
-    F(tm_precomputed_bytes) F(tm_precomputed_update) F(tm_precomputed_place) F(tm_precomputed_force)                   \
-        F(tm_precomputed_reaction) F(tm_precomputed_rows) F(tm_precomputed_displacement) F(tm_precomputed_patch)       \
-            F(tm_solve_static)
-#define SIM_SOLVE_HYBRID(F)                                                                                            \
-    F(tm_hybrid_def_default)                                                                                           \
-    F(tm_hybrid_create)                                                                                                \
-    F(tm_hybrid_destroy)                                                                                               \
-    F(tm_hybrid_bytes) F(tm_hybrid_tissue) F(tm_hybrid_critical_step) F(tm_stage_hybrid) F(tm_hybrid_recover)          \
-        F(tm_hybrid_reaction) F(tm_hybrid_patch) F(tm_hybrid_surface)
+/* clang-format off: it moves lists of macros about for ever. */
+#define SIM_SOLVE_PRECOMPUTED(F) \
+    F(tm_precomputed_def_default) F(tm_precomputed_create) F(tm_precomputed_destroy) F(tm_precomputed_bytes) \
+    F(tm_precomputed_update) F(tm_precomputed_place) F(tm_precomputed_force) F(tm_precomputed_reaction) \
+    F(tm_precomputed_rows) F(tm_precomputed_displacement) F(tm_precomputed_patch) F(tm_solve_static)
+#define SIM_SOLVE_HYBRID(F) \
+    F(tm_hybrid_def_default) F(tm_hybrid_create) F(tm_hybrid_destroy) F(tm_hybrid_bytes) F(tm_hybrid_tissue) \
+    F(tm_hybrid_critical_step) F(tm_stage_hybrid) F(tm_hybrid_recover) F(tm_hybrid_reaction) F(tm_hybrid_patch) \
+    F(tm_hybrid_surface)
+/* clang-format on */
 #define SIM_SOLVE_POINTER(name) __typeof__(name) *name##_;
 
 typedef struct sim_precomputed_api {
