@@ -5,7 +5,8 @@
 #include "sim.h"
 #include "tensormass_solve.h"
 
-/* clang-format off: it moves lists of macros about for ever. */
+/* It moves lists of macros about for ever. */
+/* clang-format off */
 #define SIM_SOLVE_PRECOMPUTED(F) \
     F(tm_precomputed_def_default) F(tm_precomputed_create) F(tm_precomputed_destroy) F(tm_precomputed_bytes) \
     F(tm_precomputed_update) F(tm_precomputed_place) F(tm_precomputed_force) F(tm_precomputed_reaction) \
