@@ -81,7 +81,12 @@ static int build(sim *s, const void *own) {
         double amplitude = o->amplitude.v[s->held_dof[i] % 3];
         if (s->held_by[i] == support && amplitude != 0) b->component[b->count++] = (moved){i, s->held_m[i], amplitude};
     }
-    tm_stage stage = {.name = "breathing", .phase = TM_PHASE_BEGIN, .run = run, .destroy = destroy, .self = b};
+    tm_stage stage = {.size = sizeof(tm_stage),
+                      .name = "breathing",
+                      .phase = TM_PHASE_BEGIN,
+                      .run = run,
+                      .destroy = destroy,
+                      .self = b};
     if (!tm_world_add_stage(s->world, &stage, b->bytes, &error)) return 0;
     destroy(b);
     return sim_report(s->scene, o->here.line, &error);

@@ -71,8 +71,9 @@ void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t ut
         out->stiffness_kind = (int8_t)r->stiffness_kind;
         memcpy(out->stiffness_N_m, r->stiffness_N_m, sizeof out->stiffness_N_m);
     }
-    out->flags = flags | (s->patch_valid[instrument] ? SIM_FLAG_PATCH : 0) | (r->capped ? SIM_FLAG_CAPPED : 0) |
-                 (r->overflowed ? SIM_FLAG_OVERFLOWED : 0);
+    out->flags = flags | (s->patch_valid[instrument] ? SIM_FLAG_PATCH : 0) |
+                 (r->flags & TM_REACTION_CAPPED ? SIM_FLAG_CAPPED : 0) |
+                 (r->flags & TM_REACTION_OVERFLOWED ? SIM_FLAG_OVERFLOWED : 0);
     out->topology_revision = sim_surface(s).revision;
 }
 

@@ -137,13 +137,14 @@ static void report_tools(const sim *s, cJSON *json) {
     for (int i = 0; i < s->instrument_count; ++i) {
         tm_tool_reaction r = tm_contact_reaction(s->contact, i);
         printf("instrument %d: %d rows, tip force %.9g %.9g %.9g N%s\n", i, r.row_count, r.force_N[0], r.force_N[1],
-               r.force_N[2], r.inside ? " (it is inside the tissue: no contact until it comes out)" : "");
+               r.force_N[2],
+               r.flags & TM_REACTION_INSIDE ? " (it is inside the tissue: no contact until it comes out)" : "");
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
         cJSON_AddNumberToObject(row, "rows", r.row_count);
         cJSON_AddItemToObject(row, "force_N", cJSON_CreateDoubleArray(r.force_N, 3));
         cJSON_AddItemToObject(row, "tip_m", cJSON_CreateDoubleArray(s->pose[i].tip_m, 3));
-        cJSON_AddBoolToObject(row, "inside", r.inside);
+        cJSON_AddBoolToObject(row, "inside", r.flags & TM_REACTION_INSIDE);
     }
 }
 

@@ -67,7 +67,7 @@ static void frame(arena *a, double frame_s, const tm_tool_pose *to, bool jump) {
         double f = sqrt(r.force_N[0] * r.force_N[0] + r.force_N[1] * r.force_N[1] + r.force_N[2] * r.force_N[2]);
         a->finite = a->finite && isfinite(f);
         a->peak_N = fmax(a->peak_N, f), total += f;
-        a->capped |= r.capped, a->inside |= r.inside;
+        a->capped |= (r.flags & TM_REACTION_CAPPED) != 0, a->inside |= (r.flags & TM_REACTION_INSIDE) != 0;
     }
     const tm_state *s = tm_world_state(a->b.world);
     for (int32_t i = 0; i < 3 * a->b.mesh->vertex_count; i++) a->deepest_m = fmax(a->deepest_m, fabs(s->u_m[i]));

@@ -20,7 +20,7 @@ typedef enum tm_solver {
 } tm_solver;
 
 typedef struct tm_solve_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     const tm_tissue *tissue; /* its living tetrahedra; const while the call runs, its mesh must outlive what is made */
     const uint8_t *fixed;    /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask) */
     const double *fixed_value_m; /* [3*vertex_count] read where fixed; null: all 0 */
@@ -68,7 +68,7 @@ typedef struct tm_solve_team {
 /* --- precomputed model: quasi-static, no cutting --- */
 
 typedef struct tm_precomputed_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     tm_solve_def problem;
     tm_precision precision;        /* of the stored responses */
     const char *file;              /* cache; null: none. Atomically replaced when it is rebuilt */
@@ -136,7 +136,7 @@ TM_API void tm_precomputed_imposed_force(const tm_precomputed *model, int32_t i,
 /* --- hybrid model: part tensor/mass and cuttable, the rest condensed onto their interface --- */
 
 typedef struct tm_hybrid_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     tm_solve_def problem;   /* of the whole organ: tissue with all tetrahedra alive, supports, loads */
     const uint8_t *dynamic; /* [tet_count] 1: tensor/mass */
     tm_precision precision;

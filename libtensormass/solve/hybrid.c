@@ -7,7 +7,10 @@
 #include <string.h>
 
 tm_hybrid_def tm_hybrid_def_default(void) {
-    return (tm_hybrid_def){.cookie = TMS_COOKIE_HYBRID, .problem = tm_solve_def_default(), .max_local_vertices = 256};
+    return (tm_hybrid_def){.cookie = TMS_COOKIE_HYBRID,
+                           .size = sizeof(tm_hybrid_def),
+                           .problem = tm_solve_def_default(),
+                           .max_local_vertices = 256};
 }
 
 /* --- parts --- */

@@ -80,6 +80,7 @@ tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const t
                            const tm_grasp_def *grasp, int32_t capacity, tms_local *local, tm_error *error) {
     tms_local l = {
         .mesh = mesh, .surface = surface, .capacity = capacity, .def = contact ? *contact : tm_contact_def_default()};
+    l.converged = true; /* nothing is asked of it yet */
     if (!contact) l.def.instrument_count = 0;
     if (grasp) l.grasp = *grasp;
     if (capacity < 4 || capacity > 4096)
@@ -382,9 +383,14 @@ int32_t tms_local_update(tms_local *l, const tm_tool_pose *pose) {
     return steps;
 }
 
+uint32_t tms_local_flags(const tms_local *l, int32_t t) {
+    return (l->now.capped[t] ? TM_REACTION_CAPPED : 0u) | (l->tool[t].overflowed ? TM_REACTION_OVERFLOWED : 0u) |
+           (l->converged ? 0u : TM_REACTION_UNCONVERGED);
+}
+
 tm_tool_reaction tms_local_reaction(const tms_local *l, int32_t t) {
     const tms_tool *tool = &l->tool[t];
-    tm_tool_reaction r = {.capped = l->now.capped[t], .overflowed = tool->overflowed};
+    tm_tool_reaction r = {.flags = tms_local_flags(l, t)};
     memcpy(r.tip_m, tool->pose.tip_m, sizeof r.tip_m);
     tms_local_force(l, t, r.force_N, r.resultant_N);
     for (int32_t i = 0; i < l->now.count; i++)

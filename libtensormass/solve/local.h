@@ -147,6 +147,8 @@ bool tms_local_holds(const tms_local *local, int32_t tool);
 bool tms_local_in_jaws(const tms_local *local, const tm_contact_row *row);
 /* On the tool, rows and jaws together. */
 void tms_local_force(const tms_local *local, int32_t tool, double force_N[3], double resultant_N[3]);
+/* tm_reaction_flag of the solution there is. */
+uint32_t tms_local_flags(const tms_local *local, int32_t tool);
 tm_tool_reaction tms_local_reaction(const tms_local *local, int32_t tool);
 
 /* patch.c. The patch's tool bears on a vertex that is not in the patch. */

@@ -7,6 +7,7 @@
 
 tm_precomputed_def tm_precomputed_def_default(void) {
     return (tm_precomputed_def){.cookie = TMS_COOKIE_PRECOMPUTED,
+                                .size = sizeof(tm_precomputed_def),
                                 .problem = tm_solve_def_default(),
                                 .max_local_vertices = 256,
                                 .update_s = 0.002};

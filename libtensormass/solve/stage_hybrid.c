@@ -154,7 +154,7 @@ static void move(tm_hybrid *h) {
 }
 
 static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows,
-                     bool overflowed[TM_MAX_INSTRUMENTS]) {
+                     uint32_t flags[TM_MAX_INSTRUMENTS]) {
     tm_hybrid *h = self;
     tms_local *l = &h->local;
     const tm_state *state = tm_world_state(world);
@@ -178,7 +178,7 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
     move(h);
     const int32_t count = l->now.count < max_rows ? l->now.count : max_rows;
     memcpy(row, l->now.row, (size_t)count * sizeof *row);
-    for (int32_t t = 0; t < l->tool_count; t++) overflowed[t] = l->tool[t].overflowed;
+    for (int32_t t = 0; t < l->tool_count; t++) flags[t] = tms_local_flags(l, t);
     return count;
 }
 
@@ -242,7 +242,12 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
         return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model");
     const tm_status status = contact ? add_contact(h, contact, error) : TM_OK;
     if (status != TM_OK) return status;
-    const tm_stage stage = {.name = "hybrid", .phase = TM_PHASE_LOAD, .run = run, .step_changed = changed, .self = h};
+    const tm_stage stage = {.size = sizeof(tm_stage),
+                            .name = "hybrid",
+                            .phase = TM_PHASE_LOAD,
+                            .run = run,
+                            .step_changed = changed,
+                            .self = h};
     return tm_world_add_stage(world, &stage, tm_hybrid_bytes(h), error);
 }
 

@@ -58,5 +58,6 @@ bool tms_progress(const tm_solve_def *def, const char *what, double fraction, do
 }
 
 tm_solve_def tm_solve_def_default(void) {
-    return (tm_solve_def){.cookie = TMS_COOKIE_PROBLEM, .cg_tolerance = 1e-11, .cg_max_iterations = 20000};
+    return (tm_solve_def){
+        .cookie = TMS_COOKIE_PROBLEM, .size = sizeof(tm_solve_def), .cg_tolerance = 1e-11, .cg_max_iterations = 20000};
 }

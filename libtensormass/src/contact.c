@@ -16,8 +16,12 @@
 #define REACH 1.6 /* radii: what tm_local_rows looks at, its margin included */
 
 tm_contact_def tm_contact_def_default(void) {
-    return (tm_contact_def){
-        .cookie = TM_COOKIE_CONTACT, .skin_compliance_m_N = 0.5e-3, .sweeps = 10, .max_rows = 256, .force_cap_N = 50};
+    return (tm_contact_def){.cookie = TM_COOKIE_CONTACT,
+                            .size = sizeof(tm_contact_def),
+                            .skin_compliance_m_N = 0.5e-3,
+                            .sweeps = 10,
+                            .max_rows = 256,
+                            .force_cap_N = 50};
 }
 
 /* --- one substep --- */
@@ -109,7 +113,7 @@ static void drop_shallowest(tm_contact *contact) {
         int32_t shallow = 0;
         for (int32_t i = 1; i < contact->row_count; i++)
             if (contact->row[i].gap_m > contact->row[shallow].gap_m) shallow = i;
-        contact->tool[contact->row[shallow].instrument].overflowed = true;
+        contact->tool[contact->row[shallow].instrument].flags |= TM_REACTION_OVERFLOWED;
         contact->row_count--;
         memmove(contact->row + shallow, contact->row + shallow + 1,
                 sizeof *contact->row * (size_t)(contact->row_count - shallow));
@@ -142,7 +146,7 @@ static void find_rows(tm_contact *contact) {
             tool->clear = tool->leaving;
             continue;
         }
-        tool->overflowed |= overflowed;
+        if (overflowed) tool->flags |= TM_REACTION_OVERFLOWED;
         contact->row_count += contact->guest.holds ? drop_held(contact, row, count) : count;
     }
     drop_shallowest(contact);
@@ -153,7 +157,7 @@ static void find_rows(tm_contact *contact) {
 /* Somebody else's rows: only the forces of a grasp are swept here. */
 static void solve_instead(tm_contact *contact, tm_world *world) {
     tm_tool_pose pose[TM_MAX_INSTRUMENTS];
-    bool overflowed[TM_MAX_INSTRUMENTS] = {false};
+    uint32_t flags[TM_MAX_INSTRUMENTS] = {0};
     for (int32_t t = 0; t < contact->tool_count; t++) {
         pose[t] = contact->tool[t].pose;
         pose[t].active = tm_tool_is_present(contact->tool + t);
@@ -162,8 +166,8 @@ static void solve_instead(tm_contact *contact, tm_world *world) {
     contact->row_count = 0;
     tm_contact_project(contact);
     contact->row_count = contact->solver_instead.solve(contact->solver_instead.self, world, pose, contact->row,
-                                                       contact->def.max_rows, overflowed);
-    for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].overflowed |= overflowed[t];
+                                                       contact->def.max_rows, flags);
+    for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].flags |= flags[t];
 }
 
 static void sum_reactions(tm_contact *contact) {
@@ -184,7 +188,7 @@ static void sum_reactions(tm_contact *contact) {
         tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
         vmadd(tool->substep_force_N, 1, at_tip, tool->substep_force_N);
         vmadd(tool->substep_resultant_N, 1, on_tool, tool->substep_resultant_N);
-        tool->capped |= row->lambda_N >= contact->def.force_cap_N;
+        if (row->lambda_N >= contact->def.force_cap_N) tool->flags |= TM_REACTION_CAPPED;
     }
 }
 
@@ -296,7 +300,8 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
         self->tool[t].capsule.instrument = t;
         tm_tool_place(self->tool + t, &def->instrument[t].pose);
     }
-    const tm_stage stage = {.name = "contact",
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = "contact",
                             .phase = TM_PHASE_CONSTRAIN,
                             .run = run,
                             .destroy = destroy,
@@ -348,15 +353,15 @@ void tm_contact_begin_frame(tm_contact *contact, int32_t substeps, int32_t avera
         memset(tool->sum_resultant_N, 0, sizeof tool->sum_resultant_N);
         tool->sum_time_s = 0;
         tool->sum_count = 0;
-        tool->capped = tool->overflowed = false;
+        tool->flags = 0;
     }
 }
 
 tm_tool_reaction tm_contact_reaction(const tm_contact *contact, int32_t instrument) {
     assert(instrument >= 0 && instrument < contact->tool_count);
     const tm_tool *tool = contact->tool + instrument;
-    tm_tool_reaction reaction = {.capped = tool->capped, .overflowed = tool->overflowed};
-    reaction.inside = tm_tool_is_present(tool) && !tool->clear;
+    tm_tool_reaction reaction = {.flags = tool->flags};
+    if (tm_tool_is_present(tool) && !tool->clear) reaction.flags |= TM_REACTION_INSIDE;
     reaction.stiffness_kind = tool->stiffness_kind;
     memcpy(reaction.stiffness_N_m, tool->stiffness_N_m, tool->stiffness_kind ? sizeof reaction.stiffness_N_m : 0);
     for (int32_t i = 0; i < contact->row_count; i++)

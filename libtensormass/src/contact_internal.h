@@ -37,7 +37,7 @@ typedef struct tm_tool {
     /* frame */
     double sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3];
     int32_t sum_count;
-    bool capped, overflowed;
+    uint32_t flags;                                    /* tm_reaction_flag */
     double substep_force_N[3], substep_resultant_N[3]; /* of the last substep */
     double stiffness_N_m[9];                           /* dF/dP by the stage "patch" */
     int32_t stiffness_kind;

@@ -23,7 +23,7 @@ typedef struct kept_tool {
     kept_capsule capsule, before, gathered_at;
     double station_depth_m[TM_MAX_STATIONS], sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3],
         substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
-    int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, capped, overflowed, stiffness_kind;
+    int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, flags, stiffness_kind, reserved;
 } kept_tool;
 
 typedef struct kept_row {
@@ -74,8 +74,7 @@ static kept_tool pack_tool(const tm_tool *tool) {
                    .pierced = tool->pierced,
                    .gathered_age = tool->gathered_age,
                    .sum_count = tool->sum_count,
-                   .capped = tool->capped,
-                   .overflowed = tool->overflowed,
+                   .flags = (int32_t)tool->flags,
                    .stiffness_kind = tool->stiffness_kind};
     COPY(k.station_depth_m, tool->station_depth_m);
     COPY(k.sum_tip_m, tool->sum_tip_m);
@@ -103,8 +102,7 @@ static void unpack_tool(const kept_tool *k, int32_t instrument, tm_tool *tool) {
     tool->gathered_age = k->gathered_age;
     tool->sum_time_s = k->sum_time_s;
     tool->sum_count = k->sum_count;
-    tool->capped = k->capped != 0;
-    tool->overflowed = k->overflowed != 0;
+    tool->flags = (uint32_t)k->flags;
     tool->stiffness_kind = k->stiffness_kind;
     COPY(tool->station_depth_m, k->station_depth_m);
     COPY(tool->sum_tip_m, k->sum_tip_m);

@@ -33,6 +33,7 @@ struct tm_grasp {
 
 tm_grasp_def tm_grasp_def_default(void) {
     return (tm_grasp_def){.cookie = TM_COOKIE_GRASP,
+                          .size = sizeof(tm_grasp_def),
                           .close_grip = 0.7,
                           .open_grip = 0.3,
                           .jaw_length_m = 0.01,
@@ -369,14 +370,16 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
     self->pool = pool;
     self->def = *def;
     self->contact = contact;
-    const tm_stage stage = {.name = "grasp",
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = "grasp",
                             .phase = TM_PHASE_CONSTRAIN,
                             .run = run,
                             .destroy = destroy,
                             .step_changed = changed,
                             .self = self,
                             .snapshot = snapshot,
-                            .restore = restore};
+                            .restore = restore,
+                            .needs = {"contact"}};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);

@@ -2,6 +2,7 @@
 #ifndef TM_INTERNAL_H
 #define TM_INTERNAL_H
 
+#include "contract.h"
 #include "kernel.h"
 #include "tensormass/tissue.h"
 #include "tensormass/world.h"

@@ -15,7 +15,7 @@ typedef struct owned_mesh {
     tm_pool pool;
 } owned_mesh;
 
-tm_mesh_def tm_mesh_def_default(void) { return (tm_mesh_def){.cookie = TM_COOKIE_MESH}; }
+tm_mesh_def tm_mesh_def_default(void) { return (tm_mesh_def){.cookie = TM_COOKIE_MESH, .size = sizeof(tm_mesh_def)}; }
 
 void tm_mesh_destroy(tm_mesh *mesh) {
     if (!mesh) return;

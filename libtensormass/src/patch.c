@@ -21,6 +21,7 @@ struct tm_patch_maker {
 
 tm_patch_def tm_patch_def_default(void) {
     return (tm_patch_def){.cookie = TM_COOKIE_PATCH,
+                          .size = sizeof(tm_patch_def),
                           .max_vertices = TM_PATCH_VERTICES,
                           .max_triangles = TM_PATCH_TRIANGLES,
                           .column_vertices = 64,
@@ -219,7 +220,13 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
     maker->world = world;
     maker->columns = columns;
     maker->revision = tm_tissue_surface(world->tissue).revision;
-    const tm_stage stage = {.name = "patch", .phase = TM_PHASE_END, .run = run, .destroy = destroy, .self = maker};
+    const tm_stage stage = {.size = sizeof(tm_stage),
+                            .name = "patch",
+                            .phase = TM_PHASE_END,
+                            .run = run,
+                            .destroy = destroy,
+                            .self = maker,
+                            .needs = {"contact"}};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         destroy(maker);

@@ -12,7 +12,8 @@
 #include <string.h>
 
 tm_settle_def tm_settle_def_default(void) {
-    return (tm_settle_def){.cookie = TM_COOKIE_SETTLE, .tolerance = 1e-10, .max_steps = 2000000};
+    return (tm_settle_def){
+        .cookie = TM_COOKIE_SETTLE, .size = sizeof(tm_settle_def), .tolerance = 1e-10, .max_steps = 2000000};
 }
 
 typedef struct relaxation {

@@ -42,7 +42,7 @@ typedef struct cut {
 static void run(void *self, tm_world *world);
 
 tm_cut_def tm_cut_def_default(void) {
-    return (tm_cut_def){.cookie = TM_COOKIE_CUT, .rate_1_s = 200, .loose = TM_LOOSE_FALL};
+    return (tm_cut_def){.cookie = TM_COOKIE_CUT, .size = sizeof(tm_cut_def), .rate_1_s = 200, .loose = TM_LOOSE_FALL};
 }
 
 static void remove_tet(cut *stage, tm_world *world, const int32_t *tet, int32_t count, int8_t instrument) {
@@ -274,13 +274,15 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
                   .held = held,
                   .queue = queue,
                   .revision = world->tissue->surface.revision};
-    const tm_stage stage = {.name = "cut",
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = "cut",
                             .phase = TM_PHASE_BEGIN,
                             .run = run,
                             .destroy = destroy,
                             .self = self,
                             .snapshot = snapshot,
-                            .restore = restore};
+                            .restore = restore,
+                            .needs = {"contact"}};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) destroy(self);
     return status;

@@ -36,8 +36,12 @@ tm_status tm_stage_gravity(tm_world *world, const double g_m_s2[3], tm_error *er
     if (!self) return tm_fail_memory(error, "gravity stage");
     for (int i = 0; i < 3; i++) self->g_m_s2[i] = g_m_s2[i];
     self->pool = pool;
-    const tm_stage stage = {
-        .name = "gravity", .phase = TM_PHASE_LOAD, .run = tm_stage_gravity_run, .destroy = destroy, .self = self};
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = "gravity",
+                            .phase = TM_PHASE_LOAD,
+                            .run = tm_stage_gravity_run,
+                            .destroy = destroy,
+                            .self = self};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) destroy(self);
     return status;

@@ -37,8 +37,12 @@ tm_status tm_stage_load(tm_world *world, const double *force_N, tm_error *error)
     memcpy(copy, force_N, sizeof(double) * (size_t)n);
     self->force_N = copy;
     self->pool = pool;
-    const tm_stage stage = {
-        .name = "load", .phase = TM_PHASE_LOAD, .run = tm_stage_load_run, .destroy = destroy, .self = self};
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = "load",
+                            .phase = TM_PHASE_LOAD,
+                            .run = tm_stage_load_run,
+                            .destroy = destroy,
+                            .self = self};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) destroy(self);
     return status;

@@ -15,7 +15,9 @@ typedef struct support {
     int32_t given;
 } support;
 
-tm_support_def tm_support_def_default(void) { return (tm_support_def){.cookie = TM_COOKIE_SUPPORT}; }
+tm_support_def tm_support_def_default(void) {
+    return (tm_support_def){.cookie = TM_COOKIE_SUPPORT, .size = sizeof(tm_support_def)};
+}
 
 void tm_stage_support_run(void *self, tm_world *world) {
     support *stage = self;
@@ -124,7 +126,8 @@ tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error 
     tm_pool_release(&work);
     if (!status) {
         self->pool = pool;
-        const tm_stage stage = {.name = "support",
+        const tm_stage stage = {.size = sizeof stage,
+                                .name = "support",
                                 .phase = TM_PHASE_CONSTRAIN,
                                 .run = tm_stage_support_run,
                                 .destroy = destroy,

@@ -5,7 +5,9 @@
 #include <math.h>
 #include <string.h>
 
-tm_tissue_def tm_tissue_def_default(void) { return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE}; }
+tm_tissue_def tm_tissue_def_default(void) {
+    return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE, .size = sizeof(tm_tissue_def)};
+}
 
 void tm_tissue_destroy(tm_tissue *tissue) {
     if (!tissue) return;

@@ -6,7 +6,8 @@
 #include <string.h>
 
 tm_world_def tm_world_def_default(void) {
-    return (tm_world_def){.cookie = TM_COOKIE_WORLD, .step_fraction = 0.9, .damped = true};
+    return (tm_world_def){
+        .cookie = TM_COOKIE_WORLD, .size = sizeof(tm_world_def), .step_fraction = 0.9, .damped = true};
 }
 
 static const double LARGEST_DISPLACEMENT_M = 1e6;
@@ -59,6 +60,8 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     if (world->revision != world->tissue->surface.revision) tm_world_changed(world); /* cut by the caller since */
     memcpy(world->keep_u_m, s->u_m, sizeof(double) * (size_t)n);
     memcpy(world->keep_u_prev_m, s->u_prev_m, sizeof(double) * (size_t)n);
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.keep) world->slot[i].stage.keep(world->slot[i].stage.self);
     for (int32_t i = 0; i < count; i++) {
         if (world->timing)
             timed_substep(world);
@@ -74,6 +77,8 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     memcpy(s->u_prev_m, world->keep_u_prev_m, sizeof(double) * (size_t)n);
     s->step = step;
     s->time_s = time_s;
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.give_back) world->slot[i].stage.give_back(world->slot[i].stage.self, world);
     return TM_ERR_UNSTABLE;
 }
 
@@ -104,8 +109,34 @@ static int32_t find_stage(const tm_world *world, const char *name) {
     return -1;
 }
 
-tm_status tm_world_add_stage(tm_world *world, const tm_stage *stage, int64_t bytes, tm_error *error) {
-    assert(stage && stage->name && stage->run);
+/* The stage that leans on `name`; -1: none. */
+static int32_t find_leaning(const tm_world *world, const char *name) {
+    for (int32_t i = 0; i < world->stage_count; i++)
+        for (int k = 0; k < TM_MAX_NEEDS && world->slot[i].stage.needs[k]; k++)
+            if (!strcmp(world->slot[i].stage.needs[k], name)) return i;
+    return -1;
+}
+
+static tm_status check_needs(const tm_world *world, const tm_stage *stage, tm_error *error) {
+    for (int k = 0; k < TM_MAX_NEEDS && stage->needs[k]; k++)
+        if (find_stage(world, stage->needs[k]) < 0)
+            return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s leans on stage %s, which is not there; add that first",
+                           stage->name, stage->needs[k]);
+    return TM_OK;
+}
+
+tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t bytes, tm_error *error) {
+    TM_REQUIRE(world, "world is null", TM_ERR_ARGUMENT);
+    TM_REQUIRE(given && given->size >= offsetof(tm_stage, keep) && given->size <= sizeof *given,
+               "stage is null or its size is not sizeof(tm_stage)", TM_ERR_ARGUMENT);
+    tm_stage mine = {0}, *stage = &mine;
+    memcpy(stage, given, given->size);
+    TM_REQUIRE(stage->name && stage->run && stage->phase >= TM_PHASE_BEGIN && stage->phase <= TM_PHASE_END,
+               "stage has no name, no run or no phase", TM_ERR_ARGUMENT);
+    TM_REQUIRE(!stage->keep == !stage->give_back && !stage->snapshot == !stage->restore,
+               "stage has one of a pair of hooks without the other", TM_ERR_ARGUMENT);
+    const tm_status status = check_needs(world, stage, error);
+    if (status) return status;
     if (find_stage(world, stage->name) >= 0)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is there already; give it everything at once",
                        stage->name);
@@ -121,8 +152,13 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *stage, int64_t byt
 }
 
 tm_status tm_world_remove_stage(tm_world *world, const char *name, tm_error *error) {
+    TM_REQUIRE(world && name, "world or name is null", TM_ERR_ARGUMENT);
     const int32_t at = find_stage(world, name);
     if (at < 0) return tm_fail(error, TM_ERR_ARGUMENT, -1, "no stage %s; see tm_world_stages", name);
+    const int32_t leaning = find_leaning(world, name);
+    if (leaning >= 0)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s cannot go: stage %s leans on it; remove %s first", name,
+                       world->slot[leaning].stage.name, world->slot[leaning].stage.name);
     const tm_stage stage = world->slot[at].stage;
     memmove(world->slot + at, world->slot + at + 1, sizeof world->slot[0] * (size_t)(world->stage_count - at - 1));
     world->stage_count--;
@@ -187,8 +223,10 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
     tm_status status = check_step(world, dt_s, error);
     if (status) return status;
     world->state.dt_s = dt_s;
-    const tm_stage force = {.name = "force", .phase = TM_PHASE_FORCE, .run = tm_stage_force_run};
-    const tm_stage integrate = {.name = "integrate",
+    const tm_stage force = {
+        .size = sizeof(tm_stage), .name = "force", .phase = TM_PHASE_FORCE, .run = tm_stage_force_run};
+    const tm_stage integrate = {.size = sizeof(tm_stage),
+                                .name = "integrate",
                                 .phase = TM_PHASE_INTEGRATE,
                                 .step_changed = tm_stage_integrate_changed,
                                 .run = def->damped ? tm_stage_integrate_damped_run : tm_stage_integrate_run};

@@ -255,7 +255,7 @@ static void test_no_patch_for_a_tool_that_touches_nothing(void **unused) {
     tm_tool_pose at = scene_pose(0.003, 0.004, 0.03);
     tm_contact_place(p.s.contact, 0, &at);
     scene_frame(&p.s, 0, at, 0.02);
-    assert_true(tm_contact_reaction(p.s.contact, 0).inside);
+    assert_true(tm_contact_reaction(p.s.contact, 0).flags & TM_REACTION_INSIDE);
     for (int k = 0; k < 500 && (k == 0 || tm_patch_pending(p.maker) > 0); k++)
         assert_false(tm_patch_make(p.maker, 0, &p.patch));
     assert_int_equal(tm_contact_reaction(p.s.contact, 0).stiffness_kind, 0);

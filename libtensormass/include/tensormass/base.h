@@ -20,7 +20,7 @@ extern "C" {
 TM_API const char *tm_version(void);
 
 /* What a set-up function came back with. A broken caller's contract (a null pointer, an unfilled
- * definition struct) is an assert, not a status. */
+ * definition struct) is no status: it goes to the contract handler below. */
 typedef enum tm_status {
     TM_OK = 0,
     TM_ERR_ARGUMENT = -1,    /* a value outside its stated range */
@@ -48,6 +48,18 @@ typedef struct tm_error {
     int64_t entity; /* index of the vertex, tetrahedron, region ... that is to blame, -1 if none */
     char message[TM_ERROR_MESSAGE_MAX];
 } tm_error;
+
+/* --- contracts ---
+ * What no correct program does: a null pointer, a definition struct that its _default function did not fill, an index
+ * out of range in a function that has no status. Looked at in every build, by every public function outside the step.
+ * The handler is told which function and what; the function then changes nothing and returns TM_ERR_ARGUMENT, null,
+ * false or zero. The default handler prints and aborts. The handler is the process's, called on the thread of the
+ * broken call: set it before other threads call the library. */
+typedef void (*tm_contract_handler)(const char *function, const char *sentence, void *user);
+/* Null restores the default. */
+TM_API void tm_set_contract_handler(tm_contract_handler handler, void *user);
+/* Calls the handler; for code beside the library that wants the same. */
+TM_API void tm_contract_broken(const char *function, const char *sentence);
 
 /* The one allocator hook. `alloc` returns memory aligned to 64 bytes or null; `free` gets the same size back.
  * Set it before the first object is made; objects remember nothing of it, so never change it while one lives. */

@@ -31,7 +31,7 @@ typedef struct tm_instrument_def {
 } tm_instrument_def;
 
 typedef struct tm_contact_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     int32_t instrument_count;
     const tm_instrument_def *instrument;
     double
@@ -61,6 +61,17 @@ typedef struct tm_contact_row {
     double lambda_N;   /* reaction >= 0 */
 } tm_contact_row;
 
+/* How a reaction came about. */
+typedef enum tm_reaction_flag {
+    TM_REACTION_CAPPED = 1,      /* a row reached the force cap */
+    TM_REACTION_OVERFLOWED = 2,  /* there were more rows or triangles than there is room for: the deepest were kept */
+    TM_REACTION_UNCONVERGED = 4, /* the on-line solution stopped before its tolerance */
+    TM_REACTION_HELD_OVER = 8,   /* the reaction of before, given again */
+    TM_REACTION_UNSTABLE = 16,   /* no reaction: the step that was to give it failed */
+    TM_REACTION_TOO_FAST = 32, /* the tool moved farther in a substep than contact follows: it may have missed tissue */
+    TM_REACTION_INSIDE = 64    /* it appeared inside the tissue and touches nothing until it has left it */
+} tm_reaction_flag;
+
 /* Frame averages, as the controller wants them: over the last `average` substeps of the frame. */
 typedef struct tm_tool_reaction {
     double time_s;           /* mean simulated time of the average */
@@ -70,8 +81,7 @@ typedef struct tm_tool_reaction {
     double stiffness_N_m[9]; /* dF/dP, row-major, material part and turning normals; see stiffness_kind */
     int32_t stiffness_kind;  /* 0 none, 1 estimated, 2 exact */
     int32_t row_count;
-    bool capped, overflowed;
-    bool inside; /* it appeared inside the tissue and touches nothing until it has left it */
+    uint32_t flags; /* tm_reaction_flag, of the whole frame */
 } tm_tool_reaction;
 
 typedef struct tm_contact tm_contact;
@@ -93,12 +103,12 @@ TM_API int32_t tm_contact_rows(const tm_contact *contact, const tm_contact_row *
 
 /* Who finds and solves the rows in the stage's place: the hybrid model, whose surface is more than that of the world's
  * tissue. Called once a substep, after the integrator; corrects u_next_m and writes the rows (order as in
- * tm_contact_find, lambda_N filled in), whose reactions, averages and touched faces are then the stage's own.
- * pose[].active: it can touch. */
+ * tm_contact_find, lambda_N filled in) and each instrument's tm_reaction_flag, whose reactions, averages and touched
+ * faces are then the stage's own. pose[].active: it can touch. */
 typedef struct tm_contact_solver {
     void *self;
     int32_t (*solve)(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows,
-                     bool overflowed[TM_MAX_INSTRUMENTS]);
+                     uint32_t flags[TM_MAX_INSTRUMENTS]);
 } tm_contact_solver;
 TM_API void tm_contact_set_solver(tm_contact *contact, const tm_contact_solver *solver);
 /* All vertices that bear the row are between the jaws of its tool: it is no obstacle to it. */

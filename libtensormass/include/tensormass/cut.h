@@ -19,7 +19,7 @@ TM_API int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t coun
 typedef enum tm_cut_loose { TM_LOOSE_FALL = 0, TM_LOOSE_REMOVE = 1 } tm_cut_loose;
 
 typedef struct tm_cut_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     double rate_1_s;    /* tetrahedra per second that one cautery may remove; 200 */
     tm_cut_loose loose; /* pieces that hang on no support and no grasper; TM_LOOSE_FALL: until they are out of sight,
                            then removed */

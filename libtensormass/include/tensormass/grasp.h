@@ -9,7 +9,7 @@ extern "C" {
 #endif
 
 typedef struct tm_grasp_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     double close_grip,
         open_grip; /* grip rising to 0.7 closes the jaw, falling to 0.3 opens it; between them it stays as it is */
     double jaw_length_m;   /* of the axis behind the tip that takes hold, 0.01 */

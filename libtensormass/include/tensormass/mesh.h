@@ -10,7 +10,7 @@ extern "C" {
 #endif
 
 typedef struct tm_mesh_def {
-    uint32_t cookie; /* set by tm_mesh_def_default */
+    uint32_t cookie, size; /* both set by tm_mesh_def_default */
     int32_t vertex_count;
     const double *vertex_m; /* [3*vertex_count] rest positions, m */
     int32_t tet_count;

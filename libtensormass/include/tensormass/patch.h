@@ -70,7 +70,7 @@ TM_API void tm_patch_stiffness(tm_patch_solver *solver, const tm_patch *patch, c
 /* --- the dynamic model's own: stage "patch" of a world with contact --- */
 
 typedef struct tm_patch_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     int32_t max_vertices, max_triangles; /* 24 and 32 (12 and 16 for less traffic) */
     int32_t column_vertices;             /* whose compliance is remembered, 64: 36 bytes a vertex of the mesh each */
     int32_t iterations; /* of conjugate gradients a call of tm_patch_make may spend, each about 1.3 force passes; 0: 4 +

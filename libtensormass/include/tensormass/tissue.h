@@ -17,7 +17,7 @@ typedef enum tm_precision { TM_DOUBLE = 0, TM_SINGLE = 1 } tm_precision; /* of t
 typedef enum tm_force_form { TM_FORCE_BEST = 0, TM_FORCE_PLAIN = 1 } tm_force_form;
 
 typedef struct tm_tissue_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     const tm_mesh *mesh; /* must outlive the tissue */
     int32_t material_count;
     const tm_material *material;    /* [material_count], copied */

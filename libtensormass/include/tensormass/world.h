@@ -31,8 +31,12 @@ typedef enum tm_phase {
 
 typedef struct tm_world tm_world;
 
-/* One effect. `self` is its own state, taken when the stage was built. `run` allocates nothing and cannot fail. */
+#define TM_MAX_NEEDS 4
+
+/* One effect. `self` is its own state, taken when the stage was built. `run` allocates nothing and cannot fail. New
+ * fields come at the end: what a caller's struct does not have is null. */
 typedef struct tm_stage {
+    uint32_t size;    /* sizeof(tm_stage) */
     const char *name; /* static string: "force", "gravity", "contact" ... */
     tm_phase phase;
     void (*run)(void *self, tm_world *world);
@@ -45,6 +49,13 @@ typedef struct tm_stage {
      * stage and, if `apply`, takes it. */
     int64_t (*snapshot)(void *self, void *buffer);
     bool (*restore)(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
+    /* A step is all or nothing. `keep` is called when tm_world_step begins and puts aside, in memory of the stage's
+     * own, what `run` may change; `give_back` is called when the step failed: it puts that back, to the last bit. Both
+     * null: `run` changes nothing that lasts. No allocation. When give_back is called, the tissue and the stages before
+     * this one have been given back. */
+    void (*keep)(void *self);
+    void (*give_back)(void *self, tm_world *world);
+    const char *needs[TM_MAX_NEEDS]; /* names of the stages it leans on: they cannot be removed under it; null: none */
 } tm_stage;
 
 #define TM_MAX_STAGES 32
@@ -58,7 +69,7 @@ typedef struct tm_stage_report {
 } tm_stage_report;
 
 typedef struct tm_world_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     tm_tissue *tissue; /* must outlive the world */
     double dt_s; /* 0: the guaranteed critical step times `step_fraction`; above the guaranteed step: TM_ERR_STEP */
     double step_fraction; /* 0.9 */
@@ -70,8 +81,9 @@ TM_API tm_world_def tm_world_def_default(void);
 TM_API tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *error);
 TM_API void tm_world_destroy(tm_world *world); /* destroys its stages too, not the tissue */
 
-/* The world takes the stage over. */
+/* The world takes the stage over: its struct is copied, and `destroy` will be called. On failure neither. */
 TM_API tm_status tm_world_add_stage(tm_world *world, const tm_stage *stage, int64_t bytes, tm_error *error);
+/* Refused while another stage needs it: remove that one first. */
 TM_API tm_status tm_world_remove_stage(tm_world *world, const char *name, tm_error *error);
 TM_API int32_t tm_world_stages(const tm_world *world, tm_stage_report report[TM_MAX_STAGES]);
 TM_API void tm_world_set_timing(tm_world *world, bool on);
@@ -104,7 +116,7 @@ TM_API void tm_load_add_traction(const tm_mesh *mesh, const int32_t *triangle, i
 
 /* Prescribed displacement: component i of the list holds u[dof[i]] = value[i]. dof = 3*vertex + axis. Copied. */
 typedef struct tm_support_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     int32_t count;
     const int32_t *dof;
     const double *value_m;
@@ -123,7 +135,7 @@ TM_API void tm_support_mask(const tm_world *world, uint8_t *mask);
 /* --- rest --- */
 
 typedef struct tm_settle_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     double tolerance;  /* on max |residual force| / max(|external|, |internal|) over free components; 1e-10 */
     int64_t max_steps; /* 2e6 */
     bool (*progress)(void *user, int64_t step, double residual); /* may be null; false stops (TM_ERR_CONVERGENCE) */
