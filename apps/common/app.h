@@ -40,5 +40,7 @@ void app_progress(const char *what, double fraction, bool done);
 bool app_cache_folder(char *path, size_t size);
 
 int64_t app_monotonic_us(void);
+/* A name for this start of a program, above 0: drawn, since a clock may stand anywhere after a restart. */
+int64_t app_session(void);
 
 #endif

@@ -201,7 +201,7 @@ static void tick(lockstep *l, int64_t now_us) {
         tensormass_tool_state_t m;
         char channel[16];
         tool_message(&t->tool, &m);
-        sim_tools_take(&l->tools, i, &m);
+        sim_tools_take(&l->tools, i, now_us, &m);
         snprintf(channel, sizeof channel, "TOOL_%d", i);
         if (l->publisher.api) l->publisher.api->send(l->publisher.link, SIM_TOOL, channel, now_us, &m);
         if (l->publisher.api && (now_us - START_US) % 100000 < l->tick_us)

@@ -32,8 +32,15 @@ typedef struct realtime {
     double simulated_s, compute_s, cost_s; /* cost_s: of one substep, smoothed */
     sim_quantiles lateness, compute;
     sim_magnitude force;
-    bool told_waiting, told_tool[TM_MAX_INSTRUMENTS];
+    bool told_waiting;
+    struct told {
+        bool here, gone;
+        int64_t refused_us, refused; /* the last line about refused tool states; how many since */
+    } told[TM_MAX_INSTRUMENTS];
 } realtime;
+
+/* A lost or overtaken message is no news; that nothing has been taken for so long is. */
+static const int64_t worth_a_line_us = 100000, line_every_us = 1000000;
 
 static int64_t utime_now(void) {
     struct timespec t;
@@ -41,11 +48,46 @@ static int64_t utime_now(void) {
     return (int64_t)t.tv_sec * 1000000 + t.tv_nsec / 1000;
 }
 
+static void tell_refused(struct told *told, const sim_tool *tool, int64_t now_us, const tensormass_tool_state_t *m,
+                         int instrument, const char *why) {
+    ++told->refused;
+    bool other = !tool->seen || m->session != tool->now.session;
+    if ((!other && now_us - tool->gate.heard_us < worth_a_line_us) ||
+        (told->refused_us && now_us - told->refused_us < line_every_us))
+        return;
+    fprintf(stderr, "tm-sim: refused %" PRId64 " of TOOL_%d, the last of session %" PRId64 ": %s\n", told->refused,
+            instrument, m->session, why);
+    told->refused_us = now_us;
+    told->refused = 0;
+}
+
 static void take_tool(void *user, int instrument, const tensormass_tool_state_t *message) {
     realtime *r = user;
-    if (sim_tools_take(&r->tools, instrument, message) && !r->told_tool[instrument]) {
+    const sim_tool *tool = &r->tools.tool[instrument];
+    struct told *told = &r->told[instrument];
+    int64_t before = tool->now.session, now_us = app_monotonic_us();
+    const char *why = sim_tools_take(&r->tools, instrument, now_us, message);
+    if (why)
+        tell_refused(told, tool, now_us, message, instrument, why);
+    else if (!told->here)
         fprintf(stderr, "tm-sim: controller of instrument %d is here\n", instrument);
-        r->told_tool[instrument] = true;
+    else if (message->session != before)
+        fprintf(stderr, "tm-sim: a new controller of instrument %d is here (session %" PRId64 " after %" PRId64 ")\n",
+                instrument, message->session, before);
+    else if (told->gone)
+        fprintf(stderr, "tm-sim: controller of instrument %d is back\n", instrument);
+    if (why) return;
+    told->here = true;
+    told->gone = false;
+}
+
+static void tell_gone(realtime *r) {
+    for (int i = 0; i < r->s->instrument_count; ++i) {
+        struct told *told = &r->told[i];
+        if (!told->here || told->gone || app_monotonic_us() - r->tools.tool[i].gate.heard_us < HRT_GATE_SILENCE_US)
+            continue;
+        fprintf(stderr, "tm-sim: controller of instrument %d went silent; its tool stays where it was\n", i);
+        told->gone = true;
     }
 }
 
@@ -168,6 +210,7 @@ static int loop(realtime *r) {
             (duration >= 0 && app_monotonic_us() - r->start_us > llround(duration * 1e6) + r->frame_us))
             break;
         status = one_frame(r);
+        tell_gone(r);
         if (r->haptics && !r->told_waiting && r->frame * r->frame_us > 1000000) {
             for (int i = 0; i < r->s->instrument_count; ++i)
                 if (!r->tools.tool[i].seen)
@@ -237,7 +280,7 @@ static int begin(realtime *r, const char *log) {
     bool network = r->haptics || sim_has(s, "rendering");
     const char *url = r->o->url ? r->o->url : getenv("LCM_DEFAULT_URL");
     if (!url || !*url) url = "udpm://239.255.76.67:7667?ttl=0";
-    if (!rc) rc = sim_publisher_open(&r->publisher, s, network ? url : NULL, log, utime_now());
+    if (!rc) rc = sim_publisher_open(&r->publisher, s, network ? url : NULL, log, app_session());
     r->tools.s = s;
     if (!rc && r->o->restore) rc = sim_snapshot_restore(s, r->o->restore);
     for (int i = 0; !rc && r->haptics && i < s->instrument_count; ++i) {

@@ -16,25 +16,26 @@ static bool sane(const sim *s, int instrument, const tensormass_tool_state_t *m)
     return m->mode >= 0 && m->mode <= 2 && m->state >= 0 && m->state <= 5 && (m->active == 0 || m->active == 1);
 }
 
-bool sim_tools_take(sim_tools *t, int instrument, const tensormass_tool_state_t *m) {
+const char *sim_tools_take(sim_tools *t, int instrument, int64_t now_us, const tensormass_tool_state_t *m) {
     sim_tool *tool = &t->tool[instrument];
-    if (m->instrument != instrument || (tool->seen && m->session < tool->now.session)) {
+    if (m->instrument != instrument) {
         ++tool->foreign;
-        return false;
+        return "it names another instrument than its channel";
     }
     if (!sane(t->s, instrument, m)) {
         ++tool->rejected;
-        return false;
+        return "a value is out of range, or its tip is not where its joints put it in this scene; see haptic-rt --trocar";
     }
-    bool same = tool->seen && m->session == tool->now.session;
-    if (same && ((int32_t)((uint32_t)m->seq - (uint32_t)tool->now.seq) <= 0 || m->utime <= tool->now.utime)) {
-        ++tool->late;
-        return false;
+    const hrt_gate_mark mark = {.session = m->session, .utime = m->utime, .seq = (uint32_t)m->seq};
+    const hrt_gate_verdict verdict = hrt_gate_accept(&tool->gate, now_us, false, &mark);
+    if (!hrt_gate_open(verdict)) {
+        ++*(verdict == HRT_GATE_FOREIGN ? &tool->foreign : &tool->late);
+        return hrt_gate_text(verdict);
     }
     tool->now = *m;
     tool->seen = true;
     ++tool->accepted;
-    return true;
+    return NULL;
 }
 
 tm_tool_pose sim_tools_target(const sim_tools *t, int instrument) {
@@ -59,7 +60,7 @@ int64_t sim_tools_mean_utime(sim_tools *t, int instrument, int32_t substeps, int
     if (!tool->seen) return 0;
     const double *v = t->s->velocity_m_s[instrument];
     double jump_m = t->s->frame_s * sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    bool known = tool->used_seen && tool->used_session == tool->now.session;
+    bool known = tool->used_seen && tool->used_session == tool->now.session && tool->used_utime <= tool->now.utime;
     int64_t end = tool->now.utime, begin = known ? tool->used_utime : end;
     tool->used_seen = true;
     tool->used_utime = end;

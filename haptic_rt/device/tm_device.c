@@ -270,11 +270,8 @@ static int write_json(program *p) {
 
 int main(int argc, char **argv) {
     static program p;
-    struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
     p.config = hrt_device_config_default(0);
-    p.config.session =
-        (uint16_t)(1 + ((uint64_t)now.tv_sec * 1000 + (uint64_t)now.tv_nsec / 1000000 + (uint64_t)getpid()) % 65535);
+    p.config.session = (uint16_t)(1 + app_session() % 65535);
     p.rate = 500;
     p.priority = 70;
     const int bad = read_options(&p, argc, argv);

@@ -445,10 +445,8 @@ static int open_all(program *p) {
 
 int main(int argc, char **argv) {
     static program p;
-    struct timespec now;
-    clock_gettime(CLOCK_REALTIME, &now);
     p.config = hrt_node_config_default(0);
-    p.config.session = (int64_t)now.tv_sec * 1000000 + now.tv_nsec / 1000;
+    p.config.session = app_session();
     p.rate = 500;
     p.priority = 80;
     const int bad = read_options(&p, argc, argv);

@@ -61,20 +61,37 @@ while time.monotonic() - began < 2.0:
         send("bad", state(utime, seq + 1000, 3.0))
         send("bad", state(utime, seq + 1000, insertion, tip_m=[0, 0, 0]))  # not where the joints say
         send("foreign", state(utime, seq + 1000, insertion, session=SESSION - 1))
+        send("foreign", state(2**62, 0, insertion, session=2**63 - 1))  # whose clock is far ahead
         send("foreign", state(utime, seq + 1000, insertion, instrument=1))
         send("late", state(utime - 1, seq - 1, insertion))
         link.publish("TOOL_0", b"not a message")
     until = time.monotonic() + 0.004
     while time.monotonic() < until:
         link.handle_timeout(1)
-# A restarted controller: a newer session begins again at seq 0.
-before = len(forces)
-for i in range(20):
-    send("good", state(50 + i * 4000, i, 0.12, session=SESSION + 1))
-    link.handle_timeout(10)
-    time.sleep(0.004)
-while link.handle_timeout(100) and len(forces) < before + 12:
-    pass
+
+
+def speak(seconds, session, first_utime, first_seq, kind="good", gap=0.004):
+    began, i = time.monotonic(), 0
+    while time.monotonic() - began < seconds:
+        send(kind, state(first_utime + int((time.monotonic() - began) * 1e6), first_seq + i, 0.12, session=session))
+        i += 1
+        until = time.monotonic() + gap
+        while time.monotonic() < until:
+            link.handle_timeout(1)
+
+
+# A restarted controller whose clock is behind: an earlier session that begins again at seq 0, taken a second after the last word of the first.
+speak(0.85, SESSION - 7, 50, 0, "foreign", 0.1)
+time.sleep(0.2)
+speak(0.5, SESSION - 7, 1000000, 100)
+# One packet in its name, far ahead in seq and time: within a second it is heard again.
+send("good", state(2**62, 2**30, 0.12, session=SESSION - 7))
+speak(0.85, SESSION - 7, 2000000, 1000, "late", 0.02)
+time.sleep(0.2)
+speak(0.5, SESSION - 7, 4000000, 2000)
+while link.handle_timeout(100):
+    if forces[-1].tool_utime > 4300000:
+        break
 sim.send_signal(2)
 said = sim.communicate(timeout=20)[1]
 nearest = 0.0

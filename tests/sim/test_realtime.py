@@ -47,9 +47,25 @@ def test_the_force_is_finite_pushes_back_and_echoes_the_controllers_own_time(ses
     assert seqs == sorted(set(seqs)) and len({f[5] for f in heard["forces"]}) == 1
 
 
-def test_a_restarted_controller_is_taken_up(session):
+def test_a_controller_restarted_with_an_earlier_clock_is_taken_up(session):
     heard, _, _ = session
-    assert heard["forces"][-1][0] == 5000001
+    assert heard["forces"][-1][0] == 5000000 - 7
+    assert "a new controller of instrument 0 is here (session 4999993 after 5000000)" in heard["said"]
+
+
+def test_one_packet_from_the_future_locks_nobody_out(session):
+    heard, _, _ = session
+    # Of another session: never believed while the controller spoke.
+    assert all(f[0] in (0, 5000000, 5000000 - 7) for f in heard["forces"])
+    # Of its own session: believed, and over a second later.
+    assert max(f[1] for f in heard["forces"]) == 2**62 and 4300000 < heard["forces"][-1][1] < 5000000
+
+
+def test_refusals_are_told_with_their_reason_once_a_second(session):
+    heard, _, _ = session
+    lines = [line for line in heard["said"].splitlines() if "refused" in line]
+    assert any("another session speaks" in line for line in lines) and any("seq is before the newest" in line for line in lines)
+    assert 3 <= len(lines) <= 7  # in six seconds
 
 
 def test_what_was_said_is_in_the_log(session):
