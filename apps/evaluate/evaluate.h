@@ -49,11 +49,12 @@ typedef struct recording {
     char name[64];
     int ticks;
     float *tip_m;   /* [3*ticks] relative to the trocar, as the encoders say */
-    float *truth_N; /* [3*ticks] */
+    float *truth_N; /* [3*ticks]; NaN: not known at this tick, which is then not judged */
     int samples;
     sampled *sample;
     double frame_s, peak_N;
     bool interpolated; /* the truth is the paper's: samples interpolated afterwards */
+    int sessions;      /* of the controller in the log it was read from; the longest is this one */
     hrt_params params;
 } recording;
 void recording_free(recording *r);
@@ -63,7 +64,8 @@ void recording_free(recording *r);
 int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, recording *out);
 /* Fills ticks, tip and truth of `out` from the model run at 500 Hz. */
 int record_truth(model m, const path *p, bool encoders, recording *out);
-/* The paper's truth: forces between samples by linear interpolation, afterwards. */
+/* The paper's truth: forces between samples by linear interpolation, afterwards. Not known before the first sample,
+ * after the last, and where two are further apart than three frames and stale_us: there the controller fades. */
 void truth_by_interpolation(recording *r);
 /* The device as the models' scenes hold it: world to trocar, and through its encoders. */
 void device_see(const sim *s, const hrt_params *params, const double tip_m[3], bool encoders, float seen_m[3]);
@@ -82,6 +84,7 @@ typedef struct errors {
     double jump_peak, jump_p99; /* change of the force from tick to tick over the true peak */
     double direction_rad;       /* RMS angle where the true force exceeds a tenth of its peak */
     double over_limit;          /* largest force over the device's limit, before any limiter */
+    int judged;                 /* ticks */
     double off_patch;           /* share of ticks in contact that `contact` had to leave to `tangent` */
     double ns_per_tick;         /* median */
 } errors;
@@ -90,10 +93,15 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
 
 /* --- logs --- */
 
-/* Sessions are plain LCM logs: TOOL_0 every tick, FORCE_0 and PATCH_0 every frame, TRUTH_0 (force_sample_t) every tick
+enum { LOG_INSTRUMENTS = 2 };
+
+/* Sessions are plain LCM logs: TOOL_i every tick, FORCE_i and PATCH_i every frame, TRUTH_0 (force_sample_t) every tick
  * where the truth is known. */
 int log_write(const char *file, const recording *r, const double trocar_m[3]);
-int log_read(const char *file, recording *out);
+/* One instrument of a log, on its controller's clock: when a sample came is found through the log's own times, which
+ * TOOL_i carries beside the controller's. 0, with no ticks or no samples where the log holds none; else the exit code,
+ * having complained. */
+int log_read(const char *file, int instrument, recording *out);
 /* Checked and prepared as the controller does it; positions relative to origin_m. False: refused. */
 bool patch_from_message(const tensormass_contact_patch_t *m, const double origin_m[3], hrt_patch *p);
 

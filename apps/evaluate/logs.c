@@ -11,6 +11,7 @@
 #include "lcm_types/tensormass_force_sample_t.h"
 #include "lcm_types/tensormass_sim_status_t.h"
 #include "lcm_types/tensormass_tool_state_t.h"
+#include "wire.h"
 
 enum { START_US = 1000000, ENCODED_MAX = 32768 };
 
@@ -98,9 +99,34 @@ int log_write(const char *file, const recording *r, const double trocar_m[3]) {
 
 /* --- read --- */
 
+/* Sample times t_n are the controller's clock, arrival is the log's. TOOL carries both: the least difference is the one
+ * with the least delay. Kept over the last second or two, so that clocks may drift and be set. */
+typedef struct clocks {
+    int64_t least_us[2]; /* of the block that fills, and of the one before */
+    int count;
+} clocks;
+
+enum { CLOCK_BLOCK = 500 };
+
+static void clocks_add(clocks *c, int64_t difference_us) {
+    if (c->count % CLOCK_BLOCK == 0) {
+        c->least_us[1] = c->count ? c->least_us[0] : difference_us;
+        c->least_us[0] = difference_us;
+    }
+    if (difference_us < c->least_us[0]) c->least_us[0] = difference_us;
+    c->count++;
+}
+
+static int64_t clocks_difference(const clocks *c) {
+    return c->least_us[0] < c->least_us[1] ? c->least_us[0] : c->least_us[1];
+}
+
 typedef struct reading {
     recording *r;
-    int ticks_room, samples_room, truths;
+    int64_t session; /* of the controller: the one with the most ticks */
+    char tool[16], force[16], patch[16], truth_channel[16];
+    clocks clocks;
+    int ticks_room, samples_room, truths_room, truths;
     int64_t first_us;
     bool started;
     bool origin_known;
@@ -118,15 +144,17 @@ static void *room(void *array, int *have, int want, size_t size) {
     return more;
 }
 
-static void take_tool(reading *g, const tensormass_tool_state_t *m) {
+static void take_tool(reading *g, const tensormass_tool_state_t *m, int64_t logged_us) {
     recording *r = g->r;
+    if (m->session != g->session) return;
+    clocks_add(&g->clocks, logged_us - m->utime);
     if (!g->started) {
         g->started = true, g->first_us = m->utime;
         if (!g->origin_known)
             memcpy(g->origin, m->tip_m, sizeof g->origin); /* no patches then, and any point near by will do */
     }
-    /* Ticks lie on a grid of TICK_US; a gap is filled with the last position. */
-    int64_t tick = (m->utime - g->first_us) / TICK_US;
+    /* Ticks lie on a grid of TICK_US, or a little beside; a gap is filled with the last position. */
+    int64_t tick = (m->utime - g->first_us + TICK_US / 2) / TICK_US;
     if (tick < 0 || tick > 100000000) return;
     r->tip_m = room(r->tip_m, &g->ticks_room, (int)tick + 1, 3 * sizeof *r->tip_m);
     for (int64_t k = r->ticks; k < tick; k++)
@@ -137,10 +165,10 @@ static void take_tool(reading *g, const tensormass_tool_state_t *m) {
 
 static void take_force(reading *g, const tensormass_force_sample_t *m, int64_t logged_us) {
     recording *r = g->r;
-    if (!g->started || !m->tool_utime) return; /* before a controller spoke */
+    if (!g->started || !m->tool_utime || m->tool_session != g->session) return; /* before a controller spoke */
     r->sample = room(r->sample, &g->samples_room, r->samples + 1, sizeof *r->sample);
     sampled *x = &r->sample[r->samples];
-    *x = (sampled){.ready_us = (m->utime > logged_us ? m->utime : logged_us) - g->first_us};
+    *x = (sampled){.ready_us = logged_us - clocks_difference(&g->clocks) - g->first_us};
     hrt_sample *s = &x->sample;
     s->session = s->tool_session = 1, s->t_us = m->tool_utime - g->first_us, s->seq = (uint32_t)m->seq,
     s->stiffness_kind = m->stiffness_kind;
@@ -149,6 +177,7 @@ static void take_force(reading *g, const tensormass_force_sample_t *m, int64_t l
     for (int i = 0; i < 9; i++) s->stiffness_N_m[i] = (float)m->stiffness_N_m[i];
     if (s->t_us < 0) s->t_us = 0;
     if (hrt_sample_check(s, &r->params) != HRT_ACCEPT) return;
+    if (r->samples && s->t_us <= r->sample[r->samples - 1].sample.t_us) return; /* the controller takes no older one */
     if (g->pending && g->pending_seq == s->seq) s->patch = x->patch = g->pending, g->pending = NULL;
     r->samples++;
 }
@@ -157,9 +186,7 @@ static void take_truth(reading *g, const tensormass_force_sample_t *m) {
     if (!g->started) return;
     int64_t tick = (m->utime - g->first_us) / TICK_US;
     if (tick != g->truths) return;
-    static int have;
-    if (g->truths == 0) have = 0;
-    g->truth = room(g->truth, &have, g->truths + 1, 3 * sizeof *g->truth);
+    g->truth = room(g->truth, &g->truths_room, g->truths + 1, 3 * sizeof *g->truth);
     for (int i = 0; i < 3; i++) g->truth[3 * tick + i] = (float)m->force_N[i];
     g->truths++;
 }
@@ -199,13 +226,13 @@ static void take_event(reading *g, const lcm_eventlog_event_t *e) {
     static tensormass_contact_patch_t patch;
     tensormass_tool_state_t tool;
     tensormass_force_sample_t force;
-    if (!strcmp(e->channel, "TOOL_0") && tensormass_tool_state_t_decode(e->data, 0, e->datalen, &tool) >= 0)
-        take_tool(g, &tool);
-    if (!strcmp(e->channel, "PATCH_0") && tensormass_contact_patch_t_decode(e->data, 0, e->datalen, &patch) >= 0)
+    if (!strcmp(e->channel, g->tool) && tensormass_tool_state_t_decode(e->data, 0, e->datalen, &tool) >= 0)
+        take_tool(g, &tool, e->timestamp);
+    if (!strcmp(e->channel, g->patch) && tensormass_contact_patch_t_decode(e->data, 0, e->datalen, &patch) >= 0)
         take_patch(g, &patch);
-    if (!strcmp(e->channel, "FORCE_0") && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0)
+    if (!strcmp(e->channel, g->force) && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0)
         take_force(g, &force, e->timestamp);
-    if (!strcmp(e->channel, "TRUTH_0") && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0)
+    if (!strcmp(e->channel, g->truth_channel) && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0)
         take_truth(g, &force);
 }
 
@@ -228,48 +255,96 @@ static void finish(reading *g) {
     }
 }
 
+/* --- what there is, before it is read --- */
+
+enum { INSTRUMENTS = LOG_INSTRUMENTS, SESSIONS = 64 };
+
+typedef struct survey {
+    bool origin_known[INSTRUMENTS];
+    double origin[INSTRUMENTS][3];
+    struct {
+        int64_t id;
+        int ticks;
+    } session[INSTRUMENTS][SESSIONS];
+    int sessions[INSTRUMENTS]; /* further ones are not looked at */
+} survey;
+
+static void survey_tool(survey *v, int i, const tensormass_tool_state_t *m) {
+    int k = 0;
+    while (k < v->sessions[i] && v->session[i][k].id != m->session) k++;
+    if (k == SESSIONS) return;
+    if (k == v->sessions[i]) v->session[i][v->sessions[i]++].id = m->session;
+    v->session[i][k].ticks++;
+}
+
 /* The trocar stands in the first patch, or in the simulation's status. */
-static void find_trocar(reading *g, lcm_eventlog_t *log) {
+static void survey_origin(survey *v, int i, const double trocar_m[3]) {
+    if (v->origin_known[i]) return;
+    memcpy(v->origin[i], trocar_m, sizeof v->origin[i]);
+    v->origin_known[i] = true;
+}
+
+/* Generated decoders believe the lengths of strings; a log may hold anything. */
+static void survey_status(survey *v, const lcm_eventlog_event_t *e) {
+    char none[] = "";
+    tensormass_sim_status_t m = {.scene = none, .model = none};
+    if (!app_wire_sound_head("20.ss", 20, 2, tensormass_sim_status_t_encoded_size(&m), e->data, e->datalen) ||
+        tensormass_sim_status_t_decode(e->data, 0, e->datalen, &m) != e->datalen)
+        return;
+    for (int i = 0; i < m.instrument_count && i < INSTRUMENTS; i++) survey_origin(v, i, m.trocar_m[i]);
+    tensormass_sim_status_t_decode_cleanup(&m);
+}
+
+static void survey_event(survey *v, const lcm_eventlog_event_t *e) {
     static tensormass_contact_patch_t patch;
-    for (lcm_eventlog_event_t *e; !g->origin_known && (e = lcm_eventlog_read_next_event(log));
-         lcm_eventlog_free_event(e)) {
-        tensormass_sim_status_t status;
-        if (!strcmp(e->channel, "PATCH_0") && tensormass_contact_patch_t_decode(e->data, 0, e->datalen, &patch) >= 0) {
-            memcpy(g->origin, patch.trocar_m, sizeof g->origin);
-            g->origin_known = true;
-        }
-        if (!strcmp(e->channel, "SIM_STATUS") && tensormass_sim_status_t_decode(e->data, 0, e->datalen, &status) >= 0) {
-            memcpy(g->origin, status.trocar_m[0], sizeof g->origin);
-            g->origin_known = status.instrument_count > 0;
-            tensormass_sim_status_t_decode_cleanup(&status);
-        }
+    tensormass_tool_state_t tool;
+    if (!strcmp(e->channel, "SIM_STATUS")) survey_status(v, e);
+    for (int i = 0; i < INSTRUMENTS; i++) {
+        char channel[2][16];
+        snprintf(channel[0], sizeof channel[0], "TOOL_%d", i);
+        snprintf(channel[1], sizeof channel[1], "PATCH_%d", i);
+        if (!strcmp(e->channel, channel[0]) && tensormass_tool_state_t_decode(e->data, 0, e->datalen, &tool) >= 0)
+            survey_tool(v, i, &tool);
+        if (!v->origin_known[i] && !strcmp(e->channel, channel[1]) &&
+            tensormass_contact_patch_t_decode(e->data, 0, e->datalen, &patch) >= 0)
+            survey_origin(v, i, patch.trocar_m);
     }
 }
 
-int log_read(const char *file, recording *out) {
+static bool for_each_event(const char *file, void (*take)(void *, const lcm_eventlog_event_t *), void *user) {
+    lcm_eventlog_t *log = lcm_eventlog_create(file, "r");
+    if (!log) return false;
+    for (lcm_eventlog_event_t *e; (e = lcm_eventlog_read_next_event(log)); lcm_eventlog_free_event(e)) take(user, e);
+    lcm_eventlog_destroy(log);
+    return true;
+}
+
+static void survey_any(void *user, const lcm_eventlog_event_t *e) { survey_event(user, e); }
+static void take_any(void *user, const lcm_eventlog_event_t *e) { take_event(user, e); }
+
+int log_read(const char *file, int instrument, recording *out) {
+    survey v = {0};
+    int longest = 0;
     reading g = {.r = out};
     memset(out, 0, sizeof *out);
     hrt_params_default(&out->params);
     snprintf(out->name, sizeof out->name, "%s", file);
-    lcm_eventlog_t *log = lcm_eventlog_create(file, "r");
-    if (!log)
+    if (!for_each_event(file, survey_any, &v))
         return app_bad_input(file, 0, "cannot be read; name an LCM log, as tm-sim --record or lcm-logger writes it");
-    find_trocar(&g, log);
-    lcm_eventlog_destroy(log);
-    log = lcm_eventlog_create(file, "r");
-    if (!log) return app_bad_input(file, 0, "was there a moment ago; leave it in place while it is read");
-    for (lcm_eventlog_event_t *e; (e = lcm_eventlog_read_next_event(log)); lcm_eventlog_free_event(e))
-        take_event(&g, e);
-    lcm_eventlog_destroy(log);
+    for (int k = 1; k < v.sessions[instrument]; k++)
+        if (v.session[instrument][k].ticks > v.session[instrument][longest].ticks) longest = k;
+    out->sessions = v.sessions[instrument];
+    g.session = v.session[instrument][longest].id;
+    g.origin_known = v.origin_known[instrument];
+    memcpy(g.origin, v.origin[instrument], sizeof g.origin);
+    snprintf(g.tool, sizeof g.tool, "TOOL_%d", instrument);
+    snprintf(g.force, sizeof g.force, "FORCE_%d", instrument);
+    snprintf(g.patch, sizeof g.patch, "PATCH_%d", instrument);
+    snprintf(g.truth_channel, sizeof g.truth_channel, "TRUTH_%d", instrument);
+    if (!for_each_event(file, take_any, &g))
+        return app_bad_input(file, 0, "was there a moment ago; leave it in place while it is read");
     free(g.pending);
-    int rc = 0;
-    if (out->ticks < 2 || out->samples < 2)
-        rc = app_bad_input(
-            file, 0, "holds %d TOOL_0 and %d FORCE_0 messages with a controller's time; record a session with both",
-            out->ticks, out->samples);
-    else
-        finish(&g);
+    if (out->ticks && out->samples) finish(&g);
     free(g.truth);
-    if (rc) recording_free(out);
-    return rc;
+    return 0;
 }

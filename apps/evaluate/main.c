@@ -31,33 +31,91 @@ static int write_json(const char *file_name, cJSON *root) {
     return app_json_write(file_name, root, &error) ? app_report(NULL, 0, &error) : APP_DONE;
 }
 
+/* What the log must hold for an extrapolator to be itself: without it the controller runs another in its place. */
+static const char *lacks(const recording *r, hrt_extrapolator which) {
+    bool stiffness = false, patch = false;
+    for (int i = 0; i < r->samples; i++) {
+        stiffness = stiffness || r->sample[i].sample.stiffness_kind;
+        patch = patch || r->sample[i].patch;
+    }
+    if (which == HRT_TANGENT && !stiffness) return "stiffness";
+    return which == HRT_CONTACT && !patch ? "patch" : NULL;
+}
+
+static void print_row(const char *name, const char *missing, const errors *e) {
+    if (missing)
+        printf("%-16s needs %s; not in this log\n", name, missing);
+    else
+        printf("%-16s %9.3f %9.2f %9.2f %9.2f\n", name, 100 * e->rms, 100 * e->peak, 100 * e->jump_p99,
+               57.29578 * e->direction_rad);
+}
+
+/* Says in `why` what hinders, if it cannot be judged. */
+static bool evaluate_instrument(const char *file, const recording *r, int instrument, const conditions *c, cJSON *logs,
+                                char why[160]) {
+    if (r->ticks < 2 || r->samples < 2) {
+        snprintf(why, 160, "%d ticks of TOOL_%d and %d FORCE_%d messages with its controller's time", r->ticks,
+                 instrument, r->samples, instrument);
+        return false;
+    }
+    errors first = replay(r, HRT_HOLD, c, NULL);
+    if (!first.judged || !(r->peak_N > 0)) {
+        snprintf(why, 160,
+                 first.judged ? "instrument %d: no force, its tool never touched"
+                              : "instrument %d: no tick of TOOL between its samples",
+                 instrument);
+        return false;
+    }
+    cJSON *one = add_row(logs), *rows;
+    cJSON_AddStringToObject(one, "log", file);
+    cJSON_AddNumberToObject(one, "instrument", instrument);
+    cJSON_AddNumberToObject(one, "controller_sessions", r->sessions);
+    cJSON_AddStringToObject(one, "truth", r->interpolated ? "interpolated" : "recorded");
+    cJSON_AddNumberToObject(one, "ticks", r->ticks);
+    cJSON_AddNumberToObject(one, "samples", r->samples);
+    cJSON_AddNumberToObject(one, "peak_N", r->peak_N);
+    rows = cJSON_AddArrayToObject(one, "rows");
+    printf("%s: instrument %d: %d samples over %.1f s, %d ticks judged, peak %.3g N, truth %s\n", file, instrument,
+           r->samples, 1e-6 * TICK_US * r->ticks, first.judged, r->peak_N,
+           r->interpolated ? "interpolated afterwards" : "recorded at 500 Hz");
+    if (r->sessions > 1) printf("(the longest of its controller's %d sessions)\n", r->sessions);
+    printf("%-16s %9s %9s %9s %9s\n", "extrapolator", "RMS %", "peak %", "jump %", "angle deg");
+    for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
+        const char *name = hrt_extrapolator_name((hrt_extrapolator)x), *missing = lacks(r, (hrt_extrapolator)x);
+        errors e = replay(r, (hrt_extrapolator)x, c, NULL);
+        cJSON *row = missing ? cJSON_CreateObject() : errors_json(&e);
+        cJSON_AddItemToArray(rows, row);
+        cJSON_AddStringToObject(row, "extrapolator", name);
+        if (missing) cJSON_AddStringToObject(row, "needs", missing);
+        print_row(name, missing, &e);
+    }
+    return true;
+}
+
+static int evaluate_log(const char *file, const conditions *c, cJSON *logs) {
+    char why[LOG_INSTRUMENTS][160];
+    bool judged = false, there[LOG_INSTRUMENTS] = {0};
+    for (int i = 0; i < LOG_INSTRUMENTS; i++) {
+        recording r;
+        int rc = log_read(file, i, &r);
+        if (rc) return rc;
+        there[i] = r.ticks > 0 || i == 0;
+        bool good = evaluate_instrument(file, &r, i, c, logs, why[i]);
+        judged = judged || good;
+        if (good) why[i][0] = 0;
+        recording_free(&r);
+    }
+    for (int i = 0; judged && i < LOG_INSTRUMENTS; i++)
+        if (there[i] && why[i][0]) printf("%s: not judged: %s\n", file, why[i]);
+    if (judged) return 0;
+    return app_bad_input(file, 0, "no tick can be judged: %s%s%s; record a session that touches, controller included",
+                         why[0], there[1] ? "; " : "", there[1] ? why[1] : "");
+}
+
 static int evaluate_logs(char **log, int count, const conditions *c, const char *json) {
     cJSON *root = cJSON_CreateObject(), *logs = cJSON_AddArrayToObject(root, "logs");
     int rc = 0;
-    for (int i = 0; i < count && !rc; i++) {
-        recording r;
-        rc = log_read(log[i], &r);
-        if (rc) break;
-        cJSON *one = add_row(logs), *rows;
-        cJSON_AddStringToObject(one, "log", log[i]);
-        cJSON_AddStringToObject(one, "truth", r.interpolated ? "interpolated" : "recorded");
-        cJSON_AddNumberToObject(one, "ticks", r.ticks);
-        cJSON_AddNumberToObject(one, "samples", r.samples);
-        cJSON_AddNumberToObject(one, "peak_N", r.peak_N);
-        rows = cJSON_AddArrayToObject(one, "rows");
-        printf("%s: %d samples over %.1f s, peak %.3g N, truth %s\n%-16s %9s %9s %9s %9s\n", log[i], r.samples,
-               1e-6 * TICK_US * r.ticks, r.peak_N, r.interpolated ? "interpolated afterwards" : "recorded at 500 Hz",
-               "extrapolator", "RMS %", "peak %", "jump %", "angle deg");
-        for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
-            errors e = replay(&r, (hrt_extrapolator)x, c, NULL);
-            cJSON *row = errors_json(&e);
-            cJSON_AddItemToArray(rows, row);
-            cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)x));
-            printf("%-16s %9.3f %9.2f %9.2f %9.2f\n", hrt_extrapolator_name((hrt_extrapolator)x), 100 * e.rms,
-                   100 * e.peak, 100 * e.jump_p99, 57.29578 * e.direction_rad);
-        }
-        recording_free(&r);
-    }
+    for (int i = 0; i < count && !rc; i++) rc = evaluate_log(log[i], c, logs);
     if (!rc) rc = write_json(json, root);
     cJSON_Delete(root);
     return rc;

@@ -167,10 +167,15 @@ int record_truth(model m, const path *p, bool encoders, recording *out) {
 void truth_by_interpolation(recording *r) {
     r->interpolated = true, r->peak_N = 0;
     int n = 0;
+    const int64_t gap_us = llround(fmax((double)r->params.stale_us, 3e6 * r->frame_s));
     for (int k = 0; k < r->ticks; k++) {
         int64_t t = (int64_t)k * TICK_US;
         while (n + 1 < r->samples && r->sample[n + 1].sample.t_us <= t) n++;
         const hrt_sample *a = &r->sample[n].sample, *b = &r->sample[n + 1 < r->samples ? n + 1 : n].sample;
+        if (t < a->t_us || t > b->t_us || b->t_us - a->t_us > gap_us) {
+            for (int i = 0; i < 3; i++) r->truth_N[3 * k + i] = NAN;
+            continue;
+        }
         double share = b->t_us > a->t_us ? fmin(fmax((double)(t - a->t_us) / (double)(b->t_us - a->t_us), 0), 1) : 0,
                size = 0;
         for (int i = 0; i < 3; i++) {

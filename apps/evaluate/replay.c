@@ -39,7 +39,7 @@ static int ascending(const void *a, const void *b) {
 
 typedef struct sums {
     double error2, angle2;
-    int counted, angled, in_contact, off_patch;
+    int angled, in_contact, off_patch;
     errors e;
 } sums;
 
@@ -51,7 +51,7 @@ static void judge(sums *s, const recording *r, int tick, const float force[3], u
     const float *truth = r->truth_N + 3 * tick;
     float d[3] = {force[0] - truth[0], force[1] - truth[1], force[2] - truth[2]};
     double error = length3(d), size = length3(force), size_true = length3(truth);
-    s->error2 += error * error, s->counted++;
+    s->error2 += error * error, s->e.judged++;
     s->e.peak = fmax(s->e.peak, error / r->peak_N);
     s->e.over_limit = fmax(s->e.over_limit, size / (double)r->params.force_max_N);
     if (size_true > 0) s->in_contact++, s->off_patch += (limits & HRT_LIMIT_PATCH) != 0;
@@ -84,13 +84,13 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
         hrt_extrapolation_force(&x, &r->params, now, r->tip_m + 3 * tick, force);
         spent += app_seconds() - start;
         if (force_N) memcpy(force_N + 3 * tick, force, sizeof force);
-        if (!begun) continue;
+        if (!begun || isnan(r->truth_N[3 * tick])) continue;
         judge(&s, r, tick, force, x.limits);
         float step[3] = {force[0] - last[0], force[1] - last[1], force[2] - last[2]};
         jump[jumps++] = (float)length3(step);
         memcpy(last, force, sizeof last);
     }
-    s.e.rms = s.counted ? sqrt(s.error2 / s.counted) / r->peak_N : 0;
+    s.e.rms = s.e.judged ? sqrt(s.error2 / s.e.judged) / r->peak_N : 0;
     s.e.direction_rad = s.angled ? sqrt(s.angle2 / s.angled) : 0;
     s.e.off_patch = s.in_contact ? (double)s.off_patch / s.in_contact : 0;
     s.e.ns_per_tick = 1e9 * spent / r->ticks;
@@ -103,6 +103,7 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
 
 cJSON *errors_json(const errors *e) {
     cJSON *row = cJSON_CreateObject();
+    cJSON_AddNumberToObject(row, "judged", e->judged);
     cJSON_AddNumberToObject(row, "rms", e->rms);
     cJSON_AddNumberToObject(row, "peak", e->peak);
     cJSON_AddNumberToObject(row, "jump_peak", e->jump_peak);

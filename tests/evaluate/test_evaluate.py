@@ -55,6 +55,111 @@ def test_signed_beats_unsigned_on_reversals(bin, root, logs, tmp_path):
     assert rms["position"] < rms["paper_position"]
 
 
+# --- logs of real time: samples come on the wall clock, ticks are the controller's own ---
+
+EPOCH_US = 1_700_000_000_000_000
+
+
+def rewrite(root, build, log, out, change):
+    """The log with change(event, message, type) for each of its messages; it returns [(timestamp, channel, bytes)]."""
+    sys.path.insert(0, str(build / "python"))
+    import lcm
+    import tensormass
+
+    types = {"TOOL": tensormass.tool_state_t, "FORCE": tensormass.force_sample_t, "TRUTH": tensormass.force_sample_t, "PATCH": tensormass.contact_patch_t}
+    written = lcm.EventLog(str(out), "w", overwrite=True)
+    for event in lcm.EventLog(str(log), "r"):
+        kind = event.channel.split("_")[0]
+        for at, channel, data in change(event, types[kind].decode(event.data) if kind in types else None, kind):
+            written.write_event(at, channel, data)
+    written.close()
+    return out
+
+
+def told(one):
+    return {r["extrapolator"]: [r[k] for k in ("judged", "rms", "peak", "jump_p99", "direction_rad", "off_patch")] for r in one["rows"]}
+
+
+def on_the_wall_clock(event, message, kind, offset_us=EPOCH_US):
+    at = event.timestamp + offset_us
+    if kind in ("FORCE", "PATCH"):
+        message.utime = at
+    return [(at, event.channel, message.encode() if message else event.data)]
+
+
+def test_two_clocks_change_no_figure(bin, root, build, logs, tmp_path):
+    plain, = figures(bin, root, tmp_path, logs / "precomputed-tour.lcm")
+    moved, = figures(bin, root, tmp_path, rewrite(root, build, logs / "precomputed-tour.lcm", tmp_path / "wall.lcm", on_the_wall_clock))
+    assert told(moved) == told(plain) and plain["rows"][0]["judged"] > 1000 and plain["rows"][0]["rms"] > 0.01
+
+
+def test_a_wall_clock_that_is_set_and_messages_that_lag(bin, root, build, logs, tmp_path):
+    """Set back by an hour in the middle, every message up to 1 ms under way."""
+    begin = []
+
+    def change(event, message, kind):
+        begin.append(event.timestamp)
+        lag = event.eventnum * 7919 % 1000
+        return on_the_wall_clock(event, message, kind, EPOCH_US + lag - (3_600_000_000 if event.timestamp > begin[0] + 3_000_000 else 0))
+
+    plain, = figures(bin, root, tmp_path, logs / "precomputed-tour.lcm")
+    moved, = figures(bin, root, tmp_path, rewrite(root, build, logs / "precomputed-tour.lcm", tmp_path / "set.lcm", change))
+    for name in ("hold", "time", "position", "broyden"):
+        assert told(moved)[name][1] == pytest.approx(told(plain)[name][1], rel=0.1), name
+
+
+def test_every_instrument_and_the_longest_session_of_its_controller(bin, root, build, logs, tmp_path):
+    ticks = []
+
+    def change(event, message, kind):
+        first = [(event.timestamp, event.channel, event.data)]
+        if kind not in ("TOOL", "FORCE"):
+            return first
+        message.instrument = 1
+        if kind == "TOOL":  # a controller that ran for a second, on a clock of its own, before this one
+            ticks.append(event.timestamp)
+            if len(ticks) < 500:
+                message.session, message.utime = 77, event.timestamp + 10**12
+        return first + [(event.timestamp, event.channel.replace("_0", "_1"), message.encode())]
+
+    both = figures(bin, root, tmp_path, rewrite(root, build, logs / "precomputed-tour.lcm", tmp_path / "both.lcm", change))
+    assert [x["instrument"] for x in both] == [0, 1] and [x["controller_sessions"] for x in both] == [1, 2]
+    rows = {r["extrapolator"]: r for r in both[1]["rows"]}
+    assert rows["contact"]["needs"] == "patch" and "rms" not in rows["contact"]  # no PATCH_1 was written
+    assert rows["position"]["rms"] > 0.001 and rows["hold"]["rms"] > rows["position"]["rms"]
+
+
+def test_tangent_and_contact_say_what_they_lack(bin, root, tmp_path):
+    """A session of `position` sends neither stiffness nor patches: what ran as `broyden` is not shown as theirs."""
+    subprocess.run([bin / "tm-sim", root / "apps/scenes/liver-press.yaml", "--lockstep", "--duration", "2 s", "--record", tmp_path / "s.lcm"],
+                   check=True, timeout=120, capture_output=True)
+    run = subprocess.run([bin / "tm-evaluate", tmp_path / "s.lcm", "--json", tmp_path / "e.json"], cwd=root, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    assert [line.split()[0] for line in run.stdout.splitlines() if "not in this log" in line] == ["tangent", "contact"]
+    one, = json.loads((tmp_path / "e.json").read_text())["logs"]
+    rows = {r["extrapolator"]: r for r in one["rows"]}
+    assert rows["tangent"] == {"extrapolator": "tangent", "needs": "stiffness"} and rows["contact"]["needs"] == "patch"
+    assert 0 < rows["broyden"]["rms"] < 0.1
+
+
+@pytest.mark.parametrize("what, says", [("elsewhen", "no tick of TOOL"), ("untouched", "never touched")])
+def test_a_log_in_which_nothing_can_be_judged_is_refused(bin, root, build, logs, tmp_path, what, says):
+    def change(event, message, kind):
+        if kind == "FORCE" and what == "elsewhen":
+            message.tool_utime += 10**12
+        if kind in ("FORCE", "TRUTH") and what == "untouched":
+            message.force_N = [0, 0, 0]
+        if kind == "TRUTH" and what == "elsewhen":
+            return []
+        return [(event.timestamp, event.channel, message.encode() if message else event.data)]
+
+    log = rewrite(root, build, logs / "precomputed-tour.lcm", tmp_path / "bad.lcm", change)
+    (tmp_path / "e.json").write_text("old")
+    run = subprocess.run([bin / "tm-evaluate", log, "--json", tmp_path / "e.json"], cwd=root, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 2 and says in run.stderr, run
+    assert (tmp_path / "e.json").read_text() == "old"
+
+
 def test_the_page_is_complete(page):
     out, data = page
     html = (out / "index.html").read_text()

@@ -89,6 +89,18 @@ def test_controller_follows_the_simulation(demo):
     assert all(f == 0 for t, f in rows if t < 0.5)
 
 
+def test_the_extrapolators_are_judged_on_the_recorded_session(bin, root, demo, tmp_path):
+    """The log's two clocks meet: about the same errors as on the same scene in lockstep."""
+    subprocess.run([bin / "tm-sim", root / SCENE, "--lockstep", "--duration", "4 s", "--record", tmp_path / "lockstep.lcm"], check=True, timeout=120, capture_output=True)
+    run = subprocess.run([bin / "tm-evaluate", demo[0] / "demo.lcm", tmp_path / "lockstep.lcm", "--json", tmp_path / "e.json"], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    real, lockstep = ({r["extrapolator"]: r for r in log["rows"]} for log in json.loads((tmp_path / "e.json").read_text())["logs"])
+    assert real["hold"]["judged"] > 1000
+    for name in ("hold", "position", "broyden"):
+        assert 0.3 < real[name]["rms"] / lockstep[name]["rms"] < 3, (name, real[name], lockstep[name])
+    assert real["position"]["rms"] < real["hold"]["rms"]
+
+
 def finish(process, timeout=60):
     out, err = process.communicate(timeout=timeout)
     assert process.returncode == 0, err
