@@ -1,5 +1,6 @@
 /* The mesh cache: one file a mesh and scale, named by its hash. Anything wrong with it is a miss, never an error. */
 #include <errno.h>
+#include <fcntl.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -39,8 +40,12 @@ bool app_mesh_cache_load(uint64_t hash, app_mesh *mesh) {
     char folder[900], path[960];
     if (!cache_folder(folder, sizeof folder)) return false;
     snprintf(path, sizeof path, "%s/%016llx.tmmesh", folder, (unsigned long long)hash);
-    FILE *file = fopen(path, "rb");
-    if (!file) return false;
+    int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a FIFO in its place must not hold us up */
+    FILE *file = fd < 0 ? NULL : fdopen(fd, "rb");
+    if (!file) {
+        if (fd >= 0) close(fd);
+        return false;
+    }
     struct stat info;
     bool found = false;
     if (fstat(fileno(file), &info) == 0 && S_ISREG(info.st_mode) && info.st_size > 0) {
@@ -53,17 +58,27 @@ bool app_mesh_cache_load(uint64_t hash, app_mesh *mesh) {
     return found;
 }
 
+/* Under a name that nobody else has, and never through a link. */
+static bool write_whole(const char *path, const void *bytes, size_t size) {
+    char temporary[1000];
+    snprintf(temporary, sizeof temporary, "%s.XXXXXX", path);
+    int fd = mkstemp(temporary);
+    if (fd < 0) return false;
+    fchmod(fd, 0644);
+    FILE *file = fdopen(fd, "wb");
+    bool whole = file && fwrite(bytes, 1, size, file) == size;
+    if (file ? fclose(file) != 0 : close(fd) != 0) whole = false;
+    if (whole && rename(temporary, path) == 0) return true;
+    unlink(temporary);
+    return false;
+}
+
 void app_mesh_cache_store(const app_mesh *mesh) {
     char folder[900], path[960];
-    app_output output;
     size_t size;
     if (!cache_folder(folder, sizeof folder) || !make_folders(folder)) return;
     snprintf(path, sizeof path, "%s/%016llx.tmmesh", folder, (unsigned long long)mesh->hash);
-    if (!app_output_begin(&output, path, NULL)) return;
     void *bytes = app_mesh_encode(mesh, &size);
-    FILE *file = bytes ? fopen(output.temporary, "wb") : NULL;
-    bool whole = file && fwrite(bytes, 1, size, file) == size;
-    if (file && fclose(file) != 0) whole = false;
+    if (bytes) write_whole(path, bytes, size); /* where it cannot be written all works without */
     free(bytes);
-    if (!whole || !app_output_commit(&output, NULL)) app_output_abandon(&output);
 }

@@ -17,6 +17,7 @@
 #include <sys/file.h>
 #include <sys/mman.h>
 #include <sys/stat.h>
+#include <time.h>
 #include <unistd.h>
 
 #define CHUNK ((size_t)1 << 22)
@@ -103,8 +104,9 @@ static bool check_head(const tms_file_head *head, size_t size, uint64_t key, cha
     if (head->byte_order != BYTE_ORDER_MARK) return refuse(why, "written on a machine of the other byte order");
     if (head->version != FORMAT_VERSION) return refuse(why, "written by another version of this library");
     if (head->key != key) return refuse(why, "of another mesh, material, support, load or setting");
-    if (head->kept_count < 0 || head->interface_count < 0 ||
-        (head->precision != TM_DOUBLE && head->precision != TM_SINGLE) || head->block != TMS_BLOCK)
+    if (head->kept_count < 0 || head->kept_count > TMS_MAX_COLUMNS || head->interface_count < 0 ||
+        head->interface_count > TMS_MAX_COLUMNS || (head->precision != TM_DOUBLE && head->precision != TM_SINGLE) ||
+        head->block != TMS_BLOCK)
         return refuse(why, "its head is damaged");
     const tms_layout l = tms_file_layout(head->kept_count, head->interface_count, (tm_precision)head->precision);
     if ((size_t)head->bytes != l.bytes || size != l.bytes || (size_t)head->column_offset != l.column)
@@ -125,7 +127,7 @@ static bool check_sums(const char *map, const tms_file_head *head, int32_t threa
 }
 
 bool tms_file_open(const char *path, uint64_t key, int32_t threads, void **map, size_t *bytes, char why[160]) {
-    const int fd = open(path, O_RDONLY | O_CLOEXEC);
+    const int fd = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK); /* a FIFO in its place must not hold us up */
     if (fd < 0) return refuse(why, errno == ENOENT ? "no file yet" : "the file cannot be opened");
     struct stat st;
     void *m = MAP_FAILED;
@@ -144,37 +146,74 @@ bool tms_file_open(const char *path, uint64_t key, int32_t threads, void **map, 
 
 /* --- writing --- */
 
-static tm_status file_fail(tms_file_write *file, tm_error *error, const char *what, int number) {
+/* Leaves the file as it is: the caller abandons it, or keeps what is mapped. */
+static tm_status file_fail(const tms_file_write *file, tm_error *error, const char *what, int number) {
     char size[32];
     tms_bytes_text((int64_t)file->bytes, size);
-    tms_fail(error, TM_ERR_FILE, -1, "%s: %s (%s): %s; %s", file->part, what, size, strerror(number),
-             number == ENOSPC ? "free some space, store the responses in single precision, or name another place"
-                              : "name a place that can be written");
-    tms_file_abandon(file);
-    return TM_ERR_FILE;
+    return tms_fail(error, TM_ERR_FILE, -1, "%s: %s (%s): %s; %s", file->part, what, size, strerror(number),
+                    number == ENOSPC ? "free some space, store the responses in single precision, or name another place"
+                                     : "name a place that can be written");
 }
 
-tm_status tms_file_begin(const char *path, size_t bytes, tms_file_write *file, tm_error *error) {
-    *file = (tms_file_write){.fd = -1, .map = MAP_FAILED, .bytes = bytes};
+/* Never through a link, never into anything but a file of its own. */
+static int open_part(const tms_file_write *file, tm_error *error) {
+    struct stat st;
+    const int fd = open(file->part, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW | O_NONBLOCK, 0644);
+    if (fd < 0) {
+        file_fail(file, error, errno == ELOOP ? "is a link; remove it" : "cannot be created", errno);
+        return -1;
+    }
+    if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_nlink < 2) return fd;
+    tms_fail(error, TM_ERR_FILE, -1, "%s: is not an ordinary file of one name; remove it", file->part);
+    close(fd);
+    return -1;
+}
+
+/* Who held the lock before us may have renamed or removed what we opened: then it is the finished file, or none. */
+static bool is_still_part(int fd, const tms_file_write *file) {
+    struct stat mine, there;
+    return fstat(fd, &mine) == 0 && lstat(file->part, &there) == 0 && mine.st_dev == there.st_dev &&
+           mine.st_ino == there.st_ino && mine.st_nlink == 1;
+}
+
+tm_status tms_file_lock(const tm_solve_def *def, const char *path, double wait_s, tms_file_write *file,
+                        tm_error *error) {
+    *file = (tms_file_write){.fd = -1, .map = MAP_FAILED};
     if (snprintf(file->path, sizeof file->path, "%s", path) >= (int)sizeof file->path)
         return tms_fail(error, TM_ERR_FILE, -1,
                         "the name of the response file is longer than %d bytes; use a shorter one",
                         (int)sizeof file->path - 1);
     snprintf(file->part, sizeof file->part, "%s.part", path);
-    const int fd = open(file->part, O_RDWR | O_CREAT | O_CLOEXEC, 0644);
-    if (fd < 0) return file_fail(file, error, "cannot be created", errno);
-    if (flock(fd, LOCK_EX | LOCK_NB)) {
+    const double start = tms_clock_s();
+    for (;;) {
+        const int fd = open_part(file, error);
+        if (fd < 0) return TM_ERR_FILE;
+        const int failed = flock(fd, LOCK_EX | LOCK_NB) ? errno : 0;
+        if (!failed && is_still_part(fd, file)) {
+            file->fd = fd;
+            return TM_OK;
+        }
         close(fd); /* not ours to remove */
-        return tms_fail(error, TM_ERR_FILE, -1, "%s: another run is computing this file; wait for it", file->part);
+        if (failed && failed != EWOULDBLOCK && failed != EINTR)
+            return file_fail(file, error, "cannot be locked", failed);
+        if (!tms_progress(def, "waiting for another run", 0, -1))
+            return tms_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
+        if (tms_clock_s() - start > wait_s)
+            return tms_fail(error, TM_ERR_FILE, -1,
+                            "%s: another run has been computing this file for %.0f s; wait for it, or end it",
+                            file->part, wait_s);
+        nanosleep(&(struct timespec){.tv_nsec = failed ? 20000000 : 0}, NULL);
     }
-    file->fd = fd;
+}
+
+tm_status tms_file_reserve(tms_file_write *file, size_t bytes, tm_error *error) {
+    file->bytes = bytes;
     /* What a killed run left here is of no use: it has no checksums. */
-    if (ftruncate(fd, 0)) return file_fail(file, error, "cannot be emptied", errno);
-    const int failed = posix_fallocate(fd, 0, (off_t)bytes);
+    if (ftruncate(file->fd, 0)) return file_fail(file, error, "cannot be emptied", errno);
+    const int failed = posix_fallocate(file->fd, 0, (off_t)bytes);
     if (failed) return file_fail(file, error, "no room on the disk", failed);
-    file->map = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, fd, 0);
-    if (file->map == MAP_FAILED) return file_fail(file, error, "cannot be mapped", errno);
-    return TM_OK;
+    file->map = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, file->fd, 0);
+    return file->map == MAP_FAILED ? file_fail(file, error, "cannot be mapped", errno) : TM_OK;
 }
 
 tm_status tms_file_commit(tms_file_write *file, int32_t threads, tm_error *error) {
@@ -195,7 +234,15 @@ tm_status tms_file_commit(tms_file_write *file, int32_t threads, tm_error *error
     if (rename(file->part, file->path)) return file_fail(file, error, "cannot be renamed", errno);
     munmap(file->map, file->bytes);
     close(file->fd);
+    *file = (tms_file_write){.fd = -1, .map = MAP_FAILED};
     return TM_OK;
+}
+
+void *tms_file_keep(tms_file_write *file) {
+    void *map = file->map;
+    file->map = MAP_FAILED;
+    tms_file_abandon(file);
+    return map;
 }
 
 void tms_file_abandon(tms_file_write *file) {

@@ -14,6 +14,8 @@ enum { TMS_COOKIE_PROBLEM = 0x736f6c76, TMS_COOKIE_PRECOMPUTED = 0x70726563, TMS
 /* Columns are solved in blocks of this width always, the last one filled up with zeros: dense kernels may sum in
  * another order for another width, and the result must not depend on how many threads or ranks share the work. */
 #define TMS_BLOCK 64
+#define TMS_MAX_COLUMNS (1 << 24) /* of either kind: above it sizes would wrap */
+#define TMS_WAIT_S 600            /* for another process that computes the same file */
 
 tm_status tms_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
@@ -146,10 +148,16 @@ typedef struct tms_file_write {
     void *map;
     size_t bytes;
 } tms_file_write;
-/* A file of `bytes` under a name of its own, its space taken, mapped for writing. */
-tm_status tms_file_begin(const char *path, size_t bytes, tms_file_write *file, tm_error *error);
-/* Checksums, flushes to disk and renames over `path`. */
+/* Makes `path`.part and locks it, so that one process at a time computes the file. While another does, waits, at most
+ * wait_s, asking def->progress (false: TM_ERR_CONVERGENCE). Whoever has waited looks at the file again. */
+tm_status tms_file_lock(const tm_solve_def *def, const char *path, double wait_s, tms_file_write *file,
+                        tm_error *error);
+/* Takes `bytes` on the disk and maps them for writing. */
+tm_status tms_file_reserve(tms_file_write *file, size_t bytes, tm_error *error);
+/* Checksums, flushes to disk and renames over `path`. Failed, it leaves the file to _keep or _abandon. */
 tm_status tms_file_commit(tms_file_write *file, int32_t threads, tm_error *error);
+/* Gives up the name and keeps the memory, which is the caller's to unmap. */
+void *tms_file_keep(tms_file_write *file);
 void tms_file_abandon(tms_file_write *file);
 
 /* Sections of the head, in this order after tms_file_head: kept, interface (int32), base, interface_N, schur (double),
@@ -158,6 +166,7 @@ typedef struct tms_layout {
     size_t kept, interface, base, force, schur, checksum, column, bytes;
     int32_t blocks;
 } tms_layout;
+/* Counts up to TMS_MAX_COLUMNS: what is larger can be stored nowhere. */
 tms_layout tms_file_layout(int32_t kept_count, int32_t interface_count, tm_precision precision);
 
 #ifdef __cplusplus

@@ -123,17 +123,67 @@ static tm_status compute_into(const tms_request *q, const tms_system *system, co
     return tms_columns_run(&c, q->def, q->team, error);
 }
 
+/* Why there is no file, beside why there was none to read. */
+static void in_memory(char why[160], const tm_error *lack) {
+    const size_t used = strlen(why);
+    snprintf(why + used, 160 - used, "; kept in memory alone: %s", lack->message);
+}
+
+/* The new file, if there is to be one: locked already, its space taken here. `need`: no file is a failure. */
+static tm_status reserve(tms_file_write *file, size_t bytes, bool need, char why[160], tm_error *error) {
+    tm_error lack;
+    if (file->fd < 0) return TM_OK;
+    const tm_status status = tms_file_reserve(file, bytes, &lack);
+    if (status == TM_OK) return TM_OK;
+    tms_file_abandon(file);
+    if (need) {
+        if (error) *error = lack;
+        return status;
+    }
+    in_memory(why, &lack);
+    return TM_OK;
+}
+
+/* What was computed, into the file's place and mapped from there; or, where that fails, kept as it is. */
+static tm_status publish(const tms_request *q, uint64_t key, tms_file_write *file, bool need, tms_responses *r,
+                         char why[160], tm_error *error) {
+    tm_error lack;
+    const int32_t threads = tms_threads(q->def);
+    const size_t bytes = file->bytes;
+    tm_status status = tms_file_commit(file, threads, &lack);
+    if (status == TM_OK) {
+        char bad[160];
+        if (!tms_file_open(q->file, key, threads, &r->map, &r->map_bytes, bad))
+            return tms_fail(error, TM_ERR_FILE, -1, "%s: just written, and already %s; check the disk", q->file, bad);
+    } else if (need) {
+        tms_file_abandon(file);
+        if (error) *error = lack;
+        return status;
+    } else {
+        in_memory(why, &lack);
+        r->map = tms_file_keep(file);
+        r->map_bytes = bytes;
+    }
+    const tms_file_head *head = r->map;
+    view(r, r->map, (char *)r->map + head->column_offset);
+    return TM_OK;
+}
+
 /* Where the result goes: the mapped new file, own memory, or on other ranks a head only. */
-static tm_status compute(const tms_request *q, uint64_t key, tms_responses *r, tm_solve_report *report,
-                         tm_error *error) {
-    const int32_t threads = tms_threads(q->def), rank = q->team ? q->team->rank : 0;
+static tm_status compute(const tms_request *q, uint64_t key, tms_file_write *file, bool need, tms_responses *r,
+                         tm_solve_report *report, tm_error *error) {
+    const int32_t rank = q->team ? q->team->rank : 0;
     tms_system system = {0};
     tms_solver *solver = NULL;
-    tms_file_write file = {.fd = -1, .map = MAP_FAILED};
     int32_t kept_count = 0;
     tm_status status = tms_system_create(q->def->tissue, q->def->fixed, &system, error);
-    if (status != TM_OK) return status;
+    if (status != TM_OK) goto done;
     for (int32_t i = 0; i < system.n; i++) kept_count += q->wanted[system.dof[i] / 3];
+    if (kept_count > TMS_MAX_COLUMNS || q->interface_count > TMS_MAX_COLUMNS) {
+        status = tms_fail(error, TM_ERR_MEMORY, -1, "too large: %d columns; use a coarser mesh",
+                          (int)(kept_count > q->interface_count ? kept_count : q->interface_count));
+        goto done;
+    }
     const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision);
     report->free_dofs = system.n;
     report->columns = kept_count + q->interface_count;
@@ -141,17 +191,17 @@ static tm_status compute(const tms_request *q, uint64_t key, tms_responses *r, t
     status = tms_solver_create(&system, q->def, (int64_t)l.bytes,
                                (int64_t)tms_file_layout(kept_count, q->interface_count, TM_SINGLE).bytes, &solver,
                                report, error);
-    if (status == TM_OK && q->file && rank == 0) status = tms_file_begin(q->file, l.bytes, &file, error);
+    if (status == TM_OK) status = reserve(file, l.bytes, need, report->why, error);
     if (status != TM_OK) goto done;
-    char *memory = file.map != MAP_FAILED ? file.map : (r->head = calloc(1, l.column));
-    char *columns = file.map != MAP_FAILED ? memory + l.column
-                    : rank == 0            ? (r->owned = malloc(l.bytes - l.column + 1))
-                                           : NULL;
+    char *memory = file->map != MAP_FAILED ? file->map : (r->head = calloc(1, l.column));
+    char *columns = file->map != MAP_FAILED ? memory + l.column
+                    : rank == 0             ? (r->owned = malloc(l.bytes - l.column + 1))
+                                            : NULL;
     if (!memory || (rank == 0 && !columns))
         status = tms_fail(error, TM_ERR_MEMORY, -1,
                           "no memory for the responses; store them in single precision, or use a coarser mesh");
     if (status == TM_OK) status = compute_into(q, &system, solver, kept_count, key, memory, columns, error);
-    if (status == TM_OK && file.map == MAP_FAILED && rank == 0) view(r, memory, columns);
+    if (status == TM_OK && file->map == MAP_FAILED && rank == 0) view(r, memory, columns);
 done:
     if (q->solver && status == TM_OK) {
         *q->system = system;
@@ -160,14 +210,12 @@ done:
         tms_solver_destroy(solver); /* before the file is flushed: the factor is the larger half of memory */
         tms_system_destroy(&system);
     }
-    if (file.map != MAP_FAILED && status == TM_OK) {
-        status = tms_file_commit(&file, threads, error);
-        if (status == TM_OK && !tms_file_open(q->file, key, threads, &r->map, &r->map_bytes, report->why))
-            status = tms_fail(error, TM_ERR_FILE, -1, "%s: just written, and already %s; check the disk", q->file,
-                              report->why);
-        if (status == TM_OK) view(r, r->map, (char *)r->map + l.column);
-    } else if (file.map != MAP_FAILED) {
-        tms_file_abandon(&file);
+    if (file->map != MAP_FAILED && status == TM_OK) status = publish(q, key, file, need, r, report->why, error);
+    tms_file_abandon(file);
+    if (status != TM_OK && q->solver && *q->solver) { /* the file failed after the factor was handed over */
+        tms_solver_destroy(*q->solver);
+        tms_system_destroy(q->system);
+        *q->solver = NULL;
     }
     if (status != TM_OK || rank > 0) tms_responses_release(r);
     return status;
@@ -181,30 +229,63 @@ static tm_status factor_again(const tms_request *q, tm_solve_report *report, tm_
     return status;
 }
 
+/* The lists are those of this problem: a file may lie about them and still have the right sums. */
+static bool lists_fit(const tms_request *q, const tms_responses *r) {
+    const int32_t dofs = 3 * tm_tissue_mesh(q->def->tissue)->vertex_count;
+    if (r->interface_count != q->interface_count || r->precision != q->precision) return false;
+    if (r->interface_count && memcmp(r->interface, q->interface, 4 * (size_t)r->interface_count)) return false;
+    for (int32_t i = 0, last = -1; i < r->kept_count; last = r->kept[i++])
+        if (r->kept[i] <= last || r->kept[i] >= dofs || !q->wanted[r->kept[i] / 3] || q->def->fixed[r->kept[i]])
+            return false;
+    return true;
+}
+
+static bool from_file(const tms_request *q, uint64_t key, tms_responses *r, tm_solve_report *report) {
+    if (!tms_file_open(q->file, key, tms_threads(q->def), &r->map, &r->map_bytes, report->why)) return false;
+    const tms_file_head *head = r->map;
+    view(r, r->map, (char *)r->map + head->column_offset);
+    if (!lists_fit(q, r)) {
+        tms_responses_release(r);
+        snprintf(report->why, sizeof report->why, "its lists are another problem's");
+        return false;
+    }
+    report->from_file = true;
+    report->why[0] = 0;
+    report->columns = r->kept_count + r->interface_count;
+    report->responses_bytes = r->bytes;
+    return true;
+}
+
 tm_status tms_responses_get(const tms_request *q, bool force, tms_responses *r, tm_solve_report *report,
                             tm_error *error) {
     const double start = tms_clock_s();
     const uint64_t key = key_of(q);
+    const bool writes = q->file && !(q->team && q->team->rank > 0);
+    tms_file_write file = {.fd = -1, .map = MAP_FAILED};
+    tm_status status = TM_OK;
     *r = (tms_responses){0};
     report->interface_dofs = q->interface_count;
     snprintf(report->why, sizeof report->why, "%s", q->file ? "asked for anew" : "no file named");
-    if (q->file && !force && tms_file_open(q->file, key, tms_threads(q->def), &r->map, &r->map_bytes, report->why)) {
-        const tms_file_head *head = r->map;
-        view(r, r->map, (char *)r->map + head->column_offset);
-        report->from_file = true;
-        report->why[0] = 0;
-        report->columns = r->kept_count + r->interface_count;
-        report->responses_bytes = r->bytes;
-        const tm_status status = q->solver ? factor_again(q, report, error) : TM_OK;
-        report->seconds = tms_clock_s() - start;
-        if (status != TM_OK) tms_responses_release(r);
-        return status;
+    bool found = q->file && !force && from_file(q, key, r, report);
+    if (writes && !found) {
+        tm_error lack;
+        status = tms_file_lock(q->def, q->file, TMS_WAIT_S, &file, &lack);
+        if (status == TM_OK && !force) { /* whoever had the lock before may have written it */
+            found = from_file(q, key, r, report);
+            if (found) tms_file_abandon(&file);
+        } else if (status == TM_ERR_FILE && !force) {
+            in_memory(report->why, &lack); /* without a cache everything works all the same */
+            status = TM_OK;
+        } else if (status != TM_OK && error) {
+            *error = lack;
+        }
     }
-    char why[160];
-    memcpy(why, report->why, sizeof why);
-    const tm_status status = compute(q, key, r, report, error);
-    memcpy(report->why, why, sizeof why);
+    if (status == TM_OK && found)
+        status = q->solver ? factor_again(q, report, error) : TM_OK;
+    else if (status == TM_OK)
+        status = compute(q, key, &file, force, r, report, error);
     report->seconds = tms_clock_s() - start;
+    if (status != TM_OK) tms_responses_release(r);
     return status;
 }
 

@@ -1,5 +1,6 @@
 """Good meshes in every format give the same model; the cache gives the same without opening Gmsh."""
 import json
+import os
 import random
 import re
 import shutil
@@ -157,6 +158,23 @@ def test_works_without_a_cache(folder, tm_mesh, env, tmp_path):
     env["TM_CACHE_DIR"] = folder.format(file=path)
     for _ in range(2):
         assert info(tm_mesh, path, env)[0]["tets"] == 48
+
+
+def test_traps_in_the_cache(tm_mesh, env, tmp_path):
+    """A FIFO where the file should be holds nobody up; a link laid for the temporary file is not followed."""
+    path = write(tmp_path / "b.msh", meshlib.msh2(meshlib.block()))
+    text = info(tm_mesh, path, env)[1]
+    (cache,) = (tmp_path / "cache").iterdir()
+    cache.unlink()
+    os.mkfifo(cache)
+    assert info(tm_mesh, path, env)[1] == text
+    assert cache.is_file()
+    cache.unlink()
+    letters = write(tmp_path / "letters", "somebody's")
+    lay = f'ln -s {letters} {cache}.$$~; exec "$0" "$@"'  # the shell's number is the program's
+    subprocess.run(["sh", "-c", lay, str(tm_mesh), "check", str(path)], env=env, check=True, timeout=60)
+    assert cache.is_file()
+    assert letters.read_text() == "somebody's"
 
 
 def test_cache_falls_back_to_home(tm_mesh, env, tmp_path):

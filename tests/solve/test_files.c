@@ -1,9 +1,15 @@
 /* Response files: cached, checked whole, replaced at once; the same bits whatever the threads; a killed run leaves the
  * old one. */
+#include "../../libtensormass/solve/internal.h"
 #include "kit.h"
 
+#include <fcntl.h>
 #include <signal.h>
+#include <sys/file.h>
+#include <sys/mman.h>
+#include <sys/resource.h>
 #include <sys/stat.h>
+#include <sys/syscall.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -247,9 +253,207 @@ static void interrupted(void **state) {
     close_set_up(&s);
 }
 
+/* --- a cache that several use, or that cannot be used --- */
+
+/* The library's own flock is this one: between opening and locking, another process finishes. */
+static const char *finish_from, *finish_to;
+int flock(int fd, int operation) {
+    if (finish_from) assert_int_equal(rename(finish_from, finish_to), 0);
+    finish_from = NULL;
+    return (int)syscall(SYS_flock, fd, operation);
+}
+
+static void lost_race(void **state) {
+    (void)state;
+    set_up s = open_set_up("race");
+    const char text[] = "what the winner wrote";
+    tms_file_write file;
+    tm_error error;
+    size_t size;
+    spit(s.part, (const unsigned char *)text, sizeof text);
+    finish_from = s.part, finish_to = s.path;
+    fix_ok(tms_file_lock(&s.def.problem, s.path, 5, &file, &error), &error);
+    fix_ok(tms_file_reserve(&file, 4096, &error), &error);
+    unsigned char *there = slurp(s.path, &size);
+    assert_int_equal(size, sizeof text); /* and not emptied, under whoever has it mapped */
+    assert_memory_equal(there, text, sizeof text);
+    tms_file_abandon(&file);
+    free(there);
+    close_set_up(&s);
+}
+
+static int calls_while_waiting;
+static bool count_waiting(void *user, const char *what, double fraction, double left) {
+    (void)user, (void)fraction, (void)left;
+    calls_while_waiting += !strcmp(what, "waiting for another run");
+    return calls_while_waiting < 2000;
+}
+
+/* Four at once, and one that must wait for the lock of a process that then goes away. */
+static void many_users(void **state) {
+    (void)state;
+    set_up s = open_set_up("users");
+    tms_file_write file;
+    tm_error error;
+    int status, pipe_end[2];
+    char why[160], byte;
+    assert_int_equal(pipe(pipe_end), 0);
+    const pid_t holder = fork();
+    if (holder == 0) {
+        tm_error lack;
+        const bool held = tms_file_lock(&s.def.problem, s.path, 0, &file, &lack) == TM_OK;
+        if (write(pipe_end[1], &held, 1) == 1) usleep(300000);
+        _exit(0); /* killed, so to speak: its leftover stays */
+    }
+    assert_int_equal(read(pipe_end[0], &byte, 1), 1);
+    assert_int_equal(byte, 1);
+    s.def.problem.progress = count_waiting;
+    assert_int_equal(tms_file_lock(&s.def.problem, s.path, 0.05, &file, &error), TM_ERR_FILE);
+    assert_non_null(strstr(error.message, "another run"));
+    assert_false(opens(&s, why));
+    assert_true(calls_while_waiting > 2);
+    assert_true(opens(&s, why));
+    assert_int_equal(waitpid(holder, &status, 0), holder);
+    close(pipe_end[0]), close(pipe_end[1]);
+    unlink(s.path);
+    setenv("TEST_FILES_PATH", s.path, 1);
+    pid_t user[4];
+    for (int i = 0; i < 4; i++)
+        if ((user[i] = fork()) == 0) {
+            execl("/proc/self/exe", "test_files", "user", NULL);
+            _exit(1);
+        }
+    for (int i = 0; i < 4; i++) {
+        assert_int_equal(waitpid(user[i], &status, 0), user[i]);
+        assert_true(WIFEXITED(status) && WEXITSTATUS(status) == 0);
+    }
+    assert_true(opens(&s, why));
+    close_set_up(&s);
+}
+
+static int one_user(void) {
+    set_up s = open_set_up("one_user");
+    char why[160];
+    snprintf(s.path, sizeof s.path, "%s", getenv("TEST_FILES_PATH"));
+    opens(&s, why);
+    return 0;
+}
+
+/* Everything works without a cache; only where the file itself is wanted is its lack an error. */
+static void no_cache(void **state) {
+    (void)state;
+    set_up s = open_set_up("nowhere"), there = s;
+    char why[160];
+    tm_error error;
+    tm_precomputed_def def = s.def;
+    snprintf(s.path, sizeof s.path, "%s.folder-that-is-not-there/x.tmr", there.path);
+    assert_false(opens(&s, why));
+    assert_non_null(strstr(why, "kept in memory alone"));
+    def.file = s.path;
+    assert_int_equal(tm_precomputed_write(&def, NULL, &error), TM_ERR_FILE);
+    s = there;
+    /* no room: a limit on the size of files stands for a full disk */
+    struct rlimit was, small = {20000, RLIM_INFINITY};
+    assert_int_equal(getrlimit(RLIMIT_FSIZE, &was), 0);
+    small.rlim_max = was.rlim_max;
+    signal(SIGXFSZ, SIG_IGN);
+    setrlimit(RLIMIT_FSIZE, &small);
+    const bool from_file = opens(&s, why);
+    def.file = s.path;
+    const tm_status written = tm_precomputed_write(&def, NULL, &error);
+    setrlimit(RLIMIT_FSIZE, &was);
+    signal(SIGXFSZ, SIG_DFL);
+    assert_false(from_file);
+    assert_non_null(strstr(why, "kept in memory alone"));
+    assert_int_equal(written, TM_ERR_FILE);
+    assert_int_not_equal(access(s.path, F_OK), 0);
+    /* a name that cannot be renamed over: what was mapped is used all the same */
+    assert_int_equal(mkdir(s.path, 0755), 0);
+    assert_false(opens(&s, why));
+    assert_non_null(strstr(why, "kept in memory alone"));
+    assert_int_equal(rmdir(s.path), 0);
+    close_set_up(&s);
+}
+
+/* Links and FIFOs where the files should be. */
+static void traps(void **state) {
+    (void)state;
+    set_up s = open_set_up("traps");
+    char why[160], target[300];
+    size_t size;
+    const char text[] = "somebody's letters";
+    snprintf(target, sizeof target, "%s.target", s.path);
+    for (int hard = 0; hard < 2; hard++) {
+        spit(target, (const unsigned char *)text, sizeof text);
+        assert_int_equal(hard ? link(target, s.part) : symlink(target, s.part), 0);
+        assert_false(opens(&s, why));
+        assert_non_null(strstr(why, "kept in memory alone"));
+        unsigned char *there = slurp(target, &size);
+        assert_int_equal(size, sizeof text);
+        assert_memory_equal(there, text, sizeof text);
+        free(there);
+        unlink(s.part), unlink(target);
+    }
+    alarm(60); /* a FIFO that is opened holds up whoever opens it */
+    assert_int_equal(mkfifo(s.part, 0644), 0);
+    assert_false(opens(&s, why));
+    unlink(s.part);
+    assert_int_equal(mkfifo(s.path, 0644), 0);
+    assert_false(opens(&s, why));
+    assert_true(opens(&s, why));
+    alarm(0);
+    close_set_up(&s);
+}
+
+/* Counts with which the sizes wrap around to that of the file. */
+static void crafted_counts(void **state) {
+    (void)state;
+    set_up s = open_set_up("crafted");
+    const size_t most = (size_t)1 << 38; /* a sparse file */
+    tms_file_head head = {.magic = "TMRESP\r\n", .version = 1, .byte_order = 0x01020304, .key = 7, .block = TMS_BLOCK};
+    tms_layout l = {0};
+    for (int32_t k = INT32_MAX; k > 0 && l.bytes == 0; k--) {
+        const tms_layout here = tms_file_layout(k, INT32_MAX, TM_DOUBLE);
+        if (here.bytes > sizeof head && here.bytes < most) l = here, head.kept_count = k;
+    }
+    assert_true(l.bytes > 0);
+    head.interface_count = INT32_MAX;
+    head.column_offset = (int64_t)l.column;
+    head.bytes = (int64_t)l.bytes;
+    void *map;
+    size_t bytes;
+    char why[160];
+    spit(s.path, (const unsigned char *)&head, sizeof head);
+    assert_int_equal(truncate(s.path, (off_t)l.bytes), 0);
+    assert_false(tms_file_open(s.path, 7, 1, &map, &bytes, why));
+    assert_string_equal(why, "its head is damaged");
+    /* lists that lie, under sums that are right */
+    tms_file_write file;
+    tm_error error;
+    size_t size;
+    assert_false(opens(&s, why));
+    unsigned char *good = slurp(s.path, &size);
+    for (int lie = 0; lie < 3; lie++) {
+        fix_ok(tms_file_lock(&s.def.problem, s.path, 5, &file, &error), &error);
+        fix_ok(tms_file_reserve(&file, size, &error), &error);
+        memcpy(file.map, good, size);
+        int32_t *kept = (int32_t *)(void *)((char *)file.map + sizeof(tms_file_head));
+        kept[1] = lie == 0 ? 1 << 30 : lie == 1 ? -5 : kept[0];
+        fix_ok(tms_file_commit(&file, 1, &error), &error);
+        assert_false(opens(&s, why));
+        assert_string_equal(why, "its lists are another problem's");
+        assert_true(opens(&s, why));
+    }
+    free(good);
+    close_set_up(&s);
+}
+
 int main(int argc, char **argv) {
     if (argc == 2 && !strcmp(argv[1], "killed")) return killed(), 0;
-    const struct CMUnitTest tests[] = {cmocka_unit_test(cached), cmocka_unit_test(same_bits), cmocka_unit_test(damaged),
-                                       cmocka_unit_test(interrupted)};
+    if (argc == 2 && !strcmp(argv[1], "user")) return one_user();
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(cached),      cmocka_unit_test(same_bits), cmocka_unit_test(damaged),
+        cmocka_unit_test(interrupted), cmocka_unit_test(lost_race), cmocka_unit_test(many_users),
+        cmocka_unit_test(no_cache),    cmocka_unit_test(traps),     cmocka_unit_test(crafted_counts)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
