@@ -188,9 +188,11 @@ int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int3
         if (tissue->alive[tet[i]]) tm_cut_kill(tissue, tet[i]);
     }
     tm_cut_mend(tissue);
+    for (int32_t i = 0; i < w->edge.count; i++)
+        if (w->edge_alive[w->edge.item[i]] == 0) tm_tissue_drop_edge(tissue, w->edge.item[i]);
     for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_assemble_edge(tissue, w->edge.item[i]);
-    if (PLANT_REMOVAL && w->edge.count && tissue->precision == TM_DOUBLE)
-        ((double *)tissue->edge_tensor)[9 * (int64_t)w->edge.item[0]] *= -1;
+    if (PLANT_REMOVAL && w->edge.count && tissue->precision == TM_DOUBLE && tissue->edge_slot[w->edge.item[0]] >= 0)
+        ((double *)tissue->graph.edge_tensor)[9 * (int64_t)tissue->edge_slot[w->edge.item[0]]] *= -1;
     for (int32_t i = 0; i < w->vertex.count; i++) tm_tissue_assemble_vertex(tissue, w->vertex.item[i]);
     tissue->surface.revision += w->tet.count > 0;
     for (int32_t i = 0; removed && i < w->tet.count && i < removed_max; i++) removed[i] = w->tet.item[i];

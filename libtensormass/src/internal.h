@@ -47,15 +47,14 @@ struct tm_tissue {
     int32_t alive_count;
     double *mass_kg, *damping_kg_s;             /* [vertex_count] */
     double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] or null */
-    int32_t *upper_begin;  /* [vertex_count+1] first edge (k,l), l>k, of each vertex: edges are sorted by k */
-    double *vertex_tensor; /* [9*vertex_count] double even when edges are single: an eighth of the whole, and the larger
-                              numbers */
-    void *edge_tensor;     /* [9*edge_count] */
-    double *vertex_block;  /* cuttable, double: [9*4*tet_count] blocks K_kk in the order of mesh->vertex_tet, so that a
-                              sum reads straight on; else null */
-    double *edge_block;    /* cuttable: [9*6*tet_count] in the order of mesh->edge_tet */
-    double *vertex_share;  /* cuttable: [2*4*tet_count] mass and damping that a tetrahedron gives, in the order of
-                              mesh->vertex_tet */
+    tm_force_graph graph;
+    int32_t *edge_slot;   /* [edge_count] place of a living edge in the graph, -1: dead; null: every edge lives, in its
+                             own number's place */
+    double *vertex_block; /* cuttable, double: [9*4*tet_count] blocks K_kk in the order of mesh->vertex_tet, so that a
+                             sum reads straight on; else null */
+    double *edge_block;   /* cuttable: [9*6*tet_count] in the order of mesh->edge_tet */
+    double *vertex_share; /* cuttable: [2*4*tet_count] mass and damping that a tetrahedron gives, in the order of
+                             mesh->vertex_tet */
     tm_force_kernel force;
     tm_surface_view surface;                  /* views the mesh's own arrays when nothing can differ from them */
     int32_t *surface_triangle, *surface_face; /* writable, or null when viewing the mesh's */
@@ -64,6 +63,10 @@ struct tm_tissue {
 };
 
 /* --- assembly, shared by create and cut; all sums ascending over living tetrahedra --- */
+/* Gives every living edge its slot. */
+void tm_tissue_place_edges(tm_tissue *tissue);
+/* Takes the slot of an edge that has died; those behind it in the room move up. */
+void tm_tissue_drop_edge(tm_tissue *tissue, int32_t edge);
 void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge);
 void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex); /* after its edges */
 /* The surface of the living tetrahedra from nothing, slots ascending by face. */
@@ -107,6 +110,8 @@ void tm_stage_integrate_damped_run(void *self, tm_world *world);
 /* Refreshes mobility and carry from masses, damping and dt; stops vertices that have lost their last tetrahedron. */
 void tm_stage_integrate_changed(void *self, tm_world *world);
 void tm_stage_integrate_refresh(tm_world *world, const int32_t *vertex, int32_t count);
+/* Dead vertices are passed over by every stage: all three of u hold what u holds now. */
+void tm_stage_integrate_still(tm_world *world);
 /* The stages settle knows: with these alone the rest state is a linear system. */
 void tm_stage_gravity_run(void *self, tm_world *world);
 void tm_stage_load_run(void *self, tm_world *world);

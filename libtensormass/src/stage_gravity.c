@@ -13,12 +13,13 @@ void tm_stage_gravity_run(void *self, tm_world *world) {
     const double *TM_RESTRICT mass = world->tissue->mass_kg;
     double *TM_RESTRICT f = world->state.force_N;
     const double gx = stage->g_m_s2[0], gy = stage->g_m_s2[1], gz = stage->g_m_s2[2];
-    const int32_t n = world->tissue->mesh->vertex_count;
-    for (int32_t v = 0; v < n; v++) {
-        f[3 * v] += mass[v] * gx;
-        f[3 * v + 1] += mass[v] * gy;
-        f[3 * v + 2] += mass[v] * gz;
-    }
+    const tm_force_graph *g = &world->tissue->graph;
+    for (int32_t begin, end = 0; tm_next_run(g->living, g->vertex_count, &begin, &end);)
+        for (int32_t v = begin; v < end; v++) {
+            f[3 * v] += mass[v] * gx;
+            f[3 * v + 1] += mass[v] * gy;
+            f[3 * v + 2] += mass[v] * gz;
+        }
 }
 
 static void destroy(void *self) {

@@ -9,9 +9,10 @@ void tm_stage_integrate_run(void *self, tm_world *world) {
     const double *TM_RESTRICT u = world->state.u_m, *TM_RESTRICT u_prev = world->state.u_prev_m;
     const double *TM_RESTRICT f = world->state.force_N, *TM_RESTRICT mobility = world->mobility_s2_kg;
     double *TM_RESTRICT u_next = world->state.u_next_m;
-    const int32_t n = world->tissue->mesh->vertex_count;
-    for (int32_t v = 0; v < n; v++)
-        for (int32_t i = 3 * v; i < 3 * v + 3; i++) u_next[i] = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
+    const tm_force_graph *g = &world->tissue->graph;
+    for (int32_t begin, end = 0; tm_next_run(g->living, g->vertex_count, &begin, &end);)
+        for (int64_t v = begin; v < end; v++)
+            for (int64_t i = 3 * v; i < 3 * v + 3; i++) u_next[i] = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
 }
 
 void tm_stage_integrate_damped_run(void *self, tm_world *world) {
@@ -20,10 +21,11 @@ void tm_stage_integrate_damped_run(void *self, tm_world *world) {
     const double *TM_RESTRICT f = world->state.force_N, *TM_RESTRICT mobility = world->mobility_s2_kg;
     const double *TM_RESTRICT carry = world->carry;
     double *TM_RESTRICT u_next = world->state.u_next_m;
-    const int32_t n = world->tissue->mesh->vertex_count;
-    for (int32_t v = 0; v < n; v++)
-        for (int32_t i = 3 * v; i < 3 * v + 3; i++)
-            u_next[i] = u[i] + carry[v] * (u[i] - u_prev[i]) + mobility[v] * f[i];
+    const tm_force_graph *g = &world->tissue->graph;
+    for (int32_t begin, end = 0; tm_next_run(g->living, g->vertex_count, &begin, &end);)
+        for (int64_t v = begin; v < end; v++)
+            for (int64_t i = 3 * v; i < 3 * v + 3; i++)
+                u_next[i] = u[i] + carry[v] * (u[i] - u_prev[i]) + mobility[v] * f[i];
 }
 
 static void refresh(tm_world *world, int32_t v) {
@@ -34,7 +36,8 @@ static void refresh(tm_world *world, int32_t v) {
     world->mobility_s2_kg[v] = weight > 0 ? 1 / weight : 0;
     if (world->carry) world->carry[v] = weight > 0 ? (inertia - drag) / weight : 0;
     if (weight > 0) return;
-    for (int32_t i = 3 * v; i < 3 * v + 3; i++) world->state.u_prev_m[i] = world->state.u_m[i];
+    for (int32_t i = 3 * v; i < 3 * v + 3; i++)
+        world->state.u_next_m[i] = world->state.u_prev_m[i] = world->state.u_m[i];
 }
 
 void tm_stage_integrate_changed(void *self, tm_world *world) {
@@ -44,4 +47,13 @@ void tm_stage_integrate_changed(void *self, tm_world *world) {
 
 void tm_stage_integrate_refresh(tm_world *world, const int32_t *vertex, int32_t count) {
     for (int32_t i = 0; i < count; i++) refresh(world, vertex[i]);
+}
+
+void tm_stage_integrate_still(tm_world *world) {
+    const tm_force_graph *g = &world->tissue->graph;
+    const tm_state *s = &world->state;
+    for (int32_t v = 0; v < g->vertex_count; v++) {
+        v = tm_bit_from(g->living, g->vertex_count, v, ~UINT64_C(0));
+        for (int32_t i = 3 * v; i < 3 * v + 3 && v < g->vertex_count; i++) s->u_next_m[i] = s->u_prev_m[i] = s->u_m[i];
+    }
 }

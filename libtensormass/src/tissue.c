@@ -59,6 +59,46 @@ static void keep_blocks(tm_tissue *tissue) {
             edge_stiffness(tissue, mesh->edge_tet[i], e, tissue->edge_block + 9 * (int64_t)i);
 }
 
+/* --- edges of the force loop --- */
+
+static int32_t slot_of(const tm_tissue *tissue, int32_t edge) {
+    return tissue->edge_slot ? tissue->edge_slot[edge] : edge;
+}
+
+static bool edge_lives(const tm_tissue *tissue, int32_t edge) {
+    const tm_mesh *mesh = tissue->mesh;
+    for (int32_t i = mesh->edge_tet_begin[edge]; i < mesh->edge_tet_begin[edge + 1]; i++)
+        if (tissue->alive[mesh->edge_tet[i]]) return true;
+    return false;
+}
+
+void tm_tissue_place_edges(tm_tissue *tissue) {
+    tm_force_graph *g = &tissue->graph;
+    for (int32_t k = 0; k < g->vertex_count; k++) {
+        int32_t slot = g->upper_begin[k];
+        for (int32_t e = g->upper_begin[k]; e < g->upper_begin[k + 1]; e++) {
+            const bool lives = !tissue->edge_slot || edge_lives(tissue, e);
+            if (tissue->edge_slot) tissue->edge_slot[e] = lives ? slot : -1;
+            if (lives) g->upper_vertex[slot++] = tissue->mesh->edge[2 * (int64_t)e + 1];
+        }
+        g->upper_end[k] = slot;
+    }
+}
+
+void tm_tissue_drop_edge(tm_tissue *tissue, int32_t edge) {
+    tm_force_graph *g = &tissue->graph;
+    const int32_t k = tissue->mesh->edge[2 * (int64_t)edge], slot = tissue->edge_slot[edge];
+    const size_t block = 9 * (tissue->precision == TM_SINGLE ? sizeof(float) : sizeof(double)),
+                 behind = (size_t)(--g->upper_end[k] - slot);
+    char *tensor = (char *)g->edge_tensor + block * (size_t)slot;
+    memmove(tensor, tensor + block, block * behind);
+    memmove(g->upper_vertex + slot, g->upper_vertex + slot + 1, sizeof(int32_t) * behind);
+    for (int32_t e = edge + 1; e < g->upper_begin[k + 1]; e++) tissue->edge_slot[e] -= tissue->edge_slot[e] >= 0;
+    tissue->edge_slot[edge] = -1;
+}
+
+/* --- sums --- */
+
 static void add9(double *TM_RESTRICT sum, const double *TM_RESTRICT K) {
     for (int i = 0; i < 9; i++) sum[i] += K[i];
 }
@@ -70,8 +110,9 @@ static void balance_edges(const tm_tissue *tissue, int32_t vertex, double sum[9]
     const tm_mesh *mesh = tissue->mesh;
     double S[9] = {0};
     for (int32_t i = mesh->vertex_edge_begin[vertex]; i < mesh->vertex_edge_begin[vertex + 1]; i++) {
-        const int32_t edge = mesh->vertex_edge[i];
-        const float *K = (const float *)tissue->edge_tensor + 9 * (int64_t)edge;
+        const int32_t edge = mesh->vertex_edge[i], slot = slot_of(tissue, edge);
+        if (slot < 0) continue;
+        const float *K = (const float *)tissue->graph.edge_tensor + 9 * (int64_t)slot;
         const bool upper = mesh->edge[2 * edge] == vertex;
         for (int k = 0; k < 9; k++) S[k] -= (double)K[upper ? k : 3 * (k % 3) + k / 3];
     }
@@ -96,7 +137,7 @@ static void sum_blocks(const tm_tissue *tissue, int32_t vertex, double sum[9]) {
 
 void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
     const tm_mesh *mesh = tissue->mesh;
-    double *sum = tissue->vertex_tensor + 9 * (int64_t)vertex;
+    double *sum = tissue->graph.vertex_tensor + 9 * (int64_t)vertex;
     double mass = tissue->extra_mass_kg ? tissue->extra_mass_kg[vertex] : 0;
     double damping = tissue->extra_damping_kg_s ? tissue->extra_damping_kg_s[vertex] : 0;
     if (tissue->precision == TM_SINGLE)
@@ -117,10 +158,15 @@ void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
     }
     tissue->mass_kg[vertex] = mass;
     tissue->damping_kg_s[vertex] = damping;
+    const uint64_t bit = UINT64_C(1) << (vertex % 64);
+    uint64_t *living = tissue->graph.living + vertex / 64;
+    *living = mass > 0 || damping > 0 ? *living | bit : *living & ~bit;
 }
 
 void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
     const tm_mesh *mesh = tissue->mesh;
+    const int64_t at = 9 * (int64_t)slot_of(tissue, edge);
+    if (at < 0) return;
     double sum[9] = {0};
     for (int32_t i = mesh->edge_tet_begin[edge]; i < mesh->edge_tet_begin[edge + 1]; i++) {
         const int32_t t = mesh->edge_tet[i];
@@ -134,9 +180,9 @@ void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
         add9(sum, block);
     }
     if (tissue->precision == TM_SINGLE)
-        for (int i = 0; i < 9; i++) ((float *)tissue->edge_tensor)[9 * (int64_t)edge + i] = (float)sum[i];
+        for (int i = 0; i < 9; i++) ((float *)tissue->graph.edge_tensor)[at + i] = (float)sum[i];
     else
-        memcpy((double *)tissue->edge_tensor + 9 * (int64_t)edge, sum, sizeof sum);
+        memcpy((double *)tissue->graph.edge_tensor + at, sum, sizeof sum);
 }
 
 /* --- building --- */
@@ -185,9 +231,19 @@ static bool any_anisotropic(const tm_tissue_def *def) {
     return false;
 }
 
+static void take_graph(tm_force_graph *graph, tm_pool *pool, const tm_mesh *mesh, tm_precision precision) {
+    graph->vertex_count = mesh->vertex_count;
+    graph->living = TM_TAKE(pool, uint64_t, mesh->vertex_count / 64 + 1);
+    graph->upper_begin = TM_TAKE(pool, int32_t, (int64_t)mesh->vertex_count + 1);
+    graph->upper_end = TM_TAKE(pool, int32_t, mesh->vertex_count);
+    graph->upper_vertex = TM_TAKE(pool, int32_t, mesh->edge_count);
+    graph->vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)mesh->vertex_count + TM_FORCE_PADDING);
+    graph->edge_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->edge_count + TM_FORCE_PADDING,
+                                      precision == TM_SINGLE ? sizeof(float) : sizeof(double));
+}
+
 static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     const tm_mesh *mesh = def->mesh;
-    const size_t real = def->precision == TM_SINGLE ? sizeof(float) : sizeof(double);
     tissue->material = TM_TAKE(pool, tm_material, def->material_count);
     tissue->region_material = TM_TAKE(pool, int32_t, mesh->region_count);
     if (def->fibre && any_anisotropic(def)) tissue->fibre = TM_TAKE(pool, double, 3 * (int64_t)mesh->tet_count);
@@ -196,9 +252,8 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     tissue->damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
     if (def->extra_mass_kg) tissue->extra_mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
     if (def->extra_damping_kg_s) tissue->extra_damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
-    tissue->upper_begin = TM_TAKE(pool, int32_t, (int64_t)mesh->vertex_count + 1);
-    tissue->vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)mesh->vertex_count + TM_FORCE_PADDING);
-    tissue->edge_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->edge_count + TM_FORCE_PADDING, real);
+    take_graph(&tissue->graph, pool, mesh, def->precision);
+    if (def->cuttable || def->alive) tissue->edge_slot = TM_TAKE(pool, int32_t, mesh->edge_count);
     if (def->cuttable) {
         if (def->precision == TM_DOUBLE) tissue->vertex_block = TM_TAKE(pool, double, 36 * (int64_t)mesh->tet_count);
         tissue->edge_block = TM_TAKE(pool, double, 54 * (int64_t)mesh->tet_count);
@@ -237,8 +292,8 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
         for (int i = 0; i < 3; i++)
             tissue->fibre[3 * (int64_t)t + i] = length > 0 && isfinite(length) ? a[i] / length : 0;
     }
-    for (int32_t e = 0; e < mesh->edge_count; e++) tissue->upper_begin[mesh->edge[2 * e] + 1]++;
-    for (int32_t v = 0; v < mesh->vertex_count; v++) tissue->upper_begin[v + 1] += tissue->upper_begin[v];
+    for (int32_t e = 0; e < mesh->edge_count; e++) tissue->graph.upper_begin[mesh->edge[2 * e] + 1]++;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) tissue->graph.upper_begin[v + 1] += tissue->graph.upper_begin[v];
 }
 
 void tm_tissue_build_surface(tm_tissue *tissue) {
@@ -276,6 +331,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     }
     copy_constants(t, def);
     if (t->cuttable) keep_blocks(t);
+    tm_tissue_place_edges(t);
     for (int32_t e = 0; e < def->mesh->edge_count; e++) tm_tissue_assemble_edge(t, e);
     for (int32_t v = 0; v < def->mesh->vertex_count; v++) tm_tissue_assemble_vertex(t, v);
     tm_tissue_build_surface(t);
@@ -304,19 +360,19 @@ const double *tm_tissue_tet_fibre(const tm_tissue *tissue, int32_t tet) {
 }
 
 void tm_tissue_vertex_tensor(const tm_tissue *tissue, int32_t vertex, double K[9]) {
-    memcpy(K, tissue->vertex_tensor + 9 * (int64_t)vertex, 9 * sizeof(double));
+    memcpy(K, tissue->graph.vertex_tensor + 9 * (int64_t)vertex, 9 * sizeof(double));
 }
 
 void tm_tissue_edge_tensor(const tm_tissue *tissue, int32_t edge, double K[9]) {
-    const int64_t at = 9 * (int64_t)edge;
+    const int64_t at = 9 * (int64_t)slot_of(tissue, edge);
     for (int i = 0; i < 9; i++)
-        K[i] = tissue->precision == TM_SINGLE ? (double)((const float *)tissue->edge_tensor)[at + i]
-                                              : ((const double *)tissue->edge_tensor)[at + i];
+        K[i] = at < 0                           ? 0
+               : tissue->precision == TM_SINGLE ? (double)((const float *)tissue->graph.edge_tensor)[at + i]
+                                                : ((const double *)tissue->graph.edge_tensor)[at + i];
 }
 
 void tm_tissue_force(const tm_tissue *tissue, const double *u_m, double *force_N) {
-    tissue->force(tissue->mesh->vertex_count, tissue->upper_begin, tissue->mesh->edge, tissue->vertex_tensor,
-                  tissue->edge_tensor, u_m, force_N);
+    tissue->force(&tissue->graph, u_m, force_N);
 }
 
 static double form(const double K[9], const double *a, const double *b) {

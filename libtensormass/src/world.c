@@ -60,6 +60,7 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     if (world->revision != world->tissue->surface.revision) tm_world_changed(world); /* cut by the caller since */
     memcpy(world->keep_u_m, s->u_m, sizeof(double) * (size_t)n);
     memcpy(world->keep_u_prev_m, s->u_prev_m, sizeof(double) * (size_t)n);
+    tm_stage_integrate_still(world);
     for (int32_t i = 0; i < world->stage_count; i++)
         if (world->slot[i].stage.keep) world->slot[i].stage.keep(world->slot[i].stage.self);
     for (int32_t i = 0; i < count; i++) {
@@ -70,6 +71,7 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
         if (s->step % FLUSH_EVERY) continue;
         flush(s->u_m, n);
         flush(s->u_prev_m, n);
+        flush(s->u_next_m, n); /* of the dead, which nobody writes again */
     }
     for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].runs += count;
     if (sound(s->u_m, n)) return TM_OK;

@@ -11,7 +11,7 @@ enum { KINDS = 4 }; /* precision x form */
 /* What one pass must move at the least: tensors, neighbours, u read, force zeroed and written. */
 static double pass_bytes(const tm_mesh *mesh, tm_precision precision) {
     const double real = precision == TM_SINGLE ? 4 : 8;
-    return mesh->edge_count * (9 * real + 8.0) + mesh->vertex_count * (9 * 8 + 4 + 3 * 8 * 3.0);
+    return mesh->edge_count * (9 * real + 4.0) + mesh->vertex_count * (9 * 8 + 8 + 3 * 8 * 3.0);
 }
 
 static cJSON *one_force(const tm_mesh *mesh, int kind, double *seconds, int rounds, double bandwidth_B_s) {

@@ -158,6 +158,42 @@ static void rings_are_opened(void **state) {
     tm_mesh_destroy(mesh);
 }
 
+/* What is dead costs nothing: not a number of it is read, and every force on it is 0. */
+static void the_dead_are_not_read(void **state) {
+    (void)state;
+    for (int kind = 0; kind < 8; kind++) {
+        scene s = make(kind % 2, kind & 2 ? TM_SINGLE : TM_DOUBLE);
+        s.def.form = kind & 4 ? TM_FORCE_BEST : TM_FORCE_PLAIN;
+        start(&s);
+        for (int32_t t = 0; t < s.mesh->tet_count / 2; t++) tm_cut_remove(s.tissue, &t, 1, NULL, 0);
+        const int32_t n = s.mesh->vertex_count;
+        double *u = tm_world_state(s.world)->u_m, *f = malloc(sizeof(double) * 3 * (size_t)n);
+        int32_t dead = 0;
+        for (int32_t v = 0; v < n; v++) {
+            if (tm_tissue_mass_kg(s.tissue)[v] > 0) continue;
+            dead++;
+            for (int i = 0; i < 3; i++) u[3 * v + i] = NAN;
+        }
+        assert_true(dead > n / 4);
+        tm_tissue_force(s.tissue, u, f);
+        for (int32_t i = 0; i < 3 * n; i++) assert_true(f[i] == 0);
+        /* Displacements of the dead stay as they are, however the three arrays of u take turns. */
+        fix_random random = {3};
+        for (int32_t v = 30; v < n; v++) /* the first 30 are held */
+            for (int i = 0; i < 3 && tm_tissue_mass_kg(s.tissue)[v] == 0; i++) f[3 * v + i] = fix_signed(&random);
+        memcpy(u, f, sizeof(double) * 3 * (size_t)n);
+        for (int step = 0; step < 5; step++) {
+            assert_int_equal(tm_world_step(s.world, 1), TM_OK);
+            u = tm_world_state(s.world)->u_m;
+            for (int32_t v = 30; v < n; v++)
+                if (tm_tissue_mass_kg(s.tissue)[v] == 0) assert_memory_equal(u + 3 * v, f + 3 * v, 3 * sizeof(double));
+        }
+        free(f);
+        stop(&s);
+        finish(&s);
+    }
+}
+
 static void *no_alloc(size_t bytes, void *user) {
     (void)bytes, (void)user;
     fail_msg("an allocation while cutting");
@@ -184,7 +220,7 @@ static void no_allocation(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(hanging_parts_go), cmocka_unit_test(rings_are_opened),
-                                       cmocka_unit_test(twenty_orders), cmocka_unit_test(down_to_nothing),
-                                       cmocka_unit_test(no_allocation)};
+                                       cmocka_unit_test(twenty_orders),    cmocka_unit_test(down_to_nothing),
+                                       cmocka_unit_test(no_allocation),    cmocka_unit_test(the_dead_are_not_read)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
