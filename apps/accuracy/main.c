@@ -31,7 +31,7 @@ static void usage(FILE *to) {
     fprintf(to, "  --quick           smaller meshes, fewer rounds\n"
                 "  --reference FILE  the independent solutions [apps/accuracy/reference/reference.json]\n"
                 "  --json FILE       where the figures go\n"
-                "  --help, --version\n");
+                "  -h, --help, --version\n");
 }
 
 static int write_json(const char *path, cJSON *root) {
@@ -74,8 +74,9 @@ int main(int argc, char **argv) {
                                             {0}};
     const char *json = NULL, *reference_path = "apps/accuracy/reference/reference.json";
     bool wanted[KNOBS] = {false}, quick = false, some = false;
+    app_check_stdout();
     opterr = 0; /* the message is ours */
-    for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;) {
+    for (int c; (c = getopt_long(argc, argv, "h", options, NULL)) != -1;) {
         int k = 0;
         switch (c) {
         case 'k':
@@ -96,6 +97,7 @@ int main(int argc, char **argv) {
     if (optind < argc)
         return app_bad_input("tm-accuracy", 0, "stray argument '%s'; see tm-accuracy --help", argv[optind]);
     if (!json) return app_bad_input("tm-accuracy", 0, "--json FILE is missing; say where the figures go");
+    if (app_output_check(json)) return APP_BAD_INPUT;
     for (int k = 0; k < KNOBS; k++) wanted[k] = wanted[k] || !some;
     return measure(json, reference_path, quick, wanted);
 }

@@ -4,6 +4,7 @@
 
 #include <stdbool.h>
 #include <stdint.h>
+#include <stdio.h>
 
 #include "tensormass/base.h"
 
@@ -24,13 +25,41 @@ bool app_parse_quantity(const char *text, const char *dimension, double *si, cha
 void *app_module(const char *name, tm_error *error);
 void *app_module_symbol(void *module, const char *symbol, tm_error *error);
 
-/* Output files appear whole or not at all: write to the returned temporary name, then commit (rename) or abandon. */
+/* Output files appear whole or not at all: write to the stream, or to the temporary by name, then commit or abandon.
+ * A killed run leaves nothing behind. Links are followed, the link stays. What is no regular file (device, FIFO,
+ * /dev/stdout) is written through, as it comes; "-" is stdout, and what the program prints then goes to stderr. */
 typedef struct app_output {
-    char path[1024], temporary[1040];
+    char path[1024];      /* as it was given */
+    char temporary[1100]; /* where a library that opens files by name writes */
+    char target[4096];    /* private: what is replaced, links followed */
+    char whole[4140];     /* private: the name that the finished file has before it is renamed */
+    int fd;
+    bool begun, through, named;
 } app_output;
+/* False: the folder is not there or not writable, or `path` is a folder or a disk. */
 bool app_output_begin(app_output *output, const char *path, tm_error *error);
+/* To be closed by the caller, who looks at ferror and fclose. Null: no memory. */
+FILE *app_output_stream(const app_output *output);
 bool app_output_commit(app_output *output, tm_error *error);
+/* Nothing happens where nothing was begun. */
 void app_output_abandon(app_output *output);
+/* Complains now about a path (null: none) that cannot be written later. APP_DONE or an exit code. */
+int app_output_check(const char *path);
+/* Complains where a file's ending is none of `endings` (".png .ppm"): what is written would not be what it says. */
+int app_output_ending(const char *option, const char *path, const char *endings);
+/* Once, at the start: text that could not be written to stdout (a full disk) makes the program exit with 1. */
+void app_check_stdout(void);
+
+/* --quiet: no progress lines, no remarks; errors, warnings and what was asked for stay. */
+void app_be_quiet(void);
+bool app_is_quiet(void);
+
+/* SIGINT and SIGTERM once: app_interrupted() is the signal's number, and the program ends what it does; twice: it is
+ * ended by the system, at once. SIGPIPE is a write error like another. */
+void app_catch_signals(void);
+int app_interrupted(void);
+/* 130 or 143 after a signal, else 0. */
+int app_interrupted_exit(void);
 
 /* A progress line on a terminal, nothing in a pipe. fraction in [0,1]; call with done=true at the end. */
 void app_progress(const char *what, double fraction, bool done);

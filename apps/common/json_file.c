@@ -8,7 +8,7 @@ tm_status app_json_write(const char *path, const cJSON *root, tm_error *error) {
     app_output output;
     if (!app_output_begin(&output, path, error)) return TM_ERR_FILE;
     char *text = cJSON_Print(root);
-    FILE *file = text ? fopen(output.temporary, "w") : NULL;
+    FILE *file = text ? app_output_stream(&output) : NULL;
     bool written = file && fprintf(file, "%s\n", text) > 0;
     if (file && fclose(file) != 0) written = false;
     free(text);

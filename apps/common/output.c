@@ -1,62 +1,221 @@
-/* Output files that appear whole or not at all, and the progress line. */
+/* Output files that appear whole or not at all, and what is no file: devices, pipes, stdout, written through. */
+#include <dirent.h>
 #include <errno.h>
+#include <fcntl.h>
+#include <limits.h>
+#include <linux/magic.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
-#include <time.h>
+#include <sys/file.h>
+#include <sys/stat.h>
+#include <sys/vfs.h>
 #include <unistd.h>
 
 #include "app.h"
 
-static bool fail(tm_error *error, const char *what, const char *path) {
+static bool complain(tm_error *error, const char *path, const char *what, const char *remedy) {
     if (error) {
         error->status = TM_ERR_FILE;
         error->entity = -1;
-        snprintf(error->message, sizeof error->message, "%s: %s: %s; check the folder and its permissions", path, what,
-                 strerror(errno));
+        snprintf(error->message, sizeof error->message, "%s: %s; %s", path, what, remedy);
     }
     return false;
 }
 
-bool app_output_begin(app_output *output, const char *path, tm_error *error) {
-    errno = ENAMETOOLONG;
-    if ((size_t)snprintf(output->path, sizeof output->path, "%s", path) >= sizeof output->path)
-        return fail(error, "cannot write", path);
-    snprintf(output->temporary, sizeof output->temporary, "%s.%ld~", output->path, (long)getpid());
-    /* Tried now, so that a long run does not end at a folder that is not there. */
-    FILE *file = fopen(output->temporary, "wb");
-    if (!file) return fail(error, "cannot write", path);
-    fclose(file);
+static bool fail(tm_error *error, const char *path, const char *what) {
+    char all[300];
+    snprintf(all, sizeof all, "%s: %s", what, strerror(errno));
+    return complain(error, path, all, "check the folder and its permissions");
+}
+
+/* --- what is no file --- */
+
+static bool in_proc(const char *path) {
+    int fd = open(path, O_PATH | O_NOFOLLOW | O_CLOEXEC);
+    struct statfs system;
+    bool proc = fd >= 0 && fstatfs(fd, &system) == 0 && system.f_type == PROC_SUPER_MAGIC;
+    if (fd >= 0) close(fd);
+    return proc;
+}
+
+/* Follows links by name, so that the link stays and what it names is replaced. A link of /proc (what /dev/stdout and
+ * /dev/fd/3 are) names an open file, not a place: false. */
+static bool follow_links(char target[PATH_MAX]) {
+    for (int i = 0; i < 40; i++) {
+        char link[PATH_MAX], next[2 * PATH_MAX];
+        ssize_t length = readlink(target, link, sizeof link - 1);
+        if (length < 0) return true;
+        if (in_proc(target)) return false;
+        link[length] = 0;
+        char *slash = strrchr(target, '/');
+        int folder = link[0] == '/' || !slash ? 0 : (int)(slash - target) + 1;
+        if ((size_t)snprintf(next, sizeof next, "%.*s%s", folder, target, link) >= PATH_MAX) return true;
+        strcpy(target, next);
+    }
     return true;
 }
 
-bool app_output_commit(app_output *output, tm_error *error) {
-    if (rename(output->temporary, output->path) == 0) return true;
-    fail(error, "cannot rename the finished file", output->path);
-    app_output_abandon(output);
-    return false;
+/* Writing is by the descriptor that is held; by name only where that truncates nothing that others wrote. */
+static bool hold(app_output *output, int fd) {
+    struct stat info;
+    output->fd = fd;
+    output->begun = output->through = true;
+    bool appended = fstat(fd, &info) == 0 && S_ISREG(info.st_mode) && (fcntl(fd, F_GETFL) & O_APPEND);
+    snprintf(output->temporary, sizeof output->temporary, appended ? "" : "/proc/%ld/fd/%d", (long)getpid(), fd);
+    return true;
 }
 
-void app_output_abandon(app_output *output) { unlink(output->temporary); }
-
-int64_t app_monotonic_us(void) {
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return (int64_t)now.tv_sec * 1000000 + now.tv_nsec / 1000;
+/* `-`: the output alone goes to stdout, what the program says for people goes to stderr. */
+static bool begin_stdout(app_output *output, tm_error *error) {
+    static bool taken;
+    if (taken) return complain(error, "-", "two outputs to stdout", "give one of them a file");
+    fflush(stdout);
+    int fd = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
+    if (fd < 0 || dup2(STDERR_FILENO, STDOUT_FILENO) < 0) return fail(error, "-", "cannot write to stdout");
+    taken = true;
+    return hold(output, fd);
 }
 
-void app_progress(const char *what, double fraction, bool done) {
-    static int64_t last_us, start_us;
-    if (!isatty(STDERR_FILENO)) return;
-    int64_t now = app_monotonic_us();
-    if (!start_us) start_us = now;
-    if (done) {
-        fprintf(stderr, "\r\033[K");
-        start_us = last_us = 0;
-    } else if (now - last_us >= 100000) {
-        last_us = now;
-        double spent_s = (double)(now - start_us) * 1e-6;
-        fprintf(stderr, "\r\033[K%s %3.0f %%", what, 100 * fraction);
-        if (fraction > 0.01) fprintf(stderr, ", %.0f s left", spent_s * (1 - fraction) / fraction);
+/* A FIFO waits for its reader here, as in a shell. */
+static bool begin_through(app_output *output, tm_error *error) {
+    int fd = open(output->path, O_WRONLY | O_NOCTTY | O_CLOEXEC);
+    return fd < 0 ? fail(error, output->path, "cannot write") : hold(output, fd);
+}
+
+/* --- files --- */
+
+/* "name.123~" of a run that was killed on a file system without unnamed files: nobody holds its lock. */
+static void remove_stale(const char *folder, const char *name) {
+    size_t length = strlen(name);
+    DIR *all = opendir(folder);
+    for (struct dirent *one; all && (one = readdir(all));) {
+        if (strncmp(one->d_name, name, length) || one->d_name[length] != '.') continue;
+        const char *number = one->d_name + length + 1, *rest = number + strspn(number, "0123456789");
+        if (rest == number || strcmp(rest, "~")) continue;
+        int fd = openat(dirfd(all), one->d_name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
+        struct stat info;
+        if (fd >= 0 && fstat(fd, &info) == 0 && S_ISREG(info.st_mode) && flock(fd, LOCK_EX | LOCK_NB) == 0)
+            unlinkat(dirfd(all), one->d_name, 0);
+        if (fd >= 0) close(fd);
     }
-    fflush(stderr);
+    if (all) closedir(all);
 }
+
+/* The folder of `output->target`, or "" where that is too long. */
+static void split(const app_output *output, char folder[PATH_MAX], const char **name) {
+    const char *slash = strrchr(output->target, '/');
+    *name = slash ? slash + 1 : output->target;
+    snprintf(folder, PATH_MAX, "%.*s", slash ? (int)(slash - output->target) + 1 : 2, slash ? output->target : "./");
+}
+
+static bool begin_file(app_output *output, mode_t mode, tm_error *error) {
+    char folder[PATH_MAX];
+    const char *name;
+    split(output, folder, &name);
+    remove_stale(folder, name);
+    output->fd = open(folder, O_TMPFILE | O_RDWR | O_CLOEXEC, 0666);
+    output->named = output->fd < 0;
+    if (output->named) output->fd = open(output->whole, O_CREAT | O_EXCL | O_RDWR | O_NOFOLLOW | O_CLOEXEC, 0666);
+    if (output->fd < 0) return fail(error, output->path, "cannot write");
+    flock(output->fd, LOCK_EX | LOCK_NB);
+    if (mode) fchmod(output->fd, mode);
+    if (output->named)
+        snprintf(output->temporary, sizeof output->temporary, "%s", output->whole);
+    else
+        snprintf(output->temporary, sizeof output->temporary, "/proc/%ld/fd/%d", (long)getpid(), output->fd);
+    return output->begun = true;
+}
+
+bool app_output_begin(app_output *output, const char *path, tm_error *error) {
+    struct stat info;
+    static unsigned count;
+    *output = (app_output){.fd = -1};
+    snprintf(output->path, sizeof output->path, "%s", path);
+    errno = ENAMETOOLONG;
+    if (strlen(path) >= sizeof output->path) return fail(error, output->path, "cannot write");
+    if (!strcmp(path, "-")) return begin_stdout(output, error);
+    snprintf(output->target, sizeof output->target, "%s", path);
+    bool place = follow_links(output->target), there = stat(path, &info) == 0;
+    if (there && S_ISDIR(info.st_mode)) return complain(error, path, "is a folder", "name a file in it");
+    if (there && S_ISBLK(info.st_mode)) return complain(error, path, "is a disk", "name a file");
+    if (there && (!place || !S_ISREG(info.st_mode))) return begin_through(output, error);
+    errno = EACCES;
+    if (there && access(path, W_OK)) return fail(error, path, "cannot write");
+    if ((size_t)snprintf(output->whole, sizeof output->whole, "%s.%ld%04u~", output->target, (long)getpid(),
+                         count++ % 10000) >= sizeof output->whole)
+        return fail(error, path, "cannot write");
+    return begin_file(output, there ? info.st_mode & 0777 : 0, error);
+}
+
+FILE *app_output_stream(const app_output *output) {
+    int fd = fcntl(output->fd, F_DUPFD_CLOEXEC, 3);
+    FILE *stream = fd < 0 ? NULL : fdopen(fd, "wb");
+    if (fd >= 0 && !stream) close(fd);
+    return stream;
+}
+
+static bool put_in_place(app_output *output) {
+    char held[64];
+    snprintf(held, sizeof held, "/proc/self/fd/%d", output->fd);
+    if (!output->named) {
+        if (linkat(AT_FDCWD, held, AT_FDCWD, output->whole, AT_SYMLINK_FOLLOW)) return false;
+        output->named = true;
+    }
+    return rename(output->whole, output->target) == 0;
+}
+
+bool app_output_commit(app_output *output, tm_error *error) {
+    if (!output->begun) return false;
+    if (!output->through && !put_in_place(output)) {
+        fail(error, output->path, "cannot put the finished file in its place");
+        app_output_abandon(output);
+        return false;
+    }
+    close(output->fd);
+    output->begun = false;
+    return true;
+}
+
+void app_output_abandon(app_output *output) {
+    if (!output->begun) return;
+    if (output->named) unlink(output->whole);
+    close(output->fd);
+    output->begun = false;
+}
+
+int app_output_check(const char *path) {
+    tm_error error = {0};
+    struct stat info;
+    app_output output;
+    /* A pipe is not opened twice, its reader would take the first close for the end. */
+    if (!path || !strcmp(path, "-") || (stat(path, &info) == 0 && (S_ISFIFO(info.st_mode) || S_ISCHR(info.st_mode))))
+        return APP_DONE;
+    if (!app_output_begin(&output, path, &error)) return app_report(NULL, 0, &error);
+    app_output_abandon(&output);
+    return APP_DONE;
+}
+
+int app_output_ending(const char *option, const char *path, const char *endings) {
+    struct stat info;
+    if (!strcmp(path, "-") || (stat(path, &info) == 0 && !S_ISREG(info.st_mode))) return APP_DONE;
+    const char *slash = strrchr(path, '/'), *dot = strrchr(slash ? slash : path, '.');
+    size_t length = dot ? strlen(dot) : 0;
+    for (const char *at = endings; length && *at; at += strcspn(at, " "), at += strspn(at, " "))
+        if (strcspn(at, " ") == length && !strncasecmp(at, dot, length)) return APP_DONE;
+    return app_bad_input(option, 0, "%s: no such format; name the file %s", path, endings);
+}
+
+/* --- stdout --- */
+
+static void check_stdout(int status, void *unused) {
+    (void)unused;
+    errno = 0;
+    bool lost = ferror(stdout) != 0, unwritten = fflush(stdout) != 0;
+    if (!lost && !unwritten) return;
+    fprintf(stderr, "stdout: cannot be written: %s; what was printed is not whole\n",
+            errno ? strerror(errno) : "write error");
+    _exit(status ? status : APP_FAILED);
+}
+
+void app_check_stdout(void) { on_exit(check_stdout, NULL); }

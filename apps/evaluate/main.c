@@ -21,7 +21,7 @@ static void usage(FILE *to) {
     for (int m = 0; m < MODEL_COUNT; m++) fprintf(to, " %s", model_name[m]);
     fprintf(to, "\n  --latency N     with LOG: hold samples back by N frames more\n"
                 "  --loss SHARE    with LOG: lose this share of the samples\n"
-                "  --help, --version\n\n"
+                "  -h, --help, --version\n\n"
                 "Run it where apps/scenes is: from the root of the project, or of share/tensormass.\n");
 }
 
@@ -176,8 +176,9 @@ int main(int argc, char **argv) {
     conditions c = {.seed = 1};
     bool all = true, studying = false;
     char *rest;
+    app_check_stdout();
     opterr = 0; /* the message is ours */
-    for (int o; (o = getopt_long(argc, argv, "", options, NULL)) != -1;) {
+    for (int o; (o = getopt_long(argc, argv, "h", options, NULL)) != -1;) {
         int m = 0;
         switch (o) {
         case 's': studying = true; break;
@@ -212,6 +213,7 @@ int main(int argc, char **argv) {
         return app_bad_input("tm-evaluate", 0, "name logs, or --study, or --generate DIR; see tm-evaluate --help");
     if (studying && !json)
         return app_bad_input("tm-evaluate", 0, "--study wants --json FILE; say where the figures go");
+    if (app_output_check(json)) return APP_BAD_INPUT;
     if (studying) return study(&run, json);
     if (folder) return generate(folder, &run);
     return evaluate_logs(argv + optind, argc - optind, &c, json);

@@ -21,7 +21,7 @@ enum { COMMANDS = sizeof commands / sizeof *commands };
 static void usage(FILE *to) {
     fprintf(to, "usage: tm-mesh COMMAND ...\n\n");
     for (int i = 0; i < COMMANDS; i++) fprintf(to, "  %-8s %s\n", commands[i].name, commands[i].what);
-    fprintf(to, "\n  tm-mesh COMMAND --help, --version\n");
+    fprintf(to, "\n  tm-mesh COMMAND -h, --help; --version\n");
 }
 
 bool command_quantity(const char *option, const char *text, const char *dimension, double *si) {
@@ -41,6 +41,7 @@ int command_usage(const char *command, const char *format, ...) {
 }
 
 int main(int argc, char **argv) {
+    app_check_stdout();
     const char *name = argc > 1 ? argv[1] : "";
     if (strcmp(name, "--help") == 0 || strcmp(name, "-h") == 0) {
         usage(stdout);

@@ -103,7 +103,7 @@ tm_status write_mesh_file(const app_mesh *mesh, const char *path, tm_error *erro
         if (!dot || strcmp(dot, format[i].ending) != 0) continue;
         app_output output;
         if (!app_output_begin(&output, path, error)) return TM_ERR_FILE;
-        FILE *file = fopen(output.temporary, "w");
+        FILE *file = app_output_stream(&output);
         if (!file) return app_mesh_fail(error, TM_ERR_FILE, -1, "%s: cannot be written; check the folder", path);
         format[i].put(mesh, file);
         return close_and_commit(file, &output, error);
@@ -114,7 +114,7 @@ tm_status write_mesh_file(const app_mesh *mesh, const char *path, tm_error *erro
 tm_status write_fibres(const double *fibre, int32_t tet_count, const char *path, tm_error *error) {
     app_output output;
     if (!app_output_begin(&output, path, error)) return TM_ERR_FILE;
-    FILE *file = fopen(output.temporary, "w");
+    FILE *file = app_output_stream(&output);
     if (!file) return app_mesh_fail(error, TM_ERR_FILE, -1, "%s: cannot be written; check the folder", path);
     fprintf(file, "tet,ax,ay,az\n");
     for (int32_t t = 0; t < tet_count; t++)

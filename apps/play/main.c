@@ -2,7 +2,6 @@
  * session. */
 #include <getopt.h>
 #include <math.h>
-#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -26,7 +25,7 @@ static const char help[] =
     "  --png FILE          the last picture, when the window closes\n"
     "  --json FILE         figures: pictures a second, hand messages sent, messages taken and refused\n"
     "  --lcm-url URL       [LCM_DEFAULT_URL, else LCM's default]\n"
-    "  --help, --version\n\n"
+    "  -h, --help, --version\n\n"
     "Keys and mouse: see the window's own list (H), or docs/viewing.md.\n";
 
 typedef struct play {
@@ -45,16 +44,9 @@ typedef struct play {
     double began_s;
 } play;
 
-static volatile sig_atomic_t interrupted;
-
-static void on_signal(int number) {
-    (void)number;
-    interrupted = 1;
-}
-
 static double now_s(void) { return (double)app_monotonic_us() * 1e-6; }
 
-enum { SIZE = 256, QUALITY, AZIMUTH, ELEVATION, ZOOM, WATCH, DURATION, PNG, JSON, URL, HELP, VERSION };
+enum { SIZE = 256, QUALITY, AZIMUTH, ELEVATION, ZOOM, WATCH, DURATION, PNG, JSON, URL, VERSION, HELP = 'h' };
 static const struct option table[] = {
     {"size", 1, NULL, SIZE},
     {"quality", 1, NULL, QUALITY},
@@ -124,7 +116,7 @@ static int parse(play *p, int argc, char **argv) {
     p->studio_def = view_studio_default(960, 600);
     p->studio_def.render.edges = false;
     opterr = 0;
-    for (int code; (code = getopt_long(argc, argv, "", table, NULL)) != -1;) {
+    for (int code; (code = getopt_long(argc, argv, "h", table, NULL)) != -1;) {
         if (code == HELP) return fputs(help, stdout), APP_DONE;
         if (code == VERSION) return printf("tm-play %s\n", tm_version()), APP_DONE;
         if (code == '?')
@@ -134,7 +126,10 @@ static int parse(play *p, int argc, char **argv) {
         if (wrong) return wrong;
     }
     if (optind < argc) return app_bad_input("tm-play", 0, "'%s': not an option; see tm-play --help", argv[optind]);
-    return -1;
+    int wrong = p->png ? app_output_ending("--png", p->png, ".png") : 0;
+    if (!wrong) wrong = app_output_check(p->png);
+    if (!wrong) wrong = app_output_check(p->json);
+    return wrong ? wrong : -1;
 }
 
 static int open_all(play *p) {
@@ -231,7 +226,7 @@ static int one_picture(play *p, double dt_s) {
 static int loop(play *p) {
     double last = p->began_s = now_s(), smooth_s = 1.0 / 30;
     int wrong = 0;
-    while (!wrong && !interrupted && !p->controls.quit &&
+    while (!wrong && !app_interrupted() && !p->controls.quit &&
            (p->duration_s <= 0 || now_s() - p->began_s < p->duration_s)) {
         double next = last + 1.0 / 60;
         if (!p->feed_api->listen(p->feed, (int)fmax(0, 1e3 * (next - now_s())), &p->picture))
@@ -257,7 +252,7 @@ static int write_json(const play *p) {
     view_feed_counts counts = p->feed_api->counts(p->feed);
     double seconds = now_s() - p->began_s;
     if (!app_output_begin(&output, p->json, &error)) return app_report("tm-play", 0, &error);
-    FILE *file = fopen(output.temporary, "w");
+    FILE *file = app_output_stream(&output);
     bool written = file && fprintf(file,
                                    "{\"pictures\": %lld, \"seconds\": %.3f, \"pictures_per_second\": %.2f, "
                                    "\"hands_sent\": %lld, \"messages_taken\": %lld, \"messages_refused\": %lld}\n",
@@ -271,10 +266,10 @@ static int write_json(const play *p) {
 
 int main(int argc, char **argv) {
     static play p;
+    app_check_stdout();
     int wrong = parse(&p, argc, argv);
     if (wrong >= 0) return wrong;
-    signal(SIGINT, on_signal);
-    signal(SIGTERM, on_signal);
+    app_catch_signals();
     setpriority(PRIO_PROCESS, 0, 5); /* drawing takes what simulation and controllers leave */
     play_controls_begin(&p.controls);
     wrong = open_all(&p);

@@ -21,13 +21,13 @@ static const char help[] = "%s SCENE.yaml [options]: responses of the surface fo
                            "  --set PATH=VALUE      put this value over the scene's; as often as wanted\n"
                            "  --keep                leave a file that holds these very responses as it is\n"
                            "  --json FILE           time, sizes, seconds\n"
-                           "  --help, --version\n\n"
+                           "  -h, --help, --version\n\n"
                            "Built with Open MPI (make MPI=1) it is tm-precompute-mpi, and `mpirun -n 4 "
                            "tm-precompute-mpi SCENE.yaml` spreads the columns over the\n"
                            "ranks; the file is the same to the last bit. Killed in the middle it leaves the old file.\n"
                            "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else.\n";
 
-enum { OUT = 1000, SOLVER, PRECISION, THREADS, MEMORY, SET, KEEP, JSON, HELP, VERSION };
+enum { OUT = 1000, SOLVER, PRECISION, THREADS, MEMORY, SET, KEEP, JSON, VERSION, HELP = 'h' };
 static const struct option long_options[] = {
     {"out", required_argument, NULL, OUT},
     {"solver", required_argument, NULL, SOLVER},
@@ -109,7 +109,7 @@ static int take_option(choice *o, int option, char **all) {
 static int parse(choice *o, int count, char **all) {
     opterr = 0;
     for (;;) {
-        const int option = getopt_long(count, all, "-", long_options, NULL);
+        const int option = getopt_long(count, all, "-h", long_options, NULL);
         if (option == -1) break;
         if (option == HELP || option == VERSION) {
             if (option == HELP)
@@ -207,7 +207,8 @@ static int run(const choice *o, const tm_solve_team *team) {
 int main(int count, char **all) {
     static choice o;
     const tm_solve_team *team = team_begin(&count, &all);
-    run_catch_signals();
+    app_check_stdout();
+    app_catch_signals();
     int rc = parse(&o, count, all);
     /* A world is built for nothing but its tissue; `precomputed` itself would compute at once. */
     if (!rc) rc = add_set(&o, "model=", "dynamic");

@@ -54,7 +54,7 @@ static int line_of_stage(const sim *s, int owner) {
 static tm_status measure_model(sim *s, tm_stage_report *report, int *count) {
     tm_status status = sim_frame(s, s->pose, 1);
     int64_t begin = app_monotonic_us(), spent = 0, runs = 0;
-    for (; !status && spent < 300000 && runs < 1000000 && !run_interrupted(); ++runs) {
+    for (; !status && spent < 300000 && runs < 1000000 && !app_interrupted(); ++runs) {
         status = sim_frame(s, s->pose, 1);
         spent = app_monotonic_us() - begin;
     }
@@ -75,7 +75,7 @@ static tm_status measure(sim *s, tm_stage_report *report, int *count) {
     tm_world_set_timing(s->world, true);
     tm_world_stages(s->world, before);
     int64_t begin = app_monotonic_us();
-    for (int i = 0; !status && (i < 1 || app_monotonic_us() - begin < 300000) && i < 100000 && !run_interrupted(); ++i)
+    for (int i = 0; !status && (i < 1 || app_monotonic_us() - begin < 300000) && i < 100000 && !app_interrupted(); ++i)
         status = sim_frame(s, s->pose, s->substeps);
     *count = tm_world_stages(s->world, report);
     for (int i = 0; i < *count; ++i) {

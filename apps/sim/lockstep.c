@@ -300,7 +300,7 @@ static int loop(lockstep *l) {
     int64_t total = frame_total(l), now_us = START_US;
     int64_t snapshot_frame = l->o->snapshot ? llround(l->o->snapshot_s / l->s->frame_s) : -1;
     tm_status status = TM_OK;
-    for (; l->frame < total && !status && !run_interrupted();) {
+    for (; l->frame < total && !status && !app_interrupted();) {
         /* A frame between two ticks comes before the later one; at the same time the tick comes first. */
         bool ticking = l->haptics && now_us <= frame_us(l, l->frame + 1);
         if (ticking) {

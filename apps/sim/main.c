@@ -35,10 +35,10 @@ static const char help[] =
     "  --samples FILE        one row a frame and instrument: the force sample as it was sent\n"
     "  --write FILE          with --settle: displacements and reactions, .vtk or .csv\n"
     "  --json FILE           figures of the run\n"
-    "  --url URL             LCM URL for --realtime, default udpm://239.255.76.67:7667?ttl=0\n"
+    "  --lcm-url URL         LCM URL for --realtime, default udpm://239.255.76.67:7667?ttl=0\n"
     "  --snapshot-at TIME --snapshot FILE  save the state at this simulated time (lockstep, scenes without haptics)\n"
     "  --restore FILE        go on from a saved state\n"
-    "  --help, --version\n"
+    "  -h, --help, --version\n"
     "\n"
     "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else. Ctrl-C ends a run cleanly, files "
     "written.\n";
@@ -65,10 +65,11 @@ enum {
     OPT_SNAPSHOT_AT,
     OPT_SNAPSHOT,
     OPT_RESTORE,
-    OPT_HELP,
-    OPT_VERSION
+    OPT_VERSION,
+    OPT_HELP = 'h'
 };
 
+/* "url" is the old name of "lcm-url". */
 static const struct option long_options[] = {{"lockstep", no_argument, NULL, OPT_LOCKSTEP},
                                              {"realtime", no_argument, NULL, OPT_REALTIME},
                                              {"settle", required_argument, NULL, OPT_SETTLE},
@@ -88,6 +89,7 @@ static const struct option long_options[] = {{"lockstep", no_argument, NULL, OPT
                                              {"snapshot-at", required_argument, NULL, OPT_SNAPSHOT_AT},
                                              {"snapshot", required_argument, NULL, OPT_SNAPSHOT},
                                              {"restore", required_argument, NULL, OPT_RESTORE},
+                                             {"lcm-url", required_argument, NULL, OPT_URL},
                                              {"url", required_argument, NULL, OPT_URL},
                                              {"hands", required_argument, NULL, OPT_HANDS},
                                              {"help", no_argument, NULL, OPT_HELP},
@@ -162,7 +164,7 @@ static int take_option(run_options *o, int option, char **all) {
 static int parse(run_options *o, int count, char **all) {
     opterr = 0;
     for (;;) {
-        int option = getopt_long(count, all, "-", long_options, NULL);
+        int option = getopt_long(count, all, "-h", long_options, NULL);
         if (option == -1) break;
         if (option == OPT_HELP || option == OPT_VERSION) {
             if (option == OPT_HELP)
@@ -235,7 +237,8 @@ static int run(run_options *o) {
 
 int main(int count, char **all) {
     run_options o = {.duration_s = -1, .frames = -1, .snapshot_s = -1};
-    run_catch_signals();
+    app_check_stdout();
+    app_catch_signals();
     int rc = parse(&o, count, all);
     if (!rc) rc = run(&o);
     for (int i = 0; i < o.set_count; ++i) free(o.set[i]);

@@ -102,7 +102,7 @@ static void take_status(void *user, int instrument, const tensormass_controller_
 static void wait_until(realtime *r, int64_t deadline_us) {
     for (;;) {
         int64_t left = deadline_us - app_monotonic_us();
-        if (left <= 0 || run_interrupted()) break;
+        if (left <= 0 || app_interrupted()) break;
         if (r->haptics)
             r->publisher.api->receive(r->publisher.link, left);
         else {
@@ -204,9 +204,9 @@ static int loop(realtime *r) {
     r->frame_us = llround(r->s->frame_s * 1e6);
     r->start_us = app_monotonic_us();
     r->next_us = r->start_us + r->frame_us;
-    while (!status && !run_interrupted()) {
+    while (!status && !app_interrupted()) {
         wait_until(r, r->next_us);
-        if (run_interrupted() || r->frame >= total ||
+        if (app_interrupted() || r->frame >= total ||
             (duration >= 0 && app_monotonic_us() - r->start_us > llround(duration * 1e6) + r->frame_us))
             break;
         status = one_frame(r);

@@ -12,7 +12,7 @@ int run_file_begin(run_file *file, const char *path) {
     tm_error error = {0};
     if (!path) return 0;
     if (!app_output_begin(&file->output, path, &error)) return app_report(NULL, 0, &error);
-    file->stream = fopen(file->output.temporary, "wb");
+    file->stream = app_output_stream(&file->output);
     if (!file->stream) {
         app_output_abandon(&file->output);
         return app_bad_input(path, 0, "cannot be written: %s; choose another place", strerror(errno));

@@ -31,10 +31,6 @@ int run_settle(sim *s, const run_options *o);
 int run_explain(sim *s, const run_options *o);
 int run_hands(sim *s, const run_options *o);
 
-/* Ctrl-C or SIGTERM came. */
-bool run_interrupted(void);
-void run_catch_signals(void);
-
 /* Output files, opened before the run so that a folder that is not there is told at once, and renamed after it. */
 typedef struct run_file {
     app_output output;

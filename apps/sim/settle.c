@@ -18,7 +18,7 @@ static bool on_progress(void *user, int64_t step, double residual) {
     double all = log(w->first / w->tolerance), done = log(w->first / residual);
     (void)step;
     app_progress("settling", all > 0 && done > 0 ? fmin(done / all, 1) : 0, false);
-    w->stopped = run_interrupted();
+    w->stopped = app_interrupted() != 0;
     return !w->stopped;
 }
 
@@ -185,10 +185,8 @@ int run_settle(sim *s, const run_options *o) {
                              "--settle relaxes a whole tissue, not a hybrid one; write 'model: dynamic' (the same "
                              "shape at rest) or 'model: precomputed'");
     run_file written = {0}, report = {0};
-    size_t n = o->write ? strlen(o->write) : 0;
-    if (o->write && !(n > 4 && (!strcmp(o->write + n - 4, ".vtk") || !strcmp(o->write + n - 4, ".csv"))))
-        return app_bad_input(o->write, 0, "is neither .vtk nor .csv; give the file one of these endings");
-    int rc = run_file_begin(&written, o->write);
+    int rc = o->write ? app_output_ending("--write", o->write, ".vtk .csv") : 0;
+    if (!rc) rc = run_file_begin(&written, o->write);
     if (!rc) rc = run_file_begin(&report, o->json);
     cJSON *json = run_report_begin(s, "settle");
     if (!rc) rc = settle(s, o, &written, json);

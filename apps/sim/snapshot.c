@@ -36,7 +36,7 @@ int sim_snapshot_save(sim *s, const char *path) {
         h->frames = s->frames;
         for (int i = 0; i < TM_MAX_INSTRUMENTS; ++i) memcpy(&h->pose[i], &s->pose[i], sizeof h->pose[i]);
         h->checksum = checksum(h);
-        FILE *file = fopen(output.temporary, "wb");
+        FILE *file = app_output_stream(&output);
         bool whole = file && fwrite(h, sizeof *h, 1, file) == 1 && fwrite(world, (size_t)bytes, 1, file) == 1;
         whole = file && !fclose(file) && whole;
         if (!whole) {

@@ -32,7 +32,7 @@ static bool on_progress(void *user, const char *what, double fraction, double se
     (void)user;
     (void)seconds_left;
     app_progress(what, fraction, fraction >= 1);
-    return !run_interrupted();
+    return !app_interrupted();
 }
 
 int sim_problem_make(const sim *s, const tm_tissue *tissue, sim_problem *p, tm_solve_def *def) {

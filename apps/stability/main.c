@@ -43,7 +43,7 @@ static void usage(FILE *to) {
         "  --list        names and what they are\n"
         "  --quick       the short form of each, as make check runs it\n"
         "  --json FILE   verdicts, figures and curves\n"
-        "  --help, --version\n");
+        "  -h, --help, --version\n");
 }
 
 static void list(void) {
@@ -133,8 +133,9 @@ int main(int argc, char **argv) {
     const char *json = NULL;
     int count = 0;
     bool quick = false;
+    app_check_stdout();
     opterr = 0; /* the message is ours */
-    for (int c; (c = getopt_long(argc, argv, "", options, NULL)) != -1;) switch (c) {
+    for (int c; (c = getopt_long(argc, argv, "h", options, NULL)) != -1;) switch (c) {
         case 'c':
             if (!exists(optarg)) return app_bad_input("tm-stability", 0, "no case '%s'; --list names them", optarg);
             if (count < MOST) wanted[count++] = optarg;
@@ -150,5 +151,6 @@ int main(int argc, char **argv) {
         }
     if (optind < argc)
         return app_bad_input("tm-stability", 0, "stray argument '%s'; see tm-stability --help", argv[optind]);
+    if (app_output_check(json)) return APP_BAD_INPUT;
     return run_all(wanted, count, quick, json);
 }

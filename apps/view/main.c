@@ -203,7 +203,7 @@ static int write_json(job *j) {
     if (!app_output_begin(&output, j->options.json, &error)) return complain(&error);
     view_feed_counts counts = {0};
     if (j->feed) counts = j->api->counts(j->feed);
-    FILE *file = fopen(output.temporary, "w");
+    FILE *file = app_output_stream(&output);
     bool written =
         file && fprintf(file,
                         "{\"pictures\": %lld, \"seconds\": %.3f, \"drawing_seconds\": %.3f, \"pictures_per_second\": "

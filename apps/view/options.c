@@ -31,7 +31,7 @@ static const char help[] =
     "  --scale X          of a mesh file's coordinates [1]\n"
     "  --lcm-url URL      [LCM_DEFAULT_URL, else LCM's default]\n"
     "  --json FILE        figures: pictures, seconds, pictures per second, messages taken and refused\n"
-    "  --help, --version\n";
+    "  -h, --help, --version\n";
 
 enum {
     PNG = 256,
@@ -58,8 +58,8 @@ enum {
     SCALE,
     URL,
     JSON,
-    HELP,
-    VERSION
+    VERSION,
+    HELP = 'h'
 };
 
 static const struct option table[] = {
@@ -185,6 +185,11 @@ static int check(const view_options *o) {
     if (!o->png && !o->frames && !o->film)
         return app_bad_input("tm-view", 0,
                              "no output named; add --png, --frames or --film, or run tm-play for a window");
+    int wrong = o->png ? app_output_ending("--png", o->png, ".png") : 0;
+    if (!wrong && o->film) wrong = app_output_ending("--film", o->film, ".mp4");
+    if (!wrong) wrong = app_output_check(o->png);
+    if (!wrong) wrong = app_output_check(o->json);
+    if (wrong) return wrong;
     if (o->has_to && o->to_s < o->from_s) return app_bad_input("tm-view", 0, "--to is before --from; swap them");
     if (o->film && (o->studio.render.width % 2 || o->studio.render.height % 2))
         return app_bad_input("tm-view", 0, "a film's width and height must be even; choose another --size");
@@ -197,7 +202,7 @@ int view_options_parse(int argc, char **argv, view_options *o) {
     o->studio = view_studio_default(1280, 720);
     o->fps = 30, o->duration_s = 10, o->wait_s = 60, o->scale = 1, o->quality = -1;
     opterr = 0;
-    for (int code; (code = getopt_long(argc, argv, "", table, NULL)) != -1;) {
+    for (int code; (code = getopt_long(argc, argv, "h", table, NULL)) != -1;) {
         if (code == HELP || code == VERSION) {
             if (code == HELP)
                 fputs(help, stdout);

@@ -26,7 +26,10 @@ tm_status view_png_write(const char *path, int width, int height, const uint8_t 
                        .height = (png_uint_32)height,
                        .format = PNG_FORMAT_RGB};
     image.flags = PNG_IMAGE_FLAG_FAST;
-    if (!png_image_write_to_file(&image, output.temporary, 0, rgb, 0, NULL)) {
+    FILE *file = app_output_stream(&output);
+    bool written = file && png_image_write_to_stdio(&image, file, 0, rgb, 0, NULL);
+    if (file && fclose(file)) written = false;
+    if (!written) {
         app_output_abandon(&output);
         return failed(error, TM_ERR_FILE, "the picture could not be written", image.message);
     }

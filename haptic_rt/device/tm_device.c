@@ -58,10 +58,10 @@ static void usage(void) {
         "  --tremor M             amplitude at the tip, m (0); about 9 Hz\n"
         "  --grasp GAIN           strength of the hand: 1 as configured, 0 lets go (1)\n"
         "  --noise COUNTS         RMS noise of the encoders (0), from --seed N (1)\n"
-        "  --profile FILE, --set NAME=VALUE   device profile\n"
-        "  --url URL              LCM for --hand lcm (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
+        "  --profile FILE, --set NAME=VALUE   device profile; --params prints it\n"
+        "  --lcm-url URL          LCM for --hand lcm (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
         "  --rate HZ              encoder frames a second, 100..2000 (500)\n"
-        "  --duration S, --priority N, --stats, --json FILE, --help, --version   as of haptic-rt\n"
+        "  --duration S, --priority N, --stats, --json FILE, -h, --help, --version   as of haptic-rt\n"
         "\n"
         "Exit 0: done. 2: bad input. 1: anything else. Frames: docs/can.md.");
 }
@@ -79,15 +79,17 @@ enum {
     O_SEED,
     O_PROFILE,
     O_SET,
+    O_PARAMS,
     O_URL,
     O_RATE,
     O_DURATION,
     O_PRIORITY,
     O_STATS,
     O_JSON,
-    O_HELP,
-    O_VERSION
+    O_VERSION,
+    O_HELP = 'h'
 };
+/* "url" is the old name of "lcm-url". */
 static const struct option options[] = {{"bus", 1, 0, O_BUS},
                                         {"instrument", 1, 0, O_INSTRUMENT},
                                         {"hand", 1, 0, O_HAND},
@@ -100,6 +102,8 @@ static const struct option options[] = {{"bus", 1, 0, O_BUS},
                                         {"seed", 1, 0, O_SEED},
                                         {"profile", 1, 0, O_PROFILE},
                                         {"set", 1, 0, O_SET},
+                                        {"params", 0, 0, O_PARAMS},
+                                        {"lcm-url", 1, 0, O_URL},
                                         {"url", 1, 0, O_URL},
                                         {"rate", 1, 0, O_RATE},
                                         {"duration", 1, 0, O_DURATION},
@@ -168,10 +172,11 @@ static bool take_option(program *p, int option, const char *text) {
 /* -1: go on; else the exit code. */
 static int read_options(program *p, int argc, char **argv) {
     opterr = 0;
-    for (int option; (option = getopt_long(argc, argv, ":", options, NULL)) != -1;) {
+    for (int option; (option = getopt_long(argc, argv, ":h", options, NULL)) != -1;) {
         if (option == '?') return app_bad_input(argv[optind - 1], 0, "no such option; see tm-device --help");
         if (option == ':') return app_bad_input(argv[optind - 1], 0, "needs a value; see tm-device --help");
         if (option == O_HELP) return usage(), APP_DONE;
+        if (option == O_PARAMS) return hrt_profile_write(stdout, &p->config.profile), APP_DONE;
         if (option == O_VERSION) return printf("tm-device %s\n", tm_version()), APP_DONE;
         if (!take_option(p, option, optarg)) return APP_BAD_INPUT;
     }
@@ -222,7 +227,7 @@ static int open_all(program *p) {
         p->api = hrt_link_module();
         if (!p->api) return APP_FAILED;
         p->link = p->api->open(&def, why, sizeof why);
-        if (!p->link) return app_bad_input("--url", 0, "%s", why);
+        if (!p->link) return app_bad_input("--lcm-url", 0, "%s", why);
     }
     return hrt_output_begin(&p->json_out, p->json);
 }
@@ -270,6 +275,7 @@ static int write_json(program *p) {
 
 int main(int argc, char **argv) {
     static program p;
+    app_check_stdout();
     p.config = hrt_device_config_default(0);
     p.config.session = (uint16_t)(1 + app_session() % 65535);
     p.rate = 500;

@@ -60,8 +60,8 @@ static void usage(void) {
         "  --profile FILE           device profile and parameters\n"
         "  --set NAME=VALUE         one parameter; may be repeated\n"
         "  --params                 print all parameters with range and unit, and end\n"
-        "  --url URL                LCM (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
-        "  --samples FILE           recorded samples (CSV) instead of LCM; with --url, beside it\n"
+        "  --lcm-url URL            LCM (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
+        "  --samples FILE           recorded samples (CSV) instead of LCM; with --lcm-url, beside it\n"
         "  --replay                 samples come from lcm-logplayer: take them though they answered another controller\n"
         "  --rate HZ                ticks a second, 100..2000 (500)\n"
         "  --duration S             end after so long (never)\n"
@@ -71,7 +71,7 @@ static void usage(void) {
         "  --stats                  timing figures at the end\n"
         "  --json FILE              all figures at the end\n"
         "  --record FILE            every tick as CSV; needs --duration\n"
-        "  --help, --version\n"
+        "  -h, --help, --version\n"
         "\n"
         "Exit 0: done. 2: bad input. 1: anything else. States, faults and limits: docs/controller.md.");
 }
@@ -122,9 +122,10 @@ enum {
     O_RECORD,
     O_REPLAY,
     O_IDLE_STATES,
-    O_HELP,
-    O_VERSION
+    O_VERSION,
+    O_HELP = 'h'
 };
+/* "url" is the old name of "lcm-url". */
 static const struct option options[] = {{"bus", 1, 0, O_BUS},
                                         {"device", 1, 0, O_BUS},
                                         {"instrument", 1, 0, O_INSTRUMENT},
@@ -138,6 +139,7 @@ static const struct option options[] = {{"bus", 1, 0, O_BUS},
                                         {"profile", 1, 0, O_PROFILE},
                                         {"set", 1, 0, O_SET},
                                         {"params", 0, 0, O_PARAMS},
+                                        {"lcm-url", 1, 0, O_URL},
                                         {"url", 1, 0, O_URL},
                                         {"samples", 1, 0, O_SAMPLES},
                                         {"rate", 1, 0, O_RATE},
@@ -217,7 +219,7 @@ static bool consistent(program *p) {
 /* -1: go on; else the exit code. */
 static int read_options(program *p, int argc, char **argv) {
     opterr = 0;
-    for (int option; (option = getopt_long(argc, argv, ":", options, NULL)) != -1;) {
+    for (int option; (option = getopt_long(argc, argv, ":h", options, NULL)) != -1;) {
         if (option == '?') return app_bad_input(argv[optind - 1], 0, "no such option; see haptic-rt --help");
         if (option == ':') return app_bad_input(argv[optind - 1], 0, "needs a value; see haptic-rt --help");
         if (option == O_HELP) return usage(), APP_DONE;
@@ -382,7 +384,7 @@ static int write_json(program *p) {
 }
 
 static int write_record(program *p) {
-    FILE *file = fopen(p->record_out.temporary, "w");
+    FILE *file = app_output_stream(&p->record_out);
     if (file)
         fputs(
             "time_s,state,fault,limits,pitch_rad,yaw_rad,insertion_m,roll_rad,grip,fx_N,fy_N,fz_N,torque_pitch_Nm,torque_yaw_Nm,force_insertion_N,gain,sample_age_s\n",
@@ -420,7 +422,7 @@ static int open_link(program *p) {
     const bool raised = p->priority > 1 && hrt_priority(p->priority > 20 ? p->priority - 20 : 1);
     p->link = p->api->open(&def, why, sizeof why);
     if (raised) hrt_priority(0);
-    return p->link ? APP_DONE : app_bad_input("--url", 0, "%s", why);
+    return p->link ? APP_DONE : app_bad_input("--lcm-url", 0, "%s", why);
 }
 
 static int open_all(program *p) {
@@ -445,6 +447,7 @@ static int open_all(program *p) {
 
 int main(int argc, char **argv) {
     static program p;
+    app_check_stdout();
     p.config = hrt_node_config_default(0);
     p.config.session = app_session();
     p.rate = 500;

@@ -139,6 +139,8 @@ static _Atomic bool *signal_stop;
 static void on_signal(int number) {
     (void)number;
     atomic_store(signal_stop, true);
+    signal(SIGINT, SIG_DFL); /* a second one ends the program at once: the device's watchdog stops the motors */
+    signal(SIGTERM, SIG_DFL);
 }
 
 void hrt_stop_on_signals(_Atomic bool *stop) {

@@ -68,7 +68,7 @@ int hrt_output_end(app_output *output, FILE *file) {
 int hrt_report_write(cJSON *json, app_output *output) {
     char *text = cJSON_Print(json);
     cJSON_Delete(json);
-    FILE *file = text ? fopen(output->temporary, "w") : NULL;
+    FILE *file = text ? app_output_stream(output) : NULL;
     if (file) fprintf(file, "%s\n", text);
     free(text);
     return hrt_output_end(output, file);

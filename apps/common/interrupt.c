@@ -1,0 +1,24 @@
+/* Ctrl-C and SIGTERM: the first asks a run to end, the second ends the program at once, whatever it is doing. */
+#include <signal.h>
+#include <stddef.h>
+
+#include "app.h"
+
+static volatile sig_atomic_t caught;
+
+static void on_signal(int number) {
+    caught = number;
+    signal(SIGINT, SIG_DFL);
+    signal(SIGTERM, SIG_DFL);
+}
+
+int app_interrupted(void) { return caught; }
+
+int app_interrupted_exit(void) { return caught ? 128 + caught : APP_DONE; }
+
+void app_catch_signals(void) {
+    struct sigaction action = {.sa_handler = on_signal};
+    sigaction(SIGINT, &action, NULL);
+    sigaction(SIGTERM, &action, NULL);
+    signal(SIGPIPE, SIG_IGN);
+}

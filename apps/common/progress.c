@@ -1,0 +1,33 @@
+/* The clock and the progress line. */
+#include <stdio.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "app.h"
+
+int64_t app_monotonic_us(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (int64_t)now.tv_sec * 1000000 + now.tv_nsec / 1000;
+}
+
+static bool quiet;
+void app_be_quiet(void) { quiet = true; }
+bool app_is_quiet(void) { return quiet; }
+
+void app_progress(const char *what, double fraction, bool done) {
+    static int64_t last_us, start_us;
+    if (quiet || !isatty(STDERR_FILENO)) return;
+    int64_t now = app_monotonic_us();
+    if (!start_us) start_us = now;
+    if (done) {
+        fprintf(stderr, "\r\033[K");
+        start_us = last_us = 0;
+    } else if (now - last_us >= 100000) {
+        last_us = now;
+        double spent_s = (double)(now - start_us) * 1e-6;
+        fprintf(stderr, "\r\033[K%s %3.0f %%", what, 100 * fraction);
+        if (fraction > 0.01) fprintf(stderr, ", %.0f s left", spent_s * (1 - fraction) / fraction);
+    }
+    fflush(stderr);
+}
