@@ -53,6 +53,8 @@ void app_check_stdout(void);
 /* --quiet: no progress lines, no remarks; errors, warnings and what was asked for stay. */
 void app_be_quiet(void);
 bool app_is_quiet(void);
+/* A line on stderr that --quiet leaves out. */
+void app_remark(const char *format, ...) __attribute__((format(printf, 1, 2)));
 
 /* SIGINT and SIGTERM once: app_interrupted() is the signal's number, and the program ends what it does; twice: it is
  * ended by the system, at once. SIGPIPE is a write error like another. */

@@ -69,7 +69,7 @@ static bool hold(app_output *output, int fd) {
 /* `-`: the output alone goes to stdout, what the program says for people goes to stderr. */
 static bool begin_stdout(app_output *output, tm_error *error) {
     static bool taken;
-    if (taken) return complain(error, "-", "two outputs to stdout", "give one of them a file");
+    if (taken) return complain(error, output->path, "two outputs to stdout", "give one of them a file");
     fflush(stdout);
     int fd = fcntl(STDOUT_FILENO, F_DUPFD_CLOEXEC, 3);
     if (fd < 0 || dup2(STDERR_FILENO, STDOUT_FILENO) < 0) return fail(error, "-", "cannot write to stdout");
@@ -77,9 +77,23 @@ static bool begin_stdout(app_output *output, tm_error *error) {
     return hold(output, fd);
 }
 
+/* The number in /dev/fd/3, -1: another path. Opening that anew would begin at the start of what it is. */
+static int open_already(const char *target) {
+    static const char *const folder[] = {"/proc/self/fd/", "/dev/fd/"};
+    for (int i = 0; i < 2; i++) {
+        size_t length = strlen(folder[i]);
+        char *end;
+        long fd = strncmp(target, folder[i], length) ? -1 : strtol(target + length, &end, 10);
+        if (fd >= 0 && fd < 1 << 20 && end != target + length && !*end) return (int)fd;
+    }
+    return -1;
+}
+
 /* A FIFO waits for its reader here, as in a shell. */
 static bool begin_through(app_output *output, tm_error *error) {
-    int fd = open(output->path, O_WRONLY | O_NOCTTY | O_CLOEXEC);
+    int given = open_already(output->target);
+    if (given == STDOUT_FILENO) return begin_stdout(output, error);
+    int fd = given >= 0 ? fcntl(given, F_DUPFD_CLOEXEC, 3) : open(output->path, O_WRONLY | O_NOCTTY | O_CLOEXEC);
     return fd < 0 ? fail(error, output->path, "cannot write") : hold(output, fd);
 }
 
@@ -203,7 +217,13 @@ int app_output_ending(const char *option, const char *path, const char *endings)
     size_t length = dot ? strlen(dot) : 0;
     for (const char *at = endings; length && *at; at += strcspn(at, " "), at += strspn(at, " "))
         if (strcspn(at, " ") == length && !strncasecmp(at, dot, length)) return APP_DONE;
-    return app_bad_input(option, 0, "%s: no such format; name the file %s", path, endings);
+    char all[100];
+    size_t used = 0;
+    for (const char *at = endings; *at && used + 8 < sizeof all; at++)
+        used += (size_t)snprintf(all + used, sizeof all - used, *at == ' ' ? " nor " : "%c", *at);
+    bool many = strchr(endings, ' ');
+    return app_bad_input(option, 0, "%s: is %s %s; give the file %s", path, many ? "neither" : "not", all,
+                         many ? "one of these endings" : "this ending");
 }
 
 /* --- stdout --- */

@@ -1,4 +1,5 @@
 /* The clock and the progress line. */
+#include <stdarg.h>
 #include <stdio.h>
 #include <time.h>
 #include <unistd.h>
@@ -14,6 +15,14 @@ int64_t app_monotonic_us(void) {
 static bool quiet;
 void app_be_quiet(void) { quiet = true; }
 bool app_is_quiet(void) { return quiet; }
+
+void app_remark(const char *format, ...) {
+    if (quiet) return;
+    va_list arguments;
+    va_start(arguments, format);
+    vfprintf(stderr, format, arguments);
+    va_end(arguments);
+}
 
 void app_progress(const char *what, double fraction, bool done) {
     static int64_t last_us, start_us;

@@ -214,6 +214,8 @@ typedef struct app_scene {
     void *
         *effect; /* the options of each schema handed to app_scene_load, first member app_section: line 0, not named */
 
+    bool strict; /* warnings are errors */
+
     /* private */
     void *arena;
     char **set;
@@ -230,6 +232,8 @@ void *app_scene_alloc(app_scene *scene, size_t bytes);
 
 /* Complaint about a value by its line. Returns APP_BAD_INPUT. */
 int app_scene_bad(const app_scene *scene, int line, const char *format, ...) __attribute__((format(printf, 3, 4)));
+/* "scene.yaml:12: warning: what; what to do", and the scene goes on: 0, or APP_BAD_INPUT where it is strict. */
+int app_scene_warn(const app_scene *scene, int line, const char *format, ...) __attribute__((format(printf, 3, 4)));
 /* "scene.yaml:12", or "--set path=value". */
 void app_scene_where(const app_scene *scene, int line, char *text, size_t size);
 

@@ -60,6 +60,16 @@ int app_scene_bad(const app_scene *scene, int line, const char *format, ...) {
     return app_bad_input(file, line < 0 ? 0 : line, "%s", message);
 }
 
+int app_scene_warn(const app_scene *scene, int line, const char *format, ...) {
+    char message[1024];
+    va_list list;
+    va_start(list, format);
+    vsnprintf(message, sizeof message, format, list);
+    va_end(list);
+    int rc = app_scene_bad(scene, line, "warning: %s", message);
+    return scene->strict ? rc : APP_DONE;
+}
+
 static int line_of(const yaml_node_t *node) {
     size_t line = node->start_mark.line;
     return line >= SET_LINE ? -(int)(line - SET_LINE) - 1 : (int)line + 1;

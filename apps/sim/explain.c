@@ -138,10 +138,10 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
 }
 
 static void print(const sim *s, const row *rows, int n, double total_us, cJSON *json) {
-    printf("%s: %d tetrahedra, %d vertices; %.4g frames/s of %d substeps of %.4g s (guaranteed critical step %.4g s, "
+    printf("%s: %d tetrahedra, %d vertices; %.4g frames/s of %d substep%s of %.4g s (guaranteed critical step %.4g s, "
            "set by tetrahedron %lld)\n\n",
-           s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps, s->dt_s,
-           s->critical_s, (long long)s->file.tet_tag[s->critical_tet]);
+           s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps,
+           s->substeps == 1 ? "" : "s", s->dt_s, s->critical_s, (long long)s->file.tet_tag[s->critical_tet]);
     printf("%-14s %-10s %12s %10s %7s  asked for by\n", "stage", "phase", "bytes", "us/step", "share");
     cJSON *list = cJSON_AddArrayToObject(json, "stages");
     for (int i = 0; i < n; ++i) {
@@ -190,11 +190,13 @@ int run_explain(sim *s, const run_options *o) {
     double total_us = 0;
     int n = gather(s, stages, count, rows);
     for (int i = 0; i < n; ++i) total_us += rows[i].us_per_step;
-    if (status) {
-        fputs("tm-sim: the scene blew up while being measured; lower time.step_fraction\n", stderr);
+    if (status || app_interrupted()) {
+        fputs(status ? "tm-sim: the scene blew up while being measured; lower time.step_fraction\n"
+                     : "tm-sim: interrupted; nothing was measured\n",
+              stderr);
         run_file_end(&report, false);
         cJSON_Delete(json);
-        return APP_FAILED;
+        return status ? APP_FAILED : app_interrupted_exit();
     }
     print(s, rows, n, total_us, json);
     return run_report_end(json, &report);

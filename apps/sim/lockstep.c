@@ -268,6 +268,10 @@ static tm_status frame(lockstep *l, int64_t now_us) {
     tm_status status = sim_frame(s, to, s->substeps);
     double spent_s = (double)(app_monotonic_us() - before) * 1e-6;
     l->compute_s += spent_s;
+    if (s->broken_off) {
+        --l->frame;
+        return status;
+    }
     for (int i = 0; i < s->instrument_count; ++i) {
         const sim_tool *tool = &l->tools.tool[i];
         int64_t t_n = sim_tools_mean_utime(&l->tools, i, s->substeps, s->average);
@@ -350,6 +354,7 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     snprintf(hash, sizeof hash, "%016" PRIx64, sim_hash(s));
     double simulated_s = (double)(l->frame - l->first_frame) * s->frame_s;
     cJSON_AddNumberToObject(json, "frames", (double)(l->frame - l->first_frame));
+    cJSON_AddBoolToObject(json, "interrupted", app_interrupted() != 0);
     cJSON_AddNumberToObject(json, "sim_s", simulated_s);
     cJSON_AddNumberToObject(json, "compute_s", l->compute_s);
     cJSON_AddNumberToObject(json, "wall_s", wall_s);
@@ -363,6 +368,7 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     cJSON_AddNumberToObject(json, "tets_removed", (double)s->cuts.total);
     cJSON_AddStringToObject(json, "state_hash", hash);
     report_controllers(l, json);
+    if (app_is_quiet()) return;
     printf("%" PRId64 " frames, %.3g s simulated, %.2f simulated s per s of computing; %" PRId64
            " ticks; force %.3g N RMS, %.3g N peak; state %s\n",
            l->frame, simulated_s, l->compute_s > 0 ? simulated_s / l->compute_s : 0, l->ticks,
@@ -437,5 +443,6 @@ int run_lockstep(sim *s, const run_options *o) {
         hrt_bus_close(&l->station[i].device_bus);
     }
     free(l->station);
-    return rc ? rc : rc2 ? rc2 : rc3;
+    rc = rc ? rc : rc2 ? rc2 : rc3;
+    return rc ? rc : run_say_interrupted(l->frame, frame_total(l));
 }

@@ -38,10 +38,14 @@ static const char help[] =
     "  --lcm-url URL         LCM URL for --realtime, default udpm://239.255.76.67:7667?ttl=0\n"
     "  --snapshot-at TIME --snapshot FILE  save the state at this simulated time (lockstep, scenes without haptics)\n"
     "  --restore FILE        go on from a saved state\n"
+    "  --strict              a warning about the scene is an error\n"
+    "  --quiet               no progress, no remarks: results, warnings and errors alone\n"
     "  -h, --help, --version\n"
     "\n"
-    "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else. Ctrl-C ends a run cleanly, files "
-    "written.\n";
+    "Files: - is stdout; devices, pipes and links are written through.\n"
+    "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else. Ctrl-C ends a run cleanly, files written: "
+    "130 (SIGTERM:\n"
+    "143) where the run had an end of its own. A second one ends the program at once.\n";
 
 enum {
     OPT_LOCKSTEP = 256,
@@ -65,6 +69,8 @@ enum {
     OPT_SNAPSHOT_AT,
     OPT_SNAPSHOT,
     OPT_RESTORE,
+    OPT_STRICT,
+    OPT_QUIET,
     OPT_VERSION,
     OPT_HELP = 'h'
 };
@@ -93,6 +99,8 @@ static const struct option long_options[] = {{"lockstep", no_argument, NULL, OPT
                                              {"url", required_argument, NULL, OPT_URL},
                                              {"hands", required_argument, NULL, OPT_HANDS},
                                              {"help", no_argument, NULL, OPT_HELP},
+                                             {"strict", no_argument, NULL, OPT_STRICT},
+                                             {"quiet", no_argument, NULL, OPT_QUIET},
                                              {"version", no_argument, NULL, OPT_VERSION},
                                              {NULL, 0, NULL, 0}};
 
@@ -109,6 +117,18 @@ static int add_set(run_options *o, const char *prefix, const char *text, bool wa
     snprintf(joined, bytes, "%s%s", prefix, text);
     o->set[o->set_count++] = joined;
     return 0;
+}
+
+/* Quoted: a file's name may be anything, "-" too. */
+static int add_record(run_options *o, const char *file) {
+    char quoted[2 * 1024], *at = quoted;
+    if (strlen(file) >= 1024) return usage("--record '%.60s...' is too long; give a shorter path", file);
+    *at++ = '\'';
+    for (; *file; *at++ = *file++)
+        if (*file == '\'') *at++ = '\'';
+    *at++ = '\'';
+    *at = 0;
+    return add_set(o, "recording.file=", quoted, true);
 }
 
 static int take_number(const char *name, const char *text, const char *dimension, double low, double *out) {
@@ -148,11 +168,13 @@ static int take_option(run_options *o, int option, char **all) {
             rc = usage("--frames '%s' is not a whole number; give one", optarg);
         if (!rc) o->frames = (int64_t)number;
         return rc;
-    case OPT_RECORD: return add_set(o, "recording.file=", optarg, true);
+    case OPT_RECORD: return add_record(o, optarg);
     case OPT_CSV: o->csv = optarg; return 0;
     case OPT_SAMPLES: o->samples = optarg; return 0;
     case OPT_WRITE: o->write = optarg; return 0;
     case OPT_JSON: o->json = optarg; return 0;
+    case OPT_STRICT: o->strict = true; return 0;
+    case OPT_QUIET: app_be_quiet(); return 0;
     case OPT_URL: o->url = optarg; return 0;
     case OPT_RESTORE: o->restore = optarg; return 0;
     case OPT_SNAPSHOT: o->snapshot = optarg; return 0;
@@ -208,7 +230,7 @@ static int print_schema(void) {
         schema[i] = sim_effects[i]->schema;
     }
     app_scene_reference(stdout, schema, name, doc, sim_effect_count);
-    return fflush(stdout) ? APP_FAILED : APP_DONE;
+    return APP_DONE;
 }
 
 static int run(run_options *o) {
@@ -217,6 +239,7 @@ static int run(run_options *o) {
     if (o->schema) return print_schema();
     int rc = sim_scene_load(o->scene, o->set, o->set_count, &scene);
     if (rc) return rc;
+    scene->strict = o->strict;
     rc = sim_create(scene, &s);
     if (rc) return rc;
     switch (o->mode) {
@@ -226,8 +249,8 @@ static int run(run_options *o) {
     case RUN_EXPLAIN: rc = run_explain(s, o); break;
     case RUN_HANDS: rc = run_hands(s, o); break;
     case RUN_CHECK:
-        printf("%s: %d tetrahedra, %d substeps of %.3g s a frame\n", o->scene, s->mesh->tet_count, s->substeps,
-               s->dt_s);
+        printf("%s: %d tetrahedra, %d substep%s of %.3g s a frame\n", o->scene, s->mesh->tet_count, s->substeps,
+               s->substeps == 1 ? "" : "s", s->dt_s);
         break;
     case RUN_NONE: break;
     }

@@ -2,6 +2,9 @@
 #include "sim.h"
 
 #include <math.h>
+#include <stdio.h>
+
+enum { MANY_SUBSTEPS = 20000, MOST_SUBSTEPS = 10000000 }; /* a frame: slow, and hopeless */
 
 /* A whole number of equal substeps a frame, none above what the scene or the guaranteed bound allows. */
 int sim_choose_step(sim *s) {
@@ -17,10 +20,17 @@ int sim_choose_step(sim *s) {
     }
     s->frame_s = 1 / scene->frame_rate.si;
     double count = ceil(s->frame_s / largest - 1e-9);
-    if (!(count < 1e8))
-        return app_scene_bad(scene, scene->step.line,
-                             "a frame would take %.3g substeps; repair tetrahedron %lld, whose critical step is %.3g s",
-                             count, (long long)s->file.tet_tag[s->critical_tet], s->critical_s);
+    char why[200];
+    snprintf(why, sizeof why,
+             "substeps of %.3g s, set by tetrahedron %lld; look at its material (Young's modulus, density) and its "
+             "shape (tm-mesh info)",
+             largest, (long long)s->file.tet_tag[s->critical_tet]);
+    int line = scene->step.line ? scene->step.line : scene->material.line;
+    if (!(count < MOST_SUBSTEPS)) return app_scene_bad(scene, line, "a frame would take %.3g %s", count, why);
+    if (count > MANY_SUBSTEPS) {
+        int rc = app_scene_warn(scene, line, "a frame takes %.3g %s", count, why);
+        if (rc) return rc;
+    }
     s->substeps = count < 1 ? 1 : (int32_t)count;
     s->dt_s = s->frame_s / s->substeps;
     s->average = (int32_t)(scene->average.si * s->substeps + 0.5);
@@ -55,12 +65,31 @@ static int begin(sim *s) {
     return sim_make_world(s);
 }
 
+/* A frame in pieces of a tenth of a second, so that Ctrl-C does not wait for millions of substeps. Bits do not depend
+ * on the pieces. */
+static tm_status step_in_slices(sim *s, int32_t substeps) {
+    const double piece_s = 0.1;
+    tm_status status = TM_OK;
+    int32_t done = 0;
+    if (!s->slice) s->slice = 1 + 1000000 / s->mesh->tet_count; /* until it is measured: 0.1 us a tetrahedron */
+    while (!status && done < substeps && !app_interrupted()) {
+        int32_t count = s->slice < substeps - done ? s->slice : substeps - done;
+        int64_t begin = app_monotonic_us();
+        status = tm_world_step(s->world, count);
+        done += count;
+        double cost_s = ((double)(app_monotonic_us() - begin) + 1) * 1e-6 / count;
+        s->slice = cost_s < piece_s ? (int32_t)fmin(piece_s / cost_s, 1e6) : 1;
+    }
+    s->broken_off = !status && done < substeps;
+    return status;
+}
+
 tm_status sim_world_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     if (s->contact) {
         tm_contact_begin_frame(s->contact, substeps, s->average < substeps ? s->average : substeps);
         for (int i = 0; i < s->instrument_count; ++i) tm_contact_move(s->contact, i, &to[i], substeps);
     }
-    tm_status status = tm_world_step(s->world, substeps);
+    tm_status status = step_in_slices(s, substeps);
     for (int i = 0; s->contact && i < s->instrument_count; ++i) s->reaction[i] = tm_contact_reaction(s->contact, i);
     return status;
 }

@@ -70,7 +70,7 @@ static void take_tool(void *user, int instrument, const tensormass_tool_state_t 
     if (why)
         tell_refused(told, tool, now_us, message, instrument, why);
     else if (!told->here)
-        fprintf(stderr, "tm-sim: controller of instrument %d is here\n", instrument);
+        app_remark("tm-sim: controller of instrument %d is here\n", instrument);
     else if (message->session != before)
         fprintf(stderr, "tm-sim: a new controller of instrument %d is here (session %" PRId64 " after %" PRId64 ")\n",
                 instrument, message->session, before);
@@ -165,6 +165,7 @@ static tm_status one_frame(realtime *r) {
     r->cost_s = r->cost_s > 0 ? r->cost_s + 0.2 * (cost - r->cost_s) : cost;
     r->compute_s += spent_s;
     r->simulated_s += substeps * s->dt_s;
+    if (s->broken_off) return status;
     ++r->frame;
     sim_quantiles_add(&r->compute, spent_s * 1e6);
     sim_quantiles_add(&r->lateness, (double)(begin - r->next_us));
@@ -197,9 +198,14 @@ static tm_status calibrate(realtime *r) {
     return status;
 }
 
+static int64_t frame_total(const realtime *r) {
+    double duration = r->o->duration_s;
+    return r->o->frames >= 0 ? r->o->frames : duration >= 0 ? llround(duration / r->s->frame_s) : INT64_MAX;
+}
+
 static int loop(realtime *r) {
     double duration = r->o->duration_s; /* without one, until Ctrl-C */
-    int64_t total = r->o->frames >= 0 ? r->o->frames : duration >= 0 ? llround(duration / r->s->frame_s) : INT64_MAX;
+    int64_t total = frame_total(r);
     tm_status status = calibrate(r);
     r->frame_us = llround(r->s->frame_s * 1e6);
     r->start_us = app_monotonic_us();
@@ -231,6 +237,7 @@ static void report(realtime *r, cJSON *json) {
     double wall_s = (double)(app_monotonic_us() - r->start_us) * 1e-6;
     snprintf(hash, sizeof hash, "%016" PRIx64, sim_hash(r->s));
     cJSON_AddNumberToObject(json, "frames", (double)r->frame);
+    cJSON_AddBoolToObject(json, "interrupted", app_interrupted() != 0);
     cJSON_AddNumberToObject(json, "sim_s", r->simulated_s);
     cJSON_AddNumberToObject(json, "wall_s", wall_s);
     cJSON_AddNumberToObject(json, "compute_s", r->compute_s);
@@ -266,6 +273,7 @@ static void report(realtime *r, cJSON *json) {
     cJSON_AddNumberToObject(row, "p50", late[0]);
     cJSON_AddNumberToObject(row, "p99", late[1]);
     cJSON_AddNumberToObject(row, "max", late[3]);
+    if (app_is_quiet()) return;
     printf("%" PRId64 " frames in %.2f s, %.3f simulated s per s, %" PRId64
            " overruns, %.3g s dropped; force %.3g N RMS, %.3g N peak\n",
            r->frame, wall_s, wall_s > 0 ? r->simulated_s / wall_s : 0, r->overruns,
@@ -322,5 +330,6 @@ int run_realtime(sim *s, const run_options *o) {
         rc = run_report_end(json, &r.report);
     sim_quantiles_free(&r.lateness);
     sim_quantiles_free(&r.compute);
-    return rc ? rc : rc2;
+    rc = rc ? rc : rc2;
+    return rc ? rc : run_say_interrupted(r.frame, frame_total(&r));
 }

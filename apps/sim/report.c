@@ -37,6 +37,14 @@ int run_file_end(run_file *file, bool good) {
     return app_output_commit(&file->output, &error) ? 0 : app_report(NULL, 0, &error);
 }
 
+int run_say_interrupted(int64_t frame, int64_t total) {
+    if (!app_interrupted() || frame >= total) return APP_DONE;
+    if (total == INT64_MAX) return APP_DONE; /* that is how it ends */
+    fprintf(stderr, "tm-sim: interrupted after frame %" PRId64 " of %" PRId64 "; the files hold what was done\n", frame,
+            total);
+    return app_interrupted_exit();
+}
+
 cJSON *run_report_begin(const sim *s, const char *mode) {
     static const char *const models[] = {"dynamic", "precomputed", "hybrid"};
     cJSON *r = cJSON_CreateObject();

@@ -23,6 +23,7 @@ typedef struct run_options {
     int64_t frames;                           /* below 0: by duration */
     char *set[RUN_MAX_SETS];
     int set_count;
+    bool strict;
 } run_options;
 
 int run_lockstep(sim *s, const run_options *o);
@@ -40,6 +41,9 @@ typedef struct run_file {
 /* path null: nothing happens, and nothing in the others either. */
 int run_file_begin(run_file *file, const char *path);
 int run_file_end(run_file *file, bool good);
+
+/* 130 or 143, having said so, where a signal ended a run that had an end of its own; else 0. */
+int run_say_interrupted(int64_t frame, int64_t total);
 
 /* cJSON object of what every run reports: scene, mesh, step, memory. */
 struct cJSON;

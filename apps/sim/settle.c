@@ -124,7 +124,7 @@ static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_se
     app_progress("settling", 1, true);
     if (w.stopped) {
         fputs("tm-sim: interrupted; nothing was written\n", stderr);
-        return APP_FAILED;
+        return app_interrupted_exit();
     }
     return status ? app_report(s->scene->file, 0, &error) : 0;
 }

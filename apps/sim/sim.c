@@ -200,7 +200,9 @@ void sim_destroy(sim *s) {
 /* --- one frame --- */
 
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
+    s->broken_off = false;
     tm_status status = s->model->frame(s, to, substeps);
+    if (s->broken_off) return status; /* Ctrl-C: nobody sees half a frame */
     for (int i = 0; i < s->instrument_count; ++i) {
         for (int a = 0; a < 3; ++a) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->frame_s;
         s->pose[i] = to[i];

@@ -107,6 +107,8 @@ struct sim {
 
     double frame_s, dt_s;
     int32_t substeps, average; /* of a whole frame */
+    int32_t slice;             /* substeps of about a tenth of a second; 0: not measured yet */
+    bool broken_off;           /* Ctrl-C came inside the last frame */
     double critical_s;         /* guaranteed */
     int32_t critical_tet;
     int64_t frames;

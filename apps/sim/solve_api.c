@@ -87,6 +87,6 @@ void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, 
 
 void sim_solve_told(const sim *s, const char *what, const tm_solve_report *r) {
     if (r->from_file) return;
-    fprintf(stderr, "%s: %s computed in %.1f s (%d columns, %.1f MB; %s)\n", s->scene->file, what, r->seconds,
-            r->columns, (double)r->responses_bytes * 1e-6, r->why);
+    app_remark("%s: %s computed in %.1f s (%d columns, %.1f MB; %s)\n", s->scene->file, what, r->seconds, r->columns,
+               (double)r->responses_bytes * 1e-6, r->why);
 }

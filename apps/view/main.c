@@ -250,6 +250,7 @@ static int run(job *j) {
 
 int main(int argc, char **argv) {
     static job j;
+    app_check_stdout();
     int wrong = view_options_parse(argc, argv, &j.options);
     if (wrong || j.options.finished) return wrong;
     j.began_s = now_s();

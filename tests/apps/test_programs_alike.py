@@ -1,0 +1,172 @@
+"""What all programs have in common: where output goes, how they are ended, the options that each has."""
+import json
+import os
+import signal
+import stat
+import subprocess
+import threading
+import time
+
+import pytest
+
+PROGRAMS = ["tm-sim", "tm-mesh", "tm-view", "tm-play", "tm-precompute", "tm-evaluate", "tm-accuracy", "tm-stability", "haptic-rt", "tm-device"]
+
+
+def run(*command, **keys):
+    return subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=60, **keys)
+
+
+@pytest.fixture(scope="module")
+def scene(root):
+    return root / "apps/scenes/block-press.yaml"
+
+
+@pytest.fixture(scope="module")
+def mesh(root):
+    return root / "meshes/block_1k.msh"
+
+
+# --- output ---
+
+def test_stdout_is_a_file_and_holds_nothing_else(bin, scene, mesh):
+    for path in ("-", "/dev/stdout"):
+        out = run(bin / "tm-sim", scene, "--lockstep", "--frames", 2, "--json", path)
+        assert out.returncode == 0 and json.loads(out.stdout)["frames"] == 2
+        assert "2 frames" in out.stderr  # what is for people
+    assert json.loads(run(bin / "tm-mesh", "info", "--json", "-", mesh).stdout)["tets"] > 1000
+    out = run(bin / "tm-sim", scene, "--lockstep", "--frames", 2, "--csv", "-", "--json", "-")
+    assert out.returncode == 2 and "two outputs to stdout; give one of them a file" in out.stderr
+
+
+def test_what_others_wrote_into_the_same_file_stays(bin, scene, tmp_path):
+    for _ in range(2):
+        with open(tmp_path / "all.txt", "ab") as file:
+            subprocess.run([bin / "tm-sim", scene, "--lockstep", "--frames", "1", "--quiet", "--json", "/dev/stdout"], stdout=file, check=True, timeout=60)
+    assert (tmp_path / "all.txt").read_text().count('"frames":\t1') == 2
+
+
+def test_a_pipe_and_a_link_stay_what_they_are(bin, scene, tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    got = []
+    reader = threading.Thread(target=lambda: got.append((tmp_path / "pipe").read_text()))
+    reader.start()
+    (tmp_path / "link.csv").symlink_to("real.csv")
+    out = run(bin / "tm-sim", scene, "--lockstep", "--frames", 2, "--json", tmp_path / "pipe", "--csv", tmp_path / "link.csv")
+    reader.join(20)
+    assert out.returncode == 0, out.stderr
+    assert json.loads(got[0])["frames"] == 2 and stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+    assert (tmp_path / "link.csv").is_symlink() and len((tmp_path / "real.csv").read_text().splitlines()) > 2
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["link.csv", "pipe", "real.csv"]
+
+
+def test_a_device_stays_a_device(bin, scene, tmp_path):
+    node = tmp_path / "null"
+    try:
+        os.mknod(node, stat.S_IFCHR | 0o666, os.makedev(1, 3))
+    except PermissionError:
+        node = "/dev/null"  # which an ordinary user cannot replace, nor make another
+    assert run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--json", node).returncode == 0
+    assert stat.S_ISCHR(os.stat(node).st_mode)
+    lost = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--json", "/dev/full")
+    assert lost.returncode == 1 and "/dev/full: cannot be written" in lost.stderr
+
+
+@pytest.mark.parametrize("command", ["tm-sim {scene} --lockstep --duration 100000000s --json", "tm-evaluate --study --json", "tm-accuracy --json", "tm-stability --json",
+                                     "tm-view {scene} --png", "tm-view {scene} --png {tmp}/a.png --json", "tm-mesh info {mesh} --json",
+                                     "haptic-rt --bus virtual:alike --duration 100000 --json", "tm-device --bus virtual:alike --duration 100000 --json",
+                                     "tm-play --json"])
+def test_a_folder_is_refused_before_the_run(bin, root, scene, mesh, tmp_path, command):
+    folder = tmp_path / "folder.png"
+    folder.mkdir()
+    words = command.format(scene=scene, mesh=mesh, tmp=tmp_path).split()
+    out = run(bin / words[0], *words[1:], folder, cwd=root, env=dict(os.environ, TM_BUS_DIR=str(tmp_path)))
+    assert out.returncode == 2 and f"{folder}: is a folder; name a file in it" in out.stderr
+
+
+@pytest.mark.parametrize("words", ["tm-view {mesh} --png {tmp}/x.jpg", "tm-view {mesh} --film {tmp}/x.avi", "tm-play --png {tmp}/x.jpg", "tm-sim {scene} --settle 1e-3 --write {tmp}/x.txt"])
+def test_an_ending_that_would_lie_is_refused(bin, scene, mesh, tmp_path, words):
+    words = words.format(scene=scene, mesh=mesh, tmp=tmp_path).split()
+    out = run(bin / words[0], *words[1:])
+    assert out.returncode == 2 and ("this ending" in out.stderr or "one of these endings" in out.stderr) and not list(tmp_path.iterdir())
+
+
+def test_a_killed_run_leaves_nothing(bin, scene, tmp_path):
+    (tmp_path / "o.json.12345~").write_text("of a run killed where files cannot be unnamed")
+    p = subprocess.Popen([bin / "tm-sim", scene, "--lockstep", "--duration", "1000000 s", "--csv", tmp_path / "o.csv", "--json", tmp_path / "o.json"])
+    time.sleep(0.7)
+    assert p.poll() is None
+    p.kill()
+    p.wait()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("words", ["haptic-rt --params", "tm-device --params", "tm-sim --schema markdown", "tm-stability --list"] + [f"{p} --help" for p in PROGRAMS])
+def test_a_full_disk_under_stdout_is_told(bin, words):
+    program, *rest = words.split()
+    with open("/dev/full", "w") as full:
+        out = subprocess.run([bin / program, *rest], stdout=full, stderr=subprocess.PIPE, text=True, timeout=60)
+    assert out.returncode == 1 and "stdout: cannot be written: No space left on device" in out.stderr
+
+
+# --- signals ---
+
+def slow(bin, scene, *more):
+    """In the middle of a frame of a million substeps."""
+    p = subprocess.Popen([bin / "tm-sim", scene, "--lockstep", "--set", "tissue.materials.*.young=1e13", *more], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True)
+    time.sleep(1)
+    assert p.poll() is None
+    return p
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_a_run_inside_a_frame(bin, scene, tmp_path, number):
+    p = slow(bin, scene, "--json", tmp_path / "o.json")
+    begin = time.monotonic()
+    p.send_signal(number)
+    _, said = p.communicate(timeout=20)
+    assert time.monotonic() - begin < 10  # a frame of these takes minutes
+    assert p.returncode == 128 + number and "interrupted after frame 0 of " in said
+    assert json.loads((tmp_path / "o.json").read_text())["interrupted"] is True
+
+
+def test_absurd_numbers_of_substeps_are_told_or_refused(bin, scene):
+    out = run(bin / "tm-sim", scene, "--check", "--set", "tissue.materials.*.young=1e13")
+    assert out.returncode == 0 and "warning: a frame takes 1.06e+06 substeps of 3.76e-08 s, set by tetrahedron" in out.stderr
+    out = run(bin / "tm-sim", scene, "--check", "--strict", "--set", "tissue.materials.*.young=1e13")
+    assert out.returncode == 2
+    out = run(bin / "tm-sim", scene, "--check", "--set", "tissue.materials.*.young=1e15")
+    assert out.returncode == 2 and "a frame would take 1.06e+07 substeps" in out.stderr and "look at its material" in out.stderr
+
+
+# --- options ---
+
+@pytest.mark.parametrize("program", PROGRAMS)
+def test_help_and_version(bin, program):
+    short, long = run(bin / program, "-h"), run(bin / program, "--help")
+    assert short.returncode == long.returncode == 0 and short.stdout == long.stdout and "--version" in long.stdout
+    assert run(bin / program, "--version").stdout.startswith(program + " ")
+
+
+@pytest.mark.parametrize("program", ["tm-sim", "tm-view", "tm-play", "haptic-rt", "tm-device"])
+def test_one_name_for_the_network(bin, program):
+    assert "--lcm-url URL" in run(bin / program, "--help").stdout
+
+
+def test_the_old_name_is_still_taken(bin, scene, tmp_path):
+    for name in ("--url", "--lcm-url"):
+        out = run(bin / "tm-sim", scene, "--realtime", "--frames", 1, name, "nonsense://")
+        assert out.returncode != 0 and "nonsense" in out.stderr
+        out = run(bin / "haptic-rt", "--bus", "virtual:alike", "--duration", 0.1, name, "nonsense://", env=dict(os.environ, TM_BUS_DIR=str(tmp_path)))
+        assert out.returncode == 2 and "nonsense" in out.stderr
+
+
+def test_one_substep_is_one(bin, scene):
+    out = run(bin / "tm-sim", scene, "--check", "--set", "time.frame_rate=2000", "--set", "tissue.materials.*.young=1 kPa")
+    assert ", 1 substep of " in out.stdout
+
+
+def test_the_device_prints_its_profile(bin, tmp_path):
+    out = run(bin / "tm-device", "--params")
+    assert out.returncode == 0 and "counts_per_unit" in out.stdout
+    (tmp_path / "p").write_text(out.stdout)
+    assert run(bin / "tm-device", "--profile", tmp_path / "p", "--params").stdout == out.stdout
