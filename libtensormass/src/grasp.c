@@ -14,7 +14,7 @@ typedef struct hold {
     bool was_closed;
     int32_t placings; /* of the tool, as last seen */
     tm_jaw jaw;       /* frame at this substep */
-    double fade;      /* of the forces while letting go, 1 to 0 */
+    double fade;      /* of what the springs can bear while letting go, 1 to 0 */
     int32_t count;
     int32_t *vertex;    /* [max_vertices] */
     double *offset_m;   /* [3*max_vertices] where the jaw has it, in the tool's frame */
@@ -147,6 +147,32 @@ static void push_vertex(const tm_grasp *grasp, tm_world *world, int32_t vertex, 
             world->state.u_next_m[3 * vertex + c] += world->mobility_s2_kg[vertex] * force_N[c];
 }
 
+/* What the spring on a vertex can bear, N: the cap, and while letting go the share of what it bore when the jaw opened.
+ */
+static double bearable(const tm_grasp *grasp, const hold *h, int32_t i) {
+    if (h->state != TM_GRASP_LETTING_GO) return grasp->def.force_cap_N;
+    return fmin(grasp->def.force_cap_N, h->fade * vnorm(h->let_go_N + 3 * i));
+}
+
+static void limit_force(const tm_grasp *grasp, const hold *h, int32_t i, double force_N[3]) {
+    const double most = bearable(grasp, h, i), size = vnorm(force_N);
+    if (size > most) vscale(most / size, force_N, force_N);
+}
+
+/* While letting go the jaw is a friction that fades: what a spring cannot bear any more, it slips by, and what it had
+ * stored is lost there. (A frozen force that fades instead would be a dead load: whatever another tool does with the
+ * tissue meanwhile, it goes on driving it; docs/physics.md, "Letting go".) Called before the jaw turns. */
+static void slip(const tm_grasp *grasp, hold *h, const tm_world *world) {
+    for (int32_t i = 0; i < h->count && h->state == TM_GRASP_LETTING_GO; i++) {
+        double at[3], d[3];
+        vertex_at(world, h->vertex[i], at);
+        vsub(h->target_m + 3 * i, at, d);
+        const double stretch = vnorm(d), most = grasp->def.compliance_m_N * bearable(grasp, h, i);
+        for (int c = 0; c < 3 && stretch > most; c++)
+            h->offset_m[3 * i + c] -= (1 - most / stretch) * vdot(d, h->jaw.axis_m[c]);
+    }
+}
+
 /* After the tools have moved: jaws work, targets follow, the last substep's forces start the sweeps. */
 static void prepare(void *self, tm_world *world) {
     tm_grasp *grasp = self;
@@ -154,6 +180,7 @@ static void prepare(void *self, tm_world *world) {
         hold *h = grasp->hold + t;
         const tm_tool *tool = grasp->contact->tool + t;
         if (tool->def.mode != TM_TOOL_GRASPER) continue;
+        slip(grasp, h, world);
         tm_jaw_turn(&h->jaw, &tool->def, &tool->pose);
         if (h->placings != tool->placings) { /* it was put elsewhere at once: what it held stays behind */
             h->count = 0;
@@ -163,7 +190,7 @@ static void prepare(void *self, tm_world *world) {
         work_jaw(grasp, t, world);
         for (int32_t i = 0; i < h->count; i++) {
             tm_jaw_to_world(&h->jaw, &tool->pose, h->offset_m + 3 * i, h->target_m + 3 * i);
-            if (h->state == TM_GRASP_LETTING_GO) vscale(h->fade, h->let_go_N + 3 * i, h->force_N + 3 * i);
+            limit_force(grasp, h, i, h->force_N + 3 * i);
             push_vertex(grasp, world, h->vertex[i], h->force_N + 3 * i);
         }
     }
@@ -179,8 +206,7 @@ static void relax(const tm_grasp *grasp, const hold *h, int32_t i, tm_world *wor
         double free_at = world->tissue->mesh->rest_m[dof] + world->state.u_next_m[dof] - mobility * force[c];
         wanted[c] = (h->target_m[3 * i + c] - free_at) / (mobility + grasp->def.compliance_m_N);
     }
-    double size = vnorm(wanted);
-    if (size > grasp->def.force_cap_N) vscale(grasp->def.force_cap_N / size, wanted, wanted);
+    limit_force(grasp, h, i, wanted);
     vsub(wanted, force, change);
     push_vertex(grasp, world, vertex, change);
     vset(wanted, force);
@@ -189,8 +215,7 @@ static void relax(const tm_grasp *grasp, const hold *h, int32_t i, tm_world *wor
 static void sweep(void *self, tm_world *world) {
     const tm_grasp *grasp = self;
     for (int32_t t = 0; t < grasp->contact->tool_count; t++)
-        for (int32_t i = 0; i < grasp->hold[t].count && grasp->hold[t].state == TM_GRASP_HOLDING; i++)
-            relax(grasp, grasp->hold + t, i, world);
+        for (int32_t i = 0; i < grasp->hold[t].count; i++) relax(grasp, grasp->hold + t, i, world);
 }
 
 static void react(void *self, int32_t t, double force_N[3], double resultant_N[3]) {

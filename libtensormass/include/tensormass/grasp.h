@@ -15,9 +15,10 @@ typedef struct tm_grasp_def {
     double jaw_length_m;   /* of the axis behind the tip that takes hold, 0.01 */
     double reach_m;        /* beyond the tool's radius: triangles that near are taken by their vertices, 0.001 */
     double compliance_m_N; /* of the hold on each vertex, per axis, 0.2e-3 */
-    double fade_s;         /* after opening every vertex's force falls evenly to zero within this time, 0.1 */
-    double force_cap_N;    /* per vertex, 20; what is beyond slips */
-    int32_t max_vertices;  /* per instrument, nearest kept, 64 */
+    double fade_s; /* after opening, what the spring on each vertex can bear falls evenly to nothing within this time,
+                      0.1 */
+    double force_cap_N;   /* per vertex, 20; what is beyond slips */
+    int32_t max_vertices; /* per instrument, nearest kept, 64 */
 } tm_grasp_def;
 
 typedef enum tm_grasp_state { TM_GRASP_OPEN = 0, TM_GRASP_HOLDING = 1, TM_GRASP_LETTING_GO = 2 } tm_grasp_state;
