@@ -8,6 +8,8 @@ static void vertex_at(const tms_local *l, int32_t vertex, double at_m[3]) {
     for (int c = 0; c < 3; c++) at_m[c] = l->mesh->rest_m[3 * (int64_t)vertex + c] + l->u_m[3 * (int64_t)vertex + c];
 }
 
+static double size(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
+
 static bool has(const int32_t *list, int32_t count, int32_t vertex) {
     for (int32_t i = 0; i < count; i++)
         if (list[i] == vertex) return true;
@@ -104,12 +106,27 @@ void tms_local_follow_jaws(tms_local *l) {
             *pin = (tms_pin){.vertex = h->vertex[i],
                              .tool = t,
                              .compliance_m_N = l->grasp.compliance_m_N,
-                             .given = h->state == TM_GRASP_LETTING_GO};
+                             .fades = h->state == TM_GRASP_LETTING_GO,
+                             .most_N = h->fade * size(h->let_go_N + 3 * i)};
             tm_jaw_to_world(&h->jaw, &l->tool[t].pose, h->offset_m + 3 * i, at);
+            for (int c = 0; c < 3; c++) pin->u_m[c] = at[c] - l->mesh->rest_m[3 * (int64_t)pin->vertex + c];
+        }
+    }
+}
+
+void tms_local_slip(tms_local *l) {
+    for (int32_t t = 0; t < l->tool_count; t++) {
+        tms_hold *h = &l->hold[t];
+        for (int32_t i = 0; i < h->count && h->state == TM_GRASP_LETTING_GO; i++) {
+            const int32_t s = l->slot_of[h->vertex[i]];
+            const tms_pin *pin = s < 0 || l->pin_of[s] < 0 ? NULL : &l->pin[l->pin_of[s]];
+            if (!pin || !pin->given) continue;
+            double at[3];
             for (int c = 0; c < 3; c++) {
-                pin->u_m[c] = at[c] - l->mesh->rest_m[3 * (int64_t)pin->vertex + c];
-                pin->force_N[c] = pin->given ? h->fade * h->let_go_N[3 * i + c] : 0;
+                const int64_t d = 3 * (int64_t)pin->vertex + c;
+                at[c] = l->mesh->rest_m[d] + l->u_m[d] + pin->compliance_m_N * pin->force_N[c];
             }
+            tm_jaw_to_tool(&h->jaw, &l->tool[t].pose, at, h->offset_m + 3 * i);
         }
     }
 }

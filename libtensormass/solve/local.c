@@ -377,6 +377,7 @@ int32_t tms_local_update(tms_local *l, const tm_tool_pose *pose) {
             piece *= 0.5;
             continue;
         }
+        if (l->converged) tms_local_slip(l);
         done = to;
         piece = fmin(2 * piece, 1 / whole);
     }

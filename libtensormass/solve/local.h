@@ -42,12 +42,15 @@ typedef struct tms_look {
     bool capped[TM_MAX_INSTRUMENTS];
 } tms_look;
 
-/* A vertex held: by hand (tool -1) or between jaws; or, let go by jaws, bearing a given force that fades. */
+/* A vertex held: by hand (tool -1) or between jaws; or let go by jaws, whose spring then bears no more than a force
+ * that fades. */
 typedef struct tms_pin {
     int32_t vertex, tool;
     double u_m[3], compliance_m_N;
-    bool given;
-    double force_N[3];
+    bool fades;
+    double most_N; /* of one that fades */
+    bool given;    /* it bears all that it can, at the shape looked at last: force_N, whose direction is the spring's */
+    double force_N[3], turn_N_m;
 } tms_pin;
 
 /* What the jaws of one grasper have. */
@@ -142,6 +145,9 @@ void tms_local_yield(tms_local *local, int32_t tool, const double *u_m, double *
  * jaws. */
 void tms_local_work_jaws(tms_local *local);
 void tms_local_follow_jaws(tms_local *local);
+/* After a solve: where a spring that fades bears all that it can, its place in the jaw slips after the vertex, so that
+ * it never drives tissue that another tool, or its own shape, has taken along. */
+void tms_local_slip(tms_local *local);
 bool tms_local_holds(const tms_local *local, int32_t tool);
 /* A row whose vertices are all in its own tool's jaws is no obstacle. */
 bool tms_local_in_jaws(const tms_local *local, const tm_contact_row *row);

@@ -20,6 +20,30 @@ static bool pinned(const tms_local *l, int32_t slot, int axis) {
 
 /* --- residual --- */
 
+/* A spring that fades, at this shape: within what it can bear it is a spring, beyond it bears that. */
+static void limit_springs(tms_local *l) {
+    for (int32_t i = l->hand_count; i < l->pin_count; i++) {
+        tms_pin *pin = &l->pin[i];
+        double stretch[3], size = 0;
+        if (!pin->fades) continue;
+        for (int c = 0; c < 3; c++) {
+            stretch[c] = pin->u_m[c] - l->u_m[3 * (int64_t)pin->vertex + c];
+            size += stretch[c] * stretch[c];
+        }
+        size = sqrt(size);
+        pin->given = size >= pin->most_N * pin->compliance_m_N;
+        for (int c = 0; c < 3; c++) pin->force_N[c] = pin->given && size > 0 ? pin->most_N * stretch[c] / size : 0;
+        pin->turn_N_m = pin->given && size > 0 ? pin->most_N / size : 0;
+    }
+}
+
+/* A force that a spring bears at most keeps its size and turns with the spring: change of its component `c` for a
+ * move of the vertex along axis `j`, N/m. */
+static double turns(const tms_pin *pin, int c, int j) {
+    const double along = pin->most_N > 0 ? pin->force_N[c] * pin->force_N[j] / (pin->most_N * pin->most_N) : 0;
+    return pin->given ? -pin->turn_N_m * ((c == j) - along) : 0;
+}
+
 /* Residual of every slot in use: newtons; metres where a displacement is imposed. Returns the sum of squares of the
  * displacements that it would make, and whether all of them are small. */
 static double residual(tms_local *l, bool *small) {
@@ -29,8 +53,8 @@ static double residual(tms_local *l, bool *small) {
         for (int c = 0; c < 3; c++) {
             const int32_t s = l->use[i], d = 3 * s + c;
             const bool given = l->pin_of[s] >= 0 && pin_of(l, s)->given;
-            const double own = l->block[d * c3 + d],
-                         free_r = l->f[d] - l->now.fc[d] - (given ? pin_of(l, s)->force_N[c] : 0);
+            const double own = given ? pin_of(l, s)->compliance_m_N : l->block[d * c3 + d], /* no jump between both */
+                free_r = l->f[d] - l->now.fc[d] - (given ? pin_of(l, s)->force_N[c] : 0);
             const bool held = pinned(l, s, c);
             l->r[d] = held ? l->u_m[3 * (int64_t)l->vertex[s] + c] - pin_of(l, s)->u_m[c] +
                                  pin_of(l, s)->compliance_m_N * free_r
@@ -47,6 +71,7 @@ static double residual(tms_local *l, bool *small) {
 double tms_local_evaluate(tms_local *l) {
     tms_local_shape(l);
     tms_local_look(l, &l->now);
+    limit_springs(l);
     return residual(l, &l->converged);
 }
 
@@ -97,9 +122,14 @@ bool tms_local_factor(tms_local *l, int32_t without) {
         if (l->now.row[i].lambda_N > 0 && l->now.row[i].instrument != without) add_row_matrix(l, &l->now.row[i], m);
     for (int32_t i = 0; i < m; i++) l->lu[(int64_t)i * m + i] += 1;
     for (int32_t i = 0; i < m; i++) {
-        if (!pinned(l, l->act[i / 3], i % 3)) continue;
         double *row = l->lu + (int64_t)i * m;
         const double *C = l->block + (3 * l->act[i / 3] + i % 3) * c3;
+        const int32_t pin = l->pin_of[l->act[i / 3]];
+        for (int k = 0; k < 3 && pin >= 0 && l->pin[pin].given; k++)
+            for (int32_t j = 0; j < m; j++)
+                row[j] -=
+                    turns(&l->pin[pin], i % 3, k) * l->block[(3 * l->act[i / 3] + k) * c3 + 3 * l->act[j / 3] + j % 3];
+        if (!pinned(l, l->act[i / 3], i % 3)) continue;
         for (int32_t j = 0; j < m; j++)
             row[j] = C[3 * l->act[j / 3] + j % 3] + pin_of(l, l->act[i / 3])->compliance_m_N * row[j];
     }
@@ -174,6 +204,7 @@ static void apply(tms_local *l, direction *to, const double *df, double *out) {
         const int32_t s = l->act[j / 3];
         out[j] = pinned(l, s, j % 3) ? l->du[3 * s + j % 3] + pin_of(l, s)->compliance_m_N * (df[j] - out[j])
                                      : df[j] - out[j];
+        for (int k = 0; k < 3 && l->pin_of[s] >= 0; k++) out[j] -= turns(pin_of(l, s), j % 3, k) * l->du[3 * s + k];
     }
 }
 

@@ -12,8 +12,9 @@ typedef struct pair {
     tm_precomputed *model;
 } pair;
 
-static pair make_pair_of(const scene_def *def, tm_precision precision, const tm_grasp_def *grasp) {
-    const tm_tool_mode mode[2] = {grasp ? TM_TOOL_GRASPER : TM_TOOL_PROBE, TM_TOOL_PROBE};
+static pair make_pair_with(const scene_def *def, tm_precision precision, const tm_grasp_def *grasp,
+                           tm_tool_mode second) {
+    const tm_tool_mode mode[2] = {grasp ? TM_TOOL_GRASPER : TM_TOOL_PROBE, second};
     pair p = {.scene = scene_create_full(def, false, mode)};
     p.fixed = calloc(3 * (size_t)p.scene.mesh->vertex_count, 1);
     tm_support_mask(p.scene.world, p.fixed);
@@ -36,6 +37,10 @@ static pair make_pair_of(const scene_def *def, tm_precision precision, const tm_
     tm_error error;
     fix_ok(tm_precomputed_create(&model, &p.model, NULL, &error), &error);
     return p;
+}
+
+static pair make_pair_of(const scene_def *def, tm_precision precision, const tm_grasp_def *grasp) {
+    return make_pair_with(def, precision, grasp, TM_TOOL_PROBE);
 }
 
 static pair make_pair(const scene_def *def, tm_precision precision) { return make_pair_of(def, precision, NULL); }
@@ -267,6 +272,70 @@ static void grasp(void **state) {
     free_pair(&p);
 }
 
+/* Letting go while a second tool bears on what was held: whatever it is, the shape never goes farther than it was, and
+ * the grasper's force is never more than the share of it that is left. */
+static void let_go_beside(void **state) {
+    (void)state;
+    const struct {
+        const char *name;
+        tm_tool_mode mode;
+        bool there;
+    } second[4] = {{"nothing", TM_TOOL_PROBE, false},
+                   {"a probe", TM_TOOL_PROBE, true},
+                   {"a grasper", TM_TOOL_GRASPER, true},
+                   {"a cautery", TM_TOOL_CAUTERY, true}};
+    for (int k = 0; k < 12; k++) {
+        scene_def def = scene_def_default();
+        def.cells[0] = def.cells[1] = 8, def.cells[2] = 5, def.tools = 2;
+        memcpy(def.trocar_m, (double[2][3]){{0.1, 0, 0.2}, {-0.1, 0, 0.2}}, sizeof def.trocar_m);
+        memcpy(def.tip_m, (double[2][3]){{0, 0, 0.046}, {-0.003, 0, 0.065}}, sizeof def.tip_m);
+        tm_grasp_def how = tm_grasp_def_default();
+        how.fade_s = (const double[]){0, 0.05, 0.2}[k % 3];
+        pair p = make_pair_with(&def, TM_DOUBLE, &how, second[k / 3].mode);
+        const int32_t *surface, n = tm_precomputed_surface(p.model, &surface);
+        const double *u = tm_precomputed_displacement(p.model);
+        tm_tool_pose at[2] = {scene_pose(0, 0, 0.0425), scene_pose(-0.003, 0, 0.065)};
+        at[1].active = second[k / 3].there;
+        int stalled = tm_precomputed_update(p.model, at) < 0;
+        at[0].grip = 1;
+        const bool grasps = second[k / 3].mode == TM_TOOL_GRASPER;
+        for (int i = 1; i <= 60; i++) { /* up 5 mm, while the second comes down on it, or holds it too and pulls away */
+            at[0].tip_m[2] = 0.0425 + 0.005 * fmin(1, i / 20.0);
+            if (second[k / 3].there) at[1].tip_m[2] = grasps ? 0.0425 : fmax(0.042, 0.065 - 0.0005 * i);
+            if (grasps) at[1].tip_m[0] = -0.003 - 1e-4 * i, at[1].grip = i > 2;
+            stalled += tm_precomputed_update(p.model, at) < 0;
+        }
+        double most = 0, after = 0, first[3], force[3], over = 0;
+        for (int32_t i = 0; i < n; i++) most = fmax(most, length3(u + 3 * surface[i]));
+        tm_precomputed_force(p.model, 0, first);
+        at[0].grip = 0;
+        for (int i = 0; i < 150; i++) {
+            if (grasps && i == 20) at[1].grip = 0; /* 40 ms later */
+            stalled += tm_precomputed_update(p.model, at) < 0;
+            for (int32_t v = 0; v < n; v++) after = fmax(after, length3(u + 3 * surface[v]));
+            if (getenv("DBG") && k == 5) {
+                double z = 0;
+                for (int32_t v = 0; v < n; v++) z = fmax(z, length3(u + 3 * surface[v]));
+                double f2[3];
+                tm_precomputed_force(p.model, 1, f2);
+                printf("%d: st %d u %.2f f %.3f probe %.3f\n", i, stalled, 1e3 * z, length3(force), length3(f2));
+            }
+            tm_precomputed_force(p.model, 0, force);
+            const double left = how.fade_s > 0 ? fmax(0, 1 - 0.002 * (i - 1) / how.fade_s) : i > 0 ? 0 : 1;
+            tm_grasp_state is;
+            if (tm_precomputed_held(p.model, 0, NULL, &is) > 0 && is == TM_GRASP_LETTING_GO)
+                over = fmax(over, length3(force) / length3(first) - left);
+        }
+        print_message(
+            "  %-9s fade %3.0f ms: %.2f N, %.1f mm before, at most %.1f mm after, force %.3f over its share, %d "
+            "not converged\n",
+            second[k / 3].name, 1e3 * how.fade_s, length3(first), 1e3 * most, 1e3 * after, over, stalled);
+        assert_true(most > 0.003 && length3(first) > 0.1);
+        assert_true(after < 1.1 * most && over < 0.1);
+        free_pair(&p);
+    }
+}
+
 /* --- smoothness: a stroke at 500 Hz --- */
 
 static void smooth(void **state) {
@@ -343,6 +412,7 @@ int main(void) {
                                        cmocka_unit_test(stiffness),
                                        cmocka_unit_test(patch),
                                        cmocka_unit_test(grasp),
+                                       cmocka_unit_test(let_go_beside),
                                        cmocka_unit_test(smooth),
                                        cmocka_unit_test(rough_hands)};
     return cmocka_run_group_tests(tests, NULL, NULL);
