@@ -158,9 +158,12 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file 
     tm_error error = {0};
     tm_solve_report r = {0};
     sim_problem problem;
-    tm_precomputed_def def = tm_precomputed_def_default();
+    sim_precomputed_api api;
+    int rc = sim_open_precomputed(s, &api);
+    if (rc) return rc;
+    tm_precomputed_def def = api.tm_precomputed_def_default_();
     if (g) memcpy(s->gravity_m_s2, g->v, sizeof s->gravity_m_s2);
-    int rc = sim_problem_make(s, s->tissue, &problem, &def.problem);
+    rc = sim_problem_make(s, s->tissue, &problem, &def.problem);
     if (rc) return rc;
     sim_solve_file(s, options, "precomputed", file, sizeof file);
     if (o->out && snprintf(file, sizeof file, "%s", o->out) >= (int)sizeof file)
@@ -178,12 +181,12 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file 
     const bool alone = !team || team->count == 1;
     if (!rc && o->keep && !alone) rc = usage("--keep%s is for one process; leave it out under mpirun", "");
     const tm_status status = rc        ? TM_OK
-                             : o->keep ? tm_precomputed_create(&def, &model, &r, &error)
-                                       : tm_precomputed_write(&def, &r, &error);
+                             : o->keep ? api.tm_precomputed_create_(&def, &model, &r, &error)
+                                       : api.tm_precomputed_write_(&def, &r, &error);
     if (!rc && status)
         rc = app_report(status == TM_ERR_FILE ? NULL : o->scene, status == TM_ERR_FILE ? 0 : s->scene->tissue.line,
                         &error);
-    tm_precomputed_destroy(model);
+    api.tm_precomputed_destroy_(model);
     sim_problem_free(&problem);
     return rc || !first ? rc : report(o, &r, file, json);
 }

@@ -3,11 +3,27 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "run.h"
 
+/* OpenBLAS, which the module brings, maps 128 MB as it is opened, and where it cannot it tries for ever. */
+static bool has_room(void) {
+    const size_t bytes = (size_t)256 << 20;
+    void *all = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_NORESERVE, -1, 0);
+    if (all == MAP_FAILED) return false;
+    munmap(all, bytes);
+    return true;
+}
+
 static int open_all(const sim *s, const char *const *name, void **pointer, int count) {
     tm_error error = {0};
+    /* The module never uses more than one thread of OpenBLAS in each of its own. */
+    setenv("OPENBLAS_NUM_THREADS", "1", 0);
+    if (!has_room())
+        return app_scene_bad(s->scene, s->scene->model.line,
+                             "this process may not have the 256 MB of address space that the module solve wants; raise "
+                             "the limit (ulimit -v)");
     void *module = app_module("solve", &error);
     for (int i = 0; module && i < count; ++i) {
         pointer[i] = app_module_symbol(module, name[i], &error);

@@ -8,7 +8,7 @@
 /* It moves lists of macros about for ever. */
 /* clang-format off */
 #define SIM_SOLVE_PRECOMPUTED(F) \
-    F(tm_precomputed_def_default) F(tm_precomputed_create) F(tm_precomputed_destroy) F(tm_precomputed_bytes) \
+    F(tm_precomputed_def_default) F(tm_precomputed_create) F(tm_precomputed_write) F(tm_precomputed_destroy) F(tm_precomputed_bytes) \
     F(tm_precomputed_update) F(tm_precomputed_place) F(tm_precomputed_force) F(tm_precomputed_reaction) \
     F(tm_precomputed_rows) F(tm_precomputed_displacement) F(tm_precomputed_patch) F(tm_solve_static)
 #define SIM_SOLVE_HYBRID(F) \

@@ -148,6 +148,7 @@ void hrt_stop_on_signals(_Atomic bool *stop) {
     struct sigaction action;
     memset(&action, 0, sizeof action);
     action.sa_handler = on_signal;
+    action.sa_flags = (int)SA_RESETHAND; /* a second one ends it at once; the device then stops by its watchdog */
     sigaction(SIGINT, &action, NULL);
     sigaction(SIGTERM, &action, NULL);
 }

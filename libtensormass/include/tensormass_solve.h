@@ -1,6 +1,14 @@
 /* libtensormass_solve: static solutions, the precomputed and the hybrid model. A library of its own, since it brings
  * SuiteSparse and Eigen with it (CHOLMOD's supernodal module is GPL). The manner is the core's: SI units, flat arrays,
- * a status and a message, nothing printed. */
+ * a status and a message, nothing printed.
+ *
+ * Threads: everything that makes or solves may be called from several threads at once, one model from one thread at a
+ * time; no bit of a result depends on it. Of what belongs to the whole process, these are changed while a call that
+ * factorises or solves (_create, _write, tm_solve_static, tm_hybrid_recover, tm_hybrid_patch) runs, and put back before
+ * it returns: OpenBLAS's number of threads (1 meanwhile), SuiteSparse's malloc, calloc and realloc (memory aligned to
+ * pages, freed by free(); left alone where a program has set an allocator of its own, and then last bits may differ
+ * from run to run), and the state of rand() (a thread of yours that draws from it during an ordering changes last
+ * bits). */
 #ifndef TENSORMASS_SOLVE_H
 #define TENSORMASS_SOLVE_H
 

@@ -142,6 +142,7 @@ tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const t
         tms_fail(error, status, -1, "no memory to solve %d columns at a time in %d threads; use fewer threads",
                  TMS_BLOCK, (int)threads);
     const double start = tms_clock_s();
+    tms_process_enter(); /* all of the time: to go in and out with each block would be to switch with each */
     for (int32_t first = 0; status == TM_OK && first < blocks; first += threads * ranks) {
         const double done = (double)first / blocks;
         if (!tms_progress(def, "responses", done, first ? (tms_clock_s() - start) * (1 - done) / done : -1))
@@ -149,6 +150,7 @@ tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const t
         else
             status = run_round(workers, threads, c, team, first, error);
     }
+    tms_process_leave();
     if (status == TM_OK) tms_progress(def, "responses", 1, 0);
     for (int32_t i = 0; workers && i < threads; i++) {
         tms_work_destroy(workers[i].work);

@@ -25,6 +25,21 @@ void tms_bytes_text(int64_t bytes, char text[32]);
 /* False when the caller wants to stop. */
 bool tms_progress(const tm_solve_def *def, const char *what, double fraction, double seconds_left);
 
+/* --- process.c: what belongs to the whole process --- */
+
+/* Between these OpenBLAS has one thread in each of ours, and SuiteSparse aligns its memory. Nested, and from many
+ * threads. */
+void tms_process_enter(void);
+void tms_process_leave(void);
+/* About each ordering, one at a time: METIS draws from rand(). */
+void tms_ordering_begin(void);
+void tms_ordering_end(void);
+/* False: OpenBLAS built without threading, which must not be called from two threads. */
+bool tms_blas_is_parallel(void);
+/* Address space that BLAS will want beside ours, and whether there is so much of it. */
+int64_t tms_blas_bytes(int32_t threads);
+bool tms_address_space_has(int64_t bytes, int64_t *limit_bytes);
+
 /* --- system.c: free components and their stiffness --- */
 
 typedef struct tms_system {

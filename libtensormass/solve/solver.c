@@ -2,8 +2,6 @@
 #include "internal.h"
 
 #include <cholmod.h>
-#include <malloc.h>
-#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -27,37 +25,7 @@ struct tms_work {
     double *cg_b, *cg_x;
 };
 
-/* Fast BLAS kernels round differently on memory that is aligned differently. Where SuiteSparse's memory begins must not
- * be chance, or two runs, or two ranks, differ in the last bit. This is set for the whole process; free() frees it as
- * before. */
-static void *aligned_malloc(size_t bytes) {
-    void *memory;
-    return posix_memalign(&memory, 4096, bytes ? bytes : 1) ? NULL : memory;
-}
-static void *aligned_calloc(size_t count, size_t size) {
-    if (size && count > SIZE_MAX / size) return NULL;
-    void *memory = aligned_malloc(count * size);
-    if (memory) memset(memory, 0, count * size);
-    return memory;
-}
-static void *aligned_realloc(void *old, size_t bytes) {
-    void *memory = aligned_malloc(bytes);
-    if (!memory || !old) return memory;
-    const size_t had = malloc_usable_size(old);
-    memcpy(memory, old, had < bytes ? had : bytes);
-    free(old);
-    return memory;
-}
-
-static void align_memory(void) {
-    SuiteSparse_config.malloc_func = aligned_malloc;
-    SuiteSparse_config.calloc_func = aligned_calloc;
-    SuiteSparse_config.realloc_func = aligned_realloc;
-}
-
 static void start(cholmod_common *common) {
-    static pthread_once_t once = PTHREAD_ONCE_INIT;
-    pthread_once(&once, align_memory);
     cholmod_start(common);
     common->print = 0;
     common->error_handler = NULL;
@@ -67,13 +35,52 @@ static void start(cholmod_common *common) {
     common->quick_return_if_not_posdef = 1;
 }
 
-static int64_t available_bytes(void) {
-    FILE *f = fopen("/proc/meminfo", "r");
-    long long kb = -1;
+/* "NAME 123" or "NAME: 123 kB" in a file, or its first number; -1. */
+static int64_t number_in(const char *path, const char *name) {
+    FILE *f = fopen(path, "r");
+    long long value = -1;
     char line[128];
-    while (f && kb < 0 && fgets(line, sizeof line, f)) sscanf(line, "MemAvailable: %lld kB", &kb);
+    const size_t n = strlen(name);
+    while (f && value < 0 && fgets(line, sizeof line, f))
+        if (!strncmp(line, name, n) && (!n || line[n] == ' ' || line[n] == ':'))
+            if (sscanf(line + n, "%*[: ]%lld", &value) != 1) sscanf(line + n, "%lld", &value);
     if (f) fclose(f);
-    return kb < 0 ? INT64_MAX : kb * 1024;
+    return value;
+}
+
+/* What the groups of processes we are in (cgroup v2) leave; of their file pages all can be had back. */
+static int64_t group_bytes(void) {
+    char line[512] = "", path[640], *group = NULL;
+    int64_t least = INT64_MAX;
+    FILE *f = fopen("/proc/self/cgroup", "r");
+    while (f && !group && fgets(line, sizeof line, f))
+        if (!strncmp(line, "0::", 3)) group = line + 3;
+    if (f) fclose(f);
+    if (!group) return least;
+    group[strcspn(group, "\n")] = 0;
+    for (;;) {
+        int64_t part[4];
+        const char *file[4] = {"memory.max", "memory.current", "memory.stat", "memory.stat"},
+                   *name[4] = {"", "", "active_file", "inactive_file"};
+        for (int i = 0; i < 4; i++) {
+            snprintf(path, sizeof path, "/sys/fs/cgroup%s/%s", group, file[i]);
+            part[i] = number_in(path, name[i]);
+        }
+        if (part[0] >= 0 && part[1] >= 0) {
+            int64_t left = part[0] - part[1];
+            for (int i = 2; i < 4; i++) left += part[i] > 0 ? part[i] : 0;
+            if (left < least) least = left > 0 ? left : 0;
+        }
+        char *slash = strrchr(group, '/');
+        if (!slash) return least;
+        *slash = 0;
+    }
+}
+
+static int64_t available_bytes(void) {
+    const int64_t kb = number_in("/proc/meminfo", "MemAvailable"), machine = kb < 0 ? INT64_MAX : kb * 1024,
+                  group = group_bytes();
+    return group < machine ? group : machine;
 }
 
 /* b, x, y, e of each thread. */
@@ -81,11 +88,27 @@ static int64_t work_bytes(const tm_solve_def *def, int32_t n) {
     return (int64_t)tms_threads(def) * TMS_BLOCK * n * 8 * (def->solver == TM_SOLVER_CG ? 2 : 4);
 }
 
+/* Beside the memory itself: what this process may still map. BLAS would hang where it cannot. */
+static tm_status ask_address_space(const tm_solve_def *def, int64_t need, tm_error *error) {
+    const int32_t threads = tms_threads(def);
+    const int64_t blas = def->solver == TM_SOLVER_CHOLESKY ? tms_blas_bytes(threads) : 0;
+    int64_t limit;
+    if (tms_address_space_has(need + blas, &limit)) return TM_OK;
+    char t_need[32], t_blas[32], t_limit[32] = "less";
+    tms_bytes_text(need, t_need);
+    tms_bytes_text(blas, t_blas);
+    if (limit < INT64_MAX) tms_bytes_text(limit, t_limit);
+    return tms_fail(error, TM_ERR_MEMORY, -1,
+                    "too large: %s needed and %s of address space for BLAS in %d threads, and this process may have %s "
+                    "in all (ulimit -v); raise that limit, or choose fewer threads%s, or a coarser mesh",
+                    t_need, t_blas, (int)threads, t_limit, blas ? ", conjugate gradients (slower)" : "");
+}
+
 static tm_status ask_memory(const tm_solve_def *def, int32_t n, int64_t factor, int64_t responses, int64_t single,
                             tm_error *error) {
     const int64_t limit = def->memory_limit_bytes > 0 ? def->memory_limit_bytes : available_bytes();
     const int64_t work = work_bytes(def, n), need = factor + responses + work;
-    if (need <= limit) return TM_OK;
+    if (need <= limit) return ask_address_space(def, need, error);
     char t_need[32], t_limit[32], t_factor[32], t_resp[32], t_single[32], t_cg[32], t_work[32];
     tms_bytes_text(need, t_need);
     tms_bytes_text(limit, t_limit);
@@ -131,7 +154,9 @@ static tm_status factorise(tms_solver *s, const tms_system *system, const tm_sol
                         .packed = 1};
     start(&s->common);
     double t = tms_clock_s();
+    tms_ordering_begin();
     s->factor = cholmod_analyze(&a, &s->common);
+    tms_ordering_end();
     report->order_s = tms_clock_s() - t;
     if (!s->factor)
         return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to order %d unknowns; use a coarser mesh", (int)s->n);
@@ -171,7 +196,9 @@ tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, i
         if (status == TM_OK && !(s->cg = tms_cg_create(system)))
             status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory for conjugate gradients; use a coarser mesh");
     } else {
+        tms_process_enter();
         status = factorise(s, system, def, responses, single, report, error);
+        tms_process_leave();
     }
     if (status != TM_OK) {
         tms_solver_destroy(s);
@@ -201,14 +228,16 @@ tms_work *tms_work_create(const tms_solver *solver, int32_t width) {
     const size_t n = (size_t)solver->n;
     w->solver = solver;
     w->width = width;
+    tms_process_enter();
     start(&w->common);
     if (solver->kind == TM_SOLVER_CG) {
         w->cg_b = malloc(n * (size_t)width * 8);
         w->cg_x = malloc(n * (size_t)width * 8);
-        if (w->cg_b && w->cg_x) return w;
-    } else if ((w->b = cholmod_allocate_dense(n, (size_t)width, n, CHOLMOD_REAL, &w->common))) {
-        return w;
+    } else {
+        w->b = cholmod_allocate_dense(n, (size_t)width, n, CHOLMOD_REAL, &w->common);
     }
+    tms_process_leave();
+    if (w->b || (w->cg_b && w->cg_x)) return w;
     tms_work_destroy(w);
     return NULL;
 }
@@ -230,8 +259,10 @@ double *tms_work_rhs(tms_work *w) { return w->cg_b ? w->cg_b : w->b->x; }
 const double *tms_work_solve(tms_work *w) {
     const tms_solver *s = w->solver;
     if (s->kind == TM_SOLVER_CHOLESKY) {
-        if (!cholmod_solve2(CHOLMOD_A, s->factor, w->b, NULL, &w->x, NULL, &w->y, &w->e, &w->common)) return NULL;
-        return w->x->x;
+        tms_process_enter();
+        const int solved = cholmod_solve2(CHOLMOD_A, s->factor, w->b, NULL, &w->x, NULL, &w->y, &w->e, &w->common);
+        tms_process_leave();
+        return solved ? w->x->x : NULL;
     }
     for (int32_t j = 0; j < w->width; j++)
         if (!tms_cg_solve(s->cg, w->cg_b + (int64_t)j * s->n, w->cg_x + (int64_t)j * s->n, s->tolerance,

@@ -1,7 +1,6 @@
 /* Messages, clock, processors. */
 #include "internal.h"
 
-#include <dlfcn.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <time.h>
@@ -25,20 +24,8 @@ double tms_clock_s(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* OpenBLAS, where it is the BLAS: one thread in each of ours, or its bits depend on how many; and its build without any
- * threading must not be called from two at once (it then returns wrong numbers, seen with 0.3.21). */
-static bool one_thread_only(void) {
-    int (*parallel)(void), found = 1;
-    void (*set_threads)(int);
-    *(void **)&parallel = dlsym(RTLD_DEFAULT, "openblas_get_parallel");
-    *(void **)&set_threads = dlsym(RTLD_DEFAULT, "openblas_set_num_threads");
-    if (parallel) found = parallel();
-    if (set_threads && found) set_threads(1);
-    return !found;
-}
-
 int32_t tms_threads(const tm_solve_def *def) {
-    if (def->solver == TM_SOLVER_CHOLESKY && one_thread_only()) return 1;
+    if (def->solver == TM_SOLVER_CHOLESKY && !tms_blas_is_parallel()) return 1;
     if (def->threads > 0) return def->threads;
     const long cores = sysconf(_SC_NPROCESSORS_ONLN);
     return cores < 1 ? 1 : cores > 64 ? 64 : (int32_t)cores;

@@ -1,4 +1,5 @@
 # The precomputed and the hybrid model.
+$(call objects,tests/solve/test_static.c): INCLUDES += -I/usr/include/suitesparse
 $(foreach t,$(sort $(wildcard tests/solve/test_*.c)),$(eval $(call test,$(t),$(LIBTMS_A) $(LIBTM_A),$(TMS_LIBS))))
 
 # What they cost. Not a test: nothing is asserted.

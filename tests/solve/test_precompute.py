@@ -2,6 +2,7 @@
 import json
 import os
 import re
+import resource
 import shutil
 import signal
 import subprocess
@@ -147,6 +148,24 @@ def test_bad_input(bin, root, place):
         assert text in done.stderr, (arguments, done.stderr)
         assert not (folder / "x.tms").exists()
     assert "tm-precompute SCENE.yaml" in run([bin / "tm-precompute", "--help"], env).stdout
+
+
+@pytest.mark.plain
+def test_a_limit_on_memory_is_told_not_hung_on(bin, root, place):
+    """OpenBLAS asks for ever where it can map nothing: every limit ends in a model or in a sentence about the limit."""
+    folder, env = place
+    scene = write_scene(folder, root, bin, env)
+    ends = set()
+    for program in ([bin / "tm-sim", "--lockstep", scene], [bin / "tm-precompute", scene, "--out", folder / "x.tms"]):
+        for megabytes in (100, 250, 350, 450, 550, 2000):
+            limit = [megabytes * 1000000] * 2
+            for kept in (folder / "cache").glob("*.tms"):
+                kept.unlink()
+            done = subprocess.run([str(c) for c in program], env=env, capture_output=True, text=True, timeout=60,
+                                  preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, limit))
+            ends.add(done.returncode == 0)
+            assert done.returncode == 0 or "ulimit -v" in done.stderr, (megabytes, done.stdout, done.stderr)
+    assert ends == {True, False}
 
 
 def last_force(path):

@@ -3,6 +3,10 @@
 #include "../physics/oracle.h"
 #include "kit.h"
 
+#include <dlfcn.h>
+#include <pthread.h>
+#include <SuiteSparse_config.h>
+
 /* --- oracle --- */
 
 static tm_tissue *oracle_tissue(const oracle *o) {
@@ -258,8 +262,95 @@ static void too_large(void **state) {
     tm_mesh_destroy(mesh);
 }
 
+/* --- several threads, and what belongs to the process --- */
+
+typedef struct one_solution {
+    const tm_solve_def *def;
+    double *u;
+} one_solution;
+
+static void *solve_one(void *argument) {
+    const one_solution *s = argument;
+    tm_error error;
+    return tm_solve_static(s->def, s->u, NULL, NULL, &error) == TM_OK ? NULL : argument;
+}
+
+static void four_at_once(void **state) {
+    (void)state;
+    fix_random random = {7};
+    const tm_material material = kit_material(6e3, 0.45);
+    tm_mesh *mesh = fix_block((int[]){10, 8, 8}, (double[]){0.1, 0.08, 0.08}, 0.2, &random);
+    tm_tissue *tissue = fix_tissue(mesh, &material, NULL, TM_DOUBLE, false);
+    const size_t n = 3 * (size_t)mesh->vertex_count;
+    uint8_t *fixed = kit_clamp(mesh, 1e-9);
+    double *load = calloc(n, 8), *alone = malloc(8 * n), *u[4];
+    for (size_t d = 2; d < n; d += 3) load[d] = -1e-3;
+    tm_solve_def def = kit_problem(tissue, fixed);
+    def.load_N = load;
+    def.threads = 2;
+    assert_null(solve_one(&(one_solution){&def, alone}));
+    for (int i = 0; i < 4; i++) u[i] = malloc(8 * n);
+    for (int round = 0; round < (kit_long() ? 60 : 12); round++) {
+        pthread_t thread[4];
+        one_solution work[4];
+        for (int i = 0; i < 4; i++) {
+            work[i] = (one_solution){&def, u[i]};
+            assert_int_equal(pthread_create(&thread[i], NULL, solve_one, &work[i]), 0);
+        }
+        for (int i = 0; i < 4; i++) {
+            void *failed;
+            pthread_join(thread[i], &failed);
+            assert_null(failed);
+            assert_memory_equal(u[i], alone, 8 * n);
+        }
+    }
+    for (int i = 0; i < 4; i++) free(u[i]);
+    free(alone), free(load), free(fixed);
+    tm_tissue_destroy(tissue);
+    tm_mesh_destroy(mesh);
+}
+
+/* OpenBLAS's threads, SuiteSparse's allocator and rand() are as they were. */
+static void process_left_alone(void **state) {
+    (void)state;
+    const tm_material material = kit_material(6e3, 0.45);
+    fix_random random = {9};
+    tm_mesh *mesh = fix_block((int[]){6, 5, 4}, (double[]){0.06, 0.05, 0.04}, 0.2, &random);
+    tm_tissue *tissue = fix_tissue(mesh, &material, NULL, TM_DOUBLE, false);
+    uint8_t *fixed = kit_clamp(mesh, 1e-9);
+    const tm_solve_def def = kit_problem(tissue, fixed);
+    int (*get)(void), draw[2];
+    void (*set)(int);
+    *(void **)&get = dlsym(RTLD_DEFAULT, "openblas_get_num_threads");
+    *(void **)&set = dlsym(RTLD_DEFAULT, "openblas_set_num_threads");
+    const struct SuiteSparse_config_struct before = SuiteSparse_config;
+    for (int solved = 0; solved < 2; solved++) {
+        if (set) set(2);
+        const int threads = get ? get() : 0;
+        srand(77);
+        rand();
+        tm_error error;
+        tm_precomputed_def full = tm_precomputed_def_default();
+        full.problem = def;
+        tm_precomputed *model;
+        if (solved) {
+            fix_ok(tm_solve_static(&def, NULL, NULL, NULL, &error), &error);
+            fix_ok(tm_precomputed_create(&full, &model, NULL, &error), &error);
+            tm_precomputed_destroy(model);
+        }
+        draw[solved] = rand();
+        assert_int_equal(get ? get() : 0, threads);
+    }
+    assert_int_equal(draw[0], draw[1]);
+    assert_memory_equal(&SuiteSparse_config, &before, sizeof before);
+    free(fixed);
+    tm_tissue_destroy(tissue);
+    tm_mesh_destroy(mesh);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(isotropic),    cmocka_unit_test(paper_law),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(four_at_once), cmocka_unit_test(process_left_alone),
+                                       cmocka_unit_test(isotropic),    cmocka_unit_test(paper_law),
                                        cmocka_unit_test(engineering),  cmocka_unit_test(settled_model),
                                        cmocka_unit_test(loose_tissue), cmocka_unit_test(too_large)};
     return cmocka_run_group_tests(tests, NULL, NULL);
