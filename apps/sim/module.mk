@@ -1,5 +1,5 @@
 # tm-sim, and what it is made of (libsim.a) for programs that run a scene themselves.
-SIM_SRC := $(sort $(filter-out apps/sim/main.c apps/sim/lcm_%.c,$(wildcard apps/sim/*.c))) haptic_rt/io/profile.c haptic_rt/io/table.c
+SIM_SRC := $(sort $(filter-out apps/sim/main.c apps/sim/lcm_%.c,$(wildcard apps/sim/*.c))) haptic_rt/io/lines.c haptic_rt/io/profile.c haptic_rt/io/table.c
 LIBSIM_A := $(OUT)/lib/libsim.a
 LIBRARIES += $(LIBSIM_A)
 $(LIBSIM_A): $(call objects,$(SIM_SRC))

@@ -1,10 +1,10 @@
 #include "profile.h"
 
-#include <errno.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "app.h"
+#include "lines.h"
 
 static float *values(hrt_params *params, const hrt_param_range *row) {
     return (float *)(void *)((char *)params + row->offset);
@@ -50,25 +50,23 @@ static bool set(char *text, hrt_params *params, const char *file, int line) {
 }
 
 bool hrt_profile_set(const char *text, hrt_params *params) {
-    char copy[256];
-    snprintf(copy, sizeof copy, "%s", text);
+    char copy[1024];
+    if (strlen(text) >= sizeof copy) {
+        app_bad_input("--set", 0, "longer than any parameter; write NAME=VALUE");
+        return false;
+    }
+    strcpy(copy, text);
     return set(copy, params, "--set", 0);
 }
 
 bool hrt_profile_read(const char *path, hrt_params *params) {
-    FILE *file = fopen(path, "r");
-    if (!file) {
-        app_bad_input(path, 0, "cannot be read (%s); name an existing profile", strerror(errno));
-        return false;
-    }
-    char text[512];
+    hrt_lines lines;
+    if (!hrt_lines_open(&lines, path)) return false;
     bool good = true;
-    for (int line = 1; good && fgets(text, sizeof text, file); line++) {
-        text[strcspn(text, "#")] = 0;
-        if (strspn(text, " \t\r\n") == strlen(text)) continue;
-        good = set(text, params, path, line);
-    }
-    fclose(file);
+    for (char *text; good && (text = hrt_lines_next(&lines)) != NULL;)
+        if (strspn(text, " \t\r\n") < strlen(text)) good = set(text, params, path, lines.number);
+    good = good && lines.good;
+    hrt_lines_close(&lines);
     const int32_t bad = good ? hrt_params_check(params) : -1;
     if (bad >= 0)
         app_bad_input(path, 0, "%s: lower end not below upper end, or out of range; mend it", hrt_param_text[bad].name);

@@ -1,12 +1,11 @@
 #include "table.h"
 
-#include <errno.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "app.h"
+#include "lines.h"
 
 static char *trim(char *s) {
     while (*s == ' ' || *s == '\t') s++;
@@ -66,24 +65,20 @@ static bool read_row(hrt_table *t, char *line, const char *path, int number) {
 
 bool hrt_table_read(const char *path, hrt_table *t) {
     memset(t, 0, sizeof *t);
-    FILE *file = fopen(path, "r");
-    if (!file) {
-        app_bad_input(path, 0, "cannot be read (%s); name an existing file", strerror(errno));
-        return false;
-    }
-    char line[2048];
+    hrt_lines lines;
+    if (!hrt_lines_open(&lines, path)) return false;
     bool good = true;
-    for (int number = 1; good && fgets(line, sizeof line, file); number++) {
-        line[strcspn(line, "#")] = 0;
+    for (char *line; good && (line = hrt_lines_next(&lines)) != NULL;) {
         char *text = trim(line);
         if (*text == 0) continue;
-        good = t->columns == 0 ? read_header(t, text, path, number) : read_row(t, text, path, number);
+        good = t->columns == 0 ? read_header(t, text, path, lines.number) : read_row(t, text, path, lines.number);
     }
+    good = good && lines.good;
+    hrt_lines_close(&lines);
     if (good && t->rows == 0) {
         app_bad_input(path, 0, "holds no rows; write a header line and at least one row of numbers");
         good = false;
     }
-    fclose(file);
     if (!good) hrt_table_free(t);
     return good;
 }

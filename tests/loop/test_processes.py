@@ -264,6 +264,7 @@ BAD = [
     ("haptic-rt", ["--bus", "virtual:t", "--profile", "missing.profile"], "cannot be read"),
     ("haptic-rt", ["--bus", "virtual:t", "--set", "force_max_N=99"], "0..20"),
     ("haptic-rt", ["--bus", "virtual:t", "--set", "farce=1"], "no parameter"),
+    ("haptic-rt", ["--bus", "virtual:t", "--set", "force_max_N=3" + " " * 1020 + "9"], "longer than any parameter"),
     ("haptic-rt", ["--bus", "virtual:t", "--record", "r.csv"], "--duration"),
     ("haptic-rt", ["--bus", "virtual:t", "--wat"], "no such option"),
     ("haptic-rt", ["--bus", "virtual:t", "surplus"], "not an option"),
@@ -304,6 +305,27 @@ def test_bad_files(bin, tmp_path, name, content, line, expected):
     run = subprocess.run([bin / program, "--bus", "virtual:t", option, path], env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=20)
     where = f"{path}:{line}: " if line else f"{path}: "
     assert run.returncode == 2 and run.stderr.startswith(where) and expected in run.stderr, run.stderr
+
+
+@pytest.mark.parametrize("length", [400, 511, 512, 1000, 2048, 60000])
+def test_a_long_comment_never_becomes_a_setting(bin, tmp_path, length):
+    """A line that is cut in two at any length would be read as a comment and a setting."""
+    (tmp_path / "p.profile").write_text("force_max_N = 3 #" + "x" * (length - 17) + "force_max_N = 20\n")
+    run = subprocess.run([bin / "haptic-rt", "--profile", tmp_path / "p.profile", "--params"], capture_output=True, text=True, timeout=20)
+    assert run.returncode == 0 and "force_max_N = 3\n" in run.stdout, run.stderr
+    samples = tmp_path / "s.csv"
+    samples.write_text("time_s,fx_N,fy_N,fz_N #" + "x" * (length - 23) + "0,0,0\n0,0,0,1\n")
+    run = subprocess.run([bin / "haptic-rt", "--bus", "virtual:t", "--samples", samples, "--duration", "0.02", "--priority", "0"],
+                         env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=20)
+    assert run.returncode == 0, run.stderr
+
+
+@pytest.mark.parametrize("content", ["#" + "x" * 70000 + "\nforce_max_N = 20\n", "force_max_N = 3\0\nforce_max_N = 20\n"])
+def test_a_line_that_cannot_be_read_whole_is_refused(bin, tmp_path, content):
+    path = tmp_path / "p.profile"
+    path.write_text(content)
+    run = subprocess.run([bin / "haptic-rt", "--profile", path, "--params"], capture_output=True, text=True, timeout=20)
+    assert run.returncode == 2 and run.stderr.startswith(f"{path}:1: longer than 65534 characters") and run.stdout == ""
 
 
 @pytest.mark.parametrize("program", ["haptic-rt", "tm-device"])
