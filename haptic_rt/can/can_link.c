@@ -1,6 +1,7 @@
 #include "can/can_link.h"
 
-enum { COUNTER_MASK = 0x7F, LATE = 64 }; /* half a turn back or more is an old frame, not a gap */
+/* LATE: half a turn back or more is an old frame, not a gap. GAPS_SPARE: what a start of either side may add. */
+enum { COUNTER_MASK = 0x7F, LATE = 64, GAPS_SPARE = 128 };
 
 void hrt_can_link_init(hrt_can_link *link, int32_t instrument) {
     static const hrt_can_link zero = {0};
@@ -45,6 +46,18 @@ static void take_device_fault(const hrt_can_link *link, int64_t now_us, uint8_t 
     input->device_fault = input->device_watchdog ? 0 : code;
 }
 
+static void take_gaps(hrt_can_link *link, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
+    const uint16_t fresh = (uint16_t)(m->gaps - link->gaps);
+    if (m->session != input->device_session) link->gaps_known = false;
+    if (link->gaps_known) {
+        link->can.command_gaps += fresh;
+        if (fresh > link->commands_since + GAPS_SPARE) input->rival_us = now_us;
+    }
+    link->gaps_known = true;
+    link->gaps = m->gaps;
+    link->commands_since = 0;
+}
+
 void hrt_can_link_take(hrt_can_link *link, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
     const bool ours = m->instrument == link->instrument;
     switch (m->kind) {
@@ -59,6 +72,7 @@ void hrt_can_link_take(hrt_can_link *link, int64_t now_us, const hrt_can_message
         break;
     case HRT_CAN_DEVICE_BEAT:
         if (!ours) break;
+        take_gaps(link, now_us, m, input);
         if (m->session != input->device_session)
             link->encoder_known = false; /* started anew, it counts from anywhere */
         input->device_session = m->session;
@@ -69,7 +83,9 @@ void hrt_can_link_take(hrt_can_link *link, int64_t now_us, const hrt_can_message
         break;
     case HRT_CAN_COMMAND:
     case HRT_CAN_CONTROLLER_BEAT:
-    case HRT_CAN_RESET: break; /* the other controller's */
+    case HRT_CAN_RESET:
+        if (ours) input->rival_us = now_us;
+        break;
     }
 }
 
@@ -86,6 +102,7 @@ int32_t hrt_can_link_frames(hrt_can_link *link, int64_t now_us, const hrt_output
                                .counter = link->command_counter++,
                                .motors_on = output->motors_on};
     for (int32_t i = 0; i < HRT_MOTORS; i++) command.torque[i] = output->torque[i];
+    link->commands_since++;
     count += hrt_can_pack(&command, &frame[count]);
     if (link->beat_us != 0 && now_us - link->beat_us < HRT_CAN_LINK_BEAT_US) return count;
     const hrt_can_message beat = {.kind = HRT_CAN_CONTROLLER_BEAT,

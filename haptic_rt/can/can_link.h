@@ -18,6 +18,9 @@ typedef struct hrt_can_link {
     bool half_waits;
     bool encoder_known;
     uint8_t encoder_counter, command_counter, beat_counter;
+    bool gaps_known;
+    uint16_t gaps;             /* as the device told last */
+    uint32_t commands_since;   /* sent since then */
     int64_t beat_us, reset_us; /* 0: never */
     hrt_can_counters can;
 } hrt_can_link;
@@ -26,8 +29,9 @@ void hrt_can_link_init(hrt_can_link *link, int32_t instrument);
 /* Before the tick in which input->reset is set: what the device said about its fault until now, and says in the next 10
  * ms, is forgotten. */
 void hrt_can_link_reset(hrt_can_link *link, int64_t now_us, hrt_input *input);
-/* One received message; those of other instruments change nothing. Encoder counts are taken when both halves came under
- * one counter newer than the last; a repeated or overtaken set is no sign of life. */
+/* One received message; those of other instruments change nothing. Our own kinds come from a rival (the bus gives
+ * nobody his own frames back), and so do more gaps in the commands than commands were sent. Encoder counts are taken
+ * when both halves came under one counter newer than the last; a repeated or overtaken set is no sign of life. */
 void hrt_can_link_take(hrt_can_link *link, int64_t now_us, const hrt_can_message *message, hrt_input *input);
 /* What to send after a tick: the reset when asked, the command, now and then the heartbeat. Returns how many of `frame`
  * were filled. */

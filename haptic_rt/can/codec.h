@@ -20,6 +20,7 @@ typedef struct hrt_can_counters {
     uint32_t foreign;  /* not ours: ids we do not know, extended, remote */
     uint32_t error;    /* error frames */
     uint32_t bus_off;
+    uint32_t command_gaps; /* controller: commands that the device missed, as it tells */
 } hrt_can_counters;
 
 typedef enum hrt_can_kind {

@@ -90,6 +90,12 @@ static void read_simulation(hrt_controller *c, int64_t now_us, const hrt_input *
     hrt_extrapolation_sample(&c->extrapolation, &c->params, newest);
 }
 
+/* Two controllers on one device push in turn: neither may. What was heard before this state began is over: a bus that
+ * was stuck may still deliver what a predecessor sent. */
+static void look_for_rival(hrt_controller *c, int64_t now_us, const hrt_input *in) {
+    if (c->state != HRT_BOOT && in->rival_us > c->state_since_us) hrt_latch(c, now_us, HRT_FAULT_RIVAL, 0);
+}
+
 /* Device health common to the states that have one. Returns false when it changed the state. */
 static bool device_well(hrt_controller *c, int64_t now_us, const hrt_input *in) {
     const int64_t silent_us = now_us - c->encoder_us;
@@ -212,6 +218,7 @@ void hrt_tick(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_
         hrt_latch(c, now_us, HRT_FAULT_PARAMETER, hrt_params_check(&c->params));
     const float dt_s = read_clock(c, now_us);
     hrt_read_device(c, now_us, in);
+    look_for_rival(c, now_us, in);
     hrt_sub(c->tip_m, before, moved);
     if (in_use(c)) hrt_passivity_observe(c, now_us, moved);
     read_simulation(c, now_us, in, newest);

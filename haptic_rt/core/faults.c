@@ -32,6 +32,7 @@ static const struct {
         {"self_test", "The self test was not passed in time; check that the device sends without pause, then reset."},
     [HRT_FAULT_INTERNAL] =
         {"internal", "A force that is not a number reached the output; keep the recording and report it, then reset."},
+    [HRT_FAULT_RIVAL] = {"rival", "Another controller commands this device on the same bus; end it, then reset."},
 };
 
 const char *hrt_state_name(hrt_state state) {

@@ -48,6 +48,7 @@ typedef enum hrt_fault {
     HRT_FAULT_TICK_LATE,        /* the caller's loop stood still for longer than tick_timeout_us while in use */
     HRT_FAULT_SELF_TEST,        /* self test not passed within its time */
     HRT_FAULT_INTERNAL,         /* a force that is not finite reached the output stage */
+    HRT_FAULT_RIVAL,            /* somebody else sends this controller's frames on the bus */
     HRT_FAULT_COUNT
 } hrt_fault;
 
@@ -303,6 +304,7 @@ typedef struct hrt_input {
     int32_t count[HRT_JOINTS];
     uint32_t device_session; /* changes when the device starts anew; 0 unknown */
     uint8_t device_fault;    /* the device's own code, 0 none */
+    int64_t rival_us;        /* when somebody else's frame under our ids was heard; 0: never */
     bool device_watchdog;    /* its watchdog dropped the torque and wants to hear "motors off" first */
     bool pedal;              /* cautery */
     bool bus_ok;

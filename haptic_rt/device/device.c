@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { BEAT_US = 50000, STEP_US = 250, CATCH_UP_US = 50000, CORRUPT_MAX = 10, FRAMES_PER_STEP = 64 };
+enum { BEAT_US = 50000, STEP_US = 250, CATCH_UP_US = 50000, CORRUPT_MAX = 10, FRAMES_PER_STEP = 64, LATE = 64 };
 static const double PI = 3.14159265358979323846;
 
 hrt_device_config hrt_device_config_default(int32_t instrument) {
@@ -143,11 +143,12 @@ static void fail(hrt_device *d, hrt_device_fault fault) {
 static void take_command(hrt_device *d, const hrt_can_message *m) {
     const uint8_t step = (uint8_t)((m->counter - d->command_counter) & 0x7F);
     d->corrupt_in_a_row = 0;
-    if (d->command_counter_known && step == 0) {
-        d->can.repeated++; /* a transmitter that repeats itself does not feed the watchdog */
+    const bool silent = (double)(d->heard_us - d->command_us) > d->config.watchdog_us; /* then another may begin */
+    if (d->command_counter_known && (step == 0 || (step >= LATE && !silent))) {
+        d->can.repeated++; /* a transmitter that repeats itself, or is overtaken, does not feed the watchdog */
         return;
     }
-    if (d->command_counter_known && step > 1) d->can.lost += step - 1u;
+    if (d->command_counter_known && step > 1 && step < LATE) d->can.lost += step - 1u;
     d->command_counter_known = true;
     d->command_counter = m->counter;
     d->command_us = d->heard_us;

@@ -45,6 +45,7 @@ void hrt_report_can(cJSON *json, const hrt_bus *bus, const hrt_can_counters *can
                    {"foreign", can->foreign},
                    {"error_frames", can->error},
                    {"bus_off", can->bus_off},
+                   {"command_gaps", can->command_gaps},
                    {"load_percent", seconds > 0.0 ? 100.0 * (double)bus->bits / (1.0e6 * seconds) : 0.0}};
     for (size_t i = 0; i < sizeof figures / sizeof *figures; i++)
         cJSON_AddNumberToObject(row, figures[i].name, figures[i].value);

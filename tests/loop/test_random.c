@@ -120,6 +120,7 @@ static void spoil(wild *w) {
     w->in.bus_ok = !(w->mood && chance(w, 20000));
     w->in.device_fault = w->mood && chance(w, 20000) ? 2 : 0;
     w->in.device_watchdog = w->mood && chance(w, 5000);
+    if (w->mood && chance(w, 50000)) w->in.rival_us = w->now_us;
     w->in.reset = chance(w, 300);
     if (chance(w, 3000))
         w->in.enable = !w->in.enable;

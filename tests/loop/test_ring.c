@@ -311,6 +311,77 @@ static void repeated_and_lost_commands(void **state) {
     assert_int_equal(l.device.can.lost - lost, 5);
 }
 
+/* As the controller takes encoders: what was overtaken is no command, until the bus was silent for a watchdog's time.
+ */
+static void old_commands_are_refused(void **state) {
+    (void)state;
+    start(HRT_HOLD);
+    hrt_bus sender;
+    assert_true(hrt_bus_open_loopback(&sender, &l.wires));
+    const hrt_device_config config = loop_device_config();
+    int64_t now_us = 1000000;
+    for (int back = 1; back < 128; back++) {
+        hrt_can_message m = {.kind = HRT_CAN_COMMAND, .counter = 0, .motors_on = true, .torque = {0.1f, 0.1f, 1.0f}};
+        hrt_can_frame frame;
+        now_us += 50000;
+        hrt_device_init(&l.device, &config, &l.device_bus);
+        hrt_device_step(&l.device, now_us);
+        const int wanted[3] = {0, 128 - back, back > 64 ? 128 - back + 1 : 1};
+        for (int i = 0; i < 3; i++) {
+            m.counter = (uint8_t)(wanted[i] & 0x7f);
+            m.torque[2] = (float)(i + 1);
+            hrt_can_pack(&m, &frame);
+            hrt_bus_send(&sender, &frame);
+            hrt_device_step(&l.device, now_us += 2000);
+            const bool old = i == 1 && back <= 64;
+            assert_true(fabs(l.device.torque[2] - (old ? 1.0 : i + 1.0)) < 1e-6);
+        }
+        assert_int_equal(l.device.can.repeated, back <= 64);
+        assert_int_equal(l.device.can.lost, back <= 64 ? 0 : 128 - back - 1);
+        /* A controller that starts anew begins anywhere. */
+        now_us += 25000;
+        hrt_device_step(&l.device, now_us);
+        assert_int_equal(l.device.fault, HRT_DEVICE_WATCHDOG);
+        m.counter = (uint8_t)((l.device.command_counter - 10) & 0x7f);
+        m.motors_on = false;
+        hrt_can_pack(&m, &frame);
+        hrt_bus_send(&sender, &frame);
+        hrt_device_step(&l.device, now_us);
+        assert_int_equal(l.device.fault, HRT_DEVICE_FINE);
+    }
+}
+
+/* Another controller on the same bus: its frames give it away, or the gaps that the device counts. */
+static void a_rival_is_heard(void **state) {
+    (void)state;
+    const hrt_can_kind kinds[] = {HRT_CAN_COMMAND, HRT_CAN_CONTROLLER_BEAT, HRT_CAN_RESET, HRT_CAN_DEVICE_BEAT};
+    for (size_t k = 0; k < sizeof kinds / sizeof *kinds; k++) {
+        press(HRT_HOLD);
+        hrt_bus rival;
+        assert_true(hrt_bus_open_loopback(&rival, &l.wires));
+        hrt_can_message m = {.kind = kinds[k], .instrument = 1, .session = l.device.config.session, .state = 1};
+        m.gaps = (uint16_t)(l.device.can.lost + 200);
+        hrt_can_frame frame;
+        hrt_can_pack(&m, &frame);
+        hrt_bus_send(&rival, &frame); /* of the other instrument: no matter */
+        loop_tick(&l);
+        loop_tick(&l);
+        assert_int_equal(l.tool.state, HRT_ENGAGED);
+        m.instrument = 0;
+        hrt_can_pack(&m, &frame);
+        hrt_bus_send(&rival, &frame);
+        hrt_node_tick(&l.node, l.now_us += 2000, &l.tool);
+        assert_int_equal(l.node.output.fault, HRT_FAULT_RIVAL);
+        assert_true(force() == 0.0);
+        hrt_bus_close(&rival);
+        loop_run(&l, 0.1); /* the device's own beats again */
+        const hrt_command reset = {.extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
+        hrt_node_post_command(&l.node, &reset);
+        loop_run(&l, 1.0);
+        assert_int_equal(l.tool.state, HRT_ENGAGED);
+    }
+}
+
 /* Every single bit of every frame flipped: never taken for good by either side. */
 static void flipped_bits_are_refused(void **state) {
     (void)state;
@@ -379,6 +450,7 @@ int main(void) {
         cmocka_unit_test(device_restarted),         cmocka_unit_test(bus_off),
         cmocka_unit_test(no_pose_no_force),         cmocka_unit_test(two_devices),
         cmocka_unit_test(device_judges_commands),   cmocka_unit_test(repeated_and_lost_commands),
+        cmocka_unit_test(old_commands_are_refused), cmocka_unit_test(a_rival_is_heard),
         cmocka_unit_test(flipped_bits_are_refused), cmocka_unit_test(encoder_frames_lost_and_repeated)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

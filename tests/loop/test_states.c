@@ -301,6 +301,22 @@ static void fault_parameter(void **state) {
     }
 }
 
+static void fault_rival(void **state) {
+    (void)state;
+    rig_start(&r);
+    r.in.rival_us = r.now_us; /* a predecessor's last words, before anything else was heard */
+    rig_until(&r, HRT_ENGAGED, 1.0);
+    r.in.rival_us = r.now_us + 2000;
+    rig_tick(&r);
+    expect_fault(HRT_FAULT_RIVAL);
+    rig_until(&r, HRT_SELF_TEST, 1.0);
+    rig_tick(&r);
+    r.in.rival_us = r.now_us + 2000; /* still there: again */
+    rig_tick(&r);
+    expect_fault(HRT_FAULT_RIVAL);
+    rig_until(&r, HRT_ENGAGED, 1.0);
+}
+
 static void fault_internal(void **state) {
     (void)state;
     rig_engage(&r);
@@ -339,6 +355,7 @@ int main(void) {
                                        cmocka_unit_test(fault_tick_late),
                                        cmocka_unit_test(fault_self_test),
                                        cmocka_unit_test(fault_parameter),
+                                       cmocka_unit_test(fault_rival),
                                        cmocka_unit_test(fault_internal),
                                        cmocka_unit_test(every_name_is_there)};
     return cmocka_run_group_tests(tests, NULL, NULL);
