@@ -212,7 +212,9 @@ static int open_all(program *p) {
     char why[300];
     const bool follow = p->hand && strcmp(p->hand, "lcm") == 0;
     if (p->hand && !follow && !hrt_hand_file_read(p->hand, &p->config.hand)) return APP_BAD_INPUT;
-    if (!hrt_bus_open(&p->wires, p->bus, why, sizeof why)) return app_bad_input("--bus", 0, "%s", why);
+    if (!hrt_bus_open(&p->wires, p->bus, why, sizeof why) ||
+        !hrt_bus_claim(&p->wires, HRT_BUS_DEVICE, p->config.instrument, why, sizeof why))
+        return app_bad_input("--bus", 0, "%s", why);
     hrt_device_init(&p->device, &p->config, &p->wires);
     p->hand_write = 1;
     p->hand_read = 2;
@@ -283,7 +285,7 @@ int main(int argc, char **argv) {
     const int bad = read_options(&p, argc, argv);
     if (bad >= 0) return bad;
     const int failed = open_all(&p);
-    if (failed) return failed;
+    if (failed) return hrt_bus_close(&p.wires), failed;
     p.loop = (hrt_loop){.program = "tm-device",
                         .period_ns = 1000000000 / p.rate,
                         .priority = p.priority,

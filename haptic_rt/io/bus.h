@@ -5,6 +5,7 @@
 #define HRT_BUS_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 #include "can/frame.h"
@@ -32,6 +33,10 @@ typedef struct hrt_bus_driver {
     /* One attempt to come back after off or down; at most every 100 ms. */
     void (*recover)(hrt_bus *bus, int64_t now_us);
     void (*close)(hrt_bus *bus);
+    /* 1 the place is ours, 0 somebody else's. Null: nobody else can be on this bus. */
+    int (*claim)(hrt_bus *bus, int place);
+    /* From another thread: what has happened to the bus, once each time. Null: nothing can. */
+    const char *(*look)(hrt_bus *bus);
 } hrt_bus_driver;
 
 struct hrt_bus {
@@ -40,9 +45,9 @@ struct hrt_bus {
     int64_t tried_us;
     uint64_t tx, rx, errors, dropped; /* frames; dropped: no room to send, or overrun while not receiving */
     uint64_t bits;                    /* sent and received, on the wire with the worst stuffing */
-    int fd;                           /* socketcan */
+    int fd, claim_fd;                 /* socketcan */
     char name[256];                   /* interface or file */
-    void *shared;                     /* virtual: the mapped bus; loopback: its hrt_loopback */
+    void *shared;                     /* virtual: its hold on the file; loopback: its hrt_loopback */
     uint64_t next, self;              /* virtual: next frame to read, own mark; loopback: port */
 };
 
@@ -60,6 +65,11 @@ void hrt_loopback_init(hrt_loopback *loopback);
 /* False when all ports are taken. */
 bool hrt_bus_open_loopback(hrt_bus *bus, hrt_loopback *loopback);
 
+/* Keeps everybody else on this machine from being the same one on the same bus, until it is closed or the program ends
+ * in whatever way. False with `why`: somebody is. */
+typedef enum hrt_bus_role { HRT_BUS_CONTROLLER = 0, HRT_BUS_DEVICE = 1 } hrt_bus_role;
+bool hrt_bus_claim(hrt_bus *bus, hrt_bus_role role, int32_t instrument, char *why, int why_size);
+
 /* "virtual:NAME" (the file $TM_BUS_DIR/NAME.bus, by default in /dev/shm/tensormass-UID) or "socketcan:can0". On failure
  * `why` says what is wrong and what to do. */
 bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size);
@@ -76,6 +86,7 @@ static inline int hrt_bus_send(hrt_bus *bus, const hrt_can_frame *frame) { retur
 static inline int hrt_bus_receive(hrt_bus *bus, hrt_can_frame *frame) { return bus->driver->receive(bus, frame); }
 static inline hrt_bus_state hrt_bus_state_now(hrt_bus *bus) { return bus->driver->state(bus); }
 static inline void hrt_bus_recover(hrt_bus *bus, int64_t now_us) { bus->driver->recover(bus, now_us); }
+static inline const char *hrt_bus_look(hrt_bus *bus) { return bus->driver->look ? bus->driver->look(bus) : NULL; }
 static inline void hrt_bus_close(hrt_bus *bus) {
     if (bus->driver) bus->driver->close(bus);
 }

@@ -4,9 +4,11 @@
 #include <linux/can/error.h>
 #include <linux/can/raw.h>
 #include <net/if.h>
+#include <stddef.h>
 #include <stdio.h>
 #include <string.h>
 #include <sys/socket.h>
+#include <sys/un.h>
 #include <unistd.h>
 
 #include "bus.h"
@@ -107,15 +109,35 @@ static void socketcan_recover(hrt_bus *bus, int64_t now_us) {
 static void socketcan_close(hrt_bus *bus) {
     if (bus->fd >= 0) close(bus->fd);
     bus->fd = -1;
+    if (bus->claim_fd >= 0) close(bus->claim_fd);
+    bus->claim_fd = -1;
     bus->driver = NULL;
 }
 
-static const hrt_bus_driver socketcan_driver = {"socketcan",     socketcan_send,    socketcan_receive,
-                                                socketcan_state, socketcan_recover, socketcan_close};
+/* A name in the network namespace, where the interface is too; the kernel forgets it with the socket. */
+static int socketcan_claim(hrt_bus *bus, int place) {
+    struct sockaddr_un name;
+    memset(&name, 0, sizeof name);
+    name.sun_family = AF_UNIX;
+    const int length = snprintf(name.sun_path + 1, sizeof name.sun_path - 1, "tensormass/%s/%d", bus->name, place);
+    const int fd = socket(AF_UNIX, SOCK_DGRAM | SOCK_CLOEXEC, 0);
+    if (fd < 0) return 1;
+    const socklen_t size = (socklen_t)(offsetof(struct sockaddr_un, sun_path) + 1 + (size_t)length);
+    if (bind(fd, (const struct sockaddr *)&name, size) != 0) {
+        const bool taken = errno == EADDRINUSE;
+        close(fd);
+        return taken ? 0 : 1;
+    }
+    bus->claim_fd = fd;
+    return 1;
+}
+
+static const hrt_bus_driver socketcan_driver = {"socketcan",       socketcan_send,  socketcan_receive, socketcan_state,
+                                                socketcan_recover, socketcan_close, socketcan_claim,   NULL};
 
 bool hrt_bus_open_socketcan(hrt_bus *bus, const char *interface, char *why, int why_size) {
     memset(bus, 0, sizeof *bus);
-    bus->fd = -1;
+    bus->fd = bus->claim_fd = -1;
     if (interface[0] == 0 || strlen(interface) >= IFNAMSIZ) {
         snprintf(why, (size_t)why_size, "'%s' is no interface name; use for example socketcan:can0", interface);
         return false;

@@ -428,7 +428,9 @@ static int open_link(program *p) {
 static int open_all(program *p) {
     char why[300];
     if (p->samples_path && !hrt_samples_read(&p->samples, p->samples_path)) return APP_BAD_INPUT;
-    if (!hrt_bus_open(&p->wires, p->bus, why, sizeof why)) return app_bad_input("--bus", 0, "%s", why);
+    if (!hrt_bus_open(&p->wires, p->bus, why, sizeof why) ||
+        !hrt_bus_claim(&p->wires, HRT_BUS_CONTROLLER, p->config.instrument, why, sizeof why))
+        return app_bad_input("--bus", 0, "%s", why);
     hrt_node_init(&p->node, &p->config, &p->wires);
     p->node.clock_ns = hrt_clock_ns;
     if (p->record_path) {
@@ -455,7 +457,7 @@ int main(int argc, char **argv) {
     const int bad = read_options(&p, argc, argv);
     if (bad >= 0) return bad;
     const int failed = open_all(&p);
-    if (failed) return failed;
+    if (failed) return hrt_bus_close(&p.wires), failed;
     p.loop.program = "haptic-rt";
     p.loop.period_ns = 1000000000 / p.rate;
     p.loop.priority = p.priority;

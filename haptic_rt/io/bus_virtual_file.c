@@ -1,0 +1,252 @@
+#include "bus_virtual_file.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <time.h>
+#include <unistd.h>
+
+/* Bytes of the file that are locked: every endpoint holds PRESENT for reading, a place is held for writing. */
+enum { PLACES = 8, PRESENT = 64, TRIES = 50 };
+
+static hrt_virtual_hold holds[HRT_VIRTUAL_HOLDS];
+
+/* ---------------------------------------------------------------------------------------------- a file cut short */
+
+static struct sigaction before;
+
+/* Touching a page beyond the file's new end raises SIGBUS: the hold gets pages of nobody in its place, and is known to
+ * be in trouble. */
+static void on_sigbus(int number, siginfo_t *info, void *context) {
+    const uintptr_t at = (uintptr_t)info->si_addr;
+    for (int i = 0; i < HRT_VIRTUAL_HOLDS; i++) {
+        void *memory = atomic_load(&holds[i].memory);
+        if (!memory || at < (uintptr_t)memory || at >= (uintptr_t)memory + sizeof(hrt_virtual_bus)) continue;
+        const int kept = errno;
+        if (mmap(memory, sizeof(hrt_virtual_bus), PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED, -1,
+                 0) != memory)
+            _exit(1);
+        errno = kept;
+        atomic_store(&holds[i].trouble, HRT_VIRTUAL_CUT_SHORT);
+        return;
+    }
+    if (before.sa_flags & SA_SIGINFO)
+        before.sa_sigaction(number, info, context);
+    else
+        sigaction(SIGBUS, &before, NULL); /* touched again on return, it ends as it would have */
+}
+
+static void catch_sigbus(void) {
+    static bool caught;
+    if (caught) return;
+    struct sigaction action;
+    memset(&action, 0, sizeof action);
+    action.sa_sigaction = on_sigbus;
+    action.sa_flags = SA_SIGINFO;
+    caught = sigaction(SIGBUS, &action, &before) == 0;
+}
+
+/* ---------------------------------------------------------------------------------------------- where it is */
+
+/* Within a user namespace everybody is 0: the identity outside of it is what tells people apart. */
+static unsigned outer_uid(void) {
+    const unsigned uid = (unsigned)getuid();
+    unsigned inside, outside, count, found = uid;
+    FILE *map = fopen("/proc/self/uid_map", "r");
+    while (map && fscanf(map, "%u %u %u", &inside, &outside, &count) == 3)
+        if (uid >= inside && uid - inside < count) found = outside + (uid - inside);
+    if (map) fclose(map);
+    return found;
+}
+
+static const char *set_folder(void) {
+    const char *set = getenv("TM_BUS_DIR");
+    return set && *set ? set : NULL;
+}
+
+static bool folder(char *directory, size_t size, char *why, int why_size) {
+    const char *set = set_folder();
+    struct stat st;
+    if (set)
+        snprintf(directory, size, "%s", set);
+    else
+        snprintf(directory, size, "/dev/shm/tensormass-%u", outer_uid());
+    if ((mkdir(directory, 0700) != 0 && errno != EEXIST) || stat(directory, &st) != 0 || !S_ISDIR(st.st_mode)) {
+        snprintf(why, (size_t)why_size, "%s is not a directory that can be made (%s); set TM_BUS_DIR to one", directory,
+                 strerror(errno));
+        return false;
+    }
+    if (!set && st.st_uid != getuid()) {
+        snprintf(why, (size_t)why_size, "%s belongs to another user; set TM_BUS_DIR to a directory of your own",
+                 directory);
+        return false;
+    }
+    return true;
+}
+
+bool hrt_virtual_path(const char *name, char *path, int path_size, char *why, int why_size) {
+    char directory[200];
+    if (name[0] == 0 || strchr(name, '/') || strlen(name) > 32) {
+        snprintf(why, (size_t)why_size,
+                 "a virtual bus is named by 1 to 32 characters without '/'; use for example virtual:bus0");
+        return false;
+    }
+    if (!folder(directory, sizeof directory, why, why_size)) return false;
+    snprintf(path, (size_t)path_size, "%s/%s.bus", directory, name);
+    return true;
+}
+
+/* ---------------------------------------------------------------------------------------------- locks */
+
+/* Of the open file, not of the process: two endpoints in one process are two. */
+static bool lock(int fd, short type, int byte) {
+    struct flock wanted;
+    memset(&wanted, 0, sizeof wanted);
+    wanted.l_type = type;
+    wanted.l_whence = SEEK_SET;
+    wanted.l_start = byte;
+    wanted.l_len = 1;
+    return fcntl(fd, F_OFD_SETLK, &wanted) == 0;
+}
+
+static bool same_file(const char *path, const struct stat *mine) {
+    struct stat there;
+    return stat(path, &there) == 0 && there.st_dev == mine->st_dev && there.st_ino == mine->st_ino;
+}
+
+int hrt_virtual_claim(hrt_virtual_hold *hold, int place) {
+    if (!lock(hold->fd, F_WRLCK, place % PLACES) && (errno == EAGAIN || errno == EACCES)) return 0;
+    hold->claimed = place % PLACES;
+    return 1;
+}
+
+/* ---------------------------------------------------------------------------------------------- open, mend, close */
+
+/* Opened, and held so that nobody removes it; -1. */
+static int enter(const char *path, struct stat *st) {
+    const int fd = open(path, O_RDWR | O_CREAT | O_CLOEXEC | O_NOFOLLOW, 0600);
+    if (fd < 0) return -1;
+    const bool held = lock(fd, F_RDLCK, PRESENT) || (errno != EAGAIN && errno != EACCES);
+    if (held && fstat(fd, st) == 0 && same_file(path, st)) return fd;
+    close(fd);
+    errno = EAGAIN; /* the last one was just leaving */
+    return -1;
+}
+
+/* cut: a shorter file is one that was cut short, and grown again. */
+static hrt_virtual_bus *map(int fd, off_t size, bool cut) {
+    const off_t whole = (off_t)sizeof(hrt_virtual_bus);
+    if (size != whole && (size > whole || (size > 0 && !cut) || ftruncate(fd, whole) != 0)) return NULL;
+    void *memory = mmap(NULL, (size_t)whole, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_POPULATE, fd, 0);
+    return memory == MAP_FAILED ? NULL : memory;
+}
+
+static bool is_a_bus(hrt_virtual_bus *v) {
+    uint64_t none = 0;
+    return atomic_compare_exchange_strong(&v->magic, &none, HRT_VIRTUAL_MAGIC) || none == HRT_VIRTUAL_MAGIC;
+}
+
+static void take_over(hrt_virtual_hold *hold, hrt_virtual_bus *memory, int fd, const struct stat *st) {
+    hold->fd = fd;
+    atomic_store(&hold->device, (uint64_t)st->st_dev);
+    atomic_store(&hold->inode, (uint64_t)st->st_ino);
+    atomic_store(&hold->memory, memory);
+}
+
+hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size) {
+    hrt_virtual_hold *hold = NULL;
+    for (int i = 0; i < HRT_VIRTUAL_HOLDS && !hold; i++)
+        if (!atomic_load(&holds[i].memory)) hold = &holds[i];
+    if (!hold) {
+        snprintf(why, (size_t)why_size, "more than %d virtual buses in one program; close some", HRT_VIRTUAL_HOLDS);
+        return NULL;
+    }
+    struct stat st = {.st_size = 0};
+    int fd = -1;
+    for (int i = 0; i < TRIES && (fd = enter(path, &st)) < 0 && (errno == EAGAIN || errno == ENOENT); i++) {
+        char directory[200];
+        nanosleep(&(const struct timespec){0, 1000000}, NULL);
+        folder(directory, sizeof directory, why, why_size); /* it went with the last bus in it */
+    }
+    catch_sigbus();
+    hrt_virtual_bus *memory = fd < 0 ? NULL : map(fd, st.st_size, false);
+    hold->path = path;
+    hold->claimed = -1;
+    hold->told = HRT_VIRTUAL_WELL;
+    atomic_store(&hold->trouble, HRT_VIRTUAL_WELL);
+    if (memory) take_over(hold, memory, fd, &st);
+    if (memory && is_a_bus(memory)) return hold;
+    if (fd < 0)
+        snprintf(why, (size_t)why_size, "cannot open %s (%s); set TM_BUS_DIR to a directory of your own", path,
+                 strerror(errno));
+    else
+        snprintf(why, (size_t)why_size, "%s is not a bus of this version; remove it", path);
+    atomic_store(&hold->memory, NULL);
+    if (memory) munmap(memory, sizeof *memory);
+    if (fd >= 0) close(fd);
+    return NULL;
+}
+
+bool hrt_virtual_mend(hrt_virtual_hold *hold) {
+    if (atomic_load(&hold->trouble) == HRT_VIRTUAL_WELL) return false;
+    struct stat st;
+    const int fd = enter(hold->path, &st);
+    if (fd < 0) return false;
+    const bool ours =
+        (uint64_t)st.st_dev == atomic_load(&hold->device) && (uint64_t)st.st_ino == atomic_load(&hold->inode);
+    if (ours) /* the old descriptor's lock would be in the way of the new one's */
+        for (int place = 0; place < PLACES; place++) lock(hold->fd, F_UNLCK, place);
+    const bool taken = hold->claimed >= 0 && !lock(fd, F_WRLCK, hold->claimed);
+    hrt_virtual_bus *fresh = taken ? NULL : map(fd, st.st_size, true);
+    if (!fresh) {
+        if (taken) atomic_store(&hold->trouble, HRT_VIRTUAL_TAKEN);
+        close(fd);
+        return false;
+    }
+    hrt_virtual_bus *old = atomic_load(&hold->memory);
+    const int old_fd = hold->fd;
+    take_over(hold, fresh, fd, &st);
+    munmap(old, sizeof *old);
+    close(old_fd);
+    if (!is_a_bus(fresh)) return false;
+    atomic_store(&hold->trouble, HRT_VIRTUAL_WELL);
+    return true;
+}
+
+const char *hrt_virtual_look(hrt_virtual_hold *hold) {
+    static const char *const text[] = {
+        NULL, "its file was cut short under way; it is made whole, and a reset goes on",
+        "its file was removed or replaced under way; it is made anew, and a reset goes on",
+        "somebody else has this program's place on the new file; end one of the two"};
+    const uint64_t device = atomic_load(&hold->device), inode = atomic_load(&hold->inode);
+    struct stat st;
+    const bool gone = stat(hold->path, &st) != 0 || (uint64_t)st.st_dev != device || (uint64_t)st.st_ino != inode;
+    const bool cut = !gone && st.st_size < (off_t)sizeof(hrt_virtual_bus);
+    int well = HRT_VIRTUAL_WELL;
+    if ((gone || cut) && inode == atomic_load(&hold->inode)) /* not mended meanwhile */
+        atomic_compare_exchange_strong(&hold->trouble, &well, gone ? HRT_VIRTUAL_REMOVED : HRT_VIRTUAL_CUT_SHORT);
+    const hrt_virtual_trouble now = (hrt_virtual_trouble)atomic_load(&hold->trouble);
+    if (now == hold->told) return NULL;
+    hold->told = now;
+    return text[now];
+}
+
+void hrt_virtual_close(hrt_virtual_hold *hold) {
+    hrt_virtual_bus *memory = atomic_load(&hold->memory);
+    struct stat st;
+    if (fstat(hold->fd, &st) == 0 && same_file(hold->path, &st) && lock(hold->fd, F_WRLCK, PRESENT)) {
+        char directory[300];
+        unlink(hold->path);
+        snprintf(directory, sizeof directory, "%s", hold->path);
+        *strrchr(directory, '/') = 0;
+        if (!set_folder()) rmdir(directory);
+    }
+    atomic_store(&hold->memory, NULL);
+    munmap(memory, sizeof *memory);
+    close(hold->fd);
+}
