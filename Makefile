@@ -133,7 +133,7 @@ check-run:
 INSTALL_ROOT = $(DESTDIR)$(PREFIX)
 SHARE = $(INSTALL_ROOT)/share/tensormass
 install: programs
-	install -d $(INSTALL_ROOT)/{bin,include/tensormass,lib/tensormass,lib/pkgconfig} $(SHARE)/{lcm_types,apps/scenes,meshes}
+	install -d $(INSTALL_ROOT)/{bin,include/tensormass,lib/tensormass,lib/pkgconfig} $(SHARE)/{lcm_types,apps/scenes,apps/accuracy/reference,meshes}
 	install -m 644 libtensormass/include/*.h $(INSTALL_ROOT)/include
 	install -m 644 libtensormass/include/tensormass/*.h $(INSTALL_ROOT)/include/tensormass
 	cp -Pf $(OUT)/lib/libtensormass*.a $(OUT)/lib/libtensormass*.so* $(INSTALL_ROOT)/lib
@@ -141,6 +141,7 @@ install: programs
 	install -m 755 $(PROGRAMS) $(INSTALL_ROOT)/bin
 	install -m 644 lcm_types/*.lcm $(SHARE)/lcm_types
 	cp -R apps/scenes/. $(SHARE)/apps/scenes
+	install -m 644 apps/accuracy/reference/reference.json $(SHARE)/apps/accuracy/reference
 	install -m 644 $(wildcard meshes/*.msh meshes/*.csv meshes/README.md) $(SHARE)/meshes
 	for pc in tools/*.pc.in; do sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@VERSION@|$(VERSION)|' $$pc > $(INSTALL_ROOT)/lib/pkgconfig/$$(basename $$pc .in); done
 

@@ -28,10 +28,12 @@ static void usage(FILE *to) {
                 "Measures what accuracy costs in time and writes it as JSON; `make accuracy` draws the page.\n\n"
                 "  --knob NAME       only this one (may be repeated):\n");
     for (int k = 0; k < KNOBS; k++) fprintf(to, "      %-10s %s\n", knobs[k].name, knobs[k].what);
-    fprintf(to, "  --quick           smaller meshes, fewer rounds\n"
-                "  --reference FILE  the independent solutions [apps/accuracy/reference/reference.json]\n"
-                "  --json FILE       where the figures go\n"
-                "  -h, --help, --version\n");
+    fprintf(
+        to,
+        "  --quick           smaller meshes, fewer rounds\n"
+        "  --reference FILE  the independent solutions [apps/accuracy/reference/reference.json, here or as installed]\n"
+        "  --json FILE       where the figures go\n"
+        "  -h, --help, --version\n");
 }
 
 static int write_json(const char *path, cJSON *root) {
@@ -72,9 +74,11 @@ int main(int argc, char **argv) {
                                             {"help", no_argument, NULL, 'h'},
                                             {"version", no_argument, NULL, 'v'},
                                             {0}};
-    const char *json = NULL, *reference_path = "apps/accuracy/reference/reference.json";
+    char found[2048];
+    const char *json = NULL, *reference_path = found;
     bool wanted[KNOBS] = {false}, quick = false, some = false;
     app_check_stdout();
+    app_shared_file("apps/accuracy/reference/reference.json", found, sizeof found);
     opterr = 0; /* the message is ours */
     for (int c; (c = getopt_long(argc, argv, "h", options, NULL)) != -1;) {
         int k = 0;

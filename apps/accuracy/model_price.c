@@ -16,12 +16,13 @@ typedef struct price {
 
 static bool measure(const char *scene_file, price *out) {
     char rate[] = "time.frame_rate=30", sends[] = "haptics.sends=force", extrapolator[] = "haptics.extrapolator=hold";
-    char *set[] = {rate, sends, extrapolator};
+    char *set[] = {rate, sends, extrapolator}, found[2048];
     app_scene *scene = NULL;
     sim *s = NULL;
     int64_t before = tm_memory_in_use();
     double start = app_seconds(), sample[FRAMES];
-    if (sim_scene_load(scene_file, set, 3, &scene) || sim_create(scene, &s)) return false;
+    app_shared_file(scene_file, found, sizeof found);
+    if (sim_scene_load(found, set, 3, &scene) || sim_create(scene, &s)) return false;
     out->setup_s = app_seconds() - start;
     double top = 0;
     for (int32_t v = 0; v < s->mesh->vertex_count; v++) top = fmax(top, s->mesh->rest_m[3 * v + 2]);

@@ -1,5 +1,6 @@
 """Draws what tm-accuracy measured: `python page.py FIGURES.json [--rates EVALUATE.json] -o FOLDER`."""
 import argparse
+import itertools
 import json
 import math
 import pathlib
@@ -9,7 +10,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "pages"))
-from page import Page, frontier, label_line, series  # noqa: E402
+from page import Page, frontier, label_line, label_upright, series  # noqa: E402
 
 MEASURES = [("displacement", "displacement"), ("reaction", "reaction"), ("energy", "energy")]
 
@@ -17,6 +18,86 @@ MEASURES = [("displacement", "displacement"), ("reaction", "reaction"), ("energy
 def order(rows, key):
     """Observed order p of error ~ h^p, between each mesh and the next finer one."""
     return [math.log(a[key] / b[key]) / math.log(a["h_m"] / b["h_m"]) for a, b in zip(rows, rows[1:])]
+
+
+def times(ratio):
+    """"2.0 times"; as whole numbers from ten on."""
+    return f"{ratio:,.0f} times" if ratio >= 9.95 else f"{ratio:.1f} times"
+
+
+def mesh_words(own):
+    """What the figure says about isotropic meshes: which keeps real time, and what halving the edge cost and brought."""
+    fast = [r for r in own if r["wall_per_simulated"] <= 1]
+    if fast:
+        best = max(fast, key=lambda r: r["tets"])
+        words = f"Choose the finest mesh that keeps real time: of these, here, {best['tets']:,} tetrahedra, {100 * best['displacement']:.1f} % off in displacement"
+        words += f" and {100 * best['reaction']:.1f} % in the reaction. "
+    else:
+        words = "None of these meshes keeps real time here. "
+    pairs = [(a, b) for a in own for b in own if abs(a["h_m"] / b["h_m"] - 2) < 1e-3]
+    if pairs:
+        a, b = pairs[-1]
+        words += (f"Half the edge, {a['tets']:,} to {b['tets']:,} tetrahedra: {times(b['tets'] / a['tets'])} the tetrahedra, {times(a['step_s'] / b['step_s'])} the steps, "
+                  f"{times(b['wall_per_simulated'] / a['wall_per_simulated'])} the time; the error in displacement divided by {a['displacement'] / b['displacement']:.1f}.")
+    return words
+
+
+def step_words(rows, meshes):
+    """The largest step's error in free vibration beside the meshes' own, its order, and whether rest depends on it."""
+    largest = max(rows, key=lambda r: r["dt_s"])
+    errors = [r["displacement"] for r in meshes if r["law"] == "isotropic"]
+    off = f"At the largest step here, {largest['of_guaranteed']:.2f} of the guaranteed one, ten periods of free vibration are off by {100 * largest['trajectory']:.1f} % in trajectory"
+    if not errors:
+        beside = "."
+    elif largest["trajectory"] < 0.1 * min(errors):
+        beside = f", far less than the meshes' own error in displacement ({100 * min(errors):.1f} to {100 * max(errors):.1f} %)."
+    elif largest["trajectory"] < min(errors):
+        beside = f", less than the meshes' own error in displacement ({100 * min(errors):.1f} to {100 * max(errors):.1f} %)."
+    else:
+        below = [r for r in rows if r["trajectory"] < min(errors)]
+        enough = f"; below that of the finest from {max(r['of_guaranteed'] for r in below):.2f} of the guaranteed step down" if below else ""
+        beside = f", which is not less than the meshes' own error in displacement ({100 * min(errors):.1f} to {100 * max(errors):.1f} %){enough}."
+    spread = max(r["settle_s"] for r in rows) / min(r["settle_s"] for r in rows) - 1
+    rest = (f"The time to rest changes by {100 * spread:.1f} % over all steps" +
+            (": what a tool held still feels does not depend on the step." if spread < 0.02 else ", so that rest is reached at another time with another step."))
+    return f"{off}{beside} {rest}"
+
+
+def precision_words(rows):
+    single = [r for r in rows if r["precision"] == "single"]
+    worst, mesh_error = max(r["displacement"] for r in single), min(r["mesh_displacement"] for r in rows)
+    double = {r["tets"]: r for r in rows if r["precision"] == "double"}
+    finest = max(single, key=lambda r: r["tets"])
+    ratio, speed = double[finest["tets"]]["bytes"] / finest["bytes"], double[finest["tets"]]["seconds_per_step"] / finest["seconds_per_step"]
+    return (f"Single tensors add at most {worst:.0e} to the displacement, {mesh_error / worst:,.0f} times less than the finest mesh's own error; on it they take {ratio:.2f} times less memory "
+            f"and the step {'is' if speed >= 1 else 'is not'} faster here ({speed:.2f} times). Choose double where results are compared bit for bit.")
+
+
+def model_words(rows, alone):
+    at10 = min(rows, key=lambda r: abs(r["depth"] - 0.10))
+    words = (f"Pressed by {100 * at10['depth']:.0f} % a linear model is off by {100 * at10['displacement']:.1f} % in displacement and {100 * at10['reaction']:.1f} % in force "
+             f"(dotted: what the mesh alone is off by, {100 * alone['displacement']:.1f} and {100 * alone['reaction']:.1f} %). ")
+    within = list(itertools.takewhile(lambda r: r["displacement"] < 0.10, rows))
+    words += f"Displacements stay within 10 % up to a press of {100 * within[-1]['depth']:.0f} %" if within else "Displacements are off by more than 10 % at every depth"
+    force = list(itertools.takewhile(lambda r: r["reaction"] < 0.10, rows))
+    return words + (f", forces up to {100 * force[-1]['depth']:.0f} %." if force else "; forces by more than 10 % from the first on.")
+
+
+def fibre_words(rows):
+    extra = rows[0]["seconds_per_step"] / np.median([r["seconds_per_step"] for r in rows[1:]]) - 1
+    memory, best = rows[0]["bytes"] / rows[1]["bytes"] - 1, min(r["displacement"] for r in rows[1:])
+    return (f"Fibres change the step's price by {100 * extra:+.0f} % and the tissue's memory by {100 * memory:+.0f} %; modelled with them displacements are off by {100 * rows[0]['displacement']:.0f} % "
+            f"(the mesh's share), by the best isotropic stand-in {100 * best:.0f} %.")
+
+
+def rates_words(rows):
+    """What the best extrapolator at about 20 Hz is worth in frames a second of `hold`."""
+    rate = min({r["rate_Hz"] for r in rows}, key=lambda x: abs(x - 20))
+    best = min((r for r in rows if r["rate_Hz"] == rate), key=lambda r: r["rms"])
+    hold = sorted((r for r in rows if r["extrapolator"] == "hold"), key=lambda r: r["rate_Hz"])
+    enough = [r["rate_Hz"] for r in hold if r["rms"] <= best["rms"]]
+    reach = f"needs {min(enough):.0f} frames a second for the same" if enough else f"has {100 * hold[-1]['rms']:.2f} % even at {hold[-1]['rate_Hz']:.0f}"
+    return f"At {rate:.0f} frames a second <code>{best['extrapolator']}</code> has {100 * best['rms']:.3f} % of the peak; <code>hold</code> {reach}."
 
 
 def loglog(axis, xlabel, ylabel):
@@ -50,13 +131,9 @@ def mesh(page, data, bandwidth):
                     axis.annotate(f"{tets}", (a, b), xytext=(0, 6), textcoords="offset points", fontsize=8, ha="center")
     best = draw_frontier(axis, points)
     axis.axvline(1, color="#999999", linewidth=1)
-    axis.annotate("real time", (1, axis.get_ylim()[0]), xytext=(3, 4), textcoords="offset points", rotation=90, fontsize=8, color="#777777")
+    label_upright(axis, 1, "real time")
     loglog(axis, "wall seconds per simulated second", "relative error")
-    finest = [r for r in rows if r["law"] == "isotropic" and r["wall_per_simulated"] <= 1]
-    choose = max(finest, key=lambda r: r["tets"]) if finest else min(rows, key=lambda r: r["wall_per_simulated"])
-    page.figure("mesh", figure, f"Choose the finest mesh that keeps real time: here {choose['tets']} tetrahedra, {100 * choose['displacement']:.1f} % off in displacement. "
-                "Each halving of the edge costs eight times the tetrahedra and more than twice the steps, so halving the error costs at least as much again.",
-                "tm-accuracy --knob mesh")
+    page.figure("mesh", figure, mesh_words([r for r in rows if r["law"] == "isotropic"]), "tm-accuracy --knob mesh")
     figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
     own = [r for r in rows if r["law"] == "isotropic"]
     tets = [r["tets"] for r in own]
@@ -70,7 +147,7 @@ def mesh(page, data, bandwidth):
     label_line(axes[1], tets[-1], 1 / own[-1]["step_s"], "steps a second", series(1))
     loglog(axes[1], "tetrahedra", "the two factors of the price")
     page.figure("mesh_factors", figure, "The price is the product of the two lines on the right. The critical step shrinks with the smallest altitude, "
-                "so one bad element can cost more than ten thousand good ones: look at <code>tm-mesh info</code> before refining.")
+                "so that one bad element makes all others dear: look at <code>tm-mesh info</code> before refining.")
     table, orders = [], {}
     for law in laws:
         own = [r for r in rows if r["law"] == law]
@@ -85,7 +162,7 @@ def mesh(page, data, bandwidth):
     page.record("mesh", {"rows": rows, "orders": orders, "frontier_tets": [p[2] for p in best]})
 
 
-def step(page, data):
+def step(page, data, meshes):
     rows = data["rows"]
     page.section("Time step", f"Guaranteed step {data['guaranteed_s'] * 1e6:.0f} µs, sharp {data['sharp_s'] * 1e6:.0f} µs, lowest period {data['period_s'] * 1e3:.0f} ms. "
                  "Truth: the same model with a step 200 times smaller than the largest.")
@@ -100,10 +177,10 @@ def step(page, data):
     axes[1].plot([r["of_sharp"] for r in rows], [r["settle_s"] for r in rows], **series(0))
     axes[1].axvline(data["guaranteed_s"] / data["sharp_s"], color="#999999", linewidth=1)
     axes[1].axvline(1, color="#c1440e", linewidth=1)
+    label_upright(axes[1], data["guaranteed_s"] / data["sharp_s"], "guaranteed step")
+    label_upright(axes[1], 1, "sharp critical step", "#c1440e")
     axes[1].set(xlabel="step / sharp critical step", ylabel="seconds until within 1 % of rest", ylim=(0, 1.3 * max(r["settle_s"] for r in rows)))
-    page.figure("step", figure, "Take the largest step the guaranteed bound allows: even there the trajectory is off by far less than the mesh's own error. "
-                "Smaller steps buy accuracy in free vibration (second order) and nothing at rest, where a tool held still is felt.",
-                "tm-accuracy --knob step")
+    page.figure("step", figure, step_words(rows, meshes), "tm-accuracy --knob step")
     page.table("step", ["step µs", "of guaranteed", "of sharp", "trajectory", "phase", "energy", "settles in s", "wall s per s"],
                [[r["dt_s"] * 1e6, r["of_guaranteed"], r["of_sharp"], r["trajectory"], r["phase"], r["energy"], r["settle_s"], r["wall_per_simulated"]] for r in rows])
     small = [r for r in rows if r["of_guaranteed"] < 0.9]
@@ -128,10 +205,7 @@ def precision(page, data):
             label_line(axis, x[-1], own[-1]["displacement"], "rounding alone", series(2))
     draw_frontier(axis, points)
     loglog(axis, "µs a step", "relative displacement error")
-    worst = max(r["displacement"] for r in rows)
-    ratio = rows[-2]["bytes"] / rows[-1]["bytes"]
-    page.figure("precision", figure, f"Single tensors add at most {worst:.0e} to the displacement, thousands of times less than the mesh's own error, and shrink the tissue by {ratio:.2f}. "
-                "Choose single when the mesh no longer fits the cache; choose double where results are compared bit for bit or to 1e-7.", "tm-accuracy --knob precision")
+    page.figure("precision", figure, precision_words(rows), "tm-accuracy --knob precision")
     page.table("precision", ["tensors", "tets", "displacement", "reaction", "energy", "mesh error", "bytes", "µs/step"],
                [[r["precision"], r["tets"], r["displacement"], r["reaction"], r["energy"], r["mesh_displacement"], r["bytes"], r["seconds_per_step"] * 1e6] for r in rows])
     page.record("precision", data)
@@ -140,21 +214,19 @@ def precision(page, data):
 def model(page, data):
     rows = data["rows"]
     page.section("Model: linear against large displacements", "Truth: CalculiX, neo-Hookean, ten-node tetrahedra. "
-                 "Tensor/mass, hybrid and precomputed are all linear and agree at rest, so one line stands for all three.")
+                 "Tensor/mass, hybrid and precomputed are all linear" +
+                 (f" and agree at rest to {max(p['difference'] for p in data['prices']):.0e}, so one line stands for all three." if data.get("prices") else "."))
     figure, axis = plt.subplots()
     depth = [100 * r["depth"] for r in rows]
     for j, (key, name) in enumerate(MEASURES):
         axis.plot(depth, [100 * r[key] for r in rows], **series(j))
         label_line(axis, depth[-1], 100 * rows[-1][key], name, series(j))
         axis.axhline(100 * data["mesh_alone"][key], color=series(j)["color"], linewidth=0.8, linestyle=":")
+        label_line(axis, depth[-1], 100 * data["mesh_alone"][key], f"{name}, mesh alone", series(j))
     axis.axvline(10, color="#999999", linewidth=1)
-    axis.annotate("the paper's 10 %", (10, axis.get_ylim()[1]), xytext=(3, -10), textcoords="offset points", fontsize=8, color="#777777")
+    label_upright(axis, 10, "the paper's 10 %")
     axis.set(xlabel="pressed by % of the tissue's size", ylabel="error, %", ylim=(0, None))
-    at10 = next(r for r in rows if abs(r["depth"] - 0.10) < 1e-6)
-    good = max((r["depth"] for r in rows if r["displacement"] < 0.10), default=rows[0]["depth"])
-    page.figure("model", figure, f"At the paper's 10 % a linear model is off by {100 * at10['displacement']:.1f} % in displacement and {100 * at10['reaction']:.1f} % in force "
-                f"(dotted: what the mesh alone is off by). Displacements stay within 10 % up to a press of {100 * good:.0f} %; press deeper only where the force matters and the shape does not.",
-                "tm-accuracy --knob model")
+    page.figure("model", figure, model_words(rows, data["mesh_alone"]), "tm-accuracy --knob model")
     page.table("model", ["pressed %", "displacement", "reaction", "energy", "force N", "true force N"],
                [[100 * r["depth"], r["displacement"], r["reaction"], r["energy"], r["force_N"], r["true_force_N"]] for r in rows])
     prices = data.get("prices", [])
@@ -179,10 +251,7 @@ def fibre(page, data):
                       textcoords="offset points", fontsize=8, va="center")
     axis.set(yscale="log", xlabel="µs a step", ylabel="relative error")
     axis.set_xlim(0, 1.6 * max(r["seconds_per_step"] * 1e6 for r in rows))
-    extra = rows[0]["seconds_per_step"] / np.median([r["seconds_per_step"] for r in rows[1:]]) - 1
-    best = min(r["displacement"] for r in rows[1:])
-    page.figure("fibre", figure, f"Fibres change the step's price by {100 * extra:+.1f} % (the tensors have the same shape, so nothing but the machine's noise) and the best isotropic stand-in is off by {100 * best:.0f} % in displacement. "
-                "Name the fibres wherever they are known: the price is paid once, when the tensors are built.", "tm-accuracy --knob fibre")
+    page.figure("fibre", figure, fibre_words(rows), "tm-accuracy --knob fibre")
     page.table("fibre", ["model", "E Pa", "displacement", "reaction", "energy", "µs/step", "step s", "bytes"],
                [[r["model"], r["young_Pa"], r["displacement"], r["reaction"], r["energy"], r["seconds_per_step"] * 1e6, r["step_s"], r["bytes"]] for r in rows])
     page.record("fibre", data)
@@ -200,8 +269,7 @@ def rates(page, evaluation):
         axis.plot(x, y, **series(j))
         label_line(axis, x[-1], y[-1], name, series(j))
     loglog(axis, "frames a second (the price)", "RMS force error, % of peak")
-    page.figure("rates", figure, "A better extrapolator buys what only many times the frame rate would buy otherwise. "
-                "Choose <code>contact</code> or <code>tangent</code> where the simulation sends what they need, and spend the frame on the mesh.", "tm-evaluate")
+    page.figure("rates", figure, rates_words(rows), "tm-evaluate")
     page.table("rates", ["extrapolator", "Hz", "RMS % of peak", "peak %"], [[r["extrapolator"], r["rate_Hz"], 100 * r["rms"], 100 * r["peak"]] for r in rows])
     page.record("rates", evaluation)
 
@@ -219,7 +287,7 @@ def main():
                  "form": "quick" if data["quick"] else "whole"})
     page.record("bandwidth_B_s", data["bandwidth_B_s"])
     mesh(page, data["mesh"], data["bandwidth_B_s"])
-    step(page, data["step"])
+    step(page, data["step"], data.get("mesh", {}).get("rows", []))
     precision(page, data["precision"])
     model(page, data["model"])
     fibre(page, data["fibre"])

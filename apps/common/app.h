@@ -25,6 +25,11 @@ bool app_parse_quantity(const char *text, const char *dimension, double *si, cha
 void *app_module(const char *name, tm_error *error);
 void *app_module_symbol(void *module, const char *symbol, tm_error *error);
 
+/* What is installed beside the programs (scenes, references), named as in the source tree: in the working directory,
+ * else in share/tensormass of the program's prefix, else in the tree that it was built in. False: in none of them;
+ * `path` then holds the name as it was given. */
+bool app_shared_file(const char *name, char *path, size_t size);
+
 /* Output files appear whole or not at all: write to the stream, or to the temporary by name, then commit or abandon.
  * A killed run leaves nothing behind. Links are followed, the link stays. What is no regular file (device, FIFO,
  * /dev/stdout) is written through, as it comes; "-" is stdout, and what the program prints then goes to stderr. */

@@ -25,17 +25,38 @@ static void fail(tm_error *error, const char *name, const char *why) {
              name, why, package);
 }
 
-void *app_module(const char *name, tm_error *error) {
-    char path[1200], bin[1024];
-    /* Beside the program (build/bin -> build/lib/tensormass, PREFIX/bin -> PREFIX/lib/tensormass). */
-    ssize_t length = readlink("/proc/self/exe", bin, sizeof bin - 1);
-    if (length <= 0) {
-        fail(error, name, "/proc is not mounted");
-        return NULL;
-    }
+/* The folder that the program lies in. */
+static bool program_folder(char bin[1024]) {
+    ssize_t length = readlink("/proc/self/exe", bin, 1023);
+    if (length <= 0) return false;
     bin[length] = 0;
     char *slash = strrchr(bin, '/');
     *slash = 0;
+    return true;
+}
+
+bool app_shared_file(const char *name, char *path, size_t size) {
+    /* PREFIX/bin, build/bin and build/CONFIG/bin. */
+    static const char *const places[] = {"../share/tensormass", "../..", "../../.."};
+    char bin[1024];
+    snprintf(path, size, "%s", name);
+    if (access(path, R_OK) == 0) return true;
+    if (program_folder(bin))
+        for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
+            snprintf(path, size, "%s/%s/%s", bin, places[i], name);
+            if (access(path, R_OK) == 0) return true;
+        }
+    snprintf(path, size, "%s", name);
+    return false;
+}
+
+void *app_module(const char *name, tm_error *error) {
+    char path[1200], bin[1024];
+    /* Beside the program (build/bin -> build/lib/tensormass, PREFIX/bin -> PREFIX/lib/tensormass). */
+    if (!program_folder(bin)) {
+        fail(error, name, "/proc is not mounted");
+        return NULL;
+    }
     snprintf(path, sizeof path, "%s/../lib/tensormass/%s.so", bin, name);
     if (access(path, R_OK) != 0)
         snprintf(path, sizeof path, "%s/../../lib/tensormass/%s.so", bin, name); /* test programs */

@@ -22,7 +22,7 @@ static void usage(FILE *to) {
     fprintf(to, "\n  --latency N     with LOG: hold samples back by N frames more\n"
                 "  --loss SHARE    with LOG: lose this share of the samples\n"
                 "  -h, --help, --version\n\n"
-                "Run it where apps/scenes is: from the root of the project, or of share/tensormass.\n");
+                "The studies' scenes are apps/scenes/evaluate-*.yaml, here or as installed.\n");
 }
 
 static int write_json(const char *file_name, cJSON *root) {

@@ -72,6 +72,7 @@ def figure5(page, data):
     time = np.arange(len(truth)) * dt
     errors = {n: np.array(data["extrapolators"][n]) - truth for n in names}
     scale = 1.05 * max(np.linalg.norm(e, axis=1).max() for e in errors.values())
+    ring = max(r for k in (1, 2, 5) for e in range(-9, 3) if (r := k * 10.0**e) < 0.75 * scale)
     at = np.linspace(0, time[-1], len(samples))
     for i, name in enumerate(names):
         left = figure.add_subplot(len(names), 2, 2 * i + 1)
@@ -87,6 +88,11 @@ def figure5(page, data):
         right.set_ylim(0, scale)
         right.tick_params(labelsize=6)
         right.set_xticklabels([])
+        right.set_rticks([ring], [f"{ring:g} N"])
+        right.set_rlabel_position(20)
+        if i == 0:
+            left.set_title("force: samples (grey), extrapolated (black)", fontsize=8)
+            right.set_title("error, N; to the right across the shaft, up along it", fontsize=8)
     left.set_xlabel("s", fontsize=8)
     page.figure("figure5", figure, "What the paper showed as pictures. The fuller a rosette, the larger the error of that extrapolator; an empty one is what the hand wants.", "tm-evaluate --study")
 
@@ -114,12 +120,20 @@ def rates(page, rows, models):
     page.table("latency", ["model", "frames late", *NAMES], table, "RMS error in % of peak at 20 Hz, 0.01 m/s, tremor on.")
 
 
+def worse_words(rows, model, key):
+    """What the worst circumstance does to the best extrapolator and to `hold`."""
+    found = by_name(pick(rows, model=model, **{key: ...}), key)
+    best = min(found, key=lambda n: found[n][0][1])
+    change = [f"<code>{n}</code> goes from {found[n][0][1]:.2f} to {found[n][-1][1]:.2f} %" for n in dict.fromkeys((best, "hold"))]
+    return f"from none to {found[best][-1][0]:g} ({key}) {' and '.join(change)}."
+
+
 def conditions(page, rows, models):
     page.section("Jitter, loss, encoders, reversals", "The same strokes at 20 Hz under worse circumstances.")
     for key, text in (("jitter", "jitter of the frame time, share of a frame"), ("loss", "share of samples lost")):
         figure, axis = plt.subplots()
         curves(axis, pick(rows, model=models[0], **{key: ...}), key, text, log=False)
-        page.figure(key, figure, f"{models[0]} model: what {key} does to each extrapolator.")
+        page.figure(key, figure, f"{models[0]} model: {worse_words(rows, models[0], key)}")
     table = []
     for model in models:
         for label, wanted in (("steady hand", dict(tremor_m=0)), ("tremor", {}), ("tremor, no encoders", dict(encoders=False)),
@@ -151,6 +165,8 @@ def loop(page, data):
                     label_line(axis, own[-1]["rate_Hz"], max(own[-1]["stiffness_N_m"], 1), name, style)
         theory = sorted({(r["rate_Hz"], r["theory_N_m"]) for r in rows if r["delay_frames"] == delay})
         axis.plot([t[0] for t in theory], [t[1] for t in theory], color="#bbbbbb", linewidth=5, zorder=0)
+        if theory:
+            axis.annotate("theory for hold", theory[0], xytext=(4, 8), textcoords="offset points", fontsize=8, color="#777777")
         axis.set(xscale="log", yscale="log", xlabel="frames a second", ylabel="largest stable stiffness, N/m", title=f"{delay} frame{'s' if delay != 1 else ''} of delay")
     at = {r["extrapolator"]: r["stiffness_N_m"] for r in rows if r["rate_Hz"] == 30 and r["delay_frames"] == 0 and not r["passivity"]}
     best = max(at, key=at.get)

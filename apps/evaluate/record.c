@@ -25,11 +25,12 @@ static void cut_slit(sim *s) {
 }
 
 sim *model_open(model m, double rate_Hz, const char *const *settings) {
-    char file[256], rate[64], *set[16] = {rate};
+    char name[256], file[2048], rate[64], *set[16] = {rate};
     int count = 1;
     sim *s = NULL;
     app_scene *scene = NULL;
-    snprintf(file, sizeof file, "apps/scenes/evaluate-%s.yaml", model_name[m]);
+    snprintf(name, sizeof name, "apps/scenes/evaluate-%s.yaml", model_name[m]);
+    app_shared_file(name, file, sizeof file);
     snprintf(rate, sizeof rate, "time.frame_rate=%.9g", rate_Hz);
     for (int i = 0; settings && settings[i] && count < 16; i++) set[count++] = (char *)(uintptr_t)settings[i];
     if (sim_scene_load(file, set, count, &scene) || sim_create(scene, &s)) return NULL;

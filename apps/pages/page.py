@@ -18,6 +18,7 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt  # noqa: E402
+from matplotlib.ticker import FixedFormatter, FixedLocator, FuncFormatter, LogLocator, NullFormatter  # noqa: E402
 
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 
@@ -54,6 +55,11 @@ def label_line(axis, x, y, text, style, dx=4, dy=0):
     label.set_gid(LINE_LABEL)
 
 
+def label_upright(axis, x, text, color="#777777"):
+    """Names a vertical line, along it and inside the frame."""
+    axis.annotate(text, (x, 0.03), xycoords=("data", "axes fraction"), xytext=(3, 0), textcoords="offset points", rotation=90, fontsize=8, color=color)
+
+
 def spread_labels(figure):
     """Moves labels of lines apart, up and down, as far as they lie over one another."""
     labels = [text for axis in figure.axes for text in axis.texts if text.get_gid() == LINE_LABEL]
@@ -74,6 +80,53 @@ def spread_labels(figure):
                 moved = True
         if not moved:
             return
+
+
+def _tick_labels(axis):
+    """(position, text, box) of every label of an axis that is seen."""
+    ticks = [*axis.get_major_ticks(), *axis.get_minor_ticks()]
+    low, high = sorted(axis.get_view_interval())
+    slack = 1e-9 * (high - low)
+    seen = [(t.get_loc(), t.label1) for t in ticks if t.label1.get_visible() and t.label1.get_text() and low - slack <= t.get_loc() <= high + slack]
+    return sorted(((at, label.get_text(), label.get_window_extent()) for at, label in seen), key=lambda x: x[0])
+
+
+def overlapping_ticks(figure):
+    """Pairs of tick labels of one axis that lie over one another, or closer than a space, as (text, text)."""
+    figure.canvas.draw()
+    found = []
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            labels = _tick_labels(axis)
+            found += [(a, b) for (_, a, box), (_, b, other) in zip(labels, labels[1:]) if box.expanded(1.05, 1.0).overlaps(other)]
+    return found
+
+
+def thin_ticks(figure):
+    """Numbers on every axis that can be told apart: 1, 2, 5 where a logarithmic one spans few decades, and none that overlaps its neighbour."""
+    for axes in figure.axes:
+        for axis in (axes.xaxis, axes.yaxis):
+            low, high = sorted(axis.get_view_interval())
+            if axis.get_scale() == "log" and high < 300 * low:
+                axis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+                axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+                axis.set_minor_formatter(NullFormatter())
+    for keep_minor in (True, *[False] * 8):
+        if not overlapping_ticks(figure):
+            return
+        for axes in figure.axes:
+            for axis in (axes.xaxis, axes.yaxis):
+                labels = _tick_labels(axis)
+                if not any(box.expanded(1.05, 1.0).overlaps(other) for (_, _, box), (_, _, other) in zip(labels, labels[1:])):
+                    continue
+                major = {t.get_loc() for t in axis.get_major_ticks()}
+                fewer = [x for x in labels if x[0] in major] if keep_minor else labels[::2]
+                fewer = fewer if len(fewer) > 1 else labels[::max(1, len(labels) - 1)]
+                offset = axis.get_offset_text().get_text()
+                axis.set_major_locator(FixedLocator([x[0] for x in fewer]))
+                axis.set_major_formatter(FixedFormatter([x[1] for x in fewer]))
+                axis.get_major_formatter().set_offset_string(offset)
+                axis.set_minor_formatter(NullFormatter())
 
 
 def frontier(points):
@@ -107,6 +160,38 @@ def circumstances(extra=None):
     return facts
 
 
+# Pictures are drawn once, on white: in the dark they are turned over, their hues turned back.
+STYLE = """
+:root{--paper:#fff;--ink:#1b1b1b;--soft:#555;--line:#ddd;--code:#f4f4f4;--good:#2e6b12;--fair:#8a5a00;--bad:#a51b0b;--link:#1f5fa8}
+@media (prefers-color-scheme:dark){:root{--paper:#141414;--ink:#e4e4e4;--soft:#a8a8a8;--line:#3a3a3a;--code:#242424;--good:#8fd16a;--fair:#e8b04a;--bad:#ff8370;--link:#8fbcf5}
+img{filter:invert(.9215) hue-rotate(180deg)}}
+body{font:16px/1.5 Georgia,serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:var(--ink);background:var(--paper)}
+h1,h2,th,dt,nav,label,figcaption,.caption{font-family:system-ui,sans-serif} h2{margin-top:2.5rem;border-top:1px solid var(--line);padding-top:1rem}
+a{color:var(--link)} nav{margin:1.5rem 0;font-size:14px;display:flex;flex-wrap:wrap;gap:.2rem 1.2rem}
+label{font-size:14px;display:block;position:sticky;top:0;background:var(--paper);padding:.5rem 0} input{font:inherit;color:inherit;background:var(--code);border:1px solid var(--line);padding:.2rem .5rem;margin:0 .5rem}
+dl{display:grid;grid-template-columns:max-content 1fr;gap:0 1rem;font-size:13px;color:var(--soft)} dd{margin:0;overflow-wrap:anywhere}
+figure{margin:1.5rem 0} img{max-width:100%} figcaption,.caption{font-size:14px;color:var(--soft)}
+.wide{overflow-x:auto} table{border-collapse:collapse;font-size:13px;font-family:system-ui,sans-serif} td,th{padding:.25rem .6rem;border-bottom:1px solid var(--line);text-align:left;vertical-align:top}
+td:not(:first-child){font-variant-numeric:tabular-nums} .good td:last-child{color:var(--good)} .fair td:last-child{color:var(--fair)} .bad td:last-child{color:var(--bad)}
+code{font-size:13px;background:var(--code);padding:.1rem .3rem;overflow-wrap:anywhere} [hidden]{display:none!important}
+@media (max-width:48rem){body{margin:1rem auto} dl{display:block}
+.verdicts thead{display:none} .verdicts,.verdicts tbody{display:block} .verdicts tr{display:flex;flex-direction:column;padding:.6rem 0;border-bottom:1px solid var(--line)}
+.verdicts td{border:0;padding:.05rem 0;overflow-wrap:anywhere} .verdicts td:empty{display:none} .verdicts td::before{content:attr(data-name) ": ";color:var(--soft)}
+.verdicts td:first-child{order:-2;font-weight:bold} .verdicts td:last-child{order:-1;font-weight:bold} .verdicts td:first-child::before,.verdicts td:last-child::before{content:none}}
+"""
+
+# A field over the first table of verdicts: rows that hold all its words stay, of every such table.
+FILTER = """
+const rows=[...document.querySelectorAll('.verdicts tbody tr')],label=document.createElement('label'),field=document.createElement('input'),told=document.createElement('span');
+field.type='search';field.placeholder='broken, cut, step \u2026';label.append('Show rows with',field,told);
+document.querySelector('.wide:has(.verdicts)').before(label);
+const show=()=>{const words=field.value.toLowerCase().split(/\\s+/).filter(Boolean);let n=0;
+for(const r of rows){const text=r.textContent.toLowerCase();r.hidden=!words.every(w=>text.includes(w));n+=!r.hidden}
+told.textContent=n+' of '+rows.length+' rows';};
+field.addEventListener('input',show);show();
+"""
+
+
 class Page:
     """Collects sections, then writes index.html, NAME.json and one CSV a table into `folder`, the whole page or nothing."""
 
@@ -115,10 +200,12 @@ class Page:
         self.folder.mkdir(parents=True, exist_ok=True)
         self.title, self.lead = title, lead
         self.facts = circumstances(facts)
-        self.body, self.data = [], {"title": title, "circumstances": self.facts}
+        self.body, self.contents, self.data = [], [], {"title": title, "circumstances": self.facts}
 
     def section(self, heading, text=""):
-        self.body.append(f"<h2>{html.escape(heading)}</h2>")
+        anchor = "".join(c if c.isalnum() else "-" for c in heading.lower())
+        self.contents.append(f'<a href="#{anchor}">{html.escape(heading)}</a>')
+        self.body.append(f'<h2 id="{anchor}">{html.escape(heading)}</h2>')
         if text:
             self.text(text)
 
@@ -128,6 +215,7 @@ class Page:
 
     def figure(self, name, figure, caption, command=None):
         """Embeds a matplotlib figure and leaves NAME.png and NAME.svg beside the page."""
+        thin_ticks(figure)
         spread_labels(figure)
         png = io.BytesIO()
         figure.savefig(png, format="png")
@@ -140,17 +228,18 @@ class Page:
                          f"<figcaption>{caption}{repeat}</figcaption></figure>")
 
     def table(self, name, header, rows, caption="", mark=None):
-        """A table, also as NAME.csv. `mark(row)` may return a CSS class: good, fair or bad."""
+        """A table, also as NAME.csv. `mark(row)` may return a CSS class, good, fair or bad: the last column is then a verdict, which
+        heads the row on a narrow screen, and the rows can be filtered."""
         with open(self.folder / f"{name}.csv", "w", newline="") as file:
             writer = csv.writer(file)
             writer.writerow(header)
             writer.writerows(rows)
-        out = ["<table><thead><tr>", *(f"<th>{html.escape(str(h))}</th>" for h in header), "</tr></thead><tbody>"]
+        out = [f"<div class=wide><table{' class=verdicts' if mark else ''}><thead><tr>", *(f"<th>{html.escape(str(h))}</th>" for h in header), "</tr></thead><tbody>"]
         for row in rows:
-            out.append(f'<tr class="{(mark(row) or "") if mark else ""}">')
-            out.extend(f"<td>{html.escape(_number(c))}</td>" for c in row)
+            out.append(f'<tr class="{mark(row) or ""}">' if mark else "<tr>")
+            out.extend(f'<td data-name="{html.escape(str(h))}">{html.escape(_number(c))}</td>' if mark else f"<td>{html.escape(_number(c))}</td>" for h, c in zip(header, row))
             out.append("</tr>")
-        out.append(f"</tbody></table><p class=caption>{caption}</p>")
+        out.append(f"</tbody></table></div><p class=caption>{caption}</p>")
         self.body.append("".join(out))
 
     def record(self, key, value):
@@ -159,16 +248,12 @@ class Page:
 
     def write(self, name):
         facts = "".join(f"<dt>{html.escape(k)}</dt><dd>{html.escape(str(v))}</dd>" for k, v in self.facts.items())
-        page = f"""<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content="width=device-width">
-<title>{html.escape(self.title)}</title><style>
-body{{font:16px/1.5 Georgia,serif;max-width:62rem;margin:2rem auto;padding:0 1rem;color:#1b1b1b}}
-h1,h2,th,dt,figcaption,.caption{{font-family:system-ui,sans-serif}} h2{{margin-top:2.5rem;border-top:1px solid #ddd;padding-top:1rem}}
-dl{{display:grid;grid-template-columns:max-content 1fr;gap:0 1rem;font-size:13px;color:#555}} dd{{margin:0}}
-figure{{margin:1.5rem 0}} img{{max-width:100%}} figcaption,.caption{{font-size:14px;color:#444}}
-table{{border-collapse:collapse;font-size:13px;font-family:system-ui,sans-serif}} td,th{{padding:.25rem .6rem;border-bottom:1px solid #e4e4e4;text-align:left}}
-td:not(:first-child){{font-variant-numeric:tabular-nums}} .good td:last-child{{color:#2e6b12}} .fair td:last-child{{color:#8a5a00}} .bad td:last-child{{color:#a51b0b}}
-code{{font-size:13px;background:#f4f4f4;padding:.1rem .3rem}}</style>
-<h1>{html.escape(self.title)}</h1><p>{self.lead}</p><dl>{facts}</dl>{''.join(self.body)}</html>"""
+        contents = f"<nav>{' '.join(self.contents)}</nav>" if len(self.contents) > 1 else ""
+        body = "".join(self.body)
+        script = f"<script>{FILTER}</script>" if "class=verdicts" in body else ""
+        page = f"""<!doctype html><html lang=en><meta charset=utf-8><meta name=viewport content="width=device-width,initial-scale=1"><meta name=color-scheme content="light dark">
+<title>{html.escape(self.title)}</title><style>{STYLE}</style>
+<h1>{html.escape(self.title)}</h1><p>{self.lead}</p><dl>{facts}</dl>{contents}{body}{script}</html>"""
         for path, text in ((f"{name}.json", json.dumps(self.data, indent=1, allow_nan=False) + "\n"), ("index.html", page)):
             temporary = self.folder / (path + "~")
             temporary.write_text(text)

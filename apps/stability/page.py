@@ -1,6 +1,7 @@
 """Draws the verdicts of tm-stability: `python page.py VERDICTS.json -o FOLDER`."""
 import argparse
 import json
+import math
 import pathlib
 import sys
 
@@ -27,17 +28,21 @@ def draw(page, cases, group):
     rows = (len(drawn) + columns - 1) // columns
     figure, axes = plt.subplots(rows, columns, figsize=(12, 2.3 * rows), squeeze=False, layout="constrained")
     for axis, case in zip(axes.flat, drawn):
-        axis.plot(case["x"], case["y"], **{**series(0), "marker": ""})
+        axis.plot(case["x"], [math.nan if v is None else v for v in case["y"]], **{**series(0), "marker": ""})
+        axis.locator_params(axis="x", nbins=4)
         axis.set_title(case["name"], fontsize=9, loc="left")
         axis.set_xlabel(case["x_name"], fontsize=8)
         axis.set_ylabel(case["y_name"], fontsize=8)
         axis.tick_params(labelsize=7)
         axis.ticklabel_format(useOffset=False)
         if "energy / energy" in case["y_name"]:
-            axis.set_ylim(min(0, *case["y"]), max(1.2, *case["y"]))
+            axis.set_ylim(min(0, *case["y"]), max(1.2, *case["y"])) if None not in case["y"] else None
     for axis in list(axes.flat)[len(drawn):]:
         axis.axis("off")
-    page.figure(f"curves_{group}", figure, "Each case's curve; a blow-up would leave the frame.")
+    values = [v for case in drawn for v in case["y"]]
+    wild = sorted({case["name"] for case in drawn for v in case["y"] if v is None or not math.isfinite(v)})
+    page.figure(f"curves_{group}", figure, f"Each case's curve on a scale of its own, {len(values):,} values, " +
+                (f"<b>not finite in {', '.join(wild)}</b>." if wild else "all of them finite."))
 
 
 def fuzzing(page, path):
@@ -79,7 +84,7 @@ def main():
     page = Page(options.out, "Hard cases",
                 f"{len(cases)} cases: {counts['stays accurate']} stay accurate, {counts['stays stable']} stay stable with a stated loss, "
                 f"{counts['refused']} are refused with a message, {counts['broken']} broken. "
-                + (f"<b>Not as they should be: {', '.join(wrong)}.</b>" if wrong else "None yields NaN, blows up or resets in silence."),
+                + (f"<b>Not as they should be: {', '.join(wrong)}.</b>" if wrong else "Each came out as it should."),
                 {"form": "quick" if data["quick"] else "whole"})
     for group in dict.fromkeys(c["group"] for c in cases):
         own = [c for c in cases if c["group"] == group]

@@ -1,4 +1,5 @@
 """`make install`, then programs outside the tree by pkg-config: C, C++, static, under valgrind."""
+import json
 import os
 import shutil
 import subprocess
@@ -63,3 +64,13 @@ def test_installed_programs_run_away_from_the_tree(prefix, tmp_path):
     for program in sorted((prefix / "bin").iterdir()):
         run = subprocess.run([program, "--version"], cwd=tmp_path, capture_output=True, text=True, timeout=20)
         assert run.returncode == 0 and run.stdout.strip(), (program.name, run)
+
+
+def test_installed_studies_find_their_references_and_scenes(prefix, tmp_path):
+    """tm-accuracy's answers of CalculiX and its models' scenes, from a folder that holds nothing."""
+    run = subprocess.run([prefix / "bin/tm-accuracy", "--quick", "--knob", "model", "--json", tmp_path / "a.json"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    assert run.returncode == 0, run.stderr
+    model = json.loads((tmp_path / "a.json").read_text())["model"]
+    assert len(model["rows"]) > 3 and [p["model"] for p in model["prices"]] == ["tensor/mass", "hybrid", "precomputed"]
+    run = subprocess.run([prefix / "bin/tm-accuracy", "--reference", "nowhere.json", "--json", tmp_path / "b.json"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 2 and "nowhere.json" in run.stderr
