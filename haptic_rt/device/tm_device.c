@@ -243,6 +243,8 @@ static void watch(program *p) {
     const struct timespec wait = {0, 50000000};
     while (!atomic_load(&p->loop.done)) {
         nanosleep(&wait, NULL);
+        const char *lost = hrt_bus_look(&p->wires);
+        if (lost) fprintf(stderr, "tm-device: %s: %s\n", p->bus, lost);
         const int fault = atomic_load(&p->fault);
         if (!atomic_load(&p->heard) && !told_wait && atomic_load(&p->loop.ticks) > 50) {
             fprintf(stderr, "tm-device: waiting for commands on %s (start haptic-rt; any order is fine)\n", p->bus);
@@ -296,8 +298,8 @@ int main(int argc, char **argv) {
     p.device.config.period_us = 0.5e6 / p.rate; /* one set a tick; the tick keeps the rate */
     hrt_stop_on_signals(&p.loop.stop);
     if (!hrt_loop_start(&p.loop)) {
-        if (p.json) app_output_abandon(&p.json_out);
-        return APP_FAILED;
+        app_output_abandon(&p.json_out);
+        return hrt_bus_close(&p.wires), APP_FAILED;
     }
     watch(&p);
     if (p.link) p.api->close(p.link);

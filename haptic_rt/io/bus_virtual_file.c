@@ -179,6 +179,7 @@ hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size) {
     hold->claimed = -1;
     hold->told = HRT_VIRTUAL_WELL;
     atomic_store(&hold->trouble, HRT_VIRTUAL_WELL);
+    atomic_store(&hold->past, HRT_VIRTUAL_WELL);
     if (memory) take_over(hold, memory, fd, &st);
     if (memory && is_a_bus(memory)) return hold;
     if (fd < 0)
@@ -214,15 +215,14 @@ bool hrt_virtual_mend(hrt_virtual_hold *hold) {
     munmap(old, sizeof *old);
     close(old_fd);
     if (!is_a_bus(fresh)) return false;
-    atomic_store(&hold->trouble, HRT_VIRTUAL_WELL);
+    atomic_store(&hold->past, atomic_exchange(&hold->trouble, HRT_VIRTUAL_WELL));
     return true;
 }
 
 const char *hrt_virtual_look(hrt_virtual_hold *hold) {
-    static const char *const text[] = {
-        NULL, "its file was cut short under way; it is made whole, and a reset goes on",
-        "its file was removed or replaced under way; it is made anew, and a reset goes on",
-        "somebody else has this program's place on the new file; end one of the two"};
+    static const char *const text[] = {NULL, "its file was cut short under way; it is made whole",
+                                       "its file was removed or replaced under way; it is made anew",
+                                       "somebody else has this program's place on the new file; end one of the two"};
     const uint64_t device = atomic_load(&hold->device), inode = atomic_load(&hold->inode);
     struct stat st;
     const bool gone = stat(hold->path, &st) != 0 || (uint64_t)st.st_dev != device || (uint64_t)st.st_ino != inode;
@@ -230,10 +230,12 @@ const char *hrt_virtual_look(hrt_virtual_hold *hold) {
     int well = HRT_VIRTUAL_WELL;
     if ((gone || cut) && inode == atomic_load(&hold->inode)) /* not mended meanwhile */
         atomic_compare_exchange_strong(&hold->trouble, &well, gone ? HRT_VIRTUAL_REMOVED : HRT_VIRTUAL_CUT_SHORT);
-    const hrt_virtual_trouble now = (hrt_virtual_trouble)atomic_load(&hold->trouble);
-    if (now == hold->told) return NULL;
+    /* One that came and went since the last look is told too. */
+    const int past = atomic_exchange(&hold->past, HRT_VIRTUAL_WELL), now = atomic_load(&hold->trouble);
+    const int tell = now != HRT_VIRTUAL_WELL ? now : past;
+    const bool fresh = tell != hold->told;
     hold->told = now;
-    return text[now];
+    return fresh ? text[tell] : NULL;
 }
 
 void hrt_virtual_close(hrt_virtual_hold *hold) {

@@ -19,11 +19,12 @@ enum { HRT_VIRTUAL_HOLDS = 16 };
 typedef struct hrt_virtual_hold {
     _Atomic(hrt_virtual_bus *) memory; /* null: this hold is free */
     _Atomic int trouble;               /* hrt_virtual_trouble; not well: what is read is worth nothing, do not send */
+    _Atomic int past;                  /* a trouble that was mended */
     _Atomic uint64_t device, inode;
     int fd; /* kept for its locks */
     int claimed;
     const char *path;
-    hrt_virtual_trouble told;
+    int told;
 } hrt_virtual_hold;
 
 /* The file's path for a bus name. False with `why`. */

@@ -12,10 +12,12 @@
 #include "lcm_link.h"
 #include "loop.h"
 #include "profile.h"
+#include "record.h"
 #include "report.h"
 #include "samples.h"
+#include "say.h"
 
-enum { STATUS_EVERY_US = 100000, RECORD_COLUMNS = 17 };
+enum { STATUS_EVERY_US = 100000, DEVICE_HERE_US = 100000 };
 
 typedef struct program {
     /* options */
@@ -33,16 +35,15 @@ typedef struct program {
     hrt_loop loop;
     hrt_tool_state tool;
     int64_t status_us;
-    app_output json_out, record_out;
+    app_output json_out;
+    hrt_record record;
     hrt_histogram stage[HRT_NODE_STAGES + 1];
     double force_square, force_peak_N;
     int64_t force_ticks;
-    float *record;
-    int64_t record_rows, record_room;
     /* told to the other thread */
-    _Atomic int state, fault, detail, went_stale;
-    _Atomic bool pose_known, samples_over;
-    _Atomic int64_t samples_seen, resets;
+    _Atomic int state, fault, detail;
+    _Atomic bool pose_known, device_here, samples_over;
+    _Atomic int64_t went_stale, samples_come, samples_taken, frames, command_gaps, resets;
 } program;
 
 static void usage(void) {
@@ -70,7 +71,7 @@ static void usage(void) {
         "  --auto-reset S           reset a fault by itself after so long; for demonstrations and tests\n"
         "  --stats                  timing figures at the end\n"
         "  --json FILE              all figures at the end\n"
-        "  --record FILE            every tick as CSV; needs --duration\n"
+        "  --record FILE            every tick as CSV\n"
         "  -h, --help, --version\n"
         "\n"
         "Exit 0: done. 2: bad input. 1: anything else. States, faults and limits: docs/controller.md.");
@@ -206,8 +207,6 @@ static bool consistent(program *p) {
         app_bad_input("--bus", 0, "is missing; name one, for example --bus virtual:demo (see --help)");
     else if (!hrt_frame_from_axis(&frame, axis, up))
         app_bad_input("--axis", 0, "is zero or along --up; give two directions that differ");
-    else if (p->record_path && !(p->duration_s > 0.0))
-        app_bad_input("--record", 0, "needs --duration; give one");
     else if (hrt_params_check(&p->config.params) >= 0)
         app_bad_input("--set", 0, "%s: lower end not below upper end; mend it",
                       hrt_param_text[hrt_params_check(&p->config.params)].name);
@@ -233,30 +232,6 @@ static int read_options(program *p, int argc, char **argv) {
 
 /* ---------------------------------------------------------------------------------------------- the loop's thread */
 
-static void record(program *p, int64_t now_us) {
-    if (p->record_rows >= p->record_room) return;
-    float *row = &p->record[RECORD_COLUMNS * p->record_rows++];
-    const hrt_output *o = &p->node.output;
-    const float values[RECORD_COLUMNS] = {1.0e-6f * (float)(now_us - p->loop.start_us),
-                                          (float)o->state,
-                                          (float)o->fault,
-                                          (float)o->limits,
-                                          o->joint[0],
-                                          o->joint[1],
-                                          o->joint[2],
-                                          o->joint[3],
-                                          o->joint[4],
-                                          o->force_N[0],
-                                          o->force_N[1],
-                                          o->force_N[2],
-                                          o->torque[0],
-                                          o->torque[1],
-                                          o->torque[2],
-                                          o->gain,
-                                          1.0e-6f * (float)o->sample_age_us};
-    memcpy(row, values, sizeof values);
-}
-
 static void figures(program *p, int64_t publish_ns) {
     for (int s = 0; s < HRT_NODE_STAGES; s++) hrt_histogram_add(&p->stage[s], p->node.stage_ns[s]);
     hrt_histogram_add(&p->stage[HRT_NODE_STAGES], publish_ns);
@@ -276,6 +251,24 @@ static void publish_status(program *p) {
     p->api->publish_status(p->link, &status);
 }
 
+/* What the other thread says in words. */
+static void tell(program *p, int64_t now_us) {
+    const hrt_counters *c = &p->node.controller.counters;
+    const int64_t turned_away = (int64_t)atomic_load(&p->node.rejected) + atomic_load(&p->node.late);
+    const int64_t encoder_us = p->node.input.encoder_us;
+    /* `stale` may be over before the other thread looks. */
+    if (p->node.output.state == HRT_STALE && atomic_load(&p->state) != HRT_STALE) atomic_fetch_add(&p->went_stale, 1);
+    atomic_store(&p->state, (int)p->node.output.state);
+    atomic_store(&p->fault, (int)p->node.output.fault);
+    atomic_store(&p->detail, p->node.output.fault_detail);
+    atomic_store(&p->pose_known, p->node.config.pose_known);
+    atomic_store(&p->device_here, encoder_us != 0 && now_us - encoder_us < DEVICE_HERE_US);
+    atomic_store(&p->samples_come, (int64_t)c->samples_received + turned_away);
+    atomic_store(&p->samples_taken, (int64_t)c->samples_received - c->samples_late - c->samples_rejected);
+    atomic_store(&p->frames, (int64_t)p->wires.rx);
+    atomic_store(&p->command_gaps, (int64_t)p->node.line.can.command_gaps);
+}
+
 static void tick(void *user, int64_t now_us) {
     program *p = user;
     const bool meaningful = hrt_node_tick(&p->node, now_us, &p->tool);
@@ -288,14 +281,8 @@ static void tick(void *user, int64_t now_us) {
         p->status_us = now_us;
     }
     figures(p, hrt_clock_ns() - begin_ns);
-    if (p->record) record(p, now_us);
-    /* `stale` may be over before the other thread looks. */
-    if (p->node.output.state == HRT_STALE && atomic_load(&p->state) != HRT_STALE) atomic_fetch_add(&p->went_stale, 1);
-    atomic_store(&p->state, (int)p->node.output.state);
-    atomic_store(&p->fault, (int)p->node.output.fault);
-    atomic_store(&p->detail, p->node.output.fault_detail);
-    atomic_store(&p->pose_known, p->node.config.pose_known);
-    atomic_store(&p->samples_seen, (int64_t)p->node.controller.counters.samples_received);
+    if (p->record_path) hrt_record_put(&p->record, 1.0e-6 * (double)(now_us - p->loop.start_us), &p->node.output);
+    tell(p, now_us);
 }
 
 /* At once, before the device's watchdog wonders. */
@@ -306,52 +293,45 @@ static void end(void *user) {
 
 /* ---------------------------------------------------------------------------------------------- this thread */
 
-typedef struct told {
-    int state, stale, wait;
-} told;
+static hrt_facts facts_now(const program *p) {
+    const int64_t start_us = p->loop.start_us ? p->loop.start_us : hrt_clock_ns() / 1000;
+    return (hrt_facts){.time_s = 1.0e-6 * (double)(hrt_clock_ns() / 1000 - start_us),
+                       .state = (hrt_state)atomic_load(&p->state),
+                       .fault = (hrt_fault)atomic_load(&p->fault),
+                       .detail = atomic_load(&p->detail),
+                       .stale = atomic_load(&p->went_stale),
+                       .samples = atomic_load(&p->samples_come),
+                       .taken = atomic_load(&p->samples_taken),
+                       .frames = atomic_load(&p->frames),
+                       .command_gaps = atomic_load(&p->command_gaps),
+                       .pose_known = atomic_load(&p->pose_known),
+                       .device_here = atomic_load(&p->device_here)};
+}
 
-/* What happened, and what it waits for, once each time it begins to wait. */
-static void say(const program *p, told *t) {
-    const int state = atomic_load(&p->state), fault = atomic_load(&p->fault), stale = atomic_load(&p->went_stale);
-    if (stale != t->stale) fprintf(stderr, "haptic-rt: the simulation went silent; force fades to zero\n");
-    if (state != t->state && state == HRT_ENGAGED) fprintf(stderr, "haptic-rt: engaged\n");
-    if (state != t->state && state == HRT_FAULT)
-        fprintf(stderr, "haptic-rt: fault %s (%d): %s\n", hrt_fault_name((hrt_fault)fault), atomic_load(&p->detail),
-                hrt_fault_text((hrt_fault)fault));
-    if (state != t->state && state != HRT_SELF_TEST) t->wait = 0;
-    t->state = state;
-    t->stale = stale;
-    const int wait = state == HRT_BOOT ? 1 : state != HRT_IDLE ? 0 : !atomic_load(&p->pose_known) ? 2 : 3;
-    if (wait == t->wait) return;
-    t->wait = wait;
-    if (wait == 1)
-        fprintf(stderr, "haptic-rt: waiting for device %d on %s (start tm-device; any order is fine)\n",
-                p->config.instrument, p->bus);
-    if (wait == 2)
-        fprintf(
-            stderr,
-            "haptic-rt: waiting for the trocar's pose: SIM_STATUS of tm-sim (any order is fine), or give --trocar\n");
-    if (wait == 3)
-        fprintf(stderr, "haptic-rt: waiting for fresh samples: %s\n",
-                p->samples_path ? "the file's" : "FORCE of tm-sim (any order is fine)");
+static void reset_by_itself(program *p, const hrt_facts *facts, double *since_s) {
+    if (facts->state != HRT_FAULT || p->auto_reset_s <= 0.0) *since_s = facts->time_s;
+    if (facts->time_s < *since_s + p->auto_reset_s || facts->state != HRT_FAULT || p->auto_reset_s <= 0.0) return;
+    const hrt_command reset = {.extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
+    hrt_say_line(facts->time_s, "reset by --auto-reset");
+    hrt_node_post_command(&p->node, &reset);
+    atomic_fetch_add(&p->resets, 1);
+    *since_s = facts->time_s;
 }
 
 static void watch(program *p) {
-    told t = {.state = -1};
-    double in_fault_s = 0.0;
+    hrt_teller teller = {.bus = p->bus,
+                         .instrument = p->config.instrument,
+                         .from_file = p->samples_path != NULL,
+                         .told = {.state = -1, .silent_s = -1.0e9, .gaps_s = -1.0e9}};
+    double fault_since_s = 0.0;
     while (!atomic_load(&p->loop.done)) {
-        const struct timespec wait = {0, 50000000};
-        nanosleep(&wait, NULL);
-        if (atomic_load(&p->loop.ticks) > 50) say(p, &t);
-        in_fault_s = atomic_load(&p->state) == HRT_FAULT ? in_fault_s + 0.05 : 0.0;
-        if (p->auto_reset_s > 0.0 && in_fault_s >= p->auto_reset_s) {
-            const hrt_command reset = {
-                .extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
-            fprintf(stderr, "haptic-rt: reset by --auto-reset\n");
-            hrt_node_post_command(&p->node, &reset);
-            atomic_fetch_add(&p->resets, 1);
-            in_fault_s = 0.0;
-        }
+        nanosleep(&(const struct timespec){0, 50000000}, NULL);
+        const hrt_facts facts = facts_now(p);
+        const char *lost = hrt_bus_look(&p->wires);
+        if (lost) hrt_say_line(facts.time_s, "%s: %s", p->bus, lost);
+        if (atomic_load(&p->loop.ticks) > 50) hrt_say(&teller, &facts);
+        if (p->record_path) hrt_record_write(&p->record);
+        reset_by_itself(p, &facts, &fault_since_s);
     }
     pthread_join(p->loop.thread, NULL);
 }
@@ -381,18 +361,6 @@ static int write_json(program *p) {
     cJSON_AddNumberToObject(samples, "rejected", (double)s.samples_rejected);
     hrt_report_can(json, &p->wires, &p->node.line.can, (double)p->loop.ticks / p->rate);
     return hrt_report_write(json, &p->json_out);
-}
-
-static int write_record(program *p) {
-    FILE *file = app_output_stream(&p->record_out);
-    if (file)
-        fputs(
-            "time_s,state,fault,limits,pitch_rad,yaw_rad,insertion_m,roll_rad,grip,fx_N,fy_N,fz_N,torque_pitch_Nm,torque_yaw_Nm,force_insertion_N,gain,sample_age_s\n",
-            file);
-    for (int64_t r = 0; file && r < p->record_rows; r++)
-        for (int c = 0; c < RECORD_COLUMNS; c++)
-            fprintf(file, "%.9g%c", (double)p->record[RECORD_COLUMNS * r + c], c + 1 < RECORD_COLUMNS ? ',' : '\n');
-    return hrt_output_end(&p->record_out, file);
 }
 
 static void print_stats(const program *p) {
@@ -433,17 +401,12 @@ static int open_all(program *p) {
         return app_bad_input("--bus", 0, "%s", why);
     hrt_node_init(&p->node, &p->config, &p->wires);
     p->node.clock_ns = hrt_clock_ns;
-    if (p->record_path) {
-        p->record_room = (int64_t)(p->duration_s * p->rate) + 1;
-        p->record = calloc((size_t)p->record_room, RECORD_COLUMNS * sizeof(float));
-        if (!p->record) return app_bad_input("--record", 0, "out of memory; use a shorter --duration"), APP_FAILED;
-    }
     const int unlinked = open_link(p);
     if (unlinked) return unlinked;
     const int unwritable = hrt_output_begin(&p->json_out, p->json);
     if (unwritable) return unwritable;
-    const int unrecorded = hrt_output_begin(&p->record_out, p->record_path);
-    if (unrecorded && p->json) app_output_abandon(&p->json_out);
+    const int unrecorded = p->record_path ? hrt_record_begin(&p->record, p->record_path) : APP_DONE;
+    if (unrecorded) app_output_abandon(&p->json_out);
     return unrecorded;
 }
 
@@ -467,17 +430,16 @@ int main(int argc, char **argv) {
     p.loop.user = &p;
     hrt_stop_on_signals(&p.loop.stop);
     if (!hrt_loop_start(&p.loop)) {
-        if (p.json) app_output_abandon(&p.json_out);
-        if (p.record_path) app_output_abandon(&p.record_out);
-        return APP_FAILED;
+        app_output_abandon(&p.json_out);
+        if (p.record_path) hrt_record_abandon(&p.record);
+        return hrt_bus_close(&p.wires), APP_FAILED;
     }
     watch(&p);
     if (p.link) p.api->close(p.link);
     if (p.stats) print_stats(&p);
     int status = p.json ? write_json(&p) : APP_DONE;
-    if (p.record_path && write_record(&p) != APP_DONE) status = APP_FAILED;
+    if (p.record_path && hrt_record_end(&p.record) != APP_DONE) status = APP_FAILED;
     hrt_bus_close(&p.wires);
     hrt_table_free(&p.samples.table);
-    free(p.record);
     return status;
 }

@@ -3,6 +3,8 @@ import csv
 import json
 import math
 import os
+import pathlib
+import re
 import shutil
 import signal
 import subprocess
@@ -234,6 +236,122 @@ def test_foreign_and_corrupt_frames_change_nothing(ring):
     assert c["can"]["foreign"] >= 40 and c["can"]["corrupt"] >= 40 and c["fault"] == "none"
 
 
+def refused(ring, program, *argv):
+    run = subprocess.run([program, "--bus", "virtual:t", "--duration", "1", *argv], env=ring.env, capture_output=True, text=True, timeout=20)
+    return run.returncode == 2 and " is already " in run.stderr and "; end it" in run.stderr
+
+
+def test_a_second_controller_or_device_is_refused_and_disturbs_nobody(bin, ring):
+    """Two controllers on one device would push in turn, a thousand times a second."""
+    device = ring.device()
+    controller = ring.controller("--samples", ring.samples(), "--json", ring.directory / "c.json")
+    watch = Watch(VirtualBus(ring.bus_directory, "t"))
+    until(lambda: pushing(watch), "force")
+    for _ in range(5):
+        assert refused(ring, bin / "haptic-rt", "--trocar", "0,0,0") and refused(ring, bin / "tm-device")
+    assert pushing(watch) and "fault" not in text(controller) and "commands stopped" not in text(device)
+    # The other instrument's place is free, and a place is free again however its holder ended, stopped ones excepted.
+    other = ring.controller("--instrument", 1)
+    until(lambda: "waiting for device 1" in text(other), "the other instrument")
+    controller.send_signal(signal.SIGSTOP)
+    assert refused(ring, bin / "haptic-rt", "--trocar", "0,0,0")
+    controller.kill()
+    controller.wait()
+    ring.controller("--samples", ring.samples())
+    since = time.monotonic()
+    until(lambda: pushing(watch, since), "force of the next one")
+
+
+def test_a_rival_on_the_bus_is_a_fault_with_its_reason(ring):
+    """As on another machine, where no lock reaches: one forged frame under the controller's own id."""
+    ring.device()
+    controller = ring.controller("--samples", ring.samples(), "--auto-reset", 1.5)
+    bus = VirtualBus(ring.bus_directory, "t")
+    watch = Watch(VirtualBus(ring.bus_directory, "t"))
+    until(lambda: pushing(watch), "force")
+    frame = watch.last(COMMAND)[1]
+    bus.send(COMMAND, frame)
+    until(lambda: "fault rival (0): Another controller commands this device" in text(controller), "the fault is told", 2)
+    until(lambda: "still in fault rival" in text(controller), "and told again", 2)
+    since = time.monotonic()
+    until(lambda: pushing(watch, since), "force after the reset")
+
+
+@pytest.mark.parametrize("harm", ["truncate", "shorten", "unlink", "replace"])
+def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
+    device = ring.device()
+    controller = ring.controller("--samples", ring.samples(), "--auto-reset", 0.5)
+    watch = Watch(VirtualBus(ring.bus_directory, "t"))
+    until(lambda: pushing(watch), "force")
+    watch.stop = True  # before its own memory goes
+    watch.join()
+    path = os.path.join(ring.bus_directory, "t.bus")
+    if harm in ("truncate", "shorten"):
+        os.truncate(path, 0 if harm == "truncate" else 5000)
+    elif harm == "unlink":
+        os.unlink(path)
+    else:
+        with open(path + ".new", "wb") as file:
+            file.truncate(64 + 4096 * 32)
+        os.rename(path + ".new", path)
+    what = "its file was cut short" if harm in ("truncate", "shorten") else "its file was removed or replaced"
+    # Whoever comes first makes it whole: the other may find it so, or notice first.
+    until(lambda: what in text(controller) + text(device), "it is told", 2)
+    watch, since = Watch(VirtualBus(ring.bus_directory, "t")), time.monotonic()
+    until(lambda: pushing(watch, since), "force on the mended bus")
+    assert device.poll() is None and controller.poll() is None
+    until(lambda: refused(ring, controller.args[0], "--trocar", "0,0,0"), "the place is held on the mended bus", 3)
+
+
+def test_the_bus_folder_is_the_real_users_and_goes_with_the_last(bin, ring):
+    """In a user namespace everybody is root: the name is made of who one is outside."""
+    env = {k: v for k, v in os.environ.items() if k != "TM_BUS_DIR"}
+    plain, name = pathlib.Path(f"/dev/shm/tensormass-{os.getuid()}"), f"t{os.getpid()}"
+    bus = f"virtual:{name}"
+    before = plain.exists()
+    inside = "1000" if os.getuid() == 0 else "0"
+    run = ["unshare", "-U", f"--map-user={inside}", bin / "tm-device", "--bus", bus, "--duration", "1"]
+    for _ in range(2):  # each of the two is the last to go, once
+        first = subprocess.Popen(run, env=env, stderr=subprocess.PIPE, text=True)
+        until(lambda: (plain / f"{name}.bus").exists() or first.poll(), "the bus in the folder of who one is outside")
+        second = subprocess.run([bin / "haptic-rt", "--bus", bus, "--duration", "0.4" if _ else "1.5"], env=env, capture_output=True, text=True, timeout=20)
+        said = first.communicate(timeout=20)[1]
+        assert first.returncode == 0 and second.returncode == 0 and "commands come" in said, said + second.stderr
+        assert not (plain / f"{name}.bus").exists()
+    assert before or not plain.exists()
+
+
+def test_the_log_has_times_and_comes_in_pairs(ring):
+    """A simulation that stops for half a second every second."""
+    samples = ring.directory / "holes.csv"
+    samples.write_text("time_s,fx_N,fy_N,fz_N\n" + "".join(f"{i / 50:.3f},0,0,-1\n" for i in range(50 * 9) if i % 100 < 75))
+    ring.device("--duration", 9)
+    controller = ring.controller("--samples", samples, "--duration", 9)
+    assert controller.wait(30) == 0
+    lines = [line for line in text(controller).splitlines() if not line.startswith("haptic-rt: ")]
+    assert all(re.fullmatch(r"haptic-rt \d+\.\d{3} s: .+", line) for line in lines), lines
+    times = [float(line.split()[1]) for line in lines]
+    assert times == sorted(times) and times[-1] < 9.5
+    pairs = [line.split(": ")[1] for line in lines if "went silent" in line or "is back" in line]
+    assert len(pairs) >= 6, lines
+    assert all(("went silent" in a) != ("went silent" in b) for a, b in zip(pairs, pairs[1:])), lines
+
+
+def test_a_long_record_takes_no_more_memory_than_a_short_one(bin, ring):
+    ring.device()
+    path = ring.directory / "r.csv"
+    controller = ring.controller("--samples", ring.samples(), "--duration", 60000, "--record", path)
+    until(lambda: "engaged" in text(controller), "engaged")
+    time.sleep(1)
+    status = dict(line.split(":", 1) for line in open(f"/proc/{controller.pid}/status"))
+    assert int(status["VmRSS"].split()[0]) < 100e3, status["VmRSS"]
+    end(controller)
+    rows = list(csv.DictReader(open(path)))
+    assert len(rows) > 300 and len(rows[-1]) == 17 and None not in rows[-1].values()
+    times = [float(row["time_s"]) for row in rows]
+    assert times == sorted(set(times))
+
+
 def test_two_devices_on_one_bus_feel_their_own_forces(ring):
     for i in range(2):
         ring.start("tm-device", "--bus", "virtual:t", "--instrument", i, "--duration", 4.5, "--json", ring.directory / f"d{i}.json")
@@ -265,7 +383,6 @@ BAD = [
     ("haptic-rt", ["--bus", "virtual:t", "--set", "force_max_N=99"], "0..20"),
     ("haptic-rt", ["--bus", "virtual:t", "--set", "farce=1"], "no parameter"),
     ("haptic-rt", ["--bus", "virtual:t", "--set", "force_max_N=3" + " " * 1020 + "9"], "longer than any parameter"),
-    ("haptic-rt", ["--bus", "virtual:t", "--record", "r.csv"], "--duration"),
     ("haptic-rt", ["--bus", "virtual:t", "--wat"], "no such option"),
     ("haptic-rt", ["--bus", "virtual:t", "surplus"], "not an option"),
     ("haptic-rt", ["--bus"], "needs a value"),

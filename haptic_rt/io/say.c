@@ -1,0 +1,116 @@
+#include "say.h"
+
+#include <inttypes.h>
+#include <stdarg.h>
+#include <stdio.h>
+
+static const double again_s = 1.0;
+
+void hrt_say_line(double time_s, const char *format, ...) {
+    char line[512];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(line, sizeof line, format, arguments);
+    va_end(arguments);
+    fprintf(stderr, "haptic-rt %.3f s: %s\n", time_s, line);
+}
+
+/* In pairs, and at most one pair a second: a simulation at the edge of its time would fill the log. */
+static void say_silence(hrt_teller *t, const hrt_facts *f) {
+    const int64_t fresh = f->stale - t->told.stale;
+    t->told.stale = f->stale;
+    if (fresh > 0 && (t->told.silent || f->time_s < t->told.silent_s + again_s)) {
+        t->told.unsaid += fresh;
+        return;
+    }
+    if (fresh > 0) {
+        const int64_t more = t->told.unsaid + fresh - 1;
+        if (more > 0)
+            hrt_say_line(f->time_s, "the simulation went silent, and %" PRId64 " times since it was said last", more);
+        else
+            hrt_say_line(f->time_s, "the simulation went silent; force fades to zero");
+        t->told.silent = true;
+        t->told.silent_s = f->time_s;
+        t->told.unsaid = 0;
+    } else if (t->told.silent && f->state == HRT_ENGAGED) {
+        hrt_say_line(f->time_s, "the simulation is back");
+        t->told.silent = false;
+    }
+}
+
+static void say_state(hrt_teller *t, const hrt_facts *f) {
+    const int before = t->told.state;
+    if ((int)f->state == before) return;
+    t->told.state = (int)f->state;
+    if (before == HRT_FAULT) hrt_say_line(f->time_s, "reset: begins anew");
+    if (before == HRT_BOOT && f->state != HRT_FAULT) hrt_say_line(f->time_s, "device %d is here", t->instrument);
+    if (f->state == HRT_ENGAGED && before != HRT_STALE) hrt_say_line(f->time_s, "engaged");
+    if (f->state == HRT_FAULT)
+        hrt_say_line(f->time_s, "fault %s (%d): %s", hrt_fault_name(f->fault), f->detail, hrt_fault_text(f->fault));
+    t->told.wait_s = f->time_s;
+    if (f->state != HRT_SELF_TEST) t->told.wait = 0;
+}
+
+enum { WAITS_NOT, WAITS_DEVICE, WAITS_POSE, WAITS_SAMPLES, WAITS_RESET };
+
+static int waits_for(const hrt_facts *f) {
+    if (f->state == HRT_BOOT) return WAITS_DEVICE;
+    if (f->state == HRT_FAULT) return WAITS_RESET;
+    if (f->state != HRT_IDLE) return WAITS_NOT;
+    return f->pose_known ? WAITS_SAMPLES : WAITS_POSE;
+}
+
+static void say_wait(const hrt_teller *t, const hrt_facts *f, int wait, bool again) {
+    const int64_t come = f->samples - t->told.samples, taken = f->taken - t->told.taken;
+    if (wait == WAITS_DEVICE && again)
+        hrt_say_line(f->time_s, "%" PRId64 " frames came on %s, no encoders of device %d among them; see --instrument",
+                     f->frames - t->told.frames, t->bus, t->instrument);
+    else if (wait == WAITS_DEVICE)
+        hrt_say_line(f->time_s, "waiting for device %d on %s (start tm-device; any order is fine)", t->instrument,
+                     t->bus);
+    else if (wait == WAITS_POSE)
+        hrt_say_line(f->time_s,
+                     "waiting for the trocar's pose: SIM_STATUS of tm-sim (any order is fine), or give --trocar");
+    else if (wait == WAITS_SAMPLES && again)
+        hrt_say_line(f->time_s,
+                     "waiting for fresh samples: %" PRId64 " came, %" PRId64
+                     " were refused or late (another controller's, another simulation's, or out of order)",
+                     come, come - taken);
+    else if (wait == WAITS_SAMPLES)
+        hrt_say_line(f->time_s, "waiting for fresh samples: %s",
+                     t->from_file ? "the file's" : "FORCE of tm-sim (any order is fine)");
+    else if (again)
+        hrt_say_line(f->time_s, "still in fault %s: waiting for a reset (%s)", hrt_fault_name(f->fault),
+                     hrt_fault_text(f->fault));
+}
+
+/* Once when it begins; again each second while somebody speaks who is not taken up. */
+static void say_waiting(hrt_teller *t, const hrt_facts *f) {
+    const int wait = waits_for(f);
+    const bool begins = wait != t->told.wait, due = f->time_s - t->told.wait_s >= again_s;
+    const bool spoken = wait == WAITS_DEVICE  ? f->frames != t->told.frames
+                        : wait == WAITS_RESET ? f->device_here || f->samples != t->told.samples
+                                              : f->samples != t->told.samples;
+    if (wait != WAITS_NOT && (begins || (due && spoken))) say_wait(t, f, wait, !begins);
+    if (!begins && !due) return;
+    t->told.wait = wait;
+    t->told.wait_s = f->time_s;
+    t->told.samples = f->samples;
+    t->told.taken = f->taken;
+    t->told.frames = f->frames;
+}
+
+static void say_gaps(hrt_teller *t, const hrt_facts *f) {
+    if (f->command_gaps == t->told.gaps || f->time_s < t->told.gaps_s + again_s) return;
+    hrt_say_line(f->time_s, "the device missed %" PRId64 " commands; look at the bus's load, cable and termination",
+                 f->command_gaps - t->told.gaps);
+    t->told.gaps = f->command_gaps;
+    t->told.gaps_s = f->time_s;
+}
+
+void hrt_say(hrt_teller *teller, const hrt_facts *facts) {
+    say_silence(teller, facts);
+    say_state(teller, facts);
+    say_waiting(teller, facts);
+    say_gaps(teller, facts);
+}

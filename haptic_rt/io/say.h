@@ -1,0 +1,43 @@
+/* What haptic-rt says on stderr while it runs: what happened, what it waits for, and, once a second, why somebody who
+ * speaks is not taken up. Each line with the seconds since the loop's start, as in --record. */
+#ifndef HRT_SAY_H
+#define HRT_SAY_H
+
+#include <stdbool.h>
+#include <stdint.h>
+
+#include "hrt.h"
+
+/* What the loop knows, as of now. */
+typedef struct hrt_facts {
+    double time_s;
+    hrt_state state;
+    hrt_fault fault;
+    int detail;
+    int64_t stale;          /* how often the simulation went silent in use */
+    int64_t samples, taken; /* come; of these taken */
+    int64_t frames;         /* heard on the bus */
+    int64_t command_gaps;
+    bool pose_known, device_here;
+} hrt_facts;
+
+typedef struct hrt_teller {
+    /* set before */
+    const char *bus;
+    int32_t instrument;
+    bool from_file; /* samples do not come from a network */
+    /* its own; start with told = {.state = -1} */
+    struct {
+        int state, wait;
+        bool silent;
+        int64_t stale, unsaid, samples, taken, frames, gaps;
+        double silent_s, wait_s, gaps_s;
+    } told;
+} hrt_teller;
+
+/* From a thread that may take its time, some twenty times a second. */
+void hrt_say(hrt_teller *teller, const hrt_facts *facts);
+/* One line of that kind. */
+void hrt_say_line(double time_s, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+#endif
