@@ -81,10 +81,22 @@ static tm_status scan_format(const char *path, const char *text, size_t size, ap
                                  "does not begin with '%s': not a %s file; write it anew, or give it its right ending",
                                  format[i].start, format[i].ending);
         if (i == 0) return app_mesh_scan_msh(text, size, scan, error);
+        double version = 0;
+        scan->vtk_5 = i == 1 && sscanf(text, " # vtk DataFile Version %lf", &version) == 1 && version >= 5;
+        if (scan->vtk_5) return TM_OK;
         scan->vertex_count = count_after(text, format[i].count);
         if (i == 2) scan->tet_count = count_after(text, "Tetrahedra"); /* the reader takes a file cut short for whole */
         return TM_OK;
     }
+    static const char *const surface[] = {".stl", ".obj", ".ply", ".off"};
+    for (size_t i = 0; dot && i < sizeof surface / sizeof *surface; i++)
+        if (strcasecmp(dot, surface[i]) == 0)
+            return app_mesh_fail(error, TM_ERR_FILE, -1,
+                                 "%s is a surface, not a volume; fill it with tetrahedra: tm-mesh fill --size 5mm "
+                                 "SURFACE.stl -o ORGAN.msh",
+                                 surface[i]);
+    if (dot && strcasecmp(dot, ".vtu") == 0)
+        return app_mesh_fail(error, TM_ERR_FILE, -1, ".vtu is not read; save it as .vtk (ParaView: legacy VTK)");
     return app_mesh_fail(error, TM_ERR_FILE, -1, "unknown kind of mesh file; use .msh (2.2 or 4.1), .vtk or .mesh");
 }
 
@@ -292,9 +304,9 @@ tm_status app_mesh_load_lenient(const char *path, double scale, app_mesh_lenient
     app_mesh_scan scan;
     app_mesh read = {0};
     status = scan_format(path, text, size, &scan, error);
+    if (!status)
+        status = scan.vtk_5 ? app_mesh_read_vtk(text, size, &scan, &read, error) : read_by_gmsh(path, &read, error);
     free(text);
-    if (status) return status;
-    status = read_by_gmsh(path, &read, error);
     if (!status) status = finish(&scan, scale, lenient, &read, error);
     app_mesh_scan_free(&scan);
     if (status) {

@@ -27,11 +27,14 @@ void app_mesh_cache_store(const app_mesh *mesh);
 typedef struct app_mesh_scan {
     int64_t *vertex_tag, *tet_tag;   /* null: not told by this kind of file */
     int64_t vertex_count, tet_count; /* -1: likewise */
+    bool vtk_5;                      /* not for Gmsh: app_mesh_read_vtk */
 } app_mesh_scan;
 /* `text` ends in a NUL that is not counted in `size`. Refuses what is cut short, elements that are no first-order
  * tetrahedra, tags that come twice. */
 tm_status app_mesh_scan_msh(const char *text, size_t size, app_mesh_scan *scan, tm_error *error);
 void app_mesh_scan_free(app_mesh_scan *scan);
+/* A legacy VTK file of version 5.0 or later into a mesh in ascending tag order, unscaled. `text` as above. */
+tm_status app_mesh_read_vtk(const char *text, size_t size, app_mesh_scan *scan, app_mesh *mesh, tm_error *error);
 
 /* Shared by the scanners of text and of binary files. */
 typedef struct app_mesh_cursor {

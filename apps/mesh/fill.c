@@ -50,7 +50,7 @@ static int parse(int argc, char **argv, options *o) {
     if (!(o->size_m > 0)) return command_usage("fill", "--size must be above 0");
     if (!(o->scale > 0)) return command_usage("fill", "--scale must be above 0");
     o->in = argv[optind];
-    return APP_DONE;
+    return command_output(o->out);
 }
 
 /* One region 'tissue', one group 'surface', numbers from 1. */

@@ -31,6 +31,11 @@ bool command_quantity(const char *option, const char *text, const char *dimensio
     return false;
 }
 
+int command_output(const char *path) {
+    int exit = app_output_ending("-o", path, ".msh .vtk .mesh");
+    return exit ? exit : app_output_check(path);
+}
+
 int command_usage(const char *command, const char *format, ...) {
     char what[300];
     va_list arguments;

@@ -77,7 +77,21 @@ static int parse(int argc, char **argv, options *o) {
     if (!(o->size_m > 0)) return command_usage("refine", "--size must be above 0");
     if (!o->fibres != !o->out_fibres) return command_usage("refine", "--fibres and --write-fibres go together");
     o->in = argv[optind];
-    return APP_DONE;
+    return command_output(o->out);
+}
+
+/* A tetrahedron's own bounds reach into the box: one larger than the box has no vertex in it. */
+static bool reaches(const double *vertex, const int *tet, const double low_m[3], const double high_m[3]) {
+    for (int k = 0; k < 3; k++) {
+        double low = INFINITY, high = -INFINITY;
+        for (int i = 0; i < 4; i++) {
+            double x = vertex[3 * (size_t)tet[i] + (size_t)k];
+            low = fmin(low, x);
+            high = fmax(high, x);
+        }
+        if (high < low_m[k] || low > high_m[k]) return false;
+    }
+    return true;
 }
 
 typedef struct target {
@@ -85,21 +99,27 @@ typedef struct target {
     int region; /* -1: the box */
 } target;
 
-/* Reaches into the box with its own bounds: a tetrahedron larger than the box has no vertex in it. */
 static bool too_large(const mesh *m, int tet, double longest_m, const void *context) {
     const target *where = context;
     if (longest_m <= where->size_m) return false;
     if (where->region >= 0) return m->region[tet] == where->region;
-    for (int k = 0; k < 3; k++) {
-        double low = INFINITY, high = -INFINITY;
-        for (int i = 0; i < 4; i++) {
-            double x = m->vertex[3 * (size_t)m->tet[4 * (size_t)tet + (size_t)i] + (size_t)k];
-            low = fmin(low, x);
-            high = fmax(high, x);
-        }
-        if (high < where->low_m[k] || low > where->high_m[k]) return false;
+    return reaches(m->vertex, m->tet + 4 * (size_t)tet, where->low_m, where->high_m);
+}
+
+/* A box in another unit than the mesh's finds nothing. */
+static int check_box(const options *o, const app_mesh *file) {
+    double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
+    for (int t = 0; o->boxed && t < file->tet_count; t++)
+        if (reaches(file->vertex_m, file->tet + 4 * (size_t)t, o->box_m, o->box_m + 3)) return APP_DONE;
+    if (!o->boxed) return APP_DONE;
+    for (int i = 0; i < 3 * file->vertex_count; i++) {
+        low[i % 3] = fmin(low[i % 3], file->vertex_m[i]);
+        high[i % 3] = fmax(high[i % 3], file->vertex_m[i]);
     }
-    return true;
+    return app_bad_input("--box", 0,
+                         "no tetrahedron reaches into it; the mesh lies within %.4g,%.4g,%.4g,%.4g,%.4g,%.4g m: write "
+                         "units (-20mm,...), or give the mesh's --scale",
+                         low[0], low[1], low[2], high[0], high[1], high[2]);
 }
 
 static bool is_region_name(const app_mesh *file, const char *name, int32_t *region) {
@@ -279,6 +299,9 @@ static int write_all(const options *o, const app_mesh *file, const mesh *m, cons
         printf("%s: %d tetrahedra (were %d), %d vertices (were %d); the smallest is %.2f of the smallest before, and "
                "so is the critical step, about\n",
                o->out, m->tet_count, file->tet_count, m->vertex_count, file->vertex_count, smallest_size(m) / before_m);
+    if (exit == APP_DONE && m->tet_count == file->tet_count)
+        printf("note: no edge there is longer than %g mm, nothing was split; choose a smaller --size\n",
+               1e3 * o->size_m);
     tm_mesh_destroy(built);
     app_mesh_free(&out);
     return exit;
@@ -327,6 +350,8 @@ int command_refine(int argc, char **argv) {
         exit = app_report(o.in, 0, &error);
     else if (o.region && !is_region_name(&file, o.region, &region))
         exit = app_bad_input(o.in, 0, "no region '%s'; tm-mesh info lists its regions", o.region);
+    else
+        exit = check_box(&o, &file);
     tm_mesh_destroy(built);
     if (exit == APP_DONE) exit = refine(&o, &file, region);
     app_mesh_free(&file);

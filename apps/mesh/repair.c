@@ -59,7 +59,7 @@ static int parse(const char *command, void (*usage)(void), int argc, char **argv
     if (optind + 1 != argc) return command_usage(command, "name one mesh file");
     if (!o->out) return command_usage(command, "no output; give -o OUT");
     o->in = argv[optind];
-    return APP_DONE;
+    return command_output(o->out);
 }
 
 bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept) {

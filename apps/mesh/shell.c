@@ -79,6 +79,24 @@ static tm_status read_text(shell *s, char *text, double scale, tm_error *error) 
     return TM_OK;
 }
 
+/* Other kinds by ending or first words: to be saved as STL, not to be written anew. */
+static tm_status not_stl(const char *path, const char *bytes, tm_error *error) {
+    static const struct {
+        const char *ending, *start, *what;
+    } kind[] = {{".obj", "\1", "an OBJ surface"},       {".ply", "ply", "a PLY surface"},
+                {".off", "OFF", "an OFF surface"},      {".vtk", "# vtk", "a VTK file"},
+                {".vtp", "<?xml", "VTK's XML"},         {".vtu", "<VTKFile", "VTK's XML"},
+                {".msh", "$MeshFormat", "a Gmsh mesh"}, {".mesh", "MeshVersionFormatted", "a Medit mesh"}};
+    const char *dot = strrchr(path, '.');
+    for (size_t i = 0; i < sizeof kind / sizeof *kind; i++)
+        if ((dot && strcasecmp(dot, kind[i].ending) == 0) || strncmp(bytes, kind[i].start, strlen(kind[i].start)) == 0)
+            return app_mesh_fail(error, TM_ERR_FILE, -1,
+                                 "%s; fill reads STL alone: save the surface as STL (Blender, MeshLab, ParaView and "
+                                 "3D Slicer export it)",
+                                 kind[i].what);
+    return app_mesh_fail(error, TM_ERR_FILE, -1, "neither text nor binary STL, or cut short; write the surface anew");
+}
+
 static tm_status read_file(shell *s, const char *path, double scale, tm_error *error) {
     FILE *file = fopen(path, "rb");
     if (!file) return app_mesh_fail(error, TM_ERR_FILE, -1, "cannot open: %s; check the path", strerror(errno));
@@ -100,8 +118,7 @@ static tm_status read_file(shell *s, const char *path, double scale, tm_error *e
     else if (strncmp(bytes + strspn(bytes, " \t\r\n"), "solid", 5) == 0)
         status = read_text(s, bytes, scale, error);
     else
-        status =
-            app_mesh_fail(error, TM_ERR_FILE, -1, "neither text nor binary STL, or cut short; write the surface anew");
+        status = not_stl(path, bytes, error);
     free(bytes);
     if (!status && s->triangle_count == 0)
         status = app_mesh_fail(error, TM_ERR_MESH, -1, "no triangles in it; write the surface anew");

@@ -23,7 +23,7 @@ def tiny():
     return m
 
 
-for name, write in (("2", meshlib.msh2), ("2b", meshlib.msh2_binary), ("4", meshlib.msh4), ("4b", meshlib.msh4_binary)):
+for name, write in (("2", meshlib.msh2), ("2b", meshlib.msh2_binary), ("4", meshlib.msh4), ("4b", meshlib.msh4_binary), ("vtk5", meshlib.vtk5), ("vtk5b", meshlib.vtk5_binary)):
     put("fuzz_mesh_text", name, write(tiny()))
 
 # two tetrahedra on one face, bytes for coordinates in mm

@@ -138,6 +138,35 @@ def vtk(m):
     return s + "CELL_TYPES %d\n" % len(m.tets) + "10\n" * len(m.tets)
 
 
+def vtk5(m, extra=True):
+    """Version 5.1, text, as VTK 9 writes it: METADATA, a FIELD before the points, and a triangle among the tetrahedra."""
+    cells = [(10, t) for t in m.tets]
+    if extra:
+        cells.insert(1, (5, m.tets[0][:3]))
+    ends = [0]
+    for _, c in cells:
+        ends.append(ends[-1] + len(c))
+    s = "# vtk DataFile Version 5.1\nvtk output\nASCII\nDATASET UNSTRUCTURED_GRID\n"
+    s += "FIELD FieldData 2\nTimeValue 1 1 double\n0.5\nnames 1 1 string\nhello%20world\n" if extra else ""
+    s += "POINTS %d double\n" % len(m.points) + "".join("%r %r %r\n" % tuple(p) for p in m.points)
+    s += "METADATA\nINFORMATION 1\nNAME L2_NORM_RANGE LOCATION vtkDataArray\nDATA 2 0 1.7 \n\n" if extra else ""
+    s += "CELLS %d %d\nOFFSETS vtktypeint64\n%s\n" % (len(ends), ends[-1], " ".join(map(str, ends)))
+    s += "CONNECTIVITY vtktypeint64\n" + "".join(" ".join(map(str, c)) + "\n" for _, c in cells)
+    return s + "CELL_TYPES %d\n" % len(cells) + "".join("%d\n" % t for t, _ in cells)
+
+
+def vtk5_binary(m, real="double", whole="vtktypeint64"):
+    """Version 5.1, binary (big endian). VTK and meshio write this."""
+    r, w = {"double": "d", "float": "f"}[real], {"vtktypeint64": "q", "vtktypeint32": "i"}[whole]
+    flat = [x for p in m.points for x in p]
+    corners = [v for t in m.tets for v in t]
+    b = b"# vtk DataFile Version 5.1\nx\nBINARY\nDATASET UNSTRUCTURED_GRID\nPOINTS %d %s\n" % (len(m.points), real.encode())
+    b += struct.pack(">%d%s" % (len(flat), r), *flat) + b"\nCELLS %d %d\nOFFSETS %s\n" % (len(m.tets) + 1, len(corners), whole.encode())
+    b += struct.pack(">%d%s" % (len(m.tets) + 1, w), *range(0, len(corners) + 1, 4)) + b"\nCONNECTIVITY %s\n" % whole.encode()
+    b += struct.pack(">%d%s" % (len(corners), w), *corners) + b"\nCELL_TYPES %d\n" % len(m.tets)
+    return b + struct.pack(">%di" % len(m.tets), *[10] * len(m.tets)) + b"\nCELL_DATA 1\n"
+
+
 def medit(m):
     s = "MeshVersionFormatted 2\nDimension 3\nVertices\n%d\n" % len(m.points)
     s += "".join("%r %r %r 0\n" % tuple(p) for p in m.points)

@@ -176,6 +176,41 @@ QUADRATIC_VTK = meshlib.vtk(meshlib.Mesh(meshlib.block().points, [])).replace("C
     "CELL_TYPES 0\n", "CELL_TYPES 1\n24\n")
 
 
+VTK5 = meshlib.vtk5(meshlib.block())
+BAD_VTK5 = {
+    "hexahedron": (VTK5.replace("\n10\n", "\n12\n", 1), r"cell 0 is no tetrahedron \(type 12, 4 corners\); mesh"),
+    "quadratic": (VTK5.replace("\n10\n", "\n24\n", 1), "cell 0 is of a higher order .*first-order"),
+    "corner out of range": (VTK5.replace("CONNECTIVITY vtktypeint64\n", "CONNECTIVITY vtktypeint64\n99 ", 1), "cell 0 names vertex 99"),
+    "offsets": (VTK5.replace("vtktypeint64\n0 4", "vtktypeint64\n0 9", 1), "OFFSETS do not ascend"),
+    "types": (VTK5.replace("CELL_TYPES 49", "CELL_TYPES 48"), "does not fit"),
+    "grid": (VTK5.replace("UNSTRUCTURED_GRID", "POLYDATA"), "save an unstructured grid"),
+    "count of points": (VTK5.replace("POINTS 27", "POINTS 500000000"), "cut short"),
+    "count of corners": (VTK5.replace("CELLS 50 195", "CELLS 50 9000000000000000000"), "cut short"),
+    "count of offsets": (VTK5.replace("CELLS 50 195", "CELLS 9223372036854775807 195"), "cut short"),
+    "words": (VTK5.replace("POINTS 27 double", "POINTS many"), "not understood"),
+    "type": (VTK5.replace("POINTS 27 double", "POINTS 27 quaternion"), "not understood"),
+    "no tetrahedra": (meshlib.vtk5(meshlib.Mesh(meshlib.block().points, []), extra=False), "no tetrahedra"),
+    "isolated": (meshlib.vtk5(isolated(meshlib.block())), "vertex 28 .*is in no tetrahedron"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_VTK5)
+def test_bad_vtk_5(case, tm_mesh, env, tmp_path):
+    text, expected = BAD_VTK5[case]
+    path = tmp_path / "bad.vtk"
+    assert text != VTK5
+    path.write_text(text)
+    check_refused(meshlib.run(tm_mesh, "check", path, env=env), path, expected)
+
+
+@pytest.mark.parametrize("share", [0.01, 0.05, 0.3, 0.5, 0.7, 0.8, 0.9, 0.97, 0.999])
+@pytest.mark.parametrize("contents", [VTK5.encode()[:-1], meshlib.vtk5_binary(meshlib.block())[:-len("\nCELL_DATA 1\n")]], ids=["text", "binary"])
+def test_vtk_5_cut_short(contents, share, tm_mesh, env, tmp_path):
+    path = tmp_path / "bad.vtk"
+    path.write_bytes(contents[:int(share * len(contents))])
+    check_refused(meshlib.run(tm_mesh, "check", path, env=env), path, "cut short|no tetrahedr|does not begin|expected|not understood|neither|cannot be read")
+
+
 def test_quadratic_vtk(tm_mesh, env, tmp_path):
     path = tmp_path / "bad.vtk"
     path.write_text(QUADRATIC_VTK)
@@ -189,7 +224,7 @@ def test_isolated_vertex_of_other_formats(ending, write_format, tm_mesh, env, tm
     check_refused(meshlib.run(tm_mesh, "check", path, env=env), path, "vertex 28 .*is in no tetrahedron")
 
 
-@pytest.mark.parametrize("name,expected", [("no.msh", "cannot open"), ("folder.msh", "not a file"), ("x.stl", "unknown kind"), ("noending", "unknown kind")])
+@pytest.mark.parametrize("name,expected", [("no.msh", "cannot open"), ("folder.msh", "not a file"), ("x.stl", "is a surface, not a volume; fill it"), ("x.obj", "tm-mesh fill"), ("x.vtu", r"save it as \.vtk"), ("noending", "unknown kind")])
 def test_not_a_mesh_file(name, expected, tm_mesh, env, tmp_path):
     path = tmp_path / name
     if "folder" in name:

@@ -73,6 +73,14 @@ def vtk_of(tm_mesh, path, env, tmp_path):
     return meshlib.read_vtk(tmp_path / "v.vtk")
 
 
+@pytest.mark.parametrize("name,contents,what", [("s.obj", "v 0 0 0\n", "an OBJ surface"), ("s.ply", "ply\nformat ascii 1.0\n", "a PLY surface"),
+                                                ("s.vtk", "# vtk DataFile Version 5.1\n", "a VTK file"), ("s.stl", "ply\nformat ascii 1.0\n", "a PLY surface")])
+def test_other_surfaces_are_named(name, contents, what, tm_mesh, env, tmp_path):
+    (tmp_path / name).write_text(contents)
+    result = meshlib.run(tm_mesh, "fill", "--size", "5mm", tmp_path / name, "-o", tmp_path / "out.msh", env=env)
+    assert result.returncode == 2 and f"{what}; fill reads STL alone: save the surface as STL" in result.stderr
+
+
 @pytest.mark.parametrize("name,contents,args,expected", [
     ("hole", text(sphere(4)[1:]), [], "not closed: 3 edges.*triangle"),
     ("turned", text([sphere(4)[0][::-1]] + sphere(4)[1:]), [], "not closed"),

@@ -11,7 +11,9 @@ import pytest
 
 FORMATS = {
     "2.2.msh": meshlib.msh2, "2.2b.msh": meshlib.msh2_binary, "4.1.msh": meshlib.msh4, "4.1b.msh": meshlib.msh4_binary,
-    "plain.vtk": meshlib.vtk, "plain.mesh": meshlib.medit,
+    "plain.vtk": meshlib.vtk, "5.1.vtk": meshlib.vtk5, "5.1b.vtk": meshlib.vtk5_binary,
+    "5.1f.vtk": lambda m: meshlib.vtk5_binary(m, "float", "vtktypeint32"), "5.1c.vtk": lambda m: meshlib.vtk5(m).replace("\n", "\r\n"),
+    "plain.mesh": meshlib.medit,
 }
 
 
@@ -43,8 +45,8 @@ def info(tm_mesh, path, env, *args):
 def test_formats(name, tm_mesh, env, tmp_path):
     figures, text = info(tm_mesh, write(tmp_path / name, FORMATS[name](named_block())), env)
     assert (figures["tets"], figures["vertices"], figures["surface_triangles"], figures["pieces"]) == (48, 27, 48, 1)
-    assert figures["volume_m3"] == pytest.approx(1e-3, rel=1e-12)
-    assert figures["low_m"] == [0, 0, 0] and figures["high_m"] == [0.1, 0.1, 0.1]
+    assert figures["volume_m3"] == pytest.approx(1e-3, rel=1e-6 if "f.vtk" in name else 1e-12)
+    assert figures["low_m"] == [0, 0, 0] and figures["high_m"] == pytest.approx([0.1] * 3, abs=1e-8 if "f.vtk" in name else 0)
     if name.endswith(".msh"):
         assert {r["name"]: r["tets"] for r in figures["regions"]} == {"lower part": 24, "upper": 24}
         groups = {g["name"]: g["vertices"] for g in figures["groups"]}

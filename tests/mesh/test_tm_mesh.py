@@ -3,6 +3,7 @@ import csv
 import json
 import math
 import random
+import re
 
 import meshlib
 import pytest
@@ -119,6 +120,23 @@ def vtk_of(tm_mesh, path, env, tmp_path):
     result = meshlib.run(tm_mesh, "convert", path, "-o", tmp_path / "v.vtk", env=env)
     assert result.returncode == 0, result.stderr
     return meshlib.read_vtk(tmp_path / "v.vtk")
+
+
+def test_refine_says_that_nothing_is_in_the_box(tm_mesh, env, tmp_path):
+    path, out = write(tmp_path / "a.msh", meshlib.msh2(meshlib.block())), tmp_path / "b.msh"
+    result = meshlib.run(tm_mesh, "refine", "--box", "20,20,20,40,40,40", "--size", "10mm", path, "-o", out, env=env)  # millimetres, meant
+    assert result.returncode == 2 and not out.exists()
+    assert "no tetrahedron reaches into it; the mesh lies within 0,0,0,0.1,0.1,0.1 m: write units" in result.stderr
+    result = meshlib.run(tm_mesh, "refine", "--box", "20mm,20mm,20mm,40mm,40mm,40mm", "--size", "1", path, "-o", out, env=env)
+    assert result.returncode == 0 and "nothing was split; choose a smaller --size" in result.stdout
+
+
+def test_outputs_are_refused_before_the_work(tm_mesh, env, tmp_path):
+    path = write(tmp_path / "a.msh", meshlib.msh2(meshlib.block()))
+    for command in (["repair"], ["convert"], ["refine", "--region", "no such", "--size", "1mm"], ["fill", "--size", "1mm"]):
+        for out, words in (("b.xyz", "-o: .*b.xyz: is neither .msh nor .vtk nor .mesh; give"), ("nowhere/b.msh", "No such file"), (".", "neither|folder")):
+            result = meshlib.run(tm_mesh, *command, path, "-o", tmp_path / out, env=env)
+            assert result.returncode == 2 and re.search(words, result.stderr), result.stderr
 
 
 def test_refine_region(tm_mesh, env, tmp_path):
