@@ -39,7 +39,7 @@ SAN := $(filter -fsanitize%,$(OPT)) $(if $(filter -fsanitize%,$(OPT)),-Wl$(,)--p
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wconversion -Wno-sign-conversion $(if $(filter gcc,$(CC)),-Wno-format-truncation)
 BASE_CFLAGS := -std=c11 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC -MMD -MP $(WARN)
 BASE_CXXFLAGS := -std=c++17 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC -MMD -MP -Wall -Wextra
-INCLUDES := -Ilibtensormass/include -Ihaptic_rt/core -Ihaptic_rt -Iapps -Iapps/common -I$(OUT)/gen
+INCLUDES := -Ilibtensormass/include -Ihaptic_rt/core -Ihaptic_rt -Iapps -Iapps/common -Ilcm_types -I$(OUT)/gen
 
 # Answers of pkg-config, asked only when a recipe needs them (they may be installed by the same make).
 pkg_cflags = $(shell pkg-config --cflags $(1))

@@ -1,6 +1,8 @@
 # C and Python bindings of the message types, and the jar that lcm-spy decodes with.
 LCM_TYPES := $(sort $(wildcard lcm_types/*.lcm))
 LCM_GEN := $(patsubst lcm_types/%.lcm,$(OUT)/gen/lcm_types/tensormass_%.c,$(LCM_TYPES))
+# Beside the generated code: how messages are received, and how they are sealed.
+LCM_OWN := $(sort $(wildcard lcm_types/*.c))
 LIBLCMTYPES_A := $(OUT)/lib/liblcm_types.a
 LIBRARIES += $(LIBLCMTYPES_A) $(OUT)/python/tensormass/__init__.py
 $(OUT)/gen/lcm_types/tensormass_%.c: lcm_types/%.lcm
@@ -10,7 +12,7 @@ $(OUT)/gen/lcm_types/tensormass_%.c: lcm_types/%.lcm
 $(OUT)/gen/lcm_types/tensormass_%.h: $(OUT)/gen/lcm_types/tensormass_%.c ;
 # The first build does not know yet who includes them.
 $(call objects,$(wildcard apps/*/*.c haptic_rt/*/*.c tests/*/*.c)): | $(LCM_GEN)
-$(LIBLCMTYPES_A): $(patsubst $(OUT)/gen/%.c,$(OUT)/obj/%.o,$(LCM_GEN))
+$(LIBLCMTYPES_A): $(patsubst $(OUT)/gen/%.c,$(OUT)/obj/%.o,$(LCM_GEN)) $(call objects,$(LCM_OWN))
 	@mkdir -p $(@D)
 	rm -f $@ && ar rcs $@ $^
 $(OUT)/python/tensormass/__init__.py: $(LCM_TYPES)

@@ -5,6 +5,7 @@
 #include <unistd.h>
 
 #include "app.h"
+#include "log_line.h"
 
 int64_t app_monotonic_us(void) {
     struct timespec now;
@@ -20,7 +21,7 @@ void app_remark(const char *format, ...) {
     if (quiet) return;
     va_list arguments;
     va_start(arguments, format);
-    vfprintf(stderr, format, arguments);
+    app_say_list(format, arguments);
     va_end(arguments);
 }
 

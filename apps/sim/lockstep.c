@@ -380,7 +380,7 @@ static int begin(lockstep *l, const char *log) {
     int rc = run_file_begin(&l->csv, l->o->csv);
     if (!rc) rc = run_file_begin(&l->samples, l->o->samples);
     if (!rc) rc = run_file_begin(&l->report, l->o->json);
-    if (!rc) rc = sim_publisher_open(&l->publisher, s, NULL, log, SESSION);
+    if (!rc) rc = sim_publisher_open(&l->publisher, s, NULL, log, &(app_key){.known = false}, SESSION);
     l->haptics = sim_options(s->scene, "haptics");
     if (!rc && l->haptics && (l->o->restore || l->o->snapshot))
         rc = app_scene_bad(s->scene, l->haptics->here.line,

@@ -36,6 +36,9 @@ static const char help[] =
     "  --write FILE          with --settle: displacements and reactions, .vtk or .csv\n"
     "  --json FILE           figures of the run\n"
     "  --lcm-url URL         LCM URL for --realtime, default udpm://239.255.76.67:7667?ttl=0\n"
+    "  --key FILE            shared with haptic-rt: messages are sealed with it, and only sealed ones are taken "
+    "(docs/trust.md)\n"
+    "  --no-key              take anybody's, though the URL lets messages come from other machines\n"
     "  --snapshot-at TIME --snapshot FILE  save the state at this simulated time (lockstep, scenes without haptics)\n"
     "  --restore FILE        go on from a saved state\n"
     "  --strict              a warning about the scene is an error\n"
@@ -65,6 +68,8 @@ enum {
     OPT_WRITE,
     OPT_JSON,
     OPT_URL,
+    OPT_KEY,
+    OPT_NO_KEY,
     OPT_HANDS,
     OPT_SNAPSHOT_AT,
     OPT_SNAPSHOT,
@@ -97,6 +102,8 @@ static const struct option long_options[] = {{"lockstep", no_argument, NULL, OPT
                                              {"restore", required_argument, NULL, OPT_RESTORE},
                                              {"lcm-url", required_argument, NULL, OPT_URL},
                                              {"url", required_argument, NULL, OPT_URL},
+                                             {"key", required_argument, NULL, OPT_KEY},
+                                             {"no-key", no_argument, NULL, OPT_NO_KEY},
                                              {"hands", required_argument, NULL, OPT_HANDS},
                                              {"help", no_argument, NULL, OPT_HELP},
                                              {"strict", no_argument, NULL, OPT_STRICT},
@@ -176,6 +183,8 @@ static int take_option(run_options *o, int option, char **all) {
     case OPT_STRICT: o->strict = true; return 0;
     case OPT_QUIET: app_be_quiet(); return 0;
     case OPT_URL: o->url = optarg; return 0;
+    case OPT_KEY: o->key = optarg; return 0;
+    case OPT_NO_KEY: o->no_key = true; return 0;
     case OPT_RESTORE: o->restore = optarg; return 0;
     case OPT_SNAPSHOT: o->snapshot = optarg; return 0;
     case OPT_SNAPSHOT_AT: return take_number("--snapshot-at", optarg, "time", 0, &o->snapshot_s);
@@ -216,6 +225,7 @@ static int parse(run_options *o, int count, char **all) {
     if ((o->snapshot != NULL) != (o->snapshot_s >= 0))
         return usage("--snapshot-at TIME and --snapshot FILE%s go together; give both", "");
     if (o->snapshot && o->mode != RUN_LOCKSTEP) return usage("--snapshot %s goes with --lockstep; add it", o->snapshot);
+    if ((o->key || o->no_key) && o->mode != RUN_REALTIME) return usage("--key and --no-key%s go with --realtime", "");
     if (o->restore && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME)
         return usage("--restore %s goes with --lockstep or --realtime; add one", o->restore);
     return 0;

@@ -26,12 +26,13 @@ static void send_cuts(sim_publisher *p, const sim *s, int64_t utime) {
 
 /* --- the rest --- */
 
-int sim_publisher_open(sim_publisher *p, const sim *s, const char *url, const char *log, int64_t session) {
+int sim_publisher_open(sim_publisher *p, const sim *s, const char *url, const char *log, const app_key *key,
+                       int64_t session) {
     tm_error error = {0};
     *p = (sim_publisher){.session = session};
     if (!url && !log) return 0;
     p->api = sim_lcm_module(&error);
-    if (p->api) p->link = p->api->open(url, log, &error);
+    if (p->api) p->link = p->api->open(url, log, key, session, &error);
     if (!p->link) {
         p->api = NULL;
         fprintf(stderr, "tm-sim: %s\n", error.message);
@@ -71,9 +72,19 @@ void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t ut
         out->stiffness_kind = (int8_t)r->stiffness_kind;
         memcpy(out->stiffness_N_m, r->stiffness_N_m, sizeof out->stiffness_N_m);
     }
-    out->flags = flags | (s->patch_valid[instrument] ? SIM_FLAG_PATCH : 0) |
-                 (r->flags & TM_REACTION_CAPPED ? SIM_FLAG_CAPPED : 0) |
-                 (r->flags & TM_REACTION_OVERFLOWED ? SIM_FLAG_OVERFLOWED : 0);
+    static const struct {
+        uint32_t reaction;
+        int32_t sample;
+    } flag[] = {{TM_REACTION_CAPPED, SIM_FLAG_CAPPED},
+                {TM_REACTION_OVERFLOWED, SIM_FLAG_OVERFLOWED},
+                {TM_REACTION_UNCONVERGED, SIM_FLAG_UNCONVERGED},
+                {TM_REACTION_HELD_OVER, SIM_FLAG_HELD_OVER},
+                {TM_REACTION_UNSTABLE, SIM_FLAG_UNSTABLE},
+                {TM_REACTION_TOO_FAST, SIM_FLAG_TOO_FAST},
+                {TM_REACTION_INSIDE, SIM_FLAG_INSIDE}};
+    out->flags = flags | (s->patch_valid[instrument] ? SIM_FLAG_PATCH : 0);
+    for (size_t k = 0; k < sizeof flag / sizeof *flag; ++k)
+        if (r->flags & flag[k].reaction) out->flags |= flag[k].sample;
     out->topology_revision = sim_surface(s).revision;
 }
 

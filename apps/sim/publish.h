@@ -7,7 +7,18 @@
 #include "lcm_link.h"
 #include "sim.h"
 
-enum { SIM_FLAG_CAPPED = 1, SIM_FLAG_OVERFLOWED = 2, SIM_FLAG_OVERRAN = 4, SIM_FLAG_PATCH = 8 };
+/* force_sample_t.flags */
+enum {
+    SIM_FLAG_CAPPED = 1,
+    SIM_FLAG_OVERFLOWED = 2,
+    SIM_FLAG_OVERRAN = 4,
+    SIM_FLAG_PATCH = 8,
+    SIM_FLAG_UNCONVERGED = 16,
+    SIM_FLAG_HELD_OVER = 32,
+    SIM_FLAG_UNSTABLE = 64,
+    SIM_FLAG_TOO_FAST = 128,
+    SIM_FLAG_INSIDE = 256
+};
 
 typedef struct sim_publisher {
     const sim_lcm_api *api; /* null: nobody listens */
@@ -20,7 +31,8 @@ typedef struct sim_publisher {
 } sim_publisher;
 
 /* Opens the module `lcm` when `url` (network) or a log asks for it. 0 or an exit code. */
-int sim_publisher_open(sim_publisher *p, const sim *s, const char *url, const char *log, int64_t session);
+int sim_publisher_open(sim_publisher *p, const sim *s, const char *url, const char *log, const app_key *key,
+                       int64_t session);
 bool sim_publisher_close(sim_publisher *p);
 
 /* The tissue as it is now; the surface's arrays are rewritten by the next call. Scenes with `rendering` only. */

@@ -9,6 +9,7 @@
 #include <time.h>
 
 #include "figures.h"
+#include "log_line.h"
 #include "publish.h"
 #include "run.h"
 #include "snapshot.h"
@@ -37,6 +38,8 @@ typedef struct realtime {
         bool here, gone;
         int64_t refused_us, refused; /* the last line about refused tool states; how many since */
     } told[TM_MAX_INSTRUMENTS];
+    sim_refused thrown_away; /* as it was told last */
+    int64_t told_thrown_us;
 } realtime;
 
 /* A lost or overtaken message is no news; that nothing has been taken for so long is. */
@@ -55,8 +58,8 @@ static void tell_refused(struct told *told, const sim_tool *tool, int64_t now_us
     if ((!other && now_us - tool->gate.heard_us < worth_a_line_us) ||
         (told->refused_us && now_us - told->refused_us < line_every_us))
         return;
-    fprintf(stderr, "tm-sim: refused %" PRId64 " of TOOL_%d, the last of session %" PRId64 ": %s\n", told->refused,
-            instrument, m->session, why);
+    app_say("tm-sim: refused %" PRId64 " of TOOL_%d, the last of session %" PRId64 ": %s", told->refused, instrument,
+            m->session, why);
     told->refused_us = now_us;
     told->refused = 0;
 }
@@ -72,10 +75,10 @@ static void take_tool(void *user, int instrument, const tensormass_tool_state_t 
     else if (!told->here)
         app_remark("tm-sim: controller of instrument %d is here\n", instrument);
     else if (message->session != before)
-        fprintf(stderr, "tm-sim: a new controller of instrument %d is here (session %" PRId64 " after %" PRId64 ")\n",
-                instrument, message->session, before);
+        app_say("tm-sim: a new controller of instrument %d is here (session %" PRId64 " after %" PRId64 ")", instrument,
+                message->session, before);
     else if (told->gone)
-        fprintf(stderr, "tm-sim: controller of instrument %d is back\n", instrument);
+        app_say("tm-sim: controller of instrument %d is back", instrument);
     if (why) return;
     told->here = true;
     told->gone = false;
@@ -86,9 +89,23 @@ static void tell_gone(realtime *r) {
         struct told *told = &r->told[i];
         if (!told->here || told->gone || app_monotonic_us() - r->tools.tool[i].gate.heard_us < HRT_GATE_SILENCE_US)
             continue;
-        fprintf(stderr, "tm-sim: controller of instrument %d went silent; its tool stays where it was\n", i);
+        app_say("tm-sim: controller of instrument %d went silent; its tool stays where it was", i);
         told->gone = true;
     }
+}
+
+/* What never reached take_tool, once a second at most. */
+static void tell_thrown_away(realtime *r) {
+    const sim_refused now = r->publisher.api->refused(r->publisher.link), *old = &r->thrown_away;
+    int64_t now_us = app_monotonic_us();
+    if (!memcmp(&now, old, sizeof now) || now_us - r->told_thrown_us < line_every_us) return;
+    app_say("tm-sim: refused since the last such line: %" PRId64 " messages not whole, %" PRId64
+            " without the key's tag or for another simulation, %" PRId64 " packets that are none of ours, %" PRId64
+            " of other machines",
+            now.malformed - old->malformed, now.forged - old->forged, now.packets - old->packets,
+            now.foreign - old->foreign);
+    r->thrown_away = now;
+    r->told_thrown_us = now_us;
 }
 
 static void take_status(void *user, int instrument, const tensormass_controller_status_t *message) {
@@ -217,17 +234,16 @@ static int loop(realtime *r) {
             break;
         status = one_frame(r);
         tell_gone(r);
+        if (r->haptics) tell_thrown_away(r);
         if (r->haptics && !r->told_waiting && r->frame * r->frame_us > 1000000) {
             for (int i = 0; i < r->s->instrument_count; ++i)
                 if (!r->tools.tool[i].seen)
-                    fprintf(stderr, "tm-sim: waiting for TOOL_%d; start haptic-rt (any order is fine)\n", i);
+                    app_say("tm-sim: waiting for TOOL_%d; start haptic-rt (any order is fine)", i);
             r->told_waiting = true;
         }
     }
     if (!status) return 0;
-    fprintf(stderr,
-            "tm-sim: frame %" PRId64
-            ": a displacement stopped being finite or passed 1e6 m; lower time.step_fraction\n",
+    app_say("tm-sim: frame %" PRId64 ": a displacement stopped being finite or passed 1e6 m; lower time.step_fraction",
             r->frame);
     return APP_FAILED;
 }
@@ -252,6 +268,13 @@ static void report(realtime *r, cJSON *json) {
     sim_report_magnitude(json, "force_N", &r->force);
     cJSON_AddNumberToObject(json, "tets_alive", sim_alive(r->s));
     cJSON_AddStringToObject(json, "state_hash", hash);
+    if (r->haptics) {
+        cJSON *row = cJSON_AddObjectToObject(json, "refused");
+        cJSON_AddNumberToObject(row, "malformed", (double)r->thrown_away.malformed);
+        cJSON_AddNumberToObject(row, "forged", (double)r->thrown_away.forged);
+        cJSON_AddNumberToObject(row, "packets", (double)r->thrown_away.packets);
+        cJSON_AddNumberToObject(row, "foreign", (double)r->thrown_away.foreign);
+    }
     int64_t ticks = 0, missed = 0;
     double late[4] = {0};
     cJSON *list = cJSON_AddArrayToObject(json, "tools");
@@ -288,13 +311,17 @@ static int begin(realtime *r, const char *log) {
     bool network = r->haptics || sim_has(s, "rendering");
     const char *url = r->o->url ? r->o->url : getenv("LCM_DEFAULT_URL");
     if (!url || !*url) url = "udpm://239.255.76.67:7667?ttl=0";
-    if (!rc) rc = sim_publisher_open(&r->publisher, s, network ? url : NULL, log, app_session());
+    app_key key = {.known = false};
+    char why[300];
+    if (!rc && r->haptics && !app_key_for(url, r->o->key, r->o->no_key, &key, why, sizeof why))
+        rc = app_bad_input("--key", 0, "%s", why);
+    if (!rc) rc = sim_publisher_open(&r->publisher, s, network ? url : NULL, log, &key, app_session());
     r->tools.s = s;
     if (!rc && r->o->restore) rc = sim_snapshot_restore(s, r->o->restore);
-    for (int i = 0; !rc && r->haptics && i < s->instrument_count; ++i) {
-        r->publisher.api->on_tool(r->publisher.link, i, take_tool, r);
-        r->publisher.api->on_controller(r->publisher.link, i, take_status, r);
-    }
+    const sim_listener listener = {take_tool, take_status, r};
+    tm_error error = {0};
+    if (!rc && r->haptics && !r->publisher.api->listen(r->publisher.link, s->instrument_count, &listener, &error))
+        rc = app_report("--url", 0, &error);
     if (r->samples.begun)
         fputs("frame,time_s,instrument,tn_us,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rows,flags\n", r->samples.stream);
     return rc;
@@ -313,6 +340,7 @@ int run_realtime(sim *s, const run_options *o) {
     int rc = begin(&r, recording ? log.temporary : NULL);
     cJSON *json = run_report_begin(s, "realtime");
     if (!rc) rc = loop(&r);
+    if (r.haptics && r.publisher.api) r.thrown_away = r.publisher.api->refused(r.publisher.link);
     if (!sim_publisher_close(&r.publisher) && !rc) {
         fprintf(stderr, "%s: the log could not be written; the disk may be full\n", log.path);
         rc = APP_FAILED;

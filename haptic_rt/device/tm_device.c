@@ -16,19 +16,22 @@
 #include "io/loop.h"
 #include "io/profile.h"
 #include "io/report.h"
+#include "log_line.h"
 
 enum { UNREAD = 4 };
 
 typedef struct program {
-    const char *bus, *hand, *url, *json;
+    const char *bus, *hand, *url, *json, *key_path;
     hrt_device_config config;
     int rate, priority;
     double duration_s;
-    bool stats;
+    bool stats, no_key;
     hrt_bus wires;
     hrt_device device;
     const hrt_link_api *api;
     hrt_link *link;
+    app_key key;
+    hrt_refused_told told_refused;
     hrt_loop loop;
     app_output json_out;
     double torque_peak[HRT_MOTORS], torque_square[HRT_MOTORS];
@@ -60,6 +63,7 @@ static void usage(void) {
         "  --noise COUNTS         RMS noise of the encoders (0), from --seed N (1)\n"
         "  --profile FILE, --set NAME=VALUE   device profile; --params prints it\n"
         "  --lcm-url URL          LCM for --hand lcm (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
+        "  --key FILE, --no-key   as of haptic-rt, for --hand lcm\n"
         "  --rate HZ              encoder frames a second, 100..2000 (500)\n"
         "  --duration S, --priority N, --stats, --json FILE, -h, --help, --version   as of haptic-rt\n"
         "\n"
@@ -86,6 +90,8 @@ enum {
     O_PRIORITY,
     O_STATS,
     O_JSON,
+    O_KEY,
+    O_NO_KEY,
     O_VERSION,
     O_HELP = 'h'
 };
@@ -110,6 +116,8 @@ static const struct option options[] = {{"bus", 1, 0, O_BUS},
                                         {"priority", 1, 0, O_PRIORITY},
                                         {"stats", 0, 0, O_STATS},
                                         {"json", 1, 0, O_JSON},
+                                        {"key", 1, 0, O_KEY},
+                                        {"no-key", 0, 0, O_NO_KEY},
                                         {"help", 0, 0, O_HELP},
                                         {"version", 0, 0, O_VERSION},
                                         {0, 0, 0, 0}};
@@ -154,6 +162,8 @@ static bool take_option(program *p, int option, const char *text) {
     case O_PROFILE: return hrt_profile_read(text, &c->profile);
     case O_SET: return hrt_profile_set(text, &c->profile);
     case O_URL: p->url = text; return true;
+    case O_KEY: p->key_path = text; return true;
+    case O_NO_KEY: p->no_key = true; return true;
     case O_RATE:
         if (!hrt_option_number("--rate", text, 100, 2000, &number)) return false;
         p->rate = (int)number;
@@ -224,8 +234,11 @@ static int open_all(program *p) {
                                          : set && *set ? set
                                                        : HRT_LCM_URL,
                                   .instrument = p->config.instrument,
+                                  .key = &p->key,
                                   .hand = hand_said,
                                   .user = p};
+        if (!app_key_for(def.url, p->key_path, p->no_key, &p->key, why, sizeof why))
+            return app_bad_input("--key", 0, "%s", why);
         p->api = hrt_link_module();
         if (!p->api) return APP_FAILED;
         p->link = p->api->open(&def, why, sizeof why);
@@ -238,24 +251,27 @@ static void watch(program *p) {
     static const char *const fault_text[] = {"well again", "commands stopped: torque dropped; waits for \"motors off\"",
                                              "ten corrupt commands in a row: torque dropped; waits for a reset",
                                              "the bus is off: torque dropped"};
+    enum { LOOKS_PER_SECOND = 20 };
+    int looks = 0;
     bool told_wait = false, heard = false;
     int told_fault = 0;
     const struct timespec wait = {0, 50000000};
     while (!atomic_load(&p->loop.done)) {
         nanosleep(&wait, NULL);
         const char *lost = hrt_bus_look(&p->wires);
-        if (lost) fprintf(stderr, "tm-device: %s: %s\n", p->bus, lost);
+        if (lost) app_say("tm-device: %s: %s", p->bus, lost);
         const int fault = atomic_load(&p->fault);
         if (!atomic_load(&p->heard) && !told_wait && atomic_load(&p->loop.ticks) > 50) {
-            fprintf(stderr, "tm-device: waiting for commands on %s (start haptic-rt; any order is fine)\n", p->bus);
+            app_say("tm-device: waiting for commands on %s (start haptic-rt; any order is fine)", p->bus);
             told_wait = true;
         }
         if (!heard && atomic_load(&p->heard)) {
-            fprintf(stderr, "tm-device: commands come\n");
+            app_say("tm-device: commands come");
             heard = true;
         }
-        if (fault != told_fault && fault >= 0 && fault <= 3) fprintf(stderr, "tm-device: %s\n", fault_text[fault]);
+        if (fault != told_fault && fault >= 0 && fault <= 3) app_say("tm-device: %s", fault_text[fault]);
         told_fault = fault;
+        if (p->link && ++looks % LOOKS_PER_SECOND == 0) hrt_say_refused("tm-device", p->api, p->link, &p->told_refused);
     }
     pthread_join(p->loop.thread, NULL);
 }
@@ -302,7 +318,7 @@ int main(int argc, char **argv) {
         return hrt_bus_close(&p.wires), APP_FAILED;
     }
     watch(&p);
-    if (p.link) p.api->close(p.link);
+    if (p.link) p.api->close(p.link, NULL);
     if (p.stats) {
         printf("tm-device: %lld ticks, %lld missed, %u commands, %u gaps\n", (long long)p.loop.ticks,
                (long long)p.loop.missed, p.device.commands, p.device.can.lost);

@@ -21,17 +21,20 @@ enum { STATUS_EVERY_US = 100000, DEVICE_HERE_US = 100000 };
 
 typedef struct program {
     /* options */
-    const char *bus, *url, *samples_path, *json, *record_path;
+    const char *bus, *url, *samples_path, *json, *record_path, *key_path;
     hrt_node_config config;
     int rate, priority;
     double duration_s, auto_reset_s;
-    bool stats, replay, lcm;
+    bool stats, replay, no_key;
     /* running */
     hrt_bus wires;
     hrt_node node;
     hrt_samples samples;
     const hrt_link_api *api;
     hrt_link *link;
+    app_key key;
+    hrt_link_sent sent;
+    hrt_refused_told told_refused;
     hrt_loop loop;
     hrt_tool_state tool;
     int64_t status_us;
@@ -62,6 +65,8 @@ static void usage(void) {
         "  --set NAME=VALUE         one parameter; may be repeated\n"
         "  --params                 print all parameters with range and unit, and end\n"
         "  --lcm-url URL            LCM (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
+        "  --key FILE               shared with tm-sim: only messages sealed with it are taken (docs/trust.md)\n"
+        "  --no-key                 take anybody's messages, though the URL lets them come from other machines\n"
         "  --samples FILE           recorded samples (CSV) instead of LCM; with --lcm-url, beside it\n"
         "  --replay                 samples come from lcm-logplayer: take them though they answered another controller\n"
         "  --rate HZ                ticks a second, 100..2000 (500)\n"
@@ -123,6 +128,8 @@ enum {
     O_RECORD,
     O_REPLAY,
     O_IDLE_STATES,
+    O_KEY,
+    O_NO_KEY,
     O_VERSION,
     O_HELP = 'h'
 };
@@ -152,6 +159,8 @@ static const struct option options[] = {{"bus", 1, 0, O_BUS},
                                         {"record", 1, 0, O_RECORD},
                                         {"replay", 0, 0, O_REPLAY},
                                         {"idle-states", 0, 0, O_IDLE_STATES},
+                                        {"key", 1, 0, O_KEY},
+                                        {"no-key", 0, 0, O_NO_KEY},
                                         {"help", 0, 0, O_HELP},
                                         {"version", 0, 0, O_VERSION},
                                         {0, 0, 0, 0}};
@@ -179,6 +188,8 @@ static bool take_option(program *p, int option, const char *text) {
     case O_PROFILE: return hrt_profile_read(text, &p->config.params);
     case O_SET: return hrt_profile_set(text, &p->config.params);
     case O_URL: p->url = text; return true;
+    case O_KEY: p->key_path = text; return true;
+    case O_NO_KEY: p->no_key = true; return true;
     case O_SAMPLES: p->samples_path = text; return true;
     case O_RATE:
         if (!hrt_option_number("--rate", text, 100, 2000, &number)) return false;
@@ -324,6 +335,8 @@ static void watch(program *p) {
                          .from_file = p->samples_path != NULL,
                          .told = {.state = -1, .silent_s = -1.0e9, .gaps_s = -1.0e9}};
     double fault_since_s = 0.0;
+    enum { LOOKS_PER_SECOND = 20 };
+    int looks = 0;
     while (!atomic_load(&p->loop.done)) {
         nanosleep(&(const struct timespec){0, 50000000}, NULL);
         const hrt_facts facts = facts_now(p);
@@ -331,6 +344,7 @@ static void watch(program *p) {
         if (lost) hrt_say_line(facts.time_s, "%s: %s", p->bus, lost);
         if (atomic_load(&p->loop.ticks) > 50) hrt_say(&teller, &facts);
         if (p->record_path) hrt_record_write(&p->record);
+        if (p->link && ++looks % LOOKS_PER_SECOND == 0) hrt_say_refused("haptic-rt", p->api, p->link, &p->told_refused);
         reset_by_itself(p, &facts, &fault_since_s);
     }
     pthread_join(p->loop.thread, NULL);
@@ -338,7 +352,7 @@ static void watch(program *p) {
 
 static const char *const stage_name[HRT_NODE_STAGES + 1] = {"receive", "control", "send", "publish"};
 
-static int write_json(program *p) {
+static cJSON *figures_json(program *p) {
     cJSON *json = cJSON_CreateObject();
     hrt_status s;
     hrt_node_status(&p->node, &s);
@@ -360,6 +374,17 @@ static int write_json(program *p) {
     cJSON_AddNumberToObject(samples, "lost", (double)s.samples_lost);
     cJSON_AddNumberToObject(samples, "rejected", (double)s.samples_rejected);
     hrt_report_can(json, &p->wires, &p->node.line.can, (double)p->loop.ticks / p->rate);
+    if (p->link) hrt_report_refused(json, p->api, p->link);
+    return json;
+}
+
+static int write_json(program *p, cJSON *json) {
+    if (p->api) {
+        cJSON *sent = cJSON_AddObjectToObject(json, "sent");
+        cJSON_AddNumberToObject(sent, "tools", (double)p->sent.tools);
+        cJSON_AddNumberToObject(sent, "skipped", (double)p->sent.skipped);
+        hrt_report_quantiles(sent, "lay_us", &p->sent.lay);
+    }
     return hrt_report_write(json, &p->json_out);
 }
 
@@ -382,8 +407,11 @@ static int open_link(program *p) {
                                                    : HRT_LCM_URL,
                               .instrument = p->config.instrument,
                               .node = &p->node,
+                              .key = &p->key,
                               .replay = p->replay};
     if (p->samples_path && !p->url) return APP_DONE; /* without LCM */
+    if (!app_key_for(def.url, p->key_path, p->no_key, &p->key, why, sizeof why))
+        return app_bad_input("--key", 0, "%s", why);
     p->api = hrt_link_module();
     if (!p->api) return APP_FAILED;
     /* The receive threads inherit: real-time, but below the loop. */
@@ -435,9 +463,10 @@ int main(int argc, char **argv) {
         return hrt_bus_close(&p.wires), APP_FAILED;
     }
     watch(&p);
-    if (p.link) p.api->close(p.link);
     if (p.stats) print_stats(&p);
-    int status = p.json ? write_json(&p) : APP_DONE;
+    cJSON *json = p.json ? figures_json(&p) : NULL;
+    if (p.link) p.api->close(p.link, &p.sent);
+    int status = p.json ? write_json(&p, json) : APP_DONE;
     if (p.record_path && hrt_record_end(&p.record) != APP_DONE) status = APP_FAILED;
     hrt_bus_close(&p.wires);
     hrt_table_free(&p.samples.table);

@@ -11,6 +11,8 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "log_line.h"
+
 enum { STACK_TOUCHED = 256 * 1024 };
 
 int64_t hrt_clock_ns(void) {
@@ -90,9 +92,8 @@ static void hold_idle_states(hrt_loop *l) {
         return;
     }
     if (errno != ENOENT)
-        fprintf(
-            stderr,
-            "%s: idle states are not held off (/dev/cpu_dma_latency: %s): an idle processor wakes late; give this user the file, or --idle-states\n",
+        app_say(
+            "%s: idle states are not held off (/dev/cpu_dma_latency: %s): an idle processor wakes late; give this user the file, or --idle-states",
             l->program, strerror(errno));
     if (fd >= 0) close(fd);
 }
@@ -100,9 +101,8 @@ static void hold_idle_states(hrt_loop *l) {
 bool hrt_loop_start(hrt_loop *l) {
     hold_idle_states(l);
     if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0)
-        fprintf(
-            stderr,
-            "%s: memory is not locked (%s): page faults may delay a tick; raise `ulimit -l` or run with CAP_IPC_LOCK\n",
+        app_say(
+            "%s: memory is not locked (%s): page faults may delay a tick; raise `ulimit -l` or run with CAP_IPC_LOCK",
             l->program, strerror(errno));
     if (l->priority > 0) {
         const struct sched_param p = {.sched_priority = l->priority};
@@ -111,9 +111,8 @@ bool hrt_loop_start(hrt_loop *l) {
         const int policy = sched_getscheduler(0);
         sched_getparam(0, &old);
         if (sched_setscheduler(0, SCHED_FIFO, &p) != 0)
-            fprintf(
-                stderr,
-                "%s: no SCHED_FIFO (%s): the loop runs at normal priority and will be late on a busy machine; run with CAP_SYS_NICE or set RLIMIT_RTPRIO\n",
+            app_say(
+                "%s: no SCHED_FIFO (%s): the loop runs at normal priority and will be late on a busy machine; run with CAP_SYS_NICE or set RLIMIT_RTPRIO",
                 l->program, strerror(errno));
         else
             sched_setscheduler(0, policy, &old);
@@ -124,14 +123,15 @@ bool hrt_loop_start(hrt_loop *l) {
     int error = pthread_create(&l->thread, &attributes, run, l);
     if (error == EAGAIN) { /* a small lock limit leaves no room for a stack */
         munlockall();
-        fprintf(stderr,
-                "%s: memory is not locked: the limit is too small; raise `ulimit -l` or run with CAP_IPC_LOCK\n",
+        app_say("%s: memory is not locked: the limit is too small; raise `ulimit -l` or run with CAP_IPC_LOCK",
                 l->program);
         error = pthread_create(&l->thread, &attributes, run, l);
     }
     pthread_attr_destroy(&attributes);
-    if (error)
-        fprintf(stderr, "%s: cannot start the loop's thread (%s); close other programs\n", l->program, strerror(error));
+    /* What is there now, the loop's stack too, stays locked; what comes later is not: nobody outside may make this
+     * process lock memory. */
+    if (mlockall(MCL_CURRENT) != 0) munlockall();
+    if (error) app_say("%s: cannot start the loop's thread (%s); close other programs", l->program, strerror(error));
     return error == 0;
 }
 

@@ -4,7 +4,11 @@
 #include <math.h>
 #include <string.h>
 
-enum { UNREAD = 4, FRAMES_PER_TICK = 64 };
+enum {
+    UNREAD = 4,
+    FRAMES_PER_TICK = 64,
+    TICK_SLACK_US = 4000 /* the last tick was a little ago; the next one looks again */
+};
 
 hrt_node_config hrt_node_config_default(int32_t instrument) {
     hrt_node_config config = {.instrument = instrument,
@@ -56,9 +60,18 @@ static hrt_reject refuse(hrt_node *node, hrt_reject why) {
 /* A pose that was posted but not taken over yet: nothing fits until it is. */
 static bool pose_settled(hrt_node *node) { return atomic_load(&node->pose_count) == atomic_load(&node->pose_taken); }
 
+bool hrt_node_in_use(const hrt_node *node) { return atomic_load(&node->in_use); }
+
+bool hrt_node_hears(const hrt_node *node, int64_t session) {
+    const hrt_gate *gate = &node->gate;
+    if (!gate->known || session == gate->last.session) return true;
+    return !hrt_node_in_use(node) && atomic_load(&node->now_us) - gate->heard_us >= HRT_GATE_SILENCE_US;
+}
+
 hrt_reject hrt_node_post_patch(hrt_node *node, const hrt_patch_message *m) {
+    if (m->instrument != node->config.instrument || !pose_settled(node) || !hrt_node_hears(node, m->session))
+        return refuse(node, HRT_REJECT_FOREIGN);
     node->patch_waits = false;
-    if (m->instrument != node->config.instrument || !pose_settled(node)) return refuse(node, HRT_REJECT_FOREIGN);
     if (m->vertex_count < 3 || m->vertex_count > HRT_PATCH_MAX_VERTICES || m->triangle_count < 1 ||
         m->triangle_count > HRT_PATCH_MAX_TRIANGLES)
         return refuse(node, HRT_REJECT_INDEX);
@@ -105,24 +118,31 @@ static void convert(const hrt_node *node, const hrt_force_sample *m, hrt_sample 
         for (int i = 0; i < 9; i++) s->stiffness_N_m[i] = (float)m->stiffness_N_m[i];
 }
 
+/* Order and origin, before the mailbox: what waits there unread is only pushed out by what comes after it. */
+static hrt_reject judge(hrt_node *node, const hrt_force_sample *m) {
+    const int64_t now_us = atomic_load(&node->now_us);
+    const hrt_gate_mark mark = {.session = m->session, .utime = m->tool_utime, .seq = m->seq};
+    if (m->tool_utime > now_us + TICK_SLACK_US) return HRT_REJECT_FUTURE;
+    if (m->tool_utime < node->newest_t_us) return HRT_REJECT_OLD;
+    const hrt_gate_verdict verdict = hrt_gate_accept(&node->gate, now_us, hrt_node_in_use(node), &mark);
+    if (verdict == HRT_GATE_FOREIGN || verdict == HRT_GATE_PINNED) return HRT_REJECT_FOREIGN;
+    if (!hrt_gate_open(verdict)) return HRT_REJECT_OLD;
+    node->newest_t_us = m->tool_utime;
+    return HRT_ACCEPT;
+}
+
 hrt_reject hrt_node_post_sample(hrt_node *node, const hrt_force_sample *m) {
     hrt_mailbox *box = &node->mailbox;
     struct hrt_slot *slot = &box->slot[box->write];
-    const bool with_patch = node->patch_waits && slot->patch.seq == m->seq && node->patch_session == m->session;
-    node->patch_waits = false;
     if (m->instrument != node->config.instrument || m->tool_session != node->config.session || !pose_settled(node))
         return refuse(node, HRT_REJECT_FOREIGN);
     convert(node, m, &slot->sample);
-    const hrt_reject verdict = hrt_sample_check(&slot->sample, &node->config.params);
+    hrt_reject verdict = hrt_sample_check(&slot->sample, &node->config.params);
+    if (verdict == HRT_ACCEPT) verdict = judge(node, m);
     if (verdict != HRT_ACCEPT) return refuse(node, verdict);
-    /* Never bury a newer one that the tick has not seen. */
-    const bool unread = (atomic_load(&box->between) & UNREAD) != 0;
-    if (unread && node->posted && node->posted_session == m->session && !hrt_seq_after(m->seq, node->posted_seq))
-        return refuse(node, HRT_REJECT_OLD);
+    const bool with_patch = node->patch_waits && slot->patch.seq == m->seq && node->patch_session == m->session;
+    node->patch_waits = false;
     slot->sample.patch = with_patch ? &slot->patch : NULL;
-    node->posted = true;
-    node->posted_session = m->session;
-    node->posted_seq = m->seq;
     box->write = atomic_exchange(&box->between, box->write | UNREAD) & 3u;
     return HRT_ACCEPT;
 }
@@ -160,9 +180,9 @@ static void take_commands(hrt_node *node, int64_t now_us) {
     if (passivity >= 0) node->input.passivity = passivity != 0;
     if (coupling >= 0) node->input.coupling = coupling != 0;
     if (enable >= 0) node->config.enable = enable != 0;
-    node->input.reset = atomic_exchange(&node->wish_reset, 0) == 1;
-    if (node->input.reset) hrt_can_link_reset(&node->line, now_us, &node->input);
     const bool in_use = node->controller.state == HRT_ENGAGED || node->controller.state == HRT_STALE;
+    node->input.reset = atomic_exchange(&node->wish_reset, 0) == 1 && !in_use;
+    if (node->input.reset) hrt_can_link_reset(&node->line, now_us, &node->input);
     if (!in_use && !pose_settled(node)) {
         node->config.pose = node->pose_posted;
         node->config.pose_known = true;
@@ -221,10 +241,12 @@ static int64_t stage_done(hrt_node *node, int stage, int64_t since_ns) {
 bool hrt_node_tick(hrt_node *node, int64_t now_us, hrt_tool_state *tool) {
     hrt_mailbox *box = &node->mailbox;
     int64_t clock_ns = stage_done(node, -1, 0);
+    atomic_store(&node->now_us, now_us);
     take_commands(node, now_us);
     take_frames(node, now_us);
     clock_ns = stage_done(node, HRT_NODE_RECEIVE, clock_ns);
     hrt_tick(&node->controller, now_us, &node->input, take_sample(box), &node->output);
+    atomic_store(&node->in_use, node->output.motors_on);
     if (node->controller.extrapolation.patch == &box->slot[box->spare].patch) {
         const uint32_t freed = box->held; /* the controller went over to the new patch */
         box->held = box->spare;

@@ -7,6 +7,7 @@
 
 #include "bus.h"
 #include "can/can_link.h"
+#include "gate.h"
 #include "hrt.h"
 
 #ifdef __cplusplus
@@ -102,10 +103,11 @@ typedef struct hrt_node {
     float scratch[HRT_PATCH_COMPLIANCE];
     bool patch_waits; /* in slot[write], for the sample with its seq */
     int64_t patch_session;
-    int64_t posted_session;
-    uint32_t posted_seq;
-    bool posted;
+    hrt_gate gate;       /* whose samples are taken, in what order */
+    int64_t newest_t_us; /* t_n of the newest taken: the controller's own clock, so it never goes back */
     _Atomic uint32_t rejected, late;
+    _Atomic int64_t now_us; /* of the last tick, */
+    _Atomic bool in_use;    /* and whether it rendered force */
     _Atomic int32_t wish_extrapolator, wish_passivity, wish_coupling, wish_enable, wish_reset; /* -1: none */
     hrt_pose pose_posted;
     _Atomic uint32_t pose_count, pose_taken; /* equal: taken over */
@@ -121,10 +123,15 @@ typedef struct hrt_node {
 
 /* The bus is opened by the caller and outlives the node. */
 void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus);
-/* From one thread, not the tick's. A patch comes before the sample with the same seq. Validated here; anything but
- * HRT_ACCEPT never reaches the tick. */
+/* From one thread, not the tick's. A patch comes before the sample with the same seq. Validated here, order and origin
+ * too; anything but HRT_ACCEPT never reaches the tick, nor does it push out what waits there. Another simulation is
+ * taken when no force is rendered and the present one has been silent for a second (gate.h). */
 hrt_reject hrt_node_post_patch(hrt_node *node, const hrt_patch_message *patch);
 hrt_reject hrt_node_post_sample(hrt_node *node, const hrt_force_sample *sample);
+/* Is this the simulation whose samples are taken, or may it become so? From the posting thread. */
+bool hrt_node_hears(const hrt_node *node, int64_t session);
+/* Force is rendered. Any thread. */
+bool hrt_node_in_use(const hrt_node *node);
 /* The scene's trocar. Taken over while no force is rendered. */
 void hrt_node_post_pose(hrt_node *node, const hrt_pose *pose);
 void hrt_node_post_command(hrt_node *node, const hrt_command *command);

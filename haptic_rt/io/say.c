@@ -4,6 +4,8 @@
 #include <stdarg.h>
 #include <stdio.h>
 
+#include "log_line.h"
+
 static const double again_s = 1.0;
 
 void hrt_say_line(double time_s, const char *format, ...) {
@@ -12,7 +14,7 @@ void hrt_say_line(double time_s, const char *format, ...) {
     va_start(arguments, format);
     vsnprintf(line, sizeof line, format, arguments);
     va_end(arguments);
-    fprintf(stderr, "haptic-rt %.3f s: %s\n", time_s, line);
+    app_say("haptic-rt %.3f s: %s", time_s, line);
 }
 
 /* In pairs, and at most one pair a second: a simulation at the edge of its time would fill the log. */

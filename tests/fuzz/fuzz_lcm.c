@@ -21,7 +21,7 @@ static void hand(void *user, const double joint[5], bool active) {
     hrt_device_hand(&device, joint, active);
 }
 
-static void start(void) {
+static void start_loop(void) {
     hrt_loopback_init(&loopback);
     for (int i = 0; i < 2; i++) PROMISE(hrt_bus_open_loopback(&ends[i], &loopback));
     hrt_node_config config = hrt_node_config_default(0);
@@ -59,16 +59,6 @@ static void run(int ticks) {
     }
 }
 
-/* As LCM's own subscription does it: decode, and hand on what could be decoded. */
-#define GIVE(type, handler)                                                                                            \
-    do {                                                                                                               \
-        tensormass_##type m;                                                                                           \
-        memset(&m, 0, sizeof m);                                                                                       \
-        if (tensormass_##type##_decode(bytes, 0, size, &m) < 0) break;                                                 \
-        handler(&raw, "", &m, &peer);                                                                                  \
-        tensormass_##type##_decode_cleanup(&m);                                                                        \
-    } while (0)
-
 #define SAME(type, layout)                                                                                             \
     do {                                                                                                               \
         tensormass_##type m;                                                                                           \
@@ -96,13 +86,12 @@ static void set_fingerprint(int kind, uint8_t *bytes, int size) {
 }
 
 static void give(int kind, uint8_t *bytes, int size) {
-    lcm_recv_buf_t raw = {.data = bytes, .data_size = (uint32_t)size};
     switch (kind) {
-    case FORCE: GIVE(force_sample_t, on_force); break;
-    case PATCH: GIVE(contact_patch_t, on_patch); break;
-    case HAND: GIVE(hand_command_t, on_hand); break;
-    case STATUS: on_sim_status(&raw, "", &peer); break;
-    case COMMAND: on_command(&raw, "", &peer); break;
+    case FORCE: on_force(&peer, "", 0, bytes, size); break;
+    case PATCH: on_patch(&peer, "", 0, bytes, size); break;
+    case HAND: on_hand(&peer, "", 0, bytes, size); break;
+    case STATUS: on_sim_status(&peer, "", 0, bytes, size); break;
+    case COMMAND: on_command(&peer, "", 0, bytes, size); break;
     case CUT: SAME(cut_event_t, "25.#*4.4."); break;
     case TISSUE: SAME(tissue_t, "32.#*12.*4.#*12.*1."); break;
     }
@@ -110,7 +99,7 @@ static void give(int kind, uint8_t *bytes, int size) {
 
 static void begin(void) {
     if (!warm) {
-        start();
+        start_loop();
         run(200);
         warm = malloc(sizeof *warm);
         memcpy(&warm->node, &node, sizeof node);

@@ -73,3 +73,11 @@ put("fuzz_tables", "stl-text", b"\4" + text(sphere(1)).encode())
 put("fuzz_tables", "stl", b"\4" + binary(sphere(1)))
 for i, words in enumerate(("5 kPa", "3 mm", "-1e-3", "30 deg", "25 Hz", "1050 kg/m^3")):
     put("fuzz_tables", f"quantity-{i}", b"\5" + words.encode())
+
+def packet(flags, body):
+    return bytes([len(body) & 255, len(body) >> 8, flags, 1]) + body
+
+
+put("fuzz_receiver", "short", packet(2, b"LC02" + bytes(4) + b"S\0hello"))
+put("fuzz_receiver", "fragments", b"".join(packet(6, b"LC03" + struct.pack(">IIIHH", 1, 100, 50 * i, i, 2) + (b"" if i else b"LARGE\0") + bytes([i]) * 50) for i in (1, 0)))
+put("fuzz_receiver", "giant", packet(6, b"LC03" + struct.pack(">IIIHH", 1, (1 << 28) - 1, 0, 0, 4100) + b"LARGE\0" + bytes(100)))

@@ -25,14 +25,15 @@ def play(name, link, seconds=SECONDS, extrapolator="tangent", kill=None):
     bus = tempfile.mkdtemp(prefix="tm-test-", dir="/dev/shm")
     directory = two_hosts_run.directory(name)
     url = two_hosts_run.LCM_URL
+    key = two_hosts_run.key(directory)
     try:
         subprocess.run([BUILD / "bin/tm-sim", SCENE, "--hands", directory / "hand"], check=True, timeout=60, stdout=subprocess.DEVNULL)
         hosts = {
-            "simulation": [[BUILD / "bin/tm-sim", SCENE, "--realtime", "--url", url, "--duration", f"{seconds} s", "--json", directory / "sim.json"],
+            "simulation": [[BUILD / "bin/tm-sim", SCENE, "--realtime", "--url", url, "--key", key, "--duration", f"{seconds} s", "--json", directory / "sim.json"],
                            ["lcm-logger", "-q", "--lcm-url=" + url, "-c", "FORCE_0", directory / "sim.log"]],
             "controller": [["env", f"TM_BUS_DIR={bus}", BUILD / "bin/tm-device", "--bus", "virtual:two", "--hand", directory / "hand0.csv", "--repeat",
                             "--duration", str(seconds)],
-                           ["env", f"TM_BUS_DIR={bus}", BUILD / "bin/haptic-rt", "--bus", "virtual:two", "--url", url, "--extrapolator", extrapolator,
+                           ["env", f"TM_BUS_DIR={bus}", BUILD / "bin/haptic-rt", "--bus", "virtual:two", "--url", url, "--key", key, "--extrapolator", extrapolator,
                             "--duration", str(seconds), "--json", directory / "controller.json", "--record", directory / "controller.csv"]],
         }
         result = two_hosts_run.run(directory, hosts, link, seconds + 1.5, kill)

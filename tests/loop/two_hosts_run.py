@@ -19,6 +19,14 @@ def directory(name):
     return path
 
 
+def key(path):
+    """A key for both sides: messages leave the machine."""
+    file = path / "key"
+    file.touch(0o600)
+    file.write_text(os.urandom(16).hex() + "\n")
+    return file
+
+
 def run(path, hosts, link, seconds, kill=None):
     """The contents of link.json. `hosts` = {"simulation": [argv...], "controller": [argv...]}; `kill` = {"at_s": S, "host": NAME, "command": N}: SIGKILL."""
     spec = {"seconds": seconds, "link": link, "kill": kill, "hosts": {h: [[str(a) for a in argv] for argv in commands] for h, commands in hosts.items()}}

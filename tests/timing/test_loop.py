@@ -72,8 +72,10 @@ def test_system_calls_with_lcm(tmp_path):
     loop = max(calls.values(), key=lambda names: names.count("clock_nanosleep"))
     first, last = loop.index("clock_nanosleep"), len(loop) - 1 - loop[::-1].index("clock_nanosleep")
     under_way = [name for name in loop[first:last] if name.isidentifier()]
-    assert under_way.count("clock_nanosleep") > 1500 and under_way.count("sendmsg") > 1000
-    assert set(under_way) <= {"clock_nanosleep", "sendmsg", "getrusage"}, set(under_way)
+    # Another thread sends: a full socket is not the loop's concern.
+    assert under_way.count("clock_nanosleep") > 1500 and under_way.count("futex") > 1000
+    assert set(under_way) <= {"clock_nanosleep", "futex", "getrusage"}, set(under_way)
+    assert max(names.count("sendmsg") for names in calls.values()) > 1000
 
 
 @pytest.mark.parametrize("options, held", [([], True), (["--idle-states"], False), (["--priority", "0"], False)])

@@ -25,7 +25,9 @@ def test_systemd_understands_it(tmp_path):
 def test_its_command_line_is_taken(tmp_path):
     settings = dict(line.split("=", 1) for line in (ROOT / "haptic_rt/systemd/haptic-rt-0.conf").read_text().splitlines() if "=" in line and line[0] != "#")
     command = re.search(r"^ExecStart=(.*)$", UNIT.read_text(), re.M)[1].replace("@PREFIX@", str(BUILD)).replace("%i", "0")
-    command = command.replace("${HAPTIC_RT_BUS}", "virtual:unit").replace("$HAPTIC_RT_ARGS", settings["HAPTIC_RT_ARGS"])
+    (tmp_path / "haptic.key").write_text("0123456789abcdef0123456789abcdef\n")
+    (tmp_path / "haptic.key").chmod(0o600)
+    command = command.replace("%d", str(tmp_path)).replace("${HAPTIC_RT_BUS}", "virtual:unit").replace("$HAPTIC_RT_ARGS", settings["HAPTIC_RT_ARGS"])
     (tmp_path / "none.csv").write_text("time_s,fx_N,fy_N,fz_N\n0,0,0,0\n")
     argv = shlex.split(command) + ["--samples", str(tmp_path / "none.csv"), "--duration", "0.2"]
     done = subprocess.run(argv, capture_output=True, text=True, timeout=20, env={"TM_BUS_DIR": str(tmp_path)})
