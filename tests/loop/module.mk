@@ -6,3 +6,9 @@ tests: $(OUT)/tests/can/codec.so
 $(OUT)/tests/can/codec.so: haptic_rt/can/codec.c haptic_rt/can/impulse_engine.c haptic_rt/can/codec.h
 	@mkdir -p $(@D)
 	$(CC) -shared -fPIC -O1 $(INCLUDES) -o $@ $(filter %.c,$^)
+# A process's clocks as a test wants them (tests/loop/soak.py).
+FAKE_CLOCK := $(OUT)/tests/loop/fake_clock.so
+$(FAKE_CLOCK): tests/loop/fake_clock.c
+	@mkdir -p $(@D)
+	$(CC) -shared -fPIC -O1 -Wall -o $@ $< -ldl
+tests: $(FAKE_CLOCK)

@@ -1,0 +1,37 @@
+"""Random kills, stops, clock steps and double starts of all three programs: 100 here, 1,000 in the long run. Each rig has a network namespace and a bus of its own.
+TM_SEED=N begins at another seed; how the machine schedules the programs is not repeated with it."""
+import json
+import os
+import pathlib
+import shutil
+import subprocess
+import sys
+import tempfile
+
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "sim"))
+from simkit import block_scene  # noqa: E402
+
+NAMESPACE = ["unshare", "-n" if os.geteuid() == 0 else "-rn", "sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]
+RIGS = 2
+
+
+def test_whoever_comes_back_is_taken_up_within_a_second_or_told_why_not(build, root, long_run):
+    first, each = int(os.environ.get("TM_SEED", 1)), 500 if long_run else 50
+    folders = [pathlib.Path(tempfile.mkdtemp(prefix="tm-soak-", dir="/dev/shm")) for _ in range(RIGS)]
+    rigs = []
+    try:
+        for i, folder in enumerate(folders):
+            scene = block_scene(folder, root, "instruments:\n  - trocar: [50 mm, 50 mm, 180 mm]\ncontact:\ndamping: {rate: 60 /s}\nhaptics:\n")
+            rigs.append(subprocess.Popen([*NAMESPACE, sys.executable, root / "tests/loop/soak.py", build, scene, folder, str(first + i), str(each)],
+                                         stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
+        said = [rig.communicate(timeout=60 + 4 * each)[0] for rig in rigs]
+    finally:
+        for rig in rigs:
+            rig.kill()
+        for folder in folders:
+            shutil.rmtree(folder)
+    print(*said)
+    assert all(rig.returncode == 0 for rig in rigs), "\n".join(said)
+    for text in said:
+        done = json.loads(text)
+        assert sum(done["events"].values()) == each and all(n > 0 for n in done["events"].values()), done
