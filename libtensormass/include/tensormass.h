@@ -7,6 +7,7 @@
 #include "tensormass/base.h"
 #include "tensormass/contact.h"
 #include "tensormass/cut.h"
+#include "tensormass/energy.h"
 #include "tensormass/grasp.h"
 #include "tensormass/material.h"
 #include "tensormass/mesh.h"

@@ -4,6 +4,7 @@
 
 #include "contact_surface.h"
 #include "internal.h"
+#include "tensormass/grasp.h"
 
 enum { TM_COOKIE_CONTACT = 0x636f6e74, TM_COOKIE_GRASP = 0x67726173 };
 
@@ -43,6 +44,16 @@ typedef struct tm_tool {
     int32_t stiffness_kind;
 } tm_tool;
 
+/* What a guest does to the vertices in the jaw of one instrument, for the account of energy. */
+typedef struct tm_guest_load {
+    int32_t count;
+    const int32_t *vertex;
+    const double *force_N;  /* [3*count] on the tissue, of the last substep */
+    const double *offset_m; /* [3*count] the other end of each spring, in the jaw's frame */
+    const tm_jaw *jaw;
+    double compliance_m_N;
+} tm_guest_load;
+
 /* Another constraint that shares vertices with contact is swept with it, or the two would fight (grasp). */
 typedef struct tm_contact_guest {
     void *self;
@@ -54,6 +65,7 @@ typedef struct tm_contact_guest {
     /* Vertices held (-1 while letting go), where the jaw has them [3*count], and the compliance of the hold on each. */
     int32_t (*held)(void *self, int32_t instrument, const int32_t **vertex, const double **target_m,
                     double *compliance_m_N);
+    void (*load)(void *self, int32_t instrument, tm_guest_load *load);
 } tm_contact_guest;
 
 /* All vertices that bear the row are held: it is no obstacle to the tool that holds them. */

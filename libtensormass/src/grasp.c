@@ -159,11 +159,11 @@ static void limit_force(const tm_grasp *grasp, const hold *h, int32_t i, double 
     if (size > most) vscale(most / size, force_N, force_N);
 }
 
-/* While letting go the jaw is a friction that fades: what a spring cannot bear any more, it slips by, and what it had
- * stored is lost there. (A frozen force that fades instead would be a dead load: whatever another tool does with the
+/* What a spring cannot bear, it slips by, and what it had stored is lost there: while letting go the jaw is a friction
+ * that fades. (A frozen force that fades instead would be a dead load: whatever another tool does with the
  * tissue meanwhile, it goes on driving it; docs/physics.md, "Letting go".) Called before the jaw turns. */
 static void slip(const tm_grasp *grasp, hold *h, const tm_world *world) {
-    for (int32_t i = 0; i < h->count && h->state == TM_GRASP_LETTING_GO; i++) {
+    for (int32_t i = 0; i < h->count; i++) {
         double at[3], d[3];
         vertex_at(world, h->vertex[i], at);
         vsub(h->target_m + 3 * i, at, d);
@@ -238,6 +238,12 @@ static int32_t held(void *self, int32_t t, const int32_t **vertex, const double 
     *target_m = h->target_m;
     *compliance_m_N = grasp->def.compliance_m_N;
     return h->state == TM_GRASP_LETTING_GO ? -1 : h->count;
+}
+
+static void load(void *self, int32_t t, tm_guest_load *to) {
+    const tm_grasp *grasp = self;
+    const hold *h = grasp->hold + t;
+    *to = (tm_guest_load){h->count, h->vertex, h->force_N, h->offset_m, &h->jaw, grasp->def.compliance_m_N};
 }
 
 /* --- stage --- */
@@ -410,7 +416,7 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
         tm_pool_release(&pool);
         return status;
     }
-    contact->guest = (tm_contact_guest){self, prepare, sweep, react, holds, held};
+    contact->guest = (tm_contact_guest){self, prepare, sweep, react, holds, held, load};
     *grasp = self;
     return TM_OK;
 }

@@ -88,6 +88,7 @@ struct tm_world {
     double *mobility_s2_kg; /* [vertex_count] 1/(m/dt2 + gamma/2dt), 0 without mass: move per newton in a step */
     double *carry;          /* damped: [vertex_count] (m/dt2 - gamma/2dt) * mobility; else null */
     uint8_t *held_scratch;  /* [3*vertex_count] of tm_world_set_step */
+    double *internal_N;     /* [3*vertex_count] where the stage "energy" wants the tissue's own force; else null */
     double *keep_u_m, *keep_u_prev_m; /* state at the start of a tm_world_step call */
     int32_t stage_count;
     struct tm_stage_slot {
@@ -114,6 +115,7 @@ void tm_stage_integrate_refresh(tm_world *world, const int32_t *vertex, int32_t 
 void tm_stage_integrate_still(tm_world *world);
 /* The stages settle knows: with these alone the rest state is a linear system. */
 void tm_stage_gravity_run(void *self, tm_world *world);
+const double *tm_stage_gravity_m_s2(const void *self); /* [3] */
 void tm_stage_load_run(void *self, tm_world *world);
 void tm_stage_support_run(void *self, tm_world *world);
 /* Writes the prescribed values into u. */

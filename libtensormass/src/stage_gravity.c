@@ -22,6 +22,8 @@ void tm_stage_gravity_run(void *self, tm_world *world) {
         }
 }
 
+const double *tm_stage_gravity_m_s2(const void *self) { return ((const gravity *)self)->g_m_s2; }
+
 static void destroy(void *self) {
     tm_pool pool = ((gravity *)self)->pool;
     tm_pool_release(&pool);

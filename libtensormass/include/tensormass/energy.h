@@ -1,0 +1,51 @@
+/* Energy: an account of what goes into the tissue of a world and what comes out, kept step by step in the terms of the
+ * integrator itself, so that it closes to rounding (docs/physics.md, "Energy"). A stage of its own: a world without it
+ * pays nothing; with it, two passes over the vertices a step and 48 bytes a vertex. */
+#ifndef TENSORMASS_ENERGY_H
+#define TENSORMASS_ENERGY_H
+
+#include "contact.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* Joules; since the stage was added where not said otherwise. With u, v of the tissue with mass:
+ *   start + contact + grasp + support + gravity + load + moved - damping - cut = kinetic + elastic + residual. */
+typedef struct tm_energy {
+    double time_s; /* to which the account goes: the middle of the last step */
+    /* stored now */
+    double kinetic_J; /* v.Mv/2, v = (u - u_prev)/dt, which belongs to that middle */
+    double elastic_J; /* u_prev.K u/2: of the two ends of the last step, as the scheme conserves it */
+    double start_J;   /* both when the account began */
+    /* work done on the tissue; negative: the tissue did it */
+    double contact_J[TM_MAX_INSTRUMENTS]; /* by the rows of each instrument and their film */
+    double grasp_J[TM_MAX_INSTRUMENTS];   /* by the springs of its jaws */
+    double support_J;                     /* by supports; at rest they do none */
+    double gravity_J;
+    double load_J;  /* by all other stages that add to force_N */
+    double moved_J; /* by what is no motion: a new step, a settled or restored or overwritten state; else rounding */
+    /* taken from it */
+    double damping_J;  /* never negative */
+    double cut_J;      /* what removed tetrahedra held, moving and strained */
+    double residual_J; /* what none of these explains: rounding, unless a stage moves u_next_m that the account does not
+                          know (of a hybrid: the work of its condensed part and of contact with that) */
+    /* between hand and tissue */
+    double hand_J[TM_MAX_INSTRUMENTS]; /* work that moving the instrument put into contact and grasp */
+    double film_J;                     /* lost to the film between tool and tissue, never negative */
+    double sprung_J;                   /* held now in skins and in the springs of jaws */
+    /* contact + grasp + film + sprung - hand: above zero contact made energy out of nothing, below it lost some
+     * (springs are solved implicitly, what the jaws let go slips). A tool placed into tissue pushes it out: that is
+     * above. */
+    double made_J;
+} tm_energy;
+
+/* Adds the stage "energy". What other stages the world has, and gets later, it finds by itself. */
+TM_API tm_status tm_stage_energy(tm_world *world, tm_error *error);
+/* The account up to the last step. TM_ERR_ARGUMENT: the world has no stage "energy". */
+TM_API tm_status tm_world_energy(const tm_world *world, tm_energy *energy, tm_error *error);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
