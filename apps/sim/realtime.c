@@ -275,6 +275,7 @@ static void report(realtime *r, cJSON *json) {
         cJSON_AddNumberToObject(row, "packets", (double)r->thrown_away.packets);
         cJSON_AddNumberToObject(row, "foreign", (double)r->thrown_away.foreign);
     }
+    run_report_energy(r->s, json);
     int64_t ticks = 0, missed = 0;
     double late[4] = {0};
     cJSON *list = cJSON_AddArrayToObject(json, "tools");

@@ -68,6 +68,28 @@ cJSON *run_report_begin(const sim *s, const char *mode) {
     return r;
 }
 
+static void add_both(cJSON *to, const sim *s, const char *name, const double *value) {
+    cJSON_AddItemToObject(to, name, cJSON_CreateDoubleArray(value, s->instrument_count));
+}
+
+void run_report_energy(const sim *s, cJSON *report) {
+    tm_energy e;
+    if (!sim_has(s, "energy") || tm_world_energy(s->world, &e, NULL)) return;
+    const struct {
+        const char *name;
+        double value;
+    } row[] = {{"kinetic_J", e.kinetic_J},   {"elastic_J", e.elastic_J}, {"start_J", e.start_J},
+               {"support_J", e.support_J},   {"gravity_J", e.gravity_J}, {"load_J", e.load_J},
+               {"moved_J", e.moved_J},       {"damping_J", e.damping_J}, {"cut_J", e.cut_J},
+               {"residual_J", e.residual_J}, {"film_J", e.film_J},       {"sprung_J", e.sprung_J},
+               {"made_J", e.made_J}};
+    cJSON *to = cJSON_AddObjectToObject(report, "energy");
+    for (size_t i = 0; i < sizeof row / sizeof *row; i++) cJSON_AddNumberToObject(to, row[i].name, row[i].value);
+    add_both(to, s, "contact_J", e.contact_J);
+    add_both(to, s, "grasp_J", e.grasp_J);
+    add_both(to, s, "hand_J", e.hand_J);
+}
+
 int run_report_end(cJSON *report, run_file *file) {
     int rc = 0;
     if (file->begun) {

@@ -49,6 +49,8 @@ int run_say_interrupted(int64_t frame, int64_t total);
 /* cJSON object of what every run reports: scene, mesh, step, memory. */
 struct cJSON;
 struct cJSON *run_report_begin(const sim *s, const char *mode);
+/* What the effect `energy` knows, where the scene names it. */
+void run_report_energy(const sim *s, struct cJSON *report);
 /* Writes and deletes it. */
 int run_report_end(struct cJSON *report, run_file *file);
 

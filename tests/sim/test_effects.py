@@ -234,3 +234,25 @@ def test_cutting_everything_away_ends_in_an_empty_tissue(bin, root, tmp_path, ty
     assert np.isfinite([list(row) for row in columns(tmp_path / "s.csv").tolist()]).all()
     last = [types.tissue_t.decode(e.data) for e in lcm.EventLog(str(tmp_path / "log")) if e.channel == "TISSUE"][-1]
     assert last.vertex_count == last.triangle_count == 0 and last.topology_revision > 0
+
+
+def test_the_account_of_energy_closes_in_a_cutting_session(bin, root, tmp_path):
+    scene = root / "apps/scenes/block-cut.yaml"
+    plain = report(bin / "tm-sim", scene, "--lockstep", tmp=tmp_path)
+    r = report(bin / "tm-sim", scene, "--lockstep", "--set", "energy=", tmp=tmp_path)
+    assert "energy" not in plain and r["state_hash"] == plain["state_hash"]  # it looks on
+    e = r["energy"]
+    put_in = e["start_J"] + sum(e["contact_J"]) + sum(e["grasp_J"]) + e["support_J"] + e["gravity_J"] + e["load_J"] + e["moved_J"]
+    left = put_in - e["damping_J"] - e["cut_J"] - e["kinetic_J"] - e["elastic_J"]
+    turnover = sum(abs(x) for x in e["contact_J"] + e["grasp_J"]) + e["damping_J"] + abs(e["gravity_J"])
+    assert turnover > 1e-6 and abs(left) < 1e-9 * turnover and abs(e["residual_J"]) < 1e-9 * turnover
+    assert sum(e["hand_J"]) > 0 and e["cut_J"] > 0 and e["damping_J"] > 0
+    assert e["made_J"] < 0.01 * sum(e["hand_J"])
+
+
+@pytest.mark.parametrize("model", ["precomputed", "hybrid"])
+def test_models_without_motion_keep_no_account_of_energy(bin, root, tmp_path, model):
+    scene = block_scene(tmp_path, root)
+    part = ["--set", "hybrid={box: {min: [10 mm, 10 mm, 20 mm], max: [40 mm, 40 mm, 50 mm]}}"] if model == "hybrid" else []
+    out = run(bin / "tm-sim", scene, "--check", "--set", f"model={model}", *part, "--set", "energy=", code=2)
+    assert "energy" in out[1] and "write 'model: dynamic'" in out[1]
