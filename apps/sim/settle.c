@@ -179,11 +179,14 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
     return 0;
 }
 
+int run_settle_check(const app_scene *scene) {
+    if (scene->model.index != APP_HYBRID) return 0;
+    return app_scene_bad(scene, scene->model.line,
+                         "--settle relaxes a whole tissue, not a hybrid one; write 'model: dynamic' (the same "
+                         "shape at rest) or 'model: precomputed'");
+}
+
 int run_settle(sim *s, const run_options *o) {
-    if (s->scene->model.index == APP_HYBRID)
-        return app_scene_bad(s->scene, s->scene->model.line,
-                             "--settle relaxes a whole tissue, not a hybrid one; write 'model: dynamic' (the same "
-                             "shape at rest) or 'model: precomputed'");
     run_file written = {0}, report = {0};
     int rc = o->write ? app_output_ending("--write", o->write, ".vtk .csv") : 0;
     if (!rc) rc = run_file_begin(&written, o->write);

@@ -46,7 +46,12 @@ struct tm_hybrid {
     int32_t *through_vertex; /* [capacity] whose it is, -1 */
     double *give_m_N;        /* [interface_count] mobility within a substep, 0 where supported */
     tms_whole *whole;        /* null: no patches */
-    int32_t uncut_revision;
+    int32_t uncut_count;     /* tetrahedra alive before any cut */
+    bool stale;              /* what was made of mobilities and supports is not theirs any more */
+    int32_t known_revision;  /* of the tissue's surface, then */
+    void *kept;              /* of a step that may be given back */
+    int64_t kept_bytes;
+    bool returns; /* it was given back, and `kept` is to be taken */
     tm_world *world;
     tm_contact *contact;
     uint8_t *held; /* [3*vertex_count] the world's supports */

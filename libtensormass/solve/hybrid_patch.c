@@ -123,7 +123,7 @@ bool tm_hybrid_patch(tm_hybrid *h, int32_t instrument, const double velocity_m_s
     tms_whole *w = h->whole;
     memset(patch, 0, sizeof *patch);
     patch->instrument = instrument;
-    if (!w || !h->contact || tm_tissue_surface(tm_world_tissue(h->world)).revision != h->uncut_revision) return false;
+    if (!w || !h->contact || tm_tissue_alive_count(tm_world_tissue(h->world)) != h->uncut_count) return false;
     const tm_instrument_def *def = &h->instrument[instrument];
     const tm_tool_pose pose = tm_contact_pose(h->contact, instrument);
     if (!pose.active || (def->mode == TM_TOOL_GRASPER && pose.grip > 0))

@@ -7,7 +7,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { GATHER_EVERY = 8 };               /* solves */
 static const double GATHER_TRAVEL = 0.2; /* radii */
 
 /* --- memory --- */
@@ -144,12 +143,26 @@ static int32_t list_wanted(tms_local *l) {
     return count;
 }
 
-static void fill_slot(tms_local *l, int32_t slot) {
+/* Always asked for with the lower vertex first: rounding must not tell in which order vertices came. */
+static void block_of(const tms_local *l, int32_t a, int32_t b, double C[9]) {
+    if (a <= b) {
+        l->compliance(l->self, a, b, C);
+        return;
+    }
+    double other[9];
+    l->compliance(l->self, b, a, other);
+    for (int i = 0; i < 9; i++) C[i] = other[3 * (i % 3) + i / 3];
+}
+
+void tms_local_fill(tms_local *l, int32_t slot, int32_t vertex) {
     const int64_t c3 = 3 * (int64_t)l->capacity;
+    l->vertex[slot] = vertex;
+    l->slot_of[vertex] = slot;
+    if (slot >= l->high) l->high = slot + 1;
     for (int32_t other = 0; other < l->high; other++) {
         if (l->vertex[other] < 0) continue;
         double C[9];
-        l->compliance(l->self, l->vertex[slot], l->vertex[other], C);
+        block_of(l, vertex, l->vertex[other], C);
         for (int i = 0; i < 9; i++) {
             l->block[(3 * slot + i / 3) * c3 + 3 * other + i % 3] = C[i];
             l->block[(3 * other + i % 3) * c3 + 3 * slot + i / 3] = C[i];
@@ -173,11 +186,8 @@ static void assign_slots(tms_local *l, int32_t count) {
         if (l->slot_of[v] < 0) {
             while (l->wanted[next]) next++;
             if (l->vertex[next] >= 0) l->slot_of[l->vertex[next]] = -1;
-            l->vertex[next] = v;
-            l->slot_of[v] = next;
             l->wanted[next] = 1;
-            if (next >= l->high) l->high = next + 1;
-            fill_slot(l, next);
+            tms_local_fill(l, next, v);
             l->pair_count = 0; /* they were of another vertex here */
         }
         l->use[i] = l->slot_of[v];
@@ -199,7 +209,7 @@ void tms_local_forget(tms_local *l) {
 
 void tms_local_regather(tms_local *l) {
     l->use_count = 0;
-    l->gathered_age = GATHER_EVERY;
+    l->gathered_age = TMS_GATHER_EVERY;
 }
 
 static bool still_around(tms_local *l) {
@@ -211,7 +221,7 @@ static bool still_around(tms_local *l) {
             most = fmax(most, fabs(tool->capsule.tip_m[c] - tool->gathered_at.tip_m[c]) / tool->def.radius_m);
             most = fmax(most, fabs(tool->capsule.tail_m[c] - tool->gathered_at.tail_m[c]) / tool->def.radius_m);
         }
-    return l->gathered_age++ < GATHER_EVERY && most < GATHER_TRAVEL;
+    return l->gathered_age++ < TMS_GATHER_EVERY && most < GATHER_TRAVEL;
 }
 
 void tms_local_gather(tms_local *l) {

@@ -18,7 +18,8 @@ enum {
     TMS_MAX_SOLVES = 256,
     TMS_KRYLOV = 24,
     TMS_PAIRS = 10,
-    TMS_SECANT_STEPS = 10
+    TMS_SECANT_STEPS = 10,
+    TMS_GATHER_EVERY = 8 /* solves */
 };
 #define TMS_PIECE 0.125 /* radii: of the path of a tool, solved at once */
 
@@ -156,6 +157,14 @@ void tms_local_force(const tms_local *local, int32_t tool, double force_N[3], do
 /* tm_reaction_flag of the solution there is. */
 uint32_t tms_local_flags(const tms_local *local, int32_t tool);
 tm_tool_reaction tms_local_reaction(const tms_local *local, int32_t tool);
+
+/* A vertex gets this slot, and its compliances with all below. */
+void tms_local_fill(tms_local *local, int32_t slot, int32_t vertex);
+/* local_snapshot.c: what is kept between solves, as the hooks of a stage want it, of a system without pins.
+ * `forgotten`: as if tms_local_forget had been called. Most bytes that it can be. */
+int64_t tms_local_snapshot(const tms_local *local, bool forgotten, void *buffer);
+bool tms_local_restore(tms_local *local, const void *buffer, int64_t bytes, bool apply);
+int64_t tms_local_snapshot_most(const tms_local *local);
 
 /* patch.c. The patch's tool bears on a vertex that is not in the patch. */
 bool tms_bears_outside(const tm_contact_row *rows, int32_t count, const tm_patch *patch);

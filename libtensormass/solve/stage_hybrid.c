@@ -109,6 +109,30 @@ static bool passes(void *self, const tm_contact_row *row) {
     return tm_contact_holds(((tm_hybrid *)self)->contact, row);
 }
 
+/* --- when the step's length, the supports or the tissue have changed --- */
+
+static int32_t revision(const tm_hybrid *h) { return tm_tissue_surface(tm_world_tissue(h->world)).revision; }
+
+static bool is_stale(const tm_hybrid *h) { return h->stale || h->known_revision != revision(h); }
+
+/* What was made of mobilities. Looked at when it is needed, so that it does not matter which stage hears of a change
+ * first: the integrator has them anew by then. */
+static void make_fresh(tm_hybrid *h) {
+    h->stale = false;
+    h->known_revision = revision(h);
+    memset(h->held, 0, 3 * (size_t)h->mesh->vertex_count);
+    tm_support_mask(h->world, h->held);
+    for (int32_t k = 0; k < h->interface_count; k++) h->give_m_N[k] = mobility(h, h->interface[k]);
+    if (!h->local.memory) return;
+    tms_local_forget(&h->local);
+    for (int32_t s = 0; s < h->local.capacity; s++) h->through_vertex[s] = -1;
+}
+
+static void changed(void *self, tm_world *world) {
+    (void)world;
+    ((tm_hybrid *)self)->stale = true;
+}
+
 /* --- contact --- */
 
 static void rebuild_surface(tm_hybrid *h) {
@@ -129,6 +153,39 @@ static void rebuild_surface(tm_hybrid *h) {
     h->surface = (tm_surface_view){n, h->surface_triangle, h->surface_face, h->surface.revision + 1};
     h->local.surface = h->surface;
     tms_local_regather(&h->local);
+}
+
+/* --- what lasts from step to step --- */
+
+static int64_t snapshot(void *self, void *buffer) {
+    const tm_hybrid *h = self;
+    if (!h->local.memory) return 0;
+    if (!h->returns) return tms_local_snapshot(&h->local, is_stale(h), buffer);
+    if (buffer) memcpy(buffer, h->kept, (size_t)h->kept_bytes);
+    return h->kept_bytes;
+}
+
+static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
+    tm_hybrid *h = self;
+    (void)world;
+    if (!h->local.memory) return bytes == 0;
+    if (apply) {
+        h->returns = false;
+        rebuild_surface(h);
+        make_fresh(h);
+    }
+    return tms_local_restore(&h->local, buffer, bytes, apply);
+}
+
+static void keep(void *self) {
+    tm_hybrid *h = self;
+    if (!h->returns) h->kept_bytes = snapshot(h, h->kept);
+}
+
+/* The mobilities may not have been given back yet: taken when they are needed. */
+static void give_back(void *self, tm_world *world) {
+    (void)world;
+    ((tm_hybrid *)self)->returns = true;
 }
 
 /* The forces found, let into the coming positions. */
@@ -159,6 +216,8 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
     tms_local *l = &h->local;
     const tm_state *state = tm_world_state(world);
     bool any = false;
+    if (h->returns) restore(h, world, h->kept, h->kept_bytes, true);
+    if (is_stale(h)) make_fresh(h);
     rebuild_surface(h);
     for (int32_t t = 0; t < l->tool_count; t++) {
         tms_local_pose(l, t, &pose[t]);
@@ -184,16 +243,6 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
 
 /* --- the stage --- */
 
-static void changed(void *self, tm_world *world) {
-    tm_hybrid *h = self;
-    memset(h->held, 0, 3 * (size_t)h->mesh->vertex_count);
-    tm_support_mask(world, h->held);
-    for (int32_t k = 0; k < h->interface_count; k++) h->give_m_N[k] = mobility(h, h->interface[k]);
-    if (!h->local.memory) return;
-    tms_local_forget(&h->local);
-    for (int32_t s = 0; s < h->local.capacity; s++) h->through_vertex[s] = -1;
-}
-
 static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error) {
     h->contact = contact;
     rebuild_surface(h);
@@ -206,7 +255,8 @@ static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error)
     h->local.passes = passes;
     h->through = malloc(24 * (size_t)h->local.capacity * (size_t)h->interface_count);
     h->through_vertex = malloc(4 * (size_t)h->local.capacity);
-    if (!h->through || !h->through_vertex)
+    h->kept = malloc((size_t)tms_local_snapshot_most(&h->local));
+    if (!h->through || !h->through_vertex || !h->kept)
         return tms_fail(error, TM_ERR_MEMORY, -1,
                         "no memory for contact with %d interface components; lower max_local_vertices",
                         (int)h->interface_count);
@@ -235,7 +285,8 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
                 "tetrahedron %d is condensed, and alive in the world's tissue; make that tissue with tm_hybrid_tissue",
                 (int)t);
     h->world = world;
-    h->uncut_revision = tm_tissue_surface(tm_world_tissue(world)).revision;
+    h->uncut_count = tm_tissue_alive_count(tm_world_tissue(world));
+    h->stale = true;
     h->held = calloc(3 * (size_t)h->mesh->vertex_count, 1);
     h->give_m_N = calloc((size_t)h->interface_count, 8);
     if (!h->held || !h->give_m_N)
@@ -247,7 +298,14 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
                             .phase = TM_PHASE_LOAD,
                             .run = run,
                             .step_changed = changed,
-                            .self = h};
+                            .self = h,
+                            .snapshot = snapshot,
+                            .restore = restore,
+                            .keep = keep,
+                            .give_back = give_back,
+                            .step_limit_s = h->step_s,
+                            .not_settled = "the condensed part is no world's to relax; solve the whole organ "
+                                           "(tm_solve_static), which has the same rest"};
     return tm_world_add_stage(world, &stage, tm_hybrid_bytes(h), error);
 }
 

@@ -447,6 +447,38 @@ int32_t tm_contact_search_vertices(const tm_contact_search *self, const int32_t 
     return self->surface.vertex_count;
 }
 
+int32_t tm_contact_search_faces(const tm_contact_search *self, const int32_t **face, double *edge_m) {
+    *face = self->surface.face_id;
+    *edge_m = self->surface.edge_m;
+    return self->surface.face_count;
+}
+
+static bool is_listed(const int32_t *face, int32_t count, int32_t wanted) {
+    int32_t low = 0;
+    while (low < count) {
+        const int32_t middle = (low + count) / 2;
+        if (face[middle] < wanted)
+            low = middle + 1;
+        else
+            count = middle;
+    }
+    return face[low] == wanted;
+}
+
+bool tm_contact_search_take(tm_contact_search *self, const double *rest_m, const tm_surface_view *surface,
+                            const int32_t *face, int32_t count, double edge_m) {
+    const tm_capsule anywhere = {.radius_m = 1};
+    int32_t slot[TM_LOCAL_FACES + 1], found = 0;
+    if (count < 0 || count > TM_LOCAL_FACES) count = 0;
+    for (int32_t i = 0; i < surface->count && count > 0 && found < count; i++)
+        if (surface->face[i] <= face[count - 1] && is_listed(face, count, surface->face[i])) slot[found++] = i;
+    const bool all = found == count;
+    tm_local_gather(&self->surface, rest_m, NULL, surface->triangle, surface->face, slot, all ? found : 0, &anywhere,
+                    1e9);
+    self->surface.edge_m = edge_m;
+    return all;
+}
+
 int32_t tm_contact_search_rows(tm_contact_search *self, const double *rest_m, const double *u_m,
                                const tm_capsule *capsule, double margin_m, const tm_contact_row *before,
                                int32_t before_count, tm_contact_row *row, int32_t max_rows, bool *overflowed) {

@@ -99,6 +99,8 @@ struct tm_world {
     void *support; /* self of the support stage, or null */
 };
 
+/* TM_ERR_STEP: not positive, above the guaranteed step or above what a stage allows. */
+tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *error);
 /* Calls every stage's step_changed: dt changed or the tissue was cut. */
 void tm_world_changed(tm_world *world);
 /* The same after tm_cut_remove, at a cost that does not grow with the mesh: masses are looked at where it cut only. */

@@ -345,6 +345,10 @@ tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_r
     if (!(def->tolerance > 0) || def->max_steps < 1)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g, %lld steps; give positive numbers", def->tolerance,
                        (long long)def->max_steps);
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.not_settled)
+            return tm_fail(error, TM_ERR_ARGUMENT, -1, "settling: stage %s: %s", world->slot[i].stage.name,
+                           world->slot[i].stage.not_settled);
     relaxation x = {.world = world, .def = def, .n = 3 * world->tissue->mesh->vertex_count};
     const bool linear = is_linear(world);
     if (!take(&x, linear)) {

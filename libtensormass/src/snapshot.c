@@ -136,7 +136,7 @@ static tm_status check_header(const tm_world *world, const void *buffer, int64_t
             "snapshot: of another mesh or other materials (%d vertices, %d tetrahedra); open the scene it was "
             "saved from",
             h->vertex_count, h->tet_count);
-    if (!(h->dt_s > 0 && h->dt_s <= world->guaranteed_step_s) || h->surface_count < 0 ||
+    if (tm_world_check_step(world, h->dt_s, NULL) || h->surface_count < 0 ||
         h->surface_count > 4 * (int64_t)h->tet_count || bytes < (int64_t)sizeof *h + body_bytes(mesh, h->surface_count))
         return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its time step or its sizes cannot be; save it again");
     return TM_OK;

@@ -84,6 +84,31 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     return TM_ERR_UNSTABLE;
 }
 
+/* --- the length of the step --- */
+
+static bool allows(const tm_stage *stage, double dt_s) {
+    return !(stage->step_limit_s > 0) || dt_s <= stage->step_limit_s;
+}
+
+static tm_status above_limit(const tm_stage *stage, double dt_s, tm_error *error) {
+    return tm_fail(error, TM_ERR_STEP, -1,
+                   "time step %.6g s is above %.6g s, the longest that stage %s allows; lower the step", dt_s,
+                   stage->step_limit_s, stage->name);
+}
+
+tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *error) {
+    if (!isfinite(dt_s) || !(dt_s > 0))
+        return tm_fail(error, TM_ERR_STEP, -1, "time step %g s; give a positive one", dt_s);
+    if (dt_s > world->guaranteed_step_s)
+        return tm_fail(error, TM_ERR_STEP, world->guaranteed_tet,
+                       "time step %.6g s is above the guaranteed critical step %.6g s, set by "
+                       "tetrahedron %d; lower the step or mend that tetrahedron",
+                       dt_s, world->guaranteed_step_s, world->guaranteed_tet);
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (!allows(&world->slot[i].stage, dt_s)) return above_limit(&world->slot[i].stage, dt_s, error);
+    return TM_OK;
+}
+
 /* --- stages --- */
 
 void tm_world_changed(tm_world *world) {
@@ -137,7 +162,8 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
                "stage has no name, no run or no phase", TM_ERR_ARGUMENT);
     TM_REQUIRE(!stage->keep == !stage->give_back && !stage->snapshot == !stage->restore,
                "stage has one of a pair of hooks without the other", TM_ERR_ARGUMENT);
-    const tm_status status = check_needs(world, stage, error);
+    const tm_status status = allows(stage, world->state.dt_s) ? check_needs(world, stage, error)
+                                                              : above_limit(stage, world->state.dt_s, error);
     if (status) return status;
     if (find_stage(world, stage->name) >= 0)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is there already; give it everything at once",
@@ -179,17 +205,6 @@ int32_t tm_world_stages(const tm_world *world, tm_stage_report report[TM_MAX_STA
 
 /* --- creation --- */
 
-static tm_status check_step(const tm_world *world, double dt_s, tm_error *error) {
-    if (!isfinite(dt_s) || !(dt_s > 0))
-        return tm_fail(error, TM_ERR_STEP, -1, "time step %g s; give a positive one", dt_s);
-    if (dt_s > world->guaranteed_step_s)
-        return tm_fail(error, TM_ERR_STEP, world->guaranteed_tet,
-                       "time step %.6g s is above the guaranteed critical step %.6g s, set by "
-                       "tetrahedron %d; lower the step or mend that tetrahedron",
-                       dt_s, world->guaranteed_step_s, world->guaranteed_tet);
-    return TM_OK;
-}
-
 static bool take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
     const int64_t n = def->tissue->mesh->vertex_count;
     world->state.u_m = TM_TAKE(pool, double, 3 * n);
@@ -222,7 +237,7 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
     if (def->dt_s == 0 && world->guaranteed_step_s == HUGE_VAL)
         return tm_fail(error, TM_ERR_STEP, -1, "no living tetrahedron sets a critical step; give a time step");
     const double dt_s = def->dt_s == 0 ? world->guaranteed_step_s * def->step_fraction : def->dt_s;
-    tm_status status = check_step(world, dt_s, error);
+    tm_status status = tm_world_check_step(world, dt_s, error);
     if (status) return status;
     world->state.dt_s = dt_s;
     const tm_stage force = {
@@ -277,7 +292,7 @@ static void run_phases(tm_world *world, tm_phase first, tm_phase last) {
 /* The velocity between two steps belongs to their middle: a new step moves that middle, and the velocity with it.
  * Without this half kick (u_prev merely rescaled) random changes of the step feed energy in. */
 tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
-    const tm_status status = check_step(world, dt_s, error);
+    const tm_status status = tm_world_check_step(world, dt_s, error);
     if (status) return status;
     tm_state *s = &world->state;
     run_phases(world, TM_PHASE_FORCE, TM_PHASE_LOAD); /* force_N at time_s, which the kick below needs */

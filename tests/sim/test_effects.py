@@ -97,6 +97,18 @@ def test_a_snapshot_goes_on_with_the_same_bits(bin, root, tmp_path):
     assert "haptics" in said
 
 
+def test_a_snapshot_of_a_hybrid_goes_on_with_the_same_bits(bin, root, tmp_path):
+    scene = [bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--lockstep", "--unset", "haptics", "--set", "model=hybrid",
+             "--set", "hybrid.box={min: [-1, -1, 20 mm], max: [1, 1, 1]}", "--duration", "2 s"]
+    state, keys = tmp_path / "state.tms", dict(tmp=tmp_path, env={"TM_CACHE_DIR": str(tmp_path)})
+    whole = report(*scene, "--samples", tmp_path / "whole.csv", **keys)
+    for at in (1.2, 1.72):
+        report(*scene, "--snapshot-at", f"{at} s", "--snapshot", state, **keys)
+        rest = report(*scene, "--restore", state, "--samples", tmp_path / "rest.csv", **keys)
+        assert rest["state_hash"] == whole["state_hash"] and rest["tets_alive"] == whole["tets_alive"] < whole["tets"]
+        assert (tmp_path / "whole.csv").read_text().endswith((tmp_path / "rest.csv").read_text().split("\n", 1)[1])
+
+
 def test_three_models_agree_at_rest(bin, root, tmp_path):
     force = {}
     for model in ("dynamic", "precomputed", "hybrid"):

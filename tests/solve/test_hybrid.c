@@ -282,8 +282,210 @@ static void contact(void **state) {
     press("across the interface", &(tm_tool_pose){.tip_m = {0.001, -0.002, 0.0405}, .active = true});
 }
 
+/* --- steps, cuts, snapshots --- */
+
+/* A block under one probe, half of it condensed. */
+static hybrid_set touched_set(const tm_tool_pose *start) {
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
+    tm_mesh *mesh = scene_mesh(&def);
+    uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) fixed[d] = mesh->rest_m[d / 3 * 3 + 2] < 1e-9;
+    tm_instrument_def tool = {
+        .mode = TM_TOOL_PROBE, .radius_m = def.radius_m, .contact_length_m = def.length_m, .pose = *start};
+    memcpy(tool.trocar_m, def.trocar_m[0], 24);
+    tm_contact_def contact = tm_contact_def_default();
+    contact.instrument_count = 1;
+    contact.instrument = &tool;
+    tm_material material = kit_material(def.young_Pa, def.poisson);
+    material.damping_1_s = 150;
+    return make(mesh, &material, fixed, 0.0, NULL, &contact, 0.9);
+}
+
+static void go(hybrid_set *s, const tm_tool_pose *to, double seconds, double force_N[3]) {
+    const int32_t steps = (int32_t)ceil(seconds / tm_world_step_s(s->world));
+    tm_contact_begin_frame(s->contact, steps, 1);
+    tm_contact_move(s->contact, 0, to, steps);
+    assert_int_equal(tm_world_step(s->world, steps), TM_OK);
+    tm_hybrid_recover(s->hybrid, s->world);
+    const tm_tool_reaction r = tm_hybrid_reaction(s->hybrid, 0);
+    if (force_N) memcpy(force_N, r.force_N, 24);
+}
+
+/* Far tetrahedra of the tensor/mass part, high up. */
+static int32_t far_corner(const hybrid_set *s, int32_t *list, int32_t most) {
+    int32_t count = 0;
+    for (int32_t t = 0; t < s->mesh->tet_count && count < most; t++) {
+        const double *x = s->mesh->rest_m + 3 * (int64_t)s->mesh->tet[4 * (int64_t)t];
+        if (s->dynamic[t] && x[0] > 0.02 && x[2] > 0.02) list[count++] = t;
+    }
+    return count;
+}
+
+/* A tool on the condensed part, near the interface, gives at rest what the shape alone says: not what the step is, and
+ * after a cut what a model that has never been another would give. */
+static void force_at_rest(void **state) {
+    (void)state;
+    const tm_tool_pose above = {.tip_m = {-0.004, 0.003, 0.06}, .active = true},
+                       down = {.tip_m = {-0.004, 0.003, 0.0405}, .active = true};
+    double force[4][3], worst[4] = {0};
+    const double share[4] = {1, 0.8, 0.3, 0.9};
+    for (int i = 0; i < 4; i++) {
+        hybrid_set s = touched_set(&above);
+        tm_error error;
+        go(&s, &down, 0.3, NULL);
+        fix_ok(tm_world_set_step(s.world, share[i] * tm_world_step_s(s.world), &error), &error);
+        go(&s, &down, 0.8, force[i]);
+        for (int c = 0; c < 3; c++) worst[i] = fmax(worst[i], fabs(force[i][c] - force[0][c]));
+        free_set(&s);
+    }
+    print_message("  force at rest %.4f N; other steps change it by %.1e %.1e %.1e\n", fix_largest(force[0], 3),
+                  worst[1] / fix_largest(force[0], 3), worst[2] / fix_largest(force[0], 3),
+                  worst[3] / fix_largest(force[0], 3));
+    assert_true(fix_largest(force[0], 3) > 0.05);
+    for (int i = 1; i < 4; i++) assert_true(worst[i] < 1e-7 * fix_largest(force[0], 3));
+    /* cut by the caller under the tool, or before it came */
+    double cut[2][3];
+    for (int later = 0; later < 2; later++) {
+        hybrid_set s = touched_set(&above);
+        int32_t list[64];
+        const int32_t count = far_corner(&s, list, 40);
+        assert_int_equal(count, 40);
+        if (later) go(&s, &down, 0.3, NULL);
+        assert_true(tm_cut_remove(s.tissue, list, count, NULL, 0) >= count);
+        if (!later) go(&s, &down, 0.3, NULL);
+        go(&s, &down, 1.1, cut[later]);
+        free_set(&s);
+    }
+    print_message("  after a cut %.17g %.17g %.17g; %.17g %.17g %.17g\n", cut[0][0], cut[0][1], cut[0][2], cut[1][0],
+                  cut[1][1], cut[1][2]);
+    for (int c = 0; c < 3; c++) assert_true(fabs(cut[0][c] - cut[1][c]) < 1e-7 * fix_largest(cut[0], 3));
+}
+
+static void step_limit(void **state) {
+    (void)state;
+    const tm_tool_pose above = {.tip_m = {-0.004, 0.003, 0.06}, .active = true};
+    hybrid_set s = touched_set(&above);
+    tm_error error;
+    const double limit = tm_hybrid_critical_step(s.hybrid, NULL);
+    fix_ok(tm_world_set_step(s.world, limit, &error), &error);
+    assert_int_equal(tm_world_set_step(s.world, limit * (1 + 1e-9), &error), TM_ERR_STEP);
+    assert_true(tm_world_step_s(s.world) == limit);
+    /* where the whole is stiffer than the part, it is this limit that speaks */
+    free_set(&s);
+    fix_random random = {23};
+    tm_mesh *mesh = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.3, &random);
+    const tm_material material = kit_material(10e3, 0.4);
+    bool spoke = false;
+    for (double x = 0.02; x < 0.05 && !spoke; x += 0.01) {
+        tm_mesh *copy = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.3, &(fix_random){23});
+        s = make(copy, &material, kit_clamp(copy, 1e-9), x, NULL, NULL, 0.5);
+        const double own = tm_critical_step_guaranteed(s.tissue, NULL), whole = tm_hybrid_critical_step(s.hybrid, NULL);
+        if (own > whole * 1.001) {
+            spoke = true;
+            assert_int_equal(tm_world_set_step(s.world, 0.5 * (own + whole), &error), TM_ERR_STEP);
+            assert_non_null(strstr(error.message, "stage hybrid"));
+        }
+        free_set(&s);
+    }
+    assert_true(spoke);
+    tm_mesh_destroy(mesh);
+}
+
+static void not_settled(void **state) {
+    (void)state;
+    const tm_tool_pose above = {.tip_m = {-0.004, 0.003, 0.06}, .active = true};
+    hybrid_set s = touched_set(&above);
+    tm_settle_def def = tm_settle_def_default();
+    tm_error error;
+    const uint64_t before = tm_world_hash(s.world);
+    assert_int_equal(tm_world_settle(s.world, &def, NULL, &error), TM_ERR_ARGUMENT);
+    assert_non_null(strstr(error.message, "stage hybrid"));
+    assert_true(tm_world_hash(s.world) == before);
+    free_set(&s);
+}
+
+/* From a snapshot the same bits follow, whenever it was taken, in a world that has gone elsewhere, and one made anew.
+ */
+static void same_bits_after_restore(void **state) {
+    (void)state;
+    const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true},
+                       away = {.tip_m = {0.02, 0.01, 0.045}, .active = true};
+    for (int when = 1; when < 6; when++) {
+        hybrid_set a = touched_set(&above), b = touched_set(&above);
+        int32_t list[64], count = far_corner(&a, list, 40);
+        tm_error error;
+        void *kept = NULL;
+        int64_t bytes = 0;
+        uint64_t first = 0;
+        double force[2][3];
+        for (int pass = 0; pass < 3; pass++) { /* 2: the new world */
+            hybrid_set *s = pass < 2 ? &a : &b;
+            if (pass == 1) go(s, &away, 0.04, NULL);
+            if (pass > 0) fix_ok(tm_snapshot_restore(s->world, kept, bytes, &error), &error);
+            for (int frame = pass ? when : 0; frame < 8; frame++) {
+                if (pass == 0 && frame == when) {
+                    bytes = tm_snapshot_bytes(s->world);
+                    kept = malloc((size_t)bytes);
+                    fix_ok(tm_snapshot_save(s->world, kept, bytes, &error), &error);
+                }
+                if (frame == 3) tm_cut_remove(s->tissue, list, count, NULL, 0);
+                const tm_tool_pose at = {.tip_m = {-0.004 + 0.002 * frame, 0.003, 0.0405 + 0.001 * (frame % 2)},
+                                         .active = true};
+                go(s, &at, 0.02, force[pass > 0]);
+            }
+            const uint64_t hash = tm_world_hash(s->world);
+            if (pass == 0) first = hash;
+            assert_true(hash == first);
+            assert_memory_equal(force[pass > 0], force[0], 24);
+        }
+        assert_true(fix_largest(force[0], 3) > 0.01);
+        free(kept);
+        free_set(&a), free_set(&b);
+    }
+}
+
+/* A hostile snapshot is refused, or taken, but never believed: the checksum is made right each time. */
+static void hostile_snapshot(void **state) {
+    (void)state;
+    const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true},
+                       down = {.tip_m = {-0.002, 0.003, 0.0405}, .active = true};
+    hybrid_set s = touched_set(&above);
+    tm_error error;
+    go(&s, &down, 0.1, NULL);
+    const int64_t bytes = tm_snapshot_bytes(s.world);
+    char *kept = malloc((size_t)bytes), *bad = malloc((size_t)bytes);
+    fix_ok(tm_snapshot_save(s.world, kept, bytes, &error), &error);
+    const char *part = NULL; /* the stage's own */
+    for (int64_t i = 0; i + 24 < bytes && !part; i += 8)
+        if (!memcmp(kept + i, "hybrid\0\0", 8)) part = kept + i + 32;
+    assert_non_null(part);
+    fix_random random = {31};
+    int refused = 0;
+    for (int i = 0; i < 300; i++) {
+        memcpy(bad, kept, (size_t)bytes);
+        const int64_t at = part - kept + (i < 100 ? 4 * i : (int64_t)(fix_uniform(&random) * 3000));
+        for (int k = 0; k < 4 && at + k < bytes; k++) bad[at + k] = (char)(fix_uniform(&random) * 256);
+        const uint64_t zero = 0;
+        memcpy(bad + 24, &zero, 8); /* as snapshot.c sums it */
+        const size_t head = 24 + 8 + 8 + 16 + 8 + 16;
+        const uint64_t sum = tm_hash(bad + head, (size_t)bytes - head, tm_hash(bad, head, TM_HASH_SEED));
+        memcpy(bad + 24, &sum, 8);
+        const tm_status status = tm_snapshot_restore(s.world, bad, bytes, &error);
+        refused += status != TM_OK;
+        if (status == TM_OK) tm_world_step(s.world, 20);
+        fix_ok(tm_snapshot_restore(s.world, kept, bytes, &error), &error);
+    }
+    print_message("  %d of 300 refused\n", refused);
+    assert_true(refused > 20);
+    free(kept), free(bad);
+    free_set(&s);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(same_rest), cmocka_unit_test(stable),
-                                       cmocka_unit_test(contact)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(force_at_rest),    cmocka_unit_test(step_limit),
+                                       cmocka_unit_test(not_settled),      cmocka_unit_test(same_bits_after_restore),
+                                       cmocka_unit_test(hostile_snapshot), cmocka_unit_test(same_rest),
+                                       cmocka_unit_test(stable),           cmocka_unit_test(contact)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

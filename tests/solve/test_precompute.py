@@ -203,3 +203,11 @@ def test_a_grasper_holds_the_same_in_the_precomputed_model(bin, root, place):
         force[model] = last_force(folder / f"{model}.csv")
     assert force["precomputed"][2] < -0.1, force  # it pulls the tool down
     assert max(abs(a - b) for a, b in zip(force["dynamic"], force["precomputed"])) < 1e-4 * -force["precomputed"][2], force
+
+
+def test_settling_a_hybrid_is_refused_before_anything_is_computed(bin, root, place):
+    folder, env = place
+    scene = write_scene(folder, root, bin, env, model="hybrid")
+    done = run([bin / "tm-sim", "--settle", "1e-8", scene], env, code=2)
+    assert "--settle relaxes a whole tissue" in done.stderr
+    assert not list((folder / "cache").glob("hybrid-*"))

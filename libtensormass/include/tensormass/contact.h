@@ -146,6 +146,11 @@ TM_API int32_t tm_contact_search_vertices(const tm_contact_search *search, const
 TM_API int32_t tm_contact_search_rows(tm_contact_search *search, const double *rest_m, const double *u_m,
                                       const tm_capsule *capsule, double margin_m, const tm_contact_row *before,
                                       int32_t before_count, tm_contact_row *row, int32_t max_rows, bool *overflowed);
+/* What it has gathered, for snapshots: lasting names of the triangles (at most 1024, ascending), and how long edges are
+ * there. _take gathers these very ones from the surface: false, with nothing gathered, when one is not in it. */
+TM_API int32_t tm_contact_search_faces(const tm_contact_search *search, const int32_t **face, double *edge_m);
+TM_API bool tm_contact_search_take(tm_contact_search *search, const double *rest_m, const tm_surface_view *surface,
+                                   const int32_t *face, int32_t count, double edge_m);
 /* The part of an instrument that can touch. */
 TM_API tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument);
 /* The skin of one row of compliance c (skin_compliance / share), m/N: it gives c*lambda up to TM_SKIN_TRAVEL radii and

@@ -56,6 +56,8 @@ typedef struct tm_stage {
     void (*keep)(void *self);
     void (*give_back)(void *self, tm_world *world);
     const char *needs[TM_MAX_NEEDS]; /* names of the stages it leans on: they cannot be removed under it; null: none */
+    double step_limit_s;             /* the world's step must not exceed it while the stage is there; 0: no limit */
+    const char *not_settled; /* why tm_world_settle cannot find the rest of a world with this stage; null: it can */
 } tm_stage;
 
 #define TM_MAX_STAGES 32

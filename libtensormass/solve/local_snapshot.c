@@ -1,0 +1,247 @@
+/* What the on-line system keeps between solves and a snapshot must hold: forces, slots, the pairs of the secant steps,
+ * the rows of before and what surrounds the tools. Compliances are asked for anew: they are the same whatever the order
+ * of asking. */
+#include "local.h"
+
+#include <math.h>
+#include <string.h>
+
+typedef struct kept_tool {
+    double tip_m[3], tail_m[3], edge_m;
+    int32_t near, overflowed, face_count, reserved;
+} kept_tool;
+
+typedef struct kept {
+    int32_t tool_count, high, use_count, before_count, pair_count, pair_next, gathered_age, reserved;
+    kept_tool tool[TM_MAX_INSTRUMENTS];
+} kept;
+
+/* Without padding: equal systems have equal bytes, and no stack shows through. */
+typedef struct kept_row {
+    double share, weight[3], normal[3], point_m[3], gap_m, lambda_N;
+    int32_t face, vertex[3], instrument, station, feature, reserved;
+} kept_row;
+
+static size_t even(int32_t count) { return 4 * (size_t)(count + count % 2); }
+
+static int64_t bytes_of(const kept *k) {
+    size_t bytes = sizeof *k + even(k->high) + even(k->use_count) + 24 * (size_t)k->high * (1 + 2 * TMS_PAIRS) +
+                   sizeof(kept_row) * (size_t)k->before_count;
+    for (int32_t t = 0; t < k->tool_count; t++) bytes += even(k->tool[t].face_count);
+    return (int64_t)bytes;
+}
+
+/* Copies out, or only counts on when there is no buffer. */
+static char *put(char *to, const void *from, size_t bytes, size_t room) {
+    memcpy(to, from, bytes);
+    memset(to + bytes, 0, room - bytes);
+    return to + room;
+}
+
+static kept pack(const tms_local *l, bool forgotten) {
+    kept k;
+    memset(&k, 0, sizeof k);
+    k.tool_count = l->tool_count;
+    k.before_count = l->before_count;
+    k.gathered_age = TMS_GATHER_EVERY;
+    if (forgotten) return k;
+    k.high = l->high;
+    k.use_count = l->use_count;
+    k.pair_count = l->pair_count;
+    k.pair_next = l->pair_next;
+    k.gathered_age = l->gathered_age;
+    for (int32_t t = 0; t < l->tool_count; t++) {
+        const tms_tool *tool = &l->tool[t];
+        const int32_t *face;
+        memcpy(k.tool[t].tip_m, tool->gathered_at.tip_m, 24);
+        memcpy(k.tool[t].tail_m, tool->gathered_at.tail_m, 24);
+        k.tool[t].near = tool->near;
+        k.tool[t].overflowed = tool->overflowed;
+        k.tool[t].face_count = tm_contact_search_faces(tool->search, &face, &k.tool[t].edge_m);
+    }
+    return k;
+}
+
+static char *put_rows(char *to, const tms_local *l) {
+    for (int32_t i = 0; i < l->before_count; i++) {
+        const tm_contact_row *row = &l->before[i];
+        kept_row r = {.share = row->share,
+                      .gap_m = row->gap_m,
+                      .lambda_N = row->lambda_N,
+                      .face = row->face,
+                      .instrument = row->instrument,
+                      .station = row->station,
+                      .feature = row->feature};
+        memcpy(r.weight, row->weight, sizeof r.weight);
+        memcpy(r.normal, row->normal, sizeof r.normal);
+        memcpy(r.point_m, row->point_m, sizeof r.point_m);
+        memcpy(r.vertex, row->vertex, sizeof r.vertex);
+        to = put(to, &r, sizeof r, sizeof r);
+    }
+    return to;
+}
+
+int64_t tms_local_snapshot(const tms_local *l, bool forgotten, void *buffer) {
+    const kept k = pack(l, forgotten);
+    if (!buffer) return bytes_of(&k);
+    const size_t forces = 24 * (size_t)k.high;
+    char *to = put(buffer, &k, sizeof k, sizeof k);
+    to = put(to, l->vertex, 4 * (size_t)k.high, even(k.high));
+    to = put(to, l->use, 4 * (size_t)k.use_count, even(k.use_count));
+    to = put(to, l->f, forces, forces);
+    for (int i = 0; i < TMS_PAIRS; i++) {
+        to = put(to, l->pair_f[i], forces, forces);
+        to = put(to, l->pair_r[i], forces, forces);
+    }
+    to = put_rows(to, l);
+    for (int32_t t = 0; t < l->tool_count; t++) {
+        const int32_t *face;
+        double unused;
+        tm_contact_search_faces(l->tool[t].search, &face, &unused);
+        to = put(to, face, 4 * (size_t)k.tool[t].face_count, even(k.tool[t].face_count));
+    }
+    return bytes_of(&k);
+}
+
+/* --- back --- */
+
+static bool all_finite(const char *from, size_t count) {
+    for (size_t i = 0; i < count; i++) {
+        double value;
+        memcpy(&value, from + 8 * i, 8);
+        if (!isfinite(value)) return false;
+    }
+    return true;
+}
+
+/* `count` numbers below `limit`, each once. */
+static bool distinct(tms_local *l, const char *from, int32_t count, int32_t limit) {
+    l->stamp_now++;
+    for (int32_t i = 0; i < count; i++) {
+        int32_t at;
+        memcpy(&at, from + 4 * (size_t)i, 4);
+        if (at < 0 || at >= limit || l->stamp[at] == l->stamp_now) return false;
+        l->stamp[at] = l->stamp_now;
+    }
+    return true;
+}
+
+static bool rows_fit(const tms_local *l, const char *from, int32_t count) {
+    for (int32_t i = 0; i < count; i++, from += sizeof(kept_row)) {
+        kept_row r;
+        memcpy(&r, from, sizeof r);
+        bool fits = all_finite(from, offsetof(kept_row, face) / 8) && r.share > 0 && r.share <= 1 && r.face >= 0 &&
+                    r.face < 4 * l->mesh->tet_count && r.instrument >= 0 && r.instrument < l->tool_count &&
+                    r.station >= 0 && r.station < 256 && r.feature >= 0 && r.feature < 7;
+        for (int j = 0; j < 3; j++) fits = fits && r.vertex[j] >= 0 && r.vertex[j] < l->mesh->vertex_count;
+        if (!fits) return false;
+    }
+    return true;
+}
+
+static bool head_fits(const tms_local *l, const kept *k) {
+    bool fits = k->tool_count == l->tool_count && k->high >= 0 && k->high <= l->capacity && k->use_count >= 0 &&
+                k->use_count <= k->high && k->before_count >= 0 && k->before_count <= l->def.max_rows &&
+                k->pair_count >= 0 && k->pair_count <= TMS_PAIRS && k->pair_next >= 0 && k->pair_next < TMS_PAIRS &&
+                k->gathered_age >= 0;
+    for (int32_t t = 0; fits && t < k->tool_count; t++)
+        fits = k->tool[t].face_count >= 0 && k->tool[t].face_count <= 1024 &&
+               all_finite((const char *)&k->tool[t], offsetof(kept_tool, near) / 8);
+    return fits;
+}
+
+/* Where each part begins. */
+typedef struct parts {
+    const char *vertex, *use, *force, *row, *face;
+} parts;
+
+static parts find_parts(const kept *k, const void *buffer) {
+    parts p;
+    p.vertex = (const char *)buffer + sizeof *k;
+    p.use = p.vertex + even(k->high);
+    p.force = p.use + even(k->use_count);
+    p.row = p.force + 24 * (size_t)k->high * (1 + 2 * TMS_PAIRS);
+    p.face = p.row + sizeof(kept_row) * (size_t)k->before_count;
+    return p;
+}
+
+static void take_rows(tms_local *l, const char *from, int32_t count) {
+    l->before_count = count;
+    for (int32_t i = 0; i < count; i++, from += sizeof(kept_row)) {
+        kept_row r;
+        memcpy(&r, from, sizeof r);
+        tm_contact_row row = {.share = r.share,
+                              .gap_m = r.gap_m,
+                              .lambda_N = r.lambda_N,
+                              .face = r.face,
+                              .instrument = r.instrument,
+                              .station = r.station,
+                              .feature = r.feature};
+        memcpy(row.weight, r.weight, sizeof r.weight);
+        memcpy(row.normal, r.normal, sizeof r.normal);
+        memcpy(row.point_m, r.point_m, sizeof r.point_m);
+        memcpy(row.vertex, r.vertex, sizeof r.vertex);
+        l->before[i] = row;
+    }
+}
+
+/* False: a face is not there, and all is to be gathered anew. */
+static bool take_tools(tms_local *l, const kept *k, const char *from) {
+    bool all = true;
+    for (int32_t t = 0; t < k->tool_count; t++) {
+        const kept_tool *kept_here = &k->tool[t];
+        tms_tool *tool = &l->tool[t];
+        int32_t face[1024];
+        memcpy(face, from, 4 * (size_t)kept_here->face_count);
+        from += even(kept_here->face_count);
+        tool->gathered_at = tool->capsule;
+        memcpy(tool->gathered_at.tip_m, kept_here->tip_m, 24);
+        memcpy(tool->gathered_at.tail_m, kept_here->tail_m, 24);
+        tool->near = kept_here->near != 0;
+        tool->overflowed = kept_here->overflowed != 0;
+        all = tm_contact_search_take(tool->search, l->mesh->rest_m, &l->surface, face, kept_here->face_count,
+                                     kept_here->edge_m) &&
+              all;
+    }
+    return all;
+}
+
+bool tms_local_restore(tms_local *l, const void *buffer, int64_t bytes, bool apply) {
+    kept k;
+    if (bytes < (int64_t)sizeof k) return false;
+    memcpy(&k, buffer, sizeof k);
+    if (!head_fits(l, &k) || bytes != bytes_of(&k)) return false;
+    const parts p = find_parts(&k, buffer);
+    if (!distinct(l, p.vertex, k.high, l->mesh->vertex_count) || !distinct(l, p.use, k.use_count, k.high) ||
+        !all_finite(p.force, 3 * (size_t)k.high * (1 + 2 * TMS_PAIRS)) || !rows_fit(l, p.row, k.before_count))
+        return false;
+    if (!apply) return true;
+    const size_t forces = 24 * (size_t)k.high;
+    tms_local_forget(l);
+    take_rows(l, p.row, k.before_count);
+    if (!take_tools(l, &k, p.face)) return true;
+    for (int32_t s = 0; s < k.high; s++) {
+        int32_t vertex;
+        memcpy(&vertex, p.vertex + 4 * (size_t)s, 4);
+        tms_local_fill(l, s, vertex);
+    }
+    memcpy(l->use, p.use, 4 * (size_t)k.use_count);
+    memcpy(l->f, p.force, forces);
+    for (int i = 0; i < TMS_PAIRS; i++) {
+        memcpy(l->pair_f[i], p.force + forces * (size_t)(1 + 2 * i), forces);
+        memcpy(l->pair_r[i], p.force + forces * (size_t)(2 + 2 * i), forces);
+    }
+    l->use_count = k.use_count;
+    for (int32_t i = 0; i < k.use_count; i++) l->list[i] = l->vertex[l->use[i]];
+    l->pair_count = k.pair_count;
+    l->pair_next = k.pair_next;
+    l->gathered_age = k.gathered_age;
+    return true;
+}
+
+int64_t tms_local_snapshot_most(const tms_local *l) {
+    kept k = {
+        .tool_count = l->tool_count, .high = l->capacity, .use_count = l->capacity, .before_count = l->def.max_rows};
+    for (int32_t t = 0; t < l->tool_count; t++) k.tool[t].face_count = 1024;
+    return bytes_of(&k);
+}
