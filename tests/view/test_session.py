@@ -9,6 +9,7 @@ import signal
 import subprocess
 import sys
 import time
+import types
 
 import pytest
 
@@ -39,7 +40,9 @@ def netns(root):
 
 
 def test_three_models_feel_the_same(demo):
-    models = json.loads((demo[0] / "summary.json").read_text())["models"]
+    summary = json.loads((demo[0] / "summary.json").read_text())
+    models = summary["models"]
+    assert summary["models_scene"].endswith(SCENE) and summary["models_refused"] == {}
     peaks = [models[m]["force_N"]["peak"] for m in ("dynamic", "precomputed", "hybrid")]
     assert min(peaks) > 0.1 and max(peaks) < 1.05 * min(peaks), models  # the same scene; the dynamic ones lag a little
 
@@ -177,6 +180,24 @@ def test_lying_string_lengths_end_no_program(bin, build, root, netns, tmp_path):
     run = subprocess.run(netns(tmp_path / "pid", "bash", "-c", script), capture_output=True, text=True, timeout=60)
     assert run.returncode == 0, run.stderr
     assert (tmp_path / "sim.json").exists() and (tmp_path / "controller.json").exists()
+
+
+def test_the_models_are_those_of_the_scene(root, build, tmp_path):
+    """One's own scene is compared by the models that can run it, no other scene in its place; of ours, one that is cut has a stand-in, named."""
+    sys.path.insert(0, str(root / "apps/demo"))
+    import demo
+
+    own = tmp_path / "own.yaml"
+    text = (root / "apps/scenes/liver-cut.yaml").read_text().replace("../../", f"{root}/")
+    own.write_text(text)
+    a = types.SimpleNamespace(build=build, scene=own, set=["time.duration=0.2 s"], duration=0.2, out=tmp_path)
+    mine = demo.run_models(a)
+    assert list(mine["models"]) == ["dynamic"] and mine["models_scene"].endswith("own.yaml")
+    assert set(mine["models_refused"]) == {"precomputed", "hybrid"} and "exclude each other" in mine["models_refused"]["precomputed"]
+    assert json.loads((tmp_path / "model_dynamic.json").read_text())["tets"] == 15238
+    a.scene = root / "apps/scenes/liver-cut.yaml"
+    assert list(demo.models_that_run(a, demo.SHOWN, [])) == list(demo.MODELS)
+    assert all(w is None for w in demo.models_that_run(a, demo.SHOWN, []).values())
 
 
 def test_demo_with_a_bad_scene_says_so(root, build, tmp_path):
