@@ -203,7 +203,7 @@ def table(s, a):
 
 
 def view(a, *args):
-    command = [a.build / "bin" / "tm-view", a.out / "demo.lcm", "--size", a.size, *a.camera.split(), *args]
+    command = [a.build / "bin" / "tm-view", a.out / "demo.lcm", "--scene", a.scene, "--size", a.size, *a.camera.split(), *args]
     if subprocess.run([str(c) for c in command]).returncode:
         fail("tm-view failed; its message is above")
 

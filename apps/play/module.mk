@@ -1,5 +1,5 @@
 # tm-play and its window; make play.
-PLAY_SRC := $(addprefix apps/play/,main.c controls.c) $(addprefix apps/view/,camera.c font.c output.c overlay.c picture.c studio.c)
+PLAY_SRC := $(addprefix apps/play/,main.c controls.c) $(addprefix apps/view/,camera.c font.c layout.c output.c overlay.c picture.c studio.c)
 $(eval $(call program,tm-play,$(PLAY_SRC),$(LIBAPP_A) $(LIBHRT_A) $(LIBTM_A),$$(call pkg_libs,libpng)))
 $(eval $(call module,window,apps/play/window.c,,$$(call pkg_libs,sdl2)))
 $(OUT)/obj/apps/play/window.o: CFLAGS_EXTRA += $(call pkg_cflags,sdl2)

@@ -113,3 +113,14 @@ bool view_camera_project(const view_camera *c, int width, int height, const doub
     pixel[1] = (float)height / 2 - f * dot(d, up) / depth;
     return true;
 }
+
+int view_camera_facing(const view_camera *c, const double point_m[3], const double direction[3]) {
+    static const double END_ON = 0.8660; /* cos 30 degrees */
+    double along = 0, far2 = 0, size2 = 0;
+    for (int k = 0; k < 3; ++k) {
+        double to_eye = (double)c->eye_m[k] - point_m[k];
+        along += to_eye * direction[k], far2 += to_eye * to_eye, size2 += direction[k] * direction[k];
+    }
+    double cosine = along / sqrt(fmax(far2 * size2, 1e-30));
+    return cosine > END_ON ? 1 : cosine < -END_ON ? -1 : 0;
+}

@@ -25,6 +25,8 @@ view_camera view_camera_fit(const view_camera_def *def, const view_surface *surf
 void view_camera_matrices(const view_camera *camera, int width, int height, float view[16], float projection[16]);
 /* Pixel of a point, top row 0; false behind the eye. */
 bool view_camera_project(const view_camera *camera, int width, int height, const double point_m[3], float pixel[2]);
+/* 1: a direction at a point runs towards the eye, within 30 degrees; -1: away from it; 0: across. */
+int view_camera_facing(const view_camera *camera, const double point_m[3], const double direction[3]);
 /* Two unit vectors at right angles to `axis` and to each other. */
 void view_frame(const float axis[3], float u[3], float v[3]);
 

@@ -16,6 +16,7 @@ typedef struct job {
     view_options options;
     view_studio studio;
     view_picture picture;
+    view_marks marks;
     const view_feed_api *api;
     view_feed *feed;
     view_film film;
@@ -32,6 +33,7 @@ static int complain(tm_error *error) { return app_report("tm-view", 0, error); }
 static int draw(job *j) {
     tm_error error = {0};
     double start = now_s();
+    j->picture.marks = &j->marks;
     tm_status status = view_studio_draw(&j->studio, &j->picture, &error);
     j->drawing_s += now_s() - start;
     ++j->pictures;
@@ -222,19 +224,13 @@ static int write_json(job *j) {
     return app_bad_input(j->options.json, 0, "cannot write the figures; check the disk") - 1;
 }
 
-static bool is_still(const char *path) {
-    const char *dot = strrchr(path, '.');
-    static const char *const endings[] = {".yaml", ".yml", ".msh", ".vtk", ".mesh"};
-    for (size_t i = 0; dot && i < sizeof endings / sizeof endings[0]; ++i)
-        if (!strcmp(dot, endings[i])) return true;
-    return false;
-}
-
 static int run(job *j) {
     const view_options *o = &j->options;
     tm_error error = {0};
-    bool still = o->source && is_still(o->source);
-    int wrong = still ? view_still_load(o->source, o->scale, &j->picture) : 0;
+    bool still = o->source && view_is_still(o->source);
+    int wrong = still      ? view_still_load(o->source, o->scale, &o->marks, &j->picture, &j->marks)
+                : o->scene ? view_scene_marks(o->scene, &o->marks, &j->marks)
+                           : 0;
     if (wrong) return wrong;
     if (view_studio_open(&j->studio, &o->studio, &error)) return complain(&error);
     wrong = still ? show_still(j) : o->source ? show_log(j) : show_live(j);
@@ -258,5 +254,6 @@ int main(int argc, char **argv) {
     if (j.feed) j.api->close(j.feed);
     if (j.studio.api) view_studio_close(&j.studio);
     view_surface_free(&j.picture.surface);
+    view_marks_free(&j.marks);
     return wrong;
 }

@@ -28,6 +28,8 @@ static const char help[] =
     "  --quality N        0 fast, 1 smooth edges, 2 also averages 2x2 [2 for one picture, 1 for many]\n"
     "  --smooth N         splits of each triangle, 0 to 2 [1]\n"
     "  --crease DEG       sharper edges stay edges [52]  --no-words    picture alone\n"
+    "  --scene FILE       the scene of a log or a running simulation: its title and supports are shown then too\n"
+    "  --fibres           the scene's fibres, as lines on the surface      --no-supports   without marks where tissue is held\n"
     "  --scale X          of a mesh file's coordinates [1]\n"
     "  --lcm-url URL      [LCM_DEFAULT_URL, else LCM's default]\n"
     "  --json FILE        figures: pictures, seconds, pictures per second, messages taken and refused\n"
@@ -56,6 +58,9 @@ enum {
     CREASE,
     NO_WORDS,
     SCALE,
+    SCENE,
+    FIBRES,
+    NO_SUPPORTS,
     URL,
     JSON,
     VERSION,
@@ -71,6 +76,7 @@ static const struct option table[] = {
     {"orbit", 1, NULL, ORBIT},   {"newton", 1, NULL, NEWTON},   {"quality", 1, NULL, QUALITY},
     {"smooth", 1, NULL, SMOOTH}, {"crease", 1, NULL, CREASE},   {"no-words", 0, NULL, NO_WORDS},
     {"scale", 1, NULL, SCALE},   {"lcm-url", 1, NULL, URL},     {"json", 1, NULL, JSON},
+    {"scene", 1, NULL, SCENE},   {"fibres", 0, NULL, FIBRES},   {"no-supports", 0, NULL, NO_SUPPORTS},
     {"help", 0, NULL, HELP},     {"version", 0, NULL, VERSION}, {NULL, 0, NULL, 0},
 };
 
@@ -165,6 +171,9 @@ static int take(int code, const char *text, view_options *o) {
     case JSON: o->json = text; return 0;
     case URL: o->url = text; return 0;
     case NO_WORDS: o->studio.words = false; return 0;
+    case SCENE: o->scene = text; return 0;
+    case FIBRES: o->marks.fibres = true; return 0;
+    case NO_SUPPORTS: o->marks.supports = false; return 0;
     case SIZE: return size(text, &o->studio.render.width, &o->studio.render.height);
     case FPS: return whole(code, text, 1, 240, &o->fps);
     case AT: o->has_at = true; return number(code, text, 0, 1e6, &o->at_s);
@@ -193,6 +202,10 @@ static int check(const view_options *o) {
     if (o->has_to && o->to_s < o->from_s) return app_bad_input("tm-view", 0, "--to is before --from; swap them");
     if (o->film && (o->studio.render.width % 2 || o->studio.render.height % 2))
         return app_bad_input("tm-view", 0, "a film's width and height must be even; choose another --size");
+    if (o->scene && o->source && view_is_still(o->source))
+        return app_bad_input("tm-view", 0, "--scene belongs to a log or a running simulation; name the scene alone");
+    if (o->marks.fibres && !o->scene && !(o->source && view_is_scene(o->source)))
+        return app_bad_input("tm-view", 0, "--fibres wants the scene that names them; add --scene FILE");
     if (o->has_at && !o->png) return app_bad_input("tm-view", 0, "--at belongs to --png; use --from and --to");
     return 0;
 }
@@ -200,6 +213,7 @@ static int check(const view_options *o) {
 int view_options_parse(int argc, char **argv, view_options *o) {
     memset(o, 0, sizeof *o);
     o->studio = view_studio_default(1280, 720);
+    o->marks.supports = true;
     o->fps = 30, o->duration_s = 10, o->wait_s = 60, o->scale = 1, o->quality = -1;
     opterr = 0;
     for (int code; (code = getopt_long(argc, argv, "h", table, NULL)) != -1;) {

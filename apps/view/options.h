@@ -2,10 +2,13 @@
 #ifndef VIEW_OPTIONS_H
 #define VIEW_OPTIONS_H
 
+#include "still.h"
 #include "studio.h"
 
 typedef struct view_options {
     const char *source; /* file, or null: live */
+    const char *scene;  /* of a log or a live source; null: not told */
+    view_mark_choice marks;
     const char *png, *frames, *film, *json, *url;
     view_studio_def studio;
     double from_s, to_s, at_s, duration_s, wait_s, scale;

@@ -5,11 +5,15 @@
 #include <stdio.h>
 #include <string.h>
 
+#include "layout.h"
+
 static const view_colour WHITE = {240, 243, 246, 1}, GREY = {168, 180, 190, 1}, BAD = {255, 120, 96, 1},
                          GOOD = {132, 224, 150, 1}, PANEL = {10, 15, 19, 0.58f};
 static const view_colour TOOL[VIEW_INSTRUMENTS] = {{255, 205, 74, 1}, {92, 204, 255, 1}};
 static const char *const mode_name[] = {"probe", "grasper", "cautery"};
 static const char *const state_name[] = {"boot", "self test", "idle", "engaged", "stale", "fault"};
+
+static const view_colour HELD = {72, 205, 165, 1}, FIBRE = {226, 214, 178, 1};
 
 /* Where the next line goes. */
 typedef struct pen {
@@ -40,34 +44,52 @@ static void thousands(char *out, size_t room, int32_t n) {
         snprintf(out, room, "%d", n);
 }
 
-static void simulation_panel(pen p, const view_picture *s, double drawn_hz) {
-    float right = p.x + (drawn_hz > 0 ? 31 : 25) * p.cap, top = p.y - 1.9f * p.cap;
-    int lines = s->has_status ? 3 : 1;
-    view_box(p.canvas, p.x - p.cap, top, right, top + p.line * (float)lines + 1.5f * p.cap, 0.6f * p.cap, PANEL);
-    float x = write_at(&p, p.x, WHITE, "%s", s->title);
-    if (s->has_status) write_at(&p, x + p.cap, GREY, "%s", s->model);
-    if (!s->has_status) return;
-    char tets[24];
-    thousands(tets, sizeof tets, s->tets);
-    p.y += p.line;
-    write_at(&p, p.x, GREY, "%s tetrahedra   %d substeps", tets, s->substeps);
-    p.y += p.line;
-    x = write_at(&p, p.x, GREY, "%.1f Hz   ", s->frame_hz);
-    if (s->sim_rate > 0) {
-        x = write_at(&p, x, GREY, "%.1f ms   ", 1e3 * s->compute_s);
-        x = write_at(&p, x, s->sim_rate > 0.98 ? GOOD : BAD, "%.2f s/s", s->sim_rate);
-    } else
-        x = write_at(&p, x, GREY, "lockstep"); /* its clock is virtual, so it reports no speed */
-    if (drawn_hz > 0) write_at(&p, x + p.cap, GREY, "  view %.0f Hz", drawn_hz);
+/* A line of what the marks mean; its y advances. */
+static void legend(pen *p, view_colour colour, const char *text) {
+    p->y += p->line;
+    view_box(p->canvas, p->x, p->y - 0.85f * p->cap, p->x + 0.85f * p->cap, p->y, 0.25f * p->cap, colour);
+    write_at(p, p->x + 1.6f * p->cap, GREY, "%s", text);
 }
 
-static void instrument_panel(pen p, const view_instrument *t, int i) {
+static void simulation_panel(pen p, view_layout *l, const view_picture *s, double drawn_hz) {
+    const view_marks *m = s->marks;
+    const char *title = m && m->title[0] ? m->title : s->title;
+    char held[160] = "";
+    if (m && m->support_of) snprintf(held, sizeof held, "held%s%s", m->held_by[0] ? ": " : "", m->held_by);
+    float right = p.x + (drawn_hz > 0 ? 31 : 25) * p.cap, top = p.y - 1.9f * p.cap;
+    right = fmaxf(right, p.x + view_text_width(title, p.cap) + view_text_width(s->model, p.cap) + 2 * p.cap);
+    right = fmaxf(right, p.x + view_text_width(held, p.cap) + 2.6f * p.cap);
+    int lines = (s->has_status ? 3 : 1) + (held[0] != 0) + (m && m->fibre);
+    float bottom = top + p.line * (float)lines + 1.5f * p.cap;
+    view_box(p.canvas, p.x - p.cap, top, right, bottom, 0.6f * p.cap, PANEL);
+    view_layout_take(l, p.x - p.cap, top, right, bottom);
+    float x = write_at(&p, p.x, WHITE, "%s", title);
+    if (s->has_status) {
+        write_at(&p, x + p.cap, GREY, "%s", s->model);
+        char tets[24];
+        thousands(tets, sizeof tets, s->tets);
+        p.y += p.line;
+        write_at(&p, p.x, GREY, "%s tetrahedra   %d substeps", tets, s->substeps);
+        p.y += p.line;
+        x = write_at(&p, p.x, GREY, "%.1f Hz   ", s->frame_hz);
+        if (s->sim_rate > 0) {
+            x = write_at(&p, x, GREY, "%.1f ms   ", 1e3 * s->compute_s);
+            x = write_at(&p, x, s->sim_rate > 0.98 ? GOOD : BAD, "%.2f s/s", s->sim_rate);
+        } else
+            x = write_at(&p, x, GREY, "lockstep"); /* its clock is virtual, so it reports no speed */
+        if (drawn_hz > 0) write_at(&p, x + p.cap, GREY, "  view %.0f Hz", drawn_hz);
+    }
+    if (held[0]) legend(&p, HELD, held);
+    if (m && m->fibre) legend(&p, FIBRE, "fibres");
+}
+
+static void instrument_panel(pen p, view_layout *l, const view_instrument *t, int i) {
     float right = p.x + 24 * p.cap, top = p.y - 1.9f * p.cap;
     bool fault = t->has_controller && t->state == 5;
-    view_box(p.canvas, p.x - p.cap, top, right, top + p.line * (t->has_controller ? 3.0f : 2.0f) + 1.5f * p.cap,
-             0.6f * p.cap, PANEL);
-    view_box(p.canvas, p.x - p.cap, top, p.x - 0.65f * p.cap,
-             top + p.line * (t->has_controller ? 3.0f : 2.0f) + 1.5f * p.cap, 0.15f * p.cap, TOOL[i]);
+    float bottom = top + p.line * (t->has_controller ? 3.0f : 2.0f) + 1.5f * p.cap;
+    view_box(p.canvas, p.x - p.cap, top, right, bottom, 0.6f * p.cap, PANEL);
+    view_box(p.canvas, p.x - p.cap, top, p.x - 0.65f * p.cap, bottom, 0.15f * p.cap, TOOL[i]);
+    view_layout_take(l, p.x - p.cap, top, right, bottom);
     write_at(&p, p.x, TOOL[i], "%s%s", t->mode >= 0 && t->mode <= 2 ? mode_name[t->mode] : "?",
              t->mode == 2 && t->active ? " ON" : "");
     char force[32];
@@ -95,39 +117,66 @@ static double round_down(double peak) {
     return peak >= 5 * unit ? 5 * unit : peak >= 2 * unit ? 2 * unit : unit;
 }
 
+enum { STRIP_SECONDS = 6 };
+
+/* A plot's frame in pixels: x0 left, y0 the line of zero. */
+typedef struct frame {
+    float x0, y0, x1, y1;
+} frame;
+
+/* Whole seconds since the source began, as many as there is room for. */
+static void time_axis(pen p, const frame *f, double now_s) {
+    float second = (f->x1 - f->x0) / STRIP_SECONDS;
+    int every = second > 6 * p.cap ? 1 : second > 3 * p.cap ? 2 : 3;
+    for (int at_s = (int)fmax(0, ceil(now_s - STRIP_SECONDS)); at_s <= now_s; ++at_s) {
+        float x = f->x1 - second * (float)(now_s - at_s);
+        view_line(p.canvas, x, f->y0, x, f->y0 + 0.5f * p.cap, 1, GREY);
+        if (at_s % every) continue;
+        char text[24];
+        snprintf(text, sizeof text, "%d s", at_s);
+        float width = view_text_width(text, p.cap);
+        if (x + width / 2 > f->x1 + p.cap) continue;
+        p.y = f->y0 + 2 * p.cap;
+        write_at(&p, x - width / 2, GREY, "%s", text);
+    }
+}
+
+static void force_line(pen p, const frame *f, const view_picture *s, int instrument, double peak) {
+    float px = 0, py = 0;
+    bool have = false;
+    for (int i = 0; i < s->trace.count; ++i) {
+        int at = (s->trace.next - s->trace.count + i + VIEW_TRACE) % VIEW_TRACE;
+        double age = s->time_s - s->trace.time_s[at];
+        if (age > STRIP_SECONDS || age < 0) continue;
+        float x = f->x1 - (float)(age / STRIP_SECONDS) * (f->x1 - f->x0),
+              y = f->y0 - (float)((double)s->trace.force_N[instrument][at] / peak) * (f->y0 - f->y1);
+        if (have) view_line(p.canvas, px, py, x, y, 0.17f * p.cap, TOOL[instrument]);
+        px = x, py = y, have = true;
+    }
+}
+
 /* The forces of the last seconds along the lower edge. */
-static void force_strip(pen p, const view_picture *s) {
-    enum { SECONDS = 6 };
+static void force_strip(pen p, view_layout *l, const view_picture *s) {
     float w = (float)p.canvas->width, h = (float)p.canvas->height, left = p.x - p.cap, right = w - left,
-          bottom = h - left, top = bottom - 7 * p.cap;
+          bottom = h - left, top = bottom - 8.6f * p.cap;
     double peak = 0.1;
     for (int i = 0; i < s->trace.count; ++i)
         for (int k = 0; k < VIEW_INSTRUMENTS; ++k) peak = fmax(peak, (double)s->trace.force_N[k][i]);
     double tick = round_down(peak);
     view_box(p.canvas, left, top, right, bottom, 0.6f * p.cap, PANEL);
-    float x0 = left + 5 * p.cap, x1 = right - p.cap, y0 = bottom - p.cap, y1 = top + p.cap;
-    float tick_y = y0 - (float)(tick / peak) * (y0 - y1);
-    view_line(p.canvas, x0, y0, x1, y0, 1, GREY);
-    view_line(p.canvas, x0, tick_y, x1, tick_y, 1, (view_colour){168, 180, 190, 0.4f});
+    view_layout_take(l, left, top, right, bottom);
+    const frame f = {left + 5 * p.cap, bottom - 2.6f * p.cap, right - p.cap, top + p.cap};
+    float tick_y = f.y0 - (float)(tick / peak) * (f.y0 - f.y1);
+    view_line(p.canvas, f.x0, f.y0, f.x1, f.y0, 1, GREY);
+    view_line(p.canvas, f.x0, tick_y, f.x1, tick_y, 1, (view_colour){168, 180, 190, 0.4f});
+    time_axis(p, &f, s->time_s);
     p.y = tick_y + p.cap / 2;
     write_at(&p, left + 0.7f * p.cap, GREY, "%g N", tick);
-    for (int k = 0; k < VIEW_INSTRUMENTS; ++k) {
-        if (!s->instrument[k].shown) continue;
-        float px = 0, py = 0;
-        bool have = false;
-        for (int i = 0; i < s->trace.count; ++i) {
-            int at = (s->trace.next - s->trace.count + i + VIEW_TRACE) % VIEW_TRACE;
-            double age = s->time_s - s->trace.time_s[at];
-            if (age > SECONDS || age < 0) continue;
-            float x = x1 - (float)(age / SECONDS) * (x1 - x0),
-                  y = y0 - (float)((double)s->trace.force_N[k][at] / peak) * (y0 - y1);
-            if (have) view_line(p.canvas, px, py, x, y, 0.17f * p.cap, TOOL[k]);
-            px = x, py = y, have = true;
-        }
-    }
+    for (int k = 0; k < VIEW_INSTRUMENTS; ++k)
+        if (s->instrument[k].shown) force_line(p, &f, s, k, peak);
 }
 
-static void arrow_label(pen p, const view_picture *s, const view_camera *camera, int i) {
+static void arrow_label(pen p, view_layout *l, const view_picture *s, const view_camera *camera, int i) {
     const view_instrument *t = &s->instrument[i];
     double force = size_of(t->force_N), end[3];
     for (int k = 0; k < 3; ++k) end[k] = t->tip_m[k] + s->newton_m * t->force_N[k];
@@ -145,9 +194,11 @@ static void arrow_label(pen p, const view_picture *s, const view_camera *camera,
           y = at[1] + dy / length * 2.5f * p.cap + p.cap / 2;
     x = fminf(fmaxf(x, p.cap), (float)w - width - 2 * p.cap);
     y = fminf(fmaxf(y, 3 * p.cap), (float)h - 2 * p.cap);
-    view_box(p.canvas, x - 0.5f * p.cap, y - 1.6f * p.cap, x + width + 0.5f * p.cap, y + 0.6f * p.cap, 0.4f * p.cap,
-             PANEL);
-    view_text(p.canvas, x, y, p.cap, TOOL[i], text);
+    float box[4] = {x - 0.5f * p.cap, y - 1.6f * p.cap, x + width + 0.5f * p.cap, y + 0.6f * p.cap};
+    view_layout_find_room(l, (float)w, (float)h, 0.4f * p.cap, box);
+    view_box(p.canvas, box[0], box[1], box[2], box[3], 0.4f * p.cap, PANEL);
+    view_layout_take(l, box[0], box[1], box[2], box[3]);
+    view_text(p.canvas, box[0] + 0.5f * p.cap, box[1] + 1.6f * p.cap, p.cap, TOOL[i], text);
 }
 
 static void notice(pen p, const char *text) {
@@ -164,18 +215,21 @@ static pen pen_for(const view_canvas *canvas) {
 
 void view_overlay(const view_canvas *canvas, const view_picture *s, const view_camera *camera, double drawn_hz) {
     pen p = pen_for(canvas);
-    if (s->title[0]) simulation_panel(p, s, drawn_hz);
+    view_layout l = {0};
+    if (s->title[0]) simulation_panel(p, &l, s, drawn_hz);
     pen q = p;
     q.x = (float)canvas->width - 25.4f * p.cap;
-    int any = 0;
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
-        if (s->has_status && s->instrument[i].shown) {
-            instrument_panel(q, &s->instrument[i], i);
-            q.y += 8.2f * p.cap;
-            any = 1;
-            if (s->newton_m > 0) arrow_label(p, s, camera, i);
-        }
-    if (any && s->trace.count > 1) force_strip(p, s);
+    bool shown[VIEW_INSTRUMENTS], any = false;
+    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) {
+        shown[i] = s->has_status && s->instrument[i].shown;
+        if (!shown[i]) continue;
+        instrument_panel(q, &l, &s->instrument[i], i);
+        q.y += 8.2f * p.cap;
+        any = true;
+    }
+    if (any && s->trace.count > 1) force_strip(p, &l, s);
+    for (int i = 0; i < VIEW_INSTRUMENTS && s->newton_m > 0; ++i)
+        if (shown[i]) arrow_label(p, &l, s, camera, i);
     if (s->notice[0]) notice(p, s->notice);
 }
 

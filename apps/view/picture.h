@@ -6,6 +6,8 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "marks.h"
+
 enum { VIEW_INSTRUMENTS = 2, VIEW_TRACE = 512, VIEW_VERTICES_MAX = 2000000, VIEW_TRIANGLES_MAX = 4000000 };
 
 typedef struct view_surface {
@@ -51,10 +53,11 @@ typedef struct view_picture {
     bool has_status;
     int32_t tets, substeps;
     double frame_hz, sim_rate, compute_s;
-    double time_s;    /* since the source began */
-    view_trace trace; /* forces of the last seconds */
-    double newton_m;  /* length of an arrow of one newton; 0: no arrows */
-    char notice[128]; /* what it waits for, or empty */
+    double time_s;           /* since the source began */
+    view_trace trace;        /* forces of the last seconds */
+    double newton_m;         /* length of an arrow of one newton; 0: no arrows */
+    const view_marks *marks; /* of the scene; null: none */
+    char notice[128];        /* what it waits for, or empty */
 } view_picture;
 
 /* Room for these counts; contents are lost when it grows. False: no memory (the surface is left empty). */

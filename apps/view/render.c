@@ -27,10 +27,11 @@ struct view_renderer {
     uint8_t *buffer;   /* [4*width*height] bottom row first */
     GLuint depth_program, blur_program, sky_program, floor_program, tissue_program, metal_program;
     GLuint shadow_texture, shadow_target, spot_texture[3], spot_target[3], picture_target, picture_buffer[2], empty;
-    batch tissue, tools, arrows;
+    batch tissue, tools, arrows, marks;
     view_skin *skin;
-    view_shape tool_shape, arrow_shape;
-    int32_t shadow_count; /* vertices of tool_shape that throw shadows */
+    view_shape tool_shape, arrow_shape, mark_shape;
+    int32_t support_count; /* vertices of mark_shape that mark supports; fibres follow */
+    int32_t shadow_count;  /* vertices of tool_shape that throw shadows */
 };
 
 /* What one picture's passes share. */
@@ -156,6 +157,7 @@ static void renderer_destroy(view_renderer *r) {
     view_skin_free(r->skin);
     view_shape_free(&r->tool_shape);
     view_shape_free(&r->arrow_shape);
+    view_shape_free(&r->mark_shape);
     free(r->buffer);
     free(r);
 }
@@ -212,6 +214,7 @@ static tm_status renderer_create(const view_render_def *def, view_renderer **out
     batch_create(&r->tissue);
     batch_create(&r->tools);
     batch_create(&r->arrows);
+    batch_create(&r->marks);
     targets_create(r);
     if (!picture_target_create(r)) {
         renderer_destroy(r);
@@ -328,12 +331,17 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
         if (length3(along) > 0.01 * camera->radius_m)
             view_shape_arrow(&r->arrow_shape, t->tip_m, along,
                              fminf(0.022f * camera->radius_m, (float)length3(along) / 4),
-                             i ? VIEW_PAINT_ARROW_1 : VIEW_PAINT_ARROW_0);
+                             i ? VIEW_PAINT_ARROW_1 : VIEW_PAINT_ARROW_0, camera);
     }
     r->shadow_count =
         r->tool_shape.count; /* ports hang in a wall that is not drawn: their shadows would come from nowhere */
     for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
         if (p->instrument[i].shown) view_shape_port(&r->tool_shape, &p->instrument[i]);
+    r->mark_shape.count = 0;
+    if (p->marks) view_shape_supports(&r->mark_shape, p->marks, &p->surface, 0.013f * camera->radius_m);
+    r->support_count = r->mark_shape.count;
+    if (p->marks) view_shape_fibres(&r->mark_shape, p->marks, &p->surface);
+    fill_batch(&r->marks, r->mark_shape.vertex, r->mark_shape.count);
     fill_batch(&r->tools, r->tool_shape.vertex, r->tool_shape.count);
     fill_batch(&r->arrows, r->arrow_shape.vertex, r->arrow_shape.count);
     return TM_OK;
@@ -348,6 +356,21 @@ static void draw_tissue(const view_renderer *r, bool coarse) {
 static void draw_batch(const batch *b) {
     glBindVertexArray(b->array);
     glDrawArrays(GL_TRIANGLES, 0, b->count);
+}
+
+/* Fibres and supports; supports behind the tissue shine through it. */
+static void draw_marks(const view_renderer *r) {
+    draw_batch(&r->marks);
+    if (!r->support_count) return;
+    glDepthFunc(GL_GREATER);
+    glDepthMask(GL_FALSE);
+    glEnable(GL_BLEND);
+    glBlendColor(0, 0, 0, 0.28f);
+    glBlendFunc(GL_CONSTANT_ALPHA, GL_ONE_MINUS_CONSTANT_ALPHA);
+    glDrawArrays(GL_TRIANGLES, 0, r->support_count);
+    glDisable(GL_BLEND);
+    glDepthMask(GL_TRUE);
+    glDepthFunc(GL_LESS);
 }
 
 static void uniform3(GLuint program_id, const char *name, const float v[3]) {
@@ -477,6 +500,7 @@ static tm_status renderer_draw(view_renderer *r, const view_picture *p, const vi
     draw_tissue(r, false);
     use_lit(r, &s, r->metal_program);
     draw_batch(&r->tools);
+    draw_marks(r);
     glClear(
         GL_DEPTH_BUFFER_BIT); /* arrows are seen through everything: a force often points back along its instrument */
     draw_batch(&r->arrows);

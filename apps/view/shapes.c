@@ -41,6 +41,11 @@ static void add(view_shape *s, const frame *f, const float at[3], const float no
     v->kind = (float)paint, v->shade = 1;
 }
 
+void view_shape_point(view_shape *s, const float at_m[3], const float normal[3], int paint) {
+    static const frame world = {{0}, {1, 0, 0}, {0, 1, 0}, {0, 0, 1}};
+    add(s, &world, at_m, normal, paint);
+}
+
 static void quad(view_shape *s, const frame *f, const float at[4][3], const float normal[4][3], int paint) {
     static const int corner[6] = {0, 1, 2, 0, 2, 3};
     for (int i = 0; i < 6; ++i) add(s, f, at[corner[i]], normal[corner[i]], paint);
@@ -188,14 +193,49 @@ void view_shape_port(view_shape *s, const view_instrument *t) {
     lathe(s, &f, port, 7, VIEW_PAINT_PORT);
 }
 
-void view_shape_arrow(view_shape *s, const double from_m[3], const double along_m[3], float thickness_m, int paint) {
+/* A flat ring facing w, with a dot or a cross in it. */
+static void end_on(view_shape *s, const frame *f, float thickness_m, bool away, int paint) {
+    const float n[4][3] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}}, r = 1.9f * thickness_m, w = 0.4f * thickness_m;
+    for (int j = 0; j < AROUND; ++j) {
+        float a = 2 * PI * (float)j / AROUND, b = 2 * PI * (float)(j + 1) / AROUND;
+        const float band[4][3] = {{(r - w) * cosf(a), (r - w) * sinf(a), 0},
+                                  {r * cosf(a), r * sinf(a), 0},
+                                  {r * cosf(b), r * sinf(b), 0},
+                                  {(r - w) * cosf(b), (r - w) * sinf(b), 0}};
+        quad(s, f, band, n, paint);
+        const float dot[4][3] = {
+            {0, 0, 0}, {1.4f * w * cosf(a), 1.4f * w * sinf(a), 0}, {1.4f * w * cosf(b), 1.4f * w * sinf(b), 0}, {0}};
+        if (!away) quad(s, f, dot, n, paint);
+    }
+    for (int j = 0; away && j < 2; ++j) {
+        float c = 0.7071f * (r - w), h = 0.35f * w, sign = j ? -1.0f : 1.0f;
+        const float bar[4][3] = {{-c - h, sign * (-c + h), 0},
+                                 {-c + h, sign * (-c - h), 0},
+                                 {c + h, sign * (c - h), 0},
+                                 {c - h, sign * (c + h), 0}};
+        quad(s, f, bar, n, paint);
+    }
+}
+
+void view_shape_arrow(view_shape *s, const double from_m[3], const double along_m[3], float thickness_m, int paint,
+                      const view_camera *camera) {
     frame f;
     float length = 0;
     for (int k = 0; k < 3; ++k) f.o[k] = (float)from_m[k], f.w[k] = (float)along_m[k], length += f.w[k] * f.w[k];
     length = sqrtf(length);
     if (!(length > 0)) return;
     for (int k = 0; k < 3; ++k) f.w[k] /= length;
+    int facing = view_camera_facing(camera, from_m, along_m);
+    if (facing) {
+        for (int k = 0; k < 3; ++k) f.w[k] = camera->eye_m[k] - f.o[k];
+        length = sqrtf(f.w[0] * f.w[0] + f.w[1] * f.w[1] + f.w[2] * f.w[2]);
+        for (int k = 0; k < 3; ++k) f.w[k] /= length;
+    }
     view_frame(f.w, f.u, f.v);
+    if (facing) {
+        end_on(s, &f, thickness_m, facing < 0, paint);
+        return;
+    }
     float head = fminf(4.5f * thickness_m, 0.7f * length);
     const ring shaft[] = {{0, 0}, {0, thickness_m / 2}, {length - head, thickness_m / 2}};
     const ring point[] = {{length - head, thickness_m / 2}, {length - head, 1.5f * thickness_m}, {length, 0}};

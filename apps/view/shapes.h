@@ -1,7 +1,9 @@
-/* Instruments and arrows as triangles. */
+/* Instruments, arrows and marks as triangles. */
 #ifndef VIEW_SHAPES_H
 #define VIEW_SHAPES_H
 
+#include "camera.h"
+#include "marks.h"
 #include "skin.h"
 
 /* Values of view_vertex.kind past the tissue's own. */
@@ -11,7 +13,9 @@ enum {
     VIEW_PAINT_HOT = 4,
     VIEW_PAINT_PORT = 5,
     VIEW_PAINT_ARROW_0 = 6,
-    VIEW_PAINT_ARROW_1 = 7
+    VIEW_PAINT_ARROW_1 = 7,
+    VIEW_PAINT_SUPPORT = 8,
+    VIEW_PAINT_FIBRE = 9
 };
 
 typedef struct view_shape {
@@ -23,6 +27,14 @@ void view_shape_free(view_shape *shape);
 /* All add to the shape; where memory runs out they add less. The port is the sleeve in the body's wall. */
 void view_shape_instrument(view_shape *shape, const view_instrument *instrument);
 void view_shape_port(view_shape *shape, const view_instrument *instrument);
-void view_shape_arrow(view_shape *shape, const double from_m[3], const double along_m[3], float thickness_m, int paint);
+/* A force that points at the eye, or away from it, would be a disc: it is drawn as a ring with a dot (the arrow's
+ * point) or a cross (its feathers), turned to the eye. */
+void view_shape_arrow(view_shape *shape, const double from_m[3], const double along_m[3], float thickness_m, int paint,
+                      const view_camera *camera);
+void view_shape_supports(view_shape *shape, const view_marks *marks, const view_surface *surface, float radius_m);
+/* Where they run along the surface, on each triangle that is a tetrahedron's face; carried along by the tissue. */
+void view_shape_fibres(view_shape *shape, const view_marks *marks, const view_surface *surface);
+/* One corner of a triangle, in world coordinates. */
+void view_shape_point(view_shape *shape, const float at_m[3], const float normal[3], int paint);
 
 #endif

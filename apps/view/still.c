@@ -47,8 +47,27 @@ static int load_mesh(const char *path, double scale, view_picture *picture) {
     return good ? 0 : app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
 }
 
+static int take_marks(const sim *s, const char *path, const view_mark_choice *choice, view_marks *marks) {
+    if (choice->fibres && !s->fibre) return app_bad_input(path, 0, "names no fibres (anisotropy); leave --fibres out");
+    if (view_marks_take(marks, s, choice->supports, choice->fibres)) return 0;
+    return app_bad_input(path, 0, "no memory for its supports and fibres; close other programs") - 1;
+}
+
+int view_scene_marks(const char *path, const view_mark_choice *choice, view_marks *marks) {
+    app_scene *scene;
+    sim *s;
+    char dynamic[] = "model=dynamic",
+         *set[] = {dynamic}; /* mesh, supports and fibres are any model's; no responses to compute */
+    int wrong = sim_scene_load(path, set, 1, &scene);
+    if (!wrong) wrong = sim_create(scene, &s);
+    if (wrong) return wrong;
+    wrong = take_marks(s, path, choice, marks);
+    sim_destroy(s);
+    return wrong;
+}
+
 /* The scene as it stands before its first frame. */
-static int load_scene(const char *path, view_picture *picture) {
+static int load_scene(const char *path, const view_mark_choice *choice, view_picture *picture, view_marks *marks) {
     app_scene *scene;
     sim *s;
     int wrong = sim_scene_load(path, NULL, 0, &scene);
@@ -56,6 +75,7 @@ static int load_scene(const char *path, view_picture *picture) {
     if (wrong) return wrong;
     if (!surface_of(s->mesh, &picture->surface))
         wrong = app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
+    if (!wrong) wrong = take_marks(s, path, choice, marks);
     for (int i = 0; i < s->instrument_count && i < VIEW_INSTRUMENTS; ++i) {
         view_instrument *t = &picture->instrument[i];
         tm_tool_pose pose = sim_pose(s, i, s->start_joint[i], false);
@@ -70,10 +90,22 @@ static int load_scene(const char *path, view_picture *picture) {
     return wrong;
 }
 
-int view_still_load(const char *path, double scale, view_picture *picture) {
+bool view_is_still(const char *path) {
+    const char *dot = strrchr(path, '.');
+    static const char *const endings[] = {".yaml", ".yml", ".msh", ".vtk", ".mesh"};
+    for (size_t i = 0; dot && i < sizeof endings / sizeof endings[0]; ++i)
+        if (!strcmp(dot, endings[i])) return true;
+    return false;
+}
+
+bool view_is_scene(const char *path) {
+    const char *dot = strrchr(path, '.');
+    return dot && (!strcmp(dot, ".yaml") || !strcmp(dot, ".yml"));
+}
+
+int view_still_load(const char *path, double scale, const view_mark_choice *choice, view_picture *picture,
+                    view_marks *marks) {
     const char *slash = strrchr(path, '/');
     snprintf(picture->title, sizeof picture->title, "%s", slash ? slash + 1 : path);
-    const char *dot = strrchr(path, '.');
-    return dot && (!strcmp(dot, ".yaml") || !strcmp(dot, ".yml")) ? load_scene(path, picture)
-                                                                  : load_mesh(path, scale, picture);
+    return view_is_scene(path) ? load_scene(path, choice, picture, marks) : load_mesh(path, scale, picture);
 }

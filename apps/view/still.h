@@ -3,8 +3,21 @@
 #define VIEW_STILL_H
 
 #include "picture.h"
+#include "scene_marks.h"
 
-/* Fills the picture's surface (and a scene's instruments where they start). 0, or an exit code after complaining. */
-int view_still_load(const char *path, double scale, view_picture *picture);
+/* Which marks of a scene are wanted. */
+typedef struct view_mark_choice {
+    bool supports, fibres;
+} view_mark_choice;
+
+/* By the ending: a scene or a mesh, not a log. */
+bool view_is_still(const char *path);
+bool view_is_scene(const char *path);
+/* Fills the picture's surface, and of a scene its instruments where they start and its marks. 0, or an exit code after
+ * complaining. */
+int view_still_load(const char *path, double scale, const view_mark_choice *choice, view_picture *picture,
+                    view_marks *marks);
+/* The marks alone, for a source that tells none. */
+int view_scene_marks(const char *path, const view_mark_choice *choice, view_marks *marks);
 
 #endif

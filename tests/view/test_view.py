@@ -142,6 +142,66 @@ def test_still_of_a_mesh_and_of_a_scene(bin, root, tmp_path):
     assert share(picture, lambda r, g, b: (abs(r - g) < 0.04) & (r < 0.3)) > 0.001  # the dark shaft
 
 
+def held_green(r, g, b):
+    return (g > 1.6 * r) & (g > 1.15 * b) & (g > 0.25)
+
+
+def fibre_pale(r, g, b):
+    return (r > 0.55) & (g > 0.5) & (b > 0.4) & (r > b)
+
+
+def test_supports_and_fibres_of_a_scene(bin, root, tmp_path):
+    scene = root / "apps" / "scenes" / "cylinder-fibre.yaml"
+    parts = {}
+    for name, options in {"plain": ["--no-supports"], "held": [], "fibres": ["--no-supports", "--fibres"]}.items():
+        result = run(bin, scene, "--png", tmp_path / f"{name}.png", "--size", "640x480", "--no-words", "--azimuth", "-150", *options)
+        assert result.returncode == 0, result.stderr
+        picture = pixels(tmp_path / f"{name}.png")
+        parts[name] = share(picture, held_green), share(picture, fibre_pale)
+    assert parts["held"][0] > 0.0002 + parts["plain"][0] and parts["held"][1] < parts["plain"][1] + 0.002
+    assert parts["fibres"][1] > 0.01 + parts["plain"][1]
+
+
+def test_a_log_is_shown_with_its_scene(bin, build, root, tmp_path):
+    """Title and supports stand in the scene, not in the messages: of a log they are shown when the scene is named."""
+    scene, log = root / "apps/scenes/liver-press.yaml", tmp_path / "s.lcm"
+    subprocess.run([build / "bin/tm-sim", scene, "--lockstep", "--duration", "0.3 s", "--record", log], check=True, capture_output=True, timeout=60)
+    renamed = tmp_path / "renamed.yaml"
+    renamed.write_text(scene.read_text().replace("../../", f"{root}/").replace("title: A liver pressed by a probe", "title: Something else altogether"))
+    shown = {}
+    for name, options in {"bare": [], "scene": ["--scene", scene], "renamed": ["--scene", renamed], "free": ["--scene", scene, "--no-supports"]}.items():
+        result = run(bin, log, "--png", tmp_path / f"{name}.png", "--size", "640x480", "--quality", "0", "--elevation", "20", "--azimuth", "70", *options)
+        assert result.returncode == 0, result.stderr
+        shown[name] = pixels(tmp_path / f"{name}.png")
+    assert share(shown["scene"], held_green) > 0.002 + share(shown["free"], held_green)
+    top = slice(0, 40), slice(0, 320)
+    assert abs(shown["scene"][top] - shown["renamed"][top]).max() > 0.3 and abs(shown["scene"][top] - shown["bare"][top]).max() > 0.3
+    assert (shown["scene"][100:] == shown["renamed"][100:]).all()
+
+
+def test_a_force_at_the_eye_is_a_ring(bin, log, tmp_path):
+    """At 1.5 s the synthetic force points up; from above its arrow used to be a filled disc."""
+    out = tmp_path / "ring.png"
+    assert run(bin, log, "--at", "1.5", "--png", out, "--size", "640x480", "--no-words", "--elevation", "85").returncode == 0
+    picture = pixels(out)
+    r, g, b = picture[..., 0], picture[..., 1], picture[..., 2]
+    rows, columns = arrow_amber(r, g, b).nonzero()
+    box = arrow_amber(r, g, b)[rows.min():rows.max() + 1, columns.min():columns.max() + 1]
+    assert min(box.shape) > 12 and 0.15 < box.mean() < 0.6, (box.shape, box.mean())
+
+
+def test_the_force_plot_has_a_time_axis(bin, log, tmp_path):
+    """Marks at whole seconds since the source began, below the line of zero; six seconds wide, now at the right."""
+    out = tmp_path / "plot.png"
+    assert run(bin, log, "--at", "1.5", "--png", out, "--size", "640x480", "--quality", "0").returncode == 0
+    below = pixels(out)[450:452].mean(axis=(0, 2))
+    cap, left = 8, 2.4 * 8 - 8
+    x0, x1 = left + 5 * cap, 640 - left - cap
+    for second in (0, 1):
+        x = round(x1 - (x1 - x0) / 6 * (1.5 - second))
+        assert below[x - 1:x + 2].max() > below[x - 8:x - 4].max() + 0.1, second
+
+
 def test_scene_errors_are_the_scenes(bin, tmp_path):
     scene = tmp_path / "bad.yaml"
     scene.write_text("title: x\ntisue:\n  mesh: nowhere.msh\n")
@@ -151,6 +211,9 @@ def test_scene_errors_are_the_scenes(bin, tmp_path):
 
 
 BAD = [
+    (["LOG", "--png", "OUT", "--fibres"], "--fibres wants the scene"),
+    (["any.yaml", "--png", "OUT", "--scene", "x.yaml"], "--scene belongs to a log"),
+    (["LOG", "--png", "OUT", "--scene", "nowhere.yaml"], "nowhere.yaml: "),
     ([], "no output named"),
     (["--png"], "--png"),
     (["--colour", "red"], "unknown option"),
@@ -189,7 +252,7 @@ def test_bad_input(bin, log, tmp_path, python_types, args, said):
     foreign.write_event(1, "OTHER", b"data")
     foreign.close()
     before = sorted(os.listdir(tmp_path))
-    names = {"LOG": log, "OUT": tmp_path / "out", "TEXT": tmp_path / "text", "EMPTY": tmp_path / "empty", "FOREIGN": tmp_path / "foreign"}
+    names = {"LOG": log, "OUT": tmp_path / ("out.mp4" if "--film" in args else "out.png"), "TEXT": tmp_path / "text", "EMPTY": tmp_path / "empty", "FOREIGN": tmp_path / "foreign"}
     result = run(bin, *[str(names.get(a, a)).replace("FOLDER", str(tmp_path)) for a in args])
     assert result.returncode == 2, result.stderr
     assert said in result.stderr and (";" in result.stderr or "see" in result.stderr), result.stderr

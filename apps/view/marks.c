@@ -1,0 +1,119 @@
+/* Supports and fibres as triangles on the tissue as it is now. */
+#include <math.h>
+#include <string.h>
+
+#include "shapes.h"
+
+static const int32_t XYZ = 3;
+
+static float dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
+
+static void cross(const float a[3], const float b[3], float c[3]) {
+    c[0] = a[1] * b[2] - a[2] * b[1];
+    c[1] = a[2] * b[0] - a[0] * b[2];
+    c[2] = a[0] * b[1] - a[1] * b[0];
+}
+
+/* A die with eight sides. */
+static void ball(view_shape *s, const float at_m[3], float radius_m) {
+    for (int side = 0; side < 8; side++) {
+        float corner[3][3] = {{0}}, normal[3];
+        int turned = (side & 1) ^ (side >> 1 & 1) ^ (side >> 2 & 1);
+        for (int k = 0; k < 3; k++) {
+            float sign = side >> k & 1 ? -1.0f : 1.0f;
+            normal[k] = sign * 0.57735f;
+            corner[k][k] = sign * radius_m;
+        }
+        for (int c = 0; c < 3; c++) {
+            int k = turned && c ? 3 - c : c;
+            for (int a = 0; a < 3; a++) corner[k][a] += at_m[a];
+            view_shape_point(s, corner[k], normal, VIEW_PAINT_SUPPORT);
+        }
+    }
+}
+
+void view_shape_supports(view_shape *s, const view_marks *m, const view_surface *surface, float radius_m) {
+    if (!m->support_of) return;
+    for (int32_t i = 0; i < surface->vertex_count; i++)
+        if (surface->vertex_id[i] < m->vertex_count && m->support_of[surface->vertex_id[i]])
+            ball(s, surface->vertex_m + XYZ * i, radius_m);
+}
+
+/* The tetrahedron with this face, -1: none. */
+static int32_t tet_of(const view_marks *m, const int32_t corner[3]) {
+    int32_t key[3] = {corner[0], corner[1], corner[2]}, low = 0, high = 4 * m->tet_count;
+    for (int i = 0; i < 2; i++)
+        for (int j = 0; j < 2 - i; j++)
+            if (key[j] > key[j + 1]) {
+                int32_t swap = key[j];
+                key[j] = key[j + 1], key[j + 1] = swap;
+            }
+    while (low < high) {
+        int32_t middle = low + (high - low) / 2;
+        const int32_t *face = m->face + 4 * (int64_t)middle;
+        int32_t order = face[0] != key[0] ? face[0] - key[0] : face[1] != key[1] ? face[1] - key[1] : face[2] - key[2];
+        if (order == 0) return face[3];
+        if (order < 0)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return -1;
+}
+
+/* The fibre at rest as share of two edges of the triangle, what is along its normal left out; false: flat triangle. */
+static bool along_edges(const float e1[3], const float e2[3], const float fibre[3], float share[2]) {
+    float a = dot(e1, e1), b = dot(e1, e2), c = dot(e2, e2), f1 = dot(fibre, e1), f2 = dot(fibre, e2),
+          det = a * c - b * b;
+    if (!(det > 1e-12f * a * c)) return false;
+    share[0] = (f1 * c - f2 * b) / det, share[1] = (f2 * a - f1 * b) / det;
+    return true;
+}
+
+/* A flat ribbon through the triangle's middle, as long as the fibre is in the surface; a little above it, since the
+ * skin is drawn rounder than the triangle. */
+static void ribbon(view_shape *s, const float corner[3][3], const float share[2]) {
+    float e1[3], e2[3], middle[3], run[3], normal[3], across[3];
+    for (int k = 0; k < 3; k++) {
+        e1[k] = corner[1][k] - corner[0][k], e2[k] = corner[2][k] - corner[0][k];
+        middle[k] = (corner[0][k] + corner[1][k] + corner[2][k]) / 3;
+        run[k] = share[0] * e1[k] + share[1] * e2[k];
+    }
+    cross(e1, e2, normal);
+    float area = sqrtf(dot(normal, normal)), size = sqrtf(area);
+    if (!(area > 0)) return;
+    for (int k = 0; k < 3; k++) normal[k] /= area;
+    cross(normal, run, across);
+    float length = sqrtf(dot(across, across));
+    if (!(length > 0.05f)) return;
+    float at[4][3];
+    for (int k = 0; k < 3; k++) {
+        float above = middle[k] + 0.07f * size * normal[k], half = 0.36f * size * run[k],
+              wide = 0.035f * size * across[k] / length;
+        at[0][k] = above - half - wide, at[1][k] = above + half - wide, at[2][k] = above + half + wide,
+        at[3][k] = above - half + wide;
+    }
+    static const int order[6] = {0, 1, 2, 0, 2, 3};
+    for (int i = 0; i < 6; i++) view_shape_point(s, at[order[i]], normal, VIEW_PAINT_FIBRE);
+}
+
+void view_shape_fibres(view_shape *s, const view_marks *m, const view_surface *surface) {
+    for (int32_t t = 0; m->fibre && t < surface->triangle_count; t++) {
+        const int32_t *v = surface->triangle + XYZ * t;
+        int32_t id[3];
+        float now[3][3], e1[3], e2[3], share[2];
+        bool known = true;
+        for (int c = 0; c < 3; c++) {
+            id[c] = surface->vertex_id[v[c]];
+            known = known && id[c] < m->vertex_count;
+            memcpy(now[c], surface->vertex_m + XYZ * v[c], sizeof now[c]);
+        }
+        int32_t tet = known ? tet_of(m, id) : -1;
+        if (tet < 0) continue;
+        for (int k = 0; k < 3; k++) {
+            float from = m->rest_m[XYZ * id[0] + k];
+            e1[k] = m->rest_m[XYZ * id[1] + k] - from, e2[k] = m->rest_m[XYZ * id[2] + k] - from;
+        }
+        if (along_edges(e1, e2, m->fibre + XYZ * tet, share)) ribbon(s, (const float(*)[3])now, share);
+    }
+}
