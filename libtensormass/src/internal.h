@@ -73,6 +73,13 @@ void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex); /* after its 
 void tm_tissue_build_surface(tm_tissue *tissue);
 /* Largest eigenvalue of M_e^-1 K_e, 1/s2. */
 double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet);
+/* The same with any masses (or weights) > 0 on its vertices, from above: at most 0.2 % too large. */
+double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]);
+/* Lowers `most`, a bound of omega^2 of the living tetrahedra, if masses shared by demand give a lower one, and names
+ * the tetrahedron that sets it. Not for a tissue that will be cut. False: no memory, nothing lowered. */
+bool tm_shared_eigenvalue(const tm_tissue *tissue, double *most, int32_t *tet);
+/* tm_critical_step_guaranteed, saying whether there was memory for all of it. */
+bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet);
 /* Leaves the eigenvalues of a symmetric 6x6 matrix on its diagonal: Jacobi rotations, accurate however far apart they
  * lie. */
 void tm_diagonalise6(double A[36]);

@@ -230,7 +230,8 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
                                "region %d: damping %g 1/s in an undamped world; ask "
                                "for a damped world or set the damping to 0",
                                def->tissue->mesh->region[t], tm_tissue_tet_material(def->tissue, t)->damping_1_s);
-    world->guaranteed_step_s = tm_critical_step_guaranteed(def->tissue, &world->guaranteed_tet);
+    if (!tm_critical_step_find(def->tissue, &world->guaranteed_step_s, &world->guaranteed_tet))
+        return tm_fail_memory(error, "critical step");
     if (def->dt_s == 0 && !(def->step_fraction > 0 && def->step_fraction <= 1))
         return tm_fail(error, TM_ERR_STEP, -1, "step fraction %g; give one above 0 and not above 1",
                        def->step_fraction);

@@ -52,6 +52,12 @@ int main(void) {
         h = tm_hash(&left, sizeof left, h);
         double step_s = tm_critical_step_guaranteed(s.tissue, NULL);
         h = tm_hash(&step_s, sizeof step_s, h);
+        tissue.cuttable = false;
+        tm_tissue *whole = NULL;
+        scene_must(tm_tissue_create(&tissue, &whole, &error), &error);
+        step_s = tm_critical_step_guaranteed(whole, NULL);
+        h = tm_hash(&step_s, sizeof step_s, h);
+        tm_tissue_destroy(whole);
         free(fibre);
         scene_destroy(&s);
     }

@@ -44,9 +44,11 @@ def test_info_names_the_worst_element(tm_mesh, env, tmp_path):
     m.points[13] = [0.05, 0.05, 0.002]
     bad, text = info(tm_mesh, write(tmp_path / "b.msh", meshlib.msh2(m)), env)
     step = bad["critical_step"]
-    assert 13 in m.tets[step["tet"] - 1] and 13 in m.tets[bad["worst_aspect_tet"] - 1]
-    assert step["guaranteed_s"] < 0.2 * plain["critical_step"]["guaranteed_s"]
-    assert f"tetrahedron {step['tet']} " in text
+    assert 13 in m.tets[step["cut_tet"] - 1] and 13 in m.tets[bad["worst_aspect_tet"] - 1]
+    assert step["cut_s"] < 0.2 * plain["critical_step"]["cut_s"]
+    # Uncut, the mass about a sliver carries it.
+    assert 2 * step["cut_s"] < step["guaranteed_s"] < plain["critical_step"]["guaranteed_s"]
+    assert f"tetrahedron {step['tet']} " in text and f"tetrahedron {step['cut_tet']} " in text
     stiff, _ = info(tm_mesh, tmp_path / "b.msh", env, "--young", "20 kPa", "--density", "1060")
     assert stiff["critical_step"]["guaranteed_s"] == pytest.approx(step["guaranteed_s"] / 2, rel=1e-9)
     heavy, _ = info(tm_mesh, tmp_path / "b.msh", env, "--density", "4240 kg/m3")
