@@ -1,4 +1,5 @@
 #include "effects.h"
+#include "exact.h"
 #include "hrt.h"
 #include "sim.h"
 
@@ -11,6 +12,9 @@ static const app_field fields[] = {
     {"haptics.sends", APP_CHOICE, "force|stiffness|patch", NULL, 0, 0, offsetof(sim_haptics, sends), 0,
      "what may go with the force, when the controller's extrapolator asks for it (`tangent`: stiffness, `contact`: "
      "patch); left out: what `extrapolator` asks for"},
+    {"haptics.compliance", APP_CHOICE, "factor|iterations", "factor", 0, 0, offsetof(sim_haptics, compliance), 0,
+     "of the dynamic model's stiffness and patches: exact, from a factor kept beside the simulation (opens the module "
+     "`solve`; a thread in real time), or estimated by a few conjugate-gradient iterations a frame"},
     {"haptics.patch_vertices", APP_INTEGER, NULL, "24", 3, 24, offsetof(sim_haptics, patch_vertices), 0,
      "of a patch; up to 12 with 16 triangles, more with 32"},
     {"haptics.rate", APP_NUMBER, "rate", "500 Hz", 50, 10000, offsetof(sim_haptics, rate), 0,
@@ -57,12 +61,20 @@ static int build(sim *s, const void *own) {
     def.max_vertices = s->patch_vertices;
     def.max_triangles = s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16;
     def.horizon_s = 2 * s->frame_s;
+    tm_compliance_source source;
+    const bool exact = o->compliance.index == 0;
+    if (exact) {
+        const int rc = sim_exact_open(s, o->here.line, &source);
+        if (rc) return rc;
+        def.source = &source;
+    }
     return tm_stage_patch(s->world, s->contact, &def, &s->patch_maker, &error)
                ? sim_report(s->scene, o->here.line, &error)
                : 0;
 }
 
 static void destroy(sim *s) {
+    sim_exact_close(s);
     if (s->patch) tm_release(s->patch, sizeof *s->patch * (size_t)s->instrument_count);
 }
 

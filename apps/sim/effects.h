@@ -8,6 +8,7 @@ typedef struct sim_haptics {
     app_section here;
     app_choice extrapolator; /* hrt_extrapolator */
     app_choice sends;        /* sim_sends; unset: by the extrapolator */
+    app_choice compliance;   /* of the dynamic model's patches: factor, iterations */
     app_integer patch_vertices;
     app_number rate, latency, loss, jitter;
     app_flag passivity;

@@ -8,6 +8,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "exact.h"
 #include "figures.h"
 #include "log_line.h"
 #include "publish.h"
@@ -340,6 +341,7 @@ int run_realtime(sim *s, const run_options *o) {
         return sim_report(s->scene, recording->file.line, &error);
     int rc = begin(&r, recording ? log.temporary : NULL);
     cJSON *json = run_report_begin(s, "realtime");
+    if (!rc) rc = sim_exact_start(s);
     if (!rc) rc = loop(&r);
     if (r.haptics && r.publisher.api) r.thrown_away = r.publisher.api->refused(r.publisher.link);
     if (!sim_publisher_close(&r.publisher) && !rc) {

@@ -132,6 +132,7 @@ struct sim {
     sim_sends wants[TM_MAX_INSTRUMENTS];  /* what the controller's extrapolator asks for, at most can_send */
     tm_patch *patch;                      /* [instrument_count] with SIM_SENDS_PATCH, else null */
     bool patch_valid[TM_MAX_INSTRUMENTS]; /* by the last frame */
+    struct sim_exact *exact;              /* its source of exact compliance, or null */
     tm_patch_maker *patch_maker;          /* dynamic model that sends more than forces */
     int32_t patch_vertices;
     double velocity_m_s[TM_MAX_INSTRUMENTS][3]; /* of the tips over the last frame */

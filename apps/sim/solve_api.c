@@ -16,12 +16,12 @@ static bool has_room(void) {
     return true;
 }
 
-static int open_all(const sim *s, const char *const *name, void **pointer, int count) {
+static int open_all(const sim *s, int line, const char *const *name, void **pointer, int count) {
     tm_error error = {0};
     /* The module never uses more than one thread of OpenBLAS in each of its own. */
     setenv("OPENBLAS_NUM_THREADS", "1", 0);
     if (!has_room())
-        return app_scene_bad(s->scene, s->scene->model.line,
+        return app_scene_bad(s->scene, line,
                              "this process may not have the 256 MB of address space that the module solve wants; raise "
                              "the limit (ulimit -v)");
     void *module = app_module("solve", &error);
@@ -29,19 +29,24 @@ static int open_all(const sim *s, const char *const *name, void **pointer, int c
         pointer[i] = app_module_symbol(module, name[i], &error);
         if (!pointer[i]) module = NULL;
     }
-    return module ? 0 : app_scene_bad(s->scene, s->scene->model.line, "%s", error.message);
+    return module ? 0 : app_scene_bad(s->scene, line, "%s", error.message);
 }
 
 #define SIM_SOLVE_NAME(name) #name,
 
 int sim_open_precomputed(const sim *s, sim_precomputed_api *api) {
     static const char *const name[] = {SIM_SOLVE_PRECOMPUTED(SIM_SOLVE_NAME)};
-    return open_all(s, name, (void **)api, sizeof name / sizeof name[0]);
+    return open_all(s, s->scene->model.line, name, (void **)api, sizeof name / sizeof name[0]);
 }
 
 int sim_open_hybrid(const sim *s, sim_hybrid_api *api) {
     static const char *const name[] = {SIM_SOLVE_HYBRID(SIM_SOLVE_NAME)};
-    return open_all(s, name, (void **)api, sizeof name / sizeof name[0]);
+    return open_all(s, s->scene->model.line, name, (void **)api, sizeof name / sizeof name[0]);
+}
+
+int sim_open_factored(const sim *s, int line, sim_factored_api *api) {
+    static const char *const name[] = {SIM_SOLVE_FACTORED(SIM_SOLVE_NAME)};
+    return open_all(s, line, name, (void **)api, sizeof name / sizeof name[0]);
 }
 
 static bool on_progress(void *user, const char *what, double fraction, double seconds_left) {

@@ -15,6 +15,8 @@
     F(tm_hybrid_def_default) F(tm_hybrid_create) F(tm_hybrid_destroy) F(tm_hybrid_bytes) F(tm_hybrid_tissue) \
     F(tm_hybrid_critical_step) F(tm_stage_hybrid) F(tm_hybrid_recover) F(tm_hybrid_reaction) F(tm_hybrid_patch) \
     F(tm_hybrid_surface)
+#define SIM_SOLVE_FACTORED(F) \
+    F(tm_factored_def_default) F(tm_factored_create) F(tm_factored_destroy) F(tm_factored_source) F(tm_factored_start)
 /* clang-format on */
 #define SIM_SOLVE_POINTER(name) __typeof__(name) *name##_;
 
@@ -24,10 +26,14 @@ typedef struct sim_precomputed_api {
 typedef struct sim_hybrid_api {
     SIM_SOLVE_HYBRID(SIM_SOLVE_POINTER)
 } sim_hybrid_api;
+typedef struct sim_factored_api {
+    SIM_SOLVE_FACTORED(SIM_SOLVE_POINTER)
+} sim_factored_api;
 
-/* 0 or an exit code, having complained and blamed the scene's `model` line. */
+/* 0 or an exit code, having complained and blamed the scene's `model` line, or the one that is given. */
 int sim_open_precomputed(const sim *s, sim_precomputed_api *api);
 int sim_open_hybrid(const sim *s, sim_hybrid_api *api);
+int sim_open_factored(const sim *s, int line, sim_factored_api *api);
 
 /* The static problem of a scene: tissue, supports, loads with gravity, progress. Memory of the sim: free with
  * sim_problem_free. */

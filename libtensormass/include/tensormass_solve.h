@@ -185,6 +185,28 @@ TM_API bool tm_hybrid_patch(tm_hybrid *hybrid, int32_t instrument, const double 
 /* Surface of the whole organ: dynamic and condensed, without the interface while it is inside. */
 TM_API tm_surface_view tm_hybrid_surface(tm_hybrid *hybrid);
 
+/* --- exact compliance for the patches of the dynamic model, cut or whole --- */
+
+typedef struct tm_factored_def {
+    uint32_t cookie;
+    const tm_tissue *tissue; /* the world's; must outlive it. Mesh, materials, fibres, and between frames who is alive */
+    const uint8_t *fixed;    /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask); copied */
+} tm_factored_def;
+
+/* A factor (CHOLMOD) of the tissue's stiffness, columns of its inverse for the vertices that patches want, and what was
+ * cut since the factor as an update of low rank (Woodbury), so that a patch is exact again one block of columns after a
+ * cut; past TMS_TOUCHED_VERTICES touched vertices the factor is made anew. Made when first asked for. */
+typedef struct tm_factored tm_factored;
+TM_API tm_factored_def tm_factored_def_default(void);
+TM_API tm_status tm_factored_create(const tm_factored_def *def, tm_factored **factored, tm_error *error);
+TM_API void tm_factored_destroy(tm_factored *factored); /* after the world whose patch stage has its source */
+TM_API int64_t tm_factored_bytes(const tm_factored *factored);
+/* For tm_patch_def.source. Until tm_factored_start a wish is served whole within the exchange after it, in the caller's
+ * thread: the same calls give the same bits. */
+TM_API tm_compliance_source tm_factored_source(tm_factored *factored);
+/* From now on a thread of its own, nicer than the caller's, does the work, and exchanges never wait. */
+TM_API tm_status tm_factored_start(tm_factored *factored, tm_error *error);
+
 #ifdef __cplusplus
 }
 #endif

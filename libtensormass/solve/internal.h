@@ -9,7 +9,7 @@
 extern "C" {
 #endif
 
-enum { TMS_COOKIE_PROBLEM = 0x736f6c76, TMS_COOKIE_PRECOMPUTED = 0x70726563, TMS_COOKIE_HYBRID = 0x68796272 };
+enum { TMS_COOKIE_PROBLEM = 0x736f6c76, TMS_COOKIE_PRECOMPUTED = 0x70726563, TMS_COOKIE_HYBRID = 0x68796272, TMS_COOKIE_FACTORED = 0x66616374 };
 
 /* Columns are solved in blocks of this width always, the last one filled up with zeros: dense kernels may sum in
  * another order for another width, and the result must not depend on how many threads or ranks share the work. */
@@ -54,6 +54,8 @@ typedef struct tms_system {
 /* Every part of the tissue must be held by `fixed` (TM_ERR_SUPPORT names a vertex of the one that is not). */
 tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error *error);
 tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error);
+/* The same of a tissue that nothing need hold. */
+tm_status tms_system_assemble(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error);
 void tms_system_destroy(tms_system *system);
 int64_t tms_system_bytes(const tms_system *system);
 /* A tissue of the same materials with the marked tetrahedra only, double. */

@@ -158,10 +158,13 @@ static int64_t walk_column(const tm_tissue *tissue, const tms_system *s, int32_t
 }
 
 tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error) {
+    const tm_status status = tms_check_held(tissue, fixed, error);
+    return status != TM_OK ? status : tms_system_assemble(tissue, fixed, system, error);
+}
+
+tm_status tms_system_assemble(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error) {
     const int32_t n = tm_tissue_mesh(tissue)->vertex_count;
     tms_system s = {.vertex_count = n};
-    tm_status status = tms_check_held(tissue, fixed, error);
-    if (status != TM_OK) return status;
     s.index = malloc(3 * (size_t)n * sizeof *s.index);
     s.dof = malloc(3 * (size_t)n * sizeof *s.dof);
     s.begin = malloc((3 * (size_t)n + 1) * sizeof *s.begin);

@@ -13,9 +13,12 @@ struct tm_patch_maker {
     tm_patch_def def;
     tm_contact *contact;
     tm_world *world;
-    tm_columns *columns;
+    tm_columns *columns; /* null with a source */
+    tm_compliance_source source;
+    const tm_compliance *known; /* what the source gave last */
     tm_patch_solver *solver;
     int32_t revision;
+    int32_t want[TM_MAX_INSTRUMENTS][TM_COMPLIANCE_WANTS], wanted[TM_MAX_INSTRUMENTS]; /* asked of the source last */
     double tip_m[TM_MAX_INSTRUMENTS][3], velocity_m_s[TM_MAX_INSTRUMENTS][3], time_s[TM_MAX_INSTRUMENTS];
 };
 
@@ -40,9 +43,43 @@ static void observe_motion(tm_patch_maker *maker, int32_t t) {
     maker->time_s[t] = now;
 }
 
-static bool usable(void *self, int32_t vertex) { return tm_columns_good(((tm_patch_maker *)self)->columns, vertex); }
+/* Nothing holds a piece that gives way more than this: its rest is nowhere, and no patch says where. */
+#define LOOSE_M_N 1.0
+
+/* Where a vertex stands in what the source gave, -1: it does not. */
+static int32_t place_in(const tm_compliance *known, int32_t vertex) {
+    int32_t low = 0, high = known ? known->count : 0;
+    while (low < high) {
+        const int32_t middle = low + (high - low) / 2;
+        if (known->vertex[middle] < vertex)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return known && low < known->count && known->vertex[low] == vertex ? low : -1;
+}
+
+static bool usable(void *self, int32_t vertex) {
+    const tm_patch_maker *maker = self;
+    if (maker->columns) return tm_columns_good(maker->columns, vertex);
+    const int32_t at = place_in(maker->known, vertex);
+    for (int c = 0; at >= 0 && c < 3; c++)
+        if (!(maker->known->C_m_N[(int64_t)(3 * at + c) * (3 * maker->known->count + 1)] < LOOSE_M_N)) return false;
+    return at >= 0;
+}
+
 static bool block(void *self, int32_t a, int32_t b, double C[9]) {
-    return tm_columns_block(((tm_patch_maker *)self)->columns, a, b, C);
+    const tm_patch_maker *maker = self;
+    if (maker->columns) return tm_columns_block(maker->columns, a, b, C);
+    const int32_t i = place_in(maker->known, a), j = place_in(maker->known, b);
+    if (i < 0 || j < 0) return false;
+    const int64_t width = 3 * maker->known->count;
+    for (int k = 0; k < 9; k++) C[k] = maker->known->C_m_N[(3 * i + k / 3) * width + 3 * j + k % 3];
+    return true;
+}
+
+static int32_t kind(const tm_patch_maker *maker) {
+    return !maker->columns && maker->known && maker->known->revision == maker->revision ? 2 : 1;
 }
 
 static int32_t grow(tm_patch_maker *maker, int32_t t, bool known_only, tm_patch *patch) {
@@ -55,7 +92,7 @@ static int32_t grow(tm_patch_maker *maker, int32_t t, bool known_only, tm_patch 
 }
 
 /* The patch's vertices by their distance from the tip. */
-static void want(tm_patch_maker *maker, int32_t t, const tm_patch *patch) {
+static void want_columns(tm_patch_maker *maker, int32_t t, const tm_patch *patch) {
     int32_t vertex[TM_PATCH_VERTICES];
     double distance[TM_PATCH_VERTICES];
     for (int32_t i = 0; i < patch->vertex_count; i++) {
@@ -71,6 +108,35 @@ static void want(tm_patch_maker *maker, int32_t t, const tm_patch *patch) {
         distance[j] = far;
     }
     tm_columns_want(maker->columns, t, vertex, patch->vertex_count);
+}
+
+/* Held vertices, then what surrounds the tool's way; without a source as many iterations as a call may take. */
+static void want(tm_patch_maker *maker, int32_t t, const int32_t *vertex, int32_t count, tm_patch *patch) {
+    const tm_contact *contact = maker->contact;
+    if (maker->columns && count > 0)
+        tm_columns_want(maker->columns, t, vertex, count < TM_PATCH_VERTICES ? count : TM_PATCH_VERTICES);
+    if (maker->columns && count <= 0) {
+        grow(maker, t, false, patch);
+        want_columns(maker, t, patch);
+    }
+    if (maker->columns) {
+        tm_columns_work(maker->columns, maker->def.iterations);
+        return;
+    }
+    int32_t near[TM_COMPLIANCE_WANTS], all[TM_COMPLIANCE_WANTS], n = 0;
+    const tm_surface_view surface = tm_tissue_surface(maker->world->tissue);
+    const int32_t found = tm_patch_nearest(maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface,
+                                           &contact->tool[t].capsule, maker->velocity_m_s[t], maker->def.horizon_s,
+                                           contact->row, contact->row_count, near);
+    for (; n < count && n < TM_PATCH_VERTICES; n++) all[n] = vertex[n];
+    for (int32_t i = 0; i < found && n < TM_COMPLIANCE_WANTS; i++) {
+        bool known = false;
+        for (int32_t k = 0; k < count && k < TM_PATCH_VERTICES; k++) known = known || all[k] == near[i];
+        if (!known) all[n++] = near[i];
+    }
+    maker->wanted[t] = n;
+    memcpy(maker->want[t], all, sizeof(int32_t) * (size_t)n);
+    maker->known = maker->source.exchange(maker->source.self, t, all, n);
 }
 
 static bool bears_outside(const tm_patch_maker *maker, int32_t t, const tm_patch *patch) {
@@ -149,27 +215,25 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     tool->stiffness_kind = 0;
     memset(patch, 0, sizeof *patch);
     observe_motion(maker, t);
-    if (revision != maker->revision) tm_columns_cut(maker->columns);
+    if (revision != maker->revision && maker->columns) tm_columns_cut(maker->columns);
     maker->revision = revision;
     patch->instrument = t;
     const int32_t *vertex = NULL;
     const double *target_m = NULL;
     double compliance_m_N = 0;
     int32_t count = held(maker, t, &vertex, &target_m, &compliance_m_N);
+    want(maker, t, vertex, count, patch);
     if (count > 0) {
-        tm_columns_want(maker->columns, t, vertex, count < TM_PATCH_VERTICES ? count : TM_PATCH_VERTICES);
-        tm_columns_work(maker->columns, maker->def.iterations);
-        tool->stiffness_kind = hold_stiffness(maker, t, vertex, target_m, count, compliance_m_N, tool->stiffness_N_m);
+        const bool held_well =
+            hold_stiffness(maker, t, vertex, target_m, count, compliance_m_N, tool->stiffness_N_m);
+        tool->stiffness_kind = held_well ? kind(maker) : 0;
         return false;
     }
-    grow(maker, t, false, patch);
-    want(maker, t, patch);
-    tm_columns_work(maker->columns, maker->def.iterations);
     /* nor for a tool that touches nothing as yet: the patch would touch it */
     if (count != 0 || !tm_tool_is_present(tool) || !tool->clear || grow(maker, t, true, patch) == 0 ||
         bears_outside(maker, t, patch))
         return false;
-    patch->kind = 1;
+    patch->kind = kind(maker);
     patch->topology_revision = revision;
     patch->skin_compliance_m_N = contact->def.skin_compliance_m_N;
     patch->force_cap_N = contact->def.force_cap_N;
@@ -178,11 +242,18 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     vset(tool->def.trocar_m, patch->trocar_m);
     if (!tm_patch_fill(patch, block, maker, contact->row, contact->row_count)) return false;
     tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
-    tool->stiffness_kind = 1;
+    tool->stiffness_kind = patch->kind;
     return true;
 }
 
-int32_t tm_patch_pending(const tm_patch_maker *maker) { return tm_columns_pending(maker->columns); }
+int32_t tm_patch_pending(const tm_patch_maker *maker) {
+    if (maker->columns) return tm_columns_pending(maker->columns);
+    int32_t pending = 0;
+    for (int t = 0; t < maker->contact->tool_count; t++)
+        for (int32_t i = 0; i < maker->wanted[t]; i++)
+            pending += kind(maker) != 2 || place_in(maker->known, maker->want[t][i]) < 0;
+    return pending;
+}
 
 static void run(void *self, tm_world *world) { (void)self, (void)world; }
 
@@ -206,9 +277,9 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
                        def->horizon_s, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES);
     tm_pool pool = {0};
     tm_patch_maker *maker = TM_TAKE(&pool, tm_patch_maker, 1);
-    tm_columns *columns = tm_columns_create(&pool, world, def->column_vertices, def->tolerance);
-    tm_status status =
-        maker && columns ? tm_patch_solver_create(&maker->solver, error) : tm_fail_memory(error, "patch stage");
+    tm_columns *columns =
+        def->source ? NULL : tm_columns_create(&pool, world, def->column_vertices, def->tolerance);
+    tm_status status = !pool.failed ? tm_patch_solver_create(&maker->solver, error) : tm_fail_memory(error, "patch stage");
     if (status) {
         tm_pool_release(&pool);
         return status;
@@ -219,6 +290,7 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
     maker->contact = contact;
     maker->world = world;
     maker->columns = columns;
+    if (def->source) maker->source = *def->source;
     maker->revision = tm_tissue_surface(world->tissue).revision;
     const tm_stage stage = {.size = sizeof(tm_stage),
                             .name = "patch",

@@ -156,3 +156,46 @@ int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm_surfac
     return tm_patch_grow(rest_m, u_m, surface, capsule, velocity_m_s, horizon_s, row, row_count, max_vertices,
                          max_triangles, NULL, NULL, patch);
 }
+
+/* --- what will be needed --- */
+
+#define FAR_M 0.04
+
+typedef struct nearest {
+    int32_t count, vertex[TM_COMPLIANCE_WANTS];
+    double distance_m[TM_COMPLIANCE_WANTS];
+} nearest;
+
+/* Sorted insertion; a vertex comes once for each of its triangles, always with the same distance. */
+static void offer(nearest *n, int32_t vertex, double distance_m) {
+    if (n->count == TM_COMPLIANCE_WANTS && !(distance_m < n->distance_m[n->count - 1])) return;
+    for (int32_t i = 0; i < n->count; i++)
+        if (n->vertex[i] == vertex) return;
+    int32_t i = n->count < TM_COMPLIANCE_WANTS ? n->count++ : n->count - 1;
+    for (; i > 0 && n->distance_m[i - 1] > distance_m; i--) {
+        n->vertex[i] = n->vertex[i - 1];
+        n->distance_m[i] = n->distance_m[i - 1];
+    }
+    n->vertex[i] = vertex;
+    n->distance_m[i] = distance_m;
+}
+
+int32_t tm_patch_nearest(const double *rest_m, const double *u_m, const tm_surface_view *surface,
+                         const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
+                         const tm_contact_row *row, int32_t row_count, int32_t vertex[TM_COMPLIANCE_WANTS]) {
+    nearest n = {0};
+    double way[3];
+    vscale(horizon_s, velocity_m_s, way);
+    for (int32_t k = 0; k < row_count; k++)
+        for (int j = 0; j < 3; j++)
+            if (row[k].instrument == capsule->instrument && row[k].lambda_N > 0) offer(&n, row[k].vertex[j], -1);
+    for (int32_t i = 0; i < 3 * surface->count; i++) {
+        double at[3];
+        const int32_t v = surface->triangle[i];
+        for (int c = 0; c < 3; c++) at[c] = rest_m[3 * v + c] + u_m[3 * v + c];
+        const double distance_m = way_distance(capsule->tip_m, way, at);
+        if (distance_m < FAR_M) offer(&n, v, distance_m);
+    }
+    memcpy(vertex, n.vertex, sizeof(int32_t) * (size_t)n.count);
+    return n.count;
+}

@@ -13,6 +13,12 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
                       const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
                       bool (*usable)(void *self, int32_t vertex), void *self, tm_patch *patch);
 
+/* Vertices of the surface nearest to the tip's way, nearest first, those of pressed triangles before all others; at
+ * most TM_COMPLIANCE_WANTS, none farther than 40 mm. Returns how many. */
+int32_t tm_patch_nearest(const double *rest_m, const double *u_m, const tm_surface_view *surface,
+                         const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
+                         const tm_contact_row *row, int32_t row_count, int32_t vertex[TM_COMPLIANCE_WANTS]);
+
 /* patch_columns.c: columns of the quasi-static compliance, computed little by little and remembered. */
 typedef struct tm_columns tm_columns;
 tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, double tolerance);

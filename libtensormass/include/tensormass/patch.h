@@ -69,6 +69,25 @@ TM_API void tm_patch_stiffness(tm_patch_solver *solver, const tm_patch *patch, c
 
 /* --- the dynamic model's own: stage "patch" of a world with contact --- */
 
+/* A square piece of the tissue's quasi-static compliance K^-1. */
+typedef struct tm_compliance {
+    int32_t revision;       /* of the tissue's surface (tm_tissue_surface) that it is the compliance of */
+    int32_t count;          /* of vertices */
+    const int32_t *vertex;  /* [count] ascending */
+    const double *C_m_N;    /* [3*count][3*count] symmetric: displacement of component i by a unit force on j */
+} tm_compliance;
+
+/* Where exact compliance comes from: somebody beside the world (tm_factored of libtensormass_solve), who keeps a factor
+ * of the stiffness and works while frames are computed. Between frames `exchange` hands over what the patch of an
+ * instrument (`owner`) needs from now on, most urgent first, with the tissue as it is now, and gets back the newest
+ * piece that is ready; null: nothing yet. It neither waits nor allocates. What it returns is valid until the next call.
+ */
+enum { TM_COMPLIANCE_WANTS = 64 };
+typedef struct tm_compliance_source {
+    void *self;
+    const tm_compliance *(*exchange)(void *self, int32_t owner, const int32_t *vertex, int32_t count);
+} tm_compliance_source;
+
 typedef struct tm_patch_def {
     uint32_t cookie, size;
     int32_t max_vertices, max_triangles; /* 24 and 32 (12 and 16 for less traffic) */
@@ -77,6 +96,8 @@ typedef struct tm_patch_def {
                            80000/vertices */
     double tolerance;   /* relative residual at which a column is good, 3e-3 */
     double horizon_s;   /* motion looked ahead, 0.08 */
+    const tm_compliance_source *source; /* copied; what it points to must outlive the world. Null: conjugate gradients
+                                           between frames, little by little; the three fields above are theirs alone */
 } tm_patch_def;
 
 typedef struct tm_patch_maker tm_patch_maker;
@@ -86,8 +107,9 @@ TM_API tm_patch_def tm_patch_def_default(void);
 TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_def *def, tm_patch_maker **maker,
                                 tm_error *error);
 /* Between frames: goes on computing compliance, then makes the instrument's patch and stiffness from the contact of the
- * last substep. From then on tm_contact_reaction of the instrument carries the stiffness (kind 1). Returns false, with
- * kind 0, while the columns it needs are not all there, and when nothing is near. For an instrument that holds tissue
+ * last substep. From then on tm_contact_reaction of the instrument carries the stiffness (kind 2 from a source that knows
+ * the tissue as it is, kind 1 while it still knows the one before a cut, or from conjugate gradients). Returns false,
+ * with kind 0, while the columns it needs are not all there, and when nothing is near. For an instrument that holds tissue
  * (24 vertices at most) there is a stiffness, that of the hold, and no patch: false with kind 1. No allocation, bounded
  * work. */
 TM_API bool tm_patch_make(tm_patch_maker *maker, int32_t instrument, tm_patch *patch);

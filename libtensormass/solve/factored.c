@@ -1,0 +1,160 @@
+/* Exact compliance beside a simulation: wishes one way, pieces the other, each through three buffers of which the
+ * writer owns one, the reader one, and the third is swapped by a single atomic exchange: nobody waits for anybody. */
+#include "factored.h"
+
+#include <pthread.h>
+#include <semaphore.h>
+#include <stdatomic.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/syscall.h>
+#include <unistd.h>
+
+/* Of three buffers the one between writer and reader; FRESH: the writer has put it there since the reader looked. */
+enum { FRESH = 4, NICER = 5 };
+typedef struct swap {
+    _Atomic int middle;
+    int writer, reader;
+} swap;
+
+static void swap_init(swap *s) {
+    atomic_init(&s->middle, 1);
+    s->writer = 0;
+    s->reader = 2;
+}
+static void swap_put(swap *s) { s->writer = atomic_exchange(&s->middle, s->writer | FRESH) & 3; }
+static bool swap_take(swap *s) {
+    if (!(atomic_load(&s->middle) & FRESH)) return false;
+    s->reader = atomic_exchange(&s->middle, s->reader) & 3;
+    return true;
+}
+
+struct tm_factored {
+    const tm_tissue *tissue;
+    tms_engine *engine;
+    swap wishes, pieces;
+    tms_wish wish[3];
+    tms_piece piece[3];
+    int32_t revision[3];    /* of the tissue that wish[i].alive was copied from, -1: never */
+    tms_wish now;           /* what the simulation wants: all instruments together; `alive` unused */
+    bool any;               /* a piece has been taken */
+    bool live;              /* a thread works */
+    bool waiting;           /* a wish is there that the other side has not looked at; not live */
+    pthread_t thread;
+    sem_t posted;
+    _Atomic bool stop;
+};
+
+tm_factored_def tm_factored_def_default(void) { return (tm_factored_def){.cookie = TMS_COOKIE_FACTORED}; }
+
+static bool take_memory(tm_factored *f) {
+    const size_t tets = (size_t)tm_tissue_mesh(f->tissue)->tet_count, width = 3 * TMS_PIECE_VERTICES;
+    bool good = true;
+    for (int i = 0; i < 3; i++) {
+        f->wish[i].alive = tm_allocate(tets);
+        f->piece[i].C_m_N = tm_allocate(sizeof(double) * width * width);
+        f->revision[i] = -1;
+        good = good && f->wish[i].alive && f->piece[i].C_m_N;
+    }
+    return good;
+}
+
+tm_status tm_factored_create(const tm_factored_def *def, tm_factored **factored, tm_error *error) {
+    tm_factored *f = tm_allocate(sizeof *f);
+    if (!f) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
+    memset(f, 0, sizeof *f);
+    f->tissue = def->tissue;
+    swap_init(&f->wishes);
+    swap_init(&f->pieces);
+    sem_init(&f->posted, 0, 0);
+    f->engine = tms_engine_create(def->tissue, def->fixed);
+    if (!take_memory(f) || !f->engine) {
+        tm_factored_destroy(f);
+        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
+    }
+    *factored = f;
+    return TM_OK;
+}
+
+void tm_factored_destroy(tm_factored *f) {
+    if (!f) return;
+    const size_t tets = (size_t)tm_tissue_mesh(f->tissue)->tet_count, width = 3 * TMS_PIECE_VERTICES;
+    if (f->live) {
+        atomic_store(&f->stop, true);
+        sem_post(&f->posted);
+        pthread_join(f->thread, NULL);
+    }
+    sem_destroy(&f->posted);
+    tms_engine_destroy(f->engine);
+    for (int i = 0; i < 3; i++) {
+        tm_release(f->wish[i].alive, tets);
+        tm_release(f->piece[i].C_m_N, sizeof(double) * width * width);
+    }
+    tm_release(f, sizeof *f);
+}
+
+int64_t tm_factored_bytes(const tm_factored *f) {
+    const int64_t tets = tm_tissue_mesh(f->tissue)->tet_count, width = 3 * TMS_PIECE_VERTICES;
+    return (int64_t)sizeof *f + 3 * (tets + (int64_t)sizeof(double) * width * width) + tms_engine_bytes(f->engine);
+}
+
+/* --- the other side --- */
+
+/* One wish, until nothing more comes of it or a newer one is there. */
+static void work_off(tm_factored *f, bool whole) {
+    bool more = true;
+    while (more && !atomic_load(&f->stop)) {
+        if (tms_engine_serve(f->engine, &f->wish[f->wishes.reader], &f->piece[f->pieces.writer], &more))
+            swap_put(&f->pieces);
+        if (!whole && swap_take(&f->wishes)) more = true;
+    }
+}
+
+static void *work(void *user) {
+    tm_factored *f = user;
+    setpriority(PRIO_PROCESS, (id_t)syscall(SYS_gettid), NICER); /* of this thread: frames come first */
+    while (!atomic_load(&f->stop)) {
+        sem_wait(&f->posted);
+        if (swap_take(&f->wishes)) work_off(f, false);
+    }
+    return NULL;
+}
+
+tm_status tm_factored_start(tm_factored *f, tm_error *error) {
+    if (f->live) return TM_OK;
+    if (pthread_create(&f->thread, NULL, work, f))
+        return tms_fail(error, TM_ERR_LIMIT, -1, "no thread for the compliance; allow this user more processes");
+    f->live = true;
+    return TM_OK;
+}
+
+/* --- the simulation's side --- */
+
+static void post(tm_factored *f) {
+    tms_wish *w = &f->wish[f->wishes.writer];
+    const int32_t revision = tm_tissue_surface(f->tissue).revision;
+    if (f->revision[f->wishes.writer] != revision)
+        memcpy(w->alive, tm_tissue_alive(f->tissue), (size_t)tm_tissue_mesh(f->tissue)->tet_count);
+    f->revision[f->wishes.writer] = revision;
+    w->revision = revision;
+    memcpy(w->count, f->now.count, sizeof w->count);
+    memcpy(w->vertex, f->now.vertex, sizeof w->vertex);
+    swap_put(&f->wishes);
+    if (f->live) sem_post(&f->posted);
+    f->waiting = !f->live;
+}
+
+static const tm_compliance *exchange(void *self, int32_t owner, const int32_t *vertex, int32_t count) {
+    tm_factored *f = self;
+    /* Without a thread what was wished for at the call before is made now, whole: the same calls, the same bits. */
+    if (f->waiting && swap_take(&f->wishes)) work_off(f, true);
+    f->now.count[owner] = count;
+    memcpy(f->now.vertex[owner], vertex, sizeof *vertex * (size_t)count);
+    post(f);
+    f->any = swap_take(&f->pieces) || f->any;
+    return f->any ? &f->piece[f->pieces.reader].is : NULL;
+}
+
+tm_compliance_source tm_factored_source(tm_factored *factored) {
+    return (tm_compliance_source){.self = factored, .exchange = exchange};
+}

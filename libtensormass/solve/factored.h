@@ -1,0 +1,53 @@
+/* Exact compliance of a tissue that is being cut, little by little: one factor, what was cut since as an update of low
+ * rank. */
+#ifndef TMS_FACTORED_H
+#define TMS_FACTORED_H
+
+#include "internal.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+enum {
+    TMS_PIECE_VERTICES = TM_MAX_INSTRUMENTS * TM_COMPLIANCE_WANTS, /* handed over at a time */
+    TMS_TOUCHED_VERTICES = 160, /* of tetrahedra cut since the factor: with more it is made anew */
+    TMS_SLOTS = 2 * TMS_PIECE_VERTICES + TMS_TOUCHED_VERTICES
+};
+
+/* What the simulation asks for: the tissue as it is, and the vertices whose compliance the patches need. */
+typedef struct tms_wish {
+    int32_t revision;
+    uint8_t *alive; /* [tet_count] */
+    int32_t count[TM_MAX_INSTRUMENTS], vertex[TM_MAX_INSTRUMENTS][TM_COMPLIANCE_WANTS];
+} tms_wish;
+
+/* What it gets: `is` points into the other two. */
+typedef struct tms_piece {
+    tm_compliance is;
+    int32_t vertex[TMS_PIECE_VERTICES];
+    double *C_m_N; /* [(3*TMS_PIECE_VERTICES)^2] */
+} tms_piece;
+
+typedef struct tms_engine tms_engine;
+/* Takes all memory but the factor's. `tissue` is read for its mesh, materials and fibres alone, which never change.
+ * fixed [3*vertex_count], copied. */
+tms_engine *tms_engine_create(const tm_tissue *tissue, const uint8_t *fixed);
+void tms_engine_destroy(tms_engine *engine);
+int64_t tms_engine_bytes(const tms_engine *engine);
+/* Goes one bounded way towards the wish (a factor, or one block of columns) and writes what is exact for wish->revision
+ * now into `piece`. False: nothing is there yet, and `*more` tells whether another call would bring something. */
+bool tms_engine_serve(tms_engine *engine, const tms_wish *wish, tms_piece *piece, bool *more);
+
+/* factored_update.cpp: with Z = K^-1 E the columns of the touched components and D the stiffness that was cut off them,
+ * (K - E D E^T)^-1 = K^-1 + Z M Z^T, M = D (I - E^T Z D)^-1 (Woodbury). G [size][size] row-major: K^-1 among all slots;
+ * touched [t], wanted [w]: rows of it; D [t][t]. */
+bool tms_update_middle(const double *G, int32_t size, const int32_t *touched, int32_t t, const double *D, double *M);
+/* C [w][w] := G among the wanted, and the update of the touched (t may be 0). False: no memory. */
+bool tms_update_piece(const double *G, int32_t size, const int32_t *wanted, int32_t w, const int32_t *touched,
+                      int32_t t, const double *M, double *C);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
