@@ -8,6 +8,9 @@ _Static_assert(ROUNDS % 2 == 0, "the last round's rows are to end up in the extr
 _Static_assert(HRT_PATCH_MAX_VERTICES <= 32, "a bit a vertex");
 /* The skin gives way up to this share of the radius and a twentieth as easily beyond (docs/contact.md). */
 static const float SKIN_TRAVEL = 0.3f, SKIN_HARDENING = 20.0f;
+/* Drag of the film between tool and tissue, of the reaction and the speed of sliding (docs/contact.md), s/m. */
+static const float FILM_S_M = 0.3f;
+static const int32_t FILM_PAUSE_US = 20000; /* after more than this the tool's speed is not known */
 static const float LITTLE = 0.1f; /* change of the forces, squared */
 
 typedef struct solve {
@@ -322,9 +325,19 @@ static bool on_edge(const solve *s, const hrt_contact_row *row) {
     return weight > 0.5f;
 }
 
-/* Reactions to the equivalent force at the tip of a tool that pivots about the origin; false when one is on the edge.
- */
-static bool gather(const solve *s, const float tip_m[3], float force_N[3]) {
+/* Of the tip since the last tick. */
+static hrt_v3 sliding_speed(hrt_extrapolation *x, int64_t now_us, const float tip_m[3]) {
+    const hrt_v3 moved = hrt_minus(hrt_get(tip_m), hrt_get(x->film_tip_m));
+    const int64_t passed_us = now_us - x->film_us;
+    const bool known = x->film_us != 0 && passed_us > 0 && passed_us < FILM_PAUSE_US;
+    hrt_copy(x->film_tip_m, tip_m);
+    x->film_us = now_us;
+    return hrt_times(known ? 1.0e6f / (float)(int32_t)passed_us : 0.0f, moved);
+}
+
+/* Reactions and the film's drag to the equivalent force at the tip of a tool that pivots about the origin; false when a
+ * reaction is on the edge. */
+static bool gather(const solve *s, const float tip_m[3], hrt_v3 speed, float force_N[3]) {
     const hrt_v3 tip = hrt_get(tip_m);
     const float reach = hrt_size(tip);
     const hrt_v3 axis = hrt_times(1.0f / reach, tip);
@@ -335,15 +348,21 @@ static bool gather(const solve *s, const float tip_m[3], float force_N[3]) {
         if (!(row->lambda_N > 0.0f)) continue;
         inside = inside && !on_edge(s, row);
         const hrt_v3 normal = hrt_get(row->normal);
-        const float lever = 1.0f - (float)row->station * s->patch->radius_m / reach, along = hrt_inner(normal, axis);
+        const float lever = 1.0f - (float)row->station * s->patch->radius_m / reach;
+        /* The station's speed, what of it slides along the surface, and the drag of that: never more than the reaction. */
+        const float in = hrt_inner(speed, axis);
+        hrt_v3 slide = hrt_plus(hrt_times(lever, speed), hrt_times(in - lever * in, axis));
+        slide = hrt_minus(slide, hrt_times(hrt_inner(slide, normal), normal));
+        const hrt_v3 push = hrt_plus(normal, hrt_times(hrt_min(FILM_S_M, 1.0f / hrt_max(hrt_size(slide), 1.0e-6f)), slide));
+        const float into = hrt_inner(push, axis);
         force = hrt_minus(force, hrt_times(row->lambda_N,
-                                           hrt_plus(hrt_times(lever, normal), hrt_times(along - lever * along, axis))));
+                                           hrt_plus(hrt_times(lever, push), hrt_times(into - lever * into, axis))));
     }
     hrt_put(force, force_N);
     return inside;
 }
 
-bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], float force_N[3]) {
+bool hrt_contact_force(hrt_extrapolation *x, int64_t now_us, const float tip_m[3], float force_N[3]) {
     solve s;
     hrt_hits hits = {.count = -1};
     if (!(hrt_length(tip_m) > 1.0e-4f)) return false;
@@ -363,7 +382,7 @@ bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], float force_N
         if (!take_forces(&s, &x->mixing, k == 0)) hits.count = -1;
     }
     x->row_count = s.rows;
-    return gather(&s, tip_m, force_N);
+    return gather(&s, tip_m, sliding_speed(x, now_us, tip_m), force_N);
 }
 
 void hrt_contact_clear(hrt_extrapolation *x) {

@@ -195,7 +195,7 @@ static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now
     if (x->which == HRT_CONTACT) {
         const bool young = HRT_WITH_PATCHES && x->patch && !hrt_older(now_us - x->patch_us, params->patch_stale_us);
         if (young && !x->patch_left) {
-            if (hrt_contact_force(x, tip_m, force)) return true;
+            if (hrt_contact_force(x, now_us, tip_m, force)) return true;
             x->patch_left = true; /* until a new patch comes */
         }
         x->limits |= HRT_LIMIT_PATCH;

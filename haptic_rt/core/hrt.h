@@ -276,6 +276,8 @@ typedef struct hrt_extrapolation {
     bool on_patch;
     const hrt_patch *patch; /* of the newest sample that brought one */
     int64_t patch_us;
+    float film_tip_m[3]; /* where the tool was when it was last solved against a patch, */
+    int64_t film_us;     /* and when; 0: not since the last law or reset */
     int32_t row_count;
     hrt_contact_row row[HRT_CONTACT_ROWS];
     float patch_force_N[HRT_PATCH_DOFS]; /* what the rows do to the patch */

@@ -78,7 +78,7 @@ void hrt_passivity_control(hrt_controller *c, float dt_s, float force_N[3]);
 void hrt_render(hrt_controller *c, int64_t now_us, bool coupling, float force_N[3]);
 
 /* contact.c: force of the tool at `tip_m` against the newest patch; false when the tool has left it. */
-bool hrt_contact_force(hrt_extrapolation *x, const float tip_m[3], float force_N[3]);
+bool hrt_contact_force(hrt_extrapolation *x, int64_t now_us, const float tip_m[3], float force_N[3]);
 /* Forgets the reactions. */
 void hrt_contact_clear(hrt_extrapolation *x);
 /* Carries the reactions over to a new patch. */
