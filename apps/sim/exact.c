@@ -23,7 +23,8 @@ int sim_exact_open(sim *s, int line, tm_compliance_source *source) {
         tm_factored_def def = s->exact->api.tm_factored_def_default_();
         def.tissue = s->tissue;
         def.fixed = problem.fixed;
-        if (s->exact->api.tm_factored_create_(&def, &s->exact->factored, &error)) rc = sim_report(s->scene, line, &error);
+        if (s->exact->api.tm_factored_create_(&def, &s->exact->factored, &error))
+            rc = sim_report(s->scene, line, &error);
     }
     sim_problem_free(&problem);
     if (!rc) *source = s->exact->api.tm_factored_source_(s->exact->factored);

@@ -11,7 +11,7 @@ static const float SKIN_TRAVEL = 0.3f, SKIN_HARDENING = 20.0f;
 /* Drag of the film between tool and tissue, of the reaction and the speed of sliding (docs/contact.md), s/m. */
 static const float FILM_S_M = 0.3f;
 static const int32_t FILM_PAUSE_US = 20000; /* after more than this the tool's speed is not known */
-static const float LITTLE = 0.1f; /* change of the forces, squared */
+static const float LITTLE = 0.1f;           /* change of the forces, squared */
 
 typedef struct solve {
     const hrt_patch *patch;
@@ -349,14 +349,16 @@ static bool gather(const solve *s, const float tip_m[3], hrt_v3 speed, float for
         inside = inside && !on_edge(s, row);
         const hrt_v3 normal = hrt_get(row->normal);
         const float lever = 1.0f - (float)row->station * s->patch->radius_m / reach;
-        /* The station's speed, what of it slides along the surface, and the drag of that: never more than the reaction. */
+        /* The station's speed, what of it slides along the surface, and the drag of that: never more than the reaction.
+         */
         const float in = hrt_inner(speed, axis);
         hrt_v3 slide = hrt_plus(hrt_times(lever, speed), hrt_times(in - lever * in, axis));
         slide = hrt_minus(slide, hrt_times(hrt_inner(slide, normal), normal));
-        const hrt_v3 push = hrt_plus(normal, hrt_times(hrt_min(FILM_S_M, 1.0f / hrt_max(hrt_size(slide), 1.0e-6f)), slide));
+        const hrt_v3 push =
+            hrt_plus(normal, hrt_times(hrt_min(FILM_S_M, 1.0f / hrt_max(hrt_size(slide), 1.0e-6f)), slide));
         const float into = hrt_inner(push, axis);
-        force = hrt_minus(force, hrt_times(row->lambda_N,
-                                           hrt_plus(hrt_times(lever, push), hrt_times(into - lever * into, axis))));
+        force = hrt_minus(
+            force, hrt_times(row->lambda_N, hrt_plus(hrt_times(lever, push), hrt_times(into - lever * into, axis))));
     }
     hrt_put(force, force_N);
     return inside;

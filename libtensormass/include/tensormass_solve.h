@@ -189,8 +189,9 @@ TM_API tm_surface_view tm_hybrid_surface(tm_hybrid *hybrid);
 
 typedef struct tm_factored_def {
     uint32_t cookie;
-    const tm_tissue *tissue; /* the world's; must outlive it. Mesh, materials, fibres, and between frames who is alive */
-    const uint8_t *fixed;    /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask); copied */
+    const tm_tissue
+        *tissue;          /* the world's; must outlive it. Mesh, materials, fibres, and between frames who is alive */
+    const uint8_t *fixed; /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask); copied */
 } tm_factored_def;
 
 /* A factor (CHOLMOD) of the tissue's stiffness, columns of its inverse for the vertices that patches want, and what was

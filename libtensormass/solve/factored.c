@@ -35,11 +35,11 @@ struct tm_factored {
     swap wishes, pieces;
     tms_wish wish[3];
     tms_piece piece[3];
-    int32_t revision[3];    /* of the tissue that wish[i].alive was copied from, -1: never */
-    tms_wish now;           /* what the simulation wants: all instruments together; `alive` unused */
-    bool any;               /* a piece has been taken */
-    bool live;              /* a thread works */
-    bool waiting;           /* a wish is there that the other side has not looked at; not live */
+    int32_t revision[3]; /* of the tissue that wish[i].alive was copied from, -1: never */
+    tms_wish now;        /* what the simulation wants: all instruments together; `alive` unused */
+    bool any;            /* a piece has been taken */
+    bool live;           /* a thread works */
+    bool waiting;        /* a wish is there that the other side has not looked at; not live */
     pthread_t thread;
     sem_t posted;
     _Atomic bool stop;

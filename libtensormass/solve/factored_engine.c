@@ -7,8 +7,8 @@
 #include <string.h>
 
 /* A little inertia, K + sigma M: a piece that hangs on nothing gets an enormous compliance (which no patch takes)
- * instead of stopping the factor, and one that is held loses sigma / omega_1^2, 1e-6 of it at 16 Hz. */
-#define SIGMA_1_S2 1e-2
+ * instead of stopping the factor, and one that is held loses sigma / omega_1^2 of it, 1e-8 at 16 Hz. */
+#define SIGMA_1_S2 1e-4
 
 typedef struct slot {
     int32_t vertex; /* -1: free */
@@ -18,8 +18,8 @@ typedef struct slot {
 struct tms_engine {
     const tm_tissue *tissue; /* mesh, materials, fibres */
     int32_t vertex_count, tet_count;
-    uint8_t *fixed;              /* [3*vertex_count] */
-    uint8_t *base, *now, *gone;  /* [tet_count] alive in the factor, at the last wish, cut in between */
+    uint8_t *fixed;             /* [3*vertex_count] */
+    uint8_t *base, *now, *gone; /* [tet_count] alive in the factor, at the last wish, cut in between */
     tms_system system;
     tms_solver *solver;
     tms_work *work;
@@ -264,8 +264,8 @@ static bool write_piece(tms_engine *e, const tms_wish *wish, tms_piece *piece) {
             return false;
         e->middle_known = true;
     }
-    piece->is = (tm_compliance){
-        .revision = wish->revision, .count = unique, .vertex = piece->vertex, .C_m_N = piece->C_m_N};
+    piece->is =
+        (tm_compliance){.revision = wish->revision, .count = unique, .vertex = piece->vertex, .C_m_N = piece->C_m_N};
     return tms_update_piece(e->G, WIDTH, wanted, 3 * unique, touched, 3 * e->touched_count, e->M, piece->C_m_N);
 }
 

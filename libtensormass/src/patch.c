@@ -224,8 +224,7 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     int32_t count = held(maker, t, &vertex, &target_m, &compliance_m_N);
     want(maker, t, vertex, count, patch);
     if (count > 0) {
-        const bool held_well =
-            hold_stiffness(maker, t, vertex, target_m, count, compliance_m_N, tool->stiffness_N_m);
+        const bool held_well = hold_stiffness(maker, t, vertex, target_m, count, compliance_m_N, tool->stiffness_N_m);
         tool->stiffness_kind = held_well ? kind(maker) : 0;
         return false;
     }
@@ -277,9 +276,9 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
                        def->horizon_s, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES);
     tm_pool pool = {0};
     tm_patch_maker *maker = TM_TAKE(&pool, tm_patch_maker, 1);
-    tm_columns *columns =
-        def->source ? NULL : tm_columns_create(&pool, world, def->column_vertices, def->tolerance);
-    tm_status status = !pool.failed ? tm_patch_solver_create(&maker->solver, error) : tm_fail_memory(error, "patch stage");
+    tm_columns *columns = def->source ? NULL : tm_columns_create(&pool, world, def->column_vertices, def->tolerance);
+    tm_status status =
+        !pool.failed ? tm_patch_solver_create(&maker->solver, error) : tm_fail_memory(error, "patch stage");
     if (status) {
         tm_pool_release(&pool);
         return status;

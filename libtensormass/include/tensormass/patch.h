@@ -71,10 +71,10 @@ TM_API void tm_patch_stiffness(tm_patch_solver *solver, const tm_patch *patch, c
 
 /* A square piece of the tissue's quasi-static compliance K^-1. */
 typedef struct tm_compliance {
-    int32_t revision;       /* of the tissue's surface (tm_tissue_surface) that it is the compliance of */
-    int32_t count;          /* of vertices */
-    const int32_t *vertex;  /* [count] ascending */
-    const double *C_m_N;    /* [3*count][3*count] symmetric: displacement of component i by a unit force on j */
+    int32_t revision;      /* of the tissue's surface (tm_tissue_surface) that it is the compliance of */
+    int32_t count;         /* of vertices */
+    const int32_t *vertex; /* [count] ascending */
+    const double *C_m_N;   /* [3*count][3*count] symmetric: displacement of component i by a unit force on j */
 } tm_compliance;
 
 /* Where exact compliance comes from: somebody beside the world (tm_factored of libtensormass_solve), who keeps a factor
@@ -107,11 +107,11 @@ TM_API tm_patch_def tm_patch_def_default(void);
 TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_def *def, tm_patch_maker **maker,
                                 tm_error *error);
 /* Between frames: goes on computing compliance, then makes the instrument's patch and stiffness from the contact of the
- * last substep. From then on tm_contact_reaction of the instrument carries the stiffness (kind 2 from a source that knows
- * the tissue as it is, kind 1 while it still knows the one before a cut, or from conjugate gradients). Returns false,
- * with kind 0, while the columns it needs are not all there, and when nothing is near. For an instrument that holds tissue
- * (24 vertices at most) there is a stiffness, that of the hold, and no patch: false with kind 1. No allocation, bounded
- * work. */
+ * last substep. From then on tm_contact_reaction of the instrument carries the stiffness (kind 2 from a source that
+ * knows the tissue as it is, kind 1 while it still knows the one before a cut, or from conjugate gradients). Returns
+ * false, with kind 0, while the columns it needs are not all there, and when nothing is near. For an instrument that
+ * holds tissue (24 vertices at most) there is a stiffness, that of the hold, and no patch: false with kind 1. No
+ * allocation, bounded work. */
 TM_API bool tm_patch_make(tm_patch_maker *maker, int32_t instrument, tm_patch *patch);
 /* Columns that the patches now need and that are not good yet: 0 when all is there. Before a session starts, call
  * tm_patch_make until it is. */

@@ -1,0 +1,253 @@
+/* Exact compliance beside a simulation: before, while and after the tissue is cut it is what the static solver says. */
+#include "kit.h"
+
+#include <pthread.h>
+#include <time.h>
+
+#include "tensormass/cut.h"
+
+typedef struct bench {
+    tm_mesh *mesh;
+    tm_tissue *tissue;
+    uint8_t *fixed;
+    tm_factored *factored;
+    tm_compliance_source source;
+    int32_t want[TM_COMPLIANCE_WANTS], count;
+} bench;
+
+static void set_up(bench *b, const int cells[3]) {
+    fix_random random = {7};
+    const double size[3] = {0.05, 0.04, 0.03}, a[3] = {1, 2, 2};
+    tm_material material;
+    tm_error error;
+    fix_ok(tm_material_five(3000, 2000, 4000, 3000, 900, &material, &error), &error);
+    b->mesh = fix_block(cells, size, 0.2, &random);
+    b->tissue = fix_tissue(b->mesh, &material, a, TM_DOUBLE, true);
+    b->fixed = kit_clamp(b->mesh, 1e-9);
+    tm_factored_def def = tm_factored_def_default();
+    def.tissue = b->tissue;
+    def.fixed = b->fixed;
+    fix_ok(tm_factored_create(&def, &b->factored, &error), &error);
+    b->source = tm_factored_source(b->factored);
+}
+
+static void tear_down(bench *b) {
+    tm_factored_destroy(b->factored);
+    tm_tissue_destroy(b->tissue);
+    tm_mesh_destroy(b->mesh);
+    free(b->fixed);
+}
+
+/* Living surface vertices around one that moves on with `k`. */
+static void choose(bench *b, int k) {
+    const tm_surface_view surface = tm_tissue_surface(b->tissue);
+    const double *rest = b->mesh->rest_m, *centre = rest + 3 * (int64_t)surface.triangle[3 * (k * 37 % surface.count)];
+    b->count = 0;
+    for (double radius = 0.004; b->count < 24 && radius < 0.1; radius += 0.002) {
+        b->count = 0;
+        for (int32_t i = 0; i < 3 * surface.count && b->count < 40; i++) {
+            const int32_t v = surface.triangle[i];
+            double d2 = 0;
+            bool known = false;
+            for (int c = 0; c < 3; c++) d2 += (rest[3 * v + c] - centre[c]) * (rest[3 * v + c] - centre[c]);
+            for (int32_t j = 0; j < b->count; j++) known = known || b->want[j] == v;
+            if (!known && d2 < radius * radius) b->want[b->count++] = v;
+        }
+    }
+}
+
+static int32_t place(const tm_compliance *c, int32_t vertex) {
+    for (int32_t i = 0; i < c->count; i++)
+        if (c->vertex[i] == vertex) return i;
+    return -1;
+}
+
+/* Columns of some of the wanted vertices against static solutions of the tissue as it is; largest difference, relative.
+ */
+static double off_by(const bench *b, const tm_compliance *c) {
+    const int32_t n = 3 * b->mesh->vertex_count;
+    double *load = calloc((size_t)n, 8), *u = malloc(8 * (size_t)n), worst = 0;
+    tm_error error;
+    for (int32_t k = 0; k < b->count; k += 7) {
+        const int32_t dof = 3 * b->want[k] + k % 3, column = place(c, b->want[k]);
+        double most = 0, off = 0;
+        assert_true(column >= 0);
+        load[dof] = 1;
+        tm_solve_def def = kit_problem(b->tissue, b->fixed);
+        def.load_N = load;
+        tm_solve_report report;
+        fix_ok(tm_solve_static(&def, u, NULL, &report, &error), &error);
+        load[dof] = 0;
+        for (int32_t i = 0; i < 3 * c->count; i++) {
+            const double is = c->C_m_N[(int64_t)i * 3 * c->count + 3 * column + k % 3],
+                         should = u[3 * c->vertex[i / 3] + i % 3];
+            most = fmax(most, fabs(should));
+            off = fmax(off, fabs(is - should));
+        }
+        if (most > 0) worst = fmax(worst, off / most);
+    }
+    free(load), free(u);
+    return worst;
+}
+
+/* Calls until the newest piece has all that is wanted, of this very tissue; how many it took. */
+static const tm_compliance *until_ready(bench *b, int *calls) {
+    const int32_t revision = tm_tissue_surface(b->tissue).revision;
+    for (*calls = 1; *calls < 50; ++*calls) {
+        const tm_compliance *c = b->source.exchange(b->source.self, 0, b->want, b->count);
+        bool all = c && c->revision == revision;
+        for (int32_t i = 0; all && i < b->count; i++) all = place(c, b->want[i]) >= 0;
+        if (all) return c;
+    }
+    fail_msg("nothing after 50 calls");
+    return NULL;
+}
+
+/* A hole deeper and wider from step to step, under and beside the wanted vertices; never a piece loose. */
+static void cut_more(bench *b, fix_random *random, int32_t tets) {
+    for (int tries = 0; tets > 0 && tries < 1000; tries++) {
+        const int32_t t = (int32_t)(fix_uniform(random) * b->mesh->tet_count);
+        double x = 0;
+        for (int i = 0; i < 4; i++) x += 0.25 * b->mesh->rest_m[3 * b->mesh->tet[4 * t + i]];
+        if (!tm_tissue_alive(b->tissue)[t] || x < 0.02) continue;
+        tets -= tm_cut_remove(b->tissue, &t, 1, NULL, 0);
+    }
+}
+
+/* All that lives is still held: the static solver takes it. */
+static bool whole(const bench *b) {
+    double *u = malloc(24 * (size_t)b->mesh->vertex_count);
+    tm_solve_def def = kit_problem(b->tissue, b->fixed);
+    tm_solve_report report;
+    const tm_status status = tm_solve_static(&def, u, NULL, &report, NULL);
+    free(u);
+    return status == TM_OK;
+}
+
+static void exact_whole_and_cut(void **state) {
+    (void)state;
+    bench b;
+    fix_random random = {11};
+    int calls;
+    set_up(&b, (int[3]){10, 8, 6});
+    double worst = 0;
+    int32_t compared = 0;
+    for (int k = 0; k < 24; k++) {
+        if (k > 0)
+            cut_more(&b, &random, k < 12 ? 3 : 12); /* a few at a time, then so many that the factor is renewed */
+        if (!whole(&b)) break;
+        choose(&b, k);
+        const double off = off_by(&b, until_ready(&b, &calls));
+        worst = fmax(worst, off);
+        compared++;
+        assert_true(off < 1e-6);
+        assert_true(calls <= 3);
+    }
+    print_message("  %d states, %d tetrahedra left, worst difference %.1e\n", compared, tm_tissue_alive_count(b.tissue),
+                  worst);
+    assert_true(compared > 12);
+    tear_down(&b);
+}
+
+/* The call after a cut still gives what was right before it, and says so by its revision. */
+static void stale_until_served(void **state) {
+    (void)state;
+    bench b;
+    fix_random random = {3};
+    int calls;
+    set_up(&b, (int[3]){6, 5, 4});
+    choose(&b, 1);
+    const int32_t before = until_ready(&b, &calls)->revision;
+    cut_more(&b, &random, 2);
+    const tm_compliance *c = b.source.exchange(b.source.self, 0, b.want, b.count);
+    assert_int_equal(c->revision, before);
+    assert_true(tm_tissue_surface(b.tissue).revision != before);
+    until_ready(&b, &calls);
+    tear_down(&b);
+}
+
+/* Cut right through: what still hangs on the support stays exact (held by nothing but inertia would be nonsense), and
+ * what hangs on nothing gives way so far that nobody takes it for tissue. */
+static void loose_piece(void **state) {
+    (void)state;
+    bench b;
+    int calls;
+    set_up(&b, (int[3]){6, 5, 4});
+    choose(&b, 0);
+    until_ready(&b, &calls);
+    for (int32_t t = 0; t < b.mesh->tet_count; t++) {
+        double x = 0;
+        for (int i = 0; i < 4; i++) x += 0.25 * b.mesh->rest_m[3 * b.mesh->tet[4 * t + i]];
+        if (x > 0.025 && x < 0.034) tm_cut_remove(b.tissue, &t, 1, NULL, 0);
+    }
+    assert_false(whole(&b));
+    b.count = 0;
+    const tm_surface_view surface = tm_tissue_surface(b.tissue);
+    for (int32_t i = 0; i < 3 * surface.count && b.count < 40; i += 7) b.want[b.count++] = surface.triangle[i];
+    const tm_compliance *c = until_ready(&b, &calls);
+    int loose = 0, held = 0;
+    for (int32_t i = 0; i < c->count; i++) {
+        const double x = b.mesh->rest_m[3 * c->vertex[i]], give = c->C_m_N[(int64_t)(3 * i) * (3 * c->count + 1)];
+        if (x > 0.035) loose++, assert_true(give > 10);
+        if (x > 0.001 && x < 0.024) held++, assert_true(give > 0 && give < 1);
+    }
+    assert_true(loose > 3 && held > 3);
+    tear_down(&b);
+}
+
+/* The same calls, the same bits. */
+static void repeats(void **state) {
+    (void)state;
+    uint64_t hash[2];
+    for (int run = 0; run < 2; run++) {
+        bench b;
+        fix_random random = {5};
+        set_up(&b, (int[3]){6, 5, 4});
+        hash[run] = TM_HASH_SEED;
+        for (int k = 0; k < 8; k++) {
+            choose(&b, k / 2);
+            const tm_compliance *c = b.source.exchange(b.source.self, k % 2, b.want, b.count);
+            if (c) hash[run] = tm_hash(c->C_m_N, sizeof(double) * 9 * (size_t)c->count * (size_t)c->count, hash[run]);
+            if (k % 3 == 2) cut_more(&b, &random, 2);
+        }
+        tear_down(&b);
+    }
+    assert_true(hash[0] == hash[1] && hash[0] != TM_HASH_SEED);
+}
+
+/* With a thread: no call waits for the work, and what arrives is exact for the revision it names. */
+static void thread(void **state) {
+    (void)state;
+    bench b;
+    fix_random random = {13};
+    tm_error error;
+    const struct timespec frame = {0, 2000000};
+    set_up(&b, (int[3]){10, 8, 6});
+    fix_ok(tm_factored_start(b.factored, &error), &error);
+    int exact = 0;
+    for (int k = 0; k < 6; k++) {
+        if (k > 0) cut_more(&b, &random, 4);
+        choose(&b, k);
+        const int32_t revision = tm_tissue_surface(b.tissue).revision;
+        const tm_compliance *c = NULL;
+        bool all = false;
+        for (int i = 0; i < 5000 && !all; i++) { /* ten seconds: a loaded machine */
+            c = b.source.exchange(b.source.self, 0, b.want, b.count);
+            all = c && c->revision == revision;
+            for (int32_t v = 0; all && v < b.count; v++) all = place(c, b.want[v]) >= 0;
+            nanosleep(&frame, NULL);
+        }
+        assert_true(all);
+        assert_true(off_by(&b, c) < 1e-6);
+        exact++;
+    }
+    assert_int_equal(exact, 6);
+    tear_down(&b);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(exact_whole_and_cut), cmocka_unit_test(stale_until_served),
+                                       cmocka_unit_test(loose_piece), cmocka_unit_test(repeats),
+                                       cmocka_unit_test(thread)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
