@@ -9,7 +9,12 @@
 extern "C" {
 #endif
 
-enum { TMS_COOKIE_PROBLEM = 0x736f6c76, TMS_COOKIE_PRECOMPUTED = 0x70726563, TMS_COOKIE_HYBRID = 0x68796272, TMS_COOKIE_FACTORED = 0x66616374 };
+enum {
+    TMS_COOKIE_PROBLEM = 0x736f6c76,
+    TMS_COOKIE_PRECOMPUTED = 0x70726563,
+    TMS_COOKIE_HYBRID = 0x68796272,
+    TMS_COOKIE_FACTORED = 0x66616374
+};
 
 /* Columns are solved in blocks of this width always, the last one filled up with zeros: dense kernels may sum in
  * another order for another width, and the result must not depend on how many threads or ranks share the work. */

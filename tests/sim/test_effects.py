@@ -168,11 +168,11 @@ def test_breathing_moves_its_support_and_nothing_else_holds_still(bin, root, tmp
     assert "leaves free" in said
 
 
-@pytest.mark.parametrize("model,kind", [("dynamic", 1), ("precomputed", 2)])
-def test_stiffness_and_patch_go_out_only_when_the_extrapolator_asks(bin, root, tmp_path, types, model, kind):
+@pytest.mark.parametrize("model,compliance,kind", [("dynamic", "iterations", 1), ("dynamic", "factor", 2), ("precomputed", "factor", 2)])
+def test_stiffness_and_patch_go_out_only_when_the_extrapolator_asks(bin, root, tmp_path, types, model, compliance, kind):
     for extrapolator in ("position", "tangent", "contact"):
         run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", f"model={model}", "--set", f"haptics.extrapolator={extrapolator}",
-            "--record", tmp_path / "log", env={"TM_CACHE_DIR": str(tmp_path)})
+            "--set", f"haptics.compliance={compliance}", "--record", tmp_path / "log", env={"TM_CACHE_DIR": str(tmp_path)})
         forces, patches = {}, {}
         for e in lcm.EventLog(str(tmp_path / "log")):
             if e.channel == "FORCE_0":
