@@ -65,6 +65,7 @@ static void put_patch(lcm_eventlog_t *log, const sampled *x, const double trocar
     memcpy(m.origin_m, trocar, sizeof m.origin_m);
     memcpy(m.trocar_m, trocar, sizeof m.trocar_m);
     m.skin_compliance_m_N = p->skin_compliance_m_N, m.radius_m = p->radius_m, m.contact_length_m = p->contact_length_m;
+    m.film_s_m = p->film_s_m;
     PUT(log, "PATCH_0", x->ready_us, tensormass_contact_patch_t, &m);
 }
 
@@ -208,7 +209,7 @@ bool patch_from_message(const tensormass_contact_patch_t *m, const double origin
     p->force_cap_N = m->force_cap_N;
     memcpy(p->compliance_m_N, m->compliance_m_N, sizeof p->compliance_m_N);
     p->skin_compliance_m_N = m->skin_compliance_m_N, p->radius_m = m->radius_m,
-    p->contact_length_m = m->contact_length_m;
+    p->contact_length_m = m->contact_length_m, p->film_s_m = m->film_s_m;
     return hrt_patch_prepare(p, scratch) == HRT_ACCEPT;
 }
 

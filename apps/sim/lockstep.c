@@ -180,7 +180,8 @@ static void deliver(station *t, sent *s) {
                                .skin_compliance_m_N = p->skin_compliance_m_N,
                                .force_cap_N = p->force_cap_N,
                                .radius_m = p->radius_m,
-                               .contact_length_m = p->contact_length_m};
+                               .contact_length_m = p->contact_length_m,
+                               .film_s_m = p->film_s_m};
         hrt_node_post_patch(&t->node, &m);
         free(p);
     }

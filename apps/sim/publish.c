@@ -114,6 +114,7 @@ bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_fo
     out->force_cap_N = (float)t->force_cap_N;
     out->radius_m = (float)t->radius_m;
     out->contact_length_m = (float)t->contact_length_m;
+    out->film_s_m = (float)t->film_s_m;
     memcpy(out->trocar_m, t->trocar_m, sizeof out->trocar_m);
     return true;
 }

@@ -8,8 +8,6 @@ _Static_assert(ROUNDS % 2 == 0, "the last round's rows are to end up in the extr
 _Static_assert(HRT_PATCH_MAX_VERTICES <= 32, "a bit a vertex");
 /* The skin gives way up to this share of the radius and a twentieth as easily beyond (docs/contact.md). */
 static const float SKIN_TRAVEL = 0.3f, SKIN_HARDENING = 20.0f;
-/* Drag of the film between tool and tissue, of the reaction and the speed of sliding (docs/contact.md), s/m. */
-static const float FILM_S_M = 0.3f;
 static const int32_t FILM_PAUSE_US = 20000; /* after more than this the tool's speed is not known */
 static const float LITTLE = 0.1f;           /* change of the forces, squared */
 
@@ -355,7 +353,7 @@ static bool gather(const solve *s, const float tip_m[3], hrt_v3 speed, float for
         hrt_v3 slide = hrt_plus(hrt_times(lever, speed), hrt_times(in - lever * in, axis));
         slide = hrt_minus(slide, hrt_times(hrt_inner(slide, normal), normal));
         const hrt_v3 push =
-            hrt_plus(normal, hrt_times(hrt_min(FILM_S_M, 1.0f / hrt_max(hrt_size(slide), 1.0e-6f)), slide));
+            hrt_plus(normal, hrt_times(hrt_min(s->patch->film_s_m, 1.0f / hrt_max(hrt_size(slide), 1.0e-6f)), slide));
         const float into = hrt_inner(push, axis);
         force = hrt_minus(
             force, hrt_times(row->lambda_N, hrt_plus(hrt_times(lever, push), hrt_times(into - lever * into, axis))));

@@ -178,6 +178,7 @@ typedef struct hrt_patch {
     float force_cap_N;                             /* of one row; 0: 50 */
     float radius_m;
     float contact_length_m;
+    float film_s_m; /* drag between tool and tissue, of the reaction and the speed of sliding (docs/contact.md) */
     hrt_patch_topology topology;
 } hrt_patch;
 

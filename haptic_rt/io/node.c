@@ -85,6 +85,7 @@ hrt_reject hrt_node_post_patch(hrt_node *node, const hrt_patch_message *m) {
     patch->force_cap_N = m->force_cap_N;
     patch->radius_m = m->radius_m;
     patch->contact_length_m = m->contact_length_m;
+    patch->film_s_m = m->film_s_m;
     const int32_t n = 3 * m->vertex_count;
     for (int32_t i = 0; i < n; i++) {
         const double origin_m = m->origin_m[i % 3] - node->pose_posted.trocar_m[i % 3];

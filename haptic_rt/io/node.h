@@ -54,7 +54,7 @@ typedef struct hrt_patch_message {
     const int32_t *face;         /* [triangle_count] lasting names; null: their numbers */
     const int8_t *triangle;      /* [3*triangle_count] */
     const float *compliance_m_N; /* [n(n+1)/2], n = 3*vertex_count */
-    float skin_compliance_m_N, force_cap_N /* 0: 50 */, radius_m, contact_length_m;
+    float skin_compliance_m_N, force_cap_N /* 0: 50 */, radius_m, contact_length_m, film_s_m;
 } hrt_patch_message;
 
 /* lcm_types/tool_state_t.lcm */

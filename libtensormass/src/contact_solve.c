@@ -29,11 +29,6 @@ double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, do
     return vmin(lambda, cap_N);
 }
 
-/* Between tool and tissue is a film: its drag is FILM * lambda * (speed of the tissue against the tool), whatever the
- * direction; 0.3 % of the reaction at 0.01 m/s, nothing at rest. Blended normals are not the gradient of any energy,
- * and without a film a tool that is two edges deep in lightly damped tissue can make it flutter at 100 to 250 Hz. */
-#define FILM_S_M 0.3
-
 static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
     const tm_world *world = contact->world;
     const tm_tool *tool = contact->tool + row->instrument;
@@ -89,7 +84,7 @@ static void relax(const tm_contact *contact, tm_contact_row *row, const tm_solve
 static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
     const tm_world *world = contact->world;
     const tm_state *state = &world->state;
-    double coefficient = FILM_S_M * row->lambda_N / state->dt_s, wanted[3], size;
+    double coefficient = TM_FILM_S_M * row->lambda_N / state->dt_s, wanted[3], size;
     for (int c = 0; c < 3; c++) {
         double slip = -r->moved_m[c] - r->weight2 * r->drag_N[c];
         for (int j = 0; j < 3; j++) {

@@ -238,6 +238,7 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     patch->force_cap_N = contact->def.force_cap_N;
     patch->radius_m = tool->def.radius_m;
     patch->contact_length_m = tool->def.contact_length_m;
+    patch->film_s_m = TM_FILM_S_M;
     vset(tool->def.trocar_m, patch->trocar_m);
     if (!tm_patch_fill(patch, block, maker, contact->row, contact->row_count)) return false;
     tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
