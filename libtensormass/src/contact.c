@@ -192,6 +192,22 @@ static void sum_reactions(tm_contact *contact) {
     }
 }
 
+/* A number that is not finite is no force: none at all, and a mark that the step fails by. */
+static void disown(tm_contact *contact) {
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        tm_tool *tool = contact->tool + t;
+        const double *f = tool->substep_force_N, *r = tool->substep_resultant_N;
+        contact->unsound |= !isfinite(f[0] + f[1] + f[2] + r[0] + r[1] + r[2]);
+    }
+    if (!contact->unsound) return;
+    contact->world->unsound = true;
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        contact->tool[t].flags |= TM_REACTION_UNSTABLE;
+        memset(contact->tool[t].substep_force_N, 0, sizeof contact->tool[t].substep_force_N);
+        memset(contact->tool[t].substep_resultant_N, 0, sizeof contact->tool[t].substep_resultant_N);
+    }
+}
+
 static void average(tm_contact *contact) {
     const tm_state *state = &contact->world->state;
     bool within = contact->frame_step < contact->frame_steps &&
@@ -210,6 +226,7 @@ static void average(tm_contact *contact) {
 static void run(void *self, tm_world *world) {
     tm_contact *contact = self;
     if (contact->held_by != world->support) refresh_supports(contact);
+    contact->unsound = false;
     for (int32_t t = 0; t < contact->tool_count; t++) tm_tool_advance(contact->tool + t);
     if (contact->guest.prepare) contact->guest.prepare(contact->guest.self, world);
     if (contact->solver_instead.solve) {
@@ -220,6 +237,7 @@ static void run(void *self, tm_world *world) {
         tm_contact_project(contact);
     }
     sum_reactions(contact);
+    disown(contact);
     average(contact);
 }
 
@@ -270,6 +288,7 @@ static tm_contact *take(tm_pool *pool, const tm_contact_def *def, int32_t vertex
     contact->solver = TM_TAKE(pool, tm_solver_row, def->max_rows);
     contact->hits = TM_TAKE(pool, tm_hits, 1);
     contact->held = TM_TAKE(pool, uint8_t, 3 * (int64_t)vertex_count);
+    contact->kept = TM_TAKE(pool, char, tm_contact_snapshot_max(def));
     for (int32_t t = 0; t < def->instrument_count; t++) contact->tool[t].surface = TM_TAKE(pool, tm_local_surface, 1);
     return contact;
 }
@@ -308,7 +327,9 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
                             .step_changed = changed,
                             .self = self,
                             .snapshot = tm_contact_snapshot,
-                            .restore = tm_contact_restore};
+                            .restore = tm_contact_restore,
+                            .keep = tm_contact_keep,
+                            .give_back = tm_contact_give_back};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);

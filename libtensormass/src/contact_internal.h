@@ -87,6 +87,9 @@ struct tm_contact {
     int32_t frame_step, frame_steps, frame_average;
     tm_contact_guest guest;
     tm_contact_solver solver_instead; /* solve null: the stage's own */
+    bool unsound;                     /* a row met a number that is not finite, in this substep */
+    void *kept;                       /* the snapshot at the start of the step, room for the largest */
+    int64_t kept_bytes;
 };
 
 /* contact_tool.c */
@@ -105,6 +108,9 @@ void tm_contact_project(tm_contact *contact);
 /* contact_snapshot.c: the stage's hooks */
 int64_t tm_contact_snapshot(void *self, void *buffer);
 bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
+int64_t tm_contact_snapshot_max(const tm_contact_def *def);
+void tm_contact_keep(void *self);
+void tm_contact_give_back(void *self, tm_world *world);
 
 /* The stage of a world, by name; null if it has none. */
 tm_contact *tm_world_contact(tm_world *world);

@@ -21,9 +21,10 @@ typedef struct kept_capsule {
 typedef struct kept_tool {
     kept_pose pose, from, to;
     kept_capsule capsule, before, gathered_at;
-    double station_depth_m[TM_MAX_STATIONS], sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3],
+    double station_depth_m[TM_MAX_STATIONS], edge_m, sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3],
         substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
-    int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, flags, stiffness_kind, reserved;
+    int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, flags, stiffness_kind,
+        surface_overflowed;
 } kept_tool;
 
 typedef struct kept_row {
@@ -75,7 +76,9 @@ static kept_tool pack_tool(const tm_tool *tool) {
                    .gathered_age = tool->gathered_age,
                    .sum_count = tool->sum_count,
                    .flags = (int32_t)tool->flags,
-                   .stiffness_kind = tool->stiffness_kind};
+                   .stiffness_kind = tool->stiffness_kind,
+                   .surface_overflowed = tool->surface->overflowed,
+                   .edge_m = tool->surface->edge_m};
     COPY(k.station_depth_m, tool->station_depth_m);
     COPY(k.sum_tip_m, tool->sum_tip_m);
     COPY(k.sum_force_N, tool->sum_force_N);
@@ -257,6 +260,24 @@ bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t
         from = take(face, from, sizeof(int32_t) * (size_t)k.gathered[t]);
         unpack_tool(&tool, t, contact->tool + t);
         gather_again(contact, contact->tool + t, face, k.gathered[t]);
+        contact->tool[t].surface->edge_m = tool.edge_m; /* the guess for the next gathering, not this one's */
+        contact->tool[t].surface->overflowed = tool.surface_overflowed != 0;
     }
     return true;
+}
+
+int64_t tm_contact_snapshot_max(const tm_contact_def *def) {
+    kept k = {.tool_count = def->instrument_count, .row_count = def->max_rows * def->instrument_count};
+    for (int32_t t = 0; t < k.tool_count; t++) k.gathered[t] = TM_LOCAL_FACES;
+    return bytes_of(&k);
+}
+
+void tm_contact_keep(void *self) {
+    tm_contact *contact = self;
+    contact->kept_bytes = tm_contact_snapshot(contact, contact->kept);
+}
+
+void tm_contact_give_back(void *self, tm_world *world) {
+    const tm_contact *contact = self;
+    tm_contact_restore(self, world, contact->kept, contact->kept_bytes, true);
 }

@@ -22,7 +22,8 @@ double tm_skin_slope(double compliance_m_N, double radius_m, double lambda_N) {
 
 double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N, double cap_N) {
     double soft = TM_SKIN_TRAVEL * radius_m, pivot = diagonal_m_N + compliance_m_N;
-    if (gap_m >= 0 || pivot <= 0) return 0; /* pivot 0: held by supports and no skin, nothing gives way */
+    /* Written so that what is no number bears nothing. Pivot 0: held by supports and no skin, nothing gives way. */
+    if (!(gap_m < 0) || !(pivot > 0)) return 0;
     double lambda = -gap_m / pivot;
     if (compliance_m_N * lambda > soft)
         lambda = -(gap_m + soft - soft / TM_SKIN_HARDENING) / (diagonal_m_N + compliance_m_N / TM_SKIN_HARDENING);
@@ -66,7 +67,7 @@ void tm_contact_prepare(tm_contact *contact) {
     }
 }
 
-static void relax(const tm_contact *contact, tm_contact_row *row, const tm_solver_row *r) {
+static void relax(tm_contact *contact, tm_contact_row *row, const tm_solver_row *r) {
     const tm_state *state = &contact->world->state;
     double free_gap = r->gap_m - r->diagonal * row->lambda_N; /* as it would be without this row */
     for (int j = 0; j < 3; j++)
@@ -74,6 +75,7 @@ static void relax(const tm_contact *contact, tm_contact_row *row, const tm_solve
             int32_t dof = 3 * row->vertex[j] + c;
             free_gap += r->jacobian[j][c] * (state->u_next_m[dof] - state->u_m[dof]);
         }
+    contact->unsound |= !(fabs(free_gap) < INFINITY);
     double lambda = tm_skin_reaction(r->compliance, contact->tool[row->instrument].def.radius_m, free_gap, r->diagonal,
                                      contact->def.force_cap_N);
     push(row, r, lambda - row->lambda_N, contact->world->state.u_next_m);

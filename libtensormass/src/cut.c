@@ -40,12 +40,15 @@ tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh) {
     w->rim_loop = TM_TAKE(pool, int32_t, 3 * (int64_t)w->star_max);
     w->fan_stamp = TM_TAKE(pool, uint32_t, mesh->tet_count);
     w->fan_of = TM_TAKE(pool, int32_t, mesh->tet_count);
+    w->undo_tet = TM_TAKE(pool, int32_t, mesh->tet_count);
+    w->undo_slot = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
     return w;
 }
 
 void tm_cut_count(tm_tissue *tissue) {
     const tm_mesh *mesh = tissue->mesh;
     tm_cut_work *w = tissue->cut;
+    w->undo_count = 0; /* each tetrahedron goes once: the list is long enough */
     for (int32_t e = 0; e < mesh->edge_count; e++) {
         w->edge_alive[e] = 0;
         w->edge_whole[e] = mesh->edge_tet_begin[e + 1] - mesh->edge_tet_begin[e];
@@ -107,9 +110,13 @@ static void show_face(tm_tissue *tissue, int32_t face) {
 }
 
 static void update_surface(tm_tissue *tissue, int32_t tet) {
+    tm_cut_work *w = tissue->cut;
+    int32_t *slot = w->undo_slot + 4 * (int64_t)w->undo_count;
+    w->undo_tet[w->undo_count++] = tet;
     for (int i = 0; i < 4; i++) {
         const int32_t face = 4 * tet + i, neighbour = tissue->mesh->tet_neighbour[face];
-        if (tissue->face_slot[face] >= 0) {
+        slot[i] = tissue->face_slot[face];
+        if (slot[i] >= 0) {
             hide_face(tissue, face);
             continue;
         }

@@ -28,7 +28,7 @@ struct tm_grasp {
     tm_pool pool;
     tm_grasp_def def;
     tm_contact *contact;
-    hold hold[TM_MAX_INSTRUMENTS];
+    hold hold[TM_MAX_INSTRUMENTS], kept[TM_MAX_INSTRUMENTS]; /* kept: when the step began */
 };
 
 tm_grasp_def tm_grasp_def_default(void) {
@@ -347,6 +347,31 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     return true;
 }
 
+/* Each keeps its own arrays. */
+static void copy_hold(const hold *from, hold *to) {
+    const hold own = *to;
+    const size_t bytes = sizeof(double) * 3 * (size_t)from->count;
+    *to = *from;
+    to->vertex = own.vertex, to->offset_m = own.offset_m, to->target_m = own.target_m, to->force_N = own.force_N;
+    to->let_go_N = own.let_go_N, to->distance_m = own.distance_m;
+    memcpy(to->vertex, from->vertex, sizeof *to->vertex * (size_t)from->count);
+    memcpy(to->offset_m, from->offset_m, bytes);
+    memcpy(to->target_m, from->target_m, bytes);
+    memcpy(to->force_N, from->force_N, bytes);
+    memcpy(to->let_go_N, from->let_go_N, bytes);
+}
+
+static void keep(void *self) {
+    tm_grasp *grasp = self;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) copy_hold(grasp->hold + t, grasp->kept + t);
+}
+
+static void give_back(void *self, tm_world *world) {
+    (void)world;
+    tm_grasp *grasp = self;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) copy_hold(grasp->kept + t, grasp->hold + t);
+}
+
 static void destroy(void *self) {
     tm_grasp *grasp = self;
     memset(&grasp->contact->guest, 0, sizeof grasp->contact->guest);
@@ -393,7 +418,8 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
     tm_grasp *self = TM_TAKE(&pool, tm_grasp, 1);
     bool taken = self != NULL;
     for (int32_t t = 0; t < contact->tool_count && taken; t++)
-        taken = take_hold(&pool, self->hold + t, def->max_vertices, contact->tool + t);
+        taken = take_hold(&pool, self->hold + t, def->max_vertices, contact->tool + t) &&
+                take_hold(&pool, self->kept + t, def->max_vertices, contact->tool + t);
     if (!taken) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "grasp stage");
@@ -410,6 +436,8 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
                             .self = self,
                             .snapshot = snapshot,
                             .restore = restore,
+                            .keep = keep,
+                            .give_back = give_back,
                             .needs = {"contact"}};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {

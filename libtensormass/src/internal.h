@@ -96,7 +96,11 @@ struct tm_world {
     double *carry;          /* damped: [vertex_count] (m/dt2 - gamma/2dt) * mobility; else null */
     uint8_t *held_scratch;  /* [3*vertex_count] of tm_world_set_step */
     double *internal_N;     /* [3*vertex_count] where the stage "energy" wants the tissue's own force; else null */
-    double *keep_u_m, *keep_u_prev_m; /* state at the start of a tm_world_step call */
+    /* as they were when tm_world_step was called */
+    double *keep_u_m, *keep_u_prev_m, *keep_force_N;
+    int64_t keep_step;
+    double keep_time_s;
+    bool unsound; /* a stage met a number that is not finite: the step fails */
     int32_t stage_count;
     struct tm_stage_slot {
         tm_stage stage;
@@ -108,7 +112,8 @@ struct tm_world {
 
 /* TM_ERR_STEP: not positive, above the guaranteed step or above what a stage allows. */
 tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *error);
-/* Calls every stage's step_changed: dt changed or the tissue was cut. */
+/* Calls every stage's step_changed: dt changed or the tissue was cut. The integrator comes first, whatever its slot:
+ * what others derive from mobilities they derive from the new ones. */
 void tm_world_changed(tm_world *world);
 /* The same after tm_cut_remove, at a cost that does not grow with the mesh: masses are looked at where it cut only. */
 void tm_world_cut(tm_world *world);

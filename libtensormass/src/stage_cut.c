@@ -37,6 +37,10 @@ typedef struct cut {
     uint8_t *reached; /* [tet_count] */
     uint8_t *held;    /* [3*vertex_count] */
     int32_t *queue;   /* [tet_count] */
+    /* when the step began */
+    void *kept;
+    int64_t kept_bytes;
+    int32_t kept_log_begin, kept_log_count;
 } cut;
 
 static void run(void *self, tm_world *world);
@@ -244,6 +248,24 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     return true;
 }
 
+static int64_t snapshot_max(const tm_mesh *mesh) {
+    return (int64_t)sizeof(kept) + mesh->tet_count * (int64_t)(1 + sizeof(int32_t));
+}
+
+static void keep(void *self) {
+    cut *stage = self;
+    stage->kept_bytes = snapshot(stage, stage->kept);
+    stage->kept_log_begin = stage->log_begin;
+    stage->kept_log_count = stage->log_count;
+}
+
+static void give_back(void *self, tm_world *world) {
+    cut *stage = self;
+    restore(stage, world, stage->kept, stage->kept_bytes, true);
+    stage->log_begin = stage->kept_log_begin; /* what the failed step wrote lies behind the end */
+    stage->log_count = stage->kept_log_count;
+}
+
 tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *def, tm_error *error) {
     assert(contact && def && def->cookie == TM_COOKIE_CUT);
     if (!world->tissue->cuttable)
@@ -259,6 +281,7 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
     int8_t *log_instrument = TM_TAKE(&pool, int8_t, mesh->tet_count);
     uint8_t *reached = TM_TAKE(&pool, uint8_t, mesh->tet_count),
             *held = TM_TAKE(&pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
+    void *room = TM_TAKE(&pool, char, snapshot_max(mesh));
     if (pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "cut stage");
@@ -273,6 +296,7 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
                   .reached = reached,
                   .held = held,
                   .queue = queue,
+                  .kept = room,
                   .revision = world->tissue->surface.revision};
     const tm_stage stage = {.size = sizeof stage,
                             .name = "cut",
@@ -282,6 +306,8 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
                             .self = self,
                             .snapshot = snapshot,
                             .restore = restore,
+                            .keep = keep,
+                            .give_back = give_back,
                             .needs = {"contact"}};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) destroy(self);

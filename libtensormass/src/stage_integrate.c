@@ -11,8 +11,12 @@ void tm_stage_integrate_run(void *self, tm_world *world) {
     double *TM_RESTRICT u_next = world->state.u_next_m;
     const tm_force_graph *g = &world->tissue->graph;
     for (int32_t begin, end = 0; tm_next_run(g->living, g->vertex_count, &begin, &end);)
-        for (int64_t v = begin; v < end; v++)
-            for (int64_t i = 3 * v; i < 3 * v + 3; i++) u_next[i] = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
+        for (int64_t v = begin, i = 3 * v; v < end; v++, i += 3) { /* written out: a loop of three is slower */
+            const double x = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
+            const double y = u[i + 1] + (u[i + 1] - u_prev[i + 1]) + mobility[v] * f[i + 1];
+            const double z = u[i + 2] + (u[i + 2] - u_prev[i + 2]) + mobility[v] * f[i + 2];
+            u_next[i] = x, u_next[i + 1] = y, u_next[i + 2] = z;
+        }
 }
 
 void tm_stage_integrate_damped_run(void *self, tm_world *world) {
@@ -23,9 +27,12 @@ void tm_stage_integrate_damped_run(void *self, tm_world *world) {
     double *TM_RESTRICT u_next = world->state.u_next_m;
     const tm_force_graph *g = &world->tissue->graph;
     for (int32_t begin, end = 0; tm_next_run(g->living, g->vertex_count, &begin, &end);)
-        for (int64_t v = begin; v < end; v++)
-            for (int64_t i = 3 * v; i < 3 * v + 3; i++)
-                u_next[i] = u[i] + carry[v] * (u[i] - u_prev[i]) + mobility[v] * f[i];
+        for (int64_t v = begin, i = 3 * v; v < end; v++, i += 3) { /* written out: a loop of three is slower */
+            const double x = u[i] + carry[v] * (u[i] - u_prev[i]) + mobility[v] * f[i];
+            const double y = u[i + 1] + carry[v] * (u[i + 1] - u_prev[i + 1]) + mobility[v] * f[i + 1];
+            const double z = u[i + 2] + carry[v] * (u[i + 2] - u_prev[i + 2]) + mobility[v] * f[i + 2];
+            u_next[i] = x, u_next[i + 1] = y, u_next[i + 2] = z;
+        }
 }
 
 static void refresh(tm_world *world, int32_t v) {

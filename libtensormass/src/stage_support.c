@@ -11,6 +11,7 @@ typedef struct support {
     int32_t *dof; /* ascending, each once */
     double *value_m;
     double *reaction_N; /* of the last step, on the tissue */
+    double *kept;       /* [2*count] both when the step began */
     int32_t *place;     /* [given] where the caller's component went */
     int32_t given;
 } support;
@@ -107,6 +108,19 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     return true;
 }
 
+static void keep(void *self) {
+    const support *stage = self;
+    memcpy(stage->kept, stage->value_m, sizeof(double) * (size_t)stage->count);
+    memcpy(stage->kept + stage->count, stage->reaction_N, sizeof(double) * (size_t)stage->count);
+}
+
+static void give_back(void *self, tm_world *world) {
+    (void)world;
+    const support *stage = self;
+    memcpy(stage->value_m, stage->kept, sizeof(double) * (size_t)stage->count);
+    memcpy(stage->reaction_N, stage->kept + stage->count, sizeof(double) * (size_t)stage->count);
+}
+
 tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error *error) {
     assert(def->cookie == TM_COOKIE_SUPPORT);
     tm_status status = check(world, def, error);
@@ -116,11 +130,12 @@ tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error 
     support *self = TM_TAKE(&pool, support, 1);
     int32_t *dof = TM_TAKE(&pool, int32_t, def->count), *place = TM_TAKE(&pool, int32_t, def->count);
     double *value = TM_TAKE(&pool, double, def->count), *reaction = TM_TAKE(&pool, double, def->count);
+    double *kept = TM_TAKE(&pool, double, 2 * (int64_t)def->count);
     int32_t *seen = TM_TAKE(&work, int32_t, dofs);
     if (pool.failed || work.failed) {
         status = tm_fail_memory(error, "support stage");
     } else {
-        *self = (support){.dof = dof, .value_m = value, .reaction_N = reaction, .place = place};
+        *self = (support){.dof = dof, .value_m = value, .reaction_N = reaction, .kept = kept, .place = place};
         status = fill(self, def, dofs, seen, error);
     }
     tm_pool_release(&work);
@@ -133,7 +148,9 @@ tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error 
                                 .destroy = destroy,
                                 .self = self,
                                 .snapshot = snapshot,
-                                .restore = restore};
+                                .restore = restore,
+                                .keep = keep,
+                                .give_back = give_back};
         status = tm_world_add_stage(world, &stage, pool.bytes, error);
     }
     if (status) tm_pool_release(&pool);

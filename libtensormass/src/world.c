@@ -46,42 +46,70 @@ static void flush(double *u, int32_t n) {
     for (int32_t i = 0; i < n; i++) u[i] = (u[i] + tiny) - tiny;
 }
 
+/* No displacement is beyond 1e6 m, infinite or no number. Magnitudes of doubles are ordered as their bits are, so that
+ * adding what is left from the largest one allowed to the topmost bit sets that bit for all beyond. Looked at after
+ * every substep: whole words are an instruction less than comparisons. */
 static bool sound(const double *u, int32_t n) {
-    int bad = 0;
-    for (int32_t i = 0; i < n; i++) bad |= !(fabs(u[i]) <= LARGEST_DISPLACEMENT_M);
-    return !bad;
+    uint64_t largest, word, beyond = 0;
+    memcpy(&largest, &LARGEST_DISPLACEMENT_M, sizeof largest);
+    for (int32_t i = 0; i < n; i++) {
+        memcpy(&word, u + i, sizeof word);
+        beyond |= (word & INT64_MAX) + (INT64_MAX - largest);
+    }
+    return !(beyond >> 63);
+}
+
+/* --- all or nothing --- */
+
+static void keep(tm_world *world) {
+    const size_t bytes = sizeof(double) * 3 * (size_t)world->tissue->mesh->vertex_count;
+    memcpy(world->keep_u_m, world->state.u_m, bytes);
+    memcpy(world->keep_u_prev_m, world->state.u_prev_m, bytes);
+    memcpy(world->keep_force_N, world->state.force_N, bytes);
+    world->keep_step = world->state.step;
+    world->keep_time_s = world->state.time_s;
+    world->unsound = false;
+    if (world->tissue->cut) tm_cut_keep(world->tissue);
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.keep) world->slot[i].stage.keep(world->slot[i].stage.self);
+}
+
+static void give_back(tm_world *world) {
+    const size_t bytes = sizeof(double) * 3 * (size_t)world->tissue->mesh->vertex_count;
+    const bool cut = world->tissue->cut && tm_cut_give_back(world->tissue);
+    memcpy(world->state.u_m, world->keep_u_m, bytes);
+    memcpy(world->state.force_N, world->keep_force_N, bytes);
+    world->state.step = world->keep_step;
+    world->state.time_s = world->keep_time_s;
+    if (cut) tm_world_cut(world);
+    memcpy(world->state.u_prev_m, world->keep_u_prev_m, bytes); /* after the masses, which stop what weighs nothing */
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.give_back) world->slot[i].stage.give_back(world->slot[i].stage.self, world);
 }
 
 tm_status tm_world_step(tm_world *world, int32_t count) {
+    TM_REQUIRE(world && count >= 0, "world is null or count is negative", TM_ERR_ARGUMENT);
     tm_state *s = &world->state;
     const int32_t n = 3 * world->tissue->mesh->vertex_count;
-    const int64_t step = s->step;
-    const double time_s = s->time_s;
     if (world->revision != world->tissue->surface.revision) tm_world_changed(world); /* cut by the caller since */
-    memcpy(world->keep_u_m, s->u_m, sizeof(double) * (size_t)n);
-    memcpy(world->keep_u_prev_m, s->u_prev_m, sizeof(double) * (size_t)n);
+    keep(world);
     tm_stage_integrate_still(world);
-    for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.keep) world->slot[i].stage.keep(world->slot[i].stage.self);
     for (int32_t i = 0; i < count; i++) {
         if (world->timing)
             timed_substep(world);
         else
             substep(world);
+        if (world->unsound || !sound(s->u_m, n)) {
+            give_back(world);
+            return TM_ERR_UNSTABLE;
+        }
         if (s->step % FLUSH_EVERY) continue;
         flush(s->u_m, n);
         flush(s->u_prev_m, n);
         flush(s->u_next_m, n); /* of the dead, which nobody writes again */
     }
     for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].runs += count;
-    if (sound(s->u_m, n)) return TM_OK;
-    memcpy(s->u_m, world->keep_u_m, sizeof(double) * (size_t)n);
-    memcpy(s->u_prev_m, world->keep_u_prev_m, sizeof(double) * (size_t)n);
-    s->step = step;
-    s->time_s = time_s;
-    for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.give_back) world->slot[i].stage.give_back(world->slot[i].stage.self, world);
-    return TM_ERR_UNSTABLE;
+    return TM_OK;
 }
 
 /* --- the length of the step --- */
@@ -111,23 +139,25 @@ tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *erro
 
 /* --- stages --- */
 
-void tm_world_changed(tm_world *world) {
+/* The integrator is told first, by both callers. */
+static void tell_the_others(tm_world *world) {
     world->revision = world->tissue->surface.revision;
-    for (int32_t i = 0; i < world->stage_count; i++) {
-        const tm_stage *stage = &world->slot[i].stage;
-        if (stage->step_changed) stage->step_changed(stage->self, world);
-    }
-}
-
-void tm_world_cut(tm_world *world) {
-    const int32_t *vertex, count = tm_cut_touched(world->tissue, &vertex);
-    world->revision = world->tissue->surface.revision;
-    tm_stage_integrate_refresh(world, vertex, count);
     for (int32_t i = 0; i < world->stage_count; i++) {
         const tm_stage *stage = &world->slot[i].stage;
         if (stage->step_changed && stage->step_changed != tm_stage_integrate_changed)
             stage->step_changed(stage->self, world);
     }
+}
+
+void tm_world_changed(tm_world *world) {
+    tm_stage_integrate_changed(NULL, world);
+    tell_the_others(world);
+}
+
+void tm_world_cut(tm_world *world) {
+    const int32_t *vertex, count = tm_cut_touched(world->tissue, &vertex);
+    tm_stage_integrate_refresh(world, vertex, count);
+    tell_the_others(world);
 }
 
 static int32_t find_stage(const tm_world *world, const char *name) {
@@ -213,6 +243,7 @@ static bool take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
     world->state.force_N = TM_TAKE(pool, double, 3 * n);
     world->keep_u_m = TM_TAKE(pool, double, 3 * n);
     world->keep_u_prev_m = TM_TAKE(pool, double, 3 * n);
+    world->keep_force_N = TM_TAKE(pool, double, 3 * n);
     world->held_scratch = TM_TAKE(pool, uint8_t, 3 * n);
     world->mobility_s2_kg = TM_TAKE(pool, double, n);
     if (def->damped) world->carry = TM_TAKE(pool, double, n);

@@ -30,7 +30,7 @@ typedef enum tm_status {
     TM_ERR_SUPPORT = -5,     /* boundary conditions that leave a rigid motion, or contradict */
     TM_ERR_STEP = -6,        /* a time step above the guaranteed critical step */
     TM_ERR_CONVERGENCE = -7, /* the stated tolerance was not reached in the stated iterations */
-    TM_ERR_UNSTABLE = -8,    /* a displacement stopped being finite: the state before is kept */
+    TM_ERR_UNSTABLE = -8,    /* a displacement stopped being finite: all is as before the call */
     TM_ERR_LIMIT = -9,       /* a capacity stated at set-up is exhausted */
     TM_ERR_FILE = -10,       /* unreadable, foreign, damaged or truncated file */
     TM_ERR_EXCLUDED = -11    /* two effects that cannot be in one scene */

@@ -41,8 +41,9 @@ typedef struct tm_stage {
     tm_phase phase;
     void (*run)(void *self, tm_world *world);
     void (*destroy)(void *self);
-    void (*step_changed)(void *self,
-                         tm_world *world); /* dt changed or tissue was cut: refresh what was derived; may be null */
+    /* dt changed or tissue was cut: refresh what was derived from them; may be null. The integrator is told first, so
+     * that tm_world_mobility_s2_kg is new already, then all others in the order they run. */
+    void (*step_changed)(void *self, tm_world *world);
     void *self;
     /* Snapshots; both null: the stage keeps nothing between steps that the scene does not set. `snapshot` returns how
      * many bytes it keeps and writes them to `buffer` unless that is null. `restore` says whether `buffer` fits this
@@ -51,8 +52,9 @@ typedef struct tm_stage {
     bool (*restore)(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
     /* A step is all or nothing. `keep` is called when tm_world_step begins and puts aside, in memory of the stage's
      * own, what `run` may change; `give_back` is called when the step failed: it puts that back, to the last bit. Both
-     * null: `run` changes nothing that lasts. No allocation. When give_back is called, the tissue and the stages before
-     * this one have been given back. */
+     * null: `run` changes nothing that lasts. No allocation. When give_back is called, u, tissue and
+     * masses are as before, step_changed was called if anything had been cut, and the stages that run before this one
+     * have given back. */
     void (*keep)(void *self);
     void (*give_back)(void *self, tm_world *world);
     const char *needs[TM_MAX_NEEDS]; /* names of the stages it leans on: they cannot be removed under it; null: none */
@@ -102,8 +104,10 @@ TM_API const double *tm_world_mobility_s2_kg(const tm_world *world);
  * evaluates the force. */
 TM_API tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error);
 
-/* `count` substeps. No allocation, no lock, no log. Stops and returns TM_ERR_UNSTABLE, with the last finite state in
- * place, when a displacement stops being finite or exceeds 1e6 m (checked after each call, over all vertices). */
+/* `count` substeps, all or none. No allocation, no lock, no log. When a displacement stops being finite or exceeds 1e6
+ * m (looked at after every substep, over all vertices), or a contact force is not finite, it stops at once and returns
+ * TM_ERR_UNSTABLE, and everything is as it was before the call, to the last bit: u, u_prev, force, time, what was cut,
+ * and what stages keep (tm_stage.keep). */
 TM_API tm_status tm_world_step(tm_world *world, int32_t count);
 
 /* --- stages of the library; each file of src/stage_*.c is one --- */
