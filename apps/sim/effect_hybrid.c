@@ -124,6 +124,7 @@ static int end(sim *s) {
 static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     model *m = s->model_own;
     tm_status status = sim_world_frame(s, to, substeps);
+    if (status) return status;
     m->api.tm_hybrid_recover_(m->hybrid, s->world);
     for (int i = 0; s->contact && i < s->instrument_count; ++i)
         s->reaction[i] = m->api.tm_hybrid_reaction_(m->hybrid, i);

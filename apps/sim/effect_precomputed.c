@@ -81,7 +81,7 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
             *r = m->api.tm_precomputed_reaction_(m->precomputed, i);
         else {
             *r = (tm_tool_reaction){0};
-            m->api.tm_precomputed_force_(m->precomputed, i, r->force_N);
+            r->flags = m->api.tm_precomputed_force_(m->precomputed, i, r->force_N);
             memcpy(r->tip_m, to[i].tip_m, sizeof r->tip_m);
         }
         const tm_contact_row *rows;

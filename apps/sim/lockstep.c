@@ -301,6 +301,9 @@ static int64_t frame_total(const lockstep *l) {
     return llround(duration / l->s->frame_s);
 }
 
+/* Ticks of the controllers go on for so long after a frame that failed: the hand is still there. */
+enum { AFTERWARDS_US = 500000 };
+
 static int loop(lockstep *l) {
     int64_t total = frame_total(l), now_us = START_US;
     int64_t snapshot_frame = l->o->snapshot ? llround(l->o->snapshot_s / l->s->frame_s) : -1;
@@ -323,11 +326,8 @@ static int loop(lockstep *l) {
     }
     app_progress("lockstep", 1, true);
     if (!status) return 0;
-    fprintf(stderr,
-            "tm-sim: frame %" PRId64 ": a displacement stopped being finite or passed 1e6 m; lower time.step_fraction, "
-            "or look at the materials with --explain\n",
-            l->frame);
-    return APP_FAILED;
+    for (int64_t end_us = now_us + AFTERWARDS_US; l->haptics && now_us < end_us; now_us += l->tick_us) tick(l, now_us);
+    return run_unstable(l->frame);
 }
 
 static void report_controllers(lockstep *l, cJSON *json) {
@@ -427,12 +427,14 @@ int run_lockstep(sim *s, const run_options *o) {
         fprintf(stderr, "%s: the log could not be written; the disk may be full\n", log.path);
         rc = APP_FAILED;
     }
-    if (recording && rc)
+    bool evidence = rc == RUN_UNSTABLE;
+    if (evidence) rc = APP_FAILED;
+    if (recording && rc && !evidence)
         app_output_abandon(&log);
     else if (recording && !app_output_commit(&log, &error))
         rc = app_report(NULL, 0, &error);
     if (!rc) report(l, json, (double)(app_monotonic_us() - start) * 1e-6);
-    int rc2 = run_file_end(&l->csv, !rc), rc3 = run_file_end(&l->samples, !rc);
+    int rc2 = run_file_end(&l->csv, !rc || evidence), rc3 = run_file_end(&l->samples, !rc || evidence);
     if (rc) {
         run_file_end(&l->report, false);
         cJSON_Delete(json);

@@ -1,5 +1,6 @@
 #include "publish.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -57,6 +58,29 @@ bool sim_publisher_close(sim_publisher *p) {
     return good;
 }
 
+static int32_t sample_flags(uint32_t reaction_flags) {
+    static const struct {
+        uint32_t reaction;
+        int32_t sample;
+    } pair[] = {{TM_REACTION_CAPPED, SIM_FLAG_CAPPED},
+                {TM_REACTION_OVERFLOWED, SIM_FLAG_OVERFLOWED},
+                {TM_REACTION_UNCONVERGED, SIM_FLAG_UNCONVERGED},
+                {TM_REACTION_HELD_OVER, SIM_FLAG_HELD_OVER},
+                {TM_REACTION_UNSTABLE, SIM_FLAG_UNSTABLE},
+                {TM_REACTION_TOO_FAST, SIM_FLAG_TOO_FAST},
+                {TM_REACTION_INSIDE, SIM_FLAG_INSIDE}};
+    int32_t flags = 0;
+    for (size_t i = 0; i < sizeof pair / sizeof *pair; ++i)
+        if (reaction_flags & pair[i].reaction) flags |= pair[i].sample;
+    return flags;
+}
+
+static bool all_finite(const double *x, int n) {
+    bool good = true;
+    for (int i = 0; i < n; ++i) good = good && isfinite(x[i]);
+    return good;
+}
+
 void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session,
                       int64_t tool_utime, int32_t flags, tensormass_force_sample_t *out) {
     const tm_tool_reaction *r = &s->reaction[instrument];
@@ -66,31 +90,26 @@ void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t ut
                                        .instrument = (int8_t)instrument,
                                        .tool_session = tool_session,
                                        .tool_utime = tool_utime};
+    uint32_t how = r->flags;
+    if (!all_finite(r->force_N, 3) || !all_finite(r->tip_m, 3) ||
+        (r->stiffness_kind && !all_finite(r->stiffness_N_m, 9)))
+        how |= TM_REACTION_UNSTABLE;
+    out->topology_revision = sim_surface(s).revision;
+    out->flags = flags | sample_flags(how);
+    memcpy(out->tip_m, s->pose[instrument].tip_m, sizeof out->tip_m);
+    if (how & TM_REACTION_UNSTABLE) return;
     memcpy(out->tip_m, r->row_count || s->contact ? r->tip_m : s->pose[instrument].tip_m, sizeof out->tip_m);
     memcpy(out->force_N, r->force_N, sizeof out->force_N);
     if (s->wants[instrument] != SIM_SENDS_FORCE && r->stiffness_kind) {
         out->stiffness_kind = (int8_t)r->stiffness_kind;
         memcpy(out->stiffness_N_m, r->stiffness_N_m, sizeof out->stiffness_N_m);
     }
-    static const struct {
-        uint32_t reaction;
-        int32_t sample;
-    } flag[] = {{TM_REACTION_CAPPED, SIM_FLAG_CAPPED},
-                {TM_REACTION_OVERFLOWED, SIM_FLAG_OVERFLOWED},
-                {TM_REACTION_UNCONVERGED, SIM_FLAG_UNCONVERGED},
-                {TM_REACTION_HELD_OVER, SIM_FLAG_HELD_OVER},
-                {TM_REACTION_UNSTABLE, SIM_FLAG_UNSTABLE},
-                {TM_REACTION_TOO_FAST, SIM_FLAG_TOO_FAST},
-                {TM_REACTION_INSIDE, SIM_FLAG_INSIDE}};
-    out->flags = flags | (s->patch_valid[instrument] ? SIM_FLAG_PATCH : 0);
-    for (size_t k = 0; k < sizeof flag / sizeof *flag; ++k)
-        if (r->flags & flag[k].reaction) out->flags |= flag[k].sample;
-    out->topology_revision = sim_surface(s).revision;
+    if (s->patch_valid[instrument]) out->flags |= SIM_FLAG_PATCH;
 }
 
 bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_force_sample_t *sample,
                        tensormass_contact_patch_t *out) {
-    if (!s->patch_valid[sample->instrument]) return false;
+    if (!s->patch_valid[sample->instrument] || !(sample->flags & SIM_FLAG_PATCH)) return false;
     const tm_patch *t = &s->patch[sample->instrument];
     memset(out, 0, sizeof *out);
     out->utime = sample->utime;
@@ -157,10 +176,6 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
             m.up[i][a] = s->axes[i][3 * a + 1];
         }
         memcpy(m.force_N[i], s->reaction[i].force_N, sizeof m.force_N[i]);
-        for (int a = 0; a < 3; ++a) {
-            m.axis[i][a] = s->axes[i][3 * a + 2];
-            m.up[i][a] = s->axes[i][3 * a + 1];
-        }
         m.radius_m[i] = s->instrument_def[i].radius_m;
         m.roll_rad[i] = s->pose[i].roll_rad;
         m.grip[i] = s->pose[i].grip;

@@ -7,7 +7,7 @@
 #include "lcm_link.h"
 #include "sim.h"
 
-/* force_sample_t.flags */
+/* force_sample_t.flags: how the reaction came about (tm_reaction_flag), and what befell the frame. */
 enum {
     SIM_FLAG_CAPPED = 1,
     SIM_FLAG_OVERFLOWED = 2,
@@ -38,7 +38,8 @@ bool sim_publisher_close(sim_publisher *p);
 /* The tissue as it is now; the surface's arrays are rewritten by the next call. Scenes with `rendering` only. */
 const tensormass_tissue_t *sim_picture_now(sim *s, int64_t utime, int64_t session, int32_t seq);
 
-/* The force sample of an instrument after a frame. tool_session 0: no controller has spoken. */
+/* The force sample of an instrument after a frame. tool_session 0: no controller has spoken. What is not finite is sent
+ * as no force and no stiffness, flagged unstable. */
 void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t utime, int64_t tool_session,
                       int64_t tool_utime, int32_t flags, tensormass_force_sample_t *out);
 /* The patch of the last frame, with its sample's seq; before the sample. False: there is none. */

@@ -243,10 +243,7 @@ static int loop(realtime *r) {
             r->told_waiting = true;
         }
     }
-    if (!status) return 0;
-    app_say("tm-sim: frame %" PRId64 ": a displacement stopped being finite or passed 1e6 m; lower time.step_fraction",
-            r->frame);
-    return APP_FAILED;
+    return status ? run_unstable(r->frame) : 0;
 }
 
 static void report(realtime *r, cJSON *json) {
@@ -348,12 +345,14 @@ int run_realtime(sim *s, const run_options *o) {
         fprintf(stderr, "%s: the log could not be written; the disk may be full\n", log.path);
         rc = APP_FAILED;
     }
-    if (recording && rc)
+    bool evidence = rc == RUN_UNSTABLE;
+    if (evidence) rc = APP_FAILED;
+    if (recording && rc && !evidence)
         app_output_abandon(&log);
     else if (recording && !app_output_commit(&log, &error))
         rc = app_report(NULL, 0, &error);
     if (!rc) report(&r, json);
-    int rc2 = run_file_end(&r.samples, !rc);
+    int rc2 = run_file_end(&r.samples, !rc || evidence);
     if (rc) {
         run_file_end(&r.report, false);
         cJSON_Delete(json);

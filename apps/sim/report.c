@@ -8,6 +8,15 @@
 
 #include "run.h"
 
+int run_unstable(int64_t frame) {
+    fprintf(stderr,
+            "tm-sim: frame %" PRId64
+            ": a displacement stopped being finite or passed 1e6 m, and no force was sent for it; "
+            "lower time.step_fraction, or look at the materials with --explain\n",
+            frame);
+    return RUN_UNSTABLE;
+}
+
 int run_file_begin(run_file *file, const char *path) {
     tm_error error = {0};
     if (!path) return 0;

@@ -35,6 +35,11 @@ int run_settle(sim *s, const run_options *o);
 int run_explain(sim *s, const run_options *o);
 int run_hands(sim *s, const run_options *o);
 
+/* What a run ends with whose tissue went unstable: its output files are kept, they are the evidence. */
+enum { RUN_UNSTABLE = -1 };
+/* Says so; returns RUN_UNSTABLE. */
+int run_unstable(int64_t frame);
+
 /* Output files, opened before the run so that a folder that is not there is told at once, and renamed after it. */
 typedef struct run_file {
     app_output output;

@@ -199,9 +199,22 @@ void sim_destroy(sim *s) {
 
 /* --- one frame --- */
 
+/* The frame has not happened: nothing of it is felt or shown. */
+static void disown(sim *s) {
+    for (int i = 0; i < s->instrument_count; ++i) {
+        s->reaction[i] = (tm_tool_reaction){.time_s = sim_time_s(s), .flags = TM_REACTION_UNSTABLE};
+        memcpy(s->reaction[i].tip_m, s->pose[i].tip_m, sizeof s->reaction[i].tip_m);
+        s->patch_valid[i] = false;
+    }
+}
+
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     s->broken_off = false;
     tm_status status = s->model->frame(s, to, substeps);
+    if (status) {
+        disown(s);
+        return status;
+    }
     if (s->broken_off) return status; /* Ctrl-C: nobody sees half a frame */
     for (int i = 0; i < s->instrument_count; ++i) {
         for (int a = 0; a < 3; ++a) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->frame_s;

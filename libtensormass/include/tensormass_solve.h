@@ -110,8 +110,9 @@ TM_API int32_t tm_precomputed_update(tm_precomputed *model, const tm_tool_pose *
 /* Puts an instrument there at once: no swept path. Contact is solved by the next update. */
 TM_API void tm_precomputed_place(tm_precomputed *model, int32_t instrument, const tm_tool_pose *at);
 TM_API tm_tool_pose tm_precomputed_pose(const tm_precomputed *model, int32_t instrument);
-/* Equivalent tip force on the tool at the last update, N: enough where the stiffness is not asked for. */
-TM_API void tm_precomputed_force(const tm_precomputed *model, int32_t instrument, double force_N[3]);
+/* Equivalent tip force on the tool at the last update, N: enough where the stiffness is not asked for. Returns its
+ * tm_reaction_flag. */
+TM_API uint32_t tm_precomputed_force(const tm_precomputed *model, int32_t instrument, double force_N[3]);
 /* At the last update; stiffness_kind 2: the derivative of the converged force, turning normals included, computed here
  * (as dear as a few updates). time_s is 0. */
 TM_API tm_tool_reaction tm_precomputed_reaction(tm_precomputed *model, int32_t instrument);

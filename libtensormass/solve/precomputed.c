@@ -156,9 +156,10 @@ void tm_precomputed_place(tm_precomputed *m, int32_t instrument, const tm_tool_p
 
 tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) { return m->local.tool[instrument].pose; }
 
-void tm_precomputed_force(const tm_precomputed *m, int32_t instrument, double force_N[3]) {
+uint32_t tm_precomputed_force(const tm_precomputed *m, int32_t instrument, double force_N[3]) {
     double resultant[3];
     tms_local_force(&m->local, instrument, force_N, resultant);
+    return tms_local_flags(&m->local, instrument);
 }
 
 tm_tool_reaction tm_precomputed_reaction(tm_precomputed *m, int32_t instrument) {

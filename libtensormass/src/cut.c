@@ -48,7 +48,7 @@ tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh) {
 void tm_cut_count(tm_tissue *tissue) {
     const tm_mesh *mesh = tissue->mesh;
     tm_cut_work *w = tissue->cut;
-    w->undo_count = 0; /* each tetrahedron goes once: the list is long enough */
+    tissue->undo_count = 0; /* each tetrahedron goes once: the list is long enough */
     for (int32_t e = 0; e < mesh->edge_count; e++) {
         w->edge_alive[e] = 0;
         w->edge_whole[e] = mesh->edge_tet_begin[e + 1] - mesh->edge_tet_begin[e];
@@ -111,8 +111,8 @@ static void show_face(tm_tissue *tissue, int32_t face) {
 
 static void update_surface(tm_tissue *tissue, int32_t tet) {
     tm_cut_work *w = tissue->cut;
-    int32_t *slot = w->undo_slot + 4 * (int64_t)w->undo_count;
-    w->undo_tet[w->undo_count++] = tet;
+    int32_t *slot = w->undo_slot + 4 * (int64_t)tissue->undo_count;
+    w->undo_tet[tissue->undo_count++] = tet;
     for (int i = 0; i < 4; i++) {
         const int32_t face = 4 * tet + i, neighbour = tissue->mesh->tet_neighbour[face];
         slot[i] = tissue->face_slot[face];

@@ -31,10 +31,9 @@ typedef struct tm_cut_work {
     uint32_t fan_call;
     uint32_t *fan_stamp; /* [tet_count] */
     int32_t *fan_of;     /* [tet_count] place in star */
-    /* What was removed since tm_cut_keep, oldest first, and which slots of the surface its faces had (-1: the face was
-     * inside, and its neighbour's came out). */
-    int32_t undo_count, *undo_tet, *undo_slot; /* [tet_count], [4*tet_count] */
-    int32_t kept_revision;                     /* of the surface then */
+    /* What was removed since the step began, oldest first, and which slots of the surface its faces had (-1: the face
+     * was inside, and its neighbour's came out). */
+    int32_t *undo_tet, *undo_slot; /* [tet_count], [4*tet_count] */
 } tm_cut_work;
 
 tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh);
@@ -48,10 +47,8 @@ void tm_cut_mend(tm_tissue *tissue);
 void tm_cut_queue_push(tm_cut_queue *queue, int32_t item);
 int32_t tm_cut_queue_pop(tm_cut_queue *queue);
 
-/* cut_undo.c: from here on what is removed can be given back. */
-void tm_cut_keep(tm_tissue *tissue);
-/* Gives back what was removed since: tensors, masses, surface and its slots have the bits they had. False: nothing was.
- * tm_cut_touched names the vertices. */
+/* cut_undo.c. Gives back what was removed since tissue->undo_count was set to 0: tensors, masses, surface and its slots
+ * have the bits they had. False: nothing was. tm_cut_touched names the vertices. */
 bool tm_cut_give_back(tm_tissue *tissue);
 
 bool tm_stage_is_cut(const tm_stage *stage);

@@ -2,11 +2,6 @@
  * every triangle finds the slot it had; then what was touched is summed again, in the order of a fresh build. */
 #include "cut_internal.h"
 
-void tm_cut_keep(tm_tissue *tissue) {
-    tissue->cut->undo_count = 0;
-    tissue->cut->kept_revision = tissue->surface.revision;
-}
-
 static void put_face(tm_tissue *tissue, int32_t face, int32_t slot) {
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)(face / 4);
     for (int i = 0; i < 3; i++) tissue->surface_triangle[3 * slot + i] = v[tm_face_vertex[face % 4][i]];
@@ -35,13 +30,13 @@ static void see(tm_cut_list *list, uint32_t call, int32_t item) {
 }
 
 bool tm_cut_give_back(tm_tissue *tissue) {
+    if (tissue->undo_count == 0) return false;
     tm_cut_work *w = tissue->cut;
-    if (w->undo_count == 0) return false;
     w->call++;
     w->vertex.count = w->edge.count = w->tet.count = 0;
-    while (w->undo_count > 0) {
-        const int32_t tet = w->undo_tet[--w->undo_count];
-        take_back_surface(tissue, tet, w->undo_slot + 4 * (int64_t)w->undo_count);
+    while (tissue->undo_count > 0) {
+        const int32_t tet = w->undo_tet[--tissue->undo_count];
+        take_back_surface(tissue, tet, w->undo_slot + 4 * (int64_t)tissue->undo_count);
         tissue->alive[tet] = 1;
         tissue->alive_count++;
         for (int e = 0; e < 6; e++) {
@@ -55,8 +50,9 @@ bool tm_cut_give_back(tm_tissue *tissue) {
             see(&w->vertex, w->call, vertex);
         }
     }
+    for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_raise_edge(tissue, w->edge.item[i]);
     for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_assemble_edge(tissue, w->edge.item[i]);
     for (int32_t i = 0; i < w->vertex.count; i++) tm_tissue_assemble_vertex(tissue, w->vertex.item[i]);
-    tissue->surface.revision = w->kept_revision;
+    tissue->surface.revision = tissue->kept_revision;
     return true;
 }

@@ -60,6 +60,8 @@ struct tm_tissue {
     int32_t *surface_triangle, *surface_face; /* writable, or null when viewing the mesh's */
     int32_t *face_slot;                       /* cuttable: [4*tet_count] slot of a face in the surface, -1 */
     struct tm_cut_work *cut;                  /* cuttable: marks and queues of cut.c */
+    int32_t undo_count;                       /* tetrahedra removed since a step began, and can be given back */
+    int32_t kept_revision;                    /* of the surface then */
 };
 
 /* --- assembly, shared by create and cut; all sums ascending over living tetrahedra --- */
@@ -67,6 +69,8 @@ struct tm_tissue {
 void tm_tissue_place_edges(tm_tissue *tissue);
 /* Takes the slot of an edge that has died; those behind it in the room move up. */
 void tm_tissue_drop_edge(tm_tissue *tissue, int32_t edge);
+/* The reverse, unless it has one: those behind it make room. */
+void tm_tissue_raise_edge(tm_tissue *tissue, int32_t edge);
 void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge);
 void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex); /* after its edges */
 /* The surface of the living tetrahedra from nothing, slots ascending by face. */

@@ -97,6 +97,22 @@ void tm_tissue_drop_edge(tm_tissue *tissue, int32_t edge) {
     tissue->edge_slot[edge] = -1;
 }
 
+void tm_tissue_raise_edge(tm_tissue *tissue, int32_t edge) {
+    if (tissue->edge_slot[edge] >= 0) return;
+    tm_force_graph *g = &tissue->graph;
+    const int32_t k = tissue->mesh->edge[2 * (int64_t)edge];
+    int32_t slot = g->upper_begin[k];
+    for (int32_t e = g->upper_begin[k]; e < edge; e++) slot += tissue->edge_slot[e] >= 0;
+    const size_t block = 9 * (tissue->precision == TM_SINGLE ? sizeof(float) : sizeof(double)),
+                 behind = (size_t)(g->upper_end[k]++ - slot);
+    char *tensor = (char *)g->edge_tensor + block * (size_t)slot;
+    memmove(tensor + block, tensor, block * behind);
+    memmove(g->upper_vertex + slot + 1, g->upper_vertex + slot, sizeof(int32_t) * behind);
+    for (int32_t e = edge + 1; e < g->upper_begin[k + 1]; e++) tissue->edge_slot[e] += tissue->edge_slot[e] >= 0;
+    tissue->edge_slot[edge] = slot;
+    g->upper_vertex[slot] = tissue->mesh->edge[2 * (int64_t)edge + 1];
+}
+
 /* --- sums --- */
 
 static void add9(double *TM_RESTRICT sum, const double *TM_RESTRICT K) {

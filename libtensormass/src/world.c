@@ -69,14 +69,15 @@ static void keep(tm_world *world) {
     world->keep_step = world->state.step;
     world->keep_time_s = world->state.time_s;
     world->unsound = false;
-    if (world->tissue->cut) tm_cut_keep(world->tissue);
+    world->tissue->undo_count = 0;
+    world->tissue->kept_revision = world->tissue->surface.revision;
     for (int32_t i = 0; i < world->stage_count; i++)
         if (world->slot[i].stage.keep) world->slot[i].stage.keep(world->slot[i].stage.self);
 }
 
 static void give_back(tm_world *world) {
     const size_t bytes = sizeof(double) * 3 * (size_t)world->tissue->mesh->vertex_count;
-    const bool cut = world->tissue->cut && tm_cut_give_back(world->tissue);
+    const bool cut = tm_cut_give_back(world->tissue);
     memcpy(world->state.u_m, world->keep_u_m, bytes);
     memcpy(world->state.force_N, world->keep_force_N, bytes);
     world->state.step = world->keep_step;
