@@ -57,9 +57,7 @@ static inline void cut_same_bits(tm_tissue *cut, const tm_tissue_def *def) {
 
 /* Every edge of the surface in two triangles, once each way; around every vertex one fan. Returns 0, or says what is
  * wrong. */
-static inline const char *cut_not_manifold(const tm_tissue *tissue) {
-    const tm_surface_view s = tm_tissue_surface(tissue);
-    const int32_t n = tm_tissue_mesh(tissue)->vertex_count;
+static inline const char *cut_view_not_manifold(const tm_surface_view s, int32_t n) {
     int32_t *begin = calloc((size_t)n + 2, sizeof(int32_t)),
             *corner = malloc(sizeof(int32_t) * (size_t)(3 * s.count + 1));
     const char *wrong = NULL;
@@ -84,6 +82,10 @@ static inline const char *cut_not_manifold(const tm_tissue *tissue) {
     }
     free(begin), free(corner);
     return wrong;
+}
+
+static inline const char *cut_not_manifold(const tm_tissue *tissue) {
+    return cut_view_not_manifold(tm_tissue_surface(tissue), tm_tissue_mesh(tissue)->vertex_count);
 }
 
 static inline void cut_shuffle(int32_t *item, int32_t count, fix_random *random) {

@@ -164,7 +164,7 @@ TM_API tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, 
 TM_API void tm_hybrid_destroy(tm_hybrid *hybrid);
 TM_API int64_t tm_hybrid_bytes(const tm_hybrid *hybrid);
 
-/* Sets alive and the interface's extra mass in the definition of the world's tissue: pointers into `hybrid`, which must
+/* Sets alive, elsewhere and the interface's extra mass in the definition of the world's tissue: pointers into `hybrid`, which must
  * outlive it. */
 TM_API void tm_hybrid_tissue(const tm_hybrid *hybrid, tm_tissue_def *def);
 /* Guaranteed step of the whole: dynamic tetrahedra, and condensed ones at the interface. The world's step must not

@@ -19,6 +19,7 @@ static bool take(tm_hybrid *h, const tm_mesh *mesh) {
     const size_t n = (size_t)mesh->vertex_count,
                  faces = (4 * (size_t)mesh->tet_count + (size_t)mesh->surface_count) / 2;
     h->alive = malloc((size_t)mesh->tet_count);
+    h->elsewhere = malloc((size_t)mesh->tet_count);
     h->part = calloc(n, 1);
     h->fixed = malloc(3 * n);
     h->value_m = calloc(3 * n, 8);
@@ -30,8 +31,8 @@ static bool take(tm_hybrid *h, const tm_mesh *mesh) {
     h->surface_face = malloc(4 * faces);
     h->full_u = calloc(3 * n, 8);
     h->full_f = malloc(24 * n);
-    return h->alive && h->part && h->fixed && h->value_m && h->load_N && h->extra_mass_kg && h->extra_damping_kg_s &&
-           h->place && h->surface_triangle && h->surface_face && h->full_u && h->full_f;
+    return h->alive && h->elsewhere && h->part && h->fixed && h->value_m && h->load_N && h->extra_mass_kg &&
+           h->extra_damping_kg_s && h->place && h->surface_triangle && h->surface_face && h->full_u && h->full_f;
 }
 
 static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) {
@@ -44,6 +45,7 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
                             "tetrahedron %d of the whole tissue is cut away; make the hybrid model of an uncut one",
                             (int)t);
         h->alive[t] = def->dynamic[t] != 0;
+        h->elsewhere[t] = !h->alive[t];
         dynamic += h->alive[t];
         for (int i = 0; i < 4; i++) h->part[mesh->tet[4 * (int64_t)t + i]] |= h->alive[t] ? TMS_DYNAMIC : TMS_CONDENSED;
     }
@@ -138,11 +140,7 @@ static tm_status set_up(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report 
     if (status == TM_OK) status = split(h, def, error);
     if (status == TM_OK) status = tms_check_held(def->problem.tissue, def->problem.fixed, error);
     if (status != TM_OK) return status;
-    uint8_t *rest = malloc((size_t)h->mesh->tet_count);
-    for (int32_t t = 0; rest && t < h->mesh->tet_count; t++) rest[t] = !h->alive[t];
-    status = rest ? tms_sub_tissue(def->problem.tissue, rest, &h->condensed, error)
-                  : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model");
-    free(rest);
+    status = tms_sub_tissue(def->problem.tissue, h->elsewhere, &h->condensed, error);
     if (status != TM_OK) return status;
     set_problem(h, def);
     find_step(h, def->problem.tissue);
@@ -202,11 +200,12 @@ int64_t tm_hybrid_bytes(const tm_hybrid *h) {
     const int64_t n = h->mesh->vertex_count, b = h->interface_count;
     return h->responses.bytes + tms_solver_bytes(h->solver) + tms_system_bytes(&h->system) +
            tm_tissue_bytes(h->condensed) + h->local.bytes + tms_whole_bytes(h->whole) + 4 * b * (b + 1) +
-           24 * b * h->local.capacity + 200 * n;
+           24 * b * h->local.capacity + 200 * n + 2 * (int64_t)h->mesh->tet_count;
 }
 
 void tm_hybrid_tissue(const tm_hybrid *h, tm_tissue_def *def) {
     def->alive = h->alive;
+    def->elsewhere = h->elsewhere;
     def->extra_mass_kg = h->extra_mass_kg;
     def->extra_damping_kg_s = h->extra_damping_kg_s;
 }

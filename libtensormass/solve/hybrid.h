@@ -18,8 +18,8 @@ int64_t tms_whole_bytes(const tms_whole *whole);
 
 struct tm_hybrid {
     const tm_mesh *mesh;
-    uint8_t *alive; /* [tet_count] dynamic */
-    uint8_t *part;  /* [vertex_count] */
+    uint8_t *alive, *elsewhere; /* [tet_count] dynamic; condensed */
+    uint8_t *part;              /* [vertex_count] */
     tm_tissue *condensed;
     double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] of condensed tetrahedra at the interface */
     double step_s;

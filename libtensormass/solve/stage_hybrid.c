@@ -184,8 +184,10 @@ static void keep(void *self) {
 
 /* The mobilities may not have been given back yet: taken when they are needed. */
 static void give_back(void *self, tm_world *world) {
+    tm_hybrid *h = self;
     (void)world;
-    ((tm_hybrid *)self)->returns = true;
+    h->returns = true;
+    h->seen_revision = -1; /* the number of the surface that was given back may come again for another */
 }
 
 /* The forces found, let into the coming positions. */

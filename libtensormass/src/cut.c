@@ -53,13 +53,13 @@ void tm_cut_count(tm_tissue *tissue) {
         w->edge_alive[e] = 0;
         w->edge_whole[e] = mesh->edge_tet_begin[e + 1] - mesh->edge_tet_begin[e];
         for (int32_t i = mesh->edge_tet_begin[e]; i < mesh->edge_tet_begin[e + 1]; i++)
-            w->edge_alive[e] += tissue->alive[mesh->edge_tet[i]];
+            w->edge_alive[e] += tm_cut_is_there(tissue, mesh->edge_tet[i]);
     }
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         w->vertex_alive[v] = 0;
         w->vertex_whole[v] = mesh->vertex_tet_begin[v + 1] - mesh->vertex_tet_begin[v];
         for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++)
-            w->vertex_alive[v] += tissue->alive[mesh->vertex_tet[i]];
+            w->vertex_alive[v] += tm_cut_is_there(tissue, mesh->vertex_tet[i]);
     }
     for (int32_t f = 0; f < 4 * mesh->tet_count; f++) {
         if (mesh->tet_neighbour[f] >= 0) continue;
@@ -141,7 +141,7 @@ static void find_doubts(tm_tissue *tissue, int32_t tet) {
     bool joined[4], closed[6];
     for (int i = 0; i < 4; i++) {
         const int32_t other = tissue->mesh->tet_neighbour[4 * (int64_t)tet + i];
-        joined[i] = other >= 0 && tissue->alive[other];
+        joined[i] = other >= 0 && tm_cut_is_there(tissue, other);
     }
     for (int e = 0; e < 6; e++) {
         const int a = tm_edge_vertex[e][0], b = tm_edge_vertex[e][1], c = tm_edge_vertex[5 - e][0],
@@ -196,7 +196,7 @@ int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int3
     }
     tm_cut_mend(tissue);
     for (int32_t i = 0; i < w->edge.count; i++)
-        if (w->edge_alive[w->edge.item[i]] == 0) tm_tissue_drop_edge(tissue, w->edge.item[i]);
+        if (!tm_tissue_edge_lives(tissue, w->edge.item[i])) tm_tissue_drop_edge(tissue, w->edge.item[i]);
     for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_assemble_edge(tissue, w->edge.item[i]);
     if (PLANT_REMOVAL && w->edge.count && tissue->precision == TM_DOUBLE && tissue->edge_slot[w->edge.item[0]] >= 0)
         ((double *)tissue->graph.edge_tensor)[9 * (int64_t)tissue->edge_slot[w->edge.item[0]]] *= -1;

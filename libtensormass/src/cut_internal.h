@@ -23,7 +23,7 @@ typedef struct tm_cut_work {
     uint32_t call;
     tm_cut_list vertex, edge, tet;          /* touched (vertices, edges), removed (tetrahedra) in this call */
     tm_cut_queue vertex_check, edge_check;  /* whose fans are still to be looked at */
-    int32_t *edge_alive, *vertex_alive;     /* living tetrahedra around an edge, a vertex */
+    int32_t *edge_alive, *vertex_alive;     /* tetrahedra that are there around an edge, a vertex */
     int32_t *edge_whole, *vertex_whole;     /* how many close up all around it; -1: on the mesh's own surface, never */
     int32_t star_max;                       /* most tetrahedra around a vertex */
     int32_t *star, *fan, *stack;            /* [star_max] of the vertex or edge looked at */
@@ -35,6 +35,11 @@ typedef struct tm_cut_work {
      * was inside, and its neighbour's came out). */
     int32_t *undo_tet, *undo_slot; /* [tet_count], [4*tet_count] */
 } tm_cut_work;
+
+/* Alive, or in another model's part: what mending sees. */
+static inline bool tm_cut_is_there(const tm_tissue *tissue, int32_t tet) {
+    return tissue->alive[tet] || (tissue->elsewhere && tissue->elsewhere[tet]);
+}
 
 tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh);
 /* Counts the living tetrahedra around edges and vertices. */

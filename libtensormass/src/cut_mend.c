@@ -3,7 +3,11 @@
  * Around an edge the living tetrahedra must form one fan. Around a vertex they must be joined by faces, and their
  * outline (on a small sphere about the vertex) must be one closed line or none: a ring, two outlines, is two surfaces
  * that touch in a point, and is cut open along its shortest way across. Every mend removes something, so this ends.
- * Ties go to the fan that holds the lowest tetrahedron. */
+ * Ties go to the fan that holds the lowest tetrahedron.
+ *
+ * What is there but elsewhere (a hybrid's condensed part) is seen and stays: a fan of it is kept before any other, and
+ * a ring is cut open beside it. Where two such fans meet in a vertex or an edge, nothing of ours between them any more,
+ * the surface stays pinched. */
 #include "cut_internal.h"
 
 /* Labels star[0..n) by fan, over neighbours that `joined` allows; returns how many fans. Work: stack. */
@@ -24,7 +28,7 @@ static int32_t collect(tm_tissue *tissue, const int32_t *tet, int32_t count) {
     int32_t n = 0;
     w->fan_call++;
     for (int32_t i = 0; i < count; i++) {
-        if (!tissue->alive[tet[i]]) continue;
+        if (!tm_cut_is_there(tissue, tet[i])) continue;
         w->fan_stamp[tet[i]] = w->fan_call;
         w->fan_of[tet[i]] = n;
         w->fan[n] = -1;
@@ -56,19 +60,31 @@ static int32_t label_fans(const tm_tissue *tissue, int32_t n, joined hinge_joins
     return fans;
 }
 
+static bool is_bound(const tm_tissue *tissue, int32_t n, int32_t fan) {
+    const tm_cut_work *w = tissue->cut;
+    for (int32_t i = 0; i < n && tissue->elsewhere; i++)
+        if (w->fan[i] == fan && !tissue->alive[w->star[i]]) return true;
+    return false;
+}
+
 static void keep_largest_fan(tm_tissue *tissue, int32_t n, int32_t fans) {
     const tm_cut_work *w = tissue->cut;
     int32_t best = 0, most = 0;
+    bool bound = false; /* fans that cannot go, and then all of those stay */
     for (int32_t fan = 0; fan < fans; fan++) {
         int32_t size = 0;
         for (int32_t i = 0; i < n; i++) size += w->fan[i] == fan;
+        bound |= is_bound(tissue, n, fan);
         if (size > most) {
             most = size;
             best = fan;
         }
     }
-    for (int32_t i = 0; i < n; i++)
-        if (w->fan[i] != best) tm_cut_kill(tissue, w->star[i]);
+    for (int32_t fan = 0; fan < fans; fan++) {
+        if (bound ? is_bound(tissue, n, fan) : fan == best) continue;
+        for (int32_t i = 0; i < n; i++)
+            if (w->fan[i] == fan) tm_cut_kill(tissue, w->star[i]);
+    }
 }
 
 /* Fans of an edge are counted from their seams first: nearly always there is one. */
@@ -81,7 +97,7 @@ static void check_edge(tm_tissue *tissue, int32_t edge) {
     for (int32_t i = 0; i < n; i++)
         for (int f = 0; f < 4; f++) {
             const int32_t other = mesh->tet_neighbour[4 * (int64_t)tissue->cut->star[i] + f];
-            seams += other >= 0 && tissue->alive[other] && face_has_edge(mesh, tissue->cut->star[i], f, edge);
+            seams += other >= 0 && tm_cut_is_there(tissue, other) && face_has_edge(mesh, tissue->cut->star[i], f, edge);
         }
     if (n - seams / 2 <= 1) return;
     const int32_t fans = label_fans(tissue, n, face_has_edge, edge);
@@ -96,7 +112,8 @@ static int32_t collect_rim(tm_tissue *tissue, int32_t n, int32_t vertex) {
     for (int32_t i = 0; i < n; i++)
         for (int f = 0; f < 4; f++) {
             const int32_t other = tissue->mesh->tet_neighbour[4 * (int64_t)w->star[i] + f];
-            if (!face_has_vertex(tissue->mesh, w->star[i], f, vertex) || (other >= 0 && tissue->alive[other])) continue;
+            if (!face_has_vertex(tissue->mesh, w->star[i], f, vertex) || (other >= 0 && tm_cut_is_there(tissue, other)))
+                continue;
             w->rim_tet[rim] = i;
             w->rim_face[rim] = f;
             w->rim_loop[rim] = rim;
@@ -144,7 +161,7 @@ static void open_ring(tm_tissue *tissue, int32_t n, int32_t vertex) {
     label_loops(tissue, rim, vertex);
     int32_t begin = 0, end = 0, last = -1;
     int32_t *from = w->fan; /* place the search came from, -2: not yet seen */
-    for (int32_t i = 0; i < n; i++) from[i] = on_loop(w, rim, i, true) ? -1 : -2;
+    for (int32_t i = 0; i < n; i++) from[i] = tissue->alive[w->star[i]] && on_loop(w, rim, i, true) ? -1 : -2;
     for (int32_t i = 0; i < n; i++)
         if (from[i] == -1) w->stack[end++] = i;
     while (begin < end && last < 0) {
@@ -158,8 +175,7 @@ static void open_ring(tm_tissue *tissue, int32_t n, int32_t vertex) {
             w->stack[end++] = w->fan_of[other];
         }
     }
-    if (last < 0)
-        for (int32_t i = 0; i < n; i++) tm_cut_kill(tissue, w->star[i]);
+    for (int32_t i = 0; i < n && last < 0 && !tissue->elsewhere; i++) tm_cut_kill(tissue, w->star[i]);
     for (; last >= 0; last = from[last]) tm_cut_kill(tissue, w->star[last]);
 }
 
@@ -181,16 +197,18 @@ static void check_vertex(tm_tissue *tissue, int32_t vertex) {
     for (int32_t i = 0; i < n; i++)
         for (int f = 0; f < 4; f++) {
             const int32_t other = mesh->tet_neighbour[4 * (int64_t)tissue->cut->star[i] + f];
-            seams += other >= 0 && tissue->alive[other] && face_has_vertex(mesh, tissue->cut->star[i], f, vertex);
+            seams +=
+                other >= 0 && tm_cut_is_there(tissue, other) && face_has_vertex(mesh, tissue->cut->star[i], f, vertex);
         }
     seams /= 2;
     if (2 * seams == 3 * n) return; /* all around */
-    const int32_t fans = label_fans(tissue, n, face_has_vertex, vertex);
+    const int32_t fans = label_fans(tissue, n, face_has_vertex, vertex), before = tissue->alive_count;
     if (fans == 1 && is_disc(tissue, n, seams, vertex)) return;
     if (fans > 1)
         keep_largest_fan(tissue, n, fans);
     else
         open_ring(tissue, n, vertex);
+    if (tissue->alive_count == before) return;             /* pinched elsewhere */
     tm_cut_queue_push(&tissue->cut->vertex_check, vertex); /* what is left may be a ring, or have one more hole */
 }
 

@@ -45,6 +45,7 @@ struct tm_tissue {
     bool cuttable;
     uint8_t *alive; /* [tet_count] */
     int32_t alive_count;
+    uint8_t *elsewhere; /* [tet_count] or null: there, but not ours */
     double *mass_kg, *damping_kg_s;             /* [vertex_count] */
     double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] or null */
     tm_force_graph graph;
@@ -67,6 +68,7 @@ struct tm_tissue {
 /* --- assembly, shared by create and cut; all sums ascending over living tetrahedra --- */
 /* Gives every living edge its slot. */
 void tm_tissue_place_edges(tm_tissue *tissue);
+bool tm_tissue_edge_lives(const tm_tissue *tissue, int32_t edge);
 /* Takes the slot of an edge that has died; those behind it in the room move up. */
 void tm_tissue_drop_edge(tm_tissue *tissue, int32_t edge);
 /* The reverse, unless it has one: those behind it make room. */

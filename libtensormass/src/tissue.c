@@ -65,7 +65,7 @@ static int32_t slot_of(const tm_tissue *tissue, int32_t edge) {
     return tissue->edge_slot ? tissue->edge_slot[edge] : edge;
 }
 
-static bool edge_lives(const tm_tissue *tissue, int32_t edge) {
+bool tm_tissue_edge_lives(const tm_tissue *tissue, int32_t edge) {
     const tm_mesh *mesh = tissue->mesh;
     for (int32_t i = mesh->edge_tet_begin[edge]; i < mesh->edge_tet_begin[edge + 1]; i++)
         if (tissue->alive[mesh->edge_tet[i]]) return true;
@@ -77,7 +77,7 @@ void tm_tissue_place_edges(tm_tissue *tissue) {
     for (int32_t k = 0; k < g->vertex_count; k++) {
         int32_t slot = g->upper_begin[k];
         for (int32_t e = g->upper_begin[k]; e < g->upper_begin[k + 1]; e++) {
-            const bool lives = !tissue->edge_slot || edge_lives(tissue, e);
+            const bool lives = !tissue->edge_slot || tm_tissue_edge_lives(tissue, e);
             if (tissue->edge_slot) tissue->edge_slot[e] = lives ? slot : -1;
             if (lives) g->upper_vertex[slot++] = tissue->mesh->edge[2 * (int64_t)e + 1];
         }
@@ -266,6 +266,7 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     tissue->alive = TM_TAKE(pool, uint8_t, mesh->tet_count);
     tissue->mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
     tissue->damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
+    if (def->elsewhere) tissue->elsewhere = TM_TAKE(pool, uint8_t, mesh->tet_count);
     if (def->extra_mass_kg) tissue->extra_mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
     if (def->extra_damping_kg_s) tissue->extra_damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
     take_graph(&tissue->graph, pool, mesh, def->precision);
@@ -302,6 +303,7 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         tissue->alive[t] = !def->alive || def->alive[t];
         tissue->alive_count += tissue->alive[t];
+        if (def->elsewhere) tissue->elsewhere[t] = def->elsewhere[t] && !tissue->alive[t];
         if (!tissue->fibre) continue;
         const double *a = def->fibre + 3 * (int64_t)t;
         const double length = sqrt(tm_dot3(a, a));

@@ -1,5 +1,6 @@
 /* The hybrid model: at rest the same as the full one, before a cut and after; stable at its guaranteed step; contact on
  * either part and across. */
+#include "../cut_check.h"
 #include "../physics/contact_scene.h"
 #include "kit.h"
 
@@ -482,10 +483,69 @@ static void hostile_snapshot(void **state) {
     free_set(&s);
 }
 
+/* Cuts of any size leave the surface of both parts together a manifold, the condensed part untouched; and take no more
+ * and no less than in the whole organ wherever that one's mending touches the tensor/mass part alone. */
+static void mended_surface(void **state) {
+    (void)state;
+    fix_random random = {41};
+    int32_t cuts = 0, alike = 0, extra = 0;
+    for (int run = 0; run < (kit_long() ? 40 : 8); run++) {
+        tm_mesh *mesh = fix_block((int[]){8, 6, 5}, (double[]){0.08, 0.06, 0.05}, 0.2, &random);
+        const tm_material material = kit_material(10e3, 0.4);
+        hybrid_set s = make(mesh, &material, kit_clamp(mesh, 1e-9), 0.04, NULL, NULL, 0.9);
+        tm_tissue_def def = tissue_def(mesh, &material);
+        def.cuttable = true;
+        tm_tissue *whole;
+        tm_error error;
+        fix_ok(tm_tissue_create(&def, &whole, &error), &error);
+        int32_t *order = malloc(sizeof *order * (size_t)mesh->tet_count), asked = 0;
+        bool same = true;
+        for (int32_t t = 0; t < mesh->tet_count; t++) order[t] = t;
+        if (run % 2) /* chewed away from a point, or shot through */
+            cut_order_from(mesh, order, &random);
+        else
+            cut_shuffle(order, mesh->tet_count, &random);
+        const int32_t batch = 1 << run % 5, target = 3 * mesh->tet_count / 10;
+        for (int32_t i = 0; i < mesh->tet_count && asked < target; cuts++) {
+            int32_t list[16], count = 0;
+            for (; i < mesh->tet_count && count < batch; i++)
+                if (s.dynamic[order[i]] && tm_tissue_alive(s.tissue)[order[i]]) list[count++] = order[i];
+            asked += count;
+            const int32_t gone = tm_cut_remove(s.tissue, list, count, NULL, 0),
+                          gone_whole = tm_cut_remove(whole, list, count, NULL, 0);
+            assert_true(gone >= count);
+            const char *wrong = cut_view_not_manifold(tm_hybrid_surface(s.hybrid), mesh->vertex_count);
+            if (wrong) print_message("  run %d, %d asked for: %s\n", run, asked, wrong);
+            assert_null(wrong);
+            for (int32_t t = 0; t < mesh->tet_count && same; t++)
+                same = tm_tissue_alive(whole)[t] == (s.dynamic[t] ? tm_tissue_alive(s.tissue)[t] : 1);
+            if (!same) continue;
+            alike++;
+            extra += gone - count;
+            assert_int_equal(gone, gone_whole);
+        }
+        if (run < 2) {
+            tm_hybrid_tissue(s.hybrid, &def);
+            cut_same_bits(s.tissue, &def);
+        }
+        tm_tissue_destroy(whole);
+        free(order);
+        free_set(&s);
+    }
+    print_message("  %d cuts, manifold after each; %d of them the same as in the whole organ (%d mended away)\n", cuts,
+                  alike, extra);
+    assert_true(alike > cuts / 10 && extra > 0);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(force_at_rest),    cmocka_unit_test(step_limit),
-                                       cmocka_unit_test(not_settled),      cmocka_unit_test(same_bits_after_restore),
-                                       cmocka_unit_test(hostile_snapshot), cmocka_unit_test(same_rest),
-                                       cmocka_unit_test(stable),           cmocka_unit_test(contact)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(mended_surface),
+                                       cmocka_unit_test(force_at_rest),
+                                       cmocka_unit_test(step_limit),
+                                       cmocka_unit_test(not_settled),
+                                       cmocka_unit_test(same_bits_after_restore),
+                                       cmocka_unit_test(hostile_snapshot),
+                                       cmocka_unit_test(same_rest),
+                                       cmocka_unit_test(stable),
+                                       cmocka_unit_test(contact)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

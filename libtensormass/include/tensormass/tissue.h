@@ -30,6 +30,9 @@ typedef struct tm_tissue_def {
                                                          (the condensed part of a hybrid); copied; null: none */
     const uint8_t
         *alive; /* [tet_count] 0: build without this tetrahedron; null: all alive. "The fresh build" of tests */
+    const uint8_t *elsewhere; /* [tet_count] 1: not alive here, and there all the same (the condensed part of a hybrid):
+                                 cutting keeps the surface of both together a manifold, and never removes it; copied;
+                                 null: none */
 } tm_tissue_def;
 
 typedef struct tm_tissue tm_tissue;
