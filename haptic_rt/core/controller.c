@@ -16,6 +16,7 @@ static void enter(hrt_controller *c, int64_t now_us, hrt_state state) {
     if (state == HRT_BOOT) {
         c->device_seen = false; /* encoder_us stays: only a newer frame is a sign of life */
         c->sample_seen = false;
+        c->sample_rule = HRT_RULE_TAKE;
         hrt_extrapolation_reset(&c->extrapolation, c->extrapolation.which);
     }
     if (state == HRT_ENGAGED && c->state == HRT_IDLE) {
@@ -48,7 +49,7 @@ static int64_t sample_age(const hrt_controller *c, int64_t now_us) {
 }
 
 static bool sample_fresh(const hrt_controller *c, int64_t now_us) {
-    return c->sample_seen && !hrt_older(now_us - c->sample_us, c->params.stale_us);
+    return c->sample_seen && c->sample_rule < HRT_RULE_FADE && !hrt_older(now_us - c->sample_us, c->params.stale_us);
 }
 
 /* Order and origin of a sample that was found finite and bounded before. True: take it over. */
@@ -79,15 +80,29 @@ static bool sample_wanted(hrt_controller *c, int64_t now_us, const hrt_sample *s
     return true;
 }
 
-static void read_simulation(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_sample *newest) {
-    if ((int)in->extrapolator >= 0 && in->extrapolator < HRT_EXTRAPOLATOR_COUNT)
-        hrt_extrapolation_select(&c->extrapolation, in->extrapolator);
-    if (!newest || c->state == HRT_FAULT || !sample_wanted(c, now_us, newest)) return;
+/* By the rule of its flags (flags.c). */
+static void take_over(hrt_controller *c, const hrt_sample *newest) {
+    if (!c->sample_seen || c->sim_session != newest->session) c->sample_us = 0; /* nothing fresh of this one yet */
     c->sample_seen = true;
     c->sim_session = newest->session;
     c->sample_seq = newest->seq;
+    const hrt_flag_rule rule = hrt_flags_rule(newest->flags);
+    if (rule != HRT_RULE_NOT_FRESH || c->sample_rule < HRT_RULE_FADE)
+        c->sample_rule = rule; /* no news ends no fading */
+    if (rule >= HRT_RULE_NOT_FRESH) return;
     c->sample_us = newest->t_us;
     hrt_extrapolation_sample(&c->extrapolation, &c->params, newest);
+}
+
+static void read_simulation(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_sample *newest) {
+    static const uint32_t limit[] = {[HRT_RULE_FORCE_ONLY] = HRT_LIMIT_DOUBT,
+                                     [HRT_RULE_NOT_FRESH] = HRT_LIMIT_HELD,
+                                     [HRT_RULE_FADE] = HRT_LIMIT_UNSTABLE,
+                                     [HRT_RULE_REFUSE] = HRT_LIMIT_UNSTABLE};
+    if ((int)in->extrapolator >= 0 && in->extrapolator < HRT_EXTRAPOLATOR_COUNT)
+        hrt_extrapolation_select(&c->extrapolation, in->extrapolator);
+    if (newest && c->state != HRT_FAULT && sample_wanted(c, now_us, newest)) take_over(c, newest);
+    if (c->sample_seen) c->limits |= limit[c->sample_rule];
 }
 
 /* Two controllers on one device push in turn: neither may. What was heard before this state began is over: a bus that

@@ -163,9 +163,13 @@ static void take_patch(hrt_extrapolation *x, const hrt_sample *sample) {
 void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, const hrt_sample *sample) {
     x->before = x->have ? x->now : *sample;
     x->now = *sample;
+    if (hrt_flags_rule(sample->flags) >= HRT_RULE_FORCE_ONLY) {
+        x->now.stiffness_kind = 0;
+        x->now.patch = NULL;
+    }
     x->have = x->have ? 2 : 1;
     if (x->have == 2) update_broyden(x, params);
-    take_patch(x, sample);
+    take_patch(x, &x->now);
 }
 
 static void cap_length(float v[3], float most, uint32_t *limits) {

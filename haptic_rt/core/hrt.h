@@ -64,8 +64,11 @@ typedef enum hrt_limit {
     HRT_LIMIT_COUPLING = 128, /* the virtual coupling carries the force */
     HRT_LIMIT_RAMP = 256,     /* engaging */
     HRT_LIMIT_PATCH = 512,    /* `contact` has no usable patch and runs as `tangent` */
-    HRT_LIMIT_PAUSE =
-        1024 /* a late tick, a late encoder frame or the device's watchdog: forces dropped, will ramp in again */
+    HRT_LIMIT_PAUSE = 1024, /* a late tick, a late encoder frame or the device's watchdog: forces dropped, will ramp in
+                               again */
+    HRT_LIMIT_UNSTABLE = 2048, /* the newest sample says that the simulation's step failed: the force fades */
+    HRT_LIMIT_HELD = 4096,     /* the newest sample repeats an older reaction: it does not count as fresh */
+    HRT_LIMIT_DOUBT = 8192     /* of the newest sample the force alone is used */
 } hrt_limit;
 
 typedef enum hrt_extrapolator {
@@ -182,6 +185,29 @@ typedef struct hrt_patch {
     hrt_patch_topology topology;
 } hrt_patch;
 
+/* What the simulation says of a sample; the bits of force_sample_t.flags. */
+typedef enum hrt_flag {
+    HRT_FLAG_CAPPED = 1,
+    HRT_FLAG_OVERFLOWED = 2,
+    HRT_FLAG_OVERRAN = 4,
+    HRT_FLAG_PATCH = 8,
+    HRT_FLAG_UNCONVERGED = 16,
+    HRT_FLAG_HELD_OVER = 32,
+    HRT_FLAG_UNSTABLE = 64,
+    HRT_FLAG_TOO_FAST = 128,
+    HRT_FLAG_INSIDE = 256
+} hrt_flag;
+
+/* What the controller does about it, in rising order: of several flags the highest rule holds. */
+typedef enum hrt_flag_rule {
+    HRT_RULE_TAKE = 0,   /* used whole */
+    HRT_RULE_FORCE_ONLY, /* the force is used, stiffness and patch are not */
+    HRT_RULE_NOT_FRESH,  /* nothing of it is used, and the sample before goes on growing old */
+    HRT_RULE_FADE,       /* the same, and the force fades at once, as when the simulation falls silent */
+    HRT_RULE_REFUSE      /* a flag that this controller does not know: no sample */
+} hrt_flag_rule;
+hrt_flag_rule hrt_flags_rule(uint32_t flags);
+
 /* (t_n, P_n, F_n) and what comes with it. `patch` must stay unchanged for as long as extrapolation.patch points to it.
  */
 typedef struct hrt_sample {
@@ -190,6 +216,7 @@ typedef struct hrt_sample {
     int64_t t_us;         /* echoed, this controller's clock */
     uint32_t seq;         /* modulo 2^32 */
     int32_t topology_revision;
+    uint32_t flags;         /* hrt_flag */
     int32_t stiffness_kind; /* 0 none, 1 estimated, 2 exact */
     bool unilateral;        /* a probe: tissue pushes, never pulls */
     bool stiffness_bounded; /* set by hrt_sample_check when it scaled the stiffness down */
@@ -291,7 +318,7 @@ typedef struct hrt_extrapolation {
 void hrt_extrapolation_reset(hrt_extrapolation *x, hrt_extrapolator which);
 /* Change the law while running: bridged over blend_us. */
 void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which);
-/* A newer sample (order already checked; see hrt_tick). */
+/* A newer sample (order already checked; see hrt_tick). Stiffness and patch are left out where its flags say so. */
 void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, const hrt_sample *sample);
 /* Force on the tool at `tip_m`, N. Zero when there is no sample. */
 void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3],
@@ -363,7 +390,8 @@ typedef struct hrt_controller {
     bool sample_seen;
     int64_t sim_session;
     uint32_t sample_seq;
-    int64_t sample_us;
+    int64_t sample_us;         /* t_n of the newest that counts as fresh */
+    hrt_flag_rule sample_rule; /* of the newest */
     hrt_extrapolation extrapolation;
     /* output stage */
     float gain;

@@ -2,6 +2,8 @@
  * semidefinite. */
 #include "internal.h"
 
+static const float FORCE_HUGE_N = 1000.0f;
+
 static const char *const reject_text[HRT_REJECT_COUNT] = {
     "accepted",
     "a value is not finite",
@@ -26,10 +28,11 @@ static float largest(const float *x, int32_t n) {
 hrt_reject hrt_sample_check(hrt_sample *sample, const hrt_params *params) {
     if (!hrt_finite_n(sample->tip_m, 3) || !hrt_finite_n(sample->force_N, 3) || !hrt_finite_n(sample->stiffness_N_m, 9))
         return HRT_REJECT_NOT_FINITE;
-    if (largest(sample->tip_m, 3) > 2.0f || largest(sample->force_N, 3) > 1000.0f ||
+    if (largest(sample->tip_m, 3) > 2.0f || largest(sample->force_N, 3) > FORCE_HUGE_N ||
         largest(sample->stiffness_N_m, 9) > 1.0e9f || sample->t_us < 0)
         return HRT_REJECT_HUGE;
-    if (sample->stiffness_kind < 0 || sample->stiffness_kind > 2) return HRT_REJECT_INDEX;
+    if (sample->stiffness_kind < 0 || sample->stiffness_kind > 2 || hrt_flags_rule(sample->flags) == HRT_RULE_REFUSE)
+        return HRT_REJECT_INDEX;
     const float norm = hrt_norm9(sample->stiffness_N_m);
     sample->stiffness_bounded = norm > params->stiffness_max_N_m;
     if (sample->stiffness_bounded)
@@ -88,7 +91,7 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
     if (largest(patch->vertex_m, n) > 2.0f || largest(patch->rest_m, n) > 2.0f || most > 10.0f ||
         patch->radius_m < 1.0e-4f || patch->radius_m > 0.1f || patch->contact_length_m < 0.0f ||
         patch->contact_length_m > 1.0f || patch->skin_compliance_m_N < 0.0f || patch->skin_compliance_m_N > 10.0f ||
-        patch->film_s_m < 0.0f || patch->film_s_m > 10.0f)
+        patch->film_s_m < 0.0f || patch->film_s_m > 10.0f || patch->force_cap_N > FORCE_HUGE_N)
         return HRT_REJECT_HUGE;
     for (int32_t i = 0; i < n * (n + 1) / 2; i++) scratch[i] = patch->compliance_m_N[i];
     if (!semidefinite(scratch, n, most)) return HRT_REJECT_ASYMMETRIC;

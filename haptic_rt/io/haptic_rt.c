@@ -46,7 +46,7 @@ typedef struct program {
     /* told to the other thread */
     _Atomic int state, fault, detail;
     _Atomic bool pose_known, device_here, samples_over;
-    _Atomic int64_t went_stale, samples_come, samples_taken, frames, command_gaps, resets;
+    _Atomic int64_t went_stale, went_unstable, samples_come, samples_taken, frames, command_gaps, resets;
 } program;
 
 static void usage(void) {
@@ -268,7 +268,9 @@ static void tell(program *p, int64_t now_us) {
     const int64_t turned_away = (int64_t)atomic_load(&p->node.rejected) + atomic_load(&p->node.late);
     const int64_t encoder_us = p->node.input.encoder_us;
     /* `stale` may be over before the other thread looks. */
-    if (p->node.output.state == HRT_STALE && atomic_load(&p->state) != HRT_STALE) atomic_fetch_add(&p->went_stale, 1);
+    const bool unstable = (p->node.output.limits & HRT_LIMIT_UNSTABLE) != 0;
+    if (p->node.output.state == HRT_STALE && atomic_load(&p->state) != HRT_STALE)
+        atomic_fetch_add(unstable ? &p->went_unstable : &p->went_stale, 1);
     atomic_store(&p->state, (int)p->node.output.state);
     atomic_store(&p->fault, (int)p->node.output.fault);
     atomic_store(&p->detail, p->node.output.fault_detail);
@@ -311,6 +313,7 @@ static hrt_facts facts_now(const program *p) {
                        .fault = (hrt_fault)atomic_load(&p->fault),
                        .detail = atomic_load(&p->detail),
                        .stale = atomic_load(&p->went_stale),
+                       .unstable = atomic_load(&p->went_unstable),
                        .samples = atomic_load(&p->samples_come),
                        .taken = atomic_load(&p->samples_taken),
                        .frames = atomic_load(&p->frames),
@@ -333,7 +336,7 @@ static void watch(program *p) {
     hrt_teller teller = {.bus = p->bus,
                          .instrument = p->config.instrument,
                          .from_file = p->samples_path != NULL,
-                         .told = {.state = -1, .silent_s = -1.0e9, .gaps_s = -1.0e9}};
+                         .told = {.state = -1, .silent_s = -1.0e9, .gaps_s = -1.0e9, .unstable_s = -1.0e9}};
     double fault_since_s = 0.0;
     enum { LOOKS_PER_SECOND = 20 };
     int looks = 0;

@@ -110,7 +110,15 @@ static void say_gaps(hrt_teller *t, const hrt_facts *f) {
     t->told.gaps_s = f->time_s;
 }
 
+static void say_unstable(hrt_teller *t, const hrt_facts *f) {
+    if (f->unstable == t->told.unstable || f->time_s < t->told.unstable_s + again_s) return;
+    hrt_say_line(f->time_s, "the simulation says that its step failed; force fades to zero");
+    t->told.unstable = f->unstable;
+    t->told.unstable_s = f->time_s;
+}
+
 void hrt_say(hrt_teller *teller, const hrt_facts *facts) {
+    say_unstable(teller, facts);
     say_silence(teller, facts);
     say_state(teller, facts);
     say_waiting(teller, facts);

@@ -15,6 +15,7 @@ typedef struct hrt_facts {
     hrt_fault fault;
     int detail;
     int64_t stale;          /* how often the simulation went silent in use */
+    int64_t unstable;       /* how often it said that its step had failed */
     int64_t samples, taken; /* come; of these taken */
     int64_t frames;         /* heard on the bus */
     int64_t command_gaps;
@@ -30,8 +31,8 @@ typedef struct hrt_teller {
     struct {
         int state, wait;
         bool silent;
-        int64_t stale, unsaid, samples, taken, frames, gaps;
-        double silent_s, wait_s, gaps_s;
+        int64_t stale, unsaid, unstable, samples, taken, frames, gaps;
+        double silent_s, wait_s, gaps_s, unstable_s;
     } told;
 } hrt_teller;
 

@@ -1,0 +1,173 @@
+/* Whose samples are taken, and in what order, is judged before the mailbox: what waits there is only pushed out by what
+ * comes after it from the same simulation. Nobody else's word reaches the tick while force is rendered. */
+// clang-format off
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <cmocka.h>
+// clang-format on
+
+#include "loop.h"
+
+static loop l;
+
+static double force(void) { return fabs((double)l.node.output.force_N[2]); }
+
+static void press(void) {
+    const hrt_device_config d = loop_device_config();
+    const hrt_node_config n = loop_node_config();
+    loop_start(&l, &d, &n);
+    loop_run(&l, 2.0);
+    assert_int_equal(l.tool.state, HRT_ENGAGED);
+    assert_true(force() > 2.0);
+}
+
+/* A good sample of the present simulation, pushing sideways instead. */
+static hrt_force_sample forged(void) {
+    hrt_force_sample s = loop_sample(&l, &l.tool);
+    s.seq = l.seq + 1;
+    s.force_N[0] = 8.0;
+    return s;
+}
+
+/* Each of these used to take an unread sample's place. */
+static void an_unread_sample_stays(void **state) {
+    (void)state;
+    for (int kind = 0; kind < 6; kind++) {
+        press();
+        l.seq++;
+        const hrt_force_sample good = loop_sample(&l, &l.tool);
+        assert_int_equal(hrt_node_post_sample(&l.node, &good), HRT_ACCEPT);
+        hrt_force_sample bad = forged();
+        if (kind == 0) bad.session++;
+        if (kind == 1) bad.seq = l.seq;
+        if (kind == 2) bad.seq = l.seq - 5;
+        if (kind == 3) bad.tool_utime += 1000000;
+        if (kind == 4) bad.tool_utime -= 80000;
+        if (kind == 5) bad.tool_session++;
+        assert_int_not_equal(hrt_node_post_sample(&l.node, &bad), HRT_ACCEPT);
+        l.next_frame_us = l.now_us + l.frame_us;
+        loop_tick(&l);
+        assert_int_equal(l.node.controller.sample_seq, good.seq);
+        assert_true(l.node.controller.extrapolation.now.force_N[0] == 0.0f);
+    }
+}
+
+static hrt_patch_message patch_of(int64_t session, uint32_t seq) {
+    static const double origin[3] = {0, 0, 0};
+    static const float vertex[9] = {-0.05f, -0.05f, 0.12f, 0.05f, -0.05f, 0.12f, 0.0f, 0.05f, 0.12f};
+    static const int8_t triangle[3] = {0, 2, 1};
+    static float compliance[45];
+    for (int i = 0, at = 0; i < 9; at += 9 - i, i++) compliance[at] = 0.003f;
+    return (hrt_patch_message){.session = session,
+                               .seq = seq,
+                               .vertex_count = 3,
+                               .triangle_count = 1,
+                               .vertex_m = vertex,
+                               .origin_m = origin,
+                               .triangle = triangle,
+                               .compliance_m_N = compliance,
+                               .radius_m = 0.0025f,
+                               .contact_length_m = 0.02f};
+}
+
+static void a_foreign_patch_takes_no_place(void **state) {
+    (void)state;
+    press();
+    l.seq++;
+    const hrt_patch_message own = patch_of(l.session, l.seq), foreign = patch_of(l.session + 1, l.seq);
+    hrt_force_sample sample = loop_sample(&l, &l.tool);
+    assert_int_equal(hrt_node_post_patch(&l.node, &own), HRT_ACCEPT);
+    assert_int_equal(hrt_node_post_patch(&l.node, &foreign), HRT_REJECT_FOREIGN);
+    assert_int_equal(hrt_node_post_sample(&l.node, &sample), HRT_ACCEPT);
+    l.next_frame_us = l.now_us + l.frame_us;
+    loop_tick(&l);
+    assert_non_null(l.node.controller.extrapolation.patch);
+}
+
+/* While it is felt, however long it is silent; then after a second of silence. */
+static void another_simulation_waits(void **state) {
+    (void)state;
+    press();
+    hrt_force_sample s = forged();
+    s.session++;
+    for (int k = 0; k < 1000; k++) { /* a flood of it beside the real one */
+        s.seq++;
+        s.tool_utime = l.tool.utime;
+        assert_int_equal(hrt_node_post_sample(&l.node, &s), HRT_REJECT_FOREIGN);
+        loop_tick(&l);
+        assert_true(fabs((double)l.node.output.force_N[0]) < 0.05 && force() > 1.5);
+    }
+    l.sim_alive = false;
+    const int64_t last_us = l.node.gate.heard_us;
+    while (l.now_us - last_us < 990000) {
+        s.seq++;
+        s.tool_utime = l.tool.utime;
+        hrt_node_post_sample(&l.node, &s);
+        loop_tick(&l);
+        assert_true(fabs((double)l.node.output.force_N[0]) < 0.05);
+    }
+    assert_true(force() == 0.0);
+    loop_run(&l, 0.02);
+    s.seq++;
+    s.tool_utime = l.tool.utime;
+    assert_int_equal(hrt_node_post_sample(&l.node, &s), HRT_ACCEPT);
+}
+
+/* t_n is this controller's own clock: a recorded sample is older than the newest, whatever the silence. */
+static void recorded_samples_never_fit(void **state) {
+    (void)state;
+    press();
+    hrt_force_sample recorded[8];
+    for (int k = 0; k < 8; k++) {
+        loop_run(&l, 0.04);
+        recorded[k] = loop_sample(&l, &l.tool);
+        recorded[k].tool_utime -= 40000;
+    }
+    for (int silent = 0; silent < 2; silent++) {
+        if (silent) {
+            l.sim_alive = false;
+            loop_run(&l, 1.5);
+        }
+        for (int k = 0; k < 8; k++) {
+            if (silent) recorded[k].seq = l.seq + 100u + (uint32_t)k; /* and even with a later seq */
+            assert_int_equal(hrt_node_post_sample(&l.node, &recorded[k]), HRT_REJECT_OLD);
+            loop_tick(&l);
+        }
+    }
+    assert_true(force() == 0.0);
+}
+
+static void no_reset_while_it_is_felt(void **state) {
+    (void)state;
+    const hrt_command reset = {.extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
+    press();
+    for (int k = 0; k < 100; k++) {
+        hrt_node_post_command(&l.node, &reset);
+        loop_tick(&l);
+        assert_false(l.node.input.reset);
+        assert_int_equal(l.tool.state, HRT_ENGAGED);
+        assert_true(hrt_node_in_use(&l.node));
+    }
+}
+
+/* What a row of a patch may bear has a bound, as everything else has. */
+static void a_patch_has_a_bounded_cap(void **state) {
+    (void)state;
+    press();
+    const float cap[] = {50.0f, 1000.0f, 1001.0f, 3.0e38f};
+    for (size_t k = 0; k < sizeof cap / sizeof *cap; k++) {
+        hrt_patch_message m = patch_of(l.session, l.seq + 1);
+        m.force_cap_N = cap[k];
+        assert_int_equal(hrt_node_post_patch(&l.node, &m), cap[k] > 1000.0f ? HRT_REJECT_HUGE : HRT_ACCEPT);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(an_unread_sample_stays),    cmocka_unit_test(a_foreign_patch_takes_no_place),
+        cmocka_unit_test(another_simulation_waits),  cmocka_unit_test(recorded_samples_never_fit),
+        cmocka_unit_test(no_reset_while_it_is_felt), cmocka_unit_test(a_patch_has_a_bounded_cap)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
