@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "mesh_parts.h"
 
@@ -62,6 +63,9 @@ tm_status app_fibres_load(const char *path, int32_t tet_count, double *fibre, in
     int here = 0;
     if (!line) line = &here;
     *line = 0;
+    struct stat info;
+    if (stat(path, &info) == 0 && S_ISDIR(info.st_mode))
+        return app_mesh_fail(error, TM_ERR_FILE, -1, "is a folder; name the CSV file in it");
     FILE *file = fopen(path, "r");
     if (!file) return app_mesh_fail(error, TM_ERR_FILE, -1, "cannot open: %s; check the path", strerror(errno));
     tm_status status = read_rows(file, tet_count, fibre, line, error);

@@ -161,9 +161,10 @@ typedef struct app_load {
     app_vector force, traction;
 } app_load;
 
-/* Either joint values or a tip position; the rest of the joints with either. */
+/* Either joint values or a tip position, whose insertion may be told by the surface instead; the rest of the joints
+ * with either. */
 typedef struct app_pose {
-    app_number pitch, yaw, insertion, roll, grip;
+    app_number pitch, yaw, insertion, above, roll, grip;
     app_vector tip;
 } app_pose;
 

@@ -116,6 +116,8 @@ static int check_loads(const app_scene *scene) {
 }
 
 static int check_pose(const app_scene *scene, const app_pose *pose, const double trocar[3]) {
+    if (pose->above.line && pose->insertion.line)
+        return app_scene_bad(scene, pose->above.line, "a pose has either insertion or above; leave one out");
     int joint = pose->pitch.line ? pose->pitch.line : pose->yaw.line ? pose->yaw.line : pose->insertion.line;
     if (!pose->tip.line) return 0;
     if (joint) return app_scene_bad(scene, joint, "a pose has either tip or pitch, yaw and insertion; leave one out");
@@ -127,18 +129,28 @@ static int check_pose(const app_scene *scene, const app_pose *pose, const double
     return 0;
 }
 
+enum { FARTHEST_M = 1000 }; /* beyond it no coordinate is a millimetre's */
+
 static int check_instruments(const app_scene *scene) {
     if (scene->instrument.count > 2)
-        return app_scene_bad(scene, scene->instrument.line, "%d instruments; a scene has one or two",
-                             scene->instrument.count);
+        return app_scene_bad(scene, scene->instrument.line,
+                             "%d instruments; a scene has one or two, leave the others out", scene->instrument.count);
     for (int i = 0; i < scene->instrument.count; ++i) {
         const app_instrument *t = (const app_instrument *)scene->instrument.item + i;
         const double *a = t->axis.v, *u = t->up.v;
         double c[3] = {a[1] * u[2] - a[2] * u[1], a[2] * u[0] - a[0] * u[2], a[0] * u[1] - a[1] * u[0]};
+        for (int k = 0; k < 3; ++k)
+            if (!(fabs(t->trocar.v[k]) <= FARTHEST_M))
+                return app_scene_bad(scene, t->trocar.line, "the trocar is %.3g m away; keep it within %g m",
+                                     t->trocar.v[k], (double)FARTHEST_M);
+        if (!(a[0] * a[0] + a[1] * a[1] + a[2] * a[2] > 0))
+            return app_scene_bad(scene, t->axis.line, "axis is zero; give the direction in which the shaft points");
+        if (!(u[0] * u[0] + u[1] * u[1] + u[2] * u[2] > 0))
+            return app_scene_bad(scene, t->up.line, "up is zero; give a direction across the axis");
         double aa = a[0] * a[0] + a[1] * a[1] + a[2] * a[2], uu = u[0] * u[0] + u[1] * u[1] + u[2] * u[2];
         if (!(c[0] * c[0] + c[1] * c[1] + c[2] * c[2] > 1e-6 * aa * uu))
             return app_scene_bad(scene, t->axis.line ? t->axis.line : t->up.line,
-                                 "axis and up are parallel or zero; give 'up' another direction");
+                                 "axis and up are parallel; give 'up' another direction");
         int rc = check_pose(scene, &t->start, t->trocar.v);
         if (rc) return rc;
     }

@@ -26,6 +26,11 @@ const char *app_scene_node_kind(const yaml_node_t *node);
 /* Nothing was written: "key:", "~" or "null". */
 bool app_scene_null(const yaml_node_t *node);
 
+/* Refuses nesting, anchors, directives and counts that no scene has, in linear time. 0 or an exit code. */
+int app_scene_check_limits(const app_scene *scene, const char *text, size_t size);
+/* What to do about a line (from 0) that is not YAML. */
+const char *app_scene_yaml_remedy(const char *text, size_t size, size_t line, const char *problem);
+
 /* Lays one "a.b[0].c=value" over the document, or takes "a.b" out of it. A step that is not there is made; a list's
  * item must be there. 0 or an exit code, having complained. */
 int app_scene_apply_set(reader *r, int set);

@@ -8,32 +8,41 @@
 #define MATERIAL(member) offsetof(app_material, member), 0
 #define MAT(key, member, unit, fallback, min, max, doc)                                                                \
     { "tissue.materials.*." key, APP_NUMBER, unit, fallback, min, max, MATERIAL(member), doc }
-#define POSE(prefix, base)                                                                                             \
-    {prefix "pitch",                                                                                                   \
-     APP_NUMBER,                                                                                                       \
-     "angle",                                                                                                          \
-     "0 rad",                                                                                                          \
-     -1.6,                                                                                                             \
-     1.6,                                                                                                              \
-     (base) + offsetof(app_pose, pitch),                                                                               \
-     0,                                                                                                                \
-     "about the trocar, turning `axis` towards `up`"},                                                                 \
-        {prefix "yaw",                                                                                                 \
-         APP_NUMBER,                                                                                                   \
-         "angle",                                                                                                      \
-         "0 rad",                                                                                                      \
-         -1.6,                                                                                                         \
-         1.6,                                                                                                          \
-         (base) + offsetof(app_pose, yaw),                                                                             \
-         0,                                                                                                            \
-         "about the trocar's `up`"},                                                                                   \
-        {prefix "insertion", APP_NUMBER, "length", "0.05 m", 0.0, 0.5, (base) + offsetof(app_pose, insertion), 0,      \
-         "trocar to tip"},                                                                                             \
-        {prefix "roll",    APP_NUMBER, "angle", "0 rad", -100, 100, (base) + offsetof(app_pose, roll), 0,              \
-         "about the shaft"},                                                                                           \
-        {prefix "grip", APP_NUMBER, "none", "0", 0, 1, (base) + offsetof(app_pose, grip), 0, "0 open, 1 closed"}, {    \
-        prefix "tip", APP_VECTOR, "length", NULL, 0, 0, (base) + offsetof(app_pose, tip), 0,                           \
-            "where the tip is, instead of pitch, yaw and insertion"                                                    \
+#define POSE(prefix, base)                                                                                                                                                                                    \
+    {prefix "pitch",                                                                                                                                                                                          \
+     APP_NUMBER,                                                                                                                                                                                              \
+     "angle",                                                                                                                                                                                                 \
+     "0 rad",                                                                                                                                                                                                 \
+     -1.6,                                                                                                                                                                                                    \
+     1.6,                                                                                                                                                                                                     \
+     (base) + offsetof(app_pose, pitch),                                                                                                                                                                      \
+     0,                                                                                                                                                                                                       \
+     "about the trocar, turning `axis` towards `up`"},                                                                                                                                                        \
+        {prefix "yaw",                                                                                                                                                                                        \
+         APP_NUMBER,                                                                                                                                                                                          \
+         "angle",                                                                                                                                                                                             \
+         "0 rad",                                                                                                                                                                                             \
+         -1.6,                                                                                                                                                                                                \
+         1.6,                                                                                                                                                                                                 \
+         (base) + offsetof(app_pose, yaw),                                                                                                                                                                    \
+         0,                                                                                                                                                                                                   \
+         "about the trocar's `up`"},                                                                                                                                                                          \
+        {prefix "insertion", APP_NUMBER, "length", "0.05 m", 0.0, 0.5, (base) + offsetof(app_pose, insertion), 0,                                                                                             \
+         "trocar to tip"},                                                                                                                                                                                    \
+        {prefix "above",                                                                                                                                                                                      \
+         APP_NUMBER,                                                                                                                                                                                          \
+         "length",                                                                                                                                                                                            \
+         NULL,                                                                                                                                                                                                \
+         -0.5,                                                                                                                                                                                                \
+         0.5,                                                                                                                                                                                                 \
+         (base) + offsetof(app_pose, above),                                                                                                                                                                  \
+         0,                                                                                                                                                                                                   \
+         "instead of `insertion`: how far the tip is drawn back along its shaft from where it would first touch the tissue at rest; negative: pressed in. With `tip`, which then gives the direction alone"}, \
+        {prefix "roll",    APP_NUMBER, "angle", "0 rad", -100, 100, (base) + offsetof(app_pose, roll), 0,                                                                                                     \
+         "about the shaft"},                                                                                                                                                                                  \
+        {prefix "grip", APP_NUMBER, "none", "0", 0, 1, (base) + offsetof(app_pose, grip), 0, "0 open, 1 closed"}, {                                                                                           \
+        prefix "tip", APP_VECTOR, "length", NULL, 0, 0, (base) + offsetof(app_pose, tip), 0,                                                                                                                  \
+            "where the tip is, instead of pitch, yaw and insertion"                                                                                                                                           \
     }
 
 static const app_field fields[] = {

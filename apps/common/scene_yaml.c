@@ -5,11 +5,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 #include "app.h"
 #include "scene_reader.h"
 
-enum { SHOWN_MAX_CHARS = 400, MAX_ITEMS = 200000, SCENE_MAX_BYTES = 4 << 20 };
+enum { SHOWN_MAX_CHARS = 400, MAX_ITEMS = 200000, MAX_NAMES = 1000, SCENE_MAX_BYTES = 4 << 20 };
 typedef struct block {
     struct block *next;
     max_align_t data[];
@@ -138,6 +139,10 @@ static int unknown_key(const reader *r, const app_schema *only, int line, const 
                 used += (size_t)snprintf(known + used, sizeof known - used, "%s%s", used ? ", " : "", key);
         }
     }
+    if (name[0] >= '0' && name[0] <= '9')
+        return app_scene_bad(r->scene, line,
+                             "unknown key '%.60s'%s: a comma separates entries; write a decimal point, such as 5.0 kPa",
+                             name, in);
     if (nearest) return app_scene_bad(r->scene, line, "unknown key '%.60s'%s; did you mean '%s'?", name, in, nearest);
     return app_scene_bad(r->scene, line, "unknown key '%.60s'%s; use one of: %s", name, in, known);
 }
@@ -301,6 +306,11 @@ bool app_scene_null(const yaml_node_t *node) {
 static int read_list(reader *r, const app_schema *schema, yaml_node_t *node, const app_field *field, const char *shown,
                      app_list *out) {
     char prefix[PATH_MAX_CHARS], name[SHOWN_MAX_CHARS];
+    if (app_scene_null(node))
+        return app_scene_bad(r->scene, line_of(node),
+                             "%s has nothing under it; write at least one line that begins with '- ', or leave the key "
+                             "out",
+                             shown);
     if (node->type != YAML_SEQUENCE_NODE) return bad_shape(r, node, shown, "a list: lines that begin with '- '");
     int count = (int)(node->data.sequence.items.top - node->data.sequence.items.start);
     r->items += count;
@@ -325,9 +335,9 @@ static int read_table(reader *r, const app_schema *schema, yaml_node_t *node, co
     char prefix[PATH_MAX_CHARS], name[SHOWN_MAX_CHARS];
     if (node->type != YAML_MAPPING_NODE) return bad_shape(r, node, shown, "names, each with keys and values");
     int count = (int)(node->data.mapping.pairs.top - node->data.mapping.pairs.start);
-    r->items += count;
-    if (r->items > MAX_ITEMS)
-        return app_scene_bad(r->scene, line_of(node), "more than %d list items; write fewer", MAX_ITEMS);
+    if (count > MAX_NAMES)
+        return app_scene_bad(r->scene, line_of(node), "%s has %d entries, more than %d; write fewer", shown, count,
+                             MAX_NAMES);
     *out = (app_list){app_scene_alloc(r->scene, field->size * (size_t)(count ? count : 1)), count, line_of(node)};
     snprintf(prefix, sizeof prefix, "%s.*", field->path);
     for (int i = 0; i < count; ++i) {
@@ -449,17 +459,23 @@ static int read_mapping(reader *r, const app_schema *only, yaml_node_t *node, in
 
 /* --- the file --- */
 
-static int load_document(reader *r, FILE *file) {
+static int not_yaml(const app_scene *scene, const yaml_parser_t *parser, const char *text, size_t size) {
+    return app_bad_input(scene->file, (int)parser->problem_mark.line + 1, "not YAML: %s%s%s; %s",
+                         parser->problem ? parser->problem : "unreadable", parser->context ? " " : "",
+                         parser->context ? parser->context : "",
+                         app_scene_yaml_remedy(text, size, parser->problem_mark.line, parser->problem));
+}
+
+static int load_document(reader *r, const char *text, size_t size) {
     app_scene *scene = r->scene;
     yaml_parser_t parser;
     yaml_document_t second;
+    int rc = app_scene_check_limits(scene, text, size);
+    if (rc) return rc;
     yaml_parser_initialize(&parser);
-    yaml_parser_set_input_file(&parser, file);
-    int rc = 0;
+    yaml_parser_set_input_string(&parser, (const unsigned char *)text, size);
     if (!yaml_parser_load(&parser, &r->document)) {
-        rc = app_bad_input(scene->file, (int)parser.problem_mark.line + 1, "not YAML: %s%s%s; correct the line",
-                           parser.problem ? parser.problem : "unreadable", parser.context ? " " : "",
-                           parser.context ? parser.context : "");
+        rc = not_yaml(scene, &parser, text, size);
         yaml_parser_delete(&parser);
         return rc;
     }
@@ -475,32 +491,41 @@ static int load_document(reader *r, FILE *file) {
                                "a second document begins here; keep one scene a file");
         yaml_document_delete(&second);
     } else
-        rc = app_bad_input(scene->file, (int)parser.problem_mark.line + 1, "not YAML: %s; correct the line",
-                           parser.problem ? parser.problem : "unreadable");
+        rc = not_yaml(scene, &parser, text, size);
     yaml_parser_delete(&parser);
     if (rc) yaml_document_delete(&r->document);
     return rc;
 }
 
-static int open_scene(const char *path, FILE **file) {
-    *file = fopen(path, "rb");
-    if (!*file) return app_bad_input(path, 0, "cannot be read: %m; give the path of a scene file");
-    if (fseek(*file, 0, SEEK_END) || ftell(*file) < 0 || ftell(*file) > SCENE_MAX_BYTES) {
-        bool folder = ftell(*file) < 0 || ftell(*file) == INT64_MAX;
-        fclose(*file);
-        return app_bad_input(path, 0,
-                             folder ? "is not a regular file; give the path of a scene file"
-                                    : "is larger than a scene may be (4 MB); give a scene, not a mesh");
-    }
-    rewind(*file);
-    return 0;
+/* The whole file, to be freed. */
+static int read_scene(const char *path, char **text, size_t *size) {
+    struct stat info;
+    FILE *file = fopen(path, "rb");
+    *text = NULL;
+    if (!file) return app_bad_input(path, 0, "cannot be read: %m; give the path of a scene file");
+    int rc = 0;
+    if (fstat(fileno(file), &info) || !S_ISREG(info.st_mode))
+        rc = app_bad_input(path, 0, "is not a regular file; give the path of a scene file");
+    else if (info.st_size > SCENE_MAX_BYTES)
+        rc = app_bad_input(path, 0, "is larger than a scene may be (4 MB); give a scene, not a mesh");
+    else if (!(*text = malloc((size_t)info.st_size + 1)))
+        rc = app_bad_input(path, 0, "out of memory; close other programs");
+    else
+        *size = fread(*text, 1, (size_t)info.st_size, file);
+    if (!rc && ferror(file)) rc = app_bad_input(path, 0, "cannot be read: %m; check the disk");
+    fclose(file);
+    return rc;
 }
 
 int app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count,
                    app_scene **out) {
-    FILE *stream;
-    int rc = open_scene(file, &stream);
-    if (rc) return rc;
+    char *text;
+    size_t size = 0;
+    int rc = read_scene(file, &text, &size);
+    if (rc) {
+        free(text);
+        return rc;
+    }
     app_scene *scene = calloc(1, sizeof *scene);
     if (!scene) abort();
     scene->file = keep(scene, file);
@@ -517,8 +542,8 @@ int app_scene_load(const char *file, char *const *set, int set_count, const app_
         r.schema[i + 1] = &effect[i];
         base[i + 1] = scene->effect[i] = app_scene_alloc(scene, effect[i].size);
     }
-    rc = load_document(&r, stream);
-    fclose(stream);
+    rc = load_document(&r, text, size);
+    free(text);
     if (!rc) {
         for (int i = 0; i < set_count && !rc; ++i) rc = app_scene_apply_set(&r, i);
         if (!rc) rc = read_mapping(&r, NULL, node_at(&r, 1), 1, "", "", base);

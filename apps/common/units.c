@@ -90,6 +90,11 @@ static bool find_unit(const char *text, const char *dimension, double *factor, c
     }
     char known[160];
     list_units(dimension, known, sizeof known);
+    for (int i = 0; i < UNIT_COUNT; ++i)
+        if (!strcmp(units[i].dimension, dimension) && !strcasecmp(text, units[i].name)) {
+            snprintf(why, (size_t)why_size, "unknown unit '%s'; did you mean '%s'?", text, units[i].name);
+            return false;
+        }
     if (!strcmp(dimension, "none"))
         snprintf(why, (size_t)why_size, "'%s' is a unit where a plain number is expected; leave it out", text);
     else if (other)
@@ -118,6 +123,11 @@ bool app_parse_quantity(const char *text, const char *dimension, double *si, cha
     }
     if (!isfinite(value)) {
         snprintf(why, (size_t)why_size, "'%.60s' is not finite; write a number that a double can hold", text);
+        return false;
+    }
+    if (*end == ',' && isdigit((unsigned char)end[1])) {
+        snprintf(why, (size_t)why_size, "'%.60s' has a comma in its number; write a point: %.*s.%.40s", text,
+                 (int)(end - text), text, end + 1);
         return false;
     }
     while (isspace((unsigned char)*end)) ++end;

@@ -79,8 +79,9 @@ static int prepare(sim *s, const void *own) {
     if (o->file.line) {
         tm_error error = {0};
         int line = 0;
-        if (app_fibres_load(o->file.s, n, s->fibre, &line, &error)) return app_report(o->file.s, line, &error);
-        return 0;
+        if (!app_fibres_load(o->file.s, n, s->fibre, &line, &error)) return 0;
+        if (line) return sim_report_file(s->scene, o->file.line, o->file.s, line, &error);
+        return app_scene_bad(s->scene, o->file.line, "anisotropy.file: %s: %s", o->file.s, error.message);
     }
     for (int32_t t = 0; t < n; ++t) {
         double x[3] = {0, 0, 0};

@@ -1,5 +1,5 @@
 /* Instruments of a scene: axes, joints and poses. */
-#include "sim.h"
+#include "surface.h"
 
 #include <math.h>
 #include <string.h>
@@ -52,13 +52,37 @@ bool sim_joints(const sim *s, int instrument, const double tip_m[3], double join
     return true;
 }
 
-void sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
+/* The insertion at which the tip, a sphere, is `above` the place where it first touches. */
+static int insert_above(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
+    const tm_instrument_def *def = &s->instrument_def[instrument];
+    double one[SIM_JOINTS], along[3];
+    memcpy(one, joint, sizeof one);
+    one[2] = 1;
+    tm_tool_pose out = sim_pose(s, instrument, one, false);
+    for (int a = 0; a < 3; ++a) along[a] = out.tip_m[a] - def->trocar_m[a];
+    double way = sim_way_to_touch(s->mesh, def->trocar_m, along, def->radius_m), insertion = way - pose->above.si;
+    if (way < 0)
+        return app_scene_bad(s->scene, pose->above.line,
+                             "above: the shaft of instrument %d does not meet the tissue in this direction; turn it "
+                             "(pitch, yaw or tip), or give an insertion",
+                             instrument);
+    if (!(insertion > 1e-3 && insertion <= 0.5))
+        return app_scene_bad(s->scene, pose->above.line,
+                             "above: the shaft of instrument %d meets the tissue %.4g m from its trocar, so that this "
+                             "would be an insertion of %.4g m; keep it between 1 mm and 0.5 m",
+                             instrument, way, insertion);
+    joint[2] = insertion;
+    return 0;
+}
+
+int sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]) {
     joint[0] = pose->pitch.si;
     joint[1] = pose->yaw.si;
     joint[2] = pose->insertion.si;
     joint[3] = pose->roll.si;
     joint[4] = pose->grip.si;
     if (pose->tip.line) sim_joints(s, instrument, pose->tip.v, joint);
+    return pose->above.line ? insert_above(s, instrument, pose, joint) : 0;
 }
 
 tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s) {
@@ -69,13 +93,14 @@ tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s) {
 }
 
 /* The scene's hand of an instrument as the virtual device takes it. */
-static void make_hand(sim *s, int instrument, const app_hand *hand) {
+static int make_hand(sim *s, int instrument, const app_hand *hand) {
     const app_waypoint *w = hand->path.item;
     hrt_keyframe *key = app_scene_alloc(s->scene, sizeof *key * (size_t)hand->path.count);
     for (int k = 0; k < hand->path.count; ++k) {
         key[k].time_s = w[k].time.si;
         key[k].active = w[k].active.on;
-        sim_scene_joints(s, instrument, &w[k].pose, key[k].joint);
+        int rc = sim_scene_joints(s, instrument, &w[k].pose, key[k].joint);
+        if (rc) return rc;
     }
     s->hand[instrument] = (hrt_hand_script){.key = key,
                                             .key_count = hand->path.count,
@@ -83,11 +108,13 @@ static void make_hand(sim *s, int instrument, const app_hand *hand) {
                                             .repeat = hand->repeat.on,
                                             .tremor_m = hand->tremor.line ? hand->tremor_amplitude.si : 0,
                                             .tremor_hz = hand->tremor_frequency.si};
+    return 0;
 }
 
-void sim_make_instruments(sim *s) {
+int sim_make_instruments(sim *s) {
+    int rc = 0;
     s->instrument_count = s->scene->instrument.count;
-    for (int i = 0; i < s->instrument_count; ++i) {
+    for (int i = 0; i < s->instrument_count && !rc; ++i) {
         const app_instrument *t = (const app_instrument *)s->scene->instrument.item + i;
         tm_instrument_def *def = &s->instrument_def[i];
         def->mode = (tm_tool_mode)t->mode.index;
@@ -97,13 +124,15 @@ void sim_make_instruments(sim *s) {
         make_axes(t, s->axes[i]);
         for (int h = 0; h < s->scene->hand.count; ++h) {
             const app_hand *hand = (const app_hand *)s->scene->hand.item + h;
-            if (hand->instrument.value == i) make_hand(s, i, hand);
+            if (hand->instrument.value == i && !rc) rc = make_hand(s, i, hand);
         }
         /* An instrument starts where its hand does, unless it is told otherwise. */
-        sim_scene_joints(s, i, &t->start, s->start_joint[i]);
+        if (!rc) rc = sim_scene_joints(s, i, &t->start, s->start_joint[i]);
+        if (rc) break;
         if (s->hand[i].key && !t->start_here.line)
             memcpy(s->start_joint[i], s->hand[i].key[0].joint, sizeof s->start_joint[i]);
         /* Probe and grasper are in the body from the start; a cautery burns only when told. */
         s->pose[i] = def->pose = sim_pose(s, i, s->start_joint[i], def->mode != TM_TOOL_CAUTERY);
     }
+    return rc;
 }

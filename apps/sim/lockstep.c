@@ -14,6 +14,7 @@
 #include "publish.h"
 #include "run.h"
 #include "snapshot.h"
+#include "surface.h"
 #include "tools.h"
 
 enum { QUEUE = 512, START_US = 1000000, SESSION = 1 };
@@ -288,6 +289,7 @@ static tm_status frame(lockstep *l, int64_t now_us) {
         else
             free(patch);
     }
+    sim_reach_note(s);
     /* The clock of this run is virtual, so is the cost that it reports: a log must not depend on the machine. */
     sim_publish_frame(&l->publisher, s, now_us, 0, 0);
     return status;
@@ -433,6 +435,7 @@ int run_lockstep(sim *s, const run_options *o) {
         app_output_abandon(&log);
     else if (recording && !app_output_commit(&log, &error))
         rc = app_report(NULL, 0, &error);
+    if (!rc) sim_reach_report(s, (double)l->frame * s->frame_s);
     if (!rc) report(l, json, (double)(app_monotonic_us() - start) * 1e-6);
     int rc2 = run_file_end(&l->csv, !rc || evidence), rc3 = run_file_end(&l->samples, !rc || evidence);
     if (rc) {

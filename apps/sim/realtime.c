@@ -14,6 +14,7 @@
 #include "publish.h"
 #include "run.h"
 #include "snapshot.h"
+#include "surface.h"
 #include "tools.h"
 
 typedef struct controller_seen {
@@ -194,6 +195,7 @@ static tm_status one_frame(realtime *r) {
         r->publisher.dropped_us += llround((s->substeps - substeps) * s->dt_s * 1e6);
     }
     publish(r, substeps, spent_s, overran);
+    if (r->frame % 10 == 0) sim_reach_note(s);
     r->next_us += r->frame_us;
     now = app_monotonic_us();
     if (now > r->next_us) { /* never catches up: the schedule begins anew from here */
@@ -351,6 +353,7 @@ int run_realtime(sim *s, const run_options *o) {
         app_output_abandon(&log);
     else if (recording && !app_output_commit(&log, &error))
         rc = app_report(NULL, 0, &error);
+    if (!rc) sim_reach_report(s, r.simulated_s);
     if (!rc) report(&r, json);
     int rc2 = run_file_end(&r.samples, !rc || evidence);
     if (rc) {

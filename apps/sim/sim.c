@@ -1,14 +1,25 @@
 /* From a scene to a world that can be stepped, and one frame of it. */
 #include "sim.h"
+#include "surface.h"
 
 #include <errno.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 int sim_report(const app_scene *scene, int line, const tm_error *error) {
     if (line < 0) return app_scene_bad(scene, line, "%s", error->message);
     return app_report(scene->file, line, error);
+}
+
+int sim_report_file(const app_scene *scene, int line, const char *file, int file_line, const tm_error *error) {
+    tm_error whole = *error;
+    char where[600];
+    app_scene_where(scene, line, where, sizeof where);
+    size_t used = strlen(whole.message);
+    snprintf(whole.message + used, sizeof whole.message - used, " (the scene names it: %s)", where);
+    return app_report(file, file_line, &whole);
 }
 
 /* --- effects by name --- */
@@ -99,14 +110,18 @@ static int check_scene(const app_scene *scene) {
 
 static int load_mesh(sim *s) {
     tm_error error = {0};
+    struct stat info;
     const app_scene *scene = s->scene;
     if (access(scene->mesh.s, R_OK))
         return app_scene_bad(
             scene, scene->mesh.line,
             "tissue.mesh: %s cannot be read: %s; correct the path (it is relative to the scene's folder)",
             scene->mesh.s, strerror(errno));
+    if (stat(scene->mesh.s, &info) || !S_ISREG(info.st_mode))
+        return app_scene_bad(scene, scene->mesh.line, "tissue.mesh: %s is not a file; name a .msh, .vtk or .mesh file",
+                             scene->mesh.s);
     if (app_mesh_load(scene->mesh.s, scene->scale.si, &s->file, &error) || app_mesh_build(&s->file, &s->mesh, &error))
-        return app_report(scene->mesh.s, 0, &error);
+        return sim_report_file(scene, scene->mesh.line, scene->mesh.s, 0, &error);
     return 0;
 }
 
@@ -164,9 +179,10 @@ int sim_create(app_scene *scene, sim **out) {
     int rc = check_scene(scene);
     if (!rc) rc = load_mesh(s);
     if (!rc) rc = make_tissue(s);
-    if (!rc) sim_make_instruments(s);
     if (!rc) rc = sim_make_supports(s);
     if (!rc) rc = sim_make_loads(s);
+    if (!rc) rc = sim_make_instruments(s);
+    if (!rc) rc = sim_warn(s);
     if (!rc) rc = s->model->begin(s);
     if (!rc) rc = run_hook(s, true);
     if (!rc && s->model->end) rc = s->model->end(s);

@@ -83,6 +83,12 @@ struct sim_picture;
 /* What goes to a controller beside the force. */
 typedef enum sim_sends { SIM_SENDS_FORCE, SIM_SENDS_STIFFNESS, SIM_SENDS_PATCH } sim_sends;
 
+/* How near an instrument has come that has not touched yet. */
+typedef struct sim_reach {
+    bool touched, noted;
+    double gap_m, at_s;
+} sim_reach;
+
 struct sim {
     app_scene *scene;
     app_mesh file;
@@ -135,6 +141,7 @@ struct sim {
     struct sim_exact *exact;              /* its source of exact compliance, or null */
     tm_patch_maker *patch_maker;          /* dynamic model that sends more than forces */
     int32_t patch_vertices;
+    sim_reach reach[TM_MAX_INSTRUMENTS];
     double velocity_m_s[TM_MAX_INSTRUMENTS][3]; /* of the tips over the last frame */
 };
 
@@ -149,13 +156,15 @@ bool sim_has(const sim *s, const char *effect);
 const void *sim_options(const app_scene *scene, const char *effect);
 /* app_report of a library's error for the line that is to blame. */
 int sim_report(const app_scene *scene, int line, const tm_error *error);
+/* The same for what is wrong inside a file that the scene names on `line`. */
+int sim_report_file(const app_scene *scene, int line, const char *file, int file_line, const tm_error *error);
 /* The line that asked for an effect, 0: not named. */
 int sim_effect_line(const app_scene *scene, int index);
 
 /* Pieces of building, shared by the models. */
 int sim_make_supports(sim *s);
 int sim_make_loads(sim *s);
-void sim_make_instruments(sim *s);
+int sim_make_instruments(sim *s);
 int sim_choose_step(sim *s); /* from s->critical_s */
 int sim_make_world(sim *s);
 tm_status sim_world_frame(sim *s, const tm_tool_pose *to, int32_t substeps);
@@ -176,8 +185,8 @@ sim_sends sim_may_send(const sim *s);
 /* Joints to a pose in the world, and back. */
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active);
 bool sim_joints(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]);
-/* A pose of the scene as joints. */
-void sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]);
+/* A pose of the scene as joints; one above the surface needs the mesh. 0 or an exit code. */
+int sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]);
 
 /* Where the scene's hand wants the instrument at a time. */
 tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s);

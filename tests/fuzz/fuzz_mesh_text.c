@@ -1,5 +1,5 @@
-/* What looks at a .msh before Gmsh does (text and binary, 2.2 and 4.1), and the reader of VTK 5. Refused with a message,
- * or tags that are all different. */
+/* What looks at a .msh before Gmsh does (text and binary, 2.2 and 4.1), and the reader of VTK 5. Refused with a
+ * message, or tags that are all different. */
 #include "common/mesh_parts.h"
 #include "fuzz.h"
 

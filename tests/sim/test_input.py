@@ -58,11 +58,22 @@ BAD = {
     "load without force": (BASE + "loads:\n  - {{group: z_max}}\n", 9, "either a force or a traction"),
     "fibred without fibres": (BASE.replace("young: 10 kPa, poisson: 0.4", "lambda_T: 1 kPa, mu_T: 1 kPa, lambda_L: 2 kPa, mu_L: 2 kPa"), 5, "add 'anisotropy:'"),
     "fibres twice": (BASE + "anisotropy: {{rule: constant, file: a.csv}}\n", 8, "either a file or a rule"),
-    "fibre file missing": (BASE + "anisotropy: {{file: a.csv}}\n", None, "a.csv"),
+    "fibre file missing": (BASE + "anisotropy: {{file: a.csv}}\n", 8, "a.csv: cannot open"),
     "damping not named": (BASE.replace("poisson: 0.4", "poisson: 0.4, damping: 3 /s"), 5, "add 'damping:'"),
     "contact without tool": (BASE + "contact:\n", 8, "needs instruments"),
     "haptics without tool": (BASE + "haptics:\n", 8, "needs instruments"),
-    "three instruments": (BASE + "instruments: [{{trocar: [0,0,1]}}, {{trocar: [0,0,1]}}, {{trocar: [0,0,1]}}]\n", 8, "3 instruments"),
+    "fibre file is a folder": (BASE + "anisotropy: {{file: .}}\n", 8, "anisotropy.file: "),
+    "mesh is a folder": (BASE.replace("{mesh}", "."), 2, "is not a file; name a .msh"),
+    "asterisk": (BASE.replace('"*"', "*"), 5, 'put the asterisk in quotes: "*":'),
+    "tabs": (BASE.replace("  mesh", "\tmesh"), 2, "indent with spaces, not with tabs"),
+    "comma": (BASE.replace("{{young: 10 kPa, poisson: 0.4}}", "\n      young: 5,0 kPa\n      poisson: 0.4"), 6, "has a comma in its number; write a point: 5.0 kPa"),
+    "comma in braces": (BASE.replace("10 kPa", "5,0 kPa"), 5, "a comma separates entries; write a decimal point"),
+    "unit in small letters": (BASE.replace("10 kPa", "10 kpa"), 5, "unknown unit 'kpa'; did you mean 'kPa'?"),
+    "axis of nothing": (BASE + "instruments:\n  - {{trocar: [0, 0, 1], axis: [0, 0, 0]}}\n", 9, "axis is zero; give the direction"),
+    "up of nothing": (BASE + "instruments:\n  - {{trocar: [0, 0, 1], up: [0, 0, 0]}}\n", 9, "up is zero; give a direction"),
+    "trocar beyond": (BASE + "instruments:\n  - {{trocar: [0, 0, 1e300]}}\n", 9, "the trocar is 1e+300 m away; keep it within 1000 m"),
+    "supports of nothing": (BASE[:BASE.index("  - ")], 6, "supports has nothing under it; write at least one line that begins with '- '"),
+    "three instruments": (BASE + "instruments: [{{trocar: [0,0,1]}}, {{trocar: [0,0,1]}}, {{trocar: [0,0,1]}}]\n", 8, "3 instruments; a scene has one or two, leave the others out"),
     "axis along up": (BASE + "instruments:\n  - {{trocar: [0, 0, 1], axis: [0, 1, 0], up: [0, 2, 0]}}\n", 9, "parallel"),
     "pose twice": (BASE + "instruments:\n  - trocar: [0, 0, 20 cm]\n    start: {{tip: [0, 0, 10 cm], pitch: 3 deg}}\n", 10, "leave one out"),
     "hand without tool": (BASE + "hand:\n  - path: [{{time: 0}}]\n", 9, "hand for instrument 0"),
@@ -107,7 +118,7 @@ def test_mesh(bin, tmp_path, what):
     cache = {"TM_CACHE_DIR": str(tmp_path.parent / "cache")}
     before = sorted(tmp_path.rglob("*"))
     _, said = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--json", tmp_path / "o.json", code=2, env=cache)
-    assert said.startswith(str(tmp_path / "bad.msh")) and ";" in said, said
+    assert said.startswith(str(tmp_path / "bad.msh")) and ";" in said and said.endswith(f"(the scene names it: {scene}:2)\n"), said
     assert sorted(tmp_path.rglob("*")) == before
 
 

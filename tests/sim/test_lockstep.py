@@ -13,7 +13,7 @@ EFFECTS = ["anisotropy", "damping", "gravity", "contact", "haptics", "recording"
 
 
 def columns(path):
-    return np.genfromtxt(path, delimiter=",", names=True)
+    return np.atleast_1d(np.genfromtxt(path, delimiter=",", names=True))
 
 
 def test_same_bits_twice_and_not_for_another_scene(bin, root, tmp_path):

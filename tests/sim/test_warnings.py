@@ -1,0 +1,148 @@
+"""Valid and probably not meant: one line on stderr with the place and what to do, and the run goes on; --strict ends it."""
+import json
+import subprocess
+
+import numpy as np
+import pytest
+from simkit import BLOCK, block_scene, run
+from test_lockstep import columns
+
+BASE = BLOCK.lstrip()
+TOOL = "instruments:\n  - trocar: [0.05, 0.05, 0.2]\n    start: {{tip: [0.05, 0.05, 0.1]}}\n"
+
+# (scene text with {mesh}, line, words)
+WARN = {
+    "millimetres": (BASE.replace("  force: plain", "  scale: 1000"), 3, "the mesh is 100 m across; if its file is in millimetres, write tissue.scale: 1"),
+    "micrometres": (BASE.replace("  force: plain", "  scale: 5e-3"), 3, "the mesh is 0.5 mm across; look at tissue.scale"),
+    "pascal": (BASE.replace("10 kPa", "10"), 5, "10 Pa is softer than any tissue; a number without a unit is in Pa: write kPa"),
+    "falls": (BASE[:BASE.index("supports")] + "gravity:\n", 6, "nothing holds the tissue: it falls for ever; add 'supports:'"),
+    "fibres of nothing": (BASE + "anisotropy: {{rule: constant}}\n", 8, "every material is isotropic: they change nothing; give one of them"),
+    "no contact": (BASE + TOOL, 9, "instruments that touch nothing: the scene does not name the effect; add 'contact:'"),
+    "starts inside": (BASE + "contact:\n" + TOOL.replace("0.1]", "0.03]"), 11, "instrument 0 starts inside the tissue and touches nothing until it has come out; start it outside"),
+    "far trocar": (BASE + "contact:\n" + TOOL.replace("0.2]", "8]").replace("    start: {{tip: [0.05, 0.05, 0.1]}}\n", ""), 10, "the trocar of instrument 0 is 7.95 m from the tissue, its shaft 0.5 m long; move it"),
+}
+
+
+@pytest.mark.parametrize("what", WARN)
+def test_a_warning_and_on_it_goes(bin, root, tmp_path, what):
+    text, line, words = WARN[what]
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(text.format(mesh=root / "meshes" / "block_1k.msh"))
+    _, said = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1)
+    assert said.startswith(f"{scene}:{line}: warning: ") and words in said and said.count("\n") == 1, said
+    _, said = run(bin / "tm-sim", scene, "--lockstep", "--frames", 1, "--strict", "--json", tmp_path / "o.json", code=2)
+    assert words in said and not (tmp_path / "o.json").exists()
+
+
+def test_scenes_of_ours_are_meant(bin, root):
+    scenes = sorted((root / "apps/scenes").glob("*.yaml"))
+    assert len(scenes) > 8
+    for scene in scenes:
+        assert run(bin / "tm-sim", scene, "--check", "--strict")[1] == "" or "precomputed" in scene.name or "hybrid" in scene.name
+
+
+PATH = """contact:
+instruments:
+  - trocar: [0.05, 0.05, 0.2]
+hand:
+  - instrument: 0
+    path: [{{time: 0, tip: [0.05, 0.05, 0.1]}}, {{time: 0.4, tip: [0.05, 0.05, {z}]}}, {{time: 0.8, tip: [0.05, 0.05, 0.1]}}]
+"""
+
+
+def test_a_tool_that_never_touched_is_told_with_how_near_it_came_and_when(bin, root, tmp_path):
+    scene = block_scene(tmp_path, root, PATH.format(z=0.0562))
+    _, said = run(bin / "tm-sim", scene, "--lockstep", "--duration", "1 s")
+    assert said.startswith(f"{scene}:10: warning: instrument 0 never touched the tissue: its tip came within 3.7 mm, at 0.4 s; lead it nearer"), said
+    assert run(bin / "tm-sim", scene, "--lockstep", "--duration", "0.2 s")[1] == ""  # it was on its way
+    scene = block_scene(tmp_path, root, PATH.format(z=0.05))
+    assert run(bin / "tm-sim", scene, "--lockstep", "--duration", "1 s")[1] == ""
+
+
+# --- above the surface ---
+
+def at(bin, scene, tmp_path, *more):
+    """Insertions of the scripted hand, as tm-device is given them."""
+    run(bin / "tm-sim", scene, "--hands", tmp_path / "hand", *more)
+    return columns(tmp_path / "hand0.csv")["insertion_m"]
+
+
+def above_scene(tmp_path, root, waypoints, tool="trocar: [0.05, 0.05, 0.2]"):
+    return block_scene(tmp_path, root, "contact:\ninstruments:\n  - {" + tool + ", radius: 2.5 mm}\nhand:\n  - path:\n" + "".join(f"    - {{time: {t}, {w}}}\n" for t, w in enumerate(waypoints)))
+
+
+def test_a_waypoint_above_the_surface(bin, root, tmp_path):
+    """The block's top is at 0.05 m: a tip of 2.5 mm touches with its centre at 0.0525, 0.1475 m from the trocar."""
+    scene = above_scene(tmp_path, root, ["above: 2 mm", "above: 0", "above: -3 mm", "tip: [0.05, 0.05, 0.1], above: 1 mm"])
+    assert at(bin, scene, tmp_path) == pytest.approx([0.1455, 0.1475, 0.1505, 0.1465], abs=1e-12)
+
+
+def test_along_the_shaft_it_is_not_along_the_normal(bin, root, tmp_path):
+    scene = above_scene(tmp_path, root, ["pitch: 10 deg, above: 0", "pitch: 10 deg, above: 4 mm"])
+    touch = 0.1475 / np.cos(np.radians(10))
+    assert at(bin, scene, tmp_path) == pytest.approx([touch, touch - 0.004], abs=1e-12)
+
+
+def test_an_edge_and_a_corner_are_touched_where_a_sphere_touches_them(bin, root, tmp_path):
+    """Past the edge x = 0.1 by 1 mm, and past the corner by 1 mm in x and y: the sphere's centre is sqrt(r2 - d2) above."""
+    scene = above_scene(tmp_path, root, ["above: 0"], "trocar: [0.101, 0.05, 0.2]")
+    assert at(bin, scene, tmp_path)[0] == pytest.approx(0.15 - np.sqrt(2.5e-3**2 - 1e-6), abs=1e-9)
+    scene = above_scene(tmp_path, root, ["above: 0"], "trocar: [0.101, 0.101, 0.2]")
+    assert at(bin, scene, tmp_path)[0] == pytest.approx(0.15 - np.sqrt(2.5e-3**2 - 2e-6), abs=1e-9)
+
+
+def test_it_touches_where_it_says(bin, root, tmp_path):
+    """In the simulation itself: no row a tenth of a millimetre above, rows a tenth below."""
+    for above, touches in (("0.1 mm", False), ("-0.1 mm", True)):
+        scene = above_scene(tmp_path, root, [f"pitch: 10 deg, yaw: 5 deg, above: {above}"] * 2)
+        run(bin / "tm-sim", scene, "--lockstep", "--frames", 3, "--samples", tmp_path / "s.csv")
+        assert (columns(tmp_path / "s.csv")["rows"][-1] > 0) == touches
+
+
+def test_the_start_above_the_surface(bin, root, tmp_path):
+    scene = block_scene(tmp_path, root, "contact:\ninstruments:\n  - {trocar: [0.05, 0.05, 0.2], start: {above: 5 mm}}\n")
+    run(bin / "tm-sim", scene, "--hands", tmp_path / "hand")
+    assert json.loads((tmp_path / "hand.json").read_text())["instruments"][0]["start_joint"][2] == pytest.approx(0.1425, abs=1e-12)
+
+
+BAD = {
+    "misses": ("yaw: 80 deg, above: 1 mm", "does not meet the tissue in this direction; turn it"),
+    "with insertion": ("insertion: 5 cm, above: 1 mm", "a pose has either insertion or above; leave one out"),
+    "out of reach": ("above: -0.4 m", "would be an insertion of 0.5475 m; keep it between"),
+    "behind the trocar": ("above: 0.2 m", "keep it between 1 mm and 0.5 m"),
+    "unit": ("above: 2 kPa", "is a pressure where a length is expected"),
+    "too much": ("above: 2", "outside -0.5 to 0.5"),
+}
+
+
+@pytest.mark.parametrize("what", BAD)
+def test_bad_waypoints(bin, root, tmp_path, what):
+    waypoint, words = BAD[what]
+    scene = above_scene(tmp_path, root, ["above: 1 mm", waypoint])
+    _, said = run(bin / "tm-sim", scene, "--check", code=2)
+    assert said.startswith(f"{scene}:14: ") and words in said and ";" in said and said.count("\n") == 1, said
+
+
+# --- bounds on YAML ---
+
+MESH = "tissue:\n  mesh: nowhere.msh\n  materials:\n"
+HUGE = {
+    "depth": ("[" * 100000, 1, "more than 16 levels"),
+    "depth of mappings": ("a: " + "{a: " * 50000, 1, "more than 16 levels"),
+    "depth by keys": ("? " * 100000, 1, "more than 16 levels"),
+    "anchors": ("".join(f"a{i}: &a{i} 1\n" for i in range(150000)), 65, "more than 64 anchors (&) and aliases (*); write"),
+    "aliases": ("a: &a 1\nb: [" + "*a," * 150000 + "]\n", 2, "more than 64 anchors"),
+    "directives": ("%TAG !a! x\n" * 300000, 5, "more than 4 lines that begin with %"),
+    "materials": (MESH + "".join(f"    m{i}: {{young: 1}}\n" for i in range(150000)), 4, "has 150000 entries, more than 1000; write fewer"),
+    "bytes": ("# " + "x" * (5 << 20), None, "larger than a scene may be (4 MB)"),
+}
+
+
+@pytest.mark.parametrize("what", HUGE)
+def test_what_no_scene_holds_is_refused(bin, tmp_path, what):
+    text, line, words = HUGE[what]
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(text)
+    done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=10)  # a minute, before
+    assert done.returncode == 2 and words in done.stderr and ";" in done.stderr
+    assert done.stderr.startswith(f"{scene}:{line}: " if line else f"{scene}: ")
