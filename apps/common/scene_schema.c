@@ -54,7 +54,7 @@ static const app_field fields[] = {
     {"tissue.mesh", APP_PATH, NULL, "!", 0, 0, AT(mesh), "mesh file (.msh, .vtk, .mesh), relative to the scene"},
     {"tissue.scale", APP_NUMBER, "none", "1", 1e-9, 1e9, AT(scale), "metres per unit of the mesh file"},
     {"tissue.precision", APP_CHOICE, "double|single", "double", 0, 0, AT(precision),
-     "of the stored stiffness tensors; positions are always double"},
+     "of the stored stiffness tensors; positions are always double. `single` asks for supports that hold every piece"},
     {"tissue.force", APP_CHOICE, "best|plain", "best", 0, 0, AT(force),
      "form of the force loop: the fastest that the processor has, or the plain C reference whose bits are the same everywhere"},
     {"tissue.materials", APP_TABLE, NULL, "!", 0, 0, offsetof(app_scene, material), sizeof(app_material),

@@ -62,7 +62,12 @@ int sim_make_world(sim *s) {
 
 static int begin(sim *s) {
     s->critical_s = tm_critical_step_guaranteed(s->tissue, &s->critical_tet);
-    return sim_make_world(s);
+    const int rc = sim_make_world(s);
+    tm_error error = {0};
+    if (rc || s->tissue_def.precision != TM_SINGLE || !tm_world_check_held(s->world, &error)) return rc;
+    return app_scene_bad(s->scene, s->scene->precision.line,
+                         "tissue.precision = single, and %s, or take double: rounded tensors would set it turning",
+                         error.message);
 }
 
 /* A frame in pieces of a tenth of a second, so that Ctrl-C does not wait for millions of substeps. Bits do not depend

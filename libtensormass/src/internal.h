@@ -141,6 +141,9 @@ void tm_stage_support_run(void *self, tm_world *world);
 /* Writes the prescribed values into u. */
 void tm_support_impose(const tm_world *world, double *u_m);
 
+/* held.c: TM_ERR_SUPPORT if the supports leave a piece a rigid motion; with `load_N` [3*vertex_count], a loaded one. */
+tm_status tm_check_held(const tm_world *world, const double *load_N, tm_error *error);
+
 double tm_clock_s(void);
 
 /* --- small vectors --- */

@@ -68,75 +68,6 @@ static tm_status not_converged(const relaxation *x, tm_error *error) {
                    x->relative, (long long)x->steps, x->def->tolerance);
 }
 
-/* --- what cannot come to rest --- */
-
-static int32_t root(int32_t *parent, int32_t v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
-    return v;
-}
-
-/* The rank of the supports over the six rigid motions of one piece, whose vertices have root `piece`. */
-static bool piece_is_held(const relaxation *x, int32_t *parent, int32_t piece) {
-    const tm_mesh *mesh = x->world->tissue->mesh;
-    double centre[3] = {0, 0, 0}, size = 0, G[36] = {0};
-    int32_t count = 0;
-    for (int32_t v = 0; v < mesh->vertex_count; v++) {
-        if (root(parent, v) != piece) continue;
-        for (int i = 0; i < 3; i++) centre[i] += mesh->rest_m[3 * v + i];
-        count++;
-    }
-    for (int i = 0; i < 3; i++) centre[i] /= count;
-    for (int32_t v = 0; v < mesh->vertex_count; v++) {
-        double d[3];
-        tm_sub3(mesh->rest_m + 3 * v, centre, d);
-        if (root(parent, v) == piece) size = fmax(size, sqrt(tm_dot3(d, d)));
-    }
-    for (int32_t i = 0; i < x->n; i++) {
-        if (!x->held[i] || root(parent, i / 3) != piece) continue;
-        double d[3], row[6] = {0}, axis[3] = {0, 0, 0};
-        axis[i % 3] = row[i % 3] = 1;
-        tm_sub3(mesh->rest_m + 3 * (i / 3), centre, d);
-        for (int k = 0; k < 3; k++) d[k] /= size;
-        tm_cross3(d, axis, row + 3);
-        for (int k = 0; k < 36; k++) G[k] += row[k / 6] * row[k % 6];
-    }
-    tm_diagonalise6(G);
-    double least = G[0], most = G[0];
-    for (int i = 1; i < 6; i++) {
-        least = fmin(least, G[7 * i]);
-        most = fmax(most, G[7 * i]);
-    }
-    return least > 1e-12 * most;
-}
-
-static tm_status check_supports(relaxation *x, tm_error *error) {
-    const tm_mesh *mesh = x->world->tissue->mesh;
-    tm_pool pool = {0};
-    int32_t *parent = TM_TAKE(&pool, int32_t, mesh->vertex_count);
-    uint8_t *seen = TM_TAKE(&pool, uint8_t, mesh->vertex_count);
-    if (pool.failed) {
-        tm_pool_release(&pool);
-        return tm_fail_memory(error, "settling");
-    }
-    for (int32_t v = 0; v < mesh->vertex_count; v++) parent[v] = v;
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        for (int i = 1; i < 4 && x->world->tissue->alive[t]; i++)
-            parent[root(parent, mesh->tet[4 * (int64_t)t + i])] = root(parent, mesh->tet[4 * (int64_t)t]);
-    tm_status status = TM_OK;
-    for (int32_t i = 0; i < x->n && !status; i++) {
-        const int32_t piece = root(parent, i / 3);
-        if (x->external[i] == 0 || x->world->tissue->mass_kg[i / 3] == 0 || seen[piece]) continue;
-        seen[piece] = 1;
-        if (!piece_is_held(x, parent, piece))
-            status = tm_fail(error, TM_ERR_SUPPORT, i / 3,
-                             "vertex %d: it bears a load and the supports leave its piece a rigid motion, so there "
-                             "is no rest; hold three vertices that are not in one line",
-                             i / 3);
-    }
-    tm_pool_release(&pool);
-    return status;
-}
-
 /* --- linear --- */
 
 /* Inverse of the vertex tensor's free part; held components get none. */
@@ -356,7 +287,7 @@ tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_r
         return tm_fail_memory(error, "settling");
     }
     prepare(&x);
-    tm_status status = linear ? check_supports(&x, error) : TM_OK;
+    tm_status status = linear ? tm_check_held(world, x.external, error) : TM_OK;
     if (!status) status = linear ? relax_linear(&x, error) : relax_stages(&x, error);
     tm_state *s = &world->state;
     const size_t bytes = sizeof(double) * (size_t)x.n;

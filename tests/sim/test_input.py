@@ -78,6 +78,7 @@ BAD = {
     "pose twice": (BASE + "instruments:\n  - trocar: [0, 0, 20 cm]\n    start: {{tip: [0, 0, 10 cm], pitch: 3 deg}}\n", 10, "leave one out"),
     "hand without tool": (BASE + "hand:\n  - path: [{{time: 0}}]\n", 9, "hand for instrument 0"),
     "path out of order": (BASE + "instruments:\n  - trocar: [0, 0, 20 cm]\nhand:\n  - path: [{{time: 1}}, {{time: 1}}]\n", 11, "order them by time"),
+    "single and free": (BASE.replace("group: z_min", "vertex: 0").replace("tissue:", "tissue:\n  precision: single"), 2, "leave its piece a rigid motion"),
     "step too large": (BASE + "time: {{step: 0.1 s}}\n", 8, "guaranteed critical step"),
 }
 

@@ -10,7 +10,10 @@
 extern "C" {
 #endif
 
-typedef enum tm_precision { TM_DOUBLE = 0, TM_SINGLE = 1 } tm_precision; /* of the stored edge tensors only */
+/* Of the stored edge tensors only. TM_SINGLE is for tissue that is held (tm_world_check_held): rounded tensors do not
+ * quite let a body turn as a whole, and undamped a free one is driven by that, e-fold in ten to a hundred thousand
+ * steps. */
+typedef enum tm_precision { TM_DOUBLE = 0, TM_SINGLE = 1 } tm_precision;
 
 /* Which form of the force loop runs. All SIMD forms agree with TM_FORCE_PLAIN to rounding; only the plain form's
  * bits are promised across compilers and processors. */

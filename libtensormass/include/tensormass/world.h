@@ -137,6 +137,9 @@ TM_API void tm_support_reaction(const tm_world *world, double *reaction_N);
 TM_API void tm_support_move(tm_world *world, int32_t component, double value_m);
 /* Marks [3*vertex_count] with 1 where a component is prescribed. */
 TM_API void tm_support_mask(const tm_world *world, uint8_t *mask);
+/* TM_ERR_SUPPORT, naming a vertex, if the supports leave a piece of the tissue free to move or turn as a whole. Such a
+ * piece has no rest, and in TM_SINGLE it is driven by rounding (see there). Contact and grasps are not counted. */
+TM_API tm_status tm_world_check_held(const tm_world *world, tm_error *error);
 
 /* --- rest --- */
 
