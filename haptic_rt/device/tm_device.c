@@ -18,7 +18,7 @@
 #include "io/report.h"
 #include "log_line.h"
 
-enum { UNREAD = 4 };
+enum { UNREAD = 4, LOOKS_PER_SECOND = 20, QUIET_LOOKS = 5 };
 
 typedef struct program {
     const char *bus, *hand, *url, *json, *key_path;
@@ -44,7 +44,8 @@ typedef struct program {
     uint32_t hand_write, hand_read;
     _Atomic uint32_t hand_between;
     bool hand_heard;
-    _Atomic int fault, heard;
+    _Atomic int fault;
+    _Atomic uint32_t commands;
 } program;
 
 static void usage(void) {
@@ -215,7 +216,7 @@ static void tick(void *user, int64_t now_us) {
         p->torque_square[j] += p->device.torque[j] * p->device.torque[j];
     }
     atomic_store(&p->fault, (int)p->device.fault);
-    atomic_store(&p->heard, p->device.commands > 0);
+    atomic_store(&p->commands, p->device.commands);
 }
 
 static int open_all(program *p) {
@@ -247,28 +248,32 @@ static int open_all(program *p) {
     return hrt_output_begin(&p->json_out, p->json);
 }
 
+/* In pairs: nobody commands, somebody does. */
+static void say_commands(const program *p, uint32_t *seen, int *quiet_looks, bool *told) {
+    const uint32_t commands = atomic_load(&p->commands);
+    const bool come = commands != *seen, first = *seen == 0;
+    *quiet_looks = come ? 0 : *quiet_looks + 1;
+    *seen = commands;
+    if (come && (*told || first))
+        app_say("tm-device: commands come");
+    else if (!come && !*told && *quiet_looks >= QUIET_LOOKS)
+        app_say("tm-device: waiting for commands on %s (start haptic-rt; any order is fine)", p->bus);
+    *told = *told ? !come : *quiet_looks >= QUIET_LOOKS;
+}
+
 static void watch(program *p) {
     static const char *const fault_text[] = {"well again", "commands stopped: torque dropped; waits for \"motors off\"",
                                              "ten corrupt commands in a row: torque dropped; waits for a reset",
                                              "the bus is off: torque dropped"};
-    enum { LOOKS_PER_SECOND = 20 };
-    int looks = 0;
-    bool told_wait = false, heard = false;
-    int told_fault = 0;
-    const struct timespec wait = {0, 50000000};
+    bool told_wait = false;
+    int looks = 0, quiet_looks = 0, told_fault = 0;
+    uint32_t seen = 0;
     while (!atomic_load(&p->loop.done)) {
-        nanosleep(&wait, NULL);
+        nanosleep(&(const struct timespec){0, 1000000000 / LOOKS_PER_SECOND}, NULL);
         const char *lost = hrt_bus_look(&p->wires);
         if (lost) app_say("tm-device: %s: %s", p->bus, lost);
         const int fault = atomic_load(&p->fault);
-        if (!atomic_load(&p->heard) && !told_wait && atomic_load(&p->loop.ticks) > 50) {
-            app_say("tm-device: waiting for commands on %s (start haptic-rt; any order is fine)", p->bus);
-            told_wait = true;
-        }
-        if (!heard && atomic_load(&p->heard)) {
-            app_say("tm-device: commands come");
-            heard = true;
-        }
+        say_commands(p, &seen, &quiet_looks, &told_wait);
         if (fault != told_fault && fault >= 0 && fault <= 3) app_say("tm-device: %s", fault_text[fault]);
         told_fault = fault;
         if (p->link && ++looks % LOOKS_PER_SECOND == 0) hrt_say_refused("tm-device", p->api, p->link, &p->told_refused);

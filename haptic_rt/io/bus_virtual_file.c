@@ -69,13 +69,21 @@ static const char *set_folder(void) {
     return set && *set ? set : NULL;
 }
 
+/* Namespaces within namespaces hide even that: where the folder is somebody else's, the namespace itself has one. */
+static void default_folder(char *directory, size_t size) {
+    struct stat st;
+    const int length = snprintf(directory, size, "/dev/shm/tensormass-%u", outer_uid());
+    if (stat(directory, &st) == 0 && st.st_uid != getuid() && stat("/proc/self/ns/user", &st) == 0)
+        snprintf(directory + length, size - (size_t)length, "-%llu", (unsigned long long)st.st_ino);
+}
+
 static bool folder(char *directory, size_t size, char *why, int why_size) {
     const char *set = set_folder();
     struct stat st;
     if (set)
         snprintf(directory, size, "%s", set);
     else
-        snprintf(directory, size, "/dev/shm/tensormass-%u", outer_uid());
+        default_folder(directory, size);
     if ((mkdir(directory, 0700) != 0 && errno != EEXIST) || stat(directory, &st) != 0 || !S_ISDIR(st.st_mode)) {
         snprintf(why, (size_t)why_size, "%s is not a directory that can be made (%s); set TM_BUS_DIR to one", directory,
                  strerror(errno));
@@ -196,7 +204,9 @@ hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size) {
 bool hrt_virtual_mend(hrt_virtual_hold *hold) {
     if (atomic_load(&hold->trouble) == HRT_VIRTUAL_WELL) return false;
     struct stat st;
-    const int fd = enter(hold->path, &st);
+    char directory[200], why[300];
+    int fd = enter(hold->path, &st);
+    if (fd < 0 && errno == ENOENT && folder(directory, sizeof directory, why, sizeof why)) fd = enter(hold->path, &st);
     if (fd < 0) return false;
     const bool ours =
         (uint64_t)st.st_dev == atomic_load(&hold->device) && (uint64_t)st.st_ino == atomic_load(&hold->inode);
@@ -220,8 +230,8 @@ bool hrt_virtual_mend(hrt_virtual_hold *hold) {
 }
 
 const char *hrt_virtual_look(hrt_virtual_hold *hold) {
-    static const char *const text[] = {NULL, "its file was cut short under way; it is made whole",
-                                       "its file was removed or replaced under way; it is made anew",
+    static const char *const text[] = {"its file is there again", "its file was cut short under way",
+                                       "its file was removed or replaced under way",
                                        "somebody else has this program's place on the new file; end one of the two"};
     const uint64_t device = atomic_load(&hold->device), inode = atomic_load(&hold->inode);
     struct stat st;
@@ -232,10 +242,10 @@ const char *hrt_virtual_look(hrt_virtual_hold *hold) {
         atomic_compare_exchange_strong(&hold->trouble, &well, gone ? HRT_VIRTUAL_REMOVED : HRT_VIRTUAL_CUT_SHORT);
     /* One that came and went since the last look is told too. */
     const int past = atomic_exchange(&hold->past, HRT_VIRTUAL_WELL), now = atomic_load(&hold->trouble);
-    const int tell = now != HRT_VIRTUAL_WELL ? now : past;
-    const bool fresh = tell != hold->told;
-    hold->told = now;
-    return fresh ? text[tell] : NULL;
+    const int next = now != HRT_VIRTUAL_WELL ? now : past != hold->told ? past : HRT_VIRTUAL_WELL;
+    if (next == hold->told) return NULL;
+    hold->told = next;
+    return text[next];
 }
 
 void hrt_virtual_close(hrt_virtual_hold *hold) {

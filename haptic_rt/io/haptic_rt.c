@@ -46,7 +46,8 @@ typedef struct program {
     /* told to the other thread */
     _Atomic int state, fault, detail;
     _Atomic bool pose_known, device_here, samples_over;
-    _Atomic int64_t went_stale, went_unstable, samples_come, samples_taken, frames, command_gaps, resets;
+    _Atomic int64_t went_stale, went_unstable, samples_come, samples_taken, samples_refused, frames, command_gaps,
+        resets;
 } program;
 
 static void usage(void) {
@@ -278,6 +279,7 @@ static void tell(program *p, int64_t now_us) {
     atomic_store(&p->device_here, encoder_us != 0 && now_us - encoder_us < DEVICE_HERE_US);
     atomic_store(&p->samples_come, (int64_t)c->samples_received + turned_away);
     atomic_store(&p->samples_taken, (int64_t)c->samples_received - c->samples_late - c->samples_rejected);
+    atomic_store(&p->samples_refused, (int64_t)c->samples_rejected + atomic_load(&p->node.rejected));
     atomic_store(&p->frames, (int64_t)p->wires.rx);
     atomic_store(&p->command_gaps, (int64_t)p->node.line.can.command_gaps);
 }
@@ -316,6 +318,8 @@ static hrt_facts facts_now(const program *p) {
                        .unstable = atomic_load(&p->went_unstable),
                        .samples = atomic_load(&p->samples_come),
                        .taken = atomic_load(&p->samples_taken),
+                       .refused = atomic_load(&p->samples_refused),
+                       .refusal = atomic_load(&p->node.refusal),
                        .frames = atomic_load(&p->frames),
                        .command_gaps = atomic_load(&p->command_gaps),
                        .pose_known = atomic_load(&p->pose_known),
@@ -333,10 +337,11 @@ static void reset_by_itself(program *p, const hrt_facts *facts, double *since_s)
 }
 
 static void watch(program *p) {
-    hrt_teller teller = {.bus = p->bus,
-                         .instrument = p->config.instrument,
-                         .from_file = p->samples_path != NULL,
-                         .told = {.state = -1, .silent_s = -1.0e9, .gaps_s = -1.0e9, .unstable_s = -1.0e9}};
+    hrt_teller teller = {
+        .bus = p->bus,
+        .instrument = p->config.instrument,
+        .from_file = p->samples_path != NULL,
+        .told = {.state = -1, .silent_s = -1.0e9, .refused_s = -1.0e9, .gaps_s = -1.0e9, .unstable_s = -1.0e9}};
     double fault_since_s = 0.0;
     enum { LOOKS_PER_SECOND = 20 };
     int looks = 0;

@@ -49,13 +49,16 @@ void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus) 
 
 /* ---------------------------------------------------------------------------------------------- the posting thread */
 
-static hrt_reject refuse(hrt_node *node, hrt_reject why) {
+static hrt_reject refuse_for(hrt_node *node, hrt_reject why, const char *words) {
+    atomic_store(&node->refusal, words);
     if (why == HRT_REJECT_OLD)
         atomic_fetch_add(&node->late, 1);
     else
         atomic_fetch_add(&node->rejected, 1);
     return why;
 }
+
+static hrt_reject refuse(hrt_node *node, hrt_reject why) { return refuse_for(node, why, hrt_reject_text(why)); }
 
 /* A pose that was posted but not taken over yet: nothing fits until it is. */
 static bool pose_settled(hrt_node *node) { return atomic_load(&node->pose_count) == atomic_load(&node->pose_taken); }
@@ -121,12 +124,13 @@ static void convert(const hrt_node *node, const hrt_force_sample *m, hrt_sample 
 }
 
 /* Order and origin, before the mailbox: what waits there unread is only pushed out by what comes after it. */
-static hrt_reject judge(hrt_node *node, const hrt_force_sample *m) {
+static hrt_reject judge(hrt_node *node, const hrt_force_sample *m, const char **words) {
     const int64_t now_us = atomic_load(&node->now_us);
     const hrt_gate_mark mark = {.session = m->session, .utime = m->tool_utime, .seq = m->seq};
     if (m->tool_utime > now_us + TICK_SLACK_US) return HRT_REJECT_FUTURE;
     if (m->tool_utime < node->newest_t_us) return HRT_REJECT_OLD;
     const hrt_gate_verdict verdict = hrt_gate_accept(&node->gate, now_us, hrt_node_in_use(node), &mark);
+    if (!hrt_gate_open(verdict)) *words = hrt_gate_text(verdict);
     if (verdict == HRT_GATE_FOREIGN || verdict == HRT_GATE_PINNED) return HRT_REJECT_FOREIGN;
     if (!hrt_gate_open(verdict)) return HRT_REJECT_OLD;
     node->newest_t_us = m->tool_utime;
@@ -140,8 +144,9 @@ hrt_reject hrt_node_post_sample(hrt_node *node, const hrt_force_sample *m) {
         return refuse(node, HRT_REJECT_FOREIGN);
     convert(node, m, &slot->sample);
     hrt_reject verdict = hrt_sample_check(&slot->sample, &node->config.params);
-    if (verdict == HRT_ACCEPT) verdict = judge(node, m);
-    if (verdict != HRT_ACCEPT) return refuse(node, verdict);
+    const char *words = NULL;
+    if (verdict == HRT_ACCEPT) verdict = judge(node, m, &words);
+    if (verdict != HRT_ACCEPT) return refuse_for(node, verdict, words ? words : hrt_reject_text(verdict));
     const bool with_patch = node->patch_waits && slot->patch.seq == m->seq && node->patch_session == m->session;
     node->patch_waits = false;
     slot->sample.patch = with_patch ? &slot->patch : NULL;

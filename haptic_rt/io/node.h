@@ -106,8 +106,9 @@ typedef struct hrt_node {
     hrt_gate gate;       /* whose samples are taken, in what order */
     int64_t newest_t_us; /* t_n of the newest taken: the controller's own clock, so it never goes back */
     _Atomic uint32_t rejected, late;
-    _Atomic int64_t now_us; /* of the last tick, */
-    _Atomic bool in_use;    /* and whether it rendered force */
+    _Atomic(const char *) refusal; /* why the last of them; null: none */
+    _Atomic int64_t now_us;        /* of the last tick, */
+    _Atomic bool in_use;           /* and whether it rendered force */
     _Atomic int32_t wish_extrapolator, wish_passivity, wish_coupling, wish_enable, wish_reset; /* -1: none */
     hrt_pose pose_posted;
     _Atomic uint32_t pose_count, pose_taken; /* equal: taken over */

@@ -74,10 +74,8 @@ static void say_wait(const hrt_teller *t, const hrt_facts *f, int wait, bool aga
         hrt_say_line(f->time_s,
                      "waiting for the trocar's pose: SIM_STATUS of tm-sim (any order is fine), or give --trocar");
     else if (wait == WAITS_SAMPLES && again)
-        hrt_say_line(f->time_s,
-                     "waiting for fresh samples: %" PRId64 " came, %" PRId64
-                     " were refused or late (another controller's, another simulation's, or out of order)",
-                     come, come - taken);
+        hrt_say_line(f->time_s, "waiting for fresh samples: of %" PRId64 " that came %" PRId64 " were taken; %s", come,
+                     taken, f->refusal ? f->refusal : "they are too old");
     else if (wait == WAITS_SAMPLES)
         hrt_say_line(f->time_s, "waiting for fresh samples: %s",
                      t->from_file ? "the file's" : "FORCE of tm-sim (any order is fine)");
@@ -102,6 +100,15 @@ static void say_waiting(hrt_teller *t, const hrt_facts *f) {
     t->told.frames = f->frames;
 }
 
+/* In use too: somebody else plays the simulation, or answers another controller. */
+static void say_refused(hrt_teller *t, const hrt_facts *f) {
+    if (f->refused == t->told.refused || f->time_s < t->told.refused_s + again_s) return;
+    hrt_say_line(f->time_s, "refused %" PRId64 " samples: %s", f->refused - t->told.refused,
+                 f->refusal ? f->refusal : "not for this controller");
+    t->told.refused = f->refused;
+    t->told.refused_s = f->time_s;
+}
+
 static void say_gaps(hrt_teller *t, const hrt_facts *f) {
     if (f->command_gaps == t->told.gaps || f->time_s < t->told.gaps_s + again_s) return;
     hrt_say_line(f->time_s, "the device missed %" PRId64 " commands; look at the bus's load, cable and termination",
@@ -122,5 +129,6 @@ void hrt_say(hrt_teller *teller, const hrt_facts *facts) {
     say_silence(teller, facts);
     say_state(teller, facts);
     say_waiting(teller, facts);
+    say_refused(teller, facts);
     say_gaps(teller, facts);
 }

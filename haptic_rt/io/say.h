@@ -17,6 +17,8 @@ typedef struct hrt_facts {
     int64_t stale;          /* how often the simulation went silent in use */
     int64_t unstable;       /* how often it said that its step had failed */
     int64_t samples, taken; /* come; of these taken */
+    int64_t refused;        /* of these, but for those out of order */
+    const char *refusal;    /* why the last that was not taken; null: none */
     int64_t frames;         /* heard on the bus */
     int64_t command_gaps;
     bool pose_known, device_here;
@@ -31,8 +33,8 @@ typedef struct hrt_teller {
     struct {
         int state, wait;
         bool silent;
-        int64_t stale, unsaid, unstable, samples, taken, frames, gaps;
-        double silent_s, wait_s, gaps_s, unstable_s;
+        int64_t stale, unsaid, unstable, samples, taken, refused, frames, gaps;
+        double silent_s, wait_s, refused_s, gaps_s, unstable_s;
     } told;
 } hrt_teller;
 

@@ -277,7 +277,7 @@ def test_a_rival_on_the_bus_is_a_fault_with_its_reason(ring):
     until(lambda: pushing(watch, since), "force after the reset")
 
 
-@pytest.mark.parametrize("harm", ["truncate", "shorten", "unlink", "replace"])
+@pytest.mark.parametrize("harm", ["truncate", "shorten", "unlink", "replace", "remove the folder"])
 def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
     device = ring.device()
     controller = ring.controller("--samples", ring.samples(), "--auto-reset", 0.5)
@@ -290,6 +290,8 @@ def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
         os.truncate(path, 0 if harm == "truncate" else 5000)
     elif harm == "unlink":
         os.unlink(path)
+    elif harm == "remove the folder":
+        shutil.rmtree(ring.bus_directory)
     else:
         with open(path + ".new", "wb") as file:
             file.truncate(64 + 4096 * 32)
@@ -299,6 +301,7 @@ def test_a_bus_file_that_goes_under_way_is_noticed_and_mended(ring, harm):
     until(lambda: what in text(controller) + text(device), "it is told", 2)
     watch, since = Watch(VirtualBus(ring.bus_directory, "t")), time.monotonic()
     until(lambda: pushing(watch, since), "force on the mended bus")
+    until(lambda: "its file is there again" in text(controller) + text(device), "that is told too", 2)
     assert device.poll() is None and controller.poll() is None
     until(lambda: refused(ring, controller.args[0], "--trocar", "0,0,0"), "the place is held on the mended bus", 3)
 
