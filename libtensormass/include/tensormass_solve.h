@@ -164,8 +164,8 @@ TM_API tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, 
 TM_API void tm_hybrid_destroy(tm_hybrid *hybrid);
 TM_API int64_t tm_hybrid_bytes(const tm_hybrid *hybrid);
 
-/* Sets alive, elsewhere and the interface's extra mass in the definition of the world's tissue: pointers into `hybrid`, which must
- * outlive it. */
+/* Sets alive, elsewhere and the interface's extra mass in the definition of the world's tissue: pointers into `hybrid`,
+ * which must outlive it. */
 TM_API void tm_hybrid_tissue(const tm_hybrid *hybrid, tm_tissue_def *def);
 /* Guaranteed step of the whole: dynamic tetrahedra, and condensed ones at the interface. The world's step must not
  * exceed it. */
@@ -174,7 +174,8 @@ TM_API double tm_hybrid_critical_step(const tm_hybrid *hybrid, int32_t *tet);
  * part's too. World's loads and supports act on the dynamic part and the interface; those of the condensed inside come
  * from def.problem. */
 TM_API tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *hybrid, tm_contact *contact, tm_error *error);
-/* Once per frame: displacement of the condensed inside, written into the world's state. No allocation. */
+/* Once per frame: displacement of the condensed inside, written into the world's state. No allocation. Where conjugate
+ * gradients do not converge the inside stays as it was, and the reactions say TM_REACTION_UNCONVERGED. */
 TM_API void tm_hybrid_recover(tm_hybrid *hybrid, tm_world *world);
 /* Both parts' reaction on an instrument, averages as of tm_contact_reaction. */
 TM_API tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *hybrid, int32_t instrument);

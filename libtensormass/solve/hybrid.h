@@ -51,7 +51,8 @@ struct tm_hybrid {
     int32_t known_revision;  /* of the tissue's surface, then */
     void *kept;              /* of a step that may be given back */
     int64_t kept_bytes;
-    bool returns; /* it was given back, and `kept` is to be taken */
+    bool unrecovered; /* the inside is that of before: its solution did not converge */
+    bool returns;     /* it was given back, and `kept` is to be taken */
     tm_world *world;
     tm_contact *contact;
     uint8_t *held; /* [3*vertex_count] the world's supports */

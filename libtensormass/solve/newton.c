@@ -192,10 +192,19 @@ static void look_along(tms_local *l, direction *to, double h, double *change) {
     if (to->tool >= 0) l->tool[to->tool] = kept;
 }
 
+/* Of the thinnest tool that touches: lengths are measured by it. */
+static double thinnest(const tms_local *l) {
+    double least = INFINITY;
+    for (int32_t t = 0; t < l->tool_count; t++)
+        if (l->tool[t].near) least = fmin(least, l->tool[t].def.radius_m);
+    return least < INFINITY ? least : l->tool[0].def.radius_m;
+}
+
 /* out := A df, A = dr/df; or with a tool in `to` the change of r when df is the change of f and the tip moves by one
  * unit. */
 static void apply(tms_local *l, direction *to, const double *df, double *out) {
-    const double most = fmax(response(l, df), to->tool >= 0 ? 1 : 0), radius = l->tool[0].def.radius_m;
+    const double most = fmax(response(l, df), to->tool >= 0 ? 1 : 0),
+                 radius = to->tool >= 0 ? l->tool[to->tool].def.radius_m : thinnest(l);
     if (most > 0 && l->tool_count)
         look_along(l, to, BESIDE * radius / most, out);
     else
@@ -273,8 +282,7 @@ static bool descend(tms_local *l, double tolerance, double *merit) {
     keep_shape(l);
     krylov_solve(l, b, tolerance, false, l->step);
     for (int32_t j = 0; j < m; j++) l->keep[3 * l->act[j / 3] + j % 3] = l->f[3 * l->act[j / 3] + j % 3];
-    double s =
-        l->tool_count && l->now.count ? fmin(1, STRIDE * l->tool[0].def.radius_m / (response(l, l->step) + 1e-300)) : 1;
+    double s = l->tool_count && l->now.count ? fmin(1, STRIDE * thinnest(l) / (response(l, l->step) + 1e-300)) : 1;
     for (int i = 0; i <= TMS_HALVINGS; i++, s *= 0.5) {
         for (int32_t j = 0; j < m; j++) {
             const int32_t d = 3 * l->act[j / 3] + j % 3;

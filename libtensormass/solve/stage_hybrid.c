@@ -234,6 +234,7 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
     for (int32_t k = 0; k < h->interface_count; k++) h->at_m[k] = state->u_next_m[h->interface[k]];
     memcpy(l->u_m, state->u_m, 24 * (size_t)h->mesh->vertex_count);
     tms_local_gather(l);
+    for (int32_t t = 0; t < l->tool_count; t++) flags[t] = l->tool[t].overflowed ? TM_REACTION_OVERFLOWED : 0u;
     if (l->use_count == 0) return 0;
     tms_local_solve(l);
     move(h);
@@ -326,13 +327,16 @@ void tm_hybrid_recover(tm_hybrid *h, tm_world *world) {
         if (at >= 0) b[at] += l->f[3 * s + i % 3];
     }
     const double *x = tms_work_solve(h->work);
+    h->unrecovered = !x;
     for (int32_t i = 0; x && i < h->system.n; i++) h->full_u[h->system.dof[i]] = x[i];
     for (int32_t d = 0; x && d < dofs; d++)
         if (h->part[d / 3] == TMS_CONDENSED) state->u_m[d] = state->u_prev_m[d] = h->full_u[d];
 }
 
 tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *h, int32_t instrument) {
-    return tm_contact_reaction(h->contact, instrument);
+    tm_tool_reaction r = tm_contact_reaction(h->contact, instrument);
+    if (h->unrecovered) r.flags |= TM_REACTION_UNCONVERGED;
+    return r;
 }
 
 tm_surface_view tm_hybrid_surface(tm_hybrid *h) {

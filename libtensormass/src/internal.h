@@ -45,7 +45,7 @@ struct tm_tissue {
     bool cuttable;
     uint8_t *alive; /* [tet_count] */
     int32_t alive_count;
-    uint8_t *elsewhere; /* [tet_count] or null: there, but not ours */
+    uint8_t *elsewhere;                         /* [tet_count] or null: there, but not ours */
     double *mass_kg, *damping_kg_s;             /* [vertex_count] */
     double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] or null */
     tm_force_graph graph;

@@ -1,5 +1,6 @@
 /* The hybrid model: at rest the same as the full one, before a cut and after; stable at its guaranteed step; contact on
  * either part and across. */
+#include "../../libtensormass/solve/hybrid.h"
 #include "../cut_check.h"
 #include "../physics/contact_scene.h"
 #include "kit.h"
@@ -441,7 +442,18 @@ static void same_bits_after_restore(void **state) {
             assert_memory_equal(force[pass > 0], force[0], 24);
         }
         assert_true(fix_largest(force[0], 3) > 0.01);
-        free(kept);
+        /* and a step that fails gives all of it back */
+        const int64_t size = tm_snapshot_bytes(a.world);
+        char *good = malloc((size_t)size), *after = malloc((size_t)size);
+        fix_ok(tm_snapshot_save(a.world, good, size, &error), &error);
+        const double g[3] = {1e12, 0, 0};
+        fix_ok(tm_stage_gravity(a.world, g, &error), &error);
+        assert_int_equal(tm_world_step(a.world, 400), TM_ERR_UNSTABLE);
+        fix_ok(tm_world_remove_stage(a.world, "gravity", &error), &error);
+        assert_int_equal(tm_snapshot_bytes(a.world), size);
+        fix_ok(tm_snapshot_save(a.world, after, size, &error), &error);
+        assert_memory_equal(good, after, (size_t)size);
+        free(good), free(after), free(kept);
         free_set(&a), free_set(&b);
     }
 }
@@ -537,8 +549,48 @@ static void mended_surface(void **state) {
     assert_true(alike > cuts / 10 && extra > 0);
 }
 
+/* --- what does not converge is told --- */
+
+static void told(void **state) {
+    (void)state;
+    const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true};
+    fix_random random = {57};
+    hybrid_set s = touched_set(&above);
+    int32_t failed = 0, touching = 0;
+    for (int step = 0; step < 3000; step++) { /* thrown about: one substep a frame, so that flags are of one solution */
+        const bool thrown = step % 10 == 0;
+        tm_tool_pose at = tm_contact_pose(s.contact, 0);
+        for (int c = 0; c < 3 && thrown; c++) at.tip_m[c] = 0.015 * fix_signed(&random) + (c == 2 ? 0.036 : 0);
+        tm_contact_begin_frame(s.contact, 1, 1);
+        if (thrown) tm_contact_place(s.contact, 0, &at);
+        assert_int_equal(tm_world_step(s.world, 1), TM_OK);
+        if (s.hybrid->local.use_count == 0) continue;
+        const bool flagged = tm_hybrid_reaction(s.hybrid, 0).flags & TM_REACTION_UNCONVERGED;
+        assert_int_equal(flagged, !s.hybrid->local.converged);
+        failed += flagged;
+        touching++;
+    }
+    print_message("  %d of %d solutions did not converge, each told\n", failed, touching);
+    assert_true(failed > 0 && failed < touching);
+    /* nor is the inside's */
+    tms_solver *solver = s.hybrid->solver;
+    tm_solve_report report = {0};
+    tm_error error;
+    tm_solve_def lame = kit_problem(s.whole, s.fixed);
+    lame.solver = TM_SOLVER_CG;
+    lame.cg_max_iterations = 1;
+    tms_work_destroy(s.hybrid->work);
+    fix_ok(tms_solver_create(&s.hybrid->system, &lame, 0, 0, &s.hybrid->solver, &report, &error), &error);
+    s.hybrid->work = tms_work_create(s.hybrid->solver, 1);
+    tm_hybrid_recover(s.hybrid, s.world);
+    assert_true(tm_hybrid_reaction(s.hybrid, 0).flags & TM_REACTION_UNCONVERGED);
+    tms_solver_destroy(solver);
+    free_set(&s);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(mended_surface),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(told),
+                                       cmocka_unit_test(mended_surface),
                                        cmocka_unit_test(force_at_rest),
                                        cmocka_unit_test(step_limit),
                                        cmocka_unit_test(not_settled),

@@ -371,6 +371,56 @@ static void smooth(void **state) {
     free_pair(&p);
 }
 
+/* --- each tool's own size --- */
+
+/* How large a tool is that touches nothing is nothing to the other: no bit of its force or stiffness. */
+static void size_of_another_tool(void **state) {
+    (void)state;
+    tm_tool_reaction r[3];
+    const double radius[3] = {2.5e-3, 2e-4, 3e-2};
+    for (int i = 0; i < 3; i++) {
+        scene_def def = scene_def_default();
+        tm_mesh *mesh = scene_mesh(&def);
+        const tm_material material = kit_material(def.young_Pa, def.poisson);
+        tm_tissue *tissue = fix_tissue(mesh, &material, NULL, TM_DOUBLE, false);
+        uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
+        for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) fixed[d] = mesh->rest_m[d / 3 * 3 + 2] < 1e-9;
+        tm_instrument_def tool[2];
+        for (int t = 0; t < 2; t++) {
+            tool[t] = (tm_instrument_def){.mode = TM_TOOL_PROBE,
+                                          .radius_m = t ? 2.5e-3 : radius[i],
+                                          .contact_length_m = def.length_m,
+                                          .pose = {.tip_m = {0.002, 0.001, t ? 0.06 : 0.2}, .active = t == 1}};
+            memcpy(tool[t].trocar_m, def.trocar_m[0], 24);
+        }
+        tm_contact_def contact = tm_contact_def_default();
+        contact.instrument_count = 2;
+        contact.instrument = tool;
+        tm_precomputed_def full = tm_precomputed_def_default();
+        full.problem = kit_problem(tissue, fixed);
+        full.contact = &contact;
+        tm_precomputed *model;
+        tm_error error;
+        fix_ok(tm_precomputed_create(&full, &model, NULL, &error), &error);
+        for (int step = 1; step <= 40; step++) {
+            tm_tool_pose pose[2] = {tool[0].pose, tool[1].pose};
+            pose[1].tip_m[2] = 0.06 - 5.5e-4 * step;
+            pose[1].tip_m[0] = 0.002 + 2e-4 * (step % 3);
+            assert_true(tm_precomputed_update(model, pose) >= 0);
+        }
+        r[i] = tm_precomputed_reaction(model, 1);
+        tm_precomputed_destroy(model);
+        tm_tissue_destroy(tissue);
+        tm_mesh_destroy(mesh);
+        free(fixed);
+    }
+    assert_true(length3(r[0].force_N) > 0.05);
+    for (int i = 1; i < 3; i++) {
+        assert_memory_equal(r[i].force_N, r[0].force_N, sizeof r[0].force_N);
+        assert_memory_equal(r[i].stiffness_N_m, r[0].stiffness_N_m, sizeof r[0].stiffness_N_m);
+    }
+}
+
 /* --- hard use: two tools at random, up to 0.3 m/s, in and out --- */
 
 static void rough_hands(void **state) {
@@ -408,7 +458,8 @@ static void rough_hands(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(agrees_with_dynamic),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(size_of_another_tool),
+                                       cmocka_unit_test(agrees_with_dynamic),
                                        cmocka_unit_test(stiffness),
                                        cmocka_unit_test(patch),
                                        cmocka_unit_test(grasp),
