@@ -13,6 +13,7 @@
 #include "io/profile.h"
 #include "publish.h"
 #include "run.h"
+#include "series.h"
 #include "snapshot.h"
 #include "surface.h"
 #include "tools.h"
@@ -43,6 +44,7 @@ typedef struct lockstep {
     sim_tools tools;
     sim_publisher publisher;
     run_file csv, samples, report;
+    run_series series;
     int64_t tick_us, ticks, frame, first_frame; /* first: not 0 after --restore */
     uint64_t random;
     double compute_s;
@@ -292,6 +294,7 @@ static tm_status frame(lockstep *l, int64_t now_us) {
     sim_reach_note(s);
     /* The clock of this run is virtual, so is the cost that it reports: a log must not depend on the machine. */
     sim_publish_frame(&l->publisher, s, now_us, 0, 0);
+    if (!status) run_series_add(&l->series, s);
     return status;
 }
 
@@ -310,7 +313,7 @@ static int loop(lockstep *l) {
     int64_t total = frame_total(l), now_us = START_US;
     int64_t snapshot_frame = l->o->snapshot ? llround(l->o->snapshot_s / l->s->frame_s) : -1;
     tm_status status = TM_OK;
-    for (; l->frame < total && !status && !app_interrupted();) {
+    for (; l->frame < total && !status && !l->series.failed && !app_interrupted();) {
         /* A frame between two ticks comes before the later one; at the same time the tick comes first. */
         bool ticking = l->haptics && now_us <= frame_us(l, l->frame + 1);
         if (ticking) {
@@ -327,7 +330,7 @@ static int loop(lockstep *l) {
         app_progress("lockstep", (double)l->frame / (double)total, false);
     }
     app_progress("lockstep", 1, true);
-    if (!status) return 0;
+    if (!status) return l->series.failed ? APP_FAILED : 0;
     for (int64_t end_us = now_us + AFTERWARDS_US; l->haptics && now_us < end_us; now_us += l->tick_us) tick(l, now_us);
     return run_unstable(l->frame);
 }
@@ -391,6 +394,7 @@ static int begin(lockstep *l, const char *log) {
                            "a snapshot holds the simulation, not its controllers; add --unset haptics, so that "
                            "instruments follow the hand");
     if (!rc && l->o->restore) rc = sim_snapshot_restore(s, l->o->restore);
+    if (!rc) rc = run_series_begin(&l->series, s, l->o->paraview, l->o->paraview_every);
     l->frame = l->first_frame = s->frames;
     if (l->csv.begun)
         fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N,pitch_rad,yaw_rad,insertion_m,roll_"
@@ -438,6 +442,7 @@ int run_lockstep(sim *s, const run_options *o) {
     if (!rc) sim_reach_report(s, (double)l->frame * s->frame_s);
     if (!rc) report(l, json, (double)(app_monotonic_us() - start) * 1e-6);
     int rc2 = run_file_end(&l->csv, !rc || evidence), rc3 = run_file_end(&l->samples, !rc || evidence);
+    int rc4 = run_series_end(&l->series, true);
     if (rc) {
         run_file_end(&l->report, false);
         cJSON_Delete(json);
@@ -450,6 +455,6 @@ int run_lockstep(sim *s, const run_options *o) {
         hrt_bus_close(&l->station[i].device_bus);
     }
     free(l->station);
-    rc = rc ? rc : rc2 ? rc2 : rc3;
+    rc = rc ? rc : rc2 ? rc2 : rc3 ? rc3 : rc4;
     return rc ? rc : run_say_interrupted(l->frame, frame_total(l));
 }

@@ -34,6 +34,8 @@ static const char help[] =
     "  --csv FILE            one row a controller tick: tool, force, sample (a frame, in scenes without haptics)\n"
     "  --samples FILE        one row a frame and instrument: the force sample as it was sent\n"
     "  --write FILE          with --settle: displacements and reactions, .vtk or .csv\n"
+    "  --paraview FOLDER     a time series for ParaView, FOLDER/run.pvd and a .vtu a frame, before the first and after each\n"
+    "  --paraview-every N    after one frame in so many [1]\n"
     "  --json FILE           figures of the run\n"
     "  --lcm-url URL         LCM URL for --realtime, default udpm://239.255.76.67:7667?ttl=0\n"
     "  --key FILE            shared with haptic-rt: messages are sealed with it, and only sealed ones are taken "
@@ -67,6 +69,8 @@ enum {
     OPT_SAMPLES,
     OPT_WRITE,
     OPT_JSON,
+    OPT_PARAVIEW,
+    OPT_PARAVIEW_EVERY,
     OPT_URL,
     OPT_KEY,
     OPT_NO_KEY,
@@ -97,6 +101,8 @@ static const struct option long_options[] = {{"lockstep", no_argument, NULL, OPT
                                              {"samples", required_argument, NULL, OPT_SAMPLES},
                                              {"write", required_argument, NULL, OPT_WRITE},
                                              {"json", required_argument, NULL, OPT_JSON},
+                                             {"paraview", required_argument, NULL, OPT_PARAVIEW},
+                                             {"paraview-every", required_argument, NULL, OPT_PARAVIEW_EVERY},
                                              {"snapshot-at", required_argument, NULL, OPT_SNAPSHOT_AT},
                                              {"snapshot", required_argument, NULL, OPT_SNAPSHOT},
                                              {"restore", required_argument, NULL, OPT_RESTORE},
@@ -145,6 +151,15 @@ static int take_number(const char *name, const char *text, const char *dimension
     return 0;
 }
 
+static int take_whole(const char *name, const char *text, double low, int64_t *out) {
+    double number;
+    int rc = take_number(name, text, "none", low, &number);
+    if (!rc && (number != floor(number) || number > 1e12))
+        rc = app_bad_input("tm-sim", 0, "%s '%s' is not a whole number; give one", name, text);
+    if (!rc) *out = (int64_t)number;
+    return rc;
+}
+
 static int choose_mode(run_options *o, run_mode mode) {
     if (o->mode != RUN_NONE && o->mode != mode)
         return usage("two modes; choose one of --lockstep --realtime --settle --explain --hands --check%s", "");
@@ -153,7 +168,6 @@ static int choose_mode(run_options *o, run_mode mode) {
 }
 
 static int take_option(run_options *o, int option, char **all) {
-    double number;
     int rc;
     switch (option) {
     case OPT_LOCKSTEP: return choose_mode(o, RUN_LOCKSTEP);
@@ -169,17 +183,14 @@ static int take_option(run_options *o, int option, char **all) {
     case OPT_UNSET: return add_set(o, "", optarg, false);
     case OPT_FORCE: return add_set(o, "tissue.force=", optarg, true);
     case OPT_DURATION: return take_number("--duration", optarg, "time", 0, &o->duration_s);
-    case OPT_FRAMES:
-        rc = take_number("--frames", optarg, "none", 0, &number);
-        if (!rc && (number != floor(number) || number > 1e12))
-            rc = usage("--frames '%s' is not a whole number; give one", optarg);
-        if (!rc) o->frames = (int64_t)number;
-        return rc;
+    case OPT_FRAMES: return take_whole("--frames", optarg, 0, &o->frames);
     case OPT_RECORD: return add_record(o, optarg);
     case OPT_CSV: o->csv = optarg; return 0;
     case OPT_SAMPLES: o->samples = optarg; return 0;
     case OPT_WRITE: o->write = optarg; return 0;
     case OPT_JSON: o->json = optarg; return 0;
+    case OPT_PARAVIEW: o->paraview = optarg; return 0;
+    case OPT_PARAVIEW_EVERY: return take_whole("--paraview-every", optarg, 1, &o->paraview_every);
     case OPT_STRICT: o->strict = true; return 0;
     case OPT_QUIET: app_be_quiet(); return 0;
     case OPT_URL: o->url = optarg; return 0;
@@ -222,6 +233,9 @@ static int parse(run_options *o, int count, char **all) {
         return usage("--write %s goes with --settle; add it, or use --csv", o->write);
     if ((o->csv || o->samples) && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME)
         return usage("--csv and --samples%s go with --lockstep or --realtime; use --write with --settle", "");
+    if (o->paraview && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME)
+        return usage("--paraview %s goes with --lockstep or --realtime; with --settle use --write FILE.vtk",
+                     o->paraview);
     if ((o->snapshot != NULL) != (o->snapshot_s >= 0))
         return usage("--snapshot-at TIME and --snapshot FILE%s go together; give both", "");
     if (o->snapshot && o->mode != RUN_LOCKSTEP) return usage("--snapshot %s goes with --lockstep; add it", o->snapshot);
@@ -271,7 +285,7 @@ static int run(run_options *o) {
 }
 
 int main(int count, char **all) {
-    run_options o = {.duration_s = -1, .frames = -1, .snapshot_s = -1};
+    run_options o = {.duration_s = -1, .frames = -1, .snapshot_s = -1, .paraview_every = 1};
     app_check_stdout();
     app_catch_signals();
     int rc = parse(&o, count, all);

@@ -13,6 +13,7 @@
 #include "log_line.h"
 #include "publish.h"
 #include "run.h"
+#include "series.h"
 #include "snapshot.h"
 #include "surface.h"
 #include "tools.h"
@@ -30,6 +31,7 @@ typedef struct realtime {
     sim_publisher publisher;
     sim_tools tools;
     run_file samples, report;
+    run_series series;
     controller_seen controller[TM_MAX_INSTRUMENTS];
     int64_t start_us, next_us, frame_us, frame, overruns;
     double simulated_s, compute_s, cost_s; /* cost_s: of one substep, smoothed */
@@ -196,6 +198,7 @@ static tm_status one_frame(realtime *r) {
     }
     publish(r, substeps, spent_s, overran);
     if (r->frame % 10 == 0) sim_reach_note(s);
+    if (!status) run_series_add(&r->series, s); /* a failure is told; the session goes on */
     r->next_us += r->frame_us;
     now = app_monotonic_us();
     if (now > r->next_us) { /* never catches up: the schedule begins anew from here */
@@ -319,6 +322,7 @@ static int begin(realtime *r, const char *log) {
     if (!rc) rc = sim_publisher_open(&r->publisher, s, network ? url : NULL, log, &key, app_session());
     r->tools.s = s;
     if (!rc && r->o->restore) rc = sim_snapshot_restore(s, r->o->restore);
+    if (!rc) rc = run_series_begin(&r->series, s, r->o->paraview, r->o->paraview_every);
     const sim_listener listener = {take_tool, take_status, r};
     tm_error error = {0};
     if (!rc && r->haptics && !r->publisher.api->listen(r->publisher.link, s->instrument_count, &listener, &error))
@@ -356,6 +360,7 @@ int run_realtime(sim *s, const run_options *o) {
     if (!rc) sim_reach_report(s, r.simulated_s);
     if (!rc) report(&r, json);
     int rc2 = run_file_end(&r.samples, !rc || evidence);
+    int rc3 = run_series_end(&r.series, true);
     if (rc) {
         run_file_end(&r.report, false);
         cJSON_Delete(json);
@@ -363,6 +368,6 @@ int run_realtime(sim *s, const run_options *o) {
         rc = run_report_end(json, &r.report);
     sim_quantiles_free(&r.lateness);
     sim_quantiles_free(&r.compute);
-    rc = rc ? rc : rc2;
+    rc = rc ? rc : rc2 ? rc2 : rc3;
     return rc ? rc : run_say_interrupted(r.frame, frame_total(&r));
 }

@@ -17,7 +17,8 @@ typedef enum run_mode {
 enum { RUN_MAX_SETS = 64 };
 
 typedef struct run_options {
-    const char *scene, *schema, *csv, *samples, *write, *json, *url, *key, *hands, *snapshot, *restore;
+    const char *scene, *schema, *csv, *samples, *write, *json, *url, *key, *hands, *paraview, *snapshot, *restore;
+    int64_t paraview_every;
     bool no_key;
     run_mode mode;
     double tolerance, snapshot_s, duration_s; /* duration below 0: the scene's */

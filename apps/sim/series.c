@@ -1,0 +1,166 @@
+#include "series.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+/* The file is XML that describes arrays, then the arrays, each behind its length in bytes. */
+enum { TETRA = 10, HIDDEN_CELL = 32 };
+
+typedef struct array {
+    const char *name, *type; /* VTK's */
+    int components;
+    int64_t bytes;
+    const void *data;
+} array;
+
+typedef struct cells {
+    int64_t *offset;
+    uint8_t *type, *alive, *ghost;
+} cells;
+
+static bool fill_cells(const run_series *series, const sim *s, cells *c) {
+    size_t n = (size_t)s->mesh->tet_count;
+    const uint8_t *alive = tm_tissue_alive(s->tissue);
+    *c = (cells){malloc(n * sizeof *c->offset), malloc(n), malloc(n), malloc(n)};
+    if (!c->offset || !c->type || !c->alive || !c->ghost) return false;
+    for (size_t t = 0; t < n; t++) {
+        c->offset[t] = 4 * (int64_t)(t + 1);
+        c->type[t] = TETRA;
+        c->alive[t] = alive[t] || (series->condensed && series->condensed[t]);
+        c->ghost[t] = c->alive[t] ? 0 : HIDDEN_CELL;
+    }
+    return true;
+}
+
+static void free_cells(cells *c) {
+    free(c->offset);
+    free(c->type);
+    free(c->alive);
+    free(c->ghost);
+}
+
+static void declare(FILE *out, const array *a, int64_t *at) {
+    fprintf(out,
+            "<DataArray type=\"%s\" Name=\"%s\" NumberOfComponents=\"%d\" format=\"appended\" offset=\"%" PRId64
+            "\"/>\n",
+            a->type, a->name, a->components, *at);
+    *at += (int64_t)sizeof(uint64_t) + a->bytes;
+}
+
+static void write_numbers(FILE *out, const char *name, int components, int tuples, const double *value) {
+    fprintf(out,
+            "<DataArray type=\"Float64\" Name=\"%s\" NumberOfComponents=\"%d\" NumberOfTuples=\"%d\" format=\"ascii\">",
+            name, components, tuples);
+    for (int i = 0; i < components * tuples; i++) fprintf(out, "%s%.17g", i ? " " : "", value[i]);
+    fputs("</DataArray>\n", out);
+}
+
+/* What belongs to the whole moment: its time, and the instruments. */
+static void write_field(FILE *out, const sim *s) {
+    double time_s = sim_time_s(s), tip[3 * TM_MAX_INSTRUMENTS], force[3 * TM_MAX_INSTRUMENTS];
+    for (int i = 0; i < s->instrument_count; i++) {
+        memcpy(tip + 3 * i, s->pose[i].tip_m, 3 * sizeof *tip);
+        memcpy(force + 3 * i, s->reaction[i].force_N, 3 * sizeof *force);
+    }
+    fputs("<FieldData>\n", out);
+    write_numbers(out, "TimeValue", 1, 1, &time_s);
+    if (s->instrument_count) write_numbers(out, "tip_m", 3, s->instrument_count, tip);
+    if (s->instrument_count) write_numbers(out, "force_N", 3, s->instrument_count, force);
+    fputs("</FieldData>\n", out);
+}
+
+static void write_grid(FILE *out, const sim *s, const cells *c) {
+    const tm_mesh *m = s->mesh;
+    int64_t v = m->vertex_count, t = m->tet_count, at = 0;
+    const array points = {"Points", "Float64", 3, 24 * v, m->rest_m},
+                displacement = {"displacement_m", "Float64", 3, 24 * v, sim_displacement(s)},
+                cell[] = {{"connectivity", "Int32", 1, 16 * t, m->tet},
+                          {"offsets", "Int64", 1, 8 * t, c->offset},
+                          {"types", "UInt8", 1, t, c->type}},
+                cell_data[] = {{"region", "Int32", 1, 4 * t, m->region},
+                               {"alive", "UInt8", 1, t, c->alive},
+                               {"vtkGhostType", "UInt8", 1, t, c->ghost}};
+    fprintf(out,
+            "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" "
+            "header_type=\"UInt64\">\n<UnstructuredGrid>\n");
+    write_field(out, s);
+    fprintf(out, "<Piece NumberOfPoints=\"%" PRId64 "\" NumberOfCells=\"%" PRId64 "\">\n<Points>\n", v, t);
+    declare(out, &points, &at);
+    fputs("</Points>\n<PointData Vectors=\"displacement_m\">\n", out);
+    declare(out, &displacement, &at);
+    fputs("</PointData>\n<Cells>\n", out);
+    for (int i = 0; i < 3; i++) declare(out, &cell[i], &at);
+    fputs("</Cells>\n<CellData Scalars=\"region\">\n", out);
+    for (int i = 0; i < 3; i++) declare(out, &cell_data[i], &at);
+    fputs("</CellData>\n</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_", out);
+    const array *const order[] = {&points,  &displacement, &cell[0],      &cell[1],
+                                  &cell[2], &cell_data[0], &cell_data[1], &cell_data[2]};
+    for (size_t i = 0; i < sizeof order / sizeof order[0]; i++) {
+        uint64_t bytes = (uint64_t)order[i]->bytes;
+        fwrite(&bytes, sizeof bytes, 1, out);
+        fwrite(order[i]->data, 1, (size_t)bytes, out);
+    }
+    fputs("\n</AppendedData>\n</VTKFile>\n", out);
+}
+
+static int write_frame(run_series *series, const sim *s) {
+    char name[32], path[1024];
+    run_file file = {0};
+    cells c;
+    snprintf(name, sizeof name, "frame_%06" PRId64 ".vtu", series->written);
+    if ((size_t)snprintf(path, sizeof path, "%s/%s", series->folder, name) >= sizeof path)
+        return app_bad_input("--paraview", 0, "the folder's path is too long; choose a shorter one");
+    bool memory = fill_cells(series, s, &c);
+    int rc = memory ? run_file_begin(&file, path) : APP_FAILED;
+    if (!memory) fprintf(stderr, "%s: out of memory; use --paraview-every to write fewer, or a smaller mesh\n", path);
+    if (!rc) {
+        write_grid(file.stream, s, &c);
+        rc = run_file_end(&file, true);
+    }
+    free_cells(&c);
+    if (rc) return rc;
+    fprintf(series->index.stream, "<DataSet timestep=\"%.9g\" file=\"%s\"/>\n", sim_time_s(s), name);
+    series->written++;
+    return 0;
+}
+
+int run_series_begin(run_series *series, const sim *s, const char *folder, int64_t every) {
+    char path[1024];
+    *series = (run_series){.folder = folder, .every = every};
+    if (!folder) return 0;
+    if (mkdir(folder, 0777) && errno != EEXIST)
+        return app_bad_input(folder, 0, "the folder cannot be made: %s; name one whose parent is there",
+                             strerror(errno));
+    if ((size_t)snprintf(path, sizeof path, "%s/run.pvd", folder) >= sizeof path)
+        return app_bad_input("--paraview", 0, "the folder's path is too long; choose a shorter one");
+    if (s->condensed_tets) {
+        series->condensed = malloc((size_t)s->mesh->tet_count);
+        if (!series->condensed)
+            return fputs("tm-sim: out of memory for --paraview; leave it out\n", stderr), APP_FAILED;
+        for (int32_t t = 0; t < s->mesh->tet_count; t++) series->condensed[t] = !tm_tissue_alive(s->tissue)[t];
+    }
+    int rc = run_file_begin(&series->index, path);
+    if (!rc)
+        fputs("<?xml version=\"1.0\"?>\n<VTKFile type=\"Collection\" version=\"1.0\" byte_order=\"LittleEndian\">\n"
+              "<Collection>\n",
+              series->index.stream);
+    return rc ? rc : write_frame(series, s);
+}
+
+void run_series_add(run_series *series, const sim *s) {
+    if (!series->folder || series->failed || ++series->frames % series->every) return;
+    series->failed = write_frame(series, s) != 0;
+}
+
+int run_series_end(run_series *series, bool good) {
+    free(series->condensed);
+    series->condensed = NULL;
+    if (!series->index.begun) return 0;
+    fputs("</Collection>\n</VTKFile>\n", series->index.stream);
+    int rc = run_file_end(&series->index, good);
+    return series->failed ? APP_FAILED : rc;
+}
