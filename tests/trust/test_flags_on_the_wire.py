@@ -1,0 +1,33 @@
+"""The controller's rule for each flag of a sample (docs/controller.md), planted between a running simulation and a hand that presses its tissue."""
+import pytest
+from trustkit import play
+
+DOUBT, HELD, UNSTABLE = 8192, 4096, 2048
+ENGAGED = 3
+# flag: bits of the limits that must be said, does the force stay, within what time it is gone
+RULES = {"none": (0, True, None), "capped": (0, True, None), "overflowed": (DOUBT, True, None), "overran": (0, True, None), "unconverged": (DOUBT, True, None),
+         "held over": (HELD, False, 0.25), "unstable": (UNSTABLE, False, 0.15), "too fast": (DOUBT, True, None), "inside": (DOUBT, True, None), "unknown": (0, False, 0.25)}
+
+
+@pytest.fixture(scope="module")
+def seen(build):
+    return play("relay.py", build)
+
+
+@pytest.mark.parametrize("flag", RULES)
+def test_rule(seen, flag):
+    said, stays, gone_s = RULES[flag]
+    row = seen[flag]
+    assert row["pressed_before"] and (flag == "none" or row["planted"] > 10)
+    assert row["limits"] & (DOUBT | HELD | UNSTABLE) == said
+    for j in range(3):
+        assert row["peak"][j] <= 1.3 * row["before"][j] + 200, "felt more than before"
+    if stays:
+        assert row["state"] == ENGAGED and row["last_felt_s"] > 0.6
+    else:
+        # a frame until the first planted sample, then the rule's own time, and what this process is late
+        assert row["state"] != ENGAGED and row["last_felt_s"] < gone_s + 0.1
+
+
+def test_it_says_so_and_comes_back(seen):
+    assert "the simulation says that its step failed" in seen["said"] and seen["pressed_at_the_end"]
