@@ -33,7 +33,12 @@ static void usage(FILE *to) {
         "  --quick           smaller meshes, fewer rounds\n"
         "  --reference FILE  the independent solutions [apps/accuracy/reference/reference.json, here or as installed]\n"
         "  --json FILE       where the figures go\n"
+        "  --quiet           no progress; --list names the knobs\n"
         "  -h, --help, --version\n");
+}
+
+static void list(void) {
+    for (int k = 0; k < KNOBS; k++) printf("%-10s %s\n", knobs[k].name, knobs[k].what);
 }
 
 static int write_json(const char *path, cJSON *root) {
@@ -72,6 +77,8 @@ int main(int argc, char **argv) {
                                             {"reference", required_argument, NULL, 'r'},
                                             {"json", required_argument, NULL, 'j'},
                                             {"help", no_argument, NULL, 'h'},
+                                            {"quiet", no_argument, NULL, 1000},
+                                            {"list", no_argument, NULL, 1001},
                                             {"version", no_argument, NULL, 'v'},
                                             {0}};
     char found[2048];
@@ -91,6 +98,8 @@ int main(int argc, char **argv) {
         case 'q': quick = true; break;
         case 'r': reference_path = optarg; break;
         case 'j': json = optarg; break;
+        case 1000: app_be_quiet(); break;
+        case 1001: list(); return APP_DONE;
         case 'h': usage(stdout); return APP_DONE;
         case 'v': printf("tm-accuracy %s\n", tm_version()); return APP_DONE;
         default:

@@ -21,8 +21,17 @@ static void usage(FILE *to) {
     for (int m = 0; m < MODEL_COUNT; m++) fprintf(to, " %s", model_name[m]);
     fprintf(to, "\n  --latency N     with LOG: hold samples back by N frames more\n"
                 "  --loss SHARE    with LOG: lose this share of the samples\n"
+                "  --quiet         no progress; --list names models and extrapolators\n"
                 "  -h, --help, --version\n\n"
                 "The studies' scenes are apps/scenes/evaluate-*.yaml, here or as installed.\n");
+}
+
+static void list(void) {
+    printf("models");
+    for (int m = 0; m < MODEL_COUNT; m++) printf(" %s", model_name[m]);
+    printf("\nextrapolators");
+    for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) printf(" %s", hrt_extrapolator_name((hrt_extrapolator)x));
+    printf("\n");
 }
 
 static int write_json(const char *file_name, cJSON *root) {
@@ -150,7 +159,7 @@ static int generate_one(const char *folder, model m, bool reversals) {
     sim *s = rc ? NULL : model_open(m, 20, NULL);
     snprintf(file, sizeof file, "%s/%s-%s.lcm", folder, model_name[m], reversals ? "reversals" : "tour");
     if (!rc) rc = s ? log_write(file, &r, s->instrument_def[0].trocar_m) : APP_FAILED;
-    if (!rc) printf("%s\n", file);
+    if (!rc && !app_is_quiet()) printf("%s\n", file);
     sim_destroy(s);
     recording_free(&r);
     return rc;
@@ -170,6 +179,7 @@ int main(int argc, char **argv) {
         {"json", required_argument, NULL, 'j'},  {"quick", no_argument, NULL, 'q'},
         {"model", required_argument, NULL, 'm'}, {"latency", required_argument, NULL, 'l'},
         {"loss", required_argument, NULL, 'o'},  {"help", no_argument, NULL, 'h'},
+        {"quiet", no_argument, NULL, 1000},      {"list", no_argument, NULL, 1001},
         {"version", no_argument, NULL, 'v'},     {0}};
     const char *json = NULL, *folder = NULL;
     study_run run = {0};
@@ -201,6 +211,8 @@ int main(int argc, char **argv) {
             if (*rest || rest == optarg || !(c.loss >= 0 && c.loss < 1))
                 return app_bad_input("tm-evaluate", 0, "--loss %s: give a share from 0 to below 1", optarg);
             break;
+        case 1000: app_be_quiet(); break;
+        case 1001: list(); return APP_DONE;
         case 'h': usage(stdout); return APP_DONE;
         case 'v': printf("tm-evaluate %s\n", tm_version()); return APP_DONE;
         default:

@@ -128,7 +128,7 @@ int command_fill(int argc, char **argv) {
             exit = app_report(o.in, 0, &error);
         else if (write_mesh_file(&out, o.out, &error))
             exit = app_report(NULL, 0, &error);
-        else
+        else if (!app_is_quiet())
             printf("%s: %d tetrahedra, %d vertices; volume %.4g cm3, the surface's is %.4g cm3\n", o.out, out.tet_count,
                    out.vertex_count, 1e6 * volume_of(built), 1e6 * shell_volume_m3(surface));
     }

@@ -311,7 +311,7 @@ static int run(const char *command, int argc, char **argv) {
     }
     if (exit == APP_DONE && strcmp(command, "info") == 0)
         print_figures(&file, mesh, &o, &f);
-    else if (exit == APP_DONE)
+    else if (exit == APP_DONE && !app_is_quiet())
         printf("%s: sound: %d tetrahedra, %d vertices, critical step %.4g ms\n", o.file, mesh->tet_count,
                mesh->vertex_count, 1e3 * f.step_s);
     tm_mesh_destroy(mesh);

@@ -18,10 +18,26 @@ static const struct {
 };
 enum { COMMANDS = sizeof commands / sizeof *commands };
 
+static void list(FILE *to) {
+    for (int i = 0; i < COMMANDS; i++) fprintf(to, "  %-8s %s\n", commands[i].name, commands[i].what);
+}
+
+/* Every command has --quiet, wherever it stands. */
+static int take_quiet(int argc, char **argv) {
+    int kept = 0;
+    for (int i = 0; i < argc; i++)
+        if (strcmp(argv[i], "--quiet") == 0)
+            app_be_quiet();
+        else
+            argv[kept++] = argv[i];
+    argv[kept] = NULL;
+    return kept;
+}
+
 static void usage(FILE *to) {
     fprintf(to, "usage: tm-mesh COMMAND ...\n\n");
-    for (int i = 0; i < COMMANDS; i++) fprintf(to, "  %-8s %s\n", commands[i].name, commands[i].what);
-    fprintf(to, "\n  tm-mesh COMMAND -h, --help; --version\n");
+    list(to);
+    fprintf(to, "\n  tm-mesh COMMAND -h, --help; --list, --version; --quiet: nothing is said where all is well\n");
 }
 
 bool command_quantity(const char *option, const char *text, const char *dimension, double *si) {
@@ -52,10 +68,16 @@ int main(int argc, char **argv) {
         usage(stdout);
         return APP_DONE;
     }
+    if (strcmp(name, "--list") == 0) {
+        list(stdout);
+        return APP_DONE;
+    }
     if (strcmp(name, "--version") == 0) {
         printf("tm-mesh %s\n", tm_version());
         return APP_DONE;
     }
+    for (int i = 0; i < COMMANDS; i++)
+        if (strcmp(name, commands[i].name) == 0) argc = take_quiet(argc, argv);
     for (int i = 0; i < COMMANDS; i++)
         if (strcmp(name, commands[i].name) == 0) return commands[i].run(argc - 1, argv + 1);
     if (!*name)

@@ -245,6 +245,7 @@ static void tell(const app_mesh *mesh, const char *path, const outcome *out) {
                                                       "tetrahedra dropped: third on a face",
                                                       "tetrahedra dropped: over another",
                                                       "vertices dropped: unused"};
+    if (app_is_quiet()) return;
     printf("%s: %d tetrahedra, %d vertices\n", path, mesh->tet_count, mesh->vertex_count);
     if (out->merged) printf("  %d vertices merged\n", out->merged);
     for (int k = 1; k < APP_DEFECT_KINDS; k++)

@@ -25,6 +25,7 @@ static const char help[] =
     "  --png FILE          the last picture, when the window closes\n"
     "  --json FILE         figures: pictures a second, hand messages sent, messages taken and refused\n"
     "  --lcm-url URL       [LCM_DEFAULT_URL, else LCM's default]\n"
+    "  --quiet             no remarks\n"
     "  -h, --help, --version\n\n"
     "Keys and mouse: see the window's own list (H), or docs/viewing.md.\n";
 
@@ -46,21 +47,15 @@ typedef struct play {
 
 static double now_s(void) { return (double)app_monotonic_us() * 1e-6; }
 
-enum { SIZE = 256, QUALITY, AZIMUTH, ELEVATION, ZOOM, WATCH, DURATION, PNG, JSON, URL, VERSION, HELP = 'h' };
+enum { SIZE = 256, QUALITY, AZIMUTH, ELEVATION, ZOOM, WATCH, DURATION, PNG, JSON, URL, QUIET, VERSION, HELP = 'h' };
 static const struct option table[] = {
-    {"size", 1, NULL, SIZE},
-    {"quality", 1, NULL, QUALITY},
-    {"azimuth", 1, NULL, AZIMUTH},
-    {"elevation", 1, NULL, ELEVATION},
-    {"zoom", 1, NULL, ZOOM},
-    {"watch", 0, NULL, WATCH},
-    {"duration", 1, NULL, DURATION},
-    {"png", 1, NULL, PNG},
-    {"json", 1, NULL, JSON},
-    {"lcm-url", 1, NULL, URL},
-    {"help", 0, NULL, HELP},
-    {"version", 0, NULL, VERSION},
-    {NULL, 0, NULL, 0},
+    {"size", 1, NULL, SIZE},         {"quality", 1, NULL, QUALITY},
+    {"azimuth", 1, NULL, AZIMUTH},   {"elevation", 1, NULL, ELEVATION},
+    {"zoom", 1, NULL, ZOOM},         {"watch", 0, NULL, WATCH},
+    {"duration", 1, NULL, DURATION}, {"png", 1, NULL, PNG},
+    {"json", 1, NULL, JSON},         {"lcm-url", 1, NULL, URL},
+    {"help", 0, NULL, HELP},         {"quiet", 0, NULL, QUIET},
+    {"version", 0, NULL, VERSION},   {NULL, 0, NULL, 0},
 };
 
 static int number(const char *name, const char *text, double low, double high, double *value) {
@@ -103,6 +98,7 @@ static int take(play *p, int code, const char *text) {
         p->studio_def.camera.zoom = (float)v;
         return wrong;
     case DURATION: return number("duration", text, 0.05, 1e6, &p->duration_s);
+    case QUIET: app_be_quiet(); return 0;
     case WATCH: p->watch = true; return 0;
     case PNG: p->png = text; return 0;
     case JSON: p->json = text; return 0;

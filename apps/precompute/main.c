@@ -21,13 +21,14 @@ static const char help[] = "%s SCENE.yaml [options]: responses of the surface fo
                            "  --set PATH=VALUE      put this value over the scene's; as often as wanted\n"
                            "  --keep                leave a file that holds these very responses as it is\n"
                            "  --json FILE           time, sizes, seconds\n"
+                           "  --quiet               no progress, no summary\n"
                            "  -h, --help, --version\n\n"
                            "Built with Open MPI (make MPI=1) it is tm-precompute-mpi, and `mpirun -n 4 "
                            "tm-precompute-mpi SCENE.yaml` spreads the columns over the\n"
                            "ranks; the file is the same to the last bit. Killed in the middle it leaves the old file.\n"
                            "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else.\n";
 
-enum { OUT = 1000, SOLVER, PRECISION, THREADS, MEMORY, SET, KEEP, JSON, VERSION, HELP = 'h' };
+enum { OUT = 1000, SOLVER, PRECISION, THREADS, MEMORY, SET, KEEP, JSON, QUIET, VERSION, HELP = 'h' };
 static const struct option long_options[] = {
     {"out", required_argument, NULL, OUT},
     {"solver", required_argument, NULL, SOLVER},
@@ -38,6 +39,7 @@ static const struct option long_options[] = {
     {"keep", no_argument, NULL, KEEP},
     {"json", required_argument, NULL, JSON},
     {"help", no_argument, NULL, HELP},
+    {"quiet", no_argument, NULL, QUIET},
     {"version", no_argument, NULL, VERSION},
     {NULL, 0, NULL, 0},
 };
@@ -96,6 +98,7 @@ static int take_option(choice *o, int option, char **all) {
         if (!strchr(optarg, '='))
             return usage("--set '%s' is not PATH=VALUE; write for example --set tissue.scale=0.5", optarg);
         return add_set(o, "", optarg);
+    case QUIET: app_be_quiet(); return 0;
     case KEEP: o->keep = true; return 0;
     case JSON: o->json = optarg; return 0;
     case 1:
@@ -138,9 +141,10 @@ static int report(const choice *o, const tm_solve_report *r, const char *file, r
     cJSON_AddNumberToObject(j, "order_s", r->order_s);
     cJSON_AddNumberToObject(j, "factor_s", r->factor_s);
     cJSON_AddNumberToObject(j, "seconds", r->seconds);
-    printf("%s: %d columns%s, %.1f MB, %.2f s (factor %.1f MB)\n", file, r->columns,
-           r->from_file ? " already there" : "", (double)r->responses_bytes * 1e-6, r->seconds,
-           (double)r->factor_bytes * 1e-6);
+    if (!app_is_quiet())
+        printf("%s: %d columns%s, %.1f MB, %.2f s (factor %.1f MB)\n", file, r->columns,
+               r->from_file ? " already there" : "", (double)r->responses_bytes * 1e-6, r->seconds,
+               (double)r->factor_bytes * 1e-6);
     return run_report_end(j, json);
 }
 

@@ -21,6 +21,7 @@ static const char help[] =
     "  --hands PREFIX        write the scene's scripted hands to PREFIX0.csv, PREFIX1.csv, for tm-device, its settings "
     "to PREFIX.json\n"
     "  --check               read and build the scene, no more\n"
+    "  --list                scenes that come with the programs, models, effects\n"
     "  --schema markdown     every key of a scene (docs/scene-reference.md)\n"
     "\n"
     "Options\n"
@@ -79,6 +80,7 @@ enum {
     OPT_SNAPSHOT,
     OPT_RESTORE,
     OPT_STRICT,
+    OPT_LIST,
     OPT_QUIET,
     OPT_VERSION,
     OPT_HELP = 'h'
@@ -113,6 +115,7 @@ static const struct option long_options[] = {{"lockstep", no_argument, NULL, OPT
                                              {"hands", required_argument, NULL, OPT_HANDS},
                                              {"help", no_argument, NULL, OPT_HELP},
                                              {"strict", no_argument, NULL, OPT_STRICT},
+                                             {"list", no_argument, NULL, OPT_LIST},
                                              {"quiet", no_argument, NULL, OPT_QUIET},
                                              {"version", no_argument, NULL, OPT_VERSION},
                                              {NULL, 0, NULL, 0}};
@@ -191,6 +194,7 @@ static int take_option(run_options *o, int option, char **all) {
     case OPT_JSON: o->json = optarg; return 0;
     case OPT_PARAVIEW: o->paraview = optarg; return 0;
     case OPT_PARAVIEW_EVERY: return take_whole("--paraview-every", optarg, 1, &o->paraview_every);
+    case OPT_LIST: o->list = true; return 0;
     case OPT_STRICT: o->strict = true; return 0;
     case OPT_QUIET: app_be_quiet(); return 0;
     case OPT_URL: o->url = optarg; return 0;
@@ -226,6 +230,7 @@ static int parse(run_options *o, int count, char **all) {
     if (optind < count) return usage("'%s' comes after '--'; give options and scene before", all[optind]);
     if (o->schema)
         return strcmp(o->schema, "markdown") ? usage("--schema '%s' is not known; use markdown", o->schema) : 0;
+    if (o->list) return 0;
     if (!o->scene) return usage("no scene%s; tm-sim SCENE.yaml --lockstep, or tm-sim --help", "");
     if (o->mode == RUN_NONE)
         return usage("no mode%s; add one of --lockstep --realtime --settle TOL --explain --check", "");
@@ -261,6 +266,7 @@ static int run(run_options *o) {
     app_scene *scene;
     sim *s;
     if (o->schema) return print_schema();
+    if (o->list) return run_list();
     int rc = sim_scene_load(o->scene, o->set, o->set_count, &scene);
     if (rc) return rc;
     scene->strict = o->strict;

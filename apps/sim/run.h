@@ -25,7 +25,7 @@ typedef struct run_options {
     int64_t frames;                           /* below 0: by duration */
     char *set[RUN_MAX_SETS];
     int set_count;
-    bool strict;
+    bool strict, list;
 } run_options;
 
 int run_lockstep(sim *s, const run_options *o);
@@ -35,6 +35,8 @@ int run_settle_check(const app_scene *scene);
 int run_settle(sim *s, const run_options *o);
 int run_explain(sim *s, const run_options *o);
 int run_hands(sim *s, const run_options *o);
+/* Scenes that come with the programs, models, effects, on stdout. */
+int run_list(void);
 
 /* What a run ends with whose tissue went unstable: its output files are kept, they are the evidence. */
 enum { RUN_UNSTABLE = -1 };

@@ -43,6 +43,7 @@ static void usage(FILE *to) {
         "  --list        names and what they are\n"
         "  --quick       the short form of each, as make check runs it\n"
         "  --json FILE   verdicts, figures and curves\n"
+        "  --quiet       only what is not as it should be\n"
         "  -h, --help, --version\n");
 }
 
@@ -103,11 +104,12 @@ static int run_all(char **wanted, int wanted_count, bool quick, const char *json
             c->run(quick, c->argument, &o);
             bool fine = good(c, &o);
             failed += !fine, ran++;
-            printf("%-4s %-24s %-15s %s\n", fine ? "ok" : "FAIL", c->name, verdict_name(o.verdict), o.text);
+            if (!fine || !app_is_quiet())
+                printf("%-4s %-24s %-15s %s\n", fine ? "ok" : "FAIL", c->name, verdict_name(o.verdict), o.text);
             fflush(stdout);
             cJSON_AddItemToArray(rows, as_json(c, &o, quick));
         }
-    printf("%d cases, %d not as they should be\n", ran, failed);
+    if (failed || !app_is_quiet()) printf("%d cases, %d not as they should be\n", ran, failed);
     int exit = json ? write_json(json, root) : APP_DONE;
     cJSON_Delete(root);
     return exit != APP_DONE ? exit : failed ? APP_FAILED : APP_DONE;
@@ -121,13 +123,10 @@ static bool exists(const char *name) {
 }
 
 int main(int argc, char **argv) {
-    static const struct option options[] = {{"case", required_argument, NULL, 'c'},
-                                            {"quick", no_argument, NULL, 'q'},
-                                            {"json", required_argument, NULL, 'j'},
-                                            {"list", no_argument, NULL, 'l'},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {"version", no_argument, NULL, 'v'},
-                                            {0}};
+    static const struct option options[] = {{"case", required_argument, NULL, 'c'}, {"quick", no_argument, NULL, 'q'},
+                                            {"json", required_argument, NULL, 'j'}, {"list", no_argument, NULL, 'l'},
+                                            {"help", no_argument, NULL, 'h'},       {"quiet", no_argument, NULL, 1000},
+                                            {"version", no_argument, NULL, 'v'},    {0}};
     enum { MOST = 64 };
     char *wanted[MOST];
     const char *json = NULL;
@@ -143,6 +142,7 @@ int main(int argc, char **argv) {
         case 'q': quick = true; break;
         case 'j': json = optarg; break;
         case 'l': list(); return APP_DONE;
+        case 1000: app_be_quiet(); break;
         case 'h': usage(stdout); return APP_DONE;
         case 'v': printf("tm-stability %s\n", tm_version()); return APP_DONE;
         default:

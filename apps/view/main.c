@@ -159,7 +159,7 @@ static int wait_for_tissue(job *j) {
         if (!j->api->listen(j->feed, 50, &j->picture))
             return app_bad_input("tm-view", 0, "LCM stopped working; check the network namespace") - 1;
         double waited = now_s() - began;
-        if (!said && waited > 0.5) said = true, fprintf(stderr, "tm-view: %s\n", j->picture.notice);
+        if (!said && waited > 0.5) said = true, app_remark("tm-view: %s", j->picture.notice);
         if (waited > j->options.wait_s)
             return app_bad_input("tm-view", 0,
                                  "no TISSUE in %g s; start tm-sim --realtime SCENE in the same network namespace, or "

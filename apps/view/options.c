@@ -33,6 +33,7 @@ static const char help[] =
     "  --scale X          of a mesh file's coordinates [1]\n"
     "  --lcm-url URL      [LCM_DEFAULT_URL, else LCM's default]\n"
     "  --json FILE        figures: pictures, seconds, pictures per second, messages taken and refused\n"
+    "  --quiet            no progress, no waiting aloud\n"
     "  -h, --help, --version\n";
 
 enum {
@@ -63,6 +64,7 @@ enum {
     NO_SUPPORTS,
     URL,
     JSON,
+    QUIET,
     VERSION,
     HELP = 'h'
 };
@@ -77,7 +79,8 @@ static const struct option table[] = {
     {"smooth", 1, NULL, SMOOTH}, {"crease", 1, NULL, CREASE},   {"no-words", 0, NULL, NO_WORDS},
     {"scale", 1, NULL, SCALE},   {"lcm-url", 1, NULL, URL},     {"json", 1, NULL, JSON},
     {"scene", 1, NULL, SCENE},   {"fibres", 0, NULL, FIBRES},   {"no-supports", 0, NULL, NO_SUPPORTS},
-    {"help", 0, NULL, HELP},     {"version", 0, NULL, VERSION}, {NULL, 0, NULL, 0},
+    {"help", 0, NULL, HELP},     {"quiet", 0, NULL, QUIET},     {"version", 0, NULL, VERSION},
+    {NULL, 0, NULL, 0},
 };
 
 static const char *name_of(int code) {
@@ -170,6 +173,7 @@ static int take(int code, const char *text, view_options *o) {
     case FILM: o->film = text; return 0;
     case JSON: o->json = text; return 0;
     case URL: o->url = text; return 0;
+    case QUIET: app_be_quiet(); return 0;
     case NO_WORDS: o->studio.words = false; return 0;
     case SCENE: o->scene = text; return 0;
     case FIBRES: o->marks.fibres = true; return 0;

@@ -66,7 +66,7 @@ static void usage(void) {
         "  --lcm-url URL          LCM for --hand lcm (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
         "  --key FILE, --no-key   as of haptic-rt, for --hand lcm\n"
         "  --rate HZ              encoder frames a second, 100..2000 (500)\n"
-        "  --duration S, --priority N, --stats, --json FILE, -h, --help, --version   as of haptic-rt\n"
+        "  --duration S, --priority N, --stats, --json FILE, --quiet, -h, --help, --version   as of haptic-rt\n"
         "\n"
         "Exit 0: done. 2: bad input. 1: anything else. Frames: docs/can.md.");
 }
@@ -93,35 +93,24 @@ enum {
     O_JSON,
     O_KEY,
     O_NO_KEY,
+    O_QUIET,
     O_VERSION,
     O_HELP = 'h'
 };
 /* "url" is the old name of "lcm-url". */
-static const struct option options[] = {{"bus", 1, 0, O_BUS},
-                                        {"instrument", 1, 0, O_INSTRUMENT},
-                                        {"hand", 1, 0, O_HAND},
-                                        {"start", 1, 0, O_START},
-                                        {"repeat", 0, 0, O_REPEAT},
-                                        {"straight", 0, 0, O_STRAIGHT},
-                                        {"tremor", 1, 0, O_TREMOR},
-                                        {"grasp", 1, 0, O_GRASP},
-                                        {"noise", 1, 0, O_NOISE},
-                                        {"seed", 1, 0, O_SEED},
-                                        {"profile", 1, 0, O_PROFILE},
-                                        {"set", 1, 0, O_SET},
-                                        {"params", 0, 0, O_PARAMS},
-                                        {"lcm-url", 1, 0, O_URL},
-                                        {"url", 1, 0, O_URL},
-                                        {"rate", 1, 0, O_RATE},
-                                        {"duration", 1, 0, O_DURATION},
-                                        {"priority", 1, 0, O_PRIORITY},
-                                        {"stats", 0, 0, O_STATS},
-                                        {"json", 1, 0, O_JSON},
-                                        {"key", 1, 0, O_KEY},
-                                        {"no-key", 0, 0, O_NO_KEY},
-                                        {"help", 0, 0, O_HELP},
-                                        {"version", 0, 0, O_VERSION},
-                                        {0, 0, 0, 0}};
+static const struct option options[] = {{"bus", 1, 0, O_BUS},           {"instrument", 1, 0, O_INSTRUMENT},
+                                        {"hand", 1, 0, O_HAND},         {"start", 1, 0, O_START},
+                                        {"repeat", 0, 0, O_REPEAT},     {"straight", 0, 0, O_STRAIGHT},
+                                        {"tremor", 1, 0, O_TREMOR},     {"grasp", 1, 0, O_GRASP},
+                                        {"noise", 1, 0, O_NOISE},       {"seed", 1, 0, O_SEED},
+                                        {"profile", 1, 0, O_PROFILE},   {"set", 1, 0, O_SET},
+                                        {"params", 0, 0, O_PARAMS},     {"lcm-url", 1, 0, O_URL},
+                                        {"url", 1, 0, O_URL},           {"rate", 1, 0, O_RATE},
+                                        {"duration", 1, 0, O_DURATION}, {"priority", 1, 0, O_PRIORITY},
+                                        {"stats", 0, 0, O_STATS},       {"json", 1, 0, O_JSON},
+                                        {"key", 1, 0, O_KEY},           {"no-key", 0, 0, O_NO_KEY},
+                                        {"help", 0, 0, O_HELP},         {"quiet", 0, 0, O_QUIET},
+                                        {"version", 0, 0, O_VERSION},   {0, 0, 0, 0}};
 
 static bool read_start(const char *text, double joint[HRT_JOINTS]) {
     char tail;
@@ -174,6 +163,7 @@ static bool take_option(program *p, int option, const char *text) {
         if (!hrt_option_number("--priority", text, 0, 99, &number)) return false;
         p->priority = (int)number;
         return true;
+    case O_QUIET: app_be_quiet(); return true;
     case O_STATS: p->stats = true; return true;
     case O_JSON: p->json = text; return true;
     default: return false;

@@ -78,6 +78,8 @@ static void usage(void) {
         "  --stats                  timing figures at the end\n"
         "  --json FILE              all figures at the end\n"
         "  --record FILE            every tick as CSV\n"
+        "  --quiet                  trouble alone is said, not that all is well\n"
+        "  --list                   names of extrapolators, modes and buses\n"
         "  -h, --help, --version\n"
         "\n"
         "Exit 0: done. 2: bad input. 1: anything else. States, faults and limits: docs/controller.md.");
@@ -131,6 +133,8 @@ enum {
     O_IDLE_STATES,
     O_KEY,
     O_NO_KEY,
+    O_QUIET,
+    O_LIST,
     O_VERSION,
     O_HELP = 'h'
 };
@@ -163,6 +167,8 @@ static const struct option options[] = {{"bus", 1, 0, O_BUS},
                                         {"key", 1, 0, O_KEY},
                                         {"no-key", 0, 0, O_NO_KEY},
                                         {"help", 0, 0, O_HELP},
+                                        {"quiet", 0, 0, O_QUIET},
+                                        {"list", 0, 0, O_LIST},
                                         {"version", 0, 0, O_VERSION},
                                         {0, 0, 0, 0}};
 
@@ -203,6 +209,7 @@ static bool take_option(program *p, int option, const char *text) {
         return true;
     case O_AUTO_RESET: return hrt_option_number("--auto-reset", text, 0.05, 1.0e6, &p->auto_reset_s);
     case O_STATS: p->stats = true; return true;
+    case O_QUIET: app_be_quiet(); return true;
     case O_REPLAY: p->replay = true; return true;
     case O_IDLE_STATES: p->loop.idle_states = true; return true;
     case O_JSON: p->json = text; return true;
@@ -227,6 +234,12 @@ static bool consistent(program *p) {
     return false;
 }
 
+static void list(void) {
+    printf("extrapolators");
+    for (int i = 0; i < HRT_EXTRAPOLATOR_COUNT; i++) printf(" %s", hrt_extrapolator_name((hrt_extrapolator)i));
+    printf("\nmodes probe grasper cautery\nbuses virtual:NAME socketcan:INTERFACE\n");
+}
+
 /* -1: go on; else the exit code. */
 static int read_options(program *p, int argc, char **argv) {
     opterr = 0;
@@ -235,6 +248,7 @@ static int read_options(program *p, int argc, char **argv) {
         if (option == ':') return app_bad_input(argv[optind - 1], 0, "needs a value; see haptic-rt --help");
         if (option == O_HELP) return usage(), APP_DONE;
         if (option == O_VERSION) return printf("haptic-rt %s\n", tm_version()), APP_DONE;
+        if (option == O_LIST) return list(), APP_DONE;
         if (option == O_PARAMS) return hrt_profile_write(stdout, &p->config.params), APP_DONE;
         if (!take_option(p, option, optarg)) return APP_BAD_INPUT;
     }

@@ -1,5 +1,7 @@
 #include "say.h"
 
+#include "app.h"
+
 #include <inttypes.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -45,8 +47,9 @@ static void say_state(hrt_teller *t, const hrt_facts *f) {
     if ((int)f->state == before) return;
     t->told.state = (int)f->state;
     if (before == HRT_FAULT) hrt_say_line(f->time_s, "reset: begins anew");
-    if (before == HRT_BOOT && f->state != HRT_FAULT) hrt_say_line(f->time_s, "device %d is here", t->instrument);
-    if (f->state == HRT_ENGAGED && before != HRT_STALE) hrt_say_line(f->time_s, "engaged");
+    if (before == HRT_BOOT && f->state != HRT_FAULT && !app_is_quiet())
+        hrt_say_line(f->time_s, "device %d is here", t->instrument);
+    if (f->state == HRT_ENGAGED && before != HRT_STALE && !app_is_quiet()) hrt_say_line(f->time_s, "engaged");
     if (f->state == HRT_FAULT)
         hrt_say_line(f->time_s, "fault %s (%d): %s", hrt_fault_name(f->fault), f->detail, hrt_fault_text(f->fault));
     t->told.wait_s = f->time_s;
