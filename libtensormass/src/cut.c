@@ -5,6 +5,8 @@
 
 #include <assert.h>
 
+const int8_t tm_cut_edge_between[4][4] = {{-1, 0, 1, 2}, {0, -1, 3, 4}, {1, 3, -1, 5}, {2, 4, 5, -1}};
+
 static void take_list(tm_cut_list *list, tm_pool *pool, int32_t count) {
     list->item = TM_TAKE(pool, int32_t, count);
     list->stamp = TM_TAKE(pool, uint32_t, count);
@@ -126,9 +128,6 @@ static void update_surface(tm_tissue *tissue, int32_t tet) {
     }
 }
 
-/* Local edge between two local vertices. */
-static const int8_t edge_between[4][4] = {{-1, 0, 1, 2}, {0, -1, 3, 4}, {1, 3, -1, 5}, {2, 4, 5, -1}};
-
 /* Whose fans may fall apart when this tetrahedron goes? Only they are looked at afterwards.
  *
  * About an edge the fan splits only if both neighbours live and the fan was not closed. About a vertex, where the
@@ -160,7 +159,7 @@ static void find_doubts(tm_tissue *tissue, int32_t tet) {
             if (!joined[j]) free_side = j;
         }
         const bool doubt = sides == 3 ? w->vertex_alive[v[i]] != w->vertex_whole[v[i]]
-                                      : sides == 2 && !closed[edge_between[i][free_side]];
+                                      : sides == 2 && !closed[tm_cut_edge_between[i][free_side]];
         if (doubt) tm_cut_queue_push(&w->vertex_check, v[i]);
     }
 }
@@ -171,7 +170,6 @@ void tm_cut_kill(tm_tissue *tissue, int32_t tet) {
     tissue->alive[tet] = 0;
     tissue->alive_count--;
     see(&w->tet, w->call, tet);
-    update_surface(tissue, tet);
     for (int e = 0; e < 6; e++) {
         const int32_t edge = tissue->mesh->tet_edge[6 * (int64_t)tet + e];
         w->edge_alive[edge]--;
@@ -195,6 +193,7 @@ int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int3
         if (tissue->alive[tet[i]]) tm_cut_kill(tissue, tet[i]);
     }
     tm_cut_mend(tissue);
+    for (int32_t i = 0; i < w->tet.count; i++) update_surface(tissue, w->tet.item[i]);
     for (int32_t i = 0; i < w->edge.count; i++)
         if (!tm_tissue_edge_lives(tissue, w->edge.item[i])) tm_tissue_drop_edge(tissue, w->edge.item[i]);
     for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_assemble_edge(tissue, w->edge.item[i]);

@@ -44,10 +44,13 @@ static inline bool tm_cut_is_there(const tm_tissue *tissue, int32_t tet) {
 tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh);
 /* Counts the living tetrahedra around edges and vertices. */
 void tm_cut_count(tm_tissue *tissue);
-/* Takes one living tetrahedron away: alive mark, surface, counts; what it touched waits for a look and for new tensors.
+/* Local edge between two local vertices. */
+extern const int8_t tm_cut_edge_between[4][4];
+
+/* Takes one living tetrahedron away: alive mark, counts; what it touched waits for a look, a surface and new tensors.
  */
 void tm_cut_kill(tm_tissue *tissue, int32_t tet);
-/* Removes what hangs by a vertex or an edge, until nothing does. */
+/* Removes what hangs by a vertex or an edge, until nothing does, and puts back what can stay after all. */
 void tm_cut_mend(tm_tissue *tissue);
 void tm_cut_queue_push(tm_cut_queue *queue, int32_t item);
 int32_t tm_cut_queue_pop(tm_cut_queue *queue);

@@ -212,7 +212,53 @@ static void check_vertex(tm_tissue *tissue, int32_t vertex) {
     tm_cut_queue_push(&tissue->cut->vertex_check, vertex); /* what is left may be a ring, or have one more hole */
 }
 
-void tm_cut_mend(tm_tissue *tissue) {
+/* --- what can stay after all --- */
+
+/* With what is there it must share faces alone, or the edge or vertex that it touches besides would be a hinge. All
+ * that a face has is shared with it; so only the vertex opposite a single face, and the edge opposite the one between
+ * two faces, can touch. */
+static bool can_stay(const tm_tissue *tissue, int32_t tet) {
+    const tm_mesh *mesh = tissue->mesh;
+    int sides = 0, side[4] = {0};
+    for (int f = 0; f < 4; f++) {
+        const int32_t other = mesh->tet_neighbour[4 * (int64_t)tet + f];
+        if (other >= 0 && tm_cut_is_there(tissue, other)) side[sides++] = f;
+    }
+    if (sides == 1) return tissue->cut->vertex_alive[mesh->tet[4 * (int64_t)tet + side[0]]] == 0;
+    if (sides == 2)
+        return tissue->cut->edge_alive[mesh->tet_edge[6 * (int64_t)tet + tm_cut_edge_between[side[0]][side[1]]]] == 0;
+    return sides > 2;
+}
+
+static void put_back(tm_tissue *tissue, int32_t tet) {
+    tm_cut_work *w = tissue->cut;
+    tissue->alive[tet] = 1;
+    tissue->alive_count++;
+    for (int e = 0; e < 6; e++) w->edge_alive[tissue->mesh->tet_edge[6 * (int64_t)tet + e]]++;
+    for (int i = 0; i < 4; i++) w->vertex_alive[tissue->mesh->tet[4 * (int64_t)tet + i]]++;
+}
+
+/* Mending looks at one edge or vertex at a time, and removes for it what another removal makes needless. The last goes
+ * first, as it hung on those before; what comes back may hold the next. */
+enum { PASSES = 16 };
+static void spare(tm_tissue *tissue, int32_t asked) {
+    tm_cut_list *gone = &tissue->cut->tet;
+    bool more = gone->count > asked;
+    for (int pass = 0; pass < PASSES && more; pass++) {
+        more = false;
+        for (int32_t i = gone->count - 1; i >= asked; i--) {
+            if (tissue->alive[gone->item[i]] || !can_stay(tissue, gone->item[i])) continue;
+            put_back(tissue, gone->item[i]);
+            more = true;
+        }
+    }
+    int32_t left = asked;
+    for (int32_t i = asked; i < gone->count; i++)
+        if (!tissue->alive[gone->item[i]]) gone->item[left++] = gone->item[i];
+    gone->count = left;
+}
+
+static void mend(tm_tissue *tissue) {
     tm_cut_work *w = tissue->cut;
     for (;;) {
         /* Edges first: the outlines about a vertex presume whole edges. */
@@ -223,4 +269,10 @@ void tm_cut_mend(tm_tissue *tissue) {
         else
             return;
     }
+}
+
+void tm_cut_mend(tm_tissue *tissue) {
+    const int32_t asked = tissue->cut->tet.count;
+    mend(tissue);
+    spare(tissue, asked);
 }

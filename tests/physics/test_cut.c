@@ -194,6 +194,45 @@ static void the_dead_are_not_read(void **state) {
     }
 }
 
+/* Mending takes no tetrahedron that could have stayed: put back alone, each would touch the rest by no face, or leave a
+ * surface that is no manifold. */
+static void mending_takes_no_more_than_it_must(void **state) {
+    (void)state;
+    scene s = make(false, TM_DOUBLE);
+    start(&s);
+    const int32_t n = s.mesh->tet_count;
+    int32_t *list = malloc(sizeof(int32_t) * (size_t)n), *gone = malloc(sizeof(int32_t) * (size_t)n), extra = 0;
+    uint8_t *alive = malloc((size_t)n);
+    for (int32_t t = 0; t < n; t++) list[t] = t;
+    fix_random random = {77};
+    cut_shuffle(list, n, &random);
+    tm_tissue_def def = s.def;
+    def.cuttable = false, def.alive = alive;
+    for (int32_t i = 0; i < n; i++) {
+        const int32_t count = tm_cut_remove(s.tissue, list + i, 1, gone, n);
+        for (int32_t k = 1; k < count; k++, extra++) { /* the first is the one that was asked for */
+            memcpy(alive, tm_tissue_alive(s.tissue), (size_t)n);
+            bool joined = false;
+            for (int f = 0; f < 4; f++) {
+                const int32_t other = s.mesh->tet_neighbour[4 * gone[k] + f];
+                joined |= other >= 0 && alive[other];
+            }
+            if (!joined) continue;
+            alive[gone[k]] = 1;
+            tm_tissue *with = NULL;
+            tm_error error;
+            fix_ok(tm_tissue_create(&def, &with, &error), &error);
+            if (!cut_not_manifold(with)) fail_msg("removal %d took %d, which could have stayed", i, gone[k]);
+            tm_tissue_destroy(with);
+        }
+    }
+    print_message("  %d tetrahedra went for others\n", extra);
+    assert_true(extra > n / 4);
+    free(list), free(gone), free(alive);
+    stop(&s);
+    finish(&s);
+}
+
 static void *no_alloc(size_t bytes, void *user) {
     (void)bytes, (void)user;
     fail_msg("an allocation while cutting");
@@ -219,8 +258,12 @@ static void no_allocation(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(hanging_parts_go), cmocka_unit_test(rings_are_opened),
-                                       cmocka_unit_test(twenty_orders),    cmocka_unit_test(down_to_nothing),
-                                       cmocka_unit_test(no_allocation),    cmocka_unit_test(the_dead_are_not_read)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(hanging_parts_go),
+                                       cmocka_unit_test(rings_are_opened),
+                                       cmocka_unit_test(twenty_orders),
+                                       cmocka_unit_test(down_to_nothing),
+                                       cmocka_unit_test(no_allocation),
+                                       cmocka_unit_test(the_dead_are_not_read),
+                                       cmocka_unit_test(mending_takes_no_more_than_it_must)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
