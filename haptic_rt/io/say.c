@@ -106,7 +106,7 @@ static void say_waiting(hrt_teller *t, const hrt_facts *f) {
 /* In use too: somebody else plays the simulation, or answers another controller. */
 static void say_refused(hrt_teller *t, const hrt_facts *f) {
     if (f->refused == t->told.refused || f->time_s < t->told.refused_s + again_s) return;
-    hrt_say_line(f->time_s, "refused %" PRId64 " samples: %s", f->refused - t->told.refused,
+    hrt_say_line(f->time_s, "samples refused: %" PRId64 ", the last: %s", f->refused - t->told.refused,
                  f->refusal ? f->refusal : "not for this controller");
     t->told.refused = f->refused;
     t->told.refused_s = f->time_s;

@@ -51,7 +51,7 @@ def sample():
     return f
 
 
-def run(seconds, forces=True, until=None):
+def run(seconds, forces=True, until=None, rival=False):
     end, frame = time.monotonic() + seconds, time.monotonic()
     while time.monotonic() < end:
         while select.select([link.fileno()], [], [], max(0, frame - time.monotonic()))[0]:
@@ -60,6 +60,10 @@ def run(seconds, forces=True, until=None):
         send_status()
         if forces and "tool" in saw:
             link.publish("FORCE_0", sample().encode())
+        if rival:
+            other = sample()
+            other.session, other.force_N = 6, [0, 0, 8]
+            link.publish("FORCE_0", other.encode())
         if until and until():
             return True
     return False
@@ -125,6 +129,8 @@ try:
     link.publish("PATCH_0", patch.encode())
     run(0.5)
     snapshot("after_bad")
+    run(2.2, rival=True)  # a second simulation beside the first
+    snapshot("two_simulations")
     device.kill()
     device.wait()
     run(0.6)

@@ -63,6 +63,14 @@ def test_bad_messages_are_counted_and_change_nothing(seen):
     assert after["force"][2] == pytest.approx(1.5, abs=0.2)
 
 
+def test_a_second_simulation_is_refused_with_the_reason_once_a_second(seen):
+    after = seen["two_simulations"]
+    assert after["state"] == 3 and after["force"][2] == pytest.approx(1.5, abs=0.2)
+    assert after["rejected"] - seen["after_bad"]["rejected"] > 30
+    lines = [line for line in seen["logs"].splitlines() if "refused" in line and "another session is in use" in line]
+    assert 2 <= len(lines) <= 3 and all("haptic-rt " in line for line in lines), lines
+
+
 def test_device_gone_and_back(seen):
     assert seen["device_gone"]["state"] in (0, 5) and seen["device_gone"]["force"] == [0, 0, 0]
     assert seen["pressed_again"], seen["logs"]
