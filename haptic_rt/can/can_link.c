@@ -1,7 +1,8 @@
 #include "can/can_link.h"
 
-/* LATE: half a turn back or more is an old frame, not a gap. GAPS_SPARE: what a start of either side may add. */
-enum { COUNTER_MASK = 0x7F, LATE = 64, GAPS_SPARE = 128 };
+/* LATE: half a turn back or more is an old frame, not a gap. GAPS_SPARE: what a start of either side may add.
+ * FIRST_COMMANDS: two beats of the device. */
+enum { COUNTER_MASK = 0x7F, LATE = 64, GAPS_SPARE = 128, FIRST_COMMANDS = 60 };
 
 void hrt_can_link_init(hrt_can_link *link, int32_t instrument) {
     static const hrt_can_link zero = {0};
@@ -48,7 +49,8 @@ static void take_device_fault(const hrt_can_link *link, int64_t now_us, uint8_t 
 
 static void take_gaps(hrt_can_link *link, int64_t now_us, const hrt_can_message *m, hrt_input *input) {
     const uint16_t fresh = (uint16_t)(m->gaps - link->gaps);
-    if (m->session != input->device_session) link->gaps_known = false;
+    /* Where a controller begins to count is no gap: the first beats only say where the device stands. */
+    if (m->session != input->device_session || link->commands < FIRST_COMMANDS) link->gaps_known = false;
     if (link->gaps_known) {
         link->can.command_gaps += fresh;
         if (fresh > link->commands_since + GAPS_SPARE) input->rival_us = now_us;
@@ -102,6 +104,7 @@ int32_t hrt_can_link_frames(hrt_can_link *link, int64_t now_us, const hrt_output
                                .counter = link->command_counter++,
                                .motors_on = output->motors_on};
     for (int32_t i = 0; i < HRT_MOTORS; i++) command.torque[i] = output->torque[i];
+    link->commands++;
     link->commands_since++;
     count += hrt_can_pack(&command, &frame[count]);
     if (link->beat_us != 0 && now_us - link->beat_us < HRT_CAN_LINK_BEAT_US) return count;

@@ -19,9 +19,9 @@ typedef struct hrt_can_link {
     bool encoder_known;
     uint8_t encoder_counter, command_counter, beat_counter;
     bool gaps_known;
-    uint16_t gaps;             /* as the device told last */
-    uint32_t commands_since;   /* sent since then */
-    int64_t beat_us, reset_us; /* 0: never */
+    uint16_t gaps;                     /* as the device told last */
+    uint32_t commands, commands_since; /* sent; of these since then */
+    int64_t beat_us, reset_us;         /* 0: never */
     hrt_can_counters can;
 } hrt_can_link;
 

@@ -140,8 +140,9 @@ static hrt_reject judge(hrt_node *node, const hrt_force_sample *m, const char **
 hrt_reject hrt_node_post_sample(hrt_node *node, const hrt_force_sample *m) {
     hrt_mailbox *box = &node->mailbox;
     struct hrt_slot *slot = &box->slot[box->write];
-    if (m->instrument != node->config.instrument || m->tool_session != node->config.session || !pose_settled(node))
-        return refuse(node, HRT_REJECT_FOREIGN);
+    if (m->instrument != node->config.instrument || !pose_settled(node)) return refuse(node, HRT_REJECT_FOREIGN);
+    if (m->tool_session != node->config.session)
+        return refuse_for(node, HRT_REJECT_FOREIGN, "they answer another controller; see what tm-sim says of this one");
     convert(node, m, &slot->sample);
     hrt_reject verdict = hrt_sample_check(&slot->sample, &node->config.params);
     const char *words = NULL;

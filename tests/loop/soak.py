@@ -1,5 +1,5 @@
 """tm-sim, haptic-rt and tm-device are killed, stopped, started twice, and their clocks set, at random; after every burst each is taken up again within a second,
-or a line a second says why not. Inside a network namespace: python soak.py BUILD SCENE FOLDER SEED EVENTS. Prints what it did as JSON; exit 1 and the last words of
+or a line a second says why not. Inside a network namespace: python soak.py BUILD SCENE FOLDER SEED EVENTS [KEY FILE]. Prints what it did as JSON; exit 1 and the last words of
 all when something was not taken up."""
 import json
 import os
@@ -15,6 +15,7 @@ import time
 
 build, scene, folder = map(pathlib.Path, sys.argv[1:4])
 seed, events = map(int, sys.argv[4:6])
+key = ["--key", sys.argv[6]] if len(sys.argv) > 6 else []
 sys.path.insert(0, str(build / "python"))
 import lcm  # noqa: E402
 from tensormass import controller_status_t, force_sample_t  # noqa: E402
@@ -28,8 +29,8 @@ link = lcm.LCM("udpm://239.255.76.67:7667?ttl=0")
 heard = {"status": (0.0, None), "force": (0.0, None)}
 link.subscribe("CONTROLLER_0", lambda _, data: heard.__setitem__("status", (time.monotonic(), controller_status_t.decode(data))))
 link.subscribe("FORCE_0", lambda _, data: heard.__setitem__("force", (time.monotonic(), force_sample_t.decode(data))))
-COMMAND = {"sim": ["tm-sim", scene, "--realtime"],
-           "controller": ["haptic-rt", "--bus", "virtual:soak", "--auto-reset", "0.2"],
+COMMAND = {"sim": ["tm-sim", scene, "--realtime", *key],
+           "controller": ["haptic-rt", "--bus", "virtual:soak", "--auto-reset", "0.2", *key],
            "device": ["tm-device", "--bus", "virtual:soak"]}
 counts = dict.fromkeys(("kill", "stop", "clock", "double"), 0)
 story, took = [], []

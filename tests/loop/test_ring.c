@@ -351,6 +351,24 @@ static void old_commands_are_refused(void **state) {
     }
 }
 
+static void gaps_that_the_device_tells(void **state) {
+    (void)state;
+    press(HRT_HOLD);
+    assert_int_equal(l.node.line.can.command_gaps, 0);
+    l.node.line.command_counter = (uint8_t)(l.node.line.command_counter + 7);
+    loop_run(&l, 0.2);
+    assert_int_equal(l.node.line.can.command_gaps, 7);
+    /* A controller that takes over counts from anywhere, and nobody calls that a gap. */
+    for (int begin = 0; begin < 128; begin += 9) {
+        const hrt_node_config config = l.node.config;
+        hrt_node_init(&l.node, &config, &l.node_bus);
+        l.node.line.command_counter = (uint8_t)begin;
+        loop_run(&l, 1.5);
+        assert_int_equal(l.tool.state, HRT_ENGAGED);
+        assert_int_equal(l.node.line.can.command_gaps, 0);
+    }
+}
+
 /* Another controller on the same bus: its frames give it away, or the gaps that the device counts. */
 static void a_rival_is_heard(void **state) {
     (void)state;
@@ -443,14 +461,22 @@ static void encoder_frames_lost_and_repeated(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_loop_settles),         cmocka_unit_test(seeded_noise_stays_bounded),
-        cmocka_unit_test(the_same_bits_every_time), cmocka_unit_test(simulation_killed),
-        cmocka_unit_test(controller_killed),        cmocka_unit_test(device_unplugged),
-        cmocka_unit_test(device_restarted),         cmocka_unit_test(bus_off),
-        cmocka_unit_test(no_pose_no_force),         cmocka_unit_test(two_devices),
-        cmocka_unit_test(device_judges_commands),   cmocka_unit_test(repeated_and_lost_commands),
-        cmocka_unit_test(old_commands_are_refused), cmocka_unit_test(a_rival_is_heard),
-        cmocka_unit_test(flipped_bits_are_refused), cmocka_unit_test(encoder_frames_lost_and_repeated)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(the_loop_settles),
+                                       cmocka_unit_test(seeded_noise_stays_bounded),
+                                       cmocka_unit_test(the_same_bits_every_time),
+                                       cmocka_unit_test(simulation_killed),
+                                       cmocka_unit_test(controller_killed),
+                                       cmocka_unit_test(device_unplugged),
+                                       cmocka_unit_test(device_restarted),
+                                       cmocka_unit_test(bus_off),
+                                       cmocka_unit_test(no_pose_no_force),
+                                       cmocka_unit_test(two_devices),
+                                       cmocka_unit_test(device_judges_commands),
+                                       cmocka_unit_test(repeated_and_lost_commands),
+                                       cmocka_unit_test(old_commands_are_refused),
+                                       cmocka_unit_test(gaps_that_the_device_tells),
+                                       cmocka_unit_test(a_rival_is_heard),
+                                       cmocka_unit_test(flipped_bits_are_refused),
+                                       cmocka_unit_test(encoder_frames_lost_and_repeated)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

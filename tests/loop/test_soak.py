@@ -1,4 +1,5 @@
-"""Random kills, stops, clock steps and double starts of all three programs: 100 here, 1,000 in the long run. Each rig has a network namespace and a bus of its own.
+"""Random kills, stops, clock steps and double starts of all three programs: 100 here, 1,000 in the long run. Each rig has a network namespace and a bus of its own;
+the second seals its messages with a key, which no clock may break either.
 TM_SEED=N begins at another seed; how the machine schedules the programs is not repeated with it."""
 import json
 import os
@@ -22,7 +23,10 @@ def test_whoever_comes_back_is_taken_up_within_a_second_or_told_why_not(build, r
     try:
         for i, folder in enumerate(folders):
             scene = block_scene(folder, root, "instruments:\n  - trocar: [50 mm, 50 mm, 180 mm]\ncontact:\ndamping: {rate: 60 /s}\nhaptics:\n")
-            rigs.append(subprocess.Popen([*NAMESPACE, sys.executable, root / "tests/loop/soak.py", build, scene, folder, str(first + i), str(each)],
+            key = folder / "key"
+            key.write_text("00112233445566778899aabbccddeeff\n")
+            key.chmod(0o600)
+            rigs.append(subprocess.Popen([*NAMESPACE, sys.executable, root / "tests/loop/soak.py", build, scene, folder, str(first + i), str(each), *([key] if i else [])],
                                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
         said = [rig.communicate(timeout=60 + 4 * each)[0] for rig in rigs]
     finally:
