@@ -101,13 +101,6 @@ bool tm_row_is_held(const tm_contact_guest *guest, const tm_contact_row *row) {
     return true;
 }
 
-static int32_t drop_held(const tm_contact *contact, tm_contact_row *row, int32_t count) {
-    int32_t kept = 0;
-    for (int32_t i = 0; i < count; i++)
-        if (!tm_row_is_held(&contact->guest, row + i)) row[kept++] = row[i];
-    return kept;
-}
-
 static void drop_shallowest(tm_contact *contact) {
     while (contact->row_count > contact->def.max_rows) {
         int32_t shallow = 0;
@@ -147,7 +140,7 @@ static void find_rows(tm_contact *contact) {
             continue;
         }
         if (overflowed) tool->flags |= TM_REACTION_OVERFLOWED;
-        contact->row_count += contact->guest.holds ? drop_held(contact, row, count) : count;
+        contact->row_count += contact->guest.admit ? contact->guest.admit(contact->guest.self, t, row, count) : count;
     }
     drop_shallowest(contact);
     remember_depth(contact);

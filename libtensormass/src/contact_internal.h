@@ -66,6 +66,8 @@ typedef struct tm_contact_guest {
     int32_t (*held)(void *self, int32_t instrument, const int32_t **vertex, const double **target_m,
                     double *compliance_m_N);
     void (*load)(void *self, int32_t instrument, tm_guest_load *load);
+    /* Drops, or eases, those of an instrument's rows that are its own; returns how many are left. */
+    int32_t (*admit)(void *self, int32_t instrument, tm_contact_row *row, int32_t count);
 } tm_contact_guest;
 
 /* All vertices that bear the row are held: it is no obstacle to the tool that holds them. */

@@ -14,6 +14,7 @@ typedef struct hold {
     bool was_closed;
     int32_t placings; /* of the tool, as last seen */
     tm_jaw jaw;       /* frame at this substep */
+    bool seen;        /* contact has looked at what is being let go */
     double fade;      /* of what the springs can bear while letting go, 1 to 0 */
     int32_t count;
     int32_t *vertex;    /* [max_vertices] */
@@ -22,6 +23,9 @@ typedef struct hold {
     double *force_N;    /* [3*max_vertices] on the tissue */
     double *let_go_N;   /* [3*max_vertices] the same when the jaw opened */
     double *distance_m; /* [max_vertices] scratch of the capture */
+    /* While letting go, of each station of the tool: how deep what it lets go lies in it. That is forgiven: it may not
+     * go deeper, and as it gets out, less is. */
+    double embedded_m[TM_MAX_STATIONS];
 } hold;
 
 struct tm_grasp {
@@ -98,10 +102,12 @@ static void drop(hold *h, int32_t i) {
 static void open_jaw(hold *h) {
     h->state = TM_GRASP_LETTING_GO;
     h->fade = 1;
+    h->seen = false;
     memcpy(h->let_go_N, h->force_N, sizeof(double) * 3 * (size_t)h->count);
 }
 
-/* What is let go is no obstacle to the jaw that it lay in until it is out of it. */
+/* Contact of a hybrid knows no depth that is forgiven: there what is let go is no obstacle until it is out of the jaw.
+ */
 static void release_what_is_out(hold *h, const tm_tool *tool, const tm_world *world) {
     for (int32_t i = h->count - 1; i >= 0; i--) {
         double at[3], d[3];
@@ -112,6 +118,44 @@ static void release_what_is_out(hold *h, const tm_tool *tool, const tm_world *wo
         if (vnorm(d) > 1.05 * tool->def.radius_m) drop(h, i);
     }
     if (h->count == 0) h->state = TM_GRASP_OPEN;
+}
+
+static bool is_embedded(const hold *h) {
+    bool any = false;
+    for (int i = 0; i < TM_MAX_STATIONS; i++) any = any || h->embedded_m[i] > 0;
+    return h->seen && any;
+}
+
+static void release(const tm_grasp *grasp, hold *h, const tm_tool *tool, const tm_world *world) {
+    if (grasp->contact->solver_instead.solve) {
+        release_what_is_out(h, tool, world);
+    } else if (!is_embedded(h)) {
+        h->count = 0;
+        h->state = TM_GRASP_OPEN;
+    }
+}
+
+/* Rows of what is held are none. Of what is being let go they are obstacles at once, or the tissue would run through
+ * the tool while the hold fades and be thrown out afterwards; but what lay in the jaw when it opened is not pushed out
+ * of it. Returns how many rows are left. */
+static int32_t admit(void *self, int32_t t, tm_contact_row *row, int32_t count) {
+    tm_grasp *grasp = self;
+    hold *h = grasp->hold + t;
+    double depth_m[TM_MAX_STATIONS] = {0};
+    int32_t left = 0;
+    for (int32_t i = 0; i < count && h->state == TM_GRASP_LETTING_GO; i++)
+        if (tm_row_is_held(&grasp->contact->guest, row + i))
+            depth_m[row[i].station] = fmax(depth_m[row[i].station], -row[i].gap_m);
+    for (int i = 0; i < TM_MAX_STATIONS; i++)
+        h->embedded_m[i] = h->seen ? fmin(h->embedded_m[i], depth_m[i]) : depth_m[i];
+    h->seen = true;
+    for (int32_t i = 0; i < count; i++) {
+        const bool held = tm_row_is_held(&grasp->contact->guest, row + i);
+        if (held && h->state != TM_GRASP_LETTING_GO) continue;
+        if (held) row[i].gap_m += h->embedded_m[row[i].station];
+        row[left++] = row[i];
+    }
+    return left;
 }
 
 static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
@@ -136,7 +180,7 @@ static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
         if (h->fade > 0)
             h->fade = fmax(h->fade - world->state.dt_s / fmax(grasp->def.fade_s, world->state.dt_s), 0);
         else
-            release_what_is_out(h, tool, world);
+            release(grasp, h, tool, world);
         break;
     }
 }
@@ -262,8 +306,8 @@ static void changed(void *self, tm_world *world) {
 
 /* What one instrument's hold is between steps; its vertices' arrays follow it. */
 typedef struct kept {
-    int32_t state, was_closed, count, unused;
-    double axis_m[3][3], origin[3], fade;
+    int32_t state, was_closed, count, seen;
+    double axis_m[3][3], origin[3], fade, embedded_m[TM_MAX_STATIONS];
 } kept;
 
 static int64_t kept_bytes(int32_t count) {
@@ -297,9 +341,11 @@ static int64_t snapshot(void *self, void *buffer) {
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
         hold *h = grasp->hold + t;
         if (buffer) {
-            kept k = {.state = h->state, .was_closed = h->was_closed, .count = h->count, .fade = h->fade};
+            kept k = {
+                .state = h->state, .was_closed = h->was_closed, .count = h->count, .seen = h->seen, .fade = h->fade};
             memcpy(k.axis_m, h->jaw.axis_m, sizeof k.axis_m);
             memcpy(k.origin, h->jaw.origin, sizeof k.origin);
+            memcpy(k.embedded_m, h->embedded_m, sizeof k.embedded_m);
             memcpy((char *)buffer + bytes, &k, sizeof k);
             move_arrays(h, (char *)buffer + bytes + sizeof k, true);
         }
@@ -341,6 +387,8 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
         h->fade = k.fade;
         memcpy(h->jaw.axis_m, k.axis_m, sizeof k.axis_m);
         memcpy(h->jaw.origin, k.origin, sizeof k.origin);
+        memcpy(h->embedded_m, k.embedded_m, sizeof k.embedded_m);
+        h->seen = k.seen != 0;
         move_arrays(h, (char *)(uintptr_t)(from + sizeof k), false);
         from += kept_bytes(k.count);
     }
@@ -444,7 +492,7 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
         tm_pool_release(&pool);
         return status;
     }
-    contact->guest = (tm_contact_guest){self, prepare, sweep, react, holds, held, load};
+    contact->guest = (tm_contact_guest){self, prepare, sweep, react, holds, held, load, admit};
     *grasp = self;
     return TM_OK;
 }

@@ -1,0 +1,294 @@
+/* Random sessions of two hands: press, grasp, cross, pinch, cut, hand over, let go. Whatever they do, tissue gets no
+ * more energy than the hands put in, goes no farther than hands can bring it, and contact comes to rest. A session that
+ * breaks a bound is shrunk to the fewest actions that still do, and printed.
+ *
+ * TM_LONG=1: 10,000 sessions. TM_SESSION=SEED: that one alone, told frame by frame. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "contact_scene.h"
+
+enum { MOST_ACTIONS = 14, FRAMES_AFTER = 60 };
+static const double FRAME_S = 0.005, TOP_M = 0.03, HALF_M = 0.024;
+/* How much more than the hands put in tissue and springs may have: a share of all that hands gave and took, and what is
+ * not worth a bound. */
+static const double SURPLUS_SHARE = 0.25, SURPLUS_J = 5e-5;
+static const double FARTHEST_M = 0.08; /* of any vertex that hangs on a support */
+
+typedef enum kind { PRESS, LIFT, CLOSE, OPEN, CROSS, PINCH, CUT, HAND_OVER, PULL, WAIT, KINDS } kind;
+static const char *const KIND[KINDS] = {"press", "lift", "close",     "open", "cross",
+                                        "pinch", "cut",  "hand over", "pull", "wait"};
+
+typedef struct action {
+    kind what;
+    int tool, frames;
+    double to_m[3], roll_rad;
+} action;
+
+typedef struct session {
+    uint64_t seed;
+    tm_tool_mode mode[2];
+    double young_Pa, damping_1_s, fade_s;
+    int count;
+    action action[MOST_ACTIONS];
+} session;
+
+typedef struct verdict {
+    bool good;
+    int action; /* during which it failed */
+    char why[200];
+    double hands_J, worst; /* the surplus at its worst, as a share of what it may be */
+    double farthest_m;
+} verdict;
+
+/* --- making --- */
+
+static double between(double low, double high) { return low + (high - low) * scene_random(); }
+
+static session random_session(uint64_t seed) {
+    session s = {.seed = seed};
+    scene_seed = 0x9e3779b97f4a7c15ULL * (seed + 1);
+    for (int i = 0; i < 4; i++) scene_random();
+    for (int t = 0; t < 2; t++) {
+        const double which = scene_random();
+        s.mode[t] = which < 0.6 ? TM_TOOL_GRASPER : which < 0.85 ? TM_TOOL_PROBE : TM_TOOL_CAUTERY;
+    }
+    s.young_Pa = between(2000, 20000);
+    s.damping_1_s = between(10, 150);
+    s.fade_s = (const double[]){0, 0.02, 0.1, 0.3}[(int)(4 * scene_random())];
+    s.count = 6 + (int)(8 * scene_random());
+    for (int i = 0; i < s.count; i++) {
+        action *a = s.action + i;
+        a->what = (kind)(KINDS * scene_random());
+        a->tool = scene_random() < 0.5;
+        a->frames = 4 + (int)(12 * scene_random());
+        a->to_m[0] = between(-0.018, 0.018);
+        a->to_m[1] = between(-0.012, 0.012);
+        a->to_m[2] = TOP_M + between(-0.008, 0.004);
+        a->roll_rad = between(-0.5, 0.5);
+    }
+    return s;
+}
+
+static void print_session(const session *s) {
+    static const char *const mode[] = {"probe", "grasper", "cautery"};
+    print_message("  seed %llu: %s and %s, E %.0f Pa, damping %.0f 1/s, fade %.0f ms\n", (unsigned long long)s->seed,
+                  mode[s->mode[0]], mode[s->mode[1]], s->young_Pa, s->damping_1_s, 1e3 * s->fade_s);
+    for (int i = 0; i < s->count; i++) {
+        const action *a = s->action + i;
+        print_message("    tool %d: %-9s to (%.1f, %.1f, %.1f) mm, roll %.2f, in %.0f ms\n", a->tool, KIND[a->what],
+                      1e3 * a->to_m[0], 1e3 * a->to_m[1], 1e3 * a->to_m[2], a->roll_rad, 1e3 * FRAME_S * a->frames);
+    }
+}
+
+/* --- running --- */
+
+typedef struct stage {
+    scene s;
+    tm_tool_pose at[2];
+    double hand_J[2]; /* as last seen */
+    int32_t substeps;
+    verdict v;
+    bool tell;
+} stage;
+
+static stage open_stage(const session *s) {
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 6, d.cells[2] = 3;
+    d.size_m[0] = d.size_m[1] = 2 * HALF_M, d.size_m[2] = TOP_M;
+    d.young_Pa = s->young_Pa, d.damping_1_s = s->damping_1_s, d.tools = 2;
+    memcpy(d.trocar_m, (double[2][3]){{0.1, 0, 0.15}, {-0.1, 0.02, 0.15}}, sizeof d.trocar_m);
+    memcpy(d.tip_m, (double[2][3]){{0.012, 0, TOP_M + 0.01}, {-0.012, 0, TOP_M + 0.01}}, sizeof d.tip_m);
+    stage g = {.s = scene_create_full(&d, true, s->mode), .v = {.good = true}};
+    for (int t = 0; t < 2; t++) {
+        g.at[t] = scene_pose(d.tip_m[t][0], d.tip_m[t][1], d.tip_m[t][2]);
+        g.at[t].active = s->mode[t] != TM_TOOL_CAUTERY;
+    }
+    tm_error error;
+    tm_grasp *grasp;
+    tm_grasp_def how = tm_grasp_def_default();
+    how.fade_s = s->fade_s;
+    tm_cut_def cut = tm_cut_def_default();
+    cut.loose = TM_LOOSE_REMOVE;
+    scene_must(tm_stage_grasp(g.s.world, g.s.contact, &how, &grasp, &error), &error);
+    scene_must(tm_stage_cut(g.s.world, g.s.contact, &cut, &error), &error);
+    scene_must(tm_stage_energy(g.s.world, &error), &error);
+    g.substeps = (int32_t)ceil(FRAME_S / tm_world_step_s(g.s.world));
+    return g;
+}
+
+static void fail_at(stage *g, int i, const char *why, double is, double bound) {
+    if (g->v.good) snprintf(g->v.why, sizeof g->v.why, "%s %.3g, bound %.3g", why, is, bound);
+    if (g->v.good) g->v.action = i;
+    g->v.good = false;
+}
+
+static void judge(stage *g, int i, bool after) {
+    tm_energy e;
+    assert_int_equal(tm_world_energy(g->s.world, &e, NULL), TM_OK);
+    double turnover = e.start_J + fabs(e.support_J) + e.damping_J + fabs(e.cut_J) + fabs(e.moved_J);
+    for (int t = 0; t < 2; t++) {
+        g->v.hands_J += fabs(e.hand_J[t] - g->hand_J[t]);
+        g->hand_J[t] = e.hand_J[t];
+        turnover += fabs(e.contact_J[t]) + fabs(e.grasp_J[t]);
+        const bool overflowed = tm_contact_reaction(g->s.contact, t).flags & TM_REACTION_OVERFLOWED;
+        if (after && overflowed) fail_at(g, i, "tools are out and contact is still overflowed, tool", t, 0);
+    }
+    const double may = SURPLUS_SHARE * g->v.hands_J + SURPLUS_J;
+    const double surplus = e.made_J - e.film_J; /* tissue's and springs' less the hands' */
+    g->v.worst = fmax(g->v.worst, surplus / may);
+    const double *u = tm_world_state(g->s.world)->u_m;
+    double far = 0;
+    for (int32_t k = 0; k < 3 * g->s.mesh->vertex_count; k++)
+        if (tm_tissue_mass_kg(g->s.tissue)[k / 3] > 0) far = fmax(far, fabs(u[k]));
+    g->v.farthest_m = fmax(g->v.farthest_m, far);
+    if (g->tell)
+        print_message(
+            "  %2d: stored %.2e + %.2e J, hands %+.2e %+.2e, surplus %+.2e of %.1e, held %.1e, film %.1e, cut "
+            "%.1e, %.1f mm, %d rows\n",
+            i, e.kinetic_J, e.elastic_J, e.hand_J[0], e.hand_J[1], surplus, may, e.sprung_J, e.film_J, e.cut_J,
+            1e3 * far, tm_contact_reaction(g->s.contact, 0).row_count + tm_contact_reaction(g->s.contact, 1).row_count);
+    if (!(surplus <= may)) fail_at(g, i, "more than the hands put in, by J", surplus, may);
+    if (!(far <= FARTHEST_M)) fail_at(g, i, "a vertex went to m", far, FARTHEST_M);
+    if (!(fabs(e.residual_J) <= 1e-9 * turnover + 1e-15))
+        fail_at(g, i, "the account does not close, J", e.residual_J, 1e-9 * turnover);
+}
+
+/* Both tools go to `to` in `frames`. */
+static void go(stage *g, int i, const tm_tool_pose to[2], int frames) {
+    const tm_tool_pose from[2] = {g->at[0], g->at[1]};
+    for (int k = 1; k <= frames && g->v.good; k++) {
+        tm_contact_begin_frame(g->s.contact, g->substeps, g->substeps);
+        for (int t = 0; t < 2; t++) {
+            g->at[t] = to[t];
+            for (int c = 0; c < 3; c++)
+                g->at[t].tip_m[c] = from[t].tip_m[c] + (to[t].tip_m[c] - from[t].tip_m[c]) * k / frames;
+            g->at[t].roll_rad = from[t].roll_rad + (to[t].roll_rad - from[t].roll_rad) * k / frames;
+            tm_contact_move(g->s.contact, t, g->at + t, g->substeps);
+        }
+        if (tm_world_step(g->s.world, g->substeps) != TM_OK) {
+            fail_at(g, i, "the step is unstable", 0, 0);
+            return;
+        }
+        judge(g, i, false);
+    }
+}
+
+static void act(stage *g, const session *s, int i) {
+    const action *a = s->action + i;
+    tm_tool_pose to[2] = {g->at[0], g->at[1]}, *mine = to + a->tool, *other = to + !a->tool;
+    const double up = TOP_M + 0.008;
+    switch (a->what) {
+    case PRESS:
+        memcpy(mine->tip_m, a->to_m, sizeof a->to_m);
+        mine->tip_m[2] -= 0.004;
+        break;
+    case LIFT: mine->tip_m[2] = up; break;
+    case CLOSE: mine->grip = 1; break;
+    case OPEN: mine->grip = 0; break;
+    case CROSS: memcpy(mine->tip_m, a->to_m, sizeof a->to_m), mine->tip_m[0] = -g->at[a->tool].tip_m[0]; break;
+    case PINCH: /* from both sides towards one place, below the surface */
+        for (int t = 0; t < 2; t++) {
+            memcpy(to[t].tip_m, a->to_m, sizeof a->to_m);
+            to[t].tip_m[0] += t ? -0.003 : 0.003;
+            to[t].tip_m[2] = fmin(a->to_m[2], TOP_M - 0.001);
+        }
+        break;
+    case CUT: mine->active = s->mode[a->tool] != TM_TOOL_CAUTERY || !g->at[a->tool].active; break;
+    case HAND_OVER: /* the other comes to where this one is, closes, and this one opens */
+        memcpy(other->tip_m, mine->tip_m, sizeof other->tip_m);
+        other->tip_m[0] += a->tool ? 0.002 : -0.002;
+        go(g, i, to, a->frames);
+        other->grip = 1;
+        go(g, i, to, 2);
+        mine->grip = 0;
+        break;
+    case PULL: mine->tip_m[2] += 0.008, mine->roll_rad = a->roll_rad; break;
+    case WAIT:
+    case KINDS: break;
+    }
+    go(g, i, to, a->frames);
+}
+
+static verdict run_session(const session *s, bool tell) {
+    stage g = open_stage(s);
+    g.tell = tell;
+    for (int i = 0; i < s->count && g.v.good; i++) {
+        if (tell) print_message(" %s\n", KIND[s->action[i].what]);
+        act(&g, s, i);
+    }
+    tm_tool_pose out[2] = {g.at[0], g.at[1]}; /* both open and leave */
+    for (int t = 0; t < 2; t++) {
+        out[t].grip = 0, out[t].roll_rad = 0, out[t].active = s->mode[t] != TM_TOOL_CAUTERY;
+    }
+    go(&g, s->count, out, 2 + (int)(s->fade_s / FRAME_S));
+    for (int t = 0; t < 2; t++) out[t].tip_m[2] = TOP_M + 0.05;
+    go(&g, s->count, out, 20);
+    go(&g, s->count, out, FRAMES_AFTER);
+    if (g.v.good) judge(&g, s->count, true);
+    scene_destroy(&g.s);
+    return g.v;
+}
+
+/* --- shrinking --- */
+
+static session without(const session *s, int i) {
+    session less = *s;
+    memmove(less.action + i, less.action + i + 1, sizeof *less.action * (size_t)(less.count - i - 1));
+    less.count--;
+    return less;
+}
+
+static session shrink(session s, verdict *v) {
+    if (v->action + 1 < s.count) s.count = v->action + 1;
+    for (bool helped = true; helped;) {
+        helped = false;
+        for (int i = s.count - 1; i >= 0; i--) {
+            const session less = without(&s, i);
+            const verdict w = run_session(&less, false);
+            if (w.good) continue;
+            s = less, *v = w, helped = true;
+        }
+    }
+    return s;
+}
+
+static void test_sessions(void **unused) {
+    (void)unused;
+    const bool all = getenv("TM_LONG") && !strcmp(getenv("TM_LONG"), "1");
+    const char *one = getenv("TM_SESSION"), *count = getenv("TM_SESSIONS");
+    const uint64_t first = one ? strtoull(one, NULL, 10) : 1, n = one     ? 1
+                                                                  : count ? strtoull(count, NULL, 10)
+                                                                  : all   ? 10000
+                                                                          : 100;
+    int failed = 0;
+    double worst = 0, farthest = 0, hands = 0;
+    uint64_t worst_seed = 0;
+    for (uint64_t seed = first; seed < first + n; seed++) {
+        const session s = random_session(seed);
+        if (one) print_session(&s);
+        verdict v = run_session(&s, one != NULL);
+        farthest = fmax(farthest, v.farthest_m);
+        hands += v.hands_J;
+        if (v.worst > worst) worst = v.worst, worst_seed = seed;
+        if (v.good) continue;
+        print_message("session %llu: %s\n", (unsigned long long)seed, v.why);
+        if (++failed > 3) continue;
+        const session less = shrink(s, &v);
+        print_message("  shrunk: %s (TM_SESSION=%llu shows the whole)\n", v.why, (unsigned long long)seed);
+        print_session(&less);
+    }
+    print_message(
+        "%llu sessions, seeds from %llu: %.3f J through the hands, surplus at most %.2f of the bound (seed %llu), "
+        "farthest %.1f mm\n",
+        (unsigned long long)n, (unsigned long long)first, hands, worst, (unsigned long long)worst_seed, 1e3 * farthest);
+    assert_int_equal(failed, 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_sessions)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
