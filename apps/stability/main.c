@@ -17,6 +17,7 @@ static const struct {
 } groups[] = {{cases_tissue, &cases_tissue_count},
               {cases_tool, &cases_tool_count},
               {cases_cut, &cases_cut_count},
+              {cases_energy, &cases_energy_count},
               {cases_link, &cases_link_count}};
 enum { GROUPS = sizeof groups / sizeof *groups };
 

@@ -32,8 +32,8 @@ typedef struct hard_case {
     double argument; /* lets one function serve a row of cases */
 } hard_case;
 
-extern const hard_case cases_tissue[], cases_tool[], cases_cut[], cases_link[];
-extern const int cases_tissue_count, cases_tool_count, cases_cut_count, cases_link_count;
+extern const hard_case cases_tissue[], cases_tool[], cases_cut[], cases_energy[], cases_link[];
+extern const int cases_tissue_count, cases_tool_count, cases_cut_count, cases_energy_count, cases_link_count;
 
 /* --- helpers of the cases --- */
 

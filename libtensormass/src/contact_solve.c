@@ -7,9 +7,12 @@
 
 #include "contact_vec.h"
 
-/* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped) is undone no
- * faster than this, or it would be thrown out. Above any speed of a hand. */
+/* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped, a piece of
+ * surface that another tool pulled into this one) is undone no faster than this, or it would be thrown out. Above any
+ * speed of a hand. No hand does that work, so its power is bounded too: a station that bears 1 N moves out at 20 mm/s.
+ */
 #define RECOVERY_M_S 0.5
+#define RECOVERY_W 0.02
 
 double tm_skin_depth(double compliance_m_N, double radius_m, double lambda_N) {
     double depth = compliance_m_N * lambda_N, soft = TM_SKIN_TRAVEL * radius_m;
@@ -28,6 +31,10 @@ double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, do
     if (compliance_m_N * lambda > soft)
         lambda = -(gap_m + soft - soft / TM_SKIN_HARDENING) / (diagonal_m_N + compliance_m_N / TM_SKIN_HARDENING);
     return vmin(lambda, cap_N);
+}
+
+static double recovery_m_s(double bears_N) {
+    return RECOVERY_M_S * bears_N <= RECOVERY_W ? RECOVERY_M_S : RECOVERY_W / bears_N;
 }
 
 static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
@@ -50,7 +57,7 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
     }
     /* what was too deep before the tool moved, and is not yet to be undone */
     double left = row->gap_m + vdot(row->normal, r->moved_m) + tool->station_depth_m[row->station] +
-                  RECOVERY_M_S * world->state.dt_s;
+                  recovery_m_s(tool->station_N[row->station]) * world->state.dt_s;
     r->gap_m = row->gap_m - vmin(left, 0);
 }
 

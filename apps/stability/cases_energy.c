@@ -1,0 +1,207 @@
+/* The account of energy: closed to rounding wherever no tool rubs, and what contact, jaws and cuts may add bounded. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "stability.h"
+
+static double turnover(const tm_energy *e) {
+    double sum = e->start_J + fabs(e->support_J) + fabs(e->gravity_J) + fabs(e->load_J) + fabs(e->moved_J) +
+                 e->damping_J + fabs(e->cut_J);
+    for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) sum += fabs(e->contact_J[t]) + fabs(e->grasp_J[t]);
+    return sum;
+}
+
+/* --- without tools --- */
+
+typedef enum motion { SWING, DAMPED, WEIGHT, MOVING_SUPPORT, NEW_STEPS, CUTS } motion;
+
+static void one_motion(bench *b, motion which, int64_t i, double longest_s, uint64_t *seed) {
+    const int32_t held = 3 * 25; /* the bottom layer of the default bench */
+    if (which == MOVING_SUPPORT)
+        for (int32_t k = 0; k < held; k += 3) tm_support_move(b->world, k, 0.002 * sin(0.05 * (double)i));
+    if (which == NEW_STEPS) tm_world_set_step(b->world, longest_s * (0.55 + 0.4 * random_unit(seed)), NULL);
+    if (which == CUTS && i % 20 == 0) {
+        const int32_t tet = (int32_t)(0.5 * (1 + random_unit(seed)) * (b->mesh->tet_count - 1));
+        tm_cut_remove(b->tissue, &tet, 1, NULL, 0);
+    }
+}
+
+static void closes(bool quick, double argument, outcome *o) {
+    const motion which = (motion)(int)argument;
+    bench_def def = bench_default();
+    bench b;
+    tm_energy e = {0};
+    def.cuttable = which == CUTS;
+    def.material[0].damping_1_s = which == SWING ? 0 : which == NEW_STEPS || which == CUTS ? 1 : 20;
+    if (!bench_open(&def, &b, o)) return;
+    const double longest_s = tm_critical_step_guaranteed(b.tissue, NULL);
+    uint64_t seed = 5;
+    tm_status status = TM_OK;
+    if (which == WEIGHT) status = tm_stage_gravity(b.world, (const double[3]){1, 0, -9.81}, NULL);
+    if (status == TM_OK) status = tm_stage_energy(b.world, NULL);
+    random_velocities(&b, 11, 0.1);
+    double worst = 0;
+    o->x_name = "simulated s", o->y_name = "stored J";
+    for (int64_t i = 0, n = quick ? 1000 : 10000; i < n && status == TM_OK; i++) {
+        one_motion(&b, which, i, longest_s, &seed);
+        status = tm_world_step(b.world, 10);
+        if (status == TM_OK) status = tm_world_energy(b.world, &e, NULL);
+        worst = fmax(worst, fabs(e.residual_J) / turnover(&e));
+        if (i % (n / 200) == 0) series_add(o, e.time_s, e.kinetic_J + e.elastic_J);
+    }
+    if (status == TM_OK)
+        accurate(o, worst,
+                 "%.2e J went round: supports %+.1e, weight %+.1e, damping took %.1e, cuts %.1e, new steps %+.1e; off "
+                 "by %.1e of it at most",
+                 turnover(&e), e.support_J, e.gravity_J, e.damping_J, e.cut_J, e.moved_J, worst);
+    else
+        broken(o, "the run became unstable");
+    bench_close(&b);
+}
+
+/* --- with tools --- */
+
+static const double TOP_M = 0.04;
+
+typedef struct hands {
+    bench b;
+    tm_contact *contact;
+    tm_tool_pose at[2];
+    tm_energy now, before;
+    double through_J, surplus_J, residual; /* through the hands; tissue's and springs' beyond it at most */
+    bool finite;
+    outcome *o;
+} hands;
+
+static bool hands_open(hands *h, tm_tool_mode other, outcome *o) {
+    static const tm_tool_pose start[2] = {{.tip_m = {0.022, 0.02, 0.05}, .active = true},
+                                          {.tip_m = {0.016, 0.02, 0.06}, .active = true}};
+    bench_def def = bench_default();
+    memset(h, 0, sizeof *h);
+    h->o = o, h->finite = true;
+    def.cells[0] = def.cells[1] = def.cells[2] = 8;
+    def.material[0].damping_1_s = 40, def.cuttable = true;
+    if (!bench_open(&def, &h->b, o)) return false;
+    tm_instrument_def tool[2];
+    for (int t = 0; t < 2; t++) {
+        h->at[t] = start[t];
+        tool[t] = (tm_instrument_def){.mode = t ? other : TM_TOOL_GRASPER,
+                                      .radius_m = 0.0025,
+                                      .contact_length_m = 0.1,
+                                      .trocar_m = {t ? -0.08 : 0.12, 0.02, 0.2},
+                                      .pose = start[t]};
+        if (tool[t].mode == TM_TOOL_CAUTERY) h->at[t].active = tool[t].pose.active = false;
+    }
+    tm_contact_def contact = tm_contact_def_default();
+    contact.instrument_count = 2, contact.instrument = tool;
+    tm_grasp_def grasp = tm_grasp_def_default();
+    tm_cut_def cut = tm_cut_def_default();
+    tm_grasp *jaws;
+    tm_error error = {0};
+    o->x_name = "simulated s", o->y_name = "surplus J";
+    if (tm_stage_contact(h->b.world, &contact, &h->contact, &error) == TM_OK &&
+        tm_stage_grasp(h->b.world, h->contact, &grasp, &jaws, &error) == TM_OK &&
+        tm_stage_cut(h->b.world, h->contact, &cut, &error) == TM_OK && tm_stage_energy(h->b.world, &error) == TM_OK)
+        return true;
+    bench_close(&h->b);
+    refused(o, &error);
+    return false;
+}
+
+/* Both go where `at` says, in frames of 10 ms. */
+static void go(hands *h, tm_tool_pose first, tm_tool_pose second, int frames) {
+    const tm_tool_pose from[2] = {h->at[0], h->at[1]}, to[2] = {first, second};
+    const int32_t n = (int32_t)ceil(0.01 / tm_world_step_s(h->b.world));
+    for (int k = 1; k <= frames && h->finite; k++) {
+        tm_contact_begin_frame(h->contact, n, 4);
+        for (int t = 0; t < 2; t++) {
+            h->at[t] = to[t];
+            for (int c = 0; c < 3; c++)
+                h->at[t].tip_m[c] = from[t].tip_m[c] + (to[t].tip_m[c] - from[t].tip_m[c]) * k / frames;
+            tm_contact_move(h->contact, t, &h->at[t], n);
+        }
+        h->before = h->now;
+        h->finite = tm_world_step(h->b.world, n) == TM_OK && tm_world_energy(h->b.world, &h->now, NULL) == TM_OK;
+        for (int t = 0; t < 2; t++) h->through_J += fabs(h->now.hand_J[t] - h->before.hand_J[t]);
+        h->surplus_J = fmax(h->surplus_J, h->now.made_J - h->now.film_J);
+        h->residual = fmax(h->residual, fabs(h->now.residual_J) / (turnover(&h->now) + 1e-12));
+        series_add(h->o, h->now.time_s, h->now.made_J - h->now.film_J);
+    }
+}
+
+static void hands_close(hands *h, const char *words) {
+    if (!h->finite || h->residual > 1e-9)
+        broken(h->o, "%s: %s", words, h->finite ? "the tissue's side does not close" : "unstable");
+    else
+        stable(h->o, h->surplus_J / h->through_J,
+               "%s: %.2e J went through the hands, tissue and springs had %.1e J more than that at most, film took "
+               "%.1e J, cuts %.1e J",
+               words, h->through_J, h->surplus_J, h->now.film_J, h->now.cut_J);
+    bench_close(&h->b);
+}
+
+static tm_tool_pose at(double x, double z, double grip) {
+    return (tm_tool_pose){.tip_m = {x, 0.02, z}, .grip = grip, .active = true};
+}
+static const tm_tool_pose away = {.tip_m = {-0.02, 0.02, 0.06}, .active = true};
+
+typedef enum deed { PRESS, SLIDE, HOLD, RELEASE, RELEASE_UNDER, HAND_OVER, CUT_HELD } deed;
+
+static void deeds(bool quick, double argument, outcome *o) {
+    (void)quick;
+    static const char *const words[] = {"pressed and left",          "pressed and slid",
+                                        "held, lifted and put back", "held, lifted and let go",
+                                        "let go under a probe",      "handed from one grasper to the other",
+                                        "cut while held up"};
+    static const tm_tool_mode other[] = {TM_TOOL_PROBE, TM_TOOL_PROBE,   TM_TOOL_PROBE,  TM_TOOL_PROBE,
+                                         TM_TOOL_PROBE, TM_TOOL_GRASPER, TM_TOOL_CAUTERY};
+    const deed which = (deed)(int)argument;
+    hands h;
+    if (!hands_open(&h, other[which], o)) return;
+    tm_tool_pose aside = away;
+    aside.active = which != CUT_HELD;
+    go(&h, at(0.022, TOP_M + 0.006, 0), aside, 5);
+    go(&h, at(0.022, TOP_M + (which == PRESS || which == SLIDE ? -0.004 : 0.001), 0), aside, 20);
+    if (which == SLIDE) go(&h, at(0.032, TOP_M - 0.004, 0), aside, 30);
+    if (which >= HOLD) {
+        go(&h, at(0.022, TOP_M + 0.001, 1), aside, 2);
+        go(&h, at(0.022, TOP_M + 0.006, 1), aside, 20);
+    }
+    if (which == HOLD) go(&h, at(0.022, TOP_M + 0.001, 1), aside, 20);
+    if (which == RELEASE_UNDER) {
+        go(&h, h.at[0], at(0.019, TOP_M + 0.011, 0), 10);
+        go(&h, h.at[0], at(0.019, TOP_M + 0.002, 0), 20);
+    }
+    if (which == HAND_OVER) {
+        go(&h, h.at[0], at(0.020, TOP_M + 0.006, 0), 20);
+        go(&h, h.at[0], at(0.020, TOP_M + 0.006, 1), 4);
+    }
+    if (which == CUT_HELD) go(&h, h.at[0], at(0.014, TOP_M - 0.002, 0), 30);
+    tm_tool_pose open = h.at[0];
+    open.grip = 0;
+    go(&h, open, h.at[1], 30); /* the release */
+    go(&h, at(0.022, TOP_M + 0.02, 0), h.at[1], 20);
+    go(&h, h.at[0], at(-0.02, TOP_M + 0.02, 0), 40);
+    hands_close(&h, words[which]);
+}
+
+#define ENERGY "energy"
+#define OFF "off, share of what went round"
+#define SURPLUS "surplus, share of what went through the hands"
+const hard_case cases_energy[] = {
+    {ENERGY, "energy-swing", "a free swing, undamped", ACCURATE, 1e-11, OFF, closes, SWING},
+    {ENERGY, "energy-damped", "a damped swing", ACCURATE, 1e-11, OFF, closes, DAMPED},
+    {ENERGY, "energy-weight", "gravity, let fall at once", ACCURATE, 1e-11, OFF, closes, WEIGHT},
+    {ENERGY, "energy-support", "a support shaken sideways", ACCURATE, 1e-11, OFF, closes, MOVING_SUPPORT},
+    {ENERGY, "energy-steps", "a new step every ten", ACCURATE, 1e-11, OFF, closes, NEW_STEPS},
+    {ENERGY, "energy-cuts", "tetrahedra cut out of a swing", ACCURATE, 1e-11, OFF, closes, CUTS},
+    {ENERGY, "energy-press", "pressed and left", STABLE, 0.02, SURPLUS, deeds, PRESS},
+    {ENERGY, "energy-slide", "pressed and slid", STABLE, 0.02, SURPLUS, deeds, SLIDE},
+    {ENERGY, "energy-hold", "held, lifted, put back", STABLE, 0.02, SURPLUS, deeds, HOLD},
+    {ENERGY, "energy-release", "held, lifted, let go", STABLE, 0.02, SURPLUS, deeds, RELEASE},
+    {ENERGY, "energy-release-under", "let go while a probe bears on it", STABLE, 0.02, SURPLUS, deeds, RELEASE_UNDER},
+    {ENERGY, "energy-hand-over", "from one grasper to the other", STABLE, 0.02, SURPLUS, deeds, HAND_OVER},
+    {ENERGY, "energy-cut-held", "cut while held up", STABLE, 0.02, SURPLUS, deeds, CUT_HELD},
+};
+const int cases_energy_count = sizeof cases_energy / sizeof *cases_energy;
