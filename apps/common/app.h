@@ -67,6 +67,8 @@ void app_catch_signals(void);
 int app_interrupted(void);
 /* 130 or 143 after a signal, else 0. */
 int app_interrupted_exit(void);
+/* The exit code of a program whose run came back with `rc`: what failed after a signal was interrupted, and says so. */
+int app_ended(const char *program, int rc);
 
 /* A progress line on a terminal, nothing in a pipe. fraction in [0,1]; call with done=true at the end. */
 void app_progress(const char *what, double fraction, bool done);

@@ -219,6 +219,6 @@ int main(int count, char **all) {
     int rc = parse(&o, count, all);
     /* A world is built for nothing but its tissue; `precomputed` itself would compute at once. */
     if (!rc) rc = add_set(&o, "model=", "dynamic");
-    if (!rc) rc = run(&o, team);
+    if (!rc) rc = app_ended(team_name, run(&o, team));
     return team_end(rc);
 }

@@ -295,7 +295,7 @@ int main(int count, char **all) {
     app_check_stdout();
     app_catch_signals();
     int rc = parse(&o, count, all);
-    if (!rc) rc = run(&o);
+    if (!rc) rc = app_ended("tm-sim", run(&o));
     for (int i = 0; i < o.set_count; ++i) free(o.set[i]);
     return rc;
 }

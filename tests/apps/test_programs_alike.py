@@ -130,6 +130,21 @@ def test_a_signal_ends_a_run_inside_a_frame(bin, scene, tmp_path, number):
     assert json.loads((tmp_path / "o.json").read_text())["interrupted"] is True
 
 
+@pytest.mark.parametrize("words", ["tm-precompute {scenes}/liver-press.yaml --out {tmp}/r", "tm-sim {scenes}/evaluate-precomputed.yaml --lockstep --json {tmp}/o.json"])
+def test_a_signal_ends_what_computes_ahead(bin, root, tmp_path, words):
+    words = words.format(scenes=root / "apps/scenes", tmp=tmp_path).split()
+    p = subprocess.Popen([bin / words[0], *words[1:]], stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, env=dict(os.environ, TM_CACHE_DIR=str(tmp_path / "cache")))
+    for _ in range(1000):  # as soon as it listens
+        caught = next(line for line in open(f"/proc/{p.pid}/status") if line.startswith("SigCgt"))
+        if int(caught.split()[1], 16) & 1 << (signal.SIGTERM - 1):
+            break
+        time.sleep(0.005)
+    p.send_signal(signal.SIGTERM)
+    _, said = p.communicate(timeout=60)
+    assert p.returncode == 143 and f"{words[0]}: interrupted; nothing was written" in said
+    assert [f.name for f in tmp_path.iterdir() if f.name != "cache"] == []
+
+
 def test_absurd_numbers_of_substeps_are_told_or_refused(bin, scene):
     out = run(bin / "tm-sim", scene, "--check", "--set", "tissue.materials.*.young=1e13")
     assert out.returncode == 0 and re.search(r"warning: a frame takes 1\.\d+e\+06 substeps of 3\.\d+e-08 s, set by tetrahedron \d+; look at its material", out.stderr)
