@@ -14,6 +14,7 @@ static void fail(tm_error *error, const char *name, const char *why) {
     } packages[] = {{"gmsh", "libgmsh4.8"},
                     {"lcm", "liblcm1"},
                     {"osmesa", "libosmesa6"},
+                    {"opengl", "libgl1"},
                     {"solve", "libcholmod3"},
                     {"window", "libsdl2-2.0-0"}};
     const char *package = "its Debian package";

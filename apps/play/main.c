@@ -6,7 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/resource.h>
+#include <sys/wait.h>
 #include <time.h>
+#include <unistd.h>
 
 #include "app.h"
 #include "controls.h"
@@ -20,6 +22,7 @@ static const char help[] =
     "  --size WxH          of the picture [960x600]\n"
     "  --quality N         0 fast, 1 smooth edges [0]\n"
     "  --azimuth DEG --elevation DEG --zoom X   where the eye is at the start [-110, 40, 1]\n"
+    "  --renderer NAME     auto, opengl (the display's), osmesa (software) [auto: the display's if it can]\n"
     "  --watch             show only, move nothing\n"
     "  --duration S        close after so long [never]\n"
     "  --png FILE          the last picture, when the window closes\n"
@@ -33,7 +36,7 @@ typedef struct play {
     view_studio_def studio_def;
     const char *url, *png, *json;
     double duration_s;
-    bool watch;
+    bool watch, display_only;
     view_studio studio;
     view_picture picture;
     const view_feed_api *feed_api;
@@ -47,15 +50,28 @@ typedef struct play {
 
 static double now_s(void) { return (double)app_monotonic_us() * 1e-6; }
 
-enum { SIZE = 256, QUALITY, AZIMUTH, ELEVATION, ZOOM, WATCH, DURATION, PNG, JSON, URL, QUIET, VERSION, HELP = 'h' };
+enum {
+    SIZE = 256,
+    QUALITY,
+    AZIMUTH,
+    ELEVATION,
+    ZOOM,
+    RENDERER,
+    WATCH,
+    DURATION,
+    PNG,
+    JSON,
+    URL,
+    QUIET,
+    VERSION,
+    HELP = 'h'
+};
 static const struct option table[] = {
-    {"size", 1, NULL, SIZE},         {"quality", 1, NULL, QUALITY},
-    {"azimuth", 1, NULL, AZIMUTH},   {"elevation", 1, NULL, ELEVATION},
-    {"zoom", 1, NULL, ZOOM},         {"watch", 0, NULL, WATCH},
-    {"duration", 1, NULL, DURATION}, {"png", 1, NULL, PNG},
-    {"json", 1, NULL, JSON},         {"lcm-url", 1, NULL, URL},
-    {"help", 0, NULL, HELP},         {"quiet", 0, NULL, QUIET},
-    {"version", 0, NULL, VERSION},   {NULL, 0, NULL, 0},
+    {"size", 1, NULL, SIZE},           {"quality", 1, NULL, QUALITY},   {"azimuth", 1, NULL, AZIMUTH},
+    {"elevation", 1, NULL, ELEVATION}, {"zoom", 1, NULL, ZOOM},         {"renderer", 1, NULL, RENDERER},
+    {"watch", 0, NULL, WATCH},         {"duration", 1, NULL, DURATION}, {"png", 1, NULL, PNG},
+    {"json", 1, NULL, JSON},           {"lcm-url", 1, NULL, URL},       {"help", 0, NULL, HELP},
+    {"quiet", 0, NULL, QUIET},         {"version", 0, NULL, VERSION},   {NULL, 0, NULL, 0},
 };
 
 static int number(const char *name, const char *text, double low, double high, double *value) {
@@ -99,6 +115,11 @@ static int take(play *p, int code, const char *text) {
         return wrong;
     case DURATION: return number("duration", text, 0.05, 1e6, &p->duration_s);
     case QUIET: app_be_quiet(); return 0;
+    case RENDERER:
+        p->studio_def.display = strcmp(text, "osmesa") != 0;
+        p->display_only = !strcmp(text, "opengl");
+        if (!p->studio_def.display || p->display_only || !strcmp(text, "auto")) return 0;
+        return app_bad_input("tm-play", 0, "--renderer %s: not one of auto, opengl, osmesa; choose one", text);
     case WATCH: p->watch = true; return 0;
     case PNG: p->png = text; return 0;
     case JSON: p->json = text; return 0;
@@ -111,6 +132,7 @@ static int take(play *p, int code, const char *text) {
 static int parse(play *p, int argc, char **argv) {
     p->studio_def = view_studio_default(960, 600);
     p->studio_def.render.edges = false;
+    p->studio_def.display = true;
     opterr = 0;
     for (int code; (code = getopt_long(argc, argv, "h", table, NULL)) != -1;) {
         if (code == HELP) return fputs(help, stdout), APP_DONE;
@@ -128,13 +150,42 @@ static int parse(play *p, int argc, char **argv) {
     return wrong ? wrong : -1;
 }
 
+/* Tried in a child: a driver that ends the process ends that one, and this one never has two kinds of OpenGL in it,
+ * whose functions have the same names. */
+static bool display_draws(const play *p, char *why, size_t size) {
+    int ends[2];
+    snprintf(why, size, "its OpenGL ended the program that tried it");
+    if (pipe(ends)) return false;
+    pid_t child = fork();
+    if (!child) {
+        view_studio studio;
+        tm_error error = {0};
+        alarm(10);
+        bool good = view_studio_open(&studio, &p->studio_def, &error) == TM_OK;
+        if (!good && write(ends[1], error.message, strlen(error.message)) < 0) _exit(2);
+        _exit(!good);
+    }
+    close(ends[1]);
+    ssize_t length = child > 0 ? read(ends[0], why, size - 1) : 0;
+    if (length > 0) why[length] = 0;
+    close(ends[0]);
+    int status = 1;
+    return child > 0 && waitpid(child, &status, 0) == child && status == 0;
+}
+
 static int open_all(play *p) {
     tm_error error = {0};
+    char why[TM_ERROR_MESSAGE_MAX] = "";
+    bool asked = p->studio_def.display;
+    p->studio_def.display = asked && display_draws(p, why, sizeof why);
     void *module = app_module("window", &error);
     if (!module || !(p->window_api = app_module_symbol(module, PLAY_WINDOW_SYMBOL, &error)))
         return app_report("tm-play", 0, &error);
     if (p->window_api->open(p->studio_def.render.width, p->studio_def.render.height, "tensormass", &p->window, &error))
         return app_bad_input("tm-play", 0, "%s", error.message);
+    if (p->display_only && !p->studio_def.display)
+        return app_bad_input("tm-play", 0, "%s; choose --renderer auto or osmesa", why);
+    if (asked && !p->studio_def.display) app_remark("tm-play: drawn in software, slower: %s", why);
     if (view_studio_open(&p->studio, &p->studio_def, &error)) return app_report("tm-play", 0, &error);
     if (!(p->feed_api = view_feed_open(&error)) || p->feed_api->open_live(p->url, &p->feed, &error))
         return app_report("tm-play", 0, &error);
@@ -251,9 +302,11 @@ static int write_json(const play *p) {
     FILE *file = app_output_stream(&output);
     bool written = file && fprintf(file,
                                    "{\"pictures\": %lld, \"seconds\": %.3f, \"pictures_per_second\": %.2f, "
-                                   "\"hands_sent\": %lld, \"messages_taken\": %lld, \"messages_refused\": %lld}\n",
+                                   "\"hands_sent\": %lld, \"messages_taken\": %lld, \"messages_refused\": %lld, "
+                                   "\"renderer\": \"%s\", \"opengl\": \"%s\"}\n",
                                    (long long)p->pictures, seconds, (double)p->pictures / fmax(seconds, 1e-3),
-                                   (long long)p->hands, (long long)counts.accepted, (long long)counts.rejected) > 0;
+                                   (long long)p->hands, (long long)counts.accepted, (long long)counts.rejected,
+                                   p->studio.module, p->studio.api->name(p->studio.renderer)) > 0;
     if (file && fclose(file)) written = false;
     if (written && app_output_commit(&output, &error)) return 0;
     app_output_abandon(&output);

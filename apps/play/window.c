@@ -34,7 +34,7 @@ static tm_status window_open(int width, int height, const char *title, play_wind
     error->status = w ? TM_ERR_LIMIT : TM_ERR_MEMORY;
     if (!w) return error->status;
     SDL_SetHint(SDL_HINT_NO_SIGNAL_HANDLERS, "1");
-    /* The picture comes from OSMesa; a second OpenGL in one process does not go well with it. */
+    /* The picture is drawn elsewhere, perhaps by OSMesa; a second OpenGL in one process does not go well with it. */
     SDL_SetHint(SDL_HINT_FRAMEBUFFER_ACCELERATION, "0");
     SDL_SetHint(SDL_HINT_VIDEO_X11_NET_WM_BYPASS_COMPOSITOR, "0");
     if (!getenv("SDL_VIDEODRIVER"))

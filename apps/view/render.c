@@ -1,14 +1,14 @@
 #include "render.h"
 
 #define GL_GLEXT_PROTOTYPES
-#include <GL/osmesa.h>
-
+#include <GL/gl.h>
 #include <GL/glext.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "context.h"
 #include "shaders.h"
 #include "shapes.h"
 #include "skin.h"
@@ -22,11 +22,12 @@ typedef struct batch {
 
 struct view_renderer {
     view_render_def def;
-    OSMesaContext context;
+    view_context *context;
     int width, height; /* of the drawing: samples times the picture's */
     uint8_t *buffer;   /* [4*width*height] bottom row first */
     GLuint depth_program, blur_program, sky_program, floor_program, tissue_program, metal_program;
     GLuint shadow_texture, shadow_target, spot_texture[3], spot_target[3], picture_target, picture_buffer[2], empty;
+    GLuint whole_target, whole_buffer; /* the picture with its samples joined; 0: it goes to memory by itself */
     batch tissue, tools, arrows, marks;
     view_skin *skin;
     view_shape tool_shape, arrow_shape, mark_shape;
@@ -71,7 +72,7 @@ static GLuint link_program(const char *vertex, const char *fragment, tm_error *e
     glGetProgramInfoLog(id, sizeof log, NULL, log);
     char text[TM_ERROR_MESSAGE_MAX];
     snprintf(text, sizeof text,
-             "this OSMesa does not take the renderer's shaders (%s); install libosmesa6 22.3 or later", log);
+             "this OpenGL does not take the renderer's shaders (%s); install libosmesa6 22.3 or later", log);
     failed(error, TM_ERR_LIMIT, text);
     glDeleteProgram(id);
     return 0;
@@ -148,12 +149,20 @@ static bool picture_target_create(view_renderer *r) {
         glRenderbufferStorageMultisample(GL_RENDERBUFFER, r->def.edges ? 4 : 0, format[i], r->width, r->height);
         glFramebufferRenderbuffer(GL_FRAMEBUFFER, attachment[i], GL_RENDERBUFFER, r->picture_buffer[i]);
     }
-    return glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
+    bool good = glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
+    if (view_context_in_memory) return good;
+    glGenFramebuffers(1, &r->whole_target);
+    glGenRenderbuffers(1, &r->whole_buffer);
+    glBindFramebuffer(GL_FRAMEBUFFER, r->whole_target);
+    glBindRenderbuffer(GL_RENDERBUFFER, r->whole_buffer);
+    glRenderbufferStorage(GL_RENDERBUFFER, GL_RGBA8, r->width, r->height);
+    glFramebufferRenderbuffer(GL_FRAMEBUFFER, GL_COLOR_ATTACHMENT0, GL_RENDERBUFFER, r->whole_buffer);
+    return good && glCheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
 }
 
 static void renderer_destroy(view_renderer *r) {
     if (!r) return;
-    if (r->context) OSMesaDestroyContext(r->context); /* takes every OpenGL object with it */
+    view_context_close(r->context);
     view_skin_free(r->skin);
     view_shape_free(&r->tool_shape);
     view_shape_free(&r->arrow_shape);
@@ -190,25 +199,12 @@ static tm_status renderer_create(const view_render_def *def, view_renderer **out
     r->width = def->width * def->samples, r->height = def->height * def->samples;
     r->buffer = malloc((size_t)r->width * (size_t)r->height * 4);
     r->skin = view_skin_create(def->levels, def->crease_rad);
-    static const int attributes[] = {OSMESA_FORMAT,
-                                     OSMESA_RGBA,
-                                     OSMESA_DEPTH_BITS,
-                                     24,
-                                     OSMESA_PROFILE,
-                                     OSMESA_CORE_PROFILE,
-                                     OSMESA_CONTEXT_MAJOR_VERSION,
-                                     3,
-                                     OSMESA_CONTEXT_MINOR_VERSION,
-                                     3,
-                                     0};
-    r->context = OSMesaCreateContextAttribs(attributes, NULL);
-    if (!r->buffer || !r->skin || !r->context ||
-        !OSMesaMakeCurrent(r->context, r->buffer, GL_UNSIGNED_BYTE, r->width, r->height)) {
+    if (!r->buffer || !r->skin) {
         renderer_destroy(r);
-        return failed(error, TM_ERR_LIMIT,
-                      "OSMesa gives no OpenGL 3.3 drawing of this size; choose a smaller --size, or install libosmesa6 "
-                      "22.3 or later");
+        return failed(error, TM_ERR_MEMORY, "no memory for the renderer; choose a smaller --size");
     }
+    r->context = view_context_open(r->width, r->height, r->buffer, error);
+    if (!r->context) return renderer_destroy(r), TM_ERR_LIMIT;
     tm_status status = programs_create(r, error);
     if (status) return renderer_destroy(r), status;
     batch_create(&r->tissue);
@@ -219,7 +215,7 @@ static tm_status renderer_create(const view_render_def *def, view_renderer **out
     if (!picture_target_create(r)) {
         renderer_destroy(r);
         return failed(error, TM_ERR_LIMIT,
-                      "OSMesa gives no picture with smooth edges; install libosmesa6 22.3 or later");
+                      "OpenGL gives no picture with smooth edges; install libosmesa6 22.3 or later");
     }
     *out = r;
     return TM_OK;
@@ -484,7 +480,7 @@ static void gather(const view_renderer *r, uint8_t *rgb) {
 
 static tm_status renderer_draw(view_renderer *r, const view_picture *p, const view_camera *camera, uint8_t *rgb,
                                tm_error *error) {
-    OSMesaMakeCurrent(r->context, r->buffer, GL_UNSIGNED_BYTE, r->width, r->height);
+    if (!view_context_use(r->context)) return failed(error, TM_ERR_LIMIT, "the drawing context was lost; start anew");
     tm_status status = upload(r, p, camera, error);
     if (status) return status;
     scene s;
@@ -504,14 +500,22 @@ static tm_status renderer_draw(view_renderer *r, const view_picture *p, const vi
     glClear(
         GL_DEPTH_BUFFER_BIT); /* arrows are seen through everything: a force often points back along its instrument */
     draw_batch(&r->arrows);
-    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, 0);
+    glBindFramebuffer(GL_DRAW_FRAMEBUFFER, r->whole_target);
     glBlitFramebuffer(0, 0, r->width, r->height, 0, 0, r->width, r->height, GL_COLOR_BUFFER_BIT, GL_NEAREST);
     glFinish();
+    if (r->whole_target) {
+        glBindFramebuffer(GL_READ_FRAMEBUFFER, r->whole_target);
+        glReadPixels(0, 0, r->width, r->height, GL_RGBA, GL_UNSIGNED_BYTE, r->buffer);
+    }
     if (glGetError() != GL_NO_ERROR)
-        return failed(error, TM_ERR_LIMIT, "OSMesa refused a drawing command; install libosmesa6 22.3 or later");
+        return failed(error, TM_ERR_LIMIT, "OpenGL refused a drawing command; install libosmesa6 22.3 or later");
     gather(r, rgb);
     return TM_OK;
 }
 
-__attribute__((visibility("default"))) extern const view_render_api view_osmesa;
-const view_render_api view_osmesa = {renderer_create, renderer_destroy, renderer_draw};
+static const char *renderer_name(view_renderer *r) {
+    return view_context_use(r->context) ? (const char *)glGetString(GL_RENDERER) : "";
+}
+
+__attribute__((visibility("default"))) extern const view_render_api view_render_functions;
+const view_render_api view_render_functions = {renderer_create, renderer_destroy, renderer_draw, renderer_name};

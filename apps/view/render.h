@@ -1,4 +1,5 @@
-/* The renderer: a module (lib/tensormass/osmesa.so) that draws in memory, without a display or a graphics card. */
+/* The renderer, in two modules: lib/tensormass/osmesa.so draws in memory, without a display or a graphics card;
+ * opengl.so is the same over the display's OpenGL. */
 #ifndef VIEW_RENDER_H
 #define VIEW_RENDER_H
 
@@ -23,7 +24,9 @@ typedef struct view_render_api {
     /* Draws into rgb[3*width*height], top row first. One thread at a time. */
     tm_status (*draw)(view_renderer *renderer, const view_picture *picture, const view_camera *camera, uint8_t *rgb,
                       tm_error *error);
+    /* What OpenGL says it is. */
+    const char *(*name)(view_renderer *renderer);
 } view_render_api;
-#define VIEW_RENDER_SYMBOL "view_osmesa"
+#define VIEW_RENDER_SYMBOL "view_render_functions"
 
 #endif

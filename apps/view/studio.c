@@ -17,7 +17,8 @@ view_studio_def view_studio_default(int width, int height) {
 tm_status view_studio_open(view_studio *studio, const view_studio_def *def, tm_error *error) {
     memset(studio, 0, sizeof *studio);
     studio->def = *def;
-    void *module = app_module("osmesa", error);
+    studio->module = def->display ? "opengl" : "osmesa";
+    void *module = app_module(studio->module, error);
     if (!module || !(studio->api = app_module_symbol(module, VIEW_RENDER_SYMBOL, error))) return error->status;
     tm_status status = studio->api->create(&def->render, &studio->renderer, error);
     if (status) return status;

@@ -12,6 +12,7 @@ typedef struct view_studio_def {
     view_camera_def camera;
     float orbit_rad_s; /* the eye walks round */
     bool words;        /* overlay */
+    bool display;      /* by the display's OpenGL, not in software */
     double newton_m;   /* length of an arrow of one newton; 0: chosen so that the largest fits */
 } view_studio_def;
 
@@ -24,10 +25,11 @@ typedef struct view_studio {
     view_camera camera;
     view_canvas canvas;
     double peak_force_N, drawn_hz;
+    const char *module; /* that draws */
 } view_studio;
 
 view_studio_def view_studio_default(int width, int height);
-/* Opens the OSMesa module. */
+/* Opens the module that draws. */
 tm_status view_studio_open(view_studio *studio, const view_studio_def *def, tm_error *error);
 void view_studio_close(view_studio *studio);
 /* Draws into studio->canvas. The camera is fitted to the first tissue and stays. */

@@ -11,7 +11,7 @@ import pytest
 
 import synthetic
 from test_session import SCENE, display, screenshot  # noqa: F401 (display is a fixture)
-from test_view import needs_namespace, share, tissue_red
+from test_view import needs_namespace, pixels, share, tissue_red
 
 
 def play(root, build, *args, env=None, timeout=60):
@@ -76,6 +76,33 @@ def read_log(path, types):
         if kind:
             out.setdefault(event.channel, []).append(kind.decode(event.data))
     return out
+
+
+RENDERERS = """
+{bin}/tm-sim {root}/{scene} --realtime --duration '30 s' > {out}/sim.txt 2>&1 & sim=$!
+sleep 1
+for r in opengl osmesa auto; do {bin}/tm-play --watch --duration 1 --renderer $r --size 480x320 --png {out}/$r.png --json {out}/$r.json 2> {out}/$r.txt || exit 9; done
+SDL_OPENGL_LIBRARY=/no/such/library {bin}/tm-play --watch --duration 1 --size 480x320 --png {out}/none.png --json {out}/none.json 2> {out}/none.txt || exit 8
+SDL_OPENGL_LIBRARY=/no/such/library {bin}/tm-play --watch --duration 1 --renderer opengl 2> {out}/only.txt; [ $? = 2 ] || exit 7
+kill $sim; wait $sim; exit 0
+"""
+
+
+@needs_namespace
+def test_the_displays_opengl_draws_where_it_can(root, bin, display, tmp_path):  # noqa: F811
+    """The same picture by the display's OpenGL as in software; without one, software, and it is said why."""
+    script = RENDERERS.format(bin=bin, root=root, scene=SCENE, out=tmp_path)
+    run = subprocess.run([root / "apps/demo/netns.sh", "run", tmp_path / "pid", "bash", "-c", script], env={**os.environ, "DISPLAY": display}, capture_output=True, text=True, timeout=90)
+    said = {name: (tmp_path / f"{name}.txt").read_text() for name in ("opengl", "osmesa", "auto", "none", "only") if (tmp_path / f"{name}.txt").exists()}
+    assert run.returncode == 0, (run, said)
+    drawn_by = {name: json.loads((tmp_path / f"{name}.json").read_text()) for name in ("opengl", "osmesa", "auto", "none")}
+    assert {name: d["renderer"] for name, d in drawn_by.items()} == {"opengl": "opengl", "osmesa": "osmesa", "auto": "opengl", "none": "osmesa"}
+    assert all(d["opengl"] and d["pictures"] > 2 for d in drawn_by.values())
+    assert "drawn in software" in said["none"] and "no OpenGL 3.3" in said["only"] and "drawn in software" not in said["auto"] + said["osmesa"]
+    picture = {name: pixels(tmp_path / f"{name}.png")[80:240] for name in drawn_by}  # between the panels
+    assert share(picture["opengl"], tissue_red) > 0.1
+    for name in ("opengl", "auto", "none"):
+        assert abs(picture[name] - picture["osmesa"]).mean() < 0.01, name
 
 
 @needs_namespace

@@ -298,7 +298,7 @@ def spoilers():
         "other type": ("TISSUE", lambda d: b"\1\2\3\4\5\6\7\x08" + d[8:]),
         "string longer than the message": ("SIM_STATUS", lambda d: put(d, 28, ">i", 1 << 30)),
         "string negative": ("SIM_STATUS", lambda d: put(d, 28, ">i", -1)),
-        "force not a number": ("SIM_STATUS", lambda d: put(d, len(d) - 8, ">d", float("nan"))),
+        "force not a number": ("SIM_STATUS", lambda d: put(d, len(d) - 16, ">d", float("nan"))),
         "status truncated": ("SIM_STATUS", lambda d: d[:-3]),
         "controller truncated": ("CONTROLLER_0", lambda d: d[:60]),
         "controller string negative": ("CONTROLLER_1", lambda d: put(d, 34, ">i", -7)),
