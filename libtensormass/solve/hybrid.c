@@ -188,10 +188,17 @@ void tm_hybrid_destroy(tm_hybrid *h) {
     tms_system_destroy(&h->system);
     tms_responses_release(&h->responses);
     tm_tissue_destroy(h->condensed);
-    void *arrays[] = {
-        h->alive,  h->part,      h->fixed,   h->value_m,        h->load_N, h->extra_mass_kg,    h->extra_damping_kg_s,
-        h->place,  h->interface, h->schur,   h->push_N,         h->at_m,   h->surface_triangle, h->surface_face,
-        h->full_u, h->full_f,    h->through, h->through_vertex, h->kept,   h->give_m_N,         h->held};
+    void *arrays[] = {h->alive,          h->elsewhere,
+                      h->part,           h->fixed,
+                      h->value_m,        h->load_N,
+                      h->extra_mass_kg,  h->extra_damping_kg_s,
+                      h->place,          h->interface,
+                      h->schur,          h->push_N,
+                      h->at_m,           h->surface_triangle,
+                      h->surface_face,   h->full_u,
+                      h->full_f,         h->through,
+                      h->through_vertex, h->kept,
+                      h->give_m_N,       h->held};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) free(arrays[i]);
     free(h);
 }

@@ -336,6 +336,9 @@ static int one_user(void) {
     char why[160];
     snprintf(s.path, sizeof s.path, "%s", getenv("TEST_FILES_PATH"));
     opens(&s, why);
+    free(s.fixed);
+    tm_tissue_destroy(s.tissue);
+    tm_mesh_destroy(s.mesh);
     return 0;
 }
 

@@ -478,7 +478,7 @@ static void hostile_snapshot(void **state) {
     for (int i = 0; i < 300; i++) {
         memcpy(bad, kept, (size_t)bytes);
         const int64_t at = part - kept + (i < 100 ? 4 * i : (int64_t)(fix_uniform(&random) * 3000));
-        for (int k = 0; k < 4 && at + k < bytes; k++) bad[at + k] = (char)(fix_uniform(&random) * 256);
+        for (int k = 0; k < 4 && at + k < bytes; k++) bad[at + k] = (char)(int)(fix_uniform(&random) * 256);
         const uint64_t zero = 0;
         memcpy(bad + 24, &zero, 8); /* as snapshot.c sums it */
         const size_t head = 24 + 8 + 8 + 16 + 8 + 16;

@@ -168,6 +168,17 @@ def test_a_limit_on_memory_is_told_not_hung_on(bin, root, place):
     assert ends == {True, False}
 
 
+def test_several_users_of_one_cache(bin, root, place):
+    """One computes, the others wait for it and take what it made."""
+    folder, env = place
+    scene = write_scene(folder, root, bin, env)
+    users = [subprocess.Popen([str(c) for c in [bin / "tm-sim", "--lockstep", scene, "--frames", 2]], env=env, stdout=subprocess.PIPE,
+                              stderr=subprocess.PIPE, text=True) for _ in range(4)]
+    said = [user.communicate(timeout=120) for user in users]
+    assert [user.returncode for user in users] == [0] * 4, said
+    assert sum("computed in" in err for _, err in said) == 1, said
+
+
 def last_force(path):
     rows = [line.split(",") for line in path.read_text().splitlines()]
     at = [rows[0].index(name) for name in ("fx_N", "fy_N", "fz_N")]
