@@ -26,7 +26,8 @@ typedef struct hrt_loop {
     hrt_histogram lateness, duration;
     bool real_time; /* SCHED_FIFO was granted */
     int awake_fd;   /* /dev/cpu_dma_latency: idle states are held off as long as it is open; -1: they are not */
-    int64_t start_us, cpu_us;
+    _Atomic int64_t start_us;
+    int64_t cpu_us;
     int64_t faults_minor, faults_major; /* page faults of the loop's thread after its first second */
     pthread_t thread;
 } hrt_loop;
