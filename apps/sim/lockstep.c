@@ -323,7 +323,7 @@ static int loop(lockstep *l) {
         }
         ++l->frame;
         status = frame(l, frame_us(l, l->frame));
-        if (l->frame == snapshot_frame) {
+        if (!status && !l->s->broken_off && l->frame == snapshot_frame) {
             int rc = sim_snapshot_save(l->s, l->o->snapshot);
             if (rc) return rc;
         }

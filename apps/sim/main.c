@@ -247,7 +247,7 @@ static int parse(run_options *o, int count, char **all) {
     if ((o->key || o->no_key) && o->mode != RUN_REALTIME) return usage("--key and --no-key%s go with --realtime", "");
     if (o->restore && o->mode != RUN_LOCKSTEP && o->mode != RUN_REALTIME)
         return usage("--restore %s goes with --lockstep or --realtime; add one", o->restore);
-    return 0;
+    return app_output_check(o->snapshot);
 }
 
 static int print_schema(void) {

@@ -185,8 +185,8 @@ static tm_status one_frame(realtime *r) {
     double spent_s = (double)(app_monotonic_us() - begin) * 1e-6, cost = spent_s / substeps;
     r->cost_s = r->cost_s > 0 ? r->cost_s + 0.2 * (cost - r->cost_s) : cost;
     r->compute_s += spent_s;
-    r->simulated_s += substeps * s->dt_s;
     if (s->broken_off) return status;
+    r->simulated_s += substeps * s->dt_s;
     ++r->frame;
     sim_quantiles_add(&r->compute, spent_s * 1e6);
     sim_quantiles_add(&r->lateness, (double)(begin - r->next_us));

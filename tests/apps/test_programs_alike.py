@@ -72,7 +72,7 @@ def test_a_device_stays_a_device(bin, scene, tmp_path):
     assert lost.returncode == 1 and "/dev/full: cannot be written" in lost.stderr
 
 
-@pytest.mark.parametrize("command", ["tm-sim {scene} --lockstep --duration 100000000s --json", "tm-evaluate --study --json", "tm-accuracy --json", "tm-stability --json",
+@pytest.mark.parametrize("command", ["tm-sim {scene} --lockstep --duration 100000000s --json", "tm-sim {scene} --lockstep --duration 100000000s --snapshot-at 1s --snapshot", "tm-evaluate --study --json", "tm-accuracy --json", "tm-stability --json",
                                      "tm-view {scene} --png", "tm-view {scene} --png {tmp}/a.png --json", "tm-mesh info {mesh} --json",
                                      "haptic-rt --bus virtual:alike --duration 100000 --json", "tm-device --bus virtual:alike --duration 100000 --json",
                                      "tm-play --json"])
@@ -128,6 +128,22 @@ def test_a_signal_ends_a_run_inside_a_frame(bin, scene, tmp_path, number):
     assert time.monotonic() - begin < 10  # a frame of these takes minutes
     assert p.returncode == 128 + number and "interrupted after frame 0 of " in said
     assert json.loads((tmp_path / "o.json").read_text())["interrupted"] is True
+
+
+def test_half_a_frame_is_nobodys(bin, scene, tmp_path):
+    """A snapshot of frame 1 stays that of frame 1 when the run is ended inside frame 2."""
+    snapshot = tmp_path / "s.tms"
+    p = subprocess.Popen([bin / "tm-sim", scene, "--lockstep", "--unset", "haptics", "--set", "tissue.materials.*.young=2e11", "--json", tmp_path / "o.json",
+                          "--snapshot-at", "0.04 s", "--snapshot", snapshot], stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    while not snapshot.exists():
+        assert p.poll() is None
+        time.sleep(0.01)
+    before = snapshot.read_bytes()
+    time.sleep(0.2)
+    p.send_signal(signal.SIGINT)
+    assert p.wait(timeout=20) == 130
+    report = json.loads((tmp_path / "o.json").read_text())
+    assert snapshot.read_bytes() == before and report["frames"] >= 1
 
 
 @pytest.mark.parametrize("words", ["tm-precompute {scenes}/liver-press.yaml --out {tmp}/r", "tm-sim {scenes}/evaluate-precomputed.yaml --lockstep --json {tmp}/o.json"])
