@@ -77,7 +77,7 @@ static path placed(const path *p, const sim *s) {
 static void take_patch(const sim *s, sampled *out) {
     static tensormass_contact_patch_t message;
     static const sim_publisher nobody;
-    tensormass_force_sample_t stamp = {.seq = (int32_t)out->sample.seq};
+    tensormass_force_sample_t stamp = {.seq = (int32_t)out->sample.seq, .flags = SIM_FLAG_PATCH};
     if (!sim_contact_patch(&nobody, s, &stamp, &message)) return;
     out->patch = malloc(sizeof *out->patch);
     if (!out->patch) abort();
