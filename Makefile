@@ -9,6 +9,8 @@ VENV ?= $(BUILD)/venv
 PREFIX ?= /usr/local
 DESTDIR ?=
 VERSION := 0.1.0
+# What breaks the C interface: until 1.0 the second number, then the first (CONTRIBUTING.md).
+SOVERSION := $(if $(filter 0.%,$(VERSION)),$(basename $(VERSION)),$(firstword $(subst ., ,$(VERSION))))
 
 .DEFAULT_GOAL := all
 .DELETE_ON_ERROR:

@@ -8,5 +8,5 @@ $(LIBTM_A): $(call objects,$(TM_SRC))
 	rm -f $@ && ar rcs $@ $^
 $(LIBTM_SO): $(call objects,$(TM_SRC))
 	@mkdir -p $(@D)
-	$(CC) $(SAN) -shared -Wl,-soname,libtensormass.so.0 $(if $(SAN),,-Wl,--no-undefined) -o $@ $^ -lm
-	ln -sf $(@F) $(@D)/libtensormass.so.0 && ln -sf libtensormass.so.0 $(@D)/libtensormass.so
+	$(CC) $(SAN) -shared -Wl,-soname,libtensormass.so.$(SOVERSION) $(if $(SAN),,-Wl,--no-undefined) -o $@ $^ -lm
+	ln -sf $(@F) $(@D)/libtensormass.so.$(SOVERSION) && ln -sf libtensormass.so.$(SOVERSION) $(@D)/libtensormass.so

@@ -172,7 +172,8 @@ TM_API void tm_hybrid_tissue(const tm_hybrid *hybrid, tm_tissue_def *def);
 TM_API double tm_hybrid_critical_step(const tm_hybrid *hybrid, int32_t *tet);
 /* Adds the stage "hybrid". `contact` (may be null) is the world's own contact stage: its instruments are the condensed
  * part's too. World's loads and supports act on the dynamic part and the interface; those of the condensed inside come
- * from def.problem. */
+ * from def.problem. The hybrid must outlive the stage; once that is removed, or could not be added, it may join another
+ * world. */
 TM_API tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *hybrid, tm_contact *contact, tm_error *error);
 /* Once per frame: displacement of the condensed inside, written into the world's state. No allocation. Where conjugate
  * gradients do not converge the inside stays as it was, and the reactions say TM_REACTION_UNCONVERGED. */
@@ -190,7 +191,7 @@ TM_API tm_surface_view tm_hybrid_surface(tm_hybrid *hybrid);
 /* --- exact compliance for the patches of the dynamic model, cut or whole --- */
 
 typedef struct tm_factored_def {
-    uint32_t cookie;
+    uint32_t cookie, size;
     const tm_tissue
         *tissue;          /* the world's; must outlive it. Mesh, materials, fibres, and between frames who is alive */
     const uint8_t *fixed; /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask); copied */

@@ -45,7 +45,9 @@ struct tm_factored {
     _Atomic bool stop;
 };
 
-tm_factored_def tm_factored_def_default(void) { return (tm_factored_def){.cookie = TMS_COOKIE_FACTORED}; }
+tm_factored_def tm_factored_def_default(void) {
+    return (tm_factored_def){.cookie = TMS_COOKIE_FACTORED, .size = sizeof(tm_factored_def)};
+}
 
 static bool take_memory(tm_factored *f) {
     const size_t tets = (size_t)tm_tissue_mesh(f->tissue)->tet_count, width = 3 * TMS_PIECE_VERTICES;
@@ -60,6 +62,8 @@ static bool take_memory(tm_factored *f) {
 }
 
 tm_status tm_factored_create(const tm_factored_def *def, tm_factored **factored, tm_error *error) {
+    TM_REQUIRE_DEF(def, TMS_COOKIE_FACTORED, TM_ERR_ARGUMENT);
+    TM_REQUIRE(factored && def->tissue && def->fixed, "factored, def->tissue or def->fixed is null", TM_ERR_ARGUMENT);
     tm_factored *f = tm_allocate(sizeof *f);
     if (!f) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
     memset(f, 0, sizeof *f);

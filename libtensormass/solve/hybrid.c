@@ -1,7 +1,6 @@
 /* The hybrid model: what is made once. The stage that runs in every substep is in stage_hybrid.c. */
 #include "hybrid.h"
 
-#include <assert.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -164,9 +163,24 @@ static tm_status set_up(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report 
     return TM_OK;
 }
 
+static tm_status check(const tm_hybrid_def *def, tm_error *error) {
+    tm_status status = tms_check_problem(&def->problem, error);
+    if (status == TM_OK) status = tms_check_precision(def->precision, error);
+    if (status == TM_OK && (def->max_local_vertices < 4 || def->max_local_vertices > 4096))
+        status = tms_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096",
+                          (int)def->max_local_vertices);
+    if (status == TM_OK && def->patch_vertices != 0 && def->patch_vertices < TM_PATCH_VERTICES)
+        status = tms_fail(error, TM_ERR_ARGUMENT, -1, "%d patch vertices; give 0 or at least %d",
+                          (int)def->patch_vertices, TM_PATCH_VERTICES);
+    return status;
+}
+
 tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, tm_solve_report *report, tm_error *error) {
-    assert(def && def->cookie == TMS_COOKIE_HYBRID && def->problem.cookie == TMS_COOKIE_PROBLEM &&
-           def->problem.tissue && def->problem.fixed && def->dynamic);
+    TM_REQUIRE_DEF(def, TMS_COOKIE_HYBRID, TM_ERR_ARGUMENT);
+    TMS_REQUIRE_PROBLEM(&def->problem);
+    TM_REQUIRE(hybrid && def->dynamic, "hybrid or def->dynamic is null", TM_ERR_ARGUMENT);
+    const tm_status good = check(def, error);
+    if (good != TM_OK) return good;
     tm_solve_report mine = {0};
     tm_hybrid *h = calloc(1, sizeof *h);
     const tm_status status =
@@ -204,6 +218,7 @@ void tm_hybrid_destroy(tm_hybrid *h) {
 }
 
 int64_t tm_hybrid_bytes(const tm_hybrid *h) {
+    TM_REQUIRE(h, "hybrid is null", 0);
     const int64_t n = h->mesh->vertex_count, b = h->interface_count;
     return h->responses.bytes + tms_solver_bytes(h->solver) + tms_system_bytes(&h->system) +
            tm_tissue_bytes(h->condensed) + h->local.bytes + tms_whole_bytes(h->whole) + 4 * b * (b + 1) +
@@ -211,6 +226,7 @@ int64_t tm_hybrid_bytes(const tm_hybrid *h) {
 }
 
 void tm_hybrid_tissue(const tm_hybrid *h, tm_tissue_def *def) {
+    TM_REQUIRE(h && def, "hybrid or def is null", );
     def->alive = h->alive;
     def->elsewhere = h->elsewhere;
     def->extra_mass_kg = h->extra_mass_kg;
@@ -218,6 +234,7 @@ void tm_hybrid_tissue(const tm_hybrid *h, tm_tissue_def *def) {
 }
 
 double tm_hybrid_critical_step(const tm_hybrid *h, int32_t *tet) {
+    TM_REQUIRE(h, "hybrid is null", 0);
     if (tet) *tet = h->step_tet;
     return h->step_s;
 }

@@ -24,6 +24,15 @@ enum {
 
 tm_status tms_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...)
     __attribute__((format(printf, 4, 5)));
+/* The caller's part of the contract of a problem. */
+#define TMS_REQUIRE_PROBLEM(problem)                                                                                   \
+    do {                                                                                                               \
+        TM_REQUIRE_DEF(problem, TMS_COOKIE_PROBLEM, TM_ERR_ARGUMENT);                                                  \
+        TM_REQUIRE((problem)->tissue && (problem)->fixed, #problem " has no tissue or no fixed", TM_ERR_ARGUMENT);     \
+    } while (0)
+/* Its data: solver, tolerances and counts in range, values and loads finite; `entity` is the vertex to blame. */
+tm_status tms_check_problem(const tm_solve_def *def, tm_error *error);
+tm_status tms_check_precision(tm_precision precision, tm_error *error);
 double tms_clock_s(void);
 int32_t tms_threads(const tm_solve_def *def);
 void tms_bytes_text(int64_t bytes, char text[32]);

@@ -10,7 +10,7 @@ $(LIBTMS_A): $(call objects,$(TMS_SRC))
 	rm -f $@ && ar rcs $@ $^
 $(LIBTMS_SO): $(call objects,$(TMS_SRC)) $(LIBTM_SO)
 	@mkdir -p $(@D)
-	$(CXX) $(SAN) -shared -Wl,-soname,libtensormass_solve.so.0 $(if $(SAN),,-Wl,--no-undefined) -o $@ $(call objects,$(TMS_SRC)) -L$(OUT)/lib -ltensormass $(TMS_LIBS) -lm
-	ln -sf $(@F) $(@D)/libtensormass_solve.so.0 && ln -sf libtensormass_solve.so.0 $(@D)/libtensormass_solve.so
+	$(CXX) $(SAN) -shared -Wl,-soname,libtensormass_solve.so.$(SOVERSION) $(if $(SAN),,-Wl,--no-undefined) -o $@ $(call objects,$(TMS_SRC)) -L$(OUT)/lib -ltensormass $(TMS_LIBS) -lm
+	ln -sf $(@F) $(@D)/libtensormass_solve.so.$(SOVERSION) && ln -sf libtensormass_solve.so.$(SOVERSION) $(@D)/libtensormass_solve.so
 # The same as a module that tm-sim opens when a scene says precomputed or hybrid; the core's functions come from the program.
 $(eval $(call module,solve,$(TMS_SRC),,$(TMS_LIBS)))

@@ -1,7 +1,6 @@
 /* The patch of the precomputed model: its compliance is exact, and knows what the other tools hold. */
 #include "precomputed.h"
 
-#include <assert.h>
 #include <string.h>
 
 typedef struct source {
@@ -62,7 +61,11 @@ bool tms_bears_outside(const tm_contact_row *rows, int32_t count, const tm_patch
 
 bool tm_precomputed_patch(tm_precomputed *m, int32_t instrument, const double velocity_m_s[3], double horizon_s,
                           int32_t max_vertices, int32_t max_triangles, tm_patch *patch) {
-    assert(instrument >= 0 && instrument < m->local.tool_count);
+    TM_REQUIRE(m && patch && velocity_m_s && instrument >= 0 && instrument < m->local.tool_count,
+               "something is null, or instrument is not one of the model's", false);
+    TM_REQUIRE(max_vertices >= 3 && max_vertices <= TM_PATCH_VERTICES && max_triangles >= 1 &&
+                   max_triangles <= TM_PATCH_TRIANGLES && horizon_s >= 0 && tm_are_places(velocity_m_s),
+               "max_vertices, max_triangles, horizon_s or velocity_m_s is out of range", false);
     tms_local *l = &m->local;
     const tms_tool *tool = &l->tool[instrument];
     memset(patch, 0, sizeof *patch);

@@ -1,7 +1,7 @@
 /* The precomputed model: stored responses of the surface, and the on-line system over them. */
 #include "precomputed.h"
 
-#include <assert.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -68,15 +68,29 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     return TM_OK;
 }
 
+static tm_status check(const tm_precomputed_def *def, tm_error *error) {
+    tm_status status = tms_check_problem(&def->problem, error);
+    if (status == TM_OK) status = tms_check_precision(def->precision, error);
+    if (status == TM_OK && !(def->update_s > 0 && def->update_s <= 1e6))
+        status = tms_fail(error, TM_ERR_ARGUMENT, -1, "%g s between updates; give a positive time", def->update_s);
+    if (status == TM_OK && (def->max_local_vertices < 4 || def->max_local_vertices > 4096))
+        status = tms_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096",
+                          (int)def->max_local_vertices);
+    return status;
+}
+
 tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **model, tm_solve_report *report,
                                 tm_error *error) {
-    assert(def && def->cookie == TMS_COOKIE_PRECOMPUTED && def->problem.cookie == TMS_COOKIE_PROBLEM &&
-           def->problem.tissue && def->problem.fixed);
-    assert(!def->team || def->team->count == 1); /* other ranks have nothing to open */
+    TM_REQUIRE_DEF(def, TMS_COOKIE_PRECOMPUTED, TM_ERR_ARGUMENT);
+    TMS_REQUIRE_PROBLEM(&def->problem);
+    TM_REQUIRE(model && (!def->team || def->team->count == 1),
+               "model is null, or there are ranks that have nothing to open", TM_ERR_ARGUMENT);
+    tm_status status = check(def, error);
+    if (status != TM_OK) return status;
     tm_solve_report mine = {0};
     tm_precomputed *m = calloc(1, sizeof *m);
-    tm_status status = m ? get_responses(def, false, &m->responses, &mine, error)
-                         : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model");
+    status = m ? get_responses(def, false, &m->responses, &mine, error)
+               : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model");
     if (report) *report = mine;
     if (status == TM_OK) status = set_up(m, def, error);
     if (status != TM_OK) {
@@ -88,7 +102,11 @@ tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **
 }
 
 tm_status tm_precomputed_write(const tm_precomputed_def *def, tm_solve_report *report, tm_error *error) {
-    assert(def && def->cookie == TMS_COOKIE_PRECOMPUTED && def->problem.cookie == TMS_COOKIE_PROBLEM && def->file);
+    TM_REQUIRE_DEF(def, TMS_COOKIE_PRECOMPUTED, TM_ERR_ARGUMENT);
+    TMS_REQUIRE_PROBLEM(&def->problem);
+    TM_REQUIRE(def->file, "def->file is null", TM_ERR_ARGUMENT);
+    const tm_status good = check(def, error);
+    if (good != TM_OK) return good;
     tm_solve_report mine = {0};
     tms_responses responses;
     const tm_status status = get_responses(def, true, &responses, &mine, error);
@@ -109,6 +127,7 @@ void tm_precomputed_destroy(tm_precomputed *m) {
 }
 
 int64_t tm_precomputed_bytes(const tm_precomputed *m) {
+    TM_REQUIRE(m, "model is null", 0);
     return m->responses.bytes + m->local.bytes + (int64_t)sizeof *m +
            12 * (int64_t)tm_tissue_mesh(m->tissue)->vertex_count + 12 * (int64_t)m->responses.kept_count;
 }
@@ -143,27 +162,40 @@ static void superpose(tm_precomputed *m) {
 }
 
 int32_t tm_precomputed_update(tm_precomputed *m, const tm_tool_pose *pose) {
+    TM_REQUIRE(m && (pose || m->local.tool_count == 0), "model or pose is null", -1);
+    for (int32_t t = 0; t < m->local.tool_count; t++)
+        TM_REQUIRE(TM_IS_POSE(pose + t), "a pose is not finite or beyond 1e6", -1);
     if (!m->superposed) superpose(m); /* the broad phase looks at the whole surface */
     const int32_t steps = tms_local_update(&m->local, pose);
     m->superposed = false;
     return m->local.converged ? steps : -steps - 1;
 }
 
+#define INSTRUMENT_IS_THERE(...)                                                                                       \
+    TM_REQUIRE(m &&instrument >= 0 && instrument < m->local.tool_count,                                                \
+               "model is null or instrument is not one of its own", __VA_ARGS__)
+
 void tm_precomputed_place(tm_precomputed *m, int32_t instrument, const tm_tool_pose *at) {
-    assert(instrument >= 0 && instrument < m->local.tool_count);
+    INSTRUMENT_IS_THERE();
+    TM_REQUIRE(TM_IS_POSE(at), "at is null, not finite or beyond 1e6", );
     tms_local_place(&m->local, instrument, at);
 }
 
-tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) { return m->local.tool[instrument].pose; }
+tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) {
+    INSTRUMENT_IS_THERE((tm_tool_pose){0});
+    return m->local.tool[instrument].pose;
+}
 
 uint32_t tm_precomputed_force(const tm_precomputed *m, int32_t instrument, double force_N[3]) {
+    INSTRUMENT_IS_THERE(0);
+    TM_REQUIRE(force_N, "force_N is null", 0);
     double resultant[3];
     tms_local_force(&m->local, instrument, force_N, resultant);
     return tms_local_flags(&m->local, instrument);
 }
 
 tm_tool_reaction tm_precomputed_reaction(tm_precomputed *m, int32_t instrument) {
-    assert(instrument >= 0 && instrument < m->local.tool_count);
+    INSTRUMENT_IS_THERE((tm_tool_reaction){0});
     tm_tool_reaction reaction = tms_local_reaction(&m->local, instrument);
     tms_local_stiffness(&m->local, instrument, reaction.stiffness_N_m);
     reaction.stiffness_kind = 2;
@@ -171,12 +203,14 @@ tm_tool_reaction tm_precomputed_reaction(tm_precomputed *m, int32_t instrument) 
 }
 
 int32_t tm_precomputed_rows(const tm_precomputed *m, const tm_contact_row **rows) {
+    TM_REQUIRE(m && rows, "model or rows is null", 0);
     *rows = m->local.now.row;
     return m->local.now.count;
 }
 
 int32_t tm_precomputed_held(const tm_precomputed *m, int32_t instrument, const int32_t **vertex,
                             tm_grasp_state *state) {
+    INSTRUMENT_IS_THERE(0);
     const tms_hold *h = &m->local.hold[instrument];
     if (vertex) *vertex = h->vertex;
     if (state) *state = h->state;
@@ -184,11 +218,13 @@ int32_t tm_precomputed_held(const tm_precomputed *m, int32_t instrument, const i
 }
 
 const double *tm_precomputed_displacement(tm_precomputed *m) {
+    TM_REQUIRE(m, "model is null", NULL);
     if (!m->superposed) superpose(m);
     return m->local.u_m;
 }
 
 int32_t tm_precomputed_surface(const tm_precomputed *m, const int32_t **vertex) {
+    TM_REQUIRE(m && vertex, "model or vertex is null", 0);
     *vertex = m->surface;
     return m->surface_count;
 }
@@ -202,11 +238,13 @@ static bool has_response(const tm_precomputed *m, int32_t v) {
 
 tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t *vertex, const double *u_m,
                                 double compliance_m_N, tm_error *error) {
+    TM_REQUIRE(m && ((vertex && u_m) || count <= 0), "model, vertex or u_m is null", TM_ERR_ARGUMENT);
     tms_local *l = &m->local;
+    if (count < 0) return tms_fail(error, TM_ERR_ARGUMENT, -1, "%d vertices imposed; give 0 or more", (int)count);
     if (count + TM_MAX_INSTRUMENTS * l->grasp.max_vertices > l->capacity)
         return tms_fail(error, TM_ERR_LIMIT, count, "%d vertices imposed and room for %d; raise max_local_vertices",
                         (int)count, (int)l->capacity);
-    if (!(compliance_m_N >= 0))
+    if (!(compliance_m_N >= 0) || !isfinite(compliance_m_N))
         return tms_fail(error, TM_ERR_ARGUMENT, -1, "imposed displacement with a compliance of %g m/N; give 0 or more",
                         compliance_m_N);
     l->stamp_now++;
@@ -215,6 +253,10 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
             return tms_fail(error, TM_ERR_ARGUMENT, vertex[i],
                             "vertex %d is not on the free surface, so it has no responses; impose surface vertices",
                             (int)vertex[i]);
+        if (!tm_are_places(u_m + 3 * (int64_t)i))
+            return tms_fail(error, TM_ERR_ARGUMENT, vertex[i],
+                            "vertex %d is imposed at (%g %g %g) m; give finite displacements", (int)vertex[i],
+                            u_m[3 * (int64_t)i], u_m[3 * (int64_t)i + 1], u_m[3 * (int64_t)i + 2]);
         if (l->stamp[vertex[i]] == l->stamp_now)
             return tms_fail(error, TM_ERR_ARGUMENT, vertex[i], "vertex %d is imposed twice", (int)vertex[i]);
         l->stamp[vertex[i]] = l->stamp_now;
@@ -230,6 +272,8 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
 }
 
 void tm_precomputed_imposed_force(const tm_precomputed *m, int32_t i, double force_N[3]) {
+    TM_REQUIRE(m && force_N && i >= 0 && i < m->local.hand_count,
+               "model or force_N is null, or vertex i is not imposed", );
     const tms_local *l = &m->local;
     const int32_t s = l->slot_of[l->pin[i].vertex]; /* what holds it is its force less what the tools add */
     for (int c = 0; c < 3; c++) force_N[c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];

@@ -3,7 +3,6 @@
  * quasi-statically, through the interface. */
 #include "hybrid.h"
 
-#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -272,7 +271,6 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
 /* --- the stage --- */
 
 static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error) {
-    h->contact = contact;
     rebuild_surface(h);
     const tm_status status =
         tms_local_create(h->mesh, h->surface, &h->contact_def, NULL, h->max_local_vertices, &h->local, error);
@@ -290,11 +288,31 @@ static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error)
                         (int)h->interface_count);
     const tm_contact_solver solver = {h, solve};
     tm_contact_set_solver(contact, &solver);
+    h->contact = contact; /* from here on there is something to undo with it */
     return TM_OK;
 }
 
+/* Leaves the world, or the attempt to join one, and is as it was made: it may join another. */
+static void detach(void *self) {
+    tm_hybrid *h = self;
+    if (h->contact) tm_contact_set_solver(h->contact, NULL);
+    tms_local_destroy(&h->local);
+    h->local = (tms_local){0};
+    void **array[] = {(void **)&h->held, (void **)&h->give_m_N, (void **)&h->through, (void **)&h->through_vertex,
+                      &h->kept};
+    for (size_t i = 0; i < sizeof array / sizeof *array; i++) {
+        free(*array[i]);
+        *array[i] = NULL;
+    }
+    h->world = NULL;
+    h->contact = NULL;
+}
+
 tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm_error *error) {
-    assert(!h->world); /* one world each */
+    TM_REQUIRE(world && h && !h->world, "world or hybrid is null, or hybrid is in a world already", TM_ERR_ARGUMENT);
+    if (tm_tissue_mesh(tm_world_tissue(world)) != h->mesh)
+        return tms_fail(error, TM_ERR_ARGUMENT, -1,
+                        "the world's tissue is of another mesh than the hybrid model; make it with tm_hybrid_tissue");
     if (contact && !h->has_contact)
         return tms_fail(
             error, TM_ERR_ARGUMENT, -1,
@@ -317,29 +335,38 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
     h->stale = true;
     h->held = calloc(3 * (size_t)h->mesh->vertex_count, 1);
     h->give_m_N = calloc((size_t)h->interface_count, 8);
-    if (!h->held || !h->give_m_N)
-        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model");
-    const tm_status status = contact ? add_contact(h, contact, error) : TM_OK;
-    if (status != TM_OK) return status;
+    tm_status status = h->held && h->give_m_N
+                           ? TM_OK
+                           : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model");
+    if (status == TM_OK && contact) status = add_contact(h, contact, error);
+    if (status != TM_OK) {
+        detach(h);
+        return status;
+    }
     const tm_stage stage = {.size = sizeof(tm_stage),
                             .name = "hybrid",
                             .phase = TM_PHASE_LOAD,
                             .run = run,
+                            .destroy = detach,
                             .step_changed = changed,
                             .self = h,
                             .snapshot = snapshot,
                             .restore = restore,
                             .keep = keep,
                             .give_back = give_back,
+                            .needs = {contact ? "contact" : NULL},
                             .step_limit_s = h->step_s,
                             .not_settled = "the condensed part is no world's to relax; solve the whole organ "
                                            "(tm_solve_static), which has the same rest"};
-    return tm_world_add_stage(world, &stage, tm_hybrid_bytes(h), error);
+    status = tm_world_add_stage(world, &stage, tm_hybrid_bytes(h), error);
+    if (status != TM_OK) detach(h);
+    return status;
 }
 
 /* --- once a frame --- */
 
 void tm_hybrid_recover(tm_hybrid *h, tm_world *world) {
+    TM_REQUIRE(h && world && h->world == world, "hybrid or world is null, or hybrid is not in this world", );
     const tm_state *state = tm_world_state(world);
     const tms_local *l = &h->local;
     const int32_t dofs = 3 * h->mesh->vertex_count;
@@ -359,12 +386,14 @@ void tm_hybrid_recover(tm_hybrid *h, tm_world *world) {
 }
 
 tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *h, int32_t instrument) {
+    TM_REQUIRE(h && h->contact, "hybrid is null or has no contact", (tm_tool_reaction){0});
     tm_tool_reaction r = tm_contact_reaction(h->contact, instrument);
     if (h->unrecovered) r.flags |= TM_REACTION_UNCONVERGED;
     return r;
 }
 
 tm_surface_view tm_hybrid_surface(tm_hybrid *h) {
+    TM_REQUIRE(h && h->world, "hybrid is null or in no world", (tm_surface_view){0});
     rebuild_surface(h);
     return h->surface;
 }

@@ -1,7 +1,6 @@
 /* One static solution. */
 #include "internal.h"
 
-#include <assert.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -24,7 +23,9 @@ static tm_status solve(const tm_solve_def *def, const tms_system *system, const 
 
 tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *reaction_N, tm_solve_report *report,
                           tm_error *error) {
-    assert(def && def->cookie == TMS_COOKIE_PROBLEM && def->tissue && def->fixed);
+    TMS_REQUIRE_PROBLEM(def);
+    tm_status checked = tms_check_problem(def, error);
+    if (checked != TM_OK) return checked;
     const double start = tms_clock_s();
     const size_t dofs = 3 * (size_t)tm_tissue_mesh(def->tissue)->vertex_count;
     tm_solve_report mine = {.columns = 1};

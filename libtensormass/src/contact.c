@@ -1,7 +1,6 @@
 /* Stage "contact": moves the tools, finds the rows of all of them, makes them non-penetrating, sums the reactions. */
 #include "contact_internal.h"
 
-#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -223,7 +222,12 @@ static void run(void *self, tm_world *world) {
     tm_contact *contact = self;
     if (contact->held_by != world->support) refresh_supports(contact);
     contact->unsound = false;
-    for (int32_t t = 0; t < contact->tool_count; t++) tm_tool_advance(contact->tool + t);
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        tm_tool *tool = contact->tool + t;
+        tm_tool_advance(tool);
+        if (travel(&tool->capsule, &tool->before) > TM_TOO_FAST * tool->def.radius_m)
+            tool->flags |= TM_REACTION_TOO_FAST;
+    }
     if (contact->guest.prepare) contact->guest.prepare(contact->guest.self, world);
     if (contact->solver_instead.solve) {
         solve_instead(contact, world);
@@ -264,7 +268,10 @@ static tm_status check(const tm_contact_def *def, tm_error *error) {
                        def->sweeps, def->max_rows, def->force_cap_N, TM_LOCAL_HITS);
     for (int32_t i = 0; i < def->instrument_count; i++) {
         const tm_instrument_def *tool = def->instrument + i;
-        bool finite = isfinite(tool->pose.roll_rad) && isfinite(tool->pose.grip);
+        if (tool->mode != TM_TOOL_PROBE && tool->mode != TM_TOOL_GRASPER && tool->mode != TM_TOOL_CAUTERY)
+            return tm_fail(error, TM_ERR_ARGUMENT, i, "instrument %d: mode %d; give one of tm_tool_mode", i,
+                           (int)tool->mode);
+        bool finite = TM_IS_POSE(&tool->pose) && isfinite(tool->pose.roll_rad) && isfinite(tool->pose.grip);
         for (int c = 0; c < 3; c++) finite = finite && isfinite(tool->trocar_m[c]) && isfinite(tool->pose.tip_m[c]);
         if (!finite || !(tool->radius_m > 0) || !isfinite(tool->radius_m) || !(tool->contact_length_m >= 0) ||
             !isfinite(tool->contact_length_m))
@@ -295,7 +302,9 @@ static void destroy(void *self) {
 }
 
 tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contact **contact, tm_error *error) {
-    assert(world && def && def->cookie == TM_COOKIE_CONTACT && contact);
+    TM_REQUIRE_DEF(def, TM_COOKIE_CONTACT, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && contact && (def->instrument || def->instrument_count < 1),
+               "world, contact or def->instrument is null", TM_ERR_ARGUMENT);
     tm_status status = check(def, error);
     if (status) return status;
     tm_pool pool = {0};
@@ -337,13 +346,19 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
 
 /* --- what the application calls between frames --- */
 
+#define INSTRUMENT_IS_THERE(...)                                                                                       \
+    TM_REQUIRE(contact &&instrument >= 0 && instrument < contact->tool_count,                                          \
+               "contact is null or instrument is not one of its own", __VA_ARGS__)
+
 void tm_contact_move(tm_contact *contact, int32_t instrument, const tm_tool_pose *to, int32_t substeps) {
-    assert(instrument >= 0 && instrument < contact->tool_count);
+    INSTRUMENT_IS_THERE();
+    TM_REQUIRE(TM_IS_POSE(to), "to is null, not finite or beyond 1e6", );
     tm_tool_move(contact->tool + instrument, to, substeps);
 }
 
 void tm_contact_place(tm_contact *contact, int32_t instrument, const tm_tool_pose *at) {
-    assert(instrument >= 0 && instrument < contact->tool_count);
+    INSTRUMENT_IS_THERE();
+    TM_REQUIRE(TM_IS_POSE(at), "at is null, not finite or beyond 1e6", );
     tm_tool_place(contact->tool + instrument, at);
     int32_t kept = 0; /* its multipliers belong to where it was */
     for (int32_t i = 0; i < contact->row_count; i++)
@@ -351,15 +366,23 @@ void tm_contact_place(tm_contact *contact, int32_t instrument, const tm_tool_pos
     contact->row_count = kept;
 }
 
-tm_tool_pose tm_contact_pose(const tm_contact *contact, int32_t instrument) { return contact->tool[instrument].pose; }
+tm_tool_pose tm_contact_pose(const tm_contact *contact, int32_t instrument) {
+    INSTRUMENT_IS_THERE((tm_tool_pose){0});
+    return contact->tool[instrument].pose;
+}
 
-void tm_contact_set_solver(tm_contact *contact, const tm_contact_solver *solver) { contact->solver_instead = *solver; }
+void tm_contact_set_solver(tm_contact *contact, const tm_contact_solver *solver) {
+    TM_REQUIRE(contact, "contact is null", );
+    contact->solver_instead = solver ? *solver : (tm_contact_solver){0};
+}
 
 bool tm_contact_holds(const tm_contact *contact, const tm_contact_row *row) {
+    TM_REQUIRE(contact && row, "contact or row is null", false);
     return contact->guest.holds && tm_row_is_held(&contact->guest, row);
 }
 
 void tm_contact_begin_frame(tm_contact *contact, int32_t substeps, int32_t average_over) {
+    TM_REQUIRE(contact && substeps >= 0, "contact is null or substeps is negative", );
     contact->frame_step = 0;
     contact->frame_steps = substeps;
     contact->frame_average = average_over < 1 ? 1 : average_over > substeps ? substeps : average_over;
@@ -375,7 +398,7 @@ void tm_contact_begin_frame(tm_contact *contact, int32_t substeps, int32_t avera
 }
 
 tm_tool_reaction tm_contact_reaction(const tm_contact *contact, int32_t instrument) {
-    assert(instrument >= 0 && instrument < contact->tool_count);
+    INSTRUMENT_IS_THERE((tm_tool_reaction){0});
     const tm_tool *tool = contact->tool + instrument;
     tm_tool_reaction reaction = {.flags = tool->flags};
     if (tm_tool_is_present(tool) && !tool->clear) reaction.flags |= TM_REACTION_INSIDE;
@@ -399,6 +422,7 @@ tm_tool_reaction tm_contact_reaction(const tm_contact *contact, int32_t instrume
 }
 
 int32_t tm_contact_rows(const tm_contact *contact, const tm_contact_row **rows) {
+    TM_REQUIRE(contact && rows, "contact or rows is null", 0);
     *rows = contact->row;
     return contact->row_count;
 }

@@ -22,4 +22,13 @@
         TM_REQUIRE((def)->size == sizeof *(def), #def " is of another version of the library's headers", __VA_ARGS__); \
     } while (0)
 
+/* Within a million metres; false for what is no number. */
+static inline bool tm_is_place(double x_m) { return x_m >= -1e6 && x_m <= 1e6; }
+static inline bool tm_are_places(const double x_m[3]) {
+    return tm_is_place(x_m[0]) && tm_is_place(x_m[1]) && tm_is_place(x_m[2]);
+}
+/* A tm_tool_pose: given, finite and in range. */
+#define TM_IS_POSE(pose)                                                                                               \
+    ((pose) && tm_are_places((pose)->tip_m) && tm_is_place((pose)->roll_rad) && tm_is_place((pose)->grip))
+
 #endif

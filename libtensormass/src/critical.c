@@ -3,7 +3,6 @@
 #include "internal.h"
 #include "plant.h"
 
-#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -141,7 +140,8 @@ static double step_of(const tm_tissue *tissue, double eigenvalue) {
 }
 
 double tm_critical_step_element(const tm_tissue *tissue, int32_t tet) {
-    assert(tet >= 0 && tet < tissue->mesh->tet_count);
+    TM_REQUIRE(tissue && tet >= 0 && tet < tissue->mesh->tet_count,
+               "tissue is null or tet is not one of its tetrahedra", 0);
     return step_of(tissue, tm_element_eigenvalue(tissue, tet));
 }
 
@@ -332,7 +332,7 @@ static tm_status iterate(iteration *it, double tolerance, int32_t max_iterations
 
 tm_status tm_critical_step_sharp(const tm_tissue *tissue, const uint8_t *fixed, double tolerance,
                                  int32_t max_iterations, double *step_s, tm_error *error) {
-    assert(tissue && step_s);
+    TM_REQUIRE(tissue && step_s, "tissue or step_s is null", TM_ERR_ARGUMENT);
     if (!(tolerance > 0) || max_iterations < 1)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g, %d iterations; give positive numbers", tolerance,
                        max_iterations);

@@ -3,8 +3,6 @@
 #include "cut_internal.h"
 #include "plant.h"
 
-#include <assert.h>
-
 const int8_t tm_cut_edge_between[4][4] = {{-1, 0, 1, 2}, {0, -1, 3, 4}, {1, 3, -1, 5}, {2, 4, 5, -1}};
 
 static void take_list(tm_cut_list *list, tm_pool *pool, int32_t count) {
@@ -183,15 +181,15 @@ void tm_cut_kill(tm_tissue *tissue, int32_t tet) {
 }
 
 int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int32_t *removed, int32_t removed_max) {
-    assert(tissue->cuttable);
-    if (!tissue->cuttable) return 0;
+    TM_REQUIRE(tissue && tissue->cuttable, "tissue is null or was not made cuttable", 0);
+    TM_REQUIRE(count >= 0 && (tet || count == 0) && removed_max >= 0, "tet is null or a count is negative", 0);
+    for (int32_t i = 0; i < count; i++)
+        TM_REQUIRE(tet[i] >= 0 && tet[i] < tissue->mesh->tet_count, "tet names no tetrahedron of the tissue", 0);
     tm_cut_work *w = tissue->cut;
     w->call++;
     w->vertex.count = w->edge.count = w->tet.count = 0;
-    for (int32_t i = 0; i < count; i++) {
-        assert(tet[i] >= 0 && tet[i] < tissue->mesh->tet_count);
+    for (int32_t i = 0; i < count; i++)
         if (tissue->alive[tet[i]]) tm_cut_kill(tissue, tet[i]);
-    }
     tm_cut_mend(tissue);
     for (int32_t i = 0; i < w->tet.count; i++) update_surface(tissue, w->tet.item[i]);
     for (int32_t i = 0; i < w->edge.count; i++)

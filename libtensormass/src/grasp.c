@@ -3,7 +3,6 @@
 #include "tensormass/grasp.h"
 #include "contact_internal.h"
 
-#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -457,7 +456,9 @@ static tm_status check(const tm_grasp_def *def, tm_error *error) {
 
 tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_def *def, tm_grasp **grasp,
                          tm_error *error) {
-    assert(world && contact && def && def->cookie == TM_COOKIE_GRASP && grasp);
+    TM_REQUIRE_DEF(def, TM_COOKIE_GRASP, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && grasp && contact && contact->world == world,
+               "world or grasp is null, or contact is not of this world", TM_ERR_ARGUMENT);
     tm_status status = check(def, error);
     if (status) return status;
     if (contact->guest.self)
@@ -498,7 +499,8 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
 }
 
 int32_t tm_grasp_held(const tm_grasp *grasp, int32_t instrument, const int32_t **vertex, tm_grasp_state *state) {
-    assert(instrument >= 0 && instrument < grasp->contact->tool_count);
+    TM_REQUIRE(grasp && instrument >= 0 && instrument < grasp->contact->tool_count,
+               "grasp is null or instrument is not one of its contact's", 0);
     const hold *h = grasp->hold + instrument;
     if (vertex) *vertex = h->vertex;
     if (state) *state = h->state;

@@ -2,7 +2,6 @@
 #include "internal.h"
 #include "plant.h"
 
-#include <assert.h>
 #include <math.h>
 
 enum { DEFAULT_DENSITY_KG_M3 = 1000 };
@@ -46,7 +45,7 @@ static tm_status check_definite(const tm_material *m, tm_error *error) {
 }
 
 tm_status tm_material_check(const tm_material *m, tm_error *error) {
-    assert(m);
+    TM_REQUIRE(m, "material is null", TM_ERR_ARGUMENT);
     const double value[7] = {m->lambda_Pa, m->mu_Pa,         m->dlambda_Pa, m->dmu_Pa,
                              m->beta_Pa,   m->density_kg_m3, m->damping_1_s};
     static const char *const name[7] = {"lambda", "mu", "dlambda", "dmu", "beta", "density", "damping"};
@@ -66,7 +65,7 @@ tm_status tm_material_check(const tm_material *m, tm_error *error) {
 
 /* Writes `out` only when the constants stand. */
 static tm_status accept(tm_material m, tm_material *out, tm_error *error) {
-    assert(out);
+    TM_REQUIRE(out, "out is null", TM_ERR_ARGUMENT);
     m.density_kg_m3 = DEFAULT_DENSITY_KG_M3;
     const tm_status status = tm_material_check(&m, error);
     if (!status) *out = m;

@@ -1,7 +1,6 @@
 /* Mesh topology from vertices and tetrahedra: validation, edges, neighbours, surface, shape vectors. */
 #include "internal.h"
 
-#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -69,8 +68,9 @@ static tm_status check_tet(const tm_mesh_def *def, int32_t t, tm_error *error) {
                        "tetrahedron %d (vertices %d %d %d %d): negative volume %g m3, its vertices are "
                        "in negative order; swap two of them",
                        t, v[0], v[1], v[2], v[3], d / 6);
-    if (def->region && def->region[t] < 0)
-        return tm_fail(error, TM_ERR_MESH, t, "tetrahedron %d: region %d; number regions from 0", t, def->region[t]);
+    if (def->region && (def->region[t] < 0 || def->region[t] >= TM_MAX_REGIONS))
+        return tm_fail(error, TM_ERR_MESH, t, "tetrahedron %d: region %d; number regions from 0 to %d", t,
+                       def->region[t], TM_MAX_REGIONS - 1);
     return TM_OK;
 }
 
@@ -293,7 +293,8 @@ static tm_status build(tm_mesh *mesh, tm_pool *pool, const tm_mesh_def *def, wor
 }
 
 tm_status tm_mesh_create(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error) {
-    assert(def && mesh && def->cookie == TM_COOKIE_MESH);
+    TM_REQUIRE_DEF(def, TM_COOKIE_MESH, TM_ERR_ARGUMENT);
+    TM_REQUIRE(mesh, "mesh is null", TM_ERR_ARGUMENT);
     if (def->vertex_count < 4 || def->tet_count < 1)
         return tm_fail(error, TM_ERR_MESH, -1,
                        "an empty mesh: %d vertices, %d tetrahedra; give at least one tetrahedron", def->vertex_count,
@@ -301,7 +302,7 @@ tm_status tm_mesh_create(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error
     if (def->tet_count > INT32_MAX / 16 || def->vertex_count > INT32_MAX / 16)
         return tm_fail(error, TM_ERR_MESH, -1, "%d vertices and %d tetrahedra are more than %d; use a coarser mesh",
                        def->vertex_count, def->tet_count, INT32_MAX / 16);
-    assert(def->vertex_m && def->tet);
+    TM_REQUIRE(def->vertex_m && def->tet, "def->vertex_m or def->tet is null", TM_ERR_ARGUMENT);
     tm_status status = check_vertices(def, error);
     for (int32_t t = 0; t < def->tet_count && !status; t++) status = check_tet(def, t, error);
     if (status) return status;
@@ -322,7 +323,8 @@ tm_status tm_mesh_create(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error
 }
 
 tm_tet_quality tm_mesh_tet_quality(const tm_mesh *mesh, int32_t tet) {
-    assert(tet >= 0 && tet < mesh->tet_count);
+    TM_REQUIRE(mesh && tet >= 0 && tet < mesh->tet_count, "mesh is null or tet is not one of its tetrahedra",
+               (tm_tet_quality){0});
     const int32_t *v = mesh->tet + 4 * (int64_t)tet;
     const double *alpha = mesh->shape_1_m + 12 * (int64_t)tet;
     tm_tet_quality q = {.volume_m3 = mesh->volume_m3[tet], .min_dihedral_rad = 4};

@@ -2,7 +2,6 @@
  * model. */
 #include "patch_internal.h"
 
-#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -208,7 +207,8 @@ static bool hold_stiffness(tm_patch_maker *maker, int32_t t, const int32_t *vert
 }
 
 bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
-    assert(t >= 0 && t < maker->contact->tool_count);
+    TM_REQUIRE(maker && patch && t >= 0 && t < maker->contact->tool_count,
+               "maker or patch is null, or instrument is not one of its contact's", false);
     const tm_contact *contact = maker->contact;
     tm_tool *tool = maker->contact->tool + t;
     int32_t revision = tm_tissue_surface(maker->world->tissue).revision;
@@ -247,6 +247,7 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
 }
 
 int32_t tm_patch_pending(const tm_patch_maker *maker) {
+    TM_REQUIRE(maker, "maker is null", 0);
     if (maker->columns) return tm_columns_pending(maker->columns);
     int32_t pending = 0;
     for (int t = 0; t < maker->contact->tool_count; t++)
@@ -266,7 +267,9 @@ static void destroy(void *self) {
 
 tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_def *def, tm_patch_maker **made,
                          tm_error *error) {
-    assert(world && contact && def && def->cookie == TM_COOKIE_PATCH && made);
+    TM_REQUIRE_DEF(def, TM_COOKIE_PATCH, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && made && contact && contact->world == world,
+               "world or maker is null, or contact is not of this world", TM_ERR_ARGUMENT);
     if (def->max_vertices < 3 || def->max_vertices > TM_PATCH_VERTICES || def->max_triangles < 1 ||
         def->max_triangles > TM_PATCH_TRIANGLES || def->column_vertices < def->max_vertices || def->iterations < 0 ||
         !(def->tolerance > 0) || !(def->horizon_s >= 0))

@@ -1,7 +1,6 @@
 /* Which piece of surface a controller gets: grown from where the tool touches and where it is going. */
 #include "patch_internal.h"
 
-#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -118,8 +117,6 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
                       const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
                       const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
                       bool (*usable)(void *self, int32_t vertex), void *self, tm_patch *patch) {
-    assert(max_vertices >= 3 && max_vertices <= TM_PATCH_VERTICES && max_triangles >= 1 &&
-           max_triangles <= TM_PATCH_TRIANGLES);
     growth g = {.max_vertices = max_vertices, .max_triangles = max_triangles};
     double way[3];
     vscale(horizon_s, velocity_m_s, way);
@@ -153,6 +150,11 @@ int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm_surfac
                         const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
                         const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
                         tm_patch *patch) {
+    TM_REQUIRE(rest_m && u_m && surface && capsule && velocity_m_s && patch && (row || row_count <= 0),
+               "something is null", 0);
+    TM_REQUIRE(max_vertices >= 3 && max_vertices <= TM_PATCH_VERTICES && max_triangles >= 1 &&
+                   max_triangles <= TM_PATCH_TRIANGLES,
+               "max_vertices or max_triangles is out of range", 0);
     return tm_patch_grow(rest_m, u_m, surface, capsule, velocity_m_s, horizon_s, row, row_count, max_vertices,
                          max_triangles, NULL, NULL, patch);
 }

@@ -21,6 +21,8 @@ static int32_t packed(int32_t n, int32_t i, int32_t j) {
 }
 
 double tm_patch_compliance(const tm_patch *patch, int32_t i, int32_t j) {
+    TM_REQUIRE(patch && i >= 0 && j >= 0 && i < 3 * patch->vertex_count && j < 3 * patch->vertex_count,
+               "patch is null, or i or j is not one of its components", 0);
     return patch->compliance_m_N[packed(3 * patch->vertex_count, i, j)];
 }
 
@@ -29,7 +31,7 @@ double tm_patch_compliance(const tm_patch *patch, int32_t i, int32_t j) {
 static bool semidefinite(double *a, int32_t n, double shift, double least) {
     for (int32_t k = 0; k < n; k++) {
         double pivot = a[packed(n, k, k)] + shift;
-        if (pivot < -least) return false;
+        if (!(pivot >= -least)) return false;
         if (pivot <= least) {
             for (int32_t j = k + 1; j < n; j++)
                 if (fabs(a[packed(n, k, j)]) > 1e3 * least) return false;
@@ -44,17 +46,21 @@ static bool semidefinite(double *a, int32_t n, double shift, double least) {
 }
 
 /* Columns that are good to a thousandth make a matrix that may be indefinite by as much: the diagonal is raised until
- * it is not. */
-static void make_semidefinite(tm_patch *patch) {
+ * it is not. False: a tenth of the largest entry was not enough, or one is no number. */
+static bool make_semidefinite(tm_patch *patch) {
     int32_t n = 3 * patch->vertex_count, size = n * (n + 1) / 2;
     double most = 0, work[TM_PATCH_COMPLIANCE];
-    for (int32_t i = 0; i < size; i++) most = fmax(most, fabs(patch->compliance_m_N[i]));
+    for (int32_t i = 0; i < size; i++) {
+        if (!isfinite(patch->compliance_m_N[i])) return false;
+        most = fmax(most, fabs(patch->compliance_m_N[i]));
+    }
     for (double shift = 0; shift <= 0.1 * most; shift = shift > 0 ? 3 * shift : 1e-6 * most) {
         memcpy(work, patch->compliance_m_N, sizeof(double) * (size_t)size);
         if (!semidefinite(work, n, shift, 1e-8 * most)) continue;
         for (int32_t i = 0; i < n; i++) patch->compliance_m_N[packed(n, i, i)] += shift > 0 ? shift + 1e-6 * most : 0;
-        return;
+        return true;
     }
+    return false;
 }
 
 static int32_t find_vertex(const tm_patch *patch, int32_t vertex) {
@@ -93,6 +99,9 @@ static void deform(const tm_patch *patch, const double *force_N, double sign, do
 }
 
 bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_contact_row *row, int32_t row_count) {
+    TM_REQUIRE(patch && block && patch->vertex_count >= 0 && patch->vertex_count <= TM_PATCH_VERTICES &&
+                   (row || row_count <= 0),
+               "patch, block or row is null, or the patch has too many vertices", false);
     int32_t n = 3 * patch->vertex_count;
     double force[TM_PATCH_DOFS];
     memset(patch->compliance_m_N, 0, sizeof patch->compliance_m_N);
@@ -105,7 +114,7 @@ bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_c
                 patch->compliance_m_N[packed(n, r, c)] += r == c ? C[i] : 0.5 * C[i];
             }
         }
-    make_semidefinite(patch);
+    if (!make_semidefinite(patch)) return false;
     row_forces(patch, row, row_count, force);
     deform(patch, force, -1, patch->vertex_m);
     return true;

@@ -6,7 +6,6 @@
  * damping taken from the motion. */
 #include "cut_internal.h"
 
-#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <string.h>
@@ -272,7 +271,8 @@ static void refresh(tm_world *world) {
 }
 
 tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error) {
-    assert(def && def->cookie == TM_COOKIE_SETTLE);
+    TM_REQUIRE_DEF(def, TM_COOKIE_SETTLE, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world, "world is null", TM_ERR_ARGUMENT);
     if (!(def->tolerance > 0) || def->max_steps < 1)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g, %lld steps; give positive numbers", def->tolerance,
                        (long long)def->max_steps);
@@ -280,6 +280,11 @@ tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_r
         if (world->slot[i].stage.not_settled)
             return tm_fail(error, TM_ERR_ARGUMENT, -1, "settling: stage %s: %s", world->slot[i].stage.name,
                            world->slot[i].stage.not_settled);
+    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++)
+        if (!tm_is_place(world->state.u_m[i]) || !tm_is_place(world->state.u_prev_m[i]))
+            return tm_fail(error, TM_ERR_ARGUMENT, i / 3,
+                           "vertex %d: its displacement is %g m, before %g m; give finite ones to settle from", i / 3,
+                           world->state.u_m[i], world->state.u_prev_m[i]);
     relaxation x = {.world = world, .def = def, .n = 3 * world->tissue->mesh->vertex_count};
     const bool linear = is_linear(world);
     if (!take(&x, linear)) {

@@ -52,6 +52,7 @@ static int64_t body_bytes(const tm_mesh *mesh, int32_t surface_count) {
 static bool keeps(const tm_stage *stage) { return stage->snapshot && stage->restore; }
 
 int64_t tm_snapshot_bytes(const tm_world *world) {
+    TM_REQUIRE(world, "world is null", 0);
     int64_t bytes = (int64_t)sizeof(header) + body_bytes(world->tissue->mesh, world->tissue->surface.count);
     for (int32_t i = 0; i < world->stage_count; i++) {
         const tm_stage *stage = &world->slot[i].stage;
@@ -68,6 +69,7 @@ static char *put(char *to, const void *from, int64_t bytes) {
 }
 
 tm_status tm_snapshot_save(const tm_world *world, void *buffer, int64_t bytes, tm_error *error) {
+    TM_REQUIRE(world && buffer, "world or buffer is null", TM_ERR_ARGUMENT);
     const int64_t needed = tm_snapshot_bytes(world);
     if (bytes < needed)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "snapshot: %lld bytes of room for %lld; ask tm_snapshot_bytes",
@@ -219,6 +221,7 @@ static void take_tissue(tm_tissue *tissue, const uint8_t *alive, const int32_t *
 }
 
 tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes, tm_error *error) {
+    TM_REQUIRE(world && buffer, "world or buffer is null", TM_ERR_ARGUMENT);
     header h;
     if ((uintptr_t)buffer % 8)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,

@@ -3,7 +3,6 @@
 #include "contact_internal.h"
 #include "cut_internal.h"
 
-#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -267,7 +266,11 @@ static void give_back(void *self, tm_world *world) {
 }
 
 tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *def, tm_error *error) {
-    assert(contact && def && def->cookie == TM_COOKIE_CUT);
+    TM_REQUIRE_DEF(def, TM_COOKIE_CUT, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && contact && contact->world == world, "world is null, or contact is not of this world",
+               TM_ERR_ARGUMENT);
+    if (def->loose != TM_LOOSE_FALL && def->loose != TM_LOOSE_REMOVE)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: loose is %d; give one of tm_cut_loose", (int)def->loose);
     if (!world->tissue->cuttable)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "cut: the tissue was not made cuttable; set cuttable in its definition");
@@ -317,6 +320,7 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
 bool tm_stage_is_cut(const tm_stage *stage) { return stage->run == run; }
 
 int32_t tm_cut_take(tm_world *world, int32_t *tet, int8_t *instrument, int32_t max) {
+    TM_REQUIRE(world && max >= 0 && (tet || max == 0), "world or tet is null, or max is negative", 0);
     cut *stage = NULL;
     for (int32_t i = 0; i < world->stage_count; i++)
         if (tm_stage_is_cut(&world->slot[i].stage)) stage = world->slot[i].stage.self;

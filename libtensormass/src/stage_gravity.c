@@ -30,6 +30,7 @@ static void destroy(void *self) {
 }
 
 tm_status tm_stage_gravity(tm_world *world, const double g_m_s2[3], tm_error *error) {
+    TM_REQUIRE(world && g_m_s2, "world or g_m_s2 is null", TM_ERR_ARGUMENT);
     for (int i = 0; i < 3; i++)
         if (!isfinite(g_m_s2[i]))
             return tm_fail(error, TM_ERR_ARGUMENT, i, "gravity: its %c component is %g; give a finite number", "xyz"[i],

@@ -22,6 +22,7 @@ static void destroy(void *self) {
 }
 
 tm_status tm_stage_load(tm_world *world, const double *force_N, tm_error *error) {
+    TM_REQUIRE(world && force_N, "world or force_N is null", TM_ERR_ARGUMENT);
     const int32_t n = 3 * world->tissue->mesh->vertex_count;
     for (int32_t i = 0; i < n; i++)
         if (!isfinite(force_N[i]))
@@ -50,6 +51,10 @@ tm_status tm_stage_load(tm_world *world, const double *force_N, tm_error *error)
 
 void tm_load_add_traction(const tm_mesh *mesh, const int32_t *triangle, int32_t triangle_count,
                           const double traction_Pa[3], double *force_N) {
+    TM_REQUIRE(mesh && traction_Pa && force_N && triangle_count >= 0 && (triangle || triangle_count == 0),
+               "something is null, or triangle_count is negative", );
+    for (int64_t i = 0; i < 3 * (int64_t)triangle_count; i++)
+        TM_REQUIRE(triangle[i] >= 0 && triangle[i] < mesh->vertex_count, "triangle names no vertex of the mesh", );
     for (int32_t t = 0; t < triangle_count; t++) {
         const int32_t *v = triangle + 3 * (int64_t)t;
         double a[3], b[3], n[3];

@@ -1,7 +1,6 @@
 /* Stage "support": prescribed displacements, and the force that holds them. */
 #include "internal.h"
 
-#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -37,18 +36,22 @@ void tm_support_impose(const tm_world *world, double *u_m) {
 }
 
 void tm_support_reaction(const tm_world *world, double *reaction_N) {
+    TM_REQUIRE(world && reaction_N, "world or reaction_N is null", );
     const support *stage = world->support;
     for (int32_t i = 0; stage && i < stage->count; i++) reaction_N[stage->dof[i]] += stage->reaction_N[i];
 }
 
 void tm_support_mask(const tm_world *world, uint8_t *mask) {
+    TM_REQUIRE(world && mask, "world or mask is null", );
     const support *stage = world->support;
     for (int32_t i = 0; stage && i < stage->count; i++) mask[stage->dof[i]] = 1;
 }
 
 void tm_support_move(tm_world *world, int32_t component, double value_m) {
+    TM_REQUIRE(world && world->support, "world is null or has no supports", );
     support *stage = world->support;
-    assert(stage && component >= 0 && component < stage->given);
+    TM_REQUIRE(component >= 0 && component < stage->given, "component is not one of the supports' list", );
+    TM_REQUIRE(tm_is_place(value_m), "value_m is not finite or beyond 1e6 m", );
     stage->value_m[stage->place[component]] = value_m;
 }
 
@@ -122,7 +125,11 @@ static void give_back(void *self, tm_world *world) {
 }
 
 tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error *error) {
-    assert(def->cookie == TM_COOKIE_SUPPORT);
+    TM_REQUIRE_DEF(def, TM_COOKIE_SUPPORT, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && ((def->dof && def->value_m) || def->count <= 0), "world, def->dof or def->value_m is null",
+               TM_ERR_ARGUMENT);
+    if (def->count < 0)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "support: %d components; give 0 or more", def->count);
     tm_status status = check(world, def, error);
     if (status) return status;
     const int32_t dofs = 3 * world->tissue->mesh->vertex_count;

@@ -1,7 +1,6 @@
 /* Tissue: blocks of the living tetrahedra summed on vertices and edges, masses, the surface. */
 #include "cut_internal.h"
 
-#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -203,7 +202,19 @@ void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
 
 /* --- building --- */
 
+static tm_status check_extra(const tm_mesh *mesh, const double *extra, const char *what, tm_error *error) {
+    for (int32_t v = 0; extra && v < mesh->vertex_count; v++)
+        if (!(extra[v] >= 0) || !isfinite(extra[v]))
+            return tm_fail(error, TM_ERR_ARGUMENT, v, "vertex %d: extra %s of %g; give 0 or more", v, what, extra[v]);
+    return TM_OK;
+}
+
 static tm_status check_regions(const tm_tissue_def *def, tm_error *error) {
+    if ((def->precision != TM_DOUBLE && def->precision != TM_SINGLE) ||
+        (def->form != TM_FORCE_BEST && def->form != TM_FORCE_PLAIN))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "precision %d, form %d; give one of tm_precision, one of tm_force_form", (int)def->precision,
+                       (int)def->form);
     if (def->material_count < 1 || !def->material)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "no material; give at least one");
     for (int32_t i = 0; i < def->material_count; i++) {
@@ -335,9 +346,12 @@ void tm_tissue_build_surface(tm_tissue *tissue) {
 }
 
 tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_error *error) {
-    assert(def && tissue && def->cookie == TM_COOKIE_TISSUE && def->mesh);
+    TM_REQUIRE_DEF(def, TM_COOKIE_TISSUE, TM_ERR_ARGUMENT);
+    TM_REQUIRE(tissue && def->mesh, "tissue or def->mesh is null", TM_ERR_ARGUMENT);
     tm_status status = check_regions(def, error);
     if (!status) status = check_fibres(def, error);
+    if (!status) status = check_extra(def->mesh, def->extra_mass_kg, "mass", error);
+    if (!status) status = check_extra(def->mesh, def->extra_damping_kg_s, "damping", error);
     if (status) return status;
 
     tm_pool pool = {0};
@@ -361,27 +375,60 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
 
 /* --- views --- */
 
-const tm_mesh *tm_tissue_mesh(const tm_tissue *tissue) { return tissue->mesh; }
-const double *tm_tissue_mass_kg(const tm_tissue *tissue) { return tissue->mass_kg; }
-const double *tm_tissue_damping_kg_s(const tm_tissue *tissue) { return tissue->damping_kg_s; }
-const uint8_t *tm_tissue_alive(const tm_tissue *tissue) { return tissue->alive; }
-int32_t tm_tissue_alive_count(const tm_tissue *tissue) { return tissue->alive_count; }
-int64_t tm_tissue_bytes(const tm_tissue *tissue) { return tissue->pool.bytes; }
-tm_surface_view tm_tissue_surface(const tm_tissue *tissue) { return tissue->surface; }
+#define TISSUE_IS_GIVEN(...) TM_REQUIRE(tissue, "tissue is null", __VA_ARGS__)
+
+const tm_mesh *tm_tissue_mesh(const tm_tissue *tissue) {
+    TISSUE_IS_GIVEN(NULL);
+    return tissue->mesh;
+}
+const double *tm_tissue_mass_kg(const tm_tissue *tissue) {
+    TISSUE_IS_GIVEN(NULL);
+    return tissue->mass_kg;
+}
+const double *tm_tissue_damping_kg_s(const tm_tissue *tissue) {
+    TISSUE_IS_GIVEN(NULL);
+    return tissue->damping_kg_s;
+}
+const uint8_t *tm_tissue_alive(const tm_tissue *tissue) {
+    TISSUE_IS_GIVEN(NULL);
+    return tissue->alive;
+}
+int32_t tm_tissue_alive_count(const tm_tissue *tissue) {
+    TISSUE_IS_GIVEN(0);
+    return tissue->alive_count;
+}
+int64_t tm_tissue_bytes(const tm_tissue *tissue) {
+    TISSUE_IS_GIVEN(0);
+    return tissue->pool.bytes;
+}
+tm_surface_view tm_tissue_surface(const tm_tissue *tissue) {
+    TISSUE_IS_GIVEN((tm_surface_view){0});
+    return tissue->surface;
+}
+
+#define TET_IS_THERE(result)                                                                                           \
+    TM_REQUIRE(tissue &&tet >= 0 && tet < tissue->mesh->tet_count,                                                     \
+               "tissue is null or tet is not one of its tetrahedra", result)
 
 const tm_material *tm_tissue_tet_material(const tm_tissue *tissue, int32_t tet) {
+    TET_IS_THERE(NULL);
     return tissue->material + tissue->region_material[tissue->mesh->region[tet]];
 }
 
 const double *tm_tissue_tet_fibre(const tm_tissue *tissue, int32_t tet) {
+    TET_IS_THERE(NULL);
     return tissue->fibre ? tissue->fibre + 3 * (int64_t)tet : NULL;
 }
 
 void tm_tissue_vertex_tensor(const tm_tissue *tissue, int32_t vertex, double K[9]) {
+    TM_REQUIRE(tissue && K && vertex >= 0 && vertex < tissue->mesh->vertex_count,
+               "tissue or K is null, or vertex is not one of its vertices", );
     memcpy(K, tissue->graph.vertex_tensor + 9 * (int64_t)vertex, 9 * sizeof(double));
 }
 
 void tm_tissue_edge_tensor(const tm_tissue *tissue, int32_t edge, double K[9]) {
+    TM_REQUIRE(tissue && K && edge >= 0 && edge < tissue->mesh->edge_count,
+               "tissue or K is null, or edge is not one of its edges", );
     const int64_t at = 9 * (int64_t)slot_of(tissue, edge);
     for (int i = 0; i < 9; i++)
         K[i] = at < 0                           ? 0
@@ -400,6 +447,7 @@ static double form(const double K[9], const double *a, const double *b) {
 }
 
 double tm_tissue_energy(const tm_tissue *tissue, const double *u_m) {
+    TM_REQUIRE(tissue && u_m, "tissue or u_m is null", 0);
     const tm_mesh *mesh = tissue->mesh;
     double sum = 0, K[9];
     for (int32_t v = 0; v < mesh->vertex_count; v++) {

@@ -1,7 +1,6 @@
 /* World: state, the list of stages, the step. */
 #include "cut_internal.h"
 
-#include <assert.h>
 #include <math.h>
 #include <string.h>
 
@@ -210,6 +209,14 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
     return TM_OK;
 }
 
+static tm_stage take_out(tm_world *world, int32_t at) {
+    const tm_stage stage = world->slot[at].stage;
+    memmove(world->slot + at, world->slot + at + 1, sizeof world->slot[0] * (size_t)(world->stage_count - at - 1));
+    world->stage_count--;
+    if (stage.self && stage.self == world->support) world->support = NULL;
+    return stage;
+}
+
 tm_status tm_world_remove_stage(tm_world *world, const char *name, tm_error *error) {
     TM_REQUIRE(world && name, "world or name is null", TM_ERR_ARGUMENT);
     const int32_t at = find_stage(world, name);
@@ -218,15 +225,13 @@ tm_status tm_world_remove_stage(tm_world *world, const char *name, tm_error *err
     if (leaning >= 0)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s cannot go: stage %s leans on it; remove %s first", name,
                        world->slot[leaning].stage.name, world->slot[leaning].stage.name);
-    const tm_stage stage = world->slot[at].stage;
-    memmove(world->slot + at, world->slot + at + 1, sizeof world->slot[0] * (size_t)(world->stage_count - at - 1));
-    world->stage_count--;
-    if (stage.self && stage.self == world->support) world->support = NULL;
+    const tm_stage stage = take_out(world, at);
     if (stage.destroy) stage.destroy(stage.self);
     return TM_OK;
 }
 
 int32_t tm_world_stages(const tm_world *world, tm_stage_report report[TM_MAX_STAGES]) {
+    TM_REQUIRE(world && report, "world or report is null", 0);
     for (int32_t i = 0; i < world->stage_count; i++) {
         const struct tm_stage_slot *slot = world->slot + i;
         report[i] = (tm_stage_report){slot->stage.name, slot->stage.phase, slot->bytes, slot->runs, slot->seconds};
@@ -285,7 +290,8 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
 }
 
 tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *error) {
-    assert(def && world && def->cookie == TM_COOKIE_WORLD && def->tissue);
+    TM_REQUIRE_DEF(def, TM_COOKIE_WORLD, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && def->tissue, "world or def->tissue is null", TM_ERR_ARGUMENT);
     tm_pool pool = {0};
     tm_world *w = TM_TAKE(&pool, tm_world, 1);
     tm_status status = w && take(w, &pool, def) ? TM_OK : tm_fail_memory(error, "world");
@@ -301,19 +307,40 @@ tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *e
 
 void tm_world_destroy(tm_world *world) {
     if (!world) return;
-    for (int32_t i = world->stage_count - 1; i >= 0; i--)
-        if (world->slot[i].stage.destroy) world->slot[i].stage.destroy(world->slot[i].stage.self);
+    while (world->stage_count > 0) { /* what leans on others first, else the last */
+        int32_t at = world->stage_count - 1;
+        while (at > 0 && find_leaning(world, world->slot[at].stage.name) >= 0) at--;
+        const tm_stage stage = take_out(world, at);
+        if (stage.destroy) stage.destroy(stage.self);
+    }
     tm_pool pool = world->pool;
     tm_pool_release(&pool);
 }
 
 /* --- the rest --- */
 
-void tm_world_set_timing(tm_world *world, bool on) { world->timing = on; }
-tm_state *tm_world_state(tm_world *world) { return &world->state; }
-tm_tissue *tm_world_tissue(tm_world *world) { return world->tissue; }
-double tm_world_step_s(const tm_world *world) { return world->state.dt_s; }
-const double *tm_world_mobility_s2_kg(const tm_world *world) { return world->mobility_s2_kg; }
+#define WORLD_IS_GIVEN(...) TM_REQUIRE(world, "world is null", __VA_ARGS__)
+
+void tm_world_set_timing(tm_world *world, bool on) {
+    WORLD_IS_GIVEN();
+    world->timing = on;
+}
+tm_state *tm_world_state(tm_world *world) {
+    WORLD_IS_GIVEN(NULL);
+    return &world->state;
+}
+tm_tissue *tm_world_tissue(tm_world *world) {
+    WORLD_IS_GIVEN(NULL);
+    return world->tissue;
+}
+double tm_world_step_s(const tm_world *world) {
+    WORLD_IS_GIVEN(0);
+    return world->state.dt_s;
+}
+const double *tm_world_mobility_s2_kg(const tm_world *world) {
+    WORLD_IS_GIVEN(NULL);
+    return world->mobility_s2_kg;
+}
 
 static void run_phases(tm_world *world, tm_phase first, tm_phase last) {
     for (int32_t i = 0; i < world->stage_count; i++) {
@@ -325,6 +352,7 @@ static void run_phases(tm_world *world, tm_phase first, tm_phase last) {
 /* The velocity between two steps belongs to their middle: a new step moves that middle, and the velocity with it.
  * Without this half kick (u_prev merely rescaled) random changes of the step feed energy in. */
 tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
+    WORLD_IS_GIVEN(TM_ERR_ARGUMENT);
     const tm_status status = tm_world_check_step(world, dt_s, error);
     if (status) return status;
     tm_state *s = &world->state;
@@ -345,6 +373,7 @@ tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
 }
 
 uint64_t tm_world_hash(const tm_world *world) {
+    WORLD_IS_GIVEN(0);
     const size_t bytes = sizeof(double) * 3 * (size_t)world->tissue->mesh->vertex_count;
     return tm_hash(world->state.u_prev_m, bytes, tm_hash(world->state.u_m, bytes, TM_HASH_SEED));
 }

@@ -51,7 +51,10 @@ def test_the_core_needs_libc_and_libm_alone_and_exports_its_prefix_alone(prefix)
     needed = subprocess.run(["readelf", "-d", library], capture_output=True, text=True, check=True).stdout
     wanted = {line.split("[")[1].rstrip("]") for line in needed.splitlines() if "(NEEDED)" in line}
     assert wanted <= {"libc.so.6", "libm.so.6"}, wanted
-    assert "libtensormass.so.0" in needed
+    # The second number breaks the interface until 1.0.
+    assert "[libtensormass.so.0.1]" in needed and (prefix / "lib/libtensormass.so.0.1").exists()
+    solve = subprocess.run(["readelf", "-d", prefix / "lib/libtensormass_solve.so"], capture_output=True, text=True, check=True).stdout
+    assert "[libtensormass_solve.so.0.1]" in solve and "[libtensormass.so.0.1]" in solve
     symbols = subprocess.run(["nm", "-D", "--defined-only", library], capture_output=True, text=True, check=True).stdout.split("\n")
     foreign = [s.split()[-1] for s in symbols if s and not s.split()[-1].startswith("tm_")]
     assert not foreign, foreign

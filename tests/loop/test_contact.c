@@ -105,7 +105,7 @@ static void rows_are_those_of_the_simulation(void **state) {
         const tm_tool_pose pose = {.tip_m = {(double)tip[0], (double)tip[1], (double)tip[2]}};
         const tm_capsule capsule = tm_tool_capsule(&def, &pose, 0);
         const int32_t expected = tm_contact_find(d.rest_m, d.u_m, d.triangle, d.face, NULL, patch.triangle_count,
-                                                 &capsule, 0.2 * def.radius_m, truth, 64);
+                                                 &capsule, 0.2 * def.radius_m, truth, 64, NULL);
         const int32_t found = find_rows(shift, tip, NULL, 0, row);
         worst_count = expected > worst_count ? expected : worst_count;
         for (int32_t e = 0; e < expected; e++) {

@@ -61,6 +61,9 @@ typedef struct tm_contact_row {
     double lambda_N;   /* reaction >= 0 */
 } tm_contact_row;
 
+/* Radii: a tool that moves farther within one substep may cross a surface unnoticed. */
+#define TM_TOO_FAST 0.5
+
 /* How a reaction came about. */
 typedef enum tm_reaction_flag {
     TM_REACTION_CAPPED = 1,      /* a row reached the force cap */
@@ -68,8 +71,8 @@ typedef enum tm_reaction_flag {
     TM_REACTION_UNCONVERGED = 4, /* the on-line solution stopped before its tolerance */
     TM_REACTION_HELD_OVER = 8,   /* the reaction of before, given again */
     TM_REACTION_UNSTABLE = 16,   /* no reaction: the step that was to give it failed */
-    TM_REACTION_TOO_FAST = 32, /* the tool moved farther in a substep than contact follows: it may have missed tissue */
-    TM_REACTION_INSIDE = 64    /* it appeared inside the tissue and touches nothing until it has left it */
+    TM_REACTION_TOO_FAST = 32,   /* it moved more than TM_TOO_FAST radii in a substep: it may have missed tissue */
+    TM_REACTION_INSIDE = 64      /* it appeared inside the tissue and touches nothing until it has left it */
 } tm_reaction_flag;
 
 /* Frame averages, as the controller wants them: over the last `average` substeps of the frame. */
@@ -110,6 +113,7 @@ typedef struct tm_contact_solver {
     int32_t (*solve)(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows,
                      uint32_t flags[TM_MAX_INSTRUMENTS]);
 } tm_contact_solver;
+/* Null: the stage's own again. */
 TM_API void tm_contact_set_solver(tm_contact *contact, const tm_contact_solver *solver);
 /* All vertices that bear the row are between the jaws of its tool: it is no obstacle to it. */
 TM_API bool tm_contact_holds(const tm_contact *contact, const tm_contact_row *row);
@@ -119,7 +123,8 @@ TM_API bool tm_contact_holds(const tm_contact *contact, const tm_contact_row *ro
 /* Rows of a capsule against triangles at the positions rest + u, those with a gap of at most `margin_m`. `candidate`
  * lists triangle slots (any superset of those in reach, each once; null: all of 0..candidate_count-1; of more than 1024
  * in reach the rest is left out). Returns the count (<= max_rows, deepest kept), in the fixed order (station, face,
- * feature). Pure; no allocation, 300 kB of stack. */
+ * feature). `*overflowed` (may be null) is set when triangles or rows were left out, else untouched. Pure; no
+ * allocation, 300 kB of stack. */
 typedef struct tm_capsule {
     double tip_m[3];
     double tail_m[3];
@@ -128,7 +133,7 @@ typedef struct tm_capsule {
 } tm_capsule;
 TM_API int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
                                const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule,
-                               double margin_m, tm_contact_row *row, int32_t max_rows);
+                               double margin_m, tm_contact_row *row, int32_t max_rows, bool *overflowed);
 /* What surrounds one tool, gathered once and looked at many times: for iterations that move the surface between looks.
  */
 typedef struct tm_contact_search tm_contact_search;

@@ -9,13 +9,15 @@
 extern "C" {
 #endif
 
+#define TM_MAX_REGIONS 1048576
+
 typedef struct tm_mesh_def {
     uint32_t cookie, size; /* both set by tm_mesh_def_default */
     int32_t vertex_count;
     const double *vertex_m; /* [3*vertex_count] rest positions, m */
     int32_t tet_count;
     const int32_t *tet;    /* [4*tet_count] vertex indices, positive orientation: (p1-p0)x(p2-p0).(p3-p0) > 0 */
-    const int32_t *region; /* [tet_count] region index of each tetrahedron, or null: all 0 */
+    const int32_t *region; /* [tet_count] region of each tetrahedron, 0 to TM_MAX_REGIONS - 1, or null: all 0 */
 } tm_mesh_def;
 
 /* Topology, all arrays owned by the mesh and constant. "Ascending" orders are part of the contract: every sum over

@@ -48,7 +48,7 @@ TM_API int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm
 
 /* Fills the compliance from C (blocks 3x3 of vertex a by forces on vertex b, m/N, row-major), made symmetric and
  * positive semidefinite within rounding of a float, and takes from vertex_m what this tool's rows make of them:
- * vertex_m -= C f. False: some block is not known. */
+ * vertex_m -= C f. False: some block is not known, or they make no such matrix. */
 typedef bool (*tm_patch_block)(void *self, int32_t a, int32_t b, double C[9]);
 TM_API bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_contact_row *row,
                           int32_t row_count);

@@ -1,0 +1,259 @@
+/* What the caller must keep to is looked at in the shipped build: each broken contract reaches the handler with the
+ * function's name and changes nothing; data that is out of range is a status with its index. */
+#include "../fixture.h"
+#include "../physics/contact_scene.h"
+
+static int broken;
+static char last_function[64], last_sentence[160];
+
+static void on_broken(const char *function, const char *sentence, void *user) {
+    assert_ptr_equal(user, &broken);
+    broken++;
+    snprintf(last_function, sizeof last_function, "%s", function);
+    snprintf(last_sentence, sizeof last_sentence, "%s", sentence);
+}
+
+/* The call must reach the handler once, named `function`. */
+#define BREAKS(function, ...)                                                                                          \
+    do {                                                                                                               \
+        const int heard = broken;                                                                                      \
+        (void)(__VA_ARGS__);                                                                                           \
+        if (broken != heard + 1) fail_msg("line %d: the handler heard %d times of it", __LINE__, broken - heard);      \
+        assert_string_equal(last_function, function);                                                                  \
+        assert_true(strlen(last_sentence) > 5);                                                                        \
+    } while (0)
+
+static void contracts(void **state) {
+    (void)state;
+    tm_set_contract_handler(on_broken, &broken);
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 4, def.cells[2] = 3;
+    scene s = scene_create_full(&def, true, NULL);
+    tm_error error;
+    tm_grasp_def grasp = tm_grasp_def_default();
+    tm_grasp *hold = NULL;
+    fix_ok(tm_stage_grasp(s.world, s.contact, &grasp, &hold, &error), &error);
+    tm_patch_def patch_def = tm_patch_def_default();
+    tm_patch_maker *maker = NULL;
+    fix_ok(tm_stage_patch(s.world, s.contact, &patch_def, &maker, &error), &error);
+    const uint64_t before = tm_world_hash(s.world);
+    static tm_patch patch;
+    const int32_t foreign[2] = {0, s.mesh->tet_count};
+    const int32_t tets = tm_tissue_alive_count(s.tissue);
+    double K[9], step_s;
+    tm_tool_pose pose = scene_pose(0, 0, 0.05), nowhere = pose;
+    nowhere.tip_m[1] = NAN;
+    broken = 0;
+
+    BREAKS("tm_cut_remove", tm_cut_remove(s.tissue, foreign, 2, NULL, 0));
+    assert_int_equal(tm_tissue_alive_count(s.tissue), tets); /* nor the first, which is one of its own */
+    BREAKS("tm_cut_remove", tm_cut_remove(s.tissue, NULL, 1, NULL, 0));
+    BREAKS("tm_cut_remove", tm_cut_remove(NULL, foreign, 1, NULL, 0));
+    BREAKS("tm_cut_take", tm_cut_take(s.world, NULL, NULL, 3));
+    BREAKS("tm_contact_move", tm_contact_move(s.contact, 1, &pose, 10), 0);
+    BREAKS("tm_contact_move", tm_contact_move(s.contact, -1, &pose, 10), 0);
+    BREAKS("tm_contact_move", tm_contact_move(s.contact, 0, &nowhere, 10), 0);
+    BREAKS("tm_contact_move", tm_contact_move(NULL, 0, &pose, 10), 0);
+    nowhere.tip_m[1] = 0, nowhere.grip = INFINITY;
+    BREAKS("tm_contact_place", tm_contact_place(s.contact, 0, &nowhere), 0);
+    BREAKS("tm_contact_place", tm_contact_place(s.contact, 2, &pose), 0);
+    BREAKS("tm_contact_pose", tm_contact_pose(s.contact, 7));
+    BREAKS("tm_contact_reaction", tm_contact_reaction(s.contact, -1));
+    BREAKS("tm_contact_begin_frame", tm_contact_begin_frame(s.contact, -1, 1), 0);
+    BREAKS("tm_contact_rows", tm_contact_rows(s.contact, NULL));
+    BREAKS("tm_grasp_held", tm_grasp_held(hold, 1, NULL, NULL));
+    BREAKS("tm_grasp_held", tm_grasp_held(NULL, 0, NULL, NULL));
+    BREAKS("tm_patch_make", tm_patch_make(maker, 5, &patch));
+    BREAKS("tm_patch_pending", tm_patch_pending(NULL));
+    BREAKS("tm_world_step", tm_world_step(s.world, -1));
+    BREAKS("tm_world_step", tm_world_step(NULL, 1));
+    BREAKS("tm_world_state", tm_world_state(NULL));
+    BREAKS("tm_world_hash", tm_world_hash(NULL));
+    BREAKS("tm_world_remove_stage", tm_world_remove_stage(s.world, NULL, &error));
+    BREAKS("tm_support_move", tm_support_move(s.world, 1 << 20, 0), 0);
+    BREAKS("tm_support_move", tm_support_move(s.world, 0, NAN), 0);
+    BREAKS("tm_support_mask", tm_support_mask(s.world, NULL), 0);
+    BREAKS("tm_tissue_vertex_tensor", tm_tissue_vertex_tensor(s.tissue, s.mesh->vertex_count, K), 0);
+    BREAKS("tm_tissue_edge_tensor", tm_tissue_edge_tensor(s.tissue, -1, K), 0);
+    BREAKS("tm_tissue_tet_material", tm_tissue_tet_material(s.tissue, tets));
+    BREAKS("tm_mesh_tet_quality", tm_mesh_tet_quality(s.mesh, -1));
+    BREAKS("tm_critical_step_element", tm_critical_step_element(s.tissue, tets));
+    BREAKS("tm_critical_step_sharp", tm_critical_step_sharp(NULL, NULL, 1e-3, 10, &step_s, &error));
+    BREAKS("tm_snapshot_save", tm_snapshot_save(s.world, NULL, 0, &error));
+
+    tm_world_def world = {.tissue = s.tissue}; /* not filled by its _default function */
+    tm_world *other = NULL;
+    BREAKS("tm_world_create", tm_world_create(&world, &other, &error));
+    world = tm_world_def_default();
+    BREAKS("tm_world_create", tm_world_create(&world, &other, &error)); /* no tissue */
+    world.tissue = s.tissue, world.size--;
+    BREAKS("tm_world_create", tm_world_create(&world, &other, &error));
+    assert_null(other);
+    tm_stage stage = {.name = "nothing", .phase = TM_PHASE_END};
+    BREAKS("tm_world_add_stage", tm_world_add_stage(s.world, &stage, 0, &error)); /* no size */
+    stage.size = sizeof stage;
+    BREAKS("tm_world_add_stage", tm_world_add_stage(s.world, &stage, 0, &error)); /* no run */
+    /* The stage of another world */
+    scene t = scene_create(&def);
+    BREAKS("tm_stage_grasp", tm_stage_grasp(t.world, s.contact, &grasp, &hold, &error));
+    BREAKS("tm_stage_patch", tm_stage_patch(t.world, s.contact, &patch_def, &maker, &error));
+    scene_destroy(&t);
+    assert_true(before == tm_world_hash(s.world));
+    assert_int_equal(tm_world_step(s.world, 5), TM_OK);
+    scene_destroy(&s);
+    tm_set_contract_handler(NULL, NULL);
+}
+
+static void refused(tm_status status, int64_t entity, const tm_error *error) {
+    assert_int_equal(status, TM_ERR_ARGUMENT);
+    assert_int_equal(error->status, TM_ERR_ARGUMENT);
+    assert_int_equal(error->entity, entity);
+    assert_non_null(strstr(error->message, "; "));
+}
+
+static void data_out_of_range(void **state) {
+    (void)state;
+    static const double vertex[15] = {0, 0, 0, 0.01, 0, 0, 0, 0.01, 0, 0, 0, 0.01, 0.01, 0.01, 0.01};
+    static const int32_t tet[8] = {0, 1, 2, 3, 1, 2, 3, 4};
+    tm_error error;
+    tm_mesh_def mesh_def = tm_mesh_def_default();
+    const int32_t region[2] = {0, INT32_MAX};
+    mesh_def.vertex_count = 5, mesh_def.vertex_m = vertex, mesh_def.tet_count = 2, mesh_def.tet = tet;
+    mesh_def.region = region;
+    tm_mesh *mesh = NULL;
+    assert_int_equal(tm_mesh_create(&mesh_def, &mesh, &error), TM_ERR_MESH);
+    assert_int_equal(error.entity, 1);
+    mesh_def.region = NULL;
+    fix_ok(tm_mesh_create(&mesh_def, &mesh, &error), &error);
+    tm_material material;
+    fix_ok(tm_material_young(5e3, 0.4, &material, &error), &error);
+    tm_tissue_def def = tm_tissue_def_default();
+    def.mesh = mesh, def.material_count = 1, def.material = &material;
+    tm_tissue *tissue = NULL;
+    double extra[5] = {0, 0, 0, NAN, 0};
+    def.extra_mass_kg = extra;
+    refused(tm_tissue_create(&def, &tissue, &error), 3, &error);
+    extra[3] = 0, extra[4] = -1;
+    refused(tm_tissue_create(&def, &tissue, &error), 4, &error);
+    def.extra_mass_kg = NULL, def.extra_damping_kg_s = extra;
+    refused(tm_tissue_create(&def, &tissue, &error), 4, &error);
+    def.extra_damping_kg_s = NULL, def.precision = (tm_precision)2;
+    refused(tm_tissue_create(&def, &tissue, &error), -1, &error);
+    def.precision = TM_DOUBLE, def.form = (tm_force_form)-1;
+    refused(tm_tissue_create(&def, &tissue, &error), -1, &error);
+    def.form = TM_FORCE_PLAIN;
+    fix_ok(tm_tissue_create(&def, &tissue, &error), &error);
+    tm_world *world = fix_world(tissue, true);
+    tm_support_def support = tm_support_def_default();
+    support.count = -1;
+    refused(tm_stage_support(world, &support, &error), -1, &error);
+    static const int32_t dof[9] = {0, 1, 2, 3, 4, 5, 6, 7, 8};
+    double value[9] = {0};
+    support.count = 9, support.dof = dof, support.value_m = value;
+    value[7] = NAN;
+    refused(tm_stage_support(world, &support, &error), 2, &error);
+    value[7] = 0;
+    fix_ok(tm_stage_support(world, &support, &error), &error);
+    tm_instrument_def tool = {
+        .mode = (tm_tool_mode)9, .radius_m = 0.002, .contact_length_m = 0.1, .trocar_m = {0, 0, 1}};
+    tm_contact_def contact_def = tm_contact_def_default();
+    contact_def.instrument_count = 1, contact_def.instrument = &tool;
+    tm_contact *contact = NULL;
+    refused(tm_stage_contact(world, &contact_def, &contact, &error), 0, &error);
+    /* Settling starts from numbers, or not at all. */
+    tm_settle_def settle = tm_settle_def_default();
+    tm_world_state(world)->u_m[3 * 4 + 1] = NAN;
+    refused(tm_world_settle(world, &settle, NULL, &error), 4, &error);
+    tm_world_state(world)->u_m[3 * 4 + 1] = 0;
+    fix_ok(tm_world_settle(world, &settle, NULL, &error), &error);
+    tm_world_destroy(world);
+    tm_tissue_destroy(tissue);
+    tm_mesh_destroy(mesh);
+}
+
+/* Stages know what they lean on. */
+static void leaning(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 4, def.cells[2] = 3;
+    scene s = scene_create_full(&def, true, NULL);
+    tm_error error;
+    tm_grasp_def grasp = tm_grasp_def_default();
+    tm_grasp *hold = NULL;
+    tm_patch_def patch = tm_patch_def_default();
+    tm_patch_maker *maker = NULL;
+    tm_cut_def cut = tm_cut_def_default();
+    fix_ok(tm_stage_grasp(s.world, s.contact, &grasp, &hold, &error), &error);
+    fix_ok(tm_stage_patch(s.world, s.contact, &patch, &maker, &error), &error);
+    fix_ok(tm_stage_cut(s.world, s.contact, &cut, &error), &error);
+    static const char *const order[] = {"cut", "grasp", "patch"};
+    for (int i = 0; i < 3; i++) {
+        assert_int_equal(tm_world_remove_stage(s.world, "contact", &error), TM_ERR_ARGUMENT);
+        assert_non_null(strstr(error.message, "contact"));
+        assert_non_null(strstr(error.message, order[i]));
+        assert_int_equal(tm_world_step(s.world, 3), TM_OK);
+        fix_ok(tm_world_remove_stage(s.world, order[i], &error), &error);
+    }
+    fix_ok(tm_world_remove_stage(s.world, "contact", &error), &error);
+    assert_int_equal(tm_world_step(s.world, 3), TM_OK);
+    tm_stage stage = {.size = sizeof stage, .name = "mine", .phase = TM_PHASE_END, .needs = {"contact"}};
+    stage.run = (void (*)(void *, tm_world *))(uintptr_t)1; /* never called */
+    assert_int_equal(tm_world_add_stage(s.world, &stage, 0, &error), TM_ERR_ARGUMENT);
+    assert_non_null(strstr(error.message, "mine"));
+    scene_destroy(&s);
+}
+
+/* A tool that outruns contact says so; one that moves less than half its radius a substep does not. */
+static void too_fast(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 4, def.cells[2] = 3;
+    scene s = scene_create(&def);
+    const double dt = tm_world_step_s(s.world);
+    tm_tool_reaction r = scene_frame(&s, 0, scene_pose(0.01, 0.005, 0.06 - 20 * 0.4 * 0.0025), 20 * dt);
+    assert_false(r.flags & TM_REACTION_TOO_FAST);
+    r = scene_frame(&s, 0, scene_pose(0.01, 0.005, -0.02), 4 * dt);
+    assert_true(r.flags & TM_REACTION_TOO_FAST);
+    r = scene_frame(&s, 0, scene_pose(0.01, 0.005, -0.02), 4 * dt);
+    assert_false(r.flags & TM_REACTION_TOO_FAST);
+    scene_destroy(&s);
+}
+
+static bool no_number(void *self, int32_t a, int32_t b, double C[9]) {
+    (void)a, (void)b;
+    for (int i = 0; i < 9; i++) C[i] = i % 4 ? 0 : *(double *)self;
+    return true;
+}
+
+/* What has to be left out is told, and what cannot be made a patch is none. */
+static void told(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    scene s = scene_create(&def);
+    const tm_surface_view f = tm_tissue_surface(s.tissue);
+    const tm_capsule tool = {.tip_m = {0.01, 0.005, 0.0425}, .tail_m = {-0.03, 0.005, 0.0425}, .radius_m = 0.0025};
+    tm_contact_row row[64];
+    bool overflowed = false;
+    const double *u = tm_world_state(s.world)->u_m;
+    const int32_t all =
+        tm_contact_find(s.mesh->rest_m, u, f.triangle, f.face, NULL, f.count, &tool, 5e-4, row, 64, &overflowed);
+    assert_true(all > 3 && !overflowed);
+    assert_int_equal(
+        tm_contact_find(s.mesh->rest_m, u, f.triangle, f.face, NULL, f.count, &tool, 5e-4, row, 3, &overflowed), 3);
+    assert_true(overflowed);
+    static tm_patch patch;
+    const double still[3] = {0};
+    double c = -1e-3;
+    assert_true(tm_patch_choose(s.mesh->rest_m, u, &f, &tool, still, 0, NULL, 0, 12, 16, &patch) > 0);
+    assert_false(tm_patch_fill(&patch, no_number, &c, NULL, 0)); /* negative */
+    c = NAN;
+    assert_false(tm_patch_fill(&patch, no_number, &c, NULL, 0));
+    c = 1e-3;
+    scene_destroy(&s);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(contracts), cmocka_unit_test(data_out_of_range),
+                                       cmocka_unit_test(leaning), cmocka_unit_test(too_fast), cmocka_unit_test(told)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
