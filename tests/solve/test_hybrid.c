@@ -588,6 +588,84 @@ static void told(void **state) {
     free_set(&s);
 }
 
+/* --- letting go --- */
+
+static double largest_u(const hybrid_set *s) {
+    const double *u = tm_world_state(s->world)->u_m;
+    double most = 0;
+    for (int32_t d = 0; d < 3 * s->mesh->vertex_count; d++)
+        if (tm_tissue_mass_kg(s->tissue)[d / 3] > 0) most = fmax(most, fabs(u[d]));
+    return most;
+}
+
+static void frame_of_two(hybrid_set *s, const tm_tool_pose to[2], double *most_m) {
+    const int32_t steps = (int32_t)ceil(0.01 / tm_world_step_s(s->world));
+    tm_contact_begin_frame(s->contact, steps, 1);
+    for (int t = 0; t < 2; t++) tm_contact_move(s->contact, t, to + t, steps);
+    assert_int_equal(tm_world_step(s->world, steps), TM_OK);
+    *most_m = fmax(*most_m, largest_u(s));
+}
+
+/* A grasper lets go beside the interface while a second tool bears on what it held: whatever that is, nothing is flung.
+ */
+static void let_go_beside(void **state) {
+    (void)state;
+    static const char *const name[] = {"nothing", "a probe", "a grasper", "a cautery"};
+    static const tm_tool_mode mode[] = {TM_TOOL_PROBE, TM_TOOL_PROBE, TM_TOOL_GRASPER, TM_TOOL_CAUTERY};
+    for (int k = 0; k < 12; k++) {
+        const int other = k / 3;
+        scene_def def = scene_def_default();
+        def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
+        tm_mesh *mesh = scene_mesh(&def);
+        uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
+        for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) fixed[d] = mesh->rest_m[d / 3 * 3 + 2] < 1e-9;
+        tm_tool_pose at[2] = {{.tip_m = {0.012, 0.002, 0.046}, .active = true},
+                              {.tip_m = {0.009, 0.002, 0.065}, .active = other == 1 || other == 2}};
+        tm_instrument_def tool[2];
+        for (int t = 0; t < 2; t++)
+            tool[t] = (tm_instrument_def){.mode = t ? mode[other] : TM_TOOL_GRASPER,
+                                          .radius_m = def.radius_m,
+                                          .contact_length_m = def.length_m,
+                                          .trocar_m = {t ? -0.1 : 0.1, 0, 0.2},
+                                          .pose = at[t]};
+        tm_contact_def contact = tm_contact_def_default();
+        contact.instrument_count = 2;
+        contact.instrument = tool;
+        tm_material material = kit_material(6000, 0.45);
+        material.damping_1_s = 40;
+        hybrid_set s = make(mesh, &material, fixed, 0.0, NULL, &contact, 0.9);
+        tm_grasp *grasp;
+        tm_grasp_def how = tm_grasp_def_default();
+        tm_cut_def cut = tm_cut_def_default();
+        tm_error error;
+        how.fade_s = (const double[]){0, 0.1, 0.3}[k % 3];
+        fix_ok(tm_stage_grasp(s.world, s.contact, &how, &grasp, &error), &error);
+        if (other == 3) fix_ok(tm_stage_cut(s.world, s.contact, &cut, &error), &error);
+        double before = 0, after = 0;
+        for (int i = 1; i <= 10; i++) at[0].tip_m[2] = 0.046 - 0.00035 * i, frame_of_two(&s, at, &before);
+        at[0].grip = 1;
+        for (int i = 0; i < 2; i++) frame_of_two(&s, at, &before);
+        if (other == 2) at[1].tip_m[2] = 0.0425;
+        for (int i = 1; i <= 40; i++) {
+            at[0].tip_m[2] = 0.0425 + 0.005 * fmin(1, i / 20.0);
+            if (other == 2) at[1].grip = 1, at[1].tip_m[2] = 0.0425 - 0.003 * fmin(1, fmax(0, (i - 4) / 20.0));
+            if (other == 1 || other == 3) at[1].tip_m[2] = fmax(0.044, 0.053 - 0.0003 * i);
+            frame_of_two(&s, at, &before);
+        }
+        assert_true(tm_grasp_held(grasp, 0, NULL, NULL) > 0);
+        at[0].grip = 0;
+        at[1].active = other > 0;
+        for (int i = 0; i < 60; i++) {
+            if (other == 2 && i == 4) at[1].grip = 0;
+            frame_of_two(&s, at, &after);
+        }
+        print_message("  %-9s fade %3.0f ms: %.1f mm before, at most %.1f mm after\n", name[other], 1e3 * how.fade_s,
+                      1e3 * before, 1e3 * after);
+        assert_true(before > 0.003 && after < before + 0.003);
+        free_set(&s);
+    }
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(told),
                                        cmocka_unit_test(mended_surface),
@@ -598,6 +676,7 @@ int main(void) {
                                        cmocka_unit_test(hostile_snapshot),
                                        cmocka_unit_test(same_rest),
                                        cmocka_unit_test(stable),
-                                       cmocka_unit_test(contact)};
+                                       cmocka_unit_test(contact),
+                                       cmocka_unit_test(let_go_beside)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
