@@ -173,7 +173,9 @@ bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet
             worst = t;
         }
     }
-    const bool done = tissue->cuttable || worst < 0 || tm_shared_eigenvalue(tissue, &most, &worst);
+    /* What hangs on the tissue lives on the extra masses. */
+    const bool even = tissue->cuttable || tissue->extra_mass_kg || worst < 0;
+    const bool done = even || tm_shared_eigenvalue(tissue, &most, &worst);
     *tet = worst;
     *step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);
     return done;

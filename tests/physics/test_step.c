@@ -153,6 +153,16 @@ static void slivers_share(void **state) {
     const double even = tm_critical_step_guaranteed(cuttable, NULL), shared = tm_critical_step_guaranteed(whole, NULL);
     print_message("  even %.3f of the sharp step, shared %.3f\n", even / sharp, shared / sharp);
     assert_true(even < 0.7 * sharp && shared > 1.3 * even && shared <= sharp);
+    /* What hangs on the tissue lives on its extra masses: they are no one else's to share, nor to lean on. */
+    double *extra = malloc(sizeof(double) * (size_t)mesh->vertex_count);
+    for (int32_t v = 0; v < mesh->vertex_count; v++) extra[v] = 1;
+    tm_tissue_def heavy = tm_tissue_def_default();
+    heavy.mesh = mesh, heavy.material_count = 1, heavy.material = &material, heavy.extra_mass_kg = extra;
+    tm_tissue *loaded = NULL;
+    fix_ok(tm_tissue_create(&heavy, &loaded, &error), &error);
+    assert_true(tm_critical_step_guaranteed(loaded, NULL) == even);
+    tm_tissue_destroy(loaded);
+    free(extra);
     tm_tissue_destroy(whole), tm_tissue_destroy(cuttable);
     tm_mesh_destroy(plain), tm_mesh_destroy(mesh);
     free(vertex);

@@ -76,10 +76,10 @@ TM_API double tm_tissue_energy(const tm_tissue *tissue, const double *u_m);
 
 /* Guaranteed to be stable, s: 2/sqrt of a bound of the largest eigenvalue of M^-1 K, from single tetrahedra. `*tet`
  * names the one that sets it. Valid with any damping >= 0 of central differences (which do not lower it) and any
- * supports. Cuttable: the least of tm_critical_step_element over the living tetrahedra, which holds after any cut. Not
- * cuttable: the masses of vertices are shared among their tetrahedra by demand, which is never shorter, and much longer
- * where the mesh has slivers (docs/physics.md); takes work space, and without memory for it is the former. Some
- * microseconds a tetrahedron. */
+ * supports. Cuttable, or with extra masses (on which something else lives): the least of tm_critical_step_element over
+ * the living tetrahedra, which holds after any cut. Otherwise the masses of vertices are shared among their tetrahedra
+ * by demand, which is never shorter, and much longer where the mesh has slivers (docs/physics.md); takes work space,
+ * and without memory for it is the former. Some microseconds a tetrahedron. */
 TM_API double tm_critical_step_guaranteed(const tm_tissue *tissue, int32_t *tet);
 /* 2/sqrt(largest eigenvalue of M_e^-1 K_e) of one tetrahedron (Irons): its critical step should it be left alone, s. */
 TM_API double tm_critical_step_element(const tm_tissue *tissue, int32_t tet);
