@@ -366,7 +366,9 @@ static void watch(program *p) {
         if (lost) hrt_say_line(facts.time_s, "%s: %s", p->bus, lost);
         if (atomic_load(&p->loop.ticks) > 50) hrt_say(&teller, &facts);
         if (p->record_path) hrt_record_write(&p->record);
-        if (p->link && ++looks % LOOKS_PER_SECOND == 0) hrt_say_refused("haptic-rt", p->api, p->link, &p->told_refused);
+        char who[48];
+        snprintf(who, sizeof who, "haptic-rt %.3f s", facts.time_s);
+        if (p->link && ++looks % LOOKS_PER_SECOND == 0) hrt_say_refused(who, p->api, p->link, &p->told_refused);
         reset_by_itself(p, &facts, &fault_since_s);
     }
     pthread_join(p->loop.thread, NULL);

@@ -3,6 +3,7 @@ import csv
 import json
 import math
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -69,6 +70,13 @@ def test_a_second_simulation_is_refused_with_the_reason_once_a_second(seen):
     assert after["rejected"] - seen["after_bad"]["rejected"] > 30
     lines = [line for line in seen["logs"].splitlines() if "refused" in line and "another session is in use" in line]
     assert 2 <= len(lines) <= 3 and all("haptic-rt " in line for line in lines), lines
+
+
+def test_every_line_of_the_controller_has_its_time(seen):
+    lines = [line for line in seen["logs"].splitlines() if line.startswith("haptic-rt")]
+    begun = next(i for i, line in enumerate(lines) if not line.startswith("haptic-rt: "))
+    assert any("refused since the last such line" in line for line in lines[begun:])
+    assert all(re.fullmatch(r"haptic-rt \d+\.\d{3} s: .+", line) for line in lines[begun:]), lines
 
 
 def test_device_gone_and_back(seen):
