@@ -7,6 +7,7 @@
 
 #include "app.h"
 #include "evaluate.h"
+#include "event_log.h"
 #include "lcm_types/tensormass_contact_patch_t.h"
 #include "lcm_types/tensormass_force_sample_t.h"
 #include "lcm_types/tensormass_sim_status_t.h"
@@ -223,17 +224,17 @@ static void take_patch(reading *g, const tensormass_contact_patch_t *m) {
     g->pending = NULL;
 }
 
-static void take_event(reading *g, const lcm_eventlog_event_t *e) {
+static void take_event(reading *g, const app_log_event *e) {
     static tensormass_contact_patch_t patch;
     tensormass_tool_state_t tool;
     tensormass_force_sample_t force;
-    if (!strcmp(e->channel, g->tool) && tensormass_tool_state_t_decode(e->data, 0, e->datalen, &tool) >= 0)
+    if (!strcmp(e->channel, g->tool) && tensormass_tool_state_t_decode(e->data, 0, e->size, &tool) >= 0)
         take_tool(g, &tool, e->timestamp);
-    if (!strcmp(e->channel, g->patch) && tensormass_contact_patch_t_decode(e->data, 0, e->datalen, &patch) >= 0)
+    if (!strcmp(e->channel, g->patch) && tensormass_contact_patch_t_decode(e->data, 0, e->size, &patch) >= 0)
         take_patch(g, &patch);
-    if (!strcmp(e->channel, g->force) && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0)
+    if (!strcmp(e->channel, g->force) && tensormass_force_sample_t_decode(e->data, 0, e->size, &force) >= 0)
         take_force(g, &force, e->timestamp);
-    if (!strcmp(e->channel, g->truth_channel) && tensormass_force_sample_t_decode(e->data, 0, e->datalen, &force) >= 0)
+    if (!strcmp(e->channel, g->truth_channel) && tensormass_force_sample_t_decode(e->data, 0, e->size, &force) >= 0)
         take_truth(g, &force);
 }
 
@@ -286,17 +287,17 @@ static void survey_origin(survey *v, int i, const double trocar_m[3]) {
 }
 
 /* Generated decoders believe the lengths of strings; a log may hold anything. */
-static void survey_status(survey *v, const lcm_eventlog_event_t *e) {
+static void survey_status(survey *v, const app_log_event *e) {
     char none[] = "";
     tensormass_sim_status_t m = {.scene = none, .model = none};
-    if (!app_wire_sound_head("20.ss", 20, 2, tensormass_sim_status_t_encoded_size(&m), e->data, e->datalen) ||
-        tensormass_sim_status_t_decode(e->data, 0, e->datalen, &m) != e->datalen)
+    if (!app_wire_sound_head("20.ss", 20, 2, tensormass_sim_status_t_encoded_size(&m), e->data, e->size) ||
+        tensormass_sim_status_t_decode(e->data, 0, e->size, &m) != e->size)
         return;
     for (int i = 0; i < m.instrument_count && i < INSTRUMENTS; i++) survey_origin(v, i, m.trocar_m[i]);
     tensormass_sim_status_t_decode_cleanup(&m);
 }
 
-static void survey_event(survey *v, const lcm_eventlog_event_t *e) {
+static void survey_event(survey *v, const app_log_event *e) {
     static tensormass_contact_patch_t patch;
     tensormass_tool_state_t tool;
     if (!strcmp(e->channel, "SIM_STATUS")) survey_status(v, e);
@@ -304,24 +305,24 @@ static void survey_event(survey *v, const lcm_eventlog_event_t *e) {
         char channel[2][16];
         snprintf(channel[0], sizeof channel[0], "TOOL_%d", i);
         snprintf(channel[1], sizeof channel[1], "PATCH_%d", i);
-        if (!strcmp(e->channel, channel[0]) && tensormass_tool_state_t_decode(e->data, 0, e->datalen, &tool) >= 0)
+        if (!strcmp(e->channel, channel[0]) && tensormass_tool_state_t_decode(e->data, 0, e->size, &tool) >= 0)
             survey_tool(v, i, &tool);
         if (!v->origin_known[i] && !strcmp(e->channel, channel[1]) &&
-            tensormass_contact_patch_t_decode(e->data, 0, e->datalen, &patch) >= 0)
+            tensormass_contact_patch_t_decode(e->data, 0, e->size, &patch) >= 0)
             survey_origin(v, i, patch.trocar_m);
     }
 }
 
-static bool for_each_event(const char *file, void (*take)(void *, const lcm_eventlog_event_t *), void *user) {
-    lcm_eventlog_t *log = lcm_eventlog_create(file, "r");
+static bool for_each_event(const char *file, void (*take)(void *, const app_log_event *), void *user) {
+    app_log *log = app_log_open(file);
     if (!log) return false;
-    for (lcm_eventlog_event_t *e; (e = lcm_eventlog_read_next_event(log)); lcm_eventlog_free_event(e)) take(user, e);
-    lcm_eventlog_destroy(log);
+    for (const app_log_event *e; (e = app_log_next(log));) take(user, e);
+    app_log_close(log);
     return true;
 }
 
-static void survey_any(void *user, const lcm_eventlog_event_t *e) { survey_event(user, e); }
-static void take_any(void *user, const lcm_eventlog_event_t *e) { take_event(user, e); }
+static void survey_any(void *user, const app_log_event *e) { survey_event(user, e); }
+static void take_any(void *user, const app_log_event *e) { take_event(user, e); }
 
 int log_read(const char *file, int instrument, recording *out) {
     survey v = {0};

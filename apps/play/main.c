@@ -28,15 +28,17 @@ static const char help[] =
     "  --png FILE          the last picture, when the window closes\n"
     "  --json FILE         figures: pictures a second, hand messages sent, messages taken and refused\n"
     "  --lcm-url URL       [LCM_DEFAULT_URL, else LCM's default]\n"
+    "  --key FILE          shared with tm-sim, haptic-rt and tm-device: what is sent is sealed with it (docs/trust.md)\n"
+    "  --no-key            send without, though the URL lets messages leave this machine\n"
     "  --quiet             no remarks\n"
     "  -h, --help, --version\n\n"
     "Keys and mouse: see the window's own list (H), or docs/viewing.md.\n";
 
 typedef struct play {
     view_studio_def studio_def;
-    const char *url, *png, *json;
+    const char *url, *key, *png, *json;
     double duration_s;
-    bool watch, display_only;
+    bool watch, no_key, display_only;
     view_studio studio;
     view_picture picture;
     const view_feed_api *feed_api;
@@ -62,16 +64,30 @@ enum {
     PNG,
     JSON,
     URL,
+    KEY,
+    NO_KEY,
     QUIET,
     VERSION,
     HELP = 'h'
 };
 static const struct option table[] = {
-    {"size", 1, NULL, SIZE},           {"quality", 1, NULL, QUALITY},   {"azimuth", 1, NULL, AZIMUTH},
-    {"elevation", 1, NULL, ELEVATION}, {"zoom", 1, NULL, ZOOM},         {"renderer", 1, NULL, RENDERER},
-    {"watch", 0, NULL, WATCH},         {"duration", 1, NULL, DURATION}, {"png", 1, NULL, PNG},
-    {"json", 1, NULL, JSON},           {"lcm-url", 1, NULL, URL},       {"help", 0, NULL, HELP},
-    {"quiet", 0, NULL, QUIET},         {"version", 0, NULL, VERSION},   {NULL, 0, NULL, 0},
+    {"size", 1, NULL, SIZE},
+    {"quality", 1, NULL, QUALITY},
+    {"azimuth", 1, NULL, AZIMUTH},
+    {"elevation", 1, NULL, ELEVATION},
+    {"zoom", 1, NULL, ZOOM},
+    {"renderer", 1, NULL, RENDERER},
+    {"watch", 0, NULL, WATCH},
+    {"duration", 1, NULL, DURATION},
+    {"png", 1, NULL, PNG},
+    {"json", 1, NULL, JSON},
+    {"lcm-url", 1, NULL, URL},
+    {"key", 1, NULL, KEY},
+    {"no-key", 0, NULL, NO_KEY},
+    {"help", 0, NULL, HELP},
+    {"quiet", 0, NULL, QUIET},
+    {"version", 0, NULL, VERSION},
+    {NULL, 0, NULL, 0},
 };
 
 static int number(const char *name, const char *text, double low, double high, double *value) {
@@ -124,6 +140,8 @@ static int take(play *p, int code, const char *text) {
     case PNG: p->png = text; return 0;
     case JSON: p->json = text; return 0;
     case URL: p->url = text; return 0;
+    case KEY: p->key = text; return 0;
+    case NO_KEY: p->no_key = true; return 0;
     default: return 0;
     }
 }
@@ -187,7 +205,8 @@ static int open_all(play *p) {
         return app_bad_input("tm-play", 0, "%s; choose --renderer auto or osmesa", why);
     if (asked && !p->studio_def.display) app_remark("tm-play: drawn in software, slower: %s", why);
     if (view_studio_open(&p->studio, &p->studio_def, &error)) return app_report("tm-play", 0, &error);
-    if (!(p->feed_api = view_feed_open(&error)) || p->feed_api->open_live(p->url, &p->feed, &error))
+    const view_live_key key = {.path = p->key, .none = p->no_key || p->watch};
+    if (!(p->feed_api = view_feed_open(&error)) || p->feed_api->open_live(p->url, &key, &p->feed, &error))
         return app_report("tm-play", 0, &error);
     return 0;
 }

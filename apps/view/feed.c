@@ -1,26 +1,37 @@
 #include "feed.h"
 
-#include <lcm/eventlog.h>
 #include <lcm/lcm.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/random.h>
 #include <sys/time.h>
 #include <time.h>
 
+#include "event_log.h"
+#include "inbox.h"
 #include "intake.h"
 #include "lcm_types/tensormass_controller_command_t.h"
+#include "lcm_types/tensormass_controller_status_t.h"
 #include "lcm_types/tensormass_hand_command_t.h"
+#include "seal.h"
+#include "wire.h"
 
 struct view_feed {
     view_intake intake;
-    lcm_eventlog_t *log;
-    lcm_eventlog_event_t *pending; /* read, but not yet due */
-    int64_t begin_us;              /* of the first tissue (log), or of opening (live) */
-    lcm_t *lcm;
-    view_picture *picture; /* of the call under way */
-    int32_t hand_seq, command_seq;
+    app_log *log;
+    const app_log_event *pending; /* read, but not yet due */
+    int64_t begin_us;             /* of the first tissue (log), or of opening (live) */
+    view_inbox *inbox;
+    lcm_t *lcm; /* for sending */
+    app_key key;
+    int64_t session; /* ours, for hand commands */
+    int32_t hand_seq;
+    struct commanded {
+        int64_t session;     /* of the controller, as it said last */
+        int32_t command_seq; /* the newest that it took, or that was sent to it */
+    } commanded[VIEW_INSTRUMENTS];
 };
 
 static tm_status failed(tm_error *error, tm_status status, const char *format, const char *name) {
@@ -39,8 +50,8 @@ static int64_t clock_us(clockid_t clock) {
 
 static void feed_close(view_feed *feed) {
     if (!feed) return;
-    if (feed->pending) lcm_eventlog_free_event(feed->pending);
-    if (feed->log) lcm_eventlog_destroy(feed->log);
+    app_log_close(feed->log);
+    view_inbox_close(feed->inbox);
     if (feed->lcm) lcm_destroy(feed->lcm);
     free(feed);
 }
@@ -55,36 +66,27 @@ static bool begins_like_log(const char *path) {
     return good;
 }
 
-/* True if the file goes on after its last whole event. */
-static bool rest_left(lcm_eventlog_t *log, long whole) {
-    if (fseek(log->f, 0, SEEK_END)) return true;
-    return ftell(log->f) != whole;
-}
-
 static void read_facts(view_feed *feed, view_log_facts *facts) {
     view_picture scratch;
     memset(&scratch, 0, sizeof scratch);
     view_intake intake;
     view_intake_begin(&intake);
     int64_t last_us = 0;
-    long whole = 0;
-    lcm_eventlog_event_t *event;
-    while ((event = lcm_eventlog_read_next_event(feed->log))) {
-        whole = ftell(feed->log->f);
+    const app_log_event *event;
+    while ((event = app_log_next(feed->log))) {
         ++facts->events;
         if (!strcmp(event->channel, "TISSUE")) {
             if (!facts->tissues++) feed->begin_us = event->timestamp;
             last_us = event->timestamp;
         } else if (!strcmp(event->channel, "SIM_STATUS"))
-            view_intake_message(&intake, &scratch, 0, event->channel, event->data, event->datalen);
-        lcm_eventlog_free_event(event);
+            view_intake_message(&intake, &scratch, 0, event->channel, event->data, event->size);
         const view_trace *t = &scratch.trace;
         if (t->count)
             for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
                 facts->peak_force_N =
                     fmax(facts->peak_force_N, (double)t->force_N[i][(t->next + VIEW_TRACE - 1) % VIEW_TRACE]);
     }
-    facts->damaged = rest_left(feed->log, whole);
+    facts->damaged = app_log_damaged(feed->log);
     facts->seconds = facts->tissues ? (double)(last_us - feed->begin_us) * 1e-6 : 0;
 }
 
@@ -101,9 +103,9 @@ static tm_status open_log(const char *path, view_feed **out, view_log_facts *fac
     view_feed *feed = calloc(1, sizeof *feed);
     if (!feed) return failed(error, TM_ERR_MEMORY, "no memory%s", "");
     view_intake_begin(&feed->intake);
-    feed->log = lcm_eventlog_create(path, "r");
+    feed->log = app_log_open(path);
     if (feed->log) read_facts(feed, facts);
-    if (!feed->log || !facts->tissues || fseek(feed->log->f, 0, SEEK_SET)) {
+    if (!feed->log || !facts->tissues || !app_log_rewind(feed->log)) {
         feed_close(feed);
         return failed(error, TM_ERR_FILE,
                       "holds no TISSUE message%s; record a running tm-sim --realtime with lcm-logger", "");
@@ -114,13 +116,12 @@ static tm_status open_log(const char *path, view_feed **out, view_log_facts *fac
 
 static bool advance(view_feed *feed, double time_s, view_picture *picture) {
     for (;;) {
-        if (!feed->pending) feed->pending = lcm_eventlog_read_next_event(feed->log);
+        if (!feed->pending) feed->pending = app_log_next(feed->log);
         if (!feed->pending) break;
         double at_s = (double)(feed->pending->timestamp - feed->begin_us) * 1e-6;
         if (at_s > time_s) break;
         view_intake_message(&feed->intake, picture, at_s, feed->pending->channel, feed->pending->data,
-                            feed->pending->datalen);
-        lcm_eventlog_free_event(feed->pending);
+                            feed->pending->size);
         feed->pending = NULL;
     }
     view_intake_age(&feed->intake, picture, time_s);
@@ -129,70 +130,108 @@ static bool advance(view_feed *feed, double time_s, view_picture *picture) {
 
 static double live_s(const view_feed *feed) { return (double)(clock_us(CLOCK_MONOTONIC) - feed->begin_us) * 1e-6; }
 
-static void on_message(const lcm_recv_buf_t *buffer, const char *channel, void *user) {
-    view_feed *feed = user;
-    view_intake_message(&feed->intake, feed->picture, live_s(feed), channel, buffer->data, (int)buffer->data_size);
+/* Whom a command is for, and what it must come after. */
+static void note_controller(view_feed *feed, int i, const view_letter *letter) {
+    char none[] = "";
+    tensormass_controller_status_t m = {.fault_text = none, .extrapolator = none};
+    if (!app_wire_sound_head("26.s4.s", 30, 2, tensormass_controller_status_t_encoded_size(&m), letter->data,
+                             letter->size) ||
+        tensormass_controller_status_t_decode(letter->data, 0, letter->size, &m) != letter->size)
+        return;
+    struct commanded *c = &feed->commanded[i];
+    if (c->session != m.session || (int32_t)((uint32_t)m.command_seq - (uint32_t)c->command_seq) > 0)
+        *c = (struct commanded){m.session, m.command_seq};
+    tensormass_controller_status_t_decode_cleanup(&m);
 }
 
-static tm_status open_live(const char *url, view_feed **out, tm_error *error) {
+static void take_letter(view_feed *feed, view_picture *picture, const view_letter *letter) {
+    bool sealed = strcmp(letter->channel, "TISSUE") != 0;
+    if (sealed && !app_sealed(&feed->key, letter->channel, letter->data, letter->size)) {
+        ++feed->intake.counts.rejected;
+        snprintf(feed->intake.counts.why, sizeof feed->intake.counts.why, "%s: without the key's tag", letter->channel);
+        return;
+    }
+    if (!strncmp(letter->channel, "CONTROLLER_", 11)) note_controller(feed, letter->channel[11] - '0', letter);
+    view_intake_message(&feed->intake, picture, live_s(feed), letter->channel, letter->data, letter->size);
+}
+
+static tm_status open_live(const char *url, const view_live_key *key, view_feed **out, tm_error *error) {
+    char why[400];
+    const char *set = getenv("LCM_DEFAULT_URL");
     view_feed *feed = calloc(1, sizeof *feed);
     if (!feed) return failed(error, TM_ERR_MEMORY, "no memory%s", "");
+    if (!url) url = set && *set ? set : "udpm://239.255.76.67:7667?ttl=0";
     view_intake_begin(&feed->intake);
     feed->begin_us = clock_us(CLOCK_MONOTONIC);
+    if (getrandom(&feed->session, sizeof feed->session, 0) < 0) feed->session = feed->begin_us;
+    if (!app_key_for(url, key->path, key->none, &feed->key, why, sizeof why)) {
+        feed_close(feed);
+        return failed(error, TM_ERR_ARGUMENT, "%s", why);
+    }
     feed->lcm = lcm_create(url);
-    if (!feed->lcm) {
+    if (feed->lcm) feed->inbox = view_inbox_open(url, why, sizeof why);
+    if (!feed->inbox) {
         feed_close(feed);
         return failed(
             error, TM_ERR_FILE,
             "LCM cannot be opened at %s: usually no multicast route; "
             "run `ip link set lo up; ip route add 224.0.0.0/4 dev lo` as root, or see docs/troubleshooting.md",
-            url ? url : "its default URL");
+            url);
     }
-    /* A viewer wants the newest; what it cannot draw in time it does not want. */
-    lcm_subscription_set_queue_capacity(lcm_subscribe(feed->lcm, "TISSUE", on_message, feed), 2);
-    lcm_subscribe(feed->lcm, "SIM_STATUS", on_message, feed);
-    lcm_subscribe(feed->lcm, "CONTROLLER_[01]", on_message, feed);
     *out = feed;
     return TM_OK;
 }
 
 static bool listen_live(view_feed *feed, int timeout_ms, view_picture *picture) {
-    feed->picture = picture;
     int64_t until_us = clock_us(CLOCK_MONOTONIC) + (int64_t)timeout_ms * 1000;
-    int got = 1;
-    while (got > 0) {
+    for (;;) {
         int64_t left_us = until_us - clock_us(CLOCK_MONOTONIC);
-        got = lcm_handle_timeout(feed->lcm, left_us > 0 ? (int)(left_us / 1000) : 0);
+        view_letter *letter = view_inbox_take(feed->inbox, left_us > 0 ? (int)(left_us / 1000) : 0);
+        if (!letter) break;
+        take_letter(feed, picture, letter);
+        free(letter);
         if (left_us <= -100000) break; /* a flood must not keep the picture from being drawn */
     }
     view_intake_age(&feed->intake, picture, live_s(feed));
-    return got >= 0;
+    return true;
 }
 
 static view_feed_counts feed_counts(const view_feed *feed) { return feed->intake.counts; }
 
+enum { MESSAGE = 512 };
+
+static bool send(view_feed *feed, const char *channel, uint8_t *bytes, int size) {
+    if (size <= 0) return false;
+    app_seal(&feed->key, channel, bytes, size);
+    return lcm_publish(feed->lcm, channel, bytes, (unsigned)size) == 0;
+}
+
 static bool send_hand(view_feed *feed, const view_hand *hand) {
     tensormass_hand_command_t m = {.utime = clock_us(CLOCK_REALTIME),
-                                   .seq = feed->hand_seq++,
+                                   .seq = ++feed->hand_seq,
+                                   .session = feed->session,
                                    .instrument = (int8_t)hand->instrument,
                                    .active = hand->active};
     memcpy(m.joint, hand->joint, sizeof m.joint);
     char channel[16];
+    uint8_t bytes[MESSAGE];
     snprintf(channel, sizeof channel, "HAND_%d", hand->instrument);
-    return tensormass_hand_command_t_publish(feed->lcm, channel, &m) == 0;
+    return send(feed, channel, bytes, tensormass_hand_command_t_encode(bytes, 0, sizeof bytes, &m));
 }
 
 static bool send_command(view_feed *feed, const view_command *command) {
     char extrapolator[24], channel[32];
     snprintf(extrapolator, sizeof extrapolator, "%s", command->extrapolator);
     tensormass_controller_command_t m = {.utime = clock_us(CLOCK_REALTIME),
-                                         .seq = feed->command_seq++,
+                                         .seq = ++feed->commanded[command->instrument].command_seq,
+                                         .session = feed->commanded[command->instrument].session,
                                          .instrument = (int8_t)command->instrument,
                                          .extrapolator = extrapolator,
                                          .passivity = (int8_t)command->passivity,
                                          .reset_fault = command->reset_fault};
+    uint8_t bytes[MESSAGE];
     snprintf(channel, sizeof channel, "CONTROLLER_COMMAND_%d", command->instrument);
-    return tensormass_controller_command_t_publish(feed->lcm, channel, &m) == 0;
+    return send(feed, channel, bytes, tensormass_controller_command_t_encode(bytes, 0, sizeof bytes, &m));
 }
 
 __attribute__((visibility("default"))) extern const view_feed_api view_messages;

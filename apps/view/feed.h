@@ -12,7 +12,7 @@ typedef struct view_log_facts {
     double seconds; /* from the first tissue to the last */
     int64_t tissues, events;
     double peak_force_N; /* largest of any instrument */
-    bool damaged;        /* the file ends in the middle of an event */
+    bool damaged;        /* not all of it is events, or it ends in the middle of one */
 } view_log_facts;
 
 typedef struct view_feed_counts {
@@ -33,12 +33,17 @@ typedef struct view_command {
     bool reset_fault;
 } view_command;
 
+typedef struct view_live_key {
+    const char *path; /* null: none */
+    bool none;        /* none is wanted, though the URL leaves this machine */
+} view_live_key;
+
 /* The module's one symbol. */
 typedef struct view_feed_api {
     /* Reads the log once through for its facts. */
     tm_status (*open_log)(const char *path, view_feed **feed, view_log_facts *facts, tm_error *error);
     /* `url` as LCM takes it; null: LCM_DEFAULT_URL, else LCM's default, which stays on this machine. */
-    tm_status (*open_live)(const char *url, view_feed **feed, tm_error *error);
+    tm_status (*open_live)(const char *url, const view_live_key *key, view_feed **feed, tm_error *error);
     void (*close)(view_feed *feed);
     /* Log: takes in everything up to `time_s` after the first tissue. False: the log has ended. */
     bool (*advance)(view_feed *feed, double time_s, view_picture *picture);

@@ -121,7 +121,8 @@ static int open_log(job *j) {
     if (j->api->open_log(j->options.source, &j->feed, &j->facts, &error))
         return app_report(j->options.source, 0, &error);
     if (j->facts.damaged)
-        fprintf(stderr, "%s: ends in the middle of an event; what came before is shown\n", j->options.source);
+        fprintf(stderr, "%s: is damaged, or ends in the middle of an event; what is whole is shown\n",
+                j->options.source);
     j->studio.peak_force_N = j->facts.peak_force_N;
     if (j->options.from_s > j->facts.seconds || (j->options.has_at && j->options.at_s > j->facts.seconds))
         return app_bad_input(j->options.source, 0, "lasts %.2f s; choose --from and --at before that",
@@ -186,7 +187,8 @@ static int live_sequence(job *j) {
 
 static int show_live(job *j) {
     tm_error error = {0};
-    if (!(j->api = view_feed_open(&error)) || j->api->open_live(j->options.url, &j->feed, &error))
+    const view_live_key key = {.path = j->options.key, .none = true}; /* who only looks needs none */
+    if (!(j->api = view_feed_open(&error)) || j->api->open_live(j->options.url, &key, &j->feed, &error))
         return complain(&error);
     int wrong = wait_for_tissue(j);
     if (!wrong && (j->options.frames || j->options.film))

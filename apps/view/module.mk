@@ -6,5 +6,5 @@ VIEW_RENDER_SRC := $(addprefix apps/view/,camera.c marks.c picture.c render.c sh
 $(eval $(call module,osmesa,$(VIEW_RENDER_SRC) apps/view/context_osmesa.c,,$$(call pkg_libs,osmesa)))
 $(eval $(call module,opengl,$(VIEW_RENDER_SRC) apps/view/context_window.c,,$$(call pkg_libs,sdl2 gl)))
 $(OUT)/obj/apps/view/context_window.o: CFLAGS_EXTRA += $(call pkg_cflags,sdl2)
-$(eval $(call module,viewfeed,$(addprefix apps/view/,feed.c intake.c picture.c) apps/common/wire.c,$(LIBLCMTYPES_A),$$(call pkg_libs,lcm)))
+$(eval $(call module,viewfeed,$(addprefix apps/view/,feed.c inbox.c intake.c picture.c) apps/common/wire.c,$(LIBLCMTYPES_A),$$(call pkg_libs,lcm)))
 $(call objects,$(addprefix apps/view/,feed.c intake.c)): | $(LIBLCMTYPES_A)

@@ -32,6 +32,7 @@ static const char help[] =
     "  --fibres           the scene's fibres, as lines on the surface      --no-supports   without marks where tissue is held\n"
     "  --scale X          of a mesh file's coordinates [1]\n"
     "  --lcm-url URL      [LCM_DEFAULT_URL, else LCM's default]\n"
+    "  --key FILE         shared with tm-sim: status messages without its seal are left out (docs/trust.md)\n"
     "  --json FILE        figures: pictures, seconds, pictures per second, messages taken and refused\n"
     "  --quiet            no progress, no waiting aloud\n"
     "  -h, --help, --version\n";
@@ -58,6 +59,7 @@ enum {
     SMOOTH,
     CREASE,
     NO_WORDS,
+    KEY,
     SCALE,
     SCENE,
     FIBRES,
@@ -70,16 +72,37 @@ enum {
 };
 
 static const struct option table[] = {
-    {"png", 1, NULL, PNG},       {"frames", 1, NULL, FRAMES},   {"film", 1, NULL, FILM},
-    {"size", 1, NULL, SIZE},     {"fps", 1, NULL, FPS},         {"at", 1, NULL, AT},
-    {"from", 1, NULL, FROM},     {"to", 1, NULL, TO},           {"duration", 1, NULL, DURATION},
-    {"wait", 1, NULL, WAIT},     {"azimuth", 1, NULL, AZIMUTH}, {"elevation", 1, NULL, ELEVATION},
-    {"zoom", 1, NULL, ZOOM},     {"shift", 1, NULL, SHIFT},     {"up", 1, NULL, UP},
-    {"orbit", 1, NULL, ORBIT},   {"newton", 1, NULL, NEWTON},   {"quality", 1, NULL, QUALITY},
-    {"smooth", 1, NULL, SMOOTH}, {"crease", 1, NULL, CREASE},   {"no-words", 0, NULL, NO_WORDS},
-    {"scale", 1, NULL, SCALE},   {"lcm-url", 1, NULL, URL},     {"json", 1, NULL, JSON},
-    {"scene", 1, NULL, SCENE},   {"fibres", 0, NULL, FIBRES},   {"no-supports", 0, NULL, NO_SUPPORTS},
-    {"help", 0, NULL, HELP},     {"quiet", 0, NULL, QUIET},     {"version", 0, NULL, VERSION},
+    {"png", 1, NULL, PNG},
+    {"frames", 1, NULL, FRAMES},
+    {"film", 1, NULL, FILM},
+    {"size", 1, NULL, SIZE},
+    {"fps", 1, NULL, FPS},
+    {"at", 1, NULL, AT},
+    {"from", 1, NULL, FROM},
+    {"to", 1, NULL, TO},
+    {"duration", 1, NULL, DURATION},
+    {"wait", 1, NULL, WAIT},
+    {"azimuth", 1, NULL, AZIMUTH},
+    {"elevation", 1, NULL, ELEVATION},
+    {"zoom", 1, NULL, ZOOM},
+    {"shift", 1, NULL, SHIFT},
+    {"up", 1, NULL, UP},
+    {"orbit", 1, NULL, ORBIT},
+    {"newton", 1, NULL, NEWTON},
+    {"quality", 1, NULL, QUALITY},
+    {"smooth", 1, NULL, SMOOTH},
+    {"crease", 1, NULL, CREASE},
+    {"no-words", 0, NULL, NO_WORDS},
+    {"scale", 1, NULL, SCALE},
+    {"lcm-url", 1, NULL, URL},
+    {"key", 1, NULL, KEY},
+    {"json", 1, NULL, JSON},
+    {"scene", 1, NULL, SCENE},
+    {"fibres", 0, NULL, FIBRES},
+    {"no-supports", 0, NULL, NO_SUPPORTS},
+    {"help", 0, NULL, HELP},
+    {"quiet", 0, NULL, QUIET},
+    {"version", 0, NULL, VERSION},
     {NULL, 0, NULL, 0},
 };
 
@@ -173,6 +196,7 @@ static int take(int code, const char *text, view_options *o) {
     case FILM: o->film = text; return 0;
     case JSON: o->json = text; return 0;
     case URL: o->url = text; return 0;
+    case KEY: o->key = text; return 0;
     case QUIET: app_be_quiet(); return 0;
     case NO_WORDS: o->studio.words = false; return 0;
     case SCENE: o->scene = text; return 0;

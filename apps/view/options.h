@@ -9,7 +9,7 @@ typedef struct view_options {
     const char *source; /* file, or null: live */
     const char *scene;  /* of a log or a live source; null: not told */
     view_mark_choice marks;
-    const char *png, *frames, *film, *json, *url;
+    const char *png, *frames, *film, *json, *url, *key;
     view_studio_def studio;
     double from_s, to_s, at_s, duration_s, wait_s, scale;
     bool has_at, has_to;

@@ -114,3 +114,8 @@ def test_a_url_that_leaves_wants_a_key(bin, root, tmp_path, program):
     key.chmod(0o644)
     readable = run("--key", key)
     assert readable.returncode == 2 and f"chmod 600 {key}" in readable.stderr
+
+
+def test_giants_do_not_feed_a_viewer(build):
+    seen = play("viewer.py", build)
+    assert seen["alive"] and seen["grown_kB"] < GROWN_kB and seen["exit"] != -11

@@ -335,6 +335,19 @@ def test_log_cut_off_in_the_middle(bin, log, tmp_path):
     assert (tmp_path / "p.png").exists()
 
 
+def test_log_with_an_event_of_two_gigabytes(bin, log, tmp_path):
+    """An event that announces 0x7fffffff bytes, in the middle and at the end: passed over, and said."""
+    giant = struct.pack(">IqqII", 0xeda1da01, 5, 5, 6, 0x7fffffff) + b"TISSUE" + bytes(50)
+    data = log.read_bytes()
+    second = data.index(data[:4], 4)
+    for name, bad in (("middle", data[:second] + giant + data[second:]), ("end", data + giant)):
+        path = tmp_path / f"{name}.lcm"
+        path.write_bytes(bad)
+        result = run(bin, path, "--png", tmp_path / f"{name}.png", *SMALL)
+        assert result.returncode == 0 and "damaged" in result.stderr, result.stderr
+    assert (tmp_path / "middle.png").read_bytes() == (tmp_path / "end.png").read_bytes()
+
+
 # --- live, in a network of its own ---
 
 NAMESPACE = ["unshare", "-n" if os.geteuid() == 0 else "-rn", "sh", "-c", 'ip link set lo up; ip route add 224.0.0.0/4 dev lo; exec "$@"', "sh"]
