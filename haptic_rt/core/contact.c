@@ -340,11 +340,12 @@ static bool gather(const solve *s, const float tip_m[3], hrt_v3 speed, float for
     const float reach = hrt_size(tip);
     const hrt_v3 axis = hrt_times(1.0f / reach, tip);
     hrt_v3 force = {0.0f, 0.0f, 0.0f};
-    bool inside = true;
+    float borne_N = 0.0f, edge_N = 0.0f;
     for (int32_t r = 0; r < s->rows; r++) {
         const hrt_contact_row *row = &s->row[r];
         if (!(row->lambda_N > 0.0f)) continue;
-        inside = inside && !on_edge(s, row);
+        borne_N += row->lambda_N;
+        if (on_edge(s, row)) edge_N += row->lambda_N;
         const hrt_v3 normal = hrt_get(row->normal);
         const float lever = 1.0f - (float)row->station * s->patch->radius_m / reach;
         /* The station's speed, what of it slides along the surface, and the drag of that: never more than the reaction.
@@ -359,7 +360,7 @@ static bool gather(const solve *s, const float tip_m[3], hrt_v3 speed, float for
             force, hrt_times(row->lambda_N, hrt_plus(hrt_times(lever, push), hrt_times(into - lever * into, axis))));
     }
     hrt_put(force, force_N);
-    return inside;
+    return !(edge_N > 0.5f * borne_N);
 }
 
 bool hrt_contact_force(hrt_extrapolation *x, int64_t now_us, const float tip_m[3], float force_N[3]) {

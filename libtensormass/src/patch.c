@@ -124,9 +124,11 @@ static void want(tm_patch_maker *maker, int32_t t, const int32_t *vertex, int32_
     }
     int32_t near[TM_COMPLIANCE_WANTS], all[TM_COMPLIANCE_WANTS], n = 0;
     const tm_surface_view surface = tm_tissue_surface(maker->world->tissue);
-    const int32_t found = tm_patch_nearest(maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface,
-                                           &contact->tool[t].capsule, maker->velocity_m_s[t], maker->def.horizon_s,
-                                           contact->row, contact->row_count, near);
+    const int32_t found = tm_patch_nearest(
+        maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface, &contact->tool[t].capsule,
+        maker->velocity_m_s[t], maker->def.horizon_s, contact->row, contact->row_count,
+        contact->tool[t].def.mode == TM_TOOL_CAUTERY ? maker->world->tissue->mass_kg : NULL,
+        maker->world->tissue->mesh->vertex_count, near);
     for (; n < count && n < TM_PATCH_VERTICES; n++) all[n] = vertex[n];
     for (int32_t i = 0; i < found && n < TM_COMPLIANCE_WANTS; i++) {
         bool known = false;
@@ -138,18 +140,26 @@ static void want(tm_patch_maker *maker, int32_t t, const int32_t *vertex, int32_
     maker->known = maker->source.exchange(maker->source.self, t, all, n);
 }
 
+/* More than OUTSIDE of the reaction bears on vertices that are not the patch's: what is left of it would not be the
+ * tool's force. */
+#define OUTSIDE 0.2
+
 static bool bears_outside(const tm_patch_maker *maker, int32_t t, const tm_patch *patch) {
     const tm_contact *contact = maker->contact;
+    double all = 0, outside = 0;
     for (int32_t k = 0; k < contact->row_count; k++) {
         const tm_contact_row *row = contact->row + k;
         if (row->instrument != t || row->lambda_N <= 0) continue;
+        all += row->lambda_N;
+        bool whole = true;
         for (int j = 0; j < 3; j++) {
             bool within = row->weight[j] == 0;
             for (int32_t i = 0; i < patch->vertex_count && !within; i++) within = patch->vertex[i] == row->vertex[j];
-            if (!within) return true;
+            whole = whole && within;
         }
+        outside += whole ? 0 : row->lambda_N;
     }
-    return false;
+    return outside > OUTSIDE * all;
 }
 
 static int32_t held(const tm_patch_maker *maker, int32_t t, const int32_t **vertex, const double **target_m,

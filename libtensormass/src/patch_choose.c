@@ -7,12 +7,13 @@
 #include "contact_vec.h"
 
 #define NEAR_M 0.02
-#define POOL 384 /* nearest triangles that growth looks at */
+#define LITTLE 0.1 /* share of the largest reaction below which a row's fans need not be whole */
+#define POOL 384   /* nearest triangles that growth looks at */
 
 typedef struct near_triangle {
     double distance_m;
     int32_t face, vertex[3];
-    bool pressed, taken;
+    bool pressed, beside, taken; /* beside: shares a vertex with a pressed one */
 } near_triangle;
 
 typedef struct growth {
@@ -33,6 +34,7 @@ static double way_distance(const double from[3], const double way[3], const doub
 /* Keeps the POOL nearest; equal distances by name, so that slots do not matter. */
 static bool farther(const near_triangle *a, const near_triangle *b) {
     if (a->pressed != b->pressed) return b->pressed;
+    if (a->beside != b->beside) return b->beside;
     return a->distance_m != b->distance_m ? a->distance_m > b->distance_m : a->face > b->face;
 }
 
@@ -113,13 +115,22 @@ static void write_patch(const growth *g, const double *rest_m, const double *u_m
                 patch->triangle[3 * k + j] = place_of(patch, g->pool[i].vertex[j]);
 }
 
+/* Some of the row's load is on a corner of the triangle. */
+static bool bears_on(const tm_contact_row *row, const int32_t vertex[3]) {
+    for (int j = 0; j < 9; j++)
+        if (row->vertex[j / 3] == vertex[j % 3] && row->weight[j / 3] > 0) return true;
+    return false;
+}
+
 int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_view *surface,
                       const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
                       const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
                       bool (*usable)(void *self, int32_t vertex), void *self, tm_patch *patch) {
     growth g = {.max_vertices = max_vertices, .max_triangles = max_triangles};
-    double way[3];
+    double way[3], most_N = 0;
     vscale(horizon_s, velocity_m_s, way);
+    for (int32_t k = 0; k < row_count; k++)
+        if (row[k].instrument == capsule->instrument) most_N = fmax(most_N, row[k].lambda_N);
     for (int32_t i = 0; i < surface->count; i++) {
         near_triangle t = {.face = surface->face[i]};
         double middle[3] = {0, 0, 0}, nearest = INFINITY;
@@ -136,9 +147,11 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
         }
         /* By its nearest corner, so that the fans of the nearest vertices are whole: normals blend over fans. */
         t.distance_m = 0.9 * nearest + 0.1 * way_distance(capsule->tip_m, way, middle);
-        for (int32_t k = 0; k < row_count; k++)
-            t.pressed =
-                t.pressed || (row[k].face == t.face && row[k].instrument == capsule->instrument && row[k].lambda_N > 0);
+        for (int32_t k = 0; k < row_count; k++) {
+            if (row[k].instrument != capsule->instrument || !(row[k].lambda_N > 0)) continue;
+            t.pressed = t.pressed || row[k].face == t.face;
+            t.beside = t.beside || (row[k].lambda_N > LITTLE * most_N && bears_on(row + k, t.vertex));
+        }
         if (good && (t.pressed || t.distance_m < NEAR_M)) keep_near(&g, &t);
     }
     for (near_triangle *t; g.triangle_count < max_triangles && (t = next(&g)) != NULL;) take(&g, t);
@@ -184,16 +197,18 @@ static void offer(nearest *n, int32_t vertex, double distance_m) {
 
 int32_t tm_patch_nearest(const double *rest_m, const double *u_m, const tm_surface_view *surface,
                          const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
-                         const tm_contact_row *row, int32_t row_count, int32_t vertex[TM_COMPLIANCE_WANTS]) {
+                         const tm_contact_row *row, int32_t row_count, const double *inner, int32_t vertex_count,
+                         int32_t vertex[TM_COMPLIANCE_WANTS]) {
     nearest n = {0};
     double way[3];
     vscale(horizon_s, velocity_m_s, way);
     for (int32_t k = 0; k < row_count; k++)
         for (int j = 0; j < 3; j++)
             if (row[k].instrument == capsule->instrument && row[k].lambda_N > 0) offer(&n, row[k].vertex[j], -1);
-    for (int32_t i = 0; i < 3 * surface->count; i++) {
+    for (int32_t i = 0; i < (inner ? vertex_count : 3 * surface->count); i++) {
         double at[3];
-        const int32_t v = surface->triangle[i];
+        const int32_t v = inner ? i : surface->triangle[i];
+        if (inner && !(inner[v] > 0)) continue;
         for (int c = 0; c < 3; c++) at[c] = rest_m[3 * v + c] + u_m[3 * v + c];
         const double distance_m = way_distance(capsule->tip_m, way, at);
         if (distance_m < FAR_M) offer(&n, v, distance_m);

@@ -14,10 +14,12 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
                       bool (*usable)(void *self, int32_t vertex), void *self, tm_patch *patch);
 
 /* Vertices of the surface nearest to the tip's way, nearest first, those of pressed triangles before all others; at
- * most TM_COMPLIANCE_WANTS, none farther than 40 mm. Returns how many. */
+ * most TM_COMPLIANCE_WANTS, none farther than 40 mm. `inner` (may be null): [vertex_count] masses: all that have one
+ * count as surface, as the next cut may make them. Returns how many. */
 int32_t tm_patch_nearest(const double *rest_m, const double *u_m, const tm_surface_view *surface,
                          const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
-                         const tm_contact_row *row, int32_t row_count, int32_t vertex[TM_COMPLIANCE_WANTS]);
+                         const tm_contact_row *row, int32_t row_count, const double *inner, int32_t vertex_count,
+                         int32_t vertex[TM_COMPLIANCE_WANTS]);
 
 /* patch_columns.c: columns of the quasi-static compliance, computed little by little and remembered. */
 typedef struct tm_columns tm_columns;
