@@ -151,9 +151,11 @@ static void take_patch(hrt_extrapolation *x, const hrt_sample *sample) {
         HRT_WITH_PATCHES && sample->patch && sample->patch->topology_revision == sample->topology_revision
             ? sample->patch
             : NULL;
-    if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh)
+    if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh) {
+        /* Another cut state is another tissue: what it pushes with comes over a while, not at once. */
+        if (x->patch->topology_revision != fresh->topology_revision) x->changed = true;
         hrt_contact_warm(x, x->patch, fresh);
-    else
+    } else
         hrt_contact_clear(x);
     x->patch = fresh;
     x->patch_us = sample->t_us;
