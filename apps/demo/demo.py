@@ -259,14 +259,18 @@ def samples(a, instrument, begin_us):
     return time_s, force
 
 
-def first_tool_us(a, instrument):
-    """When the controller's first tick was, on the log's clock: its record counts from there."""
+def record_begin_us(a, instrument):
+    """When the controller's record began, on the log's clock: TOOL carries the controller's own beside it, the quickest of them with the least delay.
+    The first TOOL says nothing of it: it waits until device and trocar are known."""
     import lcm
 
-    for event in lcm.EventLog(str(a.out / "demo.lcm"), "r"):
-        if event.channel == f"TOOL_{instrument}":
-            return event.timestamp
-    fail(f"the log holds no TOOL_{instrument}; haptic-rt's words are in {a.out}/haptic-rt{instrument}.txt")
+    sys.path.insert(0, str(a.build / "python"))
+    import tensormass
+
+    lead = [e.timestamp - tensormass.tool_state_t.decode(e.data).utime for e in lcm.EventLog(str(a.out / "demo.lcm"), "r") if e.channel == f"TOOL_{instrument}"]
+    if not lead:
+        fail(f"the log holds no TOOL_{instrument}; haptic-rt's words are in {a.out}/haptic-rt{instrument}.txt")
+    return min(lead) + load(a.out / f"controller{instrument}.json")["start_us"]
 
 
 def plot(a, s):
@@ -279,7 +283,7 @@ def plot(a, s):
     figure, axes = plt.subplots(count, 2, figsize=(12, 3.2 * count + 0.4), width_ratios=(3, 2), squeeze=False)
     for i, row in enumerate(axes):
         t, f = ticks(a.out / f"ticks{i}.csv")
-        ts, fs = samples(a, i, first_tool_us(a, i))
+        ts, fs = samples(a, i, record_begin_us(a, i))
         peak = max(range(len(f)), key=f.__getitem__)
         for axis in row:
             axis.plot(t, f, color="#c05a1c", linewidth=1.1, label=f"controller, {(len(t) - 1) / max(t[-1] - t[0], 1e-9):.0f} Hz")

@@ -495,8 +495,8 @@ static tm_status renderer_draw(view_renderer *r, const view_picture *p, const vi
     use_lit(r, &s, r->tissue_program);
     draw_tissue(r, false);
     use_lit(r, &s, r->metal_program);
+    draw_marks(r); /* before the tools, which hide what shines through the tissue */
     draw_batch(&r->tools);
-    draw_marks(r);
     glClear(
         GL_DEPTH_BUFFER_BIT); /* arrows are seen through everything: a force often points back along its instrument */
     draw_batch(&r->arrows);

@@ -25,6 +25,7 @@ void hrt_print_quantiles(const char *name, const hrt_histogram *h) {
 void hrt_report_loop(cJSON *json, const hrt_loop *loop) {
     cJSON_AddNumberToObject(json, "ticks", (double)loop->ticks);
     cJSON_AddNumberToObject(json, "missed_ticks", (double)loop->missed);
+    cJSON_AddNumberToObject(json, "start_us", (double)loop->start_us); /* of the clock that TOOL messages carry */
     cJSON_AddBoolToObject(json, "real_time", loop->real_time);
     cJSON_AddBoolToObject(json, "idle_states_held_off", loop->awake_fd >= 0);
     cJSON_AddNumberToObject(json, "page_faults_minor", (double)loop->faults_minor);

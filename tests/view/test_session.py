@@ -104,6 +104,28 @@ def test_the_extrapolators_are_judged_on_the_recorded_session(bin, root, demo, t
     assert real["position"]["rms"] < real["hold"]["rms"]
 
 
+def test_the_plot_puts_record_and_log_on_one_clock(root, build, demo):
+    """The same joints at the same time: in the controller's record, and in the TOOL messages of the log."""
+    import lcm
+
+    sys.path[:0] = [str(root / "apps/demo"), str(build / "python")]
+    import demo as driver
+    import tensormass
+
+    begin_us = driver.record_begin_us(types.SimpleNamespace(build=build, out=demo[0]), 0)
+    with open(demo[0] / "ticks0.csv") as file:
+        rows = {f"{float(r['pitch_rad']):.6f} {float(r['insertion_m']):.6f}": float(r["time_s"]) for r in csv.DictReader(file)}
+    apart = []
+    for event in lcm.EventLog(str(demo[0] / "demo.lcm"), "r"):
+        if event.channel == "TOOL_0":
+            m = tensormass.tool_state_t.decode(event.data)
+            at = rows.get(f"{m.joint[0]:.6f} {m.joint[2]:.6f}")
+            if at is not None:
+                apart.append((event.timestamp - begin_us) * 1e-6 - at)
+    assert len(apart) > 300
+    assert abs(sorted(apart)[len(apart) // 2]) < 0.03, sorted(apart)[len(apart) // 2]
+
+
 def finish(process, timeout=60):
     out, err = process.communicate(timeout=timeout)
     assert process.returncode == 0, err
