@@ -181,29 +181,44 @@ static void rebuild_surface(tm_hybrid *h) {
 
 /* --- what lasts from step to step --- */
 
+/* First, which part is whose: a snapshot of another division of the same organ would leave tetrahedra in both or in
+ * none. Then what the on-line system keeps, if there is one. */
+static uint64_t division(const tm_hybrid *h) { return tm_hash(h->alive, (size_t)h->mesh->tet_count, TM_HASH_SEED); }
+
 static int64_t snapshot(void *self, void *buffer) {
     const tm_hybrid *h = self;
-    if (!h->local.memory) return 0;
-    if (!h->returns) return tms_local_snapshot(&h->local, is_stale(h), buffer);
-    if (buffer) memcpy(buffer, h->kept, (size_t)h->kept_bytes);
-    return h->kept_bytes;
+    const uint64_t mine = division(h);
+    char *to = buffer ? memcpy(buffer, &mine, sizeof mine) : NULL, *rest = to ? to + sizeof mine : NULL;
+    if (!h->local.memory) return sizeof mine;
+    if (!h->returns) return (int64_t)sizeof mine + tms_local_snapshot(&h->local, is_stale(h), rest);
+    if (rest) memcpy(rest, h->kept, (size_t)h->kept_bytes);
+    return (int64_t)sizeof mine + h->kept_bytes;
+}
+
+static void take_back(tm_hybrid *h, const void *buffer, int64_t bytes) {
+    h->returns = false;
+    rebuild_surface(h);
+    make_fresh(h);
+    tms_local_restore(&h->local, buffer, bytes, true);
 }
 
 static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
     tm_hybrid *h = self;
+    uint64_t theirs;
     (void)world;
-    if (!h->local.memory) return bytes == 0;
-    if (apply) {
-        h->returns = false;
-        rebuild_surface(h);
-        make_fresh(h);
-    }
-    return tms_local_restore(&h->local, buffer, bytes, apply);
+    if (bytes < (int64_t)sizeof theirs) return false;
+    memcpy(&theirs, buffer, sizeof theirs);
+    if (theirs != division(h)) return false;
+    const char *rest = (const char *)buffer + sizeof theirs;
+    const int64_t left = bytes - (int64_t)sizeof theirs;
+    if (!h->local.memory) return left == 0;
+    if (apply) take_back(h, rest, left);
+    return apply || tms_local_restore(&h->local, rest, left, false);
 }
 
 static void keep(void *self) {
     tm_hybrid *h = self;
-    if (!h->returns) h->kept_bytes = snapshot(h, h->kept);
+    if (!h->returns && h->local.memory) h->kept_bytes = tms_local_snapshot(&h->local, is_stale(h), h->kept);
 }
 
 /* The mobilities may not have been given back yet: taken when they are needed. */
@@ -242,7 +257,7 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
     tms_local *l = &h->local;
     const tm_state *state = tm_world_state(world);
     bool any = false;
-    if (h->returns) restore(h, world, h->kept, h->kept_bytes, true);
+    if (h->returns) take_back(h, h->kept, h->kept_bytes);
     if (is_stale(h)) make_fresh(h);
     rebuild_surface(h);
     for (int32_t t = 0; t < l->tool_count; t++) {

@@ -458,6 +458,29 @@ static void same_bits_after_restore(void **state) {
     }
 }
 
+/* The same organ divided elsewhere has another state. */
+static void other_division(void **state) {
+    (void)state;
+    const tm_material material = kit_material(10e3, 0.4);
+    hybrid_set s[2];
+    for (int i = 0; i < 2; i++) {
+        tm_mesh *mesh = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.3, &(fix_random){23});
+        s[i] = make(mesh, &material, kit_clamp(mesh, 1e-9), i ? 0.03 : 0.04, NULL, NULL, 0.5);
+    }
+    tm_error error;
+    const int64_t bytes = tm_snapshot_bytes(s[0].world);
+    void *kept = malloc((size_t)bytes);
+    fix_ok(tm_snapshot_save(s[0].world, kept, bytes, &error), &error);
+    fix_ok(tm_world_set_step(s[1].world, tm_world_step_s(s[0].world), &error), &error);
+    const int32_t alive = tm_tissue_alive_count(s[1].tissue);
+    assert_int_equal(tm_snapshot_restore(s[1].world, kept, bytes, &error), TM_ERR_ARGUMENT);
+    assert_non_null(strstr(error.message, "stage hybrid"));
+    assert_int_equal(tm_tissue_alive_count(s[1].tissue), alive);
+    fix_ok(tm_snapshot_restore(s[0].world, kept, bytes, &error), &error);
+    free(kept);
+    free_set(&s[0]), free_set(&s[1]);
+}
+
 /* A hostile snapshot is refused, or taken, but never believed: the checksum is made right each time. */
 static void hostile_snapshot(void **state) {
     (void)state;
@@ -471,7 +494,7 @@ static void hostile_snapshot(void **state) {
     fix_ok(tm_snapshot_save(s.world, kept, bytes, &error), &error);
     const char *part = NULL; /* the stage's own */
     for (int64_t i = 0; i + 24 < bytes && !part; i += 8)
-        if (!memcmp(kept + i, "hybrid\0\0", 8)) part = kept + i + 32;
+        if (!memcmp(kept + i, "hybrid\0\0", 8)) part = kept + i + 32 + 8; /* behind the division's mark */
     assert_non_null(part);
     fix_random random = {31};
     int refused = 0;
@@ -667,16 +690,10 @@ static void let_go_beside(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(told),
-                                       cmocka_unit_test(mended_surface),
-                                       cmocka_unit_test(force_at_rest),
-                                       cmocka_unit_test(step_limit),
-                                       cmocka_unit_test(not_settled),
-                                       cmocka_unit_test(same_bits_after_restore),
-                                       cmocka_unit_test(hostile_snapshot),
-                                       cmocka_unit_test(same_rest),
-                                       cmocka_unit_test(stable),
-                                       cmocka_unit_test(contact),
-                                       cmocka_unit_test(let_go_beside)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(told),           cmocka_unit_test(mended_surface),   cmocka_unit_test(force_at_rest),
+        cmocka_unit_test(step_limit),     cmocka_unit_test(not_settled),      cmocka_unit_test(same_bits_after_restore),
+        cmocka_unit_test(other_division), cmocka_unit_test(hostile_snapshot), cmocka_unit_test(same_rest),
+        cmocka_unit_test(stable),         cmocka_unit_test(contact),          cmocka_unit_test(let_go_beside)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
