@@ -76,14 +76,14 @@ static bool row_before(const tm_contact_row *a, const tm_contact_row *b) {
 static void remember_depth(tm_contact *contact) {
     for (int32_t t = 0; t < contact->tool_count; t++) {
         memset(contact->tool[t].station_depth_m, 0, sizeof contact->tool[t].station_depth_m);
-        memset(contact->tool[t].station_N, 0, sizeof contact->tool[t].station_N);
+        contact->tool[t].bears_N = 0;
     }
     for (int32_t i = 0; i < contact->row_count_before; i++) {
         const tm_contact_row *row = contact->row_before + i;
         tm_tool *tool = contact->tool + row->instrument;
         double depth = tm_skin_depth(contact->def.skin_compliance_m_N / row->share, tool->def.radius_m, row->lambda_N);
         tool->station_depth_m[row->station] = vmax(tool->station_depth_m[row->station], depth);
-        tool->station_N[row->station] += row->lambda_N;
+        tool->bears_N += row->lambda_N;
     }
 }
 

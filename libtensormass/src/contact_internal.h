@@ -31,7 +31,7 @@ typedef struct tm_tool {
     bool leaving;                            /* not clear, but its axis is outside */
     bool pierced;                            /* was placed inside: clear again when nothing is within its radius */
     double station_depth_m[TM_MAX_STATIONS]; /* how far its skin was pressed in at the last substep */
-    double station_N[TM_MAX_STATIONS];       /* what it bore then */
+    double bears_N;                          /* what all its rows bore then */
     /* broad phase */
     tm_local_surface *surface;
     tm_capsule gathered_at;

@@ -9,7 +9,7 @@
 
 /* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped, a piece of
  * surface that another tool pulled into this one) is undone no faster than this, or it would be thrown out. Above any
- * speed of a hand. No hand does that work, so its power is bounded too: a station that bears 1 N moves out at 20 mm/s.
+ * speed of a hand. No hand does that work, so its power is bounded too: a tool that bears 1 N moves out at 20 mm/s.
  */
 #define RECOVERY_M_S 0.5
 #define RECOVERY_W 0.02
@@ -57,7 +57,7 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
     }
     /* what was too deep before the tool moved, and is not yet to be undone */
     double left = row->gap_m + vdot(row->normal, r->moved_m) + tool->station_depth_m[row->station] +
-                  recovery_m_s(tool->station_N[row->station]) * world->state.dt_s;
+                  recovery_m_s(tool->bears_N) * world->state.dt_s;
     r->gap_m = row->gap_m - vmin(left, 0);
 }
 
