@@ -95,14 +95,11 @@ static void take_over(hrt_controller *c, const hrt_sample *newest) {
 }
 
 static void read_simulation(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_sample *newest) {
-    static const uint32_t limit[] = {[HRT_RULE_FORCE_ONLY] = HRT_LIMIT_DOUBT,
-                                     [HRT_RULE_NOT_FRESH] = HRT_LIMIT_HELD,
-                                     [HRT_RULE_FADE] = HRT_LIMIT_UNSTABLE,
-                                     [HRT_RULE_REFUSE] = HRT_LIMIT_UNSTABLE};
     if ((int)in->extrapolator >= 0 && in->extrapolator < HRT_EXTRAPOLATOR_COUNT)
         hrt_extrapolation_select(&c->extrapolation, in->extrapolator);
     if (newest && c->state != HRT_FAULT && sample_wanted(c, now_us, newest)) take_over(c, newest);
-    if (c->sample_seen) c->limits |= limit[c->sample_rule];
+    /* Their bits stand in the rules' order. */
+    if (c->sample_seen && c->sample_rule != HRT_RULE_TAKE) c->limits |= 2u * HRT_LIMIT_DOUBT >> c->sample_rule;
 }
 
 /* Two controllers on one device push in turn: neither may. What was heard before this state began is over: a bus that

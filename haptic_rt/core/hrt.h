@@ -216,10 +216,10 @@ typedef struct hrt_sample {
     int64_t t_us;         /* echoed, this controller's clock */
     uint32_t seq;         /* modulo 2^32 */
     int32_t topology_revision;
-    uint32_t flags;         /* hrt_flag */
     int32_t stiffness_kind; /* 0 none, 1 estimated, 2 exact */
     bool unilateral;        /* a probe: tissue pushes, never pulls */
     bool stiffness_bounded; /* set by hrt_sample_check when it scaled the stiffness down */
+    uint16_t flags;         /* hrt_flag */
     float tip_m[3];
     float force_N[3];
     float stiffness_N_m[9]; /* dF/dP, row-major */
@@ -388,10 +388,10 @@ typedef struct hrt_controller {
     float joint[HRT_JOINTS], tip_m[3], velocity_m_s[3], joint_velocity[HRT_JOINTS];
     /* simulation */
     bool sample_seen;
+    uint8_t sample_rule; /* hrt_flag_rule of the newest */
     int64_t sim_session;
     uint32_t sample_seq;
-    int64_t sample_us;         /* t_n of the newest that counts as fresh */
-    hrt_flag_rule sample_rule; /* of the newest */
+    int64_t sample_us; /* t_n of the newest that counts as fresh */
     hrt_extrapolation extrapolation;
     /* output stage */
     float gain;

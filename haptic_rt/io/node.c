@@ -112,7 +112,7 @@ static void convert(const hrt_node *node, const hrt_force_sample *m, hrt_sample 
     s->t_us = m->tool_utime;
     s->seq = m->seq;
     s->topology_revision = m->topology_revision;
-    s->flags = (uint32_t)m->flags;
+    s->flags = m->flags >= 0 && m->flags <= UINT16_MAX ? (uint16_t)m->flags : UINT16_MAX; /* unknown, if so many */
     s->stiffness_kind = m->stiffness_kind;
     s->unilateral = node->config.mode != 1;
     for (int i = 0; i < 3; i++) {
