@@ -273,6 +273,20 @@ def record_begin_us(a, instrument):
     return min(lead) + load(a.out / f"controller{instrument}.json")["start_us"]
 
 
+def replayed(a, instrument, law):
+    """What another law would have rendered on the same samples: seconds on the controller's clock, and newtons. Empty where the log cannot be judged."""
+    path = a.out / "forces.csv"
+    if not path.exists():
+        command = [str(a.build / "bin" / "tm-evaluate"), str(a.out / "demo.lcm"), "--forces", str(path)]
+        with open(a.out / "evaluate.txt", "w") as words:
+            if subprocess.run(command, stdout=words, stderr=subprocess.STDOUT).returncode:
+                return [], []
+    begin_us = load(a.out / f"controller{instrument}.json")["start_us"]
+    with open(path) as file:
+        rows = [r for r in csv.DictReader(file) if r["instrument"] == str(instrument)]
+    return ([(int(r["tool_us"]) - begin_us) * 1e-6 for r in rows], [math.hypot(*(float(r[f"{law}_f{axis}_N"]) for axis in "xyz")) for r in rows])
+
+
 def plot(a, s):
     import matplotlib
 
@@ -285,7 +299,10 @@ def plot(a, s):
         t, f = ticks(a.out / f"ticks{i}.csv")
         ts, fs = samples(a, i, record_begin_us(a, i))
         peak = max(range(len(f)), key=f.__getitem__)
+        other = "hold" if s["instruments"][i]["extrapolator"] == "position" else "position"
+        to, fo = replayed(a, i, other)
         for axis in row:
+            axis.plot(to, fo, color="#a0a0a0", linewidth=0.8, label=f"`{other}` on the same samples")
             axis.plot(t, f, color="#c05a1c", linewidth=1.1, label=f"controller, {(len(t) - 1) / max(t[-1] - t[0], 1e-9):.0f} Hz")
             axis.plot(ts, fs, "o", color="#245d80", markersize=2.6 if axis is row[0] else 5, label=f"simulation, {1 / s['frame_s']:.0f} Hz")
             axis.set_xlabel("time, s")

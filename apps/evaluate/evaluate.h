@@ -54,6 +54,7 @@ typedef struct recording {
     sampled *sample;
     double frame_s, peak_N;
     bool interpolated; /* the truth is the paper's: samples interpolated afterwards */
+    int64_t first_us;  /* of a log: its first tick on the controller's clock */
     int sessions;      /* of the controller in the log it was read from; the longest is this one */
     hrt_params params;
 } recording;

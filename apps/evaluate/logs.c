@@ -151,7 +151,7 @@ static void take_tool(reading *g, const tensormass_tool_state_t *m, int64_t logg
     if (m->session != g->session) return;
     clocks_add(&g->clocks, logged_us - m->utime);
     if (!g->started) {
-        g->started = true, g->first_us = m->utime;
+        g->started = true, g->first_us = r->first_us = m->utime;
         if (!g->origin_known)
             memcpy(g->origin, m->tip_m, sizeof g->origin); /* no patches then, and any point near by will do */
     }

@@ -21,6 +21,7 @@ static void usage(FILE *to) {
     for (int m = 0; m < MODEL_COUNT; m++) fprintf(to, " %s", model_name[m]);
     fprintf(to, "\n  --latency N     with LOG: hold samples back by N frames more\n"
                 "  --loss SHARE    with LOG: lose this share of the samples\n"
+                "  --forces FILE   with LOG: what each would have rendered, tick by tick, as CSV\n"
                 "  --quiet         no progress; --list names models and extrapolators\n"
                 "  -h, --help, --version\n\n"
                 "The studies' scenes are apps/scenes/evaluate-*.yaml, here or as installed.\n");
@@ -101,7 +102,23 @@ static bool evaluate_instrument(const char *file, const recording *r, int instru
     return true;
 }
 
-static int evaluate_log(const char *file, const conditions *c, cJSON *logs) {
+/* What each extrapolator would have rendered, tick by tick, on the controller's clock; `to` null: nobody asked. */
+static void write_forces(FILE *to, const recording *r, int instrument, const conditions *c) {
+    float *force[HRT_EXTRAPOLATOR_COUNT];
+    for (int x = 0; to && x < HRT_EXTRAPOLATOR_COUNT; x++) {
+        force[x] = calloc(3 * (size_t)r->ticks, sizeof *force[x]);
+        if (!force[x]) abort();
+        replay(r, (hrt_extrapolator)x, c, force[x]);
+    }
+    for (int k = 0; to && k < r->ticks; k++) {
+        fprintf(to, "%d,%lld", instrument, (long long)(r->first_us + (int64_t)k * TICK_US));
+        for (int x = 0; x < 3 * HRT_EXTRAPOLATOR_COUNT; x++) fprintf(to, ",%.6g", (double)force[x / 3][3 * k + x % 3]);
+        fputc('\n', to);
+    }
+    for (int x = 0; to && x < HRT_EXTRAPOLATOR_COUNT; x++) free(force[x]);
+}
+
+static int evaluate_log(const char *file, const conditions *c, FILE *forces, cJSON *logs) {
     char why[LOG_INSTRUMENTS][160];
     bool judged = false, there[LOG_INSTRUMENTS] = {0};
     for (int i = 0; i < LOG_INSTRUMENTS; i++) {
@@ -111,6 +128,7 @@ static int evaluate_log(const char *file, const conditions *c, cJSON *logs) {
         there[i] = r.ticks > 0 || i == 0;
         bool good = evaluate_instrument(file, &r, i, c, logs, why[i]);
         judged = judged || good;
+        if (good) write_forces(forces, &r, i, c);
         if (good) why[i][0] = 0;
         recording_free(&r);
     }
@@ -121,10 +139,19 @@ static int evaluate_log(const char *file, const conditions *c, cJSON *logs) {
                          why[0], there[1] ? "; " : "", there[1] ? why[1] : "");
 }
 
-static int evaluate_logs(char **log, int count, const conditions *c, const char *json) {
+static int evaluate_logs(char **log, int count, const conditions *c, const char *forces, const char *json) {
     cJSON *root = cJSON_CreateObject(), *logs = cJSON_AddArrayToObject(root, "logs");
-    int rc = 0;
-    for (int i = 0; i < count && !rc; i++) rc = evaluate_log(log[i], c, logs);
+    app_output output = {0};
+    tm_error error = {0};
+    int rc = forces && !app_output_begin(&output, forces, &error) ? app_report(NULL, 0, &error) : 0;
+    FILE *to = forces && !rc ? app_output_stream(&output) : NULL;
+    if (to) fputs("instrument,tool_us", to);
+    for (int x = 0; to && x < 3 * HRT_EXTRAPOLATOR_COUNT; x++)
+        fprintf(to, ",%s_f%c_N", hrt_extrapolator_name((hrt_extrapolator)(x / 3)), 'x' + x % 3);
+    if (to) fputc('\n', to);
+    for (int i = 0; i < count && !rc; i++) rc = evaluate_log(log[i], c, to, logs);
+    if (to && rc) app_output_abandon(&output);
+    if (to && !rc && !app_output_commit(&output, &error)) rc = app_report(NULL, 0, &error);
     if (!rc) rc = write_json(json, root);
     cJSON_Delete(root);
     return rc;
@@ -174,14 +201,20 @@ static int generate(const char *folder, const study_run *run) {
 }
 
 int main(int argc, char **argv) {
-    static const struct option options[] = {
-        {"study", no_argument, NULL, 's'},       {"generate", required_argument, NULL, 'g'},
-        {"json", required_argument, NULL, 'j'},  {"quick", no_argument, NULL, 'q'},
-        {"model", required_argument, NULL, 'm'}, {"latency", required_argument, NULL, 'l'},
-        {"loss", required_argument, NULL, 'o'},  {"help", no_argument, NULL, 'h'},
-        {"quiet", no_argument, NULL, 1000},      {"list", no_argument, NULL, 1001},
-        {"version", no_argument, NULL, 'v'},     {0}};
-    const char *json = NULL, *folder = NULL;
+    static const struct option options[] = {{"study", no_argument, NULL, 's'},
+                                            {"generate", required_argument, NULL, 'g'},
+                                            {"json", required_argument, NULL, 'j'},
+                                            {"quick", no_argument, NULL, 'q'},
+                                            {"model", required_argument, NULL, 'm'},
+                                            {"latency", required_argument, NULL, 'l'},
+                                            {"loss", required_argument, NULL, 'o'},
+                                            {"help", no_argument, NULL, 'h'},
+                                            {"quiet", no_argument, NULL, 1000},
+                                            {"forces", required_argument, NULL, 1002},
+                                            {"list", no_argument, NULL, 1001},
+                                            {"version", no_argument, NULL, 'v'},
+                                            {0}};
+    const char *json = NULL, *folder = NULL, *forces = NULL;
     study_run run = {0};
     conditions c = {.seed = 1};
     bool all = true, studying = false;
@@ -193,6 +226,7 @@ int main(int argc, char **argv) {
         switch (o) {
         case 's': studying = true; break;
         case 'g': folder = optarg; break;
+        case 1002: forces = optarg; break;
         case 'j': json = optarg; break;
         case 'q': run.quick = true; break;
         case 'm':
@@ -225,8 +259,8 @@ int main(int argc, char **argv) {
         return app_bad_input("tm-evaluate", 0, "name logs, or --study, or --generate DIR; see tm-evaluate --help");
     if (studying && !json)
         return app_bad_input("tm-evaluate", 0, "--study wants --json FILE; say where the figures go");
-    if (app_output_check(json)) return APP_BAD_INPUT;
+    if (app_output_check(json) || app_output_check(forces)) return APP_BAD_INPUT;
     if (studying) return study(&run, json);
     if (folder) return generate(folder, &run);
-    return evaluate_logs(argv + optind, argc - optind, &c, json);
+    return evaluate_logs(argv + optind, argc - optind, &c, forces, json);
 }

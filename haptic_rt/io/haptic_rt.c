@@ -58,7 +58,7 @@ static void usage(void) {
         "  --bus, --device ADDRESS  virtual:NAME or socketcan:INTERFACE\n"
         "  --instrument N           0 or 1: channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and the device's ids on the bus (0)\n"
         "  --mode NAME              probe, grasper or cautery (probe)\n"
-        "  --extrapolator NAME      hold, time, position, broyden, tangent, contact, paper_position (position)\n"
+        "  --extrapolator NAME      hold, time, position, broyden, tangent, contact, paper_position (contact)\n"
         "  --passivity              passivity control on\n"
         "  --coupling               virtual coupling on\n"
         "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   the trocar's pose, m, world; without them it is learned from SIM_STATUS\n"
