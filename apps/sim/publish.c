@@ -62,13 +62,10 @@ static int32_t sample_flags(uint32_t reaction_flags) {
     static const struct {
         uint32_t reaction;
         int32_t sample;
-    } pair[] = {{TM_REACTION_CAPPED, SIM_FLAG_CAPPED},
-                {TM_REACTION_OVERFLOWED, SIM_FLAG_OVERFLOWED},
-                {TM_REACTION_UNCONVERGED, SIM_FLAG_UNCONVERGED},
-                {TM_REACTION_HELD_OVER, SIM_FLAG_HELD_OVER},
-                {TM_REACTION_UNSTABLE, SIM_FLAG_UNSTABLE},
-                {TM_REACTION_TOO_FAST, SIM_FLAG_TOO_FAST},
-                {TM_REACTION_INSIDE, SIM_FLAG_INSIDE}};
+    } pair[] = {{TM_REACTION_CAPPED, SIM_FLAG_CAPPED},           {TM_REACTION_OVERFLOWED, SIM_FLAG_OVERFLOWED},
+                {TM_REACTION_UNCONVERGED, SIM_FLAG_UNCONVERGED}, {TM_REACTION_HELD_OVER, SIM_FLAG_HELD_OVER},
+                {TM_REACTION_UNSTABLE, SIM_FLAG_UNSTABLE},       {TM_REACTION_TOO_FAST, SIM_FLAG_TOO_FAST},
+                {TM_REACTION_INSIDE, SIM_FLAG_INSIDE},           {TM_REACTION_LETTING_GO, SIM_FLAG_LETTING_GO}};
     int32_t flags = 0;
     for (size_t i = 0; i < sizeof pair / sizeof *pair; ++i)
         if (reaction_flags & pair[i].reaction) flags |= pair[i].sample;

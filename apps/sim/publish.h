@@ -17,7 +17,8 @@ enum {
     SIM_FLAG_HELD_OVER = 32,
     SIM_FLAG_UNSTABLE = 64,
     SIM_FLAG_TOO_FAST = 128,
-    SIM_FLAG_INSIDE = 256
+    SIM_FLAG_INSIDE = 256,
+    SIM_FLAG_LETTING_GO = 512
 };
 
 typedef struct sim_publisher {

@@ -8,8 +8,7 @@ _Static_assert(ROUNDS % 2 == 0, "the last round's rows are to end up in the extr
 _Static_assert(HRT_PATCH_MAX_VERTICES <= 32, "a bit a vertex");
 /* The skin gives way up to this share of the radius and a twentieth as easily beyond (docs/contact.md). */
 static const float SKIN_TRAVEL = 0.3f, SKIN_HARDENING = 20.0f;
-static const int32_t FILM_PAUSE_US = 20000; /* after more than this the tool's speed is not known */
-static const float LITTLE = 0.1f;           /* change of the forces, squared */
+static const float LITTLE = 0.1f; /* change of the forces, squared */
 
 typedef struct solve {
     const hrt_patch *patch;
@@ -323,44 +322,35 @@ static bool on_edge(const solve *s, const hrt_contact_row *row) {
     return weight > 0.5f;
 }
 
-/* Of the tip since the last tick. */
-static hrt_v3 sliding_speed(hrt_extrapolation *x, int64_t now_us, const float tip_m[3]) {
+/* What the film drags with, of the reaction: its coefficient times the tip's speed since the last tick. */
+static hrt_v3 film_drag(hrt_extrapolation *x, int64_t now_us, const float tip_m[3]) {
     const hrt_v3 moved = hrt_minus(hrt_get(tip_m), hrt_get(x->film_tip_m));
-    const int64_t passed_us = now_us - x->film_us;
-    const bool known = x->film_us != 0 && passed_us > 0 && passed_us < FILM_PAUSE_US;
+    const float passed_us = (float)(uint32_t)(now_us - x->film_us);
     hrt_copy(x->film_tip_m, tip_m);
     x->film_us = now_us;
-    return hrt_times(known ? 1.0e6f / (float)(int32_t)passed_us : 0.0f, moved);
+    return hrt_times(1.0e6f * x->patch->film_s_m / hrt_max(passed_us, 1.0f), moved);
 }
 
-/* Reactions and the film's drag to the equivalent force at the tip of a tool that pivots about the origin; false when a
- * reaction is on the edge. */
-static bool gather(const solve *s, const float tip_m[3], hrt_v3 speed, float force_N[3]) {
+/* Reactions and the film's drag along the surface to the equivalent force at the tip of a tool that pivots about the
+ * origin; false when most of it is on the edge. */
+static bool gather(const solve *s, const float tip_m[3], hrt_v3 drag, float force_N[3]) {
     const hrt_v3 tip = hrt_get(tip_m);
     const float reach = hrt_size(tip);
     const hrt_v3 axis = hrt_times(1.0f / reach, tip);
     hrt_v3 force = {0.0f, 0.0f, 0.0f};
-    float borne_N = 0.0f, edge_N = 0.0f;
+    float along_N = 0.0f, on_edge_N = 0.0f; /* what is on the edge less what is not */
     for (int32_t r = 0; r < s->rows; r++) {
         const hrt_contact_row *row = &s->row[r];
         if (!(row->lambda_N > 0.0f)) continue;
-        borne_N += row->lambda_N;
-        if (on_edge(s, row)) edge_N += row->lambda_N;
+        on_edge_N += on_edge(s, row) ? row->lambda_N : -row->lambda_N;
         const hrt_v3 normal = hrt_get(row->normal);
+        const hrt_v3 push = hrt_plus(drag, hrt_times(1.0f - hrt_inner(drag, normal), normal));
         const float lever = 1.0f - (float)row->station * s->patch->radius_m / reach;
-        /* The station's speed, what of it slides along the surface, and the drag of that: never more than the reaction.
-         */
-        const float in = hrt_inner(speed, axis);
-        hrt_v3 slide = hrt_plus(hrt_times(lever, speed), hrt_times(in - lever * in, axis));
-        slide = hrt_minus(slide, hrt_times(hrt_inner(slide, normal), normal));
-        const hrt_v3 push =
-            hrt_plus(normal, hrt_times(hrt_min(s->patch->film_s_m, 1.0f / hrt_max(hrt_size(slide), 1.0e-6f)), slide));
-        const float into = hrt_inner(push, axis);
-        force = hrt_minus(
-            force, hrt_times(row->lambda_N, hrt_plus(hrt_times(lever, push), hrt_times(into - lever * into, axis))));
+        force = hrt_minus(force, hrt_times(row->lambda_N * lever, push));
+        along_N -= row->lambda_N * (1.0f - lever) * hrt_inner(push, axis);
     }
-    hrt_put(force, force_N);
-    return !(edge_N > 0.5f * borne_N);
+    hrt_put(hrt_plus(force, hrt_times(along_N, axis)), force_N);
+    return !(on_edge_N > 0.0f);
 }
 
 bool hrt_contact_force(hrt_extrapolation *x, int64_t now_us, const float tip_m[3], float force_N[3]) {
@@ -383,7 +373,7 @@ bool hrt_contact_force(hrt_extrapolation *x, int64_t now_us, const float tip_m[3
         if (!take_forces(&s, &x->mixing, k == 0)) hits.count = -1;
     }
     x->row_count = s.rows;
-    return gather(&s, tip_m, sliding_speed(x, now_us, tip_m), force_N);
+    return gather(&s, tip_m, film_drag(x, now_us, tip_m), force_N);
 }
 
 void hrt_contact_clear(hrt_extrapolation *x) {

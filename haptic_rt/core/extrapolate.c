@@ -169,7 +169,8 @@ void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, co
         x->now.stiffness_kind = 0;
         x->now.patch = NULL;
     }
-    x->have = x->have ? 2 : 1;
+    /* What opening jaws do to the force says nothing of how it follows the tool. */
+    x->have = x->have && ((x->now.flags | x->before.flags) & HRT_FLAG_LETTING_GO) == 0 ? 2 : 1;
     if (x->have == 2) update_broyden(x, params);
     take_patch(x, &x->now);
 }

@@ -6,8 +6,10 @@ static const uint16_t flags_of[HRT_RULE_REFUSE] = {
      * did not come is missed by itself. */
     [HRT_RULE_TAKE] = HRT_FLAG_CAPPED | HRT_FLAG_OVERRAN | HRT_FLAG_PATCH,
     /* Rows are missing in stiffness and patch; derivatives are worse than the force that they are of; contact may have
-     * been missed on the way; a patch would push out a tool that touches nothing. */
-    [HRT_RULE_FORCE_ONLY] = HRT_FLAG_OVERFLOWED | HRT_FLAG_UNCONVERGED | HRT_FLAG_TOO_FAST | HRT_FLAG_INSIDE,
+     * been missed on the way; a patch would push out a tool that touches nothing; while jaws open the force falls
+     * without motion. */
+    [HRT_RULE_FORCE_ONLY] =
+        HRT_FLAG_OVERFLOWED | HRT_FLAG_UNCONVERGED | HRT_FLAG_TOO_FAST | HRT_FLAG_INSIDE | HRT_FLAG_LETTING_GO,
     /* An old force at a new place would bend every estimate. */
     [HRT_RULE_NOT_FRESH] = HRT_FLAG_HELD_OVER,
     /* There is no reaction. */
@@ -15,7 +17,7 @@ static const uint16_t flags_of[HRT_RULE_REFUSE] = {
 };
 
 hrt_flag_rule hrt_flags_rule(uint32_t flags) {
-    if (flags >= 2u * HRT_FLAG_INSIDE) return HRT_RULE_REFUSE;
+    if (flags >= 2u * HRT_FLAG_LETTING_GO) return HRT_RULE_REFUSE;
     int rule = HRT_RULE_FADE;
     while (rule > HRT_RULE_TAKE && (flags & flags_of[rule]) == 0u) rule--;
     return (hrt_flag_rule)rule;

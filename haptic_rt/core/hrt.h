@@ -195,7 +195,8 @@ typedef enum hrt_flag {
     HRT_FLAG_HELD_OVER = 32,
     HRT_FLAG_UNSTABLE = 64,
     HRT_FLAG_TOO_FAST = 128,
-    HRT_FLAG_INSIDE = 256
+    HRT_FLAG_INSIDE = 256,
+    HRT_FLAG_LETTING_GO = 512
 } hrt_flag;
 
 /* What the controller does about it, in rising order: of several flags the highest rule holds. */
@@ -304,8 +305,8 @@ typedef struct hrt_extrapolation {
     bool on_patch;
     const hrt_patch *patch; /* of the newest sample that brought one */
     int64_t patch_us;
-    float film_tip_m[3]; /* where the tool was when it was last solved against a patch, */
-    int64_t film_us;     /* and when; 0: not since the last law or reset */
+    float film_tip_m[3]; /* where the tool was when it was last solved against a patch */
+    int64_t film_us;     /* and when */
     int32_t row_count;
     hrt_contact_row row[HRT_CONTACT_ROWS];
     float patch_force_N[HRT_PATCH_DOFS]; /* what the rows do to the patch */

@@ -85,13 +85,13 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
     if (!hrt_finite_n(patch->vertex_m, n) || !hrt_finite_n(patch->rest_m, n) ||
         !hrt_finite_n(patch->compliance_m_N, n * (n + 1) / 2) || !hrt_finite(patch->radius_m) ||
         !hrt_finite(patch->force_cap_N) || !hrt_finite(patch->contact_length_m) ||
-        !hrt_finite(patch->skin_compliance_m_N) || !hrt_finite(patch->film_s_m))
+        !hrt_finite(patch->skin_compliance_m_N))
         return HRT_REJECT_NOT_FINITE;
     const float most = largest(patch->compliance_m_N, n * (n + 1) / 2);
     if (largest(patch->vertex_m, n) > 2.0f || largest(patch->rest_m, n) > 2.0f || most > 10.0f ||
         patch->radius_m < 1.0e-4f || patch->radius_m > 0.1f || patch->contact_length_m < 0.0f ||
         patch->contact_length_m > 1.0f || patch->skin_compliance_m_N < 0.0f || patch->skin_compliance_m_N > 10.0f ||
-        patch->film_s_m < 0.0f || patch->film_s_m > 10.0f || patch->force_cap_N > FORCE_HUGE_N)
+        !(patch->film_s_m >= 0.0f && patch->film_s_m <= 1.0f) || patch->force_cap_N > FORCE_HUGE_N)
         return HRT_REJECT_HUGE;
     for (int32_t i = 0; i < n * (n + 1) / 2; i++) scratch[i] = patch->compliance_m_N[i];
     if (!semidefinite(scratch, n, most)) return HRT_REJECT_ASYMMETRIC;

@@ -396,7 +396,8 @@ int32_t tms_local_update(tms_local *l, const tm_tool_pose *pose) {
 
 uint32_t tms_local_flags(const tms_local *l, int32_t t) {
     return (l->now.capped[t] ? TM_REACTION_CAPPED : 0u) | (l->tool[t].overflowed ? TM_REACTION_OVERFLOWED : 0u) |
-           (l->converged ? 0u : TM_REACTION_UNCONVERGED);
+           (l->converged ? 0u : TM_REACTION_UNCONVERGED) |
+           (l->hold[t].state == TM_GRASP_LETTING_GO ? TM_REACTION_LETTING_GO : 0u);
 }
 
 tm_tool_reaction tms_local_reaction(const tms_local *l, int32_t t) {

@@ -187,6 +187,16 @@ static void sum_reactions(tm_contact *contact) {
     }
 }
 
+static void mark_letting_go(tm_contact *contact) {
+    for (int32_t t = 0; t < contact->tool_count && contact->guest.held; t++) {
+        const int32_t *vertex;
+        const double *target_m;
+        double compliance_m_N;
+        if (contact->guest.held(contact->guest.self, t, &vertex, &target_m, &compliance_m_N) < 0)
+            contact->tool[t].flags |= TM_REACTION_LETTING_GO;
+    }
+}
+
 /* A number that is not finite is no force: none at all, and a mark that the step fails by. */
 static void disown(tm_contact *contact) {
     for (int32_t t = 0; t < contact->tool_count; t++) {
@@ -237,6 +247,7 @@ static void run(void *self, tm_world *world) {
         tm_contact_project(contact);
     }
     sum_reactions(contact);
+    mark_letting_go(contact);
     disown(contact);
     average(contact);
 }

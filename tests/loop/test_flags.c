@@ -49,8 +49,8 @@ static void press(hrt_extrapolator which) {
 
 static const int32_t whole[] = {0, HRT_FLAG_CAPPED, HRT_FLAG_OVERRAN, HRT_FLAG_PATCH,
                                 HRT_FLAG_CAPPED | HRT_FLAG_OVERRAN | HRT_FLAG_PATCH};
-static const int32_t force_only[] = {HRT_FLAG_OVERFLOWED, HRT_FLAG_UNCONVERGED, HRT_FLAG_TOO_FAST, HRT_FLAG_INSIDE,
-                                     HRT_FLAG_INSIDE | HRT_FLAG_CAPPED};
+static const int32_t force_only[] = {HRT_FLAG_OVERFLOWED, HRT_FLAG_UNCONVERGED, HRT_FLAG_TOO_FAST,
+                                     HRT_FLAG_INSIDE,     HRT_FLAG_LETTING_GO,  HRT_FLAG_INSIDE | HRT_FLAG_CAPPED};
 
 static void taken_whole(void **state) {
     (void)state;
@@ -183,7 +183,7 @@ static void one_unstable_frame(void **state) {
 static void unknown_flags_are_no_sample(void **state) {
     (void)state;
     press(HRT_POSITION);
-    for (int bit = 9; bit < 32; bit++) {
+    for (int bit = 10; bit < 32; bit++) {
         hrt_force_sample s = loop_sample(&l, &l.tool);
         s.seq += 1;
         s.flags = (int32_t)(1u << bit);
@@ -191,7 +191,7 @@ static void unknown_flags_are_no_sample(void **state) {
     }
     assert_int_equal(hrt_flags_rule(0), HRT_RULE_TAKE);
     assert_int_equal(hrt_flags_rule(511), HRT_RULE_FADE);
-    assert_int_equal(hrt_flags_rule(512), HRT_RULE_REFUSE);
+    assert_int_equal(hrt_flags_rule(1024), HRT_RULE_REFUSE);
 }
 
 int main(void) {

@@ -72,7 +72,8 @@ typedef enum tm_reaction_flag {
     TM_REACTION_HELD_OVER = 8,   /* the reaction of before, given again */
     TM_REACTION_UNSTABLE = 16,   /* no reaction: the step that was to give it failed */
     TM_REACTION_TOO_FAST = 32,   /* it moved more than TM_TOO_FAST radii in a substep: it may have missed tissue */
-    TM_REACTION_INSIDE = 64      /* it appeared inside the tissue and touches nothing until it has left it */
+    TM_REACTION_INSIDE = 64,     /* it appeared inside the tissue and touches nothing until it has left it */
+    TM_REACTION_LETTING_GO = 128 /* its jaws open: the force falls although nothing moves */
 } tm_reaction_flag;
 
 /* Frame averages, as the controller wants them: over the last `average` substeps of the frame. */
