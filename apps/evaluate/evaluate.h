@@ -14,20 +14,34 @@ enum { TICK_US = 2000 };
 
 /* --- the hand's path --- */
 
+/* The surgeon's tour; short strokes to and fro; and what two hands do to tissue that is cut or held:
+ * the tour while a cautery in the other hand cuts a slit beside it, a cautery's own way, a grasper's. */
+typedef enum path_kind {
+    PATH_TOUR,
+    PATH_REVERSALS,
+    PATH_OTHER_HAND_CUTS,
+    PATH_SAME_HAND_CUTS,
+    PATH_GRASPED,
+    PATH_COUNT
+} path_kind;
+extern const char *const path_name[PATH_COUNT];
+
 typedef struct path {
+    path_kind kind;
     double entry_m[3]; /* where the tip's sphere touches the surface */
     double speed_m_s;  /* mean along each stroke */
     double depth_m;    /* the deepest press; strokes scale with it */
     double tremor_m; /* 0: a steady hand; else three incommensurate tones about 9 Hz, RMS about half of this along each
                         axis */
-    bool reversals;  /* short strokes to and fro instead of the surgeon's tour */
 } path;
 
-/* Minimum-jerk strokes: contact made, press, slide, slide across, reverse, pause, deeper, lift off, touch again. */
-path path_make(double speed_m_s, double tremor_m);
-path path_reversals(double speed_m_s, double tremor_m);
+/* Minimum-jerk strokes; the tour: contact made, press, slide, slide across, reverse, pause, deeper, lift off, touch
+ * again. */
+path path_make(path_kind kind, double speed_m_s, double tremor_m);
 double path_length_s(const path *p);
-void path_tip(const path *p, double time_s, double tip_m[3]);
+/* Where a hand (1: the other, without tremor) wants its instrument. A pedal is down or up for whole twentieths of a
+ * second, so that models of different frame rates see the same. */
+tm_tool_pose path_pose(const path *p, int hand, double time_s);
 
 /* --- models --- */
 
@@ -38,6 +52,28 @@ extern const char *const model_name[MODEL_COUNT];
 sim *model_open(model m, double rate_Hz, const char *const *settings);
 
 /* --- recordings --- */
+
+/* Tetrahedra removed along a path, in the order of their times (on the path's clock). */
+typedef struct cut_list {
+    int count, capacity;
+    double *time_s;
+    int32_t *tet;
+} cut_list;
+/* What the simulation's last frame cut, all at one time. */
+void cut_list_take(cut_list *list, const sim *s, double time_s);
+void cut_list_free(cut_list *list);
+/* Whether anything went in (from_s, to_s]. */
+bool cut_list_between(const cut_list *list, double from_s, double to_s);
+/* How many of `a` are in `b`. */
+int cut_list_shared(const cut_list *a, const cut_list *b);
+
+/* From now on frames of a dynamic model remove the list's tetrahedra at their times. Free it after sim_destroy. */
+typedef struct cut_replay {
+    sim_model model;
+    const cut_list *list;
+    int next;
+} cut_replay;
+void cut_replay_begin(cut_replay *replay, const cut_list *list, sim *s);
 
 typedef struct sampled {
     hrt_sample sample; /* t_us = t_n; positions relative to the trocar */
@@ -57,6 +93,8 @@ typedef struct recording {
     int64_t first_us;  /* of a log: its first tick on the controller's clock */
     int sessions;      /* of the controller in the log it was read from; the longest is this one */
     hrt_params params;
+    cut_list cuts;          /* what the model cut along the path */
+    const cut_list *replay; /* null: cauteries cut; else they do not, and these go at their times */
 } recording;
 void recording_free(recording *r);
 
@@ -83,10 +121,15 @@ typedef struct conditions {
 typedef struct errors {
     double rms, peak;           /* of the vector error over the true peak */
     double jump_peak, jump_p99; /* change of the force from tick to tick over the true peak */
+    double jump_arrival;        /* the largest in a tick at which a sample arrived, or the tick after it */
+    double jump_true;           /* the largest of the true force */
     double direction_rad;       /* RMS angle where the true force exceeds a tenth of its peak */
     double over_limit;          /* largest force over the device's limit, before any limiter */
     int judged;                 /* ticks */
     double off_patch;           /* share of ticks in contact that `contact` had to leave to `tangent` */
+    double cut_since_error2;    /* share of the squared error in ticks before which, after the sample in use, tissue was
+                                   cut: nobody at the hand can know of it */
+    double cut_since_ticks;     /* those ticks' share */
     double ns_per_tick;         /* median */
 } errors;
 
@@ -110,14 +153,29 @@ bool patch_from_message(const tensormass_contact_patch_t *m, const double origin
 
 typedef struct study_run {
     bool quick;
-    bool model[MODEL_COUNT]; /* which can run in this build */
+    bool model[MODEL_COUNT], path[PATH_COUNT]; /* which were asked for */
 } study_run;
 
 cJSON *study_roughness(const study_run *r);
 cJSON *study_rates(const study_run *r); /* rate, speed, latency, jitter, loss, encoders, models, reversals, figure 5 */
+/* Adds to the rows of study_rates: cut by the other hand and by the same, grasped and pulled. 0, or an exit code. */
+int study_hands(const study_run *r, cJSON *rows);
 cJSON *study_loop(const study_run *r);
 cJSON *errors_json(const errors *e);
 cJSON *add_row(cJSON *rows);
+
+/* Of a row: how it was made. */
+typedef struct setting {
+    const char *model, *path;
+    double rate, speed, tremor;
+    bool encoders;
+} setting;
+/* One row, and one for each extrapolator. */
+void add_error(cJSON *rows, const recording *r, const setting *s, const conditions *c, const char *truth,
+               hrt_extrapolator which, const char *name);
+void add_errors(cJSON *rows, const recording *r, const setting *s, const conditions *c, const char *truth);
+/* `out` gets ticks, tip and truth of `truth`. */
+void copy_truth(const recording *truth, recording *out);
 void progress(const char *what, double fraction);
 
 #endif

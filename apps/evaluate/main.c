@@ -19,6 +19,10 @@ static void usage(FILE *to) {
                 "  --quick         with --study: fewer rates, speeds and depths\n"
                 "  --model NAME    with --study, --generate: only this one (may be repeated):");
     for (int m = 0; m < MODEL_COUNT; m++) fprintf(to, " %s", model_name[m]);
+    fprintf(
+        to,
+        "\n  --path NAME     with --study: errors on this path alone, nothing else (may be repeated):\n                 ");
+    for (int p = 0; p < PATH_COUNT; p++) fprintf(to, " %s", path_name[p]);
     fprintf(to, "\n  --latency N     with LOG: hold samples back by N frames more\n"
                 "  --loss SHARE    with LOG: lose this share of the samples\n"
                 "  --forces FILE   with LOG: what each would have rendered, tick by tick, as CSV\n"
@@ -30,6 +34,8 @@ static void usage(FILE *to) {
 static void list(void) {
     printf("models");
     for (int m = 0; m < MODEL_COUNT; m++) printf(" %s", model_name[m]);
+    printf("\npaths");
+    for (int p = 0; p < PATH_COUNT; p++) printf(" %s", path_name[p]);
     printf("\nextrapolators");
     for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) printf(" %s", hrt_extrapolator_name((hrt_extrapolator)x));
     printf("\n");
@@ -157,34 +163,33 @@ static int evaluate_logs(char **log, int count, const conditions *c, const char 
     return rc;
 }
 
-static int study(const study_run *run, const char *json) {
-    cJSON *root = cJSON_CreateObject(), *part;
-    int rc = APP_FAILED;
+/* Adds a study's part to the figures. */
+static bool add_part(cJSON *root, const char *name, cJSON *part) {
+    if (part) cJSON_AddItemToObject(root, name, part);
+    return part != NULL;
+}
+
+static int study(const study_run *run, bool whole, const char *json) {
+    cJSON *root = cJSON_CreateObject();
     cJSON_AddBoolToObject(root, "quick", run->quick);
-    if ((part = study_roughness(run))) {
-        cJSON_AddItemToObject(root, "roughness", part);
-        if ((part = study_rates(run))) {
-            cJSON_AddItemToObject(root, "rates", part);
-            if ((part = study_loop(run))) {
-                cJSON_AddItemToObject(root, "loop", part);
-                cJSON_AddNumberToObject(root, "bandwidth_B_s", app_bandwidth_B_s(4 << 20, 15));
-                rc = write_json(json, root);
-            }
-        }
-    }
+    bool good = !whole || add_part(root, "roughness", study_roughness(run));
+    good = good && add_part(root, "rates", study_rates(run));
+    good = good && (!whole || add_part(root, "loop", study_loop(run)));
+    cJSON_AddNumberToObject(root, "bandwidth_B_s", good && whole ? app_bandwidth_B_s(4 << 20, 15) : 0);
+    int rc = good ? write_json(json, root) : APP_FAILED;
     app_progress("", 1, true);
     cJSON_Delete(root);
     return rc;
 }
 
-static int generate_one(const char *folder, model m, bool reversals) {
-    path p = reversals ? path_reversals(0.05, 0) : path_make(0.01, 40e-6);
+static int generate_one(const char *folder, model m, path_kind kind) {
+    path p = kind == PATH_REVERSALS ? path_make(kind, 0.05, 0) : path_make(kind, 0.01, 40e-6);
     recording r = {0};
     char file[1024];
     int rc = record_truth(m, &p, true, &r);
     if (!rc) rc = record(m, &p, 20, true, true, &r);
     sim *s = rc ? NULL : model_open(m, 20, NULL);
-    snprintf(file, sizeof file, "%s/%s-%s.lcm", folder, model_name[m], reversals ? "reversals" : "tour");
+    snprintf(file, sizeof file, "%s/%s-%s.lcm", folder, model_name[m], path_name[kind]);
     if (!rc) rc = s ? log_write(file, &r, s->instrument_def[0].trocar_m) : APP_FAILED;
     if (!rc && !app_is_quiet()) printf("%s\n", file);
     sim_destroy(s);
@@ -195,8 +200,8 @@ static int generate_one(const char *folder, model m, bool reversals) {
 static int generate(const char *folder, const study_run *run) {
     int rc = 0;
     for (int m = 0; m < MODEL_COUNT && !rc; m++)
-        for (int reversals = 0; reversals < 2 && run->model[m] && !rc; reversals++)
-            rc = generate_one(folder, (model)m, reversals != 0);
+        for (int kind = PATH_TOUR; kind <= PATH_REVERSALS && run->model[m] && !rc; kind++)
+            rc = generate_one(folder, (model)m, (path_kind)kind);
     return rc;
 }
 
@@ -206,6 +211,7 @@ int main(int argc, char **argv) {
                                             {"json", required_argument, NULL, 'j'},
                                             {"quick", no_argument, NULL, 'q'},
                                             {"model", required_argument, NULL, 'm'},
+                                            {"path", required_argument, NULL, 'p'},
                                             {"latency", required_argument, NULL, 'l'},
                                             {"loss", required_argument, NULL, 'o'},
                                             {"help", no_argument, NULL, 'h'},
@@ -217,7 +223,7 @@ int main(int argc, char **argv) {
     const char *json = NULL, *folder = NULL, *forces = NULL;
     study_run run = {0};
     conditions c = {.seed = 1};
-    bool all = true, studying = false;
+    bool all = true, whole = true, studying = false;
     char *rest;
     app_check_stdout();
     opterr = 0; /* the message is ours */
@@ -233,6 +239,11 @@ int main(int argc, char **argv) {
             while (m < MODEL_COUNT && strcmp(model_name[m], optarg) != 0) m++;
             if (m == MODEL_COUNT) return app_bad_input("tm-evaluate", 0, "no model '%s'; --help lists them", optarg);
             run.model[m] = true, all = false;
+            break;
+        case 'p':
+            while (m < PATH_COUNT && strcmp(path_name[m], optarg) != 0) m++;
+            if (m == PATH_COUNT) return app_bad_input("tm-evaluate", 0, "no path '%s'; --help lists them", optarg);
+            run.path[m] = true, whole = false;
             break;
         case 'l':
             c.latency_frames = (int)strtol(optarg, &rest, 10);
@@ -255,12 +266,13 @@ int main(int argc, char **argv) {
         }
     }
     for (int m = 0; m < MODEL_COUNT; m++) run.model[m] = run.model[m] || all;
+    for (int p = 0; p < PATH_COUNT; p++) run.path[p] = run.path[p] || whole;
     if (studying + (folder != NULL) + (optind < argc) != 1)
         return app_bad_input("tm-evaluate", 0, "name logs, or --study, or --generate DIR; see tm-evaluate --help");
     if (studying && !json)
         return app_bad_input("tm-evaluate", 0, "--study wants --json FILE; say where the figures go");
     if (app_output_check(json) || app_output_check(forces)) return APP_BAD_INPUT;
-    if (studying) return study(&run, json);
+    if (studying) return study(&run, whole, json);
     if (folder) return generate(folder, &run);
     return evaluate_logs(argv + optind, argc - optind, &c, forces, json);
 }

@@ -8,6 +8,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "pages"))
+from aims import aims  # noqa: E402
 from page import Page, label_line, series  # noqa: E402
 
 NAMES = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position"]
@@ -120,6 +121,25 @@ def rates(page, rows, models):
     page.table("latency", ["model", "frames late", *NAMES], table, "RMS error in % of peak at 20 Hz, 0.01 m/s, tremor on.")
 
 
+def hands(page, rows):
+    """Paths in which tissue is cut or held while it is felt."""
+    own = [r for r in rows if "cut_true" in r]
+    if not own:
+        return
+    page.section("Cut and held", "The isotropic model at 20 Hz while the other hand cuts a slit beside the tool, while the tool itself is the cautery, and in a grasper that lifts and pulls. "
+                 "Cuts at 20 Hz are the truth's, at the same simulated times; in the paths named <i>own cuts</i> the cautery cuts for itself in both runs.")
+    paths = list(dict.fromkeys(r["path"] for r in own))
+    at = lambda path, late: {r["extrapolator"]: r for r in own if r["path"] == path and r["latency_frames"] == late}
+    page.table("hands", ["path", "frames late", *NAMES, "contact, unbridged"],
+               [[path, late, *(100 * e[n]["rms"] if n in e else "" for n in [*NAMES, "contact-unbridged"])] for path in paths for late in (0, 1, 2) for e in [at(path, late)]],
+               "RMS error in % of peak. Unbridged: <code>contact</code> going over to another cut state at once.")
+    page.table("hands_details", ["path", "frames late", "cut", "of these by both", "true jump per tick %", "contact's at an arrival %", "position's at an arrival %",
+                                 "contact's squared error in ticks with a cut after its sample %", "such ticks %", "off the patch %"],
+               [[path, late, e["contact"]["cut_true"], e["contact"]["cut_shared"], 100 * e["contact"]["jump_true"], 100 * e["contact"]["jump_arrival"], 100 * e["position"]["jump_arrival"],
+                 100 * e["contact"]["cut_since_error2"], 100 * e["contact"]["cut_since_ticks"], 100 * e["contact"]["off_patch"]] for path in paths for late in (0, 1, 2) for e in [at(path, late)]],
+               "What was cut after the sample in use nobody at the hand can know: where nearly all of the squared error lies there, only more samples a second would help.")
+
+
 def worse_words(rows, model, key):
     """What the worst circumstance does to the best extrapolator and to `hold`."""
     found = by_name(pick(rows, model=model, **{key: ...}), key)
@@ -177,6 +197,17 @@ def loop(page, data):
     return {"hold_N_m": at["hold"], "best": best, "best_N_m": at[best], "ratio": at[best] / at["hold"]}
 
 
+def torture(page, path):
+    """Rows of `make stability` that a hand notices first."""
+    cases = json.loads(path.read_text())["cases"] if path else []
+    page.section("Torture tests", "What hands notice first, of <code>make stability</code>; there are the others. " + ("" if cases else "<b>Not run here.</b>"))
+    if cases:
+        page.table("torture", ["what", "figure", "aim, at most", "measured", "in words", "repeat with", "verdict"],
+                   [[c["what"], c["figure_name"], float(c["bound"]), float(c["figure"]), c["text"], c["command"], "met" if c["good"] else "missed"] for c in cases],
+                   mark=lambda row: "good" if row[-1] == "met" else "bad")
+    page.record("torture", cases)
+
+
 def claims(rows, models, loop_facts):
     """What issue and paper ask, as numbers and plain truth values."""
     out = {"closed_loop": {**loop_facts, "ten_times_hold": loop_facts["ratio"] >= 10}}
@@ -226,6 +257,7 @@ def main():
     arguments = argparse.ArgumentParser(description=__doc__)
     arguments.add_argument("figures")
     arguments.add_argument("-o", "--out", required=True)
+    arguments.add_argument("--torture", type=pathlib.Path, help="verdicts of tm-stability, shown beside")
     options = arguments.parse_args()
     data = json.loads(pathlib.Path(options.figures).read_text())
     rows = data["rates"]["rows"]
@@ -240,6 +272,9 @@ def main():
     loop_facts = loop(page, data["loop"])
     facts = claims(rows, models, loop_facts)
     claims_table(page, facts, rows, models)
+    hands(page, rows)
+    page.record("aims", aims(page, data, pick))
+    torture(page, options.torture)
     for key in ("roughness", "loop"):
         page.record(key, data[key])
     page.record("rows", rows)

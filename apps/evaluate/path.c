@@ -4,22 +4,40 @@
 
 #include "evaluate.h"
 
-/* Millimetres from the touching point: along the surface x, y; into the tissue z (negative: in the air); a stroke of
- * zero length is a pause. */
-static const double tour[][3] = {{0, 0, -3},  {0, 0, 3},   {6, 0, 3},   {6, 0, 3},  {2, 3, 3},
-                                 {-4, 3, 5},  {-4, 3, 5},  {-4, -3, 4}, {3, -4, 4}, {3, -4, 2},
-                                 {3, -4, -2}, {1, -1, -2}, {1, -1, 4},  {-3, 2, 2}, {0, 0, -3}};
-static const double to_and_fro[][3] = {{0, 0, -3}, {0, 0, 3}, {0, 0, 1},   {0, 0, 4}, {0, 0, 2}, {3, 0, 3},
-                                       {-3, 0, 3}, {2, 2, 3}, {-2, -2, 4}, {0, 0, 1}, {0, 0, 4}, {0, 0, -3}};
-enum { TOUR = sizeof tour / sizeof *tour, TO_AND_FRO = sizeof to_and_fro / sizeof *to_and_fro };
-static const double PAUSE_S = 0.4, DEEPEST_MM = 5;
+const char *const path_name[PATH_COUNT] = {"tour", "reversals", "other-hand-cuts", "same-hand-cuts",
+                                           "grasped-and-pulled"};
+
+/* Millimetres from the touching point: along the surface x, y; into the tissue z (negative: in the air); the grip
+ * there; whether the pedal is down from there on. A stroke of zero length is a pause. */
+enum { COLUMNS = 5, GRIP = 3, PEDAL = 4 };
+static const double tour[][COLUMNS] = {{0, 0, -3},  {0, 0, 3},   {6, 0, 3},   {6, 0, 3},  {2, 3, 3},
+                                       {-4, 3, 5},  {-4, 3, 5},  {-4, -3, 4}, {3, -4, 4}, {3, -4, 2},
+                                       {3, -4, -2}, {1, -1, -2}, {1, -1, 4},  {-3, 2, 2}, {0, 0, -3}};
+static const double to_and_fro[][COLUMNS] = {{0, 0, -3}, {0, 0, 3}, {0, 0, 1},   {0, 0, 4}, {0, 0, 2}, {3, 0, 3},
+                                             {-3, 0, 3}, {2, 2, 3}, {-2, -2, 4}, {0, 0, 1}, {0, 0, 4}, {0, 0, -3}};
+static const double cautery[][COLUMNS] = {{0, 0, -3}, {0, 0, 3},        {0, 0, 3, 0, 1}, {6, 0, 3},
+                                          {6, 0, 6},  {6, 0, 6, 0, 1},  {0, 2, 6},       {0, 2, 6},
+                                          {-4, 2, 5}, {-4, 2, 5, 0, 1}, {-4, -3, 5},     {-4, -3, -3}};
+static const double grasper[][COLUMNS] = {{0, 0, -3},    {0, 0, 3},     {0, 0, 3, 1}, {0, 0, -3, 1}, {5, 0, -3, 1},
+                                          {5, 0, -3, 1}, {2, 3, -2, 1}, {0, 0, 1, 1}, {0, 0, 1},     {0, 0, -5}};
+/* The other hand's slit: to the tool's right, along and back deeper. */
+static const double slit[][COLUMNS] = {
+    {10, -12, -4}, {10, -12, 4, 0, 1}, {10, 12, 4, 0, 1}, {10, -10, 7}, {10, -10, -4}};
+static const double PAUSE_S = 0.4, DEEPEST_MM = 5, PEDAL_S = 0.05;
 
 typedef struct stroke {
-    const double (*point)[3];
+    const double (*point)[COLUMNS];
     int count;
 } stroke;
 
-static stroke strokes(const path *p) { return p->reversals ? (stroke){to_and_fro, TO_AND_FRO} : (stroke){tour, TOUR}; }
+#define STROKE(table)                                                                                                  \
+    { table, sizeof table / sizeof *table }
+static stroke strokes(const path *p, int hand) {
+    static const stroke first[PATH_COUNT] = {STROKE(tour), STROKE(to_and_fro), STROKE(tour), STROKE(cautery),
+                                             STROKE(grasper)},
+                        other = STROKE(slit);
+    return hand ? other : first[p->kind];
+}
 
 static double leg_s(const path *p, const double *a, const double *b) {
     double d = sqrt((b[0] - a[0]) * (b[0] - a[0]) + (b[1] - a[1]) * (b[1] - a[1]) + (b[2] - a[2]) * (b[2] - a[2])) *
@@ -28,21 +46,18 @@ static double leg_s(const path *p, const double *a, const double *b) {
 }
 
 double path_length_s(const path *p) {
-    stroke s = strokes(p);
+    stroke s = strokes(p, 0);
     double sum = 0;
     for (int i = 0; i + 1 < s.count; i++) sum += leg_s(p, s.point[i], s.point[i + 1]);
     return sum;
 }
 
-path path_make(double speed_m_s, double tremor_m) {
-    return (path){.speed_m_s = speed_m_s, .depth_m = 0.005, .tremor_m = tremor_m};
-}
-path path_reversals(double speed_m_s, double tremor_m) {
-    return (path){.speed_m_s = speed_m_s, .depth_m = 0.005, .tremor_m = tremor_m, .reversals = true};
+path path_make(path_kind kind, double speed_m_s, double tremor_m) {
+    return (path){.kind = kind, .speed_m_s = speed_m_s, .depth_m = 0.005, .tremor_m = tremor_m};
 }
 
-void path_tip(const path *p, double time_s, double tip_m[3]) {
-    stroke s = strokes(p);
+/* The leg at a time, and how much of its way is done. */
+static const double *leg_at(const path *p, stroke s, double time_s, double *ease) {
     int i = 0;
     double at = 0, leg = leg_s(p, s.point[0], s.point[1]);
     while (i + 2 < s.count && time_s >= at + leg) {
@@ -50,10 +65,26 @@ void path_tip(const path *p, double time_s, double tip_m[3]) {
         i++;
         leg = leg_s(p, s.point[i], s.point[i + 1]);
     }
-    double t = fmin(fmax((time_s - at) / leg, 0), 1), ease = t * t * t * (10 + t * (6 * t - 15)), mm[3];
-    for (int a = 0; a < 3; a++) mm[a] = s.point[i][a] + ease * (s.point[i + 1][a] - s.point[i][a]);
-    double scale = p->depth_m / DEEPEST_MM, w = 2 * M_PI * 9 * time_s;
-    tip_m[0] = p->entry_m[0] + scale * mm[0] + 0.5 * p->tremor_m * (sin(0.83 * w) + sin(1.17 * w + 1));
-    tip_m[1] = p->entry_m[1] + scale * mm[1] + 0.5 * p->tremor_m * (sin(0.91 * w + 2) + sin(1.09 * w + 3));
-    tip_m[2] = p->entry_m[2] - scale * mm[2] + 0.5 * p->tremor_m * (sin(0.87 * w + 4) + sin(1.13 * w + 5));
+    double t = fmin(fmax((time_s - at) / leg, 0), 1);
+    *ease = t * t * t * (10 + t * (6 * t - 15));
+    return s.point[i];
+}
+
+static bool pedal(const path *p, int hand, double time_s) {
+    double unused, frame_end_s = PEDAL_S * ceil(time_s / PEDAL_S - 1e-6);
+    return leg_at(p, strokes(p, hand), frame_end_s - 0.5 * PEDAL_S, &unused)[PEDAL] > 0;
+}
+
+tm_tool_pose path_pose(const path *p, int hand, double time_s) {
+    tm_tool_pose pose = {.active = true};
+    double ease, m[3], scale = p->depth_m / DEEPEST_MM, w = 2 * M_PI * 9 * time_s;
+    const double *a = leg_at(p, strokes(p, hand), time_s, &ease), *b = a + COLUMNS;
+    for (int i = 0; i < 3; i++) m[i] = scale * (a[i] + ease * (b[i] - a[i]));
+    const double tremor = hand ? 0 : 0.5 * p->tremor_m;
+    pose.tip_m[0] = p->entry_m[0] + m[0] + tremor * (sin(0.83 * w) + sin(1.17 * w + 1));
+    pose.tip_m[1] = p->entry_m[1] + m[1] + tremor * (sin(0.91 * w + 2) + sin(1.09 * w + 3));
+    pose.tip_m[2] = p->entry_m[2] - m[2] + tremor * (sin(0.87 * w + 4) + sin(1.13 * w + 5));
+    pose.grip = a[GRIP] + ease * (b[GRIP] - a[GRIP]);
+    if (hand || p->kind == PATH_SAME_HAND_CUTS) pose.active = pedal(p, hand, time_s);
+    return pose;
 }

@@ -24,18 +24,29 @@ static void cut_slit(sim *s) {
     }
 }
 
-sim *model_open(model m, double rate_Hz, const char *const *settings) {
+static sim *scene_open(const char *scene_name, double rate_Hz, const char *const *settings) {
     char name[256], file[2048], rate[64], *set[16] = {rate};
     int count = 1;
     sim *s = NULL;
     app_scene *scene = NULL;
-    snprintf(name, sizeof name, "apps/scenes/evaluate-%s.yaml", model_name[m]);
+    snprintf(name, sizeof name, "apps/scenes/evaluate-%s.yaml", scene_name);
     app_shared_file(name, file, sizeof file);
     snprintf(rate, sizeof rate, "time.frame_rate=%.9g", rate_Hz);
     for (int i = 0; settings && settings[i] && count < 16; i++) set[count++] = (char *)(uintptr_t)settings[i];
-    if (sim_scene_load(file, set, count, &scene) || sim_create(scene, &s)) return NULL;
-    if (m == MODEL_CUT) cut_slit(s);
+    return sim_scene_load(file, set, count, &scene) || sim_create(scene, &s) ? NULL : s;
+}
+
+sim *model_open(model m, double rate_Hz, const char *const *settings) {
+    sim *s = scene_open(model_name[m], rate_Hz, settings);
+    if (s && m == MODEL_CUT) cut_slit(s);
     return s;
+}
+
+/* Paths with another instrument, or two, are of the isotropic model and have scenes of their own. */
+static sim *path_open(model m, const path *p, double rate_Hz, const char *const *settings) {
+    static const char *const scene[PATH_COUNT] = {
+        [PATH_OTHER_HAND_CUTS] = "two-hands", [PATH_SAME_HAND_CUTS] = "cautery", [PATH_GRASPED] = "grasper"};
+    return scene[p->kind] ? scene_open(scene[p->kind], rate_Hz, settings) : model_open(m, rate_Hz, settings);
 }
 
 void device_see(const sim *s, const hrt_params *params, const double tip_m[3], bool encoders, float seen_m[3]) {
@@ -52,14 +63,17 @@ void device_see(const sim *s, const hrt_params *params, const double tip_m[3], b
     hrt_tip(&frame, joint, seen_m);
 }
 
-static tm_tool_pose pose_at(const sim *s, const hrt_params *params, const path *p, double time_s, bool encoders) {
-    tm_tool_pose pose = {.active = true};
+/* Of every instrument; the first as its encoders see it. */
+static void poses_at(const sim *s, const recording *r, const path *p, double time_s, bool encoders,
+                     tm_tool_pose to[TM_MAX_INSTRUMENTS]) {
     float seen[3];
-    path_tip(p, time_s, pose.tip_m);
-    if (!encoders) return pose;
-    device_see(s, params, pose.tip_m, true, seen);
-    for (int i = 0; i < 3; i++) pose.tip_m[i] = s->instrument_def[0].trocar_m[i] + (double)seen[i];
-    return pose;
+    for (int i = 0; i < s->instrument_count; i++) {
+        to[i] = path_pose(p, i, time_s);
+        if (r->replay && s->instrument_def[i].mode == TM_TOOL_CAUTERY) to[i].active = false;
+    }
+    if (!encoders) return;
+    device_see(s, &r->params, to[0].tip_m, true, seen);
+    for (int i = 0; i < 3; i++) to[0].tip_m[i] = s->instrument_def[0].trocar_m[i] + (double)seen[i];
 }
 
 /* Below the trocar, on the block's upper face; the tip's sphere touches it with its centre one radius above. */
@@ -103,19 +117,24 @@ static void take(const sim *s, int64_t t_us, int64_t ready_us, uint32_t seq, sam
 }
 
 /* Starts with the tool out of touch, so that nothing swings when the path begins. */
-static void start(sim *s, const hrt_params *params, const path *p, bool encoders) {
-    tm_tool_pose pose = pose_at(s, params, p, 0, encoders);
-    if (s->contact) tm_contact_place(s->contact, 0, &pose);
-    s->pose[0] = pose;
+static void start(sim *s, const recording *r, const path *p, bool encoders) {
+    tm_tool_pose to[TM_MAX_INSTRUMENTS];
+    poses_at(s, r, p, 0, encoders, to);
+    for (int i = 0; i < s->instrument_count; i++) {
+        if (s->contact) tm_contact_place(s->contact, i, &to[i]);
+        s->pose[i] = to[i];
+    }
 }
 
 int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, recording *out) {
-    sim *s = model_open(m, rate_Hz, NULL);
+    sim *s = path_open(m, p, rate_Hz, NULL);
+    cut_replay replay;
     if (!s) return APP_FAILED;
-    s->wants[0] = patches ? s->can_send : SIM_SENDS_FORCE;
+    if (out->replay) cut_replay_begin(&replay, out->replay, s);
+    for (int i = 0; i < s->instrument_count; i++) s->wants[i] = patches ? s->can_send : SIM_SENDS_FORCE;
     path q = placed(p, s);
     hrt_params_default(&out->params);
-    start(s, &out->params, &q, encoders);
+    start(s, out, &q, encoders);
     out->frame_s = s->frame_s;
     out->samples = (int)(path_length_s(&q) / s->frame_s);
     out->sample = calloc((size_t)out->samples, sizeof *out->sample);
@@ -124,8 +143,10 @@ int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, 
     for (int k = 0; k < out->samples && !status; k++) {
         /* The frame's path ends where the tool is when the sample is taken: t_n is on the tool's clock. */
         double end_s = (k + 1) * s->frame_s;
-        tm_tool_pose to = pose_at(s, &out->params, &q, end_s, encoders);
-        status = sim_frame(s, &to, s->substeps);
+        tm_tool_pose to[TM_MAX_INSTRUMENTS];
+        poses_at(s, out, &q, end_s, encoders, to);
+        status = sim_frame(s, to, s->substeps);
+        cut_list_take(&out->cuts, s, end_s);
         int64_t end_us = llround(end_s * 1e6), back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
         take(s, end_us - back_us, end_us, (uint32_t)k, &out->sample[k]);
     }
@@ -138,22 +159,24 @@ int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, 
 int record_truth(model m, const path *p, bool encoders, recording *out) {
     static const char *const last_alone[] = {"time.average=0", "haptics.sends=force", "haptics.extrapolator=hold",
                                              NULL};
-    sim *s = model_open(m, 1e6 / TICK_US, last_alone);
+    sim *s = path_open(m, p, 1e6 / TICK_US, last_alone);
     if (!s) return APP_FAILED;
     path q = placed(p, s);
     hrt_params_default(&out->params);
-    start(s, &out->params, &q, encoders);
+    start(s, out, &q, encoders);
     out->ticks = (int)(path_length_s(&q) * 1e6 / TICK_US);
     out->tip_m = calloc(3 * (size_t)out->ticks, sizeof *out->tip_m);
     out->truth_N = calloc(3 * (size_t)out->ticks, sizeof *out->truth_N);
     if (!out->tip_m || !out->truth_N) abort();
     tm_status status = TM_OK;
     for (int k = 0; k < out->ticks && !status; k++) {
-        tm_tool_pose to = pose_at(s, &out->params, &q, k * 1e-6 * TICK_US, encoders);
-        status = sim_frame(s, &to, s->substeps);
+        tm_tool_pose to[TM_MAX_INSTRUMENTS];
+        poses_at(s, out, &q, k * 1e-6 * TICK_US, encoders, to);
+        status = sim_frame(s, to, s->substeps);
+        cut_list_take(&out->cuts, s, (k - 0.5) * 1e-6 * TICK_US); /* within the tick's 2 ms */
         double size = 0;
         for (int i = 0; i < 3; i++) {
-            out->tip_m[3 * k + i] = (float)(to.tip_m[i] - s->instrument_def[0].trocar_m[i]);
+            out->tip_m[3 * k + i] = (float)(to[0].tip_m[i] - s->instrument_def[0].trocar_m[i]);
             out->truth_N[3 * k + i] = (float)s->reaction[0].force_N[i];
             size += s->reaction[0].force_N[i] * s->reaction[0].force_N[i];
         }
@@ -193,5 +216,6 @@ void recording_free(recording *r) {
     free(r->sample);
     free(r->tip_m);
     free(r->truth_N);
+    cut_list_free(&r->cuts);
     memset(r, 0, sizeof *r);
 }

@@ -38,8 +38,8 @@ static int ascending(const void *a, const void *b) {
 }
 
 typedef struct sums {
-    double error2, angle2;
-    int angled, in_contact, off_patch;
+    double error2, angle2, cut_error2;
+    int cut, angled, in_contact, off_patch;
     errors e;
 } sums;
 
@@ -47,11 +47,18 @@ static double length3(const float v[3]) {
     return sqrt((double)v[0] * v[0] + (double)v[1] * v[1] + (double)v[2] * v[2]);
 }
 
-static void judge(sums *s, const recording *r, int tick, const float force[3], uint32_t limits) {
+/* `since_us`: when the tissue was that the force is made from. */
+static void judge(sums *s, const recording *r, int tick, int64_t since_us, const float force[3], uint32_t limits) {
     const float *truth = r->truth_N + 3 * tick;
     float d[3] = {force[0] - truth[0], force[1] - truth[1], force[2] - truth[2]};
     double error = length3(d), size = length3(force), size_true = length3(truth);
     s->error2 += error * error, s->e.judged++;
+    if (cut_list_between(r->replay, 1e-6 * (double)since_us, 1e-6 * tick * TICK_US))
+        s->cut_error2 += error * error, s->cut++;
+    if (tick > 0 && !isnan(truth[-3])) {
+        float moved[3] = {truth[0] - truth[-3], truth[1] - truth[-2], truth[2] - truth[-1]};
+        s->e.jump_true = fmax(s->e.jump_true, length3(moved) / r->peak_N);
+    }
     s->e.peak = fmax(s->e.peak, error / r->peak_N);
     s->e.over_limit = fmax(s->e.over_limit, size / (double)r->params.force_max_N);
     if (size_true > 0) s->in_contact++, s->off_patch += (limits & HRT_LIMIT_PATCH) != 0;
@@ -70,13 +77,15 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
     float *jump = malloc(sizeof *jump * (size_t)r->ticks), last[3] = {0};
     if (!line || !jump) abort();
     int count = arrivals(r, c, line), next = 0, jumps = 0;
-    bool begun = false;
+    bool begun = false, arrived = false;
     double spent = 0;
     hrt_extrapolation_reset(&x, which);
     for (int tick = 0; tick < r->ticks; tick++) {
         int64_t now = (int64_t)tick * TICK_US;
         float force[3];
         double start = app_seconds();
+        const bool arrived_before = arrived;
+        const int before = next;
         for (; next < count && line[next].at_us <= now; next++) {
             hrt_extrapolation_sample(&x, &r->params, &line[next].sample->sample);
             begun = true;
@@ -85,14 +94,18 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
         spent += app_seconds() - start;
         if (force_N) memcpy(force_N + 3 * tick, force, sizeof force);
         if (!begun || isnan(r->truth_N[3 * tick])) continue;
-        judge(&s, r, tick, force, x.limits);
+        judge(&s, r, tick, line[next - 1].sample->sample.t_us, force, x.limits);
         float step[3] = {force[0] - last[0], force[1] - last[1], force[2] - last[2]};
         jump[jumps++] = (float)length3(step);
+        arrived = next > before;
+        if (arrived || arrived_before) s.e.jump_arrival = fmax(s.e.jump_arrival, length3(step) / r->peak_N);
         memcpy(last, force, sizeof last);
     }
     s.e.rms = s.e.judged ? sqrt(s.error2 / s.e.judged) / r->peak_N : 0;
     s.e.direction_rad = s.angled ? sqrt(s.angle2 / s.angled) : 0;
     s.e.off_patch = s.in_contact ? (double)s.off_patch / s.in_contact : 0;
+    s.e.cut_since_error2 = s.error2 > 0 ? s.cut_error2 / s.error2 : 0;
+    s.e.cut_since_ticks = s.e.judged ? (double)s.cut / s.e.judged : 0;
     s.e.ns_per_tick = 1e9 * spent / r->ticks;
     qsort(jump, (size_t)jumps, sizeof *jump, ascending);
     if (jumps) s.e.jump_peak = jump[jumps - 1] / r->peak_N, s.e.jump_p99 = jump[(int)(0.99 * (jumps - 1))] / r->peak_N;
@@ -108,6 +121,10 @@ cJSON *errors_json(const errors *e) {
     cJSON_AddNumberToObject(row, "peak", e->peak);
     cJSON_AddNumberToObject(row, "jump_peak", e->jump_peak);
     cJSON_AddNumberToObject(row, "jump_p99", e->jump_p99);
+    cJSON_AddNumberToObject(row, "jump_arrival", e->jump_arrival);
+    cJSON_AddNumberToObject(row, "jump_true", e->jump_true);
+    cJSON_AddNumberToObject(row, "cut_since_error2", e->cut_since_error2);
+    cJSON_AddNumberToObject(row, "cut_since_ticks", e->cut_since_ticks);
     cJSON_AddNumberToObject(row, "direction_rad", e->direction_rad);
     cJSON_AddNumberToObject(row, "over_limit", e->over_limit);
     cJSON_AddNumberToObject(row, "off_patch", e->off_patch);

@@ -10,17 +10,21 @@ static const double TREMOR_M = 40e-6;
 static const double rates[] = {10, 15, 20, 25, 30, 50, 100}, speeds[] = {0.005, 0.01, 0.02, 0.03, 0.05, 0.1};
 enum { RATES = sizeof rates / sizeof *rates, SPEEDS = sizeof speeds / sizeof *speeds };
 
-/* Samples of the model at a rate, with the truth of the same path copied from `truth`. */
-static int sampled_at(model m, const path *p, double rate, bool encoders, const recording *truth, recording *out) {
-    memset(out, 0, sizeof *out);
-    snprintf(out->name, sizeof out->name, "%s %g Hz", model_name[m], rate);
-    if (record(m, p, rate, encoders, true, out)) return APP_FAILED;
+void copy_truth(const recording *truth, recording *out) {
     size_t bytes = 3 * (size_t)truth->ticks * sizeof(float);
     out->ticks = truth->ticks, out->peak_N = truth->peak_N;
     out->tip_m = malloc(bytes), out->truth_N = malloc(bytes);
     if (!out->tip_m || !out->truth_N) abort();
     memcpy(out->tip_m, truth->tip_m, bytes);
     memcpy(out->truth_N, truth->truth_N, bytes);
+}
+
+/* Samples of the model at a rate, with the truth of the same path copied from `truth`. */
+static int sampled_at(model m, const path *p, double rate, bool encoders, const recording *truth, recording *out) {
+    memset(out, 0, sizeof *out);
+    snprintf(out->name, sizeof out->name, "%s %g Hz", model_name[m], rate);
+    if (record(m, p, rate, encoders, true, out)) return APP_FAILED;
+    copy_truth(truth, out);
     return 0;
 }
 
@@ -30,45 +34,39 @@ cJSON *add_row(cJSON *rows) {
     return row;
 }
 
-typedef struct setting {
-    const char *model, *path;
-    double rate, speed, tremor;
-    bool encoders;
-} setting;
+void add_error(cJSON *rows, const recording *r, const setting *s, const conditions *c, const char *truth,
+               hrt_extrapolator which, const char *name) {
+    errors e = replay(r, which, c, NULL);
+    cJSON *row = errors_json(&e);
+    cJSON_AddItemToArray(rows, row);
+    cJSON_AddStringToObject(row, "extrapolator", name);
+    cJSON_AddStringToObject(row, "model", s->model);
+    cJSON_AddStringToObject(row, "path", s->path);
+    cJSON_AddStringToObject(row, "truth", truth);
+    cJSON_AddNumberToObject(row, "rate_Hz", s->rate);
+    cJSON_AddNumberToObject(row, "speed_m_s", s->speed);
+    cJSON_AddNumberToObject(row, "tremor_m", s->tremor);
+    cJSON_AddNumberToObject(row, "latency_frames", c->latency_frames);
+    cJSON_AddNumberToObject(row, "jitter", c->jitter);
+    cJSON_AddNumberToObject(row, "loss", c->loss);
+    cJSON_AddBoolToObject(row, "encoders", s->encoders);
+    cJSON_AddNumberToObject(row, "peak_N", r->peak_N);
+}
 
-static void add_errors(cJSON *rows, const recording *r, const setting *s, const conditions *c, const char *truth) {
-    for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
-        errors e = replay(r, (hrt_extrapolator)x, c, NULL);
-        cJSON *row = errors_json(&e);
-        cJSON_AddItemToArray(rows, row);
-        cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)x));
-        cJSON_AddStringToObject(row, "model", s->model);
-        cJSON_AddStringToObject(row, "path", s->path);
-        cJSON_AddStringToObject(row, "truth", truth);
-        cJSON_AddNumberToObject(row, "rate_Hz", s->rate);
-        cJSON_AddNumberToObject(row, "speed_m_s", s->speed);
-        cJSON_AddNumberToObject(row, "tremor_m", s->tremor);
-        cJSON_AddNumberToObject(row, "latency_frames", c->latency_frames);
-        cJSON_AddNumberToObject(row, "jitter", c->jitter);
-        cJSON_AddNumberToObject(row, "loss", c->loss);
-        cJSON_AddBoolToObject(row, "encoders", s->encoders);
-        cJSON_AddNumberToObject(row, "peak_N", r->peak_N);
-    }
+void add_errors(cJSON *rows, const recording *r, const setting *s, const conditions *c, const char *truth) {
+    for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++)
+        add_error(rows, r, s, c, truth, (hrt_extrapolator)x, hrt_extrapolator_name((hrt_extrapolator)x));
 }
 
 static const conditions ideal = {.seed = 1};
 
 /* One path at one speed: every rate in turn, then at 20 Hz every condition. */
-static int one_speed(const study_run *run, model m, double speed, double tremor, bool reversals, cJSON *rows) {
-    path p = reversals ? path_reversals(speed, tremor) : path_make(speed, tremor);
+static int one_speed(const study_run *run, model m, double speed, double tremor, path_kind kind, cJSON *rows) {
+    path p = path_make(kind, speed, tremor);
     recording truth = {0}, r = {0};
-    setting s = {.model = model_name[m],
-                 .path = reversals ? "reversals" : "tour",
-                 .speed = speed,
-                 .tremor = tremor,
-                 .encoders = true};
+    setting s = {.model = model_name[m], .path = path_name[kind], .speed = speed, .tremor = tremor, .encoders = true};
     if (record_truth(m, &p, true, &truth)) return APP_FAILED;
-    bool main_speed = fabs(speed - 0.01) < 1e-9 && !reversals;
+    bool main_speed = fabs(speed - 0.01) < 1e-9 && kind == PATH_TOUR;
     int rc = 0;
     for (int i = 0; i < RATES && !rc; i++) {
         bool twenty = fabs(rates[i] - 20) < 1e-9;
@@ -98,7 +96,7 @@ static int one_speed(const study_run *run, model m, double speed, double tremor,
 
 /* The same without the encoders' steps. */
 static int without_encoders(model m, cJSON *rows) {
-    path p = path_make(0.01, TREMOR_M);
+    path p = path_make(PATH_TOUR, 0.01, TREMOR_M);
     recording truth = {0}, r = {0};
     setting s = {
         .model = model_name[m], .path = "tour", .speed = 0.01, .tremor = TREMOR_M, .rate = 20, .encoders = false};
@@ -112,7 +110,7 @@ static int without_encoders(model m, cJSON *rows) {
 
 /* The paper's figure 5: impulses, line and error at 20 Hz, in the plane of the slide. */
 static int figure5(model m, cJSON *out) {
-    path p = path_make(0.01, 0);
+    path p = path_make(PATH_TOUR, 0.01, 0);
     recording truth = {0}, r = {0};
     int rc = record_truth(m, &p, true, &truth);
     if (!rc) rc = sampled_at(m, &p, 20, true, &truth, &r);
@@ -144,20 +142,22 @@ cJSON *study_rates(const study_run *run) {
     bool drawn = false;
     for (int m = 0; m < MODEL_COUNT && !rc; m++) {
         if (!run->model[m]) continue;
-        for (int i = 0; i < SPEEDS && !rc; i++) {
+        for (int i = 0; i < SPEEDS && run->path[PATH_TOUR] && !rc; i++) {
             bool basic = fabs(speeds[i] - 0.01) < 1e-9 || fabs(speeds[i] - 0.03) < 1e-9;
             if ((run->quick || m == MODEL_FIBRED || m == MODEL_HYBRID || m == MODEL_CUT) && !basic) continue;
             if (m == MODEL_HYBRID && fabs(speeds[i] - 0.01) > 1e-9) continue;
             progress(model_name[m], (double)i / SPEEDS);
-            rc = one_speed(run, (model)m, speeds[i], TREMOR_M, false, rows);
+            rc = one_speed(run, (model)m, speeds[i], TREMOR_M, PATH_TOUR, rows);
             if (!rc && fabs(speeds[i] - 0.01) < 1e-9 && m != MODEL_HYBRID)
-                rc = one_speed(run, (model)m, speeds[i], 0, false, rows);
+                rc = one_speed(run, (model)m, speeds[i], 0, PATH_TOUR, rows);
         }
         if (m == MODEL_HYBRID) continue;
-        if (!rc) rc = one_speed(run, (model)m, 0.05, 0, true, rows);
+        if (!rc && run->path[PATH_REVERSALS]) rc = one_speed(run, (model)m, 0.05, 0, PATH_REVERSALS, rows);
+        if (!run->path[PATH_TOUR]) continue;
         if (!rc) rc = without_encoders((model)m, rows);
         if (!rc && !drawn) rc = figure5((model)m, figure), drawn = true;
     }
+    if (!rc) rc = study_hands(run, rows);
     if (!rc) return out;
     cJSON_Delete(out);
     return NULL;

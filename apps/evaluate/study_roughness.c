@@ -12,7 +12,7 @@ static int ascending(const void *a, const void *b) {
 }
 
 static int one(model m, double depth_m, cJSON *row) {
-    path p = path_make(0.01, 0);
+    path p = path_make(PATH_TOUR, 0.01, 0);
     p.depth_m = depth_m;
     recording r = {0};
     if (record_truth(m, &p, false, &r)) return APP_FAILED;

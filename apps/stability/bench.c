@@ -82,6 +82,12 @@ static tm_status open_tissue(const bench_def *def, bench *b, tm_error *error) {
     return status;
 }
 
+static bool second(const bench_def *def, const app_block *block, int32_t tet) {
+    double centre[3] = {0};
+    for (int k = 0; k < 12; k++) centre[k % 3] += 0.25 * block->vertex_m[3 * block->tet[4 * tet + k / 3] + k % 3];
+    return def->second(centre);
+}
+
 bool bench_open(const bench_def *def, bench *b, outcome *o) {
     tm_error error = {0};
     app_block block;
@@ -92,7 +98,7 @@ bool bench_open(const bench_def *def, bench *b, outcome *o) {
     }
     int32_t *region = calloc((size_t)block.tet_count, sizeof *region);
     for (int32_t t = 0; region && def->material_count > 1 && t < block.tet_count; t++)
-        region[t] = t >= block.tet_count / 2;
+        region[t] = def->second ? second(def, &block, t) : t >= block.tet_count / 2;
     if (def->deform) def->deform(block.vertex_m, block.vertex_count, def->argument);
     tm_status status = app_block_mesh(&block, region, &b->mesh, &error);
     free(region);

@@ -32,8 +32,9 @@ typedef struct hard_case {
     double argument; /* lets one function serve a row of cases */
 } hard_case;
 
-extern const hard_case cases_tissue[], cases_tool[], cases_cut[], cases_energy[], cases_link[];
-extern const int cases_tissue_count, cases_tool_count, cases_cut_count, cases_energy_count, cases_link_count;
+extern const hard_case cases_tissue[], cases_tool[], cases_cut[], cases_energy[], cases_link[], cases_torture[];
+extern const int cases_tissue_count, cases_tool_count, cases_cut_count, cases_energy_count, cases_link_count,
+    cases_torture_count;
 
 /* --- helpers of the cases --- */
 
@@ -48,7 +49,8 @@ typedef struct bench_def {
     int32_t cells[3];
     double size_m[3];
     tm_material material[2];
-    int material_count;  /* 2: the second fills the upper half */
+    int material_count; /* 2: the second fills the upper half, or where `second` says */
+    bool (*second)(const double centre_m[3]);
     const double *fibre; /* one direction for all */
     double dt_s;         /* 0: step_fraction of the guaranteed */
     double step_fraction;
