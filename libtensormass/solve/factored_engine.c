@@ -10,6 +10,10 @@
  * instead of stopping the factor, and one that is held loses sigma / omega_1^2 of it, 1e-8 at 16 Hz. */
 #define SIGMA_1_S2 1e-4
 
+/* A new factor is best made while nothing is cut: after so many calls without a cut, if so many vertices are touched.
+ */
+enum { CALM = 25, WORTH_IT = 32 };
+
 typedef struct slot {
     int32_t vertex; /* -1: free */
     int64_t wanted_at;
@@ -29,6 +33,7 @@ struct tms_engine {
     int32_t *slot_of; /* [vertex_count] -1: none */
     double *G;        /* [3*TMS_SLOTS][3*TMS_SLOTS] compliance of the factor's tissue among the slots */
     int64_t clock;
+    int32_t calm;                                         /* calls since the last cut */
     int32_t touched_count, touched[TMS_TOUCHED_VERTICES]; /* vertices of `gone`, ascending */
     bool middle_known;
     double *D, *M; /* [3*touched][3*touched] */
@@ -119,7 +124,7 @@ static bool factorise(tms_engine *e, const uint8_t *alive) {
 
 /* --- what was cut since --- */
 
-/* False: too much, or something came back: a new factor is called for. */
+/* False: too much, something came back, or now is the time: a new factor is called for. */
 static bool follow_cuts(tms_engine *e, const uint8_t *alive) {
     const tm_mesh *mesh = tm_tissue_mesh(e->tissue);
     int32_t count = 0, list[TMS_TOUCHED_VERTICES];
@@ -138,7 +143,8 @@ static bool follow_cuts(tms_engine *e, const uint8_t *alive) {
             list[count++] = v;
         }
     }
-    if (!changed) return true;
+    e->calm = changed ? 0 : e->calm + 1;
+    if (!changed) return e->calm != CALM || e->touched_count < WORTH_IT;
     e->touched_count = count;
     memcpy(e->touched, list, sizeof *list * (size_t)count);
     e->middle_known = false;
