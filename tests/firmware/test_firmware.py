@@ -126,5 +126,5 @@ def test_product_ticks(built, cpu, variant):
     """The image without a test in it: ticks go on, and its watchdog, which would start it anew, stays quiet."""
     elf = FIRMWARE / cpu / variant / "haptic_rt.elf"
     clock = [low for low, in image.peek(cpu, elf, [image.symbol(elf, "now_us")], 5, 0.2)]
-    assert clock[0] > 0 and all(b > a for a, b in zip(clock, clock[1:])), clock
+    assert all(b > a for a, b in zip(clock, clock[1:])), clock
     assert all(us % 2000 == 0 for us in clock)
