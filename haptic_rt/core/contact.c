@@ -43,7 +43,7 @@ static __attribute__((noinline)) void respond(const hrt_patch *patch, uint32_t a
     const uint32_t n = 3u * (uint32_t)patch->vertex_count;
     hrt_v3 sum = {0.0f, 0.0f, 0.0f};
     for (; count > 0; count--, b++, x++) {
-        const uint32_t i = 3u * (a < *b ? a : *b), j = 3u * (a < *b ? *b : a), after = n - i - 1u;
+        const uint32_t i = 3u * (a < *b ? a : *b), j = 3u * (a + *b) - i, after = n - i - 1u;
         const float *p = &patch->compliance_m_N[i * (n + after) / 2u + j], *q = p + after, *r = q + after - 1;
         const hrt_v3 u = hrt_get(p);
         hrt_v3 v = hrt_get(q), w = hrt_get(r);
@@ -143,12 +143,16 @@ static __attribute__((noinline)) void eliminate(float a[][WIDTH], int32_t n) {
         const float inverse = a[k][k] > 1.0e-12f ? 1.0f / a[k][k] : 0.0f;
         for (int32_t i = k + 1; i < n; i++) {
             const float factor = a[k][i] * inverse;
-            for (int32_t j = i; j <= n; j++) a[i][j] -= factor * a[k][j];
+            float *to = &a[i][i];
+            const float *from = &a[k][i], *end = &a[k][n];
+            do *to++ -= factor * *from;
+            while (++from <= end);
         }
     }
     for (int32_t k = n - 1; k >= 0; k--) {
-        for (int32_t j = k + 1; j < n; j++) a[k][n] -= a[k][j] * a[j][n];
-        a[k][n] = a[k][k] > 1.0e-12f ? a[k][n] / a[k][k] : 0.0f;
+        float sum = a[k][n];
+        for (int32_t j = k + 1; j < n; j++) sum -= a[k][j] * a[j][n];
+        a[k][n] = a[k][k] > 1.0e-12f ? sum / a[k][k] : 0.0f;
     }
 }
 

@@ -305,8 +305,8 @@ typedef struct hrt_extrapolation {
     bool on_patch;
     const hrt_patch *patch; /* of the newest sample that brought one */
     int64_t patch_us;
-    float film_tip_m[3]; /* where the tool was when it was last solved against a patch */
-    int64_t film_us;     /* and when */
+    int64_t film_us;     /* when the tool was last solved against a patch */
+    float film_tip_m[3]; /* and where it was */
     int32_t row_count;
     hrt_contact_row row[HRT_CONTACT_ROWS];
     float patch_force_N[HRT_PATCH_DOFS]; /* what the rows do to the patch */
@@ -390,8 +390,8 @@ typedef struct hrt_controller {
     /* simulation */
     bool sample_seen;
     uint8_t sample_rule; /* hrt_flag_rule of the newest */
-    int64_t sim_session;
     uint32_t sample_seq;
+    int64_t sim_session;
     int64_t sample_us; /* t_n of the newest that counts as fresh */
     hrt_extrapolation extrapolation;
     /* output stage */
