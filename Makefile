@@ -50,6 +50,8 @@ pkg_libs = $(shell pkg-config --libs $(1))
 # $(call objects,SOURCES): their object files.
 objects = $(patsubst %,$(OUT)/obj/%.o,$(basename $(1)))
 
+# Programs that are not compiled, and their parts.
+SCRIPTS :=
 # $(eval $(call program,NAME,SOURCES,OTHER PREREQUISITES (.a/.o, linked),LIBRARY FLAGS)): build/bin/NAME.
 PROGRAMS :=
 define program
@@ -100,12 +102,13 @@ MODULE_MK := $(sort $(wildcard libtensormass/module.mk libtensormass/*/module.mk
 	haptic_rt/*/module.mk meshes/module.mk)) $(APPS_FIRST) \
 	$(sort $(filter-out $(APPS_FIRST),$(wildcard apps/*/module.mk))) $(sort $(wildcard tests/module.mk tests/*/module.mk))
 include $(MODULE_MK)
+include tools/install.mk
 
 # ---- targets ----
 
-.PHONY: all programs tests help clean setup venv check check-long check-run install
+.PHONY: all programs tests help clean setup venv check check-long check-run
 all: programs
-programs: $(PROGRAMS) $(MODULES) $(LIBRARIES)
+programs: $(PROGRAMS) $(MODULES) $(LIBRARIES) $(SCRIPTS)
 tests: programs $(TESTS)
 	@mkdir -p $(OUT)/tests
 	@printf '%s\n' $(TESTS) > $(OUT)/tests/manifest.txt
@@ -130,22 +133,6 @@ check check-long:
 	@TM_LONG=$(if $(filter check-long,$@),1,$(TM_LONG)) $(MAKE) --no-print-directory check-run
 check-run:
 	@TM_OUT=$(abspath $(OUT)) $(VENV)/bin/python tests/run.py $(PYTEST_ARGS)
-
-#: make install PREFIX= DESTDIR=  headers, libraries, pkg-config files, programs, modules, LCM types, scenes
-INSTALL_ROOT = $(DESTDIR)$(PREFIX)
-SHARE = $(INSTALL_ROOT)/share/tensormass
-install: programs
-	install -d $(INSTALL_ROOT)/{bin,include/tensormass,lib/tensormass,lib/pkgconfig} $(SHARE)/{lcm_types,apps/scenes,apps/accuracy/reference,meshes}
-	install -m 644 libtensormass/include/*.h $(INSTALL_ROOT)/include
-	install -m 644 libtensormass/include/tensormass/*.h $(INSTALL_ROOT)/include/tensormass
-	cp -Pf $(OUT)/lib/libtensormass*.a $(OUT)/lib/libtensormass*.so* $(INSTALL_ROOT)/lib
-	install -m 755 $(MODULES) $(INSTALL_ROOT)/lib/tensormass
-	install -m 755 $(PROGRAMS) $(INSTALL_ROOT)/bin
-	install -m 644 lcm_types/*.lcm $(SHARE)/lcm_types
-	cp -R apps/scenes/. $(SHARE)/apps/scenes
-	install -m 644 apps/accuracy/reference/reference.json $(SHARE)/apps/accuracy/reference
-	install -m 644 $(wildcard meshes/*.msh meshes/*.csv meshes/README.md) $(SHARE)/meshes
-	for pc in tools/*.pc.in; do sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@VERSION@|$(VERSION)|' $$pc > $(INSTALL_ROOT)/lib/pkgconfig/$$(basename $$pc .in); done
 
 #: make clean                  remove build/
 clean:

@@ -1,7 +1,8 @@
 """Starts and ends the programs of a session: simulation, one controller and one virtual device an instrument, the logger.
 
-Used by demo.py and play.py, inside the session's network namespace (netns.sh).
+Used by demo.py, play.py and tm-session, inside the session's network namespace (netns.sh).
 """
+import ctypes
 import json
 import os
 import pathlib
@@ -27,6 +28,12 @@ def stop_all(processes, patience_s=5.0):
             p.wait()
 
 
+def of_their_own(libc=ctypes.CDLL(None), set_parent_death_signal=1):
+    """In a program about to start: a terminal's Ctrl-C goes to the session alone, which ends its programs one after the other, and none outlives it."""
+    os.setsid()
+    libc.prctl(set_parent_death_signal, signal.SIGTERM)
+
+
 class Session:
     """A scene's programs. `out` receives their figures and logs; `hand` is "script" or "lcm" (HAND_i moves the instruments)."""
 
@@ -44,7 +51,7 @@ class Session:
 
     def begin(self, name, *command):
         log = open(self.out / f"{name}.txt", "w")
-        process = subprocess.Popen([str(c) for c in command], stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, env=self.environment)
+        process = subprocess.Popen([str(c) for c in command], stdout=log, stderr=subprocess.STDOUT, stdin=subprocess.DEVNULL, env=self.environment, preexec_fn=of_their_own)
         process.name = name
         self.running.append(process)
         return process
@@ -69,14 +76,20 @@ class Session:
                        "--extrapolator", self.facts["extrapolator"], *["--passivity"] * self.facts["passivity"], *record, *until,
                        "--json", self.out / f"controller{i}.json")
 
+    def well(self):
+        """Whether none has ended with an error; the first that has is told of."""
+        for p in self.running:
+            if p.poll() not in (None, 0):
+                print(f"{p.name} ended with exit code {p.returncode}; its last words ({self.out}/{p.name}.txt):", file=sys.stderr)
+                sys.stderr.write("".join((self.out / f"{p.name}.txt").read_text().splitlines(True)[-5:]))
+                return False
+        return True
+
     def wait(self, names, tell=None):
         """Until the named programs have ended; the first to fail ends the session. Returns whether all ended well."""
         while True:
-            for p in self.running:
-                if p.poll() not in (None, 0):
-                    print(f"{p.name} ended with exit code {p.returncode}; its last words ({self.out}/{p.name}.txt):", file=sys.stderr)
-                    sys.stderr.write("".join((self.out / f"{p.name}.txt").read_text().splitlines(True)[-5:]))
-                    return False
+            if not self.well():
+                return False
             if all(p.poll() is not None for p in self.running if p.name.startswith(names)):
                 return True
             if tell:

@@ -1,30 +1,42 @@
-"""`make install`, then programs outside the tree by pkg-config: C, C++, static, under valgrind."""
+"""`make install`, its parts and its undoing, then programs outside the tree by pkg-config: C, C++, static, under valgrind."""
 import json
 import os
+import re
 import shutil
 import subprocess
 
 import pytest
 
+ENVIRONMENT = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS", "PKG_CONFIG_PATH", "LD_LIBRARY_PATH")}
+
+
+def make(root, *words, under=(), code=0):
+    run = subprocess.run([*under, "make", "--no-print-directory", *map(str, words)], cwd=root, env=ENVIRONMENT, capture_output=True, text=True, timeout=900)
+    assert run.returncode == code, run.stdout[-4000:] + run.stderr[-4000:]
+    return run.stdout + run.stderr
+
 
 @pytest.fixture(scope="module")
 def prefix(root, tmp_path_factory):
     prefix = tmp_path_factory.mktemp("prefix")
-    run = subprocess.run(["make", "--no-print-directory", "install", f"PREFIX={prefix}"], cwd=root, capture_output=True, text=True, timeout=900)
-    assert run.returncode == 0, run.stdout + run.stderr
+    make(root, "install", f"PREFIX={prefix}")
     return prefix
 
 
-def flags(prefix, *what):
-    env = dict(os.environ, PKG_CONFIG_PATH=str(prefix / "lib/pkgconfig"))
-    return subprocess.run(["pkg-config", *what, "tensormass"], env=env, capture_output=True, text=True, check=True).stdout.split()
+def contents(folder):
+    """Every file and link below it, by its path from there."""
+    return {str(p.relative_to(folder)) for p in folder.rglob("*") if p.is_symlink() or not p.is_dir()}
+
+
+def flags(prefix, *what, package="tensormass", libdir="lib"):
+    env = dict(ENVIRONMENT, PKG_CONFIG_PATH=str(prefix / libdir / "pkgconfig"))
+    return subprocess.run(["pkg-config", *what, package], env=env, capture_output=True, text=True, check=True).stdout.split()
 
 
 def build(prefix, root, tmp_path, compiler, *extra):
     source = shutil.copy(root / "tests/install/block.c", tmp_path / ("block.c" if "++" not in compiler else "block.cpp"))
     program = tmp_path / "block"
-    subprocess.run([compiler, "-Wall", "-Wextra", "-Werror", source, "-o", program, *flags(prefix, "--cflags", "--libs"),
-                    f"-Wl,-rpath,{prefix}/lib", *extra], check=True)
+    subprocess.run([compiler, "-Wall", "-Wextra", "-Werror", source, "-o", program, *flags(prefix, "--cflags", "--libs"), *extra], check=True)
     return program
 
 
@@ -81,3 +93,124 @@ def test_installed_studies_find_their_references_and_scenes(prefix, tmp_path):
     assert len(model["rows"]) > 3 and [p["model"] for p in model["prices"]] == ["tensor/mass", "hybrid", "precomputed"]
     run = subprocess.run([prefix / "bin/tm-accuracy", "--reference", "nowhere.json", "--json", tmp_path / "b.json"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert run.returncode == 2 and "nowhere.json" in run.stderr
+
+
+# --- what the prefix holds ---
+
+
+def test_the_prefix_holds_what_a_user_needs(prefix, root):
+    share, doc = prefix / "share/tensormass", prefix / "share/doc/tensormass"
+    assert (share / "profiles/impulse_engine.profile").exists() and (share / "can/impulse_engine.dbc").exists()
+    assert {p.name for p in (share / "lcm_types").iterdir()} == {p.name for p in (root / "lcm_types").glob("*.lcm")}
+    assert {"LICENSE", "CHANGELOG.md", "README.md", "examples"} | {p.name for p in (root / "docs").glob("*.md")} <= {p.name for p in doc.iterdir()}
+    # A profile of the prefix serves the program of the prefix.
+    run = subprocess.run([prefix / "bin/haptic-rt", "--profile", share / "profiles/impulse_engine.profile", "--params"], capture_output=True, text=True, timeout=20)
+    assert run.returncode == 0 and "force_max_N" in run.stdout, run.stderr
+    unit = (prefix / "lib/systemd/system/haptic-rt@.service").read_text()
+    assert f"ExecStart={prefix}/bin/haptic-rt " in unit
+
+
+PEER = """
+#include <can/codec.h>
+#include <hrt.h>
+#include <lcm_types/tensormass_force_sample_t.h>
+#include <seal.h>
+#include <stdio.h>
+int main(void) {
+    hrt_params params;
+    hrt_params_default(&params);
+    tensormass_force_sample_t sample = {0};
+    printf("%g %d\\n", params.force_max_N, tensormass_force_sample_t_encoded_size(&sample));
+    return hrt_params_check(&params) >= 0;
+}
+"""
+
+
+def test_a_peer_is_written_in_c_and_in_python(prefix, build, tmp_path):
+    """Controller core, CAN codec and message types, from the prefix alone."""
+    (tmp_path / "peer.c").write_text(PEER)
+    libraries = [w for package in ("tensormass_hrt", "tensormass_lcm") for w in flags(prefix, "--cflags", "--libs", package=package)]
+    subprocess.run(["gcc", "-Wall", "-Werror", tmp_path / "peer.c", "-o", tmp_path / "peer", *libraries], check=True)
+    limit, size = subprocess.run([tmp_path / "peer"], capture_output=True, text=True, check=True, timeout=20).stdout.split()
+    program = "import tensormass; print(len(tensormass.force_sample_t().encode()))"
+    python = subprocess.run([shutil.which("python3"), "-c", program], env=dict(ENVIRONMENT, PYTHONPATH=str(prefix / "share/tensormass/python")), capture_output=True, text=True)
+    assert float(limit) == pytest.approx(8.9) and python.returncode == 0, python.stderr
+    assert int(python.stdout) == int(size)
+
+
+def test_the_readmes_line_links_and_starts(prefix, root, tmp_path):
+    """As it stands but for the prefix: the loader finds the library by itself."""
+    page = (root / "README.md").read_text()
+    line = re.search(r"^cc .*pkg-config.*$", page, re.M).group(0)
+    assert "/opt/tensormass" in line
+    shutil.copy(prefix / "share/doc/tensormass/examples/block.c", tmp_path / "simulator.c")
+    run = subprocess.run(["sh", "-ec", line.replace("/opt/tensormass", str(prefix))], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    assert subprocess.run([tmp_path / "simulator"], env=ENVIRONMENT, capture_output=True, timeout=60).returncode == 0
+
+
+# --- parts, places, and the way back ---
+
+
+def test_uninstall_takes_what_was_installed_and_nothing_else(root, tmp_path):
+    prefix, libdir = tmp_path / "usr", "lib/x86_64-linux-gnu"
+    (prefix / "share/doc").mkdir(parents=True)
+    (prefix / "share/doc/theirs.txt").write_text("theirs")
+    where = [f"DESTDIR={tmp_path}/image", f"PREFIX={prefix}", f"LIBDIR={prefix}/{libdir}"]
+    image = tmp_path / "image" / prefix.relative_to("/")
+    make(root, "install-lib", *where)
+    assert not contents(prefix) - {"share/doc/theirs.txt"}, "written past DESTDIR"
+    installed = contents(image)
+    assert {f"{libdir}/libtensormass.so", f"{libdir}/pkgconfig/tensormass.pc", "include/tensormass.h"} <= installed
+    assert not any(p.startswith("lib/lib") for p in installed)
+    assert f"libdir={prefix}/{libdir}\n" in (image / libdir / "pkgconfig/tensormass.pc").read_text()
+    # A file of theirs among ours, and one that an older version had.
+    (image / "include/tensormass/theirs.h").write_text("theirs")
+    (image / "include/tensormass/gone.h").write_text("of an older version")
+    with open(image / "share/tensormass/installed/install-lib", "a") as listed:
+        listed.write(f"{prefix}/include/tensormass/gone.h\n")
+    make(root, "install-lib", *where)
+    assert contents(image) == installed | {"include/tensormass/theirs.h"}
+    make(root, "uninstall", *where)
+    assert contents(image) == {"include/tensormass/theirs.h"}
+    assert not (image / libdir).exists() and not (image / "share").exists()
+    assert "nothing of tensormass" in make(root, "uninstall", *where, code=2)
+    # Straight into a prefix that was there: it stays, as does what is in it.
+    make(root, "install-lib", f"PREFIX={prefix}")
+    make(root, "uninstall", f"PREFIX={prefix}")
+    assert contents(prefix) == {"share/doc/theirs.txt"}
+    assert "give paths from / on" in make(root, "install-lib", "PREFIX=here", code=2)
+
+
+def test_a_system_prefix_gets_no_run_path(root, tmp_path):
+    make(root, "install-lib", f"DESTDIR={tmp_path}", "PREFIX=/usr")
+    assert "rpath" not in (tmp_path / "usr/lib/pkgconfig/tensormass.pc").read_text()
+
+
+# Headers and tools of what a part does not need; those of the controller the library does not need either.
+PROGRAMS_NEED = ["/usr/include/gmsh.h", "/usr/include/gmshc.h", "/usr/include/SDL2", "/usr/include/GL", "/usr/include/suitesparse", "/usr/include/eigen3",
+                 "/usr/include/yaml.h", "/usr/include/png.h", "/usr/include/libpng16", "/usr/bin/mpicc"]
+CONTROLLER_NEEDS = ["/usr/include/lcm", "/usr/include/cjson", "/usr/bin/lcm-gen"]
+HIDE = 'for p in $HIDDEN; do if [ -d $p ]; then mount -t tmpfs none $p; elif [ -e $p ]; then mount --bind /dev/null $p; fi; done; exec "$@"'
+
+
+def without(hidden):
+    """What runs a command on a machine that has none of these."""
+    under = ["unshare", "-m" if os.geteuid() == 0 else "-rm", "env", f"HIDDEN={' '.join(hidden)}", "sh", "-ec", HIDE, "sh"]
+    if subprocess.run([*under, "true"], capture_output=True).returncode:
+        pytest.skip("mount namespaces are not permitted here")
+    return under
+
+
+def test_library_and_controller_build_alone(root, tmp_path):
+    """Each on a machine that has what it needs and no more."""
+    place = [f"BUILD={tmp_path}/build", f"PREFIX={tmp_path}/prefix", "CFLAGS_EXTRA=-O0", "-j2"]
+    make(root, "install-lib", *place, under=without(PROGRAMS_NEED + CONTROLLER_NEEDS))
+    installed = contents(tmp_path / "prefix")
+    assert "lib/libtensormass.so" in installed and not any("solve" in p for p in installed)
+    assert {p.name for p in (tmp_path / "build/lib").iterdir()} == {p.split("/")[-1] for p in installed if p.startswith("lib/lib")}, "more was built"
+    make(root, "install-controller", *place, under=without(PROGRAMS_NEED))
+    assert {p.name for p in (tmp_path / "prefix/bin").iterdir()} == {"haptic-rt", "tm-device"} == {p.name for p in (tmp_path / "build/bin").iterdir()}
+    assert subprocess.run([tmp_path / "prefix/bin/haptic-rt", "--version"], capture_output=True, timeout=20).returncode == 0
+    make(root, "uninstall", f"PREFIX={tmp_path}/prefix")
+    assert not (tmp_path / "prefix").exists()

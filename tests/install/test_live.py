@@ -1,0 +1,73 @@
+"""tm-session from an installed prefix: a scene, its controllers and devices by one command, from a folder that holds nothing."""
+import json
+import os
+import signal
+import subprocess
+import time
+
+import pytest
+
+ENVIRONMENT = {k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")}
+
+
+@pytest.fixture(scope="module")
+def prefix(root, tmp_path_factory):
+    prefix = tmp_path_factory.mktemp("live") / "prefix"
+    run = subprocess.run(["make", "--no-print-directory", "install-programs", "install-controller", f"PREFIX={prefix}"], cwd=root, env=ENVIRONMENT, capture_output=True, text=True,
+                         timeout=900)
+    assert run.returncode == 0, run.stdout + run.stderr
+    return prefix
+
+
+def running(prefix):
+    return subprocess.run(["pgrep", "-f", f"^{prefix}/bin/"], capture_output=True, text=True).stdout.split()
+
+
+def test_a_session_is_felt(prefix, tmp_path):
+    run = subprocess.run([prefix / "bin/tm-session", "liver-press", "--set", "hand[0].path[1].time=0.5 s", "--set", "hand[0].path[0].time=0 s", "--duration", "4", "--out", "out", "--record",
+                          "session.lcm"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    assert "netns.sh join" in run.stdout
+    controller = json.loads((tmp_path / "out/controller0.json").read_text())
+    assert controller["force_N"]["peak"] > 0.05 and controller["fault"] == "none", controller
+    assert (tmp_path / "session.lcm").stat().st_size > 1e5
+    assert not running(prefix)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
+def test_a_signal_ends_all(prefix, tmp_path, number):
+    """None is left, their figures are written, and the folder that was made for them is gone."""
+    session = subprocess.Popen([prefix / "bin/tm-session", "liver-press", "--out", "out"], cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    end = time.monotonic() + 20
+    while len(running(prefix)) < 3 and time.monotonic() < end:
+        time.sleep(0.1)
+    assert len(running(prefix)) >= 3
+    time.sleep(1)
+    if number == signal.SIGKILL:  # of the session's inner half: nobody is there to end them one after the other
+        inner = subprocess.run(["pgrep", "-f", f"python3 {prefix}/bin/tm-session .*--inside"], capture_output=True, text=True).stdout.split()
+        assert len(inner) == 1
+        os.kill(int(inner[0]), number)
+    else:
+        session.send_signal(number)
+    said = session.communicate(timeout=20)
+    assert session.returncode == (137 if number == signal.SIGKILL else 0), said
+    end = time.monotonic() + 5
+    while running(prefix) and time.monotonic() < end:
+        time.sleep(0.1)
+    assert not running(prefix)
+    if number != signal.SIGKILL:
+        assert {"sim.json", "controller0.json", "device0.json"} <= {p.name for p in (tmp_path / "out").iterdir()}
+
+
+@pytest.mark.parametrize("words, said", [
+    (["no-such-scene"], "tm-sim --list"),
+    (["liver-press", "--film", "a.mp4"], "--duration"),
+    (["liver-press", "--record", "no/a.lcm"], "its folder is not there"),
+    (["liver-press", "--duration", "-1"], "above 0"),
+    (["liver-press", "--play"], "no display"),
+])
+def test_bad_input(prefix, tmp_path, words, said):
+    env = {k: v for k, v in ENVIRONMENT.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
+    run = subprocess.run([prefix / "bin/tm-session", *words], cwd=tmp_path, env=env, capture_output=True, text=True, timeout=20)
+    assert run.returncode == 2 and said in run.stderr and run.stderr.startswith("tm-session: "), run.stderr
+    assert not list(tmp_path.iterdir())

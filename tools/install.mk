@@ -1,0 +1,71 @@
+# make install, its parts and its undoing. Each part is laid out in build/stage/PART as it will lie, then tools/install.sh puts it there and
+# writes the list of it that `make uninstall` goes by.
+LIBDIR ?= $(PREFIX)/lib
+DOCDIR := $(PREFIX)/share/doc/tensormass
+SHARE := $(PREFIX)/share/tensormass
+STAGE := $(OUT)/stage
+# The solve library is part of it where CHOLMOD and Eigen are.
+SOLVE ?= $(if $(and $(wildcard /usr/include/suitesparse/cholmod.h),$(wildcard /usr/include/eigen3/Eigen/Core)),1,0)
+SOLVE_LIBRARIES := $(if $(filter 1,$(SOLVE)),$(LIBTMS_A) $(LIBTMS_SO))
+
+# What links against a library that the loader does not look for by itself is told where it lies. $(call pc,NAMES)
+RPATH := $(if $(filter /lib /lib/% /usr/lib /usr/lib/%,$(LIBDIR)),,-Wl,-rpath,$${libdir} )
+pc = for n in $(1); do sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|' -e 's|@RPATH@|$(RPATH)|' -e 's|@VERSION@|$(VERSION)|' tools/$$n.pc.in \
+	> $(STAGE)/$@$(LIBDIR)/pkgconfig/$$n.pc || exit 1; done
+# $(call folders,NAMES): made anew in the part's stage.
+folders = $(if $(filter-out /%,$(PREFIX) $(LIBDIR)),$(error PREFIX=$(PREFIX) LIBDIR=$(LIBDIR): give paths from / on))rm -rf $(STAGE)/$@ && mkdir -p $(foreach f,$(1),$(STAGE)/$@$(f))
+put = DESTDIR='$(DESTDIR)' PREFIX='$(PREFIX)' tools/install.sh put $@ $(STAGE)/$@
+
+.PHONY: install install-lib install-controller install-programs uninstall
+#: make install PREFIX= LIBDIR= DESTDIR=  all of it: the three parts below
+install: install-lib install-controller install-programs
+
+#: make install-lib          the library: headers, .so, .a, pkg-config, guide; the solve library where CHOLMOD and Eigen are
+install-lib: $(LIBTM_A) $(LIBTM_SO) $(SOLVE_LIBRARIES)
+	@$(call folders,$(PREFIX)/include/tensormass $(LIBDIR)/pkgconfig $(DOCDIR)/examples)
+	install -m 644 $(filter-out $(if $(SOLVE_LIBRARIES),,%_solve.h),$(wildcard libtensormass/include/*.h)) $(STAGE)/$@$(PREFIX)/include
+	install -m 644 libtensormass/include/tensormass/*.h $(STAGE)/$@$(PREFIX)/include/tensormass
+	cp -P $(foreach l,$(LIBTM_A) $(LIBTM_SO) $(SOLVE_LIBRARIES),$(l) $(if $(filter %.a,$(l)),,$(patsubst %.$(VERSION),%.$(SOVERSION),$(l)) $(patsubst %.$(VERSION),%,$(l)))) $(STAGE)/$@$(LIBDIR)
+	$(call pc,tensormass $(if $(SOLVE_LIBRARIES),tensormass_solve))
+	install -m 644 LICENSE CHANGELOG.md $(addprefix docs/,library-guide.md models.md contact.md physics.md) $(STAGE)/$@$(DOCDIR)
+	install -m 644 tests/install/block.c $(STAGE)/$@$(DOCDIR)/examples
+	@$(put)
+
+#: make install-controller   haptic-rt, tm-device, their service, profiles and DBC, the LCM types and bindings, libhrt
+install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/haptic.so $(LIBHRT_A) $(LIBLCMTYPES_A) $(OUT)/python/tensormass/__init__.py
+	@$(call folders,$(addprefix $(PREFIX)/,bin lib/tensormass lib/systemd/system include/tensormass_hrt/can include/tensormass_lcm/lcm_types) $(LIBDIR)/pkgconfig $(DOCDIR) \
+		$(addprefix $(SHARE)/,systemd profiles can lcm_types python/tensormass))
+	install -m 755 $(HRT_PROGRAMS) $(STAGE)/$@$(PREFIX)/bin
+	install -m 755 $(OUT)/lib/tensormass/haptic.so $(STAGE)/$@$(PREFIX)/lib/tensormass
+	sed -e 's|@PREFIX@|$(PREFIX)|' haptic_rt/systemd/haptic-rt@.service.in > $(STAGE)/$@$(PREFIX)/lib/systemd/system/haptic-rt@.service
+	install -m 644 haptic_rt/systemd/haptic-rt-0.conf haptic_rt/systemd/80-can.network $(STAGE)/$@$(SHARE)/systemd
+	install -m 644 haptic_rt/device/profiles/* $(STAGE)/$@$(SHARE)/profiles
+	install -m 644 haptic_rt/can/impulse_engine.dbc $(STAGE)/$@$(SHARE)/can
+	install -m 644 lcm_types/*.lcm $(STAGE)/$@$(SHARE)/lcm_types
+	install -m 644 $(OUT)/python/tensormass/*.py $(STAGE)/$@$(SHARE)/python/tensormass
+	install -m 644 $(OUT)/gen/lcm_types/*.h $(STAGE)/$@$(PREFIX)/include/tensormass_lcm/lcm_types
+	install -m 644 lcm_types/seal.h lcm_types/receiver.h lcm_types/event_log.h $(STAGE)/$@$(PREFIX)/include/tensormass_lcm
+	install -m 644 $(LIBLCMTYPES_A) $(STAGE)/$@$(LIBDIR)/libtensormass_lcm.a
+	install -m 644 haptic_rt/core/hrt.h haptic_rt/core/gate.h $(STAGE)/$@$(PREFIX)/include/tensormass_hrt
+	install -m 644 haptic_rt/can/*.h $(STAGE)/$@$(PREFIX)/include/tensormass_hrt/can
+	install -m 644 $(LIBHRT_A) $(STAGE)/$@$(LIBDIR)/libtensormass_hrt.a
+	$(call pc,tensormass_hrt tensormass_lcm)
+	install -m 644 LICENSE CHANGELOG.md $(addprefix docs/,controller.md dedicated-machine.md can.md messages.md trust.md extrapolation.md firmware.md) $(STAGE)/$@$(DOCDIR)
+	@$(put)
+
+#: make install-programs     simulation, viewer, tm-session and the rest, with scenes and meshes
+install-programs: programs
+	@$(call folders,$(addprefix $(PREFIX)/,bin lib/tensormass/session) $(DOCDIR)/images $(addprefix $(SHARE)/,apps/scenes apps/accuracy/reference meshes))
+	install -m 755 $(filter-out $(HRT_PROGRAMS),$(PROGRAMS)) $(SESSION_PROGRAM) $(STAGE)/$@$(PREFIX)/bin
+	install -m 755 $(filter-out %/haptic.so,$(MODULES)) $(STAGE)/$@$(PREFIX)/lib/tensormass
+	install -m 755 $(SESSION_PARTS) $(STAGE)/$@$(PREFIX)/lib/tensormass/session
+	cp -R apps/scenes/. $(STAGE)/$@$(SHARE)/apps/scenes
+	install -m 644 apps/accuracy/reference/reference.json $(STAGE)/$@$(SHARE)/apps/accuracy/reference
+	install -m 644 $(wildcard meshes/*.msh meshes/*.csv meshes/README.md) $(STAGE)/$@$(SHARE)/meshes
+	install -m 644 README.md LICENSE CHANGELOG.md $(wildcard docs/*.md) $(STAGE)/$@$(DOCDIR)
+	install -m 644 $(wildcard docs/images/*) $(STAGE)/$@$(DOCDIR)/images
+	@$(put)
+
+#: make uninstall PREFIX= DESTDIR=  what was installed there, and nothing else
+uninstall:
+	@DESTDIR='$(DESTDIR)' PREFIX='$(PREFIX)' tools/install.sh remove

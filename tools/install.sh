@@ -1,0 +1,62 @@
+#!/bin/bash
+# Puts a part's files where they belong, and takes away what was put there.
+#   DESTDIR= PREFIX= tools/install.sh put PART STAGE    STAGE/* to DESTDIR/*; a list of it to PREFIX/share/tensormass/installed/PART
+#   DESTDIR= PREFIX= tools/install.sh remove            what the lists name, then the folders that are empty by it
+# A list has a line a path, without DESTDIR: files and links, then the folders that were not there before, each with a / at its end. What an older list of the same
+# part names and the new one does not is taken away too, unless another part has it. Exit 2: nothing to remove.
+set -euo pipefail
+lists=$DESTDIR$PREFIX/share/tensormass/installed
+
+listed_elsewhere() { # PATH PART: by the list of another part
+    for other in "$lists"/*; do
+        [ "$other" = "$lists/$2" ] || ! grep -qxF -- "$1" "$other" || return 0
+    done
+    return 1
+}
+
+put() {
+    local part=$1 stage=$2 new old path folder
+    new=$(mktemp) old=$(mktemp)
+    trap 'rm -f "$new" "$old"' RETURN
+    [ ! -f "$lists/$part" ] || cp "$lists/$part" "$old"
+    # Folders that it makes: an older list's stay its own.
+    (cd "$stage" && find . -mindepth 1 -type d -printf '/%P/\n'; printf '%s/\n' "$PREFIX/share/tensormass" "$PREFIX/share/tensormass/installed") | sort -u |
+        while read -r folder; do
+            if [ ! -d "$DESTDIR$folder" ] || grep -qxF -- "$folder" "$old"; then echo "$folder"; fi
+        done > "$new.folders"
+    (cd "$stage" && find . -mindepth 1 ! -type d -printf '/%P\n') | sort > "$new"
+    mkdir -p "$lists"
+    while read -r path; do
+        mkdir -p "$DESTDIR${path%/*}"
+        # Not into a file that runs: beside it, then in its place.
+        cp -P --preserve=mode "$stage$path" "$DESTDIR$path.installing"
+        mv -f "$DESTDIR$path.installing" "$DESTDIR$path"
+    done < "$new"
+    cat "$new" "$new.folders" > "$lists/$part"
+    rm -f "$new.folders"
+    while read -r path; do
+        case $path in */) continue ;; esac
+        grep -qxF -- "$path" "$lists/$part" || listed_elsewhere "$path" "$part" || rm -f "$DESTDIR$path"
+    done < "$old"
+    echo "installed $(wc -l < "$new") files (${part#install-}) in $DESTDIR$PREFIX"
+}
+
+remove() {
+    local all path count=0
+    [ -d "$lists" ] || { echo "uninstall: nothing of tensormass was installed in $DESTDIR$PREFIX (no $lists); give the PREFIX= and DESTDIR= of the install" >&2; exit 2; }
+    all=$(cat "$lists"/* | sort -u)
+    while read -r path; do
+        case $path in "" | */) continue ;; esac
+        [ ! -e "$DESTDIR$path" ] && [ ! -L "$DESTDIR$path" ] || { rm -f "$DESTDIR$path"; count=$((count + 1)); }
+    done <<< "$all"
+    rm -rf "$lists"
+    # The deepest first; what others put something into stays.
+    grep '/$' <<< "$all" | sort -r | while read -r path; do rmdir "$DESTDIR$path" 2>/dev/null || true; done
+    echo "removed $count files of tensormass from $DESTDIR$PREFIX"
+}
+
+case ${1:-} in
+put) put "$2" "$3" ;;
+remove) remove ;;
+*) echo "usage: tools/install.sh put PART STAGE | remove" >&2; exit 2 ;;
+esac
