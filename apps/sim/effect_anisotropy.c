@@ -97,6 +97,7 @@ const sim_effect sim_effect_anisotropy = {
     .doc = "One fibre direction a tetrahedron. The stiffness tensors take it in when the tissue is built; a step costs "
            "the same with and without.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
+    .part = SIM_PART_FIBRES,
     .check = check,
     .prepare = prepare,
 };

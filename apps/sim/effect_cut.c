@@ -54,6 +54,7 @@ const sim_effect sim_effect_cut = {
            "conformal and manifold, and the "
            "tissue equals a fresh build of what is left, bit for bit.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
+    .part = SIM_PART_CUTTING,
     .needs = {"contact"},
     .prepare = prepare,
     .build = build,

@@ -90,19 +90,20 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
     rows[n] = (row){.name = "mesh", .phase = "", .line = s->scene->mesh.line, .bytes = s->mesh->bytes};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
     ++n;
-    int64_t tissue = tm_tissue_bytes(s->tissue), fibres = 0, cutting = 0, less;
-    if (s->fibre && (less = tissue_without(s, true, false)) >= 0) fibres = tissue - less;
-    if (s->tissue_def.cuttable && (less = tissue_without(s, false, true)) >= 0) cutting = tissue - less;
-    rows[n] = (row){.name = "tissue", .phase = "", .line = s->scene->tissue.line, .bytes = tissue - fibres - cutting};
+    int64_t tissue = tm_tissue_bytes(s->tissue), part[SIM_PART_COUNT] = {0}, less;
+    if (s->fibre && (less = tissue_without(s, true, false)) >= 0) part[SIM_PART_FIBRES] = tissue - less;
+    if (s->tissue_def.cuttable && (less = tissue_without(s, false, true)) >= 0) part[SIM_PART_CUTTING] = tissue - less;
+    rows[n] = (row){.name = "tissue",
+                    .phase = "",
+                    .line = s->scene->tissue.line,
+                    .bytes = tissue - part[SIM_PART_FIBRES] - part[SIM_PART_CUTTING]};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
     ++n;
     /* What an effect holds beside its stages: in the library's account, or inside the tissue. */
     int64_t beside[SIM_MAX_EFFECTS];
     for (int e = 0; e < sim_effect_count; ++e) {
-        beside[e] = s->cost[e].bytes +
+        beside[e] = s->cost[e].bytes + part[sim_effects[e]->part] +
                     (sim_effects[e]->model && s->model->bytes && sim_effect_line(s->scene, e) ? s->model->bytes(s) : 0);
-        if (!strcmp(sim_effects[e]->name, "anisotropy")) beside[e] += fibres;
-        if (!strcmp(sim_effects[e]->name, "cut")) beside[e] += cutting;
         for (int i = 0; i < count; ++i)
             for (int j = 0; j < s->owner_count; ++j)
                 if (s->owner[j].effect == e && !strcmp(s->owner[j].stage, report[i].name)) beside[e] -= report[i].bytes;

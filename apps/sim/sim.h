@@ -19,6 +19,9 @@ typedef struct sim_exclusion {
     const char *other, *why;
 } sim_exclusion;
 
+/* What an effect adds to the tissue itself when it is built, for the account of tm-sim --explain. */
+typedef enum sim_part { SIM_PART_NONE, SIM_PART_FIBRES, SIM_PART_CUTTING, SIM_PART_COUNT } sim_part;
+
 /* One effect: one effect_NAME.c, one row in effects.c. `options` is the struct that its schema fills; its first member
  * is an app_section whose line is 0 when the scene does not name the effect: then none of these functions is called.
  * All return 0 or an exit code, having complained. */
@@ -26,6 +29,7 @@ typedef struct sim_effect {
     const char *name, *doc;
     app_schema schema;
     int model; /* app_model that stands for naming the effect; its own section then only holds options */
+    sim_part part;
     const char *needs[4];
     sim_exclusion excludes[4];
     int (*check)(const app_scene *scene, const void *options); /* needs no mesh */

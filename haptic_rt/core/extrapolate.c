@@ -39,14 +39,6 @@ static void law_time(hrt_extrapolation *x, const moment *m, float force[3]) {
 }
 
 static void law_position(hrt_extrapolation *x, const moment *m, float force[3]) {
-#ifdef PLANT_UNSIGNED /* a known fault, switched in by tests/stability/test_planted.py: the paper's unsigned ratio */
-    hrt_add_scaled(force,
-                   x->have < 2
-                       ? 0.0f
-                       : capped_ratio(m, fabsf(hrt_dot(m->moved_m, m->step_m)) / guarded_square(m->params, m->step_m)),
-                   m->change_N);
-    return;
-#endif
     if (x->have < 2) return;
     hrt_add_scaled(force, capped_ratio(m, hrt_dot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)),
                    m->change_N);

@@ -1,7 +1,6 @@
 /* Critical time steps: the guaranteed element bound (Irons; shared anew in critical_shared.c) and the sharp figure of
  * the assembled system. */
 #include "internal.h"
-#include "plant.h"
 
 #include <float.h>
 #include <math.h>
@@ -145,24 +144,7 @@ double tm_critical_step_element(const tm_tissue *tissue, int32_t tet) {
     return step_of(tissue, tm_element_eigenvalue(tissue, tet));
 }
 
-#if PLANT_H_MIN
-static double h_min_over_c(const tm_tissue *tissue) {
-    double least = HUGE_VAL;
-    for (int32_t t = 0; t < tissue->mesh->tet_count; t++) {
-        const tm_material *m = tm_tissue_tet_material(tissue, t);
-        least = fmin(least, tm_mesh_tet_quality(tissue->mesh, t).min_altitude_m /
-                                sqrt((m->lambda_Pa + 2 * m->mu_Pa) / m->density_kg_m3));
-    }
-    return least;
-}
-#endif
-
 bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet) {
-#if PLANT_H_MIN
-    *tet = 0;
-    *step_s = h_min_over_c(tissue);
-    return true;
-#endif
     double most = 0;
     int32_t worst = -1;
     for (int32_t t = 0; t < tissue->mesh->tet_count; t++) {

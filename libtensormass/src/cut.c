@@ -1,7 +1,6 @@
 /* Removal of tetrahedra: surface, mending, then every touched vertex and edge summed again from its living tetrahedra,
  * in the order of a fresh build. Subtracting would be quicker to write and would drift. */
 #include "cut_internal.h"
-#include "plant.h"
 
 const int8_t tm_cut_edge_between[4][4] = {{-1, 0, 1, 2}, {0, -1, 3, 4}, {1, 3, -1, 5}, {2, 4, 5, -1}};
 
@@ -195,8 +194,6 @@ int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int3
     for (int32_t i = 0; i < w->edge.count; i++)
         if (!tm_tissue_edge_lives(tissue, w->edge.item[i])) tm_tissue_drop_edge(tissue, w->edge.item[i]);
     for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_assemble_edge(tissue, w->edge.item[i]);
-    if (PLANT_REMOVAL && w->edge.count && tissue->precision == TM_DOUBLE && tissue->edge_slot[w->edge.item[0]] >= 0)
-        ((double *)tissue->graph.edge_tensor)[9 * (int64_t)tissue->edge_slot[w->edge.item[0]]] *= -1;
     for (int32_t i = 0; i < w->vertex.count; i++) tm_tissue_assemble_vertex(tissue, w->vertex.item[i]);
     tissue->surface.revision += w->tet.count > 0;
     for (int32_t i = 0; removed && i < w->tet.count && i < removed_max; i++) removed[i] = w->tet.item[i];

@@ -1,6 +1,5 @@
 /* Constants: conversions, positive definiteness, the elasticity matrix, the stiffness block. */
 #include "internal.h"
-#include "plant.h"
 
 #include <math.h>
 
@@ -171,8 +170,7 @@ void tm_material_voigt(const tm_material *m, const double fibre[3], double C[36]
 
 void tm_stiffness_block(const tm_material *m, const double fibre[3], double volume_m3, const double alpha_k[3],
                         const double alpha_l[3], double K[9]) {
-    const double isotropic = PLANT_EQ12 ? 2 * volume_m3 : volume_m3;
-    const double lambda = m->lambda_Pa * isotropic, mu = m->mu_Pa * isotropic, product = tm_dot3(alpha_k, alpha_l);
+    const double lambda = m->lambda_Pa * volume_m3, mu = m->mu_Pa * volume_m3, product = tm_dot3(alpha_k, alpha_l);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) K[3 * i + j] = lambda * alpha_k[i] * alpha_l[j] + mu * alpha_l[i] * alpha_k[j];
     for (int i = 0; i < 3; i++) K[4 * i] += mu * product;

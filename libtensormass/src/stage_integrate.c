@@ -2,7 +2,6 @@
  *   u+ = u + carry (u - u-) + mobility f,  mobility = 1/(m/dt2 + gamma/2dt),  carry = (m/dt2 - gamma/2dt) mobility,
  * where carry is 1 without damping. */
 #include "internal.h"
-#include "plant.h"
 
 void tm_stage_integrate_run(void *self, tm_world *world) {
     (void)self;
@@ -38,7 +37,7 @@ void tm_stage_integrate_damped_run(void *self, tm_world *world) {
 static void refresh(tm_world *world, int32_t v) {
     const double dt = world->state.dt_s;
     const double inertia = world->tissue->mass_kg[v] / (dt * dt);
-    const double drag = world->damped ? (PLANT_GAMMA ? -1 : 1) * world->tissue->damping_kg_s[v] / (2 * dt) : 0;
+    const double drag = world->damped ? world->tissue->damping_kg_s[v] / (2 * dt) : 0;
     const double weight = inertia + drag;
     world->mobility_s2_kg[v] = weight > 0 ? 1 / weight : 0;
     if (world->carry) world->carry[v] = weight > 0 ? (inertia - drag) / weight : 0;

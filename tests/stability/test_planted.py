@@ -1,31 +1,60 @@
-"""Planted faults: each known fault, switched in by a test-only flag, must turn the named tests red. A suite that stays green would not have caught it."""
+"""Planted faults: each known fault, written into a copy of the sources, must turn the named tests red. A suite that stays green would not have caught it."""
 import os
+import shutil
 import subprocess
 
 import pytest
 from paths import BUILD, ROOT
 
-# fault: (flag, test program, test in it that must fail)
+H_MIN_OVER_C = """*step_s = HUGE_VAL;
+    for (int32_t t = 0; t < tissue->mesh->tet_count; t++) {
+        const tm_material *m = tm_tissue_tet_material(tissue, t);
+        *step_s = fmin(*step_s, tm_mesh_tet_quality(tissue->mesh, t).min_altitude_m / sqrt((m->lambda_Pa + 2 * m->mu_Pa) / m->density_kg_m3));
+    }"""
+ONE_SIGN = """    for (int32_t i = 0; i < w->edge.count && i < 1 && tissue->precision == TM_DOUBLE; i++)
+        if (tissue->edge_slot[w->edge.item[0]] >= 0) ((double *)tissue->graph.edge_tensor)[9 * (int64_t)tissue->edge_slot[w->edge.item[0]]] *= -1;
+"""
+MEND_EDGES = "    for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_assemble_edge(tissue, w->edge.item[i]);\n"
+RATIO = "hrt_dot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)"
+POSITION = f"    hrt_add_scaled(force, capped_ratio(m, {RATIO}),\n                   m->change_N);\n"
+# fault: (file, what stands there once, the fault in its place, test program, test in it that must fail)
 FAULTS = {
-    "one block's sign on removal": ("PLANT_REMOVAL=1", "physics/test_cut", "twenty_orders"),
-    "the unsigned ratio of `position`": ("PLANT_UNSIGNED=1", "loop/test_extrapolate", "reversal"),
-    "the sign of gamma": ("PLANT_GAMMA=1", "physics/test_motion", "one_free_vertex"),
-    "eq. 12's factor": ("PLANT_EQ12=1", "physics/test_oracle", "isotropic"),
-    "h_min/c as the step": ("PLANT_H_MIN=1", "physics/test_tissue", "critical_steps"),
+    "one block's sign on removal": ("libtensormass/src/cut.c", MEND_EDGES, MEND_EDGES + ONE_SIGN, "physics/test_cut", "twenty_orders"),
+    "the unsigned ratio of `position`, which may pull": ("haptic_rt/core/extrapolate.c", POSITION + "    only_push(x, true, force);\n",
+                                                         POSITION.replace(RATIO, RATIO.replace("hrt_dot(m->moved_m, m->step_m)", "fabsf(hrt_dot(m->moved_m, m->step_m))")),
+                                                         "loop/test_extrapolate", "reversal"),
+    "the sign of gamma": ("libtensormass/src/stage_integrate.c", "world->damped ? world->tissue->damping_kg_s[v]", "world->damped ? -world->tissue->damping_kg_s[v]",
+                          "physics/test_motion", "one_free_vertex"),
+    "eq. 12's factor": ("libtensormass/src/material.c", "lambda = m->lambda_Pa * volume_m3, mu = m->mu_Pa * volume_m3,", "lambda = 2 * m->lambda_Pa * volume_m3, mu = 2 * m->mu_Pa * volume_m3,",
+                        "physics/test_oracle", "isotropic"),
+    "h_min/c as the step": ("libtensormass/src/critical.c", "*step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);", H_MIN_OVER_C, "physics/test_tissue", "critical_steps"),
 }
+SOURCES = ("libtensormass", "haptic_rt", "apps", "lcm_types", "tests", "tools", "meshes")
+
+
+def plant(copy, file, sound, fault):
+    """The sources with one fault in them."""
+    copy.mkdir()
+    for folder in SOURCES:
+        shutil.copytree(ROOT / folder, copy / folder, ignore=shutil.ignore_patterns("__pycache__", "*.msh", "*.json"))
+    shutil.copy(ROOT / "Makefile", copy)
+    text = (copy / file).read_text()
+    assert text.count(sound) == 1, f"{file} holds {text.count(sound)} times, not once: {sound}"
+    (copy / file).write_text(text.replace(sound, fault))
 
 
 @pytest.mark.parametrize("fault", FAULTS)
 def test_fault_is_caught(fault, once):
-    flag, program, name = FAULTS[fault]
+    file, sound, wrong, program, name = FAULTS[fault]
 
     def build(folder):
-        out = folder / "build"
-        run = subprocess.run(["make", "--no-print-directory", "config=release", f"BUILD={out}", f"VENV={BUILD / 'venv'}", f"CFLAGS_EXTRA=-D{flag}",
-                              "OPT_release=-O1 -DNDEBUG", f"{out}/tests/{program}"], cwd=ROOT, capture_output=True, text=True, timeout=600)
+        copy, out = folder / "sources", folder / "build"
+        plant(copy, file, sound, wrong)
+        run = subprocess.run(["make", "--no-print-directory", "config=release", f"BUILD={out}", f"VENV={BUILD / 'venv'}", "OPT_release=-O1 -DNDEBUG",
+                              f"{out}/tests/{program}"], cwd=copy, capture_output=True, text=True, timeout=600)
         assert run.returncode == 0, run.stdout + run.stderr
 
-    folder = once("planted-" + flag.split("=")[0], build)
+    folder = once("planted-" + name, build)
     env = dict(os.environ, TM_ROOT=str(ROOT), TM_OUT=str(BUILD))
     run = subprocess.run([folder / "build/tests" / program], cwd=ROOT, env=env, capture_output=True, text=True, timeout=600)
     assert run.returncode not in (0, 77), f"{program} did not notice: {fault}"
