@@ -88,7 +88,7 @@ static void take_over(hrt_controller *c, const hrt_sample *newest) {
     c->sample_seq = newest->seq;
     const hrt_flag_rule rule = hrt_flags_rule(newest->flags);
     if (rule != HRT_RULE_NOT_FRESH || c->sample_rule < HRT_RULE_FADE)
-        c->sample_rule = rule; /* no news ends no fading */
+        c->sample_rule = (uint8_t)rule; /* no news ends no fading */
     if (rule >= HRT_RULE_NOT_FRESH) return;
     c->sample_us = newest->t_us;
     hrt_extrapolation_sample(&c->extrapolation, &c->params, newest);

@@ -3,7 +3,6 @@
 #include "internal.h"
 
 #include <pthread.h>
-#include <stdlib.h>
 #include <string.h>
 
 typedef struct worker {
@@ -125,16 +124,16 @@ static bool take(worker *w, const tms_columns *c, int32_t rank) {
     const size_t n = 3 * (size_t)tm_tissue_mesh(c->tissue)->vertex_count;
     w->c = c;
     w->work = tms_work_create(c->solver, TMS_BLOCK);
-    w->full_u = calloc(n, 8);
-    w->full_f = malloc(n * 8);
-    if (rank > 0) w->out = malloc((size_t)TMS_BLOCK * (size_t)c->kept_count * entry_bytes(c));
+    w->full_u = tms_take_zeroed(n, 8);
+    w->full_f = tms_take(n * 8);
+    if (rank > 0) w->out = tms_take((size_t)TMS_BLOCK * (size_t)c->kept_count * entry_bytes(c));
     return w->work && w->full_u && w->full_f && (rank == 0 || w->out);
 }
 
 tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const tm_solve_team *team, tm_error *error) {
     const int32_t rank = team ? team->rank : 0, ranks = team ? team->count : 1, threads = tms_threads(def),
                   blocks = tms_columns_blocks(c);
-    worker *workers = calloc((size_t)threads, sizeof *workers);
+    worker *workers = tms_take_zeroed((size_t)threads, sizeof *workers);
     tm_status status = workers ? TM_OK : TM_ERR_MEMORY;
     for (int32_t i = 0; status == TM_OK && i < threads; i++)
         if (!take(&workers[i], c, rank)) status = TM_ERR_MEMORY;
@@ -154,10 +153,10 @@ tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const t
     if (status == TM_OK) tms_progress(def, "responses", 1, 0);
     for (int32_t i = 0; workers && i < threads; i++) {
         tms_work_destroy(workers[i].work);
-        free(workers[i].full_u);
-        free(workers[i].full_f);
-        if (rank > 0) free(workers[i].out);
+        tms_give(workers[i].full_u);
+        tms_give(workers[i].full_f);
+        if (rank > 0) tms_give(workers[i].out);
     }
-    free(workers);
+    tms_give(workers);
     return status;
 }

@@ -98,6 +98,7 @@ void tm_factored_destroy(tm_factored *f) {
 }
 
 int64_t tm_factored_bytes(const tm_factored *f) {
+    TM_REQUIRE(f, "factored is null", 0);
     const int64_t tets = tm_tissue_mesh(f->tissue)->tet_count, width = 3 * TMS_PIECE_VERTICES;
     return (int64_t)sizeof *f + 3 * (tets + (int64_t)sizeof(double) * width * width) + tms_engine_bytes(f->engine);
 }
@@ -125,6 +126,7 @@ static void *work(void *user) {
 }
 
 tm_status tm_factored_start(tm_factored *f, tm_error *error) {
+    TM_REQUIRE(f, "factored is null", TM_ERR_ARGUMENT);
     if (f->live) return TM_OK;
     if (pthread_create(&f->thread, NULL, work, f))
         return tms_fail(error, TM_ERR_LIMIT, -1, "no thread for the compliance; allow this user more processes");
@@ -150,15 +152,21 @@ static void post(tm_factored *f) {
 
 static const tm_compliance *exchange(void *self, int32_t owner, const int32_t *vertex, int32_t count) {
     tm_factored *f = self;
+    TM_REQUIRE(f && owner >= 0 && owner < TM_MAX_INSTRUMENTS && count >= 0 && count <= TM_COMPLIANCE_WANTS &&
+                   (vertex || count == 0),
+               "self or vertex is null, or owner or count is out of range", NULL);
+    for (int32_t i = 0; i < count; i++)
+        TM_REQUIRE(vertex[i] >= 0 && vertex[i] < tm_tissue_mesh(f->tissue)->vertex_count, "no such vertex", NULL);
     /* Without a thread what was wished for at the call before is made now, whole: the same calls, the same bits. */
     if (f->waiting && swap_take(&f->wishes)) work_off(f, true);
     f->now.count[owner] = count;
-    memcpy(f->now.vertex[owner], vertex, sizeof *vertex * (size_t)count);
+    if (count) memcpy(f->now.vertex[owner], vertex, sizeof *vertex * (size_t)count);
     post(f);
     f->any = swap_take(&f->pieces) || f->any;
     return f->any ? &f->piece[f->pieces.reader].is : NULL;
 }
 
 tm_compliance_source tm_factored_source(tm_factored *factored) {
+    TM_REQUIRE(factored, "factored is null", (tm_compliance_source){0});
     return (tm_compliance_source){.self = factored, .exchange = exchange};
 }

@@ -12,7 +12,6 @@
 #include <limits.h>
 #include <pthread.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
 #include <sys/mman.h>
@@ -118,11 +117,11 @@ static bool check_sums(const char *map, const tms_file_head *head, int32_t threa
     const tms_layout l = tms_file_layout(head->kept_count, head->interface_count, (tm_precision)head->precision);
     if (head_checksum(map, l.column) != head->head_checksum)
         return refuse(why, "damaged: the checksum of its head differs");
-    uint64_t *sum = malloc(8 * (size_t)(l.blocks ? l.blocks : 1));
+    uint64_t *sum = tms_take(8 * (size_t)(l.blocks ? l.blocks : 1));
     if (!sum) return refuse(why, "no memory to check it");
     checksum_columns(map + l.column, l.bytes - l.column, sum, l.blocks, threads);
     const bool same = !memcmp(sum, map + l.checksum, 8 * (size_t)l.blocks);
-    free(sum);
+    tms_give(sum);
     return same || refuse(why, "damaged: a checksum of its columns differs");
 }
 

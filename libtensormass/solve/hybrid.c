@@ -2,7 +2,6 @@
 #include "hybrid.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 tm_hybrid_def tm_hybrid_def_default(void) {
@@ -17,19 +16,19 @@ tm_hybrid_def tm_hybrid_def_default(void) {
 static bool take(tm_hybrid *h, const tm_mesh *mesh) {
     const size_t n = (size_t)mesh->vertex_count,
                  faces = (4 * (size_t)mesh->tet_count + (size_t)mesh->surface_count) / 2;
-    h->alive = malloc((size_t)mesh->tet_count);
-    h->elsewhere = malloc((size_t)mesh->tet_count);
-    h->part = calloc(n, 1);
-    h->fixed = malloc(3 * n);
-    h->value_m = calloc(3 * n, 8);
-    h->load_N = calloc(3 * n, 8);
-    h->extra_mass_kg = calloc(n, 8);
-    h->extra_damping_kg_s = calloc(n, 8);
-    h->place = malloc(12 * n);
-    h->surface_triangle = malloc(12 * faces);
-    h->surface_face = malloc(4 * faces);
-    h->full_u = calloc(3 * n, 8);
-    h->full_f = malloc(24 * n);
+    h->alive = tms_take((size_t)mesh->tet_count);
+    h->elsewhere = tms_take((size_t)mesh->tet_count);
+    h->part = tms_take_zeroed(n, 1);
+    h->fixed = tms_take(3 * n);
+    h->value_m = tms_take_zeroed(3 * n, 8);
+    h->load_N = tms_take_zeroed(3 * n, 8);
+    h->extra_mass_kg = tms_take_zeroed(n, 8);
+    h->extra_damping_kg_s = tms_take_zeroed(n, 8);
+    h->place = tms_take(12 * n);
+    h->surface_triangle = tms_take(12 * faces);
+    h->surface_face = tms_take(4 * faces);
+    h->full_u = tms_take_zeroed(3 * n, 8);
+    h->full_f = tms_take(24 * n);
     return h->alive && h->elsewhere && h->part && h->fixed && h->value_m && h->load_N && h->extra_mass_kg &&
            h->extra_damping_kg_s && h->place && h->surface_triangle && h->surface_face && h->full_u && h->full_f;
 }
@@ -54,8 +53,8 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
             "%s tetrahedron is in the tensor/mass part; choose a region or box that holds some and leaves some",
             dynamic ? "every" : "no");
     for (int32_t v = 0; v < mesh->vertex_count; v++) h->interface_count += h->part[v] == TMS_INTERFACE ? 3 : 0;
-    h->interface = malloc((size_t)(h->interface_count + 1) * sizeof *h->interface);
-    if (!h->interface) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface");
+    h->interface = tms_take((size_t)(h->interface_count + 1) * sizeof *h->interface);
+    if (!h->interface) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface; use a coarser mesh");
     h->interface_count = 0;
     for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) {
         h->place[d] = -1;
@@ -97,8 +96,8 @@ static void find_step(tm_hybrid *h, const tm_tissue *whole) {
 }
 
 static tm_status condense(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report *report, tm_error *error) {
-    uint8_t *wanted = calloc((size_t)h->mesh->vertex_count, 1);
-    if (!wanted) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface");
+    uint8_t *wanted = tms_take_zeroed((size_t)h->mesh->vertex_count, 1);
+    if (!wanted) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface; use a coarser mesh");
     const tm_mesh *mesh = h->mesh;
     for (int32_t i = 0; i < 3 * mesh->surface_count; i++)
         if (h->part[mesh->surface[i]] == TMS_CONDENSED) wanted[mesh->surface[i]] = 1;
@@ -116,7 +115,7 @@ static tm_status condense(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_repor
                                  .system = &h->system,
                                  .solver = &h->solver};
     const tm_status status = tms_responses_get(&request, false, &h->responses, report, error);
-    free(wanted);
+    tms_give(wanted);
     return status;
 }
 
@@ -124,7 +123,7 @@ static tm_status condense(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_repor
  */
 static bool pack_schur(tm_hybrid *h) {
     const int64_t n = h->interface_count;
-    h->schur = malloc((size_t)(n * (n + 1) / 2) * 8);
+    h->schur = tms_take((size_t)(n * (n + 1) / 2) * 8);
     double *at = h->schur;
     for (int64_t i = 0; at && i < n; i++)
         for (int64_t j = i; j < n; j++) *at++ = 0.5 * (h->responses.schur[i * n + j] + h->responses.schur[j * n + i]);
@@ -147,8 +146,8 @@ static tm_status set_up(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report 
     if (status != TM_OK) return status;
     for (int32_t i = 0; i < h->responses.kept_count; i++) h->place[h->responses.kept[i]] = i;
     h->work = tms_work_create(h->solver, 1);
-    h->push_N = malloc((size_t)(h->interface_count + 1) * 8);
-    h->at_m = malloc((size_t)(h->interface_count + 1) * 8);
+    h->push_N = tms_take((size_t)(h->interface_count + 1) * 8);
+    h->at_m = tms_take((size_t)(h->interface_count + 1) * 8);
     if (!h->work || !pack_schur(h) || !h->push_N || !h->at_m)
         return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
     if (def->patch_vertices > 0) status = tms_whole_create(&def->problem, def->patch_vertices, &h->whole, error);
@@ -182,9 +181,9 @@ tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, tm_solv
     const tm_status good = check(def, error);
     if (good != TM_OK) return good;
     tm_solve_report mine = {0};
-    tm_hybrid *h = calloc(1, sizeof *h);
-    const tm_status status =
-        h ? set_up(h, def, &mine, error) : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model");
+    tm_hybrid *h = tms_take_zeroed(1, sizeof *h);
+    const tm_status status = h ? set_up(h, def, &mine, error)
+                               : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
     if (report) *report = mine;
     if (status != TM_OK)
         tm_hybrid_destroy(h);
@@ -213,8 +212,8 @@ void tm_hybrid_destroy(tm_hybrid *h) {
                       h->full_f,         h->through,
                       h->through_vertex, h->kept,
                       h->give_m_N,       h->held};
-    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) free(arrays[i]);
-    free(h);
+    for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) tms_give(arrays[i]);
+    tms_give(h);
 }
 
 int64_t tm_hybrid_bytes(const tm_hybrid *h) {

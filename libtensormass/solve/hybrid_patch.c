@@ -3,7 +3,6 @@
 #include "hybrid.h"
 
 #include <assert.h>
-#include <stdlib.h>
 #include <string.h>
 
 enum { AT_ONCE = 8 }; /* vertices solved in one call */
@@ -19,18 +18,18 @@ struct tms_whole {
 };
 
 tm_status tms_whole_create(const tm_solve_def *problem, int32_t capacity, tms_whole **whole, tm_error *error) {
-    tms_whole *w = calloc(1, sizeof *w);
+    tms_whole *w = tms_take_zeroed(1, sizeof *w);
     tm_solve_report report = {0};
     tm_status status = w ? tms_system_create(problem->tissue, problem->fixed, &w->system, error)
-                         : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for patches");
+                         : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for patches; use a coarser mesh");
     if (status == TM_OK) status = tms_solver_create(&w->system, problem, 0, 0, &w->solver, &report, error);
     if (status == TM_OK) status = tm_patch_solver_create(&w->patch_solver, error);
     if (status == TM_OK) {
         w->capacity = capacity;
         w->work = tms_work_create(w->solver, 3 * AT_ONCE);
-        w->vertex = malloc((size_t)capacity * sizeof *w->vertex);
-        w->used = calloc((size_t)capacity, sizeof *w->used);
-        w->column = malloc((size_t)capacity * 12 * (size_t)w->system.n);
+        w->vertex = tms_take((size_t)capacity * sizeof *w->vertex);
+        w->used = tms_take_zeroed((size_t)capacity, sizeof *w->used);
+        w->column = tms_take((size_t)capacity * 12 * (size_t)w->system.n);
         if (!w->work || !w->vertex || !w->used || !w->column)
             status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance of %d vertices; use fewer",
                               (int)capacity);
@@ -50,10 +49,10 @@ void tms_whole_destroy(tms_whole *w) {
     tms_solver_destroy(w->solver);
     tms_system_destroy(&w->system);
     tm_patch_solver_destroy(w->patch_solver);
-    free(w->vertex);
-    free(w->used);
-    free(w->column);
-    free(w);
+    tms_give(w->vertex);
+    tms_give(w->used);
+    tms_give(w->column);
+    tms_give(w);
 }
 
 int64_t tms_whole_bytes(const tms_whole *w) {

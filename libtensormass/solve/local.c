@@ -4,7 +4,6 @@
 #include "local_eval.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 static const double GATHER_TRAVEL = 0.2; /* radii */
@@ -88,7 +87,7 @@ tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const t
     if (status != TM_OK) return status;
     l.tool_count = l.def.instrument_count;
     l.bytes = (int64_t)lay_out(&l, NULL);
-    l.memory = aligned_alloc(64, (size_t)l.bytes);
+    l.memory = tms_take((size_t)l.bytes);
     if (!l.memory)
         return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for %d vertices on line; lower max_local_vertices",
                         (int)capacity);
@@ -113,7 +112,7 @@ tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const t
 
 void tms_local_destroy(tms_local *local) {
     for (int32_t t = 0; t < local->tool_count; t++) tm_contact_search_destroy(local->tool[t].search);
-    free(local->memory);
+    tms_give(local->memory);
     *local = (tms_local){0};
 }
 

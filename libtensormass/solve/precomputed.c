@@ -2,7 +2,6 @@
 #include "precomputed.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 tm_precomputed_def tm_precomputed_def_default(void) {
@@ -16,13 +15,13 @@ tm_precomputed_def tm_precomputed_def_default(void) {
 static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_responses *responses,
                                tm_solve_report *report, tm_error *error) {
     const tm_surface_view surface = tm_tissue_surface(def->problem.tissue);
-    uint8_t *wanted = calloc((size_t)tm_tissue_mesh(def->problem.tissue)->vertex_count, 1);
-    if (!wanted) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface");
+    uint8_t *wanted = tms_take_zeroed((size_t)tm_tissue_mesh(def->problem.tissue)->vertex_count, 1);
+    if (!wanted) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface; use a coarser mesh");
     for (int32_t i = 0; i < 3 * surface.count; i++) wanted[surface.triangle[i]] = 1;
     const tms_request request = {
         .def = &def->problem, .wanted = wanted, .precision = def->precision, .file = def->file, .team = def->team};
     const tm_status status = tms_responses_get(&request, force, responses, report, error);
-    free(wanted);
+    tms_give(wanted);
     return status;
 }
 
@@ -39,18 +38,18 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     const int32_t n = 3 * mesh->vertex_count;
     const tms_responses *r = &m->responses;
     m->tissue = def->problem.tissue;
-    m->kept_of = malloc((size_t)n * sizeof *m->kept_of);
-    m->surface = malloc((size_t)(r->kept_count + 1) * sizeof *m->surface);
-    m->sum = calloc((size_t)(r->kept_count + 1), sizeof *m->sum);
+    m->kept_of = tms_take((size_t)n * sizeof *m->kept_of);
+    m->surface = tms_take((size_t)(r->kept_count + 1) * sizeof *m->surface);
+    m->sum = tms_take_zeroed((size_t)(r->kept_count + 1), sizeof *m->sum);
     if (!m->kept_of || !m->surface || !m->sum)
-        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model");
+        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
     tm_status status = tms_local_create(mesh, tm_tissue_surface(m->tissue), def->contact, def->grasp,
                                         def->max_local_vertices, &m->local, error);
     if (status != TM_OK) return status;
     m->local.update_s = def->update_s;
     m->local.self = m;
-    if (def->contact && !(m->yield = malloc((size_t)TM_PATCH_DOFS * 24 * (size_t)m->local.capacity)))
-        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model");
+    if (def->contact && !(m->yield = tms_take((size_t)TM_PATCH_DOFS * 24 * (size_t)m->local.capacity)))
+        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
     m->local.compliance = tms_precomputed_compliance;
     for (int32_t d = 0; d < n; d++) m->kept_of[d] = -1;
     for (int32_t i = 0; i < r->kept_count; i++) {
@@ -88,9 +87,9 @@ tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **
     tm_status status = check(def, error);
     if (status != TM_OK) return status;
     tm_solve_report mine = {0};
-    tm_precomputed *m = calloc(1, sizeof *m);
+    tm_precomputed *m = tms_take_zeroed(1, sizeof *m);
     status = m ? get_responses(def, false, &m->responses, &mine, error)
-               : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model");
+               : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
     if (report) *report = mine;
     if (status == TM_OK) status = set_up(m, def, error);
     if (status != TM_OK) {
@@ -119,11 +118,11 @@ void tm_precomputed_destroy(tm_precomputed *m) {
     if (!m) return;
     tms_local_destroy(&m->local);
     tms_responses_release(&m->responses);
-    free(m->kept_of);
-    free(m->surface);
-    free(m->sum);
-    free(m->yield);
-    free(m);
+    tms_give(m->kept_of);
+    tms_give(m->surface);
+    tms_give(m->sum);
+    tms_give(m->yield);
+    tms_give(m);
 }
 
 int64_t tm_precomputed_bytes(const tm_precomputed *m) {

@@ -2,7 +2,6 @@
 #include "internal.h"
 
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
 
@@ -71,7 +70,7 @@ static void begin_head(const tms_request *q, const tms_system *system, uint64_t 
 static tm_status solve_base(const tms_request *q, const tms_system *system, const tms_solver *solver,
                             const int32_t *kept, int32_t kept_count, double *base, double *force, tm_error *error) {
     const size_t dofs = 3 * (size_t)system->vertex_count;
-    double *u = calloc(dofs, 8), *f = malloc(dofs * 8);
+    double *u = tms_take_zeroed(dofs, 8), *f = tms_take(dofs * 8);
     tms_work *work = tms_work_create(solver, 1);
     tm_status status = TM_OK;
     if (!u || !f || !work) {
@@ -97,8 +96,8 @@ static tm_status solve_base(const tms_request *q, const tms_system *system, cons
     for (int32_t i = 0; i < q->interface_count; i++) force[i] = f[q->interface[i]];
 done:
     tms_work_destroy(work);
-    free(u);
-    free(f);
+    tms_give(u);
+    tms_give(f);
     return status;
 }
 
@@ -193,9 +192,9 @@ static tm_status compute(const tms_request *q, uint64_t key, tms_file_write *fil
                                report, error);
     if (status == TM_OK) status = reserve(file, l.bytes, need, report->why, error);
     if (status != TM_OK) goto done;
-    char *memory = file->map != MAP_FAILED ? file->map : (r->head = calloc(1, l.column));
+    char *memory = file->map != MAP_FAILED ? file->map : (r->head = tms_take_zeroed(1, l.column));
     char *columns = file->map != MAP_FAILED ? memory + l.column
-                    : rank == 0             ? (r->owned = malloc(l.bytes - l.column + 1))
+                    : rank == 0             ? (r->owned = tms_take(l.bytes - l.column + 1))
                                             : NULL;
     if (!memory || (rank == 0 && !columns))
         status = tms_fail(error, TM_ERR_MEMORY, -1,
@@ -291,7 +290,7 @@ tm_status tms_responses_get(const tms_request *q, bool force, tms_responses *r, 
 
 void tms_responses_release(tms_responses *r) {
     if (r->map) munmap(r->map, r->map_bytes);
-    free(r->head);
-    free(r->owned);
+    tms_give(r->head);
+    tms_give(r->owned);
     *r = (tms_responses){0};
 }

@@ -3,7 +3,6 @@
 
 #include <cholmod.h>
 #include <stdio.h>
-#include <stdlib.h>
 #include <string.h>
 
 struct tms_solver {
@@ -183,8 +182,8 @@ static tm_status factorise(tms_solver *s, const tms_system *system, const tm_sol
 
 tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, int64_t responses, int64_t single,
                             tms_solver **solver, tm_solve_report *report, tm_error *error) {
-    tms_solver *s = calloc(1, sizeof *s);
-    if (!s) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a solver");
+    tms_solver *s = tms_take_zeroed(1, sizeof *s);
+    if (!s) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a solver; use a coarser mesh");
     s->kind = def->solver;
     s->n = system->n;
     s->tolerance = def->cg_tolerance;
@@ -215,7 +214,7 @@ void tms_solver_destroy(tms_solver *s) {
         cholmod_finish(&s->common);
     }
     tms_cg_destroy(s->cg);
-    free(s);
+    tms_give(s);
 }
 
 int64_t tms_solver_bytes(const tms_solver *s) { return s->bytes; }
@@ -223,7 +222,7 @@ int64_t tms_solver_bytes(const tms_solver *s) { return s->bytes; }
 /* --- one thread's work --- */
 
 tms_work *tms_work_create(const tms_solver *solver, int32_t width) {
-    tms_work *w = calloc(1, sizeof *w);
+    tms_work *w = tms_take_zeroed(1, sizeof *w);
     if (!w) return NULL;
     const size_t n = (size_t)solver->n;
     w->solver = solver;
@@ -231,8 +230,8 @@ tms_work *tms_work_create(const tms_solver *solver, int32_t width) {
     tms_process_enter();
     start(&w->common);
     if (solver->kind == TM_SOLVER_CG) {
-        w->cg_b = malloc(n * (size_t)width * 8);
-        w->cg_x = malloc(n * (size_t)width * 8);
+        w->cg_b = tms_take(n * (size_t)width * 8);
+        w->cg_x = tms_take(n * (size_t)width * 8);
     } else {
         w->b = cholmod_allocate_dense(n, (size_t)width, n, CHOLMOD_REAL, &w->common);
     }
@@ -249,9 +248,9 @@ void tms_work_destroy(tms_work *w) {
     cholmod_free_dense(&w->y, &w->common);
     cholmod_free_dense(&w->e, &w->common);
     cholmod_finish(&w->common);
-    free(w->cg_b);
-    free(w->cg_x);
-    free(w);
+    tms_give(w->cg_b);
+    tms_give(w->cg_x);
+    tms_give(w);
 }
 
 double *tms_work_rhs(tms_work *w) { return w->cg_b ? w->cg_b : w->b->x; }

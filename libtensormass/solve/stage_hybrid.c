@@ -3,7 +3,6 @@
  * quasi-statically, through the interface. */
 #include "hybrid.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 /* --- force on the interface --- */
@@ -294,9 +293,9 @@ static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error)
     h->local.compliance = compliance;
     h->local.refresh = refresh;
     h->local.passes = passes;
-    h->through = malloc(24 * (size_t)h->local.capacity * (size_t)h->interface_count);
-    h->through_vertex = malloc(4 * (size_t)h->local.capacity);
-    h->kept = malloc((size_t)tms_local_snapshot_most(&h->local));
+    h->through = tms_take(24 * (size_t)h->local.capacity * (size_t)h->interface_count);
+    h->through_vertex = tms_take(4 * (size_t)h->local.capacity);
+    h->kept = tms_take((size_t)tms_local_snapshot_most(&h->local));
     if (!h->through || !h->through_vertex || !h->kept)
         return tms_fail(error, TM_ERR_MEMORY, -1,
                         "no memory for contact with %d interface components; lower max_local_vertices",
@@ -316,7 +315,7 @@ static void detach(void *self) {
     void **array[] = {(void **)&h->held, (void **)&h->give_m_N, (void **)&h->through, (void **)&h->through_vertex,
                       &h->kept};
     for (size_t i = 0; i < sizeof array / sizeof *array; i++) {
-        free(*array[i]);
+        tms_give(*array[i]);
         *array[i] = NULL;
     }
     h->world = NULL;
@@ -348,11 +347,12 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
     h->world = world;
     h->uncut_count = tm_tissue_alive_count(tm_world_tissue(world));
     h->stale = true;
-    h->held = calloc(3 * (size_t)h->mesh->vertex_count, 1);
-    h->give_m_N = calloc((size_t)h->interface_count, 8);
-    tm_status status = h->held && h->give_m_N
-                           ? TM_OK
-                           : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model");
+    h->held = tms_take_zeroed(3 * (size_t)h->mesh->vertex_count, 1);
+    h->give_m_N = tms_take_zeroed((size_t)h->interface_count, 8);
+    tm_status status =
+        h->held && h->give_m_N
+            ? TM_OK
+            : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model; use a coarser mesh");
     if (status == TM_OK && contact) status = add_contact(h, contact, error);
     if (status != TM_OK) {
         detach(h);

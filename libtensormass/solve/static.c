@@ -1,7 +1,6 @@
 /* One static solution. */
 #include "internal.h"
 
-#include <stdlib.h>
 #include <string.h>
 
 static tm_status solve(const tm_solve_def *def, const tms_system *system, const tms_solver *solver, double *u,
@@ -31,7 +30,7 @@ tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *reaction
     tm_solve_report mine = {.columns = 1};
     tms_system system = {0};
     tms_solver *solver = NULL;
-    double *u = calloc(dofs, 8), *f = malloc(dofs * 8);
+    double *u = tms_take_zeroed(dofs, 8), *f = tms_take(dofs * 8);
     tm_status status =
         u && f ? TM_OK : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
     if (status == TM_OK) status = tms_system_create(def->tissue, def->fixed, &system, error);
@@ -50,7 +49,7 @@ tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *reaction
     if (report && status == TM_OK) *report = mine;
     tms_solver_destroy(solver);
     tms_system_destroy(&system);
-    free(u);
-    free(f);
+    tms_give(u);
+    tms_give(f);
     return status;
 }

@@ -4,7 +4,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdlib.h>
 #include <string.h>
 
 /* --- parts, and whether they are held --- */
@@ -77,8 +76,8 @@ static void find_parts(const tm_tissue *tissue, int32_t *parent, part *parts) {
 tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error *error) {
     const tm_mesh *mesh = tm_tissue_mesh(tissue);
     const int32_t n = mesh->vertex_count;
-    int32_t *parent = malloc((size_t)n * sizeof *parent);
-    part *parts = calloc((size_t)n, sizeof *parts);
+    int32_t *parent = tms_take((size_t)n * sizeof *parent);
+    part *parts = tms_take_zeroed((size_t)n, sizeof *parts);
     tm_status status = TM_OK;
     if (!parent || !parts) {
         status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory to look for loose parts; use a smaller mesh");
@@ -113,8 +112,8 @@ tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error
         break;
     }
 done:
-    free(parts);
-    free(parent);
+    tms_give(parts);
+    tms_give(parent);
     return status;
 }
 
@@ -165,9 +164,9 @@ tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_s
 tm_status tms_system_assemble(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error) {
     const int32_t n = tm_tissue_mesh(tissue)->vertex_count;
     tms_system s = {.vertex_count = n};
-    s.index = malloc(3 * (size_t)n * sizeof *s.index);
-    s.dof = malloc(3 * (size_t)n * sizeof *s.dof);
-    s.begin = malloc((3 * (size_t)n + 1) * sizeof *s.begin);
+    s.index = tms_take(3 * (size_t)n * sizeof *s.index);
+    s.dof = tms_take(3 * (size_t)n * sizeof *s.dof);
+    s.begin = tms_take((3 * (size_t)n + 1) * sizeof *s.begin);
     if (!s.index || !s.dof || !s.begin) goto no_memory;
     number_free(tissue, fixed, &s);
     int64_t count = 0;
@@ -177,8 +176,8 @@ tm_status tms_system_assemble(const tm_tissue *tissue, const uint8_t *fixed, tms
         if (count > INT32_MAX) goto no_memory;
     }
     s.begin[s.n] = (int32_t)count;
-    s.row = malloc((size_t)(count ? count : 1) * sizeof *s.row);
-    s.value = malloc((size_t)(count ? count : 1) * sizeof *s.value);
+    s.row = tms_take((size_t)(count ? count : 1) * sizeof *s.row);
+    s.value = tms_take((size_t)(count ? count : 1) * sizeof *s.value);
     if (!s.row || !s.value) goto no_memory;
     for (int32_t j = 0; j < s.n; j++) walk_column(tissue, &s, j, s.row + s.begin[j], s.value + s.begin[j]);
     *system = s;
@@ -190,11 +189,11 @@ no_memory:
 }
 
 void tms_system_destroy(tms_system *s) {
-    free(s->index);
-    free(s->dof);
-    free(s->begin);
-    free(s->row);
-    free(s->value);
+    tms_give(s->index);
+    tms_give(s->dof);
+    tms_give(s->begin);
+    tms_give(s->row);
+    tms_give(s->value);
     memset(s, 0, sizeof *s);
 }
 
@@ -204,7 +203,7 @@ int64_t tms_system_bytes(const tms_system *s) {
 
 tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue **tissue, tm_error *error) {
     const tm_mesh *mesh = tm_tissue_mesh(whole);
-    tm_material *material = calloc((size_t)mesh->region_count, sizeof *material);
+    tm_material *material = tms_take_zeroed((size_t)mesh->region_count, sizeof *material);
     double *fibre = NULL;
     tm_status status = TM_ERR_MEMORY;
     bool any = false;
@@ -213,7 +212,7 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
         material[mesh->region[t]] = *tm_tissue_tet_material(whole, t);
         any |= tm_tissue_tet_fibre(whole, t) != NULL;
     }
-    if (any && !(fibre = calloc(3 * (size_t)mesh->tet_count, sizeof *fibre))) goto done;
+    if (any && !(fibre = tms_take_zeroed(3 * (size_t)mesh->tet_count, sizeof *fibre))) goto done;
     for (int32_t t = 0; any && t < mesh->tet_count; t++) {
         const double *a = tm_tissue_tet_fibre(whole, t);
         for (int i = 0; i < 3; i++) fibre[3 * t + i] = a ? a[i] : i == 0;
@@ -225,10 +224,10 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
     def.fibre = fibre;
     def.alive = alive;
     status = tm_tissue_create(&def, tissue, error);
-    free(fibre);
-    free(material);
+    tms_give(fibre);
+    tms_give(material);
     return status;
 done:
-    free(material);
+    tms_give(material);
     return tms_fail(error, status, -1, "no memory for a part of the tissue; use a smaller mesh");
 }

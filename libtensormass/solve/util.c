@@ -1,9 +1,10 @@
-/* Messages, clock, processors. */
+/* Messages, memory, clock, processors. */
 #include "internal.h"
 
 #include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
+#include <string.h>
 #include <time.h>
 #include <unistd.h>
 
@@ -44,6 +45,31 @@ tm_status tms_check_problem(const tm_solve_def *def, tm_error *error) {
                             (int)(d / 3), def->load_N[d]);
     }
     return TM_OK;
+}
+
+enum { HEADER = 64 }; /* before the memory: its size, and the alignment kept */
+
+void *tms_take(size_t bytes) {
+    if (bytes > SIZE_MAX / 4) return NULL;
+    const size_t whole = HEADER + bytes;
+    char *block = tm_allocate(whole);
+    if (!block) return NULL;
+    memcpy(block, &whole, sizeof whole);
+    return block + HEADER;
+}
+
+void *tms_take_zeroed(size_t count, size_t size) {
+    void *memory = size && count > SIZE_MAX / 4 / size ? NULL : tms_take(count * size);
+    if (memory) memset(memory, 0, count * size);
+    return memory;
+}
+
+void tms_give(void *memory) {
+    if (!memory) return;
+    char *block = (char *)memory - HEADER;
+    size_t whole;
+    memcpy(&whole, block, sizeof whole);
+    tm_release(block, whole);
 }
 
 double tms_clock_s(void) {

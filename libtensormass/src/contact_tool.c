@@ -12,6 +12,7 @@ static double direction(const double trocar_m[3], const double tip_m[3], double 
 }
 
 tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument) {
+    TM_REQUIRE(def && pose, "def or pose is null", (tm_capsule){0});
     tm_capsule capsule = {.radius_m = def->radius_m, .instrument = instrument};
     double e[3], length = direction(def->trocar_m, pose->tip_m, e);
     vset(pose->tip_m, capsule.tip_m);
@@ -112,6 +113,7 @@ bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u
 
 void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3], const double force_N[3],
                   double tip_force_N[3]) {
+    TM_REQUIRE(trocar_m && tip_m && point_m && force_N && tip_force_N, "something is null", );
     double e[3], arm[3], torque[3], across[3];
     double length = vmax(direction(trocar_m, tip_m, e), 1e-3); /* a tip on the trocar has no lever: bounded */
     vsub(point_m, trocar_m, arm);

@@ -5,14 +5,17 @@
 #include <math.h>
 
 #include "contact_vec.h"
+#include "contract.h"
 
 void tm_jaw_begin(tm_jaw *jaw, const tm_instrument_def *tool, const tm_tool_pose *pose) {
+    TM_REQUIRE(jaw && tool && pose, "jaw, tool or pose is null", );
     vsub(pose->tip_m, tool->trocar_m, jaw->origin);
     if (vunit(jaw->origin, jaw->origin) <= 0) jaw->origin[2] = -1;
 }
 
 /* The shaft's direction e; across it the frame that the shortest turn from `origin` to e makes, rolled about e. */
 void tm_jaw_turn(tm_jaw *h, const tm_instrument_def *tool, const tm_tool_pose *pose) {
+    TM_REQUIRE(h && tool && pose, "jaw, tool or pose is null", );
     double e[3], side[3], across[3], *x = h->axis_m[0], *y = h->axis_m[1];
     vsub(pose->tip_m, tool->trocar_m, e);
     if (vunit(e, e) <= 0) vset(h->origin, e);
@@ -41,12 +44,14 @@ void tm_jaw_turn(tm_jaw *h, const tm_instrument_def *tool, const tm_tool_pose *p
 }
 
 void tm_jaw_to_tool(const tm_jaw *h, const tm_tool_pose *pose, const double at_m[3], double offset_m[3]) {
+    TM_REQUIRE(h && pose && at_m && offset_m, "jaw, pose, at_m or offset_m is null", );
     double d[3];
     vsub(at_m, pose->tip_m, d);
     for (int c = 0; c < 3; c++) offset_m[c] = vdot(d, h->axis_m[c]);
 }
 
 void tm_jaw_to_world(const tm_jaw *h, const tm_tool_pose *pose, const double offset_m[3], double at_m[3]) {
+    TM_REQUIRE(h && pose && offset_m && at_m, "jaw, pose, offset_m or at_m is null", );
     vset(pose->tip_m, at_m);
     for (int c = 0; c < 3; c++) vmadd(at_m, offset_m[c], h->axis_m[c], at_m);
 }
@@ -116,6 +121,9 @@ static void take_vertex(catch *h, int32_t vertex, double distance_m) {
 int32_t tm_jaw_capture(const tm_jaw *jaw, const tm_grasp_def *def, const tm_instrument_def *tool,
                        const tm_tool_pose *pose, const double *rest_m, const double *u_m,
                        const tm_surface_view *surface, int32_t *vertex, double *distance_m) {
+    TM_REQUIRE(jaw && def && tool && pose && rest_m && u_m && surface, "something that is read is null", 0);
+    TM_REQUIRE(def->max_vertices >= 0 && (def->max_vertices == 0 || (vertex && distance_m)),
+               "def->max_vertices is negative, or vertex or distance_m is null", 0);
     catch h = {.max = def->max_vertices, .vertex = vertex, .distance_m = distance_m};
     tm_capsule axis;
     vset(pose->tip_m, axis.tip_m);

@@ -245,9 +245,50 @@ static void thread(void **state) {
     tear_down(&b);
 }
 
+static int broken;
+static void on_broken(const char *function, const char *sentence, void *user) {
+    (void)function, (void)sentence, (void)user;
+    broken++;
+}
+
+static void contracts(void **state) {
+    (void)state;
+    bench b;
+    tm_error error;
+    int calls, expected = 0;
+    set_up(&b, (int[3]){4, 3, 3});
+    choose(&b, 0);
+    until_ready(&b, &calls);
+    tm_set_contract_handler(on_broken, NULL);
+    tm_factored *other = NULL;
+    tm_factored_def def = {.tissue = b.tissue, .fixed = b.fixed}; /* not filled by its _default function */
+    assert_int_equal(tm_factored_create(&def, &other, &error), TM_ERR_ARGUMENT), expected++;
+    def = tm_factored_def_default(), def.tissue = b.tissue;
+    assert_int_equal(tm_factored_create(&def, &other, &error), TM_ERR_ARGUMENT), expected++;
+    assert_null(other);
+    assert_int_equal(tm_factored_start(NULL, &error), TM_ERR_ARGUMENT), expected++;
+    assert_int_equal(tm_factored_bytes(NULL), 0), expected++;
+    assert_null(tm_factored_source(NULL).exchange), expected++;
+    const int32_t foreign[2] = {b.want[0], b.mesh->vertex_count};
+    assert_null(b.source.exchange(NULL, 0, b.want, b.count)), expected++;
+    assert_null(b.source.exchange(b.source.self, -1, b.want, b.count)), expected++;
+    assert_null(b.source.exchange(b.source.self, TM_MAX_INSTRUMENTS, b.want, b.count)), expected++;
+    assert_null(b.source.exchange(b.source.self, 0, b.want, -1)), expected++;
+    assert_null(b.source.exchange(b.source.self, 0, b.want, TM_COMPLIANCE_WANTS + 1)), expected++;
+    assert_null(b.source.exchange(b.source.self, 0, foreign, 2)), expected++;
+    assert_null(b.source.exchange(b.source.self, 0, NULL, 2)), expected++;
+    assert_int_equal(broken, expected);
+    tm_set_contract_handler(NULL, NULL);
+    until_ready(&b, &calls); /* what was refused has changed nothing */
+    tear_down(&b);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(exact_whole_and_cut), cmocka_unit_test(stale_until_served),
-                                       cmocka_unit_test(loose_piece), cmocka_unit_test(repeats),
-                                       cmocka_unit_test(thread)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(exact_whole_and_cut),
+                                       cmocka_unit_test(stale_until_served),
+                                       cmocka_unit_test(loose_piece),
+                                       cmocka_unit_test(repeats),
+                                       cmocka_unit_test(thread),
+                                       cmocka_unit_test(contracts)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -23,6 +23,48 @@ static void on_broken(const char *function, const char *sentence, void *user) {
         assert_true(strlen(last_sentence) > 5);                                                                        \
     } while (0)
 
+/* What finds contact and what jaws hold, for whoever writes a model of his own. */
+static void geometry(const scene *s) {
+    const double zero[3] = {0};
+    double out[3];
+    tm_jaw jaw = {0};
+    const tm_tool_pose pose = scene_pose(0, 0, 0.05);
+    const tm_instrument_def tool = {.radius_m = 0.002, .contact_length_m = 0.05, .trocar_m = {0, 0, 0.25}};
+    const tm_grasp_def grasp = tm_grasp_def_default();
+    const tm_surface_view surface = tm_tissue_surface(s->tissue);
+    const double *rest = s->mesh->rest_m, *u = tm_world_state(s->world)->u_m;
+    BREAKS("tm_jaw_begin", tm_jaw_begin(&jaw, &tool, NULL), 0);
+    BREAKS("tm_jaw_turn", tm_jaw_turn(&jaw, NULL, &pose), 0);
+    BREAKS("tm_jaw_to_tool", tm_jaw_to_tool(NULL, &pose, zero, out), 0);
+    BREAKS("tm_jaw_to_world", tm_jaw_to_world(&jaw, &pose, zero, NULL), 0);
+    BREAKS("tm_jaw_capture", tm_jaw_capture(&jaw, &grasp, &tool, &pose, rest, NULL, &surface, NULL, NULL));
+    BREAKS("tm_jaw_capture", tm_jaw_capture(&jaw, &grasp, &tool, &pose, rest, u, &surface, NULL, NULL));
+    BREAKS("tm_tool_capsule", tm_tool_capsule(&tool, NULL, 0));
+    BREAKS("tm_tip_force", tm_tip_force(zero, zero, zero, NULL, out), 0);
+
+    tm_error error;
+    tm_contact_search *search = NULL;
+    tm_contact_row row[4];
+    bool overflowed = false;
+    const int32_t *list;
+    tm_capsule capsule = tm_tool_capsule(&tool, &pose, 0);
+    BREAKS("tm_contact_search_create", tm_contact_search_create(NULL, &error));
+    fix_ok(tm_contact_search_create(&search, &error), &error);
+    BREAKS("tm_contact_search_gather", tm_contact_search_gather(search, rest, u, NULL, &capsule, 0.01));
+    BREAKS("tm_contact_search_gather", tm_contact_search_gather(NULL, rest, u, &surface, &capsule, 0.01));
+    BREAKS("tm_contact_search_vertices", tm_contact_search_vertices(search, NULL));
+    BREAKS("tm_contact_search_faces", tm_contact_search_faces(search, &list, NULL));
+    BREAKS("tm_contact_search_take", tm_contact_search_take(search, rest, &surface, NULL, 1, 0.01));
+    BREAKS("tm_contact_search_rows",
+           tm_contact_search_rows(search, rest, NULL, &capsule, 0, NULL, 0, row, 4, &overflowed));
+    BREAKS("tm_contact_search_rows",
+           tm_contact_search_rows(search, rest, u, &capsule, 0, NULL, 2, row, 4, &overflowed));
+    tm_contact_search_destroy(search);
+    capsule.radius_m = 0;
+    BREAKS("tm_contact_find", tm_contact_find(rest, u, surface.triangle, surface.face, NULL, surface.count, &capsule, 0,
+                                              row, 4, &overflowed));
+}
+
 static void contracts(void **state) {
     (void)state;
     tm_set_contract_handler(on_broken, &broken);
@@ -80,6 +122,7 @@ static void contracts(void **state) {
     BREAKS("tm_critical_step_element", tm_critical_step_element(s.tissue, tets));
     BREAKS("tm_critical_step_sharp", tm_critical_step_sharp(NULL, NULL, 1e-3, 10, &step_s, &error));
     BREAKS("tm_snapshot_save", tm_snapshot_save(s.world, NULL, 0, &error));
+    geometry(&s);
 
     tm_world_def world = {.tissue = s.tissue}; /* not filled by its _default function */
     tm_world *other = NULL;

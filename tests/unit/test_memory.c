@@ -1,39 +1,13 @@
 /* The allocator hook: exact accounts, every n-th allocation failing, none within a step. And the small things of
  * base.h. */
-#include "../fixture.h"
-
-/* An allocator that counts, fails on the n-th call, or fails every call while armed. */
-static struct {
-    int64_t calls, fail_at, live, live_bytes;
-    bool armed;
-} hook;
-
-static void *hook_alloc(size_t bytes, void *user) {
-    assert_ptr_equal(user, &hook);
-    hook.calls++;
-    if (hook.armed || hook.calls == hook.fail_at) return NULL;
-    hook.live++, hook.live_bytes += (int64_t)bytes;
-    void *memory = aligned_alloc(64, bytes);
-    memset(memory, 0xA5, bytes);
-    return memory;
-}
-static void hook_free(void *memory, size_t bytes, void *user) {
-    assert_ptr_equal(user, &hook);
-    hook.live--, hook.live_bytes -= (int64_t)bytes;
-    memset(memory, 0x5A, bytes);
-    free(memory);
-}
-
-static void install(int64_t fail_at) {
-    memset(&hook, 0, sizeof hook);
-    hook.fail_at = fail_at;
-    tm_set_allocator(&(tm_allocator){hook_alloc, hook_free, &hook});
-}
+#include "../allocator.h"
+#include "tensormass/energy.h"
 
 typedef struct scene {
     tm_mesh *mesh;
     tm_tissue *tissue;
     tm_world *world;
+    tm_contact *contact;
 } scene;
 
 static void destroy(scene *s) {
@@ -82,13 +56,13 @@ static void every_allocation_fails_once(void **state) {
     (void)state;
     scene s;
     tm_error error;
-    install(0);
+    hook_install(0);
     fix_ok(build(&s, &error), &error);
     const int64_t calls = hook.calls;
     destroy(&s);
     assert_true(calls > 40);
     for (int64_t n = 1; n <= calls; n++) {
-        install(n);
+        hook_install(n);
         error.status = TM_OK;
         const tm_status status = build(&s, &error);
         if (status != TM_ERR_MEMORY)
@@ -96,9 +70,105 @@ static void every_allocation_fails_once(void **state) {
         assert_int_equal(error.status, TM_ERR_MEMORY);
         assert_non_null(strstr(error.message, "; "));
         destroy(&s);
-        assert_int_equal(hook.live, 0);
-        assert_int_equal(hook.live_bytes, 0);
-        assert_int_equal(tm_memory_in_use(), 0);
+        hook_check_empty();
+    }
+    tm_set_allocator(NULL);
+}
+
+/* --- stages of instruments, each added to a world that is there already --- */
+
+enum { CONTACT, GRASP, PATCH, PATCH_WITH_SOURCE, CUT, ENERGY, KINDS };
+
+static const tm_compliance *no_pieces(void *self, int32_t owner, const int32_t *wanted, int32_t count) {
+    (void)self, (void)owner, (void)wanted, (void)count;
+    return NULL;
+}
+
+static tm_status add_contact(scene *s, tm_error *error) {
+    const tm_instrument_def tool[2] = {{.mode = TM_TOOL_GRASPER,
+                                        .trocar_m = {0.002, 0.002, 0.1},
+                                        .radius_m = 0.002,
+                                        .contact_length_m = 0.05,
+                                        .pose = {{0.002, 0.002, 0.013}, .active = true}},
+                                       {.mode = TM_TOOL_CAUTERY,
+                                        .trocar_m = {0.008, 0.008, 0.1},
+                                        .radius_m = 0.002,
+                                        .contact_length_m = 0.05,
+                                        .pose = {{0.008, 0.008, 0.02}}}};
+    tm_contact_def def = tm_contact_def_default();
+    def.instrument_count = 2, def.instrument = tool;
+    return tm_stage_contact(s->world, &def, &s->contact, error);
+}
+
+static tm_status add(scene *s, int kind, tm_error *error) {
+    const tm_compliance_source source = {NULL, no_pieces};
+    tm_grasp *grasp = NULL;
+    tm_patch_maker *maker = NULL;
+    tm_grasp_def grasp_def = tm_grasp_def_default();
+    tm_patch_def patch_def = tm_patch_def_default();
+    tm_cut_def cut_def = tm_cut_def_default();
+    if (kind == CONTACT) return add_contact(s, error);
+    if (kind == GRASP) return tm_stage_grasp(s->world, s->contact, &grasp_def, &grasp, error);
+    if (kind == CUT) return tm_stage_cut(s->world, s->contact, &cut_def, error);
+    if (kind == ENERGY) return tm_stage_energy(s->world, error);
+    if (kind == PATCH_WITH_SOURCE) patch_def.source = &source;
+    return tm_stage_patch(s->world, s->contact, &patch_def, &maker, error);
+}
+
+/* Ten steps with the tool on its way down. */
+static uint64_t press(scene *s) {
+    const tm_tool_pose to = {{0.002, 0.002, 0.008}, .active = true};
+    if (s->contact) {
+        tm_contact_begin_frame(s->contact, 10, 10);
+        tm_contact_move(s->contact, 0, &to, 10);
+    }
+    assert_int_equal(tm_world_step(s->world, 10), TM_OK);
+    return tm_world_hash(s->world);
+}
+
+/* A stage that finds no memory is not there, holds nothing, and the world goes on as if it had not been asked for;
+ * asked for again, it comes. */
+static void a_stage_without_memory_is_not_there(void **state) {
+    (void)state;
+    for (int kind = 0; kind < KINDS; kind++) {
+        uint64_t without = 0, with = 0;
+        int64_t calls = 0;
+        for (int64_t n = -1; n <= calls; n++) { /* -1: never added; 0: added at once */
+            scene s;
+            tm_error error;
+            hook_install(0);
+            fix_ok(build(&s, &error), &error);
+            if (kind != CONTACT) fix_ok(add_contact(&s, &error), &error);
+            tm_stage_report report[TM_MAX_STAGES];
+            const int32_t stages = tm_world_stages(s.world, report);
+            const int64_t before = hook.calls, bytes = tm_memory_in_use();
+            if (n > 0) {
+                hook.fail_at = before + n;
+                error.status = TM_OK;
+                assert_int_equal(add(&s, kind, &error), TM_ERR_MEMORY);
+                assert_int_equal(error.status, TM_ERR_MEMORY);
+                assert_non_null(strstr(error.message, "; "));
+                assert_int_equal(tm_world_stages(s.world, report), stages);
+                assert_int_equal(tm_memory_in_use(), bytes);
+                assert_int_equal(hook.live_bytes, bytes);
+                assert_true(kind != CONTACT || !s.contact);
+            }
+            if (n == 0) {
+                fix_ok(add(&s, kind, &error), &error);
+                calls = hook.calls - before;
+                assert_true(calls > 0 && tm_world_stages(s.world, report) == stages + 1);
+                with = press(&s);
+            } else {
+                const uint64_t hash = press(&s);
+                if (n < 0) without = hash;
+                assert_true(hash == without);
+                if (n > 0) fix_ok(add(&s, kind, &error), &error);
+                if (n > 0) press(&s);
+            }
+            destroy(&s);
+            hook_check_empty();
+        }
+        assert_true(with != 0 && calls > 0);
     }
     tm_set_allocator(NULL);
 }
@@ -107,7 +177,7 @@ static void accounts_are_exact(void **state) {
     (void)state;
     scene s;
     tm_error error;
-    install(0);
+    hook_install(0);
     fix_ok(build(&s, &error), &error);
     assert_int_equal(tm_memory_in_use(), hook.live_bytes);
     assert_true(tm_memory_high_water() >= hook.live_bytes);
@@ -134,7 +204,7 @@ static void no_allocation_in_a_step(void **state) {
     (void)state;
     scene s;
     tm_error error;
-    install(0);
+    hook_install(0);
     fix_ok(build(&s, &error), &error);
     const int64_t calls = hook.calls;
     hook.armed = true;
@@ -172,6 +242,7 @@ static void names_and_hash(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(every_allocation_fails_once),
+                                       cmocka_unit_test(a_stage_without_memory_is_not_there),
                                        cmocka_unit_test(accounts_are_exact), cmocka_unit_test(no_allocation_in_a_step),
                                        cmocka_unit_test(names_and_hash)};
     return cmocka_run_group_tests(tests, NULL, NULL);

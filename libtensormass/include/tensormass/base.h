@@ -62,7 +62,8 @@ TM_API void tm_set_contract_handler(tm_contract_handler handler, void *user);
 TM_API void tm_contract_broken(const char *function, const char *sentence);
 
 /* The one allocator hook. `alloc` returns memory aligned to 64 bytes or null; `free` gets the same size back.
- * Set it before the first object is made; objects remember nothing of it, so never change it while one lives. */
+ * Set it before the first object is made; objects remember nothing of it, so never change it while one lives. Called
+ * from every thread that makes something. */
 typedef struct tm_allocator {
     void *(*alloc)(size_t bytes, void *user);
     void (*free)(void *memory, size_t bytes, void *user);
