@@ -62,7 +62,8 @@ static bool hold(app_output *output, int fd) {
     output->fd = fd;
     output->begun = output->through = true;
     bool appended = fstat(fd, &info) == 0 && S_ISREG(info.st_mode) && (fcntl(fd, F_GETFL) & O_APPEND);
-    snprintf(output->temporary, sizeof output->temporary, appended ? "" : "/proc/%ld/fd/%d", (long)getpid(), fd);
+    output->temporary[0] = 0;
+    if (!appended) snprintf(output->temporary, sizeof output->temporary, "/proc/%ld/fd/%d", (long)getpid(), fd);
     return true;
 }
 

@@ -83,7 +83,7 @@ def test_the_log_is_a_plain_lcm_log(bin, build, root, tmp_path):
 import sys, json, lcm
 sys.path.insert(0, {str(build / 'python')!r})
 import tensormass as t
-kinds = {{'FORCE_0': t.force_sample_t, 'TOOL_0': t.tool_state_t, 'TISSUE': t.tissue_t, 'SIM_STATUS': t.sim_status_t, 'CONTROLLER_0': t.controller_status_t}}
+kinds = {{'FORCE_0': t.force_sample_t, 'TOOL_0': t.tool_state_t, 'PATCH_0': t.contact_patch_t, 'TISSUE': t.tissue_t, 'SIM_STATUS': t.sim_status_t, 'CONTROLLER_0': t.controller_status_t}}
 count, last, forces, tools = {{}}, -1, [], {{}}
 for e in lcm.EventLog({str(log)!r}):
     assert e.timestamp >= last; last = e.timestamp
@@ -102,6 +102,7 @@ print(json.dumps([count, near]))
 """
     # The venv's python has the lcm package.
     count, near = json.loads(run(sys.executable, "-c", code)[0])
+    assert 0 < count.pop("PATCH_0") <= r["frames"]
     assert count == {"FORCE_0": r["frames"], "TOOL_0": r["ticks"], "TISSUE": 10, "SIM_STATUS": r["frames"], "CONTROLLER_0": 21}
     assert near < 1e-3
 
