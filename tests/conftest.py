@@ -54,7 +54,7 @@ def once(tmp_path_factory):
 
 
 # Watch the wall clock: tests/run.py runs them by themselves.
-ALONE = ("can/test_guest", "trust/test_trust", "trust/test_flags", "loop/test_processes", "loop/test_two_hosts", "loop/test_release", "loop/test_soak", "install/test_live", "view/test_session", "view/test_play", "bench/")
+ALONE = ("can/test_guest", "trust/test_trust", "trust/test_flags", "loop/test_processes", "loop/test_two_hosts", "loop/test_release", "loop/test_soak", "install/test_live", "view/test_session", "view/test_display", "view/test_play", "bench/")
 
 # Look at the plain build itself, its instructions, memory, system calls, libraries and speed, or make builds of their own: not run by tests/sanitize/run.py.
 # (test_ranks: OpenMPI leaks from modules that it has closed by then, which no suppression can name.)

@@ -30,4 +30,5 @@ for ((i = 0; i < 2 * patience && ${#session} == 0; i++)); do sleep 0.5; session=
 [ -n "$session" ] || say "no session runs; start \`make demo\` or \`make play\` in another terminal, then \`make spy\` again"
 echo "spy: joining the session of $session" >&2
 # Debian's own lcm-spy script passes an option that Java 17 no longer takes.
-exec "$here/netns.sh" join "$session" java -cp "$jars:$types" lcm.spy.Spy "$@"
+# A namespace reaches the display of `ssh -X` through display.py alone.
+exec "$here/display.py" "$here/netns.sh" join "$session" java -cp "$jars:$types" lcm.spy.Spy "$@"

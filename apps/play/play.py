@@ -69,7 +69,8 @@ def main():
     pidfile = a.out / "netns.pid"
     passed = sys.argv[1:]
     cut = passed.index("--") if "--" in passed else len(passed)
-    command = [HERE.parent / "demo" / "netns.sh", "run", pidfile, sys.executable, __file__, *passed[:cut], "--inside", *passed[cut:]]
+    demo = HERE.parent / "demo"
+    command = [sys.executable, demo / "display.py", demo / "netns.sh", "run", pidfile, sys.executable, __file__, *passed[:cut], "--inside", *passed[cut:]]
     try:
         code = subprocess.run([str(c) for c in command]).returncode
     finally:
