@@ -38,7 +38,7 @@ install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/haptic.so $(LIBHRT_A) 
 	install -m 755 $(HRT_PROGRAMS) $(STAGE)/$@$(PREFIX)/bin
 	install -m 755 $(OUT)/lib/tensormass/haptic.so $(STAGE)/$@$(PREFIX)/lib/tensormass
 	sed -e 's|@PREFIX@|$(PREFIX)|' haptic_rt/systemd/haptic-rt@.service.in > $(STAGE)/$@$(PREFIX)/lib/systemd/system/haptic-rt@.service
-	install -m 644 haptic_rt/systemd/haptic-rt-0.conf haptic_rt/systemd/80-can.network $(STAGE)/$@$(SHARE)/systemd
+	install -m 644 $(addprefix haptic_rt/systemd/,haptic-rt-0.conf processor.conf 80-can.network) $(STAGE)/$@$(SHARE)/systemd
 	install -m 644 haptic_rt/device/profiles/* $(STAGE)/$@$(SHARE)/profiles
 	install -m 644 haptic_rt/can/impulse_engine.dbc $(STAGE)/$@$(SHARE)/can
 	install -m 644 lcm_types/*.lcm $(STAGE)/$@$(SHARE)/lcm_types

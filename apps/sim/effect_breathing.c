@@ -37,14 +37,14 @@ static void run(void *self, tm_world *world) {
     const tm_state *state = tm_world_state(world);
     /* Supports are imposed on the displacement at the end of this step. */
     double share = 0.5 - 0.5 * cos(b->angular_1_s * (state->time_s + state->dt_s));
-    for (int32_t i = 0; i < b->count; ++i)
+    for (int32_t i = 0; i < b->count; i++)
         tm_support_move(world, b->component[i].component, b->component[i].rest_m + share * b->component[i].amplitude_m);
 }
 
 static void destroy(void *self) { tm_release(self, (size_t)((breathing *)self)->bytes); }
 
 static int find_support(const app_scene *scene, const options *o) {
-    for (int i = 0; i < scene->support.count; ++i)
+    for (int i = 0; i < scene->support.count; i++)
         if (!strcmp(((const app_support *)scene->support.item)[i].name.s, o->support.s)) return i;
     return -1;
 }
@@ -58,7 +58,7 @@ static int check(const app_scene *scene, const void *own) {
             "breathing moves the support '%s', which the scene does not name; give one of the supports this name",
             o->support.s);
     const app_support *s = (const app_support *)scene->support.item + i;
-    for (int a = 0; a < 3; ++a)
+    for (int a = 0; a < 3; a++)
         if (o->amplitude.v[a] != 0 && !strchr(s->axes.s, "xyz"[a]))
             return app_scene_bad(scene, o->amplitude.line ? o->amplitude.line : o->here.line,
                                  "breathing moves along %c, which the support leaves free; hold that axis too",
@@ -71,13 +71,13 @@ static int build(sim *s, const void *own) {
     tm_error error = {0};
     uint8_t support = (uint8_t)(1 + find_support(s->scene, o));
     int32_t count = 0;
-    for (int32_t i = 0; i < s->held_count; ++i)
+    for (int32_t i = 0; i < s->held_count; i++)
         count += s->held_by[i] == support && o->amplitude.v[s->held_dof[i] % 3] != 0;
     size_t bytes = sizeof(breathing) + sizeof(moved) * (size_t)count;
     breathing *b = tm_allocate(bytes);
     if (!b) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
     *b = (breathing){.angular_1_s = 2 * M_PI / o->period.si, .bytes = (int64_t)bytes};
-    for (int32_t i = 0; i < s->held_count; ++i) {
+    for (int32_t i = 0; i < s->held_count; i++) {
         double amplitude = o->amplitude.v[s->held_dof[i] % 3];
         if (s->held_by[i] == support && amplitude != 0) b->component[b->count++] = (moved){i, s->held_m[i], amplitude};
     }

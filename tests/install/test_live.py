@@ -1,8 +1,11 @@
 """tm-session from an installed prefix: a scene, its controllers and devices by one command, from a folder that holds nothing."""
 import json
 import os
+import re
+import shutil
 import signal
 import subprocess
+import sys
 import time
 
 import pytest
@@ -71,3 +74,39 @@ def test_bad_input(prefix, tmp_path, words, said):
     run = subprocess.run([prefix / "bin/tm-session", *words], cwd=tmp_path, env=env, capture_output=True, text=True, timeout=20)
     assert run.returncode == 2 and said in run.stderr and run.stderr.startswith("tm-session: "), run.stderr
     assert not list(tmp_path.iterdir())
+
+
+# --- pages that need a live session, as written ---
+
+
+def test_ones_own_organ_is_felt(prefix, root, tmp_path):
+    """docs/your-own-organ.md, its last step: the scene of the page on the liver, by the page's command."""
+    page = (root / "docs/your-own-organ.md").read_text()
+    (tmp_path / "organ.yaml").write_text(re.search(r"```yaml\n(.*?)```", page, re.S).group(1))
+    shutil.copy(root / "meshes/liver_10k.msh", tmp_path / "organ.msh")
+    command = re.search(r"^    (tm-session .*)$", page, re.M).group(1)
+    run = subprocess.run(command, shell=True, cwd=tmp_path, env={**ENVIRONMENT, "PATH": f"{prefix}/bin:{os.environ['PATH']}"}, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    assert json.loads((tmp_path / "felt/controller0.json").read_text())["force_N"]["peak"] > 0.05
+
+
+def test_a_command_by_hand_is_heard(prefix, root, build, tmp_path):
+    """docs/messages.md, By hand: the session's controller takes up the law that the page's lines ask for."""
+    block = re.search(r"## By hand.*?```sh\n(.*?)```", (root / "docs/messages.md").read_text(), re.S).group(1)
+    for named, here in (("session/netns.pid", tmp_path / "session/netns.pid"), ("build/venv/bin/python", sys.executable), ("build/python", build / "python")):
+        assert named in block
+        block = block.replace(named, str(here))
+    session = subprocess.Popen([prefix / "bin/tm-session", "liver-press", "--out", "session"], cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        end = time.monotonic() + 20
+        while len(running(prefix)) < 3 and time.monotonic() < end:
+            time.sleep(0.1)
+        time.sleep(2)
+        run = subprocess.run(["bash", "-ec", block], cwd=root, env=ENVIRONMENT, capture_output=True, text=True, timeout=20)
+        assert run.returncode == 0, run.stderr
+        time.sleep(0.5)
+    finally:
+        session.send_signal(signal.SIGINT)
+        said = session.communicate(timeout=20)
+    assert session.returncode == 0, said
+    assert json.loads((tmp_path / "session/controller0.json").read_text())["extrapolator"] == "tangent"

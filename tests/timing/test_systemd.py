@@ -1,4 +1,5 @@
 """The service of a dedicated machine: systemd understands it, and its command line is one that haptic-rt takes."""
+import os
 import re
 import shlex
 import subprocess
@@ -32,3 +33,24 @@ def test_its_command_line_is_taken(tmp_path):
     argv = shlex.split(command) + ["--samples", str(tmp_path / "none.csv"), "--duration", "0.2"]
     done = subprocess.run(argv, capture_output=True, text=True, timeout=20, env={"TM_BUS_DIR": str(tmp_path)})
     assert done.returncode == 0, done.stderr
+
+
+def test_the_pages_commands_put_settings_where_the_service_looks(tmp_path):
+    """docs/dedicated-machine.md, The service, as written, but for the machine's own /etc, /usr/local and systemctl."""
+    page = (ROOT / "docs/dedicated-machine.md").read_text()
+    lines = re.findall(r"^    (.*)$", page[page.index("## The service"):page.index("## Is it good enough")], re.M)
+    assert sum("systemctl" in line for line in lines) == 2
+    commands = "\n".join(line for line in lines if not re.match(r"systemctl|journalctl", line))
+    done = subprocess.run(["make", "--no-print-directory", "install-controller", f"PREFIX={tmp_path}/usr/local"], cwd=ROOT, capture_output=True, text=True, timeout=600,
+                          env={k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")})
+    assert done.returncode == 0, done.stderr
+    done = subprocess.run(["bash", "-ec", commands.replace("/usr/local", f"{tmp_path}/usr/local").replace("/etc/", f"{tmp_path}/etc/")], capture_output=True, text=True, timeout=20)
+    assert done.returncode == 0, done.stderr
+    unit = (tmp_path / "usr/local/lib/systemd/system/haptic-rt@.service").read_text()
+    for named in (re.search(r"^EnvironmentFile=-(.*)$", unit, re.M)[1].replace("%i", "0"), re.search(r"^LoadCredential=haptic.key:(.*)$", unit, re.M)[1]):
+        assert (tmp_path / named.lstrip("/")).is_file(), named
+    key = tmp_path / "etc/tensormass/haptic.key"
+    assert re.fullmatch(r"[0-9a-f]{32}\n", key.read_text()) and key.stat().st_mode & 0o077 == 0
+    # Any processor where nobody chose one: a machine may have fewer than four.
+    assert "CPUAffinity" not in unit
+    assert "CPUAffinity=3" in (tmp_path / "etc/systemd/system/haptic-rt@.service.d/processor.conf").read_text()
