@@ -130,6 +130,7 @@ typedef struct errors {
     double cut_since_error2;    /* share of the squared error in ticks before which, after the sample in use, tissue was
                                    cut: nobody at the hand can know of it */
     double cut_since_ticks;     /* those ticks' share */
+    double worst_error2;        /* share of the squared error in the worst fiftieth of the ticks */
     double ns_per_tick;         /* median */
 } errors;
 
@@ -161,6 +162,7 @@ cJSON *study_rates(const study_run *r); /* rate, speed, latency, jitter, loss, e
 /* Adds to the rows of study_rates: cut by the other hand and by the same, grasped and pulled. 0, or an exit code. */
 int study_hands(const study_run *r, cJSON *rows);
 cJSON *study_loop(const study_run *r);
+cJSON *study_ready(const study_run *r); /* by the wall clock: how soon patches are exact; empty without the solver */
 cJSON *errors_json(const errors *e);
 cJSON *add_row(cJSON *rows);
 

@@ -23,6 +23,7 @@ static void usage(FILE *to) {
         to,
         "\n  --path NAME     with --study: errors on this path alone, nothing else (may be repeated):\n                 ");
     for (int p = 0; p < PATH_COUNT; p++) fprintf(to, " %s", path_name[p]);
+    fprintf(to, "\n  --ready         with --study: how soon patches are exact, alone or beside those paths");
     fprintf(to, "\n  --latency N     with LOG: hold samples back by N frames more\n"
                 "  --loss SHARE    with LOG: lose this share of the samples\n"
                 "  --forces FILE   with LOG: what each would have rendered, tick by tick, as CSV\n"
@@ -169,12 +170,15 @@ static bool add_part(cJSON *root, const char *name, cJSON *part) {
     return part != NULL;
 }
 
-static int study(const study_run *run, bool whole, const char *json) {
+static int study(const study_run *run, bool whole, bool ready, const char *json) {
     cJSON *root = cJSON_CreateObject();
     cJSON_AddBoolToObject(root, "quick", run->quick);
     bool good = !whole || add_part(root, "roughness", study_roughness(run));
-    good = good && add_part(root, "rates", study_rates(run));
+    bool any = false;
+    for (int p = 0; p < PATH_COUNT; p++) any = any || run->path[p];
+    good = good && (!any || add_part(root, "rates", study_rates(run)));
     good = good && (!whole || add_part(root, "loop", study_loop(run)));
+    good = good && (!(whole || ready) || add_part(root, "ready", study_ready(run)));
     cJSON_AddNumberToObject(root, "bandwidth_B_s", good && whole ? app_bandwidth_B_s(4 << 20, 15) : 0);
     int rc = good ? write_json(json, root) : APP_FAILED;
     app_progress("", 1, true);
@@ -212,6 +216,7 @@ int main(int argc, char **argv) {
                                             {"quick", no_argument, NULL, 'q'},
                                             {"model", required_argument, NULL, 'm'},
                                             {"path", required_argument, NULL, 'p'},
+                                            {"ready", no_argument, NULL, 1003},
                                             {"latency", required_argument, NULL, 'l'},
                                             {"loss", required_argument, NULL, 'o'},
                                             {"help", no_argument, NULL, 'h'},
@@ -223,7 +228,7 @@ int main(int argc, char **argv) {
     const char *json = NULL, *folder = NULL, *forces = NULL;
     study_run run = {0};
     conditions c = {.seed = 1};
-    bool all = true, whole = true, studying = false;
+    bool all = true, whole = true, ready = false, studying = false;
     char *rest;
     app_check_stdout();
     opterr = 0; /* the message is ours */
@@ -245,6 +250,7 @@ int main(int argc, char **argv) {
             if (m == PATH_COUNT) return app_bad_input("tm-evaluate", 0, "no path '%s'; --help lists them", optarg);
             run.path[m] = true, whole = false;
             break;
+        case 1003: ready = true, whole = false; break;
         case 'l':
             c.latency_frames = (int)strtol(optarg, &rest, 10);
             if (*rest || rest == optarg || c.latency_frames < 0 || c.latency_frames > 100)
@@ -272,7 +278,7 @@ int main(int argc, char **argv) {
     if (studying && !json)
         return app_bad_input("tm-evaluate", 0, "--study wants --json FILE; say where the figures go");
     if (app_output_check(json) || app_output_check(forces)) return APP_BAD_INPUT;
-    if (studying) return study(&run, whole, json);
+    if (studying) return study(&run, whole, ready, json);
     if (folder) return generate(folder, &run);
     return evaluate_logs(argv + optind, argc - optind, &c, forces, json);
 }

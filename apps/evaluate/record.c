@@ -105,7 +105,8 @@ static void take(const sim *s, int64_t t_us, int64_t ready_us, uint32_t seq, sam
     const tm_tool_reaction *r = &s->reaction[0];
     *out = (sampled){.ready_us = ready_us};
     hrt_sample *x = &out->sample;
-    x->session = 1, x->tool_session = 1, x->t_us = t_us, x->seq = seq, x->unilateral = true;
+    x->session = 1, x->tool_session = 1, x->t_us = t_us, x->seq = seq;
+    x->unilateral = s->instrument_def[0].mode != TM_TOOL_GRASPER;
     x->stiffness_kind = r->stiffness_kind;
     x->topology_revision = sim_surface(s).revision;
     for (int i = 0; i < 3; i++) {

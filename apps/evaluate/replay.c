@@ -39,6 +39,7 @@ static int ascending(const void *a, const void *b) {
 
 typedef struct sums {
     double error2, angle2, cut_error2;
+    float *of_tick; /* squared error of each judged tick */
     int cut, angled, in_contact, off_patch;
     errors e;
 } sums;
@@ -52,6 +53,7 @@ static void judge(sums *s, const recording *r, int tick, int64_t since_us, const
     const float *truth = r->truth_N + 3 * tick;
     float d[3] = {force[0] - truth[0], force[1] - truth[1], force[2] - truth[2]};
     double error = length3(d), size = length3(force), size_true = length3(truth);
+    s->of_tick[s->e.judged] = (float)(error * error);
     s->error2 += error * error, s->e.judged++;
     if (cut_list_between(r->replay, 1e-6 * (double)since_us, 1e-6 * tick * TICK_US))
         s->cut_error2 += error * error, s->cut++;
@@ -75,7 +77,8 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
     sums s = {0};
     arrival *line = malloc(sizeof *line * (size_t)(r->samples + 1));
     float *jump = malloc(sizeof *jump * (size_t)r->ticks), last[3] = {0};
-    if (!line || !jump) abort();
+    s.of_tick = malloc(sizeof *s.of_tick * (size_t)r->ticks);
+    if (!line || !jump || !s.of_tick) abort();
     int count = arrivals(r, c, line), next = 0, jumps = 0;
     bool begun = false, arrived = false;
     double spent = 0;
@@ -109,8 +112,12 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
     s.e.ns_per_tick = 1e9 * spent / r->ticks;
     qsort(jump, (size_t)jumps, sizeof *jump, ascending);
     if (jumps) s.e.jump_peak = jump[jumps - 1] / r->peak_N, s.e.jump_p99 = jump[(int)(0.99 * (jumps - 1))] / r->peak_N;
+    qsort(s.of_tick, (size_t)s.e.judged, sizeof *s.of_tick, ascending);
+    for (int i = s.e.judged - s.e.judged / 50; i < s.e.judged && s.error2 > 0; i++)
+        s.e.worst_error2 += (double)s.of_tick[i] / s.error2;
     free(line);
     free(jump);
+    free(s.of_tick);
     return s.e;
 }
 
@@ -125,6 +132,7 @@ cJSON *errors_json(const errors *e) {
     cJSON_AddNumberToObject(row, "jump_true", e->jump_true);
     cJSON_AddNumberToObject(row, "cut_since_error2", e->cut_since_error2);
     cJSON_AddNumberToObject(row, "cut_since_ticks", e->cut_since_ticks);
+    cJSON_AddNumberToObject(row, "worst_error2", e->worst_error2);
     cJSON_AddNumberToObject(row, "direction_rad", e->direction_rad);
     cJSON_AddNumberToObject(row, "over_limit", e->over_limit);
     cJSON_AddNumberToObject(row, "off_patch", e->off_patch);
