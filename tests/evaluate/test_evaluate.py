@@ -20,7 +20,8 @@ def logs(bin, root, once):
 def page(bin, root, once):
     def make(out):
         subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--model", "precomputed", "--json", out / "figures.json"], cwd=root, check=True, timeout=900)
-        subprocess.run([sys.executable, root / "apps/evaluate/page.py", out / "figures.json", "-o", out], check=True, timeout=300)
+        subprocess.run([bin / "tm-stability", "--quick", "--case", "spike-100mm", "--case", "replays", "--json", out / "torture.json"], cwd=root, check=True, timeout=300)
+        subprocess.run([sys.executable, root / "apps/evaluate/page.py", out / "figures.json", "-o", out, "--torture", out / "torture.json"], check=True, timeout=300)
 
     out = once("evaluate-study", make)
     return out, json.loads((out / "evaluate.json").read_text())
@@ -173,6 +174,23 @@ def test_the_page_is_complete(page):
     assert json.loads((out / "rates.json").read_text())["rows"]
 
 
+def test_the_page_sets_aims_beside_figures(page):
+    """Each aim of what was run, with a verdict that follows from its two numbers; what hands notice first; ready times."""
+    out, data = page
+    aims = {a["what"]: a for a in data["aims"]}
+    rms = {r["extrapolator"]: r["rms"] for r in data["rows"] if r["path"] == "tour" and r["latency_frames"] == 2 and abs(r["speed_m_s"] - 0.03) < 1e-9 and r["truth"] == "model"}
+    fast = aims["contact on precomputed tissue at 0.03 m/s, 2 late"]
+    assert fast["figure"] == pytest.approx(rms["position"] / rms["contact"]) and fast["met"] == (fast["figure"] >= 30)
+    rough = aims["the force itself, precomputed, 3 mm"]
+    assert rough["met"] == (rough["figure"] <= 0.5) and rough["figure"] == pytest.approx(100 * data["roughness"][0]["largest"])
+    html = (out / "index.html").read_text()
+    assert all(a["what"] in html for a in data["aims"])
+    assert {c["name"]: c["good"] for c in data["torture"]} == {"spike-100mm": True, "replays": True}
+    ready, = data["ready"]
+    assert 15000 <= ready["tets"] < 16000 and ready["first_whole_patch_s"] > ready["first_whole_patch_worker_s"] > 0
+    assert 1 <= ready["exact_after_cut_frames"] <= ready["exact_after_cut_frames_most"] and ready["step_alone_s"] > 0
+
+
 def test_roughness_stays_within_the_aim(page):
     """The force itself: 0.5 % of its peak a tick is the aim; measured 0.4 % and below."""
     for row in page[1]["roughness"]:
@@ -242,6 +260,16 @@ def test_a_cautery_errs_where_it_cut_after_its_sample(hands, late):
     assert contact["cut_true"] > 80 and contact["cut_since_error2"] > 0.9 and contact["cut_since_ticks"] < 0.5
     assert contact["jump_arrival"] < 0.1 < at["position"]["jump_arrival"]
     assert contact["jump_arrival"] < at["contact-unbridged"]["jump_arrival"] / 4
+
+
+def test_a_run_of_the_study_replays_to_the_bit(bin, root, hands, tmp_path):
+    """Exact columns come from a factor that is updated as tissue goes; in lockstep all of it is the same again."""
+    subprocess.run([bin / "tm-evaluate", "--study", "--path", "same-hand-cuts", "--json", tmp_path / "again.json"], cwd=root, check=True, timeout=300)
+    again = [r for r in json.loads((tmp_path / "again.json").read_text())["rates"]["rows"] if r["path"] == "same-hand-cuts"]
+    assert len(again) >= 3 * len(NAMES)
+    for r in again:
+        before = hands(r["path"], r["latency_frames"])[r["extrapolator"]]
+        assert {k: v for k, v in r.items() if k != "ns_per_tick"} == {k: v for k, v in before.items() if k != "ns_per_tick"}
 
 
 def test_grasped_and_pulled_has_rows(hands):
