@@ -4,6 +4,7 @@ import json
 import math
 import os
 import pathlib
+import re
 import shutil
 import signal
 import subprocess
@@ -151,6 +152,19 @@ def test_recorded_demo_replays_into_view_and_controller(bin, demo, netns, tmp_pa
     assert played["samples"]["received"] > 0.8 * recorded["samples"]["received"]
     assert played["fault"] == "none"
     assert played["force_N"]["peak"] == pytest.approx(recorded["force_N"]["peak"], rel=0.3)
+
+
+@needs_namespace
+def test_the_pages_replay_is_felt(bin, demo, netns, root, tmp_path):
+    """docs/viewing.md, Logs: its lines as written, in the network that the first of them makes."""
+    block = re.search(r"## Logs.*?```sh\n(.*?)```", (root / "docs/viewing.md").read_text(), re.S).group(1)
+    lines = [line for line in block.splitlines() if line[0] != "#"]
+    assert re.match(r"apps/demo/netns.sh run \S+ bash\b", lines[0]) and len(lines) == 5
+    script = "\n".join(lines[1:]).replace("build/demo/", f"{demo[0]}/").replace("build/bin/", f"{bin}/").replace("--duration 10", "--duration 5").replace(
+        "virtual:replay", f"virtual:page{os.getpid()}")
+    run = subprocess.run(netns(tmp_path / "pid", "bash", "-c", f"{script}\nwait %1; kill %2 %3; wait"), cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert "engaged" in run.stderr, run.stderr
+    assert int(probe(tmp_path / "replay.mp4")["nb_read_frames"]) > 100
 
 
 @needs_namespace
