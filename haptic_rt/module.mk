@@ -1,6 +1,6 @@
 # libhrt.a: core + CAN codec, no operating system. libhrt_io.a: node, mailbox, bus drivers, virtual device; no LCM; tm-sim's lockstep links both.
 HRT_CORE_SRC := $(sort $(wildcard haptic_rt/core/*.c) $(wildcard haptic_rt/can/*.c))
-HRT_IO_SRC := $(sort $(wildcard haptic_rt/io/bus*.c) haptic_rt/io/node.c haptic_rt/device/device.c)
+HRT_IO_SRC := $(sort $(wildcard haptic_rt/io/bus*.c) haptic_rt/io/node.c haptic_rt/device/device.c haptic_rt/device/kinematics.c)
 LIBHRT_A := $(OUT)/lib/libhrt.a
 LIBHRT_IO_A := $(OUT)/lib/libhrt_io.a
 LIBRARIES += $(LIBHRT_A) $(LIBHRT_IO_A)

@@ -56,10 +56,11 @@ void device_see(const sim *s, const hrt_params *params, const double tip_m[3], b
     if (!encoders) return;
     hrt_frame frame;
     float joint[HRT_JOINTS] = {0};
-    for (int i = 0; i < 9; i++) frame.r[i] = (float)s->axes[0][i];
+    int32_t count[HRT_JOINTS] = {0};
+    for (int i = 0; i < 9; i++) frame.r[i] = (float)s->frame[0].r[i];
     if (!hrt_inverse(&frame, relative, joint)) return;
-    for (int j = 0; j < HRT_MOTORS; j++)
-        joint[j] = roundf(joint[j] * params->counts_per_unit[j]) / params->counts_per_unit[j];
+    for (int j = 0; j < HRT_MOTORS; j++) count[j] = (int32_t)lroundf(hrt_count_of_joint(params, j, joint[j]));
+    hrt_counts_to_joint(params, count, joint);
     hrt_tip(&frame, joint, seen_m);
 }
 

@@ -1,55 +1,19 @@
 /* Instruments of a scene: axes, joints and poses. */
 #include "surface.h"
 
-#include <math.h>
 #include <string.h>
 
-static void normalise(double v[3]) {
-    double length = sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
-    for (int a = 0; a < 3; ++a) v[a] /= length;
-}
-
-static void make_axes(const app_instrument *t, double axes[9]) {
-    double z[3], x[3], y[3];
-    memcpy(z, t->axis.v, sizeof z);
-    normalise(z);
-    const double *u = t->up.v;
-    x[0] = u[1] * z[2] - u[2] * z[1];
-    x[1] = u[2] * z[0] - u[0] * z[2];
-    x[2] = u[0] * z[1] - u[1] * z[0];
-    normalise(x);
-    y[0] = z[1] * x[2] - z[2] * x[1];
-    y[1] = z[2] * x[0] - z[0] * x[2];
-    y[2] = z[0] * x[1] - z[1] * x[0];
-    for (int a = 0; a < 3; ++a) {
-        axes[3 * a] = x[a];
-        axes[3 * a + 1] = y[a];
-        axes[3 * a + 2] = z[a];
-    }
-}
-
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active) {
-    const double *r = s->axes[instrument];
-    double d[3] = {sin(joint[1]), sin(joint[0]) * cos(joint[1]), cos(joint[0]) * cos(joint[1])};
-    tm_tool_pose pose = {.roll_rad = joint[3], .grip = joint[4], .active = active};
-    for (int a = 0; a < 3; ++a)
-        pose.tip_m[a] = s->instrument_def[instrument].trocar_m[a] +
-                        joint[2] * (r[3 * a] * d[0] + r[3 * a + 1] * d[1] + r[3 * a + 2] * d[2]);
+    tm_tool_pose pose = {.roll_rad = joint[HRT_ROLL], .grip = joint[HRT_GRIP], .active = active};
+    hrt_tip64(&s->frame[instrument], joint, pose.tip_m);
+    for (int a = 0; a < 3; ++a) pose.tip_m[a] += s->instrument_def[instrument].trocar_m[a];
     return pose;
 }
 
-bool sim_joints(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]) {
-    const double *r = s->axes[instrument];
-    double world[3], d[3] = {0, 0, 0};
-    for (int a = 0; a < 3; ++a) world[a] = tip_m[a] - s->instrument_def[instrument].trocar_m[a];
-    for (int a = 0; a < 3; ++a)
-        for (int c = 0; c < 3; ++c) d[c] += r[3 * a + c] * world[a];
-    double insertion = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
-    if (!(insertion > 1e-9)) return false;
-    joint[0] = atan2(d[1], d[2]);
-    joint[1] = asin(d[0] / insertion);
-    joint[2] = insertion;
-    return true;
+static bool joints_of_tip(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]) {
+    double from_trocar[3];
+    for (int a = 0; a < 3; ++a) from_trocar[a] = tip_m[a] - s->instrument_def[instrument].trocar_m[a];
+    return hrt_inverse64(&s->frame[instrument], from_trocar, joint);
 }
 
 /* The insertion at which the tip, a sphere, is `above` the place where it first touches. */
@@ -81,7 +45,7 @@ int sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double 
     joint[2] = pose->insertion.si;
     joint[3] = pose->roll.si;
     joint[4] = pose->grip.si;
-    if (pose->tip.line) sim_joints(s, instrument, pose->tip.v, joint);
+    if (pose->tip.line) joints_of_tip(s, instrument, pose->tip.v, joint);
     return pose->above.line ? insert_above(s, instrument, pose, joint) : 0;
 }
 
@@ -121,7 +85,10 @@ int sim_make_instruments(sim *s) {
         memcpy(def->trocar_m, t->trocar.v, sizeof def->trocar_m);
         def->radius_m = t->radius.si;
         def->contact_length_m = t->contact_length.si;
-        make_axes(t, s->axes[i]);
+        if (!hrt_frame_from_axis64(&s->frame[i], t->axis.v, t->up.v))
+            return app_scene_bad(
+                s->scene, t->axis.line ? t->axis.line : t->up.line,
+                "axis and up give no orientation; give directions of a length near 1 across each other");
         for (int h = 0; h < s->scene->hand.count; ++h) {
             const app_hand *hand = (const app_hand *)s->scene->hand.item + h;
             if (hand->instrument.value == i && !rc) rc = make_hand(s, i, hand);

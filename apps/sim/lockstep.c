@@ -397,8 +397,7 @@ static int begin(lockstep *l, const char *log) {
     if (!rc) rc = run_series_begin(&l->series, s, l->o->paraview, l->o->paraview_every);
     l->frame = l->first_frame = s->frames;
     if (l->csv.begun)
-        fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N,pitch_rad,yaw_rad,insertion_m,roll_"
-              "rad,grip,age_s\n",
+        fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N," HRT_ENGINE_COLUMNS ",age_s\n",
               l->csv.stream);
     if (l->samples.begun)
         fputs("frame,time_s,instrument,tn_s,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rx_N,ry_N,rz_N,rows,flags,stiffness_kind,k11,"

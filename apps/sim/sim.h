@@ -4,6 +4,7 @@
 #define TM_SIM_H
 
 #include "device/device.h"
+#include "device/kinematics.h"
 #include "scene_parts.h"
 #include "tensormass.h"
 #include "tensormass/contact.h"
@@ -110,7 +111,7 @@ struct sim {
     tm_contact_def contact_def;
     tm_grasp_def grasp_def; /* effect grasp */
     tm_instrument_def instrument_def[TM_MAX_INSTRUMENTS];
-    double axes[TM_MAX_INSTRUMENTS][9]; /* columns: the device's x, y, z in the world; see hrt_frame */
+    hrt_frame64 frame[TM_MAX_INSTRUMENTS]; /* how the device hangs in the world */
     double start_joint[TM_MAX_INSTRUMENTS][SIM_JOINTS];
     hrt_hand_script hand[TM_MAX_INSTRUMENTS]; /* the scene's; no keys: it has none and stays at the start */
     int instrument_count;
@@ -186,9 +187,8 @@ sim_sends sim_sends_of(int extrapolator);
 /* What the scene's controllers may ask for, known before anything is built. */
 sim_sends sim_may_send(const sim *s);
 
-/* Joints to a pose in the world, and back. */
+/* Joints to a pose in the world. */
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active);
-bool sim_joints(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]);
 /* A pose of the scene as joints; one above the surface needs the mesh. 0 or an exit code. */
 int sim_scene_joints(const sim *s, int instrument, const app_pose *pose, double joint[SIM_JOINTS]);
 

@@ -3,16 +3,13 @@
 #include <math.h>
 #include <string.h>
 
-/* Farther apart than this, controller and scene disagree on the trocar. */
-static const double tip_tolerance_m = 0.005;
-
 static bool sane(const sim *s, int instrument, const tensormass_tool_state_t *m) {
-    const double low[SIM_JOINTS] = {-1.65, -1.65, -0.05, -1e3, -0.1}, high[SIM_JOINTS] = {1.65, 1.65, 0.6, 1e3, 1.1};
+    const double low[SIM_JOINTS] = {HRT_ENGINE_REACH_MIN}, high[SIM_JOINTS] = {HRT_ENGINE_REACH_MAX};
     for (int j = 0; j < SIM_JOINTS; ++j)
         if (!isfinite(m->joint[j]) || m->joint[j] < low[j] || m->joint[j] > high[j]) return false;
     tm_tool_pose pose = sim_pose(s, instrument, m->joint, false);
-    for (int a = 0; a < 3; ++a)
-        if (!isfinite(m->tip_m[a]) || fabs(m->tip_m[a] - pose.tip_m[a]) > tip_tolerance_m) return false;
+    for (int a = 0; a < 3; ++a) /* farther apart, controller and scene disagree on the trocar */
+        if (!isfinite(m->tip_m[a]) || fabs(m->tip_m[a] - pose.tip_m[a]) > HRT_ENGINE_ROUNDING_M) return false;
     return m->mode >= 0 && m->mode <= 2 && m->state >= 0 && m->state <= 5 && (m->active == 0 || m->active == 1);
 }
 
@@ -43,7 +40,7 @@ tm_tool_pose sim_tools_target(const sim_tools *t, int instrument) {
     if (!tool->seen) return t->s->pose[instrument];
     bool always = t->s->instrument_def[instrument].mode != TM_TOOL_CAUTERY;
     tm_tool_pose pose = sim_pose(t->s, instrument, tool->now.joint, always || tool->now.active);
-    /* The controller's own tip is the one that it gets back; the two agree to the tolerance above. */
+    /* The controller's own tip is the one that it gets back; the two agree to its rounding. */
     memcpy(pose.tip_m, tool->now.tip_m, sizeof pose.tip_m);
     pose.grip = fmin(fmax(pose.grip, 0), 1);
     return pose;

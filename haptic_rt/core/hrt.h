@@ -251,6 +251,8 @@ hrt_reject hrt_sample_check(hrt_sample *sample, const hrt_params *params);
 hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANCE]);
 
 /* ------------------------------------------------------------------------------------------------ kinematics */
+/* The device's geometry and its numbers stand in engine.h; device/kinematics.h declares the same in the simulation's
+ * precision. */
 
 /* Orientation of the device in the scene: row-major, columns are the device's x, y, z along world axes. z is the
  * shaft's direction into the body at zero pitch and yaw; y is `up`. tip = insertion * (sin yaw, sin pitch cos yaw, cos
@@ -268,6 +270,8 @@ void hrt_jacobian(const hrt_frame *frame, const float joint[HRT_JOINTS], float j
 /* pitch, yaw, insertion that put the tip there; false at the trocar itself. */
 bool hrt_inverse(const hrt_frame *frame, const float tip_m[3], float joint3[3]);
 void hrt_counts_to_joint(const hrt_params *params, const int32_t count[HRT_JOINTS], float joint[HRT_JOINTS]);
+/* The count of joint `j` at a value, not rounded. */
+float hrt_count_of_joint(const hrt_params *params, int j, float value);
 
 /* ------------------------------------------------------------------------------------------------ extrapolation alone
  */

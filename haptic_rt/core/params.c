@@ -1,17 +1,17 @@
 /* The parameter table: name, unit, range and default of every float of hrt_params. Three arrays are made of it: what a
  * microcontroller does not ask for, the words, is not linked there. */
+#include "engine.h"
 #include "internal.h"
 
 #define PARAMETERS(ROW, ROWS)                                                                                          \
-    ROWS(counts_per_unit, "1/rad 1/rad 1/m 1/rad 1", 1.0f, 1.0e6f, "encoder counts per joint unit", 8000.0f, 8000.0f,  \
-         40000.0f, 700.0f, 250.0f)                                                                                     \
+    ROWS(counts_per_unit, "1/rad 1/rad 1/m 1/rad 1", 1.0f, 1.0e6f, "encoder counts per joint unit",                    \
+         HRT_ENGINE_COUNTS_PER_UNIT)                                                                                   \
     ROWS(count_zero, "counts", -32768.0f, 32767.0f, "count at joint value zero", 0.0f)                                 \
-    ROWS(joint_min, "rad rad m rad 1", -100.0f, 100.0f, "workspace, lower end", -0.8f, -0.8f, 0.01f, -10.0f, 0.0f)     \
-    ROWS(joint_max, "rad rad m rad 1", -100.0f, 100.0f, "workspace, upper end", 0.8f, 0.8f, 0.25f, 10.0f, 1.0f)        \
-    ROWS(speed_max, "rad/s rad/s m/s rad/s 1/s", 0.01f, 1000.0f, "faster is an encoder jump", 20.0f, 20.0f, 3.0f,      \
-         100.0f, 50.0f)                                                                                                \
-    ROWS(torque_max, "N m, N m, N", 0.0f, 100.0f, "of each motor", 1.4f, 1.4f, 8.9f)                                   \
-    ROW(force_max_N, "N", 0.0f, 20.0f, "vector sum at the tip", 8.9f)                                                  \
+    ROWS(joint_min, "rad rad m rad 1", -100.0f, 100.0f, "workspace, lower end", HRT_ENGINE_JOINT_MIN)                  \
+    ROWS(joint_max, "rad rad m rad 1", -100.0f, 100.0f, "workspace, upper end", HRT_ENGINE_JOINT_MAX)                  \
+    ROWS(speed_max, "rad/s rad/s m/s rad/s 1/s", 0.01f, 1000.0f, "faster is an encoder jump", HRT_ENGINE_SPEED_MAX)    \
+    ROWS(torque_max, "N m, N m, N", 0.0f, 100.0f, "of each motor", HRT_ENGINE_TORQUE_MAX)                              \
+    ROW(force_max_N, "N", 0.0f, 20.0f, "vector sum at the tip", HRT_ENGINE_FORCE_MAX_N)                                \
     ROW(axis_power_max_W, "W", 0.01f, 100.0f, "handed to the hand by one joint", 3.0f)                                 \
     ROW(power_max_W, "W", 0.01f, 100.0f, "handed to the hand by all joints", 5.0f)                                     \
     ROW(slew_max_N_s, "N/s", 10.0f, 20000.0f, "change of the force vector", 600.0f)                                    \

@@ -1,6 +1,7 @@
 /* The virtual Impulse Engine. Joints are independent masses with friction, pushed by the motors and by a hand that is a
  * spring and a damper to where it wants to be. */
 #include "device.h"
+#include "kinematics.h"
 
 #include <math.h>
 #include <string.h>
@@ -210,8 +211,7 @@ static double uniform(hrt_device *d) {
 }
 
 static int32_t encoder(hrt_device *d, int j) {
-    const hrt_params *p = &d->config.profile;
-    double counts = d->joint[j] * (double)p->counts_per_unit[j] + (double)p->count_zero[j];
+    double counts = hrt_count_of_joint64(&d->config.profile, j, d->joint[j]);
     if (d->config.noise_counts > 0.0)
         counts += d->config.noise_counts * sqrt(-2.0 * log(uniform(d) + 1.0e-300)) * cos(2.0 * PI * uniform(d));
     return (int32_t)lrint(counts);

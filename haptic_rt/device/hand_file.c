@@ -3,10 +3,11 @@
 #include <stdlib.h>
 
 #include "app.h"
+#include "engine.h"
 #include "io/table.h"
 
 static bool fill(const hrt_table *t, const char *path, hrt_keyframe *key) {
-    static const char *const name[HRT_JOINTS] = {"pitch_rad", "yaw_rad", "insertion_m", "roll_rad", "grip"};
+    static const char *const name[HRT_JOINTS] = {HRT_ENGINE_JOINTS};
     int32_t time, joint[HRT_JOINTS];
     const int32_t active = hrt_table_column(t, "active");
     if (!hrt_table_need(t, path, "time_s", &time)) return false;

@@ -11,6 +11,7 @@
 
 #include "app.h"
 #include "device.h"
+#include "engine.h"
 #include "hand_file.h"
 #include "io/lcm_link.h"
 #include "io/loop.h"
@@ -55,7 +56,8 @@ static void usage(void) {
         "\n"
         "  --bus ADDRESS          virtual:NAME or socketcan:INTERFACE\n"
         "  --instrument N         0 or 1 (0)\n"
-        "  --hand FILE            CSV: time_s,pitch_rad,yaw_rad,insertion_m,roll_rad,grip[,active]; `lcm` follows HAND_N; without, it rests\n"
+        "  --hand FILE            CSV: time_s," HRT_ENGINE_COLUMNS
+        "[,active]; `lcm` follows HAND_N; without, it rests\n"
         "  --start P,Y,I,R,G      joints at rest: pitch and yaw rad, insertion m, roll rad, grip 0..1 (0,0,0.1,0,0)\n"
         "  --repeat               begin the script again at its end\n"
         "  --straight             straight lines between rows instead of minimum-jerk\n"

@@ -3,6 +3,7 @@
 #include <inttypes.h>
 #include <string.h>
 
+#include "engine.h"
 #include "report.h"
 
 int hrt_record_begin(hrt_record *r, const char *path) {
@@ -13,9 +14,9 @@ int hrt_record_begin(hrt_record *r, const char *path) {
         app_output_abandon(&r->output);
         return app_bad_input(path, 0, "out of memory; close other programs"), APP_FAILED;
     }
-    fputs(
-        "time_s,state,fault,limits,pitch_rad,yaw_rad,insertion_m,roll_rad,grip,fx_N,fy_N,fz_N,torque_pitch_Nm,torque_yaw_Nm,force_insertion_N,gain,sample_age_s\n",
-        r->file);
+    fputs("time_s,state,fault,limits," HRT_ENGINE_COLUMNS
+          ",fx_N,fy_N,fz_N,torque_pitch_Nm,torque_yaw_Nm,force_insertion_N,gain,sample_age_s\n",
+          r->file);
     return APP_DONE;
 }
 

@@ -1,4 +1,5 @@
 /* The Impulse Engine's geometry: derivative against differences, inverse, virtual work. */
+#include "device/kinematics.h"
 #include "rig.h"
 
 static hrt_frame some_frame(uint64_t *seed) {
@@ -103,8 +104,67 @@ static void virtual_work(void **state) {
     assert_float_equal(r.out.torque[HRT_PITCH], -0.5f * 0.1f, 1.0e-5);
 }
 
+/* The controller's tip and the simulation's, of the same joints, over all that a message may say; the controller hears
+ * of its frame as the simulation tells it (SIM_STATUS). */
+static void both_precisions_agree(void **state) {
+    (void)state;
+    static const double low[] = {HRT_ENGINE_REACH_MIN}, high[] = {HRT_ENGINE_REACH_MAX};
+    uint64_t seed = 4;
+    double tip_worst = 0, jacobian_worst = 0;
+    for (int k = 0; k < 20000; k++) {
+        hrt_frame64 wide;
+        hrt_frame frame;
+        double axis[3], up[3], joint[HRT_JOINTS], tip[3], jacobian[9], back[3];
+        float axis_f[3], up_f[3], joint_f[HRT_JOINTS], tip_f[3], jacobian_f[9];
+        do
+            for (int i = 0; i < 3; i++) {
+                axis[i] = (double)rig_uniform(&seed, -1.0f, 1.0f);
+                up[i] = (double)rig_uniform(&seed, -1.0f, 1.0f);
+            }
+        while (!hrt_frame_from_axis64(&wide, axis, up));
+        for (int i = 0; i < 3; i++) axis_f[i] = (float)wide.r[3 * i + 2], up_f[i] = (float)wide.r[3 * i + 1];
+        assert_true(hrt_frame_from_axis(&frame, axis_f, up_f));
+        for (int j = 0; j < HRT_JOINTS; j++)
+            joint[j] = (double)(joint_f[j] = rig_uniform(&seed, (float)low[j], (float)high[j]));
+        hrt_tip64(&wide, joint, tip);
+        hrt_tip(&frame, joint_f, tip_f);
+        for (int i = 0; i < 3; i++) tip_worst = fmax(tip_worst, fabs(tip[i] - (double)tip_f[i]));
+        hrt_jacobian64(&wide, joint, jacobian);
+        hrt_jacobian(&frame, joint_f, jacobian_f);
+        for (int i = 0; i < 9; i++) jacobian_worst = fmax(jacobian_worst, fabs(jacobian[i] - (double)jacobian_f[i]));
+        if (!(joint[HRT_INSERTION] > 1e-3) || fabs(joint[HRT_PITCH]) > 1.5 || fabs(joint[HRT_YAW]) > 1.5) continue;
+        assert_true(hrt_inverse64(&wide, tip, back));
+        for (int j = 0; j < 3; j++) assert_true(fabs(back[j] - joint[j]) < 1e-13);
+    }
+    print_message("float against double: tip %.2g m, Jacobian %.2g\n", tip_worst, jacobian_worst);
+    assert_true(tip_worst < HRT_ENGINE_ROUNDING_M);
+    assert_true(tip_worst > HRT_ENGINE_ROUNDING_M / 10); /* and no laxer than it must be */
+    assert_true(jacobian_worst < 2e-6);
+}
+
+static void counts_go_and_come(void **state) {
+    (void)state;
+    hrt_params p;
+    hrt_params_default(&p);
+    for (int j = 0; j < HRT_JOINTS; j++) p.count_zero[j] = 100.0f * (float)j;
+    for (int32_t at = -32000; at <= 32000; at += 7) {
+        const int32_t count[HRT_JOINTS] = {at, at, at, at, at};
+        double wide[HRT_JOINTS];
+        float narrow[HRT_JOINTS];
+        hrt_counts_to_joint64(&p, count, wide);
+        hrt_counts_to_joint(&p, count, narrow);
+        for (int j = 0; j < HRT_JOINTS; j++) {
+            assert_true(fabs(wide[j] - (double)narrow[j]) <= 1e-7 * fabs(wide[j]));
+            assert_int_equal(lrint(hrt_count_of_joint64(&p, j, wide[j])), at);
+            assert_int_equal(lrintf(hrt_count_of_joint(&p, j, narrow[j])), at);
+        }
+    }
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(jacobian_is_the_derivative), cmocka_unit_test(inverse_undoes),
-                                       cmocka_unit_test(frame_is_a_rotation), cmocka_unit_test(virtual_work)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(jacobian_is_the_derivative), cmocka_unit_test(inverse_undoes),
+        cmocka_unit_test(frame_is_a_rotation),        cmocka_unit_test(virtual_work),
+        cmocka_unit_test(both_precisions_agree),      cmocka_unit_test(counts_go_and_come)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

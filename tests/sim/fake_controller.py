@@ -60,6 +60,7 @@ while time.monotonic() - began < 2.0:
         send("bad", state(utime, seq + 1000, insertion, joint=[0, math.inf, insertion, 0, 0]))
         send("bad", state(utime, seq + 1000, 3.0))
         send("bad", state(utime, seq + 1000, insertion, tip_m=[0, 0, 0]))  # not where the joints say
+        send("bad", state(utime, seq + 1000, insertion, tip_m=[TROCAR[0], TROCAR[1] + 1e-5, TROCAR[2] - insertion]))  # by more than rounding
         send("foreign", state(utime, seq + 1000, insertion, session=SESSION - 1))
         send("foreign", state(2**62, 0, insertion, session=2**63 - 1))  # whose clock is far ahead
         send("foreign", state(utime, seq + 1000, insertion, instrument=1))

@@ -70,6 +70,7 @@ BAD = {
     "comma in braces": (BASE.replace("10 kPa", "5,0 kPa"), 5, "a comma separates entries; write a decimal point"),
     "unit in small letters": (BASE.replace("10 kPa", "10 kpa"), 5, "unknown unit 'kpa'; did you mean 'kPa'?"),
     "axis of nothing": (BASE + "instruments:\n  - {{trocar: [0, 0, 1], axis: [0, 0, 0]}}\n", 9, "axis is zero; give the direction"),
+    "axis next to nothing": (BASE + "instruments:\n  - {{trocar: [0, 0, 1], axis: [0, 0, 1e-150]}}\n", 9, "no orientation"),
     "up of nothing": (BASE + "instruments:\n  - {{trocar: [0, 0, 1], up: [0, 0, 0]}}\n", 9, "up is zero; give a direction"),
     "trocar beyond": (BASE + "instruments:\n  - {{trocar: [0, 0, 1e300]}}\n", 9, "the trocar is 1e+300 m away; keep it within 1000 m"),
     "supports of nothing": (BASE[:BASE.index("  - ")], 6, "supports has nothing under it; write at least one line that begins with '- '"),

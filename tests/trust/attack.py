@@ -134,8 +134,9 @@ def tool(**more):
     t.seq += 200
     t.utime += 400000
     joint = list(t.joint)
+    trocar, stretch = newest["SIM_STATUS"].trocar_m[0], 1 + 0.004 / joint[2]
     joint[2] += 0.004
-    t.tip_m, t.joint = [t.tip_m[0], t.tip_m[1], t.tip_m[2] - 0.004], joint
+    t.tip_m, t.joint = [o + stretch * (x - o) for x, o in zip(t.tip_m, trocar)], joint
     for name, value in more.items():
         setattr(t, name, value)
     return t
