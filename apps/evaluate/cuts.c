@@ -45,7 +45,7 @@ int cut_list_shared(const cut_list *a, const cut_list *b) {
     return shared;
 }
 
-/* sim_world_frame with the list between its substeps. The world's clock is the path's. */
+/* sim_world_frame with the list between its substeps. */
 static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     cut_replay *r = s->model_own;
     const cut_list *list = r->list;
@@ -53,7 +53,7 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     tm_contact_begin_frame(s->contact, substeps, s->average < substeps ? s->average : substeps);
     for (int i = 0; i < s->instrument_count; i++) tm_contact_move(s->contact, i, &to[i], substeps);
     for (int32_t done = 0; done < substeps && !status;) {
-        const double now_s = sim_time_s(s) + 0.5 * s->dt_s;
+        const double now_s = sim_time_s(s) - r->begin_s + 0.5 * s->dt_s;
         for (; r->next < list->count && list->time_s[r->next] <= now_s; r->next++)
             tm_cut_remove(s->tissue, &list->tet[r->next], 1, NULL, 0);
         int32_t count = substeps - done;
@@ -69,7 +69,7 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
 }
 
 void cut_replay_begin(cut_replay *replay, const cut_list *list, sim *s) {
-    *replay = (cut_replay){.model = *s->model, .list = list};
+    *replay = (cut_replay){.model = *s->model, .list = list, .begin_s = HUGE_VAL};
     replay->model.frame = frame;
     s->model = &replay->model;
     s->model_own = replay;

@@ -72,6 +72,7 @@ typedef struct cut_replay {
     sim_model model;
     const cut_list *list;
     int next;
+    double begin_s; /* on the world's clock, when the path began; nothing goes before */
 } cut_replay;
 void cut_replay_begin(cut_replay *replay, const cut_list *list, sim *s);
 

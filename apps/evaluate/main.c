@@ -19,11 +19,9 @@ static void usage(FILE *to) {
                 "  --quick         with --study: fewer rates, speeds and depths\n"
                 "  --model NAME    with --study, --generate: only this one (may be repeated):");
     for (int m = 0; m < MODEL_COUNT; m++) fprintf(to, " %s", model_name[m]);
-    fprintf(
-        to,
-        "\n  --path NAME     with --study: errors on this path alone, nothing else (may be repeated):\n                 ");
+    fprintf(to, "\n  --path NAME     with --study: rates on this path alone (may be repeated):\n                 ");
     for (int p = 0; p < PATH_COUNT; p++) fprintf(to, " %s", path_name[p]);
-    fprintf(to, "\n  --ready         with --study: how soon patches are exact, alone or beside those paths");
+    fprintf(to, "\n  --part NAME     with --study: this part alone (may be repeated): roughness rates loop ready");
     fprintf(to, "\n  --latency N     with LOG: hold samples back by N frames more\n"
                 "  --loss SHARE    with LOG: lose this share of the samples\n"
                 "  --forces FILE   with LOG: what each would have rendered, tick by tick, as CSV\n"
@@ -170,16 +168,17 @@ static bool add_part(cJSON *root, const char *name, cJSON *part) {
     return part != NULL;
 }
 
-static int study(const study_run *run, bool whole, bool ready, const char *json) {
+typedef enum study_part { PART_ROUGHNESS, PART_RATES, PART_LOOP, PART_READY, PART_COUNT } study_part;
+static const char *const part_name[PART_COUNT] = {"roughness", "rates", "loop", "ready"};
+
+static int study(const study_run *run, const bool wanted[PART_COUNT], const char *json) {
+    static cJSON *(*const make[PART_COUNT])(const study_run *) = {study_roughness, study_rates, study_loop,
+                                                                  study_ready};
     cJSON *root = cJSON_CreateObject();
+    bool good = true;
     cJSON_AddBoolToObject(root, "quick", run->quick);
-    bool good = !whole || add_part(root, "roughness", study_roughness(run));
-    bool any = false;
-    for (int p = 0; p < PATH_COUNT; p++) any = any || run->path[p];
-    good = good && (!any || add_part(root, "rates", study_rates(run)));
-    good = good && (!whole || add_part(root, "loop", study_loop(run)));
-    good = good && (!(whole || ready) || add_part(root, "ready", study_ready(run)));
-    cJSON_AddNumberToObject(root, "bandwidth_B_s", good && whole ? app_bandwidth_B_s(4 << 20, 15) : 0);
+    for (int i = 0; i < PART_COUNT && good; i++) good = !wanted[i] || add_part(root, part_name[i], make[i](run));
+    cJSON_AddNumberToObject(root, "bandwidth_B_s", good ? app_bandwidth_B_s(4 << 20, 15) : 0);
     int rc = good ? write_json(json, root) : APP_FAILED;
     app_progress("", 1, true);
     cJSON_Delete(root);
@@ -216,7 +215,7 @@ int main(int argc, char **argv) {
                                             {"quick", no_argument, NULL, 'q'},
                                             {"model", required_argument, NULL, 'm'},
                                             {"path", required_argument, NULL, 'p'},
-                                            {"ready", no_argument, NULL, 1003},
+                                            {"part", required_argument, NULL, 1003},
                                             {"latency", required_argument, NULL, 'l'},
                                             {"loss", required_argument, NULL, 'o'},
                                             {"help", no_argument, NULL, 'h'},
@@ -228,7 +227,7 @@ int main(int argc, char **argv) {
     const char *json = NULL, *folder = NULL, *forces = NULL;
     study_run run = {0};
     conditions c = {.seed = 1};
-    bool all = true, whole = true, ready = false, studying = false;
+    bool all = true, whole = true, every_path = true, studying = false, part[PART_COUNT] = {0};
     char *rest;
     app_check_stdout();
     opterr = 0; /* the message is ours */
@@ -248,9 +247,13 @@ int main(int argc, char **argv) {
         case 'p':
             while (m < PATH_COUNT && strcmp(path_name[m], optarg) != 0) m++;
             if (m == PATH_COUNT) return app_bad_input("tm-evaluate", 0, "no path '%s'; --help lists them", optarg);
-            run.path[m] = true, whole = false;
+            run.path[m] = part[PART_RATES] = true, every_path = whole = false;
             break;
-        case 1003: ready = true, whole = false; break;
+        case 1003:
+            while (m < PART_COUNT && strcmp(part_name[m], optarg) != 0) m++;
+            if (m == PART_COUNT) return app_bad_input("tm-evaluate", 0, "no part '%s'; --help lists them", optarg);
+            part[m] = true, whole = false;
+            break;
         case 'l':
             c.latency_frames = (int)strtol(optarg, &rest, 10);
             if (*rest || rest == optarg || c.latency_frames < 0 || c.latency_frames > 100)
@@ -272,13 +275,14 @@ int main(int argc, char **argv) {
         }
     }
     for (int m = 0; m < MODEL_COUNT; m++) run.model[m] = run.model[m] || all;
-    for (int p = 0; p < PATH_COUNT; p++) run.path[p] = run.path[p] || whole;
+    for (int p = 0; p < PATH_COUNT; p++) run.path[p] = run.path[p] || every_path;
+    for (int i = 0; i < PART_COUNT; i++) part[i] = part[i] || whole;
     if (studying + (folder != NULL) + (optind < argc) != 1)
         return app_bad_input("tm-evaluate", 0, "name logs, or --study, or --generate DIR; see tm-evaluate --help");
     if (studying && !json)
         return app_bad_input("tm-evaluate", 0, "--study wants --json FILE; say where the figures go");
     if (app_output_check(json) || app_output_check(forces)) return APP_BAD_INPUT;
-    if (studying) return study(&run, whole, ready, json);
+    if (studying) return study(&run, part, json);
     if (folder) return generate(folder, &run);
     return evaluate_logs(argv + optind, argc - optind, &c, forces, json);
 }

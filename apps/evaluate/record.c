@@ -118,7 +118,8 @@ static void take(const sim *s, int64_t t_us, int64_t ready_us, uint32_t seq, sam
     take_patch(s, out);
 }
 
-/* Starts with the tool out of touch, so that nothing swings when the path begins. */
+/* Starts with the tool out of touch, so that nothing swings when the path begins. No session begins a tenth of a second
+ * before contact: frames of before have made the first patch. */
 static void start(sim *s, const recording *r, const path *p, bool encoders) {
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
     poses_at(s, r, p, 0, encoders, to);
@@ -127,6 +128,8 @@ static void start(sim *s, const recording *r, const path *p, bool encoders) {
         s->pose[i] = to[i];
     }
 }
+
+enum { BEFORE = 3 };
 
 int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, recording *out) {
     sim *s = path_open(m, p, rate_Hz, NULL);
@@ -142,6 +145,8 @@ int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, 
     out->sample = calloc((size_t)out->samples, sizeof *out->sample);
     if (!out->sample) abort();
     tm_status status = TM_OK;
+    for (int k = 0; k < BEFORE && !status; k++) status = sim_frame(s, s->pose, s->substeps);
+    if (out->replay) replay.begin_s = sim_time_s(s);
     for (int k = 0; k < out->samples && !status; k++) {
         /* The frame's path ends where the tool is when the sample is taken: t_n is on the tool's clock. */
         double end_s = (k + 1) * s->frame_s;

@@ -211,6 +211,8 @@ def test_the_loop_is_stable_where_theory_says_so_and_further(page):
     (["nowhere.lcm"], "nowhere.lcm: "),
     (["--loss", "2", "x.lcm"], "--loss 2"),
     (["--latency", "-1", "x.lcm"], "--latency -1"),
+    (["--study", "--path", "round"], "no path 'round'"),
+    (["--study", "--part", "all"], "no part 'all'"),
     (["--frobnicate"], "unknown or incomplete option"),
 ])
 def test_bad_use(bin, tmp_path, arguments, says):
