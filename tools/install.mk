@@ -1,9 +1,10 @@
-# make install, its parts and its undoing. Each part is laid out in build/stage/PART as it will lie, then tools/install.sh puts it there and
+# make install, its parts and its undoing. Each part is laid out in build/stage/ as it will lie, then tools/install.sh puts it there and
 # writes the list of it that `make uninstall` goes by.
 LIBDIR ?= $(PREFIX)/lib
 DOCDIR := $(PREFIX)/share/doc/tensormass
 SHARE := $(PREFIX)/share/tensormass
-STAGE := $(OUT)/stage
+# A folder of this run's own, made when it is first asked for: two may install at once.
+STAGE = $(eval STAGE := $(shell mkdir -p $(OUT)/stage && mktemp -d $(OUT)/stage/XXXXXX))$(STAGE)
 # The solve library is part of it where CHOLMOD and Eigen are.
 SOLVE ?= $(if $(and $(wildcard /usr/include/suitesparse/cholmod.h),$(wildcard /usr/include/eigen3/Eigen/Core)),1,0)
 SOLVE_LIBRARIES := $(if $(filter 1,$(SOLVE)),$(LIBTMS_A) $(LIBTMS_SO))

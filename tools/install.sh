@@ -1,6 +1,7 @@
 #!/bin/bash
 # Puts a part's files where they belong, and takes away what was put there.
-#   DESTDIR= PREFIX= tools/install.sh put PART STAGE    STAGE/* to DESTDIR/*; a list of it to PREFIX/share/tensormass/installed/PART
+#   DESTDIR= PREFIX= tools/install.sh put PART STAGE    STAGE/* to DESTDIR/*; a list of it to PREFIX/share/tensormass/installed/PART;
+#                                                        STAGE is removed
 #   DESTDIR= PREFIX= tools/install.sh remove            what the lists name, then the folders that are empty by it
 # A list has a line a path, without DESTDIR: files and links, then the folders that were not there before, each with a / at its end. What an older list of the same
 # part names and the new one does not is taken away too, unless another part has it. Exit 2: nothing to remove.
@@ -38,6 +39,7 @@ put() {
         case $path in */) continue ;; esac
         grep -qxF -- "$path" "$lists/$part" || listed_elsewhere "$path" "$part" || rm -f "$DESTDIR$path"
     done < "$old"
+    rm -rf "$stage" && { rmdir "${stage%/*}" 2>/dev/null || true; }
     echo "installed $(wc -l < "$new") files (${part#install-}) in $DESTDIR$PREFIX"
 }
 

@@ -75,7 +75,7 @@ def inside(a):
             session.begin("tm-view", BIN / "tm-view", "--film", a.film.resolve(), "--duration", a.duration)
         session.start_ring(a.duration)
         if a.play:
-            window = subprocess.run([BIN / "tm-play"]).returncode
+            window = subprocess.run([BIN / "tm-play", *(["--duration", str(a.duration)] if a.duration else [])]).returncode
             good = session.well()
         else:
             good = session.wait(("tm-sim", "tm-device", "haptic-rt", "tm-view"))

@@ -74,6 +74,15 @@ def test_play_opens_its_window_there(root, build, forwarded, tmp_path):
     assert json.loads((tmp_path / "play.json").read_text())["pictures"] > 5
 
 
+@needs_namespace
+def test_a_session_opens_its_window_there(bin, forwarded, tmp_path):
+    env, _ = forwarded
+    run = subprocess.run([bin / "tm-session", "liver-press", "--play", "--duration", "3", "--out", tmp_path / "out", "--record", tmp_path / "session.lcm"], env=env, capture_output=True, text=True,
+                         timeout=60)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert b"HAND_0" in (tmp_path / "session.lcm").read_bytes(), "no window moved the hand"
+
+
 def test_displays_that_cannot_be_reached_are_told(root):
     for name, text in (("localhost:4999.0", "does not answer"), (":4999", "does not answer"), ("nonsense", "names no display")):
         run = bridge(root, "true", env={**os.environ, "DISPLAY": name})
