@@ -4,20 +4,31 @@ import pathlib
 import subprocess
 
 import pytest
-from paths import BUILD, ROOT
+from paths import BUILD, LONG, ROOT
 
 MANIFEST = BUILD / "tests" / "manifest.txt"
 PROGRAMS = [pathlib.Path(p) for p in MANIFEST.read_text().split()] if MANIFEST.exists() else []
+
+# Long forms that take many minutes, in parts that share the processors: so many, and the environment of part i.
+PARTS = {"physics/test_sessions": (10, lambda i: {"TM_SESSIONS": "1000", "TM_SESSIONS_FROM": str(1 + 1000 * i)})}
+
+
+def cases():
+    for program in PROGRAMS:
+        name = "/".join(program.parts[-2:])
+        count, settings = PARTS.get(name, (1, None)) if LONG else (1, None)
+        for i in range(count):
+            yield pytest.param(program, settings(i) if settings else {}, id=f"{name}-{i}" if settings else name)
 
 
 def test_manifest_is_there():
     assert PROGRAMS, f"{MANIFEST} is missing or empty; run `make tests`"
 
 
-@pytest.mark.parametrize("program", PROGRAMS, ids=lambda p: "/".join(p.parts[-2:]))
-def test_program(program):
+@pytest.mark.parametrize("program, settings", cases())
+def test_program(program, settings):
     path = program if program.is_absolute() else ROOT / program
-    env = dict(os.environ, TM_ROOT=str(ROOT), TM_OUT=str(BUILD))
+    env = dict(os.environ, TM_ROOT=str(ROOT), TM_OUT=str(BUILD), **settings)
     run = subprocess.run([str(path)], cwd=ROOT, env=env, capture_output=True, text=True, timeout=3600)
     output = run.stdout + run.stderr
     if run.returncode == 77:

@@ -40,6 +40,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             patch->radius_m = 0.0025f;
             patch->skin_compliance_m_N = 1e-4f;
             patch->contact_length_m = 0.05f;
+            patch->film_s_m = (float)fuzz_u8(&b) / 128; /* from 1 s/m on it is refused */
             int dofs = 3 * patch->vertex_count < HRT_PATCH_DOFS ? 3 * patch->vertex_count : HRT_PATCH_DOFS;
             floats(&b, patch->vertex_m, dofs, what & 64);
             fuzz_take(&b, patch->triangle, sizeof patch->triangle);

@@ -45,7 +45,7 @@ for scene in sorted((ROOT / "apps" / "scenes").glob("*.yaml")):
 
 put("fuzz_snapshot", "untouched", bytes([1]))
 put("fuzz_snapshot", "patched", bytes([3]) + struct.pack("<HB", 90, 8) + struct.pack("<d", 1e-3))
-put("fuzz_snapshot", "magic", bytes([2]) + b"TMSNAP\r\n" + struct.pack("<II", 1, 0x01020304) + bytes(80))
+put("fuzz_snapshot", "magic", bytes([2]) + b"TMSNAP\r\n" + struct.pack("<II", 2, 0x01020304) + bytes(80))
 put("fuzz_responses", "untouched", bytes([1]))
 put("fuzz_responses", "one-byte", bytes([1]) + bytes([200, 0, 0, 1, 255]))
 put("fuzz_responses", "short", bytes([1]) + bytes([100, 1, 0, 0]))
@@ -62,7 +62,7 @@ for kind in range(7):
     put("fuzz_lcm", f"kind-{kind}", bytes([kind, 120, 0, 5]) + bytes(8) + struct.pack(">qiqq", 1, 1, 1, 7) + bytes(92))
 
 put("fuzz_sample", "tame", bytes([5]) + b"".join(bytes([8 | 16 | 2, 4]) + bytes(range(15)) + bytes(24) for _ in range(6)))
-put("fuzz_sample", "patch", bytes([5, 8 | 16 | 32 | 64 | 128 | 2, 4]) + bytes(range(15)) + bytes([4, 2]) + bytes([0, 0, 0, 10, 0, 0, 0, 10, 0, 10, 10, 0])
+put("fuzz_sample", "patch", bytes([5, 8 | 16 | 32 | 64 | 128 | 2, 4]) + bytes(range(15)) + bytes([4, 2, 38]) + bytes([0, 0, 0, 10, 0, 0, 0, 10, 0, 10, 10, 0])
     + bytes([0, 1, 2, 1, 3, 2] + [0] * 90) + bytes([1] * 12) + bytes([0, 0, 1] * 8))
 
 put("fuzz_tables", "profile", b"\0" + b"# a profile\nforce_max_N = 8.9\ntorque_max = 0.5, 0.5, 9\n")

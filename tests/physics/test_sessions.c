@@ -2,7 +2,8 @@
  * more energy than the hands put in, goes no farther than hands can bring it, and contact comes to rest. A session that
  * breaks a bound is shrunk to the fewest actions that still do, and printed.
  *
- * TM_LONG=1: 10,000 sessions. TM_SESSION=SEED: that one alone, told frame by frame. */
+ * TM_LONG=1: 10,000 sessions. TM_SESSIONS=COUNT and TM_SESSIONS_FROM=SEED: so many, from that one on. TM_SESSION=SEED:
+ * that one alone, told frame by frame. */
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -259,11 +260,14 @@ static session shrink(session s, verdict *v) {
 static void test_sessions(void **unused) {
     (void)unused;
     const bool all = getenv("TM_LONG") && !strcmp(getenv("TM_LONG"), "1");
-    const char *one = getenv("TM_SESSION"), *count = getenv("TM_SESSIONS");
-    const uint64_t first = one ? strtoull(one, NULL, 10) : 1, n = one     ? 1
-                                                                  : count ? strtoull(count, NULL, 10)
-                                                                  : all   ? 10000
-                                                                          : 100;
+    const char *one = getenv("TM_SESSION"), *count = getenv("TM_SESSIONS"), *from = getenv("TM_SESSIONS_FROM");
+    const uint64_t first = one    ? strtoull(one, NULL, 10)
+                           : from ? strtoull(from, NULL, 10)
+                                  : 1,
+                   n = one     ? 1
+                       : count ? strtoull(count, NULL, 10)
+                       : all   ? 10000
+                               : 100;
     int failed = 0;
     double worst = 0, farthest = 0, hands = 0;
     uint64_t worst_seed = 0;

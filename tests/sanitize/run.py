@@ -17,7 +17,7 @@ ROOT = HERE.parent.parent
 ABOUT = {"asan": "AddressSanitizer, LeakSanitizer and UndefinedBehaviorSanitizer", "tsan": "ThreadSanitizer"}
 # What a short run holds: the C programs, parsers of what users write, the ring over LCM.
 SHORT = {"asan": ["tests/test_programs.py", "tests/sim/test_input.py", "tests/loop/test_messages.py"],
-         "tsan": ["tests/test_programs.py", "tests/loop/test_messages.py", "-k", "loop or solve or messages"]} # where threads are
+         "tsan": ["tests/test_programs.py", "tests/loop/test_messages.py", "-k", "loop or solve or messages or threads"]} # where threads are
 
 
 def options(reports):

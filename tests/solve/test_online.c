@@ -457,6 +457,50 @@ static void rough_hands(void **state) {
     free_pair(&p);
 }
 
+/* --- what does not converge is told --- */
+
+/* Thrown into the block from a metre away, farther than an update has pieces for: what comes of it is finite and
+ * bounded, and where it is no solution both the count of steps and every tool's reaction say so; a tool that comes from
+ * outside again is felt as if nothing had been. */
+static void thrown(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
+    def.tools = 2;
+    pair p = make_pair(&def, TM_DOUBLE);
+    fix_random random = {57};
+    int failed = 0, solved = 0;
+    double force[2][3];
+    for (int i = 0; i < 12; i++) {
+        tm_tool_pose at[2] = {scene_pose(0.02 * fix_signed(&random), 0.02 * fix_signed(&random), 0),
+                              scene_pose(0.02 * fix_signed(&random), 0.02 * fix_signed(&random), 0)};
+        for (int t = 0; t < 2; t++) at[t].tip_m[2] = i % 2 ? 0.01 + 0.03 * fix_uniform(&random) : 1;
+        const int32_t steps = tm_precomputed_update(p.model, at);
+        failed += steps < 0, solved += steps >= 0;
+        for (int t = 0; t < 2; t++) {
+            const tm_tool_reaction r = tm_precomputed_reaction(p.model, t);
+            const bool flagged = (r.flags & TM_REACTION_UNCONVERGED) != 0;
+            assert_int_equal(flagged, steps < 0);
+            assert_int_equal(tm_precomputed_force(p.model, t, force[t]), r.flags);
+            for (int c = 0; c < 3; c++) assert_true(isfinite(r.force_N[c]) && r.force_N[c] == force[t][c]);
+        }
+    }
+    print_message("  %d of %d updates did not converge, each told\n", failed, failed + solved);
+    assert_true(failed > 0 && solved > 0);
+    pair fresh = make_pair(&def, TM_DOUBLE);
+    for (int i = 0; i < 2; i++) {
+        const pair *q = i ? &fresh : &p;
+        tm_tool_pose at[2] = {scene_pose(0.006, 0.002, 0.06), scene_pose(-0.006, -0.003, 0.06)};
+        assert_true(tm_precomputed_update(q->model, at) >= 0);
+        at[0].tip_m[2] = 0.0405, at[1].tip_m[2] = 0.041;
+        assert_true(tm_precomputed_update(q->model, at) >= 0);
+        assert_int_equal(tm_precomputed_force(q->model, 0, force[i]), 0);
+    }
+    assert_true(length3(force[1]) > 0.01 && distance3(force[0], force[1]) < 1e-6 * length3(force[1]));
+    free_pair(&fresh);
+    free_pair(&p);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(size_of_another_tool),
                                        cmocka_unit_test(agrees_with_dynamic),
@@ -465,6 +509,7 @@ int main(void) {
                                        cmocka_unit_test(grasp),
                                        cmocka_unit_test(let_go_beside),
                                        cmocka_unit_test(smooth),
-                                       cmocka_unit_test(rough_hands)};
+                                       cmocka_unit_test(rough_hands),
+                                       cmocka_unit_test(thrown)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
