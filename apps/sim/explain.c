@@ -15,10 +15,10 @@ typedef struct row {
     int line;
     int64_t bytes;
     double us_per_step;
-    bool in_step;
+    bool timed, in_step; /* timed and not in the step: works between frames, its time shared out over the steps */
 } row;
 
-static const char *const phase_name[] = {"begin", "force", "load", "integrate", "constrain", "end"};
+static const char *const phase_name[] = {"begin", "force", "load", "integrate", "constrain", "end", "between"};
 
 /* Bytes of a tissue like this one with less asked for. -1 when it cannot be built. */
 static int64_t tissue_without(const sim *s, bool fibres, bool cutting) {
@@ -71,7 +71,8 @@ static tm_status measure_model(sim *s, tm_stage_report *report, int *count) {
 static tm_status measure(sim *s, tm_stage_report *report, int *count) {
     tm_stage_report before[TM_MAX_STAGES];
     if (!s->world) return measure_model(s, report, count);
-    tm_status status = sim_frame(s, s->pose, s->substeps); /* warm */
+    for (int i = 0; i < s->instrument_count; ++i) s->wants[i] = s->can_send; /* the dearest that may be asked for */
+    tm_status status = sim_frame(s, s->pose, s->substeps);                   /* warm */
     tm_world_set_timing(s->world, true);
     tm_world_stages(s->world, before);
     int64_t begin = app_monotonic_us();
@@ -115,7 +116,8 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
         rows[n] = (row){.phase = phase_name[report[i].phase],
                         .line = line_of_stage(s, owner),
                         .bytes = report[i].bytes,
-                        .in_step = true,
+                        .timed = true,
+                        .in_step = report[i].phase != TM_PHASE_BETWEEN,
                         .us_per_step = report[i].runs ? report[i].seconds * 1e6 / (double)report[i].runs : 0};
         if (owner >= 0) {
             rows[n].bytes += beside[owner];
@@ -143,7 +145,7 @@ static void print(const sim *s, const row *rows, int n, double total_us, cJSON *
            "set by tetrahedron %lld)\n\n",
            s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps,
            s->substeps == 1 ? "" : "s", s->dt_s, s->critical_s, (long long)s->file.tet_tag[s->critical_tet]);
-    printf("%-14s %-10s %12s %10s %7s  asked for by\n", "stage", "phase", "bytes", "us/step", "share");
+    printf("%-18s %-10s %12s %10s %7s  asked for by\n", "stage", "phase", "bytes", "us/step", "share");
     cJSON *list = cJSON_AddArrayToObject(json, "stages");
     for (int i = 0; i < n; ++i) {
         double share = total_us > 0 ? rows[i].us_per_step / total_us : 0;
@@ -155,13 +157,13 @@ static void print(const sim *s, const row *rows, int n, double total_us, cJSON *
         cJSON_AddStringToObject(j, "asked_by", rows[i].asked);
         cJSON_AddNumberToObject(j, "bytes", (double)rows[i].bytes);
         cJSON_AddBoolToObject(j, "in_step", rows[i].in_step);
-        if (rows[i].in_step) {
+        if (rows[i].timed) {
             cJSON_AddNumberToObject(j, "us_per_step", rows[i].us_per_step);
             cJSON_AddNumberToObject(j, "share", share);
-            printf("%-14s %-10s %12lld %10.3f %6.1f%%  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes,
+            printf("%-18s %-10s %12lld %10.3f %6.1f%%  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes,
                    rows[i].us_per_step, 100 * share, rows[i].asked);
         } else
-            printf("%-14s %-10s %12lld %10s %7s  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes, "-", "-",
+            printf("%-18s %-10s %12lld %10s %7s  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes, "-", "-",
                    rows[i].asked);
     }
     double real = total_us > 0 ? s->dt_s * 1e6 / total_us : 0;

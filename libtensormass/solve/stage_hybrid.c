@@ -300,8 +300,8 @@ static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error)
         return tms_fail(error, TM_ERR_MEMORY, -1,
                         "no memory for contact with %d interface components; lower max_local_vertices",
                         (int)h->interface_count);
-    const tm_contact_solver solver = {h, solve};
-    tm_contact_set_solver(contact, &solver);
+    const tm_contact_block block = {h, solve};
+    tm_contact_set_block(contact, &block);
     h->contact = contact; /* from here on there is something to undo with it */
     return TM_OK;
 }
@@ -309,7 +309,7 @@ static tm_status add_contact(tm_hybrid *h, tm_contact *contact, tm_error *error)
 /* Leaves the world, or the attempt to join one, and is as it was made: it may join another. */
 static void detach(void *self) {
     tm_hybrid *h = self;
-    if (h->contact) tm_contact_set_solver(h->contact, NULL);
+    if (h->contact) tm_contact_set_block(h->contact, NULL);
     tms_local_destroy(&h->local);
     h->local = (tms_local){0};
     void **array[] = {(void **)&h->held, (void **)&h->give_m_N, (void **)&h->through, (void **)&h->through_vertex,

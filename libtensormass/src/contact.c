@@ -1,4 +1,5 @@
-/* Stage "contact": moves the tools, finds the rows of all of them, makes them non-penetrating, sums the reactions. */
+/* Stage "contact": moves the tools. Its parts: "contact find" finds the rows of all of them, "contact constrain" makes
+ * them non-penetrating, together with what else is held, "contact sum" sums the reactions. */
 #include "contact_internal.h"
 
 #include <math.h>
@@ -97,12 +98,6 @@ static void warm_start(tm_contact *contact) {
     }
 }
 
-bool tm_row_is_held(const tm_contact_guest *guest, const tm_contact_row *row) {
-    for (int j = 0; j < 3; j++)
-        if (row->weight[j] > 0 && !guest->holds(guest->self, row->instrument, row->vertex[j])) return false;
-    return true;
-}
-
 static void drop_shallowest(tm_contact *contact) {
     while (contact->row_count > contact->def.max_rows) {
         int32_t shallow = 0;
@@ -142,57 +137,95 @@ static void find_rows(tm_contact *contact) {
             continue;
         }
         if (overflowed) tool->flags |= TM_REACTION_OVERFLOWED;
-        contact->row_count += contact->guest.admit ? contact->guest.admit(contact->guest.self, t, row, count) : count;
+        contact->row_count += tm_contact_admit(contact, t, row, count);
     }
     drop_shallowest(contact);
     remember_depth(contact);
     warm_start(contact);
 }
 
-/* Somebody else's rows: only the forces of a grasp are swept here. */
-static void solve_instead(tm_contact *contact, tm_world *world) {
+static void react_rows(void *self, int32_t t, double force_N[3], double resultant_N[3]) {
+    const tm_contact *contact = self;
+    tm_tool *tool = ((tm_contact *)self)->tool + t;
+    for (int32_t i = 0; i < contact->row_count; i++) {
+        const tm_contact_row *row = contact->row + i;
+        double on_tool[3], at_tip[3];
+        if (row->instrument != t || row->lambda_N <= 0) continue;
+        vscale(-row->lambda_N, row->normal, on_tool);
+        vmadd(on_tool, -1, contact->solver[i].drag_N, on_tool);
+        tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
+        vmadd(force_N, 1, at_tip, force_N);
+        vmadd(resultant_N, 1, on_tool, resultant_N);
+        if (row->lambda_N >= contact->def.force_cap_N) tool->flags |= TM_REACTION_CAPPED;
+    }
+}
+
+/* --- the block of rows: the stage's own, or another's --- */
+
+static void find_own(void *self, tm_world *world) {
+    (void)world;
+    find_rows(self);
+    tm_contact_prepare(self);
+}
+
+static void sweep_own(void *self, tm_world *world, int32_t sweep) {
+    (void)world;
+    tm_contact_sweep(self, sweep);
+}
+
+static tm_block own_rows(tm_contact *contact) {
+    return (tm_block){.self = contact, .find = find_own, .sweep = sweep_own, .react = react_rows};
+}
+
+/* Another surface than the tissue's is touched: which rows there are, its owner finds when it solves them. */
+static void find_no_rows(void *self, tm_world *world) {
+    (void)world;
+    tm_contact *contact = self;
+    for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].clear = true;
+    contact->row_count = 0;
+}
+
+static void solve_others(void *self, tm_world *world) {
+    tm_contact *contact = self;
     tm_tool_pose pose[TM_MAX_INSTRUMENTS];
     uint32_t flags[TM_MAX_INSTRUMENTS] = {0};
     for (int32_t t = 0; t < contact->tool_count; t++) {
         pose[t] = contact->tool[t].pose;
         pose[t].active = tm_tool_is_present(contact->tool + t);
-        contact->tool[t].clear = true;
     }
-    contact->row_count = 0;
-    tm_contact_project(contact);
-    contact->row_count = contact->solver_instead.solve(contact->solver_instead.self, world, pose, contact->row,
-                                                       contact->def.max_rows, flags);
+    contact->row_count =
+        contact->others.solve(contact->others.self, world, pose, contact->row, contact->def.max_rows, flags);
+    for (int32_t i = 0; i < contact->row_count; i++) /* these rows have no film */
+        memset(contact->solver[i].drag_N, 0, sizeof contact->solver[i].drag_N);
     for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].flags |= flags[t];
 }
+
+static tm_block others_rows(tm_contact *contact) {
+    return (tm_block){.self = contact,
+                      .owner = contact->others.self,
+                      .find = find_no_rows,
+                      .finish = solve_others,
+                      .react = react_rows};
+}
+
+/* --- what is felt --- */
 
 static void sum_reactions(tm_contact *contact) {
     for (int32_t t = 0; t < contact->tool_count; t++) {
         tm_tool *tool = contact->tool + t;
         memset(tool->substep_force_N, 0, sizeof tool->substep_force_N);
         memset(tool->substep_resultant_N, 0, sizeof tool->substep_resultant_N);
-        if (contact->guest.react)
-            contact->guest.react(contact->guest.self, t, tool->substep_force_N, tool->substep_resultant_N);
-    }
-    for (int32_t i = 0; i < contact->row_count; i++) {
-        const tm_contact_row *row = contact->row + i;
-        tm_tool *tool = contact->tool + row->instrument;
-        double on_tool[3], at_tip[3];
-        if (row->lambda_N <= 0) continue;
-        vscale(-row->lambda_N, row->normal, on_tool);
-        vmadd(on_tool, -1, contact->solver[i].drag_N, on_tool);
-        tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
-        vmadd(tool->substep_force_N, 1, at_tip, tool->substep_force_N);
-        vmadd(tool->substep_resultant_N, 1, on_tool, tool->substep_resultant_N);
-        if (row->lambda_N >= contact->def.force_cap_N) tool->flags |= TM_REACTION_CAPPED;
+        for (int32_t b = 0; b < contact->block_count; b++)
+            contact->block[b].react(contact->block[b].self, t, tool->substep_force_N, tool->substep_resultant_N);
     }
 }
 
 static void mark_letting_go(tm_contact *contact) {
-    for (int32_t t = 0; t < contact->tool_count && contact->guest.held; t++) {
+    for (int32_t t = 0; t < contact->tool_count; t++) {
         const int32_t *vertex;
         const double *target_m;
         double compliance_m_N;
-        if (contact->guest.held(contact->guest.self, t, &vertex, &target_m, &compliance_m_N) < 0)
+        if (tm_contact_held(contact, t, &vertex, &target_m, &compliance_m_N) < 0)
             contact->tool[t].flags |= TM_REACTION_LETTING_GO;
     }
 }
@@ -228,7 +261,9 @@ static void average(tm_contact *contact) {
     }
 }
 
-static void run(void *self, tm_world *world) {
+/* --- the stage and its parts, in the order of the step --- */
+
+static void move(void *self, tm_world *world) {
     tm_contact *contact = self;
     if (contact->held_by != world->support) refresh_supports(contact);
     contact->unsound = false;
@@ -238,14 +273,19 @@ static void run(void *self, tm_world *world) {
         if (travel(&tool->capsule, &tool->before) > TM_TOO_FAST * tool->def.radius_m)
             tool->flags |= TM_REACTION_TOO_FAST;
     }
-    if (contact->guest.prepare) contact->guest.prepare(contact->guest.self, world);
-    if (contact->solver_instead.solve) {
-        solve_instead(contact, world);
-    } else {
-        find_rows(contact);
-        tm_contact_prepare(contact);
-        tm_contact_project(contact);
-    }
+}
+
+static void find(void *self, tm_world *world) {
+    const tm_contact *contact = self;
+    for (int32_t b = 0; b < contact->block_count; b++)
+        if (contact->block[b].find) contact->block[b].find(contact->block[b].self, world);
+}
+
+static void constrain(void *self, tm_world *world) { tm_contact_constrain(self, world); }
+
+static void sum(void *self, tm_world *world) {
+    tm_contact *contact = self;
+    (void)world;
     sum_reactions(contact);
     mark_letting_go(contact);
     disown(contact);
@@ -312,6 +352,21 @@ static void destroy(void *self) {
     tm_pool_release(&pool);
 }
 
+static tm_status add_stages(tm_world *world, tm_contact *contact, int64_t bytes, tm_error *error) {
+    const tm_stage stage[] = {{.name = "contact",
+                               .run = move,
+                               .destroy = destroy,
+                               .step_changed = changed,
+                               .snapshot = tm_contact_snapshot,
+                               .restore = tm_contact_restore,
+                               .keep = tm_contact_keep,
+                               .give_back = tm_contact_give_back},
+                              {.name = TM_STAGE_CONTACT_FIND, .run = find, .part_of = "contact"},
+                              {.name = "contact constrain", .run = constrain, .part_of = "contact"},
+                              {.name = "contact sum", .run = sum, .part_of = "contact"}};
+    return tm_world_add_stages(world, stage, 4, TM_PHASE_CONSTRAIN, contact, bytes, error);
+}
+
 tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contact **contact, tm_error *error) {
     TM_REQUIRE_DEF(def, TM_COOKIE_CONTACT, TM_ERR_ARGUMENT);
     TM_REQUIRE(world && contact && (def->instrument || def->instrument_count < 1),
@@ -335,18 +390,8 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
         self->tool[t].capsule.instrument = t;
         tm_tool_place(self->tool + t, &def->instrument[t].pose);
     }
-    const tm_stage stage = {.size = sizeof stage,
-                            .name = "contact",
-                            .phase = TM_PHASE_CONSTRAIN,
-                            .run = run,
-                            .destroy = destroy,
-                            .step_changed = changed,
-                            .self = self,
-                            .snapshot = tm_contact_snapshot,
-                            .restore = tm_contact_restore,
-                            .keep = tm_contact_keep,
-                            .give_back = tm_contact_give_back};
-    status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    self->block[self->block_count++] = own_rows(self);
+    status = add_stages(world, self, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);
         return status;
@@ -382,14 +427,15 @@ tm_tool_pose tm_contact_pose(const tm_contact *contact, int32_t instrument) {
     return contact->tool[instrument].pose;
 }
 
-void tm_contact_set_solver(tm_contact *contact, const tm_contact_solver *solver) {
+void tm_contact_set_block(tm_contact *contact, const tm_contact_block *block) {
     TM_REQUIRE(contact, "contact is null", );
-    contact->solver_instead = solver ? *solver : (tm_contact_solver){0};
+    contact->others = block ? *block : (tm_contact_block){0};
+    contact->block[contact->block_count - 1] = block ? others_rows(contact) : own_rows(contact);
 }
 
 bool tm_contact_holds(const tm_contact *contact, const tm_contact_row *row) {
     TM_REQUIRE(contact && row, "contact or row is null", false);
-    return contact->guest.holds && tm_row_is_held(&contact->guest, row);
+    return tm_row_is_held(contact, row);
 }
 
 void tm_contact_begin_frame(tm_contact *contact, int32_t substeps, int32_t average_over) {
@@ -440,6 +486,6 @@ int32_t tm_contact_rows(const tm_contact *contact, const tm_contact_row **rows) 
 
 tm_contact *tm_world_contact(tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.run == run) return world->slot[i].stage.self;
+        if (world->slot[i].stage.run == move) return world->slot[i].stage.self;
     return NULL;
 }

@@ -6,6 +6,8 @@
 #include "internal.h"
 #include "tensormass/grasp.h"
 
+#define TM_STAGE_CONTACT_FIND "contact find" /* what decides which rows there are runs before it */
+
 enum { TM_COOKIE_CONTACT = 0x636f6e74, TM_COOKIE_GRASP = 0x67726173 };
 
 /* One row made ready for projection: J and A^-1 J^T of its three vertices. */
@@ -45,34 +47,39 @@ typedef struct tm_tool {
     int32_t stiffness_kind;
 } tm_tool;
 
-/* What a guest does to the vertices in the jaw of one instrument, for the account of energy. */
-typedef struct tm_guest_load {
+/* What a block does to the vertices in the jaw of one instrument, for the account of energy. */
+typedef struct tm_jaw_load {
     int32_t count;
     const int32_t *vertex;
     const double *force_N;  /* [3*count] on the tissue, of the last substep */
     const double *offset_m; /* [3*count] the other end of each spring, in the jaw's frame */
     const tm_jaw *jaw;
     double compliance_m_N;
-} tm_guest_load;
+} tm_jaw_load;
 
-/* Another constraint that shares vertices with contact is swept with it, or the two would fight (grasp). */
-typedef struct tm_contact_guest {
+/* A block of constraints. All blocks share vertices, so all are swept by one driver, or they would fight: holds first,
+ * the rows of contact last. What a block has no use for is null. */
+typedef struct tm_block {
     void *self;
-    void (*prepare)(void *self, tm_world *world); /* after the tools have moved, before the sweeps */
-    void (*sweep)(void *self, tm_world *world);
+    void *owner; /* self of the stage that its time is booked on; null: contact's own */
+    /* Finds its constraints of this substep and starts them; null: the stage of the block does, before "contact find".
+     */
+    void (*find)(void *self, tm_world *world);
+    void (*sweep)(void *self, tm_world *world, int32_t sweep);
+    void (*finish)(void *self,
+                   tm_world *world); /* after the sweeps: of a block that solves all its constraints at once */
     /* Adds to the tool's force at its tip and to the plain sum, N, of this substep. */
     void (*react)(void *self, int32_t instrument, double force_N[3], double resultant_N[3]);
     bool (*holds)(void *self, int32_t instrument, int32_t vertex); /* a vertex it holds is no obstacle to that tool */
     /* Vertices held (-1 while letting go), where the jaw has them [3*count], and the compliance of the hold on each. */
     int32_t (*held)(void *self, int32_t instrument, const int32_t **vertex, const double **target_m,
                     double *compliance_m_N);
-    void (*load)(void *self, int32_t instrument, tm_guest_load *load);
+    void (*load)(void *self, int32_t instrument, tm_jaw_load *load);
     /* Drops, or eases, those of an instrument's rows that are its own; returns how many are left. */
     int32_t (*admit)(void *self, int32_t instrument, tm_contact_row *row, int32_t count);
-} tm_contact_guest;
+} tm_block;
 
-/* All vertices that bear the row are held: it is no obstacle to the tool that holds them. */
-bool tm_row_is_held(const tm_contact_guest *guest, const tm_contact_row *row);
+enum { TM_MAX_BLOCKS = 4 };
 
 struct tm_contact {
     tm_pool pool;
@@ -88,10 +95,11 @@ struct tm_contact {
     const void *held_by; /* the support stage that `held` was made from */
     int32_t revision;    /* of the surface at the last gathering */
     int32_t frame_step, frame_steps, frame_average;
-    tm_contact_guest guest;
-    tm_contact_solver solver_instead; /* solve null: the stage's own */
-    bool unsound;                     /* a row met a number that is not finite, in this substep */
-    void *kept;                       /* the snapshot at the start of the step, room for the largest */
+    int32_t block_count;
+    tm_block block[TM_MAX_BLOCKS]; /* the last: the rows, the stage's own or another's */
+    tm_contact_block others;       /* whose rows these are; solve null: the stage's own */
+    bool unsound;                  /* a row met a number that is not finite, in this substep */
+    void *kept;                    /* the snapshot at the start of the step, room for the largest */
     int64_t kept_bytes;
 };
 
@@ -106,7 +114,22 @@ bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u
 
 /* contact_solve.c */
 void tm_contact_prepare(tm_contact *contact);
-void tm_contact_project(tm_contact *contact);
+void tm_contact_sweep(tm_contact *contact, int32_t sweep); /* of its own rows, once */
+
+/* contact_block.c: the list of blocks, and what is asked of all of them */
+/* In front of the rows. Not more than TM_MAX_BLOCKS - 1: who adds one sees to that. */
+void tm_contact_add_block(tm_contact *contact, const tm_block *block);
+void tm_contact_remove_block(tm_contact *contact, const void *self);
+/* The one driver: every block in every sweep, then what solves at once. */
+void tm_contact_constrain(tm_contact *contact, tm_world *world);
+bool tm_contact_holds_vertex(const tm_contact *contact, int32_t instrument, int32_t vertex);
+/* All vertices that bear the row are held: it is no obstacle to the tool that holds them. */
+bool tm_row_is_held(const tm_contact *contact, const tm_contact_row *row);
+/* As the block's hooks of the same name; nobody holds: nothing. */
+int32_t tm_contact_held(const tm_contact *contact, int32_t instrument, const int32_t **vertex, const double **target_m,
+                        double *compliance_m_N);
+tm_jaw_load tm_contact_load(const tm_contact *contact, int32_t instrument);
+int32_t tm_contact_admit(const tm_contact *contact, int32_t instrument, tm_contact_row *row, int32_t count);
 
 /* contact_snapshot.c: the stage's hooks */
 int64_t tm_contact_snapshot(void *self, void *buffer);

@@ -114,13 +114,10 @@ static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver
     }
 }
 
-void tm_contact_project(tm_contact *contact) {
-    for (int32_t sweep = 0; sweep < contact->def.sweeps; sweep++) {
-        if (contact->guest.sweep) contact->guest.sweep(contact->guest.self, contact->world);
-        for (int32_t i = 0; i < contact->row_count; i++) { /* there and back: no row is always last */
-            int32_t k = sweep % 2 ? contact->row_count - 1 - i : i;
-            relax(contact, contact->row + k, contact->solver + k);
-            drag(contact, contact->row + k, contact->solver + k);
-        }
+void tm_contact_sweep(tm_contact *contact, int32_t sweep) {
+    for (int32_t i = 0; i < contact->row_count; i++) { /* there and back: no row is always last */
+        int32_t k = sweep % 2 ? contact->row_count - 1 - i : i;
+        relax(contact, contact->row + k, contact->solver + k);
+        drag(contact, contact->row + k, contact->solver + k);
     }
 }

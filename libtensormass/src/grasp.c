@@ -74,7 +74,7 @@ static void take_over(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world
     memset(h->force_N, 0, sizeof(double) * 3 * (size_t)h->count);
     for (int32_t k = 0; k < contact->row_count; k++) {
         const tm_contact_row *row = contact->row + k;
-        if (row->instrument != t || !tm_row_is_held(&contact->guest, row)) continue;
+        if (row->instrument != t || !tm_row_is_held(contact, row)) continue;
         for (int32_t i = 0; i < h->count; i++)
             for (int j = 0; j < 3; j++)
                 if (row->vertex[j] == h->vertex[i])
@@ -126,7 +126,7 @@ static bool is_embedded(const hold *h) {
 }
 
 static void release(const tm_grasp *grasp, hold *h, const tm_tool *tool, const tm_world *world) {
-    if (grasp->contact->solver_instead.solve) {
+    if (grasp->contact->others.solve) {
         release_what_is_out(h, tool, world);
     } else if (!is_embedded(h)) {
         h->count = 0;
@@ -143,13 +143,13 @@ static int32_t admit(void *self, int32_t t, tm_contact_row *row, int32_t count) 
     double depth_m[TM_MAX_STATIONS] = {0};
     int32_t left = 0;
     for (int32_t i = 0; i < count && h->state == TM_GRASP_LETTING_GO; i++)
-        if (tm_row_is_held(&grasp->contact->guest, row + i))
+        if (tm_row_is_held(grasp->contact, row + i))
             depth_m[row[i].station] = fmax(depth_m[row[i].station], -row[i].gap_m);
     for (int i = 0; i < TM_MAX_STATIONS; i++)
         h->embedded_m[i] = h->seen ? fmin(h->embedded_m[i], depth_m[i]) : depth_m[i];
     h->seen = true;
     for (int32_t i = 0; i < count; i++) {
-        const bool held = tm_row_is_held(&grasp->contact->guest, row + i);
+        const bool held = tm_row_is_held(grasp->contact, row + i);
         if (held && h->state != TM_GRASP_LETTING_GO) continue;
         if (held) row[i].gap_m += h->embedded_m[row[i].station];
         row[left++] = row[i];
@@ -217,7 +217,7 @@ static void slip(const tm_grasp *grasp, hold *h, const tm_world *world) {
 }
 
 /* After the tools have moved: jaws work, targets follow, the last substep's forces start the sweeps. */
-static void prepare(void *self, tm_world *world) {
+static void run(void *self, tm_world *world) {
     tm_grasp *grasp = self;
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
         hold *h = grasp->hold + t;
@@ -255,8 +255,9 @@ static void relax(const tm_grasp *grasp, const hold *h, int32_t i, tm_world *wor
     vset(wanted, force);
 }
 
-static void sweep(void *self, tm_world *world) {
+static void sweep(void *self, tm_world *world, int32_t number) {
     const tm_grasp *grasp = self;
+    (void)number;
     for (int32_t t = 0; t < grasp->contact->tool_count; t++)
         for (int32_t i = 0; i < grasp->hold[t].count; i++) relax(grasp, grasp->hold + t, i, world);
 }
@@ -283,16 +284,13 @@ static int32_t held(void *self, int32_t t, const int32_t **vertex, const double 
     return h->state == TM_GRASP_LETTING_GO ? -1 : h->count;
 }
 
-static void load(void *self, int32_t t, tm_guest_load *to) {
+static void load(void *self, int32_t t, tm_jaw_load *to) {
     const tm_grasp *grasp = self;
     const hold *h = grasp->hold + t;
-    *to = (tm_guest_load){h->count, h->vertex, h->force_N, h->offset_m, &h->jaw, grasp->def.compliance_m_N};
+    *to = (tm_jaw_load){h->count, h->vertex, h->force_N, h->offset_m, &h->jaw, grasp->def.compliance_m_N};
 }
 
 /* --- stage --- */
-
-/* The work is done inside contact's sweeps; the stage is there for its name, its memory and the news of cuts. */
-static void run(void *self, tm_world *world) { (void)self, (void)world; }
 
 static void changed(void *self, tm_world *world) {
     tm_grasp *grasp = self;
@@ -421,7 +419,7 @@ static void give_back(void *self, tm_world *world) {
 
 static void destroy(void *self) {
     tm_grasp *grasp = self;
-    memset(&grasp->contact->guest, 0, sizeof grasp->contact->guest);
+    tm_contact_remove_block(grasp->contact, grasp);
     tm_pool pool = grasp->pool;
     tm_pool_release(&pool);
 }
@@ -461,8 +459,6 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
                "world or grasp is null, or contact is not of this world", TM_ERR_ARGUMENT);
     tm_status status = check(def, error);
     if (status) return status;
-    if (contact->guest.self)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "grasp: this contact stage has one already; add it once");
     tm_pool pool = {0};
     tm_grasp *self = TM_TAKE(&pool, tm_grasp, 1);
     bool taken = self != NULL;
@@ -487,13 +483,22 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
                             .restore = restore,
                             .keep = keep,
                             .give_back = give_back,
-                            .needs = {"contact"}};
+                            .needs = {"contact"},
+                            .before = TM_STAGE_CONTACT_FIND};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);
         return status;
     }
-    contact->guest = (tm_contact_guest){self, prepare, sweep, react, holds, held, load, admit};
+    const tm_block block = {.self = self,
+                            .owner = self,
+                            .sweep = sweep,
+                            .react = react,
+                            .holds = holds,
+                            .held = held,
+                            .load = load,
+                            .admit = admit};
+    tm_contact_add_block(contact, &block);
     *grasp = self;
     return TM_OK;
 }

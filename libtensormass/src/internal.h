@@ -106,8 +106,10 @@ struct tm_world {
     double *keep_u_m, *keep_u_prev_m, *keep_force_N;
     int64_t keep_step;
     double keep_time_s;
-    bool unsound; /* a stage met a number that is not finite: the step fails */
-    int32_t stage_count;
+    bool unsound;    /* a stage met a number that is not finite: the step fails */
+    int32_t charged; /* slot on which time is booked at present, or TM_NO_SLOT */
+    double charged_since_s;
+    int32_t stage_count, step_count; /* step_count: those before TM_PHASE_BETWEEN */
     struct tm_stage_slot {
         tm_stage stage;
         int64_t bytes, runs;
@@ -115,6 +117,17 @@ struct tm_world {
     } slot[TM_MAX_STAGES];
     void *support; /* self of the support stage, or null */
 };
+
+/* Stages that come and go together, all of one phase and one self; the memory is the first one's. All or none. */
+tm_status tm_world_add_stages(tm_world *world, const tm_stage *stage, int32_t count, tm_phase phase, void *self,
+                              int64_t bytes, tm_error *error);
+
+/* --- whose time it is, when timing is on --- */
+enum { TM_NO_SLOT = -1 };
+/* From here on time is booked on this slot. */
+void tm_world_charge(tm_world *world, int32_t slot);
+/* Of the whole stage with this self, not of a part; TM_NO_SLOT: none. */
+int32_t tm_world_slot_of(const tm_world *world, const void *self);
 
 /* TM_ERR_STEP: not positive, above the guaranteed step or above what a stage allows. */
 tm_status tm_world_check_step(const tm_world *world, double dt_s, tm_error *error);

@@ -164,8 +164,7 @@ static bool bears_outside(const tm_patch_maker *maker, int32_t t, const tm_patch
 
 static int32_t held(const tm_patch_maker *maker, int32_t t, const int32_t **vertex, const double **target_m,
                     double *compliance_m_N) {
-    const tm_contact_guest *guest = &maker->contact->guest;
-    return guest->held ? guest->held(guest->self, t, vertex, target_m, compliance_m_N) : 0;
+    return tm_contact_held(maker->contact, t, vertex, target_m, compliance_m_N);
 }
 
 /* Motion of a point fixed to the tool by motions of the tip: B such that d(point) = B d(tip), the shaft turning about
@@ -216,9 +215,7 @@ static bool hold_stiffness(tm_patch_maker *maker, int32_t t, const int32_t *vert
     return true;
 }
 
-bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
-    TM_REQUIRE(maker && patch && t >= 0 && t < maker->contact->tool_count,
-               "maker or patch is null, or instrument is not one of its contact's", false);
+static bool make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     const tm_contact *contact = maker->contact;
     tm_tool *tool = maker->contact->tool + t;
     int32_t revision = tm_tissue_surface(maker->world->tissue).revision;
@@ -256,6 +253,16 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     return true;
 }
 
+bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
+    TM_REQUIRE(maker && patch && t >= 0 && t < maker->contact->tool_count,
+               "maker or patch is null, or instrument is not one of its contact's", false);
+    tm_world *world = maker->world;
+    if (world->timing) tm_world_charge(world, tm_world_slot_of(world, maker));
+    const bool made = make(maker, t, patch);
+    if (world->timing) tm_world_charge(world, TM_NO_SLOT);
+    return made;
+}
+
 int32_t tm_patch_pending(const tm_patch_maker *maker) {
     TM_REQUIRE(maker, "maker is null", 0);
     if (maker->columns) return tm_columns_pending(maker->columns);
@@ -265,8 +272,6 @@ int32_t tm_patch_pending(const tm_patch_maker *maker) {
             pending += kind(maker) != 2 || place_in(maker->known, maker->want[t][i]) < 0;
     return pending;
 }
-
-static void run(void *self, tm_world *world) { (void)self, (void)world; }
 
 static void destroy(void *self) {
     tm_patch_maker *maker = self;
@@ -307,8 +312,7 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
     maker->revision = tm_tissue_surface(world->tissue).revision;
     const tm_stage stage = {.size = sizeof(tm_stage),
                             .name = "patch",
-                            .phase = TM_PHASE_END,
-                            .run = run,
+                            .phase = TM_PHASE_BETWEEN,
                             .destroy = destroy,
                             .self = maker,
                             .needs = {"contact"}};

@@ -93,9 +93,8 @@ static void cauterise(cut *stage, tm_world *world) {
  * reachable all along. */
 
 static bool grasped(const cut *stage, int32_t vertex) {
-    const tm_contact_guest *guest = &stage->contact->guest;
-    for (int32_t i = 0; guest->holds && i < stage->contact->tool_count; i++)
-        if (guest->holds(guest->self, i, vertex)) return true;
+    for (int32_t i = 0; i < stage->contact->tool_count; i++)
+        if (tm_contact_holds_vertex(stage->contact, i, vertex)) return true;
     return false;
 }
 

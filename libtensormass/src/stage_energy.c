@@ -100,11 +100,10 @@ static double skin_energy(double compliance_m_N, double radius_m, double lambda_
 
 /* Returns what the row's skin holds. */
 static double row_work(energy *e, const tm_contact *contact, int32_t i) {
-    static const double none[3] = {0, 0, 0};
     const tm_contact_row *row = contact->row + i;
     const tm_tool *tool = contact->tool + row->instrument;
     const tm_state *s = &contact->world->state;
-    const double *drag = contact->solver_instead.solve ? none : contact->solver[i].drag_N;
+    const double *drag = contact->solver[i].drag_N;
     const double compliance = contact->def.skin_compliance_m_N / row->share;
     double force[3], here[3], there[3], work = 0, slip = 0;
     tm_capsule_station(&tool->capsule, row->station, here);
@@ -130,9 +129,8 @@ static double row_work(energy *e, const tm_contact *contact, int32_t i) {
 
 /* Returns what the springs of the jaw hold. */
 static double jaw_work(energy *e, const tm_contact *contact, int32_t t) {
-    tm_guest_load load = {0};
+    const tm_jaw_load load = tm_contact_load(contact, t);
     double sprung = 0;
-    if (contact->guest.load) contact->guest.load(contact->guest.self, t, &load);
     const past *was = e->now.past + t;
     for (int32_t i = 0; i < load.count; i++) {
         const double *force = load.force_N + 3 * i;
@@ -148,8 +146,7 @@ static double jaw_work(energy *e, const tm_contact *contact, int32_t t) {
 
 static void remember(past *p, const tm_contact *contact, int32_t t, bool anew) {
     const tm_tool *tool = contact->tool + t;
-    tm_guest_load load = {0};
-    if (contact->guest.load) contact->guest.load(contact->guest.self, t, &load);
+    const tm_jaw_load load = tm_contact_load(contact, t);
     p->placings = tool->placings;
     p->capsule = tool->before;
     p->pose[1] = anew ? tool->pose : p->pose[0];

@@ -22,18 +22,20 @@ static void rotate(tm_state *s) {
     s->time_s += s->dt_s;
 }
 
-static void substep(tm_world *world) {
-    for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].stage.run(world->slot[i].stage.self, world);
-    rotate(&world->state);
+void tm_world_charge(tm_world *world, int32_t slot) {
+    const double now_s = tm_clock_s();
+    if (world->charged != TM_NO_SLOT) world->slot[world->charged].seconds += now_s - world->charged_since_s;
+    world->charged = slot;
+    world->charged_since_s = now_s;
 }
 
-static void timed_substep(tm_world *world) {
-    for (int32_t i = 0; i < world->stage_count; i++) {
-        const double begin = tm_clock_s();
+/* Every stage in its turn; tm_phase is the table of contents. */
+static void substep(tm_world *world) {
+    for (int32_t i = 0; i < world->step_count; i++) {
+        if (world->timing) tm_world_charge(world, i);
         world->slot[i].stage.run(world->slot[i].stage.self, world);
-        world->slot[i].seconds += tm_clock_s() - begin;
     }
-    rotate(&world->state);
+    if (world->timing) tm_world_charge(world, TM_NO_SLOT);
 }
 
 /* What has died away to nothing becomes nothing: tissue at rest in its own shape would end among the denormals, on
@@ -95,10 +97,8 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     keep(world);
     tm_stage_integrate_still(world);
     for (int32_t i = 0; i < count; i++) {
-        if (world->timing)
-            timed_substep(world);
-        else
-            substep(world);
+        substep(world);
+        rotate(s);
         if (world->unsound || !sound(s->u_m, n)) {
             give_back(world);
             return TM_ERR_UNSTABLE;
@@ -166,6 +166,12 @@ static int32_t find_stage(const tm_world *world, const char *name) {
     return -1;
 }
 
+/* The same of a whole stage, not of a part. */
+static int32_t find_whole(const tm_world *world, const char *name) {
+    const int32_t at = find_stage(world, name);
+    return at >= 0 && world->slot[at].stage.part_of ? -1 : at;
+}
+
 /* The stage that leans on `name`; -1: none. */
 static int32_t find_leaning(const tm_world *world, const char *name) {
     for (int32_t i = 0; i < world->stage_count; i++)
@@ -174,12 +180,34 @@ static int32_t find_leaning(const tm_world *world, const char *name) {
     return -1;
 }
 
+int32_t tm_world_slot_of(const tm_world *world, const void *self) {
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.self == self && !world->slot[i].stage.part_of) return i;
+    return TM_NO_SLOT;
+}
+
 static tm_status check_needs(const tm_world *world, const tm_stage *stage, tm_error *error) {
     for (int k = 0; k < TM_MAX_NEEDS && stage->needs[k]; k++)
-        if (find_stage(world, stage->needs[k]) < 0)
+        if (find_whole(world, stage->needs[k]) < 0)
             return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s leans on stage %s, which is not there; add that first",
                            stage->name, stage->needs[k]);
+    if (stage->part_of && find_whole(world, stage->part_of) < 0)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is a part of stage %s, which is not there; add that first",
+                       stage->name, stage->part_of);
+    const int32_t before = stage->before ? find_stage(world, stage->before) : -1;
+    if (stage->before && (before < 0 || world->slot[before].stage.phase != stage->phase))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "stage %s runs before stage %s, which is not there or of another phase; add that first",
+                       stage->name, stage->before);
     return TM_OK;
+}
+
+/* Behind all of its phase, or before the one it names. */
+static int32_t place_for(const tm_world *world, const tm_stage *stage) {
+    if (stage->before) return find_stage(world, stage->before);
+    int32_t at = world->stage_count;
+    while (at > 0 && world->slot[at - 1].stage.phase > stage->phase) at--;
+    return at;
 }
 
 tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t bytes, tm_error *error) {
@@ -188,8 +216,10 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
                "stage is null or its size is not sizeof(tm_stage)", TM_ERR_ARGUMENT);
     tm_stage mine = {0}, *stage = &mine;
     memcpy(stage, given, given->size);
-    TM_REQUIRE(stage->name && stage->run && stage->phase >= TM_PHASE_BEGIN && stage->phase <= TM_PHASE_END,
+    TM_REQUIRE(stage->name && stage->phase >= TM_PHASE_BEGIN && stage->phase <= TM_PHASE_BETWEEN &&
+                   !stage->run == (stage->phase == TM_PHASE_BETWEEN),
                "stage has no name, no run or no phase", TM_ERR_ARGUMENT);
+    TM_REQUIRE(!stage->part_of || !stage->destroy, "stage is a part and has a destroy of its own", TM_ERR_ARGUMENT);
     TM_REQUIRE(!stage->keep == !stage->give_back && !stage->snapshot == !stage->restore,
                "stage has one of a pair of hooks without the other", TM_ERR_ARGUMENT);
     const tm_status status = allows(stage, world->state.dt_s) ? check_needs(world, stage, error)
@@ -201,8 +231,10 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
     if (world->stage_count == TM_MAX_STAGES)
         return tm_fail(error, TM_ERR_LIMIT, -1, "stage %s would be number %d of at most %d; leave an effect out",
                        stage->name, world->stage_count + 1, TM_MAX_STAGES);
-    int32_t at = world->stage_count++;
-    for (; at > 0 && world->slot[at - 1].stage.phase > stage->phase; at--) world->slot[at] = world->slot[at - 1];
+    const int32_t at = place_for(world, stage);
+    memmove(world->slot + at + 1, world->slot + at, sizeof world->slot[0] * (size_t)(world->stage_count - at));
+    world->stage_count++;
+    world->step_count += stage->phase != TM_PHASE_BETWEEN;
     world->slot[at] = (struct tm_stage_slot){.stage = *stage, .bytes = bytes};
     if (stage->run == tm_stage_support_run) world->support = stage->self;
     if (stage->step_changed) stage->step_changed(stage->self, world);
@@ -213,8 +245,29 @@ static tm_stage take_out(tm_world *world, int32_t at) {
     const tm_stage stage = world->slot[at].stage;
     memmove(world->slot + at, world->slot + at + 1, sizeof world->slot[0] * (size_t)(world->stage_count - at - 1));
     world->stage_count--;
+    world->step_count -= stage.phase != TM_PHASE_BETWEEN;
     if (stage.self && stage.self == world->support) world->support = NULL;
     return stage;
+}
+
+/* Takes a stage out with its parts, and returns it: they have no memory of their own. */
+static tm_stage take_whole(tm_world *world, int32_t at) {
+    const tm_stage stage = take_out(world, at);
+    for (int32_t i = world->stage_count - 1; i >= 0; i--)
+        if (world->slot[i].stage.part_of && !strcmp(world->slot[i].stage.part_of, stage.name)) take_out(world, i);
+    return stage;
+}
+
+tm_status tm_world_add_stages(tm_world *world, const tm_stage *stage, int32_t count, tm_phase phase, void *self,
+                              int64_t bytes, tm_error *error) {
+    for (int32_t i = 0; i < count; i++) {
+        tm_stage mine = stage[i];
+        mine.size = sizeof mine, mine.phase = phase, mine.self = self;
+        const tm_status status = tm_world_add_stage(world, &mine, i == 0 ? bytes : 0, error);
+        if (status && i > 0) take_whole(world, find_stage(world, stage[0].name));
+        if (status) return status;
+    }
+    return TM_OK;
 }
 
 tm_status tm_world_remove_stage(tm_world *world, const char *name, tm_error *error) {
@@ -225,7 +278,10 @@ tm_status tm_world_remove_stage(tm_world *world, const char *name, tm_error *err
     if (leaning >= 0)
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s cannot go: stage %s leans on it; remove %s first", name,
                        world->slot[leaning].stage.name, world->slot[leaning].stage.name);
-    const tm_stage stage = take_out(world, at);
+    const char *whole = world->slot[at].stage.part_of;
+    if (whole)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "stage %s is a part of stage %s; remove %s", name, whole, whole);
+    const tm_stage stage = take_whole(world, at);
     if (stage.destroy) stage.destroy(stage.self);
     return TM_OK;
 }
@@ -260,6 +316,7 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
     world->tissue = def->tissue;
     world->revision = def->tissue->surface.revision;
     world->damped = def->damped;
+    world->charged = TM_NO_SLOT;
     if (!def->damped)
         for (int32_t t = 0; t < def->tissue->mesh->tet_count; t++)
             if (tm_tissue_tet_material(def->tissue, t)->damping_1_s > 0)

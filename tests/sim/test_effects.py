@@ -215,6 +215,7 @@ def test_only_what_may_be_sent_takes_memory(bin, root, tmp_path):
     for e in ("tangent", "contact"):
         stages, memory = rows[e]
         assert stages["patch"]["line"] == 23 and stages["patch"]["bytes"] == memory - rows["position"][1] > 0
+        assert stages["patch"]["phase"] == "between" and not stages["patch"]["in_step"] and stages["patch"]["us_per_step"] > 0
 
 
 def test_the_hybrid_model_is_cut_and_grasped_like_the_whole(bin, root, tmp_path):

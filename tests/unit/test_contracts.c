@@ -246,6 +246,81 @@ static void leaning(void **state) {
     scene_destroy(&s);
 }
 
+static void count_up(void *self, tm_world *world) {
+    (void)world;
+    ++*(int *)self;
+}
+
+static void assert_stages(const tm_world *world, const char *const *name, int32_t count) {
+    tm_stage_report report[TM_MAX_STAGES];
+    assert_int_equal(tm_world_stages(world, report), count);
+    for (int32_t i = 0; i < count; i++) assert_string_equal(report[i].name, name[i]);
+}
+
+static double seconds_of(const tm_world *world, const char *name) {
+    tm_stage_report report[TM_MAX_STAGES];
+    for (int32_t i = tm_world_stages(world, report) - 1; i >= 0; i--)
+        if (!strcmp(report[i].name, name)) return report[i].seconds;
+    return -1;
+}
+
+/* The list of stages is the step: parts are named, come and go with their stage, and each stage's time is its own. */
+static void table_of_contents(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 4, def.cells[2] = 3;
+    scene s = scene_create_full(&def, true, (const tm_tool_mode[2]){TM_TOOL_GRASPER});
+    tm_error error;
+    tm_grasp_def grasp = tm_grasp_def_default();
+    tm_grasp *hold = NULL;
+    tm_patch_def patch_def = tm_patch_def_default();
+    tm_patch_maker *maker = NULL;
+    static tm_patch patch;
+    fix_ok(tm_stage_patch(s.world, s.contact, &patch_def, &maker, &error), &error);
+    fix_ok(tm_stage_grasp(s.world, s.contact, &grasp, &hold, &error), &error);
+    static const char *const full[] = {"force",        "integrate",         "support",     "contact", "grasp",
+                                       "contact find", "contact constrain", "contact sum", "patch"};
+    assert_stages(s.world, full, 9);
+    tm_world_set_timing(s.world, true);
+    assert_int_equal(tm_world_step(s.world, 3), TM_OK);
+    assert_true(seconds_of(s.world, "patch") == 0);
+    for (int i = 0; i < 8; i++) assert_true(seconds_of(s.world, full[i]) > 0);
+    const double constrain_s = seconds_of(s.world, "contact constrain");
+    tm_patch_make(maker, 0, &patch);
+    assert_true(seconds_of(s.world, "patch") > 0 && seconds_of(s.world, "contact constrain") == constrain_s);
+
+    assert_int_equal(tm_world_remove_stage(s.world, "contact find", &error), TM_ERR_ARGUMENT);
+    assert_non_null(strstr(error.message, "remove contact"));
+    int runs = 0;
+    tm_stage mine = {.size = sizeof mine, .name = "mine", .phase = TM_PHASE_CONSTRAIN, .run = count_up, .self = &runs};
+    mine.before = "force";
+    assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT); /* of another phase */
+    mine.before = "nothing";
+    assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT);
+    mine.before = NULL, mine.part_of = "contact sum";
+    assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT); /* a part of a part */
+    mine.part_of = NULL, mine.needs[0] = "contact sum";
+    assert_int_equal(tm_world_add_stage(s.world, &mine, 0, &error), TM_ERR_ARGUMENT); /* which goes with its whole */
+    mine.needs[0] = NULL, mine.part_of = "contact", mine.before = "contact sum";
+    fix_ok(tm_world_add_stage(s.world, &mine, 0, &error), &error);
+    assert_int_equal(tm_world_step(s.world, 3), TM_OK);
+    assert_int_equal(runs, 3);
+    fix_ok(tm_world_remove_stage(s.world, "patch", &error), &error);
+    fix_ok(tm_world_remove_stage(s.world, "grasp", &error), &error);
+    fix_ok(tm_world_remove_stage(s.world, "contact", &error), &error);
+    assert_stages(s.world, full, 3);
+    assert_int_equal(tm_world_step(s.world, 3), TM_OK);
+    assert_int_equal(runs, 3);
+
+    tm_set_contract_handler(on_broken, &broken);
+    mine = (tm_stage){.size = sizeof mine, .name = "mine", .phase = TM_PHASE_BETWEEN, .run = count_up, .self = &runs};
+    BREAKS("tm_world_add_stage", tm_world_add_stage(s.world, &mine, 0, &error));
+    mine.phase = TM_PHASE_END, mine.run = NULL;
+    BREAKS("tm_world_add_stage", tm_world_add_stage(s.world, &mine, 0, &error));
+    tm_set_contract_handler(NULL, NULL);
+    scene_destroy(&s);
+}
+
 /* A tool that outruns contact says so; one that moves less than half its radius a substep does not. */
 static void too_fast(void **state) {
     (void)state;
@@ -297,6 +372,7 @@ static void told(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(contracts), cmocka_unit_test(data_out_of_range),
-                                       cmocka_unit_test(leaning), cmocka_unit_test(too_fast), cmocka_unit_test(told)};
+                                       cmocka_unit_test(leaning),   cmocka_unit_test(table_of_contents),
+                                       cmocka_unit_test(too_fast),  cmocka_unit_test(told)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

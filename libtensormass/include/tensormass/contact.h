@@ -105,17 +105,17 @@ TM_API void tm_contact_begin_frame(tm_contact *contact, int32_t substeps, int32_
 TM_API tm_tool_reaction tm_contact_reaction(const tm_contact *contact, int32_t instrument);
 TM_API int32_t tm_contact_rows(const tm_contact *contact, const tm_contact_row **rows);
 
-/* Who finds and solves the rows in the stage's place: the hybrid model, whose surface is more than that of the world's
- * tissue. Called once a substep, after the integrator; corrects u_next_m and writes the rows (order as in
- * tm_contact_find, lambda_N filled in) and each instrument's tm_reaction_flag, whose reactions, averages and touched
- * faces are then the stage's own. pose[].active: it can touch. */
-typedef struct tm_contact_solver {
-    void *self;
+/* The block of rows of a surface that is more than that of the world's tissue: the hybrid model's. `solve` is called
+ * once a substep, after the sweeps of the other blocks; it corrects u_next_m and writes the rows (order as in
+ * tm_contact_find, lambda_N filled in) and each instrument's tm_reaction_flag. Reactions, averages and touched faces
+ * are summed from those rows as from the stage's own. pose[].active: it can touch. */
+typedef struct tm_contact_block {
+    void *self; /* of a stage: its time is booked on that */
     int32_t (*solve)(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows,
                      uint32_t flags[TM_MAX_INSTRUMENTS]);
-} tm_contact_solver;
-/* Null: the stage's own again. */
-TM_API void tm_contact_set_solver(tm_contact *contact, const tm_contact_solver *solver);
+} tm_contact_block;
+/* The block whose rows contact has from now on; null: the stage's own, of the tissue's surface. */
+TM_API void tm_contact_set_block(tm_contact *contact, const tm_contact_block *block);
 /* All vertices that bear the row are between the jaws of its tool: it is no obstacle to it. */
 TM_API bool tm_contact_holds(const tm_contact *contact, const tm_contact_row *row);
 

@@ -19,22 +19,24 @@ typedef struct tm_state {
     double *force_N;  /* internal + external force at time_s */
 } tm_state;
 
-/* Order of stages within one step; inside a phase, order of addition. */
+/* Order of stages within one step; inside a phase, order of addition, unless a stage says before which it comes. */
 typedef enum tm_phase {
     TM_PHASE_BEGIN = 0,     /* tool paths, moving supports, topology changes */
     TM_PHASE_FORCE = 1,     /* internal force: writes force_N */
     TM_PHASE_LOAD = 2,      /* gravity, vertex forces: add to force_N */
     TM_PHASE_INTEGRATE = 3, /* writes u_next_m */
     TM_PHASE_CONSTRAIN = 4, /* supports, contact: correct u_next_m */
-    TM_PHASE_END = 5        /* measurements */
+    TM_PHASE_END = 5,       /* measurements */
+    TM_PHASE_BETWEEN = 6    /* not in the step: a stage without `run` that works when the application calls it */
 } tm_phase;
 
 typedef struct tm_world tm_world;
 
 #define TM_MAX_NEEDS 4
 
-/* One effect. `self` is its own state, taken when the stage was built. `run` allocates nothing and cannot fail. New
- * fields come at the end: what a caller's struct does not have is null. */
+/* One effect. `self` is its own state, taken when the stage was built. `run` allocates nothing and cannot fail; it is
+ * null in TM_PHASE_BETWEEN and nowhere else. New fields come at the end: what a caller's struct does not have is null.
+ */
 typedef struct tm_stage {
     uint32_t size;    /* sizeof(tm_stage) */
     const char *name; /* static string: "force", "gravity", "contact" ... */
@@ -60,6 +62,8 @@ typedef struct tm_stage {
     const char *needs[TM_MAX_NEEDS]; /* names of the stages it leans on: they cannot be removed under it; null: none */
     double step_limit_s;             /* the world's step must not exceed it while the stage is there; 0: no limit */
     const char *not_settled; /* why tm_world_settle cannot find the rest of a world with this stage; null: it can */
+    const char *part_of; /* name of the stage whose further part it is: goes with it, owns nothing; null: it is whole */
+    const char *before;  /* name of a stage of the same phase that it runs before; null: in order of addition */
 } tm_stage;
 
 #define TM_MAX_STAGES 32
@@ -67,9 +71,9 @@ typedef struct tm_stage {
 typedef struct tm_stage_report {
     const char *name;
     tm_phase phase;
-    int64_t bytes; /* held by the stage */
-    int64_t runs;
-    double seconds; /* measured when timing is on, else 0 */
+    int64_t bytes;  /* held by the stage */
+    int64_t runs;   /* steps done while it was there */
+    double seconds; /* of its own work, wherever that is called from; measured when timing is on, else 0 */
 } tm_stage_report;
 
 typedef struct tm_world_def {
