@@ -117,14 +117,8 @@ static bool block(void *self, int32_t a, int32_t b, double C[9]) {
     return at >= 0;
 }
 
-bool tm_hybrid_patch(tm_hybrid *h, int32_t instrument, const double velocity_m_s[3], double horizon_s,
-                     int32_t max_vertices, int32_t max_triangles, tm_patch *patch, double stiffness_N_m[9]) {
-    TM_REQUIRE(h && patch && velocity_m_s && stiffness_N_m && instrument >= 0 &&
-                   instrument < (h->has_contact ? h->contact_def.instrument_count : TM_MAX_INSTRUMENTS),
-               "something is null, or instrument is not one of the model's", false);
-    TM_REQUIRE(max_vertices >= 3 && max_vertices <= TM_PATCH_VERTICES && max_triangles >= 1 &&
-                   max_triangles <= TM_PATCH_TRIANGLES && horizon_s >= 0 && tm_are_places(velocity_m_s),
-               "max_vertices, max_triangles, horizon_s or velocity_m_s is out of range", false);
+static bool make(tm_hybrid *h, int32_t instrument, const double velocity_m_s[3], double horizon_s, int32_t max_vertices,
+                 int32_t max_triangles, tm_patch *patch, double stiffness_N_m[9]) {
     tms_whole *w = h->whole;
     memset(patch, 0, sizeof *patch);
     patch->instrument = instrument;
@@ -151,4 +145,18 @@ bool tm_hybrid_patch(tm_hybrid *h, int32_t instrument, const double velocity_m_s
     if (!tm_patch_fill(patch, block, w, row, count)) return false;
     tm_patch_stiffness(w->patch_solver, patch, pose.tip_m, stiffness_N_m);
     return true;
+}
+
+bool tm_hybrid_patch(tm_hybrid *h, int32_t instrument, const double velocity_m_s[3], double horizon_s,
+                     int32_t max_vertices, int32_t max_triangles, tm_patch *patch, double stiffness_N_m[9]) {
+    TM_REQUIRE(h && patch && velocity_m_s && stiffness_N_m && instrument >= 0 &&
+                   instrument < (h->has_contact ? h->contact_def.instrument_count : TM_MAX_INSTRUMENTS),
+               "something is null, or instrument is not one of the model's", false);
+    TM_REQUIRE(max_vertices >= 3 && max_vertices <= TM_PATCH_VERTICES && max_triangles >= 1 &&
+                   max_triangles <= TM_PATCH_TRIANGLES && horizon_s >= 0 && tm_are_places(velocity_m_s),
+               "max_vertices, max_triangles, horizon_s or velocity_m_s is out of range", false);
+    if (h->world) tm_world_work_of(h->world, h);
+    const bool made = make(h, instrument, velocity_m_s, horizon_s, max_vertices, max_triangles, patch, stiffness_N_m);
+    if (h->world) tm_world_work_of(h->world, NULL);
+    return made;
 }

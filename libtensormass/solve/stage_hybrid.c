@@ -382,6 +382,7 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
 
 void tm_hybrid_recover(tm_hybrid *h, tm_world *world) {
     TM_REQUIRE(h && world && h->world == world, "hybrid or world is null, or hybrid is not in this world", );
+    tm_world_work_of(world, h);
     const tm_state *state = tm_world_state(world);
     const tms_local *l = &h->local;
     const int32_t dofs = 3 * h->mesh->vertex_count;
@@ -398,6 +399,7 @@ void tm_hybrid_recover(tm_hybrid *h, tm_world *world) {
     for (int32_t i = 0; x && i < h->system.n; i++) h->full_u[h->system.dof[i]] = x[i];
     for (int32_t d = 0; x && d < dofs; d++)
         if (h->part[d / 3] == TMS_CONDENSED) state->u_m[d] = state->u_prev_m[d] = h->full_u[d];
+    tm_world_work_of(world, NULL);
 }
 
 tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *h, int32_t instrument) {

@@ -257,9 +257,9 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     TM_REQUIRE(maker && patch && t >= 0 && t < maker->contact->tool_count,
                "maker or patch is null, or instrument is not one of its contact's", false);
     tm_world *world = maker->world;
-    if (world->timing) tm_world_charge(world, tm_world_slot_of(world, maker));
+    tm_world_work_of(world, maker);
     const bool made = make(maker, t, patch);
-    if (world->timing) tm_world_charge(world, TM_NO_SLOT);
+    tm_world_work_of(world, NULL);
     return made;
 }
 

@@ -42,9 +42,11 @@ static void substep(tm_world *world) {
  * which many processors are ten times slower, and never leave them. Tied to the step's number, so that bits do not
  * depend on how steps are grouped into calls. */
 enum { FLUSH_EVERY = 256 };
-static void flush(double *u, int32_t n) {
+static void flush(const tm_state *s, int32_t n) {
     const double tiny = 1e-60; /* above 1e-44 m nothing changes, below 1e-76 m nothing is left */
-    for (int32_t i = 0; i < n; i++) u[i] = (u[i] + tiny) - tiny;
+    double *const array[3] = {s->u_m, s->u_prev_m, s->u_next_m}; /* the last: of the dead, which nobody writes again */
+    for (int a = 0; a < 3; a++)
+        for (int32_t i = 0; i < n; i++) array[a][i] = (array[a][i] + tiny) - tiny;
 }
 
 /* No displacement is beyond 1e6 m, infinite or no number. Magnitudes of doubles are ordered as their bits are, so that
@@ -103,10 +105,7 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
             give_back(world);
             return TM_ERR_UNSTABLE;
         }
-        if (s->step % FLUSH_EVERY) continue;
-        flush(s->u_m, n);
-        flush(s->u_prev_m, n);
-        flush(s->u_next_m, n); /* of the dead, which nobody writes again */
+        if (s->step % FLUSH_EVERY == 0) flush(s, n);
     }
     for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].runs += count;
     return TM_OK;
@@ -381,6 +380,10 @@ void tm_world_destroy(tm_world *world) {
 void tm_world_set_timing(tm_world *world, bool on) {
     WORLD_IS_GIVEN();
     world->timing = on;
+}
+void tm_world_work_of(tm_world *world, const void *self) {
+    WORLD_IS_GIVEN();
+    if (world->timing) tm_world_charge(world, self ? tm_world_slot_of(world, self) : TM_NO_SLOT);
 }
 tm_state *tm_world_state(tm_world *world) {
     WORLD_IS_GIVEN(NULL);

@@ -324,6 +324,34 @@ static int32_t far_corner(const hybrid_set *s, int32_t *list, int32_t most) {
     return count;
 }
 
+static double seconds_of(const tm_world *world, const char *name) {
+    tm_stage_report report[TM_MAX_STAGES];
+    for (int32_t i = tm_world_stages(world, report) - 1; i >= 0; i--)
+        if (!strcmp(report[i].name, name)) return report[i].seconds;
+    return -1;
+}
+
+/* What the model does between steps is its own time, and nobody's in a step. */
+static void booked(void **state) {
+    (void)state;
+    static tm_patch patch;
+    double K[9];
+    const double still[3] = {0};
+    const tm_tool_pose down = {.tip_m = {-0.004, 0.003, 0.0405}, .active = true};
+    hybrid_set s = touched_set(&down);
+    tm_world_set_timing(s.world, true);
+    assert_int_equal(tm_world_step(s.world, 2), TM_OK);
+    const double contact_s = seconds_of(s.world, "contact constrain"), stepped_s = seconds_of(s.world, "hybrid");
+    assert_true(contact_s > 0 && stepped_s > 0);
+    tm_hybrid_recover(s.hybrid, s.world);
+    const double recovered_s = seconds_of(s.world, "hybrid");
+    assert_true(recovered_s > stepped_s);
+    tm_hybrid_patch(s.hybrid, 0, still, 0, 12, 16, &patch, K);
+    assert_true(seconds_of(s.world, "hybrid") > recovered_s);
+    assert_true(seconds_of(s.world, "contact constrain") == contact_s);
+    free_set(&s);
+}
+
 /* A tool on the condensed part, near the interface, gives at rest what the shape alone says: not what the step is, and
  * after a cut what a model that has never been another would give. */
 static void force_at_rest(void **state) {
@@ -690,10 +718,18 @@ static void let_go_beside(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(told),           cmocka_unit_test(mended_surface),   cmocka_unit_test(force_at_rest),
-        cmocka_unit_test(step_limit),     cmocka_unit_test(not_settled),      cmocka_unit_test(same_bits_after_restore),
-        cmocka_unit_test(other_division), cmocka_unit_test(hostile_snapshot), cmocka_unit_test(same_rest),
-        cmocka_unit_test(stable),         cmocka_unit_test(contact),          cmocka_unit_test(let_go_beside)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(told),
+                                       cmocka_unit_test(mended_surface),
+                                       cmocka_unit_test(force_at_rest),
+                                       cmocka_unit_test(booked),
+                                       cmocka_unit_test(step_limit),
+                                       cmocka_unit_test(not_settled),
+                                       cmocka_unit_test(same_bits_after_restore),
+                                       cmocka_unit_test(other_division),
+                                       cmocka_unit_test(hostile_snapshot),
+                                       cmocka_unit_test(same_rest),
+                                       cmocka_unit_test(stable),
+                                       cmocka_unit_test(contact),
+                                       cmocka_unit_test(let_go_beside)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

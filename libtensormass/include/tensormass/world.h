@@ -95,6 +95,9 @@ TM_API tm_status tm_world_add_stage(tm_world *world, const tm_stage *stage, int6
 TM_API tm_status tm_world_remove_stage(tm_world *world, const char *name, tm_error *error);
 TM_API int32_t tm_world_stages(const tm_world *world, tm_stage_report report[TM_MAX_STAGES]);
 TM_API void tm_world_set_timing(tm_world *world, bool on);
+/* Outside the step, when timing is on: time from here on is booked on the stage with this `self`, until the next call;
+ * null: on none. For what a stage does when the application calls it. */
+TM_API void tm_world_work_of(tm_world *world, const void *self);
 
 TM_API tm_state *tm_world_state(tm_world *world);
 TM_API tm_tissue *tm_world_tissue(tm_world *world);
