@@ -360,7 +360,20 @@ static bool is_inside(const tm_patch_solver *s, const tm_patch *patch) {
     return true;
 }
 
+/* What is indexed by it stays within its arrays. */
+static bool is_whole(const tm_patch *patch) {
+    if (patch->vertex_count < 0 || patch->vertex_count > TM_PATCH_VERTICES || patch->triangle_count < 0 ||
+        patch->triangle_count > TM_PATCH_TRIANGLES || !(patch->radius_m > 0))
+        return false;
+    for (int32_t i = 0; i < 3 * patch->triangle_count; i++)
+        if (patch->triangle[i] < 0 || patch->triangle[i] >= patch->vertex_count) return false;
+    return true;
+}
+
 void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double force_N[3], bool *inside) {
+    TM_REQUIRE(s && patch && tip_m && force_N, "solver, patch, tip_m or force_N is null", );
+    TM_REQUIRE(is_whole(patch) && tm_are_places(tip_m),
+               "the patch's counts, triangles or radius are out of range, or tip_m is", );
     tm_instrument_def def = {.radius_m = patch->radius_m, .contact_length_m = patch->contact_length_m};
     tm_tool_pose pose = {.active = true};
     tm_surface_view surface = {.count = patch->triangle_count};
@@ -398,6 +411,8 @@ void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_
 }
 
 void tm_patch_stiffness(tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double stiffness_N_m[9]) {
+    TM_REQUIRE(s && patch && tip_m && stiffness_N_m && is_whole(patch) && tm_are_places(tip_m),
+               "something is null, or the patch or tip_m is out of range", );
     const double h = 2e-5;
     for (int c = 0; c < 3; c++) {
         double ahead[3], behind[3], at[3];

@@ -60,6 +60,20 @@ static void geometry(const scene *s) {
     BREAKS("tm_contact_search_rows",
            tm_contact_search_rows(search, rest, u, &capsule, 0, NULL, 2, row, 4, &overflowed));
     tm_contact_search_destroy(search);
+    tm_patch_solver *solver = NULL;
+    static tm_patch patch;
+    double K[9];
+    fix_ok(tm_patch_solver_create(&solver, &error), &error);
+    patch.radius_m = 0.002, patch.vertex_count = TM_PATCH_VERTICES + 1;
+    BREAKS("tm_patch_force", tm_patch_force(solver, &patch, zero, out, NULL), 0);
+    patch.vertex_count = 3, patch.triangle_count = 1, patch.triangle[2] = 3;
+    BREAKS("tm_patch_force", tm_patch_force(solver, &patch, zero, out, NULL), 0);
+    BREAKS("tm_patch_stiffness", tm_patch_stiffness(solver, &patch, zero, K), 0);
+    BREAKS("tm_patch_stiffness", tm_patch_stiffness(solver, NULL, zero, K), 0);
+    patch.triangle[2] = 2;
+    BREAKS("tm_patch_force", tm_patch_force(solver, &patch, NULL, out, NULL), 0);
+    BREAKS("tm_patch_force", tm_patch_force(NULL, &patch, zero, out, NULL), 0);
+    tm_patch_solver_destroy(solver);
     capsule.radius_m = 0;
     BREAKS("tm_contact_find", tm_contact_find(rest, u, surface.triangle, surface.face, NULL, surface.count, &capsule, 0,
                                               row, 4, &overflowed));
