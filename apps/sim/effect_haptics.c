@@ -7,8 +7,8 @@ static const app_field fields[] = {
     {"haptics", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_haptics, here), 0,
      "forces go to a controller: over LCM in real time; in lockstep controller and virtual device run in the same "
      "process"},
-    {"haptics.extrapolator", APP_CHOICE, "hold|time|position|broyden|tangent|contact|paper_position", "contact", 0, 0,
-     offsetof(sim_haptics, extrapolator), 0, "in lockstep; in real time the controller says what it runs"},
+    {"haptics.extrapolator", APP_CHOICE, HRT_EXTRAPOLATOR_CHOICE, "contact", 0, 0, offsetof(sim_haptics, extrapolator),
+     0, "in lockstep; in real time the controller says what it runs"},
     {"haptics.sends", APP_CHOICE, "force|stiffness|patch", NULL, 0, 0, offsetof(sim_haptics, sends), 0,
      "what may go with the force, when the controller's extrapolator asks for it (`tangent`: stiffness, `contact`: "
      "patch); left out: what `extrapolator` asks for"},

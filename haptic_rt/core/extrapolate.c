@@ -80,15 +80,9 @@ typedef struct law {
     void (*force)(hrt_extrapolation *x, const moment *m, float force[3]); /* force is F_n on entry */
 } law;
 
-static const law laws[HRT_EXTRAPOLATOR_COUNT] = {
-    [HRT_HOLD] = {"hold", law_hold},
-    [HRT_TIME] = {"time", law_time},
-    [HRT_POSITION] = {"position", law_position},
-    [HRT_BROYDEN] = {"broyden", law_broyden},
-    [HRT_TANGENT] = {"tangent", law_tangent},
-    [HRT_CONTACT] = {"contact", law_tangent}, /* off its patch; on it: contact.c */
-    [HRT_PAPER_POSITION] = {"paper_position", law_paper_position},
-};
+#define LAW(id, name, law) {name, law},
+static const law laws[HRT_EXTRAPOLATOR_COUNT] = {HRT_EXTRAPOLATORS(LAW)};
+_Static_assert(HRT_HOLD == 0 && HRT_CONTACT == 5 && HRT_PAPER_POSITION == 6, "messages and logs carry these numbers");
 
 const char *hrt_extrapolator_name(hrt_extrapolator which) {
     return (int)which >= 0 && which < HRT_EXTRAPOLATOR_COUNT ? laws[which].name : "unknown";

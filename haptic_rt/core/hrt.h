@@ -71,16 +71,23 @@ typedef enum hrt_limit {
     HRT_LIMIT_DOUBT = 8192     /* of the newest sample the force alone is used */
 } hrt_limit;
 
-typedef enum hrt_extrapolator {
-    HRT_HOLD = 0,
-    HRT_TIME = 1,
-    HRT_POSITION = 2,
-    HRT_BROYDEN = 3,
-    HRT_TANGENT = 4,
-    HRT_CONTACT = 5,
-    HRT_PAPER_POSITION = 6, /* unsigned ratio as printed; for comparison only */
-    HRT_EXTRAPOLATOR_COUNT
-} hrt_extrapolator;
+/* The extrapolators, one row each: name in C, name in words, law (core/extrapolate.c). Messages carry their numbers, so
+ * that a new one goes to the end. */
+#define HRT_EXTRAPOLATORS(ROW)                                                                                         \
+    ROW(HOLD, "hold", law_hold)                                                                                        \
+    ROW(TIME, "time", law_time)                                                                                        \
+    ROW(POSITION, "position", law_position)                                                                            \
+    ROW(BROYDEN, "broyden", law_broyden)                                                                               \
+    ROW(TANGENT, "tangent", law_tangent)                                                                               \
+    ROW(CONTACT, "contact", law_tangent)                      /* off its patch; on it: core/contact.c */               \
+    ROW(PAPER_POSITION, "paper_position", law_paper_position) /* unsigned ratio as printed; for comparison only */
+#define HRT_EXTRAPOLATOR_VALUE(id, name, law) HRT_##id,
+typedef enum hrt_extrapolator { HRT_EXTRAPOLATORS(HRT_EXTRAPOLATOR_VALUE) HRT_EXTRAPOLATOR_COUNT } hrt_extrapolator;
+/* All names in a string literal, in the order of their numbers, each after a blank or after a bar. */
+#define HRT_EXTRAPOLATOR_BLANK(id, name, law) " " name
+#define HRT_EXTRAPOLATOR_BAR(id, name, law) "|" name
+#define HRT_EXTRAPOLATOR_NAMES HRT_EXTRAPOLATORS(HRT_EXTRAPOLATOR_BLANK)
+#define HRT_EXTRAPOLATOR_CHOICE (&HRT_EXTRAPOLATORS(HRT_EXTRAPOLATOR_BAR)[1]) /* without the first bar */
 
 /* ------------------------------------------------------------------------------------------------ parameters */
 

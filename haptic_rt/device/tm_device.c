@@ -54,7 +54,7 @@ static void usage(void) {
         "usage: tm-device --bus ADDRESS [options]\n"
         "A virtual Impulse Engine on a CAN bus: mass, friction, encoder counts, torque limits, a watchdog, and a hand that moves it.\n"
         "\n"
-        "  --bus ADDRESS          virtual:NAME or socketcan:INTERFACE\n"
+        "  --bus ADDRESS         " HRT_BUS_ADDRESSES "\n"
         "  --instrument N         0 or 1 (0)\n"
         "  --hand FILE            CSV: time_s," HRT_ENGINE_COLUMNS
         "[,active]; `lcm` follows HAND_N; without, it rests\n"

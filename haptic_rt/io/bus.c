@@ -4,10 +4,19 @@
 
 #include "bus.h"
 
+#define OR(kind, name) " or " #kind ":" name
+#define KIND(kind, name) {#kind ":", hrt_bus_##kind},
+static const struct {
+    const char *before;
+    hrt_bus_opener *open;
+} kinds[] = {HRT_BUSES(KIND)};
+
 bool hrt_bus_open(hrt_bus *bus, const char *address, char *why, int why_size) {
-    if (strncmp(address, "virtual:", 8) == 0) return hrt_bus_open_virtual(bus, address + 8, why, why_size);
-    if (strncmp(address, "socketcan:", 10) == 0) return hrt_bus_open_socketcan(bus, address + 10, why, why_size);
-    snprintf(why, (size_t)why_size, "'%s' names no bus; use virtual:NAME or socketcan:INTERFACE", address);
+    for (size_t k = 0; k < sizeof kinds / sizeof kinds[0]; k++) {
+        const size_t length = strlen(kinds[k].before);
+        if (strncmp(address, kinds[k].before, length) == 0) return kinds[k].open(bus, address + length, why, why_size);
+    }
+    snprintf(why, (size_t)why_size, "'%s' names no bus; use %s", address, &HRT_BUSES(OR)[4]);
     return false;
 }
 

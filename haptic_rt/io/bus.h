@@ -39,6 +39,17 @@ typedef struct hrt_bus_driver {
     const char *(*look)(hrt_bus *bus);
 } hrt_bus_driver;
 
+/* What an address "KIND:name" opens: a row here, with the name as people are told it, and bus_KIND.c, which defines
+ * hrt_bus_KIND. */
+#define HRT_BUSES(ROW)                                                                                                 \
+    ROW(virtual, "NAME")                                                                                               \
+    ROW(socketcan, "INTERFACE")
+typedef bool hrt_bus_opener(hrt_bus *bus, const char *name, char *why, int why_size);
+#define HRT_BUS_DECLARED(kind, name) hrt_bus_opener hrt_bus_##kind;
+HRT_BUSES(HRT_BUS_DECLARED)
+#define HRT_BUS_ADDRESS(kind, name) " " #kind ":" name
+#define HRT_BUS_ADDRESSES HRT_BUSES(HRT_BUS_ADDRESS) /* a string literal, each after a blank */
+
 struct hrt_bus {
     const hrt_bus_driver *driver;
     hrt_bus_state now;
@@ -79,8 +90,6 @@ static inline void hrt_bus_count(hrt_bus *bus, uint64_t *what, const hrt_can_fra
     (*what)++;
     bus->bits += hrt_can_bits(frame->length);
 }
-bool hrt_bus_open_virtual(hrt_bus *bus, const char *name, char *why, int why_size);
-bool hrt_bus_open_socketcan(hrt_bus *bus, const char *interface, char *why, int why_size);
 
 static inline int hrt_bus_send(hrt_bus *bus, const hrt_can_frame *frame) { return bus->driver->send(bus, frame); }
 static inline int hrt_bus_receive(hrt_bus *bus, hrt_can_frame *frame) { return bus->driver->receive(bus, frame); }

@@ -135,7 +135,7 @@ static int socketcan_claim(hrt_bus *bus, int place) {
 static const hrt_bus_driver socketcan_driver = {"socketcan",       socketcan_send,  socketcan_receive, socketcan_state,
                                                 socketcan_recover, socketcan_close, socketcan_claim,   NULL};
 
-bool hrt_bus_open_socketcan(hrt_bus *bus, const char *interface, char *why, int why_size) {
+bool hrt_bus_socketcan(hrt_bus *bus, const char *interface, char *why, int why_size) {
     memset(bus, 0, sizeof *bus);
     bus->fd = bus->claim_fd = -1;
     if (interface[0] == 0 || strlen(interface) >= IFNAMSIZ) {

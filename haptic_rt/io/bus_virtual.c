@@ -82,7 +82,7 @@ static const char *virtual_look(hrt_bus *bus) { return hrt_virtual_look(bus->sha
 static const hrt_bus_driver virtual_driver = {"virtual",       virtual_send,  virtual_receive, virtual_state,
                                               virtual_recover, virtual_close, virtual_claim,   virtual_look};
 
-bool hrt_bus_open_virtual(hrt_bus *bus, const char *name, char *why, int why_size) {
+bool hrt_bus_virtual(hrt_bus *bus, const char *name, char *why, int why_size) {
     static _Atomic uint64_t opened;
     memset(bus, 0, sizeof *bus);
     if (!hrt_virtual_path(name, bus->name, (int)sizeof bus->name, why, why_size)) return false;

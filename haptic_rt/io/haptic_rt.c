@@ -55,10 +55,10 @@ static void usage(void) {
         "usage: haptic-rt --bus ADDRESS [options]\n"
         "The controller of one Impulse Engine: 500 times a second encoders in, torques out, forces from tm-sim extrapolated between its frames.\n"
         "\n"
-        "  --bus, --device ADDRESS  virtual:NAME or socketcan:INTERFACE\n"
+        "  --bus, --device ADDRESS " HRT_BUS_ADDRESSES "\n"
         "  --instrument N           0 or 1: channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and the device's ids on the bus (0)\n"
         "  --mode NAME              probe, grasper or cautery (probe)\n"
-        "  --extrapolator NAME      hold, time, position, broyden, tangent, contact, paper_position (contact)\n"
+        "  --extrapolator NAME     " HRT_EXTRAPOLATOR_NAMES " (contact)\n"
         "  --passivity              passivity control on\n"
         "  --coupling               virtual coupling on\n"
         "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   the trocar's pose, m, world; without them it is learned from SIM_STATUS\n"
@@ -184,8 +184,7 @@ static bool take_option(program *p, int option, const char *text) {
     case O_MODE: return read_mode(text, &p->config.mode);
     case O_EXTRAPOLATOR:
         if (hrt_extrapolator_find(text, &p->config.extrapolator)) return true;
-        app_bad_input("--extrapolator", 0,
-                      "'%s' is none; use hold, time, position, broyden, tangent, contact or paper_position", text);
+        app_bad_input("--extrapolator", 0, "'%s' is none; use one of" HRT_EXTRAPOLATOR_NAMES, text);
         return false;
     case O_PASSIVITY: p->config.passivity = true; return true;
     case O_COUPLING: p->config.coupling = true; return true;
@@ -237,7 +236,7 @@ static bool consistent(program *p) {
 static void list(void) {
     printf("extrapolators");
     for (int i = 0; i < HRT_EXTRAPOLATOR_COUNT; i++) printf(" %s", hrt_extrapolator_name((hrt_extrapolator)i));
-    printf("\nmodes probe grasper cautery\nbuses virtual:NAME socketcan:INTERFACE\n");
+    printf("\nmodes probe grasper cautery\nbuses" HRT_BUS_ADDRESSES "\n");
 }
 
 /* -1: go on; else the exit code. */

@@ -1,0 +1,86 @@
+"""What a newcomer adds to the controller is one file or function and one row, shown on a copy of the sources."""
+import shutil
+import subprocess
+
+LAW = "static void law_last(hrt_extrapolation *x, const moment *m, float force[3]) { (void)x, (void)m, (void)force; }\n"
+EXTRAPOLATOR = """
+#include "hrt.h"
+#include <stdio.h>
+int main(void) {
+    hrt_extrapolator found;
+    const bool known = hrt_extrapolator_find("last", &found);
+    puts(HRT_EXTRAPOLATOR_CHOICE);
+    puts(HRT_EXTRAPOLATOR_NAMES);
+    return !(known && found == HRT_LAST && found == HRT_EXTRAPOLATOR_COUNT - 1);
+}
+"""
+BUS = """
+#include "bus.h"
+static void close_mine(hrt_bus *bus) { bus->driver = NULL; }
+static const hrt_bus_driver driver = {.name = "mine", .close = close_mine};
+bool hrt_bus_mine(hrt_bus *bus, const char *name, char *why, int why_size) {
+    (void)why, (void)why_size;
+    bus->driver = &driver;
+    return name[0] == 'x' && name[1] == 0;
+}
+"""
+OPENS = """
+#include "bus.h"
+#include <stdio.h>
+int main(void) {
+    hrt_bus bus;
+    char why[300];
+    if (hrt_bus_open(&bus, "other:x", why, sizeof why)) return 1;
+    puts(why);
+    puts(HRT_BUS_ADDRESSES);
+    return !hrt_bus_open(&bus, "mine:x", why, sizeof why);
+}
+"""
+
+
+def insert(path, before, text):
+    whole = path.read_text()
+    assert whole.count(before) == 1, f"{path} holds {whole.count(before)} times, not once: {before}"
+    path.write_text(whole.replace(before, text + before))
+
+
+def lines_of(folder, main, sources):
+    (folder / "main.c").write_text(main)
+    program = folder / "main"
+    run = subprocess.run(["cc", "-std=c11", "-D_GNU_SOURCE", "-O0", "-Werror", f"-I{folder}/haptic_rt", f"-I{folder}/haptic_rt/core", f"-I{folder}/haptic_rt/io", "-o", program,
+                          folder / "main.c", *sources, "-lm"], capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    run = subprocess.run([program], capture_output=True, text=True, timeout=20)
+    assert run.returncode == 0, run.stdout
+    return run.stdout.splitlines()
+
+
+def test_an_extrapolator_is_a_law_and_a_row(root, tmp_path):
+    core = tmp_path / "haptic_rt/core"
+    shutil.copytree(root / "haptic_rt/core", core)
+    insert(core / "hrt.h", '    ROW(PAPER_POSITION, "paper_position", law_paper_position)', '    ROW(PAPER_POSITION, "paper_position", law_paper_position) \\\n')
+    text = (core / "hrt.h").read_text()
+    row = '    ROW(PAPER_POSITION, "paper_position", law_paper_position) /*'
+    assert text.count(row) == 1
+    (core / "hrt.h").write_text(text.replace(row, '    ROW(LAST, "last", law_last) /*'))
+    insert(core / "extrapolate.c", "typedef struct law {", LAW)
+    choice, names = lines_of(tmp_path, EXTRAPOLATOR, sorted(core.glob("*.c")))
+    assert choice == "hold|time|position|broyden|tangent|contact|paper_position|last" and names.split() == choice.split("|")
+
+
+def test_a_bus_is_a_file_and_a_row(root, tmp_path):
+    for folder in ("io", "can"):
+        shutil.copytree(root / "haptic_rt" / folder, tmp_path / "haptic_rt" / folder)
+    io = tmp_path / "haptic_rt/io"
+    (io / "bus_mine.c").write_text(BUS)
+    insert(io / "bus.h", '    ROW(socketcan, "INTERFACE")', '    ROW(mine, "LETTER") \\\n')
+    why, addresses = lines_of(tmp_path, OPENS, sorted(io.glob("bus*.c")))
+    assert why == "'other:x' names no bus; use virtual:NAME or mine:LETTER or socketcan:INTERFACE"
+    assert addresses.split() == ["virtual:NAME", "mine:LETTER", "socketcan:INTERFACE"]
+
+
+def test_the_names_stand_in_one_table(root):
+    for folder in ("haptic_rt", "apps"):
+        for path in sorted((root / folder).rglob("*.[ch]")):
+            if path.name not in ("hrt.h", "extrapolate.c"):
+                assert "paper_position" not in path.read_text(), path
