@@ -112,6 +112,12 @@ bool tm_tool_is_present(const tm_tool *tool);
 /* The axis beyond the tip meets no triangle where it can touch, and an even number in all. O(surface). */
 bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u_m, const tm_surface_view *surface);
 
+/* How far the axis' ends moved, the farther of them. */
+double tm_capsule_travel(const tm_capsule *a, const tm_capsule *b);
+
+/* contact_sum.c */
+void tm_contact_sum(tm_contact *contact);
+
 /* contact_solve.c */
 void tm_contact_prepare(tm_contact *contact);
 void tm_contact_sweep(tm_contact *contact, int32_t sweep); /* of its own rows, once */

@@ -123,3 +123,10 @@ void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double 
     vscale(vdot(force_N, e), e, tip_force_N);
     vmadd(tip_force_N, -1 / length, across, tip_force_N);
 }
+
+double tm_capsule_travel(const tm_capsule *a, const tm_capsule *b) {
+    double tip[3], tail[3];
+    vsub(a->tip_m, b->tip_m, tip);
+    vsub(a->tail_m, b->tail_m, tail);
+    return vmax(vnorm(tip), vnorm(tail));
+}
