@@ -14,7 +14,7 @@
 #include "lcm_types/tensormass_tool_state_t.h"
 #include "wire.h"
 
-enum { START_US = 1000000, ENCODED_MAX = 32768 };
+enum { START_US = 1000000, ENCODED_MAX = 32768, GRASPER = 1 };
 
 /* --- write --- */
 
@@ -66,7 +66,8 @@ static void put_patch(lcm_eventlog_t *log, const sampled *x, const double trocar
     memcpy(m.origin_m, trocar, sizeof m.origin_m);
     memcpy(m.trocar_m, trocar, sizeof m.trocar_m);
     m.skin_compliance_m_N = p->skin_compliance_m_N, m.radius_m = p->radius_m, m.contact_length_m = p->contact_length_m;
-    m.film_s_m = p->film_s_m;
+    m.film_s_m = p->film_s_m, m.held = (int32_t)p->held;
+    for (int i = 0; i < 3 && hrt_patch_holds(p); i++) m.hold_N[i] = p->rest_m[hrt_patch_tip(p) + i];
     PUT(log, "PATCH_0", x->ready_us, tensormass_contact_patch_t, &m);
 }
 
@@ -84,6 +85,7 @@ int log_write(const char *file, const recording *r, const double trocar_m[3]) {
             put_force(log, "FORCE_0", r->sample[next].ready_us, &r->sample[next].sample, trocar_m);
         }
         tensormass_tool_state_t tool = {.utime = START_US + at, .seq = k, .session = 1, .state = 3, .active = 1};
+        if (r->samples && !r->sample[0].sample.unilateral) tool.mode = GRASPER;
         hrt_sample truth = {.t_us = at, .seq = (uint32_t)k};
         for (int i = 0; i < 3; i++) {
             tool.tip_m[i] = trocar_m[i] + (double)r->tip_m[3 * k + i];
@@ -130,7 +132,7 @@ typedef struct reading {
     clocks clocks;
     int ticks_room, samples_room, truths_room, truths;
     int64_t first_us;
-    bool started;
+    bool grasper, started;
     bool origin_known;
     double origin[3]; /* the trocar */
     hrt_patch *pending;
@@ -149,6 +151,7 @@ static void *room(void *array, int *have, int want, size_t size) {
 static void take_tool(reading *g, const tensormass_tool_state_t *m, int64_t logged_us) {
     recording *r = g->r;
     if (m->session != g->session) return;
+    g->grasper = m->mode == GRASPER;
     clocks_add(&g->clocks, logged_us - m->utime);
     if (!g->started) {
         g->started = true, g->first_us = r->first_us = m->utime;
@@ -174,7 +177,7 @@ static void take_force(reading *g, const tensormass_force_sample_t *m, int64_t l
     hrt_sample *s = &x->sample;
     s->session = s->tool_session = 1, s->t_us = m->tool_utime - g->first_us, s->seq = (uint32_t)m->seq,
     s->stiffness_kind = m->stiffness_kind;
-    s->unilateral = true, s->topology_revision = m->topology_revision;
+    s->unilateral = !g->grasper, s->topology_revision = m->topology_revision;
     for (int i = 0; i < 3; i++) s->tip_m[i] = (float)(m->tip_m[i] - g->origin[i]), s->force_N[i] = (float)m->force_N[i];
     for (int i = 0; i < 9; i++) s->stiffness_N_m[i] = (float)m->stiffness_N_m[i];
     if (s->t_us < 0) s->t_us = 0;
@@ -200,10 +203,12 @@ bool patch_from_message(const tensormass_contact_patch_t *m, const double origin
         return false;
     memset(p, 0, sizeof *p);
     p->seq = (uint32_t)m->seq, p->topology_revision = m->topology_revision;
-    p->vertex_count = m->vertex_count, p->triangle_count = m->triangle_count;
-    for (int i = 0; i < 3 * m->vertex_count; i++) {
+    p->vertex_count = m->vertex_count, p->triangle_count = m->triangle_count, p->held = (uint32_t)m->held;
+    if (hrt_patch_places(p) > HRT_PATCH_MAX_VERTICES) return false;
+    for (int i = 0; i < 3 * hrt_patch_places(p); i++) {
         double shift = m->origin_m[i % 3] - origin_m[i % 3];
-        p->vertex_m[i] = (float)((double)m->vertex_m[i] + shift), p->rest_m[i] = (float)((double)m->rest_m[i] + shift);
+        p->vertex_m[i] = (float)((double)m->vertex_m[i] + shift);
+        p->rest_m[i] = i < hrt_patch_tip(p) ? (float)((double)m->rest_m[i] + shift) : m->hold_N[i % 3];
     }
     memcpy(p->triangle, m->triangle, sizeof p->triangle);
     memcpy(p->face, m->face, sizeof p->face);

@@ -184,7 +184,9 @@ static void deliver(station *t, sent *s) {
                                .force_cap_N = p->force_cap_N,
                                .radius_m = p->radius_m,
                                .contact_length_m = p->contact_length_m,
-                               .film_s_m = p->film_s_m};
+                               .film_s_m = p->film_s_m,
+                               .held = p->held,
+                               .hold_N = p->hold_N};
         hrt_node_post_patch(&t->node, &m);
         free(p);
     }

@@ -104,6 +104,26 @@ void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t ut
     if (s->patch_valid[instrument]) out->flags |= SIM_FLAG_PATCH;
 }
 
+/* Row by row; with a hold each has three more entries, and there are three more of them. */
+static void put_compliance(const tm_patch *t, float *to) {
+    const int n = 3 * t->vertex_count;
+    const double *from = t->compliance_m_N;
+    for (int i = 0; i < n; ++i) {
+        for (int j = i; j < n; ++j) *to++ = (float)*from++;
+        for (int c = 0; c < 3 && t->holds; ++c) *to++ = (float)t->follow[3 * i + c];
+    }
+    for (int i = 0; i < 9 && t->holds; ++i)
+        if (i % 3 >= i / 3) *to++ = (float)t->hold_stiffness_N_m[i];
+}
+
+static void put_hold(const tm_patch *t, tensormass_contact_patch_t *out) {
+    out->held = (int32_t)(t->held | 1u << t->vertex_count);
+    for (int c = 0; c < 3; ++c) {
+        out->hold_N[c] = (float)t->hold_N[c];
+        out->vertex_m[3 * t->vertex_count + c] = (float)(t->hold_tip_m[c] - t->trocar_m[c]);
+    }
+}
+
 bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_force_sample_t *sample,
                        tensormass_contact_patch_t *out) {
     if (!s->patch_valid[sample->instrument] || !(sample->flags & SIM_FLAG_PATCH)) return false;
@@ -124,8 +144,8 @@ bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_fo
     }
     memcpy(out->face, t->face, sizeof *out->face * (size_t)t->triangle_count);
     memcpy(out->triangle, t->triangle, 3 * (size_t)t->triangle_count);
-    int n = 3 * t->vertex_count;
-    for (int i = 0; i < n * (n + 1) / 2; ++i) out->compliance_m_N[i] = (float)t->compliance_m_N[i];
+    put_compliance(t, out->compliance_m_N);
+    if (t->holds) put_hold(t, out);
     out->skin_compliance_m_N = (float)t->skin_compliance_m_N;
     out->force_cap_N = (float)t->force_cap_N;
     out->radius_m = (float)t->radius_m;

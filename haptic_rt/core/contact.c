@@ -17,12 +17,12 @@ typedef struct solve {
         other[HRT_CONTACT_ROWS];   /* of this round; its rows, or, from round to round in turn, the extrapolation's */
     float soft_m;                  /* as far as the skin is soft */
     float *force_N;                /* f: what the shape is made with */
-    float shift_m[HRT_PATCH_DOFS]; /* C f; then what one row does */
+    float shift_m[HRT_PATCH_DOFS]; /* C f; then what one row does; at the tip's place the hold */
     uint32_t coupled;              /* bit i: line i of w is there */
     float w[HRT_CONTACT_ROWS][HRT_CONTACT_ROWS]; /* compliance between rows */
     int32_t load_count;
     uint8_t loaded[HRT_CONTACT_ROWS]; /* rows that bear */
-    float gap_m[HRT_CONTACT_ROWS];    /* with the patch undeformed, at the row's geometry */
+    float gap_m[HRT_CONTACT_ROWS];    /* without forces, at the row's geometry */
     float skin_m_N[HRT_CONTACT_ROWS];
     int32_t touched;
     uint8_t vertex[HRT_PATCH_MAX_VERTICES]; /* that rows have touched, of this round or before */
@@ -37,10 +37,10 @@ static inline __attribute__((always_inline)) void put(float *list, int32_t v, hr
     hrt_put(x, &list[HRT_XYZ * v]);
 }
 
-/* shift[a] := the sum of C_ab x over `count` vertices b, of which C's upper triangle is there. */
+/* shift[a] := the sum of C_ab x over `count` places b, of which C's upper triangle is there. */
 static __attribute__((noinline)) void respond(const hrt_patch *patch, uint32_t a, const uint8_t *b, const hrt_v3 *x,
                                               int32_t count, float *shift_m) {
-    const uint32_t n = 3u * (uint32_t)patch->vertex_count;
+    const uint32_t n = 3u * (uint32_t)hrt_patch_places(patch);
     hrt_v3 sum = {0.0f, 0.0f, 0.0f};
     for (; count > 0; count--, b++, x++) {
         const uint32_t i = 3u * (a < *b ? a : *b), j = 3u * (a + *b) - i, after = n - i - 1u;
@@ -60,7 +60,21 @@ static const uint8_t *corners(const solve *s, const hrt_contact_row *row) {
     return &s->patch->triangle[HRT_XYZ * row->triangle];
 }
 
-static void shift_by_forces(solve *s) {
+static bool is_coupled(const solve *s, int32_t i) { return (s->coupled >> i & 1u) != 0; }
+
+/* To the vertices that bear rows which are not coupled yet. */
+static void respond_under_rows(solve *s, const uint8_t *from, const hrt_v3 *x, int32_t count) {
+    uint32_t under = 0;
+    for (int32_t j = 0; j < s->rows; j++)
+        for (int k = 0; k < 3 && !is_coupled(s, j); k++) under |= 1u << corners(s, &s->row[j])[k];
+    for (int32_t v = 0; v < s->patch->vertex_count; v++)
+        if ((under >> v & 1u) != 0) respond(s->patch, (uint32_t)v, from, x, count, s->shift_m);
+}
+
+/* What the forces do to the vertices and, with the tip, what its motion since the sample does to those of a hold; there
+ * the tip's own place gets what the hold pulls with more than at the sample. Without the tip forces alone, under the
+ * rows. */
+static void shift_by_forces(solve *s, const float *tip_m) {
     hrt_v3 force[HRT_PATCH_MAX_VERTICES];
     uint8_t from[HRT_PATCH_MAX_VERTICES];
     int32_t count = 0;
@@ -69,7 +83,16 @@ static void shift_by_forces(solve *s) {
         force[count] = at(s->force_N, s->vertex[i]);
         if (hrt_inner(force[count], force[count]) > 0.0f) count++;
     }
-    for (int32_t a = 0; a < s->patch->vertex_count; a++) respond(s->patch, (uint32_t)a, from, force, count, s->shift_m);
+    if (!tip_m) {
+        respond_under_rows(s, from, force, count);
+        return;
+    }
+    if (hrt_patch_holds(s->patch)) {
+        from[count] = (uint8_t)s->patch->vertex_count;
+        force[count++] = hrt_minus(hrt_get(tip_m), at(s->patch->vertex_m, s->patch->vertex_count));
+    }
+    for (int32_t a = 0; a < hrt_patch_places(s->patch); a++)
+        respond(s->patch, (uint32_t)a, from, force, count, s->shift_m);
 }
 
 static float along_row(const solve *s, const hrt_contact_row *row) {
@@ -80,8 +103,6 @@ static float along_row(const solve *s, const hrt_contact_row *row) {
     return hrt_inner(hrt_get(row->normal), shift);
 }
 
-static bool is_coupled(const solve *s, int32_t i) { return (s->coupled >> i & 1u) != 0; }
-
 /* What one newton in row i does along all rows; along those that have been coupled before it is what theirs does along
  * it. */
 static void couple(solve *s, int32_t i) {
@@ -89,16 +110,12 @@ static void couple(solve *s, int32_t i) {
     uint8_t from[3];
     hrt_v3 newton[3];
     int32_t count = 0;
-    uint32_t under = 0;
     for (int k = 0; k < 3; k++)
         if (row->weight[k] > 0.0f) {
             from[count] = corners(s, row)[k];
             newton[count++] = hrt_times(row->weight[k], hrt_get(row->normal));
         }
-    for (int32_t j = 0; j < s->rows; j++)
-        for (int k = 0; k < 3 && !is_coupled(s, j); k++) under |= 1u << corners(s, &s->row[j])[k];
-    for (int32_t v = 0; v < s->patch->vertex_count; v++)
-        if ((under >> v & 1u) != 0) respond(s->patch, (uint32_t)v, from, newton, count, s->shift_m);
+    respond_under_rows(s, from, newton, count);
     for (int32_t j = 0; j < s->rows; j++) s->w[i][j] = is_coupled(s, j) ? s->w[j][i] : along_row(s, &s->row[j]);
     s->coupled |= 1u << i;
 }
@@ -109,6 +126,7 @@ static void find_rows(solve *s, const float tip_m[3], hrt_hits *hits, hrt_contac
     s->rows = hrt_contact_rows(s->patch, s->shift_m, tip_m, before, count, hits, row);
     s->row = row;
     s->coupled = 0;
+    if (hrt_patch_holds(s->patch)) shift_by_forces(s, NULL);
     for (int32_t r = 0; r < s->rows; r++, row++) {
         for (int32_t b = 0; b < count; b++)
             if (before[b].station == row->station && before[b].triangle == row->triangle &&
@@ -335,14 +353,18 @@ static hrt_v3 film_drag(hrt_extrapolation *x, int64_t now_us, const float tip_m[
     return hrt_times(1.0e6f * x->patch->film_s_m / hrt_max(passed_us, 1.0f), moved);
 }
 
-/* Reactions and the film's drag along the surface to the equivalent force at the tip of a tool that pivots about the
- * origin; false when most of it is on the edge. */
+/* Reactions, the film's drag along the surface and the hold to the equivalent force at the tip of a tool that pivots
+ * about the origin; false when most of it is on the edge. */
 static bool gather(const solve *s, const float tip_m[3], hrt_v3 drag, float force_N[3]) {
     const hrt_v3 tip = hrt_get(tip_m);
     const float reach = hrt_size(tip);
     const hrt_v3 axis = hrt_times(1.0f / reach, tip);
     hrt_v3 force = {0.0f, 0.0f, 0.0f};
     float along_N = 0.0f, on_edge_N = 0.0f; /* what is on the edge less what is not */
+    if (hrt_patch_holds(s->patch)) {
+        force = hrt_plus(at(s->patch->rest_m, s->patch->vertex_count), at(s->shift_m, s->patch->vertex_count));
+        on_edge_N = -hrt_size(force);
+    }
     for (int32_t r = 0; r < s->rows; r++) {
         const hrt_contact_row *row = &s->row[r];
         if (!(row->lambda_N > 0.0f)) continue;
@@ -368,7 +390,7 @@ bool hrt_contact_force(hrt_extrapolation *x, int64_t now_us, const float tip_m[3
     s.force_N = x->patch_force_N;
     list_touched(&s, &x->mixing);
     for (int32_t k = 0; k < ROUNDS; k++) {
-        shift_by_forces(&s);
+        shift_by_forces(&s, tip_m);
         find_rows(&s, tip_m, &hits, s.row == x->row ? s.other : x->row);
         solve_rows(&s);
         touch(&s, &x->mixing);

@@ -132,14 +132,16 @@ static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
 }
 
 static void take_patch(hrt_extrapolation *x, const hrt_sample *sample) {
-    /* A patch of another cut state than its sample's is none. */
-    const hrt_patch *fresh =
-        HRT_WITH_PATCHES && sample->patch && sample->patch->topology_revision == sample->topology_revision
-            ? sample->patch
-            : NULL;
+    /* A patch of another cut state than its sample's is none, nor is one that pulls a probe. */
+    const hrt_patch *fresh = HRT_WITH_PATCHES ? sample->patch : NULL;
+    if (fresh &&
+        (fresh->topology_revision != sample->topology_revision || (sample->unilateral && hrt_patch_holds(fresh))))
+        fresh = NULL;
     if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh) {
         /* Another cut state is another tissue: what it pushes with comes over a while, not at once. */
         if (x->patch->topology_revision != fresh->topology_revision) x->changed = true;
+        /* So are jaws that have closed or opened. */
+        if (hrt_patch_holds(x->patch) != hrt_patch_holds(fresh)) x->changed = true;
         hrt_contact_warm(x, x->patch, fresh);
     } else
         hrt_contact_clear(x);

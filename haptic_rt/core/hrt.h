@@ -174,16 +174,23 @@ typedef struct hrt_patch_topology {
                    1]; /* of f and g < f at f (f-1)/2 + g; 255: the undeformed surface is smooth */
 } hrt_patch_topology;
 
-/* A piece of the tissue's surface near the tool and its compliance. Immutable once it has passed hrt_patch_prepare. */
+/* A piece of the tissue's surface near the tool and its compliance. Immutable once it has passed hrt_patch_prepare.
+ *
+ * A grasper's holds what lies between its jaws. Then it has one place more than vertices, and the tip stands there:
+ * vertex_m has P_n, rest_m the force of the hold on the tool at P_n without rows of contact (N), and the last three
+ * rows and columns of compliance_m_N are how the vertices follow the tip (m/m) and the stiffness of the hold (N/m,
+ * negative semidefinite); the others are the compliance of the tissue as it is held. */
 typedef struct hrt_patch {
     uint32_t seq; /* of its sample */
     int32_t topology_revision;
     int32_t vertex_count, triangle_count;
+    uint32_t held; /* bit v: vertex v is between the jaws: rows on such alone are no obstacle; bit vertex_count, the
+                      tip's, is set; 0: there is no hold */
     float vertex_m[HRT_PATCH_DOFS];                /* without this tool's contact, relative to the trocar */
     float rest_m[HRT_PATCH_DOFS];                  /* undeformed; all zero: as vertex_m */
     int32_t face[HRT_PATCH_MAX_TRIANGLES];         /* lasting names of the triangles; all zero: their numbers */
     uint8_t triangle[3 * HRT_PATCH_MAX_TRIANGLES]; /* normal outward */
-    float compliance_m_N[HRT_PATCH_COMPLIANCE];    /* upper triangle, row by row, of (3 vertex_count)^2 */
+    float compliance_m_N[HRT_PATCH_COMPLIANCE];    /* upper triangle, row by row, of (3 places)^2 */
     float skin_compliance_m_N;                     /* of a station: a sphere of the tool (docs/contact.md) */
     float force_cap_N;                             /* of one row; 0: 50 */
     float radius_m;
@@ -191,6 +198,14 @@ typedef struct hrt_patch {
     float film_s_m; /* drag between tool and tissue, of the reaction and the speed of sliding (docs/contact.md) */
     hrt_patch_topology topology;
 } hrt_patch;
+
+static inline bool hrt_patch_holds(const hrt_patch *patch) { return patch->held != 0; }
+/* Where the tip's place begins in vertex_m and rest_m. */
+static inline int32_t hrt_patch_tip(const hrt_patch *patch) { return 3 * patch->vertex_count; }
+/* Vertices, and the tip where something is held. */
+static inline int32_t hrt_patch_places(const hrt_patch *patch) {
+    return patch->vertex_count + (hrt_patch_holds(patch) ? 1 : 0);
+}
 
 /* What the simulation says of a sample; the bits of force_sample_t.flags. */
 typedef enum hrt_flag {

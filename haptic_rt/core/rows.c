@@ -273,6 +273,14 @@ static hrt_v3 vertex_row(const search *q, int32_t v, hrt_contact_row *row) {
     return line_row(q, f, j, 0.0f, row);
 }
 
+/* What bears it lies between the jaws. */
+static bool is_held(const search *q, const hrt_contact_row *row) {
+    bool held = true;
+    for (int j = 0; j < 3; j++)
+        held = held && (!(row->weight[j] > 0.0f) || (q->patch->held >> corners(q, row->triangle)[j] & 1u) != 0);
+    return held;
+}
+
 /* Keeps the deepest. */
 static int32_t push_row(hrt_contact_row *row, int32_t count, const hrt_contact_row *candidate) {
     int32_t shallow = count;
@@ -303,7 +311,7 @@ static int32_t station_rows(search *q, hrt_contact_row *row, int32_t count) {
                                                 : vertex_row(q, h->index, &new_row);
         hrt_put(hrt_times(-1.0f, normal), new_row.normal);
         new_row.gap_m -= q->radius_m;
-        if (new_row.gap_m <= MARGIN * q->radius_m) count = push_row(row, count, &new_row);
+        if (new_row.gap_m <= MARGIN * q->radius_m && !is_held(q, &new_row)) count = push_row(row, count, &new_row);
     }
     return count;
 }

@@ -10,8 +10,9 @@ FW_DEF_contact12 := -DFW_PATCHES=1 -DHRT_PATCH_MAX_VERTICES=12 -DHRT_PATCH_MAX_T
 FW_DEF_contact24 := -DFW_PATCHES=1
 # An enum is one byte here, so that a check against negative values is always true.
 FW_WARN := -Wall -Wextra -Wno-type-limits -Wconversion -Wno-sign-conversion -Wdouble-promotion -Werror
-# Where -Os still takes flash for speed: constants kept in registers across loops, and code moved apart to be scheduled.
-FW_SMALL := -fno-move-loop-invariants -fno-schedule-insns2
+# Where -Os still takes flash for speed: constants kept in registers across loops, code moved apart to be scheduled,
+# expressions kept whole, copies of functions and values saved around calls.
+FW_SMALL := -fno-move-loop-invariants -fno-schedule-insns2 -fno-tree-ter -fno-caller-saves -fno-ipa-cp -fweb
 # No contraction to fused multiply-adds: the bits are to be the host's.
 FW_CFLAGS := -std=c11 -Os $(FW_SMALL) -g -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -ffunction-sections -fdata-sections -MMD -MP $(FW_WARN) \
 	-Ihaptic_rt -Ihaptic_rt/core

@@ -150,7 +150,9 @@ static void take_patch(hrt_link *link, const tensormass_contact_patch_t *m) {
                                  .force_cap_N = m->force_cap_N,
                                  .radius_m = m->radius_m,
                                  .contact_length_m = m->contact_length_m,
-                                 .film_s_m = m->film_s_m};
+                                 .film_s_m = m->film_s_m,
+                                 .held = m->held,
+                                 .hold_N = m->hold_N};
     hrt_node_post_patch(link->def.node, &p);
     atomic_fetch_add(&link->counts.patches, 1);
 }

@@ -76,7 +76,7 @@ hrt_reject hrt_node_post_patch(hrt_node *node, const hrt_patch_message *m) {
         return refuse(node, HRT_REJECT_FOREIGN);
     node->patch_waits = false;
     if (m->vertex_count < 3 || m->vertex_count > HRT_PATCH_MAX_VERTICES || m->triangle_count < 1 ||
-        m->triangle_count > HRT_PATCH_MAX_TRIANGLES)
+        m->triangle_count > HRT_PATCH_MAX_TRIANGLES || m->vertex_count + (m->held != 0) > HRT_PATCH_MAX_VERTICES)
         return refuse(node, HRT_REJECT_INDEX);
     hrt_patch *patch = &node->mailbox.slot[node->mailbox.write].patch;
     memset(patch, 0, sizeof *patch);
@@ -89,11 +89,13 @@ hrt_reject hrt_node_post_patch(hrt_node *node, const hrt_patch_message *m) {
     patch->radius_m = m->radius_m;
     patch->contact_length_m = m->contact_length_m;
     patch->film_s_m = m->film_s_m;
-    const int32_t n = 3 * m->vertex_count;
+    patch->held = (uint32_t)m->held;
+    const int32_t n = 3 * hrt_patch_places(patch);
     for (int32_t i = 0; i < n; i++) {
         const double origin_m = m->origin_m[i % 3] - node->pose_posted.trocar_m[i % 3];
         patch->vertex_m[i] = (float)((double)m->vertex_m[i] + origin_m);
-        if (m->rest_m) patch->rest_m[i] = (float)((double)m->rest_m[i] + origin_m);
+        if (m->rest_m && i < hrt_patch_tip(patch)) patch->rest_m[i] = (float)((double)m->rest_m[i] + origin_m);
+        if (m->hold_N && i >= hrt_patch_tip(patch)) patch->rest_m[i] = m->hold_N[i % 3];
     }
     for (int32_t i = 0; i < 3 * m->triangle_count; i++) patch->triangle[i] = (uint8_t)m->triangle[i];
     for (int32_t t = 0; m->face && t < m->triangle_count; t++) patch->face[t] = m->face[t];

@@ -47,13 +47,14 @@ typedef struct hrt_force_sample {
 typedef struct hrt_patch_message {
     int64_t session;
     uint32_t seq;
-    int32_t instrument, topology_revision, vertex_count, triangle_count;
-    const float *vertex_m;       /* [3*vertex_count], relative to origin_m */
+    int32_t instrument, topology_revision, vertex_count, triangle_count, held;
+    const float *vertex_m;       /* [3*places], relative to origin_m; places: vertex_count, 1 more with a hold */
     const float *rest_m;         /* [3*vertex_count], undeformed, relative to origin_m; null: as vertex_m */
     const double *origin_m;      /* [3] */
     const int32_t *face;         /* [triangle_count] lasting names; null: their numbers */
     const int8_t *triangle;      /* [3*triangle_count] */
-    const float *compliance_m_N; /* [n(n+1)/2], n = 3*vertex_count */
+    const float *compliance_m_N; /* [n(n+1)/2], n = 3*places */
+    const float *hold_N;         /* [3]; null: 0 */
     float skin_compliance_m_N, force_cap_N /* 0: 50 */, radius_m, contact_length_m, film_s_m;
 } hrt_patch_message;
 

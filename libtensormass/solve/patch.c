@@ -70,7 +70,8 @@ bool tm_precomputed_patch(tm_precomputed *m, int32_t instrument, const double ve
     const tms_tool *tool = &l->tool[instrument];
     memset(patch, 0, sizeof *patch);
     patch->instrument = instrument;
-    if (!tms_local_can_touch(tool)) return false;
+    if (!tms_local_can_touch(tool) || l->hold[instrument].count > 0)
+        return false; /* jaws' springs are not in this patch: without them it would push only */
     const double *u = tm_precomputed_displacement(m);
     if (!tm_patch_choose(l->mesh->rest_m, u, &l->surface, &tool->capsule, velocity_m_s, horizon_s, l->now.row,
                          l->now.count, max_vertices, max_triangles, patch) ||

@@ -81,44 +81,50 @@ static int32_t kind(const tm_patch_maker *maker) {
     return !maker->columns && maker->known && maker->known->revision == maker->revision ? 2 : 1;
 }
 
-static int32_t grow(tm_patch_maker *maker, int32_t t, bool known_only, tm_patch *patch) {
+static int32_t grow(tm_patch_maker *maker, int32_t t, bool known_only, int32_t max_vertices, tm_patch *patch) {
     const tm_contact *contact = maker->contact;
     tm_surface_view surface = tm_tissue_surface(maker->world->tissue);
     return tm_patch_grow(maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface,
                          &contact->tool[t].capsule, maker->velocity_m_s[t], maker->def.horizon_s, contact->row,
-                         contact->row_count, maker->def.max_vertices, maker->def.max_triangles,
-                         known_only ? usable : NULL, maker, patch);
+                         contact->row_count, max_vertices, maker->def.max_triangles, known_only ? usable : NULL, maker,
+                         patch);
 }
 
-/* The patch's vertices by their distance from the tip. */
-static void want_columns(tm_patch_maker *maker, int32_t t, const tm_patch *patch) {
+static bool among(const int32_t *list, int32_t count, int32_t vertex) {
+    for (int32_t i = 0; i < count; i++)
+        if (list[i] == vertex) return true;
+    return false;
+}
+
+/* Held vertices, then the patch's by their distance from the tip. */
+static void want_columns(tm_patch_maker *maker, int32_t t, const int32_t *held, int32_t count, const tm_patch *patch) {
     int32_t vertex[TM_PATCH_VERTICES];
     double distance[TM_PATCH_VERTICES];
-    for (int32_t i = 0; i < patch->vertex_count; i++) {
+    int32_t n = count < 0 ? 0 : count < TM_PATCH_VERTICES ? count : TM_PATCH_VERTICES;
+    const int32_t first = n;
+    for (int32_t i = 0; i < n; i++) vertex[i] = held[i];
+    for (int32_t i = 0; i < patch->vertex_count && n < TM_PATCH_VERTICES; i++) {
+        if (among(held, first, patch->vertex[i])) continue;
         double d[3];
         vsub(patch->vertex_m + 3 * i, maker->contact->tool[t].pose.tip_m, d);
         double far = vdot(d, d);
-        int32_t j = i;
-        for (; j > 0 && distance[j - 1] > far; j--) {
+        int32_t j = n++;
+        for (; j > first && distance[j - 1] > far; j--) {
             vertex[j] = vertex[j - 1];
             distance[j] = distance[j - 1];
         }
         vertex[j] = patch->vertex[i];
         distance[j] = far;
     }
-    tm_columns_want(maker->columns, t, vertex, patch->vertex_count);
+    tm_columns_want(maker->columns, t, vertex, n);
 }
 
 /* Held vertices, then what surrounds the tool's way; without a source as many iterations as a call may take. */
 static void want(tm_patch_maker *maker, int32_t t, const int32_t *vertex, int32_t count, tm_patch *patch) {
     const tm_contact *contact = maker->contact;
-    if (maker->columns && count > 0)
-        tm_columns_want(maker->columns, t, vertex, count < TM_PATCH_VERTICES ? count : TM_PATCH_VERTICES);
-    if (maker->columns && count <= 0) {
-        grow(maker, t, false, patch);
-        want_columns(maker, t, patch);
-    }
     if (maker->columns) {
+        grow(maker, t, false, maker->def.max_vertices, patch);
+        want_columns(maker, t, vertex, count, patch);
         tm_columns_work(maker->columns, maker->def.iterations);
         return;
     }
@@ -129,12 +135,10 @@ static void want(tm_patch_maker *maker, int32_t t, const int32_t *vertex, int32_
         maker->velocity_m_s[t], maker->def.horizon_s, contact->row, contact->row_count,
         contact->tool[t].def.mode == TM_TOOL_CAUTERY ? maker->world->tissue->mass_kg : NULL,
         maker->world->tissue->mesh->vertex_count, near);
-    for (; n < count && n < TM_PATCH_VERTICES; n++) all[n] = vertex[n];
-    for (int32_t i = 0; i < found && n < TM_COMPLIANCE_WANTS; i++) {
-        bool known = false;
-        for (int32_t k = 0; k < count && k < TM_PATCH_VERTICES; k++) known = known || all[k] == near[i];
-        if (!known) all[n++] = near[i];
-    }
+    for (; n < count && n < TM_HOLD_VERTICES; n++) all[n] = vertex[n];
+    const int32_t held = n;
+    for (int32_t i = 0; i < found && n < TM_COMPLIANCE_WANTS; i++)
+        if (!among(all, held, near[i])) all[n++] = near[i];
     maker->wanted[t] = n;
     memcpy(maker->want[t], all, sizeof(int32_t) * (size_t)n);
     maker->known = maker->source.exchange(maker->source.self, t, all, n);
@@ -144,9 +148,9 @@ static void want(tm_patch_maker *maker, int32_t t, const int32_t *vertex, int32_
  * tool's force. */
 #define OUTSIDE 0.2
 
-static bool bears_outside(const tm_patch_maker *maker, int32_t t, const tm_patch *patch) {
+static bool bears_outside(const tm_patch_maker *maker, int32_t t, double held_N, const tm_patch *patch) {
     const tm_contact *contact = maker->contact;
-    double all = 0, outside = 0;
+    double all = held_N, outside = 0;
     for (int32_t k = 0; k < contact->row_count; k++) {
         const tm_contact_row *row = contact->row + k;
         if (row->instrument != t || row->lambda_N <= 0) continue;
@@ -162,57 +166,55 @@ static bool bears_outside(const tm_patch_maker *maker, int32_t t, const tm_patch
     return outside > OUTSIDE * all;
 }
 
-static int32_t held(const tm_patch_maker *maker, int32_t t, const int32_t **vertex, const double **target_m,
-                    double *compliance_m_N) {
-    return tm_contact_held(maker->contact, t, vertex, target_m, compliance_m_N);
+/* Vertices that the instrument's jaws hold; -1 while they let go. */
+static int32_t held(const tm_patch_maker *maker, int32_t t, tm_patch_hold *hold) {
+    *hold = (tm_patch_hold){.force_N = tm_contact_load(maker->contact, t).force_N};
+    hold->count = tm_contact_held(maker->contact, t, &hold->vertex, &hold->target_m, &hold->compliance_m_N);
+    return hold->count;
 }
 
-/* Motion of a point fixed to the tool by motions of the tip: B such that d(point) = B d(tip), the shaft turning about
- * the trocar. */
-static void lever(const tm_tool *tool, const double point_m[3], double B[3][3]) {
-    double e[3], arm[3];
-    vsub(tool->capsule.tip_m, tool->def.trocar_m, e);
-    double length = fmax(vunit(e, e), 1e-3);
-    vsub(point_m, tool->def.trocar_m, arm);
-    for (int c = 0; c < 3; c++) {
-        double tip[3] = {0, 0, 0}, spin[3], moved[3];
-        tip[c] = 1;
-        vcross(e, tip, spin);
-        vcross(spin, arm, moved);
-        vmadd(moved, vdot(e, tip) * length, e, moved);
-        for (int i = 0; i < 3; i++) B[i][c] = moved[i] / length;
-    }
+static void describe(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
+    const tm_contact *contact = maker->contact;
+    const tm_tool *tool = contact->tool + t;
+    patch->kind = kind(maker);
+    patch->topology_revision = maker->revision;
+    patch->skin_compliance_m_N = contact->def.skin_compliance_m_N;
+    patch->force_cap_N = contact->def.force_cap_N;
+    patch->radius_m = tool->def.radius_m;
+    patch->contact_length_m = tool->def.contact_length_m;
+    patch->film_s_m = TM_FILM_S_M;
+    vset(tool->def.trocar_m, patch->trocar_m);
 }
 
-/* Held tissue pulls back: dF/dP = -B^T (C + hold)^-1 B over the held vertices. False: more are held than there are
- * columns for, or they are not all there yet. Rows of contact beside the hold are left out. */
-static bool hold_stiffness(tm_patch_maker *maker, int32_t t, const int32_t *vertex, const double *target_m,
-                           int32_t count, double compliance_m_N, double K[9]) {
-    enum { WIDTH = TM_PATCH_DOFS + 3 };
-    double A[TM_PATCH_DOFS][WIDTH], B[TM_PATCH_VERTICES][3][3];
-    if (count > TM_PATCH_VERTICES) return false;
-    for (int32_t a = 0; a < count; a++) {
-        lever(maker->contact->tool + t, target_m + 3 * a, B[a]);
-        for (int32_t b = 0; b < count; b++) {
-            double one[9], other[9];
-            if (!block(maker, vertex[a], vertex[b], one) || !block(maker, vertex[b], vertex[a], other)) return false;
-            for (int i = 0; i < 9; i++)
-                A[3 * a + i / 3][3 * b + i % 3] =
-                    0.5 * (one[i] + other[3 * (i % 3) + i / 3]) + (a == b && i % 4 == 0 ? compliance_m_N : 0);
-        }
-        for (int i = 0; i < 9; i++) A[3 * a + i / 3][3 * count + i % 3] = B[a][i / 3][i % 3];
+/* Surface near a tool that touches or may touch, and that can be told from what is known. Not for a tool that touches
+ * nothing as yet: the patch would touch it. */
+static bool find_surface(tm_patch_maker *maker, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch) {
+    const tm_tool *tool = maker->contact->tool + t;
+    return tm_tool_is_present(tool) && tool->clear && max_vertices >= 3 &&
+           grow(maker, t, true, max_vertices, patch) > 0 && !bears_outside(maker, t, held_N, patch);
+}
+
+/* A tool that holds tissue: springs and rows of contact beside them. */
+static bool make_held(tm_patch_maker *maker, int32_t t, const tm_patch_hold *hold, tm_patch *patch) {
+    const tm_contact *contact = maker->contact;
+    tm_tool *tool = maker->contact->tool + t;
+    double held_N[3] = {0, 0, 0};
+    bool known = hold->count <= TM_HOLD_VERTICES;
+    for (int32_t i = 0; i < hold->count && known; i++) {
+        known = usable(maker, hold->vertex[i]);
+        vmadd(held_N, 1, hold->force_N + 3 * i, held_N);
     }
-    int32_t n = 3 * count;
-    for (int32_t k = 0; k < n; k++) /* symmetric, positive definite through the hold's compliance */
-        for (int32_t i = 0; i < n; i++) {
-            if (i == k || A[k][k] <= 0) continue;
-            double factor = A[i][k] / A[k][k];
-            for (int32_t j = k; j < n + 3; j++) A[i][j] -= factor * A[k][j];
-        }
-    memset(K, 0, 9 * sizeof *K);
-    for (int32_t k = 0; k < n; k++)
-        for (int i = 0; i < 9; i++) K[i] -= A[k][k] > 0 ? B[k / 3][k % 3][i / 3] * A[k][n + i % 3] / A[k][k] : 0;
-    return true;
+    if (!known) return false;
+    const bool whole = find_surface(maker, t, maker->def.max_vertices - 1, vnorm(held_N), patch);
+    if (!whole) patch->vertex_count = patch->triangle_count = 0;
+    describe(maker, t, patch);
+    if (!tm_patch_fill_held(maker->solver, patch, hold, tool->pose.tip_m, block, maker, contact->row,
+                            contact->row_count))
+        return false;
+    memcpy(tool->stiffness_N_m, patch->hold_stiffness_N_m, sizeof tool->stiffness_N_m);
+    if (whole) tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
+    tool->stiffness_kind = patch->kind;
+    return whole;
 }
 
 static bool make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
@@ -225,28 +227,12 @@ static bool make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     if (revision != maker->revision && maker->columns) tm_columns_cut(maker->columns);
     maker->revision = revision;
     patch->instrument = t;
-    const int32_t *vertex = NULL;
-    const double *target_m = NULL;
-    double compliance_m_N = 0;
-    int32_t count = held(maker, t, &vertex, &target_m, &compliance_m_N);
-    want(maker, t, vertex, count, patch);
-    if (count > 0) {
-        const bool held_well = hold_stiffness(maker, t, vertex, target_m, count, compliance_m_N, tool->stiffness_N_m);
-        tool->stiffness_kind = held_well ? kind(maker) : 0;
-        return false;
-    }
-    /* nor for a tool that touches nothing as yet: the patch would touch it */
-    if (count != 0 || !tm_tool_is_present(tool) || !tool->clear || grow(maker, t, true, patch) == 0 ||
-        bears_outside(maker, t, patch))
-        return false;
-    patch->kind = kind(maker);
-    patch->topology_revision = revision;
-    patch->skin_compliance_m_N = contact->def.skin_compliance_m_N;
-    patch->force_cap_N = contact->def.force_cap_N;
-    patch->radius_m = tool->def.radius_m;
-    patch->contact_length_m = tool->def.contact_length_m;
-    patch->film_s_m = TM_FILM_S_M;
-    vset(tool->def.trocar_m, patch->trocar_m);
+    tm_patch_hold hold;
+    const int32_t count = held(maker, t, &hold);
+    want(maker, t, hold.vertex, count, patch);
+    if (count > 0) return make_held(maker, t, &hold, patch);
+    if (count < 0 || !find_surface(maker, t, maker->def.max_vertices, 0, patch)) return false;
+    describe(maker, t, patch);
     if (!tm_patch_fill(patch, block, maker, contact->row, contact->row_count)) return false;
     tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
     tool->stiffness_kind = patch->kind;

@@ -1,4 +1,4 @@
-/* A patch with its compliance as a model of its own: filled, and contact solved against it. */
+/* A patch with its compliance as a model of its own: contact solved against it. */
 #include "patch_internal.h"
 
 #include <assert.h>
@@ -13,115 +13,6 @@
 #define ROUNDS 40
 #define MEMORY 6 /* rounds that the mixing looks back */
 
-/* --- filling --- */
-
-static int32_t packed(int32_t n, int32_t i, int32_t j) {
-    int32_t low = i < j ? i : j, high = i < j ? j : i;
-    return low * (2 * n - low - 1) / 2 + high;
-}
-
-double tm_patch_compliance(const tm_patch *patch, int32_t i, int32_t j) {
-    TM_REQUIRE(patch && i >= 0 && j >= 0 && i < 3 * patch->vertex_count && j < 3 * patch->vertex_count,
-               "patch is null, or i or j is not one of its components", 0);
-    return patch->compliance_m_N[packed(3 * patch->vertex_count, i, j)];
-}
-
-/* Cholesky of the packed matrix plus shift on the diagonal, in place; false if a pivot falls below zero by more than
- * rounding. Components that a support holds have rows of zeros: their pivot is the shift and nothing hangs on it. */
-static bool semidefinite(double *a, int32_t n, double shift, double least) {
-    for (int32_t k = 0; k < n; k++) {
-        double pivot = a[packed(n, k, k)] + shift;
-        if (!(pivot >= -least)) return false;
-        if (pivot <= least) {
-            for (int32_t j = k + 1; j < n; j++)
-                if (fabs(a[packed(n, k, j)]) > 1e3 * least) return false;
-            continue;
-        }
-        for (int32_t i = k + 1; i < n; i++) {
-            double factor = a[packed(n, k, i)] / pivot;
-            for (int32_t j = i; j < n && factor != 0; j++) a[packed(n, i, j)] -= factor * a[packed(n, k, j)];
-        }
-    }
-    return true;
-}
-
-/* Columns that are good to a thousandth make a matrix that may be indefinite by as much: the diagonal is raised until
- * it is not. False: a tenth of the largest entry was not enough, or one is no number. */
-static bool make_semidefinite(tm_patch *patch) {
-    int32_t n = 3 * patch->vertex_count, size = n * (n + 1) / 2;
-    double most = 0, work[TM_PATCH_COMPLIANCE];
-    for (int32_t i = 0; i < size; i++) {
-        if (!isfinite(patch->compliance_m_N[i])) return false;
-        most = fmax(most, fabs(patch->compliance_m_N[i]));
-    }
-    for (double shift = 0; shift <= 0.1 * most; shift = shift > 0 ? 3 * shift : 1e-6 * most) {
-        memcpy(work, patch->compliance_m_N, sizeof(double) * (size_t)size);
-        if (!semidefinite(work, n, shift, 1e-8 * most)) continue;
-        for (int32_t i = 0; i < n; i++) patch->compliance_m_N[packed(n, i, i)] += shift > 0 ? shift + 1e-6 * most : 0;
-        return true;
-    }
-    return false;
-}
-
-static int32_t find_vertex(const tm_patch *patch, int32_t vertex) {
-    for (int32_t i = 0; i < patch->vertex_count; i++)
-        if (patch->vertex[i] == vertex) return i;
-    return -1;
-}
-
-/* Forces of this tool's rows on the patch's vertices; rows that bear on other vertices are left with the tissue. */
-static void row_forces(const tm_patch *patch, const tm_contact_row *row, int32_t row_count,
-                       double force_N[TM_PATCH_DOFS]) {
-    memset(force_N, 0, sizeof(double) * TM_PATCH_DOFS);
-    for (int32_t k = 0; k < row_count; k++) {
-        int32_t at[3];
-        bool within = row[k].instrument == patch->instrument && row[k].lambda_N > 0;
-        for (int j = 0; j < 3; j++) {
-            at[j] = find_vertex(patch, row[k].vertex[j]);
-            within = within && (at[j] >= 0 || row[k].weight[j] == 0);
-        }
-        for (int j = 0; j < 3 && within; j++)
-            if (at[j] >= 0)
-                vmadd(force_N + 3 * at[j], row[k].lambda_N * row[k].weight[j], row[k].normal, force_N + 3 * at[j]);
-    }
-}
-
-static void deform(const tm_patch *patch, const double *force_N, double sign, double *position_m) {
-    int32_t n = 3 * patch->vertex_count;
-    for (int32_t j = 0; j < n; j++) {
-        double force = sign * force_N[j];
-        if (force == 0) continue;
-        for (int32_t i = 0, at = j; i < j; at += n - 1 - i, i++) /* column j above the diagonal: packed(n, i, j) */
-            position_m[i] += force * patch->compliance_m_N[at];
-        const double *row = patch->compliance_m_N + packed(n, j, j);
-        for (int32_t i = j; i < n; i++) position_m[i] += force * row[i - j];
-    }
-}
-
-bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_contact_row *row, int32_t row_count) {
-    TM_REQUIRE(patch && block && patch->vertex_count >= 0 && patch->vertex_count <= TM_PATCH_VERTICES &&
-                   (row || row_count <= 0),
-               "patch, block or row is null, or the patch has too many vertices", false);
-    int32_t n = 3 * patch->vertex_count;
-    double force[TM_PATCH_DOFS];
-    memset(patch->compliance_m_N, 0, sizeof patch->compliance_m_N);
-    for (int32_t a = 0; a < patch->vertex_count; a++)
-        for (int32_t b = 0; b < patch->vertex_count; b++) {
-            double C[9];
-            if (!block(self, patch->vertex[a], patch->vertex[b], C)) return false;
-            for (int i = 0; i < 9; i++) { /* both halves meet in the upper one: the mean */
-                int32_t r = 3 * a + i / 3, c = 3 * b + i % 3;
-                patch->compliance_m_N[packed(n, r, c)] += r == c ? C[i] : 0.5 * C[i];
-            }
-        }
-    if (!make_semidefinite(patch)) return false;
-    row_forces(patch, row, row_count, force);
-    deform(patch, force, -1, patch->vertex_m);
-    return true;
-}
-
-/* --- solving --- */
-
 struct tm_patch_solver {
     tm_pool pool;
     tm_contact_search *search;
@@ -130,8 +21,10 @@ struct tm_patch_solver {
     int32_t row_count, before_count;
     double response[ROWS][TM_PATCH_DOFS]; /* C J^T of each row */
     double W[ROWS][ROWS];
-    double gap_m[ROWS]; /* without any force */
+    double gap_m[ROWS];           /* without any force */
+    double free_m[TM_PATCH_DOFS]; /* displacement without the rows' forces, the tip where it is */
     double force_N[TM_PATCH_DOFS], u_m[TM_PATCH_DOFS];
+    tm_hold_work hold;
     double residual_N[TM_PATCH_DOFS],
         force_before_N[TM_PATCH_DOFS]; /* of the round before, and the last changes of both */
     double residual_change_N[MEMORY][TM_PATCH_DOFS], force_change_N[MEMORY][TM_PATCH_DOFS];
@@ -162,15 +55,28 @@ static bool same_row(const tm_contact_row *a, const tm_contact_row *b) {
     return a->station == b->station && a->face == b->face && a->feature == b->feature;
 }
 
+/* What is held is no obstacle. */
+static void leave_out_held(tm_patch_solver *s, const tm_patch *patch) {
+    int32_t kept = 0;
+    for (int32_t i = 0; i < s->row_count; i++) {
+        bool all = true;
+        for (int j = 0; j < 3; j++)
+            all = all && (s->row[i].weight[j] <= 0 || (patch->held >> s->row[i].vertex[j] & 1u) != 0);
+        if (!all) s->row[kept++] = s->row[i];
+    }
+    s->row_count = kept;
+}
+
 /* Rows against the shape under the present forces, with the multipliers of their likes before. */
 static void find_rows(tm_patch_solver *s, const tm_patch *patch, const tm_capsule *capsule) {
     memcpy(s->before, s->row, sizeof *s->row * (size_t)s->row_count);
     s->before_count = s->row_count;
-    for (int32_t i = 0; i < 3 * patch->vertex_count; i++) s->u_m[i] = patch->vertex_m[i] - patch->rest_m[i];
-    deform(patch, s->force_N, 1, s->u_m);
+    memcpy(s->u_m, s->free_m, sizeof s->u_m);
+    tm_patch_deform(patch, s->force_N, 1, s->u_m);
     bool overflowed;
     s->row_count = tm_contact_search_rows(s->search, patch->rest_m, s->u_m, capsule, 0.2 * capsule->radius_m, s->before,
                                           s->before_count, s->row, ROWS, &overflowed);
+    leave_out_held(s, patch);
     for (int32_t i = 0; i < s->row_count; i++)
         for (int32_t k = 0; k < s->before_count; k++)
             if (same_row(s->row + i, s->before + k)) s->row[i].lambda_N = s->before[k].lambda_N;
@@ -184,15 +90,14 @@ static double row_shift(const tm_contact_row *row, const double *u_m) {
 
 static void linearise(tm_patch_solver *s, const tm_patch *patch) {
     double shift[TM_PATCH_DOFS];
-    for (int32_t i = 0; i < 3 * patch->vertex_count; i++)
-        shift[i] = s->u_m[i] - (patch->vertex_m[i] - patch->rest_m[i]);
+    for (int32_t i = 0; i < 3 * patch->vertex_count; i++) shift[i] = s->u_m[i] - s->free_m[i];
     for (int32_t i = 0; i < s->row_count; i++) {
         double unit[TM_PATCH_DOFS] = {0};
         for (int j = 0; j < 3; j++)
             vmadd(unit + 3 * s->row[i].vertex[j], s->row[i].weight[j], s->row[i].normal,
                   unit + 3 * s->row[i].vertex[j]);
         memset(s->response[i], 0, sizeof s->response[i]);
-        deform(patch, unit, 1, s->response[i]);
+        tm_patch_deform(patch, unit, 1, s->response[i]);
         s->gap_m[i] = s->row[i].gap_m - row_shift(s->row + i, shift);
     }
     for (int32_t i = 0; i < s->row_count; i++)
@@ -370,6 +275,19 @@ static bool is_whole(const tm_patch *patch) {
     return true;
 }
 
+/* Of the hold on the tool: as it was, as the tool has moved, and as the rows beside it move what is held. */
+static void hold_force(const tm_patch_solver *s, const tm_patch *patch, const double moved[3], double force_N[3]) {
+    memset(force_N, 0, 3 * sizeof(double));
+    if (!patch->holds) return;
+    for (int i = 0; i < 3; i++) force_N[i] = patch->hold_N[i] + vdot(patch->hold_stiffness_N_m + 3 * i, moved);
+    for (int32_t k = 0; k < s->row_count; k++)
+        for (int j = 0; j < 9; j++)
+            vmadd(force_N, s->row[k].lambda_N * s->row[k].weight[j / 3] * s->row[k].normal[j % 3],
+                  patch->follow + 9 * s->row[k].vertex[j / 3] + 3 * (j % 3), force_N);
+}
+
+tm_hold_work *tm_patch_solver_work(tm_patch_solver *s) { return &s->hold; }
+
 void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double force_N[3], bool *inside) {
     TM_REQUIRE(s && patch && tip_m && force_N, "solver, patch, tip_m or force_N is null", );
     TM_REQUIRE(is_whole(patch) && tm_are_places(tip_m),
@@ -378,6 +296,7 @@ void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_
     tm_tool_pose pose = {.active = true};
     tm_surface_view surface = {.count = patch->triangle_count};
     int32_t triangle[3 * TM_PATCH_TRIANGLES];
+    double moved[3];
     vset(patch->trocar_m, def.trocar_m);
     vset(tip_m, pose.tip_m);
     tm_capsule capsule = tm_tool_capsule(&def, &pose, patch->instrument);
@@ -391,8 +310,11 @@ void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_
         s->row_count = 0;
         memset(s->force_N, 0, sizeof s->force_N);
     }
-    for (int32_t i = 0; i < 3 * patch->vertex_count; i++) s->u_m[i] = patch->vertex_m[i] - patch->rest_m[i];
-    deform(patch, s->force_N, 1, s->u_m);
+    vsub(tip_m, patch->hold_tip_m, moved);
+    for (int32_t i = 0; i < 3 * patch->vertex_count; i++)
+        s->free_m[i] = patch->vertex_m[i] - patch->rest_m[i] + (patch->holds ? vdot(patch->follow + 3 * i, moved) : 0);
+    memcpy(s->u_m, s->free_m, sizeof s->u_m);
+    tm_patch_deform(patch, s->force_N, 1, s->u_m);
     tm_contact_search_gather(s->search, patch->rest_m, s->u_m, &surface, &capsule, 1);
     for (int32_t k = 0; k < ROUNDS; k++) {
         find_rows(s, patch, &capsule);
@@ -400,7 +322,7 @@ void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_
         solve_rows(s, patch);
         if (take_forces(s, patch, k) < 2e-8) break;
     }
-    memset(force_N, 0, 3 * sizeof(double));
+    hold_force(s, patch, moved, force_N);
     for (int32_t i = 0; i < s->row_count; i++) {
         double on_tool[3], at_tip[3];
         vscale(-s->row[i].lambda_N, s->row[i].normal, on_tool);

@@ -7,6 +7,17 @@
 
 enum { TM_COOKIE_PATCH = 0x70617463 };
 
+/* patch_fill.c: position_m += sign C force_N. */
+void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, double *position_m);
+
+/* Where a hold is eliminated: too large for a stack, so it lies in the solver. */
+enum { TM_HOLD_DOFS = 3 * TM_HOLD_VERTICES };
+typedef struct tm_hold_work {
+    double M[TM_HOLD_DOFS][TM_HOLD_DOFS];      /* compliance of the held vertices and their springs; lower triangle */
+    double Y[TM_HOLD_DOFS][TM_PATCH_DOFS + 3]; /* what the tip, and forces on the patch, do to them */
+} tm_hold_work;
+tm_hold_work *tm_patch_solver_work(tm_patch_solver *solver);
+
 /* tm_patch_choose among triangles whose vertices are all usable (null: all are). */
 int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_view *surface,
                       const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,

@@ -86,12 +86,42 @@ static void make_patch(hrt_patch *patch, const float tip_m[3], uint32_t seq) {
         }
 }
 
+/* Jaws that have closed near the tip and pull: the vertices follow it the less, the farther they are; the last one's
+ * place is the tip's. */
+static void grasp(hrt_patch *patch, const float tip_m[3]) {
+    static float own[HRT_PATCH_COMPLIANCE];
+    const int32_t before = 3 * patch->vertex_count, n = before - 3;
+    memcpy(own, patch->compliance_m_N, sizeof own);
+    patch->vertex_count--, patch->triangle_count--;
+    patch->held = 1u << patch->vertex_count;
+    const float carried_m = tip_m[2] + patch->radius_m - surface_z(tip_m[0], tip_m[1]);
+    float *entry = patch->compliance_m_N, near[HRT_PATCH_MAX_VERTICES];
+    for (int32_t v = 0; v < patch->vertex_count; v++) {
+        const float x = patch->vertex_m[3 * v] - tip_m[0], y = patch->vertex_m[3 * v + 1] - tip_m[1];
+        near[v] = expf(-sqrtf(x * x + y * y) / reach_m);
+        patch->vertex_m[3 * v + 2] += near[v] * carried_m;
+        if (x * x + y * y < grid_m * grid_m) patch->held |= 1u << v;
+    }
+    for (int32_t row = 0; row < n; row++) {
+        for (int32_t column = row; column < n; column++)
+            *entry++ = own[row * (2 * before - row - 1) / 2 + column] * (1 - near[row / 3]) * (1 - near[column / 3]);
+        for (int32_t c = 0; c < 3; c++) *entry++ = row % 3 == c ? near[row / 3] : 0;
+    }
+    for (int32_t c = 0; c < 6; c++) *entry++ = c == 0 || c == 3 || c == 5 ? -300.f : 20.f;
+    for (int32_t c = 0; c < 3; c++) {
+        patch->vertex_m[n + c] = tip_m[c];
+        patch->rest_m[n + c] = -300.f * (tip_m[c] - (c == 2 ? depth_m : 0));
+    }
+}
+
 /* What a quasi-static simulation would say at this tip: the contact law on its own patch, stiffness by differences. */
 static void solve(int32_t index, const hrt_params *params, hrt_sample *sample) {
     static float scratch[HRT_PATCH_COMPLIANCE];
     hrt_extrapolation *model = &world.simulation[index].model;
     hrt_patch *patch = &world.simulation[index].patch;
     make_patch(patch, sample->tip_m, sample->seq);
+    sample->unilateral = sample->seq % 8 < 5;
+    if (!sample->unilateral) grasp(patch, sample->tip_m);
     if (hrt_patch_prepare(patch, scratch) != HRT_ACCEPT) {
         fprintf(stderr, "record: the recorder's own patch is refused\n");
         exit(1);

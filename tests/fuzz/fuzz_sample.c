@@ -41,12 +41,19 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             patch->skin_compliance_m_N = 1e-4f;
             patch->contact_length_m = 0.05f;
             patch->film_s_m = (float)fuzz_u8(&b) / 128; /* from 1 s/m on it is refused */
-            int dofs = 3 * patch->vertex_count < HRT_PATCH_DOFS ? 3 * patch->vertex_count : HRT_PATCH_DOFS;
+            const int own = 3 * patch->vertex_count;
+            if (what & 2) patch->held = patch->vertex_count < 31 ? 1u << patch->vertex_count | fuzz_u8(&b) : 1u;
+            int dofs = 3 * hrt_patch_places(patch);
+            if (dofs > HRT_PATCH_DOFS) dofs = HRT_PATCH_DOFS;
             floats(&b, patch->vertex_m, dofs, what & 64);
             fuzz_take(&b, patch->triangle, sizeof patch->triangle);
             if (what & 128) /* a diagonal one, which is accepted */
-                for (int i = 0, at = 0; i < dofs; at += dofs - i, i++)
-                    patch->compliance_m_N[at] = 1e-3f * (float)(1 + (fuzz_u8(&b) & 15));
+                for (int i = 0, at = 0; i < dofs; at += dofs - i, i++) {
+                    const float size = (float)(1 + (fuzz_u8(&b) & 15));
+                    patch->compliance_m_N[at] = i < own ? 1e-3f * size : -100.0f * size;
+                    for (int j = own; i < own && j < dofs; j++) /* how the vertices follow the tip */
+                        patch->compliance_m_N[at + j - i] = (float)(int8_t)fuzz_u8(&b) / 64;
+                }
             else
                 floats(&b, patch->compliance_m_N, dofs * (dofs + 1) / 2, what & 64);
             if (hrt_patch_prepare(patch, scratch) == HRT_ACCEPT) s.patch = patch;

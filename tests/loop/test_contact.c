@@ -1,5 +1,6 @@
 /* `contact`: rows against the simulation's own finder, the solve against what it must satisfy, hand-overs without a
  * jump, patches that are refused. */
+#include "held_patch.h"
 #include "internal.h"
 #include "rig.h"
 
@@ -273,6 +274,142 @@ static void the_force_is_that_of_the_simulation(void **state) {
     assert_true(compared > 500 && most > 0.5 && worst < 0.005 * most);
 }
 
+static bool ground_block(void *self, int32_t a, int32_t b, double C[9]) {
+    const hrt_patch *p = self;
+    for (int i = 0; i < 9; i++) {
+        const int r = 3 * a + i / 3, c = 3 * b + i % 3;
+        C[i] = (double)p->compliance_m_N[packed(3 * VERTICES, r < c ? r : c, r < c ? c : r)];
+    }
+    return true;
+}
+
+/* What jaws that hold five vertices of the ground, with its last vertex left out, make of it; as the library says it,
+ * and as a message would carry it. */
+static void hold_ground(tm_patch_solver *solver, uint64_t *seed, const double tip_m[3], int name, tm_patch *truth,
+                        hrt_patch *held) {
+    static const int32_t vertex[] = {11, 12, 13, 16, 17};
+    enum { HELD = 5 };
+    double target_m[3 * HELD], force_N[3 * HELD];
+    memset(truth, 0, sizeof *truth);
+    truth->kind = 2;
+    truth->vertex_count = VERTICES - 1;
+    for (int v = 0; v < VERTICES - 1; v++) truth->vertex[v] = v;
+    for (int i = 0; i < 3 * (VERTICES - 1); i++) {
+        truth->vertex_m[i] = (double)patch.vertex_m[i];
+        truth->rest_m[i] = (double)patch.rest_m[i];
+    }
+    for (int t = 0; t < patch.triangle_count; t++) {
+        const uint8_t *corner = &patch.triangle[3 * t];
+        if (corner[0] == VERTICES - 1 || corner[1] == VERTICES - 1 || corner[2] == VERTICES - 1) continue;
+        for (int j = 0; j < 3; j++) truth->triangle[3 * truth->triangle_count + j] = (int8_t)corner[j];
+        truth->face[truth->triangle_count++] = t;
+    }
+    truth->skin_compliance_m_N = (double)patch.skin_compliance_m_N;
+    truth->force_cap_N = 50.0;
+    truth->radius_m = (double)patch.radius_m;
+    truth->contact_length_m = (double)patch.contact_length_m;
+    for (int i = 0; i < 3 * HELD; i++) {
+        force_N[i] = (double)rig_uniform(seed, -0.1f, 0.1f) - (i % 3 == 2 ? 0.2 : 0.0);
+        target_m[i] = truth->vertex_m[3 * vertex[i / 3] + i % 3] + 0.2e-3 * force_N[i];
+    }
+    const tm_patch_hold hold = {HELD, vertex, target_m, force_N, 0.2e-3};
+    assert_true(tm_patch_fill_held(solver, truth, &hold, tip_m, ground_block, &patch, NULL, 0));
+    for (int v = 0; v < VERTICES - 1; v++) truth->vertex[v] += 100 * name; /* another patch each time */
+    patch_to_controller(truth, held);
+}
+
+static void take_grasper(hrt_extrapolation *x, int64_t t_us, const float tip[3], const hrt_patch *p, uint32_t seq) {
+    hrt_sample s = {.session = SIM, .tool_session = SESSION, .t_us = t_us, .seq = seq, .patch = p};
+    memcpy(s.tip_m, tip, sizeof s.tip_m);
+    hrt_extrapolation_sample(x, &params, &s);
+}
+
+/* A grasper that pulls, and one that presses what lies beside its jaws: the library's law in double, and the
+ * controller's. */
+static void a_hold_pulls_as_the_simulation_says(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    static tm_patch truth;
+    static hrt_patch held;
+    tm_patch_solver *solver = NULL;
+    tm_error error = {0};
+    uint64_t seed = 35;
+    double worst = 0.0, most = 0.0, beside = 0.0;
+    int compared = 0;
+    assert_int_equal(tm_patch_solver_create(&solver, &error), TM_OK);
+    for (int k = 0; k < 20; k++) {
+        make_ground(&patch, &seed, 0.004f, 0.0006f, 0.12f);
+        memcpy(patch.rest_m, patch.vertex_m, sizeof patch.rest_m);
+        float tip[3] = {rig_uniform(&seed, -0.003f, 0.003f), rig_uniform(&seed, -0.003f, 0.003f), 0.1172f}, force[3];
+        const float start[3] = {tip[0], tip[1], tip[2]};
+        const double at_start[3] = {(double)tip[0], (double)tip[1], (double)tip[2]};
+        hold_ground(solver, &seed, at_start, k, &truth, &held);
+        assert_int_equal(hrt_patch_prepare(&held, scratch), HRT_ACCEPT);
+        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        take_grasper(&x, 0, tip, &held, 1);
+        for (int step = 0; step < 50; step++) { /* every other one pulls; the others press in and sideways */
+            double at[3], expected[3], along = 0.0;
+            tip[0] += 0.00005f;
+            tip[2] += k % 2 ? -0.00004f : 0.00005f;
+            for (int i = 0; i < 3; i++) at[i] = (double)tip[i];
+            settle(&x, tip, force);
+            tm_patch_force(solver, &truth, at, expected, NULL);
+            if ((x.limits & HRT_LIMIT_PATCH) != 0) break;
+            for (int i = 0; i < 3; i++) {
+                double hold = truth.hold_N[i];
+                for (int j = 0; j < 3; j++) hold += truth.hold_stiffness_N_m[3 * i + j] * (at[j] - truth.hold_tip_m[j]);
+                along += pow(expected[i] - hold, 2);
+                worst = fmax(worst, fabs((double)force[i] - expected[i]));
+                most = fmax(most, fabs(expected[i]));
+            }
+            beside = fmax(beside, sqrt(along));
+            compared++;
+        }
+        /* A probe is not pulled: for it there is no such patch. */
+        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        take(&x, 0, start, &held, 1);
+        hrt_extrapolation_force(&x, &params, 0, start, force);
+        assert_true((x.limits & HRT_LIMIT_PATCH) != 0 && force[2] == 0.0f);
+    }
+    tm_patch_solver_destroy(solver);
+    print_message("%d forces up to %.2f N, up to %.2f N beside the jaws: at most %.1e N off the simulation's\n",
+                  compared, most, beside, worst);
+    assert_true(compared > 900 && most > 0.5 && beside > 0.05 && worst < 1e-4 * most);
+}
+
+/* Jaws that close and open between two samples: the force comes over without a jump. */
+static void jaws_close_and_open_without_a_jump(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    static tm_patch truth;
+    static hrt_patch held;
+    tm_patch_solver *solver = NULL;
+    tm_error error = {0};
+    uint64_t seed = 5;
+    const float tip[3] = {0.0005f, 0.0003f, 0.1185f};
+    const double at[3] = {(double)tip[0], (double)tip[1], (double)tip[2]};
+    float force[3], last[3] = {0.0f, 0.0f, 0.0f}, settled[2] = {0.0f, 0.0f}, most = 0.0f;
+    assert_int_equal(tm_patch_solver_create(&solver, &error), TM_OK);
+    ground(0.0004f);
+    hold_ground(solver, &seed, at, 0, &truth, &held);
+    tm_patch_solver_destroy(solver);
+    assert_int_equal(hrt_patch_prepare(&held, scratch), HRT_ACCEPT);
+    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    for (int t = 0; t < 120; t++) {
+        if (t % 20 == 0) take_grasper(&x, 2000 * t, tip, t / 20 % 2 ? &held : &patch, (uint32_t)t + 1);
+        hrt_extrapolation_force(&x, &params, 2000 * t, tip, force);
+        assert_false((x.limits & HRT_LIMIT_PATCH) != 0);
+        for (int i = 0; i < 3; i++)
+            if (t > 10) most = fmaxf(most, fabsf(force[i] - last[i]));
+        if (t % 20 == 19) settled[t / 20 % 2] = force[2];
+        memcpy(last, force, sizeof last);
+    }
+    const float apart = fabsf(settled[1] - settled[0]);
+    print_message("pushed with %.2f N, held with %.2f N: largest change within a tick %.3f N\n", (double)settled[0],
+                  (double)settled[1], (double)most);
+    assert_true(apart > 0.5f && most < 0.25f * apart);
+}
+
 /* Pressing and sliding at 500 Hz: what two linearisations of ten sweeps give against the converged solution, and how
  * rough it is. */
 static void two_linearisations_suffice(void **state) {
@@ -450,6 +587,29 @@ static void met_deep_it_settles(void **state) {
 
 /* ---------------------------------------------------------------------------------------------- refused patches */
 
+/* The last vertex becomes the tip's place. */
+static void hold_something(hrt_patch *p) {
+    int32_t kept = 0;
+    p->vertex_count--;
+    for (int32_t t = 0; t < p->triangle_count; t++) {
+        const uint8_t *corner = &p->triangle[3 * t];
+        if (corner[0] == p->vertex_count || corner[1] == p->vertex_count || corner[2] == p->vertex_count) continue;
+        p->face[kept] = p->face[t];
+        memmove(&p->triangle[3 * kept++], corner, 3);
+    }
+    p->triangle_count = kept;
+    p->held = 1u << p->vertex_count | 6u << 10;
+    for (int i = 0; i < 3 * p->vertex_count; i++)
+        for (int c = 0; c < 3; c++)
+            p->compliance_m_N[packed(3 * VERTICES, i, 3 * p->vertex_count + c)] = c == i % 3 ? 0.5f : 0.0f;
+    for (int i = 0; i < 6; i++)
+        p->compliance_m_N[HRT_PATCH_COMPLIANCE - 6 + i] = i == 0 || i == 3 || i == 5 ? -300.0f : 0.0f;
+    for (int c = 0; c < 3; c++) {
+        p->vertex_m[hrt_patch_tip(p) + c] = c == 2 ? 0.118f : 0.0f;
+        p->rest_m[hrt_patch_tip(p) + c] = 1.0f;
+    }
+}
+
 static void bad_patches(void **state) {
     (void)state;
     static hrt_patch p;
@@ -470,10 +630,33 @@ static void bad_patches(void **state) {
                  {10, HRT_REJECT_HUGE},
                  {11, HRT_ACCEPT},
                  {12, HRT_REJECT_INDEX},
-                 {13, HRT_REJECT_NOT_FINITE}};
+                 {13, HRT_REJECT_NOT_FINITE},
+                 {14, HRT_REJECT_INDEX},
+                 {15, HRT_ACCEPT},
+                 {16, HRT_REJECT_INDEX},
+                 {17, HRT_REJECT_INDEX},
+                 {18, HRT_REJECT_ASYMMETRIC},
+                 {19, HRT_REJECT_HUGE},
+                 {20, HRT_REJECT_NOT_FINITE},
+                 {21, HRT_REJECT_HUGE},
+                 {22, HRT_REJECT_NOT_FINITE},
+                 {23, HRT_REJECT_HUGE},
+                 {24, HRT_REJECT_ASYMMETRIC}};
     for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
         p = patch;
+        if (cases[k].what >= 15) hold_something(&p);
+        float *stiffness = &p.compliance_m_N[HRT_PATCH_COMPLIANCE - 6];
         switch (cases[k].what) {
+        case 14: p.held = 1u << VERTICES; break; /* no place for the tip */
+        case 16: p.held = 3u; break;             /* held vertices, and no hold */
+        case 17: p.held |= 1u << (VERTICES + 4); break;
+        case 18: stiffness[0] = 200.0f; break;        /* pushes on */
+        case 19: p.compliance_m_N[69] = 11.0f; break; /* a vertex that runs ahead of the tip */
+        case 20: p.compliance_m_N[70] = NAN; break;
+        case 21: p.rest_m[hrt_patch_tip(&p)] = 1001.0f; break; /* the force */
+        case 22: p.vertex_m[hrt_patch_tip(&p) + 2] = NAN; break;
+        case 23: stiffness[5] = -2.0e9f; break;
+        case 24: stiffness[1] = 400.0f; break; /* indefinite */
         case 1: p.vertex_count = 25; break;
         case 2: p.triangle_count = 33; break;
         case 3: p.triangle[5] = 24; break;
@@ -508,12 +691,16 @@ static void wild_patches_stay_bounded(void **state) {
             for (int i = 0; i < 96; i++) q->triangle[i] = (uint8_t)(rig_random(&seed) % VERTICES);
         if (k % 5 == 0) memset(q->compliance_m_N, 0, sizeof q->compliance_m_N);
         if (k % 7 == 0) q->skin_compliance_m_N = 0.0f;
+        if (k % 4 == 0) hold_something(q);
         if (hrt_patch_prepare(q, scratch) != HRT_ACCEPT) continue;
         taken++;
         float tip[3] = {rig_uniform(&seed, -0.01f, 0.01f), rig_uniform(&seed, -0.01f, 0.01f),
                         rig_uniform(&seed, 0.11f, 0.13f)},
               force[3];
-        take(&x, 2000 * k, tip, q, (uint32_t)k);
+        if (k % 4 == 0)
+            take_grasper(&x, 2000 * k, tip, q, (uint32_t)k);
+        else
+            take(&x, 2000 * k, tip, q, (uint32_t)k);
         for (int t = 0; t < 4; t++) {
             for (int i = 0; i < 3; i++) tip[i] += rig_uniform(&seed, -0.001f, 0.001f);
             hrt_extrapolation_force(&x, &params, 2000 * k + t, tip, force);
@@ -529,6 +716,8 @@ int main(void) {
                                        cmocka_unit_test(pressing_flat_ground),
                                        cmocka_unit_test(complementarity),
                                        cmocka_unit_test(the_force_is_that_of_the_simulation),
+                                       cmocka_unit_test(a_hold_pulls_as_the_simulation_says),
+                                       cmocka_unit_test(jaws_close_and_open_without_a_jump),
                                        cmocka_unit_test(two_linearisations_suffice),
                                        cmocka_unit_test(leaving_the_patch_hands_over_without_a_jump),
                                        cmocka_unit_test(cut_stale_or_missing_patch),

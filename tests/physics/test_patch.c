@@ -174,50 +174,87 @@ static void hold_at(scene *s, const double tip_m[3], double seconds, double forc
     memcpy(force_N, scene_frame(s, 0, at, seconds).force_N, 3 * sizeof(double));
 }
 
-/* A grasper that pulls: no patch, and the stiffness of what it holds. */
-static void test_stiffness_of_a_hold(void **unused) {
-    (void)unused;
+/* At rest with the jaws there: where it came from does not matter, a spring does not slip. */
+static void rest_at(scene *s, const double tip_m[3], double force_N[3]) {
+    hold_at(s, tip_m, 0.01, force_N);
+    hold_at(s, tip_m, 0.5, force_N);
+    hold_at(s, tip_m, 0.002, force_N);
+}
+
+/* A grasper that pulls, or presses what lies beside its jaws, against the simulation at rest: the patch holds what it
+ * holds. */
+static void patch_of_a_hold(const char *what, const double trocar_m[3], const double to_m[3], bool presses) {
     static const tm_tool_mode mode[2] = {TM_TOOL_GRASPER, TM_TOOL_GRASPER};
+    static const double moves[5][3] = {
+        {0.0005, 0, 0}, {-0.001, 0, 0}, {0, 0.001, 0}, {0, 0, -0.001}, {0.0005, -0.0005, 0.001}};
     scene_def d = scene_def_default();
-    d.cells[0] = d.cells[1] = 8, d.cells[2] = 4;
+    d.cells[0] = d.cells[1] = presses ? 12 : 8, d.cells[2] = 4;
     d.damping_1_s = 300;
-    d.trocar_m[0][0] = 0.1;
-    double tip[3] = {0.008, 0.004, 0.0437}, force[3], K[9], wrong = 0, size = 0;
+    memcpy(d.trocar_m[0], trocar_m, sizeof d.trocar_m[0]);
+    double tip[3] = {0.008, 0.004, 0.0437}, force[3], patch_N[3], K[9], wrong = 0, size = 0;
+    double worst = 0, worst_tangent = 0, worst_hold = 0;
     memcpy(d.tip_m[0], (double[3]){0.008, 0.004, 0.0447}, sizeof d.tip_m[0]);
     patch_scene p = {.s = scene_create_full(&d, false, mode)};
     tm_grasp_def grasp_def = tm_grasp_def_default();
+    if (presses) grasp_def.jaw_length_m = 0.002;
     tm_patch_def def = tm_patch_def_default();
     tm_grasp *grasp;
     tm_error error;
+    tm_patch_solver *solver;
+    scene_must(tm_patch_solver_create(&solver, &error), &error);
     scene_must(tm_stage_grasp(p.s.world, p.s.contact, &grasp_def, &grasp, &error), &error);
     scene_must(tm_stage_patch(p.s.world, p.s.contact, &def, &p.maker, &error), &error);
     scene_frame(&p.s, 0, scene_pose(tip[0], tip[1], tip[2]), 0.3);
     hold_at(&p.s, tip, 0.1, force);
     assert_true(tm_grasp_held(grasp, 0, NULL, NULL) >= 3);
-    tip[2] += 0.003;
-    hold_at(&p.s, tip, 0.5, force);
-    for (int k = 0; k < 500 && (k == 0 || tm_patch_pending(p.maker) > 0); k++)
-        assert_false(tm_patch_make(p.maker, 0, &p.patch));
+    for (int c = 0; c < 3; c++) tip[c] += to_m[c];
+    rest_at(&p.s, tip, force);
+    make(&p);
     tm_tool_reaction r = tm_contact_reaction(p.s.contact, 0);
     assert_int_equal(r.stiffness_kind, 1);
+    assert_true(p.patch.holds && p.patch.held != 0 && p.patch.vertex_count < TM_PATCH_VERTICES);
+    tm_patch_force(solver, &p.patch, tip, patch_N, NULL);
+    const double beside_N = distance(p.patch.hold_N, patch_N);
+    assert_true(distance(patch_N, force) < 1e-3 * norm(force));
+    assert_true(presses ? beside_N > 0.02 * norm(force) : beside_N < 1e-9);
     for (int c = 0; c < 3; c++) {
         double ahead[3], behind[3], at[3];
         memcpy(at, tip, sizeof at);
         at[c] = tip[c] + 1e-4;
-        hold_at(&p.s, at, 0.01, ahead);
-        hold_at(&p.s, at, 0.5, ahead);
-        hold_at(&p.s, at, 0.002, ahead); /* the last frame alone: at rest */
+        rest_at(&p.s, at, ahead);
         at[c] = tip[c] - 1e-4;
-        hold_at(&p.s, at, 0.01, behind);
-        hold_at(&p.s, at, 0.5, behind);
-        hold_at(&p.s, at, 0.002, behind);
+        rest_at(&p.s, at, behind);
         for (int i = 0; i < 3; i++) K[3 * i + c] = (ahead[i] - behind[i]) / 2e-4;
     }
     for (int i = 0; i < 9; i++) wrong += (K[i] - r.stiffness_N_m[i]) * (K[i] - r.stiffness_N_m[i]), size += K[i] * K[i];
-    print_message("held tissue pulled 3 mm: %.3f N, stiffness %.0f N/m along the pull, off by %.2f %%\n", norm(force),
-                  r.stiffness_N_m[8], 100 * sqrt(wrong / size));
+    for (int k = 0; k < 5; k++) {
+        double at[3], truth[3], tangent[3];
+        for (int c = 0; c < 3; c++) at[c] = tip[c] + moves[k][c];
+        rest_at(&p.s, at, truth);
+        tm_patch_force(solver, &p.patch, at, patch_N, NULL);
+        for (int i = 0; i < 3; i++)
+            tangent[i] = force[i] + r.stiffness_N_m[3 * i] * moves[k][0] + r.stiffness_N_m[3 * i + 1] * moves[k][1] +
+                         r.stiffness_N_m[3 * i + 2] * moves[k][2];
+        worst = fmax(worst, distance(patch_N, truth));
+        worst_tangent = fmax(worst_tangent, distance(tangent, truth));
+        worst_hold = fmax(worst_hold, distance(force, truth));
+    }
+    print_message(
+        "%s: %.3f N, %.3f N of it beside the jaws; stiffness off by %.2f %%; moved up to 1.2 mm: patch off by "
+        "%.3f %%, tangent %.2f %%, hold %.1f %%\n",
+        what, norm(force), beside_N, 100 * sqrt(wrong / size), 100 * worst / norm(force),
+        100 * worst_tangent / norm(force), 100 * worst_hold / norm(force));
     assert_true(sqrt(wrong / size) < 0.03);
+    assert_true(worst < 0.002 * norm(force) && worst < 0.01 * worst_hold);
+    assert_true(!presses || worst < 0.3 * worst_tangent);
+    tm_patch_solver_destroy(solver);
     scene_destroy(&p.s);
+}
+
+static void test_patch_of_a_hold(void **unused) {
+    (void)unused;
+    patch_of_a_hold("held and pulled 3 mm", (double[3]){0.1, 0, 0.25}, (double[3]){0, 0, 0.003}, false);
+    patch_of_a_hold("held, the shaft pressed", (double[3]){0.15, 0, 0.06}, (double[3]){0.001, 0, -0.004}, true);
 }
 
 /* A tool that moves gets the surface ahead of it. */
@@ -284,7 +321,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_patch_follows_settled_tissue),
         cmocka_unit_test(test_patch_after_a_cut),
-        cmocka_unit_test(test_stiffness_of_a_hold),
+        cmocka_unit_test(test_patch_of_a_hold),
         cmocka_unit_test(test_patch_leads_the_tool),
         cmocka_unit_test(test_no_patch_for_a_tool_that_touches_nothing),
         cmocka_unit_test(test_making_allocates_nothing),

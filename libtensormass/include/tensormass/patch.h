@@ -32,6 +32,15 @@ typedef struct tm_patch {
     double radius_m, contact_length_m;
     double film_s_m; /* TM_FILM_S_M where the model has a film, 0 where it has none (precomputed) */
     double trocar_m[3];
+    /* What a grasper holds, folded in: vertex_m and compliance_m_N are of the tissue as the jaws hold it, and follow
+     * the tip. */
+    bool holds;
+    uint32_t held;                    /* bit v: vertex v is between the jaws: rows on such alone are no obstacle */
+    double hold_tip_m[3];             /* the tip that vertex_m and hold_N are of */
+    double hold_N[3];                 /* of the hold on the tool, equivalent at the tip, without rows of contact */
+    double hold_stiffness_N_m[9];     /* its derivative by the tip: symmetric, negative semidefinite */
+    double follow[3 * TM_PATCH_DOFS]; /* derivative of vertex_m by the tip, [3*vertex_count][3], 1; by its transpose
+                                         rows' forces on the vertices pass to the tool */
 } tm_patch;
 
 /* Entry of the compliance matrix, 0 <= i, j < 3*vertex_count. */
@@ -57,6 +66,23 @@ TM_API bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, con
 typedef struct tm_patch_solver tm_patch_solver;
 TM_API tm_status tm_patch_solver_create(tm_patch_solver **solver, tm_error *error);
 TM_API void tm_patch_solver_destroy(tm_patch_solver *solver);
+
+/* Springs from points of a tool to vertices, as the jaws of a grasper hold them. */
+enum { TM_HOLD_VERTICES = 48 };
+typedef struct tm_patch_hold {
+    int32_t count;          /* 1..TM_HOLD_VERTICES; they need not be the patch's */
+    const int32_t *vertex;  /* [count] numbers in the mesh */
+    const double *target_m; /* [3*count] the springs' other ends */
+    const double *force_N;  /* [3*count] on the tissue, now */
+    double compliance_m_N;  /* of each spring per axis, above 0 */
+} tm_patch_hold;
+/* tm_patch_fill for a tool that holds tissue, its tip at tip_m (trocar_m of the patch is read): the springs are
+ * eliminated from the compliance, so that they cost a controller next to nothing. At most TM_PATCH_VERTICES - 1
+ * vertices of patch, which takes the place of the last one; none: hold_N and hold_stiffness_N_m alone are of use.
+ * False: a block is not known, or they make no compliance. No allocation. */
+TM_API bool tm_patch_fill_held(tm_patch_solver *solver, tm_patch *patch, const tm_patch_hold *hold,
+                               const double tip_m[3], tm_patch_block block, void *self, const tm_contact_row *row,
+                               int32_t row_count);
 /* Equivalent tip force on the tool with its tip at tip_m, from the reactions of the call before where the patch is the
  * same.
  * `*inside` (may be null): no row bears upon the patch's border, where the tissue goes on and the patch does not. No
@@ -111,8 +137,9 @@ TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_p
  * last substep. From then on tm_contact_reaction of the instrument carries the stiffness (kind 2 from a source that
  * knows the tissue as it is, kind 1 while it still knows the one before a cut, or from conjugate gradients). Returns
  * false, with kind 0, while the columns it needs are not all there, and when nothing is near. For an instrument that
- * holds tissue (24 vertices at most) there is a stiffness, that of the hold, and no patch: false with kind 1. No
- * allocation, bounded work. */
+ * holds tissue (TM_HOLD_VERTICES at most, 24 with conjugate gradients) the patch holds it too; where that takes more
+ * vertices than max_vertices allow there is the hold's stiffness alone: false with its kind. While the jaws let go
+ * there is neither. No allocation, bounded work. */
 TM_API bool tm_patch_make(tm_patch_maker *maker, int32_t instrument, tm_patch *patch);
 /* Columns that the patches now need and that are not good yet: 0 when all is there. Before a session starts, call
  * tm_patch_make until it is. */
