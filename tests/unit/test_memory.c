@@ -156,7 +156,7 @@ static void a_stage_without_memory_is_not_there(void **state) {
             if (n == 0) {
                 fix_ok(add(&s, kind, &error), &error);
                 calls = hook.calls - before;
-                assert_true(calls > 0 && tm_world_stages(s.world, report) == stages + 1);
+                assert_true(calls > 0 && tm_world_stages(s.world, report) > stages);
                 with = press(&s);
             } else {
                 const uint64_t hash = press(&s);
