@@ -173,6 +173,50 @@ static void a_stage_without_memory_is_not_there(void **state) {
     tm_set_allocator(NULL);
 }
 
+static void nothing(void *self, tm_world *world) { (void)self, (void)world; }
+
+/* The same where the world has no place left for it, or not for all of its parts. */
+static void a_stage_without_room_is_not_there(void **state) {
+    (void)state;
+    static char name[TM_MAX_STAGES][8];
+    for (int kind = 0; kind < KINDS; kind++) {
+        uint64_t without = 0;
+        int refused = 0;
+        for (int32_t room = -1; room < 6; room++) { /* -1: never asked for */
+            scene s;
+            tm_error error;
+            hook_install(0);
+            fix_ok(build(&s, &error), &error);
+            if (kind != CONTACT) fix_ok(add_contact(&s, &error), &error);
+            tm_stage_report report[TM_MAX_STAGES];
+            for (int32_t i = tm_world_stages(s.world, report); i < TM_MAX_STAGES - (room < 0 ? 0 : room); i++) {
+                snprintf(name[i], sizeof name[i], "d%d", (int)i);
+                const tm_stage dummy = {.size = sizeof dummy, .name = name[i], .phase = TM_PHASE_END, .run = nothing};
+                fix_ok(tm_world_add_stage(s.world, &dummy, 0, &error), &error);
+            }
+            const int32_t stages = tm_world_stages(s.world, report);
+            const int64_t bytes = tm_memory_in_use();
+            const tm_status status = room < 0 ? TM_ERR_LIMIT : add(&s, kind, &error);
+            if (status == TM_ERR_LIMIT) {
+                assert_int_equal(tm_world_stages(s.world, report), stages);
+                assert_int_equal(tm_memory_in_use(), bytes);
+                assert_true(kind != CONTACT || !s.contact);
+                const uint64_t hash = press(&s);
+                if (room < 0) without = hash;
+                assert_true(hash == without);
+                refused += room >= 0;
+            } else {
+                fix_ok(status, &error);
+                assert_true(room > 0);
+            }
+            destroy(&s);
+            hook_check_empty();
+        }
+        assert_true(refused > 0 && refused < 6);
+    }
+    tm_set_allocator(NULL);
+}
+
 static void accounts_are_exact(void **state) {
     (void)state;
     scene s;
@@ -241,9 +285,9 @@ static void names_and_hash(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_allocation_fails_once),
-                                       cmocka_unit_test(a_stage_without_memory_is_not_there),
-                                       cmocka_unit_test(accounts_are_exact), cmocka_unit_test(no_allocation_in_a_step),
-                                       cmocka_unit_test(names_and_hash)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_allocation_fails_once),       cmocka_unit_test(a_stage_without_memory_is_not_there),
+        cmocka_unit_test(a_stage_without_room_is_not_there), cmocka_unit_test(accounts_are_exact),
+        cmocka_unit_test(no_allocation_in_a_step),           cmocka_unit_test(names_and_hash)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
