@@ -38,7 +38,7 @@ static uint32_t given(const app_material *m, int *last_line) {
     const app_number *all[] = {&m->young, &m->poisson, &m->lambda, &m->mu,  &m->lambda_T, &m->mu_T,  &m->lambda_L,
                                &m->mu_L,  &m->beta,    &m->E_L,    &m->E_T, &m->nu_LT,    &m->nu_TT, &m->G_L};
     uint32_t bits = 0;
-    for (int i = 0; i < (int)(sizeof all / sizeof all[0]); ++i)
+    for (int i = 0; i < (int)(sizeof all / sizeof all[0]); i++)
         if (all[i]->line) {
             bits |= 1u << i;
             if (all[i]->line > *last_line || all[i]->line < 0) *last_line = all[i]->line;
@@ -49,12 +49,12 @@ static uint32_t given(const app_material *m, int *last_line) {
 int app_scene_law(const app_scene *scene, const app_material *m, app_law *law) {
     int line = m->region.line;
     uint32_t bits = given(m, &line);
-    for (int i = 0; i < (int)(sizeof families / sizeof families[0]); ++i)
+    for (int i = 0; i < (int)(sizeof families / sizeof families[0]); i++)
         if (bits == families[i].members) {
             *law = (app_law)i;
             return 0;
         }
-    for (int i = 0; i < (int)(sizeof families / sizeof families[0]); ++i)
+    for (int i = 0; i < (int)(sizeof families / sizeof families[0]); i++)
         if (bits && !(bits & ~families[i].members))
             return app_scene_bad(scene, line, "material '%s' has only some of its constants; give all of: %s",
                                  m->region.s, families[i].name);
@@ -77,7 +77,7 @@ int app_select_check(const app_scene *scene, const app_select *select, int line,
     if (count > 1)
         return app_scene_bad(scene, line, "%s has %d selectors; keep one of: group, box, plane, vertex", what, count);
     if (select->box.line)
-        for (int a = 0; a < 3; ++a)
+        for (int a = 0; a < 3; a++)
             if (select->box_min.v[a] > select->box_max.v[a])
                 return app_scene_bad(scene, select->box_max.line, "box.max lies below box.min along %c; exchange them",
                                      "xyz"[a]);
@@ -88,14 +88,14 @@ int app_select_check(const app_scene *scene, const app_select *select, int line,
 }
 
 static int check_supports(const app_scene *scene) {
-    for (int i = 0; i < scene->support.count; ++i) {
+    for (int i = 0; i < scene->support.count; i++) {
         const app_support *s = (const app_support *)scene->support.item + i;
         int rc = app_select_check(scene, &s->select, s->here.line, "this support");
         if (rc) return rc;
         if (!*s->axes.s || strspn(s->axes.s, "xyz") != strlen(s->axes.s) || strlen(s->axes.s) > 3)
             return app_scene_bad(scene, s->axes.line, "axes '%s' are not some of x, y and z; write for example xyz",
                                  s->axes.s);
-        for (int a = 0; a < 3; ++a)
+        for (int a = 0; a < 3; a++)
             if (s->displace.v[a] != 0 && !strchr(s->axes.s, "xyz"[a]))
                 return app_scene_bad(scene, s->displace.line,
                                      "the support is moved along %c, which its axes '%s' leave free; add %c to axes",
@@ -105,7 +105,7 @@ static int check_supports(const app_scene *scene) {
 }
 
 static int check_loads(const app_scene *scene) {
-    for (int i = 0; i < scene->load.count; ++i) {
+    for (int i = 0; i < scene->load.count; i++) {
         const app_load *l = (const app_load *)scene->load.item + i;
         int rc = app_select_check(scene, &l->select, l->here.line, "this load");
         if (rc) return rc;
@@ -122,7 +122,7 @@ static int check_pose(const app_scene *scene, const app_pose *pose, const double
     if (!pose->tip.line) return 0;
     if (joint) return app_scene_bad(scene, joint, "a pose has either tip or pitch, yaw and insertion; leave one out");
     double d = 0;
-    for (int a = 0; a < 3; ++a) d += (pose->tip.v[a] - trocar[a]) * (pose->tip.v[a] - trocar[a]);
+    for (int a = 0; a < 3; a++) d += (pose->tip.v[a] - trocar[a]) * (pose->tip.v[a] - trocar[a]);
     if (!(d > 1e-6) || d > 0.25)
         return app_scene_bad(scene, pose->tip.line, "the tip is %.3g m from the trocar; keep it between 1 mm and 0.5 m",
                              sqrt(d));
@@ -135,11 +135,11 @@ static int check_instruments(const app_scene *scene) {
     if (scene->instrument.count > 2)
         return app_scene_bad(scene, scene->instrument.line,
                              "%d instruments; a scene has one or two, leave the others out", scene->instrument.count);
-    for (int i = 0; i < scene->instrument.count; ++i) {
+    for (int i = 0; i < scene->instrument.count; i++) {
         const app_instrument *t = (const app_instrument *)scene->instrument.item + i;
         const double *a = t->axis.v, *u = t->up.v;
         double c[3] = {a[1] * u[2] - a[2] * u[1], a[2] * u[0] - a[0] * u[2], a[0] * u[1] - a[1] * u[0]};
-        for (int k = 0; k < 3; ++k)
+        for (int k = 0; k < 3; k++)
             if (!(fabs(t->trocar.v[k]) <= FARTHEST_M))
                 return app_scene_bad(scene, t->trocar.line, "the trocar is %.3g m away; keep it within %g m",
                                      t->trocar.v[k], (double)FARTHEST_M);
@@ -158,21 +158,21 @@ static int check_instruments(const app_scene *scene) {
 }
 
 static int check_hand(const app_scene *scene) {
-    for (int i = 0; i < scene->hand.count; ++i) {
+    for (int i = 0; i < scene->hand.count; i++) {
         const app_hand *h = (const app_hand *)scene->hand.item + i;
         if (h->instrument.value >= scene->instrument.count)
             return app_scene_bad(
                 scene, h->instrument.line ? h->instrument.line : h->here.line,
                 "hand for instrument %d, but the scene has %d; add an instrument or correct the number",
                 (int)h->instrument.value, scene->instrument.count);
-        for (int j = 0; j < i; ++j)
+        for (int j = 0; j < i; j++)
             if (((const app_hand *)scene->hand.item)[j].instrument.value == h->instrument.value)
                 return app_scene_bad(scene, h->here.line, "a second hand for instrument %d; keep one",
                                      (int)h->instrument.value);
         if (!h->path.count) return app_scene_bad(scene, h->path.line, "the path is empty; give at least one waypoint");
         const app_instrument *t = (const app_instrument *)scene->instrument.item + h->instrument.value;
         const app_waypoint *w = h->path.item;
-        for (int j = 0; j < h->path.count; ++j) {
+        for (int j = 0; j < h->path.count; j++) {
             if (j && !(w[j].time.si > w[j - 1].time.si))
                 return app_scene_bad(scene, w[j].time.line,
                                      "waypoint %d is not later than the one before; order them by time", j);
@@ -187,7 +187,7 @@ int app_scene_check(const app_scene *scene) {
     int rc = 0;
     if (!scene->material.count)
         rc = app_scene_bad(scene, scene->material.line, "no materials; name each region, or \"*\" for all");
-    for (int i = 0; i < scene->material.count && !rc; ++i) {
+    for (int i = 0; i < scene->material.count && !rc; i++) {
         app_law law;
         rc = app_scene_law(scene, (const app_material *)scene->material.item + i, &law);
     }

@@ -19,7 +19,7 @@ static void print_kind(FILE *out, const app_field *f) {
     case APP_LIST: fputs("list", out); return;
     case APP_TABLE: fputs("named entries", out); return;
     case APP_CHOICE:
-        for (const char *c = f->unit; *c; ++c) *c == '|' ? fputs(", ", out) : fputc(*c, out);
+        for (const char *c = f->unit; *c; c++) *c == '|' ? fputs(", ", out) : fputc(*c, out);
         return;
     }
 }
@@ -37,7 +37,7 @@ static void print_table(FILE *out, const app_schema *schema, const char *title, 
     fprintf(out, "\n## %s\n\n", title);
     if (doc) fprintf(out, "%s\n\n", doc);
     fputs("| key | value | default | range (SI) | meaning |\n|---|---|---|---|---|\n", out);
-    for (int i = 0; i < schema->count; ++i) print_field(out, &schema->field[i]);
+    for (int i = 0; i < schema->count; i++) print_field(out, &schema->field[i]);
 }
 
 void app_scene_reference(FILE *out, const app_schema *effect, const char *const *effect_name,
@@ -58,5 +58,5 @@ void app_scene_reference(FILE *out, const app_schema *effect, const char *const 
     fputs("\n# Effects\n\nEach is a key of its own at the top level; naming it (even with nothing under it) is asking "
           "for it.\n",
           out);
-    for (int i = 0; i < effect_count; ++i) print_table(out, &effect[i], effect_name[i], effect_doc[i]);
+    for (int i = 0; i < effect_count; i++) print_table(out, &effect[i], effect_name[i], effect_doc[i]);
 }

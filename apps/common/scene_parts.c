@@ -5,21 +5,21 @@
 #include <string.h>
 
 static int select_group(const app_scene *scene, const app_select *select, const app_mesh *mesh, uint8_t *mark) {
-    for (int32_t g = 0; g < mesh->group_count; ++g) {
+    for (int32_t g = 0; g < mesh->group_count; g++) {
         if (strcmp(mesh->group_name[g], select->group.s)) continue;
-        for (int32_t i = mesh->group_begin[g]; i < mesh->group_begin[g + 1]; ++i) mark[mesh->group_vertex[i]] = 1;
+        for (int32_t i = mesh->group_begin[g]; i < mesh->group_begin[g + 1]; i++) mark[mesh->group_vertex[i]] = 1;
         return 0;
     }
     char names[512] = "none";
     size_t used = 0;
-    for (int32_t g = 0; g < mesh->group_count && used < sizeof names; ++g)
+    for (int32_t g = 0; g < mesh->group_count && used < sizeof names; g++)
         used += (size_t)snprintf(names + used, sizeof names - used, "%s%s", g ? ", " : "", mesh->group_name[g]);
     return app_scene_bad(scene, select->group.line, "the mesh has no group '%s'; it has: %s", select->group.s, names);
 }
 
 static bool is_selected(const app_select *s, const double x[3]) {
     if (s->box.line) {
-        for (int a = 0; a < 3; ++a)
+        for (int a = 0; a < 3; a++)
             if (x[a] < s->box_min.v[a] || x[a] > s->box_max.v[a]) return false;
         return true;
     }
@@ -36,7 +36,7 @@ int app_select_vertices(const app_scene *scene, const app_select *select, int li
         int rc = select_group(scene, select, mesh, mark);
         if (rc) return rc;
     } else if (select->vertex.line) {
-        for (int i = 0; i < select->vertex.count; ++i) {
+        for (int i = 0; i < select->vertex.count; i++) {
             int64_t v = select->vertex.item[i];
             if (v >= mesh->vertex_count)
                 return app_scene_bad(scene, select->vertex.line, "there is no vertex %lld; the mesh has 0 to %d",
@@ -44,9 +44,9 @@ int app_select_vertices(const app_scene *scene, const app_select *select, int li
             mark[v] = 1;
         }
     } else
-        for (int32_t v = 0; v < mesh->vertex_count; ++v) mark[v] = is_selected(select, &mesh->vertex_m[3 * v]);
+        for (int32_t v = 0; v < mesh->vertex_count; v++) mark[v] = is_selected(select, &mesh->vertex_m[3 * v]);
     *count = 0;
-    for (int32_t v = 0; v < mesh->vertex_count; ++v) *count += mark[v];
+    for (int32_t v = 0; v < mesh->vertex_count; v++) *count += mark[v];
     if (!*count)
         return app_scene_bad(scene,
                              select->box.line     ? select->box.line
@@ -72,11 +72,11 @@ static tm_status make_material(const app_material *m, app_law law, tm_material *
 
 int app_scene_materials(const app_scene *scene, const app_mesh *mesh, double default_damping_1_s, tm_material *out) {
     const app_material *all = scene->material.item;
-    for (int i = 0; i < scene->material.count; ++i) {
+    for (int i = 0; i < scene->material.count; i++) {
         bool found = !strcmp(all[i].region.s, "*");
         char names[512] = "";
         size_t used = 0;
-        for (int32_t r = 0; r < mesh->region_count && !found; ++r) {
+        for (int32_t r = 0; r < mesh->region_count && !found; r++) {
             found = !strcmp(all[i].region.s, mesh->region_name[r]);
             if (used < sizeof names)
                 used +=
@@ -87,11 +87,11 @@ int app_scene_materials(const app_scene *scene, const app_mesh *mesh, double def
                                  "the mesh has no region '%s'; it has: %s (or write \"*\" for all)", all[i].region.s,
                                  names);
     }
-    for (int32_t r = 0; r < mesh->region_count; ++r) {
+    for (int32_t r = 0; r < mesh->region_count; r++) {
         const app_material *m = NULL;
-        for (int i = 0; i < scene->material.count; ++i)
+        for (int i = 0; i < scene->material.count; i++)
             if (!strcmp(all[i].region.s, mesh->region_name[r])) m = &all[i];
-        for (int i = 0; i < scene->material.count && !m; ++i)
+        for (int i = 0; i < scene->material.count && !m; i++)
             if (!strcmp(all[i].region.s, "*")) m = &all[i];
         if (!m)
             return app_scene_bad(

@@ -15,13 +15,13 @@ static int copy_node(reader *r, yaml_document_t *from, int index, int set, int d
                                         node->data.scalar.style);
     } else if (node->type == YAML_SEQUENCE_NODE) {
         made = yaml_document_add_sequence(&r->document, NULL, YAML_ANY_SEQUENCE_STYLE);
-        for (yaml_node_item_t *i = node->data.sequence.items.start; made && i != node->data.sequence.items.top; ++i) {
+        for (yaml_node_item_t *i = node->data.sequence.items.start; made && i != node->data.sequence.items.top; i++) {
             int item = copy_node(r, from, *i, set, depth + 1);
             if (!item || !yaml_document_append_sequence_item(&r->document, made, item)) return 0;
         }
     } else {
         made = yaml_document_add_mapping(&r->document, NULL, YAML_ANY_MAPPING_STYLE);
-        for (yaml_node_pair_t *p = node->data.mapping.pairs.start; made && p != node->data.mapping.pairs.top; ++p) {
+        for (yaml_node_pair_t *p = node->data.mapping.pairs.start; made && p != node->data.mapping.pairs.top; p++) {
             int key = copy_node(r, from, p->key, set, depth + 1), value = copy_node(r, from, p->value, set, depth + 1);
             if (!key || !value || !yaml_document_append_mapping_pair(&r->document, made, key, value)) return 0;
         }
@@ -55,7 +55,7 @@ static int line_of_set(int set) { return -(set + 1); }
 
 /* The pair of a mapping, null if it has no such key. */
 static yaml_node_pair_t *find_pair(reader *r, yaml_node_t *mapping, const char *name) {
-    for (yaml_node_pair_t *p = mapping->data.mapping.pairs.start; p != mapping->data.mapping.pairs.top; ++p) {
+    for (yaml_node_pair_t *p = mapping->data.mapping.pairs.start; p != mapping->data.mapping.pairs.top; p++) {
         const yaml_node_t *key = node_at(r, p->key);
         if (key->type == YAML_SCALAR_NODE && !strcmp((const char *)key->data.scalar.value, name)) return p;
     }

@@ -82,11 +82,11 @@ static int edit_distance(const char *a, const char *b) {
     enum { LONGEST = 48 };
     int n = (int)strlen(a), m = (int)strlen(b), row[LONGEST + 1];
     if (n > LONGEST || m > LONGEST) return LONGEST;
-    for (int j = 0; j <= m; ++j) row[j] = j;
-    for (int i = 1; i <= n; ++i) {
+    for (int j = 0; j <= m; j++) row[j] = j;
+    for (int i = 1; i <= n; i++) {
         int diagonal = row[0];
         row[0] = i;
-        for (int j = 1; j <= m; ++j) {
+        for (int j = 1; j <= m; j++) {
             int best = diagonal + (a[i - 1] != b[j - 1]);
             if (row[j] + 1 < best) best = row[j] + 1;
             if (row[j - 1] + 1 < best) best = row[j - 1] + 1;
@@ -104,13 +104,13 @@ static const char *child_key(const app_field *field, const char *prefix) {
     const char *key = field->path + n;
     if (n) {
         if (*key != '.') return NULL;
-        ++key;
+        key++;
     }
     return *key && !strpbrk(key, ".[") ? key : NULL;
 }
 
 static const app_field *find_field(const app_schema *schema, const char *prefix, const char *name) {
-    for (int i = 0; i < schema->count; ++i) {
+    for (int i = 0; i < schema->count; i++) {
         const char *key = child_key(&schema->field[i], prefix);
         if (key && !strcmp(key, name)) return &schema->field[i];
     }
@@ -124,10 +124,10 @@ static int unknown_key(const reader *r, const app_schema *only, int line, const 
     int distance = 1 + (int)strlen(name) / 3;
     size_t used = 0;
     if (*shown) snprintf(in, sizeof in, " in %s", shown);
-    for (int s = 0; s < r->schema_count; ++s) {
+    for (int s = 0; s < r->schema_count; s++) {
         const app_schema *schema = r->schema[s];
         if (only && schema != only) continue;
-        for (int i = 0; i < schema->count; ++i) {
+        for (int i = 0; i < schema->count; i++) {
             const char *key = child_key(&schema->field[i], prefix);
             if (!key) continue;
             int d = edit_distance(name, key);
@@ -190,7 +190,7 @@ static int integer(const reader *r, int line, const app_field *field, const char
 static int choice(const reader *r, int line, const app_field *field, const char *shown, const char *text, int *index) {
     const char *at = field->unit;
     size_t n = strlen(text);
-    for (int i = 0;; ++i) {
+    for (int i = 0;; i++) {
         size_t length = strcspn(at, "|");
         if (length == n && !memcmp(at, text, n)) {
             *index = i;
@@ -201,15 +201,15 @@ static int choice(const reader *r, int line, const app_field *field, const char 
     }
     char all[256];
     snprintf(all, sizeof all, "%s", field->unit);
-    for (char *c = all; *c; ++c)
+    for (char *c = all; *c; c++)
         if (*c == '|') *c = ' ';
     return app_scene_bad(r->scene, line, "%s: '%.60s' is not a choice; use one of: %s", shown, text, all);
 }
 
 static int flag(const reader *r, int line, const char *shown, const char *text, bool *on) {
     static const char *const words[2][4] = {{"no", "false", "off", "0"}, {"yes", "true", "on", "1"}};
-    for (int v = 0; v < 2; ++v)
-        for (int i = 0; i < 4; ++i)
+    for (int v = 0; v < 2; v++)
+        for (int i = 0; i < 4; i++)
             if (!strcmp(text, words[v][i])) {
                 *on = v;
                 return 0;
@@ -260,7 +260,7 @@ static int vector(reader *r, yaml_node_t *node, const app_field *field, const ch
     int count = (int)(node->data.sequence.items.top - node->data.sequence.items.start);
     if (count != 3)
         return app_scene_bad(r->scene, line_of(node), "%s has %d components; write %s", shown, count, wanted);
-    for (int i = 0; i < 3; ++i) {
+    for (int i = 0; i < 3; i++) {
         yaml_node_t *item = node_at(r, node->data.sequence.items.start[i]);
         if (item->type != YAML_SCALAR_NODE) return bad_shape(r, item, shown, wanted);
         int rc = quantity(r, line_of(item), field, shown, (const char *)item->data.scalar.value, &out->v[i]);
@@ -281,7 +281,7 @@ static int integers(reader *r, yaml_node_t *node, const app_field *field, const 
         return app_scene_bad(r->scene, line_of(node),
                              "%s is an empty list; write at least one number, or leave the key out", shown);
     out->item = app_scene_alloc(r->scene, sizeof *out->item * (size_t)count);
-    for (int i = 0; i < count; ++i) {
+    for (int i = 0; i < count; i++) {
         yaml_node_t *item = one ? node : node_at(r, node->data.sequence.items.start[i]);
         if (item->type != YAML_SCALAR_NODE) return bad_shape(r, item, shown, "whole numbers");
         int rc = integer(r, line_of(item), field, shown, (const char *)item->data.scalar.value, &out->item[i]);
@@ -318,7 +318,7 @@ static int read_list(reader *r, const app_schema *schema, yaml_node_t *node, con
         return app_scene_bad(r->scene, line_of(node), "more than %d list items; write fewer", MAX_ITEMS);
     *out = (app_list){app_scene_alloc(r->scene, field->size * (size_t)(count ? count : 1)), count, line_of(node)};
     snprintf(prefix, sizeof prefix, "%s[]", field->path);
-    for (int i = 0; i < count; ++i) {
+    for (int i = 0; i < count; i++) {
         yaml_node_t *item = node_at(r, node->data.sequence.items.start[i]);
         char *at = (char *)out->item + field->size * (size_t)i;
         snprintf(name, sizeof name, "%.300s[%d]", shown, i);
@@ -340,13 +340,13 @@ static int read_table(reader *r, const app_schema *schema, yaml_node_t *node, co
                              MAX_NAMES);
     *out = (app_list){app_scene_alloc(r->scene, field->size * (size_t)(count ? count : 1)), count, line_of(node)};
     snprintf(prefix, sizeof prefix, "%s.*", field->path);
-    for (int i = 0; i < count; ++i) {
+    for (int i = 0; i < count; i++) {
         yaml_node_pair_t *pair = node->data.mapping.pairs.start + i;
         yaml_node_t *key = node_at(r, pair->key), *value = node_at(r, pair->value);
         char *at = (char *)out->item + field->size * (size_t)i;
         if (key->type != YAML_SCALAR_NODE) return bad_shape(r, key, shown, "a name as key");
         *(app_text *)at = (app_text){keep(r->scene, (const char *)key->data.scalar.value), line_of(key)};
-        for (int j = 0; j < i; ++j)
+        for (int j = 0; j < i; j++)
             if (!strcmp(((app_text *)((char *)out->item + field->size * (size_t)j))->s, ((app_text *)at)->s))
                 return app_scene_bad(r->scene, line_of(key), "'%.60s' is named twice in %s; keep one",
                                      ((app_text *)at)->s, shown);
@@ -391,7 +391,7 @@ static int default_value(reader *r, const app_schema *schema, const app_field *f
     const char *text = field->fallback && strcmp(field->fallback, "!") ? field->fallback : NULL;
     switch (field->kind) {
     case APP_SECTION:
-        for (int i = 0; i < schema->count; ++i)
+        for (int i = 0; i < schema->count; i++)
             if (child_key(&schema->field[i], field->path)) default_value(r, schema, &schema->field[i], base);
         return 0;
     case APP_VECTOR:
@@ -418,11 +418,11 @@ static int read_mapping(reader *r, const app_schema *only, yaml_node_t *node, in
     char name[SHOWN_MAX_CHARS];
     yaml_node_pair_t *begin = node ? node->data.mapping.pairs.start : NULL,
                      *end = node ? node->data.mapping.pairs.top : NULL;
-    for (yaml_node_pair_t *pair = begin; pair != end; ++pair) {
+    for (yaml_node_pair_t *pair = begin; pair != end; pair++) {
         yaml_node_t *key = node_at(r, pair->key);
         if (key->type != YAML_SCALAR_NODE) return bad_shape(r, key, *shown ? shown : "the scene", "a word as key");
         const char *text = (const char *)key->data.scalar.value;
-        for (yaml_node_pair_t *other = begin; other != pair; ++other) {
+        for (yaml_node_pair_t *other = begin; other != pair; other++) {
             yaml_node_t *before = node_at(r, other->key);
             if (before->type == YAML_SCALAR_NODE && !strcmp((const char *)before->data.scalar.value, text))
                 return app_scene_bad(r->scene, line_of(key), "key '%.60s' is already given on line %d; keep one", text,
@@ -430,21 +430,21 @@ static int read_mapping(reader *r, const app_schema *only, yaml_node_t *node, in
         }
         const app_field *field = NULL;
         int s = 0;
-        for (; s < r->schema_count && !field; ++s)
+        for (; s < r->schema_count && !field; s++)
             if (!only || r->schema[s] == only) field = find_field(r->schema[s], prefix, text);
         if (!field) return unknown_key(r, only, line_of(key), text, prefix, shown);
         snprintf(name, sizeof name, "%.300s%s%.90s", shown, *shown ? "." : "", text);
         int rc = read_value(r, r->schema[s - 1], key, node_at(r, pair->value), field, name, base[only ? 0 : s - 1]);
         if (rc) return rc;
     }
-    for (int s = 0; s < r->schema_count; ++s) {
+    for (int s = 0; s < r->schema_count; s++) {
         if (only && r->schema[s] != only) continue;
-        for (int i = 0; i < r->schema[s]->count; ++i) {
+        for (int i = 0; i < r->schema[s]->count; i++) {
             const app_field *field = &r->schema[s]->field[i];
             const char *key = child_key(field, prefix);
             bool given = false;
             if (!key) continue;
-            for (yaml_node_pair_t *pair = begin; pair != end && !given; ++pair)
+            for (yaml_node_pair_t *pair = begin; pair != end && !given; pair++)
                 given = !strcmp((const char *)node_at(r, pair->key)->data.scalar.value, key);
             if (given) continue;
             if (field->fallback && !strcmp(field->fallback, "!"))
@@ -531,21 +531,21 @@ int app_scene_load(const char *file, char *const *set, int set_count, const app_
     scene->file = keep(scene, file);
     scene->set_count = set_count;
     scene->set = app_scene_alloc(scene, sizeof *scene->set * (size_t)(set_count + 1));
-    for (int i = 0; i < set_count; ++i) scene->set[i] = keep(scene, set[i]);
+    for (int i = 0; i < set_count; i++) scene->set[i] = keep(scene, set[i]);
     scene->effect_count = effect_count;
     scene->effect = app_scene_alloc(scene, sizeof *scene->effect * (size_t)(effect_count + 1));
     reader r = {.scene = scene, .schema_count = effect_count + 1};
     char *base[sizeof r.schema / sizeof r.schema[0]] = {(char *)scene};
     if (r.schema_count > (int)(sizeof base / sizeof base[0])) abort();
     r.schema[0] = &app_scene_schema;
-    for (int i = 0; i < effect_count; ++i) {
+    for (int i = 0; i < effect_count; i++) {
         r.schema[i + 1] = &effect[i];
         base[i + 1] = scene->effect[i] = app_scene_alloc(scene, effect[i].size);
     }
     rc = load_document(&r, text, size);
     free(text);
     if (!rc) {
-        for (int i = 0; i < set_count && !rc; ++i) rc = app_scene_apply_set(&r, i);
+        for (int i = 0; i < set_count && !rc; i++) rc = app_scene_apply_set(&r, i);
         if (!rc) rc = read_mapping(&r, NULL, node_at(&r, 1), 1, "", "", base);
         yaml_document_delete(&r.document);
     }

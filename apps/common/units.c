@@ -64,14 +64,14 @@ static const char *article(const char *word) { return strchr("aeiou", word[0]) ?
 static void list_units(const char *dimension, char *out, size_t size) {
     size_t used = 0;
     out[0] = 0;
-    for (int i = 0; i < UNIT_COUNT; ++i)
+    for (int i = 0; i < UNIT_COUNT; i++)
         if (!strcmp(units[i].dimension, dimension) && units[i].name[0] && used < size)
             used += (size_t)snprintf(out + used, size - used, "%s%s", used ? ", " : "", units[i].name);
 }
 
 static bool same_unit(const char *a, const char *name) {
     /* "kg/m^3" is "kg/m3" */
-    for (; *a && *name; ++a) {
+    for (; *a && *name; a++) {
         if (*a == '^') continue;
         if (*a != *name++) return false;
     }
@@ -80,7 +80,7 @@ static bool same_unit(const char *a, const char *name) {
 
 static bool find_unit(const char *text, const char *dimension, double *factor, char *why, int why_size) {
     const char *other = NULL;
-    for (int i = 0; i < UNIT_COUNT; ++i) {
+    for (int i = 0; i < UNIT_COUNT; i++) {
         if (!same_unit(text, units[i].name)) continue;
         if (!strcmp(units[i].dimension, dimension)) {
             *factor = units[i].factor;
@@ -90,7 +90,7 @@ static bool find_unit(const char *text, const char *dimension, double *factor, c
     }
     char known[160];
     list_units(dimension, known, sizeof known);
-    for (int i = 0; i < UNIT_COUNT; ++i)
+    for (int i = 0; i < UNIT_COUNT; i++)
         if (!strcmp(units[i].dimension, dimension) && !strcasecmp(text, units[i].name)) {
             snprintf(why, (size_t)why_size, "unknown unit '%s'; did you mean '%s'?", text, units[i].name);
             return false;

@@ -25,9 +25,9 @@ static void meet(play_hand *hand, const view_instrument *t) {
     hrt_frame frame;
     float tip[3], joint[3];
     if (hand->known || !t->shown || !frame_of(t, &frame)) return;
-    for (int k = 0; k < 3; ++k) tip[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
+    for (int k = 0; k < 3; k++) tip[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
     if (!hrt_inverse(&frame, tip, joint)) return;
-    for (int k = 0; k < 3; ++k) hand->joint[k] = (double)joint[k];
+    for (int k = 0; k < 3; k++) hand->joint[k] = (double)joint[k];
     hand->joint[3] = t->roll_rad, hand->joint[4] = t->grip;
     hand->known = true;
 }
@@ -105,13 +105,13 @@ void play_controls_event(play_controls *c, const view_picture *p, const play_eve
 static void eye_axes(const view_camera *camera, int height_px, float right[3], float up[3]) {
     float view[16], projection[16];
     view_camera_matrices(camera, height_px, height_px, view, projection);
-    for (int k = 0; k < 3; ++k) right[k] = view[4 * k], up[k] = view[4 * k + 1];
+    for (int k = 0; k < 3; k++) right[k] = view[4 * k], up[k] = view[4 * k + 1];
 }
 
 /* Metres of a pixel at the depth of a point. */
 static double metres_a_pixel(const view_camera *camera, int height_px, const double point_m[3]) {
     double to[3], at[3], depth = 0, length = 0;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
         to[k] = (double)camera->at_m[k] - (double)camera->eye_m[k];
         at[k] = point_m[k] - (double)camera->eye_m[k];
         depth += to[k] * at[k], length += to[k] * to[k];
@@ -130,7 +130,7 @@ static void pivot(play_hand *hand, const view_instrument *t, const float right[3
     hrt_frame frame;
     float joint[HRT_JOINTS], tip[3], to[3], joint3[3], u[3], v[3];
     if (!frame_of(t, &frame)) return;
-    for (int j = 0; j < HRT_JOINTS; ++j) joint[j] = (float)hand->joint[j];
+    for (int j = 0; j < HRT_JOINTS; j++) joint[j] = (float)hand->joint[j];
     hrt_tip(&frame, joint, tip);
     view_frame(tip, u, v);
     float a = dot(u, right), b = dot(v, right), c = dot(u, up), d = dot(v, up);
@@ -138,7 +138,7 @@ static void pivot(play_hand *hand, const view_instrument *t, const float right[3
           det = m00 * m11 - m01 * m01;
     float x = a * across + c * upward, y = b * across + d * upward;
     float along_u = (m11 * x - m01 * y) / det, along_v = (m00 * y - m01 * x) / det;
-    for (int k = 0; k < 3; ++k) to[k] = tip[k] + along_u * u[k] + along_v * v[k];
+    for (int k = 0; k < 3; k++) to[k] = tip[k] + along_u * u[k] + along_v * v[k];
     if (!hrt_inverse(&frame, to, joint3)) return;
     hand->joint[0] = (double)joint3[0], hand->joint[1] = (double)joint3[1];
 }
@@ -148,13 +148,13 @@ static double axis_of(const play_controls *c, int plus, int minus) {
 }
 
 static void keep_inside(play_hand *hand, const hrt_params *limits) {
-    for (int j = 0; j < HRT_JOINTS; ++j)
+    for (int j = 0; j < HRT_JOINTS; j++)
         hand->joint[j] = fmin(fmax(hand->joint[j], (double)limits->joint_min[j]), (double)limits->joint_max[j]);
 }
 
 void play_controls_step(play_controls *c, const view_picture *p, const view_camera *camera, int height_px,
                         double dt_s) {
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) meet(&c->hand[i], &p->instrument[i]);
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++) meet(&c->hand[i], &p->instrument[i]);
     play_hand *hand = &c->hand[c->selected];
     const view_instrument *t = &p->instrument[c->selected];
     if (!hand->known) return;
@@ -168,7 +168,7 @@ void play_controls_step(play_controls *c, const view_picture *p, const view_came
     hand->joint[2] += (axis_of(c, 'w', 's') + axis_of(c, PLAY_PAGE_DOWN, PLAY_PAGE_UP)) * PACE_M_S * pace +
                       (double)c->wheel * WHEEL_M * (c->held[PLAY_SHIFT] ? SLOW : 1);
     hand->joint[3] += axis_of(c, 'e', 'q') * ROLL_RAD_S * pace;
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) {
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++) {
         bool shut = p->instrument[i].mode == 1 && (c->hand[i].latched || c->hand[i].acting);
         c->hand[i].joint[4] += (shut ? 1 : -1) * GRIP_1_S * dt_s;
         keep_inside(&c->hand[i], &c->limits);

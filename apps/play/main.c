@@ -231,10 +231,10 @@ static void draw_help(const play *p) {
     float cap = fmaxf(8, (float)canvas->height / 62), step = 1.9f * cap, x = 2.4f * cap,
           y = (float)canvas->height / 2 - step * LINES / 2;
     float width = 0;
-    for (int i = 0; i < LINES; ++i) width = fmaxf(width, view_text_width(line[i], cap));
+    for (int i = 0; i < LINES; i++) width = fmaxf(width, view_text_width(line[i], cap));
     view_box(canvas, x - cap, y - 2 * cap, x + width + cap, y + step * (LINES - 1) + cap, 0.6f * cap,
              (view_colour){10, 15, 19, 0.58f});
-    for (int i = 0; i < LINES; ++i)
+    for (int i = 0; i < LINES; i++)
         view_text(canvas, x, y + step * (float)i, cap, (view_colour){215, 222, 228, 1}, line[i]);
 }
 
@@ -245,7 +245,7 @@ static void draw_selected(const play *p) {
     float at[2], cap = fmaxf(8, (float)canvas->height / 62);
     if (p->watch || !t->shown || !view_camera_project(&p->studio.camera, canvas->width, canvas->height, t->tip_m, at))
         return;
-    for (int i = 0; i < 4; ++i) {
+    for (int i = 0; i < 4; i++) {
         float sx = i & 1 ? 1.0f : -1.0f, sy = i & 2 ? 1.0f : -1.0f, r = 2.6f * cap;
         view_line(canvas, at[0] + sx * r, at[1] + sy * r, at[0] + sx * (r - cap), at[1] + sy * r, 0.2f * cap,
                   (view_colour){255, 255, 255, 0.8f});
@@ -267,9 +267,9 @@ static void move_eye(play *p) {
 
 static void send(play *p) {
     view_hand hand;
-    for (int i = 0; i < VIEW_INSTRUMENTS && !p->watch; ++i)
+    for (int i = 0; i < VIEW_INSTRUMENTS && !p->watch; i++)
         if (play_controls_hand(&p->controls, &p->picture, i, &hand) && p->feed_api->send_hand(p->feed, &hand))
-            ++p->hands;
+            p->hands++;
     if (p->controls.has_command && !p->watch) p->feed_api->send_command(p->feed, &p->controls.command);
     p->controls.has_command = false;
 }
@@ -285,7 +285,7 @@ static int one_picture(play *p, double dt_s) {
     draw_selected(p);
     if (p->controls.help && !p->watch) draw_help(p);
     p->window_api->show(p->window, p->studio.canvas.rgb);
-    ++p->pictures;
+    p->pictures++;
     return 0;
 }
 

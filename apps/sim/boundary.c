@@ -20,11 +20,11 @@ int sim_make_supports(sim *s) {
                  : app_scene_bad(scene, 0, "out of memory; use a smaller mesh");
     if (scene->support.count > 100)
         rc = app_scene_bad(scene, scene->support.line, "%d supports; give at most 100", scene->support.count);
-    for (int i = 0; i < scene->support.count && !rc; ++i) {
+    for (int i = 0; i < scene->support.count && !rc; i++) {
         const app_support *support = (const app_support *)scene->support.item + i;
         rc = app_select_vertices(scene, &support->select, support->here.line, &s->file, mark, &selected);
-        for (int32_t v = 0; v < n && !rc; ++v)
-            for (int a = 0; a < 3 && mark[v] && !rc; ++a) {
+        for (int32_t v = 0; v < n && !rc; v++)
+            for (int a = 0; a < 3 && mark[v] && !rc; a++) {
                 if (!strchr(support->axes.s, "xyz"[a])) continue;
                 int32_t d = 3 * v + a;
                 if (held[d] && value[d] != support->displace.v[a])
@@ -38,7 +38,7 @@ int sim_make_supports(sim *s) {
                 if (!s->support_of[v]) s->support_of[v] = (uint8_t)(i + 1);
             }
     }
-    for (int32_t d = 0; d < 3 * n && !rc; ++d)
+    for (int32_t d = 0; d < 3 * n && !rc; d++)
         if (held[d]) {
             s->held_by[s->held_count] = (uint8_t)held[d];
             s->held_dof[s->held_count] = d;
@@ -54,7 +54,7 @@ static int add_traction(sim *s, const app_load *load, const uint8_t *mark, doubl
     const tm_mesh *mesh = s->mesh;
     int32_t *triangle = malloc(sizeof *triangle * 3 * (size_t)mesh->surface_count), count = 0;
     if (!triangle) return app_scene_bad(s->scene, 0, "out of memory; use a smaller mesh");
-    for (int32_t t = 0; t < mesh->surface_count; ++t) {
+    for (int32_t t = 0; t < mesh->surface_count; t++) {
         const int32_t *v = &mesh->surface[3 * t];
         if (mark[v[0]] && mark[v[1]] && mark[v[2]]) memcpy(&triangle[3 * count++], v, 3 * sizeof *v);
     }
@@ -73,12 +73,12 @@ int sim_make_loads(sim *s) {
     uint8_t *mark = malloc((size_t)n);
     double *force = s->load_N = calloc((size_t)n * 3, sizeof *force);
     int rc = mark && force ? 0 : app_scene_bad(scene, 0, "out of memory; use a smaller mesh");
-    for (int i = 0; i < scene->load.count && !rc; ++i) {
+    for (int i = 0; i < scene->load.count && !rc; i++) {
         const app_load *load = (const app_load *)scene->load.item + i;
         rc = app_select_vertices(scene, &load->select, load->here.line, &s->file, mark, &selected);
         if (!rc && load->traction.line) rc = add_traction(s, load, mark, force);
-        for (int32_t v = 0; v < n && !rc && load->force.line; ++v)
-            for (int a = 0; a < 3 && mark[v]; ++a) force[3 * v + a] += load->force.v[a];
+        for (int32_t v = 0; v < n && !rc && load->force.line; v++)
+            for (int a = 0; a < 3 && mark[v]; a++) force[3 * v + a] += load->force.v[a];
     }
     free(mark);
     return rc;

@@ -50,9 +50,9 @@ static void across(const double axis[3], double out[3]) {
 
 static void direction_at(const options *o, const double x[3], double out[3]) {
     double axis[3], length = norm(o->direction.v), d[3], along = 0;
-    for (int a = 0; a < 3; ++a) axis[a] = length > 0 ? o->direction.v[a] / length : a == 2;
-    for (int a = 0; a < 3; ++a) d[a] = x[a] - o->point.v[a];
-    for (int a = 0; a < 3; ++a) along += d[a] * axis[a];
+    for (int a = 0; a < 3; a++) axis[a] = length > 0 ? o->direction.v[a] / length : a == 2;
+    for (int a = 0; a < 3; a++) d[a] = x[a] - o->point.v[a];
+    for (int a = 0; a < 3; a++) along += d[a] * axis[a];
     if (o->rule.index == CONSTANT)
         memcpy(out, axis, sizeof axis);
     else if (o->rule.index == SPHERICAL)
@@ -68,7 +68,7 @@ static void direction_at(const options *o, const double x[3], double out[3]) {
     }
     if (!(norm(out) > 1e-12)) across(axis, out);
     length = norm(out);
-    for (int a = 0; a < 3; ++a) out[a] /= length;
+    for (int a = 0; a < 3; a++) out[a] /= length;
 }
 
 static int prepare(sim *s, const void *own) {
@@ -83,10 +83,10 @@ static int prepare(sim *s, const void *own) {
         if (line) return sim_report_file(s->scene, o->file.line, o->file.s, line, &error);
         return app_scene_bad(s->scene, o->file.line, "anisotropy.file: %s: %s", o->file.s, error.message);
     }
-    for (int32_t t = 0; t < n; ++t) {
+    for (int32_t t = 0; t < n; t++) {
         double x[3] = {0, 0, 0};
-        for (int k = 0; k < 4; ++k)
-            for (int a = 0; a < 3; ++a) x[a] += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k] + a];
+        for (int k = 0; k < 4; k++)
+            for (int a = 0; a < 3; a++) x[a] += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k] + a];
         direction_at(o, x, &s->fibre[3 * t]);
     }
     return 0;

@@ -48,11 +48,11 @@ static int check(const app_scene *scene, const void *own) {
 
 static int choose_part(const sim *s, const sim_solve_options *o, uint8_t *dynamic) {
     int32_t count = 0;
-    for (int32_t t = 0; t < s->mesh->tet_count; ++t) {
+    for (int32_t t = 0; t < s->mesh->tet_count; t++) {
         bool in = true;
-        for (int a = 0; a < 3 && o->box.line; ++a) {
+        for (int a = 0; a < 3 && o->box.line; a++) {
             double x = 0;
-            for (int k = 0; k < 4; ++k) x += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k] + a];
+            for (int k = 0; k < 4; k++) x += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k] + a];
             in = in && x >= o->box_min.v[a] && x <= o->box_max.v[a];
         }
         if (o->region.line) in = !strcmp(s->file.region_name[s->mesh->region[t]], o->region.s);
@@ -126,7 +126,7 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     tm_status status = sim_world_frame(s, to, substeps);
     if (status) return status;
     m->api.tm_hybrid_recover_(m->hybrid, s->world);
-    for (int i = 0; s->contact && i < s->instrument_count; ++i)
+    for (int i = 0; s->contact && i < s->instrument_count; i++)
         s->reaction[i] = m->api.tm_hybrid_reaction_(m->hybrid, i);
     return status;
 }

@@ -75,7 +75,7 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     (void)substeps;
     if (touching) m->api.tm_precomputed_update_(m->precomputed, to);
     m->time_s += s->frame_s;
-    for (int i = 0; touching && i < s->instrument_count; ++i) {
+    for (int i = 0; touching && i < s->instrument_count; i++) {
         tm_tool_reaction *r = &s->reaction[i];
         if (s->wants[i] != SIM_SENDS_FORCE)
             *r = m->api.tm_precomputed_reaction_(m->precomputed, i);
@@ -87,7 +87,7 @@ static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
         const tm_contact_row *rows;
         int32_t count = m->api.tm_precomputed_rows_(m->precomputed, &rows);
         r->row_count = 0;
-        for (int32_t k = 0; k < count; ++k) r->row_count += rows[k].instrument == i && rows[k].lambda_N > 0;
+        for (int32_t k = 0; k < count; k++) r->row_count += rows[k].instrument == i && rows[k].lambda_N > 0;
         r->time_s = m->time_s;
     }
     return TM_OK;

@@ -38,8 +38,8 @@ static int build(sim *s, const void *own) {
     p->message.vertex_id = corner + 3 * t;
     p->slot_of = p->message.vertex_id + n;
     p->message.triangle_kind = (int8_t *)(p->slot_of + n);
-    for (size_t i = 0; i < n; ++i) p->message.vertex_m[i] = xyz + 3 * i;
-    for (size_t i = 0; i < t; ++i) p->message.triangle[i] = corner + 3 * i;
+    for (size_t i = 0; i < n; i++) p->message.vertex_m[i] = xyz + 3 * i;
+    for (size_t i = 0; i < t; i++) p->message.triangle[i] = corner + 3 * i;
     return 0;
 }
 
@@ -62,16 +62,16 @@ static bool was_outside(const tm_mesh *mesh, int32_t face) {
 static void renumber(sim_picture *p, const sim *s, const tm_surface_view *surface) {
     tensormass_tissue_t *m = &p->message;
     m->vertex_count = 0;
-    for (int32_t v = 0; v < s->mesh->vertex_count; ++v) p->slot_of[v] = -1;
-    for (int32_t i = 0; i < 3 * surface->count; ++i) p->slot_of[surface->triangle[i]] = 0;
-    for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
+    for (int32_t v = 0; v < s->mesh->vertex_count; v++) p->slot_of[v] = -1;
+    for (int32_t i = 0; i < 3 * surface->count; i++) p->slot_of[surface->triangle[i]] = 0;
+    for (int32_t v = 0; v < s->mesh->vertex_count; v++)
         if (!p->slot_of[v]) {
             p->slot_of[v] = m->vertex_count;
             m->vertex_id[m->vertex_count++] = v;
         }
     m->triangle_count = surface->count;
-    for (int32_t t = 0; t < surface->count; ++t) {
-        for (int c = 0; c < 3; ++c) m->triangle[t][c] = p->slot_of[surface->triangle[3 * t + c]];
+    for (int32_t t = 0; t < surface->count; t++) {
+        for (int c = 0; c < 3; c++) m->triangle[t][c] = p->slot_of[surface->triangle[3 * t + c]];
         m->triangle_kind[t] = !was_outside(s->mesh, surface->face[t]);
     }
     m->topology_revision = p->revision = surface->revision;
@@ -82,8 +82,8 @@ const tensormass_tissue_t *sim_picture_now(sim *s, int64_t utime, int64_t sessio
     tm_surface_view surface = sim_surface(s);
     if (surface.revision != p->revision) renumber(p, s, &surface);
     const double *u = sim_displacement(s);
-    for (int32_t i = 0; i < p->message.vertex_count; ++i)
-        for (int a = 0; a < 3; ++a) {
+    for (int32_t i = 0; i < p->message.vertex_count; i++)
+        for (int a = 0; a < 3; a++) {
             int32_t d = 3 * p->message.vertex_id[i] + a;
             p->message.vertex_m[i][a] = (float)(s->mesh->rest_m[d] + u[d]);
         }

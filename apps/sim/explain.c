@@ -28,7 +28,7 @@ static int64_t tissue_without(const sim *s, bool fibres, bool cutting) {
     tm_material *isotropic = malloc(sizeof *isotropic * (size_t)def.material_count);
     if (!isotropic) return -1;
     memcpy(isotropic, def.material, sizeof *isotropic * (size_t)def.material_count);
-    for (int i = 0; i < def.material_count && fibres; ++i)
+    for (int i = 0; i < def.material_count && fibres; i++)
         isotropic[i].dlambda_Pa = isotropic[i].dmu_Pa = isotropic[i].beta_Pa = 0;
     if (fibres) {
         def.material = isotropic;
@@ -54,7 +54,7 @@ static int line_of_stage(const sim *s, int owner) {
 static tm_status measure_model(sim *s, tm_stage_report *report, int *count) {
     tm_status status = sim_frame(s, s->pose, 1);
     int64_t begin = app_monotonic_us(), spent = 0, runs = 0;
-    for (; !status && spent < 300000 && runs < 1000000 && !app_interrupted(); ++runs) {
+    for (; !status && spent < 300000 && runs < 1000000 && !app_interrupted(); runs++) {
         status = sim_frame(s, s->pose, 1);
         spent = app_monotonic_us() - begin;
     }
@@ -71,15 +71,15 @@ static tm_status measure_model(sim *s, tm_stage_report *report, int *count) {
 static tm_status measure(sim *s, tm_stage_report *report, int *count) {
     tm_stage_report before[TM_MAX_STAGES];
     if (!s->world) return measure_model(s, report, count);
-    for (int i = 0; i < s->instrument_count; ++i) s->wants[i] = s->can_send; /* the dearest that may be asked for */
+    for (int i = 0; i < s->instrument_count; i++) s->wants[i] = s->can_send; /* the dearest that may be asked for */
     tm_status status = sim_frame(s, s->pose, s->substeps);                   /* warm */
     tm_world_set_timing(s->world, true);
     tm_world_stages(s->world, before);
     int64_t begin = app_monotonic_us();
-    for (int i = 0; !status && (i < 1 || app_monotonic_us() - begin < 300000) && i < 100000 && !app_interrupted(); ++i)
+    for (int i = 0; !status && (i < 1 || app_monotonic_us() - begin < 300000) && i < 100000 && !app_interrupted(); i++)
         status = sim_frame(s, s->pose, s->substeps);
     *count = tm_world_stages(s->world, report);
-    for (int i = 0; i < *count; ++i) {
+    for (int i = 0; i < *count; i++) {
         report[i].runs -= before[i].runs;
         report[i].seconds -= before[i].seconds;
     }
@@ -90,7 +90,7 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
     int n = 0;
     rows[n] = (row){.name = "mesh", .phase = "", .line = s->scene->mesh.line, .bytes = s->mesh->bytes};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
-    ++n;
+    n++;
     int64_t tissue = tm_tissue_bytes(s->tissue), part[SIM_PART_COUNT] = {0}, less;
     if (s->fibre && (less = tissue_without(s, true, false)) >= 0) part[SIM_PART_FIBRES] = tissue - less;
     if (s->tissue_def.cuttable && (less = tissue_without(s, false, true)) >= 0) part[SIM_PART_CUTTING] = tissue - less;
@@ -99,19 +99,19 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
                     .line = s->scene->tissue.line,
                     .bytes = tissue - part[SIM_PART_FIBRES] - part[SIM_PART_CUTTING]};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
-    ++n;
+    n++;
     /* What an effect holds beside its stages: in the library's account, or inside the tissue. */
     int64_t beside[SIM_MAX_EFFECTS];
-    for (int e = 0; e < sim_effect_count; ++e) {
+    for (int e = 0; e < sim_effect_count; e++) {
         beside[e] = s->cost[e].bytes + part[sim_effects[e]->part] +
                     (sim_effects[e]->model && s->model->bytes && sim_effect_line(s->scene, e) ? s->model->bytes(s) : 0);
-        for (int i = 0; i < count; ++i)
-            for (int j = 0; j < s->owner_count; ++j)
+        for (int i = 0; i < count; i++)
+            for (int j = 0; j < s->owner_count; j++)
                 if (s->owner[j].effect == e && !strcmp(s->owner[j].stage, report[i].name)) beside[e] -= report[i].bytes;
     }
-    for (int i = 0; i < count; ++i) {
+    for (int i = 0; i < count; i++) {
         int owner = SIM_OWNER_ALL;
-        for (int j = 0; j < s->owner_count; ++j)
+        for (int j = 0; j < s->owner_count; j++)
             if (!strcmp(s->owner[j].stage, report[i].name)) owner = s->owner[j].effect;
         rows[n] = (row){.phase = phase_name[report[i].phase],
                         .line = line_of_stage(s, owner),
@@ -125,17 +125,17 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
         }
         snprintf(rows[n].name, sizeof rows[n].name, "%s", report[i].name);
         app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
-        ++n;
+        n++;
     }
     /* Effects without a stage of their own. */
-    for (int e = 0; e < sim_effect_count; ++e) {
+    for (int e = 0; e < sim_effect_count; e++) {
         bool staged = false;
-        for (int j = 0; j < s->owner_count; ++j) staged |= s->owner[j].effect == e;
+        for (int j = 0; j < s->owner_count; j++) staged |= s->owner[j].effect == e;
         if (!sim_effect_line(s->scene, e) || staged) continue;
         rows[n] = (row){.phase = "", .line = sim_effect_line(s->scene, e), .bytes = beside[e]};
         snprintf(rows[n].name, sizeof rows[n].name, "%s", sim_effects[e]->name);
         app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
-        ++n;
+        n++;
     }
     return n;
 }
@@ -147,7 +147,7 @@ static void print(const sim *s, const row *rows, int n, double total_us, cJSON *
            s->substeps == 1 ? "" : "s", s->dt_s, s->critical_s, (long long)s->file.tet_tag[s->critical_tet]);
     printf("%-18s %-10s %12s %10s %7s  asked for by\n", "stage", "phase", "bytes", "us/step", "share");
     cJSON *list = cJSON_AddArrayToObject(json, "stages");
-    for (int i = 0; i < n; ++i) {
+    for (int i = 0; i < n; i++) {
         double share = total_us > 0 ? rows[i].us_per_step / total_us : 0;
         cJSON *j = cJSON_CreateObject();
         cJSON_AddItemToArray(list, j);
@@ -173,10 +173,10 @@ static void print(const sim *s, const row *rows, int n, double total_us, cJSON *
     cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", real);
     cJSON *left = cJSON_AddArrayToObject(json, "left_out");
     int left_count = 0;
-    for (int e = 0; e < sim_effect_count; ++e)
+    for (int e = 0; e < sim_effect_count; e++)
         if (!sim_effect_line(s->scene, e)) {
             printf(" %s", sim_effects[e]->name);
-            ++left_count;
+            left_count++;
             cJSON_AddItemToArray(left, cJSON_CreateString(sim_effects[e]->name));
         }
     puts(left_count ? "" : " nothing");
@@ -192,7 +192,7 @@ int run_explain(sim *s, const run_options *o) {
     tm_status status = measure(s, stages, &count);
     double total_us = 0;
     int n = gather(s, stages, count, rows);
-    for (int i = 0; i < n; ++i) total_us += rows[i].us_per_step;
+    for (int i = 0; i < n; i++) total_us += rows[i].us_per_step;
     if (status || app_interrupted()) {
         fputs(status ? "tm-sim: the scene blew up while being measured; lower time.step_fraction\n"
                      : "tm-sim: interrupted; nothing was measured\n",

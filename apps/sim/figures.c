@@ -33,7 +33,7 @@ void sim_magnitude_add(sim_magnitude *m, const double v[3]) {
     double square = v[0] * v[0] + v[1] * v[1] + v[2] * v[2];
     m->sum_of_squares += square;
     m->peak = fmax(m->peak, sqrt(square));
-    ++m->count;
+    m->count++;
 }
 
 double sim_magnitude_rms(const sim_magnitude *m) { return m->count ? sqrt(m->sum_of_squares / (double)m->count) : 0; }

@@ -6,13 +6,13 @@
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active) {
     tm_tool_pose pose = {.roll_rad = joint[HRT_ROLL], .grip = joint[HRT_GRIP], .active = active};
     hrt_tip64(&s->frame[instrument], joint, pose.tip_m);
-    for (int a = 0; a < 3; ++a) pose.tip_m[a] += s->instrument_def[instrument].trocar_m[a];
+    for (int a = 0; a < 3; a++) pose.tip_m[a] += s->instrument_def[instrument].trocar_m[a];
     return pose;
 }
 
 static bool joints_of_tip(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]) {
     double from_trocar[3];
-    for (int a = 0; a < 3; ++a) from_trocar[a] = tip_m[a] - s->instrument_def[instrument].trocar_m[a];
+    for (int a = 0; a < 3; a++) from_trocar[a] = tip_m[a] - s->instrument_def[instrument].trocar_m[a];
     return hrt_inverse64(&s->frame[instrument], from_trocar, joint);
 }
 
@@ -23,7 +23,7 @@ static int insert_above(const sim *s, int instrument, const app_pose *pose, doub
     memcpy(one, joint, sizeof one);
     one[2] = 1;
     tm_tool_pose out = sim_pose(s, instrument, one, false);
-    for (int a = 0; a < 3; ++a) along[a] = out.tip_m[a] - def->trocar_m[a];
+    for (int a = 0; a < 3; a++) along[a] = out.tip_m[a] - def->trocar_m[a];
     double way = sim_way_to_touch(s->mesh, def->trocar_m, along, def->radius_m), insertion = way - pose->above.si;
     if (way < 0)
         return app_scene_bad(s->scene, pose->above.line,
@@ -60,7 +60,7 @@ tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s) {
 static int make_hand(sim *s, int instrument, const app_hand *hand) {
     const app_waypoint *w = hand->path.item;
     hrt_keyframe *key = app_scene_alloc(s->scene, sizeof *key * (size_t)hand->path.count);
-    for (int k = 0; k < hand->path.count; ++k) {
+    for (int k = 0; k < hand->path.count; k++) {
         key[k].time_s = w[k].time.si;
         key[k].active = w[k].active.on;
         int rc = sim_scene_joints(s, instrument, &w[k].pose, key[k].joint);
@@ -78,7 +78,7 @@ static int make_hand(sim *s, int instrument, const app_hand *hand) {
 int sim_make_instruments(sim *s) {
     int rc = 0;
     s->instrument_count = s->scene->instrument.count;
-    for (int i = 0; i < s->instrument_count && !rc; ++i) {
+    for (int i = 0; i < s->instrument_count && !rc; i++) {
         const app_instrument *t = (const app_instrument *)s->scene->instrument.item + i;
         tm_instrument_def *def = &s->instrument_def[i];
         def->mode = (tm_tool_mode)t->mode.index;
@@ -89,7 +89,7 @@ int sim_make_instruments(sim *s) {
             return app_scene_bad(
                 s->scene, t->axis.line ? t->axis.line : t->up.line,
                 "axis and up give no orientation; give directions of a length near 1 across each other");
-        for (int h = 0; h < s->scene->hand.count; ++h) {
+        for (int h = 0; h < s->scene->hand.count; h++) {
             const app_hand *hand = (const app_hand *)s->scene->hand.item + h;
             if (hand->instrument.value == i && !rc) rc = make_hand(s, i, hand);
         }

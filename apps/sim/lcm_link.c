@@ -182,16 +182,16 @@ static bool link_listen(sim_lcm *link, int instruments, const sim_listener *list
     const tensormass_tool_state_t tool = {0};
     link->listener = *listener;
     int count = 0;
-    for (int i = 0; i < instruments && i < INSTRUMENTS; ++i) {
+    for (int i = 0; i < instruments && i < INSTRUMENTS; i++) {
         struct heard *h = &link->heard[i];
         h->link = link;
         h->instrument = i;
         snprintf(name[count], sizeof name[count], "TOOL_%d", i);
         channel[count] = (app_channel){name[count], tensormass_tool_state_t_encoded_size(&tool), tool_came, h};
-        ++count;
+        count++;
         snprintf(name[count], sizeof name[count], "CONTROLLER_%d", i);
         channel[count] = (app_channel){name[count], TEXT_MESSAGE, controller_came, h};
-        ++count;
+        count++;
     }
     link->receiver = app_receiver_open(link->url, channel, count, error->message, sizeof error->message);
     if (!link->receiver) error->status = TM_ERR_FILE;

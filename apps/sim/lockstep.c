@@ -84,7 +84,7 @@ static int make_station(lockstep *l, int i) {
     device.session = 1;
     device.seed = (uint64_t)l->haptics->seed.value;
     device.period_us = (double)l->tick_us;
-    for (int j = 0; j < SIM_JOINTS; ++j) device.rest[j] = s->start_joint[i][j];
+    for (int j = 0; j < SIM_JOINTS; j++) device.rest[j] = s->start_joint[i][j];
     device.hand = s->hand[i];
     hrt_bus_open_loopback(&t->device_bus, &l->bus);
     hrt_bus_open_loopback(&t->node_bus, &l->bus);
@@ -157,9 +157,9 @@ static void trace_tick(lockstep *l, int i, int64_t now_us) {
     const hrt_output *h = &t->node.output;
     fprintf(l->csv.stream, "%.6f,%d,%d,%d,%" PRIu32, (double)(now_us - START_US) * 1e-6, i, h->state, h->fault,
             h->limits);
-    for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", t->tool.tip_m[a]);
-    for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", (double)h->force_N[a]);
-    for (int j = 0; j < SIM_JOINTS; ++j) fprintf(l->csv.stream, ",%.9g", t->tool.joint[j]);
+    for (int a = 0; a < 3; a++) fprintf(l->csv.stream, ",%.9g", t->tool.tip_m[a]);
+    for (int a = 0; a < 3; a++) fprintf(l->csv.stream, ",%.9g", (double)h->force_N[a]);
+    for (int j = 0; j < SIM_JOINTS; j++) fprintf(l->csv.stream, ",%.9g", t->tool.joint[j]);
     fprintf(l->csv.stream, ",%.6f\n", (double)h->sample_age_us * 1e-6);
 }
 
@@ -195,9 +195,9 @@ static void deliver(station *t, sent *s) {
 }
 
 static void tick(lockstep *l, int64_t now_us) {
-    for (int i = 0; i < l->s->instrument_count; ++i) {
+    for (int i = 0; i < l->s->instrument_count; i++) {
         station *t = &l->station[i];
-        for (; t->head != t->tail && t->queue[t->head % QUEUE].due_us <= now_us; ++t->head)
+        for (; t->head != t->tail && t->queue[t->head % QUEUE].due_us <= now_us; t->head++)
             deliver(t, &t->queue[t->head % QUEUE]);
         hrt_device_step(&t->device, now_us);
         hrt_node_tick(&t->node, now_us, &t->tool);
@@ -214,7 +214,7 @@ static void tick(lockstep *l, int64_t now_us) {
             send_status(l, i, now_us, (int32_t)((now_us - START_US) / 100000));
         if (l->csv.begun) trace_tick(l, i, now_us);
     }
-    ++l->ticks;
+    l->ticks++;
 }
 
 /* --- frames --- */
@@ -225,19 +225,19 @@ static void trace_frame(lockstep *l, const tensormass_force_sample_t *m, int64_t
         FILE *out = l->samples.stream;
         fprintf(out, "%" PRId64 ",%.6f,%d,%.6f", l->frame, (double)(now_us - START_US) * 1e-6, m->instrument,
                 (double)(m->tool_utime ? m->tool_utime - START_US : 0) * 1e-6);
-        for (int a = 0; a < 3; ++a) fprintf(out, ",%.9g", m->tip_m[a]);
-        for (int a = 0; a < 3; ++a) fprintf(out, ",%.9g", m->force_N[a]);
-        for (int a = 0; a < 3; ++a) fprintf(out, ",%.9g", r->resultant_N[a]);
+        for (int a = 0; a < 3; a++) fprintf(out, ",%.9g", m->tip_m[a]);
+        for (int a = 0; a < 3; a++) fprintf(out, ",%.9g", m->force_N[a]);
+        for (int a = 0; a < 3; a++) fprintf(out, ",%.9g", r->resultant_N[a]);
         fprintf(out, ",%d,%d,%d", r->row_count, m->flags, m->stiffness_kind);
-        for (int a = 0; a < 9; ++a) fprintf(out, ",%.9g", m->stiffness_N_m[a]);
+        for (int a = 0; a < 9; a++) fprintf(out, ",%.9g", m->stiffness_N_m[a]);
         fputc('\n', out);
     }
     if (!l->haptics) {
         sim_magnitude_add(&l->force, r->force_N);
         if (l->csv.begun) {
             fprintf(l->csv.stream, "%.6f,%d,-1,0,0", (double)(now_us - START_US) * 1e-6, m->instrument);
-            for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", m->tip_m[a]);
-            for (int a = 0; a < 3; ++a) fprintf(l->csv.stream, ",%.9g", m->force_N[a]);
+            for (int a = 0; a < 3; a++) fprintf(l->csv.stream, ",%.9g", m->tip_m[a]);
+            for (int a = 0; a < 3; a++) fprintf(l->csv.stream, ",%.9g", m->force_N[a]);
             fprintf(l->csv.stream, ",0,0,0,0,0,0\n");
         }
     }
@@ -263,7 +263,7 @@ static void queue_sample(lockstep *l, int i, int64_t now_us, const tensormass_fo
 static tm_status frame(lockstep *l, int64_t now_us) {
     sim *s = l->s;
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
-    for (int i = 0; i < s->instrument_count; ++i) {
+    for (int i = 0; i < s->instrument_count; i++) {
         s->wants[i] = sim_tools_want(&l->tools, i);
         if (l->haptics)
             to[i] = sim_tools_target(&l->tools, i);
@@ -275,10 +275,10 @@ static tm_status frame(lockstep *l, int64_t now_us) {
     double spent_s = (double)(app_monotonic_us() - before) * 1e-6;
     l->compute_s += spent_s;
     if (s->broken_off) {
-        --l->frame;
+        l->frame--;
         return status;
     }
-    for (int i = 0; i < s->instrument_count; ++i) {
+    for (int i = 0; i < s->instrument_count; i++) {
         const sim_tool *tool = &l->tools.tool[i];
         int64_t t_n = sim_tools_mean_utime(&l->tools, i, s->substeps, s->average);
         tensormass_force_sample_t sample;
@@ -323,7 +323,7 @@ static int loop(lockstep *l) {
             now_us += l->tick_us;
             continue;
         }
-        ++l->frame;
+        l->frame++;
         status = frame(l, frame_us(l, l->frame));
         if (!status && !l->s->broken_off && l->frame == snapshot_frame) {
             int rc = sim_snapshot_save(l->s, l->o->snapshot);
@@ -339,7 +339,7 @@ static int loop(lockstep *l) {
 
 static void report_controllers(lockstep *l, cJSON *json) {
     cJSON *list = cJSON_AddArrayToObject(json, "controllers");
-    for (int i = 0; l->haptics && i < l->s->instrument_count; ++i) {
+    for (int i = 0; l->haptics && i < l->s->instrument_count; i++) {
         hrt_status h = {0};
         hrt_node_status(&l->station[i].node, &h);
         cJSON *row = cJSON_CreateObject();
@@ -412,7 +412,7 @@ static int begin(lockstep *l, const char *log) {
     hrt_loopback_init(&l->bus);
     l->station = calloc((size_t)s->instrument_count, sizeof *l->station);
     if (!l->station) return APP_FAILED;
-    for (int i = 0; i < s->instrument_count && !rc; ++i) rc = make_station(l, i);
+    for (int i = 0; i < s->instrument_count && !rc; i++) rc = make_station(l, i);
     return rc;
 }
 
@@ -449,9 +449,9 @@ int run_lockstep(sim *s, const run_options *o) {
         cJSON_Delete(json);
     } else
         rc = run_report_end(json, &l->report);
-    for (int i = 0; l->station && i < s->instrument_count; ++i) {
+    for (int i = 0; l->station && i < s->instrument_count; i++) {
         station *t = &l->station[i];
-        for (; t->head != t->tail; ++t->head) free(t->queue[t->head % QUEUE].patch);
+        for (; t->head != t->tail; t->head++) free(t->queue[t->head % QUEUE].patch);
         hrt_bus_close(&l->station[i].node_bus);
         hrt_bus_close(&l->station[i].device_bus);
     }

@@ -253,7 +253,7 @@ static int parse(run_options *o, int count, char **all) {
 static int print_schema(void) {
     const char *name[SIM_MAX_EFFECTS], *doc[SIM_MAX_EFFECTS];
     app_schema schema[SIM_MAX_EFFECTS];
-    for (int i = 0; i < sim_effect_count; ++i) {
+    for (int i = 0; i < sim_effect_count; i++) {
         name[i] = sim_effects[i]->name;
         doc[i] = sim_effects[i]->doc;
         schema[i] = sim_effects[i]->schema;
@@ -296,6 +296,6 @@ int main(int count, char **all) {
     app_catch_signals();
     int rc = parse(&o, count, all);
     if (!rc) rc = app_ended("tm-sim", run(&o));
-    for (int i = 0; i < o.set_count; ++i) free(o.set[i]);
+    for (int i = 0; i < o.set_count; i++) free(o.set[i]);
     return rc;
 }

@@ -92,10 +92,10 @@ static tm_status step_in_slices(sim *s, int32_t substeps) {
 tm_status sim_world_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     if (s->contact) {
         tm_contact_begin_frame(s->contact, substeps, s->average < substeps ? s->average : substeps);
-        for (int i = 0; i < s->instrument_count; ++i) tm_contact_move(s->contact, i, &to[i], substeps);
+        for (int i = 0; i < s->instrument_count; i++) tm_contact_move(s->contact, i, &to[i], substeps);
     }
     tm_status status = step_in_slices(s, substeps);
-    for (int i = 0; s->contact && i < s->instrument_count; ++i) s->reaction[i] = tm_contact_reaction(s->contact, i);
+    for (int i = 0; s->contact && i < s->instrument_count; i++) s->reaction[i] = tm_contact_reaction(s->contact, i);
     return status;
 }
 

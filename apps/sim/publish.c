@@ -8,9 +8,9 @@
 /* --- cuts: one message for each who cut, in the frame's order --- */
 
 static void send_cuts(sim_publisher *p, const sim *s, int64_t utime) {
-    for (int who = -1; who < s->instrument_count && s->cuts.count; ++who) {
+    for (int who = -1; who < s->instrument_count && s->cuts.count; who++) {
         int32_t count = 0;
-        for (int32_t i = 0; i < s->cuts.count; ++i)
+        for (int32_t i = 0; i < s->cuts.count; i++)
             if (s->cuts.instrument[i] == who) p->removed[count++] = s->cuts.tet[i];
         if (!count) continue;
         tensormass_cut_event_t m = {.utime = utime,
@@ -67,14 +67,14 @@ static int32_t sample_flags(uint32_t reaction_flags) {
                 {TM_REACTION_UNSTABLE, SIM_FLAG_UNSTABLE},       {TM_REACTION_TOO_FAST, SIM_FLAG_TOO_FAST},
                 {TM_REACTION_INSIDE, SIM_FLAG_INSIDE},           {TM_REACTION_LETTING_GO, SIM_FLAG_LETTING_GO}};
     int32_t flags = 0;
-    for (size_t i = 0; i < sizeof pair / sizeof *pair; ++i)
+    for (size_t i = 0; i < sizeof pair / sizeof *pair; i++)
         if (reaction_flags & pair[i].reaction) flags |= pair[i].sample;
     return flags;
 }
 
 static bool all_finite(const double *x, int n) {
     bool good = true;
-    for (int i = 0; i < n; ++i) good = good && isfinite(x[i]);
+    for (int i = 0; i < n; i++) good = good && isfinite(x[i]);
     return good;
 }
 
@@ -108,17 +108,17 @@ void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t ut
 static void put_compliance(const tm_patch *t, float *to) {
     const int n = 3 * t->vertex_count;
     const double *from = t->compliance_m_N;
-    for (int i = 0; i < n; ++i) {
-        for (int j = i; j < n; ++j) *to++ = (float)*from++;
-        for (int c = 0; c < 3 && t->holds; ++c) *to++ = (float)t->follow[3 * i + c];
+    for (int i = 0; i < n; i++) {
+        for (int j = i; j < n; j++) *to++ = (float)*from++;
+        for (int c = 0; c < 3 && t->holds; c++) *to++ = (float)t->follow[3 * i + c];
     }
-    for (int i = 0; i < 9 && t->holds; ++i)
+    for (int i = 0; i < 9 && t->holds; i++)
         if (i % 3 >= i / 3) *to++ = (float)t->hold_stiffness_N_m[i];
 }
 
 static void put_hold(const tm_patch *t, tensormass_contact_patch_t *out) {
     out->held = (int32_t)(t->held | 1u << t->vertex_count);
-    for (int c = 0; c < 3; ++c) {
+    for (int c = 0; c < 3; c++) {
         out->hold_N[c] = (float)t->hold_N[c];
         out->vertex_m[3 * t->vertex_count + c] = (float)(t->hold_tip_m[c] - t->trocar_m[c]);
     }
@@ -138,7 +138,7 @@ bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_fo
     out->vertex_count = t->vertex_count;
     out->triangle_count = t->triangle_count;
     memcpy(out->origin_m, t->trocar_m, sizeof out->origin_m);
-    for (int i = 0; i < 3 * t->vertex_count; ++i) {
+    for (int i = 0; i < 3 * t->vertex_count; i++) {
         out->vertex_m[i] = (float)(t->vertex_m[i] - t->trocar_m[i % 3]);
         out->rest_m[i] = (float)(t->rest_m[i] - t->trocar_m[i % 3]);
     }
@@ -185,10 +185,10 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
                                  .sim_seconds_per_wall_second = speed,
                                  .dropped_utime = p->dropped_us,
                                  .instrument_count = (int8_t)s->instrument_count};
-    for (int i = 0; i < s->instrument_count; ++i) {
+    for (int i = 0; i < s->instrument_count; i++) {
         memcpy(m.tip_m[i], s->pose[i].tip_m, sizeof m.tip_m[i]);
         memcpy(m.trocar_m[i], s->instrument_def[i].trocar_m, sizeof m.trocar_m[i]);
-        for (int a = 0; a < 3; ++a) { /* columns z and y of the instrument's frame */
+        for (int a = 0; a < 3; a++) { /* columns z and y of the instrument's frame */
             m.axis[i][a] = s->frame[i].r[3 * a + 2];
             m.up[i][a] = s->frame[i].r[3 * a + 1];
         }

@@ -57,7 +57,7 @@ static int64_t utime_now(void) {
 
 static void tell_refused(struct told *told, const sim_tool *tool, int64_t now_us, const tensormass_tool_state_t *m,
                          int instrument, const char *why) {
-    ++told->refused;
+    told->refused++;
     bool other = !tool->seen || m->session != tool->now.session;
     if ((!other && now_us - tool->gate.heard_us < worth_a_line_us) ||
         (told->refused_us && now_us - told->refused_us < line_every_us))
@@ -89,7 +89,7 @@ static void take_tool(void *user, int instrument, const tensormass_tool_state_t 
 }
 
 static void tell_gone(realtime *r) {
-    for (int i = 0; i < r->s->instrument_count; ++i) {
+    for (int i = 0; i < r->s->instrument_count; i++) {
         struct told *told = &r->told[i];
         if (!told->here || told->gone || app_monotonic_us() - r->tools.tool[i].gate.heard_us < HRT_GATE_SILENCE_US)
             continue;
@@ -145,7 +145,7 @@ static int32_t affordable(const realtime *r) {
 static void publish(realtime *r, int32_t substeps, double spent_s, bool overran) {
     sim *s = r->s;
     int32_t average = s->average < substeps ? s->average : substeps;
-    for (int i = 0; i < s->instrument_count; ++i) {
+    for (int i = 0; i < s->instrument_count; i++) {
         const sim_tool *tool = &r->tools.tool[i];
         int64_t t_n = sim_tools_mean_utime(&r->tools, i, substeps, average);
         tensormass_force_sample_t sample;
@@ -160,8 +160,8 @@ static void publish(realtime *r, int32_t substeps, double spent_s, bool overran)
         if (r->samples.begun) {
             fprintf(r->samples.stream, "%" PRId64 ",%.6f,%d,%" PRId64, r->frame,
                     (double)(app_monotonic_us() - r->start_us) * 1e-6, i, t_n);
-            for (int a = 0; a < 3; ++a) fprintf(r->samples.stream, ",%.9g", sample.tip_m[a]);
-            for (int a = 0; a < 3; ++a) fprintf(r->samples.stream, ",%.9g", sample.force_N[a]);
+            for (int a = 0; a < 3; a++) fprintf(r->samples.stream, ",%.9g", sample.tip_m[a]);
+            for (int a = 0; a < 3; a++) fprintf(r->samples.stream, ",%.9g", sample.force_N[a]);
             fprintf(r->samples.stream, ",%d,%d\n", s->reaction[i].row_count, sample.flags);
         }
     }
@@ -173,7 +173,7 @@ static tm_status one_frame(realtime *r) {
     sim *s = r->s;
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
     int64_t begin = app_monotonic_us();
-    for (int i = 0; i < s->instrument_count; ++i) {
+    for (int i = 0; i < s->instrument_count; i++) {
         s->wants[i] = sim_tools_want(&r->tools, i);
         if (r->haptics)
             to[i] = sim_tools_target(&r->tools, i);
@@ -187,13 +187,13 @@ static tm_status one_frame(realtime *r) {
     r->compute_s += spent_s;
     if (s->broken_off) return status;
     r->simulated_s += substeps * s->dt_s;
-    ++r->frame;
+    r->frame++;
     sim_quantiles_add(&r->compute, spent_s * 1e6);
     sim_quantiles_add(&r->lateness, (double)(begin - r->next_us));
     int64_t now = app_monotonic_us();
     bool overran = now > r->next_us + r->frame_us || substeps < s->substeps;
     if (overran) {
-        ++r->overruns;
+        r->overruns++;
         r->publisher.dropped_us += llround((s->substeps - substeps) * s->dt_s * 1e6);
     }
     publish(r, substeps, spent_s, overran);
@@ -211,7 +211,7 @@ static tm_status one_frame(realtime *r) {
 /* What a substep costs, before the first frame must know it: three frames of one substep each. */
 static tm_status calibrate(realtime *r) {
     tm_status status = TM_OK;
-    for (int i = 0; i < 3 && !status; ++i) {
+    for (int i = 0; i < 3 && !status; i++) {
         int64_t begin = app_monotonic_us();
         status = sim_frame(r->s, r->s->pose, 1);
         double spent_s = (double)(app_monotonic_us() - begin) * 1e-6;
@@ -242,7 +242,7 @@ static int loop(realtime *r) {
         tell_gone(r);
         if (r->haptics) tell_thrown_away(r);
         if (r->haptics && !r->told_waiting && r->frame * r->frame_us > 1000000) {
-            for (int i = 0; i < r->s->instrument_count; ++i)
+            for (int i = 0; i < r->s->instrument_count; i++)
                 if (!r->tools.tool[i].seen)
                     app_say("tm-sim: waiting for TOOL_%d; start haptic-rt (any order is fine)", i);
             r->told_waiting = true;
@@ -282,7 +282,7 @@ static void report(realtime *r, cJSON *json) {
     int64_t ticks = 0, missed = 0;
     double late[4] = {0};
     cJSON *list = cJSON_AddArrayToObject(json, "tools");
-    for (int i = 0; r->haptics && i < r->s->instrument_count; ++i) {
+    for (int i = 0; r->haptics && i < r->s->instrument_count; i++) {
         const sim_tool *t = &r->tools.tool[i];
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
@@ -292,7 +292,7 @@ static void report(realtime *r, cJSON *json) {
         cJSON_AddNumberToObject(row, "rejected", (double)t->rejected);
         ticks += r->controller[i].ticks;
         missed += r->controller[i].missed;
-        for (int k = 0; k < 4; ++k) late[k] = fmax(late[k], r->controller[i].lateness_us[k]);
+        for (int k = 0; k < 4; k++) late[k] = fmax(late[k], r->controller[i].lateness_us[k]);
     }
     cJSON_AddNumberToObject(json, "ticks", (double)ticks);
     cJSON_AddNumberToObject(json, "missed_ticks", (double)missed);

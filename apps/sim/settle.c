@@ -24,7 +24,7 @@ static bool on_progress(void *user, int64_t step, double residual) {
 
 static void write_csv(FILE *out, const tm_mesh *mesh, const double *u, const double *reaction) {
     fputs("vertex,x_m,y_m,z_m,ux_m,uy_m,uz_m,rx_N,ry_N,rz_N\n", out);
-    for (int32_t v = 0; v < mesh->vertex_count; ++v) {
+    for (int32_t v = 0; v < mesh->vertex_count; v++) {
         const double *x = &mesh->rest_m[3 * v], *d = &u[3 * v], *r = &reaction[3 * v];
         fprintf(out, "%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", v, x[0], x[1], x[2], d[0], d[1],
                 d[2], r[0], r[1], r[2]);
@@ -33,7 +33,7 @@ static void write_csv(FILE *out, const tm_mesh *mesh, const double *u, const dou
 
 static void write_vectors(FILE *out, const char *name, const double *v, int32_t count) {
     fprintf(out, "VECTORS %s double\n", name);
-    for (int32_t i = 0; i < count; ++i) fprintf(out, "%.17g %.17g %.17g\n", v[3 * i], v[3 * i + 1], v[3 * i + 2]);
+    for (int32_t i = 0; i < count; i++) fprintf(out, "%.17g %.17g %.17g\n", v[3 * i], v[3 * i + 1], v[3 * i + 2]);
 }
 
 static void write_vtk(FILE *out, const tm_mesh *mesh, const double *u, const double *reaction) {
@@ -41,32 +41,32 @@ static void write_vtk(FILE *out, const tm_mesh *mesh, const double *u, const dou
             "# vtk DataFile Version 3.0\ntm-sim: rest positions, displacement in m, support reactions in "
             "N\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS %d double\n",
             mesh->vertex_count);
-    for (int32_t v = 0; v < mesh->vertex_count; ++v)
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
         fprintf(out, "%.17g %.17g %.17g\n", mesh->rest_m[3 * v], mesh->rest_m[3 * v + 1], mesh->rest_m[3 * v + 2]);
     fprintf(out, "CELLS %d %d\n", mesh->tet_count, 5 * mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; ++t)
+    for (int32_t t = 0; t < mesh->tet_count; t++)
         fprintf(out, "4 %d %d %d %d\n", mesh->tet[4 * t], mesh->tet[4 * t + 1], mesh->tet[4 * t + 2],
                 mesh->tet[4 * t + 3]);
     fprintf(out, "CELL_TYPES %d\n", mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; ++t) fputs("10\n", out);
+    for (int32_t t = 0; t < mesh->tet_count; t++) fputs("10\n", out);
     fprintf(out, "POINT_DATA %d\n", mesh->vertex_count);
     write_vectors(out, "displacement_m", u, mesh->vertex_count);
     write_vectors(out, "reaction_N", reaction, mesh->vertex_count);
     fprintf(out, "CELL_DATA %d\nSCALARS region int 1\nLOOKUP_TABLE default\n", mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; ++t) fprintf(out, "%d\n", mesh->region[t]);
+    for (int32_t t = 0; t < mesh->tet_count; t++) fprintf(out, "%d\n", mesh->region[t]);
 }
 
 /* One row a support: the force that it exerts on the tissue. */
 static void report_supports(const sim *s, const double *reaction, cJSON *json) {
     cJSON *list = cJSON_AddArrayToObject(json, "supports");
-    for (int i = 0; i < s->scene->support.count; ++i) {
+    for (int i = 0; i < s->scene->support.count; i++) {
         const app_support *support = (const app_support *)s->scene->support.item + i;
         double sum[3] = {0, 0, 0};
         int count = 0;
-        for (int32_t v = 0; v < s->mesh->vertex_count; ++v) {
+        for (int32_t v = 0; v < s->mesh->vertex_count; v++) {
             if (s->support_of[v] != i + 1) continue;
-            ++count;
-            for (int a = 0; a < 3; ++a) sum[a] += reaction[3 * v + a];
+            count++;
+            for (int a = 0; a < 3; a++) sum[a] += reaction[3 * v + a];
         }
         char name[160];
         if (*support->name.s)
@@ -89,7 +89,7 @@ static tm_status insert_tools(sim *s) {
     enum { STEPS = 400 };
     if (!s->contact) return TM_OK;
     tm_contact_begin_frame(s->contact, STEPS, 1);
-    for (int i = 0; i < s->instrument_count; ++i) {
+    for (int i = 0; i < s->instrument_count; i++) {
         double joint[SIM_JOINTS];
         memcpy(joint, s->start_joint[i], sizeof joint);
         joint[HRT_INSERTION] = fmin(joint[HRT_INSERTION], 2 * s->instrument_def[i].radius_m);
@@ -134,7 +134,7 @@ static void report_tools(const sim *s, cJSON *json) {
     if (!s->contact) return;
     tm_contact_begin_frame(s->contact, 1, 1); /* forgets the averages of the way in: now is the state at rest */
     cJSON *list = cJSON_AddArrayToObject(json, "instruments");
-    for (int i = 0; i < s->instrument_count; ++i) {
+    for (int i = 0; i < s->instrument_count; i++) {
         tm_tool_reaction r = tm_contact_reaction(s->contact, i);
         printf("instrument %d: %d rows, tip force %.9g %.9g %.9g N%s\n", i, r.row_count, r.force_N[0], r.force_N[1],
                r.force_N[2],
@@ -158,7 +158,7 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
         return rc;
     }
     double largest = 0;
-    for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
+    for (int32_t v = 0; v < s->mesh->vertex_count; v++)
         largest = fmax(largest, sqrt(u[3 * v] * u[3 * v] + u[3 * v + 1] * u[3 * v + 1] + u[3 * v + 2] * u[3 * v + 2]));
     if (s->model->solve)
         printf("at rest, by the direct solver");

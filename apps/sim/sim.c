@@ -25,7 +25,7 @@ int sim_report_file(const app_scene *scene, int line, const char *file, int file
 /* --- effects by name --- */
 
 const sim_effect *sim_effect_find(const char *name, int *index) {
-    for (int i = 0; i < sim_effect_count; ++i)
+    for (int i = 0; i < sim_effect_count; i++)
         if (!strcmp(sim_effects[i]->name, name)) {
             if (index) *index = i;
             return sim_effects[i];
@@ -50,7 +50,7 @@ bool sim_has(const sim *s, const char *effect) { return sim_options(s->scene, ef
 
 int sim_scene_load(const char *file, char *const *set, int set_count, app_scene **scene) {
     app_schema schema[SIM_MAX_EFFECTS];
-    for (int i = 0; i < sim_effect_count; ++i) schema[i] = sim_effects[i]->schema;
+    for (int i = 0; i < sim_effect_count; i++) schema[i] = sim_effects[i]->schema;
     return app_scene_load(file, set, set_count, schema, sim_effect_count, scene);
 }
 
@@ -58,13 +58,13 @@ static int check_effect(const app_scene *scene, int index) {
     const sim_effect *e = sim_effects[index];
     int line = sim_effect_line(scene, index), other;
     char where[600];
-    for (int i = 0; i < 4 && e->needs[i]; ++i) {
+    for (int i = 0; i < 4 && e->needs[i]; i++) {
         if (!strcmp(e->needs[i], "instruments") ? scene->instrument.count > 0 : sim_options(scene, e->needs[i]) != NULL)
             continue;
         return app_scene_bad(scene, line, "%s needs %s, which the scene does not name; add '%s:' or remove '%s:'",
                              e->name, e->needs[i], e->needs[i], e->name);
     }
-    for (int i = 0; i < 4 && e->excludes[i].other; ++i) {
+    for (int i = 0; i < 4 && e->excludes[i].other; i++) {
         if (!sim_effect_find(e->excludes[i].other, &other) || !sim_effect_line(scene, other)) continue;
         app_scene_where(scene, sim_effect_line(scene, other), where, sizeof where);
         return app_scene_bad(scene, line, "%s and %s (%s) exclude each other: %s", e->name, e->excludes[i].other, where,
@@ -75,9 +75,9 @@ static int check_effect(const app_scene *scene, int index) {
 
 static int check_scene(const app_scene *scene) {
     int rc = app_scene_check(scene);
-    for (int i = 0; i < sim_effect_count && !rc; ++i)
+    for (int i = 0; i < sim_effect_count && !rc; i++)
         if (sim_effect_line(scene, i)) rc = check_effect(scene, i);
-    for (int i = 0; i < scene->material.count && !rc; ++i) {
+    for (int i = 0; i < scene->material.count && !rc; i++) {
         const app_material *m = (const app_material *)scene->material.item + i;
         app_law law;
         rc = app_scene_law(scene, m, &law);
@@ -92,7 +92,7 @@ static int check_scene(const app_scene *scene) {
                                "'damping:' or remove the rate",
                                m->region.s);
     }
-    for (int i = 0; i < scene->instrument.count && !rc; ++i) {
+    for (int i = 0; i < scene->instrument.count && !rc; i++) {
         const app_instrument *t = (const app_instrument *)scene->instrument.item + i;
         const char *needed = t->mode.index == TM_TOOL_GRASPER   ? "grasp"
                              : t->mode.index == TM_TOOL_CAUTERY ? "cut"
@@ -130,9 +130,9 @@ void sim_own_stages(sim *s, int effect) {
     if (!s->world) return;
     tm_stage_report report[TM_MAX_STAGES];
     int count = tm_world_stages(s->world, report);
-    for (int i = 0; i < count; ++i) {
+    for (int i = 0; i < count; i++) {
         bool known = false;
-        for (int j = 0; j < s->owner_count; ++j) known |= !strcmp(s->owner[j].stage, report[i].name);
+        for (int j = 0; j < s->owner_count; j++) known |= !strcmp(s->owner[j].stage, report[i].name);
         if (!known) s->owner[s->owner_count++] = (sim_owner){report[i].name, effect};
     }
 }
@@ -140,7 +140,7 @@ void sim_own_stages(sim *s, int effect) {
 /* Runs one hook of every named effect and books memory and stages. */
 static int run_hook(sim *s, bool build) {
     int rc = 0;
-    for (int i = 0; i < sim_effect_count && !rc; ++i) {
+    for (int i = 0; i < sim_effect_count && !rc; i++) {
         int (*hook)(sim *, const void *) = build ? sim_effects[i]->build : sim_effects[i]->prepare;
         if (!sim_effect_line(s->scene, i) || !hook) continue;
         int64_t before = tm_memory_in_use();
@@ -195,7 +195,7 @@ int sim_create(app_scene *scene, sim **out) {
 
 void sim_destroy(sim *s) {
     if (!s) return;
-    for (int i = 0; i < sim_effect_count; ++i)
+    for (int i = 0; i < sim_effect_count; i++)
         if (sim_effects[i]->destroy) sim_effects[i]->destroy(s);
     if (s->world) tm_world_destroy(s->world);
     if (s->model && s->model->destroy && s->model_own) s->model->destroy(s->model_own);
@@ -217,7 +217,7 @@ void sim_destroy(sim *s) {
 
 /* The frame has not happened: nothing of it is felt or shown. */
 static void disown(sim *s) {
-    for (int i = 0; i < s->instrument_count; ++i) {
+    for (int i = 0; i < s->instrument_count; i++) {
         s->reaction[i] = (tm_tool_reaction){.time_s = sim_time_s(s), .flags = TM_REACTION_UNSTABLE};
         memcpy(s->reaction[i].tip_m, s->pose[i].tip_m, sizeof s->reaction[i].tip_m);
         s->patch_valid[i] = false;
@@ -232,15 +232,15 @@ tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
         return status;
     }
     if (s->broken_off) return status; /* Ctrl-C: nobody sees half a frame */
-    for (int i = 0; i < s->instrument_count; ++i) {
-        for (int a = 0; a < 3; ++a) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->frame_s;
+    for (int i = 0; i < s->instrument_count; i++) {
+        for (int a = 0; a < 3; a++) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->frame_s;
         s->pose[i] = to[i];
         s->patch_valid[i] = false;
         if (s->wants[i] != SIM_SENDS_FORCE && s->model->feel) s->model->feel(s, i);
     }
-    for (int i = 0; i < sim_effect_count; ++i)
+    for (int i = 0; i < sim_effect_count; i++)
         if (sim_effects[i]->frame && sim_effect_line(s->scene, i)) sim_effects[i]->frame(s);
-    ++s->frames;
+    s->frames++;
     return status;
 }
 

@@ -34,7 +34,7 @@ int sim_snapshot_save(sim *s, const char *path) {
         memcpy(h->magic, magic, sizeof magic);
         h->world_bytes = bytes;
         h->frames = s->frames;
-        for (int i = 0; i < TM_MAX_INSTRUMENTS; ++i) memcpy(&h->pose[i], &s->pose[i], sizeof h->pose[i]);
+        for (int i = 0; i < TM_MAX_INSTRUMENTS; i++) memcpy(&h->pose[i], &s->pose[i], sizeof h->pose[i]);
         h->checksum = checksum(h);
         FILE *file = app_output_stream(&output);
         bool whole = file && fwrite(h, sizeof *h, 1, file) == 1 && fwrite(world, (size_t)bytes, 1, file) == 1;
@@ -91,7 +91,7 @@ int sim_snapshot_restore(sim *s, const char *path) {
     }
     if (!rc) {
         s->frames = h.frames;
-        for (int i = 0; i < TM_MAX_INSTRUMENTS; ++i) s->pose[i] = h.pose[i];
+        for (int i = 0; i < TM_MAX_INSTRUMENTS; i++) s->pose[i] = h.pose[i];
     }
     free(bytes);
     return rc;

@@ -25,7 +25,7 @@ static int open_all(const sim *s, int line, const char *const *name, void **poin
                              "this process may not have the 256 MB of address space that the module solve wants; raise "
                              "the limit (ulimit -v)");
     void *module = app_module("solve", &error);
-    for (int i = 0; module && i < count; ++i) {
+    for (int i = 0; module && i < count; i++) {
         pointer[i] = app_module_symbol(module, name[i], &error);
         if (!pointer[i]) module = NULL;
     }
@@ -63,13 +63,13 @@ int sim_problem_make(const sim *s, const tm_tissue *tissue, sim_problem *p, tm_s
         sim_problem_free(p);
         return app_scene_bad(s->scene, s->scene->model.line, "out of memory; use a smaller mesh");
     }
-    for (int32_t i = 0; i < s->held_count; ++i) {
+    for (int32_t i = 0; i < s->held_count; i++) {
         p->fixed[s->held_dof[i]] = 1;
         p->value_m[s->held_dof[i]] = s->held_m[i];
     }
     const double *mass = tm_tissue_mass_kg(tissue);
-    for (int32_t v = 0; v < s->mesh->vertex_count; ++v)
-        for (int a = 0; a < 3; ++a)
+    for (int32_t v = 0; v < s->mesh->vertex_count; v++)
+        for (int a = 0; a < 3; a++)
             p->load_N[3 * v + a] = (s->load_N ? s->load_N[3 * v + a] : 0) + mass[v] * s->gravity_m_s2[a];
     def->tissue = tissue;
     def->fixed = p->fixed;
@@ -92,7 +92,7 @@ void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, 
     if (!o->cache.on || !app_cache_folder(folder, sizeof folder)) return;
     /* Scenes that differ in anything else than these would only overwrite each other's file, never read it wrongly. */
     uint64_t key = tm_hash(&s->file.hash, sizeof s->file.hash, TM_HASH_SEED);
-    for (int32_t r = 0; r < s->mesh->region_count; ++r) {
+    for (int32_t r = 0; r < s->mesh->region_count; r++) {
         tm_material at_rest = s->material[r];
         at_rest.damping_1_s = 0; /* plays no part */
         key = tm_hash(&at_rest, sizeof at_rest, key);

@@ -5,10 +5,10 @@
 
 static bool sane(const sim *s, int instrument, const tensormass_tool_state_t *m) {
     const double low[SIM_JOINTS] = {HRT_ENGINE_REACH_MIN}, high[SIM_JOINTS] = {HRT_ENGINE_REACH_MAX};
-    for (int j = 0; j < SIM_JOINTS; ++j)
+    for (int j = 0; j < SIM_JOINTS; j++)
         if (!isfinite(m->joint[j]) || m->joint[j] < low[j] || m->joint[j] > high[j]) return false;
     tm_tool_pose pose = sim_pose(s, instrument, m->joint, false);
-    for (int a = 0; a < 3; ++a) /* farther apart, controller and scene disagree on the trocar */
+    for (int a = 0; a < 3; a++) /* farther apart, controller and scene disagree on the trocar */
         if (!isfinite(m->tip_m[a]) || fabs(m->tip_m[a] - pose.tip_m[a]) > HRT_ENGINE_ROUNDING_M) return false;
     return m->mode >= 0 && m->mode <= 2 && m->state >= 0 && m->state <= 5 && (m->active == 0 || m->active == 1);
 }
@@ -16,11 +16,11 @@ static bool sane(const sim *s, int instrument, const tensormass_tool_state_t *m)
 const char *sim_tools_take(sim_tools *t, int instrument, int64_t now_us, const tensormass_tool_state_t *m) {
     sim_tool *tool = &t->tool[instrument];
     if (m->instrument != instrument) {
-        ++tool->foreign;
+        tool->foreign++;
         return "it names another instrument than its channel";
     }
     if (!sane(t->s, instrument, m)) {
-        ++tool->rejected;
+        tool->rejected++;
         return "a value is out of range, or its tip is not where its joints put it in this scene; see haptic-rt --trocar";
     }
     const hrt_gate_mark mark = {.session = m->session, .utime = m->utime, .seq = (uint32_t)m->seq};
@@ -31,7 +31,7 @@ const char *sim_tools_take(sim_tools *t, int instrument, int64_t now_us, const t
     }
     tool->now = *m;
     tool->seen = true;
-    ++tool->accepted;
+    tool->accepted++;
     return NULL;
 }
 

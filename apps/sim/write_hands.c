@@ -10,7 +10,7 @@
 
 static void write_key(FILE *out, double time_s, const double joint[SIM_JOINTS], bool active) {
     fprintf(out, "%.17g", time_s);
-    for (int j = 0; j < SIM_JOINTS; ++j) fprintf(out, ",%.17g", joint[j]);
+    for (int j = 0; j < SIM_JOINTS; j++) fprintf(out, ",%.17g", joint[j]);
     fprintf(out, ",%d\n", active);
 }
 
@@ -21,7 +21,7 @@ static int write_hand(const sim *s, int i, const char *path) {
     if (rc) return rc;
     fputs("time_s," HRT_ENGINE_COLUMNS ",active\n", file.stream);
     if (!hand->key) write_key(file.stream, 0, s->start_joint[i], false);
-    for (int k = 0; k < hand->key_count; ++k)
+    for (int k = 0; k < hand->key_count; k++)
         write_key(file.stream, hand->key[k].time_s, hand->key[k].joint, hand->key[k].active);
     return run_file_end(&file, true);
 }
@@ -43,7 +43,7 @@ static int write_session(const sim *s, const char *path) {
         cJSON_AddNumberToObject(json, "rate_Hz", haptics->rate.si);
     }
     cJSON *list = cJSON_AddArrayToObject(json, "instruments");
-    for (int i = 0; i < s->instrument_count; ++i) {
+    for (int i = 0; i < s->instrument_count; i++) {
         const hrt_hand_script *hand = &s->hand[i];
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
@@ -58,7 +58,7 @@ static int write_session(const sim *s, const char *path) {
 
 int run_hands(sim *s, const run_options *o) {
     char path[1024];
-    for (int i = 0; i < s->instrument_count; ++i) {
+    for (int i = 0; i < s->instrument_count; i++) {
         snprintf(path, sizeof path, "%.1000s%d.csv", o->hands, i);
         int rc = write_hand(s, i, path);
         if (rc) return rc;

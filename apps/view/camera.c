@@ -15,7 +15,7 @@ static void cross(const float a[3], const float b[3], float c[3]) {
 
 static void normalise(float a[3]) {
     float length = sqrtf(dot(a, a));
-    for (int k = 0; k < 3; ++k) a[k] = length > 0 ? a[k] / length : (float)(k == 2);
+    for (int k = 0; k < 3; k++) a[k] = length > 0 ? a[k] / length : (float)(k == 2);
 }
 
 void view_frame(const float axis[3], float u[3], float v[3]) {
@@ -33,7 +33,7 @@ view_camera_def view_camera_default(void) {
 
 /* Unit vectors of the eye's frame: right, up, back (towards the eye). */
 static void eye_frame(const view_camera *camera, float right[3], float up[3], float back[3]) {
-    for (int k = 0; k < 3; ++k) back[k] = camera->eye_m[k] - camera->at_m[k];
+    for (int k = 0; k < 3; k++) back[k] = camera->eye_m[k] - camera->at_m[k];
     normalise(back);
     cross(camera->up, back, right);
     normalise(right);
@@ -56,29 +56,29 @@ view_camera view_camera_fit(const view_camera_def *def, const view_surface *s, i
     float low[3], high[3];
     memcpy(low, s->vertex_m, sizeof low);
     memcpy(high, s->vertex_m, sizeof high);
-    for (int32_t i = 1; i < s->vertex_count; ++i)
-        for (int k = 0; k < 3; ++k) {
+    for (int32_t i = 1; i < s->vertex_count; i++)
+        for (int k = 0; k < 3; k++) {
             low[k] = fminf(low[k], s->vertex_m[3 * i + k]);
             high[k] = fmaxf(high[k], s->vertex_m[3 * i + k]);
         }
-    for (int k = 0; k < 3; ++k) c.middle_m[k] = c.at_m[k] = (low[k] + high[k]) / 2;
+    for (int k = 0; k < 3; k++) c.middle_m[k] = c.at_m[k] = (low[k] + high[k]) / 2;
     c.floor_m = dot(low, c.up);
     c.radius_m = fmaxf(sqrtf((high[0] - low[0]) * (high[0] - low[0]) + (high[1] - low[1]) * (high[1] - low[1]) +
                              (high[2] - low[2]) * (high[2] - low[2])) /
                            2,
                        1e-4f);
     float tan_y = tanf(c.fov_rad / 2) * 0.72f, tan_x = tan_y * (float)width / (float)height, distance = 0;
-    for (int k = 0; k < 3; ++k) c.eye_m[k] = c.at_m[k] + direction[k];
+    for (int k = 0; k < 3; k++) c.eye_m[k] = c.at_m[k] + direction[k];
     float right[3], up[3], back[3];
     eye_frame(&c, right, up, back);
-    for (int32_t i = 0; i < s->vertex_count; ++i) {
+    for (int32_t i = 0; i < s->vertex_count; i++) {
         float d[3];
-        for (int k = 0; k < 3; ++k) d[k] = s->vertex_m[3 * i + k] - c.at_m[k];
+        for (int k = 0; k < 3; k++) d[k] = s->vertex_m[3 * i + k] - c.at_m[k];
         distance = fmaxf(distance, dot(d, back) + fmaxf(fabsf(dot(d, right)) / tan_x, fabsf(dot(d, up)) / tan_y));
     }
     distance = fmaxf(distance / fmaxf(def->zoom, 0.01f), 1e-4f);
     float height_m = 2 * distance * tanf(c.fov_rad / 2);
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
         c.at_m[k] -= height_m * (def->shift[0] * right[k] + def->shift[1] * up[k]);
         c.eye_m[k] = c.at_m[k] + distance * back[k];
     }
@@ -88,7 +88,7 @@ view_camera view_camera_fit(const view_camera_def *def, const view_surface *s, i
 void view_camera_matrices(const view_camera *c, int width, int height, float view[16], float projection[16]) {
     float right[3], up[3], back[3];
     eye_frame(c, right, up, back);
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
         view[4 * k] = right[k], view[4 * k + 1] = up[k], view[4 * k + 2] = back[k], view[4 * k + 3] = 0;
     view[12] = -dot(right, c->eye_m), view[13] = -dot(up, c->eye_m), view[14] = -dot(back, c->eye_m), view[15] = 1;
     float to[3] = {c->at_m[0] - c->eye_m[0], c->at_m[1] - c->eye_m[1], c->at_m[2] - c->eye_m[2]},
@@ -105,7 +105,7 @@ void view_camera_matrices(const view_camera *c, int width, int height, float vie
 bool view_camera_project(const view_camera *c, int width, int height, const double point_m[3], float pixel[2]) {
     float right[3], up[3], back[3], d[3];
     eye_frame(c, right, up, back);
-    for (int k = 0; k < 3; ++k) d[k] = (float)point_m[k] - c->eye_m[k];
+    for (int k = 0; k < 3; k++) d[k] = (float)point_m[k] - c->eye_m[k];
     float depth = -dot(d, back);
     if (!(depth > 1e-6f)) return false;
     float f = (float)height / 2 / tanf(c->fov_rad / 2);
@@ -117,7 +117,7 @@ bool view_camera_project(const view_camera *c, int width, int height, const doub
 int view_camera_facing(const view_camera *c, const double point_m[3], const double direction[3]) {
     static const double END_ON = 0.8660; /* cos 30 degrees */
     double along = 0, far2 = 0, size2 = 0;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
         double to_eye = (double)c->eye_m[k] - point_m[k];
         along += to_eye * direction[k], far2 += to_eye * to_eye, size2 += direction[k] * direction[k];
     }

@@ -74,7 +74,7 @@ static void read_facts(view_feed *feed, view_log_facts *facts) {
     int64_t last_us = 0;
     const app_log_event *event;
     while ((event = app_log_next(feed->log))) {
-        ++facts->events;
+        facts->events++;
         if (!strcmp(event->channel, "TISSUE")) {
             if (!facts->tissues++) feed->begin_us = event->timestamp;
             last_us = event->timestamp;
@@ -82,7 +82,7 @@ static void read_facts(view_feed *feed, view_log_facts *facts) {
             view_intake_message(&intake, &scratch, 0, event->channel, event->data, event->size);
         const view_trace *t = &scratch.trace;
         if (t->count)
-            for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
+            for (int i = 0; i < VIEW_INSTRUMENTS; i++)
                 facts->peak_force_N =
                     fmax(facts->peak_force_N, (double)t->force_N[i][(t->next + VIEW_TRACE - 1) % VIEW_TRACE]);
     }
@@ -147,7 +147,7 @@ static void note_controller(view_feed *feed, int i, const view_letter *letter) {
 static void take_letter(view_feed *feed, view_picture *picture, const view_letter *letter) {
     bool sealed = strcmp(letter->channel, "TISSUE") != 0;
     if (sealed && !app_sealed(&feed->key, letter->channel, letter->data, letter->size)) {
-        ++feed->intake.counts.rejected;
+        feed->intake.counts.rejected++;
         snprintf(feed->intake.counts.why, sizeof feed->intake.counts.why, "%s: without the key's tag", letter->channel);
         return;
     }

@@ -44,17 +44,17 @@ static float advance(char c) {
     if (c == ' ') return 4.5f;
     if (c >= '0' && c <= '9') return 8.2f;
     float widest = 0;
-    for (const char *s = strokes_of(c); *s; ++s) {
+    for (const char *s = strokes_of(c); *s; s++) {
         if (*s == ' ') continue;
         widest = fmaxf(widest, coordinate(s[0]));
-        ++s;
+        s++;
     }
     return widest + 2.2f;
 }
 
 float view_text_width(const char *text, float cap_px) {
     float units = 0;
-    for (; *text; ++text) units += advance(*text);
+    for (; *text; text++) units += advance(*text);
     return units * cap_px / 9.0f;
 }
 
@@ -87,16 +87,16 @@ static float distance_to_segment(float x, float y, const float s[4]) {
 void view_line(const view_canvas *canvas, float x0, float y0, float x1, float y1, float width_px, view_colour colour) {
     float s[4] = {x0, y0, x1, y1}, r = width_px / 2 + 1;
     pixel_range range = clipped(canvas, fminf(x0, x1) - r, fminf(y0, y1) - r, fmaxf(x0, x1) + r, fmaxf(y0, y1) + r);
-    for (int y = range.y0; y < range.y1; ++y)
-        for (int x = range.x0; x < range.x1; ++x)
+    for (int y = range.y0; y < range.y1; y++)
+        for (int x = range.x0; x < range.x1; x++)
             blend(canvas, x, y, colour, width_px / 2 + 0.5f - distance_to_segment((float)x + 0.5f, (float)y + 0.5f, s));
 }
 
 void view_box(const view_canvas *canvas, float x0, float y0, float x1, float y1, float corner_px, view_colour colour) {
     float cx = (x0 + x1) / 2, cy = (y0 + y1) / 2, hx = (x1 - x0) / 2 - corner_px, hy = (y1 - y0) / 2 - corner_px;
     pixel_range range = clipped(canvas, x0, y0, x1 + 1, y1 + 1);
-    for (int y = range.y0; y < range.y1; ++y)
-        for (int x = range.x0; x < range.x1; ++x) {
+    for (int y = range.y0; y < range.y1; y++)
+        for (int x = range.x0; x < range.x1; x++) {
             float dx = fmaxf(fabsf((float)x + 0.5f - cx) - hx, 0), dy = fmaxf(fabsf((float)y + 0.5f - cy) - hy, 0);
             blend(canvas, x, y, colour, corner_px + 0.5f - sqrtf(dx * dx + dy * dy));
         }
@@ -126,10 +126,10 @@ void view_text(const view_canvas *canvas, float x_px, float y_px, float cap_px, 
         int count = segments_of(*text, x_px, y_px, scale, segment);
         pixel_range range =
             clipped(canvas, x_px - 2 * scale - 1, y_px - 11 * scale, x_px + 8 * scale + 1, y_px + 5 * scale);
-        for (int y = range.y0; count && y < range.y1; ++y)
-            for (int x = range.x0; x < range.x1; ++x) {
+        for (int y = range.y0; count && y < range.y1; y++)
+            for (int x = range.x0; x < range.x1; x++) {
                 float nearest = 1e9f;
-                for (int i = 0; i < count; ++i)
+                for (int i = 0; i < count; i++)
                     nearest = fminf(nearest, distance_to_segment((float)x + 0.5f, (float)y + 0.5f, segment[i]));
                 blend(canvas, x, y, colour, half + 0.5f - nearest);
             }

@@ -29,7 +29,7 @@ static void drop(view_inbox *in, int at) {
 /* Makes room for one more on this channel. */
 static void make_room(view_inbox *in, const char *channel) {
     int tissues = 0, oldest = -1;
-    for (int i = in->count - 1; i >= 0; --i)
+    for (int i = in->count - 1; i >= 0; i--)
         if (!strcmp(in->letter[i]->channel, tissue)) ++tissues, oldest = i;
     if (!strcmp(channel, tissue) && tissues >= TISSUES)
         drop(in, oldest);

@@ -23,11 +23,11 @@ static void reject(view_intake *intake, const char *format, ...) {
     va_start(list, format);
     vsnprintf(intake->counts.why, sizeof intake->counts.why, format, list);
     va_end(list);
-    ++intake->counts.rejected;
+    intake->counts.rejected++;
 }
 
 static bool all_within(const double *value, int count, double limit) {
-    for (int i = 0; i < count; ++i)
+    for (int i = 0; i < count; i++)
         if (!(fabs(value[i]) <= limit)) return false;
     return true;
 }
@@ -35,7 +35,7 @@ static bool all_within(const double *value, int count, double limit) {
 /* Copies bytes that people may read: anything that is not printable ASCII becomes '?'. */
 static void copy_text(char *to, size_t room, const char *from) {
     size_t n = 0;
-    for (; from[n] && n + 1 < room; ++n) to[n] = from[n] >= ' ' && from[n] <= '~' ? from[n] : '?';
+    for (; from[n] && n + 1 < room; n++) to[n] = from[n] >= ' ' && from[n] <= '~' ? from[n] : '?';
     to[n] = 0;
 }
 
@@ -43,14 +43,14 @@ static void copy_text(char *to, size_t room, const char *from) {
 static const char *tissue_fault(const tensormass_tissue_t *m) {
     if (m->vertex_count > VIEW_VERTICES_MAX || m->triangle_count > VIEW_TRIANGLES_MAX)
         return "more vertices or triangles than can be drawn";
-    for (int32_t i = 0; i < m->vertex_count; ++i) {
-        for (int k = 0; k < 3; ++k)
+    for (int32_t i = 0; i < m->vertex_count; i++) {
+        for (int k = 0; k < 3; k++)
             if (!(fabsf(m->vertex_m[i][k]) <= (float)FAR_M)) return "a coordinate is not finite, or beyond 1000 m";
         if (m->vertex_id[i] < 0) return "a vertex number is negative";
     }
-    for (int32_t i = 0; i < m->triangle_count; ++i) {
+    for (int32_t i = 0; i < m->triangle_count; i++) {
         const int32_t *t = m->triangle[i];
-        for (int k = 0; k < 3; ++k)
+        for (int k = 0; k < 3; k++)
             if (t[k] < 0 || t[k] >= m->vertex_count) return "a triangle names a vertex that is not there";
         if (m->triangle_kind[i] < 0 || m->triangle_kind[i] > 1) return "a triangle's kind is neither 0 nor 1";
     }
@@ -61,12 +61,12 @@ static bool take_tissue(view_surface *s, const tensormass_tissue_t *m) {
     bool same =
         s->vertex_count == m->vertex_count && s->triangle_count == m->triangle_count && s->session == m->session;
     if (!view_surface_reserve(s, m->vertex_count, m->triangle_count)) return false;
-    for (int32_t i = 0; i < m->vertex_count; ++i) {
+    for (int32_t i = 0; i < m->vertex_count; i++) {
         memcpy(s->vertex_m + 3 * i, m->vertex_m[i], 3 * sizeof(float));
         same = same && s->vertex_id[i] == m->vertex_id[i];
         s->vertex_id[i] = m->vertex_id[i];
     }
-    for (int32_t i = 0; i < m->triangle_count; ++i) {
+    for (int32_t i = 0; i < m->triangle_count; i++) {
         same = same && !memcmp(s->triangle + 3 * i, m->triangle[i], 3 * sizeof(int32_t)) &&
                s->kind[i] == (uint8_t)m->triangle_kind[i];
         memcpy(s->triangle + 3 * i, m->triangle[i], 3 * sizeof(int32_t));
@@ -74,7 +74,7 @@ static bool take_tissue(view_surface *s, const tensormass_tissue_t *m) {
     }
     s->vertex_count = m->vertex_count, s->triangle_count = m->triangle_count;
     s->session = m->session, s->revision = m->topology_revision;
-    ++s->version;
+    s->version++;
     if (!same) ++s->topology;
     return true;
 }
@@ -97,7 +97,7 @@ static void on_tissue(view_intake *in, view_picture *p, double time_s, const voi
 
 static const char *status_fault(const tensormass_sim_status_t *m) {
     if (m->instrument_count < 0 || m->instrument_count > VIEW_INSTRUMENTS) return "instrument_count is not 0, 1 or 2";
-    for (int i = 0; i < m->instrument_count; ++i) {
+    for (int i = 0; i < m->instrument_count; i++) {
         if (!all_within(m->tip_m[i], 3, FAR_M) || !all_within(m->trocar_m[i], 3, FAR_M))
             return "an instrument's place is not finite";
         if (!all_within(m->axis[i], 3, 1e6) || !all_within(m->up[i], 3, 1e6))
@@ -141,7 +141,7 @@ static void on_status(view_intake *in, view_picture *p, double time_s, const voi
         p->tets = m.tets_alive, p->substeps = m.substeps, p->compute_s = m.compute_s;
         p->sim_rate = m.sim_seconds_per_wall_second, p->frame_hz = m.frame_s > 0 ? 1 / m.frame_s : 0;
         float force[VIEW_INSTRUMENTS] = {0};
-        for (int i = 0; i < VIEW_INSTRUMENTS; ++i) {
+        for (int i = 0; i < VIEW_INSTRUMENTS; i++) {
             if (i < m.instrument_count) {
                 take_instrument(&p->instrument[i], &m, i);
                 force[i] = (float)sqrt(m.force_N[i][0] * m.force_N[i][0] + m.force_N[i][1] * m.force_N[i][1] +
@@ -178,7 +178,7 @@ static void on_controller(view_intake *in, view_picture *p, double time_s, int i
         copy_text(t->extrapolator, sizeof t->extrapolator, m.extrapolator);
         t->lateness_p99_us = m.lateness_us[1], t->sample_age_s = m.sample_age_s, t->missed_ticks = m.missed_ticks;
         *old = (struct controller_memory){m.session, m.utime, m.ticks, time_s};
-        ++in->counts.accepted;
+        in->counts.accepted++;
     }
     tensormass_controller_status_t_decode_cleanup(&m);
 }
@@ -197,7 +197,7 @@ void view_intake_message(view_intake *in, view_picture *p, double time_s, const 
 
 void view_intake_age(view_intake *in, view_picture *p, double time_s) {
     p->time_s = time_s;
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++)
         if (p->instrument[i].has_controller && time_s - in->controller[i].heard_s > SILENT_S)
             p->instrument[i].has_controller = false;
     if (in->tissue_s < 0)

@@ -36,7 +36,7 @@ static int draw(job *j) {
     j->picture.marks = &j->marks;
     tm_status status = view_studio_draw(&j->studio, &j->picture, &error);
     j->drawing_s += now_s() - start;
-    ++j->pictures;
+    j->pictures++;
     return status ? complain(&error) : 0;
 }
 
@@ -55,7 +55,7 @@ static int sequence_picture(job *j) {
         snprintf(path, sizeof path, "%.1024s/frame_%05lld.png", j->options.frames, (long long)j->numbered);
         wrong = write_png(j, path);
     }
-    ++j->numbered;
+    j->numbered++;
     if (!wrong && j->filming && view_film_add(&j->film, j->studio.canvas.rgb, &error)) wrong = complain(&error);
     return wrong;
 }
@@ -87,7 +87,7 @@ static int end_outputs(job *j, int wrong) {
 static int show_still(job *j) {
     int wrong = begin_outputs(j);
     int count = j->options.frames || j->options.film ? (int)fmax(1, rint(j->options.duration_s * j->options.fps)) : 0;
-    for (int i = 0; i < count && !wrong; ++i) {
+    for (int i = 0; i < count && !wrong; i++) {
         j->picture.time_s = (double)i / j->options.fps;
         wrong = sequence_picture(j);
         app_progress("drawing", (double)i / count, false);
@@ -106,7 +106,7 @@ static int log_sequence(job *j) {
     double to_s = o->has_to ? fmin(o->to_s, j->facts.seconds) : j->facts.seconds;
     int wrong = begin_outputs(j);
     int64_t count = (int64_t)floor((to_s - o->from_s) * o->fps + 1e-6) + 1;
-    for (int64_t i = 0; i < count && !wrong; ++i) {
+    for (int64_t i = 0; i < count && !wrong; i++) {
         j->api->advance(j->feed, o->from_s + (double)i / o->fps, &j->picture);
         wrong = sequence_picture(j);
         app_progress("drawing the log", (double)i / (double)count, false);

@@ -107,7 +107,7 @@ static const struct option table[] = {
 };
 
 static const char *name_of(int code) {
-    for (const struct option *o = table; o->name; ++o)
+    for (const struct option *o = table; o->name; o++)
         if (o->val == code) return o->name;
     return "?";
 }

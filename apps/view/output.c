@@ -109,7 +109,7 @@ tm_status view_film_begin(view_film *film, const char *path, int width, int heig
 tm_status view_film_add(view_film *film, const uint8_t *rgb, tm_error *error) {
     if (fwrite(rgb, (size_t)film->width * 3, (size_t)film->height, film->pipe) != (size_t)film->height)
         return failed(error, TM_ERR_FILE, "ffmpeg stopped taking pictures", "its own message is above");
-    ++film->frames;
+    film->frames++;
     return TM_OK;
 }
 

@@ -128,7 +128,7 @@ typedef struct frame {
 static void time_axis(pen p, const frame *f, double now_s) {
     float second = (f->x1 - f->x0) / STRIP_SECONDS;
     int every = second > 6 * p.cap ? 1 : second > 3 * p.cap ? 2 : 3;
-    for (int at_s = (int)fmax(0, ceil(now_s - STRIP_SECONDS)); at_s <= now_s; ++at_s) {
+    for (int at_s = (int)fmax(0, ceil(now_s - STRIP_SECONDS)); at_s <= now_s; at_s++) {
         float x = f->x1 - second * (float)(now_s - at_s);
         view_line(p.canvas, x, f->y0, x, f->y0 + 0.5f * p.cap, 1, GREY);
         if (at_s % every) continue;
@@ -144,7 +144,7 @@ static void time_axis(pen p, const frame *f, double now_s) {
 static void force_line(pen p, const frame *f, const view_picture *s, int instrument, double peak) {
     float px = 0, py = 0;
     bool have = false;
-    for (int i = 0; i < s->trace.count; ++i) {
+    for (int i = 0; i < s->trace.count; i++) {
         int at = (s->trace.next - s->trace.count + i + VIEW_TRACE) % VIEW_TRACE;
         double age = s->time_s - s->trace.time_s[at];
         if (age > STRIP_SECONDS || age < 0) continue;
@@ -160,8 +160,8 @@ static void force_strip(pen p, view_layout *l, const view_picture *s) {
     float w = (float)p.canvas->width, h = (float)p.canvas->height, left = p.x - p.cap, right = w - left,
           bottom = h - left, top = bottom - 8.6f * p.cap;
     double peak = 0.1;
-    for (int i = 0; i < s->trace.count; ++i)
-        for (int k = 0; k < VIEW_INSTRUMENTS; ++k) peak = fmax(peak, (double)s->trace.force_N[k][i]);
+    for (int i = 0; i < s->trace.count; i++)
+        for (int k = 0; k < VIEW_INSTRUMENTS; k++) peak = fmax(peak, (double)s->trace.force_N[k][i]);
     double tick = round_down(peak);
     view_box(p.canvas, left, top, right, bottom, 0.6f * p.cap, PANEL);
     view_layout_take(l, left, top, right, bottom);
@@ -172,14 +172,14 @@ static void force_strip(pen p, view_layout *l, const view_picture *s) {
     time_axis(p, &f, s->time_s);
     p.y = tick_y + p.cap / 2;
     write_at(&p, left + 0.7f * p.cap, GREY, "%g N", tick);
-    for (int k = 0; k < VIEW_INSTRUMENTS; ++k)
+    for (int k = 0; k < VIEW_INSTRUMENTS; k++)
         if (s->instrument[k].shown) force_line(p, &f, s, k, peak);
 }
 
 static void arrow_label(pen p, view_layout *l, const view_picture *s, const view_camera *camera, int i) {
     const view_instrument *t = &s->instrument[i];
     double force = size_of(t->force_N), end[3];
-    for (int k = 0; k < 3; ++k) end[k] = t->tip_m[k] + s->newton_m * t->force_N[k];
+    for (int k = 0; k < 3; k++) end[k] = t->tip_m[k] + s->newton_m * t->force_N[k];
     float at[2], from[2];
     int w = p.canvas->width, h = p.canvas->height;
     if (force < 0.05 || !view_camera_project(camera, w, h, end, at) ||
@@ -220,7 +220,7 @@ void view_overlay(const view_canvas *canvas, const view_picture *s, const view_c
     pen q = p;
     q.x = (float)canvas->width - 25.4f * p.cap;
     bool shown[VIEW_INSTRUMENTS], any = false;
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) {
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++) {
         shown[i] = s->has_status && s->instrument[i].shown;
         if (!shown[i]) continue;
         instrument_panel(q, &l, &s->instrument[i], i);
@@ -228,13 +228,13 @@ void view_overlay(const view_canvas *canvas, const view_picture *s, const view_c
         any = true;
     }
     if (any && s->trace.count > 1) force_strip(p, &l, s);
-    for (int i = 0; i < VIEW_INSTRUMENTS && s->newton_m > 0; ++i)
+    for (int i = 0; i < VIEW_INSTRUMENTS && s->newton_m > 0; i++)
         if (shown[i]) arrow_label(p, &l, s, camera, i);
     if (s->notice[0]) notice(p, s->notice);
 }
 
 void view_overlay_waiting(const view_canvas *canvas, const view_picture *s) {
-    for (size_t i = 0; i < (size_t)canvas->width * (size_t)canvas->height; ++i)
+    for (size_t i = 0; i < (size_t)canvas->width * (size_t)canvas->height; i++)
         memcpy(canvas->rgb + 3 * i, (uint8_t[3]){34, 44, 50}, 3);
     notice(pen_for(canvas), s->notice);
 }

@@ -32,7 +32,7 @@ void view_surface_free(view_surface *s) {
 
 void view_trace_add(view_trace *trace, double time_s, const float force_N[VIEW_INSTRUMENTS]) {
     trace->time_s[trace->next] = time_s;
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) trace->force_N[i][trace->next] = force_N[i];
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++) trace->force_N[i][trace->next] = force_N[i];
     trace->next = (trace->next + 1) % VIEW_TRACE;
     if (trace->count < VIEW_TRACE) ++trace->count;
 }

@@ -94,7 +94,7 @@ static void batch_create(batch *b) {
                   {3, offsetof(view_vertex, reference_m)},
                   {2, offsetof(view_vertex, kind)},
                   {2, offsetof(view_vertex, mottle)}};
-    for (GLuint i = 0; i < 5; ++i) {
+    for (GLuint i = 0; i < 5; i++) {
         glEnableVertexAttribArray(i);
         glVertexAttribPointer(i, field[i].size, GL_FLOAT, GL_FALSE, sizeof(view_vertex), (const void *)field[i].offset);
     }
@@ -127,7 +127,7 @@ static void targets_create(view_renderer *r) {
     glTexParameteri(GL_TEXTURE_2D, GL_TEXTURE_COMPARE_FUNC, GL_LEQUAL);
     r->shadow_target = target_of(r->shadow_texture, GL_DEPTH_ATTACHMENT);
     glGenTextures(3, r->spot_texture);
-    for (int i = 0; i < 3; ++i) {
+    for (int i = 0; i < 3; i++) {
         glBindTexture(GL_TEXTURE_2D, r->spot_texture[i]);
         glTexImage2D(GL_TEXTURE_2D, 0, GL_R8, SPOT_PX, SPOT_PX, 0, GL_RED, GL_UNSIGNED_BYTE, NULL);
         texture_sampling(GL_LINEAR);
@@ -144,7 +144,7 @@ static bool picture_target_create(view_renderer *r) {
     glGenFramebuffers(1, &r->picture_target);
     glBindFramebuffer(GL_FRAMEBUFFER, r->picture_target);
     glGenRenderbuffers(2, r->picture_buffer);
-    for (int i = 0; i < 2; ++i) {
+    for (int i = 0; i < 2; i++) {
         glBindRenderbuffer(GL_RENDERBUFFER, r->picture_buffer[i]);
         glRenderbufferStorageMultisample(GL_RENDERBUFFER, r->def.edges ? 4 : 0, format[i], r->width, r->height);
         glFramebufferRenderbuffer(GL_FRAMEBUFFER, attachment[i], GL_RENDERBUFFER, r->picture_buffer[i]);
@@ -183,7 +183,7 @@ static tm_status programs_create(view_renderer *r, tm_error *error) {
         {&r->tissue_program, view_lit_vertex, view_tissue_fragment},
         {&r->metal_program, view_lit_vertex, view_metal_fragment},
     };
-    for (size_t i = 0; i < sizeof table / sizeof table[0]; ++i)
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++)
         if (!(*table[i].id = link_program(table[i].vertex, table[i].fragment, error))) return TM_ERR_LIMIT;
     return TM_OK;
 }
@@ -222,10 +222,10 @@ static tm_status renderer_create(const view_render_def *def, view_renderer **out
 }
 
 static void multiply(const float a[16], const float b[16], float c[16]) {
-    for (int j = 0; j < 4; ++j)
-        for (int i = 0; i < 4; ++i) {
+    for (int j = 0; j < 4; j++)
+        for (int i = 0; i < 4; i++) {
             float sum = 0;
-            for (int k = 0; k < 4; ++k) sum += a[4 * k + i] * b[4 * j + k];
+            for (int k = 0; k < 4; k++) sum += a[4 * k + i] * b[4 * j + k];
             c[4 * j + i] = sum;
         }
 }
@@ -234,9 +234,9 @@ static void multiply(const float a[16], const float b[16], float c[16]) {
 static void parallel(const float towards[3], const float middle[3], float radius, float m[16]) {
     float u[3], v[3];
     view_frame(towards, u, v);
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
         m[4 * k] = u[k] / radius, m[4 * k + 1] = v[k] / radius, m[4 * k + 2] = -towards[k] / radius, m[4 * k + 3] = 0;
-    for (int row = 0; row < 3; ++row)
+    for (int row = 0; row < 3; row++)
         m[12 + row] = -(m[row] * middle[0] + m[4 + row] * middle[1] + m[8 + row] * middle[2]);
     m[15] = 1;
 }
@@ -246,9 +246,9 @@ static void flatten(const scene *s, const float towards[3], float m[16]) {
     float height = towards[0] * s->up[0] + towards[1] * s->up[1] + towards[2] * s->up[2];
     memset(m, 0, 16 * sizeof *m);
     const float *axis[2] = {s->across, s->along};
-    for (int row = 0; row < 2; ++row) {
+    for (int row = 0; row < 2; row++) {
         float slide = (towards[0] * axis[row][0] + towards[1] * axis[row][1] + towards[2] * axis[row][2]) / height;
-        for (int k = 0; k < 3; ++k) {
+        for (int k = 0; k < 3; k++) {
             m[4 * k + row] = (axis[row][k] - slide * s->up[k]) / s->spot_size;
             m[12 + row] -= m[4 * k + row] * s->middle[k];
         }
@@ -258,7 +258,7 @@ static void flatten(const scene *s, const float towards[3], float m[16]) {
 
 static void normalise(float a[3]) {
     float length = sqrtf(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
-    for (int k = 0; k < 3; ++k) a[k] /= length > 0 ? length : 1;
+    for (int k = 0; k < 3; k++) a[k] /= length > 0 ? length : 1;
 }
 
 static void set_scene(const view_renderer *r, const view_camera *c, scene *s) {
@@ -269,11 +269,11 @@ static void set_scene(const view_renderer *r, const view_camera *c, scene *s) {
     memcpy(s->up, c->up, sizeof s->up);
     s->radius = c->radius_m;
     const float right[3] = {view[0], view[4], view[8]};
-    for (int k = 0; k < 3; ++k) back[k] = view[4 * k + 2];
+    for (int k = 0; k < 3; k++) back[k] = view[4 * k + 2];
     float rise = back[0] * s->up[0] + back[1] * s->up[1] + back[2] * s->up[2];
-    for (int k = 0; k < 3; ++k) flat_back[k] = back[k] - rise * s->up[k];
+    for (int k = 0; k < 3; k++) flat_back[k] = back[k] - rise * s->up[k];
     normalise(flat_back);
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
         s->key[k] = 1.15f * s->up[k] - 0.75f * right[k] + 0.45f * flat_back[k];
         s->fill[k] = 0.45f * s->up[k] + 0.85f * right[k] + 0.55f * flat_back[k];
         s->across[k] = right[k];
@@ -282,7 +282,7 @@ static void set_scene(const view_renderer *r, const view_camera *c, scene *s) {
     normalise(s->key);
     normalise(s->fill);
     float height = c->middle_m[0] * s->up[0] + c->middle_m[1] * s->up[1] + c->middle_m[2] * s->up[2];
-    for (int k = 0; k < 3; ++k) s->middle[k] = c->middle_m[k] + (c->floor_m - height) * s->up[k];
+    for (int k = 0; k < 3; k++) s->middle[k] = c->middle_m[k] + (c->floor_m - height) * s->up[k];
     parallel(s->key, c->middle_m, 1.25f * c->radius_m, s->to_light);
     s->spot_size = 2.2f * c->radius_m;
 }
@@ -318,12 +318,12 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
         fill_indices(&r->tissue, r->tissue.coarse_indices, index, r->tissue.coarse_count);
     }
     r->tool_shape.count = r->arrow_shape.count = 0;
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) {
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++) {
         const view_instrument *t = &p->instrument[i];
         if (!t->shown) continue;
         view_shape_instrument(&r->tool_shape, t);
         double along[3];
-        for (int k = 0; k < 3; ++k) along[k] = t->force_N[k] * p->newton_m;
+        for (int k = 0; k < 3; k++) along[k] = t->force_N[k] * p->newton_m;
         if (length3(along) > 0.01 * camera->radius_m)
             view_shape_arrow(&r->arrow_shape, t->tip_m, along,
                              fminf(0.022f * camera->radius_m, (float)length3(along) / 4),
@@ -331,7 +331,7 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
     }
     r->shadow_count =
         r->tool_shape.count; /* ports hang in a wall that is not drawn: their shadows would come from nowhere */
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i)
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++)
         if (p->instrument[i].shown) view_shape_port(&r->tool_shape, &p->instrument[i]);
     r->mark_shape.count = 0;
     if (p->marks) view_shape_supports(&r->mark_shape, p->marks, &p->surface, 0.013f * camera->radius_m);
@@ -410,7 +410,7 @@ static void pass_spot(const view_renderer *r, const scene *s, const float toward
     glBindVertexArray(r->empty);
     glActiveTexture(GL_TEXTURE0);
     glUniform1i(glGetUniformLocation(r->blur_program, "image"), 0);
-    for (int pass = 0; pass < 2; ++pass) {
+    for (int pass = 0; pass < 2; pass++) {
         glBindFramebuffer(GL_FRAMEBUFFER, r->spot_target[pass ? into : 2]);
         glBindTexture(GL_TEXTURE_2D, r->spot_texture[pass ? 2 : into]);
         glUniform2f(glGetUniformLocation(r->blur_program, "stride"), pass ? 0 : softness / SPOT_PX,
@@ -435,12 +435,12 @@ static void pass_background(const view_renderer *r, const scene *s) {
         const float *v;
     } vectors[] = {{"middle", s->middle}, {"across", s->across}, {"along", s->along}, {"eye", s->eye},
                    {"up", s->up},         {"low", sky_low},      {"high", sky_high}};
-    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; ++i) uniform3(id, vectors[i].name, vectors[i].v);
+    for (size_t i = 0; i < sizeof vectors / sizeof vectors[0]; i++) uniform3(id, vectors[i].name, vectors[i].v);
     glUniform1f(glGetUniformLocation(id, "size"), 8 * s->radius);
     glUniform1f(glGetUniformLocation(id, "spot_size"), s->spot_size);
     glUniform1f(glGetUniformLocation(id, "radius"), s->radius);
     glUniform2f(glGetUniformLocation(id, "screen"), (float)r->width, (float)r->height);
-    for (int i = 0; i < 2; ++i) {
+    for (int i = 0; i < 2; i++) {
         glActiveTexture(GL_TEXTURE0 + (GLenum)i);
         glBindTexture(GL_TEXTURE_2D, r->spot_texture[i]);
         glUniform1i(glGetUniformLocation(id, i ? "sky_spot" : "key_spot"), i);
@@ -466,14 +466,14 @@ static void use_lit(const view_renderer *r, const scene *s, GLuint id) {
 /* Averages samples*samples drawn pixels into one, and turns the picture the right way up. */
 static void gather(const view_renderer *r, uint8_t *rgb) {
     int n = r->def.samples, w = r->def.width, h = r->def.height, area = n * n;
-    for (int y = 0; y < h; ++y)
-        for (int x = 0; x < w; ++x) {
+    for (int y = 0; y < h; y++)
+        for (int x = 0; x < w; x++) {
             int sum[3] = {area / 2, area / 2, area / 2};
-            for (int j = 0; j < n; ++j) {
+            for (int j = 0; j < n; j++) {
                 const uint8_t *p = r->buffer + 4 * ((size_t)(n * (h - 1 - y) + j) * (size_t)r->width + (size_t)(n * x));
                 for (int i = 0; i < n; ++i, p += 4) sum[0] += p[0], sum[1] += p[1], sum[2] += p[2];
             }
-            for (int k = 0; k < 3; ++k)
+            for (int k = 0; k < 3; k++)
                 rgb[3 * ((size_t)y * (size_t)w + (size_t)x) + (size_t)k] = (uint8_t)(sum[k] / area);
         }
 }

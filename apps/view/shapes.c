@@ -23,7 +23,7 @@ void view_shape_free(view_shape *shape) {
 }
 
 static void place(const frame *f, const float local[3], bool direction, float out[3]) {
-    for (int k = 0; k < 3; ++k)
+    for (int k = 0; k < 3; k++)
         out[k] = (direction ? 0 : f->o[k]) + local[0] * f->u[k] + local[1] * f->v[k] + local[2] * f->w[k];
 }
 
@@ -48,17 +48,17 @@ void view_shape_point(view_shape *s, const float at_m[3], const float normal[3],
 
 static void quad(view_shape *s, const frame *f, const float at[4][3], const float normal[4][3], int paint) {
     static const int corner[6] = {0, 1, 2, 0, 2, 3};
-    for (int i = 0; i < 6; ++i) add(s, f, at[corner[i]], normal[corner[i]], paint);
+    for (int i = 0; i < 6; i++) add(s, f, at[corner[i]], normal[corner[i]], paint);
 }
 
 /* A body of revolution; every stretch between two rings is shaded as a cone of its own, so that steps stay sharp. */
 static void lathe(view_shape *s, const frame *f, const ring *r, int count, int paint) {
-    for (int i = 0; i + 1 < count; ++i) {
+    for (int i = 0; i + 1 < count; i++) {
         float dr = r[i + 1].radius_m - r[i].radius_m, dz = r[i + 1].along_m - r[i].along_m,
               length = sqrtf(dr * dr + dz * dz);
         if (length <= 0) continue;
         float out = dz / length, up = -dr / length;
-        for (int j = 0; j < AROUND; ++j) {
+        for (int j = 0; j < AROUND; j++) {
             float a = 2 * PI * (float)j / AROUND, b = 2 * PI * (float)(j + 1) / AROUND, ca = cosf(a), sa = sinf(a),
                   cb = cosf(b), sb = sinf(b);
             const float at[4][3] = {{r[i].radius_m * ca, r[i].radius_m * sa, r[i].along_m},
@@ -75,17 +75,17 @@ static void lathe(view_shape *s, const frame *f, const ring *r, int count, int p
 /* A round end at `along`, as rings of a quarter circle with normals of the sphere. */
 static void dome(view_shape *s, const frame *f, float along, float radius, int paint) {
     enum { STEPS = 5 };
-    for (int i = 0; i < STEPS; ++i) {
+    for (int i = 0; i < STEPS; i++) {
         float p = PI / 2 * (float)i / STEPS, q = PI / 2 * (float)(i + 1) / STEPS;
-        for (int j = 0; j < AROUND; ++j) {
+        for (int j = 0; j < AROUND; j++) {
             float a = 2 * PI * (float)j / AROUND, b = 2 * PI * (float)(j + 1) / AROUND;
             const float n[4][3] = {{cosf(p) * cosf(a), cosf(p) * sinf(a), sinf(p)},
                                    {cosf(p) * cosf(b), cosf(p) * sinf(b), sinf(p)},
                                    {cosf(q) * cosf(b), cosf(q) * sinf(b), sinf(q)},
                                    {cosf(q) * cosf(a), cosf(q) * sinf(a), sinf(q)}};
             float at[4][3];
-            for (int c = 0; c < 4; ++c)
-                for (int k = 0; k < 3; ++k) at[c][k] = radius * n[c][k] + (k == 2 ? along : 0);
+            for (int c = 0; c < 4; c++)
+                for (int k = 0; k < 3; k++) at[c][k] = radius * n[c][k] + (k == 2 ? along : 0);
             quad(s, f, (const float(*)[3])at, n, paint);
         }
     }
@@ -95,21 +95,21 @@ static void dome(view_shape *s, const frame *f, float along, float radius, int p
 static void jaw(view_shape *s, const frame *tip, float side, float angle, float length, float radius) {
     enum { ACROSS = 10 };
     frame f = *tip;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
         f.o[k] = tip->o[k] - length * tip->w[k];
         f.u[k] = side * cosf(angle) * tip->u[k] - sinf(angle) * tip->w[k];
         f.w[k] = side * sinf(angle) * tip->u[k] + cosf(angle) * tip->w[k];
         f.v[k] = side * tip->v[k];
     }
-    for (int i = 0; i < JAW_STEPS; ++i) {
+    for (int i = 0; i < JAW_STEPS; i++) {
         float z[2], r[2], tooth[2];
-        for (int e = 0; e < 2; ++e) {
+        for (int e = 0; e < 2; e++) {
             float t = (float)(i + e) / JAW_STEPS;
             z[e] = t * (length + 0.8f * radius);
             r[e] = radius * (1 - 0.35f * t) * sqrtf(fmaxf(1 - powf(t, 14), 0));
             tooth[e] = (i + e) % 2 ? 0.20f * r[e] : 0.04f * r[e];
         }
-        for (int j = 0; j < ACROSS; ++j) {
+        for (int j = 0; j < ACROSS; j++) {
             float a = PI * ((float)j / ACROSS - 0.5f), b = PI * ((float)(j + 1) / ACROSS - 0.5f);
             const float at[4][3] = {{r[0] * cosf(a), r[0] * sinf(a), z[0]},
                                     {r[0] * cosf(b), r[0] * sinf(b), z[0]},
@@ -131,18 +131,18 @@ static void jaw(view_shape *s, const frame *tip, float side, float angle, float 
 
 static frame tip_frame(const view_instrument *t) {
     frame f;
-    for (int k = 0; k < 3; ++k) f.o[k] = (float)t->tip_m[k], f.w[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
+    for (int k = 0; k < 3; k++) f.o[k] = (float)t->tip_m[k], f.w[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
     float length = sqrtf(f.w[0] * f.w[0] + f.w[1] * f.w[1] + f.w[2] * f.w[2]);
-    for (int k = 0; k < 3; ++k) f.w[k] = length > 0 ? f.w[k] / length : (float)-(k == 2);
+    for (int k = 0; k < 3; k++) f.w[k] = length > 0 ? f.w[k] / length : (float)-(k == 2);
     float u[3], v[3], c = cosf((float)t->roll_rad), s = sinf((float)t->roll_rad);
     view_frame(f.w, u, v);
-    for (int k = 0; k < 3; ++k) f.u[k] = c * u[k] + s * v[k], f.v[k] = c * v[k] - s * u[k];
+    for (int k = 0; k < 3; k++) f.u[k] = c * u[k] + s * v[k], f.v[k] = c * v[k] - s * u[k];
     return f;
 }
 
 static float inside_m(const view_instrument *t) {
     double sum = 0;
-    for (int k = 0; k < 3; ++k) sum += (t->tip_m[k] - t->trocar_m[k]) * (t->tip_m[k] - t->trocar_m[k]);
+    for (int k = 0; k < 3; k++) sum += (t->tip_m[k] - t->trocar_m[k]) * (t->tip_m[k] - t->trocar_m[k]);
     return (float)sqrt(sum);
 }
 
@@ -196,7 +196,7 @@ void view_shape_port(view_shape *s, const view_instrument *t) {
 /* A flat ring facing w, with a dot or a cross in it. */
 static void end_on(view_shape *s, const frame *f, float thickness_m, bool away, int paint) {
     const float n[4][3] = {{0, 0, 1}, {0, 0, 1}, {0, 0, 1}, {0, 0, 1}}, r = 1.9f * thickness_m, w = 0.4f * thickness_m;
-    for (int j = 0; j < AROUND; ++j) {
+    for (int j = 0; j < AROUND; j++) {
         float a = 2 * PI * (float)j / AROUND, b = 2 * PI * (float)(j + 1) / AROUND;
         const float band[4][3] = {{(r - w) * cosf(a), (r - w) * sinf(a), 0},
                                   {r * cosf(a), r * sinf(a), 0},
@@ -207,7 +207,7 @@ static void end_on(view_shape *s, const frame *f, float thickness_m, bool away, 
             {0, 0, 0}, {1.4f * w * cosf(a), 1.4f * w * sinf(a), 0}, {1.4f * w * cosf(b), 1.4f * w * sinf(b), 0}, {0}};
         if (!away) quad(s, f, dot, n, paint);
     }
-    for (int j = 0; away && j < 2; ++j) {
+    for (int j = 0; away && j < 2; j++) {
         float c = 0.7071f * (r - w), h = 0.35f * w, sign = j ? -1.0f : 1.0f;
         const float bar[4][3] = {{-c - h, sign * (-c + h), 0},
                                  {-c + h, sign * (-c - h), 0},
@@ -221,15 +221,15 @@ void view_shape_arrow(view_shape *s, const double from_m[3], const double along_
                       const view_camera *camera) {
     frame f;
     float length = 0;
-    for (int k = 0; k < 3; ++k) f.o[k] = (float)from_m[k], f.w[k] = (float)along_m[k], length += f.w[k] * f.w[k];
+    for (int k = 0; k < 3; k++) f.o[k] = (float)from_m[k], f.w[k] = (float)along_m[k], length += f.w[k] * f.w[k];
     length = sqrtf(length);
     if (!(length > 0)) return;
-    for (int k = 0; k < 3; ++k) f.w[k] /= length;
+    for (int k = 0; k < 3; k++) f.w[k] /= length;
     int facing = view_camera_facing(camera, from_m, along_m);
     if (facing) {
-        for (int k = 0; k < 3; ++k) f.w[k] = camera->eye_m[k] - f.o[k];
+        for (int k = 0; k < 3; k++) f.w[k] = camera->eye_m[k] - f.o[k];
         length = sqrtf(f.w[0] * f.w[0] + f.w[1] * f.w[1] + f.w[2] * f.w[2]);
-        for (int k = 0; k < 3; ++k) f.w[k] /= length;
+        for (int k = 0; k < 3; k++) f.w[k] /= length;
     }
     view_frame(f.w, f.u, f.v);
     if (facing) {

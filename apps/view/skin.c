@@ -55,7 +55,7 @@ static void drop_topology(view_skin *skin) {
     free(skin->sector_vertex), skin->sector_vertex = NULL;
     free(skin->index), skin->index = NULL;
     free(skin->vertex), skin->vertex = NULL;
-    for (int i = 0; i < LEVELS_MAX; ++i) {
+    for (int i = 0; i < LEVELS_MAX; i++) {
         free(skin->level[i].edge);
         free(skin->level[i].curved);
         free(skin->level[i].index);
@@ -80,8 +80,8 @@ static int by_key(const void *a, const void *b) {
 static side *sorted_sides(const uint32_t *index, int32_t triangle_count) {
     side *sides = malloc(((size_t)triangle_count * 3 + 1) * sizeof *sides);
     if (!sides) return NULL;
-    for (int32_t t = 0; t < triangle_count; ++t)
-        for (int i = 0; i < 3; ++i) {
+    for (int32_t t = 0; t < triangle_count; t++)
+        for (int i = 0; i < 3; i++) {
             uint64_t a = index[3 * t + i], b = index[3 * t + (i + 1) % 3];
             sides[3 * t + i] = (side){a < b ? a << 32 | b : b << 32 | a, t, i};
         }
@@ -141,7 +141,7 @@ static bool build_sectors(view_skin *skin, const view_surface *s) {
                       ? sorted_sides((const uint32_t *)s->triangle, s->triangle_count)
                       : NULL;
     if (!sides) return free(parent), false;
-    for (int32_t c = 0; c < corners; ++c) parent[c] = c;
+    for (int32_t c = 0; c < corners; c++) parent[c] = c;
     for (int32_t i = 0; i < corners;) {
         int32_t end = i + 1;
         while (end < corners && sides[end].key == sides[i].key) ++end;
@@ -154,7 +154,7 @@ static bool build_sectors(view_skin *skin, const view_surface *s) {
     }
     free(sides);
     skin->sector_count = 0;
-    for (int32_t c = 0; c < corners; ++c) {
+    for (int32_t c = 0; c < corners; c++) {
         int32_t root = root_of(parent, c);
         if (root == c) {
             skin->sector_vertex[skin->sector_count] = s->triangle[c];
@@ -177,14 +177,14 @@ static bool build_level(level *out, const uint32_t *index, int32_t triangle_coun
     if (!sides || !middle || !out->edge || !out->curved || !out->index) return free(sides), free(middle), false;
     for (int32_t i = 0; i < corners;) {
         int32_t end = i;
-        for (; end < corners && sides[end].key == sides[i].key; ++end)
+        for (; end < corners && sides[end].key == sides[i].key; end++)
             middle[3 * sides[end].triangle + sides[end].local] = (uint32_t)(vertex_count + out->edge_count);
         out->edge[2 * out->edge_count] = (int32_t)(sides[i].key >> 32);
         out->edge[2 * out->edge_count + 1] = (int32_t)(sides[i].key & 0xffffffffu);
         out->curved[out->edge_count++] = end - i == 2;
         i = end;
     }
-    for (int32_t t = 0; t < triangle_count; ++t) {
+    for (int32_t t = 0; t < triangle_count; t++) {
         const uint32_t *v = index + 3 * t, *m = middle + 3 * t;
         const uint32_t four[12] = {v[0], m[0], m[2], m[0], v[1], m[1], m[2], m[1], v[2], m[0], m[1], m[2]};
         memcpy(out->index + 12 * t, four, sizeof four);
@@ -204,7 +204,7 @@ static int by_id(const void *a, const void *b) {
 static bool update_references(view_skin *skin, const view_surface *s) {
     reference *now = malloc(((size_t)s->vertex_count + 1) * sizeof *now);
     if (!now) return false;
-    for (int32_t v = 0; v < s->vertex_count; ++v) {
+    for (int32_t v = 0; v < s->vertex_count; v++) {
         now[v].id = s->vertex_id[v];
         memcpy(now[v].at_m, s->vertex_m + 3 * v, sizeof now[v].at_m);
         const reference *old =
@@ -222,7 +222,7 @@ static bool update_references(view_skin *skin, const view_surface *s) {
 }
 
 static void middle_reference(view_vertex *m, const view_vertex *a, const view_vertex *b) {
-    for (int k = 0; k < 3; ++k) m->reference_m[k] = (a->reference_m[k] + b->reference_m[k]) / 2;
+    for (int k = 0; k < 3; k++) m->reference_m[k] = (a->reference_m[k] + b->reference_m[k]) / 2;
     m->kind = a->kind;
 }
 
@@ -236,12 +236,12 @@ static float lattice(int32_t x, int32_t y, int32_t z) {
 static float noise(const float at_m[3], float cell_m, float offset) {
     int32_t i[3];
     float u[3], sum = 0;
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
         float x = fminf(fmaxf(at_m[k] / cell_m + offset, -1e6f), 1e6f), base = floorf(x);
         i[k] = (int32_t)base;
         u[k] = (x - base) * (x - base) * (3 - 2 * (x - base));
     }
-    for (int c = 0; c < 8; ++c)
+    for (int c = 0; c < 8; c++)
         sum += (c & 1 ? u[0] : 1 - u[0]) * (c & 2 ? u[1] : 1 - u[1]) * (c & 4 ? u[2] : 1 - u[2]) *
                lattice(i[0] + (c & 1), i[1] + (c >> 1 & 1), i[2] + (c >> 2));
     return sum;
@@ -257,25 +257,25 @@ static bool build(view_skin *skin, const view_surface *s) {
     if (!update_references(skin, s) || !build_sectors(skin, s)) return false;
     int32_t count = skin->sector_count, triangles = skin->triangle_count;
     const uint32_t *index = skin->index;
-    for (int i = 0; i < skin->levels; ++i) {
+    for (int i = 0; i < skin->levels; i++) {
         if (!build_level(&skin->level[i], index, triangles, count)) return false;
         count += skin->level[i].edge_count, triangles = skin->level[i].triangle_count, index = skin->level[i].index;
     }
     skin->vertex = calloc((size_t)count + 1, sizeof *skin->vertex);
     if (!skin->vertex) return false;
     skin->vertex_count = count;
-    for (int32_t c = 0; c < 3 * skin->triangle_count; ++c) skin->vertex[skin->index[c]].kind = s->kind[c / 3];
-    for (int32_t i = 0; i < skin->sector_count; ++i) {
+    for (int32_t c = 0; c < 3 * skin->triangle_count; c++) skin->vertex[skin->index[c]].kind = s->kind[c / 3];
+    for (int32_t i = 0; i < skin->sector_count; i++) {
         reference wanted = {.id = s->vertex_id[skin->sector_vertex[i]]};
         const reference *r = bsearch(&wanted, skin->reference, (size_t)skin->reference_count, sizeof wanted, by_id);
         memcpy(skin->vertex[i].reference_m, r->at_m, sizeof r->at_m);
     }
     view_vertex *middle = skin->vertex + skin->sector_count;
-    for (int i = 0; i < skin->levels; ++i)
+    for (int i = 0; i < skin->levels; i++)
         for (int32_t e = 0; e < skin->level[i].edge_count; ++e, ++middle)
             middle_reference(middle, &skin->vertex[skin->level[i].edge[2 * e]],
                              &skin->vertex[skin->level[i].edge[2 * e + 1]]);
-    for (int32_t i = 0; i < count; ++i) mottle_of(&skin->vertex[i], skin->grain_m);
+    for (int32_t i = 0; i < count; i++) mottle_of(&skin->vertex[i], skin->grain_m);
     skin->topology = s->topology;
     skin->built = skin->index_changed = true;
     return true;
@@ -283,38 +283,38 @@ static bool build(view_skin *skin, const view_surface *s) {
 
 /* Normals weighted by the corner's angle do not depend on how a flat patch is cut into triangles. */
 static void sector_normals(view_skin *skin) {
-    for (int32_t i = 0; i < skin->sector_count; ++i) memset(skin->vertex[i].normal, 0, sizeof skin->vertex[i].normal);
-    for (int32_t t = 0; t < skin->triangle_count; ++t) {
+    for (int32_t i = 0; i < skin->sector_count; i++) memset(skin->vertex[i].normal, 0, sizeof skin->vertex[i].normal);
+    for (int32_t t = 0; t < skin->triangle_count; t++) {
         view_vertex *v[3];
-        for (int i = 0; i < 3; ++i) v[i] = &skin->vertex[skin->index[3 * t + i]];
+        for (int i = 0; i < 3; i++) v[i] = &skin->vertex[skin->index[3 * t + i]];
         float n[3];
         face_normal(v[0]->at_m, v[1]->at_m, v[2]->at_m, n);
         normalise(n);
-        for (int i = 0; i < 3; ++i) {
+        for (int i = 0; i < 3; i++) {
             float a[3], b[3];
-            for (int k = 0; k < 3; ++k)
+            for (int k = 0; k < 3; k++)
                 a[k] = v[(i + 1) % 3]->at_m[k] - v[i]->at_m[k], b[k] = v[(i + 2) % 3]->at_m[k] - v[i]->at_m[k];
             normalise(a);
             normalise(b);
             float angle = acosf(fminf(fmaxf(dot3(a, b), -1), 1));
-            for (int k = 0; k < 3; ++k) v[i]->normal[k] += angle * n[k];
+            for (int k = 0; k < 3; k++) v[i]->normal[k] += angle * n[k];
         }
     }
-    for (int32_t i = 0; i < skin->sector_count; ++i) normalise(skin->vertex[i].normal);
+    for (int32_t i = 0; i < skin->sector_count; i++) normalise(skin->vertex[i].normal);
 }
 
 /* Hollows are darker: how far the neighbours stand above the tangent plane, on average. */
 static void sector_shade(view_skin *skin) {
-    for (int32_t i = 0; i < skin->sector_count; ++i) skin->vertex[i].shade = 0;
+    for (int32_t i = 0; i < skin->sector_count; i++) skin->vertex[i].shade = 0;
     int32_t corners = 3 * skin->triangle_count;
-    for (int32_t c = 0; c < corners; ++c) {
+    for (int32_t c = 0; c < corners; c++) {
         view_vertex *v = &skin->vertex[skin->index[c]];
         const view_vertex *w = &skin->vertex[skin->index[c % 3 == 2 ? c - 2 : c + 1]];
         float d[3] = {w->at_m[0] - v->at_m[0], w->at_m[1] - v->at_m[1], w->at_m[2] - v->at_m[2]};
         normalise(d);
         v->shade += dot3(v->normal, d) / 6; /* six neighbours are usual */
     }
-    for (int32_t i = 0; i < skin->sector_count; ++i)
+    for (int32_t i = 0; i < skin->sector_count; i++)
         skin->vertex[i].shade = fminf(fmaxf(1 - 1.6f * skin->vertex[i].shade, 0.35f), 1.0f);
 }
 
@@ -322,7 +322,7 @@ static void sector_shade(view_skin *skin) {
  * triangles", 2001). */
 static void middle_of(view_vertex *m, const view_vertex *a, const view_vertex *b, bool curved) {
     float d[3], h[3];
-    for (int k = 0; k < 3; ++k) {
+    for (int k = 0; k < 3; k++) {
         d[k] = b->at_m[k] - a->at_m[k];
         h[k] = a->normal[k] + b->normal[k];
         m->at_m[k] = (a->at_m[k] + b->at_m[k]) / 2;
@@ -331,7 +331,7 @@ static void middle_of(view_vertex *m, const view_vertex *a, const view_vertex *b
     if (curved) {
         float wa = dot3(d, a->normal), wb = dot3(d, b->normal), length2 = dot3(d, d);
         float turn = length2 > 0 ? 2 * dot3(d, h) / length2 : 0;
-        for (int k = 0; k < 3; ++k) {
+        for (int k = 0; k < 3; k++) {
             m->at_m[k] += (wb * b->normal[k] - wa * a->normal[k]) / 8;
             h[k] -= turn * d[k];
         }
@@ -345,12 +345,12 @@ bool view_skin_update(view_skin *skin, const view_surface *s, float grain_m) {
     if (skin->built && skin->version == s->version && skin->topology == s->topology) return true;
     if (!skin->built || skin->topology != s->topology)
         if (!build(skin, s)) return drop_topology(skin), false;
-    for (int32_t i = 0; i < skin->sector_count; ++i)
+    for (int32_t i = 0; i < skin->sector_count; i++)
         memcpy(skin->vertex[i].at_m, s->vertex_m + 3 * skin->sector_vertex[i], sizeof skin->vertex[i].at_m);
     sector_normals(skin);
     sector_shade(skin);
     view_vertex *middle = skin->vertex + skin->sector_count;
-    for (int i = 0; i < skin->levels; ++i) {
+    for (int i = 0; i < skin->levels; i++) {
         const level *l = &skin->level[i];
         for (int32_t e = 0; e < l->edge_count; ++e, ++middle)
             middle_of(middle, &skin->vertex[l->edge[2 * e]], &skin->vertex[l->edge[2 * e + 1]], l->curved[e]);

@@ -13,18 +13,18 @@
 static bool surface_of(const tm_mesh *mesh, view_surface *s) {
     int32_t *number = malloc((size_t)mesh->vertex_count * sizeof *number), count = 0;
     if (!number) return false;
-    for (int32_t v = 0; v < mesh->vertex_count; ++v) number[v] = -1;
-    for (int32_t i = 0; i < 3 * mesh->surface_count; ++i) number[mesh->surface[i]] = 0;
-    for (int32_t v = 0; v < mesh->vertex_count; ++v)
+    for (int32_t v = 0; v < mesh->vertex_count; v++) number[v] = -1;
+    for (int32_t i = 0; i < 3 * mesh->surface_count; i++) number[mesh->surface[i]] = 0;
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
         if (number[v] == 0) number[v] = count++;
     bool good = view_surface_reserve(s, count, mesh->surface_count);
     if (good) {
-        for (int32_t v = 0; v < mesh->vertex_count; ++v) {
+        for (int32_t v = 0; v < mesh->vertex_count; v++) {
             if (number[v] < 0) continue;
             s->vertex_id[number[v]] = v;
-            for (int k = 0; k < 3; ++k) s->vertex_m[3 * number[v] + k] = (float)mesh->rest_m[3 * v + k];
+            for (int k = 0; k < 3; k++) s->vertex_m[3 * number[v] + k] = (float)mesh->rest_m[3 * v + k];
         }
-        for (int32_t i = 0; i < 3 * mesh->surface_count; ++i) s->triangle[i] = number[mesh->surface[i]];
+        for (int32_t i = 0; i < 3 * mesh->surface_count; i++) s->triangle[i] = number[mesh->surface[i]];
         memset(s->kind, 0, (size_t)mesh->surface_count);
         s->vertex_count = count, s->triangle_count = mesh->surface_count;
         ++s->version, ++s->topology;
@@ -76,7 +76,7 @@ static int load_scene(const char *path, const view_mark_choice *choice, view_pic
     if (!surface_of(s->mesh, &picture->surface))
         wrong = app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
     if (!wrong) wrong = take_marks(s, path, choice, marks);
-    for (int i = 0; i < s->instrument_count && i < VIEW_INSTRUMENTS; ++i) {
+    for (int i = 0; i < s->instrument_count && i < VIEW_INSTRUMENTS; i++) {
         view_instrument *t = &picture->instrument[i];
         tm_tool_pose pose = sim_pose(s, i, s->start_joint[i], false);
         memcpy(t->tip_m, pose.tip_m, sizeof t->tip_m);
@@ -93,7 +93,7 @@ static int load_scene(const char *path, const view_mark_choice *choice, view_pic
 bool view_is_still(const char *path) {
     const char *dot = strrchr(path, '.');
     static const char *const endings[] = {".yaml", ".yml", ".msh", ".vtk", ".mesh"};
-    for (size_t i = 0; dot && i < sizeof endings / sizeof endings[0]; ++i)
+    for (size_t i = 0; dot && i < sizeof endings / sizeof endings[0]; i++)
         if (!strcmp(dot, endings[i])) return true;
     return false;
 }

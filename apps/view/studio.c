@@ -73,7 +73,7 @@ static void aim(view_studio *studio, const view_picture *picture) {
 /* Arrows keep one scale; it shrinks when a force would leave the picture. */
 static double arrow_scale(view_studio *studio, const view_picture *picture) {
     if (studio->def.newton_m > 0) return studio->def.newton_m;
-    for (int i = 0; i < VIEW_INSTRUMENTS; ++i) {
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++) {
         const double *f = picture->instrument[i].force_N;
         if (picture->instrument[i].shown)
             studio->peak_force_N = fmax(studio->peak_force_N, sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]));

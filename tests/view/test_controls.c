@@ -45,9 +45,9 @@ static void wanted_tip(const play_controls *c, const view_picture *p, int i, dou
     const float axis[3] = {(float)t->axis[0], (float)t->axis[1], (float)t->axis[2]},
                 up[3] = {(float)t->up[0], (float)t->up[1], (float)t->up[2]};
     assert_true(hrt_frame_from_axis(&frame, axis, up));
-    for (int j = 0; j < HRT_JOINTS; ++j) joint[j] = (float)c->hand[i].joint[j];
+    for (int j = 0; j < HRT_JOINTS; j++) joint[j] = (float)c->hand[i].joint[j];
     hrt_tip(&frame, joint, tip);
-    for (int k = 0; k < 3; ++k) tip_m[k] = t->trocar_m[k] + (double)tip[k];
+    for (int k = 0; k < 3; k++) tip_m[k] = t->trocar_m[k] + (double)tip[k];
 }
 
 static void begin(play_controls *c, view_picture *p, view_camera *camera) {
@@ -62,10 +62,10 @@ static void hand_begins_where_the_instrument_is(void **state) {
     view_picture p;
     view_camera camera;
     begin(&c, &p, &camera);
-    for (int i = 0; i < 2; ++i) {
+    for (int i = 0; i < 2; i++) {
         double tip[3];
         wanted_tip(&c, &p, i, tip);
-        for (int k = 0; k < 3; ++k) assert_float_equal(tip[k], p.instrument[i].tip_m[k], 1e-6);
+        for (int k = 0; k < 3; k++) assert_float_equal(tip[k], p.instrument[i].tip_m[k], 1e-6);
     }
     assert_float_equal(c.hand[0].joint[3], 0.1, 1e-9);
 }
@@ -89,7 +89,7 @@ static void unknown_instruments_send_nothing(void **state) {
 static void drag_moves_the_tip_with_the_mouse(void **state) {
     (void)state;
     static const float drag[4][2] = {{10, 0}, {-10, 0}, {0, -10}, {0, 10}};
-    for (int d = 0; d < 4; ++d) {
+    for (int d = 0; d < 4; d++) {
         play_controls c;
         view_picture p;
         view_camera camera;
@@ -134,7 +134,7 @@ static void keys_insert_and_roll_within_the_workspace(void **state) {
     key(&c, &p, 'w', true);
     play_controls_step(&c, &p, &camera, HEIGHT, 0.5);
     assert_float_equal((float)c.hand[0].joint[2], (float)(from + 0.015), 1e-6f);
-    for (int i = 0; i < 100; ++i) play_controls_step(&c, &p, &camera, HEIGHT, 0.5);
+    for (int i = 0; i < 100; i++) play_controls_step(&c, &p, &camera, HEIGHT, 0.5);
     assert_float_equal((float)c.hand[0].joint[2], c.limits.joint_max[2], 1e-9f);
     key(&c, &p, 'w', false);
     key(&c, &p, 'e', true);
@@ -184,7 +184,7 @@ static void jaws_close_while_held_and_stay_when_latched(void **state) {
     begin(&c, &p, &camera);
     p.instrument[0].mode = 1;
     key(&c, &p, ' ', true);
-    for (int i = 0; i < 10; ++i) play_controls_step(&c, &p, &camera, HEIGHT, 0.05);
+    for (int i = 0; i < 10; i++) play_controls_step(&c, &p, &camera, HEIGHT, 0.05);
     assert_float_equal(c.hand[0].joint[4], 1, 1e-9);
     key(&c, &p, 'f', true);
     key(&c, &p, ' ', false);

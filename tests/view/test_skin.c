@@ -19,23 +19,23 @@ static void box(view_surface *s, int n, bool round) {
     int32_t *number = malloc((size_t)grid * sizeof *number);
     int32_t vertices = 0, triangles = 0;
     assert_true(view_surface_reserve(s, grid, 12 * n * n));
-    for (int i = 0; i < grid; ++i) {
+    for (int i = 0; i < grid; i++) {
         int at[3] = {i % side, i / side % side, i / side / side};
         bool outside = false;
-        for (int k = 0; k < 3; ++k) outside = outside || at[k] == 0 || at[k] == n;
+        for (int k = 0; k < 3; k++) outside = outside || at[k] == 0 || at[k] == n;
         number[i] = outside ? vertices : -1;
         if (!outside) continue;
         float p[3], length = 0;
-        for (int k = 0; k < 3; ++k) p[k] = 2 * (float)at[k] / (float)n - 1, length += p[k] * p[k];
-        for (int k = 0; k < 3; ++k) s->vertex_m[3 * vertices + k] = round ? p[k] / sqrtf(length) : p[k];
+        for (int k = 0; k < 3; k++) p[k] = 2 * (float)at[k] / (float)n - 1, length += p[k] * p[k];
+        for (int k = 0; k < 3; k++) s->vertex_m[3 * vertices + k] = round ? p[k] / sqrtf(length) : p[k];
         s->vertex_id[vertices] = vertices;
-        ++vertices;
+        vertices++;
     }
-    for (int axis = 0; axis < 3; ++axis)
-        for (int end = 0; end < 2; ++end)
-            for (int i = 0; i < n * n; ++i) {
+    for (int axis = 0; axis < 3; axis++)
+        for (int end = 0; end < 2; end++)
+            for (int i = 0; i < n * n; i++) {
                 int corner[4];
-                for (int c = 0; c < 4; ++c) {
+                for (int c = 0; c < 4; c++) {
                     int at[3];
                     at[axis] = end * n;
                     at[(axis + 1) % 3] = i % n + (c == 1 || c == 2);
@@ -43,7 +43,7 @@ static void box(view_surface *s, int n, bool round) {
                     corner[c] = number[at[0] + side * (at[1] + side * at[2])];
                 }
                 int32_t two[6] = {corner[0], corner[1], corner[2], corner[0], corner[2], corner[3]};
-                for (int t = 0; t < 2 && !end; ++t) {
+                for (int t = 0; t < 2 && !end; t++) {
                     int32_t swap = two[3 * t + 1];
                     two[3 * t + 1] = two[3 * t + 2];
                     two[3 * t + 2] = swap;
@@ -71,7 +71,7 @@ static void assert_closed(view_skin *skin) {
     view_skin_vertices(skin, &v);
     int32_t count = view_skin_indices(skin, &index, &changed);
     edge *edges = calloc((size_t)count, sizeof *edges);
-    for (int32_t i = 0; i < count; ++i) {
+    for (int32_t i = 0; i < count; i++) {
         const float *a = v[index[i]].at_m, *b = v[index[i % 3 == 2 ? i - 2 : i + 1]].at_m;
         bool swap = memcmp(a, b, 3 * sizeof *a) > 0;
         memcpy(edges[i].end, swap ? b : a, 3 * sizeof *a);
@@ -88,20 +88,20 @@ static void sphere_is_closed_and_round(void **state) {
     box(&s, 4, true);
     /* How far inside the sphere the middles of straight edges would be. */
     float flat = 0;
-    for (int32_t i = 0; i < 3 * s.triangle_count; ++i) {
+    for (int32_t i = 0; i < 3 * s.triangle_count; i++) {
         const float *a = s.vertex_m + 3 * s.triangle[i], *b = s.vertex_m + 3 * s.triangle[i % 3 == 2 ? i - 2 : i + 1];
         flat = fmaxf(flat, 1 - sqrtf((a[0] + b[0]) * (a[0] + b[0]) + (a[1] + b[1]) * (a[1] + b[1]) +
                                      (a[2] + b[2]) * (a[2] + b[2])) /
                                    2);
     }
-    for (int levels = 0; levels <= 2; ++levels) {
+    for (int levels = 0; levels <= 2; levels++) {
         view_skin *skin = view_skin_create(levels, 0.9f);
         assert_true(view_skin_update(skin, &s, 0.01f));
         assert_closed(skin);
         const view_vertex *v;
         int32_t count = view_skin_vertices(skin, &v);
         float worst = 0;
-        for (int32_t i = 0; i < count; ++i) {
+        for (int32_t i = 0; i < count; i++) {
             float r = sqrtf(v[i].at_m[0] * v[i].at_m[0] + v[i].at_m[1] * v[i].at_m[1] + v[i].at_m[2] * v[i].at_m[2]);
             worst = fmaxf(worst, fabsf(r - 1));
         }
@@ -120,10 +120,10 @@ static void cube_is_closed_and_sharp(void **state) {
     assert_closed(skin);
     const view_vertex *v;
     int32_t count = view_skin_vertices(skin, &v);
-    for (int32_t i = 0; i < count; ++i) {
+    for (int32_t i = 0; i < count; i++) {
         /* On the cube, with the normal of one face. */
         float largest = 0, n1 = 0;
-        for (int k = 0; k < 3; ++k) {
+        for (int k = 0; k < 3; k++) {
             largest = fmaxf(largest, fabsf(v[i].at_m[k]));
             n1 += fabsf(v[i].normal[k]);
         }
@@ -138,7 +138,7 @@ static void opened_flesh_keeps_its_edge(void **state) {
     (void)state;
     view_surface s = {0};
     box(&s, 4, true);
-    for (int32_t t = 0; t < 20; ++t) s.kind[t] = 1;
+    for (int32_t t = 0; t < 20; t++) s.kind[t] = 1;
     view_skin *skin = view_skin_create(1, 3.2f);
     assert_true(view_skin_update(skin, &s, 0.01f));
     const view_vertex *v;
@@ -167,7 +167,7 @@ static void references_outlive_motion_and_cuts(void **state) {
     float first[3];
     memcpy(first, s.vertex_m + 3 * s.triangle[0], sizeof first);
     int32_t id = s.vertex_id[s.triangle[0]];
-    for (int32_t i = 0; i < 3 * s.vertex_count; ++i) s.vertex_m[i] += 5;
+    for (int32_t i = 0; i < 3 * s.vertex_count; i++) s.vertex_m[i] += 5;
     s.triangle_count -= 2;
     ++s.version, ++s.topology;
     assert_true(view_skin_update(skin, &s, 0.01f));

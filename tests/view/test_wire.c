@@ -21,7 +21,7 @@ static void whole_message_is_sound(void **state) {
 
 static void every_truncation_is_refused(void **state) {
     (void)state;
-    for (int size = 0; size < (int)sizeof sound; ++size) assert_false(app_wire_sound(layout, sound, size));
+    for (int size = 0; size < (int)sizeof sound; size++) assert_false(app_wire_sound(layout, sound, size));
 }
 
 static void trailing_bytes_are_refused(void **state) {
@@ -52,7 +52,7 @@ static void lying_lengths_are_refused(void **state) {
         {20, 4},    /* one more than there are */
         {20, 2},    /* one fewer */
     };
-    for (size_t i = 0; i < sizeof lies / sizeof lies[0]; ++i) {
+    for (size_t i = 0; i < sizeof lies / sizeof lies[0]; i++) {
         with_byte(lies[i].at, lies[i].value, m);
         assert_false(app_wire_sound(layout, m, sizeof m));
     }
