@@ -40,7 +40,8 @@ SAN := $(filter -fsanitize%,$(OPT)) $(if $(filter -fsanitize%,$(OPT)),-Wl$(,)--p
 # -ffp-contract=off: the plain form's bits must not depend on compiler or processor.
 WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wconversion -Wno-sign-conversion $(if $(filter gcc,$(CC)),-Wno-format-truncation)
 BASE_CFLAGS := -std=c11 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC -MMD -MP $(WARN)
-BASE_CXXFLAGS := -std=c++17 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC -MMD -MP -Wall -Wextra
+# Two of the checks of C++ want a runtime that a C program is not linked with.
+BASE_CXXFLAGS := -std=c++17 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC $(if $(findstring undefined,$(OPT)),-fno-sanitize=function$(,)vptr) -MMD -MP -Wall -Wextra
 INCLUDES := -Ilibtensormass/include -Ihaptic_rt/core -Ihaptic_rt -Iapps -Iapps/common -Ilcm_types -I$(OUT)/gen
 
 # Answers of pkg-config, asked only when a recipe needs them (they may be installed by the same make).

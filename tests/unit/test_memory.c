@@ -94,7 +94,7 @@ static tm_status add_contact(scene *s, tm_error *error) {
                                         .trocar_m = {0.008, 0.008, 0.1},
                                         .radius_m = 0.002,
                                         .contact_length_m = 0.05,
-                                        .pose = {{0.008, 0.008, 0.02}}}};
+                                        .pose = {.tip_m = {0.008, 0.008, 0.02}}}};
     tm_contact_def def = tm_contact_def_default();
     def.instrument_count = 2, def.instrument = tool;
     return tm_stage_contact(s->world, &def, &s->contact, error);
