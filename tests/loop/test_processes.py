@@ -376,7 +376,7 @@ BAD = [
     ("haptic-rt", ["--bus", "nonsense"], "virtual:NAME or socketcan:INTERFACE"),
     ("haptic-rt", ["--bus", "virtual:a/b"], "virtual bus is named by"),
     ("haptic-rt", ["--bus", "socketcan:no_such_interface"], "socketcan"),
-    ("haptic-rt", ["--bus", "virtual:t", "--extrapolator", "psychic"], "hold, time, position"),
+    ("haptic-rt", ["--bus", "virtual:t", "--extrapolator", "psychic"], "hold time position"),
     ("haptic-rt", ["--bus", "virtual:t", "--rate", "5"], "100..2000"),
     ("haptic-rt", ["--bus", "virtual:t", "--instrument", "2"], "0..1"),
     ("haptic-rt", ["--bus", "virtual:t", "--trocar", "1,2"], "X,Y,Z"),
