@@ -22,8 +22,8 @@ typedef struct slot {
 struct tms_engine {
     const tm_tissue *tissue; /* mesh, materials, fibres */
     int32_t vertex_count, tet_count;
-    uint8_t *fixed;             /* [3*vertex_count] */
-    uint8_t *base, *now, *gone; /* [tet_count] alive in the factor, at the last wish, cut in between */
+    uint8_t *fixed;       /* [3*vertex_count] */
+    uint8_t *base, *gone; /* [tet_count] alive in the factor; cut since, at the last wish */
     tms_system system;
     tms_solver *solver;
     tms_work *work;
@@ -34,7 +34,7 @@ struct tms_engine {
     double *G;        /* [3*TMS_SLOTS][3*TMS_SLOTS] compliance of the factor's tissue among the slots */
     int64_t clock;
     int32_t calm;                                         /* calls since the last cut */
-    int32_t touched_count, touched[TMS_TOUCHED_VERTICES]; /* vertices of `gone`, ascending */
+    int32_t touched_count, touched[TMS_TOUCHED_VERTICES]; /* vertices of `gone` */
     bool middle_known;
     double *D, *M; /* [3*touched][3*touched] */
 };
@@ -52,13 +52,12 @@ tms_engine *tms_engine_create(const tm_tissue *tissue, const uint8_t *fixed) {
     e->tet_count = mesh->tet_count;
     e->fixed = tm_allocate(3 * vertices);
     e->base = tm_allocate(tets);
-    e->now = tm_allocate(tets);
     e->gone = tm_allocate(tets);
     e->slot_of = tm_allocate(vertices * sizeof *e->slot_of);
     e->G = tm_allocate(sizeof(double) * WIDTH * WIDTH);
     e->D = tm_allocate(sizeof(double) * MIDDLE * MIDDLE);
     e->M = tm_allocate(sizeof(double) * MIDDLE * MIDDLE);
-    if (!e->fixed || !e->base || !e->now || !e->gone || !e->slot_of || !e->G || !e->D || !e->M) {
+    if (!e->fixed || !e->base || !e->gone || !e->slot_of || !e->G || !e->D || !e->M) {
         tms_engine_destroy(e);
         return NULL;
     }
@@ -82,7 +81,6 @@ void tms_engine_destroy(tms_engine *e) {
     drop_factor(e);
     tm_release(e->fixed, 3 * vertices);
     tm_release(e->base, tets);
-    tm_release(e->now, tets);
     tm_release(e->gone, tets);
     tm_release(e->slot_of, vertices * sizeof *e->slot_of);
     tm_release(e->G, sizeof(double) * WIDTH * WIDTH);
@@ -92,7 +90,7 @@ void tms_engine_destroy(tms_engine *e) {
 }
 
 int64_t tms_engine_bytes(const tms_engine *e) {
-    return (int64_t)sizeof *e + 3 * (int64_t)e->tet_count + 7 * (int64_t)e->vertex_count +
+    return (int64_t)sizeof *e + 2 * (int64_t)e->tet_count + 7 * (int64_t)e->vertex_count +
            (int64_t)sizeof(double) * (WIDTH * WIDTH + 2 * MIDDLE * MIDDLE) +
            (e->solver ? tms_solver_bytes(e->solver) : 0);
 }
