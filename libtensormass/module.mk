@@ -1,5 +1,5 @@
 # libtensormass.so and .a: the core, with no dependency but libc and libm.
-TM_SRC := $(sort $(wildcard libtensormass/src/*.c))
+TM_SRC := $(sort $(wildcard libtensormass/src/*/*.c))
 LIBTM_A := $(OUT)/lib/libtensormass.a
 LIBTM_SO := $(OUT)/lib/libtensormass.so.$(VERSION)
 LIBRARIES += $(LIBTM_A) $(LIBTM_SO)

@@ -1,6 +1,6 @@
 /* The rows of docs/contact.md in single precision, for the few triangles of a patch: stations of the tool's axis
  * against faces, edges and vertices, with weights that run smoothly from one feature to the next, and normals blended
- * over the smooth surface. The simulation's own finder (libtensormass/src/contact_find.c) is the reference that tests
+ * over the smooth surface. The simulation's own finder (libtensormass/src/contact/contact_find.c) is the reference that tests
  * hold this one to.
  *
  * Station by station: what all features ask of it (where it stands from the vertices, how high over the faces) is

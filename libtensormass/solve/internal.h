@@ -2,7 +2,7 @@
 #ifndef TMS_INTERNAL_H
 #define TMS_INTERNAL_H
 
-#include "../src/contract.h"
+#include "base/contract.h"
 #include "tensormass_solve.h"
 
 #ifdef __cplusplus

@@ -19,15 +19,15 @@ RATIO = "hrt_dot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)"
 POSITION = f"    hrt_add_scaled(force, capped_ratio(m, {RATIO}),\n                   m->change_N);\n"
 # fault: (file, what stands there once, the fault in its place, test program, test in it that must fail)
 FAULTS = {
-    "one block's sign on removal": ("libtensormass/src/cut.c", MEND_EDGES, MEND_EDGES + ONE_SIGN, "physics/test_cut", "twenty_orders"),
+    "one block's sign on removal": ("libtensormass/src/cut/cut.c", MEND_EDGES, MEND_EDGES + ONE_SIGN, "physics/test_cut", "twenty_orders"),
     "the unsigned ratio of `position`, which may pull": ("haptic_rt/core/extrapolate.c", POSITION + "    only_push(x, true, force);\n",
                                                          POSITION.replace(RATIO, RATIO.replace("hrt_dot(m->moved_m, m->step_m)", "fabsf(hrt_dot(m->moved_m, m->step_m))")),
                                                          "loop/test_extrapolate", "reversal"),
-    "the sign of gamma": ("libtensormass/src/stage_integrate.c", "world->damped ? world->tissue->damping_kg_s[v]", "world->damped ? -world->tissue->damping_kg_s[v]",
+    "the sign of gamma": ("libtensormass/src/world/stage_integrate.c", "world->damped ? world->tissue->damping_kg_s[v]", "world->damped ? -world->tissue->damping_kg_s[v]",
                           "physics/test_motion", "one_free_vertex"),
-    "eq. 12's factor": ("libtensormass/src/material.c", "lambda = m->lambda_Pa * volume_m3, mu = m->mu_Pa * volume_m3,", "lambda = 2 * m->lambda_Pa * volume_m3, mu = 2 * m->mu_Pa * volume_m3,",
+    "eq. 12's factor": ("libtensormass/src/mesh/material.c", "lambda = m->lambda_Pa * volume_m3, mu = m->mu_Pa * volume_m3,", "lambda = 2 * m->lambda_Pa * volume_m3, mu = 2 * m->mu_Pa * volume_m3,",
                         "physics/test_oracle", "isotropic"),
-    "h_min/c as the step": ("libtensormass/src/critical.c", "*step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);", H_MIN_OVER_C, "physics/test_tissue", "critical_steps"),
+    "h_min/c as the step": ("libtensormass/src/tissue/critical.c", "*step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);", H_MIN_OVER_C, "physics/test_tissue", "critical_steps"),
 }
 SOURCES = ("libtensormass", "haptic_rt", "apps", "lcm_types", "tests", "tools", "meshes")
 

@@ -117,7 +117,7 @@ TM_API tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error
  * and what stages keep (tm_stage.keep). */
 TM_API tm_status tm_world_step(tm_world *world, int32_t count);
 
-/* --- stages of the library; each file of src/stage_*.c is one --- */
+/* --- stages of the library; each file stage_*.c of src/ is one --- */
 
 TM_API tm_status tm_stage_gravity(tm_world *world, const double g_m_s2[3], tm_error *error);
 

@@ -1,0 +1,163 @@
+/* Stage "contact": moves the tools. Its parts: "contact find" finds the rows of all of them, "contact constrain" makes
+ * them non-penetrating, together with what else is held, "contact sum" sums the reactions. */
+#include "contact/contact_internal.h"
+
+#include <math.h>
+#include <string.h>
+
+tm_contact_def tm_contact_def_default(void) {
+    return (tm_contact_def){.cookie = TM_COOKIE_CONTACT,
+                            .size = sizeof(tm_contact_def),
+                            .skin_compliance_m_N = 0.5e-3,
+                            .sweeps = 10,
+                            .max_rows = 256,
+                            .force_cap_N = 50};
+}
+
+static void refresh_supports(tm_contact *contact) {
+    contact->held_by = contact->world->support;
+    memset(contact->held, 0, 3 * (size_t)contact->world->tissue->mesh->vertex_count);
+    tm_support_mask(contact->world, contact->held);
+}
+
+/* --- the stage and its parts, in the order of the step --- */
+
+static void move(void *self, tm_world *world) {
+    tm_contact *contact = self;
+    if (contact->held_by != world->support) refresh_supports(contact);
+    contact->unsound = false;
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        tm_tool *tool = contact->tool + t;
+        tm_tool_advance(tool);
+        if (tm_capsule_travel(&tool->capsule, &tool->before) > TM_TOO_FAST * tool->def.radius_m)
+            tool->flags |= TM_REACTION_TOO_FAST;
+    }
+}
+
+static void find(void *self, tm_world *world) {
+    const tm_contact *contact = self;
+    for (int32_t b = 0; b < contact->block_count; b++)
+        if (contact->block[b].find) contact->block[b].find(contact->block[b].self, world);
+}
+
+static void constrain(void *self, tm_world *world) { tm_contact_constrain(self, world); }
+
+static void sum(void *self, tm_world *world) {
+    (void)world;
+    tm_contact_sum(self);
+}
+
+/* dt changed or tissue was cut: candidates may be dead, supports may have moved to other vertices. */
+static void changed(void *self, tm_world *world) {
+    tm_contact *contact = self;
+    int32_t revision = tm_tissue_surface(world->tissue).revision;
+    if (revision == contact->revision) /* a cut moves no support, and must not cost what the mesh is large */
+        refresh_supports(contact);
+    for (int32_t t = 0; t < contact->tool_count && revision != contact->revision; t++)
+        contact->tool[t].gathered_age = -1;
+    contact->revision = revision;
+}
+
+/* --- creation --- */
+
+static tm_status check(const tm_contact_def *def, tm_error *error) {
+    if (def->instrument_count < 1 || def->instrument_count > TM_MAX_INSTRUMENTS)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact: %d instruments; give 1 to %d", def->instrument_count,
+                       TM_MAX_INSTRUMENTS);
+    if (!(def->skin_compliance_m_N >= 0) || !isfinite(def->skin_compliance_m_N))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "contact: skin compliance %g m/N; give 0 or more",
+                       def->skin_compliance_m_N);
+    if (def->sweeps < 1 || def->max_rows < 1 || def->max_rows > TM_LOCAL_HITS || !(def->force_cap_N > 0))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "contact: %d sweeps, %d rows, force cap %g N; give at least one sweep, 1 to %d rows "
+                       "and a positive cap",
+                       def->sweeps, def->max_rows, def->force_cap_N, TM_LOCAL_HITS);
+    for (int32_t i = 0; i < def->instrument_count; i++) {
+        const tm_instrument_def *tool = def->instrument + i;
+        if (tool->mode != TM_TOOL_PROBE && tool->mode != TM_TOOL_GRASPER && tool->mode != TM_TOOL_CAUTERY)
+            return tm_fail(error, TM_ERR_ARGUMENT, i, "instrument %d: mode %d; give one of tm_tool_mode", i,
+                           (int)tool->mode);
+        bool finite = TM_IS_POSE(&tool->pose) && isfinite(tool->pose.roll_rad) && isfinite(tool->pose.grip);
+        for (int c = 0; c < 3; c++) finite = finite && isfinite(tool->trocar_m[c]) && isfinite(tool->pose.tip_m[c]);
+        if (!finite || !(tool->radius_m > 0) || !isfinite(tool->radius_m) || !(tool->contact_length_m >= 0) ||
+            !isfinite(tool->contact_length_m))
+            return tm_fail(error, TM_ERR_ARGUMENT, i,
+                           "instrument %d: radius %g m, contact length %g m; give a positive radius, a "
+                           "length of 0 or more and finite places",
+                           i, tool->radius_m, tool->contact_length_m);
+    }
+    return TM_OK;
+}
+
+static tm_contact *take(tm_pool *pool, const tm_contact_def *def, int32_t vertex_count) {
+    tm_contact *contact = TM_TAKE(pool, tm_contact, 1);
+    if (!contact) return NULL;
+    contact->row = TM_TAKE(pool, tm_contact_row, def->max_rows * def->instrument_count);
+    contact->row_before = TM_TAKE(pool, tm_contact_row, def->max_rows * def->instrument_count);
+    contact->solver = TM_TAKE(pool, tm_solver_row, def->max_rows);
+    contact->hits = TM_TAKE(pool, tm_hits, 1);
+    contact->held = TM_TAKE(pool, uint8_t, 3 * (int64_t)vertex_count);
+    contact->kept = TM_TAKE(pool, char, tm_contact_snapshot_max(def));
+    for (int32_t t = 0; t < def->instrument_count; t++) contact->tool[t].surface = TM_TAKE(pool, tm_local_surface, 1);
+    return contact;
+}
+
+static void destroy(void *self) {
+    tm_pool pool = ((tm_contact *)self)->pool;
+    tm_pool_release(&pool);
+}
+
+static tm_status add_stages(tm_world *world, tm_contact *contact, int64_t bytes, tm_error *error) {
+    const tm_stage stage[] = {{.name = "contact",
+                               .run = move,
+                               .destroy = destroy,
+                               .step_changed = changed,
+                               .snapshot = tm_contact_snapshot,
+                               .restore = tm_contact_restore,
+                               .keep = tm_contact_keep,
+                               .give_back = tm_contact_give_back},
+                              {.name = TM_STAGE_CONTACT_FIND, .run = find, .part_of = "contact"},
+                              {.name = "contact constrain", .run = constrain, .part_of = "contact"},
+                              {.name = "contact sum", .run = sum, .part_of = "contact"}};
+    return tm_world_add_stages(world, stage, 4, TM_PHASE_CONSTRAIN, contact, bytes, error);
+}
+
+tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contact **contact, tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_CONTACT, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && contact && (def->instrument || def->instrument_count < 1),
+               "world, contact or def->instrument is null", TM_ERR_ARGUMENT);
+    tm_status status = check(def, error);
+    if (status) return status;
+    tm_pool pool = {0};
+    tm_contact *self = take(&pool, def, world->tissue->mesh->vertex_count);
+    if (!self || pool.failed) {
+        tm_pool_release(&pool);
+        return tm_fail_memory(error, "contact stage");
+    }
+    self->pool = pool;
+    self->world = world;
+    self->def = *def;
+    self->def.instrument = NULL; /* the caller's array is copied */
+    self->tool_count = def->instrument_count;
+    self->revision = tm_tissue_surface(world->tissue).revision;
+    for (int32_t t = 0; t < def->instrument_count; t++) {
+        self->tool[t].def = def->instrument[t];
+        self->tool[t].capsule.instrument = t;
+        tm_tool_place(self->tool + t, &def->instrument[t].pose);
+    }
+    self->block_count = 1;
+    tm_contact_set_block(self, NULL);
+    status = add_stages(world, self, pool.bytes, error);
+    if (status) {
+        tm_pool_release(&pool);
+        return status;
+    }
+    *contact = self;
+    return TM_OK;
+}
+
+tm_contact *tm_world_contact(tm_world *world) {
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.run == move) return world->slot[i].stage.self;
+    return NULL;
+}

@@ -1,0 +1,78 @@
+/* The blocks of constraints that share the tissue's vertices with contact, and the one driver that sweeps them all. */
+#include "contact/contact_internal.h"
+
+void tm_contact_add_block(tm_contact *contact, const tm_block *block) {
+    const int32_t rows = contact->block_count - 1;
+    contact->block[contact->block_count++] = contact->block[rows];
+    contact->block[rows] = *block;
+}
+
+void tm_contact_remove_block(tm_contact *contact, const void *self) {
+    int32_t left = 0;
+    for (int32_t b = 0; b < contact->block_count; b++)
+        if (contact->block[b].self != self) contact->block[left++] = contact->block[b];
+    contact->block_count = left;
+}
+
+/* Each block's time is its own stage's. */
+static void charge(tm_world *world, const tm_block *block, int32_t contact) {
+    if (world->timing) tm_world_charge(world, block->owner ? tm_world_slot_of(world, block->owner) : contact);
+}
+
+void tm_contact_constrain(tm_contact *contact, tm_world *world) {
+    const int32_t mine = world->charged;
+    const tm_block *const end = contact->block + contact->block_count;
+    for (int32_t sweep = 0; sweep < contact->def.sweeps; sweep++)
+        for (const tm_block *block = contact->block; block < end; block++) {
+            if (!block->sweep) continue;
+            charge(world, block, mine);
+            block->sweep(block->self, world, sweep);
+        }
+    for (const tm_block *block = contact->block; block < end; block++) {
+        if (!block->finish) continue;
+        charge(world, block, mine);
+        block->finish(block->self, world);
+    }
+    if (world->timing) tm_world_charge(world, mine);
+}
+
+static bool is_held(const tm_block *block, const tm_contact_row *row) {
+    for (int j = 0; j < 3; j++)
+        if (row->weight[j] > 0 && !block->holds(block->self, row->instrument, row->vertex[j])) return false;
+    return true;
+}
+
+bool tm_row_is_held(const tm_contact *contact, const tm_contact_row *row) {
+    bool held = false;
+    for (int32_t b = 0; b < contact->block_count && !held; b++)
+        held = contact->block[b].holds && is_held(contact->block + b, row);
+    return held;
+}
+
+bool tm_contact_holds_vertex(const tm_contact *contact, int32_t instrument, int32_t vertex) {
+    bool held = false;
+    for (int32_t b = 0; b < contact->block_count && !held; b++)
+        held = contact->block[b].holds && contact->block[b].holds(contact->block[b].self, instrument, vertex);
+    return held;
+}
+
+int32_t tm_contact_held(const tm_contact *contact, int32_t instrument, const int32_t **vertex, const double **target_m,
+                        double *compliance_m_N) {
+    for (int32_t b = 0; b < contact->block_count; b++)
+        if (contact->block[b].held)
+            return contact->block[b].held(contact->block[b].self, instrument, vertex, target_m, compliance_m_N);
+    return 0;
+}
+
+tm_jaw_load tm_contact_load(const tm_contact *contact, int32_t instrument) {
+    tm_jaw_load load = {0};
+    for (int32_t b = 0; b < contact->block_count; b++)
+        if (contact->block[b].load) contact->block[b].load(contact->block[b].self, instrument, &load);
+    return load;
+}
+
+int32_t tm_contact_admit(const tm_contact *contact, int32_t instrument, tm_contact_row *row, int32_t count) {
+    for (int32_t b = 0; b < contact->block_count; b++)
+        if (contact->block[b].admit) count = contact->block[b].admit(contact->block[b].self, instrument, row, count);
+    return count;
+}

@@ -1,0 +1,150 @@
+/* Insides of the contact stage, shared by contact*.c, grasp*.c and patch*.c. */
+#ifndef TM_CONTACT_INTERNAL_H
+#define TM_CONTACT_INTERNAL_H
+
+#include "contact/contact_surface.h"
+#include "tensormass/grasp.h"
+#include "world/world_internal.h"
+
+#define TM_STAGE_CONTACT_FIND "contact find" /* what decides which rows there are runs before it */
+
+enum { TM_COOKIE_CONTACT = 0x636f6e74, TM_COOKIE_GRASP = 0x67726173 };
+
+/* One row made ready for projection: J and A^-1 J^T of its three vertices. */
+typedef struct tm_solver_row {
+    double jacobian[3][3]; /* weight * normal */
+    double response[3][3]; /* mobility * jacobian, 0 where a support holds */
+    double diagonal;       /* J A^-1 J^T, m/N */
+    double compliance;     /* skin / share, m/N */
+    double moved_m[3];     /* by the station in this substep */
+    double weight2;        /* sum of weight^2 * mobility, m/N */
+    double drag_N[3];      /* of the film, on the tissue */
+    double gap_m; /* at the start of the substep, at the tool's new place, less what is left to later substeps */
+} tm_solver_row;
+
+/* What lasts between steps is also in contact_snapshot.c: a new field goes there too. */
+typedef struct tm_tool {
+    tm_instrument_def def;
+    tm_tool_pose pose, from, to;
+    int32_t path_step, path_steps;
+    int32_t placings;                        /* times it was put somewhere at once */
+    tm_capsule capsule, before;              /* at the end of this substep and of the one before */
+    bool clear;                              /* has been seen outside the tissue since it was placed */
+    bool leaving;                            /* not clear, but its axis is outside */
+    bool pierced;                            /* was placed inside: clear again when nothing is within its radius */
+    double station_depth_m[TM_MAX_STATIONS]; /* how far its skin was pressed in at the last substep */
+    double bears_N;                          /* what all its rows bore then */
+    /* broad phase */
+    tm_local_surface *surface;
+    tm_capsule gathered_at;
+    int32_t gathered_age; /* substeps; negative: never */
+    /* frame */
+    double sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3];
+    int32_t sum_count;
+    uint32_t flags;                                    /* tm_reaction_flag */
+    double substep_force_N[3], substep_resultant_N[3]; /* of the last substep */
+    double stiffness_N_m[9];                           /* dF/dP by the stage "patch" */
+    int32_t stiffness_kind;
+} tm_tool;
+
+/* What a block does to the vertices in the jaw of one instrument, for the account of energy. */
+typedef struct tm_jaw_load {
+    int32_t count;
+    const int32_t *vertex;
+    const double *force_N;  /* [3*count] on the tissue, of the last substep */
+    const double *offset_m; /* [3*count] the other end of each spring, in the jaw's frame */
+    const tm_jaw *jaw;
+    double compliance_m_N;
+} tm_jaw_load;
+
+/* A block of constraints. All blocks share vertices, so all are swept by one driver, or they would fight: holds first,
+ * the rows of contact last. What a block has no use for is null. */
+typedef struct tm_block {
+    void *self;
+    void *owner; /* self of the stage that its time is booked on; null: contact's own */
+    /* Finds its constraints of this substep and starts them; null: the stage of the block does, before "contact find".
+     */
+    void (*find)(void *self, tm_world *world);
+    void (*sweep)(void *self, tm_world *world, int32_t sweep);
+    void (*finish)(void *self,
+                   tm_world *world); /* after the sweeps: of a block that solves all its constraints at once */
+    /* Adds to the tool's force at its tip and to the plain sum, N, of this substep. */
+    void (*react)(void *self, int32_t instrument, double force_N[3], double resultant_N[3]);
+    bool (*holds)(void *self, int32_t instrument, int32_t vertex); /* a vertex it holds is no obstacle to that tool */
+    /* Vertices held (-1 while letting go), where the jaw has them [3*count], and the compliance of the hold on each. */
+    int32_t (*held)(void *self, int32_t instrument, const int32_t **vertex, const double **target_m,
+                    double *compliance_m_N);
+    void (*load)(void *self, int32_t instrument, tm_jaw_load *load);
+    /* Drops, or eases, those of an instrument's rows that are its own; returns how many are left. */
+    int32_t (*admit)(void *self, int32_t instrument, tm_contact_row *row, int32_t count);
+} tm_block;
+
+enum { TM_MAX_BLOCKS = 4 };
+
+struct tm_contact {
+    tm_pool pool;
+    tm_world *world;
+    tm_contact_def def;
+    int32_t tool_count;
+    tm_tool tool[TM_MAX_INSTRUMENTS];
+    tm_contact_row *row, *row_before; /* [max_rows * tool_count] of this substep and the last */
+    int32_t row_count, row_count_before;
+    tm_solver_row *solver; /* [max_rows] */
+    tm_hits *hits;
+    uint8_t *held;       /* [3*vertex_count] components that a support prescribes */
+    const void *held_by; /* the support stage that `held` was made from */
+    int32_t revision;    /* of the surface at the last gathering */
+    int32_t frame_step, frame_steps, frame_average;
+    int32_t block_count;
+    tm_block block[TM_MAX_BLOCKS]; /* the last: the rows, the stage's own or another's */
+    tm_contact_block others;       /* whose rows these are; solve null: the stage's own */
+    bool unsound;                  /* a row met a number that is not finite, in this substep */
+    void *kept;                    /* the snapshot at the start of the step, room for the largest */
+    int64_t kept_bytes;
+};
+
+/* contact_tool.c */
+void tm_tool_place(tm_tool *tool, const tm_tool_pose *at);
+void tm_tool_move(tm_tool *tool, const tm_tool_pose *to, int32_t substeps);
+void tm_tool_advance(tm_tool *tool);
+/* In the body at all; a cautery always is. */
+bool tm_tool_is_present(const tm_tool *tool);
+/* The axis beyond the tip meets no triangle where it can touch, and an even number in all. O(surface). */
+bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u_m, const tm_surface_view *surface);
+
+/* How far the axis' ends moved, the farther of them. */
+double tm_capsule_travel(const tm_capsule *a, const tm_capsule *b);
+
+/* contact_sum.c */
+void tm_contact_sum(tm_contact *contact);
+
+/* contact_solve.c */
+void tm_contact_prepare(tm_contact *contact);
+void tm_contact_sweep(tm_contact *contact, int32_t sweep); /* of its own rows, once */
+
+/* contact_block.c: the list of blocks, and what is asked of all of them */
+/* In front of the rows. Not more than TM_MAX_BLOCKS - 1: who adds one sees to that. */
+void tm_contact_add_block(tm_contact *contact, const tm_block *block);
+void tm_contact_remove_block(tm_contact *contact, const void *self);
+/* The one driver: every block in every sweep, then what solves at once. */
+void tm_contact_constrain(tm_contact *contact, tm_world *world);
+bool tm_contact_holds_vertex(const tm_contact *contact, int32_t instrument, int32_t vertex);
+/* All vertices that bear the row are held: it is no obstacle to the tool that holds them. */
+bool tm_row_is_held(const tm_contact *contact, const tm_contact_row *row);
+/* As the block's hooks of the same name; nobody holds: nothing. */
+int32_t tm_contact_held(const tm_contact *contact, int32_t instrument, const int32_t **vertex, const double **target_m,
+                        double *compliance_m_N);
+tm_jaw_load tm_contact_load(const tm_contact *contact, int32_t instrument);
+int32_t tm_contact_admit(const tm_contact *contact, int32_t instrument, tm_contact_row *row, int32_t count);
+
+/* contact_snapshot.c: the stage's hooks */
+int64_t tm_contact_snapshot(void *self, void *buffer);
+bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
+int64_t tm_contact_snapshot_max(const tm_contact_def *def);
+void tm_contact_keep(void *self);
+void tm_contact_give_back(void *self, tm_world *world);
+
+/* The stage of a world, by name; null if it has none. */
+tm_contact *tm_world_contact(tm_world *world);
+
+#endif

@@ -1,0 +1,190 @@
+/* The block of rows: which there are in this substep, their start from the multipliers of the one before, and what they
+ * add to the tools' forces. The stage's own, or another's. */
+#include "contact/contact_internal.h"
+
+#include <string.h>
+
+#include "contact/contact_vec.h"
+
+/* Broad phase: candidates are gathered with this much room (in tool radii) and kept until the tool has used up its part
+ * or the tissue, at a bounded speed, might have used up its own. */
+#define ROOM_TOOL 0.5
+#define ROOM_TISSUE 1.0
+#define TISSUE_SPEED_M_S 0.5
+#define GATHER_EVERY 16
+#define REACH 1.6 /* radii: what tm_local_rows looks at, its margin included */
+
+static void gather(tm_contact *contact, tm_tool *tool) {
+    const tm_state *state = &contact->world->state;
+    const double *rest = contact->world->tissue->mesh->rest_m;
+    tm_surface_view surface = tm_tissue_surface(contact->world->tissue);
+    double radius = tool->def.radius_m, age_s = tool->gathered_age * state->dt_s;
+    if (tool->gathered_age >= 0 && tool->gathered_age < GATHER_EVERY &&
+        age_s * TISSUE_SPEED_M_S < ROOM_TISSUE * radius &&
+        tm_capsule_travel(&tool->capsule, &tool->gathered_at) < ROOM_TOOL * radius) {
+        tool->gathered_age++;
+        return;
+    }
+    tool->gathered_age = 0;
+    tool->gathered_at = tool->capsule;
+    if (!tool->clear) {
+        bool outside = tm_tool_is_clear(tool, rest, state->u_m, &surface);
+        tool->clear = outside && !tool->pierced;
+        tool->pierced = !outside || tool->pierced;
+        tool->leaving = outside;
+    }
+    double reach = radius * (REACH + ROOM_TOOL + ROOM_TISSUE) + 2 * tm_capsule_travel(&tool->capsule, &tool->before);
+    tm_local_gather(tool->surface, rest, state->u_m, surface.triangle, surface.face, NULL, surface.count,
+                    &tool->capsule, reach);
+}
+
+static bool same_row(const tm_contact_row *a, const tm_contact_row *b) {
+    return a->instrument == b->instrument && a->station == b->station && a->face == b->face && a->feature == b->feature;
+}
+
+static bool row_before(const tm_contact_row *a, const tm_contact_row *b) {
+    if (a->instrument != b->instrument) return a->instrument < b->instrument;
+    if (a->station != b->station) return a->station < b->station;
+    return a->face != b->face ? a->face < b->face : a->feature < b->feature;
+}
+
+/* What each station's skin bore at the last substep: rows that take over from one another take over its depth too. */
+static void remember_depth(tm_contact *contact) {
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        memset(contact->tool[t].station_depth_m, 0, sizeof contact->tool[t].station_depth_m);
+        contact->tool[t].bears_N = 0;
+    }
+    for (int32_t i = 0; i < contact->row_count_before; i++) {
+        const tm_contact_row *row = contact->row_before + i;
+        tm_tool *tool = contact->tool + row->instrument;
+        double depth = tm_skin_depth(contact->def.skin_compliance_m_N / row->share, tool->def.radius_m, row->lambda_N);
+        tool->station_depth_m[row->station] = vmax(tool->station_depth_m[row->station], depth);
+        tool->bears_N += row->lambda_N;
+    }
+}
+
+/* Both lists are sorted: the multipliers of the last substep pass over in one walk. */
+static void warm_start(tm_contact *contact) {
+    int32_t k = 0;
+    for (int32_t i = 0; i < contact->row_count; i++) {
+        while (k < contact->row_count_before && row_before(contact->row_before + k, contact->row + i)) k++;
+        if (k < contact->row_count_before && same_row(contact->row_before + k, contact->row + i))
+            contact->row[i].lambda_N = contact->row_before[k].lambda_N;
+    }
+}
+
+static void drop_shallowest(tm_contact *contact) {
+    while (contact->row_count > contact->def.max_rows) {
+        int32_t shallow = 0;
+        for (int32_t i = 1; i < contact->row_count; i++)
+            if (contact->row[i].gap_m > contact->row[shallow].gap_m) shallow = i;
+        contact->tool[contact->row[shallow].instrument].flags |= TM_REACTION_OVERFLOWED;
+        contact->row_count--;
+        memmove(contact->row + shallow, contact->row + shallow + 1,
+                sizeof *contact->row * (size_t)(contact->row_count - shallow));
+    }
+}
+
+static void find_rows(tm_contact *contact) {
+    const tm_state *state = &contact->world->state;
+    tm_contact_row *swap = contact->row_before;
+    contact->row_before = contact->row;
+    contact->row_count_before = contact->row_count;
+    contact->row = swap;
+    contact->row_count = 0;
+    int32_t history = 0;
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        tm_tool *tool = contact->tool + t;
+        int32_t first = history;
+        while (history < contact->row_count_before && contact->row_before[history].instrument == t) history++;
+        if (!tm_tool_is_present(tool)) continue;
+        gather(contact, tool);
+        if (!tool->clear && !tool->leaving) continue;
+        double margin = 0.1 * tool->def.radius_m + tm_capsule_travel(&tool->capsule, &tool->before);
+        bool overflowed = false;
+        tm_contact_row *row = contact->row + contact->row_count;
+        tm_local_place(tool->surface, contact->world->tissue->mesh->rest_m, state->u_m);
+        int32_t count = tm_local_rows(tool->surface, contact->hits, &tool->capsule, margin, contact->row_before + first,
+                                      history - first, row, contact->def.max_rows, &overflowed);
+        if (!tool->clear) { /* its axis has left the tissue; wait for its skin */
+            for (int32_t i = 0; i < count && tool->leaving; i++) tool->leaving = row[i].gap_m >= 0;
+            tool->clear = tool->leaving;
+            continue;
+        }
+        if (overflowed) tool->flags |= TM_REACTION_OVERFLOWED;
+        contact->row_count += tm_contact_admit(contact, t, row, count);
+    }
+    drop_shallowest(contact);
+    remember_depth(contact);
+    warm_start(contact);
+}
+
+static void react_rows(void *self, int32_t t, double force_N[3], double resultant_N[3]) {
+    const tm_contact *contact = self;
+    tm_tool *tool = ((tm_contact *)self)->tool + t;
+    for (int32_t i = 0; i < contact->row_count; i++) {
+        const tm_contact_row *row = contact->row + i;
+        double on_tool[3], at_tip[3];
+        if (row->instrument != t || row->lambda_N <= 0) continue;
+        vscale(-row->lambda_N, row->normal, on_tool);
+        vmadd(on_tool, -1, contact->solver[i].drag_N, on_tool);
+        tm_tip_force(tool->def.trocar_m, tool->pose.tip_m, row->point_m, on_tool, at_tip);
+        vmadd(force_N, 1, at_tip, force_N);
+        vmadd(resultant_N, 1, on_tool, resultant_N);
+        if (row->lambda_N >= contact->def.force_cap_N) tool->flags |= TM_REACTION_CAPPED;
+    }
+}
+
+/* --- the block of rows: the stage's own, or another's --- */
+
+static void find_own(void *self, tm_world *world) {
+    (void)world;
+    find_rows(self);
+    tm_contact_prepare(self);
+}
+
+static void sweep_own(void *self, tm_world *world, int32_t sweep) {
+    (void)world;
+    tm_contact_sweep(self, sweep);
+}
+
+static tm_block own_rows(tm_contact *contact) {
+    return (tm_block){.self = contact, .find = find_own, .sweep = sweep_own, .react = react_rows};
+}
+
+/* Another surface than the tissue's is touched: which rows there are, its owner finds when it solves them. */
+static void find_no_rows(void *self, tm_world *world) {
+    (void)world;
+    tm_contact *contact = self;
+    for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].clear = true;
+    contact->row_count = 0;
+}
+
+static void solve_others(void *self, tm_world *world) {
+    tm_contact *contact = self;
+    tm_tool_pose pose[TM_MAX_INSTRUMENTS];
+    uint32_t flags[TM_MAX_INSTRUMENTS] = {0};
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        pose[t] = contact->tool[t].pose;
+        pose[t].active = tm_tool_is_present(contact->tool + t);
+    }
+    contact->row_count =
+        contact->others.solve(contact->others.self, world, pose, contact->row, contact->def.max_rows, flags);
+    for (int32_t i = 0; i < contact->row_count; i++) /* these rows have no film */
+        memset(contact->solver[i].drag_N, 0, sizeof contact->solver[i].drag_N);
+    for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].flags |= flags[t];
+}
+
+static tm_block others_rows(tm_contact *contact) {
+    return (tm_block){.self = contact,
+                      .owner = contact->others.self,
+                      .find = find_no_rows,
+                      .finish = solve_others,
+                      .react = react_rows};
+}
+
+void tm_contact_set_block(tm_contact *contact, const tm_contact_block *block) {
+    TM_REQUIRE(contact, "contact is null", );
+    contact->others = block ? *block : (tm_contact_block){0};
+    contact->block[contact->block_count - 1] = block ? others_rows(contact) : own_rows(contact);
+}

@@ -1,0 +1,283 @@
+/* What contact keeps between steps: the tools on their paths, the rows with their multipliers, the frame's sums, and
+ * which triangles each tool has gathered (their small topology is built again from that). */
+#include "contact/contact_internal.h"
+
+#include <string.h>
+
+typedef struct kept {
+    int32_t tool_count, row_count, frame_step, frame_steps, frame_average, gathered[TM_MAX_INSTRUMENTS];
+} kept;
+
+/* Without padding: the bytes of equal worlds are equal, and no stack shows through. */
+typedef struct kept_pose {
+    double tip_m[3], roll_rad, grip;
+    int64_t active;
+} kept_pose;
+
+typedef struct kept_capsule {
+    double tip_m[3], tail_m[3], radius_m;
+} kept_capsule;
+
+typedef struct kept_tool {
+    kept_pose pose, from, to;
+    kept_capsule capsule, before, gathered_at;
+    double station_depth_m[TM_MAX_STATIONS], edge_m, sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3],
+        substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
+    int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, flags, stiffness_kind,
+        surface_overflowed;
+} kept_tool;
+
+typedef struct kept_row {
+    double share, weight[3], normal[3], point_m[3], gap_m, lambda_N;
+    int32_t face, vertex[3], instrument, station, feature, reserved;
+} kept_row;
+
+#define COPY(to, from) memcpy((to), (from), sizeof(to))
+
+static kept_pose pack_pose(const tm_tool_pose *pose) {
+    kept_pose k = {.roll_rad = pose->roll_rad, .grip = pose->grip, .active = pose->active};
+    COPY(k.tip_m, pose->tip_m);
+    return k;
+}
+
+static tm_tool_pose unpack_pose(const kept_pose *k) {
+    tm_tool_pose pose = {.roll_rad = k->roll_rad, .grip = k->grip, .active = k->active != 0};
+    COPY(pose.tip_m, k->tip_m);
+    return pose;
+}
+
+static kept_capsule pack_capsule(const tm_capsule *capsule) {
+    kept_capsule k = {.radius_m = capsule->radius_m};
+    COPY(k.tip_m, capsule->tip_m);
+    COPY(k.tail_m, capsule->tail_m);
+    return k;
+}
+
+static tm_capsule unpack_capsule(const kept_capsule *k, int32_t instrument) {
+    tm_capsule capsule = {.radius_m = k->radius_m, .instrument = instrument};
+    COPY(capsule.tip_m, k->tip_m);
+    COPY(capsule.tail_m, k->tail_m);
+    return capsule;
+}
+
+static kept_tool pack_tool(const tm_tool *tool) {
+    kept_tool k = {.pose = pack_pose(&tool->pose),
+                   .from = pack_pose(&tool->from),
+                   .to = pack_pose(&tool->to),
+                   .capsule = pack_capsule(&tool->capsule),
+                   .before = pack_capsule(&tool->before),
+                   .gathered_at = pack_capsule(&tool->gathered_at),
+                   .sum_time_s = tool->sum_time_s,
+                   .path_step = tool->path_step,
+                   .path_steps = tool->path_steps,
+                   .clear = tool->clear,
+                   .leaving = tool->leaving,
+                   .pierced = tool->pierced,
+                   .gathered_age = tool->gathered_age,
+                   .sum_count = tool->sum_count,
+                   .flags = (int32_t)tool->flags,
+                   .stiffness_kind = tool->stiffness_kind,
+                   .surface_overflowed = tool->surface->overflowed,
+                   .edge_m = tool->surface->edge_m};
+    COPY(k.station_depth_m, tool->station_depth_m);
+    COPY(k.sum_tip_m, tool->sum_tip_m);
+    COPY(k.sum_force_N, tool->sum_force_N);
+    COPY(k.sum_resultant_N, tool->sum_resultant_N);
+    COPY(k.substep_force_N, tool->substep_force_N);
+    COPY(k.substep_resultant_N, tool->substep_resultant_N);
+    COPY(k.stiffness_N_m, tool->stiffness_N_m);
+    return k;
+}
+
+/* Leaves the tool's definition and its surface. */
+static void unpack_tool(const kept_tool *k, int32_t instrument, tm_tool *tool) {
+    tool->pose = unpack_pose(&k->pose);
+    tool->from = unpack_pose(&k->from);
+    tool->to = unpack_pose(&k->to);
+    tool->capsule = unpack_capsule(&k->capsule, instrument);
+    tool->before = unpack_capsule(&k->before, instrument);
+    tool->gathered_at = unpack_capsule(&k->gathered_at, instrument);
+    tool->path_step = k->path_step;
+    tool->path_steps = k->path_steps;
+    tool->clear = k->clear != 0;
+    tool->leaving = k->leaving != 0;
+    tool->pierced = k->pierced != 0;
+    tool->gathered_age = k->gathered_age;
+    tool->sum_time_s = k->sum_time_s;
+    tool->sum_count = k->sum_count;
+    tool->flags = (uint32_t)k->flags;
+    tool->stiffness_kind = k->stiffness_kind;
+    COPY(tool->station_depth_m, k->station_depth_m);
+    COPY(tool->sum_tip_m, k->sum_tip_m);
+    COPY(tool->sum_force_N, k->sum_force_N);
+    COPY(tool->sum_resultant_N, k->sum_resultant_N);
+    COPY(tool->substep_force_N, k->substep_force_N);
+    COPY(tool->substep_resultant_N, k->substep_resultant_N);
+    COPY(tool->stiffness_N_m, k->stiffness_N_m);
+}
+
+static kept_row pack_row(const tm_contact_row *row) {
+    kept_row k = {.share = row->share,
+                  .gap_m = row->gap_m,
+                  .lambda_N = row->lambda_N,
+                  .face = row->face,
+                  .instrument = row->instrument,
+                  .station = row->station,
+                  .feature = row->feature};
+    COPY(k.weight, row->weight);
+    COPY(k.normal, row->normal);
+    COPY(k.point_m, row->point_m);
+    COPY(k.vertex, row->vertex);
+    return k;
+}
+
+static tm_contact_row unpack_row(const kept_row *k) {
+    tm_contact_row row = {.share = k->share,
+                          .gap_m = k->gap_m,
+                          .lambda_N = k->lambda_N,
+                          .face = k->face,
+                          .instrument = k->instrument,
+                          .station = k->station,
+                          .feature = k->feature};
+    COPY(row.weight, k->weight);
+    COPY(row.normal, k->normal);
+    COPY(row.point_m, k->point_m);
+    COPY(row.vertex, k->vertex);
+    return row;
+}
+
+static int64_t bytes_of(const kept *k) {
+    int64_t bytes =
+        (int64_t)sizeof *k + (int64_t)sizeof(kept_tool) * k->tool_count + (int64_t)sizeof(kept_row) * k->row_count;
+    for (int32_t t = 0; t < k->tool_count; t++) bytes += (int64_t)sizeof(int32_t) * k->gathered[t];
+    return bytes;
+}
+
+static void *put(void *to, const void *from, size_t bytes) { return (char *)memcpy(to, from, bytes) + bytes; }
+static const void *take(void *to, const void *from, size_t bytes) {
+    memcpy(to, from, bytes);
+    return (const char *)from + bytes;
+}
+
+int64_t tm_contact_snapshot(void *self, void *buffer) {
+    const tm_contact *contact = self;
+    kept k;
+    memset(&k, 0, sizeof k);
+    k.tool_count = contact->tool_count;
+    k.row_count = contact->row_count;
+    k.frame_step = contact->frame_step;
+    k.frame_steps = contact->frame_steps;
+    k.frame_average = contact->frame_average;
+    for (int32_t t = 0; t < k.tool_count; t++)
+        if (contact->tool[t].gathered_age >= 0) k.gathered[t] = contact->tool[t].surface->face_count;
+    if (!buffer) return bytes_of(&k);
+    void *to = put(buffer, &k, sizeof k);
+    for (int32_t i = 0; i < k.row_count; i++) {
+        const kept_row row = pack_row(contact->row + i);
+        to = put(to, &row, sizeof row);
+    }
+    for (int32_t t = 0; t < k.tool_count; t++) {
+        const kept_tool tool = pack_tool(contact->tool + t);
+        to = put(to, &tool, sizeof tool);
+        to = put(to, contact->tool[t].surface->face_id, sizeof(int32_t) * (size_t)k.gathered[t]);
+    }
+    return bytes_of(&k);
+}
+
+/* Slots of the living faces that a tool had gathered; -1 if one is not there. */
+static int32_t slots_of(const tm_tissue *tissue, const int32_t *face, int32_t count, int32_t *slot) {
+    const tm_surface_view *surface = &tissue->surface;
+    for (int32_t i = 0; i < count; i++) {
+        int32_t low = 0, high = surface->count;
+        if (tissue->face_slot) {
+            low = face[i] >= 0 && face[i] < 4 * tissue->mesh->tet_count ? tissue->face_slot[face[i]] : -1;
+        } else {
+            while (low < high) {
+                const int32_t middle = (low + high) / 2;
+                if (surface->face[middle] < face[i])
+                    low = middle + 1;
+                else
+                    high = middle;
+            }
+        }
+        if (low < 0 || low >= surface->count || surface->face[low] != face[i]) return -1;
+        slot[i] = low;
+    }
+    return count;
+}
+
+static void gather_again(tm_contact *contact, tm_tool *tool, const int32_t *face, int32_t count) {
+    const tm_tissue *tissue = contact->world->tissue;
+    int32_t slot[TM_LOCAL_FACES];
+    if (tool->gathered_age < 0 || slots_of(tissue, face, count, slot) < 0) {
+        tool->gathered_age = -1;
+        return;
+    }
+    tm_local_gather(tool->surface, tissue->mesh->rest_m, contact->world->state.u_m, tissue->surface.triangle,
+                    tissue->surface.face, slot, count, &tool->gathered_at, 1e9);
+}
+
+static bool rows_fit(const tm_contact *contact, const kept *k, const void *from) {
+    const tm_mesh *mesh = contact->world->tissue->mesh;
+    for (int32_t i = 0; i < k->row_count; i++) {
+        kept_row row;
+        from = take(&row, from, sizeof row);
+        bool fits = row.face >= 0 && row.face < 4 * mesh->tet_count && row.instrument >= 0 &&
+                    row.instrument < contact->tool_count;
+        for (int j = 0; j < 3; j++) fits = fits && row.vertex[j] >= 0 && row.vertex[j] < mesh->vertex_count;
+        if (!fits) return false;
+    }
+    return true;
+}
+
+bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
+    tm_contact *contact = self;
+    kept k;
+    if (bytes < (int64_t)sizeof k) return false;
+    const void *from = take(&k, buffer, sizeof k);
+    if (k.tool_count != contact->tool_count || k.row_count < 0 ||
+        k.row_count > contact->def.max_rows * contact->tool_count)
+        return false;
+    for (int32_t t = 0; t < k.tool_count; t++)
+        if (k.gathered[t] < 0 || k.gathered[t] > TM_LOCAL_FACES) return false;
+    if (bytes != bytes_of(&k) || !rows_fit(contact, &k, from)) return false;
+    if (!apply) return true;
+    contact->frame_step = k.frame_step;
+    contact->frame_steps = k.frame_steps;
+    contact->frame_average = k.frame_average;
+    contact->row_count = k.row_count;
+    contact->row_count_before = 0;
+    contact->revision = world->tissue->surface.revision;
+    for (int32_t i = 0; i < k.row_count; i++) {
+        kept_row row;
+        from = take(&row, from, sizeof row);
+        contact->row[i] = unpack_row(&row);
+    }
+    for (int32_t t = 0; t < k.tool_count; t++) {
+        kept_tool tool;
+        int32_t face[TM_LOCAL_FACES];
+        from = take(&tool, from, sizeof tool);
+        from = take(face, from, sizeof(int32_t) * (size_t)k.gathered[t]);
+        unpack_tool(&tool, t, contact->tool + t);
+        gather_again(contact, contact->tool + t, face, k.gathered[t]);
+        contact->tool[t].surface->edge_m = tool.edge_m; /* the guess for the next gathering, not this one's */
+        contact->tool[t].surface->overflowed = tool.surface_overflowed != 0;
+    }
+    return true;
+}
+
+int64_t tm_contact_snapshot_max(const tm_contact_def *def) {
+    kept k = {.tool_count = def->instrument_count, .row_count = def->max_rows * def->instrument_count};
+    for (int32_t t = 0; t < k.tool_count; t++) k.gathered[t] = TM_LOCAL_FACES;
+    return bytes_of(&k);
+}
+
+void tm_contact_keep(void *self) {
+    tm_contact *contact = self;
+    contact->kept_bytes = tm_contact_snapshot(contact, contact->kept);
+}
+
+void tm_contact_give_back(void *self, tm_world *world) {
+    const tm_contact *contact = self;
+    tm_contact_restore(self, world, contact->kept, contact->kept_bytes, true);
+}

@@ -1,0 +1,123 @@
+/* Makes the rows of all tools non-penetrating: projected Gauss-Seidel, fixed sweeps in a fixed order, from the
+ * multipliers of the step before. Weighted by A = m/dt2 + gamma/2dt, so that the multipliers are the reactions in
+ * newtons, exact at rest. */
+#include "contact/contact_internal.h"
+
+#include <string.h>
+
+#include "contact/contact_vec.h"
+
+/* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped, a piece of
+ * surface that another tool pulled into this one) is undone no faster than this, or it would be thrown out. Above any
+ * speed of a hand. No hand does that work, so its power is bounded too: a tool that bears 1 N moves out at 20 mm/s.
+ */
+#define RECOVERY_M_S 0.5
+#define RECOVERY_W 0.02
+
+double tm_skin_depth(double compliance_m_N, double radius_m, double lambda_N) {
+    double depth = compliance_m_N * lambda_N, soft = TM_SKIN_TRAVEL * radius_m;
+    return depth <= soft ? depth : soft + (depth - soft) / TM_SKIN_HARDENING;
+}
+
+double tm_skin_slope(double compliance_m_N, double radius_m, double lambda_N) {
+    return compliance_m_N * lambda_N <= TM_SKIN_TRAVEL * radius_m ? compliance_m_N : compliance_m_N / TM_SKIN_HARDENING;
+}
+
+double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N, double cap_N) {
+    double soft = TM_SKIN_TRAVEL * radius_m, pivot = diagonal_m_N + compliance_m_N;
+    /* Written so that what is no number bears nothing. Pivot 0: held by supports and no skin, nothing gives way. */
+    if (!(gap_m < 0) || !(pivot > 0)) return 0;
+    double lambda = -gap_m / pivot;
+    if (compliance_m_N * lambda > soft)
+        lambda = -(gap_m + soft - soft / TM_SKIN_HARDENING) / (diagonal_m_N + compliance_m_N / TM_SKIN_HARDENING);
+    return vmin(lambda, cap_N);
+}
+
+static double recovery_m_s(double bears_N) {
+    return RECOVERY_M_S * bears_N <= RECOVERY_W ? RECOVERY_M_S : RECOVERY_W / bears_N;
+}
+
+static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
+    const tm_world *world = contact->world;
+    const tm_tool *tool = contact->tool + row->instrument;
+    double before[3];
+    tm_capsule_station(&tool->before, row->station, before);
+    vsub(row->point_m, before, r->moved_m);
+    r->compliance = contact->def.skin_compliance_m_N / row->share;
+    r->diagonal = r->weight2 = 0;
+    memset(r->drag_N, 0, sizeof r->drag_N);
+    for (int j = 0; j < 3; j++) {
+        r->weight2 += row->weight[j] * row->weight[j] * world->mobility_s2_kg[row->vertex[j]];
+        for (int c = 0; c < 3; c++) {
+            int32_t dof = 3 * row->vertex[j] + c;
+            r->jacobian[j][c] = row->weight[j] * row->normal[c];
+            r->response[j][c] = contact->held[dof] ? 0 : world->mobility_s2_kg[row->vertex[j]] * r->jacobian[j][c];
+            r->diagonal += r->jacobian[j][c] * r->response[j][c];
+        }
+    }
+    /* what was too deep before the tool moved, and is not yet to be undone */
+    double left = row->gap_m + vdot(row->normal, r->moved_m) + tool->station_depth_m[row->station] +
+                  recovery_m_s(tool->bears_N) * world->state.dt_s;
+    r->gap_m = row->gap_m - vmin(left, 0);
+}
+
+static void push(const tm_contact_row *row, const tm_solver_row *r, double impulse_N, double *u_next_m) {
+    for (int j = 0; j < 3; j++)
+        for (int c = 0; c < 3; c++) u_next_m[3 * row->vertex[j] + c] += r->response[j][c] * impulse_N;
+}
+
+void tm_contact_prepare(tm_contact *contact) {
+    for (int32_t i = 0; i < contact->row_count; i++) {
+        prepare_row(contact, contact->row + i, contact->solver + i);
+        if (contact->row[i].lambda_N > 0)
+            push(contact->row + i, contact->solver + i, contact->row[i].lambda_N, contact->world->state.u_next_m);
+    }
+}
+
+static void relax(tm_contact *contact, tm_contact_row *row, const tm_solver_row *r) {
+    const tm_state *state = &contact->world->state;
+    double free_gap = r->gap_m - r->diagonal * row->lambda_N; /* as it would be without this row */
+    for (int j = 0; j < 3; j++)
+        for (int c = 0; c < 3; c++) {
+            int32_t dof = 3 * row->vertex[j] + c;
+            free_gap += r->jacobian[j][c] * (state->u_next_m[dof] - state->u_m[dof]);
+        }
+    contact->unsound |= !(fabs(free_gap) < INFINITY);
+    double lambda = tm_skin_reaction(r->compliance, contact->tool[row->instrument].def.radius_m, free_gap, r->diagonal,
+                                     contact->def.force_cap_N);
+    push(row, r, lambda - row->lambda_N, contact->world->state.u_next_m);
+    row->lambda_N = lambda;
+}
+
+/* The film of one row, implicit: it brakes and never drives. */
+static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
+    const tm_world *world = contact->world;
+    const tm_state *state = &world->state;
+    double coefficient = TM_FILM_S_M * row->lambda_N / state->dt_s, wanted[3], size;
+    for (int c = 0; c < 3; c++) {
+        double slip = -r->moved_m[c] - r->weight2 * r->drag_N[c];
+        for (int j = 0; j < 3; j++) {
+            int32_t dof = 3 * row->vertex[j] + c;
+            slip += row->weight[j] * (state->u_next_m[dof] - state->u_m[dof]);
+        }
+        wanted[c] = -coefficient * slip / (1 + coefficient * r->weight2);
+    }
+    size = vnorm(wanted);
+    if (size > row->lambda_N) /* never more than the reaction, so that both together never pull */
+        vscale(row->lambda_N / size, wanted, wanted);
+    for (int c = 0; c < 3; c++) {
+        for (int j = 0; j < 3; j++)
+            if (!contact->held[3 * row->vertex[j] + c])
+                state->u_next_m[3 * row->vertex[j] + c] +=
+                    world->mobility_s2_kg[row->vertex[j]] * row->weight[j] * (wanted[c] - r->drag_N[c]);
+        r->drag_N[c] = wanted[c];
+    }
+}
+
+void tm_contact_sweep(tm_contact *contact, int32_t sweep) {
+    for (int32_t i = 0; i < contact->row_count; i++) { /* there and back: no row is always last */
+        int32_t k = sweep % 2 ? contact->row_count - 1 - i : i;
+        relax(contact, contact->row + k, contact->solver + k);
+        drag(contact, contact->row + k, contact->solver + k);
+    }
+}

@@ -1,0 +1,132 @@
+/* The tool itself: where it is along its path, its capsule, and its force seen from the tip. */
+#include "contact/contact_internal.h"
+#include "contact/contact_vec.h"
+
+/* Direction from trocar to tip and the distance; straight down where the tip is on the trocar. */
+static double direction(const double trocar_m[3], const double tip_m[3], double e[3]) {
+    double d[3];
+    vsub(tip_m, trocar_m, d);
+    double length = vunit(d, e);
+    if (length <= 0) e[0] = 0, e[1] = 0, e[2] = -1;
+    return length;
+}
+
+tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument) {
+    TM_REQUIRE(def && pose, "def or pose is null", (tm_capsule){0});
+    tm_capsule capsule = {.radius_m = def->radius_m, .instrument = instrument};
+    double e[3], length = direction(def->trocar_m, pose->tip_m, e);
+    vset(pose->tip_m, capsule.tip_m);
+    vmadd(pose->tip_m, -vmin(def->contact_length_m, length), e, capsule.tail_m);
+    return capsule;
+}
+
+/* Joint-linear about the trocar: the direction turns at an even rate in the plane of both ends, the insertion grows
+ * evenly. */
+static void along_path(const double trocar_m[3], const tm_tool_pose *from, const tm_tool_pose *to, double fraction,
+                       tm_tool_pose *pose) {
+    double a[3], b[3], across[3], e[3];
+    double length_a = direction(trocar_m, from->tip_m, a), length_b = direction(trocar_m, to->tip_m, b);
+    vcross(a, b, across);
+    double sine = vnorm(across), angle = atan2(sine, vdot(a, b));
+    if (sine < 1e-9) {
+        for (int c = 0; c < 3; c++) e[c] = a[c] + fraction * (b[c] - a[c]);
+    } else {
+        vscale(sin((1 - fraction) * angle) / sine, a, e);
+        vmadd(e, sin(fraction * angle) / sine, b, e);
+    }
+    vunit(e, e);
+    vmadd(trocar_m, length_a + fraction * (length_b - length_a), e, pose->tip_m);
+    pose->roll_rad = from->roll_rad + fraction * (to->roll_rad - from->roll_rad);
+    pose->grip = from->grip + fraction * (to->grip - from->grip);
+    pose->active = to->active;
+}
+
+void tm_tool_place(tm_tool *tool, const tm_tool_pose *at) {
+    tool->pose = tool->from = tool->to = *at;
+    tool->path_step = tool->path_steps = 0;
+    tool->capsule = tool->before = tm_tool_capsule(&tool->def, at, tool->capsule.instrument);
+    tool->clear = tool->pierced = false;
+    tool->placings++;
+    tool->gathered_age = -1;
+}
+
+void tm_tool_move(tm_tool *tool, const tm_tool_pose *to, int32_t substeps) {
+    tool->from = tool->pose;
+    tool->to = *to;
+    tool->path_step = 0;
+    tool->path_steps = substeps;
+    if (substeps <= 0)
+        tool->path_steps = 1; /* a path of no length is one piece: it may be long, it is never a teleport */
+}
+
+bool tm_tool_is_present(const tm_tool *tool) { return tool->pose.active || tool->def.mode == TM_TOOL_CAUTERY; }
+
+void tm_tool_advance(tm_tool *tool) {
+    bool was_active = tool->pose.active;
+    tool->before = tool->capsule;
+    if (tool->path_step < tool->path_steps) {
+        tool->path_step++;
+        if (tool->path_step == tool->path_steps)
+            tool->pose = tool->to;
+        else
+            along_path(tool->def.trocar_m, &tool->from, &tool->to, (double)tool->path_step / tool->path_steps,
+                       &tool->pose);
+        tool->capsule = tm_tool_capsule(&tool->def, &tool->pose, tool->capsule.instrument);
+    }
+    if (tool->pose.active && !was_active && tool->def.mode != TM_TOOL_CAUTERY)
+        tool->clear = tool->pierced = false; /* it has just come into the body */
+}
+
+/* Ray from `at` along unit e against a triangle: 1 where it crosses within [0, length). */
+static int crosses(const double at[3], const double e[3], double length, const double p[3][3]) {
+    double a[3], b[3], d[3], h[3], q[3];
+    vsub(p[1], p[0], a);
+    vsub(p[2], p[0], b);
+    vsub(at, p[0], d);
+    vcross(e, b, h);
+    double det = vdot(a, h);
+    if (det == 0) return 0;
+    double s = vdot(d, h) / det;
+    vcross(d, a, q);
+    double t = vdot(e, q) / det, along = vdot(b, q) / det;
+    return s >= 0 && t >= 0 && s + t <= 1 && along >= 0 && along < length;
+}
+
+bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u_m, const tm_surface_view *surface) {
+    double e[3], at[3];
+    const double *tip = tool->capsule.tip_m;
+    direction(tip, tool->def.trocar_m, e);
+    double length = direction(tip, tool->capsule.tail_m, at);
+    int32_t crossings = 0;
+    for (int32_t i = 0; i < surface->count; i++) {
+        double p[3][3];
+        for (int j = 0; j < 3; j++)
+            for (int c = 0; c < 3; c++) {
+                int32_t dof = 3 * surface->triangle[3 * i + j] + c;
+                p[j][c] = rest_m[dof] + u_m[dof];
+            }
+        if (crosses(tip, e, length, p)) return false;
+        crossings += crosses(tip, e, INFINITY, p);
+    }
+    return crossings % 2 == 0;
+}
+
+void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3], const double force_N[3],
+                  double tip_force_N[3]) {
+    TM_REQUIRE(trocar_m && tip_m && point_m && force_N && tip_force_N, "something is null", );
+    double e[3], arm[3], torque[3], across[3];
+    double length = vmax(direction(trocar_m, tip_m, e), 1e-3); /* a tip on the trocar has no lever: bounded */
+    vsub(point_m, trocar_m, arm);
+    vcross(arm, force_N, torque);
+    vcross(e, torque, across);
+    /* insertion feels the force along the axis, the pivots feel its torque about the trocar */
+    vscale(vdot(force_N, e), e, tip_force_N);
+    vmadd(tip_force_N, -1 / length, across, tip_force_N);
+}
+
+double tm_capsule_travel(const tm_capsule *a, const tm_capsule *b) {
+    double tip[3], tail[3];
+    vsub(a->tip_m, b->tip_m, tip);
+    vsub(a->tail_m, b->tail_m, tail);
+    return vmax(vnorm(tip), vnorm(tail));
+}

@@ -1,0 +1,513 @@
+/* Stage "grasp": springs between the jaws and the vertices that they closed upon, solved in the same sweeps as contact.
+ */
+#include "tensormass/grasp.h"
+#include "contact/contact_internal.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "contact/contact_vec.h"
+
+typedef struct hold {
+    tm_grasp_state state;
+    bool was_closed;
+    int32_t placings; /* of the tool, as last seen */
+    tm_jaw jaw;       /* frame at this substep */
+    bool seen;        /* contact has looked at what is being let go */
+    double fade;      /* of what the springs can bear while letting go, 1 to 0 */
+    int32_t count;
+    int32_t *vertex;    /* [max_vertices] */
+    double *offset_m;   /* [3*max_vertices] where the jaw has it, in the tool's frame */
+    double *target_m;   /* [3*max_vertices] the same in the world, now */
+    double *force_N;    /* [3*max_vertices] on the tissue */
+    double *let_go_N;   /* [3*max_vertices] the same when the jaw opened */
+    double *distance_m; /* [max_vertices] scratch of the capture */
+    /* While letting go, of each station of the tool: how deep what it lets go lies in it. That is forgiven: it may not
+     * go deeper, and as it gets out, less is. */
+    double embedded_m[TM_MAX_STATIONS];
+} hold;
+
+struct tm_grasp {
+    tm_pool pool;
+    tm_grasp_def def;
+    tm_contact *contact;
+    hold hold[TM_MAX_INSTRUMENTS], kept[TM_MAX_INSTRUMENTS]; /* kept: when the step began */
+};
+
+tm_grasp_def tm_grasp_def_default(void) {
+    return (tm_grasp_def){.cookie = TM_COOKIE_GRASP,
+                          .size = sizeof(tm_grasp_def),
+                          .close_grip = 0.7,
+                          .open_grip = 0.3,
+                          .jaw_length_m = 0.01,
+                          .reach_m = 0.001,
+                          .compliance_m_N = 0.2e-3,
+                          .fade_s = 0.1,
+                          .force_cap_N = 20,
+                          .max_vertices = 64};
+}
+
+static void vertex_at(const tm_world *world, int32_t vertex, double at_m[3]) {
+    for (int c = 0; c < 3; c++)
+        at_m[c] = world->tissue->mesh->rest_m[3 * vertex + c] + world->state.u_m[3 * vertex + c];
+}
+
+/* --- capture --- */
+
+static void capture(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world) {
+    const tm_tool *tool = grasp->contact->tool + t;
+    tm_surface_view surface = tm_tissue_surface(world->tissue);
+    h->count = tm_jaw_capture(&h->jaw, &grasp->def, &tool->def, &tool->pose, world->tissue->mesh->rest_m,
+                              world->state.u_m, &surface, h->vertex, h->distance_m);
+}
+
+static bool holds(void *self, int32_t instrument, int32_t vertex) {
+    const hold *h = ((tm_grasp *)self)->hold + instrument;
+    for (int32_t i = 0; i < h->count; i++)
+        if (h->vertex[i] == vertex) return true;
+    return false;
+}
+
+/* What contact did with the vertices the hold takes over, so that closing changes no force. */
+static void take_over(tm_grasp *grasp, hold *h, int32_t t, const tm_world *world) {
+    const tm_contact *contact = grasp->contact;
+    memset(h->force_N, 0, sizeof(double) * 3 * (size_t)h->count);
+    for (int32_t k = 0; k < contact->row_count; k++) {
+        const tm_contact_row *row = contact->row + k;
+        if (row->instrument != t || !tm_row_is_held(contact, row)) continue;
+        for (int32_t i = 0; i < h->count; i++)
+            for (int j = 0; j < 3; j++)
+                if (row->vertex[j] == h->vertex[i])
+                    vmadd(h->force_N + 3 * i, row->lambda_N * row->weight[j], row->normal, h->force_N + 3 * i);
+    }
+    for (int32_t i = 0; i < h->count; i++) {
+        double at[3];
+        vertex_at(world, h->vertex[i], at);
+        vmadd(at, grasp->def.compliance_m_N, h->force_N + 3 * i, at);
+        tm_jaw_to_tool(&h->jaw, &contact->tool[t].pose, at, h->offset_m + 3 * i);
+    }
+}
+
+/* --- the jaw --- */
+
+static void drop(hold *h, int32_t i) {
+    h->count--;
+    memmove(h->vertex + i, h->vertex + i + 1, sizeof *h->vertex * (size_t)(h->count - i));
+    double *array[] = {h->offset_m, h->target_m, h->force_N, h->let_go_N};
+    for (int k = 0; k < 4; k++)
+        memmove(array[k] + 3 * i, array[k] + 3 * (i + 1), sizeof(double) * 3 * (size_t)(h->count - i));
+}
+
+static void open_jaw(hold *h) {
+    h->state = TM_GRASP_LETTING_GO;
+    h->fade = 1;
+    h->seen = false;
+    memcpy(h->let_go_N, h->force_N, sizeof(double) * 3 * (size_t)h->count);
+}
+
+/* Contact of a hybrid knows no depth that is forgiven: there what is let go is no obstacle until it is out of the jaw.
+ */
+static void release_what_is_out(hold *h, const tm_tool *tool, const tm_world *world) {
+    for (int32_t i = h->count - 1; i >= 0; i--) {
+        double at[3], d[3];
+        vertex_at(world, h->vertex[i], at);
+        vsub(at, tool->capsule.tip_m, d);
+        double along = clamp(vdot(d, h->jaw.axis_m[2]), -tool->def.contact_length_m, 0);
+        vmadd(d, -along, h->jaw.axis_m[2], d);
+        if (vnorm(d) > 1.05 * tool->def.radius_m) drop(h, i);
+    }
+    if (h->count == 0) h->state = TM_GRASP_OPEN;
+}
+
+static bool is_embedded(const hold *h) {
+    bool any = false;
+    for (int i = 0; i < TM_MAX_STATIONS; i++) any = any || h->embedded_m[i] > 0;
+    return h->seen && any;
+}
+
+static void release(const tm_grasp *grasp, hold *h, const tm_tool *tool, const tm_world *world) {
+    if (grasp->contact->others.solve) {
+        release_what_is_out(h, tool, world);
+    } else if (!is_embedded(h)) {
+        h->count = 0;
+        h->state = TM_GRASP_OPEN;
+    }
+}
+
+/* Rows of what is held are none. Of what is being let go they are obstacles at once, or the tissue would run through
+ * the tool while the hold fades and be thrown out afterwards; but what lay in the jaw when it opened is not pushed out
+ * of it. Returns how many rows are left. */
+static int32_t admit(void *self, int32_t t, tm_contact_row *row, int32_t count) {
+    tm_grasp *grasp = self;
+    hold *h = grasp->hold + t;
+    double depth_m[TM_MAX_STATIONS] = {0};
+    int32_t left = 0;
+    for (int32_t i = 0; i < count && h->state == TM_GRASP_LETTING_GO; i++)
+        if (tm_row_is_held(grasp->contact, row + i))
+            depth_m[row[i].station] = fmax(depth_m[row[i].station], -row[i].gap_m);
+    for (int i = 0; i < TM_MAX_STATIONS; i++)
+        h->embedded_m[i] = h->seen ? fmin(h->embedded_m[i], depth_m[i]) : depth_m[i];
+    h->seen = true;
+    for (int32_t i = 0; i < count; i++) {
+        const bool held = tm_row_is_held(grasp->contact, row + i);
+        if (held && h->state != TM_GRASP_LETTING_GO) continue;
+        if (held) row[i].gap_m += h->embedded_m[row[i].station];
+        row[left++] = row[i];
+    }
+    return left;
+}
+
+static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
+    hold *h = grasp->hold + t;
+    const tm_tool *tool = grasp->contact->tool + t;
+    bool closed = tool->pose.active &&
+                  (h->was_closed ? tool->pose.grip > grasp->def.open_grip : tool->pose.grip >= grasp->def.close_grip);
+    bool closing = closed && !h->was_closed;
+    h->was_closed = closed;
+    if (closing && h->state != TM_GRASP_HOLDING) { /* while letting go too: upon what is there now */
+        capture(grasp, h, t, world);
+        take_over(grasp, h, t, world);
+        h->state = h->count > 0 ? TM_GRASP_HOLDING : TM_GRASP_OPEN;
+        return;
+    }
+    switch (h->state) {
+    case TM_GRASP_OPEN: break;
+    case TM_GRASP_HOLDING:
+        if (!closed) open_jaw(h);
+        break;
+    case TM_GRASP_LETTING_GO:
+        if (h->fade > 0)
+            h->fade = fmax(h->fade - world->state.dt_s / fmax(grasp->def.fade_s, world->state.dt_s), 0);
+        else
+            release(grasp, h, tool, world);
+        break;
+    }
+}
+
+static void push_vertex(const tm_grasp *grasp, tm_world *world, int32_t vertex, const double force_N[3]) {
+    for (int c = 0; c < 3; c++)
+        if (!grasp->contact->held[3 * vertex + c])
+            world->state.u_next_m[3 * vertex + c] += world->mobility_s2_kg[vertex] * force_N[c];
+}
+
+/* What the spring on a vertex can bear, N: the cap, and while letting go the share of what it bore when the jaw opened.
+ */
+static double bearable(const tm_grasp *grasp, const hold *h, int32_t i) {
+    if (h->state != TM_GRASP_LETTING_GO) return grasp->def.force_cap_N;
+    return fmin(grasp->def.force_cap_N, h->fade * vnorm(h->let_go_N + 3 * i));
+}
+
+static void limit_force(const tm_grasp *grasp, const hold *h, int32_t i, double force_N[3]) {
+    const double most = bearable(grasp, h, i), size = vnorm(force_N);
+    if (size > most) vscale(most / size, force_N, force_N);
+}
+
+/* What a spring cannot bear, it slips by, and what it had stored is lost there: while letting go the jaw is a friction
+ * that fades. (A frozen force that fades instead would be a dead load: whatever another tool does with the
+ * tissue meanwhile, it goes on driving it; docs/physics.md, "Letting go".) Called before the jaw turns. */
+static void slip(const tm_grasp *grasp, hold *h, const tm_world *world) {
+    for (int32_t i = 0; i < h->count; i++) {
+        double at[3], d[3];
+        vertex_at(world, h->vertex[i], at);
+        vsub(h->target_m + 3 * i, at, d);
+        const double stretch = vnorm(d), most = grasp->def.compliance_m_N * bearable(grasp, h, i);
+        for (int c = 0; c < 3 && stretch > most; c++)
+            h->offset_m[3 * i + c] -= (1 - most / stretch) * vdot(d, h->jaw.axis_m[c]);
+    }
+}
+
+/* After the tools have moved: jaws work, targets follow, the last substep's forces start the sweeps. */
+static void run(void *self, tm_world *world) {
+    tm_grasp *grasp = self;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
+        hold *h = grasp->hold + t;
+        const tm_tool *tool = grasp->contact->tool + t;
+        if (tool->def.mode != TM_TOOL_GRASPER) continue;
+        slip(grasp, h, world);
+        tm_jaw_turn(&h->jaw, &tool->def, &tool->pose);
+        if (h->placings != tool->placings) { /* it was put elsewhere at once: what it held stays behind */
+            h->count = 0;
+            h->state = TM_GRASP_OPEN;
+            h->placings = tool->placings;
+        }
+        work_jaw(grasp, t, world);
+        for (int32_t i = 0; i < h->count; i++) {
+            tm_jaw_to_world(&h->jaw, &tool->pose, h->offset_m + 3 * i, h->target_m + 3 * i);
+            limit_force(grasp, h, i, h->force_N + 3 * i);
+            push_vertex(grasp, world, h->vertex[i], h->force_N + 3 * i);
+        }
+    }
+}
+
+/* One vertex against its spring: f = (target - x) / compliance with x at the end of the step. */
+static void relax(const tm_grasp *grasp, const hold *h, int32_t i, tm_world *world) {
+    int32_t vertex = h->vertex[i];
+    double *force = h->force_N + 3 * i, wanted[3], change[3];
+    for (int c = 0; c < 3; c++) {
+        int32_t dof = 3 * vertex + c;
+        double mobility = grasp->contact->held[dof] ? 0 : world->mobility_s2_kg[vertex];
+        double free_at = world->tissue->mesh->rest_m[dof] + world->state.u_next_m[dof] - mobility * force[c];
+        wanted[c] = (h->target_m[3 * i + c] - free_at) / (mobility + grasp->def.compliance_m_N);
+    }
+    limit_force(grasp, h, i, wanted);
+    vsub(wanted, force, change);
+    push_vertex(grasp, world, vertex, change);
+    vset(wanted, force);
+}
+
+static void sweep(void *self, tm_world *world, int32_t number) {
+    const tm_grasp *grasp = self;
+    (void)number;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++)
+        for (int32_t i = 0; i < grasp->hold[t].count; i++) relax(grasp, grasp->hold + t, i, world);
+}
+
+static void react(void *self, int32_t t, double force_N[3], double resultant_N[3]) {
+    const tm_grasp *grasp = self;
+    const hold *h = grasp->hold + t;
+    const tm_tool *tool = grasp->contact->tool + t;
+    for (int32_t i = 0; i < h->count; i++) {
+        double on_tool[3], at_tip[3];
+        vscale(-1, h->force_N + 3 * i, on_tool);
+        tm_tip_force(tool->def.trocar_m, tool->capsule.tip_m, h->target_m + 3 * i, on_tool, at_tip);
+        vmadd(force_N, 1, at_tip, force_N);
+        vmadd(resultant_N, 1, on_tool, resultant_N);
+    }
+}
+
+static int32_t held(void *self, int32_t t, const int32_t **vertex, const double **target_m, double *compliance_m_N) {
+    const tm_grasp *grasp = self;
+    const hold *h = grasp->hold + t;
+    *vertex = h->vertex;
+    *target_m = h->target_m;
+    *compliance_m_N = grasp->def.compliance_m_N;
+    return h->state == TM_GRASP_LETTING_GO ? -1 : h->count;
+}
+
+static void load(void *self, int32_t t, tm_jaw_load *to) {
+    const tm_grasp *grasp = self;
+    const hold *h = grasp->hold + t;
+    *to = (tm_jaw_load){h->count, h->vertex, h->force_N, h->offset_m, &h->jaw, grasp->def.compliance_m_N};
+}
+
+/* --- stage --- */
+
+static void changed(void *self, tm_world *world) {
+    tm_grasp *grasp = self;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
+        hold *h = grasp->hold + t;
+        for (int32_t i = h->count - 1; i >= 0; i--)
+            if (world->tissue->mass_kg[h->vertex[i]] <= 0) drop(h, i);
+    }
+}
+
+/* What one instrument's hold is between steps; its vertices' arrays follow it. */
+typedef struct kept {
+    int32_t state, was_closed, count, seen;
+    double axis_m[3][3], origin[3], fade, embedded_m[TM_MAX_STATIONS];
+} kept;
+
+static int64_t kept_bytes(int32_t count) {
+    return (int64_t)sizeof(kept) + count * (int64_t)(sizeof(int64_t) + 12 * sizeof(double));
+}
+
+/* Copies between a hold's arrays and the buffer after its `kept`. Vertices as int64, so that everything stays aligned.
+ */
+static void move_arrays(hold *h, char *buffer, bool out) {
+    int64_t *vertex = (int64_t *)buffer;
+    double *number = (double *)(vertex + h->count);
+    double *const array[4] = {h->offset_m, h->target_m, h->force_N, h->let_go_N};
+    for (int32_t i = 0; i < h->count; i++) {
+        if (out)
+            vertex[i] = h->vertex[i];
+        else
+            h->vertex[i] = (int32_t)vertex[i];
+    }
+    for (int a = 0; a < 4; a++, number += 3 * h->count) {
+        const size_t bytes = sizeof(double) * 3 * (size_t)h->count;
+        if (out)
+            memcpy(number, array[a], bytes);
+        else
+            memcpy(array[a], number, bytes);
+    }
+}
+
+static int64_t snapshot(void *self, void *buffer) {
+    tm_grasp *grasp = self;
+    int64_t bytes = 0;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
+        hold *h = grasp->hold + t;
+        if (buffer) {
+            kept k = {
+                .state = h->state, .was_closed = h->was_closed, .count = h->count, .seen = h->seen, .fade = h->fade};
+            memcpy(k.axis_m, h->jaw.axis_m, sizeof k.axis_m);
+            memcpy(k.origin, h->jaw.origin, sizeof k.origin);
+            memcpy(k.embedded_m, h->embedded_m, sizeof k.embedded_m);
+            memcpy((char *)buffer + bytes, &k, sizeof k);
+            move_arrays(h, (char *)buffer + bytes + sizeof k, true);
+        }
+        bytes += kept_bytes(h->count);
+    }
+    return bytes;
+}
+
+static bool fits(const tm_grasp *grasp, const tm_world *world, const char *buffer, int64_t bytes) {
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
+        kept k;
+        if (bytes < (int64_t)sizeof k) return false;
+        memcpy(&k, buffer, sizeof k);
+        if (k.count < 0 || k.count > grasp->def.max_vertices || k.state < TM_GRASP_OPEN ||
+            k.state > TM_GRASP_LETTING_GO)
+            return false;
+        if (bytes < kept_bytes(k.count)) return false;
+        const int64_t *vertex = (const int64_t *)(buffer + sizeof k);
+        for (int32_t i = 0; i < k.count; i++)
+            if (vertex[i] < 0 || vertex[i] >= world->tissue->mesh->vertex_count) return false;
+        buffer += kept_bytes(k.count);
+        bytes -= kept_bytes(k.count);
+    }
+    return bytes == 0;
+}
+
+static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
+    tm_grasp *grasp = self;
+    if (!fits(grasp, world, buffer, bytes)) return false;
+    const char *from = buffer;
+    for (int32_t t = 0; t < grasp->contact->tool_count && apply; t++) {
+        hold *h = grasp->hold + t;
+        kept k;
+        memcpy(&k, from, sizeof k);
+        h->state = (tm_grasp_state)k.state;
+        h->was_closed = k.was_closed != 0;
+        h->placings = grasp->contact->tool[t].placings;
+        h->count = k.count;
+        h->fade = k.fade;
+        memcpy(h->jaw.axis_m, k.axis_m, sizeof k.axis_m);
+        memcpy(h->jaw.origin, k.origin, sizeof k.origin);
+        memcpy(h->embedded_m, k.embedded_m, sizeof k.embedded_m);
+        h->seen = k.seen != 0;
+        move_arrays(h, (char *)(uintptr_t)(from + sizeof k), false);
+        from += kept_bytes(k.count);
+    }
+    return true;
+}
+
+/* Each keeps its own arrays. */
+static void copy_hold(const hold *from, hold *to) {
+    const hold own = *to;
+    const size_t bytes = sizeof(double) * 3 * (size_t)from->count;
+    *to = *from;
+    to->vertex = own.vertex, to->offset_m = own.offset_m, to->target_m = own.target_m, to->force_N = own.force_N;
+    to->let_go_N = own.let_go_N, to->distance_m = own.distance_m;
+    memcpy(to->vertex, from->vertex, sizeof *to->vertex * (size_t)from->count);
+    memcpy(to->offset_m, from->offset_m, bytes);
+    memcpy(to->target_m, from->target_m, bytes);
+    memcpy(to->force_N, from->force_N, bytes);
+    memcpy(to->let_go_N, from->let_go_N, bytes);
+}
+
+static void keep(void *self) {
+    tm_grasp *grasp = self;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) copy_hold(grasp->hold + t, grasp->kept + t);
+}
+
+static void give_back(void *self, tm_world *world) {
+    (void)world;
+    tm_grasp *grasp = self;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) copy_hold(grasp->kept + t, grasp->hold + t);
+}
+
+static void destroy(void *self) {
+    tm_grasp *grasp = self;
+    tm_contact_remove_block(grasp->contact, grasp);
+    tm_pool pool = grasp->pool;
+    tm_pool_release(&pool);
+}
+
+static bool take_hold(tm_pool *pool, hold *h, int32_t n, const tm_tool *tool) {
+    h->vertex = TM_TAKE(pool, int32_t, n);
+    h->offset_m = TM_TAKE(pool, double, 3 * n);
+    h->target_m = TM_TAKE(pool, double, 3 * n);
+    h->force_N = TM_TAKE(pool, double, 3 * n);
+    h->let_go_N = TM_TAKE(pool, double, 3 * n);
+    h->distance_m = TM_TAKE(pool, double, n);
+    tm_jaw_begin(&h->jaw, &tool->def, &tool->pose);
+    h->placings = tool->placings;
+    return !pool->failed;
+}
+
+static tm_status check(const tm_grasp_def *def, tm_error *error) {
+    if (!(def->open_grip >= 0) || !(def->close_grip > def->open_grip) || !(def->close_grip <= 1))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "grasp: closes at grip %g and opens at %g; give 0 <= open < close <= 1", def->close_grip,
+                       def->open_grip);
+    if (!(def->jaw_length_m >= 0) || !(def->reach_m >= 0) || !(def->compliance_m_N > 0) || !(def->fade_s >= 0) ||
+        !(def->force_cap_N > 0) || def->max_vertices < 1 ||
+        !isfinite(def->compliance_m_N + def->jaw_length_m + def->reach_m + def->fade_s))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "grasp: jaw %g m, reach %g m, compliance %g m/N, fade %g s, cap %g N, %d vertices; give a "
+                       "positive compliance, cap and number, and none negative",
+                       def->jaw_length_m, def->reach_m, def->compliance_m_N, def->fade_s, def->force_cap_N,
+                       def->max_vertices);
+    return TM_OK;
+}
+
+tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_def *def, tm_grasp **grasp,
+                         tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_GRASP, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && grasp && contact && contact->world == world,
+               "world or grasp is null, or contact is not of this world", TM_ERR_ARGUMENT);
+    tm_status status = check(def, error);
+    if (status) return status;
+    tm_pool pool = {0};
+    tm_grasp *self = TM_TAKE(&pool, tm_grasp, 1);
+    bool taken = self != NULL;
+    for (int32_t t = 0; t < contact->tool_count && taken; t++)
+        taken = take_hold(&pool, self->hold + t, def->max_vertices, contact->tool + t) &&
+                take_hold(&pool, self->kept + t, def->max_vertices, contact->tool + t);
+    if (!taken) {
+        tm_pool_release(&pool);
+        return tm_fail_memory(error, "grasp stage");
+    }
+    self->pool = pool;
+    self->def = *def;
+    self->contact = contact;
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = "grasp",
+                            .phase = TM_PHASE_CONSTRAIN,
+                            .run = run,
+                            .destroy = destroy,
+                            .step_changed = changed,
+                            .self = self,
+                            .snapshot = snapshot,
+                            .restore = restore,
+                            .keep = keep,
+                            .give_back = give_back,
+                            .needs = {"contact"},
+                            .before = TM_STAGE_CONTACT_FIND};
+    status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    if (status) {
+        tm_pool_release(&pool);
+        return status;
+    }
+    const tm_block block = {.self = self,
+                            .owner = self,
+                            .sweep = sweep,
+                            .react = react,
+                            .holds = holds,
+                            .held = held,
+                            .load = load,
+                            .admit = admit};
+    tm_contact_add_block(contact, &block);
+    *grasp = self;
+    return TM_OK;
+}
+
+int32_t tm_grasp_held(const tm_grasp *grasp, int32_t instrument, const int32_t **vertex, tm_grasp_state *state) {
+    TM_REQUIRE(grasp && instrument >= 0 && instrument < grasp->contact->tool_count,
+               "grasp is null or instrument is not one of its contact's", 0);
+    const hold *h = grasp->hold + instrument;
+    if (vertex) *vertex = h->vertex;
+    if (state) *state = h->state;
+    return h->count;
+}

@@ -1,0 +1,276 @@
+/* Stage "energy": the account of tensormass/energy.h. Central differences have an identity of their own: the force at
+ * step n does its work over (u+ - u-)/2, and
+ *   [v.Mv/2 + u_n.K u_(n+1)/2] at n+1/2 less the same at n-1/2 = f.(u+ - u-)/2 - dt gamma |(u+ - u-)/2dt|^2
+ * for whatever forces f act beside the tissue's own, multipliers of constraints included. */
+#include "contact/contact_internal.h"
+#include "tensormass/energy.h"
+#include "world/world_internal.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "contact/contact_vec.h"
+
+/* Where an instrument was, to know how far its points went over two steps. */
+typedef struct past {
+    int32_t placings;
+    tm_capsule capsule;   /* at the start of the step before this one */
+    tm_tool_pose pose[2]; /* at the end of the last step, and of the one before */
+    tm_jaw jaw[2];
+} past;
+
+/* What is put aside when a step begins. */
+typedef struct account {
+    tm_energy sum;
+    double stored_J;                 /* kinetic and elastic after the last step */
+    double sprung_J[2], sprung_at_J; /* in skins and jaws at the ends of the last two steps; when the account began */
+    int64_t next_step;               /* that is to come; negative: none yet */
+    int32_t revision;                /* of the surface then */
+    past past[TM_MAX_INSTRUMENTS];
+} account;
+
+typedef struct energy {
+    tm_pool pool;
+    tm_world *world;
+    account now, kept;
+    double *internal_N; /* [3*vertex_count] the tissue's own force, left by the stage "force" */
+    double *reaction_N; /* [3*vertex_count] of the supports */
+    uint8_t *held;      /* [3*vertex_count] */
+    const void *held_by;
+} energy;
+
+/* --- the tissue --- */
+
+typedef struct pass {
+    double before_J, kinetic_J, elastic_J, damping_J, gravity_J, outer_J, support_J;
+} pass;
+
+static const double *gravity_of(const tm_world *world) {
+    static const double none[3] = {0, 0, 0};
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.run == tm_stage_gravity_run) return tm_stage_gravity_m_s2(world->slot[i].stage.self);
+    return none;
+}
+
+static pass over_tissue(const energy *e, const tm_world *world) {
+    const tm_state *s = &world->state;
+    const double *g = gravity_of(world), *inner = e->internal_N, dt = s->dt_s;
+    double kinetic_before = 0, kinetic = 0, elastic_before = 0, elastic = 0, drag = 0;
+    pass p = {0};
+    for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++) {
+        const double mass = world->tissue->mass_kg[v], gamma = world->damped ? world->tissue->damping_kg_s[v] : 0;
+        if (world->mobility_s2_kg[v] <= 0) continue;
+        for (int32_t i = 3 * v; i < 3 * v + 3; i++) {
+            const double came = s->u_m[i] - s->u_prev_m[i], goes = s->u_next_m[i] - s->u_m[i];
+            const double way = 0.5 * (s->u_next_m[i] - s->u_prev_m[i]);
+            kinetic_before += mass * came * came;
+            kinetic += mass * goes * goes;
+            elastic_before -= s->u_prev_m[i] * inner[i];
+            elastic -= s->u_next_m[i] * inner[i];
+            drag += gamma * way * way;
+            p.outer_J += (s->force_N[i] - inner[i]) * way;
+            p.gravity_J += mass * g[i - 3 * v] * way;
+            p.support_J += e->reaction_N[i] * way;
+        }
+    }
+    p.before_J = 0.5 * (kinetic_before / (dt * dt) + elastic_before);
+    p.kinetic_J = 0.5 * kinetic / (dt * dt);
+    p.elastic_J = 0.5 * elastic;
+    p.damping_J = drag / dt;
+    return p;
+}
+
+/* --- the tools --- */
+
+/* Work of a force on a vertex. What acts on a component that a support prescribes, the support takes. */
+static double on_vertex(energy *e, const tm_state *s, int32_t vertex, const double force_N[3]) {
+    double work = 0;
+    for (int32_t i = 3 * vertex, c = 0; c < 3; i++, c++) {
+        const double part = 0.5 * force_N[c] * (s->u_next_m[i] - s->u_prev_m[i]);
+        work += part;
+        if (e->held[i]) e->now.sum.support_J -= part;
+    }
+    return work;
+}
+
+static double skin_energy(double compliance_m_N, double radius_m, double lambda_N) {
+    const double soft = fmin(lambda_N, TM_SKIN_TRAVEL * radius_m / compliance_m_N);
+    return 0.5 * compliance_m_N * (soft * soft + (lambda_N * lambda_N - soft * soft) / TM_SKIN_HARDENING);
+}
+
+/* Returns what the row's skin holds. */
+static double row_work(energy *e, const tm_contact *contact, int32_t i) {
+    const tm_contact_row *row = contact->row + i;
+    const tm_tool *tool = contact->tool + row->instrument;
+    const tm_state *s = &contact->world->state;
+    const double *drag = contact->solver[i].drag_N;
+    const double compliance = contact->def.skin_compliance_m_N / row->share;
+    double force[3], here[3], there[3], work = 0, slip = 0;
+    tm_capsule_station(&tool->capsule, row->station, here);
+    tm_capsule_station(&e->now.past[row->instrument].capsule, row->station, there);
+    for (int c = 0; c < 3; c++) {
+        force[c] = row->lambda_N * row->normal[c] + drag[c];
+        e->now.sum.hand_J[row->instrument] += 0.5 * force[c] * (here[c] - there[c]);
+        slip -= 0.5 * drag[c] * (here[c] - there[c]);
+    }
+    for (int j = 0; j < 3; j++) {
+        double share[3];
+        vscale(row->weight[j], force, share);
+        work += on_vertex(e, s, row->vertex[j], share);
+        for (int c = 0; c < 3; c++) {
+            const int32_t d = 3 * row->vertex[j] + c;
+            slip += 0.5 * row->weight[j] * drag[c] * (s->u_next_m[d] - s->u_prev_m[d]);
+        }
+    }
+    e->now.sum.contact_J[row->instrument] += work;
+    e->now.sum.film_J -= slip;
+    return compliance > 0 ? skin_energy(compliance, tool->def.radius_m, row->lambda_N) : 0;
+}
+
+/* Returns what the springs of the jaw hold. */
+static double jaw_work(energy *e, const tm_contact *contact, int32_t t) {
+    const tm_jaw_load load = tm_contact_load(contact, t);
+    double sprung = 0;
+    const past *was = e->now.past + t;
+    for (int32_t i = 0; i < load.count; i++) {
+        const double *force = load.force_N + 3 * i;
+        double here[3], there[3];
+        e->now.sum.grasp_J[t] += on_vertex(e, &contact->world->state, load.vertex[i], force);
+        tm_jaw_to_world(load.jaw, &contact->tool[t].pose, load.offset_m + 3 * i, here);
+        tm_jaw_to_world(&was->jaw[1], &was->pose[1], load.offset_m + 3 * i, there);
+        for (int c = 0; c < 3; c++) e->now.sum.hand_J[t] += 0.5 * force[c] * (here[c] - there[c]);
+        sprung += 0.5 * load.compliance_m_N * vdot(force, force);
+    }
+    return sprung;
+}
+
+static void remember(past *p, const tm_contact *contact, int32_t t, bool anew) {
+    const tm_tool *tool = contact->tool + t;
+    const tm_jaw_load load = tm_contact_load(contact, t);
+    p->placings = tool->placings;
+    p->capsule = tool->before;
+    p->pose[1] = anew ? tool->pose : p->pose[0];
+    p->pose[0] = tool->pose;
+    if (!load.jaw) return;
+    p->jaw[1] = anew ? *load.jaw : p->jaw[0];
+    p->jaw[0] = *load.jaw;
+}
+
+static void over_tools(energy *e, tm_world *world, bool anew) {
+    const tm_contact *contact = tm_world_contact(world);
+    double sprung = 0;
+    for (int32_t t = 0; contact && t < contact->tool_count; t++)
+        if (anew || e->now.past[t].placings != contact->tool[t].placings) remember(e->now.past + t, contact, t, true);
+    for (int32_t i = 0; contact && i < contact->row_count; i++)
+        if (contact->row[i].lambda_N > 0) sprung += row_work(e, contact, i);
+    for (int32_t t = 0; contact && t < contact->tool_count; t++) {
+        sprung += jaw_work(e, contact, t);
+        remember(e->now.past + t, contact, t, false);
+    }
+    account *a = &e->now;
+    if (a->next_step < 0) a->sprung_at_J = sprung;
+    a->sprung_J[0] = anew ? sprung : a->sprung_J[1];
+    a->sprung_J[1] = sprung;
+}
+
+/* --- stage --- */
+
+static void run(void *self, tm_world *world) {
+    energy *e = self;
+    account *a = &e->now;
+    const size_t n = 3 * (size_t)world->tissue->mesh->vertex_count;
+    const bool anew = a->next_step != world->state.step;
+    if (e->held_by != world->support) {
+        e->held_by = world->support;
+        memset(e->held, 0, n);
+        tm_support_mask(world, e->held);
+    }
+    memset(e->reaction_N, 0, sizeof(double) * n);
+    tm_support_reaction(world, e->reaction_N);
+    const pass p = over_tissue(e, world);
+    if (a->next_step < 0)
+        a->sum.start_J = p.before_J;
+    else if (a->revision != world->tissue->surface.revision && !anew)
+        a->sum.cut_J += a->stored_J - p.before_J;
+    else
+        a->sum.moved_J += p.before_J - a->stored_J;
+    over_tools(e, world, anew);
+    a->sum.gravity_J += p.gravity_J;
+    a->sum.load_J += p.outer_J - p.gravity_J;
+    a->sum.support_J += p.support_J;
+    a->sum.damping_J += p.damping_J;
+    a->sum.kinetic_J = p.kinetic_J;
+    a->sum.elastic_J = p.elastic_J;
+    a->sum.time_s = world->state.time_s + 0.5 * world->state.dt_s;
+    a->stored_J = p.kinetic_J + p.elastic_J;
+    a->revision = world->tissue->surface.revision;
+    a->next_step = world->state.step + 1;
+}
+
+static void keep(void *self) {
+    energy *e = self;
+    e->kept = e->now;
+}
+
+static void give_back(void *self, tm_world *world) {
+    (void)world;
+    energy *e = self;
+    e->now = e->kept;
+}
+
+static void destroy(void *self) {
+    energy *e = self;
+    if (e->world->internal_N == e->internal_N) e->world->internal_N = NULL;
+    tm_pool pool = e->pool;
+    tm_pool_release(&pool);
+}
+
+tm_status tm_stage_energy(tm_world *world, tm_error *error) {
+    TM_REQUIRE(world, "world is null", TM_ERR_ARGUMENT);
+    tm_pool pool = {0};
+    const int64_t n = 3 * (int64_t)world->tissue->mesh->vertex_count;
+    energy *self = TM_TAKE(&pool, energy, 1);
+    double *internal = TM_TAKE(&pool, double, n), *reaction = TM_TAKE(&pool, double, n);
+    uint8_t *held = TM_TAKE(&pool, uint8_t, n);
+    if (pool.failed) {
+        tm_pool_release(&pool);
+        return tm_fail_memory(error, "energy stage");
+    }
+    *self = (energy){.pool = pool, .world = world, .internal_N = internal, .reaction_N = reaction, .held = held};
+    self->now.next_step = -1;
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = "energy",
+                            .phase = TM_PHASE_END,
+                            .run = run,
+                            .destroy = destroy,
+                            .self = self,
+                            .keep = keep,
+                            .give_back = give_back};
+    const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    if (status)
+        destroy(self);
+    else
+        world->internal_N = internal;
+    return status;
+}
+
+tm_status tm_world_energy(const tm_world *world, tm_energy *account_of, tm_error *error) {
+    TM_REQUIRE(world && account_of, "world or energy is null", TM_ERR_ARGUMENT);
+    const account *a = NULL;
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.run == run) a = &((const energy *)world->slot[i].stage.self)->now;
+    if (!a)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "this world keeps no account of energy; add the stage \"energy\"");
+    tm_energy *s = account_of;
+    *s = a->sum;
+    double tools = 0, hands = 0;
+    for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) {
+        tools += s->contact_J[t] + s->grasp_J[t];
+        hands += s->hand_J[t];
+    }
+    s->sprung_J = 0.5 * (a->sprung_J[0] + a->sprung_J[1]);
+    s->made_J = tools + s->film_J + s->sprung_J - a->sprung_at_J - hands;
+    s->residual_J = s->start_J + tools + s->support_J + s->gravity_J + s->load_J + s->moved_J - s->damping_J -
+                    s->cut_J - s->kinetic_J - s->elastic_J;
+    return TM_OK;
+}

@@ -1,0 +1,70 @@
+/* Work space of cutting, taken with a cuttable tissue, and the steps that cut.c and cut_mend.c share. */
+#ifndef TM_CUT_INTERNAL_H
+#define TM_CUT_INTERNAL_H
+
+#include "tensormass/cut.h"
+#include "world/world_internal.h"
+
+/* Things waiting their turn, each at most once. */
+typedef struct tm_cut_queue {
+    int32_t capacity, begin, count;
+    int32_t *item;  /* [capacity] ring */
+    uint8_t *waits; /* [capacity] by item */
+} tm_cut_queue;
+
+/* Things seen in this call, each once. */
+typedef struct tm_cut_list {
+    int32_t count;
+    int32_t *item;
+    uint32_t *stamp; /* by item: the call that saw it last */
+} tm_cut_list;
+
+typedef struct tm_cut_work {
+    uint32_t call;
+    tm_cut_list vertex, edge, tet;          /* touched (vertices, edges), removed (tetrahedra) in this call */
+    tm_cut_queue vertex_check, edge_check;  /* whose fans are still to be looked at */
+    int32_t *edge_alive, *vertex_alive;     /* tetrahedra that are there around an edge, a vertex */
+    int32_t *edge_whole, *vertex_whole;     /* how many close up all around it; -1: on the mesh's own surface, never */
+    int32_t star_max;                       /* most tetrahedra around a vertex */
+    int32_t *star, *fan, *stack;            /* [star_max] of the vertex or edge looked at */
+    int32_t *rim_tet, *rim_face, *rim_loop; /* [3*star_max] outer faces at the vertex looked at */
+    uint32_t fan_call;
+    uint32_t *fan_stamp; /* [tet_count] */
+    int32_t *fan_of;     /* [tet_count] place in star */
+    /* What was removed since the step began, oldest first, and which slots of the surface its faces had (-1: the face
+     * was inside, and its neighbour's came out). */
+    int32_t *undo_tet, *undo_slot; /* [tet_count], [4*tet_count] */
+} tm_cut_work;
+
+/* Alive, or in another model's part: what mending sees. */
+static inline bool tm_cut_is_there(const tm_tissue *tissue, int32_t tet) {
+    return tissue->alive[tet] || (tissue->elsewhere && tissue->elsewhere[tet]);
+}
+
+tm_cut_work *tm_cut_take_work(tm_pool *pool, const tm_mesh *mesh);
+/* Counts the living tetrahedra around edges and vertices. */
+void tm_cut_count(tm_tissue *tissue);
+/* Local edge between two local vertices. */
+extern const int8_t tm_cut_edge_between[4][4];
+
+/* Takes one living tetrahedron away: alive mark, counts; what it touched waits for a look, a surface and new tensors.
+ */
+void tm_cut_kill(tm_tissue *tissue, int32_t tet);
+/* Removes what hangs by a vertex or an edge, until nothing does, and puts back what can stay after all. */
+void tm_cut_mend(tm_tissue *tissue);
+void tm_cut_queue_push(tm_cut_queue *queue, int32_t item);
+int32_t tm_cut_queue_pop(tm_cut_queue *queue);
+
+/* cut_undo.c. Gives back what was removed since tissue->undo_count was set to 0: tensors, masses, surface and its slots
+ * have the bits they had. False: nothing was. tm_cut_touched names the vertices. */
+bool tm_cut_give_back(tm_tissue *tissue);
+
+bool tm_stage_is_cut(const tm_stage *stage);
+
+/* Vertices that the last tm_cut_remove touched. */
+static inline int32_t tm_cut_touched(const tm_tissue *tissue, const int32_t **vertex) {
+    *vertex = tissue->cut->vertex.item;
+    return tissue->cut->vertex.count;
+}
+
+#endif

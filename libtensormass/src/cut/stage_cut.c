@@ -1,0 +1,333 @@
+/* Stage "cut": active cauteries remove what they touch, at the tissue's rate; pieces that hang on nothing are found a
+ * little each step and removed, at once or when they have fallen out of sight. */
+#include "contact/contact_internal.h"
+#include "cut/cut_internal.h"
+
+#include <math.h>
+#include <string.h>
+
+enum {
+    REACH_PER_STEP = 256,  /* tetrahedra that the search for loose pieces visits in a step */
+    SWEEP_PER_STEP = 2048, /* that it looks at afterwards */
+    LOOSE_PER_STEP = 32,   /* loose ones removed in a step */
+    FALLING_PAUSE = 256    /* steps between two searches while pieces fall */
+};
+static const double OUT_OF_SIGHT = 3; /* diagonals of the mesh that a falling piece may travel */
+
+typedef enum search { SEARCH_IDLE, SEARCH_REACH, SEARCH_SWEEP } search;
+
+typedef struct cut {
+    tm_pool pool;
+    tm_contact *contact;
+    double rate_1_s;
+    tm_cut_loose loose;
+    double credit[TM_MAX_INSTRUMENTS]; /* tetrahedra it may still take */
+    double sight_m;
+    /* what was removed, for tm_cut_take */
+    int32_t log_begin, log_count;
+    int32_t *log_tet; /* [tet_count] */
+    int8_t *log_instrument;
+    /* the search for loose pieces */
+    search state;
+    int32_t revision; /* of the surface when it began */
+    int32_t pause;
+    bool falling; /* the last search left loose pieces */
+    int32_t queue_begin, queue_end, sweep_at;
+    uint8_t *reached; /* [tet_count] */
+    uint8_t *held;    /* [3*vertex_count] */
+    int32_t *queue;   /* [tet_count] */
+    /* when the step began */
+    void *kept;
+    int64_t kept_bytes;
+    int32_t kept_log_begin, kept_log_count;
+} cut;
+
+static void run(void *self, tm_world *world);
+
+tm_cut_def tm_cut_def_default(void) {
+    return (tm_cut_def){.cookie = TM_COOKIE_CUT, .size = sizeof(tm_cut_def), .rate_1_s = 200, .loose = TM_LOOSE_FALL};
+}
+
+static void remove_tet(cut *stage, tm_world *world, const int32_t *tet, int32_t count, int8_t instrument) {
+    tm_tissue *tissue = world->tissue;
+    if (tm_cut_remove(tissue, tet, count, NULL, 0) == 0) return;
+    for (int32_t i = 0; i < tissue->cut->tet.count && stage->log_count < tissue->mesh->tet_count; i++) {
+        const int32_t at = (stage->log_begin + stage->log_count++) % tissue->mesh->tet_count;
+        stage->log_tet[at] = tissue->cut->tet.item[i];
+        stage->log_instrument[at] = instrument;
+    }
+    tm_world_cut(world);
+}
+
+/* --- cautery --- */
+
+/* The living tetrahedron behind the deepest row in touch, lowest face first among equals; -1 if it touches nothing. */
+static int32_t deepest(const cut *stage, const tm_world *world, int32_t instrument) {
+    const tm_contact_row *row, *best = NULL;
+    const int32_t rows = tm_contact_rows(stage->contact, &row);
+    for (int32_t i = 0; i < rows; i++) {
+        if (row[i].instrument != instrument || !(row[i].lambda_N > 0) || !world->tissue->alive[row[i].face / 4])
+            continue;
+        if (!best || row[i].gap_m < best->gap_m || (row[i].gap_m == best->gap_m && row[i].face < best->face))
+            best = row + i;
+    }
+    return best ? best->face / 4 : -1;
+}
+
+static void cauterise(cut *stage, tm_world *world) {
+    for (int32_t i = 0; i < stage->contact->tool_count; i++) {
+        if (stage->contact->tool[i].def.mode != TM_TOOL_CAUTERY || !tm_contact_pose(stage->contact, i).active) continue;
+        int32_t tet = deepest(stage, world, i);
+        if (tet < 0) continue;
+        stage->credit[i] += stage->rate_1_s * world->state.dt_s;
+        for (; stage->credit[i] >= 1 && tet >= 0; tet = deepest(stage, world, i)) {
+            stage->credit[i] -= 1;
+            remove_tet(stage, world, &tet, 1, (int8_t)i);
+        }
+        stage->credit[i] = fmin(stage->credit[i], 1);
+    }
+}
+
+/* --- loose pieces ---
+ * A flood from what is held, over faces. Cuts during the flood do no harm: what it has not reached at the end was not
+ * reachable all along. */
+
+static bool grasped(const cut *stage, int32_t vertex) {
+    for (int32_t i = 0; i < stage->contact->tool_count; i++)
+        if (tm_contact_holds_vertex(stage->contact, i, vertex)) return true;
+    return false;
+}
+
+static void reach(cut *stage, const tm_tissue *tissue, int32_t tet) {
+    if (tet < 0 || stage->reached[tet] || !tissue->alive[tet]) return;
+    stage->reached[tet] = 1;
+    stage->queue[stage->queue_end++] = tet;
+}
+
+static void begin_search(cut *stage, tm_world *world) {
+    const tm_mesh *mesh = world->tissue->mesh;
+    stage->revision = world->tissue->surface.revision;
+    stage->queue_begin = stage->queue_end = stage->sweep_at = 0;
+    memset(stage->reached, 0, (size_t)mesh->tet_count);
+    memset(stage->held, 0, 3 * (size_t)mesh->vertex_count);
+    tm_support_mask(world, stage->held);
+    bool any = false;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) {
+        /* What hangs on a vertex from outside (a hybrid's condensed part) holds it as a support does. */
+        const bool hung = world->tissue->extra_mass_kg && world->tissue->extra_mass_kg[v] > 0;
+        const bool support = hung || stage->held[3 * v] || stage->held[3 * v + 1] || stage->held[3 * v + 2];
+        any = any || support;
+        if (!support && !grasped(stage, v)) continue;
+        for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++)
+            reach(stage, world->tissue, mesh->vertex_tet[i]);
+    }
+    stage->falling = false;
+    stage->state = any ? SEARCH_REACH : SEARCH_IDLE; /* a scene that holds nothing has no loose pieces */
+}
+
+static void flood(cut *stage, const tm_tissue *tissue) {
+    for (int budget = REACH_PER_STEP; budget > 0 && stage->queue_begin < stage->queue_end; budget--) {
+        const int32_t tet = stage->queue[stage->queue_begin++];
+        for (int f = 0; f < 4; f++) reach(stage, tissue, tissue->mesh->tet_neighbour[4 * (int64_t)tet + f]);
+    }
+    if (stage->queue_begin == stage->queue_end) stage->state = SEARCH_SWEEP;
+}
+
+static bool out_of_sight(const cut *stage, const tm_world *world, int32_t tet) {
+    const double *u = world->state.u_m + 3 * (int64_t)world->tissue->mesh->tet[4 * (int64_t)tet];
+    return !(tm_dot3(u, u) < stage->sight_m * stage->sight_m);
+}
+
+static void sweep(cut *stage, tm_world *world) {
+    const tm_tissue *tissue = world->tissue;
+    int32_t loose[LOOSE_PER_STEP], count = 0;
+    for (int budget = SWEEP_PER_STEP; budget > 0 && stage->sweep_at < tissue->mesh->tet_count && count < LOOSE_PER_STEP;
+         budget--) {
+        const int32_t tet = stage->sweep_at++;
+        if (!tissue->alive[tet] || stage->reached[tet]) continue;
+        if (stage->loose == TM_LOOSE_REMOVE || out_of_sight(stage, world, tet))
+            loose[count++] = tet;
+        else
+            stage->falling = true;
+    }
+    if (count > 0) remove_tet(stage, world, loose, count, -1);
+    if (stage->sweep_at < tissue->mesh->tet_count) return;
+    stage->state = SEARCH_IDLE;
+    stage->pause = FALLING_PAUSE;
+}
+
+static void run(void *self, tm_world *world) {
+    cut *stage = self;
+    cauterise(stage, world);
+    switch (stage->state) {
+    case SEARCH_IDLE:
+        if (stage->pause > 0) stage->pause--;
+        if (stage->revision != world->tissue->surface.revision || (stage->falling && stage->pause == 0))
+            begin_search(stage, world);
+        break;
+    case SEARCH_REACH: flood(stage, world->tissue); break;
+    case SEARCH_SWEEP: sweep(stage, world); break;
+    }
+}
+
+/* --- creation and the rest --- */
+
+static void destroy(void *self) {
+    tm_pool pool = ((cut *)self)->pool;
+    tm_pool_release(&pool);
+}
+
+static double diagonal(const tm_mesh *mesh) {
+    double low[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, high[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL}, d[3];
+    for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) {
+        low[i % 3] = fmin(low[i % 3], mesh->rest_m[i]);
+        high[i % 3] = fmax(high[i % 3], mesh->rest_m[i]);
+    }
+    tm_sub3(high, low, d);
+    return sqrt(tm_dot3(d, d));
+}
+
+/* What goes on between steps. The search starts over: it changes nothing but when a loose piece is noticed. */
+typedef struct kept {
+    double credit[TM_MAX_INSTRUMENTS];
+    int32_t state, revision, pause, falling, queue_begin, queue_end, sweep_at, reserved;
+} kept;
+
+static int64_t search_bytes(const cut *stage, const tm_tissue *tissue) {
+    return stage->state == SEARCH_IDLE ? 0 : tissue->mesh->tet_count + (int64_t)sizeof(int32_t) * stage->queue_end;
+}
+
+static int64_t snapshot(void *self, void *buffer) {
+    const cut *stage = self;
+    const tm_tissue *tissue = stage->contact->world->tissue;
+    const int64_t bytes = (int64_t)sizeof(kept) + search_bytes(stage, tissue);
+    if (!buffer) return bytes;
+    /* Only the difference to the surface's revision means anything elsewhere. */
+    const kept k = {.state = stage->state,
+                    .revision = tissue->surface.revision - stage->revision,
+                    .pause = stage->pause,
+                    .falling = stage->falling,
+                    .queue_begin = stage->queue_begin,
+                    .queue_end = stage->queue_end,
+                    .sweep_at = stage->sweep_at};
+    char *to = buffer;
+    memcpy(to, &k, sizeof k);
+    memcpy(to, stage->credit, sizeof stage->credit);
+    if (stage->state == SEARCH_IDLE) return bytes;
+    memcpy(to + sizeof k, stage->reached, (size_t)tissue->mesh->tet_count);
+    memcpy(to + sizeof k + tissue->mesh->tet_count, stage->queue, sizeof(int32_t) * (size_t)stage->queue_end);
+    return bytes;
+}
+
+static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
+    cut *stage = self;
+    const int32_t tets = world->tissue->mesh->tet_count;
+    kept k;
+    if (bytes < (int64_t)sizeof k) return false;
+    memcpy(&k, buffer, sizeof k);
+    const bool busy = k.state == SEARCH_REACH || k.state == SEARCH_SWEEP;
+    if ((!busy && k.state != SEARCH_IDLE) || k.queue_begin < 0 || k.queue_end < k.queue_begin || k.queue_end > tets ||
+        k.sweep_at < 0 || k.sweep_at > tets)
+        return false;
+    if (bytes != (int64_t)sizeof k + (busy ? tets + (int64_t)sizeof(int32_t) * k.queue_end : 0)) return false;
+    if (!apply) return true;
+    memcpy(stage->credit, k.credit, sizeof k.credit);
+    stage->state = (search)k.state;
+    stage->revision = world->tissue->surface.revision - k.revision;
+    stage->pause = k.pause;
+    stage->falling = k.falling;
+    stage->queue_begin = k.queue_begin;
+    stage->queue_end = k.queue_end;
+    stage->sweep_at = k.sweep_at;
+    stage->log_begin = stage->log_count = 0;
+    if (!busy) return true;
+    memcpy(stage->reached, (const char *)buffer + sizeof k, (size_t)tets);
+    memcpy(stage->queue, (const char *)buffer + sizeof k + tets, sizeof(int32_t) * (size_t)k.queue_end);
+    return true;
+}
+
+static int64_t snapshot_max(const tm_mesh *mesh) {
+    return (int64_t)sizeof(kept) + mesh->tet_count * (int64_t)(1 + sizeof(int32_t));
+}
+
+static void keep(void *self) {
+    cut *stage = self;
+    stage->kept_bytes = snapshot(stage, stage->kept);
+    stage->kept_log_begin = stage->log_begin;
+    stage->kept_log_count = stage->log_count;
+}
+
+static void give_back(void *self, tm_world *world) {
+    cut *stage = self;
+    restore(stage, world, stage->kept, stage->kept_bytes, true);
+    stage->log_begin = stage->kept_log_begin; /* what the failed step wrote lies behind the end */
+    stage->log_count = stage->kept_log_count;
+}
+
+tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *def, tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_CUT, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && contact && contact->world == world, "world is null, or contact is not of this world",
+               TM_ERR_ARGUMENT);
+    if (def->loose != TM_LOOSE_FALL && def->loose != TM_LOOSE_REMOVE)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: loose is %d; give one of tm_cut_loose", (int)def->loose);
+    if (!world->tissue->cuttable)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "cut: the tissue was not made cuttable; set cuttable in its definition");
+    if (!isfinite(def->rate_1_s) || !(def->rate_1_s > 0))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "cut: a rate of %g tetrahedra per second; give a positive one",
+                       def->rate_1_s);
+    const tm_mesh *mesh = world->tissue->mesh;
+    tm_pool pool = {0};
+    cut *self = TM_TAKE(&pool, cut, 1);
+    int32_t *log_tet = TM_TAKE(&pool, int32_t, mesh->tet_count), *queue = TM_TAKE(&pool, int32_t, mesh->tet_count);
+    int8_t *log_instrument = TM_TAKE(&pool, int8_t, mesh->tet_count);
+    uint8_t *reached = TM_TAKE(&pool, uint8_t, mesh->tet_count),
+            *held = TM_TAKE(&pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
+    void *room = TM_TAKE(&pool, char, snapshot_max(mesh));
+    if (pool.failed) {
+        tm_pool_release(&pool);
+        return tm_fail_memory(error, "cut stage");
+    }
+    *self = (cut){.pool = pool,
+                  .contact = contact,
+                  .rate_1_s = def->rate_1_s,
+                  .loose = def->loose,
+                  .sight_m = OUT_OF_SIGHT * diagonal(mesh),
+                  .log_tet = log_tet,
+                  .log_instrument = log_instrument,
+                  .reached = reached,
+                  .held = held,
+                  .queue = queue,
+                  .kept = room,
+                  .revision = world->tissue->surface.revision};
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = "cut",
+                            .phase = TM_PHASE_BEGIN,
+                            .run = run,
+                            .destroy = destroy,
+                            .self = self,
+                            .snapshot = snapshot,
+                            .restore = restore,
+                            .keep = keep,
+                            .give_back = give_back,
+                            .needs = {"contact"}};
+    const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    if (status) destroy(self);
+    return status;
+}
+
+bool tm_stage_is_cut(const tm_stage *stage) { return stage->run == run; }
+
+int32_t tm_cut_take(tm_world *world, int32_t *tet, int8_t *instrument, int32_t max) {
+    TM_REQUIRE(world && max >= 0 && (tet || max == 0), "world or tet is null, or max is negative", 0);
+    cut *stage = NULL;
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (tm_stage_is_cut(&world->slot[i].stage)) stage = world->slot[i].stage.self;
+    int32_t n = 0;
+    for (; stage && n < max && stage->log_count > 0; n++, stage->log_count--) {
+        tet[n] = stage->log_tet[stage->log_begin];
+        if (instrument) instrument[n] = stage->log_instrument[stage->log_begin];
+        stage->log_begin = (stage->log_begin + 1) % world->tissue->mesh->tet_count;
+    }
+    return n;
+}

@@ -1,0 +1,312 @@
+/* Stage "patch": for each instrument the surface near it, its compliance and the contact stiffness, from the dynamic
+ * model. */
+#include "patch/patch_internal.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "contact/contact_vec.h"
+
+struct tm_patch_maker {
+    tm_pool pool;
+    tm_patch_def def;
+    tm_contact *contact;
+    tm_world *world;
+    tm_columns *columns; /* null with a source */
+    tm_compliance_source source;
+    const tm_compliance *known; /* what the source gave last */
+    tm_patch_solver *solver;
+    int32_t revision;
+    int32_t want[TM_MAX_INSTRUMENTS][TM_COMPLIANCE_WANTS], wanted[TM_MAX_INSTRUMENTS]; /* asked of the source last */
+    double tip_m[TM_MAX_INSTRUMENTS][3], velocity_m_s[TM_MAX_INSTRUMENTS][3], time_s[TM_MAX_INSTRUMENTS];
+};
+
+tm_patch_def tm_patch_def_default(void) {
+    return (tm_patch_def){.cookie = TM_COOKIE_PATCH,
+                          .size = sizeof(tm_patch_def),
+                          .max_vertices = TM_PATCH_VERTICES,
+                          .max_triangles = TM_PATCH_TRIANGLES,
+                          .column_vertices = 64,
+                          .tolerance = 3e-3,
+                          .horizon_s = 0.08};
+}
+
+static void observe_motion(tm_patch_maker *maker, int32_t t) {
+    const tm_tool *tool = maker->contact->tool + t;
+    double now = maker->world->state.time_s, passed = now - maker->time_s[t];
+    if (passed > 0 && passed < 0.5)
+        for (int c = 0; c < 3; c++) maker->velocity_m_s[t][c] = (tool->pose.tip_m[c] - maker->tip_m[t][c]) / passed;
+    else if (passed != 0)
+        memset(maker->velocity_m_s[t], 0, sizeof maker->velocity_m_s[t]);
+    vset(tool->pose.tip_m, maker->tip_m[t]);
+    maker->time_s[t] = now;
+}
+
+/* Nothing holds a piece that gives way more than this: its rest is nowhere, and no patch says where. */
+#define LOOSE_M_N 1.0
+
+/* Where a vertex stands in what the source gave, -1: it does not. */
+static int32_t place_in(const tm_compliance *known, int32_t vertex) {
+    int32_t low = 0, high = known ? known->count : 0;
+    while (low < high) {
+        const int32_t middle = low + (high - low) / 2;
+        if (known->vertex[middle] < vertex)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return known && low < known->count && known->vertex[low] == vertex ? low : -1;
+}
+
+static bool usable(void *self, int32_t vertex) {
+    const tm_patch_maker *maker = self;
+    if (maker->columns) return tm_columns_good(maker->columns, vertex);
+    const int32_t at = place_in(maker->known, vertex);
+    for (int c = 0; at >= 0 && c < 3; c++)
+        if (!(maker->known->C_m_N[(int64_t)(3 * at + c) * (3 * maker->known->count + 1)] < LOOSE_M_N)) return false;
+    return at >= 0;
+}
+
+static bool block(void *self, int32_t a, int32_t b, double C[9]) {
+    const tm_patch_maker *maker = self;
+    if (maker->columns) return tm_columns_block(maker->columns, a, b, C);
+    const int32_t i = place_in(maker->known, a), j = place_in(maker->known, b);
+    if (i < 0 || j < 0) return false;
+    const int64_t width = 3 * maker->known->count;
+    for (int k = 0; k < 9; k++) C[k] = maker->known->C_m_N[(3 * i + k / 3) * width + 3 * j + k % 3];
+    return true;
+}
+
+static int32_t kind(const tm_patch_maker *maker) {
+    return !maker->columns && maker->known && maker->known->revision == maker->revision ? 2 : 1;
+}
+
+static int32_t grow(tm_patch_maker *maker, int32_t t, bool known_only, int32_t max_vertices, tm_patch *patch) {
+    const tm_contact *contact = maker->contact;
+    tm_surface_view surface = tm_tissue_surface(maker->world->tissue);
+    return tm_patch_grow(maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface,
+                         &contact->tool[t].capsule, maker->velocity_m_s[t], maker->def.horizon_s, contact->row,
+                         contact->row_count, max_vertices, maker->def.max_triangles, known_only ? usable : NULL, maker,
+                         patch);
+}
+
+static bool among(const int32_t *list, int32_t count, int32_t vertex) {
+    for (int32_t i = 0; i < count; i++)
+        if (list[i] == vertex) return true;
+    return false;
+}
+
+/* Held vertices, then the patch's by their distance from the tip. */
+static void want_columns(tm_patch_maker *maker, int32_t t, const int32_t *held, int32_t count, const tm_patch *patch) {
+    int32_t vertex[TM_PATCH_VERTICES];
+    double distance[TM_PATCH_VERTICES];
+    int32_t n = count < 0 ? 0 : count < TM_PATCH_VERTICES ? count : TM_PATCH_VERTICES;
+    const int32_t first = n;
+    for (int32_t i = 0; i < n; i++) vertex[i] = held[i];
+    for (int32_t i = 0; i < patch->vertex_count && n < TM_PATCH_VERTICES; i++) {
+        if (among(held, first, patch->vertex[i])) continue;
+        double d[3];
+        vsub(patch->vertex_m + 3 * i, maker->contact->tool[t].pose.tip_m, d);
+        double far = vdot(d, d);
+        int32_t j = n++;
+        for (; j > first && distance[j - 1] > far; j--) {
+            vertex[j] = vertex[j - 1];
+            distance[j] = distance[j - 1];
+        }
+        vertex[j] = patch->vertex[i];
+        distance[j] = far;
+    }
+    tm_columns_want(maker->columns, t, vertex, n);
+}
+
+/* Held vertices, then what surrounds the tool's way; without a source as many iterations as a call may take. */
+static void want(tm_patch_maker *maker, int32_t t, const int32_t *vertex, int32_t count, tm_patch *patch) {
+    const tm_contact *contact = maker->contact;
+    if (maker->columns) {
+        grow(maker, t, false, maker->def.max_vertices, patch);
+        want_columns(maker, t, vertex, count, patch);
+        tm_columns_work(maker->columns, maker->def.iterations);
+        return;
+    }
+    int32_t near[TM_COMPLIANCE_WANTS], all[TM_COMPLIANCE_WANTS], n = 0;
+    const tm_surface_view surface = tm_tissue_surface(maker->world->tissue);
+    const int32_t found = tm_patch_nearest(
+        maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface, &contact->tool[t].capsule,
+        maker->velocity_m_s[t], maker->def.horizon_s, contact->row, contact->row_count,
+        contact->tool[t].def.mode == TM_TOOL_CAUTERY ? maker->world->tissue->mass_kg : NULL,
+        maker->world->tissue->mesh->vertex_count, near);
+    for (; n < count && n < TM_HOLD_VERTICES; n++) all[n] = vertex[n];
+    const int32_t held = n;
+    for (int32_t i = 0; i < found && n < TM_COMPLIANCE_WANTS; i++)
+        if (!among(all, held, near[i])) all[n++] = near[i];
+    maker->wanted[t] = n;
+    memcpy(maker->want[t], all, sizeof(int32_t) * (size_t)n);
+    maker->known = maker->source.exchange(maker->source.self, t, all, n);
+}
+
+/* More than OUTSIDE of the reaction bears on vertices that are not the patch's: what is left of it would not be the
+ * tool's force. */
+#define OUTSIDE 0.2
+
+static bool bears_outside(const tm_patch_maker *maker, int32_t t, double held_N, const tm_patch *patch) {
+    const tm_contact *contact = maker->contact;
+    double all = held_N, outside = 0;
+    for (int32_t k = 0; k < contact->row_count; k++) {
+        const tm_contact_row *row = contact->row + k;
+        if (row->instrument != t || row->lambda_N <= 0) continue;
+        all += row->lambda_N;
+        bool whole = true;
+        for (int j = 0; j < 3; j++) {
+            bool within = row->weight[j] == 0;
+            for (int32_t i = 0; i < patch->vertex_count && !within; i++) within = patch->vertex[i] == row->vertex[j];
+            whole = whole && within;
+        }
+        outside += whole ? 0 : row->lambda_N;
+    }
+    return outside > OUTSIDE * all;
+}
+
+/* Vertices that the instrument's jaws hold; -1 while they let go. */
+static int32_t held(const tm_patch_maker *maker, int32_t t, tm_patch_hold *hold) {
+    *hold = (tm_patch_hold){.force_N = tm_contact_load(maker->contact, t).force_N};
+    hold->count = tm_contact_held(maker->contact, t, &hold->vertex, &hold->target_m, &hold->compliance_m_N);
+    return hold->count;
+}
+
+static void describe(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
+    const tm_contact *contact = maker->contact;
+    const tm_tool *tool = contact->tool + t;
+    patch->kind = kind(maker);
+    patch->topology_revision = maker->revision;
+    patch->skin_compliance_m_N = contact->def.skin_compliance_m_N;
+    patch->force_cap_N = contact->def.force_cap_N;
+    patch->radius_m = tool->def.radius_m;
+    patch->contact_length_m = tool->def.contact_length_m;
+    patch->film_s_m = TM_FILM_S_M;
+    vset(tool->def.trocar_m, patch->trocar_m);
+}
+
+/* Surface near a tool that touches or may touch, and that can be told from what is known. Not for a tool that touches
+ * nothing as yet: the patch would touch it. */
+static bool find_surface(tm_patch_maker *maker, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch) {
+    const tm_tool *tool = maker->contact->tool + t;
+    return tm_tool_is_present(tool) && tool->clear && max_vertices >= 3 &&
+           grow(maker, t, true, max_vertices, patch) > 0 && !bears_outside(maker, t, held_N, patch);
+}
+
+/* A tool that holds tissue: springs and rows of contact beside them. */
+static bool make_held(tm_patch_maker *maker, int32_t t, const tm_patch_hold *hold, tm_patch *patch) {
+    const tm_contact *contact = maker->contact;
+    tm_tool *tool = maker->contact->tool + t;
+    double held_N[3] = {0, 0, 0};
+    bool known = hold->count <= TM_HOLD_VERTICES;
+    for (int32_t i = 0; i < hold->count && known; i++) {
+        known = usable(maker, hold->vertex[i]);
+        vmadd(held_N, 1, hold->force_N + 3 * i, held_N);
+    }
+    if (!known) return false;
+    const bool whole = find_surface(maker, t, maker->def.max_vertices - 1, vnorm(held_N), patch);
+    if (!whole) patch->vertex_count = patch->triangle_count = 0;
+    describe(maker, t, patch);
+    if (!tm_patch_fill_held(maker->solver, patch, hold, tool->pose.tip_m, block, maker, contact->row,
+                            contact->row_count))
+        return false;
+    memcpy(tool->stiffness_N_m, patch->hold_stiffness_N_m, sizeof tool->stiffness_N_m);
+    if (whole) tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
+    tool->stiffness_kind = patch->kind;
+    return whole;
+}
+
+static bool make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
+    const tm_contact *contact = maker->contact;
+    tm_tool *tool = maker->contact->tool + t;
+    int32_t revision = tm_tissue_surface(maker->world->tissue).revision;
+    tool->stiffness_kind = 0;
+    memset(patch, 0, sizeof *patch);
+    observe_motion(maker, t);
+    if (revision != maker->revision && maker->columns) tm_columns_cut(maker->columns);
+    maker->revision = revision;
+    patch->instrument = t;
+    tm_patch_hold hold;
+    const int32_t count = held(maker, t, &hold);
+    want(maker, t, hold.vertex, count, patch);
+    if (count > 0) return make_held(maker, t, &hold, patch);
+    if (count < 0 || !find_surface(maker, t, maker->def.max_vertices, 0, patch)) return false;
+    describe(maker, t, patch);
+    if (!tm_patch_fill(patch, block, maker, contact->row, contact->row_count)) return false;
+    tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
+    tool->stiffness_kind = patch->kind;
+    return true;
+}
+
+bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
+    TM_REQUIRE(maker && patch && t >= 0 && t < maker->contact->tool_count,
+               "maker or patch is null, or instrument is not one of its contact's", false);
+    tm_world *world = maker->world;
+    tm_world_work_of(world, maker);
+    const bool made = make(maker, t, patch);
+    tm_world_work_of(world, NULL);
+    return made;
+}
+
+int32_t tm_patch_pending(const tm_patch_maker *maker) {
+    TM_REQUIRE(maker, "maker is null", 0);
+    if (maker->columns) return tm_columns_pending(maker->columns);
+    int32_t pending = 0;
+    for (int t = 0; t < maker->contact->tool_count; t++)
+        for (int32_t i = 0; i < maker->wanted[t]; i++)
+            pending += kind(maker) != 2 || place_in(maker->known, maker->want[t][i]) < 0;
+    return pending;
+}
+
+static void destroy(void *self) {
+    tm_patch_maker *maker = self;
+    tm_patch_solver_destroy(maker->solver);
+    tm_pool pool = maker->pool;
+    tm_pool_release(&pool);
+}
+
+tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_def *def, tm_patch_maker **made,
+                         tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_PATCH, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && made && contact && contact->world == world,
+               "world or maker is null, or contact is not of this world", TM_ERR_ARGUMENT);
+    if (def->max_vertices < 3 || def->max_vertices > TM_PATCH_VERTICES || def->max_triangles < 1 ||
+        def->max_triangles > TM_PATCH_TRIANGLES || def->column_vertices < def->max_vertices || def->iterations < 0 ||
+        !(def->tolerance > 0) || !(def->horizon_s >= 0))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "patch: %d vertices, %d triangles, %d columns, %d iterations, tolerance %g, horizon %g s; give "
+                       "3 to %d vertices, 1 to %d triangles, at least as many columns, and none negative",
+                       def->max_vertices, def->max_triangles, def->column_vertices, def->iterations, def->tolerance,
+                       def->horizon_s, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES);
+    tm_pool pool = {0};
+    tm_patch_maker *maker = TM_TAKE(&pool, tm_patch_maker, 1);
+    tm_columns *columns = def->source ? NULL : tm_columns_create(&pool, world, def->column_vertices, def->tolerance);
+    tm_status status =
+        !pool.failed ? tm_patch_solver_create(&maker->solver, error) : tm_fail_memory(error, "patch stage");
+    if (status) {
+        tm_pool_release(&pool);
+        return status;
+    }
+    maker->pool = pool;
+    maker->def = *def;
+    if (def->iterations == 0) maker->def.iterations = 4 + 80000 / world->tissue->mesh->vertex_count;
+    maker->contact = contact;
+    maker->world = world;
+    maker->columns = columns;
+    if (def->source) maker->source = *def->source;
+    maker->revision = tm_tissue_surface(world->tissue).revision;
+    const tm_stage stage = {.size = sizeof(tm_stage),
+                            .name = "patch",
+                            .phase = TM_PHASE_BETWEEN,
+                            .destroy = destroy,
+                            .self = maker,
+                            .needs = {"contact"}};
+    status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    if (status) {
+        destroy(maker);
+        return status;
+    }
+    *made = maker;
+    return TM_OK;
+}

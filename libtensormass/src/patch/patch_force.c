@@ -1,0 +1,348 @@
+/* A patch with its compliance as a model of its own: contact solved against it. */
+#include "patch/patch_internal.h"
+
+#include <assert.h>
+#include <math.h>
+#include <string.h>
+
+#include "contact/contact_vec.h"
+
+#define ROWS 64
+#define BRANCHES 16
+#define SWEEPS 50
+#define ROUNDS 40
+#define MEMORY 6 /* rounds that the mixing looks back */
+
+struct tm_patch_solver {
+    tm_pool pool;
+    tm_contact_search *search;
+    int32_t vertex[TM_PATCH_VERTICES], vertex_count; /* of the patch that the rows are of */
+    tm_contact_row row[ROWS], before[ROWS];
+    int32_t row_count, before_count;
+    double response[ROWS][TM_PATCH_DOFS]; /* C J^T of each row */
+    double W[ROWS][ROWS];
+    double gap_m[ROWS];           /* without any force */
+    double free_m[TM_PATCH_DOFS]; /* displacement without the rows' forces, the tip where it is */
+    double force_N[TM_PATCH_DOFS], u_m[TM_PATCH_DOFS];
+    tm_hold_work hold;
+    double residual_N[TM_PATCH_DOFS],
+        force_before_N[TM_PATCH_DOFS]; /* of the round before, and the last changes of both */
+    double residual_change_N[MEMORY][TM_PATCH_DOFS], force_change_N[MEMORY][TM_PATCH_DOFS];
+};
+
+tm_status tm_patch_solver_create(tm_patch_solver **made, tm_error *error) {
+    tm_pool pool = {0};
+    tm_patch_solver *solver = TM_TAKE(&pool, tm_patch_solver, 1);
+    if (!solver) return tm_fail_memory(error, "patch solver");
+    tm_status status = tm_contact_search_create(&solver->search, error);
+    if (status) {
+        tm_pool_release(&pool);
+        return status;
+    }
+    solver->pool = pool;
+    *made = solver;
+    return TM_OK;
+}
+
+void tm_patch_solver_destroy(tm_patch_solver *solver) {
+    if (!solver) return;
+    tm_contact_search_destroy(solver->search);
+    tm_pool pool = solver->pool;
+    tm_pool_release(&pool);
+}
+
+static bool same_row(const tm_contact_row *a, const tm_contact_row *b) {
+    return a->station == b->station && a->face == b->face && a->feature == b->feature;
+}
+
+/* What is held is no obstacle. */
+static void leave_out_held(tm_patch_solver *s, const tm_patch *patch) {
+    int32_t kept = 0;
+    for (int32_t i = 0; i < s->row_count; i++) {
+        bool all = true;
+        for (int j = 0; j < 3; j++)
+            all = all && (s->row[i].weight[j] <= 0 || (patch->held >> s->row[i].vertex[j] & 1u) != 0);
+        if (!all) s->row[kept++] = s->row[i];
+    }
+    s->row_count = kept;
+}
+
+/* Rows against the shape under the present forces, with the multipliers of their likes before. */
+static void find_rows(tm_patch_solver *s, const tm_patch *patch, const tm_capsule *capsule) {
+    memcpy(s->before, s->row, sizeof *s->row * (size_t)s->row_count);
+    s->before_count = s->row_count;
+    memcpy(s->u_m, s->free_m, sizeof s->u_m);
+    tm_patch_deform(patch, s->force_N, 1, s->u_m);
+    bool overflowed;
+    s->row_count = tm_contact_search_rows(s->search, patch->rest_m, s->u_m, capsule, 0.2 * capsule->radius_m, s->before,
+                                          s->before_count, s->row, ROWS, &overflowed);
+    leave_out_held(s, patch);
+    for (int32_t i = 0; i < s->row_count; i++)
+        for (int32_t k = 0; k < s->before_count; k++)
+            if (same_row(s->row + i, s->before + k)) s->row[i].lambda_N = s->before[k].lambda_N;
+}
+
+static double row_shift(const tm_contact_row *row, const double *u_m) {
+    double sum = 0;
+    for (int j = 0; j < 3; j++) sum += row->weight[j] * vdot(row->normal, u_m + 3 * row->vertex[j]);
+    return sum;
+}
+
+static void linearise(tm_patch_solver *s, const tm_patch *patch) {
+    double shift[TM_PATCH_DOFS];
+    for (int32_t i = 0; i < 3 * patch->vertex_count; i++) shift[i] = s->u_m[i] - s->free_m[i];
+    for (int32_t i = 0; i < s->row_count; i++) {
+        double unit[TM_PATCH_DOFS] = {0};
+        for (int j = 0; j < 3; j++)
+            vmadd(unit + 3 * s->row[i].vertex[j], s->row[i].weight[j], s->row[i].normal,
+                  unit + 3 * s->row[i].vertex[j]);
+        memset(s->response[i], 0, sizeof s->response[i]);
+        tm_patch_deform(patch, unit, 1, s->response[i]);
+        s->gap_m[i] = s->row[i].gap_m - row_shift(s->row + i, shift);
+    }
+    for (int32_t i = 0; i < s->row_count; i++)
+        for (int32_t k = 0; k < s->row_count; k++) s->W[i][k] = row_shift(s->row + i, s->response[k]);
+}
+
+typedef enum row_state { ROW_OFF, ROW_SOFT, ROW_HARD, ROW_CAPPED } row_state;
+
+/* gap + W lambda + depth(lambda) of row i. */
+static double row_error(const tm_patch_solver *s, const tm_patch *patch, int32_t i) {
+    double error = s->gap_m[i];
+    for (int32_t k = 0; k < s->row_count; k++) error += s->W[i][k] * s->row[k].lambda_N;
+    return error + tm_skin_depth(patch->skin_compliance_m_N / s->row[i].share, patch->radius_m, s->row[i].lambda_N);
+}
+
+/* The multipliers of the rows whose skin is in its soft or hard branch, all at once: Gaussian elimination of a
+ * symmetric positive definite matrix. The multipliers of the others are given. */
+static void solve_branches(tm_patch_solver *s, const tm_patch *patch, const row_state *state) {
+    double A[ROWS][ROWS + 1];
+    int32_t at[ROWS], n = 0;
+    for (int32_t i = 0; i < s->row_count; i++) {
+        if (state[i] == ROW_SOFT || state[i] == ROW_HARD)
+            at[n++] = i;
+        else
+            s->row[i].lambda_N = state[i] == ROW_CAPPED ? patch->force_cap_N : 0;
+    }
+    for (int32_t a = 0; a < n; a++) {
+        int32_t i = at[a];
+        double compliance = patch->skin_compliance_m_N / s->row[i].share, soft = TM_SKIN_TRAVEL * patch->radius_m;
+        for (int32_t b = 0; b < n; b++) A[a][b] = s->W[i][at[b]];
+        A[a][a] += state[i] == ROW_SOFT ? compliance : compliance / TM_SKIN_HARDENING;
+        A[a][n] = -s->gap_m[i] - (state[i] == ROW_SOFT ? 0 : soft - soft / TM_SKIN_HARDENING);
+        for (int32_t k = 0; k < s->row_count; k++)
+            A[a][n] -= state[k] == ROW_CAPPED ? s->W[i][k] * patch->force_cap_N : 0;
+    }
+    for (int32_t k = 0; k < n; k++)
+        for (int32_t i = k + 1; i < n && A[k][k] > 0; i++) {
+            double factor = A[i][k] / A[k][k];
+            for (int32_t j = k; j <= n; j++) A[i][j] -= factor * A[k][j];
+        }
+    for (int32_t k = n - 1; k >= 0; k--) {
+        double sum = A[k][n];
+        for (int32_t j = k + 1; j < n; j++) sum -= A[k][j] * s->row[at[j]].lambda_N;
+        s->row[at[k]].lambda_N = A[k][k] > 0 ? sum / A[k][k] : 0;
+    }
+}
+
+/* True if some row must change its branch. */
+static bool change_branches(const tm_patch_solver *s, const tm_patch *patch, row_state *state) {
+    bool changed = false;
+    for (int32_t i = 0; i < s->row_count; i++) {
+        double lambda = s->row[i].lambda_N, compliance = patch->skin_compliance_m_N / s->row[i].share;
+        bool over = compliance * lambda > TM_SKIN_TRAVEL * patch->radius_m;
+        row_state next = lambda >= patch->force_cap_N ? ROW_CAPPED : over ? ROW_HARD : ROW_SOFT;
+        if (state[i] == ROW_OFF ? row_error(s, patch, i) >= 0 : lambda <= 0) next = ROW_OFF;
+        if (state[i] == ROW_CAPPED && row_error(s, patch, i) > 0) next = ROW_HARD;
+        changed = changed || next != state[i];
+        state[i] = next;
+    }
+    return changed;
+}
+
+/* The unilateral problem of these rows: by branches, from those of the round before. Sweeps would need hundreds: the
+ * tissue gives way far more than the skin, and neighbouring rows all feel the same tissue. */
+static void solve_rows(tm_patch_solver *s, const tm_patch *patch) {
+    row_state state[ROWS];
+    for (int32_t i = 0; i < s->row_count; i++)
+        state[i] = s->row[i].lambda_N > 0 || s->gap_m[i] < 0 ? ROW_SOFT : ROW_OFF;
+    bool changed = true;
+    for (int k = 0; k < BRANCHES && changed; k++) {
+        solve_branches(s, patch, state);
+        changed = change_branches(s, patch, state);
+    }
+    for (int k = 0; k < SWEEPS && changed; k++) /* branches that will not settle */
+        for (int32_t i = 0; i < s->row_count; i++) {
+            double compliance = patch->skin_compliance_m_N / s->row[i].share, lambda;
+            double free_gap = row_error(s, patch, i) - tm_skin_depth(compliance, patch->radius_m, s->row[i].lambda_N) -
+                              s->W[i][i] * s->row[i].lambda_N;
+            lambda = tm_skin_reaction(compliance, patch->radius_m, free_gap, fmax(s->W[i][i], 0), patch->force_cap_N);
+            s->row[i].lambda_N = lambda;
+        }
+}
+
+static double dot_n(const double *a, const double *b, int32_t n) {
+    double sum = 0;
+    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+/* mix := the combination of the remembered changes of the residual that is nearest to the residual: normal equations, a
+ * few unknowns. */
+static void nearest_combination(const tm_patch_solver *s, int32_t n, int32_t count, double mix[MEMORY]) {
+    double A[MEMORY][MEMORY + 1], trace = 0;
+    for (int32_t i = 0; i < count; i++) {
+        for (int32_t j = 0; j < count; j++) A[i][j] = dot_n(s->residual_change_N[i], s->residual_change_N[j], n);
+        A[i][count] = dot_n(s->residual_change_N[i], s->residual_N, n);
+        trace += A[i][i];
+    }
+    for (int32_t k = 0; k < count; k++) {
+        A[k][k] += 1e-12 * trace + 1e-300;
+        for (int32_t i = k + 1; i < count; i++) {
+            double factor = A[i][k] / A[k][k];
+            for (int32_t j = k; j <= count; j++) A[i][j] -= factor * A[k][j];
+        }
+    }
+    for (int32_t k = count - 1; k >= 0; k--) {
+        mix[k] = A[k][count];
+        for (int32_t j = k + 1; j < count; j++) mix[k] -= A[k][j] * mix[j];
+        mix[k] /= A[k][k];
+    }
+}
+
+/* The rows' forces against those that the shape was made with, and the next forces: Anderson's mixing of the last few
+ * rounds. Taking the rows' forces as they are swings (normals turn with the shape that the forces make) or creeps.
+ * Returns the largest residual. */
+static double take_forces(tm_patch_solver *s, const tm_patch *patch, int32_t round) {
+    int32_t n = 3 * patch->vertex_count, count = round < MEMORY ? round : MEMORY, slot = (round - 1) % MEMORY;
+    double largest = 0, before[TM_PATCH_DOFS], mix[MEMORY];
+    memcpy(before, s->residual_N, sizeof before);
+    for (int32_t i = 0; i < n; i++) s->residual_N[i] = -s->force_N[i];
+    for (int32_t i = 0; i < s->row_count; i++)
+        for (int j = 0; j < 3; j++)
+            vmadd(s->residual_N + 3 * s->row[i].vertex[j], s->row[i].lambda_N * s->row[i].weight[j], s->row[i].normal,
+                  s->residual_N + 3 * s->row[i].vertex[j]);
+    for (int32_t i = 0; i < n; i++) {
+        largest = fmax(largest, fabs(s->residual_N[i]));
+        if (round > 0) {
+            s->residual_change_N[slot][i] = s->residual_N[i] - before[i];
+            s->force_change_N[slot][i] = s->force_N[i] - s->force_before_N[i];
+        }
+    }
+    memcpy(s->force_before_N, s->force_N, sizeof s->force_N);
+    nearest_combination(s, n, count, mix);
+    for (int32_t i = 0; i < n; i++) {
+        s->force_N[i] += s->residual_N[i];
+        for (int32_t k = 0; k < count; k++)
+            s->force_N[i] -= mix[k] * (s->force_change_N[k][i] + s->residual_change_N[k][i]);
+    }
+    return largest;
+}
+
+/* Vertices of edges that only one triangle of the patch has. */
+static void find_border(const tm_patch *patch, bool border[TM_PATCH_VERTICES]) {
+    memset(border, 0, sizeof(bool) * TM_PATCH_VERTICES);
+    for (int32_t t = 0; t < patch->triangle_count; t++)
+        for (int j = 0; j < 3; j++) {
+            int8_t a = patch->triangle[3 * t + j], b = patch->triangle[3 * t + (j + 1) % 3];
+            int seen = 0;
+            for (int32_t o = 0; o < 3 * patch->triangle_count; o++) {
+                int8_t c = patch->triangle[o], d = patch->triangle[o - o % 3 + (o + 1) % 3];
+                seen += (a == c && b == d) || (a == d && b == c);
+            }
+            if (seen < 2) border[a] = border[b] = true;
+        }
+}
+
+static bool is_inside(const tm_patch_solver *s, const tm_patch *patch) {
+    bool border[TM_PATCH_VERTICES];
+    find_border(patch, border);
+    for (int32_t i = 0; i < s->row_count; i++) {
+        double weight = 0;
+        for (int j = 0; j < 3; j++) weight += border[s->row[i].vertex[j]] ? s->row[i].weight[j] : 0;
+        if (s->row[i].lambda_N > 0 && weight > 0.5) return false;
+    }
+    return true;
+}
+
+/* What is indexed by it stays within its arrays. */
+static bool is_whole(const tm_patch *patch) {
+    if (patch->vertex_count < 0 || patch->vertex_count > TM_PATCH_VERTICES || patch->triangle_count < 0 ||
+        patch->triangle_count > TM_PATCH_TRIANGLES || !(patch->radius_m > 0))
+        return false;
+    for (int32_t i = 0; i < 3 * patch->triangle_count; i++)
+        if (patch->triangle[i] < 0 || patch->triangle[i] >= patch->vertex_count) return false;
+    return true;
+}
+
+/* Of the hold on the tool: as it was, as the tool has moved, and as the rows beside it move what is held. */
+static void hold_force(const tm_patch_solver *s, const tm_patch *patch, const double moved[3], double force_N[3]) {
+    memset(force_N, 0, 3 * sizeof(double));
+    if (!patch->holds) return;
+    for (int i = 0; i < 3; i++) force_N[i] = patch->hold_N[i] + vdot(patch->hold_stiffness_N_m + 3 * i, moved);
+    for (int32_t k = 0; k < s->row_count; k++)
+        for (int j = 0; j < 9; j++)
+            vmadd(force_N, s->row[k].lambda_N * s->row[k].weight[j / 3] * s->row[k].normal[j % 3],
+                  patch->follow + 9 * s->row[k].vertex[j / 3] + 3 * (j % 3), force_N);
+}
+
+tm_hold_work *tm_patch_solver_work(tm_patch_solver *s) { return &s->hold; }
+
+void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double force_N[3], bool *inside) {
+    TM_REQUIRE(s && patch && tip_m && force_N, "solver, patch, tip_m or force_N is null", );
+    TM_REQUIRE(is_whole(patch) && tm_are_places(tip_m),
+               "the patch's counts, triangles or radius are out of range, or tip_m is", );
+    tm_instrument_def def = {.radius_m = patch->radius_m, .contact_length_m = patch->contact_length_m};
+    tm_tool_pose pose = {.active = true};
+    tm_surface_view surface = {.count = patch->triangle_count};
+    int32_t triangle[3 * TM_PATCH_TRIANGLES];
+    double moved[3];
+    vset(patch->trocar_m, def.trocar_m);
+    vset(tip_m, pose.tip_m);
+    tm_capsule capsule = tm_tool_capsule(&def, &pose, patch->instrument);
+    for (int32_t i = 0; i < 3 * patch->triangle_count; i++) triangle[i] = patch->triangle[i];
+    surface.triangle = triangle;
+    surface.face = patch->face;
+    if (s->vertex_count != patch->vertex_count ||
+        memcmp(s->vertex, patch->vertex, sizeof(int32_t) * (size_t)patch->vertex_count)) {
+        s->vertex_count = patch->vertex_count;
+        memcpy(s->vertex, patch->vertex, sizeof(int32_t) * (size_t)patch->vertex_count);
+        s->row_count = 0;
+        memset(s->force_N, 0, sizeof s->force_N);
+    }
+    vsub(tip_m, patch->hold_tip_m, moved);
+    for (int32_t i = 0; i < 3 * patch->vertex_count; i++)
+        s->free_m[i] = patch->vertex_m[i] - patch->rest_m[i] + (patch->holds ? vdot(patch->follow + 3 * i, moved) : 0);
+    memcpy(s->u_m, s->free_m, sizeof s->u_m);
+    tm_patch_deform(patch, s->force_N, 1, s->u_m);
+    tm_contact_search_gather(s->search, patch->rest_m, s->u_m, &surface, &capsule, 1);
+    for (int32_t k = 0; k < ROUNDS; k++) {
+        find_rows(s, patch, &capsule);
+        linearise(s, patch);
+        solve_rows(s, patch);
+        if (take_forces(s, patch, k) < 2e-8) break;
+    }
+    hold_force(s, patch, moved, force_N);
+    for (int32_t i = 0; i < s->row_count; i++) {
+        double on_tool[3], at_tip[3];
+        vscale(-s->row[i].lambda_N, s->row[i].normal, on_tool);
+        tm_tip_force(patch->trocar_m, tip_m, s->row[i].point_m, on_tool, at_tip);
+        vmadd(force_N, 1, at_tip, force_N);
+    }
+    if (inside) *inside = is_inside(s, patch);
+}
+
+void tm_patch_stiffness(tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double stiffness_N_m[9]) {
+    TM_REQUIRE(s && patch && tip_m && stiffness_N_m && is_whole(patch) && tm_are_places(tip_m),
+               "something is null, or the patch or tip_m is out of range", );
+    const double h = 2e-5;
+    for (int c = 0; c < 3; c++) {
+        double ahead[3], behind[3], at[3];
+        vset(tip_m, at);
+        at[c] = tip_m[c] + h;
+        tm_patch_force(s, patch, at, ahead, NULL);
+        at[c] = tip_m[c] - h;
+        tm_patch_force(s, patch, at, behind, NULL);
+        for (int i = 0; i < 3; i++) stiffness_N_m[3 * i + c] = (ahead[i] - behind[i]) / (2 * h);
+    }
+}

@@ -1,0 +1,45 @@
+/* The force loops: the plain reference in both precisions, the AVX2 forms where they can be, and the choice between
+ * them. */
+#include "tissue/kernel.h"
+
+#include <stddef.h>
+#include <string.h>
+
+#define TM_REAL double
+#define TM_NAME tm_force_plain_double
+#include "tissue/force_kernel.h"
+#undef TM_REAL
+#undef TM_NAME
+
+#define TM_REAL float
+#define TM_NAME tm_force_plain_single
+#include "tissue/force_kernel.h"
+#undef TM_REAL
+#undef TM_NAME
+
+#ifdef TM_HAS_AVX2
+#define TM_REAL double
+#define TM_NAME tm_force_avx2_double
+#define TM_LOAD4(from) _mm256_loadu_pd(from)
+#include "tissue/force_avx2_kernel.h"
+#undef TM_REAL
+#undef TM_NAME
+#undef TM_LOAD4
+
+#define TM_REAL float
+#define TM_NAME tm_force_avx2_single
+#define TM_LOAD4(from) _mm256_cvtps_pd(_mm_loadu_ps(from))
+#include "tissue/force_avx2_kernel.h"
+#undef TM_REAL
+#undef TM_NAME
+#undef TM_LOAD4
+#endif
+
+tm_force_kernel tm_force_choose(bool plain, bool single) {
+#ifdef TM_HAS_AVX2
+    if (!plain && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
+        return single ? tm_force_avx2_single : tm_force_avx2_double;
+#endif
+    (void)plain;
+    return single ? tm_force_plain_single : tm_force_plain_double;
+}

@@ -1,0 +1,305 @@
+/* Rest: dynamic relaxation of K u = f_ext.
+ *
+ * With forces, loads and supports alone the rest is a linear system, and the relaxation's mass (the 3x3 vertex
+ * tensors), damping and step are chosen anew each step so that the energy falls the most: that choice is the conjugate
+ * gradient method. With any further constraint (contact) the stages themselves run, under fictitious masses and a
+ * damping taken from the motion. */
+#include "cut/cut_internal.h"
+
+#include <float.h>
+#include <math.h>
+#include <string.h>
+
+tm_settle_def tm_settle_def_default(void) {
+    return (tm_settle_def){
+        .cookie = TM_COOKIE_SETTLE, .size = sizeof(tm_settle_def), .tolerance = 1e-10, .max_steps = 2000000};
+}
+
+typedef struct relaxation {
+    tm_pool pool;
+    tm_world *world;
+    const tm_settle_def *def;
+    int32_t n;        /* components */
+    uint8_t *held;    /* [n] prescribed, or without mass */
+    double *external; /* [n] */
+    double *start_u, *start_u_prev;
+    double *residual, *step, *image, *scaled; /* [n] */
+    double *inverse; /* [9*vertex_count] linear: inverse vertex tensors of the free components */
+    double *mass;    /* [vertex_count] else: fictitious masses, kg per s2 */
+    int64_t steps;
+    double relative;
+} relaxation;
+
+static bool known(const tm_stage *stage) {
+    return stage->run == tm_stage_force_run || stage->run == tm_stage_integrate_run ||
+           stage->run == tm_stage_integrate_damped_run || stage->run == tm_stage_gravity_run ||
+           stage->run == tm_stage_load_run || stage->run == tm_stage_support_run;
+}
+
+static bool is_linear(const tm_world *world) {
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (!known(&world->slot[i].stage)) return false;
+    return true;
+}
+
+static double largest(const double *a, const uint8_t *held, int32_t n) {
+    double most = 0;
+    for (int32_t i = 0; i < n; i++)
+        if (!held || !held[i]) most = fmax(most, fabs(a[i]));
+    return most;
+}
+
+static void run_phase(tm_world *world, tm_phase phase) {
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const tm_stage *stage = &world->slot[i].stage;
+        if (stage->phase == phase && !tm_stage_is_cut(stage)) stage->run(stage->self, world);
+    }
+}
+
+static bool report(relaxation *x) {
+    return !x->def->progress || x->steps % 128 || x->def->progress(x->def->user, x->steps, x->relative);
+}
+
+static tm_status not_converged(const relaxation *x, tm_error *error) {
+    return tm_fail(error, TM_ERR_CONVERGENCE, -1,
+                   "the residual is %g after %lld steps, not %g; allow more steps, a larger tolerance, or "
+                   "hold the tissue better",
+                   x->relative, (long long)x->steps, x->def->tolerance);
+}
+
+/* --- linear --- */
+
+/* Inverse of the vertex tensor's free part; held components get none. */
+static void invert_vertex(const tm_tissue *tissue, int32_t v, const uint8_t *held, double inverse[9]) {
+    double K[9];
+    tm_tissue_vertex_tensor(tissue, v, K);
+    for (int i = 0; i < 3; i++) {
+        if (!held[i]) continue;
+        for (int j = 0; j < 3; j++) K[3 * i + j] = K[3 * j + i] = 0;
+        K[4 * i] = 1;
+    }
+    double row[9];
+    for (int i = 0; i < 3; i++) tm_cross3(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), row + 3 * i);
+    const double det = tm_dot3(K, row);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) inverse[3 * i + j] = held[i] || held[j] ? 0 : row[3 * j + i] / det;
+}
+
+static void precondition(const relaxation *x, const double *r, double *z) {
+    for (int32_t v = 0; v < x->n / 3; v++)
+        for (int i = 0; i < 3; i++) z[3 * v + i] = tm_dot3(x->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
+}
+
+static double product(const double *a, const double *b, int32_t n) {
+    double sum = 0;
+    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
+    return sum;
+}
+
+/* residual := f_ext - K u on the free components; sets the relative residual. */
+static void true_residual(relaxation *x) {
+    const double *u = x->world->state.u_m;
+    tm_tissue_force(x->world->tissue, u, x->image);
+    const double reference = fmax(largest(x->external, NULL, x->n), largest(x->image, NULL, x->n));
+    for (int32_t i = 0; i < x->n; i++) x->residual[i] = x->held[i] ? 0 : x->external[i] + x->image[i];
+    const double most = largest(x->residual, NULL, x->n);
+    x->relative = most > 0 ? most / reference : 0;
+}
+
+/* One restart of the recurrence: until the recurred residual promises the tolerance, or it stops falling. */
+static tm_status relax_linear_once(relaxation *x, double reference, tm_error *error) {
+    double *u = x->world->state.u_m;
+    precondition(x, x->residual, x->step);
+    double rz = product(x->residual, x->step, x->n);
+    while (rz > 0) {
+        tm_tissue_force(x->world->tissue, x->step, x->image);
+        for (int32_t i = 0; i < x->n; i++)
+            if (x->held[i]) x->image[i] = 0;
+        const double curvature = -product(x->step, x->image, x->n);
+        if (!(curvature > 0)) break;
+        const double length = rz / curvature;
+        for (int32_t i = 0; i < x->n; i++) {
+            u[i] += length * x->step[i];
+            x->residual[i] += length * x->image[i];
+        }
+        precondition(x, x->residual, x->scaled);
+        const double next = product(x->residual, x->scaled, x->n);
+        const double carry = next / rz;
+        for (int32_t i = 0; i < x->n; i++) x->step[i] = x->scaled[i] + carry * x->step[i];
+        rz = next;
+        x->relative = largest(x->residual, NULL, x->n) / reference;
+        if (++x->steps >= x->def->max_steps || !report(x)) return not_converged(x, error);
+        if (!(x->relative > 0.5 * x->def->tolerance)) break;
+    }
+    return TM_OK;
+}
+
+static tm_status relax_linear(relaxation *x, tm_error *error) {
+    const tm_tissue *tissue = x->world->tissue;
+    for (int32_t v = 0; v < x->n / 3; v++) invert_vertex(tissue, v, x->held + 3 * v, x->inverse + 9 * (int64_t)v);
+    double best = HUGE_VAL;
+    for (int idle = 0;;) {
+        true_residual(x);
+        if (x->relative <= x->def->tolerance) return TM_OK;
+        idle = x->relative < 0.5 * best ? 0 : idle + 1;
+        best = fmin(best, x->relative);
+        if (!isfinite(x->relative) || idle > 4) return not_converged(x, error);
+        const double reference = largest(x->residual, NULL, x->n) / x->relative;
+        const tm_status status = relax_linear_once(x, reference, error);
+        if (status) return status;
+    }
+}
+
+/* --- with contact --- */
+
+/* Row sums bound the eigenvalues: with a unit step, mass above a quarter of them is stable. */
+static void fictitious_masses(relaxation *x) {
+    const tm_tissue *tissue = x->world->tissue;
+    const tm_mesh *mesh = tissue->mesh;
+    double K[9], *sum = x->scaled;
+    memset(sum, 0, sizeof(double) * (size_t)x->n);
+    for (int32_t v = 0; v < mesh->vertex_count; v++) {
+        tm_tissue_vertex_tensor(tissue, v, K);
+        for (int i = 0; i < 9; i++) sum[3 * v + i / 3] += fabs(K[i]);
+    }
+    for (int32_t e = 0; e < mesh->edge_count; e++) {
+        tm_tissue_edge_tensor(tissue, e, K);
+        for (int i = 0; i < 9; i++) {
+            sum[3 * mesh->edge[2 * e] + i / 3] += fabs(K[i]);
+            sum[3 * mesh->edge[2 * e + 1] + i % 3] += fabs(K[i]);
+        }
+    }
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        x->mass[v] = 1.1 / 4 * fmax(sum[3 * v], fmax(sum[3 * v + 1], sum[3 * v + 2]));
+}
+
+/* One pass over all stages but the integrator, whose place the relaxation takes. residual := the whole force,
+ * constraints included. */
+static void relaxed_pass(relaxation *x, double damping) {
+    tm_world *world = x->world;
+    tm_state *s = &world->state;
+    const double carry = (1 - damping / 2) / (1 + damping / 2);
+    for (int32_t v = 0; v < x->n / 3; v++)
+        world->mobility_s2_kg[v] = x->mass[v] > 0 ? 1 / (x->mass[v] * (1 + damping / 2)) : 0;
+    run_phase(world, TM_PHASE_BEGIN);
+    run_phase(world, TM_PHASE_FORCE);
+    run_phase(world, TM_PHASE_LOAD);
+    for (int32_t i = 0; i < x->n; i++)
+        s->u_next_m[i] =
+            s->u_m[i] + carry * (s->u_m[i] - s->u_prev_m[i]) + world->mobility_s2_kg[i / 3] * s->force_N[i];
+    run_phase(world, TM_PHASE_CONSTRAIN);
+    for (int32_t i = 0; i < x->n; i++) {
+        const double mobility = world->mobility_s2_kg[i / 3];
+        const double free_move = s->u_m[i] + carry * (s->u_m[i] - s->u_prev_m[i]);
+        x->residual[i] = x->held[i] || mobility == 0 ? 0 : (s->u_next_m[i] - free_move) / mobility;
+    }
+}
+
+/* Critical damping of the mode that moves: its frequency by Rayleigh's quotient of the last move. image = residual
+ * before. */
+static double damping_from_motion(const relaxation *x) {
+    const tm_state *s = &x->world->state;
+    double stiff = 0, heavy = 0;
+    for (int32_t i = 0; i < x->n; i++) {
+        const double move = s->u_m[i] - s->u_prev_m[i];
+        stiff += move * (x->image[i] - x->residual[i]);
+        heavy += move * move * x->mass[i / 3];
+    }
+    const double damping = heavy > 0 && stiff > 0 ? 2 * sqrt(stiff / heavy) : 0;
+    return fmin(damping, 1.6);
+}
+
+static tm_status relax_stages(relaxation *x, tm_error *error) {
+    tm_state *s = &x->world->state;
+    fictitious_masses(x);
+    double damping = 0;
+    for (int calm = 0; calm < 3;) {
+        relaxed_pass(x, damping);
+        const double reference = fmax(fmax(largest(x->external, NULL, x->n), largest(s->force_N, NULL, x->n)), DBL_MIN);
+        x->relative = largest(x->residual, NULL, x->n) / reference;
+        if (!isfinite(x->relative)) return not_converged(x, error);
+        calm = x->relative <= x->def->tolerance ? calm + 1 : 0;
+        damping = x->steps ? damping_from_motion(x) : 0;
+        memcpy(x->image, x->residual, sizeof(double) * (size_t)x->n);
+        double *oldest = s->u_prev_m;
+        s->u_prev_m = s->u_m;
+        s->u_m = s->u_next_m;
+        s->u_next_m = oldest;
+        if (++x->steps >= x->def->max_steps || !report(x)) return not_converged(x, error);
+    }
+    return TM_OK;
+}
+
+/* --- both --- */
+
+static bool take(relaxation *x, bool linear) {
+    const int64_t n = x->n;
+    x->held = TM_TAKE(&x->pool, uint8_t, n);
+    x->external = TM_TAKE(&x->pool, double, n);
+    x->start_u = TM_TAKE(&x->pool, double, n);
+    x->start_u_prev = TM_TAKE(&x->pool, double, n);
+    x->residual = TM_TAKE(&x->pool, double, n);
+    x->step = TM_TAKE(&x->pool, double, n);
+    x->image = TM_TAKE(&x->pool, double, n);
+    x->scaled = TM_TAKE(&x->pool, double, n);
+    if (linear)
+        x->inverse = TM_TAKE(&x->pool, double, 3 * n);
+    else
+        x->mass = TM_TAKE(&x->pool, double, n / 3);
+    return !x->pool.failed;
+}
+
+static void prepare(relaxation *x) {
+    tm_state *s = &x->world->state;
+    const size_t bytes = sizeof(double) * (size_t)x->n;
+    memcpy(x->start_u, s->u_m, bytes);
+    memcpy(x->start_u_prev, s->u_prev_m, bytes);
+    tm_support_mask(x->world, x->held);
+    for (int32_t i = 0; i < x->n; i++)
+        if (x->world->tissue->mass_kg[i / 3] == 0) x->held[i] = 1;
+    memset(s->force_N, 0, bytes);
+    run_phase(x->world, TM_PHASE_LOAD);
+    memcpy(x->external, s->force_N, bytes);
+    tm_support_impose(x->world, s->u_m);
+    memcpy(s->u_prev_m, s->u_m, bytes);
+}
+
+/* Leaves forces, reactions and contact as the first step from here would find them. */
+static void refresh(tm_world *world) {
+    tm_world_changed(world);
+    for (tm_phase phase = TM_PHASE_FORCE; phase <= TM_PHASE_CONSTRAIN; phase++) run_phase(world, phase);
+}
+
+tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_SETTLE, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world, "world is null", TM_ERR_ARGUMENT);
+    if (!(def->tolerance > 0) || def->max_steps < 1)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g, %lld steps; give positive numbers", def->tolerance,
+                       (long long)def->max_steps);
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.not_settled)
+            return tm_fail(error, TM_ERR_ARGUMENT, -1, "settling: stage %s: %s", world->slot[i].stage.name,
+                           world->slot[i].stage.not_settled);
+    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++)
+        if (!tm_is_place(world->state.u_m[i]) || !tm_is_place(world->state.u_prev_m[i]))
+            return tm_fail(error, TM_ERR_ARGUMENT, i / 3,
+                           "vertex %d: its displacement is %g m, before %g m; give finite ones to settle from", i / 3,
+                           world->state.u_m[i], world->state.u_prev_m[i]);
+    relaxation x = {.world = world, .def = def, .n = 3 * world->tissue->mesh->vertex_count};
+    const bool linear = is_linear(world);
+    if (!take(&x, linear)) {
+        tm_pool_release(&x.pool);
+        return tm_fail_memory(error, "settling");
+    }
+    prepare(&x);
+    tm_status status = linear ? tm_check_held(world, x.external, error) : TM_OK;
+    if (!status) status = linear ? relax_linear(&x, error) : relax_stages(&x, error);
+    tm_state *s = &world->state;
+    const size_t bytes = sizeof(double) * (size_t)x.n;
+    memcpy(s->u_m, status ? x.start_u : s->u_m, status ? bytes : 0);
+    memcpy(s->u_prev_m, status ? x.start_u_prev : s->u_m, bytes);
+    refresh(world);
+    if (result) *result = (tm_settle_result){x.steps, x.relative, tm_tissue_energy(world->tissue, s->u_m)};
+    tm_pool_release(&x.pool);
+    return status;
+}

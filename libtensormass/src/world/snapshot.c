@@ -1,0 +1,261 @@
+/* Snapshot: a header with a checksum, then state, living tetrahedra, the surface's slots and what stages keep.
+ * Everything is checked before anything is taken. */
+#include "cut/cut_internal.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { VERSION = 2, ORDER = 0x01020304 };
+static const char MAGIC[8] = {'T', 'M', 'S', 'N', 'A', 'P', '\r', '\n'};
+
+typedef struct header {
+    char magic[8];
+    uint32_t version, order; /* byte order and sizes of this machine */
+    int64_t bytes;           /* of the whole */
+    uint64_t checksum;       /* of the whole, this field zero */
+    uint64_t scene;          /* hash of mesh, materials, fibres, precision */
+    int32_t vertex_count, tet_count, surface_count, stage_count;
+    int64_t step;
+    double time_s, dt_s;
+} header;
+
+typedef struct stage_header {
+    char name[24];
+    int64_t bytes;
+} stage_header;
+
+static int64_t padded(int64_t bytes) { return (bytes + 7) / 8 * 8; }
+
+static uint64_t scene_hash(const tm_tissue *tissue) {
+    const tm_mesh *mesh = tissue->mesh;
+    uint64_t h = tm_hash(mesh->rest_m, sizeof(double) * 3 * (size_t)mesh->vertex_count, TM_HASH_SEED);
+    h = tm_hash(mesh->tet, sizeof(int32_t) * 4 * (size_t)mesh->tet_count, h);
+    h = tm_hash(mesh->region, sizeof(int32_t) * (size_t)mesh->tet_count, h);
+    h = tm_hash(tissue->material, sizeof(tm_material) * (size_t)tissue->material_count, h);
+    h = tm_hash(tissue->region_material, sizeof(int32_t) * (size_t)mesh->region_count, h);
+    if (tissue->fibre) h = tm_hash(tissue->fibre, sizeof(double) * 3 * (size_t)mesh->tet_count, h);
+    return tm_hash(&tissue->precision, sizeof tissue->precision, h);
+}
+
+static uint64_t checksum(const void *buffer, int64_t bytes) {
+    header h;
+    memcpy(&h, buffer, sizeof h);
+    h.checksum = 0;
+    return tm_hash((const char *)buffer + sizeof h, (size_t)bytes - sizeof h, tm_hash(&h, sizeof h, TM_HASH_SEED));
+}
+
+static int64_t body_bytes(const tm_mesh *mesh, int32_t surface_count) {
+    return 2 * (int64_t)sizeof(double) * 3 * mesh->vertex_count + padded(mesh->tet_count) +
+           padded((int64_t)sizeof(int32_t) * surface_count);
+}
+
+static bool keeps(const tm_stage *stage) { return stage->snapshot && stage->restore; }
+
+int64_t tm_snapshot_bytes(const tm_world *world) {
+    TM_REQUIRE(world, "world is null", 0);
+    int64_t bytes = (int64_t)sizeof(header) + body_bytes(world->tissue->mesh, world->tissue->surface.count);
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const tm_stage *stage = &world->slot[i].stage;
+        if (keeps(stage)) bytes += (int64_t)sizeof(stage_header) + padded(stage->snapshot(stage->self, NULL));
+    }
+    return bytes;
+}
+
+/* Writes, and zeroes the padding, so that equal worlds have equal snapshots. */
+static char *put(char *to, const void *from, int64_t bytes) {
+    memcpy(to, from, (size_t)bytes);
+    memset(to + bytes, 0, (size_t)(padded(bytes) - bytes));
+    return to + padded(bytes);
+}
+
+tm_status tm_snapshot_save(const tm_world *world, void *buffer, int64_t bytes, tm_error *error) {
+    TM_REQUIRE(world && buffer, "world or buffer is null", TM_ERR_ARGUMENT);
+    const int64_t needed = tm_snapshot_bytes(world);
+    if (bytes < needed)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "snapshot: %lld bytes of room for %lld; ask tm_snapshot_bytes",
+                       (long long)bytes, (long long)needed);
+    const tm_tissue *tissue = world->tissue;
+    const int64_t n = 3 * (int64_t)tissue->mesh->vertex_count * (int64_t)sizeof(double);
+    header h = {.version = VERSION,
+                .order = ORDER,
+                .bytes = needed,
+                .scene = scene_hash(tissue),
+                .vertex_count = tissue->mesh->vertex_count,
+                .tet_count = tissue->mesh->tet_count,
+                .surface_count = tissue->surface.count,
+                .step = world->state.step,
+                .time_s = world->state.time_s,
+                .dt_s = world->state.dt_s};
+    memcpy(h.magic, MAGIC, sizeof MAGIC);
+    char *to = (char *)buffer + sizeof h;
+    to = put(to, world->state.u_m, n);
+    to = put(to, world->state.u_prev_m, n);
+    to = put(to, tissue->alive, tissue->mesh->tet_count);
+    to = put(to, tissue->surface.face, (int64_t)sizeof(int32_t) * tissue->surface.count);
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const tm_stage *stage = &world->slot[i].stage;
+        if (!keeps(stage)) continue;
+        stage_header s = {.bytes = stage->snapshot(stage->self, NULL)};
+        for (size_t c = 0; c + 1 < sizeof s.name && stage->name[c]; c++) s.name[c] = stage->name[c];
+        memcpy(to, &s, sizeof s);
+        to += sizeof s;
+        memset(to, 0, (size_t)padded(s.bytes));
+        stage->snapshot(stage->self, to);
+        to += padded(s.bytes);
+        h.stage_count++;
+    }
+    memcpy(buffer, &h, sizeof h);
+    h.checksum = checksum(buffer, needed);
+    memcpy(buffer, &h, sizeof h);
+    return TM_OK;
+}
+
+/* --- restoring --- */
+
+static tm_status check_header(const tm_world *world, const void *buffer, int64_t bytes, header *h, tm_error *error) {
+    const tm_mesh *mesh = world->tissue->mesh;
+    if (bytes < (int64_t)sizeof *h)
+        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: %lld bytes are too few; it is truncated, save it again",
+                       (long long)bytes);
+    memcpy(h, buffer, sizeof *h);
+    if (memcmp(h->magic, MAGIC, sizeof MAGIC))
+        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: does not begin as one; give a file saved as a snapshot");
+    if (h->version != VERSION || h->order != ORDER)
+        return tm_fail(error, TM_ERR_FILE, -1,
+                       "snapshot: version %u or byte order of another library or machine; save it again with this one",
+                       h->version);
+    if (h->bytes != bytes)
+        return tm_fail(
+            error, TM_ERR_FILE, -1,
+            "snapshot: holds %lld bytes and says %lld; it is truncated or has something behind it, save it again",
+            (long long)bytes, (long long)h->bytes);
+    if (h->checksum != checksum(buffer, bytes))
+        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its checksum is wrong; it is damaged, save it again");
+    if (h->vertex_count != mesh->vertex_count || h->tet_count != mesh->tet_count ||
+        h->scene != scene_hash(world->tissue))
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "snapshot: of another mesh or other materials (%d vertices, %d tetrahedra); open the scene it was "
+            "saved from",
+            h->vertex_count, h->tet_count);
+    if (tm_world_check_step(world, h->dt_s, NULL) || h->surface_count < 0 ||
+        h->surface_count > 4 * (int64_t)h->tet_count || bytes < (int64_t)sizeof *h + body_bytes(mesh, h->surface_count))
+        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its time step or its sizes cannot be; save it again");
+    return TM_OK;
+}
+
+/* The slots must name exactly the outer faces of the living tetrahedra, each once. A tissue that cannot be cut has one
+ * surface only. */
+static bool surface_fits(const tm_tissue *tissue, const uint8_t *alive, const int32_t *face, int32_t count) {
+    const tm_mesh *mesh = tissue->mesh;
+    if (!tissue->cuttable)
+        return count == tissue->surface.count && !memcmp(face, tissue->surface.face, sizeof(int32_t) * (size_t)count);
+    int32_t outer = 0, *seen = tissue->cut->fan_of; /* work space: a bit for each face */
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        if (alive[t] > 1) return false;
+        seen[t] = 0;
+        for (int f = 0; f < 4 && alive[t]; f++) {
+            const int32_t other = mesh->tet_neighbour[4 * (int64_t)t + f];
+            outer += other < 0 || !alive[other];
+        }
+    }
+    for (int32_t i = 0; i < count; i++) {
+        const int32_t f = face[i];
+        if (f < 0 || f >= 4 * mesh->tet_count || !alive[f / 4] || (seen[f / 4] & 1 << f % 4)) return false;
+        if (mesh->tet_neighbour[f] >= 0 && alive[mesh->tet_neighbour[f]]) return false;
+        seen[f / 4] |= 1 << f % 4;
+    }
+    return outer == count;
+}
+
+/* Walks the stages' parts; with `apply` they take them. */
+static tm_status stages(tm_world *world, const header *h, const char *at, const char *end, bool apply,
+                        tm_error *error) {
+    int32_t found = 0;
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const tm_stage *stage = &world->slot[i].stage;
+        if (!keeps(stage)) continue;
+        stage_header s;
+        if (end - at < (int64_t)sizeof s)
+            return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                           "snapshot: has nothing for stage %s; open the scene it was saved from", stage->name);
+        memcpy(&s, at, sizeof s);
+        at += sizeof s;
+        if (strncmp(s.name, stage->name, sizeof s.name - 1) || s.bytes < 0 || s.bytes > end - at ||
+            padded(s.bytes) > end - at)
+            return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                           "snapshot: was saved with other stages, not with %s here; open the scene it was saved from",
+                           stage->name);
+        if (!stage->restore(stage->self, world, at, s.bytes, apply))
+            return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                           "snapshot: what it has for stage %s does not fit; open the scene it was saved from",
+                           stage->name);
+        at += padded(s.bytes);
+        found++;
+    }
+    if (found != h->stage_count || at != end)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "snapshot: was saved with more stages; open the scene it was saved from");
+    return TM_OK;
+}
+
+static void take_tissue(tm_tissue *tissue, const uint8_t *alive, const int32_t *face, int32_t count) {
+    const tm_mesh *mesh = tissue->mesh;
+    memcpy(tissue->alive, alive, (size_t)mesh->tet_count);
+    tissue->alive_count = 0;
+    for (int32_t t = 0; t < mesh->tet_count; t++) tissue->alive_count += alive[t];
+    tm_tissue_place_edges(tissue);
+    for (int32_t e = 0; e < mesh->edge_count; e++) tm_tissue_assemble_edge(tissue, e);
+    for (int32_t v = 0; v < mesh->vertex_count; v++) tm_tissue_assemble_vertex(tissue, v);
+    tm_cut_count(tissue);
+    memset(tissue->face_slot, -1, sizeof(int32_t) * 4 * (size_t)mesh->tet_count);
+    for (int32_t i = 0; i < count; i++) {
+        const int32_t f = face[i];
+        for (int k = 0; k < 3; k++)
+            tissue->surface_triangle[3 * i + k] = mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][k]];
+        tissue->surface_face[i] = f;
+        tissue->face_slot[f] = i;
+    }
+    tissue->surface.count = count;
+    tissue->surface.revision++;
+}
+
+tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes, tm_error *error) {
+    TM_REQUIRE(world && buffer, "world or buffer is null", TM_ERR_ARGUMENT);
+    header h;
+    if ((uintptr_t)buffer % 8)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "snapshot: its buffer is not aligned to 8 bytes; allocate it with malloc");
+    tm_status status = check_header(world, buffer, bytes, &h, error);
+    if (status) return status;
+    tm_tissue *tissue = world->tissue;
+    const int64_t n = 3 * (int64_t)h.vertex_count * (int64_t)sizeof(double);
+    const char *u = (const char *)buffer + sizeof h, *u_prev = u + n;
+    const uint8_t *alive = (const uint8_t *)(u_prev + n);
+    const int32_t *face = (const int32_t *)(alive + padded(h.tet_count));
+    const char *rest = (const char *)face + padded((int64_t)sizeof(int32_t) * h.surface_count);
+    for (int64_t i = 0; i < 6 * (int64_t)h.vertex_count; i++) {
+        double value; /* u, then u_prev */
+        memcpy(&value, u + i * (int64_t)sizeof value, sizeof value);
+        if (!isfinite(value))
+            return tm_fail(error, TM_ERR_FILE, i / 3 % h.vertex_count,
+                           "snapshot: a displacement is not finite; save it again");
+    }
+    if (!surface_fits(tissue, alive, face, h.surface_count))
+        return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its surface is not that of its tetrahedra; save it again");
+    const bool cut = memcmp(alive, tissue->alive, (size_t)h.tet_count) != 0;
+    if (cut && !tissue->cuttable)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "snapshot: of a cut tissue, and this one is not cuttable; open the scene it was saved from");
+    status = stages(world, &h, rest, (const char *)buffer + bytes, false, error);
+    if (status) return status;
+
+    if (tissue->cuttable) take_tissue(tissue, alive, face, h.surface_count);
+    memcpy(world->state.u_m, u, (size_t)n);
+    memcpy(world->state.u_prev_m, u_prev, (size_t)n);
+    world->state.step = h.step;
+    world->state.time_s = h.time_s;
+    world->state.dt_s = h.dt_s;
+    tm_world_changed(world);
+    return stages(world, &h, rest, (const char *)buffer + bytes, true, error);
+}

@@ -1,0 +1,52 @@
+/* Stage "gravity": m g on every vertex. */
+#include "world/world_internal.h"
+
+#include <math.h>
+
+typedef struct gravity {
+    tm_pool pool;
+    double g_m_s2[3];
+} gravity;
+
+void tm_stage_gravity_run(void *self, tm_world *world) {
+    const gravity *stage = self;
+    const double *TM_RESTRICT mass = world->tissue->mass_kg;
+    double *TM_RESTRICT f = world->state.force_N;
+    const double gx = stage->g_m_s2[0], gy = stage->g_m_s2[1], gz = stage->g_m_s2[2];
+    const tm_force_graph *g = &world->tissue->graph;
+    for (int32_t begin, end = 0; tm_next_run(g->living, g->vertex_count, &begin, &end);)
+        for (int32_t v = begin; v < end; v++) {
+            f[3 * v] += mass[v] * gx;
+            f[3 * v + 1] += mass[v] * gy;
+            f[3 * v + 2] += mass[v] * gz;
+        }
+}
+
+const double *tm_stage_gravity_m_s2(const void *self) { return ((const gravity *)self)->g_m_s2; }
+
+static void destroy(void *self) {
+    tm_pool pool = ((gravity *)self)->pool;
+    tm_pool_release(&pool);
+}
+
+tm_status tm_stage_gravity(tm_world *world, const double g_m_s2[3], tm_error *error) {
+    TM_REQUIRE(world && g_m_s2, "world or g_m_s2 is null", TM_ERR_ARGUMENT);
+    for (int i = 0; i < 3; i++)
+        if (!isfinite(g_m_s2[i]))
+            return tm_fail(error, TM_ERR_ARGUMENT, i, "gravity: its %c component is %g; give a finite number", "xyz"[i],
+                           g_m_s2[i]);
+    tm_pool pool = {0};
+    gravity *self = TM_TAKE(&pool, gravity, 1);
+    if (!self) return tm_fail_memory(error, "gravity stage");
+    for (int i = 0; i < 3; i++) self->g_m_s2[i] = g_m_s2[i];
+    self->pool = pool;
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = "gravity",
+                            .phase = TM_PHASE_LOAD,
+                            .run = tm_stage_gravity_run,
+                            .destroy = destroy,
+                            .self = self};
+    const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    if (status) destroy(self);
+    return status;
+}

@@ -1,0 +1,165 @@
+/* Stage "support": prescribed displacements, and the force that holds them. */
+#include "world/world_internal.h"
+
+#include <math.h>
+#include <string.h>
+
+typedef struct support {
+    tm_pool pool;
+    int32_t count;
+    int32_t *dof; /* ascending, each once */
+    double *value_m;
+    double *reaction_N; /* of the last step, on the tissue */
+    double *kept;       /* [2*count] both when the step began */
+    int32_t *place;     /* [given] where the caller's component went */
+    int32_t given;
+} support;
+
+tm_support_def tm_support_def_default(void) {
+    return (tm_support_def){.cookie = TM_COOKIE_SUPPORT, .size = sizeof(tm_support_def)};
+}
+
+void tm_stage_support_run(void *self, tm_world *world) {
+    support *stage = self;
+    double *u_next = world->state.u_next_m;
+    for (int32_t i = 0; i < stage->count; i++) {
+        const int32_t d = stage->dof[i];
+        const double mobility = world->mobility_s2_kg[d / 3];
+        stage->reaction_N[i] = mobility > 0 ? (stage->value_m[i] - u_next[d]) / mobility : 0;
+        u_next[d] = stage->value_m[i];
+    }
+}
+
+void tm_support_impose(const tm_world *world, double *u_m) {
+    const support *stage = world->support;
+    for (int32_t i = 0; stage && i < stage->count; i++) u_m[stage->dof[i]] = stage->value_m[i];
+}
+
+void tm_support_reaction(const tm_world *world, double *reaction_N) {
+    TM_REQUIRE(world && reaction_N, "world or reaction_N is null", );
+    const support *stage = world->support;
+    for (int32_t i = 0; stage && i < stage->count; i++) reaction_N[stage->dof[i]] += stage->reaction_N[i];
+}
+
+void tm_support_mask(const tm_world *world, uint8_t *mask) {
+    TM_REQUIRE(world && mask, "world or mask is null", );
+    const support *stage = world->support;
+    for (int32_t i = 0; stage && i < stage->count; i++) mask[stage->dof[i]] = 1;
+}
+
+void tm_support_move(tm_world *world, int32_t component, double value_m) {
+    TM_REQUIRE(world && world->support, "world is null or has no supports", );
+    support *stage = world->support;
+    TM_REQUIRE(component >= 0 && component < stage->given, "component is not one of the supports' list", );
+    TM_REQUIRE(tm_is_place(value_m), "value_m is not finite or beyond 1e6 m", );
+    stage->value_m[stage->place[component]] = value_m;
+}
+
+static void destroy(void *self) {
+    tm_pool pool = ((support *)self)->pool;
+    tm_pool_release(&pool);
+}
+
+static tm_status check(const tm_world *world, const tm_support_def *def, tm_error *error) {
+    const int32_t dofs = 3 * world->tissue->mesh->vertex_count;
+    for (int32_t i = 0; i < def->count; i++) {
+        if (def->dof[i] < 0 || def->dof[i] >= dofs)
+            return tm_fail(error, TM_ERR_ARGUMENT, i, "support: component %d names dof %d of %d; dof = 3*vertex + axis",
+                           i, def->dof[i], dofs);
+        if (!isfinite(def->value_m[i]) || fabs(def->value_m[i]) > 1e6)
+            return tm_fail(error, TM_ERR_ARGUMENT, def->dof[i] / 3,
+                           "support: vertex %d is held at %g m; give a finite displacement", def->dof[i] / 3,
+                           def->value_m[i]);
+    }
+    return TM_OK;
+}
+
+/* Fills the stage from the caller's list: ascending, doubles merged. `seen` [dofs] is work space, first zero. */
+static tm_status fill(support *stage, const tm_support_def *def, int32_t dofs, int32_t *seen, tm_error *error) {
+    for (int32_t i = 0; i < def->count; i++) {
+        const int32_t d = def->dof[i];
+        if (seen[d] && def->value_m[seen[d] - 1] != def->value_m[i])
+            return tm_fail(error, TM_ERR_SUPPORT, d / 3,
+                           "support: vertex %d is held at %g m and at %g m along %c; take it out of one "
+                           "support",
+                           d / 3, def->value_m[seen[d] - 1], def->value_m[i], "xyz"[d % 3]);
+        if (!seen[d]) seen[d] = i + 1;
+    }
+    for (int32_t d = 0; d < dofs; d++) {
+        if (!seen[d]) continue;
+        stage->dof[stage->count] = d;
+        stage->value_m[stage->count] = def->value_m[seen[d] - 1];
+        seen[d] = stage->count++;
+    }
+    stage->given = def->count;
+    for (int32_t i = 0; i < def->count; i++) stage->place[i] = seen[def->dof[i]];
+    return TM_OK;
+}
+
+/* The prescribed values: tm_support_move changes them. */
+static int64_t snapshot(void *self, void *buffer) {
+    const support *stage = self;
+    if (buffer) memcpy(buffer, stage->value_m, sizeof(double) * (size_t)stage->count);
+    return (int64_t)sizeof(double) * stage->count;
+}
+
+static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
+    (void)world;
+    support *stage = self;
+    if (bytes != (int64_t)sizeof(double) * stage->count) return false;
+    if (apply) memcpy(stage->value_m, buffer, (size_t)bytes);
+    return true;
+}
+
+static void keep(void *self) {
+    const support *stage = self;
+    memcpy(stage->kept, stage->value_m, sizeof(double) * (size_t)stage->count);
+    memcpy(stage->kept + stage->count, stage->reaction_N, sizeof(double) * (size_t)stage->count);
+}
+
+static void give_back(void *self, tm_world *world) {
+    (void)world;
+    const support *stage = self;
+    memcpy(stage->value_m, stage->kept, sizeof(double) * (size_t)stage->count);
+    memcpy(stage->reaction_N, stage->kept + stage->count, sizeof(double) * (size_t)stage->count);
+}
+
+tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_SUPPORT, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && ((def->dof && def->value_m) || def->count <= 0), "world, def->dof or def->value_m is null",
+               TM_ERR_ARGUMENT);
+    if (def->count < 0)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "support: %d components; give 0 or more", def->count);
+    tm_status status = check(world, def, error);
+    if (status) return status;
+    const int32_t dofs = 3 * world->tissue->mesh->vertex_count;
+    tm_pool pool = {0}, work = {0};
+    support *self = TM_TAKE(&pool, support, 1);
+    int32_t *dof = TM_TAKE(&pool, int32_t, def->count), *place = TM_TAKE(&pool, int32_t, def->count);
+    double *value = TM_TAKE(&pool, double, def->count), *reaction = TM_TAKE(&pool, double, def->count);
+    double *kept = TM_TAKE(&pool, double, 2 * (int64_t)def->count);
+    int32_t *seen = TM_TAKE(&work, int32_t, dofs);
+    if (pool.failed || work.failed) {
+        status = tm_fail_memory(error, "support stage");
+    } else {
+        *self = (support){.dof = dof, .value_m = value, .reaction_N = reaction, .kept = kept, .place = place};
+        status = fill(self, def, dofs, seen, error);
+    }
+    tm_pool_release(&work);
+    if (!status) {
+        self->pool = pool;
+        const tm_stage stage = {.size = sizeof stage,
+                                .name = "support",
+                                .phase = TM_PHASE_CONSTRAIN,
+                                .run = tm_stage_support_run,
+                                .destroy = destroy,
+                                .self = self,
+                                .snapshot = snapshot,
+                                .restore = restore,
+                                .keep = keep,
+                                .give_back = give_back};
+        status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    }
+    if (status) tm_pool_release(&pool);
+    return status;
+}
