@@ -56,6 +56,9 @@ def once(tmp_path_factory):
 # Watch the wall clock: tests/run.py runs them by themselves.
 ALONE = ("can/test_guest", "trust/test_trust", "trust/test_flags", "loop/test_processes", "loop/test_two_hosts", "loop/test_release", "loop/test_soak", "install/test_live", "view/test_session", "view/test_display", "view/test_play", "bench/")
 
+# Long, on the processors alone and by no clock: tests/run.py gives them what those leave.
+LEFTOVER = ("sanitize/test_sanitize.py::test_short_form",)
+
 # Look at the plain build itself, its instructions, memory, system calls, libraries and speed, or make builds of their own: not run by tests/sanitize/run.py.
 # (test_ranks: OpenMPI leaks from modules that it has closed by then, which no suppression can name.)
 PLAIN = ("accuracy/", "bench/", "can/test_guest", "docs/", "effects/", "evaluate/", "firmware/", "fuzz/", "hash/", "install/", "loop/test_lint",
@@ -69,6 +72,7 @@ if os.environ.get("TM_SANITIZER") == "tsan":
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "alone: watches the wall clock, runs with no other test beside it")
+    config.addinivalue_line("markers", "leftover: long, runs on the processor time that `alone` ones leave")
     config.addinivalue_line("markers", "plain: about the plain build, not for a sanitizer's")
 
 
@@ -77,5 +81,7 @@ def pytest_collection_modifyitems(items):
         path = item.path.relative_to(ROOT / "tests").as_posix()
         if path.startswith(ALONE):
             item.add_marker(pytest.mark.alone)
+        if f"{path}::{item.name}".startswith(LEFTOVER):
+            item.add_marker(pytest.mark.leftover)
         if f"{path}::{item.name}".startswith(PLAIN):
             item.add_marker(pytest.mark.plain)

@@ -1,25 +1,35 @@
 """Runs every test: those that share the processors first, two at a time, then one by one those that watch the wall clock (guests, whole rings of programs,
-windows), which other tests beside them would starve. The last line counts both: `N passed, N failed, N skipped`."""
+windows), which other tests beside them would starve. Those mostly wait; what they leave of the processors goes to the sanitizers' builds, in the scheduler's idle
+class. The last line counts all: `N passed, N failed, N skipped`."""
 import os
 import re
 import subprocess
 import sys
+import threading
 
 JOBS = os.environ.get("TM_JOBS", "2")
 
 
-def phase(*arguments):
-    """Counts of one pytest run, shown as it goes."""
+def idle():
+    """Of this process and its children: runs where nothing else wants to."""
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+
+
+def phase(*arguments, leftover=False):
+    """Counts of one pytest run, shown as it goes, or at its end if it lives on what others leave."""
     command = [sys.executable, "-m", "pytest", "tests", "-q", "-p", "no:cacheprovider", *arguments, *sys.argv[1:]]
-    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    counts = None
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=idle if leftover else None)
+    counts, said = None, []
     for line in run.stdout:
         found = re.fullmatch(r"(\d+) passed, (\d+) failed, (\d+) skipped\n", line)
         if found:
             counts = [int(n) for n in found.groups()]
+        elif leftover:
+            said.append(line)
         else:
             print(line, end="", flush=True)
     code = run.wait()
+    print("".join(said), end="", flush=True)
     if counts is None or code not in (0, 1, 5):  # 5: nothing was selected
         counts = counts or [0, 0, 0]
         counts[1] = max(counts[1], 1)
@@ -27,9 +37,13 @@ def phase(*arguments):
 
 
 def main():
-    together = phase("-m", "not alone", "-n", JOBS, "--dist", "worksteal")
+    together = phase("-m", "not alone and not leftover", "-n", JOBS, "--dist", "worksteal")
+    leftover = []
+    beside = threading.Thread(target=lambda: leftover.extend(phase("-m", "leftover", "-n", JOBS, leftover=True)))
+    beside.start()
     alone = phase("-m", "alone")
-    passed, failed, skipped = (a + b for a, b in zip(together, alone))
+    beside.join()
+    passed, failed, skipped = (sum(counts) for counts in zip(together, alone, leftover))
     print(f"{passed} passed, {failed} failed, {skipped} skipped", flush=True)
     return 1 if failed or not passed else 0
 
