@@ -46,6 +46,10 @@ def _all(data, pick):
     for r in data["roughness"]:
         if r["depth_m"] > 0.0015:
             yield f"the force itself, {r['model']}, {1e3 * r['depth_m']:.0f} mm", "second difference per tick, % of peak, at most", 0.5, 100 * r["largest"]
+    for late in (0, 1, 2):
+        largest = [r["largest"] for r in data["cutting"] if r["extrapolator"] == "contact" and r["latency_frames"] == late]
+        if largest:
+            yield f"two cauteries at random, {late} late", "largest force over the truth's peak, at most", 1.1, max(largest)
     loop = {r["extrapolator"]: r["stiffness_N_m"] for r in data["loop"]["rows"] if r["rate_Hz"] == 30 and r["delay_frames"] == 0 and not r["passivity"]}
     if loop:
         yield "closed loop at 30 Hz, contact, on an exponential surface", "times hold's stiffness, at least", 10, loop["contact"] / loop["hold"]

@@ -15,16 +15,22 @@ enum { TICK_US = 2000 };
 /* --- the hand's path --- */
 
 /* The surgeon's tour; short strokes to and fro; and what two hands do to tissue that is cut or held:
- * the tour while a cautery in the other hand cuts a slit beside it, a cautery's own way, a grasper's. */
+ * the tour while a cautery in the other hand cuts a slit beside it, a cautery's own way, a grasper's; two cauteries
+ * that press, slide, cut and lift off at random. */
 typedef enum path_kind {
     PATH_TOUR,
     PATH_REVERSALS,
     PATH_OTHER_HAND_CUTS,
     PATH_SAME_HAND_CUTS,
     PATH_GRASPED,
-    PATH_COUNT
+    PATH_RANDOM,
+    PATH_COUNT,
+    PATH_NAMED = PATH_RANDOM /* those before have way points of their own and can be asked for */
 } path_kind;
 extern const char *const path_name[PATH_COUNT];
+
+/* Of a way point; a random path has so many at most. */
+enum { PATH_COLUMNS = 5, PATH_RANDOM_POINTS = 28, PATH_HANDS = 2 };
 
 typedef struct path {
     path_kind kind;
@@ -33,11 +39,15 @@ typedef struct path {
     double depth_m;    /* the deepest press; strokes scale with it */
     double tremor_m; /* 0: a steady hand; else three incommensurate tones about 9 Hz, RMS about half of this along each
                         axis */
+    double random[PATH_HANDS][PATH_RANDOM_POINTS][PATH_COLUMNS]; /* way points of a random path */
+    int random_points;
 } path;
 
 /* Minimum-jerk strokes; the tour: contact made, press, slide, slide across, reverse, pause, deeper, lift off, touch
  * again. */
 path path_make(path_kind kind, double speed_m_s, double tremor_m);
+/* Both hands', of 3 to PATH_RANDOM_POINTS way points; the same for the same seed. */
+path path_make_random(uint64_t seed, int points, double speed_m_s, double tremor_m);
 double path_length_s(const path *p);
 /* Where a hand (1: the other, without tremor) wants its instrument. A pedal is down or up for whole twentieths of a
  * second, so that models of different frame rates see the same. */
@@ -94,6 +104,7 @@ typedef struct recording {
     int64_t first_us;  /* of a log: its first tick on the controller's clock */
     int sessions;      /* of the controller in the log it was read from; the longest is this one */
     hrt_params params;
+    int instrument;         /* whose tip, samples and truth these are; the first unless said */
     cut_list cuts;          /* what the model cut along the path */
     const cut_list *replay; /* null: cauteries cut; else they do not, and these go at their times */
 } recording;
@@ -108,7 +119,8 @@ int record_truth(model m, const path *p, bool encoders, recording *out);
  * after the last, and where two are further apart than three frames and stale_us: there the controller fades. */
 void truth_by_interpolation(recording *r);
 /* The device as the models' scenes hold it: world to trocar, and through its encoders. */
-void device_see(const sim *s, const hrt_params *params, const double tip_m[3], bool encoders, float seen_m[3]);
+void device_see(const sim *s, int instrument, const hrt_params *params, const double tip_m[3], bool encoders,
+                float seen_m[3]);
 
 /* --- replay --- */
 
@@ -125,6 +137,7 @@ typedef struct errors {
     double jump_arrival;        /* the largest in a tick at which a sample arrived, or the tick after it */
     double jump_true;           /* the largest of the true force */
     double direction_rad;       /* RMS angle where the true force exceeds a tenth of its peak */
+    double largest;             /* force over the true peak */
     double over_limit;          /* largest force over the device's limit, before any limiter */
     int judged;                 /* ticks */
     double off_patch;           /* share of ticks in contact that `contact` had to leave to `tangent` */
@@ -163,8 +176,12 @@ cJSON *study_rates(const study_run *r); /* rate, speed, latency, jitter, loss, e
 /* Adds to the rows of study_rates: cut by the other hand and by the same, grasped and pulled. 0, or an exit code. */
 int study_hands(const study_run *r, cJSON *rows);
 cJSON *study_loop(const study_run *r);
+/* Two cauteries at random: what `contact` renders at most, over the truth's peak. */
+cJSON *study_cutting(const study_run *r);
 cJSON *study_ready(const study_run *r); /* by the wall clock: how soon patches are exact; empty without the solver */
 cJSON *errors_json(const errors *e);
+/* 0 to 1, evenly; moves the state on. */
+double uniform(uint64_t *state);
 cJSON *add_row(cJSON *rows);
 
 /* Of a row: how it was made. */

@@ -20,8 +20,9 @@ static void usage(FILE *to) {
                 "  --model NAME    with --study, --generate: only this one (may be repeated):");
     for (int m = 0; m < MODEL_COUNT; m++) fprintf(to, " %s", model_name[m]);
     fprintf(to, "\n  --path NAME     with --study: rates on this path alone (may be repeated):\n                 ");
-    for (int p = 0; p < PATH_COUNT; p++) fprintf(to, " %s", path_name[p]);
-    fprintf(to, "\n  --part NAME     with --study: this part alone (may be repeated): roughness rates loop ready");
+    for (int p = 0; p < PATH_NAMED; p++) fprintf(to, " %s", path_name[p]);
+    fprintf(to, "\n  --part NAME     with --study: this part alone (may be repeated):\n"
+                "                  roughness rates loop ready cutting");
     fprintf(to, "\n  --latency N     with LOG: hold samples back by N frames more\n"
                 "  --loss SHARE    with LOG: lose this share of the samples\n"
                 "  --forces FILE   with LOG: what each would have rendered, tick by tick, as CSV\n"
@@ -34,7 +35,7 @@ static void list(void) {
     printf("models");
     for (int m = 0; m < MODEL_COUNT; m++) printf(" %s", model_name[m]);
     printf("\npaths");
-    for (int p = 0; p < PATH_COUNT; p++) printf(" %s", path_name[p]);
+    for (int p = 0; p < PATH_NAMED; p++) printf(" %s", path_name[p]);
     printf("\nextrapolators");
     for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) printf(" %s", hrt_extrapolator_name((hrt_extrapolator)x));
     printf("\n");
@@ -168,12 +169,12 @@ static bool add_part(cJSON *root, const char *name, cJSON *part) {
     return part != NULL;
 }
 
-typedef enum study_part { PART_ROUGHNESS, PART_RATES, PART_LOOP, PART_READY, PART_COUNT } study_part;
-static const char *const part_name[PART_COUNT] = {"roughness", "rates", "loop", "ready"};
+typedef enum study_part { PART_ROUGHNESS, PART_RATES, PART_LOOP, PART_READY, PART_CUTTING, PART_COUNT } study_part;
+static const char *const part_name[PART_COUNT] = {"roughness", "rates", "loop", "ready", "cutting"};
 
 static int study(const study_run *run, const bool wanted[PART_COUNT], const char *json) {
-    static cJSON *(*const make[PART_COUNT])(const study_run *) = {study_roughness, study_rates, study_loop,
-                                                                  study_ready};
+    static cJSON *(*const make[PART_COUNT])(const study_run *) = {study_roughness, study_rates, study_loop, study_ready,
+                                                                  study_cutting};
     cJSON *root = cJSON_CreateObject();
     bool good = true;
     cJSON_AddBoolToObject(root, "quick", run->quick);
@@ -245,8 +246,8 @@ int main(int argc, char **argv) {
             run.model[m] = true, all = false;
             break;
         case 'p':
-            while (m < PATH_COUNT && strcmp(path_name[m], optarg) != 0) m++;
-            if (m == PATH_COUNT) return app_bad_input("tm-evaluate", 0, "no path '%s'; --help lists them", optarg);
+            while (m < PATH_NAMED && strcmp(path_name[m], optarg) != 0) m++;
+            if (m == PATH_NAMED) return app_bad_input("tm-evaluate", 0, "no path '%s'; --help lists them", optarg);
             run.path[m] = part[PART_RATES] = true, every_path = whole = false;
             break;
         case 1003:
@@ -275,7 +276,7 @@ int main(int argc, char **argv) {
         }
     }
     for (int m = 0; m < MODEL_COUNT; m++) run.model[m] = run.model[m] || all;
-    for (int p = 0; p < PATH_COUNT; p++) run.path[p] = run.path[p] || every_path;
+    for (int p = 0; p < PATH_NAMED; p++) run.path[p] = run.path[p] || every_path;
     for (int i = 0; i < PART_COUNT; i++) part[i] = part[i] || whole;
     if (studying + (folder != NULL) + (optind < argc) != 1)
         return app_bad_input("tm-evaluate", 0, "name logs, or --study, or --generate DIR; see tm-evaluate --help");

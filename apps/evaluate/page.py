@@ -208,6 +208,27 @@ def ready(page, rows):
     page.record("ready", rows)
 
 
+def cutting(page, rows):
+    """The worst session of each extrapolator and latency; all sessions in evaluate.json."""
+    hands = pick_equal(rows, latency_frames=0, extrapolator="contact")
+    page.section("Two cauteries at random", "Both hands press, slide, cut and lift off at random on one block, each with its own force; cuts are the truth's. "
+                 + (f"{len({r['seed'] for r in hands})} sessions, {sum(r['seconds'] for r in hands) / 60:.1f} minutes felt by a hand, {max(r['cut'] for r in hands)} tetrahedra cut at most in one."
+                    if rows else "<b>Not run here: it is of the isotropic model.</b>"))
+    if rows:
+        table = []
+        for late in (0, 1, 2):
+            for name in ("position", "contact"):
+                own = pick_equal(rows, latency_frames=late, extrapolator=name)
+                worst = max(own, key=lambda r: r["largest"])
+                table.append([late, name, worst["largest"], f"seed {worst['seed']}, hand {worst['instrument']}", 100 * max(r["rms"] for r in own), 100 * max(r["jump_arrival"] for r in own)])
+        page.table("cutting", ["frames late", "extrapolator", "largest force over the truth's peak (aim 1.1)", "in", "RMS % of peak, worst session", "jump at an arrival % of peak, worst"], table)
+    page.record("cutting", rows)
+
+
+def pick_equal(rows, **wanted):
+    return [r for r in rows if all(r[k] == v for k, v in wanted.items())]
+
+
 def torture(page, path):
     """Rows of `make stability` that a hand notices first."""
     cases = json.loads(path.read_text())["cases"] if path else []
@@ -285,6 +306,7 @@ def main():
     claims_table(page, facts, rows, models)
     hands(page, rows)
     page.record("aims", aims(page, data, pick))
+    cutting(page, data["cutting"])
     torture(page, options.torture)
     ready(page, data["ready"])
     for key in ("roughness", "loop"):

@@ -4,12 +4,12 @@
 
 #include "evaluate.h"
 
-const char *const path_name[PATH_COUNT] = {"tour", "reversals", "other-hand-cuts", "same-hand-cuts",
-                                           "grasped-and-pulled"};
+const char *const path_name[PATH_COUNT] = {"tour",           "reversals",          "other-hand-cuts",
+                                           "same-hand-cuts", "grasped-and-pulled", "two-cauteries"};
 
 /* Millimetres from the touching point: along the surface x, y; into the tissue z (negative: in the air); the grip
  * there; whether the pedal is down from there on. A stroke of zero length is a pause. */
-enum { COLUMNS = 5, GRIP = 3, PEDAL = 4 };
+enum { COLUMNS = PATH_COLUMNS, GRIP = 3, PEDAL = 4 };
 static const double tour[][COLUMNS] = {{0, 0, -3},  {0, 0, 3},   {6, 0, 3},   {6, 0, 3},  {2, 3, 3},
                                        {-4, 3, 5},  {-4, 3, 5},  {-4, -3, 4}, {3, -4, 4}, {3, -4, 2},
                                        {3, -4, -2}, {1, -1, -2}, {1, -1, 4},  {-3, 2, 2}, {0, 0, -3}};
@@ -36,6 +36,7 @@ static stroke strokes(const path *p, int hand) {
     static const stroke first[PATH_COUNT] = {STROKE(tour), STROKE(to_and_fro), STROKE(tour), STROKE(cautery),
                                              STROKE(grasper)},
                         other = STROKE(slit);
+    if (p->kind == PATH_RANDOM) return (stroke){p->random[hand], p->random_points};
     return hand ? other : first[p->kind];
 }
 
@@ -54,6 +55,33 @@ double path_length_s(const path *p) {
 
 path path_make(path_kind kind, double speed_m_s, double tremor_m) {
     return (path){.kind = kind, .speed_m_s = speed_m_s, .depth_m = 0.005, .tremor_m = tremor_m};
+}
+
+static double between(uint64_t *seed, double least, double most) { return least + (most - least) * uniform(seed); }
+
+/* A point in four is in the air, every hand begins and ends there; from three in eight on the pedal is down. Hands keep
+ * to their sides, 12 mm apart, and reach 8 mm across. */
+static void make_random(path *p, int hand, uint64_t *seed) {
+    const double middle_mm = hand ? 6 : -6;
+    for (int i = 0; i < p->random_points; i++) {
+        double *to = p->random[hand][i];
+        const bool end = i == 0 || i == p->random_points - 1, air = uniform(seed) < 0.25 || end;
+        to[0] = middle_mm + between(seed, -14, 14);
+        to[1] = between(seed, -10, 10);
+        to[2] = air ? -3 : between(seed, 1, 5);
+        to[GRIP] = 0;
+        to[PEDAL] = !end && uniform(seed) < 0.375;
+        if (i > 0 && uniform(seed) < 0.2) memcpy(to, to - COLUMNS, 3 * sizeof *to); /* a pause */
+    }
+}
+
+path path_make_random(uint64_t seed, int points, double speed_m_s, double tremor_m) {
+    path p = path_make(PATH_RANDOM, speed_m_s, tremor_m);
+    uint64_t state = 2 * seed + 1;
+    p.random_points = points;
+    for (int i = 0; i < 8; i++) uniform(&state); /* neighbouring seeds begin alike */
+    for (int hand = 0; hand < PATH_HANDS; hand++) make_random(&p, hand, &state);
+    return p;
 }
 
 /* The leg at a time, and how much of its way is done. */
@@ -85,6 +113,6 @@ tm_tool_pose path_pose(const path *p, int hand, double time_s) {
     pose.tip_m[1] = p->entry_m[1] + m[1] + tremor * (sin(0.91 * w + 2) + sin(1.09 * w + 3));
     pose.tip_m[2] = p->entry_m[2] - m[2] + tremor * (sin(0.87 * w + 4) + sin(1.13 * w + 5));
     pose.grip = a[GRIP] + ease * (b[GRIP] - a[GRIP]);
-    if (hand || p->kind == PATH_SAME_HAND_CUTS) pose.active = pedal(p, hand, time_s);
+    if (hand || p->kind == PATH_SAME_HAND_CUTS || p->kind == PATH_RANDOM) pose.active = pedal(p, hand, time_s);
     return pose;
 }

@@ -44,37 +44,43 @@ sim *model_open(model m, double rate_Hz, const char *const *settings) {
 
 /* Paths with another instrument, or two, are of the isotropic model and have scenes of their own. */
 static sim *path_open(model m, const path *p, double rate_Hz, const char *const *settings) {
-    static const char *const scene[PATH_COUNT] = {
-        [PATH_OTHER_HAND_CUTS] = "two-hands", [PATH_SAME_HAND_CUTS] = "cautery", [PATH_GRASPED] = "grasper"};
+    static const char *const scene[PATH_COUNT] = {[PATH_OTHER_HAND_CUTS] = "two-hands",
+                                                  [PATH_SAME_HAND_CUTS] = "cautery",
+                                                  [PATH_GRASPED] = "grasper",
+                                                  [PATH_RANDOM] = "two-cauteries"};
     return scene[p->kind] ? scene_open(scene[p->kind], rate_Hz, settings) : model_open(m, rate_Hz, settings);
 }
 
-void device_see(const sim *s, const hrt_params *params, const double tip_m[3], bool encoders, float seen_m[3]) {
+void device_see(const sim *s, int instrument, const hrt_params *params, const double tip_m[3], bool encoders,
+                float seen_m[3]) {
     float relative[3];
-    for (int i = 0; i < 3; i++) relative[i] = (float)(tip_m[i] - s->instrument_def[0].trocar_m[i]);
+    for (int i = 0; i < 3; i++) relative[i] = (float)(tip_m[i] - s->instrument_def[instrument].trocar_m[i]);
     memcpy(seen_m, relative, sizeof relative);
     if (!encoders) return;
     hrt_frame frame;
     float joint[HRT_JOINTS] = {0};
     int32_t count[HRT_JOINTS] = {0};
-    for (int i = 0; i < 9; i++) frame.r[i] = (float)s->frame[0].r[i];
+    for (int i = 0; i < 9; i++) frame.r[i] = (float)s->frame[instrument].r[i];
     if (!hrt_inverse(&frame, relative, joint)) return;
     for (int j = 0; j < HRT_MOTORS; j++) count[j] = (int32_t)lroundf(hrt_count_of_joint(params, j, joint[j]));
     hrt_counts_to_joint(params, count, joint);
     hrt_tip(&frame, joint, seen_m);
 }
 
-/* Of every instrument; the first as its encoders see it. */
+/* Of every instrument; the one that is recorded as its encoders see it, and both of two that move at random. */
 static void poses_at(const sim *s, const recording *r, const path *p, double time_s, bool encoders,
                      tm_tool_pose to[TM_MAX_INSTRUMENTS]) {
     float seen[3];
+    const int mine = r->instrument;
     for (int i = 0; i < s->instrument_count; i++) {
         to[i] = path_pose(p, i, time_s);
         if (r->replay && s->instrument_def[i].mode == TM_TOOL_CAUTERY) to[i].active = false;
     }
-    if (!encoders) return;
-    device_see(s, &r->params, to[0].tip_m, true, seen);
-    for (int i = 0; i < 3; i++) to[0].tip_m[i] = s->instrument_def[0].trocar_m[i] + (double)seen[i];
+    for (int i = 0; encoders && i < s->instrument_count && i < TM_MAX_INSTRUMENTS; i++) {
+        if (i != mine && p->kind != PATH_RANDOM) continue;
+        device_see(s, i, &r->params, to[i].tip_m, true, seen);
+        for (int c = 0; c < 3; c++) to[i].tip_m[c] = s->instrument_def[i].trocar_m[c] + (double)seen[c];
+    }
 }
 
 /* Below the trocar, on the block's upper face; the tip's sphere touches it with its centre one radius above. */
@@ -89,33 +95,34 @@ static path placed(const path *p, const sim *s) {
 }
 
 /* As the message would carry it, single precision and checks included. */
-static void take_patch(const sim *s, sampled *out) {
+static void take_patch(const sim *s, int instrument, sampled *out) {
     static tensormass_contact_patch_t message;
     static const sim_publisher nobody;
-    tensormass_force_sample_t stamp = {.seq = (int32_t)out->sample.seq, .flags = SIM_FLAG_PATCH};
+    tensormass_force_sample_t stamp = {
+        .seq = (int32_t)out->sample.seq, .instrument = (int8_t)instrument, .flags = SIM_FLAG_PATCH};
     if (!sim_contact_patch(&nobody, s, &stamp, &message)) return;
     out->patch = malloc(sizeof *out->patch);
     if (!out->patch) abort();
-    if (patch_from_message(&message, s->instrument_def[0].trocar_m, out->patch))
+    if (patch_from_message(&message, s->instrument_def[instrument].trocar_m, out->patch))
         out->sample.patch = out->patch;
     else
         free(out->patch), out->patch = NULL;
 }
 
-static void take(const sim *s, int64_t t_us, int64_t ready_us, uint32_t seq, sampled *out) {
-    const tm_tool_reaction *r = &s->reaction[0];
+static void take(const sim *s, int instrument, int64_t t_us, int64_t ready_us, uint32_t seq, sampled *out) {
+    const tm_tool_reaction *r = &s->reaction[instrument];
     *out = (sampled){.ready_us = ready_us};
     hrt_sample *x = &out->sample;
     x->session = 1, x->tool_session = 1, x->t_us = t_us, x->seq = seq;
-    x->unilateral = s->instrument_def[0].mode != TM_TOOL_GRASPER;
+    x->unilateral = s->instrument_def[instrument].mode != TM_TOOL_GRASPER;
     x->stiffness_kind = r->stiffness_kind;
     x->topology_revision = sim_surface(s).revision;
     for (int i = 0; i < 3; i++) {
-        x->tip_m[i] = (float)(r->tip_m[i] - s->instrument_def[0].trocar_m[i]);
+        x->tip_m[i] = (float)(r->tip_m[i] - s->instrument_def[instrument].trocar_m[i]);
         x->force_N[i] = (float)r->force_N[i];
     }
     for (int i = 0; i < 9; i++) x->stiffness_N_m[i] = (float)r->stiffness_N_m[i];
-    take_patch(s, out);
+    take_patch(s, instrument, out);
 }
 
 /* Starts with the tool out of touch, so that nothing swings when the path begins. No session begins a tenth of a second
@@ -155,7 +162,7 @@ int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, 
         status = sim_frame(s, to, s->substeps);
         cut_list_take(&out->cuts, s, end_s);
         int64_t end_us = llround(end_s * 1e6), back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
-        take(s, end_us - back_us, end_us, (uint32_t)k, &out->sample[k]);
+        take(s, out->instrument, end_us - back_us, end_us, (uint32_t)k, &out->sample[k]);
     }
     sim_destroy(s);
     if (!status) return 0;
@@ -183,9 +190,11 @@ int record_truth(model m, const path *p, bool encoders, recording *out) {
         cut_list_take(&out->cuts, s, (k - 0.5) * 1e-6 * TICK_US); /* within the tick's 2 ms */
         double size = 0;
         for (int i = 0; i < 3; i++) {
-            out->tip_m[3 * k + i] = (float)(to[0].tip_m[i] - s->instrument_def[0].trocar_m[i]);
-            out->truth_N[3 * k + i] = (float)s->reaction[0].force_N[i];
-            size += s->reaction[0].force_N[i] * s->reaction[0].force_N[i];
+            const double force_N = s->reaction[out->instrument].force_N[i];
+            out->tip_m[3 * k + i] =
+                (float)(to[out->instrument].tip_m[i] - s->instrument_def[out->instrument].trocar_m[i]);
+            out->truth_N[3 * k + i] = (float)force_N;
+            size += force_N * force_N;
         }
         out->peak_N = fmax(out->peak_N, sqrt(size));
     }

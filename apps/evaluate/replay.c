@@ -6,7 +6,7 @@
 #include "bandwidth.h"
 #include "evaluate.h"
 
-static double uniform(uint64_t *state) {
+double uniform(uint64_t *state) {
     *state = *state * 6364136223846793005ULL + 1442695040888963407ULL;
     return (double)(*state >> 11) * 0x1p-53;
 }
@@ -62,6 +62,7 @@ static void judge(sums *s, const recording *r, int tick, int64_t since_us, const
         s->e.jump_true = fmax(s->e.jump_true, length3(moved) / r->peak_N);
     }
     s->e.peak = fmax(s->e.peak, error / r->peak_N);
+    s->e.largest = fmax(s->e.largest, size / r->peak_N);
     s->e.over_limit = fmax(s->e.over_limit, size / (double)r->params.force_max_N);
     if (size_true > 0) s->in_contact++, s->off_patch += (limits & HRT_LIMIT_PATCH) != 0;
     if (size_true > 0.1 * r->peak_N && size > 0) {
@@ -134,6 +135,7 @@ cJSON *errors_json(const errors *e) {
     cJSON_AddNumberToObject(row, "cut_since_ticks", e->cut_since_ticks);
     cJSON_AddNumberToObject(row, "worst_error2", e->worst_error2);
     cJSON_AddNumberToObject(row, "direction_rad", e->direction_rad);
+    cJSON_AddNumberToObject(row, "largest", e->largest);
     cJSON_AddNumberToObject(row, "over_limit", e->over_limit);
     cJSON_AddNumberToObject(row, "off_patch", e->off_patch);
     cJSON_AddNumberToObject(row, "ns_per_tick", e->ns_per_tick);

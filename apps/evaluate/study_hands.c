@@ -51,9 +51,9 @@ static int one(path_kind kind, cJSON *rows) {
 
 int study_hands(const study_run *run, cJSON *rows) {
     int rc = 0;
-    for (int kind = PATH_OTHER_HAND_CUTS; kind < PATH_COUNT && run->model[MODEL_ISOTROPIC] && !rc; kind++) {
+    for (int kind = PATH_OTHER_HAND_CUTS; kind < PATH_NAMED && run->model[MODEL_ISOTROPIC] && !rc; kind++) {
         if (!run->path[kind]) continue;
-        progress(path_name[kind], (double)(kind - PATH_OTHER_HAND_CUTS) / (PATH_COUNT - PATH_OTHER_HAND_CUTS));
+        progress(path_name[kind], (double)(kind - PATH_OTHER_HAND_CUTS) / (PATH_NAMED - PATH_OTHER_HAND_CUTS));
         rc = one((path_kind)kind, rows);
     }
     return rc;

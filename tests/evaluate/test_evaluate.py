@@ -191,6 +191,16 @@ def test_the_page_sets_aims_beside_figures(page):
     assert 1 <= ready["exact_after_cut_frames"] <= ready["exact_after_cut_frames_most"] and ready["step_alone_s"] > 0
 
 
+def test_two_cauteries_never_push_harder_than_tissue_does(bin, root, tmp_path):
+    """Random cutting with `contact`: nothing above the truth's peak by more than a tenth, in time and late."""
+    subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--quiet", "--part", "cutting", "--model", "isotropic", "--json", tmp_path / "c.json"], cwd=root, check=True, timeout=300)
+    rows = json.loads((tmp_path / "c.json").read_text())["cutting"]
+    contact = {r["latency_frames"]: r for r in rows if r["extrapolator"] == "contact"}
+    assert set(contact) == {0, 1, 2} and all(r["cut"] > 50 and r["judged"] > 3000 for r in rows)
+    for r in contact.values():
+        assert 0.5 < r["largest"] < 1.1 and r["over_limit"] < 1, r
+
+
 def test_roughness_stays_within_the_aim(page):
     """The force itself: 0.5 % of its peak a tick is the aim; measured 0.4 % and below."""
     for row in page[1]["roughness"]:

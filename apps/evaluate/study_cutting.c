@@ -1,0 +1,55 @@
+/* Ten minutes of two cauteries that press, slide, cut and lift off at random, felt with `contact` by either hand: how
+ * far above everything that the tissue really does a hand is ever pushed. Cuts are the truth's, as in study_hands.c. */
+#include <math.h>
+
+#include "evaluate.h"
+
+static const double SPEED_M_S = 0.01, TREMOR_M = 40e-6, RATE_HZ = 20, SOAK_S = 600;
+/* of a quick run: one session, a few strokes of one hand */
+enum { QUICK_POINTS = 9 };
+
+static void add(cJSON *rows, const recording *r, uint64_t seed, int late, hrt_extrapolator which) {
+    const conditions c = {.latency_frames = late, .seed = seed};
+    const errors e = replay(r, which, &c, NULL);
+    cJSON *row = errors_json(&e);
+    cJSON_AddItemToArray(rows, row);
+    cJSON_AddNumberToObject(row, "seed", (double)seed);
+    cJSON_AddNumberToObject(row, "instrument", r->instrument);
+    cJSON_AddNumberToObject(row, "latency_frames", late);
+    cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name(which));
+    cJSON_AddNumberToObject(row, "seconds", 1e-6 * TICK_US * r->ticks);
+    cJSON_AddNumberToObject(row, "cut", r->replay ? r->replay->count : 0);
+    cJSON_AddNumberToObject(row, "peak_N", r->peak_N);
+}
+
+/* One hand of one session. */
+static int felt(const path *p, uint64_t seed, int instrument, cJSON *rows) {
+    recording truth = {.instrument = instrument}, r = {.instrument = instrument};
+    int rc = record_truth(MODEL_ISOTROPIC, p, true, &truth);
+    if (truth.cuts.count) r.replay = &truth.cuts;
+    if (!rc) rc = record(MODEL_ISOTROPIC, p, RATE_HZ, true, true, &r);
+    if (!rc) copy_truth(&truth, &r);
+    for (int late = 0; late <= 2 && !rc && truth.peak_N > 0; late++) {
+        add(rows, &r, seed, late, HRT_POSITION);
+        add(rows, &r, seed, late, HRT_CONTACT);
+    }
+    recording_free(&r);
+    recording_free(&truth);
+    return rc;
+}
+
+cJSON *study_cutting(const study_run *run) {
+    cJSON *rows = cJSON_CreateArray();
+    double done_s = run->model[MODEL_ISOTROPIC] ? 0 : SOAK_S;
+    for (uint64_t seed = 1; done_s < SOAK_S; seed++) {
+        const path p = path_make_random(seed, run->quick ? QUICK_POINTS : PATH_RANDOM_POINTS, SPEED_M_S, TREMOR_M);
+        for (int hand = 0; hand < (run->quick ? 1 : PATH_HANDS); hand++) {
+            progress("two cauteries at random", (done_s + 0.5 * hand * path_length_s(&p)) / SOAK_S);
+            if (!felt(&p, seed, hand, rows)) continue;
+            cJSON_Delete(rows);
+            return NULL;
+        }
+        done_s += run->quick ? SOAK_S : path_length_s(&p);
+    }
+    return rows;
+}
