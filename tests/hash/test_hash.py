@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-COMMON = ["-std=c11", "-D_GNU_SOURCE", "-ffp-contract=off", "-fno-math-errno", "-w", "-Ilibtensormass/include"]
+COMMON = ["-std=c11", "-D_GNU_SOURCE", "-ffp-contract=off", "-fno-math-errno", "-w", "-Ilibtensormass/include", "-Ilibtensormass/src"]
 BUILDS = {"gcc -O2": ["gcc", "-O2", "-DNDEBUG"], "gcc -O0": ["gcc", "-O0"], "clang -O3": ["clang", "-O3", "-DNDEBUG"]}
 
 
@@ -12,7 +12,7 @@ def state_hash(root, folder, name, command):
     if not shutil.which(command[0]):
         pytest.skip(f"{command[0]} is not installed; tools/setup.sh check")
     program = folder / name.replace(" ", "")
-    sources = sorted(str(p.relative_to(root)) for p in (root / "libtensormass" / "src").glob("*.c"))
+    sources = sorted(str(p.relative_to(root)) for p in (root / "libtensormass" / "src").rglob("*.c"))
     build = subprocess.run([*command, *COMMON, "tests/hash/state_hash.c", *sources, "-lm", "-o", program], cwd=root, capture_output=True, text=True, timeout=300)
     assert build.returncode == 0, build.stderr[-4000:]
     said = [subprocess.run([program], cwd=root, capture_output=True, text=True, timeout=300, check=True).stdout.strip() for _ in range(2)]

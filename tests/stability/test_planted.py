@@ -19,7 +19,7 @@ RATIO = "hrt_dot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)"
 POSITION = f"    hrt_add_scaled(force, capped_ratio(m, {RATIO}),\n                   m->change_N);\n"
 # fault: (file, what stands there once, the fault in its place, test program, test in it that must fail)
 FAULTS = {
-    "one block's sign on removal": ("libtensormass/src/cut/cut.c", MEND_EDGES, MEND_EDGES + ONE_SIGN, "physics/test_cut", "twenty_orders"),
+    "one block's sign on removal": ("libtensormass/src/tissue/cut.c", MEND_EDGES, MEND_EDGES + ONE_SIGN, "physics/test_cut", "twenty_orders"),
     "the unsigned ratio of `position`, which may pull": ("haptic_rt/core/extrapolate.c", POSITION + "    only_push(x, true, force);\n",
                                                          POSITION.replace(RATIO, RATIO.replace("hrt_dot(m->moved_m, m->step_m)", "fabsf(hrt_dot(m->moved_m, m->step_m))")),
                                                          "loop/test_extrapolate", "reversal"),

@@ -1,5 +1,4 @@
-/* Removal of tetrahedra. Exact: after any sequence, tensors, masses, surface and forces equal a fresh build of what is
- * left, bit for bit. */
+/* Cauteries that remove what they touch. The removal itself is the tissue's (tm_cut_remove, tissue.h). */
 #ifndef TENSORMASS_CUT_H
 #define TENSORMASS_CUT_H
 
@@ -8,13 +7,6 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
-
-/* Removes the listed tetrahedra (living ones; dead ones are skipped) and then whatever must go to leave the mesh
- * conformal and manifold: fans that hang by an edge or a vertex (the largest fan stays), rings about a vertex (cut
- * open). Needs def.cuttable. A world notices at its next tm_world_step. No allocation. Returns how many were removed in
- * all. `removed` (may be null) receives their indices. */
-TM_API int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int32_t *removed,
-                             int32_t removed_max);
 
 typedef enum tm_cut_loose { TM_LOOSE_FALL = 0, TM_LOOSE_REMOVE = 1 } tm_cut_loose;
 
@@ -32,14 +24,6 @@ TM_API tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut
 /* What the "cut" stage has removed since the last call, oldest first, at most `max`; the rest waits. `instrument` (may
  * be null): who cut, mending included, or -1 for a loose piece. Returns how many. */
 TM_API int32_t tm_cut_take(tm_world *world, int32_t *tet, int8_t *instrument, int32_t max);
-
-/* Snapshot of everything a world needs to go on with the same bits (state, living tetrahedra, contact, grasps), for the
- * same build of the library on the same kind of machine, and a world set up from the same scene. Bytes are checksummed;
- * a foreign, damaged or truncated snapshot is refused (TM_ERR_FILE) and the world left as it was; one of another mesh
- * or other stages too (TM_ERR_ARGUMENT). `buffer` is aligned to 8 bytes. */
-TM_API int64_t tm_snapshot_bytes(const tm_world *world);
-TM_API tm_status tm_snapshot_save(const tm_world *world, void *buffer, int64_t bytes, tm_error *error);
-TM_API tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes, tm_error *error);
 
 #ifdef __cplusplus
 }

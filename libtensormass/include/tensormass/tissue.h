@@ -69,6 +69,16 @@ typedef struct tm_surface_view {
 } tm_surface_view;
 TM_API tm_surface_view tm_tissue_surface(const tm_tissue *tissue);
 
+/* --- removal of tetrahedra. Exact: after any sequence, tensors, masses, surface and forces equal a fresh build of what
+ * is left, bit for bit. --- */
+
+/* Removes the listed tetrahedra (living ones; dead ones are skipped) and then whatever must go to leave the mesh
+ * conformal and manifold: fans that hang by an edge or a vertex (the largest fan stays), rings about a vertex (cut
+ * open). Needs def.cuttable. A world notices at its next tm_world_step. No allocation. Returns how many were removed in
+ * all. `removed` (may be null) receives their indices. */
+TM_API int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int32_t *removed,
+                             int32_t removed_max);
+
 /* force_N[3*vertex_count] := -K u. The hot loop. No allocation. */
 TM_API void tm_tissue_force(const tm_tissue *tissue, const double *u_m, double *force_N);
 /* Stored energy u.K u / 2, J. */

@@ -64,6 +64,7 @@ typedef struct tm_stage {
     const char *not_settled; /* why tm_world_settle cannot find the rest of a world with this stage; null: it can */
     const char *part_of; /* name of the stage whose further part it is: goes with it, owns nothing; null: it is whole */
     const char *before;  /* name of a stage of the same phase that it runs before; null: in order of addition */
+    bool passed_over_by_settle; /* tm_world_settle does not run it: it changes what is there, not where that rests */
 } tm_stage;
 
 #define TM_MAX_STAGES 32
@@ -166,6 +167,16 @@ TM_API tm_settle_def tm_settle_def_default(void);
 /* Dynamic relaxation (adaptive damping, fictitious masses allowed): solves K u = f_ext with the world's supports and
  * loads. Leaves u = u_prev = the solution. Contact stages stay active. Allocates its own work space. */
 TM_API tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error);
+
+/* --- snapshots --- */
+
+/* Snapshot of everything a world needs to go on with the same bits (state, living tetrahedra, contact, grasps), for the
+ * same build of the library on the same kind of machine, and a world set up from the same scene. Bytes are checksummed;
+ * a foreign, damaged or truncated snapshot is refused (TM_ERR_FILE) and the world left as it was; one of another mesh
+ * or other stages too (TM_ERR_ARGUMENT). `buffer` is aligned to 8 bytes. */
+TM_API int64_t tm_snapshot_bytes(const tm_world *world);
+TM_API tm_status tm_snapshot_save(const tm_world *world, void *buffer, int64_t bytes, tm_error *error);
+TM_API tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes, tm_error *error);
 
 /* Hash of u and u_prev (bits). */
 TM_API uint64_t tm_world_hash(const tm_world *world);

@@ -1,5 +1,5 @@
 /* Version, status names, errors, hash, the allocator hook, memory pools. */
-#include "world/world_internal.h"
+#include "base/base_internal.h"
 
 #include <stdarg.h>
 #include <stdatomic.h>

@@ -8,8 +8,8 @@
  * few, and with their own normals the force would click from one to the next. docs/contact.md, "Rows". */
 #include <string.h>
 
+#include "base/vec.h"
 #include "contact/contact_internal.h"
-#include "contact/contact_vec.h"
 
 #define BLEND 0.2      /* half width of the transition between neighbouring features, in tool radii */
 #define PROXIMITY 0.4  /* a feature that much (radii) farther than the nearest has no share */

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#include "contact/contact_vec.h"
+#include "base/vec.h"
 
 /* Broad phase: candidates are gathered with this much room (in tool radii) and kept until the tool has used up its part
  * or the tissue, at a bounded speed, might have used up its own. */

@@ -5,7 +5,7 @@
 
 #include <string.h>
 
-#include "contact/contact_vec.h"
+#include "base/vec.h"
 
 /* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped, a piece of
  * surface that another tool pulled into this one) is undone no faster than this, or it would be thrown out. Above any

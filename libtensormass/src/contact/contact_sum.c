@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "contact/contact_vec.h"
+#include "base/vec.h"
 
 /* --- one substep --- */
 

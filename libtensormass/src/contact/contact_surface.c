@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-#include "contact/contact_vec.h"
+#include "base/vec.h"
 
 typedef struct box {
     double low[3], high[3];

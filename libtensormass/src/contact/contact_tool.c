@@ -1,6 +1,6 @@
 /* The tool itself: where it is along its path, its capsule, and its force seen from the tip. */
+#include "base/vec.h"
 #include "contact/contact_internal.h"
-#include "contact/contact_vec.h"
 
 /* Direction from trocar to tip and the distance; straight down where the tip is on the trocar. */
 static double direction(const double trocar_m[3], const double tip_m[3], double e[3]) {

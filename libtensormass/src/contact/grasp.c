@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "contact/contact_vec.h"
+#include "base/vec.h"
 
 typedef struct hold {
     tm_grasp_state state;

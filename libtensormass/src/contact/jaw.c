@@ -5,7 +5,7 @@
 #include <math.h>
 
 #include "base/contract.h"
-#include "contact/contact_vec.h"
+#include "base/vec.h"
 
 void tm_jaw_begin(tm_jaw *jaw, const tm_instrument_def *tool, const tm_tool_pose *pose) {
     TM_REQUIRE(jaw && tool && pose, "jaw, tool or pose is null", );

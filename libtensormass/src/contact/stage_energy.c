@@ -9,7 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "contact/contact_vec.h"
+#include "base/vec.h"
 
 /* Where an instrument was, to know how far its points went over two steps. */
 typedef struct past {

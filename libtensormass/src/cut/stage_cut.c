@@ -1,10 +1,12 @@
 /* Stage "cut": active cauteries remove what they touch, at the tissue's rate; pieces that hang on nothing are found a
  * little each step and removed, at once or when they have fallen out of sight. */
 #include "contact/contact_internal.h"
-#include "cut/cut_internal.h"
+#include "tensormass/cut.h"
 
 #include <math.h>
 #include <string.h>
+
+enum { TM_COOKIE_CUT = 0x63757421 };
 
 enum {
     REACH_PER_STEP = 256,  /* tetrahedra that the search for loose pieces visits in a step */
@@ -42,8 +44,6 @@ typedef struct cut {
     int32_t kept_log_begin, kept_log_count;
 } cut;
 
-static void run(void *self, tm_world *world);
-
 tm_cut_def tm_cut_def_default(void) {
     return (tm_cut_def){.cookie = TM_COOKIE_CUT, .size = sizeof(tm_cut_def), .rate_1_s = 200, .loose = TM_LOOSE_FALL};
 }
@@ -51,9 +51,10 @@ tm_cut_def tm_cut_def_default(void) {
 static void remove_tet(cut *stage, tm_world *world, const int32_t *tet, int32_t count, int8_t instrument) {
     tm_tissue *tissue = world->tissue;
     if (tm_cut_remove(tissue, tet, count, NULL, 0) == 0) return;
-    for (int32_t i = 0; i < tissue->cut->tet.count && stage->log_count < tissue->mesh->tet_count; i++) {
+    const int32_t *removed, removed_count = tm_cut_removed(tissue, &removed);
+    for (int32_t i = 0; i < removed_count && stage->log_count < tissue->mesh->tet_count; i++) {
         const int32_t at = (stage->log_begin + stage->log_count++) % tissue->mesh->tet_count;
-        stage->log_tet[at] = tissue->cut->tet.item[i];
+        stage->log_tet[at] = removed[i];
         stage->log_instrument[at] = instrument;
     }
     tm_world_cut(world);
@@ -135,7 +136,7 @@ static void flood(cut *stage, const tm_tissue *tissue) {
 
 static bool out_of_sight(const cut *stage, const tm_world *world, int32_t tet) {
     const double *u = world->state.u_m + 3 * (int64_t)world->tissue->mesh->tet[4 * (int64_t)tet];
-    return !(tm_dot3(u, u) < stage->sight_m * stage->sight_m);
+    return !(vdot(u, u) < stage->sight_m * stage->sight_m);
 }
 
 static void sweep(cut *stage, tm_world *world) {
@@ -183,8 +184,8 @@ static double diagonal(const tm_mesh *mesh) {
         low[i % 3] = fmin(low[i % 3], mesh->rest_m[i]);
         high[i % 3] = fmax(high[i % 3], mesh->rest_m[i]);
     }
-    tm_sub3(high, low, d);
-    return sqrt(tm_dot3(d, d));
+    vsub(high, low, d);
+    return sqrt(vdot(d, d));
 }
 
 /* What goes on between steps. The search starts over: it changes nothing but when a loose piece is noticed. */
@@ -310,19 +311,18 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
                             .restore = restore,
                             .keep = keep,
                             .give_back = give_back,
-                            .needs = {"contact"}};
+                            .needs = {"contact"},
+                            .passed_over_by_settle = true};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) destroy(self);
     return status;
 }
 
-bool tm_stage_is_cut(const tm_stage *stage) { return stage->run == run; }
-
 int32_t tm_cut_take(tm_world *world, int32_t *tet, int8_t *instrument, int32_t max) {
     TM_REQUIRE(world && max >= 0 && (tet || max == 0), "world or tet is null, or max is negative", 0);
     cut *stage = NULL;
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (tm_stage_is_cut(&world->slot[i].stage)) stage = world->slot[i].stage.self;
+        if (world->slot[i].stage.run == run) stage = world->slot[i].stage.self;
     int32_t n = 0;
     for (; stage && n < max && stage->log_count > 0; n++, stage->log_count--) {
         tet[n] = stage->log_tet[stage->log_begin];

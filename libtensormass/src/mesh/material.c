@@ -1,5 +1,5 @@
 /* Constants: conversions, positive definiteness, the elasticity matrix, the stiffness block. */
-#include "world/world_internal.h"
+#include "mesh/mesh_internal.h"
 
 #include <math.h>
 
@@ -170,14 +170,14 @@ void tm_material_voigt(const tm_material *m, const double fibre[3], double C[36]
 
 void tm_stiffness_block(const tm_material *m, const double fibre[3], double volume_m3, const double alpha_k[3],
                         const double alpha_l[3], double K[9]) {
-    const double lambda = m->lambda_Pa * volume_m3, mu = m->mu_Pa * volume_m3, product = tm_dot3(alpha_k, alpha_l);
+    const double lambda = m->lambda_Pa * volume_m3, mu = m->mu_Pa * volume_m3, product = vdot(alpha_k, alpha_l);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) K[3 * i + j] = lambda * alpha_k[i] * alpha_l[j] + mu * alpha_l[i] * alpha_k[j];
     for (int i = 0; i < 3; i++) K[4 * i] += mu * product;
     if (!fibre || tm_material_is_isotropic(m)) return;
 
     const double dlambda = m->dlambda_Pa * volume_m3, dmu = m->dmu_Pa * volume_m3, beta = m->beta_Pa * volume_m3;
-    const double pk = tm_dot3(fibre, alpha_k), pl = tm_dot3(fibre, alpha_l);
+    const double pk = vdot(fibre, alpha_k), pl = vdot(fibre, alpha_l);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
             K[3 * i + j] += dlambda * (pk * fibre[i] * alpha_l[j] + pl * alpha_k[i] * fibre[j]) +

@@ -1,5 +1,5 @@
 /* Mesh topology from vertices and tetrahedra: validation, edges, neighbours, surface, shape vectors. */
-#include "world/world_internal.h"
+#include "mesh/mesh_internal.h"
 
 #include <float.h>
 #include <math.h>
@@ -25,12 +25,12 @@ void tm_mesh_destroy(tm_mesh *mesh) {
 /* 6 V, and the bound under which rounding alone can make it. */
 static double six_volume(const double *p0, const double *p1, const double *p2, const double *p3, double *noise) {
     double a[3], b[3], c[3], n[3];
-    tm_sub3(p1, p0, a);
-    tm_sub3(p2, p0, b);
-    tm_sub3(p3, p0, c);
-    tm_cross3(a, b, n);
-    *noise = 16 * DBL_EPSILON * sqrt(tm_dot3(a, a)) * sqrt(tm_dot3(b, b)) * sqrt(tm_dot3(c, c));
-    return tm_dot3(n, c);
+    vsub(p1, p0, a);
+    vsub(p2, p0, b);
+    vsub(p3, p0, c);
+    vcross(a, b, n);
+    *noise = 16 * DBL_EPSILON * sqrt(vdot(a, a)) * sqrt(vdot(b, b)) * sqrt(vdot(c, c));
+    return vdot(n, c);
 }
 
 static tm_status check_vertices(const tm_mesh_def *def, tm_error *error) {
@@ -233,12 +233,11 @@ static void build_shapes(tm_mesh *mesh) {
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         const int32_t *v = mesh->tet + 4 * (int64_t)t;
         double d[3][3], *alpha = mesh->shape_1_m + 12 * (int64_t)t;
-        for (int i = 0; i < 3; i++)
-            tm_sub3(mesh->rest_m + 3 * (int64_t)v[i + 1], mesh->rest_m + 3 * (int64_t)v[0], d[i]);
-        for (int i = 0; i < 3; i++) tm_cross3(d[(i + 1) % 3], d[(i + 2) % 3], alpha + 3 * (i + 1));
+        for (int i = 0; i < 3; i++) vsub(mesh->rest_m + 3 * (int64_t)v[i + 1], mesh->rest_m + 3 * (int64_t)v[0], d[i]);
+        for (int i = 0; i < 3; i++) vcross(d[(i + 1) % 3], d[(i + 2) % 3], alpha + 3 * (i + 1));
         double n[3];
-        tm_cross3(d[0], d[1], n);
-        const double det = tm_dot3(n, d[2]);
+        vcross(d[0], d[1], n);
+        const double det = vdot(n, d[2]);
         for (int i = 3; i < 12; i++) alpha[i] /= det;
         for (int i = 0; i < 3; i++) alpha[i] = -(alpha[3 + i] + alpha[6 + i] + alpha[9 + i]);
         mesh->volume_m3[t] = det / 6;
@@ -331,15 +330,15 @@ tm_tet_quality tm_mesh_tet_quality(const tm_mesh *mesh, int32_t tet) {
     double longest = 0, inverse_inradius = 0, steepest = 0;
     for (int i = 0; i < 4; i++) {
         /* |alpha_i| is one over the altitude; their sum is one over the inradius. */
-        const double a = sqrt(tm_dot3(alpha + 3 * i, alpha + 3 * i));
+        const double a = sqrt(vdot(alpha + 3 * i, alpha + 3 * i));
         inverse_inradius += a;
         if (a > steepest) steepest = a;
         for (int j = 0; j < i; j++) {
             double d[3];
-            tm_sub3(mesh->rest_m + 3 * (int64_t)v[i], mesh->rest_m + 3 * (int64_t)v[j], d);
-            longest = fmax(longest, tm_dot3(d, d));
-            const double b = sqrt(tm_dot3(alpha + 3 * j, alpha + 3 * j));
-            const double cosine = -tm_dot3(alpha + 3 * i, alpha + 3 * j) / (a * b);
+            vsub(mesh->rest_m + 3 * (int64_t)v[i], mesh->rest_m + 3 * (int64_t)v[j], d);
+            longest = fmax(longest, vdot(d, d));
+            const double b = sqrt(vdot(alpha + 3 * j, alpha + 3 * j));
+            const double cosine = -vdot(alpha + 3 * i, alpha + 3 * j) / (a * b);
             const double angle = acos(fmax(-1, fmin(1, cosine)));
             q.min_dihedral_rad = fmin(q.min_dihedral_rad, angle);
             q.max_dihedral_rad = fmax(q.max_dihedral_rad, angle);

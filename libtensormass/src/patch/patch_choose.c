@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "contact/contact_vec.h"
+#include "base/vec.h"
 
 #define NEAR_M 0.02
 #define LITTLE 0.1 /* share of the largest reaction below which a row's fans need not be whole */

@@ -9,7 +9,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "contact/contact_vec.h"
+#include "base/vec.h"
 
 #define MAX_ITERATIONS 400 /* a column that needs more belongs to a piece that nothing holds */
 

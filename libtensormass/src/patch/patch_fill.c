@@ -4,7 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "contact/contact_vec.h"
+#include "base/vec.h"
 
 static int32_t packed(int32_t n, int32_t i, int32_t j) {
     int32_t low = i < j ? i : j, high = i < j ? j : i;

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "contact/contact_vec.h"
+#include "base/vec.h"
 
 #define ROWS 64
 #define BRANCHES 16

@@ -1,6 +1,6 @@
 /* Critical time steps: the guaranteed element bound (Irons; shared anew in critical_shared.c) and the sharp figure of
  * the assembled system. */
-#include "world/world_internal.h"
+#include "tissue/tissue_internal.h"
 
 #include <float.h>
 #include <math.h>
@@ -36,7 +36,7 @@ static void strain_gram(const double alpha[12], const double scale[4], double G[
         const double B[6][3] = {{x, 0, 0},         {0, y, 0},         {0, 0, z},
                                 {0, h * z, h * y}, {h * z, 0, h * x}, {h * y, h * x, 0}};
         for (int i = 0; i < 6; i++)
-            for (int j = 0; j < 6; j++) G[6 * i + j] += scale[k] * tm_dot3(B[i], B[j]);
+            for (int j = 0; j < 6; j++) G[6 * i + j] += scale[k] * vdot(B[i], B[j]);
     }
 }
 

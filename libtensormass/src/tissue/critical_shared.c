@@ -5,7 +5,7 @@
  * bounds omega^2. With w = rho V/4 throughout it never exceeds max lambda_e, the even bound; and weights are free. They
  * are made smaller at vertices that much is asked of, larger at the others, a few times over, in the tetrahedra about
  * the worst vertices. The least of all bounds met is taken. */
-#include "world/world_internal.h"
+#include "tissue/tissue_internal.h"
 
 #include <math.h>
 #include <string.h>

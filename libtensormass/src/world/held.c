@@ -29,16 +29,16 @@ static bool piece_is_held(const pieces *x, int32_t piece) {
     for (int i = 0; i < 3; i++) centre[i] /= count;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         double d[3];
-        tm_sub3(mesh->rest_m + 3 * v, centre, d);
-        if (root(x->parent, v) == piece) size = fmax(size, sqrt(tm_dot3(d, d)));
+        vsub(mesh->rest_m + 3 * v, centre, d);
+        if (root(x->parent, v) == piece) size = fmax(size, sqrt(vdot(d, d)));
     }
     for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) {
         if (!x->held[i] || root(x->parent, i / 3) != piece) continue;
         double d[3], row[6] = {0}, axis[3] = {0, 0, 0};
         axis[i % 3] = row[i % 3] = 1;
-        tm_sub3(mesh->rest_m + 3 * (i / 3), centre, d);
+        vsub(mesh->rest_m + 3 * (i / 3), centre, d);
         for (int k = 0; k < 3; k++) d[k] /= size;
-        tm_cross3(d, axis, row + 3);
+        vcross(d, axis, row + 3);
         for (int k = 0; k < 36; k++) G[k] += row[k / 6] * row[k % 6];
     }
     tm_diagonalise6(G);

@@ -4,7 +4,7 @@
  * tensors), damping and step are chosen anew each step so that the energy falls the most: that choice is the conjugate
  * gradient method. With any further constraint (contact) the stages themselves run, under fictitious masses and a
  * damping taken from the motion. */
-#include "cut/cut_internal.h"
+#include "world/world_internal.h"
 
 #include <float.h>
 #include <math.h>
@@ -52,7 +52,7 @@ static double largest(const double *a, const uint8_t *held, int32_t n) {
 static void run_phase(tm_world *world, tm_phase phase) {
     for (int32_t i = 0; i < world->stage_count; i++) {
         const tm_stage *stage = &world->slot[i].stage;
-        if (stage->phase == phase && !tm_stage_is_cut(stage)) stage->run(stage->self, world);
+        if (stage->phase == phase && !stage->passed_over_by_settle) stage->run(stage->self, world);
     }
 }
 
@@ -79,15 +79,15 @@ static void invert_vertex(const tm_tissue *tissue, int32_t v, const uint8_t *hel
         K[4 * i] = 1;
     }
     double row[9];
-    for (int i = 0; i < 3; i++) tm_cross3(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), row + 3 * i);
-    const double det = tm_dot3(K, row);
+    for (int i = 0; i < 3; i++) vcross(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), row + 3 * i);
+    const double det = vdot(K, row);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) inverse[3 * i + j] = held[i] || held[j] ? 0 : row[3 * j + i] / det;
 }
 
 static void precondition(const relaxation *x, const double *r, double *z) {
     for (int32_t v = 0; v < x->n / 3; v++)
-        for (int i = 0; i < 3; i++) z[3 * v + i] = tm_dot3(x->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
+        for (int i = 0; i < 3; i++) z[3 * v + i] = vdot(x->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
 }
 
 static double product(const double *a, const double *b, int32_t n) {

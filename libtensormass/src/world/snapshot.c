@@ -1,6 +1,6 @@
 /* Snapshot: a header with a checksum, then state, living tetrahedra, the surface's slots and what stages keep.
  * Everything is checked before anything is taken. */
-#include "cut/cut_internal.h"
+#include "world/world_internal.h"
 
 #include <math.h>
 #include <string.h>
@@ -144,30 +144,6 @@ static tm_status check_header(const tm_world *world, const void *buffer, int64_t
     return TM_OK;
 }
 
-/* The slots must name exactly the outer faces of the living tetrahedra, each once. A tissue that cannot be cut has one
- * surface only. */
-static bool surface_fits(const tm_tissue *tissue, const uint8_t *alive, const int32_t *face, int32_t count) {
-    const tm_mesh *mesh = tissue->mesh;
-    if (!tissue->cuttable)
-        return count == tissue->surface.count && !memcmp(face, tissue->surface.face, sizeof(int32_t) * (size_t)count);
-    int32_t outer = 0, *seen = tissue->cut->fan_of; /* work space: a bit for each face */
-    for (int32_t t = 0; t < mesh->tet_count; t++) {
-        if (alive[t] > 1) return false;
-        seen[t] = 0;
-        for (int f = 0; f < 4 && alive[t]; f++) {
-            const int32_t other = mesh->tet_neighbour[4 * (int64_t)t + f];
-            outer += other < 0 || !alive[other];
-        }
-    }
-    for (int32_t i = 0; i < count; i++) {
-        const int32_t f = face[i];
-        if (f < 0 || f >= 4 * mesh->tet_count || !alive[f / 4] || (seen[f / 4] & 1 << f % 4)) return false;
-        if (mesh->tet_neighbour[f] >= 0 && alive[mesh->tet_neighbour[f]]) return false;
-        seen[f / 4] |= 1 << f % 4;
-    }
-    return outer == count;
-}
-
 /* Walks the stages' parts; with `apply` they take them. */
 static tm_status stages(tm_world *world, const header *h, const char *at, const char *end, bool apply,
                         tm_error *error) {
@@ -199,27 +175,6 @@ static tm_status stages(tm_world *world, const header *h, const char *at, const 
     return TM_OK;
 }
 
-static void take_tissue(tm_tissue *tissue, const uint8_t *alive, const int32_t *face, int32_t count) {
-    const tm_mesh *mesh = tissue->mesh;
-    memcpy(tissue->alive, alive, (size_t)mesh->tet_count);
-    tissue->alive_count = 0;
-    for (int32_t t = 0; t < mesh->tet_count; t++) tissue->alive_count += alive[t];
-    tm_tissue_place_edges(tissue);
-    for (int32_t e = 0; e < mesh->edge_count; e++) tm_tissue_assemble_edge(tissue, e);
-    for (int32_t v = 0; v < mesh->vertex_count; v++) tm_tissue_assemble_vertex(tissue, v);
-    tm_cut_count(tissue);
-    memset(tissue->face_slot, -1, sizeof(int32_t) * 4 * (size_t)mesh->tet_count);
-    for (int32_t i = 0; i < count; i++) {
-        const int32_t f = face[i];
-        for (int k = 0; k < 3; k++)
-            tissue->surface_triangle[3 * i + k] = mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][k]];
-        tissue->surface_face[i] = f;
-        tissue->face_slot[f] = i;
-    }
-    tissue->surface.count = count;
-    tissue->surface.revision++;
-}
-
 tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes, tm_error *error) {
     TM_REQUIRE(world && buffer, "world or buffer is null", TM_ERR_ARGUMENT);
     header h;
@@ -241,7 +196,7 @@ tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes
             return tm_fail(error, TM_ERR_FILE, i / 3 % h.vertex_count,
                            "snapshot: a displacement is not finite; save it again");
     }
-    if (!surface_fits(tissue, alive, face, h.surface_count))
+    if (!tm_tissue_surface_fits(tissue, alive, face, h.surface_count))
         return tm_fail(error, TM_ERR_FILE, -1, "snapshot: its surface is not that of its tetrahedra; save it again");
     const bool cut = memcmp(alive, tissue->alive, (size_t)h.tet_count) != 0;
     if (cut && !tissue->cuttable)
@@ -250,7 +205,7 @@ tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes
     status = stages(world, &h, rest, (const char *)buffer + bytes, false, error);
     if (status) return status;
 
-    if (tissue->cuttable) take_tissue(tissue, alive, face, h.surface_count);
+    if (tissue->cuttable) tm_tissue_restore(tissue, alive, face, h.surface_count);
     memcpy(world->state.u_m, u, (size_t)n);
     memcpy(world->state.u_prev_m, u_prev, (size_t)n);
     world->state.step = h.step;

@@ -58,10 +58,10 @@ void tm_load_add_traction(const tm_mesh *mesh, const int32_t *triangle, int32_t 
     for (int32_t t = 0; t < triangle_count; t++) {
         const int32_t *v = triangle + 3 * (int64_t)t;
         double a[3], b[3], n[3];
-        tm_sub3(mesh->rest_m + 3 * (int64_t)v[1], mesh->rest_m + 3 * (int64_t)v[0], a);
-        tm_sub3(mesh->rest_m + 3 * (int64_t)v[2], mesh->rest_m + 3 * (int64_t)v[0], b);
-        tm_cross3(a, b, n);
-        const double third = sqrt(tm_dot3(n, n)) / 6;
+        vsub(mesh->rest_m + 3 * (int64_t)v[1], mesh->rest_m + 3 * (int64_t)v[0], a);
+        vsub(mesh->rest_m + 3 * (int64_t)v[2], mesh->rest_m + 3 * (int64_t)v[0], b);
+        vcross(a, b, n);
+        const double third = sqrt(vdot(n, n)) / 6;
         for (int i = 0; i < 9; i++) force_N[3 * (int64_t)v[i / 3] + i % 3] += third * traction_Pa[i % 3];
     }
 }

@@ -1,6 +1,6 @@
 /* Gives removed tetrahedra back: a step that fails has cut nothing. Backwards through the list of what went, so that
  * every triangle finds the slot it had; then what was touched is summed again, in the order of a fresh build. */
-#include "cut/cut_internal.h"
+#include "tissue/cut_work.h"
 
 static void put_face(tm_tissue *tissue, int32_t face, int32_t slot) {
     const int32_t *v = tissue->mesh->tet + 4 * (int64_t)(face / 4);
@@ -23,12 +23,6 @@ static void take_back_surface(tm_tissue *tissue, int32_t tet, const int32_t slot
     }
 }
 
-static void see(tm_cut_list *list, uint32_t call, int32_t item) {
-    if (list->stamp[item] == call) return;
-    list->stamp[item] = call;
-    list->item[list->count++] = item;
-}
-
 bool tm_cut_give_back(tm_tissue *tissue) {
     if (tissue->undo_count == 0) return false;
     tm_cut_work *w = tissue->cut;
@@ -42,12 +36,12 @@ bool tm_cut_give_back(tm_tissue *tissue) {
         for (int e = 0; e < 6; e++) {
             const int32_t edge = tissue->mesh->tet_edge[6 * (int64_t)tet + e];
             w->edge_alive[edge]++;
-            see(&w->edge, w->call, edge);
+            tm_cut_see(&w->edge, w->call, edge);
         }
         for (int i = 0; i < 4; i++) {
             const int32_t vertex = tissue->mesh->tet[4 * (int64_t)tet + i];
             w->vertex_alive[vertex]++;
-            see(&w->vertex, w->call, vertex);
+            tm_cut_see(&w->vertex, w->call, vertex);
         }
     }
     for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_raise_edge(tissue, w->edge.item[i]);

@@ -1,6 +1,6 @@
-/* Three-vectors of the contact files. */
-#ifndef TM_CONTACT_VEC_H
-#define TM_CONTACT_VEC_H
+/* Vectors of three doubles, and small helpers beside them. */
+#ifndef TM_VEC_H
+#define TM_VEC_H
 
 #include <math.h>
 

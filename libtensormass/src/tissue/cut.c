@@ -1,6 +1,6 @@
 /* Removal of tetrahedra: surface, mending, then every touched vertex and edge summed again from its living tetrahedra,
  * in the order of a fresh build. Subtracting would be quicker to write and would drift. */
-#include "cut/cut_internal.h"
+#include "tissue/cut_work.h"
 
 const int8_t tm_cut_edge_between[4][4] = {{-1, 0, 1, 2}, {0, -1, 3, 4}, {1, 3, -1, 5}, {2, 4, 5, -1}};
 
@@ -67,12 +67,6 @@ void tm_cut_count(tm_tissue *tissue) {
             if (tm_edge_vertex[e][0] != f % 4 && tm_edge_vertex[e][1] != f % 4)
                 w->edge_whole[mesh->tet_edge[6 * (int64_t)(f / 4) + e]] = -1;
     }
-}
-
-static void see(tm_cut_list *list, uint32_t call, int32_t item) {
-    if (list->stamp[item] == call) return;
-    list->stamp[item] = call;
-    list->item[list->count++] = item;
 }
 
 void tm_cut_queue_push(tm_cut_queue *queue, int32_t item) {
@@ -166,16 +160,16 @@ void tm_cut_kill(tm_tissue *tissue, int32_t tet) {
     find_doubts(tissue, tet);
     tissue->alive[tet] = 0;
     tissue->alive_count--;
-    see(&w->tet, w->call, tet);
+    tm_cut_see(&w->tet, w->call, tet);
     for (int e = 0; e < 6; e++) {
         const int32_t edge = tissue->mesh->tet_edge[6 * (int64_t)tet + e];
         w->edge_alive[edge]--;
-        see(&w->edge, w->call, edge);
+        tm_cut_see(&w->edge, w->call, edge);
     }
     for (int i = 0; i < 4; i++) {
         const int32_t vertex = tissue->mesh->tet[4 * (int64_t)tet + i];
         w->vertex_alive[vertex]--;
-        see(&w->vertex, w->call, vertex);
+        tm_cut_see(&w->vertex, w->call, vertex);
     }
 }
 
@@ -198,4 +192,14 @@ int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int3
     tissue->surface.revision += w->tet.count > 0;
     for (int32_t i = 0; removed && i < w->tet.count && i < removed_max; i++) removed[i] = w->tet.item[i];
     return w->tet.count;
+}
+
+int32_t tm_cut_removed(const tm_tissue *tissue, const int32_t **tet) {
+    *tet = tissue->cut->tet.item;
+    return tissue->cut->tet.count;
+}
+
+int32_t tm_cut_touched(const tm_tissue *tissue, const int32_t **vertex) {
+    *vertex = tissue->cut->vertex.item;
+    return tissue->cut->vertex.count;
 }

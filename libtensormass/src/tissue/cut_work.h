@@ -1,9 +1,8 @@
-/* Work space of cutting, taken with a cuttable tissue, and the steps that cut.c and cut_mend.c share. */
-#ifndef TM_CUT_INTERNAL_H
-#define TM_CUT_INTERNAL_H
+/* Work space of cutting, taken with a cuttable tissue, and the steps that cut*.c share. */
+#ifndef TM_CUT_WORK_H
+#define TM_CUT_WORK_H
 
-#include "tensormass/cut.h"
-#include "world/world_internal.h"
+#include "tissue/tissue_internal.h"
 
 /* Things waiting their turn, each at most once. */
 typedef struct tm_cut_queue {
@@ -18,6 +17,12 @@ typedef struct tm_cut_list {
     int32_t *item;
     uint32_t *stamp; /* by item: the call that saw it last */
 } tm_cut_list;
+
+static inline void tm_cut_see(tm_cut_list *list, uint32_t call, int32_t item) {
+    if (list->stamp[item] == call) return;
+    list->stamp[item] = call;
+    list->item[list->count++] = item;
+}
 
 typedef struct tm_cut_work {
     uint32_t call;
@@ -54,17 +59,5 @@ void tm_cut_kill(tm_tissue *tissue, int32_t tet);
 void tm_cut_mend(tm_tissue *tissue);
 void tm_cut_queue_push(tm_cut_queue *queue, int32_t item);
 int32_t tm_cut_queue_pop(tm_cut_queue *queue);
-
-/* cut_undo.c. Gives back what was removed since tissue->undo_count was set to 0: tensors, masses, surface and its slots
- * have the bits they had. False: nothing was. tm_cut_touched names the vertices. */
-bool tm_cut_give_back(tm_tissue *tissue);
-
-bool tm_stage_is_cut(const tm_stage *stage);
-
-/* Vertices that the last tm_cut_remove touched. */
-static inline int32_t tm_cut_touched(const tm_tissue *tissue, const int32_t **vertex) {
-    *vertex = tissue->cut->vertex.item;
-    return tissue->cut->vertex.count;
-}
 
 #endif

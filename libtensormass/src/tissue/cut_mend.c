@@ -8,7 +8,7 @@
  * What is there but elsewhere (a hybrid's condensed part) is seen and stays: a fan of it is kept before any other, and
  * a ring is cut open beside it. Where two such fans meet in a vertex or an edge, nothing of ours between them any more,
  * the surface stays pinched. */
-#include "cut/cut_internal.h"
+#include "tissue/cut_work.h"
 
 /* Labels star[0..n) by fan, over neighbours that `joined` allows; returns how many fans. Work: stack. */
 typedef bool (*joined)(const tm_mesh *mesh, int32_t tet, int face, int32_t hinge);

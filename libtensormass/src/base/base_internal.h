@@ -1,0 +1,28 @@
+/* What the room `base` gives all others: contracts, errors, memory pools, a clock, small vectors. */
+#ifndef TM_BASE_INTERNAL_H
+#define TM_BASE_INTERNAL_H
+
+#include "base/contract.h"
+#include "base/vec.h"
+
+/* Every array of an object is one block of its pool; releasing the pool frees the object. A failed take marks the pool,
+ * so that builders take everything first and look once. Blocks are zeroed and aligned to 64 bytes. */
+typedef struct tm_block tm_block;
+typedef struct tm_pool {
+    tm_block *first;
+    int64_t bytes;
+    bool failed;
+} tm_pool;
+void *tm_pool_take(tm_pool *pool, int64_t count, size_t size);
+void tm_pool_release(tm_pool *pool);
+#define TM_TAKE(pool, type, count) ((type *)tm_pool_take((pool), (count), sizeof(type)))
+
+/* Fills `error` (may be null) and returns `status`. */
+tm_status tm_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
+tm_status tm_fail_memory(tm_error *error, const char *what);
+
+/* Monotonic, s. */
+double tm_clock_s(void);
+
+#endif

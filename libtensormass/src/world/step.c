@@ -1,0 +1,105 @@
+/* The step: every stage in its turn, and all or nothing. */
+#include "world/world_internal.h"
+
+#include <string.h>
+
+static const double LARGEST_DISPLACEMENT_M = 1e6;
+
+/* --- the step --- */
+
+static void rotate(tm_state *s) {
+    double *oldest = s->u_prev_m;
+    s->u_prev_m = s->u_m;
+    s->u_m = s->u_next_m;
+    s->u_next_m = oldest;
+    s->step++;
+    s->time_s += s->dt_s;
+}
+
+void tm_world_charge(tm_world *world, int32_t slot) {
+    const double now_s = tm_clock_s();
+    if (world->charged != TM_NO_SLOT) world->slot[world->charged].seconds += now_s - world->charged_since_s;
+    world->charged = slot;
+    world->charged_since_s = now_s;
+}
+
+/* Every stage in its turn; tm_phase is the table of contents. */
+static void substep(tm_world *world) {
+    for (int32_t i = 0; i < world->step_count; i++) {
+        if (world->timing) tm_world_charge(world, i);
+        world->slot[i].stage.run(world->slot[i].stage.self, world);
+    }
+    if (world->timing) tm_world_charge(world, TM_NO_SLOT);
+}
+
+/* What has died away to nothing becomes nothing: tissue at rest in its own shape would end among the denormals, on
+ * which many processors are ten times slower, and never leave them. Tied to the step's number, so that bits do not
+ * depend on how steps are grouped into calls. */
+enum { FLUSH_EVERY = 256 };
+static void flush(const tm_state *s, int32_t n) {
+    const double tiny = 1e-60; /* above 1e-44 m nothing changes, below 1e-76 m nothing is left */
+    double *const array[3] = {s->u_m, s->u_prev_m, s->u_next_m}; /* the last: of the dead, which nobody writes again */
+    for (int a = 0; a < 3; a++)
+        for (int32_t i = 0; i < n; i++) array[a][i] = (array[a][i] + tiny) - tiny;
+}
+
+/* No displacement is beyond 1e6 m, infinite or no number. Magnitudes of doubles are ordered as their bits are, so that
+ * adding what is left from the largest one allowed to the topmost bit sets that bit for all beyond. Looked at after
+ * every substep: whole words are an instruction less than comparisons. */
+static bool sound(const double *u, int32_t n) {
+    uint64_t largest, word, beyond = 0;
+    memcpy(&largest, &LARGEST_DISPLACEMENT_M, sizeof largest);
+    for (int32_t i = 0; i < n; i++) {
+        memcpy(&word, u + i, sizeof word);
+        beyond |= (word & INT64_MAX) + (INT64_MAX - largest);
+    }
+    return !(beyond >> 63);
+}
+
+/* --- all or nothing --- */
+
+static void keep(tm_world *world) {
+    const size_t bytes = sizeof(double) * 3 * (size_t)world->tissue->mesh->vertex_count;
+    memcpy(world->keep_u_m, world->state.u_m, bytes);
+    memcpy(world->keep_u_prev_m, world->state.u_prev_m, bytes);
+    memcpy(world->keep_force_N, world->state.force_N, bytes);
+    world->keep_step = world->state.step;
+    world->keep_time_s = world->state.time_s;
+    world->unsound = false;
+    tm_cut_begin(world->tissue);
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.keep) world->slot[i].stage.keep(world->slot[i].stage.self);
+}
+
+static void give_back(tm_world *world) {
+    const size_t bytes = sizeof(double) * 3 * (size_t)world->tissue->mesh->vertex_count;
+    const bool cut = tm_cut_give_back(world->tissue);
+    memcpy(world->state.u_m, world->keep_u_m, bytes);
+    memcpy(world->state.force_N, world->keep_force_N, bytes);
+    world->state.step = world->keep_step;
+    world->state.time_s = world->keep_time_s;
+    if (cut) tm_world_cut(world);
+    memcpy(world->state.u_prev_m, world->keep_u_prev_m, bytes); /* after the masses, which stop what weighs nothing */
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.give_back) world->slot[i].stage.give_back(world->slot[i].stage.self, world);
+}
+
+tm_status tm_world_step(tm_world *world, int32_t count) {
+    TM_REQUIRE(world && count >= 0, "world is null or count is negative", TM_ERR_ARGUMENT);
+    tm_state *s = &world->state;
+    const int32_t n = 3 * world->tissue->mesh->vertex_count;
+    if (world->revision != world->tissue->surface.revision) tm_world_changed(world); /* cut by the caller since */
+    keep(world);
+    tm_stage_integrate_still(world);
+    for (int32_t i = 0; i < count; i++) {
+        substep(world);
+        rotate(s);
+        if (world->unsound || !sound(s->u_m, n)) {
+            give_back(world);
+            return TM_ERR_UNSTABLE;
+        }
+        if (s->step % FLUSH_EVERY == 0) flush(s, n);
+    }
+    for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].runs += count;
+    return TM_OK;
+}
