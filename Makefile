@@ -42,7 +42,7 @@ WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wconver
 BASE_CFLAGS := -std=c11 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC -MMD -MP $(WARN)
 # Two of the checks of C++ want a runtime that a C program is not linked with.
 BASE_CXXFLAGS := -std=c++17 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC $(if $(findstring undefined,$(OPT)),-fno-sanitize=function$(,)vptr) -MMD -MP -Wall -Wextra
-INCLUDES := -Ilibtensormass/include -Ilibtensormass/src -Ihaptic_rt/core -Ihaptic_rt -Iapps -Iapps/common -Ilcm_types -I$(OUT)/gen
+INCLUDES := -Ilibtensormass/include -Ilibtensormass/src -Ihaptic_rt/core -Ihaptic_rt/base -Ihaptic_rt -Iapps -Iapps/common -Ilcm_types -I$(OUT)/gen
 
 # Answers of pkg-config, asked only when a recipe needs them (they may be installed by the same make).
 pkg_cflags = $(shell pkg-config --cflags $(1))
@@ -62,7 +62,7 @@ $(OUT)/bin/$(1): $(call objects,$(2)) $(3)
 	$$(CC) $$(SAN) -rdynamic -o $$@ $$(call objects,$(2)) -Wl,--start-group $(3) -Wl,--end-group $(4) -ldl -lm -lpthread
 endef
 
-# $(eval $(call module,NAME,SOURCES,OTHER PREREQUISITES,LIBRARY FLAGS)): build/lib/tensormass/NAME.so, opened on demand (apps/common/module.c).
+# $(eval $(call module,NAME,SOURCES,OTHER PREREQUISITES,LIBRARY FLAGS)): build/lib/tensormass/NAME.so, opened on demand (haptic_rt/base/module.c).
 MODULES :=
 define module
 MODULES += $(OUT)/lib/tensormass/$(1).so

@@ -8,6 +8,7 @@
 #include <unistd.h>
 
 #include "app.h"
+#include "cache.h"
 #include "mesh_parts.h"
 
 static bool cache_folder(char *path, size_t size) {

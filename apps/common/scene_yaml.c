@@ -9,6 +9,7 @@
 
 #include "app.h"
 #include "scene_reader.h"
+#include "units.h"
 
 enum { SHOWN_MAX_CHARS = 400, MAX_ITEMS = 200000, MAX_NAMES = 1000, SCENE_MAX_BYTES = 4 << 20 };
 typedef struct block {

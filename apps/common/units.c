@@ -1,5 +1,5 @@
 /* Numbers with units. One table; everything inside the programs is SI. */
-#include "app.h"
+#include "units.h"
 
 #include <ctype.h>
 #include <math.h>

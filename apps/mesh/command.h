@@ -4,7 +4,7 @@
 
 #include <stdio.h>
 
-#include "common/app.h"
+#include "app.h"
 #include "common/mesh_parts.h"
 
 typedef int command_fn(int argc, char **argv);

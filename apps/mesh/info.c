@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "command.h"
-#include "common/json_file.h"
+#include "json_file.h"
 #include "common/mesh_check.h"
 #include "tensormass/tissue.h"
 

@@ -3,6 +3,7 @@
 #include <string.h>
 
 #include "command.h"
+#include "common/units.h"
 
 static const struct {
     const char *name;

@@ -1,5 +1,7 @@
 #include "solve_api.h"
 
+#include "common/cache.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

@@ -1,6 +1,6 @@
 /* Scenes: refused (2) with something said, or read; what is read and can be built on a small block is built, and comes
  * down again. */
-#include "common/app.h"
+#include "app.h"
 #include "common/mesh_file.h"
 #include "fuzz.h"
 #include "sim/sim.h"

@@ -2,8 +2,9 @@
  * Refused, or finite. */
 #include <math.h>
 
-#include "common/app.h"
+#include "app.h"
 #include "common/mesh_file.h"
+#include "common/units.h"
 #include "device/hand_file.h"
 #include "fuzz.h"
 #include "io/profile.h"

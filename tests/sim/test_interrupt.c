@@ -1,7 +1,7 @@
 /* The first signal asks a run to end; the second ends it, hung or not. */
 #include "../fixture.h"
 
-#include "../../apps/common/app.h"
+#include "app.h"
 
 #include <signal.h>
 #include <sys/wait.h>
