@@ -1,11 +1,12 @@
 /* The generated organs, cut down in 20 random orders. */
+#include "../long.h"
 #include "organ.h"
 
 static void generated_organs(void **state) {
     (void)state;
     const char *root = getenv("TM_ROOT");
     char path[600];
-    const bool whole = getenv("TM_LONG") != NULL;
+    const bool whole = test_is_long();
     snprintf(path, sizeof path, "%s/meshes/liver_1k.msh", root ? root : ".");
     assert_true(organ_cut_down(path, ORDERS, 30));
     snprintf(path, sizeof path, "%s/meshes/liver_10k.msh", root ? root : ".");

@@ -11,6 +11,7 @@
 #include <cmocka.h>
 // clang-format on
 
+#include "../long.h"
 #include "core/gate.h"
 
 static hrt_gate_verdict say(hrt_gate *g, int64_t now_us, int64_t session, uint32_t seq, int64_t utime) {
@@ -184,7 +185,7 @@ static uint64_t seed, seeds;
 
 static void random_conversations(void **state) {
     (void)state;
-    seeds = getenv("TM_LONG") ? 20000 : 500;
+    seeds = test_is_long() ? 20000 : 500;
     for (seed = 1; seed <= seeds; seed++) conversation(seed, 3000);
 }
 

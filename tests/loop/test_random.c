@@ -1,5 +1,6 @@
 /* Random inputs, most of them plausible, some mad: never beyond a limit, never NaN, never off the state diagram. 1e6
  * ticks; TM_LONG=1: 1e8. */
+#include "../long.h"
 #include "rig.h"
 
 #include <stdio.h>
@@ -188,7 +189,7 @@ static void one_tick(wild *w) {
 static void random_inputs(void **state) {
     (void)state;
     static wild w;
-    const bool is_long = getenv("TM_LONG") && strcmp(getenv("TM_LONG"), "1") == 0;
+    const bool is_long = test_is_long();
     const int64_t ticks = is_long ? 100000000 : 1000000;
     w.seed = 20000;
     w.now_us = 1000;

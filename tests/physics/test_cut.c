@@ -1,5 +1,6 @@
 /* Cutting: bits of a fresh build after every batch, manifold surface, nothing left at the end, no allocation. */
 #include "../cut_check.h"
+#include "../long.h"
 
 static tm_mesh *organ(uint64_t seed) {
     fix_random random = {seed};
@@ -71,7 +72,7 @@ static void twenty_orders(void **state) {
         else
             cut_shuffle(list, s.mesh->tet_count, &random);
         const double bound = tm_critical_step_guaranteed(s.tissue, NULL);
-        cut_down(s.tissue, &s.def, s.world, list, 0.95, getenv("TM_LONG") ? 1 : 1 + order, true);
+        cut_down(s.tissue, &s.def, s.world, list, 0.95, test_is_long() ? 1 : 1 + order, true);
         assert_true(tm_tissue_alive_count(s.tissue) <= s.mesh->tet_count / 20);
         assert_true(tm_critical_step_guaranteed(s.tissue, NULL) >= bound);
         free(list);

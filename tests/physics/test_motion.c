@@ -1,6 +1,7 @@
 /* The scheme in time: closed form of one free vertex, its own energy, growth past the critical step, steps that change,
  * blow-ups. */
 #include "../fixture.h"
+#include "../long.h"
 
 /* One tetrahedron with everything held but component `dof`: a scalar oscillator k, m, d. */
 typedef struct oscillator {
@@ -340,7 +341,7 @@ static double turned(tm_precision precision, int held, int32_t steps, tm_status 
 static void single_is_for_what_is_held(void **state) {
     (void)state;
     tm_status status;
-    const int32_t steps = getenv("TM_LONG") ? 1000000 : 150000;
+    const int32_t steps = test_is_long() ? 1000000 : 150000;
     assert_true(turned(TM_DOUBLE, 0, steps, &status) < 1 + 1e-6 && status == TM_ERR_SUPPORT);
     print_message("  single and free: %.3g times in 100000 steps\n", turned(TM_SINGLE, 0, 100000, &status));
     assert_int_equal(status, TM_ERR_SUPPORT);

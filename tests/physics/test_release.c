@@ -5,6 +5,7 @@
 
 #include <cmocka.h>
 
+#include "../long.h"
 #include "contact_scene.h"
 
 static const double TOP_M = 0.036;
@@ -118,7 +119,7 @@ static void test_every_second_tool(void **unused) {
 
 static void test_every_depth(void **unused) {
     (void)unused;
-    const bool all = getenv("TM_LONG") != NULL;
+    const bool all = test_is_long();
     for (second other = PROBE; other <= GRASPER; other++)
         for (int damping = 20; damping <= 100; damping += all ? 40 : 80)
             for (int p = 0; p <= 6; p += all ? 1 : 3) let_go(other, damping, 1e-3 * p, 0.1, true);

@@ -10,6 +10,7 @@
 
 #include <cmocka.h>
 
+#include "../long.h"
 #include "contact_scene.h"
 
 enum { MOST_ACTIONS = 14, FRAMES_AFTER = 30 };
@@ -259,7 +260,7 @@ static session shrink(session s, verdict *v) {
 
 static void test_sessions(void **unused) {
     (void)unused;
-    const bool all = getenv("TM_LONG") && !strcmp(getenv("TM_LONG"), "1");
+    const bool all = test_is_long();
     const char *one = getenv("TM_SESSION"), *count = getenv("TM_SESSIONS"), *from = getenv("TM_SESSIONS_FROM");
     const uint64_t first = one    ? strtoull(one, NULL, 10)
                            : from ? strtoull(from, NULL, 10)

@@ -1,6 +1,7 @@
 /* The guaranteed step against dense eigenvalues: never above 2/omega_max, on random meshes with slivers, before and
  * after random cuts; and longer than the even bound where slivers are. */
 #include "../fixture.h"
+#include "../long.h"
 
 static const double FIBRE[3] = {2, -1, 2};
 
@@ -97,7 +98,7 @@ static void never_above_the_sharp_step(void **state) {
     fix_ok(tm_material_engineering(3e4, 6e3, 0.4, 0.45, 5e3, m + 1, &error), &error);
     m[1].density_kg_m3 = 1600;
     fix_random random = {29};
-    const int trials = getenv("TM_LONG") ? 400 : 20;
+    const int trials = test_is_long() ? 400 : 20;
     double gain = 0, nearest = 0;
     for (int trial = 0; trial < trials; trial++) {
         tm_mesh *mesh = crooked(trial, &random);

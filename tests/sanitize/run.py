@@ -44,7 +44,7 @@ def run_suite(name, build, short, arguments):
     reports.mkdir(parents=True)
     where = SHORT[name] if short else ["tests"]
     command = [*wrapper(name), sys.executable, "-m", "pytest", *where, "-q", "-p", "no:cacheprovider", "-m", "not plain", *arguments]
-    fewer = {"TM_SESSIONS": "10"} if short else {}  # of two hands: a tenth of what the plain build runs
+    fewer = {"TM_SESSIONS": "10", "TM_LONG": "0"} if short else {}  # of two hands: a tenth of what the plain build runs
     done = subprocess.run(command, cwd=ROOT, env=dict(os.environ, TM_OUT=str(build / name), TM_SANITIZER=name, **fewer, **options(reports)), capture_output=True, text=True)
     text = done.stdout + done.stderr
     count = re.findall(r"^(\d+) passed, (\d+) failed, (\d+) skipped$", text, re.M)

@@ -3,13 +3,9 @@
 #define SOLVE_KIT_H
 
 #include "../fixture.h"
+#include "../long.h"
 
 #include "tensormass_solve.h"
-
-static inline bool kit_long(void) {
-    const char *text = getenv("TM_LONG");
-    return text && !strcmp(text, "1");
-}
 
 /* Every vertex with x below `to` is fixed; [3*vertex_count], to free. */
 static inline uint8_t *kit_clamp(const tm_mesh *mesh, double to) {

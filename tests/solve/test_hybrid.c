@@ -146,7 +146,7 @@ static void rest_case(const int cells[3], double seconds) {
 static void same_rest(void **state) {
     (void)state;
     rest_case((int[]){8, 5, 4}, 1.8);
-    if (kit_long()) rest_case((int[]){17, 10, 10}, 1.8), rest_case((int[]){30, 17, 16}, 1.8);
+    if (test_is_long()) rest_case((int[]){17, 10, 10}, 1.8), rest_case((int[]){30, 17, 16}, 1.8);
 }
 
 /* --- stability --- */
@@ -552,7 +552,7 @@ static void mended_surface(void **state) {
     (void)state;
     fix_random random = {41};
     int32_t cuts = 0, alike = 0, extra = 0;
-    for (int run = 0; run < (kit_long() ? 40 : 8); run++) {
+    for (int run = 0; run < (test_is_long() ? 40 : 8); run++) {
         tm_mesh *mesh = fix_block((int[]){8, 6, 5}, (double[]){0.08, 0.06, 0.05}, 0.2, &random);
         const tm_material material = kit_material(10e3, 0.4);
         hybrid_set s = make(mesh, &material, kit_clamp(mesh, 1e-9), 0.04, NULL, NULL, 0.9);

@@ -431,7 +431,7 @@ static void rough_hands(void **state) {
     pair p = make_pair(&def, TM_DOUBLE);
     fix_random random = {33};
     double at[2][3] = {{0.01, 0, 0.055}, {-0.01, 0, 0.055}}, v[2][3] = {{0}};
-    const int ticks = kit_long() ? 6000 : 2000;
+    const int ticks = test_is_long() ? 6000 : 2000;
     int stalled = 0, touching = 0;
     for (int i = 0; i < ticks; i++) {
         tm_tool_pose pose[2];

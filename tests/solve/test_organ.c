@@ -180,7 +180,7 @@ static void check_organ(const char *size, bool hybrid_too) {
 }
 
 static void thousand(void **state) { (void)state, check_organ("1k", true); }
-static void ten_thousand(void **state) { (void)state, check_organ("10k", kit_long()); }
+static void ten_thousand(void **state) { (void)state, check_organ("10k", test_is_long()); }
 static void fifty_thousand(void **state) {
     (void)state;
     check_organ("50k", true);
@@ -190,5 +190,5 @@ int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(thousand), cmocka_unit_test(ten_thousand)};
     const struct CMUnitTest more[] = {cmocka_unit_test(fifty_thousand)}; /* the long form's */
     const int failed = cmocka_run_group_tests(tests, NULL, NULL);
-    return kit_long() ? failed + cmocka_run_group_tests(more, NULL, NULL) : failed;
+    return test_is_long() ? failed + cmocka_run_group_tests(more, NULL, NULL) : failed;
 }

@@ -176,7 +176,7 @@ static void settled_model(void **state) {
     (void)state;
     check_settled((int[]){8, 5, 4});                    /* 960 */
     check_settled((int[]){17, 10, 10});                 /* 10,200 */
-    if (kit_long()) check_settled((int[]){30, 17, 16}); /* 48,960 */
+    if (test_is_long()) check_settled((int[]){30, 17, 16}); /* 48,960 */
 }
 
 /* --- refusals --- */
@@ -290,7 +290,7 @@ static void four_at_once(void **state) {
     def.threads = 2;
     assert_null(solve_one(&(one_solution){&def, alone}));
     for (int i = 0; i < 4; i++) u[i] = malloc(8 * n);
-    for (int round = 0; round < (kit_long() ? 60 : 12); round++) {
+    for (int round = 0; round < (test_is_long() ? 60 : 12); round++) {
         pthread_t thread[4];
         one_solution work[4];
         for (int i = 0; i < 4; i++) {

@@ -1,0 +1,14 @@
+/* Which form of a test runs: `make check-long` sets TM_LONG=1; empty, 0 or not there is the short one. */
+#ifndef TM_TEST_LONG_H
+#define TM_TEST_LONG_H
+
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+static inline bool test_is_long(void) {
+    const char *text = getenv("TM_LONG");
+    return text && strcmp(text, "1") == 0;
+}
+
+#endif
