@@ -56,12 +56,12 @@ install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/haptic.so $(LIBHRT_A) 
 
 #: make install-programs     simulation, viewer, tm-session and the rest, with scenes and meshes
 install-programs: programs
-	@$(call folders,$(addprefix $(PREFIX)/,bin lib/tensormass/session) $(DOCDIR)/images $(addprefix $(SHARE)/,apps/scenes apps/accuracy/reference meshes))
+	@$(call folders,$(addprefix $(PREFIX)/,bin lib/tensormass/session) $(DOCDIR)/images $(addprefix $(SHARE)/,apps/scenes apps/studies/accuracy/reference meshes))
 	install -m 755 $(filter-out $(HRT_PROGRAMS),$(PROGRAMS)) $(SESSION_PROGRAM) $(STAGE)/$@$(PREFIX)/bin
 	install -m 755 $(filter-out %/haptic.so,$(MODULES)) $(STAGE)/$@$(PREFIX)/lib/tensormass
 	install -m 755 $(SESSION_PARTS) $(STAGE)/$@$(PREFIX)/lib/tensormass/session
 	cp -R apps/scenes/. $(STAGE)/$@$(SHARE)/apps/scenes
-	install -m 644 apps/accuracy/reference/reference.json $(STAGE)/$@$(SHARE)/apps/accuracy/reference
+	install -m 644 apps/studies/accuracy/reference/reference.json $(STAGE)/$@$(SHARE)/apps/studies/accuracy/reference
 	install -m 644 $(wildcard meshes/*.msh meshes/*.csv meshes/README.md) $(STAGE)/$@$(SHARE)/meshes
 	install -m 644 README.md LICENSE CHANGELOG.md $(wildcard docs/*.md) $(STAGE)/$@$(DOCDIR)
 	install -m 644 $(wildcard docs/images/*) $(STAGE)/$@$(DOCDIR)/images

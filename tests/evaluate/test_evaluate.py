@@ -21,7 +21,7 @@ def page(bin, root, once):
     def make(out):
         subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--model", "precomputed", "--json", out / "figures.json"], cwd=root, check=True, timeout=900)
         subprocess.run([bin / "tm-stability", "--quick", "--case", "spike-100mm", "--case", "replays", "--json", out / "torture.json"], cwd=root, check=True, timeout=300)
-        subprocess.run([sys.executable, root / "apps/evaluate/page.py", out / "figures.json", "-o", out, "--torture", out / "torture.json"], check=True, timeout=300)
+        subprocess.run([sys.executable, root / "apps/studies/evaluate/page.py", out / "figures.json", "-o", out, "--torture", out / "torture.json"], check=True, timeout=300)
 
     out = once("evaluate-study", make)
     return out, json.loads((out / "evaluate.json").read_text())

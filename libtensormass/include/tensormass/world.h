@@ -108,7 +108,7 @@ TM_API double tm_world_step_s(const tm_world *world);
  * fictitious masses: read it each step. */
 TM_API const double *tm_world_mobility_s2_kg(const tm_world *world);
 /* u_prev becomes u - new (v + (old - new)/2 a), v = (u - u_prev)/old, a the acceleration now: rescaling alone (without
- * a) lets changes of the step feed energy in (apps/stability, "step-changes"). Not for the inside of a step: it
+ * a) lets changes of the step feed energy in (apps/studies/stability, "step-changes"). Not for the inside of a step: it
  * evaluates the force. */
 TM_API tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error);
 

@@ -7,7 +7,7 @@ import sys
 
 import matplotlib.pyplot as plt
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "pages"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent / "pages"))
 from page import Page, series  # noqa: E402
 
 HEADINGS = {

@@ -1,7 +1,7 @@
 # tm-evaluate measures, page.py draws.
-EVALUATE_SRC := $(sort $(wildcard apps/evaluate/*.c))
+EVALUATE_SRC := $(sort $(wildcard apps/studies/evaluate/*.c))
 $(eval $(call program,tm-evaluate,$(EVALUATE_SRC),$(SIM_LIBS) $(LIBLCMTYPES_A),-llcm -lyaml -lcjson))
-$(call objects,$(EVALUATE_SRC)): $(LCM_GEN)
+$(call objects,$(EVALUATE_SRC)): | $(LCM_GEN)
 
 #: make evaluate               extrapolation errors: build/evaluate/index.html (QUICK=1: the short form)
 .PHONY: evaluate evaluate-run
@@ -16,4 +16,4 @@ evaluate-run:
 	@mkdir -p $(OUT)/evaluate
 	$(OUT)/bin/tm-evaluate --study $(if $(QUICK),--quick) $(EVALUATE_ARGS) --json $(OUT)/evaluate/figures.json
 	$(OUT)/bin/tm-stability $(if $(QUICK),--quick) $(TORTURE:%=--case %) --quiet --json $(OUT)/evaluate/torture.json || [ $$? -eq 1 ]
-	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/evaluate/page.py $(OUT)/evaluate/figures.json -o $(OUT)/evaluate --torture $(OUT)/evaluate/torture.json
+	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/studies/evaluate/page.py $(OUT)/evaluate/figures.json -o $(OUT)/evaluate --torture $(OUT)/evaluate/torture.json

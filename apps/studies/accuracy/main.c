@@ -1,4 +1,4 @@
-/* tm-accuracy: measures every knob for its error and its price, as JSON. apps/accuracy/page.py draws it. */
+/* tm-accuracy: measures every knob for its error and its price, as JSON. apps/studies/accuracy/page.py draws it. */
 #include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -31,7 +31,7 @@ static void usage(FILE *to) {
     fprintf(
         to,
         "  --quick           smaller meshes, fewer rounds\n"
-        "  --reference FILE  the independent solutions [apps/accuracy/reference/reference.json, here or as installed]\n"
+        "  --reference FILE  the independent solutions [apps/studies/accuracy/reference/reference.json, here or as installed]\n"
         "  --json FILE       where the figures go\n"
         "  --quiet           no progress; --list names the knobs\n"
         "  -h, --help, --version\n");
@@ -85,7 +85,7 @@ int main(int argc, char **argv) {
     const char *json = NULL, *reference_path = found;
     bool wanted[KNOBS] = {false}, quick = false, some = false;
     app_check_stdout();
-    app_shared_file("apps/accuracy/reference/reference.json", found, sizeof found);
+    app_shared_file("apps/studies/accuracy/reference/reference.json", found, sizeof found);
     opterr = 0; /* the message is ours */
     for (int c; (c = getopt_long(argc, argv, "h", options, NULL)) != -1;) {
         int k = 0;

@@ -9,7 +9,7 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "pages"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent / "pages"))
 from page import Page, frontier, label_line, label_upright, series  # noqa: E402
 
 MEASURES = [("displacement", "displacement"), ("reaction", "reaction"), ("energy", "energy")]
@@ -114,7 +114,7 @@ def draw_frontier(axis, points):
 def mesh(page, data, bandwidth):
     rows = data["rows"]
     laws = ("isotropic", "fibred")
-    page.section("Mesh", "Truth: CalculiX, ten-node tetrahedra, three times finer than our coarsest second mesh (<code>apps/accuracy/reference</code>). "
+    page.section("Mesh", "Truth: CalculiX, ten-node tetrahedra, three times finer than our coarsest second mesh (<code>apps/studies/accuracy/reference</code>). "
                  "The pressed quarter block is settled on each mesh and its free vibration timed.")
     figure, axis = plt.subplots()
     points = []

@@ -1,5 +1,6 @@
 # tm-accuracy measures, page.py draws.
-ACCURACY_SRC := $(sort $(wildcard apps/accuracy/*.c))
+ACCURACY_SRC := $(sort $(wildcard apps/studies/accuracy/*.c))
+$(call objects,$(ACCURACY_SRC)): | $(LCM_GEN)
 $(eval $(call program,tm-accuracy,$(ACCURACY_SRC),$(SIM_LIBS),-lyaml -lcjson))
 
 #: make accuracy               what accuracy costs in time: build/accuracy/index.html (QUICK=1: the short form)
@@ -12,4 +13,4 @@ accuracy:
 accuracy-run:
 	@mkdir -p $(OUT)/accuracy
 	$(OUT)/bin/tm-accuracy $(if $(QUICK),--quick) --json $(OUT)/accuracy/figures.json
-	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/accuracy/page.py $(OUT)/accuracy/figures.json $(if $(wildcard $(OUT)/evaluate/rates.json),--rates $(OUT)/evaluate/rates.json) -o $(OUT)/accuracy
+	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/studies/accuracy/page.py $(OUT)/accuracy/figures.json $(if $(wildcard $(OUT)/evaluate/rates.json),--rates $(OUT)/evaluate/rates.json) -o $(OUT)/accuracy

@@ -1,4 +1,4 @@
-/* tm-stability: runs hard cases and writes their verdicts as JSON; apps/stability/page.py draws them. */
+/* tm-stability: runs hard cases and writes their verdicts as JSON; apps/studies/stability/page.py draws them. */
 #include <getopt.h>
 #include <math.h>
 #include <stdio.h>

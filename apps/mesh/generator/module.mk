@@ -1,10 +1,10 @@
 #: make meshes               the generated meshes of 50,000 tetrahedra, into build/meshes/
 # The generated meshes. 1k and 10k are committed (tests compare them with what the generator makes); `make meshes` adds the 50k ones in build/meshes.
 MESH_GROWING := apps/mesh/growing.c apps/mesh/bisect.c apps/mesh/improve.c apps/mesh/lattice.c
-MESH_GENERATOR := $(OUT)/obj/meshes/generate
+MESH_GENERATOR := $(OUT)/obj/apps/mesh/generate
 MESHES_DIR ?= $(OUT)/meshes
 MESHES_50K := $(foreach s,block cylinder liver,$(MESHES_DIR)/$(s)_50k.msh)
-$(MESH_GENERATOR): $(call objects,$(sort $(wildcard meshes/generator/*.c)) $(MESH_GROWING))
+$(MESH_GENERATOR): $(call objects,$(sort $(wildcard apps/mesh/generator/*.c)) $(MESH_GROWING))
 	@mkdir -p $(@D)
 	$(CC) $(SAN) -o $@ $^ -lm
 $(MESHES_DIR)/%_50k.msh: $(MESH_GENERATOR)

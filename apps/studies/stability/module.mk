@@ -1,5 +1,6 @@
 # tm-stability runs the hard cases, page.py draws their verdicts.
-STABILITY_SRC := $(sort $(wildcard apps/stability/*.c))
+STABILITY_SRC := $(sort $(wildcard apps/studies/stability/*.c))
+$(call objects,$(STABILITY_SRC)): | $(LCM_GEN)
 $(eval $(call program,tm-stability,$(STABILITY_SRC),$(LIBAPP_A) $(LIBTM_A) $(LIBHRT_IO_A) $(LIBHRT_A),-lcjson))
 
 #: make stability              every hard case and its verdict: build/stability/index.html (QUICK=1: the short form)
@@ -12,4 +13,4 @@ stability:
 stability-run:
 	@mkdir -p $(OUT)/stability
 	$(OUT)/bin/tm-stability $(if $(QUICK),--quick) --json $(OUT)/stability/verdicts.json; code=$$?; \
-	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/stability/page.py $(OUT)/stability/verdicts.json -o $(OUT)/stability --fuzz $(BUILD)/fuzz/fuzz.json --sanitize $(BUILD)/sanitize.json && exit $$code
+	TM_CC=$(CC) TM_FLAGS='$(OPT) -ffp-contract=off' $(VENV)/bin/python apps/studies/stability/page.py $(OUT)/stability/verdicts.json -o $(OUT)/stability --fuzz $(BUILD)/fuzz/fuzz.json --sanitize $(BUILD)/sanitize.json && exit $$code

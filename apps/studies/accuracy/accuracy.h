@@ -6,7 +6,8 @@
 
 #include "tensormass.h"
 
-/* The pressed quarter block of apps/accuracy/reference/make_inp.py, on `cells`^3 cubes of six Kuhn tetrahedra. */
+/* The pressed quarter block of apps/studies/accuracy/reference/make_inp.py, on `cells`^3 cubes of six Kuhn tetrahedra.
+ */
 #define BLOCK_M 0.03
 #define INDENTER_M 0.02
 #define PROBES 27

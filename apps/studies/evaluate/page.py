@@ -7,7 +7,7 @@ import sys
 import matplotlib.pyplot as plt
 import numpy as np
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent / "pages"))
+sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent / "pages"))
 from aims import aims  # noqa: E402
 from page import Page, label_line, series  # noqa: E402
 
