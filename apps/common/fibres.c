@@ -6,7 +6,7 @@
 #include <string.h>
 #include <sys/stat.h>
 
-#include "mesh_parts.h"
+#include "mesh_format.h"
 
 /* One "tet,ax,ay,az" line into fibre[3*tet]. Null, or what is wrong. */
 static const char *parse_row(const char *text, int32_t expected, double *fibre) {

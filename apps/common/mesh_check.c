@@ -6,7 +6,7 @@
 #include <string.h>
 
 #include "mesh_check.h"
-#include "mesh_parts.h"
+#include "mesh_format.h"
 
 static const double largest_m = 1e6; /* of tm_mesh_create: beyond it differences of coordinates lose the millimetres */
 

@@ -1,5 +1,5 @@
-/* VTK's legacy files of version 5 (OFFSETS and CONNECTIVITY, text and binary), which Gmsh does not read. What VTK 9,
- * ParaView and meshio write unless told otherwise. Format:
+/* VTK's legacy files, text and binary: with counts among the corners (to 4.2), and with OFFSETS and CONNECTIVITY (5,
+ * what VTK 9, ParaView and meshio write unless told otherwise). Format:
  * https://docs.vtk.org/en/latest/vtk_file_formats/vtk_legacy_file_format.html */
 #include <ctype.h>
 #include <math.h>
@@ -7,17 +7,17 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "mesh_parts.h"
+#include "mesh_format.h"
 
 typedef struct reader {
     const char *at, *end;
-    bool binary;
+    bool binary, offsets; /* since version 5 */
     tm_error *error;
     double *point;      /* [3*points] */
     int64_t *offset;    /* [cells + 1] */
     int64_t *corner;    /* [corners] */
     int64_t *cell_type; /* [cells] */
-    int64_t points, cells, corners;
+    int64_t points, cells;
 } reader;
 
 static tm_status bad(reader *r, const char *what) {
@@ -146,13 +146,9 @@ static tm_status read_array(reader *r, const char *word, int64_t count, int64_t 
     return values(r, count, type, NULL, *array) ? TM_OK : cut_short(r);
 }
 
-/* CELLS has one offset more than there are cells. */
-static tm_status read_cells(reader *r, const char *line) {
-    long long offsets, corners;
-    if (sscanf(line, "%*s %lld %lld", &offsets, &corners) != 2 || offsets < 0 || corners < 0)
-        return bad(r, "its line CELLS is not understood");
+/* Version 5: one offset more than there are cells. */
+static tm_status read_offsets(reader *r, int64_t offsets, int64_t corners) {
     r->cells = offsets > 0 ? offsets - 1 : 0;
-    r->corners = corners;
     tm_status status = read_array(r, "OFFSETS", offsets, &r->offset);
     if (!status) status = read_array(r, "CONNECTIVITY", corners, &r->corner);
     if (status) return status;
@@ -161,6 +157,31 @@ static tm_status read_cells(reader *r, const char *line) {
         if (r->offset[c] < 0 || r->offset[c] > r->offset[c + 1] || r->offset[c + 1] > corners)
             return bad(r, "its OFFSETS do not ascend");
     return TM_OK;
+}
+
+/* Before: each cell is a count and its corners, `size` numbers in all. */
+static tm_status read_counted(reader *r, int64_t cells, int64_t size) {
+    const struct type *type = type_of("int");
+    if (!has_room(r, size, type) || cells > size) return cut_short(r);
+    r->cells = cells;
+    if (!make(&r->corner, size) || !make(&r->offset, cells)) return no_memory(r);
+    if (!values(r, size, type, NULL, r->corner)) return cut_short(r);
+    int64_t at = 0, kept = 0;
+    for (int64_t c = 0; c < cells; c++) {
+        int64_t count = at < size ? r->corner[at++] : -1;
+        if (count < 0 || count > size - at) return bad(r, "its CELLS do not have the corners that they count");
+        r->offset[c] = kept;
+        for (int64_t k = 0; k < count; k++) r->corner[kept++] = r->corner[at++];
+    }
+    r->offset[cells] = kept;
+    return TM_OK;
+}
+
+static tm_status read_cells(reader *r, const char *line) {
+    long long first, second;
+    if (sscanf(line, "%*s %lld %lld", &first, &second) != 2 || first < 0 || second < 0)
+        return bad(r, "its line CELLS is not understood");
+    return r->offsets ? read_offsets(r, first, second) : read_counted(r, first, second);
 }
 
 static tm_status read_types(reader *r, const char *line) {
@@ -183,8 +204,11 @@ static tm_status skip_field(reader *r) {
 static tm_status read_sections(reader *r) {
     char line[400];
     tm_status status = TM_OK;
-    for (int i = 0; i < 3; i++) /* version, title, text or binary */
+    double version = 0;
+    for (int i = 0; i < 3; i++) { /* version, title, text or binary */
         if (!next_line(r, line, sizeof line)) return cut_short(r);
+        if (i == 0) r->offsets = sscanf(line, "# vtk DataFile Version %lf", &version) == 1 && version >= 5;
+    }
     r->binary = strcasecmp(line, "BINARY") == 0;
     if (!r->binary && strcasecmp(line, "ASCII")) return bad(r, "neither ASCII nor BINARY in its third line");
     while (!status && !r->cell_type && next_line(r, line, sizeof line)) {
@@ -206,9 +230,8 @@ static tm_status read_sections(reader *r) {
 enum { TETRA = 10, QUADRATIC = 21, FLAT_TYPES = 9 };
 
 /* What is no volume is passed over. */
-static tm_status check_cells(reader *r, int64_t *tets) {
+static tm_status check_cells(reader *r) {
     static const int flat[FLAT_TYPES + 1] = {0, 1, 0, 2, 0, 3, 0, 0, 4, 4}; /* corners, 0: any number */
-    *tets = 0;
     for (int64_t c = 0; c < r->cells; c++) {
         int64_t type = r->cell_type[c];
         int64_t corners = r->offset[c + 1] - r->offset[c];
@@ -228,49 +251,53 @@ static tm_status check_cells(reader *r, int64_t *tets) {
                                      "cell %lld names vertex %lld, which is not there; write the mesh anew",
                                      (long long)c, (long long)v);
         }
-        ++*tets;
     }
-    if (*tets == 0) return app_mesh_fail(r->error, TM_ERR_MESH, -1, "no tetrahedra in it; mesh the volume (gmsh -3)");
-    return *tets > INT32_MAX / 16 ? no_memory(r) : TM_OK;
-}
-
-/* Tags count vertices and cells of the file from 1, as Gmsh does; vertices of no tetrahedron are left behind. */
-static tm_status assemble(const reader *r, int64_t tets, app_mesh *mesh) {
-    int32_t *place = calloc((size_t)r->points + 1, sizeof *place);
-    if (!place) return TM_ERR_MEMORY;
-    *mesh = (app_mesh){.tet_count = (int32_t)tets, .region_count = 1};
-    for (int64_t c = 0; c < r->cells; c++)
-        for (int k = 0; r->cell_type[c] == TETRA && k < 4; k++) place[r->corner[r->offset[c] + k]] = 1;
-    for (int64_t v = 0; v < r->points; v++) mesh->vertex_count += place[v];
-    if (!app_mesh_allocate(mesh, 0)) {
-        free(place);
-        return TM_ERR_MEMORY;
-    }
-    for (int64_t v = 0, n = 0; v < r->points; v++) {
-        if (!place[v]) continue;
-        memcpy(mesh->vertex_m + 3 * n, r->point + 3 * v, 3 * sizeof *r->point);
-        mesh->vertex_tag[n] = v + 1;
-        place[v] = (int32_t)n++;
-    }
-    for (int64_t c = 0, t = 0; c < r->cells; c++) {
-        if (r->cell_type[c] != TETRA) continue;
-        for (int k = 0; k < 4; k++) mesh->tet[4 * t + k] = place[r->corner[r->offset[c] + k]];
-        mesh->tet_tag[t++] = c + 1;
-    }
-    free(place);
     return TM_OK;
 }
 
-tm_status app_mesh_read_vtk(const char *text, size_t size, app_mesh_scan *scan, app_mesh *mesh, tm_error *error) {
-    reader r = {.at = text, .end = text + size, .error = error};
-    int64_t tets = 0;
+/* Tags count vertices and cells of the file from 1. */
+static tm_status add_all(const reader *r, app_mesh_raw *raw) {
+    tm_status status = TM_OK;
+    for (int64_t v = 0; v < r->points && !status; v++)
+        status = app_mesh_add_vertex(raw, v + 1, r->point + 3 * v, r->error);
+    if (!status) status = app_mesh_vertices_end(raw, r->error);
+    for (int64_t c = 0; c < r->cells && !status; c++) {
+        const int64_t *v = r->corner + r->offset[c];
+        if (r->cell_type[c] != TETRA) continue;
+        const int64_t corner[4] = {v[0] + 1, v[1] + 1, v[2] + 1, v[3] + 1};
+        status = app_mesh_add_element(raw, c + 1, 3, 0, corner, 4, r->error);
+    }
+    return status;
+}
+
+static tm_status read_vtk(app_mesh_text *text, app_mesh_raw *raw) {
+    reader r = {.at = text->at, .end = text->end, .error = text->error};
     tm_status status = read_sections(&r);
-    if (!status) status = check_cells(&r, &tets);
-    if (!status && assemble(&r, tets, mesh)) status = no_memory(&r);
-    scan->vertex_count = r.points;
+    if (!status) status = check_cells(&r);
+    if (!status) status = add_all(&r, raw);
     free(r.point);
     free(r.offset);
     free(r.corner);
     free(r.cell_type);
     return status;
 }
+
+/* Regions as numbers of the cells; groups are lost. */
+static void put_vtk(const app_mesh *m, FILE *file) {
+    fprintf(file, "# vtk DataFile Version 2.0\ntensormass mesh\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS %d double\n",
+            m->vertex_count);
+    for (int32_t v = 0; v < m->vertex_count; v++)
+        fprintf(file, "%.17g %.17g %.17g\n", m->vertex_m[3 * (size_t)v], m->vertex_m[3 * (size_t)v + 1],
+                m->vertex_m[3 * (size_t)v + 2]);
+    fprintf(file, "CELLS %d %lld\n", m->tet_count, 5LL * m->tet_count);
+    for (int32_t t = 0; t < m->tet_count; t++) {
+        const int32_t *v = m->tet + 4 * (size_t)t;
+        fprintf(file, "4 %d %d %d %d\n", v[0], v[1], v[2], v[3]);
+    }
+    fprintf(file, "CELL_TYPES %d\n", m->tet_count);
+    for (int32_t t = 0; t < m->tet_count; t++) fprintf(file, "10\n");
+    fprintf(file, "CELL_DATA %d\nSCALARS region int 1\nLOOKUP_TABLE default\n", m->tet_count);
+    for (int32_t t = 0; t < m->tet_count; t++) fprintf(file, "%d\n", m->region[t]);
+}
+
+const app_mesh_format app_mesh_format_vtk = {".vtk", "# vtk DataFile", read_vtk, put_vtk};

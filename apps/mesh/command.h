@@ -5,7 +5,7 @@
 #include <stdio.h>
 
 #include "app.h"
-#include "common/mesh_parts.h"
+#include "common/mesh_format.h"
 
 typedef int command_fn(int argc, char **argv);
 command_fn command_info, command_check, command_fill, command_refine, command_repair, command_convert;
@@ -17,9 +17,6 @@ int command_output(const char *path);
 /* Bad usage: says what, points at --help, APP_BAD_INPUT. */
 int command_usage(const char *command, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/* By the path's ending: .msh 2.2 (regions as volumes, vertex groups as points, the file's own numbers), .vtk or .mesh
- * (no groups). */
-tm_status write_mesh_file(const app_mesh *mesh, const char *path, tm_error *error);
 /* Directions as the CSV that app_fibres_load reads. */
 tm_status write_fibres(const double *fibre, int32_t tet_count, const char *path, tm_error *error);
 

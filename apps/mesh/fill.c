@@ -126,7 +126,7 @@ int command_fill(int argc, char **argv) {
             app_bad_input(o.in, 0, "no memory; choose a larger --size"), exit = APP_FAILED;
         else if (app_mesh_build(&out, &built, &error))
             exit = app_report(o.in, 0, &error);
-        else if (write_mesh_file(&out, o.out, &error))
+        else if (app_mesh_write(&out, o.out, &error))
             exit = app_report(NULL, 0, &error);
         else if (!app_is_quiet())
             printf("%s: %d tetrahedra, %d vertices; volume %.4g cm3, the surface's is %.4g cm3\n", o.out, out.tet_count,

@@ -49,7 +49,7 @@ bool command_quantity(const char *option, const char *text, const char *dimensio
 }
 
 int command_output(const char *path) {
-    int exit = app_output_ending("-o", path, ".msh .vtk .mesh");
+    int exit = app_output_ending("-o", path, app_mesh_endings(true));
     return exit ? exit : app_output_check(path);
 }
 

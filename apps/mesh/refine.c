@@ -294,7 +294,7 @@ static int write_all(const options *o, const app_mesh *file, const mesh *m, cons
         exit = app_report(o->in, 0, &error);
     else if (o->fibres)
         exit = carry_fibres(o, file, m, parent);
-    if (exit == APP_DONE && write_mesh_file(&out, o->out, &error)) exit = app_report(NULL, 0, &error);
+    if (exit == APP_DONE && app_mesh_write(&out, o->out, &error)) exit = app_report(NULL, 0, &error);
     if (exit == APP_DONE && !app_is_quiet())
         printf("%s: %d tetrahedra (were %d), %d vertices (were %d); the smallest is %.2f of the smallest before, and "
                "so is the critical step, about\n",

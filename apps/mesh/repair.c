@@ -255,18 +255,14 @@ static void tell(const app_mesh *mesh, const char *path, const outcome *out) {
 
 static int load_write(const char *command, const options *o) {
     app_mesh mesh;
-    app_mesh_lenient lenient = {0};
     outcome out = {0};
     tm_error error = {0};
     tm_mesh *built = NULL;
     bool repair = strcmp(command, "repair") == 0;
-    tm_status status = repair ? app_mesh_load_lenient(o->in, o->scale, &lenient, &mesh, &error)
-                              : app_mesh_load(o->in, o->scale, &mesh, &error);
-    if (status) return app_report(o->in, 0, &error);
+    if (app_mesh_load(o->in, o->scale, &mesh, &error)) return app_report(o->in, 0, &error);
     int exit = repair ? mend(&mesh, o, &out) : APP_DONE;
     if (exit == APP_DONE && app_mesh_build(&mesh, &built, &error)) exit = app_report(o->in, 0, &error);
-    if (exit == APP_DONE && write_mesh_file(&mesh, o->out, &error)) exit = app_report(NULL, 0, &error);
-    out.done[APP_DEFECT_UNUSED_VERTEX] += lenient.dropped_vertices;
+    if (exit == APP_DONE && app_mesh_write(&mesh, o->out, &error)) exit = app_report(NULL, 0, &error);
     if (exit == APP_DONE) tell(&mesh, o->out, &out);
     tm_mesh_destroy(built);
     app_mesh_free(&mesh);

@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/mesh_parts.h"
+#include "common/mesh_format.h"
 #include "shell.h"
 
 struct shell {

@@ -39,8 +39,11 @@ typedef struct app_output {
 } app_output;
 /* False: the folder is not there or not writable, or `path` is a folder or a disk. */
 bool app_output_begin(app_output *output, const char *path, tm_error *error);
-/* To be closed by the caller, who looks at ferror and fclose. Null: no memory. */
+/* For app_output_end. Null: no memory. */
 FILE *app_output_stream(const app_output *output);
+/* Closes the stream (null: there was none) and commits, where all of it was written; abandons otherwise. On false the
+ * message names the path. */
+bool app_output_end(app_output *output, FILE *stream, tm_error *error);
 bool app_output_commit(app_output *output, tm_error *error);
 /* Nothing happens where nothing was begun. */
 void app_output_abandon(app_output *output);

@@ -1,4 +1,4 @@
-/* Heavy dependencies (Gmsh, LCM, OSMesa, CHOLMOD) live in shared objects of ours that are opened only when a scene or
+/* Heavy dependencies (LCM, OSMesa, CHOLMOD) live in shared objects of ours that are opened only when a scene or
  * command asks. */
 #include <dlfcn.h>
 #include <stdio.h>
@@ -11,8 +11,11 @@ static void fail(tm_error *error, const char *name, const char *why) {
     if (!error) return;
     static const struct {
         const char *name, *package;
-    } packages[] = {{"gmsh", "libgmsh4.8"}, {"lcm", "liblcm1"},       {"osmesa", "libosmesa6"},
-                    {"opengl", "libgl1"},   {"solve", "libcholmod3"}, {"window", "libsdl2-2.0-0"}};
+    } packages[] = {{"lcm", "liblcm1"},
+                    {"osmesa", "libosmesa6"},
+                    {"opengl", "libgl1"},
+                    {"solve", "libcholmod3"},
+                    {"window", "libsdl2-2.0-0"}};
     const char *package = "its Debian package";
     for (size_t i = 0; i < sizeof packages / sizeof *packages; i++)
         if (strcmp(packages[i].name, name) == 0) package = packages[i].package;

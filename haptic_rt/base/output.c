@@ -199,6 +199,15 @@ void app_output_abandon(app_output *output) {
     output->begun = false;
 }
 
+bool app_output_end(app_output *output, FILE *stream, tm_error *error) {
+    bool whole = stream && !ferror(stream);
+    if (stream && fclose(stream) != 0) whole = false;
+    if (whole) return app_output_commit(output, error);
+    app_output_abandon(output);
+    return complain(error, output->path, "cannot be written to its end",
+                    "the disk may be full: free some space, or choose another place");
+}
+
 int app_output_check(const char *path) {
     tm_error error = {0};
     struct stat info;

@@ -3,7 +3,7 @@
 #include <math.h>
 
 #include "common/mesh_check.h"
-#include "common/mesh_parts.h"
+#include "common/mesh_format.h"
 #include "fuzz.h"
 
 enum { MAX_VERTICES = 12, MAX_TETS = 16 };

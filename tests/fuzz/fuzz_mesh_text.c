@@ -1,6 +1,6 @@
-/* What looks at a .msh before Gmsh does (text and binary, 2.2 and 4.1), and the reader of VTK 5. Refused with a
- * message, or tags that are all different. */
-#include "common/mesh_parts.h"
+/* The readers of mesh files: .vtk where the bytes begin with '#', .mesh with 'M', else .msh. Refused with a message and
+ * nothing held, or a mesh whose indices are in range and whose tags all differ, and that a written copy gives back. */
+#include "common/mesh_format.h"
 #include "fuzz.h"
 
 static int by_value(const void *a, const void *b) {
@@ -8,39 +8,63 @@ static int by_value(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-static void all_different(int64_t *tag, int64_t count) {
-    if (count > 1) qsort(tag, (size_t)count, sizeof *tag, by_value);
-    for (int64_t i = 1; i < count; i++) PROMISE(tag[i] != tag[i - 1]);
+static void all_different(const int64_t *tag, int64_t count) {
+    int64_t *sorted = malloc((size_t)count * sizeof *sorted + 1);
+    if (count) memcpy(sorted, tag, (size_t)count * sizeof *sorted);
+    if (count > 1) qsort(sorted, (size_t)count, sizeof *sorted, by_value);
+    for (int64_t i = 1; i < count; i++) PROMISE(sorted[i] != sorted[i - 1]);
+    free(sorted);
 }
 
-static void read_vtk(const char *text, size_t size) {
-    app_mesh_scan scan = {0};
-    app_mesh mesh = {0};
+static void look_over(const app_mesh *m) {
+    PROMISE(m->tet_count > 0 && m->region_count > 0);
+    for (int32_t i = 0; i < 4 * m->tet_count; i++) PROMISE(m->tet[i] >= 0 && m->tet[i] < m->vertex_count);
+    for (int32_t t = 0; t < m->tet_count; t++) PROMISE(m->region[t] >= 0 && m->region[t] < m->region_count);
+    PROMISE(m->group_begin[0] == 0);
+    for (int32_t g = 0; g < m->group_count; g++) {
+        PROMISE(m->group_begin[g] <= m->group_begin[g + 1] && memchr(m->group_name[g], 0, 64));
+        for (int32_t i = m->group_begin[g]; i < m->group_begin[g + 1]; i++) {
+            PROMISE(m->group_vertex[i] >= 0 && m->group_vertex[i] < m->vertex_count);
+            PROMISE(i == m->group_begin[g] || m->group_vertex[i] > m->group_vertex[i - 1]);
+        }
+    }
+    all_different(m->vertex_tag, m->vertex_count);
+    all_different(m->tet_tag, m->tet_count);
+}
+
+/* Finite coordinates come back to the bit, and so do the corners. */
+static void write_and_read(const app_mesh *m, const app_mesh_format *format) {
+    char *text = NULL;
+    size_t size = 0;
+    app_mesh back;
     tm_error error = {0};
-    if (app_mesh_read_vtk(text, size, &scan, &mesh, &error) == TM_OK) {
-        for (int32_t i = 0; i < 4 * mesh.tet_count; i++) PROMISE(mesh.tet[i] >= 0 && mesh.tet[i] < mesh.vertex_count);
-        PROMISE(scan.vertex_count >= mesh.vertex_count && mesh.tet_count > 0);
-        all_different(mesh.vertex_tag, mesh.vertex_count);
-        all_different(mesh.tet_tag, mesh.tet_count);
-        app_mesh_free(&mesh);
-    } else
-        PROMISE(error.message[0] && strchr(error.message, ';'));
+    FILE *file = open_memstream(&text, &size);
+    format->write(m, file);
+    fclose(file);
+    PROMISE(app_mesh_parse(format->ending, text, size, 1, &back, &error) == TM_OK);
+    PROMISE(back.vertex_count == m->vertex_count && back.tet_count == m->tet_count);
+    PROMISE(memcmp(back.tet, m->tet, 4 * (size_t)m->tet_count * sizeof *m->tet) == 0);
+    for (int32_t i = 0; i < 3 * m->vertex_count; i++)
+        PROMISE(m->vertex_m[i] == back.vertex_m[i] || m->vertex_m[i] != m->vertex_m[i]);
+    app_mesh_free(&back);
+    free(text);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    char *text = malloc(size + 1);
+    const app_mesh_format *format = size && data[0] == '#'   ? &app_mesh_format_vtk
+                                    : size && data[0] == 'M' ? &app_mesh_format_medit
+                                                             : &app_mesh_format_msh;
+    char *text = malloc(size + 1); /* exactly as long, so that a read beyond is seen */
+    app_mesh mesh;
+    tm_error error = {0};
     if (size) memcpy(text, data, size);
     text[size] = 0;
-    app_mesh_scan scan;
-    tm_error error = {0};
-    if (text[0] == '#')
-        read_vtk(text, size);
-    else if (app_mesh_scan_msh(text, size, &scan, &error) == TM_OK) {
-        all_different(scan.vertex_tag, scan.vertex_count);
-        all_different(scan.tet_tag, scan.tet_count);
-        app_mesh_scan_free(&scan);
+    if (app_mesh_parse(format->ending, text, size, 1, &mesh, &error) == TM_OK) {
+        look_over(&mesh);
+        if (format != &app_mesh_format_msh) write_and_read(&mesh, format); /* a name may hold what .msh cannot quote */
+        app_mesh_free(&mesh);
     } else
-        PROMISE(error.message[0] && strchr(error.message, ';'));
+        PROMISE(error.message[0] && strchr(error.message, ';') && !mesh.vertex_m);
     free(text);
     return 0;
 }

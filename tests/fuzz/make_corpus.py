@@ -23,23 +23,14 @@ def tiny():
     return m
 
 
-for name, write in (("2", meshlib.msh2), ("2b", meshlib.msh2_binary), ("4", meshlib.msh4), ("4b", meshlib.msh4_binary), ("vtk5", meshlib.vtk5), ("vtk5b", meshlib.vtk5_binary)):
+for name, write in (("2", meshlib.msh2), ("2b", meshlib.msh2_binary), ("4", meshlib.msh4), ("4b", meshlib.msh4_binary), ("vtk5", meshlib.vtk5), ("vtk5b", meshlib.vtk5_binary),
+                    ("vtk2", meshlib.vtk), ("medit", meshlib.medit)):
     put("fuzz_mesh_text", name, write(tiny()))
 
 # two tetrahedra on one face, bytes for coordinates in mm
 put("fuzz_mesh", "two", bytes([1, 1, 0]) + bytes([0, 1, 2, 3, 1, 2, 3, 4]) + bytes([0, 0, 0, 10, 0, 0, 0, 10, 0, 0, 0, 10, 10, 10, 10]))
 put("fuzz_mesh", "one-raw", bytes([0, 0, 1]) + bytes([0, 1, 2, 3]) + struct.pack("<12d", 0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1))
 
-
-def cache():
-    """mesh_codec.c's block of the two tetrahedra."""
-    payload = struct.pack("<15d", *[x for p in tiny().points for x in p]) + struct.pack("<5q", 1, 2, 3, 4, 5) + struct.pack("<2q", 1, 2)
-    payload += struct.pack("<8i", 0, 1, 2, 3, 1, 2, 3, 4) + struct.pack("<2i", 0, 0) + struct.pack("<2i", 0, 2) + struct.pack("<2i", 0, 1)
-    payload += b"tissue".ljust(64, b"\0") + b"patch".ljust(64, b"\0")
-    return b"TMMESH\0\0" + struct.pack("<IIQQQ6i", 1, 0x01020304, 7, len(payload), 0, 5, 2, 1, 1, 2, 0) + payload
-
-
-put("fuzz_mesh_cache", "two", cache())
 for scene in sorted((ROOT / "apps" / "scenes").glob("*.yaml")):
     put("fuzz_scene", scene.stem, scene.read_text())
 

@@ -25,7 +25,6 @@ $(OUT)/tests/fuzz/$(1): $(call objects,tests/fuzz/$(1).c $(2)) $(3)
 endef
 FUZZ_HRT := $(LIBHRT_IO_A) $(LIBHRT_A)
 $(eval $(call fuzzer,fuzz_mesh,,$(LIBAPP_A) $(LIBTM_A),))
-$(eval $(call fuzzer,fuzz_mesh_cache,,$(LIBAPP_A) $(LIBTM_A),))
 $(eval $(call fuzzer,fuzz_mesh_text,,$(LIBAPP_A) $(LIBTM_A),))
 $(eval $(call fuzzer,fuzz_snapshot,,$(LIBTM_A),))
 $(eval $(call fuzzer,fuzz_responses,,$(LIBTMS_A) $(LIBTM_A),$(TMS_LIBS)))
@@ -38,7 +37,6 @@ $(eval $(call fuzzer,fuzz_scene,,$(SIM_LIBS) $(LIBLCMTYPES_A),-lyaml -lcjson))
 $(eval $(call fuzzer,fuzz_tables,haptic_rt/device/hand_file.c haptic_rt/io/lines.c haptic_rt/io/profile.c haptic_rt/io/table.c haptic_rt/io/samples.c apps/mesh/shell.c,$(FUZZ_HRT) $(LIBAPP_A) $(LIBTM_A),))
 $(call objects,$(wildcard tests/fuzz/*.c)): INCLUDES += -Ihaptic_rt/io
 $(call objects,tests/fuzz/fuzz_lcm.c): | $(LIBLCMTYPES_A)
-$(OUT)/tests/fuzz/fuzz_scene: | $(OUT)/lib/tensormass/gmsh.so
 # LCM's own header copies nothing to null for an empty array.
 $(OUT)/obj/lcm_types/%.o: BASE_CFLAGS += -fno-sanitize=nonnull-attribute
 fuzz-programs: $(FUZZERS)

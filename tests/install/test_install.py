@@ -188,7 +188,7 @@ def test_a_system_prefix_gets_no_run_path(root, tmp_path):
 
 
 # Headers and tools of what a part does not need; those of the controller the library does not need either.
-PROGRAMS_NEED = ["/usr/include/gmsh.h", "/usr/include/gmshc.h", "/usr/include/SDL2", "/usr/include/GL", "/usr/include/suitesparse", "/usr/include/eigen3",
+PROGRAMS_NEED = ["/usr/include/SDL2", "/usr/include/GL", "/usr/include/suitesparse", "/usr/include/eigen3",
                  "/usr/include/yaml.h", "/usr/include/png.h", "/usr/include/libpng16", "/usr/bin/mpicc"]
 CONTROLLER_NEEDS = ["/usr/include/lcm", "/usr/include/cjson", "/usr/bin/lcm-gen"]
 HIDE = 'for p in $HIDDEN; do if [ -d $p ]; then mount -t tmpfs none $p; elif [ -e $p ]; then mount --bind /dev/null $p; fi; done; exec "$@"'

@@ -1,10 +1,6 @@
-"""Good meshes in every format give the same model; the cache gives the same without opening Gmsh."""
+"""Good meshes in every format give the same model."""
 import json
-import os
 import random
-import re
-import shutil
-import subprocess
 
 import meshlib
 import pytest
@@ -64,8 +60,8 @@ WAYS = {
 }
 
 
-# Gmsh itself does not read 4.1 with tabs
-@pytest.mark.parametrize("write_format,way", [(f, w) for f in (meshlib.msh2, meshlib.msh4) for w in WAYS if (f, w) != (meshlib.msh4, "tabs")])
+@pytest.mark.parametrize("write_format", [meshlib.msh2, meshlib.msh4])
+@pytest.mark.parametrize("way", WAYS)
 def test_ways_of_writing(write_format, way, tm_mesh, env, tmp_path):
     figures, _ = info(tm_mesh, write(tmp_path / "b.msh", WAYS[way](write_format(named_block()))), env)
     assert figures["tets"] == 48 and {r["name"] for r in figures["regions"]} == {"lower part", "upper"}
@@ -105,90 +101,72 @@ def test_messages_name_the_tags_of_the_file(tm_mesh, env, tmp_path):
     assert f"tetrahedron {5000 - 140} (vertices {' '.join(str(1000 + 3 * v) for v in t)}) is inverted" in result.stderr
 
 
-def opened(command, env):
-    """Files that a run and its children opened."""
-    env = dict(env, ASAN_OPTIONS="detect_leaks=0")  # LeakSanitizer does not work under strace
-    result = subprocess.run(["strace", "-f", "-e", "trace=openat", "-o", "/dev/stdout", *map(str, command)], env=env, capture_output=True, text=True,
-                            timeout=120)
-    assert result.returncode == 0, result.stderr
-    return re.findall(r'"([^"]+)", [^)]*\) = \d', result.stdout)
+def partitioned(m, write_format):
+    """The volume as entity 7, a part of entity 1; a ghost; and vertices with a parameter on their curve."""
+    text = write_format(m)
+    at, end = text.index("$Entities"), text.index("$Nodes")
+    parts = "$PartitionedEntities\n2\n1\n8 2\n0 0 0 1\n7 3 1 1 1 0 0 0 1 1 1 1 1 2 -5 6\n$EndPartitionedEntities\n"
+    return (text[:at] + "$Entities\n0 0 0 0\n$EndEntities\n" + parts + text[end:]).replace("\n3 1 4 48\n", "\n3 7 4 48\n")
 
 
-@pytest.mark.skipif(not shutil.which("strace"), reason="strace is not installed")
-def test_cached_mesh_opens_no_gmsh(tm_mesh, env, tmp_path, root):
-    command = [tm_mesh, "check", root / "meshes" / "liver_1k.msh"]
-    first, second = opened(command, env), opened(command, env)
-    assert any("libgmsh" in f for f in first), "the test would see nothing"
-    assert any(f.endswith(".tmmesh") for f in second)
-    assert not [f for f in second if "gmsh" in f.rsplit("/", 1)[-1]]
+def test_partitioned(tm_mesh, env, tmp_path):
+    m = meshlib.block()
+    m.names = {(3, 1): "whole"}
+    figures, _ = info(tm_mesh, write(tmp_path / "p.msh", partitioned(m, meshlib.msh4)), env)
+    assert [(r["name"], r["tets"]) for r in figures["regions"]] == [("whole", 48)]
 
 
-def test_reading_leaves_nothing_in_the_home_folder(tm_mesh, env, tmp_path, root):
-    """Gmsh brings FLTK, which would write preferences there."""
+def test_a_volume_in_two_groups_belongs_to_the_first(tm_mesh, env, tmp_path):
+    """And to both groups of vertices; volumes in none are a region without a name."""
+    m = meshlib.block()
+    m.region = [3 if t < 24 else 4 for t in range(48)]
+    m.names = {(3, 9): "first", (3, 11): "second"}
+    text = meshlib.msh4(m)
+    text = text.replace("3 0 0 0 1 1 1 1 3 0", "3 0 0 0 1 1 1 2 11 -9 0").replace("4 0 0 0 1 1 1 1 4 0", "4 0 0 0 1 1 1 0 0")
+    figures, _ = info(tm_mesh, write(tmp_path / "p.msh", text), env)
+    assert [(r["name"], r["tets"]) for r in figures["regions"]] == [("first", 24), ("second", 0), ("", 24)]
+    assert {g["name"]: g["vertices"] for g in figures["groups"]} == {"first": 18, "second": 18}
+
+
+def test_groups_that_multiply_are_refused(tm_mesh, env, tmp_path):
+    """A short file must not ask for more memory than its size explains: each entity in every group."""
+    m = meshlib.block(6)
+    text = meshlib.msh4(m)
+    many = " ".join(map(str, range(1, 500001)))
+    text = text.replace("1 0 0 0 1 1 1 1 1 0", f"1 0 0 0 1 1 1 500000 {many} 0")
+    result = meshlib.run(tm_mesh, "check", write(tmp_path / "p.msh", text), env=env)
+    assert result.returncode in (1, 2) and "groups of the mesh; use fewer" in result.stderr
+
+
+def test_isolated_vertices_are_repaired(tm_mesh, env, tmp_path):
+    m = meshlib.block()
+    m.points.append([5.0, 5.0, 5.0])
+    m.vertex_tag.append(900)
+    path, out = write(tmp_path / "b.msh", meshlib.msh4(m)), tmp_path / "out.msh"
+    result = meshlib.run(tm_mesh, "repair", path, "-o", out, env=env)
+    assert result.returncode == 0 and "1 vertices dropped: unused" in result.stdout
+    assert info(tm_mesh, out, env)[0]["vertices"] == 27
+
+
+def test_nothing_is_left_behind(tm_mesh, env, tmp_path, root):
+    """Reading keeps no cache and writes into nobody's home."""
     env["HOME"] = str(tmp_path / "home")
     assert meshlib.run(tm_mesh, "check", root / "meshes" / "liver_1k.msh", env=env).returncode == 0
-    assert not (tmp_path / "home").exists()
+    assert not list(tmp_path.iterdir())
 
 
-def test_damaged_cache_is_rebuilt(tm_mesh, env, tmp_path):
-    path = write(tmp_path / "b.msh", meshlib.msh2(named_block()))
-    good, text = info(tm_mesh, path, env)
-    (cache,) = (tmp_path / "cache").iterdir()
-    whole = cache.read_bytes()
-    other = bytearray(whole)
-    other[len(whole) // 2] ^= 4
-    for damaged in (b"", whole[:30], whole[:-1], whole + b"x", bytes(other), b"x" * len(whole)):
-        cache.write_bytes(damaged)
-        assert info(tm_mesh, path, env)[1] == text
-        assert cache.read_bytes() == whole
-    (tmp_path / "cache" / "0000000000000000.tmmesh").write_bytes(whole)
-    assert info(tm_mesh, path, env)[1] == text
-
-
-def test_cache_knows_contents_scale_and_format(tm_mesh, env, tmp_path):
-    path = write(tmp_path / "b.msh", meshlib.msh2(meshlib.block(2)))
-    assert info(tm_mesh, path, env)[0]["tets"] == 48
-    write(path, meshlib.msh2(meshlib.block(3)))
-    assert info(tm_mesh, path, env)[0]["tets"] == 162
-    assert info(tm_mesh, path, env, "--scale", "2")[0]["high_m"] == pytest.approx([0.2] * 3)
-    assert len(list((tmp_path / "cache").iterdir())) == 3
-
-
-@pytest.mark.parametrize("folder", ["/proc/nowhere", "/dev/null/x", "{file}/sub"])
-def test_works_without_a_cache(folder, tm_mesh, env, tmp_path):
-    path = write(tmp_path / "b.msh", meshlib.msh2(meshlib.block()))
-    env["TM_CACHE_DIR"] = folder.format(file=path)
-    for _ in range(2):
-        assert info(tm_mesh, path, env)[0]["tets"] == 48
-
-
-def test_traps_in_the_cache(tm_mesh, env, tmp_path):
-    """A FIFO where the file should be holds nobody up; a link laid for the temporary file is not followed."""
-    path = write(tmp_path / "b.msh", meshlib.msh2(meshlib.block()))
-    text = info(tm_mesh, path, env)[1]
-    (cache,) = (tmp_path / "cache").iterdir()
-    cache.unlink()
-    os.mkfifo(cache)
-    assert info(tm_mesh, path, env)[1] == text
-    assert cache.is_file()
-    cache.unlink()
-    letters = write(tmp_path / "letters", "somebody's")
-    lay = f'ln -s {letters} {cache}.$$~; exec "$0" "$@"'  # the shell's number is the program's
-    subprocess.run(["sh", "-c", lay, str(tm_mesh), "check", str(path)], env=env, check=True, timeout=60)
-    assert cache.is_file()
-    assert letters.read_text() == "somebody's"
-
-
-def test_cache_falls_back_to_home(tm_mesh, env, tmp_path):
-    path = write(tmp_path / "b.msh", meshlib.msh2(meshlib.block()))
-    del env["TM_CACHE_DIR"]
-    env.pop("XDG_CACHE_HOME", None)
-    env["HOME"] = str(tmp_path / "home")
-    info(tm_mesh, path, env)
-    assert len(list((tmp_path / "home" / ".cache" / "tensormass").iterdir())) == 1
-    env["XDG_CACHE_HOME"] = str(tmp_path / "xdg")
-    info(tm_mesh, path, env)
-    assert len(list((tmp_path / "xdg" / "tensormass").iterdir())) == 1
+@pytest.mark.parametrize("name", FORMATS)
+def test_what_is_written_reads_the_same(name, tm_mesh, env, tmp_path):
+    path = write(tmp_path / name, FORMATS[name](named_block()))
+    _, first = info(tm_mesh, path, env)
+    for ending in ("msh", "vtk", "mesh"):
+        out = tmp_path / f"out.{ending}"
+        assert meshlib.run(tm_mesh, "convert", path, "-o", out, env=env).returncode == 0
+        _, second = info(tm_mesh, out, env)
+        if ending == "msh":
+            assert first.split("\n")[1:] == second.split("\n")[1:], "regions, groups or figures changed"
+        else:
+            assert first.split("\n")[1] == second.split("\n")[1]
 
 
 def test_names_of_paths_are_no_script(tm_mesh, env, tmp_path):
