@@ -157,18 +157,14 @@ static const sim_solve_options *options_of(const sim *s) {
 
 static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file *json) {
     const sim_solve_options *options = options_of(s);
-    const app_vector *g = sim_gravity(s);
     char file[1024];
     tm_error error = {0};
     tm_solve_report r = {0};
-    sim_problem problem;
-    sim_precomputed_api api;
-    int rc = sim_open_precomputed(s, &api);
-    if (rc) return rc;
+    sim_solve_api api;
+    if (!sim_solve_open(&api, &error)) return sim_report(s->scene, s->scene->model.line, &error);
+    int rc = 0;
     tm_precomputed_def def = api.tm_precomputed_def_default_();
-    if (g) memcpy(s->gravity_m_s2, g->v, sizeof s->gravity_m_s2);
-    rc = sim_problem_make(s, s->tissue, &problem, &def.problem);
-    if (rc) return rc;
+    s->def.model.cut = NULL; /* responses of the tissue as it is */
     sim_solve_file(s, options, "precomputed", file, sizeof file);
     if (o->out && snprintf(file, sizeof file, "%s", o->out) >= (int)sizeof file)
         rc = usage("--out '%s' is too long", o->out);
@@ -177,21 +173,18 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file 
     def.problem.solver = (tm_solver)options->solver.index;
     def.problem.threads = o->threads;
     def.problem.memory_limit_bytes = o->memory_bytes;
-    if (!first) def.problem.progress = NULL;
+    if (first) def.problem.progress = sim_solve_progress;
     def.precision = (tm_precision)options->precision.index;
     def.file = file;
     def.team = team;
-    tm_precomputed *model = NULL;
     const bool alone = !team || team->count == 1;
     if (!rc && o->keep && !alone) rc = usage("--keep%s is for one process; leave it out under mpirun", "");
     const tm_status status = rc        ? TM_OK
-                             : o->keep ? api.tm_precomputed_create_(&def, &model, &r, &error)
-                                       : api.tm_precomputed_write_(&def, &r, &error);
+                             : o->keep ? api.tm_model_precomputed_(&s->def.model, &def, &s->model, &r, &error)
+                                       : api.tm_model_precompute_(&s->def.model, &def, &r, &error);
     if (!rc && status)
         rc = app_report(status == TM_ERR_FILE ? NULL : o->scene, status == TM_ERR_FILE ? 0 : s->scene->tissue.line,
                         &error);
-    api.tm_precomputed_destroy_(model);
-    sim_problem_free(&problem);
     return rc || !first ? rc : report(o, &r, file, json);
 }
 
@@ -202,7 +195,7 @@ static int run(const choice *o, const tm_solve_team *team) {
     const bool first = !team || team->rank == 0;
     int rc = sim_scene_load(o->scene, o->set_list, o->set_count, &scene);
     if (rc) return rc;
-    rc = sim_create(scene, &s);
+    rc = sim_prepare(scene, &s);
     if (rc) return rc;
     if (first) rc = run_file_begin(&json, o->json);
     if (!rc) rc = compute(s, o, team, &json);
@@ -217,7 +210,7 @@ int main(int count, char **all) {
     app_check_stdout();
     app_catch_signals();
     int rc = parse(&o, count, all);
-    /* A world is built for nothing but its tissue; `precomputed` itself would compute at once. */
+    /* Checked as any scene, whatever model it names. */
     if (!rc) rc = add_set(&o, "model=", "dynamic");
     if (!rc) rc = app_ended(team_name, run(&o, team));
     return team_end(rc);

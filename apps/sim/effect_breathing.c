@@ -87,7 +87,7 @@ static int build(sim *s, const void *own) {
                       .run = run,
                       .destroy = destroy,
                       .self = b};
-    if (!tm_world_add_stage(s->world, &stage, b->bytes, &error)) return 0;
+    if (!tm_world_add_stage(s->model->world, &stage, b->bytes, &error)) return 0;
     destroy(b);
     return sim_report(s->scene, o->here.line, &error);
 }

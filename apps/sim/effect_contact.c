@@ -18,24 +18,19 @@ static const app_field fields[] = {
      "at most; the deepest are kept and the loss is flagged"},
 };
 
-const tm_contact_def *sim_contact_definition(sim *s) {
-    const options *o = sim_options(s->scene, "contact");
-    s->contact_def = tm_contact_def_default();
-    s->contact_def.instrument_count = s->instrument_count;
-    s->contact_def.instrument = s->instrument_def;
-    s->contact_def.skin_compliance_m_N = o->skin.si;
-    s->contact_def.force_cap_N = o->force_cap.si;
-    s->contact_def.sweeps = (int32_t)o->sweeps.value;
-    s->contact_def.max_rows = (int32_t)o->rows.value;
-    return &s->contact_def;
-}
-
-static int build(sim *s, const void *own) {
+/* The instruments themselves come later: that array is the scene's for good. */
+static int prepare(sim *s, const void *own) {
     const options *o = own;
-    tm_error error = {0};
-    const tm_contact_def *def = sim_contact_definition(s);
-    if (!s->world) return 0;
-    return tm_stage_contact(s->world, def, &s->contact, &error) ? sim_report(s->scene, o->here.line, &error) : 0;
+    tm_contact_def *def = &s->def.contact;
+    *def = tm_contact_def_default();
+    def->instrument_count = s->scene->instrument.count;
+    def->instrument = s->instrument_def;
+    def->skin_compliance_m_N = o->skin.si;
+    def->force_cap_N = o->force_cap.si;
+    def->sweeps = (int32_t)o->sweeps.value;
+    def->max_rows = (int32_t)o->rows.value;
+    s->def.model.contact = def;
+    return 0;
 }
 
 const sim_effect sim_effect_contact = {
@@ -44,5 +39,5 @@ const sim_effect sim_effect_contact = {
         "Unilateral, frictionless contact between every instrument (a capsule) and the tissue's surface (triangles).",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"instruments"},
-    .build = build,
+    .prepare = prepare,
 };

@@ -1,6 +1,5 @@
 /* Cautery: removal of what an active instrument touches, and what this frame's cuts took. */
 #include "sim.h"
-#include "tensormass/cut.h"
 
 typedef struct options {
     app_section here;
@@ -17,18 +16,17 @@ static const app_field fields[] = {
 };
 
 static int prepare(sim *s, const void *own) {
-    (void)own;
-    s->tissue_def.cuttable = true;
+    const options *o = own;
+    s->def.model.tissue.cuttable = true;
+    s->def.cut = tm_cut_def_default();
+    s->def.cut.rate_1_s = o->rate.si;
+    s->def.cut.loose = (tm_cut_loose)o->loose.index;
+    s->def.model.cut = &s->def.cut;
     return 0;
 }
 
 static int build(sim *s, const void *own) {
     const options *o = own;
-    tm_error error = {0};
-    tm_cut_def def = tm_cut_def_default();
-    def.rate_1_s = o->rate.si;
-    def.loose = (tm_cut_loose)o->loose.index;
-    if (tm_stage_cut(s->world, s->contact, &def, &error)) return sim_report(s->scene, o->here.line, &error);
     size_t n = (size_t)s->mesh->tet_count;
     s->cuts.tet = tm_allocate(n * sizeof *s->cuts.tet);
     s->cuts.instrument = tm_allocate(n);
@@ -44,7 +42,7 @@ static void destroy(sim *s) {
 }
 
 static void frame(sim *s) {
-    s->cuts.count = tm_cut_take(s->world, s->cuts.tet, s->cuts.instrument, s->mesh->tet_count);
+    s->cuts.count = tm_cut_take(s->model->world, s->cuts.tet, s->cuts.instrument, s->mesh->tet_count);
     s->cuts.total += s->cuts.count;
 }
 

@@ -14,7 +14,7 @@ static const app_field fields[] = {
 static int prepare(sim *s, const void *own) {
     const options *o = own;
     s->damping_1_s = o->rate.si;
-    s->world_def.damped = true;
+    s->def.model.damped = true;
     return 0;
 }
 

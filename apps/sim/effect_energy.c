@@ -12,7 +12,7 @@ static const app_field fields[] = {
 static int build(sim *s, const void *own) {
     const options *o = own;
     tm_error error = {0};
-    return tm_stage_energy(s->world, &error) ? sim_report(s->scene, o->here.line, &error) : 0;
+    return tm_stage_energy(s->model->world, &error) ? sim_report(s->scene, o->here.line, &error) : 0;
 }
 
 const sim_effect sim_effect_energy = {

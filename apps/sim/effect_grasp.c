@@ -1,5 +1,4 @@
 #include "sim.h"
-#include "tensormass/grasp.h"
 
 typedef struct options {
     app_section here;
@@ -32,10 +31,8 @@ static int check(const app_scene *scene, const void *own) {
                          "grasp.open %g is not below grasp.close %g; lower it", o->open_grip.si, o->close_grip.si);
 }
 
-static int build(sim *s, const void *own) {
+static int prepare(sim *s, const void *own) {
     const options *o = own;
-    tm_error error = {0};
-    tm_grasp *grasp;
     tm_grasp_def def = tm_grasp_def_default();
     def.close_grip = o->close_grip.si;
     def.open_grip = o->open_grip.si;
@@ -45,9 +42,9 @@ static int build(sim *s, const void *own) {
     def.fade_s = o->fade.si;
     def.force_cap_N = o->force_cap.si;
     def.max_vertices = (int32_t)o->max_vertices.value;
-    s->grasp_def = def;
-    if (!s->world) return 0; /* the precomputed model holds for itself */
-    return tm_stage_grasp(s->world, s->contact, &def, &grasp, &error) ? sim_report(s->scene, o->here.line, &error) : 0;
+    s->def.grasp = def;
+    s->def.model.grasp = &s->def.grasp;
+    return 0;
 }
 
 const sim_effect sim_effect_grasp = {
@@ -57,5 +54,5 @@ const sim_effect sim_effect_grasp = {
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
     .needs = {"contact"},
     .check = check,
-    .build = build,
+    .prepare = prepare,
 };

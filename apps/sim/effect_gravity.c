@@ -1,5 +1,3 @@
-#include <string.h>
-
 #include "sim.h"
 
 typedef struct options {
@@ -13,22 +11,15 @@ static const app_field fields[] = {
      "world axes"},
 };
 
-static int build(sim *s, const void *own) {
+static int prepare(sim *s, const void *own) {
     const options *o = own;
-    tm_error error = {0};
-    memcpy(s->gravity_m_s2, o->acceleration.v, sizeof s->gravity_m_s2);
-    if (!s->world) return 0;
-    return tm_stage_gravity(s->world, o->acceleration.v, &error) ? sim_report(s->scene, o->here.line, &error) : 0;
-}
-
-const app_vector *sim_gravity(const sim *s) {
-    const options *o = sim_options(s->scene, "gravity");
-    return o ? &o->acceleration : NULL;
+    s->def.model.gravity_m_s2 = o->acceleration.v;
+    return 0;
 }
 
 const sim_effect sim_effect_gravity = {
     .name = "gravity",
     .doc = "Weight. Added suddenly at the start; `--settle` gives the shape at rest.",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
-    .build = build,
+    .prepare = prepare,
 };

@@ -1,7 +1,8 @@
+#include <stdlib.h>
+
 #include "effects.h"
-#include "exact.h"
 #include "hrt.h"
-#include "sim.h"
+#include "solve_api.h"
 
 static const app_field fields[] = {
     {"haptics", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_haptics, here), 0,
@@ -46,35 +47,51 @@ sim_sends sim_may_send(const sim *s) {
     return o->sends.line ? (sim_sends)o->sends.index : sim_sends_of(o->extrapolator.index);
 }
 
+/* Exact compliance for patches of the dynamic model, from the module `solve`. */
+static int open_exact(sim *s, int line, tm_compliance_source *source) {
+    tm_error error = {0};
+    tm_factored *factored;
+    sim_solve_api api;
+    if (!sim_solve_open(&api, &error)) return app_scene_bad(s->scene, line, "%s", error.message);
+    uint8_t *fixed = calloc(3 * (size_t)s->mesh->vertex_count, 1);
+    if (!fixed) return app_scene_bad(s->scene, line, "out of memory; use a smaller mesh");
+    for (int32_t i = 0; i < s->held_count; i++) fixed[s->held_dof[i]] = 1;
+    tm_factored_def def = api.tm_factored_def_default_();
+    def.tissue = s->model->tissue;
+    def.fixed = fixed;
+    const tm_status status = api.tm_factored_create_(&def, &factored, &error);
+    free(fixed);
+    if (status) return sim_report(s->scene, line, &error);
+    *source = api.tm_factored_given_(factored);
+    return 0;
+}
+
 /* Memory and a stage only for what may be sent. */
 static int build(sim *s, const void *own) {
     const sim_haptics *o = own;
     tm_error error = {0};
     s->can_send = sim_may_send(s);
-    s->patch_vertices = (int32_t)o->patch_vertices.value;
     if (s->can_send == SIM_SENDS_PATCH) {
         s->patch = tm_allocate(sizeof *s->patch * (size_t)s->instrument_count);
         if (!s->patch) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
     }
-    if (s->can_send == SIM_SENDS_FORCE || s->scene->model.index != APP_DYNAMIC) return 0;
+    if (s->can_send == SIM_SENDS_FORCE) return 0;
     tm_patch_def def = tm_patch_def_default();
-    def.max_vertices = s->patch_vertices;
-    def.max_triangles = s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16;
+    def.max_vertices = (int32_t)o->patch_vertices.value;
+    def.max_triangles = def.max_vertices > 12 ? TM_PATCH_TRIANGLES : 16;
     def.horizon_s = 2 * s->frame_s;
     tm_compliance_source source;
-    const bool exact = o->compliance.index == 0;
-    if (exact) {
-        const int rc = sim_exact_open(s, o->here.line, &source);
+    if (!s->model->kind->knows_compliance && o->compliance.index == 0) {
+        const int rc = open_exact(s, o->here.line, &source);
         if (rc) return rc;
         def.source = &source;
     }
-    return tm_stage_patch(s->world, s->contact, &def, &s->patch_maker, &error)
-               ? sim_report(s->scene, o->here.line, &error)
-               : 0;
+    if (!tm_model_allow_patches(s->model, &def, &error)) return 0;
+    if (def.source) source.destroy(source.self);
+    return sim_report(s->scene, o->here.line, &error);
 }
 
 static void destroy(sim *s) {
-    sim_exact_close(s);
     if (s->patch) tm_release(s->patch, sizeof *s->patch * (size_t)s->instrument_count);
 }
 

@@ -2,6 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "models.h"
 #include "solve_api.h"
 
 #define OPTION(member) offsetof(sim_solve_options, member), 0
@@ -20,22 +21,6 @@ static const app_field fields[] = {
     {"hybrid.max_vertices", APP_INTEGER, NULL, "256", 8, 4096, OPTION(max_vertices),
      "of the contact system on the condensed part"},
 };
-
-typedef struct model {
-    sim_hybrid_api api;
-    tm_hybrid *hybrid;
-    sim_problem problem;
-    uint8_t *dynamic; /* [tet_count] */
-    int64_t bytes;
-} model;
-
-static void destroy(void *own) {
-    model *m = own;
-    if (m->hybrid) m->api.tm_hybrid_destroy_(m->hybrid);
-    sim_problem_free(&m->problem);
-    free(m->dynamic);
-    free(m);
-}
 
 static int check(const app_scene *scene, const void *own) {
     const sim_solve_options *o = own;
@@ -71,96 +56,29 @@ static int choose_part(const sim *s, const sim_solve_options *o, uint8_t *dynami
     return 0;
 }
 
-/* The whole organ's tissue gives the condensed part, then makes way for the world's own. */
-static int begin(sim *s) {
+int sim_make_hybrid(sim *s) {
     const sim_solve_options *o = sim_options(s->scene, "hybrid");
-    model *m = s->model_own = calloc(1, sizeof *m);
+    sim_solve_api api;
     char file[1024];
     tm_error error = {0};
     tm_solve_report report = {0};
-    if (!m) return APP_FAILED;
-    /* Effects build later; the condensed inside must feel gravity too. */
-    const app_vector *g = sim_gravity(s);
-    if (g) memcpy(s->gravity_m_s2, g->v, sizeof s->gravity_m_s2);
-    int rc = sim_open_hybrid(s, &m->api);
-    m->dynamic = calloc((size_t)s->mesh->tet_count, 1);
-    if (!rc) rc = m->dynamic ? choose_part(s, o, m->dynamic) : APP_FAILED;
-    if (rc) return rc;
-    tm_hybrid_def def = m->api.tm_hybrid_def_default_();
-    rc = sim_problem_make(s, s->tissue, &m->problem, &def.problem);
-    if (rc) return rc;
-    sim_solve_file(s, o, "hybrid", file, sizeof file);
-    def.dynamic = m->dynamic;
-    def.precision = (tm_precision)o->precision.index;
-    def.file = *file ? file : NULL;
-    def.contact = sim_has(s, "contact") ? sim_contact_definition(s) : NULL;
-    def.patch_vertices = sim_may_send(s) == SIM_SENDS_FORCE ? 0 : 64;
-    def.max_local_vertices = (int32_t)o->max_vertices.value;
-    if (m->api.tm_hybrid_create_(&def, &m->hybrid, &report, &error))
-        return sim_report(s->scene, s->scene->model.line, &error);
-    m->bytes = m->api.tm_hybrid_bytes_(m->hybrid);
-    sim_solve_told(s, "the condensed part", &report);
-    tm_tissue_destroy(s->tissue);
-    s->tissue = NULL;
-    m->api.tm_hybrid_tissue_(m->hybrid, &s->tissue_def);
-    if (tm_tissue_create(&s->tissue_def, &s->tissue, &error))
-        return sim_report(s->scene, s->scene->tissue.line, &error);
-    s->condensed_tets = s->mesh->tet_count - tm_tissue_alive_count(s->tissue);
-    s->critical_s = m->api.tm_hybrid_critical_step_(m->hybrid, &s->critical_tet);
-    return sim_make_world(s);
+    if (!sim_solve_open(&api, &error)) return sim_report(s->scene, s->scene->model.line, &error);
+    uint8_t *dynamic = calloc((size_t)s->mesh->tet_count, 1);
+    int rc = dynamic ? choose_part(s, o, dynamic) : APP_FAILED;
+    if (!rc) {
+        tm_hybrid_def how = api.tm_hybrid_def_default_();
+        sim_solve_file(s, o, "hybrid", file, sizeof file);
+        how.problem.progress = sim_solve_progress;
+        how.dynamic = dynamic;
+        how.precision = (tm_precision)o->precision.index;
+        how.file = *file ? file : NULL;
+        how.max_local_vertices = (int32_t)o->max_vertices.value;
+        rc = sim_model_made(s, api.tm_model_hybrid_(&s->def.model, &how, &s->model, &report, &error), &error);
+    }
+    free(dynamic);
+    if (!rc) sim_solve_told(s, "the condensed part", &report);
+    return rc;
 }
-
-static int end(sim *s) {
-    model *m = s->model_own;
-    tm_error error = {0};
-    if (m->api.tm_stage_hybrid_(s->world, m->hybrid, s->contact, &error))
-        return sim_report(s->scene, s->scene->model.line, &error);
-    int index;
-    sim_effect_find("hybrid", &index);
-    sim_own_stages(s, index);
-    return 0;
-}
-
-static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
-    model *m = s->model_own;
-    tm_status status = sim_world_frame(s, to, substeps);
-    if (status) return status;
-    m->api.tm_hybrid_recover_(m->hybrid, s->world);
-    for (int i = 0; s->contact && i < s->instrument_count; i++)
-        s->reaction[i] = m->api.tm_hybrid_reaction_(m->hybrid, i);
-    return status;
-}
-
-static void feel(sim *s, int i) {
-    model *m = s->model_own;
-    tm_patch unused, *patch = s->patch ? &s->patch[i] : &unused;
-    bool made =
-        m->api.tm_hybrid_patch_(m->hybrid, i, s->velocity_m_s[i], 2 * s->frame_s, s->patch_vertices,
-                                s->patch_vertices > 12 ? TM_PATCH_TRIANGLES : 16, patch, s->reaction[i].stiffness_N_m);
-    s->reaction[i].stiffness_kind = made;
-    s->patch_valid[i] = made && s->patch && s->wants[i] == SIM_SENDS_PATCH;
-}
-
-static tm_surface_view surface(const sim *s) {
-    model *m = s->model_own;
-    return m->api.tm_hybrid_surface_(m->hybrid);
-}
-
-static const double *displacement(const sim *s) { return tm_world_state(s->world)->u_m; }
-static double time_s(const sim *s) { return tm_world_state(s->world)->time_s; }
-static uint64_t hash(const sim *s) { return tm_world_hash(s->world); }
-static int64_t bytes(const sim *s) { return ((model *)s->model_own)->bytes; }
-
-const sim_model sim_model_hybrid = {.begin = begin,
-                                    .end = end,
-                                    .frame = frame,
-                                    .feel = feel,
-                                    .surface = surface,
-                                    .displacement = displacement,
-                                    .time_s = time_s,
-                                    .hash = hash,
-                                    .bytes = bytes,
-                                    .destroy = destroy};
 
 const sim_effect sim_effect_hybrid = {
     .name = "hybrid",

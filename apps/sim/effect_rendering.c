@@ -23,7 +23,7 @@ static int build(sim *s, const void *own) {
     size_t n = (size_t)s->mesh->vertex_count;
     /* Cutting may lay open every face of every tetrahedron but for those that pair up: two each at most, and the hull.
      */
-    size_t t = (size_t)s->mesh->surface_count + (s->tissue_def.cuttable ? 2 * (size_t)s->mesh->tet_count : 0);
+    size_t t = (size_t)s->mesh->surface_count + (s->def.model.tissue.cuttable ? 2 * (size_t)s->mesh->tet_count : 0);
     size_t bytes = sizeof(sim_picture) + n * (sizeof(float *) + 3 * sizeof(float) + 2 * sizeof(int32_t)) +
                    t * (sizeof(int32_t *) + 3 * sizeof(int32_t) + 1);
     sim_picture *p = s->picture = tm_allocate(bytes);

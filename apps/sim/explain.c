@@ -20,21 +20,21 @@ typedef struct row {
 
 static const char *const phase_name[] = {"begin", "force", "load", "integrate", "constrain", "end", "between"};
 
-/* Bytes of a tissue like this one with less asked for. -1 when it cannot be built. */
-static int64_t tissue_without(const sim *s, bool fibres, bool cutting) {
-    tm_tissue_def def = s->tissue_def;
+/* Bytes of the scene's tissue with less asked for. -1 when it cannot be built. */
+static int64_t tissue_with(const sim *s, bool fibres, bool cutting) {
+    tm_tissue_def def = s->def.model.tissue;
     tm_tissue *plain;
     tm_error error = {0};
     tm_material *isotropic = malloc(sizeof *isotropic * (size_t)def.material_count);
     if (!isotropic) return -1;
     memcpy(isotropic, def.material, sizeof *isotropic * (size_t)def.material_count);
-    for (int i = 0; i < def.material_count && fibres; i++)
+    for (int i = 0; i < def.material_count && !fibres; i++)
         isotropic[i].dlambda_Pa = isotropic[i].dmu_Pa = isotropic[i].beta_Pa = 0;
-    if (fibres) {
+    if (!fibres) {
         def.material = isotropic;
         def.fibre = NULL;
     }
-    if (cutting) def.cuttable = false;
+    if (!cutting) def.cuttable = false;
     int64_t bytes = -1;
     if (!tm_tissue_create(&def, &plain, &error)) {
         bytes = tm_tissue_bytes(plain);
@@ -44,41 +44,33 @@ static int64_t tissue_without(const sim *s, bool fibres, bool cutting) {
     return bytes;
 }
 
+/* Bytes of the tissue that are an effect's. */
+static void share_tissue(const sim *s, int64_t part[SIM_PART_COUNT]) {
+    const bool cutting = s->def.model.tissue.cuttable;
+    const int64_t all = s->fibre || cutting ? tissue_with(s, true, true) : -1;
+    const int64_t unfibred = all >= 0 && s->fibre ? tissue_with(s, false, true) : -1;
+    const int64_t uncut = all >= 0 && cutting ? tissue_with(s, true, false) : -1;
+    part[SIM_PART_FIBRES] = unfibred >= 0 ? all - unfibred : 0;
+    part[SIM_PART_CUTTING] = uncut >= 0 ? all - uncut : 0;
+}
+
 static int line_of_stage(const sim *s, int owner) {
     if (owner == SIM_OWNER_SUPPORTS) return s->scene->support.line;
     if (owner == SIM_OWNER_LOADS) return s->scene->load.line;
     return owner >= 0 ? sim_effect_line(s->scene, owner) : s->scene->tissue.line;
 }
 
-/* A model without world is one stage, run once a frame. */
-static tm_status measure_model(sim *s, tm_stage_report *report, int *count) {
-    tm_status status = sim_frame(s, s->pose, 1);
-    int64_t begin = app_monotonic_us(), spent = 0, runs = 0;
-    for (; !status && spent < 300000 && runs < 1000000 && !app_interrupted(); runs++) {
-        status = sim_frame(s, s->pose, 1);
-        spent = app_monotonic_us() - begin;
-    }
-    const char *name = s->scene->model.index == APP_PRECOMPUTED ? "precomputed" : "model";
-    report[0] = (tm_stage_report){.name = name, .phase = TM_PHASE_END, .runs = runs, .seconds = (double)spent * 1e-6};
-    *count = 1;
-    sim_effect_find(name, &s->owner[0].effect);
-    s->owner[0].stage = name;
-    s->owner_count = 1;
-    return status;
-}
-
 /* Steps until about 0.3 s are spent, timers on. */
 static tm_status measure(sim *s, tm_stage_report *report, int *count) {
     tm_stage_report before[TM_MAX_STAGES];
-    if (!s->world) return measure_model(s, report, count);
     for (int i = 0; i < s->instrument_count; i++) s->wants[i] = s->can_send; /* the dearest that may be asked for */
     tm_status status = sim_frame(s, s->pose, s->substeps);                   /* warm */
-    tm_world_set_timing(s->world, true);
-    tm_world_stages(s->world, before);
+    tm_model_set_timing(s->model, true);
+    tm_model_stages(s->model, before);
     int64_t begin = app_monotonic_us();
     for (int i = 0; !status && (i < 1 || app_monotonic_us() - begin < 300000) && i < 100000 && !app_interrupted(); i++)
         status = sim_frame(s, s->pose, s->substeps);
-    *count = tm_world_stages(s->world, report);
+    *count = tm_model_stages(s->model, report);
     for (int i = 0; i < *count; i++) {
         report[i].runs -= before[i].runs;
         report[i].seconds -= before[i].seconds;
@@ -91,24 +83,17 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
     rows[n] = (row){.name = "mesh", .phase = "", .line = s->scene->mesh.line, .bytes = s->mesh->bytes};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
     n++;
-    int64_t tissue = tm_tissue_bytes(s->tissue), part[SIM_PART_COUNT] = {0}, less;
-    if (s->fibre && (less = tissue_without(s, true, false)) >= 0) part[SIM_PART_FIBRES] = tissue - less;
-    if (s->tissue_def.cuttable && (less = tissue_without(s, false, true)) >= 0) part[SIM_PART_CUTTING] = tissue - less;
+    int64_t part[SIM_PART_COUNT] = {0};
+    share_tissue(s, part);
     rows[n] = (row){.name = "tissue",
                     .phase = "",
                     .line = s->scene->tissue.line,
-                    .bytes = tissue - part[SIM_PART_FIBRES] - part[SIM_PART_CUTTING]};
+                    .bytes = tm_tissue_bytes(s->model->tissue) - part[SIM_PART_FIBRES] - part[SIM_PART_CUTTING]};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
     n++;
     /* What an effect holds beside its stages: in the library's account, or inside the tissue. */
     int64_t beside[SIM_MAX_EFFECTS];
-    for (int e = 0; e < sim_effect_count; e++) {
-        beside[e] = s->cost[e].bytes + part[sim_effects[e]->part] +
-                    (sim_effects[e]->model && s->model->bytes && sim_effect_line(s->scene, e) ? s->model->bytes(s) : 0);
-        for (int i = 0; i < count; i++)
-            for (int j = 0; j < s->owner_count; j++)
-                if (s->owner[j].effect == e && !strcmp(s->owner[j].stage, report[i].name)) beside[e] -= report[i].bytes;
-    }
+    for (int e = 0; e < sim_effect_count; e++) beside[e] = s->cost[e].bytes + part[sim_effects[e]->part];
     for (int i = 0; i < count; i++) {
         int owner = SIM_OWNER_ALL;
         for (int j = 0; j < s->owner_count; j++)
@@ -144,7 +129,8 @@ static void print(const sim *s, const row *rows, int n, double total_us, cJSON *
     printf("%s: %d tetrahedra, %d vertices; %.4g frames/s of %d substep%s of %.4g s (guaranteed critical step %.4g s, "
            "set by tetrahedron %lld)\n\n",
            s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps,
-           s->substeps == 1 ? "" : "s", s->dt_s, s->critical_s, (long long)s->file.tet_tag[s->critical_tet]);
+           s->substeps == 1 ? "" : "s", s->dt_s, s->model->pace.critical_s,
+           (long long)s->file.tet_tag[s->model->pace.critical_tet]);
     printf("%-18s %-10s %12s %10s %7s  asked for by\n", "stage", "phase", "bytes", "us/step", "share");
     cJSON *list = cJSON_AddArrayToObject(json, "stages");
     for (int i = 0; i < n; i++) {

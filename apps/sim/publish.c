@@ -95,7 +95,7 @@ void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t ut
     out->flags = flags | sample_flags(how);
     memcpy(out->tip_m, s->pose[instrument].tip_m, sizeof out->tip_m);
     if (how & TM_REACTION_UNSTABLE) return;
-    memcpy(out->tip_m, r->row_count || s->contact ? r->tip_m : s->pose[instrument].tip_m, sizeof out->tip_m);
+    if (instrument < s->model->instrument_count) memcpy(out->tip_m, r->tip_m, sizeof out->tip_m);
     memcpy(out->force_N, r->force_N, sizeof out->force_N);
     if (s->wants[instrument] != SIM_SENDS_FORCE && r->stiffness_kind) {
         out->stiffness_kind = (int8_t)r->stiffness_kind;

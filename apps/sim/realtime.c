@@ -8,7 +8,6 @@
 #include <string.h>
 #include <time.h>
 
-#include "exact.h"
 #include "figures.h"
 #include "log_line.h"
 #include "publish.h"
@@ -344,7 +343,7 @@ int run_realtime(sim *s, const run_options *o) {
         return sim_report(s->scene, recording->file.line, &error);
     int rc = begin(&r, recording ? log.temporary : NULL);
     cJSON *json = run_report_begin(s, "realtime");
-    if (!rc) rc = sim_exact_start(s);
+    if (!rc && tm_model_start(s->model, &error)) rc = sim_report(s->scene, 0, &error);
     if (!rc) rc = loop(&r);
     if (r.haptics && r.publisher.api) r.thrown_away = r.publisher.api->refused(r.publisher.link);
     if (!sim_publisher_close(&r.publisher) && !rc) {

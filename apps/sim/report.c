@@ -55,13 +55,12 @@ int run_say_interrupted(int64_t frame, int64_t total) {
 }
 
 cJSON *run_report_begin(const sim *s, const char *mode) {
-    static const char *const models[] = {"dynamic", "precomputed", "hybrid"};
     cJSON *r = cJSON_CreateObject();
     cJSON_AddStringToObject(r, "scene", s->scene->file);
     cJSON_AddStringToObject(r, "title", s->scene->title.s);
     cJSON_AddStringToObject(r, "mode", mode);
     cJSON_AddStringToObject(r, "version", tm_version());
-    cJSON_AddStringToObject(r, "model", models[s->scene->model.index]);
+    cJSON_AddStringToObject(r, "model", s->model->kind->name);
     cJSON_AddNumberToObject(r, "vertices", s->mesh->vertex_count);
     cJSON_AddNumberToObject(r, "tets", s->mesh->tet_count);
     cJSON_AddStringToObject(r, "precision", s->scene->precision.index ? "single" : "double");
@@ -70,9 +69,9 @@ cJSON *run_report_begin(const sim *s, const char *mode) {
     cJSON_AddNumberToObject(r, "dt_s", s->dt_s);
     cJSON_AddNumberToObject(r, "substeps_per_frame", s->substeps);
     cJSON *critical = cJSON_AddObjectToObject(r, "critical_step");
-    cJSON_AddNumberToObject(critical, "guaranteed_s", s->critical_s);
-    cJSON_AddNumberToObject(critical, "tet", s->critical_tet);
-    cJSON_AddNumberToObject(critical, "tet_tag", (double)s->file.tet_tag[s->critical_tet]);
+    cJSON_AddNumberToObject(critical, "guaranteed_s", s->model->pace.critical_s);
+    cJSON_AddNumberToObject(critical, "tet", s->model->pace.critical_tet);
+    cJSON_AddNumberToObject(critical, "tet_tag", (double)s->file.tet_tag[s->model->pace.critical_tet]);
     cJSON_AddNumberToObject(r, "memory_bytes", (double)tm_memory_in_use());
     return r;
 }
@@ -83,7 +82,7 @@ static void add_both(cJSON *to, const sim *s, const char *name, const double *va
 
 void run_report_energy(const sim *s, cJSON *report) {
     tm_energy e;
-    if (!sim_has(s, "energy") || tm_world_energy(s->world, &e, NULL)) return;
+    if (!sim_has(s, "energy") || tm_world_energy(s->model->world, &e, NULL)) return;
     const struct {
         const char *name;
         double value;

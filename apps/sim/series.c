@@ -24,7 +24,7 @@ typedef struct cells {
 
 static bool fill_cells(const run_series *series, const sim *s, cells *c) {
     size_t n = (size_t)s->mesh->tet_count;
-    const uint8_t *alive = tm_tissue_alive(s->tissue);
+    const uint8_t *alive = tm_tissue_alive(s->model->tissue);
     *c = (cells){malloc(n * sizeof *c->offset), malloc(n), malloc(n), malloc(n)};
     if (!c->offset || !c->type || !c->alive || !c->ghost) return false;
     for (size_t t = 0; t < n; t++) {
@@ -137,11 +137,11 @@ int run_series_begin(run_series *series, const sim *s, const char *folder, int64
                              strerror(errno));
     if ((size_t)snprintf(path, sizeof path, "%s/run.pvd", folder) >= sizeof path)
         return app_bad_input("--paraview", 0, "the folder's path is too long; choose a shorter one");
-    if (s->condensed_tets) {
+    if (s->model->condensed_tets) {
         series->condensed = malloc((size_t)s->mesh->tet_count);
         if (!series->condensed)
             return fputs("tm-sim: out of memory for --paraview; leave it out\n", stderr), APP_FAILED;
-        for (int32_t t = 0; t < s->mesh->tet_count; t++) series->condensed[t] = !tm_tissue_alive(s->tissue)[t];
+        for (int32_t t = 0; t < s->mesh->tet_count; t++) series->condensed[t] = !tm_tissue_alive(s->model->tissue)[t];
     }
     int rc = run_file_begin(&series->index, path);
     if (!rc)

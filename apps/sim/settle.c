@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "models.h"
 #include "run.h"
 
 typedef struct watch {
@@ -87,40 +88,34 @@ static void report_supports(const sim *s, const double *reaction, cJSON *json) {
  * tissue without ever having touched it. */
 static tm_status insert_tools(sim *s) {
     enum { STEPS = 400 };
-    if (!s->contact) return TM_OK;
-    tm_contact_begin_frame(s->contact, STEPS, 1);
-    for (int i = 0; i < s->instrument_count; i++) {
+    if (!s->model->instrument_count) return TM_OK;
+    for (int i = 0; i < s->model->instrument_count; i++) {
         double joint[SIM_JOINTS];
         memcpy(joint, s->start_joint[i], sizeof joint);
         joint[HRT_INSERTION] = fmin(joint[HRT_INSERTION], 2 * s->instrument_def[i].radius_m);
         tm_tool_pose outside = sim_pose(s, i, joint, s->pose[i].active);
-        tm_contact_place(s->contact, i, &outside);
-        tm_contact_move(s->contact, i, &s->pose[i], STEPS);
+        tm_model_place(s->model, i, &outside);
     }
-    return tm_world_step(s->world, STEPS);
+    tm_model_begin(s->model, s->pose, STEPS);
+    return tm_model_step(s->model, STEPS);
 }
 
-/* Relaxes the world, or asks the model's own solver. u and reaction [3*vertex_count], zeroed. */
+/* Instruments are in the rest of a model that is relaxed, not in one that is solved for. */
+static bool is_relaxed(const sim *s) { return s->model->world != NULL; }
+
+/* u and reaction [3*vertex_count]. */
 static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_settle_result *result) {
     tm_error error = {0};
     watch w = {.tolerance = o->tolerance};
-    tm_status status;
-    if (s->model->solve) {
-        status = s->model->solve(s, u, reaction, &error);
-        result->energy_J = tm_tissue_energy(s->tissue, u);
-    } else {
-        tm_settle_def def = tm_settle_def_default();
-        def.tolerance = o->tolerance;
-        def.progress = on_progress;
-        def.user = &w;
-        status = insert_tools(s);
-        if (!status)
-            status = tm_world_settle(s->world, &def, result, &error);
-        else
-            snprintf(error.message, sizeof error.message, "the instruments' way in blew up; lower time.step_fraction");
-        memcpy(u, tm_world_state(s->world)->u_m, sizeof *u * 3 * (size_t)s->mesh->vertex_count);
-        tm_support_reaction(s->world, reaction);
-    }
+    tm_settle_def def = tm_settle_def_default();
+    def.tolerance = o->tolerance;
+    def.progress = on_progress;
+    def.user = &w;
+    tm_status status = is_relaxed(s) ? insert_tools(s) : TM_OK;
+    if (!status)
+        status = tm_model_settle(s->model, &def, u, reaction, result, &error);
+    else
+        snprintf(error.message, sizeof error.message, "the instruments' way in blew up; lower time.step_fraction");
     app_progress("settling", 1, true);
     if (w.stopped) {
         fputs("tm-sim: interrupted; nothing was written\n", stderr);
@@ -131,11 +126,10 @@ static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_se
 
 /* The static reaction of the tissue on each instrument, as a controller would be told. */
 static void report_tools(const sim *s, cJSON *json) {
-    if (!s->contact) return;
-    tm_contact_begin_frame(s->contact, 1, 1); /* forgets the averages of the way in: now is the state at rest */
+    if (!is_relaxed(s) || !s->model->instrument_count) return;
     cJSON *list = cJSON_AddArrayToObject(json, "instruments");
-    for (int i = 0; i < s->instrument_count; i++) {
-        tm_tool_reaction r = tm_contact_reaction(s->contact, i);
+    for (int i = 0; i < s->model->instrument_count; i++) {
+        const tm_tool_reaction r = tm_model_reaction(s->model, i);
         printf("instrument %d: %d rows, tip force %.9g %.9g %.9g N%s\n", i, r.row_count, r.force_N[0], r.force_N[1],
                r.force_N[2],
                r.flags & TM_REACTION_INSIDE ? " (it is inside the tissue: no contact until it comes out)" : "");
@@ -160,10 +154,10 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
     double largest = 0;
     for (int32_t v = 0; v < s->mesh->vertex_count; v++)
         largest = fmax(largest, sqrt(u[3 * v] * u[3 * v] + u[3 * v + 1] * u[3 * v + 1] + u[3 * v + 2] * u[3 * v + 2]));
-    if (s->model->solve)
-        printf("at rest, by the direct solver");
-    else
+    if (is_relaxed(s))
         printf("at rest after %lld steps, residual %.3g", (long long)result.steps, result.residual);
+    else
+        printf("at rest, by the direct solver");
     printf("; energy %.9g J; largest displacement %.6g m\n", result.energy_J, largest);
     cJSON_AddNumberToObject(json, "steps", (double)result.steps);
     cJSON_AddNumberToObject(json, "residual", result.residual);
@@ -180,10 +174,8 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
 }
 
 int run_settle_check(const app_scene *scene) {
-    if (scene->model.index != APP_HYBRID) return 0;
-    return app_scene_bad(scene, scene->model.line,
-                         "--settle relaxes a whole tissue, not a hybrid one; write 'model: dynamic' (the same "
-                         "shape at rest) or 'model: precomputed'");
+    const char *why = sim_models[scene->model.index].not_settled;
+    return why ? app_scene_bad(scene, scene->model.line, "%s", why) : 0;
 }
 
 int run_settle(sim *s, const run_options *o) {

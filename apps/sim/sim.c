@@ -1,8 +1,9 @@
 /* From a scene to a world that can be stepped, and one frame of it. */
-#include "sim.h"
+#include "models.h"
 #include "surface.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -125,16 +126,27 @@ static int load_mesh(sim *s) {
     return 0;
 }
 
-/* Books the stages that have come since the last call on `effect`. */
-void sim_own_stages(sim *s, int effect) {
-    if (!s->world) return;
+/* Books the stages that have come since the last call on `effect`; on whom their names say where that is SIM_OWNER_ALL.
+ * Returns what they hold. */
+static int64_t own_stages(sim *s, int effect) {
     tm_stage_report report[TM_MAX_STAGES];
-    int count = tm_world_stages(s->world, report);
+    const int count = tm_model_stages(s->model, report);
+    int64_t bytes = 0;
     for (int i = 0; i < count; i++) {
         bool known = false;
+        int owner = effect;
+        char whole[64];
         for (int j = 0; j < s->owner_count; j++) known |= !strcmp(s->owner[j].stage, report[i].name);
-        if (!known) s->owner[s->owner_count++] = (sim_owner){report[i].name, effect};
+        if (known) continue;
+        snprintf(whole, sizeof whole, "%.*s", (int)strcspn(report[i].name, " "), report[i].name); /* of a part */
+        if (owner == SIM_OWNER_ALL && !sim_effect_find(whole, &owner))
+            owner = !strcmp(whole, "support") ? SIM_OWNER_SUPPORTS
+                    : !strcmp(whole, "load")  ? SIM_OWNER_LOADS
+                                              : SIM_OWNER_ALL;
+        s->owner[s->owner_count++] = (sim_owner){report[i].name, owner};
+        bytes += report[i].bytes;
     }
+    return bytes;
 }
 
 /* Runs one hook of every named effect and books memory and stages. */
@@ -146,46 +158,73 @@ static int run_hook(sim *s, bool build) {
         int64_t before = tm_memory_in_use();
         rc = hook(s, s->scene->effect[i]);
         s->cost[i].bytes += tm_memory_in_use() - before;
-        if (build && !rc) sim_own_stages(s, i);
+        if (build && !rc) s->cost[i].bytes -= own_stages(s, i);
     }
     return rc;
 }
 
-static int make_tissue(sim *s) {
-    tm_error error = {0};
+static int define_model(sim *s) {
+    tm_model_def *def = &s->def.model;
     s->material = calloc((size_t)s->mesh->region_count, sizeof *s->material);
     if (!s->material) return app_scene_bad(s->scene, 0, "out of memory; use a smaller mesh");
-    s->tissue_def = tm_tissue_def_default();
-    s->world_def = tm_world_def_default();
+    *def = tm_model_def_default();
+    def->damped = false;
     int rc = run_hook(s, false);
     if (!rc) rc = app_scene_materials(s->scene, &s->file, s->damping_1_s, s->material);
-    if (rc) return rc;
-    s->tissue_def.mesh = s->mesh;
-    s->tissue_def.material_count = s->mesh->region_count;
-    s->tissue_def.material = s->material;
-    s->tissue_def.fibre = s->fibre;
-    s->tissue_def.precision = (tm_precision)s->scene->precision.index;
-    s->tissue_def.form = (tm_force_form)s->scene->force.index;
-    if (tm_tissue_create(&s->tissue_def, &s->tissue, &error))
-        return sim_report(s->scene, s->scene->tissue.line, &error);
-    return 0;
-}
-
-int sim_create(app_scene *scene, sim **out) {
-    sim *s = calloc(1, sizeof *s);
-    if (!s) abort();
-    s->scene = scene;
-    s->model = sim_models[scene->model.index];
-    int rc = check_scene(scene);
-    if (!rc) rc = load_mesh(s);
-    if (!rc) rc = make_tissue(s);
     if (!rc) rc = sim_make_supports(s);
     if (!rc) rc = sim_make_loads(s);
     if (!rc) rc = sim_make_instruments(s);
+    def->tissue.mesh = s->mesh;
+    def->tissue.material_count = s->mesh->region_count;
+    def->tissue.material = s->material;
+    def->tissue.fibre = s->fibre;
+    def->tissue.precision = (tm_precision)s->scene->precision.index;
+    def->tissue.form = (tm_force_form)s->scene->force.index;
+    def->support_count = s->held_count;
+    def->support_dof = s->held_dof;
+    def->support_m = s->held_m;
+    def->load_N = s->load_N;
+    def->frame_s = 1 / s->scene->frame_rate.si;
+    def->step_s = s->scene->step.line ? s->scene->step.si : 0;
+    def->step_fraction = s->scene->step_fraction.si;
+    def->average = s->scene->average.si;
+    def->blame = &s->def.blame;
+    return rc;
+}
+
+static int make_model(sim *s) {
+    const int rc = sim_models[s->scene->model.index].make(s);
+    if (rc) return rc;
+    const tm_pace *pace = &s->model->pace;
+    s->frame_s = pace->frame_s;
+    s->dt_s = pace->dt_s;
+    s->substeps = pace->substeps;
+    s->average = pace->average;
+    own_stages(s, SIM_OWNER_ALL);
+    return sim_warn_pace(s);
+}
+
+int sim_prepare(app_scene *scene, sim **out) {
+    sim *s = calloc(1, sizeof *s);
+    if (!s) abort();
+    s->scene = scene;
+    int rc = check_scene(scene);
+    if (!rc) rc = load_mesh(s);
+    if (!rc) rc = define_model(s);
     if (!rc) rc = sim_warn(s);
-    if (!rc) rc = s->model->begin(s);
+    if (rc)
+        sim_destroy(s);
+    else
+        *out = s;
+    return rc;
+}
+
+int sim_create(app_scene *scene, sim **out) {
+    sim *s;
+    int rc = sim_prepare(scene, &s);
+    if (rc) return rc;
+    rc = make_model(s);
     if (!rc) rc = run_hook(s, true);
-    if (!rc && s->model->end) rc = s->model->end(s);
     if (rc)
         sim_destroy(s);
     else
@@ -197,9 +236,7 @@ void sim_destroy(sim *s) {
     if (!s) return;
     for (int i = 0; i < sim_effect_count; i++)
         if (sim_effects[i]->destroy) sim_effects[i]->destroy(s);
-    if (s->world) tm_world_destroy(s->world);
-    if (s->model && s->model->destroy && s->model_own) s->model->destroy(s->model_own);
-    if (s->tissue) tm_tissue_destroy(s->tissue);
+    tm_model_destroy(s->model);
     if (s->mesh) tm_mesh_destroy(s->mesh);
     app_mesh_free(&s->file);
     free(s->support_of);
@@ -215,28 +252,57 @@ void sim_destroy(sim *s) {
 
 /* --- one frame --- */
 
-/* The frame has not happened: nothing of it is felt or shown. */
-static void disown(sim *s) {
-    for (int i = 0; i < s->instrument_count; i++) {
-        s->reaction[i] = (tm_tool_reaction){.time_s = sim_time_s(s), .flags = TM_REACTION_UNSTABLE};
-        memcpy(s->reaction[i].tip_m, s->pose[i].tip_m, sizeof s->reaction[i].tip_m);
-        s->patch_valid[i] = false;
+/* A frame in pieces of a tenth of a second, so that Ctrl-C does not wait for millions of substeps. Bits do not depend
+ * on the pieces. */
+static tm_status step_in_slices(sim *s, int32_t substeps) {
+    const double piece_s = 0.1;
+    tm_status status = TM_OK;
+    int32_t done = 0;
+    if (!s->slice) s->slice = 1 + 1000000 / s->mesh->tet_count; /* until it is measured: 0.1 us a tetrahedron */
+    while (!status && done < substeps && !app_interrupted()) {
+        int32_t count = s->slice < substeps - done ? s->slice : substeps - done;
+        if (s->between) {
+            const int32_t most = s->between(s->between_user, s);
+            if (most < count) count = most;
+        }
+        int64_t begin = app_monotonic_us();
+        status = tm_model_step(s->model, count);
+        done += count;
+        double cost_s = ((double)(app_monotonic_us() - begin) + 1) * 1e-6 / count;
+        s->slice = cost_s < piece_s ? (int32_t)fmin(piece_s / cost_s, 1e6) : 1;
     }
+    s->broken_off = !status && done < substeps;
+    return status;
+}
+
+static void take_reactions(sim *s) {
+    for (int i = 0; i < s->model->instrument_count; i++) s->reaction[i] = tm_model_reaction(s->model, i);
+}
+
+/* What the instrument's controller asks for beside the force. */
+static void feel(sim *s, int i) {
+    s->patch_valid[i] = false;
+    if (i >= s->model->instrument_count || s->wants[i] == SIM_SENDS_FORCE) return;
+    const bool made = tm_model_patch(s->model, i, s->patch ? &s->patch[i] : NULL);
+    s->reaction[i] = tm_model_reaction(s->model, i);
+    s->patch_valid[i] = made && s->wants[i] == SIM_SENDS_PATCH;
 }
 
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     s->broken_off = false;
-    tm_status status = s->model->frame(s, to, substeps);
-    if (status) {
-        disown(s);
+    tm_model_begin(s->model, to, substeps);
+    tm_status status = step_in_slices(s, substeps);
+    if (s->broken_off) return status; /* Ctrl-C: nobody sees half a frame */
+    if (!status) tm_model_end(s->model);
+    take_reactions(s);
+    if (status) { /* the frame has not happened: nothing of it is felt or shown */
+        memset(s->patch_valid, 0, sizeof s->patch_valid);
         return status;
     }
-    if (s->broken_off) return status; /* Ctrl-C: nobody sees half a frame */
     for (int i = 0; i < s->instrument_count; i++) {
         for (int a = 0; a < 3; a++) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->frame_s;
         s->pose[i] = to[i];
-        s->patch_valid[i] = false;
-        if (s->wants[i] != SIM_SENDS_FORCE && s->model->feel) s->model->feel(s, i);
+        feel(s, i);
     }
     for (int i = 0; i < sim_effect_count; i++)
         if (sim_effects[i]->frame && sim_effect_line(s->scene, i)) sim_effects[i]->frame(s);
@@ -244,8 +310,8 @@ tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     return status;
 }
 
-tm_surface_view sim_surface(const sim *s) { return s->model->surface(s); }
-const double *sim_displacement(const sim *s) { return s->model->displacement(s); }
-double sim_time_s(const sim *s) { return s->model->time_s(s); }
-int32_t sim_alive(const sim *s) { return s->condensed_tets + tm_tissue_alive_count(s->tissue); }
-uint64_t sim_hash(const sim *s) { return s->model->hash(s); }
+tm_surface_view sim_surface(const sim *s) { return tm_model_surface(s->model); }
+const double *sim_displacement(const sim *s) { return tm_model_displacement(s->model); }
+double sim_time_s(const sim *s) { return tm_model_time_s(s->model); }
+int32_t sim_alive(const sim *s) { return tm_model_alive(s->model); }
+uint64_t sim_hash(const sim *s) { return tm_model_hash(s->model); }

@@ -7,9 +7,6 @@
 #include "device/kinematics.h"
 #include "scene_parts.h"
 #include "tensormass.h"
-#include "tensormass/contact.h"
-#include "tensormass/grasp.h"
-#include "tensormass/patch.h"
 
 enum { SIM_JOINTS = HRT_JOINTS }; /* pitch rad, yaw rad, insertion m, roll rad, grip 0..1 */
 
@@ -34,8 +31,8 @@ typedef struct sim_effect {
     const char *needs[4];
     sim_exclusion excludes[4];
     int (*check)(const app_scene *scene, const void *options); /* needs no mesh */
-    int (*prepare)(sim *s, const void *options); /* mesh is there; may change s->tissue_def and s->damping_1_s */
-    int (*build)(sim *s, const void *options);   /* world is there: add stages */
+    int (*prepare)(sim *s, const void *options); /* mesh is there: fills s->def, or s->damping_1_s and s->fibre */
+    int (*build)(sim *s, const void *options);   /* s->model is there: adds stages to its world, where it has one */
     void (*frame)(sim *s);                       /* after each frame's substeps */
     void (*destroy)(sim *s);                     /* what it left in `s`, also after a build that failed half-way */
 } sim_effect;
@@ -47,7 +44,7 @@ const sim_effect *sim_effect_find(const char *name, int *index);
 
 /* Where each effect's cost is booked. */
 typedef struct sim_cost {
-    int64_t bytes; /* of the library's account (tm_memory_in_use) */
+    int64_t bytes; /* of the library's account (tm_memory_in_use), beside its stages */
 } sim_cost;
 
 enum { SIM_OWNER_ALL = -1, SIM_OWNER_SUPPORTS = -2, SIM_OWNER_LOADS = -3 };
@@ -57,24 +54,14 @@ typedef struct sim_owner {
     int effect;
 } sim_owner;
 
-/* How a frame is computed. `own` is s->model_own. */
-typedef struct sim_model {
-    int (*begin)(sim *s);                                                 /* before effects build */
-    int (*end)(sim *s);                                                   /* after; may be null */
-    tm_status (*frame)(sim *s, const tm_tool_pose *to, int32_t substeps); /* fills s->reaction */
-    tm_surface_view (*surface)(const sim *s);
-    const double *(*displacement)(const sim *s); /* [3*vertex_count] */
-    double (*time_s)(const sim *s);
-    uint64_t (*hash)(const sim *s);
-    int64_t (*bytes)(const sim *s); /* of model_own; may be null */
-    /* Stiffness into s->reaction, patch into s->patch where wanted; after a frame. Null: forces alone. */
-    void (*feel)(sim *s, int instrument);
-    /* The static solution [3*vertex_count] without contact, by the model's own solver; null: the world's relaxation. */
-    tm_status (*solve)(sim *s, double *u_m, double *reaction_N, tm_error *error);
-    void (*destroy)(void *own);
-} sim_model;
-extern const sim_model *const sim_models[]; /* by app_model */
-extern const sim_model sim_model_precomputed, sim_model_hybrid;
+/* What the model is made from: effects fill it in `prepare`, and s->model stays when it is made. */
+typedef struct sim_definition {
+    tm_model_def model; /* points to the rest */
+    tm_contact_def contact;
+    tm_grasp_def grasp;
+    tm_cut_def cut;
+    const char *blame; /* tm_model_def.blame */
+} sim_definition;
 
 /* What the last frame's cutting took. */
 typedef struct sim_cuts {
@@ -101,15 +88,8 @@ struct sim {
     tm_material *material; /* [region_count] */
     double damping_1_s;    /* of materials that name none */
     double *fibre;         /* [3*tet_count] or null */
-    tm_tissue_def tissue_def;
-    tm_tissue *tissue;
-    tm_world_def world_def;
-    tm_world *world;
-    const sim_model *model;
-    void *model_own;
-    tm_contact *contact; /* null: no effect `contact`, or a model without world */
-    tm_contact_def contact_def;
-    tm_grasp_def grasp_def; /* effect grasp */
+    sim_definition def;
+    tm_model *model;
     tm_instrument_def instrument_def[TM_MAX_INSTRUMENTS];
     hrt_frame64 frame[TM_MAX_INSTRUMENTS]; /* how the device hangs in the world */
     double start_joint[TM_MAX_INSTRUMENTS][SIM_JOINTS];
@@ -120,11 +100,12 @@ struct sim {
     int32_t substeps, average; /* of a whole frame */
     int32_t slice;             /* substeps of about a tenth of a second; 0: not measured yet */
     bool broken_off;           /* Ctrl-C came inside the last frame */
-    double critical_s;         /* guaranteed */
-    int32_t critical_tet;
+    /* Asked before each piece of a frame; returns how many substeps there may be until it is asked again, 1 or more.
+     * May cut. Null: nobody asks. */
+    int32_t (*between)(void *user, sim *s);
+    void *between_user;
     int64_t frames;
     sim_cuts cuts;
-    int32_t condensed_tets;                /* hybrid: those that are not in the world's tissue */
     struct sim_picture *picture;           /* effect rendering, else null */
     tm_tool_pose pose[TM_MAX_INSTRUMENTS]; /* at the end of the last frame */
     tm_tool_reaction reaction[TM_MAX_INSTRUMENTS];
@@ -132,20 +113,16 @@ struct sim {
     sim_cost cost[SIM_MAX_EFFECTS];
     sim_owner owner[TM_MAX_STAGES];
     int owner_count;
-    uint8_t *support_of;    /* [vertex_count] 1 + index of the scene's support, 0 free; null: no supports */
-    int32_t held_count;     /* prescribed components, ascending: the components of the stage `support` */
-    int32_t *held_dof;      /* [held_count] */
-    double *held_m;         /* [held_count] */
-    uint8_t *held_by;       /* [held_count] 1 + index of the scene's support */
-    double *load_N;         /* [3*vertex_count] or null */
-    double gravity_m_s2[3]; /* for models without world */
-    sim_sends can_send;     /* what the scene took memory for */
+    uint8_t *support_of; /* [vertex_count] 1 + index of the scene's support, 0 free; null: no supports */
+    int32_t held_count;  /* prescribed components, ascending: the components of the stage `support` */
+    int32_t *held_dof;   /* [held_count] */
+    double *held_m;      /* [held_count] */
+    uint8_t *held_by;    /* [held_count] 1 + index of the scene's support */
+    double *load_N;      /* [3*vertex_count] or null */
+    sim_sends can_send;  /* what the scene took memory for */
     sim_sends wants[TM_MAX_INSTRUMENTS];  /* what the controller's extrapolator asks for, at most can_send */
     tm_patch *patch;                      /* [instrument_count] with SIM_SENDS_PATCH, else null */
     bool patch_valid[TM_MAX_INSTRUMENTS]; /* by the last frame */
-    struct sim_exact *exact;              /* its source of exact compliance, or null */
-    tm_patch_maker *patch_maker;          /* dynamic model that sends more than forces */
-    int32_t patch_vertices;
     sim_reach reach[TM_MAX_INSTRUMENTS];
     double velocity_m_s[TM_MAX_INSTRUMENTS][3]; /* of the tips over the last frame */
 };
@@ -154,6 +131,8 @@ struct sim {
 int sim_scene_load(const char *file, char *const *set, int set_count, app_scene **scene);
 /* Checks and builds. Takes the scene over, also on failure. */
 int sim_create(app_scene *scene, sim **out);
+/* The same without a model: s->def is whole, and s->model null. */
+int sim_prepare(app_scene *scene, sim **out);
 void sim_destroy(sim *s);
 
 bool sim_has(const sim *s, const char *effect);
@@ -170,14 +149,6 @@ int sim_effect_line(const app_scene *scene, int index);
 int sim_make_supports(sim *s);
 int sim_make_loads(sim *s);
 int sim_make_instruments(sim *s);
-int sim_choose_step(sim *s); /* from s->critical_s */
-int sim_make_world(sim *s);
-tm_status sim_world_frame(sim *s, const tm_tool_pose *to, int32_t substeps);
-/* The scene's gravity, null if it has none. */
-const app_vector *sim_gravity(const sim *s);
-/* What contact of this scene is, before the stage is built: fills s->contact_def. */
-const tm_contact_def *sim_contact_definition(sim *s);
-void sim_own_stages(sim *s, int effect); /* books the stages that have come since the last call */
 
 /* One frame: every instrument goes to to[i] over `substeps` (s->substeps for a whole frame). */
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps);

@@ -4,8 +4,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "tensormass/cut.h"
-
 static const char magic[8] = "TMSIMSN1";
 
 /* What the simulation knows beside its world. */
@@ -22,13 +20,14 @@ int sim_snapshot_save(sim *s, const char *path) {
     tm_error error = {0};
     app_output output;
     header *h = NULL;
-    if (!s->world)
-        return app_bad_input("--snapshot-at", 0, "the precomputed model has no state to save; write 'model: dynamic'");
-    int64_t bytes = tm_snapshot_bytes(s->world);
+    int64_t bytes = tm_model_snapshot_bytes(s->model);
+    if (!bytes)
+        return app_bad_input("--snapshot-at", 0, "the %s model has no state to save; write 'model: dynamic'",
+                             s->model->kind->name);
     void *world = malloc((size_t)bytes);
     h = calloc(1, sizeof *h);
     int rc = world && h ? 0 : APP_FAILED;
-    if (!rc && tm_snapshot_save(s->world, world, bytes, &error)) rc = app_report("--snapshot-at", 0, &error);
+    if (!rc && tm_model_save(s->model, world, bytes, &error)) rc = app_report("--snapshot-at", 0, &error);
     if (!rc && !app_output_begin(&output, path, &error)) rc = app_report(NULL, 0, &error);
     if (!rc) {
         memcpy(h->magic, magic, sizeof magic);
@@ -71,8 +70,9 @@ static void *read_file(const char *path, size_t *size) {
 int sim_snapshot_restore(sim *s, const char *path) {
     tm_error error = {0};
     size_t size = 0;
-    if (!s->world)
-        return app_bad_input(path, 0, "the precomputed model has no state to restore; write 'model: dynamic'");
+    if (!tm_model_snapshot_bytes(s->model))
+        return app_bad_input(path, 0, "the %s model has no state to restore; write 'model: dynamic'",
+                             s->model->kind->name);
     char *bytes = read_file(path, &size);
     if (!bytes) return app_bad_input(path, 0, "cannot be read: %m; give a snapshot that --snapshot-at wrote");
     header h;
@@ -87,7 +87,7 @@ int sim_snapshot_restore(sim *s, const char *path) {
     if (!rc) {
         /* The library wants its part aligned. */
         memmove(bytes, bytes + sizeof h, size - sizeof h);
-        if (tm_snapshot_restore(s->world, bytes, h.world_bytes, &error)) rc = app_report(path, 0, &error);
+        if (tm_model_restore(s->model, bytes, h.world_bytes, &error)) rc = app_report(path, 0, &error);
     }
     if (!rc) {
         s->frames = h.frames;

@@ -18,74 +18,30 @@ static bool has_room(void) {
     return true;
 }
 
-static int open_all(const sim *s, int line, const char *const *name, void **pointer, int count) {
-    tm_error error = {0};
-    /* The module never uses more than one thread of OpenBLAS in each of its own. */
-    setenv("OPENBLAS_NUM_THREADS", "1", 0);
-    if (!has_room())
-        return app_scene_bad(s->scene, line,
-                             "this process may not have the 256 MB of address space that the module solve wants; raise "
-                             "the limit (ulimit -v)");
-    void *module = app_module("solve", &error);
-    for (int i = 0; module && i < count; i++) {
-        pointer[i] = app_module_symbol(module, name[i], &error);
-        if (!pointer[i]) module = NULL;
-    }
-    return module ? 0 : app_scene_bad(s->scene, line, "%s", error.message);
-}
-
 #define SIM_SOLVE_NAME(name) #name,
 
-int sim_open_precomputed(const sim *s, sim_precomputed_api *api) {
-    static const char *const name[] = {SIM_SOLVE_PRECOMPUTED(SIM_SOLVE_NAME)};
-    return open_all(s, s->scene->model.line, name, (void **)api, sizeof name / sizeof name[0]);
+bool sim_solve_open(sim_solve_api *api, tm_error *error) {
+    static const char *const name[] = {SIM_SOLVE(SIM_SOLVE_NAME)};
+    void **pointer = (void **)api;
+    /* The module never uses more than one thread of OpenBLAS in each of its own. */
+    setenv("OPENBLAS_NUM_THREADS", "1", 0);
+    if (!has_room()) {
+        snprintf(error->message, sizeof error->message,
+                 "this process may not have the 256 MB of address space that the module solve wants; raise the limit "
+                 "(ulimit -v)");
+        return false;
+    }
+    void *module = app_module("solve", error);
+    for (size_t i = 0; module && i < sizeof name / sizeof *name; i++)
+        if (!(pointer[i] = app_module_symbol(module, name[i], error))) module = NULL;
+    return module != NULL;
 }
 
-int sim_open_hybrid(const sim *s, sim_hybrid_api *api) {
-    static const char *const name[] = {SIM_SOLVE_HYBRID(SIM_SOLVE_NAME)};
-    return open_all(s, s->scene->model.line, name, (void **)api, sizeof name / sizeof name[0]);
-}
-
-int sim_open_factored(const sim *s, int line, sim_factored_api *api) {
-    static const char *const name[] = {SIM_SOLVE_FACTORED(SIM_SOLVE_NAME)};
-    return open_all(s, line, name, (void **)api, sizeof name / sizeof name[0]);
-}
-
-static bool on_progress(void *user, const char *what, double fraction, double seconds_left) {
+bool sim_solve_progress(void *user, const char *what, double fraction, double seconds_left) {
     (void)user;
     (void)seconds_left;
     app_progress(what, fraction, fraction >= 1);
     return !app_interrupted();
-}
-
-int sim_problem_make(const sim *s, const tm_tissue *tissue, sim_problem *p, tm_solve_def *def) {
-    size_t n = 3 * (size_t)s->mesh->vertex_count;
-    *p = (sim_problem){calloc(n, 1), calloc(n, sizeof(double)), calloc(n, sizeof(double))};
-    if (!p->fixed || !p->value_m || !p->load_N) {
-        sim_problem_free(p);
-        return app_scene_bad(s->scene, s->scene->model.line, "out of memory; use a smaller mesh");
-    }
-    for (int32_t i = 0; i < s->held_count; i++) {
-        p->fixed[s->held_dof[i]] = 1;
-        p->value_m[s->held_dof[i]] = s->held_m[i];
-    }
-    const double *mass = tm_tissue_mass_kg(tissue);
-    for (int32_t v = 0; v < s->mesh->vertex_count; v++)
-        for (int a = 0; a < 3; a++)
-            p->load_N[3 * v + a] = (s->load_N ? s->load_N[3 * v + a] : 0) + mass[v] * s->gravity_m_s2[a];
-    def->tissue = tissue;
-    def->fixed = p->fixed;
-    def->fixed_value_m = p->value_m;
-    def->load_N = p->load_N;
-    def->progress = on_progress;
-    return 0;
-}
-
-void sim_problem_free(sim_problem *p) {
-    free(p->fixed);
-    free(p->value_m);
-    free(p->load_N);
-    *p = (sim_problem){0};
 }
 
 void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, char *path, size_t size) {

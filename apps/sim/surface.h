@@ -19,5 +19,7 @@ void sim_reach_report(const sim *s, double seconds);
 
 /* Warnings about a scene that is valid and probably not meant. 0, or an exit code where the scene is strict. */
 int sim_warn(const sim *s);
+/* The same of the model's substeps. */
+int sim_warn_pace(const sim *s);
 
 #endif

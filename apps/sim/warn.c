@@ -94,6 +94,17 @@ int sim_warn(const sim *s) {
     return rc;
 }
 
+enum { MANY_SUBSTEPS = 20000 }; /* a frame: slow */
+
+int sim_warn_pace(const sim *s) {
+    const tm_pace *pace = &s->model->pace;
+    if (pace->substeps <= MANY_SUBSTEPS) return 0;
+    return app_scene_warn(s->scene, s->scene->step.line ? s->scene->step.line : s->scene->material.line,
+                          "a frame takes %.3g substeps of %.3g s, set by tetrahedron %lld; look at its material "
+                          "(Young's modulus, density) and its shape (tm-mesh info)",
+                          (double)pace->substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
+}
+
 /* --- how near it came --- */
 
 void sim_reach_note(sim *s) {

@@ -11,6 +11,7 @@
 #include "tensormass/grasp.h"
 #include "tensormass/material.h"
 #include "tensormass/mesh.h"
+#include "tensormass/model.h"
 #include "tensormass/patch.h"
 #include "tensormass/tissue.h"
 #include "tensormass/world.h"

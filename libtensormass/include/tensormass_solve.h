@@ -4,16 +4,16 @@
  *
  * Threads: everything that makes or solves may be called from several threads at once, one model from one thread at a
  * time; no bit of a result depends on it. Of what belongs to the whole process, these are changed while a call that
- * factorises or solves (_create, _write, tm_solve_static, tm_hybrid_recover, tm_hybrid_patch) runs, and put back before
- * it returns: OpenBLAS's number of threads (1 meanwhile), SuiteSparse's malloc, calloc and realloc (memory aligned to
- * pages, freed by free(); left alone where a program has set an allocator of its own, and then last bits may differ
- * from run to run), and the state of rand() (a thread of yours that draws from it during an ordering changes last
- * bits). */
+ * factorises or solves (_create, _write, tm_solve_static, tm_hybrid_recover) runs, and put back before it returns:
+ * OpenBLAS's number of threads (1 meanwhile), SuiteSparse's malloc, calloc and realloc (memory aligned to pages, freed
+ * by free(); left alone where a program has set an allocator of its own, and then last bits may differ from run to
+ * run), and the state of rand() (a thread of yours that draws from it during an ordering changes last bits). */
 #ifndef TENSORMASS_SOLVE_H
 #define TENSORMASS_SOLVE_H
 
 #include "tensormass.h"
 #include "tensormass/grasp.h"
+#include "tensormass/model.h"
 #include "tensormass/patch.h"
 
 #ifdef __cplusplus
@@ -152,8 +152,6 @@ typedef struct tm_hybrid_def {
     const char *file;              /* cache, as above */
     const tm_contact_def *contact; /* null: no contact on the condensed part */
     int32_t max_local_vertices;    /* 256 */
-    int32_t patch_vertices; /* whose compliance is remembered for patches, 64 (at least 24); 0: no patches, nothing
-                               factorised for them */
 } tm_hybrid_def;
 
 typedef struct tm_hybrid tm_hybrid;
@@ -180,11 +178,6 @@ TM_API tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *hybrid, tm_contact 
 TM_API void tm_hybrid_recover(tm_hybrid *hybrid, tm_world *world);
 /* Both parts' reaction on an instrument, averages as of tm_contact_reaction. */
 TM_API tm_tool_reaction tm_hybrid_reaction(const tm_hybrid *hybrid, int32_t instrument);
-/* Between frames, after tm_hybrid_recover: the surface near the instrument with the compliance of the whole organ (kind
- * 1), and dF/dP from it. False after any cut, while columns are still lacking (at most eight vertices are solved a
- * call), and as tm_precomputed_patch. No allocation. */
-TM_API bool tm_hybrid_patch(tm_hybrid *hybrid, int32_t instrument, const double velocity_m_s[3], double horizon_s,
-                            int32_t max_vertices, int32_t max_triangles, tm_patch *patch, double stiffness_N_m[9]);
 /* Surface of the whole organ: dynamic and condensed, without the interface while it is inside. */
 TM_API tm_surface_view tm_hybrid_surface(tm_hybrid *hybrid);
 
@@ -195,6 +188,8 @@ typedef struct tm_factored_def {
     const tm_tissue
         *tissue;          /* the world's; must outlive it. Mesh, materials, fibres, and between frames who is alive */
     const uint8_t *fixed; /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask); copied */
+    const uint8_t *elsewhere; /* [tet_count] 1: alive too, whatever the tissue says (the condensed part of a hybrid);
+                                 copied; null: none */
 } tm_factored_def;
 
 /* A factor (CHOLMOD) of the tissue's stiffness, columns of its inverse for the vertices that patches want, and what was
@@ -208,8 +203,25 @@ TM_API int64_t tm_factored_bytes(const tm_factored *factored);
 /* For tm_patch_def.source. Until tm_factored_start a wish is served whole within the exchange after it, in the caller's
  * thread: the same calls give the same bits. */
 TM_API tm_compliance_source tm_factored_source(tm_factored *factored);
+/* The same, for a stage that destroys `factored` with itself. */
+TM_API tm_compliance_source tm_factored_given(tm_factored *factored);
 /* From now on a thread of its own, nicer than the caller's, does the work, and exchanges never wait. */
 TM_API tm_status tm_factored_start(tm_factored *factored, tm_error *error);
+
+/* --- as models (tensormass/model.h) --- */
+
+/* `how` says how it is computed: solver, tolerances, threads, memory and progress of its problem, precision, file,
+ * max_local_vertices. What it is comes from `def`: the rest of `how` is not read. `report` may be null. def->cut:
+ * TM_ERR_EXCLUDED. */
+TM_API tm_status tm_model_precomputed(const tm_model_def *def, const tm_precomputed_def *how, tm_model **model,
+                                      tm_solve_report *report, tm_error *error);
+/* Only computes and writes how->file, whatever is there, as tm_precomputed_write. */
+TM_API tm_status tm_model_precompute(const tm_model_def *def, const tm_precomputed_def *how, tm_solve_report *report,
+                                     tm_error *error);
+/* As tm_model_precomputed; of `how` also `dynamic`, the part that is tensor/mass and may be cut. Its patches are those
+ * of the dynamic model, of the whole organ's surface and compliance, cut or not. */
+TM_API tm_status tm_model_hybrid(const tm_model_def *def, const tm_hybrid_def *how, tm_model **model,
+                                 tm_solve_report *report, tm_error *error);
 
 #ifdef __cplusplus
 }

@@ -31,6 +31,7 @@ static bool swap_take(swap *s) {
 
 struct tm_factored {
     const tm_tissue *tissue;
+    uint8_t *elsewhere; /* [tet_count] or null */
     tms_engine *engine;
     swap wishes, pieces;
     tms_wish wish[3];
@@ -49,9 +50,14 @@ tm_factored_def tm_factored_def_default(void) {
     return (tm_factored_def){.cookie = TMS_COOKIE_FACTORED, .size = sizeof(tm_factored_def)};
 }
 
-static bool take_memory(tm_factored *f) {
+static bool take_memory(tm_factored *f, const uint8_t *elsewhere) {
     const size_t tets = (size_t)tm_tissue_mesh(f->tissue)->tet_count, width = 3 * TMS_PIECE_VERTICES;
     bool good = true;
+    if (elsewhere) {
+        f->elsewhere = tm_allocate(tets);
+        good = f->elsewhere != NULL;
+        if (good) memcpy(f->elsewhere, elsewhere, tets);
+    }
     for (int i = 0; i < 3; i++) {
         f->wish[i].alive = tm_allocate(tets);
         f->piece[i].C_m_N = tm_allocate(sizeof(double) * width * width);
@@ -72,7 +78,7 @@ tm_status tm_factored_create(const tm_factored_def *def, tm_factored **factored,
     swap_init(&f->pieces);
     sem_init(&f->posted, 0, 0);
     f->engine = tms_engine_create(def->tissue, def->fixed);
-    if (!take_memory(f) || !f->engine) {
+    if (!take_memory(f, def->elsewhere) || !f->engine) {
         tm_factored_destroy(f);
         return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
     }
@@ -90,6 +96,7 @@ void tm_factored_destroy(tm_factored *f) {
     }
     sem_destroy(&f->posted);
     tms_engine_destroy(f->engine);
+    tm_release(f->elsewhere, tets);
     for (int i = 0; i < 3; i++) {
         tm_release(f->wish[i].alive, tets);
         tm_release(f->piece[i].C_m_N, sizeof(double) * width * width);
@@ -100,7 +107,8 @@ void tm_factored_destroy(tm_factored *f) {
 int64_t tm_factored_bytes(const tm_factored *f) {
     TM_REQUIRE(f, "factored is null", 0);
     const int64_t tets = tm_tissue_mesh(f->tissue)->tet_count, width = 3 * TMS_PIECE_VERTICES;
-    return (int64_t)sizeof *f + 3 * (tets + (int64_t)sizeof(double) * width * width) + tms_engine_bytes(f->engine);
+    return (int64_t)sizeof *f + (f->elsewhere ? tets : 0) + 3 * (tets + (int64_t)sizeof(double) * width * width) +
+           tms_engine_bytes(f->engine);
 }
 
 /* --- the other side --- */
@@ -138,9 +146,11 @@ tm_status tm_factored_start(tm_factored *f, tm_error *error) {
 
 static void post(tm_factored *f) {
     tms_wish *w = &f->wish[f->wishes.writer];
-    const int32_t revision = tm_tissue_surface(f->tissue).revision;
-    if (f->revision[f->wishes.writer] != revision)
-        memcpy(w->alive, tm_tissue_alive(f->tissue), (size_t)tm_tissue_mesh(f->tissue)->tet_count);
+    const int32_t revision = tm_tissue_surface(f->tissue).revision, tets = tm_tissue_mesh(f->tissue)->tet_count;
+    if (f->revision[f->wishes.writer] != revision) {
+        memcpy(w->alive, tm_tissue_alive(f->tissue), (size_t)tets);
+        for (int32_t t = 0; f->elsewhere && t < tets; t++) w->alive[t] |= f->elsewhere[t];
+    }
     f->revision[f->wishes.writer] = revision;
     w->revision = revision;
     memcpy(w->count, f->now.count, sizeof w->count);
@@ -166,7 +176,18 @@ static const tm_compliance *exchange(void *self, int32_t owner, const int32_t *v
     return f->any ? &f->piece[f->pieces.reader].is : NULL;
 }
 
+static tm_status begin_thread(void *self, tm_error *error) { return tm_factored_start(self, error); }
+
 tm_compliance_source tm_factored_source(tm_factored *factored) {
     TM_REQUIRE(factored, "factored is null", (tm_compliance_source){0});
-    return (tm_compliance_source){.self = factored, .exchange = exchange};
+    return (tm_compliance_source){.self = factored, .exchange = exchange, .start = begin_thread};
+}
+
+static void destroy(void *self) { tm_factored_destroy(self); }
+
+tm_compliance_source tm_factored_given(tm_factored *factored) {
+    TM_REQUIRE(factored, "factored is null", (tm_compliance_source){0});
+    tm_compliance_source source = tm_factored_source(factored);
+    source.destroy = destroy;
+    return source;
 }

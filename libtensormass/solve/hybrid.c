@@ -150,8 +150,6 @@ static tm_status set_up(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report 
     h->at_m = tms_take((size_t)(h->interface_count + 1) * 8);
     if (!h->work || !pack_schur(h) || !h->push_N || !h->at_m)
         return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
-    if (def->patch_vertices > 0) status = tms_whole_create(&def->problem, def->patch_vertices, &h->whole, error);
-    if (status != TM_OK) return status;
     h->surface.revision = -1;
     h->contact_def = def->contact ? *def->contact : (tm_contact_def){0};
     h->has_contact = def->contact != NULL;
@@ -168,9 +166,6 @@ static tm_status check(const tm_hybrid_def *def, tm_error *error) {
     if (status == TM_OK && (def->max_local_vertices < 4 || def->max_local_vertices > 4096))
         status = tms_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096",
                           (int)def->max_local_vertices);
-    if (status == TM_OK && def->patch_vertices != 0 && def->patch_vertices < TM_PATCH_VERTICES)
-        status = tms_fail(error, TM_ERR_ARGUMENT, -1, "%d patch vertices; give 0 or at least %d",
-                          (int)def->patch_vertices, TM_PATCH_VERTICES);
     return status;
 }
 
@@ -195,7 +190,6 @@ tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, tm_solv
 void tm_hybrid_destroy(tm_hybrid *h) {
     if (!h) return;
     tms_local_destroy(&h->local);
-    tms_whole_destroy(h->whole);
     tms_work_destroy(h->work);
     tms_solver_destroy(h->solver);
     tms_system_destroy(&h->system);
@@ -220,8 +214,8 @@ int64_t tm_hybrid_bytes(const tm_hybrid *h) {
     TM_REQUIRE(h, "hybrid is null", 0);
     const int64_t n = h->mesh->vertex_count, b = h->interface_count;
     return h->responses.bytes + tms_solver_bytes(h->solver) + tms_system_bytes(&h->system) +
-           tm_tissue_bytes(h->condensed) + h->local.bytes + tms_whole_bytes(h->whole) + 4 * b * (b + 1) +
-           24 * b * h->local.capacity + 200 * n + 2 * (int64_t)h->mesh->tet_count;
+           tm_tissue_bytes(h->condensed) + h->local.bytes + 4 * b * (b + 1) + 24 * b * h->local.capacity + 200 * n +
+           2 * (int64_t)h->mesh->tet_count;
 }
 
 void tm_hybrid_tissue(const tm_hybrid *h, tm_tissue_def *def) {

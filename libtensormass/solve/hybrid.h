@@ -10,12 +10,6 @@ enum {
     TMS_INTERFACE = 3
 }; /* of a vertex: tetrahedra on the one side, the other, both */
 
-/* hybrid_patch.c: the whole organ's compliance for patches. */
-typedef struct tms_whole tms_whole;
-tm_status tms_whole_create(const tm_solve_def *problem, int32_t capacity, tms_whole **whole, tm_error *error);
-void tms_whole_destroy(tms_whole *whole);
-int64_t tms_whole_bytes(const tms_whole *whole);
-
 struct tm_hybrid {
     const tm_mesh *mesh;
     uint8_t *alive, *elsewhere; /* [tet_count] dynamic; condensed */
@@ -45,8 +39,6 @@ struct tm_hybrid {
     double *through;         /* [3*capacity][interface_count] how a slot inside follows the interface */
     int32_t *through_vertex; /* [capacity] whose it is, -1 */
     double *give_m_N;        /* [interface_count] mobility within a substep, 0 where supported */
-    tms_whole *whole;        /* null: no patches */
-    int32_t uncut_count;     /* tetrahedra alive before any cut */
     bool stale;              /* what was made of mobilities and supports is not theirs any more */
     int32_t known_revision;  /* of the tissue's surface, then */
     void *kept;              /* of a step that may be given back */

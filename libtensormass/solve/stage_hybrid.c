@@ -345,7 +345,6 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
                 "tetrahedron %d is condensed, and alive in the world's tissue; make that tissue with tm_hybrid_tissue",
                 (int)t);
     h->world = world;
-    h->uncut_count = tm_tissue_alive_count(tm_world_tissue(world));
     h->stale = true;
     h->held = tms_take_zeroed(3 * (size_t)h->mesh->vertex_count, 1);
     h->give_m_N = tms_take_zeroed((size_t)h->interface_count, 8);

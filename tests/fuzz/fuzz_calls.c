@@ -105,7 +105,7 @@ static void open_actor(actor *a, const uint8_t *data, size_t size) {
         contact.instrument_count = 2, contact.instrument = tools;
         tm_hybrid_def def = tm_hybrid_def_default();
         def.problem.tissue = a->body.tissue, def.problem.fixed = a->body.fixed, def.problem.threads = 1;
-        def.dynamic = a->dynamic, def.contact = &contact, def.patch_vertices = 24;
+        def.dynamic = a->dynamic, def.contact = &contact;
         PROMISE(tm_hybrid_create(&def, &a->hybrid, NULL, NULL) == TM_OK);
         tm_material material;
         PROMISE(tm_material_young(5000, 0.4, &material, NULL) == TM_OK);

@@ -26,7 +26,7 @@ static sim *spoilt_sim(char *const *set, int count) {
     assert_int_equal(sim_create(loaded, &s), 0);
     const tm_stage stage = {.size = sizeof stage, .name = "spoil", .phase = TM_PHASE_END, .run = spoil};
     tm_error error;
-    fix_ok(tm_world_add_stage(s->world, &stage, 0, &error), &error);
+    fix_ok(tm_world_add_stage(s->model->world, &stage, 0, &error), &error);
     return s;
 }
 
@@ -84,8 +84,8 @@ static void lockstep(void **state) {
     const run_options o = {.samples = samples, .csv = csv, .frames = -1, .duration_s = -1};
     assert_int_equal(run_lockstep(s, &o), APP_FAILED);
     /* What was stepped is whole: all before the bad substep, in pieces no smaller than what is stepped at a time. */
-    assert_true(tm_world_state(s->world)->step >= (int64_t)s->substeps * (SPOILT_FRAME - 1));
-    assert_true(tm_world_state(s->world)->step <= spoilt_step);
+    assert_true(tm_world_state(s->model->world)->step >= (int64_t)s->substeps * (SPOILT_FRAME - 1));
+    assert_true(tm_world_state(s->model->world)->step <= spoilt_step);
     assert_int_equal(s->frames, SPOILT_FRAME - 1);
     check_samples(samples, true);
     /* The hand: a force before, and none half a second after. */

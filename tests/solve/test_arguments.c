@@ -63,8 +63,6 @@ static void problems(void **state) {
     tm_hybrid *hybrid = NULL;
     mixed.problem = def, mixed.dynamic = b.dynamic, mixed.max_local_vertices = -1;
     refused(tm_hybrid_create(&mixed, &hybrid, NULL, &error), -1, &error);
-    mixed.max_local_vertices = 64, mixed.patch_vertices = -3;
-    refused(tm_hybrid_create(&mixed, &hybrid, NULL, &error), -1, &error);
     assert_true(!model && !hybrid);
     free(value), free(load), free(u);
     free_block(&b);

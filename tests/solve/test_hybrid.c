@@ -49,7 +49,6 @@ static hybrid_set make(tm_mesh *mesh, const tm_material *material, uint8_t *fixe
     hybrid.problem.load_N = s.load;
     hybrid.dynamic = s.dynamic;
     hybrid.contact = contact;
-    hybrid.patch_vertices = contact ? 64 : 0;
     fix_ok(tm_hybrid_create(&hybrid, &s.hybrid, NULL, &error), &error);
     def.cuttable = true;
     tm_hybrid_tissue(s.hybrid, &def);
@@ -77,6 +76,30 @@ static void free_set(hybrid_set *s) {
     tm_tissue_destroy(s->whole);
     tm_mesh_destroy(s->mesh);
     free(s->fixed), free(s->dynamic), free(s->load);
+}
+
+static tm_surface_view whole_surface(void *hybrid) { return tm_hybrid_surface(hybrid); }
+
+/* Patches of the whole organ: its own surface, and the compliance of what the world's tissue and the condensed part are
+ * together. */
+static tm_patch_maker *add_patches(hybrid_set *s) {
+    tm_error error;
+    tm_tissue_def parts = tm_tissue_def_default();
+    tm_hybrid_tissue(s->hybrid, &parts);
+    tm_factored *factored;
+    tm_factored_def whole = tm_factored_def_default();
+    whole.tissue = s->tissue;
+    whole.fixed = s->fixed;
+    whole.elsewhere = parts.elsewhere;
+    fix_ok(tm_factored_create(&whole, &factored, &error), &error);
+    const tm_compliance_source source = tm_factored_given(factored);
+    const tm_patch_surface surface = {s->hybrid, whole_surface};
+    tm_patch_def def = tm_patch_def_default();
+    tm_patch_maker *maker;
+    def.source = &source;
+    def.surface = &surface;
+    fix_ok(tm_stage_patch(s->world, s->contact, &def, &maker, &error), &error);
+    return maker;
 }
 
 static void run_for(hybrid_set *s, double seconds) {
@@ -259,10 +282,11 @@ static void press(const char *what, const tm_tool_pose *to) {
     static tm_patch patch;
     double K[9], felt[3];
     bool made = false, inside;
-    for (int i = 0; i < 4 && !made; i++)
-        made = tm_hybrid_patch(s.hybrid, 0, (double[]){0, 0, 0}, 0, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES, &patch, K);
+    tm_patch_maker *maker = add_patches(&s);
+    for (int i = 0; i < 4 && !made; i++) made = tm_patch_make(maker, 0, &patch);
     assert_true(made);
-    assert_int_equal(patch.kind, 1);
+    assert_int_equal(patch.kind, 2);
+    memcpy(K, tm_hybrid_reaction(s.hybrid, 0).stiffness_N_m, sizeof K);
     tm_patch_solver *solver;
     fix_ok(tm_patch_solver_create(&solver, &error), &error);
     tm_patch_force(solver, &patch, to->tip_m, felt, &inside);
@@ -335,8 +359,6 @@ static double seconds_of(const tm_world *world, const char *name) {
 static void booked(void **state) {
     (void)state;
     static tm_patch patch;
-    double K[9];
-    const double still[3] = {0};
     const tm_tool_pose down = {.tip_m = {-0.004, 0.003, 0.0405}, .active = true};
     hybrid_set s = touched_set(&down);
     tm_world_set_timing(s.world, true);
@@ -346,8 +368,8 @@ static void booked(void **state) {
     tm_hybrid_recover(s.hybrid, s.world);
     const double recovered_s = seconds_of(s.world, "hybrid");
     assert_true(recovered_s > stepped_s);
-    tm_hybrid_patch(s.hybrid, 0, still, 0, 12, 16, &patch, K);
-    assert_true(seconds_of(s.world, "hybrid") > recovered_s);
+    tm_patch_make(add_patches(&s), 0, &patch);
+    assert_true(seconds_of(s.world, "patch") > 0 && seconds_of(s.world, "hybrid") == recovered_s);
     assert_true(seconds_of(s.world, "contact constrain") == contact_s);
     free_set(&s);
 }

@@ -103,7 +103,7 @@ typedef struct mixed {
 static tm_status make_hybrid(const block *b, mixed *m, tm_error *error) {
     tm_hybrid_def def = tm_hybrid_def_default();
     def.problem = problem_of(b), def.dynamic = b->dynamic, def.contact = &b->contact;
-    def.max_local_vertices = 128, def.patch_vertices = 24;
+    def.max_local_vertices = 128;
     return tm_hybrid_create(&def, &m->hybrid, NULL, error);
 }
 

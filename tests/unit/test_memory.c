@@ -101,7 +101,7 @@ static tm_status add_contact(scene *s, tm_error *error) {
 }
 
 static tm_status add(scene *s, int kind, tm_error *error) {
-    const tm_compliance_source source = {NULL, no_pieces};
+    const tm_compliance_source source = {.exchange = no_pieces};
     tm_grasp *grasp = NULL;
     tm_patch_maker *maker = NULL;
     tm_grasp_def grasp_def = tm_grasp_def_default();

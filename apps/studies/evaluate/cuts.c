@@ -45,32 +45,20 @@ int cut_list_shared(const cut_list *a, const cut_list *b) {
     return shared;
 }
 
-/* sim_world_frame with the list between its substeps. */
-static tm_status frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
-    cut_replay *r = s->model_own;
+/* What is due goes; how long until the next does. */
+static int32_t between(void *user, sim *s) {
+    cut_replay *r = user;
     const cut_list *list = r->list;
-    tm_status status = TM_OK;
-    tm_contact_begin_frame(s->contact, substeps, s->average < substeps ? s->average : substeps);
-    for (int i = 0; i < s->instrument_count; i++) tm_contact_move(s->contact, i, &to[i], substeps);
-    for (int32_t done = 0; done < substeps && !status;) {
-        const double now_s = sim_time_s(s) - r->begin_s + 0.5 * s->dt_s;
-        for (; r->next < list->count && list->time_s[r->next] <= now_s; r->next++)
-            tm_cut_remove(s->tissue, &list->tet[r->next], 1, NULL, 0);
-        int32_t count = substeps - done;
-        if (r->next < list->count) {
-            double until = ceil((list->time_s[r->next] - now_s) / s->dt_s);
-            if (until < count) count = until > 1 ? (int32_t)until : 1;
-        }
-        status = tm_world_step(s->world, count);
-        done += count;
-    }
-    for (int i = 0; i < s->instrument_count; i++) s->reaction[i] = tm_contact_reaction(s->contact, i);
-    return status;
+    const double now_s = sim_time_s(s) - r->begin_s + 0.5 * s->dt_s;
+    for (; r->next < list->count && list->time_s[r->next] <= now_s; r->next++)
+        tm_cut_remove(s->model->tissue, &list->tet[r->next], 1, NULL, 0);
+    if (r->next == list->count) return INT32_MAX;
+    const double until = ceil((list->time_s[r->next] - now_s) / s->dt_s);
+    return until < INT32_MAX ? (until > 1 ? (int32_t)until : 1) : INT32_MAX;
 }
 
 void cut_replay_begin(cut_replay *replay, const cut_list *list, sim *s) {
-    *replay = (cut_replay){.model = *s->model, .list = list, .begin_s = HUGE_VAL};
-    replay->model.frame = frame;
-    s->model = &replay->model;
-    s->model_own = replay;
+    *replay = (cut_replay){.list = list, .begin_s = HUGE_VAL};
+    s->between = between;
+    s->between_user = replay;
 }

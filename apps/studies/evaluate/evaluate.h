@@ -79,7 +79,6 @@ int cut_list_shared(const cut_list *a, const cut_list *b);
 
 /* From now on frames of a dynamic model remove the list's tetrahedra at their times. Free it after sim_destroy. */
 typedef struct cut_replay {
-    sim_model model;
     const cut_list *list;
     int next;
     double begin_s; /* on the world's clock, when the path began; nothing goes before */

@@ -20,7 +20,7 @@ static void cut_slit(sim *s) {
         for (int k = 0; k < 12; k++) centre[k % 3] += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k / 3] + k % 3];
         double across = centre[0] - trocar[0], along = fabs(centre[1] - trocar[1]);
         if (across > 0.006 && across < 0.010 && along < 0.014 && centre[2] > top - 0.010)
-            tm_cut_remove(s->tissue, &t, 1, NULL, 0);
+            tm_cut_remove(s->model->tissue, &t, 1, NULL, 0);
     }
 }
 
@@ -131,7 +131,7 @@ static void start(sim *s, const recording *r, const path *p, bool encoders) {
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
     poses_at(s, r, p, 0, encoders, to);
     for (int i = 0; i < s->instrument_count; i++) {
-        if (s->contact) tm_contact_place(s->contact, i, &to[i]);
+        tm_model_place(s->model, i, &to[i]);
         s->pose[i] = to[i];
     }
 }

@@ -22,23 +22,11 @@ typedef struct bed {
     tm_world *world;
     tm_contact *contact;
     tm_patch_maker *maker;
-    tm_factored *factored;
     double top_m, middle_m, begin_s;
     int frames;
     bool exact, whole;           /* the last frame's patch; nothing that it wants is outstanding */
     double step_s[4 * PATIENCE]; /* of each frame, without the patch */
 } bed;
-
-static bool open_api(sim_factored_api *api) {
-#define NAME(name) #name,
-    static const char *const name[] = {SIM_SOLVE_FACTORED(NAME)};
-    tm_error error = {0};
-    setenv("OPENBLAS_NUM_THREADS", "1", 0); /* as tm-sim opens it */
-    void **pointer = (void **)api, *module = app_module("solve", &error);
-    for (size_t i = 0; module && i < sizeof name / sizeof *name; i++)
-        if (!(pointer[i] = app_module_symbol(module, name[i], &error))) module = NULL;
-    return module != NULL;
-}
 
 static tm_status make_tissue(bed *b, const int32_t cells[3], tm_error *error) {
     const double size[3] = {cells[0] * EDGE_M, cells[1] * EDGE_M, cells[2] * EDGE_M};
@@ -79,25 +67,26 @@ static tm_status make_world(bed *b, tm_error *error) {
     return status ? status : tm_stage_contact(b->world, &contact, &b->contact, error);
 }
 
-static tm_status make_patches(bed *b, const sim_factored_api *api, tm_error *error) {
+static tm_status make_patches(bed *b, const sim_solve_api *api, tm_error *error) {
     uint8_t *fixed = calloc(3 * (size_t)b->mesh->vertex_count, 1);
     if (!fixed) abort();
     tm_support_mask(b->world, fixed);
     tm_factored_def def = api->tm_factored_def_default_();
     def.tissue = b->tissue, def.fixed = fixed;
-    tm_status status = api->tm_factored_create_(&def, &b->factored, error);
+    tm_factored *factored;
+    tm_status status = api->tm_factored_create_(&def, &factored, error);
     free(fixed);
     if (status) return status;
-    tm_compliance_source source = api->tm_factored_source_(b->factored);
+    tm_compliance_source source = api->tm_factored_given_(factored);
     tm_patch_def patch = tm_patch_def_default();
     patch.horizon_s = 2 * FRAME_S, patch.source = &source;
     status = tm_stage_patch(b->world, b->contact, &patch, &b->maker, error);
-    return status ? status : api->tm_factored_start_(b->factored, error);
+    if (status) source.destroy(source.self);
+    return status ? status : tm_patch_start(b->maker, error);
 }
 
-static void bed_close(bed *b, const sim_factored_api *api) {
+static void bed_close(bed *b) {
     tm_world_destroy(b->world);
-    if (b->factored) api->tm_factored_destroy_(b->factored);
     tm_tissue_destroy(b->tissue);
     tm_mesh_destroy(b->mesh);
 }
@@ -219,7 +208,7 @@ static void report(cJSON *row, const bed *alone, bed *beside, const ready *r) {
     cJSON_AddNumberToObject(row, "load_average", getloadavg(load, 1) == 1 ? load[0] : 0);
 }
 
-static bool one(const sim_factored_api *api, const int32_t cells[3], cJSON *rows) {
+static bool one(const sim_solve_api *api, const int32_t cells[3], cJSON *rows) {
     static bed beside, alone;
     ready r = {0};
     tm_error error = {0};
@@ -233,16 +222,17 @@ static bool one(const sim_factored_api *api, const int32_t cells[3], cJSON *rows
     if (!status) status = make_world(&alone, &error);
     if (!status) session(&alone, &r);
     if (!status) report(add_row(rows), &alone, &beside, &r);
-    bed_close(&beside, api);
-    bed_close(&alone, api);
+    bed_close(&beside);
+    bed_close(&alone);
     return !status || app_report(NULL, 0, &error) == 0;
 }
 
 cJSON *study_ready(const study_run *run) {
     static const int32_t cells[][3] = {{14, 14, 13}, {20, 20, 21}};
     cJSON *out = cJSON_CreateArray();
-    sim_factored_api api;
-    if (!open_api(&api)) return out;
+    sim_solve_api api;
+    tm_error error = {0};
+    if (!sim_solve_open(&api, &error)) return out;
     for (int i = 0; i < (run->quick ? 1 : 2); i++) {
         progress("ready times", 0.5 * i);
         if (one(&api, cells[i], out)) continue;

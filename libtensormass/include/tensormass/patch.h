@@ -113,7 +113,16 @@ enum { TM_COMPLIANCE_WANTS = 64 };
 typedef struct tm_compliance_source {
     void *self;
     const tm_compliance *(*exchange)(void *self, int32_t owner, const int32_t *vertex, int32_t count);
+    tm_status (*start)(void *self, tm_error *error); /* from now on in a thread of its own; null: it has none */
+    void (*destroy)(void *self); /* called with the stage that has it; null: what `self` points to stays the caller's
+                                    and must outlive the world */
 } tm_compliance_source;
+
+/* A surface that is more than that of the world's tissue: the hybrid model's. */
+typedef struct tm_patch_surface {
+    void *self;
+    tm_surface_view (*view)(void *self);
+} tm_patch_surface;
 
 typedef struct tm_patch_def {
     uint32_t cookie, size;
@@ -123,8 +132,9 @@ typedef struct tm_patch_def {
                            80000/vertices */
     double tolerance;   /* relative residual at which a column is good, 3e-3 */
     double horizon_s;   /* motion looked ahead, 0.08 */
-    const tm_compliance_source *source; /* copied; what it points to must outlive the world. Null: conjugate gradients
-                                           between frames, little by little; the three fields above are theirs alone */
+    const tm_compliance_source *source; /* copied. Null: conjugate gradients between frames, little by little;
+                                           column_vertices, iterations and tolerance are theirs alone */
+    const tm_patch_surface *surface;    /* copied; null: the tissue's */
 } tm_patch_def;
 
 typedef struct tm_patch_maker tm_patch_maker;
@@ -141,6 +151,8 @@ TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_p
  * vertices than max_vertices allow there is the hold's stiffness alone: false with its kind. While the jaws let go
  * there is neither. No allocation, bounded work. */
 TM_API bool tm_patch_make(tm_patch_maker *maker, int32_t instrument, tm_patch *patch);
+/* For real time: the source works in a thread of its own from now on, where it can. */
+TM_API tm_status tm_patch_start(tm_patch_maker *maker, tm_error *error);
 /* Columns that the patches now need and that are not good yet: 0 when all is there. Before a session starts, call
  * tm_patch_make until it is. */
 TM_API int32_t tm_patch_pending(const tm_patch_maker *maker);

@@ -14,6 +14,7 @@ struct tm_patch_maker {
     tm_world *world;
     tm_columns *columns; /* null with a source */
     tm_compliance_source source;
+    tm_patch_surface surface;   /* view null: the tissue's */
     const tm_compliance *known; /* what the source gave last */
     tm_patch_solver *solver;
     int32_t revision;
@@ -29,6 +30,10 @@ tm_patch_def tm_patch_def_default(void) {
                           .column_vertices = 64,
                           .tolerance = 3e-3,
                           .horizon_s = 0.08};
+}
+
+static tm_surface_view surface_of(const tm_patch_maker *maker) {
+    return maker->surface.view ? maker->surface.view(maker->surface.self) : tm_tissue_surface(maker->world->tissue);
 }
 
 static void observe_motion(tm_patch_maker *maker, int32_t t) {
@@ -83,7 +88,7 @@ static int32_t kind(const tm_patch_maker *maker) {
 
 static int32_t grow(tm_patch_maker *maker, int32_t t, bool known_only, int32_t max_vertices, tm_patch *patch) {
     const tm_contact *contact = maker->contact;
-    tm_surface_view surface = tm_tissue_surface(maker->world->tissue);
+    const tm_surface_view surface = surface_of(maker);
     return tm_patch_grow(maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface,
                          &contact->tool[t].capsule, maker->velocity_m_s[t], maker->def.horizon_s, contact->row,
                          contact->row_count, max_vertices, maker->def.max_triangles, known_only ? usable : NULL, maker,
@@ -129,7 +134,7 @@ static void want(tm_patch_maker *maker, int32_t t, const int32_t *vertex, int32_
         return;
     }
     int32_t near[TM_COMPLIANCE_WANTS], all[TM_COMPLIANCE_WANTS], n = 0;
-    const tm_surface_view surface = tm_tissue_surface(maker->world->tissue);
+    const tm_surface_view surface = surface_of(maker);
     const int32_t found = tm_patch_nearest(
         maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface, &contact->tool[t].capsule,
         maker->velocity_m_s[t], maker->def.horizon_s, contact->row, contact->row_count,
@@ -177,7 +182,7 @@ static void describe(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     const tm_contact *contact = maker->contact;
     const tm_tool *tool = contact->tool + t;
     patch->kind = kind(maker);
-    patch->topology_revision = maker->revision;
+    patch->topology_revision = surface_of(maker).revision;
     patch->skin_compliance_m_N = contact->def.skin_compliance_m_N;
     patch->force_cap_N = contact->def.force_cap_N;
     patch->radius_m = tool->def.radius_m;
@@ -259,8 +264,14 @@ int32_t tm_patch_pending(const tm_patch_maker *maker) {
     return pending;
 }
 
+tm_status tm_patch_start(tm_patch_maker *maker, tm_error *error) {
+    TM_REQUIRE(maker, "maker is null", TM_ERR_ARGUMENT);
+    return maker->source.start ? maker->source.start(maker->source.self, error) : TM_OK;
+}
+
 static void destroy(void *self) {
     tm_patch_maker *maker = self;
+    if (maker->source.destroy) maker->source.destroy(maker->source.self);
     tm_patch_solver_destroy(maker->solver);
     tm_pool pool = maker->pool;
     tm_pool_release(&pool);
@@ -294,6 +305,7 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
     maker->contact = contact;
     maker->world = world;
     maker->columns = columns;
+    if (def->surface) maker->surface = *def->surface;
     if (def->source) maker->source = *def->source;
     maker->revision = tm_tissue_surface(world->tissue).revision;
     const tm_stage stage = {.size = sizeof(tm_stage),
@@ -304,6 +316,7 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
                             .needs = {"contact"}};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
+        maker->source.destroy = NULL; /* it was not taken over */
         destroy(maker);
         return status;
     }

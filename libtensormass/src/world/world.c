@@ -22,7 +22,9 @@ static bool take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
     world->keep_force_N = TM_TAKE(pool, double, 3 * n);
     world->held_scratch = TM_TAKE(pool, uint8_t, 3 * n);
     world->mobility_s2_kg = TM_TAKE(pool, double, n);
+    const int64_t undamped = pool->bytes;
     if (def->damped) world->carry = TM_TAKE(pool, double, n);
+    world->carry_bytes = pool->bytes - undamped;
     return !pool->failed;
 }
 
@@ -57,7 +59,7 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
                                 .step_changed = tm_stage_integrate_changed,
                                 .run = def->damped ? tm_stage_integrate_damped_run : tm_stage_integrate_run};
     status = tm_world_add_stage(world, &force, 0, error);
-    return status ? status : tm_world_add_stage(world, &integrate, 0, error);
+    return status ? status : tm_world_add_stage(world, &integrate, world->carry_bytes, error);
 }
 
 tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *error) {

@@ -17,6 +17,7 @@ struct tm_world {
     int32_t guaranteed_tet;
     double *mobility_s2_kg; /* [vertex_count] 1/(m/dt2 + gamma/2dt), 0 without mass: move per newton in a step */
     double *carry;          /* damped: [vertex_count] (m/dt2 - gamma/2dt) * mobility; else null */
+    int64_t carry_bytes;    /* of that, booked on the stage that reads it */
     uint8_t *held_scratch;  /* [3*vertex_count] of tm_world_set_step */
     double *internal_N;     /* [3*vertex_count] where the stage "energy" wants the tissue's own force; else null */
     /* as they were when tm_world_step was called */

@@ -1,0 +1,21 @@
+/* The models that a scene can name, by app_model. */
+#ifndef TM_SIM_MODELS_H
+#define TM_SIM_MODELS_H
+
+#include "sim.h"
+
+typedef struct sim_model_row {
+    /* Makes s->model from s->def. 0 or an exit code, having complained. */
+    int (*make)(sim *s);
+    const char *not_settled; /* why --settle cannot be had; what to do. Null: it can */
+} sim_model_row;
+
+extern const sim_model_row sim_models[];
+
+int sim_make_dynamic(sim *s);
+int sim_make_precomputed(sim *s); /* effect_precomputed.c */
+int sim_make_hybrid(sim *s);      /* effect_hybrid.c */
+/* What a constructor came back with, blamed on the line that asked for what is at fault; 0 for TM_OK. */
+int sim_model_made(const sim *s, tm_status status, const tm_error *error);
+
+#endif

@@ -1,0 +1,184 @@
+/* The hybrid model behind the interface of all models: a dynamic one of the part that may be cut, and the condensed
+ * rest as a stage of its world. */
+#include "hybrid.h"
+#include "model_problem.h"
+
+typedef struct part {
+    tm_model is;
+    tm_model *moving; /* the dynamic part */
+    tm_hybrid *hybrid;
+    tms_problem problem; /* of the whole organ */
+} part;
+
+static part *of(const tm_model *m) { return (part *)(uintptr_t)m; }
+
+static void destroy(tm_model *m) {
+    part *p = of(m);
+    tm_model_destroy(p->moving); /* with it the stage that has the condensed part */
+    tm_hybrid_destroy(p->hybrid);
+    tms_problem_free(&p->problem);
+    tms_give(p);
+}
+
+/* --- frames --- */
+
+static void begin(tm_model *m, const tm_tool_pose *to, int32_t substeps) {
+    tm_model_begin(of(m)->moving, to, substeps);
+}
+static tm_status step(tm_model *m, int32_t substeps) { return tm_model_step(of(m)->moving, substeps); }
+
+static void end(tm_model *m) {
+    tm_model_end(of(m)->moving);
+    tm_hybrid_recover(of(m)->hybrid, m->world);
+}
+
+static void place(tm_model *m, int32_t instrument, const tm_tool_pose *at) {
+    tm_model_place(of(m)->moving, instrument, at);
+}
+
+static tm_tool_reaction reaction(const tm_model *m, int32_t instrument) {
+    return tm_hybrid_reaction(of(m)->hybrid, instrument);
+}
+
+static tm_surface_view surface(tm_model *m) { return tm_hybrid_surface(of(m)->hybrid); }
+static const double *displacement(tm_model *m) { return tm_model_displacement(of(m)->moving); }
+static double time_s(const tm_model *m) { return tm_model_time_s(of(m)->moving); }
+static uint64_t hash(tm_model *m) { return tm_model_hash(of(m)->moving); }
+
+/* --- patches: of the whole organ's surface, with the whole organ's compliance --- */
+
+static tm_surface_view view(void *self) { return tm_hybrid_surface(self); }
+
+static tm_status allow_patches(tm_model *m, const tm_patch_def *def, tm_error *error) {
+    part *p = of(m);
+    tm_factored *factored;
+    tm_factored_def whole = tm_factored_def_default();
+    whole.tissue = m->tissue;
+    whole.fixed = p->problem.fixed;
+    whole.elsewhere = p->hybrid->elsewhere;
+    tm_status status = tm_factored_create(&whole, &factored, error);
+    if (status != TM_OK) return status;
+    const tm_compliance_source source = tm_factored_given(factored);
+    const tm_patch_surface both = {p->hybrid, view};
+    tm_patch_def mine = *def;
+    mine.source = &source;
+    mine.surface = &both;
+    status = tm_model_allow_patches(p->moving, &mine, error);
+    if (status != TM_OK) tm_factored_destroy(factored);
+    return status;
+}
+
+static bool patch(tm_model *m, int32_t instrument, tm_patch *out) {
+    return tm_model_patch(of(m)->moving, instrument, out);
+}
+
+static tm_status start(tm_model *m, tm_error *error) { return tm_model_start(of(m)->moving, error); }
+
+/* --- rest, snapshots, accounts --- */
+
+static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, double *reaction_N,
+                        tm_settle_result *result, tm_error *error) {
+    (void)m;
+    (void)def;
+    (void)u_m;
+    (void)reaction_N;
+    (void)result;
+    return tms_fail(error, TM_ERR_EXCLUDED, -1,
+                    "the condensed part is no world's to relax; settle the dynamic or the precomputed model of the "
+                    "same definition, which has the same rest");
+}
+
+static int64_t snapshot_bytes(const tm_model *m) { return tm_model_snapshot_bytes(of(m)->moving); }
+
+static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
+    return tm_model_save(of(m)->moving, buffer, bytes, error);
+}
+
+static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_error *error) {
+    const tm_status status = tm_model_restore(of(m)->moving, buffer, bytes, error);
+    for (int i = 0; status == TM_OK && i < m->instrument_count; i++) m->pose[i] = of(m)->moving->pose[i];
+    return status;
+}
+
+static int32_t stages(const tm_model *m, tm_stage_report report[TM_MAX_STAGES]) {
+    return tm_model_stages(of(m)->moving, report);
+}
+
+static void set_timing(tm_model *m, bool on) { tm_model_set_timing(of(m)->moving, on); }
+
+static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
+                                   .name = "hybrid",
+                                   .knows_compliance = true,
+                                   .destroy = destroy,
+                                   .begin = begin,
+                                   .step = step,
+                                   .end = end,
+                                   .place = place,
+                                   .reaction = reaction,
+                                   .surface = surface,
+                                   .displacement = displacement,
+                                   .time_s = time_s,
+                                   .hash = hash,
+                                   .allow_patches = allow_patches,
+                                   .patch = patch,
+                                   .settle = settle,
+                                   .snapshot_bytes = snapshot_bytes,
+                                   .save = save,
+                                   .restore = restore,
+                                   .start = start,
+                                   .stages = stages,
+                                   .set_timing = set_timing};
+
+/* --- how it is made --- */
+
+/* The whole organ's tissue gives the condensed part, then makes way for the world's own. */
+static tm_status condense(const tm_model_def *def, const tm_hybrid_def *how, part *p, tm_solve_report *report,
+                          tm_error *error) {
+    tm_tissue *whole = NULL;
+    tm_tissue_def uncut = def->tissue;
+    tm_hybrid_def mine = *how;
+    uncut.cuttable = false;
+    tm_status status = tms_blame(def, "tissue", tm_tissue_create(&uncut, &whole, error));
+    if (status != TM_OK) return status;
+    status = tms_blame(def, "support", tms_problem_make(def, whole, &p->problem, &mine.problem, error));
+    mine.contact = def->contact;
+    if (status == TM_OK) status = tms_blame(def, "model", tm_hybrid_create(&mine, &p->hybrid, report, error));
+    tm_tissue_destroy(whole);
+    return status;
+}
+
+static tm_status make(const tm_model_def *def, const tm_hybrid_def *how, part *p, tm_solve_report *report,
+                      tm_error *error) {
+    tm_status status = condense(def, how, p, report, error);
+    if (status != TM_OK) return status;
+    tm_model_def moving = *def;
+    tm_hybrid_tissue(p->hybrid, &moving.tissue);
+    moving.step_limit_s = tm_hybrid_critical_step(p->hybrid, &moving.step_limit_tet);
+    status = tm_model_dynamic(&moving, &p->moving, error);
+    if (status == TM_OK)
+        status = tms_blame(def, "model", tm_stage_hybrid(p->moving->world, p->hybrid, p->moving->contact, error));
+    if (status != TM_OK) return status;
+    const tm_model_kind *own = p->is.kind;
+    p->is = *p->moving;
+    p->is.kind = own;
+    p->is.condensed_tets = tm_tissue_mesh(p->is.tissue)->tet_count - tm_tissue_alive_count(p->is.tissue);
+    return TM_OK;
+}
+
+tm_status tm_model_hybrid(const tm_model_def *def, const tm_hybrid_def *how, tm_model **model, tm_solve_report *report,
+                          tm_error *error) {
+    TM_REQUIRE(model, "model is null", TM_ERR_ARGUMENT);
+    TM_REQUIRE_DEF(how, TMS_COOKIE_HYBRID, TM_ERR_ARGUMENT);
+    tm_status status = tm_model_check(def, error);
+    if (status != TM_OK) return status;
+    part *p = tms_take_zeroed(1, sizeof *p);
+    if (!p) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
+    p->is.kind = &kind;
+    status = make(def, how, p, report, error);
+    if (status != TM_OK) {
+        destroy(&p->is);
+        return status;
+    }
+    *model = &p->is;
+    return TM_OK;
+}

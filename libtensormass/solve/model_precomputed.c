@@ -1,0 +1,243 @@
+/* The precomputed model behind the interface of all models: one update a frame, no world. */
+#include <string.h>
+
+#include "model_problem.h"
+#include "precomputed.h"
+
+typedef struct quasi {
+    tm_model is;
+    tm_precomputed *model;
+    tms_problem problem;
+    tm_solve_def solve; /* of that problem, for the rest */
+    tm_patch_def patches;
+    bool patches_allowed, timing;
+    double time_s, seconds, velocity_m_s[TM_MAX_INSTRUMENTS][3];
+    int64_t runs;
+    bool felt[TM_MAX_INSTRUMENTS]; /* stiffness[i] is of the last frame */
+    double stiffness_N_m[TM_MAX_INSTRUMENTS][9];
+} quasi;
+
+static quasi *of(const tm_model *m) { return (quasi *)(uintptr_t)m; }
+
+static void destroy(tm_model *m) {
+    quasi *q = of(m);
+    tm_precomputed_destroy(q->model);
+    tms_problem_free(&q->problem);
+    tm_tissue_destroy(m->tissue);
+    tms_give(q);
+}
+
+/* --- frames --- */
+
+static void begin(tm_model *m, const tm_tool_pose *to, int32_t substeps) {
+    (void)m;
+    (void)to;
+    (void)substeps;
+}
+
+static tm_status step(tm_model *m, int32_t substeps) {
+    (void)m;
+    (void)substeps;
+    return TM_OK;
+}
+
+static void end(tm_model *m) {
+    quasi *q = of(m);
+    const double start_s = q->timing ? tms_clock_s() : 0;
+    if (m->instrument_count > 0) tm_precomputed_update(q->model, m->to);
+    q->time_s += m->pace.frame_s;
+    for (int i = 0; i < m->instrument_count; i++) {
+        q->felt[i] = false;
+        for (int c = 0; c < 3; c++) q->velocity_m_s[i][c] = (m->to[i].tip_m[c] - m->pose[i].tip_m[c]) / m->pace.frame_s;
+    }
+    q->runs++;
+    if (q->timing) q->seconds += tms_clock_s() - start_s;
+}
+
+static void place(tm_model *m, int32_t instrument, const tm_tool_pose *at) {
+    tm_precomputed_place(of(m)->model, instrument, at);
+}
+
+static tm_tool_reaction reaction(const tm_model *m, int32_t instrument) {
+    const quasi *q = of(m);
+    tm_tool_reaction r = tms_local_reaction(&q->model->local, instrument);
+    r.time_s = q->time_s;
+    r.stiffness_kind = q->felt[instrument] ? 2 : 0;
+    memcpy(r.stiffness_N_m, q->stiffness_N_m[instrument], sizeof r.stiffness_N_m);
+    return r;
+}
+
+static tm_surface_view surface(tm_model *m) { return tm_tissue_surface(m->tissue); }
+static const double *displacement(tm_model *m) { return tm_precomputed_displacement(of(m)->model); }
+static double time_s(const tm_model *m) { return of(m)->time_s; }
+
+static uint64_t hash(tm_model *m) {
+    return tm_hash(displacement(m), sizeof(double) * 3 * (size_t)tm_tissue_mesh(m->tissue)->vertex_count, TM_HASH_SEED);
+}
+
+/* --- patches --- */
+
+static tm_status allow_patches(tm_model *m, const tm_patch_def *def, tm_error *error) {
+    (void)error;
+    of(m)->patches = *def;
+    of(m)->patches_allowed = true;
+    return TM_OK;
+}
+
+static bool patch(tm_model *m, int32_t instrument, tm_patch *out) {
+    quasi *q = of(m);
+    if (!q->patches_allowed) return false;
+    const double start_s = q->timing ? tms_clock_s() : 0;
+    const tm_tool_reaction r = tm_precomputed_reaction(q->model, instrument);
+    memcpy(q->stiffness_N_m[instrument], r.stiffness_N_m, sizeof r.stiffness_N_m);
+    q->felt[instrument] = true;
+    const bool made =
+        out && tm_precomputed_patch(q->model, instrument, q->velocity_m_s[instrument], q->patches.horizon_s,
+                                    q->patches.max_vertices, q->patches.max_triangles, out);
+    if (q->timing) q->seconds += tms_clock_s() - start_s;
+    return made;
+}
+
+/* --- rest, snapshots, accounts --- */
+
+static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, double *reaction_N,
+                        tm_settle_result *result, tm_error *error) {
+    (void)def;
+    tm_solve_report report;
+    const tm_status status = tm_solve_static(&of(m)->solve, u_m, reaction_N, &report, error);
+    if (status == TM_OK) result->energy_J = tm_tissue_energy(m->tissue, u_m);
+    return status;
+}
+
+static tm_status no_snapshot(tm_error *error) {
+    return tms_fail(error, TM_ERR_EXCLUDED, -1,
+                    "the precomputed model has no state to save or restore; take the dynamic one");
+}
+
+static int64_t snapshot_bytes(const tm_model *m) {
+    (void)m;
+    return 0;
+}
+
+static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
+    (void)m;
+    (void)buffer;
+    (void)bytes;
+    return no_snapshot(error);
+}
+
+static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_error *error) {
+    (void)m;
+    (void)buffer;
+    (void)bytes;
+    return no_snapshot(error);
+}
+
+static tm_status start(tm_model *m, tm_error *error) {
+    (void)m;
+    (void)error;
+    return TM_OK;
+}
+
+static int32_t stages(const tm_model *m, tm_stage_report report[TM_MAX_STAGES]) {
+    const quasi *q = of(m);
+    report[0] = (tm_stage_report){.name = "precomputed",
+                                  .phase = TM_PHASE_END,
+                                  .bytes = tm_precomputed_bytes(q->model),
+                                  .runs = q->runs,
+                                  .seconds = q->seconds};
+    return 1;
+}
+
+static void set_timing(tm_model *m, bool on) { of(m)->timing = on; }
+
+static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
+                                   .name = "precomputed",
+                                   .knows_compliance = true,
+                                   .destroy = destroy,
+                                   .begin = begin,
+                                   .step = step,
+                                   .end = end,
+                                   .place = place,
+                                   .reaction = reaction,
+                                   .surface = surface,
+                                   .displacement = displacement,
+                                   .time_s = time_s,
+                                   .hash = hash,
+                                   .allow_patches = allow_patches,
+                                   .patch = patch,
+                                   .settle = settle,
+                                   .snapshot_bytes = snapshot_bytes,
+                                   .save = save,
+                                   .restore = restore,
+                                   .start = start,
+                                   .stages = stages,
+                                   .set_timing = set_timing};
+
+/* What `def` says, into a copy of `how`. */
+static tm_status define(const tm_model_def *def, const tm_precomputed_def *how, tm_tissue **tissue,
+                        tms_problem *problem, tm_precomputed_def *mine, tm_error *error) {
+    *mine = *how;
+    mine->contact = def->contact;
+    mine->grasp = def->grasp;
+    mine->update_s = def->frame_s;
+    const tm_status status = tms_blame(def, "tissue", tm_tissue_create(&def->tissue, tissue, error));
+    return status != TM_OK ? status
+                           : tms_blame(def, "support", tms_problem_make(def, *tissue, problem, &mine->problem, error));
+}
+
+static tm_status check(const tm_model_def *def, tm_error *error) {
+    const tm_status status = tm_model_check(def, error);
+    if (status != TM_OK || !def->cut) return status;
+    return tms_blame(def, "cut",
+                     tms_fail(error, TM_ERR_EXCLUDED, -1,
+                              "responses hold for uncut tissue; take the dynamic model, or the hybrid one"));
+}
+
+static tm_status make(const tm_model_def *def, const tm_precomputed_def *how, quasi *q, tm_solve_report *report,
+                      tm_error *error) {
+    tm_model *m = &q->is;
+    tm_precomputed_def mine;
+    tm_status status = define(def, how, &m->tissue, &q->problem, &mine, error);
+    if (status != TM_OK) return status;
+    q->solve = mine.problem;
+    status = tms_blame(def, "model", tm_precomputed_create(&mine, &q->model, report, error));
+    if (status != TM_OK) return status;
+    m->pace = (tm_pace){.frame_s = def->frame_s, .dt_s = def->frame_s, .substeps = 1, .average = 1};
+    m->pace.critical_s = tm_critical_step_guaranteed(m->tissue, &m->pace.critical_tet);
+    m->instrument_count = def->contact ? def->contact->instrument_count : 0;
+    for (int i = 0; i < m->instrument_count; i++) m->pose[i] = def->contact->instrument[i].pose;
+    return TM_OK;
+}
+
+tm_status tm_model_precomputed(const tm_model_def *def, const tm_precomputed_def *how, tm_model **model,
+                               tm_solve_report *report, tm_error *error) {
+    TM_REQUIRE(model, "model is null", TM_ERR_ARGUMENT);
+    TM_REQUIRE_DEF(how, TMS_COOKIE_PRECOMPUTED, TM_ERR_ARGUMENT);
+    tm_status status = check(def, error);
+    if (status != TM_OK) return status;
+    quasi *q = tms_take_zeroed(1, sizeof *q);
+    if (!q) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
+    q->is.kind = &kind;
+    status = make(def, how, q, report, error);
+    if (status != TM_OK) {
+        destroy(&q->is);
+        return status;
+    }
+    *model = &q->is;
+    return TM_OK;
+}
+
+tm_status tm_model_precompute(const tm_model_def *def, const tm_precomputed_def *how, tm_solve_report *report,
+                              tm_error *error) {
+    TM_REQUIRE_DEF(how, TMS_COOKIE_PRECOMPUTED, TM_ERR_ARGUMENT);
+    tm_tissue *tissue = NULL;
+    tms_problem problem = {0};
+    tm_precomputed_def mine;
+    tm_status status = check(def, error);
+    if (status == TM_OK) status = define(def, how, &tissue, &problem, &mine, error);
+    if (status == TM_OK) status = tms_blame(def, "model", tm_precomputed_write(&mine, report, error));
+    tms_problem_free(&problem);
+    tm_tissue_destroy(tissue);
+    return status;
+}

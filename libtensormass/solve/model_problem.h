@@ -1,0 +1,20 @@
+/* The static problem of a tm_model_def, for the models that solve it. */
+#ifndef TMS_MODEL_PROBLEM_H
+#define TMS_MODEL_PROBLEM_H
+
+#include "internal.h"
+#include "tensormass/model.h"
+
+typedef struct tms_problem {
+    uint8_t *fixed;           /* [3*vertex_count] */
+    double *value_m, *load_N; /* [3*vertex_count] */
+} tms_problem;
+
+/* Into `solve`: the tissue, its supports, its loads and its weight. */
+tm_status tms_problem_make(const tm_model_def *def, const tm_tissue *whole, tms_problem *problem, tm_solve_def *solve,
+                           tm_error *error);
+void tms_problem_free(tms_problem *problem);
+/* Fills def->blame, if that is wanted. */
+tm_status tms_blame(const tm_model_def *def, const char *member, tm_status status);
+
+#endif

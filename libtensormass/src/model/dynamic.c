@@ -1,0 +1,229 @@
+/* The dynamic model: a tissue, a world that steps it, and the stages that its definition asks for. */
+#include <math.h>
+#include <string.h>
+
+#include "model/model_internal.h"
+
+typedef struct dynamic {
+    tm_model is;
+    tm_patch_maker *maker; /* null: no patches */
+} dynamic;
+
+enum { MOST_SUBSTEPS = 10000000 }; /* of a frame */
+
+/* --- how it is made --- */
+
+static tm_status blame(const tm_model_def *def, const char *member, tm_status status) {
+    if (status != TM_OK && def->blame) *def->blame = member;
+    return status;
+}
+
+/* A whole number of equal substeps a frame, none above what is asked for or guaranteed. */
+static tm_status choose_pace(const tm_model_def *def, tm_model *m, tm_error *error) {
+    tm_pace *p = &m->pace;
+    if (def->step_limit_s > 0) {
+        p->critical_s = def->step_limit_s;
+        p->critical_tet = def->step_limit_tet;
+    } else
+        p->critical_s = tm_critical_step_guaranteed(m->tissue, &p->critical_tet);
+    const double largest = def->step_s > 0 ? def->step_s : p->critical_s * def->step_fraction;
+    if (largest > p->critical_s)
+        return blame(def, "step_s",
+                     tm_fail(error, TM_ERR_STEP, p->critical_tet,
+                             "time step %.4g s is above the guaranteed critical step %.4g s, set by tetrahedron %d; "
+                             "lower it or leave it out",
+                             largest, p->critical_s, (int)p->critical_tet));
+    const double count = ceil(def->frame_s / largest - 1e-9);
+    if (!(count < MOST_SUBSTEPS))
+        return blame(def, "frame_s",
+                     tm_fail(error, TM_ERR_LIMIT, p->critical_tet,
+                             "a frame would take %.3g substeps of %.3g s, set by tetrahedron %d; look at its material "
+                             "(Young's modulus, density) and its shape",
+                             count, largest, (int)p->critical_tet));
+    p->frame_s = def->frame_s;
+    p->substeps = count < 1 ? 1 : (int32_t)count;
+    p->dt_s = p->frame_s / p->substeps;
+    p->average = (int32_t)(def->average * p->substeps + 0.5);
+    if (p->average < 1) p->average = 1;
+    return TM_OK;
+}
+
+static tm_status make_world(const tm_model_def *def, tm_model *m, tm_error *error) {
+    tm_world_def world = tm_world_def_default();
+    world.tissue = m->tissue;
+    world.dt_s = m->pace.dt_s;
+    world.damped = def->damped;
+    tm_status status = blame(def, "step_s", tm_world_create(&world, &m->world, error));
+    if (status == TM_OK && def->support_count > 0) {
+        tm_support_def support = tm_support_def_default();
+        support.count = def->support_count;
+        support.dof = def->support_dof;
+        support.value_m = def->support_m;
+        status = blame(def, "support", tm_stage_support(m->world, &support, error));
+    }
+    if (status == TM_OK && def->load_N) status = blame(def, "load", tm_stage_load(m->world, def->load_N, error));
+    /* What hangs on something beside it is held by that. */
+    if (status == TM_OK && def->tissue.precision == TM_SINGLE && !def->tissue.elsewhere)
+        status = blame(def, "precision", tm_world_check_held(m->world, error));
+    if (status == TM_OK && def->gravity_m_s2)
+        status = blame(def, "gravity", tm_stage_gravity(m->world, def->gravity_m_s2, error));
+    return status;
+}
+
+static tm_status make_contact(const tm_model_def *def, tm_model *m, tm_error *error) {
+    tm_grasp *grasp;
+    tm_status status = TM_OK;
+    if (def->contact) status = blame(def, "contact", tm_stage_contact(m->world, def->contact, &m->contact, error));
+    if (status == TM_OK && def->contact) {
+        m->instrument_count = def->contact->instrument_count;
+        for (int i = 0; i < m->instrument_count; i++) m->pose[i] = def->contact->instrument[i].pose;
+    }
+    if (status == TM_OK && def->grasp)
+        status = blame(def, "grasp", tm_stage_grasp(m->world, m->contact, def->grasp, &grasp, error));
+    if (status == TM_OK && def->cut) status = blame(def, "cut", tm_stage_cut(m->world, m->contact, def->cut, error));
+    return status;
+}
+
+static void destroy(tm_model *m) {
+    if (m->world) tm_world_destroy(m->world);
+    if (m->tissue) tm_tissue_destroy(m->tissue);
+    tm_release(m, sizeof(dynamic));
+}
+
+/* --- frames --- */
+
+static void begin(tm_model *m, const tm_tool_pose *to, int32_t substeps) {
+    if (!m->contact) return;
+    tm_contact_begin_frame(m->contact, substeps, m->pace.average < substeps ? m->pace.average : substeps);
+    for (int i = 0; i < m->instrument_count; i++) tm_contact_move(m->contact, i, &to[i], substeps);
+}
+
+static tm_status step(tm_model *m, int32_t substeps) { return tm_world_step(m->world, substeps); }
+static void end(tm_model *m) { (void)m; }
+
+static void place(tm_model *m, int32_t instrument, const tm_tool_pose *at) {
+    tm_contact_place(m->contact, instrument, at);
+}
+
+static tm_tool_reaction reaction(const tm_model *m, int32_t instrument) {
+    return tm_contact_reaction(m->contact, instrument);
+}
+
+static tm_surface_view surface(tm_model *m) { return tm_tissue_surface(m->tissue); }
+static const double *displacement(tm_model *m) { return tm_world_state(m->world)->u_m; }
+static double time_s(const tm_model *m) { return tm_world_state(m->world)->time_s; }
+static uint64_t hash(tm_model *m) { return tm_world_hash(m->world); }
+
+/* --- patches --- */
+
+static tm_status allow_patches(tm_model *m, const tm_patch_def *def, tm_error *error) {
+    return tm_stage_patch(m->world, m->contact, def, &((dynamic *)m)->maker, error);
+}
+
+/* The maker goes on computing while nothing is near; what it lacks comes a frame later. */
+static bool patch(tm_model *m, int32_t instrument, tm_patch *out) {
+    tm_patch_maker *maker = ((dynamic *)m)->maker;
+    tm_patch unused;
+    return maker && tm_patch_make(maker, instrument, out ? out : &unused) && out;
+}
+
+static tm_status start(tm_model *m, tm_error *error) {
+    tm_patch_maker *maker = ((dynamic *)m)->maker;
+    return maker ? tm_patch_start(maker, error) : TM_OK;
+}
+
+/* --- rest, snapshots, accounts --- */
+
+static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, double *reaction_N,
+                        tm_settle_result *result, tm_error *error) {
+    const tm_status status = tm_world_settle(m->world, def, result, error);
+    if (m->contact) tm_contact_begin_frame(m->contact, 1, 1); /* reactions are of the rest, not of the way to it */
+    const size_t bytes = sizeof(double) * 3 * (size_t)tm_tissue_mesh(m->tissue)->vertex_count;
+    memcpy(u_m, displacement(m), bytes);
+    memset(reaction_N, 0, bytes);
+    tm_support_reaction(m->world, reaction_N);
+    return status;
+}
+
+static int64_t snapshot_bytes(const tm_model *m) { return tm_snapshot_bytes(m->world); }
+
+static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
+    return tm_snapshot_save(m->world, buffer, bytes, error);
+}
+
+static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_error *error) {
+    const tm_status status = tm_snapshot_restore(m->world, buffer, bytes, error);
+    for (int i = 0; status == TM_OK && i < m->instrument_count; i++) m->pose[i] = tm_contact_pose(m->contact, i);
+    return status;
+}
+
+static int32_t stages(const tm_model *m, tm_stage_report report[TM_MAX_STAGES]) {
+    return tm_world_stages(m->world, report);
+}
+
+static void set_timing(tm_model *m, bool on) { tm_world_set_timing(m->world, on); }
+
+static const tm_model_kind kind = {.size = sizeof(tm_model_kind),
+                                   .name = "dynamic",
+                                   .destroy = destroy,
+                                   .begin = begin,
+                                   .step = step,
+                                   .end = end,
+                                   .place = place,
+                                   .reaction = reaction,
+                                   .surface = surface,
+                                   .displacement = displacement,
+                                   .time_s = time_s,
+                                   .hash = hash,
+                                   .allow_patches = allow_patches,
+                                   .patch = patch,
+                                   .settle = settle,
+                                   .snapshot_bytes = snapshot_bytes,
+                                   .save = save,
+                                   .restore = restore,
+                                   .start = start,
+                                   .stages = stages,
+                                   .set_timing = set_timing};
+
+tm_status tm_model_check(const tm_model_def *def, tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_MODEL, TM_ERR_ARGUMENT);
+    if (def->blame) *def->blame = NULL;
+    if (!(def->frame_s > 0 && def->frame_s < 1e3) || !(def->step_s >= 0) || !(def->average >= 0 && def->average <= 1) ||
+        !(def->step_fraction > 0 && def->step_fraction <= 1) || !(def->step_limit_s >= 0))
+        return blame(def, "frame_s",
+                     tm_fail(error, TM_ERR_ARGUMENT, -1,
+                             "frames of %g s, steps of %g s, fraction %g, average %g; give positive times, and shares "
+                             "from 0 to 1",
+                             def->frame_s, def->step_s, def->step_fraction, def->average));
+    if (!def->contact && (def->grasp || def->cut))
+        return blame(def, def->grasp ? "grasp" : "cut",
+                     tm_fail(error, TM_ERR_ARGUMENT, -1, "%s without contact; give tm_model_def.contact",
+                             def->grasp ? "grasping" : "cutting"));
+    if (def->support_count < 0 || (def->support_count > 0 && (!def->support_dof || !def->support_m)))
+        return blame(def, "support",
+                     tm_fail(error, TM_ERR_ARGUMENT, -1, "%d supported components and no list of them",
+                             (int)def->support_count));
+    return TM_OK;
+}
+
+tm_status tm_model_dynamic(const tm_model_def *def, tm_model **model, tm_error *error) {
+    TM_REQUIRE(model, "model is null", TM_ERR_ARGUMENT);
+    tm_status status = tm_model_check(def, error);
+    if (status != TM_OK) return status;
+    dynamic *d = tm_allocate(sizeof *d);
+    if (!d) return tm_fail_memory(error, "model");
+    memset(d, 0, sizeof *d);
+    d->is.kind = &kind;
+    tm_tissue_def tissue = def->tissue;
+    tissue.cuttable = tissue.cuttable || def->cut;
+    status = blame(def, "tissue", tm_tissue_create(&tissue, &d->is.tissue, error));
+    if (status == TM_OK) status = choose_pace(def, &d->is, error);
+    if (status == TM_OK) status = make_world(def, &d->is, error);
+    if (status == TM_OK) status = make_contact(def, &d->is, error);
+    if (status != TM_OK) {
+        destroy(&d->is);
+        return status;
+    }
+    *model = &d->is;
+    return TM_OK;
+}

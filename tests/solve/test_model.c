@@ -1,0 +1,445 @@
+/* One definition, three models, the same calls: frames, reactions, surface, patches, rest and snapshots; and what a
+ * model cannot do it says. */
+#include "../physics/contact_scene.h"
+#include "kit.h"
+
+enum { DYNAMIC, PRECOMPUTED, HYBRID, MODELS };
+static const char *const model_name[MODELS] = {"dynamic", "precomputed", "hybrid"};
+
+typedef struct organ {
+    tm_mesh *mesh;
+    tm_material material;
+    tm_instrument_def tool;
+    tm_contact_def contact;
+    tm_grasp_def grasp;
+    tm_cut_def cut;
+    int32_t *dof;
+    double *zero;
+    uint8_t *dynamic; /* of the hybrid */
+    const char *blame;
+    tm_model_def def;
+} organ;
+
+static const tm_tool_pose above = {.tip_m = {0.008, 0.003, 0.050}, .active = true},
+                          down = {.tip_m = {0.008, 0.003, 0.0405}, .active = true};
+
+/* A block held from below, half of which the hybrid condenses. */
+static void make_organ(organ *o, tm_tool_mode mode) {
+    static const double g[3] = {0, 0, -9.81};
+    scene_def block = scene_def_default();
+    block.cells[0] = block.cells[1] = 8, block.cells[2] = 5;
+    *o = (organ){.mesh = scene_mesh(&block), .material = kit_material(block.young_Pa, block.poisson)};
+    const tm_mesh *mesh = o->mesh;
+    o->material.damping_1_s = 150;
+    o->tool = (tm_instrument_def){
+        .mode = mode, .radius_m = block.radius_m, .contact_length_m = block.length_m, .pose = above};
+    memcpy(o->tool.trocar_m, block.trocar_m[0], sizeof o->tool.trocar_m);
+    o->contact = tm_contact_def_default();
+    o->contact.instrument_count = 1;
+    o->contact.instrument = &o->tool;
+    o->grasp = tm_grasp_def_default();
+    o->cut = tm_cut_def_default();
+    o->dof = malloc(sizeof *o->dof * 3 * (size_t)mesh->vertex_count);
+    o->zero = calloc(3 * (size_t)mesh->vertex_count, sizeof *o->zero);
+    o->dynamic = malloc((size_t)mesh->tet_count);
+    o->def = tm_model_def_default();
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
+        if (mesh->rest_m[d / 3 * 3 + 2] < 1e-9) o->dof[o->def.support_count++] = d;
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        double x = 0;
+        for (int i = 0; i < 4; i++) x += mesh->rest_m[3 * mesh->tet[4 * t + i]] / 4;
+        o->dynamic[t] = x > 0;
+    }
+    o->def.tissue.mesh = mesh;
+    o->def.tissue.material_count = 1;
+    o->def.tissue.material = &o->material;
+    o->def.tissue.form = TM_FORCE_PLAIN;
+    o->def.support_dof = o->dof;
+    o->def.support_m = o->zero;
+    o->def.gravity_m_s2 = g;
+    o->def.contact = &o->contact;
+    if (mode == TM_TOOL_GRASPER) o->def.grasp = &o->grasp;
+    if (mode == TM_TOOL_CAUTERY) o->def.cut = &o->cut;
+    o->def.frame_s = 0.04;
+    o->def.blame = &o->blame;
+}
+
+static void free_organ(organ *o) {
+    free(o->dof), free(o->zero), free(o->dynamic);
+    tm_mesh_destroy(o->mesh);
+}
+
+static tm_status try_make(organ *o, int which, tm_model **model, tm_error *error) {
+    tm_precomputed_def precomputed = tm_precomputed_def_default();
+    tm_hybrid_def hybrid = tm_hybrid_def_default();
+    hybrid.dynamic = o->dynamic;
+    *model = NULL;
+    return which == DYNAMIC       ? tm_model_dynamic(&o->def, model, error)
+           : which == PRECOMPUTED ? tm_model_precomputed(&o->def, &precomputed, model, NULL, error)
+                                  : tm_model_hybrid(&o->def, &hybrid, model, NULL, error);
+}
+
+static tm_model *make(organ *o, int which) {
+    tm_model *model;
+    tm_error error;
+    fix_ok(try_make(o, which, &model, &error), &error);
+    return model;
+}
+
+static void go(tm_model *model, const tm_tool_pose *to, int frames) {
+    for (int i = 0; i < frames; i++) assert_int_equal(tm_model_frame(model, to), TM_OK);
+}
+
+/* Exact compliance for the dynamic model; the others know theirs. */
+static void allow_patches(organ *o, tm_model *model) {
+    tm_error error;
+    tm_patch_def def = tm_patch_def_default();
+    tm_compliance_source source;
+    def.horizon_s = 0;
+    if (!model->kind->knows_compliance) {
+        uint8_t *fixed = calloc(3 * (size_t)o->mesh->vertex_count, 1);
+        tm_factored *factored;
+        for (int32_t i = 0; i < o->def.support_count; i++) fixed[o->dof[i]] = 1;
+        tm_factored_def exact = tm_factored_def_default();
+        exact.tissue = model->tissue;
+        exact.fixed = fixed;
+        fix_ok(tm_factored_create(&exact, &factored, &error), &error);
+        free(fixed);
+        source = tm_factored_given(factored);
+        def.source = &source;
+    }
+    fix_ok(tm_model_allow_patches(model, &def, &error), &error);
+}
+
+/* The force that a controller finds in the patch where the tool is. */
+static void felt(const tm_patch *patch, double force_N[3]) {
+    tm_patch_solver *solver;
+    tm_error error;
+    bool inside;
+    fix_ok(tm_patch_solver_create(&solver, &error), &error);
+    tm_patch_force(solver, patch, down.tip_m, force_N, &inside);
+    assert_true(inside);
+    tm_patch_solver_destroy(solver);
+}
+
+static bool get_patch(tm_model *model, tm_patch *patch) {
+    bool made = false;
+    for (int i = 0; i < 6 && !made; i++) made = tm_model_patch(model, 0, patch) && patch->kind == 2;
+    return made;
+}
+
+static double off(const double *a, const double *b, int n) {
+    double worst = 0;
+    for (int i = 0; i < n; i++) worst = fmax(worst, fabs(a[i] - b[i]));
+    return worst / fix_largest(b, n);
+}
+
+/* The same calls on all three: at rest they agree. */
+static void agree(void **state) {
+    (void)state;
+    organ o;
+    make_organ(&o, TM_TOOL_PROBE);
+    tm_tool_reaction reaction[MODELS];
+    static tm_patch patch;
+    for (int m = 0; m < MODELS; m++) {
+        tm_model *model = make(&o, m);
+        double force[3];
+        assert_string_equal(model->kind->name, model_name[m]);
+        assert_true(model->pace.frame_s == 0.04 && model->pace.substeps >= 1);
+        assert_int_equal(tm_model_alive(model), o.mesh->tet_count);
+        assert_int_equal(tm_model_surface(model).count, o.mesh->surface_count);
+        assert_false(tm_model_patch(model, 0, &patch)); /* not allowed yet */
+        allow_patches(&o, model);
+        go(model, &above, 2);
+        assert_true(fix_largest(tm_model_reaction(model, 0).force_N, 3) == 0);
+        go(model, &down, 60);
+        assert_true(fabs(tm_model_time_s(model) - 62 * 0.04) < 1e-9);
+        assert_true(get_patch(model, &patch));
+        reaction[m] = tm_model_reaction(model, 0);
+        felt(&patch, force);
+        print_message("  %-11s %.4f N on %d rows; patch off by %.1e\n", model_name[m],
+                      fix_largest(reaction[m].force_N, 3), reaction[m].row_count, off(force, reaction[m].force_N, 3));
+        assert_true(reaction[m].row_count > 0 && fix_largest(reaction[m].force_N, 3) > 0.05);
+        assert_int_equal(reaction[m].stiffness_kind, 2);
+        assert_int_equal(patch.kind, 2);
+        assert_int_equal(patch.topology_revision, tm_model_surface(model).revision);
+        assert_true(off(force, reaction[m].force_N, 3) < 1e-4);
+        assert_true(off(reaction[m].force_N, reaction[0].force_N, 3) < 1e-4);
+        assert_true(off(reaction[m].stiffness_N_m, reaction[0].stiffness_N_m, 9) < 2e-2);
+        tm_model_destroy(model);
+    }
+    free_organ(&o);
+}
+
+/* A frame in pieces is the frame, and a tool that is placed sweeps nothing. */
+static void pieces(void **state) {
+    (void)state;
+    organ o;
+    make_organ(&o, TM_TOOL_PROBE);
+    for (int m = 0; m < MODELS; m++) {
+        tm_model *whole = make(&o, m), *cut_up = make(&o, m);
+        for (int k = 0; k < 4; k++) {
+            go(whole, k ? &down : &above, 1);
+            tm_model_begin(cut_up, k ? &down : &above, cut_up->pace.substeps);
+            for (int32_t done = 0; done < cut_up->pace.substeps; done += 3) {
+                const int32_t left = cut_up->pace.substeps - done;
+                assert_int_equal(tm_model_step(cut_up, left < 3 ? left : 3), TM_OK);
+            }
+            tm_model_end(cut_up);
+        }
+        const tm_tool_reaction a = tm_model_reaction(whole, 0), b = tm_model_reaction(cut_up, 0);
+        assert_true(tm_model_hash(whole) == tm_model_hash(cut_up));
+        assert_memory_equal(a.force_N, b.force_N, sizeof a.force_N);
+        assert_true(fix_largest(a.force_N, 3) > 0.01);
+        tm_model_place(whole, 0, &above);
+        go(whole, &above, 1);
+        assert_true(fix_largest(tm_model_reaction(whole, 0).force_N, 3) < fix_largest(a.force_N, 3));
+        tm_model_destroy(whole);
+        tm_model_destroy(cut_up);
+    }
+    free_organ(&o);
+}
+
+/* What was saved goes on with the same bits, also in a model that never was where it came from. */
+static void snapshots(void **state) {
+    (void)state;
+    organ o;
+    make_organ(&o, TM_TOOL_PROBE);
+    for (int m = 0; m < MODELS; m++) {
+        tm_model *model = make(&o, m), *other = make(&o, m);
+        tm_error error;
+        go(model, &above, 1);
+        go(model, &down, 3);
+        const int64_t bytes = tm_model_snapshot_bytes(model);
+        void *buffer = malloc((size_t)bytes + 8);
+        if (!bytes) {
+            assert_int_equal(tm_model_save(model, buffer, 8, &error), TM_ERR_EXCLUDED);
+            assert_int_equal(tm_model_restore(model, buffer, 8, &error), TM_ERR_EXCLUDED);
+            assert_true(strchr(error.message, ';') != NULL);
+        } else {
+            fix_ok(tm_model_save(model, buffer, bytes, &error), &error);
+            assert_int_not_equal(tm_model_restore(other, buffer, bytes - 1, &error), TM_OK);
+            fix_ok(tm_model_restore(other, buffer, bytes, &error), &error);
+            assert_true(tm_model_hash(model) == tm_model_hash(other));
+            const tm_tool_pose aside = {.tip_m = {0.012, 0.001, 0.0410}, .active = true};
+            go(model, &aside, 3);
+            go(other, &aside, 3);
+            const tm_tool_reaction a = tm_model_reaction(model, 0), b = tm_model_reaction(other, 0);
+            assert_true(tm_model_hash(model) == tm_model_hash(other) &&
+                        tm_model_time_s(model) == tm_model_time_s(other));
+            assert_memory_equal(a.force_N, b.force_N, sizeof a.force_N);
+            assert_true(fix_largest(a.force_N, 3) > 0.01);
+        }
+        free(buffer);
+        tm_model_destroy(model);
+        tm_model_destroy(other);
+    }
+    free_organ(&o);
+}
+
+static void rest(void **state) {
+    (void)state;
+    organ o;
+    make_organ(&o, TM_TOOL_PROBE);
+    const size_t n = 3 * (size_t)o.mesh->vertex_count;
+    double *u = calloc(n, sizeof *u), *first = calloc(n, sizeof *first), *reaction = malloc(n * sizeof *reaction);
+    for (int m = 0; m < MODELS; m++) {
+        tm_model *model = make(&o, m);
+        tm_settle_def def = tm_settle_def_default();
+        tm_settle_result result;
+        tm_error error;
+        const tm_status status = tm_model_settle(model, &def, u, reaction, &result, &error);
+        if (m == HYBRID) {
+            assert_int_equal(status, TM_ERR_EXCLUDED);
+            assert_true(strchr(error.message, ';') != NULL);
+        } else {
+            double held = 0, weight = 0;
+            fix_ok(status, &error);
+            assert_true((result.steps > 0) == (m == DYNAMIC) && result.energy_J > 0);
+            for (int32_t v = 0; v < o.mesh->vertex_count; v++) held += reaction[3 * v + 2];
+            for (int32_t v = 0; v < o.mesh->vertex_count; v++) weight += 9.81 * tm_tissue_mass_kg(model->tissue)[v];
+            assert_true(fabs(held - weight) < 1e-6 * weight);
+            if (m == DYNAMIC) memcpy(first, u, n * sizeof *u);
+            assert_true(off(u, first, (int)n) < 1e-6);
+        }
+        tm_model_destroy(model);
+    }
+    free(u), free(first), free(reaction);
+    free_organ(&o);
+}
+
+/* A hybrid organ that is cut keeps stiffness and patch, and they are those of what is left. */
+static void cut_organ(void **state) {
+    (void)state;
+    organ o;
+    make_organ(&o, TM_TOOL_PROBE);
+    o.def.tissue.cuttable = true;
+    static tm_patch patch;
+    double force[MODELS][3], K[MODELS][9];
+    for (int m = 0; m < MODELS; m++) {
+        if (m == PRECOMPUTED) continue;
+        tm_model *model = make(&o, m);
+        allow_patches(&o, model);
+        go(model, &down, 8);
+        assert_true(get_patch(model, &patch));
+        int32_t gone = 0;
+        for (int32_t t = 0; t < o.mesh->tet_count; t++) {
+            const double *x = o.mesh->rest_m + 3 * (int64_t)o.mesh->tet[4 * (int64_t)t];
+            if (x[0] > 0.015 && x[0] < 0.03 && x[2] > 0.02) gone += tm_cut_remove(model->tissue, &t, 1, NULL, 0);
+        }
+        go(model, &down, 60);
+        assert_true(gone > 20 && tm_model_alive(model) == o.mesh->tet_count - gone);
+        assert_true(get_patch(model, &patch));
+        assert_int_equal(patch.kind, 2);
+        assert_int_equal(patch.topology_revision, tm_model_surface(model).revision);
+        const tm_tool_reaction r = tm_model_reaction(model, 0);
+        memcpy(force[m], r.force_N, sizeof force[m]);
+        memcpy(K[m], r.stiffness_N_m, sizeof K[m]);
+        double found[3];
+        felt(&patch, found);
+        print_message("  %-11s after %d were cut: %.4f N, patch off by %.1e\n", model_name[m], gone,
+                      fix_largest(force[m], 3), off(found, force[m], 3));
+        assert_int_equal(r.stiffness_kind, 2);
+        assert_true(off(found, force[m], 3) < 1e-4 && off(force[m], force[0], 3) < 1e-4);
+        assert_true(off(K[m], K[0], 9) < 2e-2);
+        tm_model_destroy(model);
+    }
+    free_organ(&o);
+}
+
+/* Held tissue: the patch holds it too. */
+static void held(void **state) {
+    (void)state;
+    organ o;
+    make_organ(&o, TM_TOOL_GRASPER);
+    static tm_patch patch;
+    for (int m = 0; m < MODELS; m++) {
+        tm_model *model = make(&o, m);
+        tm_tool_pose closed = down, lifted;
+        closed.grip = 1;
+        lifted = closed;
+        lifted.tip_m[2] += 0.004;
+        allow_patches(&o, model);
+        go(model, &down, 2);
+        go(model, &closed, 4);
+        go(model, &lifted, 60);
+        const bool made = get_patch(model, &patch);
+        const tm_tool_reaction r = tm_model_reaction(model, 0);
+        print_message("  %-11s pulls with %.3f N, stiffness %.1f N/m, patch %s\n", model_name[m], r.force_N[2],
+                      r.stiffness_N_m[8], made ? patch.holds ? "that holds" : "that does not hold" : "none");
+        assert_true(r.force_N[2] < -0.02);
+        assert_int_equal(r.stiffness_kind, 2);
+        if (m != PRECOMPUTED) assert_true(made && patch.holds);
+        tm_model_destroy(model);
+    }
+    free_organ(&o);
+}
+
+static void refused(organ *o, int which, tm_status status, const char *blame) {
+    tm_model *model;
+    tm_error error;
+    assert_int_equal(try_make(o, which, &model, &error), status);
+    assert_null(model);
+    assert_non_null(o->blame);
+    assert_string_equal(o->blame, blame);
+    assert_true(strchr(error.message, ';') != NULL);
+}
+
+static void errors(void **state) {
+    (void)state;
+    organ o;
+    tm_error error;
+    make_organ(&o, TM_TOOL_CAUTERY);
+    const int64_t before = tm_memory_in_use();
+    refused(&o, PRECOMPUTED, TM_ERR_EXCLUDED, "cut");
+    o.def.contact = NULL;
+    for (int m = 0; m < MODELS; m++) refused(&o, m, TM_ERR_ARGUMENT, "cut");
+    o.def.cut = NULL;
+    for (int m = 0; m < MODELS; m++) { /* nothing touches it */
+        tm_model *model = make(&o, m);
+        const tm_patch_def patches = tm_patch_def_default();
+        assert_int_equal(tm_model_frame(model, NULL), TM_OK);
+        assert_int_equal(tm_model_allow_patches(model, &patches, &error), TM_ERR_ARGUMENT);
+        tm_model_destroy(model);
+    }
+    o.def.step_s = 1;
+    refused(&o, DYNAMIC, TM_ERR_STEP, "step_s");
+    refused(&o, HYBRID, TM_ERR_STEP, "step_s");
+    o.def.step_s = 1e-12;
+    refused(&o, DYNAMIC, TM_ERR_LIMIT, "frame_s");
+    o.def.step_s = 0;
+    o.def.frame_s = -1;
+    for (int m = 0; m < MODELS; m++) refused(&o, m, TM_ERR_ARGUMENT, "frame_s");
+    o.def.frame_s = 0.04;
+    o.def.support_count = 0;
+    o.def.tissue.precision = TM_SINGLE;
+    refused(&o, DYNAMIC, TM_ERR_SUPPORT, "precision");
+    refused(&o, PRECOMPUTED, TM_ERR_SUPPORT, "model");
+    o.material.density_kg_m3 = -1;
+    for (int m = 0; m < MODELS; m++) refused(&o, m, TM_ERR_MATERIAL, "tissue");
+    assert_true(tm_memory_in_use() == before);
+    free_organ(&o);
+}
+
+static void spoil(void *self, tm_world *world) {
+    (void)self;
+    tm_world_state(world)->u_next_m[7] = NAN;
+}
+
+/* A frame that fails is felt by nobody, and has not happened. */
+static void failed(void **state) {
+    (void)state;
+    organ o;
+    make_organ(&o, TM_TOOL_PROBE);
+    for (int m = 0; m < MODELS; m += HYBRID) {
+        tm_model *model = make(&o, m);
+        static tm_patch patch;
+        tm_error error;
+        allow_patches(&o, model);
+        go(model, &down, 8);
+        const uint64_t good = tm_model_hash(model);
+        const tm_stage stage = {.size = sizeof stage, .name = "spoil", .phase = TM_PHASE_END, .run = spoil};
+        fix_ok(tm_world_add_stage(model->world, &stage, 0, &error), &error);
+        assert_int_equal(tm_model_frame(model, &above), TM_ERR_UNSTABLE);
+        const tm_tool_reaction r = tm_model_reaction(model, 0);
+        assert_true(r.flags == TM_REACTION_UNSTABLE && fix_largest(r.force_N, 3) == 0);
+        assert_memory_equal(r.tip_m, down.tip_m, sizeof r.tip_m);
+        assert_false(tm_model_patch(model, 0, &patch));
+        assert_true(tm_model_hash(model) == good);
+        fix_ok(tm_world_remove_stage(model->world, "spoil", &error), &error);
+        go(model, &down, 1);
+        assert_true(tm_model_reaction(model, 0).flags == 0);
+        tm_model_destroy(model);
+    }
+    free_organ(&o);
+}
+
+static void stages(void **state) {
+    (void)state;
+    organ o;
+    make_organ(&o, TM_TOOL_PROBE);
+    for (int m = 0; m < MODELS; m++) {
+        tm_model *model = make(&o, m);
+        tm_stage_report report[TM_MAX_STAGES];
+        tm_model_set_timing(model, true);
+        go(model, &down, 2);
+        const int32_t count = tm_model_stages(model, report);
+        double seconds = 0;
+        bool found = false;
+        for (int32_t i = 0; i < count; i++) {
+            seconds += report[i].seconds;
+            found |= !strcmp(report[i].name, m == DYNAMIC ? "force" : model_name[m]);
+        }
+        assert_true(count >= 1 && found && seconds > 0);
+        tm_model_destroy(model);
+    }
+    free_organ(&o);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(agree),  cmocka_unit_test(pieces),    cmocka_unit_test(snapshots),
+        cmocka_unit_test(rest),   cmocka_unit_test(cut_organ), cmocka_unit_test(held),
+        cmocka_unit_test(errors), cmocka_unit_test(failed),    cmocka_unit_test(stages)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
