@@ -42,7 +42,7 @@ WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wconver
 BASE_CFLAGS := -std=c11 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC -MMD -MP $(WARN)
 # Two of the checks of C++ want a runtime that a C program is not linked with.
 BASE_CXXFLAGS := -std=c++17 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC $(if $(findstring undefined,$(OPT)),-fno-sanitize=function$(,)vptr) -MMD -MP -Wall -Wextra
-INCLUDES := -Ilibtensormass/include -Ilibtensormass/src -Ihaptic_rt/core -Ihaptic_rt/base -Ihaptic_rt -Iapps -Iapps/common -Ilcm_types -I$(OUT)/gen
+INCLUDES := -I. -Ilibtensormass/include -Ilibtensormass/src -Ihaptic_rt/core -Ihaptic_rt/base -Ihaptic_rt -Iapps -Iapps/common -Ilcm_types -I$(OUT)/gen
 
 # Answers of pkg-config, asked only when a recipe needs them (they may be installed by the same make).
 pkg_cflags = $(shell pkg-config --cflags $(1))

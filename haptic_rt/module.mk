@@ -40,6 +40,6 @@ can-codec: venv
 LINT_CORE_SRC := $(filter-out haptic_rt/can/impulse_engine.c,$(HRT_CORE_SRC))
 .PHONY: lint-core
 lint-core:
-	clang-tidy --quiet $(LINT_CORE_SRC) -- -std=c11 -Ihaptic_rt -Ihaptic_rt/core
+	clang-tidy --quiet $(LINT_CORE_SRC) -- -std=c11 -I. -Ihaptic_rt -Ihaptic_rt/core
 	cppcheck --quiet --enable=warning,style,performance,portability --inline-suppr --suppress=unusedStructMember --std=c11 --error-exitcode=1 \
-		-Ihaptic_rt -Ihaptic_rt/core $(LINT_CORE_SRC)
+		-I. -Ihaptic_rt -Ihaptic_rt/core $(LINT_CORE_SRC)

@@ -80,8 +80,8 @@ typedef struct law {
     void (*force)(hrt_extrapolation *x, const moment *m, float force[3]); /* force is F_n on entry */
 } law;
 
-#define LAW(id, name, law) {name, law},
-static const law laws[HRT_EXTRAPOLATOR_COUNT] = {HRT_EXTRAPOLATORS(LAW)};
+#define ROW(id, name, law) {name, law},
+static const law laws[HRT_EXTRAPOLATOR_COUNT] = {HRT_EXTRAPOLATORS(ROW)};
 _Static_assert(HRT_HOLD == 0 && HRT_CONTACT == 5 && HRT_PAPER_POSITION == 6, "messages and logs carry these numbers");
 
 const char *hrt_extrapolator_name(hrt_extrapolator which) {

@@ -311,9 +311,9 @@ typedef struct hrt_contact_row {
 
 enum { HRT_MIXING_MEMORY = 3 };
 
-/* What the rounds of `contact` remember of each other (contact.c), at the vertices that rows have touched. */
+/* What the rounds of `contact` remember of each other (law/mixing.h). */
 typedef struct hrt_mixing {
-    uint32_t touched; /* bit v: vertex v */
+    bool used; /* not all zero */
     uint8_t next;
     float residual_change_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS], step_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS];
 } hrt_mixing;

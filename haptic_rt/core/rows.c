@@ -1,7 +1,7 @@
 /* The rows of docs/contact.md in single precision, for the few triangles of a patch: stations of the tool's axis
  * against faces, edges and vertices, with weights that run smoothly from one feature to the next, and normals blended
- * over the smooth surface. The simulation's own finder (libtensormass/src/contact/contact_find.c) is the reference that tests
- * hold this one to.
+ * over the smooth surface. The simulation's own finder (libtensormass/src/contact/contact_find.c) is the reference that
+ * tests hold this one to.
  *
  * Station by station: what all features ask of it (where it stands from the vertices, how high over the faces) is
  * computed once, and most of them are done with it by a comparison. Of a station p over a face with unit normal n, n .
@@ -9,12 +9,8 @@
  * over the face's area a barycentric weight. */
 #include "vector.h"
 
-static const float BLEND = 0.2f;     /* half width of the transition between neighbouring features, in radii */
-static const float PROXIMITY = 0.4f; /* a feature that much farther (radii) than the nearest has no share */
-static const float SHARP = 0.25f;    /* sine of the fold from which an edge or a vertex counts fully */
-static const float SUNK = 0.5f;      /* how far (radii) behind a face a station may be that it did not touch before */
-static const float SUNK_KNOWN = 8.0f;
-static const float MARGIN = 0.2f;   /* radii */
+#include "law/feature.h"
+
 enum { HITS = 24, STATIONS = 256 }; /* hits of one station */
 
 enum { FACE, EDGE, VERTEX };
@@ -58,12 +54,6 @@ typedef struct search {
     hrt_v3 corner[HRT_PATCH_MAX_VERTICES];
 } search;
 
-/* 0 below -1, 1 above 1, smooth between. */
-static __attribute__((noinline)) float ramp(float x) {
-    const float q = hrt_clamp(0.5f * (x + 1.0f), 0.0f, 1.0f);
-    return q * q * (3.0f - 2.0f * q);
-}
-
 static const uint8_t *corners(const search *q, int32_t f) { return &q->patch->triangle[HRT_XYZ * f]; }
 
 static inline __attribute__((always_inline)) float height(const face *f, int32_t station) {
@@ -81,7 +71,7 @@ static void place_faces(search *q) {
         const hrt_v3 a = way(q, corner[0], corner[1]), b = way(q, corner[0], corner[2]), area = hrt_outer(a, b);
         f->size = hrt_size(area);
         f->normal =
-            hrt_times(f->size > 1.0e-6f * hrt_max(hrt_inner(a, a), hrt_inner(b, b)) ? 1.0f / f->size : 0.0f, area);
+            hrt_times(f->size > 1.0e-6f * law_max(hrt_inner(a, a), hrt_inner(b, b)) ? 1.0f / f->size : 0.0f, area);
         f->base_m = hrt_inner(f->normal, q->from[corner[0]]);
         f->rise_m = hrt_inner(f->normal, q->axis);
     }
@@ -102,12 +92,12 @@ static void place_edges(search *q) {
     q->ridges = 0;
     for (edge *e = q->edge; e < q->edge + q->t->edge_count; e++, end += 2, side += 2) {
         const bool two = side[1] != HRT_NO_FACE;
-        const float length = hrt_max(hrt_size(way(q, end[0], end[1])), 1.0e-9f), wide = 0.75f * length,
+        const float length = law_max(hrt_size(way(q, end[0], end[1])), 1.0e-9f), wide = 0.75f * length,
                     close2 = q->reach_m * q->reach_m + wide * wide;
-        const float size = hrt_min(q->face[side[0]].size, q->face[side[two ? 1 : 0]].size);
+        const float size = law_min(q->face[side[0]].size, q->face[side[two ? 1 : 0]].size);
         e->length_m = length;
-        e->span_m2 = hrt_max(hrt_min(BLEND * q->radius_m * length, 0.25f * size), 1.0e-9f * length);
-        for (int i = 0; i < 2; i++) q->close_m2[end[i]] = hrt_max(q->close_m2[end[i]], close2);
+        e->span_m2 = law_max(law_transition(q->radius_m * length, size), 1.0e-9f * length);
+        for (int i = 0; i < 2; i++) q->close_m2[end[i]] = law_max(q->close_m2[end[i]], close2);
         if (!two || fold(q, end, side) > 0.0f) q->ridge[q->ridges++] = (uint8_t)(e - q->edge);
     }
 }
@@ -141,10 +131,10 @@ static void face_hit(search *q, int32_t f) {
         const int32_t e = q->t->face_edge[f][j];
         const float inward = part(q, f, j);
         if (!(inward > -q->edge[e].span_m2)) return;
-        raw *= ramp(inward / q->edge[e].span_m2);
-        outside = hrt_max(outside, -inward / q->edge[e].length_m);
+        raw *= law_ramp(inward / q->edge[e].span_m2);
+        outside = law_max(outside, -inward / q->edge[e].length_m);
     }
-    if ((high < -SUNK * q->radius_m || (high < 0.0f && outside > 0.0f)) && !known(q, f)) return;
+    if (law_wants_history(high, outside, q->radius_m) && !known(q, f)) return;
     if (raw > 0.0f) add_hit(q, FACE, f, raw, high > 0.0f ? sqrtf(high * high + outside * outside) : high);
 }
 
@@ -152,12 +142,11 @@ static void face_hit(search *q, int32_t f) {
 static float edge_sharpness(const search *q, int32_t e) {
     const uint8_t *end = q->t->edge_vertex[e], *side = q->t->edge_face[e];
     if (side[1] == HRT_NO_FACE || hrt_inner(q->face[side[0]].normal, q->face[side[1]].normal) < 0.0f) return 1.0f;
-    return ramp(2.0f * fold(q, end, side) * q->edge[e].length_m / (SHARP * hrt_max(q->face[side[1]].size, 1.0e-30f)) -
-                1.0f);
+    return law_sharpness(fold(q, end, side) * q->edge[e].length_m / law_max(q->face[side[1]].size, 1.0e-30f));
 }
 
 static inline __attribute__((always_inline)) float end_blend(const search *q, int32_t e) {
-    return hrt_min(BLEND * q->radius_m, 0.25f * q->edge[e].length_m);
+    return law_transition(q->radius_m, q->edge[e].length_m);
 }
 
 static void edge_hit(search *q, int32_t e) {
@@ -172,11 +161,11 @@ static void edge_hit(search *q, int32_t e) {
     const hrt_v3 across =
         hrt_times(1.0f / q->edge[e].span_m2, hrt_outer(b, a)); /* out of the first face and into the second */
     const float ends = end_blend(q, e);
-    float raw =
-        ramp(hrt_inner(q->face[side[0]].normal, across)) * ramp(y / ends) * ramp((q->edge[e].length_m - y) / ends);
-    if (two) raw *= ramp(-hrt_inner(q->face[side[1]].normal, across));
+    float raw = law_ramp(hrt_inner(q->face[side[0]].normal, across)) * law_ramp(y / ends) *
+                law_ramp((q->edge[e].length_m - y) / ends);
+    if (two) raw *= law_ramp(-hrt_inner(q->face[side[1]].normal, across));
     if (raw > 0.0f) raw *= edge_sharpness(q, e);
-    if (raw > 0.0f) add_hit(q, EDGE, e, raw, sqrtf(hrt_max(distance2, 0.0f)));
+    if (raw > 0.0f) add_hit(q, EDGE, e, raw, sqrtf(law_max(distance2, 0.0f)));
 }
 
 static void vertex_hit(search *q, int32_t v) {
@@ -188,13 +177,13 @@ static void vertex_hit(search *q, int32_t v) {
     if (distance2 > q->reach_m * q->reach_m) return;
     for (int32_t i = t->fan_begin[v]; i < t->fan_begin[v + 1]; i++) up = hrt_plus(up, q->face[t->fan_face[i]].normal);
     if (!(hrt_inner(d, up) > 0.0f)) return;
-    const float steep = -2.0f / (SHARP * hrt_size(up));
+    const float steep = -1.0f / hrt_size(up);
     for (int32_t e = 0; e < t->edge_count; e++) {
         const uint8_t *end = t->edge_vertex[e];
         if (end[0] != v && end[1] != v) continue;
         const hrt_v3 to = hrt_times(1.0f / q->edge[e].length_m, way(q, v, end[0] + end[1] - v));
-        sharp = hrt_min(sharp, ramp(steep * hrt_inner(to, up) - 1.0f));
-        raw *= ramp(-hrt_inner(d, to) / hrt_max(end_blend(q, e), 1.0e-9f));
+        sharp = law_min(sharp, law_sharpness(steep * hrt_inner(to, up)));
+        raw *= law_ramp(-hrt_inner(d, to) / law_max(end_blend(q, e), 1.0e-9f));
         if (!(sharp * raw > 0.0f)) return;
     }
     add_hit(q, VERTEX, v, sharp * raw, sqrtf(distance2));
@@ -228,7 +217,7 @@ static hrt_v3 face_row(search *q, int32_t f, hrt_contact_row *row) {
     float sum = 0.0f;
     for (int j = 0; j < 3; j++) { /* areas of the parts, not below zero: a row never pulls on a vertex */
         float *weight = &row->weight[j == 0 ? 2 : j - 1];
-        *weight = hrt_max(part(q, f, j), 0.0f);
+        *weight = law_max(part(q, f, j), 0.0f);
         sum += *weight;
     }
     for (int j = 0; j < 3; j++) {
@@ -237,10 +226,10 @@ static hrt_v3 face_row(search *q, int32_t f, hrt_contact_row *row) {
     }
     row->gap_m = height(&q->face[f], q->station);
     row->triangle = (uint8_t)f;
-    /* A surface folded over itself: stay on the face's own side. */
+    /* On the face's own side. */
     const float size = hrt_size(normal);
-    if (size <= 0.1f || hrt_inner(normal, q->face[f].normal) < 0.2f * size) return q->face[f].normal;
-    return hrt_times(1.0f / size, normal);
+    normal = hrt_times(1.0f / law_max(size, 1.0e-9f), normal);
+    return law_normal_stands(size, hrt_inner(normal, q->face[f].normal)) ? normal : q->face[f].normal;
 }
 
 /* The row's normal backwards: from the nearest point, s of the way along the edge from corner j to the next, to the
@@ -297,30 +286,29 @@ static int32_t push_row(hrt_contact_row *row, int32_t count, const hrt_contact_r
 
 static int32_t station_rows(search *q, hrt_contact_row *row, int32_t count) {
     float nearest = 1.0e30f, total = 1.0e-30f;
-    for (int32_t i = 0; i < q->hits; i++) nearest = hrt_min(nearest, q->hit[i].distance_m);
+    for (int32_t i = 0; i < q->hits; i++) nearest = law_min(nearest, q->hit[i].distance_m);
     for (int32_t i = 0; i < q->hits; i++) {
-        q->hit[i].raw *= ramp(1.0f - 2.0f * (q->hit[i].distance_m - nearest) / (PROXIMITY * q->radius_m));
+        q->hit[i].raw *= law_nearness(q->hit[i].distance_m, nearest, q->radius_m);
         total += q->hit[i].raw;
     }
     for (int32_t i = 0; i < q->hits; i++) {
         const hit *h = &q->hit[i];
-        hrt_contact_row new_row = {.station = (uint8_t)q->station, .share = h->raw / hrt_max(total, 1.0e-3f)};
-        if (new_row.share < 1.0e-6f) continue;
+        hrt_contact_row new_row = {.station = (uint8_t)q->station, .share = law_share(h->raw, total)};
+        if (new_row.share < LAW_MIN_SHARE) continue;
         const hrt_v3 normal = h->kind == FACE   ? face_row(q, h->index, &new_row)
                               : h->kind == EDGE ? edge_row(q, h->index, &new_row)
                                                 : vertex_row(q, h->index, &new_row);
         hrt_put(hrt_times(-1.0f, normal), new_row.normal);
         new_row.gap_m -= q->radius_m;
-        if (new_row.gap_m <= MARGIN * q->radius_m && !is_held(q, &new_row)) count = push_row(row, count, &new_row);
+        if (new_row.gap_m <= LAW_MARGIN * q->radius_m && !is_held(q, &new_row)) count = push_row(row, count, &new_row);
     }
     return count;
 }
 
 /* ---------------------------------------------------------------------------------------------- the search */
 
-/* It sinks little by little: a deep place is looked for only by a station that has begun to sink. */
 static bool sinks(const search *q, const hrt_contact_row *row) {
-    return row->lambda_N > 0.0f && row->gap_m < -(0.7f + SUNK) * q->radius_m;
+    return law_sinks(row->gap_m, row->lambda_N, q->radius_m);
 }
 
 /* Goes there; false: no face is near enough, and then no edge or vertex is. */
@@ -329,11 +317,11 @@ static bool stand(search *q, int32_t station) {
     q->station = station;
     q->hits = 0;
     q->close = 0;
-    q->sunk_m = SUNK * q->radius_m;
+    q->sunk_m = LAW_SUNK * q->radius_m;
     for (int32_t i = 0; i < q->before_count; i++) {
         const hrt_contact_row *row = &q->before[i];
         if (row->station != station || !(row->lambda_N > 0.0f)) continue;
-        if (sinks(q, row)) q->sunk_m = SUNK_KNOWN * q->radius_m;
+        if (sinks(q, row)) q->sunk_m = LAW_SUNK_KNOWN * q->radius_m;
         for (int j = 0; j < 3; j++) q->close |= 1u << corners(q, row->triangle)[j];
     }
     for (const face *f = q->face; f < q->face + q->patch->triangle_count && !near; f++) {
@@ -353,21 +341,21 @@ static bool stand(search *q, int32_t station) {
 /* From the first station that may be near the patch to the last. */
 static void station_range(const search *q, const float tip_m[3], int32_t *first, int32_t *last) {
     const float square = q->radius_m * q->radius_m, reach = q->reach_m / q->radius_m;
-    const float stations = hrt_min(q->patch->contact_length_m, hrt_length(tip_m)) / q->radius_m + 1.0e-4f,
-                end = hrt_min(stations, (float)(STATIONS - 1));
+    const float stations = law_min(q->patch->contact_length_m, hrt_length(tip_m)) / q->radius_m + 1.0e-4f,
+                end = law_min(stations, (float)(STATIONS - 1));
     float low = end, high = -1.0f;
     for (int32_t v = 0; v < q->patch->vertex_count; v++) {
         const float along = -hrt_inner(q->from[v], q->axis) / square;
-        low = hrt_min(low, along - reach);
-        high = hrt_max(high, along + reach);
+        low = law_min(low, along - reach);
+        high = law_max(high, along + reach);
     }
     for (int32_t i = 0; i < q->before_count; i++)
         if (sinks(q, &q->before[i])) {
-            low = hrt_min(low, (float)q->before[i].station);
-            high = hrt_max(high, (float)q->before[i].station);
+            low = law_min(low, (float)q->before[i].station);
+            high = law_max(high, (float)q->before[i].station);
         }
-    *first = (int32_t)hrt_max(low, 0.0f);
-    *last = high < 0.0f ? -1 : (int32_t)hrt_min(high, end);
+    *first = (int32_t)law_max(low, 0.0f);
+    *last = high < 0.0f ? -1 : (int32_t)law_min(high, end);
 }
 
 static void look_for(search *q, hrt_hits *hits) {
@@ -392,7 +380,7 @@ static void prepare(search *q, const hrt_patch *patch, const float *shift_m, con
     q->patch = patch;
     q->t = &patch->topology;
     q->radius_m = patch->radius_m;
-    q->reach_m = q->radius_m * (1.0f + PROXIMITY + MARGIN);
+    q->reach_m = q->radius_m * (1.0f + LAW_PROXIMITY + LAW_MARGIN);
     q->axis = hrt_times(-q->radius_m / hrt_size(tip), tip);
     q->from_station = 0;
     q->blended = 0;

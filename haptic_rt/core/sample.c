@@ -2,6 +2,8 @@
  * semidefinite. */
 #include "internal.h"
 
+#include "law/linear.h"
+
 static const float FORCE_HUGE_N = 1000.0f, STIFFNESS_HUGE_N_m = 1.0e9f;
 
 static const char *const reject_text[HRT_REJECT_COUNT] = {
@@ -42,29 +44,12 @@ hrt_reject hrt_sample_check(hrt_sample *sample, const hrt_params *params) {
     return HRT_ACCEPT;
 }
 
-static int32_t packed(int32_t n, int32_t i, int32_t j) { return i * (2 * n - i - 1) / 2 + j; }
-
-/* LDL^T in place of the first n rows and columns of `width`; a pivot within rounding of zero must have a row within
- * rounding of zero. */
-static bool semidefinite(float *a, int32_t width, int32_t n) {
-    float most = 0.0f; /* no entry is larger than the largest on the diagonal */
-    for (int32_t k = 0; k < n; k++) most = fmaxf(most, a[packed(width, k, k)]);
-    const float tolerance = 1.0e-5f * (float)n * most;
-    for (int32_t k = 0; k < n; k++) {
-        const float pivot = a[packed(width, k, k)];
-        if (pivot < -tolerance) return false;
-        if (pivot <= tolerance) {
-            for (int32_t j = k + 1; j < n; j++)
-                if (fabsf(a[packed(width, k, j)]) > 10.0f * sqrtf(tolerance * most)) return false;
-            continue;
-        }
-        for (int32_t i = k + 1; i < n; i++) {
-            const float factor = a[packed(width, k, i)] / pivot;
-            if (factor == 0.0f) continue;
-            for (int32_t j = i; j < n; j++) a[packed(width, i, j)] -= factor * a[packed(width, k, j)];
-        }
-    }
-    return true;
+/* Within rounding; no entry is larger than the largest on the diagonal. */
+static __attribute__((noinline)) bool semidefinite(float *a, int32_t width, int32_t n) {
+    float most = 0.0f;
+    for (int32_t k = 0; k < n; k++) most = fmaxf(most, a[law_packed(width, k, k)]);
+    const float least = 1.0e-5f * (float)n * most;
+    return law_semidefinite(a, width, n, 0.0f, least, 10.0f * sqrtf(least * most));
 }
 
 /* What a sender may leave out. */

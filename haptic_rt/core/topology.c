@@ -1,9 +1,7 @@
 /* Edges, fans and smoothness of a patch: computed once when it comes, outside the tick. */
 #include "internal.h"
 
-/* Normals of the undeformed surface blend fully across folds up to 40 degrees and not at all from 70 (docs/contact.md).
- */
-static const float SMOOTH_COSINE = 0.766f, CREASE_COSINE = 0.342f;
+#include "law/feature.h"
 
 /* Its number, made if need be, as the first triangle runs along it; HRT_PATCH_EDGES: no room. */
 static uint8_t find_edge(hrt_patch_topology *t, uint8_t a, uint8_t b) {
@@ -78,9 +76,8 @@ bool hrt_patch_topology_build(hrt_patch *patch) {
     for (int32_t f = 0; f < patch->triangle_count; f++) {
         rest_normal(patch, f, normal[f]);
         for (int32_t g = 0; g < f; g++) {
-            const float part = hrt_clamp(
-                (hrt_dot(normal[f], normal[g]) - CREASE_COSINE) / (SMOOTH_COSINE - CREASE_COSINE), 0.0f, 1.0f);
-            *smooth++ = (uint8_t)(255.0f * part * part * (3.0f - 2.0f * part) + 0.5f);
+            const float part = law_smooth(hrt_dot(normal[f], normal[g]));
+            *smooth++ = (uint8_t)(255.0f * part + 0.5f);
             if (part < 1.0f) patch->topology.creased |= common(patch, f, g);
         }
     }

@@ -26,8 +26,5 @@ static inline __attribute__((always_inline)) hrt_v3 hrt_outer(hrt_v3 a, hrt_v3 b
     return (hrt_v3){a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x};
 }
 static inline __attribute__((always_inline)) float hrt_size(hrt_v3 a) { return sqrtf(hrt_inner(a, a)); }
-/* A library's fmaxf is a call where the processor has none. */
-static inline __attribute__((always_inline)) float hrt_max(float a, float b) { return a > b ? a : b; }
-static inline __attribute__((always_inline)) float hrt_min(float a, float b) { return a < b ? a : b; }
 
 #endif

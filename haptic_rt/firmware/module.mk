@@ -15,7 +15,7 @@ FW_WARN := -Wall -Wextra -Wno-type-limits -Wconversion -Wno-sign-conversion -Wdo
 FW_SMALL := -fno-move-loop-invariants -fno-schedule-insns2 -fno-tree-ter -fno-caller-saves -fno-ipa-cp -fweb
 # No contraction to fused multiply-adds: the bits are to be the host's.
 FW_CFLAGS := -std=c11 -Os $(FW_SMALL) -g -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -ffunction-sections -fdata-sections -MMD -MP $(FW_WARN) \
-	-Ihaptic_rt -Ihaptic_rt/core
+	-I. -Ihaptic_rt -Ihaptic_rt/core
 FW_LDFLAGS := -mthumb -mfloat-abi=hard -nostartfiles -specs=nano.specs -Wl,--gc-sections -T haptic_rt/firmware/link.ld
 FW_CORE_SRC := $(sort $(wildcard haptic_rt/core/*.c haptic_rt/can/*.c))
 FW_SRC := $(addprefix haptic_rt/firmware/,start.c loop.c main.c)

@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "law/jaw.h"
+
 static void vertex_at(const tms_local *l, int32_t vertex, double at_m[3]) {
     for (int c = 0; c < 3; c++) at_m[c] = l->mesh->rest_m[3 * (int64_t)vertex + c] + l->u_m[3 * (int64_t)vertex + c];
 }
@@ -75,19 +77,15 @@ void tms_local_work_jaws(tms_local *l) {
         const tms_tool *tool = &l->tool[t];
         if (tool->def.mode != TM_TOOL_GRASPER || l->grasp.max_vertices == 0) continue;
         tm_jaw_turn(&h->jaw, &tool->def, &tool->pose);
-        const bool closed = tool->pose.active && (h->was_closed ? tool->pose.grip > l->grasp.open_grip
-                                                                : tool->pose.grip >= l->grasp.close_grip);
-        const bool closing = closed && !h->was_closed;
-        h->was_closed = closed;
-        if (closing && h->state != TM_GRASP_HOLDING) {
-            close_jaw(l, t);
-        } else if (h->state == TM_GRASP_HOLDING && !closed) {
-            open_jaw(l, h);
-        } else if (h->state == TM_GRASP_LETTING_GO) {
-            h->fade -= l->update_s / fmax(l->grasp.fade_s, l->update_s);
-            if (h->fade <= 0) h->state = TM_GRASP_OPEN, h->count = 0;
-        } else {
-            continue;
+        switch (law_jaw_work(&h->was_closed, h->state == TM_GRASP_HOLDING, h->state == TM_GRASP_LETTING_GO,
+                             tool->pose.active, tool->pose.grip, l->grasp.close_grip, l->grasp.open_grip)) {
+        case LAW_JAW_STAYS: continue;
+        case LAW_JAW_CLOSES: close_jaw(l, t); break;
+        case LAW_JAW_OPENS: open_jaw(l, h); break;
+        case LAW_JAW_FADES:
+            h->fade = law_jaw_fade(h->fade, l->update_s, l->grasp.fade_s);
+            if (!(h->fade > 0)) h->state = TM_GRASP_OPEN, h->count = 0;
+            break;
         }
         tms_local_regather(l);
         l->pair_count = 0;

@@ -4,7 +4,7 @@ import subprocess
 
 import pytest
 
-COMMON = ["-std=c11", "-D_GNU_SOURCE", "-ffp-contract=off", "-fno-math-errno", "-w", "-Ilibtensormass/include", "-Ilibtensormass/src"]
+COMMON = ["-std=c11", "-D_GNU_SOURCE", "-ffp-contract=off", "-fno-math-errno", "-w", "-I.", "-Ilibtensormass/include", "-Ilibtensormass/src"]
 BUILDS = {"gcc -O2": ["gcc", "-O2", "-DNDEBUG"], "gcc -O0": ["gcc", "-O0"], "clang -O3": ["clang", "-O3", "-DNDEBUG"]}
 
 

@@ -47,7 +47,7 @@ def insert(path, before, text):
 def lines_of(folder, main, sources):
     (folder / "main.c").write_text(main)
     program = folder / "main"
-    run = subprocess.run(["cc", "-std=c11", "-D_GNU_SOURCE", "-O0", "-Werror", f"-I{folder}/haptic_rt", f"-I{folder}/haptic_rt/core", f"-I{folder}/haptic_rt/io", "-o", program,
+    run = subprocess.run(["cc", "-std=c11", "-D_GNU_SOURCE", "-O0", "-Werror", f"-I{folder}", f"-I{folder}/haptic_rt", f"-I{folder}/haptic_rt/core", f"-I{folder}/haptic_rt/io", "-o", program,
                           folder / "main.c", *sources, "-lm"], capture_output=True, text=True, timeout=120)
     assert run.returncode == 0, run.stderr
     run = subprocess.run([program], capture_output=True, text=True, timeout=20)
@@ -58,6 +58,7 @@ def lines_of(folder, main, sources):
 def test_an_extrapolator_is_a_law_and_a_row(root, tmp_path):
     core = tmp_path / "haptic_rt/core"
     shutil.copytree(root / "haptic_rt/core", core)
+    shutil.copytree(root / "law", tmp_path / "law")
     insert(core / "hrt.h", '    ROW(PAPER_POSITION, "paper_position", law_paper_position)', '    ROW(PAPER_POSITION, "paper_position", law_paper_position) \\\n')
     text = (core / "hrt.h").read_text()
     row = '    ROW(PAPER_POSITION, "paper_position", law_paper_position) /*'

@@ -159,21 +159,18 @@ TM_API bool tm_contact_search_take(tm_contact_search *search, const double *rest
                                    const int32_t *face, int32_t count, double edge_m);
 /* The part of an instrument that can touch. */
 TM_API tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pose, int32_t instrument);
-/* The skin of one row of compliance c (skin_compliance / share), m/N: it gives c*lambda up to TM_SKIN_TRAVEL radii and
- * a twentieth as easily beyond, so that no force of a hand brings the tool's axis through the surface. tm_skin_depth is
+/* The skin of one row of compliance c (skin_compliance / share), m/N: it gives c*lambda up to 0.3 radii and a
+ * twentieth as easily beyond, so that no force of a hand brings the tool's axis through the surface. tm_skin_depth is
  * the penetration under lambda, tm_skin_slope its derivative, tm_skin_reaction the lambda in [0, cap] that solves gap +
  * diagonal*lambda + depth(lambda) = 0. */
-#define TM_SKIN_TRAVEL 0.3
-#define TM_SKIN_HARDENING 20.0
 TM_API double tm_skin_depth(double compliance_m_N, double radius_m, double lambda_N);
 TM_API double tm_skin_slope(double compliance_m_N, double radius_m, double lambda_N);
 TM_API double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N, double cap_N);
 
-/* Between tool and tissue is a film: its drag is TM_FILM_S_M * lambda * (speed of the tissue against the tool),
+/* Between tool and tissue is a film: its drag is 0.3 s/m * lambda * (speed of the tissue against the tool),
  * whatever the direction; 0.3 % of the reaction at 0.01 m/s, nothing at rest. Blended normals are not the gradient of
  * any energy, and without a film a tool that is two edges deep in lightly damped tissue can make it flutter at 100 to
- * 250 Hz. */
-#define TM_FILM_S_M 0.3
+ * 250 Hz. (The law's numbers stand in law/, which the controller's core is made of too.) */
 
 /* Equivalent tip force of a force acting at `point` on a tool pivoting about `trocar` with its tip at `tip`. */
 TM_API void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double point_m[3],

@@ -4,6 +4,9 @@
 
 #include <math.h>
 
+#define LAW_REAL double
+#include "law/number.h"
+
 static inline double vdot(const double a[3], const double b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static inline double vnorm(const double a[3]) { return sqrt(vdot(a, a)); }
 static inline void vset(const double a[3], double out[3]) { out[0] = a[0], out[1] = a[1], out[2] = a[2]; }
@@ -26,15 +29,6 @@ static inline double vunit(const double a[3], double out[3]) {
     double length = vnorm(a);
     vscale(length > 0 ? 1 / length : 0, a, out);
     return length;
-}
-/* fmax and fmin are calls, for the sake of NaN and signed zero. */
-static inline double vmax(double a, double b) { return a > b ? a : b; }
-static inline double vmin(double a, double b) { return a < b ? a : b; }
-static inline double clamp(double x, double low, double high) { return x < low ? low : x > high ? high : x; }
-/* 0 below -1, 1 above 1, smooth between; ramp(t) + ramp(-t) = 1. */
-static inline double ramp(double t) {
-    double q = clamp(0.5 * (t + 1), 0, 1);
-    return q * q * (3 - 2 * q);
 }
 
 #endif

@@ -19,6 +19,7 @@
 #define MIN_RAW 1e-3
 #define SMOOTH_COSINE 0.766 /* normals blend fully across rest folds up to 40 degrees, */
 #define CREASE_COSINE 0.342 /* and not at all from 70 */
+#include "law/feature.h"
 
 int32_t tm_capsule_stations(const tm_capsule *capsule) {
     double axis[3];
@@ -58,8 +59,8 @@ static bool station_range(const search *q, const double center[3], double radius
     double half = sqrt(chord2), step = q->capsule->radius_m;
     if (!(along + half >= 0 && along - half <= step * (q->stations - 1)))
         return false; /* and the casts below are in range, wherever the surface was thrown */
-    *first = (int32_t)ceil(vmax((along - half) / step, 0));
-    *last = (int32_t)floor(vmin((along + half) / step, q->stations - 1));
+    *first = (int32_t)ceil(law_max((along - half) / step, 0));
+    *last = (int32_t)floor(law_min((along + half) / step, q->stations - 1));
     return *first <= *last;
 }
 
@@ -88,12 +89,13 @@ static int edge_slot(const tm_local_surface *s, int32_t f, int32_t edge) {
 
 /* Half width of the transition across an edge: the same seen from both faces, so that their weights add up to one. */
 static double edge_blend(const search *q, int32_t edge) {
-    double width = BLEND * q->capsule->radius_m, in[3];
+    double width = LAW_BLEND * q->capsule->radius_m, in[3];
     for (int k = 0; k < 2; k++) {
         int32_t f = q->s->edge_face[edge][k];
-        if (f >= 0) width = vmin(width, 0.25 * inward(q->s, f, edge_slot(q->s, f, edge), in));
+        if (f >= 0)
+            width = law_min(width, law_transition(q->capsule->radius_m, inward(q->s, f, edge_slot(q->s, f, edge), in)));
     }
-    return vmax(width, 1e-9);
+    return law_max(width, 1e-9);
 }
 
 static bool known(const search *q, int32_t station, int32_t f) {
@@ -127,11 +129,11 @@ static void face_hits(search *q, int32_t f) {
         for (int j = 0; j < 3 && raw > 0; j++) {
             vsub(p, s->position_m[s->face_vertex[f][j]], d);
             double x = vdot(d, in[j]);
-            raw *= ramp(x / width[j]);
-            outside = vmax(outside, -x);
+            raw *= law_ramp(x / width[j]);
+            outside = law_max(outside, -x);
         }
         if (raw <= 0) continue;
-        if ((height < -SUNK * radius || (height < 0 && outside > 0)) && !known(q, k, f)) continue;
+        if (law_wants_history(height, outside, radius) && !known(q, k, f)) continue;
         add_hit(q, k, 0, f, raw, height > 0 ? sqrt(height * height + outside * outside) : height);
     }
 }
@@ -144,7 +146,7 @@ static double edge_sharpness(const tm_local_surface *s, int32_t e) {
     inward(s, b, edge_slot(s, b, e), in);
     double sine = -vdot(s->normal[a], in);
     if (sine > 0 && vdot(s->normal[a], s->normal[b]) < 0) return 1;
-    return ramp(2 * sine / SHARP - 1);
+    return law_sharpness(sine);
 }
 
 static void edge_hits(search *q, int32_t e) {
@@ -158,7 +160,7 @@ static void edge_hits(search *q, int32_t e) {
     if (length <= 0 || !station_range(q, middle, 0.5 * length, &first, &last)) return;
     double sharp = edge_sharpness(s, e);
     if (sharp <= 0) return;
-    double width = edge_blend(q, e), along_width = vmin(BLEND * q->capsule->radius_m, 0.25 * length);
+    double width = edge_blend(q, e), along_width = law_transition(q->capsule->radius_m, length);
     for (int32_t k = first; k <= last; k++) {
         double p[3], d[3], across[3], in[3], out = 0, raw = sharp;
         tm_capsule_station(q->capsule, k, p);
@@ -167,12 +169,12 @@ static void edge_hits(search *q, int32_t e) {
         vmadd(d, -y, unit, across);
         double distance = vnorm(across);
         if (distance > q->reach_m) continue;
-        raw *= ramp(y / along_width) * ramp((length - y) / along_width);
+        raw *= law_ramp(y / along_width) * law_ramp((length - y) / along_width);
         for (int side = 0; side < 2 && raw > 0; side++) {
             int32_t f = s->edge_face[e][side];
             if (f < 0) continue;
             inward(s, f, edge_slot(s, f, e), in);
-            raw *= ramp(-vdot(across, in) / width);
+            raw *= law_ramp(-vdot(across, in) / width);
             out += vdot(across, s->normal[f]);
         }
         if (raw > 0 && out > 0) add_hit(q, k, 1, e, raw, distance);
@@ -194,7 +196,7 @@ static void vertex_hits(search *q, int32_t v) {
         const int32_t *ends = s->edge_vertex[s->vertex_edge[i]];
         vsub(s->position_m[ends[0] == v ? ends[1] : ends[0]], at, spoke);
         vunit(spoke, spoke);
-        sharp = vmin(sharp, ramp(-2 * vdot(spoke, up) / SHARP - 1));
+        sharp = law_min(sharp, law_sharpness(-vdot(spoke, up)));
     }
     if (sharp <= 0) return;
     for (int32_t k = first; k <= last; k++) {
@@ -206,7 +208,7 @@ static void vertex_hits(search *q, int32_t v) {
             const int32_t *ends = s->edge_vertex[s->vertex_edge[i]];
             vsub(s->position_m[ends[0] == v ? ends[1] : ends[0]], at, spoke);
             double length = vunit(spoke, spoke);
-            raw *= ramp(-vdot(d, spoke) / vmax(vmin(BLEND * q->capsule->radius_m, 0.25 * length), 1e-9));
+            raw *= law_ramp(-vdot(d, spoke) / law_max(law_transition(q->capsule->radius_m, length), 1e-9));
         }
         if (raw > 0) add_hit(q, k, 2, v, raw, vnorm(d));
     }
@@ -230,9 +232,7 @@ static void corner_normal(const tm_local_surface *s, int32_t f, int32_t v, doubl
         for (int side = 0; side < 2; side++) {
             int32_t g = s->edge_face[s->vertex_edge[i]][side];
             if (g < 0) continue;
-            double cosine = vdot(s->rest_normal[f], s->rest_normal[g]);
-            double smooth = (cosine - CREASE_COSINE) / (SMOOTH_COSINE - CREASE_COSINE);
-            vmadd(sum, ramp(2 * smooth - 1), s->area_normal[g], sum);
+            vmadd(sum, law_smooth(vdot(s->rest_normal[f], s->rest_normal[g])), s->area_normal[g], sum);
         }
     vunit(sum, out);
 }
@@ -244,7 +244,8 @@ static void blended_normal(const tm_local_surface *s, int32_t f, const double we
         vmadd(sum, weight[j], corner, sum);
     }
     /* a surface folded over itself: stay on the face's own side */
-    if (vunit(sum, out) <= 0.1 || vdot(out, s->normal[f]) < 0.2) vset(s->normal[f], out);
+    const double length = vunit(sum, out);
+    if (!law_normal_stands(length, vdot(out, s->normal[f]))) vset(s->normal[f], out);
 }
 
 static void face_row(const tm_local_surface *s, int32_t f, const double p[3], tm_contact_row *row) {
@@ -259,7 +260,7 @@ static void face_row(const tm_local_surface *s, int32_t f, const double p[3], tm
         vsub(x[(j + 2) % 3], x[(j + 1) % 3], a);
         vsub(p, x[(j + 1) % 3], d);
         vcross(a, d, part);
-        row->weight[j] = vmax(vdot(part, total) / area2, 0);
+        row->weight[j] = law_max(vdot(part, total) / area2, 0);
         sum += row->weight[j];
     }
     for (int j = 0; j < 3; j++) row->weight[j] /= sum;
@@ -281,7 +282,7 @@ static void edge_row(const tm_local_surface *s, int32_t e, const double p[3], tm
     vmadd(d, -t, edge, d);
     row->gap_m = vunit(d, d);
     vscale(-1, d, row->normal);
-    row->weight[k] = clamp(t, 0, 1);
+    row->weight[k] = law_clamp(t, 0, 1);
     row->weight[j] = 1 - row->weight[k];
     row->weight[(j + 2) % 3] = 0;
     row->feature = TM_FEATURE_EDGE + j;
@@ -350,17 +351,16 @@ static int32_t station_rows(const search *q, int32_t k, double margin_m, tm_cont
         end = begin + 64;
         *overflowed = true;
     }
-    for (int32_t i = begin; i < end; i++) nearest = vmin(nearest, hits->hit[hits->order[i]].distance_m);
+    for (int32_t i = begin; i < end; i++) nearest = law_min(nearest, hits->hit[hits->order[i]].distance_m);
     for (int32_t i = begin; i < end; i++) {
         const tm_hit *hit = hits->hit + hits->order[i];
-        double farther = (hit->distance_m - nearest) / (PROXIMITY * q->capsule->radius_m);
-        weight[i - begin] = hit->raw * ramp(1 - 2 * farther);
+        weight[i - begin] = hit->raw * law_nearness(hit->distance_m, nearest, q->capsule->radius_m);
         total += weight[i - begin];
     }
     for (int32_t i = begin; i < end; i++) {
         tm_contact_row new_row;
-        double share = weight[i - begin] / vmax(total, MIN_RAW);
-        if (share < 1e-6) continue;
+        double share = law_share(weight[i - begin], total);
+        if (share < LAW_MIN_SHARE) continue;
         make_row(q, hits->hit + hits->order[i], share, &new_row);
         if (new_row.gap_m <= margin_m) count = push_row(row, count, max_rows, &new_row, overflowed);
     }
@@ -382,11 +382,11 @@ int32_t tm_local_rows(const tm_local_surface *surface, tm_hits *hits, const tm_c
     vsub(capsule->tail_m, capsule->tip_m, axis);
     vunit(axis, q.axis);
     q.stations = tm_capsule_stations(capsule);
-    q.reach_m = capsule->radius_m * (1 + PROXIMITY) + margin_m;
-    q.sunk_m = SUNK * capsule->radius_m;
-    for (int32_t i = 0; i < history_count; i++) /* it sinks little by little: looked for only when it has begun to */
-        if (history[i].lambda_N > 0 && history[i].gap_m < -(0.7 + SUNK) * capsule->radius_m)
-            q.sunk_m = SUNK_KNOWN * capsule->radius_m;
+    q.reach_m = capsule->radius_m * (1 + LAW_PROXIMITY) + margin_m;
+    q.sunk_m = LAW_SUNK * capsule->radius_m;
+    for (int32_t i = 0; i < history_count; i++)
+        if (law_sinks(history[i].gap_m, history[i].lambda_N, capsule->radius_m))
+            q.sunk_m = LAW_SUNK_KNOWN * capsule->radius_m;
     hits->count = 0;
     hits->overflowed = false;
     for (int32_t f = 0; f < surface->face_count; f++) face_hits(&q, f);
@@ -410,7 +410,7 @@ int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *
     bool too_many;
     surface.edge_m = 0;
     tm_local_gather(&surface, rest_m, u_m, triangle, face, candidate, candidate_count, capsule,
-                    capsule->radius_m * (1 + PROXIMITY) + margin_m);
+                    capsule->radius_m * (1 + LAW_PROXIMITY) + margin_m);
     tm_local_place(&surface, rest_m, u_m);
     const int32_t count = tm_local_rows(&surface, &hits, capsule, margin_m, NULL, 0, row, max_rows, &too_many);
     if (overflowed && too_many) *overflowed = true;

@@ -58,7 +58,7 @@ static void remember_depth(tm_contact *contact) {
         const tm_contact_row *row = contact->row_before + i;
         tm_tool *tool = contact->tool + row->instrument;
         double depth = tm_skin_depth(contact->def.skin_compliance_m_N / row->share, tool->def.radius_m, row->lambda_N);
-        tool->station_depth_m[row->station] = vmax(tool->station_depth_m[row->station], depth);
+        tool->station_depth_m[row->station] = law_max(tool->station_depth_m[row->station], depth);
         tool->bears_N += row->lambda_N;
     }
 }

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/vec.h"
+#include "law/skin.h"
 
 /* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped, a piece of
  * surface that another tool pulled into this one) is undone no faster than this, or it would be thrown out. Above any
@@ -15,22 +16,15 @@
 #define RECOVERY_W 0.02
 
 double tm_skin_depth(double compliance_m_N, double radius_m, double lambda_N) {
-    double depth = compliance_m_N * lambda_N, soft = TM_SKIN_TRAVEL * radius_m;
-    return depth <= soft ? depth : soft + (depth - soft) / TM_SKIN_HARDENING;
+    return law_skin_depth(compliance_m_N, LAW_SKIN_TRAVEL * radius_m, lambda_N);
 }
 
 double tm_skin_slope(double compliance_m_N, double radius_m, double lambda_N) {
-    return compliance_m_N * lambda_N <= TM_SKIN_TRAVEL * radius_m ? compliance_m_N : compliance_m_N / TM_SKIN_HARDENING;
+    return law_skin_slope(compliance_m_N, LAW_SKIN_TRAVEL * radius_m, lambda_N);
 }
 
 double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, double diagonal_m_N, double cap_N) {
-    double soft = TM_SKIN_TRAVEL * radius_m, pivot = diagonal_m_N + compliance_m_N;
-    /* Written so that what is no number bears nothing. Pivot 0: held by supports and no skin, nothing gives way. */
-    if (!(gap_m < 0) || !(pivot > 0)) return 0;
-    double lambda = -gap_m / pivot;
-    if (compliance_m_N * lambda > soft)
-        lambda = -(gap_m + soft - soft / TM_SKIN_HARDENING) / (diagonal_m_N + compliance_m_N / TM_SKIN_HARDENING);
-    return vmin(lambda, cap_N);
+    return law_skin_reaction(compliance_m_N, LAW_SKIN_TRAVEL * radius_m, gap_m, diagonal_m_N, cap_N);
 }
 
 static double recovery_m_s(double bears_N) {
@@ -58,7 +52,7 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
     /* what was too deep before the tool moved, and is not yet to be undone */
     double left = row->gap_m + vdot(row->normal, r->moved_m) + tool->station_depth_m[row->station] +
                   recovery_m_s(tool->bears_N) * world->state.dt_s;
-    r->gap_m = row->gap_m - vmin(left, 0);
+    r->gap_m = row->gap_m - law_min(left, 0);
 }
 
 static void push(const tm_contact_row *row, const tm_solver_row *r, double impulse_N, double *u_next_m) {
@@ -93,7 +87,7 @@ static void relax(tm_contact *contact, tm_contact_row *row, const tm_solver_row 
 static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
     const tm_world *world = contact->world;
     const tm_state *state = &world->state;
-    double coefficient = TM_FILM_S_M * row->lambda_N / state->dt_s, wanted[3], size;
+    double coefficient = LAW_FILM_S_M * row->lambda_N / state->dt_s, wanted[3], size;
     for (int c = 0; c < 3; c++) {
         double slip = -r->moved_m[c] - r->weight2 * r->drag_N[c];
         for (int j = 0; j < 3; j++) {

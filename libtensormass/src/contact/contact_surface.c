@@ -13,8 +13,8 @@ typedef struct box {
 static box capsule_box(const tm_capsule *capsule, double reach_m) {
     box b;
     for (int c = 0; c < 3; c++) {
-        b.low[c] = vmin(capsule->tip_m[c], capsule->tail_m[c]) - reach_m;
-        b.high[c] = vmax(capsule->tip_m[c], capsule->tail_m[c]) + reach_m;
+        b.low[c] = law_min(capsule->tip_m[c], capsule->tail_m[c]) - reach_m;
+        b.high[c] = law_max(capsule->tip_m[c], capsule->tail_m[c]) + reach_m;
     }
     return b;
 }
@@ -28,7 +28,7 @@ static double axis_distance(const tm_capsule *capsule, const double point[3]) {
     double axis[3], to[3], off[3];
     vsub(capsule->tail_m, capsule->tip_m, axis);
     vsub(point, capsule->tip_m, to);
-    double length2 = vdot(axis, axis), t = length2 > 0 ? clamp(vdot(to, axis) / length2, 0, 1) : 0;
+    double length2 = vdot(axis, axis), t = length2 > 0 ? law_clamp(vdot(to, axis) / length2, 0, 1) : 0;
     vmadd(to, -t, axis, off);
     return vnorm(off);
 }
@@ -39,13 +39,14 @@ static double triangle_beyond(const box *b, const tm_capsule *capsule, const dou
     double p[3][3], center[3], radius2 = 0;
     for (int j = 0; j < 3; j++) position(rest_m, u_m, vertex[j], p[j]);
     for (int c = 0; c < 3; c++)
-        if (vmax(vmax(p[0][c], p[1][c]), p[2][c]) < b->low[c] || vmin(vmin(p[0][c], p[1][c]), p[2][c]) > b->high[c])
+        if (law_max(law_max(p[0][c], p[1][c]), p[2][c]) < b->low[c] ||
+            law_min(law_min(p[0][c], p[1][c]), p[2][c]) > b->high[c])
             return INFINITY;
     for (int c = 0; c < 3; c++) center[c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
     for (int j = 0; j < 3; j++) {
         double d[3];
         vsub(p[j], center, d);
-        radius2 = vmax(radius2, vdot(d, d));
+        radius2 = law_max(radius2, vdot(d, d));
     }
     return axis_distance(capsule, center) - sqrt(radius2);
 }
@@ -137,7 +138,7 @@ static double longest_edge(const double *rest_m, const double *u_m, const int32_
     for (int j = 0; j < 3; j++) position(rest_m, u_m, vertex[j], p[j]);
     for (int j = 0; j < 3; j++) {
         vsub(p[(j + 1) % 3], p[j], d);
-        longest = vmax(longest, vnorm(d));
+        longest = law_max(longest, vnorm(d));
     }
     return longest;
 }
@@ -159,7 +160,7 @@ static int32_t near_triangles(tm_local_surface *s, const double *rest_m, const d
             s->overflowed = true;
             break;
         }
-        if (beyond <= reach_m) *longest_m = vmax(*longest_m, longest_edge(rest_m, u_m, vertex));
+        if (beyond <= reach_m) *longest_m = law_max(*longest_m, longest_edge(rest_m, u_m, vertex));
         s->key[n++] = (int64_t)face[slot] << 32 | slot;
     }
     return n;
@@ -204,7 +205,7 @@ void tm_local_place(tm_local_surface *s, const double *rest_m, const double *u_m
         for (int c = 0; c < 3; c++) s->center_m[f][c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
         for (int j = 0; j < 3; j++) {
             vsub(p[j], s->center_m[f], d);
-            radius2 = vmax(radius2, vdot(d, d));
+            radius2 = law_max(radius2, vdot(d, d));
         }
         s->reach_m[f] = sqrt(radius2);
         vsub(p[1], p[0], a);

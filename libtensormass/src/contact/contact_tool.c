@@ -16,7 +16,7 @@ tm_capsule tm_tool_capsule(const tm_instrument_def *def, const tm_tool_pose *pos
     tm_capsule capsule = {.radius_m = def->radius_m, .instrument = instrument};
     double e[3], length = direction(def->trocar_m, pose->tip_m, e);
     vset(pose->tip_m, capsule.tip_m);
-    vmadd(pose->tip_m, -vmin(def->contact_length_m, length), e, capsule.tail_m);
+    vmadd(pose->tip_m, -law_min(def->contact_length_m, length), e, capsule.tail_m);
     return capsule;
 }
 
@@ -115,7 +115,7 @@ void tm_tip_force(const double trocar_m[3], const double tip_m[3], const double 
                   double tip_force_N[3]) {
     TM_REQUIRE(trocar_m && tip_m && point_m && force_N && tip_force_N, "something is null", );
     double e[3], arm[3], torque[3], across[3];
-    double length = vmax(direction(trocar_m, tip_m, e), 1e-3); /* a tip on the trocar has no lever: bounded */
+    double length = law_max(direction(trocar_m, tip_m, e), 1e-3); /* a tip on the trocar has no lever: bounded */
     vsub(point_m, trocar_m, arm);
     vcross(arm, force_N, torque);
     vcross(e, torque, across);
@@ -128,5 +128,5 @@ double tm_capsule_travel(const tm_capsule *a, const tm_capsule *b) {
     double tip[3], tail[3];
     vsub(a->tip_m, b->tip_m, tip);
     vsub(a->tail_m, b->tail_m, tail);
-    return vmax(vnorm(tip), vnorm(tail));
+    return law_max(vnorm(tip), vnorm(tail));
 }

@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "base/vec.h"
+#include "law/jaw.h"
 
 typedef struct hold {
     tm_grasp_state state;
@@ -112,7 +113,7 @@ static void release_what_is_out(hold *h, const tm_tool *tool, const tm_world *wo
         double at[3], d[3];
         vertex_at(world, h->vertex[i], at);
         vsub(at, tool->capsule.tip_m, d);
-        double along = clamp(vdot(d, h->jaw.axis_m[2]), -tool->def.contact_length_m, 0);
+        double along = law_clamp(vdot(d, h->jaw.axis_m[2]), -tool->def.contact_length_m, 0);
         vmadd(d, -along, h->jaw.axis_m[2], d);
         if (vnorm(d) > 1.05 * tool->def.radius_m) drop(h, i);
     }
@@ -160,24 +161,18 @@ static int32_t admit(void *self, int32_t t, tm_contact_row *row, int32_t count) 
 static void work_jaw(tm_grasp *grasp, int32_t t, const tm_world *world) {
     hold *h = grasp->hold + t;
     const tm_tool *tool = grasp->contact->tool + t;
-    bool closed = tool->pose.active &&
-                  (h->was_closed ? tool->pose.grip > grasp->def.open_grip : tool->pose.grip >= grasp->def.close_grip);
-    bool closing = closed && !h->was_closed;
-    h->was_closed = closed;
-    if (closing && h->state != TM_GRASP_HOLDING) { /* while letting go too: upon what is there now */
+    switch (law_jaw_work(&h->was_closed, h->state == TM_GRASP_HOLDING, h->state == TM_GRASP_LETTING_GO,
+                         tool->pose.active, tool->pose.grip, grasp->def.close_grip, grasp->def.open_grip)) {
+    case LAW_JAW_STAYS: break;
+    case LAW_JAW_CLOSES:
         capture(grasp, h, t, world);
         take_over(grasp, h, t, world);
         h->state = h->count > 0 ? TM_GRASP_HOLDING : TM_GRASP_OPEN;
-        return;
-    }
-    switch (h->state) {
-    case TM_GRASP_OPEN: break;
-    case TM_GRASP_HOLDING:
-        if (!closed) open_jaw(h);
         break;
-    case TM_GRASP_LETTING_GO:
+    case LAW_JAW_OPENS: open_jaw(h); break;
+    case LAW_JAW_FADES:
         if (h->fade > 0)
-            h->fade = fmax(h->fade - world->state.dt_s / fmax(grasp->def.fade_s, world->state.dt_s), 0);
+            h->fade = law_jaw_fade(h->fade, world->state.dt_s, grasp->def.fade_s);
         else
             release(grasp, h, tool, world);
         break;

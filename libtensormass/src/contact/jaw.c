@@ -73,7 +73,7 @@ static double point_triangle(const double q[3], const double p[3][3]) {
         vsub(p[(j + 1) % 3], p[j], ab);
         vsub(q, p[j], aq);
         double length2 = vdot(ab, ab);
-        vmadd(aq, -(length2 > 0 ? clamp(vdot(aq, ab) / length2, 0, 1) : 0), ab, d);
+        vmadd(aq, -(length2 > 0 ? law_clamp(vdot(aq, ab) / length2, 0, 1) : 0), ab, d);
         best = fmin(best, vdot(d, d));
     }
     return best;

@@ -10,6 +10,7 @@
 #include <string.h>
 
 #include "base/vec.h"
+#include "law/skin.h"
 
 /* Where an instrument was, to know how far its points went over two steps. */
 typedef struct past {
@@ -93,11 +94,6 @@ static double on_vertex(energy *e, const tm_state *s, int32_t vertex, const doub
     return work;
 }
 
-static double skin_energy(double compliance_m_N, double radius_m, double lambda_N) {
-    const double soft = fmin(lambda_N, TM_SKIN_TRAVEL * radius_m / compliance_m_N);
-    return 0.5 * compliance_m_N * (soft * soft + (lambda_N * lambda_N - soft * soft) / TM_SKIN_HARDENING);
-}
-
 /* Returns what the row's skin holds. */
 static double row_work(energy *e, const tm_contact *contact, int32_t i) {
     const tm_contact_row *row = contact->row + i;
@@ -124,7 +120,7 @@ static double row_work(energy *e, const tm_contact *contact, int32_t i) {
     }
     e->now.sum.contact_J[row->instrument] += work;
     e->now.sum.film_J -= slip;
-    return compliance > 0 ? skin_energy(compliance, tool->def.radius_m, row->lambda_N) : 0;
+    return compliance > 0 ? law_skin_energy(compliance, LAW_SKIN_TRAVEL * tool->def.radius_m, row->lambda_N) : 0;
 }
 
 /* Returns what the springs of the jaw hold. */

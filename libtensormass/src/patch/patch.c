@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "base/vec.h"
+#include "law/skin.h"
 
 struct tm_patch_maker {
     tm_pool pool;
@@ -187,7 +188,7 @@ static void describe(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     patch->force_cap_N = contact->def.force_cap_N;
     patch->radius_m = tool->def.radius_m;
     patch->contact_length_m = tool->def.contact_length_m;
-    patch->film_s_m = TM_FILM_S_M;
+    patch->film_s_m = LAW_FILM_S_M;
     vset(tool->def.trocar_m, patch->trocar_m);
 }
 

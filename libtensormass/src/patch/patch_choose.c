@@ -27,7 +27,7 @@ typedef struct growth {
 static double way_distance(const double from[3], const double way[3], const double middle[3]) {
     double to[3], off[3], length2 = vdot(way, way);
     vsub(middle, from, to);
-    vmadd(to, -(length2 > 0 ? clamp(vdot(to, way) / length2, 0, 1) : 0), way, off);
+    vmadd(to, -(length2 > 0 ? law_clamp(vdot(to, way) / length2, 0, 1) : 0), way, off);
     return vnorm(off);
 }
 

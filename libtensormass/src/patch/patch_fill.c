@@ -5,35 +5,14 @@
 #include <string.h>
 
 #include "base/vec.h"
+#include "law/linear.h"
 
-static int32_t packed(int32_t n, int32_t i, int32_t j) {
-    int32_t low = i < j ? i : j, high = i < j ? j : i;
-    return low * (2 * n - low - 1) / 2 + high;
-}
+static int32_t packed(int32_t n, int32_t i, int32_t j) { return i < j ? law_packed(n, i, j) : law_packed(n, j, i); }
 
 double tm_patch_compliance(const tm_patch *patch, int32_t i, int32_t j) {
     TM_REQUIRE(patch && i >= 0 && j >= 0 && i < 3 * patch->vertex_count && j < 3 * patch->vertex_count,
                "patch is null, or i or j is not one of its components", 0);
     return patch->compliance_m_N[packed(3 * patch->vertex_count, i, j)];
-}
-
-/* Cholesky of the packed matrix plus shift on the diagonal, in place; false if a pivot falls below zero by more than
- * rounding. Components that a support holds have rows of zeros: their pivot is the shift and nothing hangs on it. */
-static bool semidefinite(double *a, int32_t n, double shift, double least) {
-    for (int32_t k = 0; k < n; k++) {
-        double pivot = a[packed(n, k, k)] + shift;
-        if (!(pivot >= -least)) return false;
-        if (pivot <= least) {
-            for (int32_t j = k + 1; j < n; j++)
-                if (fabs(a[packed(n, k, j)]) > 1e3 * least) return false;
-            continue;
-        }
-        for (int32_t i = k + 1; i < n; i++) {
-            double factor = a[packed(n, k, i)] / pivot;
-            for (int32_t j = i; j < n && factor != 0; j++) a[packed(n, i, j)] -= factor * a[packed(n, k, j)];
-        }
-    }
-    return true;
 }
 
 /* Columns that are good to a thousandth make a matrix that may be indefinite by as much: the diagonal is raised until
@@ -47,7 +26,7 @@ static bool make_semidefinite(tm_patch *patch) {
     }
     for (double shift = 0; shift <= 0.1 * most; shift = shift > 0 ? 3 * shift : 1e-6 * most) {
         memcpy(work, patch->compliance_m_N, sizeof(double) * (size_t)size);
-        if (!semidefinite(work, n, shift, 1e-8 * most)) continue;
+        if (!law_semidefinite(work, n, n, shift, 1e-8 * most, 1e-5 * most)) continue;
         for (int32_t i = 0; i < n; i++) patch->compliance_m_N[packed(n, i, i)] += shift > 0 ? shift + 1e-6 * most : 0;
         return true;
     }

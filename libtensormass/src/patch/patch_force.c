@@ -7,27 +7,35 @@
 
 #include "base/vec.h"
 
-#define ROWS 64
 #define BRANCHES 16
 #define SWEEPS 50
 #define ROUNDS 40
-#define MEMORY 6 /* rounds that the mixing looks back */
+
+enum { LAW_ROWS = 64, LAW_DOFS = TM_PATCH_DOFS, LAW_MEMORY = 6 };
+#include "law/branch.h"
+
+/* What a few rounds remember of each other. */
+typedef struct mixing {
+    uint8_t next;
+    double residual_change_N[LAW_MEMORY][LAW_DOFS], step_N[LAW_MEMORY][LAW_DOFS];
+} mixing;
+#define LAW_MIXING mixing
+#define LAW_MIX_FLOOR 1e-12
+#include "law/mixing.h"
 
 struct tm_patch_solver {
     tm_pool pool;
     tm_contact_search *search;
     int32_t vertex[TM_PATCH_VERTICES], vertex_count; /* of the patch that the rows are of */
-    tm_contact_row row[ROWS], before[ROWS];
+    tm_contact_row row[LAW_ROWS], before[LAW_ROWS];
     int32_t row_count, before_count;
-    double response[ROWS][TM_PATCH_DOFS]; /* C J^T of each row */
-    double W[ROWS][ROWS];
-    double gap_m[ROWS];           /* without any force */
+    double response[LAW_ROWS][TM_PATCH_DOFS]; /* C J^T of each row */
+    law_problem problem;
     double free_m[TM_PATCH_DOFS]; /* displacement without the rows' forces, the tip where it is */
     double force_N[TM_PATCH_DOFS], u_m[TM_PATCH_DOFS];
     tm_hold_work hold;
-    double residual_N[TM_PATCH_DOFS],
-        force_before_N[TM_PATCH_DOFS]; /* of the round before, and the last changes of both */
-    double residual_change_N[MEMORY][TM_PATCH_DOFS], force_change_N[MEMORY][TM_PATCH_DOFS];
+    law_round round;
+    mixing mixing;
 };
 
 tm_status tm_patch_solver_create(tm_patch_solver **made, tm_error *error) {
@@ -75,7 +83,7 @@ static void find_rows(tm_patch_solver *s, const tm_patch *patch, const tm_capsul
     tm_patch_deform(patch, s->force_N, 1, s->u_m);
     bool overflowed;
     s->row_count = tm_contact_search_rows(s->search, patch->rest_m, s->u_m, capsule, 0.2 * capsule->radius_m, s->before,
-                                          s->before_count, s->row, ROWS, &overflowed);
+                                          s->before_count, s->row, LAW_ROWS, &overflowed);
     leave_out_held(s, patch);
     for (int32_t i = 0; i < s->row_count; i++)
         for (int32_t k = 0; k < s->before_count; k++)
@@ -88,8 +96,15 @@ static double row_shift(const tm_contact_row *row, const double *u_m) {
     return sum;
 }
 
+/* All rows are coupled when they are found. */
+static void law_couple(law_problem *p, int32_t i) { (void)p, (void)i; }
+
 static void linearise(tm_patch_solver *s, const tm_patch *patch) {
     double shift[TM_PATCH_DOFS];
+    law_problem *p = &s->problem;
+    p->rows = s->row_count;
+    p->soft_m = LAW_SKIN_TRAVEL * patch->radius_m;
+    p->cap_N = patch->force_cap_N;
     for (int32_t i = 0; i < 3 * patch->vertex_count; i++) shift[i] = s->u_m[i] - s->free_m[i];
     for (int32_t i = 0; i < s->row_count; i++) {
         double unit[TM_PATCH_DOFS] = {0};
@@ -98,144 +113,39 @@ static void linearise(tm_patch_solver *s, const tm_patch *patch) {
                   unit + 3 * s->row[i].vertex[j]);
         memset(s->response[i], 0, sizeof s->response[i]);
         tm_patch_deform(patch, unit, 1, s->response[i]);
-        s->gap_m[i] = s->row[i].gap_m - row_shift(s->row + i, shift);
+        p->gap_m[i] = s->row[i].gap_m - row_shift(s->row + i, shift);
+        p->skin_m_N[i] = patch->skin_compliance_m_N / s->row[i].share;
+        p->lambda_N[i] = s->row[i].lambda_N;
     }
     for (int32_t i = 0; i < s->row_count; i++)
-        for (int32_t k = 0; k < s->row_count; k++) s->W[i][k] = row_shift(s->row + i, s->response[k]);
+        for (int32_t k = 0; k < s->row_count; k++) p->w[k][i] = row_shift(s->row + i, s->response[k]);
 }
 
-typedef enum row_state { ROW_OFF, ROW_SOFT, ROW_HARD, ROW_CAPPED } row_state;
-
-/* gap + W lambda + depth(lambda) of row i. */
-static double row_error(const tm_patch_solver *s, const tm_patch *patch, int32_t i) {
-    double error = s->gap_m[i];
-    for (int32_t k = 0; k < s->row_count; k++) error += s->W[i][k] * s->row[k].lambda_N;
-    return error + tm_skin_depth(patch->skin_compliance_m_N / s->row[i].share, patch->radius_m, s->row[i].lambda_N);
-}
-
-/* The multipliers of the rows whose skin is in its soft or hard branch, all at once: Gaussian elimination of a
- * symmetric positive definite matrix. The multipliers of the others are given. */
-static void solve_branches(tm_patch_solver *s, const tm_patch *patch, const row_state *state) {
-    double A[ROWS][ROWS + 1];
-    int32_t at[ROWS], n = 0;
-    for (int32_t i = 0; i < s->row_count; i++) {
-        if (state[i] == ROW_SOFT || state[i] == ROW_HARD)
-            at[n++] = i;
-        else
-            s->row[i].lambda_N = state[i] == ROW_CAPPED ? patch->force_cap_N : 0;
-    }
-    for (int32_t a = 0; a < n; a++) {
-        int32_t i = at[a];
-        double compliance = patch->skin_compliance_m_N / s->row[i].share, soft = TM_SKIN_TRAVEL * patch->radius_m;
-        for (int32_t b = 0; b < n; b++) A[a][b] = s->W[i][at[b]];
-        A[a][a] += state[i] == ROW_SOFT ? compliance : compliance / TM_SKIN_HARDENING;
-        A[a][n] = -s->gap_m[i] - (state[i] == ROW_SOFT ? 0 : soft - soft / TM_SKIN_HARDENING);
-        for (int32_t k = 0; k < s->row_count; k++)
-            A[a][n] -= state[k] == ROW_CAPPED ? s->W[i][k] * patch->force_cap_N : 0;
-    }
-    for (int32_t k = 0; k < n; k++)
-        for (int32_t i = k + 1; i < n && A[k][k] > 0; i++) {
-            double factor = A[i][k] / A[k][k];
-            for (int32_t j = k; j <= n; j++) A[i][j] -= factor * A[k][j];
+static void solve_rows(tm_patch_solver *s) {
+    law_problem *p = &s->problem;
+    const bool settled = law_solve(p, BRANCHES);
+    p->bearing = p->rows;
+    for (int32_t i = 0; i < p->rows; i++) p->bears[i] = (uint8_t)i;
+    for (int k = 0; k < SWEEPS && !settled; k++) /* branches that will not settle */
+        for (int32_t i = 0; i < p->rows; i++) {
+            const double free_gap = law_row_error(p, i) - law_skin_depth(p->skin_m_N[i], p->soft_m, p->lambda_N[i]) -
+                                    p->w[i][i] * p->lambda_N[i];
+            p->lambda_N[i] = law_skin_reaction(p->skin_m_N[i], p->soft_m, free_gap, fmax(p->w[i][i], 0), p->cap_N);
         }
-    for (int32_t k = n - 1; k >= 0; k--) {
-        double sum = A[k][n];
-        for (int32_t j = k + 1; j < n; j++) sum -= A[k][j] * s->row[at[j]].lambda_N;
-        s->row[at[k]].lambda_N = A[k][k] > 0 ? sum / A[k][k] : 0;
-    }
+    for (int32_t i = 0; i < p->rows; i++) s->row[i].lambda_N = p->lambda_N[i];
 }
 
-/* True if some row must change its branch. */
-static bool change_branches(const tm_patch_solver *s, const tm_patch *patch, row_state *state) {
-    bool changed = false;
-    for (int32_t i = 0; i < s->row_count; i++) {
-        double lambda = s->row[i].lambda_N, compliance = patch->skin_compliance_m_N / s->row[i].share;
-        bool over = compliance * lambda > TM_SKIN_TRAVEL * patch->radius_m;
-        row_state next = lambda >= patch->force_cap_N ? ROW_CAPPED : over ? ROW_HARD : ROW_SOFT;
-        if (state[i] == ROW_OFF ? row_error(s, patch, i) >= 0 : lambda <= 0) next = ROW_OFF;
-        if (state[i] == ROW_CAPPED && row_error(s, patch, i) > 0) next = ROW_HARD;
-        changed = changed || next != state[i];
-        state[i] = next;
-    }
-    return changed;
-}
-
-/* The unilateral problem of these rows: by branches, from those of the round before. Sweeps would need hundreds: the
- * tissue gives way far more than the skin, and neighbouring rows all feel the same tissue. */
-static void solve_rows(tm_patch_solver *s, const tm_patch *patch) {
-    row_state state[ROWS];
-    for (int32_t i = 0; i < s->row_count; i++)
-        state[i] = s->row[i].lambda_N > 0 || s->gap_m[i] < 0 ? ROW_SOFT : ROW_OFF;
-    bool changed = true;
-    for (int k = 0; k < BRANCHES && changed; k++) {
-        solve_branches(s, patch, state);
-        changed = change_branches(s, patch, state);
-    }
-    for (int k = 0; k < SWEEPS && changed; k++) /* branches that will not settle */
-        for (int32_t i = 0; i < s->row_count; i++) {
-            double compliance = patch->skin_compliance_m_N / s->row[i].share, lambda;
-            double free_gap = row_error(s, patch, i) - tm_skin_depth(compliance, patch->radius_m, s->row[i].lambda_N) -
-                              s->W[i][i] * s->row[i].lambda_N;
-            lambda = tm_skin_reaction(compliance, patch->radius_m, free_gap, fmax(s->W[i][i], 0), patch->force_cap_N);
-            s->row[i].lambda_N = lambda;
-        }
-}
-
-static double dot_n(const double *a, const double *b, int32_t n) {
-    double sum = 0;
-    for (int32_t i = 0; i < n; i++) sum += a[i] * b[i];
-    return sum;
-}
-
-/* mix := the combination of the remembered changes of the residual that is nearest to the residual: normal equations, a
- * few unknowns. */
-static void nearest_combination(const tm_patch_solver *s, int32_t n, int32_t count, double mix[MEMORY]) {
-    double A[MEMORY][MEMORY + 1], trace = 0;
-    for (int32_t i = 0; i < count; i++) {
-        for (int32_t j = 0; j < count; j++) A[i][j] = dot_n(s->residual_change_N[i], s->residual_change_N[j], n);
-        A[i][count] = dot_n(s->residual_change_N[i], s->residual_N, n);
-        trace += A[i][i];
-    }
-    for (int32_t k = 0; k < count; k++) {
-        A[k][k] += 1e-12 * trace + 1e-300;
-        for (int32_t i = k + 1; i < count; i++) {
-            double factor = A[i][k] / A[k][k];
-            for (int32_t j = k; j <= count; j++) A[i][j] -= factor * A[k][j];
-        }
-    }
-    for (int32_t k = count - 1; k >= 0; k--) {
-        mix[k] = A[k][count];
-        for (int32_t j = k + 1; j < count; j++) mix[k] -= A[k][j] * mix[j];
-        mix[k] /= A[k][k];
-    }
-}
-
-/* The rows' forces against those that the shape was made with, and the next forces: Anderson's mixing of the last few
- * rounds. Taking the rows' forces as they are swings (normals turn with the shape that the forces make) or creeps.
- * Returns the largest residual. */
+/* The rows' forces against those that the shape was made with, and the next. Returns the largest residual. */
 static double take_forces(tm_patch_solver *s, const tm_patch *patch, int32_t round) {
-    int32_t n = 3 * patch->vertex_count, count = round < MEMORY ? round : MEMORY, slot = (round - 1) % MEMORY;
-    double largest = 0, before[TM_PATCH_DOFS], mix[MEMORY];
-    memcpy(before, s->residual_N, sizeof before);
-    for (int32_t i = 0; i < n; i++) s->residual_N[i] = -s->force_N[i];
+    const int32_t n = 3 * patch->vertex_count;
+    double largest = 0, *residual = s->round.residual_N;
+    for (int32_t i = 0; i < n; i++) residual[i] = -s->force_N[i];
     for (int32_t i = 0; i < s->row_count; i++)
         for (int j = 0; j < 3; j++)
-            vmadd(s->residual_N + 3 * s->row[i].vertex[j], s->row[i].lambda_N * s->row[i].weight[j], s->row[i].normal,
-                  s->residual_N + 3 * s->row[i].vertex[j]);
-    for (int32_t i = 0; i < n; i++) {
-        largest = fmax(largest, fabs(s->residual_N[i]));
-        if (round > 0) {
-            s->residual_change_N[slot][i] = s->residual_N[i] - before[i];
-            s->force_change_N[slot][i] = s->force_N[i] - s->force_before_N[i];
-        }
-    }
-    memcpy(s->force_before_N, s->force_N, sizeof s->force_N);
-    nearest_combination(s, n, count, mix);
-    for (int32_t i = 0; i < n; i++) {
-        s->force_N[i] += s->residual_N[i];
-        for (int32_t k = 0; k < count; k++)
-            s->force_N[i] -= mix[k] * (s->force_change_N[k][i] + s->residual_change_N[k][i]);
-    }
+            vmadd(residual + 3 * s->row[i].vertex[j], s->row[i].lambda_N * s->row[i].weight[j], s->row[i].normal,
+                  residual + 3 * s->row[i].vertex[j]);
+    for (int32_t i = 0; i < n; i++) largest = fmax(largest, fabs(residual[i]));
+    law_take_forces(&s->mixing, &s->round, s->force_N, n, round == 0);
     return largest;
 }
 
@@ -316,10 +226,11 @@ void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_
     memcpy(s->u_m, s->free_m, sizeof s->u_m);
     tm_patch_deform(patch, s->force_N, 1, s->u_m);
     tm_contact_search_gather(s->search, patch->rest_m, s->u_m, &surface, &capsule, 1);
+    s->mixing = (mixing){0};
     for (int32_t k = 0; k < ROUNDS; k++) {
         find_rows(s, patch, &capsule);
         linearise(s, patch);
-        solve_rows(s, patch);
+        solve_rows(s);
         if (take_forces(s, patch, k) < 2e-8) break;
     }
     hold_force(s, patch, moved, force_N);
