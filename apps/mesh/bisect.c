@@ -11,7 +11,7 @@ typedef struct bag {
 } bag;
 
 typedef struct work {
-    mesh *m;
+    growing *m;
     bag *around; /* tetrahedra of each vertex, unordered */
     int vertex_room, *parent, parent_room, *midpoint, first_new;
 } work;
@@ -45,7 +45,7 @@ static bool longer(const edge *x, const edge *y) {
     return x->a != y->a ? x->a < y->a : x->b < y->b;
 }
 
-static edge longest_edge(const mesh *m, int tet) {
+static edge longest_edge(const growing *m, int tet) {
     const int *v = m->tet + 4 * (size_t)tet;
     edge best = {-1, -1, -1};
     for (int i = 0; i < 4; i++)
@@ -58,9 +58,9 @@ static edge longest_edge(const mesh *m, int tet) {
     return best;
 }
 
-double longest_edge_m(const mesh *m, int tet) { return sqrt(longest_edge(m, tet).square); }
+double growing_longest_edge_m(const growing *m, int tet) { return sqrt(longest_edge(m, tet).square); }
 
-static int corner_of(const mesh *m, int tet, int vertex) {
+static int corner_of(const growing *m, int tet, int vertex) {
     for (int k = 0; k < 4; k++)
         if (m->tet[4 * (size_t)tet + (size_t)k] == vertex) return k;
     return -1;
@@ -70,7 +70,8 @@ static int new_vertex(work *w, const edge *e) {
     double p[3];
     const double *a = w->m->vertex + 3 * (size_t)e->a, *b = w->m->vertex + 3 * (size_t)e->b;
     for (int k = 0; k < 3; k++) p[k] = 0.5 * (a[k] + b[k]);
-    int v = add_vertex(w->m, p);
+    int v = growing_add_vertex(w->m, p);
+    if (v < 0) return -1;
     if (v >= w->vertex_room) {
         int room = 2 * w->vertex_room;
         bag *bags = realloc(w->around, (size_t)room * sizeof *bags);
@@ -89,13 +90,14 @@ static int new_vertex(work *w, const edge *e) {
 /* The tetrahedron keeps the half at e.a; a new one gets the half at e.b. Both inherit orientation, region and parent.
  */
 static bool halve(work *w, int tet, const edge *e, int middle) {
-    mesh *m = w->m;
+    growing *m = w->m;
     int v[4];
     memcpy(v, m->tet + 4 * (size_t)tet, sizeof v);
     int at_a = corner_of(m, tet, e->a), at_b = corner_of(m, tet, e->b), fresh = m->tet_count;
     m->tet[4 * (size_t)tet + (size_t)at_b] = middle;
     v[at_a] = middle;
-    add_tet(m, v[0], v[1], v[2], v[3]);
+    growing_add_tet(m, v[0], v[1], v[2], v[3]);
+    if (m->no_memory) return false;
     memcpy(m->tet + 4 * (size_t)fresh, v, sizeof v);
     m->region[fresh] = m->region[tet];
     if (fresh >= w->parent_room) {
@@ -139,7 +141,7 @@ static bool halve_near(work *w, int tet) {
 }
 
 static bool start(work *w) {
-    mesh *m = w->m;
+    growing *m = w->m;
     w->first_new = m->vertex_count;
     w->vertex_room = 2 * m->vertex_count + 16;
     w->parent_room = 2 * m->tet_count + 16;
@@ -155,16 +157,18 @@ static bool start(work *w) {
     return true;
 }
 
-bool bisect(mesh *m, wanted_fn *wanted, const void *context, int limit, int **parent, int **midpoint) {
+bool growing_bisect(growing *m, growing_wanted_fn *wanted, const void *context, int limit, int **parent,
+                    int **midpoint) {
     work w = {.m = m};
     bool good = start(&w);
     for (int t = 0; good && t < m->tet_count; t++) /* halves made on the way sit at the end and are met later */
         while (good) {
-            if (!wanted(m, t, longest_edge_m(m, t), context)) break;
+            if (!wanted(m, t, growing_longest_edge_m(m, t), context)) break;
             good = m->tet_count < limit && halve_near(&w, t);
         }
     for (int v = 0; w.around && v < w.vertex_room; v++) free(w.around[v].item);
     free(w.around);
+    if (!good && m->tet_count < limit) m->no_memory = true;
     *parent = w.parent;
     *midpoint = w.midpoint;
     return good;

@@ -14,6 +14,8 @@ command_fn command_info, command_check, command_fill, command_refine, command_re
 bool command_quantity(const char *option, const char *text, const char *dimension, double *si);
 /* Complains now about an output that cannot be written later, or whose ending is no mesh's. */
 int command_output(const char *path);
+/* Complains; APP_FAILED. */
+int command_no_memory(const char *file);
 /* Bad usage: says what, points at --help, APP_BAD_INPUT. */
 int command_usage(const char *command, const char *format, ...) __attribute__((format(printf, 2, 3)));
 

@@ -54,7 +54,7 @@ static int parse(int argc, char **argv, options *o) {
 }
 
 /* One region 'tissue', one group 'surface', numbers from 1. */
-static bool to_app_mesh(const mesh *m, app_mesh *out) {
+static bool to_app_mesh(const growing *m, app_mesh *out) {
     unsigned char *outer = calloc((size_t)m->vertex_count + 1, 1);
     int32_t members = 0;
     *out = (app_mesh){.vertex_count = m->vertex_count, .tet_count = m->tet_count, .region_count = 1, .group_count = 1};
@@ -82,11 +82,11 @@ static bool to_app_mesh(const mesh *m, app_mesh *out) {
 
 /* A pinched surface (two parts that touch in one vertex) comes of details as fine as the lattice: a little finer a
  * lattice is tried. */
-static bool fill_manifold(mesh *m, const solid *body, double size_m) {
-    for (int attempt = 0; attempt < 8; attempt++, size_m *= 0.97) {
-        free_mesh(m);
-        fill_body(m, body, size_m);
-        if (m->tet_count > 0 && find_surface(m)) return true;
+static bool fill_manifold(growing *m, const growing_solid *body, double size_m) {
+    for (int attempt = 0; attempt < 8 && !m->no_memory; attempt++, size_m *= 0.97) {
+        growing_free(m);
+        growing_fill(m, body, size_m);
+        if (m->tet_count > 0 && growing_find_surface(m)) return true;
     }
     return false;
 }
@@ -97,17 +97,31 @@ static double volume_of(const tm_mesh *built) {
     return volume;
 }
 
+static int write_out(const options *o, const app_mesh *out, const shell *surface) {
+    tm_mesh *built = NULL;
+    tm_error error = {0};
+    int exit = APP_DONE;
+    if (app_mesh_build(out, &built, &error))
+        exit = app_report(o->in, 0, &error);
+    else if (app_mesh_write(out, o->out, &error))
+        exit = app_report(NULL, 0, &error);
+    else if (!app_is_quiet())
+        printf("%s: %d tetrahedra, %d vertices; volume %.4g cm3, the surface's is %.4g cm3\n", o->out, out->tet_count,
+               out->vertex_count, 1e6 * volume_of(built), 1e6 * shell_volume_m3(surface));
+    tm_mesh_destroy(built);
+    return exit;
+}
+
 int command_fill(int argc, char **argv) {
     options o;
     shell *surface = NULL;
     tm_error error = {0};
-    mesh m = {0};
+    growing m = {0};
     app_mesh out = {0};
-    tm_mesh *built = NULL;
     int exit = parse(argc, argv, &o);
     if (exit) return exit;
     if (shell_load(o.in, o.scale, &surface, &error)) return app_report(o.in, 0, &error);
-    solid body = shell_solid(surface);
+    growing_solid body = shell_solid(surface);
     double expected = 12 * shell_volume_m3(surface) / (o.size_m * o.size_m * o.size_m);
     if (expected > LIMIT)
         exit = app_bad_input(
@@ -116,25 +130,16 @@ int command_fill(int argc, char **argv) {
     else if (expected < 20)
         exit =
             app_bad_input(o.in, 0, "fewer than 20 tetrahedra would fit; choose a smaller --size, or another --scale");
-    else if (!fill_manifold(&m, &body, o.size_m))
+    else if (!fill_manifold(&m, &body, o.size_m) && !m.no_memory)
         exit = app_bad_input(o.in, 0,
                              "details as fine as %g mm pinch the mesh; choose a smaller --size, or smooth the surface",
                              1e3 * o.size_m);
     else {
-        improve(&m, &body, NULL, 40);
-        if (!to_app_mesh(&m, &out))
-            app_bad_input(o.in, 0, "no memory; choose a larger --size"), exit = APP_FAILED;
-        else if (app_mesh_build(&out, &built, &error))
-            exit = app_report(o.in, 0, &error);
-        else if (app_mesh_write(&out, o.out, &error))
-            exit = app_report(NULL, 0, &error);
-        else if (!app_is_quiet())
-            printf("%s: %d tetrahedra, %d vertices; volume %.4g cm3, the surface's is %.4g cm3\n", o.out, out.tet_count,
-                   out.vertex_count, 1e6 * volume_of(built), 1e6 * shell_volume_m3(surface));
+        growing_improve(&m, &body, NULL, 40);
+        exit = m.no_memory || !to_app_mesh(&m, &out) ? command_no_memory(o.in) : write_out(&o, &out, surface);
     }
-    tm_mesh_destroy(built);
     app_mesh_free(&out);
-    free_mesh(&m);
+    growing_free(&m);
     shell_free(surface);
     return exit;
 }

@@ -1,4 +1,5 @@
-/* A tetrahedral mesh that grows and moves: what the generator of meshes/ and tm-mesh build with. Lengths in m. */
+/* A tetrahedral mesh that grows and moves: what the generator of meshes/ and tm-mesh build with. Lengths in m. Where
+ * memory is out `no_memory` is set, and all that follows does nothing: look at it at the end. */
 #ifndef GROWING_H
 #define GROWING_H
 
@@ -6,7 +7,7 @@
 
 enum { MAX_NAMES = 12 };
 
-typedef struct mesh {
+typedef struct growing {
     int vertex_count, tet_count, vertex_room, tet_room;
     double *vertex; /* [3*vertex_count] m */
     int *tet;       /* [4*tet_count] positive orientation */
@@ -17,52 +18,55 @@ typedef struct mesh {
     int *face_group; /* [face_count] index into face_name */
     int region_names, face_names;
     const char *region_name[MAX_NAMES], *face_name[MAX_NAMES];
-} mesh;
+    bool no_memory;
+} growing;
 
-int add_vertex(mesh *m, const double p[3]);
-/* Turns it to positive orientation. */
-void add_tet(mesh *m, int a, int b, int c, int d);
-void free_mesh(mesh *m);
+/* -1: no memory. */
+int growing_add_vertex(growing *m, const double p[3]);
+/* Turns it to positive orientation. Nothing happens where a corner is -1. */
+void growing_add_tet(growing *m, int a, int b, int c, int d);
+void growing_free(growing *m);
 /* Fills `face` from the tetrahedra: each outer face once, ascending. False if they are not a closed manifold. */
-bool find_surface(mesh *m);
+bool growing_find_surface(growing *m);
 
 /* Unit normal of the triangle. */
-void face_normal(const mesh *m, const int face[3], double n[3]);
+void growing_face_normal(const growing *m, const int face[3], double n[3]);
 /* 1/sqrt(sum 1/h_k^2) of the four altitudes, m: what the critical step is made of. Negative for an inverted one. */
-double tet_size(const double *a, const double *b, const double *c, const double *d);
+double growing_tet_size(const double *a, const double *b, const double *c, const double *d);
 
 /* A closed body. */
-typedef struct solid {
+typedef struct growing_solid {
     double (*inside)(const void *shape, const double p[3]); /* > 0 inside, about as far as the surface is */
     void (*project)(const void *shape, double p[3]);        /* onto the surface nearby */
     const void *shape;
     double low[3], high[3];
-} solid;
+} growing_solid;
 
 /* Fills the body with the tetrahedra of a body-centred cubic lattice of cell `a`, cut and pulled to the surface. */
-void fill_body(mesh *m, const solid *b, double a);
+void growing_fill(growing *m, const growing_solid *b, double a);
 
 /* Whether a tetrahedron is too large where it is. */
-typedef bool wanted_fn(const mesh *m, int tet, double longest_m, const void *context);
+typedef bool growing_wanted_fn(const growing *m, int tet, double longest_m, const void *context);
 
 /* Halves longest edges (Rivara) around every tetrahedron that is wanted smaller, until none is. parent[t] is the
  * tetrahedron of the start that t came from; midpoint[2*(v - first new vertex)] are the ends of the edge that new
  * vertex v halved. Both malloced here. */
-bool bisect(mesh *m, wanted_fn *wanted, const void *context, int limit, int **parent, int **midpoint);
-double longest_edge_m(const mesh *m, int tet);
+bool growing_bisect(growing *m, growing_wanted_fn *wanted, const void *context, int limit, int **parent,
+                    int **midpoint);
+double growing_longest_edge_m(const growing *m, int tet);
 
 /* How far a vertex may move: not at all, along `direction`, across it (in the plane that it is the normal of),
  * anywhere. */
 typedef enum freedom { FIXED, ALONG, ACROSS, FREE } freedom;
-typedef struct hold {
-    unsigned char *freedom; /* [vertex_count] */
-    double *direction;      /* [3*vertex_count] unit */
-    wanted_fn *wanted;      /* no tetrahedron becomes one of these */
+typedef struct growing_hold {
+    unsigned char *freedom;    /* [vertex_count] */
+    double *direction;         /* [3*vertex_count] unit */
+    growing_wanted_fn *wanted; /* no tetrahedron becomes one of these */
     const void *context;
-} hold;
+} growing_hold;
 
 /* Moves vertices so that the smallest tet_size grows. Either the body is given: vertices of the surface stay on it, all
  * others are free, or `h` is: each keeps to it. The other is null. */
-void improve(mesh *m, const solid *b, const hold *h, int sweeps);
+void growing_improve(growing *m, const growing_solid *b, const growing_hold *h, int sweeps);
 
 #endif

@@ -10,23 +10,26 @@ typedef struct fans {
     unsigned char *outer;
 } fans;
 
-static fans make_fans(const mesh *m) {
+/* False: no memory; what was taken is in `f`. */
+static bool make_fans(const growing *m, fans *out) {
     fans f = {calloc((size_t)m->vertex_count + 2, sizeof(int)), malloc(4 * (size_t)m->tet_count * sizeof(int)),
               calloc((size_t)m->vertex_count + 1, 1)};
-    if (!f.begin || !f.tet || !f.outer) exit(1);
+    *out = f;
+    if (!f.begin || !f.tet || !f.outer) return false;
     for (int i = 0; i < 4 * m->tet_count; i++) f.begin[m->tet[i] + 2]++;
     for (int v = 0; v < m->vertex_count; v++) f.begin[v + 2] += f.begin[v + 1];
     for (int i = 0; i < 4 * m->tet_count; i++) f.tet[f.begin[m->tet[i] + 1]++] = i / 4;
     for (int i = 0; i < 3 * m->face_count; i++) f.outer[m->face[i]] = 1;
-    return f;
+    return true;
 }
 
 /* Sum of (scale/size)^6 over a vertex's tetrahedra: the worst weighs most, the rest still counts. */
-static double badness(const mesh *m, const fans *f, int v, double scale) {
+static double badness(const growing *m, const fans *f, int v, double scale) {
     double sum = 0;
     for (int i = f->begin[v]; i < f->begin[v + 1]; i++) {
         const int *t = m->tet + 4 * (size_t)f->tet[i];
-        double size = tet_size(m->vertex + 3 * t[0], m->vertex + 3 * t[1], m->vertex + 3 * t[2], m->vertex + 3 * t[3]);
+        double size =
+            growing_tet_size(m->vertex + 3 * t[0], m->vertex + 3 * t[1], m->vertex + 3 * t[2], m->vertex + 3 * t[3]);
         if (size <= 1e-3 * scale) return 1e300;
         double ratio = scale / size;
         ratio *= ratio;
@@ -35,13 +38,13 @@ static double badness(const mesh *m, const fans *f, int v, double scale) {
     return sum;
 }
 
-static bool allowed(const mesh *m, const fans *f, const hold *h, int v) {
+static bool allowed(const growing *m, const fans *f, const growing_hold *h, int v) {
     for (int i = f->begin[v]; h && i < f->begin[v + 1]; i++)
-        if (h->wanted(m, f->tet[i], longest_edge_m(m, f->tet[i]), h->context)) return false;
+        if (h->wanted(m, f->tet[i], growing_longest_edge_m(m, f->tet[i]), h->context)) return false;
     return true;
 }
 
-static void keep_to(const hold *h, int v, double d[3]) {
+static void keep_to(const growing_hold *h, int v, double d[3]) {
     const double *n = h->direction + 3 * (size_t)v;
     double along = d[0] * n[0] + d[1] * n[1] + d[2] * n[2];
     for (int k = 0; k < 3; k++) {
@@ -51,8 +54,8 @@ static void keep_to(const hold *h, int v, double d[3]) {
 }
 
 /* Tries the six directions of a turned frame; a better place is kept. */
-static void search(mesh *m, const fans *f, const solid *b, const hold *h, int v, double scale, double step,
-                   unsigned *dice) {
+static void search(growing *m, const fans *f, const growing_solid *b, const growing_hold *h, int v, double scale,
+                   double step, unsigned *dice) {
     double *p = m->vertex + 3 * (size_t)v, best = badness(m, f, v, scale), axis[3][3], keep[3];
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < 3; i++) {
@@ -74,16 +77,19 @@ static void search(mesh *m, const fans *f, const solid *b, const hold *h, int v,
     }
 }
 
-void improve(mesh *m, const solid *b, const hold *h, int sweeps) {
-    fans f = make_fans(m);
+void growing_improve(growing *m, const growing_solid *b, const growing_hold *h, int sweeps) {
+    fans f;
+    if (m->no_memory) return;
+    bool good = make_fans(m, &f);
     double *size = malloc((size_t)m->tet_count * sizeof *size);
     unsigned dice = 12345;
-    if (!size) exit(1);
-    for (int sweep = 0; sweep < sweeps; sweep++) {
+    if (!good || !size) m->no_memory = true;
+    for (int sweep = 0; sweep < sweeps && !m->no_memory; sweep++) {
         double largest = 0;
         for (int t = 0; t < m->tet_count; t++) {
             const int *c = m->tet + 4 * (size_t)t;
-            size[t] = tet_size(m->vertex + 3 * c[0], m->vertex + 3 * c[1], m->vertex + 3 * c[2], m->vertex + 3 * c[3]);
+            size[t] = growing_tet_size(m->vertex + 3 * c[0], m->vertex + 3 * c[1], m->vertex + 3 * c[2],
+                                       m->vertex + 3 * c[3]);
             if (size[t] > largest) largest = size[t];
         }
         double step = 0.5 * largest * pow(0.02, (double)sweep / sweeps);

@@ -5,8 +5,8 @@
 #include <string.h>
 
 #include "command.h"
-#include "json_file.h"
 #include "common/mesh_check.h"
+#include "json_file.h"
 #include "tensormass/tissue.h"
 
 typedef struct options {

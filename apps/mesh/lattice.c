@@ -2,7 +2,6 @@
  * pulled onto it, and whose tetrahedra that the surface still cuts are trimmed. Interior tetrahedra are all alike and
  * as round as a lattice allows. */
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -27,7 +26,7 @@ static bool is_point(const lattice *l, const int i[3]) {
     return true;
 }
 
-static void cut_point(const solid *body, const double *in, const double *out, double p[3]) {
+static void cut_point(const growing_solid *body, const double *in, const double *out, double p[3]) {
     double low = 0, high = 1;
     for (int step = 0; step < 50; step++) {
         double middle = 0.5 * (low + high);
@@ -45,7 +44,7 @@ static const int neighbour[14][3] = {{2, 0, 0},  {-2, 0, 0},  {0, 2, 0},   {0, -
                                      {-1, 1, 1}, {-1, 1, -1}, {-1, -1, 1}, {-1, -1, -1}};
 
 /* A point that the surface passes closely is pulled onto it, by the shortest way along an edge. */
-static void pull(lattice *l, const solid *body, const int i[3]) {
+static void pull(lattice *l, const growing_solid *body, const int i[3]) {
     size_t me = at(l, i);
     double best = 1e300, target[3] = {0, 0, 0};
     if (l->value[me] == 0) return;
@@ -76,15 +75,15 @@ typedef struct cut {
 } cut;
 
 typedef struct builder {
-    mesh *m;
+    growing *m;
     lattice *l;
-    const solid *body;
+    const growing_solid *body;
     cut *cuts;
     int cut_count, cut_room, *bucket, buckets;
 } builder;
 
 static int lattice_vertex(builder *b, size_t p) {
-    if (b->l->vertex[p] < 0) b->l->vertex[p] = add_vertex(b->m, b->l->position + 3 * p);
+    if (b->l->vertex[p] < 0) b->l->vertex[p] = growing_add_vertex(b->m, b->l->position + 3 * p);
     return b->l->vertex[p];
 }
 
@@ -94,23 +93,26 @@ static int cut_vertex(builder *b, size_t in, size_t out) {
     for (int i = *slot; i >= 0; i = b->cuts[i].next)
         if (b->cuts[i].a == low && b->cuts[i].b == high) return b->cuts[i].vertex;
     if (b->cut_count == b->cut_room) {
-        b->cut_room = b->cut_room ? 2 * b->cut_room : 1024;
-        b->cuts = realloc(b->cuts, (size_t)b->cut_room * sizeof *b->cuts);
-        if (!b->cuts) exit(1);
+        int room = b->cut_room ? 2 * b->cut_room : 1024;
+        cut *grown = realloc(b->cuts, (size_t)room * sizeof *grown);
+        if (!grown) b->m->no_memory = true;
+        if (!grown) return -1;
+        b->cuts = grown;
+        b->cut_room = room;
     }
     double p[3];
     cut_point(b->body, b->l->position + 3 * in, b->l->position + 3 * out, p);
-    b->cuts[b->cut_count] = (cut){low, high, add_vertex(b->m, p), *slot};
+    b->cuts[b->cut_count] = (cut){low, high, growing_add_vertex(b->m, p), *slot};
     *slot = b->cut_count;
     return b->cuts[b->cut_count++].vertex;
 }
 
 /* A prism a0 a1 a2 - b0 b1 b2 whose side diagonals leave a0 before a1 before a2: three tetrahedra, never in a circle.
  */
-static void add_prism(mesh *m, const int a[3], const int b[3]) {
-    add_tet(m, a[0], b[0], b[1], b[2]);
-    add_tet(m, a[0], a[1], b[1], b[2]);
-    add_tet(m, a[0], a[1], a[2], b[2]);
+static void add_prism(growing *m, const int a[3], const int b[3]) {
+    growing_add_tet(m, a[0], b[0], b[1], b[2]);
+    growing_add_tet(m, a[0], a[1], b[1], b[2]);
+    growing_add_tet(m, a[0], a[1], a[2], b[2]);
 }
 
 /* What of a lattice tetrahedron is inside. Quadrilaterals are split from their deeper point: the shorter diagonal, and
@@ -143,21 +145,21 @@ static void trim(builder *b, const size_t corner[4]) {
         for (int i = 0; i < p; i++) c[k++] = v[i];
         for (int i = 0; i < z; i++) c[k++] = lattice_vertex(b, zero[i]);
         for (int i = 0; i < n; i++) c[k++] = cut_vertex(b, plus[0], minus[i]);
-        add_tet(b->m, c[0], c[1], c[2], c[3]);
+        growing_add_tet(b->m, c[0], c[1], c[2], c[3]);
     } else if (p == 3) {
         for (int i = 0; i < 3; i++) c[i] = cut_vertex(b, plus[i], minus[0]);
         add_prism(b->m, v, c);
     } else if (n == 1) { /* a pyramid over v0 v1 c1 c0 */
         int apex = lattice_vertex(b, zero[0]), c0 = cut_vertex(b, plus[0], minus[0]),
             c1 = cut_vertex(b, plus[1], minus[0]);
-        add_tet(b->m, apex, v[0], v[1], c1);
-        add_tet(b->m, apex, v[0], c1, c0);
+        growing_add_tet(b->m, apex, v[0], v[1], c1);
+        growing_add_tet(b->m, apex, v[0], c1, c0);
     } else { /* a wedge between the triangles of v0 and of v1 */
         int c00 = cut_vertex(b, plus[0], minus[0]), c01 = cut_vertex(b, plus[0], minus[1]);
         int c10 = cut_vertex(b, plus[1], minus[0]), c11 = cut_vertex(b, plus[1], minus[1]);
-        add_tet(b->m, v[0], v[1], c10, c11);
-        add_tet(b->m, v[0], c00, c10, c11);
-        add_tet(b->m, v[0], c00, c01, c11);
+        growing_add_tet(b->m, v[0], v[1], c10, c11);
+        growing_add_tet(b->m, v[0], c00, c10, c11);
+        growing_add_tet(b->m, v[0], c00, c01, c11);
     }
 }
 
@@ -183,7 +185,27 @@ static void trim_around(builder *b, const int i[3], int axis) {
     }
 }
 
-void fill_body(mesh *m, const solid *body, double a) {
+/* Every point of the lattice: its value, then its pulling, then the trimming around it. */
+static void sweep(builder *b, int job) {
+    lattice *l = b->l;
+    int i[3];
+    for (i[2] = 0; i[2] < l->n[2]; i[2]++)
+        for (i[1] = 0; i[1] < l->n[1]; i[1]++)
+            for (i[0] = 0; i[0] < l->n[0]; i[0]++) {
+                if (!is_point(l, i)) continue;
+                size_t p = at(l, i);
+                if (job == 0) {
+                    for (int k = 0; k < 3; k++) l->position[3 * p + (size_t)k] = l->low[k] + l->half * i[k];
+                    l->value[p] = b->body->inside(b->body->shape, l->position + 3 * p);
+                } else if (job == 1) {
+                    pull(l, b->body, i);
+                } else if (i[0] & 1) {
+                    for (int axis = 0; axis < 3; axis++) trim_around(b, i, axis);
+                }
+            }
+}
+
+void growing_fill(growing *m, const growing_solid *body, double a) {
     lattice l = {.half = 0.5 * a};
     size_t points = 1;
     for (int k = 0; k < 3; k++) {
@@ -196,26 +218,12 @@ void fill_body(mesh *m, const solid *body, double a) {
     l.vertex = malloc(points * sizeof *l.vertex);
     builder b = {.m = m, .l = &l, .body = body, .buckets = 65536};
     b.bucket = malloc((size_t)b.buckets * sizeof *b.bucket);
-    if (!l.position || !l.value || !l.vertex || !b.bucket) exit(1);
-    memset(b.bucket, -1, (size_t)b.buckets * sizeof *b.bucket);
-    memset(l.vertex, -1, points * sizeof *l.vertex);
-    for (int job = 0; job < 3; job++) { /* values, pulling, trimming */
-        int i[3];
-        for (i[2] = 0; i[2] < l.n[2]; i[2]++)
-            for (i[1] = 0; i[1] < l.n[1]; i[1]++)
-                for (i[0] = 0; i[0] < l.n[0]; i[0]++) {
-                    if (!is_point(&l, i)) continue;
-                    size_t p = at(&l, i);
-                    if (job == 0) {
-                        for (int k = 0; k < 3; k++) l.position[3 * p + (size_t)k] = l.low[k] + l.half * i[k];
-                        l.value[p] = body->inside(body->shape, l.position + 3 * p);
-                    } else if (job == 1) {
-                        pull(&l, body, i);
-                    } else if (i[0] & 1) {
-                        for (int axis = 0; axis < 3; axis++) trim_around(&b, i, axis);
-                    }
-                }
-    }
+    if (l.position && l.value && l.vertex && b.bucket) {
+        memset(b.bucket, -1, (size_t)b.buckets * sizeof *b.bucket);
+        memset(l.vertex, -1, points * sizeof *l.vertex);
+        for (int job = 0; job < 3; job++) sweep(&b, job);
+    } else
+        m->no_memory = true;
     free(l.position);
     free(l.value);
     free(l.vertex);

@@ -53,6 +53,11 @@ int command_output(const char *path) {
     return exit ? exit : app_output_check(path);
 }
 
+int command_no_memory(const char *file) {
+    app_bad_input(file, 0, "no memory; choose a larger --size, or a coarser mesh");
+    return APP_FAILED;
+}
+
 int command_usage(const char *command, const char *format, ...) {
     char what[300];
     va_list arguments;

@@ -99,7 +99,7 @@ typedef struct target {
     int region; /* -1: the box */
 } target;
 
-static bool too_large(const mesh *m, int tet, double longest_m, const void *context) {
+static bool too_large(const growing *m, int tet, double longest_m, const void *context) {
     const target *where = context;
     if (longest_m <= where->size_m) return false;
     if (where->region >= 0) return m->region[tet] == where->region;
@@ -130,7 +130,7 @@ static bool is_region_name(const app_mesh *file, const char *name, int32_t *regi
 
 /* The group's mark on every vertex. A new vertex is in it if both ends of its edge are, and, for a group of the
  * surface, if it is on it, too. */
-static void mark_group(const app_mesh *file, const mesh *m, int32_t group, const unsigned char *outer,
+static void mark_group(const app_mesh *file, const growing *m, int32_t group, const unsigned char *outer,
                        const int *midpoint, unsigned char *mark) {
     int32_t region;
     memset(mark, 0, (size_t)m->vertex_count);
@@ -151,14 +151,14 @@ static void mark_group(const app_mesh *file, const mesh *m, int32_t group, const
 
 /* What a vertex of the surface may do without changing its shape: slide in the plane of its triangles or along the
  * ridge of two planes. */
-static void hold_surface(const mesh *m, const unsigned char *outer, hold *h) {
+static void hold_surface(const growing *m, const unsigned char *outer, growing_hold *h) {
     memset(h->freedom, FREE, (size_t)m->vertex_count);
     for (int v = 0; v < m->vertex_count; v++)
         if (outer[v]) h->freedom[v] = FREE + 1; /* no triangle seen yet */
     for (int i = 0; i < 3 * m->face_count; i++) {
         int v = m->face[i];
         double n[3], *d = h->direction + 3 * (size_t)v, cross[3];
-        face_normal(m, m->face + i / 3 * 3, n);
+        growing_face_normal(m, m->face + i / 3 * 3, n);
         for (int k = 0; k < 3; k++) cross[k] = n[(k + 1) % 3] * d[(k + 2) % 3] - n[(k + 2) % 3] * d[(k + 1) % 3];
         double sine = sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]),
                along = n[0] * d[0] + n[1] * d[1] + n[2] * d[2];
@@ -174,8 +174,8 @@ static void hold_surface(const mesh *m, const unsigned char *outer, hold *h) {
 }
 
 /* Old vertices of the surface stay, and so do those between regions and those of inner groups. */
-static bool hold_vertices(const app_mesh *file, const mesh *m, const unsigned char *outer, const int *midpoint,
-                          hold *h) {
+static bool hold_vertices(const app_mesh *file, const growing *m, const unsigned char *outer, const int *midpoint,
+                          growing_hold *h) {
     unsigned char *mark = malloc((size_t)m->vertex_count + 1);
     int *region = malloc(((size_t)m->vertex_count + 1) * sizeof *region);
     h->freedom = malloc((size_t)m->vertex_count + 1);
@@ -204,18 +204,17 @@ static bool hold_vertices(const app_mesh *file, const mesh *m, const unsigned ch
     return good;
 }
 
-static bool copy_in(const app_mesh *file, mesh *m) {
-    for (int32_t v = 0; v < file->vertex_count; v++) add_vertex(m, file->vertex_m + 3 * (size_t)v);
+static void copy_in(const app_mesh *file, growing *m) {
+    for (int32_t v = 0; v < file->vertex_count; v++) growing_add_vertex(m, file->vertex_m + 3 * (size_t)v);
     for (int32_t t = 0; t < file->tet_count; t++) {
         const int32_t *v = file->tet + 4 * (size_t)t;
-        add_tet(m, v[0], v[1], v[2], v[3]);
-        m->region[t] = file->region[t];
+        growing_add_tet(m, v[0], v[1], v[2], v[3]);
+        if (!m->no_memory) m->region[t] = file->region[t];
     }
-    return true;
 }
 
 /* The app_mesh of what has grown: old numbers kept, new ones above them. */
-static bool copy_out(const app_mesh *file, const mesh *m, const unsigned char *outer, const int *midpoint,
+static bool copy_out(const app_mesh *file, const growing *m, const unsigned char *outer, const int *midpoint,
                      app_mesh *out) {
     unsigned char *mark = malloc((size_t)m->vertex_count + 1);
     *out = *file;
@@ -252,18 +251,18 @@ static bool copy_out(const app_mesh *file, const mesh *m, const unsigned char *o
     return true;
 }
 
-static double smallest_size(const mesh *m) {
+static double smallest_size(const growing *m) {
     double smallest = INFINITY;
     for (int t = 0; t < m->tet_count; t++) {
         const int *v = m->tet + 4 * (size_t)t;
-        smallest = fmin(smallest, tet_size(m->vertex + 3 * (size_t)v[0], m->vertex + 3 * (size_t)v[1],
-                                           m->vertex + 3 * (size_t)v[2], m->vertex + 3 * (size_t)v[3]));
+        smallest = fmin(smallest, growing_tet_size(m->vertex + 3 * (size_t)v[0], m->vertex + 3 * (size_t)v[1],
+                                                   m->vertex + 3 * (size_t)v[2], m->vertex + 3 * (size_t)v[3]));
     }
     return smallest;
 }
 
 /* Each piece has the fibre of the tetrahedron it came from. */
-static int carry_fibres(const options *o, const app_mesh *file, const mesh *m, const int *parent) {
+static int carry_fibres(const options *o, const app_mesh *file, const growing *m, const int *parent) {
     tm_error error = {0};
     int line = 0, exit = APP_DONE;
     double *old = malloc(3 * (size_t)file->tet_count * sizeof *old),
@@ -282,7 +281,7 @@ static int carry_fibres(const options *o, const app_mesh *file, const mesh *m, c
     return exit;
 }
 
-static int write_all(const options *o, const app_mesh *file, const mesh *m, const unsigned char *outer,
+static int write_all(const options *o, const app_mesh *file, const growing *m, const unsigned char *outer,
                      const int *parent, const int *midpoint, double before_m) {
     app_mesh out = {0};
     tm_error error = {0};
@@ -308,32 +307,35 @@ static int write_all(const options *o, const app_mesh *file, const mesh *m, cons
 }
 
 static int refine(const options *o, const app_mesh *file, int32_t region) {
-    mesh m = {0};
+    growing m = {0};
     int *parent = NULL, *midpoint = NULL, exit = APP_FAILED;
     unsigned char *outer = NULL;
     target where = {.size_m = o->size_m, .region = o->region ? region : -1};
-    hold h = {.wanted = too_large, .context = &where};
+    growing_hold h = {.wanted = too_large, .context = &where};
     memcpy(where.low_m, o->box_m, sizeof where.low_m);
     memcpy(where.high_m, o->box_m + 3, sizeof where.high_m);
     copy_in(file, &m);
-    double before_m = smallest_size(&m);
-    if (!bisect(&m, too_large, &where, LIMIT, &parent, &midpoint)) {
+    double before_m = m.no_memory ? 0 : smallest_size(&m);
+    bool finer = !m.no_memory && growing_bisect(&m, too_large, &where, LIMIT, &parent, &midpoint);
+    if (!finer && !m.no_memory) {
         exit = app_bad_input(o->in, 0, "more than %d tetrahedra would come of it; choose a larger --size", LIMIT);
-    } else {
-        find_surface(&m);
+    } else if (finer) {
+        growing_find_surface(&m);
         outer = calloc((size_t)m.vertex_count + 1, 1);
         for (int i = 0; outer && i < 3 * m.face_count; i++) outer[m.face[i]] = 1;
         if (outer && hold_vertices(file, &m, outer, midpoint, &h)) {
-            improve(&m, NULL, &h, 30);
-            exit = write_all(o, file, &m, outer, parent, midpoint, before_m);
-        }
+            growing_improve(&m, NULL, &h, 30);
+            if (!m.no_memory) exit = write_all(o, file, &m, outer, parent, midpoint, before_m);
+        } else
+            m.no_memory = true;
     }
+    if (m.no_memory) exit = command_no_memory(o->in);
     free(outer);
     free(h.freedom);
     free(h.direction);
     free(parent);
     free(midpoint);
-    free_mesh(&m);
+    growing_free(&m);
     return exit;
 }
 

@@ -1,8 +1,6 @@
 /* Distance to a closed surface of triangles: a grid finds the nearest triangle, pseudonormals (Baerentzen and Aanaes
  * 2005) the side. */
-#include <errno.h>
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -26,103 +24,6 @@ static void subtract(const double *a, const double *b, double d[3]) {
 static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
 static void cross(const double *a, const double *b, double c[3]) {
     for (int k = 0; k < 3; k++) c[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
-}
-
-/* ---- reading ---- */
-
-static tm_status add_triangle(shell *s, const double p[9], double scale, int *room, tm_error *error) {
-    if (s->triangle_count == *room) {
-        *room = *room ? 2 * *room : 1024;
-        double *grown = realloc(s->vertex, 9 * (size_t)*room * sizeof *grown);
-        if (!grown) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
-        s->vertex = grown;
-    }
-    for (int i = 0; i < 9; i++) {
-        if (!isfinite(p[i]))
-            return app_mesh_fail(error, TM_ERR_MESH, s->triangle_count,
-                                 "triangle %d has a coordinate that is nan or infinite; write the surface anew",
-                                 s->triangle_count + 1);
-        s->vertex[9 * (size_t)s->triangle_count + (size_t)i] = scale * p[i];
-    }
-    s->triangle_count++;
-    return TM_OK;
-}
-
-static tm_status read_binary(shell *s, const unsigned char *bytes, uint32_t triangles, double scale, tm_error *error) {
-    int room = 0;
-    for (uint32_t t = 0; t < triangles; t++) {
-        float f[12];
-        double p[9];
-        memcpy(f, bytes + 84 + 50 * (size_t)t, sizeof f);
-        for (int i = 0; i < 9; i++) p[i] = f[3 + i];
-        tm_status status = add_triangle(s, p, scale, &room, error);
-        if (status) return status;
-    }
-    return TM_OK;
-}
-
-static tm_status read_text(shell *s, char *text, double scale, tm_error *error) {
-    int room = 0, line = 0, corner = 0;
-    double p[9];
-    for (char *row; (row = strsep(&text, "\n"));) {
-        line++;
-        row += strspn(row, " \t");
-        if (strncmp(row, "vertex", 6) != 0) continue;
-        if (sscanf(row + 6, "%lf %lf %lf", &p[3 * corner], &p[3 * corner + 1], &p[3 * corner + 2]) != 3)
-            return app_mesh_fail(error, TM_ERR_FILE, -1,
-                                 "line %d: vertex and three numbers wanted; write the surface anew", line);
-        if (++corner < 3) continue;
-        corner = 0;
-        tm_status status = add_triangle(s, p, scale, &room, error);
-        if (status) return status;
-    }
-    return TM_OK;
-}
-
-/* Other kinds by ending or first words: to be saved as STL, not to be written anew. */
-static tm_status not_stl(const char *path, const char *bytes, tm_error *error) {
-    static const struct {
-        const char *ending, *start, *what;
-    } kind[] = {{".obj", "\1", "an OBJ surface"},       {".ply", "ply", "a PLY surface"},
-                {".off", "OFF", "an OFF surface"},      {".vtk", "# vtk", "a VTK file"},
-                {".vtp", "<?xml", "VTK's XML"},         {".vtu", "<VTKFile", "VTK's XML"},
-                {".msh", "$MeshFormat", "a Gmsh mesh"}, {".mesh", "MeshVersionFormatted", "a Medit mesh"}};
-    const char *dot = strrchr(path, '.');
-    for (size_t i = 0; i < sizeof kind / sizeof *kind; i++)
-        if ((dot && strcasecmp(dot, kind[i].ending) == 0) || strncmp(bytes, kind[i].start, strlen(kind[i].start)) == 0)
-            return app_mesh_fail(error, TM_ERR_FILE, -1,
-                                 "%s; fill reads STL alone: save the surface as STL (Blender, MeshLab, ParaView and "
-                                 "3D Slicer export it)",
-                                 kind[i].what);
-    return app_mesh_fail(error, TM_ERR_FILE, -1, "neither text nor binary STL, or cut short; write the surface anew");
-}
-
-static tm_status read_file(shell *s, const char *path, double scale, tm_error *error) {
-    FILE *file = fopen(path, "rb");
-    if (!file) return app_mesh_fail(error, TM_ERR_FILE, -1, "cannot open: %s; check the path", strerror(errno));
-    char *bytes = NULL;
-    size_t size = 0;
-    bool whole = fseek(file, 0, SEEK_END) == 0 && (long)(size = (size_t)ftell(file)) >= 0 &&
-                 fseek(file, 0, SEEK_SET) == 0 && size < ((size_t)1 << 40);
-    bytes = whole ? malloc(size + 1) : NULL;
-    whole = bytes && fread(bytes, 1, size, file) == size;
-    fclose(file);
-    tm_status status;
-    uint32_t triangles = 0;
-    if (whole) bytes[size] = 0;
-    if (whole && size >= 84) memcpy(&triangles, bytes + 80, 4);
-    if (!whole)
-        status = app_mesh_fail(error, TM_ERR_FILE, -1, "cannot be read; check the file");
-    else if (size >= 84 && size == 84 + 50 * (size_t)triangles && triangles > 0)
-        status = read_binary(s, (unsigned char *)bytes, triangles, scale, error);
-    else if (strncmp(bytes + strspn(bytes, " \t\r\n"), "solid", 5) == 0)
-        status = read_text(s, bytes, scale, error);
-    else
-        status = not_stl(path, bytes, error);
-    free(bytes);
-    if (!status && s->triangle_count == 0)
-        status = app_mesh_fail(error, TM_ERR_MESH, -1, "no triangles in it; write the surface anew");
-    return status;
 }
 
 /* ---- joining ---- */
@@ -275,12 +176,9 @@ static bool make_grid(shell *s) {
     return s->cell_begin != NULL;
 }
 
-tm_status shell_load(const char *path, double scale, shell **out, tm_error *error) {
-    shell *s = calloc(1, sizeof *s);
-    if (!s) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
-    tm_status status = read_file(s, path, scale, error);
-    if (!status && !join(s)) status = app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
-    for (int turn = 0; !status && turn < 2; turn++) {
+/* Normals, and where they point inwards the triangles are turned. */
+static tm_status orient(shell *s, tm_error *error) {
+    for (int turn = 0;; turn++) {
         free(s->face_normal);
         free(s->edge_normal);
         free(s->vertex_normal);
@@ -288,19 +186,25 @@ tm_status shell_load(const char *path, double scale, shell **out, tm_error *erro
         s->face_normal = calloc(3 * (size_t)s->triangle_count, sizeof *s->face_normal);
         s->edge_normal = calloc(9 * (size_t)s->triangle_count, sizeof *s->edge_normal);
         s->vertex_normal = calloc(3 * (size_t)s->vertex_count, sizeof *s->vertex_normal);
-        if (!s->face_normal || !s->edge_normal || !s->vertex_normal) {
-            status = app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
-            break;
-        }
+        if (!s->face_normal || !s->edge_normal || !s->vertex_normal)
+            return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
         normals_of_faces(s);
-        status = normals_of_edges(s, error);
-        if (status || s->volume_m3 >= 0) break;
+        tm_status status = normals_of_edges(s, error);
+        if (status || s->volume_m3 >= 0 || turn == 1) return status;
         for (int t = 0; t < s->triangle_count; t++) { /* inside out */
             int *v = s->triangle + 3 * (size_t)t, spare = v[1];
             v[1] = v[2];
             v[2] = spare;
         }
     }
+}
+
+tm_status shell_load(const char *path, double scale, shell **out, tm_error *error) {
+    shell *s = calloc(1, sizeof *s);
+    if (!s) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    tm_status status = shell_read_stl(path, scale, &s->vertex, &s->triangle_count, error);
+    if (!status && !join(s)) status = app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    if (!status) status = orient(s, error);
     if (!status && !make_grid(s)) status = app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
     if (status)
         shell_free(s);
@@ -412,8 +316,8 @@ static void project(const void *shape, double p[3]) {
     memcpy(p, n.point, sizeof n.point);
 }
 
-solid shell_solid(const shell *s) {
-    solid out = {inside, project, s, {0}, {0}};
+growing_solid shell_solid(const shell *s) {
+    growing_solid out = {inside, project, s, {0}, {0}};
     memcpy(out.low, s->low, sizeof out.low);
     memcpy(out.high, s->high, sizeof out.high);
     return out;

@@ -14,6 +14,9 @@ void shell_free(shell *s);
 int shell_triangles(const shell *s);
 double shell_volume_m3(const shell *s);
 /* The shell as a body. Valid while the shell lives. */
-solid shell_solid(const shell *s);
+growing_solid shell_solid(const shell *s);
+
+/* Corners of the triangles, malloced here also on failure. Private to shell.c. */
+tm_status shell_read_stl(const char *path, double scale, double **corner_m, int *triangles, tm_error *error);
 
 #endif

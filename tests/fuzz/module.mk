@@ -34,7 +34,7 @@ $(eval $(call fuzzer,fuzz_lcm,,$(LIBLCMTYPES_A) $(FUZZ_HRT) $(LIBAPP_A) $(LIBTM_
 $(eval $(call fuzzer,fuzz_receiver,,$(LIBLCMTYPES_A),-llcm))
 $(eval $(call fuzzer,fuzz_sample,,$(FUZZ_HRT),))
 $(eval $(call fuzzer,fuzz_scene,,$(SIM_LIBS) $(LIBLCMTYPES_A),-lyaml -lcjson))
-$(eval $(call fuzzer,fuzz_tables,haptic_rt/device/hand_file.c haptic_rt/io/lines.c haptic_rt/io/profile.c haptic_rt/io/table.c haptic_rt/io/samples.c apps/mesh/shell.c,$(FUZZ_HRT) $(LIBAPP_A) $(LIBTM_A),))
+$(eval $(call fuzzer,fuzz_tables,haptic_rt/device/hand_file.c haptic_rt/io/lines.c haptic_rt/io/profile.c haptic_rt/io/table.c haptic_rt/io/samples.c apps/mesh/shell.c apps/mesh/shell_stl.c,$(FUZZ_HRT) $(LIBAPP_A) $(LIBTM_A),))
 $(call objects,$(wildcard tests/fuzz/*.c)): INCLUDES += -Ihaptic_rt/io
 $(call objects,tests/fuzz/fuzz_lcm.c): | $(LIBLCMTYPES_A)
 # LCM's own header copies nothing to null for an empty array.

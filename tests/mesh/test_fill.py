@@ -2,7 +2,9 @@
 import json
 import math
 import re
+import resource
 import struct
+import subprocess
 
 import meshlib
 import pytest
@@ -100,3 +102,24 @@ def test_refused(name, contents, args, expected, tm_mesh, env, tmp_path):
     assert result.returncode == 2 and result.stdout == ""
     assert result.stderr.startswith(f"{stl}: ") and re.search(expected, result.stderr) and "; " in result.stderr
     assert not list(tmp_path.glob("out*"))
+
+
+def test_no_memory_is_told(tm_mesh, env, build, tmp_path):
+    """Whatever room there is: a whole file, or exit 1 with a reason and none."""
+    if build.name in ("asan", "tsan", "debug"):
+        pytest.skip("sanitizers reserve address space of their own")
+    stl = tmp_path / "s.stl"
+    stl.write_text(text(sphere(16)))
+    seen = set()
+    for megabytes in (6, 8, 10, 12, 14, 16, 20, 24, 28, 32, 40, 64, 400):
+        out = tmp_path / f"{megabytes}.msh"
+        limit = megabytes << 20
+        result = subprocess.run([tm_mesh, "fill", "--size", "0.12", stl, "-o", out], env=env, capture_output=True, text=True, timeout=60,
+                                preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)))
+        if result.returncode == 127:
+            continue  # the loader itself had no room
+        assert result.returncode in (0, 1), (megabytes, result.returncode, result.stderr)
+        assert out.exists() == (result.returncode == 0)
+        assert result.returncode == 0 or "no memory" in result.stderr, (megabytes, result.stderr)
+        seen.add(result.returncode)
+    assert seen == {0, 1}, "all runs ended alike: other limits are needed"

@@ -5,11 +5,11 @@
 #include "mesh/growing.h"
 
 /* Shapes with about `tets` tetrahedra, never fewer. */
-void make_block(mesh *m, int tets);
-void make_cylinder(mesh *m, int tets);
-void make_liver(mesh *m, int tets);
+void make_block(growing *m, int tets);
+void make_cylinder(growing *m, int tets);
+void make_liver(growing *m, int tets);
 
 /* PREFIX.msh (Gmsh 2.2 text) and, if it has fibres, PREFIX.fibres.csv. */
-bool write_mesh(const mesh *m, const char *prefix);
+bool write_mesh(const growing *m, const char *prefix);
 
 #endif

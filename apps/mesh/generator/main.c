@@ -11,12 +11,13 @@ static int by_size(const void *a, const void *b) {
 }
 
 /* What the mesh will cost: the critical step goes with the smallest size. */
-static void report(const mesh *m, const char *prefix) {
+static void report(const growing *m, const char *prefix) {
     double *size = malloc((size_t)m->tet_count * sizeof *size);
     if (!size) exit(1);
     for (int t = 0; t < m->tet_count; t++) {
         const int *v = m->tet + 4 * t;
-        size[t] = tet_size(m->vertex + 3 * v[0], m->vertex + 3 * v[1], m->vertex + 3 * v[2], m->vertex + 3 * v[3]);
+        size[t] =
+            growing_tet_size(m->vertex + 3 * v[0], m->vertex + 3 * v[1], m->vertex + 3 * v[2], m->vertex + 3 * v[3]);
     }
     qsort(size, (size_t)m->tet_count, sizeof *size, by_size);
     printf(
@@ -29,19 +30,19 @@ static void report(const mesh *m, const char *prefix) {
 int main(int argc, char **argv) {
     static const struct {
         const char *name;
-        void (*make)(mesh *, int);
+        void (*make)(growing *, int);
     } shape[] = {{"block", make_block}, {"cylinder", make_cylinder}, {"liver", make_liver}};
     int tets = argc == 4 ? atoi(argv[2]) : 0;
     for (size_t i = 0; i < sizeof shape / sizeof *shape && tets > 0; i++) {
         if (strcmp(argv[1], shape[i].name) != 0) continue;
-        mesh m = {0};
+        growing m = {0};
         shape[i].make(&m, tets);
         if (!write_mesh(&m, argv[3])) {
             fprintf(stderr, "%s.msh: cannot be written; check the folder\n", argv[3]);
             return 1;
         }
         report(&m, argv[3]);
-        free_mesh(&m);
+        growing_free(&m);
         return 0;
     }
     fprintf(stderr, "usage: generate block|cylinder|liver TETRAHEDRA PREFIX\n");

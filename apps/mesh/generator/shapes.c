@@ -6,32 +6,38 @@
 
 #include "generator.h"
 
-static void centre_of(const mesh *m, const int *vertex, int count, double c[3]) {
+static void centre_of(const growing *m, const int *vertex, int count, double c[3]) {
     for (int k = 0; k < 3; k++) {
         c[k] = 0;
         for (int i = 0; i < count; i++) c[k] += m->vertex[3 * (size_t)vertex[i] + (size_t)k] / count;
     }
 }
 
-static void need_surface(mesh *m) {
-    if (find_surface(m)) return;
+static _Noreturn void no_memory(void) {
+    fprintf(stderr, "no memory; choose a smaller number of tetrahedra\n");
+    exit(1);
+}
+
+static void need_surface(growing *m) {
+    if (growing_find_surface(m)) return;
+    if (m->no_memory) no_memory();
     fprintf(stderr, "the surface is not a closed manifold; choose another number of tetrahedra\n");
     exit(1);
 }
 
-static void set_fibre(mesh *m, int t, const double d[3]) {
+static void set_fibre(growing *m, int t, const double d[3]) {
     double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]);
     for (int k = 0; k < 3; k++) m->fibre[3 * (size_t)t + (size_t)k] = d[k] / length;
 }
 
-static void allocate_fibres(mesh *m) {
+static void allocate_fibres(growing *m) {
     m->fibre = malloc(3 * (size_t)m->tet_count * sizeof *m->fibre);
-    if (!m->fibre) exit(1);
+    if (!m->fibre) no_memory();
 }
 
 /* ---- block: 100 x 100 x 50 mm, each brick cut into six around its diagonal (Kuhn) ---- */
 
-void make_block(mesh *m, int tets) {
+void make_block(growing *m, int tets) {
     static const int order[6][3] = {{0, 1, 2}, {0, 2, 1}, {1, 0, 2}, {1, 2, 0}, {2, 0, 1}, {2, 1, 0}};
     const double size[3] = {0.1, 0.1, 0.05};
     int n[3] = {2, 2, 1};
@@ -43,7 +49,7 @@ void make_block(mesh *m, int tets) {
     for (int k = 0; k <= n[2]; k++)
         for (int j = 0; j <= n[1]; j++)
             for (int i = 0; i <= n[0]; i++)
-                add_vertex(m, (double[3]){size[0] * i / n[0], size[1] * j / n[1], size[2] * k / n[2]});
+                growing_add_vertex(m, (double[3]){size[0] * i / n[0], size[1] * j / n[1], size[2] * k / n[2]});
     const int stride[3] = {1, n[0] + 1, (n[0] + 1) * (n[1] + 1)};
     for (int k = 0; k < n[2]; k++)
         for (int j = 0; j < n[1]; j++)
@@ -51,7 +57,7 @@ void make_block(mesh *m, int tets) {
                 for (int o = 0; o < 6; o++) {
                     int v[4] = {i * stride[0] + j * stride[1] + k * stride[2]};
                     for (int s = 0; s < 3; s++) v[s + 1] = v[s] + stride[order[o][s]];
-                    add_tet(m, v[0], v[1], v[2], v[3]);
+                    growing_add_tet(m, v[0], v[1], v[2], v[3]);
                 }
     need_surface(m);
     static const char *const names[6] = {"x_min", "x_max", "y_min", "y_max", "z_min", "z_max"};
@@ -61,7 +67,7 @@ void make_block(mesh *m, int tets) {
     for (int g = 0; g < 6; g++) m->face_name[g] = names[g];
     for (int f = 0; f < m->face_count; f++) {
         double normal[3];
-        face_normal(m, m->face + 3 * f, normal);
+        growing_face_normal(m, m->face + 3 * f, normal);
         for (int k = 0; k < 3; k++)
             if (fabs(normal[k]) > 0.5) m->face_group[f] = 2 * k + (normal[k] > 0);
     }
@@ -89,7 +95,7 @@ static int disk_triangles(int rings, int *out) {
 }
 
 /* Prism over the triangle, diagonals from its lower-numbered corners: neighbours agree. */
-static void extrude(mesh *m, const int triangle[3], int bottom, int top) {
+static void extrude(growing *m, const int triangle[3], int bottom, int top) {
     int v[3] = {triangle[0], triangle[1], triangle[2]};
     for (int pass = 0; pass < 2; pass++)
         for (int i = 0; i < 2; i++)
@@ -98,12 +104,12 @@ static void extrude(mesh *m, const int triangle[3], int bottom, int top) {
                 v[i] = v[i + 1];
                 v[i + 1] = spare;
             }
-    add_tet(m, bottom + v[0], top + v[0], top + v[1], top + v[2]);
-    add_tet(m, bottom + v[0], bottom + v[1], top + v[1], top + v[2]);
-    add_tet(m, bottom + v[0], bottom + v[1], bottom + v[2], top + v[2]);
+    growing_add_tet(m, bottom + v[0], top + v[0], top + v[1], top + v[2]);
+    growing_add_tet(m, bottom + v[0], bottom + v[1], top + v[1], top + v[2]);
+    growing_add_tet(m, bottom + v[0], bottom + v[1], bottom + v[2], top + v[2]);
 }
 
-void make_cylinder(mesh *m, int tets) {
+void make_cylinder(growing *m, int tets) {
     int rings = 1, layers = 1;
     for (; 18 * rings * rings * layers < tets; rings++) layers = 4 * (rings + 1);
     if (rings > 1 && 18 * (rings - 1) * (rings - 1) * layers >= tets) rings--;
@@ -113,10 +119,11 @@ void make_cylinder(mesh *m, int tets) {
         for (int r = 0; r <= rings; r++)
             for (int i = 0; i < (r ? 6 * r : 1); i++) {
                 double angle = r ? 2 * M_PI * i / (6 * r) : 0, radius = cylinder_radius_m * r / rings;
-                add_vertex(m, (double[3]){cylinder_length_m * l / layers, radius * cos(angle), radius * sin(angle)});
+                growing_add_vertex(
+                    m, (double[3]){cylinder_length_m * l / layers, radius * cos(angle), radius * sin(angle)});
             }
     int *triangle = malloc(18 * (size_t)(rings * rings) * sizeof *triangle);
-    if (!triangle) exit(1);
+    if (!triangle) no_memory();
     int triangles = disk_triangles(rings, triangle);
     for (int l = 0; l < layers; l++)
         for (int t = 0; t < triangles; t++) extrude(m, triangle + 3 * t, l * points, (l + 1) * points);
@@ -130,7 +137,7 @@ void make_cylinder(mesh *m, int tets) {
     m->face_name[2] = "end_1";
     for (int f = 0; f < m->face_count; f++) {
         double normal[3];
-        face_normal(m, m->face + 3 * f, normal);
+        growing_face_normal(m, m->face + 3 * f, normal);
         m->face_group[f] = fabs(normal[0]) < 0.5 ? 0 : normal[0] < 0 ? 1 : 2;
     }
     allocate_fibres(m);
@@ -195,7 +202,7 @@ static void onto_liver(const void *shape, double p[3]) {
     }
 }
 
-static void name_liver(mesh *m) {
+static void name_liver(growing *m) {
     m->region_names = 2;
     m->region_name[0] = "parenchyma";
     m->region_name[1] = "gallbladder_bed";
@@ -210,7 +217,7 @@ static void name_liver(mesh *m) {
     for (int f = 0; f < m->face_count; f++) {
         double c[3], n[3], dx, dy;
         centre_of(m, m->face + 3 * f, 3, c);
-        face_normal(m, m->face + 3 * f, n);
+        growing_face_normal(m, m->face + 3 * f, n);
         dx = c[0] - cava_x_m;
         dy = c[1] - cava_y_m;
         if (sqrt(dx * dx + dy * dy) < cava_radius_m + 0.008)
@@ -222,15 +229,16 @@ static void name_liver(mesh *m) {
     }
 }
 
-void make_liver(mesh *m, int tets) {
-    const solid organ = {liver, onto_liver, NULL, {-0.115, -0.075, -0.065}, {0.115, 0.085, 0.065}};
+void make_liver(growing *m, int tets) {
+    const growing_solid organ = {liver, onto_liver, NULL, {-0.115, -0.075, -0.065}, {0.115, 0.085, 0.065}};
     double cell = cbrt(12 * 0.00105 / tets) * 1.15;
     for (;; cell *= 0.99) {
-        free_mesh(m);
-        fill_body(m, &organ, cell);
-        if (m->tet_count >= tets && find_surface(m)) break;
+        growing_free(m);
+        growing_fill(m, &organ, cell);
+        if (m->no_memory) no_memory();
+        if (m->tet_count >= tets && growing_find_surface(m)) break;
     }
-    improve(m, &organ, NULL, 60);
+    growing_improve(m, &organ, NULL, 60);
     need_surface(m);
     name_liver(m);
     allocate_fibres(m);

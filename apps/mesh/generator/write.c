@@ -4,7 +4,7 @@
 
 #include "generator.h"
 
-static void write_msh(const mesh *m, FILE *file) {
+static void write_msh(const growing *m, FILE *file) {
     fprintf(file, "$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n%d\n", m->face_names + m->region_names);
     for (int g = 0; g < m->face_names; g++) fprintf(file, "2 %d \"%s\"\n", g + 1, m->face_name[g]);
     for (int r = 0; r < m->region_names; r++) fprintf(file, "3 %d \"%s\"\n", r + 1, m->region_name[r]);
@@ -30,7 +30,7 @@ static void write_msh(const mesh *m, FILE *file) {
     fprintf(file, "$EndElements\n");
 }
 
-static void write_fibres(const mesh *m, FILE *file) {
+static void write_fibres(const growing *m, FILE *file) {
     fprintf(file, "tet,ax,ay,az\n");
     for (int t = 0; t < m->tet_count; t++) {
         fprintf(file, "%d", t);
@@ -42,7 +42,7 @@ static void write_fibres(const mesh *m, FILE *file) {
     }
 }
 
-bool write_mesh(const mesh *m, const char *prefix) {
+bool write_mesh(const growing *m, const char *prefix) {
     char path[1024];
     snprintf(path, sizeof path, "%s.msh", prefix);
     FILE *file = fopen(path, "w");

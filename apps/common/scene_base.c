@@ -1,0 +1,90 @@
+/* What every part of the scene's reader stands on: memory, and complaints with their place. */
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "app.h"
+#include "scene_reader.h"
+
+typedef struct block {
+    struct block *next;
+    max_align_t data[];
+} block;
+
+void *app_scene_alloc(app_scene *scene, size_t bytes) {
+    block *b = calloc(1, sizeof(block) + bytes);
+    if (!b) abort(); /* a scene is kilobytes: out of memory here has no cure */
+    b->next = scene->arena;
+    scene->arena = b;
+    return b->data;
+}
+
+char *app_scene_keep(app_scene *scene, const char *text) {
+    size_t bytes = strlen(text) + 1;
+    return memcpy(app_scene_alloc(scene, bytes), text, bytes);
+}
+
+void app_scene_free(app_scene *scene) {
+    if (!scene) return;
+    for (block *b = scene->arena; b;) {
+        block *next = b->next;
+        free(b);
+        b = next;
+    }
+    free(scene);
+}
+
+void app_scene_where(const app_scene *scene, int line, char *text, size_t size) {
+    if (line < 0)
+        snprintf(text, size, "--set %s", scene->set[-line - 1]);
+    else if (line)
+        snprintf(text, size, "%s:%d", scene->file, line);
+    else
+        snprintf(text, size, "default");
+}
+
+int app_scene_bad(const app_scene *scene, int line, const char *format, ...) {
+    char message[1024], file[512];
+    va_list list;
+    va_start(list, format);
+    vsnprintf(message, sizeof message, format, list);
+    va_end(list);
+    if (line < 0)
+        snprintf(file, sizeof file, "--set %s", scene->set[-line - 1]);
+    else
+        snprintf(file, sizeof file, "%s", scene->file);
+    return app_bad_input(file, line < 0 ? 0 : line, "%s", message);
+}
+
+int app_scene_warn(const app_scene *scene, int line, const char *format, ...) {
+    char message[1024];
+    va_list list;
+    va_start(list, format);
+    vsnprintf(message, sizeof message, format, list);
+    va_end(list);
+    int rc = app_scene_bad(scene, line, "warning: %s", message);
+    return scene->strict ? rc : APP_DONE;
+}
+
+int app_scene_line(const yaml_node_t *node) {
+    size_t line = node->start_mark.line;
+    return line >= SET_LINE ? -(int)(line - SET_LINE) - 1 : (int)line + 1;
+}
+
+const char *app_scene_node_kind(const yaml_node_t *node) {
+    return node->type == YAML_SCALAR_NODE     ? "a single value"
+           : node->type == YAML_SEQUENCE_NODE ? "a list"
+                                              : "a mapping";
+}
+
+bool app_scene_null(const yaml_node_t *node) {
+    if (node->type != YAML_SCALAR_NODE || node->data.scalar.style != YAML_PLAIN_SCALAR_STYLE) return false;
+    const char *text = (const char *)node->data.scalar.value;
+    return !*text || !strcmp(text, "~") || !strcmp(text, "null");
+}
+
+int app_scene_bad_shape(const reader *r, const yaml_node_t *node, const char *shown, const char *wanted) {
+    return app_scene_bad(r->scene, app_scene_line(node), "%s is %s; write %s", shown, app_scene_node_kind(node),
+                         wanted);
+}

@@ -1,0 +1,107 @@
+/* A scene's file: read whole, within limits, one YAML document, changed by --set, and then read through its fields. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+#include "app.h"
+#include "scene_reader.h"
+
+enum { SCENE_MAX_BYTES = 4 << 20 };
+
+static int not_yaml(const app_scene *scene, const yaml_parser_t *parser, const char *text, size_t size) {
+    return app_bad_input(scene->file, (int)parser->problem_mark.line + 1, "not YAML: %s%s%s; %s",
+                         parser->problem ? parser->problem : "unreadable", parser->context ? " " : "",
+                         parser->context ? parser->context : "",
+                         app_scene_yaml_remedy(text, size, parser->problem_mark.line, parser->problem));
+}
+
+static int load_document(reader *r, const char *text, size_t size) {
+    app_scene *scene = r->scene;
+    yaml_parser_t parser;
+    yaml_document_t second;
+    int rc = app_scene_check_limits(scene, text, size);
+    if (rc) return rc;
+    yaml_parser_initialize(&parser);
+    yaml_parser_set_input_string(&parser, (const unsigned char *)text, size);
+    if (!yaml_parser_load(&parser, &r->document)) {
+        rc = not_yaml(scene, &parser, text, size);
+        yaml_parser_delete(&parser);
+        return rc;
+    }
+    yaml_node_t *root = yaml_document_get_root_node(&r->document);
+    if (!root)
+        rc = app_bad_input(scene->file, 1, "the scene is empty; begin with 'tissue:' (docs/scene-reference.md)");
+    else if (root->type != YAML_MAPPING_NODE)
+        rc = app_bad_input(scene->file, app_scene_line(root),
+                           "the scene is %s; write keys and values, such as 'tissue:'", app_scene_node_kind(root));
+    else if (yaml_parser_load(&parser, &second)) {
+        if (yaml_document_get_root_node(&second))
+            rc = app_bad_input(scene->file, (int)second.start_mark.line + 1,
+                               "a second document begins here; keep one scene a file");
+        yaml_document_delete(&second);
+    } else
+        rc = not_yaml(scene, &parser, text, size);
+    yaml_parser_delete(&parser);
+    if (rc) yaml_document_delete(&r->document);
+    return rc;
+}
+
+/* The whole file, to be freed. */
+static int read_scene(const char *path, char **text, size_t *size) {
+    struct stat info;
+    FILE *file = fopen(path, "rb");
+    *text = NULL;
+    if (!file) return app_bad_input(path, 0, "cannot be read: %m; give the path of a scene file");
+    int rc = 0;
+    if (fstat(fileno(file), &info) || !S_ISREG(info.st_mode))
+        rc = app_bad_input(path, 0, "is not a regular file; give the path of a scene file");
+    else if (info.st_size > SCENE_MAX_BYTES)
+        rc = app_bad_input(path, 0, "is larger than a scene may be (4 MB); give a scene, not a mesh");
+    else if (!(*text = malloc((size_t)info.st_size + 1)))
+        rc = app_bad_input(path, 0, "out of memory; close other programs");
+    else
+        *size = fread(*text, 1, (size_t)info.st_size, file);
+    if (!rc && ferror(file)) rc = app_bad_input(path, 0, "cannot be read: %m; check the disk");
+    fclose(file);
+    return rc;
+}
+
+int app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count,
+                   app_scene **out) {
+    char *text;
+    size_t size = 0;
+    int rc = read_scene(file, &text, &size);
+    if (rc) {
+        free(text);
+        return rc;
+    }
+    app_scene *scene = calloc(1, sizeof *scene);
+    if (!scene) abort();
+    scene->file = app_scene_keep(scene, file);
+    scene->set_count = set_count;
+    scene->set = app_scene_alloc(scene, sizeof *scene->set * (size_t)(set_count + 1));
+    for (int i = 0; i < set_count; i++) scene->set[i] = app_scene_keep(scene, set[i]);
+    scene->effect_count = effect_count;
+    scene->effect = app_scene_alloc(scene, sizeof *scene->effect * (size_t)(effect_count + 1));
+    reader r = {.scene = scene, .schema_count = effect_count + 1};
+    char *base[sizeof r.schema / sizeof r.schema[0]] = {(char *)scene};
+    if (r.schema_count > (int)(sizeof base / sizeof base[0])) abort();
+    r.schema[0] = &app_scene_schema;
+    for (int i = 0; i < effect_count; i++) {
+        r.schema[i + 1] = &effect[i];
+        base[i + 1] = scene->effect[i] = app_scene_alloc(scene, effect[i].size);
+    }
+    rc = load_document(&r, text, size);
+    free(text);
+    if (!rc) {
+        for (int i = 0; i < set_count && !rc; i++) rc = app_scene_apply_set(&r, i);
+        if (!rc) rc = app_scene_read_mapping(&r, NULL, node_at(&r, 1), 1, "", "", base);
+        yaml_document_delete(&r.document);
+    }
+    if (rc)
+        app_scene_free(scene);
+    else
+        *out = scene;
+    return rc;
+}
