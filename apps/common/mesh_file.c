@@ -1,7 +1,6 @@
 /* Meshes from files and into files: one reader a format (mesh_format.h), then the same for all. */
 #include <errno.h>
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,18 +16,6 @@ static const app_mesh_format *const formats[] = {
 #undef ROW
 };
 enum { FORMATS = sizeof formats / sizeof *formats };
-
-tm_status app_mesh_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...) {
-    if (error) {
-        va_list arguments;
-        va_start(arguments, format);
-        vsnprintf(error->message, sizeof error->message, format, arguments);
-        va_end(arguments);
-        error->status = status;
-        error->entity = entity;
-    }
-    return status;
-}
 
 /* --- kinds of files --- */
 

@@ -1,10 +1,24 @@
 /* What a mesh file holds, as its reader finds it: grown by what has been seen, each tag looked up once. */
+#include <stdarg.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "mesh_raw.h"
 
 enum { MOST = INT32_MAX / 16 }; /* four corners and three coordinates of each stay countable */
+
+tm_status app_mesh_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...) {
+    if (error) {
+        va_list arguments;
+        va_start(arguments, format);
+        vsnprintf(error->message, sizeof error->message, format, arguments);
+        va_end(arguments);
+        error->status = status;
+        error->entity = entity;
+    }
+    return status;
+}
 
 static tm_status no_memory(tm_error *error) {
     return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");

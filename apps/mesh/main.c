@@ -1,9 +1,7 @@
 /* tm-mesh: looks at meshes, refuses bad ones, mends and refines them. */
-#include <stdarg.h>
 #include <string.h>
 
 #include "command.h"
-#include "common/units.h"
 
 static const struct {
     const char *name;
@@ -39,32 +37,6 @@ static void usage(FILE *to) {
     fprintf(to, "usage: tm-mesh COMMAND ...\n\n");
     list(to);
     fprintf(to, "\n  tm-mesh COMMAND -h, --help; --list, --version; --quiet: nothing is said where all is well\n");
-}
-
-bool command_quantity(const char *option, const char *text, const char *dimension, double *si) {
-    char why[200];
-    if (app_parse_quantity(text, dimension, si, why, sizeof why)) return true;
-    app_bad_input(NULL, 0, "tm-mesh: --%s %s: %s", option, text, why);
-    return false;
-}
-
-int command_output(const char *path) {
-    int exit = app_output_ending("-o", path, app_mesh_endings(true));
-    return exit ? exit : app_output_check(path);
-}
-
-int command_no_memory(const char *file) {
-    app_bad_input(file, 0, "no memory; choose a larger --size, or a coarser mesh");
-    return APP_FAILED;
-}
-
-int command_usage(const char *command, const char *format, ...) {
-    char what[300];
-    va_list arguments;
-    va_start(arguments, format);
-    vsnprintf(what, sizeof what, format, arguments);
-    va_end(arguments);
-    return app_bad_input(NULL, 0, "tm-mesh %s: %s; see tm-mesh %s --help", command, what, command);
 }
 
 int main(int argc, char **argv) {

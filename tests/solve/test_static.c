@@ -174,8 +174,8 @@ static void check_settled(const int cells[3]) {
 
 static void settled_model(void **state) {
     (void)state;
-    check_settled((int[]){8, 5, 4});                    /* 960 */
-    check_settled((int[]){17, 10, 10});                 /* 10,200 */
+    check_settled((int[]){8, 5, 4});                        /* 960 */
+    check_settled((int[]){17, 10, 10});                     /* 10,200 */
     if (test_is_long()) check_settled((int[]){30, 17, 16}); /* 48,960 */
 }
 

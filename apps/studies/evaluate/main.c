@@ -9,8 +9,6 @@
 #include "evaluate.h"
 #include "json_file.h"
 
-void progress(const char *what, double fraction) { app_progress(what, fraction, false); }
-
 static void usage(FILE *to) {
     fprintf(to, "usage: tm-evaluate LOG...            errors of every extrapolator on recorded sessions (LCM logs)\n"
                 "       tm-evaluate --study           the whole study on sessions of its own; make evaluate draws it\n"

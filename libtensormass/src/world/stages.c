@@ -128,7 +128,6 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
     world->stage_count++;
     world->step_count += stage->phase != TM_PHASE_BETWEEN;
     world->slot[at] = (struct tm_stage_slot){.stage = *stage, .bytes = bytes};
-    if (stage->run == tm_stage_support_run) world->support = stage->self;
     if (stage->step_changed) stage->step_changed(stage->self, world);
     return TM_OK;
 }

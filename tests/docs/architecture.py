@@ -1,0 +1,206 @@
+"""What docs/architecture.md says, and what the tree does: includes, symbols, links, circles of files."""
+import collections
+import os
+import pathlib
+import re
+import shlex
+import subprocess
+
+SOURCES = (".c", ".h", ".cpp")
+EVERYWHERE = {"m", "dl", "pthread", "stdc++"}  # of the C and C++ run time
+
+
+def table(page, first):
+    """Rows of the table whose first column is headed `first`: the texts in backticks of each column."""
+    lines = page.splitlines()
+    at = next(i for i, line in enumerate(lines) if re.match(rf"\| {first} \|", line))
+    rows = []
+    for line in lines[at + 2:]:
+        if not line.startswith("|"):
+            break
+        rows.append([re.findall(r"`([^`]+)`", cell) for cell in line.strip("|\n").split("|")])
+    return rows
+
+
+class Page:
+    """Folders in the order of the page, what each may lean on, and the libraries it may link; the same of rooms."""
+    def __init__(self, text):
+        self.leans, self.links, self.gives, self.room_leans = {}, {}, {}, {}
+        for folders, _, leans, links in table(text, "folder"):
+            for folder in folders:
+                self.leans[folder], self.links[folder] = set(leans), set(links)
+        for (room,), _, gives, leans in table(text, "room"):
+            self.gives[room], self.room_leans[room] = set(gives), set(leans)
+
+    def folder_of(self, path):
+        """The folder of the table that a path lies in: the longest one."""
+        inside = [f for f in self.leans if path == f or path.startswith(f + "/")]
+        return max(inside, key=len) if inside else None
+
+    def room_of(self, path):
+        match = re.match(r"libtensormass/src/(\w+)/", path)
+        return match and match[1]
+
+    def allows(self, a, b):
+        """May a file of `a` lean on one of `b` (paths)?"""
+        fa, fb = self.folder_of(a), self.folder_of(b)
+        if fa != fb:
+            return fb in self.leans[fa] or b in self.leans[fa]
+        ra, rb = self.room_of(a), self.room_of(b)
+        return ra == rb or rb in self.room_leans[ra]
+
+
+def sources(root, page):
+    tops = sorted({folder.split("/")[0] for folder in page.leans})
+    found = [p.relative_to(root).as_posix() for top in tops for p in (root / top).rglob("*") if p.suffix in SOURCES]
+    return sorted(found)
+
+
+def include_paths(root):
+    makefile = (root / "Makefile").read_text()
+    return [p for p in re.findall(r"-I(\S+)", re.search(r"^INCLUDES := (.*)$", makefile, re.M)[1]) if "$" not in p]
+
+
+def includes(root, files):
+    """(file, line, file included), generated messages as files of lcm_types."""
+    known, paths = set(files), include_paths(root)
+    for name in files:
+        for number, line in enumerate((root / name).read_text().splitlines(), 1):
+            match = re.match(r'\s*#\s*include\s+"([^"]+)"', line)
+            if not match:
+                continue
+            places = [os.path.normpath(os.path.join(p, match[1])) for p in [os.path.dirname(name), *paths]]
+            target = next((p for p in places if p in known), None)
+            if not target and match[1].startswith("lcm_types/tensormass"):
+                target = match[1]
+            yield name, number, target or match[1]
+
+
+def outside_includes(root, page, files):
+    """Sentences on includes that the page does not allow."""
+    for name, number, target in includes(root, files):
+        if page.folder_of(target) is None:
+            yield f"{name}:{number}: \"{target}\" is in no folder of the table"
+        elif not page.allows(name, target):
+            yield f"{name}:{number}: {page.room_of(name) or page.folder_of(name)} includes {target}"
+        elif page.room_of(target) and page.room_of(target) != page.room_of(name) and target.split("libtensormass/src/")[1] not in page.gives[page.room_of(target)]:
+            yield f"{name}:{number}: {target} is its room's own; include what the room gives"
+
+
+def symbols(build, files):
+    """{file: (defined, undefined)} of the objects of these sources."""
+    objects = {build / "obj" / (os.path.splitext(name)[0] + ".o"): name for name in files if not name.endswith(".h")}
+    there = [o for o in objects if o.exists()]
+    out = subprocess.run(["nm", "-A", "-P", *there], capture_output=True, text=True, check=True, timeout=120).stdout
+    found = {objects[o]: (set(), set()) for o in there}
+    for line in out.splitlines():
+        place, symbol, kind = line.split()[:3]
+        mine = found[objects[pathlib.Path(place.rstrip(":"))]]
+        if kind == "U":
+            mine[1].add(symbol)
+        elif kind.isupper():
+            mine[0].add(symbol)
+    return found
+
+
+def uses(found):
+    """{(file, file that defines): symbols}. What several programs define each for itself is looked for in one's own folder."""
+    definers = collections.defaultdict(list)
+    for name, (defined, _) in found.items():
+        for symbol in defined:
+            definers[symbol].append(name)
+    arrows = collections.defaultdict(set)
+    for name, (_, undefined) in found.items():
+        for symbol in undefined:
+            near = [d for d in definers[symbol] if os.path.dirname(d) == os.path.dirname(name)]
+            for definer in near or (definers[symbol] if len(definers[symbol]) == 1 else []):
+                arrows[name, definer].add(symbol)
+    return arrows
+
+
+def outside_uses(root, build, page, arrows):
+    """Sentences on symbols that the page does not allow. Of the library, others may use what a public header declares and the library exports."""
+    exported = {line.split()[2] for line in subprocess.run(["nm", "-D", "--defined-only", build / "lib" / "libtensormass.so"], capture_output=True, text=True,
+                                                           check=True, timeout=60).stdout.splitlines()}
+    headers = {p.relative_to(root).as_posix(): set(re.findall(r"\b\w+\b", p.read_text())) for p in (root / "libtensormass/include").rglob("*.h")}
+    for (a, b), names in sorted(arrows.items()):
+        if b.startswith("libtensormass/src/") and not a.startswith("libtensormass/src/"):
+            for name in sorted(names):
+                declared = [h for h, words in headers.items() if name in words] if name in exported else []
+                if not any(page.allows(a, h) for h in declared):
+                    yield f"{a} uses {name} of {b}"
+        elif not page.allows(a, b):
+            yield f"{a} uses {', '.join(sorted(names))} of {b}"
+
+
+def circles(arrows):
+    """Groups of files each of which leads to every other (Tarjan)."""
+    after = collections.defaultdict(list)
+    for a, b in arrows:
+        if a != b:
+            after[a].append(b)
+    index, low, stack, found = {}, {}, [], []
+
+    def visit(v):
+        index[v] = low[v] = len(index)
+        stack.append(v)
+        for w in after[v]:
+            if w not in index:
+                visit(w)
+                low[v] = min(low[v], low[w])
+            elif w in stack:
+                low[v] = min(low[v], index[w])
+        if low[v] == index[v]:
+            group = stack[stack.index(v):]
+            del stack[stack.index(v):]
+            if len(group) > 1:
+                found.append(sorted(group))
+
+    for v in list(after):
+        if v not in index:
+            visit(v)
+    return sorted(found)
+
+
+def link_lines(root):
+    """{target: (folders' objects, libraries)} of everything that make links, archives opened."""
+    run = subprocess.run(["make", "-Bn", "programs"], cwd=root, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    parts, libraries = {}, {}
+    for line in run.stdout.splitlines():
+        for command in line.split("&&"):
+            words = shlex.split(command, comments=True) if command.count("'") % 2 == 0 and command.count('"') % 2 == 0 else []
+            if "rcs" in words and words[0] == "ar":
+                target, rest = words[2], words[3:]
+            elif "-o" in words and "-c" not in words and words[0] in ("gcc", "g++", "clang", "clang++"):
+                target, rest = words[words.index("-o") + 1], words
+            else:
+                continue
+            parts[target] = [w for w in rest if w.endswith((".o", ".a")) and w != target]
+            libraries[target] = {w[2:] for w in rest if w.startswith("-l")}
+
+    def opened(target):
+        for part in parts.get(target, []):
+            if part.endswith(".o"):
+                yield re.sub(r"^.*?/obj/", "", part)
+            else:
+                yield from opened(part)
+
+    return {target: (list(opened(target)), [p for p in parts[target] if p.endswith(".o")], libraries[target]) for target in parts}
+
+
+def outside_links(page, links):
+    """What is linked belongs to the folder of its first own object."""
+    for target, (objects, own, libraries) in sorted(links.items()):
+        own_path = re.sub(r"^.*?/obj/", "", own[0])
+        home = page.folder_of(own_path)
+        if home is None:
+            yield f"{target}: {own_path} is in no folder of the table"
+            continue
+        leans = set(page.leans[home])
+        if any(folder.startswith("libtensormass/include") for folder in leans):
+            leans.add("libtensormass/src")  # the library of those headers
+        for folder in sorted({page.folder_of(p) for p in objects} - leans - {home, None}):
+            yield f"{target} of {home} links {folder}"
+        for library in sorted(libraries - EVERYWHERE - page.links[home]):
+            yield f"{target} of {home} links -l{library}"

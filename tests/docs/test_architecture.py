@@ -1,0 +1,115 @@
+"""The tree holds to the tables of docs/architecture.md: who includes, uses and links whom; no file leads back to itself."""
+import os
+import shutil
+import subprocess
+
+import architecture
+import pytest
+
+# Not yet put right.
+LEFT = ("apps/common/wire", "of haptic_rt/io links haptic_rt/device", "haptic.so of haptic_rt/io links apps/common")
+LEFT_CIRCLES = ("libtensormass/src/tissue", "libtensormass/src/patch", "libtensormass/solve", "lcm_types", "apps/common", "apps/sim", "apps/studies/evaluate")
+
+
+def but_left(sentences):
+    return [s for s in sentences if not any(left in s for left in LEFT)]
+
+
+@pytest.fixture(scope="module")
+def page(root):
+    return architecture.Page((root / "docs/architecture.md").read_text())
+
+
+@pytest.fixture(scope="module")
+def files(root, page):
+    return architecture.sources(root, page)
+
+
+@pytest.fixture(scope="module")
+def arrows(build, files):
+    return architecture.uses(architecture.symbols(build, files))
+
+
+def test_the_tables_name_what_is_there(root, page, files):
+    assert all((root / folder).is_dir() for folder in page.leans)
+    assert not [f for f in files if page.folder_of(f) is None]
+    assert set(page.gives) == {p.name for p in (root / "libtensormass/src").iterdir() if p.is_dir()}
+    assert all((root / "libtensormass/src" / header).is_file() for headers in page.gives.values() for header in headers)
+    code = [p for p in (root / "meshes").rglob("*") if p.suffix in (".c", ".h", ".cpp", ".py", ".mk")]
+    assert not code, "meshes/ holds data"
+
+
+def test_a_row_leans_on_rows_above_it(page):
+    for names in (page.leans, page.room_leans):
+        above = set()
+        for name, leans in names.items():
+            assert all(lean in above or os.path.splitext(lean)[1] == ".h" for lean in leans), name
+            above.add(name)
+
+
+def test_includes(root, page, files):
+    assert len(files) > 300
+    assert not but_left(architecture.outside_includes(root, page, files))
+
+
+def test_symbols(root, build, page, files, arrows):
+    assert len(arrows) > 500
+    assert not but_left(architecture.outside_uses(root, build, page, arrows))
+
+
+def test_links(root, page):
+    links = architecture.link_lines(root)
+    assert {"haptic-rt", "tm-sim", "tm-device", "libtensormass.a"} <= {os.path.basename(t) for t in links}
+    assert not but_left(architecture.outside_links(page, links))
+
+
+def test_no_circle_of_files(root, files, arrows):
+    assert not [c for c in architecture.circles(arrows) if {os.path.dirname(f) for f in c} - set(LEFT_CIRCLES)]
+    between = [(a, b) for a, _, b in architecture.includes(root, files) if a.endswith(".h")]
+    assert len(between) > 100
+    assert not architecture.circles(between)
+
+
+# --- it would tell ---
+
+@pytest.fixture
+def copy(root, tmp_path, page):
+    """The sources and what builds them."""
+    for top in {folder.split("/")[0] for folder in page.leans} | {"tests", "tools"}:
+        shutil.copytree(root / top, tmp_path / top, ignore=shutil.ignore_patterns("corpus", "reference", "__pycache__"))
+    shutil.copy(root / "Makefile", tmp_path)
+    return tmp_path
+
+
+def plant(path, text, instead_of=None):
+    source = path.read_text()
+    assert instead_of is None or instead_of in source
+    path.write_text(source.replace(instead_of, text, 1) if instead_of else text + source)
+
+
+def test_a_planted_include_is_found(copy, page):
+    plant(copy / "haptic_rt/io/say.c", '#include "common/units.h"\n')
+    plant(copy / "libtensormass/src/tissue/force.c", '#include "world/world_internal.h"\n')
+    plant(copy / "libtensormass/src/world/step.c", '#include "tissue/cut_work.h"\n')
+    found = but_left(architecture.outside_includes(copy, page, architecture.sources(copy, page)))
+    assert [line.split(":")[0] for line in found] == ["haptic_rt/io/say.c", "libtensormass/src/tissue/force.c", "libtensormass/src/world/step.c"], found
+
+
+def test_a_planted_use_and_a_circle_are_found(root, build, files, page, tmp_path):
+    shutil.copytree(build / "obj", tmp_path / "obj", ignore=lambda folder, names: [n for n in names if n.endswith(".d")] + (["tests"] if folder == str(build / "obj") else []))
+    os.symlink(build / "lib", tmp_path / "lib")
+    code = tmp_path / "planted.c"
+    code.write_text("int app_parse_quantity(void); int app_is_quiet(void); int app_is_quiet(void) { return app_parse_quantity(); }\n")
+    subprocess.run(["gcc", "-c", code, "-o", tmp_path / "obj/haptic_rt/base/progress.o"], check=True, timeout=60)
+    code.write_text("int app_is_quiet(void); int app_parse_quantity(void); int app_parse_quantity(void) { return app_is_quiet(); }\n")
+    subprocess.run(["gcc", "-c", code, "-o", tmp_path / "obj/apps/common/units.o"], check=True, timeout=60)
+    planted = architecture.uses(architecture.symbols(tmp_path, files))
+    assert "haptic_rt/base/progress.c uses app_parse_quantity of apps/common/units.c" in list(architecture.outside_uses(root, tmp_path, page, planted))
+    assert ["apps/common/units.c", "haptic_rt/base/progress.c"] in architecture.circles(planted)
+
+
+def test_a_planted_link_is_found(copy, page):
+    plant(copy / "haptic_rt/module.mk", "program,haptic-rt,haptic_rt/io/haptic_rt.c apps/common/units.c ", "program,haptic-rt,haptic_rt/io/haptic_rt.c ")
+    plant(copy / "libtensormass/module.mk", "$^ -lcjson -lm", "$^ -lm")
+    found = but_left(architecture.outside_links(page, architecture.link_lines(copy)))
+    assert found == ["build/bin/haptic-rt of haptic_rt/io links apps/common", "build/lib/libtensormass.so.0.1.0 of libtensormass/src links -lcjson"]
