@@ -14,6 +14,8 @@ static uint64_t key_of(const tms_request *q) {
                                  (int32_t)q->def->solver, q->interface_count, TMS_BLOCK};
     uint64_t h = tm_hash(settings, sizeof settings, TM_HASH_SEED);
     if (q->def->solver == TM_SOLVER_CG) h = tm_hash(&q->def->cg_tolerance, 8, h);
+    const double shear = tm_tissue_volume_shear(tissue);
+    if (shear >= 0) h = tm_hash(&shear, sizeof shear, h);
     h = tm_hash(mesh->rest_m, 24 * n, h);
     h = tm_hash(mesh->tet, 16 * (size_t)mesh->tet_count, h);
     h = tm_hash(tm_tissue_alive(tissue), (size_t)mesh->tet_count, h);

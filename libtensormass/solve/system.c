@@ -131,7 +131,7 @@ static void number_free(const tm_tissue *tissue, const uint8_t *fixed, tms_syste
 
 /* Calls the same walk twice: to count, and to fill. */
 static int64_t walk_column(const tm_tissue *tissue, const tms_system *s, int32_t column, int32_t *row, double *value) {
-    const tm_mesh *mesh = tm_tissue_mesh(tissue);
+    const tm_pair_view pairs = tm_tissue_pairs(tissue);
     const int32_t dof = s->dof[column], vertex = dof / 3, axis = dof % 3;
     double K[9];
     int64_t count = 0;
@@ -141,14 +141,13 @@ static int64_t walk_column(const tm_tissue *tissue, const tms_system *s, int32_t
             if (row) row[count] = s->index[3 * vertex + a], value[count] = K[3 * a + axis];
             count++;
         }
-    for (int32_t i = mesh->vertex_edge_begin[vertex]; i < mesh->vertex_edge_begin[vertex + 1]; i++) {
-        const int32_t edge = mesh->vertex_edge[i], other = mesh->edge[2 * edge + 1];
-        if (mesh->edge[2 * edge] != vertex) continue; /* its lower half stands in the other's columns */
+    for (int32_t p = pairs.begin[vertex]; p < pairs.begin[vertex + 1]; p++) { /* lower halves: in the others' columns */
+        const int32_t other = pairs.ends[2 * (int64_t)p + 1];
         bool read = false;
         for (int a = 0; a < 3; a++) {
             const int32_t at = s->index[3 * other + a];
             if (at < 0) continue;
-            if (row && !read) tm_tissue_edge_tensor(tissue, edge, K), read = true;
+            if (row && !read) tm_tissue_pair_tensor(tissue, p, K), read = true;
             if (row) row[count] = at, value[count] = K[3 * axis + a];
             count++;
         }
@@ -223,6 +222,8 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
     def.material = material;
     def.fibre = fibre;
     def.alive = alive;
+    def.volume = tm_tissue_volume_shear(whole) >= 0;
+    if (def.volume) def.volume_shear = tm_tissue_volume_shear(whole);
     status = tm_tissue_create(&def, tissue, error);
     tms_give(fibre);
     tms_give(material);

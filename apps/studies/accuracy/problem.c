@@ -55,6 +55,7 @@ problem_def problem_default(int cells) {
                          .depth = 0.05,
                          .material = material_liver(),
                          .precision = TM_DOUBLE,
+                         .volume_shear = tm_tissue_def_default().volume_shear,
                          .pressed = true,
                          .step_fraction = 0.9};
 }
@@ -73,6 +74,7 @@ tm_status problem_create(const problem_def *def, problem *p, tm_error *error) {
         tm_tissue_def tissue = tm_tissue_def_default();
         tissue.mesh = p->mesh, tissue.material_count = 1, tissue.material = &def->material;
         tissue.fibre = fibre, tissue.precision = def->precision;
+        tissue.volume = def->volume, tissue.volume_shear = def->volume_shear;
         status = tm_tissue_create(&tissue, &p->tissue, error);
     }
     free(fibre);

@@ -33,6 +33,11 @@ typedef struct tm_tissue_def {
                                                          (the condensed part of a hybrid); copied; null: none */
     const uint8_t
         *alive; /* [tet_count] 0: build without this tetrahedron; null: all alive. "The fresh build" of tests */
+    /* No locking towards Poisson's ratio 0.5, and a better element altogether (docs/physics.md, "Volume"): the change of
+     * volume is averaged over the tetrahedra around each vertex, and `volume_shear` of the shear, from 0 to 1, over those
+     * around each edge. Four times the blocks, a longer step. Double only; not under a hybrid. */
+    bool volume;
+    double volume_shear;      /* [0.5] more bends better, less is exacter where tissue is pressed on fine meshes */
     const uint8_t *elsewhere; /* [tet_count] 1: not alive here, and there all the same (the condensed part of a hybrid):
                                  cutting keeps the surface of both together a manifold, and never removes it; copied;
                                  null: none */
@@ -59,6 +64,18 @@ TM_API int64_t tm_tissue_bytes(const tm_tissue *tissue);
  */
 TM_API void tm_tissue_vertex_tensor(const tm_tissue *tissue, int32_t vertex, double K[9]);
 TM_API void tm_tissue_edge_tensor(const tm_tissue *tissue, int32_t edge, double K[9]);
+
+/* The pairs of vertices that a tissue has blocks for: the mesh's edges, and more with `volume`. Ascending; constant for
+ * life, as dead pairs have zeros. */
+typedef struct tm_pair_view {
+    int32_t count;
+    const int32_t *begin; /* [vertex_count+1] the first pair whose lower vertex it is */
+    const int32_t *ends;  /* [2*count] k<l */
+} tm_pair_view;
+TM_API tm_pair_view tm_tissue_pairs(const tm_tissue *tissue);
+TM_API void tm_tissue_pair_tensor(const tm_tissue *tissue, int32_t pair, double K[9]); /* K_kl */
+/* The share of the shear that is averaged over edges; below 0: tissue without `volume`. */
+TM_API double tm_tissue_volume_shear(const tm_tissue *tissue);
 
 /* The living surface. Slots are unordered after cuts; `face` (4*tet + local vertex) is each triangle's lasting name. */
 typedef struct tm_surface_view {

@@ -1,5 +1,5 @@
 /* Blocks of the living tetrahedra summed on vertices and edges, masses, the surface: in the order of a fresh build. */
-#include "tissue/tissue_internal.h"
+#include "tissue/smoothed.h"
 
 #include <string.h>
 
@@ -42,7 +42,7 @@ void tm_tissue_keep_blocks(tm_tissue *tissue) {
                 vertex_stiffness(tissue, mesh->vertex_tet[i], v, tissue->vertex_block + 9 * (int64_t)i);
             tet_share(tissue, mesh->vertex_tet[i], tissue->vertex_share + 2 * (int64_t)i);
         }
-    for (int32_t e = 0; e < mesh->edge_count; e++)
+    for (int32_t e = 0; tissue->edge_block && e < mesh->edge_count; e++)
         for (int32_t i = mesh->edge_tet_begin[e]; i < mesh->edge_tet_begin[e + 1]; i++)
             edge_stiffness(tissue, mesh->edge_tet[i], e, tissue->edge_block + 9 * (int64_t)i);
 }
@@ -142,7 +142,7 @@ void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
     double damping = tissue->extra_damping_kg_s ? tissue->extra_damping_kg_s[vertex] : 0;
     if (tissue->precision == TM_SINGLE)
         balance_edges(tissue, vertex, sum);
-    else
+    else if (!tissue->smoothed)
         sum_blocks(tissue, vertex, sum);
     for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++) {
         const int32_t t = mesh->vertex_tet[i];
@@ -183,6 +183,25 @@ void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
         for (int i = 0; i < 9; i++) ((float *)tissue->graph.edge_tensor)[at + i] = (float)sum[i];
     else
         memcpy((double *)tissue->graph.edge_tensor + at, sum, sizeof sum);
+}
+
+bool tm_tissue_assemble(tm_tissue *tissue) {
+    const tm_mesh *mesh = tissue->mesh;
+    if (tissue->smoothed) {
+        if (!tm_smoothed_assemble(tissue)) return false;
+    } else {
+        tm_tissue_place_edges(tissue);
+        for (int32_t e = 0; e < mesh->edge_count; e++) tm_tissue_assemble_edge(tissue, e);
+    }
+    for (int32_t v = 0; v < mesh->vertex_count; v++) tm_tissue_assemble_vertex(tissue, v);
+    return true;
+}
+
+void tm_tissue_assemble_touched(tm_tissue *tissue, const int32_t *vertex, int32_t vertices, const int32_t *edge,
+                                int32_t edges) {
+    if (tissue->smoothed) tm_smoothed_cut(tissue, vertex, vertices, edge, edges);
+    for (int32_t i = 0; !tissue->smoothed && i < edges; i++) tm_tissue_assemble_edge(tissue, edge[i]);
+    for (int32_t i = 0; i < vertices; i++) tm_tissue_assemble_vertex(tissue, vertex[i]);
 }
 
 /* --- surface --- */

@@ -1,6 +1,6 @@
 /* Critical time steps: the guaranteed element bound (Irons; shared anew in critical_shared.c) and the sharp figure of
  * the assembled system. */
-#include "tissue/tissue_internal.h"
+#include "tissue/smoothed.h"
 
 #include <float.h>
 #include <math.h>
@@ -8,10 +8,10 @@
 
 /* --- element bound --- */
 
-/* Cholesky factor of the 6x6 elasticity matrix in Mandel form (lower, row-major). */
-static void factor_elasticity(const tm_material *material, const double *fibre, double L[36]) {
+/* Cholesky factor of the 6x6 elasticity matrix (Voigt) in Mandel form (lower, row-major). */
+static void factor_elasticity(const double law_Pa[36], double L[36]) {
     double C[36];
-    tm_material_voigt(material, fibre, C);
+    memcpy(C, law_Pa, sizeof C);
     for (int i = 0; i < 36; i++) C[i] *= (i / 6 > 2 ? sqrt(2.0) : 1) * (i % 6 > 2 ? sqrt(2.0) : 1);
     memset(L, 0, 36 * sizeof(double));
     for (int j = 0; j < 6; j++) {
@@ -27,17 +27,18 @@ static void factor_elasticity(const tm_material *material, const double *fibre, 
     }
 }
 
+void tm_strain_gram_add(const double alpha[3], double scale, double G[36]) {
+    const double h = sqrt(0.5), x = alpha[0], y = alpha[1], z = alpha[2];
+    const double B[6][3] = {{x, 0, 0},         {0, y, 0},         {0, 0, z},
+                            {0, h * z, h * y}, {h * z, 0, h * x}, {h * y, h * x, 0}};
+    for (int i = 0; i < 6; i++)
+        for (int j = 0; j < 6; j++) G[6 * i + j] += scale * vdot(B[i], B[j]);
+}
+
 /* sum_k scale_k B_k B_k^T: B_k maps a vertex displacement to the strain in Mandel form. */
 static void strain_gram(const double alpha[12], const double scale[4], double G[36]) {
     memset(G, 0, 36 * sizeof(double));
-    const double h = sqrt(0.5);
-    for (int k = 0; k < 4; k++) {
-        const double x = alpha[3 * k], y = alpha[3 * k + 1], z = alpha[3 * k + 2];
-        const double B[6][3] = {{x, 0, 0},         {0, y, 0},         {0, 0, z},
-                                {0, h * z, h * y}, {h * z, 0, h * x}, {h * y, h * x, 0}};
-        for (int i = 0; i < 6; i++)
-            for (int j = 0; j < 6; j++) G[6 * i + j] += scale[k] * vdot(B[i], B[j]);
-    }
+    for (int k = 0; k < 4; k++) tm_strain_gram_add(alpha + 3 * k, scale[k], G);
 }
 
 void tm_diagonalise6(double A[36]) {
@@ -65,10 +66,10 @@ void tm_diagonalise6(double A[36]) {
     }
 }
 
-/* A = L^T G L with C = L L^T, made of the material: its eigenvalues are those of G C. */
-static void material_gram(const tm_tissue *tissue, int32_t tet, const double G[36], double A[36]) {
+/* A = L^T G L with C = L L^T: its eigenvalues are those of G C. */
+static void law_gram(const double law_Pa[36], const double G[36], double A[36]) {
     double L[36], GL[36];
-    factor_elasticity(tm_tissue_tet_material(tissue, tet), tm_tissue_tet_fibre(tissue, tet), L);
+    factor_elasticity(law_Pa, L);
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < 6; j++) {
             GL[6 * i + j] = 0;
@@ -81,6 +82,16 @@ static void material_gram(const tm_tissue *tissue, int32_t tet, const double G[3
         }
 }
 
+/* The law of a tetrahedron, or what bounds all that smoothing can make of it. */
+static void material_gram(const tm_tissue *tissue, int32_t tet, const double G[36], double A[36]) {
+    double law_Pa[36];
+    tm_material cover;
+    const tm_material *above = tissue->smoothed ? tm_smoothed_cover(tissue, tet, &cover) : NULL;
+    tm_material_voigt(above ? above : tm_tissue_tet_material(tissue, tet),
+                      above ? NULL : tm_tissue_tet_fibre(tissue, tet), law_Pa);
+    law_gram(law_Pa, G, A);
+}
+
 /* K_e = V B^T C B and M_e = rho V/4: the eigenvalues are 4/rho times those of L^T (B B^T) L, C = L L^T.
  * Not computed, and 0 returned, when even the trace stays under `floor`. */
 static double element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double floor) {
@@ -90,7 +101,7 @@ static double element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, dou
     const double scale = 4 / material->density_kg_m3;
     double trace = 0;
     for (int i = 0; i < 6; i++) trace += G[7 * i];
-    if (scale * trace * tm_material_stiffest_Pa(material) <= floor) return 0;
+    if (!tissue->smoothed && scale * trace * tm_material_stiffest_Pa(material) <= floor) return 0;
     material_gram(tissue, tet, G, A);
     tm_diagonalise6(A);
     double most = 0;
@@ -130,6 +141,12 @@ double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const do
     return largest_from_above(A);
 }
 
+double tm_law_eigenvalue_over(const double law_Pa[36], const double G[36]) {
+    double A[36];
+    law_gram(law_Pa, G, A);
+    return largest_from_above(A);
+}
+
 double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet) { return element_eigenvalue_above(tissue, tet, 0); }
 
 /* What rounding may add to the largest eigenvalue: of the assembled tensors, single ones above all. */
@@ -157,7 +174,8 @@ bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet
     }
     /* What hangs on the tissue lives on the extra masses. */
     const bool even = tissue->cuttable || tissue->extra_mass_kg || worst < 0;
-    const bool done = even || tm_shared_eigenvalue(tissue, &most, &worst);
+    const bool done = even || (tissue->smoothed ? tm_smoothed_eigenvalue(tissue, &most, &worst)
+                                                : tm_shared_eigenvalue(tissue, &most, &worst));
     *tet = worst;
     *step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);
     return done;

@@ -185,10 +185,9 @@ int32_t tm_cut_remove(tm_tissue *tissue, const int32_t *tet, int32_t count, int3
         if (tissue->alive[tet[i]]) tm_cut_kill(tissue, tet[i]);
     tm_cut_mend(tissue);
     for (int32_t i = 0; i < w->tet.count; i++) update_surface(tissue, w->tet.item[i]);
-    for (int32_t i = 0; i < w->edge.count; i++)
+    for (int32_t i = 0; !tissue->smoothed && i < w->edge.count; i++)
         if (!tm_tissue_edge_lives(tissue, w->edge.item[i])) tm_tissue_drop_edge(tissue, w->edge.item[i]);
-    for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_assemble_edge(tissue, w->edge.item[i]);
-    for (int32_t i = 0; i < w->vertex.count; i++) tm_tissue_assemble_vertex(tissue, w->vertex.item[i]);
+    tm_tissue_assemble_touched(tissue, w->vertex.item, w->vertex.count, w->edge.item, w->edge.count);
     tissue->surface.revision += w->tet.count > 0;
     for (int32_t i = 0; removed && i < w->tet.count && i < removed_max; i++) removed[i] = w->tet.item[i];
     return w->tet.count;

@@ -30,9 +30,7 @@ void tm_tissue_restore(tm_tissue *tissue, const uint8_t *alive, const int32_t *f
     memcpy(tissue->alive, alive, (size_t)mesh->tet_count);
     tissue->alive_count = 0;
     for (int32_t t = 0; t < mesh->tet_count; t++) tissue->alive_count += alive[t];
-    tm_tissue_place_edges(tissue);
-    for (int32_t e = 0; e < mesh->edge_count; e++) tm_tissue_assemble_edge(tissue, e);
-    for (int32_t v = 0; v < mesh->vertex_count; v++) tm_tissue_assemble_vertex(tissue, v);
+    tm_tissue_assemble(tissue); /* which needs no memory where a tissue is cuttable */
     tm_cut_count(tissue);
     memset(tissue->face_slot, -1, sizeof(int32_t) * 4 * (size_t)mesh->tet_count);
     for (int32_t i = 0; i < count; i++) {

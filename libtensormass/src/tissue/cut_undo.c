@@ -44,9 +44,8 @@ bool tm_cut_give_back(tm_tissue *tissue) {
             tm_cut_see(&w->vertex, w->call, vertex);
         }
     }
-    for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_raise_edge(tissue, w->edge.item[i]);
-    for (int32_t i = 0; i < w->edge.count; i++) tm_tissue_assemble_edge(tissue, w->edge.item[i]);
-    for (int32_t i = 0; i < w->vertex.count; i++) tm_tissue_assemble_vertex(tissue, w->vertex.item[i]);
+    for (int32_t i = 0; !tissue->smoothed && i < w->edge.count; i++) tm_tissue_raise_edge(tissue, w->edge.item[i]);
+    tm_tissue_assemble_touched(tissue, w->vertex.item, w->vertex.count, w->edge.item, w->edge.count);
     tissue->surface.revision = tissue->kept_revision;
     return true;
 }

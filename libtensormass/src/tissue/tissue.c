@@ -1,11 +1,12 @@
 /* Tissue: what it is made from, checked and copied; and views of it. */
 #include "tissue/cut_work.h"
+#include "tissue/smoothed.h"
 
 #include <math.h>
 #include <string.h>
 
 tm_tissue_def tm_tissue_def_default(void) {
-    return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE, .size = sizeof(tm_tissue_def)};
+    return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE, .size = sizeof(tm_tissue_def), .volume_shear = 0.5};
 }
 
 void tm_tissue_destroy(tm_tissue *tissue) {
@@ -15,6 +16,18 @@ void tm_tissue_destroy(tm_tissue *tissue) {
 }
 
 /* --- building --- */
+
+static tm_status check_volume(const tm_tissue_def *def, tm_error *error) {
+    if (!def->volume) return TM_OK;
+    if (!(def->volume_shear >= 0 && def->volume_shear <= 1))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "volume_shear = %g; give a share from 0 to 1", def->volume_shear);
+    if (def->precision == TM_SINGLE)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "volume with single tensors; take double, or leave volume out");
+    if (def->extra_mass_kg || def->extra_damping_kg_s || def->elsewhere)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "volume beside a condensed part, over whose border nothing can be averaged; leave one out");
+    return TM_OK;
+}
 
 static tm_status check_extra(const tm_mesh *mesh, const double *extra, const char *what, tm_error *error) {
     for (int32_t v = 0; extra && v < mesh->vertex_count; v++)
@@ -72,19 +85,29 @@ static bool any_anisotropic(const tm_tissue_def *def) {
     return false;
 }
 
-static void take_graph(tm_force_graph *graph, tm_pool *pool, const tm_mesh *mesh, tm_precision precision) {
+static void take_graph(tm_force_graph *graph, tm_pool *pool, const tm_mesh *mesh, int32_t pairs,
+                       tm_precision precision) {
     graph->vertex_count = mesh->vertex_count;
     graph->living = TM_TAKE(pool, uint64_t, mesh->vertex_count / 64 + 1);
     graph->upper_begin = TM_TAKE(pool, int32_t, (int64_t)mesh->vertex_count + 1);
     graph->upper_end = TM_TAKE(pool, int32_t, mesh->vertex_count);
-    graph->upper_vertex = TM_TAKE(pool, int32_t, mesh->edge_count);
+    graph->upper_vertex = TM_TAKE(pool, int32_t, pairs);
     graph->vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)mesh->vertex_count + TM_FORCE_PADDING);
-    graph->edge_tensor = tm_pool_take(pool, 9 * (int64_t)mesh->edge_count + TM_FORCE_PADDING,
+    graph->edge_tensor = tm_pool_take(pool, 9 * (int64_t)pairs + TM_FORCE_PADDING,
                                       precision == TM_SINGLE ? sizeof(float) : sizeof(double));
 }
 
+static void take_pairs(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
+    tissue->pair = def->mesh->edge;
+    tissue->pair_count = def->mesh->edge_count;
+    if (!def->volume) return;
+    if (!tm_smoothed_take(tissue, def, pool)) pool->failed = true;
+    tissue->pair = pool->failed ? NULL : tissue->smoothed->pair;
+    tissue->pair_count = pool->failed ? 0 : tissue->smoothed->pair_count;
+}
+
 static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
-    const tm_mesh *mesh = def->mesh;
+    const tm_mesh *mesh = tissue->mesh = def->mesh;
     tissue->material = TM_TAKE(pool, tm_material, def->material_count);
     tissue->region_material = TM_TAKE(pool, int32_t, mesh->region_count);
     if (def->fibre && any_anisotropic(def)) tissue->fibre = TM_TAKE(pool, double, 3 * (int64_t)mesh->tet_count);
@@ -94,11 +117,14 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     if (def->elsewhere) tissue->elsewhere = TM_TAKE(pool, uint8_t, mesh->tet_count);
     if (def->extra_mass_kg) tissue->extra_mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
     if (def->extra_damping_kg_s) tissue->extra_damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
-    take_graph(&tissue->graph, pool, mesh, def->precision);
-    if (def->cuttable || def->alive) tissue->edge_slot = TM_TAKE(pool, int32_t, mesh->edge_count);
-    if (def->cuttable) {
+    take_pairs(tissue, pool, def);
+    take_graph(&tissue->graph, pool, mesh, tissue->pair_count, def->precision);
+    if (def->cuttable || def->alive) tissue->edge_slot = TM_TAKE(pool, int32_t, tissue->pair_count);
+    if (def->cuttable && !def->volume) {
         if (def->precision == TM_DOUBLE) tissue->vertex_block = TM_TAKE(pool, double, 36 * (int64_t)mesh->tet_count);
         tissue->edge_block = TM_TAKE(pool, double, 54 * (int64_t)mesh->tet_count);
+    }
+    if (def->cuttable) {
         tissue->vertex_share = TM_TAKE(pool, double, 8 * (int64_t)mesh->tet_count);
         tissue->face_slot = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
         tissue->cut = tm_cut_take_work(pool, mesh);
@@ -113,7 +139,6 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
 
 static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     const tm_mesh *mesh = def->mesh;
-    tissue->mesh = mesh;
     tissue->material_count = def->material_count;
     tissue->precision = def->precision;
     tissue->cuttable = def->cuttable;
@@ -135,7 +160,7 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
         for (int i = 0; i < 3; i++)
             tissue->fibre[3 * (int64_t)t + i] = length > 0 && isfinite(length) ? a[i] / length : 0;
     }
-    for (int32_t e = 0; e < mesh->edge_count; e++) tissue->graph.upper_begin[mesh->edge[2 * e] + 1]++;
+    for (int32_t p = 0; p < tissue->pair_count; p++) tissue->graph.upper_begin[tissue->pair[2 * (int64_t)p] + 1]++;
     for (int32_t v = 0; v < mesh->vertex_count; v++) tissue->graph.upper_begin[v + 1] += tissue->graph.upper_begin[v];
 }
 
@@ -144,6 +169,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     TM_REQUIRE(tissue && def->mesh, "tissue or def->mesh is null", TM_ERR_ARGUMENT);
     tm_status status = check_regions(def, error);
     if (!status) status = check_fibres(def, error);
+    if (!status) status = check_volume(def, error);
     if (!status) status = check_extra(def->mesh, def->extra_mass_kg, "mass", error);
     if (!status) status = check_extra(def->mesh, def->extra_damping_kg_s, "damping", error);
     if (status) return status;
@@ -157,9 +183,10 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     }
     copy_constants(t, def);
     if (t->cuttable) tm_tissue_keep_blocks(t);
-    tm_tissue_place_edges(t);
-    for (int32_t e = 0; e < def->mesh->edge_count; e++) tm_tissue_assemble_edge(t, e);
-    for (int32_t v = 0; v < def->mesh->vertex_count; v++) tm_tissue_assemble_vertex(t, v);
+    if (!tm_tissue_assemble(t)) {
+        tm_pool_release(&pool);
+        return tm_fail_memory(error, "tissue");
+    }
     tm_tissue_build_surface(t);
     if (t->cut) tm_cut_count(t);
     t->pool = pool;
@@ -223,7 +250,24 @@ void tm_tissue_vertex_tensor(const tm_tissue *tissue, int32_t vertex, double K[9
 void tm_tissue_edge_tensor(const tm_tissue *tissue, int32_t edge, double K[9]) {
     TM_REQUIRE(tissue && K && edge >= 0 && edge < tissue->mesh->edge_count,
                "tissue or K is null, or edge is not one of its edges", );
-    const int64_t at = 9 * (int64_t)tm_tissue_edge_slot(tissue, edge);
+    const int32_t *ends = tissue->mesh->edge + 2 * (int64_t)edge;
+    tm_tissue_pair_tensor(tissue, tissue->smoothed ? tm_tissue_find_pair(tissue, ends[0], ends[1]) : edge, K);
+}
+
+tm_pair_view tm_tissue_pairs(const tm_tissue *tissue) {
+    TISSUE_IS_GIVEN((tm_pair_view){0});
+    return (tm_pair_view){tissue->pair_count, tissue->graph.upper_begin, tissue->pair};
+}
+
+double tm_tissue_volume_shear(const tm_tissue *tissue) {
+    TISSUE_IS_GIVEN(-1);
+    return tissue->smoothed ? tissue->smoothed->shear : -1;
+}
+
+void tm_tissue_pair_tensor(const tm_tissue *tissue, int32_t pair, double K[9]) {
+    TM_REQUIRE(tissue && K && pair >= 0 && pair < tissue->pair_count,
+               "tissue or K is null, or pair is not one of its pairs", );
+    const int64_t at = 9 * (int64_t)tm_tissue_edge_slot(tissue, pair);
     for (int i = 0; i < 9; i++)
         K[i] = at < 0                           ? 0
                : tissue->precision == TM_SINGLE ? (double)((const float *)tissue->graph.edge_tensor)[at + i]
@@ -248,9 +292,10 @@ double tm_tissue_energy(const tm_tissue *tissue, const double *u_m) {
         tm_tissue_vertex_tensor(tissue, v, K);
         sum += 0.5 * form(K, u_m + 3 * (int64_t)v, u_m + 3 * (int64_t)v);
     }
-    for (int32_t e = 0; e < mesh->edge_count; e++) {
-        tm_tissue_edge_tensor(tissue, e, K);
-        sum += form(K, u_m + 3 * (int64_t)mesh->edge[2 * e], u_m + 3 * (int64_t)mesh->edge[2 * e + 1]);
+    for (int32_t p = 0; p < tissue->pair_count; p++) {
+        const int32_t *ends = tissue->pair + 2 * (int64_t)p;
+        tm_tissue_pair_tensor(tissue, p, K);
+        sum += form(K, u_m + 3 * (int64_t)ends[0], u_m + 3 * (int64_t)ends[1]);
     }
     return sum;
 }

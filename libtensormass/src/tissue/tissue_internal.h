@@ -24,7 +24,10 @@ struct tm_tissue {
     double *mass_kg, *damping_kg_s;             /* [vertex_count] */
     double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] or null */
     tm_force_graph graph;
-    int32_t *edge_slot;   /* [edge_count] place of a living edge in the graph, -1: dead; null: every edge lives, in its
+    int32_t pair_count;
+    const int32_t *pair;          /* [2*pair_count] the graph's edges k<l, ascending: the mesh's, or more (smoothed) */
+    struct tm_smoothed *smoothed; /* null: linear tetrahedra (tissue/smoothed.h) */
+    int32_t *edge_slot;   /* [pair_count] place of a living one in the graph, -1: dead; null: every one lives, in its
                              own number's place */
     double *vertex_block; /* cuttable, double: [9*4*tet_count] blocks K_kk in the order of mesh->vertex_tet, so that a
                              sum reads straight on; else null */
@@ -43,9 +46,9 @@ struct tm_tissue {
 /* --- assembly, shared by create and cut; all sums ascending over living tetrahedra --- */
 /* Keeps the blocks and shares of every tetrahedron of a cuttable tissue, so that a sum reads straight on. */
 void tm_tissue_keep_blocks(tm_tissue *tissue);
-/* Place of an edge in the graph, -1: dead. */
-static inline int32_t tm_tissue_edge_slot(const tm_tissue *tissue, int32_t edge) {
-    return tissue->edge_slot ? tissue->edge_slot[edge] : edge;
+/* Place of a pair (an edge, where nothing is smoothed) in the graph, -1: dead. */
+static inline int32_t tm_tissue_edge_slot(const tm_tissue *tissue, int32_t pair) {
+    return tissue->edge_slot ? tissue->edge_slot[pair] : pair;
 }
 /* Gives every living edge its slot. */
 void tm_tissue_place_edges(tm_tissue *tissue);
@@ -56,12 +59,23 @@ void tm_tissue_drop_edge(tm_tissue *tissue, int32_t edge);
 void tm_tissue_raise_edge(tm_tissue *tissue, int32_t edge);
 void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge);
 void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex); /* after its edges */
+/* Everything from nothing, as the tetrahedra live. False: no memory (smoothed and not cuttable only). */
+bool tm_tissue_assemble(tm_tissue *tissue);
+/* What these vertices and edges have after a cut, or after it was taken back. */
+void tm_tissue_assemble_touched(tm_tissue *tissue, const int32_t *vertex, int32_t vertices, const int32_t *edge,
+                                int32_t edges);
+/* The pair k<l, or -1. */
+int32_t tm_tissue_find_pair(const tm_tissue *tissue, int32_t k, int32_t l);
 /* The surface of the living tetrahedra from nothing, slots ascending by face. */
 void tm_tissue_build_surface(tm_tissue *tissue);
 /* Largest eigenvalue of M_e^-1 K_e, 1/s2. */
 double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet);
 /* The same with any masses (or weights) > 0 on its vertices, from above: at most 0.2 % too large. */
 double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]);
+/* G += scale B B^T: B maps a displacement to the strain in Mandel form that it makes by the gradient alpha. */
+void tm_strain_gram_add(const double alpha[3], double scale, double G[36]);
+/* Largest eigenvalue of G C, C semidefinite in Voigt form, from above: at most 0.2 % too large. */
+double tm_law_eigenvalue_over(const double law_Pa[36], const double G[36]);
 /* Lowers `most`, a bound of omega^2 of the living tetrahedra, if masses shared by demand give a lower one, and names
  * the tetrahedron that sets it. Not for a tissue that will be cut. False: no memory, nothing lowered. */
 bool tm_shared_eigenvalue(const tm_tissue *tissue, double *most, int32_t *tet);

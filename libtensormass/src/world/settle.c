@@ -162,11 +162,12 @@ static void fictitious_masses(relaxation *x) {
         tm_tissue_vertex_tensor(tissue, v, K);
         for (int i = 0; i < 9; i++) sum[3 * v + i / 3] += fabs(K[i]);
     }
-    for (int32_t e = 0; e < mesh->edge_count; e++) {
-        tm_tissue_edge_tensor(tissue, e, K);
+    for (int32_t p = 0; p < tissue->pair_count; p++) {
+        const int32_t *ends = tissue->pair + 2 * (int64_t)p;
+        tm_tissue_pair_tensor(tissue, p, K);
         for (int i = 0; i < 9; i++) {
-            sum[3 * mesh->edge[2 * e] + i / 3] += fabs(K[i]);
-            sum[3 * mesh->edge[2 * e + 1] + i % 3] += fabs(K[i]);
+            sum[3 * ends[0] + i / 3] += fabs(K[i]);
+            sum[3 * ends[1] + i % 3] += fabs(K[i]);
         }
     }
     for (int32_t v = 0; v < mesh->vertex_count; v++)
