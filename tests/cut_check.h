@@ -43,6 +43,10 @@ static inline void cut_same_bits(tm_tissue *cut, const tm_tissue_def *def) {
         tm_tissue_edge_tensor(cut, e, A), tm_tissue_edge_tensor(fresh, e, B);
         assert_memory_equal(A, B, sizeof A);
     }
+    for (int32_t p = 0; p < tm_tissue_pairs(cut).count; p++) {
+        tm_tissue_pair_tensor(cut, p, A), tm_tissue_pair_tensor(fresh, p, B);
+        assert_memory_equal(A, B, sizeof A);
+    }
     double *u = malloc(sizeof(double) * 3 * n), *f = malloc(sizeof(double) * 3 * n),
            *g = malloc(sizeof(double) * 3 * n);
     fix_random random = {(uint64_t)tm_tissue_alive_count(cut)};

@@ -11,7 +11,7 @@
 enum { ORDERS = 20 };
 
 /* Returns whether the mesh was accepted. */
-static inline bool organ_cut_down(const char *path, int orders, int batches) {
+static inline bool organ_cut_down(const char *path, int orders, int batches, bool volume) {
     app_mesh file;
     tm_error error;
     tm_mesh *mesh = NULL;
@@ -28,7 +28,8 @@ static inline bool organ_cut_down(const char *path, int orders, int batches) {
     fix_ok(tm_material_paper(1e4, 3e3, 1.2e4, 9e3, &material, &error), &error);
     double *fibre = fix_fibres(mesh, (const double[3]){1, 2, 2});
     tm_tissue_def def = tm_tissue_def_default();
-    def.mesh = mesh, def.material_count = 1, def.fibre = fibre, def.cuttable = true, def.form = TM_FORCE_PLAIN;
+    def.mesh = mesh, def.material_count = 1, def.fibre = fibre, def.cuttable = true, def.form = TM_FORCE_PLAIN,
+    def.volume = volume;
     material.damping_1_s = 20;
     int32_t *same = calloc((size_t)mesh->region_count, sizeof *same); /* one material in every region */
     def.region_material = same;

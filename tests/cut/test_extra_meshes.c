@@ -20,7 +20,7 @@ static void extra_meshes(void **state) {
     closedir(dir);
     qsort(path, (size_t)count, sizeof *path, by_name);
     int accepted = 0;
-    for (int i = 0; i < count; i++) accepted += organ_cut_down(path[i], ORDERS, 30);
+    for (int i = 0; i < count; i++) accepted += organ_cut_down(path[i], ORDERS, 30, false);
     print_message("  %d of %d meshes cut\n", accepted, count);
     assert_true(accepted > 0);
 }

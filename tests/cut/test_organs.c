@@ -8,9 +8,11 @@ static void generated_organs(void **state) {
     char path[600];
     const bool whole = test_is_long();
     snprintf(path, sizeof path, "%s/meshes/liver_1k.msh", root ? root : ".");
-    assert_true(organ_cut_down(path, ORDERS, 30));
+    assert_true(organ_cut_down(path, ORDERS, 30, false));
+    assert_true(organ_cut_down(path, whole ? ORDERS : 4, 30, true));
     snprintf(path, sizeof path, "%s/meshes/liver_10k.msh", root ? root : ".");
-    assert_true(organ_cut_down(path, whole ? ORDERS : 2, whole ? 30 : 12));
+    assert_true(organ_cut_down(path, whole ? ORDERS : 2, whole ? 30 : 12, false));
+    if (whole) assert_true(organ_cut_down(path, 4, 30, true));
 }
 
 int main(void) {

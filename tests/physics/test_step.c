@@ -1,54 +1,9 @@
 /* The guaranteed step against dense eigenvalues: never above 2/omega_max, on random meshes with slivers, before and
  * after random cuts; and longer than the even bound where slivers are. */
-#include "../fixture.h"
 #include "../long.h"
+#include "dense.h"
 
 static const double FIBRE[3] = {2, -1, 2};
-
-/* The largest eigenvalue of the symmetric A[n*n] by Jacobi rotations. A is lost. */
-static double largest_eigenvalue(double *A, int n) {
-    for (int sweep = 0; sweep < 50; sweep++) {
-        double off = 0, diagonal = 0;
-        for (int i = 0; i < n * n; i++) *(i % (n + 1) ? &off : &diagonal) += A[i] * A[i];
-        if (off <= 1e-22 * diagonal) break;
-        for (int p = 0; p < n - 1; p++)
-            for (int q = p + 1; q < n; q++) {
-                if (fabs(A[p * n + q]) <= 1e-14 * sqrt(diagonal) / n) continue;
-                const double theta = (A[q * n + q] - A[p * n + p]) / (2 * A[p * n + q]);
-                const double t = (theta < 0 ? -1 : 1) / (fabs(theta) + sqrt(theta * theta + 1));
-                const double c = 1 / sqrt(t * t + 1), s = t * c;
-                for (int k = 0; k < n; k++) {
-                    const double a = A[k * n + p], b = A[k * n + q];
-                    A[k * n + p] = c * a - s * b, A[k * n + q] = s * a + c * b;
-                }
-                for (int k = 0; k < n; k++) {
-                    const double a = A[p * n + k], b = A[q * n + k];
-                    A[p * n + k] = c * a - s * b, A[q * n + k] = s * a + c * b;
-                }
-            }
-    }
-    double most = 0;
-    for (int i = 0; i < n; i++) most = fmax(most, A[i * (n + 1)]);
-    return most;
-}
-
-/* 2/omega_max of the tissue as stored, from columns of the force. */
-static double dense_step(const tm_tissue *tissue) {
-    const int n = 3 * tm_tissue_mesh(tissue)->vertex_count;
-    const double *mass = tm_tissue_mass_kg(tissue);
-    double *u = calloc((size_t)n, sizeof *u), *f = malloc(sizeof *f * (size_t)n),
-           *A = calloc((size_t)(n * n), sizeof *A);
-    for (int j = 0; j < n; j++) {
-        u[j] = 1;
-        tm_tissue_force(tissue, u, f);
-        u[j] = 0;
-        for (int i = 0; i < n; i++)
-            if (mass[i / 3] > 0 && mass[j / 3] > 0) A[i * n + j] = -f[i] / sqrt(mass[i / 3] * mass[j / 3]);
-    }
-    const double step = 2 / sqrt(largest_eigenvalue(A, n));
-    free(u), free(f), free(A);
-    return step;
-}
 
 /* A block with every vertex thrown about, as far as the tetrahedra allow, some nearly flat. */
 static tm_mesh *crooked(int trial, fix_random *random) {

@@ -29,8 +29,7 @@ static void factor_elasticity(const double law_Pa[36], double L[36]) {
 
 void tm_strain_gram_add(const double alpha[3], double scale, double G[36]) {
     const double h = sqrt(0.5), x = alpha[0], y = alpha[1], z = alpha[2];
-    const double B[6][3] = {{x, 0, 0},         {0, y, 0},         {0, 0, z},
-                            {0, h * z, h * y}, {h * z, 0, h * x}, {h * y, h * x, 0}};
+    const double B[6][3] = {{x, 0, 0}, {0, y, 0}, {0, 0, z}, {0, h * z, h * y}, {h * z, 0, h * x}, {h * y, h * x, 0}};
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < 6; j++) G[6 * i + j] += scale * vdot(B[i], B[j]);
 }

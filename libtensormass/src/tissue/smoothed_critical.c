@@ -1,8 +1,8 @@
 /* Irons' bound over smoothing domains. The stiffness is a sum over them, K = sum of K_d, and over single tetrahedra for
- * what is not smoothed; each K_d lies under a diagonal, K_d <= diag(ask_d), ask_d = lambda_max(diag(w)^-1 K_d) w for any
- * weights w > 0 of its members, and so K <= diag(sum of ask) <= most M bounds omega^2 as in critical_shared.c. What is
- * averaged over a vertex has rank one: there lambda_max is a sum. Weights begin in proportion to the gradients' lengths
- * (for rank one, the row sums of |K_d|) and follow what is asked for. */
+ * what is not smoothed; each K_d lies under a diagonal, K_d <= diag(ask_d), ask_d = lambda_max(diag(w)^-1 K_d) w for
+ * any weights w > 0 of its members, and so K <= diag(sum of ask) <= most M bounds omega^2 as in critical_shared.c. What
+ * is averaged over a vertex has rank one: there lambda_max is a sum. Weights begin in proportion to the gradients'
+ * lengths (for rank one, the row sums of |K_d|) and follow what is asked for. */
 #include "tissue/smoothed.h"
 
 #include <math.h>

@@ -11,9 +11,7 @@ double tm_smoothed_bulk_Pa(const tm_material *m) {
     return (across * along - mixed * mixed) / (along - 2 * mixed + across);
 }
 
-static int32_t law_of(const tm_tissue *tissue, int32_t tet) {
-    return tissue->smoothed->law[tissue->mesh->region[tet]];
-}
+static int32_t law_of(const tm_tissue *tissue, int32_t tet) { return tissue->smoothed->law[tissue->mesh->region[tet]]; }
 
 /* --- the tetrahedra around an owner --- */
 

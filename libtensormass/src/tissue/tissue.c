@@ -6,7 +6,7 @@
 #include <string.h>
 
 tm_tissue_def tm_tissue_def_default(void) {
-    return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE, .size = sizeof(tm_tissue_def), .volume_shear = 0.5};
+    return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE, .size = sizeof(tm_tissue_def), .volume_shear = 0.4};
 }
 
 void tm_tissue_destroy(tm_tissue *tissue) {
