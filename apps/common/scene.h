@@ -194,6 +194,12 @@ typedef struct app_hand {
     app_list path; /* app_waypoint */
 } app_hand;
 
+/* By what name a scene asks for an effect, or by which model. */
+typedef struct app_effect_key {
+    const char *name;
+    int model; /* app_model that stands for naming the effect; 0: its section does */
+} app_effect_key;
+
 typedef struct app_scene {
     const char *file;
     app_text title;
@@ -214,6 +220,7 @@ typedef struct app_scene {
     int effect_count;
     void *
         *effect; /* the options of each schema handed to app_scene_load, first member app_section: line 0, not named */
+    const app_effect_key *effect_key; /* [effect_count] of whoever loads; null: schemas have no names */
 
     bool strict; /* warnings are errors */
 

@@ -150,9 +150,7 @@ static int report(const choice *o, const tm_solve_report *r, const char *file, r
 
 /* The options of `precomputed`, whether the scene's model asks for them or not. */
 static const sim_solve_options *options_of(const sim *s) {
-    int index = 0;
-    sim_effect_find("precomputed", &index);
-    return s->scene->effect[index];
+    return s->scene->effect[sim_effect_find(s->scene, "precomputed")];
 }
 
 static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file *json) {

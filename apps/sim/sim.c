@@ -9,55 +9,22 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-int sim_report(const app_scene *scene, int line, const tm_error *error) {
-    if (line < 0) return app_scene_bad(scene, line, "%s", error->message);
-    return app_report(scene->file, line, error);
-}
-
-int sim_report_file(const app_scene *scene, int line, const char *file, int file_line, const tm_error *error) {
-    tm_error whole = *error;
-    char where[600];
-    app_scene_where(scene, line, where, sizeof where);
-    size_t used = strlen(whole.message);
-    snprintf(whole.message + used, sizeof whole.message - used, " (the scene names it: %s)", where);
-    return app_report(file, file_line, &whole);
-}
-
-/* --- effects by name --- */
-
-const sim_effect *sim_effect_find(const char *name, int *index) {
-    for (int i = 0; i < sim_effect_count; i++)
-        if (!strcmp(sim_effects[i]->name, name)) {
-            if (index) *index = i;
-            return sim_effects[i];
-        }
-    return NULL;
-}
-
-int sim_effect_line(const app_scene *scene, int index) {
-    int model = sim_effects[index]->model;
-    if (model) return scene->model.index == model ? scene->model.line : 0;
-    return ((const app_section *)scene->effect[index])->line;
-}
-
-const void *sim_options(const app_scene *scene, const char *effect) {
-    int i;
-    return sim_effect_find(effect, &i) && sim_effect_line(scene, i) ? scene->effect[i] : NULL;
-}
-
-bool sim_has(const sim *s, const char *effect) { return sim_options(s->scene, effect) != NULL; }
-
 /* --- the scene as a whole --- */
 
 int sim_scene_load(const char *file, char *const *set, int set_count, app_scene **scene) {
-    app_schema schema[SIM_MAX_EFFECTS];
+    app_schema schema[SIM_MAX_EFFECTS] = {0};
     for (int i = 0; i < sim_effect_count; i++) schema[i] = sim_effects[i]->schema;
-    return app_scene_load(file, set, set_count, schema, sim_effect_count, scene);
+    const int rc = app_scene_load(file, set, set_count, schema, sim_effect_count, scene);
+    if (rc) return rc;
+    app_effect_key *key = app_scene_alloc(*scene, sizeof *key * SIM_MAX_EFFECTS);
+    for (int i = 0; i < sim_effect_count; i++) key[i] = (app_effect_key){sim_effects[i]->name, sim_effects[i]->model};
+    (*scene)->effect_key = key;
+    return 0;
 }
 
 static int check_effect(const app_scene *scene, int index) {
     const sim_effect *e = sim_effects[index];
-    int line = sim_effect_line(scene, index), other;
+    int line = sim_effect_line(scene, index);
     char where[600];
     for (int i = 0; i < 4 && e->needs[i]; i++) {
         if (!strcmp(e->needs[i], "instruments") ? scene->instrument.count > 0 : sim_options(scene, e->needs[i]) != NULL)
@@ -66,7 +33,8 @@ static int check_effect(const app_scene *scene, int index) {
                              e->name, e->needs[i], e->needs[i], e->name);
     }
     for (int i = 0; i < 4 && e->excludes[i].other; i++) {
-        if (!sim_effect_find(e->excludes[i].other, &other) || !sim_effect_line(scene, other)) continue;
+        const int other = sim_effect_find(scene, e->excludes[i].other);
+        if (other < 0 || !sim_effect_line(scene, other)) continue;
         app_scene_where(scene, sim_effect_line(scene, other), where, sizeof where);
         return app_scene_bad(scene, line, "%s and %s (%s) exclude each other: %s", e->name, e->excludes[i].other, where,
                              e->excludes[i].why);
@@ -139,7 +107,8 @@ static int64_t own_stages(sim *s, int effect) {
         for (int j = 0; j < s->owner_count; j++) known |= !strcmp(s->owner[j].stage, report[i].name);
         if (known) continue;
         snprintf(whole, sizeof whole, "%.*s", (int)strcspn(report[i].name, " "), report[i].name); /* of a part */
-        if (owner == SIM_OWNER_ALL && !sim_effect_find(whole, &owner))
+        if (owner == SIM_OWNER_ALL) owner = sim_effect_find(s->scene, whole);
+        if (owner < 0)
             owner = !strcmp(whole, "support") ? SIM_OWNER_SUPPORTS
                     : !strcmp(whole, "load")  ? SIM_OWNER_LOADS
                                               : SIM_OWNER_ALL;
@@ -309,9 +278,3 @@ tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
     s->frames++;
     return status;
 }
-
-tm_surface_view sim_surface(const sim *s) { return tm_model_surface(s->model); }
-const double *sim_displacement(const sim *s) { return tm_model_displacement(s->model); }
-double sim_time_s(const sim *s) { return tm_model_time_s(s->model); }
-int32_t sim_alive(const sim *s) { return tm_model_alive(s->model); }
-uint64_t sim_hash(const sim *s) { return tm_model_hash(s->model); }

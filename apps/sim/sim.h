@@ -40,7 +40,6 @@ typedef struct sim_effect {
 enum { SIM_MAX_EFFECTS = 24 };
 extern const sim_effect *const sim_effects[];
 extern const int sim_effect_count;
-const sim_effect *sim_effect_find(const char *name, int *index);
 
 /* Where each effect's cost is booked. */
 typedef struct sim_cost {
@@ -135,6 +134,8 @@ int sim_create(app_scene *scene, sim **out);
 int sim_prepare(app_scene *scene, sim **out);
 void sim_destroy(sim *s);
 
+/* --- what a scene and its simulation are asked (ask.c) --- */
+
 bool sim_has(const sim *s, const char *effect);
 /* For an effect's options: null when the scene does not name it. */
 const void *sim_options(const app_scene *scene, const char *effect);
@@ -142,8 +143,12 @@ const void *sim_options(const app_scene *scene, const char *effect);
 int sim_report(const app_scene *scene, int line, const tm_error *error);
 /* The same for what is wrong inside a file that the scene names on `line`. */
 int sim_report_file(const app_scene *scene, int line, const char *file, int file_line, const tm_error *error);
+/* An effect's index by its name, -1: there is none. */
+int sim_effect_find(const app_scene *scene, const char *name);
 /* The line that asked for an effect, 0: not named. */
 int sim_effect_line(const app_scene *scene, int index);
+
+/* --- building and stepping --- */
 
 /* Pieces of building, shared by the models. */
 int sim_make_supports(sim *s);

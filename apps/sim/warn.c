@@ -46,8 +46,7 @@ static int warn_materials(const sim *s) {
                                     "that is meant",
                                     stiffness[k]->si);
     }
-    int line = 0, index = 0;
-    if (sim_effect_find("anisotropy", &index)) line = sim_effect_line(s->scene, index);
+    const int index = sim_effect_find(s->scene, "anisotropy"), line = index < 0 ? 0 : sim_effect_line(s->scene, index);
     if (!rc && line && !fibred)
         rc = app_scene_warn(s->scene, line,
                             "fibres, but every material is isotropic: they change nothing; give one of them lambda_T "
@@ -56,8 +55,8 @@ static int warn_materials(const sim *s) {
 }
 
 static int warn_supports(const sim *s) {
-    int index = 0;
-    if (s->scene->support.count || !sim_effect_find("gravity", &index) || !sim_effect_line(s->scene, index)) return 0;
+    const int index = sim_effect_find(s->scene, "gravity");
+    if (s->scene->support.count || index < 0 || !sim_effect_line(s->scene, index)) return 0;
     return app_scene_warn(s->scene, sim_effect_line(s->scene, index),
                           "nothing holds the tissue: it falls for ever; add 'supports:'");
 }
