@@ -56,18 +56,6 @@ static void row_forces(const tm_patch *patch, const tm_contact_row *row, int32_t
     }
 }
 
-void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, double *position_m) {
-    int32_t n = 3 * patch->vertex_count;
-    for (int32_t j = 0; j < n; j++) {
-        double force = sign * force_N[j];
-        if (force == 0) continue;
-        for (int32_t i = 0, at = j; i < j; at += n - 1 - i, i++) /* column j above the diagonal: packed(n, i, j) */
-            position_m[i] += force * patch->compliance_m_N[at];
-        const double *row = patch->compliance_m_N + packed(n, j, j);
-        for (int32_t i = j; i < n; i++) position_m[i] += force * row[i - j];
-    }
-}
-
 static bool fill_compliance(tm_patch *patch, tm_patch_block block, void *self) {
     int32_t n = 3 * patch->vertex_count;
     memset(patch->compliance_m_N, 0, sizeof patch->compliance_m_N);

@@ -38,6 +38,18 @@ struct tm_patch_solver {
     mixing mixing;
 };
 
+void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, double *position_m) {
+    int32_t n = 3 * patch->vertex_count;
+    for (int32_t j = 0; j < n; j++) {
+        double force = sign * force_N[j];
+        if (force == 0) continue;
+        int32_t at = j; /* column j above the diagonal, of rows packed one behind the other from theirs on */
+        for (int32_t i = 0; i < j; at += n - 1 - i, i++) position_m[i] += force * patch->compliance_m_N[at];
+        const double *row = patch->compliance_m_N + at;
+        for (int32_t i = j; i < n; i++) position_m[i] += force * row[i - j];
+    }
+}
+
 tm_status tm_patch_solver_create(tm_patch_solver **made, tm_error *error) {
     tm_pool pool = {0};
     tm_patch_solver *solver = TM_TAKE(&pool, tm_patch_solver, 1);

@@ -7,7 +7,7 @@
 
 enum { TM_COOKIE_PATCH = 0x70617463 };
 
-/* patch_fill.c: position_m += sign C force_N. */
+/* patch_force.c: position_m += sign C force_N. */
 void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, double *position_m);
 
 /* Where a hold is eliminated: too large for a stack, so it lies in the solver. */
