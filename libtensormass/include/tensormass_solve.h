@@ -123,8 +123,9 @@ TM_API int32_t tm_precomputed_held(const tm_precomputed *model, int32_t instrume
                                    tm_grasp_state *state);
 
 /* The surface near the instrument with its exact compliance (kind 2), as tm_patch_make gives it from the dynamic model:
- * what other instruments and imposed vertices hold is in it. velocity_m_s: of the tip, looked ahead along by horizon_s.
- * False: nothing near, or the tool bears on more than a patch can hold. No allocation. */
+ * what other instruments and imposed vertices hold is in it, and what
+ * the instrument itself holds (TM_HOLD_VERTICES at most, as tm_patch_fill_held). velocity_m_s: of the tip, looked ahead
+ * along by horizon_s. False: nothing near, or the tool bears on more than a patch can hold. No allocation. */
 TM_API bool tm_precomputed_patch(tm_precomputed *model, int32_t instrument, const double velocity_m_s[3],
                                  double horizon_s, int32_t max_vertices, int32_t max_triangles, tm_patch *patch);
 

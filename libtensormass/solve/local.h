@@ -138,8 +138,9 @@ int32_t tms_local_solve(tms_local *local);
 int32_t tms_local_update(tms_local *local, const tm_tool_pose *pose);
 /* d(force at the tip)/d(tip) of the converged solution, row-major. Leaves the solution as it was. */
 void tms_local_stiffness(tms_local *local, int32_t tool, double K[9]);
-/* How the other tools and imposed vertices answer: after _without, _yield gives the forces (by act) with which they
- * meet a displacement (by act) that something else makes. To first order, with their normals and shares as they are. */
+/* How the other tools, what they hold, and imposed vertices answer: after _without, _yield gives the forces (by act)
+ * with which they meet a displacement (by act) that something else makes. To first order, with their normals and shares
+ * as they are. */
 bool tms_local_without(tms_local *local, int32_t tool);
 void tms_local_yield(tms_local *local, int32_t tool, const double *u_m, double *df_N);
 /* grip.c. Once an update: jaws close, open, let go a little more. Then wherever the tools have moved: pins follow the
@@ -165,9 +166,6 @@ void tms_local_fill(tms_local *local, int32_t slot, int32_t vertex);
 int64_t tms_local_snapshot(const tms_local *local, bool forgotten, void *buffer);
 bool tms_local_restore(tms_local *local, const void *buffer, int64_t bytes, bool apply);
 int64_t tms_local_snapshot_most(const tms_local *local);
-
-/* patch.c. The patch's tool bears on a vertex that is not in the patch. */
-bool tms_bears_outside(const tm_contact_row *rows, int32_t count, const tm_patch *patch);
 
 /* dense.c: LU with partial pivoting, row-major. */
 bool tms_lu(double *a, int32_t *pivot, int32_t n);

@@ -18,6 +18,11 @@ static bool pinned(const tms_local *l, int32_t slot, int axis) {
            l->block[d * 3 * l->capacity + d] > 0; /* a fixed component stays where it is */
 }
 
+/* By jaws of the tool that is left out (-1: none is). */
+static bool pinned_by(const tms_local *l, int32_t slot, int32_t tool) {
+    return tool >= 0 && l->pin_of[slot] >= 0 && pin_of(l, slot)->tool == tool;
+}
+
 /* --- residual --- */
 
 /* A spring that fades, at this shape: within what it can bear it is a spring, beyond it bears that. */
@@ -125,11 +130,11 @@ bool tms_local_factor(tms_local *l, int32_t without) {
         double *row = l->lu + (int64_t)i * m;
         const double *C = l->block + (3 * l->act[i / 3] + i % 3) * c3;
         const int32_t pin = l->pin_of[l->act[i / 3]];
-        for (int k = 0; k < 3 && pin >= 0 && l->pin[pin].given; k++)
+        for (int k = 0; k < 3 && pin >= 0 && l->pin[pin].given && !pinned_by(l, l->act[i / 3], without); k++)
             for (int32_t j = 0; j < m; j++)
                 row[j] -=
                     turns(&l->pin[pin], i % 3, k) * l->block[(3 * l->act[i / 3] + k) * c3 + 3 * l->act[j / 3] + j % 3];
-        if (!pinned(l, l->act[i / 3], i % 3)) continue;
+        if (!pinned(l, l->act[i / 3], i % 3) || pinned_by(l, l->act[i / 3], without)) continue;
         for (int32_t j = 0; j < m; j++)
             row[j] = C[3 * l->act[j / 3] + j % 3] + pin_of(l, l->act[i / 3])->compliance_m_N * row[j];
     }
@@ -374,6 +379,7 @@ void tms_local_yield(tms_local *l, int32_t tool, const double *u, double *df) {
                 row->weight[a / 3] * row->normal[a % 3] * along;
     }
     for (int32_t j = 0; j < m; j++)
-        if (pinned(l, l->act[j / 3], j % 3)) df[j] = -u[j] + pin_of(l, l->act[j / 3])->compliance_m_N * df[j];
+        if (pinned(l, l->act[j / 3], j % 3) && !pinned_by(l, l->act[j / 3], tool))
+            df[j] = -u[j] + pin_of(l, l->act[j / 3])->compliance_m_N * df[j];
     tms_lu_solve(l->lu, l->pivot, m, df);
 }

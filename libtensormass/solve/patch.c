@@ -1,28 +1,32 @@
 /* The patch of the precomputed model: its compliance is exact, and knows what the other tools hold. */
 #include "precomputed.h"
 
+#include <math.h>
 #include <string.h>
 
+/* Whose vertices these are: the patch's, then those that its tool holds. */
 typedef struct source {
     tm_precomputed *model;
-    const tm_patch *patch;
+    int32_t count, vertex[TMS_FELT];
     bool others; /* there are some: yield is filled */
 } source;
 
 static bool others_hold(const tms_local *l, int32_t tool) {
-    bool any = l->pin_count > 0;
+    bool any = false;
+    for (int32_t i = 0; i < l->pin_count; i++) any |= l->pin[i].tool != tool;
     for (int32_t i = 0; i < l->now.count; i++) any |= l->now.row[i].instrument != tool && l->now.row[i].lambda_N > 0;
     return any;
 }
 
-/* Forces of the others by a unit force on each component of the patch. */
-static void fill_yield(tm_precomputed *m, int32_t tool, const tm_patch *patch) {
+/* Forces of the others by a unit force on each component. */
+static void fill_yield(const source *from, int32_t tool) {
+    tm_precomputed *m = from->model;
     tms_local *l = &m->local;
     double *u = l->step;
-    for (int32_t j = 0; j < 3 * patch->vertex_count; j++) {
+    for (int32_t j = 0; j < 3 * from->count; j++) {
         for (int32_t i = 0; i < l->act_count; i++) {
             double C[9];
-            tms_precomputed_compliance(m, l->vertex[l->act[i]], patch->vertex[j / 3], C);
+            tms_precomputed_compliance(m, l->vertex[l->act[i]], from->vertex[j / 3], C);
             for (int c = 0; c < 3; c++) u[3 * i + c] = C[3 * c + j % 3];
         }
         tms_local_yield(l, tool, u, m->yield + (int64_t)j * 3 * l->capacity);
@@ -35,7 +39,7 @@ static bool block(void *self, int32_t a, int32_t b, double C[9]) {
     const tms_local *l = &m->local;
     tms_precomputed_compliance(m, a, b, C);
     int32_t at = 0;
-    while (from->patch->vertex[at] != b) at++;
+    while (from->vertex[at] != b) at++;
     for (int32_t i = 0; from->others && i < l->act_count; i++) {
         double A[9];
         tms_precomputed_compliance(m, a, l->vertex[l->act[i]], A);
@@ -47,16 +51,54 @@ static bool block(void *self, int32_t a, int32_t b, double C[9]) {
     return true;
 }
 
-bool tms_bears_outside(const tm_contact_row *rows, int32_t count, const tm_patch *patch) {
-    for (int32_t k = 0; k < count; k++) {
-        const tm_contact_row *row = &rows[k];
-        for (int j = 0; j < 3 && row->instrument == patch->instrument && row->lambda_N > 0; j++) {
-            bool within = row->weight[j] == 0;
-            for (int32_t i = 0; i < patch->vertex_count; i++) within |= patch->vertex[i] == row->vertex[j];
-            if (!within) return true;
+/* What the tool's jaws hold, as springs. */
+typedef struct grip {
+    tm_patch_hold is;
+    int32_t vertex[TM_HOLD_VERTICES];
+    double target_m[3 * TM_HOLD_VERTICES], force_N[3 * TM_HOLD_VERTICES], size_N;
+} grip;
+
+/* False: more than a patch can hold. */
+static bool find_grip(const tms_local *l, int32_t tool, grip *g) {
+    double sum[3] = {0};
+    g->is = (tm_patch_hold){
+        .vertex = g->vertex, .target_m = g->target_m, .force_N = g->force_N, .compliance_m_N = l->grasp.compliance_m_N};
+    for (int32_t i = l->hand_count; i < l->pin_count; i++) {
+        const tms_pin *pin = &l->pin[i];
+        if (pin->tool != tool) continue;
+        if (g->is.count == TM_HOLD_VERTICES) return false;
+        const int32_t at = 3 * g->is.count, s = l->slot_of[pin->vertex];
+        for (int c = 0; c < 3; c++) {
+            g->target_m[at + c] = l->mesh->rest_m[3 * (int64_t)pin->vertex + c] + pin->u_m[c];
+            g->force_N[at + c] = s < 0 ? 0 : l->f[3 * s + c] - l->now.fc[3 * s + c];
+            sum[c] += g->force_N[at + c];
         }
+        g->vertex[g->is.count++] = pin->vertex;
     }
-    return false;
+    g->size_N = sqrt(sum[0] * sum[0] + sum[1] * sum[1] + sum[2] * sum[2]);
+    return true;
+}
+
+static void describe(const tms_local *l, const tms_tool *tool, tm_patch *patch) {
+    patch->kind = 2;
+    patch->topology_revision = l->surface.revision;
+    patch->skin_compliance_m_N = l->def.skin_compliance_m_N;
+    patch->force_cap_N = l->def.force_cap_N;
+    patch->radius_m = tool->def.radius_m;
+    patch->contact_length_m = tool->def.contact_length_m;
+    memcpy(patch->trocar_m, tool->def.trocar_m, sizeof patch->trocar_m);
+}
+
+static bool fill(tm_precomputed *m, int32_t instrument, const grip *g, tm_patch *patch) {
+    tms_local *l = &m->local;
+    source from = {.model = m};
+    for (int32_t i = 0; i < patch->vertex_count; i++) from.vertex[from.count++] = patch->vertex[i];
+    for (int32_t i = 0; i < g->is.count; i++) from.vertex[from.count++] = g->vertex[i];
+    from.others = others_hold(l, instrument) && tms_local_without(l, instrument);
+    if (from.others) fill_yield(&from, instrument);
+    return g->is.count ? tm_patch_fill_held(m->patch_solver, patch, &g->is, l->tool[instrument].pose.tip_m, block,
+                                            &from, l->now.row, l->now.count)
+                       : tm_patch_fill(patch, block, &from, l->now.row, l->now.count);
 }
 
 bool tm_precomputed_patch(tm_precomputed *m, int32_t instrument, const double velocity_m_s[3], double horizon_s,
@@ -68,23 +110,17 @@ bool tm_precomputed_patch(tm_precomputed *m, int32_t instrument, const double ve
                "max_vertices, max_triangles, horizon_s or velocity_m_s is out of range", false);
     tms_local *l = &m->local;
     const tms_tool *tool = &l->tool[instrument];
+    grip g;
     memset(patch, 0, sizeof *patch);
     patch->instrument = instrument;
-    if (!tms_local_can_touch(tool) || l->hold[instrument].count > 0)
-        return false; /* jaws' springs are not in this patch: without them it would push only */
+    if (!tms_local_can_touch(tool) || l->hold[instrument].state == TM_GRASP_LETTING_GO || !find_grip(l, instrument, &g))
+        return false;
+    if (g.is.count && max_vertices < 4) return false; /* the tip takes the place of one */
     const double *u = tm_precomputed_displacement(m);
     if (!tm_patch_choose(l->mesh->rest_m, u, &l->surface, &tool->capsule, velocity_m_s, horizon_s, l->now.row,
-                         l->now.count, max_vertices, max_triangles, patch) ||
-        tms_bears_outside(l->now.row, l->now.count, patch))
+                         l->now.count, max_vertices - (g.is.count > 0), max_triangles, patch) ||
+        tm_patch_bears_outside(patch, g.size_N, l->now.row, l->now.count))
         return false;
-    patch->kind = 2;
-    patch->topology_revision = l->surface.revision;
-    patch->skin_compliance_m_N = l->def.skin_compliance_m_N;
-    patch->force_cap_N = l->def.force_cap_N;
-    patch->radius_m = tool->def.radius_m;
-    patch->contact_length_m = tool->def.contact_length_m;
-    memcpy(patch->trocar_m, tool->def.trocar_m, sizeof patch->trocar_m);
-    source from = {m, patch, others_hold(l, instrument) && tms_local_without(l, instrument)};
-    if (from.others) fill_yield(m, instrument, patch);
-    return tm_patch_fill(patch, block, &from, l->now.row, l->now.count);
+    describe(l, tool, patch);
+    return fill(m, instrument, &g, patch);
 }

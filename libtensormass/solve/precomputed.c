@@ -48,8 +48,10 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     if (status != TM_OK) return status;
     m->local.update_s = def->update_s;
     m->local.self = m;
-    if (def->contact && !(m->yield = tms_take((size_t)TM_PATCH_DOFS * 24 * (size_t)m->local.capacity)))
+    if (def->contact && !(m->yield = tms_take((size_t)(3 * TMS_FELT) * 24 * (size_t)m->local.capacity)))
         return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
+    if (def->contact && def->grasp && (status = tm_patch_solver_create(&m->patch_solver, error)) != TM_OK)
+        return status;
     m->local.compliance = tms_precomputed_compliance;
     for (int32_t d = 0; d < n; d++) m->kept_of[d] = -1;
     for (int32_t i = 0; i < r->kept_count; i++) {
@@ -122,6 +124,7 @@ void tm_precomputed_destroy(tm_precomputed *m) {
     tms_give(m->surface);
     tms_give(m->sum);
     tms_give(m->yield);
+    tm_patch_solver_destroy(m->patch_solver);
     tms_give(m);
 }
 

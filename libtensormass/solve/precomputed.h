@@ -4,6 +4,8 @@
 
 #include "local.h"
 
+enum { TMS_FELT = TM_PATCH_VERTICES + TM_HOLD_VERTICES };
+
 struct tm_precomputed {
     const tm_tissue *tissue;
     tms_responses responses;
@@ -13,8 +15,9 @@ struct tm_precomputed {
     double *sum; /* [kept_count] superposition */
     bool superposed;
     tms_local local;
-    double *
-        yield; /* [TM_PATCH_DOFS][3*capacity] of a patch: forces of others by force on its vertices; null: no contact */
+    double *yield; /* [3*TMS_FELT][3*capacity] of a patch: forces of others by force on its vertices and those that its
+                      tool holds; null: no contact */
+    tm_patch_solver *patch_solver; /* null: nobody grasps */
 };
 
 /* 3x3 block of vertex a by forces on vertex b; `self` is the model. */

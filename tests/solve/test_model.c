@@ -111,16 +111,17 @@ static void allow_patches(organ *o, tm_model *model) {
     fix_ok(tm_model_allow_patches(model, &def, &error), &error);
 }
 
-/* The force that a controller finds in the patch where the tool is. */
-static void felt(const tm_patch *patch, double force_N[3]) {
+/* The force that a controller finds in the patch with its tool there. */
+static void felt_at(const tm_patch *patch, const double tip_m[3], double force_N[3]) {
     tm_patch_solver *solver;
     tm_error error;
     bool inside;
     fix_ok(tm_patch_solver_create(&solver, &error), &error);
-    tm_patch_force(solver, patch, down.tip_m, force_N, &inside);
+    tm_patch_force(solver, patch, tip_m, force_N, &inside);
     assert_true(inside);
     tm_patch_solver_destroy(solver);
 }
+static void felt(const tm_patch *patch, double force_N[3]) { felt_at(patch, down.tip_m, force_N); }
 
 static bool get_patch(tm_model *model, tm_patch *patch) {
     bool made = false;
@@ -325,11 +326,22 @@ static void held(void **state) {
         go(model, &lifted, 60);
         const bool made = get_patch(model, &patch);
         const tm_tool_reaction r = tm_model_reaction(model, 0);
-        print_message("  %-11s pulls with %.3f N, stiffness %.1f N/m, patch %s\n", model_name[m], r.force_N[2],
-                      r.stiffness_N_m[8], made ? patch.holds ? "that holds" : "that does not hold" : "none");
-        assert_true(r.force_N[2] < -0.02);
-        assert_int_equal(r.stiffness_kind, 2);
-        if (m != PRECOMPUTED) assert_true(made && patch.holds);
+        assert_true(made && patch.holds && r.stiffness_kind == 2 && r.force_N[2] < -0.02);
+        double here[3], there[3], far[3];
+        tm_tool_pose aside = lifted;
+        aside.tip_m[0] += 0.0007, aside.tip_m[1] -= 0.0005, aside.tip_m[2] += 0.0004;
+        felt_at(&patch, lifted.tip_m, here);
+        felt_at(&patch, aside.tip_m, there);
+        go(model, &aside, 60);
+        const tm_tool_reaction moved = tm_model_reaction(model, 0);
+        for (int c = 0; c < 3; c++) far[c] = moved.force_N[c] - r.force_N[c];
+        const double change = fix_largest(far, 3) / fix_largest(moved.force_N, 3);
+        print_message(
+            "  %-11s pulls with %.3f N, %.0f N/m; patch off by %.1e, a millimetre away (%.0f %% of the force) by "
+            "%.1e\n",
+            model_name[m], r.force_N[2], r.stiffness_N_m[8], off(here, r.force_N, 3), 100 * change,
+            off(there, moved.force_N, 3));
+        assert_true(change > 0.1 && off(here, r.force_N, 3) < 1e-3 && off(there, moved.force_N, 3) < 1e-2);
         tm_model_destroy(model);
     }
     free_organ(&o);

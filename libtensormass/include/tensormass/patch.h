@@ -62,6 +62,10 @@ typedef bool (*tm_patch_block)(void *self, int32_t a, int32_t b, double C[9]);
 TM_API bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_contact_row *row,
                           int32_t row_count);
 
+/* More than a fifth of what the patch's tool bears (rows, and `held_N` of a hold) is on vertices that are not the
+ * patch's: what is left of it would not be the tool's force. */
+TM_API bool tm_patch_bears_outside(const tm_patch *patch, double held_N, const tm_contact_row *row, int32_t row_count);
+
 /* Contact solved against a patch: what the controller does in its ticks, here in double and to convergence. */
 typedef struct tm_patch_solver tm_patch_solver;
 TM_API tm_status tm_patch_solver_create(tm_patch_solver **solver, tm_error *error);

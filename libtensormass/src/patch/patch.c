@@ -150,28 +150,6 @@ static void want(tm_patch_maker *maker, int32_t t, const int32_t *vertex, int32_
     maker->known = maker->source.exchange(maker->source.self, t, all, n);
 }
 
-/* More than OUTSIDE of the reaction bears on vertices that are not the patch's: what is left of it would not be the
- * tool's force. */
-#define OUTSIDE 0.2
-
-static bool bears_outside(const tm_patch_maker *maker, int32_t t, double held_N, const tm_patch *patch) {
-    const tm_contact *contact = maker->contact;
-    double all = held_N, outside = 0;
-    for (int32_t k = 0; k < contact->row_count; k++) {
-        const tm_contact_row *row = contact->row + k;
-        if (row->instrument != t || row->lambda_N <= 0) continue;
-        all += row->lambda_N;
-        bool whole = true;
-        for (int j = 0; j < 3; j++) {
-            bool within = row->weight[j] == 0;
-            for (int32_t i = 0; i < patch->vertex_count && !within; i++) within = patch->vertex[i] == row->vertex[j];
-            whole = whole && within;
-        }
-        outside += whole ? 0 : row->lambda_N;
-    }
-    return outside > OUTSIDE * all;
-}
-
 /* Vertices that the instrument's jaws hold; -1 while they let go. */
 static int32_t held(const tm_patch_maker *maker, int32_t t, tm_patch_hold *hold) {
     *hold = (tm_patch_hold){.force_N = tm_contact_load(maker->contact, t).force_N};
@@ -197,7 +175,8 @@ static void describe(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
 static bool find_surface(tm_patch_maker *maker, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch) {
     const tm_tool *tool = maker->contact->tool + t;
     return tm_tool_is_present(tool) && tool->clear && max_vertices >= 3 &&
-           grow(maker, t, true, max_vertices, patch) > 0 && !bears_outside(maker, t, held_N, patch);
+           grow(maker, t, true, max_vertices, patch) > 0 &&
+           !tm_patch_bears_outside(patch, held_N, maker->contact->row, maker->contact->row_count);
 }
 
 /* A tool that holds tissue: springs and rows of contact beside them. */

@@ -216,3 +216,21 @@ int32_t tm_patch_nearest(const double *rest_m, const double *u_m, const tm_surfa
     memcpy(vertex, n.vertex, sizeof(int32_t) * (size_t)n.count);
     return n.count;
 }
+
+bool tm_patch_bears_outside(const tm_patch *patch, double held_N, const tm_contact_row *row, int32_t row_count) {
+    TM_REQUIRE(patch && (row || row_count <= 0), "patch or row is null", true);
+    const double most = 0.2; /* of all that the tool bears */
+    double all = held_N, outside = 0;
+    for (int32_t k = 0; k < row_count; k++) {
+        if (row[k].instrument != patch->instrument || row[k].lambda_N <= 0) continue;
+        all += row[k].lambda_N;
+        bool whole = true;
+        for (int j = 0; j < 3; j++) {
+            bool within = row[k].weight[j] == 0;
+            for (int32_t i = 0; i < patch->vertex_count && !within; i++) within = patch->vertex[i] == row[k].vertex[j];
+            whole = whole && within;
+        }
+        outside += whole ? 0 : row[k].lambda_N;
+    }
+    return outside > most * all;
+}
