@@ -10,7 +10,7 @@ def _contact(rows, pick, model, limits):
 
 def _over_position(rows, pick, path, most):
     for late in (0, 1, 2):
-        at = {r["extrapolator"]: r for r in pick(rows, path=path, latency_frames=late)}
+        at = {r["extrapolator"]: r for r in pick(rows, model="isotropic", path=path, latency_frames=late)}
         if at:
             yield f"contact on {path}, {late} late", "RMS over position's, at most", most, at["contact"]["rms"] / at["position"]["rms"]
 
@@ -19,7 +19,7 @@ def _hands(rows, pick):
     yield from _over_position(rows, pick, "other-hand-cuts", 1 / 3)
     yield from _over_position(rows, pick, "same-hand-cuts", 1 / 2)
     for late in (0, 1, 2):
-        for r in pick(rows, path="same-hand-cuts", latency_frames=late, extrapolator="contact"):
+        for r in pick(rows, model="isotropic", path="same-hand-cuts", latency_frames=late, extrapolator="contact"):
             yield f"jump at a sample's arrival, same-hand-cuts, {late} late", "% of peak, at most", 3, 100 * r["jump_arrival"]
     yield from _over_position(rows, pick, "grasped-and-pulled", 1 / 10)
 

@@ -126,17 +126,17 @@ def hands(page, rows):
     own = [r for r in rows if "cut_true" in r]
     if not own:
         return
-    page.section("Cut and held", "The isotropic model at 20 Hz while the other hand cuts a slit beside the tool, while the tool itself is the cautery, and in a grasper that lifts and pulls. "
+    page.section("Cut and held", "Isotropic tissue at 20 Hz, by the models that can, while the other hand cuts a slit beside the tool, while the tool itself is the cautery, and in a grasper that lifts and pulls. "
                  "Cuts at 20 Hz are the truth's, at the same simulated times; in the paths named <i>own cuts</i> the cautery cuts for itself in both runs.")
-    paths = list(dict.fromkeys(r["path"] for r in own))
-    at = lambda path, late: {r["extrapolator"]: r for r in own if r["path"] == path and r["latency_frames"] == late}
-    page.table("hands", ["path", "frames late", *NAMES, "contact, unbridged"],
-               [[path, late, *(100 * e[n]["rms"] if n in e else "" for n in [*NAMES, "contact-unbridged"])] for path in paths for late in (0, 1, 2) for e in [at(path, late)]],
+    paths = list(dict.fromkeys((r["path"], r["model"]) for r in own))
+    at = lambda path, model, late: {r["extrapolator"]: r for r in own if (r["path"], r["model"], r["latency_frames"]) == (path, model, late)}
+    page.table("hands", ["path", "model", "frames late", *NAMES, "contact, unbridged"],
+               [[path, model, late, *(100 * e[n]["rms"] if n in e else "" for n in [*NAMES, "contact-unbridged"])] for path, model in paths for late in (0, 1, 2) for e in [at(path, model, late)]],
                "RMS error in % of peak. Unbridged: <code>contact</code> going over to another cut state at once.")
-    page.table("hands_details", ["path", "frames late", "cut", "of these by both", "true jump per tick %", "contact's at an arrival %", "position's at an arrival %",
+    page.table("hands_details", ["path", "model", "frames late", "cut", "of these by both", "true jump per tick %", "contact's at an arrival %", "position's at an arrival %",
                                  "contact's squared error in ticks with a cut after its sample %", "such ticks %", "off the patch %"],
-               [[path, late, e["contact"]["cut_true"], e["contact"]["cut_shared"], 100 * e["contact"]["jump_true"], 100 * e["contact"]["jump_arrival"], 100 * e["position"]["jump_arrival"],
-                 100 * e["contact"]["cut_since_error2"], 100 * e["contact"]["cut_since_ticks"], 100 * e["contact"]["off_patch"]] for path in paths for late in (0, 1, 2) for e in [at(path, late)]],
+               [[path, model, late, e["contact"]["cut_true"], e["contact"]["cut_shared"], 100 * e["contact"]["jump_true"], 100 * e["contact"]["jump_arrival"], 100 * e["position"]["jump_arrival"],
+                 100 * e["contact"]["cut_since_error2"], 100 * e["contact"]["cut_since_ticks"], 100 * e["contact"]["off_patch"]] for path, model in paths for late in (0, 1, 2) for e in [at(path, model, late)]],
                "What was cut after the sample in use nobody at the hand can know: where nearly all of the squared error lies there, only more samples a second would help.")
 
 

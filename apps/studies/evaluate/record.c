@@ -42,13 +42,21 @@ sim *model_open(model m, double rate_Hz, const char *const *settings) {
     return s;
 }
 
-/* Paths with another instrument, or two, are of the isotropic model and have scenes of their own. */
+/* Paths with another instrument, or two, have scenes of their own: of isotropic tissue, whichever model computes it. */
 static sim *path_open(model m, const path *p, double rate_Hz, const char *const *settings) {
+    static const char *const computed[MODEL_COUNT][2] = {
+        [MODEL_PRECOMPUTED] = {"model=precomputed"},
+        [MODEL_HYBRID] = {"model=hybrid", "hybrid={box: {min: [15 mm, 15 mm, 17 mm], max: [45 mm, 45 mm, 31 mm]}}"}};
+    const char *all[8] = {NULL};
+    int count = 0;
     static const char *const scene[PATH_COUNT] = {[PATH_OTHER_HAND_CUTS] = "two-hands",
                                                   [PATH_SAME_HAND_CUTS] = "cautery",
                                                   [PATH_GRASPED] = "grasper",
                                                   [PATH_RANDOM] = "two-cauteries"};
-    return scene[p->kind] ? scene_open(scene[p->kind], rate_Hz, settings) : model_open(m, rate_Hz, settings);
+    if (!scene[p->kind]) return model_open(m, rate_Hz, settings);
+    for (int i = 0; i < 2 && computed[m][i]; i++) all[count++] = computed[m][i];
+    for (; settings && *settings && count < 7; settings++) all[count++] = *settings;
+    return scene_open(scene[p->kind], rate_Hz, all);
 }
 
 void device_see(const sim *s, int instrument, const hrt_params *params, const double tip_m[3], bool encoders,

@@ -8,17 +8,17 @@
 
 static const double SPEED_M_S = 0.01, TREMOR_M = 40e-6, RATE_HZ = 20;
 
-static int sampled_rows(const path *p, const recording *truth, bool own_cuts, cJSON *rows) {
+static int sampled_rows(model m, const path *p, const recording *truth, bool own_cuts, cJSON *rows) {
     recording r = {.replay = own_cuts || !truth->cuts.count ? NULL : &truth->cuts};
     char name[64];
     snprintf(name, sizeof name, "%s%s", path_name[p->kind], own_cuts ? ", own cuts" : "");
-    const setting s = {.model = model_name[MODEL_ISOTROPIC],
+    const setting s = {.model = model_name[m],
                        .path = name,
                        .rate = RATE_HZ,
                        .speed = p->speed_m_s,
                        .tremor = p->tremor_m,
                        .encoders = true};
-    int rc = record(MODEL_ISOTROPIC, p, RATE_HZ, true, true, &r);
+    int rc = record(m, p, RATE_HZ, true, true, &r);
     if (!rc) copy_truth(truth, &r);
     for (int late = 0; late <= 2 && !rc; late++) {
         int before = cJSON_GetArraySize(rows);
@@ -39,22 +39,28 @@ static int sampled_rows(const path *p, const recording *truth, bool own_cuts, cJ
     return rc;
 }
 
-static int one(path_kind kind, cJSON *rows) {
+static int one(model m, path_kind kind, cJSON *rows) {
     path p = path_make(kind, SPEED_M_S, TREMOR_M);
     recording truth = {0};
-    int rc = record_truth(MODEL_ISOTROPIC, &p, true, &truth);
-    if (!rc) rc = sampled_rows(&p, &truth, false, rows);
-    if (!rc && kind != PATH_GRASPED) rc = sampled_rows(&p, &truth, true, rows);
+    int rc = record_truth(m, &p, true, &truth);
+    if (!rc) rc = sampled_rows(m, &p, &truth, false, rows);
+    if (!rc && kind != PATH_GRASPED) rc = sampled_rows(m, &p, &truth, true, rows);
     recording_free(&truth);
     return rc;
 }
 
+/* Of isotropic tissue; cutting where it can be cut. */
+static bool can(int m, path_kind kind) {
+    return m == MODEL_ISOTROPIC || m == MODEL_HYBRID || (m == MODEL_PRECOMPUTED && kind == PATH_GRASPED);
+}
+
 int study_hands(const study_run *run, cJSON *rows) {
     int rc = 0;
-    for (int kind = PATH_OTHER_HAND_CUTS; kind < PATH_NAMED && run->model[MODEL_ISOTROPIC] && !rc; kind++) {
+    for (int kind = PATH_OTHER_HAND_CUTS; kind < PATH_NAMED; kind++) {
         if (!run->path[kind]) continue;
         progress(path_name[kind], (double)(kind - PATH_OTHER_HAND_CUTS) / (PATH_NAMED - PATH_OTHER_HAND_CUTS));
-        rc = one((path_kind)kind, rows);
+        for (int m = 0; m < MODEL_COUNT && !rc; m++)
+            if (run->model[m] && can(m, (path_kind)kind)) rc = one((model)m, (path_kind)kind, rows);
     }
     return rc;
 }
