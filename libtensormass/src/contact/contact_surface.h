@@ -56,6 +56,13 @@ void tm_local_gather(tm_local_surface *surface, const double *rest_m, const doub
 /* Positions, normals and bounds of the gathered triangles now. */
 void tm_local_place(tm_local_surface *surface, const double *rest_m, const double *u_m);
 
+/* Faces, edges and vertices that the stations of the axis are near, by station. `history` as for the rows. */
+void tm_local_hits(const tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,
+                   const tm_contact_row *history, int32_t history_count);
+static inline int tm_local_edge_slot(const tm_local_surface *s, int32_t f, int32_t edge) {
+    return s->face_edge[f][0] == edge ? 0 : s->face_edge[f][1] == edge ? 1 : 2;
+}
+
 /* Rows against the gathered surface. `history` (may be null): rows of the step before, which let a station stay in
  * touch with a surface that it has sunk through. Sorted by (station, face, feature). */
 int32_t tm_local_rows(const tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,

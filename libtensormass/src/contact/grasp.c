@@ -1,39 +1,12 @@
 /* Stage "grasp": springs between the jaws and the vertices that they closed upon, solved in the same sweeps as contact.
  */
-#include "tensormass/grasp.h"
-#include "contact/contact_internal.h"
+#include "contact/grasp_hold.h"
 
 #include <math.h>
 #include <string.h>
 
 #include "base/vec.h"
 #include "law/jaw.h"
-
-typedef struct hold {
-    tm_grasp_state state;
-    bool was_closed;
-    int32_t placings; /* of the tool, as last seen */
-    tm_jaw jaw;       /* frame at this substep */
-    bool seen;        /* contact has looked at what is being let go */
-    double fade;      /* of what the springs can bear while letting go, 1 to 0 */
-    int32_t count;
-    int32_t *vertex;    /* [max_vertices] */
-    double *offset_m;   /* [3*max_vertices] where the jaw has it, in the tool's frame */
-    double *target_m;   /* [3*max_vertices] the same in the world, now */
-    double *force_N;    /* [3*max_vertices] on the tissue */
-    double *let_go_N;   /* [3*max_vertices] the same when the jaw opened */
-    double *distance_m; /* [max_vertices] scratch of the capture */
-    /* While letting go, of each station of the tool: how deep what it lets go lies in it. That is forgiven: it may not
-     * go deeper, and as it gets out, less is. */
-    double embedded_m[TM_MAX_STATIONS];
-} hold;
-
-struct tm_grasp {
-    tm_pool pool;
-    tm_grasp_def def;
-    tm_contact *contact;
-    hold hold[TM_MAX_INSTRUMENTS], kept[TM_MAX_INSTRUMENTS]; /* kept: when the step began */
-};
 
 tm_grasp_def tm_grasp_def_default(void) {
     return (tm_grasp_def){.cookie = TM_COOKIE_GRASP,
@@ -296,122 +269,6 @@ static void changed(void *self, tm_world *world) {
     }
 }
 
-/* What one instrument's hold is between steps; its vertices' arrays follow it. */
-typedef struct kept {
-    int32_t state, was_closed, count, seen;
-    double axis_m[3][3], origin[3], fade, embedded_m[TM_MAX_STATIONS];
-} kept;
-
-static int64_t kept_bytes(int32_t count) {
-    return (int64_t)sizeof(kept) + count * (int64_t)(sizeof(int64_t) + 12 * sizeof(double));
-}
-
-/* Copies between a hold's arrays and the buffer after its `kept`. Vertices as int64, so that everything stays aligned.
- */
-static void move_arrays(hold *h, char *buffer, bool out) {
-    int64_t *vertex = (int64_t *)buffer;
-    double *number = (double *)(vertex + h->count);
-    double *const array[4] = {h->offset_m, h->target_m, h->force_N, h->let_go_N};
-    for (int32_t i = 0; i < h->count; i++) {
-        if (out)
-            vertex[i] = h->vertex[i];
-        else
-            h->vertex[i] = (int32_t)vertex[i];
-    }
-    for (int a = 0; a < 4; a++, number += 3 * h->count) {
-        const size_t bytes = sizeof(double) * 3 * (size_t)h->count;
-        if (out)
-            memcpy(number, array[a], bytes);
-        else
-            memcpy(array[a], number, bytes);
-    }
-}
-
-static int64_t snapshot(void *self, void *buffer) {
-    tm_grasp *grasp = self;
-    int64_t bytes = 0;
-    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
-        hold *h = grasp->hold + t;
-        if (buffer) {
-            kept k = {
-                .state = h->state, .was_closed = h->was_closed, .count = h->count, .seen = h->seen, .fade = h->fade};
-            memcpy(k.axis_m, h->jaw.axis_m, sizeof k.axis_m);
-            memcpy(k.origin, h->jaw.origin, sizeof k.origin);
-            memcpy(k.embedded_m, h->embedded_m, sizeof k.embedded_m);
-            memcpy((char *)buffer + bytes, &k, sizeof k);
-            move_arrays(h, (char *)buffer + bytes + sizeof k, true);
-        }
-        bytes += kept_bytes(h->count);
-    }
-    return bytes;
-}
-
-static bool fits(const tm_grasp *grasp, const tm_world *world, const char *buffer, int64_t bytes) {
-    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
-        kept k;
-        if (bytes < (int64_t)sizeof k) return false;
-        memcpy(&k, buffer, sizeof k);
-        if (k.count < 0 || k.count > grasp->def.max_vertices || k.state < TM_GRASP_OPEN ||
-            k.state > TM_GRASP_LETTING_GO)
-            return false;
-        if (bytes < kept_bytes(k.count)) return false;
-        const int64_t *vertex = (const int64_t *)(buffer + sizeof k);
-        for (int32_t i = 0; i < k.count; i++)
-            if (vertex[i] < 0 || vertex[i] >= world->tissue->mesh->vertex_count) return false;
-        buffer += kept_bytes(k.count);
-        bytes -= kept_bytes(k.count);
-    }
-    return bytes == 0;
-}
-
-static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
-    tm_grasp *grasp = self;
-    if (!fits(grasp, world, buffer, bytes)) return false;
-    const char *from = buffer;
-    for (int32_t t = 0; t < grasp->contact->tool_count && apply; t++) {
-        hold *h = grasp->hold + t;
-        kept k;
-        memcpy(&k, from, sizeof k);
-        h->state = (tm_grasp_state)k.state;
-        h->was_closed = k.was_closed != 0;
-        h->placings = grasp->contact->tool[t].placings;
-        h->count = k.count;
-        h->fade = k.fade;
-        memcpy(h->jaw.axis_m, k.axis_m, sizeof k.axis_m);
-        memcpy(h->jaw.origin, k.origin, sizeof k.origin);
-        memcpy(h->embedded_m, k.embedded_m, sizeof k.embedded_m);
-        h->seen = k.seen != 0;
-        move_arrays(h, (char *)(uintptr_t)(from + sizeof k), false);
-        from += kept_bytes(k.count);
-    }
-    return true;
-}
-
-/* Each keeps its own arrays. */
-static void copy_hold(const hold *from, hold *to) {
-    const hold own = *to;
-    const size_t bytes = sizeof(double) * 3 * (size_t)from->count;
-    *to = *from;
-    to->vertex = own.vertex, to->offset_m = own.offset_m, to->target_m = own.target_m, to->force_N = own.force_N;
-    to->let_go_N = own.let_go_N, to->distance_m = own.distance_m;
-    memcpy(to->vertex, from->vertex, sizeof *to->vertex * (size_t)from->count);
-    memcpy(to->offset_m, from->offset_m, bytes);
-    memcpy(to->target_m, from->target_m, bytes);
-    memcpy(to->force_N, from->force_N, bytes);
-    memcpy(to->let_go_N, from->let_go_N, bytes);
-}
-
-static void keep(void *self) {
-    tm_grasp *grasp = self;
-    for (int32_t t = 0; t < grasp->contact->tool_count; t++) copy_hold(grasp->hold + t, grasp->kept + t);
-}
-
-static void give_back(void *self, tm_world *world) {
-    (void)world;
-    tm_grasp *grasp = self;
-    for (int32_t t = 0; t < grasp->contact->tool_count; t++) copy_hold(grasp->kept + t, grasp->hold + t);
-}
-
 static void destroy(void *self) {
     tm_grasp *grasp = self;
     tm_contact_remove_block(grasp->contact, grasp);
@@ -474,10 +331,10 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
                             .destroy = destroy,
                             .step_changed = changed,
                             .self = self,
-                            .snapshot = snapshot,
-                            .restore = restore,
-                            .keep = keep,
-                            .give_back = give_back,
+                            .snapshot = tm_grasp_snapshot,
+                            .restore = tm_grasp_restore,
+                            .keep = tm_grasp_keep,
+                            .give_back = tm_grasp_give_back,
                             .needs = {"contact"},
                             .before = TM_STAGE_CONTACT_FIND};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);

@@ -1,0 +1,233 @@
+/* Narrow phase, first half: stations of the tool's axis against faces, edges and vertices of the surface.
+ *
+ * A sphere over a triangulated plane must feel the plane and not the triangles, and its force must change without a
+ * jump when its closest feature changes. So a feature is not simply in or out: it has a weight that runs smoothly from
+ * 0 to 1 across the borders of its Voronoi region, edges and vertices count as far as they stick out, and the weights
+ * of a station are normalised to shares of the one skin that the station has. And the normal of a face is blended from
+ * those of its neighbours, as far as the undeformed surface is smooth there: a dent is as faceted as its triangles are
+ * few, and with their own normals the force would click from one to the next. docs/contact.md, "Rows". */
+#include <string.h>
+
+#include "base/vec.h"
+#include "contact/contact_internal.h"
+#include "law/feature.h"
+
+int32_t tm_capsule_stations(const tm_capsule *capsule) {
+    double axis[3];
+    vsub(capsule->tail_m, capsule->tip_m, axis);
+    double n = floor(vnorm(axis) / capsule->radius_m + 1e-9) + 1;
+    return n < TM_MAX_STATIONS ? (int32_t)n : TM_MAX_STATIONS;
+}
+
+void tm_capsule_station(const tm_capsule *capsule, int32_t station, double point_m[3]) {
+    double axis[3], e[3];
+    vsub(capsule->tail_m, capsule->tip_m, axis);
+    vunit(axis, e);
+    vmadd(capsule->tip_m, station * capsule->radius_m, e, point_m);
+}
+
+/* One search: the capsule with what it is looked at against. */
+typedef struct search {
+    const tm_local_surface *s;
+    const tm_capsule *capsule;
+    const tm_contact_row *history;
+    int32_t history_count;
+    double axis[3];
+    int32_t stations;
+    double reach_m;
+    double sunk_m; /* how far behind a face a station may be */
+    tm_hits *hits;
+} search;
+
+/* Stations whose spheres, widened to reach, can touch a ball; false if none. */
+static bool station_range(const search *q, const double center[3], double radius, int32_t *first, int32_t *last) {
+    double to[3], across[3];
+    vsub(center, q->capsule->tip_m, to);
+    double along = vdot(to, q->axis), reach = radius + q->reach_m;
+    vmadd(to, -along, q->axis, across);
+    double chord2 = reach * reach - vdot(across, across);
+    if (!(chord2 >= 0)) return false;
+    double half = sqrt(chord2), step = q->capsule->radius_m;
+    if (!(along + half >= 0 && along - half <= step * (q->stations - 1)))
+        return false; /* and the casts below are in range, wherever the surface was thrown */
+    *first = (int32_t)ceil(law_max((along - half) / step, 0));
+    *last = (int32_t)floor(law_min((along + half) / step, q->stations - 1));
+    return *first <= *last;
+}
+
+static void add_hit(search *q, int32_t station, int32_t kind, int32_t index, double raw, double distance) {
+    if (q->hits->count == TM_LOCAL_HITS) {
+        q->hits->overflowed = true;
+        return;
+    }
+    q->hits->hit[q->hits->count++] = (tm_hit){station, kind, index, raw, distance};
+}
+
+/* In-plane unit vector of face f, across its edge j, into the face; the vertex opposite is `altitude` away. */
+static double inward(const tm_local_surface *s, int32_t f, int j, double out[3]) {
+    const double *a = s->position_m[s->face_vertex[f][j]], *b = s->position_m[s->face_vertex[f][(j + 1) % 3]];
+    double edge[3], apex[3];
+    vsub(b, a, edge);
+    vcross(s->normal[f], edge, out);
+    vunit(out, out);
+    vsub(s->position_m[s->face_vertex[f][(j + 2) % 3]], a, apex);
+    return vdot(apex, out);
+}
+
+/* Half width of the transition across an edge: the same seen from both faces, so that their weights add up to one. */
+static double edge_blend(const search *q, int32_t edge) {
+    double width = LAW_BLEND * q->capsule->radius_m, in[3];
+    for (int k = 0; k < 2; k++) {
+        int32_t f = q->s->edge_face[edge][k];
+        if (f >= 0)
+            width = law_min(
+                width, law_transition(q->capsule->radius_m, inward(q->s, f, tm_local_edge_slot(q->s, f, edge), in)));
+    }
+    return law_max(width, 1e-9);
+}
+
+static bool known(const search *q, int32_t station, int32_t f) {
+    for (int32_t i = 0; i < q->history_count; i++) {
+        const tm_contact_row *row = q->history + i;
+        if (row->instrument != q->capsule->instrument || row->station != station || row->lambda_N <= 0) continue;
+        for (int j = 0; j < 3; j++)
+            for (int k = 0; k < 3; k++)
+                if (row->vertex[j] == q->s->vertex_id[q->s->face_vertex[f][k]]) return true;
+    }
+    return false;
+}
+
+static void face_hits(search *q, int32_t f) {
+    const tm_local_surface *s = q->s;
+    double in[3][3], width[3], radius = q->capsule->radius_m;
+    int32_t first, last;
+    if (vdot(s->normal[f], s->normal[f]) == 0 ||
+        !station_range(q, s->center_m[f], s->reach_m[f] + q->sunk_m, &first, &last))
+        return;
+    for (int j = 0; j < 3; j++) {
+        inward(s, f, j, in[j]);
+        width[j] = edge_blend(q, s->face_edge[f][j]);
+    }
+    for (int32_t k = first; k <= last; k++) {
+        double p[3], d[3], raw = 1, outside = 0;
+        tm_capsule_station(q->capsule, k, p);
+        vsub(p, s->position_m[s->face_vertex[f][0]], d);
+        double height = vdot(d, s->normal[f]);
+        if (height > q->reach_m || height < -q->sunk_m) continue;
+        for (int j = 0; j < 3 && raw > 0; j++) {
+            vsub(p, s->position_m[s->face_vertex[f][j]], d);
+            double x = vdot(d, in[j]);
+            raw *= law_ramp(x / width[j]);
+            outside = law_max(outside, -x);
+        }
+        if (raw <= 0) continue;
+        if (law_wants_history(height, outside, radius) && !known(q, k, f)) continue;
+        add_hit(q, k, 0, f, raw, height > 0 ? sqrt(height * height + outside * outside) : height);
+    }
+}
+
+/* 0 flat or hollow, 1 a fold that sticks out by LAW_SHARP or more. */
+static double edge_sharpness(const tm_local_surface *s, int32_t e) {
+    int32_t a = s->edge_face[e][0], b = s->edge_face[e][1];
+    double in[3];
+    if (b < 0) return 1;
+    inward(s, b, tm_local_edge_slot(s, b, e), in);
+    double sine = -vdot(s->normal[a], in);
+    if (sine > 0 && vdot(s->normal[a], s->normal[b]) < 0) return 1;
+    return law_sharpness(sine);
+}
+
+static void edge_hits(search *q, int32_t e) {
+    const tm_local_surface *s = q->s;
+    const double *a = s->position_m[s->edge_vertex[e][0]], *b = s->position_m[s->edge_vertex[e][1]];
+    double middle[3], edge[3], unit[3];
+    int32_t first, last;
+    vsub(b, a, edge);
+    vmadd(a, 0.5, edge, middle);
+    double length = vunit(edge, unit);
+    if (length <= 0 || !station_range(q, middle, 0.5 * length, &first, &last)) return;
+    double sharp = edge_sharpness(s, e);
+    if (sharp <= 0) return;
+    double width = edge_blend(q, e), along_width = law_transition(q->capsule->radius_m, length);
+    for (int32_t k = first; k <= last; k++) {
+        double p[3], d[3], across[3], in[3], out = 0, raw = sharp;
+        tm_capsule_station(q->capsule, k, p);
+        vsub(p, a, d);
+        double y = vdot(d, unit);
+        vmadd(d, -y, unit, across);
+        double distance = vnorm(across);
+        if (distance > q->reach_m) continue;
+        raw *= law_ramp(y / along_width) * law_ramp((length - y) / along_width);
+        for (int side = 0; side < 2 && raw > 0; side++) {
+            int32_t f = s->edge_face[e][side];
+            if (f < 0) continue;
+            inward(s, f, tm_local_edge_slot(s, f, e), in);
+            raw *= law_ramp(-vdot(across, in) / width);
+            out += vdot(across, s->normal[f]);
+        }
+        if (raw > 0 && out > 0) add_hit(q, k, 1, e, raw, distance);
+    }
+}
+
+static void vertex_hits(search *q, int32_t v) {
+    const tm_local_surface *s = q->s;
+    const double *at = s->position_m[v];
+    double up[3] = {0, 0, 0}, sharp = 1, spoke[3];
+    int32_t first, last, begin = s->vertex_edge_begin[v], end = s->vertex_edge_begin[v + 1];
+    if (!station_range(q, at, 0, &first, &last)) return;
+    for (int32_t i = begin; i < end; i++)
+        for (int side = 0; side < 2; side++)
+            if (s->edge_face[s->vertex_edge[i]][side] >= 0)
+                vmadd(up, 1, s->normal[s->edge_face[s->vertex_edge[i]][side]], up);
+    vunit(up, up);
+    for (int32_t i = begin; i < end && sharp > 0; i++) {
+        const int32_t *ends = s->edge_vertex[s->vertex_edge[i]];
+        vsub(s->position_m[ends[0] == v ? ends[1] : ends[0]], at, spoke);
+        vunit(spoke, spoke);
+        sharp = law_min(sharp, law_sharpness(-vdot(spoke, up)));
+    }
+    if (sharp <= 0) return;
+    for (int32_t k = first; k <= last; k++) {
+        double p[3], d[3], raw = sharp;
+        tm_capsule_station(q->capsule, k, p);
+        vsub(p, at, d);
+        if (vdot(d, up) <= 0 || vnorm(d) > q->reach_m) continue;
+        for (int32_t i = begin; i < end && raw > 0; i++) {
+            const int32_t *ends = s->edge_vertex[s->vertex_edge[i]];
+            vsub(s->position_m[ends[0] == v ? ends[1] : ends[0]], at, spoke);
+            double length = vunit(spoke, spoke);
+            raw *= law_ramp(-vdot(d, spoke) / law_max(law_transition(q->capsule->radius_m, length), 1e-9));
+        }
+        if (raw > 0) add_hit(q, k, 2, v, raw, vnorm(d));
+    }
+}
+
+/* Hits by station, in the order they were found within one. */
+static void sort_hits(tm_hits *hits, int32_t stations) {
+    memset(hits->begin, 0, sizeof(int32_t) * (size_t)(stations + 1));
+    for (int32_t i = 0; i < hits->count; i++) hits->begin[hits->hit[i].station + 1]++;
+    for (int32_t k = 0; k < stations; k++) hits->begin[k + 1] += hits->begin[k];
+    for (int32_t i = hits->count - 1; i >= 0; i--) hits->order[--hits->begin[hits->hit[i].station + 1]] = i;
+    for (int32_t k = 0; k < stations; k++) hits->begin[k] = hits->begin[k + 1];
+    hits->begin[stations] = hits->count;
+}
+
+void tm_local_hits(const tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,
+                   const tm_contact_row *history, int32_t history_count) {
+    search q = {.s = surface, .capsule = capsule, .history = history, .history_count = history_count, .hits = hits};
+    double axis[3];
+    vsub(capsule->tail_m, capsule->tip_m, axis);
+    vunit(axis, q.axis);
+    q.stations = tm_capsule_stations(capsule);
+    q.reach_m = capsule->radius_m * (1 + LAW_PROXIMITY) + margin_m;
+    q.sunk_m = LAW_SUNK * capsule->radius_m;
+    for (int32_t i = 0; i < history_count; i++)
+        if (law_sinks(history[i].gap_m, history[i].lambda_N, capsule->radius_m))
+            q.sunk_m = LAW_SUNK_KNOWN * capsule->radius_m;
+    hits->count = 0;
+    hits->overflowed = false;
+    for (int32_t f = 0; f < surface->face_count; f++) face_hits(&q, f);
+    for (int32_t e = 0; e < surface->edge_count; e++) edge_hits(&q, e);
+    for (int32_t v = 0; v < surface->vertex_count; v++) vertex_hits(&q, v);
+    sort_hits(hits, q.stations);
+}
