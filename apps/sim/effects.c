@@ -5,6 +5,7 @@
  * whose sweeps it shares. */
 #define EFFECTS(ROW)                                                                                                   \
     ROW(anisotropy)                                                                                                    \
+    ROW(volume)                                                                                                        \
     ROW(damping)                                                                                                       \
     ROW(gravity)                                                                                                       \
     ROW(breathing)                                                                                                     \

@@ -21,7 +21,7 @@ typedef struct row {
 static const char *const phase_name[] = {"begin", "force", "load", "integrate", "constrain", "end", "between"};
 
 /* Bytes of the scene's tissue with less asked for. -1 when it cannot be built. */
-static int64_t tissue_with(const sim *s, bool fibres, bool cutting) {
+static int64_t tissue_with(const sim *s, bool fibres, bool cutting, bool volume) {
     tm_tissue_def def = s->def.model.tissue;
     tm_tissue *plain;
     tm_error error = {0};
@@ -35,6 +35,7 @@ static int64_t tissue_with(const sim *s, bool fibres, bool cutting) {
         def.fibre = NULL;
     }
     if (!cutting) def.cuttable = false;
+    if (!volume) def.volume = false;
     int64_t bytes = -1;
     if (!tm_tissue_create(&def, &plain, &error)) {
         bytes = tm_tissue_bytes(plain);
@@ -46,12 +47,13 @@ static int64_t tissue_with(const sim *s, bool fibres, bool cutting) {
 
 /* Bytes of the tissue that are an effect's. */
 static void share_tissue(const sim *s, int64_t part[SIM_PART_COUNT]) {
-    const bool cutting = s->def.model.tissue.cuttable;
-    const int64_t all = s->fibre || cutting ? tissue_with(s, true, true) : -1;
-    const int64_t unfibred = all >= 0 && s->fibre ? tissue_with(s, false, true) : -1;
-    const int64_t uncut = all >= 0 && cutting ? tissue_with(s, true, false) : -1;
+    const bool cutting = s->def.model.tissue.cuttable, volume = s->def.model.tissue.volume;
+    const int64_t all = s->fibre || cutting || volume ? tissue_with(s, true, true, false) : -1;
+    const int64_t unfibred = all >= 0 && s->fibre ? tissue_with(s, false, true, false) : -1;
+    const int64_t uncut = all >= 0 && cutting ? tissue_with(s, true, false, false) : -1;
     part[SIM_PART_FIBRES] = unfibred >= 0 ? all - unfibred : 0;
     part[SIM_PART_CUTTING] = uncut >= 0 ? all - uncut : 0;
+    part[SIM_PART_VOLUME] = all >= 0 && volume ? tm_tissue_bytes(s->model->tissue) - all : 0;
 }
 
 static int line_of_stage(const sim *s, int owner) {
@@ -88,7 +90,8 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
     rows[n] = (row){.name = "tissue",
                     .phase = "",
                     .line = s->scene->tissue.line,
-                    .bytes = tm_tissue_bytes(s->model->tissue) - part[SIM_PART_FIBRES] - part[SIM_PART_CUTTING]};
+                    .bytes = tm_tissue_bytes(s->model->tissue) - part[SIM_PART_FIBRES] - part[SIM_PART_CUTTING] -
+                             part[SIM_PART_VOLUME]};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
     n++;
     /* What an effect holds beside its stages: in the library's account, or inside the tissue. */

@@ -18,7 +18,7 @@ typedef struct sim_exclusion {
 } sim_exclusion;
 
 /* What an effect adds to the tissue itself when it is built, for the account of tm-sim --explain. */
-typedef enum sim_part { SIM_PART_NONE, SIM_PART_FIBRES, SIM_PART_CUTTING, SIM_PART_COUNT } sim_part;
+typedef enum sim_part { SIM_PART_NONE, SIM_PART_FIBRES, SIM_PART_CUTTING, SIM_PART_VOLUME, SIM_PART_COUNT } sim_part;
 
 /* One effect: one effect_NAME.c, one row in effects.c. `options` is the struct that its schema fills; its first member
  * is an app_section whose line is 0 when the scene does not name the effect: then none of these functions is called.

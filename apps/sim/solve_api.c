@@ -60,6 +60,8 @@ void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, 
     key = tm_hash(s->held_dof, sizeof *s->held_dof * (size_t)s->held_count, key);
     key = tm_hash(&o->solver.index, sizeof o->solver.index, key);
     key = tm_hash(&o->precision.index, sizeof o->precision.index, key);
+    if (s->def.model.tissue.volume)
+        key = tm_hash(&s->def.model.tissue.volume_shear, sizeof s->def.model.tissue.volume_shear, key);
     if (s->fibre) key = tm_hash(s->fibre, sizeof *s->fibre * 3 * (size_t)s->mesh->tet_count, key);
     snprintf(path, size, "%s/%s-%016llx.tms", folder, kind, (unsigned long long)key);
 }

@@ -168,14 +168,14 @@ def test_explain_names_stage_and_line(bin, root, tmp_path):
     assert abs(sum(row.get("share", 0) for row in r["stages"]) - 1) < 1e-9
     assert r["left_out"] == [e for e in r["left_out"] if e not in ("gravity", "contact")] and "damping" in r["left_out"]
     out, _ = run(bin / "tm-sim", scene, "--explain", "--unset", "gravity", "--set", "damping.rate=3 /s")
-    assert "--set damping.rate=3 /s" in out and "left out, and costing nothing: anisotropy gravity" in out
+    assert "--set damping.rate=3 /s" in out and "left out, and costing nothing: anisotropy volume gravity" in out
 
 
 CONTACT = INSTRUMENT + "contact:\n"
 
 
 @pytest.mark.parametrize("effect,value,more", [
-    ("gravity", "", ""), ("damping", "", ""), ("rendering", "", ""), ("breathing", "{support: bottom}", ""), ("contact", "", INSTRUMENT),
+    ("gravity", "", ""), ("damping", "", ""), ("volume", "", ""), ("volume", "{shear: 1}", CONTACT + "cut:\n"), ("rendering", "", ""), ("breathing", "{support: bottom}", ""), ("contact", "", INSTRUMENT),
     ("haptics", "", INSTRUMENT), ("haptics", "{extrapolator: contact}", CONTACT), ("grasp", "", CONTACT), ("cut", "", CONTACT), ("energy", "", "")])
 def test_an_effect_added_and_removed_returns_memory_and_stages_exactly(bin, root, tmp_path, effect, value, more):
     scene = block_scene(tmp_path, root, more)
