@@ -20,7 +20,7 @@ def page(bin, root, once):
 def test_every_knob_has_its_figure_table_and_numbers(page):
     out, data = page
     html = (out / "index.html").read_text()
-    for knob in ("mesh", "step", "precision", "model", "fibre"):
+    for knob in ("mesh", "volume", "step", "precision", "model", "fibre"):
         assert data[knob]["rows"], knob
         assert (out / f"{knob}.csv").read_text().count("\n") > len(data[knob]["rows"]), knob
         assert (out / f"{knob}.png").stat().st_size > 5000, knob
@@ -47,6 +47,21 @@ def test_no_mesh_is_dominated(page):
     price = [r["tets"] / r["step_s"] for r in rows]
     assert price == sorted(price)
     assert all(a["displacement"] > b["displacement"] for a, b in zip(rows, rows[1:]))
+
+
+def test_volume_does_not_lock_and_is_exacter_on_every_mesh(page):
+    """At most half the error of linear tetrahedra from the second mesh on, with a longer step; and a beam bends as it should up to nu = 0.499."""
+    rows, beams = page[1]["volume"]["rows"], page[1]["volume"]["cantilever"]
+    for linear in (r for r in rows if r["form"] == "linear"):
+        own = {r["shear"]: r for r in rows if r["form"] == "volume" and r["tets"] == linear["tets"]}
+        assert sorted(own) == [0.4, 0.75, 1]
+        for r in own.values():
+            assert r["displacement"] < (0.65 if linear["tets"] < 1000 else 0.5) * linear["displacement"], r
+            assert 1.25 * linear["step_s"] < r["step_s"] <= r["sharp_s"], r
+    assert beams[-1]["nu"] >= 0.499 and beams[-1]["linear"] < 0.1
+    for beam in beams:
+        assert beam["nu"] > 0.4995 or abs(beam["shear_1"] - 1) < 0.08, beam
+        assert beam["linear"] < beam["shear_0.4"] < beam["shear_0.75"] < beam["shear_1"], beam
 
 
 def test_the_step_is_second_order_and_rest_does_not_depend_on_it(page):

@@ -147,6 +147,33 @@ def test_excluded_effects_are_refused_with_both_lines(bin, root, tmp_path):
     assert "no tetrahedron" in said
 
 
+def test_volume_is_refused_where_it_cannot_be_with_both_lines(bin, root, tmp_path):
+    scene = block_scene(tmp_path, root, "gravity:\nvolume:\n  shear: 0.5\n")
+    run(bin / "tm-sim", scene, "--check")
+    _, said = run(bin / "tm-sim", scene, "--check", "--set", "model=hybrid", "--set", "hybrid.box={min: [-1, -1, 0], max: [1, 1, 20 mm]}", code=2)
+    assert said.startswith(f"{scene}:9: volume and hybrid (--set model=hybrid) exclude each other") and "dynamic" in said
+    _, said = run(bin / "tm-sim", scene, "--check", "--set", "tissue.precision=single", code=2)
+    assert said.startswith(f"{scene}:9: volume and tissue.precision = single (--set tissue.precision=single) exclude each other") and "double" in said
+    _, said = run(bin / "tm-sim", scene, "--check", "--set", "volume.shear=1.5", code=2)
+    assert "volume.shear = 1.5 is outside 0 to 1" in said
+
+
+def test_volume_is_pressed_by_both_models_and_cut_with_its_patch(bin, root, tmp_path):
+    """Precomputed and dynamic tissue agree at rest and differ from linear tetrahedra; a cutting session of two hands with patches runs."""
+    force = {}
+    for name, more in (("linear", []), ("dynamic", ["--set", "volume="]), ("precomputed", ["--set", "volume=", "--set", "model=precomputed"])):
+        run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--unset", "haptics", "--duration", "3 s", "--set", HOLD,
+            "--set", "damping.rate=150 /s", *more, "--samples", tmp_path / "s.csv", env={"TM_CACHE_DIR": str(tmp_path)})
+        last = columns(tmp_path / "s.csv")[-1]
+        force[name] = np.array([last["fx_N"], last["fy_N"], last["fz_N"]])
+    peak = np.linalg.norm(force["dynamic"])
+    assert peak > 0.3 and np.linalg.norm(force["dynamic"] - force["linear"]) > 0.01 * peak
+    assert np.linalg.norm(force["precomputed"] - force["dynamic"]) < 1e-5 * peak, force
+    r = report(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--lockstep", "--set", "volume=", "--duration", "4 s",
+               "--set", "haptics.extrapolator=contact", tmp=tmp_path)
+    assert r["tets"] - r["tets_alive"] > 5, r
+
+
 
 def test_breathing_moves_its_support_and_nothing_else_holds_still(bin, root, tmp_path, types):
     scene = block_scene(tmp_path, root, "breathing: {support: bottom, amplitude: [0, 0, 4 mm], period: 1 s}\ndamping: {rate: 100 /s}\nrendering:\n")

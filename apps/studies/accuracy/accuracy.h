@@ -78,6 +78,7 @@ typedef struct run {
 
 /* One knob: measures, and returns its JSON: {"rows": [...], ...}. Null with `error` filled on failure. */
 cJSON *knob_mesh(const run *r, tm_error *error);
+cJSON *knob_volume(const run *r, tm_error *error);
 cJSON *knob_step(const run *r, tm_error *error);
 cJSON *knob_precision(const run *r, tm_error *error);
 cJSON *knob_model(const run *r, tm_error *error);

@@ -14,6 +14,7 @@ static const struct {
     cJSON *(*measure)(const run *r, tm_error *error);
 } knobs[] = {
     {"mesh", "tetrahedra against displacement, reaction and energy, isotropic and fibred", knob_mesh},
+    {"volume", "tissue that does not lock against linear tetrahedra, pressed, and bent towards nu = 0.5", knob_volume},
     {"step", "time step against trajectory, phase, energy and settling", knob_step},
     {"precision", "single against double stored tensors", knob_precision},
     {"model", "linear models against large displacements, pressed from 1 % to 40 %", knob_model},
