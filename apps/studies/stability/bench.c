@@ -42,8 +42,12 @@ double random_unit(uint64_t *state) {
 }
 
 bench_def bench_default(void) {
-    bench_def def = {
-        .cells = {4, 4, 4}, .size_m = {0.04, 0.04, 0.04}, .material_count = 1, .step_fraction = 0.95, .held = 2};
+    bench_def def = {.cells = {4, 4, 4},
+                     .size_m = {0.04, 0.04, 0.04},
+                     .material_count = 1,
+                     .step_fraction = 0.95,
+                     .held = 2,
+                     .volume_shear = 0.4};
     if (tm_material_young(5e3, 0.45, &def.material[0], NULL) != TM_OK) abort(); /* constants of ours */
     def.material[1] = def.material[0];
     return def;
@@ -77,6 +81,7 @@ static tm_status open_tissue(const bench_def *def, bench *b, tm_error *error) {
     tm_tissue_def tissue = tm_tissue_def_default();
     tissue.mesh = b->mesh, tissue.material = def->material, tissue.material_count = def->material_count;
     tissue.fibre = fibre, tissue.cuttable = def->cuttable;
+    tissue.volume = def->volume, tissue.volume_shear = def->volume_shear;
     tm_status status = tm_tissue_create(&tissue, &b->tissue, error);
     free(fibre);
     return status;

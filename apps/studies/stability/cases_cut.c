@@ -14,7 +14,8 @@ static int64_t differing_bytes(bench *b, const bench_def *def) {
     size_t n = 3 * (size_t)b->mesh->vertex_count;
     double *mine = malloc(n * sizeof *mine), *theirs = malloc(n * sizeof *theirs);
     fresh_def.mesh = b->mesh, fresh_def.material = def->material, fresh_def.material_count = 1,
-    fresh_def.alive = tm_tissue_alive(b->tissue);
+    fresh_def.alive = tm_tissue_alive(b->tissue), fresh_def.volume = def->volume,
+    fresh_def.volume_shear = def->volume_shear;
     if (mine && theirs && tm_tissue_create(&fresh_def, &fresh, NULL) == TM_OK) {
         const double *u = tm_world_state(b->world)->u_m;
         tm_tissue_force(b->tissue, u, mine);
@@ -44,14 +45,14 @@ static tm_status add_tool(bench *b, double size_m, tm_contact **contact) {
 }
 
 /* Random living tetrahedra, one to ten a frame, until `goal` are gone; the tool presses and slides all the while. */
-static void random_cuts(bool quick, double whole_goal, outcome *o) {
+static void random_cuts_of(bool quick, double whole_goal, bool volume, outcome *o) {
     bench_def def = bench_default();
     bench b;
     tm_contact *contact = NULL;
     int cells = quick ? 6 : 13;
     int32_t goal = quick ? 1000 : (int32_t)whole_goal, gone = 0;
     def.cells[0] = def.cells[1] = def.cells[2] = cells;
-    def.material[0].damping_1_s = 40, def.cuttable = true;
+    def.material[0].damping_1_s = 40, def.cuttable = true, def.volume = volume;
     if (!bench_open(&def, &b, o)) return;
     tm_status status = add_tool(&b, def.size_m[0], &contact);
     uint64_t seed = 2024;
@@ -80,6 +81,11 @@ static void random_cuts(bool quick, double whole_goal, outcome *o) {
                  "%d removed, %d left, peak force %.3g N; %lld bytes of force and mass differ from a fresh build",
                  (int)gone, (int)tm_tissue_alive_count(b.tissue), peak, (long long)bytes);
     bench_close(&b);
+}
+
+static void random_cuts(bool quick, double whole_goal, outcome *o) { random_cuts_of(quick, whole_goal, false, o); }
+static void random_cuts_volume(bool quick, double whole_goal, outcome *o) {
+    random_cuts_of(quick, whole_goal, true, o);
 }
 
 /* Everything goes, layer by layer from the top, the tool following; what is left is an empty, valid model that goes on
@@ -120,6 +126,8 @@ static void cut_all(bool quick, double argument, outcome *o) {
 const hard_case cases_cut[] = {
     {CUT, "cut-10000", "10,000 random cuts (quick: 1,000) in contact", ACCURATE, 0, "differing bytes", random_cuts,
      10000},
+    {CUT, "cut-volume", "1,000 random cuts in contact of tissue with the effect volume", ACCURATE, 0, "differing bytes",
+     random_cuts_volume, 1000},
     {CUT, "cut-everything", "everything cut away under the tool", ACCURATE, 0, "tetrahedra + kg + triangles left",
      cut_all, 0},
 };

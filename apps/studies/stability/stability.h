@@ -32,9 +32,10 @@ typedef struct hard_case {
     double argument; /* lets one function serve a row of cases */
 } hard_case;
 
-extern const hard_case cases_tissue[], cases_tool[], cases_cut[], cases_energy[], cases_link[], cases_torture[];
-extern const int cases_tissue_count, cases_tool_count, cases_cut_count, cases_energy_count, cases_link_count,
-    cases_torture_count;
+extern const hard_case cases_tissue[], cases_volume[], cases_tool[], cases_cut[], cases_energy[], cases_link[],
+    cases_torture[];
+extern const int cases_tissue_count, cases_volume_count, cases_tool_count, cases_cut_count, cases_energy_count,
+    cases_link_count, cases_torture_count;
 
 /* --- helpers of the cases --- */
 
@@ -55,6 +56,8 @@ typedef struct bench_def {
     double dt_s;         /* 0: step_fraction of the guaranteed */
     double step_fraction;
     bool cuttable;
+    bool volume; /* the effect of that name */
+    double volume_shear;
     int held; /* 0 none, 1 one vertex, 2 the bottom, 3 all */
     /* Last word on the geometry before the mesh is made; may be null. */
     void (*deform)(double *vertex_m, int32_t vertex_count, double argument);
