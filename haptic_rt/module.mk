@@ -1,6 +1,6 @@
-# libhrt.a: core + CAN codec, no operating system. libhrt_io.a: node, mailbox, bus drivers, virtual device; no LCM; tm-sim's lockstep links both.
+# libhrt.a: core + CAN codec, no operating system. libhrt_io.a: node, mailbox, its side of the messages, bus drivers, virtual device; tm-sim's lockstep links both.
 HRT_CORE_SRC := $(sort $(wildcard haptic_rt/core/*.c) $(wildcard haptic_rt/can/*.c))
-HRT_IO_SRC := $(sort $(wildcard haptic_rt/io/bus*.c) haptic_rt/io/node.c haptic_rt/device/device.c haptic_rt/device/kinematics.c)
+HRT_IO_SRC := $(sort $(wildcard haptic_rt/io/bus*.c) haptic_rt/io/from_message.c haptic_rt/io/network.c haptic_rt/io/node.c haptic_rt/io/peer.c haptic_rt/device/device.c haptic_rt/device/kinematics.c)
 # libhrt_base.a: what every program needs, the controller's and those of apps/: errors, signals, output files, log lines, modules.
 HRT_BASE_SRC := $(sort $(wildcard haptic_rt/base/*.c))
 LIBHRT_BASE_A := $(OUT)/lib/libhrt_base.a
@@ -23,13 +23,9 @@ $(OUT)/obj/haptic_rt/can/impulse_engine.o: CFLAGS_EXTRA += -w
 # By path: these libraries are named by module.mk files that are read later.
 HRT_LIBS := $(LIBHRT_IO_A) $(LIBHRT_A) $(LIBHRT_BASE_A) $(OUT)/lib/libtensormass.a $(OUT)/lib/liblcm_types.a
 HRT_PROGRAMS := $(OUT)/bin/haptic-rt $(OUT)/bin/tm-device
-HRT_PROGRAM_SRC := $(addprefix haptic_rt/io/,link.c lines.c loop.c profile.c report.c table.c)
+HRT_PROGRAM_SRC := $(addprefix haptic_rt/io/,lines.c live.c loop.c profile.c report.c table.c)
 $(eval $(call program,haptic-rt,haptic_rt/io/haptic_rt.c haptic_rt/io/record.c haptic_rt/io/samples.c haptic_rt/io/say.c $(HRT_PROGRAM_SRC),$(HRT_LIBS),-lcjson))
 $(eval $(call program,tm-device,haptic_rt/device/tm_device.c haptic_rt/device/hand_file.c $(HRT_PROGRAM_SRC),$(HRT_LIBS),-lcjson))
-# LCM is linked into this module alone.
-$(eval $(call module,haptic,haptic_rt/io/lcm_link.c apps/common/wire.c,$(OUT)/lib/liblcm_types.a $(LIBHRT_IO_A) $(LIBHRT_A),-llcm))
-$(OUT)/obj/haptic_rt/io/lcm_link.o: | $(OUT)/lib/liblcm_types.a
-
 #: make can-codec              generate haptic_rt/can/impulse_engine.[ch] from the DBC file
 .PHONY: can-codec
 can-codec: venv

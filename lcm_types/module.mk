@@ -1,20 +1,25 @@
 # C and Python bindings of the message types, and the jar that lcm-spy decodes with.
 LCM_TYPES := $(sort $(wildcard lcm_types/*.lcm))
 LCM_GEN := $(patsubst lcm_types/%.lcm,$(OUT)/gen/lcm_types/tensormass_%.c,$(LCM_TYPES))
-# Beside the generated code: how messages are received, and how they are sealed.
-LCM_OWN := $(sort $(wildcard lcm_types/*.c))
+# Every type's, generated with its description, by which message.c walks what comes; without functions that call liblcm.
+LCM_ALL_H := $(OUT)/gen/lcm_types/tensormass.h
+# Beside the generated code: the table of messages and the ways they go, how they are received, and how they are sealed. LCM is linked into the module alone.
+LCM_OWN := $(filter-out %/link_network.c,$(sort $(wildcard lcm_types/*.c)))
 LIBLCMTYPES_A := $(OUT)/lib/liblcm_types.a
 LIBRARIES += $(LIBLCMTYPES_A) $(OUT)/python/tensormass/__init__.py
-$(OUT)/gen/lcm_types/tensormass_%.c: lcm_types/%.lcm
+$(OUT)/gen/lcm_types/tensormass_%.c: lcm_types/%.lcm lcm_types/module.mk
 	@mkdir -p $(@D)
-	lcm-gen -c --c-cpath $(@D) --c-hpath $(@D) --cinclude lcm_types $<
+	lcm-gen -c --c-typeinfo --c-no-pubsub --c-cpath $(@D) --c-hpath $(@D) --cinclude lcm_types $<
 # The header comes with its .c: what includes it is built anew when its type changes.
 $(OUT)/gen/lcm_types/tensormass_%.h: $(OUT)/gen/lcm_types/tensormass_%.c ;
+$(LCM_ALL_H): $(LCM_TYPES) lcm_types/module.mk | $(LCM_GEN)
+	@printf '#include "lcm_types/tensormass_%s.h"\n' $(LCM_TYPES:lcm_types/%.lcm=%) > $@
 # The first build does not know yet who includes them.
-$(call objects,$(wildcard apps/*/*.c haptic_rt/*/*.c tests/*/*.c)): | $(LCM_GEN)
+$(call objects,$(wildcard lcm_types/*.c apps/*/*.c haptic_rt/*/*.c tests/*/*.c)): | $(LCM_GEN) $(LCM_ALL_H)
 $(LIBLCMTYPES_A): $(patsubst $(OUT)/gen/%.c,$(OUT)/obj/%.o,$(LCM_GEN)) $(call objects,$(LCM_OWN))
 	@mkdir -p $(@D)
 	rm -f $@ && ar rcs $@ $^
+$(eval $(call module,lcm,lcm_types/link_network.c,$(LIBLCMTYPES_A),-llcm))
 $(OUT)/python/tensormass/__init__.py: $(LCM_TYPES)
 	@mkdir -p $(OUT)/python
 	lcm-gen -p --ppath $(OUT)/python $(LCM_TYPES)

@@ -33,11 +33,11 @@ install-lib: $(LIBTM_A) $(LIBTM_SO) $(SOLVE_LIBRARIES)
 	@$(put)
 
 #: make install-controller   haptic-rt, tm-device, their service, profiles and DBC, the LCM types and bindings, libhrt
-install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/haptic.so $(LIBHRT_A) $(LIBLCMTYPES_A) $(OUT)/python/tensormass/__init__.py
+install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/lcm.so $(LIBHRT_A) $(LIBLCMTYPES_A) $(OUT)/python/tensormass/__init__.py
 	@$(call folders,$(addprefix $(PREFIX)/,bin lib/tensormass lib/systemd/system include/tensormass_hrt/can include/tensormass_lcm/lcm_types) $(LIBDIR)/pkgconfig $(DOCDIR) \
 		$(addprefix $(SHARE)/,systemd profiles can lcm_types python/tensormass))
 	install -m 755 $(HRT_PROGRAMS) $(STAGE)/$@$(PREFIX)/bin
-	install -m 755 $(OUT)/lib/tensormass/haptic.so $(STAGE)/$@$(PREFIX)/lib/tensormass
+	install -m 755 $(OUT)/lib/tensormass/lcm.so $(STAGE)/$@$(PREFIX)/lib/tensormass
 	sed -e 's|@PREFIX@|$(PREFIX)|' haptic_rt/systemd/haptic-rt@.service.in > $(STAGE)/$@$(PREFIX)/lib/systemd/system/haptic-rt@.service
 	install -m 644 $(addprefix haptic_rt/systemd/,haptic-rt-0.conf processor.conf 80-can.network) $(STAGE)/$@$(SHARE)/systemd
 	install -m 644 haptic_rt/device/profiles/* $(STAGE)/$@$(SHARE)/profiles
@@ -58,7 +58,7 @@ install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/haptic.so $(LIBHRT_A) 
 install-programs: programs
 	@$(call folders,$(addprefix $(PREFIX)/,bin lib/tensormass/session) $(DOCDIR)/images $(addprefix $(SHARE)/,apps/scenes apps/studies/accuracy/reference meshes))
 	install -m 755 $(filter-out $(HRT_PROGRAMS),$(PROGRAMS)) $(SESSION_PROGRAM) $(STAGE)/$@$(PREFIX)/bin
-	install -m 755 $(filter-out %/haptic.so,$(MODULES)) $(STAGE)/$@$(PREFIX)/lib/tensormass
+	install -m 755 $(MODULES) $(STAGE)/$@$(PREFIX)/lib/tensormass
 	install -m 755 $(SESSION_PARTS) $(STAGE)/$@$(PREFIX)/lib/tensormass/session
 	cp -R apps/scenes/. $(STAGE)/$@$(SHARE)/apps/scenes
 	install -m 644 apps/studies/accuracy/reference/reference.json $(STAGE)/$@$(SHARE)/apps/studies/accuracy/reference

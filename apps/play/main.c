@@ -41,7 +41,6 @@ typedef struct play {
     bool watch, no_key, display_only;
     view_studio studio;
     view_picture picture;
-    const view_feed_api *feed_api;
     view_feed *feed;
     const play_window_api *window_api;
     play_window *window;
@@ -206,8 +205,7 @@ static int open_all(play *p) {
     if (asked && !p->studio_def.display) app_remark("tm-play: drawn in software, slower: %s", why);
     if (view_studio_open(&p->studio, &p->studio_def, &error)) return app_report("tm-play", 0, &error);
     const view_live_key key = {.path = p->key, .none = p->no_key || p->watch};
-    if (!(p->feed_api = view_feed_open(&error)) || p->feed_api->open_live(p->url, &key, &p->feed, &error))
-        return app_report("tm-play", 0, &error);
+    if (view_feed_open_live(p->url, &key, &p->feed, &error)) return app_report("tm-play", 0, &error);
     return 0;
 }
 
@@ -268,9 +266,8 @@ static void move_eye(play *p) {
 static void send(play *p) {
     view_hand hand;
     for (int i = 0; i < VIEW_INSTRUMENTS && !p->watch; i++)
-        if (play_controls_hand(&p->controls, &p->picture, i, &hand) && p->feed_api->send_hand(p->feed, &hand))
-            p->hands++;
-    if (p->controls.has_command && !p->watch) p->feed_api->send_command(p->feed, &p->controls.command);
+        if (play_controls_hand(&p->controls, &p->picture, i, &hand) && view_feed_send_hand(p->feed, &hand)) p->hands++;
+    if (p->controls.has_command && !p->watch) view_feed_send_command(p->feed, &p->controls.command);
     p->controls.has_command = false;
 }
 
@@ -295,8 +292,7 @@ static int loop(play *p) {
     while (!wrong && !app_interrupted() && !p->controls.quit &&
            (p->duration_s <= 0 || now_s() - p->began_s < p->duration_s)) {
         double next = last + 1.0 / 60;
-        if (!p->feed_api->listen(p->feed, (int)fmax(0, 1e3 * (next - now_s())), &p->picture))
-            return app_bad_input("tm-play", 0, "LCM stopped working; check the network namespace") - 1;
+        view_feed_listen(p->feed, (int)fmax(0, 1e3 * (next - now_s())), &p->picture);
         double now = now_s(), dt_s = now - last;
         last = now;
         smooth_s += 0.1 * (dt_s - smooth_s);
@@ -315,7 +311,7 @@ static int write_png(play *p) {
 static int write_json(const play *p) {
     tm_error error = {0};
     app_output output;
-    view_feed_counts counts = p->feed_api->counts(p->feed);
+    view_feed_counts counts = view_feed_counted(p->feed);
     double seconds = now_s() - p->began_s;
     if (!app_output_begin(&output, p->json, &error)) return app_report("tm-play", 0, &error);
     FILE *file = app_output_stream(&output);
@@ -344,7 +340,7 @@ int main(int argc, char **argv) {
     if (!wrong) wrong = loop(&p);
     if (!wrong && p.png) wrong = write_png(&p);
     if (!wrong && p.json) wrong = write_json(&p);
-    if (p.feed) p.feed_api->close(p.feed);
+    if (p.feed) view_feed_close(p.feed);
     if (p.studio.api) view_studio_close(&p.studio);
     if (p.window) p.window_api->close(p.window);
     view_surface_free(&p.picture.surface);

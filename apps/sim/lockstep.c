@@ -7,56 +7,31 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "device/device.h"
 #include "figures.h"
-#include "io/node.h"
-#include "io/profile.h"
 #include "publish.h"
 #include "run.h"
 #include "series.h"
 #include "snapshot.h"
+#include "stations.h"
 #include "surface.h"
 #include "tools.h"
 
-enum { QUEUE = 512, START_US = 1000000, SESSION = 1 };
-
-typedef struct sent {
-    int64_t due_us;
-    tensormass_force_sample_t sample;
-    tensormass_contact_patch_t *patch; /* null: none; ours to free */
-} sent;
-
-typedef struct station {
-    hrt_node node;
-    hrt_device device;
-    hrt_bus node_bus, device_bus;
-    hrt_tool_state tool;
-    sent queue[QUEUE];
-    uint32_t head, tail;
-} station;
+enum { START_US = 1000000, SESSION = 1, MOST = 1024 };
 
 typedef struct lockstep {
     sim *s;
     const run_options *o;
     const sim_haptics *haptics; /* null: instruments follow the hand */
-    station *station;           /* [instrument_count], with haptics */
-    hrt_loopback bus;
+    app_queue *queue;           /* with haptics: what simulation and controllers say to each other */
+    sim_stations stations;
     sim_tools tools;
     sim_publisher publisher;
     run_file csv, samples, report;
     run_series series;
     int64_t tick_us, ticks, frame, first_frame; /* first: not 0 after --restore */
-    uint64_t random;
     double compute_s;
     sim_magnitude force;
 } lockstep;
-
-static double next_random(lockstep *l) {
-    uint64_t z = l->random += 0x9e3779b97f4a7c15ull;
-    z = (z ^ (z >> 30)) * 0xbf58476d1ce4e5b9ull;
-    z = (z ^ (z >> 27)) * 0x94d049bb133111ebull;
-    return (double)((z ^ (z >> 31)) >> 11) * 0x1p-53;
-}
 
 static int64_t frame_us(const lockstep *l, int64_t frame) {
     return START_US + llround((double)frame * l->s->frame_s * 1e6);
@@ -64,96 +39,17 @@ static int64_t frame_us(const lockstep *l, int64_t frame) {
 
 /* --- controllers and devices --- */
 
-static int make_station(lockstep *l, int i) {
-    sim *s = l->s;
-    station *t = &l->station[i];
-    const app_instrument *scene = (const app_instrument *)s->scene->instrument.item + i;
-    hrt_device_config device = hrt_device_config_default(i);
-    hrt_node_config node = hrt_node_config_default(i);
-    if (l->haptics->profile.line && !hrt_profile_read(l->haptics->profile.s, &device.profile)) return APP_BAD_INPUT;
-    node.params = device.profile;
-    node.mode = (int8_t)s->instrument_def[i].mode;
-    node.session = SESSION;
-    node.pose_known = true;
-    memcpy(node.pose.trocar_m, scene->trocar.v, sizeof node.pose.trocar_m);
-    memcpy(node.pose.axis, scene->axis.v, sizeof node.pose.axis);
-    memcpy(node.pose.up, scene->up.v, sizeof node.pose.up);
-    node.extrapolator = (hrt_extrapolator)l->haptics->extrapolator.index;
-    node.passivity = l->haptics->passivity.on;
-    node.enable = true;
-    device.session = 1;
-    device.seed = (uint64_t)l->haptics->seed.value;
-    device.period_us = (double)l->tick_us;
-    for (int j = 0; j < SIM_JOINTS; j++) device.rest[j] = s->start_joint[i][j];
-    device.hand = s->hand[i];
-    hrt_bus_open_loopback(&t->device_bus, &l->bus);
-    hrt_bus_open_loopback(&t->node_bus, &l->bus);
-    hrt_device_init(&t->device, &device, &t->device_bus);
-    hrt_node_init(&t->node, &node, &t->node_bus);
-    return 0;
+static void hear_tool(void *user, int instrument, const tensormass_tool_state_t *tool) {
+    lockstep *l = user;
+    sim_tools_take(&l->tools, instrument, app_link_now_us(l->publisher.link), tool);
 }
 
-static void tool_message(const hrt_tool_state *from, tensormass_tool_state_t *to) {
-    *to = (tensormass_tool_state_t){.utime = from->utime,
-                                    .seq = (int32_t)from->seq,
-                                    .session = from->session,
-                                    .instrument = from->instrument,
-                                    .mode = from->mode,
-                                    .state = from->state,
-                                    .active = from->active,
-                                    .extrapolator = from->extrapolator};
-    memcpy(to->tip_m, from->tip_m, sizeof to->tip_m);
-    memcpy(to->joint, from->joint, sizeof to->joint);
-}
-
-static void force_message(const tensormass_force_sample_t *from, hrt_force_sample *to) {
-    *to = (hrt_force_sample){.utime = from->utime,
-                             .session = from->session,
-                             .tool_session = from->tool_session,
-                             .tool_utime = from->tool_utime,
-                             .seq = (uint32_t)from->seq,
-                             .instrument = from->instrument,
-                             .stiffness_kind = from->stiffness_kind,
-                             .flags = from->flags,
-                             .topology_revision = from->topology_revision};
-    memcpy(to->tip_m, from->tip_m, sizeof to->tip_m);
-    memcpy(to->force_N, from->force_N, sizeof to->force_N);
-    memcpy(to->stiffness_N_m, from->stiffness_N_m, sizeof to->stiffness_N_m);
-}
-
-static void send_status(lockstep *l, int i, int64_t now_us, int32_t seq) {
-    hrt_status h = {0};
-    char channel[24];
-    hrt_node_status(&l->station[i].node, &h);
-    tensormass_controller_status_t m = {.utime = now_us,
-                                        .seq = seq,
-                                        .session = h.session,
-                                        .instrument = (int8_t)i,
-                                        .state = (int8_t)h.state,
-                                        .fault = h.fault,
-                                        .fault_text = (char *)(uintptr_t)(h.fault_text ? h.fault_text : ""),
-                                        .limits = h.limits,
-                                        .extrapolator =
-                                            (char *)(uintptr_t)hrt_extrapolator_name((hrt_extrapolator)h.extrapolator),
-                                        .passivity_on = (int8_t)h.passivity_on,
-                                        .passivity_J = h.passivity_J,
-                                        .sample_age_s = h.sample_age_s,
-                                        .ticks = h.ticks,
-                                        .missed_ticks = h.missed_ticks,
-                                        .samples_received = h.samples_received,
-                                        .samples_late = h.samples_late,
-                                        .samples_lost = h.samples_lost,
-                                        .samples_rejected = h.samples_rejected,
-                                        .can_tx = h.can_tx,
-                                        .can_rx = h.can_rx,
-                                        .can_errors = h.can_errors};
-    memcpy(m.force_N, h.force_N, sizeof m.force_N);
-    snprintf(channel, sizeof channel, "CONTROLLER_%d", i);
-    l->publisher.api->send(l->publisher.link, SIM_CONTROLLER, channel, now_us, &m);
+static void hear_controller(void *user, int instrument, const tensormass_controller_status_t *status) {
+    (void)user, (void)instrument, (void)status; /* for the log */
 }
 
 static void trace_tick(lockstep *l, int i, int64_t now_us) {
-    const station *t = &l->station[i];
+    const sim_station *t = &l->stations.station[i];
     const hrt_output *h = &t->node.output;
     fprintf(l->csv.stream, "%.6f,%d,%d,%d,%" PRIu32, (double)(now_us - START_US) * 1e-6, i, h->state, h->fault,
             h->limits);
@@ -163,55 +59,14 @@ static void trace_tick(lockstep *l, int i, int64_t now_us) {
     fprintf(l->csv.stream, ",%.6f\n", (double)h->sample_age_us * 1e-6);
 }
 
-/* A patch comes before the sample with the same seq. */
-static void deliver(station *t, sent *s) {
-    hrt_force_sample sample;
-    tensormass_contact_patch_t *p = s->patch;
-    if (p) {
-        hrt_patch_message m = {.session = p->session,
-                               .seq = (uint32_t)p->seq,
-                               .instrument = p->instrument,
-                               .topology_revision = p->topology_revision,
-                               .vertex_count = p->vertex_count,
-                               .triangle_count = p->triangle_count,
-                               .vertex_m = p->vertex_m,
-                               .rest_m = p->rest_m,
-                               .origin_m = p->origin_m,
-                               .face = p->face,
-                               .triangle = p->triangle,
-                               .compliance_m_N = p->compliance_m_N,
-                               .skin_compliance_m_N = p->skin_compliance_m_N,
-                               .force_cap_N = p->force_cap_N,
-                               .radius_m = p->radius_m,
-                               .contact_length_m = p->contact_length_m,
-                               .film_s_m = p->film_s_m,
-                               .held = p->held,
-                               .hold_N = p->hold_N};
-        hrt_node_post_patch(&t->node, &m);
-        free(p);
-    }
-    force_message(&s->sample, &sample);
-    hrt_node_post_sample(&t->node, &sample);
-}
-
 static void tick(lockstep *l, int64_t now_us) {
+    app_queue_set_clock(l->queue, now_us);
     for (int i = 0; i < l->s->instrument_count; i++) {
-        station *t = &l->station[i];
-        for (; t->head != t->tail && t->queue[t->head % QUEUE].due_us <= now_us; t->head++)
-            deliver(t, &t->queue[t->head % QUEUE]);
-        hrt_device_step(&t->device, now_us);
-        hrt_node_tick(&t->node, now_us, &t->tool);
-        double force[3] = {(double)t->node.output.force_N[0], (double)t->node.output.force_N[1],
-                           (double)t->node.output.force_N[2]};
-        sim_magnitude_add(&l->force, force);
-        tensormass_tool_state_t m;
-        char channel[16];
-        tool_message(&t->tool, &m);
-        sim_tools_take(&l->tools, i, now_us, &m);
-        snprintf(channel, sizeof channel, "TOOL_%d", i);
-        if (l->publisher.api) l->publisher.api->send(l->publisher.link, SIM_TOOL, channel, now_us, &m);
-        if (l->publisher.api && (now_us - START_US) % 100000 < l->tick_us)
-            send_status(l, i, now_us, (int32_t)((now_us - START_US) / 100000));
+        sim_station *t = &l->stations.station[i];
+        sim_station_tick(t, now_us);
+        app_link_receive(l->publisher.link, 0, MOST);
+        const float *f = t->node.output.force_N;
+        sim_magnitude_add(&l->force, (const double[3]){(double)f[0], (double)f[1], (double)f[2]});
         if (l->csv.begun) trace_tick(l, i, now_us);
     }
     l->ticks++;
@@ -243,23 +98,6 @@ static void trace_frame(lockstep *l, const tensormass_force_sample_t *m, int64_t
     }
 }
 
-/* Takes the patch over. */
-static void queue_sample(lockstep *l, int i, int64_t now_us, const tensormass_force_sample_t *sample,
-                         tensormass_contact_patch_t *patch) {
-    station *t = &l->station[i];
-    double late_s = l->haptics->latency.si * l->s->frame_s + next_random(l) * l->haptics->jitter.si;
-    bool lost = next_random(l) < l->haptics->loss.si;
-    if (lost || t->tail - t->head == QUEUE) {
-        free(patch);
-        return;
-    }
-    int64_t due = now_us + llround(late_s * 1e6);
-    /* One wire: what is sent later does not arrive earlier. */
-    if (t->tail != t->head && t->queue[(t->tail - 1) % QUEUE].due_us > due)
-        due = t->queue[(t->tail - 1) % QUEUE].due_us;
-    t->queue[t->tail++ % QUEUE] = (sent){due, *sample, patch};
-}
-
 static tm_status frame(lockstep *l, int64_t now_us) {
     sim *s = l->s;
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
@@ -278,20 +116,11 @@ static tm_status frame(lockstep *l, int64_t now_us) {
         l->frame--;
         return status;
     }
+    if (l->queue) app_queue_set_clock(l->queue, now_us);
     for (int i = 0; i < s->instrument_count; i++) {
-        const sim_tool *tool = &l->tools.tool[i];
-        int64_t t_n = sim_tools_mean_utime(&l->tools, i, s->substeps, s->average);
         tensormass_force_sample_t sample;
-        sim_force_sample(&l->publisher, s, i, now_us, t_n ? tool->now.session : 0, t_n, 0, &sample);
-        tensormass_contact_patch_t *patch = s->patch_valid[i] ? malloc(sizeof *patch) : NULL;
-        if (patch && sim_contact_patch(&l->publisher, s, &sample, patch))
-            sim_publish_patch(&l->publisher, now_us, patch);
-        sim_publish_force(&l->publisher, now_us, &sample);
+        sim_publish_reaction(&l->publisher, s, &l->tools, i, now_us, s->substeps, s->average, 0, &sample);
         trace_frame(l, &sample, now_us);
-        if (l->haptics)
-            queue_sample(l, i, now_us, &sample, patch);
-        else
-            free(patch);
     }
     sim_reach_note(s);
     /* The clock of this run is virtual, so is the cost that it reports: a log must not depend on the machine. */
@@ -340,13 +169,13 @@ static int loop(lockstep *l) {
 static void report_controllers(lockstep *l, cJSON *json) {
     cJSON *list = cJSON_AddArrayToObject(json, "controllers");
     for (int i = 0; l->haptics && i < l->s->instrument_count; i++) {
-        hrt_status h = {0};
-        hrt_node_status(&l->station[i].node, &h);
+        tensormass_controller_status_t h;
+        hrt_node_status(&l->stations.station[i].node, &h);
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
         cJSON_AddStringToObject(row, "state", hrt_state_name((hrt_state)h.state));
-        cJSON_AddStringToObject(row, "fault", h.fault_text ? h.fault_text : "");
-        cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)h.extrapolator));
+        cJSON_AddStringToObject(row, "fault", h.fault_text);
+        cJSON_AddStringToObject(row, "extrapolator", h.extrapolator);
         cJSON_AddNumberToObject(row, "samples_received", (double)h.samples_received);
         cJSON_AddNumberToObject(row, "samples_late", (double)h.samples_late);
         cJSON_AddNumberToObject(row, "samples_lost", (double)h.samples_lost);
@@ -389,8 +218,12 @@ static int begin(lockstep *l, const char *log) {
     int rc = run_file_begin(&l->csv, l->o->csv);
     if (!rc) rc = run_file_begin(&l->samples, l->o->samples);
     if (!rc) rc = run_file_begin(&l->report, l->o->json);
-    if (!rc) rc = sim_publisher_open(&l->publisher, s, NULL, log, &(app_key){.known = false}, SESSION);
     l->haptics = sim_options(s->scene, "haptics");
+    if (l->haptics) l->queue = app_queue_create(START_US);
+    const sim_way way = {
+        .queue = l->queue, .log = log, .session = SESSION, .forces = true, .listener = {hear_tool, hear_controller, l}};
+    if (!rc && l->haptics && !l->queue) rc = APP_FAILED;
+    if (!rc) rc = sim_publisher_open(&l->publisher, s, &way);
     if (!rc && l->haptics && (l->o->restore || l->o->snapshot))
         rc = app_scene_bad(s->scene, l->haptics->here.line,
                            "a snapshot holds the simulation, not its controllers; add --unset haptics, so that "
@@ -408,12 +241,7 @@ static int begin(lockstep *l, const char *log) {
     l->tools.s = s;
     if (rc || !l->haptics) return rc;
     l->tick_us = llround(1e6 / l->haptics->rate.si);
-    l->random = (uint64_t)l->haptics->seed.value;
-    hrt_loopback_init(&l->bus);
-    l->station = calloc((size_t)s->instrument_count, sizeof *l->station);
-    if (!l->station) return APP_FAILED;
-    for (int i = 0; i < s->instrument_count && !rc; i++) rc = make_station(l, i);
-    return rc;
+    return sim_stations_open(&l->stations, s, l->haptics, l->tick_us, l->queue);
 }
 
 int run_lockstep(sim *s, const run_options *o) {
@@ -449,13 +277,8 @@ int run_lockstep(sim *s, const run_options *o) {
         cJSON_Delete(json);
     } else
         rc = run_report_end(json, &l->report);
-    for (int i = 0; l->station && i < s->instrument_count; i++) {
-        station *t = &l->station[i];
-        for (; t->head != t->tail; t->head++) free(t->queue[t->head % QUEUE].patch);
-        hrt_bus_close(&l->station[i].node_bus);
-        hrt_bus_close(&l->station[i].device_bus);
-    }
-    free(l->station);
+    sim_stations_close(&l->stations);
+    app_queue_destroy(l->queue);
     rc = rc ? rc : rc2 ? rc2 : rc3 ? rc3 : rc4;
     return rc ? rc : run_say_interrupted(l->frame, frame_total(l));
 }

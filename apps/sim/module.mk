@@ -1,5 +1,5 @@
 # tm-sim, and what it is made of (libsim.a) for programs that run a scene themselves.
-SIM_SRC := $(sort $(filter-out apps/sim/main.c apps/sim/lcm_%.c,$(wildcard apps/sim/*.c))) haptic_rt/io/lines.c haptic_rt/io/profile.c haptic_rt/io/table.c
+SIM_SRC := $(sort $(filter-out apps/sim/main.c,$(wildcard apps/sim/*.c))) haptic_rt/io/lines.c haptic_rt/io/profile.c haptic_rt/io/table.c
 LIBSIM_A := $(OUT)/lib/libsim.a
 LIBRARIES += $(LIBSIM_A)
 $(LIBSIM_A): $(call objects,$(SIM_SRC))
@@ -7,4 +7,3 @@ $(LIBSIM_A): $(call objects,$(SIM_SRC))
 	rm -f $@ && ar rcs $@ $^
 SIM_LIBS = $(LIBSIM_A) $(LIBAPP_A) $(LIBHRT_IO_A) $(LIBHRT_A) $(LIBTM_A) $(LIBLCMTYPES_A)
 $(eval $(call program,tm-sim,apps/sim/main.c,$(SIM_LIBS),-lyaml -lcjson))
-$(eval $(call module,lcm,apps/sim/lcm_link.c apps/common/wire.c,$(LIBLCMTYPES_A),-llcm))

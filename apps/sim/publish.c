@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "io/network.h"
+
 /* --- cuts: one message for each who cut, in the frame's order --- */
 
 static void send_cuts(sim_publisher *p, const sim *s, int64_t utime) {
@@ -21,41 +23,67 @@ static void send_cuts(sim_publisher *p, const sim *s, int64_t utime) {
                                     .removed_count = count,
                                     .removed_tet = p->removed,
                                     .alive_count = sim_alive(s)};
-        p->api->send(p->link, SIM_CUT, "CUT", utime, &m);
+        app_link_publish(p->link, APP_CUT, 0, utime, &m);
     }
 }
 
 /* --- the rest --- */
 
-int sim_publisher_open(sim_publisher *p, const sim *s, const char *url, const char *log, const app_key *key,
-                       int64_t session) {
+static int refuse(sim_publisher *p, int code, const char *why) {
+    sim_publisher_close(p);
+    fprintf(stderr, "tm-sim: %s\n", why);
+    return code;
+}
+
+static bool open_link(sim_publisher *p, const sim *s, const sim_way *way, char *why, int why_size) {
+    app_topic topic[SIM_TOPICS];
+    app_link_def def = {.topic = topic, .key = way->key, .copy = p->log};
     tm_error error = {0};
-    *p = (sim_publisher){.session = session};
-    if (!url && !log) return 0;
-    p->api = sim_lcm_module(&error);
-    if (p->api) p->link = p->api->open(url, log, key, session, &error);
-    if (!p->link) {
-        p->api = NULL;
-        fprintf(stderr, "tm-sim: %s\n", error.message);
-        return APP_BAD_INPUT;
-    }
+    p->ears = (sim_ears){.listener = way->listener, .sealed = way->key && way->key->known, .session = way->session};
+    if (way->listener.tool) def.topics = sim_ears_topics(&p->ears, s->instrument_count, topic);
+    if (way->queue) p->link = app_link_join(way->queue, &def, NULL);
+    if (way->queue || !way->url) return way->queue ? p->link != NULL : (p->link = p->log) != NULL;
+    app_network_opener *open = hrt_network(&error);
+    if (open)
+        p->link = open(way->url, &def, why, why_size);
+    else
+        snprintf(why, (size_t)why_size, "%s", error.message);
+    return p->link != NULL;
+}
+
+int sim_publisher_open(sim_publisher *p, const sim *s, const sim_way *way) {
+    char why[300];
+    *p = (sim_publisher){.session = way->session, .forces = way->forces};
+    if (!way->url && !way->queue && !way->log) return 0;
+    snprintf(why, sizeof why, "the log %s cannot be written; choose another place", way->log ? way->log : "");
+    if (way->log && !(p->log = app_link_write_log(way->log, &(app_link_def){.key = way->key})))
+        return refuse(p, APP_BAD_INPUT, why);
+    snprintf(why, sizeof why, "out of memory for messages; close other programs");
+    if (!open_link(p, s, way, why, sizeof why)) return refuse(p, APP_BAD_INPUT, why);
     p->rendering = sim_options(s->scene, "rendering");
     if (sim_has(s, "cut")) p->removed = malloc(sizeof *p->removed * (size_t)s->mesh->tet_count);
-    if (sim_has(s, "cut") && !p->removed) {
-        sim_publisher_close(p);
-        fputs("tm-sim: out of memory for cut messages; use a smaller mesh\n", stderr);
-        return APP_FAILED;
-    }
+    if (sim_has(s, "cut") && !p->removed)
+        return refuse(p, APP_FAILED, "out of memory for cut messages; use a smaller mesh");
     return 0;
 }
 
 bool sim_publisher_close(sim_publisher *p) {
-    if (!p->api) return true;
-    bool good = p->api->close(p->link);
+    if (p->link != p->log) app_link_close(p->link);
+    const bool good = app_link_close(p->log);
     free(p->removed);
     p->removed = NULL;
-    p->api = NULL;
+    p->link = p->log = NULL;
     return good;
+}
+
+sim_refused sim_publisher_refused(const sim_publisher *p) {
+    if (!p->link) return (sim_refused){0};
+    const app_link_counts *c = app_link_counted(p->link);
+    const app_packet_counts packets = app_link_packets(p->link);
+    return (sim_refused){.malformed = atomic_load(&c->malformed),
+                         .forged = atomic_load(&c->forged),
+                         .packets = packets.malformed + packets.oversized,
+                         .foreign = packets.foreign};
 }
 
 static int32_t sample_flags(uint32_t reaction_flags) {
@@ -155,23 +183,19 @@ bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_fo
     return true;
 }
 
-void sim_publish_patch(sim_publisher *p, int64_t utime, const tensormass_contact_patch_t *patch) {
-    char channel[16];
-    if (!p->api) return;
-    snprintf(channel, sizeof channel, "PATCH_%d", patch->instrument);
-    p->api->send(p->link, SIM_PATCH, channel, utime, patch);
-}
-
-void sim_publish_force(sim_publisher *p, int64_t utime, const tensormass_force_sample_t *sample) {
-    char channel[16];
-    if (!p->api) return;
-    snprintf(channel, sizeof channel, "FORCE_%d", sample->instrument);
-    p->api->send(p->link, SIM_FORCE, channel, utime, sample);
+void sim_publish_reaction(sim_publisher *p, const sim *s, sim_tools *tools, int instrument, int64_t utime,
+                          int32_t substeps, int32_t average, int32_t flags, tensormass_force_sample_t *sample) {
+    const sim_tool *tool = &tools->tool[instrument];
+    const int64_t t_n = sim_tools_mean_utime(tools, instrument, substeps, average);
+    sim_force_sample(p, s, instrument, utime, t_n ? tool->now.session : 0, t_n, flags, sample);
+    if (!p->link || !p->forces) return;
+    if (sim_contact_patch(p, s, sample, &p->patch)) app_link_publish(p->link, APP_PATCH, instrument, utime, &p->patch);
+    app_link_publish(p->link, APP_FORCE, instrument, utime, sample);
 }
 
 void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s, double speed) {
     static char models[][12] = {"dynamic", "precomputed", "hybrid"};
-    if (!p->api) return;
+    if (!p->link) return;
     tensormass_sim_status_t m = {.utime = utime,
                                  .seq = p->status_seq++,
                                  .session = p->session,
@@ -200,7 +224,7 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
         m.active[i] = s->pose[i].active;
     }
     send_cuts(p, s, utime);
-    p->api->send(p->link, SIM_STATUS, "SIM_STATUS", utime, &m);
-    if (p->rendering && s->frames % p->rendering->every.value == 0)
-        p->api->send(p->link, SIM_TISSUE, "TISSUE", utime, sim_picture_now(s, utime, p->session, p->tissue_seq++));
+    app_link_publish(p->link, APP_SIM_STATUS, 0, utime, &m);
+    if (p->rendering && s->frames % p->rendering->every.value == 0 && app_link_wanted(p->link, APP_TISSUE, 0))
+        app_link_publish(p->link, APP_TISSUE, 0, utime, sim_picture_now(s, utime, p->session, p->tissue_seq++));
 }

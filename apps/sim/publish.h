@@ -4,8 +4,9 @@
 #define TM_SIM_PUBLISH_H
 
 #include "effects.h"
-#include "lcm_link.h"
+#include "listen.h"
 #include "sim.h"
+#include "tools.h"
 
 /* force_sample_t.flags: how the reaction came about (tm_reaction_flag), and what befell the frame. */
 enum {
@@ -22,19 +23,42 @@ enum {
 };
 
 typedef struct sim_publisher {
-    const sim_lcm_api *api; /* null: nobody listens */
-    sim_lcm *link;
+    app_link *link; /* to whom it goes, and into the log; null: nobody listens */
+    app_link *log;  /* null: none; `link` itself where there is nothing else */
+    bool forces;    /* force samples are published */
+    sim_ears ears;
     int64_t session;
     int32_t seq[TM_MAX_INSTRUMENTS], status_seq, tissue_seq, cut_seq;
     int64_t dropped_us;
     const sim_rendering *rendering; /* null: no tissue */
     int32_t *removed;               /* [tet_count] of a CUT message; null without `cut` */
+    tensormass_contact_patch_t patch;
 } sim_publisher;
 
-/* Opens the module `lcm` when `url` (network) or a log asks for it. 0 or an exit code. */
-int sim_publisher_open(sim_publisher *p, const sim *s, const char *url, const char *log, const app_key *key,
-                       int64_t session);
+/* Which way messages go. */
+typedef struct sim_way {
+    const char *url;  /* the network; null: not there */
+    app_queue *queue; /* this process; null: not there */
+    const char *log;  /* null: none */
+    const app_key *key;
+    int64_t session;
+    bool forces;
+    sim_listener listener; /* tool null: nobody is listened to */
+} sim_way;
+
+/* What was thrown away of what came. */
+typedef struct sim_refused {
+    int64_t malformed; /* messages that are not whole */
+    int64_t forged;    /* without the key's tag, heard before, or an answer to another simulation */
+    int64_t packets;   /* not LCM's, or too long */
+    int64_t foreign;   /* of other machines, though the URL has ttl=0 */
+} sim_refused;
+
+/* 0 or an exit code. The publisher stays where it is while it is open. */
+int sim_publisher_open(sim_publisher *p, const sim *s, const sim_way *way);
+/* False: the log could not be written to its end. */
 bool sim_publisher_close(sim_publisher *p);
+sim_refused sim_publisher_refused(const sim_publisher *p);
 
 /* The tissue as it is now; the surface's arrays are rewritten by the next call. Scenes with `rendering` only. */
 const tensormass_tissue_t *sim_picture_now(sim *s, int64_t utime, int64_t session, int32_t seq);
@@ -46,8 +70,9 @@ void sim_force_sample(sim_publisher *p, const sim *s, int instrument, int64_t ut
 /* The patch of the last frame, with its sample's seq; before the sample. False: there is none. */
 bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_force_sample_t *sample,
                        tensormass_contact_patch_t *out);
-void sim_publish_patch(sim_publisher *p, int64_t utime, const tensormass_contact_patch_t *patch);
-void sim_publish_force(sim_publisher *p, int64_t utime, const tensormass_force_sample_t *sample);
+/* Both of an instrument, after a frame of so many substeps of which the last `average` were averaged. */
+void sim_publish_reaction(sim_publisher *p, const sim *s, sim_tools *tools, int instrument, int64_t utime,
+                          int32_t substeps, int32_t average, int32_t flags, tensormass_force_sample_t *sample);
 /* Cuts, status, tissue. compute_s: spent on the frame. */
 void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s, double speed);
 

@@ -99,7 +99,7 @@ static void tell_gone(realtime *r) {
 
 /* What never reached take_tool, once a second at most. */
 static void tell_thrown_away(realtime *r) {
-    const sim_refused now = r->publisher.api->refused(r->publisher.link), *old = &r->thrown_away;
+    const sim_refused now = sim_publisher_refused(&r->publisher), *old = &r->thrown_away;
     int64_t now_us = app_monotonic_us();
     if (!memcmp(&now, old, sizeof now) || now_us - r->told_thrown_us < line_every_us) return;
     app_say("tm-sim: refused since the last such line: %" PRId64 " messages not whole, %" PRId64
@@ -119,18 +119,21 @@ static void take_status(void *user, int instrument, const tensormass_controller_
     memcpy(c->lateness_us, message->lateness_us, sizeof c->lateness_us);
 }
 
+/* More of it is left for the next frame. */
+enum { FLOOD = 1024 };
+
 static void wait_until(realtime *r, int64_t deadline_us) {
     for (;;) {
         int64_t left = deadline_us - app_monotonic_us();
         if (left <= 0 || app_interrupted()) break;
         if (r->haptics)
-            r->publisher.api->receive(r->publisher.link, left);
+            app_link_receive(r->publisher.link, left, FLOOD);
         else {
             struct timespec t = {deadline_us / 1000000, deadline_us % 1000000 * 1000};
             clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
         }
     }
-    if (r->haptics) r->publisher.api->receive(r->publisher.link, 0);
+    if (r->haptics) app_link_receive(r->publisher.link, 0, FLOOD);
 }
 
 /* As many substeps as the frame has time for, by the cost of the last ones: simulated time is dropped, never owed. */
@@ -145,20 +148,13 @@ static void publish(realtime *r, int32_t substeps, double spent_s, bool overran)
     sim *s = r->s;
     int32_t average = s->average < substeps ? s->average : substeps;
     for (int i = 0; i < s->instrument_count; i++) {
-        const sim_tool *tool = &r->tools.tool[i];
-        int64_t t_n = sim_tools_mean_utime(&r->tools, i, substeps, average);
         tensormass_force_sample_t sample;
-        int64_t utime = utime_now();
-        sim_force_sample(&r->publisher, s, i, utime, t_n ? tool->now.session : 0, t_n, overran ? SIM_FLAG_OVERRAN : 0,
-                         &sample);
-        static tensormass_contact_patch_t patch; /* 11 kB, one thread */
-        if (r->haptics && sim_contact_patch(&r->publisher, s, &sample, &patch))
-            sim_publish_patch(&r->publisher, utime, &patch);
-        if (r->haptics) sim_publish_force(&r->publisher, utime, &sample);
+        sim_publish_reaction(&r->publisher, s, &r->tools, i, utime_now(), substeps, average,
+                             overran ? SIM_FLAG_OVERRAN : 0, &sample);
         sim_magnitude_add(&r->force, sample.force_N);
         if (r->samples.begun) {
             fprintf(r->samples.stream, "%" PRId64 ",%.6f,%d,%" PRId64, r->frame,
-                    (double)(app_monotonic_us() - r->start_us) * 1e-6, i, t_n);
+                    (double)(app_monotonic_us() - r->start_us) * 1e-6, i, sample.tool_utime);
             for (int a = 0; a < 3; a++) fprintf(r->samples.stream, ",%.9g", sample.tip_m[a]);
             for (int a = 0; a < 3; a++) fprintf(r->samples.stream, ",%.9g", sample.force_N[a]);
             fprintf(r->samples.stream, ",%d,%d\n", s->reaction[i].row_count, sample.flags);
@@ -318,14 +314,16 @@ static int begin(realtime *r, const char *log) {
     char why[300];
     if (!rc && r->haptics && !app_key_for(url, r->o->key, r->o->no_key, &key, why, sizeof why))
         rc = app_bad_input("--key", 0, "%s", why);
-    if (!rc) rc = sim_publisher_open(&r->publisher, s, network ? url : NULL, log, &key, app_session());
+    const sim_way way = {.url = network ? url : NULL,
+                         .log = log,
+                         .key = &key,
+                         .session = app_session(),
+                         .forces = r->haptics != NULL,
+                         .listener = {r->haptics ? take_tool : NULL, take_status, r}};
+    if (!rc) rc = sim_publisher_open(&r->publisher, s, &way);
     r->tools.s = s;
     if (!rc && r->o->restore) rc = sim_snapshot_restore(s, r->o->restore);
     if (!rc) rc = run_series_begin(&r->series, s, r->o->paraview, r->o->paraview_every);
-    const sim_listener listener = {take_tool, take_status, r};
-    tm_error error = {0};
-    if (!rc && r->haptics && !r->publisher.api->listen(r->publisher.link, s->instrument_count, &listener, &error))
-        rc = app_report("--url", 0, &error);
     if (r->samples.begun)
         fputs("frame,time_s,instrument,tn_us,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rows,flags\n", r->samples.stream);
     return rc;
@@ -345,7 +343,7 @@ int run_realtime(sim *s, const run_options *o) {
     cJSON *json = run_report_begin(s, "realtime");
     if (!rc && tm_model_start(s->model, &error)) rc = sim_report(s->scene, 0, &error);
     if (!rc) rc = loop(&r);
-    if (r.haptics && r.publisher.api) r.thrown_away = r.publisher.api->refused(r.publisher.link);
+    if (r.haptics) r.thrown_away = sim_publisher_refused(&r.publisher);
     if (!sim_publisher_close(&r.publisher) && !rc) {
         fprintf(stderr, "%s: the log could not be written; the disk may be full\n", log.path);
         rc = APP_FAILED;

@@ -1,31 +1,24 @@
 #include "feed.h"
 
-#include <lcm/lcm.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/random.h>
-#include <sys/time.h>
 #include <time.h>
 
-#include "event_log.h"
 #include "inbox.h"
 #include "intake.h"
-#include "lcm_types/tensormass_controller_command_t.h"
-#include "lcm_types/tensormass_controller_status_t.h"
-#include "lcm_types/tensormass_hand_command_t.h"
-#include "seal.h"
-#include "wire.h"
+#include "io/network.h"
 
 struct view_feed {
     view_intake intake;
-    app_log *log;
-    const app_log_event *pending; /* read, but not yet due */
-    int64_t begin_us;             /* of the first tissue (log), or of opening (live) */
-    view_inbox *inbox;
-    lcm_t *lcm; /* for sending */
-    app_key key;
+    app_link *link;
+    view_inbox *inbox; /* null: a log */
+    int64_t begin_us;  /* of the first tissue (log), or of opening (live) */
+    /* What is taken now goes there, at that time of the picture. */
+    view_picture *picture;
+    double time_s;
     int64_t session; /* ours, for hand commands */
     int32_t hand_seq;
     struct commanded {
@@ -48,13 +41,64 @@ static int64_t clock_us(clockid_t clock) {
     return (int64_t)now.tv_sec * 1000000 + now.tv_nsec / 1000;
 }
 
-static void feed_close(view_feed *feed) {
+void view_feed_close(view_feed *feed) {
     if (!feed) return;
-    app_log_close(feed->log);
     view_inbox_close(feed->inbox);
-    if (feed->lcm) lcm_destroy(feed->lcm);
+    app_link_close(feed->link);
     free(feed);
 }
+
+/* --- what is taken --- */
+
+static app_verdict take_tissue(void *user, int instrument, int64_t utime, const void *message) {
+    (void)instrument, (void)utime;
+    view_feed *feed = user;
+    view_intake_tissue(&feed->intake, feed->picture, feed->time_s, message);
+    return APP_TAKEN;
+}
+
+static app_verdict take_status(void *user, int instrument, int64_t utime, const void *message) {
+    (void)instrument, (void)utime;
+    view_feed *feed = user;
+    view_intake_status(&feed->intake, feed->picture, feed->time_s, message);
+    return APP_TAKEN;
+}
+
+/* Also whom a command is for, and what it must come after. */
+static app_verdict take_controller(void *user, int instrument, int64_t utime, const void *message) {
+    (void)utime;
+    view_feed *feed = user;
+    const tensormass_controller_status_t *m = message;
+    struct commanded *c = &feed->commanded[instrument];
+    if (c->session != m->session || (int32_t)((uint32_t)m->command_seq - (uint32_t)c->command_seq) > 0)
+        *c = (struct commanded){m->session, m->command_seq};
+    view_intake_controller(&feed->intake, feed->picture, feed->time_s, instrument, m);
+    return APP_TAKEN;
+}
+
+/* Bytes as they came, or as they were logged. */
+static void take_bytes(view_feed *feed, const char *channel, int64_t utime, const void *bytes, int size) {
+    app_message_kind kind;
+    int instrument;
+    const app_link_counts *c = app_link_counted(feed->link);
+    const int64_t malformed = atomic_load(&c->malformed), forged = atomic_load(&c->forged);
+    app_link_give(feed->link, channel, utime, bytes, size);
+    if (atomic_load(&c->malformed) != malformed && app_channel_find(channel, &kind, &instrument))
+        view_intake_refuse(&feed->intake, channel, "not a whole %s of this version", app_message_type(kind));
+    if (atomic_load(&c->forged) != forged) view_intake_refuse(&feed->intake, channel, "without the key's tag");
+}
+
+static view_feed *feed_new(app_topic topic[2 + VIEW_INSTRUMENTS]) {
+    view_feed *feed = calloc(1, sizeof *feed);
+    if (!feed) return NULL;
+    view_intake_begin(&feed->intake);
+    topic[0] = (app_topic){APP_TISSUE, 0, take_tissue, feed};
+    topic[1] = (app_topic){APP_SIM_STATUS, 0, take_status, feed};
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++) topic[2 + i] = (app_topic){APP_CONTROLLER, i, take_controller, feed};
+    return feed;
+}
+
+/* --- a log --- */
 
 /* LCM's reader hunts through any file for something like an event; a log begins with one. */
 static bool begins_like_log(const char *path) {
@@ -66,31 +110,54 @@ static bool begins_like_log(const char *path) {
     return good;
 }
 
-static void read_facts(view_feed *feed, view_log_facts *facts) {
-    view_picture scratch;
-    memset(&scratch, 0, sizeof scratch);
-    view_intake intake;
-    view_intake_begin(&intake);
-    int64_t last_us = 0;
-    const app_log_event *event;
-    while ((event = app_log_next(feed->log))) {
-        facts->events++;
-        if (!strcmp(event->channel, "TISSUE")) {
-            if (!facts->tissues++) feed->begin_us = event->timestamp;
-            last_us = event->timestamp;
-        } else if (!strcmp(event->channel, "SIM_STATUS"))
-            view_intake_message(&intake, &scratch, 0, event->channel, event->data, event->size);
-        const view_trace *t = &scratch.trace;
-        if (t->count)
-            for (int i = 0; i < VIEW_INSTRUMENTS; i++)
-                facts->peak_force_N =
-                    fmax(facts->peak_force_N, (double)t->force_N[i][(t->next + VIEW_TRACE - 1) % VIEW_TRACE]);
-    }
-    facts->damaged = app_log_damaged(feed->log);
-    facts->seconds = facts->tissues ? (double)(last_us - feed->begin_us) * 1e-6 : 0;
+/* The log once through. */
+typedef struct survey {
+    view_feed *feed;
+    view_log_facts *facts;
+    int64_t last_us;
+} survey;
+
+static void survey_event(void *user, const char *channel, int64_t utime, const void *bytes, int size) {
+    survey *v = user;
+    const view_trace *t = &v->feed->picture->trace;
+    v->facts->events++;
+    if (!strcmp(channel, "TISSUE")) {
+        if (!v->facts->tissues++) v->feed->begin_us = utime;
+        v->last_us = utime;
+    } else if (!strcmp(channel, "SIM_STATUS"))
+        app_link_give(v->feed->link, channel, utime, bytes, size);
+    if (t->count)
+        for (int i = 0; i < VIEW_INSTRUMENTS; i++)
+            v->facts->peak_force_N =
+                fmax(v->facts->peak_force_N, (double)t->force_N[i][(t->next + VIEW_TRACE - 1) % VIEW_TRACE]);
 }
 
-static tm_status open_log(const char *path, view_feed **out, view_log_facts *facts, tm_error *error) {
+static bool read_facts(view_feed *feed, const char *path, app_link_def *def, view_log_facts *facts) {
+    static view_picture scratch;
+    survey v = {.feed = feed, .facts = facts};
+    memset(&scratch, 0, sizeof scratch);
+    feed->picture = &scratch;
+    def->keep = survey_event;
+    def->user = &v;
+    feed->link = app_link_read_log(path, def);
+    if (!feed->link) return false;
+    while (app_link_receive(feed->link, 0, 1024) > 0) {
+    }
+    facts->damaged = app_link_damaged(feed->link);
+    facts->seconds = facts->tissues ? (double)(v.last_us - feed->begin_us) * 1e-6 : 0;
+    app_link_close(feed->link);
+    feed->link = NULL;
+    view_intake_begin(&feed->intake);
+    return facts->tissues > 0;
+}
+
+static void log_event(void *user, const char *channel, int64_t utime, const void *bytes, int size) {
+    view_feed *feed = user;
+    feed->time_s = (double)(utime - feed->begin_us) * 1e-6;
+    take_bytes(feed, channel, utime, bytes, size);
+}
+
+tm_status view_feed_open_log(const char *path, view_feed **out, view_log_facts *facts, tm_error *error) {
     memset(facts, 0, sizeof *facts);
     FILE *file = fopen(path, "rb");
     if (!file)
@@ -100,13 +167,17 @@ static tm_status open_log(const char *path, view_feed **out, view_log_facts *fac
     if (!begins_like_log(path))
         return failed(error, TM_ERR_FILE,
                       "is no LCM log (it does not begin with an event)%s; record one with lcm-logger", "");
-    view_feed *feed = calloc(1, sizeof *feed);
+    app_topic topic[2 + VIEW_INSTRUMENTS];
+    view_feed *feed = feed_new(topic);
     if (!feed) return failed(error, TM_ERR_MEMORY, "no memory%s", "");
-    view_intake_begin(&feed->intake);
-    feed->log = app_log_open(path);
-    if (feed->log) read_facts(feed, facts);
-    if (!feed->log || !facts->tissues || !app_log_rewind(feed->log)) {
-        feed_close(feed);
+    app_link_def def = {.topic = topic, .topics = 2 + VIEW_INSTRUMENTS};
+    if (read_facts(feed, path, &def, facts)) {
+        def.keep = log_event;
+        def.user = feed;
+        feed->link = app_link_read_log(path, &def);
+    }
+    if (!feed->link) {
+        view_feed_close(feed);
         return failed(error, TM_ERR_FILE,
                       "holds no TISSUE message%s; record a running tm-sim --realtime with lcm-logger", "");
     }
@@ -114,64 +185,47 @@ static tm_status open_log(const char *path, view_feed **out, view_log_facts *fac
     return TM_OK;
 }
 
-static bool advance(view_feed *feed, double time_s, view_picture *picture) {
-    for (;;) {
-        if (!feed->pending) feed->pending = app_log_next(feed->log);
-        if (!feed->pending) break;
-        double at_s = (double)(feed->pending->timestamp - feed->begin_us) * 1e-6;
-        if (at_s > time_s) break;
-        view_intake_message(&feed->intake, picture, at_s, feed->pending->channel, feed->pending->data,
-                            feed->pending->size);
-        feed->pending = NULL;
-    }
+bool view_feed_advance(view_feed *feed, double time_s, view_picture *picture) {
+    feed->picture = picture;
+    while (app_link_next_utime(feed->link) < INT64_MAX &&
+           (double)(app_link_next_utime(feed->link) - feed->begin_us) * 1e-6 <= time_s)
+        app_link_receive(feed->link, 0, 1);
     view_intake_age(&feed->intake, picture, time_s);
-    return feed->pending != NULL;
+    return app_link_next_utime(feed->link) < INT64_MAX;
 }
+
+/* --- live --- */
 
 static double live_s(const view_feed *feed) { return (double)(clock_us(CLOCK_MONOTONIC) - feed->begin_us) * 1e-6; }
 
-/* Whom a command is for, and what it must come after. */
-static void note_controller(view_feed *feed, int i, const view_letter *letter) {
-    char none[] = "";
-    tensormass_controller_status_t m = {.fault_text = none, .extrapolator = none};
-    if (!app_wire_sound_head("26.s4.s", 30, 2, tensormass_controller_status_t_encoded_size(&m), letter->data,
-                             letter->size) ||
-        tensormass_controller_status_t_decode(letter->data, 0, letter->size, &m) != letter->size)
-        return;
-    struct commanded *c = &feed->commanded[i];
-    if (c->session != m.session || (int32_t)((uint32_t)m.command_seq - (uint32_t)c->command_seq) > 0)
-        *c = (struct commanded){m.session, m.command_seq};
-    tensormass_controller_status_t_decode_cleanup(&m);
+static bool connect(view_feed *feed, app_network_opener *network, const char *url, app_link_def *def) {
+    char why[400];
+    feed->inbox = view_inbox_create();
+    def->keep = view_inbox_keep;
+    def->user = feed->inbox;
+    if (feed->inbox) feed->link = network(url, def, why, sizeof why);
+    return feed->link && view_inbox_start(feed->inbox, feed->link);
 }
 
-static void take_letter(view_feed *feed, view_picture *picture, const view_letter *letter) {
-    bool sealed = strcmp(letter->channel, "TISSUE") != 0;
-    if (sealed && !app_sealed(&feed->key, letter->channel, letter->data, letter->size)) {
-        feed->intake.counts.rejected++;
-        snprintf(feed->intake.counts.why, sizeof feed->intake.counts.why, "%s: without the key's tag", letter->channel);
-        return;
-    }
-    if (!strncmp(letter->channel, "CONTROLLER_", 11)) note_controller(feed, letter->channel[11] - '0', letter);
-    view_intake_message(&feed->intake, picture, live_s(feed), letter->channel, letter->data, letter->size);
-}
-
-static tm_status open_live(const char *url, const view_live_key *key, view_feed **out, tm_error *error) {
+tm_status view_feed_open_live(const char *url, const view_live_key *key, view_feed **out, tm_error *error) {
     char why[400];
     const char *set = getenv("LCM_DEFAULT_URL");
-    view_feed *feed = calloc(1, sizeof *feed);
+    app_topic topic[2 + VIEW_INSTRUMENTS];
+    app_key sealed;
+    app_network_opener *network = hrt_network(error);
+    if (!network) return error->status;
+    view_feed *feed = feed_new(topic);
     if (!feed) return failed(error, TM_ERR_MEMORY, "no memory%s", "");
-    if (!url) url = set && *set ? set : "udpm://239.255.76.67:7667?ttl=0";
-    view_intake_begin(&feed->intake);
+    if (!url) url = set && *set ? set : APP_LINK_URL;
     feed->begin_us = clock_us(CLOCK_MONOTONIC);
     if (getrandom(&feed->session, sizeof feed->session, 0) < 0) feed->session = feed->begin_us;
-    if (!app_key_for(url, key->path, key->none, &feed->key, why, sizeof why)) {
-        feed_close(feed);
+    if (!app_key_for(url, key->path, key->none, &sealed, why, sizeof why)) {
+        view_feed_close(feed);
         return failed(error, TM_ERR_ARGUMENT, "%s", why);
     }
-    feed->lcm = lcm_create(url);
-    if (feed->lcm) feed->inbox = view_inbox_open(url, why, sizeof why);
-    if (!feed->inbox) {
-        feed_close(feed);
+    app_link_def def = {.topic = topic, .topics = 2 + VIEW_INSTRUMENTS, .key = &sealed};
+    if (!connect(feed, network, url, &def)) {
+        view_feed_close(feed);
         return failed(
             error, TM_ERR_FILE,
             "LCM cannot be opened at %s: usually no multicast route; "
@@ -182,45 +236,35 @@ static tm_status open_live(const char *url, const view_live_key *key, view_feed 
     return TM_OK;
 }
 
-static bool listen_live(view_feed *feed, int timeout_ms, view_picture *picture) {
+void view_feed_listen(view_feed *feed, int timeout_ms, view_picture *picture) {
     int64_t until_us = clock_us(CLOCK_MONOTONIC) + (int64_t)timeout_ms * 1000;
+    feed->picture = picture;
     for (;;) {
         int64_t left_us = until_us - clock_us(CLOCK_MONOTONIC);
         view_letter *letter = view_inbox_take(feed->inbox, left_us > 0 ? (int)(left_us / 1000) : 0);
         if (!letter) break;
-        take_letter(feed, picture, letter);
+        feed->time_s = live_s(feed);
+        take_bytes(feed, letter->channel, 0, letter->data, letter->size);
         free(letter);
         if (left_us <= -100000) break; /* a flood must not keep the picture from being drawn */
     }
     view_intake_age(&feed->intake, picture, live_s(feed));
-    return true;
 }
 
-static view_feed_counts feed_counts(const view_feed *feed) { return feed->intake.counts; }
+view_feed_counts view_feed_counted(const view_feed *feed) { return feed->intake.counts; }
 
-enum { MESSAGE = 512 };
-
-static bool send(view_feed *feed, const char *channel, uint8_t *bytes, int size) {
-    if (size <= 0) return false;
-    app_seal(&feed->key, channel, bytes, size);
-    return lcm_publish(feed->lcm, channel, bytes, (unsigned)size) == 0;
-}
-
-static bool send_hand(view_feed *feed, const view_hand *hand) {
+bool view_feed_send_hand(view_feed *feed, const view_hand *hand) {
     tensormass_hand_command_t m = {.utime = clock_us(CLOCK_REALTIME),
                                    .seq = ++feed->hand_seq,
                                    .session = feed->session,
                                    .instrument = (int8_t)hand->instrument,
                                    .active = hand->active};
     memcpy(m.joint, hand->joint, sizeof m.joint);
-    char channel[16];
-    uint8_t bytes[MESSAGE];
-    snprintf(channel, sizeof channel, "HAND_%d", hand->instrument);
-    return send(feed, channel, bytes, tensormass_hand_command_t_encode(bytes, 0, sizeof bytes, &m));
+    return app_link_publish(feed->link, APP_HAND, hand->instrument, m.utime, &m);
 }
 
-static bool send_command(view_feed *feed, const view_command *command) {
-    char extrapolator[24], channel[32];
+bool view_feed_send_command(view_feed *feed, const view_command *command) {
+    char extrapolator[24];
     snprintf(extrapolator, sizeof extrapolator, "%s", command->extrapolator);
     tensormass_controller_command_t m = {.utime = clock_us(CLOCK_REALTIME),
                                          .seq = ++feed->commanded[command->instrument].command_seq,
@@ -229,11 +273,5 @@ static bool send_command(view_feed *feed, const view_command *command) {
                                          .extrapolator = extrapolator,
                                          .passivity = (int8_t)command->passivity,
                                          .reset_fault = command->reset_fault};
-    uint8_t bytes[MESSAGE];
-    snprintf(channel, sizeof channel, "CONTROLLER_COMMAND_%d", command->instrument);
-    return send(feed, channel, bytes, tensormass_controller_command_t_encode(bytes, 0, sizeof bytes, &m));
+    return app_link_publish(feed->link, APP_COMMAND, command->instrument, m.utime, &m);
 }
-
-__attribute__((visibility("default"))) extern const view_feed_api view_messages;
-const view_feed_api view_messages = {open_log,    open_live,   feed_close, advance,
-                                     listen_live, feed_counts, send_hand,  send_command};

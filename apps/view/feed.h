@@ -1,5 +1,4 @@
-/* Messages into a picture, live or from a log: a module (lib/tensormass/viewfeed.so), so that LCM is opened only when
- * it is asked for. */
+/* Messages into a picture, live or from a log. */
 #ifndef VIEW_FEED_H
 #define VIEW_FEED_H
 
@@ -38,22 +37,18 @@ typedef struct view_live_key {
     bool none;        /* none is wanted, though the URL leaves this machine */
 } view_live_key;
 
-/* The module's one symbol. */
-typedef struct view_feed_api {
-    /* Reads the log once through for its facts. */
-    tm_status (*open_log)(const char *path, view_feed **feed, view_log_facts *facts, tm_error *error);
-    /* `url` as LCM takes it; null: LCM_DEFAULT_URL, else LCM's default, which stays on this machine. */
-    tm_status (*open_live)(const char *url, const view_live_key *key, view_feed **feed, tm_error *error);
-    void (*close)(view_feed *feed);
-    /* Log: takes in everything up to `time_s` after the first tissue. False: the log has ended. */
-    bool (*advance)(view_feed *feed, double time_s, view_picture *picture);
-    /* Live: takes in what comes for up to `timeout_ms`, or until there is nothing more. False: LCM failed. */
-    bool (*listen)(view_feed *feed, int timeout_ms, view_picture *picture);
-    view_feed_counts (*counts)(const view_feed *feed);
-    /* Live: false if it could not be sent. */
-    bool (*send_hand)(view_feed *feed, const view_hand *hand);
-    bool (*send_command)(view_feed *feed, const view_command *command);
-} view_feed_api;
-#define VIEW_FEED_SYMBOL "view_messages"
+/* Reads the log once through for its facts. */
+tm_status view_feed_open_log(const char *path, view_feed **feed, view_log_facts *facts, tm_error *error);
+/* `url` as LCM takes it; null: LCM_DEFAULT_URL, else LCM's default, which stays on this machine. */
+tm_status view_feed_open_live(const char *url, const view_live_key *key, view_feed **feed, tm_error *error);
+void view_feed_close(view_feed *feed); /* null: nothing */
+/* Log: takes in everything up to `time_s` after the first tissue. False: the log has ended. */
+bool view_feed_advance(view_feed *feed, double time_s, view_picture *picture);
+/* Live: takes in what comes for up to `timeout_ms`, or until there is nothing more. */
+void view_feed_listen(view_feed *feed, int timeout_ms, view_picture *picture);
+view_feed_counts view_feed_counted(const view_feed *feed);
+/* Live: false if it could not be sent. */
+bool view_feed_send_hand(view_feed *feed, const view_hand *hand);
+bool view_feed_send_command(view_feed *feed, const view_command *command);
 
 #endif

@@ -6,11 +6,11 @@
 #include <string.h>
 #include <time.h>
 
-enum { LETTERS = 128, TISSUES = 2, TEXT_MESSAGE = 4096, TISSUE_BYTES = 32 << 20, LOOK_US = 100000 };
+enum { LETTERS = 128, TISSUES = 2, MOST = 256, LOOK_US = 100000 };
 static const char tissue[] = "TISSUE";
 
 struct view_inbox {
-    app_receiver *receiver;
+    app_link *link;
     pthread_t thread;
     bool started;
     _Atomic bool stop;
@@ -37,14 +37,14 @@ static void make_room(view_inbox *in, const char *channel) {
         drop(in, 0);
 }
 
-static void came(void *user, const char *channel, int64_t utime, const void *data, int size) {
+void view_inbox_keep(void *user, const char *channel, int64_t utime, const void *bytes, int size) {
     (void)utime;
     view_inbox *in = user;
     view_letter *letter = malloc(sizeof *letter + (size_t)size);
     if (!letter) return;
     snprintf(letter->channel, sizeof letter->channel, "%s", channel);
     letter->size = size;
-    memcpy(letter->data, data, (size_t)size);
+    memcpy(letter->data, bytes, (size_t)size);
     pthread_mutex_lock(&in->lock);
     make_room(in, channel);
     in->letter[in->count++] = letter;
@@ -55,30 +55,26 @@ static void came(void *user, const char *channel, int64_t utime, const void *dat
 static void *receive(void *user) {
     view_inbox *in = user;
     while (!atomic_load(&in->stop))
-        if (app_receiver_receive(in->receiver, LOOK_US, 256) < 0)
-            nanosleep(&(const struct timespec){0, 100000000}, NULL);
+        if (app_link_receive(in->link, LOOK_US, MOST) < 0) nanosleep(&(const struct timespec){0, 100000000}, NULL);
     return NULL;
 }
 
-view_inbox *view_inbox_open(const char *url, char *why, int why_size) {
+view_inbox *view_inbox_create(void) {
     view_inbox *in = calloc(1, sizeof *in);
-    snprintf(why, (size_t)why_size, "no memory for messages; close other programs");
     if (!in) return NULL;
-    const app_channel channels[] = {{tissue, TISSUE_BYTES, came, in},
-                                    {"SIM_STATUS", TEXT_MESSAGE, came, in},
-                                    {"CONTROLLER_0", TEXT_MESSAGE, came, in},
-                                    {"CONTROLLER_1", TEXT_MESSAGE, came, in}};
     pthread_condattr_t monotonic;
     pthread_condattr_init(&monotonic);
     pthread_condattr_setclock(&monotonic, CLOCK_MONOTONIC);
     pthread_mutex_init(&in->lock, NULL);
     pthread_cond_init(&in->come, &monotonic);
     pthread_condattr_destroy(&monotonic);
-    in->receiver = app_receiver_open(url, channels, sizeof channels / sizeof *channels, why, why_size);
-    in->started = in->receiver && pthread_create(&in->thread, NULL, receive, in) == 0;
-    if (in->started) return in;
-    view_inbox_close(in);
-    return NULL;
+    return in;
+}
+
+bool view_inbox_start(view_inbox *in, app_link *link) {
+    in->link = link;
+    in->started = pthread_create(&in->thread, NULL, receive, in) == 0;
+    return in->started;
 }
 
 view_letter *view_inbox_take(view_inbox *in, int wait_ms) {
@@ -104,7 +100,6 @@ void view_inbox_close(view_inbox *in) {
     if (!in) return;
     atomic_store(&in->stop, true);
     if (in->started) pthread_join(in->thread, NULL);
-    app_receiver_close(in->receiver);
     while (in->count) drop(in, 0);
     pthread_cond_destroy(&in->come);
     pthread_mutex_destroy(&in->lock);

@@ -5,11 +5,6 @@
 #include <stdio.h>
 #include <string.h>
 
-#include "lcm_types/tensormass_controller_status_t.h"
-#include "lcm_types/tensormass_sim_status_t.h"
-#include "lcm_types/tensormass_tissue_t.h"
-#include "wire.h"
-
 static const double SILENT_S = 1.0;
 static const double FAR_M = 1e3, LARGE_N = 1e6;
 
@@ -18,10 +13,12 @@ void view_intake_begin(view_intake *intake) {
     intake->tissue_s = intake->status_s = -1;
 }
 
-static void reject(view_intake *intake, const char *format, ...) {
+void view_intake_refuse(view_intake *intake, const char *channel, const char *format, ...) {
     va_list list;
+    const size_t room = sizeof intake->counts.why;
+    const int head = snprintf(intake->counts.why, room, "%.40s: ", channel);
     va_start(list, format);
-    vsnprintf(intake->counts.why, sizeof intake->counts.why, format, list);
+    vsnprintf(intake->counts.why + head, room - (size_t)head, format, list);
     va_end(list);
     intake->counts.rejected++;
 }
@@ -79,20 +76,14 @@ static bool take_tissue(view_surface *s, const tensormass_tissue_t *m) {
     return true;
 }
 
-static void on_tissue(view_intake *in, view_picture *p, double time_s, const void *data, int size) {
-    tensormass_tissue_t m;
-    if (!app_wire_sound("32.#*12.*4.#*12.*1.", data, size) || tensormass_tissue_t_decode(data, 0, size, &m) != size) {
-        reject(in, "TISSUE: not a whole tissue_t of this version");
-        return;
-    }
-    const char *fault = tissue_fault(&m);
+void view_intake_tissue(view_intake *in, view_picture *p, double time_s, const tensormass_tissue_t *m) {
+    const char *fault = tissue_fault(m);
     if (fault)
-        reject(in, "TISSUE: %s", fault);
-    else if (!take_tissue(&p->surface, &m))
-        reject(in, "TISSUE: no memory for %d vertices", m.vertex_count);
+        view_intake_refuse(in, "TISSUE", "%s", fault);
+    else if (!take_tissue(&p->surface, m))
+        view_intake_refuse(in, "TISSUE", "no memory for %d vertices", m->vertex_count);
     else
         in->tissue_s = time_s, ++in->counts.accepted;
-    tensormass_tissue_t_decode_cleanup(&m);
 }
 
 static const char *status_fault(const tensormass_sim_status_t *m) {
@@ -122,77 +113,49 @@ static void take_instrument(view_instrument *t, const tensormass_sim_status_t *m
     t->radius_m = m->radius_m[i], t->roll_rad = m->roll_rad[i], t->grip = m->grip[i];
 }
 
-static void on_status(view_intake *in, view_picture *p, double time_s, const void *data, int size) {
-    char none[] = "";
-    tensormass_sim_status_t m = {.scene = none, .model = none};
-    if (!app_wire_sound_head("20.ss", 20, 2, tensormass_sim_status_t_encoded_size(&m), data, size) ||
-        tensormass_sim_status_t_decode(data, 0, size, &m) != size) {
-        reject(in, "SIM_STATUS: not a whole sim_status_t of this version");
+void view_intake_status(view_intake *in, view_picture *p, double time_s, const tensormass_sim_status_t *m) {
+    const char *fault = status_fault(m);
+    if (fault) {
+        view_intake_refuse(in, "SIM_STATUS", "%s", fault);
         return;
     }
-    const char *fault = status_fault(&m);
-    if (fault)
-        reject(in, "SIM_STATUS: %s", fault);
-    else {
-        const char *name = strrchr(m.scene, '/');
-        copy_text(p->title, sizeof p->title, name ? name + 1 : m.scene);
-        copy_text(p->model, sizeof p->model, m.model);
-        p->has_status = true;
-        p->tets = m.tets_alive, p->substeps = m.substeps, p->compute_s = m.compute_s;
-        p->sim_rate = m.sim_seconds_per_wall_second, p->frame_hz = m.frame_s > 0 ? 1 / m.frame_s : 0;
-        float force[VIEW_INSTRUMENTS] = {0};
-        for (int i = 0; i < VIEW_INSTRUMENTS; i++) {
-            if (i < m.instrument_count) {
-                take_instrument(&p->instrument[i], &m, i);
-                force[i] = (float)sqrt(m.force_N[i][0] * m.force_N[i][0] + m.force_N[i][1] * m.force_N[i][1] +
-                                       m.force_N[i][2] * m.force_N[i][2]);
-            } else
-                p->instrument[i].shown = false;
-        }
-        view_trace_add(&p->trace, time_s, force);
-        in->status_s = time_s, ++in->counts.accepted;
+    const char *name = strrchr(m->scene, '/');
+    copy_text(p->title, sizeof p->title, name ? name + 1 : m->scene);
+    copy_text(p->model, sizeof p->model, m->model);
+    p->has_status = true;
+    p->tets = m->tets_alive, p->substeps = m->substeps, p->compute_s = m->compute_s;
+    p->sim_rate = m->sim_seconds_per_wall_second, p->frame_hz = m->frame_s > 0 ? 1 / m->frame_s : 0;
+    float force[VIEW_INSTRUMENTS] = {0};
+    for (int i = 0; i < VIEW_INSTRUMENTS; i++) {
+        p->instrument[i].shown = false;
+        if (i >= m->instrument_count) continue;
+        take_instrument(&p->instrument[i], m, i);
+        const double *f = m->force_N[i];
+        force[i] = (float)sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]);
     }
-    tensormass_sim_status_t_decode_cleanup(&m);
+    view_trace_add(&p->trace, time_s, force);
+    in->status_s = time_s, ++in->counts.accepted;
 }
 
-static void on_controller(view_intake *in, view_picture *p, double time_s, int i, const void *data, int size) {
-    char none[] = "";
-    tensormass_controller_status_t m = {.fault_text = none, .extrapolator = none};
-    if (!app_wire_sound_head("26.s4.s", 30, 2, tensormass_controller_status_t_encoded_size(&m), data, size) ||
-        tensormass_controller_status_t_decode(data, 0, size, &m) != size) {
-        reject(in, "CONTROLLER_%d: not a whole controller_status_t of this version", i);
-        return;
-    }
+void view_intake_controller(view_intake *in, view_picture *p, double time_s, int i,
+                            const tensormass_controller_status_t *m) {
     view_instrument *t = &p->instrument[i];
     struct controller_memory *old = &in->controller[i];
-    const double numbers[] = {m.lateness_us[1], m.sample_age_s};
-    if (!all_within(numbers, 2, 1e12))
-        reject(in, "CONTROLLER_%d: a time is not finite", i);
-    else {
-        double passed_s = (double)(m.utime - old->utime) * 1e-6;
-        if (t->has_controller && old->session == m.session && passed_s > 0.01 && passed_s < 10)
-            t->tick_hz = (double)(m.ticks - old->ticks) / passed_s;
-        t->has_controller = true;
-        t->state = m.state, t->fault = m.fault, t->passivity = m.passivity_on != 0;
-        copy_text(t->fault_text, sizeof t->fault_text, m.fault_text);
-        copy_text(t->extrapolator, sizeof t->extrapolator, m.extrapolator);
-        t->lateness_p99_us = m.lateness_us[1], t->sample_age_s = m.sample_age_s, t->missed_ticks = m.missed_ticks;
-        *old = (struct controller_memory){m.session, m.utime, m.ticks, time_s};
-        in->counts.accepted++;
+    const double numbers[] = {m->lateness_us[1], m->sample_age_s};
+    if (!all_within(numbers, 2, 1e12)) {
+        view_intake_refuse(in, i ? "CONTROLLER_1" : "CONTROLLER_0", "a time is not finite");
+        return;
     }
-    tensormass_controller_status_t_decode_cleanup(&m);
-}
-
-void view_intake_message(view_intake *in, view_picture *p, double time_s, const char *channel, const void *data,
-                         int size) {
-    if (!strcmp(channel, "TISSUE"))
-        on_tissue(in, p, time_s, data, size);
-    else if (!strcmp(channel, "SIM_STATUS"))
-        on_status(in, p, time_s, data, size);
-    else if (!strcmp(channel, "CONTROLLER_0"))
-        on_controller(in, p, time_s, 0, data, size);
-    else if (!strcmp(channel, "CONTROLLER_1"))
-        on_controller(in, p, time_s, 1, data, size);
+    double passed_s = (double)(m->utime - old->utime) * 1e-6;
+    if (t->has_controller && old->session == m->session && passed_s > 0.01 && passed_s < 10)
+        t->tick_hz = (double)(m->ticks - old->ticks) / passed_s;
+    t->has_controller = true;
+    t->state = m->state, t->fault = m->fault, t->passivity = m->passivity_on != 0;
+    copy_text(t->fault_text, sizeof t->fault_text, m->fault_text);
+    copy_text(t->extrapolator, sizeof t->extrapolator, m->extrapolator);
+    t->lateness_p99_us = m->lateness_us[1], t->sample_age_s = m->sample_age_s, t->missed_ticks = m->missed_ticks;
+    *old = (struct controller_memory){m->session, m->utime, m->ticks, time_s};
+    in->counts.accepted++;
 }
 
 void view_intake_age(view_intake *in, view_picture *p, double time_s) {

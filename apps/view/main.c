@@ -7,6 +7,7 @@
 #include <sys/stat.h>
 
 #include "app.h"
+#include "feed.h"
 #include "options.h"
 #include "output.h"
 #include "still.h"
@@ -17,7 +18,6 @@ typedef struct job {
     view_studio studio;
     view_picture picture;
     view_marks marks;
-    const view_feed_api *api;
     view_feed *feed;
     view_film film;
     bool filming;
@@ -107,7 +107,7 @@ static int log_sequence(job *j) {
     int wrong = begin_outputs(j);
     int64_t count = (int64_t)floor((to_s - o->from_s) * o->fps + 1e-6) + 1;
     for (int64_t i = 0; i < count && !wrong; i++) {
-        j->api->advance(j->feed, o->from_s + (double)i / o->fps, &j->picture);
+        view_feed_advance(j->feed, o->from_s + (double)i / o->fps, &j->picture);
         wrong = sequence_picture(j);
         app_progress("drawing the log", (double)i / (double)count, false);
     }
@@ -117,8 +117,7 @@ static int log_sequence(job *j) {
 
 static int open_log(job *j) {
     tm_error error = {0};
-    if (!(j->api = view_feed_open(&error))) return complain(&error);
-    if (j->api->open_log(j->options.source, &j->feed, &j->facts, &error))
+    if (view_feed_open_log(j->options.source, &j->feed, &j->facts, &error))
         return app_report(j->options.source, 0, &error);
     if (j->facts.damaged)
         fprintf(stderr, "%s: is damaged, or ends in the middle of an event; what is whole is shown\n",
@@ -136,10 +135,10 @@ static int show_log(job *j) {
     bool sequence = j->options.frames || j->options.film;
     if (j->options.png && (!sequence || j->options.has_at)) {
         double at_s = j->options.has_at ? j->options.at_s : j->facts.seconds;
-        j->api->advance(j->feed, at_s, &j->picture);
+        view_feed_advance(j->feed, at_s, &j->picture);
         if (!(wrong = draw(j))) wrong = write_png(j, j->options.png);
         if (wrong || !sequence) return wrong;
-        j->api->close(j->feed);
+        view_feed_close(j->feed);
         j->feed = NULL;
         view_surface_free(&j->picture.surface);
         memset(&j->picture, 0, sizeof j->picture);
@@ -157,8 +156,7 @@ static int wait_for_tissue(job *j) {
     double began = now_s();
     bool said = false;
     while (!j->picture.surface.vertex_count) {
-        if (!j->api->listen(j->feed, 50, &j->picture))
-            return app_bad_input("tm-view", 0, "LCM stopped working; check the network namespace") - 1;
+        view_feed_listen(j->feed, 50, &j->picture);
         double waited = now_s() - began;
         if (!said && waited > 0.5) said = true, app_remark("tm-view: %s", j->picture.notice);
         if (waited > j->options.wait_s)
@@ -176,7 +174,7 @@ static int live_sequence(job *j) {
     double began = now_s(), due = began;
     int64_t count = (int64_t)fmax(1, rint(j->options.duration_s * j->options.fps));
     for (int64_t i = 0; i < count && !wrong; ++i, due += 1.0 / j->options.fps) {
-        j->api->listen(j->feed, (int)fmax(0, 1e3 * (due - now_s())), &j->picture);
+        view_feed_listen(j->feed, (int)fmax(0, 1e3 * (due - now_s())), &j->picture);
         j->studio.drawn_hz = i ? (double)i / (now_s() - began) : 0;
         wrong = sequence_picture(j);
         app_progress("recording", (double)i / (double)count, false);
@@ -188,13 +186,12 @@ static int live_sequence(job *j) {
 static int show_live(job *j) {
     tm_error error = {0};
     const view_live_key key = {.path = j->options.key, .none = true}; /* who only looks needs none */
-    if (!(j->api = view_feed_open(&error)) || j->api->open_live(j->options.url, &key, &j->feed, &error))
-        return complain(&error);
+    if (view_feed_open_live(j->options.url, &key, &j->feed, &error)) return complain(&error);
     int wrong = wait_for_tissue(j);
     if (!wrong && (j->options.frames || j->options.film))
         wrong = live_sequence(j);
     else if (!wrong) {
-        j->api->listen(j->feed, 150, &j->picture); /* SIM_STATUS and the controllers follow the tissue */
+        view_feed_listen(j->feed, 150, &j->picture); /* SIM_STATUS and the controllers follow the tissue */
         wrong = draw(j);
     }
     if (!wrong && j->options.png) wrong = write_png(j, j->options.png);
@@ -206,7 +203,7 @@ static int write_json(job *j) {
     app_output output;
     if (!app_output_begin(&output, j->options.json, &error)) return complain(&error);
     view_feed_counts counts = {0};
-    if (j->feed) counts = j->api->counts(j->feed);
+    if (j->feed) counts = view_feed_counted(j->feed);
     FILE *file = app_output_stream(&output);
     bool written =
         file && fprintf(file,
@@ -237,7 +234,7 @@ static int run(job *j) {
     if (view_studio_open(&j->studio, &o->studio, &error)) return complain(&error);
     wrong = still ? show_still(j) : o->source ? show_log(j) : show_live(j);
     if (!wrong && j->feed) {
-        view_feed_counts counts = j->api->counts(j->feed);
+        view_feed_counts counts = view_feed_counted(j->feed);
         if (counts.rejected)
             fprintf(stderr, "tm-view: %lld messages refused, the last for: %s\n", (long long)counts.rejected,
                     counts.why);
@@ -253,7 +250,7 @@ int main(int argc, char **argv) {
     if (wrong || j.options.finished) return wrong;
     j.began_s = now_s();
     wrong = run(&j);
-    if (j.feed) j.api->close(j.feed);
+    if (j.feed) view_feed_close(j.feed);
     if (j.studio.api) view_studio_close(&j.studio);
     view_surface_free(&j.picture.surface);
     view_marks_free(&j.marks);

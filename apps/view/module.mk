@@ -1,10 +1,9 @@
-# tm-view, and the modules it opens when asked: osmesa.so draws (opengl.so where a window is open), viewfeed.so listens to LCM and reads its logs.
+# tm-view, and the modules it opens when asked: osmesa.so draws (opengl.so where a window is open), lcm.so listens to the network.
 VIEW_STUDIO_SRC := $(addprefix apps/view/,camera.c font.c layout.c overlay.c picture.c studio.c)
-VIEW_SRC := $(VIEW_STUDIO_SRC) $(addprefix apps/view/,main.c options.c output.c scene_marks.c still.c)
+VIEW_FEED_SRC := $(addprefix apps/view/,feed.c inbox.c intake.c)
+VIEW_SRC := $(VIEW_STUDIO_SRC) $(VIEW_FEED_SRC) $(addprefix apps/view/,main.c options.c output.c scene_marks.c still.c)
 $(eval $(call program,tm-view,$(VIEW_SRC),$(SIM_LIBS),$$(call pkg_libs,libpng) -lyaml -lcjson))
 VIEW_RENDER_SRC := $(addprefix apps/view/,camera.c marks.c picture.c render.c shapes.c skin.c)
 $(eval $(call module,osmesa,$(VIEW_RENDER_SRC) apps/view/context_osmesa.c,,$$(call pkg_libs,osmesa)))
 $(eval $(call module,opengl,$(VIEW_RENDER_SRC) apps/view/context_window.c,,$$(call pkg_libs,sdl2 gl)))
 $(OUT)/obj/apps/view/context_window.o: CFLAGS_EXTRA += $(call pkg_cflags,sdl2)
-$(eval $(call module,viewfeed,$(addprefix apps/view/,feed.c inbox.c intake.c picture.c) apps/common/wire.c,$(LIBLCMTYPES_A),$$(call pkg_libs,lcm)))
-$(call objects,$(addprefix apps/view/,feed.c intake.c)): | $(LIBLCMTYPES_A)

@@ -37,11 +37,6 @@ void view_studio_close(view_studio *studio) {
     memset(studio, 0, sizeof *studio);
 }
 
-const view_feed_api *view_feed_open(tm_error *error) {
-    void *module = app_module("viewfeed", error);
-    return module ? app_module_symbol(module, VIEW_FEED_SYMBOL, error) : NULL;
-}
-
 void view_studio_refit(view_studio *studio) { studio->fitted = false; }
 
 void view_studio_turn(view_studio *studio) {

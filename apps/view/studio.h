@@ -3,7 +3,6 @@
 #define VIEW_STUDIO_H
 
 #include "camera.h"
-#include "feed.h"
 #include "font.h"
 #include "render.h"
 
@@ -38,7 +37,5 @@ tm_status view_studio_draw(view_studio *studio, view_picture *picture, tm_error 
 void view_studio_refit(view_studio *studio);
 /* Takes def.camera's new angles and zoom, looking at what was fitted first. */
 void view_studio_turn(view_studio *studio);
-/* The module with LCM in it. */
-const view_feed_api *view_feed_open(tm_error *error);
 
 #endif

@@ -13,8 +13,9 @@
 #include "device.h"
 #include "engine.h"
 #include "hand_file.h"
-#include "io/lcm_link.h"
+#include "io/live.h"
 #include "io/loop.h"
+#include "io/network.h"
 #include "io/profile.h"
 #include "io/report.h"
 #include "log_line.h"
@@ -29,10 +30,9 @@ typedef struct program {
     bool stats, no_key;
     hrt_bus wires;
     hrt_device device;
-    const hrt_link_api *api;
-    hrt_link *link;
+    hrt_live *live;
     app_key key;
-    hrt_refused_told told_refused;
+    hrt_live_refused told_refused;
     hrt_loop loop;
     app_output json_out;
     double torque_peak[HRT_MOTORS], torque_square[HRT_MOTORS];
@@ -65,7 +65,7 @@ static void usage(void) {
         "  --grasp GAIN           strength of the hand: 1 as configured, 0 lets go (1)\n"
         "  --noise COUNTS         RMS noise of the encoders (0), from --seed N (1)\n"
         "  --profile FILE, --set NAME=VALUE   device profile; --params prints it\n"
-        "  --lcm-url URL          LCM for --hand lcm (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
+        "  --lcm-url URL          LCM for --hand lcm (" APP_LINK_URL "; $LCM_DEFAULT_URL when set)\n"
         "  --key FILE, --no-key   as of haptic-rt, for --hand lcm\n"
         "  --rate HZ              encoder frames a second, 100..2000 (500)\n"
         "  --duration S, --priority N, --stats, --json FILE, --quiet, -h, --help, --version   as of haptic-rt\n"
@@ -222,20 +222,15 @@ static int open_all(program *p) {
     p->hand_write = 1;
     p->hand_read = 2;
     if (follow) {
-        const char *set = getenv("LCM_DEFAULT_URL");
-        const hrt_link_def def = {.url = p->url        ? p->url
-                                         : set && *set ? set
-                                                       : HRT_LCM_URL,
-                                  .instrument = p->config.instrument,
-                                  .key = &p->key,
-                                  .hand = hand_said,
-                                  .user = p};
-        if (!app_key_for(def.url, p->key_path, p->no_key, &p->key, why, sizeof why))
+        const char *set = getenv("LCM_DEFAULT_URL"), *url = p->url ? p->url : set && *set ? set : APP_LINK_URL;
+        const hrt_peer_def def = {.instrument = p->config.instrument, .key = &p->key, .hand = hand_said, .user = p};
+        if (!app_key_for(url, p->key_path, p->no_key, &p->key, why, sizeof why))
             return app_bad_input("--key", 0, "%s", why);
-        p->api = hrt_link_module();
-        if (!p->api) return APP_FAILED;
-        p->link = p->api->open(&def, why, sizeof why);
-        if (!p->link) return app_bad_input("--lcm-url", 0, "%s", why);
+        tm_error error = {.status = TM_OK};
+        app_network_opener *network = hrt_network(&error);
+        if (!network) return app_report("--lcm-url", 0, &error), APP_FAILED;
+        p->live = hrt_live_open(network, url, &def, why, sizeof why);
+        if (!p->live) return app_bad_input("--lcm-url", 0, "%s", why);
     }
     return hrt_output_begin(&p->json_out, p->json);
 }
@@ -268,7 +263,7 @@ static void watch(program *p) {
         say_commands(p, &seen, &quiet_looks, &told_wait);
         if (fault != told_fault && fault >= 0 && fault <= 3) app_say("tm-device: %s", fault_text[fault]);
         told_fault = fault;
-        if (p->link && ++looks % LOOKS_PER_SECOND == 0) hrt_say_refused("tm-device", p->api, p->link, &p->told_refused);
+        if (p->live && ++looks % LOOKS_PER_SECOND == 0) hrt_say_refused("tm-device", p->live, &p->told_refused);
     }
     pthread_join(p->loop.thread, NULL);
 }
@@ -315,7 +310,7 @@ int main(int argc, char **argv) {
         return hrt_bus_close(&p.wires), APP_FAILED;
     }
     watch(&p);
-    if (p.link) p.api->close(p.link, NULL);
+    if (p.live) hrt_live_close(p.live, NULL);
     if (p.stats) {
         printf("tm-device: %lld ticks, %lld missed, %u commands, %u gaps\n", (long long)p.loop.ticks,
                (long long)p.loop.missed, p.device.commands, p.device.can.lost);

@@ -9,8 +9,9 @@
 #include <time.h>
 
 #include "app.h"
-#include "lcm_link.h"
+#include "live.h"
 #include "loop.h"
+#include "network.h"
 #include "profile.h"
 #include "record.h"
 #include "report.h"
@@ -30,13 +31,12 @@ typedef struct program {
     hrt_bus wires;
     hrt_node node;
     hrt_samples samples;
-    const hrt_link_api *api;
-    hrt_link *link;
+    hrt_live *live;
     app_key key;
-    hrt_link_sent sent;
-    hrt_refused_told told_refused;
+    hrt_live_sent sent;
+    hrt_live_refused told_refused;
     hrt_loop loop;
-    hrt_tool_state tool;
+    tensormass_tool_state_t tool;
     int64_t status_us;
     app_output json_out;
     hrt_record record;
@@ -65,7 +65,7 @@ static void usage(void) {
         "  --profile FILE           device profile and parameters\n"
         "  --set NAME=VALUE         one parameter; may be repeated\n"
         "  --params                 print all parameters with range and unit, and end\n"
-        "  --lcm-url URL            LCM (" HRT_LCM_URL "; $LCM_DEFAULT_URL when set)\n"
+        "  --lcm-url URL            LCM (" APP_LINK_URL "; $LCM_DEFAULT_URL when set)\n"
         "  --key FILE               shared with tm-sim: only messages sealed with it are taken (docs/trust.md)\n"
         "  --no-key                 take anybody's messages, though the URL lets them come from other machines\n"
         "  --samples FILE           recorded samples (CSV) instead of LCM; with --lcm-url, beside it\n"
@@ -268,12 +268,12 @@ static void figures(program *p, int64_t publish_ns) {
 }
 
 static void publish_status(program *p) {
-    hrt_status status;
+    tensormass_controller_status_t status;
     hrt_node_status(&p->node, &status);
     status.missed_ticks = atomic_load(&p->loop.missed);
     hrt_histogram_quantiles(&p->loop.lateness, status.lateness_us);
     hrt_histogram_quantiles(&p->loop.duration, status.duration_us);
-    p->api->publish_status(p->link, &status);
+    hrt_live_say_status(p->live, &status);
 }
 
 /* What the other thread says in words. */
@@ -303,8 +303,8 @@ static void tick(void *user, int64_t now_us) {
     const int64_t begin_ns = hrt_clock_ns();
     if (p->samples_path && !hrt_samples_feed(&p->samples, &p->node, &p->tool, now_us))
         atomic_store(&p->samples_over, true);
-    if (p->link && meaningful) p->api->publish_tool(p->link, &p->tool);
-    if (p->link && now_us - p->status_us >= STATUS_EVERY_US) {
+    if (p->live && meaningful) hrt_live_say_tool(p->live, &p->tool);
+    if (p->live && now_us - p->status_us >= STATUS_EVERY_US) {
         publish_status(p);
         p->status_us = now_us;
     }
@@ -367,7 +367,7 @@ static void watch(program *p) {
         if (p->record_path) hrt_record_write(&p->record);
         char who[48];
         snprintf(who, sizeof who, "haptic-rt %.3f s", facts.time_s);
-        if (p->link && ++looks % LOOKS_PER_SECOND == 0) hrt_say_refused(who, p->api, p->link, &p->told_refused);
+        if (p->live && ++looks % LOOKS_PER_SECOND == 0) hrt_say_refused(who, p->live, &p->told_refused);
         reset_by_itself(p, &facts, &fault_since_s);
     }
     pthread_join(p->loop.thread, NULL);
@@ -377,7 +377,7 @@ static const char *const stage_name[HRT_NODE_STAGES + 1] = {"receive", "control"
 
 static cJSON *figures_json(program *p) {
     cJSON *json = cJSON_CreateObject();
-    hrt_status s;
+    tensormass_controller_status_t s;
     hrt_node_status(&p->node, &s);
     cJSON_AddNumberToObject(json, "instrument", p->config.instrument);
     cJSON_AddNumberToObject(json, "rate_Hz", p->rate);
@@ -387,7 +387,7 @@ static cJSON *figures_json(program *p) {
     cJSON_AddStringToObject(json, "state", hrt_state_name((hrt_state)s.state));
     cJSON_AddStringToObject(json, "fault", hrt_fault_name((hrt_fault)s.fault));
     cJSON_AddNumberToObject(json, "resets", (double)p->resets);
-    cJSON_AddStringToObject(json, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)s.extrapolator));
+    cJSON_AddStringToObject(json, "extrapolator", s.extrapolator);
     cJSON *force = cJSON_AddObjectToObject(json, "force_N");
     cJSON_AddNumberToObject(force, "rms", p->force_ticks ? sqrt(p->force_square / (double)p->force_ticks) : 0.0);
     cJSON_AddNumberToObject(force, "peak", p->force_peak_N);
@@ -397,12 +397,12 @@ static cJSON *figures_json(program *p) {
     cJSON_AddNumberToObject(samples, "lost", (double)s.samples_lost);
     cJSON_AddNumberToObject(samples, "rejected", (double)s.samples_rejected);
     hrt_report_can(json, &p->wires, &p->node.line.can, (double)p->loop.ticks / p->rate);
-    if (p->link) hrt_report_refused(json, p->api, p->link);
+    if (p->live) hrt_report_refused(json, p->live);
     return json;
 }
 
 static int write_json(program *p, cJSON *json) {
-    if (p->api) {
+    if (p->live) {
         cJSON *sent = cJSON_AddObjectToObject(json, "sent");
         cJSON_AddNumberToObject(sent, "tools", (double)p->sent.tools);
         cJSON_AddNumberToObject(sent, "skipped", (double)p->sent.skipped);
@@ -424,24 +424,20 @@ static void print_stats(const program *p) {
 
 static int open_link(program *p) {
     char why[300];
-    const char *set = getenv("LCM_DEFAULT_URL");
-    const hrt_link_def def = {.url = p->url        ? p->url
-                                     : set && *set ? set
-                                                   : HRT_LCM_URL,
-                              .instrument = p->config.instrument,
-                              .node = &p->node,
-                              .key = &p->key,
-                              .replay = p->replay};
+    const char *set = getenv("LCM_DEFAULT_URL"), *url = p->url ? p->url : set && *set ? set : APP_LINK_URL;
+    const hrt_peer_def def = {
+        .instrument = p->config.instrument, .node = &p->node, .key = &p->key, .replay = p->replay};
     if (p->samples_path && !p->url) return APP_DONE; /* without LCM */
-    if (!app_key_for(def.url, p->key_path, p->no_key, &p->key, why, sizeof why))
+    if (!app_key_for(url, p->key_path, p->no_key, &p->key, why, sizeof why))
         return app_bad_input("--key", 0, "%s", why);
-    p->api = hrt_link_module();
-    if (!p->api) return APP_FAILED;
+    tm_error error = {.status = TM_OK};
+    app_network_opener *network = hrt_network(&error);
+    if (!network) return app_report("--lcm-url", 0, &error), APP_FAILED;
     /* The receive threads inherit: real-time, but below the loop. */
     const bool raised = p->priority > 1 && hrt_priority(p->priority > 20 ? p->priority - 20 : 1);
-    p->link = p->api->open(&def, why, sizeof why);
+    p->live = hrt_live_open(network, url, &def, why, sizeof why);
     if (raised) hrt_priority(0);
-    return p->link ? APP_DONE : app_bad_input("--lcm-url", 0, "%s", why);
+    return p->live ? APP_DONE : app_bad_input("--lcm-url", 0, "%s", why);
 }
 
 static int open_all(program *p) {
@@ -488,7 +484,7 @@ int main(int argc, char **argv) {
     watch(&p);
     if (p.stats) print_stats(&p);
     cJSON *json = p.json ? figures_json(&p) : NULL;
-    if (p.link) p.api->close(p.link, &p.sent);
+    if (p.live) hrt_live_close(p.live, &p.sent);
     int status = p.json ? write_json(&p, json) : APP_DONE;
     if (p.record_path && hrt_record_end(&p.record) != APP_DONE) status = APP_FAILED;
     hrt_bus_close(&p.wires);

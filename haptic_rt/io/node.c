@@ -4,6 +4,8 @@
 #include <math.h>
 #include <string.h>
 
+#include "from_message.h"
+
 enum {
     UNREAD = 4,
     FRAMES_PER_TICK = 64,
@@ -71,64 +73,22 @@ bool hrt_node_hears(const hrt_node *node, int64_t session) {
     return !hrt_node_in_use(node) && atomic_load(&node->now_us) - gate->heard_us >= HRT_GATE_SILENCE_US;
 }
 
-hrt_reject hrt_node_post_patch(hrt_node *node, const hrt_patch_message *m) {
+hrt_reject hrt_node_post_patch(hrt_node *node, const tensormass_contact_patch_t *m) {
     if (m->instrument != node->config.instrument || !pose_settled(node) || !hrt_node_hears(node, m->session))
         return refuse(node, HRT_REJECT_FOREIGN);
     node->patch_waits = false;
-    if (m->vertex_count < 3 || m->vertex_count > HRT_PATCH_MAX_VERTICES || m->triangle_count < 1 ||
-        m->triangle_count > HRT_PATCH_MAX_TRIANGLES || m->vertex_count + (m->held != 0) > HRT_PATCH_MAX_VERTICES)
-        return refuse(node, HRT_REJECT_INDEX);
     hrt_patch *patch = &node->mailbox.slot[node->mailbox.write].patch;
-    memset(patch, 0, sizeof *patch);
-    patch->seq = m->seq;
-    patch->topology_revision = m->topology_revision;
-    patch->vertex_count = m->vertex_count;
-    patch->triangle_count = m->triangle_count;
-    patch->skin_compliance_m_N = m->skin_compliance_m_N;
-    patch->force_cap_N = m->force_cap_N;
-    patch->radius_m = m->radius_m;
-    patch->contact_length_m = m->contact_length_m;
-    patch->film_s_m = m->film_s_m;
-    patch->held = (uint32_t)m->held;
-    const int32_t n = 3 * hrt_patch_places(patch);
-    for (int32_t i = 0; i < n; i++) {
-        const double origin_m = m->origin_m[i % 3] - node->pose_posted.trocar_m[i % 3];
-        patch->vertex_m[i] = (float)((double)m->vertex_m[i] + origin_m);
-        if (m->rest_m && i < hrt_patch_tip(patch)) patch->rest_m[i] = (float)((double)m->rest_m[i] + origin_m);
-        if (m->hold_N && i >= hrt_patch_tip(patch)) patch->rest_m[i] = m->hold_N[i % 3];
-    }
-    for (int32_t i = 0; i < 3 * m->triangle_count; i++) patch->triangle[i] = (uint8_t)m->triangle[i];
-    for (int32_t t = 0; m->face && t < m->triangle_count; t++) patch->face[t] = m->face[t];
-    memcpy(patch->compliance_m_N, m->compliance_m_N, (size_t)(n * (n + 1) / 2) * sizeof(float));
-    const hrt_reject verdict = hrt_patch_prepare(patch, node->scratch);
+    const hrt_reject verdict = hrt_patch_from_message(m, node->pose_posted.trocar_m, node->scratch, patch);
     if (verdict != HRT_ACCEPT) return refuse(node, verdict);
     node->patch_waits = true;
     node->patch_session = m->session;
     return HRT_ACCEPT;
 }
 
-static void convert(const hrt_node *node, const hrt_force_sample *m, hrt_sample *s) {
-    memset(s, 0, sizeof *s);
-    s->session = m->session;
-    s->tool_session = m->tool_session;
-    s->t_us = m->tool_utime;
-    s->seq = m->seq;
-    s->topology_revision = m->topology_revision;
-    s->flags = m->flags >= 0 && m->flags <= UINT16_MAX ? (uint16_t)m->flags : UINT16_MAX; /* unknown, if so many */
-    s->stiffness_kind = m->stiffness_kind;
-    s->unilateral = node->config.mode != 1;
-    for (int i = 0; i < 3; i++) {
-        s->tip_m[i] = (float)(m->tip_m[i] - node->pose_posted.trocar_m[i]);
-        s->force_N[i] = (float)m->force_N[i];
-    }
-    if (m->stiffness_kind != 0)
-        for (int i = 0; i < 9; i++) s->stiffness_N_m[i] = (float)m->stiffness_N_m[i];
-}
-
 /* Order and origin, before the mailbox: what waits there unread is only pushed out by what comes after it. */
-static hrt_reject judge(hrt_node *node, const hrt_force_sample *m, const char **words) {
+static hrt_reject judge(hrt_node *node, const tensormass_force_sample_t *m, const char **words) {
     const int64_t now_us = atomic_load(&node->now_us);
-    const hrt_gate_mark mark = {.session = m->session, .utime = m->tool_utime, .seq = m->seq};
+    const hrt_gate_mark mark = {.session = m->session, .utime = m->tool_utime, .seq = (uint32_t)m->seq};
     if (m->tool_utime > now_us + TICK_SLACK_US) return HRT_REJECT_FUTURE;
     if (m->tool_utime < node->newest_t_us) return HRT_REJECT_OLD;
     const hrt_gate_verdict verdict = hrt_gate_accept(&node->gate, now_us, hrt_node_in_use(node), &mark);
@@ -139,18 +99,19 @@ static hrt_reject judge(hrt_node *node, const hrt_force_sample *m, const char **
     return HRT_ACCEPT;
 }
 
-hrt_reject hrt_node_post_sample(hrt_node *node, const hrt_force_sample *m) {
+hrt_reject hrt_node_post_sample(hrt_node *node, const tensormass_force_sample_t *m) {
     hrt_mailbox *box = &node->mailbox;
     struct hrt_slot *slot = &box->slot[box->write];
     if (m->instrument != node->config.instrument || !pose_settled(node)) return refuse(node, HRT_REJECT_FOREIGN);
     if (m->tool_session != node->config.session)
         return refuse_for(node, HRT_REJECT_FOREIGN, "they answer another controller; see what tm-sim says of this one");
-    convert(node, m, &slot->sample);
-    hrt_reject verdict = hrt_sample_check(&slot->sample, &node->config.params);
+    hrt_reject verdict = hrt_sample_from_message(m, node->pose_posted.trocar_m, node->config.mode != 1,
+                                                 &node->config.params, &slot->sample);
     const char *words = NULL;
     if (verdict == HRT_ACCEPT) verdict = judge(node, m, &words);
     if (verdict != HRT_ACCEPT) return refuse_for(node, verdict, words ? words : hrt_reject_text(verdict));
-    const bool with_patch = node->patch_waits && slot->patch.seq == m->seq && node->patch_session == m->session;
+    const bool with_patch =
+        node->patch_waits && slot->patch.seq == slot->sample.seq && node->patch_session == m->session;
     node->patch_waits = false;
     slot->sample.patch = with_patch ? &slot->patch : NULL;
     box->write = atomic_exchange(&box->between, box->write | UNREAD) & 3u;
@@ -227,12 +188,12 @@ static void send_frames(hrt_node *node, int64_t now_us) {
     for (int32_t i = 0; i < count; i++) hrt_bus_send(node->bus, &frame[i]);
 }
 
-static void tell(hrt_node *node, int64_t now_us, hrt_tool_state *tool) {
+static void tell(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool) {
     const hrt_output *out = &node->output;
     memset(tool, 0, sizeof *tool);
     tool->utime = now_us;
     tool->session = node->config.session;
-    tool->seq = ++node->tool_seq;
+    tool->seq = (int32_t)++node->tool_seq;
     tool->instrument = (int8_t)node->config.instrument;
     tool->mode = node->config.mode;
     tool->state = (int8_t)out->state;
@@ -248,7 +209,7 @@ static int64_t stage_done(hrt_node *node, int stage, int64_t since_ns) {
     return now_ns;
 }
 
-bool hrt_node_tick(hrt_node *node, int64_t now_us, hrt_tool_state *tool) {
+bool hrt_node_tick(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool) {
     hrt_mailbox *box = &node->mailbox;
     int64_t clock_ns = stage_done(node, -1, 0);
     atomic_store(&node->now_us, now_us);
@@ -274,30 +235,31 @@ void hrt_node_stop(hrt_node *node) {
     if (hrt_can_link_off(&node->line, &frame)) hrt_bus_send(node->bus, &frame);
 }
 
-void hrt_node_status(const hrt_node *node, hrt_status *status) {
+void hrt_node_status(const hrt_node *node, tensormass_controller_status_t *status) {
     const hrt_output *out = &node->output;
     const hrt_counters *counters = &node->controller.counters;
-    memset(status, 0, sizeof *status);
-    status->utime = node->controller.last_tick_us;
-    status->session = node->config.session;
-    status->ticks = counters->ticks;
-    status->instrument = node->config.instrument;
-    status->state = out->state;
-    status->fault = out->fault;
-    status->fault_text = out->fault == HRT_FAULT_NONE ? "" : hrt_fault_text(out->fault);
-    status->limits = (int32_t)out->limits;
-    status->extrapolator = out->extrapolator;
-    status->passivity_on = node->input.passivity;
-    status->passivity_J = (double)out->passivity_J;
-    for (int i = 0; i < 3; i++) status->force_N[i] = (double)out->force_N[i];
-    status->sample_age_s = out->sample_age_us < 0 ? -1.0 : 1.0e-6 * (double)out->sample_age_us;
     const uint32_t rejected = atomic_load(&node->rejected), late = atomic_load(&node->late);
-    status->samples_received = (int64_t)counters->samples_received + rejected + late;
-    status->samples_late = (int64_t)counters->samples_late + late;
-    status->samples_lost = counters->samples_lost;
-    status->samples_rejected = (int64_t)counters->samples_rejected + rejected;
-    status->can_tx = (int64_t)node->bus->tx;
-    status->can_rx = (int64_t)node->bus->rx;
-    status->can_errors =
-        (int64_t)node->line.can.error + node->line.can.corrupt + node->line.can.lost + node->line.can.repeated;
+    const char *fault = out->fault == HRT_FAULT_NONE ? "" : hrt_fault_text(out->fault);
+    *status = (tensormass_controller_status_t){
+        .utime = node->controller.last_tick_us,
+        .session = node->config.session,
+        .instrument = (int8_t)node->config.instrument,
+        .state = (int8_t)out->state,
+        .fault = out->fault,
+        .fault_text = (char *)(uintptr_t)fault,
+        .limits = (int32_t)out->limits,
+        .extrapolator = (char *)(uintptr_t)hrt_extrapolator_name((hrt_extrapolator)out->extrapolator),
+        .passivity_on = node->input.passivity,
+        .passivity_J = (double)out->passivity_J,
+        .sample_age_s = out->sample_age_us < 0 ? -1.0 : 1.0e-6 * (double)out->sample_age_us,
+        .ticks = counters->ticks,
+        .samples_received = (int64_t)counters->samples_received + rejected + late,
+        .samples_late = (int64_t)counters->samples_late + late,
+        .samples_lost = counters->samples_lost,
+        .samples_rejected = (int64_t)counters->samples_rejected + rejected,
+        .can_tx = (int64_t)node->bus->tx,
+        .can_rx = (int64_t)node->bus->rx,
+        .can_errors =
+            (int64_t)node->line.can.error + node->line.can.corrupt + node->line.can.lost + node->line.can.repeated};
+    for (int i = 0; i < 3; i++) status->force_N[i] = (double)out->force_N[i];
 }

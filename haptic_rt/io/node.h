@@ -9,6 +9,10 @@
 #include "can/can_link.h"
 #include "gate.h"
 #include "hrt.h"
+#include "lcm_types/tensormass_contact_patch_t.h"
+#include "lcm_types/tensormass_controller_status_t.h"
+#include "lcm_types/tensormass_force_sample_t.h"
+#include "lcm_types/tensormass_tool_state_t.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -33,48 +37,6 @@ typedef struct hrt_node_config {
     bool enable; /* permission to engage; true */
 } hrt_node_config;
 hrt_node_config hrt_node_config_default(int32_t instrument);
-
-/* lcm_types/force_sample_t.lcm, field by field. */
-typedef struct hrt_force_sample {
-    int64_t utime, session, tool_session, tool_utime;
-    uint32_t seq;
-    int32_t instrument;
-    double tip_m[3], force_N[3], stiffness_N_m[9];
-    int32_t stiffness_kind, flags, topology_revision;
-} hrt_force_sample;
-
-/* lcm_types/contact_patch_t.lcm, by pointers into the caller's message. */
-typedef struct hrt_patch_message {
-    int64_t session;
-    uint32_t seq;
-    int32_t instrument, topology_revision, vertex_count, triangle_count, held;
-    const float *vertex_m;       /* [3*places], relative to origin_m; places: vertex_count, 1 more with a hold */
-    const float *rest_m;         /* [3*vertex_count], undeformed, relative to origin_m; null: as vertex_m */
-    const double *origin_m;      /* [3] */
-    const int32_t *face;         /* [triangle_count] lasting names; null: their numbers */
-    const int8_t *triangle;      /* [3*triangle_count] */
-    const float *compliance_m_N; /* [n(n+1)/2], n = 3*places */
-    const float *hold_N;         /* [3]; null: 0 */
-    float skin_compliance_m_N, force_cap_N /* 0: 50 */, radius_m, contact_length_m, film_s_m;
-} hrt_patch_message;
-
-/* lcm_types/tool_state_t.lcm */
-typedef struct hrt_tool_state {
-    int64_t utime, session;
-    uint32_t seq;
-    int8_t instrument, mode, state, active, extrapolator;
-    double tip_m[3]; /* world */
-    double joint[5];
-} hrt_tool_state;
-
-/* lcm_types/controller_status_t.lcm; timing quantiles are the loop's (haptic-rt fills them). */
-typedef struct hrt_status {
-    int64_t utime, session, ticks, missed_ticks;
-    int32_t instrument, state, fault, limits, extrapolator, passivity_on;
-    const char *fault_text;
-    double passivity_J, force_N[3], sample_age_s, lateness_us[4], duration_us[4];
-    int64_t samples_received, samples_late, samples_lost, samples_rejected, can_tx, can_rx, can_errors;
-} hrt_status;
 
 /* Commands, thread-safe like samples. -1 leaves a setting. */
 typedef struct hrt_command {
@@ -128,8 +90,8 @@ void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus);
 /* From one thread, not the tick's. A patch comes before the sample with the same seq. Validated here, order and origin
  * too; anything but HRT_ACCEPT never reaches the tick, nor does it push out what waits there. Another simulation is
  * taken when no force is rendered and the present one has been silent for a second (gate.h). */
-hrt_reject hrt_node_post_patch(hrt_node *node, const hrt_patch_message *patch);
-hrt_reject hrt_node_post_sample(hrt_node *node, const hrt_force_sample *sample);
+hrt_reject hrt_node_post_patch(hrt_node *node, const tensormass_contact_patch_t *patch);
+hrt_reject hrt_node_post_sample(hrt_node *node, const tensormass_force_sample_t *sample);
 /* Is this the simulation whose samples are taken, or may it become so? From the posting thread. */
 bool hrt_node_hears(const hrt_node *node, int64_t session);
 /* Force is rendered. Any thread. */
@@ -139,10 +101,11 @@ void hrt_node_post_pose(hrt_node *node, const hrt_pose *pose);
 void hrt_node_post_command(hrt_node *node, const hrt_command *command);
 /* Every 2 ms: receive, tick, send. `tool` (null: not wanted) is what the simulation is told; false: it means nothing
  * yet (no encoders, or no pose). */
-bool hrt_node_tick(hrt_node *node, int64_t now_us, hrt_tool_state *tool);
+bool hrt_node_tick(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool);
 /* Before the program ends: motors off. */
 void hrt_node_stop(hrt_node *node);
-void hrt_node_status(const hrt_node *node, hrt_status *status);
+/* Its texts are constants, not to be freed; timing is the loop's, who fills it in. */
+void hrt_node_status(const hrt_node *node, tensormass_controller_status_t *status);
 
 #ifdef __cplusplus
 }

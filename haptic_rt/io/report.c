@@ -35,35 +35,27 @@ void hrt_report_loop(cJSON *json, const hrt_loop *loop) {
     hrt_report_quantiles(json, "duration_us", &loop->duration);
 }
 
-static hrt_refused_told refused_now(const hrt_link_api *api, const hrt_link *link) {
-    const hrt_link_counts *c = api->counts(link);
-    const app_receiver_counts *p = api->packets(link);
-    return (hrt_refused_told){.malformed = atomic_load(&c->malformed),
-                              .forged = atomic_load(&c->forged),
-                              .refused = atomic_load(&c->refused),
-                              .packets = atomic_load(&p->malformed) + atomic_load(&p->oversized),
-                              .foreign = atomic_load(&p->foreign)};
-}
+static int64_t strange(const hrt_live_refused *r) { return r->packets.malformed + r->packets.oversized; }
 
-void hrt_report_refused(cJSON *json, const hrt_link_api *api, const hrt_link *link) {
-    const hrt_refused_told now = refused_now(api, link);
+void hrt_report_refused(cJSON *json, hrt_live *live) {
+    const hrt_live_refused now = hrt_live_refusals(live);
     cJSON *row = cJSON_AddObjectToObject(json, "refused");
     cJSON_AddNumberToObject(row, "malformed", (double)now.malformed);
     cJSON_AddNumberToObject(row, "forged", (double)now.forged);
-    cJSON_AddNumberToObject(row, "commands", (double)now.refused);
-    cJSON_AddNumberToObject(row, "packets", (double)now.packets);
-    cJSON_AddNumberToObject(row, "foreign", (double)now.foreign);
+    cJSON_AddNumberToObject(row, "commands", (double)now.commands);
+    cJSON_AddNumberToObject(row, "packets", (double)strange(&now));
+    cJSON_AddNumberToObject(row, "foreign", (double)now.packets.foreign);
 }
 
-void hrt_say_refused(const char *program, const hrt_link_api *api, const hrt_link *link, hrt_refused_told *told) {
-    const hrt_refused_told now = refused_now(api, link);
+void hrt_say_refused(const char *program, hrt_live *live, hrt_live_refused *told) {
+    const hrt_live_refused now = hrt_live_refusals(live);
     if (memcmp(&now, told, sizeof now) == 0) return;
     app_say(
         "%s: refused since the last such line: %lld messages not whole, %lld without the key's tag or heard before, "
         "%lld commands, %lld packets that are none of ours, %lld of other machines",
         program, (long long)(now.malformed - told->malformed), (long long)(now.forged - told->forged),
-        (long long)(now.refused - told->refused), (long long)(now.packets - told->packets),
-        (long long)(now.foreign - told->foreign));
+        (long long)(now.commands - told->commands), (long long)(strange(&now) - strange(told)),
+        (long long)(now.packets.foreign - told->packets.foreign));
     *told = now;
 }
 

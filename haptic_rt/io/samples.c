@@ -16,13 +16,13 @@ bool hrt_samples_read(hrt_samples *s, const char *path) {
     return good;
 }
 
-static void post(hrt_samples *s, const double *row, hrt_node *node, const hrt_tool_state *tool) {
-    hrt_force_sample sample = {.utime = tool->utime,
-                               .session = 1,
-                               .tool_session = tool->session,
-                               .tool_utime = tool->utime,
-                               .seq = ++s->seq,
-                               .instrument = tool->instrument};
+static void post(hrt_samples *s, const double *row, hrt_node *node, const tensormass_tool_state_t *tool) {
+    tensormass_force_sample_t sample = {.utime = tool->utime,
+                                        .session = 1,
+                                        .tool_session = tool->session,
+                                        .tool_utime = tool->utime,
+                                        .seq = (int32_t)++s->seq,
+                                        .instrument = tool->instrument};
     for (int i = 0; i < 3; i++) {
         sample.force_N[i] = row[s->force[i]];
         sample.tip_m[i] = s->tip[i] >= 0 ? row[s->tip[i]] : tool->tip_m[i];
@@ -34,7 +34,7 @@ static void post(hrt_samples *s, const double *row, hrt_node *node, const hrt_to
     hrt_node_post_sample(node, &sample);
 }
 
-bool hrt_samples_feed(hrt_samples *s, hrt_node *node, const hrt_tool_state *tool, int64_t now_us) {
+bool hrt_samples_feed(hrt_samples *s, hrt_node *node, const tensormass_tool_state_t *tool, int64_t now_us) {
     if (s->start_us == 0) {
         if (tool->state != HRT_IDLE) return true;
         s->start_us = now_us;

@@ -16,6 +16,6 @@ typedef struct hrt_samples {
 
 bool hrt_samples_read(hrt_samples *samples, const char *path);
 /* Posts what is due. Time begins with the first call in which `tool` says idle. False: all are given. */
-bool hrt_samples_feed(hrt_samples *samples, hrt_node *node, const hrt_tool_state *tool, int64_t now_us);
+bool hrt_samples_feed(hrt_samples *samples, hrt_node *node, const tensormass_tool_state_t *tool, int64_t now_us);
 
 #endif

@@ -69,7 +69,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             for (int i = 0; i < HRT_JOINTS; i++) PROMISE(isfinite(device.joint[i]));
             for (int i = 0; i < HRT_MOTORS; i++) PROMISE(isfinite(device.torque[i]));
         }
-        hrt_tool_state tool;
+        tensormass_tool_state_t tool;
         hrt_node_tick(&node, now_us, &tool);
         check_output(&node);
     }

@@ -1,18 +1,17 @@
-/* LCM messages as haptic-rt takes them, undecoded, into a running controller: refused or taken, its torques stay finite
- * and bounded. Other types: a message that its walker calls whole decodes, and encodes into the same bytes. */
+/* Messages as haptic-rt takes them, undecoded, into a running controller: refused or taken, its torques stay finite and
+ * bounded. Of every kind: what is called whole encodes into the same bytes. */
 #include <math.h>
 
 #include "device/device.h"
 #include "fuzz.h"
-#include "io/lcm_link.c" /* its handlers are static */
-#include "lcm_types/tensormass_cut_event_t.h"
-#include "lcm_types/tensormass_tissue_t.h"
+#include "io/peer.h"
 
 static hrt_node node;
 static hrt_device device;
 static hrt_loopback loopback;
 static hrt_bus ends[2];
-static hrt_link peer;
+static hrt_peer peer;
+static app_queue *queue;
 static int64_t now;
 
 static void hand(void *user, const double joint[5], bool active) {
@@ -32,7 +31,6 @@ static void start_loop(void) {
     memset(&node, 0, sizeof node);
     hrt_node_init(&node, &config, &ends[0]);
     hrt_device_init(&device, &device_config, &ends[1]);
-    peer = (hrt_link){.def = {.node = &node, .hand = hand}};
     now = 1000000;
 }
 
@@ -47,7 +45,7 @@ static struct warm {
 
 static void run(int ticks) {
     for (int i = 0; i < ticks; i++) {
-        hrt_tool_state tool;
+        tensormass_tool_state_t tool;
         now += 2000;
         hrt_device_step(&device, now);
         hrt_node_tick(&node, now, &tool);
@@ -59,46 +57,46 @@ static void run(int ticks) {
     }
 }
 
-#define SAME(type, layout)                                                                                             \
-    do {                                                                                                               \
-        tensormass_##type m;                                                                                           \
-        memset(&m, 0, sizeof m);                                                                                       \
-        if (!app_wire_sound(layout, bytes, size)) break;                                                               \
-        if (tensormass_##type##_decode(bytes, 0, size, &m) != size) break;                                             \
-        uint8_t *back = malloc((size_t)size);                                                                          \
-        PROMISE(tensormass_##type##_encode(back, 0, size, &m) == size && memcmp(back, bytes, (size_t)size) == 0);      \
-        free(back);                                                                                                    \
-        tensormass_##type##_decode_cleanup(&m);                                                                        \
-    } while (0)
-
-enum { FORCE, PATCH, HAND, STATUS, COMMAND, CUT, TISSUE, KINDS };
-
-/* The fingerprint is put in: guessing it is no test. */
-static void set_fingerprint(int kind, uint8_t *bytes, int size) {
-    const int64_t prints[KINDS] = {__tensormass_force_sample_t_get_hash(),
-                                   __tensormass_contact_patch_t_get_hash(),
-                                   __tensormass_hand_command_t_get_hash(),
-                                   __tensormass_sim_status_t_get_hash(),
-                                   __tensormass_controller_command_t_get_hash(),
-                                   __tensormass_cut_event_t_get_hash(),
-                                   __tensormass_tissue_t_get_hash()};
-    for (int i = 0; i < 8 && i < size; i++) bytes[i] = (uint8_t)((uint64_t)prints[kind] >> (56 - 8 * i));
+/* A type's fingerprint, put in: guessing it is no test. */
+static void set_fingerprint(app_message_kind kind, uint8_t *bytes, int size) {
+    app_message none;
+    app_message_empty(kind, &none);
+    uint8_t *whole = malloc((size_t)app_message_size(kind, &none));
+    PROMISE(app_message_encode(kind, whole, app_message_size(kind, &none), &none) > 8);
+    memcpy(bytes, whole, (size_t)(size < 8 ? size : 8));
+    free(whole);
 }
 
-static void give(int kind, uint8_t *bytes, int size) {
-    switch (kind) {
-    case FORCE: on_force(&peer, "", 0, bytes, size); break;
-    case PATCH: on_patch(&peer, "", 0, bytes, size); break;
-    case HAND: on_hand(&peer, "", 0, bytes, size); break;
-    case STATUS: on_sim_status(&peer, "", 0, bytes, size); break;
-    case COMMAND: on_command(&peer, "", 0, bytes, size); break;
-    case CUT: SAME(cut_event_t, "25.#*4.4."); break;
-    case TISSUE: SAME(tissue_t, "32.#*12.*4.#*12.*1."); break;
-    }
+static void same_again(app_message_kind kind, const uint8_t *bytes, int size) {
+    app_message m;
+    if (!app_message_decode(kind, bytes, size, &m)) return;
+    uint8_t *back = malloc((size_t)size);
+    PROMISE(app_message_size(kind, &m) == size && app_message_encode(kind, back, size, &m) == size);
+    PROMISE(memcmp(back, bytes, (size_t)size) == 0);
+    free(back);
+    app_message_cleanup(kind, &m);
+}
+
+static void give(app_message_kind kind, const uint8_t *bytes, int size) {
+    char channel[APP_CHANNEL_ROOM];
+    app_channel_name(kind, 0, channel);
+    app_queue_set_clock(queue, now);
+    same_again(kind, bytes, size);
+    app_link_give(peer.link, channel, now, bytes, size);
+}
+
+static void open_peer(void) {
+    app_topic topic[HRT_PEER_TOPICS];
+    app_link_close(peer.link);
+    hrt_peer_init(&peer, &(hrt_peer_def){.node = &node, .hand = hand});
+    const app_link_def def = {.topic = topic, .topics = hrt_peer_topics(&peer, topic)};
+    peer.link = app_link_join(queue, &def, NULL);
+    PROMISE(peer.link != NULL);
 }
 
 static void begin(void) {
     if (!warm) {
+        queue = app_queue_create(0);
         start_loop();
         run(200);
         warm = malloc(sizeof *warm);
@@ -113,7 +111,7 @@ static void begin(void) {
     loopback = warm->loopback;
     memcpy(ends, warm->ends, sizeof ends);
     now = warm->now;
-    peer = (hrt_link){.def = {.node = &node, .hand = hand}};
+    open_peer();
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
@@ -122,11 +120,14 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     for (int message = 0; message < 8 && b.left; message++) {
         uint8_t head[4];
         fuzz_take(&b, head, sizeof head);
-        int kind = head[0] % KINDS, bytes = (int)(head[1] | (head[2] & 63) << 8);
-        bool filled = head[2] & 64; /* as long as a real one, the rest zero */
-        if (filled && kind == FORCE) bytes = tensormass_force_sample_t_encoded_size(&(tensormass_force_sample_t){0});
-        if (filled && kind == PATCH) bytes = tensormass_contact_patch_t_encoded_size(&(tensormass_contact_patch_t){0});
-        if (filled && kind == HAND) bytes = tensormass_hand_command_t_encoded_size(&(tensormass_hand_command_t){0});
+        /* The corpus counts on this order; further kinds go behind it. */
+        static const app_message_kind order[] = {APP_FORCE, APP_PATCH,  APP_HAND, APP_SIM_STATUS, APP_COMMAND,
+                                                 APP_CUT,   APP_TISSUE, APP_TOOL, APP_CONTROLLER};
+        app_message_kind kind = order[head[0] % (sizeof order / sizeof *order)];
+        int bytes = (int)(head[1] | (head[2] & 63) << 8);
+        app_message none;
+        app_message_empty(kind, &none);
+        if (head[2] & 64) bytes = app_message_size(kind, &none); /* as long as a real one, the rest zero */
         uint8_t *copy = malloc((size_t)bytes + !bytes);
         fuzz_take(&b, copy, (size_t)bytes);
         if (!(head[2] & 128)) set_fingerprint(kind, copy, bytes);

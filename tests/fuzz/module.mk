@@ -30,13 +30,12 @@ $(eval $(call fuzzer,fuzz_snapshot,,$(LIBTM_A),))
 $(eval $(call fuzzer,fuzz_responses,,$(LIBTMS_A) $(LIBTM_A),$(TMS_LIBS)))
 $(eval $(call fuzzer,fuzz_calls,,$(LIBTMS_A) $(LIBTM_A),$(TMS_LIBS)))
 $(eval $(call fuzzer,fuzz_can,,$(FUZZ_HRT),))
-$(eval $(call fuzzer,fuzz_lcm,,$(LIBLCMTYPES_A) $(FUZZ_HRT) $(LIBAPP_A) $(LIBTM_A),-llcm))
+$(eval $(call fuzzer,fuzz_lcm,,$(LIBLCMTYPES_A) $(FUZZ_HRT),))
 $(eval $(call fuzzer,fuzz_receiver,,$(LIBLCMTYPES_A),-llcm))
 $(eval $(call fuzzer,fuzz_sample,,$(FUZZ_HRT),))
 $(eval $(call fuzzer,fuzz_scene,,$(SIM_LIBS) $(LIBLCMTYPES_A),-lyaml -lcjson))
 $(eval $(call fuzzer,fuzz_tables,haptic_rt/device/hand_file.c haptic_rt/io/lines.c haptic_rt/io/profile.c haptic_rt/io/table.c haptic_rt/io/samples.c apps/mesh/shell.c apps/mesh/shell_stl.c,$(FUZZ_HRT) $(LIBAPP_A) $(LIBTM_A),))
 $(call objects,$(wildcard tests/fuzz/*.c)): INCLUDES += -Ihaptic_rt/io
-$(call objects,tests/fuzz/fuzz_lcm.c): | $(LIBLCMTYPES_A)
 # LCM's own header copies nothing to null for an empty array.
 $(OUT)/obj/lcm_types/%.o: BASE_CFLAGS += -fno-sanitize=nonnull-attribute
 fuzz-programs: $(FUZZERS)

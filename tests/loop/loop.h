@@ -13,7 +13,7 @@ typedef struct loop {
     hrt_bus device_bus, node_bus;
     hrt_device device;
     hrt_node node;
-    hrt_tool_state tool, delayed[64];
+    tensormass_tool_state_t tool, delayed[64];
     int64_t now_us, frame_us, next_frame_us;
     int32_t latency_frames; /* the sample tells of the tool this many frames ago */
     uint32_t seq;
@@ -40,13 +40,13 @@ static inline void loop_start(loop *l, const hrt_device_config *device, const hr
     l->next_frame_us = l->now_us;
 }
 
-static inline hrt_force_sample loop_sample(const loop *l, const hrt_tool_state *tool) {
-    hrt_force_sample s = {.utime = l->now_us,
-                          .session = l->session,
-                          .tool_session = tool->session,
-                          .tool_utime = tool->utime,
-                          .seq = l->seq,
-                          .instrument = tool->instrument};
+static inline tensormass_force_sample_t loop_sample(const loop *l, const tensormass_tool_state_t *tool) {
+    tensormass_force_sample_t s = {.utime = l->now_us,
+                                   .session = l->session,
+                                   .tool_session = tool->session,
+                                   .tool_utime = tool->utime,
+                                   .seq = (int32_t)l->seq,
+                                   .instrument = tool->instrument};
     const double depth = tool->tip_m[2] - l->wall_depth_m;
     for (int i = 0; i < 3; i++) s.tip_m[i] = tool->tip_m[i];
     s.force_N[2] = depth > 0.0 ? -l->wall_N_m * depth : 0.0;
@@ -63,7 +63,8 @@ static inline void loop_frame(loop *l) {
     l->frames++;
     if ((int32_t)l->frames <= l->latency_frames) return;
     l->seq++;
-    const hrt_force_sample s = loop_sample(l, &l->delayed[(l->frames - 1u - (uint32_t)l->latency_frames) % 64]);
+    const tensormass_force_sample_t s =
+        loop_sample(l, &l->delayed[(l->frames - 1u - (uint32_t)l->latency_frames) % 64]);
     hrt_node_post_sample(&l->node, &s);
 }
 

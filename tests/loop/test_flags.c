@@ -22,7 +22,7 @@ static void tick(void) {
     hrt_node_tick(&l.node, l.now_us, &l.tool);
     if (l.now_us >= l.next_frame_us) {
         l.seq++;
-        hrt_force_sample s = loop_sample(&l, &l.tool);
+        tensormass_force_sample_t s = loop_sample(&l, &l.tool);
         s.flags = planted;
         if (planted & HRT_FLAG_UNSTABLE) s.force_N[0] = s.force_N[2] = 50.0; /* what must never be felt */
         hrt_node_post_sample(&l.node, &s);
@@ -86,26 +86,21 @@ static void of_some_the_force_alone(void **state) {
 /* A patch that comes with a doubtful sample is not used either. */
 static void nor_its_patch(void **state) {
     (void)state;
-    static const double origin[3] = {0, 0, 0};
-    static const float vertex[9] = {-0.05f, -0.05f, 0.12f, 0.05f, -0.05f, 0.12f, 0.0f, 0.05f, 0.12f};
-    static const int8_t triangle[3] = {0, 2, 1};
-    static float compliance[45];
-    for (int i = 0, at = 0; i < 9; at += 9 - i, i++) compliance[at] = 0.003f;
     for (int doubt = 0; doubt < 2; doubt++) {
         press(HRT_CONTACT);
         l.seq++;
-        const hrt_patch_message patch = {.session = l.session,
-                                         .seq = l.seq,
-                                         .vertex_count = 3,
-                                         .triangle_count = 1,
-                                         .vertex_m = vertex,
-                                         .origin_m = origin,
-                                         .triangle = triangle,
-                                         .compliance_m_N = compliance,
-                                         .radius_m = 0.0025f,
-                                         .contact_length_m = 0.02f};
+        tensormass_contact_patch_t patch = {
+            .session = l.session,
+            .seq = (int32_t)l.seq,
+            .vertex_count = 3,
+            .triangle_count = 1,
+            .vertex_m = {-0.05f, -0.05f, 0.12f, 0.05f, -0.05f, 0.12f, 0.0f, 0.05f, 0.12f},
+            .triangle = {0, 2, 1},
+            .radius_m = 0.0025f,
+            .contact_length_m = 0.02f};
+        for (int i = 0, at = 0; i < 9; at += 9 - i, i++) patch.compliance_m_N[at] = 0.003f;
         assert_int_equal(hrt_node_post_patch(&l.node, &patch), HRT_ACCEPT);
-        hrt_force_sample s = loop_sample(&l, &l.tool);
+        tensormass_force_sample_t s = loop_sample(&l, &l.tool);
         s.flags = HRT_FLAG_PATCH | (doubt ? HRT_FLAG_INSIDE : 0);
         assert_int_equal(hrt_node_post_sample(&l.node, &s), HRT_ACCEPT);
         l.next_frame_us = l.now_us + l.frame_us;
@@ -184,7 +179,7 @@ static void unknown_flags_are_no_sample(void **state) {
     (void)state;
     press(HRT_POSITION);
     for (int bit = 10; bit < 32; bit++) {
-        hrt_force_sample s = loop_sample(&l, &l.tool);
+        tensormass_force_sample_t s = loop_sample(&l, &l.tool);
         s.seq += 1;
         s.flags = (int32_t)(1u << bit);
         assert_int_equal(hrt_node_post_sample(&l.node, &s), HRT_REJECT_INDEX);

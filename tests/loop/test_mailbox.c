@@ -20,43 +20,35 @@ static int64_t posted, refused;
 /* Every number of the sample and of its patch is made from seq: a mixture of two would show. */
 static float mark(uint32_t seq) { return 0.001f * (float)(seq % 997u + 1u); }
 
-static void make_patch(uint32_t seq, float *vertex, int8_t *triangle, float *compliance, hrt_patch_message *m) {
-    static const double origin[3] = {0, 0, 0};
-    memset(compliance, 0, 78 * sizeof *compliance);
-    for (int i = 0, at = 0; i < 9; at += 9 - i, i++) compliance[at] = 0.001f * mark(seq);
+static void make_patch(uint32_t seq, tensormass_contact_patch_t *m) {
+    *m = (tensormass_contact_patch_t){.session = 7,
+                                      .seq = (int32_t)seq,
+                                      .vertex_count = 3,
+                                      .triangle_count = 1,
+                                      .triangle = {0, 2, 1},
+                                      .radius_m = 0.0025f,
+                                      .contact_length_m = 0.05f,
+                                      .skin_compliance_m_N = mark(seq)};
+    for (int i = 0, at = 0; i < 9; at += 9 - i, i++) m->compliance_m_N[at] = 0.001f * mark(seq);
     for (int i = 0; i < 9; i++)
-        vertex[i] = (i == 3 || i == 7 ? 0.01f : 0.0f) + (i % 3 == 2 ? 0.2f : 0.0f) + 0.001f * mark(seq);
-    triangle[0] = 0, triangle[1] = 2, triangle[2] = 1;
-    *m = (hrt_patch_message){.session = 7,
-                             .seq = seq,
-                             .vertex_count = 3,
-                             .triangle_count = 1,
-                             .vertex_m = vertex,
-                             .origin_m = origin,
-                             .triangle = triangle,
-                             .compliance_m_N = compliance,
-                             .radius_m = 0.0025f,
-                             .contact_length_m = 0.05f,
-                             .skin_compliance_m_N = mark(seq)};
+        m->vertex_m[i] = (i == 3 || i == 7 ? 0.01f : 0.0f) + (i % 3 == 2 ? 0.2f : 0.0f) + 0.001f * mark(seq);
 }
 
 static void *poster(void *user) {
     (void)user;
-    float vertex[9], compliance[78];
-    int8_t triangle[3];
     for (uint32_t seq = 1; !atomic_load(&stop); seq++) {
-        hrt_patch_message patch;
-        make_patch(seq, vertex, triangle, compliance, &patch);
+        tensormass_contact_patch_t patch;
+        make_patch(seq, &patch);
         if (hrt_node_post_patch(&l.node, &patch) != HRT_ACCEPT) refused++;
         const double f = (double)mark(seq);
-        const hrt_force_sample s = {.session = 7,
-                                    .tool_session = l.node.config.session,
-                                    .tool_utime = atomic_load(&tool_us),
-                                    .seq = seq,
-                                    .tip_m = {f, f, f},
-                                    .force_N = {f, f, f},
-                                    .stiffness_kind = 2,
-                                    .stiffness_N_m = {f, f, f, f, f, f, f, f, f}};
+        const tensormass_force_sample_t s = {.session = 7,
+                                             .tool_session = l.node.config.session,
+                                             .tool_utime = atomic_load(&tool_us),
+                                             .seq = (int32_t)seq,
+                                             .tip_m = {f, f, f},
+                                             .force_N = {f, f, f},
+                                             .stiffness_kind = 2,
+                                             .stiffness_N_m = {f, f, f, f, f, f, f, f, f}};
         if (hrt_node_post_sample(&l.node, &s) == HRT_ACCEPT) posted++;
         if (seq % 1000 == 0) {
             const hrt_command c = {.extrapolator = (int32_t)(seq / 1000 % HRT_EXTRAPOLATOR_COUNT),

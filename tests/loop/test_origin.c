@@ -24,9 +24,9 @@ static void press(void) {
 }
 
 /* A good sample of the present simulation, pushing sideways instead. */
-static hrt_force_sample forged(void) {
-    hrt_force_sample s = loop_sample(&l, &l.tool);
-    s.seq = l.seq + 1;
+static tensormass_force_sample_t forged(void) {
+    tensormass_force_sample_t s = loop_sample(&l, &l.tool);
+    s.seq = (int32_t)l.seq + 1;
     s.force_N[0] = 8.0;
     return s;
 }
@@ -37,12 +37,12 @@ static void an_unread_sample_stays(void **state) {
     for (int kind = 0; kind < 6; kind++) {
         press();
         l.seq++;
-        const hrt_force_sample good = loop_sample(&l, &l.tool);
+        const tensormass_force_sample_t good = loop_sample(&l, &l.tool);
         assert_int_equal(hrt_node_post_sample(&l.node, &good), HRT_ACCEPT);
-        hrt_force_sample bad = forged();
+        tensormass_force_sample_t bad = forged();
         if (kind == 0) bad.session++;
-        if (kind == 1) bad.seq = l.seq;
-        if (kind == 2) bad.seq = l.seq - 5;
+        if (kind == 1) bad.seq = (int32_t)l.seq;
+        if (kind == 2) bad.seq = (int32_t)l.seq - 5;
         if (kind == 3) bad.tool_utime += 1000000;
         if (kind == 4) bad.tool_utime -= 80000;
         if (kind == 5) bad.tool_session++;
@@ -54,30 +54,25 @@ static void an_unread_sample_stays(void **state) {
     }
 }
 
-static hrt_patch_message patch_of(int64_t session, uint32_t seq) {
-    static const double origin[3] = {0, 0, 0};
-    static const float vertex[9] = {-0.05f, -0.05f, 0.12f, 0.05f, -0.05f, 0.12f, 0.0f, 0.05f, 0.12f};
-    static const int8_t triangle[3] = {0, 2, 1};
-    static float compliance[45];
-    for (int i = 0, at = 0; i < 9; at += 9 - i, i++) compliance[at] = 0.003f;
-    return (hrt_patch_message){.session = session,
-                               .seq = seq,
-                               .vertex_count = 3,
-                               .triangle_count = 1,
-                               .vertex_m = vertex,
-                               .origin_m = origin,
-                               .triangle = triangle,
-                               .compliance_m_N = compliance,
-                               .radius_m = 0.0025f,
-                               .contact_length_m = 0.02f};
+static tensormass_contact_patch_t patch_of(int64_t session, uint32_t seq) {
+    tensormass_contact_patch_t m = {.session = session,
+                                    .seq = (int32_t)seq,
+                                    .vertex_count = 3,
+                                    .triangle_count = 1,
+                                    .vertex_m = {-0.05f, -0.05f, 0.12f, 0.05f, -0.05f, 0.12f, 0.0f, 0.05f, 0.12f},
+                                    .triangle = {0, 2, 1},
+                                    .radius_m = 0.0025f,
+                                    .contact_length_m = 0.02f};
+    for (int i = 0, at = 0; i < 9; at += 9 - i, i++) m.compliance_m_N[at] = 0.003f;
+    return m;
 }
 
 static void a_foreign_patch_takes_no_place(void **state) {
     (void)state;
     press();
     l.seq++;
-    const hrt_patch_message own = patch_of(l.session, l.seq), foreign = patch_of(l.session + 1, l.seq);
-    hrt_force_sample sample = loop_sample(&l, &l.tool);
+    const tensormass_contact_patch_t own = patch_of(l.session, l.seq), foreign = patch_of(l.session + 1, l.seq);
+    tensormass_force_sample_t sample = loop_sample(&l, &l.tool);
     assert_int_equal(hrt_node_post_patch(&l.node, &own), HRT_ACCEPT);
     assert_int_equal(hrt_node_post_patch(&l.node, &foreign), HRT_REJECT_FOREIGN);
     assert_int_equal(hrt_node_post_sample(&l.node, &sample), HRT_ACCEPT);
@@ -90,7 +85,7 @@ static void a_foreign_patch_takes_no_place(void **state) {
 static void another_simulation_waits(void **state) {
     (void)state;
     press();
-    hrt_force_sample s = forged();
+    tensormass_force_sample_t s = forged();
     s.session++;
     for (int k = 0; k < 1000; k++) { /* a flood of it beside the real one */
         s.seq++;
@@ -119,7 +114,7 @@ static void another_simulation_waits(void **state) {
 static void recorded_samples_never_fit(void **state) {
     (void)state;
     press();
-    hrt_force_sample recorded[8];
+    tensormass_force_sample_t recorded[8];
     for (int k = 0; k < 8; k++) {
         loop_run(&l, 0.04);
         recorded[k] = loop_sample(&l, &l.tool);
@@ -158,7 +153,7 @@ static void a_patch_has_a_bounded_cap(void **state) {
     press();
     const float cap[] = {50.0f, 1000.0f, 1001.0f, 3.0e38f};
     for (size_t k = 0; k < sizeof cap / sizeof *cap; k++) {
-        hrt_patch_message m = patch_of(l.session, l.seq + 1);
+        tensormass_contact_patch_t m = patch_of(l.session, l.seq + 1);
         m.force_cap_N = cap[k];
         assert_int_equal(hrt_node_post_patch(&l.node, &m), cap[k] > 1000.0f ? HRT_REJECT_HUGE : HRT_ACCEPT);
     }

@@ -87,7 +87,7 @@ static void switched_while_running(void **state) {
     assert_true(swing() > 0.01);
     hrt_command command = {.extrapolator = -1, .passivity = 1, .coupling = -1, .enable = -1};
     hrt_node_post_command(&l.node, &command);
-    hrt_status status;
+    tensormass_controller_status_t status;
     int active = 0;
     for (int i = 0; i < 1500; i++) {
         loop_tick(&l);

@@ -214,7 +214,7 @@ static void two_devices(void **state) {
     static hrt_bus bus[4];
     static hrt_device device[2];
     static hrt_node node[2];
-    hrt_tool_state tool[2];
+    tensormass_tool_state_t tool[2];
     memset(tool, 0, sizeof tool);
     hrt_loopback_init(&wires);
     for (int i = 0; i < 4; i++) assert_true(hrt_bus_open_loopback(&bus[i], &wires));
@@ -232,8 +232,11 @@ static void two_devices(void **state) {
             hrt_device_step(&device[i], t);
             hrt_node_tick(&node[i], t, &tool[i]);
             if (t % 40000 != 0) continue;
-            hrt_force_sample s = {
-                .session = 1, .tool_session = tool[i].session, .tool_utime = t, .seq = ++seq, .instrument = i};
+            tensormass_force_sample_t s = {.session = 1,
+                                           .tool_session = tool[i].session,
+                                           .tool_utime = t,
+                                           .seq = (int32_t)++seq,
+                                           .instrument = (int8_t)i};
             for (int a = 0; a < 3; a++) s.tip_m[a] = tool[i].tip_m[a];
             s.force_N[2] = i == 0 ? -1.5 : 0.75;
             hrt_node_post_sample(&node[i], &s);

@@ -38,16 +38,58 @@ int main(void) {
 """
 
 
+MESSAGE = """package tensormass;
+
+struct weather_t {
+    int64_t utime;
+    int32_t seq;
+    int64_t session;
+    string  place;
+    int32_t count;
+    double  wind_m_s[count][2];
+    int64_t tag;
+}
+"""
+WEATHER = """
+#include "link.h"
+#include <stdio.h>
+#include <string.h>
+static int heard;
+static app_verdict take(void *user, int instrument, int64_t utime, const void *message) {
+    const tensormass_weather_t *m = message;
+    (void)user, (void)utime;
+    heard += instrument == 1 && m->count == 2 && m->wind_m_s[1][1] == 4.0 && strcmp(m->place, "theatre") == 0;
+    return APP_TAKEN;
+}
+int main(void) {
+    char place[] = "theatre";
+    double a[] = {1, 2}, b[] = {3, 4}, *wind[] = {a, b};
+    const tensormass_weather_t m = {.place = place, .count = 2, .wind_m_s = wind};
+    const app_key key = {.known = true};
+    const app_topic topic = {APP_WEATHER, 1, take, NULL};
+    const app_link_def def = {.topic = &topic, .topics = 1, .key = &key}, keyless = {0};
+    app_queue *queue = app_queue_create(0);
+    app_link *one = app_link_join(queue, &def, NULL), *two = app_link_join(queue, &def, NULL), *three = app_link_join(queue, &keyless, NULL);
+    app_link_publish(one, APP_WEATHER, 1, 0, &m);
+    app_link_publish(three, APP_WEATHER, 1, 0, &m); /* without its seal */
+    app_link_receive(two, 0, 10);
+    app_link_give(two, "WEATHER_1", 0, "not whole", 9);
+    printf("%s %d %d\\n", app_message_type(APP_WEATHER), app_message_most(APP_WEATHER), heard);
+    return !(heard == 1 && app_link_counted(two)->forged == 2 && app_message_sealed(APP_WEATHER));
+}
+"""
+
+
 def insert(path, before, text):
     whole = path.read_text()
     assert whole.count(before) == 1, f"{path} holds {whole.count(before)} times, not once: {before}"
     path.write_text(whole.replace(before, text + before))
 
 
-def lines_of(folder, main, sources):
+def lines_of(folder, main, sources, *flags):
     (folder / "main.c").write_text(main)
     program = folder / "main"
-    run = subprocess.run(["cc", "-std=c11", "-D_GNU_SOURCE", "-O0", "-Werror", f"-I{folder}", f"-I{folder}/haptic_rt", f"-I{folder}/haptic_rt/core", f"-I{folder}/haptic_rt/io", "-o", program,
+    run = subprocess.run(["cc", "-std=c11", "-D_GNU_SOURCE", "-O0", "-Werror", f"-I{folder}", f"-I{folder}/haptic_rt", f"-I{folder}/haptic_rt/core", f"-I{folder}/haptic_rt/io", *flags, "-o", program,
                           folder / "main.c", *sources, "-lm"], capture_output=True, text=True, timeout=120)
     assert run.returncode == 0, run.stderr
     run = subprocess.run([program], capture_output=True, text=True, timeout=20)
@@ -78,6 +120,21 @@ def test_a_bus_is_a_file_and_a_row(root, tmp_path):
     why, addresses = lines_of(tmp_path, OPENS, sorted(io.glob("bus*.c")))
     assert why == "'other:x' names no bus; use virtual:NAME or mine:LETTER or socketcan:INTERFACE"
     assert addresses.split() == ["virtual:NAME", "mine:LETTER", "socketcan:INTERFACE"]
+
+
+def test_a_message_is_its_type_and_a_row(root, tmp_path):
+    """It is encoded, bounded, sealed, walked and handed over by these alone."""
+    types = tmp_path / "lcm_types"
+    shutil.copytree(root / "lcm_types", types)
+    (types / "weather_t.lcm").write_text(MESSAGE)
+    insert(types / "message.h", "    ROW(FORCE, force_sample", '    ROW(WEATHER, weather, "WEATHER_", 1000) \\\n')
+    (tmp_path / "Makefile").write_text(f"OUT := {tmp_path}/out\nobjects = $(patsubst %.c,$(OUT)/obj/%.o,$(1))\ninclude lcm_types/module.mk\ngenerated: $(LCM_GEN) $(LCM_ALL_H)\n")
+    run = subprocess.run(["make", "-C", tmp_path, "generated"], capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    sources = [p for p in sorted(types.glob("*.c")) if p.stem not in ("link_network", "receiver", "receiver_lcm", "receiver_udpm")]
+    generated = tmp_path / "out/gen/lcm_types"
+    out = lines_of(tmp_path, WEATHER, [*sources, *sorted(generated.glob("*.c"))], f"-I{types}", f"-I{generated.parent}")
+    assert out == ["weather_t 1000 1"]
 
 
 def test_the_names_stand_in_one_table(root):

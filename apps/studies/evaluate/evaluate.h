@@ -7,7 +7,6 @@
 #include <cjson/cJSON.h>
 
 #include "hrt.h"
-#include "lcm_types/tensormass_contact_patch_t.h"
 #include "sim/sim.h"
 
 enum { TICK_US = 2000 };
@@ -160,8 +159,6 @@ int log_write(const char *file, const recording *r, const double trocar_m[3]);
  * TOOL_i carries beside the controller's. 0, with no ticks or no samples where the log holds none; else the exit code,
  * having complained. */
 int log_read(const char *file, int instrument, recording *out);
-/* Checked and prepared as the controller does it; positions relative to origin_m. False: refused. */
-bool patch_from_message(const tensormass_contact_patch_t *m, const double origin_m[3], hrt_patch *p);
 
 /* --- studies: each returns its JSON, null having complained --- */
 

@@ -6,6 +6,7 @@
 #include <string.h>
 
 #include "evaluate.h"
+#include "io/from_message.h"
 #include "sim/publish.h"
 
 const char *const model_name[MODEL_COUNT] = {"precomputed", "isotropic", "fibred", "cut", "hybrid"};
@@ -102,35 +103,22 @@ static path placed(const path *p, const sim *s) {
     return q;
 }
 
-/* As the message would carry it, single precision and checks included. */
-static void take_patch(const sim *s, int instrument, sampled *out) {
-    static tensormass_contact_patch_t message;
-    static const sim_publisher nobody;
-    tensormass_force_sample_t stamp = {
-        .seq = (int32_t)out->sample.seq, .instrument = (int8_t)instrument, .flags = SIM_FLAG_PATCH};
-    if (!sim_contact_patch(&nobody, s, &stamp, &message)) return;
+/* As messages carry it, and as the controller takes it. */
+static void take(sim_publisher *p, const sim *s, int instrument, const hrt_params *params, int64_t t_us,
+                 int64_t ready_us, sampled *out) {
+    static float scratch[HRT_PATCH_COMPLIANCE];
+    const tm_instrument_def *def = &s->instrument_def[instrument];
+    tensormass_force_sample_t m;
+    sim_force_sample(p, s, instrument, ready_us, 1, t_us, 0, &m);
+    *out = (sampled){.ready_us = ready_us};
+    hrt_sample_from_message(&m, def->trocar_m, def->mode != TM_TOOL_GRASPER, params, &out->sample);
+    if (!sim_contact_patch(p, s, &m, &p->patch)) return;
     out->patch = malloc(sizeof *out->patch);
     if (!out->patch) abort();
-    if (patch_from_message(&message, s->instrument_def[instrument].trocar_m, out->patch))
+    if (hrt_patch_from_message(&p->patch, def->trocar_m, scratch, out->patch) == HRT_ACCEPT)
         out->sample.patch = out->patch;
     else
         free(out->patch), out->patch = NULL;
-}
-
-static void take(const sim *s, int instrument, int64_t t_us, int64_t ready_us, uint32_t seq, sampled *out) {
-    const tm_tool_reaction *r = &s->reaction[instrument];
-    *out = (sampled){.ready_us = ready_us};
-    hrt_sample *x = &out->sample;
-    x->session = 1, x->tool_session = 1, x->t_us = t_us, x->seq = seq;
-    x->unilateral = s->instrument_def[instrument].mode != TM_TOOL_GRASPER;
-    x->stiffness_kind = r->stiffness_kind;
-    x->topology_revision = sim_surface(s).revision;
-    for (int i = 0; i < 3; i++) {
-        x->tip_m[i] = (float)(r->tip_m[i] - s->instrument_def[instrument].trocar_m[i]);
-        x->force_N[i] = (float)r->force_N[i];
-    }
-    for (int i = 0; i < 9; i++) x->stiffness_N_m[i] = (float)r->stiffness_N_m[i];
-    take_patch(s, instrument, out);
 }
 
 /* Starts with the tool out of touch, so that nothing swings when the path begins. No session begins a tenth of a second
@@ -147,8 +135,10 @@ static void start(sim *s, const recording *r, const path *p, bool encoders) {
 enum { BEFORE = 3 };
 
 int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, recording *out) {
+    static sim_publisher publisher;
     sim *s = path_open(m, p, rate_Hz, NULL);
     cut_replay replay;
+    publisher = (sim_publisher){.session = 1};
     if (!s) return APP_FAILED;
     if (out->replay) cut_replay_begin(&replay, out->replay, s);
     for (int i = 0; i < s->instrument_count; i++) s->wants[i] = patches ? s->can_send : SIM_SENDS_FORCE;
@@ -170,7 +160,7 @@ int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, 
         status = sim_frame(s, to, s->substeps);
         cut_list_take(&out->cuts, s, end_s);
         int64_t end_us = llround(end_s * 1e6), back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
-        take(s, out->instrument, end_us - back_us, end_us, (uint32_t)k, &out->sample[k]);
+        take(&publisher, s, out->instrument, &out->params, end_us - back_us, end_us, &out->sample[k]);
     }
     sim_destroy(s);
     if (!status) return 0;

@@ -83,7 +83,7 @@ typedef struct loop_result {
 
 typedef struct waiting {
     int64_t due_us;
-    hrt_force_sample sample;
+    tensormass_force_sample_t sample;
 } waiting;
 
 typedef struct loop {
@@ -91,7 +91,7 @@ typedef struct loop {
     hrt_bus node_bus, device_bus;
     hrt_node node;
     hrt_device device;
-    hrt_patch patch, posted;
+    hrt_patch patch;
     waiting line[MAX_LINE];
     int waiting_count;
     uint32_t seq;
@@ -117,32 +117,31 @@ static void set_up(loop *l, const loop_case *c, double compliance) {
 }
 
 static void post(loop *l, const waiting *w) {
-    static const double origin[3] = {0, 0, 0};
-    l->posted = l->patch;
-    hrt_patch_message m = {.session = 1,
-                           .seq = w->sample.seq,
-                           .vertex_count = VERTICES,
-                           .triangle_count = l->patch.triangle_count,
-                           .vertex_m = l->patch.vertex_m,
-                           .origin_m = origin,
-                           .triangle = (const int8_t *)l->patch.triangle,
-                           .compliance_m_N = l->patch.compliance_m_N,
-                           .skin_compliance_m_N = l->patch.skin_compliance_m_N,
-                           .radius_m = l->patch.radius_m,
-                           .contact_length_m = l->patch.contact_length_m};
+    const hrt_patch *p = &l->patch;
+    tensormass_contact_patch_t m = {.session = 1,
+                                    .seq = w->sample.seq,
+                                    .vertex_count = VERTICES,
+                                    .triangle_count = p->triangle_count,
+                                    .skin_compliance_m_N = p->skin_compliance_m_N,
+                                    .radius_m = p->radius_m,
+                                    .contact_length_m = p->contact_length_m};
+    memcpy(m.vertex_m, p->vertex_m, sizeof m.vertex_m);
+    memcpy(m.triangle, p->triangle, sizeof m.triangle);
+    memcpy(m.compliance_m_N, p->compliance_m_N, sizeof m.compliance_m_N);
     if (l->node.config.extrapolator == HRT_CONTACT) hrt_node_post_patch(&l->node, &m);
     hrt_node_post_sample(&l->node, &w->sample);
 }
 
 /* Samples the tool now; the line holds it back. */
-static void simulate(loop *l, const loop_case *c, int64_t now_us, int64_t frame_us, const hrt_tool_state *tool) {
+static void simulate(loop *l, const loop_case *c, int64_t now_us, int64_t frame_us,
+                     const tensormass_tool_state_t *tool) {
     waiting w = {.due_us = now_us + c->delay_frames * frame_us};
-    w.sample = (hrt_force_sample){.utime = now_us,
-                                  .session = 1,
-                                  .tool_session = tool->session,
-                                  .tool_utime = tool->utime,
-                                  .seq = l->seq++,
-                                  .stiffness_kind = 2};
+    w.sample = (tensormass_force_sample_t){.utime = now_us,
+                                           .session = 1,
+                                           .tool_session = tool->session,
+                                           .tool_utime = tool->utime,
+                                           .seq = (int32_t)l->seq++,
+                                           .stiffness_kind = 2};
     float tip[3], force[3];
     for (int i = 0; i < 3; i++) w.sample.tip_m[i] = tool->tip_m[i], tip[i] = (float)tool->tip_m[i];
     surface_force(&l->patch, &l->node.config.params, tip, force);
@@ -165,7 +164,7 @@ static void deliver(loop *l, int64_t now_us) {
 static loop_result run_loop(const loop_case *c, double compliance) {
     static loop l;
     loop_result r = {0};
-    hrt_tool_state tool = {0};
+    tensormass_tool_state_t tool = {0};
     double low = 1, high = 0;
     set_up(&l, c, compliance);
     int64_t frame_us = llround(1e6 / c->rate_Hz), next_frame = 0, end = (int64_t)(SECONDS * 1e6);

@@ -21,10 +21,10 @@ typedef struct line_def {
     double kill_s, restart_s; /* simulation gone between; 0: never */
     bool two_sims;
     double wall_N_m;
-    void (*spoil)(hrt_force_sample *sample, int64_t n); /* null: honest samples */
-    double silent_s, babble_s;                          /* device unplugged from; a babbler on the bus from; 0: never */
-    double clock_back_s;                                /* the caller's clock steps back by 50 ms at this time */
-    const hrt_keyframe *hand;                           /* null: the press of below */
+    void (*spoil)(tensormass_force_sample_t *sample, int64_t n); /* null: honest samples */
+    double silent_s, babble_s; /* device unplugged from; a babbler on the bus from; 0: never */
+    double clock_back_s;       /* the caller's clock steps back by 50 ms at this time */
+    const hrt_keyframe *hand;  /* null: the press of below */
     int hand_count;
     double noise_counts;
     hrt_extrapolator extrapolator;
@@ -51,7 +51,7 @@ typedef struct link_run {
     hrt_device device;
     struct pending {
         int64_t due_us;
-        hrt_force_sample sample;
+        tensormass_force_sample_t sample;
     } line[LINE_MAX];
     int in_line;
     int64_t session, frames;
@@ -79,7 +79,7 @@ static void wall(const line_def *def, const double tip[3], double force[3], doub
     stiffness[8] = -def->wall_N_m, stiffness[0] = stiffness[4] = -0.2 * def->wall_N_m;
 }
 
-static void put(link_run *r, const hrt_force_sample *sample, int64_t due_us) {
+static void put(link_run *r, const tensormass_force_sample_t *sample, int64_t due_us) {
     if (r->in_line < LINE_MAX) r->line[r->in_line++] = (struct pending){due_us, *sample};
 }
 
@@ -91,13 +91,14 @@ static bool lost(link_run *r) {
 }
 
 /* One frame of the simulation: samples the tool, sends what the line lets through. */
-static void simulate(link_run *r, int64_t now_us, const hrt_tool_state *tool, int64_t session, double stiffer) {
-    hrt_force_sample s = {.utime = now_us,
-                          .session = session,
-                          .tool_session = tool->session,
-                          .tool_utime = tool->utime,
-                          .seq = r->seq++,
-                          .stiffness_kind = 2};
+static void simulate(link_run *r, int64_t now_us, const tensormass_tool_state_t *tool, int64_t session,
+                     double stiffer) {
+    tensormass_force_sample_t s = {.utime = now_us,
+                                   .session = session,
+                                   .tool_session = tool->session,
+                                   .tool_utime = tool->utime,
+                                   .seq = (int32_t)r->seq++,
+                                   .stiffness_kind = 2};
     memcpy(s.tip_m, tool->tip_m, sizeof s.tip_m);
     wall(r->def, s.tip_m, s.force_N, s.stiffness_N_m);
     for (int i = 0; i < 3; i++) s.force_N[i] *= stiffer;
@@ -171,7 +172,7 @@ static void babble(link_run *r) {
 }
 
 static void run_line(const line_def *def, double seconds, link_run *r, outcome *o) {
-    hrt_tool_state tool = {0};
+    tensormass_tool_state_t tool = {0};
     o->x_name = "s", o->y_name = "force N";
     if (!set_up(r, def)) return;
     int64_t back_us = 0;
@@ -206,7 +207,7 @@ static void verdict_of(const link_run *r, outcome *o) {
     else if (!r->engaged)
         broken(o, "never engaged (%s)", end);
     else {
-        hrt_status status;
+        tensormass_controller_status_t status;
         hrt_node_status(&r->node, &status);
         stable(
             o, r->peak_N / r->limit_N,
@@ -291,7 +292,7 @@ static void wraps(bool quick, double a, outcome *o) {
     static link_run r;
     run_line(&def, 6, &r, o);
     verdict_of(&r, o);
-    hrt_status status;
+    tensormass_controller_status_t status;
     hrt_node_status(&r.node, &status);
     if (o->verdict == STABLE && status.samples_lost + status.samples_late > 0)
         broken(o, "samples counted as lost or late when seq wrapped");
@@ -315,25 +316,25 @@ static void jitters(bool quick, double a, outcome *o) {
     every_extrapolator(def, 6, o);
 }
 
-static void zero(hrt_force_sample *s, int64_t n) {
+static void zero(tensormass_force_sample_t *s, int64_t n) {
     if (n % 3 == 1) memset(s->force_N, 0, sizeof s->force_N);
 }
-static void tiny(hrt_force_sample *s, int64_t n) {
+static void tiny(tensormass_force_sample_t *s, int64_t n) {
     if (n % 3 == 1)
         for (int i = 0; i < 3; i++) s->force_N[i] = 1e-310, s->tip_m[i] *= 1 + 1e-12;
 }
-static void huge(hrt_force_sample *s, int64_t n) {
+static void huge(tensormass_force_sample_t *s, int64_t n) {
     if (n % 3 == 1)
         for (int i = 0; i < 3; i++) s->force_N[i] = i == 1 ? -1e30 : 1e30;
 }
-static void large(hrt_force_sample *s, int64_t n) {
+static void large(tensormass_force_sample_t *s, int64_t n) {
     if (n % 3 == 1)
         for (int i = 0; i < 9; i++) s->stiffness_N_m[i] = 1e7, s->force_N[i % 3] = 50 * (n % 2 ? 1 : -1);
 }
-static void not_a_number(hrt_force_sample *s, int64_t n) {
+static void not_a_number(tensormass_force_sample_t *s, int64_t n) {
     if (n % 3 == 1) s->force_N[n % 3] = NAN, s->stiffness_N_m[n % 9] = INFINITY;
 }
-static void anything(hrt_force_sample *s, int64_t n) {
+static void anything(tensormass_force_sample_t *s, int64_t n) {
     /* Every byte of the message may be anything. */
     uint64_t seed = (uint64_t)n * 2654435761u + 17;
     if (n < 40 || n % 2) return;
@@ -341,7 +342,8 @@ static void anything(hrt_force_sample *s, int64_t n) {
     for (size_t i = 0; i < sizeof *s; i += 1 + (size_t)(3 + 3 * random_unit(&seed)))
         byte[i] = (unsigned char)(127 * (1 + random_unit(&seed)));
 }
-static void (*const spoilers[])(hrt_force_sample *, int64_t) = {zero, tiny, large, huge, not_a_number, anything};
+static void (*const spoilers[])(tensormass_force_sample_t *, int64_t) = {zero, tiny,         large,
+                                                                         huge, not_a_number, anything};
 static void spoiled(bool quick, double which, outcome *o) {
     (void)quick;
     line_def def = honest();
