@@ -26,7 +26,7 @@ typedef struct problem_def {
     tm_material material;
     const double *fibre; /* one direction for all, or null */
     tm_precision precision;
-    bool volume;            /* the effect of that name */
+    bool volume; /* the effect of that name */
     double volume_shear;
     bool pressed; /* false: bottom clamped and the symmetry planes, nothing else: free to vibrate */
     double dt_s;  /* 0: the guaranteed step times step_fraction */

@@ -22,6 +22,9 @@ tm_status tm_fail(tm_error *error, tm_status status, int64_t entity, const char 
     __attribute__((format(printf, 4, 5)));
 tm_status tm_fail_memory(tm_error *error, const char *what);
 
+/* Leaves the eigenvalues of a symmetric 6x6 matrix on its diagonal: Jacobi rotations, accurate however far apart they
+ * lie. */
+void tm_diagonalise6(double A[36]);
 /* Monotonic, s. */
 double tm_clock_s(void);
 

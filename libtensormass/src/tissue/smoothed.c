@@ -222,18 +222,6 @@ void tm_smoothed_cut(tm_tissue *tissue, const int32_t *vertex, int32_t vertices,
     }
 }
 
-int32_t tm_tissue_find_pair(const tm_tissue *tissue, int32_t k, int32_t l) {
-    int32_t low = tissue->graph.upper_begin[k], high = tissue->graph.upper_begin[k + 1];
-    while (low < high) {
-        const int32_t middle = low + (high - low) / 2;
-        if (tissue->pair[2 * (int64_t)middle + 1] < l)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return low < tissue->graph.upper_begin[k + 1] && tissue->pair[2 * (int64_t)low + 1] == l ? low : -1;
-}
-
 /* --- what lies above it --- */
 
 const tm_material *tm_smoothed_cover(const tm_tissue *tissue, int32_t tet, tm_material *cover) {

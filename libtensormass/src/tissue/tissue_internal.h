@@ -70,6 +70,8 @@ int32_t tm_tissue_find_pair(const tm_tissue *tissue, int32_t k, int32_t l);
 void tm_tissue_build_surface(tm_tissue *tissue);
 /* Largest eigenvalue of M_e^-1 K_e, 1/s2. */
 double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet);
+/* The same; not computed, and 0 returned, when even the trace stays under `floor`. */
+double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double floor);
 /* The same with any masses (or weights) > 0 on its vertices, from above: at most 0.2 % too large. */
 double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]);
 /* G += scale B B^T: B maps a displacement to the strain in Mandel form that it makes by the gradient alpha. */
@@ -81,9 +83,6 @@ double tm_law_eigenvalue_over(const double law_Pa[36], const double G[36]);
 bool tm_shared_eigenvalue(const tm_tissue *tissue, double *most, int32_t *tet);
 /* tm_critical_step_guaranteed, saying whether there was memory for all of it. */
 bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet);
-/* Leaves the eigenvalues of a symmetric 6x6 matrix on its diagonal: Jacobi rotations, accurate however far apart they
- * lie. */
-void tm_diagonalise6(double A[36]);
 
 /* --- removal of tetrahedra (tm_cut_remove) --- */
 /* Removed by the last call, mending included; returns how many. */
