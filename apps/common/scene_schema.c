@@ -2,7 +2,13 @@
  * docs/scene-reference.md come from here. */
 #include <math.h>
 
+#include "choices.h"
 #include "scene.h"
+#include "tensormass.h"
+
+APP_CHOICE_CHECK(APP_PRECISIONS)
+APP_CHOICE_CHECK(APP_FORCE_FORMS)
+APP_CHOICE_CHECK(APP_TOOL_MODES)
 
 #define AT(member) offsetof(app_scene, member), 0
 #define MATERIAL(member) offsetof(app_material, member), 0
@@ -53,9 +59,9 @@ static const app_field fields[] = {
     {"tissue", APP_SECTION, NULL, "!", 0, 0, AT(tissue), "the mesh and its materials"},
     {"tissue.mesh", APP_PATH, NULL, "!", 0, 0, AT(mesh), "mesh file (.msh, .vtk, .mesh), relative to the scene"},
     {"tissue.scale", APP_NUMBER, "none", "1", 1e-9, 1e9, AT(scale), "metres per unit of the mesh file"},
-    {"tissue.precision", APP_CHOICE, "double|single", "double", 0, 0, AT(precision),
+    {"tissue.precision", APP_CHOICE, APP_CHOICE_WORDS(APP_PRECISIONS), "double", 0, 0, AT(precision),
      "of the stored stiffness tensors; positions are always double. `single` asks for supports that hold every piece"},
-    {"tissue.force", APP_CHOICE, "best|plain", "best", 0, 0, AT(force),
+    {"tissue.force", APP_CHOICE, APP_CHOICE_WORDS(APP_FORCE_FORMS), "best", 0, 0, AT(force),
      "form of the force loop: the fastest that the processor has, or the plain C reference whose bits are the same everywhere"},
     {"tissue.materials", APP_TABLE, NULL, "!", 0, 0, offsetof(app_scene, material), sizeof(app_material),
      "one entry a region (3D physical group) of the mesh; `\"*\"` stands for every region not named. Exactly one family of constants each"},
@@ -98,8 +104,8 @@ static const app_field fields[] = {
 
     {"instruments", APP_LIST, NULL, NULL, 0, 0, offsetof(app_scene, instrument), sizeof(app_instrument),
      "one or two, numbered 0 and 1"},
-    {"instruments[].mode", APP_CHOICE, "probe|grasper|cautery", "probe", 0, 0, offsetof(app_instrument, mode), 0,
-     "what it does to tissue; a grasper needs `grasp`, a cautery `cut`"},
+    {"instruments[].mode", APP_CHOICE, APP_CHOICE_WORDS(APP_TOOL_MODES), "probe", 0, 0, offsetof(app_instrument, mode),
+     0, "what it does to tissue; a grasper needs `grasp`, a cautery `cut`"},
     {"instruments[].trocar", APP_VECTOR, "length", "!", 0, 0, offsetof(app_instrument, trocar), 0, "the pivot, world"},
     {"instruments[].axis", APP_VECTOR, "none", "[0, 0, -1]", 0, 0, offsetof(app_instrument, axis), 0,
      "where the shaft points at zero pitch and yaw, any length"},

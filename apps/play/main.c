@@ -12,6 +12,7 @@
 
 #include "app.h"
 #include "controls.h"
+#include "json_file.h"
 #include "view/output.h"
 #include "view/studio.h"
 
@@ -310,22 +311,20 @@ static int write_png(play *p) {
 
 static int write_json(const play *p) {
     tm_error error = {0};
-    app_output output;
-    view_feed_counts counts = view_feed_counted(p->feed);
-    double seconds = now_s() - p->began_s;
-    if (!app_output_begin(&output, p->json, &error)) return app_report("tm-play", 0, &error);
-    FILE *file = app_output_stream(&output);
-    bool written = file && fprintf(file,
-                                   "{\"pictures\": %lld, \"seconds\": %.3f, \"pictures_per_second\": %.2f, "
-                                   "\"hands_sent\": %lld, \"messages_taken\": %lld, \"messages_refused\": %lld, "
-                                   "\"renderer\": \"%s\", \"opengl\": \"%s\"}\n",
-                                   (long long)p->pictures, seconds, (double)p->pictures / fmax(seconds, 1e-3),
-                                   (long long)p->hands, (long long)counts.accepted, (long long)counts.rejected,
-                                   p->studio.module, p->studio.api->name(p->studio.renderer)) > 0;
-    if (file && fclose(file)) written = false;
-    if (written && app_output_commit(&output, &error)) return 0;
-    app_output_abandon(&output);
-    return app_bad_input(p->json, 0, "cannot write the figures; check the disk") - 1;
+    const view_feed_counts counts = view_feed_counted(p->feed);
+    const double seconds = now_s() - p->began_s;
+    cJSON *root = cJSON_CreateObject();
+    cJSON_AddNumberToObject(root, "pictures", (double)p->pictures);
+    cJSON_AddNumberToObject(root, "seconds", seconds);
+    cJSON_AddNumberToObject(root, "pictures_per_second", (double)p->pictures / fmax(seconds, 1e-3));
+    cJSON_AddNumberToObject(root, "hands_sent", (double)p->hands);
+    cJSON_AddNumberToObject(root, "messages_taken", (double)counts.accepted);
+    cJSON_AddNumberToObject(root, "messages_refused", (double)counts.rejected);
+    cJSON_AddStringToObject(root, "renderer", p->studio.module);
+    cJSON_AddStringToObject(root, "opengl", p->studio.api->name(p->studio.renderer));
+    tm_status status = app_json_write(p->json, root, &error);
+    cJSON_Delete(root);
+    return status ? app_report(NULL, 0, &error) : 0;
 }
 
 int main(int argc, char **argv) {

@@ -3,6 +3,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "choices.h"
 #include "sim.h"
 
 typedef struct options {
@@ -12,13 +13,15 @@ typedef struct options {
     app_vector direction, point;
 } options;
 
-enum { CONSTANT, RADIAL, CIRCULAR, SPHERICAL };
+typedef enum rule { CONSTANT, RADIAL, CIRCULAR, SPHERICAL } rule;
+#define RULES(ROW) ROW("constant", CONSTANT) ROW("radial", RADIAL) ROW("circular", CIRCULAR) ROW("spherical", SPHERICAL)
+APP_CHOICE_CHECK(RULES)
 
 static const app_field fields[] = {
     {"anisotropy", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "fibres; fibred materials need it"},
     {"anisotropy.file", APP_PATH, NULL, NULL, 0, 0, offsetof(options, file), 0,
      "CSV with header `tet,ax,ay,az`, one row a tetrahedron, counted from 0 in file order; instead of a rule"},
-    {"anisotropy.rule", APP_CHOICE, "constant|radial|circular|spherical", NULL, 0, 0, offsetof(options, rule), 0,
+    {"anisotropy.rule", APP_CHOICE, APP_CHOICE_WORDS(RULES), NULL, 0, 0, offsetof(options, rule), 0,
      "`constant`: along `direction`; `radial` and `circular`: away from and around the line through `point` along "
      "`direction`; `spherical`: away from `point`"},
     {"anisotropy.direction", APP_VECTOR, "none", "[0, 0, 1]", 0, 0, offsetof(options, direction), 0, "any length"},

@@ -1,4 +1,5 @@
 /* Cautery: removal of what an active instrument touches, and what this frame's cuts took. */
+#include "choices.h"
 #include "sim.h"
 
 typedef struct options {
@@ -7,11 +8,14 @@ typedef struct options {
     app_choice loose;
 } options;
 
+#define LOOSE(ROW) ROW("fall", TM_LOOSE_FALL) ROW("remove", TM_LOOSE_REMOVE)
+APP_CHOICE_CHECK(LOOSE)
+
 static const app_field fields[] = {
     {"cut", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "active cauteries remove what they touch"},
     {"cut.rate", APP_NUMBER, "rate", "200 /s", 1e-3, 1e9, offsetof(options, rate), 0,
      "tetrahedra a second that one cautery may remove"},
-    {"cut.loose", APP_CHOICE, "fall|remove", "fall", 0, 0, offsetof(options, loose), 0,
+    {"cut.loose", APP_CHOICE, APP_CHOICE_WORDS(LOOSE), "fall", 0, 0, offsetof(options, loose), 0,
      "pieces that hang on nothing fall out of sight, or vanish"},
 };
 

@@ -1,8 +1,12 @@
 #include <stdlib.h>
 
+#include "choices.h"
 #include "effects.h"
 #include "hrt.h"
 #include "solve_api.h"
+
+#define SENDS(ROW) ROW("force", SIM_SENDS_FORCE) ROW("stiffness", SIM_SENDS_STIFFNESS) ROW("patch", SIM_SENDS_PATCH)
+APP_CHOICE_CHECK(SENDS)
 
 static const app_field fields[] = {
     {"haptics", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_haptics, here), 0,
@@ -10,7 +14,7 @@ static const app_field fields[] = {
      "process"},
     {"haptics.extrapolator", APP_CHOICE, HRT_EXTRAPOLATOR_CHOICE, "contact", 0, 0, offsetof(sim_haptics, extrapolator),
      0, "in lockstep; in real time the controller says what it runs"},
-    {"haptics.sends", APP_CHOICE, "force|stiffness|patch", NULL, 0, 0, offsetof(sim_haptics, sends), 0,
+    {"haptics.sends", APP_CHOICE, APP_CHOICE_WORDS(SENDS), NULL, 0, 0, offsetof(sim_haptics, sends), 0,
      "what may go with the force, when the controller's extrapolator asks for it (`tangent`: stiffness, `contact`: "
      "patch); left out: what `extrapolator` asks for"},
     {"haptics.compliance", APP_CHOICE, "factor|iterations", "factor", 0, 0, offsetof(sim_haptics, compliance), 0,

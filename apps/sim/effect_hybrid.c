@@ -2,6 +2,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "choices.h"
 #include "models.h"
 #include "solve_api.h"
 
@@ -15,7 +16,8 @@ static const app_field fields[] = {
      "tetrahedra whose centre lies in this box are tensor/mass"},
     {"hybrid.box.min", APP_VECTOR, "length", "!", 0, 0, OPTION(box_min), "lower corner"},
     {"hybrid.box.max", APP_VECTOR, "length", "!", 0, 0, OPTION(box_max), "upper corner"},
-    {"hybrid.precision", APP_CHOICE, "double|single", "double", 0, 0, OPTION(precision), "of the condensed part"},
+    {"hybrid.precision", APP_CHOICE, APP_CHOICE_WORDS(APP_PRECISIONS), "double", 0, 0, OPTION(precision),
+     "of the condensed part"},
     {"hybrid.cache", APP_FLAG, NULL, "yes", 0, 0, OPTION(cache),
      "keep it on disk: $TM_CACHE_DIR, $XDG_CACHE_HOME/tensormass or ~/.cache/tensormass"},
     {"hybrid.max_vertices", APP_INTEGER, NULL, "256", 8, 4096, OPTION(max_vertices),

@@ -1,15 +1,19 @@
 /* The precomputed model: quasi-static, one update a frame. */
+#include "choices.h"
 #include "models.h"
 #include "solve_api.h"
 
 #define OPTION(member) offsetof(sim_solve_options, member), 0
 
+#define SOLVERS(ROW) ROW("cholesky", TM_SOLVER_CHOLESKY) ROW("cg", TM_SOLVER_CG)
+APP_CHOICE_CHECK(SOLVERS)
+
 static const app_field fields[] = {
     {"precomputed", APP_SECTION, NULL, NULL, 0, 0, OPTION(here),
      "how `model: precomputed` is computed; the section alone asks for nothing"},
-    {"precomputed.solver", APP_CHOICE, "cholesky|cg", "cholesky", 0, 0, OPTION(solver),
+    {"precomputed.solver", APP_CHOICE, APP_CHOICE_WORDS(SOLVERS), "cholesky", 0, 0, OPTION(solver),
      "CHOLMOD, or conjugate gradients as in the paper"},
-    {"precomputed.precision", APP_CHOICE, "double|single", "double", 0, 0, OPTION(precision),
+    {"precomputed.precision", APP_CHOICE, APP_CHOICE_WORDS(APP_PRECISIONS), "double", 0, 0, OPTION(precision),
      "of the stored responses"},
     {"precomputed.cache", APP_FLAG, NULL, "yes", 0, 0, OPTION(cache),
      "keep them on disk: $TM_CACHE_DIR, $XDG_CACHE_HOME/tensormass or ~/.cache/tensormass"},

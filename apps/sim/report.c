@@ -6,6 +6,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "choices.h"
+#include "json_file.h"
 #include "run.h"
 
 int run_unstable(int64_t frame) {
@@ -34,16 +36,10 @@ int run_file_end(run_file *file, bool good) {
     tm_error error = {0};
     if (!file->begun) return 0;
     file->begun = false;
-    bool written = !ferror((FILE *)file->stream);
-    written = !fclose(file->stream) && written;
-    if (!good || !written) {
-        app_output_abandon(&file->output);
-        if (!good) return 0;
-        fprintf(stderr, "%s: cannot be written: the disk may be full; free some space and run again\n",
-                file->output.path);
-        return APP_FAILED;
-    }
-    return app_output_commit(&file->output, &error) ? 0 : app_report(NULL, 0, &error);
+    if (good) return app_output_end(&file->output, file->stream, &error) ? 0 : app_report(NULL, 0, &error);
+    fclose(file->stream);
+    app_output_abandon(&file->output);
+    return 0;
 }
 
 int run_say_interrupted(int64_t frame, int64_t total) {
@@ -55,6 +51,8 @@ int run_say_interrupted(int64_t frame, int64_t total) {
 }
 
 cJSON *run_report_begin(const sim *s, const char *mode) {
+    static const char *const precision[] = APP_CHOICE_LIST(APP_PRECISIONS), *const form[] =
+                                                                                APP_CHOICE_LIST(APP_FORCE_FORMS);
     cJSON *r = cJSON_CreateObject();
     cJSON_AddStringToObject(r, "scene", s->scene->file);
     cJSON_AddStringToObject(r, "title", s->scene->title.s);
@@ -63,8 +61,8 @@ cJSON *run_report_begin(const sim *s, const char *mode) {
     cJSON_AddStringToObject(r, "model", s->model->kind->name);
     cJSON_AddNumberToObject(r, "vertices", s->mesh->vertex_count);
     cJSON_AddNumberToObject(r, "tets", s->mesh->tet_count);
-    cJSON_AddStringToObject(r, "precision", s->scene->precision.index ? "single" : "double");
-    cJSON_AddStringToObject(r, "force", s->scene->force.index ? "plain" : "best");
+    cJSON_AddStringToObject(r, "precision", precision[s->scene->precision.index]);
+    cJSON_AddStringToObject(r, "force", form[s->scene->force.index]);
     cJSON_AddNumberToObject(r, "frame_s", s->frame_s);
     cJSON_AddNumberToObject(r, "dt_s", s->dt_s);
     cJSON_AddNumberToObject(r, "substeps_per_frame", s->substeps);
@@ -99,13 +97,10 @@ void run_report_energy(const sim *s, cJSON *report) {
 }
 
 int run_report_end(cJSON *report, run_file *file) {
-    int rc = 0;
-    if (file->begun) {
-        char *text = cJSON_Print(report);
-        if (text) fprintf(file->stream, "%s\n", text);
-        free(text);
-        rc = text ? run_file_end(file, true) : APP_FAILED;
-    }
+    tm_error error = {0};
+    const bool begun = file->begun;
+    file->begun = false;
+    const bool good = !begun || app_json_end(&file->output, file->stream, report, &error);
     cJSON_Delete(report);
-    return rc;
+    return good ? 0 : app_report(NULL, 0, &error);
 }

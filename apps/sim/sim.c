@@ -1,4 +1,5 @@
 /* From a scene to a world that can be stepped, and one frame of it. */
+#include "choices.h"
 #include "models.h"
 #include "surface.h"
 
@@ -61,6 +62,7 @@ static int check_scene(const app_scene *scene) {
                                "'damping:' or remove the rate",
                                m->region.s);
     }
+    static const char *const mode[] = APP_CHOICE_LIST(APP_TOOL_MODES);
     for (int i = 0; i < scene->instrument.count && !rc; i++) {
         const app_instrument *t = (const app_instrument *)scene->instrument.item + i;
         const char *needed = t->mode.index == TM_TOOL_GRASPER   ? "grasp"
@@ -70,7 +72,7 @@ static int check_scene(const app_scene *scene) {
             rc = app_scene_bad(
                 scene, t->mode.line,
                 "instrument %d is a %s, but the scene does not name the effect '%s'; add '%s:' or use the mode probe",
-                i, t->mode.index == TM_TOOL_GRASPER ? "grasper" : "cautery", needed, needed);
+                i, mode[t->mode.index], needed, needed);
     }
     return rc;
 }

@@ -36,14 +36,9 @@ int sim_snapshot_save(sim *s, const char *path) {
         for (int i = 0; i < TM_MAX_INSTRUMENTS; i++) memcpy(&h->pose[i], &s->pose[i], sizeof h->pose[i]);
         h->checksum = checksum(h);
         FILE *file = app_output_stream(&output);
-        bool whole = file && fwrite(h, sizeof *h, 1, file) == 1 && fwrite(world, (size_t)bytes, 1, file) == 1;
-        whole = file && !fclose(file) && whole;
-        if (!whole) {
-            app_output_abandon(&output);
-            fprintf(stderr, "%s: the snapshot cannot be written; the disk may be full\n", path);
-            rc = APP_FAILED;
-        } else if (!app_output_commit(&output, &error))
-            rc = app_report(NULL, 0, &error);
+        if (file) fwrite(h, sizeof *h, 1, file);
+        if (file) fwrite(world, (size_t)bytes, 1, file);
+        if (!app_output_end(&output, file, &error)) rc = app_report(NULL, 0, &error);
     }
     free(h);
     free(world);

@@ -8,6 +8,7 @@
 
 #include "app.h"
 #include "feed.h"
+#include "json_file.h"
 #include "options.h"
 #include "output.h"
 #include "still.h"
@@ -200,27 +201,31 @@ static int show_live(job *j) {
 
 static int write_json(job *j) {
     tm_error error = {0};
-    app_output output;
-    if (!app_output_begin(&output, j->options.json, &error)) return complain(&error);
     view_feed_counts counts = {0};
     if (j->feed) counts = view_feed_counted(j->feed);
-    FILE *file = app_output_stream(&output);
-    bool written =
-        file && fprintf(file,
-                        "{\"pictures\": %lld, \"seconds\": %.3f, \"drawing_seconds\": %.3f, \"pictures_per_second\": "
-                        "%.2f, \"width\": %d, \"height\": %d,\n"
-                        " \"vertices\": %d, \"triangles\": %d, \"topology_revision\": %d, \"log_seconds\": %.3f, "
-                        "\"log_tissues\": %lld, \"peak_force_N\": %.6g,\n"
-                        " \"messages_taken\": %lld, \"messages_refused\": %lld}\n",
-                        (long long)j->pictures, now_s() - j->began_s, j->drawing_s,
-                        j->drawing_s > 0 ? (double)j->pictures / j->drawing_s : 0, j->studio.canvas.width,
-                        j->studio.canvas.height, j->picture.surface.vertex_count, j->picture.surface.triangle_count,
-                        j->picture.surface.revision, j->facts.seconds, (long long)j->facts.tissues,
-                        j->studio.peak_force_N, (long long)counts.accepted, (long long)counts.rejected) > 0;
-    if (file && fclose(file)) written = false;
-    if (written && app_output_commit(&output, &error)) return 0;
-    app_output_abandon(&output);
-    return app_bad_input(j->options.json, 0, "cannot write the figures; check the disk") - 1;
+    const struct {
+        const char *name;
+        double value;
+    } figure[] = {{"pictures", (double)j->pictures},
+                  {"seconds", now_s() - j->began_s},
+                  {"drawing_seconds", j->drawing_s},
+                  {"pictures_per_second", j->drawing_s > 0 ? (double)j->pictures / j->drawing_s : 0},
+                  {"width", j->studio.canvas.width},
+                  {"height", j->studio.canvas.height},
+                  {"vertices", j->picture.surface.vertex_count},
+                  {"triangles", j->picture.surface.triangle_count},
+                  {"topology_revision", j->picture.surface.revision},
+                  {"log_seconds", j->facts.seconds},
+                  {"log_tissues", (double)j->facts.tissues},
+                  {"peak_force_N", j->studio.peak_force_N},
+                  {"messages_taken", (double)counts.accepted},
+                  {"messages_refused", (double)counts.rejected}};
+    cJSON *root = cJSON_CreateObject();
+    for (size_t i = 0; i < sizeof figure / sizeof *figure; i++)
+        cJSON_AddNumberToObject(root, figure[i].name, figure[i].value);
+    tm_status status = app_json_write(j->options.json, root, &error);
+    cJSON_Delete(root);
+    return status ? complain(&error) : 0;
 }
 
 static int run(job *j) {

@@ -36,20 +36,10 @@ tm_status view_png_write(const char *path, int width, int height, const uint8_t 
     return app_output_commit(&output, error) ? TM_OK : error->status;
 }
 
-tm_status view_film_begin(view_film *film, const char *path, int width, int height, int fps, tm_error *error) {
-    memset(film, 0, sizeof *film);
-    film->width = width, film->height = height;
-    if (width % 2 || height % 2)
-        return failed(error, TM_ERR_ARGUMENT, "a film's width and height must be even", "choose another --size");
-    if (!app_output_begin(&film->output, path, error)) return error->status;
-    int end[2];
-    if (pipe2(end, O_CLOEXEC)) {
-        app_output_abandon(&film->output);
-        return failed(error, TM_ERR_FILE, "no pipe to ffmpeg", strerror(errno));
-    }
-    signal(SIGPIPE, SIG_IGN);
+/* ffmpeg with its pictures from `in`. 0 or what errno would be. */
+static int start_ffmpeg(view_film *film, int in, int fps) {
     char size[32], rate[16];
-    snprintf(size, sizeof size, "%dx%d", width, height);
+    snprintf(size, sizeof size, "%dx%d", film->width, film->height);
     snprintf(rate, sizeof rate, "%d", fps);
     /* bitexact and one thread: the same pictures give the same film. */
     char *argv[] = {"ffmpeg",
@@ -90,10 +80,26 @@ tm_status view_film_begin(view_film *film, const char *path, int width, int heig
                     NULL};
     posix_spawn_file_actions_t actions;
     posix_spawn_file_actions_init(&actions);
-    posix_spawn_file_actions_adddup2(&actions, end[0], 0);
+    posix_spawn_file_actions_adddup2(&actions, in, 0);
     posix_spawn_file_actions_adddup2(&actions, 2, 1);
     int wrong = posix_spawnp(&film->encoder, "ffmpeg", &actions, NULL, argv, environ);
     posix_spawn_file_actions_destroy(&actions);
+    return wrong;
+}
+
+tm_status view_film_begin(view_film *film, const char *path, int width, int height, int fps, tm_error *error) {
+    memset(film, 0, sizeof *film);
+    film->width = width, film->height = height;
+    if (width % 2 || height % 2)
+        return failed(error, TM_ERR_ARGUMENT, "a film's width and height must be even", "choose another --size");
+    if (!app_output_begin(&film->output, path, error)) return error->status;
+    int end[2];
+    if (pipe2(end, O_CLOEXEC)) {
+        app_output_abandon(&film->output);
+        return failed(error, TM_ERR_FILE, "no pipe to ffmpeg", strerror(errno));
+    }
+    signal(SIGPIPE, SIG_IGN);
+    int wrong = start_ffmpeg(film, end[0], fps);
     close(end[0]);
     if (wrong) {
         close(end[1]);

@@ -118,6 +118,27 @@ bool hrt_can_pack(const hrt_can_message *message, hrt_can_frame *frame) {
 }
 
 /* False: a value that no sender of ours can mean. */
+static bool unpack_device_beat(const hrt_can_frame *f, hrt_can_message *m) {
+    struct impulse_engine_device_heartbeat0_t s;
+    if (impulse_engine_device_heartbeat0_unpack(&s, f->data, f->length) != 0) return false;
+    m->state = s.state;
+    m->fault = s.fault;
+    m->session = s.session;
+    m->gaps = s.command_gaps;
+    m->counter = s.counter;
+    return s.state <= 2 && s.session != 0;
+}
+
+static bool unpack_controller_beat(const hrt_can_frame *f, hrt_can_message *m) {
+    struct impulse_engine_controller_heartbeat0_t s;
+    if (impulse_engine_controller_heartbeat0_unpack(&s, f->data, f->length) != 0) return false;
+    m->state = s.state;
+    m->fault = s.fault;
+    m->gaps = s.encoder_gaps;
+    m->counter = s.counter;
+    return s.state < HRT_STATE_COUNT;
+}
+
 static bool unpack_payload(const hrt_can_frame *f, hrt_can_message *m) {
     const size_t size = f->length;
     switch (m->kind) {
@@ -148,25 +169,8 @@ static bool unpack_payload(const hrt_can_frame *f, hrt_can_message *m) {
         m->pedal = s.pedal != 0;
         return true;
     }
-    case HRT_CAN_DEVICE_BEAT: {
-        struct impulse_engine_device_heartbeat0_t s;
-        if (impulse_engine_device_heartbeat0_unpack(&s, f->data, size) != 0) return false;
-        m->state = s.state;
-        m->fault = s.fault;
-        m->session = s.session;
-        m->gaps = s.command_gaps;
-        m->counter = s.counter;
-        return s.state <= 2 && s.session != 0;
-    }
-    case HRT_CAN_CONTROLLER_BEAT: {
-        struct impulse_engine_controller_heartbeat0_t s;
-        if (impulse_engine_controller_heartbeat0_unpack(&s, f->data, size) != 0) return false;
-        m->state = s.state;
-        m->fault = s.fault;
-        m->gaps = s.encoder_gaps;
-        m->counter = s.counter;
-        return s.state < HRT_STATE_COUNT;
-    }
+    case HRT_CAN_DEVICE_BEAT: return unpack_device_beat(f, m);
+    case HRT_CAN_CONTROLLER_BEAT: return unpack_controller_beat(f, m);
     case HRT_CAN_DEVICE_FAULT: {
         struct impulse_engine_device_fault0_t s;
         if (impulse_engine_device_fault0_unpack(&s, f->data, size) != 0) return false;

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "json_file.h"
 #include "log_line.h"
 
 static const char *const quantile_name[4] = {"p50", "p99", "p999", "max"};
@@ -87,20 +88,14 @@ int hrt_output_begin(app_output *output, const char *path) {
 
 int hrt_output_end(app_output *output, FILE *file) {
     tm_error error = {.status = TM_OK};
-    const bool written = file && !ferror(file);
-    if (file && fclose(file) == 0 && written)
-        return app_output_commit(output, &error) ? APP_DONE : (app_report(NULL, 0, &error), APP_FAILED);
-    app_output_abandon(output);
-    return app_bad_input(output->path, 0, "could not be written to its end; free some space"), APP_FAILED;
+    return app_output_end(output, file, &error) ? APP_DONE : (app_report(NULL, 0, &error), APP_FAILED);
 }
 
 int hrt_report_write(cJSON *json, app_output *output) {
-    char *text = cJSON_Print(json);
+    tm_error error = {.status = TM_OK};
+    const bool good = app_json_end(output, app_output_stream(output), json, &error);
     cJSON_Delete(json);
-    FILE *file = text ? app_output_stream(output) : NULL;
-    if (file) fprintf(file, "%s\n", text);
-    free(text);
-    return hrt_output_end(output, file);
+    return good ? APP_DONE : (app_report(NULL, 0, &error), APP_FAILED);
 }
 
 bool hrt_option_number(const char *option, const char *text, double low, double high, double *value) {

@@ -154,8 +154,9 @@ static int evaluate_logs(char **log, int count, const conditions *c, const char 
         fprintf(to, ",%s_f%c_N", hrt_extrapolator_name((hrt_extrapolator)(x / 3)), 'x' + x % 3);
     if (to) fputc('\n', to);
     for (int i = 0; i < count && !rc; i++) rc = evaluate_log(log[i], c, to, logs);
-    if (to && rc) app_output_abandon(&output);
-    if (to && !rc && !app_output_commit(&output, &error)) rc = app_report(NULL, 0, &error);
+    if (rc && to) fclose(to);
+    if (rc) app_output_abandon(&output);
+    if (output.begun && !app_output_end(&output, to, &error)) rc = app_report(NULL, 0, &error);
     if (!rc) rc = write_json(json, root);
     cJSON_Delete(root);
     return rc;
@@ -207,7 +208,23 @@ static int generate(const char *folder, const study_run *run) {
     return rc;
 }
 
-int main(int argc, char **argv) {
+typedef struct job {
+    const char *json, *folder, *forces;
+    study_run run;
+    conditions conditions;
+    bool all, whole, every_path, studying, part[PART_COUNT];
+} job;
+
+/* Of the names that an option takes; -1 after a complaint. */
+static int find(const char *what, const char *const *name, int count) {
+    for (int i = 0; i < count; i++)
+        if (strcmp(name[i], optarg) == 0) return i;
+    app_bad_input("tm-evaluate", 0, "no %s '%s'; --help lists them", what, optarg);
+    return -1;
+}
+
+/* APP_DONE or an exit code after a complaint. What only tells ends here. */
+static int parse(int argc, char **argv, job *j) {
     static const struct option options[] = {{"study", no_argument, NULL, 's'},
                                             {"generate", required_argument, NULL, 'g'},
                                             {"json", required_argument, NULL, 'j'},
@@ -223,65 +240,65 @@ int main(int argc, char **argv) {
                                             {"list", no_argument, NULL, 1001},
                                             {"version", no_argument, NULL, 'v'},
                                             {0}};
-    const char *json = NULL, *folder = NULL, *forces = NULL;
-    study_run run = {0};
-    conditions c = {.seed = 1};
-    bool all = true, whole = true, every_path = true, studying = false, part[PART_COUNT] = {0};
     char *rest;
-    app_check_stdout();
     opterr = 0; /* the message is ours */
     for (int o; (o = getopt_long(argc, argv, "h", options, NULL)) != -1;) {
         int m = 0;
         switch (o) {
-        case 's': studying = true; break;
-        case 'g': folder = optarg; break;
-        case 1002: forces = optarg; break;
-        case 'j': json = optarg; break;
-        case 'q': run.quick = true; break;
+        case 's': j->studying = true; break;
+        case 'g': j->folder = optarg; break;
+        case 1002: j->forces = optarg; break;
+        case 'j': j->json = optarg; break;
+        case 'q': j->run.quick = true; break;
         case 'm':
-            while (m < MODEL_COUNT && strcmp(model_name[m], optarg) != 0) m++;
-            if (m == MODEL_COUNT) return app_bad_input("tm-evaluate", 0, "no model '%s'; --help lists them", optarg);
-            run.model[m] = true, all = false;
+            if ((m = find("model", model_name, MODEL_COUNT)) < 0) return APP_BAD_INPUT;
+            j->run.model[m] = true, j->all = false;
             break;
         case 'p':
-            while (m < PATH_NAMED && strcmp(path_name[m], optarg) != 0) m++;
-            if (m == PATH_NAMED) return app_bad_input("tm-evaluate", 0, "no path '%s'; --help lists them", optarg);
-            run.path[m] = part[PART_RATES] = true, every_path = whole = false;
+            if ((m = find("path", path_name, PATH_NAMED)) < 0) return APP_BAD_INPUT;
+            j->run.path[m] = j->part[PART_RATES] = true, j->every_path = j->whole = false;
             break;
         case 1003:
-            while (m < PART_COUNT && strcmp(part_name[m], optarg) != 0) m++;
-            if (m == PART_COUNT) return app_bad_input("tm-evaluate", 0, "no part '%s'; --help lists them", optarg);
-            part[m] = true, whole = false;
+            if ((m = find("part", part_name, PART_COUNT)) < 0) return APP_BAD_INPUT;
+            j->part[m] = true, j->whole = false;
             break;
         case 'l':
-            c.latency_frames = (int)strtol(optarg, &rest, 10);
-            if (*rest || rest == optarg || c.latency_frames < 0 || c.latency_frames > 100)
+            j->conditions.latency_frames = (int)strtol(optarg, &rest, 10);
+            if (*rest || rest == optarg || j->conditions.latency_frames < 0 || j->conditions.latency_frames > 100)
                 return app_bad_input("tm-evaluate", 0, "--latency %s: give a whole number of frames from 0 to 100",
                                      optarg);
             break;
         case 'o':
-            c.loss = strtod(optarg, &rest);
-            if (*rest || rest == optarg || !(c.loss >= 0 && c.loss < 1))
+            j->conditions.loss = strtod(optarg, &rest);
+            if (*rest || rest == optarg || !(j->conditions.loss >= 0 && j->conditions.loss < 1))
                 return app_bad_input("tm-evaluate", 0, "--loss %s: give a share from 0 to below 1", optarg);
             break;
         case 1000: app_be_quiet(); break;
-        case 1001: list(); return APP_DONE;
-        case 'h': usage(stdout); return APP_DONE;
-        case 'v': printf("tm-evaluate %s\n", tm_version()); return APP_DONE;
+        case 1001: list(); exit(APP_DONE);
+        case 'h': usage(stdout); exit(APP_DONE);
+        case 'v': printf("tm-evaluate %s\n", tm_version()); exit(APP_DONE);
         default:
             return app_bad_input("tm-evaluate", 0, "%s: unknown or incomplete option; see tm-evaluate --help",
                                  argv[optind - 1]);
         }
     }
-    for (int m = 0; m < MODEL_COUNT; m++) run.model[m] = run.model[m] || all;
-    for (int p = 0; p < PATH_NAMED; p++) run.path[p] = run.path[p] || every_path;
-    for (int i = 0; i < PART_COUNT; i++) part[i] = part[i] || whole;
-    if (studying + (folder != NULL) + (optind < argc) != 1)
+    return APP_DONE;
+}
+
+int main(int argc, char **argv) {
+    job asked = {.conditions.seed = 1, .all = true, .whole = true, .every_path = true};
+    app_check_stdout();
+    int rc = parse(argc, argv, &asked);
+    if (rc) return rc;
+    for (int m = 0; m < MODEL_COUNT; m++) asked.run.model[m] = asked.run.model[m] || asked.all;
+    for (int p = 0; p < PATH_NAMED; p++) asked.run.path[p] = asked.run.path[p] || asked.every_path;
+    for (int i = 0; i < PART_COUNT; i++) asked.part[i] = asked.part[i] || asked.whole;
+    if (asked.studying + (asked.folder != NULL) + (optind < argc) != 1)
         return app_bad_input("tm-evaluate", 0, "name logs, or --study, or --generate DIR; see tm-evaluate --help");
-    if (studying && !json)
+    if (asked.studying && !asked.json)
         return app_bad_input("tm-evaluate", 0, "--study wants --json FILE; say where the figures go");
-    if (app_output_check(json) || app_output_check(forces)) return APP_BAD_INPUT;
-    if (studying) return study(&run, part, json);
-    if (folder) return generate(folder, &run);
-    return evaluate_logs(argv + optind, argc - optind, &c, forces, json);
+    if (app_output_check(asked.json) || app_output_check(asked.forces)) return APP_BAD_INPUT;
+    if (asked.studying) return study(&asked.run, asked.part, asked.json);
+    if (asked.folder) return generate(asked.folder, &asked.run);
+    return evaluate_logs(argv + optind, argc - optind, &asked.conditions, asked.forces, asked.json);
 }

@@ -1,0 +1,52 @@
+/* Inside the renderer: making it (render_make.c), the lights of a picture (render_light.c), its passes (render.c). */
+#ifndef VIEW_RENDER_PARTS_H
+#define VIEW_RENDER_PARTS_H
+
+#define GL_GLEXT_PROTOTYPES
+#include <GL/gl.h>
+#include <GL/glext.h>
+
+#include "context.h"
+#include "render.h"
+#include "shapes.h"
+#include "skin.h"
+
+enum { VIEW_SHADOW_PX = 1024, VIEW_SPOT_PX = 128 };
+
+typedef struct view_batch {
+    GLuint array, vertices, indices, coarse_indices;
+    GLsizei count, coarse_count;
+} view_batch;
+
+struct view_renderer {
+    view_render_def def;
+    view_context *context;
+    int width, height; /* of the drawing: samples times the picture's */
+    uint8_t *buffer;   /* [4*width*height] bottom row first */
+    GLuint depth_program, blur_program, sky_program, floor_program, tissue_program, metal_program;
+    GLuint shadow_texture, shadow_target, spot_texture[3], spot_target[3], picture_target, picture_buffer[2], empty;
+    GLuint whole_target, whole_buffer; /* the picture with its samples joined; 0: it goes to memory by itself */
+    view_batch tissue, tools, arrows, marks;
+    view_skin *skin;
+    view_shape tool_shape, arrow_shape, mark_shape;
+    int32_t support_count; /* vertices of mark_shape that mark supports; fibres follow */
+    int32_t shadow_count;  /* vertices of tool_shape that throw shadows */
+};
+
+/* What one picture's passes share. */
+typedef struct view_light {
+    float to_clip[16], to_light[16], key[3], fill[3], up[3], across[3], along[3], middle[3];
+    float eye[3], radius, spot_size;
+} view_light;
+
+tm_status view_renderer_create(const view_render_def *def, view_renderer **out, tm_error *error);
+void view_renderer_destroy(view_renderer *r);
+tm_status view_render_failed(tm_error *error, tm_status status, const char *what);
+
+/* Where the camera of this picture puts lamps and floor. */
+void view_light_set(const view_renderer *r, const view_camera *camera, view_light *light);
+/* Flattens everything along `towards` onto the floor, in the floor's own coordinates. */
+void view_light_flatten(const view_light *light, const float towards[3], float m[16]);
+void view_light_normalise(float a[3]);
+
+#endif
