@@ -1,4 +1,4 @@
-/* Insides of the hybrid model, shared by hybrid.c and stage_hybrid.c. */
+/* Insides of the hybrid model, shared by hybrid*.c, stage_hybrid.c and model_hybrid.c. */
 #ifndef TMS_HYBRID_H
 #define TMS_HYBRID_H
 
@@ -52,5 +52,18 @@ struct tm_hybrid {
     tm_surface_view surface;
     int32_t *surface_triangle, *surface_face, seen_revision;
 };
+
+/* hybrid_push.c: push_N := interface_N - schur * at_m. */
+void tms_hybrid_push_back(const tm_hybrid *hybrid);
+double tms_dot(const double *restrict a, const double *restrict b, int32_t n);
+
+/* hybrid_contact.c. What was made of mobilities is not of today's. */
+bool tms_hybrid_is_stale(const tm_hybrid *hybrid);
+/* Of the whole organ, where the tissue was cut. */
+void tms_hybrid_rebuild_surface(tm_hybrid *hybrid);
+/* What the on-line system had kept is its state again. */
+void tms_hybrid_take_back(tm_hybrid *hybrid, const void *buffer, int64_t bytes);
+/* Takes over the rows of `contact`. */
+tm_status tms_hybrid_add_contact(tm_hybrid *hybrid, tm_contact *contact, tm_error *error);
 
 #endif

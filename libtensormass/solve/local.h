@@ -167,7 +167,8 @@ int64_t tms_local_snapshot(const tms_local *local, bool forgotten, void *buffer)
 bool tms_local_restore(tms_local *local, const void *buffer, int64_t bytes, bool apply);
 int64_t tms_local_snapshot_most(const tms_local *local);
 
-/* dense.c: LU with partial pivoting, row-major. */
+/* dense.c: LU with partial pivoting, row-major. Its own: LAPACK's and Eigen's take memory or a lock for it, and this
+ * runs inside steps. */
 bool tms_lu(double *a, int32_t *pivot, int32_t n);
 void tms_lu_solve(const double *a, const int32_t *pivot, int32_t n, double *x);
 #endif

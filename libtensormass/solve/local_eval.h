@@ -1,8 +1,23 @@
-/* Between local.c, newton.c and secant.c. */
+/* Between look.c, matrix.c, secant.c and newton.c: each leans on those before it. */
 #ifndef TMS_LOCAL_EVAL_H
 #define TMS_LOCAL_EVAL_H
 
 #include "local.h"
+
+static inline const tms_pin *tms_pin_of(const tms_local *l, int32_t slot) { return &l->pin[l->pin_of[slot]]; }
+
+static inline bool tms_is_pinned(const tms_local *l, int32_t slot, int axis) {
+    const int64_t d = 3 * slot + axis;
+    return l->pin_of[slot] >= 0 && !l->pin[l->pin_of[slot]].given &&
+           l->block[d * 3 * l->capacity + d] > 0; /* a fixed component stays where it is */
+}
+
+/* A force that a spring bears at most keeps its size and turns with the spring: change of its component `c` for a
+ * move of the vertex along axis `j`, N/m. */
+static inline double tms_pin_turns(const tms_pin *pin, int c, int j) {
+    const double along = pin->most_N > 0 ? pin->force_N[c] * pin->force_N[j] / (pin->most_N * pin->most_N) : 0;
+    return pin->given ? -pin->turn_N_m * ((c == j) - along) : 0;
+}
 
 /* out [3*high] := displacements by forces on `slot`, given by slot or in the list's order. */
 void tms_local_response(const tms_local *local, const int32_t *slot, int32_t count, const double *f, bool by_slot,

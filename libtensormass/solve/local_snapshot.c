@@ -1,6 +1,7 @@
 /* What the on-line system keeps between solves and a snapshot must hold: forces, slots, the pairs of the secant steps,
  * the rows of before and what surrounds the tools. Compliances are asked for anew: they are the same whatever the order
  * of asking. */
+#include "contact/row_pack.h"
 #include "local.h"
 
 #include <math.h>
@@ -16,17 +17,11 @@ typedef struct kept {
     kept_tool tool[TM_MAX_INSTRUMENTS];
 } kept;
 
-/* Without padding: equal systems have equal bytes, and no stack shows through. */
-typedef struct kept_row {
-    double share, weight[3], normal[3], point_m[3], gap_m, lambda_N;
-    int32_t face, vertex[3], instrument, station, feature, reserved;
-} kept_row;
-
 static size_t even(int32_t count) { return 4 * (size_t)(count + count % 2); }
 
 static int64_t bytes_of(const kept *k) {
     size_t bytes = sizeof *k + even(k->high) + even(k->use_count) + 24 * (size_t)k->high * (1 + 2 * TMS_PAIRS) +
-                   sizeof(kept_row) * (size_t)k->before_count;
+                   sizeof(tm_packed_row) * (size_t)k->before_count;
     for (int32_t t = 0; t < k->tool_count; t++) bytes += even(k->tool[t].face_count);
     return (int64_t)bytes;
 }
@@ -64,18 +59,7 @@ static kept pack(const tms_local *l, bool forgotten) {
 
 static char *put_rows(char *to, const tms_local *l) {
     for (int32_t i = 0; i < l->before_count; i++) {
-        const tm_contact_row *row = &l->before[i];
-        kept_row r = {.share = row->share,
-                      .gap_m = row->gap_m,
-                      .lambda_N = row->lambda_N,
-                      .face = row->face,
-                      .instrument = row->instrument,
-                      .station = row->station,
-                      .feature = row->feature};
-        memcpy(r.weight, row->weight, sizeof r.weight);
-        memcpy(r.normal, row->normal, sizeof r.normal);
-        memcpy(r.point_m, row->point_m, sizeof r.point_m);
-        memcpy(r.vertex, row->vertex, sizeof r.vertex);
+        const tm_packed_row r = tm_row_pack(&l->before[i]);
         to = put(to, &r, sizeof r, sizeof r);
     }
     return to;
@@ -127,10 +111,10 @@ static bool distinct(tms_local *l, const char *from, int32_t count, int32_t limi
 }
 
 static bool rows_fit(const tms_local *l, const char *from, int32_t count) {
-    for (int32_t i = 0; i < count; i++, from += sizeof(kept_row)) {
-        kept_row r;
+    for (int32_t i = 0; i < count; i++, from += sizeof(tm_packed_row)) {
+        tm_packed_row r;
         memcpy(&r, from, sizeof r);
-        bool fits = all_finite(from, offsetof(kept_row, face) / 8) && r.share > 0 && r.share <= 1 && r.face >= 0 &&
+        bool fits = all_finite(from, offsetof(tm_packed_row, face) / 8) && r.share > 0 && r.share <= 1 && r.face >= 0 &&
                     r.face < 4 * l->mesh->tet_count && r.instrument >= 0 && r.instrument < l->tool_count &&
                     r.station >= 0 && r.station < 256 && r.feature >= 0 && r.feature < 7;
         for (int j = 0; j < 3; j++) fits = fits && r.vertex[j] >= 0 && r.vertex[j] < l->mesh->vertex_count;
@@ -161,27 +145,16 @@ static parts find_parts(const kept *k, const void *buffer) {
     p.use = p.vertex + even(k->high);
     p.force = p.use + even(k->use_count);
     p.row = p.force + 24 * (size_t)k->high * (1 + 2 * TMS_PAIRS);
-    p.face = p.row + sizeof(kept_row) * (size_t)k->before_count;
+    p.face = p.row + sizeof(tm_packed_row) * (size_t)k->before_count;
     return p;
 }
 
 static void take_rows(tms_local *l, const char *from, int32_t count) {
     l->before_count = count;
-    for (int32_t i = 0; i < count; i++, from += sizeof(kept_row)) {
-        kept_row r;
+    for (int32_t i = 0; i < count; i++, from += sizeof(tm_packed_row)) {
+        tm_packed_row r;
         memcpy(&r, from, sizeof r);
-        tm_contact_row row = {.share = r.share,
-                              .gap_m = r.gap_m,
-                              .lambda_N = r.lambda_N,
-                              .face = r.face,
-                              .instrument = r.instrument,
-                              .station = r.station,
-                              .feature = r.feature};
-        memcpy(row.weight, r.weight, sizeof r.weight);
-        memcpy(row.normal, r.normal, sizeof r.normal);
-        memcpy(row.point_m, r.point_m, sizeof r.point_m);
-        memcpy(row.vertex, r.vertex, sizeof r.vertex);
-        l->before[i] = row;
+        l->before[i] = tm_row_unpack(&r);
     }
 }
 

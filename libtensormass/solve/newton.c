@@ -1,147 +1,11 @@
-/* Newton's method on r(f) = f - rows(base + C f), and the derivative of what it converged to. */
-#include "local.h"
+/* Newton's method: the whole matrix, by looking beside the shape, and the derivative of what it converged to. */
 #include "local_eval.h"
 
 #include <math.h>
 #include <string.h>
 
-static const double CONVERGED = 1e-9;   /* of the largest displacement that the forces make */
-static const double TOUCHING_M = 1e-13; /* below it two surfaces that just touch cannot be told from two that do not */
-static const double BESIDE = 1e-5;      /* radii: how far beside the shape the linear steps look */
-static const double STRIDE = 0.3;       /* radii: how far one step may move the surface: rows farther off are others */
-
-static const tms_pin *pin_of(const tms_local *l, int32_t slot) { return &l->pin[l->pin_of[slot]]; }
-
-static bool pinned(const tms_local *l, int32_t slot, int axis) {
-    const int64_t d = 3 * slot + axis;
-    return l->pin_of[slot] >= 0 && !l->pin[l->pin_of[slot]].given &&
-           l->block[d * 3 * l->capacity + d] > 0; /* a fixed component stays where it is */
-}
-
-/* By jaws of the tool that is left out (-1: none is). */
-static bool pinned_by(const tms_local *l, int32_t slot, int32_t tool) {
-    return tool >= 0 && l->pin_of[slot] >= 0 && pin_of(l, slot)->tool == tool;
-}
-
-/* --- residual --- */
-
-/* A spring that fades, at this shape: within what it can bear it is a spring, beyond it bears that. */
-static void limit_springs(tms_local *l) {
-    for (int32_t i = l->hand_count; i < l->pin_count; i++) {
-        tms_pin *pin = &l->pin[i];
-        double stretch[3], size = 0;
-        if (!pin->fades) continue;
-        for (int c = 0; c < 3; c++) {
-            stretch[c] = pin->u_m[c] - l->u_m[3 * (int64_t)pin->vertex + c];
-            size += stretch[c] * stretch[c];
-        }
-        size = sqrt(size);
-        pin->given = size >= pin->most_N * pin->compliance_m_N;
-        for (int c = 0; c < 3; c++) pin->force_N[c] = pin->given && size > 0 ? pin->most_N * stretch[c] / size : 0;
-        pin->turn_N_m = pin->given && size > 0 ? pin->most_N / size : 0;
-    }
-}
-
-/* A force that a spring bears at most keeps its size and turns with the spring: change of its component `c` for a
- * move of the vertex along axis `j`, N/m. */
-static double turns(const tms_pin *pin, int c, int j) {
-    const double along = pin->most_N > 0 ? pin->force_N[c] * pin->force_N[j] / (pin->most_N * pin->most_N) : 0;
-    return pin->given ? -pin->turn_N_m * ((c == j) - along) : 0;
-}
-
-/* Residual of every slot in use: newtons; metres where a displacement is imposed. Returns the sum of squares of the
- * displacements that it would make, and whether all of them are small. */
-static double residual(tms_local *l, bool *small) {
-    double merit = 0, most = 1e-15, worst = 0;
-    const int64_t c3 = 3 * (int64_t)l->capacity;
-    for (int32_t i = 0; i < l->use_count; i++)
-        for (int c = 0; c < 3; c++) {
-            const int32_t s = l->use[i], d = 3 * s + c;
-            const bool given = l->pin_of[s] >= 0 && pin_of(l, s)->given;
-            const double own = given ? pin_of(l, s)->compliance_m_N : l->block[d * c3 + d], /* no jump between both */
-                free_r = l->f[d] - l->now.fc[d] - (given ? pin_of(l, s)->force_N[c] : 0);
-            const bool held = pinned(l, s, c);
-            l->r[d] = held ? l->u_m[3 * (int64_t)l->vertex[s] + c] - pin_of(l, s)->u_m[c] +
-                                 pin_of(l, s)->compliance_m_N * free_r
-                           : free_r;
-            const double off = held ? l->r[d] : own * l->r[d];
-            merit += off * off;
-            most = fmax(most, fabs(own * l->f[d]));
-            worst = fmax(worst, fabs(off));
-        }
-    *small = worst <= CONVERGED * most + TOUCHING_M;
-    return merit;
-}
-
-double tms_local_evaluate(tms_local *l) {
-    tms_local_shape(l);
-    tms_local_look(l, &l->now);
-    limit_springs(l);
-    return residual(l, &l->converged);
-}
-
-/* --- the known part of the matrix: I + D C, pinned rows C + s (I + D C) --- */
-
-/* Slots whose force is unknown: under a row, loaded, or held. */
-static void choose_act(tms_local *l) {
-    for (int32_t s = 0; s < l->capacity; s++) l->act_of[s] = -1;
-    for (int32_t i = 0; i < l->now.count; i++)
-        for (int k = 0; k < 3; k++) l->act_of[l->slot_of[l->now.row[i].vertex[k]]] = 0;
-    l->act_count = 0;
-    for (int32_t i = 0; i < l->use_count; i++) {
-        const int32_t s = l->use[i];
-        const bool loaded = l->f[3 * s] != 0 || l->f[3 * s + 1] != 0 || l->f[3 * s + 2] != 0;
-        if (l->act_of[s] < 0 && !loaded && l->pin_of[s] < 0) continue;
-        l->act_of[s] = l->act_count;
-        l->act[l->act_count++] = s;
-    }
-}
-
-/* One row's D = G G^T / slope, G = weight * normal: lu += G (C^T G)^T / slope. */
-static void add_row_matrix(tms_local *l, const tm_contact_row *row, int32_t m) {
-    if (row->lambda_N >= l->def.force_cap_N) return;
-    const int64_t c3 = 3 * (int64_t)l->capacity;
-    const double slope =
-        tm_skin_slope(l->def.skin_compliance_m_N / row->share, l->tool[row->instrument].def.radius_m, row->lambda_N);
-    double *move = l->step; /* of every unknown's force along the row */
-    memset(move, 0, 8 * (size_t)m);
-    for (int a = 0; a < 9; a++) {
-        const double *C = l->block + (3 * l->slot_of[row->vertex[a / 3]] + a % 3) * c3,
-                     G = row->weight[a / 3] * row->normal[a % 3] / slope;
-        for (int32_t j = 0; j < l->act_count && G != 0; j++)
-            for (int c = 0; c < 3; c++) move[3 * j + c] += G * C[3 * l->act[j] + c];
-    }
-    for (int a = 0; a < 9; a++) {
-        double *out = l->lu + (int64_t)(3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3) * m;
-        const double G = row->weight[a / 3] * row->normal[a % 3];
-        for (int32_t j = 0; j < m && G != 0; j++) out[j] += G * move[j];
-    }
-}
-
-bool tms_local_factor(tms_local *l, int32_t without) {
-    choose_act(l);
-    const int32_t m = 3 * l->act_count;
-    const int64_t c3 = 3 * (int64_t)l->capacity;
-    memset(l->lu, 0, sizeof(double) * (size_t)m * (size_t)m);
-    for (int32_t i = 0; i < l->now.count; i++)
-        if (l->now.row[i].lambda_N > 0 && l->now.row[i].instrument != without) add_row_matrix(l, &l->now.row[i], m);
-    for (int32_t i = 0; i < m; i++) l->lu[(int64_t)i * m + i] += 1;
-    for (int32_t i = 0; i < m; i++) {
-        double *row = l->lu + (int64_t)i * m;
-        const double *C = l->block + (3 * l->act[i / 3] + i % 3) * c3;
-        const int32_t pin = l->pin_of[l->act[i / 3]];
-        for (int k = 0; k < 3 && pin >= 0 && l->pin[pin].given && !pinned_by(l, l->act[i / 3], without); k++)
-            for (int32_t j = 0; j < m; j++)
-                row[j] -=
-                    turns(&l->pin[pin], i % 3, k) * l->block[(3 * l->act[i / 3] + k) * c3 + 3 * l->act[j / 3] + j % 3];
-        if (!pinned(l, l->act[i / 3], i % 3) || pinned_by(l, l->act[i / 3], without)) continue;
-        for (int32_t j = 0; j < m; j++)
-            row[j] = C[3 * l->act[j / 3] + j % 3] + pin_of(l, l->act[i / 3])->compliance_m_N * row[j];
-    }
-    return tms_lu(l->lu, l->pivot, m);
-}
-
-/* --- the whole matrix, by looking beside the shape --- */
+static const double BESIDE = 1e-5; /* radii: how far beside the shape the linear steps look */
+static const double STRIDE = 0.3;  /* radii: how far one step may move the surface: rows farther off are others */
 
 /* Where the shape is now, to look beside it and come back. */
 static void keep_shape(tms_local *l) {
@@ -216,16 +80,13 @@ static void apply(tms_local *l, direction *to, const double *df, double *out) {
         memset(out, 0, 24 * (size_t)l->act_count);
     for (int32_t j = 0; j < 3 * l->act_count; j++) {
         const int32_t s = l->act[j / 3];
-        out[j] = pinned(l, s, j % 3) ? l->du[3 * s + j % 3] + pin_of(l, s)->compliance_m_N * (df[j] - out[j])
-                                     : df[j] - out[j];
-        for (int k = 0; k < 3 && l->pin_of[s] >= 0; k++) out[j] -= turns(pin_of(l, s), j % 3, k) * l->du[3 * s + k];
+        out[j] = tms_is_pinned(l, s, j % 3) ? l->du[3 * s + j % 3] + tms_pin_of(l, s)->compliance_m_N * (df[j] - out[j])
+                                            : df[j] - out[j];
+        for (int k = 0; k < 3 && l->pin_of[s] >= 0; k++)
+            out[j] -= tms_pin_turns(tms_pin_of(l, s), j % 3, k) * l->du[3 * s + k];
     }
 }
 
-double tms_local_scale(const tms_local *l, int32_t j) {
-    const int64_t d = 3 * l->act[j / 3] + j % 3;
-    return pinned(l, l->act[j / 3], j % 3) ? 1 : l->block[d * 3 * l->capacity + d] + 1e-300;
-}
 static double inner(const tms_local *l, const double *a, const double *b) {
     double sum = 0;
     for (int32_t j = 0; j < 3 * l->act_count; j++) sum += a[j] * b[j] * tms_local_scale(l, j) * tms_local_scale(l, j);
@@ -357,29 +218,4 @@ void tms_local_stiffness(tms_local *l, int32_t t, double K[9]) {
         for (int c = 0; c < 3; c++) K[3 * c + axis] = to.dF[c];
     }
     set_shape(l, 0);
-}
-
-/* --- what the others make of a compliance --- */
-
-bool tms_local_without(tms_local *l, int32_t tool) { return tms_local_factor(l, tool); }
-
-void tms_local_yield(tms_local *l, int32_t tool, const double *u, double *df) {
-    const int32_t m = 3 * l->act_count;
-    memset(df, 0, 8 * (size_t)m);
-    for (int32_t i = 0; i < l->now.count; i++) {
-        const tm_contact_row *row = &l->now.row[i];
-        if (row->instrument == tool || row->lambda_N <= 0 || row->lambda_N >= l->def.force_cap_N) continue;
-        double along = 0;
-        for (int a = 0; a < 9; a++)
-            along += row->weight[a / 3] * row->normal[a % 3] * u[3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3];
-        along /= tm_skin_slope(l->def.skin_compliance_m_N / row->share, l->tool[row->instrument].def.radius_m,
-                               row->lambda_N);
-        for (int a = 0; a < 9; a++)
-            df[3 * l->act_of[l->slot_of[row->vertex[a / 3]]] + a % 3] -=
-                row->weight[a / 3] * row->normal[a % 3] * along;
-    }
-    for (int32_t j = 0; j < m; j++)
-        if (pinned(l, l->act[j / 3], j % 3) && !pinned_by(l, l->act[j / 3], tool))
-            df[j] = -u[j] + pin_of(l, l->act[j / 3])->compliance_m_N * df[j];
-    tms_lu_solve(l->lu, l->pivot, m, df);
 }

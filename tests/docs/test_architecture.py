@@ -8,7 +8,7 @@ import pytest
 
 # Not yet put right.
 LEFT = ("apps/common/wire", "of haptic_rt/io links haptic_rt/device", "haptic.so of haptic_rt/io links apps/common")
-LEFT_CIRCLES = ("libtensormass/solve", "apps/studies/evaluate")
+LEFT_CIRCLES = ("apps/studies/evaluate",)
 
 
 def but_left(sentences):

@@ -30,7 +30,7 @@ typedef struct tm_patch {
                                                    matrix */
     double skin_compliance_m_N, force_cap_N;
     double radius_m, contact_length_m;
-    double film_s_m; /* 0.3 where the model has a film, 0 where it has none (precomputed) */
+    double film_s_m; /* 0.3 where the model has a film, 0 where it has none (precomputed, hybrid) */
     double trocar_m[3];
     /* What a grasper holds, folded in: vertex_m and compliance_m_N are of the tissue as the jaws hold it, and follow
      * the tip. */

@@ -1,6 +1,7 @@
 /* What contact keeps between steps: the tools on their paths, the rows with their multipliers, the frame's sums, and
  * which triangles each tool has gathered (their small topology is built again from that). */
 #include "contact/contact_internal.h"
+#include "contact/row_pack.h"
 
 #include <string.h>
 
@@ -26,11 +27,6 @@ typedef struct kept_tool {
     int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, flags, stiffness_kind,
         surface_overflowed;
 } kept_tool;
-
-typedef struct kept_row {
-    double share, weight[3], normal[3], point_m[3], gap_m, lambda_N;
-    int32_t face, vertex[3], instrument, station, feature, reserved;
-} kept_row;
 
 #define COPY(to, from) memcpy((to), (from), sizeof(to))
 
@@ -116,39 +112,9 @@ static void unpack_tool(const kept_tool *k, int32_t instrument, tm_tool *tool) {
     COPY(tool->stiffness_N_m, k->stiffness_N_m);
 }
 
-static kept_row pack_row(const tm_contact_row *row) {
-    kept_row k = {.share = row->share,
-                  .gap_m = row->gap_m,
-                  .lambda_N = row->lambda_N,
-                  .face = row->face,
-                  .instrument = row->instrument,
-                  .station = row->station,
-                  .feature = row->feature};
-    COPY(k.weight, row->weight);
-    COPY(k.normal, row->normal);
-    COPY(k.point_m, row->point_m);
-    COPY(k.vertex, row->vertex);
-    return k;
-}
-
-static tm_contact_row unpack_row(const kept_row *k) {
-    tm_contact_row row = {.share = k->share,
-                          .gap_m = k->gap_m,
-                          .lambda_N = k->lambda_N,
-                          .face = k->face,
-                          .instrument = k->instrument,
-                          .station = k->station,
-                          .feature = k->feature};
-    COPY(row.weight, k->weight);
-    COPY(row.normal, k->normal);
-    COPY(row.point_m, k->point_m);
-    COPY(row.vertex, k->vertex);
-    return row;
-}
-
 static int64_t bytes_of(const kept *k) {
     int64_t bytes =
-        (int64_t)sizeof *k + (int64_t)sizeof(kept_tool) * k->tool_count + (int64_t)sizeof(kept_row) * k->row_count;
+        (int64_t)sizeof *k + (int64_t)sizeof(kept_tool) * k->tool_count + (int64_t)sizeof(tm_packed_row) * k->row_count;
     for (int32_t t = 0; t < k->tool_count; t++) bytes += (int64_t)sizeof(int32_t) * k->gathered[t];
     return bytes;
 }
@@ -173,7 +139,7 @@ int64_t tm_contact_snapshot(void *self, void *buffer) {
     if (!buffer) return bytes_of(&k);
     void *to = put(buffer, &k, sizeof k);
     for (int32_t i = 0; i < k.row_count; i++) {
-        const kept_row row = pack_row(contact->row + i);
+        const tm_packed_row row = tm_row_pack(contact->row + i);
         to = put(to, &row, sizeof row);
     }
     for (int32_t t = 0; t < k.tool_count; t++) {
@@ -220,7 +186,7 @@ static void gather_again(tm_contact *contact, tm_tool *tool, const int32_t *face
 static bool rows_fit(const tm_contact *contact, const kept *k, const void *from) {
     const tm_mesh *mesh = contact->world->tissue->mesh;
     for (int32_t i = 0; i < k->row_count; i++) {
-        kept_row row;
+        tm_packed_row row;
         from = take(&row, from, sizeof row);
         bool fits = row.face >= 0 && row.face < 4 * mesh->tet_count && row.instrument >= 0 &&
                     row.instrument < contact->tool_count;
@@ -249,9 +215,9 @@ bool tm_contact_restore(void *self, tm_world *world, const void *buffer, int64_t
     contact->row_count_before = 0;
     contact->revision = world->tissue->surface.revision;
     for (int32_t i = 0; i < k.row_count; i++) {
-        kept_row row;
+        tm_packed_row row;
         from = take(&row, from, sizeof row);
-        contact->row[i] = unpack_row(&row);
+        contact->row[i] = tm_row_unpack(&row);
     }
     for (int32_t t = 0; t < k.tool_count; t++) {
         kept_tool tool;

@@ -166,7 +166,7 @@ static void describe(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     patch->force_cap_N = contact->def.force_cap_N;
     patch->radius_m = tool->def.radius_m;
     patch->contact_length_m = tool->def.contact_length_m;
-    patch->film_s_m = LAW_FILM_S_M;
+    patch->film_s_m = contact->others.solve ? 0 : LAW_FILM_S_M; /* rows of another's block have none */
     vset(tool->def.trocar_m, patch->trocar_m);
 }
 
