@@ -85,7 +85,13 @@ static int build(sim *s, const void *own) {
     def.max_triangles = def.max_vertices > 12 ? TM_PATCH_TRIANGLES : 16;
     def.horizon_s = 2 * s->frame_s;
     tm_compliance_source source;
-    if (!s->model->kind->knows_compliance && o->compliance.index == 0) {
+    const int turns = sim_options(s->scene, "rotation") != NULL; /* then stiffness moves with the tissue */
+    if (turns && o->compliance.line && o->compliance.index == 0)
+        return app_scene_bad(s->scene, o->compliance.line,
+                             "haptics.compliance = factor knows tissue that keeps its stiffness, and rotation (line "
+                             "%d) changes it; write 'compliance: iterations', or leave it out",
+                             ((const app_section *)sim_options(s->scene, "rotation"))->line);
+    if (!s->model->kind->knows_compliance && o->compliance.index == 0 && !turns) {
         const int rc = open_exact(s, o->here.line, &source);
         if (rc) return rc;
         def.source = &source;

@@ -9,6 +9,7 @@
     ROW(damping)                                                                                                       \
     ROW(gravity)                                                                                                       \
     ROW(breathing)                                                                                                     \
+    ROW(rotation)                                                                                                      \
     ROW(contact)                                                                                                       \
     ROW(grasp)                                                                                                         \
     ROW(cut)                                                                                                           \

@@ -13,6 +13,7 @@
 #include "tensormass/mesh.h"
 #include "tensormass/model.h"
 #include "tensormass/patch.h"
+#include "tensormass/rotation.h"
 #include "tensormass/tissue.h"
 #include "tensormass/world.h"
 

@@ -179,7 +179,7 @@ CONTACT = INSTRUMENT + "contact:\n"
 
 @pytest.mark.parametrize("effect,value,more", [
     ("gravity", "", ""), ("damping", "", ""), ("volume", "", ""), ("volume", "{shear: 1}", CONTACT + "cut:\n"), ("rendering", "", ""), ("breathing", "{support: bottom}", ""), ("contact", "", INSTRUMENT),
-    ("haptics", "", INSTRUMENT), ("haptics", "{extrapolator: contact}", CONTACT), ("grasp", "", CONTACT), ("cut", "", CONTACT), ("energy", "", "")])
+    ("haptics", "", INSTRUMENT), ("haptics", "{extrapolator: contact}", CONTACT), ("grasp", "", CONTACT), ("cut", "", CONTACT), ("energy", "", ""), ("rotation", "", "")])
 def test_an_effect_added_and_removed_returns_memory_and_stages_exactly(bin, root, tmp_path, effect, value, more):
     scene = block_scene(tmp_path, root, more)
     without, rows = explain(bin, scene, tmp_path)

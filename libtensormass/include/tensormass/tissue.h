@@ -41,6 +41,8 @@ typedef struct tm_tissue_def {
     const uint8_t *elsewhere; /* [tet_count] 1: not alive here, and there all the same (the condensed part of a hybrid):
                                  cutting keeps the surface of both together a manifold, and never removes it; copied;
                                  null: none */
+    double rotation;          /* 0; > 0: the stage "rotation" will turn its tetrahedra beyond this threshold
+                                 (tensormass/rotation.h): critical steps hold for that too */
 } tm_tissue_def;
 
 typedef struct tm_tissue tm_tissue;

@@ -3,6 +3,7 @@
  *   [v.Mv/2 + u_n.K u_(n+1)/2] at n+1/2 less the same at n-1/2 = f.(u+ - u-)/2 - dt gamma |(u+ - u-)/2dt|^2
  * for whatever forces f act beside the tissue's own, multipliers of constraints included. */
 #include "contact/contact_internal.h"
+#include "rotation/rotation_internal.h"
 #include "tensormass/energy.h"
 #include "world/world_internal.h"
 
@@ -79,6 +80,18 @@ static pass over_tissue(const energy *e, const tm_world *world) {
     p.elastic_J = 0.5 * elastic;
     p.damping_J = drag / dt;
     return p;
+}
+
+/* What turns stores its own, a function of the state: half of it at each end of a step. Its force's work, which
+ * over_tissue took for another load's, is not one. */
+static void over_rotation(const tm_world *world, const tm_rotation *rotation, pass *p) {
+    const tm_state *s = &world->state;
+    const double *turned = tm_rotation_scratch(rotation, s->u_m);
+    const double now = tm_rotation_energy(rotation, s->u_m);
+    p->before_J += 0.5 * (tm_rotation_energy(rotation, s->u_prev_m) + now);
+    p->elastic_J += 0.5 * (now + tm_rotation_energy(rotation, s->u_next_m));
+    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++)
+        if (world->mobility_s2_kg[i / 3] > 0) p->outer_J -= turned[i] * 0.5 * (s->u_next_m[i] - s->u_prev_m[i]);
 }
 
 /* --- the tools --- */
@@ -183,7 +196,9 @@ static void run(void *self, tm_world *world) {
     }
     memset(e->reaction_N, 0, sizeof(double) * n);
     tm_support_reaction(world, e->reaction_N);
-    const pass p = over_tissue(e, world);
+    pass p = over_tissue(e, world);
+    const tm_rotation *rotation = tm_world_rotation(world);
+    if (rotation) over_rotation(world, rotation, &p);
     if (a->next_step < 0)
         a->sum.start_J = p.before_J;
     else if (a->revision != world->tissue->surface.revision && !anew)

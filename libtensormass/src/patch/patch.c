@@ -1,6 +1,7 @@
 /* Stage "patch": for each instrument the surface near it, its compliance and the contact stiffness, from the dynamic
  * model. */
 #include "patch/patch_internal.h"
+#include "rotation/rotation_internal.h"
 
 #include <math.h>
 #include <string.h>
@@ -270,6 +271,10 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
                        "3 to %d vertices, 1 to %d triangles, at least as many columns, and none negative",
                        def->max_vertices, def->max_triangles, def->column_vertices, def->iterations, def->tolerance,
                        def->horizon_s, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES);
+    if (def->source && tm_world_rotation(world))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "patch: its source of compliance knows tissue that does not turn, and the world has the stage "
+                       "rotation; leave source null");
     tm_pool pool = {0};
     tm_patch_maker *maker = TM_TAKE(&pool, tm_patch_maker, 1);
     tm_columns *columns = def->source ? NULL : tm_columns_create(&pool, world, def->column_vertices, def->tolerance);

@@ -3,8 +3,13 @@
  *
  * The stiffness is constant until somebody cuts, so a column once computed stays. A new vertex starts from its nearest
  * neighbour's column: far away both are the same, and what is left is a matter of the neighbourhood. After a cut the
- * old column is the start. */
+ * old column is the start.
+ *
+ * Where tetrahedra turn, the stiffness is the tangent at some state. When all that is wanted is there and the tissue
+ * has moved on, the tangent is taken anew, a slice of tetrahedra a call, and columns follow one by one; until its turn
+ * comes a column is that of the tangent before. */
 #include "patch/patch_internal.h"
+#include "rotation/rotation_internal.h"
 
 #include <math.h>
 #include <string.h>
@@ -13,9 +18,13 @@
 
 #define MAX_ITERATIONS 400 /* a column that needs more belongs to a piece that nothing holds */
 
+enum { TETS_PER_ITERATION = 40 };    /* tangents for the time of one iteration */
+static const double MOVED_ON = 0.02; /* of an edge, about */
+
 typedef struct column {
     int32_t vertex; /* -1: free */
     int32_t good;   /* axes that are finished: 0, 1, 2 or 3 */
+    int32_t newest; /* of these, with the stiffness as it is now */
     bool hopeless;
     int64_t wanted_at; /* when somebody wanted it last */
     float *u_m;        /* [3][3*vertex_count] m/N */
@@ -34,6 +43,11 @@ struct tm_columns {
     int32_t iterations;
     double rz, scale;
     int64_t now;
+    const tm_rotation *rotation; /* or null */
+    tm_tangent tangent;
+    double *at_m;      /* [3*vertex_count] u of the tangent */
+    double moved_on_m; /* a tangent farther away than this is an old one */
+    int32_t turned;    /* tetrahedra whose tangents are in it */
     int32_t want[TM_MAX_INSTRUMENTS][TM_PATCH_VERTICES], want_count[TM_MAX_INSTRUMENTS];
 };
 
@@ -46,6 +60,15 @@ tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, 
     c->inverse = TM_TAKE(pool, double, 3 * n);
     double **vector[] = {&c->x, &c->r, &c->z, &c->p, &c->q};
     for (int i = 0; i < 5; i++) *vector[i] = TM_TAKE(pool, double, n);
+    c->rotation = tm_world_rotation(world);
+    if (c->rotation) {
+        double volume = 0;
+        c->at_m = TM_TAKE(pool, double, n);
+        tm_tangent_take(&c->tangent, pool, world->tissue);
+        for (int32_t t = 0; t < world->tissue->mesh->tet_count; t++) volume += world->tissue->mesh->volume_m3[t];
+        c->moved_on_m = MOVED_ON * cbrt(6 * volume / world->tissue->mesh->tet_count);
+        c->turned = world->tissue->mesh->tet_count;
+    }
     for (int32_t i = 0; i < vertices && c->column; i++) {
         c->column[i].u_m = TM_TAKE(pool, float, 3 * n);
         c->column[i].vertex = -1;
@@ -81,7 +104,7 @@ void tm_columns_cut(tm_columns *c) {
     c->stale = true;
     c->job = -1;
     for (int32_t i = 0; i < c->capacity; i++) {
-        c->column[i].good = 0;
+        c->column[i].good = c->column[i].newest = 0;
         c->column[i].hopeless = false;
     }
 }
@@ -134,7 +157,7 @@ void tm_columns_want(tm_columns *c, int32_t owner, const int32_t *vertex, int32_
         if (fresh->vertex >= 0 && fresh->wanted_at == c->now) break; /* all are needed: more than there is room for */
         if (c->job == i) c->job = -1;
         fresh->vertex = vertex[k];
-        fresh->good = 0;
+        fresh->good = fresh->newest = 0;
         fresh->hopeless = false;
         fresh->wanted_at = c->now;
         fresh->u_m[0] = NAN; /* guessed when its turn comes: by then there may be a nearer neighbour */
@@ -162,6 +185,7 @@ static void refresh(tm_columns *c) {
         memset(inverse, 0, 9 * sizeof *inverse);
         if (tissue->mass_kg[v] <= 0) memset(c->held + 3 * v, 1, 3);
         tm_tissue_vertex_tensor(tissue, v, K);
+        if (c->rotation) memcpy(K, c->tangent.graph.vertex_tensor + 9 * (int64_t)v, sizeof K);
         for (int i = 0; i < 3; i++)
             for (int j = 0; j < 3; j++)
                 if (c->held[3 * v + i] || c->held[3 * v + j]) K[3 * i + j] = i == j;
@@ -189,13 +213,16 @@ static void precondition(const tm_columns *c) {
 
 /* q := K p on the free components. */
 static void apply(const tm_columns *c, const double *p) {
-    tm_tissue_force(c->world->tissue, p, c->q);
+    if (c->rotation)
+        c->tangent.force(&c->tangent.graph, p, c->q);
+    else
+        tm_tissue_force(c->world->tissue, p, c->q);
     for (int32_t i = 0; i < c->n; i++) c->q[i] = c->held[i] ? 0 : -c->q[i];
 }
 
 static void begin(tm_columns *c, int32_t i) {
     column *work = c->column + i;
-    int32_t axis = work->good, dof = 3 * work->vertex + axis;
+    int32_t axis = work->newest, dof = 3 * work->vertex + axis;
     if (isnan(work->u_m[0])) guess(c, work);
     for (int32_t k = 0; k < c->n; k++) c->x[k] = c->held[k] ? 0 : (double)work->u_m[(int64_t)axis * c->n + k];
     apply(c, c->x);
@@ -225,22 +252,59 @@ static void iterate(tm_columns *c) {
 
 static void finish(tm_columns *c) {
     column *work = c->column + c->job;
-    for (int32_t k = 0; k < c->n; k++) work->u_m[(int64_t)work->good * c->n + k] = (float)c->x[k];
-    work->good++;
+    for (int32_t k = 0; k < c->n; k++) work->u_m[(int64_t)work->newest * c->n + k] = (float)c->x[k];
+    work->newest++;
+    if (work->good < work->newest) work->good = work->newest;
     c->job = -1;
 }
 
-/* The first wanted column that is not finished, most urgent of each owner in turn; -1: none. */
+/* The first wanted column that is not finished, most urgent of each owner in turn; then one that is of an old tangent;
+ * -1: none. */
 static int32_t next_job(const tm_columns *c) {
     for (int32_t k = 0; k < TM_PATCH_VERTICES; k++)
         for (int32_t o = 0; o < TM_MAX_INSTRUMENTS; o++) {
             int32_t i = k < c->want_count[o] ? find(c, c->want[o][k]) : -1;
             if (i >= 0 && c->column[i].good < 3 && !c->column[i].hopeless) return i;
         }
+    for (int32_t i = 0; i < c->capacity && c->rotation; i++)
+        if (c->column[i].vertex >= 0 && c->column[i].wanted_at >= c->now - TM_MAX_INSTRUMENTS &&
+            c->column[i].newest < 3 && !c->column[i].hopeless)
+            return i;
     return -1;
 }
 
+/* Begins a new tangent if this one is of a state that the tissue has left. */
+static bool moves_on(tm_columns *c) {
+    double moved = 0;
+    const double *u = c->world->state.u_m;
+    for (int32_t k = 0; k < c->n; k++) moved = fmax(moved, fabs(u[k] - c->at_m[k]));
+    if (!(moved > c->moved_on_m)) return false;
+    c->stale = true;
+    return true;
+}
+
+/* Brings the tangent on by a slice; true: it is there. */
+static bool tangent_is_there(tm_columns *c, int32_t iterations) {
+    const int32_t tets = c->world->tissue->mesh->tet_count;
+    if (c->stale) {
+        memcpy(c->at_m, c->world->state.u_m, sizeof(double) * (size_t)c->n);
+        tm_rotation_tangent_begin(c->rotation, &c->tangent);
+        for (int32_t i = 0; i < c->capacity; i++) c->column[i].newest = 0;
+        c->job = -1;
+        c->turned = 0;
+        refresh(c);
+    }
+    if (c->turned == tets) return true;
+    const int32_t most = TETS_PER_ITERATION * iterations, end = tets - c->turned < most ? tets : c->turned + most;
+    tm_rotation_tangent_add(c->rotation, c->at_m, c->turned, end, &c->tangent);
+    c->turned = end;
+    if (end == tets) refresh(c);
+    return false;
+}
+
 void tm_columns_work(tm_columns *c, int32_t iterations) {
+    if (c->rotation && c->job < 0 && !c->stale && next_job(c) < 0 && !moves_on(c)) return;
+    if (c->rotation && !tangent_is_there(c, iterations)) return;
     while (iterations-- > 0) {
         if (c->job < 0) {
             int32_t next = next_job(c);

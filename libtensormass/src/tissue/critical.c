@@ -67,6 +67,10 @@ static void material_gram(const tm_tissue *tissue, int32_t tet, const double G[3
 double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double floor) {
     const tm_material *material = tm_tissue_tet_material(tissue, tet);
     double G[36], A[36];
+    if (tissue->rotation > 0) {
+        const double mass = material->density_kg_m3 * tissue->mesh->volume_m3[tet] / 4;
+        return tm_turned_eigenvalue_over(tissue, tet, (const double[4]){mass, mass, mass, mass});
+    }
     strain_gram(tissue->mesh->shape_1_m + 12 * (int64_t)tet, (const double[4]){1, 1, 1, 1}, G);
     const double scale = 4 / material->density_kg_m3;
     double trace = 0;
@@ -105,6 +109,7 @@ static double largest_from_above(double A[36]) {
 
 double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]) {
     double scale[4], G[36], A[36];
+    if (tissue->rotation > 0) return tm_turned_eigenvalue_over(tissue, tet, mass_kg);
     for (int k = 0; k < 4; k++) scale[k] = tissue->mesh->volume_m3[tet] / mass_kg[k];
     strain_gram(tissue->mesh->shape_1_m + 12 * (int64_t)tet, scale, G);
     material_gram(tissue, tet, G, A);

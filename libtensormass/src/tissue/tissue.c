@@ -1,4 +1,5 @@
 /* Tissue: what it is made from, checked and copied. */
+#include "tensormass/rotation.h"
 #include "tissue/cut_work.h"
 #include "tissue/smoothed.h"
 
@@ -57,6 +58,22 @@ static tm_status check_regions(const tm_tissue_def *def, tm_error *error) {
             return tm_fail(error, TM_ERR_ARGUMENT, r, "region %d: has material %d of %d; give every region a material",
                            r, m, def->material_count);
     }
+    return TM_OK;
+}
+
+static tm_status check_rotation(const tm_tissue_def *def, tm_error *error) {
+    if (def->rotation == 0) return TM_OK;
+    if (!(def->rotation >= TM_ROTATION_THRESHOLD_MIN && def->rotation <= TM_ROTATION_THRESHOLD_MAX))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "rotation begins at %g; give 0 (none) or %g to %g", def->rotation,
+                       TM_ROTATION_THRESHOLD_MIN, TM_ROTATION_THRESHOLD_MAX);
+    if (def->volume)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "rotation corrects linear tetrahedra, and volume averages over them: the average of what has "
+                       "turned is not known here; take one of them");
+    if (def->precision == TM_SINGLE)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "rotation takes what the linear tensors give away again, which rounded ones do not give to the "
+                       "last digit; take double precision");
     return TM_OK;
 }
 
@@ -142,6 +159,8 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     tissue->material_count = def->material_count;
     tissue->precision = def->precision;
     tissue->cuttable = def->cuttable;
+    tissue->plain = def->form == TM_FORCE_PLAIN;
+    tissue->rotation = def->rotation;
     tissue->force = tm_force_choose(def->form == TM_FORCE_PLAIN, def->precision == TM_SINGLE);
     if (def->extra_mass_kg)
         memcpy(tissue->extra_mass_kg, def->extra_mass_kg, sizeof(double) * (size_t)mesh->vertex_count);
@@ -170,6 +189,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     tm_status status = check_regions(def, error);
     if (!status) status = check_fibres(def, error);
     if (!status) status = check_volume(def, error);
+    if (!status) status = check_rotation(def, error);
     if (!status) status = check_extra(def->mesh, def->extra_mass_kg, "mass", error);
     if (!status) status = check_extra(def->mesh, def->extra_damping_kg_s, "damping", error);
     if (status) return status;

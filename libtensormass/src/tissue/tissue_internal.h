@@ -17,8 +17,9 @@ struct tm_tissue {
     int32_t *region_material; /* [region_count] */
     double *fibre;            /* [3*tet_count] or null */
     tm_precision precision;
-    bool cuttable;
-    uint8_t *alive; /* [tet_count] */
+    bool cuttable, plain; /* plain: the force loop's form */
+    double rotation;      /* threshold of the stage "rotation", 0: no such stage may come */
+    uint8_t *alive;       /* [tet_count] */
     int32_t alive_count;
     uint8_t *elsewhere;                         /* [tet_count] or null: there, but not ours */
     double *mass_kg, *damping_kg_s;             /* [vertex_count] */
@@ -74,6 +75,9 @@ double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet);
 double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double floor);
 /* The same with any masses (or weights) > 0 on its vertices, from above: at most 0.2 % too large. */
 double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]);
+/* The same for tissue that the stage "rotation" turns, and g of its law (critical_turned.c). */
+double tm_turned_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]);
+double tm_turned_skew_Pa(const tm_material *material);
 /* G += scale B B^T: B maps a displacement to the strain in Mandel form that it makes by the gradient alpha. */
 void tm_strain_gram_add(const double alpha[3], double scale, double G[36]);
 /* Largest eigenvalue of G C, C semidefinite in Voigt form, from above: at most 0.2 % too large. */

@@ -2,8 +2,10 @@
  *
  * With forces, loads and supports alone the rest is a linear system, and the relaxation's mass (the 3x3 vertex
  * tensors), damping and step are chosen anew each step so that the energy falls the most: that choice is the conjugate
- * gradient method. With any further constraint (contact) the stages themselves run, under fictitious masses and a
+ * gradient method. With the stage "rotation" beside them it is Newton's (settle_turned.c). With any further
+ * constraint (contact) the stages themselves run, under fictitious masses and a
  * damping taken from the motion. */
+#include "world/settle_turned.h"
 #include "world/world_internal.h"
 
 #include <float.h>
@@ -33,9 +35,10 @@ typedef struct relaxation {
 static bool known(const tm_stage *stage) {
     return stage->run == tm_stage_force_run || stage->run == tm_stage_integrate_run ||
            stage->run == tm_stage_integrate_damped_run || stage->run == tm_stage_gravity_run ||
-           stage->run == tm_stage_load_run || stage->run == tm_stage_support_run;
+           stage->run == tm_stage_load_run || stage->run == tm_stage_support_run || tm_stage_is_rotation(stage);
 }
 
+/* Or would be, did nothing turn. */
 static bool is_linear(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
         if (!known(&world->slot[i].stage)) return false;
@@ -156,6 +159,7 @@ static tm_status relax_linear(relaxation *x, tm_error *error) {
 static void fictitious_masses(relaxation *x) {
     const tm_tissue *tissue = x->world->tissue;
     const tm_mesh *mesh = tissue->mesh;
+    const double margin = tissue->rotation > 0 ? 2.2 : 1.1; /* what turns stiffens: by less than twice */
     double K[9], *sum = x->scaled;
     memset(sum, 0, sizeof(double) * (size_t)x->n);
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
@@ -171,7 +175,7 @@ static void fictitious_masses(relaxation *x) {
         }
     }
     for (int32_t v = 0; v < mesh->vertex_count; v++)
-        x->mass[v] = 1.1 / 4 * fmax(sum[3 * v], fmax(sum[3 * v + 1], sum[3 * v + 2]));
+        x->mass[v] = margin / 4 * fmax(sum[3 * v], fmax(sum[3 * v + 1], sum[3 * v + 2]));
 }
 
 /* One pass over all stages but the integrator, whose place the relaxation takes. residual := the whole force,
@@ -265,6 +269,20 @@ static void prepare(relaxation *x) {
     memcpy(s->u_prev_m, s->u_m, bytes);
 }
 
+/* prepare() has put the supports' values into u; Newton's method goes there from where the tissue was. */
+static tm_status relax_turned(relaxation *x, const tm_rotation *rotation, tm_error *error) {
+    double *u = x->world->state.u_m, *target = x->scaled;
+    const size_t bytes = sizeof(double) * (size_t)x->n;
+    tm_settle_result result = {0};
+    memcpy(target, u, bytes);
+    memcpy(u, x->start_u, bytes);
+    const tm_turned_rest rest = {.held = x->held, .external_N = x->external, .target_m = target};
+    const tm_status status = tm_settle_turned(rotation, &rest, x->def, u, &result, error);
+    x->steps = result.steps, x->relative = result.residual;
+    tm_support_impose(x->world, u);
+    return status;
+}
+
 /* Leaves forces, reactions and contact as the first step from here would find them. */
 static void refresh(tm_world *world) {
     tm_world_changed(world);
@@ -287,6 +305,7 @@ tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_r
                            "vertex %d: its displacement is %g m, before %g m; give finite ones to settle from", i / 3,
                            world->state.u_m[i], world->state.u_prev_m[i]);
     relaxation x = {.world = world, .def = def, .n = 3 * world->tissue->mesh->vertex_count};
+    const tm_rotation *rotation = tm_world_rotation(world);
     const bool linear = is_linear(world);
     if (!take(&x, linear)) {
         tm_pool_release(&x.pool);
@@ -294,13 +313,17 @@ tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_r
     }
     prepare(&x);
     tm_status status = linear ? tm_check_held(world, x.external, error) : TM_OK;
-    if (!status) status = linear ? relax_linear(&x, error) : relax_stages(&x, error);
+    if (!status)
+        status = !linear    ? relax_stages(&x, error)
+                 : rotation ? relax_turned(&x, rotation, error)
+                            : relax_linear(&x, error);
     tm_state *s = &world->state;
     const size_t bytes = sizeof(double) * (size_t)x.n;
     memcpy(s->u_m, status ? x.start_u : s->u_m, status ? bytes : 0);
     memcpy(s->u_prev_m, status ? x.start_u_prev : s->u_m, bytes);
     refresh(world);
     if (result) *result = (tm_settle_result){x.steps, x.relative, tm_tissue_energy(world->tissue, s->u_m)};
+    if (result && rotation) result->energy_J += tm_rotation_energy(rotation, s->u_m);
     tm_pool_release(&x.pool);
     return status;
 }

@@ -2,6 +2,7 @@
 #ifndef TM_WORLD_INTERNAL_H
 #define TM_WORLD_INTERNAL_H
 
+#include "tensormass/rotation.h"
 #include "tensormass/world.h"
 #include "tissue/tissue_internal.h"
 
@@ -77,5 +78,9 @@ void tm_support_impose(const tm_world *world, double *u_m);
 
 /* held.c: TM_ERR_SUPPORT if the supports leave a piece a rigid motion; with `load_N` [3*vertex_count], a loaded one. */
 tm_status tm_check_held(const tm_world *world, const double *load_N, tm_error *error);
+
+/* The stage "rotation" of a world, or null. */
+tm_rotation *tm_world_rotation(const tm_world *world);
+bool tm_stage_is_rotation(const tm_stage *stage);
 
 #endif

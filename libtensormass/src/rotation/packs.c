@@ -1,0 +1,135 @@
+/* Packs from a tissue; which of them have to be looked at. */
+#include <math.h>
+#include <string.h>
+
+#include "rotation/rotation_internal.h"
+
+static bool has_fibre(const tm_tissue *tissue, int32_t tet) {
+    return !tm_material_is_isotropic(tm_tissue_tet_material(tissue, tet));
+}
+
+static bool pack_has_fibre(const tm_tissue *tissue, int32_t p) {
+    bool any = false;
+    for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < tissue->mesh->tet_count; t++)
+        any = any || has_fibre(tissue, t);
+    return any;
+}
+
+static void fill(const tm_tissue *tissue, int32_t tet, tm_pack *pack, int l) {
+    const tm_mesh *mesh = tissue->mesh;
+    const tm_material *m = tm_tissue_tet_material(tissue, tet);
+    const double volume = mesh->volume_m3[tet];
+    for (int k = 0; k < 4; k++) pack->component[k][l] = 3 * mesh->tet[4 * (int64_t)tet + k];
+    for (int i = 0; i < 9; i++) pack->shape_1_m[i][l] = mesh->shape_1_m[12 * (int64_t)tet + 3 + i];
+    pack->mu_J[l] = volume * m->mu_Pa;
+    pack->lambda_J[l] = volume * m->lambda_Pa;
+}
+
+static void fill_fibre(const tm_tissue *tissue, int32_t tet, tm_fibre_pack *pack, int l) {
+    const tm_material *m = tm_tissue_tet_material(tissue, tet);
+    const double volume = tissue->mesh->volume_m3[tet], *a = tm_tissue_tet_fibre(tissue, tet);
+    pack->dlambda_J[l] = volume * m->dlambda_Pa;
+    pack->dmu_J[l] = volume * m->dmu_Pa;
+    pack->beta_J[l] = volume * m->beta_Pa;
+    pack->skew_J[l] = volume * tm_turned_skew_Pa(m);
+    for (int i = 0; i < 3; i++) pack->fibre[i][l] = a ? a[i] : 0;
+}
+
+bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_tissue *tissue) {
+    const int32_t tets = tissue->mesh->tet_count, count = (tets + TM_LANES - 1) / TM_LANES;
+    int32_t fibred = 0;
+    for (int32_t p = 0; p < count; p++) fibred += pack_has_fibre(tissue, p);
+    tm_pack *pack = TM_TAKE(pool, tm_pack, count);
+    tm_fibre_pack *fibre_pack = fibred ? TM_TAKE(pool, tm_fibre_pack, fibred) : NULL;
+    int32_t *fibred_of = fibred ? TM_TAKE(pool, int32_t, count) : NULL;
+    if (pool->failed) return false;
+    for (int32_t p = 0, at = 0; p < count; p++) {
+        const bool has = fibred && pack_has_fibre(tissue, p);
+        if (fibred_of) fibred_of[p] = has ? at : -1;
+        for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < tets; t++) {
+            fill(tissue, t, pack + p, t % TM_LANES);
+            if (has) fill_fibre(tissue, t, fibre_pack + at, t % TM_LANES);
+        }
+        at += has;
+    }
+    const double begin = tissue->rotation, end = TM_ROTATION_BAND * begin;
+    *packs = (tm_packs){.count = count,
+                        .tet_count = tets,
+                        .alive = tissue->alive,
+                        .pack = pack,
+                        .fibred = fibre_pack,
+                        .fibred_of = fibred_of,
+                        .begin_1_2 = begin * begin,
+                        .width_1_2 = end * end - begin * begin};
+    return true;
+}
+
+/* --- who has to be looked at --- */
+
+double tm_pack_spread(const tm_mesh *mesh, int32_t p) {
+    double most = 0;
+    for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < mesh->tet_count; t++) {
+        double sum = 0;
+        for (int k = 0; k < 4; k++) {
+            const double *alpha = mesh->shape_1_m + 12 * (int64_t)t + 3 * k;
+            sum += sqrt(tm_dot3(alpha, alpha));
+        }
+        most = fmax(most, sqrt(3.0) * sum);
+    }
+    return most;
+}
+
+/* |grad u| of the pack's tetrahedra, the largest; dead ones too, which never come back within a step. */
+static double steepest(const tm_mesh *mesh, int32_t p, const double *u) {
+    double most = 0;
+    for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < mesh->tet_count; t++) {
+        const int32_t *v = mesh->tet + 4 * (int64_t)t;
+        const double *alpha = mesh->shape_1_m + 12 * (int64_t)t;
+        double H[9] = {0}, s = 0;
+        for (int k = 1; k < 4; k++)
+            for (int i = 0; i < 9; i++)
+                H[i] += (u[3 * (int64_t)v[k] + i / 3] - u[3 * (int64_t)v[0] + i / 3]) * alpha[3 * k + i % 3];
+        for (int i = 0; i < 9; i++) s += H[i] * H[i];
+        if (!(s <= most)) most = s; /* no number: look at it */
+    }
+    return sqrt(most);
+}
+
+static void see(tm_rotation *r, const double *u) {
+    const tm_mesh *mesh = r->tissue->mesh;
+    memcpy(r->seen_m, u, sizeof(double) * 3 * (size_t)mesh->vertex_count);
+    for (int32_t p = 0; p < r->packs.count; p++) {
+        const double reach = (r->threshold * (1 - 1e-9) - steepest(mesh, p, u)) / r->spread_1_m[p];
+        r->reach_m[p] = reach > 0 ? reach : 0;
+    }
+    r->seen = true;
+    r->idle = 0;
+    r->listed_m = -1;
+}
+
+/* The largest change of a component since `seen_m`; infinite where something is no number. */
+static double way(const double *TM_RESTRICT u, const double *TM_RESTRICT seen, int32_t n) {
+    double most[8] = {0};
+    int32_t i = 0;
+    for (; i + 8 <= n; i += 8)
+        for (int l = 0; l < 8; l++) {
+            const double d = u[i + l] - seen[i + l], size = d < 0 ? -d : d;
+            most[l] = size > most[l] ? size : most[l];
+        }
+    for (; i < n; i++) most[0] = fmax(most[0], fabs(u[i] - seen[i]));
+    for (int l = 1; l < 8; l++) most[0] = fmax(most[0], most[l]);
+    return most[0];
+}
+
+void tm_packs_list(tm_rotation *r, const double *u) {
+    const int32_t n = 3 * r->tissue->mesh->vertex_count;
+    /* Looking at packs in vain costs as much as looking anew from here: at most twice what the best choice would. */
+    if (!r->seen || r->idle > r->packs.count) see(r, u);
+    const double now = way(u, r->seen_m, n);
+    if (now < r->listed_m) return;
+    /* For some steps to come; the list only grows until the next look. */
+    r->listed_m = 2 * now;
+    r->list_count = 0;
+    for (int32_t p = 0; p < r->packs.count; p++)
+        if (r->reach_m[p] <= r->listed_m) r->list[r->list_count++] = p;
+}

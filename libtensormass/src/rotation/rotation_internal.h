@@ -1,0 +1,96 @@
+/* What the room `rotation` gives: tetrahedra in packs of eight, one a lane, and what is computed of them. */
+#ifndef TM_ROTATION_INTERNAL_H
+#define TM_ROTATION_INTERNAL_H
+
+#include "tensormass/rotation.h"
+#include "tissue/tissue_internal.h"
+
+/* Tetrahedra 8p to 8p+7 of the mesh, dead ones among them: whoever lives has the same place and the same sums in a cut
+ * tissue and in a fresh build. */
+enum { TM_LANES = TM_ROTATION_LANES };
+typedef struct tm_pack {
+    int32_t component[4][TM_LANES];            /* 3*vertex of each corner; of a lane without tetrahedron: 0 */
+    double shape_1_m[9][TM_LANES];             /* alpha of corners 1, 2, 3; that of corner 0 is minus their sum */
+    double mu_J[TM_LANES], lambda_J[TM_LANES]; /* times the volume */
+} tm_pack;
+
+/* The rest of the law, of packs with fibres: times the volume but for the fibre. */
+typedef struct tm_fibre_pack {
+    double dlambda_J[TM_LANES], dmu_J[TM_LANES], beta_J[TM_LANES];
+    double skew_J[TM_LANES]; /* what a rotation other than the polar one costs: tm_turned_skew */
+    double fibre[3][TM_LANES];
+} tm_fibre_pack;
+
+typedef struct tm_packs {
+    int32_t count, tet_count;
+    const uint8_t *alive; /* the tissue's */
+    const tm_pack *pack;
+    const tm_fibre_pack *fibred;
+    const int32_t *fibred_of;    /* [count] into fibred, -1: isotropic; null: all are */
+    double begin_1_2, width_1_2; /* |grad u|^2 at which the correction begins, and up to where it grows */
+} tm_packs;
+
+/* force_N += the correction of the listed packs, ascending. Returns how many of them had anything to add. The forms
+ * differ in speed alone: every lane computes the same in the same order, so that the bits are the same too. */
+typedef int32_t (*tm_rotation_kernel)(const tm_packs *packs, const int32_t *list, int32_t count, const double *u_m,
+                                      double *force_N);
+/* 0 plain, 1 AVX2, 2 AVX-512; null: this processor has it not. */
+tm_rotation_kernel tm_rotation_form(int form);
+tm_rotation_kernel tm_rotation_choose(bool plain);
+/* The same correction as an energy, J. */
+double tm_rotation_sum_energy(const tm_packs *packs, const double *u_m);
+
+/* One lane of one pack, for tangents: rotation, gradient and blend. */
+typedef struct tm_turned_lane {
+    double H[9], R[9];                                     /* grad u; the rotation */
+    double stress[9], energy_J;                            /* of the turned law less the linear one, times the volume */
+    double weight, slope, bend;                            /* blend and its derivatives by |H|^2 */
+    double mu, lambda, dlambda, dmu, beta, skew, fibre[3]; /* times the volume, but for the fibre */
+    bool fibred;
+} tm_turned_lane;
+bool tm_rotation_lane(const tm_packs *packs, int32_t tet, const double *u_m, tm_turned_lane *lane);
+/* d2W/dF2 of the correction, symmetric 9x9, J. */
+void tm_rotation_hessian(const tm_turned_lane *lane, double A[81]);
+/* The same of the linear law alone. */
+void tm_rotation_linear(const tm_turned_lane *lane, double A[81]);
+
+/* A copy of the tissue's tensors to which the tangents of what turns are added. Its lists are the tissue's own. */
+typedef struct tm_tangent {
+    tm_force_graph graph;
+    tm_force_kernel force;
+} tm_tangent;
+bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_tissue *tissue);
+
+struct tm_rotation {
+    tm_pool pool;
+    const tm_tissue *tissue;
+    tm_packs packs;
+    tm_rotation_kernel kernel;
+    double threshold;
+    /* Which packs have to be looked at. `reach_m`: how far components of u may be from `seen_m` before anything of the
+     * pack can pass the threshold. */
+    double *seen_m;     /* [3*vertex_count] */
+    double *reach_m;    /* [count] */
+    double *spread_1_m; /* [count] by how much grad u grows, at most, with the largest component of a displacement */
+    int32_t *list, list_count, *every; /* [count] each; `every` names all */
+    double listed_m;                   /* the list holds every pack of less reach */
+    int64_t idle;                      /* packs looked at in vain since `seen_m` */
+    bool seen;
+    int32_t active;
+    double *scratch_N; /* [3*vertex_count] */
+};
+
+bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_tissue *tissue);
+double tm_pack_spread(const tm_mesh *mesh, int32_t p);
+/* r->list becomes the packs that may have something to add at u, ascending. */
+void tm_packs_list(tm_rotation *r, const double *u_m);
+
+/* tm_rotation_force into memory of the stage's own. */
+const double *tm_rotation_scratch(const tm_rotation *rotation, const double *u_m);
+/* The tangent of the whole at u_m; or the linear tensors first, and what turns in pieces. */
+void tm_rotation_tangent(const tm_rotation *rotation, const double *u_m, tm_tangent *tangent);
+void tm_rotation_tangent_begin(const tm_rotation *rotation, tm_tangent *tangent);
+void tm_rotation_tangent_add(const tm_rotation *rotation, const double *u_m, int32_t begin, int32_t end,
+                             tm_tangent *tangent);
+
+#endif

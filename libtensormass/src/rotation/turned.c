@@ -1,0 +1,87 @@
+/* The forms of kernel.h, and what tangents and energies take from the plain one. */
+#include <math.h>
+#include <string.h>
+
+#include "rotation/rotation_internal.h"
+
+#pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: all that takes them is inlined */
+
+#define TM_NAME(x) tm_plain_##x
+#define TM_TARGET
+#define TM_WIDTH 2
+#include "rotation/kernel.h"
+#undef TM_NAME
+#undef TM_TARGET
+#undef TM_WIDTH
+
+#ifdef TM_HAS_AVX2
+#define TM_NAME(x) tm_avx2_##x
+#define TM_TARGET __attribute__((target("avx2")))
+#define TM_WIDTH 4
+#include "rotation/kernel.h"
+#undef TM_NAME
+#undef TM_TARGET
+#undef TM_WIDTH
+
+#define TM_NAME(x) tm_avx512_##x
+#define TM_TARGET __attribute__((target("avx512f,avx512dq,avx512vl")))
+#define TM_WIDTH 8
+#include "rotation/kernel.h"
+#undef TM_NAME
+#undef TM_TARGET
+#undef TM_WIDTH
+#endif
+
+tm_rotation_kernel tm_rotation_form(int form) {
+#ifdef TM_HAS_AVX2
+    if (form == 2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512vl"))
+        return tm_avx512_force;
+    if (form == 1 && __builtin_cpu_supports("avx2")) return tm_avx2_force;
+#endif
+    return form == 0 ? tm_plain_force : NULL;
+}
+
+tm_rotation_kernel tm_rotation_choose(bool plain) {
+    int form = plain ? 0 : 2;
+    while (!tm_rotation_form(form)) form--;
+    return tm_rotation_form(form);
+}
+
+double tm_rotation_sum_energy(const tm_packs *packs, const double *u_m) {
+    double sum = 0;
+    for (int32_t p = 0; p < packs->count; p++)
+        for (int at = 0; at < TM_LANES; at += 2) {
+            tm_plain_turned b;
+            if (!tm_plain_turn(packs, p, at, u_m, true, &b)) continue;
+            for (int l = 0; l < 2; l++)
+                if (b.weight[l] > 0) sum += b.weight[l] * b.energy[l];
+        }
+    return sum;
+}
+
+bool tm_rotation_lane(const tm_packs *packs, int32_t tet, const double *u_m, tm_turned_lane *lane) {
+    const int32_t p = tet / TM_LANES;
+    const int at = tet % TM_LANES / 2 * 2, l = tet % 2;
+    tm_plain_turned b;
+    if (!tm_plain_turn(packs, p, at, u_m, true, &b) || !(b.weight[l] > 0)) return false;
+    double s = 0;
+    for (int i = 0; i < 9; i++) {
+        lane->H[i] = b.H[i][l], lane->R[i] = b.R[i][l];
+        lane->stress[i] = b.stress[i][l];
+        s += lane->H[i] * lane->H[i];
+    }
+    lane->energy_J = b.energy[l];
+    lane->weight = b.weight[l], lane->slope = b.slope[l];
+    const double x = (s - packs->begin_1_2) / packs->width_1_2;
+    lane->bend = x > 0 && x < 1 ? 60 * x * (1 - x) * (1 - 2 * x) / (packs->width_1_2 * packs->width_1_2) : 0;
+    const tm_pack *pack = packs->pack + p;
+    const tm_fibre_pack *f = packs->fibred_of && packs->fibred_of[p] >= 0 ? packs->fibred + packs->fibred_of[p] : NULL;
+    const int k = at + l;
+    lane->mu = pack->mu_J[k], lane->lambda = pack->lambda_J[k];
+    lane->dlambda = f ? f->dlambda_J[k] : 0, lane->dmu = f ? f->dmu_J[k] : 0, lane->beta = f ? f->beta_J[k] : 0;
+    lane->fibred = lane->dlambda != 0 || lane->dmu != 0 || lane->beta != 0;
+    lane->skew = lane->fibred ? f->skew_J[k] : lane->mu;
+    for (int i = 0; i < 3; i++) lane->fibre[i] = f ? f->fibre[i][k] : 0;
+    return true;
+}

@@ -1,0 +1,91 @@
+/* What the guaranteed step has to allow for when tetrahedra turn.
+ *
+ * The law is W(F) = min over R of Q(R^T F - 1), with Q(D) = w(sym D) + g |skew D|^2 quadratic. A minimum of functions
+ * curves nowhere more than the most curved of them, so W'' <= Q'' (turned) whatever F, crushed and inside out included:
+ * the bound of the linear law with 2 g in place of the nothing that it has for turns. Two things are added: where
+ * isotropic tissue may be under more tension than 2 mu, what that adds to turns (of tetrahedra whose two smaller
+ * stretches add up to a half or more), and what the band in which the correction grows adds, BAND times its end. */
+#include <math.h>
+#include <string.h>
+
+#include "tensormass/rotation.h"
+#include "tissue/tissue_internal.h"
+
+static const double BAND = 1.7;
+
+double tm_turned_skew_Pa(const tm_material *m) {
+    return tm_material_is_isotropic(m) ? m->mu_Pa : tm_material_stiffest_Pa(m) / 4;
+}
+
+/* Lower Cholesky factor of Q'' in Mandel form, six strains and three turns. */
+static void factor(const tm_material *m, const double *fibre, double end, double L[81]) {
+    double C[36];
+    const double stiffest = tm_material_stiffest_Pa(m), more = BAND * end * stiffest;
+    double turn = 2 * tm_turned_skew_Pa(m);
+    if (tm_material_is_isotropic(m)) turn += 4 * fmax(0.2 * m->lambda_Pa - 2 * m->mu_Pa, 0);
+    tm_material_voigt(m, fibre, C);
+    memset(L, 0, 81 * sizeof(double));
+    for (int j = 0; j < 6; j++)
+        for (int i = j; i < 6; i++) {
+            double s = C[6 * i + j] * (i > 2 ? sqrt(2.0) : 1) * (j > 2 ? sqrt(2.0) : 1) + (i == j ? more : 0);
+            for (int k = 0; k < j; k++) s -= L[9 * i + k] * L[9 * j + k];
+            L[9 * i + j] = i == j ? sqrt(fmax(s, 0)) : L[10 * j] > 0 ? s / L[10 * j] : 0;
+        }
+    for (int j = 6; j < 9; j++) L[10 * j] = sqrt(turn + more);
+}
+
+/* sum_k scale_k B_k B_k^T, B_k from a vertex displacement to strains and turns in Mandel form. */
+static void gram(const double alpha[12], const double scale[4], double G[81]) {
+    const double h = sqrt(0.5);
+    memset(G, 0, 81 * sizeof(double));
+    for (int k = 0; k < 4; k++) {
+        const double x = alpha[3 * k], y = alpha[3 * k + 1], z = alpha[3 * k + 2];
+        const double B[9][3] = {{x, 0, 0},          {0, y, 0},          {0, 0, z},
+                                {0, h * z, h * y},  {h * z, 0, h * x},  {h * y, h * x, 0},
+                                {0, -h * z, h * y}, {h * z, 0, -h * x}, {-h * y, h * x, 0}};
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j < 9; j++) G[9 * i + j] += scale[k] * tm_dot3(B[i], B[j]);
+    }
+}
+
+/* The largest eigenvalue of a semidefinite A, from above: the root of the trace of a high power; ten squarings, 0.3 %.
+ */
+static double largest(double A[81]) {
+    double trace[11], P[81];
+    int squares = 0;
+    for (;; squares++) {
+        trace[squares] = 0;
+        for (int i = 0; i < 9; i++) trace[squares] += A[10 * i];
+        if (!(trace[squares] > 0)) return 0;
+        if (squares == 10 || (squares > 0 && trace[squares] > 1 - 1e-13)) break;
+        for (int i = 0; i < 81; i++) P[i] = A[i] / trace[squares];
+        for (int i = 0; i < 9; i++)
+            for (int j = 0; j <= i; j++) {
+                double sum = 0;
+                for (int k = 0; k < 9; k++) sum += P[9 * i + k] * P[9 * j + k];
+                A[9 * i + j] = A[9 * j + i] = sum;
+            }
+    }
+    double root = 1;
+    for (; squares > 0; squares--) root = sqrt(trace[squares] * root);
+    return trace[0] * root;
+}
+
+double tm_turned_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]) {
+    double scale[4], G[81], L[81], GL[81], A[81];
+    for (int k = 0; k < 4; k++) scale[k] = tissue->mesh->volume_m3[tet] / mass_kg[k];
+    gram(tissue->mesh->shape_1_m + 12 * (int64_t)tet, scale, G);
+    factor(tm_tissue_tet_material(tissue, tet), tm_tissue_tet_fibre(tissue, tet), TM_ROTATION_BAND * tissue->rotation,
+           L);
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) {
+            GL[9 * i + j] = 0;
+            for (int k = j; k < 9; k++) GL[9 * i + j] += G[9 * i + k] * L[9 * k + j];
+        }
+    for (int i = 0; i < 9; i++)
+        for (int j = 0; j < 9; j++) {
+            A[9 * i + j] = 0;
+            for (int k = i; k < 9; k++) A[9 * i + j] += L[9 * k + i] * GL[9 * k + j];
+        }
+    return largest(A);
+}

@@ -1,0 +1,18 @@
+/* Between settle.c and the stage "rotation". */
+#ifndef TM_SETTLE_TURNED_H
+#define TM_SETTLE_TURNED_H
+
+#include "rotation/rotation_internal.h"
+#include "world/world_internal.h"
+
+typedef struct tm_turned_rest {
+    const uint8_t *held;      /* [3*vertex_count] prescribed, or without mass */
+    const double *external_N; /* [3*vertex_count] */
+    const double *target_m;   /* [3*vertex_count] where held components shall be */
+} tm_turned_rest;
+
+/* From u_m, the state now, to the rest; on failure u_m is somewhere between. result: steps and residual. */
+tm_status tm_settle_turned(const tm_rotation *rotation, const tm_turned_rest *rest, const tm_settle_def *def,
+                           double *u_m, tm_settle_result *result, tm_error *error);
+
+#endif
