@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec.h"
 #include "rotation/rotation_internal.h"
 
 static bool has_fibre(const tm_tissue *tissue, int32_t tet) {
@@ -72,7 +73,7 @@ double tm_pack_spread(const tm_mesh *mesh, int32_t p) {
         double sum = 0;
         for (int k = 0; k < 4; k++) {
             const double *alpha = mesh->shape_1_m + 12 * (int64_t)t + 3 * k;
-            sum += sqrt(tm_dot3(alpha, alpha));
+            sum += sqrt(vdot(alpha, alpha));
         }
         most = fmax(most, sqrt(3.0) * sum);
     }

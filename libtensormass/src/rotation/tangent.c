@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec.h"
 #include "rotation/rotation_internal.h"
 
 /* --- 3x3 --- */
@@ -47,8 +48,8 @@ static void stress(const tm_turned_lane *w, double skew, const double D[9], doub
     const double *a = w->fibre;
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) E[3 * i + j] = 0.5 * (D[3 * i + j] + D[3 * j + i]);
-    for (int i = 0; i < 3; i++) Ea[i] = tm_dot3(E + 3 * i, a);
-    const double I1 = E[0] + E[4] + E[8], I4 = tm_dot3(a, Ea);
+    for (int i = 0; i < 3; i++) Ea[i] = vdot(E + 3 * i, a);
+    const double I1 = E[0] + E[4] + E[8], I4 = vdot(a, Ea);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
             N[3 * i + j] = 2 * w->mu * E[3 * i + j] + (w->dlambda * I1 + w->beta * I4) * a[i] * a[j] +
@@ -76,7 +77,7 @@ static void isotropic_hessian(const tm_turned_lane *w, double A[81]) {
     }
     for (int k = 0; k < 9; k++)
         for (int m = 0; m < 9; m++)
-            A[9 * k + m] = (k == m ? 2 * w->mu : 0) + volume * w->R[k] * w->R[m] - save * tm_dot3(turn[k], solved[m]);
+            A[9 * k + m] = (k == m ? 2 * w->mu : 0) + volume * w->R[k] * w->R[m] - save * vdot(turn[k], solved[m]);
 }
 
 /* Of min over R of Q(R^T F - 1), Q the law with what a turn costs: Q'' less what turning saves. */
@@ -87,7 +88,7 @@ static void fibred_hessian(const tm_turned_lane *w, double A[81]) {
     for (int i = 0; i < 9; i++) unit[i] = M[i] - (i % 4 ? 0 : 1);
     stress(w, w->skew, unit, N);
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) B[3 * i + j] = tm_dot3(N + 3 * i, M + 3 * j);
+        for (int j = 0; j < 3; j++) B[3 * i + j] = vdot(N + 3 * i, M + 3 * j);
     for (int i = 0; i < 3; i++) {
         turn_about(i, M, X[i]);
         stress(w, w->skew, X[i], QX[i]);
@@ -108,7 +109,7 @@ static void fibred_hessian(const tm_turned_lane *w, double A[81]) {
         solve3(S, saves[k], solved[k]);
     }
     for (int k = 0; k < 9; k++)
-        for (int m = 0; m < 9; m++) A[9 * k + m] = product(QD[k], D[m]) - tm_dot3(saves[k], solved[m]);
+        for (int m = 0; m < 9; m++) A[9 * k + m] = product(QD[k], D[m]) - vdot(saves[k], solved[m]);
 }
 
 void tm_rotation_linear(const tm_turned_lane *w, double A[81]) {

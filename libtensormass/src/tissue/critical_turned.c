@@ -8,6 +8,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec.h"
 #include "tensormass/rotation.h"
 #include "tissue/tissue_internal.h"
 
@@ -44,7 +45,7 @@ static void gram(const double alpha[12], const double scale[4], double G[81]) {
                                 {0, h * z, h * y},  {h * z, 0, h * x},  {h * y, h * x, 0},
                                 {0, -h * z, h * y}, {h * z, 0, -h * x}, {-h * y, h * x, 0}};
         for (int i = 0; i < 9; i++)
-            for (int j = 0; j < 9; j++) G[9 * i + j] += scale[k] * tm_dot3(B[i], B[j]);
+            for (int j = 0; j < 9; j++) G[9 * i + j] += scale[k] * vdot(B[i], B[j]);
     }
 }
 

@@ -7,6 +7,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/vec.h"
 #include "world/settle_turned.h"
 
 enum { NEWTON_STEPS = 30, HALVINGS = 30 };
@@ -64,8 +65,8 @@ static void invert(newton *w) {
         memcpy(K, w->tangent.graph.vertex_tensor + 9 * (int64_t)v, sizeof K);
         for (int i = 0; i < 9; i++)
             if (held[i / 3] || held[i % 3]) K[i] = i % 4 ? 0 : 1;
-        for (int i = 0; i < 3; i++) tm_cross3(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), minor + 3 * i);
-        const double det = tm_dot3(K, minor), size = K[0] + K[4] + K[8];
+        for (int i = 0; i < 3; i++) vcross(K + 3 * ((i + 1) % 3), K + 3 * ((i + 2) % 3), minor + 3 * i);
+        const double det = vdot(K, minor), size = K[0] + K[4] + K[8];
         const bool good = K[0] > 0 && minor[8] > 0 && det > 1e-9 * size * size * size;
         for (int i = 0; i < 9; i++)
             inverse[i] = held[i / 3] || held[i % 3] ? 0 : good ? minor[3 * (i % 3) + i / 3] / det : i % 4 ? 0 : 1;
@@ -74,7 +75,7 @@ static void invert(newton *w) {
 
 static void precondition(const newton *w, const double *r, double *z) {
     for (int32_t v = 0; v < w->n / 3; v++)
-        for (int i = 0; i < 3; i++) z[3 * v + i] = tm_dot3(w->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
+        for (int i = 0; i < 3; i++) z[3 * v + i] = vdot(w->inverse + 9 * (int64_t)v + 3 * i, r + 3 * v);
 }
 
 /* move := about K^-1 residual on the free components; where K is not positive, as far as it is. The residual is used
