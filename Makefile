@@ -101,7 +101,8 @@ APPS_FIRST := $(wildcard apps/common/module.mk) $(wildcard apps/sim/module.mk)
 # Each folder says in its module.mk what is built from it.
 MODULE_MK := $(sort $(wildcard libtensormass/module.mk libtensormass/*/module.mk lcm_types/module.mk haptic_rt/module.mk \
 	haptic_rt/*/module.mk)) $(APPS_FIRST) \
-	$(sort $(filter-out $(APPS_FIRST),$(wildcard apps/*/module.mk apps/*/*/module.mk))) $(sort $(wildcard tests/module.mk tests/*/module.mk))
+	$(sort $(filter-out $(APPS_FIRST),$(wildcard apps/*/module.mk apps/*/*/module.mk))) $(sort $(wildcard tests/module.mk tests/*/module.mk)) \
+	$(wildcard python/module.mk)
 include $(MODULE_MK)
 include tools/install.mk
 

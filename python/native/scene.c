@@ -1,0 +1,161 @@
+/* apps/sim and the readers of apps/common behind the few functions of scene.h. */
+#include "scene.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "app.h"
+#include "mesh_file.h"
+#include "said.h"
+#include "sim/sim.h"
+#include "sim/snapshot.h"
+
+struct tm_scene {
+    sim *s;
+    char **set; /* the scene's lines point into it */
+    int set_count;
+};
+
+struct tm_scene_file {
+    app_mesh mesh;
+};
+
+static tm_status ended(int rc) { return rc ? said_status(rc) : TM_OK; }
+
+static const char *const model_name[] = {"dynamic", "precomputed", "hybrid"};
+
+/* --- the scene --- */
+
+tm_status tm_scene_open(const char *file, const char *const *set, int32_t set_count, tm_scene **scene) {
+    app_scene *read = NULL;
+    said_begin();
+    app_be_quiet();
+    tm_scene *made = calloc(1, sizeof *made);
+    if (made) made->set = calloc((size_t)set_count + 1, sizeof *made->set);
+    if (!made || !made->set) {
+        free(made);
+        return TM_ERR_MEMORY;
+    }
+    for (int32_t i = 0; i < set_count; i++) made->set[made->set_count++] = strdup(set[i]);
+    int rc = sim_scene_load(file, made->set, made->set_count, &read);
+    if (!rc) rc = sim_create(read, &made->s);
+    if (rc) {
+        made->s = NULL;
+        tm_scene_close(made);
+        return ended(rc);
+    }
+    for (int i = 0; i < made->s->instrument_count; i++) made->s->wants[i] = made->s->can_send;
+    *scene = made;
+    return TM_OK;
+}
+
+void tm_scene_close(tm_scene *scene) {
+    if (!scene) return;
+    sim_destroy(scene->s);
+    for (int i = 0; i < scene->set_count; i++) free(scene->set[i]);
+    free(scene->set);
+    free(scene);
+}
+
+tm_scene_about tm_scene_tell(const tm_scene *scene) {
+    const sim *s = scene->s;
+    return (tm_scene_about){.title = s->scene->title.s,
+                            .model = model_name[s->scene->model.index],
+                            .vertex_count = s->mesh->vertex_count,
+                            .tet_count = s->mesh->tet_count,
+                            .alive_count = sim_alive(s),
+                            .instrument_count = s->instrument_count,
+                            .substeps = s->substeps,
+                            .frame_s = s->frame_s,
+                            .dt_s = s->dt_s,
+                            .duration_s = s->scene->duration.si,
+                            .time_s = sim_time_s(s),
+                            .frames = s->frames};
+}
+
+tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to) {
+    sim *s = scene->s;
+    tm_tool_pose hand[TM_MAX_INSTRUMENTS] = {0};
+    said_begin();
+    for (int i = 0; i < s->instrument_count && !to; i++)
+        hand[i] = sim_hand_pose(s, i, (double)(s->frames + 1) * s->frame_s);
+    return sim_frame(s, to ? to : hand, s->substeps);
+}
+
+tm_tool_pose tm_scene_pose_of(const tm_scene *scene, int32_t instrument, const double joint[5], bool active) {
+    return sim_pose(scene->s, instrument, joint, active);
+}
+
+tm_mesh *tm_scene_mesh(tm_scene *scene) { return scene->s->mesh; }
+tm_tissue *tm_scene_tissue(tm_scene *scene) { return scene->s->tissue; }
+tm_world *tm_scene_world(tm_scene *scene) { return scene->s->world; }
+tm_surface_view tm_scene_surface(const tm_scene *scene) { return sim_surface(scene->s); }
+const double *tm_scene_displacement(const tm_scene *scene) { return sim_displacement(scene->s); }
+tm_tool_reaction tm_scene_reaction(const tm_scene *scene, int32_t instrument) { return scene->s->reaction[instrument]; }
+tm_tool_pose tm_scene_pose(const tm_scene *scene, int32_t instrument) { return scene->s->pose[instrument]; }
+tm_instrument_def tm_scene_instrument(const tm_scene *scene, int32_t instrument) {
+    return scene->s->instrument_def[instrument];
+}
+uint64_t tm_scene_hash(const tm_scene *scene) { return sim_hash(scene->s); }
+
+const tm_patch *tm_scene_patch(const tm_scene *scene, int32_t instrument) {
+    return scene->s->patch && scene->s->patch_valid[instrument] ? &scene->s->patch[instrument] : NULL;
+}
+
+tm_status tm_scene_save(tm_scene *scene, const char *path) {
+    said_begin();
+    return ended(sim_snapshot_save(scene->s, path));
+}
+
+tm_status tm_scene_restore(tm_scene *scene, const char *path) {
+    said_begin();
+    return ended(sim_snapshot_restore(scene->s, path));
+}
+
+/* --- files --- */
+
+tm_status tm_scene_file_open(const char *path, double scale, tm_scene_file **file, tm_error *error) {
+    tm_scene_file *made = calloc(1, sizeof *made);
+    if (!made) return TM_ERR_MEMORY;
+    tm_status status = app_mesh_load(path, scale, &made->mesh, error);
+    if (status)
+        free(made);
+    else
+        *file = made;
+    return status;
+}
+
+void tm_scene_file_close(tm_scene_file *file) {
+    if (!file) return;
+    app_mesh_free(&file->mesh);
+    free(file);
+}
+
+tm_mesh_def tm_scene_file_mesh(const tm_scene_file *file) {
+    tm_mesh_def def = tm_mesh_def_default();
+    def.vertex_count = file->mesh.vertex_count;
+    def.vertex_m = file->mesh.vertex_m;
+    def.tet_count = file->mesh.tet_count;
+    def.tet = file->mesh.tet;
+    def.region = file->mesh.region;
+    return def;
+}
+
+const char *tm_scene_file_region(const tm_scene_file *file, int32_t region) {
+    return region >= 0 && region < file->mesh.region_count ? file->mesh.region_name[region] : NULL;
+}
+
+const char *tm_scene_file_group(const tm_scene_file *file, int32_t group, int32_t *count, const int32_t **vertex) {
+    const app_mesh *m = &file->mesh;
+    if (group < 0 || group >= m->group_count) return NULL;
+    *count = m->group_begin[group + 1] - m->group_begin[group];
+    *vertex = m->group_vertex + m->group_begin[group];
+    return m->group_name[group];
+}
+
+tm_status tm_scene_fibres(const char *path, int32_t tet_count, double *fibre, int32_t *line, tm_error *error) {
+    int at = 0;
+    tm_status status = app_fibres_load(path, tet_count, fibre, &at, error);
+    *line = at;
+    return status;
+}

@@ -1,0 +1,33 @@
+"""tensormass: soft tissue that can be felt. Tensor/mass finite elements, explicit dynamics, contact, cutting. SI units everywhere.
+
+    import tensormass as tm
+
+    mesh = tm.Mesh.block((0.06, 0.06, 0.03), (12, 12, 6))
+    tissue = tm.Tissue(mesh, tm.Material.young(5e3, 0.45, density_kg_m3=1060, damping_1_s=40))
+    world = tm.World(tissue)
+    world.add_support(mesh.near((0, 0, 0), (0, 0, 1)))
+    contact = world.add_contact([tm.Instrument(trocar_m=(0.03, 0.03, 0.15), tip_m=(0.03, 0.03, 0.035))])
+    reaction, = contact.frame([tm.Pose((0.03, 0.03, 0.028))], substeps=2000)
+    reaction.force_N
+
+Arrays are views of the library's memory where not said otherwise, and keep it alive. What goes wrong raises a tensormass.Error with the library's own
+sentence. See docs/python.md.
+"""
+from ._core import (
+    ArgumentError, ContractError, ConvergenceError, Error, ExcludedError, FileError, LimitError, MaterialError, MeshError, NoMemoryError, SceneWarning,
+    StepError, SupportError, UnstableError, lib,
+)
+from .instruments import Contact, Cut, Grasp, Instrument, Pose, Reaction, tip_force
+from .mesh import Mesh, Quality, memory_in_use, read_fibres
+from .solve import Factored, Hybrid, Precomputed, Problem, Report, solve_static
+from .patch import Patch, PatchMaker, PatchSolver
+from .tissue import Material, Surface, Tissue
+from .world import Settled, Stage, World
+
+__version__: str = lib.tm_version().decode()
+__all__ = [
+    "ArgumentError", "Contact", "ContractError", "ConvergenceError", "Cut", "Error", "ExcludedError", "Factored", "FileError", "Grasp", "Hybrid",
+    "Instrument", "LimitError", "Material", "MaterialError", "Mesh", "MeshError", "NoMemoryError", "Patch", "PatchMaker", "PatchSolver", "Pose",
+    "Precomputed", "Problem", "Quality", "Reaction", "Report", "SceneWarning", "Settled", "Stage", "StepError", "SupportError", "Surface", "Tissue",
+    "UnstableError", "World", "memory_in_use", "read_fibres", "solve_static", "tip_force",
+]

@@ -1,0 +1,301 @@
+"""The libraries of this package, and what every module needs of them: calls, errors, handles that destroy in the right order, views of memory."""
+from __future__ import annotations
+
+import ctypes
+import pathlib
+import threading
+import warnings
+import weakref
+from typing import Any, Callable, Dict, Iterable, List, Optional, Type, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import _bind as c
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int32]
+Bytes = NDArray[np.uint8]
+
+# --- errors ---
+
+
+class Error(Exception):
+    """What a function of the library came back with, in its own sentence: what is wrong; what to do.
+
+    `status`: its name in C ("TM_ERR_MESH"). `entity`: index of the vertex, tetrahedron, region ... that is to blame, -1 if none.
+    """
+
+    def __init__(self, sentence: str, status: int = 0, entity: int = -1) -> None:
+        super().__init__(sentence)
+        self.status: str = _status_name(status)
+        self.entity: int = entity
+
+
+class ArgumentError(Error, ValueError):
+    """A value outside its stated range."""
+
+
+class ContractError(ArgumentError):
+    """What no correct program does: a null, an index out of range, a struct that was not filled. Nothing was changed."""
+
+
+class NoMemoryError(Error, MemoryError):
+    """No memory."""
+
+
+class MeshError(Error, ValueError):
+    """Topology or geometry that no element can be built on."""
+
+
+class MaterialError(Error, ValueError):
+    """Constants that are not positive definite, or not finite."""
+
+
+class SupportError(Error, ValueError):
+    """Boundary conditions that leave a rigid motion, or contradict."""
+
+
+class StepError(Error, ValueError):
+    """A time step above the guaranteed critical step."""
+
+
+class ConvergenceError(Error, ArithmeticError):
+    """The stated tolerance was not reached in the stated iterations."""
+
+
+class UnstableError(Error, ArithmeticError):
+    """A displacement stopped being finite: all is as before the call."""
+
+
+class LimitError(Error):
+    """A capacity stated at set-up is exhausted."""
+
+
+class FileError(Error, OSError):
+    """An unreadable, foreign, damaged or truncated file."""
+
+
+class ExcludedError(Error, ValueError):
+    """Two effects that cannot be together."""
+
+
+class SceneWarning(UserWarning):
+    """What is valid in a scene and probably not meant, with its place."""
+
+
+ERRORS: Dict[int, Type[Error]] = {
+    c.TM_ERR_ARGUMENT: ArgumentError, c.TM_ERR_MEMORY: NoMemoryError, c.TM_ERR_MESH: MeshError, c.TM_ERR_MATERIAL: MaterialError,
+    c.TM_ERR_SUPPORT: SupportError, c.TM_ERR_STEP: StepError, c.TM_ERR_CONVERGENCE: ConvergenceError, c.TM_ERR_UNSTABLE: UnstableError,
+    c.TM_ERR_LIMIT: LimitError, c.TM_ERR_FILE: FileError, c.TM_ERR_EXCLUDED: ExcludedError,
+}
+
+
+def _status_name(status: int) -> str:
+    return str(lib.tm_status_name(status).decode())
+
+
+# --- the libraries ---
+
+_FOLDER = pathlib.Path(__file__).resolve().parent / "lib"
+_NAMES = {"tensormass": "libtensormass.so.*", "tensormass_solve": "libtensormass_solve.so.*",
+          "tensormass_controller": "libtensormass_controller.so", "tensormass_scene": "libtensormass_scene.so"}
+_broken = threading.local()
+
+
+class _Library:
+    """Functions by name, opened when first called. A broken contract raises, whatever the function returns."""
+
+    def __init__(self) -> None:
+        self._opened: Dict[str, ctypes.CDLL] = {}
+
+    def _open(self, name: str) -> ctypes.CDLL:
+        if name not in self._opened:
+            if name != "tensormass":
+                self._open("tensormass")  # theirs too
+            found = sorted(_FOLDER.glob(_NAMES[name]))
+            if not found:
+                raise ImportError(f"{_FOLDER}/{_NAMES[name]} is not there; this package was not built whole: make wheel")
+            self._opened[name] = ctypes.CDLL(str(found[-1]))
+        return self._opened[name]
+
+    def __getattr__(self, name: str) -> Any:
+        if name not in c.FUNCTIONS:
+            raise AttributeError(name)
+        library, result, arguments = c.FUNCTIONS[name]
+        function = getattr(self._open(library), name)
+        function.restype, function.argtypes = result, arguments
+        if library != "tensormass_controller":
+            function.errcheck = _raise_broken
+        setattr(self, name, function)
+        return function
+
+
+def _raise_broken(result: Any, function: Any, arguments: Any) -> Any:
+    sentence = getattr(_broken, "sentence", None)
+    if sentence is None:
+        return result
+    _broken.sentence = None
+    raise ContractError(sentence, c.TM_ERR_ARGUMENT)
+
+
+lib = _Library()
+
+
+@ctypes.CFUNCTYPE(None, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_void_p)
+def _on_contract(function: bytes, sentence: bytes, user: Any) -> None:
+    if getattr(_broken, "sentence", None) is None:
+        _broken.sentence = f"{function.decode()}: {sentence.decode()}"
+
+
+lib.tm_set_contract_handler(_on_contract, None)
+
+
+def call(function: Any, *arguments: Any) -> None:
+    """Calls a set-up function, whose last argument is the error, and raises what it came back with."""
+    error = c.tm_error()
+    check(function(*arguments, ctypes.byref(error)), error)
+
+
+def check(status: int, error: Optional[c.tm_error] = None, sentence: str = "") -> None:
+    """Raises where `status` is not TM_OK."""
+    if status == c.TM_OK:
+        return
+    told = error.message.decode(errors="replace") if error is not None and error.message else sentence
+    raise ERRORS.get(status, Error)(told or _status_name(status), status, error.entity if error is not None else -1)
+
+
+def said() -> List[str]:
+    """Lines that the scene library's last call of this thread had to say; warnings among them are issued as such."""
+    lines = lib.tm_scene_said().decode(errors="replace").splitlines()
+    for line in lines:
+        if ": warning: " in line:
+            warnings.warn(line, SceneWarning, stacklevel=3)
+    return [line for line in lines if ": warning: " not in line]
+
+
+# --- objects of the library ---
+
+
+class Handle:
+    """One object of the library: destroyed when nobody uses it, and after what was made from it, in whatever order Python lets go."""
+
+    __slots__ = ("pointer", "keep", "_destroy", "_parents", "_users", "_lock")
+
+    def __init__(self, pointer: int, destroy: Optional[Callable[[int], Any]], parents: Iterable["Handle"] = (), keep: Any = None) -> None:
+        self.pointer = pointer
+        self.keep = keep  # what the object points to: buffers, callbacks
+        self._destroy = destroy
+        self._parents = list(parents)
+        self._users = 1
+        self._lock = threading.Lock()
+        for parent in self._parents:
+            parent.take()
+
+    def outlived_by(self, parent: "Handle") -> None:
+        """`parent`, too, is destroyed after this."""
+        parent.take()
+        self._parents.append(parent)
+
+    def take(self) -> None:
+        with self._lock:
+            self._users += 1
+
+    def release(self) -> None:
+        with self._lock:
+            self._users -= 1
+            last = self._users == 0
+        if not last:
+            return
+        if self._destroy:
+            self._destroy(self.pointer)
+        self.pointer = 0
+        for parent in self._parents:
+            parent.release()
+
+
+class Object:
+    """What stands for one object of the library."""
+
+    _handle: Handle
+
+    def _own(self, pointer: Any, destroy: Optional[Callable[[int], Any]], parents: Iterable["Object"] = (), keep: Any = None) -> None:
+        value = pointer.value if isinstance(pointer, ctypes.c_void_p) else pointer
+        self._handle = Handle(value, destroy, [p._handle for p in parents], keep)
+        weakref.finalize(self, self._handle.release)
+
+    @property
+    def _pointer(self) -> int:
+        return self._handle.pointer
+
+    @property
+    def _as_parameter_(self) -> ctypes.c_void_p:
+        return ctypes.c_void_p(self._handle.pointer)
+
+
+# --- arrays ---
+
+_KINDS: Dict[str, Any] = {"float64": ctypes.c_double, "float32": ctypes.c_float, "int32": ctypes.c_int32, "int8": ctypes.c_int8, "uint8": ctypes.c_uint8}
+
+
+def view(owner: object, address: Any, shape: Iterable[int], kind: str = "float64", writable: bool = False) -> Any:
+    """Memory of the library as an array, without a copy; it keeps `owner` alive."""
+    sizes = tuple(int(n) for n in shape)
+    count = int(np.prod(sizes, dtype=np.int64))
+    if not address or count == 0:
+        return np.zeros(sizes, kind)
+    buffer = (_KINDS[kind] * count).from_address(address)
+    buffer._owner = owner
+    array = np.frombuffer(buffer, dtype=kind).reshape(sizes)
+    array.flags.writeable = writable
+    return array
+
+
+def inside(struct: Any, field: str, shape: Iterable[int], owner: object = None) -> Any:
+    """An array that is a field of a struct, as a view that keeps the struct alive."""
+    array = np.ctypeslib.as_array(getattr(struct, field))
+    return array.reshape(tuple(shape))
+
+
+def floats(values: Any, shape: Iterable[int], name: str) -> Floats:
+    """A contiguous array of doubles of exactly this shape (-1: any length)."""
+    return _array(values, np.float64, shape, name)
+
+
+def ints(values: Any, shape: Iterable[int], name: str) -> Ints:
+    """A contiguous array of int32 of exactly this shape; numbers that are not whole or do not fit are refused."""
+    given = np.asarray(values)
+    if given.size and not np.issubdtype(given.dtype, np.integer) and not np.all(given == np.floor(given)):
+        raise ArgumentError(f"{name}: has numbers that are not whole; give integers", c.TM_ERR_ARGUMENT)
+    if given.size and (given.max() > 2**31 - 1 or given.min() < -2**31):
+        raise ArgumentError(f"{name}: has numbers beyond 32 bits; give indices", c.TM_ERR_ARGUMENT)
+    return _array(given, np.int32, shape, name)
+
+
+def _array(values: Any, kind: Any, shape: Iterable[int], name: str) -> Any:
+    array = np.ascontiguousarray(values, dtype=kind)
+    wanted = tuple(shape)
+    if array.ndim != len(wanted) or any(w not in (-1, n) for w, n in zip(wanted, array.shape)):
+        spelled = ", ".join("any" if w == -1 else str(w) for w in wanted)
+        raise ArgumentError(f"{name}: has shape {array.shape}; give ({spelled})", c.TM_ERR_ARGUMENT)
+    return array
+
+
+def address(array: Optional[NDArray[Any]]) -> Any:
+    """Of an array's memory, for a call; None is null."""
+    return None if array is None else ctypes.c_void_p(array.ctypes.data)
+
+
+T = TypeVar("T")
+
+
+def vector(values: Any, name: str) -> Any:
+    """Three doubles for a call or a struct."""
+    return (ctypes.c_double * 3)(*floats(values, (3,), name))
+
+
+def choice(value: str, names: Dict[str, int], what: str) -> int:
+    """A word's number."""
+    if value not in names:
+        raise ArgumentError(f"{what} {value!r} is not known; use one of {', '.join(names)}", c.TM_ERR_ARGUMENT)
+    return names[value]

@@ -1,0 +1,215 @@
+"""Instruments: contact, grasping, cutting."""
+from __future__ import annotations
+
+import ctypes
+from dataclasses import dataclass
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
+
+import numpy as np
+
+from . import _bind as c
+from ._core import ArgumentError, Floats, Ints, address, call, choice, floats, inside, lib, vector, view
+from .world import World
+
+MODES = {"probe": c.TM_TOOL_PROBE, "grasper": c.TM_TOOL_GRASPER, "cautery": c.TM_TOOL_CAUTERY}
+FLAGS: Dict[int, str] = {
+    c.TM_REACTION_CAPPED: "capped", c.TM_REACTION_OVERFLOWED: "overflowed", c.TM_REACTION_UNCONVERGED: "unconverged",
+    c.TM_REACTION_HELD_OVER: "held over", c.TM_REACTION_UNSTABLE: "unstable", c.TM_REACTION_TOO_FAST: "too fast",
+    c.TM_REACTION_INSIDE: "inside", c.TM_REACTION_LETTING_GO: "letting go",
+}
+HELD = {c.TM_GRASP_OPEN: "open", c.TM_GRASP_HOLDING: "holding", c.TM_GRASP_LETTING_GO: "letting go"}
+
+
+@dataclass
+class Pose:
+    """Where an instrument is. The shaft runs from the trocar through the tip; roll is about it."""
+
+    tip_m: Any  #: (3,) m, world
+    roll_rad: float = 0.0
+    grip: float = 0.0  #: 0 open to 1 closed
+    active: bool = True  #: cautery current, or in the body at all for a probe
+
+    def _c(self) -> c.tm_tool_pose:
+        return c.tm_tool_pose(vector(self.tip_m, "tip_m"), self.roll_rad, self.grip, self.active)
+
+    @classmethod
+    def _of(cls, pose: c.tm_tool_pose) -> "Pose":
+        return cls(inside(pose, "tip_m", (3,)), pose.roll_rad, pose.grip, pose.active)
+
+
+@dataclass
+class Instrument:
+    """A tool in a trocar, at its first pose."""
+
+    trocar_m: Any  #: (3,) m, world: the fixed pivot
+    tip_m: Any  #: (3,) m, world, at the start
+    mode: str = "probe"  #: "probe", "grasper", "cautery"
+    radius_m: float = 0.0025  #: of shaft and tip
+    contact_length_m: float = 0.1  #: of shaft behind the tip that can touch
+    roll_rad: float = 0.0
+    grip: float = 0.0
+    active: bool = True
+
+    def _c(self) -> c.tm_instrument_def:
+        pose = Pose(self.tip_m, self.roll_rad, self.grip, self.active)._c()
+        return c.tm_instrument_def(choice(self.mode, MODES, "mode"), vector(self.trocar_m, "trocar_m"), self.radius_m, self.contact_length_m, pose)
+
+
+class Reaction(NamedTuple):
+    """Of a frame on one instrument, averaged over its last substeps."""
+
+    time_s: float  #: mean simulated time of the average
+    tip_m: Floats  #: (3,) mean tip
+    force_N: Floats  #: (3,) equivalent tip force ON THE TOOL
+    resultant_N: Floats  #: (3,) plain sum of row forces on the tool
+    stiffness_N_m: Floats  #: (3, 3) dF/dP
+    stiffness_kind: int  #: 0 none, 1 estimated, 2 exact
+    row_count: int
+    flags: int  #: bits; `flag_names` spells them
+
+    @property
+    def flag_names(self) -> List[str]:
+        """Of the flags that are set."""
+        return [name for bit, name in FLAGS.items() if self.flags & bit]
+
+
+def reaction_of(r: c.tm_tool_reaction) -> Reaction:
+    """A tm_tool_reaction as arrays."""
+    return Reaction(r.time_s, inside(r, "tip_m", (3,)), inside(r, "force_N", (3,)), inside(r, "resultant_N", (3,)),
+                    inside(r, "stiffness_N_m", (3, 3)), r.stiffness_kind, r.row_count, r.flags)
+
+
+def rows_of(owner: object, function: Any) -> Any:
+    """(n,) structured array of tm_contact_row."""
+    pointer = ctypes.c_void_p()
+    count = function(owner, ctypes.byref(pointer))
+    if not count:
+        return np.zeros(0, np.dtype(c.tm_contact_row))
+    buffer = (c.tm_contact_row * count).from_address(pointer.value or 0)
+    buffer._owner = owner  # type: ignore[attr-defined]
+    return np.frombuffer(buffer, np.dtype(c.tm_contact_row))
+
+
+def contact_definition(instruments: Sequence[Instrument], options: Dict[str, Any]) -> Tuple[c.tm_contact_def, Any]:
+    """A filled tm_contact_def, and what it points to."""
+    listed = (c.tm_instrument_def * max(1, len(instruments)))(*[i._c() for i in instruments])
+    definition = lib.tm_contact_def_default()
+    definition.instrument_count, definition.instrument = len(instruments), ctypes.addressof(listed)
+    fill(definition, options)
+    return definition, listed
+
+
+def fill(definition: Any, options: Dict[str, Any]) -> None:
+    """Puts options into a definition struct by the names of its fields."""
+    names = [n for n, _ in definition._fields_ if n not in ("cookie", "size")]
+    for name, value in options.items():
+        if name not in names:
+            raise ArgumentError(f"option {name!r} is not known; use one of {', '.join(names)}", c.TM_ERR_ARGUMENT)
+        setattr(definition, name, value)
+
+
+class _Part:
+    """A stage's handle, which the world owns."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        self._handle = ctypes.c_void_p()
+
+    @property
+    def _as_parameter_(self) -> ctypes.c_void_p:
+        return self._handle
+
+
+class Contact(_Part):
+    """Unilateral, frictionless contact of up to two instruments with the tissue's surface, regularised by a skin compliance.
+
+    Options (tm_contact_def): skin_compliance_m_N (0.5e-3), sweeps (10), max_rows (256), force_cap_N (50).
+    """
+
+    def __init__(self, world: World, instruments: Sequence[Instrument], **options: Any) -> None:
+        super().__init__(world)
+        self.instrument_count = len(instruments)
+        definition, _listed = contact_definition(instruments, options)
+        call(lib.tm_stage_contact, world, ctypes.byref(definition), ctypes.byref(self._handle))
+
+    def move(self, instrument: int, to: Pose, substeps: int) -> None:
+        """Its path over the coming substeps: from where it is to `to`, joint-linear about the trocar."""
+        lib.tm_contact_move(self, instrument, ctypes.byref(to._c()), substeps)
+
+    def place(self, instrument: int, at: Pose) -> None:
+        """Puts it there at once: no swept path."""
+        lib.tm_contact_place(self, instrument, ctypes.byref(at._c()))
+
+    def pose(self, instrument: int = 0) -> Pose:
+        """Where it is."""
+        return Pose._of(lib.tm_contact_pose(self, instrument))
+
+    def begin_frame(self, substeps: int, average: Optional[int] = None) -> None:
+        """A frame of `substeps`, the last `average` of which (a tenth) are averaged in the reaction."""
+        lib.tm_contact_begin_frame(self, substeps, max(1, substeps // 10) if average is None else average)
+
+    def frame(self, poses: Sequence[Pose], substeps: int, average: Optional[int] = None) -> List[Reaction]:
+        """Begins a frame, moves every instrument, steps the world, and gives the reactions."""
+        self.begin_frame(substeps, average)
+        for i, pose in enumerate(poses):
+            self.move(i, pose, substeps)
+        self.world.step(substeps)
+        return [self.reaction(i) for i in range(self.instrument_count)]
+
+    def reaction(self, instrument: int = 0) -> Reaction:
+        """Of the frame so far."""
+        return reaction_of(lib.tm_contact_reaction(self, instrument))
+
+    @property
+    def rows(self) -> Any:
+        """(n,) rows of the last substep, a structured array with the fields of tm_contact_row: face, vertex, normal, gap_m, lambda_N ...; a view,
+        valid until the next step."""
+        return rows_of(self, lib.tm_contact_rows)
+
+
+class Grasp(_Part):
+    """Instruments of mode "grasper" hold the tissue between their jaws: a grip above close_grip closes, below open_grip opens.
+
+    Options (tm_grasp_def): close_grip (0.7), open_grip (0.3), jaw_length_m, reach_m, compliance_m_N, fade_s, force_cap_N, max_vertices.
+    """
+
+    def __init__(self, world: World, contact: Contact, **options: Any) -> None:
+        super().__init__(world)
+        definition = lib.tm_grasp_def_default()
+        fill(definition, options)
+        call(lib.tm_stage_grasp, world, contact, ctypes.byref(definition), ctypes.byref(self._handle))
+
+    def held(self, instrument: int = 0) -> Tuple[Ints, str]:
+        """((n,) vertices in its jaws, "open" | "holding" | "letting go")."""
+        vertex, state = ctypes.c_void_p(), ctypes.c_int()
+        count = lib.tm_grasp_held(self, instrument, ctypes.byref(vertex), ctypes.byref(state))
+        return view(self, vertex.value, (count,), "int32").copy(), HELD[state.value]
+
+
+class Cut(_Part):
+    """Active instruments of mode "cautery" remove what they touch. The tissue must be cuttable.
+
+    rate_1_s: tetrahedra a second that one cautery may remove. loose: pieces that hang on nothing "fall" or are "removed".
+    """
+
+    def __init__(self, world: World, contact: Contact, rate_1_s: float = 200.0, loose: str = "fall") -> None:
+        super().__init__(world)
+        definition = lib.tm_cut_def_default()
+        definition.rate_1_s = rate_1_s
+        definition.loose = choice(loose, {"fall": c.TM_LOOSE_FALL, "removed": c.TM_LOOSE_REMOVE}, "loose")
+        call(lib.tm_stage_cut, world, contact, ctypes.byref(definition))
+
+    def take(self) -> Tuple[Ints, Ints]:
+        """((n,) tetrahedra removed since the last call, (n,) by which instrument, -1: a loose piece), oldest first."""
+        room = self.world.tissue.mesh.tet_count
+        tet, who = np.empty(room, np.int32), np.empty(room, np.int8)
+        count = lib.tm_cut_take(self.world, address(tet), address(who), room)
+        return tet[:count].copy(), who[:count].astype(np.int32)
+
+
+def tip_force(trocar_m: Any, tip_m: Any, point_m: Any, force_N: Any) -> Floats:
+    """(3,) equivalent tip force of a force (3,) at a point (3,) of a tool that pivots about its trocar."""
+    out = np.zeros(3)
+    given = [floats(v, (3,), n) for v, n in ((trocar_m, "trocar_m"), (tip_m, "tip_m"), (point_m, "point_m"), (force_N, "force_N"))]
+    lib.tm_tip_force(*[address(g) for g in given], address(out))
+    return out

@@ -1,0 +1,104 @@
+"""What a controller feels tissue by between two force samples: a patch of surface with its compliance."""
+from __future__ import annotations
+
+import ctypes
+from typing import Any, Optional, Tuple
+
+import numpy as np
+
+from . import _bind as c
+from ._core import Floats, Ints, Object, address, call, floats, inside, lib
+from .instruments import Contact, _Part, fill
+from .solve import Factored
+from .world import World
+
+
+class Patch:
+    """A piece of the surface near a tool and its quasi-static compliance (tm_patch). Arrays are views of it."""
+
+    def __init__(self, struct: Optional[c.tm_patch] = None) -> None:
+        self._struct = struct if struct is not None else c.tm_patch()
+
+    kind: int = property(lambda self: self._struct.kind, doc="1 estimated, 2 exact.")  # type: ignore[assignment]
+    instrument: int = property(lambda self: self._struct.instrument)  # type: ignore[assignment]
+    vertex_count: int = property(lambda self: self._struct.vertex_count)  # type: ignore[assignment]
+    triangle_count: int = property(lambda self: self._struct.triangle_count)  # type: ignore[assignment]
+    radius_m: float = property(lambda self: self._struct.radius_m)  # type: ignore[assignment]
+    holds: bool = property(lambda self: self._struct.holds, doc="A grasper's hold is folded in.")  # type: ignore[assignment]
+
+    @property
+    def vertices(self) -> Ints:
+        """(n,) numbers in the mesh."""
+        return inside(self._struct, "vertex", (-1,))[:self.vertex_count]
+
+    @property
+    def triangles(self) -> Any:
+        """(t, 3) into `vertices`, normals outward."""
+        return inside(self._struct, "triangle", (-1, 3))[:self.triangle_count]
+
+    @property
+    def vertex_m(self) -> Floats:
+        """(n, 3) positions without this tool's contact, m."""
+        return inside(self._struct, "vertex_m", (-1, 3))[:self.vertex_count]
+
+    @property
+    def rest_m(self) -> Floats:
+        """(n, 3) undeformed, m."""
+        return inside(self._struct, "rest_m", (-1, 3))[:self.vertex_count]
+
+    @property
+    def compliance_m_N(self) -> Floats:
+        """(3n, 3n) displacement of component i by a unit force on j, m/N: a copy, the struct holds its upper triangle."""
+        n = 3 * self.vertex_count
+        full = np.zeros((n, n))
+        full[np.triu_indices(n)] = inside(self._struct, "compliance_m_N", (-1,))[:n * (n + 1) // 2]
+        return full + np.triu(full, 1).T
+
+
+class PatchMaker(_Part):
+    """The stage "patch": between frames it makes an instrument's patch and stiffness.
+
+    source: exact compliance (Factored); None: conjugate gradients, little by little. Options (tm_patch_def): max_vertices (24), max_triangles (32),
+    column_vertices, iterations, tolerance, horizon_s.
+    """
+
+    def __init__(self, world: World, contact: Contact, source: Optional[Factored] = None, **options: Any) -> None:
+        super().__init__(world)
+        definition = lib.tm_patch_def_default()
+        if source is not None:
+            given = lib.tm_factored_source(source)
+            definition.source = ctypes.addressof(given)
+            world._handle.outlived_by(source._handle)  # the world calls it
+        fill(definition, options)
+        call(lib.tm_stage_patch, world, contact, ctypes.byref(definition), ctypes.byref(self._handle))
+
+    def make(self, instrument: int = 0) -> Optional[Patch]:
+        """The instrument's patch; Contact.reaction then carries the stiffness. None: columns are still lacking, or nothing is near."""
+        made = Patch()
+        return made if lib.tm_patch_make(self, instrument, ctypes.byref(made._struct)) else None
+
+    @property
+    def pending(self) -> int:
+        """Columns that the patches need and that are not good yet: call make until it is 0."""
+        return int(lib.tm_patch_pending(self))
+
+
+class PatchSolver(Object):
+    """Contact solved against a patch: what the controller does in its ticks, in double and to convergence."""
+
+    def __init__(self) -> None:
+        pointer = ctypes.c_void_p()
+        call(lib.tm_patch_solver_create, ctypes.byref(pointer))
+        self._own(pointer, lib.tm_patch_solver_destroy)
+
+    def force(self, patch: Patch, tip_m: Any) -> Tuple[Floats, bool]:
+        """((3,) equivalent tip force on the tool, N; no row bears upon the patch's border)."""
+        out, within = np.zeros(3), ctypes.c_bool()
+        lib.tm_patch_force(self, ctypes.byref(patch._struct), address(floats(tip_m, (3,), "tip_m")), address(out), ctypes.byref(within))
+        return out, within.value
+
+    def stiffness(self, patch: Patch, tip_m: Any) -> Floats:
+        """(3, 3) dF/dP, N/m."""
+        out = np.zeros((3, 3))
+        lib.tm_patch_stiffness(self, ctypes.byref(patch._struct), address(floats(tip_m, (3,), "tip_m")), address(out))
+        return out

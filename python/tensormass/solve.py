@@ -1,0 +1,281 @@
+"""Static solutions, exact compliance, and the precomputed and hybrid models: libtensormass_solve, with CHOLMOD inside."""
+from __future__ import annotations
+
+import ctypes
+import os
+from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
+
+import numpy as np
+
+from . import _bind as c
+from ._core import ArgumentError, Floats, Ints, Object, address, call, choice, floats, ints, lib, view
+from .instruments import HELD, Contact, Instrument, Pose, Reaction, contact_definition, fill, reaction_of, rows_of
+from .tissue import PRECISION, Material, Surface, Tissue, surface_of
+from .world import World
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the library has threads of its own, and uses one of OpenBLAS in each
+
+SOLVERS = {"cholesky": c.TM_SOLVER_CHOLESKY, "cg": c.TM_SOLVER_CG}
+Progress = Callable[[str, float, float], Any]
+File = Union[str, "os.PathLike[str]", None]
+
+
+class Report(NamedTuple):
+    """What a solution or a model cost."""
+
+    free_dofs: int
+    columns: int
+    interface_dofs: int
+    factor_bytes: int
+    responses_bytes: int
+    work_bytes: int
+    order_s: float
+    factor_s: float
+    columns_s: float
+    seconds: float
+    from_file: bool
+    why: str  #: why a file was not used
+
+
+def _report(r: c.tm_solve_report) -> Report:
+    values = {n: getattr(r, n) for n, _ in r._fields_}
+    values["why"] = values["why"].decode()
+    return Report(**values)
+
+
+class Problem:
+    """K u = f with prescribed components, of the living tetrahedra of a tissue.
+
+    fixed: (V, 3) bool. fixed_value_m: (V, 3) read where fixed; None: all 0. load_N: (V, 3) constant forces, gravity included. solver: "cholesky" or
+    "cg". progress(what, fraction, seconds_left) may return False to stop. Options (tm_solve_def): cg_tolerance, cg_max_iterations, threads (0: all
+    cores; never changes a bit), memory_limit_bytes.
+    """
+
+    def __init__(self, tissue: Tissue, fixed: Any, fixed_value_m: Any = None, load_N: Any = None, solver: str = "cholesky",
+                 progress: Optional[Progress] = None, **options: Any) -> None:
+        shape = (tissue.mesh.vertex_count, 3)
+        self.tissue = tissue
+        mask = np.ascontiguousarray(fixed, np.uint8)
+        if mask.shape != shape:
+            raise ArgumentError(f"fixed: has shape {mask.shape}; give {shape}", c.TM_ERR_ARGUMENT)
+        value = None if fixed_value_m is None else floats(fixed_value_m, shape, "fixed_value_m")
+        load = None if load_N is None else floats(load_N, shape, "load_N")
+        d = lib.tm_solve_def_default()
+        fill(d, options)
+        d.tissue, d.fixed, d.solver = tissue._pointer, mask.ctypes.data, choice(solver, SOLVERS, "solver")
+        d.fixed_value_m = None if value is None else value.ctypes.data
+        d.load_N = None if load is None else load.ctypes.data
+        self._raised: List[BaseException] = []
+
+        def ask(user: Any, what: bytes, fraction: float, seconds_left: float) -> bool:
+            try:
+                return progress is None or progress(what.decode(), fraction, seconds_left) is not False
+            except BaseException as error:  # noqa: B902 (handed on by _call)
+                self._raised.append(error)
+                return False
+
+        asked = dict(c.tm_solve_def._fields_)["progress"](ask)  # type: ignore[misc,call-overload]
+        if progress is not None:
+            d.progress = asked
+        self._struct, self._kept = d, (mask, value, load, asked)
+
+    def _call(self, function: Any, *arguments: Any) -> None:
+        self._raised.clear()
+        try:
+            call(function, *arguments)
+        finally:
+            if self._raised:
+                raise self._raised[0]
+
+    @classmethod
+    def of_world(cls, world: World, load_N: Any = None, **options: Any) -> "Problem":
+        """The supports of a world as they are, with these loads."""
+        mask = world.support_mask
+        return cls(world.tissue, mask, np.where(mask, world.u_m, 0.0), load_N, **options)
+
+    def solve(self) -> Tuple[Floats, Floats, Report]:
+        """((V, 3) displacements m, (V, 3) reactions of the supports on the tissue N, report)."""
+        shape = (self.tissue.mesh.vertex_count, 3)
+        u, reaction, report = np.zeros(shape), np.zeros(shape), c.tm_solve_report()
+        self._call(lib.tm_solve_static, ctypes.byref(self._struct), address(u), address(reaction), ctypes.byref(report))
+        return u, reaction, _report(report)
+
+
+def solve_static(tissue: Tissue, fixed: Any, fixed_value_m: Any = None, load_N: Any = None, **options: Any) -> Tuple[Floats, Floats, Report]:
+    """((V, 3) displacements, (V, 3) reactions, report) of the static Problem; options as there."""
+    return Problem(tissue, fixed, fixed_value_m, load_N, **options).solve()
+
+
+class Factored(Object):
+    """Exact compliance for the patches of the dynamic model, cut or whole: World.add_patch(contact, source).
+
+    fixed: (V, 3) bool, prescribed components (World.support_mask).
+    """
+
+    def __init__(self, tissue: Tissue, fixed: Any) -> None:
+        mask = np.ascontiguousarray(fixed, np.uint8)
+        if mask.shape != (tissue.mesh.vertex_count, 3):
+            raise ArgumentError(f"fixed: has shape {mask.shape}; give ({tissue.mesh.vertex_count}, 3)", c.TM_ERR_ARGUMENT)
+        d = lib.tm_factored_def_default()
+        d.tissue, d.fixed = tissue._pointer, mask.ctypes.data
+        pointer = ctypes.c_void_p()
+        call(lib.tm_factored_create, ctypes.byref(d), ctypes.byref(pointer))
+        self._own(pointer, lib.tm_factored_destroy, [tissue])
+
+    def start(self) -> None:
+        """From now on a thread of its own does the work."""
+        call(lib.tm_factored_start, self)
+
+
+class Precomputed(Object):
+    """The precomputed model: quasi-static, no cutting. Responses of the surface, computed once, kept in `file` if one is given.
+
+    Options (tm_precomputed_def): update_s (0.002), max_local_vertices (256). contact, grasp: dicts of the options of Contact and Grasp.
+    """
+
+    def __init__(self, problem: Problem, instruments: Sequence[Instrument] = (), file: File = None, precision: str = "double",
+                 contact: Optional[Dict[str, Any]] = None, grasp: Optional[Dict[str, Any]] = None, **options: Any) -> None:
+        d, report, pointer = lib.tm_precomputed_def_default(), c.tm_solve_report(), ctypes.c_void_p()
+        fill(d, options)
+        d.problem, d.precision = problem._struct, choice(precision, PRECISION, "precision")
+        d.file = None if file is None else os.fsencode(file)
+        touch, _listed = contact_definition(instruments, contact or {})
+        hold = lib.tm_grasp_def_default()
+        fill(hold, grasp or {})
+        if instruments:
+            d.contact = ctypes.addressof(touch)
+        if grasp is not None:
+            d.grasp = ctypes.addressof(hold)
+        problem._call(lib.tm_precomputed_create, ctypes.byref(d), ctypes.byref(pointer), ctypes.byref(report))
+        self._own(pointer, lib.tm_precomputed_destroy, [problem.tissue])
+        self.tissue, self.report, self.instrument_count = problem.tissue, _report(report), len(instruments)
+
+    def update(self, poses: Sequence[Pose]) -> int:
+        """Every instrument moves to its pose; contact is solved anew. Newton steps of the last piece; negative: not to tolerance."""
+        if len(poses) != self.instrument_count:
+            raise ArgumentError(f"{len(poses)} poses for {self.instrument_count} instruments; give one each", c.TM_ERR_ARGUMENT)
+        listed = (c.tm_tool_pose * max(1, len(poses)))(*[p._c() for p in poses])
+        return int(lib.tm_precomputed_update(self, listed))
+
+    def place(self, instrument: int, at: Pose) -> None:
+        """Puts it there at once."""
+        lib.tm_precomputed_place(self, instrument, ctypes.byref(at._c()))
+
+    def pose(self, instrument: int = 0) -> Pose:
+        """Where it is."""
+        return Pose._of(lib.tm_precomputed_pose(self, instrument))
+
+    def force(self, instrument: int = 0) -> Floats:
+        """(3,) equivalent tip force on the tool at the last update, N."""
+        out = np.zeros(3)
+        lib.tm_precomputed_force(self, instrument, address(out))
+        return out
+
+    def reaction(self, instrument: int = 0) -> Reaction:
+        """At the last update, with its stiffness (as dear as a few updates)."""
+        return reaction_of(lib.tm_precomputed_reaction(self, instrument))
+
+    @property
+    def rows(self) -> Any:
+        """(n,) rows of contact, as Contact.rows."""
+        return rows_of(self, lib.tm_precomputed_rows)
+
+    def held(self, instrument: int = 0) -> Tuple[Ints, str]:
+        """As Grasp.held."""
+        vertex, state = ctypes.c_void_p(), ctypes.c_int()
+        count = lib.tm_precomputed_held(self, instrument, ctypes.byref(vertex), ctypes.byref(state))
+        return view(self, vertex.value, (count,), "int32").copy(), HELD[state.value]
+
+    def impose(self, vertices: Any, u_m: Any, compliance_m_N: float = 0.0) -> None:
+        """The paper's way: displacements (n, 3) imposed on surface vertices (n,) from the next update on; none: let go."""
+        listed = ints(vertices, (-1,), "vertices")
+        u = floats(u_m, (len(listed), 3), "u_m")
+        call(lib.tm_precomputed_impose, self, len(listed), address(listed), address(u), compliance_m_N)
+
+    def imposed_force(self, i: int) -> Floats:
+        """(3,) that the i-th imposed vertex exerts on the tissue, N."""
+        out = np.zeros(3)
+        lib.tm_precomputed_imposed_force(self, i, address(out))
+        return out
+
+    @property
+    def u_m(self) -> Floats:
+        """(V, 3) displacements over the surface, m; inner vertices 0."""
+        return view(self, lib.tm_precomputed_displacement(self), (self.tissue.mesh.vertex_count, 3))
+
+    @property
+    def surface_vertices(self) -> Ints:
+        """(n,) that have responses, ascending."""
+        vertex = ctypes.c_void_p()
+        count = lib.tm_precomputed_surface(self, ctypes.byref(vertex))
+        return view(self, vertex.value, (count,), "int32")
+
+    @property
+    def bytes(self) -> int:
+        """Held by it."""
+        return int(lib.tm_precomputed_bytes(self))
+
+
+class Hybrid(Object):
+    """The hybrid model: `dynamic` (T,) bool is tensor/mass and cuttable, the rest condensed onto their interface.
+
+        hybrid = Hybrid(problem, dynamic, instruments)
+        tissue = hybrid.make_tissue(materials, cuttable=True)
+        world = World(tissue, dt_s=0.9 * hybrid.critical_step()); contact = world.add_contact(instruments)
+        hybrid.join(world, contact)
+        # each frame: contact.frame(...); hybrid.recover(world); hybrid.reaction()
+    """
+
+    def __init__(self, problem: Problem, dynamic: Any, instruments: Sequence[Instrument] = (), file: File = None, precision: str = "double",
+                 contact: Optional[Dict[str, Any]] = None, **options: Any) -> None:
+        mesh = problem.tissue.mesh
+        part = np.ascontiguousarray(dynamic, np.uint8)
+        if part.shape != (mesh.tet_count,):
+            raise ArgumentError(f"dynamic: has shape {part.shape}; give ({mesh.tet_count},)", c.TM_ERR_ARGUMENT)
+        d, report, pointer = lib.tm_hybrid_def_default(), c.tm_solve_report(), ctypes.c_void_p()
+        fill(d, options)
+        d.problem, d.dynamic, d.precision = problem._struct, part.ctypes.data, choice(precision, PRECISION, "precision")
+        d.file = None if file is None else os.fsencode(file)
+        touch, _listed = contact_definition(instruments, contact or {})
+        if instruments:
+            d.contact = ctypes.addressof(touch)
+        problem._call(lib.tm_hybrid_create, ctypes.byref(d), ctypes.byref(pointer), ctypes.byref(report))
+        self._own(pointer, lib.tm_hybrid_destroy, [problem.tissue])
+        self.mesh, self.report = mesh, _report(report)
+
+    def make_tissue(self, materials: Union[Material, Sequence[Material]], *, region_material: Any = None, fibres: Any = None,
+                    cuttable: bool = False) -> Tissue:
+        """The world's tissue: the dynamic part, with the interface's masses."""
+        tissue = Tissue.__new__(Tissue)
+        tissue._fill(self.mesh, materials, region_material, fibres)
+        tissue._definition.cuttable = cuttable
+        lib.tm_hybrid_tissue(self, ctypes.byref(tissue._definition))
+        tissue._build([self.mesh, self])
+        return tissue
+
+    def critical_step(self) -> float:
+        """Guaranteed step of the whole, s."""
+        return float(lib.tm_hybrid_critical_step(self, None))
+
+    def join(self, world: World, contact: Optional[Contact] = None) -> None:
+        """Adds the stage "hybrid"."""
+        call(lib.tm_stage_hybrid, world, self, contact if contact is not None else None)
+        world._handle.outlived_by(self._handle)
+
+    def recover(self, world: World) -> None:
+        """Once per frame: displacements of the condensed inside, written into the world's state."""
+        lib.tm_hybrid_recover(self, world)
+
+    def reaction(self, instrument: int = 0) -> Reaction:
+        """Both parts'."""
+        return reaction_of(lib.tm_hybrid_reaction(self, instrument))
+
+    @property
+    def surface(self) -> Surface:
+        """Of the whole organ."""
+        return surface_of(self, lib.tm_hybrid_surface(self))
+
+    @property
+    def bytes(self) -> int:
+        """Held by it."""
+        return int(lib.tm_hybrid_bytes(self))
