@@ -24,3 +24,20 @@ $(PYTHON_LIB)/libtensormass_scene.so: $(call objects,$(PYTHON_SCENE_SRC)) $(filt
 		-Wl,--start-group $(filter %.a,$^) -Wl,--end-group -L$(OUT)/lib -ltensormass -lyaml -lcjson -ldl -lm -lpthread
 .PHONY: python-libraries
 python-libraries: $(PYTHON_LIBRARIES)
+# Headers that the package calls, by the library that has them.
+PYTHON_HEADERS := tensormass=libtensormass/include/tensormass.h tensormass_solve=libtensormass/include/tensormass_solve.h \
+	tensormass_controller=haptic_rt/core/hrt.h tensormass_scene=python/native/scene.h
+PYTHON_VENV := $(OUT)/wheel/venv
+$(PYTHON_VENV)/.done: python/requirements.txt
+	@mkdir -p $(@D)
+	@/usr/bin/python3 -m venv $(@D)
+	@$(@D)/bin/pip install -q --disable-pip-version-check -r $< || { echo "make wheel: pip could not install what python/requirements.txt names; check the network or the package index" >&2; exit 2; }
+	@touch $@
+#: make wheel                  the Python package: a manylinux wheel and an sdist in build/wheel/
+PYTHON_PARTS := $(shell find python libtensormass/include haptic_rt/core/hrt.h -type f -not -name '*.pyc')
+.PHONY: wheel
+wheel: $(OUT)/wheel/.made
+$(OUT)/wheel/.made: $(PYTHON_LIBRARIES) $(PYTHON_VENV)/.done $(PYTHON_PARTS)
+	@python/wheel.sh $(OUT) $(abspath $(PYTHON_VENV))/bin/python > $(OUT)/wheel/wheel.log 2>&1 || { tail -n 20 $(OUT)/wheel/wheel.log >&2; exit 1; }
+	@touch $@
+	@ls -l $(OUT)/wheel/*.whl $(OUT)/wheel/*.tar.gz

@@ -1,0 +1,176 @@
+"""The controller's core for co-simulation: the pure tick of haptic-rt, and its extrapolators alone."""
+from __future__ import annotations
+
+import ctypes
+from typing import Any, Dict, List, Optional
+
+import numpy as np
+
+from . import _bind as c
+from ._core import ArgumentError, lib
+from .instruments import Reaction
+from .patch import Patch
+
+EXTRAPOLATORS = {n[len("HRT_"):].lower(): getattr(c, n) for n in (
+    "HRT_HOLD", "HRT_TIME", "HRT_POSITION", "HRT_BROYDEN", "HRT_TANGENT", "HRT_CONTACT", "HRT_PAPER_POSITION")}
+_JOINTS = c.HRT_JOINTS
+
+
+def _which(name: str) -> int:
+    number = ctypes.c_int()
+    if not lib.hrt_extrapolator_find(name.encode(), ctypes.byref(number)):
+        raise ArgumentError(f"extrapolator {name!r} is not known; use one of {', '.join(EXTRAPOLATORS)}", c.TM_ERR_ARGUMENT)
+    return number.value
+
+
+def parameters(**values: Any) -> c.hrt_params:
+    """The controller's parameters by their names in C (force_max_N, stale_us, coupling_N_m ...; docs/controller.md), the others at their defaults.
+    ArgumentError names one that is out of range."""
+    params = c.hrt_params()
+    lib.hrt_params_default(ctypes.byref(params))
+    names = [n for n, _ in params._fields_]
+    for name, value in values.items():
+        if name not in names:
+            raise ArgumentError(f"parameter {name!r} is not known; use one of {', '.join(names)}", c.TM_ERR_ARGUMENT)
+        field = getattr(params, name)
+        if isinstance(field, ctypes.Array):
+            for i, number in enumerate(value):
+                field[i] = number
+        else:
+            setattr(params, name, value)
+    row = lib.hrt_params_check(ctypes.byref(params))
+    if row >= 0:
+        raise ArgumentError(f"parameter {_words(row)} is not finite, or out of its range; see docs/controller.md", c.TM_ERR_ARGUMENT)
+    return params
+
+
+def _words(row: int) -> str:
+    library = lib._open("tensormass_controller")
+    table = (c.hrt_param_words * (row + 1)).in_dll(library, "hrt_param_text")
+    return str(table[row].name.decode())
+
+
+def sample(reaction: Reaction, t_us: int, trocar_m: Any = (0.0, 0.0, 0.0), seq: int = 0, session: int = 1, tool_session: int = 1,
+           unilateral: bool = True, params: Optional[c.hrt_params] = None) -> c.hrt_sample:
+    """A force sample (t_n, P_n, F_n, K) of a simulation's reaction. t_us: of the tip position, on the controller's clock. Positions are made relative
+    to the trocar. ArgumentError: what the controller would reject."""
+    s = c.hrt_sample()
+    s.session, s.tool_session, s.t_us, s.seq, s.unilateral, s.stiffness_kind = session, tool_session, t_us, seq, unilateral, reaction.stiffness_kind
+    s.tip_m[:] = [float(p - o) for p, o in zip(reaction.tip_m, trocar_m)]
+    s.force_N[:] = [float(f) for f in reaction.force_N]
+    s.stiffness_N_m[:] = [float(k) for k in np.ravel(reaction.stiffness_N_m)]
+    _accept(lib.hrt_sample_check(ctypes.byref(s), ctypes.byref(params if params is not None else parameters())))
+    return s
+
+
+def _accept(reject: int) -> None:
+    if reject != c.HRT_ACCEPT:
+        raise ArgumentError(f"the controller rejects it: {lib.hrt_reject_text(reject).decode()}", c.TM_ERR_ARGUMENT)
+
+
+def controller_patch(patch: Patch, trocar_m: Any, seq: int = 0) -> c.hrt_patch:
+    """A simulation's patch as the controller has it: floats, relative to the trocar, checked. A grasper's hold is not taken over."""
+    p, n, t = patch._struct, patch.vertex_count, patch.triangle_count
+    if p.holds:
+        raise ArgumentError("the patch holds tissue; send it over LCM, or leave the hold out", c.TM_ERR_ARGUMENT)
+    made, origin = c.hrt_patch(), np.asarray(trocar_m, float)
+    made.seq, made.topology_revision, made.vertex_count, made.triangle_count = seq, p.topology_revision, n, t
+    made.vertex_m[:3 * n] = (patch.vertex_m - origin).ravel().tolist()
+    made.rest_m[:3 * n] = (patch.rest_m - origin).ravel().tolist()
+    made.face[:t] = p.face[:t]
+    made.triangle[:3 * t] = p.triangle[:3 * t]
+    size = 3 * n * (3 * n + 1) // 2
+    made.compliance_m_N[:size] = p.compliance_m_N[:size]
+    for name in ("skin_compliance_m_N", "force_cap_N", "radius_m", "contact_length_m", "film_s_m"):
+        setattr(made, name, getattr(p, name))
+    scratch = (ctypes.c_float * c.HRT_PATCH_COMPLIANCE)()
+    _accept(lib.hrt_patch_prepare(ctypes.byref(made), scratch))
+    return made
+
+
+class Extrapolator:
+    """A law alone: forces between samples, at any tip position and time. `name`: "hold", "time", "position", "broyden", "tangent", "contact" ..."""
+
+    def __init__(self, name: str = "contact", params: Optional[c.hrt_params] = None) -> None:
+        self.params = params if params is not None else parameters()
+        self._struct, self._kept = c.hrt_extrapolation(), [None, None, None]  # type: Any, List[Any]
+        lib.hrt_extrapolation_reset(ctypes.byref(self._struct), _which(name))
+
+    def take(self, sample: c.hrt_sample, patch: Optional[c.hrt_patch] = None) -> None:
+        """A newer sample, with its patch."""
+        if patch is not None:
+            sample.patch = ctypes.addressof(patch)
+        self._kept = [patch, *self._kept[:2]]  # the law may still point to the one before
+        lib.hrt_extrapolation_sample(ctypes.byref(self._struct), ctypes.byref(self.params), ctypes.byref(sample))
+
+    def force(self, t_us: int, tip_m: Any) -> Any:
+        """(3,) force on the tool at a tip (3,) relative to the trocar, N."""
+        tip, out = (ctypes.c_float * 3)(*[float(x) for x in tip_m]), (ctypes.c_float * 3)()
+        lib.hrt_extrapolation_force(ctypes.byref(self._struct), ctypes.byref(self.params), int(t_us), tip, out)
+        return np.array(out, float)
+
+
+class Controller:
+    """The controller of one instrument, without clock, bus or thread: tick() every 2 ms of your time.
+
+    axis: the shaft's direction into the body at zero pitch and yaw; up: of the device; params: parameters(...). States, limits and faults:
+    docs/controller.md.
+    """
+
+    def __init__(self, axis: Any = (0.0, 0.0, -1.0), up: Any = (0.0, 1.0, 0.0), extrapolator: str = "contact", params: Optional[c.hrt_params] = None,
+                 session: int = 1) -> None:
+        self.params = params if params is not None else parameters()
+        self.extrapolator = _which(extrapolator)
+        self._frame, self._struct, self._input, self._output = c.hrt_frame(), c.hrt_controller(), c.hrt_input(), c.hrt_output()
+        three = ctypes.c_float * 3
+        if not lib.hrt_frame_from_axis(ctypes.byref(self._frame), three(*map(float, axis)), three(*map(float, up))):
+            raise ArgumentError("axis and up are parallel, zero or not finite; give two directions", c.TM_ERR_ARGUMENT)
+        lib.hrt_init(ctypes.byref(self._struct), ctypes.byref(self.params), ctypes.byref(self._frame), session)
+        self._kept: List[Any] = [None, None, None]
+
+    def tip(self, joints: Any) -> Any:
+        """(3,) tip of joints (5,), relative to the trocar, m."""
+        joint, out = (ctypes.c_float * _JOINTS)(*map(float, joints)), (ctypes.c_float * 3)()
+        lib.hrt_tip(ctypes.byref(self._frame), joint, out)
+        return np.array(out, float)
+
+    def joints(self, tip_m: Any) -> Any:
+        """(5,) pitch, yaw, insertion that put the tip (3,) there; roll and grip 0."""
+        out = (ctypes.c_float * _JOINTS)()
+        if not lib.hrt_inverse(ctypes.byref(self._frame), (ctypes.c_float * 3)(*map(float, tip_m)), out):
+            raise ArgumentError("tip_m: no joints put the tip at the trocar itself; give another", c.TM_ERR_ARGUMENT)
+        return np.array(out, float)
+
+    def tick(self, t_us: int, joints: Any, newest: Optional[c.hrt_sample] = None, patch: Optional[c.hrt_patch] = None, *, enable: bool = True,
+             passivity: bool = False, coupling: bool = False, pedal: bool = False, reset: bool = False, bus_ok: bool = True,
+             device_fault: int = 0) -> c.hrt_output:
+        """One tick at t_us with joints (5,) as the encoders counted them. newest: a sample that has come since the last tick, and its patch.
+
+        The output (hrt_output, the same object every time): state, fault, limits, torque[3], force_N[3], tip_m[3], gain ...
+        """
+        i = self._input
+        i.encoder_us, i.device_session, i.device_fault, i.bus_ok = t_us, 1, device_fault, bus_ok
+        for j, value in enumerate(joints):
+            i.count[j] = round(lib.hrt_count_of_joint(ctypes.byref(self.params), j, float(value)))
+        i.enable, i.passivity, i.coupling, i.pedal, i.reset, i.extrapolator = enable, passivity, coupling, pedal, reset, self.extrapolator
+        if newest is not None:
+            newest.patch = None if patch is None else ctypes.addressof(patch)
+            self._kept = [patch, *self._kept[:2]]
+        lib.hrt_tick(ctypes.byref(self._struct), int(t_us), ctypes.byref(i), None if newest is None else ctypes.byref(newest),
+                     ctypes.byref(self._output))
+        return self._output
+
+    @property
+    def state(self) -> str:
+        """"boot", "self_test", "idle", "engaged", "stale", "fault"."""
+        return str(lib.hrt_state_name(self._struct.state).decode())
+
+    @property
+    def fault(self) -> str:
+        """What happened, what to do; "" without a fault."""
+        return str(lib.hrt_fault_text(self._struct.fault).decode()) if self._struct.fault else ""
+
+    @property
+    def counters(self) -> Dict[str, int]:
+        """Ticks and samples so far."""
+        return {n: getattr(self._struct.counters, n) for n, _ in c.hrt_counters._fields_}

@@ -1,0 +1,167 @@
+"""Scenes: the YAML files that tm-sim runs, frame by frame."""
+from __future__ import annotations
+
+import ctypes
+import os
+from typing import Any, Callable, List, Mapping, Optional, Sequence, Union
+
+from . import _bind as c
+from ._core import ERRORS, ArgumentError, Error, Floats, Object, floats, lib, said, view
+from .instruments import Instrument, MODES, Pose, Reaction, reaction_of
+from .mesh import Mesh
+from .patch import Patch
+from .tissue import Surface, Tissue, surface_of
+from .world import World
+
+_MODE_NAMES = {v: k for k, v in MODES.items()}
+
+
+def _raise(status: int, sentence: str = "") -> None:
+    told = said()
+    if status != c.TM_OK:
+        raise ERRORS.get(status, Error)("\n".join(told) or sentence, status)
+
+
+class Scene(Object):
+    """A scene as tm-sim reads it (docs/scene-reference.md), without controllers: instruments go where its hands want them, or where you say.
+
+    sets: values laid over the scene's, {"time.frame_rate": 50, "gravity": None} (None leaves a key out). What is wrong in the file raises an Error
+    with "file:line: what; what to do"; what is valid and probably not meant is a SceneWarning.
+
+    Bits are those of `tm-sim --lockstep` of a scene without haptics. Recording and rendering are the programs'.
+    """
+
+    def __init__(self, path: Union[str, "os.PathLike[str]"], sets: Optional[Mapping[str, Any]] = None) -> None:
+        lines = [os.fsencode(k if v is None else f"{k}={_yaml(v)}") for k, v in (sets or {}).items()]
+        array = (ctypes.c_char_p * (len(lines) + 1))(*lines)
+        pointer = ctypes.c_void_p()
+        _raise(lib.tm_scene_open(os.fsencode(path), array, len(lines), ctypes.byref(pointer)))
+        self._own(pointer, lib.tm_scene_close)
+        self._about = lib.tm_scene_tell(self)
+        self.mesh: Mesh = Mesh._borrow(lib.tm_scene_mesh(self), self)
+        self.tissue: Tissue = Tissue._borrow(lib.tm_scene_tissue(self), self.mesh, self)
+        world = lib.tm_scene_world(self)
+        #: None in the precomputed model; stages may be added to it
+        self.world: Optional[World] = World._borrow(world, self.tissue, self) if world else None
+
+    @property
+    def title(self) -> str:
+        """As the scene says."""
+        return str(self._about.title.decode())
+
+    @property
+    def model(self) -> str:
+        """"dynamic", "precomputed" or "hybrid"."""
+        return str(self._about.model.decode())
+
+    @property
+    def instruments(self) -> List[Instrument]:
+        """At their first poses."""
+        found = [lib.tm_scene_instrument(self, i) for i in range(self._about.instrument_count)]
+        return [Instrument(tuple(d.trocar_m), tuple(d.pose.tip_m), _MODE_NAMES[d.mode], d.radius_m, d.contact_length_m, d.pose.roll_rad,
+                           d.pose.grip, d.pose.active) for d in found]
+
+    frame_s: float = property(lambda self: self._about.frame_s, doc="Of a frame, s.")  # type: ignore[assignment]
+    dt_s: float = property(lambda self: self._about.dt_s, doc="Of a substep, s.")  # type: ignore[assignment]
+    substeps: int = property(lambda self: self._about.substeps, doc="Of a frame.")  # type: ignore[assignment]
+    duration_s: float = property(lambda self: self._about.duration_s, doc="That the scene asks for, s.")  # type: ignore[assignment]
+
+    @property
+    def time_s(self) -> float:
+        """Simulated, s."""
+        return float(lib.tm_scene_tell(self).time_s)
+
+    @property
+    def frames(self) -> int:
+        """Done."""
+        return int(lib.tm_scene_tell(self).frames)
+
+    @property
+    def alive_count(self) -> int:
+        """Tetrahedra that are left."""
+        return int(lib.tm_scene_tell(self).alive_count)
+
+    def step(self, poses: Optional[Sequence[Pose]] = None) -> List[Reaction]:
+        """One frame: every instrument goes to its pose, or where the scene's hand wants it (None). Reactions, one an instrument."""
+        to = None
+        if poses is not None:
+            if len(poses) != self._about.instrument_count:
+                raise ArgumentError(f"{len(poses)} poses for {self._about.instrument_count} instruments; give one each", c.TM_ERR_ARGUMENT)
+            to = (c.tm_tool_pose * max(1, len(poses)))(*[p._c() for p in poses])
+        status = lib.tm_scene_step(self, to)
+        if self.world is not None and self.world._failed is not None:
+            failed, self.world._failed = self.world._failed, None
+            raise failed
+        _raise(status, f"frame {self.frames + 1}: a displacement or a force stopped being finite; the frame has not happened")
+        return [self.reaction(i) for i in range(self._about.instrument_count)]
+
+    def run(self, seconds: Optional[float] = None, each: Optional[Callable[["Scene"], Any]] = None) -> "Scene":
+        """Whole frames for so long (None: the scene's duration). each(scene) after every frame; False stops."""
+        total = round((self.duration_s if seconds is None else seconds) / self.frame_s)
+        for _ in range(total):
+            self.step()
+            if each is not None and each(self) is False:
+                break
+        return self
+
+    def reaction(self, instrument: int = 0) -> Reaction:
+        """Of the last frame."""
+        self._check(instrument)
+        return reaction_of(lib.tm_scene_reaction(self, instrument))
+
+    def pose(self, instrument: int = 0) -> Pose:
+        """At the end of the last frame."""
+        self._check(instrument)
+        return Pose._of(lib.tm_scene_pose(self, instrument))
+
+    def pose_of_joints(self, instrument: int, joints: Any, active: bool = True) -> Pose:
+        """Joints (5,): pitch rad, yaw rad, insertion m, roll rad, grip 0 to 1, as a pose in the world."""
+        self._check(instrument)
+        joint = (ctypes.c_double * 5)(*floats(joints, (5,), "joints"))
+        return Pose._of(lib.tm_scene_pose_of(self, instrument, joint, active))
+
+    def patch(self, instrument: int = 0) -> Optional[Patch]:
+        """Of the last frame, a copy; None: the scene sends none (haptics: extrapolator), or nothing is near."""
+        self._check(instrument)
+        found = lib.tm_scene_patch(self, instrument)
+        return Patch(c.tm_patch.from_buffer_copy(ctypes.string_at(found, ctypes.sizeof(c.tm_patch)))) if found else None
+
+    def _check(self, instrument: int) -> None:
+        if not 0 <= instrument < self._about.instrument_count:
+            raise IndexError(f"instrument {instrument} of {self._about.instrument_count}")
+
+    @property
+    def u_m(self) -> Floats:
+        """(V, 3) displacements, m; take it anew after a frame."""
+        return view(self, lib.tm_scene_displacement(self), (self._about.vertex_count, 3))
+
+    @property
+    def position_m(self) -> Floats:
+        """(V, 3) rest + displacement, m: a copy."""
+        return self.mesh.rest_m + self.u_m
+
+    @property
+    def surface(self) -> Surface:
+        """What can be touched, whatever the model; take it anew after a frame."""
+        return surface_of(self, lib.tm_scene_surface(self))
+
+    @property
+    def hash(self) -> int:
+        """Of the state's bits."""
+        return int(lib.tm_scene_hash(self))
+
+    def save(self, path: Union[str, "os.PathLike[str]"]) -> None:
+        """A snapshot, as tm-sim --snapshot writes it."""
+        _raise(lib.tm_scene_save(self, os.fsencode(path)))
+
+    def restore(self, path: Union[str, "os.PathLike[str]"]) -> None:
+        """Goes on from a snapshot of the same scene; a damaged one raises and changes nothing."""
+        _raise(lib.tm_scene_restore(self, os.fsencode(path)))
+
+
+def _yaml(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(_yaml(v) for v in value) + "]"
+    return str(value)
