@@ -112,6 +112,7 @@ class Interface:
             self.constants.append(e.name)
 
     def struct(self, name, node):
+        self.structs.pop(name, None)  # where it is told in full is its place
         self.structs[name] = None
         if node.decls:
             self.structs[name] = [(d.name, *self.type_of(d.type)) for d in node.decls]

@@ -21,9 +21,9 @@ void said_begin(void) {
 
 const char *tm_scene_said(void) { return said; }
 
-tm_status said_status(int exit_code) {
-    if (blamed) return blamed;
-    return exit_code == APP_BAD_INPUT ? TM_ERR_ARGUMENT : TM_ERR_UNSTABLE;
+tm_status said_status(int exit_code, tm_status otherwise) {
+    if (!exit_code) return TM_OK;
+    return blamed ? blamed : otherwise;
 }
 
 static void add(const char *format, ...) {

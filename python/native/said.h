@@ -6,7 +6,7 @@
 
 /* Forgets what this thread said before. */
 void said_begin(void);
-/* The library's status behind an exit code of the programs, TM_ERR_ARGUMENT where there is none. */
-tm_status said_status(int exit_code);
+/* The library's status behind an exit code of the programs, `otherwise` where there is none. */
+tm_status said_status(int exit_code, tm_status otherwise);
 
 #endif

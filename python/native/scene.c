@@ -1,6 +1,7 @@
 /* apps/sim and the readers of apps/common behind the few functions of scene.h. */
 #include "scene.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,8 +20,6 @@ struct tm_scene {
 struct tm_scene_file {
     app_mesh mesh;
 };
-
-static tm_status ended(int rc) { return rc ? said_status(rc) : TM_OK; }
 
 static const char *const model_name[] = {"dynamic", "precomputed", "hybrid"};
 
@@ -42,7 +41,7 @@ tm_status tm_scene_open(const char *file, const char *const *set, int32_t set_co
     if (rc) {
         made->s = NULL;
         tm_scene_close(made);
-        return ended(rc);
+        return said_status(rc, TM_ERR_ARGUMENT);
     }
     for (int i = 0; i < made->s->instrument_count; i++) made->s->wants[i] = made->s->can_send;
     *scene = made;
@@ -77,8 +76,9 @@ tm_status tm_scene_step(tm_scene *scene, const tm_tool_pose *to) {
     sim *s = scene->s;
     tm_tool_pose hand[TM_MAX_INSTRUMENTS] = {0};
     said_begin();
-    for (int i = 0; i < s->instrument_count && !to; i++)
-        hand[i] = sim_hand_pose(s, i, (double)(s->frames + 1) * s->frame_s);
+    /* On the microsecond, as tm-sim's clock is: the same bits. */
+    double end_s = (double)llround((double)(s->frames + 1) * s->frame_s * 1e6) * 1e-6;
+    for (int i = 0; i < s->instrument_count && !to; i++) hand[i] = sim_hand_pose(s, i, end_s);
     return sim_frame(s, to ? to : hand, s->substeps);
 }
 
@@ -87,8 +87,8 @@ tm_tool_pose tm_scene_pose_of(const tm_scene *scene, int32_t instrument, const d
 }
 
 tm_mesh *tm_scene_mesh(tm_scene *scene) { return scene->s->mesh; }
-tm_tissue *tm_scene_tissue(tm_scene *scene) { return scene->s->tissue; }
-tm_world *tm_scene_world(tm_scene *scene) { return scene->s->world; }
+tm_tissue *tm_scene_tissue(tm_scene *scene) { return scene->s->model->tissue; }
+tm_world *tm_scene_world(tm_scene *scene) { return scene->s->model->world; }
 tm_surface_view tm_scene_surface(const tm_scene *scene) { return sim_surface(scene->s); }
 const double *tm_scene_displacement(const tm_scene *scene) { return sim_displacement(scene->s); }
 tm_tool_reaction tm_scene_reaction(const tm_scene *scene, int32_t instrument) { return scene->s->reaction[instrument]; }
@@ -104,12 +104,12 @@ const tm_patch *tm_scene_patch(const tm_scene *scene, int32_t instrument) {
 
 tm_status tm_scene_save(tm_scene *scene, const char *path) {
     said_begin();
-    return ended(sim_snapshot_save(scene->s, path));
+    return said_status(sim_snapshot_save(scene->s, path), TM_ERR_FILE);
 }
 
 tm_status tm_scene_restore(tm_scene *scene, const char *path) {
     said_begin();
-    return ended(sim_snapshot_restore(scene->s, path));
+    return said_status(sim_snapshot_restore(scene->s, path), TM_ERR_FILE);
 }
 
 /* --- files --- */

@@ -21,8 +21,9 @@ from .controller import Controller, Extrapolator, controller_patch, parameters, 
 from .instruments import Contact, Cut, Grasp, Instrument, Pose, Reaction, tip_force
 from .log import Channel, read_log
 from .mesh import Mesh, Quality, memory_in_use, read_fibres
-from .solve import Factored, Hybrid, Precomputed, Problem, Report, solve_static
+from .solve import Factored, Precomputed, Problem, Report, solve_static
 from .patch import Patch, PatchMaker, PatchSolver
+from .model import Model, Pace
 from .scene import Scene
 from .tissue import Material, Surface, Tissue
 from .world import Settled, Stage, World
@@ -30,7 +31,7 @@ from .world import Settled, Stage, World
 __version__: str = lib.tm_version().decode()
 __all__ = [
     "ArgumentError", "Channel", "Contact", "ContractError", "Controller", "ConvergenceError", "Cut", "Error", "ExcludedError", "Extrapolator",
-    "Factored", "FileError", "Grasp", "Hybrid", "Instrument", "LimitError", "Material", "MaterialError", "Mesh", "MeshError", "NoMemoryError",
+    "Factored", "FileError", "Grasp", "Instrument", "LimitError", "Material", "MaterialError", "Mesh", "MeshError", "Model", "Pace", "NoMemoryError",
     "Patch", "PatchMaker", "PatchSolver", "Pose", "Precomputed", "Problem", "Quality", "Reaction", "Report", "Scene", "SceneWarning", "Settled",
     "Stage", "StepError", "SupportError", "Surface", "Tissue", "UnstableError", "World", "controller_patch", "memory_in_use", "parameters",
     "read_fibres", "read_log", "sample", "solve_static", "tip_force",

@@ -38,7 +38,7 @@ def main(given: Optional[List[str]] = None) -> int:
     options = _arguments(given)
     sets = {**{key: value for key, _, value in (s.partition("=") for s in options.set)}, **{key: None for key in options.unset}}
     warnings.simplefilter("always", SceneWarning)
-    warnings.showwarning = lambda message, *_, **__: print(message, file=sys.stderr)  # type: ignore[assignment]
+    warnings.showwarning = lambda message, *_, **__: print(message, file=sys.stderr)
     try:
         scene = Scene(options.scene, sets)
         print(f"{scene.title or options.scene}: {scene.model} model, {scene.mesh.tet_count} tetrahedra, {scene.substeps} substeps of "

@@ -6,7 +6,7 @@ import pathlib
 import threading
 import warnings
 import weakref
-from typing import Any, Callable, Dict, Iterable, List, Optional, Type, TypeVar
+from typing import Any, Callable, Dict, Iterable, List, Optional, Type
 
 import numpy as np
 from numpy.typing import NDArray
@@ -142,13 +142,13 @@ def _raise_broken(result: Any, function: Any, arguments: Any) -> Any:
 lib = _Library()
 
 
-@ctypes.CFUNCTYPE(None, ctypes.c_char_p, ctypes.c_char_p, ctypes.c_void_p)
 def _on_contract(function: bytes, sentence: bytes, user: Any) -> None:
     if getattr(_broken, "sentence", None) is None:
         _broken.sentence = f"{function.decode()}: {sentence.decode()}"
 
 
-lib.tm_set_contract_handler(_on_contract, None)
+_HANDLER = c.tm_contract_handler(_on_contract)
+lib.tm_set_contract_handler(_HANDLER, None)
 
 
 def call(function: Any, *arguments: Any) -> None:
@@ -221,7 +221,7 @@ class Object:
 
     def _own(self, pointer: Any, destroy: Optional[Callable[[int], Any]], parents: Iterable["Object"] = (), keep: Any = None) -> None:
         value = pointer.value if isinstance(pointer, ctypes.c_void_p) else pointer
-        self._handle = Handle(value, destroy, [p._handle for p in parents], keep)
+        self._handle = Handle(value or 0, destroy, [p._handle for p in parents], keep)
         weakref.finalize(self, self._handle.release)
 
     @property
@@ -257,6 +257,16 @@ def inside(struct: Any, field: str, shape: Iterable[int], owner: object = None) 
     return array.reshape(tuple(shape))
 
 
+def fields(struct: Any) -> List[str]:
+    """Names of a struct's members."""
+    return [f[0] for f in struct._fields_]
+
+
+def field_type(struct: Any, name: str) -> Any:
+    """Of one member: what makes a callback of a Python function."""
+    return {f[0]: f[1] for f in struct._fields_}[name]
+
+
 def floats(values: Any, shape: Iterable[int], name: str) -> Floats:
     """A contiguous array of doubles of exactly this shape (-1: any length)."""
     return _array(values, np.float64, shape, name)
@@ -284,9 +294,6 @@ def _array(values: Any, kind: Any, shape: Iterable[int], name: str) -> Any:
 def address(array: Optional[NDArray[Any]]) -> Any:
     """Of an array's memory, for a call; None is null."""
     return None if array is None else ctypes.c_void_p(array.ctypes.data)
-
-
-T = TypeVar("T")
 
 
 def vector(values: Any, name: str) -> Any:

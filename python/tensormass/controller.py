@@ -7,7 +7,7 @@ from typing import Any, Dict, List, Optional
 import numpy as np
 
 from . import _bind as c
-from ._core import ArgumentError, lib
+from ._core import ArgumentError, fields, lib
 from .instruments import Reaction
 from .patch import Patch
 
@@ -28,7 +28,7 @@ def parameters(**values: Any) -> c.hrt_params:
     ArgumentError names one that is out of range."""
     params = c.hrt_params()
     lib.hrt_params_default(ctypes.byref(params))
-    names = [n for n, _ in params._fields_]
+    names = fields(params)
     for name, value in values.items():
         if name not in names:
             raise ArgumentError(f"parameter {name!r} is not known; use one of {', '.join(names)}", c.TM_ERR_ARGUMENT)
@@ -173,4 +173,4 @@ class Controller:
     @property
     def counters(self) -> Dict[str, int]:
         """Ticks and samples so far."""
-        return {n: getattr(self._struct.counters, n) for n, _ in c.hrt_counters._fields_}
+        return {n: getattr(self._struct.counters, n) for n in fields(c.hrt_counters)}

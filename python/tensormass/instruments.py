@@ -8,7 +8,7 @@ from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple
 import numpy as np
 
 from . import _bind as c
-from ._core import ArgumentError, Floats, Ints, address, call, choice, floats, inside, lib, vector, view
+from ._core import ArgumentError, Floats, Ints, address, call, choice, fields, floats, inside, lib, vector, view
 from .world import World
 
 MODES = {"probe": c.TM_TOOL_PROBE, "grasper": c.TM_TOOL_GRASPER, "cautery": c.TM_TOOL_CAUTERY}
@@ -86,7 +86,7 @@ def rows_of(owner: object, function: Any) -> Any:
     if not count:
         return np.zeros(0, np.dtype(c.tm_contact_row))
     buffer = (c.tm_contact_row * count).from_address(pointer.value or 0)
-    buffer._owner = owner  # type: ignore[attr-defined]
+    buffer._owner = owner
     return np.frombuffer(buffer, np.dtype(c.tm_contact_row))
 
 
@@ -101,7 +101,7 @@ def contact_definition(instruments: Sequence[Instrument], options: Dict[str, Any
 
 def fill(definition: Any, options: Dict[str, Any]) -> None:
     """Puts options into a definition struct by the names of its fields."""
-    names = [n for n, _ in definition._fields_ if n not in ("cookie", "size")]
+    names = [n for n in fields(definition) if n not in ("cookie", "size")]
     for name, value in options.items():
         if name not in names:
             raise ArgumentError(f"option {name!r} is not known; use one of {', '.join(names)}", c.TM_ERR_ARGUMENT)

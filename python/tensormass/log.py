@@ -10,7 +10,7 @@ from typing import Any, Dict, Iterator, List, NamedTuple, Optional, Tuple, Union
 import numpy as np
 
 from . import _bind as c
-from ._core import FileError
+from ._core import FileError, fields
 
 _FOLDER = pathlib.Path(__file__).resolve().parent / "lcm_types"
 _SYNC = 0xEDA1DA01
@@ -48,7 +48,7 @@ class Type:
         #: of messages of fixed size: their layout on the wire
         self.dtype: Optional[np.dtype[Any]] = None
         if all(f.kind != "string" and all(isinstance(d, int) for d in f.dims) for f in self.fields):
-            self.dtype = np.dtype([(f.name, _KINDS[f.kind], f.dims) for f in self.fields])  # type: ignore[arg-type]
+            self.dtype = np.dtype([(f.name, _KINDS[f.kind], f.dims) for f in self.fields])
 
     def _hash(self) -> int:
         def signed(v: int) -> int:

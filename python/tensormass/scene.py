@@ -89,15 +89,14 @@ class Scene(Object):
                 raise ArgumentError(f"{len(poses)} poses for {self._about.instrument_count} instruments; give one each", c.TM_ERR_ARGUMENT)
             to = (c.tm_tool_pose * max(1, len(poses)))(*[p._c() for p in poses])
         status = lib.tm_scene_step(self, to)
-        if self.world is not None and self.world._failed is not None:
-            failed, self.world._failed = self.world._failed, None
-            raise failed
+        if self.world is not None:
+            self.world._raise_failed()
         _raise(status, f"frame {self.frames + 1}: a displacement or a force stopped being finite; the frame has not happened")
         return [self.reaction(i) for i in range(self._about.instrument_count)]
 
     def run(self, seconds: Optional[float] = None, each: Optional[Callable[["Scene"], Any]] = None) -> "Scene":
         """Whole frames for so long (None: the scene's duration). each(scene) after every frame; False stops."""
-        total = round((self.duration_s if seconds is None else seconds) / self.frame_s)
+        total = int((self.duration_s if seconds is None else seconds) / self.frame_s + 0.5)
         for _ in range(total):
             self.step()
             if each is not None and each(self) is False:

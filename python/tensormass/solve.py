@@ -1,4 +1,4 @@
-"""Static solutions, exact compliance, and the precomputed and hybrid models: libtensormass_solve, with CHOLMOD inside."""
+"""Static solutions, exact compliance, and the precomputed model by itself: libtensormass_solve, with CHOLMOD inside."""
 from __future__ import annotations
 
 import ctypes
@@ -8,9 +8,9 @@ from typing import Any, Callable, Dict, List, NamedTuple, Optional, Sequence, Tu
 import numpy as np
 
 from . import _bind as c
-from ._core import ArgumentError, Floats, Ints, Object, address, call, choice, floats, ints, lib, view
-from .instruments import HELD, Contact, Instrument, Pose, Reaction, contact_definition, fill, reaction_of, rows_of
-from .tissue import PRECISION, Material, Surface, Tissue, surface_of
+from ._core import ArgumentError, Floats, Ints, Object, address, call, choice, field_type, fields, floats, ints, lib, view
+from .instruments import HELD, Instrument, Pose, Reaction, contact_definition, fill, reaction_of, rows_of
+from .tissue import PRECISION, Tissue
 from .world import World
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # the library has threads of its own, and uses one of OpenBLAS in each
@@ -37,8 +37,9 @@ class Report(NamedTuple):
     why: str  #: why a file was not used
 
 
-def _report(r: c.tm_solve_report) -> Report:
-    values = {n: getattr(r, n) for n, _ in r._fields_}
+def report_of(r: c.tm_solve_report) -> Report:
+    """A tm_solve_report in Python's own types."""
+    values = {n: getattr(r, n) for n in fields(r)}
     values["why"] = values["why"].decode()
     return Report(**values)
 
@@ -60,11 +61,24 @@ class Problem:
             raise ArgumentError(f"fixed: has shape {mask.shape}; give {shape}", c.TM_ERR_ARGUMENT)
         value = None if fixed_value_m is None else floats(fixed_value_m, shape, "fixed_value_m")
         load = None if load_N is None else floats(load_N, shape, "load_N")
-        d = lib.tm_solve_def_default()
-        fill(d, options)
-        d.tissue, d.fixed, d.solver = tissue._pointer, mask.ctypes.data, choice(solver, SOLVERS, "solver")
+        self._how(solver, progress, options)
+        d = self._struct
+        d.tissue, d.fixed = tissue._pointer, mask.ctypes.data
         d.fixed_value_m = None if value is None else value.ctypes.data
         d.load_N = None if load is None else load.ctypes.data
+        self._kept = (mask, value, load)
+
+    @classmethod
+    def computed(cls, progress: Optional[Progress], options: Dict[str, Any]) -> "Problem":
+        """Only how, not what: for Model."""
+        problem = cls.__new__(cls)
+        problem._how(options.get("solver", "cholesky"), progress, {k: v for k, v in options.items() if k != "solver"})
+        return problem
+
+    def _how(self, solver: str, progress: Optional[Progress], options: Dict[str, Any]) -> None:
+        d = lib.tm_solve_def_default()
+        fill(d, options)
+        d.solver = choice(solver, SOLVERS, "solver")
         self._raised: List[BaseException] = []
 
         def ask(user: Any, what: bytes, fraction: float, seconds_left: float) -> bool:
@@ -74,10 +88,10 @@ class Problem:
                 self._raised.append(error)
                 return False
 
-        asked = dict(c.tm_solve_def._fields_)["progress"](ask)  # type: ignore[misc,call-overload]
+        asked = field_type(c.tm_solve_def, "progress")(ask)
         if progress is not None:
             d.progress = asked
-        self._struct, self._kept = d, (mask, value, load, asked)
+        self._struct, self._asked = d, asked
 
     def _call(self, function: Any, *arguments: Any) -> None:
         self._raised.clear()
@@ -98,7 +112,7 @@ class Problem:
         shape = (self.tissue.mesh.vertex_count, 3)
         u, reaction, report = np.zeros(shape), np.zeros(shape), c.tm_solve_report()
         self._call(lib.tm_solve_static, ctypes.byref(self._struct), address(u), address(reaction), ctypes.byref(report))
-        return u, reaction, _report(report)
+        return u, reaction, report_of(report)
 
 
 def solve_static(tissue: Tissue, fixed: Any, fixed_value_m: Any = None, load_N: Any = None, **options: Any) -> Tuple[Floats, Floats, Report]:
@@ -128,7 +142,8 @@ class Factored(Object):
 
 
 class Precomputed(Object):
-    """The precomputed model: quasi-static, no cutting. Responses of the surface, computed once, kept in `file` if one is given.
+    """The precomputed model by itself, where displacements are imposed (the paper's way) or updates asked for at your pace; else Model(kind=
+    "precomputed"). Quasi-static, no cutting. Responses of the surface, computed once, kept in `file` if one is given.
 
     Options (tm_precomputed_def): update_s (0.002), max_local_vertices (256). contact, grasp: dicts of the options of Contact and Grasp.
     """
@@ -148,7 +163,7 @@ class Precomputed(Object):
             d.grasp = ctypes.addressof(hold)
         problem._call(lib.tm_precomputed_create, ctypes.byref(d), ctypes.byref(pointer), ctypes.byref(report))
         self._own(pointer, lib.tm_precomputed_destroy, [problem.tissue])
-        self.tissue, self.report, self.instrument_count = problem.tissue, _report(report), len(instruments)
+        self.tissue, self.report, self.instrument_count = problem.tissue, report_of(report), len(instruments)
 
     def update(self, poses: Sequence[Pose]) -> int:
         """Every instrument moves to its pose; contact is solved anew. Newton steps of the last piece; negative: not to tolerance."""
@@ -214,68 +229,3 @@ class Precomputed(Object):
     def bytes(self) -> int:
         """Held by it."""
         return int(lib.tm_precomputed_bytes(self))
-
-
-class Hybrid(Object):
-    """The hybrid model: `dynamic` (T,) bool is tensor/mass and cuttable, the rest condensed onto their interface.
-
-        hybrid = Hybrid(problem, dynamic, instruments)
-        tissue = hybrid.make_tissue(materials, cuttable=True)
-        world = World(tissue, dt_s=0.9 * hybrid.critical_step()); contact = world.add_contact(instruments)
-        hybrid.join(world, contact)
-        # each frame: contact.frame(...); hybrid.recover(world); hybrid.reaction()
-    """
-
-    def __init__(self, problem: Problem, dynamic: Any, instruments: Sequence[Instrument] = (), file: File = None, precision: str = "double",
-                 contact: Optional[Dict[str, Any]] = None, **options: Any) -> None:
-        mesh = problem.tissue.mesh
-        part = np.ascontiguousarray(dynamic, np.uint8)
-        if part.shape != (mesh.tet_count,):
-            raise ArgumentError(f"dynamic: has shape {part.shape}; give ({mesh.tet_count},)", c.TM_ERR_ARGUMENT)
-        d, report, pointer = lib.tm_hybrid_def_default(), c.tm_solve_report(), ctypes.c_void_p()
-        fill(d, options)
-        d.problem, d.dynamic, d.precision = problem._struct, part.ctypes.data, choice(precision, PRECISION, "precision")
-        d.file = None if file is None else os.fsencode(file)
-        touch, _listed = contact_definition(instruments, contact or {})
-        if instruments:
-            d.contact = ctypes.addressof(touch)
-        problem._call(lib.tm_hybrid_create, ctypes.byref(d), ctypes.byref(pointer), ctypes.byref(report))
-        self._own(pointer, lib.tm_hybrid_destroy, [problem.tissue])
-        self.mesh, self.report = mesh, _report(report)
-
-    def make_tissue(self, materials: Union[Material, Sequence[Material]], *, region_material: Any = None, fibres: Any = None,
-                    cuttable: bool = False) -> Tissue:
-        """The world's tissue: the dynamic part, with the interface's masses."""
-        tissue = Tissue.__new__(Tissue)
-        tissue._fill(self.mesh, materials, region_material, fibres)
-        tissue._definition.cuttable = cuttable
-        lib.tm_hybrid_tissue(self, ctypes.byref(tissue._definition))
-        tissue._build([self.mesh, self])
-        return tissue
-
-    def critical_step(self) -> float:
-        """Guaranteed step of the whole, s."""
-        return float(lib.tm_hybrid_critical_step(self, None))
-
-    def join(self, world: World, contact: Optional[Contact] = None) -> None:
-        """Adds the stage "hybrid"."""
-        call(lib.tm_stage_hybrid, world, self, contact if contact is not None else None)
-        world._handle.outlived_by(self._handle)
-
-    def recover(self, world: World) -> None:
-        """Once per frame: displacements of the condensed inside, written into the world's state."""
-        lib.tm_hybrid_recover(self, world)
-
-    def reaction(self, instrument: int = 0) -> Reaction:
-        """Both parts'."""
-        return reaction_of(lib.tm_hybrid_reaction(self, instrument))
-
-    @property
-    def surface(self) -> Surface:
-        """Of the whole organ."""
-        return surface_of(self, lib.tm_hybrid_surface(self))
-
-    @property
-    def bytes(self) -> int:
-        """Held by it."""
-        return int(lib.tm_hybrid_bytes(self))

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple, Sequence, Tuple, Union
 import numpy as np
 
 from . import _bind as c
-from ._core import ArgumentError, Bytes, Floats, Ints, Object, address, call, choice, floats, ints, lib, view
+from ._core import ArgumentError, Bytes, Floats, Ints, Object, address, call, choice, fields, floats, ints, lib, view
 from .mesh import Mesh
 
 PRECISION = {"double": c.TM_DOUBLE, "single": c.TM_SINGLE}
@@ -85,7 +85,7 @@ class Material:
         return out
 
     def __repr__(self) -> str:
-        values = ", ".join(f"{n}={getattr(self, n):g}" for n, _ in c.tm_material._fields_)  # type: ignore[misc]
+        values = ", ".join(f"{n}={getattr(self, n):g}" for n in fields(c.tm_material))
         return f"Material({values})"
 
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, Callable, List, NamedTuple, Optional, Seq
 import numpy as np
 
 from . import _bind as c
-from ._core import ArgumentError, Bytes, Floats, Ints, Object, address, call, check, choice, floats, ints, lib, vector, view
+from ._core import ArgumentError, Bytes, Floats, Ints, Object, address, call, check, choice, field_type, floats, ints, lib, vector, view
 from .tissue import Tissue
 
 if TYPE_CHECKING:
@@ -30,6 +30,13 @@ class Stage(NamedTuple):
     bytes: int
     runs: int
     seconds: float  #: of its own work, when timing is on
+
+
+def stages_of(owner: Object, function: Any) -> List[Stage]:
+    """What a tm_..._stages reports."""
+    report = (c.tm_stage_report * c.TM_MAX_STAGES)()
+    count = function(owner, report)
+    return [Stage(r.name.decode(), _PHASE_NAMES[r.phase], r.bytes, r.runs, r.seconds) for r in report[:count]]
 
 
 class Settled(NamedTuple):
@@ -132,11 +139,15 @@ class World(Object):
     def step(self, count: int = 1) -> None:
         """`count` substeps, all or none. UnstableError: everything is as it was before, to the last bit; so too when a stage's function raises."""
         status = lib.tm_world_step(self, count)
-        if self._failed is not None:
-            failed, self._failed = self._failed, None
-            raise failed
+        self._raise_failed()
         check(status, sentence=f"a displacement or a force stopped being finite within {count} steps from {self.time_s:g} s; all is as before: "
               "lower the step, or what drives the tissue")
+
+    def _raise_failed(self) -> None:
+        """What a stage's function raised."""
+        failed, self._failed = self._failed, None
+        if failed is not None:
+            raise failed
 
     def run(self, seconds: float) -> int:
         """Whole substeps up to this long, in pieces between which Ctrl-C is heard. Returns how many."""
@@ -159,7 +170,7 @@ class World(Object):
                 raised.append(error)
                 return False
 
-        asked = dict(c.tm_settle_def._fields_)["progress"](ask)  # type: ignore[misc,call-overload]
+        asked = field_type(c.tm_settle_def, "progress")(ask)
         if progress is not None:
             definition.progress = asked
         try:
@@ -174,9 +185,7 @@ class World(Object):
     @property
     def stages(self) -> List[Stage]:
         """In the order they run."""
-        report = (c.tm_stage_report * c.TM_MAX_STAGES)()
-        count = lib.tm_world_stages(self, report)
-        return [Stage(r.name.decode(), _PHASE_NAMES[r.phase], r.bytes, r.runs, r.seconds) for r in report[:count]]
+        return stages_of(self, lib.tm_world_stages)
 
     def set_timing(self, on: bool = True) -> None:
         """Measure the stages' seconds."""
@@ -223,7 +232,7 @@ class World(Object):
 
     def _add(self, name: str, function: Callable[[Any, Any], None], phase: int, before: Optional[str] = None) -> None:
         stage = c.tm_stage()
-        run = dict(c.tm_stage._fields_)["run"](function)  # type: ignore[misc,call-overload]
+        run = field_type(c.tm_stage, "run")(function)
         spelled, other = name.encode(), before.encode() if before else None
         stage.size, stage.name, stage.phase, stage.run, stage.before = ctypes.sizeof(stage), spelled, phase, run, other
         call(lib.tm_world_add_stage, self, ctypes.byref(stage), 0)

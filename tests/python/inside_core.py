@@ -1,0 +1,265 @@
+"""Run by test_package.py with the wheel's Python: mesh, tissue, world."""
+import gc
+import threading
+import time
+
+import numpy as np
+import pytest
+import tensormass as tm
+
+LIVER = tm.Material.young(5e3, 0.45, density_kg_m3=1060, damping_1_s=40)
+
+
+def block(cells=(4, 4, 2), **options):
+    mesh = tm.Mesh.block((0.04, 0.04, 0.02), cells)
+    tissue = tm.Tissue(mesh, LIVER, form="plain", **options)
+    world = tm.World(tissue)
+    world.add_support(mesh.near((0, 0, 0), (0, 0, 1)))
+    return mesh, tissue, world
+
+
+def test_mesh_arrays_are_the_librarys_own():
+    mesh, tissue, _ = block()
+    assert mesh.rest_m.shape == (75, 3) and mesh.tets.shape == (192, 4)
+    assert mesh.rest_m.ctypes.data == mesh.rest_m.ctypes.data and not mesh.rest_m.flags.owndata, "no copy"
+    assert not mesh.rest_m.flags.writeable
+    assert mesh.volume_m3.sum() == pytest.approx(0.04 * 0.04 * 0.02)
+    assert np.linalg.norm(np.cross(*(mesh.rest_m[mesh.surface[:, 1:]] - mesh.rest_m[mesh.surface[:, :1]]).transpose(1, 0, 2)), axis=1).sum() / 2 == pytest.approx(
+        2 * 0.04 * 0.04 + 4 * 0.04 * 0.02)
+    assert tissue.mass_kg.sum() == pytest.approx(1060 * 0.04 * 0.04 * 0.02)
+    assert mesh.quality(0).volume_m3 == mesh.volume_m3[0]
+
+
+def test_force_is_the_gradient_of_energy():
+    mesh, tissue, _ = block()
+    rng = np.random.default_rng(0)
+    u, d = 1e-3 * rng.standard_normal((2, mesh.vertex_count, 3))
+    h = 1e-3
+    slope = (tissue.energy(u + h * d) - tissue.energy(u - h * d)) / (2 * h)
+    assert -np.sum(tissue.force(u) * d) == pytest.approx(slope, rel=1e-9)
+
+
+def test_voigt_matches_lame():
+    C = tm.Material.lame(2000, 1000).voigt()
+    assert C[0, 0] == pytest.approx(4000) and C[0, 1] == pytest.approx(2000) and C[3, 3] == pytest.approx(1000)
+    with pytest.raises(tm.ArgumentError):
+        tm.Material.paper(2000, 1000, 3000, 2000).voigt()
+
+
+def test_arrays_keep_what_they_belong_to_alive():
+    before = tm.memory_in_use()
+    _, _, world = block()
+    world.add_gravity()
+    world.step(10)
+    u = world.u_m
+    expected = u.copy()
+    del world, _
+    gc.collect()
+    assert tm.memory_in_use() > before and np.array_equal(u, expected)
+    del u
+    gc.collect()
+    assert tm.memory_in_use() == before
+
+
+def test_objects_in_a_cycle_go_in_the_right_order():
+    before = tm.memory_in_use()
+    for _ in range(20):
+        mesh, tissue, world = block((2, 2, 1))
+        world.add_stage("mine", lambda w, mine=(mesh, tissue, world): None)
+        world.step()
+        del mesh, tissue, world
+    gc.collect()
+    assert tm.memory_in_use() == before
+
+
+def test_errors_are_the_librarys_sentences():
+    with pytest.raises(tm.MeshError, match=";") as caught:
+        tm.Mesh([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 1, 3, 2]])
+    assert caught.value.status == "TM_ERR_MESH" and caught.value.entity == 0
+    with pytest.raises(tm.MaterialError, match="positive definite"):
+        tm.Material.young(-1, 0.3)
+    mesh, tissue, world = block()
+    with pytest.raises(tm.StepError, match="critical"):
+        world.dt_s = 1
+    with pytest.raises(ValueError, match="shape"):
+        tissue.force(np.zeros((3, 3)))
+    with pytest.raises(tm.ArgumentError, match="not whole"):
+        tm.Mesh(mesh.rest_m, mesh.tets + 0.5)
+    with pytest.raises(tm.SupportError):
+        tm.World(tissue).check_held()
+
+
+def test_broken_contracts_raise_and_change_nothing():
+    _, _, world = block()
+    before = world.hash
+    with pytest.raises(tm.ContractError, match="tm_support_move"):
+        world.move_support(10**6, 0.1)
+    with pytest.raises(tm.ContractError):
+        world.step(-1)
+    assert world.hash == before
+    world.step()
+
+
+def test_a_fall_of_the_whole():
+    """Nothing holds it: after n steps every vertex has fallen g t^2 / 2, with the scheme's half step."""
+    mesh = tm.Mesh.block((0.02, 0.02, 0.02), (2, 2, 2))
+    world = tm.World(tm.Tissue(mesh, tm.Material.young(5e3, 0.4)), damped=False)
+    world.add_gravity((0, 0, -9.81))
+    world.step(100)
+    n, dt = world.steps, world.dt_s
+    assert np.allclose(world.u_m[:, 2], -9.81 * dt * dt * n * (n + 1) / 2, rtol=1e-9)
+
+
+def test_settled_is_solved():
+    mesh, tissue, world = block()
+    world.add_gravity()
+    settled = world.settle(1e-9)
+    load = np.zeros((mesh.vertex_count, 3))
+    load[:, 2] = -9.81 * tissue.mass_kg
+    u, reaction, report = tm.solve_static(tissue, world.support_mask, None, load)
+    assert settled.residual <= 1e-9 and np.abs(u - world.u_m).max() < 1e-6 * np.abs(u).max()
+    assert reaction[:, 2].sum() == pytest.approx(9.81 * tissue.mass_kg.sum())
+    assert report.free_dofs == int((world.support_mask == 0).sum())
+
+
+def test_progress_stops_and_raises():
+    _, tissue, world = block((10, 10, 5))  # the library asks every 128 steps
+    world.add_gravity()
+    with pytest.raises(tm.ConvergenceError):
+        world.settle(1e-14, progress=lambda step, residual: False)
+
+    def broken(*_):
+        raise KeyError("mine")
+
+    with pytest.raises(KeyError, match="mine"):
+        world.settle(1e-14, progress=broken)
+    with pytest.raises(KeyError, match="mine"):
+        tm.solve_static(tissue, world.support_mask, progress=broken)
+
+
+def test_traction_and_load():
+    mesh, _, world = block()
+    top = mesh.surface[(mesh.rest_m[mesh.surface][:, :, 2] > 0.02 - 1e-9).all(1)]
+    force = world.traction(top, (0, 0, -100.0))
+    assert force.sum(0) == pytest.approx([0, 0, -100 * 0.04 * 0.04])
+    world.add_load(force)
+    world.settle(1e-8)
+    assert world.support_reaction_N.sum(0) == pytest.approx([0, 0, 0.16], abs=1e-6)
+
+
+def test_a_stage_in_python_equals_one_in_c():
+    worlds = []
+    for mine in (False, True):
+        mesh, tissue, world = block()
+        force = np.zeros((mesh.vertex_count, 3))
+        force[-1, 2] = -0.05
+        if mine:
+            def push(w, force=force):
+                w.force_N[:] += force
+            world.add_stage("push", push)
+        else:
+            world.add_load(force)
+        world.step(300)
+        worlds.append(world)
+    assert worlds[0].hash == worlds[1].hash
+    assert [s.name for s in worlds[1].stages if s.phase == "load"] == ["push"]
+
+
+@pytest.mark.parametrize("phase", ["begin", "force", "load", "integrate", "constrain", "end"])
+def test_a_stage_that_raises_gives_back(phase):
+    _, _, world = block()
+    world.add_gravity()
+    world.step(20)
+    before, steps = world.hash, world.steps
+
+    def fail(w):
+        if w.steps >= steps + 3:
+            raise ZeroDivisionError(phase)
+
+    world.add_stage("fails", fail, phase)
+    with pytest.raises(ZeroDivisionError, match=phase):
+        world.step(10)
+    assert world.hash == before and world.steps == steps
+    world.remove_stage("fails")
+    world.step(10)
+    assert world.steps == steps + 10
+
+
+def test_unstable_is_as_before():
+    _, _, world = block()
+
+    def blow(w):
+        w.force_N[:] = np.inf
+
+    world.step(5)
+    before = world.hash
+    world.add_stage("blow", blow)
+    with pytest.raises(tm.UnstableError, match="as before"):
+        world.step(5)
+    assert world.hash == before
+
+
+def test_snapshots_go_on_with_the_same_bits():
+    _, _, world = block()
+    world.add_gravity()
+    world.step(50)
+    kept = world.snapshot()
+    world.step(50)
+    after = world.hash
+    world.restore(kept)
+    assert world.steps == 50
+    world.step(50)
+    assert world.hash == after
+    with pytest.raises(tm.FileError):
+        world.restore(kept[:-1])
+    broken = bytearray(kept)
+    broken[len(broken) // 2] ^= 1
+    with pytest.raises(tm.FileError):
+        world.restore(bytes(broken))
+    assert world.hash == after
+
+
+def test_energy_closes():
+    _, _, world = block()
+    world.add_gravity()
+    world.add_energy()
+    world.step(500)
+    e = world.energy
+    assert e.damping_J > 0 and abs(e.residual_J) < 1e-9 * abs(e.gravity_J)
+
+
+def test_critical_steps():
+    _, tissue, world = block()
+    guaranteed, tet = tissue.critical_step()
+    assert 0 <= tet < tissue.mesh.tet_count and world.dt_s == pytest.approx(0.9 * guaranteed)
+    assert tissue.critical_step_sharp(world.support_mask) >= guaranteed
+
+
+def test_cut_equals_a_fresh_build():
+    mesh, tissue, _ = block(cuttable=True)
+    removed = tissue.cut([0, 1, 2])
+    fresh = tm.Tissue(mesh, LIVER, form="plain", cuttable=True, alive=tissue.alive)
+    assert set(removed) >= {0, 1, 2} and tissue.alive_count == mesh.tet_count - len(removed)
+    u = 1e-3 * np.random.default_rng(1).standard_normal((mesh.vertex_count, 3))
+    assert np.array_equal(tissue.force(u), fresh.force(u))
+
+
+def test_the_interpreter_runs_while_a_world_steps():
+    _, _, world = block((8, 8, 8))
+    counted, done = [0], threading.Event()
+
+    def count():
+        while not done.is_set():
+            counted[0] += 1
+            time.sleep(0)
+
+    other = threading.Thread(target=count)
+    other.start()
+    while counted[0] == 0:
+        time.sleep(0)
+    before = counted[0]
+    world.step(2000)  # one call: were the lock held, nobody counted until it came back
+    during = counted[0] - before
+    done.set()
+    other.join()
+    assert during > 10
