@@ -10,7 +10,7 @@ rm -rf "$tree" "$out"/wheel/*.whl "$out"/wheel/*.tar.gz "$out/wheel/raw"
 mkdir -p "$tree"
 # What a wheel is made of, as an sdist lays it: the package at the top, the sources of its libraries beneath.
 cd "$top"
-tar c --exclude=__pycache__ --exclude='*.png' Makefile LICENSE libtensormass haptic_rt lcm_types apps/common apps/sim python tools | tar x -C "$tree"
+tar c --exclude=__pycache__ --exclude='*.png' Makefile LICENSE law libtensormass haptic_rt lcm_types apps/common apps/sim python tools | tar x -C "$tree"
 mv "$tree"/python/{pyproject.toml,setup.py,MANIFEST.in,README.md,tensormass} "$tree"
 cd "$tree"
 "$python" - <<'BUILD'

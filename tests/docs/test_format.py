@@ -5,7 +5,7 @@ GENERATED = ("haptic_rt/can/impulse_engine.",)
 
 
 def test_c_is_formatted(root):
-    sources = sorted(str(p.relative_to(root)) for folder in ("libtensormass", "haptic_rt", "apps", "tests") for p in (root / folder).rglob("*")
+    sources = sorted(str(p.relative_to(root)) for folder in ("libtensormass", "haptic_rt", "apps", "python", "tests") for p in (root / folder).rglob("*")
                      if p.suffix in (".c", ".h", ".cpp"))
     sources = [s for s in sources if not s.startswith(GENERATED)]
     assert len(sources) > 300
