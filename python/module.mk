@@ -17,6 +17,7 @@ $(PYTHON_LIB)/libtensormass_controller.so: $(PYTHON_CORE_OBJ)
 	@mkdir -p $(@D)
 	$(CC) $(SAN) -shared -Wl,-soname,$(@F) -o $@ $^ -lm
 $(call objects,$(PYTHON_SCENE_SRC)): CFLAGS_EXTRA += -DTM_SOVERSION='"$(SOVERSION)"'
+$(call objects,$(PYTHON_SCENE_SRC)): | $(LCM_GEN) $(LCM_ALL_H)
 # Ours first: said.c stands in for two objects of libapp.a.
 $(PYTHON_LIB)/libtensormass_scene.so: $(call objects,$(PYTHON_SCENE_SRC)) $(filter-out $(LIBTM_A),$(SIM_LIBS)) $(LIBTM_SO)
 	@mkdir -p $(@D)
