@@ -1,12 +1,14 @@
-# libhrt.a: core + CAN codec, no operating system. libhrt_io.a: node, mailbox, its side of the messages, bus drivers, virtual device; tm-sim's lockstep links both.
+# libhrt.a: core + CAN codec, no operating system. libhrt_io.a: node, mailbox, its side of the messages, bus drivers. libhrt_device.a: the virtual device. tm-sim's lockstep links all three.
 HRT_CORE_SRC := $(sort $(wildcard haptic_rt/core/*.c) $(wildcard haptic_rt/can/*.c))
-HRT_IO_SRC := $(sort $(wildcard haptic_rt/io/bus*.c) haptic_rt/io/from_message.c haptic_rt/io/network.c haptic_rt/io/node.c haptic_rt/io/peer.c haptic_rt/device/device.c haptic_rt/device/kinematics.c)
+HRT_IO_SRC := $(sort $(wildcard haptic_rt/io/bus*.c) haptic_rt/io/from_message.c haptic_rt/io/network.c haptic_rt/io/node.c haptic_rt/io/peer.c)
+HRT_DEVICE_SRC := haptic_rt/device/device.c haptic_rt/device/kinematics.c
 # libhrt_base.a: what every program needs, the controller's and those of apps/: errors, signals, output files, log lines, modules.
 HRT_BASE_SRC := $(sort $(wildcard haptic_rt/base/*.c))
 LIBHRT_BASE_A := $(OUT)/lib/libhrt_base.a
 LIBHRT_A := $(OUT)/lib/libhrt.a
 LIBHRT_IO_A := $(OUT)/lib/libhrt_io.a
-LIBRARIES += $(LIBHRT_BASE_A) $(LIBHRT_A) $(LIBHRT_IO_A)
+LIBHRT_DEVICE_A := $(OUT)/lib/libhrt_device.a
+LIBRARIES += $(LIBHRT_BASE_A) $(LIBHRT_A) $(LIBHRT_IO_A) $(LIBHRT_DEVICE_A)
 $(LIBHRT_BASE_A): $(call objects,$(HRT_BASE_SRC))
 	@mkdir -p $(@D)
 	@rm -f $@ && ar rcs $@ $^
@@ -14,6 +16,9 @@ $(LIBHRT_A): $(call objects,$(HRT_CORE_SRC))
 	@mkdir -p $(@D)
 	@rm -f $@ && ar rcs $@ $^
 $(LIBHRT_IO_A): $(call objects,$(HRT_IO_SRC))
+	@mkdir -p $(@D)
+	@rm -f $@ && ar rcs $@ $^
+$(LIBHRT_DEVICE_A): $(call objects,$(HRT_DEVICE_SRC))
 	@mkdir -p $(@D)
 	@rm -f $@ && ar rcs $@ $^
 # The core is compiled more strictly than the rest; what cantools generated is not ours to warn about.
@@ -25,7 +30,7 @@ HRT_LIBS := $(LIBHRT_IO_A) $(LIBHRT_A) $(LIBHRT_BASE_A) $(OUT)/lib/libtensormass
 HRT_PROGRAMS := $(OUT)/bin/haptic-rt $(OUT)/bin/tm-device
 HRT_PROGRAM_SRC := $(addprefix haptic_rt/io/,lines.c live.c loop.c profile.c report.c table.c)
 $(eval $(call program,haptic-rt,haptic_rt/io/haptic_rt.c haptic_rt/io/record.c haptic_rt/io/samples.c haptic_rt/io/say.c $(HRT_PROGRAM_SRC),$(HRT_LIBS),-lcjson))
-$(eval $(call program,tm-device,haptic_rt/device/tm_device.c haptic_rt/device/hand_file.c $(HRT_PROGRAM_SRC),$(HRT_LIBS),-lcjson))
+$(eval $(call program,tm-device,haptic_rt/device/tm_device.c haptic_rt/device/hand_file.c $(HRT_PROGRAM_SRC),$(LIBHRT_DEVICE_A) $(HRT_LIBS),-lcjson))
 #: make can-codec              generate haptic_rt/can/impulse_engine.[ch] from the DBC file
 .PHONY: can-codec
 can-codec: venv

@@ -15,7 +15,7 @@ $(OUT)/tests/firmware/obj/$(1)/%.o: %.c
 endef
 $(eval $(call fw_host,replay_plain,$(FW_HOST_SRC),,-DFW_PATCHES=0))
 $(eval $(call fw_host,replay_contact,$(FW_HOST_SRC),,-DFW_PATCHES=1))
-$(eval $(call fw_host,record,tests/firmware/record.c tests/firmware/replay_format.c haptic_rt/firmware/loop.c,$(LIBHRT_IO_A),-DFW_PATCHES=1))
+$(eval $(call fw_host,record,tests/firmware/record.c tests/firmware/replay_format.c haptic_rt/firmware/loop.c,$(LIBHRT_DEVICE_A) $(LIBHRT_IO_A),-DFW_PATCHES=1))
 
 #: make check-firmware       the firmware in QEMU on recorded inputs: the host's bits, flash, RAM, stack, instructions per tick
 .PHONY: check-firmware firmware-replay

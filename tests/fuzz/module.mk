@@ -23,7 +23,7 @@ $(OUT)/tests/fuzz/$(1): $(call objects,tests/fuzz/$(1).c $(2)) $(3)
 	$$(CC) $$(filter-out -fsanitize=fuzzer-no-link%,$$(SAN)) -fsanitize=fuzzer,address,undefined -rdynamic -o $$@ $$(call objects,tests/fuzz/$(1).c $(2)) \
 		-Wl,--start-group $(3) -Wl,--end-group $(4) -ldl -lm -lpthread
 endef
-FUZZ_HRT := $(LIBHRT_IO_A) $(LIBHRT_A)
+FUZZ_HRT := $(LIBHRT_DEVICE_A) $(LIBHRT_IO_A) $(LIBHRT_A)
 $(eval $(call fuzzer,fuzz_mesh,,$(LIBAPP_A) $(LIBTM_A),))
 $(eval $(call fuzzer,fuzz_mesh_text,,$(LIBAPP_A) $(LIBTM_A),))
 $(eval $(call fuzzer,fuzz_snapshot,,$(LIBTM_A),))
