@@ -1,7 +1,7 @@
 /* Hard links: what a network, a clock, a simulation or a device may do to the controller. A hand presses a spring wall
  * through the real node, codec and virtual device on a virtual clock; a line between wall and node loses, delays,
  * doubles and reorders. Whatever arrives, the force at the motors stays within the device's limit, finite, and ends
- * where it should. */
+ * where it should. Over 400 lines: the rig and the cases that it plays are read together. */
 #include <math.h>
 #include <stdio.h>
 #include <string.h>
