@@ -1,5 +1,6 @@
 /* Prints one hash of a story that goes through the whole library: settling, steps, contact, cutting, single and double
- * tensors. Compilers and processors must agree on it (plain force form, -ffp-contract=off). */
+ * tensors; with an argument, tissue with the effect volume. Compilers and processors must agree on it (plain force
+ * form, -ffp-contract=off). */
 #include "../physics/contact_scene.h"
 
 static uint64_t of_world(const tm_world *world, uint64_t h) {
@@ -7,10 +8,11 @@ static uint64_t of_world(const tm_world *world, uint64_t h) {
     return tm_hash(&now, sizeof now, h);
 }
 
-int main(void) {
+int main(int argc, char **argv) {
+    (void)argv;
     uint64_t h = TM_HASH_SEED;
     tm_error error;
-    for (tm_precision precision = TM_DOUBLE; precision <= TM_SINGLE; precision++) {
+    for (tm_precision precision = TM_DOUBLE; precision <= (argc > 1 ? TM_DOUBLE : TM_SINGLE); precision++) {
         scene_def def = scene_def_default();
         def.cells[0] = def.cells[1] = 6, def.cells[2] = 4;
         tm_mesh *mesh = scene_mesh(&def);
@@ -22,7 +24,7 @@ int main(void) {
         tm_tissue_def tissue = tm_tissue_def_default();
         tissue.mesh = mesh, tissue.material_count = 1, tissue.material = &material, tissue.fibre = fibre,
         tissue.precision = precision;
-        tissue.form = TM_FORCE_PLAIN, tissue.cuttable = true;
+        tissue.form = TM_FORCE_PLAIN, tissue.cuttable = true, tissue.volume = argc > 1;
         scene s = {.def = def, .mesh = mesh};
         scene_must(tm_tissue_create(&tissue, &s.tissue, &error), &error);
         tm_world_def world = tm_world_def_default();

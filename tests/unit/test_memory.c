@@ -20,7 +20,7 @@ static const double vertex[15] = {0, 0, 0, 0.01, 0, 0, 0, 0.01, 0, 0, 0, 0.01, 0
 static const int32_t tet[8] = {0, 1, 2, 3, 1, 2, 3, 4};
 
 /* Everything the core can allocate for; stops at the first failure. */
-static tm_status build(scene *s, tm_error *error) {
+static tm_status build_as(scene *s, bool volume, bool cuttable, tm_error *error) {
     static const double fibre[6] = {1, 0, 0, 0, 1, 0}, zero[9] = {0}, force[15] = {[12] = 1e-3};
     static const int32_t dof[9] = {0, 1, 2, 3, 4, 5, 6, 7, 8};
     static const uint8_t alive[2] = {1, 1};
@@ -34,7 +34,7 @@ static tm_status build(scene *s, tm_error *error) {
     material.damping_1_s = 5;
     tm_tissue_def tissue = tm_tissue_def_default();
     tissue.mesh = s->mesh, tissue.material_count = 1, tissue.material = &material, tissue.fibre = fibre,
-    tissue.cuttable = true, tissue.alive = alive;
+    tissue.cuttable = cuttable, tissue.alive = alive, tissue.volume = volume;
     status = tm_tissue_create(&tissue, &s->tissue, error);
     if (status) return status;
     tm_world_def world = tm_world_def_default();
@@ -52,19 +52,20 @@ static tm_status build(scene *s, tm_error *error) {
     return status;
 }
 
-static void every_allocation_fails_once(void **state) {
-    (void)state;
+static tm_status build(scene *s, tm_error *error) { return build_as(s, false, true, error); }
+
+static void fail_each(bool volume, bool cuttable) {
     scene s;
     tm_error error;
     hook_install(0);
-    fix_ok(build(&s, &error), &error);
+    fix_ok(build_as(&s, volume, cuttable, &error), &error);
     const int64_t calls = hook.calls;
     destroy(&s);
     assert_true(calls > 40);
     for (int64_t n = 1; n <= calls; n++) {
         hook_install(n);
         error.status = TM_OK;
-        const tm_status status = build(&s, &error);
+        const tm_status status = build_as(&s, volume, cuttable, &error);
         if (status != TM_ERR_MEMORY)
             fail_msg("allocation %lld of %lld: %s", (long long)n, (long long)calls, tm_status_name(status));
         assert_int_equal(error.status, TM_ERR_MEMORY);
@@ -73,6 +74,13 @@ static void every_allocation_fails_once(void **state) {
         hook_check_empty();
     }
     tm_set_allocator(NULL);
+}
+
+static void every_allocation_fails_once(void **state) {
+    (void)state;
+    fail_each(false, true);
+    fail_each(true, true);
+    fail_each(true, false);
 }
 
 /* --- stages of instruments, each added to a world that is there already --- */
