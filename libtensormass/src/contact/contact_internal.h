@@ -18,6 +18,7 @@ typedef struct tm_solver_row {
     double compliance;     /* skin / share, m/N */
     double moved_m[3];     /* by the station in this substep */
     double weight2;        /* sum of weight^2 * mobility, m/N */
+    double film_s_m;       /* coefficient of the film */
     double drag_N[3];      /* of the film, on the tissue */
     double gap_m; /* at the start of the substep, at the tool's new place, less what is left to later substeps */
 } tm_solver_row;
@@ -28,12 +29,14 @@ typedef struct tm_tool {
     tm_tool_pose pose, from, to;
     int32_t path_step, path_steps;
     int32_t placings;                        /* times it was put somewhere at once */
-    tm_capsule capsule, before;              /* at the end of this substep and of the one before */
+    tm_capsule capsule, before, earlier;     /* at the end of this substep, of the one before and of that before it */
     bool clear;                              /* has been seen outside the tissue since it was placed */
     bool leaving;                            /* not clear, but its axis is outside */
     bool pierced;                            /* was placed inside: clear again when nothing is within its radius */
     double station_depth_m[TM_MAX_STATIONS]; /* how far its skin was pressed in at the last substep */
     double bears_N;                          /* what all its rows bore then */
+    double surplus_J, turnover_J, sprung_J;  /* contact_passive.c: made out of nothing; given and taken by the hand; in
+                                                the skin */
     /* broad phase */
     tm_local_surface *surface;
     tm_capsule gathered_at;
@@ -114,6 +117,11 @@ bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u
 
 /* How far the axis' ends moved, the farther of them. */
 double tm_capsule_travel(const tm_capsule *a, const tm_capsule *b);
+
+/* contact_passive.c */
+void tm_contact_observe(tm_contact *contact); /* after the sweeps */
+/* The film's coefficient of this tool's rows: larger where its contact has made energy. */
+double tm_contact_film_s_m(const tm_tool *tool);
 
 /* contact_sum.c */
 void tm_contact_sum(tm_contact *contact);

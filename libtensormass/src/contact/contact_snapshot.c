@@ -21,9 +21,9 @@ typedef struct kept_capsule {
 
 typedef struct kept_tool {
     kept_pose pose, from, to;
-    kept_capsule capsule, before, gathered_at;
-    double station_depth_m[TM_MAX_STATIONS], edge_m, sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3],
-        substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
+    kept_capsule capsule, before, earlier, gathered_at;
+    double station_depth_m[TM_MAX_STATIONS], surplus_J, turnover_J, sprung_J, edge_m, sum_tip_m[3], sum_time_s,
+        sum_force_N[3], sum_resultant_N[3], substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
     int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, flags, stiffness_kind,
         surface_overflowed;
 } kept_tool;
@@ -62,6 +62,10 @@ static kept_tool pack_tool(const tm_tool *tool) {
                    .to = pack_pose(&tool->to),
                    .capsule = pack_capsule(&tool->capsule),
                    .before = pack_capsule(&tool->before),
+                   .earlier = pack_capsule(&tool->earlier),
+                   .surplus_J = tool->surplus_J,
+                   .turnover_J = tool->turnover_J,
+                   .sprung_J = tool->sprung_J,
                    .gathered_at = pack_capsule(&tool->gathered_at),
                    .sum_time_s = tool->sum_time_s,
                    .path_step = tool->path_step,
@@ -92,6 +96,10 @@ static void unpack_tool(const kept_tool *k, int32_t instrument, tm_tool *tool) {
     tool->to = unpack_pose(&k->to);
     tool->capsule = unpack_capsule(&k->capsule, instrument);
     tool->before = unpack_capsule(&k->before, instrument);
+    tool->earlier = unpack_capsule(&k->earlier, instrument);
+    tool->surplus_J = k->surplus_J;
+    tool->turnover_J = k->turnover_J;
+    tool->sprung_J = k->sprung_J;
     tool->gathered_at = unpack_capsule(&k->gathered_at, instrument);
     tool->path_step = k->path_step;
     tool->path_steps = k->path_steps;

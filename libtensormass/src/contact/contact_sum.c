@@ -61,6 +61,7 @@ static void average(tm_contact *contact) {
 }
 
 void tm_contact_sum(tm_contact *contact) {
+    tm_contact_observe(contact);
     sum_reactions(contact);
     mark_letting_go(contact);
     disown(contact);

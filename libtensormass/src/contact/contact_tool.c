@@ -44,7 +44,7 @@ static void along_path(const double trocar_m[3], const tm_tool_pose *from, const
 void tm_tool_place(tm_tool *tool, const tm_tool_pose *at) {
     tool->pose = tool->from = tool->to = *at;
     tool->path_step = tool->path_steps = 0;
-    tool->capsule = tool->before = tm_tool_capsule(&tool->def, at, tool->capsule.instrument);
+    tool->capsule = tool->before = tool->earlier = tm_tool_capsule(&tool->def, at, tool->capsule.instrument);
     tool->clear = tool->pierced = false;
     tool->placings++;
     tool->gathered_age = -1;
