@@ -17,7 +17,7 @@ enum { MOST_ACTIONS = 14, FRAMES_AFTER = 30 };
 static const double FRAME_S = 0.005, TOP_M = 0.03, HALF_M = 0.024;
 /* How much more than the hands put in tissue and springs may have: a share of all that hands gave and took, and what is
  * not worth a bound. */
-static const double SURPLUS_SHARE = 0.35, SURPLUS_J = 5e-5;
+static const double SURPLUS_SHARE = 0.25, SURPLUS_J = 5e-5;
 static const double FARTHEST_M = 0.1; /* of any vertex: the hands themselves go 0.08 */
 
 typedef enum kind { PRESS, LIFT, CLOSE, OPEN, CROSS, PINCH, CUT, HAND_OVER, PULL, WAIT, KINDS } kind;
@@ -258,6 +258,9 @@ static session shrink(session s, verdict *v) {
     return s;
 }
 
+/* Seeds that broke a bound before contact kept an account of its own (contact_passive.c). */
+static const uint64_t ONCE_BROKE[] = {6046, 9356};
+
 static void test_sessions(void **unused) {
     (void)unused;
     const bool all = test_is_long();
@@ -272,7 +275,9 @@ static void test_sessions(void **unused) {
     int failed = 0;
     double worst = 0, farthest = 0, hands = 0;
     uint64_t worst_seed = 0;
-    for (uint64_t seed = first; seed < first + n; seed++) {
+    const uint64_t again = one || count || all ? 0 : sizeof ONCE_BROKE / sizeof *ONCE_BROKE;
+    for (uint64_t i = 0; i < n + again; i++) {
+        const uint64_t seed = i < n ? first + i : ONCE_BROKE[i - n];
         const session s = random_session(seed);
         if (one) print_session(&s);
         verdict v = run_session(&s, one != NULL);
