@@ -1,6 +1,6 @@
 # libhrt.a: core + CAN codec, no operating system. libhrt_io.a: node, mailbox, its side of the messages, bus drivers. libhrt_device.a: the virtual device. tm-sim's lockstep links all three.
 HRT_CORE_SRC := $(sort $(wildcard haptic_rt/core/*.c) $(wildcard haptic_rt/can/*.c))
-HRT_IO_SRC := $(sort $(wildcard haptic_rt/io/bus*.c) haptic_rt/io/from_message.c haptic_rt/io/network.c haptic_rt/io/node.c haptic_rt/io/peer.c)
+HRT_IO_SRC := $(sort $(wildcard haptic_rt/io/bus*.c) haptic_rt/io/from_message.c haptic_rt/io/histogram.c haptic_rt/io/network.c haptic_rt/io/node.c haptic_rt/io/peer.c)
 HRT_DEVICE_SRC := haptic_rt/device/device.c haptic_rt/device/kinematics.c
 # libhrt_base.a: what every program needs, the controller's and those of apps/: errors, signals, output files, log lines, modules.
 HRT_BASE_SRC := $(sort $(wildcard haptic_rt/base/*.c))

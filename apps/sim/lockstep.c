@@ -8,6 +8,7 @@
 #include <string.h>
 
 #include "figures.h"
+#include "io/histogram.h"
 #include "publish.h"
 #include "run.h"
 #include "series.h"
@@ -198,8 +199,8 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", l->compute_s > 0 ? simulated_s / l->compute_s : 0);
     cJSON_AddNumberToObject(json, "ticks", (double)l->ticks);
     cJSON_AddNumberToObject(json, "missed_ticks", 0); /* a virtual clock misses none */
-    sim_quantiles none = {0};
-    sim_report_quantiles(json, "lateness_us", &none);
+    static const hrt_histogram none;
+    hrt_report_quantiles(json, "lateness_us", &none);
     sim_report_magnitude(json, "force_N", &l->force);
     cJSON_AddNumberToObject(json, "tets_alive", sim_alive(s));
     cJSON_AddNumberToObject(json, "tets_removed", (double)s->cuts.total);

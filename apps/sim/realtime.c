@@ -9,6 +9,7 @@
 #include <time.h>
 
 #include "figures.h"
+#include "io/histogram.h"
 #include "log_line.h"
 #include "publish.h"
 #include "run.h"
@@ -34,7 +35,7 @@ typedef struct realtime {
     controller_seen controller[TM_MAX_INSTRUMENTS];
     int64_t start_us, next_us, frame_us, frame, overruns;
     double simulated_s, compute_s, cost_s; /* cost_s: of one substep, smoothed */
-    sim_quantiles lateness, compute;
+    hrt_histogram lateness, compute;
     sim_magnitude force;
     bool told_waiting;
     struct told {
@@ -183,8 +184,8 @@ static tm_status one_frame(realtime *r) {
     if (s->broken_off) return status;
     r->simulated_s += substeps * s->dt_s;
     r->frame++;
-    sim_quantiles_add(&r->compute, spent_s * 1e6);
-    sim_quantiles_add(&r->lateness, (double)(begin - r->next_us));
+    hrt_histogram_add(&r->compute, (int64_t)(spent_s * 1e9));
+    hrt_histogram_add(&r->lateness, 1000 * (begin - r->next_us));
     int64_t now = app_monotonic_us();
     bool overran = now > r->next_us + r->frame_us || substeps < s->substeps;
     if (overran) {
@@ -261,8 +262,8 @@ static void report(realtime *r, cJSON *json) {
                             r->compute_s > 0 ? r->simulated_s / r->compute_s : 0);
     cJSON_AddNumberToObject(json, "overruns", (double)r->overruns);
     cJSON_AddNumberToObject(json, "dropped_s", (double)r->publisher.dropped_us * 1e-6);
-    sim_report_quantiles(json, "frame_lateness_us", &r->lateness);
-    sim_report_quantiles(json, "frame_compute_us", &r->compute);
+    hrt_report_quantiles(json, "frame_lateness_us", &r->lateness);
+    hrt_report_quantiles(json, "frame_compute_us", &r->compute);
     sim_report_magnitude(json, "force_N", &r->force);
     cJSON_AddNumberToObject(json, "tets_alive", sim_alive(r->s));
     cJSON_AddStringToObject(json, "state_hash", hash);
@@ -363,8 +364,6 @@ int run_realtime(sim *s, const run_options *o) {
         cJSON_Delete(json);
     } else
         rc = run_report_end(json, &r.report);
-    sim_quantiles_free(&r.lateness);
-    sim_quantiles_free(&r.compute);
     rc = rc ? rc : rc2 ? rc2 : rc3;
     return rc ? rc : run_say_interrupted(r.frame, frame_total(&r));
 }

@@ -42,4 +42,9 @@ static inline void hrt_histogram_quantiles(const hrt_histogram *h, double us[4])
     us[3] = 1.0e-3 * (double)h->max_ns;
 }
 
+struct cJSON;
+/* {"p50": ..., "p99": ..., "p999": ..., "max": ...}, microseconds */
+void hrt_report_quantiles(struct cJSON *json, const char *name, const hrt_histogram *h);
+void hrt_print_quantiles(const char *name, const hrt_histogram *h);
+
 #endif

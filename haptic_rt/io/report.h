@@ -11,7 +11,6 @@
 #include "loop.h"
 
 struct cJSON;
-void hrt_report_quantiles(struct cJSON *json, const char *name, const hrt_histogram *h);
 void hrt_report_loop(struct cJSON *json, const hrt_loop *loop);
 /* What was refused of what came over LCM. */
 void hrt_report_refused(struct cJSON *json, hrt_live *live);
@@ -25,7 +24,6 @@ int hrt_output_begin(app_output *output, const char *path);
 int hrt_output_end(app_output *output, FILE *file);
 /* Writes, frees `json`, puts the file in place. */
 int hrt_report_write(struct cJSON *json, app_output *output);
-void hrt_print_quantiles(const char *name, const hrt_histogram *h);
 /* A number of an option, or exit code 2 after a message. */
 bool hrt_option_number(const char *option, const char *text, double low, double high, double *value);
 
