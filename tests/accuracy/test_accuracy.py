@@ -116,3 +116,13 @@ def test_bad_use(bin, root, tmp_path, arguments, says):
     assert run.returncode == 2, run
     assert says in run.stderr
     assert not list(tmp_path.iterdir())
+
+
+def test_tissue_that_turns_is_nearer_the_truth(page):
+    """Held against neo-Hooke and St. Venant and Kirchhoff: displacements within one and a half times the mesh's own error."""
+    data = page[1]["rotation"]
+    assert {r["law"] for r in data["rows"]} == {"neo", "svk"} and max(r["depth"] for r in data["rows"]) == pytest.approx(0.4)
+    for r in data["rows"]:
+        assert r["displacement"] < 1.5 * data["mesh_alone"], r
+        assert r["displacement"] < r["linear_displacement"], r
+    assert 0.8 < data["price"]["step_ratio"] < 1

@@ -18,6 +18,7 @@ typedef struct problem {
     tm_mesh *mesh;
     tm_tissue *tissue;
     tm_world *world;
+    tm_rotation *rotation; /* or null */
 } problem;
 
 typedef struct problem_def {
@@ -28,8 +29,10 @@ typedef struct problem_def {
     tm_precision precision;
     bool volume; /* the effect of that name */
     double volume_shear;
-    bool pressed; /* false: bottom clamped and the symmetry planes, nothing else: free to vibrate */
-    double dt_s;  /* 0: the guaranteed step times step_fraction */
+    bool pressed;    /* false: bottom clamped and the symmetry planes, nothing else: free to vibrate */
+    double rotation; /* threshold of the effect; 0: linear */
+    bool held;       /* [true] false: nothing is */
+    double dt_s;     /* 0: the guaranteed step times step_fraction */
     double step_fraction;
 } problem_def;
 
@@ -82,6 +85,7 @@ cJSON *knob_volume(const run *r, tm_error *error);
 cJSON *knob_step(const run *r, tm_error *error);
 cJSON *knob_precision(const run *r, tm_error *error);
 cJSON *knob_model(const run *r, tm_error *error);
+cJSON *knob_rotation(const run *r, tm_error *error);
 cJSON *knob_fibre(const run *r, tm_error *error);
 
 /* Seconds a frame, set-up, bytes and force at rest of the three models; a model that this build cannot open is left

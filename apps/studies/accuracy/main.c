@@ -18,6 +18,7 @@ static const struct {
     {"step", "time step against trajectory, phase, energy and settling", knob_step},
     {"precision", "single against double stored tensors", knob_precision},
     {"model", "linear models against large displacements, pressed from 1 % to 40 %", knob_model},
+    {"rotation", "tissue that turns against large displacements, and its price", knob_rotation},
     {"fibre", "leaving anisotropy out of fibred tissue", knob_fibre},
 };
 enum { KNOBS = sizeof knobs / sizeof *knobs };

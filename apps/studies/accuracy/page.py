@@ -288,6 +288,26 @@ def model(page, data):
     page.record("model", data)
 
 
+def rotation(page, data):
+    rows, price = data["rows"], data["price"]
+    page.section("Rotation", f"The effect <code>rotation</code> on {data['tets']} tetrahedra against CalculiX with large displacements: neo-Hookean, and of St. Venant and Kirchhoff, "
+                 "whose block has no rest beyond 15 %. The mesh's own error is that of linear tissue against linear CalculiX.")
+    figure, axis = plt.subplots()
+    neo = [r for r in rows if r["law"] == "neo"]
+    depth = [100 * r["depth"] for r in neo]
+    for j, (key, name) in enumerate((("displacement", "turning"), ("linear_displacement", "linear"))):
+        axis.plot(depth, [100 * r[key] for r in neo], **series(j))
+        label_line(axis, depth[-1], 100 * neo[-1][key], name, series(j))
+    axis.axhline(100 * data["mesh_alone"], color="#999999", linewidth=0.8, linestyle=":")
+    axis.set(xlabel="pressed by % of the tissue's size", ylabel="displacement error, %", ylim=(0, None))
+    worst = max(r["displacement"] for r in rows) / data["mesh_alone"]
+    page.figure("rotation", figure, f"At most {worst:.2f} times the mesh's own error. {price['tets']} tetrahedra that all turn cost {price['turning_ns']:.1f} ns a tetrahedron and step, "
+                f"linear ones {price['linear_ns']:.1f}; the step is {price['step_ratio']:.3f} of the linear one.", "tm-accuracy --knob rotation")
+    page.table("rotation", ["against", "pressed %", "displacement", "reaction", "energy", "linear displacement", "linear reaction"],
+               [[r["law"], 100 * r["depth"], r["displacement"], r["reaction"], r["energy"], r["linear_displacement"], r["linear_reaction"]] for r in rows])
+    page.record("rotation", data)
+
+
 def fibre(page, data):
     rows = data["rows"]
     page.section("Fibres", "Tissue with fibres along x, modelled with them and without. Truth: CalculiX, transversely isotropic.")
@@ -342,6 +362,7 @@ def main():
     step(page, data["step"], data.get("mesh", {}).get("rows", []))
     precision(page, data["precision"])
     model(page, data["model"])
+    rotation(page, data["rotation"])
     fibre(page, data["fibre"])
     if options.rates:
         rates(page, json.loads(pathlib.Path(options.rates).read_text()))

@@ -57,6 +57,7 @@ problem_def problem_default(int cells) {
                          .precision = TM_DOUBLE,
                          .volume_shear = tm_tissue_def_default().volume_shear,
                          .pressed = true,
+                         .held = true,
                          .step_fraction = 0.9};
 }
 
@@ -74,6 +75,7 @@ tm_status problem_create(const problem_def *def, problem *p, tm_error *error) {
         tm_tissue_def tissue = tm_tissue_def_default();
         tissue.mesh = p->mesh, tissue.material_count = 1, tissue.material = &def->material;
         tissue.fibre = fibre, tissue.precision = def->precision;
+        tissue.rotation = def->rotation;
         tissue.volume = def->volume, tissue.volume_shear = def->volume_shear;
         status = tm_tissue_create(&tissue, &p->tissue, error);
     }
@@ -84,7 +86,8 @@ tm_status problem_create(const problem_def *def, problem *p, tm_error *error) {
         world.damped = def->material.damping_1_s > 0;
         status = tm_world_create(&world, &p->world, error);
     }
-    if (status == TM_OK) status = add_supports(def, p, error);
+    if (status == TM_OK && def->held) status = add_supports(def, p, error);
+    if (status == TM_OK && def->rotation > 0) status = tm_stage_rotation(p->world, &p->rotation, error);
     if (status != TM_OK) problem_destroy(p);
     return status;
 }
@@ -103,16 +106,19 @@ void problem_measure(problem *p, measured *m) {
         for (int j = 1; j <= 3; j++)
             for (int i = 1; i <= 3; i++, at++)
                 memcpy(m->probe_u_m + 3 * at, u + 3 * node(n, i * n / 3, j * n / 3, k * n / 3), 3 * sizeof *u);
-    m->energy_J = tm_tissue_energy(p->tissue, u);
+    m->energy_J = tm_tissue_energy(p->tissue, u) + (p->rotation ? tm_rotation_energy(p->rotation, u) : 0);
     /* Summed from the internal force: exact at rest. */
-    double *force = malloc(sizeof *force * 3 * (size_t)p->mesh->vertex_count);
+    const size_t count = 3 * (size_t)p->mesh->vertex_count;
+    double *force = calloc(2 * count, sizeof *force), *turned = force + count;
     m->force_z_N = NAN;
     if (!force) return;
     tm_tissue_force(p->tissue, u, force);
+    if (p->rotation) tm_rotation_force(p->rotation, u, turned);
     m->force_z_N = 0;
     for (int32_t v = 0; v < p->mesh->vertex_count; v++) {
         const double *x = p->mesh->rest_m + 3 * v;
-        if (v / (n + 1) / (n + 1) == n && indenter(x[0], x[1]) > 0) m->force_z_N -= force[3 * v + 2];
+        if (v / (n + 1) / (n + 1) == n && indenter(x[0], x[1]) > 0)
+            m->force_z_N -= force[3 * v + 2] + turned[3 * v + 2];
     }
     free(force);
 }

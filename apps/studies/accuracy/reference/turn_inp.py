@@ -1,7 +1,7 @@
-"""Writes the CalculiX inputs of what the effect `rotation` is held against, and gathers the answers into turn.json.
+"""Writes the CalculiX inputs of what the effect `rotation` is held against, and gathers the answers into reference.json.
 
     python turn_inp.py                write twist_neo.inp, twist_svk.inp and press_svk.inp
-    python turn_inp.py --gather       read the .dat files after `ccx twist_neo`, ... into turn.json (committed)
+    python turn_inp.py --gather       read the .dat files after `ccx twist_neo`, ... into reference.json (after make_inp.py --gather)
 
   twist   a bar of 20 x 20 x 60 mm, clamped at one end, the other end's cross-section turned by 90 degrees about the axis
           and free to move along it; 3 x 3 x 9 boxes of six C3D10 each. Compared: torque, shortening.
@@ -123,9 +123,10 @@ def gather_press():
 
 if __name__ == "__main__":
     if "--gather" in sys.argv:
-        facts = {"code": "CalculiX 2.20, C3D10", "young_Pa": make_inp.YOUNG_Pa, "poisson": make_inp.POISSON, "size_m": SIZE_m,
-                 "turn_rad": TURN, "twist": {law: gather_twist(law) for law in ("neo", "svk")}, "press_svk": gather_press()}
-        (make_inp.HERE / "turn.json").write_text(json.dumps(facts, indent=1) + "\n")
+        path = make_inp.HERE / "reference.json"
+        facts = json.loads(path.read_text())
+        facts.update(svk={"cases": gather_press()}, twist={law: gather_twist(law) for law in ("neo", "svk")})
+        path.write_text(json.dumps(facts, indent=1) + "\n")
     else:
         write_twist("neo")
         write_twist("svk")
