@@ -81,6 +81,7 @@ static tm_status open_tissue(const bench_def *def, bench *b, tm_error *error) {
     tm_tissue_def tissue = tm_tissue_def_default();
     tissue.mesh = b->mesh, tissue.material = def->material, tissue.material_count = def->material_count;
     tissue.fibre = fibre, tissue.cuttable = def->cuttable;
+    tissue.rotation = def->rotation;
     tissue.volume = def->volume, tissue.volume_shear = def->volume_shear;
     tm_status status = tm_tissue_create(&tissue, &b->tissue, error);
     free(fibre);
@@ -123,6 +124,7 @@ bool bench_start(const bench_def *def, bench *b, outcome *o) {
         status = tm_world_create(&world, &b->world, &error);
     }
     if (status == TM_OK) status = hold(def, b, &error);
+    if (status == TM_OK && def->rotation > 0) status = tm_stage_rotation(b->world, &b->rotation, &error);
     if (status == TM_OK) return true;
     bench_close(b);
     refused(o, &error);

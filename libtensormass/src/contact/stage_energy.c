@@ -82,16 +82,23 @@ static pass over_tissue(const energy *e, const tm_world *world) {
     return p;
 }
 
-/* What turns stores its own, a function of the state: half of it at each end of a step. Its force's work, which
- * over_tissue took for another load's, is not one. */
+/* What turns stores its own, a function of the state: half of it at each end of a step. So the linear part is taken
+ * there too, not between the ends: alone it is no energy of what has turned, and the two make one only at the same
+ * place. The work of the correction's force, which over_tissue took for another load's, is not one. */
 static void over_rotation(const tm_world *world, const tm_rotation *rotation, pass *p) {
     const tm_state *s = &world->state;
-    const double *turned = tm_rotation_scratch(rotation, s->u_m);
+    const int32_t n = 3 * world->tissue->mesh->vertex_count;
+    double *scratch = tm_rotation_scratch(rotation);
     const double now = tm_rotation_energy(rotation, s->u_m);
     p->before_J += 0.5 * (tm_rotation_energy(rotation, s->u_prev_m) + now);
     p->elastic_J += 0.5 * (now + tm_rotation_energy(rotation, s->u_next_m));
-    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++)
-        if (world->mobility_s2_kg[i / 3] > 0) p->outer_J -= turned[i] * 0.5 * (s->u_next_m[i] - s->u_prev_m[i]);
+    for (int32_t i = 0; i < n; i++) scratch[i] = s->u_m[i] - s->u_prev_m[i];
+    p->before_J += 0.5 * tm_tissue_energy(world->tissue, scratch);
+    for (int32_t i = 0; i < n; i++) scratch[i] = s->u_next_m[i] - s->u_m[i];
+    p->elastic_J += 0.5 * tm_tissue_energy(world->tissue, scratch);
+    tm_rotation_force(rotation, s->u_m, scratch);
+    for (int32_t i = 0; i < n; i++)
+        if (world->mobility_s2_kg[i / 3] > 0) p->outer_J -= scratch[i] * 0.5 * (s->u_next_m[i] - s->u_prev_m[i]);
 }
 
 /* --- the tools --- */

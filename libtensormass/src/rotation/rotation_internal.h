@@ -85,8 +85,8 @@ double tm_pack_spread(const tm_mesh *mesh, int32_t p);
 /* r->list becomes the packs that may have something to add at u, ascending. */
 void tm_packs_list(tm_rotation *r, const double *u_m);
 
-/* tm_rotation_force into memory of the stage's own. */
-const double *tm_rotation_scratch(const tm_rotation *rotation, const double *u_m);
+/* [3*vertex_count] of the stage's own, for whoever measures it. */
+double *tm_rotation_scratch(const tm_rotation *rotation);
 /* The tangent of the whole at u_m; or the linear tensors first, and what turns in pieces. */
 void tm_rotation_tangent(const tm_rotation *rotation, const double *u_m, tm_tangent *tangent);
 void tm_rotation_tangent_begin(const tm_rotation *rotation, tm_tangent *tangent);

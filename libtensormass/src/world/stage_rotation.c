@@ -91,7 +91,4 @@ void tm_rotation_force(const tm_rotation *rotation, const double *u_m, double *f
     rotation->kernel(&rotation->packs, rotation->every, rotation->packs.count, u_m, force_N);
 }
 
-const double *tm_rotation_scratch(const tm_rotation *rotation, const double *u_m) {
-    tm_rotation_force(rotation, u_m, rotation->scratch_N);
-    return rotation->scratch_N;
-}
+double *tm_rotation_scratch(const tm_rotation *rotation) { return rotation->scratch_N; }

@@ -1,0 +1,117 @@
+/* Hard tissue with the effect "rotation": crushed flat, turned inside out, spun fast. Each is left alone and has to
+ * come back, or to go on, with no step but the guaranteed one. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "stability.h"
+
+static const double oblique[3] = {1.0 / 3, 2.0 / 3, 2.0 / 3};
+
+static bool open_turning(bool fibred, double damping, bench *b, outcome *o) {
+    bench_def def = bench_default();
+    tm_error error = {0};
+    if (fibred && tm_material_engineering(30e3, 6e3, 0.4, 0.45, 5e3, &def.material[0], &error) != TM_OK) abort();
+    def.fibre = fibred ? oblique : NULL;
+    def.material[0].damping_1_s = damping;
+    def.rotation = TM_ROTATION_THRESHOLD;
+    def.held = 0;
+    return bench_open(&def, b, o);
+}
+
+static double stored(const bench *b) {
+    const double *u = tm_world_state(b->world)->u_m;
+    return tm_tissue_energy(b->tissue, u) + tm_rotation_energy(b->rotation, u);
+}
+
+/* Puts the tissue somewhere, leaves it alone for `seconds`, and says what energy is left of what it had. */
+static void comes_back(bench *b, double seconds, outcome *o) {
+    const double start = stored(b);
+    const int32_t piece = (int32_t)(seconds / 100 / tm_world_step_s(b->world));
+    o->x_name = "simulated s", o->y_name = "energy / energy at the start";
+    for (int i = 0; i < 100; i++) {
+        if (tm_world_step(b->world, piece) != TM_OK) {
+            broken(o, "displacements stopped being finite");
+            return;
+        }
+        series_add(o, tm_world_state(b->world)->time_s, stored(b) / start);
+    }
+    stable(o, stored(b) / start, "after %.0f s %.1e of the energy is left: it has its shape again", seconds,
+           stored(b) / start);
+}
+
+/* Each vertex anywhere in a box of half the size. */
+static void inside_out(bool quick, double fibred, outcome *o) {
+    bench b;
+    (void)quick;
+    if (!open_turning(fibred > 0, 30, &b, o)) return;
+    tm_state *s = tm_world_state(b.world);
+    uint64_t seed = 5;
+    for (int32_t i = 0; i < 3 * b.mesh->vertex_count; i++)
+        s->u_m[i] = s->u_prev_m[i] = 0.02 + 0.01 * random_unit(&seed) - b.mesh->rest_m[i];
+    comes_back(&b, 8, o);
+    bench_close(&b);
+}
+
+/* To a fiftieth of its height (argument 0.02), or through the floor (negative). */
+static void crushed(bool quick, double height, outcome *o) {
+    bench b;
+    (void)quick;
+    if (!open_turning(false, 30, &b, o)) return;
+    tm_state *s = tm_world_state(b.world);
+    uint64_t seed = 5;
+    for (int32_t i = 0; i < 3 * b.mesh->vertex_count; i++)
+        s->u_m[i] = s->u_prev_m[i] =
+            (i % 3 == 2 ? (height - 1) * b.mesh->rest_m[i] : 0) + 1e-5 * random_unit(&seed); /* no perfect symmetry */
+    comes_back(&b, 8, o);
+    bench_close(&b);
+}
+
+/* Free and undamped, turning `rate` radians a second: the scheme's energy must stay. */
+static void spun(bool quick, double rate, outcome *o) {
+    bench b;
+    tm_error error = {0};
+    tm_energy e;
+    if (!open_turning(false, 0, &b, o)) return;
+    if (tm_stage_energy(b.world, &error) != TM_OK) {
+        refused(o, &error);
+        bench_close(&b);
+        return;
+    }
+    tm_state *s = tm_world_state(b.world);
+    const double a = rate * tm_world_step_s(b.world);
+    for (int32_t v = 0; v < b.mesh->vertex_count; v++) {
+        const double x = b.mesh->rest_m[3 * v] - 0.02, y = b.mesh->rest_m[3 * v + 1] - 0.02;
+        s->u_prev_m[3 * v] = x * (cos(a) - 1) + y * sin(a);
+        s->u_prev_m[3 * v + 1] = -x * sin(a) + y * (cos(a) - 1);
+    }
+    double worst = 0;
+    const int pieces = 200, steps = quick ? 50 : 1000;
+    o->x_name = "simulated s", o->y_name = "energy / energy at the start";
+    for (int i = 0; i < pieces; i++) {
+        if (tm_world_step(b.world, steps) != TM_OK || tm_world_energy(b.world, &e, &error) != TM_OK) {
+            broken(o, "displacements stopped being finite");
+            bench_close(&b);
+            return;
+        }
+        const double now = (e.kinetic_J + e.elastic_J) / e.start_J;
+        worst = fmax(worst, fabs(now - 1));
+        series_add(o, s->time_s, now);
+    }
+    stable(o, worst, "energy within %.1e over %d steps, %.0f turns", worst, pieces * steps,
+           rate * s->time_s / (2 * M_PI));
+    bench_close(&b);
+}
+
+#define ROTATION "rotation"
+const hard_case cases_rotation[] = {
+    {ROTATION, "inside-out", "every vertex anywhere in a box of half the size", STABLE, 1e-6, "energy left", inside_out,
+     0},
+    {ROTATION, "inside-out-fibred", "the same with fibres", STABLE, 1e-6, "energy left", inside_out, 1},
+    {ROTATION, "crushed", "crushed to a fiftieth of its height", STABLE, 1e-6, "energy left", crushed, 0.02},
+    {ROTATION, "mirrored", "pushed through its own floor, to a mirror image of half the height", STABLE, 1e-6,
+     "energy left", crushed, -0.5},
+    {ROTATION, "spun", "a free block, undamped, at 5 turns a second", STABLE, 0.02, "energy drift", spun, 31.4},
+    {ROTATION, "spun-fast", "at 8 turns a second, which stretches it", STABLE, 0.05, "energy drift", spun, 50.3},
+};
+const int cases_rotation_count = sizeof cases_rotation / sizeof *cases_rotation;
