@@ -36,7 +36,7 @@ class Model(Object):
 
     kind: "dynamic" (tensor/mass: mass, motion, everything cuttable), "precomputed" (quasi-static, no cutting) or "hybrid" (`dynamic` (T,) bool is
     tensor/mass and cuttable, the rest condensed).
-    materials, region_material, fibres, precision, form: as Tissue. supports: [(vertices (n,), value_m)], each value one number, (3,) or (n, 3), m.
+    materials, region_material, fibres, precision, form, volume, rotation: as Tissue. supports: [(vertices (n,), value_m)], each value one number, (3,) or (n, 3), m.
     load_N: (V, 3). gravity_m_s2: (3,). instruments; contact, grasp: options of Contact and Grasp, grasp=None: graspers hold nothing; cut: {} or
     {"rate_1_s", "loose"}, None: nothing is cut. frame_s, step_s, step_fraction, average, damped: tm_model_def. file: the cache of a precomputed or
     hybrid model. solve: solver, threads, cg_tolerance ... of Problem.
@@ -47,13 +47,14 @@ class Model(Object):
     def __init__(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], kind: str = "dynamic", *, region_material: Any = None,
                  fibres: Any = None, precision: str = "double", form: str = "best", supports: Sequence[Tuple[Any, Any]] = (), load_N: Any = None,
                  gravity_m_s2: Any = None, instruments: Sequence[Instrument] = (), contact: Optional[Dict[str, Any]] = None,
-                 grasp: Optional[Dict[str, Any]] = None, cut: Optional[Dict[str, Any]] = None, dynamic: Any = None, file: File = None,
+                 grasp: Optional[Dict[str, Any]] = None, cut: Optional[Dict[str, Any]] = None, dynamic: Any = None, volume: Union[bool, float] = False,
+                 rotation: float = 0.0, file: File = None,
                  progress: Optional[Progress] = None, solve: Optional[Dict[str, Any]] = None, **options: Any) -> None:
         self.mesh = mesh
         d = lib.tm_model_def_default()
         fill(d, options)
         whole = Tissue.__new__(Tissue)
-        whole._fill(mesh, materials, region_material, fibres)
+        whole._fill(mesh, materials, region_material, fibres, volume, rotation)
         d.tissue = whole._definition
         d.tissue.form = choice(form, FORM, "form")
         kept: List[Any] = [whole, *self._supports(d, supports)]

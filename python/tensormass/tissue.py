@@ -108,12 +108,14 @@ class Tissue(Object):
     materials: one, or one a material number. region_material: (R,) material of each region, None: region i has material i (one material: all).
     fibres: (T, 3) unit vectors, copied; None if every material is isotropic. cuttable: take the memory that cutting needs. alive: (T,) bool, build
     without the others. precision: of the stored edge tensors, "double" or "single" (for held tissue). form: of the force loop, "best" or "plain"
-    (the same bits on every machine).
+    (the same bits on every machine). volume: no locking towards Poisson's ratio 0.5 (docs/physics.md); a number is the share of the shear that is
+    averaged too (True: 0.4). rotation: above 0 (0.02), World.add_rotation will turn what bends farther than that.
     """
 
     def __init__(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], *, region_material: Any = None, fibres: Any = None,
-                 precision: str = "double", form: str = "best", cuttable: bool = False, alive: Any = None) -> None:
-        self._fill(mesh, materials, region_material, fibres)
+                 precision: str = "double", form: str = "best", cuttable: bool = False, alive: Any = None,
+                 volume: Union[bool, float] = False, rotation: float = 0.0) -> None:
+        self._fill(mesh, materials, region_material, fibres, volume, rotation)
         self._definition.precision = choice(precision, PRECISION, "precision")
         self._definition.form = choice(form, FORM, "form")
         self._definition.cuttable = cuttable
@@ -123,7 +125,8 @@ class Tissue(Object):
         self._definition.alive = None if living is None else living.ctypes.data
         self._build([mesh])
 
-    def _fill(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], region_material: Any, fibres: Any) -> None:
+    def _fill(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], region_material: Any, fibres: Any,
+              volume: Union[bool, float] = False, rotation: float = 0.0) -> None:
         self._mesh = mesh
         several = [materials] if isinstance(materials, Material) else list(materials)
         material = (c.tm_material * len(several))(*[m._struct for m in several])
@@ -136,6 +139,9 @@ class Tissue(Object):
         definition.material_count, definition.material = len(several), ctypes.addressof(material)
         definition.region_material = None if region is None else region.ctypes.data
         definition.fibre = None if fibre is None else fibre.ctypes.data
+        definition.volume, definition.rotation = volume is not False, rotation
+        if not isinstance(volume, bool):
+            definition.volume_shear = volume
         self._definition, self._kept = definition, (material, region, fibre)
 
     def _build(self, parents: Sequence[Object]) -> None:

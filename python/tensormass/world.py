@@ -322,6 +322,10 @@ class World(Object):
 
         return PatchMaker(self, contact, source, **options)
 
+    def add_rotation(self) -> None:
+        """Tissue that turns and bends far keeps its law: of a Tissue made with rotation > 0."""
+        call(lib.tm_stage_rotation, self, None)
+
     def add_energy(self) -> None:
         """The account that `energy` reads."""
         call(lib.tm_stage_energy, self)

@@ -235,6 +235,30 @@ def test_critical_steps():
     assert tissue.critical_step_sharp(world.support_mask) >= guaranteed
 
 
+def test_volume_and_rotation():
+    """A cantilever near Poisson's ratio 0.5 is less stiff where its volume does not lock; turned as a whole, tissue with rotation has no stress."""
+    mesh = tm.Mesh.block((0.06, 0.01, 0.01), (12, 2, 2))
+    material = tm.Material.young(5e4, 0.49, density_kg_m3=1000, damping_1_s=40)
+    sag = []
+    for volume in (False, True):
+        world = tm.World(tm.Tissue(mesh, material, volume=volume))
+        world.add_support(mesh.near((0, 0, 0), (1, 0, 0)))
+        world.add_gravity()
+        world.settle(1e-7)
+        sag.append(-world.u_m[:, 2].min())
+    assert sag[1] > 1.1 * sag[0]
+    world = tm.World(tm.Tissue(mesh, material, rotation=0.02))
+    world.add_rotation()
+    angle = 0.5
+    turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
+    world.u_m[:] = world.u_prev_m[:] = mesh.rest_m @ turn.T - mesh.rest_m
+    before = world.u_m.copy()
+    world.step(10)
+    assert np.abs(world.u_m - before).max() < 1e-9
+    with pytest.raises(tm.Error, match="rotation"):
+        tm.World(tm.Tissue(mesh, material)).add_rotation()
+
+
 def test_cut_equals_a_fresh_build():
     mesh, tissue, _ = block(cuttable=True)
     removed = tissue.cut([0, 1, 2])
