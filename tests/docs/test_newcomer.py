@@ -145,7 +145,7 @@ def test_an_effect_is_a_file_and_a_row(root, plain, tmp_path):
     shutil.copy(plain / "lib/libsim.a", library)
     run("ar", "d", library, "effects.o")
     program = tmp_path / "tm-sim"
-    compile_into(root, plain, tmp_path, program, [sim / "effects.c", sim / "effect_sideways.c", root / "apps/sim/main.c"], library, "libapp.a", "libhrt_io.a", "libhrt_base.a",
+    compile_into(root, plain, tmp_path, program, [sim / "effects.c", sim / "effect_sideways.c", root / "apps/sim/main.c"], library, "libapp.a", "libhrt_device.a", "libhrt_io.a", "libhrt_base.a",
                  "libhrt.a", "libtensormass.a", "liblcm_types.a")
     assert "| `sideways.pull` |" in run(program, "--schema", "markdown")
     (tmp_path / "lib").symlink_to(plain / "lib")
@@ -167,7 +167,7 @@ def test_a_hard_case_is_a_row(root, plain, tmp_path):
     objects = sorted(p for p in (plain / "obj/apps/studies/stability").glob("*.o") if p.stem != "cases_tissue")
     assert len(objects) >= 6
     program = tmp_path / "tm-stability"
-    compile_into(root, plain, tmp_path, program, [changed, *objects], "libapp.a", "libhrt_io.a", "libhrt_base.a", "libhrt.a", "libtensormass.a")
+    compile_into(root, plain, tmp_path, program, [changed, *objects], "libapp.a", "libhrt_device.a", "libhrt_io.a", "libhrt_base.a", "libhrt.a", "libtensormass.a")
     run(program, "--quick", "--case", "poisson-0.37", "--json", tmp_path / "v.json")
     (case,) = json.loads((tmp_path / "v.json").read_text())["cases"]
     assert case["name"] == "poisson-0.37" and case["verdict"] == "stays stable"
