@@ -194,13 +194,12 @@ void sim_publish_reaction(sim_publisher *p, const sim *s, sim_tools *tools, int 
 }
 
 void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s, double speed) {
-    static char models[][12] = {"dynamic", "precomputed", "hybrid"};
     if (!p->link) return;
     tensormass_sim_status_t m = {.utime = utime,
                                  .seq = p->status_seq++,
                                  .session = p->session,
                                  .scene = (char *)(uintptr_t)s->scene->file,
-                                 .model = models[s->scene->model.index],
+                                 .model = (char *)(uintptr_t)s->model->kind->name,
                                  .tets_alive = sim_alive(s),
                                  .substeps = s->substeps,
                                  .dt_s = s->dt_s,
