@@ -36,7 +36,8 @@ class Model(Object):
 
     kind: "dynamic" (tensor/mass: mass, motion, everything cuttable), "precomputed" (quasi-static, no cutting) or "hybrid" (`dynamic` (T,) bool is
     tensor/mass and cuttable, the rest condensed).
-    materials, region_material, fibres, precision, form, volume, rotation: as Tissue (model.world.add_rotation()). supports: [(vertices (n,), value_m)], each value one number, (3,) or (n, 3), m.
+    materials, region_material, fibres, precision, form, volume, rotation: as Tissue (then model.world.add_rotation()). supports: [(vertices (n,),
+    value_m)], each value one number, (3,) or (n, 3), m.
     load_N: (V, 3). gravity_m_s2: (3,). instruments; contact, grasp: options of Contact and Grasp, grasp=None: graspers hold nothing; cut: {} or
     {"rate_1_s", "loose"}, None: nothing is cut. frame_s, step_s, step_fraction, average, damped: tm_model_def. file: the cache of a precomputed or
     hybrid model. solve: solver, threads, cg_tolerance ... of Problem.

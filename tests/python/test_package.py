@@ -85,6 +85,13 @@ def test_examples(python, environment, name, says, tmp_path):
     assert min(drawn.shape) > 300 and 0.01 < (drawn < 200).mean() < 0.7, "something is drawn"
 
 
+def test_the_page(python, environment):
+    """What docs/python.md shows."""
+    blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(), re.S)
+    assert len(blocks) == 2
+    run(python, "-c", "\n".join(blocks), env=environment, cwd=ROOT)
+
+
 def test_layout_is_the_compilers(python, tmp_path):
     """Every struct and member that ctypes knows, against a C program of the same headers."""
     told = json.loads(run(python, "-c", "import json, ctypes, tensormass._bind as c\n"
