@@ -366,6 +366,58 @@ static void test_cut_equals_a_fresh_build_bit_for_bit(void **state) {
     }
 }
 
+/* A snapshot keeps nothing of the stage, and goes on to the last bit, in a world that has looked at other packs. */
+static void test_a_snapshot_goes_on_to_the_last_bit(void **state) {
+    (void)state;
+    turning a = block(true, true), b = block(true, true);
+    tm_error error;
+    tm_state *s = tm_world_state(a.world);
+    fix_random random = {31};
+    turn(&a, 0.5, 0, s->u_m);
+    for (int32_t i = 0; i < a.n; i++) s->u_prev_m[i] = s->u_m[i] += 3e-4 * fix_signed(&random);
+    assert_int_equal(tm_world_step(a.world, 40), TM_OK);
+    assert_int_equal(tm_world_step(b.world, 7), TM_OK);
+    const int64_t bytes = tm_snapshot_bytes(a.world);
+    void *kept = malloc((size_t)bytes);
+    fix_ok(tm_snapshot_save(a.world, kept, bytes, &error), &error);
+    fix_ok(tm_snapshot_restore(b.world, kept, bytes, &error), &error);
+    for (int k = 0; k < 20; k++) {
+        assert_int_equal(tm_world_step(a.world, 5), TM_OK);
+        assert_int_equal(tm_world_step(b.world, 5), TM_OK);
+        assert_true(tm_world_hash(a.world) == tm_world_hash(b.world));
+    }
+    free(kept);
+    destroy(&a);
+    destroy(&b);
+}
+
+/* What cannot be is refused with what to do, and nothing is left of it. */
+static void test_refusals(void **state) {
+    (void)state;
+    const tm_material m = material(false, 0.45);
+    fix_random random = {1};
+    tm_mesh *mesh = fix_block((int[]){1, 1, 1}, (double[]){0.01, 0.01, 0.01}, 0, &random);
+    tm_tissue_def def = tm_tissue_def_default();
+    tm_tissue *tissue = NULL;
+    tm_error error;
+    def.mesh = mesh, def.material_count = 1, def.material = &m;
+    for (int k = 0; k < 4; k++) {
+        def.rotation = (const double[]){0.5, NAN, 0.02, 0.02}[k];
+        def.precision = k == 2 ? TM_SINGLE : TM_DOUBLE;
+        def.volume = k == 3;
+        assert_int_equal(tm_tissue_create(&def, &tissue, &error), TM_ERR_ARGUMENT);
+        assert_non_null(strstr(error.message, k < 2 ? "give 0" : "take"));
+    }
+    def.rotation = 0, def.volume = false;
+    fix_ok(tm_tissue_create(&def, &tissue, &error), &error);
+    tm_world *world = fix_world(tissue, true);
+    assert_int_equal(tm_stage_rotation(world, NULL, &error), TM_ERR_ARGUMENT);
+    assert_non_null(strstr(error.message, "set rotation"));
+    tm_world_destroy(world);
+    tm_tissue_destroy(tissue);
+    tm_mesh_destroy(mesh);
+}
+
 /* Each vertex somewhere else in a box of half the size: most tetrahedra crushed or inside out. Left alone, damped, the
  * tissue comes back to its shape, wherever it then lies. */
 static void test_tissue_inside_out_comes_back(void **state) {
@@ -571,6 +623,8 @@ int main(void) {
         cmocka_unit_test(test_no_state_needs_a_shorter_step),
         cmocka_unit_test(test_the_account_of_energy_closes),
         cmocka_unit_test(test_cut_equals_a_fresh_build_bit_for_bit),
+        cmocka_unit_test(test_a_snapshot_goes_on_to_the_last_bit),
+        cmocka_unit_test(test_refusals),
         cmocka_unit_test(test_tissue_inside_out_comes_back),
         cmocka_unit_test(test_a_cantilever_follows_the_elastica),
         cmocka_unit_test(test_compliance_is_the_tangents),
