@@ -179,6 +179,8 @@ bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_fo
     out->radius_m = (float)t->radius_m;
     out->contact_length_m = (float)t->contact_length_m;
     out->film_s_m = (float)t->film_s_m;
+    out->radiation_N_s_m = (float)t->radiation_N_s_m;
+    out->radiation_s = (float)t->radiation_s;
     memcpy(out->trocar_m, t->trocar_m, sizeof out->trocar_m);
     return true;
 }

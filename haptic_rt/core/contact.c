@@ -155,13 +155,32 @@ static bool on_edge(const solve *s, const hrt_contact_row *row) {
     return weight > 0.5f;
 }
 
-/* What the film drags with, of the reaction: its coefficient times the tip's speed since the last tick. */
-static hrt_v3 film_drag(hrt_extrapolation *x, int64_t now_us, const float tip_m[3]) {
-    const hrt_v3 moved = hrt_minus(hrt_get(tip_m), hrt_get(x->film_tip_m));
-    const float passed_us = (float)(uint32_t)(now_us - x->film_us);
+/* Of the tip since the last tick, m/s. What its mean of the last while leaves of it is `swing`. */
+static hrt_v3 tip_speed(hrt_extrapolation *x, int64_t now_us, const float tip_m[3], hrt_v3 *swing) {
+    const float passed_s = law_max(1.0e-6f * (float)(uint32_t)(now_us - x->film_us), 1.0e-6f);
+    const hrt_v3 speed = hrt_times(1.0f / passed_s, hrt_minus(hrt_get(tip_m), hrt_get(x->film_tip_m)));
+    *swing =
+        hrt_times(x->patch->radiation_s / (passed_s + x->patch->radiation_s), hrt_minus(speed, hrt_get(x->mean_m_s)));
+    hrt_put(hrt_minus(speed, *swing), x->mean_m_s);
     hrt_copy(x->film_tip_m, tip_m);
     x->film_us = now_us;
-    return hrt_times(1.0e6f * x->patch->film_s_m / law_max(passed_us, 1.0f), moved);
+    return speed;
+}
+
+/* What waves carry off into tissue that has mass, where a patch is at rest at every instant: a dashpot on the swing
+ * along the force, of a hold on all of it. The mean speed is no swing: what it does is in the sample's shape. Never
+ * more than half of the force, so that a probe is never pulled. */
+static void radiate(hrt_extrapolation *x, hrt_v3 swing, float force_N[3]) {
+    const hrt_v3 force = hrt_get(force_N);
+    const float size2 = hrt_inner(force, force);
+    if (!(size2 > 0.0f)) {
+        for (int i = 0; i < 3; i++) x->mean_m_s[i] = 0.0f;
+        return;
+    }
+    if (!hrt_patch_holds(x->patch)) swing = hrt_times(hrt_inner(swing, force) / size2, force);
+    const float size = x->patch->radiation_N_s_m * hrt_size(swing), most = 0.5f * sqrtf(size2);
+    hrt_put(hrt_minus(force, hrt_times(x->patch->radiation_N_s_m * (size > most ? most / size : 1.0f), swing)),
+            force_N);
 }
 
 /* Reactions, the film's drag along the surface and the hold to the equivalent force at the tip of a tool that pivots
@@ -211,7 +230,11 @@ bool hrt_contact_force(hrt_extrapolation *x, int64_t now_us, const float tip_m[3
             hits.count = -1;
     }
     x->row_count = s.p.rows;
-    return gather(&s, tip_m, film_drag(x, now_us, tip_m), force_N);
+    hrt_v3 swing;
+    const hrt_v3 speed = tip_speed(x, now_us, tip_m, &swing);
+    const bool within = gather(&s, tip_m, hrt_times(x->patch->film_s_m, speed), force_N);
+    radiate(x, swing, force_N);
+    return within;
 }
 
 void hrt_contact_clear(hrt_extrapolation *x) {

@@ -198,6 +198,7 @@ typedef struct hrt_patch {
     float radius_m;
     float contact_length_m;
     float film_s_m; /* drag between tool and tissue, of the reaction and the speed of sliding (docs/contact.md) */
+    float radiation_N_s_m, radiation_s; /* dashpot of what waves carry off, on the speed less its mean of so long */
     hrt_patch_topology topology;
 } hrt_patch;
 
@@ -311,7 +312,7 @@ typedef struct hrt_contact_row {
     float lambda_N;
 } hrt_contact_row;
 
-enum { HRT_MIXING_MEMORY = 3 };
+enum { HRT_MIXING_MEMORY = 2 };
 
 /* What the rounds of `contact` remember of each other (law/mixing.h). */
 typedef struct hrt_mixing {
@@ -335,6 +336,7 @@ typedef struct hrt_extrapolation {
     int64_t patch_us;
     int64_t film_us;     /* when the tool was last solved against a patch */
     float film_tip_m[3]; /* and where it was */
+    float mean_m_s[3];   /* speed of the tip in touch, over radiation_s */
     int32_t row_count;
     hrt_contact_row row[HRT_CONTACT_ROWS];
     float patch_force_N[HRT_PATCH_DOFS]; /* what the rows do to the patch */

@@ -84,9 +84,11 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
     if (verdict == HRT_ACCEPT) verdict = bounded(&patch->contact_length_m, 1, 1.0f);
     if (verdict == HRT_ACCEPT) verdict = bounded(&patch->skin_compliance_m_N, 1, 10.0f);
     if (verdict == HRT_ACCEPT) verdict = bounded(&patch->film_s_m, 1, 1.0f);
+    if (verdict == HRT_ACCEPT) verdict = bounded(&patch->radiation_N_s_m, 1, 10.0f);
+    if (verdict == HRT_ACCEPT) verdict = bounded(&patch->radiation_s, 1, 1.0f);
     if (verdict != HRT_ACCEPT) return verdict;
     if (patch->radius_m < 1.0e-4f || patch->contact_length_m < 0.0f || patch->skin_compliance_m_N < 0.0f ||
-        patch->film_s_m < 0.0f)
+        patch->film_s_m < 0.0f || patch->radiation_N_s_m < 0.0f || patch->radiation_s < 0.0f)
         return HRT_REJECT_HUGE;
     for (int32_t i = 0; i < entries; i++) scratch[i] = i < hold ? patch->compliance_m_N[i] : -patch->compliance_m_N[i];
     if (!semidefinite(scratch, width, n) || !semidefinite(scratch + hold, 3, width - n)) return HRT_REJECT_ASYMMETRIC;

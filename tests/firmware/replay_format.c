@@ -68,6 +68,8 @@ void replay_patch(replay_bytes *bytes, hrt_patch *patch) {
     raw(bytes, &patch->radius_m, 4);
     raw(bytes, &patch->contact_length_m, 4);
     raw(bytes, &patch->film_s_m, 4);
+    raw(bytes, &patch->radiation_N_s_m, 4);
+    raw(bytes, &patch->radiation_s, 4);
 }
 
 void replay_command(replay_bytes *bytes, fw_news *news) {

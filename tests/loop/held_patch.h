@@ -34,6 +34,8 @@ static inline void patch_to_controller(const tm_patch *from, hrt_patch *to) {
     to->radius_m = (float)from->radius_m;
     to->contact_length_m = (float)from->contact_length_m;
     to->film_s_m = (float)from->film_s_m;
+    to->radiation_N_s_m = (float)from->radiation_N_s_m;
+    to->radiation_s = (float)from->radiation_s;
 }
 
 #endif

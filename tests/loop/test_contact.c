@@ -173,6 +173,45 @@ static void pressing_flat_ground(void **state) {
     assert_true(fabsf(force[0]) < 0.05f * fabsf(last) && fabsf(force[1]) < 0.05f * fabsf(last));
 }
 
+static float size_of(const float a[3]) { return sqrtf(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
+
+/* A dashpot on the swing of the tip along the force: nothing at rest and at a steady speed, nothing across, never more
+ * than half of the force, and over a cycle it takes energy. Each against a twin whose patch has none. */
+static void waves_carry_off_a_swing(void **state) {
+    (void)state;
+    static hrt_extrapolation x[2];
+    static hrt_patch with;
+    const float dashpot = 0.1f, memory_s = 0.005f;
+    ground(0.0f);
+    with = patch;
+    with.radiation_N_s_m = dashpot, with.radiation_s = memory_s;
+    assert_int_equal(hrt_patch_prepare(&with, scratch), HRT_ACCEPT);
+    float tip[3] = {0.0f, 0.0f, 0.1185f}, force[2][3], more = 0.0f, taken_J = 0.0f, half = 0.0f;
+    for (int i = 0; i < 2; i++) {
+        hrt_extrapolation_reset(&x[i], HRT_CONTACT);
+        take(&x[i], 0, tip, i ? &with : &patch, 1);
+    }
+    for (int tick = 1; tick < 145; tick++) {
+        const float before = tip[2], across = tip[0];
+        if (tick == 60) tip[2] += 0.00002f;                                                  /* a count */
+        if (tick > 75 && tick <= 95) tip[2] += 0.00002f;                                     /* 10 mm/s */
+        if (tick > 100 && tick <= 140) tip[2] += 0.00003f * sinf(0.31415927f * (float)tick); /* 25 Hz */
+        if (tick == 142) tip[0] += 0.0005f;
+        if (tick == 143) tip[2] += 0.02f; /* thrown */
+        for (int i = 0; i < 2; i++) hrt_extrapolation_force(&x[i], &params, 2000 * tick, tip, force[i]);
+        more = force[1][2] - force[0][2];
+        const float swing = (tip[2] - before) / 0.002f * memory_s / (0.002f + memory_s);
+        if (tick == 59 || tick == 75) assert_float_equal(more, 0.0f, tick == 59 ? 1e-6f : 0.03f * dashpot * 0.01f);
+        if (tick == 60) assert_float_equal(more, -dashpot * swing, 0.03f * dashpot * swing);
+        if (tick == 95) assert_float_equal(more, 0.0f, 0.02f * dashpot * 0.01f);
+        if (tick > 100 && tick <= 140) taken_J -= more * (tip[2] - before);
+        if (tick == 142) assert_true(fabsf(more) < 0.1f * dashpot * (tip[0] - across) / 0.002f);
+        if (tick == 143) half = size_of(force[1]) / size_of(force[0]);
+    }
+    assert_true(taken_J > 1e-8f);
+    assert_true(half <= 1.5001f && half > 1.0f);
+}
+
 /* 0 <= gap + depth(lambda) _|_ lambda >= 0 at the converged shape, found by the simulation's finder. */
 static void complementarity(void **state) {
     (void)state;
@@ -641,14 +680,20 @@ static void bad_patches(void **state) {
                  {21, HRT_REJECT_HUGE},
                  {22, HRT_REJECT_NOT_FINITE},
                  {23, HRT_REJECT_HUGE},
-                 {24, HRT_REJECT_ASYMMETRIC}};
+                 {24, HRT_REJECT_ASYMMETRIC},
+                 {25, HRT_REJECT_HUGE},
+                 {26, HRT_REJECT_NOT_FINITE},
+                 {27, HRT_REJECT_HUGE}};
     for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
         p = patch;
         if (cases[k].what >= 15) hold_something(&p);
         float *stiffness = &p.compliance_m_N[HRT_PATCH_COMPLIANCE - 6];
         switch (cases[k].what) {
-        case 14: p.held = 1u << VERTICES; break; /* no place for the tip */
-        case 16: p.held = 3u; break;             /* held vertices, and no hold */
+        case 14: p.held = 1u << VERTICES; break;   /* no place for the tip */
+        case 25: p.radiation_N_s_m = -0.1f; break; /* drives */
+        case 26: p.radiation_s = NAN; break;
+        case 27: p.radiation_N_s_m = 11.0f; break;
+        case 16: p.held = 3u; break; /* held vertices, and no hold */
         case 17: p.held |= 1u << (VERTICES + 4); break;
         case 18: stiffness[0] = 200.0f; break;        /* pushes on */
         case 19: p.compliance_m_N[69] = 11.0f; break; /* a vertex that runs ahead of the tip */
@@ -714,6 +759,7 @@ static void wild_patches_stay_bounded(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(rows_are_those_of_the_simulation),
                                        cmocka_unit_test(pressing_flat_ground),
+                                       cmocka_unit_test(waves_carry_off_a_swing),
                                        cmocka_unit_test(complementarity),
                                        cmocka_unit_test(the_force_is_that_of_the_simulation),
                                        cmocka_unit_test(a_hold_pulls_as_the_simulation_says),

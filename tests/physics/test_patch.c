@@ -125,6 +125,11 @@ static void patch_against_settled(patch_scene *p, const char *what, double stiff
         "%s: %.3f N; stiffness off by %.2f %%; moved up to 1.2 mm: patch off by %.3f %%, tangent %.2f %%, hold %.1f %%\n",
         what, norm(force), 100 * sqrt(wrong / size), 100 * worst / norm(force), 100 * worst_tangent / norm(force),
         100 * worst_hold / norm(force));
+    /* A disc of some millimetres on tissue with shear waves of 1.3 m/s. */
+    print_message("%s: waves carry off %.3f N s/m, within %.1f ms\n", what, p->patch.radiation_N_s_m,
+                  1e3 * p->patch.radiation_s);
+    assert_true(p->patch.radiation_N_s_m > 0.02 && p->patch.radiation_N_s_m < 0.4);
+    assert_true(p->patch.radiation_s > 1e-3 && p->patch.radiation_s < 0.02);
     assert_true(sqrt(wrong / size) < stiffness_within);
     assert_true(worst < force_within * norm(force));
     assert_true(worst < 0.2 * worst_tangent && worst_tangent < worst_hold);

@@ -31,6 +31,9 @@ typedef struct tm_patch {
     double skin_compliance_m_N, force_cap_N;
     double radius_m, contact_length_m;
     double film_s_m; /* 0.3 where the model has a film, 0 where it has none (precomputed, hybrid) */
+    /* What waves carry off, of a model whose tissue has mass: a dashpot on the tool's speed along the force (of what
+     * jaws hold: on its speed), less its mean over radiation_s. */
+    double radiation_N_s_m, radiation_s;
     double trocar_m[3];
     /* What a grasper holds, folded in: vertex_m and compliance_m_N are of the tissue as the jaws hold it, and follow
      * the tip. */

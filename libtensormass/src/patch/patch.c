@@ -171,6 +171,24 @@ static void describe(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     vset(tool->def.trocar_m, patch->trocar_m);
 }
 
+/* Tissue that a tool shakes sends waves away, which take energy along: as a disc of radius a on half a space does, with
+ * a from how stiff it is under the tool at rest, k = 4 G a / (1 - nu). The dashpot is an area's resistance to shear
+ * waves, density * c_s * pi a^2, and waves have left after a / c_s. */
+#define RADIATES_WITHIN_M 0.02
+
+static void radiate(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
+    const tm_tool *tool = maker->contact->tool + t;
+    const tm_material *of = tm_tissue_tet_material(maker->world->tissue, maker->surface.view ? 0 : patch->face[0] / 4);
+    double normal[3], k = 0;
+    if (!(vunit(tool->substep_force_N, normal) > 0)) return;
+    for (int i = 0; i < 9; i++) k -= normal[i / 3] * tool->stiffness_N_m[i] * normal[i % 3];
+    const double wide = (of->lambda_Pa + 2 * of->mu_Pa) / (2 * (of->lambda_Pa + of->mu_Pa)); /* 1 - nu */
+    const double radius = law_clamp(k * wide / (4 * of->mu_Pa), 0, RADIATES_WITHIN_M);
+    const double wave_m_s = sqrt(of->mu_Pa / of->density_kg_m3);
+    patch->radiation_N_s_m = of->density_kg_m3 * wave_m_s * 3.14159265358979 * radius * radius;
+    patch->radiation_s = radius / wave_m_s;
+}
+
 /* Surface near a tool that touches or may touch, and that can be told from what is known. Not for a tool that touches
  * nothing as yet: the patch would touch it. */
 static bool find_surface(tm_patch_maker *maker, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch) {
@@ -200,6 +218,7 @@ static bool make_held(tm_patch_maker *maker, int32_t t, const tm_patch_hold *hol
     memcpy(tool->stiffness_N_m, patch->hold_stiffness_N_m, sizeof tool->stiffness_N_m);
     if (whole) tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
     tool->stiffness_kind = patch->kind;
+    if (whole) radiate(maker, t, patch);
     return whole;
 }
 
@@ -222,6 +241,7 @@ static bool make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     if (!tm_patch_fill(patch, block, maker, contact->row, contact->row_count)) return false;
     tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
     tool->stiffness_kind = patch->kind;
+    radiate(maker, t, patch);
     return true;
 }
 
