@@ -175,6 +175,7 @@ static void describe(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
  * a from how stiff it is under the tool at rest, k = 4 G a / (1 - nu). The dashpot is an area's resistance to shear
  * waves, density * c_s * pi a^2, and waves have left after a / c_s. */
 #define RADIATES_WITHIN_M 0.02
+#define RADIATES_N_S_M 2.0 /* more is of tissue that is stiff rather than heavy, and a controller refuses 10 */
 
 static void radiate(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     const tm_tool *tool = maker->contact->tool + t;
@@ -185,7 +186,8 @@ static void radiate(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     const double wide = (of->lambda_Pa + 2 * of->mu_Pa) / (2 * (of->lambda_Pa + of->mu_Pa)); /* 1 - nu */
     const double radius = law_clamp(k * wide / (4 * of->mu_Pa), 0, RADIATES_WITHIN_M);
     const double wave_m_s = sqrt(of->mu_Pa / of->density_kg_m3);
-    patch->radiation_N_s_m = of->density_kg_m3 * wave_m_s * 3.14159265358979 * radius * radius;
+    const double dashpot = of->density_kg_m3 * wave_m_s * 3.14159265358979 * radius * radius;
+    patch->radiation_N_s_m = law_min(dashpot, RADIATES_N_S_M);
     patch->radiation_s = radius / wave_m_s;
 }
 
