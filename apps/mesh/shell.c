@@ -7,6 +7,8 @@
 #include "common/mesh_format.h"
 #include "shell.h"
 
+#define LAW_REAL double
+#include "law/vec.h"
 struct shell {
     int vertex_count, triangle_count;
     double *vertex;        /* [3*vertex_count] m */
@@ -17,14 +19,6 @@ struct shell {
     double low[3], high[3], cell, volume_m3;
     int cells[3], *cell_begin, *cell_triangle;
 };
-
-static void subtract(const double *a, const double *b, double d[3]) {
-    for (int k = 0; k < 3; k++) d[k] = a[k] - b[k];
-}
-static double dot(const double *a, const double *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-static void cross(const double *a, const double *b, double c[3]) {
-    for (int k = 0; k < 3; k++) c[k] = a[(k + 1) % 3] * b[(k + 2) % 3] - a[(k + 2) % 3] * b[(k + 1) % 3];
-}
 
 /* ---- joining ---- */
 
@@ -75,17 +69,17 @@ static void normals_of_faces(shell *s) {
     for (int t = 0; t < s->triangle_count; t++) {
         const int *v = s->triangle + 3 * (size_t)t;
         double u[3], w[3], n[3];
-        subtract(at3(s->vertex, v[1]), at3(s->vertex, v[0]), u);
-        subtract(at3(s->vertex, v[2]), at3(s->vertex, v[0]), w);
-        cross(u, w, n);
-        s->volume_m3 += dot(n, at3(s->vertex, v[0])) / 6;
-        double length = sqrt(dot(n, n));
+        vsub(at3(s->vertex, v[1]), at3(s->vertex, v[0]), u);
+        vsub(at3(s->vertex, v[2]), at3(s->vertex, v[0]), w);
+        vcross(u, w, n);
+        s->volume_m3 += vdot(n, at3(s->vertex, v[0])) / 6;
+        double length = sqrt(vdot(n, n));
         for (int k = 0; k < 3; k++) at3(s->face_normal, t)[k] = length > 0 ? n[k] / length : 0;
         for (int c = 0; c < 3; c++) {
-            subtract(at3(s->vertex, v[(c + 1) % 3]), at3(s->vertex, v[c]), u);
-            subtract(at3(s->vertex, v[(c + 2) % 3]), at3(s->vertex, v[c]), w);
-            double lengths = sqrt(dot(u, u) * dot(w, w)),
-                   angle = lengths > 0 ? acos(fmax(-1, fmin(1, dot(u, w) / lengths))) : 0;
+            vsub(at3(s->vertex, v[(c + 1) % 3]), at3(s->vertex, v[c]), u);
+            vsub(at3(s->vertex, v[(c + 2) % 3]), at3(s->vertex, v[c]), w);
+            double lengths = sqrt(vdot(u, u) * vdot(w, w)),
+                   angle = lengths > 0 ? acos(fmax(-1, fmin(1, vdot(u, w) / lengths))) : 0;
             for (int k = 0; k < 3; k++) at3(s->vertex_normal, v[c])[k] += angle * at3(s->face_normal, t)[k];
         }
     }
@@ -237,8 +231,8 @@ typedef struct nearest {
 
 static void consider(nearest *best, const double p[3], const double q[3], const double *normal) {
     double d[3];
-    subtract(p, q, d);
-    double square = dot(d, d);
+    vsub(p, q, d);
+    double square = vdot(d, d);
     if (square >= best->square) return;
     best->square = square;
     memcpy(best->point, q, sizeof best->point);
@@ -253,11 +247,11 @@ static void consider_triangle(const shell *s, int t, const double p[3], nearest 
     for (int c = 0; c < 3; c++) {
         const double *a = s->vertex + 3 * (size_t)v[c], *b = s->vertex + 3 * (size_t)v[(c + 1) % 3];
         double e[3], d[3], out[3], q[3];
-        subtract(b, a, e);
-        subtract(p, a, d);
-        cross(e, n, out);
-        above = above && dot(out, d) <= 0;
-        double along = dot(d, e), length2 = dot(e, e);
+        vsub(b, a, e);
+        vsub(p, a, d);
+        vcross(e, n, out);
+        above = above && vdot(out, d) <= 0;
+        double along = vdot(d, e), length2 = vdot(e, e);
         if (along <= 0)
             consider(best, p, a, s->vertex_normal + 3 * (size_t)v[c]);
         else if (along >= length2)
@@ -269,8 +263,8 @@ static void consider_triangle(const shell *s, int t, const double p[3], nearest 
     }
     if (!above) return;
     double d[3], q[3];
-    subtract(p, s->vertex + 3 * (size_t)v[0], d);
-    double height = dot(d, n);
+    vsub(p, s->vertex + 3 * (size_t)v[0], d);
+    double height = vdot(d, n);
     for (int k = 0; k < 3; k++) q[k] = p[k] - height * n[k];
     consider(best, p, q, n);
 }
@@ -306,9 +300,9 @@ static nearest find_nearest(const shell *s, const double p[3]) {
 static double inside(const void *shape, const double p[3]) {
     nearest n = find_nearest(shape, p);
     double d[3];
-    subtract(p, n.point, d);
+    vsub(p, n.point, d);
     double distance = sqrt(n.square);
-    return dot(d, n.normal) > 0 ? -distance : distance;
+    return vdot(d, n.normal) > 0 ? -distance : distance;
 }
 
 static void project(const void *shape, double p[3]) {

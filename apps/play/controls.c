@@ -4,6 +4,8 @@
 #include <stdio.h>
 #include <string.h>
 
+#define LAW_REAL float
+#include "law/vec.h"
 static const double PACE_M_S = 0.03, ROLL_RAD_S = 1.5, GRIP_1_S = 4, WHEEL_M = 0.003, SLOW = 0.25;
 static const float TURN_RAD_PX = 0.006f;
 
@@ -120,8 +122,6 @@ static double metres_a_pixel(const view_camera *camera, int height_px, const dou
     return 2 * depth * tan((double)camera->fov_rad / 2) / height_px;
 }
 
-static float dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
 /* Turns the instrument about its trocar so that the tip moves `across` and `upward` (m) as the eye sees it: the motion
  * in the plane across the shaft that looks like it, damped where the eye sees that plane edge-on. */
 static void pivot(play_hand *hand, const view_instrument *t, const float right[3], const float up[3], float across,
@@ -133,7 +133,7 @@ static void pivot(play_hand *hand, const view_instrument *t, const float right[3
     for (int j = 0; j < HRT_JOINTS; j++) joint[j] = (float)hand->joint[j];
     hrt_tip(&frame, joint, tip);
     view_frame(tip, u, v);
-    float a = dot(u, right), b = dot(v, right), c = dot(u, up), d = dot(v, up);
+    float a = vdot(u, right), b = vdot(v, right), c = vdot(u, up), d = vdot(v, up);
     float m00 = a * a + c * c + DAMPING, m01 = a * b + c * d, m11 = b * b + d * d + DAMPING,
           det = m00 * m11 - m01 * m01;
     float x = a * across + c * upward, y = b * across + d * upward;

@@ -6,6 +6,8 @@
 #include "choices.h"
 #include "sim.h"
 
+#define LAW_REAL double
+#include "law/vec.h"
 typedef struct options {
     app_section here;
     app_text file;
@@ -29,13 +31,11 @@ static const app_field fields[] = {
      "of the line, or the centre"},
 };
 
-static double norm(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
-
 static int check(const app_scene *scene, const void *own) {
     const options *o = own;
     if (!o->file.line == !o->rule.line)
         return app_scene_bad(scene, o->here.line, "anisotropy has either a file or a rule; give one of them");
-    if (o->rule.line && o->rule.index != SPHERICAL && !(norm(o->direction.v) > 0))
+    if (o->rule.line && o->rule.index != SPHERICAL && !(vnorm(o->direction.v) > 0))
         return app_scene_bad(scene, o->direction.line, "anisotropy.direction is zero; give a direction");
     return 0;
 }
@@ -46,13 +46,11 @@ static void across(const double axis[3], double out[3]) {
                 : fabs(axis[1]) <= fabs(axis[2])                                 ? 1
                                                                                  : 2;
     double e[3] = {small == 0, small == 1, small == 2};
-    out[0] = axis[1] * e[2] - axis[2] * e[1];
-    out[1] = axis[2] * e[0] - axis[0] * e[2];
-    out[2] = axis[0] * e[1] - axis[1] * e[0];
+    vcross(axis, e, out);
 }
 
 static void direction_at(const options *o, const double x[3], double out[3]) {
-    double axis[3], length = norm(o->direction.v), d[3], along = 0;
+    double axis[3], length = vnorm(o->direction.v), d[3], along = 0;
     for (int a = 0; a < 3; a++) axis[a] = length > 0 ? o->direction.v[a] / length : a == 2;
     for (int a = 0; a < 3; a++) d[a] = x[a] - o->point.v[a];
     for (int a = 0; a < 3; a++) along += d[a] * axis[a];
@@ -69,8 +67,8 @@ static void direction_at(const options *o, const double x[3], double out[3]) {
             out[2] = axis[0] * r[1] - axis[1] * r[0];
         }
     }
-    if (!(norm(out) > 1e-12)) across(axis, out);
-    length = norm(out);
+    if (!(vnorm(out) > 1e-12)) across(axis, out);
+    length = vnorm(out);
     for (int a = 0; a < 3; a++) out[a] /= length;
 }
 

@@ -4,27 +4,20 @@
 
 #include <math.h>
 
+#define LAW_REAL double
+#include "law/vec.h"
 typedef const double *vec;
-
-static double dot(vec a, vec b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-static void minus(vec a, vec b, double out[3]) {
-    for (int k = 0; k < 3; k++) out[k] = a[k] - b[k];
-}
-static void cross(vec a, vec b, double out[3]) {
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
 
 /* The nearest point of a triangle, as weights of its corners; Ericson 5.1.5. */
 static void nearest(vec p, vec a, vec b, vec c, double out[3]) {
     double ab[3], ac[3], ap[3], bp[3], cp[3], v, w;
-    minus(b, a, ab);
-    minus(c, a, ac);
-    minus(p, a, ap);
-    minus(p, b, bp);
-    minus(p, c, cp);
-    double d1 = dot(ab, ap), d2 = dot(ac, ap), d3 = dot(ab, bp), d4 = dot(ac, bp), d5 = dot(ab, cp), d6 = dot(ac, cp);
+    vsub(b, a, ab);
+    vsub(c, a, ac);
+    vsub(p, a, ap);
+    vsub(p, b, bp);
+    vsub(p, c, cp);
+    double d1 = vdot(ab, ap), d2 = vdot(ac, ap), d3 = vdot(ab, bp), d4 = vdot(ac, bp), d5 = vdot(ab, cp),
+           d6 = vdot(ac, cp);
     double va = d3 * d6 - d5 * d4, vb = d5 * d2 - d1 * d6, vc = d1 * d4 - d3 * d2;
     if (d1 <= 0 && d2 <= 0)
         v = 0, w = 0;
@@ -46,13 +39,13 @@ static void nearest(vec p, vec a, vec b, vec c, double out[3]) {
 static double distance(vec p, vec a, vec b, vec c) {
     double q[3], d[3];
     nearest(p, a, b, c, q);
-    minus(p, q, d);
-    return sqrt(dot(d, d));
+    vsub(p, q, d);
+    return sqrt(vdot(d, d));
 }
 
 /* The smaller root of |m + t d| = r, or infinity. */
 static double reach(vec m, vec d, double radius_m) {
-    double a = dot(d, d), b = dot(m, d), c = dot(m, m) - radius_m * radius_m, under = b * b - a * c;
+    double a = vdot(d, d), b = vdot(m, d), c = vdot(m, m) - radius_m * radius_m, under = b * b - a * c;
     if (!(a > 1e-30) || under < 0) return INFINITY;
     double t = (-b - sqrt(under)) / a;
     return t >= 0 ? t : INFINITY;
@@ -60,16 +53,16 @@ static double reach(vec m, vec d, double radius_m) {
 
 static double way_to_corner(vec from, vec along, vec a, double radius_m) {
     double m[3];
-    minus(from, a, m);
+    vsub(from, a, m);
     return reach(m, along, radius_m);
 }
 
 /* As to a line, seen along it; counts where it is met between the ends. */
 static double way_to_edge(vec from, vec along, vec a, vec b, double radius_m) {
     double e[3], m[3], flat_m[3], flat_d[3];
-    minus(b, a, e);
-    minus(from, a, m);
-    double ee = dot(e, e), me = dot(m, e) / ee, de = dot(along, e) / ee;
+    vsub(b, a, e);
+    vsub(from, a, m);
+    double ee = vdot(e, e), me = vdot(m, e) / ee, de = vdot(along, e) / ee;
     for (int k = 0; k < 3; k++) {
         flat_m[k] = m[k] - me * e[k];
         flat_d[k] = along[k] - de * e[k];
@@ -80,15 +73,15 @@ static double way_to_edge(vec from, vec along, vec a, vec b, double radius_m) {
 
 static double way_to_face(vec from, vec along, vec a, vec b, vec c, double radius_m) {
     double e[3], f[3], n[3], m[3], q[3];
-    minus(b, a, e);
-    minus(c, a, f);
-    cross(e, f, n);
-    double length = sqrt(dot(n, n)), sign;
-    minus(from, a, m);
+    vsub(b, a, e);
+    vsub(c, a, f);
+    vcross(e, f, n);
+    double length = sqrt(vdot(n, n)), sign;
+    vsub(from, a, m);
     if (!(length > 0)) return INFINITY;
     for (int k = 0; k < 3; k++) n[k] /= length;
-    sign = dot(n, m) < 0 ? -1 : 1;
-    double t = (sign * radius_m - dot(n, m)) / dot(n, along);
+    sign = vdot(n, m) < 0 ? -1 : 1;
+    double t = (sign * radius_m - vdot(n, m)) / vdot(n, along);
     if (!(t >= 0) || !isfinite(t)) return INFINITY;
     for (int k = 0; k < 3; k++) q[k] = from[k] + t * along[k] - sign * radius_m * n[k];
     return distance(q, a, b, c) <= 1e-9 * sqrt(length) ? t : INFINITY;
@@ -132,11 +125,11 @@ bool sim_is_inside(const tm_mesh *mesh, const double point_m[3]) {
         for (int f = 0; f < 4 && inside; f++) {
             double e[3], g[3], m[3], n[3];
             vec a = &mesh->rest_m[3 * mesh->tet[4 * t + face[f][0]]];
-            minus(&mesh->rest_m[3 * mesh->tet[4 * t + face[f][1]]], a, e);
-            minus(&mesh->rest_m[3 * mesh->tet[4 * t + face[f][2]]], a, g);
-            minus(point_m, a, m);
-            cross(e, g, n);
-            inside = dot(n, m) >= 0;
+            vsub(&mesh->rest_m[3 * mesh->tet[4 * t + face[f][1]]], a, e);
+            vsub(&mesh->rest_m[3 * mesh->tet[4 * t + face[f][2]]], a, g);
+            vsub(point_m, a, m);
+            vcross(e, g, n);
+            inside = vdot(n, m) >= 0;
         }
         if (inside) return true;
     }

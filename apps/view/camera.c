@@ -3,27 +3,21 @@
 #include <math.h>
 #include <string.h>
 
+#define LAW_REAL float
+#include "law/vec.h"
 static const float PI = 3.14159265f;
 
-static float dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static void cross(const float a[3], const float b[3], float c[3]) {
-    c[0] = a[1] * b[2] - a[2] * b[1];
-    c[1] = a[2] * b[0] - a[0] * b[2];
-    c[2] = a[0] * b[1] - a[1] * b[0];
-}
-
 static void normalise(float a[3]) {
-    float length = sqrtf(dot(a, a));
+    float length = sqrtf(vdot(a, a));
     for (int k = 0; k < 3; k++) a[k] = length > 0 ? a[k] / length : (float)(k == 2);
 }
 
 void view_frame(const float axis[3], float u[3], float v[3]) {
     float helper[3] = {0, 0, 1};
-    if (fabsf(axis[2]) > 0.9f * sqrtf(dot(axis, axis))) helper[0] = 1, helper[2] = 0;
-    cross(helper, axis, u);
+    if (fabsf(axis[2]) > 0.9f * sqrtf(vdot(axis, axis))) helper[0] = 1, helper[2] = 0;
+    vcross(helper, axis, u);
     normalise(u);
-    cross(axis, u, v);
+    vcross(axis, u, v);
     normalise(v);
 }
 
@@ -35,9 +29,9 @@ view_camera_def view_camera_default(void) {
 static void eye_frame(const view_camera *camera, float right[3], float up[3], float back[3]) {
     for (int k = 0; k < 3; k++) back[k] = camera->eye_m[k] - camera->at_m[k];
     normalise(back);
-    cross(camera->up, back, right);
+    vcross(camera->up, back, right);
     normalise(right);
-    cross(back, right, up);
+    vcross(back, right, up);
 }
 
 static void eye_direction(const view_camera_def *def, float direction[3], float up[3]) {
@@ -62,7 +56,7 @@ view_camera view_camera_fit(const view_camera_def *def, const view_surface *s, i
             high[k] = fmaxf(high[k], s->vertex_m[3 * i + k]);
         }
     for (int k = 0; k < 3; k++) c.middle_m[k] = c.at_m[k] = (low[k] + high[k]) / 2;
-    c.floor_m = dot(low, c.up);
+    c.floor_m = vdot(low, c.up);
     c.radius_m = fmaxf(sqrtf((high[0] - low[0]) * (high[0] - low[0]) + (high[1] - low[1]) * (high[1] - low[1]) +
                              (high[2] - low[2]) * (high[2] - low[2])) /
                            2,
@@ -74,7 +68,7 @@ view_camera view_camera_fit(const view_camera_def *def, const view_surface *s, i
     for (int32_t i = 0; i < s->vertex_count; i++) {
         float d[3];
         for (int k = 0; k < 3; k++) d[k] = s->vertex_m[3 * i + k] - c.at_m[k];
-        distance = fmaxf(distance, dot(d, back) + fmaxf(fabsf(dot(d, right)) / tan_x, fabsf(dot(d, up)) / tan_y));
+        distance = fmaxf(distance, vdot(d, back) + fmaxf(fabsf(vdot(d, right)) / tan_x, fabsf(vdot(d, up)) / tan_y));
     }
     distance = fmaxf(distance / fmaxf(def->zoom, 0.01f), 1e-4f);
     float height_m = 2 * distance * tanf(c.fov_rad / 2);
@@ -90,9 +84,9 @@ void view_camera_matrices(const view_camera *c, int width, int height, float vie
     eye_frame(c, right, up, back);
     for (int k = 0; k < 3; k++)
         view[4 * k] = right[k], view[4 * k + 1] = up[k], view[4 * k + 2] = back[k], view[4 * k + 3] = 0;
-    view[12] = -dot(right, c->eye_m), view[13] = -dot(up, c->eye_m), view[14] = -dot(back, c->eye_m), view[15] = 1;
+    view[12] = -vdot(right, c->eye_m), view[13] = -vdot(up, c->eye_m), view[14] = -vdot(back, c->eye_m), view[15] = 1;
     float to[3] = {c->at_m[0] - c->eye_m[0], c->at_m[1] - c->eye_m[1], c->at_m[2] - c->eye_m[2]},
-          distance = sqrtf(dot(to, to));
+          distance = sqrtf(vdot(to, to));
     float near_m = distance * 0.02f, far_m = distance + 40 * c->radius_m, f = 1 / tanf(c->fov_rad / 2);
     memset(projection, 0, 16 * sizeof *projection);
     projection[0] = f * (float)height / (float)width;
@@ -106,11 +100,11 @@ bool view_camera_project(const view_camera *c, int width, int height, const doub
     float right[3], up[3], back[3], d[3];
     eye_frame(c, right, up, back);
     for (int k = 0; k < 3; k++) d[k] = (float)point_m[k] - c->eye_m[k];
-    float depth = -dot(d, back);
+    float depth = -vdot(d, back);
     if (!(depth > 1e-6f)) return false;
     float f = (float)height / 2 / tanf(c->fov_rad / 2);
-    pixel[0] = (float)width / 2 + f * dot(d, right) / depth;
-    pixel[1] = (float)height / 2 - f * dot(d, up) / depth;
+    pixel[0] = (float)width / 2 + f * vdot(d, right) / depth;
+    pixel[1] = (float)height / 2 - f * vdot(d, up) / depth;
     return true;
 }
 

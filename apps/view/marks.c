@@ -4,15 +4,9 @@
 
 #include "shapes.h"
 
+#define LAW_REAL float
+#include "law/vec.h"
 static const int32_t XYZ = 3;
-
-static float dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
-static void cross(const float a[3], const float b[3], float c[3]) {
-    c[0] = a[1] * b[2] - a[2] * b[1];
-    c[1] = a[2] * b[0] - a[0] * b[2];
-    c[2] = a[0] * b[1] - a[1] * b[0];
-}
 
 /* A die with eight sides. */
 static void ball(view_shape *s, const float at_m[3], float radius_m) {
@@ -63,7 +57,7 @@ static int32_t tet_of(const view_marks *m, const int32_t corner[3]) {
 
 /* The fibre at rest as share of two edges of the triangle, what is along its normal left out; false: flat triangle. */
 static bool along_edges(const float e1[3], const float e2[3], const float fibre[3], float share[2]) {
-    float a = dot(e1, e1), b = dot(e1, e2), c = dot(e2, e2), f1 = dot(fibre, e1), f2 = dot(fibre, e2),
+    float a = vdot(e1, e1), b = vdot(e1, e2), c = vdot(e2, e2), f1 = vdot(fibre, e1), f2 = vdot(fibre, e2),
           det = a * c - b * b;
     if (!(det > 1e-12f * a * c)) return false;
     share[0] = (f1 * c - f2 * b) / det, share[1] = (f2 * a - f1 * b) / det;
@@ -79,12 +73,12 @@ static void ribbon(view_shape *s, const float corner[3][3], const float share[2]
         middle[k] = (corner[0][k] + corner[1][k] + corner[2][k]) / 3;
         run[k] = share[0] * e1[k] + share[1] * e2[k];
     }
-    cross(e1, e2, normal);
-    float area = sqrtf(dot(normal, normal)), size = sqrtf(area);
+    vcross(e1, e2, normal);
+    float area = sqrtf(vdot(normal, normal)), size = sqrtf(area);
     if (!(area > 0)) return;
     for (int k = 0; k < 3; k++) normal[k] /= area;
-    cross(normal, run, across);
-    float length = sqrtf(dot(across, across));
+    vcross(normal, run, across);
+    float length = sqrtf(vdot(across, across));
     if (!(length > 0.05f)) return;
     float at[4][3];
     for (int k = 0; k < 3; k++) {

@@ -7,6 +7,8 @@
 
 #include "layout.h"
 
+#define LAW_REAL double
+#include "law/vec.h"
 static const view_colour WHITE = {240, 243, 246, 1}, GREY = {168, 180, 190, 1}, BAD = {255, 120, 96, 1},
                          GOOD = {132, 224, 150, 1}, PANEL = {10, 15, 19, 0.58f};
 static const view_colour TOOL[VIEW_INSTRUMENTS] = {{255, 205, 74, 1}, {92, 204, 255, 1}};
@@ -32,8 +34,6 @@ static float write_at(const pen *p, float x, view_colour colour, const char *for
     view_text(p->canvas, x, p->y, p->cap, colour, text);
     return x + view_text_width(text, p->cap);
 }
-
-static double size_of(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
 static void thousands(char *out, size_t room, int32_t n) {
     if (n >= 1000000)
@@ -93,7 +93,7 @@ static void instrument_panel(pen p, view_layout *l, const view_instrument *t, in
     write_at(&p, p.x, TOOL[i], "%s%s", t->mode >= 0 && t->mode <= 2 ? mode_name[t->mode] : "?",
              t->mode == 2 && t->active ? " ON" : "");
     char force[32];
-    snprintf(force, sizeof force, "%.2f N", size_of(t->force_N));
+    snprintf(force, sizeof force, "%.2f N", vnorm(t->force_N));
     pen big = p;
     big.cap *= 1.35f;
     write_at(&big, right - p.cap - view_text_width(force, big.cap), WHITE, "%s", force);
@@ -178,7 +178,7 @@ static void force_strip(pen p, view_layout *l, const view_picture *s) {
 
 static void arrow_label(pen p, view_layout *l, const view_picture *s, const view_camera *camera, int i) {
     const view_instrument *t = &s->instrument[i];
-    double force = size_of(t->force_N), end[3];
+    double force = vnorm(t->force_N), end[3];
     for (int k = 0; k < 3; k++) end[k] = t->tip_m[k] + s->newton_m * t->force_N[k];
     float at[2], from[2];
     int w = p.canvas->width, h = p.canvas->height;

@@ -6,6 +6,8 @@
 
 #include "render_parts.h"
 
+#define LAW_REAL double
+#include "law/vec.h"
 static const float sky_low[3] = {0.052f, 0.062f, 0.070f}, sky_high[3] = {0.20f, 0.235f, 0.26f};
 
 static void fill_batch(view_batch *b, const view_vertex *vertex, int32_t count) {
@@ -19,8 +21,6 @@ static void fill_indices(const view_batch *b, GLuint buffer, const uint32_t *ind
     glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, buffer);
     glBufferData(GL_ELEMENT_ARRAY_BUFFER, (GLsizeiptr)((size_t)count * sizeof *index), index, GL_DYNAMIC_DRAW);
 }
-
-static double length3(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
 static float grain(float radius_m) { return radius_m / 90; }
 
@@ -45,9 +45,9 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
         view_shape_instrument(&r->tool_shape, t);
         double along[3];
         for (int k = 0; k < 3; k++) along[k] = t->force_N[k] * p->newton_m;
-        if (length3(along) > 0.01 * camera->radius_m)
+        if (vnorm(along) > 0.01 * camera->radius_m)
             view_shape_arrow(&r->arrow_shape, t->tip_m, along,
-                             fminf(0.022f * camera->radius_m, (float)length3(along) / 4),
+                             fminf(0.022f * camera->radius_m, (float)vnorm(along) / 4),
                              i ? VIEW_PAINT_ARROW_1 : VIEW_PAINT_ARROW_0, camera);
     }
     r->shadow_count =

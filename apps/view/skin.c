@@ -4,6 +4,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#define LAW_REAL float
+#include "law/vec.h"
 enum { LEVELS_MAX = 2 };
 static const float COS_TORN = -0.25f;
 
@@ -96,10 +98,8 @@ static void face_normal(const float *a, const float *b, const float *c, float n[
     n[2] = u[0] * v[1] - u[1] * v[0];
 }
 
-static float dot3(const float *a, const float *b) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-
 static void normalise(float n[3]) {
-    float length = sqrtf(dot3(n, n));
+    float length = sqrtf(vdot(n, n));
     if (length > 0)
         n[0] /= length, n[1] /= length, n[2] /= length;
     else
@@ -128,7 +128,7 @@ static bool smooth(const view_skin *skin, const view_surface *s, const side *p, 
     face_normal(s->vertex_m + 3 * b[0], s->vertex_m + 3 * b[1], s->vertex_m + 3 * b[2], n);
     /* Torn tetrahedra are jagged; flesh is not. What a cut laid open is smoothed past right angles. */
     float limit = s->kind[p->triangle] ? fminf(skin->cos_crease, COS_TORN) : skin->cos_crease;
-    return dot3(m, n) >= limit * sqrtf(dot3(m, m) * dot3(n, n));
+    return vdot(m, n) >= limit * sqrtf(vdot(m, m) * vdot(n, n));
 }
 
 /* Corners that meet across smooth edges share a sector: one position, one normal. */
@@ -296,7 +296,7 @@ static void sector_normals(view_skin *skin) {
                 a[k] = v[(i + 1) % 3]->at_m[k] - v[i]->at_m[k], b[k] = v[(i + 2) % 3]->at_m[k] - v[i]->at_m[k];
             normalise(a);
             normalise(b);
-            float angle = acosf(fminf(fmaxf(dot3(a, b), -1), 1));
+            float angle = acosf(fminf(fmaxf(vdot(a, b), -1), 1));
             for (int k = 0; k < 3; k++) v[i]->normal[k] += angle * n[k];
         }
     }
@@ -312,7 +312,7 @@ static void sector_shade(view_skin *skin) {
         const view_vertex *w = &skin->vertex[skin->index[c % 3 == 2 ? c - 2 : c + 1]];
         float d[3] = {w->at_m[0] - v->at_m[0], w->at_m[1] - v->at_m[1], w->at_m[2] - v->at_m[2]};
         normalise(d);
-        v->shade += dot3(v->normal, d) / 6; /* six neighbours are usual */
+        v->shade += vdot(v->normal, d) / 6; /* six neighbours are usual */
     }
     for (int32_t i = 0; i < skin->sector_count; i++)
         skin->vertex[i].shade = fminf(fmaxf(1 - 1.6f * skin->vertex[i].shade, 0.35f), 1.0f);
@@ -329,8 +329,8 @@ static void middle_of(view_vertex *m, const view_vertex *a, const view_vertex *b
     }
     m->shade = (a->shade + b->shade) / 2;
     if (curved) {
-        float wa = dot3(d, a->normal), wb = dot3(d, b->normal), length2 = dot3(d, d);
-        float turn = length2 > 0 ? 2 * dot3(d, h) / length2 : 0;
+        float wa = vdot(d, a->normal), wb = vdot(d, b->normal), length2 = vdot(d, d);
+        float turn = length2 > 0 ? 2 * vdot(d, h) / length2 : 0;
         for (int k = 0; k < 3; k++) {
             m->at_m[k] += (wb * b->normal[k] - wa * a->normal[k]) / 8;
             h[k] -= turn * d[k];

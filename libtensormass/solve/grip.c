@@ -5,12 +5,12 @@
 #include <string.h>
 
 #include "law/jaw.h"
+#define LAW_REAL double
+#include "law/vec.h"
 
 static void vertex_at(const tms_local *l, int32_t vertex, double at_m[3]) {
     for (int c = 0; c < 3; c++) at_m[c] = l->mesh->rest_m[3 * (int64_t)vertex + c] + l->u_m[3 * (int64_t)vertex + c];
 }
-
-static double size(const double a[3]) { return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]); }
 
 static bool has(const int32_t *list, int32_t count, int32_t vertex) {
     for (int32_t i = 0; i < count; i++)
@@ -105,7 +105,7 @@ void tms_local_follow_jaws(tms_local *l) {
                              .tool = t,
                              .compliance_m_N = l->grasp.compliance_m_N,
                              .fades = h->state == TM_GRASP_LETTING_GO,
-                             .most_N = h->fade * size(h->let_go_N + 3 * i)};
+                             .most_N = h->fade * vnorm(h->let_go_N + 3 * i)};
             tm_jaw_to_world(&h->jaw, &l->tool[t].pose, h->offset_m + 3 * i, at);
             for (int c = 0; c < 3; c++) pin->u_m[c] = at[c] - l->mesh->rest_m[3 * (int64_t)pin->vertex + c];
         }

@@ -10,6 +10,8 @@
 #include "tensormass/cut.h"
 #include "tensormass/grasp.h"
 
+#define LAW_REAL double
+#include "law/vec.h"
 enum { TOOLS = 2 };
 static const double FRAME_S = 0.002, TOP_M = 0.024, RADIUS_M = 0.0035, HERE_M[2] = {0.0213, 0.0187};
 
@@ -22,8 +24,6 @@ typedef struct rig {
     bool finite, felt;
     outcome *o;
 } rig;
-
-static double length(const double v[3]) { return sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]); }
 
 /* A tip whose sphere is `deep_m` below the surface. */
 static tm_tool_pose tip(double x, double y, double deep_m) {
@@ -80,14 +80,14 @@ static void frame(rig *r, const tm_tool_pose *to) {
         const tm_tool_reaction reaction = tm_contact_reaction(r->contact, i);
         double change[3];
         for (int c = 0; c < 3; c++) change[c] = reaction.force_N[c] - r->force_N[i][c];
-        if (r->felt) r->jump_N = fmax(r->jump_N, length(change));
+        if (r->felt) r->jump_N = fmax(r->jump_N, vnorm(change));
         memcpy(r->force_N[i], reaction.force_N, sizeof change);
-        r->finite = r->finite && isfinite(length(r->force_N[i]));
-        r->peak_N[i] = fmax(r->peak_N[i], length(r->force_N[i]));
+        r->finite = r->finite && isfinite(vnorm(r->force_N[i]));
+        r->peak_N[i] = fmax(r->peak_N[i], vnorm(r->force_N[i]));
         r->now[i] = to[i];
     }
     r->felt = true;
-    series_add(r->o, tm_world_state(r->b.world)->time_s, length(r->force_N[0]));
+    series_add(r->o, tm_world_state(r->b.world)->time_s, vnorm(r->force_N[0]));
 }
 
 /* All tools go straight to `to` [tools] within `time_s`. */
@@ -116,7 +116,7 @@ static void spike(bool quick, double speed_m_s, outcome *o) {
     if (!rig_open(&r, block(), 1, mode, &above, o)) return;
     go(&r, &deep, 0.0025 / speed_m_s);
     go(&r, &deep, 1);
-    const double rest_N = length(r.force_N[0]);
+    const double rest_N = vnorm(r.force_N[0]);
     if (r.finite && rest_N > 0)
         stable(o, r.peak_N[0] / rest_N, "%.4g N at most, %.4g N at rest, largest change in 2 ms %.2g N", r.peak_N[0],
                rest_N, r.jump_N);
@@ -137,7 +137,7 @@ static void tears(bool quick, double argument, outcome *o) {
     if (!rig_open(&r, def, 1, mode, &above, o)) return;
     go(&r, &deep, 0.4);
     go(&r, &deep, 0.4);
-    const double before_N = length(r.force_N[0]);
+    const double before_N = vnorm(r.force_N[0]);
     r.peak_N[0] = r.jump_N = 0;
     for (int32_t t = 0; t < r.b.mesh->tet_count; t++) {
         double centre[3] = {0};
@@ -151,7 +151,7 @@ static void tears(bool quick, double argument, outcome *o) {
             o, r.peak_N[0] / before_N,
             "%d tetrahedra beside and under the tip go at once: %.3g N before, never more than %.3g N after, largest "
             "change in 2 ms %.0f %% of it, %.3g N at rest",
-            gone, before_N, r.peak_N[0], 100 * r.jump_N / before_N, length(r.force_N[0]));
+            gone, before_N, r.peak_N[0], 100 * r.jump_N / before_N, vnorm(r.force_N[0]));
     else
         unstable(&r);
     bench_close(&r.b);
@@ -182,13 +182,13 @@ static void each_its_own(bool quick, double argument, outcome *o) {
     }
     for (int i = 0; i < TOOLS; i++)
         for (int c = 0; c < 3; c++) off = fmax(off, fabs(force[0][i][c] - force[1][1 - i][c]));
-    accurate(o, off / length(force[0][1]), "%.4g N and %.4g N 9 mm apart; exchanged, they change by %.1e N",
-             length(force[0][0]), length(force[0][1]), off);
+    accurate(o, off / vnorm(force[0][1]), "%.4g N and %.4g N 9 mm apart; exchanged, they change by %.1e N",
+             vnorm(force[0][0]), vnorm(force[0][1]), off);
 }
 
 static bool in_lump(const double centre_m[3]) {
     const double d[3] = {centre_m[0] - 0.02, centre_m[1] - 0.02, centre_m[2] - 0.014};
-    return length(d) < 0.007;
+    return vnorm(d) < 0.007;
 }
 
 /* Slides over a lump 3 mm under the surface. */
@@ -204,10 +204,10 @@ static void lump(bool quick, double ratio, outcome *o) {
     def.material[1].damping_1_s = def.material[0].damping_1_s;
     if (!rig_open(&r, def, 1, mode, &above, o)) return;
     go(&r, &beside, 0.4);
-    const double soft_N = length(r.force_N[0]);
+    const double soft_N = vnorm(r.force_N[0]);
     r.jump_N = 0;
     go(&r, &over, 0.71);
-    const double stiff_N = length(r.force_N[0]);
+    const double stiff_N = vnorm(r.force_N[0]);
     go(&r, &beyond, 0.69);
     if (r.finite && soft_N > 0)
         stable(o, r.jump_N / r.peak_N[0], "%.3g N beside it, %.3g N over it; largest change in 2 ms %.2g N", soft_N,
@@ -231,11 +231,11 @@ static void replays(bool quick, double argument, outcome *o) {
         def.cuttable = true;
         at[1].active = false;
         if (!rig_open(&r, def, TOOLS, mode, at, o)) return;
-        at[0] = tip(0.014, 0.0187, 0.002), go(&r, at, 0.3), sum[run] += length(r.force_N[0]);
-        at[0].grip = 1, go(&r, at, 0.1), sum[run] += length(r.force_N[0]);
-        at[0] = tip(0.014, 0.0187, -0.004), at[0].grip = 1, go(&r, at, 0.5), sum[run] += length(r.force_N[0]);
-        at[1] = tip(0.026, 0.0187, 0.004), go(&r, at, 0.6), sum[run] += length(r.force_N[1]);
-        at[0].grip = 0, go(&r, at, 0.4), sum[run] += length(r.force_N[0]);
+        at[0] = tip(0.014, 0.0187, 0.002), go(&r, at, 0.3), sum[run] += vnorm(r.force_N[0]);
+        at[0].grip = 1, go(&r, at, 0.1), sum[run] += vnorm(r.force_N[0]);
+        at[0] = tip(0.014, 0.0187, -0.004), at[0].grip = 1, go(&r, at, 0.5), sum[run] += vnorm(r.force_N[0]);
+        at[1] = tip(0.026, 0.0187, 0.004), go(&r, at, 0.6), sum[run] += vnorm(r.force_N[1]);
+        at[0].grip = 0, go(&r, at, 0.4), sum[run] += vnorm(r.force_N[0]);
         hash[run] = tm_world_hash(r.b.world);
         left = tm_tissue_alive_count(r.b.tissue) - r.b.mesh->tet_count;
         bench_close(&r.b);
