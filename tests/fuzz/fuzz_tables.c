@@ -50,7 +50,7 @@ static void try_stl(const char *path) {
         PROMISE(error.message[0] && strchr(error.message, ';'));
         return;
     }
-    solid body = shell_solid(s);
+    growing_solid body = shell_solid(s);
     double p[3] = {body.low[0], body.low[1], body.low[2]};
     body.inside(body.shape, p);
     body.project(body.shape, p);
