@@ -28,8 +28,8 @@ $(OUT)/obj/haptic_rt/can/impulse_engine.o: CFLAGS_EXTRA += -w
 # By path: these libraries are named by module.mk files that are read later.
 HRT_LIBS := $(LIBHRT_IO_A) $(LIBHRT_A) $(LIBHRT_BASE_A) $(OUT)/lib/libtensormass.a $(OUT)/lib/liblcm_types.a
 HRT_PROGRAMS := $(OUT)/bin/haptic-rt $(OUT)/bin/tm-device
-HRT_PROGRAM_SRC := $(addprefix haptic_rt/io/,lines.c live.c loop.c profile.c report.c table.c)
-$(eval $(call program,haptic-rt,haptic_rt/io/haptic_rt.c haptic_rt/io/record.c haptic_rt/io/samples.c haptic_rt/io/say.c $(HRT_PROGRAM_SRC),$(HRT_LIBS),-lcjson))
+HRT_PROGRAM_SRC := $(addprefix haptic_rt/io/,command.c lines.c live.c loop.c profile.c report.c table.c)
+$(eval $(call program,haptic-rt,haptic_rt/io/haptic_rt.c haptic_rt/io/record.c haptic_rt/io/samples.c haptic_rt/io/say.c haptic_rt/io/settings.c $(HRT_PROGRAM_SRC),$(HRT_LIBS),-lcjson))
 $(eval $(call program,tm-device,haptic_rt/device/tm_device.c haptic_rt/device/hand_file.c $(HRT_PROGRAM_SRC),$(LIBHRT_DEVICE_A) $(HRT_LIBS),-lcjson))
 #: make can-codec              generate haptic_rt/can/impulse_engine.[ch] from the DBC file
 .PHONY: can-codec

@@ -169,7 +169,7 @@ void play_controls_step(play_controls *c, const view_picture *p, const view_came
                       (double)c->wheel * WHEEL_M * (c->held[PLAY_SHIFT] ? SLOW : 1);
     hand->joint[3] += axis_of(c, 'e', 'q') * ROLL_RAD_S * pace;
     for (int i = 0; i < VIEW_INSTRUMENTS; i++) {
-        bool shut = p->instrument[i].mode == 1 && (c->hand[i].latched || c->hand[i].acting);
+        bool shut = p->instrument[i].mode == HRT_MODE_GRASPER && (c->hand[i].latched || c->hand[i].acting);
         c->hand[i].joint[4] += (shut ? 1 : -1) * GRIP_1_S * dt_s;
         keep_inside(&c->hand[i], &c->limits);
     }
@@ -180,6 +180,6 @@ bool play_controls_hand(const play_controls *c, const view_picture *p, int i, vi
     if (!c->hand[i].known) return false;
     hand->instrument = i;
     memcpy(hand->joint, c->hand[i].joint, sizeof hand->joint);
-    hand->active = p->instrument[i].mode == 2 && c->hand[i].acting;
+    hand->active = p->instrument[i].mode == HRT_MODE_CAUTERY && c->hand[i].acting;
     return true;
 }

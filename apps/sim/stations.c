@@ -14,7 +14,7 @@ static int set_up(sim_stations *all, int i, const sim *s, const sim_haptics *hap
     hrt_node_config node = hrt_node_config_default(i);
     if (haptics->profile.line && !hrt_profile_read(haptics->profile.s, &device.profile)) return APP_BAD_INPUT;
     node.params = device.profile;
-    node.mode = (int8_t)s->instrument_def[i].mode;
+    node.mode = (hrt_mode)s->instrument_def[i].mode;
     node.session = SESSION;
     node.pose_known = true;
     memcpy(node.pose.trocar_m, scene->trocar.v, sizeof node.pose.trocar_m);

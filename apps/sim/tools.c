@@ -3,6 +3,13 @@
 #include <math.h>
 #include <string.h>
 
+#include "core/hrt.h"
+#include "core/mode.h"
+
+_Static_assert((int)HRT_MODE_PROBE == (int)TM_TOOL_PROBE && (int)HRT_MODE_GRASPER == (int)TM_TOOL_GRASPER &&
+                   (int)HRT_MODE_CAUTERY == (int)TM_TOOL_CAUTERY,
+               "modes of the library and of messages have the same numbers");
+
 static bool sane(const sim *s, int instrument, const tensormass_tool_state_t *m) {
     const double low[SIM_JOINTS] = {HRT_ENGINE_REACH_MIN}, high[SIM_JOINTS] = {HRT_ENGINE_REACH_MAX};
     for (int j = 0; j < SIM_JOINTS; j++)
@@ -10,7 +17,8 @@ static bool sane(const sim *s, int instrument, const tensormass_tool_state_t *m)
     tm_tool_pose pose = sim_pose(s, instrument, m->joint, false);
     for (int a = 0; a < 3; a++) /* farther apart, controller and scene disagree on the trocar */
         if (!isfinite(m->tip_m[a]) || fabs(m->tip_m[a] - pose.tip_m[a]) > HRT_ENGINE_ROUNDING_M) return false;
-    return m->mode >= 0 && m->mode <= 2 && m->state >= 0 && m->state <= 5 && (m->active == 0 || m->active == 1);
+    return m->mode >= 0 && m->mode < HRT_MODE_COUNT && m->state >= 0 && m->state < HRT_STATE_COUNT &&
+           (m->active == 0 || m->active == 1);
 }
 
 const char *sim_tools_take(sim_tools *t, int instrument, int64_t now_us, const tensormass_tool_state_t *m) {

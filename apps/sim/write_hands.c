@@ -6,6 +6,7 @@
 
 #include "effects.h"
 #include "hrt.h"
+#include "mode.h"
 #include "run.h"
 
 static void write_key(FILE *out, double time_s, const double joint[SIM_JOINTS], bool active) {
@@ -27,7 +28,6 @@ static int write_hand(const sim *s, int i, const char *path) {
 }
 
 static int write_session(const sim *s, const char *path) {
-    static const char *const modes[] = {"probe", "grasper", "cautery"};
     const sim_haptics *haptics = sim_options(s->scene, "haptics");
     run_file file = {0};
     int rc = run_file_begin(&file, path);
@@ -47,7 +47,7 @@ static int write_session(const sim *s, const char *path) {
         const hrt_hand_script *hand = &s->hand[i];
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
-        cJSON_AddStringToObject(row, "mode", modes[s->instrument_def[i].mode]);
+        cJSON_AddStringToObject(row, "mode", hrt_mode_name((hrt_mode)s->instrument_def[i].mode));
         cJSON_AddItemToObject(row, "start_joint", cJSON_CreateDoubleArray(s->start_joint[i], SIM_JOINTS));
         cJSON_AddNumberToObject(row, "tremor_m", hand->tremor_m);
         cJSON_AddBoolToObject(row, "straight", hand->straight);

@@ -104,7 +104,7 @@ static const char *status_fault(const tensormass_sim_status_t *m) {
 
 static void take_instrument(view_instrument *t, const tensormass_sim_status_t *m, int i) {
     t->shown = true;
-    t->mode = m->mode[i], t->active = m->active[i] != 0;
+    t->mode = (hrt_mode)m->mode[i], t->active = m->active[i] != 0;
     memcpy(t->tip_m, m->tip_m[i], sizeof t->tip_m);
     memcpy(t->trocar_m, m->trocar_m[i], sizeof t->trocar_m);
     memcpy(t->axis, m->axis[i], sizeof t->axis);
@@ -150,7 +150,7 @@ void view_intake_controller(view_intake *in, view_picture *p, double time_s, int
     if (t->has_controller && old->session == m->session && passed_s > 0.01 && passed_s < 10)
         t->tick_hz = (double)(m->ticks - old->ticks) / passed_s;
     t->has_controller = true;
-    t->state = m->state, t->fault = m->fault, t->passivity = m->passivity_on != 0;
+    t->state = (hrt_state)m->state, t->fault = m->fault, t->passivity = m->passivity_on != 0;
     copy_text(t->fault_text, sizeof t->fault_text, m->fault_text);
     copy_text(t->extrapolator, sizeof t->extrapolator, m->extrapolator);
     t->lateness_p99_us = m->lateness_us[1], t->sample_age_s = m->sample_age_s, t->missed_ticks = m->missed_ticks;

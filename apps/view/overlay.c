@@ -12,8 +12,6 @@
 static const view_colour WHITE = {240, 243, 246, 1}, GREY = {168, 180, 190, 1}, BAD = {255, 120, 96, 1},
                          GOOD = {132, 224, 150, 1}, PANEL = {10, 15, 19, 0.58f};
 static const view_colour TOOL[VIEW_INSTRUMENTS] = {{255, 205, 74, 1}, {92, 204, 255, 1}};
-static const char *const mode_name[] = {"probe", "grasper", "cautery"};
-static const char *const state_name[] = {"boot", "self test", "idle", "engaged", "stale", "fault"};
 
 static const view_colour HELD = {72, 205, 165, 1}, FIBRE = {226, 214, 178, 1};
 
@@ -85,13 +83,12 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
 
 static void instrument_panel(pen p, view_layout *l, const view_instrument *t, int i) {
     float right = p.x + 24 * p.cap, top = p.y - 1.9f * p.cap;
-    bool fault = t->has_controller && t->state == 5;
+    bool fault = t->has_controller && t->state == HRT_FAULT;
     float bottom = top + p.line * (t->has_controller ? 3.0f : 2.0f) + 1.5f * p.cap;
     view_box(p.canvas, p.x - p.cap, top, right, bottom, 0.6f * p.cap, PANEL);
     view_box(p.canvas, p.x - p.cap, top, p.x - 0.65f * p.cap, bottom, 0.15f * p.cap, TOOL[i]);
     view_layout_take(l, p.x - p.cap, top, right, bottom);
-    write_at(&p, p.x, TOOL[i], "%s%s", t->mode >= 0 && t->mode <= 2 ? mode_name[t->mode] : "?",
-             t->mode == 2 && t->active ? " ON" : "");
+    write_at(&p, p.x, TOOL[i], "%s%s", hrt_mode_name(t->mode), t->mode == HRT_MODE_CAUTERY && t->active ? " ON" : "");
     char force[32];
     snprintf(force, sizeof force, "%.2f N", vnorm(t->force_N));
     pen big = p;
@@ -102,8 +99,11 @@ static void instrument_panel(pen p, view_layout *l, const view_instrument *t, in
         write_at(&p, p.x, BAD, "no controller heard");
         return;
     }
-    const char *state = t->state >= 0 && t->state <= 5 ? state_name[t->state] : "?";
-    float x = write_at(&p, p.x, fault ? BAD : t->state == 3 ? GOOD : GREY, "%s", state);
+    char state[16];
+    snprintf(state, sizeof state, "%s", hrt_state_name(t->state));
+    for (char *c = state; *c; c++)
+        if (*c == '_') *c = ' ';
+    float x = write_at(&p, p.x, fault ? BAD : t->state == HRT_ENGAGED ? GOOD : GREY, "%s", state);
     write_at(&p, x + p.cap, GREY, "%s%s", fault ? t->fault_text : t->extrapolator,
              !fault && t->passivity ? " + passivity" : "");
     p.y += p.line;

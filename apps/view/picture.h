@@ -6,7 +6,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+#include "hrt.h"
 #include "marks.h"
+#include "mode.h"
 
 enum { VIEW_INSTRUMENTS = 2, VIEW_TRACE = 512, VIEW_VERTICES_MAX = 2000000, VIEW_TRIANGLES_MAX = 4000000 };
 
@@ -25,14 +27,14 @@ typedef struct view_surface {
 
 typedef struct view_instrument {
     bool shown;
-    int mode;    /* tm_tool_mode */
+    hrt_mode mode;
     bool active; /* cautery current */
     double tip_m[3], trocar_m[3], radius_m, roll_rad, grip;
     double axis[3], up[3]; /* the device's pose at the trocar; zero: not told */
     double force_N[3];     /* on the tool, as the simulation says */
     /* From the controller, while it is heard. */
     bool has_controller;
-    int state; /* hrt_state */
+    hrt_state state;
     int32_t fault;
     char fault_text[96], extrapolator[24];
     bool passivity;

@@ -150,7 +150,7 @@ void view_shape_instrument(view_shape *s, const view_instrument *t) {
     frame f = tip_frame(t);
     float r = (float)t->radius_m, inside = inside_m(t);
     float back = -(inside + 60 * r);
-    if (t->mode == 1) {
+    if (t->mode == HRT_MODE_GRASPER) {
         float length = 6.4f * r, open = 0.42f * (float)(1 - fmin(fmax(t->grip, 0), 1));
         const ring shaft[] = {{back, r}, {-length - 2.2f * r, r}};
         const ring wrist[] = {{-length - 2.2f * r, r},
@@ -162,7 +162,7 @@ void view_shape_instrument(view_shape *s, const view_instrument *t) {
         lathe(s, &f, wrist, 5, VIEW_PAINT_STEEL);
         jaw(s, &f, 1, open, length, 0.95f * r);
         jaw(s, &f, -1, open, length, 0.95f * r);
-    } else if (t->mode == 2) {
+    } else if (t->mode == HRT_MODE_CAUTERY) {
         int paint = t->active ? VIEW_PAINT_HOT : VIEW_PAINT_STEEL;
         const ring shaft[] = {{back, r}, {-6 * r, r}};
         const ring collar[] = {{-6 * r, r}, {-5.4f * r, 0.75f * r}, {-4.6f * r, 0.75f * r}};

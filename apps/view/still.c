@@ -82,7 +82,7 @@ static int load_scene(const char *path, const view_mark_choice *choice, view_pic
         memcpy(t->tip_m, pose.tip_m, sizeof t->tip_m);
         memcpy(t->trocar_m, s->instrument_def[i].trocar_m, sizeof t->trocar_m);
         t->radius_m = s->instrument_def[i].radius_m, t->roll_rad = pose.roll_rad, t->grip = pose.grip;
-        t->mode = (int)s->instrument_def[i].mode;
+        t->mode = (hrt_mode)s->instrument_def[i].mode;
         t->shown = true;
     }
     picture->tets = s->mesh->tet_count;

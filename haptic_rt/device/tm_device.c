@@ -1,7 +1,6 @@
 /* tm-device: the virtual Impulse Engine as a program of its own on a CAN bus, with a hand that follows a script or LCM.
  */
 #include <cjson/cJSON.h>
-#include <getopt.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -13,21 +12,17 @@
 #include "device.h"
 #include "engine.h"
 #include "hand_file.h"
-#include "io/live.h"
+#include "io/command.h"
 #include "io/loop.h"
-#include "io/network.h"
-#include "io/profile.h"
 #include "io/report.h"
 #include "log_line.h"
 
 enum { UNREAD = 4, LOOKS_PER_SECOND = 20, QUIET_LOOKS = 5 };
 
 typedef struct program {
-    const char *bus, *hand, *url, *json, *key_path;
+    hrt_common common;
+    const char *hand;
     hrt_device_config config;
-    int rate, priority;
-    double duration_s;
-    bool stats, no_key;
     hrt_bus wires;
     hrt_device device;
     hrt_live *live;
@@ -73,46 +68,17 @@ static void usage(void) {
         "Exit 0: done. 2: bad input. 1: anything else. Frames: docs/can.md.");
 }
 
-enum {
-    O_BUS = 1,
-    O_INSTRUMENT,
-    O_HAND,
-    O_START,
-    O_REPEAT,
-    O_STRAIGHT,
-    O_TREMOR,
-    O_GRASP,
-    O_NOISE,
-    O_SEED,
-    O_PROFILE,
-    O_SET,
-    O_PARAMS,
-    O_URL,
-    O_RATE,
-    O_DURATION,
-    O_PRIORITY,
-    O_STATS,
-    O_JSON,
-    O_KEY,
-    O_NO_KEY,
-    O_QUIET,
-    O_VERSION,
-    O_HELP = 'h'
-};
-/* "url" is the old name of "lcm-url". */
-static const struct option options[] = {{"bus", 1, 0, O_BUS},           {"instrument", 1, 0, O_INSTRUMENT},
-                                        {"hand", 1, 0, O_HAND},         {"start", 1, 0, O_START},
-                                        {"repeat", 0, 0, O_REPEAT},     {"straight", 0, 0, O_STRAIGHT},
-                                        {"tremor", 1, 0, O_TREMOR},     {"grasp", 1, 0, O_GRASP},
-                                        {"noise", 1, 0, O_NOISE},       {"seed", 1, 0, O_SEED},
-                                        {"profile", 1, 0, O_PROFILE},   {"set", 1, 0, O_SET},
-                                        {"params", 0, 0, O_PARAMS},     {"lcm-url", 1, 0, O_URL},
-                                        {"url", 1, 0, O_URL},           {"rate", 1, 0, O_RATE},
-                                        {"duration", 1, 0, O_DURATION}, {"priority", 1, 0, O_PRIORITY},
-                                        {"stats", 0, 0, O_STATS},       {"json", 1, 0, O_JSON},
-                                        {"key", 1, 0, O_KEY},           {"no-key", 0, 0, O_NO_KEY},
-                                        {"help", 0, 0, O_HELP},         {"quiet", 0, 0, O_QUIET},
-                                        {"version", 0, 0, O_VERSION},   {0, 0, 0, 0}};
+enum { O_HAND = HRT_OPTION_OWN, O_START, O_REPEAT, O_STRAIGHT, O_TREMOR, O_GRASP, O_NOISE, O_SEED };
+static const struct option options[] = {HRT_COMMON_OPTIONS,
+                                        {"hand", 1, 0, O_HAND},
+                                        {"start", 1, 0, O_START},
+                                        {"repeat", 0, 0, O_REPEAT},
+                                        {"straight", 0, 0, O_STRAIGHT},
+                                        {"tremor", 1, 0, O_TREMOR},
+                                        {"grasp", 1, 0, O_GRASP},
+                                        {"noise", 1, 0, O_NOISE},
+                                        {"seed", 1, 0, O_SEED},
+                                        {0, 0, 0, 0}};
 
 static bool read_start(const char *text, double joint[HRT_JOINTS]) {
     char tail;
@@ -125,67 +91,45 @@ static bool read_start(const char *text, double joint[HRT_JOINTS]) {
     return true;
 }
 
-static bool take_option(program *p, int option, const char *text) {
-    double number = 0.0;
+static int checked(bool good) { return good ? -1 : APP_BAD_INPUT; }
+
+static int take_option(void *user, int option, const char *text) {
+    program *p = user;
     hrt_device_config *c = &p->config;
+    double number = 0.0;
     switch (option) {
-    case O_BUS: p->bus = text; return true;
-    case O_INSTRUMENT:
-        if (!hrt_option_number("--instrument", text, 0, 1, &number)) return false;
-        c->instrument = (int32_t)number;
-        return true;
-    case O_HAND: p->hand = text; return true;
-    case O_START: return read_start(text, c->rest);
-    case O_REPEAT: c->hand.repeat = true; return true;
-    case O_STRAIGHT: c->hand.straight = true; return true;
-    case O_TREMOR: return hrt_option_number("--tremor", text, 0, 0.01, &c->hand.tremor_m);
+    case O_HAND: p->hand = text; return -1;
+    case O_START: return checked(read_start(text, c->rest));
+    case O_REPEAT: c->hand.repeat = true; return -1;
+    case O_STRAIGHT: c->hand.straight = true; return -1;
+    case O_TREMOR: return checked(hrt_option_number("--tremor", text, 0, 0.01, &c->hand.tremor_m));
     case O_GRASP:
-        if (!hrt_option_number("--grasp", text, 0, 100, &number)) return false;
+        if (!hrt_option_number("--grasp", text, 0, 100, &number)) return APP_BAD_INPUT;
         for (int j = 0; j < HRT_MOTORS; j++) {
             c->hand_stiffness[j] *= number;
             c->hand_damping[j] *= sqrt(number);
         }
-        return true;
-    case O_NOISE: return hrt_option_number("--noise", text, 0, 1000, &c->noise_counts);
+        return -1;
+    case O_NOISE: return checked(hrt_option_number("--noise", text, 0, 1000, &c->noise_counts));
     case O_SEED:
-        if (!hrt_option_number("--seed", text, 1, 9.0e15, &number)) return false;
+        if (!hrt_option_number("--seed", text, 1, 9.0e15, &number)) return APP_BAD_INPUT;
         c->seed = (uint64_t)number;
-        return true;
-    case O_PROFILE: return hrt_profile_read(text, &c->profile);
-    case O_SET: return hrt_profile_set(text, &c->profile);
-    case O_URL: p->url = text; return true;
-    case O_KEY: p->key_path = text; return true;
-    case O_NO_KEY: p->no_key = true; return true;
-    case O_RATE:
-        if (!hrt_option_number("--rate", text, 100, 2000, &number)) return false;
-        p->rate = (int)number;
-        return true;
-    case O_DURATION: return hrt_option_number("--duration", text, 0.01, 1.0e6, &p->duration_s);
-    case O_PRIORITY:
-        if (!hrt_option_number("--priority", text, 0, 99, &number)) return false;
-        p->priority = (int)number;
-        return true;
-    case O_QUIET: app_be_quiet(); return true;
-    case O_STATS: p->stats = true; return true;
-    case O_JSON: p->json = text; return true;
-    default: return false;
+        return -1;
+    default: return APP_BAD_INPUT;
     }
 }
 
 /* -1: go on; else the exit code. */
 static int read_options(program *p, int argc, char **argv) {
-    opterr = 0;
-    for (int option; (option = getopt_long(argc, argv, ":h", options, NULL)) != -1;) {
-        if (option == '?') return app_bad_input(argv[optind - 1], 0, "no such option; see tm-device --help");
-        if (option == ':') return app_bad_input(argv[optind - 1], 0, "needs a value; see tm-device --help");
-        if (option == O_HELP) return usage(), APP_DONE;
-        if (option == O_PARAMS) return hrt_profile_write(stdout, &p->config.profile), APP_DONE;
-        if (option == O_VERSION) return printf("tm-device %s\n", tm_version()), APP_DONE;
-        if (!take_option(p, option, optarg)) return APP_BAD_INPUT;
-    }
-    if (optind < argc) return app_bad_input(argv[optind], 0, "not an option; see tm-device --help");
-    if (!p->bus) return app_bad_input("--bus", 0, "is missing; name one, for example --bus virtual:demo (see --help)");
-    return -1;
+    const hrt_command_line line = {
+        .program = "tm-device", .usage = usage, .option = options, .take = take_option, .user = p};
+    p->config = hrt_device_config_default(0);
+    p->config.session = (uint16_t)(1 + app_session() % 65535);
+    p->common = (hrt_common){.rate = 500, .priority = 70, .params = p->config.profile};
+    const int code = hrt_command_read(&line, &p->common, argc, argv);
+    p->config.instrument = p->common.instrument;
+    p->config.profile = p->common.params;
+    return code;
 }
 
 static void hand_said(void *user, const double joint[5], bool active) {
@@ -215,24 +159,16 @@ static int open_all(program *p) {
     char why[300];
     const bool follow = p->hand && strcmp(p->hand, "lcm") == 0;
     if (p->hand && !follow && !hrt_hand_file_read(p->hand, &p->config.hand)) return APP_BAD_INPUT;
-    if (!hrt_bus_open(&p->wires, p->bus, why, sizeof why) ||
+    if (!hrt_bus_open(&p->wires, p->common.bus, why, sizeof why) ||
         !hrt_bus_claim(&p->wires, HRT_BUS_DEVICE, p->config.instrument, why, sizeof why))
         return app_bad_input("--bus", 0, "%s", why);
     hrt_device_init(&p->device, &p->config, &p->wires);
     p->hand_write = 1;
     p->hand_read = 2;
-    if (follow) {
-        const char *set = getenv("LCM_DEFAULT_URL"), *url = p->url ? p->url : set && *set ? set : APP_LINK_URL;
-        const hrt_peer_def def = {.instrument = p->config.instrument, .key = &p->key, .hand = hand_said, .user = p};
-        if (!app_key_for(url, p->key_path, p->no_key, &p->key, why, sizeof why))
-            return app_bad_input("--key", 0, "%s", why);
-        tm_error error = {.status = TM_OK};
-        app_network_opener *network = hrt_network(&error);
-        if (!network) return app_report("--lcm-url", 0, &error), APP_FAILED;
-        p->live = hrt_live_open(network, url, &def, why, sizeof why);
-        if (!p->live) return app_bad_input("--lcm-url", 0, "%s", why);
-    }
-    return hrt_output_begin(&p->json_out, p->json);
+    hrt_peer_def def = {.instrument = p->config.instrument, .hand = hand_said, .user = p};
+    const int unlinked = follow ? hrt_common_join(&p->common, &def, &p->key, &p->live) : APP_DONE;
+    if (unlinked) return unlinked;
+    return hrt_output_begin(&p->json_out, p->common.json);
 }
 
 /* In pairs: nobody commands, somebody does. */
@@ -244,7 +180,7 @@ static void say_commands(const program *p, uint32_t *seen, int *quiet_looks, boo
     if (come && (*told || first))
         app_say("tm-device: commands come");
     else if (!come && !*told && *quiet_looks >= QUIET_LOOKS)
-        app_say("tm-device: waiting for commands on %s (start haptic-rt; any order is fine)", p->bus);
+        app_say("tm-device: waiting for commands on %s (start haptic-rt; any order is fine)", p->common.bus);
     *told = *told ? !come : *quiet_looks >= QUIET_LOOKS;
 }
 
@@ -258,7 +194,7 @@ static void watch(program *p) {
     while (!atomic_load(&p->loop.done)) {
         nanosleep(&(const struct timespec){0, 1000000000 / LOOKS_PER_SECOND}, NULL);
         const char *lost = hrt_bus_look(&p->wires);
-        if (lost) app_say("tm-device: %s: %s", p->bus, lost);
+        if (lost) app_say("tm-device: %s: %s", p->common.bus, lost);
         const int fault = atomic_load(&p->fault);
         say_commands(p, &seen, &quiet_looks, &told_wait);
         if (fault != told_fault && fault >= 0 && fault <= 3) app_say("tm-device: %s", fault_text[fault]);
@@ -281,29 +217,26 @@ static int write_json(program *p) {
     cJSON_AddItemToObject(json, "torque_peak", cJSON_CreateDoubleArray(peak, HRT_MOTORS));
     cJSON_AddItemToObject(json, "torque_rms", cJSON_CreateDoubleArray(rms, HRT_MOTORS));
     cJSON_AddItemToObject(json, "joint", cJSON_CreateDoubleArray(p->device.joint, HRT_JOINTS));
-    hrt_report_can(json, &p->wires, &p->device.can, ticks / p->rate);
+    hrt_report_can(json, &p->wires, &p->device.can, ticks / p->common.rate);
     return hrt_report_write(json, &p->json_out);
 }
 
 int main(int argc, char **argv) {
     static program p;
     app_check_stdout();
-    p.config = hrt_device_config_default(0);
-    p.config.session = (uint16_t)(1 + app_session() % 65535);
-    p.rate = 500;
-    p.priority = 70;
     const int bad = read_options(&p, argc, argv);
     if (bad >= 0) return bad;
     const int failed = open_all(&p);
     if (failed) return hrt_bus_close(&p.wires), failed;
-    p.loop = (hrt_loop){.program = "tm-device",
-                        .period_ns = 1000000000 / p.rate,
-                        .priority = p.priority,
-                        .idle_states = true,
-                        .tick = tick,
-                        .user = &p,
-                        .ticks_max = p.duration_s > 0.0 ? (int64_t)(p.duration_s * p.rate + 0.5) : 0};
-    p.device.config.period_us = 0.5e6 / p.rate; /* one set a tick; the tick keeps the rate */
+    p.loop =
+        (hrt_loop){.program = "tm-device",
+                   .period_ns = 1000000000 / p.common.rate,
+                   .priority = p.common.priority,
+                   .idle_states = true,
+                   .tick = tick,
+                   .user = &p,
+                   .ticks_max = p.common.duration_s > 0.0 ? (int64_t)(p.common.duration_s * p.common.rate + 0.5) : 0};
+    p.device.config.period_us = 0.5e6 / p.common.rate; /* one set a tick; the tick keeps the rate */
     hrt_stop_on_signals(&p.loop.stop);
     if (!hrt_loop_start(&p.loop)) {
         app_output_abandon(&p.json_out);
@@ -311,13 +244,13 @@ int main(int argc, char **argv) {
     }
     watch(&p);
     if (p.live) hrt_live_close(p.live, NULL);
-    if (p.stats) {
+    if (p.common.stats) {
         printf("tm-device: %lld ticks, %lld missed, %u commands, %u gaps\n", (long long)p.loop.ticks,
                (long long)p.loop.missed, p.device.commands, p.device.can.lost);
         hrt_print_quantiles("lateness", &p.loop.lateness);
         hrt_print_quantiles("duration", &p.loop.duration);
     }
-    const int status = p.json ? write_json(&p) : APP_DONE;
+    const int status = p.common.json ? write_json(&p) : APP_DONE;
     hrt_bus_close(&p.wires);
     free((void *)(uintptr_t)p.config.hand.key);
     return status;

@@ -105,7 +105,7 @@ hrt_reject hrt_node_post_sample(hrt_node *node, const tensormass_force_sample_t 
     if (m->instrument != node->config.instrument || !pose_settled(node)) return refuse(node, HRT_REJECT_FOREIGN);
     if (m->tool_session != node->config.session)
         return refuse_for(node, HRT_REJECT_FOREIGN, "they answer another controller; see what tm-sim says of this one");
-    hrt_reject verdict = hrt_sample_from_message(m, node->pose_posted.trocar_m, node->config.mode != 1,
+    hrt_reject verdict = hrt_sample_from_message(m, node->pose_posted.trocar_m, node->config.mode != HRT_MODE_GRASPER,
                                                  &node->config.params, &slot->sample);
     const char *words = NULL;
     if (verdict == HRT_ACCEPT) verdict = judge(node, m, &words);
@@ -195,7 +195,7 @@ static void tell(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool) 
     tool->session = node->config.session;
     tool->seq = (int32_t)++node->tool_seq;
     tool->instrument = (int8_t)node->config.instrument;
-    tool->mode = node->config.mode;
+    tool->mode = (int8_t)node->config.mode;
     tool->state = (int8_t)out->state;
     tool->active = out->pedal;
     tool->extrapolator = (int8_t)out->extrapolator;

@@ -13,6 +13,7 @@
 #include "lcm_types/tensormass_controller_status_t.h"
 #include "lcm_types/tensormass_force_sample_t.h"
 #include "lcm_types/tensormass_tool_state_t.h"
+#include "mode.h"
 
 #ifdef __cplusplus
 extern "C" {
@@ -27,8 +28,8 @@ typedef struct hrt_pose {
 
 typedef struct hrt_node_config {
     int32_t instrument; /* 0, 1 */
-    int8_t mode;        /* 0 probe, 1 grasper, 2 cautery */
-    int64_t session;    /* new at every start; lockstep: any constant */
+    hrt_mode mode;
+    int64_t session; /* new at every start; lockstep: any constant */
     hrt_params params;
     bool pose_known; /* false: never engages before hrt_node_post_pose */
     hrt_pose pose;

@@ -8,8 +8,9 @@
 #include "evaluate.h"
 #include "io/from_message.h"
 #include "link.h"
+#include "mode.h"
 
-enum { START_US = 1000000, GRASPER = TM_TOOL_GRASPER, MANY = 1024 };
+enum { START_US = 1000000, MANY = 1024 };
 
 /* --- write --- */
 
@@ -52,7 +53,7 @@ static bool put_patch(app_link *log, const sampled *x, const double trocar[3]) {
 static bool put_tick(app_link *log, const recording *r, int k, const double trocar_m[3]) {
     const int64_t at = (int64_t)k * TICK_US;
     tensormass_tool_state_t tool = {.utime = START_US + at, .seq = k, .session = 1, .state = HRT_ENGAGED, .active = 1};
-    if (r->samples && !r->sample[0].sample.unilateral) tool.mode = GRASPER;
+    if (r->samples && !r->sample[0].sample.unilateral) tool.mode = HRT_MODE_GRASPER;
     hrt_sample truth = {.t_us = at, .seq = (uint32_t)k};
     for (int i = 0; i < 3; i++) {
         tool.tip_m[i] = trocar_m[i] + (double)r->tip_m[3 * k + i];
@@ -134,7 +135,7 @@ static app_verdict take_tool(void *user, int instrument, int64_t logged_us, cons
     const tensormass_tool_state_t *m = message;
     recording *r = g->r;
     if (m->session != g->session) return APP_LEFT;
-    g->grasper = m->mode == GRASPER;
+    g->grasper = m->mode == HRT_MODE_GRASPER;
     clocks_add(&g->clocks, logged_us - m->utime);
     if (!g->started) {
         g->started = true, g->first_us = r->first_us = m->utime;

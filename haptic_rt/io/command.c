@@ -1,0 +1,82 @@
+#include "command.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+#include "app.h"
+#include "loop.h"
+#include "network.h"
+#include "profile.h"
+#include "report.h"
+#include "tensormass/base.h"
+
+static int whole_number(const char *option, const char *text, double low, double high, int *value) {
+    double number;
+    if (!hrt_option_number(option, text, low, high, &number)) return APP_BAD_INPUT;
+    *value = (int)number;
+    return -1;
+}
+
+/* -1: go on; else the exit code. */
+static int take(const hrt_command_line *line, hrt_common *c, int option, const char *text) {
+    int number = c->instrument, code;
+    switch (option) {
+    case HRT_OPTION_BUS: c->bus = text; return -1;
+    case HRT_OPTION_INSTRUMENT:
+        code = whole_number("--instrument", text, 0, 1, &number);
+        c->instrument = number;
+        return code;
+    case HRT_OPTION_PROFILE: return hrt_profile_read(text, &c->params) ? -1 : APP_BAD_INPUT;
+    case HRT_OPTION_SET: return hrt_profile_set(text, &c->params) ? -1 : APP_BAD_INPUT;
+    case HRT_OPTION_PARAMS: hrt_profile_write(stdout, &c->params); return APP_DONE;
+    case HRT_OPTION_URL: c->url = text; return -1;
+    case HRT_OPTION_KEY: c->key_path = text; return -1;
+    case HRT_OPTION_NO_KEY: c->no_key = true; return -1;
+    case HRT_OPTION_RATE: return whole_number("--rate", text, 100, 2000, &c->rate);
+    case HRT_OPTION_DURATION:
+        return hrt_option_number("--duration", text, 0.01, 1.0e6, &c->duration_s) ? -1 : APP_BAD_INPUT;
+    case HRT_OPTION_PRIORITY: return whole_number("--priority", text, 0, 99, &c->priority);
+    case HRT_OPTION_STATS: c->stats = true; return -1;
+    case HRT_OPTION_JSON: c->json = text; return -1;
+    case HRT_OPTION_QUIET: app_be_quiet(); return -1;
+    case HRT_OPTION_HELP: line->usage(); return APP_DONE;
+    case HRT_OPTION_VERSION: printf("%s %s\n", line->program, tm_version()); return APP_DONE;
+    default: return line->take(line->user, option, text);
+    }
+}
+
+int hrt_command_read(const hrt_command_line *line, hrt_common *common, int argc, char **argv) {
+    opterr = 0;
+    for (int option; (option = getopt_long(argc, argv, ":h", line->option, NULL)) != -1;) {
+        if (option == '?') return app_bad_input(argv[optind - 1], 0, "no such option; see %s --help", line->program);
+        if (option == ':') return app_bad_input(argv[optind - 1], 0, "needs a value; see %s --help", line->program);
+        const int code = take(line, common, option, optarg);
+        if (code >= 0) return code;
+    }
+    if (optind < argc) return app_bad_input(argv[optind], 0, "not an option; see %s --help", line->program);
+    if (!common->bus)
+        return app_bad_input("--bus", 0, "is missing; name one, for example --bus virtual:demo (see --help)");
+    return -1;
+}
+
+const char *hrt_common_url(const hrt_common *common) {
+    const char *set = getenv("LCM_DEFAULT_URL");
+    return common->url ? common->url : set && *set ? set : APP_LINK_URL;
+}
+
+int hrt_common_join(const hrt_common *common, hrt_peer_def *def, app_key *key, hrt_live **live) {
+    char why[300];
+    tm_error error = {.status = TM_OK};
+    const char *url = hrt_common_url(common);
+    if (!app_key_for(url, common->key_path, common->no_key, key, why, sizeof why))
+        return app_bad_input("--key", 0, "%s", why);
+    app_network_opener *network = hrt_network(&error);
+    if (!network) return app_report("--lcm-url", 0, &error), APP_FAILED;
+    def->key = key;
+    /* The receive threads inherit: real-time, but below the loop. */
+    const bool raised =
+        def->node && common->priority > 1 && hrt_priority(common->priority > 20 ? common->priority - 20 : 1);
+    *live = hrt_live_open(network, url, def, why, sizeof why);
+    if (raised) hrt_priority(0);
+    return *live ? APP_DONE : app_bad_input("--lcm-url", 0, "%s", why);
+}

@@ -1,0 +1,67 @@
+/* What the command lines of haptic-rt and tm-device have in common: bus, instrument, profile, messages, loop, figures.
+ */
+#ifndef HRT_COMMAND_H
+#define HRT_COMMAND_H
+
+#include <getopt.h>
+
+#include "hrt.h"
+#include "live.h"
+
+typedef struct hrt_common {
+    const char *bus, *url, *key_path, *json;
+    int32_t instrument;
+    hrt_params params;
+    int rate, priority;
+    double duration_s; /* 0: for ever */
+    bool stats, no_key;
+} hrt_common;
+
+/* A program's own options count from HRT_OPTION_OWN. */
+enum {
+    HRT_OPTION_BUS = 1,
+    HRT_OPTION_INSTRUMENT,
+    HRT_OPTION_PROFILE,
+    HRT_OPTION_SET,
+    HRT_OPTION_PARAMS,
+    HRT_OPTION_URL,
+    HRT_OPTION_KEY,
+    HRT_OPTION_NO_KEY,
+    HRT_OPTION_RATE,
+    HRT_OPTION_DURATION,
+    HRT_OPTION_PRIORITY,
+    HRT_OPTION_STATS,
+    HRT_OPTION_JSON,
+    HRT_OPTION_QUIET,
+    HRT_OPTION_VERSION,
+    HRT_OPTION_HELP = 'h',
+    HRT_OPTION_OWN = 256
+};
+/* Rows of a table for getopt_long; "url" is the old name of "lcm-url". */
+#define HRT_COMMON_OPTIONS                                                                                             \
+    {"bus", 1, 0, HRT_OPTION_BUS}, {"instrument", 1, 0, HRT_OPTION_INSTRUMENT}, {"profile", 1, 0, HRT_OPTION_PROFILE}, \
+        {"set", 1, 0, HRT_OPTION_SET}, {"params", 0, 0, HRT_OPTION_PARAMS}, {"lcm-url", 1, 0, HRT_OPTION_URL},         \
+        {"url", 1, 0, HRT_OPTION_URL}, {"key", 1, 0, HRT_OPTION_KEY}, {"no-key", 0, 0, HRT_OPTION_NO_KEY},             \
+        {"rate", 1, 0, HRT_OPTION_RATE}, {"duration", 1, 0, HRT_OPTION_DURATION},                                      \
+        {"priority", 1, 0, HRT_OPTION_PRIORITY}, {"stats", 0, 0, HRT_OPTION_STATS}, {"json", 1, 0, HRT_OPTION_JSON},   \
+        {"quiet", 0, 0, HRT_OPTION_QUIET}, {"help", 0, 0, HRT_OPTION_HELP}, {                                          \
+        "version", 0, 0, HRT_OPTION_VERSION                                                                            \
+    }
+
+typedef struct hrt_command_line {
+    const char *program;
+    void (*usage)(void);
+    const struct option *option; /* HRT_COMMON_OPTIONS, the program's own, and a row of zeros */
+    /* One of the program's own: -1 go on, else the exit code, having complained where it is bad. */
+    int (*take)(void *user, int option, const char *text);
+    void *user;
+} hrt_command_line;
+
+/* Into `common`, which holds the defaults. -1: go on; else the exit code. */
+int hrt_command_read(const hrt_command_line *line, hrt_common *common, int argc, char **argv);
+/* Where messages go to: the option, else LCM_DEFAULT_URL, else APP_LINK_URL. */
+const char *hrt_common_url(const hrt_common *common);
+/* Joins the network there, with the key that the options ask for. 0, or the exit code. `key` outlives it. */
+int hrt_common_join(const hrt_common *common, hrt_peer_def *def, app_key *key, hrt_live **live);
+
+#endif

@@ -1,0 +1,146 @@
+#include "settings.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+#include "app.h"
+#include "bus.h"
+#include "profile.h"
+#include "report.h"
+
+static void usage(void) {
+    puts(
+        "usage: haptic-rt --bus ADDRESS [options]\n"
+        "The controller of one Impulse Engine: 500 times a second encoders in, torques out, forces from tm-sim extrapolated between its frames.\n"
+        "\n"
+        "  --bus, --device ADDRESS " HRT_BUS_ADDRESSES "\n"
+        "  --instrument N           0 or 1: channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and the device's ids on the bus (0)\n"
+        "  --mode NAME              probe, grasper or cautery (probe)\n"
+        "  --extrapolator NAME     " HRT_EXTRAPOLATOR_NAMES " (contact)\n"
+        "  --passivity              passivity control on\n"
+        "  --coupling               virtual coupling on\n"
+        "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   the trocar's pose, m, world; without them it is learned from SIM_STATUS\n"
+        "  --profile FILE           device profile and parameters\n"
+        "  --set NAME=VALUE         one parameter; may be repeated\n"
+        "  --params                 print all parameters with range and unit, and end\n"
+        "  --lcm-url URL            LCM (" APP_LINK_URL "; $LCM_DEFAULT_URL when set)\n"
+        "  --key FILE               shared with tm-sim: only messages sealed with it are taken (docs/trust.md)\n"
+        "  --no-key                 take anybody's messages, though the URL lets them come from other machines\n"
+        "  --samples FILE           recorded samples (CSV) instead of LCM; with --lcm-url, beside it\n"
+        "  --replay                 samples come from lcm-logplayer: take them though they answered another controller\n"
+        "  --rate HZ                ticks a second, 100..2000 (500)\n"
+        "  --duration S             end after so long (never)\n"
+        "  --priority N             SCHED_FIFO 1..99, 0 for normal scheduling (80)\n"
+        "  --idle-states            let idle processors sleep: less power, later ticks\n"
+        "  --auto-reset S           reset a fault by itself after so long; for demonstrations and tests\n"
+        "  --stats                  timing figures at the end\n"
+        "  --json FILE              all figures at the end\n"
+        "  --record FILE            every tick as CSV\n"
+        "  --quiet                  trouble alone is said, not that all is well\n"
+        "  --list                   names of extrapolators, modes and buses\n"
+        "  -h, --help, --version\n"
+        "\n"
+        "Exit 0: done. 2: bad input. 1: anything else. States, faults and limits: docs/controller.md.");
+}
+
+static bool read_vector(const char *option, const char *text, double v[3]) {
+    char tail;
+    if (sscanf(text, "%lf,%lf,%lf%c", &v[0], &v[1], &v[2], &tail) == 3 && isfinite(v[0]) && isfinite(v[1]) &&
+        isfinite(v[2]))
+        return true;
+    app_bad_input(option, 0, "'%s' is no vector; write X,Y,Z", text);
+    return false;
+}
+
+static bool read_mode(const char *text, hrt_mode *mode) {
+    if (hrt_mode_find(text, mode)) return true;
+    app_bad_input("--mode", 0, "'%s' is no mode; use one of" HRT_MODE_NAMES, text);
+    return false;
+}
+
+enum {
+    O_MODE = HRT_OPTION_OWN,
+    O_EXTRAPOLATOR,
+    O_PASSIVITY,
+    O_COUPLING,
+    O_TROCAR,
+    O_AXIS,
+    O_UP,
+    O_SAMPLES,
+    O_AUTO_RESET,
+    O_RECORD,
+    O_REPLAY,
+    O_IDLE_STATES,
+    O_LIST
+};
+static const struct option options[] = {HRT_COMMON_OPTIONS,
+                                        {"device", 1, 0, HRT_OPTION_BUS},
+                                        {"mode", 1, 0, O_MODE},
+                                        {"extrapolator", 1, 0, O_EXTRAPOLATOR},
+                                        {"passivity", 0, 0, O_PASSIVITY},
+                                        {"coupling", 0, 0, O_COUPLING},
+                                        {"trocar", 1, 0, O_TROCAR},
+                                        {"axis", 1, 0, O_AXIS},
+                                        {"up", 1, 0, O_UP},
+                                        {"samples", 1, 0, O_SAMPLES},
+                                        {"auto-reset", 1, 0, O_AUTO_RESET},
+                                        {"record", 1, 0, O_RECORD},
+                                        {"replay", 0, 0, O_REPLAY},
+                                        {"idle-states", 0, 0, O_IDLE_STATES},
+                                        {"list", 0, 0, O_LIST},
+                                        {0, 0, 0, 0}};
+
+static void list(void) {
+    printf("extrapolators");
+    for (int i = 0; i < HRT_EXTRAPOLATOR_COUNT; i++) printf(" %s", hrt_extrapolator_name((hrt_extrapolator)i));
+    printf("\nmodes" HRT_MODE_NAMES "\nbuses" HRT_BUS_ADDRESSES "\n");
+}
+
+static int checked(bool good) { return good ? -1 : APP_BAD_INPUT; }
+
+static int take(void *user, int option, const char *text) {
+    hrt_settings *s = user;
+    switch (option) {
+    case O_MODE: return checked(read_mode(text, &s->node.mode));
+    case O_EXTRAPOLATOR:
+        if (hrt_extrapolator_find(text, &s->node.extrapolator)) return -1;
+        return app_bad_input("--extrapolator", 0, "'%s' is none; use one of" HRT_EXTRAPOLATOR_NAMES, text);
+    case O_PASSIVITY: s->node.passivity = true; return -1;
+    case O_COUPLING: s->node.coupling = true; return -1;
+    case O_TROCAR: s->node.pose_known = true; return checked(read_vector("--trocar", text, s->node.pose.trocar_m));
+    case O_AXIS: return checked(read_vector("--axis", text, s->node.pose.axis));
+    case O_UP: return checked(read_vector("--up", text, s->node.pose.up));
+    case O_SAMPLES: s->samples_path = text; return -1;
+    case O_AUTO_RESET: return checked(hrt_option_number("--auto-reset", text, 0.05, 1.0e6, &s->auto_reset_s));
+    case O_REPLAY: s->replay = true; return -1;
+    case O_IDLE_STATES: s->idle_states = true; return -1;
+    case O_RECORD: s->record_path = text; return -1;
+    case O_LIST: list(); return APP_DONE;
+    default: return APP_BAD_INPUT;
+    }
+}
+
+/* -1, or the exit code. */
+static int consistent(const hrt_settings *s) {
+    hrt_frame frame;
+    const double *a = s->node.pose.axis, *u = s->node.pose.up;
+    const float axis[3] = {(float)a[0], (float)a[1], (float)a[2]}, up[3] = {(float)u[0], (float)u[1], (float)u[2]};
+    const int32_t crossed = hrt_params_check(&s->node.params);
+    if (!hrt_frame_from_axis(&frame, axis, up))
+        return app_bad_input("--axis", 0, "is zero or along --up; give two directions that differ");
+    if (crossed < 0) return -1;
+    return app_bad_input("--set", 0, "%s: lower end not below upper end; mend it", hrt_param_text[crossed].name);
+}
+
+int hrt_settings_read(hrt_settings *s, int argc, char **argv) {
+    const hrt_command_line line = {.program = "haptic-rt", .usage = usage, .option = options, .take = take, .user = s};
+    *s = (hrt_settings){.node = hrt_node_config_default(0), .common = {.rate = 500, .priority = 80}};
+    s->common.params = s->node.params;
+    const int code = hrt_command_read(&line, &s->common, argc, argv);
+    if (code >= 0) return code;
+    s->node.instrument = s->common.instrument;
+    s->node.params = s->common.params;
+    s->node.session = app_session();
+    return consistent(s);
+}
