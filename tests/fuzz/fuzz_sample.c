@@ -40,7 +40,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             patch->radius_m = 0.0025f;
             patch->skin_compliance_m_N = 1e-4f;
             patch->contact_length_m = 0.05f;
-            patch->film_s_m = (float)fuzz_u8(&b) / 128; /* from 1 s/m on it is refused */
+            patch->film_s_m = (float)fuzz_u8(&b) / 128;       /* from 1 s/m on it is refused */
             patch->radiation_N_s_m = (float)fuzz_u8(&b) / 16; /* from 10 N s/m on it is refused */
             patch->radiation_s = (float)fuzz_u8(&b) / 1024;
             const int own = 3 * patch->vertex_count;
