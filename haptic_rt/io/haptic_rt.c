@@ -1,5 +1,5 @@
 /* haptic-rt: the controller as a Linux program. A loop thread ticks; this thread says what happens and writes the
- * figures. Over 400 lines: options, threads and figures of one program. */
+ * figures. */
 #include <cjson/cJSON.h>
 #include <math.h>
 #include <stdio.h>
