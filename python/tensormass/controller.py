@@ -81,7 +81,7 @@ def controller_patch(patch: Patch, trocar_m: Any, seq: int = 0) -> c.hrt_patch:
     made.triangle[:3 * t] = p.triangle[:3 * t]
     size = 3 * n * (3 * n + 1) // 2
     made.compliance_m_N[:size] = p.compliance_m_N[:size]
-    for name in ("skin_compliance_m_N", "force_cap_N", "radius_m", "contact_length_m", "film_s_m"):
+    for name in ("skin_compliance_m_N", "force_cap_N", "radius_m", "contact_length_m", "film_s_m", "radiation_N_s_m", "radiation_s"):
         setattr(made, name, getattr(p, name))
     scratch = (ctypes.c_float * c.HRT_PATCH_COMPLIANCE)()
     _accept(lib.hrt_patch_prepare(ctypes.byref(made), scratch))
