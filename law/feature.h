@@ -18,8 +18,8 @@
 
 /* How far the undeformed surface is smooth across a fold: 0 a crease, 1 smooth. */
 static inline law_real law_smooth(law_real cosine) {
-    const law_real smooth = (cosine - LAW_CREASE_COSINE) / (LAW_SMOOTH_COSINE - LAW_CREASE_COSINE);
-    return law_ramp(LAW(2) * smooth - LAW(1));
+    const law_real share = (cosine - LAW_CREASE_COSINE) / (LAW_SMOOTH_COSINE - LAW_CREASE_COSINE);
+    return law_ramp(LAW(2) * share - LAW(1));
 }
 
 /* Of a fold by its sine, positive where it sticks out: 0 flat or hollow, 1 LAW_SHARP or more. */

@@ -204,8 +204,10 @@ bool app_output_end(app_output *output, FILE *stream, tm_error *error) {
     if (stream && fclose(stream) != 0) whole = false;
     if (whole) return app_output_commit(output, error);
     app_output_abandon(output);
-    return complain(error, output->path, "cannot be written to its end",
-                    "the disk may be full: free some space, or choose another place");
+    complain(error, output->path, "cannot be written to its end",
+             "the disk may be full: free some space, or choose another place");
+    if (error) error->status = TM_ERR_LIMIT; /* nobody's input is bad: exit 1 */
+    return false;
 }
 
 int app_output_check(const char *path) {

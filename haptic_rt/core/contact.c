@@ -73,6 +73,7 @@ static void shift_by_forces(solve *s, const float *tip_m) {
     hrt_v3 force[HRT_PATCH_MAX_VERTICES];
     uint8_t from[HRT_PATCH_MAX_VERTICES];
     int32_t count = 0;
+    // cppcheck-suppress ctuuninitvar ; what is read of s is set: the patch, its forces
     for (int32_t v = 0; v < s->patch->vertex_count; v++) {
         from[count] = (uint8_t)v;
         force[count] = at(s->force_N, v);

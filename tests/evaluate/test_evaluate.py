@@ -167,7 +167,7 @@ def test_the_page_is_complete(page):
     for name in ("roughness", "figure5", "rates_precomputed", "jitter", "loss", "loop"):
         assert f'alt="{name}"' in html and (out / f"{name}.png").stat().st_size > 5000
     rows = data["rows"]
-    for key, values in {"latency_frames": {0, 1, 2, 3}, "truth": {"model", "interpolated"}, "encoders": {True, False}, "path": {"tour", "reversals"}}.items():
+    for key, values in {"latency_frames": {0, 1, 2, 3}, "truth": {"model", "interpolated"}, "encoders": {True, False}, "path": {"tour", "reversals", "grasped-and-pulled"}}.items():
         assert {r[key] for r in rows} == values, key
     assert {round(r["loss"], 3) for r in rows} == {0, 0.1, 0.2, 0.3}
     assert {r["extrapolator"] for r in rows} == set(NAMES)

@@ -18,7 +18,7 @@ GROUPS = {
 @pytest.mark.parametrize("shape,size", MESHES)
 def test_same_bytes(shape, size, build, root, tmp_path):
     name = f"{shape}_{size // 1000}k"
-    result = meshlib.run(build / "obj" / "meshes" / "generate", shape, size, tmp_path / name)
+    result = meshlib.run(build / "obj" / "apps" / "mesh" / "generate", shape, size, tmp_path / name)
     assert result.returncode == 0, result.stderr
     made = sorted(p.name for p in tmp_path.iterdir())
     assert made == sorted(p.name for p in (root / "meshes").glob(name + ".*"))

@@ -22,7 +22,7 @@ def pages(root):
 
 @pytest.fixture(scope="module")
 def accuracy(root):
-    return load(root, "accuracy", "accuracy_page")
+    return load(root, "studies/accuracy", "accuracy_page")
 
 
 MESHES = [dict(law="isotropic", tets=t, h_m=h, step_s=h / 10, displacement=d, reaction=d / 2, wall_per_simulated=w) for t, h, d, w in ((162, 0.01, 0.7, 0.01), (1296, 0.005, 0.4, 0.2), (10368, 0.0025, 0.1, 4.0))]
