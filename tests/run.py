@@ -3,23 +3,32 @@ windows), which other tests beside them would starve. Those mostly wait; what th
 class. The last line counts all: `N passed, N failed, N skipped`."""
 import os
 import re
+import signal
 import subprocess
 import sys
 import threading
 
 JOBS = os.environ.get("TM_JOBS", "2")
+BESIDE = []  # process of the leftover tests
 
 
 def idle():
-    """Of this process and its children: runs where nothing else wants to."""
+    """Of this process and its children: runs where nothing else wants to. Sessions share the processors evenly where the kernel groups by them, whatever their processes ask for."""
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    try:
+        with open("/proc/self/autogroup", "w") as group:
+            group.write("19")
+    except OSError:
+        pass  # this kernel does not
 
 
 def phase(*arguments, leftover=False):
     """Counts of one pytest run, shown as it goes, or at its end if it lives on what others leave."""
     command = [sys.executable, "-m", "pytest", "tests", "-q", "-p", "no:cacheprovider", *arguments, *sys.argv[1:]]
-    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, preexec_fn=idle if leftover else None)
+    run = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=leftover, preexec_fn=idle if leftover else None)
     counts, said = None, []
+    if leftover:
+        BESIDE.append(run.pid)
     for line in run.stdout:
         found = re.fullmatch(r"(\d+) passed, (\d+) failed, (\d+) skipped\n", line)
         if found:
@@ -41,8 +50,12 @@ def main():
     leftover = []
     beside = threading.Thread(target=lambda: leftover.extend(phase("-m", "leftover", "-n", JOBS, leftover=True)))
     beside.start()
-    alone = phase("-m", "alone")
-    beside.join()
+    try:
+        alone = phase("-m", "alone")
+        beside.join()
+    except KeyboardInterrupt:
+        os.killpg(BESIDE[0], signal.SIGTERM)  # a session of its own hears no Ctrl-C
+        raise
     passed, failed, skipped = (sum(counts) for counts in zip(together, alone, leftover))
     print(f"{passed} passed, {failed} failed, {skipped} skipped", flush=True)
     return 1 if failed or not passed else 0
