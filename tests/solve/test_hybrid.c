@@ -574,7 +574,7 @@ static void mended_surface(void **state) {
     (void)state;
     fix_random random = {41};
     int32_t cuts = 0, alike = 0, extra = 0;
-    for (int run = 0; run < (test_is_long() ? 40 : 8); run++) {
+    for (int run = 0; run < (test_is_long() ? 40 : test_is_sanitized() ? 2 : 8); run++) {
         tm_mesh *mesh = fix_block((int[]){8, 6, 5}, (double[]){0.08, 0.06, 0.05}, 0.2, &random);
         const tm_material material = kit_material(10e3, 0.4);
         hybrid_set s = make(mesh, &material, kit_clamp(mesh, 1e-9), 0.04, NULL, NULL, 0.9);
@@ -685,7 +685,7 @@ static void let_go_beside(void **state) {
     (void)state;
     static const char *const name[] = {"nothing", "a probe", "a grasper", "a cautery"};
     static const tm_tool_mode mode[] = {TM_TOOL_PROBE, TM_TOOL_PROBE, TM_TOOL_GRASPER, TM_TOOL_CAUTERY};
-    for (int k = 0; k < 12; k++) {
+    for (int k = 0; k < 12; k += test_is_sanitized() ? 5 : 1) {
         const int other = k / 3;
         scene_def def = scene_def_default();
         def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
