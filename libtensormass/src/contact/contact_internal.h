@@ -10,12 +10,6 @@
 
 enum { TM_COOKIE_CONTACT = 0x636f6e74, TM_COOKIE_GRASP = 0x67726173 };
 
-/* Between tool and tissue: drag over reaction and speed, and at most so many reactions: 1, so that both together never
- * pull. */
-typedef struct tm_film {
-    double s_m, most;
-} tm_film;
-
 /* One row made ready for projection: J and A^-1 J^T of its three vertices. */
 typedef struct tm_solver_row {
     double jacobian[3][3]; /* weight * normal */
@@ -24,9 +18,9 @@ typedef struct tm_solver_row {
     double compliance;     /* skin / share, m/N */
     double moved_m[3];     /* by the station in this substep */
     double weight2;        /* sum of weight^2 * mobility, m/N */
-    tm_film film;
-    double drag_N[3]; /* of the film, on the tissue */
-    double gap_m;     /* at the start of the substep, at the tool's new place, less what is left to later substeps */
+    double film_s_m;       /* coefficient of the film */
+    double drag_N[3];      /* of the film, on the tissue */
+    double gap_m; /* at the start of the substep, at the tool's new place, less what is left to later substeps */
 } tm_solver_row;
 
 /* What lasts between steps is also in contact_snapshot.c: a new field goes there too. */
@@ -126,8 +120,8 @@ double tm_capsule_travel(const tm_capsule *a, const tm_capsule *b);
 
 /* contact_passive.c */
 void tm_contact_observe(tm_contact *contact); /* after the sweeps */
-/* The film of this tool's rows: thicker where its contact has made energy. */
-tm_film tm_contact_film(const tm_tool *tool);
+/* The film's coefficient of this tool's rows: larger where its contact has made energy. */
+double tm_contact_film_s_m(const tm_tool *tool);
 
 /* contact_sum.c */
 void tm_contact_sum(tm_contact *contact);

@@ -12,9 +12,7 @@
  * second on it sticks (sliding over facets of two tool radii makes and loses 5 % in turn); what is not worth it; and
  * how long an account remembers. */
 static const double SHARE_FROM = 0.08, SHARE_TO = 0.16, LITTLE_J = 1e-6, MEMORY_S = 1;
-/* Times the film's coefficient: at 10 mm/s as large as the reaction; and how many reactions it may drag with at most.
- */
-static const double STICKS = 300, STICKS_BY = 4;
+static const double STICKS = 300; /* times the film's coefficient: at 10 mm/s as large as the reaction */
 
 /* Of one row, over the two steps around the force as the scheme does its work: what it gives the tissue less what the
  * hand gives it. */
@@ -58,9 +56,9 @@ void tm_contact_observe(tm_contact *contact) {
     }
 }
 
-tm_film tm_contact_film(const tm_tool *tool) {
+double tm_contact_film_s_m(const tm_tool *tool) {
     const double over = tool->surplus_J - LITTLE_J - SHARE_FROM * tool->turnover_J;
-    if (!(over > 0)) return (tm_film){LAW_FILM_S_M, 1};
-    const double share = law_min(over / ((SHARE_TO - SHARE_FROM) * tool->turnover_J + LITTLE_J), 1);
-    return (tm_film){LAW_FILM_S_M * (1 + STICKS * share), 1 + (STICKS_BY - 1) * share};
+    if (!(over > 0)) return LAW_FILM_S_M;
+    const double full = (SHARE_TO - SHARE_FROM) * tool->turnover_J + LITTLE_J;
+    return LAW_FILM_S_M * (1 + STICKS * law_min(over / full, 1));
 }

@@ -38,7 +38,7 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
     tm_capsule_station(&tool->before, row->station, before);
     vsub(row->point_m, before, r->moved_m);
     r->compliance = contact->def.skin_compliance_m_N / row->share;
-    r->film = tm_contact_film(tool);
+    r->film_s_m = tm_contact_film_s_m(tool);
     r->diagonal = r->weight2 = 0;
     memset(r->drag_N, 0, sizeof r->drag_N);
     for (int j = 0; j < 3; j++) {
@@ -88,7 +88,7 @@ static void relax(tm_contact *contact, tm_contact_row *row, const tm_solver_row 
 static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
     const tm_world *world = contact->world;
     const tm_state *state = &world->state;
-    double coefficient = r->film.s_m * row->lambda_N / state->dt_s, wanted[3], size;
+    double coefficient = r->film_s_m * row->lambda_N / state->dt_s, wanted[3], size;
     for (int c = 0; c < 3; c++) {
         double slip = -r->moved_m[c] - r->weight2 * r->drag_N[c];
         for (int j = 0; j < 3; j++) {
@@ -98,7 +98,8 @@ static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver
         wanted[c] = -coefficient * slip / (1 + coefficient * r->weight2);
     }
     size = vnorm(wanted);
-    if (size > r->film.most * row->lambda_N) vscale(r->film.most * row->lambda_N / size, wanted, wanted);
+    if (size > row->lambda_N) /* never more than the reaction, so that both together never pull */
+        vscale(row->lambda_N / size, wanted, wanted);
     for (int c = 0; c < 3; c++) {
         for (int j = 0; j < 3; j++)
             if (!contact->held[3 * row->vertex[j] + c])
