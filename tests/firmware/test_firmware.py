@@ -39,17 +39,14 @@ def built():
 
 
 @pytest.fixture(scope="session")
-def recordings(built):
-    """variant -> (directory with replay.in, the host's replay.out)."""
-    made = {}
-    for variant, vertices in VARIANTS.items():
-        directory = built / "host" / variant
-        directory.mkdir(parents=True, exist_ok=True)
+def recordings(built, once):
+    """variant -> (directory with replay.in, the host's replay.out), made by one worker for all."""
+    def make(directory, variant, vertices):
         subprocess.run([built / "record", directory / "replay.in", str(TICKS), str(vertices)], check=True, timeout=300)
         program = built / ("replay_plain" if variant == "plain" else "replay_contact")
         subprocess.run([program], cwd=directory, check=True, timeout=300)
-        made[variant] = directory
-    return made
+
+    return {variant: once("firmware-" + variant, lambda directory, v=variant, n=vertices: make(directory, v, n)) for variant, vertices in VARIANTS.items()}
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
