@@ -1,5 +1,5 @@
 # tensormass. `make demo` and `make check` do everything, installing what is missing; `make help` lists the rest.
-# config=release|debug|asan|tsan|fuzz|clang chooses the build; release goes to build/, the others to build/<config>/.
+# config=release|debug|asan|tsan|fuzz|clang chooses the build; release goes to build/, the others to build/<config>/; V=1 shows command lines.
 
 , := ,
 config ?= release
@@ -42,11 +42,24 @@ WARN := -Wall -Wextra -Wshadow -Wstrict-prototypes -Wmissing-prototypes -Wconver
 BASE_CFLAGS := -std=c11 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC -MMD -MP $(WARN)
 # Two of the checks of C++ want a runtime that a C program is not linked with.
 BASE_CXXFLAGS := -std=c++17 -D_GNU_SOURCE $(OPT) -ffp-contract=off -fno-math-errno -fvisibility=hidden -fPIC $(if $(findstring undefined,$(OPT)),-fno-sanitize=function$(,)vptr) -MMD -MP -Wall -Wextra
-INCLUDES := -I. -Ilibtensormass/include -Ilibtensormass/src -Ihaptic_rt/core -Ihaptic_rt/base -Ihaptic_rt -Iapps -Iapps/common -Ilcm_types -I$(OUT)/gen
+INCLUDES := -I. -Ilibtensormass/include -Ilibtensormass/io/include -Ilibtensormass/src -Ihaptic_rt/core -Ihaptic_rt/base -Ihaptic_rt -Iapps -Iapps/common -Ilcm_types -I$(OUT)/gen
+
+# Libraries that lean on others of ours find them beside themselves; packages for a system's own folder say ORIGIN= .
+ORIGIN ?= -Wl,-rpath,'$$ORIGIN'
 
 # Answers of pkg-config, asked only when a recipe needs them (they may be installed by the same make).
 pkg_cflags = $(shell pkg-config --cflags $(1))
 pkg_libs = $(shell pkg-config --libs $(1))
+
+# One word and the file; V=1 shows whole command lines.
+Q := $(if $(V),,@)
+say = $(if $(V),,@printf '  %-5s %s\n' '$(1)' '$(patsubst $(BUILD)/%,%,$@)')
+# Recipe of a .a from what it waits for.
+define archive
+@mkdir -p $(@D)
+$(call say,AR)
+$(Q)rm -f $@ && ar rcs $@ $^
+endef
 
 # $(call objects,SOURCES): their object files.
 objects = $(patsubst %,$(OUT)/obj/%.o,$(basename $(1)))
@@ -59,7 +72,8 @@ define program
 PROGRAMS += $(OUT)/bin/$(1)
 $(OUT)/bin/$(1): $(call objects,$(2)) $(3)
 	@mkdir -p $$(@D)
-	$$(CC) $$(SAN) -rdynamic -o $$@ $$(call objects,$(2)) -Wl,--start-group $(3) -Wl,--end-group $(4) -ldl -lm -lpthread
+	$$(call say,LINK)
+	$$(Q)$$(CC) $$(SAN) -rdynamic -o $$@ $$(call objects,$(2)) -Wl,--start-group $(3) -Wl,--end-group $(4) -ldl -lm -lpthread
 endef
 
 # $(eval $(call module,NAME,SOURCES,OTHER PREREQUISITES,LIBRARY FLAGS)): build/lib/tensormass/NAME.so, opened on demand (haptic_rt/base/module.c).
@@ -68,7 +82,8 @@ define module
 MODULES += $(OUT)/lib/tensormass/$(1).so
 $(OUT)/lib/tensormass/$(1).so: $(call objects,$(2)) $(3)
 	@mkdir -p $$(@D)
-	$$(if $$(filter %.cpp,$(2)),$$(CXX),$$(CC)) $$(SAN) -shared -o $$@ $$(call objects,$(2)) $(3) $(4) -lm
+	$$(call say,LINK)
+	$$(Q)$$(if $$(filter %.cpp,$(2)),$$(CXX),$$(CC)) $$(SAN) -shared -o $$@ $$(call objects,$(2)) $(3) $(4) -lm
 endef
 
 # $(eval $(call test,tests/DIR/test_x.c,PREREQUISITES,FLAGS)): build/tests/DIR/test_x, run by tests/test_programs.py (exit 0 pass, 77 skip).
@@ -77,11 +92,10 @@ define test
 TESTS += $(OUT)/$(basename $(1))
 $(OUT)/$(basename $(1)): $(call objects,$(1)) $(2)
 	@mkdir -p $$(@D)
-	$$(CC) $$(SAN) -rdynamic -o $$@ $$(call objects,$(1)) -Wl,--start-group $(2) -Wl,--end-group $(3) -lcmocka -ldl -lm -lpthread
+	$$(call say,LINK)
+	$$(Q)$$(CC) $$(SAN) -rdynamic -o $$@ $$(call objects,$(1)) -Wl,--start-group $(2) -Wl,--end-group $(3) -lcmocka -ldl -lm -lpthread
 endef
 
-Q := $(if $(V),,@)
-say = $(if $(V),,@printf '  %-5s %s\n' '$(1)' '$(patsubst $(BUILD)/%,%,$@)')
 $(OUT)/obj/%.o: %.c Makefile
 	@mkdir -p $(@D)
 	$(call say,CC)
@@ -102,9 +116,10 @@ APPS_FIRST := $(wildcard apps/common/module.mk) $(wildcard apps/sim/module.mk)
 MODULE_MK := $(sort $(wildcard libtensormass/module.mk libtensormass/*/module.mk lcm_types/module.mk haptic_rt/module.mk \
 	haptic_rt/*/module.mk)) $(APPS_FIRST) \
 	$(sort $(filter-out $(APPS_FIRST),$(wildcard apps/*/module.mk apps/*/*/module.mk))) $(sort $(wildcard tests/module.mk tests/*/module.mk)) \
-	$(wildcard python/module.mk)
+	$(wildcard python/module.mk packaging/module.mk plugins/*/module.mk)
 include $(MODULE_MK)
 include tools/install.mk
+include tools/site/site.mk
 
 # ---- targets ----
 
@@ -129,9 +144,9 @@ $(VENV)/.done: tools/requirements.txt
 #: make check                  install what is missing, build, run every test (long ones in a short form)
 #: make check-long             the counts and durations that the documentation quotes
 check check-long:
-	@tools/setup.sh build demo check
+	@tools/setup.sh build demo check image
 	@$(MAKE) --no-print-directory venv
-	@$(MAKE) --no-print-directory -j$$(nproc) tests
+	@$(MAKE) --no-print-directory -j$$(nproc) tests $(IMAGE_SO)
 	@TM_LONG=$(if $(filter check-long,$@),1,$(TM_LONG)) $(MAKE) --no-print-directory check-run
 check-run:
 	@TM_OUT=$(abspath $(OUT)) $(VENV)/bin/python tests/run.py $(PYTEST_ARGS)

@@ -10,17 +10,13 @@ LIBHRT_IO_A := $(OUT)/lib/libhrt_io.a
 LIBHRT_DEVICE_A := $(OUT)/lib/libhrt_device.a
 LIBRARIES += $(LIBHRT_BASE_A) $(LIBHRT_A) $(LIBHRT_IO_A) $(LIBHRT_DEVICE_A)
 $(LIBHRT_BASE_A): $(call objects,$(HRT_BASE_SRC))
-	@mkdir -p $(@D)
-	@rm -f $@ && ar rcs $@ $^
+	$(archive)
 $(LIBHRT_A): $(call objects,$(HRT_CORE_SRC))
-	@mkdir -p $(@D)
-	@rm -f $@ && ar rcs $@ $^
+	$(archive)
 $(LIBHRT_IO_A): $(call objects,$(HRT_IO_SRC))
-	@mkdir -p $(@D)
-	@rm -f $@ && ar rcs $@ $^
+	$(archive)
 $(LIBHRT_DEVICE_A): $(call objects,$(HRT_DEVICE_SRC))
-	@mkdir -p $(@D)
-	@rm -f $@ && ar rcs $@ $^
+	$(archive)
 # The core is compiled more strictly than the rest; what cantools generated is not ours to warn about.
 $(call objects,$(HRT_CORE_SRC)): CFLAGS_EXTRA += -Wall -Wextra -Wconversion -Wsign-conversion -Wdouble-promotion -Werror
 $(OUT)/obj/haptic_rt/can/impulse_engine.o: CFLAGS_EXTRA += -w

@@ -9,24 +9,26 @@ LIBLCMTYPES_A := $(OUT)/lib/liblcm_types.a
 LIBRARIES += $(LIBLCMTYPES_A) $(OUT)/python/tensormass/__init__.py
 $(OUT)/gen/lcm_types/tensormass_%.c: lcm_types/%.lcm lcm_types/module.mk
 	@mkdir -p $(@D)
-	lcm-gen -c --c-typeinfo --c-no-pubsub --c-cpath $(@D) --c-hpath $(@D) --cinclude lcm_types $<
+	$(call say,LCM)
+	$(Q)lcm-gen -c --c-typeinfo --c-no-pubsub --c-cpath $(@D) --c-hpath $(@D) --cinclude lcm_types $<
 # The header comes with its .c: what includes it is built anew when its type changes.
 $(OUT)/gen/lcm_types/tensormass_%.h: $(OUT)/gen/lcm_types/tensormass_%.c ;
 $(LCM_ALL_H): $(LCM_TYPES) lcm_types/module.mk | $(LCM_GEN)
 	@printf '#include "lcm_types/tensormass_%s.h"\n' $(LCM_TYPES:lcm_types/%.lcm=%) > $@
 # The first build does not know yet who includes them.
-$(call objects,$(wildcard lcm_types/*.c apps/*/*.c haptic_rt/*/*.c tests/*/*.c)): | $(LCM_GEN) $(LCM_ALL_H)
+$(call objects,$(wildcard lcm_types/*.c apps/*/*.c apps/*/*/*.c haptic_rt/*/*.c python/*/*.c tests/*/*.c)): | $(LCM_GEN) $(LCM_ALL_H)
 $(LIBLCMTYPES_A): $(patsubst $(OUT)/gen/%.c,$(OUT)/obj/%.o,$(LCM_GEN)) $(call objects,$(LCM_OWN))
-	@mkdir -p $(@D)
-	rm -f $@ && ar rcs $@ $^
+	$(archive)
 $(eval $(call module,lcm,lcm_types/link_network.c,$(LIBLCMTYPES_A),-llcm))
 $(OUT)/python/tensormass/__init__.py: $(LCM_TYPES)
 	@mkdir -p $(OUT)/python
-	lcm-gen -p --ppath $(OUT)/python $(LCM_TYPES)
+	$(call say,LCM)
+	$(Q)lcm-gen -p --ppath $(OUT)/python $(LCM_TYPES)
 	@touch $@
 LCM_JAVA := $(OUT)/java/tensormass_types.jar
 $(LCM_JAVA): $(LCM_TYPES)
 	@rm -rf $(OUT)/java && mkdir -p $(OUT)/java/src $(OUT)/java/classes
-	lcm-gen -j --jpath $(OUT)/java/src $(LCM_TYPES)
-	javac -nowarn -cp /usr/share/java/lcm.jar -d $(OUT)/java/classes $$(find $(OUT)/java/src -name '*.java')
-	jar cf $@ -C $(OUT)/java/classes .
+	$(call say,LCM)
+	$(Q)lcm-gen -j --jpath $(OUT)/java/src $(LCM_TYPES)
+	$(Q)javac -nowarn -cp /usr/share/java/lcm.jar -d $(OUT)/java/classes $$(find $(OUT)/java/src -name '*.java')
+	$(Q)jar cf $@ -C $(OUT)/java/classes .

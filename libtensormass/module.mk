@@ -4,9 +4,9 @@ LIBTM_A := $(OUT)/lib/libtensormass.a
 LIBTM_SO := $(OUT)/lib/libtensormass.so.$(VERSION)
 LIBRARIES += $(LIBTM_A) $(LIBTM_SO)
 $(LIBTM_A): $(call objects,$(TM_SRC))
-	@mkdir -p $(@D)
-	rm -f $@ && ar rcs $@ $^
+	$(archive)
 $(LIBTM_SO): $(call objects,$(TM_SRC))
 	@mkdir -p $(@D)
-	$(CC) $(SAN) -shared -Wl,-soname,libtensormass.so.$(SOVERSION) $(if $(SAN),,-Wl,--no-undefined) -o $@ $^ -lm
-	ln -sf $(@F) $(@D)/libtensormass.so.$(SOVERSION) && ln -sf libtensormass.so.$(SOVERSION) $(@D)/libtensormass.so
+	$(call say,LINK)
+	$(Q)$(CC) $(SAN) -shared -Wl,-soname,libtensormass.so.$(SOVERSION) $(if $(SAN),,-Wl,--no-undefined) -o $@ $^ -lm
+	$(Q)ln -sf $(@F) $(@D)/libtensormass.so.$(SOVERSION) && ln -sf libtensormass.so.$(SOVERSION) $(@D)/libtensormass.so

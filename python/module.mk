@@ -8,20 +8,22 @@ PYTHON_CORE_OBJ := $(patsubst %.c,$(OUT)/obj/python/%.o,$(PYTHON_CORE_SRC))
 PYTHON_SCENE_SRC := python/native/scene.c python/native/said.c
 $(PYTHON_LIB)/%.so.$(SOVERSION): $(OUT)/lib/%.so.$(VERSION)
 	@mkdir -p $(@D)
-	cp $< $@
+	$(call say,COPY)
+	$(Q)cp $< $@
 $(OUT)/obj/python/%.o: %.c Makefile
 	@mkdir -p $(@D)
 	$(call say,CC)
 	$(Q)$(CC) $(BASE_CFLAGS) -fvisibility=default $(INCLUDES) -c $< -o $@
 $(PYTHON_LIB)/libtensormass_controller.so: $(PYTHON_CORE_OBJ)
 	@mkdir -p $(@D)
-	$(CC) $(SAN) -shared -Wl,-soname,$(@F) -o $@ $^ -lm
+	$(call say,LINK)
+	$(Q)$(CC) $(SAN) -shared -Wl,-soname,$(@F) -o $@ $^ -lm
 $(call objects,$(PYTHON_SCENE_SRC)): CFLAGS_EXTRA += -DTM_SOVERSION='"$(SOVERSION)"'
-$(call objects,$(PYTHON_SCENE_SRC)): | $(LCM_GEN) $(LCM_ALL_H)
 # Ours first: said.c stands in for two objects of libapp.a.
 $(PYTHON_LIB)/libtensormass_scene.so: $(call objects,$(PYTHON_SCENE_SRC)) $(filter-out $(LIBTM_A),$(SIM_LIBS)) $(LIBTM_SO)
 	@mkdir -p $(@D)
-	$(CC) $(SAN) -shared -Wl,-soname,$(@F) -Wl,-Bsymbolic $(if $(SAN),,-Wl,--no-undefined) -o $@ $(filter %.o,$^) \
+	$(call say,LINK)
+	$(Q)$(CC) $(SAN) -shared -Wl,-soname,$(@F) -Wl,-Bsymbolic $(if $(SAN),,-Wl,--no-undefined) -o $@ $(filter %.o,$^) \
 		-Wl,--start-group $(filter %.a,$^) -Wl,--end-group -L$(OUT)/lib -ltensormass -lyaml -lcjson -ldl -lm -lpthread
 .PHONY: python-libraries
 python-libraries: $(PYTHON_LIBRARIES)
@@ -42,3 +44,14 @@ $(OUT)/wheel/.made: $(PYTHON_LIBRARIES) $(PYTHON_VENV)/.done $(PYTHON_PARTS)
 	@python/wheel.sh $(OUT) $(abspath $(PYTHON_VENV))/bin/python > $(OUT)/wheel/wheel.log 2>&1 || { tail -n 20 $(OUT)/wheel/wheel.log >&2; exit 1; }
 	@touch $@
 	@ls -l $(OUT)/wheel/*.whl $(OUT)/wheel/*.tar.gz
+
+# For packages of a system that has the libraries itself: the package without them, links to those of LIBDIR. Needs pycparser.
+PYTHONDIR ?= $(PREFIX)/lib/python3/dist-packages
+.PHONY: install-python
+install-python: $(PYTHON_LIBRARIES)
+	install -d $(DESTDIR)$(PYTHONDIR)/tensormass/lib $(DESTDIR)$(PYTHONDIR)/tensormass/lcm_types
+	install -m 644 python/tensormass/*.py python/tensormass/py.typed $(DESTDIR)$(PYTHONDIR)/tensormass
+	install -m 644 lcm_types/*.lcm $(DESTDIR)$(PYTHONDIR)/tensormass/lcm_types
+	install -m 644 $(filter %.so,$(PYTHON_LIBRARIES)) $(DESTDIR)$(PYTHONDIR)/tensormass/lib
+	ln -sf $(LIBDIR)/libtensormass.so.$(SOVERSION) $(LIBDIR)/libtensormass_solve.so.$(SOVERSION) $(DESTDIR)$(PYTHONDIR)/tensormass/lib
+	$(PYTHON3) python/bind.py $(DESTDIR)$(PYTHONDIR)/tensormass/_bind.py $(CC) libtensormass/include haptic_rt/core python/native -- $(PYTHON_HEADERS)

@@ -63,7 +63,7 @@ LEFTOVER = ("sanitize/test_sanitize.py::test_short_form",)
 # (test_ranks: OpenMPI leaks from modules that it has closed by then, which no suppression can name.)
 PLAIN = ("accuracy/", "bench/", "can/test_guest", "docs/", "effects/", "evaluate/", "firmware/", "fuzz/", "hash/", "install/", "loop/test_lint",
          "loop/test_processes.py::test_figures", "loop/test_processes.py::test_no_page_fault", "loop/test_processes.py::test_system_calls",
-         "loop/test_soak", "pages/", "python/", "sanitize/", "sim/test_builds", "sim/test_lockstep.py::test_a_scene_without_solver", "solve/test_precompute.py::test_a_rank",
+         "loop/test_soak", "pages/", "plugins/", "python/", "sanitize/", "sim/test_builds", "sim/test_lockstep.py::test_a_scene_without_solver", "solve/test_precompute.py::test_a_rank",
          "solve/test_precompute.py::test_ranks", "stability/test_planted", "timing/", "trust/", "view/test_display", "view/test_play.py::test_the_displays_opengl", "view/test_session.py::test_spy")
 # A hand in a window for two seconds, against a simulation that ThreadSanitizer makes ten times slower.
 if os.environ.get("TM_SANITIZER") == "tsan":
@@ -73,10 +73,13 @@ if os.environ.get("TM_SANITIZER") == "tsan":
 def pytest_configure(config):
     config.addinivalue_line("markers", "alone: watches the wall clock, runs with no other test beside it")
     config.addinivalue_line("markers", "leftover: long, runs on the processor time that `alone` ones leave")
+    config.addinivalue_line("markers", "long: minutes, in `make check-long` alone")
     config.addinivalue_line("markers", "plain: about the plain build, not for a sanitizer's")
 
 
 def pytest_collection_modifyitems(items):
+    if not LONG:
+        items[:] = [item for item in items if not item.get_closest_marker("long")]
     for item in items:
         path = item.path.relative_to(ROOT / "tests").as_posix()
         if path.startswith(ALONE):

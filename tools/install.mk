@@ -13,23 +13,36 @@ SOLVE_LIBRARIES := $(if $(filter 1,$(SOLVE)),$(LIBTMS_A) $(LIBTMS_SO))
 RPATH := $(if $(filter /lib /lib/% /usr/lib /usr/lib/%,$(LIBDIR)),,-Wl,-rpath,$${libdir} )
 pc = for n in $(1); do sed -e 's|@PREFIX@|$(PREFIX)|' -e 's|@LIBDIR@|$(LIBDIR)|' -e 's|@RPATH@|$(RPATH)|' -e 's|@VERSION@|$(VERSION)|' tools/$$n.pc.in \
 	> $(STAGE)/$@$(LIBDIR)/pkgconfig/$$n.pc || exit 1; done
+# For find_package(tensormass) of CMake: where the headers lie from the libraries, so that the prefix may be moved.
+cmake = for n in tensormassConfig tensormassConfigVersion; do sed -e 's|@INCLUDE@|$(shell realpath -m --relative-to=$(LIBDIR) $(PREFIX)/include)|' -e 's|@VERSION@|$(VERSION)|' \
+	-e 's|@SOVERSION@|$(SOVERSION)|' -e "s|@POINTER@|$$(echo __SIZEOF_POINTER__ | $(CC) -E -P -)|" tools/$$n.cmake.in > $(STAGE)/$@$(LIBDIR)/cmake/tensormass/$$n.cmake || exit 1; done
 # $(call folders,NAMES): made anew in the part's stage.
 folders = $(if $(filter-out /%,$(PREFIX) $(LIBDIR)),$(error PREFIX=$(PREFIX) LIBDIR=$(LIBDIR): give paths from / on))rm -rf $(STAGE)/$@ && mkdir -p $(foreach f,$(1),$(STAGE)/$@$(f))
 put = DESTDIR='$(DESTDIR)' PREFIX='$(PREFIX)' tools/install.sh put $@ $(STAGE)/$@
+
+# Man pages and completion, where there is a Python to make them of the programs' help.
+PYTHON3 := $(shell command -v /usr/bin/python3 || command -v python3)
+REFERENCE_OF = $(notdir $(filter-out %-mpi,$(1)))
+REFERENCE_PROGRAMS = $(call REFERENCE_OF,$(PROGRAMS) $(SESSION_PROGRAM) $(ORGAN_PROGRAM))
+# $(call reference,PROGRAMS): into the part's stage.
+reference = $(if $(PYTHON3),$(PYTHON3) tools/reference/make_reference.py $(OUT)/bin $(OUT)/reference $(VERSION) $(call REFERENCE_OF,$(1)) && \
+	install -m 644 -Dt $(STAGE)/$@$(PREFIX)/share/man/man1 $(patsubst %,$(OUT)/reference/man1/%.1,$(call REFERENCE_OF,$(1))) && \
+	install -m 644 -Dt $(STAGE)/$@$(PREFIX)/share/bash-completion/completions $(patsubst %,$(OUT)/reference/completions/%,$(call REFERENCE_OF,$(1))),true)
 
 .PHONY: install install-lib install-controller install-programs uninstall
 #: make install PREFIX= LIBDIR= DESTDIR=  all of it: the three parts below
 install: install-lib install-controller install-programs
 
-#: make install-lib          the library: headers, .so, .a, pkg-config, guide; the solve library where CHOLMOD and Eigen are
-install-lib: $(LIBTM_A) $(LIBTM_SO) $(SOLVE_LIBRARIES)
-	@$(call folders,$(PREFIX)/include/tensormass $(LIBDIR)/pkgconfig $(DOCDIR)/examples)
-	install -m 644 $(filter-out $(if $(SOLVE_LIBRARIES),,%_solve.h),$(wildcard libtensormass/include/*.h)) $(STAGE)/$@$(PREFIX)/include
+#: make install-lib          the libraries: headers, .so, .a, pkg-config, CMake, guide; the solve library where CHOLMOD and Eigen are
+install-lib: $(LIBTM_A) $(LIBTM_SO) $(LIBTMIO_A) $(LIBTMIO_SO) $(SOLVE_LIBRARIES)
+	@$(call folders,$(PREFIX)/include/tensormass $(LIBDIR)/pkgconfig $(LIBDIR)/cmake/tensormass $(DOCDIR)/examples)
+	install -m 644 $(filter-out $(if $(SOLVE_LIBRARIES),,%_solve.h),$(wildcard libtensormass/include/*.h*)) libtensormass/io/include/* $(STAGE)/$@$(PREFIX)/include
 	install -m 644 libtensormass/include/tensormass/*.h $(STAGE)/$@$(PREFIX)/include/tensormass
-	cp -P $(foreach l,$(LIBTM_A) $(LIBTM_SO) $(SOLVE_LIBRARIES),$(l) $(if $(filter %.a,$(l)),,$(patsubst %.$(VERSION),%.$(SOVERSION),$(l)) $(patsubst %.$(VERSION),%,$(l)))) $(STAGE)/$@$(LIBDIR)
-	$(call pc,tensormass $(if $(SOLVE_LIBRARIES),tensormass_solve))
-	install -m 644 LICENSE CHANGELOG.md $(addprefix docs/,library-guide.md models.md contact.md physics.md) $(STAGE)/$@$(DOCDIR)
-	install -m 644 tests/install/block.c $(STAGE)/$@$(DOCDIR)/examples
+	cp -P $(foreach l,$(filter %.a %.$(VERSION),$^),$(l) $(if $(filter %.a,$(l)),,$(patsubst %.$(VERSION),%.$(SOVERSION),$(l)) $(patsubst %.$(VERSION),%,$(l)))) $(STAGE)/$@$(LIBDIR)
+	$(call pc,tensormass tensormass_io $(if $(SOLVE_LIBRARIES),tensormass_solve))
+	$(call cmake)
+	install -m 644 LICENSE CHANGELOG.md $(addprefix docs/,library-guide.md meshes.md models.md contact.md physics.md) $(STAGE)/$@$(DOCDIR)
+	install -m 644 tests/install/block.c examples/engine/engine.c $(STAGE)/$@$(DOCDIR)/examples
 	@$(put)
 
 #: make install-controller   haptic-rt, tm-device, their service, profiles and DBC, the LCM types and bindings, libhrt
@@ -40,6 +53,7 @@ install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/lcm.so $(LIBHRT_A) $(L
 	install -m 755 $(OUT)/lib/tensormass/lcm.so $(STAGE)/$@$(PREFIX)/lib/tensormass
 	sed -e 's|@PREFIX@|$(PREFIX)|' haptic_rt/systemd/haptic-rt@.service.in > $(STAGE)/$@$(PREFIX)/lib/systemd/system/haptic-rt@.service
 	install -m 644 $(addprefix haptic_rt/systemd/,haptic-rt-0.conf processor.conf 80-can.network) $(STAGE)/$@$(SHARE)/systemd
+	$(call reference,$(HRT_PROGRAMS))
 	install -m 644 haptic_rt/device/profiles/* $(STAGE)/$@$(SHARE)/profiles
 	install -m 644 haptic_rt/can/impulse_engine.dbc $(STAGE)/$@$(SHARE)/can
 	install -m 644 lcm_types/*.lcm $(STAGE)/$@$(SHARE)/lcm_types
@@ -56,12 +70,15 @@ install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/lcm.so $(LIBHRT_A) $(L
 
 #: make install-programs     simulation, viewer, tm-session and the rest, with scenes and meshes
 install-programs: programs
-	@$(call folders,$(addprefix $(PREFIX)/,bin lib/tensormass/session) $(DOCDIR)/images $(addprefix $(SHARE)/,apps/scenes apps/studies/accuracy/reference meshes))
-	install -m 755 $(filter-out $(HRT_PROGRAMS),$(PROGRAMS)) $(SESSION_PROGRAM) $(STAGE)/$@$(PREFIX)/bin
+	@$(call folders,$(addprefix $(PREFIX)/,bin lib/tensormass/session) $(DOCDIR)/images $(addprefix $(SHARE)/,apps/scenes apps/pages apps/studies/accuracy/reference meshes))
+	install -m 755 $(filter-out $(HRT_PROGRAMS),$(PROGRAMS)) $(SESSION_PROGRAM) $(ORGAN_PROGRAM) $(STAGE)/$@$(PREFIX)/bin
+	$(call reference,$(filter-out $(HRT_PROGRAMS),$(PROGRAMS)) $(SESSION_PROGRAM) $(ORGAN_PROGRAM))
 	install -m 755 $(MODULES) $(STAGE)/$@$(PREFIX)/lib/tensormass
 	install -m 755 $(SESSION_PARTS) $(STAGE)/$@$(PREFIX)/lib/tensormass/session
 	cp -R apps/scenes/. $(STAGE)/$@$(SHARE)/apps/scenes
 	install -m 644 apps/studies/accuracy/reference/reference.json $(STAGE)/$@$(SHARE)/apps/studies/accuracy/reference
+	install -m 644 apps/studies/accuracy/scene_page.py $(STAGE)/$@$(SHARE)/apps/studies/accuracy
+	install -m 644 apps/pages/page.py $(STAGE)/$@$(SHARE)/apps/pages
 	install -m 644 $(wildcard meshes/*.msh meshes/*.csv meshes/README.md) $(STAGE)/$@$(SHARE)/meshes
 	install -m 644 README.md LICENSE CHANGELOG.md $(wildcard docs/*.md) $(STAGE)/$@$(DOCDIR)
 	install -m 644 $(wildcard docs/images/*) $(STAGE)/$@$(DOCDIR)/images

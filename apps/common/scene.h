@@ -173,6 +173,8 @@ typedef struct app_instrument {
     app_choice mode; /* tm_tool_mode */
     app_vector trocar, axis, up;
     app_number radius, contact_length;
+    app_section friction; /* of the effect of this name, what this one has of its own; null default: the effect's */
+    app_number friction_static, friction_sliding;
     app_section start_here;
     app_pose start;
 } app_instrument;
@@ -204,6 +206,7 @@ typedef struct app_scene {
     const char *file;
     app_text title;
     app_choice model;
+    app_integer threads;
     app_section tissue;
     app_text mesh;
     app_number scale;

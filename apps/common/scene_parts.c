@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-static int select_group(const app_scene *scene, const app_select *select, const app_mesh *mesh, uint8_t *mark) {
+static int select_group(const app_scene *scene, const app_select *select, const tm_mesh_file *mesh, uint8_t *mark) {
     for (int32_t g = 0; g < mesh->group_count; g++) {
         if (strcmp(mesh->group_name[g], select->group.s)) continue;
         for (int32_t i = mesh->group_begin[g]; i < mesh->group_begin[g + 1]; i++) mark[mesh->group_vertex[i]] = 1;
@@ -29,8 +29,8 @@ static bool is_selected(const app_select *s, const double x[3]) {
     return fabs(distance) <= s->plane_within.si;
 }
 
-int app_select_vertices(const app_scene *scene, const app_select *select, int line, const app_mesh *mesh, uint8_t *mark,
-                        int32_t *count) {
+int app_select_vertices(const app_scene *scene, const app_select *select, int line, const tm_mesh_file *mesh,
+                        uint8_t *mark, int32_t *count) {
     memset(mark, 0, (size_t)mesh->vertex_count);
     if (select->group.line) {
         int rc = select_group(scene, select, mesh, mark);
@@ -70,7 +70,8 @@ static tm_status make_material(const app_material *m, app_law law, tm_material *
     return TM_ERR_MATERIAL;
 }
 
-int app_scene_materials(const app_scene *scene, const app_mesh *mesh, double default_damping_1_s, tm_material *out) {
+int app_scene_materials(const app_scene *scene, const tm_mesh_file *mesh, double default_damping_1_s,
+                        tm_material *out) {
     const app_material *all = scene->material.item;
     for (int i = 0; i < scene->material.count; i++) {
         bool found = !strcmp(all[i].region.s, "*");

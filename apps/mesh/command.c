@@ -13,7 +13,7 @@ bool command_quantity(const char *option, const char *text, const char *dimensio
 }
 
 int command_output(const char *path) {
-    int exit = app_output_ending("-o", path, app_mesh_endings(true));
+    int exit = app_output_ending("-o", path, tm_mesh_file_endings(true));
     return exit ? exit : app_output_check(path);
 }
 

@@ -5,10 +5,10 @@
 #include <stdio.h>
 
 #include "app.h"
-#include "common/mesh_format.h"
+#include "common/mesh_file.h"
 
 typedef int command_fn(int argc, char **argv);
-command_fn command_info, command_check, command_fill, command_refine, command_repair, command_convert;
+command_fn command_info, command_check, command_fill, command_refine, command_repair, command_convert, command_image;
 
 /* "--scale 30 mm" and the like into SI; false after a complaint. */
 bool command_quantity(const char *option, const char *text, const char *dimension, double *si);
@@ -19,13 +19,11 @@ int command_no_memory(const char *file);
 /* Bad usage: says what, points at --help, APP_BAD_INPUT. */
 int command_usage(const char *command, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-/* Directions as the CSV that app_fibres_load reads. */
+/* Directions as the CSV that tm_fibres_load reads. */
 tm_status write_fibres(const double *fibre, int32_t tet_count, const char *path, tm_error *error);
 
 /* The mesh without the tetrahedra whose `keep` is 0 and the vertices that none of the rest uses. `kept` [tet_count] may
  * be null: old number of each. */
-bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept);
-/* Of a forest of joined things: the root of `v`. */
-int32_t root_of(int32_t *parent, int32_t v);
+bool command_subset(tm_mesh_file *mesh, const uint8_t *keep, int32_t *kept);
 
 #endif

@@ -1,67 +1,104 @@
-/* tm-mesh fill: tetrahedra inside a closed surface. */
+/* tm-mesh fill: tetrahedra inside closed surfaces. */
 #include <getopt.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "command.h"
-#include "shell.h"
+#include "fill_regions.h"
 
 enum { LIMIT = 5 * 1000 * 1000 };
 
 typedef struct options {
-    const char *in, *out;
-    double scale, size_m;
+    char *const *in;
+    const char *out;
+    int files;
+    double scale, size_m; /* scale 0: not said */
+    bool mend;
 } options;
 
+static const struct {
+    const char *name;
+    double m;
+} units[] = {{"m", 1}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}, {"inch", 0.0254}};
+
 static void usage(void) {
-    printf("usage: tm-mesh fill --size SIZE [--scale S] SURFACE.stl -o OUT.msh\n"
-           "Fills a closed surface with tetrahedra whose edges are about SIZE: a lattice, cut and pulled to the "
-           "surface, then smoothed so that the\n"
-           "smallest tetrahedron, which sets the time step, is as large as may be. Details and ridges finer than SIZE "
-           "are rounded off.\n\n"
+    printf("usage: tm-mesh fill --size SIZE --unit UNIT SURFACE... -o OUT.msh\n"
+           "Fills closed surfaces (STL, OBJ, PLY, OFF) with tetrahedra whose edges are about SIZE. One surface: a "
+           "lattice, cut and pulled to the\n"
+           "surface, then smoothed so that the smallest tetrahedron, which sets the time step, is as large as may be. "
+           "Several, or one inside\n"
+           "another: each a region, named by its file, those inside others cut out of them, faces shared. Details and "
+           "ridges finer than SIZE\n"
+           "are rounded off. All but one STL needs the module 'image' (make image).\n\n"
            "  --size SIZE  longest inner edge, e.g. 5mm; half of it makes eight times as many\n"
-           "  --scale S    metres per unit of the file [1]; 1e-3 for millimetres\n"
-           "  -o OUT       .msh, .vtk or .mesh; one region 'tissue', its vertex group 'surface'\n");
+           "  --unit UNIT  of the file's coordinates, which no file says: m, cm, mm, um or inch\n"
+           "  --scale S    the same as metres per unit of the file: 1e-3 for millimetres\n"
+           "  --mend       close holes, stitch, turn alike, remove triangles that cut each other; without it they are\n"
+           "               named and refused\n"
+           "  -o OUT       %s; one region 'tissue', or the files' names; vertex groups 'surface', NAME_outer\n",
+           tm_mesh_file_endings(true));
+}
+
+static bool set_unit(const char *text, options *o) {
+    for (size_t i = 0; i < sizeof units / sizeof *units; i++)
+        if (strcmp(text, units[i].name) == 0) {
+            o->scale = units[i].m;
+            return true;
+        }
+    command_usage("fill", "--unit %s: give m, cm, mm, um or inch", text);
+    return false;
 }
 
 static int parse(int argc, char **argv, options *o) {
     static const struct option names[] = {{"size", required_argument, NULL, 'z'},
                                           {"scale", required_argument, NULL, 's'},
+                                          {"unit", required_argument, NULL, 'u'},
+                                          {"mend", no_argument, NULL, 'm'},
                                           {"output", required_argument, NULL, 'o'},
                                           {"help", no_argument, NULL, 'h'},
                                           {0}};
-    *o = (options){.scale = 1};
+    *o = (options){0};
     optind = 1;
     opterr = 0;
     for (int c; (c = getopt_long(argc, argv, "ho:", names, NULL)) != -1;) {
         bool good = true;
+        if ((c == 's' || c == 'u') && o->scale > 0)
+            return command_usage("fill", "--unit and --scale say the same; give one");
         switch (c) {
         case 'z': good = command_quantity("size", optarg, "length", &o->size_m); break;
         case 's': good = command_quantity("scale", optarg, "none", &o->scale); break;
+        case 'u': good = set_unit(optarg, o); break;
+        case 'm': o->mend = true; break;
         case 'o': o->out = optarg; break;
         case 'h': usage(); exit(APP_DONE);
         default: return command_usage("fill", "bad option '%s'", argv[optind - 1]);
         }
         if (!good) return APP_BAD_INPUT;
+        if (c == 's' && !(o->scale > 0)) return command_usage("fill", "--scale must be above 0");
     }
-    if (optind + 1 != argc) return command_usage("fill", "name one STL file");
+    o->in = argv + optind;
+    o->files = argc - optind;
+    if (o->files < 1 || o->files > SURFACES_FILES)
+        return command_usage("fill", "name one surface, or up to %d", SURFACES_FILES);
     if (!o->out) return command_usage("fill", "no output; give -o OUT");
     if (!(o->size_m > 0)) return command_usage("fill", "--size must be above 0");
-    if (!(o->scale > 0)) return command_usage("fill", "--scale must be above 0");
-    o->in = argv[optind];
-    return command_output(o->out);
+    const int bad = command_output(o->out);
+    if (bad || o->scale > 0) return bad;
+    return app_bad_input(o->in[0], 0,
+                         "no surface says the unit of its coordinates; give --unit mm (or m, cm, um, inch)");
 }
 
 /* One region 'tissue', one group 'surface', numbers from 1. */
-static bool to_app_mesh(const growing *m, app_mesh *out) {
+static bool to_file(const growing *m, tm_mesh_file *out) {
     unsigned char *outer = calloc((size_t)m->vertex_count + 1, 1);
     int32_t members = 0;
-    *out = (app_mesh){.vertex_count = m->vertex_count, .tet_count = m->tet_count, .region_count = 1, .group_count = 1};
+    *out =
+        (tm_mesh_file){.vertex_count = m->vertex_count, .tet_count = m->tet_count, .region_count = 1, .group_count = 1};
     for (int i = 0; outer && i < 3 * m->face_count; i++) outer[m->face[i]] = 1;
-    if (!outer || !app_mesh_allocate(out, m->vertex_count)) {
+    if (!outer || !tm_mesh_file_allocate(out, m->vertex_count)) {
         free(outer);
-        *out = (app_mesh){0};
+        *out = (tm_mesh_file){0};
         return false;
     }
     memcpy(out->vertex_m, m->vertex, 3 * (size_t)m->vertex_count * sizeof(double));
@@ -97,49 +134,66 @@ static double volume_of(const tm_mesh *built) {
     return volume;
 }
 
-static int write_out(const options *o, const app_mesh *out, const shell *surface) {
+static int write_out(const options *o, const tm_mesh_file *out, const shell *surface) {
     tm_mesh *built = NULL;
     tm_error error = {0};
     int exit = APP_DONE;
-    if (app_mesh_build(out, &built, &error))
-        exit = app_report(o->in, 0, &error);
+    if (tm_mesh_file_build(out, &built, &error))
+        exit = app_report(o->in[0], 0, &error);
     else if (app_mesh_write(out, o->out, &error))
         exit = app_report(NULL, 0, &error);
-    else if (!app_is_quiet())
-        printf("%s: %d tetrahedra, %d vertices; volume %.4g cm3, the surface's is %.4g cm3\n", o->out, out->tet_count,
-               out->vertex_count, 1e6 * volume_of(built), 1e6 * shell_volume_m3(surface));
+    else if (!app_is_quiet()) {
+        printf("%s: %d tetrahedra, %d vertices; volume %.4g cm3", o->out, out->tet_count, out->vertex_count,
+               1e6 * volume_of(built));
+        if (surface) printf(", the surface's is %.4g cm3", 1e6 * shell_volume_m3(surface));
+        printf("\n");
+    }
     tm_mesh_destroy(built);
     return exit;
 }
 
-int command_fill(int argc, char **argv) {
-    options o;
-    shell *surface = NULL;
-    tm_error error = {0};
+static int fill_one(const options *o, const shell *surface, tm_mesh_file *out) {
     growing m = {0};
-    app_mesh out = {0};
-    int exit = parse(argc, argv, &o);
-    if (exit) return exit;
-    if (shell_load(o.in, o.scale, &surface, &error)) return app_report(o.in, 0, &error);
-    growing_solid body = shell_solid(surface);
-    double expected = 12 * shell_volume_m3(surface) / (o.size_m * o.size_m * o.size_m);
-    if (expected > LIMIT)
-        exit = app_bad_input(
-            o.in, 0, "about %.2g tetrahedra would come of it; choose a larger --size, or --scale 1e-3 for millimetres",
-            expected);
-    else if (expected < 20)
-        exit =
-            app_bad_input(o.in, 0, "fewer than 20 tetrahedra would fit; choose a smaller --size, or another --scale");
-    else if (!fill_manifold(&m, &body, o.size_m) && !m.no_memory)
-        exit = app_bad_input(o.in, 0,
+    const growing_solid body = shell_solid(surface);
+    int exit = APP_DONE;
+    if (!fill_manifold(&m, &body, o->size_m) && !m.no_memory)
+        exit = app_bad_input(o->in[0], 0,
                              "details as fine as %g mm pinch the mesh; choose a smaller --size, or smooth the surface",
-                             1e3 * o.size_m);
+                             1e3 * o->size_m);
     else {
         growing_improve(&m, &body, NULL, 40);
-        exit = m.no_memory || !to_app_mesh(&m, &out) ? command_no_memory(o.in) : write_out(&o, &out, surface);
+        if (m.no_memory || !to_file(&m, out)) exit = command_no_memory(o->in[0]);
     }
-    app_mesh_free(&out);
     growing_free(&m);
-    shell_free(surface);
+    return exit;
+}
+
+/* Before the work: how many tetrahedra will come, about. */
+static int check_size(const options *o, const surfaces *s) {
+    double volume_m3 = 0;
+    for (int i = 0; i < s->pieces; i++)
+        if (s->piece[i].parent < 0) volume_m3 += shell_volume_m3(s->piece[i].shell);
+    const double expected = 12 * volume_m3 / (o->size_m * o->size_m * o->size_m);
+    if (expected > LIMIT)
+        return app_bad_input(
+            o->in[0], 0, "about %.2g tetrahedra would come of it; choose a larger --size, or another --unit", expected);
+    if (expected < 20)
+        return app_bad_input(o->in[0], 0,
+                             "fewer than 20 tetrahedra would fit; choose a smaller --size, or another --unit");
+    return APP_DONE;
+}
+
+int command_fill(int argc, char **argv) {
+    static surfaces s;
+    options o;
+    tm_mesh_file out = {0};
+    int exit = parse(argc, argv, &o);
+    if (exit) return exit;
+    exit = surfaces_load(o.in, o.files, o.scale, o.mend, &s);
+    if (!exit) exit = check_size(&o, &s);
+    if (!exit) exit = s.whole ? fill_one(&o, s.whole, &out) : fill_regions(o.in[0], &s, o.size_m, &out);
+    if (!exit) exit = write_out(&o, &out, s.whole);
+    tm_mesh_file_free(&out);
+    surfaces_free(&s);
     return exit;
 }

@@ -65,8 +65,8 @@ typedef struct growing_hold {
     const void *context;
 } growing_hold;
 
-/* Moves vertices so that the smallest tet_size grows. Either the body is given: vertices of the surface stay on it, all
- * others are free, or `h` is: each keeps to it. The other is null. */
+/* Moves vertices so that the smallest tet_size grows. Where the body is given, vertices of `face` stay on its surface;
+ * where `h` is, each keeps to it. Either may be null. */
 void growing_improve(growing *m, const growing_solid *b, const growing_hold *h, int sweeps);
 
 #endif

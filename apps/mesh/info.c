@@ -5,9 +5,9 @@
 #include <string.h>
 
 #include "command.h"
-#include "common/mesh_check.h"
 #include "json_file.h"
-#include "tensormass/tissue.h"
+#include "law/union_find.h"
+#include "step.h"
 
 typedef struct options {
     const char *file, *json;
@@ -72,13 +72,13 @@ static int parse(const char *command, int argc, char **argv, options *o) {
 }
 
 /* All defects, the first of them one a line. */
-static int refuse(const app_mesh *file, const char *path, const tm_error *error) {
-    static app_defect defect[LISTED];
-    int64_t count = app_mesh_defects(file, defect, LISTED);
-    if (count <= 0) return app_report(path, 0, error);
+static int refuse(const tm_mesh_file *file, const char *path, const tm_error *error) {
+    static tm_mesh_defect defect[LISTED];
+    int64_t count = tm_mesh_file_defects(file, defect, LISTED);
+    if (count <= 0) return app_report(NULL, 0, error);
     for (int64_t i = 0; i < count && i < LISTED; i++) {
         char text[400];
-        app_defect_text(file, &defect[i], text, sizeof text);
+        tm_mesh_defect_text(file, &defect[i], text, sizeof text);
         app_bad_input(path, 0, "%s", text);
     }
     if (count > LISTED)
@@ -93,7 +93,7 @@ static int32_t count_pieces(const tm_mesh *mesh) {
     if (!parent) return -1;
     for (int32_t t = 0; t < mesh->tet_count; t++) parent[t] = t;
     for (int32_t f = 0; f < 4 * mesh->tet_count; f++)
-        if (mesh->tet_neighbour[f] >= 0) parent[root_of(parent, f / 4)] = root_of(parent, mesh->tet_neighbour[f]);
+        if (mesh->tet_neighbour[f] >= 0) law_join(parent, f / 4, mesh->tet_neighbour[f]);
     for (int32_t t = 0; t < mesh->tet_count; t++) pieces += parent[t] == t;
     free(parent);
     return pieces;
@@ -127,42 +127,16 @@ static void measure_shape(const tm_mesh *mesh, figures *f) {
     f->pieces = count_pieces(mesh);
 }
 
-static int by_size(const void *a, const void *b) {
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 static tm_status measure_step(const tm_mesh *mesh, const options *o, figures *f, tm_error *error) {
-    tm_material material;
-    tm_status status = tm_material_young(o->young_Pa, o->poisson, &material, error);
+    step_figures step;
+    tm_status status = step_measure(mesh, o->young_Pa, o->poisson, o->density_kg_m3, &step, error);
     if (status) return status;
-    material.density_kg_m3 = o->density_kg_m3;
-    int32_t *one = calloc((size_t)mesh->region_count + 1, sizeof *one);
-    double *step = malloc((size_t)mesh->tet_count * sizeof *step);
-    tm_tissue *tissue = NULL;
-    tm_tissue_def def = tm_tissue_def_default();
-    def.mesh = mesh;
-    def.material_count = 1;
-    def.material = &material;
-    def.region_material = one;
-    status =
-        one && step ? tm_tissue_create(&def, &tissue, error) : app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory");
-    if (!status) {
-        f->step_s = tm_critical_step_guaranteed(tissue, &f->step_tet);
-        f->cut_step_s = HUGE_VAL;
-        for (int32_t t = 0; t < mesh->tet_count; t++) {
-            step[t] = tm_critical_step_element(tissue, t);
-            if (step[t] >= f->cut_step_s) continue;
-            f->cut_step_s = step[t];
-            f->cut_step_tet = t;
-        }
-        qsort(step, (size_t)mesh->tet_count, sizeof *step, by_size);
-        f->median_step_s = step[mesh->tet_count / 2];
-        tm_tissue_destroy(tissue);
-    }
-    free(one);
-    free(step);
-    return status;
+    f->step_s = step.guaranteed_s;
+    f->step_tet = step.tet;
+    f->cut_step_s = step.cut_s;
+    f->cut_step_tet = step.cut_tet;
+    f->median_step_s = step.median_s;
+    return TM_OK;
 }
 
 static void print_histogram(const char *what, const int64_t count[BINS], const double *bound) {
@@ -190,14 +164,14 @@ static void region_sums(const tm_mesh *mesh, int32_t region, double *volume_m3, 
         }
 }
 
-static void print_tet(const app_mesh *file, int32_t t) {
+static void print_tet(const tm_mesh_file *file, int32_t t) {
     const int32_t *v = file->tet + 4 * (size_t)t;
     printf("tetrahedron %lld (vertices %lld %lld %lld %lld)", (long long)file->tet_tag[t],
            (long long)file->vertex_tag[v[0]], (long long)file->vertex_tag[v[1]], (long long)file->vertex_tag[v[2]],
            (long long)file->vertex_tag[v[3]]);
 }
 
-static void print_figures(const app_mesh *file, const tm_mesh *mesh, const options *o, const figures *f) {
+static void print_figures(const tm_mesh_file *file, const tm_mesh *mesh, const options *o, const figures *f) {
     printf("%s\n%d tetrahedra, %d vertices, %d edges, %d outer triangles, %d piece%s\n", o->file, mesh->tet_count,
            mesh->vertex_count, mesh->edge_count, mesh->surface_count, f->pieces, f->pieces == 1 ? "" : "s");
     printf("box: %.4g %.4g %.4g to %.4g %.4g %.4g m (%.4g x %.4g x %.4g mm), volume %.4g cm3\n", f->low_m[0],
@@ -240,7 +214,7 @@ static cJSON *histogram_json(const int64_t count[BINS], const double *bound) {
     return all;
 }
 
-static cJSON *figures_json(const app_mesh *file, const tm_mesh *mesh, const options *o, const figures *f) {
+static cJSON *figures_json(const tm_mesh_file *file, const tm_mesh *mesh, const options *o, const figures *f) {
     cJSON *root = cJSON_CreateObject();
     cJSON_AddStringToObject(root, "file", o->file);
     cJSON_AddNumberToObject(root, "scale", o->scale);
@@ -289,16 +263,16 @@ static cJSON *figures_json(const app_mesh *file, const tm_mesh *mesh, const opti
 
 static int run(const char *command, int argc, char **argv) {
     options o;
-    app_mesh file = {0};
+    tm_mesh_file file = {0};
     tm_mesh *mesh = NULL;
     tm_error error = {0};
     figures f;
     int exit = parse(command, argc, argv, &o);
     if (exit != APP_DONE) return exit;
-    if (app_mesh_load(o.file, o.scale, &file, &error)) return app_report(o.file, 0, &error);
-    if (app_mesh_build(&file, &mesh, &error)) {
-        exit = error.status == TM_ERR_MESH ? refuse(&file, o.file, &error) : app_report(o.file, 0, &error);
-        app_mesh_free(&file);
+    if (tm_mesh_file_load(o.file, o.scale, &file, &error)) return app_report(NULL, 0, &error);
+    if (tm_mesh_file_build(&file, &mesh, &error)) {
+        exit = error.status == TM_ERR_MESH ? refuse(&file, o.file, &error) : app_report(NULL, 0, &error);
+        tm_mesh_file_free(&file);
         return exit;
     }
     measure_shape(mesh, &f);
@@ -315,7 +289,7 @@ static int run(const char *command, int argc, char **argv) {
         printf("%s: sound: %d tetrahedra, %d vertices, critical step %.4g ms\n", o.file, mesh->tet_count,
                mesh->vertex_count, 1e3 * f.step_s);
     tm_mesh_destroy(mesh);
-    app_mesh_free(&file);
+    tm_mesh_file_free(&file);
     return exit;
 }
 

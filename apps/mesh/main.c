@@ -10,10 +10,11 @@ static const struct {
 } commands[] = {
     {"info", command_info, "counts, size, quality, regions, groups, worst element and the step it causes"},
     {"check", command_check, "whether it can be simulated; exit 2 and every defect by its number if not"},
-    {"fill", command_fill, "tetrahedra inside a closed surface (STL)"},
+    {"fill", command_fill, "tetrahedra inside closed surfaces (STL, OBJ, PLY, OFF)"},
+    {"image", command_image, "tetrahedra of the labels of a segmented image (NIfTI, NRRD, MetaImage)"},
     {"refine", command_refine, "smaller tetrahedra in a box or a region"},
     {"repair", command_repair, "turn inverted, drop flat, double and unused"},
-    {"convert", command_convert, "between .msh, .vtk and .mesh, scaled"},
+    {"convert", command_convert, "between .msh, .vtk and .mesh, into .vtu, scaled"},
 };
 enum { COMMANDS = sizeof commands / sizeof *commands };
 

@@ -107,7 +107,7 @@ static bool too_large(const growing *m, int tet, double longest_m, const void *c
 }
 
 /* A box in another unit than the mesh's finds nothing. */
-static int check_box(const options *o, const app_mesh *file) {
+static int check_box(const options *o, const tm_mesh_file *file) {
     double low[3] = {INFINITY, INFINITY, INFINITY}, high[3] = {-INFINITY, -INFINITY, -INFINITY};
     for (int t = 0; o->boxed && t < file->tet_count; t++)
         if (reaches(file->vertex_m, file->tet + 4 * (size_t)t, o->box_m, o->box_m + 3)) return APP_DONE;
@@ -122,7 +122,7 @@ static int check_box(const options *o, const app_mesh *file) {
                          low[0], low[1], low[2], high[0], high[1], high[2]);
 }
 
-static bool is_region_name(const app_mesh *file, const char *name, int32_t *region) {
+static bool is_region_name(const tm_mesh_file *file, const char *name, int32_t *region) {
     for (*region = 0; *region < file->region_count; ++*region)
         if (strcmp(file->region_name[*region], name) == 0) return true;
     return false;
@@ -130,7 +130,7 @@ static bool is_region_name(const app_mesh *file, const char *name, int32_t *regi
 
 /* The group's mark on every vertex. A new vertex is in it if both ends of its edge are, and, for a group of the
  * surface, if it is on it, too. */
-static void mark_group(const app_mesh *file, const growing *m, int32_t group, const unsigned char *outer,
+static void mark_group(const tm_mesh_file *file, const growing *m, int32_t group, const unsigned char *outer,
                        const int *midpoint, unsigned char *mark) {
     int32_t region;
     memset(mark, 0, (size_t)m->vertex_count);
@@ -174,7 +174,7 @@ static void hold_surface(const growing *m, const unsigned char *outer, growing_h
 }
 
 /* Old vertices of the surface stay, and so do those between regions and those of inner groups. */
-static bool hold_vertices(const app_mesh *file, const growing *m, const unsigned char *outer, const int *midpoint,
+static bool hold_vertices(const tm_mesh_file *file, const growing *m, const unsigned char *outer, const int *midpoint,
                           growing_hold *h) {
     unsigned char *mark = malloc((size_t)m->vertex_count + 1);
     int *region = malloc(((size_t)m->vertex_count + 1) * sizeof *region);
@@ -204,7 +204,7 @@ static bool hold_vertices(const app_mesh *file, const growing *m, const unsigned
     return good;
 }
 
-static void copy_in(const app_mesh *file, growing *m) {
+static void copy_in(const tm_mesh_file *file, growing *m) {
     for (int32_t v = 0; v < file->vertex_count; v++) growing_add_vertex(m, file->vertex_m + 3 * (size_t)v);
     for (int32_t t = 0; t < file->tet_count; t++) {
         const int32_t *v = file->tet + 4 * (size_t)t;
@@ -213,17 +213,17 @@ static void copy_in(const app_mesh *file, growing *m) {
     }
 }
 
-/* The app_mesh of what has grown: old numbers kept, new ones above them. */
-static bool copy_out(const app_mesh *file, const growing *m, const unsigned char *outer, const int *midpoint,
-                     app_mesh *out) {
+/* The tm_mesh_file of what has grown: old numbers kept, new ones above them. */
+static bool copy_out(const tm_mesh_file *file, const growing *m, const unsigned char *outer, const int *midpoint,
+                     tm_mesh_file *out) {
     unsigned char *mark = malloc((size_t)m->vertex_count + 1);
     *out = *file;
     out->vertex_count = m->vertex_count;
     out->tet_count = m->tet_count;
     if (!mark || file->group_count > INT32_MAX / (m->vertex_count + 1) ||
-        !app_mesh_allocate(out, file->group_count * m->vertex_count)) {
+        !tm_mesh_file_allocate(out, file->group_count * m->vertex_count)) {
         free(mark);
-        *out = (app_mesh){0};
+        *out = (tm_mesh_file){0};
         return false;
     }
     memcpy(out->vertex_m, m->vertex, 3 * (size_t)m->vertex_count * sizeof(double));
@@ -262,15 +262,15 @@ static double smallest_size(const growing *m) {
 }
 
 /* Each piece has the fibre of the tetrahedron it came from. */
-static int carry_fibres(const options *o, const app_mesh *file, const growing *m, const int *parent) {
+static int carry_fibres(const options *o, const tm_mesh_file *file, const growing *m, const int *parent) {
     tm_error error = {0};
-    int line = 0, exit = APP_DONE;
+    int exit = APP_DONE;
     double *old = malloc(3 * (size_t)file->tet_count * sizeof *old),
            *new = malloc(3 * (size_t)m->tet_count * sizeof *new);
     if (!old || !new)
         exit = APP_FAILED;
-    else if (app_fibres_load(o->fibres, file->tet_count, old, &line, &error))
-        exit = app_report(o->fibres, line, &error);
+    else if (tm_fibres_load(o->fibres, file->tet_count, old, &error))
+        exit = app_report(NULL, 0, &error);
     else {
         for (int t = 0; t < m->tet_count; t++)
             memcpy(new + 3 * (size_t)t, old + 3 * (size_t)parent[t], 3 * sizeof *new);
@@ -281,15 +281,15 @@ static int carry_fibres(const options *o, const app_mesh *file, const growing *m
     return exit;
 }
 
-static int write_all(const options *o, const app_mesh *file, const growing *m, const unsigned char *outer,
+static int write_all(const options *o, const tm_mesh_file *file, const growing *m, const unsigned char *outer,
                      const int *parent, const int *midpoint, double before_m) {
-    app_mesh out = {0};
+    tm_mesh_file out = {0};
     tm_error error = {0};
     tm_mesh *built = NULL;
     int exit = APP_DONE;
     if (!copy_out(file, m, outer, midpoint, &out))
         app_bad_input(o->in, 0, "no memory; choose a larger --size"), exit = APP_FAILED;
-    else if (app_mesh_build(&out, &built, &error))
+    else if (tm_mesh_file_build(&out, &built, &error))
         exit = app_report(o->in, 0, &error);
     else if (o->fibres)
         exit = carry_fibres(o, file, m, parent);
@@ -302,11 +302,11 @@ static int write_all(const options *o, const app_mesh *file, const growing *m, c
         printf("note: no edge there is longer than %g mm, nothing was split; choose a smaller --size\n",
                1e3 * o->size_m);
     tm_mesh_destroy(built);
-    app_mesh_free(&out);
+    tm_mesh_file_free(&out);
     return exit;
 }
 
-static int refine(const options *o, const app_mesh *file, int32_t region) {
+static int refine(const options *o, const tm_mesh_file *file, int32_t region) {
     growing m = {0};
     int *parent = NULL, *midpoint = NULL, exit = APP_FAILED;
     unsigned char *outer = NULL;
@@ -341,14 +341,14 @@ static int refine(const options *o, const app_mesh *file, int32_t region) {
 
 int command_refine(int argc, char **argv) {
     options o;
-    app_mesh file;
+    tm_mesh_file file;
     tm_mesh *built = NULL;
     tm_error error = {0};
     int32_t region = -1;
     int exit = parse(argc, argv, &o);
     if (exit) return exit;
-    if (app_mesh_load(o.in, o.scale, &file, &error)) return app_report(o.in, 0, &error);
-    if (app_mesh_build(&file, &built, &error))
+    if (tm_mesh_file_load(o.in, o.scale, &file, &error)) return app_report(NULL, 0, &error);
+    if (tm_mesh_file_build(&file, &built, &error))
         exit = app_report(o.in, 0, &error);
     else if (o.region && !is_region_name(&file, o.region, &region))
         exit = app_bad_input(o.in, 0, "no region '%s'; tm-mesh info lists its regions", o.region);
@@ -356,6 +356,6 @@ int command_refine(int argc, char **argv) {
         exit = check_box(&o, &file);
     tm_mesh_destroy(built);
     if (exit == APP_DONE) exit = refine(&o, &file, region);
-    app_mesh_free(&file);
+    tm_mesh_file_free(&file);
     return exit;
 }

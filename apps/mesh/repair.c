@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "command.h"
-#include "common/mesh_check.h"
+#include "law/union_find.h"
 
 typedef struct options {
     const char *in, *out;
@@ -21,15 +21,15 @@ static void repair_usage(void) {
            "  --merge DISTANCE  make vertices that are closer than this one, e.g. 1um\n"
            "  --largest         keep only the largest of several pieces\n"
            "  --scale S         metres per unit of the file [1]\n"
-           "  -o OUT            .msh, .vtk or .mesh\n");
+           "  -o OUT            .msh, .vtk, .mesh or .vtu\n");
 }
 
 static void convert_usage(void) {
     printf("usage: tm-mesh convert [--scale S] IN -o OUT\n"
-           "Between .msh (2.2, 4.1 read; 2.2 written), .vtk and .mesh. .vtk and .mesh carry regions as numbers, and no "
-           "vertex groups.\n\n"
+           "Between .msh (2.2, 4.1 read; 2.2 written), .vtk and .mesh, and into .vtu. .vtk and .mesh carry regions as "
+           "numbers, and no vertex groups; .vtu (ParaView, meshio) both, as numbers.\n\n"
            "  --scale S  metres per unit of the file [1]\n"
-           "  -o OUT     .msh, .vtk or .mesh\n");
+           "  -o OUT     .msh, .vtk, .mesh or .vtu\n");
 }
 
 static int parse(const char *command, void (*usage)(void), int argc, char **argv, options *o) {
@@ -62,8 +62,8 @@ static int parse(const char *command, void (*usage)(void), int argc, char **argv
     return command_output(o->out);
 }
 
-bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept) {
-    app_mesh out = *mesh;
+bool command_subset(tm_mesh_file *mesh, const uint8_t *keep, int32_t *kept) {
+    tm_mesh_file out = *mesh;
     int32_t *place = malloc(((size_t)mesh->vertex_count + 1) * sizeof *place), members = 0;
     if (!place) return false;
     memset(place, -1, ((size_t)mesh->vertex_count + 1) * sizeof *place);
@@ -74,7 +74,7 @@ bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept) {
         if (place[v] == 0) place[v] = out.vertex_count++;
     for (int32_t t = 0; t < mesh->tet_count; t++) out.tet_count += keep[t] != 0;
     for (int32_t i = 0; i < mesh->group_begin[mesh->group_count]; i++) members += place[mesh->group_vertex[i]] >= 0;
-    if (!app_mesh_allocate(&out, members)) {
+    if (!tm_mesh_file_allocate(&out, members)) {
         free(place);
         return false;
     }
@@ -99,7 +99,9 @@ bool subset(app_mesh *mesh, const uint8_t *keep, int32_t *kept) {
         out.group_begin[g + 1] = n;
     }
     free(place);
-    app_mesh_free(mesh);
+    out.path = mesh->path;
+    mesh->path = NULL;
+    tm_mesh_file_free(mesh);
     *mesh = out;
     return true;
 }
@@ -113,7 +115,7 @@ static int by_x(const void *a, const void *b) {
     return x != y ? (x < y ? -1 : 1) : (v > w) - (v < w);
 }
 
-static int32_t merge_vertices(app_mesh *mesh, double distance_m) {
+static int32_t merge_vertices(tm_mesh_file *mesh, double distance_m) {
     size_t n = (size_t)mesh->vertex_count;
     int32_t *order = malloc((n + 1) * sizeof *order), *target = malloc((n + 1) * sizeof *target), merged = 0;
     if (!order || !target) {
@@ -146,55 +148,50 @@ static int32_t merge_vertices(app_mesh *mesh, double distance_m) {
 
 /* One round: turns or drops what each defect names. Returns what is left to do, -1: cannot be mended (said), -2: no
  * memory. */
-static int64_t mend_round(app_mesh *mesh, const char *path, int64_t done[APP_DEFECT_KINDS]) {
-    int64_t count = app_mesh_defects(mesh, NULL, 0);
-    app_defect *defect = count > 0 ? malloc((size_t)count * sizeof *defect) : NULL;
+static int64_t mend_round(tm_mesh_file *mesh, const char *path, int64_t done[TM_DEFECT_KINDS]) {
+    int64_t count = tm_mesh_file_defects(mesh, NULL, 0);
+    tm_mesh_defect *defect = count > 0 ? malloc((size_t)count * sizeof *defect) : NULL;
     uint8_t *keep = malloc((size_t)mesh->tet_count + 1);
     if (count < 0 || (count && !defect) || !keep) return -2;
-    app_mesh_defects(mesh, defect, count);
+    tm_mesh_file_defects(mesh, defect, count);
     memset(keep, 1, (size_t)mesh->tet_count);
     int64_t left = count;
     for (int64_t i = 0; i < count && left > 0; i++) {
-        const app_defect *d = &defect[i];
+        const tm_mesh_defect *d = &defect[i];
         int32_t *v = d->tet >= 0 ? mesh->tet + 4 * (size_t)d->tet : NULL, spare;
         char text[400];
         if (d->tet >= 0 && !keep[d->tet]) continue;
         if (d->other >= 0 && !keep[d->other]) continue;
         switch (d->kind) {
-        case APP_DEFECT_NOT_FINITE:
-            app_defect_text(mesh, d, text, sizeof text);
+        case TM_DEFECT_NOT_FINITE:
+            tm_mesh_defect_text(mesh, d, text, sizeof text);
             app_bad_input(path, 0, "%s", text);
             left = -1;
             break;
-        case APP_DEFECT_INVERTED:
+        case TM_DEFECT_INVERTED:
             spare = v[2];
             v[2] = v[3];
             v[3] = spare;
             break;
-        case APP_DEFECT_VERTEX_TWICE:
-        case APP_DEFECT_FLAT:
-        case APP_DEFECT_TET_TWICE:
-        case APP_DEFECT_FACE_SHARED:
-        case APP_DEFECT_OVERLAP: keep[d->tet] = 0; break;
-        case APP_DEFECT_UNUSED_VERTEX:
-        case APP_DEFECT_KINDS: break;
+        case TM_DEFECT_VERTEX_TWICE:
+        case TM_DEFECT_FLAT:
+        case TM_DEFECT_TET_TWICE:
+        case TM_DEFECT_FACE_SHARED:
+        case TM_DEFECT_OVERLAP: keep[d->tet] = 0; break;
+        case TM_DEFECT_UNUSED_VERTEX:
+        case TM_DEFECT_KINDS: break;
         }
         done[d->kind]++;
     }
     free(defect);
-    if (left > 0 && !subset(mesh, keep, NULL)) left = -2;
+    if (left > 0 && !command_subset(mesh, keep, NULL)) left = -2;
     free(keep);
     return left;
 }
 
-int32_t root_of(int32_t *parent, int32_t v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
-    return v;
-}
-
 /* Drops all but the piece with most tetrahedra (pieces hang together through vertices here). Returns how many went, -1:
  * no memory. */
-static int32_t keep_largest(app_mesh *mesh) {
+static int32_t keep_largest(tm_mesh_file *mesh) {
     size_t n = (size_t)mesh->vertex_count;
     int32_t *parent = malloc((n + 1) * sizeof *parent), *size = calloc(n + 1, sizeof *size), best = 0,
             before = mesh->tet_count;
@@ -202,14 +199,13 @@ static int32_t keep_largest(app_mesh *mesh) {
     bool good = parent && size && keep;
     for (int32_t v = 0; good && v < mesh->vertex_count; v++) parent[v] = v;
     for (int32_t t = 0; good && t < mesh->tet_count; t++)
-        for (int k = 1; k < 4; k++)
-            parent[root_of(parent, mesh->tet[4 * (size_t)t + (size_t)k])] = root_of(parent, mesh->tet[4 * (size_t)t]);
+        for (int k = 1; k < 4; k++) law_join(parent, mesh->tet[4 * (size_t)t + (size_t)k], mesh->tet[4 * (size_t)t]);
     for (int32_t t = 0; good && t < mesh->tet_count; t++) {
-        int32_t r = root_of(parent, mesh->tet[4 * (size_t)t]);
+        int32_t r = law_root(parent, mesh->tet[4 * (size_t)t]);
         if (++size[r] > size[best]) best = r;
     }
-    for (int32_t t = 0; good && t < mesh->tet_count; t++) keep[t] = root_of(parent, mesh->tet[4 * (size_t)t]) == best;
-    good = good && subset(mesh, keep, NULL);
+    for (int32_t t = 0; good && t < mesh->tet_count; t++) keep[t] = law_root(parent, mesh->tet[4 * (size_t)t]) == best;
+    good = good && command_subset(mesh, keep, NULL);
     free(parent);
     free(size);
     free(keep);
@@ -217,12 +213,12 @@ static int32_t keep_largest(app_mesh *mesh) {
 }
 
 typedef struct outcome {
-    int64_t done[APP_DEFECT_KINDS];
+    int64_t done[TM_DEFECT_KINDS];
     int32_t merged, far;
 } outcome;
 
 /* In memory. Returns APP_DONE, or an exit code after a complaint. */
-static int mend(app_mesh *mesh, const options *o, outcome *out) {
+static int mend(tm_mesh_file *mesh, const options *o, outcome *out) {
     int64_t left = 1;
     out->merged = o->merge_m > 0 ? merge_vertices(mesh, o->merge_m) : 0;
     for (int round = 0; left > 0 && round < 20; round++) left = mend_round(mesh, o->in, out->done);
@@ -236,36 +232,36 @@ static int mend(app_mesh *mesh, const options *o, outcome *out) {
     return APP_DONE;
 }
 
-static void tell(const app_mesh *mesh, const char *path, const outcome *out) {
-    static const char *const did[APP_DEFECT_KINDS] = {"",
-                                                      "tetrahedra dropped: a vertex twice",
-                                                      "tetrahedra dropped: flat",
-                                                      "tetrahedra turned: inverted",
-                                                      "tetrahedra dropped: double",
-                                                      "tetrahedra dropped: third on a face",
-                                                      "tetrahedra dropped: over another",
-                                                      "vertices dropped: unused"};
+static void tell(const tm_mesh_file *mesh, const char *path, const outcome *out) {
+    static const char *const did[TM_DEFECT_KINDS] = {"",
+                                                     "tetrahedra dropped: a vertex twice",
+                                                     "tetrahedra dropped: flat",
+                                                     "tetrahedra turned: inverted",
+                                                     "tetrahedra dropped: double",
+                                                     "tetrahedra dropped: third on a face",
+                                                     "tetrahedra dropped: over another",
+                                                     "vertices dropped: unused"};
     if (app_is_quiet()) return;
     printf("%s: %d tetrahedra, %d vertices\n", path, mesh->tet_count, mesh->vertex_count);
     if (out->merged) printf("  %d vertices merged\n", out->merged);
-    for (int k = 1; k < APP_DEFECT_KINDS; k++)
+    for (int k = 1; k < TM_DEFECT_KINDS; k++)
         if (out->done[k]) printf("  %lld %s\n", (long long)out->done[k], did[k]);
     if (out->far) printf("  %d tetrahedra of smaller pieces dropped\n", out->far);
 }
 
 static int load_write(const char *command, const options *o) {
-    app_mesh mesh;
+    tm_mesh_file mesh;
     outcome out = {0};
     tm_error error = {0};
     tm_mesh *built = NULL;
     bool repair = strcmp(command, "repair") == 0;
-    if (app_mesh_load(o->in, o->scale, &mesh, &error)) return app_report(o->in, 0, &error);
+    if (tm_mesh_file_load(o->in, o->scale, &mesh, &error)) return app_report(NULL, 0, &error);
     int exit = repair ? mend(&mesh, o, &out) : APP_DONE;
-    if (exit == APP_DONE && app_mesh_build(&mesh, &built, &error)) exit = app_report(o->in, 0, &error);
+    if (exit == APP_DONE && tm_mesh_file_build(&mesh, &built, &error)) exit = app_report(NULL, 0, &error);
     if (exit == APP_DONE && app_mesh_write(&mesh, o->out, &error)) exit = app_report(NULL, 0, &error);
     if (exit == APP_DONE) tell(&mesh, o->out, &out);
     tm_mesh_destroy(built);
-    app_mesh_free(&mesh);
+    tm_mesh_file_free(&mesh);
     return exit;
 }
 

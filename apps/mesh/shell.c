@@ -4,11 +4,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "common/mesh_format.h"
+#include "app.h"
 #include "shell.h"
 
 #define LAW_REAL double
+#include "law/union_find.h"
 #include "law/vec.h"
+
 struct shell {
     int vertex_count, triangle_count;
     double *vertex;        /* [3*vertex_count] m */
@@ -18,6 +20,8 @@ struct shell {
     double *vertex_normal; /* [3*vertex_count] weighted by angle */
     double low[3], high[3], cell, volume_m3;
     int cells[3], *cell_begin, *cell_triangle;
+    signed char *cell_side; /* [cells] of those that no triangle is in: 1 inside, -1 outside, 0: nobody asked yet */
+    bool turned;            /* its triangles came inside out */
 };
 
 /* ---- joining ---- */
@@ -89,7 +93,7 @@ static void normals_of_faces(shell *s) {
 static tm_status normals_of_edges(shell *s, tm_error *error) {
     int n = 3 * s->triangle_count;
     side *sides = malloc((size_t)n * sizeof *sides);
-    if (!sides) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    if (!sides) return app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
     for (int i = 0; i < n; i++) sides[i] = (side){s->triangle[i], s->triangle[i % 3 == 2 ? i - 2 : i + 1], i};
     qsort(sides, (size_t)n, sizeof *sides, by_ends);
     int open = 0, first = -1;
@@ -107,10 +111,10 @@ static tm_status normals_of_edges(shell *s, tm_error *error) {
     }
     free(sides);
     if (open)
-        return app_mesh_fail(
+        return app_fail(
             error, TM_ERR_MESH, first,
             "the surface is not closed: %d edges have no partner, one at triangle %d; close its holes and flip "
-            "what is turned (MeshLab, Blender)",
+            "what is turned (--mend, or MeshLab, Blender)",
             open, first + 1);
     return TM_OK;
 }
@@ -148,6 +152,7 @@ static bool make_grid(shell *s) {
     for (int k = 0; k < 3; k++) s->cell = fmax(s->cell, (s->high[k] - s->low[k]) / s->cells[k]);
     size_t cells = (size_t)s->cells[0] * (size_t)s->cells[1] * (size_t)s->cells[2];
     s->cell_begin = calloc(cells + 2, sizeof *s->cell_begin);
+    s->cell_side = calloc(cells, 1);
     for (int fill = 0; s->cell_begin && fill < 2; fill++) {
         for (int t = 0; t < s->triangle_count; t++) {
             int low[3], high[3];
@@ -167,11 +172,11 @@ static bool make_grid(shell *s) {
         s->cell_triangle = malloc(((size_t)s->cell_begin[cells + 1] + 1) * sizeof *s->cell_triangle);
         if (!s->cell_triangle) return false;
     }
-    return s->cell_begin != NULL;
+    return s->cell_begin && s->cell_side;
 }
 
 /* Normals, and where they point inwards the triangles are turned. */
-static tm_status orient(shell *s, tm_error *error) {
+static tm_status orient(shell *s, bool closed, tm_error *error) {
     for (int turn = 0;; turn++) {
         free(s->face_normal);
         free(s->edge_normal);
@@ -181,10 +186,12 @@ static tm_status orient(shell *s, tm_error *error) {
         s->edge_normal = calloc(9 * (size_t)s->triangle_count, sizeof *s->edge_normal);
         s->vertex_normal = calloc(3 * (size_t)s->vertex_count, sizeof *s->vertex_normal);
         if (!s->face_normal || !s->edge_normal || !s->vertex_normal)
-            return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+            return app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
         normals_of_faces(s);
+        if (!closed) return TM_OK;
         tm_status status = normals_of_edges(s, error);
         if (status || s->volume_m3 >= 0 || turn == 1) return status;
+        s->turned = true;
         for (int t = 0; t < s->triangle_count; t++) { /* inside out */
             int *v = s->triangle + 3 * (size_t)t, spare = v[1];
             v[1] = v[2];
@@ -193,18 +200,27 @@ static tm_status orient(shell *s, tm_error *error) {
     }
 }
 
-tm_status shell_load(const char *path, double scale, shell **out, tm_error *error) {
+/* Takes the corners. */
+static tm_status make(double *corner_m, int triangles, bool closed, shell **out, tm_error *error) {
     shell *s = calloc(1, sizeof *s);
-    if (!s) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
-    tm_status status = shell_read_stl(path, scale, &s->vertex, &s->triangle_count, error);
-    if (!status && !join(s)) status = app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
-    if (!status) status = orient(s, error);
-    if (!status && !make_grid(s)) status = app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    if (!s) {
+        free(corner_m);
+        return app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    }
+    s->vertex = corner_m;
+    s->triangle_count = triangles;
+    tm_status status = join(s) ? TM_OK : app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    if (!status) status = orient(s, closed, error);
+    if (!status && !make_grid(s)) status = app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
     if (status)
         shell_free(s);
     else
         *out = s;
     return status;
+}
+
+tm_status shell_of_triangles(double *corner_m, int triangles, bool closed, shell **out, tm_error *error) {
+    return make(corner_m, triangles, closed, out, error);
 }
 
 void shell_free(shell *s) {
@@ -216,11 +232,35 @@ void shell_free(shell *s) {
     free(s->vertex_normal);
     free(s->cell_begin);
     free(s->cell_triangle);
+    free(s->cell_side);
     free(s);
 }
 
 int shell_triangles(const shell *s) { return s->triangle_count; }
 double shell_volume_m3(const shell *s) { return s->volume_m3; }
+bool shell_turned(const shell *s) { return s->turned; }
+
+const double *shell_corner_m(const shell *s, int triangle, int corner) {
+    return s->vertex + 3 * (size_t)s->triangle[3 * (size_t)triangle + (size_t)corner];
+}
+
+const double *shell_normal(const shell *s, int triangle) { return s->face_normal + 3 * (size_t)triangle; }
+
+int shell_pieces(const shell *s, int *piece) {
+    int32_t *parent = malloc((size_t)s->vertex_count * sizeof *parent);
+    int *number = malloc((size_t)s->vertex_count * sizeof *number), pieces = 0;
+    for (int v = 0; parent && number && v < s->vertex_count; v++) parent[v] = v, number[v] = -1;
+    for (int t = 0; parent && number && t < s->triangle_count; t++)
+        for (int c = 1; c < 3; c++) law_join(parent, s->triangle[3 * t], s->triangle[3 * t + c]);
+    for (int t = 0; parent && number && t < s->triangle_count; t++) {
+        const int root = law_root(parent, s->triangle[3 * t]);
+        if (number[root] < 0) number[root] = pieces++;
+        piece[t] = number[root];
+    }
+    free(parent);
+    free(number);
+    return pieces ? pieces : -1;
+}
 
 /* ---- distance ---- */
 
@@ -269,9 +309,9 @@ static void consider_triangle(const shell *s, int t, const double p[3], nearest 
     consider(best, p, q, n);
 }
 
-/* Cells in growing cubes around p until nothing nearer can come. */
-static nearest find_nearest(const shell *s, const double p[3]) {
-    nearest best = {.square = INFINITY};
+/* Cells in growing cubes around p until nothing nearer can come, than what is found or `square`. */
+static nearest find_nearer(const shell *s, const double p[3], double square) {
+    nearest best = {.square = square};
     int middle[3];
     for (int k = 0; k < 3; k++) middle[k] = cell_at(s, k, p[k]);
     int most = s->cells[0] > s->cells[1] ? s->cells[0] : s->cells[1];
@@ -297,6 +337,27 @@ static nearest find_nearest(const shell *s, const double p[3]) {
     return best;
 }
 
+static nearest find_nearest(const shell *s, const double p[3]) { return find_nearer(s, p, INFINITY); }
+
+double shell_box_m2(const shell *s, const double p[3]) {
+    double square = 0;
+    for (int k = 0; k < 3; k++) {
+        const double out = fmax(fmax(s->low[k] - p[k], p[k] - s->high[k]), 0);
+        square += out * out;
+    }
+    return square;
+}
+
+void shell_nearer(const shell *s, const double p[3], double *square, double place[3]) {
+    if (shell_box_m2(s, p) >= *square) return;
+    const nearest n = find_nearer(s, p, *square);
+    if (n.square >= *square) return;
+    *square = n.square;
+    memcpy(place, n.point, sizeof n.point);
+}
+
+double shell_distance_m(const shell *s, const double p[3]) { return sqrt(find_nearest(s, p).square); }
+
 static double inside(const void *shape, const double p[3]) {
     nearest n = find_nearest(shape, p);
     double d[3];
@@ -308,6 +369,17 @@ static double inside(const void *shape, const double p[3]) {
 static void project(const void *shape, double p[3]) {
     nearest n = find_nearest(shape, p);
     memcpy(p, n.point, sizeof n.point);
+}
+
+bool shell_contains(const shell *s, const double p[3]) {
+    size_t cell = 0;
+    for (int k = 2; k >= 0; k--) {
+        if (!(p[k] >= s->low[k] && p[k] <= s->high[k])) return false;
+        cell = cell * (size_t)s->cells[k] + (size_t)cell_at(s, k, p[k]);
+    }
+    if (s->cell_begin[cell] != s->cell_begin[cell + 1]) return inside(s, p) > 0;
+    if (!s->cell_side[cell]) s->cell_side[cell] = inside(s, p) > 0 ? 1 : -1;
+    return s->cell_side[cell] > 0;
 }
 
 growing_solid shell_solid(const shell *s) {

@@ -4,9 +4,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <strings.h>
 
-#include "common/mesh_format.h"
+#include "app.h"
 #include "shell.h"
 
 typedef struct stl {
@@ -18,14 +17,14 @@ static tm_status add_triangle(stl *s, const double p[9], double scale, int *room
     if (s->triangle_count == *room) {
         *room = *room ? 2 * *room : 1024;
         double *grown = realloc(s->corner, 9 * (size_t)*room * sizeof *grown);
-        if (!grown) return app_mesh_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+        if (!grown) return app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
         s->corner = grown;
     }
     for (int i = 0; i < 9; i++) {
         if (!isfinite(p[i]))
-            return app_mesh_fail(error, TM_ERR_MESH, s->triangle_count,
-                                 "triangle %d has a coordinate that is nan or infinite; write the surface anew",
-                                 s->triangle_count + 1);
+            return app_fail(error, TM_ERR_MESH, s->triangle_count,
+                            "triangle %d has a coordinate that is nan or infinite; write the surface anew",
+                            s->triangle_count + 1);
         s->corner[9 * (size_t)s->triangle_count + (size_t)i] = scale * p[i];
     }
     s->triangle_count++;
@@ -53,8 +52,8 @@ static tm_status read_text(stl *s, char *text, double scale, tm_error *error) {
         row += strspn(row, " \t");
         if (strncmp(row, "vertex", 6) != 0) continue;
         if (sscanf(row + 6, "%lf %lf %lf", &p[3 * corner], &p[3 * corner + 1], &p[3 * corner + 2]) != 3)
-            return app_mesh_fail(error, TM_ERR_FILE, -1,
-                                 "line %d: vertex and three numbers wanted; write the surface anew", line);
+            return app_fail(error, TM_ERR_FILE, -1, "line %d: vertex and three numbers wanted; write the surface anew",
+                            line);
         if (++corner < 3) continue;
         corner = 0;
         tm_status status = add_triangle(s, p, scale, &room, error);
@@ -63,28 +62,10 @@ static tm_status read_text(stl *s, char *text, double scale, tm_error *error) {
     return TM_OK;
 }
 
-/* Other kinds by ending or first words: to be saved as STL, not to be written anew. */
-static tm_status not_stl(const char *path, const char *bytes, tm_error *error) {
-    static const struct {
-        const char *ending, *start, *what;
-    } kind[] = {{".obj", "\1", "an OBJ surface"},       {".ply", "ply", "a PLY surface"},
-                {".off", "OFF", "an OFF surface"},      {".vtk", "# vtk", "a VTK file"},
-                {".vtp", "<?xml", "VTK's XML"},         {".vtu", "<VTKFile", "VTK's XML"},
-                {".msh", "$MeshFormat", "a Gmsh mesh"}, {".mesh", "MeshVersionFormatted", "a Medit mesh"}};
-    const char *dot = strrchr(path, '.');
-    for (size_t i = 0; i < sizeof kind / sizeof *kind; i++)
-        if ((dot && strcasecmp(dot, kind[i].ending) == 0) || strncmp(bytes, kind[i].start, strlen(kind[i].start)) == 0)
-            return app_mesh_fail(error, TM_ERR_FILE, -1,
-                                 "%s; fill reads STL alone: save the surface as STL (Blender, MeshLab, ParaView and "
-                                 "3D Slicer export it)",
-                                 kind[i].what);
-    return app_mesh_fail(error, TM_ERR_FILE, -1, "neither text nor binary STL, or cut short; write the surface anew");
-}
-
 tm_status shell_read_stl(const char *path, double scale, double **corner_m, int *triangles_read, tm_error *error) {
     stl found = {0}, *s = &found;
     FILE *file = fopen(path, "rb");
-    if (!file) return app_mesh_fail(error, TM_ERR_FILE, -1, "cannot open: %s; check the path", strerror(errno));
+    if (!file) return app_fail(error, TM_ERR_FILE, -1, "cannot open: %s; check the path", strerror(errno));
     char *bytes = NULL;
     size_t size = 0;
     bool whole = fseek(file, 0, SEEK_END) == 0 && (long)(size = (size_t)ftell(file)) >= 0 &&
@@ -97,16 +78,18 @@ tm_status shell_read_stl(const char *path, double scale, double **corner_m, int 
     if (whole) bytes[size] = 0;
     if (whole && size >= 84) memcpy(&triangles, bytes + 80, 4);
     if (!whole)
-        status = app_mesh_fail(error, TM_ERR_FILE, -1, "cannot be read; check the file");
+        status = app_fail(error, TM_ERR_FILE, -1, "cannot be read; check the file");
     else if (size >= 84 && size == 84 + 50 * (size_t)triangles && triangles > 0)
         status = read_binary(s, (unsigned char *)bytes, triangles, scale, error);
     else if (strncmp(bytes + strspn(bytes, " \t\r\n"), "solid", 5) == 0)
         status = read_text(s, bytes, scale, error);
     else
-        status = not_stl(path, bytes, error);
+        status = app_fail(error, TM_ERR_FILE, -1,
+                          "neither text nor binary STL, or cut short; write the surface anew, or give it its right "
+                          "ending");
     free(bytes);
     if (!status && s->triangle_count == 0)
-        status = app_mesh_fail(error, TM_ERR_MESH, -1, "no triangles in it; write the surface anew");
+        status = app_fail(error, TM_ERR_MESH, -1, "no triangles in it; write the surface anew");
     *corner_m = s->corner;
     *triangles_read = s->triangle_count;
     return status;

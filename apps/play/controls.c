@@ -16,19 +16,19 @@ void play_controls_begin(play_controls *c) {
     hrt_params_default(&c->limits);
 }
 
-static bool frame_of(const view_instrument *t, hrt_frame *frame) {
+static bool axes_of(const view_instrument *t, hrt_axes *axes) {
     const float axis[3] = {(float)t->axis[0], (float)t->axis[1], (float)t->axis[2]},
                 up[3] = {(float)t->up[0], (float)t->up[1], (float)t->up[2]};
-    return hrt_frame_from_axis(frame, axis, up);
+    return hrt_axes_along(axes, axis, up);
 }
 
 /* The hand begins where the instrument is, so that nothing jumps. */
 static void meet(play_hand *hand, const view_instrument *t) {
-    hrt_frame frame;
+    hrt_axes axes;
     float tip[3], joint[3];
-    if (hand->known || !t->shown || !frame_of(t, &frame)) return;
+    if (hand->known || !t->shown || !axes_of(t, &axes)) return;
     for (int k = 0; k < 3; k++) tip[k] = (float)(t->tip_m[k] - t->trocar_m[k]);
-    if (!hrt_inverse(&frame, tip, joint)) return;
+    if (!hrt_inverse(&axes, tip, joint)) return;
     for (int k = 0; k < 3; k++) hand->joint[k] = (double)joint[k];
     hand->joint[3] = t->roll_rad, hand->joint[4] = t->grip;
     hand->known = true;
@@ -127,11 +127,11 @@ static double metres_a_pixel(const view_camera *camera, int height_px, const dou
 static void pivot(play_hand *hand, const view_instrument *t, const float right[3], const float up[3], float across,
                   float upward) {
     static const float DAMPING = 0.06f;
-    hrt_frame frame;
+    hrt_axes axes;
     float joint[HRT_JOINTS], tip[3], to[3], joint3[3], u[3], v[3];
-    if (!frame_of(t, &frame)) return;
+    if (!axes_of(t, &axes)) return;
     for (int j = 0; j < HRT_JOINTS; j++) joint[j] = (float)hand->joint[j];
-    hrt_tip(&frame, joint, tip);
+    hrt_tip(&axes, joint, tip);
     view_frame(tip, u, v);
     float a = vdot(u, right), b = vdot(v, right), c = vdot(u, up), d = vdot(v, up);
     float m00 = a * a + c * c + DAMPING, m01 = a * b + c * d, m11 = b * b + d * d + DAMPING,
@@ -139,7 +139,7 @@ static void pivot(play_hand *hand, const view_instrument *t, const float right[3
     float x = a * across + c * upward, y = b * across + d * upward;
     float along_u = (m11 * x - m01 * y) / det, along_v = (m00 * y - m01 * x) / det;
     for (int k = 0; k < 3; k++) to[k] = tip[k] + along_u * u[k] + along_v * v[k];
-    if (!hrt_inverse(&frame, to, joint3)) return;
+    if (!hrt_inverse(&axes, to, joint3)) return;
     hand->joint[0] = (double)joint3[0], hand->joint[1] = (double)joint3[1];
 }
 

@@ -4,7 +4,9 @@ SESSION_PROGRAM := $(OUT)/bin/tm-session
 SCRIPTS += $(SESSION_PROGRAM) $(SESSION_PARTS)
 $(SESSION_PARTS): $(OUT)/lib/tensormass/session/%: apps/demo/%
 	@mkdir -p $(@D)
-	cp -p $< $@
+	$(call say,COPY)
+	$(Q)cp -p $< $@
 $(SESSION_PROGRAM): apps/session/tm_session.py Makefile | $(SESSION_PARTS)
 	@mkdir -p $(@D)
-	sed 's/@VERSION@/$(VERSION)/' $< > $@ && chmod 755 $@
+	$(call say,COPY)
+	$(Q)sed 's/@VERSION@/$(VERSION)/' $< > $@ && chmod 755 $@

@@ -1,9 +1,13 @@
 /* Fibre directions, from a file or a rule. */
+#include <errno.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 
 #include "choices.h"
+#include "laplace.h"
 #include "sim.h"
 
 #define LAW_REAL double
@@ -13,29 +17,47 @@ typedef struct options {
     app_text file;
     app_choice rule;
     app_vector direction, point;
+    app_text from, to;
+    app_integer smooth;
 } options;
 
-typedef enum rule { CONSTANT, RADIAL, CIRCULAR, SPHERICAL } rule;
-#define RULES(ROW) ROW("constant", CONSTANT) ROW("radial", RADIAL) ROW("circular", CIRCULAR) ROW("spherical", SPHERICAL)
+typedef enum rule { CONSTANT, RADIAL, CIRCULAR, SPHERICAL, LAPLACE } rule;
+#define RULES(ROW)                                                                                                     \
+    ROW("constant", CONSTANT)                                                                                          \
+    ROW("radial", RADIAL) ROW("circular", CIRCULAR) ROW("spherical", SPHERICAL) ROW("laplace", LAPLACE)
 APP_CHOICE_CHECK(RULES)
 
 static const app_field fields[] = {
     {"anisotropy", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "fibres; fibred materials need it"},
     {"anisotropy.file", APP_PATH, NULL, NULL, 0, 0, offsetof(options, file), 0,
-     "CSV with header `tet,ax,ay,az`, one row a tetrahedron, counted from 0 in file order; instead of a rule"},
+     "CSV with header `tet,ax,ay,az`, one row a tetrahedron, or `vertex,ax,ay,az`, one row a vertex, counted from 0 in file order; instead of a rule"},
     {"anisotropy.rule", APP_CHOICE, APP_CHOICE_WORDS(RULES), NULL, 0, 0, offsetof(options, rule), 0,
      "`constant`: along `direction`; `radial` and `circular`: away from and around the line through `point` along "
-     "`direction`; `spherical`: away from `point`"},
+     "`direction`; `spherical`: away from `point`; `laplace`: from the group `from` to the group `to`, as a current would flow"},
     {"anisotropy.direction", APP_VECTOR, "none", "[0, 0, 1]", 0, 0, offsetof(options, direction), 0, "any length"},
     {"anisotropy.point", APP_VECTOR, "length", "[0, 0, 0]", 0, 0, offsetof(options, point), 0,
      "of the line, or the centre"},
+    {"anisotropy.from", APP_TEXT, NULL, NULL, 0, 0, offsetof(options, from), 0,
+     "of `laplace`: a group of the mesh, where fibres begin"},
+    {"anisotropy.to", APP_TEXT, NULL, NULL, 0, 0, offsetof(options, to), 0, "of `laplace`: another, where they end"},
+    {"anisotropy.smooth", APP_INTEGER, NULL, "0", 0, 1000, offsetof(options, smooth), 0,
+     "how often each tetrahedron's fibre becomes the mean of its own and its neighbours', either way round"},
 };
 
 static int check(const app_scene *scene, const void *own) {
     const options *o = own;
     if (!o->file.line == !o->rule.line)
         return app_scene_bad(scene, o->here.line, "anisotropy has either a file or a rule; give one of them");
-    if (o->rule.line && o->rule.index != SPHERICAL && !(vnorm(o->direction.v) > 0))
+    const bool laplace = o->rule.line && o->rule.index == LAPLACE;
+    if (laplace && (!o->from.line || !o->to.line))
+        return app_scene_bad(scene, o->rule.line,
+                             "rule laplace goes from one group of the mesh to another; give from: and to:");
+    if (!laplace && (o->from.line || o->to.line))
+        return app_scene_bad(scene, o->from.line ? o->from.line : o->to.line,
+                             "from and to are rule laplace's; write rule: laplace, or leave them out");
+    if (laplace && strcmp(o->from.s, o->to.s) == 0)
+        return app_scene_bad(scene, o->to.line, "fibres from '%s' to itself; name another group", o->to.s);
+    if (o->rule.line && o->rule.index != SPHERICAL && !laplace && !(vnorm(o->direction.v) > 0))
         return app_scene_bad(scene, o->direction.line, "anisotropy.direction is zero; give a direction");
     return 0;
 }
@@ -72,25 +94,56 @@ static void direction_at(const options *o, const double x[3], double out[3]) {
     for (int a = 0; a < 3; a++) out[a] /= length;
 }
 
-static int prepare(sim *s, const void *own) {
-    const options *o = own;
-    int32_t n = s->mesh->tet_count;
-    s->fibre = malloc(sizeof *s->fibre * 3 * (size_t)n);
-    if (!s->fibre) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
-    if (o->file.line) {
-        tm_error error = {0};
-        int line = 0;
-        if (!app_fibres_load(o->file.s, n, s->fibre, &line, &error)) return 0;
-        if (line) return sim_report_file(s->scene, o->file.line, o->file.s, line, &error);
-        return app_scene_bad(s->scene, o->file.line, "anisotropy.file: %s: %s", o->file.s, error.message);
-    }
-    for (int32_t t = 0; t < n; t++) {
+static int from_file(sim *s, const options *o) {
+    tm_error error = {0};
+    struct stat info;
+    if (access(o->file.s, R_OK) || stat(o->file.s, &info))
+        return app_scene_bad(s->scene, o->file.line, "anisotropy.file: %s: cannot open: %s; check the path", o->file.s,
+                             strerror(errno));
+    if (S_ISDIR(info.st_mode))
+        return app_scene_bad(s->scene, o->file.line, "anisotropy.file: %s is a folder; name the CSV file in it",
+                             o->file.s);
+    if (!tm_fibres_load_on(o->file.s, s->mesh, s->fibre, &error)) return 0;
+    return sim_report_file(s->scene, o->file.line, NULL, 0, &error);
+}
+
+/* The rule between two groups; a vertex of both is where fibres begin. */
+static int from_potential(sim *s, const options *o) {
+    const size_t n = (size_t)s->mesh->vertex_count;
+    uint8_t *mark = malloc(2 * n);
+    tm_error error = {0};
+    int32_t count;
+    if (!mark) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+    int rc = app_select_vertices(s->scene, &(app_select){.group = o->from}, o->from.line, &s->file, mark, &count);
+    if (!rc) rc = app_select_vertices(s->scene, &(app_select){.group = o->to}, o->to.line, &s->file, mark + n, &count);
+    if (!rc && sim_laplace(s->mesh, mark, mark + n, s->fibre, &error)) rc = sim_report(s->scene, o->rule.line, &error);
+    free(mark);
+    return rc;
+}
+
+static void from_rule(sim *s, const options *o) {
+    for (int32_t t = 0; t < s->mesh->tet_count; t++) {
         double x[3] = {0, 0, 0};
         for (int k = 0; k < 4; k++)
             for (int a = 0; a < 3; a++) x[a] += 0.25 * s->mesh->rest_m[3 * s->mesh->tet[4 * t + k] + a];
         direction_at(o, x, &s->fibre[3 * t]);
     }
-    return 0;
+}
+
+static int prepare(sim *s, const void *own) {
+    const options *o = own;
+    s->fibre = malloc(sizeof *s->fibre * 3 * (size_t)s->mesh->tet_count);
+    if (!s->fibre) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+    int rc = 0;
+    if (o->file.line)
+        rc = from_file(s, o);
+    else if (o->rule.index == LAPLACE)
+        rc = from_potential(s, o);
+    else
+        from_rule(s, o);
+    if (!rc && !sim_smooth_axes(s->mesh, (int)o->smooth.value, s->fibre))
+        rc = app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
+    return rc;
 }
 
 const sim_effect sim_effect_anisotropy = {

@@ -10,8 +10,10 @@
     ROW(gravity)                                                                                                       \
     ROW(breathing)                                                                                                     \
     ROW(rotation)                                                                                                      \
+    ROW(viscosity)                                                                                                     \
     ROW(contact)                                                                                                       \
     ROW(grasp)                                                                                                         \
+    ROW(friction)                                                                                                      \
     ROW(cut)                                                                                                           \
     ROW(precomputed)                                                                                                   \
     ROW(hybrid)                                                                                                        \

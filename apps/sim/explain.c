@@ -1,10 +1,12 @@
 /* tm-sim --explain: what one step of this scene is made of, who asked for it, what it holds and costs, and what is not
  * there. */
 #include <cjson/cJSON.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
+#include "expected.h"
 #include "run.h"
 
 enum { ROWS = TM_MAX_STAGES + SIM_MAX_EFFECTS };
@@ -15,6 +17,7 @@ typedef struct row {
     int line;
     int64_t bytes;
     double us_per_step;
+    int effect;          /* that it is booked on; -1: none */
     bool timed, in_step; /* timed and not in the step: works between frames, its time shared out over the steps */
 } row;
 
@@ -82,13 +85,14 @@ static tm_status measure(sim *s, tm_stage_report *report, int *count) {
 
 static int gather(const sim *s, const tm_stage_report *report, int count, row *rows) {
     int n = 0;
-    rows[n] = (row){.name = "mesh", .phase = "", .line = s->scene->mesh.line, .bytes = s->mesh->bytes};
+    rows[n] = (row){.name = "mesh", .phase = "", .effect = -1, .line = s->scene->mesh.line, .bytes = s->mesh->bytes};
     app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
     n++;
     int64_t part[SIM_PART_COUNT] = {0};
     share_tissue(s, part);
     rows[n] = (row){.name = "tissue",
                     .phase = "",
+                    .effect = -1,
                     .line = s->scene->tissue.line,
                     .bytes = tm_tissue_bytes(s->model->tissue) - part[SIM_PART_FIBRES] - part[SIM_PART_CUTTING] -
                              part[SIM_PART_VOLUME]};
@@ -102,6 +106,7 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
         for (int j = 0; j < s->owner_count; j++)
             if (!strcmp(s->owner[j].stage, report[i].name)) owner = s->owner[j].effect;
         rows[n] = (row){.phase = phase_name[report[i].phase],
+                        .effect = owner >= 0 ? owner : -1,
                         .line = line_of_stage(s, owner),
                         .bytes = report[i].bytes,
                         .timed = true,
@@ -120,7 +125,7 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
         bool staged = false;
         for (int j = 0; j < s->owner_count; j++) staged |= s->owner[j].effect == e;
         if (!sim_effect_line(s->scene, e) || staged) continue;
-        rows[n] = (row){.phase = "", .line = sim_effect_line(s->scene, e), .bytes = beside[e]};
+        rows[n] = (row){.phase = "", .effect = e, .line = sim_effect_line(s->scene, e), .bytes = beside[e]};
         snprintf(rows[n].name, sizeof rows[n].name, "%s", sim_effects[e]->name);
         app_scene_where(s->scene, rows[n].line, rows[n].asked, sizeof rows[n].asked);
         n++;
@@ -128,13 +133,33 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
     return n;
 }
 
-static void print(const sim *s, const row *rows, int n, double total_us, cJSON *json) {
+/* The column of a study, where there is one. */
+static void expected_text(const sim_expected *x, const row *r, cJSON *json, char text[16]) {
+    text[0] = 0;
+    if (!x->study) return;
+    const double error = !strcmp(r->name, "mesh") ? x->error
+                         : r->effect >= 0         ? sim_expected_without(x, sim_effects[r->effect]->name)
+                                                  : NAN;
+    if (isfinite(error)) cJSON_AddNumberToObject(json, "expected_error", error);
+    if (isfinite(error))
+        snprintf(text, 16, "%13.3g%% ", 100 * error);
+    else
+        snprintf(text, 16, "%14s ", "-");
+}
+
+static void print(const sim *s, const row *rows, int n, double total_us, const sim_expected *x, cJSON *json) {
     printf("%s: %d tetrahedra, %d vertices; %.4g frames/s of %d substep%s of %.4g s (guaranteed critical step %.4g s, "
            "set by tetrahedron %lld)\n\n",
            s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps,
            s->substeps == 1 ? "" : "s", s->dt_s, s->model->pace.critical_s,
            (long long)s->file.tet_tag[s->model->pace.critical_tet]);
-    printf("%-18s %-10s %12s %10s %7s  asked for by\n", "stage", "phase", "bytes", "us/step", "share");
+    const int32_t threads = s->model->world ? tm_world_parts(s->model->world) : 1;
+    if (s->scene->threads.line)
+        printf("threads: %d of the %lld asked for%s\n\n", threads, (long long)s->scene->threads.value,
+               threads < s->scene->threads.value ? "; the tissue is worth no more" : "");
+    cJSON_AddNumberToObject(json, "threads", threads);
+    printf("%-18s %-10s %12s %10s %7s %s asked for by\n", "stage", "phase", "bytes", "us/step", "share",
+           x->study ? "expected error" : "");
     cJSON *list = cJSON_AddArrayToObject(json, "stages");
     for (int i = 0; i < n; i++) {
         double share = total_us > 0 ? rows[i].us_per_step / total_us : 0;
@@ -146,14 +171,16 @@ static void print(const sim *s, const row *rows, int n, double total_us, cJSON *
         cJSON_AddStringToObject(j, "asked_by", rows[i].asked);
         cJSON_AddNumberToObject(j, "bytes", (double)rows[i].bytes);
         cJSON_AddBoolToObject(j, "in_step", rows[i].in_step);
+        char expected[16];
+        expected_text(x, &rows[i], j, expected);
         if (rows[i].timed) {
             cJSON_AddNumberToObject(j, "us_per_step", rows[i].us_per_step);
             cJSON_AddNumberToObject(j, "share", share);
-            printf("%-18s %-10s %12lld %10.3f %6.1f%%  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes,
-                   rows[i].us_per_step, 100 * share, rows[i].asked);
+            printf("%-18s %-10s %12lld %10.3f %6.1f%% %s %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes,
+                   rows[i].us_per_step, 100 * share, expected, rows[i].asked);
         } else
-            printf("%-18s %-10s %12lld %10s %7s  %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes, "-", "-",
-                   rows[i].asked);
+            printf("%-18s %-10s %12lld %10s %7s %s %s\n", rows[i].name, rows[i].phase, (long long)rows[i].bytes, "-",
+                   "-", expected, rows[i].asked);
     }
     double real = total_us > 0 ? s->dt_s * 1e6 / total_us : 0;
     printf("\none step %.3f us: %.2f simulated seconds a second on this machine now\nleft out, and costing nothing:",
@@ -169,6 +196,18 @@ static void print(const sim *s, const row *rows, int n, double total_us, cJSON *
             cJSON_AddItemToArray(left, cJSON_CreateString(sim_effects[e]->name));
         }
     puts(left_count ? "" : " nothing");
+}
+
+/* What the column of a study means. */
+static void print_expected(const sim_expected *x, cJSON *json) {
+    if (!x->study) return;
+    cJSON *out = cJSON_AddObjectToObject(json, "expected_error");
+    cJSON_AddStringToObject(out, "study", x->file);
+    cJSON_AddNumberToObject(out, "force", x->error);
+    if (isfinite(x->uncertainty)) cJSON_AddNumberToObject(out, "uncertainty", x->uncertainty);
+    printf("expected error, of the force at the hand, by %s: of the mesh that of the scene as it is", x->file);
+    if (isfinite(x->uncertainty)) printf(" (its truth is uncertain by %.2g %%)", 100 * x->uncertainty);
+    puts("; of an effect what leaving it out changes");
 }
 
 int run_explain(sim *s, const run_options *o) {
@@ -190,6 +229,10 @@ int run_explain(sim *s, const run_options *o) {
         cJSON_Delete(json);
         return status ? APP_FAILED : app_interrupted_exit();
     }
-    print(s, rows, n, total_us, json);
+    sim_expected expected;
+    sim_expected_open(&expected, s);
+    print(s, rows, n, total_us, &expected, json);
+    print_expected(&expected, json);
+    sim_expected_close(&expected);
     return run_report_end(json, &report);
 }

@@ -5,7 +5,7 @@
 
 tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINTS], bool active) {
     tm_tool_pose pose = {.roll_rad = joint[HRT_ROLL], .grip = joint[HRT_GRIP], .active = active};
-    hrt_tip64(&s->frame[instrument], joint, pose.tip_m);
+    hrt_tip64(&s->axes[instrument], joint, pose.tip_m);
     for (int a = 0; a < 3; a++) pose.tip_m[a] += s->instrument_def[instrument].trocar_m[a];
     return pose;
 }
@@ -13,7 +13,7 @@ tm_tool_pose sim_pose(const sim *s, int instrument, const double joint[SIM_JOINT
 static bool joints_of_tip(const sim *s, int instrument, const double tip_m[3], double joint[SIM_JOINTS]) {
     double from_trocar[3];
     for (int a = 0; a < 3; a++) from_trocar[a] = tip_m[a] - s->instrument_def[instrument].trocar_m[a];
-    return hrt_inverse64(&s->frame[instrument], from_trocar, joint);
+    return hrt_inverse64(&s->axes[instrument], from_trocar, joint);
 }
 
 /* The insertion at which the tip, a sphere, is `above` the place where it first touches. */
@@ -85,7 +85,12 @@ int sim_make_instruments(sim *s) {
         memcpy(def->trocar_m, t->trocar.v, sizeof def->trocar_m);
         def->radius_m = t->radius.si;
         def->contact_length_m = t->contact_length.si;
-        if (!hrt_frame_from_axis64(&s->frame[i], t->axis.v, t->up.v))
+        if (t->friction.line && !sim_has(s, "friction"))
+            return app_scene_bad(s->scene, t->friction.line,
+                                 "instrument %d has coefficients of friction, and the scene does not name the effect; "
+                                 "add 'friction:', or remove it here",
+                                 i);
+        if (!hrt_axes_along64(&s->axes[i], t->axis.v, t->up.v))
             return app_scene_bad(
                 s->scene, t->axis.line ? t->axis.line : t->up.line,
                 "axis and up give no orientation; give directions of a length near 1 across each other");

@@ -7,13 +7,13 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "consoles.h"
 #include "figures.h"
 #include "io/histogram.h"
 #include "publish.h"
 #include "run.h"
 #include "series.h"
 #include "snapshot.h"
-#include "stations.h"
 #include "surface.h"
 #include "tools.h"
 
@@ -24,7 +24,7 @@ typedef struct lockstep {
     const run_options *o;
     const sim_haptics *haptics; /* null: instruments follow the hand */
     app_queue *queue;           /* with haptics: what simulation and controllers say to each other */
-    sim_stations stations;
+    sim_consoles consoles;
     sim_tools tools;
     sim_publisher publisher;
     run_file csv, samples, report;
@@ -50,8 +50,8 @@ static void hear_controller(void *user, int instrument, const tensormass_control
 }
 
 static void trace_tick(lockstep *l, int i, int64_t now_us) {
-    const sim_station *t = &l->stations.station[i];
-    const hrt_output *h = &t->node.output;
+    const sim_console *t = &l->consoles.console[i];
+    const hrt_result *h = &t->node.result;
     fprintf(l->csv.stream, "%.6f,%d,%d,%d,%" PRIu32, (double)(now_us - START_US) * 1e-6, i, h->state, h->fault,
             h->limits);
     for (int a = 0; a < 3; a++) fprintf(l->csv.stream, ",%.9g", t->tool.tip_m[a]);
@@ -63,10 +63,10 @@ static void trace_tick(lockstep *l, int i, int64_t now_us) {
 static void tick(lockstep *l, int64_t now_us) {
     app_queue_set_clock(l->queue, now_us);
     for (int i = 0; i < l->s->instrument_count; i++) {
-        sim_station *t = &l->stations.station[i];
-        sim_station_tick(t, now_us);
+        sim_console *t = &l->consoles.console[i];
+        sim_console_tick(t, now_us);
         app_link_receive(l->publisher.link, 0, MOST);
-        const float *f = t->node.output.force_N;
+        const float *f = t->node.result.force_N;
         sim_magnitude_add(&l->force, (const double[3]){(double)f[0], (double)f[1], (double)f[2]});
         if (l->csv.begun) trace_tick(l, i, now_us);
     }
@@ -171,7 +171,7 @@ static void report_controllers(lockstep *l, cJSON *json) {
     cJSON *list = cJSON_AddArrayToObject(json, "controllers");
     for (int i = 0; l->haptics && i < l->s->instrument_count; i++) {
         tensormass_controller_status_t h;
-        hrt_node_status(&l->stations.station[i].node, &h);
+        hrt_node_status(&l->consoles.console[i].node, &h);
         cJSON *row = cJSON_CreateObject();
         cJSON_AddItemToArray(list, row);
         cJSON_AddStringToObject(row, "state", hrt_state_name((hrt_state)h.state));
@@ -233,7 +233,7 @@ static int begin(lockstep *l, const char *log) {
     if (!rc) rc = run_series_begin(&l->series, s, l->o->paraview, l->o->paraview_every);
     l->frame = l->first_frame = s->frames;
     if (l->csv.begun)
-        fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N," HRT_ENGINE_COLUMNS ",age_s\n",
+        fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N," HRT_ENGINE_FIELDS ",age_s\n",
               l->csv.stream);
     if (l->samples.begun)
         fputs("frame,time_s,instrument,tn_s,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rx_N,ry_N,rz_N,rows,flags,stiffness_kind,k11,"
@@ -242,7 +242,7 @@ static int begin(lockstep *l, const char *log) {
     l->tools.s = s;
     if (rc || !l->haptics) return rc;
     l->tick_us = llround(1e6 / l->haptics->rate.si);
-    return sim_stations_open(&l->stations, s, l->haptics, l->tick_us, l->queue);
+    return sim_consoles_open(&l->consoles, s, l->haptics, l->tick_us, l->queue);
 }
 
 int run_lockstep(sim *s, const run_options *o) {
@@ -278,7 +278,7 @@ int run_lockstep(sim *s, const run_options *o) {
         cJSON_Delete(json);
     } else
         rc = run_report_end(json, &l->report);
-    sim_stations_close(&l->stations);
+    sim_consoles_close(&l->consoles);
     app_queue_destroy(l->queue);
     rc = rc ? rc : rc2 ? rc2 : rc3 ? rc3 : rc4;
     return rc ? rc : run_say_interrupted(l->frame, frame_total(l));

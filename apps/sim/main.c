@@ -271,8 +271,6 @@ static int run(run_options *o) {
     int rc = sim_scene_load(o->scene, o->set, o->set_count, &scene);
     if (rc) return rc;
     scene->strict = o->strict;
-    if (o->mode == RUN_SETTLE) rc = run_settle_check(scene);
-    if (rc) return rc;
     rc = sim_create(scene, &s);
     if (rc) return rc;
     switch (o->mode) {

@@ -3,10 +3,8 @@
 
 const sim_model_row sim_models[] = {
     [APP_DYNAMIC] = {.make = sim_make_dynamic},
-    [APP_PRECOMPUTED] = {.make = sim_make_precomputed},
-    [APP_HYBRID] = {.make = sim_make_hybrid,
-                    .not_settled = "--settle relaxes a whole tissue, not a hybrid one; write 'model: dynamic' (the "
-                                   "same shape at rest) or 'model: precomputed'"},
+    [APP_PRECOMPUTED] = {.make = sim_make_precomputed, .solves_rest = true},
+    [APP_HYBRID] = {.make = sim_make_hybrid, .solves_rest = true},
 };
 
 int sim_make_dynamic(sim *s) {

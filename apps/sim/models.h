@@ -7,7 +7,7 @@
 typedef struct sim_model_row {
     /* Makes s->model from s->def. 0 or an exit code, having complained. */
     int (*make)(sim *s);
-    const char *not_settled; /* why --settle cannot be had; what to do. Null: it can */
+    bool solves_rest; /* --settle: directly, without instruments, where others relax with them */
 } sim_model_row;
 
 extern const sim_model_row sim_models[];

@@ -3,7 +3,6 @@ SIM_SRC := $(sort $(filter-out apps/sim/main.c,$(wildcard apps/sim/*.c))) haptic
 LIBSIM_A := $(OUT)/lib/libsim.a
 LIBRARIES += $(LIBSIM_A)
 $(LIBSIM_A): $(call objects,$(SIM_SRC))
-	@mkdir -p $(@D)
-	rm -f $@ && ar rcs $@ $^
+	$(archive)
 SIM_LIBS = $(LIBSIM_A) $(LIBAPP_A) $(LIBHRT_DEVICE_A) $(LIBHRT_IO_A) $(LIBHRT_A) $(LIBTM_A) $(LIBLCMTYPES_A)
 $(eval $(call program,tm-sim,apps/sim/main.c,$(SIM_LIBS),-lyaml -lcjson))

@@ -181,6 +181,8 @@ bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_fo
     out->film_s_m = (float)t->film_s_m;
     out->radiation_N_s_m = (float)t->radiation_N_s_m;
     out->radiation_s = (float)t->radiation_s;
+    out->friction_static = (float)t->friction_static;
+    out->friction_sliding = (float)t->friction_sliding;
     memcpy(out->trocar_m, t->trocar_m, sizeof out->trocar_m);
     return true;
 }
@@ -213,9 +215,9 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
     for (int i = 0; i < s->instrument_count; i++) {
         memcpy(m.tip_m[i], s->pose[i].tip_m, sizeof m.tip_m[i]);
         memcpy(m.trocar_m[i], s->instrument_def[i].trocar_m, sizeof m.trocar_m[i]);
-        for (int a = 0; a < 3; a++) { /* columns z and y of the instrument's frame */
-            m.axis[i][a] = s->frame[i].r[3 * a + 2];
-            m.up[i][a] = s->frame[i].r[3 * a + 1];
+        for (int a = 0; a < 3; a++) { /* columns z and y of the instrument's axes */
+            m.axis[i][a] = s->axes[i].r[3 * a + 2];
+            m.up[i][a] = s->axes[i].r[3 * a + 1];
         }
         memcpy(m.force_N[i], s->reaction[i].force_N, sizeof m.force_N[i]);
         m.radius_m[i] = s->instrument_def[i].radius_m;

@@ -87,8 +87,8 @@ void run_report_energy(const sim *s, cJSON *report) {
     } row[] = {{"kinetic_J", e.kinetic_J},   {"elastic_J", e.elastic_J}, {"start_J", e.start_J},
                {"support_J", e.support_J},   {"gravity_J", e.gravity_J}, {"load_J", e.load_J},
                {"moved_J", e.moved_J},       {"damping_J", e.damping_J}, {"cut_J", e.cut_J},
-               {"residual_J", e.residual_J}, {"film_J", e.film_J},       {"sprung_J", e.sprung_J},
-               {"made_J", e.made_J}};
+               {"residual_J", e.residual_J}, {"film_J", e.film_J},       {"friction_J", e.friction_J},
+               {"sprung_J", e.sprung_J},     {"made_J", e.made_J}};
     cJSON *to = cJSON_AddObjectToObject(report, "energy");
     for (size_t i = 0; i < sizeof row / sizeof *row; i++) cJSON_AddNumberToObject(to, row[i].name, row[i].value);
     add_both(to, s, "contact_J", e.contact_J);

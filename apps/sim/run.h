@@ -30,8 +30,6 @@ typedef struct run_options {
 
 int run_lockstep(sim *s, const run_options *o);
 int run_realtime(sim *s, const run_options *o);
-/* Before the model is made: is it one that can be settled? */
-int run_settle_check(const app_scene *scene);
 int run_settle(sim *s, const run_options *o);
 int run_explain(sim *s, const run_options *o);
 int run_hands(sim *s, const run_options *o);

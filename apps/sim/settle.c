@@ -101,7 +101,7 @@ static tm_status insert_tools(sim *s) {
 }
 
 /* Instruments are in the rest of a model that is relaxed, not in one that is solved for. */
-static bool is_relaxed(const sim *s) { return s->model->world != NULL; }
+static bool is_relaxed(const sim *s) { return !sim_models[s->scene->model.index].solves_rest; }
 
 /* u and reaction [3*vertex_count]. */
 static int rest(sim *s, const run_options *o, double *u, double *reaction, tm_settle_result *result) {
@@ -171,11 +171,6 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
     }
     free(u);
     return 0;
-}
-
-int run_settle_check(const app_scene *scene) {
-    const char *why = sim_models[scene->model.index].not_settled;
-    return why ? app_scene_bad(scene, scene->model.line, "%s", why) : 0;
 }
 
 int run_settle(sim *s, const run_options *o) {

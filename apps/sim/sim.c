@@ -91,8 +91,9 @@ static int load_mesh(sim *s) {
     if (stat(scene->mesh.s, &info) || !S_ISREG(info.st_mode))
         return app_scene_bad(scene, scene->mesh.line, "tissue.mesh: %s is not a file; name a .msh, .vtk or .mesh file",
                              scene->mesh.s);
-    if (app_mesh_load(scene->mesh.s, scene->scale.si, &s->file, &error) || app_mesh_build(&s->file, &s->mesh, &error))
-        return sim_report_file(scene, scene->mesh.line, scene->mesh.s, 0, &error);
+    if (tm_mesh_file_load(scene->mesh.s, scene->scale.si, &s->file, &error) ||
+        tm_mesh_file_build(&s->file, &s->mesh, &error))
+        return sim_report_file(scene, scene->mesh.line, NULL, 0, &error);
     return 0;
 }
 
@@ -159,6 +160,7 @@ static int define_model(sim *s) {
     def->step_s = s->scene->step.line ? s->scene->step.si : 0;
     def->step_fraction = s->scene->step_fraction.si;
     def->average = s->scene->average.si;
+    def->threads = (int32_t)s->scene->threads.value;
     def->blame = &s->def.blame;
     return rc;
 }
@@ -209,7 +211,7 @@ void sim_destroy(sim *s) {
         if (sim_effects[i]->destroy) sim_effects[i]->destroy(s);
     tm_model_destroy(s->model);
     if (s->mesh) tm_mesh_destroy(s->mesh);
-    app_mesh_free(&s->file);
+    tm_mesh_file_free(&s->file);
     free(s->support_of);
     free(s->held_dof);
     free(s->held_m);

@@ -58,6 +58,7 @@ typedef struct sim_definition {
     tm_model_def model; /* points to the rest */
     tm_contact_def contact;
     tm_grasp_def grasp;
+    tm_friction_def friction;
     tm_cut_def cut;
     const char *blame; /* tm_model_def.blame */
 } sim_definition;
@@ -82,7 +83,7 @@ typedef struct sim_reach {
 
 struct sim {
     app_scene *scene;
-    app_mesh file;
+    tm_mesh_file file;
     tm_mesh *mesh;
     tm_material *material; /* [region_count] */
     double damping_1_s;    /* of materials that name none */
@@ -90,7 +91,7 @@ struct sim {
     sim_definition def;
     tm_model *model;
     tm_instrument_def instrument_def[TM_MAX_INSTRUMENTS];
-    hrt_frame64 frame[TM_MAX_INSTRUMENTS]; /* how the device hangs in the world */
+    hrt_axes64 axes[TM_MAX_INSTRUMENTS]; /* how the device hangs in the world */
     double start_joint[TM_MAX_INSTRUMENTS][SIM_JOINTS];
     hrt_hand_script hand[TM_MAX_INSTRUMENTS]; /* the scene's; no keys: it has none and stays at the start */
     int instrument_count;

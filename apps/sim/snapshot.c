@@ -21,9 +21,6 @@ int sim_snapshot_save(sim *s, const char *path) {
     app_output output;
     header *h = NULL;
     int64_t bytes = tm_model_snapshot_bytes(s->model);
-    if (!bytes)
-        return app_bad_input("--snapshot-at", 0, "the %s model has no state to save; write 'model: dynamic'",
-                             s->model->kind->name);
     void *world = malloc((size_t)bytes);
     h = calloc(1, sizeof *h);
     int rc = world && h ? 0 : APP_FAILED;
@@ -65,9 +62,6 @@ static void *read_file(const char *path, size_t *size) {
 int sim_snapshot_restore(sim *s, const char *path) {
     tm_error error = {0};
     size_t size = 0;
-    if (!tm_model_snapshot_bytes(s->model))
-        return app_bad_input(path, 0, "the %s model has no state to restore; write 'model: dynamic'",
-                             s->model->kind->name);
     char *bytes = read_file(path, &size);
     if (!bytes) return app_bad_input(path, 0, "cannot be read: %m; give a snapshot that --snapshot-at wrote");
     header h;

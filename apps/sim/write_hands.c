@@ -20,7 +20,7 @@ static int write_hand(const sim *s, int i, const char *path) {
     run_file file = {0};
     int rc = run_file_begin(&file, path);
     if (rc) return rc;
-    fputs("time_s," HRT_ENGINE_COLUMNS ",active\n", file.stream);
+    fputs("time_s," HRT_ENGINE_FIELDS ",active\n", file.stream);
     if (!hand->key) write_key(file.stream, 0, s->start_joint[i], false);
     for (int k = 0; k < hand->key_count; k++)
         write_key(file.stream, hand->key[k].time_s, hand->key[k].joint, hand->key[k].active);

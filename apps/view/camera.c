@@ -35,10 +35,10 @@ static void eye_frame(const view_camera *camera, float right[3], float up[3], fl
 }
 
 static void eye_direction(const view_camera_def *def, float direction[3], float up[3]) {
-    int k = def->up == 'x' ? 0 : def->up == 'y' ? 1 : 2;
+    int k = def->up == 'x' || def->up == 'X' ? 0 : def->up == 'y' || def->up == 'Y' ? 1 : 2;
     memset(up, 0, 3 * sizeof *up);
-    up[k] = 1;
-    direction[k] = sinf(def->elevation_rad);
+    up[k] = def->up < 'a' ? -1 : 1;
+    direction[k] = up[k] * sinf(def->elevation_rad);
     direction[(k + 1) % 3] = cosf(def->elevation_rad) * cosf(def->azimuth_rad);
     direction[(k + 2) % 3] = cosf(def->elevation_rad) * sinf(def->azimuth_rad);
 }
@@ -56,7 +56,8 @@ view_camera view_camera_fit(const view_camera_def *def, const view_surface *s, i
             high[k] = fmaxf(high[k], s->vertex_m[3 * i + k]);
         }
     for (int k = 0; k < 3; k++) c.middle_m[k] = c.at_m[k] = (low[k] + high[k]) / 2;
-    c.floor_m = vdot(low, c.up);
+    c.floor_m = 0;
+    for (int k = 0; k < 3; k++) c.floor_m += c.up[k] * (c.up[k] < 0 ? high : low)[k];
     c.radius_m = fmaxf(sqrtf((high[0] - low[0]) * (high[0] - low[0]) + (high[1] - low[1]) * (high[1] - low[1]) +
                              (high[2] - low[2]) * (high[2] - low[2])) /
                            2,

@@ -5,7 +5,7 @@
 #include "picture.h"
 
 typedef struct view_camera {
-    float eye_m[3], at_m[3], up[3]; /* up is a unit axis: x, y or z */
+    float eye_m[3], at_m[3], up[3]; /* up is a unit axis, either way */
     float fov_rad;                  /* of the picture's height */
     float middle_m[3], radius_m;    /* of what it was fitted to */
     float floor_m;                  /* lowest point of that, along up */
@@ -15,7 +15,7 @@ typedef struct view_camera_def {
     float azimuth_rad, elevation_rad; /* of the eye, seen from the middle */
     float zoom;                       /* 1: the tissue fills the picture; 2: twice as large */
     float shift[2];                   /* right and up, in parts of the picture's height */
-    char up;                          /* 'x', 'y' or 'z' */
+    char up;                          /* 'x', 'y' or 'z'; 'X' 'Y' 'Z': the other way */
 } view_camera_def;
 
 view_camera_def view_camera_default(void);

@@ -65,9 +65,9 @@ static bool take_tissue(view_surface *s, const tensormass_tissue_t *m) {
     }
     for (int32_t i = 0; i < m->triangle_count; i++) {
         same = same && !memcmp(s->triangle + 3 * i, m->triangle[i], 3 * sizeof(int32_t)) &&
-               s->kind[i] == (uint8_t)m->triangle_kind[i];
+               (s->kind[i] & 1) == m->triangle_kind[i];
         memcpy(s->triangle + 3 * i, m->triangle[i], 3 * sizeof(int32_t));
-        s->kind[i] = (uint8_t)m->triangle_kind[i];
+        s->kind[i] = (uint8_t)((s->kind[i] & ~1) | m->triangle_kind[i]);
     }
     s->vertex_count = m->vertex_count, s->triangle_count = m->triangle_count;
     s->session = m->session, s->revision = m->topology_revision;

@@ -19,6 +19,7 @@ typedef struct job {
     view_studio studio;
     view_picture picture;
     view_marks marks;
+    uint32_t tinted; /* the topology that has its regions */
     view_feed *feed;
     view_film film;
     bool filming;
@@ -35,6 +36,8 @@ static int draw(job *j) {
     tm_error error = {0};
     double start = now_s();
     j->picture.marks = &j->marks;
+    if (j->tinted != j->picture.surface.topology) view_marks_tint(&j->marks, &j->picture.surface);
+    j->tinted = j->picture.surface.topology;
     tm_status status = view_studio_draw(&j->studio, &j->picture, &error);
     j->drawing_s += now_s() - start;
     j->pictures++;
@@ -142,7 +145,10 @@ static int show_log(job *j) {
         view_feed_close(j->feed);
         j->feed = NULL;
         view_surface_free(&j->picture.surface);
-        memset(&j->picture, 0, sizeof j->picture);
+        const view_picture seen = j->picture;
+        j->picture = (view_picture){.regions = seen.regions};
+        memcpy(j->picture.region, seen.region, sizeof seen.region);
+        j->tinted = 0;
         view_studio_refit(&j->studio);
         if ((wrong = open_log(j))) return wrong;
         return log_sequence(j);
@@ -232,8 +238,8 @@ static int run(job *j) {
     const view_options *o = &j->options;
     tm_error error = {0};
     bool still = o->source && view_is_still(o->source);
-    int wrong = still      ? view_still_load(o->source, o->scale, &o->marks, &j->picture, &j->marks)
-                : o->scene ? view_scene_marks(o->scene, &o->marks, &j->marks)
+    int wrong = still      ? view_still_load(o->source, o->scale, &o->marks, &o->cut, &j->picture, &j->marks)
+                : o->scene ? view_scene_marks(o->scene, &o->marks, &j->picture, &j->marks)
                            : 0;
     if (wrong) return wrong;
     if (view_studio_open(&j->studio, &o->studio, &error)) return complain(&error);

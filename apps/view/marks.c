@@ -33,28 +33,6 @@ void view_shape_supports(view_shape *s, const view_marks *m, const view_surface 
             ball(s, surface->vertex_m + XYZ * i, radius_m);
 }
 
-/* The tetrahedron with this face, -1: none. */
-static int32_t tet_of(const view_marks *m, const int32_t corner[3]) {
-    int32_t key[3] = {corner[0], corner[1], corner[2]}, low = 0, high = 4 * m->tet_count;
-    for (int i = 0; i < 2; i++)
-        for (int j = 0; j < 2 - i; j++)
-            if (key[j] > key[j + 1]) {
-                int32_t swap = key[j];
-                key[j] = key[j + 1], key[j + 1] = swap;
-            }
-    while (low < high) {
-        int32_t middle = low + (high - low) / 2;
-        const int32_t *face = m->face + 4 * (int64_t)middle;
-        int32_t order = face[0] != key[0] ? face[0] - key[0] : face[1] != key[1] ? face[1] - key[1] : face[2] - key[2];
-        if (order == 0) return face[3];
-        if (order < 0)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return -1;
-}
-
 /* The fibre at rest as share of two edges of the triangle, what is along its normal left out; false: flat triangle. */
 static bool along_edges(const float e1[3], const float e2[3], const float fibre[3], float share[2]) {
     float a = vdot(e1, e1), b = vdot(e1, e2), c = vdot(e2, e2), f1 = vdot(fibre, e1), f2 = vdot(fibre, e2),
@@ -102,7 +80,7 @@ void view_shape_fibres(view_shape *s, const view_marks *m, const view_surface *s
             known = known && id[c] < m->vertex_count;
             memcpy(now[c], surface->vertex_m + XYZ * v[c], sizeof now[c]);
         }
-        int32_t tet = known ? tet_of(m, id) : -1;
+        int32_t tet = known ? view_marks_tet(m, id) : -1;
         if (tet < 0) continue;
         for (int k = 0; k < 3; k++) {
             float from = m->rest_m[XYZ * id[0] + k];

@@ -12,8 +12,12 @@ typedef struct view_marks {
     uint8_t *support_of; /* [vertex_count] of the mesh: 0 free, else held; null: nothing held, or not to be drawn */
     float *rest_m;       /* [3*vertex_count] */
     float *fibre;        /* [3*tet_count] unit vectors at rest; null: none, or not to be drawn */
-    int32_t *face;       /* with fibres, [4*4*tet_count]: every tetrahedron's faces, three vertices ascending and the
-                            tetrahedron, in ascending order */
+    uint8_t *region;     /* [tet_count], up to VIEW_REGIONS; null: one */
+    int32_t *face; /* with fibres or regions, [4*4*tet_count]: every tetrahedron's faces, three vertices ascending and
+                      the tetrahedron, in ascending order */
 } view_marks;
+
+/* The tetrahedron with this face, -1: none. */
+int32_t view_marks_tet(const view_marks *m, const int32_t corner[3]);
 
 #endif

@@ -21,7 +21,7 @@ static const char help[] =
     "  --from S --to S    the part of a log that --frames and --film show\n"
     "  --duration S       how long to record a live source [10]\n"
     "  --wait S           how long to wait for a live source's first tissue [60]\n"
-    "  --azimuth DEG --elevation DEG --zoom X --shift X,Y --up x|y|z\n"
+    "  --azimuth DEG --elevation DEG --zoom X --shift X,Y --up x|y|z|-x|-y|-z\n"
     "                     where the eye is, seen from the tissue's middle [-110, 40, 1, 0,0, z]\n"
     "  --orbit DEG        the eye walks round, degrees per second [0]\n"
     "  --newton MM        length of an arrow of one newton [chosen to fit]\n"
@@ -30,6 +30,8 @@ static const char help[] =
     "  --crease DEG       sharper edges stay edges [52]  --no-words    picture alone\n"
     "  --scene FILE       the scene of a log or a running simulation: its title and supports are shown then too\n"
     "  --fibres           the scene's fibres, as lines on the surface      --no-supports   without marks where tissue is held\n"
+    "  --clip X,Y,Z[,MM]  of a mesh or a scene: takes away what lies beyond the plane with this normal, so far from the middle [0]\n"
+    "  --through X        of a mesh or a scene: the largest region lets so much through, 0 to 0.95: those inside are seen [0]\n"
     "  --scale X          of a mesh file's coordinates [1]\n"
     "  --lcm-url URL      [LCM_DEFAULT_URL, else LCM's default]\n"
     "  --key FILE         shared with tm-sim: status messages without its seal are left out (docs/trust.md)\n"
@@ -64,6 +66,8 @@ enum {
     SCENE,
     FIBRES,
     NO_SUPPORTS,
+    CLIP,
+    THROUGH,
     URL,
     JSON,
     QUIET,
@@ -100,6 +104,8 @@ static const struct option table[] = {
     {"scene", 1, NULL, SCENE},
     {"fibres", 0, NULL, FIBRES},
     {"no-supports", 0, NULL, NO_SUPPORTS},
+    {"clip", 1, NULL, CLIP},
+    {"through", 1, NULL, THROUGH},
     {"help", 0, NULL, HELP},
     {"quiet", 0, NULL, QUIET},
     {"version", 0, NULL, VERSION},
@@ -148,10 +154,23 @@ static int shift(const char *text, float out[2]) {
                          "--shift %s: not RIGHT,UP in parts of the picture's height; for example --shift 0.1,0", text);
 }
 
+static int clip(const char *text, view_cutaway *out) {
+    char rest;
+    double *n = out->normal, offset_mm = 0;
+    const int read = sscanf(text, "%lf,%lf,%lf,%lf%c", &n[0], &n[1], &n[2], &offset_mm, &rest);
+    const double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    if ((read != 3 && read != 4) || !(length > 0) || !isfinite(length) || !(fabs(offset_mm) < 1e6))
+        return app_bad_input("tm-view", 0,
+                             "--clip %s: not a direction X,Y,Z and millimetres; for example --clip 0,-1,0,10", text);
+    out->offset_m = offset_mm * 1e-3, out->clipped = true;
+    return 0;
+}
+
 static int up(const char *text, char *out) {
-    if (strlen(text) != 1 || !strchr("xyz", *text))
-        return app_bad_input("tm-view", 0, "--up %s: not an axis; use x, y or z", text);
-    *out = *text;
+    const bool down = *text == '-';
+    if (strlen(text + down) != 1 || !strchr("xyz", text[down]))
+        return app_bad_input("tm-view", 0, "--up %s: not an axis; use x, y or z, or -x, -y or -z", text);
+    *out = (char)(text[down] - (down ? 'a' - 'A' : 0));
     return 0;
 }
 
@@ -202,6 +221,8 @@ static int take(int code, const char *text, view_options *o) {
     case SCENE: o->scene = text; return 0;
     case FIBRES: o->marks.fibres = true; return 0;
     case NO_SUPPORTS: o->marks.supports = false; return 0;
+    case CLIP: return clip(text, &o->cut);
+    case THROUGH: return number(code, text, 0, 0.95, &o->cut.through);
     case SIZE: return size(text, &o->studio.render.width, &o->studio.render.height);
     case FPS: return whole(code, text, 1, 240, &o->fps);
     case AT: o->has_at = true; return number(code, text, 0, 1e6, &o->at_s);
@@ -234,6 +255,8 @@ static int check(const view_options *o) {
         return app_bad_input("tm-view", 0, "--scene belongs to a log or a running simulation; name the scene alone");
     if (o->marks.fibres && !o->scene && !(o->source && view_is_scene(o->source)))
         return app_bad_input("tm-view", 0, "--fibres wants the scene that names them; add --scene FILE");
+    if ((o->cut.clipped || o->cut.through > 0) && !(o->source && view_is_still(o->source)))
+        return app_bad_input("tm-view", 0, "--clip and --through show a mesh or a scene; a log tells only its surface");
     if (o->has_at && !o->png) return app_bad_input("tm-view", 0, "--at belongs to --png; use --from and --to");
     return 0;
 }

@@ -9,6 +9,7 @@ typedef struct view_options {
     const char *source; /* file, or null: live */
     const char *scene;  /* of a log or a live source; null: not told */
     view_mark_choice marks;
+    view_cutaway cut;
     const char *png, *frames, *film, *json, *url, *key;
     view_studio_def studio;
     double from_s, to_s, at_s, duration_s, wait_s, scale;

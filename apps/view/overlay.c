@@ -49,6 +49,21 @@ static void legend(pen *p, view_colour colour, const char *text) {
     write_at(p, p->x + 1.6f * p->cap, GREY, "%s", text);
 }
 
+/* As the lit region looks, about; the untinted one is tissue. */
+static view_colour colour_of(const view_region *region) {
+    static const float tissue[3] = {0.20f, 0.035f, 0.025f};
+    uint8_t shown[3];
+    for (int k = 0; k < 3; k++)
+        shown[k] = (uint8_t)(255 * fminf(powf(1.6f * (region->tinted ? region->rgb : tissue)[k], 1 / 2.2f), 1));
+    return (view_colour){shown[0], shown[1], shown[2], 1};
+}
+
+/* Regions whose names are told: none of one, and none where words would cover the tissue. */
+static int named_regions(const pen *p, const view_picture *s, int lines) {
+    bool fits = p->line * (float)(lines + s->regions) < 0.4f * (float)p->canvas->height;
+    return s->regions > 1 && fits ? s->regions : 0;
+}
+
 static void simulation_panel(pen p, view_layout *l, const view_picture *s, double drawn_hz) {
     const view_marks *m = s->marks;
     const char *title = m && m->title[0] ? m->title : s->title;
@@ -58,6 +73,10 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
     right = fmaxf(right, p.x + view_text_width(title, p.cap) + view_text_width(s->model, p.cap) + 2 * p.cap);
     right = fmaxf(right, p.x + view_text_width(held, p.cap) + 2.6f * p.cap);
     int lines = (s->has_status ? 3 : 1) + (held[0] != 0) + (m && m->fibre);
+    const int named = named_regions(&p, s, lines);
+    for (int i = 0; i < named; i++)
+        right = fmaxf(right, p.x + view_text_width(s->region[i].name, p.cap) + 2.6f * p.cap);
+    lines += named;
     float bottom = top + p.line * (float)lines + 1.5f * p.cap;
     view_box(p.canvas, p.x - p.cap, top, right, bottom, 0.6f * p.cap, PANEL);
     view_layout_take(l, p.x - p.cap, top, right, bottom);
@@ -79,6 +98,7 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
     }
     if (held[0]) legend(&p, HELD, held);
     if (m && m->fibre) legend(&p, FIBRE, "fibres");
+    for (int i = 0; i < named; i++) legend(&p, colour_of(&s->region[i]), s->region[i].name);
 }
 
 static void instrument_panel(pen p, view_layout *l, const view_instrument *t, int i) {

@@ -35,6 +35,7 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
     r->tissue.count = view_skin_indices(r->skin, &index, &changed);
     if (changed) {
         fill_indices(&r->tissue, r->tissue.indices, index, r->tissue.count);
+        r->tissue.inside_count = view_skin_inside(r->skin);
         r->tissue.coarse_count = view_skin_coarse_indices(r->skin, &index);
         fill_indices(&r->tissue, r->tissue.coarse_indices, index, r->tissue.coarse_count);
     }
@@ -68,6 +69,36 @@ static void draw_tissue(const view_renderer *r, bool coarse) {
     glBindVertexArray(r->tissue.array);
     glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, coarse ? r->tissue.coarse_indices : r->tissue.indices);
     glDrawElements(GL_TRIANGLES, coarse ? r->tissue.coarse_count : r->tissue.count, GL_UNSIGNED_INT, NULL);
+}
+
+/* Colours of regions for the tissue's shader. */
+static void set_tints(GLuint id, const view_picture *p) {
+    float tint[4 * VIEW_REGIONS] = {0};
+    for (int i = 0; i < p->regions; i++) {
+        memcpy(tint + 4 * i, p->region[i].rgb, sizeof p->region[i].rgb);
+        tint[4 * i + 3] = p->region[i].tinted;
+    }
+    glUniform4fv(glGetUniformLocation(id, "tint"), VIEW_REGIONS, tint);
+}
+
+/* What lies inside, then the nearest layer of the outside over it, letting some of it through. */
+static void draw_tissue_through(const view_renderer *r, float through) {
+    const size_t inside = (size_t)r->tissue.inside_count;
+    const GLsizei outside = r->tissue.count - r->tissue.inside_count;
+    const void *from = (const void *)(inside * sizeof(uint32_t));
+    glBindVertexArray(r->tissue.array);
+    glBindBuffer(GL_ELEMENT_ARRAY_BUFFER, r->tissue.indices);
+    glDrawElements(GL_TRIANGLES, r->tissue.inside_count, GL_UNSIGNED_INT, NULL);
+    glColorMask(GL_FALSE, GL_FALSE, GL_FALSE, GL_FALSE);
+    glDrawElements(GL_TRIANGLES, outside, GL_UNSIGNED_INT, from);
+    glColorMask(GL_TRUE, GL_TRUE, GL_TRUE, GL_TRUE);
+    glDepthFunc(GL_EQUAL);
+    glEnable(GL_BLEND);
+    glBlendColor(0, 0, 0, 1 - through);
+    glBlendFunc(GL_CONSTANT_ALPHA, GL_ONE_MINUS_CONSTANT_ALPHA);
+    glDrawElements(GL_TRIANGLES, outside, GL_UNSIGNED_INT, from);
+    glDisable(GL_BLEND);
+    glDepthFunc(GL_LESS);
 }
 
 static void draw_batch(const view_batch *b) {
@@ -215,7 +246,11 @@ static tm_status renderer_draw(view_renderer *r, const view_picture *p, const vi
     glClear(GL_DEPTH_BUFFER_BIT);
     pass_background(r, &s);
     use_lit(r, &s, r->tissue_program);
-    draw_tissue(r, false);
+    set_tints(r->tissue_program, p);
+    if (p->through > 0)
+        draw_tissue_through(r, p->through);
+    else
+        draw_tissue(r, false);
     use_lit(r, &s, r->metal_program);
     draw_marks(r); /* before the tools, which hide what shines through the tissue */
     draw_batch(&r->tools);

@@ -15,7 +15,7 @@ enum { VIEW_SHADOW_PX = 1024, VIEW_SPOT_PX = 128 };
 
 typedef struct view_batch {
     GLuint array, vertices, indices, coarse_indices;
-    GLsizei count, coarse_count;
+    GLsizei count, coarse_count, inside_count; /* of count, the first ones lie inside */
 } view_batch;
 
 struct view_renderer {

@@ -1,5 +1,7 @@
 #include "scene_marks.h"
 
+#include "picture.h"
+
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -8,6 +10,7 @@ void view_marks_free(view_marks *m) {
     free(m->support_of);
     free(m->rest_m);
     free(m->fibre);
+    free(m->region);
     free(m->face);
     memset(m, 0, sizeof *m);
 }
@@ -54,17 +57,26 @@ bool view_marks_take(view_marks *m, const sim *s, bool supports, bool fibres) {
         good = (m->support_of = malloc(vertices)) != NULL;
         if (good) memcpy(m->support_of, s->support_of, vertices);
     }
-    if (fibres && s->fibre && good) {
-        m->rest_m = malloc(3 * vertices * sizeof *m->rest_m);
-        m->fibre = malloc(3 * tets * sizeof *m->fibre);
+    const bool lines = fibres && s->fibre, regions = s->file.region_count > 1;
+    if ((lines || regions) && good) {
         m->face = malloc(16 * tets * sizeof *m->face);
-        good = m->rest_m && m->fibre && m->face;
-        for (size_t i = 0; good && i < 3 * vertices; i++) m->rest_m[i] = (float)mesh->rest_m[i];
-        for (size_t i = 0; good && i < 3 * tets; i++) m->fibre[i] = (float)s->fibre[i];
+        good = m->face;
         if (good) {
             fill_faces(mesh, m->face);
             qsort(m->face, 4 * tets, 4 * sizeof *m->face, by_vertices);
         }
+    }
+    if (regions && good) {
+        good = (m->region = malloc(tets)) != NULL;
+        for (size_t t = 0; good && t < tets; t++)
+            m->region[t] = (uint8_t)(mesh->region[t] < VIEW_REGIONS ? mesh->region[t] : 0);
+    }
+    if (lines && good) {
+        m->rest_m = malloc(3 * vertices * sizeof *m->rest_m);
+        m->fibre = malloc(3 * tets * sizeof *m->fibre);
+        good = m->rest_m && m->fibre;
+        for (size_t i = 0; good && i < 3 * vertices; i++) m->rest_m[i] = (float)mesh->rest_m[i];
+        for (size_t i = 0; good && i < 3 * tets; i++) m->fibre[i] = (float)s->fibre[i];
     }
     if (!good) view_marks_free(m);
     return good;

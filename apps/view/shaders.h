@@ -67,15 +67,16 @@ static const char *const view_lit_vertex =
 /* Wet tissue: light bleeds past the terminator, red farthest; a thin film of water mirrors the lamps. */
 static const char *const view_tissue_fragment =
     VIEW_GLSL VIEW_NOISE VIEW_LIGHTING
+    "uniform vec4 tint[16];\n"
     "void main() {\n"
-    "  float opened = step(0.5, misc.x);\n"
+    "  float kind = floor(misc.x + 0.5), opened = mod(kind, 2.0); vec4 own = tint[int(kind * 0.5)];\n"
     "  vec4 fine = noise(ref * mix(0.9, 1.5, opened)), coarse = noise(ref * 0.27 + 3.1);\n"
     "  vec3 V = normalize(eye - world), N0 = normalize(n); if (dot(N0, V) < 0.0) N0 = -N0;\n"
     "  vec3 g = fine.yzw * mix(0.055, 0.16, opened) + coarse.yzw * 0.05; vec3 N = normalize(N0 - (g - dot(g, N0) * N0));\n"
     "  vec3 skin = mix(vec3(0.066, 0.011, 0.0085), vec3(0.138, 0.026, 0.018), smoothstep(0.25, 0.75, misc.z));\n"
     "  skin = mix(skin, vec3(0.14, 0.034, 0.016), 0.4 * smoothstep(0.5, 0.85, misc.w)) * (0.92 + 0.16 * fine.x);\n"
     "  vec3 flesh = mix(vec3(0.36, 0.045, 0.032), vec3(0.52, 0.12, 0.085), smoothstep(0.3, 0.75, fine.x)); flesh = mix(flesh, vec3(0.24, 0.014, 0.012), 0.8 * smoothstep(0.55, 0.8, coarse.x));\n"
-    "  vec3 albedo = mix(skin, flesh, opened);\n"
+    "  vec3 albedo = mix(skin, flesh, opened); albedo = mix(albedo, own.rgb * mix(0.75 + 0.35 * misc.z + 0.2 * fine.x, 0.95 + 0.5 * fine.x - 0.3 * coarse.x, opened), own.a);\n"
     "  float s = lit(N0), nl = dot(N, key), wetness = mix(1.0, 0.55, opened) * (0.75 + 0.5 * coarse.x);\n"
     "  vec3 wrap = vec3(0.36, 0.12, 0.09);\n"
     "  vec3 diffuse = clamp((vec3(nl) + wrap) / (1.0 + wrap), 0.0, 1.0) * mix(vec3(0.16, 0.05, 0.04), vec3(1.0), s) * vec3(1.75, 1.70, 1.60);\n"

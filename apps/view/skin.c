@@ -5,7 +5,9 @@
 #include <string.h>
 
 #define LAW_REAL float
+#include "law/union_find.h"
 #include "law/vec.h"
+
 enum { LEVELS_MAX = 2 };
 static const float COS_TORN = -0.25f;
 
@@ -37,7 +39,7 @@ struct view_skin {
     int32_t sector_count;   /* vertices of the surface, split where creases part their triangles */
     int32_t *sector_vertex; /* [sector_count] */
     uint32_t *index;        /* [3*triangle_count] in sectors */
-    int32_t triangle_count;
+    int32_t triangle_count, inside_count;
     level level[LEVELS_MAX];
     int32_t vertex_count;
     view_vertex *vertex; /* sectors, then the middles of each level */
@@ -106,19 +108,6 @@ static void normalise(float n[3]) {
         n[0] = 0, n[1] = 0, n[2] = 1;
 }
 
-static int32_t root_of(int32_t *parent, int32_t i) {
-    while (parent[i] != i) i = parent[i] = parent[parent[i]];
-    return i;
-}
-
-static void join(int32_t *parent, int32_t a, int32_t b) {
-    a = root_of(parent, a), b = root_of(parent, b);
-    if (a < b)
-        parent[b] = a;
-    else
-        parent[a] = b;
-}
-
 /* Do these two sides of one edge belong to one smooth patch? */
 static bool smooth(const view_skin *skin, const view_surface *s, const side *p, const side *q) {
     const int32_t *a = s->triangle + 3 * p->triangle, *b = s->triangle + 3 * q->triangle;
@@ -127,7 +116,7 @@ static bool smooth(const view_skin *skin, const view_surface *s, const side *p, 
     face_normal(s->vertex_m + 3 * a[0], s->vertex_m + 3 * a[1], s->vertex_m + 3 * a[2], m);
     face_normal(s->vertex_m + 3 * b[0], s->vertex_m + 3 * b[1], s->vertex_m + 3 * b[2], n);
     /* Torn tetrahedra are jagged; flesh is not. What a cut laid open is smoothed past right angles. */
-    float limit = s->kind[p->triangle] ? fminf(skin->cos_crease, COS_TORN) : skin->cos_crease;
+    float limit = s->kind[p->triangle] & 1 ? fminf(skin->cos_crease, COS_TORN) : skin->cos_crease;
     return vdot(m, n) >= limit * sqrtf(vdot(m, m) * vdot(n, n));
 }
 
@@ -147,22 +136,22 @@ static bool build_sectors(view_skin *skin, const view_surface *s) {
         while (end < corners && sides[end].key == sides[i].key) ++end;
         if (end - i == 2 && smooth(skin, s, &sides[i], &sides[i + 1])) {
             const side *p = &sides[i], *q = &sides[i + 1];
-            join(parent, 3 * p->triangle + p->local, 3 * q->triangle + (q->local + 1) % 3);
-            join(parent, 3 * p->triangle + (p->local + 1) % 3, 3 * q->triangle + q->local);
+            law_join(parent, 3 * p->triangle + p->local, 3 * q->triangle + (q->local + 1) % 3);
+            law_join(parent, 3 * p->triangle + (p->local + 1) % 3, 3 * q->triangle + q->local);
         }
         i = end;
     }
     free(sides);
     skin->sector_count = 0;
     for (int32_t c = 0; c < corners; c++) {
-        int32_t root = root_of(parent, c);
+        int32_t root = law_root(parent, c);
         if (root == c) {
             skin->sector_vertex[skin->sector_count] = s->triangle[c];
             skin->index[c] = (uint32_t)skin->sector_count++;
         } else
             skin->index[c] = skin->index[root];
     }
-    skin->triangle_count = s->triangle_count;
+    skin->triangle_count = s->triangle_count, skin->inside_count = s->inside_count;
     free(parent);
     return true;
 }
@@ -362,6 +351,10 @@ bool view_skin_update(view_skin *skin, const view_surface *s, float grain_m) {
 int32_t view_skin_vertices(const view_skin *skin, const view_vertex **vertex) {
     *vertex = skin->vertex;
     return skin->built ? skin->vertex_count : 0;
+}
+
+int32_t view_skin_inside(const view_skin *skin) {
+    return skin->built ? 3 * (skin->inside_count << 2 * skin->levels) : 0;
 }
 
 int32_t view_skin_coarse_indices(const view_skin *skin, const uint32_t **index) {

@@ -9,7 +9,7 @@
 typedef struct view_vertex {
     float at_m[3], normal[3];
     float reference_m[3]; /* where this bit of tissue was when first seen: its colour sticks to it */
-    float kind;           /* 0 original surface, 1 laid open by a cut; 2 and more: view_paint */
+    float kind;           /* the triangle's (view_kind_of); of shapes: view_paint */
     float shade;          /* 0..1, darker in hollows */
     float mottle[2];      /* 0..1 noise of the reference position: patches and large patches */
 } view_vertex;
@@ -26,6 +26,8 @@ bool view_skin_update(view_skin *skin, const view_surface *surface, float grain_
 int32_t view_skin_vertices(const view_skin *skin, const view_vertex **vertex);
 /* `*changed` tells whether the triangles are others than at the last call. */
 int32_t view_skin_indices(view_skin *skin, const uint32_t **index, bool *changed);
+/* Of view_skin_indices, so many come first that lie inside. */
+int32_t view_skin_inside(const view_skin *skin);
 /* The triangles before any split, over the same vertices: good enough for soft shadows. */
 int32_t view_skin_coarse_indices(const view_skin *skin, const uint32_t **index);
 

@@ -6,45 +6,31 @@
 #include <string.h>
 
 #include "app.h"
-#include "mesh_file.h"
 #include "sim/sim.h"
+#include "tensormass_io.h"
 
-/* The vertices that the surface uses, renumbered in their order. */
-static bool surface_of(const tm_mesh *mesh, view_surface *s) {
-    int32_t *number = malloc((size_t)mesh->vertex_count * sizeof *number), count = 0;
-    if (!number) return false;
-    for (int32_t v = 0; v < mesh->vertex_count; v++) number[v] = -1;
-    for (int32_t i = 0; i < 3 * mesh->surface_count; i++) number[mesh->surface[i]] = 0;
-    for (int32_t v = 0; v < mesh->vertex_count; v++)
-        if (number[v] == 0) number[v] = count++;
-    bool good = view_surface_reserve(s, count, mesh->surface_count);
-    if (good) {
-        for (int32_t v = 0; v < mesh->vertex_count; v++) {
-            if (number[v] < 0) continue;
-            s->vertex_id[number[v]] = v;
-            for (int k = 0; k < 3; k++) s->vertex_m[3 * number[v] + k] = (float)mesh->rest_m[3 * v + k];
-        }
-        for (int32_t i = 0; i < 3 * mesh->surface_count; i++) s->triangle[i] = number[mesh->surface[i]];
-        memset(s->kind, 0, (size_t)mesh->surface_count);
-        s->vertex_count = count, s->triangle_count = mesh->surface_count;
-        ++s->version, ++s->topology;
-    }
-    free(number);
-    return good;
+/* The mesh as it is to be seen; 0 or an exit code, having complained. */
+static int show(const char *path, const tm_mesh_file *file, const tm_mesh *mesh, const view_cutaway *cut,
+                view_picture *picture) {
+    view_regions_name(file, mesh, picture);
+    if (!view_regions_surface(mesh, cut, picture))
+        return app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
+    picture->tets = mesh->tet_count;
+    if (!picture->surface.triangle_count)
+        return app_bad_input(path, 0, "--clip takes all of it away; move the plane with its offset, or turn it round");
+    return 0;
 }
 
-static int load_mesh(const char *path, double scale, view_picture *picture) {
+static int load_mesh(const char *path, double scale, const view_cutaway *cut, view_picture *picture) {
     tm_error error = {0};
-    app_mesh file;
-    if (app_mesh_load(path, scale, &file, &error)) return app_report(path, 0, &error);
+    tm_mesh_file file;
+    if (tm_mesh_file_load(path, scale, &file, &error)) return app_report(NULL, 0, &error);
     tm_mesh *mesh = NULL;
-    tm_status status = app_mesh_build(&file, &mesh, &error);
-    app_mesh_free(&file);
-    if (status) return app_report(path, 0, &error);
-    bool good = surface_of(mesh, &picture->surface);
-    picture->tets = mesh->tet_count;
+    int wrong = tm_mesh_file_build(&file, &mesh, &error) ? app_report(NULL, 0, &error) : 0;
+    if (!wrong) wrong = show(path, &file, mesh, cut, picture);
+    tm_mesh_file_free(&file);
     tm_mesh_destroy(mesh);
-    return good ? 0 : app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
+    return wrong;
 }
 
 static int take_marks(const sim *s, const char *path, const view_mark_choice *choice, view_marks *marks) {
@@ -53,7 +39,7 @@ static int take_marks(const sim *s, const char *path, const view_mark_choice *ch
     return app_bad_input(path, 0, "no memory for its supports and fibres; close other programs") - 1;
 }
 
-int view_scene_marks(const char *path, const view_mark_choice *choice, view_marks *marks) {
+int view_scene_marks(const char *path, const view_mark_choice *choice, view_picture *picture, view_marks *marks) {
     app_scene *scene;
     sim *s;
     char dynamic[] = "model=dynamic",
@@ -62,19 +48,20 @@ int view_scene_marks(const char *path, const view_mark_choice *choice, view_mark
     if (!wrong) wrong = sim_create(scene, &s);
     if (wrong) return wrong;
     wrong = take_marks(s, path, choice, marks);
+    view_regions_name(&s->file, s->mesh, picture);
     sim_destroy(s);
     return wrong;
 }
 
 /* The scene as it stands before its first frame. */
-static int load_scene(const char *path, const view_mark_choice *choice, view_picture *picture, view_marks *marks) {
+static int load_scene(const char *path, const view_mark_choice *choice, const view_cutaway *cut, view_picture *picture,
+                      view_marks *marks) {
     app_scene *scene;
     sim *s;
     int wrong = sim_scene_load(path, NULL, 0, &scene);
     if (!wrong) wrong = sim_create(scene, &s);
     if (wrong) return wrong;
-    if (!surface_of(s->mesh, &picture->surface))
-        wrong = app_bad_input(path, 0, "no memory for its surface; close other programs") - 1;
+    wrong = show(path, &s->file, s->mesh, cut, picture);
     if (!wrong) wrong = take_marks(s, path, choice, marks);
     for (int i = 0; i < s->instrument_count && i < VIEW_INSTRUMENTS; i++) {
         view_instrument *t = &picture->instrument[i];
@@ -85,7 +72,6 @@ static int load_scene(const char *path, const view_mark_choice *choice, view_pic
         t->mode = (hrt_mode)s->instrument_def[i].mode;
         t->shown = true;
     }
-    picture->tets = s->mesh->tet_count;
     sim_destroy(s);
     return wrong;
 }
@@ -103,9 +89,9 @@ bool view_is_scene(const char *path) {
     return dot && (!strcmp(dot, ".yaml") || !strcmp(dot, ".yml"));
 }
 
-int view_still_load(const char *path, double scale, const view_mark_choice *choice, view_picture *picture,
-                    view_marks *marks) {
+int view_still_load(const char *path, double scale, const view_mark_choice *choice, const view_cutaway *cut,
+                    view_picture *picture, view_marks *marks) {
     const char *slash = strrchr(path, '/');
     snprintf(picture->title, sizeof picture->title, "%s", slash ? slash + 1 : path);
-    return view_is_scene(path) ? load_scene(path, choice, picture, marks) : load_mesh(path, scale, picture);
+    return view_is_scene(path) ? load_scene(path, choice, cut, picture, marks) : load_mesh(path, scale, cut, picture);
 }

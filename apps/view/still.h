@@ -3,6 +3,7 @@
 #define VIEW_STILL_H
 
 #include "picture.h"
+#include "regions.h"
 #include "scene_marks.h"
 
 /* Which marks of a scene are wanted. */
@@ -15,9 +16,9 @@ bool view_is_still(const char *path);
 bool view_is_scene(const char *path);
 /* Fills the picture's surface, and of a scene its instruments where they start and its marks. 0, or an exit code after
  * complaining. */
-int view_still_load(const char *path, double scale, const view_mark_choice *choice, view_picture *picture,
-                    view_marks *marks);
-/* The marks alone, for a source that tells none. */
-int view_scene_marks(const char *path, const view_mark_choice *choice, view_marks *marks);
+int view_still_load(const char *path, double scale, const view_mark_choice *choice, const view_cutaway *cut,
+                    view_picture *picture, view_marks *marks);
+/* The marks and the regions' names and colours alone, for a source that tells none. */
+int view_scene_marks(const char *path, const view_mark_choice *choice, view_picture *picture, view_marks *marks);
 
 #endif

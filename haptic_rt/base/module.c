@@ -11,18 +11,16 @@ static void fail(tm_error *error, const char *name, const char *why) {
     if (!error) return;
     static const struct {
         const char *name, *package;
-    } packages[] = {{"lcm", "liblcm1"},
-                    {"osmesa", "libosmesa6"},
-                    {"opengl", "libgl1"},
-                    {"solve", "libcholmod3"},
-                    {"window", "libsdl2-2.0-0"}};
+    } packages[] = {{"lcm", "liblcm1"},       {"osmesa", "libosmesa6"},    {"opengl", "libgl1"},
+                    {"solve", "libcholmod3"}, {"window", "libsdl2-2.0-0"}, {"image", "libinsighttoolkit5.2"}};
     const char *package = "its Debian package";
     for (size_t i = 0; i < sizeof packages / sizeof *packages; i++)
         if (strcmp(packages[i].name, name) == 0) package = packages[i].package;
     error->status = TM_ERR_FILE;
     error->entity = -1;
-    snprintf(error->message, sizeof error->message, "module '%s' cannot be opened: %s; apt-get install %s, or run make",
-             name, why, package);
+    snprintf(error->message, sizeof error->message,
+             "module '%s' cannot be opened: %s; apt-get install %s, or run make%s", name, why, package,
+             strcmp(name, "image") == 0 ? " image" : "");
 }
 
 /* The folder that the program lies in. */

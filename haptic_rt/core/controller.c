@@ -1,11 +1,11 @@
 /* The tick, and the state diagram of docs/controller.md. */
 #include "internal.h"
 
-void hrt_init(hrt_controller *controller, const hrt_params *params, const hrt_frame *frame, int64_t session) {
+void hrt_init(hrt_controller *controller, const hrt_params *params, const hrt_axes *axes, int64_t session) {
     static const hrt_controller zero = {.state = HRT_BOOT};
     *controller = zero;
     controller->params = *params;
-    controller->frame = *frame;
+    controller->axes = *axes;
     controller->session = session;
     hrt_extrapolation_reset(&controller->extrapolation, HRT_HOLD);
 }
@@ -195,11 +195,11 @@ static void make_force(hrt_controller *c, int64_t now_us, const hrt_input *in, f
         return;
     }
     if (c->gain < 1.0f) c->limits |= HRT_LIMIT_RAMP;
-    hrt_scale(force, c->gain);
+    vscale(c->gain, force, force);
     hrt_limit_force(c, dt_s, force);
 }
 
-static void report(const hrt_controller *c, int64_t now_us, const hrt_input *in, hrt_output *out) {
+static void report(const hrt_controller *c, int64_t now_us, const hrt_input *in, hrt_result *out) {
     out->state = c->state;
     out->fault = c->fault;
     out->fault_detail = c->fault_detail;
@@ -219,19 +219,19 @@ static void report(const hrt_controller *c, int64_t now_us, const hrt_input *in,
     out->pedal = in->pedal;
 }
 
-void hrt_tick(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_sample *newest, hrt_output *out) {
+void hrt_tick(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_sample *newest, hrt_result *out) {
     float before[3], moved[3];
     const hrt_state state = c->state;
     c->counters.ticks++;
     c->limits = 0;
-    hrt_copy(before, c->tip_m);
+    vset(c->tip_m, before);
     /* Constant from here on: looked at whenever `boot` is passed. */
     if (c->state == HRT_BOOT && hrt_params_check(&c->params) >= 0)
         hrt_latch(c, now_us, HRT_FAULT_PARAMETER, hrt_params_check(&c->params));
     const float dt_s = read_clock(c, now_us);
     hrt_read_device(c, now_us, in);
     look_for_rival(c, now_us, in);
-    hrt_sub(c->tip_m, before, moved);
+    vsub(c->tip_m, before, moved);
     if (in_use(c)) hrt_passivity_observe(c, now_us, moved);
     read_simulation(c, now_us, in, newest);
     if (c->state == state) change_state(c, now_us, in, dt_s); /* one change a tick */

@@ -31,22 +31,22 @@ void hrt_render(hrt_controller *c, int64_t now_us, bool coupling, float force_N[
         c->limits |= c->extrapolation.limits;
         return;
     }
-    if (!c->proxy_valid) hrt_copy(c->proxy_m, c->tip_m);
+    if (!c->proxy_valid) vset(c->tip_m, c->proxy_m);
     float scene[3], pull[3], residual[3], step[3];
     hrt_extrapolation_force(&c->extrapolation, &c->params, now_us, c->proxy_m, scene);
     c->limits |= c->extrapolation.limits | HRT_LIMIT_COUPLING;
-    hrt_sub(c->tip_m, c->proxy_m, pull);
-    hrt_copy(residual, scene);
-    hrt_add_scaled(residual, k, pull);
-    if (newton(stiffness, k, residual, step)) hrt_add_scaled(c->proxy_m, 1.0f, step);
+    vsub(c->tip_m, c->proxy_m, pull);
+    vset(scene, residual);
+    vadd(residual, k, pull);
+    if (newton(stiffness, k, residual, step)) vadd(c->proxy_m, 1.0f, step);
     /* Never further away than the largest force needs. */
-    hrt_sub(c->proxy_m, c->tip_m, pull);
-    const float far = hrt_length(pull), most = 2.0f * c->params.force_max_N / k;
+    vsub(c->proxy_m, c->tip_m, pull);
+    const float far = vnorm(pull), most = 2.0f * c->params.force_max_N / k;
     if (far > most) {
-        hrt_scale(pull, most / far);
+        vscale(most / far, pull, pull);
         for (int i = 0; i < 3; i++) c->proxy_m[i] = c->tip_m[i] + pull[i];
     }
     for (int i = 0; i < 3; i++) force_N[i] = k * pull[i];
-    if (hrt_length(force_N) > 0.0f) hrt_add_scaled(force_N, -c->params.coupling_N_s_m, c->velocity_m_s);
+    if (vnorm(force_N) > 0.0f) vadd(force_N, -c->params.coupling_N_s_m, c->velocity_m_s);
     c->proxy_valid = true;
 }

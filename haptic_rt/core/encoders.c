@@ -70,9 +70,9 @@ void hrt_read_device(hrt_controller *c, int64_t now_us, const hrt_input *in) {
     check_stuck(c, now_us, in);
     take_counts(c, in, dt_s);
     hrt_counts_to_joint(&c->params, c->count, c->joint);
-    hrt_tip(&c->frame, c->joint, c->tip_m);
+    hrt_tip(&c->axes, c->joint, c->tip_m);
     check_range(c, now_us);
     float jacobian[9];
-    hrt_jacobian(&c->frame, c->joint, jacobian);
+    hrt_jacobian(&c->axes, c->joint, jacobian);
     hrt_apply(jacobian, c->joint_velocity, c->velocity_m_s);
 }

@@ -2,7 +2,7 @@
  * geometry. A device is one file engine_NAME.h; the row below names it.
  *
  * The geometry is included once for `float`, the controller's (core/kinematics.c), and once for the simulation's
- * precision (device/kinematics.c): the includer sets HRT_REAL, HRT_FRAME, HRT_KINEMATICS(name), the functions HRT_SQRT,
+ * precision (device/kinematics.c): the includer sets HRT_REAL, HRT_AXES, HRT_KINEMATICS(name), the functions HRT_SQRT,
  * HRT_ASIN, HRT_ATAN2 and HRT_SINE_COSINE, and HRT_SIZE_MIN and _MAX, between which a square keeps its digits. What
  * all devices share of it stands here; `tip`, `jacobian` and `inverse` are the device's. */
 
@@ -35,15 +35,15 @@ static bool make_unit(const HRT_REAL a[3], HRT_REAL unit[3]) {
     return true;
 }
 
-bool HRT_KINEMATICS(frame_from_axis)(HRT_FRAME *frame, const HRT_REAL axis[3], const HRT_REAL up[3]) {
+bool HRT_KINEMATICS(axes_along)(HRT_AXES *axes, const HRT_REAL axis[3], const HRT_REAL up[3]) {
     HRT_REAL z[3], y[3], x[3], unit_up[3];
-    for (int i = 0; i < 9; i++) frame->r[i] = (HRT_REAL)(i % 4 == 0);
+    for (int i = 0; i < 9; i++) axes->r[i] = (HRT_REAL)(i % 4 == 0);
     if (!make_unit(axis, z) || !make_unit(up, unit_up)) return false;
     cross(unit_up, z, y);
     if (!(size_of(y) > (HRT_REAL)1.0e-3) || !make_unit(y, x)) return false;
     cross(z, x, y); /* last, so that all three are perpendicular to rounding however slanted `up` is */
     for (int i = 0; i < 3; i++) {
-        HRT_REAL *row = frame->r + (ptrdiff_t)3 * i;
+        HRT_REAL *row = axes->r + (ptrdiff_t)3 * i;
         row[0] = x[i], row[1] = y[i], row[2] = z[i];
     }
     return true;

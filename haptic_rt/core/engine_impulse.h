@@ -4,7 +4,7 @@
 
 /* The joints in their order, as the columns of tables name them. */
 #define HRT_ENGINE_JOINTS "pitch_rad", "yaw_rad", "insertion_m", "roll_rad", "grip"
-#define HRT_ENGINE_COLUMNS "pitch_rad,yaw_rad,insertion_m,roll_rad,grip"
+#define HRT_ENGINE_FIELDS "pitch_rad,yaw_rad,insertion_m,roll_rad,grip"
 /* The profile's defaults, a number a joint (device/profiles/impulse_engine.profile says where they are from). */
 #define HRT_ENGINE_COUNTS_PER_UNIT 8000.0f, 8000.0f, 40000.0f, 700.0f, 250.0f
 #define HRT_ENGINE_JOINT_MIN -0.8f, -0.8f, 0.01f, -10.0f, 0.0f
@@ -31,14 +31,14 @@ static void turn_gimbal(const HRT_REAL joint[HRT_JOINTS], gimbal *g) {
     HRT_SINE_COSINE(joint[HRT_YAW], &g->sy, &g->cy);
 }
 
-void HRT_KINEMATICS(tip)(const HRT_FRAME *frame, const HRT_REAL joint[HRT_JOINTS], HRT_REAL tip_m[3]) {
+void HRT_KINEMATICS(tip)(const HRT_AXES *axes, const HRT_REAL joint[HRT_JOINTS], HRT_REAL tip_m[3]) {
     gimbal g;
     turn_gimbal(joint, &g);
     const HRT_REAL along[3] = {g.sy, g.sp * g.cy, g.cp * g.cy};
-    turn(frame->r, joint[HRT_INSERTION], along, tip_m);
+    turn(axes->r, joint[HRT_INSERTION], along, tip_m);
 }
 
-void HRT_KINEMATICS(jacobian)(const HRT_FRAME *frame, const HRT_REAL joint[HRT_JOINTS], HRT_REAL jacobian[9]) {
+void HRT_KINEMATICS(jacobian)(const HRT_AXES *axes, const HRT_REAL joint[HRT_JOINTS], HRT_REAL jacobian[9]) {
     const HRT_REAL d = joint[HRT_INSERTION];
     gimbal g;
     turn_gimbal(joint, &g);
@@ -46,13 +46,13 @@ void HRT_KINEMATICS(jacobian)(const HRT_FRAME *frame, const HRT_REAL joint[HRT_J
         {0, g.cp * g.cy, -g.sp * g.cy}, {g.cy, -g.sp * g.sy, -g.cp * g.sy}, {g.sy, g.sp * g.cy, g.cp * g.cy}};
     for (int j = 0; j < 3; j++) {
         HRT_REAL world[3];
-        turn(frame->r, j == HRT_INSERTION ? 1 : d, column[j], world);
+        turn(axes->r, j == HRT_INSERTION ? 1 : d, column[j], world);
         for (int i = 0; i < 3; i++) jacobian[3 * i + j] = world[i];
     }
 }
 
-bool HRT_KINEMATICS(inverse)(const HRT_FRAME *frame, const HRT_REAL tip_m[3], HRT_REAL joint3[3]) {
-    const HRT_REAL *r = frame->r;
+bool HRT_KINEMATICS(inverse)(const HRT_AXES *axes, const HRT_REAL tip_m[3], HRT_REAL joint3[3]) {
+    const HRT_REAL *r = axes->r;
     HRT_REAL p[3];
     for (int i = 0; i < 3; i++) p[i] = r[i] * tip_m[0] + r[3 + i] * tip_m[1] + r[6 + i] * tip_m[2];
     const HRT_REAL d = size_of(p), most = (HRT_REAL)HRT_SIZE_MAX;

@@ -17,45 +17,44 @@ static float capped_ratio(const moment *m, float ratio) {
 
 /* A square of a displacement that does not vanish when the tool stands still: below a count or two it says nothing. */
 static float guarded_square(const hrt_params *params, const float step_m[3]) {
-    return hrt_dot(step_m, step_m) + params->standstill_m * params->standstill_m;
+    return vdot(step_m, step_m) + params->standstill_m * params->standstill_m;
 }
 
 /* A probe is pushed, never pulled: what points against the touch is taken out. A grasper may be pulled, but an estimate
  * does not lead it through zero: while jaws open the force falls without any motion, and what an estimate makes of that
  * points the other way, and grows. */
 static void only_push(const hrt_extrapolation *x, bool estimated, float force[3]) {
-    const float *touch = hrt_length(x->now.force_N) > 0.0f ? x->now.force_N : x->before.force_N;
-    const float size2 = hrt_dot(touch, touch);
+    const float *touch = vnorm(x->now.force_N) > 0.0f ? x->now.force_N : x->before.force_N;
+    const float size2 = vdot(touch, touch);
     if (!(x->now.unilateral || estimated) || !(size2 > 0.0f)) return;
-    const float along = hrt_dot(force, touch);
-    if (along < 0.0f) hrt_add_scaled(force, -along / size2, touch);
+    const float along = vdot(force, touch);
+    if (along < 0.0f) vadd(force, -along / size2, touch);
 }
 
 static void law_hold(hrt_extrapolation *x, const moment *m, float force[3]) { (void)x, (void)m, (void)force; }
 
 static void law_time(hrt_extrapolation *x, const moment *m, float force[3]) {
     if (x->have < 2) return;
-    hrt_add_scaled(force, capped_ratio(m, m->age_s / fmaxf(m->interval_s, 1.0e-3f)), m->change_N);
+    vadd(force, capped_ratio(m, m->age_s / fmaxf(m->interval_s, 1.0e-3f)), m->change_N);
 }
 
 static void law_position(hrt_extrapolation *x, const moment *m, float force[3]) {
     if (x->have < 2) return;
-    hrt_add_scaled(force, capped_ratio(m, hrt_dot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)),
-                   m->change_N);
+    vadd(force, capped_ratio(m, vdot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)), m->change_N);
     only_push(x, true, force);
 }
 
 /* As printed: a ratio of lengths, so the force goes on growing when the tool turns back. For comparison. */
 static void law_paper_position(hrt_extrapolation *x, const moment *m, float force[3]) {
-    const float square = hrt_dot(m->step_m, m->step_m);
+    const float square = vdot(m->step_m, m->step_m);
     if (x->have < 2 || !(square > 1.0e-12f)) return;
-    hrt_add_scaled(force, capped_ratio(m, fabsf(hrt_dot(m->moved_m, m->step_m)) / square), m->change_N);
+    vadd(force, capped_ratio(m, fabsf(vdot(m->moved_m, m->step_m)) / square), m->change_N);
 }
 
 static void add_stiffness(const float stiffness[9], const float moved[3], float force[3]) {
     float change[3];
     hrt_apply(stiffness, moved, change);
-    hrt_add_scaled(force, 1.0f, change);
+    vadd(force, 1.0f, change);
 }
 
 static void law_broyden(hrt_extrapolation *x, const moment *m, float force[3]) {
@@ -109,25 +108,30 @@ void hrt_extrapolation_reset(hrt_extrapolation *x, hrt_extrapolator which) {
 void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which) {
     if (x->which == which) return;
     x->which = which;
-    x->changed = true;
+    x->changed = 1;
     x->on_patch = false;
     hrt_contact_clear(x);
 }
 
+/* What a cut does to the force says nothing of how it follows the tool; what still bears is stiff as far as it bears.
+ */
 static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
     float step[3], miss[3], predicted[3];
-    hrt_sub(x->now.tip_m, x->before.tip_m, step);
-    hrt_sub(x->now.force_N, x->before.force_N, miss);
+    vsub(x->now.tip_m, x->before.tip_m, step);
+    vsub(x->now.force_N, x->before.force_N, miss);
     hrt_apply(x->broyden_N_m, step, predicted);
-    hrt_add_scaled(miss, -1.0f, predicted);
+    vadd(miss, -1.0f, predicted);
     const float square = guarded_square(params, step);
+    const bool cut = x->now.topology_revision != x->before.topology_revision;
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) x->broyden_N_m[3 * i + j] += miss[i] * step[j] / square;
+        for (int j = 0; j < 3; j++) x->broyden_N_m[3 * i + j] += cut ? 0.0f : miss[i] * step[j] / square;
     /* Out of touch nothing is stiff. */
-    const bool untouched = !(hrt_length(x->now.force_N) > 0.0f) && !(hrt_length(x->before.force_N) > 0.0f);
+    const float now = vnorm(x->now.force_N), before = vnorm(x->before.force_N);
+    const bool untouched = !(now > 0.0f) && !(before > 0.0f);
     const float norm = hrt_norm9(x->broyden_N_m);
     x->broyden_bounded = norm > params->stiffness_max_N_m;
-    const float share = untouched ? 0.0f : norm > params->stiffness_max_N_m ? params->stiffness_max_N_m / norm : 1.0f;
+    float share = untouched ? 0.0f : norm > params->stiffness_max_N_m ? params->stiffness_max_N_m / norm : 1.0f;
+    if (cut && now < before) share *= now / before;
     for (int i = 0; i < 9; i++) x->broyden_N_m[i] *= share;
 }
 
@@ -135,15 +139,23 @@ static void take_patch(hrt_extrapolation *x, const hrt_sample *sample) {
     /* A patch of another cut state than its sample's is none, nor is one that pulls a probe. */
     const hrt_patch *fresh = HRT_WITH_PATCHES ? sample->patch : NULL;
     if (fresh &&
-        (fresh->topology_revision != sample->topology_revision || (sample->unilateral && hrt_patch_holds(fresh))))
+        (fresh->topology_revision != sample->topology_revision || (sample->unilateral && hrt_patch_holds(fresh)) ||
+         (!HRT_WITH_FRICTION && fresh->friction_static > 0.0f)))
         fresh = NULL;
-    if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh) {
-        /* Another cut state is another tissue: what it pushes with comes over a while, not at once. */
-        if (x->patch->topology_revision != fresh->topology_revision) x->changed = true;
-        /* So are jaws that have closed or opened. */
-        if (hrt_patch_holds(x->patch) != hrt_patch_holds(fresh)) x->changed = true;
+    if (x->which == HRT_CONTACT) {
+        /* Cut tissue, and jaws that have closed or opened, are another tissue, whose rest the first tick does not find
+         * yet: it comes from the second one's force on. Of the same tissue a sample is right at once: a bridge is a
+         * delay in the hand's loop. */
+        const bool other = x->before.topology_revision != sample->topology_revision ||
+                           (x->patch && fresh && hrt_patch_holds(x->patch) != hrt_patch_holds(fresh));
+        if (other)
+            x->changed = 2;
+        else if (!x->on_patch)
+            x->changed = 1;
+    }
+    if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh)
         hrt_contact_warm(x, x->patch, fresh);
-    } else
+    else
         hrt_contact_clear(x);
     x->patch = fresh;
     x->patch_us = sample->t_us;
@@ -164,9 +176,9 @@ void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, co
 }
 
 static void cap_length(float v[3], float most, uint32_t *limits) {
-    const float size = hrt_length(v);
+    const float size = vnorm(v);
     if (!(size > most)) return;
-    hrt_scale(v, most / size);
+    vscale(most / size, v, v);
     *limits |= HRT_LIMIT_HORIZON;
 }
 
@@ -175,11 +187,11 @@ static void describe(hrt_extrapolation *x, const hrt_params *params, int64_t now
     const float age_us = hrt_us(now_us - x->now.t_us);
     if (age_us > params->horizon_us) x->limits |= HRT_LIMIT_HORIZON;
     m->age_s = 1.0e-6f * hrt_clamp(age_us, 0.0f, params->horizon_us);
-    hrt_sub(tip_m, x->now.tip_m, m->moved_m);
+    vsub(tip_m, x->now.tip_m, m->moved_m);
     cap_length(m->moved_m, params->horizon_m, &x->limits);
     m->interval_s = hrt_seconds(x->now.t_us - x->before.t_us);
-    hrt_sub(x->now.tip_m, x->before.tip_m, m->step_m);
-    hrt_sub(x->now.force_N, x->before.force_N, m->change_N);
+    vsub(x->now.tip_m, x->before.tip_m, m->step_m);
+    vsub(x->now.force_N, x->before.force_N, m->change_N);
 }
 
 /* The law's own force; says whether it came from the patch. */
@@ -195,26 +207,31 @@ static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now
         }
         x->limits |= HRT_LIMIT_PATCH;
     }
-    hrt_copy(force, x->now.force_N);
+    vset(x->now.force_N, force);
     /* A grasper without force holds and touches nothing: what the last samples changed came from its jaws opening, not
      * from its moving. */
-    if (!x->now.unilateral && !(hrt_length(force) > 0.0f)) return false;
+    if (!x->now.unilateral && !(vnorm(force) > 0.0f)) return false;
     laws[x->which].force(x, &m, force);
     return false;
 }
 
-/* Two laws meet without a jump: the difference at the change fades over blend_us. */
+static const float FORGOTTEN = 5.0e-4f; /* a tick, of the largest force felt */
+
+/* Two laws, or two tissues of `contact`, meet without a jump: the difference fades, the longer the larger it is, at the
+ * pace at which the largest force of the last seconds would go to nothing in blend_us. What is small is right at once.
+ */
 static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, float force[3]) {
     if (x->changed && x->last_valid) {
-        hrt_sub(x->last_N, force, x->bridge_N);
+        vsub(x->last_N, force, x->bridge_N);
         x->bridge_us = now_us;
+        x->bridge_for_us = params->blend_us * vnorm(x->bridge_N) / fmaxf(x->felt_N, 1.0e-6f);
         x->bridging = true;
     }
-    x->changed = false;
+    if (x->changed) x->changed--;
     if (!x->bridging) return;
-    const float left = 1.0f - hrt_us(now_us - x->bridge_us) / fmaxf(params->blend_us, 1.0f);
+    const float left = 1.0f - hrt_us(now_us - x->bridge_us) / fmaxf(x->bridge_for_us, 1.0f);
     if (left > 0.0f)
-        hrt_add_scaled(force, left, x->bridge_N);
+        vadd(force, left, x->bridge_N);
     else
         x->bridging = false;
 }
@@ -225,9 +242,10 @@ void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int
     for (int i = 0; i < 3; i++) force_N[i] = 0.0f;
     if (!x->have) return;
     const bool on_patch = evaluate(x, params, now_us, tip_m, force_N);
-    if (x->which == HRT_CONTACT && on_patch != x->on_patch && x->last_valid) x->changed = true;
+    if (x->which == HRT_CONTACT && on_patch != x->on_patch && !x->changed) x->changed = 1;
     x->on_patch = on_patch;
+    x->felt_N = fmaxf((1.0f - FORGOTTEN) * x->felt_N, vnorm(force_N));
     bridge(x, params, now_us, force_N);
-    hrt_copy(x->last_N, force_N);
+    vset(force_N, x->last_N);
     x->last_valid = true;
 }

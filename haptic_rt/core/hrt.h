@@ -49,7 +49,7 @@ typedef enum hrt_fault {
     HRT_FAULT_CLOCK,            /* time went backwards */
     HRT_FAULT_TICK_LATE,        /* the caller's loop stood still for longer than tick_timeout_us while in use */
     HRT_FAULT_SELF_TEST,        /* self test not passed within its time */
-    HRT_FAULT_INTERNAL,         /* a force that is not finite reached the output stage */
+    HRT_FAULT_INTERNAL,         /* a force that is not finite reached the last stage */
     HRT_FAULT_RIVAL,            /* somebody else sends this controller's frames on the bus */
     HRT_FAULT_COUNT
 } hrt_fault;
@@ -113,7 +113,7 @@ typedef struct hrt_params {
     float horizon_m;      /* of displacement, from P_n */
     float ratio_max;      /* largest multiple of the last difference */
     float standstill_m;   /* displacement below which differences say nothing: about one count */
-    float blend_us;       /* bridge between two extrapolators */
+    float blend_us;       /* bridge from no force to the whole of it; a smaller difference takes its share */
     float patch_stale_us; /* age of t_n of the patch */
     /* watchdogs and ramps */
     float stale_us; /* age of t_n at which `engaged` becomes `stale` */
@@ -150,6 +150,11 @@ void hrt_params_default(hrt_params *params);
 int32_t hrt_params_check(const hrt_params *params);
 
 /* ------------------------------------------------------------------------------------------------ samples */
+
+/* 0 leaves friction out of a small part's flash and memory: a patch with coefficients is then no patch. */
+#ifndef HRT_WITH_FRICTION
+#define HRT_WITH_FRICTION 1
+#endif
 
 #ifndef HRT_PATCH_MAX_VERTICES
 #define HRT_PATCH_MAX_VERTICES 24
@@ -199,6 +204,7 @@ typedef struct hrt_patch {
     float contact_length_m;
     float film_s_m; /* drag between tool and tissue, of the reaction and the speed of sliding (docs/contact.md) */
     float radiation_N_s_m, radiation_s; /* dashpot of what waves carry off, on the speed less its mean of so long */
+    float friction_static, friction_sliding; /* coefficients of what has rested and of what has slid; 0: no friction */
     hrt_patch_topology topology;
 } hrt_patch;
 
@@ -282,18 +288,18 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
 /* Orientation of the device in the scene: row-major, columns are the device's x, y, z along world axes. z is the
  * shaft's direction into the body at zero pitch and yaw; y is `up`. tip = insertion * (sin yaw, sin pitch cos yaw, cos
  * pitch cos yaw) in device axes. */
-typedef struct hrt_frame {
+typedef struct hrt_axes {
     float r[9];
-} hrt_frame;
+} hrt_axes;
 
-/* From a direction and an up vector of any length; false when they are parallel, zero or not finite (the frame is then
+/* From a direction and an up vector of any length; false when they are parallel, zero or not finite (the axes are then
  * the identity). */
-bool hrt_frame_from_axis(hrt_frame *frame, const float axis[3], const float up[3]);
-void hrt_tip(const hrt_frame *frame, const float joint[HRT_JOINTS], float tip_m[3]);
+bool hrt_axes_along(hrt_axes *axes, const float axis[3], const float up[3]);
+void hrt_tip(const hrt_axes *axes, const float joint[HRT_JOINTS], float tip_m[3]);
 /* d tip / d (pitch, yaw, insertion), row-major 3x3. */
-void hrt_jacobian(const hrt_frame *frame, const float joint[HRT_JOINTS], float jacobian[9]);
+void hrt_jacobian(const hrt_axes *axes, const float joint[HRT_JOINTS], float jacobian[9]);
 /* pitch, yaw, insertion that put the tip there; false at the trocar itself. */
-bool hrt_inverse(const hrt_frame *frame, const float tip_m[3], float joint3[3]);
+bool hrt_inverse(const hrt_axes *axes, const float tip_m[3], float joint3[3]);
 void hrt_counts_to_joint(const hrt_params *params, const int32_t count[HRT_JOINTS], float joint[HRT_JOINTS]);
 /* The count of joint `j` at a value, not rounded. */
 float hrt_count_of_joint(const hrt_params *params, int j, float value);
@@ -321,6 +327,21 @@ typedef struct hrt_mixing {
     float residual_change_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS], step_N[HRT_MIXING_MEMORY][HRT_PATCH_DOFS];
 } hrt_mixing;
 
+/* Friction at a station of the tool, from tick to tick (law/friction.h). */
+typedef struct hrt_rubbed {
+    uint8_t station;
+    float force_N[3];   /* on the tissue */
+    float stretch_N[3]; /* of its skin, by the skin's compliance: where the force goes while it sticks */
+    float rest;         /* 1 has rested .. 0 has slid */
+} hrt_rubbed;
+
+typedef struct hrt_rubbing {
+    uint32_t known; /* bit v: u_m of vertex v is there; 0: tip_m is not either */
+    int32_t count;
+    hrt_rubbed at[HRT_CONTACT_ROWS];
+    float u_m[HRT_PATCH_DOFS], tip_m[3]; /* displacements of the vertices, and the tip, in the last tick */
+} hrt_rubbing;
+
 typedef struct hrt_extrapolation {
     hrt_extrapolator which;
     int32_t have; /* samples held: 0, 1, 2 */
@@ -329,7 +350,10 @@ typedef struct hrt_extrapolation {
     bool broyden_bounded;
     float bridge_N[3]; /* what the force was more than the new law says, at the change */
     int64_t bridge_us;
-    bool bridging, changed;
+    float bridge_for_us;
+    float felt_N; /* the largest force of the last seconds */
+    bool bridging;
+    uint8_t changed; /* ticks for which what the force was more is measured anew */
     bool patch_left; /* the tool went off the newest patch */
     bool on_patch;
     const hrt_patch *patch; /* of the newest sample that brought one */
@@ -341,13 +365,16 @@ typedef struct hrt_extrapolation {
     hrt_contact_row row[HRT_CONTACT_ROWS];
     float patch_force_N[HRT_PATCH_DOFS]; /* what the rows do to the patch */
     hrt_mixing mixing;
+#if HRT_WITH_FRICTION
+    hrt_rubbing rubbing;
+#endif
     float last_N[3];
     bool last_valid;
     uint32_t limits; /* hrt_limit bits of the last evaluation */
 } hrt_extrapolation;
 
 void hrt_extrapolation_reset(hrt_extrapolation *x, hrt_extrapolator which);
-/* Change the law while running: bridged over blend_us. */
+/* Change the law while running: bridged. */
 void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which);
 /* A newer sample (order already checked; see hrt_tick). Stiffness and patch are left out where its flags say so. */
 void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, const hrt_sample *sample);
@@ -376,7 +403,7 @@ typedef struct hrt_input {
     hrt_extrapolator extrapolator;
 } hrt_input;
 
-typedef struct hrt_output {
+typedef struct hrt_result {
     hrt_state state;
     hrt_fault fault;      /* the first, latched */
     int32_t fault_detail; /* joint, parameter row or device code */
@@ -392,7 +419,7 @@ typedef struct hrt_output {
     int64_t sample_age_us; /* of t_n; -1: no sample */
     hrt_extrapolator extrapolator;
     bool pedal;
-} hrt_output;
+} hrt_result;
 
 typedef struct hrt_counters {
     uint32_t ticks;
@@ -402,7 +429,7 @@ typedef struct hrt_counters {
 /* Caller-owned; nothing in it points into itself. Read it for tests and logs, change it through hrt_tick alone. */
 typedef struct hrt_controller {
     hrt_params params;
-    hrt_frame frame;
+    hrt_axes axes;
     int64_t session;
     hrt_state state;
     hrt_fault fault;
@@ -424,7 +451,7 @@ typedef struct hrt_controller {
     int64_t sim_session;
     int64_t sample_us; /* t_n of the newest that counts as fresh */
     hrt_extrapolation extrapolation;
-    /* output stage */
+    /* force to torques */
     float gain;
     uint32_t limits;
     float force_N[3]; /* last commanded */
@@ -438,10 +465,10 @@ typedef struct hrt_controller {
 
 /* Puts a controller into `boot`. Bad parameters end in `fault` at the first tick. session: new at every start, echoed
  * by the simulation. */
-void hrt_init(hrt_controller *controller, const hrt_params *params, const hrt_frame *frame, int64_t session);
+void hrt_init(hrt_controller *controller, const hrt_params *params, const hrt_axes *axes, int64_t session);
 /* Once every 2 ms. `newest`: a sample that passed hrt_sample_check, or null when none came since the last tick. */
 void hrt_tick(hrt_controller *controller, int64_t now_us, const hrt_input *input, const hrt_sample *newest,
-              hrt_output *output);
+              hrt_result *result);
 
 const char *hrt_state_name(hrt_state state);
 const char *hrt_fault_name(hrt_fault fault);

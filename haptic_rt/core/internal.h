@@ -10,6 +10,7 @@
 #define LAW_REAL float
 #define LAW_CALL __attribute__((noinline, unused))
 #include "law/number.h"
+#include "law/vec.h"
 
 /* Three numbers a point, three corners a triangle; as wide as a pointer's offset. */
 static const ptrdiff_t HRT_XYZ = 3;
@@ -19,25 +20,6 @@ static const ptrdiff_t HRT_XYZ = 3;
 #define HRT_WITH_PATCHES 1
 #endif
 
-static inline float hrt_dot(const float a[3], const float b[3]) { return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]; }
-static inline float hrt_length(const float a[3]) { return sqrtf(hrt_dot(a, a)); }
-static inline void hrt_sub(const float a[3], const float b[3], float c[3]) {
-    for (int i = 0; i < 3; i++) c[i] = a[i] - b[i];
-}
-static inline void hrt_copy(float to[3], const float from[3]) {
-    for (int i = 0; i < 3; i++) to[i] = from[i];
-}
-static inline void hrt_add_scaled(float a[3], float s, const float b[3]) {
-    for (int i = 0; i < 3; i++) a[i] += s * b[i];
-}
-static inline void hrt_scale(float a[3], float s) {
-    for (int i = 0; i < 3; i++) a[i] *= s;
-}
-static inline void hrt_cross(const float a[3], const float b[3], float c[3]) {
-    c[0] = a[1] * b[2] - a[2] * b[1];
-    c[1] = a[2] * b[0] - a[0] * b[2];
-    c[2] = a[0] * b[1] - a[1] * b[0];
-}
 /* y = M x, row-major 3x3. */
 static inline void hrt_apply(const float m[9], const float x[3], float y[3]) {
     for (int i = 0; i < 3; i++) y[i] = m[3 * i] * x[0] + m[3 * i + 1] * x[1] + m[3 * i + 2] * x[2];
@@ -72,7 +54,7 @@ void hrt_latch(hrt_controller *c, int64_t now_us, hrt_fault fault, int32_t detai
 /* encoders.c: counts to joints, tip and velocity; plausibility. */
 void hrt_read_device(hrt_controller *c, int64_t now_us, const hrt_input *in);
 
-/* output.c: force to render -> force within every limit and its torques. dt_s: since the last tick. */
+/* torques.c: force to render -> force within every limit and its torques. dt_s: since the last tick. */
 void hrt_limit_force(hrt_controller *c, float dt_s, const float wanted_N[3]);
 
 /* passivity.c */
@@ -88,6 +70,41 @@ bool hrt_contact_force(hrt_extrapolation *x, int64_t now_us, const float tip_m[3
 void hrt_contact_clear(hrt_extrapolation *x);
 /* Carries the reactions over to a new patch. */
 void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patch *fresh);
+
+/* respond.c: shift[a] := the sum of C_ab x over `count` places b, of which C's upper triangle is there. */
+void hrt_patch_respond(const hrt_patch *patch, uint32_t a, const uint8_t *b, const law_v3 *x, int32_t count,
+                       float *shift_m);
+
+#if HRT_WITH_FRICTION
+/* One station of the tool in this tick: friction's force on the tissue, and what it hangs on. */
+typedef struct hrt_grip {
+    hrt_rubbed is;
+    float bears_N, pressed_N, normal[3]; /* sum of its rows' reactions, what of them presses along `normal` */
+    float gives_m_N, slipped_m;
+} hrt_grip;
+
+typedef struct hrt_rub {
+    const hrt_patch *patch;
+    hrt_rubbing *was; /* of the last tick; hrt_rub_settle makes it this one */
+    law_v3 tip;
+    int32_t count;
+    hrt_grip grip[HRT_CONTACT_ROWS];
+    float u_m[HRT_PATCH_DOFS]; /* displacements of the vertices in this round */
+} hrt_rub;
+
+/* rub.c: friction of a tick, from what it was in the last one; of the shape, as shifted, that the rows are found
+ * against; at those rows, once they are solved: to be added to the residual; and the end of the tick. */
+void hrt_rub_begin(hrt_rub *rub, const hrt_patch *patch, hrt_rubbing *was, const float tip_m[3]);
+void hrt_rub_shape(hrt_rub *rub, const float *shift_m);
+void hrt_rub_round(hrt_rub *rub, const hrt_contact_row *row, int32_t count, float *residual_N);
+void hrt_rub_settle(hrt_rub *rub, float passed_s);
+/* Which stations bear, by these rows. */
+void hrt_rub_press(hrt_rub *rub, const hrt_contact_row *row, int32_t count);
+/* The forces as these rows hand them on to the vertices. */
+void hrt_rub_add(const hrt_rub *rub, const hrt_contact_row *row, int32_t count, float sign, float *force_N);
+/* Of the row's station; null: it bears nothing. */
+const hrt_grip *hrt_rub_grip(const hrt_rub *rub, const hrt_contact_row *row);
+#endif
 
 /* Features that stations of the tool were found near. count < 0: to be looked for. */
 enum { HRT_HITS_MAX = 64 };

@@ -18,7 +18,7 @@ static void sine_cosine(float angle, float *sine, float *cosine) {
 }
 
 #define HRT_REAL float
-#define HRT_FRAME hrt_frame
+#define HRT_AXES hrt_axes
 #define HRT_KINEMATICS(name) hrt_##name
 #define HRT_SQRT sqrtf
 #define HRT_ASIN asinf

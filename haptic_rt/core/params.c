@@ -21,7 +21,7 @@
     ROW(horizon_m, "m", 1.0e-5f, 0.2f, "extrapolation in position from P_n", 0.02f)                                    \
     ROW(ratio_max, "1", 0.5f, 100.0f, "largest multiple of the last difference of force", 4.0f)                        \
     ROW(standstill_m, "m", 1.0e-7f, 0.01f, "displacement that says nothing: about two counts", 5.0e-5f)                \
-    ROW(blend_us, "us", 0.0f, 1.0e6f, "bridge between two extrapolators", 30000.0f)                                    \
+    ROW(blend_us, "us", 0.0f, 1.0e6f, "bridge from no force to all of it", 70000.0f)                                   \
     ROW(patch_stale_us, "us", 1000.0f, 2.0e6f, "age of t_n at which a patch is not used any more", 300000.0f)          \
     ROW(stale_us, "us", 5000.0f, 2.0e6f, "age of t_n at which the force begins to fade", 100000.0f)                    \
     ROW(fade_us, "us", 1000.0f, 1.0e6f, "from full force to none", 40000.0f)                                           \

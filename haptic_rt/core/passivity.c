@@ -5,19 +5,19 @@
 /* The force of the last tick was held while the tip moved by `moved_m`: its work is exact, no velocity estimate enters.
  */
 void hrt_passivity_observe(hrt_controller *c, int64_t now_us, const float moved_m[3]) {
-    c->energy_J -= hrt_dot(c->force_N, moved_m);
-    if (hrt_length(c->force_N) > 0.0f) c->force_free_since_us = now_us;
+    c->energy_J -= vdot(c->force_N, moved_m);
+    if (vnorm(c->force_N) > 0.0f) c->force_free_since_us = now_us;
     /* Out of touch the account starts anew: what was absorbed in an old touch must not pay for a new one. */
     else if (hrt_older(now_us - c->force_free_since_us, c->params.passivity_reset_us))
         c->energy_J = 0.0f;
 }
 
 void hrt_passivity_control(hrt_controller *c, float dt_s, float force_N[3]) {
-    const float speed2 = hrt_dot(c->velocity_m_s, c->velocity_m_s);
+    const float speed2 = vdot(c->velocity_m_s, c->velocity_m_s);
     if (!(c->energy_J < 0.0f) || !(speed2 > 1.0e-8f)) return;
     /* The damper that would take the excess back within one tick, no stronger than the sampled loop can bear. */
     const float dt = fmaxf(dt_s, 0.0005f);
     const float damping = fminf(c->params.passivity_damping_max_N_s_m, -c->energy_J / (dt * speed2));
-    hrt_add_scaled(force_N, -damping, c->velocity_m_s);
+    vadd(force_N, -damping, c->velocity_m_s);
     c->limits |= HRT_LIMIT_PASSIVITY;
 }

@@ -9,7 +9,7 @@
  * over the face's area a barycentric weight.
  *
  * Over 400 lines: one search, whose small parts are inlined into each other. */
-#include "vector.h"
+#include "internal.h"
 
 #include "law/feature.h"
 
@@ -23,7 +23,7 @@ typedef struct hit {
 } hit;
 
 typedef struct face {
-    hrt_v3 normal;        /* outward; zero: crushed to a line */
+    law_v3 normal;        /* outward; zero: crushed to a line */
     float size;           /* twice the area */
     float base_m, rise_m; /* height of the tip over it, and what each station adds */
 } face;
@@ -38,7 +38,7 @@ typedef struct search {
     const hrt_patch_topology *t;
     const hrt_contact_row *before;
     int32_t before_count;
-    hrt_v3 axis; /* towards the trocar, a radius long */
+    law_v3 axis; /* towards the trocar, a radius long */
     float radius_m, reach_m, sunk_m;
     face face[HRT_PATCH_MAX_TRIANGLES];
     edge edge[HRT_PATCH_EDGES];
@@ -49,11 +49,11 @@ typedef struct search {
     /* of the station at hand */
     int32_t station, from_station;       /* the second: that `from` is of */
     uint32_t close;                      /* a bit a vertex */
-    hrt_v3 from[HRT_PATCH_MAX_VERTICES]; /* from the vertex to it */
+    law_v3 from[HRT_PATCH_MAX_VERTICES]; /* from the vertex to it */
     int32_t hits;
     hit hit[HITS];
     uint32_t blended; /* bit v: the normal at vertex v is there */
-    hrt_v3 corner[HRT_PATCH_MAX_VERTICES];
+    law_v3 corner[HRT_PATCH_MAX_VERTICES];
 } search;
 
 static const uint8_t *corners(const search *q, int32_t f) { return &q->patch->triangle[HRT_XYZ * f]; }
@@ -63,26 +63,25 @@ static inline __attribute__((always_inline)) float height(const face *f, int32_t
 }
 
 /* From vertex a to vertex b. */
-static inline __attribute__((always_inline)) hrt_v3 way(const search *q, int32_t a, int32_t b) {
-    return hrt_minus(q->from[a], q->from[b]);
+static inline __attribute__((always_inline)) law_v3 way(const search *q, int32_t a, int32_t b) {
+    return vminus(q->from[a], q->from[b]);
 }
 
 static void place_faces(search *q) {
     const uint8_t *corner = q->patch->triangle;
     for (face *f = q->face; f < q->face + q->patch->triangle_count; f++, corner += 3) {
-        const hrt_v3 a = way(q, corner[0], corner[1]), b = way(q, corner[0], corner[2]), area = hrt_outer(a, b);
-        f->size = hrt_size(area);
-        f->normal =
-            hrt_times(f->size > 1.0e-6f * law_max(hrt_inner(a, a), hrt_inner(b, b)) ? 1.0f / f->size : 0.0f, area);
-        f->base_m = hrt_inner(f->normal, q->from[corner[0]]);
-        f->rise_m = hrt_inner(f->normal, q->axis);
+        const law_v3 a = way(q, corner[0], corner[1]), b = way(q, corner[0], corner[2]), area = vouter(a, b);
+        f->size = vsize(area);
+        f->normal = vtimes(f->size > 1.0e-6f * law_max(vinner(a, a), vinner(b, b)) ? 1.0f / f->size : 0.0f, area);
+        f->base_m = vinner(f->normal, q->from[corner[0]]);
+        f->rise_m = vinner(f->normal, q->axis);
     }
 }
 
 /* How far the second face's third corner is below the first face: above zero, the edge between them sticks out. */
 static inline __attribute__((always_inline)) float fold(const search *q, const uint8_t end[2], const uint8_t side[2]) {
     const uint8_t *corner = corners(q, side[1]);
-    return hrt_inner(q->face[side[0]].normal, way(q, corner[0] + corner[1] + corner[2] - end[0] - end[1], end[0]));
+    return vinner(q->face[side[0]].normal, way(q, corner[0] + corner[1] + corner[2] - end[0] - end[1], end[0]));
 }
 
 /* The transition across an edge is the same seen from both faces, so that their weights add up to one. The height of a
@@ -94,7 +93,7 @@ static void place_edges(search *q) {
     q->ridges = 0;
     for (edge *e = q->edge; e < q->edge + q->t->edge_count; e++, end += 2, side += 2) {
         const bool two = side[1] != HRT_NO_FACE;
-        const float length = law_max(hrt_size(way(q, end[0], end[1])), 1.0e-9f), wide = 0.75f * length,
+        const float length = law_max(vsize(way(q, end[0], end[1])), 1.0e-9f), wide = 0.75f * length,
                     close2 = q->reach_m * q->reach_m + wide * wide;
         const float size = law_min(q->face[side[0]].size, q->face[side[two ? 1 : 0]].size);
         e->length_m = length;
@@ -108,7 +107,7 @@ static void place_edges(search *q) {
  */
 static inline __attribute__((always_inline)) float part(const search *q, int32_t f, int j) {
     const uint8_t *corner = corners(q, f);
-    return hrt_inner(q->face[f].normal, hrt_outer(q->from[corner[j]], q->from[corner[j == 2 ? 0 : j + 1]]));
+    return vinner(q->face[f].normal, vouter(q->from[corner[j]], q->from[corner[j == 2 ? 0 : j + 1]]));
 }
 
 static void add_hit(search *q, uint8_t kind, int32_t index, float raw, float distance_m) {
@@ -128,7 +127,7 @@ static bool known(const search *q, int32_t f) {
 static void face_hit(search *q, int32_t f) {
     const float high = height(&q->face[f], q->station);
     float raw = 1.0f, outside = 0.0f;
-    if (high > q->reach_m || high < -q->sunk_m || !(hrt_inner(q->face[f].normal, q->face[f].normal) > 0.0f)) return;
+    if (high > q->reach_m || high < -q->sunk_m || !(vinner(q->face[f].normal, q->face[f].normal) > 0.0f)) return;
     for (int j = 0; j < 3; j++) {
         const int32_t e = q->t->face_edge[f][j];
         const float inward = part(q, f, j);
@@ -143,7 +142,7 @@ static void face_hit(search *q, int32_t f) {
 /* 0 flat, 1 a fold that sticks out. */
 static float edge_sharpness(const search *q, int32_t e) {
     const uint8_t *end = q->t->edge_vertex[e], *side = q->t->edge_face[e];
-    if (side[1] == HRT_NO_FACE || hrt_inner(q->face[side[0]].normal, q->face[side[1]].normal) < 0.0f) return 1.0f;
+    if (side[1] == HRT_NO_FACE || vinner(q->face[side[0]].normal, q->face[side[1]].normal) < 0.0f) return 1.0f;
     return law_sharpness(fold(q, end, side) * q->edge[e].length_m / law_max(q->face[side[1]].size, 1.0e-30f));
 }
 
@@ -157,35 +156,35 @@ static void edge_hit(search *q, int32_t e) {
     const float one_side = height(&q->face[side[0]], q->station),
                 other_side = two ? height(&q->face[side[1]], q->station) : 0.0f;
     if (!(one_side + other_side > 0.0f) || one_side > q->reach_m || other_side > q->reach_m) return;
-    const hrt_v3 a = q->from[end[0]], b = q->from[end[1]];
-    const float y = hrt_inner(a, hrt_minus(a, b)) / q->edge[e].length_m, distance2 = hrt_inner(a, a) - y * y;
+    const law_v3 a = q->from[end[0]], b = q->from[end[1]];
+    const float y = vinner(a, vminus(a, b)) / q->edge[e].length_m, distance2 = vinner(a, a) - y * y;
     if (distance2 > q->reach_m * q->reach_m) return;
-    const hrt_v3 across =
-        hrt_times(1.0f / q->edge[e].span_m2, hrt_outer(b, a)); /* out of the first face and into the second */
+    const law_v3 across =
+        vtimes(1.0f / q->edge[e].span_m2, vouter(b, a)); /* out of the first face and into the second */
     const float ends = end_blend(q, e);
-    float raw = law_ramp(hrt_inner(q->face[side[0]].normal, across)) * law_ramp(y / ends) *
+    float raw = law_ramp(vinner(q->face[side[0]].normal, across)) * law_ramp(y / ends) *
                 law_ramp((q->edge[e].length_m - y) / ends);
-    if (two) raw *= law_ramp(-hrt_inner(q->face[side[1]].normal, across));
+    if (two) raw *= law_ramp(-vinner(q->face[side[1]].normal, across));
     if (raw > 0.0f) raw *= edge_sharpness(q, e);
     if (raw > 0.0f) add_hit(q, EDGE, e, raw, sqrtf(law_max(distance2, 0.0f)));
 }
 
 static void vertex_hit(search *q, int32_t v) {
     const hrt_patch_topology *t = q->t;
-    const hrt_v3 d = q->from[v];
-    const float distance2 = hrt_inner(d, d);
-    hrt_v3 up = {0.0f, 0.0f, 0.0f};
+    const law_v3 d = q->from[v];
+    const float distance2 = vinner(d, d);
+    law_v3 up = {0.0f, 0.0f, 0.0f};
     float raw = 1.0f, sharp = 1.0f;
     if (distance2 > q->reach_m * q->reach_m) return;
-    for (int32_t i = t->fan_begin[v]; i < t->fan_begin[v + 1]; i++) up = hrt_plus(up, q->face[t->fan_face[i]].normal);
-    if (!(hrt_inner(d, up) > 0.0f)) return;
-    const float steep = -1.0f / hrt_size(up);
+    for (int32_t i = t->fan_begin[v]; i < t->fan_begin[v + 1]; i++) up = vplus(up, q->face[t->fan_face[i]].normal);
+    if (!(vinner(d, up) > 0.0f)) return;
+    const float steep = -1.0f / vsize(up);
     for (int32_t e = 0; e < t->edge_count; e++) {
         const uint8_t *end = t->edge_vertex[e];
         if (end[0] != v && end[1] != v) continue;
-        const hrt_v3 to = hrt_times(1.0f / q->edge[e].length_m, way(q, v, end[0] + end[1] - v));
-        sharp = law_min(sharp, law_sharpness(steep * hrt_inner(to, up)));
-        raw *= law_ramp(-hrt_inner(d, to) / law_max(end_blend(q, e), 1.0e-9f));
+        const law_v3 to = vtimes(1.0f / q->edge[e].length_m, way(q, v, end[0] + end[1] - v));
+        sharp = law_min(sharp, law_sharpness(steep * vinner(to, up)));
+        raw *= law_ramp(-vinner(d, to) / law_max(end_blend(q, e), 1.0e-9f));
         if (!(sharp * raw > 0.0f)) return;
     }
     add_hit(q, VERTEX, v, sharp * raw, sqrtf(distance2));
@@ -201,21 +200,21 @@ static int32_t smooth(const search *q, int32_t f, int32_t g) {
 
 /* At corner v of face f: of the faces around it, by area, as far as they belong to the same smooth surface. Where all
  * do, it is the same for each. */
-static hrt_v3 corner_normal(search *q, int32_t f, int32_t v) {
-    hrt_v3 sum = {0.0f, 0.0f, 0.0f};
+static law_v3 corner_normal(search *q, int32_t f, int32_t v) {
+    law_v3 sum = {0.0f, 0.0f, 0.0f};
     if ((q->blended >> v & 1u) != 0) return q->corner[v];
     for (int32_t i = q->t->fan_begin[v]; i < q->t->fan_begin[v + 1]; i++) {
         const int32_t g = q->t->fan_face[i];
-        sum = hrt_plus(sum, hrt_times((float)smooth(q, f, g) * q->face[g].size, q->face[g].normal));
+        sum = vplus(sum, vtimes((float)smooth(q, f, g) * q->face[g].size, q->face[g].normal));
     }
-    const float size = hrt_size(sum);
-    q->corner[v] = hrt_times(size > 0.0f ? 1.0f / size : 0.0f, sum);
+    const float size = vsize(sum);
+    q->corner[v] = vtimes(size > 0.0f ? 1.0f / size : 0.0f, sum);
     q->blended |= ~q->t->creased & 1u << v;
     return q->corner[v];
 }
 
-static hrt_v3 face_row(search *q, int32_t f, hrt_contact_row *row) {
-    hrt_v3 normal = {0.0f, 0.0f, 0.0f};
+static law_v3 face_row(search *q, int32_t f, hrt_contact_row *row) {
+    law_v3 normal = {0.0f, 0.0f, 0.0f};
     float sum = 0.0f;
     for (int j = 0; j < 3; j++) { /* areas of the parts, not below zero: a row never pulls on a vertex */
         float *weight = &row->weight[j == 0 ? 2 : j - 1];
@@ -224,39 +223,39 @@ static hrt_v3 face_row(search *q, int32_t f, hrt_contact_row *row) {
     }
     for (int j = 0; j < 3; j++) {
         row->weight[j] /= sum;
-        normal = hrt_plus(normal, hrt_times(row->weight[j], corner_normal(q, f, corners(q, f)[j])));
+        normal = vplus(normal, vtimes(row->weight[j], corner_normal(q, f, corners(q, f)[j])));
     }
     row->gap_m = height(&q->face[f], q->station);
     row->triangle = (uint8_t)f;
     /* On the face's own side. */
-    const float size = hrt_size(normal);
-    normal = hrt_times(1.0f / law_max(size, 1.0e-9f), normal);
-    return law_normal_stands(size, hrt_inner(normal, q->face[f].normal)) ? normal : q->face[f].normal;
+    const float size = vsize(normal);
+    normal = vtimes(1.0f / law_max(size, 1.0e-9f), normal);
+    return law_normal_stands(size, vinner(normal, q->face[f].normal)) ? normal : q->face[f].normal;
 }
 
 /* The row's normal backwards: from the nearest point, s of the way along the edge from corner j to the next, to the
  * station. */
-static hrt_v3 line_row(const search *q, int32_t f, int j, float s, hrt_contact_row *row) {
+static law_v3 line_row(const search *q, int32_t f, int j, float s, hrt_contact_row *row) {
     const int k = j == 2 ? 0 : j + 1;
     const uint8_t *corner = corners(q, f);
-    const hrt_v3 d = hrt_minus(q->from[corner[j]], hrt_times(s, way(q, corner[j], corner[k])));
+    const law_v3 d = vminus(q->from[corner[j]], vtimes(s, way(q, corner[j], corner[k])));
     row->weight[k] = hrt_clamp(s, 0.0f, 1.0f);
     row->weight[j] = 1.0f - row->weight[k];
     row->triangle = (uint8_t)f;
-    row->gap_m = hrt_size(d);
-    return hrt_times(row->gap_m > 0.0f ? 1.0f / row->gap_m : 0.0f, d);
+    row->gap_m = vsize(d);
+    return vtimes(row->gap_m > 0.0f ? 1.0f / row->gap_m : 0.0f, d);
 }
 
-static hrt_v3 edge_row(const search *q, int32_t e, hrt_contact_row *row) {
+static law_v3 edge_row(const search *q, int32_t e, hrt_contact_row *row) {
     const int32_t a = q->t->edge_vertex[e][0], f = q->t->edge_face[e][0];
-    const hrt_v3 along = way(q, a, q->t->edge_vertex[e][1]);
+    const law_v3 along = way(q, a, q->t->edge_vertex[e][1]);
     int j = 0;
     while (j < 2 && q->t->face_edge[f][j] != e) j++;
     row->feature = (uint8_t)(1 + j);
-    return line_row(q, f, j, hrt_inner(q->from[a], along) / hrt_inner(along, along), row);
+    return line_row(q, f, j, vinner(q->from[a], along) / vinner(along, along), row);
 }
 
-static hrt_v3 vertex_row(const search *q, int32_t v, hrt_contact_row *row) {
+static law_v3 vertex_row(const search *q, int32_t v, hrt_contact_row *row) {
     const int32_t f = q->t->fan_face[q->t->fan_begin[v]];
     int j = 0;
     while (j < 2 && corners(q, f)[j] != v) j++;
@@ -297,10 +296,10 @@ static int32_t station_rows(search *q, hrt_contact_row *row, int32_t count) {
         const hit *h = &q->hit[i];
         hrt_contact_row new_row = {.station = (uint8_t)q->station, .share = law_share(h->raw, total)};
         if (new_row.share < LAW_MIN_SHARE) continue;
-        const hrt_v3 normal = h->kind == FACE   ? face_row(q, h->index, &new_row)
+        const law_v3 normal = h->kind == FACE   ? face_row(q, h->index, &new_row)
                               : h->kind == EDGE ? edge_row(q, h->index, &new_row)
                                                 : vertex_row(q, h->index, &new_row);
-        hrt_put(hrt_times(-1.0f, normal), new_row.normal);
+        vput(vtimes(-1.0f, normal), new_row.normal);
         new_row.gap_m -= q->radius_m;
         if (new_row.gap_m <= LAW_MARGIN * q->radius_m && !is_held(q, &new_row)) count = push_row(row, count, &new_row);
     }
@@ -331,11 +330,11 @@ static bool stand(search *q, int32_t station) {
         near = high <= q->reach_m && high >= -q->sunk_m;
     }
     if (!near) return false;
-    const hrt_v3 step = hrt_times((float)(station - q->from_station), q->axis);
+    const law_v3 step = vtimes((float)(station - q->from_station), q->axis);
     q->from_station = station;
     for (int32_t v = 0; v < q->patch->vertex_count; v++) {
-        q->from[v] = hrt_plus(q->from[v], step);
-        if (hrt_inner(q->from[v], q->from[v]) <= q->close_m2[v]) q->close |= 1u << v;
+        q->from[v] = vplus(q->from[v], step);
+        if (vinner(q->from[v], q->from[v]) <= q->close_m2[v]) q->close |= 1u << v;
     }
     return q->close != 0;
 }
@@ -343,11 +342,11 @@ static bool stand(search *q, int32_t station) {
 /* From the first station that may be near the patch to the last. */
 static void station_range(const search *q, const float tip_m[3], int32_t *first, int32_t *last) {
     const float square = q->radius_m * q->radius_m, reach = q->reach_m / q->radius_m;
-    const float stations = law_min(q->patch->contact_length_m, hrt_length(tip_m)) / q->radius_m + 1.0e-4f,
+    const float stations = law_min(q->patch->contact_length_m, vnorm(tip_m)) / q->radius_m + 1.0e-4f,
                 end = law_min(stations, (float)(STATIONS - 1));
     float low = end, high = -1.0f;
     for (int32_t v = 0; v < q->patch->vertex_count; v++) {
-        const float along = -hrt_inner(q->from[v], q->axis) / square;
+        const float along = -vinner(q->from[v], q->axis) / square;
         low = law_min(low, along - reach);
         high = law_max(high, along + reach);
     }
@@ -378,16 +377,16 @@ static void look_for(search *q, hrt_hits *hits) {
 }
 
 static void prepare(search *q, const hrt_patch *patch, const float *shift_m, const float tip_m[3]) {
-    const hrt_v3 tip = hrt_get(tip_m);
+    const law_v3 tip = vget(tip_m);
     q->patch = patch;
     q->t = &patch->topology;
     q->radius_m = patch->radius_m;
     q->reach_m = q->radius_m * (1.0f + LAW_PROXIMITY + LAW_MARGIN);
-    q->axis = hrt_times(-q->radius_m / hrt_size(tip), tip);
+    q->axis = vtimes(-q->radius_m / vsize(tip), tip);
     q->from_station = 0;
     q->blended = 0;
     for (int32_t v = 0; v < patch->vertex_count; v++)
-        q->from[v] = hrt_minus(tip, hrt_plus(hrt_get(&patch->vertex_m[HRT_XYZ * v]), hrt_get(&shift_m[HRT_XYZ * v])));
+        q->from[v] = vminus(tip, vplus(vget(&patch->vertex_m[HRT_XYZ * v]), vget(&shift_m[HRT_XYZ * v])));
     place_faces(q);
     place_edges(q);
 }

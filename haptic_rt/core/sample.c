@@ -4,7 +4,9 @@
 
 #include "law/linear.h"
 
-static const float FORCE_HUGE_N = 1000.0f, STIFFNESS_HUGE_N_m = 1.0e9f;
+static const float STIFFNESS_HUGE_N_m = 1.0e9f;
+#define FORCE_HUGE_N 1000.0f
+#define FRICTION_MOST 2.0f /* as in tensormass/friction.h */
 
 static const char *const reject_text[HRT_REJECT_COUNT] = {
     "accepted",
@@ -62,6 +64,21 @@ static void fill_in(hrt_patch *patch, int32_t n) {
     if (!(patch->force_cap_N > 0.0f)) patch->force_cap_N = 50.0f;
 }
 
+/* Those that are one of a patch: none is below zero. */
+static hrt_reject check_numbers(const hrt_patch *patch) {
+    static const float most[] = {FORCE_HUGE_N, 0.1f, 1.0f, 10.0f, 1.0f, 10.0f, 1.0f, FRICTION_MOST};
+    const float number[] = {patch->force_cap_N,         patch->radius_m,       patch->contact_length_m,
+                            patch->skin_compliance_m_N, patch->film_s_m,       patch->radiation_N_s_m,
+                            patch->radiation_s,         patch->friction_static};
+    hrt_reject verdict = HRT_WITH_FRICTION ? bounded(&patch->friction_sliding, 1, patch->friction_static) : HRT_ACCEPT;
+    for (int i = 0; i < (int)(sizeof most / sizeof *most) && verdict == HRT_ACCEPT; i++)
+        verdict = number[i] < 0.0f ? HRT_REJECT_HUGE : bounded(&number[i], 1, most[i]);
+    return verdict != HRT_ACCEPT ||
+                   (patch->radius_m >= 1.0e-4f && (!HRT_WITH_FRICTION || patch->friction_sliding >= 0.0f))
+               ? verdict
+               : HRT_REJECT_HUGE;
+}
+
 hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANCE]) {
     if (patch->vertex_count < 3 || patch->vertex_count > HRT_PATCH_MAX_VERTICES || patch->triangle_count < 1 ||
         patch->triangle_count > HRT_PATCH_MAX_TRIANGLES)
@@ -79,17 +96,8 @@ hrt_reject hrt_patch_prepare(hrt_patch *patch, float scratch[HRT_PATCH_COMPLIANC
     if (verdict == HRT_ACCEPT) verdict = bounded(patch->compliance_m_N, hold, 10.0f);
     if (verdict == HRT_ACCEPT) verdict = bounded(&patch->compliance_m_N[hold], entries - hold, STIFFNESS_HUGE_N_m);
     if (verdict == HRT_ACCEPT) verdict = bounded(&patch->rest_m[n], width - n, FORCE_HUGE_N);
-    if (verdict == HRT_ACCEPT) verdict = bounded(&patch->force_cap_N, 1, FORCE_HUGE_N);
-    if (verdict == HRT_ACCEPT) verdict = bounded(&patch->radius_m, 1, 0.1f);
-    if (verdict == HRT_ACCEPT) verdict = bounded(&patch->contact_length_m, 1, 1.0f);
-    if (verdict == HRT_ACCEPT) verdict = bounded(&patch->skin_compliance_m_N, 1, 10.0f);
-    if (verdict == HRT_ACCEPT) verdict = bounded(&patch->film_s_m, 1, 1.0f);
-    if (verdict == HRT_ACCEPT) verdict = bounded(&patch->radiation_N_s_m, 1, 10.0f);
-    if (verdict == HRT_ACCEPT) verdict = bounded(&patch->radiation_s, 1, 1.0f);
+    if (verdict == HRT_ACCEPT) verdict = check_numbers(patch);
     if (verdict != HRT_ACCEPT) return verdict;
-    if (patch->radius_m < 1.0e-4f || patch->contact_length_m < 0.0f || patch->skin_compliance_m_N < 0.0f ||
-        patch->film_s_m < 0.0f || patch->radiation_N_s_m < 0.0f || patch->radiation_s < 0.0f)
-        return HRT_REJECT_HUGE;
     for (int32_t i = 0; i < entries; i++) scratch[i] = i < hold ? patch->compliance_m_N[i] : -patch->compliance_m_N[i];
     if (!semidefinite(scratch, width, n) || !semidefinite(scratch + hold, 3, width - n)) return HRT_REJECT_ASYMMETRIC;
     fill_in(patch, n);

@@ -50,11 +50,11 @@ static void build_fans(hrt_patch *patch) {
 static void rest_normal(const hrt_patch *patch, int32_t f, float normal[3]) {
     const uint8_t *corner = &patch->triangle[HRT_XYZ * f];
     float a[3], b[3];
-    hrt_sub(&patch->rest_m[HRT_XYZ * corner[1]], &patch->rest_m[HRT_XYZ * corner[0]], a);
-    hrt_sub(&patch->rest_m[HRT_XYZ * corner[2]], &patch->rest_m[HRT_XYZ * corner[0]], b);
-    hrt_cross(a, b, normal);
-    const float size = hrt_length(normal);
-    hrt_scale(normal, size > 0.0f ? 1.0f / size : 0.0f);
+    vsub(&patch->rest_m[HRT_XYZ * corner[1]], &patch->rest_m[HRT_XYZ * corner[0]], a);
+    vsub(&patch->rest_m[HRT_XYZ * corner[2]], &patch->rest_m[HRT_XYZ * corner[0]], b);
+    vcross(a, b, normal);
+    const float size = vnorm(normal);
+    vscale(size > 0.0f ? 1.0f / size : 0.0f, normal, normal);
 }
 
 /* Vertices that two triangles share, a bit each. */
@@ -76,7 +76,7 @@ bool hrt_patch_topology_build(hrt_patch *patch) {
     for (int32_t f = 0; f < patch->triangle_count; f++) {
         rest_normal(patch, f, normal[f]);
         for (int32_t g = 0; g < f; g++) {
-            const float part = law_smooth(hrt_dot(normal[f], normal[g]));
+            const float part = law_smooth(vdot(normal[f], normal[g]));
             *smooth++ = (uint8_t)(255.0f * part + 0.5f);
             if (part < 1.0f) patch->topology.creased |= common(patch, f, g);
         }

@@ -14,7 +14,7 @@ static bool fill(const hrt_table *t, const char *path, hrt_keyframe *key) {
     for (int j = 0; j < HRT_JOINTS; j++)
         if (!hrt_table_need(t, path, name[j], &joint[j])) return false;
     for (int32_t r = 0; r < t->rows; r++) {
-        const double *row = &t->value[r * t->columns];
+        const double *row = &t->value[r * t->fields];
         key[r].time_s = row[time];
         for (int j = 0; j < HRT_JOINTS; j++) key[r].joint[j] = row[joint[j]];
         key[r].active = active >= 0 && row[active] != 0.0;

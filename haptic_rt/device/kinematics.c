@@ -9,7 +9,7 @@ static void sine_cosine(double angle, double *sine, double *cosine) {
 }
 
 #define HRT_REAL double
-#define HRT_FRAME hrt_frame64
+#define HRT_AXES hrt_axes64
 #define HRT_KINEMATICS(name) hrt_##name##64
 #define HRT_SQRT sqrt
 #define HRT_ASIN asin

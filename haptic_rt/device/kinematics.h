@@ -10,17 +10,17 @@
 extern "C" {
 #endif
 
-typedef struct hrt_frame64 {
-    double r[9]; /* as hrt_frame */
-} hrt_frame64;
+typedef struct hrt_axes64 {
+    double r[9]; /* as hrt_axes */
+} hrt_axes64;
 
 /* False, and the identity, where axis and up are parallel, zero, not finite or beyond 1e-100 to 1e100. */
-bool hrt_frame_from_axis64(hrt_frame64 *frame, const double axis[3], const double up[3]);
-void hrt_tip64(const hrt_frame64 *frame, const double joint[HRT_JOINTS], double tip_m[3]);
+bool hrt_axes_along64(hrt_axes64 *axes, const double axis[3], const double up[3]);
+void hrt_tip64(const hrt_axes64 *axes, const double joint[HRT_JOINTS], double tip_m[3]);
 /* d tip / d (pitch, yaw, insertion), row-major 3x3. */
-void hrt_jacobian64(const hrt_frame64 *frame, const double joint[HRT_JOINTS], double jacobian[9]);
+void hrt_jacobian64(const hrt_axes64 *axes, const double joint[HRT_JOINTS], double jacobian[9]);
 /* pitch, yaw, insertion that put the tip there; false within 1 um of the trocar. */
-bool hrt_inverse64(const hrt_frame64 *frame, const double tip_m[3], double joint3[3]);
+bool hrt_inverse64(const hrt_axes64 *axes, const double tip_m[3], double joint3[3]);
 void hrt_counts_to_joint64(const hrt_params *params, const int32_t count[HRT_JOINTS], double joint[HRT_JOINTS]);
 /* The count of joint `j` at a value, not rounded. */
 double hrt_count_of_joint64(const hrt_params *params, int j, double value);

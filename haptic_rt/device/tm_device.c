@@ -51,8 +51,7 @@ static void usage(void) {
         "\n"
         "  --bus ADDRESS         " HRT_BUS_ADDRESSES "\n"
         "  --instrument N         0 or 1 (0)\n"
-        "  --hand FILE            CSV: time_s," HRT_ENGINE_COLUMNS
-        "[,active]; `lcm` follows HAND_N; without, it rests\n"
+        "  --hand FILE            CSV: time_s," HRT_ENGINE_FIELDS "[,active]; `lcm` follows HAND_N; without, it rests\n"
         "  --start P,Y,I,R,G      joints at rest: pitch and yaw rad, insertion m, roll rad, grip 0..1 (0,0,0.1,0,0)\n"
         "  --repeat               begin the script again at its end\n"
         "  --straight             straight lines between rows instead of minimum-jerk\n"

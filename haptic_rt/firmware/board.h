@@ -45,7 +45,7 @@ typedef struct fw_news {
  * room for patches). */
 void fw_link_receive(int32_t device, fw_news *news, hrt_sample *sample, hrt_patch *patch);
 /* In the tick, for whoever listens: the tool's state for the simulation, the controller's status. */
-void fw_link_send(int32_t device, const hrt_output *output);
+void fw_link_send(int32_t device, const hrt_result *result);
 
 /* The board's interrupt handler of the core's own timer (the vector table names it). */
 void fw_systick(void);

@@ -58,9 +58,9 @@ void fw_link_receive(int32_t device, fw_news *news, hrt_sample *sample, hrt_patc
     (void)patch;
 }
 
-void fw_link_send(int32_t device, const hrt_output *output) {
+void fw_link_send(int32_t device, const hrt_result *result) {
     (void)device;
-    (void)output;
+    (void)result;
 }
 
 void fw_measure_begin(int32_t device, fw_span span) {

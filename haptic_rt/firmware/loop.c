@@ -3,7 +3,7 @@
 enum { FRAMES_A_TICK_MAX = 64 }; /* a full bus carries 16 in 2 ms; more waits for the next tick */
 
 /* The device hangs along the board's own axes; the simulation's side turns positions and forces. */
-static const hrt_frame device_axes = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
+static const hrt_axes device_axes = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
 
 #if FW_PATCHES
 static float patch_scratch[HRT_PATCH_COMPLIANCE]; /* one for all: patches are checked one after the other */
@@ -15,7 +15,7 @@ void fw_loop_init(fw_loop *loop, int64_t session) {
     for (int32_t i = 0; i < FW_DEVICES; i++) {
         fw_device *device = &loop->device[i];
         hrt_init(&device->controller, &params, &device_axes, session);
-        hrt_can_link_init(&device->link, i);
+        hrt_can_exchange_init(&device->exchange, i);
         device->input = (hrt_input){.enable = true, .extrapolator = HRT_TANGENT};
         device->posted = false;
         device->rejected = 0;
@@ -81,7 +81,7 @@ static void receive_frames(fw_loop *loop, int64_t now_us) {
         hrt_can_message message;
         hrt_can_unpack(&frame, &message);
         for (int32_t i = 0; i < FW_DEVICES; i++)
-            hrt_can_link_take(&loop->device[i].link, now_us, &message, &loop->device[i].input);
+            hrt_can_exchange_take(&loop->device[i].exchange, now_us, &message, &loop->device[i].input);
     }
 }
 
@@ -98,7 +98,7 @@ static const hrt_sample *take_news(fw_device *device, int64_t now_us) {
         input->passivity = news->passivity;
         input->coupling = news->coupling;
         input->extrapolator = news->extrapolator;
-        if (news->reset) hrt_can_link_reset(&device->link, now_us, input);
+        if (news->reset) hrt_can_exchange_reset(&device->exchange, now_us, input);
     }
     device->posted = false;
     return news->sample ? &device->sample : NULL;
@@ -111,11 +111,12 @@ void fw_loop_tick(fw_loop *loop, int64_t now_us) {
         const hrt_sample *sample = take_news(device, now_us);
         device->input.bus_ok = fw_can_ok();
         fw_measure_begin(i, FW_SPAN_TICK);
-        hrt_tick(&device->controller, now_us, &device->input, sample, &device->output);
+        hrt_tick(&device->controller, now_us, &device->input, sample, &device->result);
         fw_measure_end(i, FW_SPAN_TICK);
-        hrt_can_frame frame[HRT_CAN_LINK_FRAMES];
-        const int32_t count = hrt_can_link_frames(&device->link, now_us, &device->output, device->input.reset, frame);
+        hrt_can_frame frame[HRT_CAN_EXCHANGE_FRAMES];
+        const int32_t count =
+            hrt_can_exchange_frames(&device->exchange, now_us, &device->result, device->input.reset, frame);
         for (int32_t f = 0; f < count; f++) fw_can_send(&frame[f]);
-        fw_link_send(i, &device->output);
+        fw_link_send(i, &device->result);
     }
 }

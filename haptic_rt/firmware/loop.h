@@ -5,7 +5,7 @@
 #define FW_LOOP_H
 
 #include "board.h"
-#include "can/can_link.h"
+#include "can/exchange.h"
 
 /* Patches: 0 leaves `contact` without a patch (it runs as `tangent`), 1 keeps one in use and one being received. */
 #ifndef FW_PATCHES
@@ -14,9 +14,9 @@
 
 typedef struct fw_device {
     hrt_controller controller;
-    hrt_can_link link;
+    hrt_can_exchange exchange;
     hrt_input input;
-    hrt_output output;
+    hrt_result result;
     /* from main to the tick: main writes while `posted` is false, the tick reads and clears it */
     volatile bool posted;
     fw_news news;

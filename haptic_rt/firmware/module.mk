@@ -5,9 +5,9 @@ FW_CPUS := m7 m4f
 FW_VARIANTS := plain contact12 contact24
 FW_CPU_m7 := -mcpu=cortex-m7 -mfpu=fpv5-sp-d16
 FW_CPU_m4f := -mcpu=cortex-m4 -mfpu=fpv4-sp-d16
-FW_DEF_plain := -DFW_PATCHES=0 -DHRT_WITH_PATCHES=0 -DHRT_PATCH_MAX_VERTICES=3 -DHRT_PATCH_MAX_TRIANGLES=1
-FW_DEF_contact12 := -DFW_PATCHES=1 -DHRT_PATCH_MAX_VERTICES=12 -DHRT_PATCH_MAX_TRIANGLES=16
-FW_DEF_contact24 := -DFW_PATCHES=1
+FW_DEF_plain := -DFW_PATCHES=0 -DHRT_WITH_PATCHES=0 -DHRT_WITH_FRICTION=0 -DHRT_PATCH_MAX_VERTICES=3 -DHRT_PATCH_MAX_TRIANGLES=1
+FW_DEF_contact12 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0 -DHRT_PATCH_MAX_VERTICES=12 -DHRT_PATCH_MAX_TRIANGLES=16
+FW_DEF_contact24 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0
 # An enum is one byte here, so that a check against negative values is always true.
 FW_WARN := -Wall -Wextra -Wno-type-limits -Wconversion -Wno-sign-conversion -Wdouble-promotion -Werror
 # Where -Os still takes flash for speed: constants kept in registers across loops, code moved apart to be scheduled,
@@ -27,12 +27,14 @@ fw_objects = $(patsubst %.c,$(BUILD)/firmware/$(1)/$(2)/obj/%.o,$(3))
 # $(eval $(call fw_image,CPU,VARIANT,NAME,SOURCES BESIDE THE CORE)): build/firmware/CPU/VARIANT/NAME.elf and its map.
 define fw_image
 $(BUILD)/firmware/$(1)/$(2)/$(3).elf: $(call fw_objects,$(1),$(2),$(4) $(FW_CORE_SRC)) $(FW_LINK_LD)
-	$$(FW_CC) $$(FW_CPU_$(1)) $$(FW_LDFLAGS) -Wl,-Map=$$(@:.elf=.map) -o $$@ $$(filter %.o,$$^) -lm
+	$$(call say,LINK)
+	$$(Q)$$(FW_CC) $$(FW_CPU_$(1)) $$(FW_LDFLAGS) -Wl,-Map=$$(@:.elf=.map) -o $$@ $$(filter %.o,$$^) -lm
 endef
 define fw_compile
 $(BUILD)/firmware/$(1)/$(2)/obj/%.o: %.c haptic_rt/firmware/module.mk
 	@mkdir -p $$(@D)
-	$$(FW_CC) $$(FW_CPU_$(1)) $$(FW_CFLAGS) $$(FW_DEF_$(2)) -c $$< -o $$@
+	$$(call say,CC)
+	$$(Q)$$(FW_CC) $$(FW_CPU_$(1)) $$(FW_CFLAGS) $$(FW_DEF_$(2)) -c $$< -o $$@
 endef
 $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call fw_compile,$(c),$(v)))))
 $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call fw_image,$(c),$(v),haptic_rt,$(FW_SRC) $(FW_BOARD_SRC)))))

@@ -39,6 +39,8 @@ hrt_reject hrt_patch_from_message(const tensormass_contact_patch_t *m, const dou
     patch->film_s_m = m->film_s_m;
     patch->radiation_N_s_m = m->radiation_N_s_m;
     patch->radiation_s = m->radiation_s;
+    patch->friction_static = m->friction_static;
+    patch->friction_sliding = m->friction_sliding;
     patch->held = (uint32_t)m->held;
     const int32_t n = 3 * hrt_patch_places(patch), tip = hrt_patch_tip(patch);
     for (int32_t i = 0; i < n; i++) {

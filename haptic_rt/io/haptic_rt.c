@@ -46,7 +46,7 @@ typedef struct program {
 static void figures(program *p, int64_t publish_ns) {
     for (int s = 0; s < HRT_NODE_STAGES; s++) hrt_histogram_add(&p->stage[s], p->node.stage_ns[s]);
     hrt_histogram_add(&p->stage[HRT_NODE_STAGES], publish_ns);
-    const float *f = p->node.output.force_N;
+    const float *f = p->node.result.force_N;
     const double square = (double)(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]);
     p->force_square += square;
     p->force_ticks++;
@@ -68,19 +68,19 @@ static void tell(program *p, int64_t now_us) {
     const int64_t turned_away = (int64_t)atomic_load(&p->node.rejected) + atomic_load(&p->node.late);
     const int64_t encoder_us = p->node.input.encoder_us;
     /* `stale` may be over before the other thread looks. */
-    const bool unstable = (p->node.output.limits & HRT_LIMIT_UNSTABLE) != 0;
-    if (p->node.output.state == HRT_STALE && atomic_load(&p->state) != HRT_STALE)
+    const bool unstable = (p->node.result.limits & HRT_LIMIT_UNSTABLE) != 0;
+    if (p->node.result.state == HRT_STALE && atomic_load(&p->state) != HRT_STALE)
         atomic_fetch_add(unstable ? &p->went_unstable : &p->went_stale, 1);
-    atomic_store(&p->state, (int)p->node.output.state);
-    atomic_store(&p->fault, (int)p->node.output.fault);
-    atomic_store(&p->detail, p->node.output.fault_detail);
+    atomic_store(&p->state, (int)p->node.result.state);
+    atomic_store(&p->fault, (int)p->node.result.fault);
+    atomic_store(&p->detail, p->node.result.fault_detail);
     atomic_store(&p->pose_known, p->node.config.pose_known);
     atomic_store(&p->device_here, encoder_us != 0 && now_us - encoder_us < DEVICE_HERE_US);
     atomic_store(&p->samples_come, (int64_t)c->samples_received + turned_away);
     atomic_store(&p->samples_taken, (int64_t)c->samples_received - c->samples_late - c->samples_rejected);
     atomic_store(&p->samples_refused, (int64_t)c->samples_rejected + atomic_load(&p->node.rejected));
     atomic_store(&p->frames, (int64_t)p->wires.rx);
-    atomic_store(&p->command_gaps, (int64_t)p->node.line.can.command_gaps);
+    atomic_store(&p->command_gaps, (int64_t)p->node.exchange.can.command_gaps);
 }
 
 static void tick(void *user, int64_t now_us) {
@@ -95,7 +95,7 @@ static void tick(void *user, int64_t now_us) {
         p->status_us = now_us;
     }
     figures(p, hrt_clock_ns() - begin_ns);
-    if (p->set.record_path) hrt_record_put(&p->record, 1.0e-6 * (double)(now_us - p->loop.start_us), &p->node.output);
+    if (p->set.record_path) hrt_record_put(&p->record, 1.0e-6 * (double)(now_us - p->loop.start_us), &p->node.result);
     tell(p, now_us);
 }
 
@@ -183,7 +183,7 @@ static cJSON *figures_json(program *p) {
     cJSON_AddNumberToObject(samples, "late", (double)s.samples_late);
     cJSON_AddNumberToObject(samples, "lost", (double)s.samples_lost);
     cJSON_AddNumberToObject(samples, "rejected", (double)s.samples_rejected);
-    hrt_report_can(json, &p->wires, &p->node.line.can, (double)p->loop.ticks / p->set.common.rate);
+    hrt_report_can(json, &p->wires, &p->node.exchange.can, (double)p->loop.ticks / p->set.common.rate);
     if (p->live) hrt_report_refused(json, p->live);
     return json;
 }

@@ -22,21 +22,21 @@ hrt_node_config hrt_node_config_default(int32_t instrument) {
     return config;
 }
 
-static hrt_frame frame_of(const hrt_pose *pose) {
-    hrt_frame frame;
+static hrt_axes axes_of(const hrt_pose *pose) {
+    hrt_axes axes;
     const float axis[3] = {(float)pose->axis[0], (float)pose->axis[1], (float)pose->axis[2]};
     const float up[3] = {(float)pose->up[0], (float)pose->up[1], (float)pose->up[2]};
-    hrt_frame_from_axis(&frame, axis, up);
-    return frame;
+    hrt_axes_along(&axes, axis, up);
+    return axes;
 }
 
 void hrt_node_init(hrt_node *node, const hrt_node_config *config, hrt_bus *bus) {
     memset(node, 0, sizeof *node);
     node->config = *config;
     node->bus = bus;
-    const hrt_frame frame = frame_of(&config->pose);
-    hrt_can_link_init(&node->line, config->instrument);
-    hrt_init(&node->controller, &config->params, &frame, config->session);
+    const hrt_axes axes = axes_of(&config->pose);
+    hrt_can_exchange_init(&node->exchange, config->instrument);
+    hrt_init(&node->controller, &config->params, &axes, config->session);
     node->mailbox.write = 1;
     node->mailbox.held = 2;
     node->mailbox.spare = 3;
@@ -119,10 +119,10 @@ hrt_reject hrt_node_post_sample(hrt_node *node, const tensormass_force_sample_t 
 }
 
 void hrt_node_post_pose(hrt_node *node, const hrt_pose *pose) {
-    hrt_frame frame;
+    hrt_axes axes;
     const float axis[3] = {(float)pose->axis[0], (float)pose->axis[1], (float)pose->axis[2]};
     const float up[3] = {(float)pose->up[0], (float)pose->up[1], (float)pose->up[2]};
-    if (!pose_settled(node) || !hrt_frame_from_axis(&frame, axis, up)) return;
+    if (!pose_settled(node) || !hrt_axes_along(&axes, axis, up)) return;
     for (int i = 0; i < 3; i++)
         if (!(fabs(pose->trocar_m[i]) < 1.0e6)) return;
     const bool first = atomic_load(&node->pose_count) == 0 && !node->config.pose_known;
@@ -153,11 +153,11 @@ static void take_commands(hrt_node *node, int64_t now_us) {
     if (enable >= 0) node->config.enable = enable != 0;
     const bool in_use = node->controller.state == HRT_ENGAGED || node->controller.state == HRT_STALE;
     node->input.reset = atomic_exchange(&node->wish_reset, 0) == 1 && !in_use;
-    if (node->input.reset) hrt_can_link_reset(&node->line, now_us, &node->input);
+    if (node->input.reset) hrt_can_exchange_reset(&node->exchange, now_us, &node->input);
     if (!in_use && !pose_settled(node)) {
         node->config.pose = node->pose_posted;
         node->config.pose_known = true;
-        node->controller.frame = frame_of(&node->config.pose);
+        node->controller.axes = axes_of(&node->config.pose);
         atomic_store(&node->pose_taken, atomic_load(&node->pose_count));
     }
     node->input.enable = node->config.enable && node->config.pose_known;
@@ -168,10 +168,10 @@ static void take_frames(hrt_node *node, int64_t now_us) {
     hrt_can_message m;
     for (int i = 0; i < FRAMES_PER_TICK && hrt_bus_receive(node->bus, &frame) > 0; i++) {
         hrt_can_unpack(&frame, &m);
-        hrt_can_link_take(&node->line, now_us, &m, &node->input);
+        hrt_can_exchange_take(&node->exchange, now_us, &m, &node->input);
     }
     const bool ok = hrt_bus_state_now(node->bus) < HRT_BUS_OFF;
-    if (!ok && node->input.bus_ok) node->line.can.bus_off++;
+    if (!ok && node->input.bus_ok) node->exchange.can.bus_off++;
     if (!ok) hrt_bus_recover(node->bus, now_us);
     node->input.bus_ok = ok;
 }
@@ -183,13 +183,13 @@ static const hrt_sample *take_sample(hrt_mailbox *box) {
 }
 
 static void send_frames(hrt_node *node, int64_t now_us) {
-    hrt_can_frame frame[HRT_CAN_LINK_FRAMES];
-    const int32_t count = hrt_can_link_frames(&node->line, now_us, &node->output, node->input.reset, frame);
+    hrt_can_frame frame[HRT_CAN_EXCHANGE_FRAMES];
+    const int32_t count = hrt_can_exchange_frames(&node->exchange, now_us, &node->result, node->input.reset, frame);
     for (int32_t i = 0; i < count; i++) hrt_bus_send(node->bus, &frame[i]);
 }
 
 static void tell(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool) {
-    const hrt_output *out = &node->output;
+    const hrt_result *out = &node->result;
     memset(tool, 0, sizeof *tool);
     tool->utime = now_us;
     tool->session = node->config.session;
@@ -216,8 +216,8 @@ bool hrt_node_tick(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool
     take_commands(node, now_us);
     take_frames(node, now_us);
     clock_ns = stage_done(node, HRT_NODE_RECEIVE, clock_ns);
-    hrt_tick(&node->controller, now_us, &node->input, take_sample(box), &node->output);
-    atomic_store(&node->in_use, node->output.motors_on);
+    hrt_tick(&node->controller, now_us, &node->input, take_sample(box), &node->result);
+    atomic_store(&node->in_use, node->result.motors_on);
     if (node->controller.extrapolation.patch == &box->slot[box->spare].patch) {
         const uint32_t freed = box->held; /* the controller went over to the new patch */
         box->held = box->spare;
@@ -232,11 +232,11 @@ bool hrt_node_tick(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool
 
 void hrt_node_stop(hrt_node *node) {
     hrt_can_frame frame;
-    if (hrt_can_link_off(&node->line, &frame)) hrt_bus_send(node->bus, &frame);
+    if (hrt_can_exchange_off(&node->exchange, &frame)) hrt_bus_send(node->bus, &frame);
 }
 
 void hrt_node_status(const hrt_node *node, tensormass_controller_status_t *status) {
-    const hrt_output *out = &node->output;
+    const hrt_result *out = &node->result;
     const hrt_counters *counters = &node->controller.counters;
     const uint32_t rejected = atomic_load(&node->rejected), late = atomic_load(&node->late);
     const char *fault = out->fault == HRT_FAULT_NONE ? "" : hrt_fault_text(out->fault);
@@ -259,7 +259,7 @@ void hrt_node_status(const hrt_node *node, tensormass_controller_status_t *statu
         .samples_rejected = (int64_t)counters->samples_rejected + rejected,
         .can_tx = (int64_t)node->bus->tx,
         .can_rx = (int64_t)node->bus->rx,
-        .can_errors =
-            (int64_t)node->line.can.error + node->line.can.corrupt + node->line.can.lost + node->line.can.repeated};
+        .can_errors = (int64_t)node->exchange.can.error + node->exchange.can.corrupt + node->exchange.can.lost +
+                      node->exchange.can.repeated};
     for (int i = 0; i < 3; i++) status->force_N[i] = (double)out->force_N[i];
 }

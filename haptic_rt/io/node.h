@@ -6,7 +6,7 @@
 #include <stdatomic.h>
 
 #include "bus.h"
-#include "can/can_link.h"
+#include "can/exchange.h"
 #include "gate.h"
 #include "hrt.h"
 #include "lcm_types/tensormass_contact_patch_t.h"
@@ -78,8 +78,8 @@ typedef struct hrt_node {
     _Atomic uint32_t pose_count, pose_taken; /* equal: taken over */
     /* the tick's */
     hrt_input input;
-    hrt_output output;
-    hrt_can_link line;
+    hrt_result result;
+    hrt_can_exchange exchange;
     uint32_t tool_seq;
     /* for timing figures: set by who wants them */
     int64_t (*clock_ns)(void);

@@ -14,19 +14,19 @@ int hrt_record_begin(hrt_record *r, const char *path) {
         app_output_abandon(&r->output);
         return app_bad_input(path, 0, "out of memory; close other programs"), APP_FAILED;
     }
-    fputs("time_s,state,fault,limits," HRT_ENGINE_COLUMNS
+    fputs("time_s,state,fault,limits," HRT_ENGINE_FIELDS
           ",fx_N,fy_N,fz_N,torque_pitch_Nm,torque_yaw_Nm,force_insertion_N,gain,sample_age_s\n",
           r->file);
     return APP_DONE;
 }
 
-void hrt_record_put(hrt_record *r, double time_s, const hrt_output *o) {
+void hrt_record_put(hrt_record *r, double time_s, const hrt_result *o) {
     const uint64_t put = atomic_load(&r->put);
     if (put - atomic_load(&r->written) >= HRT_RECORD_ROWS) {
         atomic_fetch_add(&r->lost, 1);
         return;
     }
-    const float values[HRT_RECORD_COLUMNS] = {
+    const float values[HRT_RECORD_FIELDS] = {
         (float)o->state, (float)o->fault, (float)o->limits, o->joint[0],
         o->joint[1],     o->joint[2],     o->joint[3],      o->joint[4],
         o->force_N[0],   o->force_N[1],   o->force_N[2],    o->torque[0],
@@ -40,7 +40,7 @@ void hrt_record_write(hrt_record *r) {
     const uint64_t put = atomic_load(&r->put);
     for (uint64_t k = atomic_load(&r->written); k < put; k++) {
         fprintf(r->file, "%.9g", r->row[k % HRT_RECORD_ROWS].time_s);
-        for (int c = 0; c < HRT_RECORD_COLUMNS; c++)
+        for (int c = 0; c < HRT_RECORD_FIELDS; c++)
             fprintf(r->file, ",%.9g", (double)r->row[k % HRT_RECORD_ROWS].value[c]);
         fputc('\n', r->file);
         atomic_store(&r->written, k + 1);

@@ -9,7 +9,7 @@
 #include "app.h"
 #include "hrt.h"
 
-enum { HRT_RECORD_ROWS = 8192, HRT_RECORD_COLUMNS = 16 }; /* 4 s at 2 kHz */
+enum { HRT_RECORD_ROWS = 8192, HRT_RECORD_FIELDS = 16 }; /* 4 s at 2 kHz */
 
 typedef struct hrt_record {
     app_output output;
@@ -17,14 +17,14 @@ typedef struct hrt_record {
     _Atomic uint64_t put, written, lost;
     struct {
         double time_s;
-        float value[HRT_RECORD_COLUMNS];
+        float value[HRT_RECORD_FIELDS];
     } row[HRT_RECORD_ROWS];
 } hrt_record;
 
 /* An exit code; 0: begun. */
 int hrt_record_begin(hrt_record *record, const char *path);
 /* In the loop: never waits. A row that finds no room is lost and counted. */
-void hrt_record_put(hrt_record *record, double time_s, const hrt_output *output);
+void hrt_record_put(hrt_record *record, double time_s, const hrt_result *result);
 /* Outside of it: writes what has come. */
 void hrt_record_write(hrt_record *record);
 /* Writes the rest and puts the file in place. An exit code. */

@@ -40,7 +40,7 @@ bool hrt_samples_feed(hrt_samples *s, hrt_node *node, const tensormass_tool_stat
         s->start_us = now_us;
     }
     while (s->next < s->table.rows) {
-        const double *row = &s->table.value[s->next * s->table.columns];
+        const double *row = &s->table.value[s->next * s->table.fields];
         if (row[s->time] > 1.0e-6 * (double)(now_us - s->start_us)) return true;
         s->next++;
         if (s->instrument < 0 || (int32_t)row[s->instrument] == tool->instrument) post(s, row, node, tool);

@@ -8,7 +8,7 @@
 
 typedef struct hrt_samples {
     hrt_table table;
-    int32_t time, instrument, force[3], tip[3], stiffness[9]; /* columns; -1: none */
+    int32_t time, instrument, force[3], tip[3], stiffness[9]; /* fields; -1: none */
     int32_t next;
     uint32_t seq;
     int64_t start_us; /* 0: not begun */

@@ -123,11 +123,11 @@ static int take(void *user, int option, const char *text) {
 
 /* -1, or the exit code. */
 static int consistent(const hrt_settings *s) {
-    hrt_frame frame;
+    hrt_axes axes;
     const double *a = s->node.pose.axis, *u = s->node.pose.up;
     const float axis[3] = {(float)a[0], (float)a[1], (float)a[2]}, up[3] = {(float)u[0], (float)u[1], (float)u[2]};
     const int32_t crossed = hrt_params_check(&s->node.params);
-    if (!hrt_frame_from_axis(&frame, axis, up))
+    if (!hrt_axes_along(&axes, axis, up))
         return app_bad_input("--axis", 0, "is zero or along --up; give two directions that differ");
     if (crossed < 0) return -1;
     return app_bad_input("--set", 0, "%s: lower end not below upper end; mend it", hrt_param_text[crossed].name);

@@ -15,23 +15,23 @@ static char *trim(char *s) {
 
 static bool read_header(hrt_table *t, char *line, const char *path, int number) {
     char *rest = line;
-    for (char *cell; (cell = strsep(&rest, ",")) != NULL; t->columns++) {
+    for (char *cell; (cell = strsep(&rest, ",")) != NULL; t->fields++) {
         cell = trim(cell);
-        if (t->columns == HRT_TABLE_COLUMNS || *cell == 0 || strlen(cell) >= sizeof t->name[0]) {
+        if (t->fields == HRT_TABLE_FIELDS || *cell == 0 || strlen(cell) >= sizeof t->name[0]) {
             app_bad_input(
                 path, number,
                 "a column name is empty, too long, or one of more than %d; write names like time_s,insertion_m",
-                HRT_TABLE_COLUMNS);
+                HRT_TABLE_FIELDS);
             return false;
         }
-        strcpy(t->name[t->columns], cell);
+        strcpy(t->name[t->fields], cell);
     }
     return true;
 }
 
 static bool read_row(hrt_table *t, char *line, const char *path, int number) {
     if (t->rows % 1024 == 0) {
-        double *value = realloc(t->value, sizeof *value * (size_t)((t->rows + 1024) * t->columns));
+        double *value = realloc(t->value, sizeof *value * (size_t)((t->rows + 1024) * t->fields));
         if (value) t->value = value;
         int *lines = realloc(t->line, sizeof *lines * (size_t)(t->rows + 1024));
         if (lines) t->line = lines;
@@ -46,17 +46,17 @@ static bool read_row(hrt_table *t, char *line, const char *path, int number) {
         char *end;
         cell = trim(cell);
         const double x = strtod(cell, &end);
-        if (c == t->columns || end == cell || *end || !isfinite(x)) {
+        if (c == t->fields || end == cell || *end || !isfinite(x)) {
             app_bad_input(path, number,
-                          c == t->columns ? "more than %d values; write one a column"
-                                          : "a value of %d is not a finite number; write digits",
-                          t->columns);
+                          c == t->fields ? "more than %d values; write one a column"
+                                         : "a value of %d is not a finite number; write digits",
+                          t->fields);
             return false;
         }
-        t->value[t->rows * t->columns + c] = x;
+        t->value[t->rows * t->fields + c] = x;
     }
-    if (c != t->columns) {
-        app_bad_input(path, number, "%d values where the header has %d; write one a column", c, t->columns);
+    if (c != t->fields) {
+        app_bad_input(path, number, "%d values where the header has %d; write one a column", c, t->fields);
         return false;
     }
     t->line[t->rows++] = number;
@@ -71,7 +71,7 @@ bool hrt_table_read(const char *path, hrt_table *t) {
     for (char *line; good && (line = hrt_lines_next(&lines)) != NULL;) {
         char *text = trim(line);
         if (*text == 0) continue;
-        good = t->columns == 0 ? read_header(t, text, path, lines.number) : read_row(t, text, path, lines.number);
+        good = t->fields == 0 ? read_header(t, text, path, lines.number) : read_row(t, text, path, lines.number);
     }
     good = good && lines.good;
     hrt_lines_close(&lines);
@@ -90,7 +90,7 @@ void hrt_table_free(hrt_table *t) {
 }
 
 int32_t hrt_table_column(const hrt_table *t, const char *name) {
-    for (int32_t c = 0; c < t->columns; c++)
+    for (int32_t c = 0; c < t->fields; c++)
         if (strcmp(t->name[c], name) == 0) return c;
     return -1;
 }

@@ -5,11 +5,11 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-enum { HRT_TABLE_COLUMNS = 32 };
+enum { HRT_TABLE_FIELDS = 32 };
 typedef struct hrt_table {
-    int32_t columns, rows;
-    char name[HRT_TABLE_COLUMNS][32];
-    double *value; /* [rows][columns] */
+    int32_t fields, rows;
+    char name[HRT_TABLE_FIELDS][32];
+    double *value; /* [rows][fields] */
     int *line;     /* [rows] in the file */
 } hrt_table;
 

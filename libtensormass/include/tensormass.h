@@ -8,6 +8,7 @@
 #include "tensormass/contact.h"
 #include "tensormass/cut.h"
 #include "tensormass/energy.h"
+#include "tensormass/friction.h"
 #include "tensormass/grasp.h"
 #include "tensormass/material.h"
 #include "tensormass/mesh.h"
@@ -15,6 +16,7 @@
 #include "tensormass/patch.h"
 #include "tensormass/rotation.h"
 #include "tensormass/tissue.h"
+#include "tensormass/viscosity.h"
 #include "tensormass/world.h"
 
 #endif

@@ -84,7 +84,8 @@ typedef struct tm_precomputed_def {
     const tm_contact_def *contact; /* instruments, skin compliance, cap; null: none. skin_compliance_m_N > 0 */
     const tm_grasp_def *grasp; /* instruments of mode grasper hold tissue as in the dynamic model (no cap on a hold);
                                   null: they do not */
-    double update_s;           /* time between updates, 0.002: what is let go fades with it */
+    const tm_friction_def *friction; /* of the instruments, as in the dynamic model; null: they slide freely */
+    double update_s; /* time between updates, 0.002: what is let go fades with it, and what sticks rests with it */
     int32_t
         max_local_vertices; /* of the on-line system: surroundings of the tools and imposed vertices together; 256 */
 } tm_precomputed_def;

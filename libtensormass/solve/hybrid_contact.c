@@ -171,7 +171,9 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
     tms_local_gather(l);
     for (int32_t t = 0; t < l->tool_count; t++) flags[t] = l->tool[t].overflowed ? TM_REACTION_OVERFLOWED : 0u;
     if (l->use_count == 0) return 0;
+    memcpy(l->f_saved, l->f, 24 * (size_t)l->capacity);
     tms_local_solve(l);
+    if (!l->converged) tms_local_freeze(l, l->f_saved);
     move(h);
     const int32_t count = l->now.count < max_rows ? l->now.count : max_rows;
     memcpy(row, l->now.row, (size_t)count * sizeof *row);

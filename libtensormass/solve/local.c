@@ -1,7 +1,7 @@
 /* The on-line system: the path of the tools, and what it comes to. Slots are in slots.c, jaws in grip.c, rows and
  * forces in look.c, the matrix in matrix.c, the quick steps in secant.c, Newton's method in newton.c: each leans on
  * those before it. */
-#include "local.h"
+#include "local_eval.h"
 
 #include <math.h>
 #include <string.h>
@@ -50,6 +50,7 @@ int32_t tms_local_update(tms_local *l, const tm_tool_pose *pose) {
         if (to >= 1 && !worked) tms_local_work_jaws(l), worked = true;
         tms_local_follow_jaws(l);
         tms_local_gather(l);
+        if (!tms_local_rub_knows(l)) tms_local_shape(l), tms_local_rub_learn(l);
         steps = tms_local_solve(l);
         if (!l->converged && !last_chance) { /* it was too far: back, and half of it */
             save(l, true);
@@ -57,6 +58,7 @@ int32_t tms_local_update(tms_local *l, const tm_tool_pose *pose) {
             continue;
         }
         if (l->converged) tms_local_slip(l);
+        tms_local_rub_settle(l, (to - done) * l->update_s);
         done = to;
         piece = fmin(2 * piece, 1 / whole);
     }

@@ -10,6 +10,7 @@
 #define TMS_LOCAL_H
 
 #include "internal.h"
+#include "tensormass/friction.h"
 #include "tensormass/grasp.h"
 
 enum {
@@ -34,6 +35,31 @@ typedef struct tms_tool {
     bool overflowed;
 } tms_tool;
 
+/* What friction does at one station of a tool at one shape: rows first .. first + count - 1 of the look. */
+typedef struct tms_grip {
+    int32_t first, count;
+    bool slips;
+    double bears_N, pressed_N, normal[3];
+    double force_N[3], stretch_N; /* on the tissue; its size before it was shortened to the cone */
+} tms_grip;
+
+enum { TMS_STATIONS = 256 }; /* of a tool, as rows number them */
+
+/* What lasts from solution to solution, of one station. */
+typedef struct tms_rubbed {
+    double force_N[3], rest; /* on the tissue; 1 has rested .. 0 has slid */
+} tms_rubbed;
+
+/* Friction: there is memory for it only where it is named. */
+typedef struct tms_rub {
+    tm_friction_coefficient coefficient[TM_MAX_INSTRUMENTS];
+    tms_rubbed rubbed[TM_MAX_INSTRUMENTS][TMS_STATIONS];
+    tm_capsule capsule[TM_MAX_INSTRUMENTS]; /* of the solution before */
+    double *u_m;                            /* [3*vertex_count] shape of the solution before, where it is known */
+    int32_t *known, solution;               /* [vertex_count] number of the solution that u_m is of; that before */
+    tms_grip *grip[2];                      /* [max_rows] of both looks */
+} tms_rub;
+
 /* What the rows of one shape do. */
 typedef struct tms_look {
     tm_contact_row *row; /* [max_rows] */
@@ -41,6 +67,8 @@ typedef struct tms_look {
     double *fc; /* [3*capacity] forces on the slots */
     double force_N[TM_MAX_INSTRUMENTS][3], resultant_N[TM_MAX_INSTRUMENTS][3];
     bool capped[TM_MAX_INSTRUMENTS];
+    int32_t grip_count;
+    tms_grip *grip; /* [max_rows] with friction */
 } tms_look;
 
 /* A vertex held: by hand (tool -1) or between jaws; or let go by jaws, whose spring then bears no more than a force
@@ -113,6 +141,7 @@ typedef struct tms_local {
         *pair_r[TMS_PAIRS]; /* [3*capacity] by slot: changes of f and r that went together, lately */
     int32_t pair_count, pair_next;
     bool converged;
+    tms_rub *rub; /* null: no friction */
     int64_t bytes;
     void *memory;
 } tms_local;
@@ -134,6 +163,8 @@ void tms_local_gather(tms_local *local);
 void tms_local_regather(tms_local *local);
 /* Newton's method from the forces there are. Returns the steps taken; `converged` tells. */
 int32_t tms_local_solve(tms_local *local);
+/* frozen.c: after a solve that did not converge, of a system without pins; from the forces of before it. */
+void tms_local_freeze(tms_local *local, const double *f_before);
 /* Moves all tools to `pose` in pieces, gathering and solving at each. */
 int32_t tms_local_update(tms_local *local, const tm_tool_pose *pose);
 /* d(force at the tip)/d(tip) of the converged solution, row-major. Leaves the solution as it was. */
@@ -151,6 +182,17 @@ void tms_local_follow_jaws(tms_local *local);
  * it never drives tissue that another tool, or its own shape, has taken along. */
 void tms_local_slip(tms_local *local);
 bool tms_local_holds(const tms_local *local, int32_t tool);
+/* rub.c. Null: no memory. */
+tms_rub *tms_rub_create(const tm_friction_def *def, const tm_contact_def *contact, int32_t vertex_count);
+void tms_rub_destroy(tms_rub *rub); /* null is allowed */
+bool tms_local_rubs(const tms_local *local, int32_t tool);
+/* Every slot's place at the solution before is known; of those that came anew it is their present one, by the forces
+ * of that solution. */
+bool tms_local_rub_knows(const tms_local *local);
+void tms_local_rub_learn(tms_local *local);
+/* A solution is taken: what slipped stays slipped. */
+void tms_local_rub_settle(tms_local *local, double passed_s);
+void tms_local_rub_place(tms_local *local, int32_t tool);
 /* A row whose vertices are all in its own tool's jaws is no obstacle. */
 bool tms_local_in_jaws(const tms_local *local, const tm_contact_row *row);
 /* On the tool, rows and jaws together. */
@@ -167,8 +209,8 @@ int64_t tms_local_snapshot(const tms_local *local, bool forgotten, void *buffer)
 bool tms_local_restore(tms_local *local, const void *buffer, int64_t bytes, bool apply);
 int64_t tms_local_snapshot_most(const tms_local *local);
 
-/* dense.c: LU with partial pivoting, row-major. Its own: LAPACK's and Eigen's take memory or a lock for it, and this
- * runs inside steps. */
+/* dense.c: LU with partial pivoting, row-major. Its own, because it runs inside steps: OpenBLAS's dgetrf and dgetrs
+ * take a lock each, Eigen's memory from some size on; and up to 45 unknowns it is the fastest (docs/models.md). */
 bool tms_lu(double *a, int32_t *pivot, int32_t n);
 void tms_lu_solve(const double *a, const int32_t *pivot, int32_t n, double *x);
 #endif

@@ -24,8 +24,12 @@ void tms_local_response(const tms_local *local, const int32_t *slot, int32_t cou
                         double *out);
 /* u at the slots from base and forces. */
 void tms_local_shape(tms_local *local);
-/* Rows of the shape in u_m, their forces on the slots and on the tools. */
-void tms_local_look(tms_local *local, tms_look *look);
+/* out += f times the displacements of all slots below `high` by a unit force on a component of one. */
+void tms_local_spread(const tms_local *local, int32_t component, double f, double *restrict out);
+/* Rows of the shape in u_m that are no farther off than `margin` radii, their forces on the slots and on the tools. */
+void tms_local_look(tms_local *local, tms_look *look, double margin);
+/* Those forces anew, of the rows as they stand. */
+void tms_local_sum(const tms_local *local, tms_look *look);
 /* Both, and the residual r: the sum of squares of the displacements it would make. Sets `converged`. */
 double tms_local_evaluate(tms_local *local);
 /* Known part of the matrix at the present rows, over act, factorised; `without`: a tool that is left out, -1. False:
@@ -33,6 +37,9 @@ double tms_local_evaluate(tms_local *local);
 bool tms_local_factor(tms_local *local, int32_t without);
 /* Displacement that the residual of the j-th unknown would make, per unit: the norm that residuals are compared in. */
 double tms_local_scale(const tms_local *local, int32_t j);
+/* rub.c: what friction adds to a look; to the matrix of the present one. */
+void tms_local_rub(const tms_local *local, tms_look *look);
+void tms_local_add_grip_matrix(tms_local *local, const tms_grip *grip, int32_t m);
 /* secant.c: steps until converged or stalled; returns how many. */
 int32_t tms_local_secant(tms_local *local, double *merit);
 

@@ -58,7 +58,7 @@ static double residual(tms_local *l, bool *small) {
 
 double tms_local_evaluate(tms_local *l) {
     tms_local_shape(l);
-    tms_local_look(l, &l->now);
+    tms_local_look(l, &l->now, 0);
     limit_springs(l);
     return residual(l, &l->converged);
 }
@@ -108,6 +108,8 @@ bool tms_local_factor(tms_local *l, int32_t without) {
     memset(l->lu, 0, sizeof(double) * (size_t)m * (size_t)m);
     for (int32_t i = 0; i < l->now.count; i++)
         if (l->now.row[i].lambda_N > 0 && l->now.row[i].instrument != without) add_row_matrix(l, &l->now.row[i], m);
+    for (int32_t k = 0; k < l->now.grip_count; k++)
+        if (l->now.row[l->now.grip[k].first].instrument != without) tms_local_add_grip_matrix(l, &l->now.grip[k], m);
     for (int32_t i = 0; i < m; i++) l->lu[(int64_t)i * m + i] += 1;
     for (int32_t i = 0; i < m; i++) {
         double *row = l->lu + (int64_t)i * m;

@@ -8,6 +8,8 @@ typedef struct part {
     tm_model *moving; /* the dynamic part */
     tm_hybrid *hybrid;
     tms_problem problem; /* of the whole organ */
+    tm_solve_def solve;  /* of that problem, for the rest */
+    double gravity_m_s2[3];
 } part;
 
 static part *of(const tm_model *m) { return (part *)(uintptr_t)m; }
@@ -76,16 +78,45 @@ static tm_status start(tm_model *m, tm_error *error) { return tm_model_start(of(
 
 /* --- rest, snapshots, accounts --- */
 
+/* The organ as it is now, in one piece of memory: what is cut is gone, and its weight with it. */
+static tm_status whole_of(const part *p, bool uncut, tm_tissue **whole, tm_error *error) {
+    const tm_hybrid *h = p->hybrid;
+    const uint8_t *now = tm_tissue_alive(p->is.tissue), *condensed = tm_tissue_alive(h->condensed);
+    uint8_t *alive = tms_take((size_t)h->mesh->tet_count + 1);
+    if (!alive) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the organ at rest; use a coarser mesh");
+    for (int32_t t = 0; t < h->mesh->tet_count; t++) alive[t] = condensed[t] || (uncut ? h->alive[t] : now[t]);
+    const tm_status status = tms_sub_tissue(p->is.tissue, alive, whole, error);
+    tms_give(alive);
+    return status;
+}
+
+/* Solved anew for the whole organ; the instruments are not in it, and the model stays as it is. */
 static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, double *reaction_N,
                         tm_settle_result *result, tm_error *error) {
-    (void)m;
+    const part *p = of(m);
+    const size_t n = 3 * (size_t)tm_tissue_mesh(m->tissue)->vertex_count;
+    tm_tissue *whole = NULL, *uncut = NULL;
+    tm_solve_def solve = p->solve;
+    tm_solve_report report;
+    double *load = tms_take(n * sizeof *load);
+    tm_status status =
+        load ? TM_OK : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the organ at rest; use a coarser mesh");
     (void)def;
-    (void)u_m;
-    (void)reaction_N;
-    (void)result;
-    return tms_fail(error, TM_ERR_EXCLUDED, -1,
-                    "the condensed part is no world's to relax; settle the dynamic or the precomputed model of the "
-                    "same definition, which has the same rest");
+    if (status == TM_OK) status = whole_of(p, false, &whole, error);
+    if (status == TM_OK) status = whole_of(p, true, &uncut, error);
+    if (status == TM_OK) {
+        const double *mass = tm_tissue_mass_kg(whole), *was = tm_tissue_mass_kg(uncut);
+        for (size_t d = 0; d < n; d++)
+            load[d] = p->problem.load_N[d] + (mass[d / 3] - was[d / 3]) * p->gravity_m_s2[d % 3];
+        solve.tissue = whole;
+        solve.load_N = load;
+        status = tm_solve_static(&solve, u_m, reaction_N, &report, error);
+    }
+    if (status == TM_OK) result->energy_J = tm_tissue_energy(whole, u_m);
+    tm_tissue_destroy(whole);
+    tm_tissue_destroy(uncut);
+    tms_give(load);
+    return status;
 }
 
 static int64_t snapshot_bytes(const tm_model *m) { return tm_model_snapshot_bytes(of(m)->moving); }
@@ -141,6 +172,8 @@ static tm_status condense(const tm_model_def *def, const tm_hybrid_def *how, par
     tm_status status = tms_blame(def, "tissue", tm_tissue_create(&uncut, &whole, error));
     if (status != TM_OK) return status;
     status = tms_blame(def, "support", tms_problem_make(def, whole, &p->problem, &mine.problem, error));
+    p->solve = mine.problem;
+    for (int c = 0; c < 3 && def->gravity_m_s2; c++) p->gravity_m_s2[c] = def->gravity_m_s2[c];
     mine.contact = def->contact;
     if (status == TM_OK) status = tms_blame(def, "model", tm_hybrid_create(&mine, &p->hybrid, report, error));
     tm_tissue_destroy(whole);
@@ -170,6 +203,10 @@ tm_status tm_model_hybrid(const tm_model_def *def, const tm_hybrid_def *how, tm_
     TM_REQUIRE(model, "model is null", TM_ERR_ARGUMENT);
     TM_REQUIRE_DEF(how, TMS_COOKIE_HYBRID, TM_ERR_ARGUMENT);
     tm_status status = tm_model_check(def, error);
+    if (status == TM_OK && def->friction)
+        status = tms_blame(def, "friction",
+                           tms_fail(error, TM_ERR_EXCLUDED, -1,
+                                    "its rows are solved without any; take the dynamic model, or the precomputed one"));
     if (status != TM_OK) return status;
     part *p = tms_take_zeroed(1, sizeof *p);
     if (!p) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");

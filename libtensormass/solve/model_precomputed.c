@@ -109,28 +109,67 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
     return status;
 }
 
-static tm_status no_snapshot(tm_error *error) {
-    return tms_fail(error, TM_ERR_EXCLUDED, -1,
-                    "the precomputed model has no state to save or restore; take the dynamic one");
+/* What a frame leaves beside the on-line system; numbers alone, without padding. */
+typedef struct kept {
+    char magic[8];
+    double time_s, velocity_m_s[TM_MAX_INSTRUMENTS][3], stiffness_N_m[TM_MAX_INSTRUMENTS][9];
+    int64_t felt[TM_MAX_INSTRUMENTS];
+    uint64_t checksum; /* of what follows */
+} kept;
+static const char magic[8] = "TMPRESN1";
+
+static uint64_t checksum(const char *buffer, int64_t bytes) {
+    return tm_hash(buffer + sizeof(kept), (size_t)bytes - sizeof(kept), TM_HASH_SEED);
+}
+
+static bool keeps_nothing(const tm_model *m, tm_error *error) {
+    if (!of(m)->model->local.rub) return false;
+    tms_fail(error, TM_ERR_EXCLUDED, -1,
+             "what sticks and slips is not in a snapshot of this model; take the dynamic one");
+    return true;
 }
 
 static int64_t snapshot_bytes(const tm_model *m) {
-    (void)m;
-    return 0;
+    if (of(m)->model->local.rub) return 0;
+    return (int64_t)sizeof(kept) + tms_precomputed_snapshot(of(m)->model, NULL);
 }
 
 static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
-    (void)m;
-    (void)buffer;
-    (void)bytes;
-    return no_snapshot(error);
+    const quasi *q = of(m);
+    kept k = {.time_s = q->time_s};
+    if (keeps_nothing(m, error)) return TM_ERR_EXCLUDED;
+    if (bytes < snapshot_bytes(m))
+        return tms_fail(error, TM_ERR_ARGUMENT, -1, "room for %lld bytes, and the snapshot has %lld; give that many",
+                        (long long)bytes, (long long)snapshot_bytes(m));
+    tms_precomputed_snapshot(q->model, (char *)buffer + sizeof k);
+    memcpy(k.magic, magic, sizeof magic);
+    memcpy(k.velocity_m_s, q->velocity_m_s, sizeof k.velocity_m_s);
+    memcpy(k.stiffness_N_m, q->stiffness_N_m, sizeof k.stiffness_N_m);
+    for (int i = 0; i < m->instrument_count; i++) k.felt[i] = q->felt[i];
+    k.checksum = checksum(buffer, snapshot_bytes(m));
+    memcpy(buffer, &k, sizeof k);
+    return TM_OK;
 }
 
 static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_error *error) {
-    (void)m;
-    (void)buffer;
-    (void)bytes;
-    return no_snapshot(error);
+    quasi *q = of(m);
+    kept k;
+    if (keeps_nothing(m, error)) return TM_ERR_EXCLUDED;
+    if (bytes >= (int64_t)sizeof k) memcpy(&k, buffer, sizeof k);
+    if (bytes < (int64_t)sizeof k || memcmp(k.magic, magic, sizeof magic) || k.checksum != checksum(buffer, bytes))
+        return tms_fail(error, TM_ERR_FILE, -1,
+                        "not a snapshot of a precomputed model, or damaged; give one that tm_model_save made");
+    const tm_status status =
+        tms_precomputed_restore(q->model, (const char *)buffer + sizeof k, bytes - (int64_t)sizeof k, error);
+    if (status != TM_OK) return status;
+    q->time_s = k.time_s;
+    memcpy(q->velocity_m_s, k.velocity_m_s, sizeof k.velocity_m_s);
+    memcpy(q->stiffness_N_m, k.stiffness_N_m, sizeof k.stiffness_N_m);
+    for (int i = 0; i < m->instrument_count; i++) {
+        q->felt[i] = k.felt[i] != 0;
+        m->pose[i] = tm_precomputed_pose(q->model, i);
+    }
+    return TM_OK;
 }
 
 static tm_status start(tm_model *m, tm_error *error) {
@@ -180,6 +219,7 @@ static tm_status define(const tm_model_def *def, const tm_precomputed_def *how, 
     *mine = *how;
     mine->contact = def->contact;
     mine->grasp = def->grasp;
+    mine->friction = def->friction;
     mine->update_s = def->frame_s;
     const tm_status status = tms_blame(def, "tissue", tm_tissue_create(&def->tissue, tissue, error));
     return status != TM_OK ? status

@@ -6,11 +6,11 @@ TMS_LIBS := -lcholmod -lsuitesparseconfig -lstdc++ -lpthread
 LIBRARIES += $(LIBTMS_A) $(LIBTMS_SO)
 $(call objects,$(TMS_SRC)): INCLUDES += -I/usr/include/suitesparse -isystem /usr/include/eigen3
 $(LIBTMS_A): $(call objects,$(TMS_SRC))
-	@mkdir -p $(@D)
-	rm -f $@ && ar rcs $@ $^
+	$(archive)
 $(LIBTMS_SO): $(call objects,$(TMS_SRC)) $(LIBTM_SO)
 	@mkdir -p $(@D)
-	$(CXX) $(SAN) -shared -Wl,-soname,libtensormass_solve.so.$(SOVERSION) $(if $(SAN),,-Wl,--no-undefined) -o $@ $(call objects,$(TMS_SRC)) -L$(OUT)/lib -ltensormass $(TMS_LIBS) -lm
-	ln -sf $(@F) $(@D)/libtensormass_solve.so.$(SOVERSION) && ln -sf libtensormass_solve.so.$(SOVERSION) $(@D)/libtensormass_solve.so
+	$(call say,LINK)
+	$(Q)$(CXX) $(SAN) -shared -Wl,-soname,libtensormass_solve.so.$(SOVERSION) $(if $(SAN),,-Wl,--no-undefined) $(ORIGIN) -o $@ $(call objects,$(TMS_SRC)) -L$(OUT)/lib -ltensormass $(TMS_LIBS) -lm
+	$(Q)ln -sf $(@F) $(@D)/libtensormass_solve.so.$(SOVERSION) && ln -sf libtensormass_solve.so.$(SOVERSION) $(@D)/libtensormass_solve.so
 # The same as a module that tm-sim opens when a scene says precomputed or hybrid; the core's functions come from the program.
 $(eval $(call module,solve,$(TMS_SRC),,$(TMS_LIBS)))

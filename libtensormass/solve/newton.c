@@ -51,7 +51,7 @@ static void look_along(tms_local *l, direction *to, double h, double *change) {
                 tool->capsule = tm_tool_capsule(&tool->def, &tool->pose, to->tool);
             }
             set_shape(l, s * h);
-            tms_local_look(l, &l->probe);
+            tms_local_look(l, &l->probe, 0);
             look = &l->probe;
         }
         const double weight = (side == 0 ? 1 : -1) / (to->both_sides ? 2 * h : h);

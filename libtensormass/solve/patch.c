@@ -101,6 +101,22 @@ static bool fill(tm_precomputed *m, int32_t instrument, const grip *g, tm_patch 
                        : tm_patch_fill(patch, block, &from, l->now.row, l->now.count);
 }
 
+/* Takes friction's forces from the shape; the controller's law adds its own. */
+static bool rub(const tms_local *l, int32_t instrument, tm_patch *patch) {
+    if (!tms_local_rubs(l, instrument)) return true;
+    patch->friction_static = l->rub->coefficient[instrument].at_rest;
+    patch->friction_sliding = l->rub->coefficient[instrument].sliding;
+    for (int32_t k = 0; k < l->now.grip_count; k++) {
+        const tms_grip *g = &l->now.grip[k];
+        for (int32_t i = g->first; i < g->first + g->count && g->bears_N > 0; i++) {
+            double part[3];
+            for (int c = 0; c < 3; c++) part[c] = l->now.row[i].lambda_N / g->bears_N * g->force_N[c];
+            tm_patch_rub(patch, &l->now.row[i], part);
+        }
+    }
+    return true;
+}
+
 bool tm_precomputed_patch(tm_precomputed *m, int32_t instrument, const double velocity_m_s[3], double horizon_s,
                           int32_t max_vertices, int32_t max_triangles, tm_patch *patch) {
     TM_REQUIRE(m && patch && velocity_m_s && instrument >= 0 && instrument < m->local.tool_count,
@@ -122,5 +138,5 @@ bool tm_precomputed_patch(tm_precomputed *m, int32_t instrument, const double ve
         tm_patch_bears_outside(patch, g.size_N, l->now.row, l->now.count))
         return false;
     describe(l, tool, patch);
-    return fill(m, instrument, &g, patch);
+    return fill(m, instrument, &g, patch) && rub(l, instrument, patch);
 }

@@ -47,6 +47,12 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
                                         def->max_local_vertices, &m->local, error);
     if (status != TM_OK) return status;
     m->local.update_s = def->update_s;
+    if (def->contact && def->friction) {
+        m->local.rub = tms_rub_create(def->friction, &m->local.def, mesh->vertex_count);
+        if (!m->local.rub) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for friction; use a coarser mesh");
+        m->local.now.grip = m->local.rub->grip[0], m->local.probe.grip = m->local.rub->grip[1];
+        for (int32_t t = 0; t < m->local.tool_count; t++) tms_local_rub_place(&m->local, t);
+    }
     m->local.self = m;
     if (def->contact && !(m->yield = tms_take((size_t)(3 * TMS_FELT) * 24 * (size_t)m->local.capacity)))
         return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
@@ -74,6 +80,13 @@ static tm_status check(const tm_precomputed_def *def, tm_error *error) {
     if (status == TM_OK) status = tms_check_precision(def->precision, error);
     if (status == TM_OK && !(def->update_s > 0 && def->update_s <= 1e6))
         status = tms_fail(error, TM_ERR_ARGUMENT, -1, "%g s between updates; give a positive time", def->update_s);
+    for (int32_t t = 0; status == TM_OK && def->contact && def->friction && t < def->contact->instrument_count; t++) {
+        const tm_friction_coefficient *c = &def->friction->instrument[t];
+        if (!(c->sliding >= 0 && c->sliding <= c->at_rest && c->at_rest <= TM_FRICTION_MOST))
+            status = tms_fail(error, TM_ERR_ARGUMENT, t,
+                              "friction of instrument %d: %g at rest, %g sliding; give 0 <= sliding <= at rest <= %g",
+                              (int)t, c->at_rest, c->sliding, TM_FRICTION_MOST);
+    }
     if (status == TM_OK && (def->max_local_vertices < 4 || def->max_local_vertices > 4096))
         status = tms_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096",
                           (int)def->max_local_vertices);
@@ -118,6 +131,7 @@ tm_status tm_precomputed_write(const tm_precomputed_def *def, tm_solve_report *r
 
 void tm_precomputed_destroy(tm_precomputed *m) {
     if (!m) return;
+    tms_rub_destroy(m->local.rub);
     tms_local_destroy(&m->local);
     tms_responses_release(&m->responses);
     tms_give(m->kept_of);
@@ -181,6 +195,7 @@ void tm_precomputed_place(tm_precomputed *m, int32_t instrument, const tm_tool_p
     INSTRUMENT_IS_THERE();
     TM_REQUIRE(TM_IS_POSE(at), "at is null, not finite or beyond 1e6", );
     tms_local_place(&m->local, instrument, at);
+    tms_local_rub_place(&m->local, instrument);
 }
 
 tm_tool_pose tm_precomputed_pose(const tm_precomputed *m, int32_t instrument) {

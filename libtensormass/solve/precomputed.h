@@ -1,4 +1,4 @@
-/* Insides of the precomputed model, shared by precomputed.c and patch.c. */
+/* Insides of the precomputed model, shared by precomputed*.c and patch.c. */
 #ifndef TMS_PRECOMPUTED_H
 #define TMS_PRECOMPUTED_H
 
@@ -22,5 +22,9 @@ struct tm_precomputed {
 
 /* 3x3 block of vertex a by forces on vertex b; `self` is the model. */
 void tms_precomputed_compliance(void *self, int32_t a, int32_t b, double C[9]);
+
+/* precomputed_snapshot.c: how many bytes, written to `buffer` unless that is null. Back: all or nothing. */
+int64_t tms_precomputed_snapshot(const tm_precomputed *model, void *buffer);
+tm_status tms_precomputed_restore(tm_precomputed *model, const void *buffer, int64_t bytes, tm_error *error);
 
 #endif

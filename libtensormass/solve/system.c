@@ -6,12 +6,9 @@
 #include <math.h>
 #include <string.h>
 
-/* --- parts, and whether they are held --- */
+#include "law/union_find.h"
 
-static int32_t root_of(int32_t *parent, int32_t v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
-    return v;
-}
+/* --- parts, and whether they are held --- */
 
 /* Rank of the rigid motions that the fixed components of one part see: 6 when it is held. Gram matrix of the six
  * motions about the part's centre, in units of its size, by elimination with full pivoting. */
@@ -60,13 +57,10 @@ static void find_parts(const tm_tissue *tissue, int32_t *parent, part *parts) {
         for (int a = 0; a < 3; a++) parts[v].low[a] = INFINITY, parts[v].high[a] = -INFINITY;
     }
     for (int32_t t = 0; t < mesh->tet_count; t++)
-        for (int i = 1; alive[t] && i < 4; i++) {
-            const int32_t a = root_of(parent, mesh->tet[4 * t]), b = root_of(parent, mesh->tet[4 * t + i]);
-            parent[a > b ? a : b] = a > b ? b : a;
-        }
+        for (int i = 1; alive[t] && i < 4; i++) law_join(parent, mesh->tet[4 * t], mesh->tet[4 * t + i]);
     for (int32_t t = 0; t < mesh->tet_count; t++)
         for (int i = 0; alive[t] && i < 4; i++) {
-            part *p = &parts[root_of(parent, mesh->tet[4 * t + i])];
+            part *p = &parts[law_root(parent, mesh->tet[4 * t + i])];
             const double *x = mesh->rest_m + 3 * (int64_t)mesh->tet[4 * t + i];
             for (int a = 0; a < 3; a++) p->low[a] = fmin(p->low[a], x[a]), p->high[a] = fmax(p->high[a], x[a]);
             if (i == 0) p->tets++;
@@ -87,7 +81,7 @@ tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error
     int32_t total = 0;
     for (int32_t d = 0; d < 3 * n; d++)
         if (fixed[d]) {
-            part *p = &parts[root_of(parent, d / 3)];
+            part *p = &parts[law_root(parent, d / 3)];
             total++;
             if (p->tets) add_fixed(p, mesh->rest_m + d / 3 * 3, d % 3);
         }

@@ -6,10 +6,10 @@
 #include <string.h>
 
 #include "app.h"
-#include "mesh_file.h"
 #include "said.h"
 #include "sim/sim.h"
 #include "sim/snapshot.h"
+#include "tensormass_io.h"
 
 struct tm_scene {
     sim *s;
@@ -18,7 +18,7 @@ struct tm_scene {
 };
 
 struct tm_scene_file {
-    app_mesh mesh;
+    tm_mesh_file mesh;
 };
 
 static const char *const model_name[] = {"dynamic", "precomputed", "hybrid"};
@@ -117,7 +117,7 @@ tm_status tm_scene_restore(tm_scene *scene, const char *path) {
 tm_status tm_scene_file_open(const char *path, double scale, tm_scene_file **file, tm_error *error) {
     tm_scene_file *made = calloc(1, sizeof *made);
     if (!made) return TM_ERR_MEMORY;
-    tm_status status = app_mesh_load(path, scale, &made->mesh, error);
+    tm_status status = tm_mesh_file_load(path, scale, &made->mesh, error);
     if (status)
         free(made);
     else
@@ -127,7 +127,7 @@ tm_status tm_scene_file_open(const char *path, double scale, tm_scene_file **fil
 
 void tm_scene_file_close(tm_scene_file *file) {
     if (!file) return;
-    app_mesh_free(&file->mesh);
+    tm_mesh_file_free(&file->mesh);
     free(file);
 }
 
@@ -146,16 +146,13 @@ const char *tm_scene_file_region(const tm_scene_file *file, int32_t region) {
 }
 
 const char *tm_scene_file_group(const tm_scene_file *file, int32_t group, int32_t *count, const int32_t **vertex) {
-    const app_mesh *m = &file->mesh;
+    const tm_mesh_file *m = &file->mesh;
     if (group < 0 || group >= m->group_count) return NULL;
     *count = m->group_begin[group + 1] - m->group_begin[group];
     *vertex = m->group_vertex + m->group_begin[group];
     return m->group_name[group];
 }
 
-tm_status tm_scene_fibres(const char *path, int32_t tet_count, double *fibre, int32_t *line, tm_error *error) {
-    int at = 0;
-    tm_status status = app_fibres_load(path, tet_count, fibre, &at, error);
-    *line = at;
-    return status;
+tm_status tm_scene_fibres(const char *path, int32_t tet_count, double *fibre, tm_error *error) {
+    return tm_fibres_load(path, tet_count, fibre, error);
 }

@@ -55,7 +55,7 @@ TM_API const char *tm_scene_file_region(const tm_scene_file *file, int32_t regio
 /* The name and vertices of a group; null: no such group. */
 TM_API const char *tm_scene_file_group(const tm_scene_file *file, int32_t group, int32_t *count,
                                        const int32_t **vertex);
-/* [3*tet_count] unit fibres of a CSV file with the columns tet,ax,ay,az; `*line` is to blame. */
-TM_API tm_status tm_scene_fibres(const char *path, int32_t tet_count, double *fibre, int32_t *line, tm_error *error);
+/* [3*tet_count] unit fibres of a CSV file with the columns tet,ax,ay,az. */
+TM_API tm_status tm_scene_fibres(const char *path, int32_t tet_count, double *fibre, tm_error *error);
 
 #endif

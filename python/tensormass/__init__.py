@@ -18,7 +18,7 @@ from ._core import (
     StepError, SupportError, UnstableError, lib,
 )
 from .controller import Controller, Extrapolator, controller_patch, parameters, sample
-from .instruments import Contact, Cut, Grasp, Instrument, Pose, Reaction, tip_force
+from .instruments import Contact, Cut, Friction, Grasp, Grip, Instrument, Pose, Reaction, tip_force
 from .log import Channel, read_log
 from .mesh import Mesh, Quality, memory_in_use, read_fibres
 from .solve import Factored, Precomputed, Problem, Report, solve_static
@@ -31,7 +31,7 @@ from .world import Settled, Stage, World
 __version__: str = lib.tm_version().decode()
 __all__ = [
     "ArgumentError", "Channel", "Contact", "ContractError", "Controller", "ConvergenceError", "Cut", "Error", "ExcludedError", "Extrapolator",
-    "Factored", "FileError", "Grasp", "Instrument", "LimitError", "Material", "MaterialError", "Mesh", "MeshError", "Model", "Pace", "NoMemoryError",
+    "Factored", "FileError", "Friction", "Grasp", "Grip", "Instrument", "LimitError", "Material", "MaterialError", "Mesh", "MeshError", "Model", "Pace", "NoMemoryError",
     "Patch", "PatchMaker", "PatchSolver", "Pose", "Precomputed", "Problem", "Quality", "Reaction", "Report", "Scene", "SceneWarning", "Settled",
     "Stage", "StepError", "SupportError", "Surface", "Tissue", "UnstableError", "World", "controller_patch", "memory_in_use", "parameters",
     "read_fibres", "read_log", "sample", "solve_static", "tip_force",

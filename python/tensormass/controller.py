@@ -81,7 +81,8 @@ def controller_patch(patch: Patch, trocar_m: Any, seq: int = 0) -> c.hrt_patch:
     made.triangle[:3 * t] = p.triangle[:3 * t]
     size = 3 * n * (3 * n + 1) // 2
     made.compliance_m_N[:size] = p.compliance_m_N[:size]
-    for name in ("skin_compliance_m_N", "force_cap_N", "radius_m", "contact_length_m", "film_s_m", "radiation_N_s_m", "radiation_s"):
+    for name in ("skin_compliance_m_N", "force_cap_N", "radius_m", "contact_length_m", "film_s_m", "radiation_N_s_m", "radiation_s", "friction_static",
+                 "friction_sliding"):
         setattr(made, name, getattr(p, name))
     scratch = (ctypes.c_float * c.HRT_PATCH_COMPLIANCE)()
     _accept(lib.hrt_patch_prepare(ctypes.byref(made), scratch))
@@ -121,32 +122,32 @@ class Controller:
                  session: int = 1) -> None:
         self.params = params if params is not None else parameters()
         self.extrapolator = _which(extrapolator)
-        self._frame, self._struct, self._input, self._output = c.hrt_frame(), c.hrt_controller(), c.hrt_input(), c.hrt_output()
+        self._axes, self._struct, self._input, self._result = c.hrt_axes(), c.hrt_controller(), c.hrt_input(), c.hrt_result()
         three = ctypes.c_float * 3
-        if not lib.hrt_frame_from_axis(ctypes.byref(self._frame), three(*map(float, axis)), three(*map(float, up))):
+        if not lib.hrt_axes_along(ctypes.byref(self._axes), three(*map(float, axis)), three(*map(float, up))):
             raise ArgumentError("axis and up are parallel, zero or not finite; give two directions", c.TM_ERR_ARGUMENT)
-        lib.hrt_init(ctypes.byref(self._struct), ctypes.byref(self.params), ctypes.byref(self._frame), session)
+        lib.hrt_init(ctypes.byref(self._struct), ctypes.byref(self.params), ctypes.byref(self._axes), session)
         self._kept: List[Any] = [None, None, None]
 
     def tip(self, joints: Any) -> Any:
         """(3,) tip of joints (5,), relative to the trocar, m."""
         joint, out = (ctypes.c_float * _JOINTS)(*map(float, joints)), (ctypes.c_float * 3)()
-        lib.hrt_tip(ctypes.byref(self._frame), joint, out)
+        lib.hrt_tip(ctypes.byref(self._axes), joint, out)
         return np.array(out, float)
 
     def joints(self, tip_m: Any) -> Any:
         """(5,) pitch, yaw, insertion that put the tip (3,) there; roll and grip 0."""
         out = (ctypes.c_float * _JOINTS)()
-        if not lib.hrt_inverse(ctypes.byref(self._frame), (ctypes.c_float * 3)(*map(float, tip_m)), out):
+        if not lib.hrt_inverse(ctypes.byref(self._axes), (ctypes.c_float * 3)(*map(float, tip_m)), out):
             raise ArgumentError("tip_m: no joints put the tip at the trocar itself; give another", c.TM_ERR_ARGUMENT)
         return np.array(out, float)
 
     def tick(self, t_us: int, joints: Any, newest: Optional[c.hrt_sample] = None, patch: Optional[c.hrt_patch] = None, *, enable: bool = True,
              passivity: bool = False, coupling: bool = False, pedal: bool = False, reset: bool = False, bus_ok: bool = True,
-             device_fault: int = 0) -> c.hrt_output:
+             device_fault: int = 0) -> c.hrt_result:
         """One tick at t_us with joints (5,) as the encoders counted them. newest: a sample that has come since the last tick, and its patch.
 
-        The output (hrt_output, the same object every time): state, fault, limits, torque[3], force_N[3], tip_m[3], gain ...
+        The result (hrt_result, the same object every time): state, fault, limits, torque[3], force_N[3], tip_m[3], gain ...
         """
         i = self._input
         i.encoder_us, i.device_session, i.device_fault, i.bus_ok = t_us, 1, device_fault, bus_ok
@@ -157,8 +158,8 @@ class Controller:
             newest.patch = None if patch is None else ctypes.addressof(patch)
             self._kept = [patch, *self._kept[:2]]
         lib.hrt_tick(ctypes.byref(self._struct), int(t_us), ctypes.byref(i), None if newest is None else ctypes.byref(newest),
-                     ctypes.byref(self._output))
-        return self._output
+                     ctypes.byref(self._result))
+        return self._result
 
     @property
     def state(self) -> str:

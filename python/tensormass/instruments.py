@@ -167,6 +167,44 @@ class Contact(_Part):
         return rows_of(self, lib.tm_contact_rows)
 
 
+def friction_definition(coefficients: Sequence[Tuple[float, float]], count: int) -> Any:
+    """tm_friction_def of (static, sliding) pairs, one an instrument."""
+    definition = lib.tm_friction_def_default()
+    if len(coefficients) != count:
+        raise ArgumentError("friction: %d pairs of coefficients for %d instruments; give one each" % (len(coefficients), count))
+    for k, (at_rest, sliding) in enumerate(coefficients):
+        definition.instrument[k].at_rest, definition.instrument[k].sliding = at_rest, sliding
+    return definition
+
+
+class Grip(NamedTuple):
+    """What friction does at one station of an instrument's axis, 0 the tip, one radius apart."""
+
+    station: int
+    slips: bool  #: in the last step
+    force_N: Floats  #: (3,) on the tissue
+    normal: Floats  #: (3,) unit, from tool to tissue
+    pressed_N: float  #: |force_N| <= coefficient * pressed_N
+    coefficient: float
+    rest: float  #: 1 rested: the static coefficient holds; 0 slid
+
+
+class Friction(_Part):
+    """Coulomb friction of the instruments of a Contact: (static, sliding) of each, (0, 0) for one that slides freely."""
+
+    def __init__(self, world: World, contact: Contact, coefficients: Sequence[Tuple[float, float]]) -> None:
+        super().__init__(world)
+        definition = friction_definition(coefficients, contact.instrument_count)
+        call(lib.tm_stage_friction, world, contact, ctypes.byref(definition), ctypes.byref(self._handle))
+
+    def grips(self, instrument: int = 0) -> List[Grip]:
+        """Stations that touched in the last step."""
+        grip = (c.tm_friction_grip * 64)()
+        count = lib.tm_friction_grips(self, instrument, grip, len(grip))
+        return [Grip(g.station, g.slips, inside(g, "force_N", (3,)), inside(g, "normal", (3,)), g.pressed_N, g.coefficient, g.rest)
+                for g in grip[:min(count, len(grip))]]
+
+
 class Grasp(_Part):
     """Instruments of mode "grasper" hold the tissue between their jaws: a grip above close_grip closes, below open_grip opens.
 

@@ -163,8 +163,7 @@ class Mesh(Object):
 def read_fibres(path: Union[str, "os.PathLike[str]"], tet_count: int) -> Floats:
     """(T, 3) unit fibres of a CSV file with the columns tet,ax,ay,az."""
     fibre = np.zeros((tet_count, 3))
-    line = ctypes.c_int32()
-    call(lib.tm_scene_fibres, os.fsencode(path), tet_count, address(fibre), ctypes.byref(line))
+    call(lib.tm_scene_fibres, os.fsencode(path), tet_count, address(fibre))
     return fibre
 
 

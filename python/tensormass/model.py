@@ -9,7 +9,7 @@ import numpy as np
 
 from . import _bind as c
 from ._core import ArgumentError, Floats, Object, address, call, check, choice, floats, ints, lib, vector, view
-from .instruments import Instrument, Pose, Reaction, contact_definition, fill, reaction_of
+from .instruments import Instrument, Pose, Reaction, contact_definition, fill, friction_definition, reaction_of
 from .mesh import Mesh
 from .patch import Patch
 from .solve import File, Problem, Progress, Report, report_of
@@ -38,8 +38,9 @@ class Model(Object):
     tensor/mass and cuttable, the rest condensed).
     materials, region_material, fibres, precision, form, volume, rotation: as Tissue (then model.world.add_rotation()). supports: [(vertices (n,),
     value_m)], each value one number, (3,) or (n, 3), m.
-    load_N: (V, 3). gravity_m_s2: (3,). instruments; contact, grasp: options of Contact and Grasp, grasp=None: graspers hold nothing; cut: {} or
-    {"rate_1_s", "loose"}, None: nothing is cut. frame_s, step_s, step_fraction, average, damped: tm_model_def. file: the cache of a precomputed or
+    load_N: (V, 3). gravity_m_s2: (3,). instruments; contact, grasp: options of Contact and Grasp, grasp=None: graspers hold nothing; friction: (static,
+    sliding) of each instrument, None: they slide freely; cut: {} or
+    {"rate_1_s", "loose"}, None: nothing is cut. frame_s, step_s, step_fraction, average, damped, threads: tm_model_def. file: the cache of a precomputed or
     hybrid model. solve: solver, threads, cg_tolerance ... of Problem.
     """
 
@@ -48,7 +49,8 @@ class Model(Object):
     def __init__(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], kind: str = "dynamic", *, region_material: Any = None,
                  fibres: Any = None, precision: str = "double", form: str = "best", supports: Sequence[Tuple[Any, Any]] = (), load_N: Any = None,
                  gravity_m_s2: Any = None, instruments: Sequence[Instrument] = (), contact: Optional[Dict[str, Any]] = None,
-                 grasp: Optional[Dict[str, Any]] = None, cut: Optional[Dict[str, Any]] = None, dynamic: Any = None, volume: Union[bool, float] = False,
+                 grasp: Optional[Dict[str, Any]] = None, friction: Optional[Sequence[Tuple[float, float]]] = None,
+                 cut: Optional[Dict[str, Any]] = None, dynamic: Any = None, volume: Union[bool, float] = False,
                  rotation: float = 0.0, file: File = None,
                  progress: Optional[Progress] = None, solve: Optional[Dict[str, Any]] = None, **options: Any) -> None:
         self.mesh = mesh
@@ -66,6 +68,9 @@ class Model(Object):
             kept.append(vector(gravity_m_s2, "gravity_m_s2"))
             d.gravity_m_s2 = ctypes.addressof(kept[-1])
         kept += self._tools(d, instruments, contact, grasp, cut)
+        if friction is not None:
+            kept.append(friction_definition(friction, len(instruments)))
+            d.friction = ctypes.addressof(kept[-1])
         if kind == "dynamic":
             d.tissue.precision = choice(precision, PRECISION, "precision")
         pointer = self._make(d, kind, dynamic, precision, file, progress, solve or {})
@@ -197,7 +202,7 @@ class Model(Object):
         return made if lib.tm_model_patch(self, instrument, ctypes.byref(made._struct)) else None
 
     def settle(self, tolerance: float = 1e-10, max_steps: int = 2000000) -> Tuple[Floats, Floats]:
-        """((V, 3) displacements m, (V, 3) reactions of the supports on the tissue N) at rest under supports and loads. Hybrid: ExcludedError."""
+        """((V, 3) displacements m, (V, 3) reactions of the supports on the tissue N) at rest under supports and loads; precomputed and hybrid: without instruments."""
         d, result = lib.tm_settle_def_default(), c.tm_settle_result()
         d.tolerance, d.max_steps = tolerance, max_steps
         u, reaction = np.zeros((self.mesh.vertex_count, 3)), np.zeros((self.mesh.vertex_count, 3))
@@ -205,7 +210,7 @@ class Model(Object):
         return u, reaction
 
     def snapshot(self) -> bytes:
-        """Everything that a model of the same definition needs to go on with the same bits. ExcludedError: this kind cannot."""
+        """Everything that a model of the same definition needs to go on with the same bits."""
         size = lib.tm_model_snapshot_bytes(self)
         room = np.zeros((size + 7) // 8, np.uint64)
         call(lib.tm_model_save, self, address(room), size)

@@ -3,7 +3,7 @@ from __future__ import annotations
 
 import ctypes
 import weakref
-from typing import TYPE_CHECKING, Any, Callable, List, NamedTuple, Optional, Sequence
+from typing import TYPE_CHECKING, Any, Callable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
@@ -12,7 +12,7 @@ from ._core import ArgumentError, Bytes, Floats, Ints, Object, address, call, ch
 from .tissue import Tissue
 
 if TYPE_CHECKING:
-    from .instruments import Contact, Cut, Grasp, Instrument
+    from .instruments import Contact, Cut, Friction, Grasp, Instrument
     from .patch import PatchMaker
     from .solve import Factored
 
@@ -33,7 +33,7 @@ class Stage(NamedTuple):
 
 
 def stages_of(owner: Object, function: Any) -> List[Stage]:
-    """What a tm_..._stages reports."""
+    """Times of a world's stages, as the library reports them."""
     report = (c.tm_stage_report * c.TM_MAX_STAGES)()
     count = function(owner, report)
     return [Stage(r.name.decode(), _PHASE_NAMES[r.phase], r.bytes, r.runs, r.seconds) for r in report[:count]]
@@ -51,15 +51,16 @@ class World(Object):
     """A tissue that moves, with the stages every scene has: force and integrate. What is not added costs nothing.
 
     dt_s: 0, the guaranteed critical step times `step_fraction`; above the guaranteed step: StepError. damped: False, the undamped integrator
-    (materials' damping must then be 0).
+    (materials' damping must then be 0). threads: a step is divided among so many, fewer where the tissue is small; the same bits for any number.
 
     u_m and its like are views of memory that the integrator turns over: take them anew after a step. They may be written between steps.
     One world from one thread at a time; the GIL is free while it steps.
     """
 
-    def __init__(self, tissue: Tissue, dt_s: float = 0.0, step_fraction: float = 0.9, damped: bool = True) -> None:
+    def __init__(self, tissue: Tissue, dt_s: float = 0.0, step_fraction: float = 0.9, damped: bool = True, threads: int = 1) -> None:
         definition = lib.tm_world_def_default()
         definition.tissue, definition.dt_s, definition.step_fraction, definition.damped = tissue._pointer, dt_s, step_fraction, damped
+        definition.threads = threads
         pointer = ctypes.c_void_p()
         call(lib.tm_world_create, ctypes.byref(definition), ctypes.byref(pointer))
         self._own(pointer, lib.tm_world_destroy, [tissue])
@@ -310,6 +311,12 @@ class World(Object):
 
         return Grasp(self, contact, **options)
 
+    def add_friction(self, contact: "Contact", coefficients: "Sequence[Tuple[float, float]]") -> "Friction":
+        """Instruments rub on the tissue, (static, sliding) of each; see Friction."""
+        from .instruments import Friction
+
+        return Friction(self, contact, coefficients)
+
     def add_cut(self, contact: "Contact", **options: Any) -> "Cut":
         """Cauteries remove what they touch; see Cut."""
         from .instruments import Cut
@@ -325,6 +332,14 @@ class World(Object):
     def add_rotation(self) -> None:
         """Tissue that turns and bends far keeps its law: of a Tissue made with rotation > 0."""
         call(lib.tm_stage_rotation, self, None)
+
+    def add_viscosity(self, terms: "Sequence[Tuple[float, float, float]]") -> None:
+        """Tissue that relaxes: one to three (time_s, share of the shear, share of the bulk modulus) of a Prony series. After add_rotation, where both are wanted."""
+        definition = lib.tm_viscosity_def_default()
+        definition.count = len(terms)
+        for term, (time_s, shear, volume) in zip(definition.term, terms):
+            term.time_s, term.shear, term.volume = time_s, shear, volume
+        call(lib.tm_stage_viscosity, self, ctypes.byref(definition))
 
     def add_energy(self) -> None:
         """The account that `energy` reads."""

@@ -20,7 +20,7 @@ def page(bin, root, once):
 def test_every_knob_has_its_figure_table_and_numbers(page):
     out, data = page
     html = (out / "index.html").read_text()
-    for knob in ("mesh", "volume", "step", "precision", "model", "fibre"):
+    for knob in ("mesh", "volume", "step", "precision", "model", "viscosity", "fibre"):
         assert data[knob]["rows"], knob
         assert (out / f"{knob}.csv").read_text().count("\n") > len(data[knob]["rows"]), knob
         assert (out / f"{knob}.png").stat().st_size > 5000, knob
@@ -126,3 +126,12 @@ def test_tissue_that_turns_is_nearer_the_truth(page):
         assert r["displacement"] < 1.5 * data["mesh_alone"], r
         assert r["displacement"] < r["linear_displacement"], r
     assert 0.8 < data["price"]["step_ratio"] < 1
+
+
+def test_viscosity_is_of_second_order_at_fast_strains_and_alike_shares_cost_no_second_pass(page):
+    data = page[1]["viscosity"]
+    errors = [r["modulus"] for r in data["rows"]]
+    ratios = [(a["steps_a_cycle"], b["steps_a_cycle"], a["modulus"] / b["modulus"]) for a, b in zip(data["rows"], data["rows"][1:])]
+    assert errors == sorted(errors, reverse=True) and errors[-1] < 1e-4
+    assert all(0.8 * (m / n)**2 < r < 1.2 * (m / n)**2 for n, m, r in ratios[1:]), ratios
+    assert [(p["terms"], p["shares"]) for p in data["price"]] == [(0, "none"), (1, "alike"), (3, "alike"), (1, "shear"), (3, "shear")]

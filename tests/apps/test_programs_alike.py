@@ -10,7 +10,7 @@ import time
 
 import pytest
 
-PROGRAMS = ["tm-sim", "tm-mesh", "tm-view", "tm-play", "tm-precompute", "tm-evaluate", "tm-accuracy", "tm-stability", "haptic-rt", "tm-device"]
+PROGRAMS = ["tm-sim", "tm-mesh", "tm-scene", "tm-view", "tm-play", "tm-precompute", "tm-evaluate", "tm-accuracy", "tm-stability", "haptic-rt", "tm-device"]
 
 
 def run(*command, **keys):

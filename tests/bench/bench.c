@@ -29,6 +29,7 @@ cJSON *bench_quantiles(double *value, int count) {
     qsort(value, (size_t)count, sizeof *value, ascending);
     for (int i = 0; i < count; i++) sum += value[i];
     cJSON *q = cJSON_CreateObject();
+    cJSON_AddNumberToObject(q, "min", value[0]);
     cJSON_AddNumberToObject(q, "p50", value[count / 2]);
     cJSON_AddNumberToObject(q, "p99", value[(int)(0.99 * (count - 1))]);
     cJSON_AddNumberToObject(q, "max", value[count - 1]);
@@ -37,15 +38,31 @@ cJSON *bench_quantiles(double *value, int count) {
     return q;
 }
 
-tm_mesh *bench_block(int cells) {
+tm_mesh *bench_block_of(int cells, double side_m) {
     app_block block;
     tm_mesh *mesh = NULL;
     tm_error error = {.message = "no memory for the block; run with --quick"};
-    if (!app_block_make(&block, (int32_t[3]){cells, cells, cells}, (double[3]){0.1, 0.1, 0.1}))
+    if (!app_block_make(&block, (int32_t[3]){cells, cells, cells}, (double[3]){side_m, side_m, side_m}))
         bench_must(TM_ERR_MEMORY, &error);
     bench_must(app_block_mesh(&block, NULL, &mesh, &error), &error);
     app_block_free(&block);
     return mesh;
+}
+
+tm_mesh *bench_block(int cells) { return bench_block_of(cells, 0.1); }
+
+void bench_hold(tm_world *world, const tm_mesh *mesh) {
+    double lowest = mesh->rest_m[2];
+    for (int32_t v = 0; v < mesh->vertex_count; v++) lowest = fmin(lowest, mesh->rest_m[3 * v + 2]);
+    int32_t *dof = malloc(sizeof(int32_t) * 3 * (size_t)mesh->vertex_count);
+    double *zero = calloc(3 * (size_t)mesh->vertex_count, sizeof(double));
+    tm_support_def support = tm_support_def_default();
+    for (int32_t i = 0; i < 3 * mesh->vertex_count; i++)
+        if (mesh->rest_m[i / 3 * 3 + 2] < lowest + 1e-9) dof[support.count++] = i;
+    support.dof = dof, support.value_m = zero;
+    tm_error error;
+    bench_must(tm_stage_support(world, &support, &error), &error);
+    free(dof), free(zero);
 }
 
 tm_tissue *bench_tissue(const tm_mesh *mesh, tm_precision precision, tm_force_form form, bool cuttable) {
@@ -95,6 +112,7 @@ static int measure(const char *path, bool quick) {
     cJSON_AddItemToObject(root, "force", bench_force(&run));
     cJSON_AddItemToObject(root, "step", bench_step(&run));
     cJSON_AddItemToObject(root, "cut", bench_cut(&run));
+    cJSON_AddItemToObject(root, "capacity", bench_capacity(&run));
     tm_error error;
     const tm_status status = path ? app_json_write(path, root, &error) : TM_OK;
     cJSON_Delete(root);

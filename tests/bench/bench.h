@@ -12,15 +12,19 @@ typedef struct bench_run {
     const int *cells; /* [size_count] cubes along each edge of the block, six tetrahedra each */
 } bench_run;
 
-/* p50, p99, max (and mean) of `count` values as an object; sorts them. */
+/* min, p50, p99, max (and mean) of `count` values as an object; sorts them. */
 cJSON *bench_quantiles(double *value, int count);
 /* A block of cells^3 cubes; stops the program when memory is short. */
 tm_mesh *bench_block(int cells);
+tm_mesh *bench_block_of(int cells, double side_m); /* bench_block: 0.1 m */
+/* Holds the lowest vertices. */
+void bench_hold(tm_world *world, const tm_mesh *mesh);
 tm_tissue *bench_tissue(const tm_mesh *mesh, tm_precision precision, tm_force_form form, bool cuttable);
 void bench_must(tm_status status, const tm_error *error);
 
 cJSON *bench_force(const bench_run *run);
 cJSON *bench_step(const bench_run *run);
 cJSON *bench_cut(const bench_run *run);
+cJSON *bench_capacity(const bench_run *run);
 
 #endif

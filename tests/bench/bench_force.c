@@ -1,4 +1,4 @@
-/* The force pass in both precisions and forms, and the whole step. */
+/* The force pass in both precisions and forms. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -63,57 +63,6 @@ cJSON *bench_force(const bench_run *run) {
             free(seconds[k]);
         }
         free(u), free(f);
-        tm_mesh_destroy(mesh);
-    }
-    return rows;
-}
-
-/* A step with everything a plain scene has: force, gravity, damping, supports. */
-cJSON *bench_step(const bench_run *run) {
-    cJSON *rows = cJSON_CreateArray();
-    for (int s = 0; s < run->size_count; s++) {
-        tm_mesh *mesh = bench_block(run->cells[s]);
-        tm_tissue *tissue = bench_tissue(mesh, TM_DOUBLE, TM_FORCE_BEST, false);
-        tm_world_def def = tm_world_def_default();
-        def.tissue = tissue;
-        tm_world *world = NULL;
-        tm_error error;
-        bench_must(tm_world_create(&def, &world, &error), &error);
-        bench_must(tm_stage_gravity(world, (const double[3]){0, 0, -9.81}, &error), &error);
-        const int layer = 3 * (run->cells[s] + 1) * (run->cells[s] + 1), rounds = run->quick ? 11 : 201;
-        int32_t *dof = malloc(sizeof(int32_t) * (size_t)layer);
-        double *zero = calloc((size_t)layer, sizeof(double)), *seconds = malloc(sizeof(double) * (size_t)rounds);
-        for (int i = 0; i < layer; i++) dof[i] = i;
-        tm_support_def support = tm_support_def_default();
-        support.count = layer, support.dof = dof, support.value_m = zero;
-        bench_must(tm_stage_support(world, &support, &error), &error);
-        const int steps = 1 + 200000 / mesh->edge_count;
-        for (int r = -2; r < rounds; r++) {
-            const double start = app_seconds();
-            tm_world_step(world, steps);
-            if (r >= 0) seconds[r] = 1e6 * (app_seconds() - start) / steps;
-        }
-        cJSON *row = cJSON_CreateObject();
-        cJSON_AddNumberToObject(row, "tets", mesh->tet_count);
-        cJSON_AddNumberToObject(row, "vertices", mesh->vertex_count);
-        cJSON_AddNumberToObject(row, "dt_us", 1e6 * tm_world_step_s(world));
-        const double median = app_median(seconds, rounds);
-        cJSON_AddItemToObject(row, "us_per_step", bench_quantiles(seconds, rounds));
-        cJSON_AddNumberToObject(row, "sim_seconds_per_wall_second", 1e6 * tm_world_step_s(world) / median);
-        tm_settle_def settle = tm_settle_def_default();
-        tm_settle_result rest;
-        const double begin = app_seconds();
-        bench_must(tm_world_settle(world, &settle, &rest, &error), &error);
-        const double settled = app_seconds() - begin;
-        cJSON_AddNumberToObject(row, "settle_s", settled);
-        cJSON_AddNumberToObject(row, "settle_steps", (double)rest.steps);
-        cJSON_AddNumberToObject(row, "settle_residual", rest.residual);
-        cJSON_AddItemToArray(rows, row);
-        printf("step  %7d tets  %8.1f us, of %.0f us simulated; settled in %.3f s, %lld relaxation steps\n",
-               mesh->tet_count, median, 1e6 * tm_world_step_s(world), settled, (long long)rest.steps);
-        free(dof), free(zero), free(seconds);
-        tm_world_destroy(world);
-        tm_tissue_destroy(tissue);
         tm_mesh_destroy(mesh);
     }
     return rows;

@@ -2,10 +2,11 @@
 BENCH := $(OUT)/tests/bench/bench
 $(BENCH): $(call objects,$(sort $(wildcard tests/bench/*.c))) $(LIBAPP_A) $(LIBTM_A)
 	@mkdir -p $(@D)
-	$(CC) $(SAN) -o $@ $(call objects,$(sort $(wildcard tests/bench/*.c))) -Wl,--start-group $(LIBAPP_A) $(LIBTM_A) -Wl,--end-group -lcjson -ldl -lm
+	$(call say,LINK)
+	$(Q)$(CC) $(SAN) -o $@ $(call objects,$(sort $(wildcard tests/bench/*.c))) -Wl,--start-group $(LIBAPP_A) $(LIBTM_A) -Wl,--end-group -lcjson -ldl -lm
 tests: $(BENCH)
 
-#: make bench                  cost per edge, step and removed tetrahedron: build/bench/bench.json (QUICK=1: the short form)
+#: make bench                  cost per edge, step and removed tetrahedron: build/bench/bench.json (QUICK=1: the short form; BASELINE=old.json: what has become slower, exit 1)
 .PHONY: bench bench-run
 bench:
 	@tools/setup.sh build
@@ -13,3 +14,4 @@ bench:
 bench-run:
 	@mkdir -p $(OUT)/bench
 	TM_COMMIT=$$(git rev-parse --short HEAD 2>/dev/null) TM_FLAGS='$(OPT) -ffp-contract=off' $(BENCH) $(if $(QUICK),--quick) --json $(OUT)/bench/bench.json
+	$(if $(BASELINE),$(VENV)/bin/python tests/bench/compare.py $(BASELINE) $(OUT)/bench/bench.json)

@@ -2,6 +2,11 @@
 import json
 import math
 import subprocess
+import sys
+
+
+def compare(root, baseline, out):
+    return subprocess.run([sys.executable, root / "tests/bench/compare.py", baseline, out], capture_output=True, text=True)
 
 
 def test_quick_benchmark_is_complete(build, root, tmp_path):
@@ -10,13 +15,20 @@ def test_quick_benchmark_is_complete(build, root, tmp_path):
     run = subprocess.run([program, "--quick", "--json", out], cwd=root, capture_output=True, text=True, timeout=120)
     assert run.returncode == 0, run.stderr
     figures = json.loads(out.read_text())
-    assert {"commit", "compiler", "flags", "machine", "when", "bandwidth_GB_s", "force", "step", "cut"} <= figures.keys()
+    assert {"commit", "compiler", "flags", "machine", "when", "bandwidth_GB_s", "force", "step", "cut", "capacity"} <= figures.keys()
     assert len(figures["force"]) == 8 and len(figures["step"]) == 2 and len(figures["cut"]) == 4
     assert {(r["precision"], r["form"]) for r in figures["force"]} == {(p, f) for p in ("double", "single") for f in ("best", "plain")}
     for row in figures["force"]:
         assert row["ns_per_edge"] > 0 and row["share_of_bandwidth"] > 0
     for row in figures["step"]:
-        assert row["sim_seconds_per_wall_second"] > 0
+        assert row["sim_seconds_per_wall_second"] > 0 and row["step_over_force"] > 0 and row["speedup"] > 0 and row["threads"] >= 1
+    assert [row["cores"] for row in figures["capacity"]] == [0.5, 1, 2]
+    assert compare(root, out, out).returncode == 0
+    for row in figures["force"]:
+        row["us_per_pass"] = {q: v * (0.5 if row["form"] == "best" else 1) for q, v in row["us_per_pass"].items()}
+    (tmp_path / "older.json").write_text(json.dumps(figures))
+    slower = compare(root, tmp_path / "older.json", out)
+    assert slower.returncode == 1 and slower.stdout.count("slower") == 4
     for row in figures["cut"]:
         assert row["removed"] >= row["calls"] > 0 and math.isfinite(row["equivalent_bytes_per_tet"])
         q = row["us_per_tet_of_a_call"]

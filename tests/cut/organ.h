@@ -6,19 +6,19 @@
 
 #include "../cut_check.h"
 
-#include "mesh_file.h"
+#include "tensormass_io.h"
 
 enum { ORDERS = 20 };
 
 /* Returns whether the mesh was accepted. */
 static inline bool organ_cut_down(const char *path, int orders, int batches, bool volume) {
-    app_mesh file;
+    tm_mesh_file file;
     tm_error error;
     tm_mesh *mesh = NULL;
-    tm_status status = app_mesh_load(path, 1, &file, &error);
+    tm_status status = tm_mesh_file_load(path, 1, &file, &error);
     if (!status) {
-        status = app_mesh_build(&file, &mesh, &error);
-        app_mesh_free(&file);
+        status = tm_mesh_file_build(&file, &mesh, &error);
+        tm_mesh_file_free(&file);
     }
     if (status) {
         print_message("  %s: refused, %s\n", path, error.message);

@@ -118,13 +118,20 @@ def uses(found):
     return arrows
 
 
+# Folders of a library's sources: its public headers, and what exports them.
+PUBLIC = {"libtensormass/src": ("libtensormass/include", "libtensormass.so"), "libtensormass/io": ("libtensormass/io/include", "libtensormass_io.so")}
+
+
 def outside_uses(root, build, page, arrows):
-    """Sentences on symbols that the page does not allow. Of the library, others may use what a public header declares and the library exports."""
-    exported = {line.split()[2] for line in subprocess.run(["nm", "-D", "--defined-only", build / "lib" / "libtensormass.so"], capture_output=True, text=True,
-                                                           check=True, timeout=60).stdout.splitlines()}
-    headers = {p.relative_to(root).as_posix(): set(re.findall(r"\b\w+\b", p.read_text())) for p in (root / "libtensormass/include").rglob("*.h")}
+    """Sentences on symbols that the page does not allow. Of a library, others may use what a public header declares and the library exports."""
+    exported, headers = set(), {}
+    for include, library in PUBLIC.values():
+        listed = subprocess.run(["nm", "-D", "--defined-only", build / "lib" / library], capture_output=True, text=True, check=True, timeout=60).stdout
+        exported |= {line.split()[2] for line in listed.splitlines()}
+        headers |= {p.relative_to(root).as_posix(): set(re.findall(r"\b\w+\b", p.read_text())) for p in (root / include).rglob("*.h")}
     for (a, b), names in sorted(arrows.items()):
-        if b.startswith("libtensormass/src/") and not a.startswith("libtensormass/src/"):
+        home = next((folder for folder in PUBLIC if b.startswith(folder + "/")), None)
+        if home and not a.startswith(home + "/"):
             for name in sorted(names):
                 declared = [h for h, words in headers.items() if name in words] if name in exported else []
                 if not any(page.allows(a, h) for h in declared):
@@ -198,8 +205,9 @@ def outside_links(page, links):
             yield f"{target}: {own_path} is in no folder of the table"
             continue
         leans = set(page.leans[home])
-        if any(folder.startswith("libtensormass/include") for folder in leans):
-            leans.add("libtensormass/src")  # the library of those headers
+        for sources, (include, _) in PUBLIC.items():
+            if any(folder.startswith(include) for folder in leans):
+                leans.add(sources)  # the library of those headers
         for folder in sorted({page.folder_of(p) for p in objects} - leans - {home, None}):
             yield f"{target} of {home} links {folder}"
         for library in sorted(libraries - EVERYWHERE - page.links[home]):

@@ -7,15 +7,15 @@ import pytest
 COMPILERS = pytest.mark.parametrize("compiler", [["gcc", "-std=c11"], ["g++", "-std=c++17", "-x", "c++"]], ids=["C", "C++"])
 
 
-def run_example(root, build, folder, compiler, number, libraries):
-    code = re.findall(r"^```c\n(.*?)^```", (root / "docs" / "library-guide.md").read_text(), re.M | re.S)[number]
+def run_example(root, build, folder, compiler, number, libraries, words=(), code=0):
+    text = re.findall(r"^```c\n(.*?)^```", (root / "docs" / "library-guide.md").read_text(), re.M | re.S)[number]
     source, program = folder / "example.c", folder / "example"
-    source.write_text(code)
-    subprocess.run([*compiler, "-Wall", "-Wextra", "-Werror", f"-I{root}/libtensormass/include", source, "-x", "none", *libraries, build / "lib" / "libtensormass.a", "-lm",
+    source.write_text(text)
+    subprocess.run([*compiler, "-Wall", "-Wextra", "-Werror", f"-I{root}/libtensormass/include", f"-I{root}/libtensormass/io/include", source, "-x", "none", *libraries, build / "lib" / "libtensormass.a", "-lm",
                     "-o", program], check=True, timeout=120)
-    run = subprocess.run([program], capture_output=True, text=True, timeout=120)
-    assert run.returncode == 0 and run.stderr == ""
-    return run.stdout
+    run = subprocess.run([program, *words], capture_output=True, text=True, timeout=120)
+    assert run.returncode == code and (run.stderr == "") == (code == 0)
+    return run.stdout + run.stderr
 
 
 @COMPILERS
@@ -36,3 +36,20 @@ def test_one_interface_runs_three_models(root, build, tmp_path, compiler):
     for substeps, force, stiffness, kind, triangles, surface in rows.values():
         assert force == pytest.approx(rows["precomputed"][1], rel=1e-3) and stiffness == pytest.approx(rows["precomputed"][2], rel=0.02)
         assert 0 < triangles <= 32 < surface == rows["dynamic"][5]
+
+
+@COMPILERS
+def test_a_mesh_and_its_fibres_come_from_files(root, build, tmp_path, compiler):
+    fibres, damaged = tmp_path / "fibres.csv", tmp_path / "damaged.msh"
+    whole = (root / "meshes/cylinder_1k.msh").read_text()
+    fibres.write_text("tet,ax,ay,az\n" + "".join(f"{t},0,0,{1 + t}\n" for t in range(1134)))
+    damaged.write_text(whole[:len(whole) // 2])
+
+    def example(*words, code=0):
+        return run_example(root, build, tmp_path, compiler, 2, [build / "lib" / "libtensormass_io.a"], words, code)
+    out = example(root / "meshes/cylinder_1k.msh", fibres)
+    assert re.match(r"1134 tetrahedra, 1 regions \(\w+\), \d+ groups; fibre 0 0 1\n", out), out
+    lines = whole[:len(whole) // 2].count("\n") + 1
+    assert re.match(rf"{damaged}:{lines}: .*; .*write it anew\n$", example(damaged, fibres, code=1))
+    fibres.write_text("tet,ax,ay,az\n0,0,0,1\n1,0,0,zero\n")
+    assert f"{fibres}:3: tetrahedron 1 expected here: a row is tet,ax,ay,az; correct the row" in example(root / "meshes/cylinder_1k.msh", fibres, code=1)

@@ -42,33 +42,33 @@ def plain(build):
 # --- a mesh format ---
 
 FORMAT = r"""
-#include "common/mesh_format.h"
+#include "mesh_format.h"
 
-static tm_status read_mine(app_mesh_text *text, app_mesh_raw *raw) {
+static tm_status read_mine(tm_io_text *text, tm_io_raw *raw) {
     int vertices, tets, used;
     if (sscanf(text->at, "MINE %d %d%n", &vertices, &tets, &used) != 2)
-        return app_mesh_fail(text->error, TM_ERR_FILE, -1, "counts are missing; write them");
+        return tm_io_fail(text->error, TM_ERR_FILE, -1, "counts are missing; write them");
     text->at += used;
     for (int v = 0; v < vertices; v++) {
         double p[3];
         if (sscanf(text->at, "%lf %lf %lf%n", &p[0], &p[1], &p[2], &used) != 3)
-            return app_mesh_fail(text->error, TM_ERR_FILE, -1, "vertices are missing; write them");
+            return tm_io_fail(text->error, TM_ERR_FILE, -1, "vertices are missing; write them");
         text->at += used;
-        tm_status status = app_mesh_add_vertex(raw, v, p, text->error);
+        tm_status status = tm_io_add_vertex(raw, v, p, text->error);
         if (status) return status;
     }
-    tm_status status = app_mesh_vertices_end(raw, text->error);
+    tm_status status = tm_io_vertices_end(raw, text->error);
     for (int t = 0; t < tets && !status; t++) {
         long v[4];
         if (sscanf(text->at, "%ld %ld %ld %ld%n", &v[0], &v[1], &v[2], &v[3], &used) != 4)
-            return app_mesh_fail(text->error, TM_ERR_FILE, -1, "tetrahedra are missing; write them");
+            return tm_io_fail(text->error, TM_ERR_FILE, -1, "tetrahedra are missing; write them");
         text->at += used;
-        status = app_mesh_add_element(raw, t, 3, 1, (int64_t[4]){v[0], v[1], v[2], v[3]}, 4, text->error);
+        status = tm_io_add_element(raw, t, 3, 1, (int64_t[4]){v[0], v[1], v[2], v[3]}, 4, text->error);
     }
     return status;
 }
 
-static void write_mine(const app_mesh *m, FILE *file) {
+static void write_mine(const tm_mesh_file *m, FILE *file) {
     fprintf(file, "MINE %d %d\n", m->vertex_count, m->tet_count);
     for (int v = 0; v < m->vertex_count; v++)
         fprintf(file, "%.17g %.17g %.17g\n", m->vertex_m[3 * v], m->vertex_m[3 * v + 1], m->vertex_m[3 * v + 2]);
@@ -76,17 +76,17 @@ static void write_mine(const app_mesh *m, FILE *file) {
         fprintf(file, "%d %d %d %d\n", m->tet[4 * t], m->tet[4 * t + 1], m->tet[4 * t + 2], m->tet[4 * t + 3]);
 }
 
-const app_mesh_format app_mesh_format_mine = {".mine", "MINE", read_mine, write_mine};
+const tm_io_format tm_io_format_mine = {".mine", "MINE", read_mine, write_mine};
 """
 
 
 def test_a_mesh_format_is_a_file_and_a_row(root, plain, tmp_path):
-    common = tmp_path / "apps/common"
-    shutil.copytree(root / "apps/common", common)
-    (common / "mesh_mine.c").write_text(FORMAT)
-    insert(common / "mesh_format.h", "#define APP_MESH_FORMATS(ROW) ROW(msh)", " ROW(mine)")
+    io = tmp_path / "libtensormass/io"
+    shutil.copytree(root / "libtensormass/io", io)
+    (io / "mesh_mine.c").write_text(FORMAT)
+    insert(io / "mesh_format.h", "#define TM_IO_FORMATS(ROW) ROW(msh)", " ROW(mine)")
     program = tmp_path / "tm-mesh"
-    sources = [*sorted(common.glob("mesh_*.c")), *sorted((root / "apps/mesh").glob("*.c"))]
+    sources = [*sorted(io.glob("*.c")), *sorted((root / "apps/mesh").glob("*.c"))]
     compile_into(root, plain, tmp_path, program, sources, "libapp.a", "libhrt_base.a", "libtensormass.a")
     run(program, "convert", root / "meshes/liver_1k.msh", "-o", tmp_path / "liver.mine")
     run(program, "convert", tmp_path / "liver.mine", "-o", tmp_path / "back.vtk")
@@ -145,7 +145,7 @@ def test_an_effect_is_a_file_and_a_row(root, plain, tmp_path):
     shutil.copy(plain / "lib/libsim.a", library)
     run("ar", "d", library, "effects.o")
     program = tmp_path / "tm-sim"
-    compile_into(root, plain, tmp_path, program, [sim / "effects.c", sim / "effect_sideways.c", root / "apps/sim/main.c"], library, "libapp.a", "libhrt_device.a", "libhrt_io.a", "libhrt_base.a",
+    compile_into(root, plain, tmp_path, program, [sim / "effects.c", sim / "effect_sideways.c", root / "apps/sim/main.c"], library, "libapp.a", "libhrt_device.a", "libhrt_io.a", "libhrt_base.a", "libtensormass_io.a",
                  "libhrt.a", "libtensormass.a", "liblcm_types.a")
     assert "| `sideways.pull` |" in run(program, "--schema", "markdown")
     (tmp_path / "lib").symlink_to(plain / "lib")
@@ -167,7 +167,7 @@ def test_a_hard_case_is_a_row(root, plain, tmp_path):
     objects = sorted(p for p in (plain / "obj/apps/studies/stability").glob("*.o") if p.stem != "cases_tissue")
     assert len(objects) >= 6
     program = tmp_path / "tm-stability"
-    compile_into(root, plain, tmp_path, program, [changed, *objects], "libapp.a", "libhrt_device.a", "libhrt_io.a", "libhrt_base.a", "libhrt.a", "libtensormass.a")
+    compile_into(root, plain, tmp_path, program, [changed, *objects], "libapp.a", "libhrt_device.a", "libhrt_io.a", "libhrt_base.a", "libtensormass_io.a", "libhrt.a", "libtensormass.a")
     run(program, "--quick", "--case", "poisson-0.37", "--json", tmp_path / "v.json")
     (case,) = json.loads((tmp_path / "v.json").read_text())["cases"]
     assert case["name"] == "poisson-0.37" and case["verdict"] == "stays stable"
@@ -180,7 +180,7 @@ DEVICE = r"""
 #ifndef HRT_ENGINE_SLIDES_H
 #define HRT_ENGINE_SLIDES_H
 #define HRT_ENGINE_JOINTS "x_m", "y_m", "z_m", "roll_rad", "grip"
-#define HRT_ENGINE_COLUMNS "x_m,y_m,z_m,roll_rad,grip"
+#define HRT_ENGINE_FIELDS "x_m,y_m,z_m,roll_rad,grip"
 #define HRT_ENGINE_COUNTS_PER_UNIT 40000.0f, 40000.0f, 40000.0f, 700.0f, 250.0f
 #define HRT_ENGINE_JOINT_MIN -0.2f, -0.2f, -0.2f, -10.0f, 0.0f
 #define HRT_ENGINE_JOINT_MAX 0.2f, 0.2f, 0.2f, 10.0f, 1.0f
@@ -192,14 +192,14 @@ DEVICE = r"""
 #define HRT_ENGINE_ROUNDING_M 1e-6
 #endif
 #ifdef HRT_REAL
-void HRT_KINEMATICS(tip)(const HRT_FRAME *frame, const HRT_REAL joint[HRT_JOINTS], HRT_REAL tip_m[3]) {
+void HRT_KINEMATICS(tip)(const HRT_AXES *frame, const HRT_REAL joint[HRT_JOINTS], HRT_REAL tip_m[3]) {
     turn(frame->r, 1, joint, tip_m);
 }
-void HRT_KINEMATICS(jacobian)(const HRT_FRAME *frame, const HRT_REAL joint[HRT_JOINTS], HRT_REAL jacobian[9]) {
+void HRT_KINEMATICS(jacobian)(const HRT_AXES *frame, const HRT_REAL joint[HRT_JOINTS], HRT_REAL jacobian[9]) {
     (void)joint;
     for (int i = 0; i < 9; i++) jacobian[i] = frame->r[i];
 }
-bool HRT_KINEMATICS(inverse)(const HRT_FRAME *frame, const HRT_REAL tip_m[3], HRT_REAL joint3[3]) {
+bool HRT_KINEMATICS(inverse)(const HRT_AXES *frame, const HRT_REAL tip_m[3], HRT_REAL joint3[3]) {
     for (int i = 0; i < 3; i++)
         joint3[i] = frame->r[i] * tip_m[0] + frame->r[3 + i] * tip_m[1] + frame->r[6 + i] * tip_m[2];
     return true;
@@ -219,11 +219,11 @@ int main(void) {
     hrt_params_default(&params);
     const double axis[3] = {0.3, -0.2, -1}, up[3] = {0, 1, 0}, joint[HRT_JOINTS] = {0.05, -0.03, 0.11};
     const float axis_f[3] = {0.3f, -0.2f, -1}, up_f[3] = {0, 1, 0}, joint_f[HRT_JOINTS] = {0.05f, -0.03f, 0.11f};
-    hrt_frame64 frame;
-    hrt_frame frame_f;
+    hrt_axes64 frame;
+    hrt_axes frame_f;
     double tip[3], back[3];
     float tip_f[3];
-    if (!hrt_frame_from_axis64(&frame, axis, up) || !hrt_frame_from_axis(&frame_f, axis_f, up_f)) return 1;
+    if (!hrt_axes_along64(&frame, axis, up) || !hrt_axes_along(&frame_f, axis_f, up_f)) return 1;
     hrt_tip64(&frame, joint, tip);
     hrt_tip(&frame_f, joint_f, tip_f);
     if (!hrt_inverse64(&frame, tip, back)) return 2;
@@ -261,8 +261,8 @@ def test_nobody_else_knows_the_device(root):
 
 def test_contributing_says_so(root):
     page = (root / "CONTRIBUTING.md").read_text()
-    for file, row in (("apps/common/mesh_NAME.c", "APP_MESH_FORMATS"), ("apps/sim/effect_NAME.c", "EFFECTS"), ("haptic_rt/core/engine_NAME.h", "HRT_ENGINE"),
+    for file, row in (("libtensormass/io/mesh_NAME.c", "TM_IO_FORMATS"), ("apps/sim/effect_NAME.c", "EFFECTS"), ("haptic_rt/core/engine_NAME.h", "HRT_ENGINE"),
                       ("haptic_rt/io/bus_KIND.c", "HRT_BUSES"), ("haptic_rt/core/extrapolate.c", "HRT_EXTRAPOLATORS"), ("apps/studies/stability/", "cases_")):
         assert f"`{file}" in page and f"`{row}" in page, (file, row)
-        holders = [p for folder in ("apps", "haptic_rt") for p in (root / folder).rglob("*.[ch]") if re.search(rf"\b{row}", p.read_text())]
+        holders = [p for folder in ("apps", "haptic_rt", "libtensormass") for p in (root / folder).rglob("*.[ch]") if re.search(rf"\b{row}", p.read_text())]
         assert holders, row

@@ -2,5 +2,6 @@
 PLAIN_STEP := $(OUT)/tests/effects/plain_step
 $(PLAIN_STEP): $(call objects,tests/effects/plain_step.c) $(LIBTM_A)
 	@mkdir -p $(@D)
-	$(CC) $(SAN) -o $@ $(call objects,tests/effects/plain_step.c) $(LIBTM_A) -lcmocka -lm
+	$(call say,LINK)
+	$(Q)$(CC) $(SAN) -o $@ $(call objects,tests/effects/plain_step.c) $(LIBTM_A) -lcmocka -lm
 tests: $(PLAIN_STEP)

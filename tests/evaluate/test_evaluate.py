@@ -214,6 +214,13 @@ def test_the_loop_is_stable_where_theory_says_so_and_further(page):
     assert max(r["stiffness_N_m"] for r in rows) > 8 * hold["stiffness_N_m"]
 
 
+def test_the_loop_is_stable_on_cut_tissue_too(bin, root, tmp_path):
+    """Measured 13.7 times hold's stiffness."""
+    subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--part", "tissue-loop", "--model", "cut", "--json", tmp_path / "loop.json"], cwd=root, check=True, timeout=300)
+    at = {r["extrapolator"]: r["stiffness_N_m"] for r in json.loads((tmp_path / "loop.json").read_text())["tissue-loop"]}
+    assert 300 < at["hold"] < 2000 and at["contact"] > 10 * at["hold"]
+
+
 @pytest.mark.parametrize("arguments, says", [
     ([], "name logs, or --study"),
     (["--study"], "--study wants --json"),
@@ -242,19 +249,20 @@ def test_a_log_without_samples_is_refused(bin, tmp_path):
 @pytest.fixture(scope="module")
 def hands(bin, root, once):
     def make(out):
-        paths = ("other-hand-cuts", "same-hand-cuts", "grasped-and-pulled")
-        subprocess.run([bin / "tm-evaluate", "--study", *(word for p in paths for word in ("--path", p)), "--json", out / "hands.json"], cwd=root, check=True, timeout=600)
+        for name, words in (("cut", ["--model", "isotropic", "--path", "other-hand-cuts", "--path", "same-hand-cuts"]), ("held", ["--path", "grasped-and-pulled"])):
+            subprocess.run([bin / "tm-evaluate", "--study", *words, "--json", out / f"{name}.json"], cwd=root, check=True, timeout=600)
 
-    rows = json.loads((once("evaluate-hands", make) / "hands.json").read_text())["rates"]["rows"]
+    made = once("evaluate-hands", make)
+    rows = [r for name in ("cut", "held") for r in json.loads((made / f"{name}.json").read_text())["rates"]["rows"]]
     return lambda path, late: {r["extrapolator"]: r for r in rows if r["path"] == path and r["latency_frames"] == late}
 
 
 @pytest.mark.parametrize("late", [0, 1, 2])
 def test_contact_feels_what_the_other_hand_cuts(hands, late):
-    """Measured 0.34, 0.19 and 0.13 of `position`'s error; a cut elsewhere is no jump at the hand."""
+    """Measured 0.30, 0.18 and 0.13 of `position`'s error; a cut elsewhere is no jump at the hand."""
     at = hands("other-hand-cuts", late)
     assert at["contact"]["cut_true"] > 80 and at["contact"]["cut_shared"] == at["contact"]["cut_true"]
-    assert at["contact"]["rms"] < 0.4 * at["position"]["rms"] and at["tangent"]["rms"] < at["position"]["rms"]
+    assert at["contact"]["rms"] < at["position"]["rms"] / 3 and at["tangent"]["rms"] < at["position"]["rms"]
     assert at["contact"]["jump_arrival"] < 0.03 and at["contact"]["off_patch"] == 0
 
 
@@ -270,13 +278,13 @@ def test_a_cautery_errs_where_it_cut_after_its_sample(hands, late):
     at = hands("same-hand-cuts", late)
     contact = at["contact"]
     assert contact["cut_true"] > 80 and contact["cut_since_error2"] > 0.9 and contact["cut_since_ticks"] < 0.5
-    assert contact["jump_arrival"] < 0.1 < at["position"]["jump_arrival"]
+    assert contact["jump_arrival"] < 0.05 < at["position"]["jump_arrival"] / 10
     assert contact["jump_arrival"] < at["contact-unbridged"]["jump_arrival"] / 4
 
 
 def test_a_run_of_the_study_replays_to_the_bit(bin, root, hands, tmp_path):
     """Exact columns come from a factor that is updated as tissue goes; in lockstep all of it is the same again."""
-    subprocess.run([bin / "tm-evaluate", "--study", "--path", "same-hand-cuts", "--json", tmp_path / "again.json"], cwd=root, check=True, timeout=300)
+    subprocess.run([bin / "tm-evaluate", "--study", "--model", "isotropic", "--path", "same-hand-cuts", "--json", tmp_path / "again.json"], cwd=root, check=True, timeout=300)
     again = [r for r in json.loads((tmp_path / "again.json").read_text())["rates"]["rows"] if r["path"] == "same-hand-cuts"]
     assert len(again) >= 3 * len(NAMES)
     for r in again:

@@ -105,12 +105,12 @@ void fw_link_receive(int32_t device, fw_news *news, hrt_sample *sample, hrt_patc
     if (events.failed) fw_board_panic("replay.in has an event cut off");
 }
 
-void fw_link_send(int32_t device, const hrt_output *tick) {
-    hrt_output copy = *tick;
-    uint8_t kind = OUT_OUTPUT;
+void fw_link_send(int32_t device, const hrt_result *tick) {
+    hrt_result copy = *tick;
+    uint8_t kind = OUT_RESULT;
     (void)device;
     replay_u8(&results, &kind);
-    replay_output(&results, &copy);
+    replay_result(&results, &copy);
 }
 
 void fw_measure_begin(int32_t device, fw_span span) {

@@ -6,10 +6,10 @@ import subprocess
 import time
 
 MACHINE = {"m7": "mps2-an500", "m4f": "mps2-an386"}
-OUT_FRAME, OUT_OUTPUT = 1, 2
+OUT_FRAME, OUT_RESULT = 1, 2
 FRAME = struct.Struct("<IBB8s")
 OUTPUT = struct.Struct("<iiiIi3f3f5f3f3fffqi")
-OUTPUT_FIELDS = (["state", "fault", "fault_detail", "limits", "motors_on"] + [f"torque[{i}]" for i in range(3)] + [f"force_N[{i}]" for i in range(3)]
+RESULT_FIELDS = (["state", "fault", "fault_detail", "limits", "motors_on"] + [f"torque[{i}]" for i in range(3)] + [f"force_N[{i}]" for i in range(3)]
                  + [f"joint[{i}]" for i in range(5)] + [f"tip_m[{i}]" for i in range(3)] + [f"velocity_m_s[{i}]" for i in range(3)]
                  + ["gain", "passivity_J", "sample_age_us", "extrapolator"])
 
@@ -60,7 +60,7 @@ def outputs(path):
         layout = FRAME if kind == OUT_FRAME else OUTPUT
         values = layout.unpack_from(data, at)
         at += layout.size
-        parsed.append(("frame", values) if kind == OUT_FRAME else ("output", dict(zip(OUTPUT_FIELDS, values))))
+        parsed.append(("frame", values) if kind == OUT_FRAME else ("output", dict(zip(RESULT_FIELDS, values))))
     return parsed
 
 

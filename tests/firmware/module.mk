@@ -7,10 +7,12 @@ FW_REPLAY_ELF := $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(BUILD)/firm
 FW_HOST_SRC := $(addprefix tests/firmware/,board_replay.c replay_format.c port_host.c) $(addprefix haptic_rt/firmware/,loop.c main.c)
 define fw_host
 $(OUT)/tests/firmware/$(1): $(patsubst %.c,$(OUT)/tests/firmware/obj/$(1)/%.o,$(2)) $(LIBHRT_A) $(3)
-	$$(CC) $$(SAN) -o $$@ $$^ -lm
+	$$(call say,LINK)
+	$$(Q)$$(CC) $$(SAN) -o $$@ $$^ -lm
 $(OUT)/tests/firmware/obj/$(1)/%.o: %.c
 	@mkdir -p $$(@D)
-	$$(CC) $$(BASE_CFLAGS) $$(INCLUDES) $(4) -c $$< -o $$@
+	$$(call say,CC)
+	$$(Q)$$(CC) $$(BASE_CFLAGS) $$(INCLUDES) $(4) -c $$< -o $$@
 -include $(patsubst %.c,$(OUT)/tests/firmware/obj/$(1)/%.d,$(2))
 endef
 $(eval $(call fw_host,replay_plain,$(FW_HOST_SRC),,-DFW_PATCHES=0))

@@ -153,7 +153,7 @@ static void simulate(int32_t index) {
                          .seq = ++world.simulation[index].seq,
                          .topology_revision = 1,
                          .unilateral = true};
-    memcpy(made->tip_m, device->output.tip_m, sizeof made->tip_m);
+    memcpy(made->tip_m, device->result.tip_m, sizeof made->tip_m);
     if (world.vertex_count)
         solve(index, &device->controller.params, made);
     else {
@@ -177,9 +177,9 @@ _Noreturn void fw_board_panic(const char *why) {
 }
 bool fw_can_ok(void) { return world.bus_ok; }
 bool fw_can_send(const hrt_can_frame *frame) { return hrt_bus_send(&world.bus[FW_DEVICES], frame) > 0; }
-void fw_link_send(int32_t device, const hrt_output *output) {
+void fw_link_send(int32_t device, const hrt_result *result) {
     (void)device;
-    (void)output;
+    (void)result;
 }
 void fw_measure_begin(int32_t device, fw_span span) {
     (void)device;

@@ -2,7 +2,7 @@
  * every machine.
  *
  * replay.in   per tick: uint32 size, then events: uint8 kind, uint8 device, body (kinds below)
- * replay.out  per tick: uint8 OUT_FRAME and a frame, or uint8 OUT_OUTPUT and hrt_output field by field, in the order of
+ * replay.out  per tick: uint8 OUT_FRAME and a frame, or uint8 OUT_RESULT and hrt_result field by field, in the order of
  * sending replay.cost per tick: uint32 instructions of hrt_tick of each device, then of the check of a patch of each
  * (0: none, or nobody counts) */
 #ifndef REPLAY_H
@@ -11,7 +11,7 @@
 #include "firmware/loop.h"
 
 enum { EVENT_FRAME = 1, EVENT_SAMPLE, EVENT_PATCH, EVENT_COMMAND, EVENT_BUS };
-enum { OUT_FRAME = 1, OUT_OUTPUT };
+enum { OUT_FRAME = 1, OUT_RESULT };
 enum { REPLAY_TICK_MAX = 28 * 1024 };
 
 /* Bytes read or written in turn; `failed` once it ran over its end. */
@@ -24,7 +24,7 @@ void replay_frame(replay_bytes *bytes, hrt_can_frame *frame);
 void replay_sample(replay_bytes *bytes, hrt_sample *sample);
 void replay_patch(replay_bytes *bytes, hrt_patch *patch);
 void replay_command(replay_bytes *bytes, fw_news *news);
-void replay_output(replay_bytes *bytes, hrt_output *output);
+void replay_result(replay_bytes *bytes, hrt_result *result);
 void replay_u8(replay_bytes *bytes, uint8_t *value);
 
 #endif

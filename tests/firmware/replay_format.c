@@ -80,19 +80,19 @@ void replay_command(replay_bytes *bytes, fw_news *news) {
     AS_NUMBER(bytes, hrt_extrapolator, news->extrapolator);
 }
 
-void replay_output(replay_bytes *bytes, hrt_output *output) {
-    AS_NUMBER(bytes, hrt_state, output->state);
-    AS_NUMBER(bytes, hrt_fault, output->fault);
-    number(bytes, &output->fault_detail);
-    raw(bytes, &output->limits, 4);
-    AS_NUMBER(bytes, bool, output->motors_on);
-    raw(bytes, output->torque, sizeof output->torque);
-    raw(bytes, output->force_N, sizeof output->force_N);
-    raw(bytes, output->joint, sizeof output->joint);
-    raw(bytes, output->tip_m, sizeof output->tip_m);
-    raw(bytes, output->velocity_m_s, sizeof output->velocity_m_s);
-    raw(bytes, &output->gain, 4);
-    raw(bytes, &output->passivity_J, 4);
-    raw(bytes, &output->sample_age_us, 8);
-    AS_NUMBER(bytes, hrt_extrapolator, output->extrapolator);
+void replay_result(replay_bytes *bytes, hrt_result *result) {
+    AS_NUMBER(bytes, hrt_state, result->state);
+    AS_NUMBER(bytes, hrt_fault, result->fault);
+    number(bytes, &result->fault_detail);
+    raw(bytes, &result->limits, 4);
+    AS_NUMBER(bytes, bool, result->motors_on);
+    raw(bytes, result->torque, sizeof result->torque);
+    raw(bytes, result->force_N, sizeof result->force_N);
+    raw(bytes, result->joint, sizeof result->joint);
+    raw(bytes, result->tip_m, sizeof result->tip_m);
+    raw(bytes, result->velocity_m_s, sizeof result->velocity_m_s);
+    raw(bytes, &result->gain, 4);
+    raw(bytes, &result->passivity_J, 4);
+    raw(bytes, &result->sample_age_us, 8);
+    AS_NUMBER(bytes, hrt_extrapolator, result->extrapolator);
 }

@@ -72,7 +72,7 @@ def compare(host, board):
         if kind == "frame":
             worst["frames"] = worst.get("frames", 0) + (x != y)
             continue
-        for field in image.OUTPUT_FIELDS:
+        for field in image.RESULT_FIELDS:
             if struct.pack("<d", x[field]) != struct.pack("<d", y[field]):
                 worst[field] = max(worst.get(field, 0), abs(x[field] - y[field]))
     return worst

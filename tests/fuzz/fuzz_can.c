@@ -21,9 +21,9 @@ static void round_trip(const hrt_can_frame *frame) {
 
 static void check_output(const hrt_node *node) {
     for (int i = 0; i < HRT_MOTORS; i++) {
-        float torque = node->output.torque[i];
+        float torque = node->result.torque[i];
         PROMISE(isfinite(torque) && fabsf(torque) <= node->config.params.torque_max[i] * 1.001f);
-        if (node->output.state != HRT_ENGAGED && node->output.state != HRT_STALE) PROMISE(torque == 0);
+        if (node->result.state != HRT_ENGAGED && node->result.state != HRT_STALE) PROMISE(torque == 0);
     }
 }
 

@@ -50,9 +50,9 @@ static void run(int ticks) {
         hrt_device_step(&device, now);
         hrt_node_tick(&node, now, &tool);
         for (int k = 0; k < HRT_MOTORS; k++) {
-            float torque = node.output.torque[k];
+            float torque = node.result.torque[k];
             PROMISE(isfinite(torque) && fabsf(torque) <= node.config.params.torque_max[k] * 1.001f);
-            if (node.output.state != HRT_ENGAGED && node.output.state != HRT_STALE) PROMISE(torque == 0);
+            if (node.result.state != HRT_ENGAGED && node.result.state != HRT_STALE) PROMISE(torque == 0);
         }
     }
 }

@@ -2,9 +2,8 @@
  * what it takes has positive volumes and mutual neighbours, and a step of it stays finite. */
 #include <math.h>
 
-#include "common/mesh_check.h"
-#include "common/mesh_format.h"
 #include "fuzz.h"
+#include "tensormass_io.h"
 
 enum { MAX_VERTICES = 12, MAX_TETS = 16 };
 
@@ -42,11 +41,11 @@ static void step(const tm_mesh *mesh) {
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     fuzz_bytes b = {data, size};
-    app_mesh m = {.vertex_count = 4 + fuzz_u8(&b) % (MAX_VERTICES - 3),
-                  .tet_count = 1 + fuzz_u8(&b) % MAX_TETS,
-                  .region_count = 1};
+    tm_mesh_file m = {.vertex_count = 4 + fuzz_u8(&b) % (MAX_VERTICES - 3),
+                      .tet_count = 1 + fuzz_u8(&b) % MAX_TETS,
+                      .region_count = 1};
     bool raw = fuzz_u8(&b) & 1;
-    PROMISE(app_mesh_allocate(&m, 0));
+    PROMISE(tm_mesh_file_allocate(&m, 0));
     for (int32_t t = 0; t < m.tet_count; t++) {
         m.tet_tag[t] = t + 1;
         for (int k = 0; k < 4; k++) m.tet[4 * t + k] = fuzz_u8(&b) % m.vertex_count;
@@ -62,8 +61,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
     }
     tm_mesh *mesh = NULL;
     tm_error error = {0};
-    int64_t before = tm_memory_in_use(), defects = app_mesh_defects(&m, NULL, 0);
-    tm_status status = app_mesh_build(&m, &mesh, &error);
+    int64_t before = tm_memory_in_use(), defects = tm_mesh_file_defects(&m, NULL, 0);
+    tm_status status = tm_mesh_file_build(&m, &mesh, &error);
     if (!raw) PROMISE((status == TM_OK) == (defects == 0));
     PROMISE(status == TM_OK || (mesh == NULL && error.message[0]));
     if (mesh) {
@@ -71,7 +70,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
         if (!raw) step(mesh);
     }
     tm_mesh_destroy(mesh);
-    app_mesh_free(&m);
+    tm_mesh_file_free(&m);
     PROMISE(tm_memory_in_use() == before);
     return 0;
 }

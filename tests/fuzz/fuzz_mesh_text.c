@@ -1,7 +1,7 @@
 /* The readers of mesh files: .vtk where the bytes begin with '#', .mesh with 'M', else .msh. Refused with a message and
  * nothing held, or a mesh whose indices are in range and whose tags all differ, and that a written copy gives back. */
-#include "common/mesh_format.h"
 #include "fuzz.h"
+#include "tensormass_io.h"
 
 static int by_value(const void *a, const void *b) {
     int64_t x = *(const int64_t *)a, y = *(const int64_t *)b;
@@ -16,7 +16,7 @@ static void all_different(const int64_t *tag, int64_t count) {
     free(sorted);
 }
 
-static void look_over(const app_mesh *m) {
+static void look_over(const tm_mesh_file *m) {
     PROMISE(m->tet_count > 0 && m->region_count > 0);
     for (int32_t i = 0; i < 4 * m->tet_count; i++) PROMISE(m->tet[i] >= 0 && m->tet[i] < m->vertex_count);
     for (int32_t t = 0; t < m->tet_count; t++) PROMISE(m->region[t] >= 0 && m->region[t] < m->region_count);
@@ -33,36 +33,34 @@ static void look_over(const app_mesh *m) {
 }
 
 /* Finite coordinates come back to the bit, and so do the corners. */
-static void write_and_read(const app_mesh *m, const app_mesh_format *format) {
+static void write_and_read(const tm_mesh_file *m, const char *ending) {
     char *text = NULL;
     size_t size = 0;
-    app_mesh back;
+    tm_mesh_file back;
     tm_error error = {0};
     FILE *file = open_memstream(&text, &size);
-    format->write(m, file);
+    PROMISE(tm_mesh_file_write(m, ending, file, &error) == TM_OK);
     fclose(file);
-    PROMISE(app_mesh_parse(format->ending, text, size, 1, &back, &error) == TM_OK);
+    PROMISE(tm_mesh_file_parse(ending, text, size, 1, &back, &error) == TM_OK);
     PROMISE(back.vertex_count == m->vertex_count && back.tet_count == m->tet_count);
     PROMISE(memcmp(back.tet, m->tet, 4 * (size_t)m->tet_count * sizeof *m->tet) == 0);
     for (int32_t i = 0; i < 3 * m->vertex_count; i++)
         PROMISE(m->vertex_m[i] == back.vertex_m[i] || m->vertex_m[i] != m->vertex_m[i]);
-    app_mesh_free(&back);
+    tm_mesh_file_free(&back);
     free(text);
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    const app_mesh_format *format = size && data[0] == '#'   ? &app_mesh_format_vtk
-                                    : size && data[0] == 'M' ? &app_mesh_format_medit
-                                                             : &app_mesh_format_msh;
+    const char *ending = size && data[0] == '#' ? ".vtk" : size && data[0] == 'M' ? ".mesh" : ".msh";
     char *text = malloc(size + 1); /* exactly as long, so that a read beyond is seen */
-    app_mesh mesh;
+    tm_mesh_file mesh;
     tm_error error = {0};
     if (size) memcpy(text, data, size);
     text[size] = 0;
-    if (app_mesh_parse(format->ending, text, size, 1, &mesh, &error) == TM_OK) {
+    if (tm_mesh_file_parse(ending, text, size, 1, &mesh, &error) == TM_OK) {
         look_over(&mesh);
-        if (format != &app_mesh_format_msh) write_and_read(&mesh, format); /* a name may hold what .msh cannot quote */
-        app_mesh_free(&mesh);
+        if (strcmp(ending, ".msh") != 0) write_and_read(&mesh, ending); /* a name may hold what .msh cannot quote */
+        tm_mesh_file_free(&mesh);
     } else
         PROMISE(error.message[0] && strchr(error.message, ';') && !mesh.vertex_m);
     free(text);

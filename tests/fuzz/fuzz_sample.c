@@ -43,6 +43,8 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
             patch->film_s_m = (float)fuzz_u8(&b) / 128;       /* from 1 s/m on it is refused */
             patch->radiation_N_s_m = (float)fuzz_u8(&b) / 16; /* from 10 N s/m on it is refused */
             patch->radiation_s = (float)fuzz_u8(&b) / 1024;
+            patch->friction_static = (float)fuzz_u8(&b) / 64; /* above 2 it is refused, and sliding above static */
+            patch->friction_sliding = (float)fuzz_u8(&b) / 256;
             const int own = 3 * patch->vertex_count;
             if (what & 2) patch->held = patch->vertex_count < 31 ? 1u << patch->vertex_count | fuzz_u8(&b) : 1u;
             int dofs = 3 * hrt_patch_places(patch);

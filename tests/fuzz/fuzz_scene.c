@@ -1,15 +1,15 @@
 /* Scenes: refused (2) with something said, or read; what is read and can be built on a small block is built, and comes
  * down again. */
 #include "app.h"
-#include "common/mesh_file.h"
 #include "fuzz.h"
 #include "sim/sim.h"
+#include "tensormass_io.h"
 
 static char mesh_path[200], set_mesh[240];
 
 int LLVMFuzzerInitialize(int *argc, char ***argv) {
     (void)argc, (void)argv;
-    app_mesh mesh;
+    tm_mesh_file mesh;
     tm_error error = {0};
     char folder[300];
     snprintf(folder, sizeof folder, "%s/cache", fuzz_folder());
@@ -17,9 +17,9 @@ int LLVMFuzzerInitialize(int *argc, char ***argv) {
     const char *root = getenv("TM_ROOT");
     snprintf(mesh_path, sizeof mesh_path, "%s/meshes/block_1k.msh", root ? root : ".");
     snprintf(set_mesh, sizeof set_mesh, "tissue.mesh=%s", mesh_path);
-    if (app_mesh_load(mesh_path, 1, &mesh, &error))
+    if (tm_mesh_file_load(mesh_path, 1, &mesh, &error))
         fprintf(stderr, "%s: %s\n", mesh_path, error.message), exit(1); /* now it is in the cache */
-    app_mesh_free(&mesh);
+    tm_mesh_file_free(&mesh);
     return 0;
 }
 

@@ -3,13 +3,13 @@
 #include <math.h>
 
 #include "app.h"
-#include "common/mesh_file.h"
 #include "common/units.h"
 #include "device/hand_file.h"
 #include "fuzz.h"
 #include "io/profile.h"
 #include "io/samples.h"
 #include "mesh/shell.h"
+#include "tensormass_io.h"
 
 static void try_profile(const char *path) {
     hrt_params params;
@@ -34,19 +34,25 @@ static void try_samples(const char *path) {
 
 static void try_fibres(const char *path) {
     double fibre[3 * 4];
-    int line;
     tm_error error = {0};
-    if (app_fibres_load(path, 4, fibre, &line, &error) == TM_OK)
+    if (tm_fibres_load(path, 4, fibre, &error) == TM_OK)
         for (int t = 0; t < 4; t++)
             PROMISE(fabs(hypot(hypot(fibre[3 * t], fibre[3 * t + 1]), fibre[3 * t + 2]) - 1) < 1e-9);
     else
-        PROMISE(error.message[0] && line >= 0);
+        PROMISE(error.message[0] && strchr(error.message, ';'));
 }
 
 static void try_stl(const char *path) {
     shell *s = NULL;
     tm_error error = {0};
-    if (shell_load(path, 1, &s, &error) != TM_OK) {
+    double *corner = NULL;
+    int triangles = 0;
+    tm_status status = shell_read_stl(path, 1, &corner, &triangles, &error);
+    if (status)
+        free(corner);
+    else
+        status = shell_of_triangles(corner, triangles, true, &s, &error);
+    if (status) {
         PROMISE(error.message[0] && strchr(error.message, ';'));
         return;
     }

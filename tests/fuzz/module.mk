@@ -20,7 +20,8 @@ define fuzzer
 FUZZERS += $(OUT)/tests/fuzz/$(1)
 $(OUT)/tests/fuzz/$(1): $(call objects,tests/fuzz/$(1).c $(2)) $(3)
 	@mkdir -p $$(@D)
-	$$(CC) $$(filter-out -fsanitize=fuzzer-no-link%,$$(SAN)) -fsanitize=fuzzer,address,undefined -rdynamic -o $$@ $$(call objects,tests/fuzz/$(1).c $(2)) \
+	$$(call say,LINK)
+	$$(Q)$$(CC) $$(filter-out -fsanitize=fuzzer-no-link%,$$(SAN)) -fsanitize=fuzzer,address,undefined -rdynamic -o $$@ $$(call objects,tests/fuzz/$(1).c $(2)) \
 		-Wl,--start-group $(3) -Wl,--end-group $(4) -ldl -lm -lpthread
 endef
 FUZZ_HRT := $(LIBHRT_DEVICE_A) $(LIBHRT_IO_A) $(LIBHRT_A)

@@ -1,17 +1,39 @@
 /* Prints one hash of a story that goes through the whole library: settling, steps, contact, cutting, single and double
- * tensors; with an argument, tissue with the effect volume. Compilers and processors must agree on it (plain force
- * form, -ffp-contract=off). */
-#include "../physics/contact_scene.h"
+ * tensors; with arguments, tissue with the effects that they name (then double alone); with
+ * "combinations", every combination of them through another story. Compilers and processors must
+ * agree on it (plain force form, -ffp-contract=off). */
+#include "../physics/combination.h"
 
 static uint64_t of_world(const tm_world *world, uint64_t h) {
     const uint64_t now = tm_world_hash(world);
     return tm_hash(&now, sizeof now, h);
 }
 
+static bool named(int argc, char **argv, const char *effect) {
+    for (int i = 1; i < argc; i++)
+        if (!strcmp(argv[i], effect)) return true;
+    return false;
+}
+
+static uint64_t of_combinations(void) {
+    uint64_t h = TM_HASH_SEED;
+    for (int effects = 0; effects < COMBINATIONS; effects++) {
+        if (!combination_is(effects)) continue;
+        combination c = combination_open(effects);
+        while (c.frame < COMBINATION_FRAMES && combination_frame(&c)) h = of_world(c.s.world, h);
+        h = tm_hash(&c.frame, sizeof c.frame, h);
+        scene_destroy(&c.s);
+    }
+    return h;
+}
+
 int main(int argc, char **argv) {
-    (void)argv;
     uint64_t h = TM_HASH_SEED;
     tm_error error;
+    if (named(argc, argv, "combinations")) {
+        printf("%016llx\n", (unsigned long long)of_combinations());
+        return 0;
+    }
     for (tm_precision precision = TM_DOUBLE; precision <= (argc > 1 ? TM_DOUBLE : TM_SINGLE); precision++) {
         scene_def def = scene_def_default();
         def.cells[0] = def.cells[1] = 6, def.cells[2] = 4;
@@ -24,12 +46,16 @@ int main(int argc, char **argv) {
         tm_tissue_def tissue = tm_tissue_def_default();
         tissue.mesh = mesh, tissue.material_count = 1, tissue.material = &material, tissue.fibre = fibre,
         tissue.precision = precision;
-        tissue.form = TM_FORCE_PLAIN, tissue.cuttable = true, tissue.volume = argc > 1;
+        tissue.form = TM_FORCE_PLAIN, tissue.cuttable = true, tissue.volume = named(argc, argv, "volume");
         scene s = {.def = def, .mesh = mesh};
         scene_must(tm_tissue_create(&tissue, &s.tissue, &error), &error);
         tm_world_def world = tm_world_def_default();
         world.tissue = s.tissue;
         scene_must(tm_world_create(&world, &s.world, &error), &error);
+        tm_viscosity_def viscosity = tm_viscosity_def_default();
+        viscosity.count = 2;
+        viscosity.term[0] = (tm_viscosity_term){0.01, 0.3, 0.3}, viscosity.term[1] = (tm_viscosity_term){0.1, 0.3, 0};
+        if (named(argc, argv, "viscosity")) scene_must(tm_stage_viscosity(s.world, &viscosity, &error), &error);
         scene_support(&s);
         scene_must(tm_stage_gravity(s.world, (const double[3]){0, 0, -9.81}, &error), &error);
         tm_settle_def settle = tm_settle_def_default();
@@ -43,6 +69,11 @@ int main(int argc, char **argv) {
         tm_contact_def contact = tm_contact_def_default();
         contact.instrument_count = 1, contact.instrument = &tool;
         scene_must(tm_stage_contact(s.world, &contact, &s.contact, &error), &error);
+        tm_friction_def rubs = tm_friction_def_default();
+        rubs.instrument[0] = (tm_friction_coefficient){0.4, 0.3};
+        tm_friction *made;
+        if (named(argc, argv, "friction"))
+            scene_must(tm_stage_friction(s.world, s.contact, &rubs, &made, &error), &error);
         tm_cut_def cut = tm_cut_def_default();
         scene_must(tm_stage_cut(s.world, s.contact, &cut, &error), &error);
         for (int i = 0; i < 40; i++) {

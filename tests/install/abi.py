@@ -1,4 +1,4 @@
-"""What the C interface is made of: exported functions and data of both libraries, sizes of public structs. Prints the list that test_abi.py compares.
+"""What the C interface is made of: exported functions and data of the libraries, sizes of public structs. Prints the list that test_abi.py compares.
 
     build/venv/bin/python tests/install/abi.py > tests/install/abi.txt
 """
@@ -10,7 +10,8 @@ import sys
 import tempfile
 
 ROOT = pathlib.Path(__file__).resolve().parents[2]
-LIBRARIES = ["libtensormass.so", "libtensormass_solve.so"]
+LIBRARIES = ["libtensormass.so", "libtensormass_solve.so", "libtensormass_io.so"]
+HEADERS = ["libtensormass/include", "libtensormass/io/include"]
 
 
 def soversion():
@@ -28,13 +29,12 @@ def symbols(build):
 
 
 def structs():
-    include = ROOT / "libtensormass/include"
-    names = sorted(set(re.findall(r"^\} (tm_\w+);$", "\n".join(h.read_text() for h in include.rglob("*.h")), re.M)))
+    names = sorted(set(re.findall(r"^\} (tm_\w+);$", "\n".join(h.read_text() for include in HEADERS for h in (ROOT / include).rglob("*.h")), re.M)))
     lines = "".join(f'    printf("size {n} %zu\\n", sizeof({n}));\n' for n in names)
     with tempfile.TemporaryDirectory() as folder:
         source = pathlib.Path(folder) / "sizes.c"
-        source.write_text('#include <stdio.h>\n#include "tensormass_solve.h"\n#include "tensormass.h"\nint main(void) {\n' + lines + "    return 0;\n}\n")
-        subprocess.run(["cc", "-std=c11", f"-I{include}", source, "-o", source.with_suffix("")], check=True)
+        source.write_text('#include <stdio.h>\n#include "tensormass_solve.h"\n#include "tensormass_io.h"\n#include "tensormass.h"\nint main(void) {\n' + lines + "    return 0;\n}\n")
+        subprocess.run(["cc", "-std=c11", *(f"-I{ROOT / include}" for include in HEADERS), source, "-o", source.with_suffix("")], check=True)
         return subprocess.run([source.with_suffix("")], capture_output=True, text=True, check=True).stdout.splitlines()
 
 

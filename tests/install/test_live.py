@@ -80,14 +80,15 @@ def test_bad_input(prefix, tmp_path, words, said):
 
 
 def test_ones_own_organ_is_felt(prefix, root, tmp_path):
-    """docs/your-own-organ.md, its last step: the scene of the page on the liver, by the page's command."""
+    """docs/your-own-organ.md, its last step: the liver's first scene, by the page's command."""
     page = (root / "docs/your-own-organ.md").read_text()
-    (tmp_path / "organ.yaml").write_text(re.search(r"```yaml\n(.*?)```", page, re.S).group(1))
-    shutil.copy(root / "meshes/liver_10k.msh", tmp_path / "organ.msh")
+    (tmp_path / "felt").mkdir()
+    shutil.copy(root / "meshes/liver_10k.msh", tmp_path / "felt/organ.msh")
+    subprocess.run([prefix / "bin/tm-scene", "new", "organ.msh", "-o", "organ.yaml"], cwd=tmp_path / "felt", env=ENVIRONMENT, check=True, timeout=60, capture_output=True)
     command = re.search(r"^    (tm-session .*)$", page, re.M).group(1)
     run = subprocess.run(command, shell=True, cwd=tmp_path, env={**ENVIRONMENT, "PATH": f"{prefix}/bin:{os.environ['PATH']}"}, capture_output=True, text=True, timeout=60)
     assert run.returncode == 0, run.stderr
-    assert json.loads((tmp_path / "felt/controller0.json").read_text())["force_N"]["peak"] > 0.05
+    assert json.loads((tmp_path / "session/controller0.json").read_text())["force_N"]["peak"] > 0.05
 
 
 def test_a_command_by_hand_is_heard(prefix, root, build, tmp_path):

@@ -36,6 +36,8 @@ static inline void patch_to_controller(const tm_patch *from, hrt_patch *to) {
     to->film_s_m = (float)from->film_s_m;
     to->radiation_N_s_m = (float)from->radiation_N_s_m;
     to->radiation_s = (float)from->radiation_s;
+    to->friction_static = (float)from->friction_static;
+    to->friction_sliding = (float)from->friction_sliding;
 }
 
 #endif

@@ -3,7 +3,14 @@
 #ifndef TEST_LOOP_H
 #define TEST_LOOP_H
 
+// clang-format off
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
 #include <string.h>
+#include <cmocka.h>
+// clang-format on
 
 #include "device/device.h"
 #include "io/node.h"
@@ -19,6 +26,7 @@ typedef struct loop {
     uint32_t seq;
     int64_t session;
     bool sim_alive, send_stiffness;
+    int32_t flags; /* what the simulation says of its samples; where that is "unstable", their force is 50 N */
     double wall_N_m, wall_depth_m; /* pushes against +z beyond this depth below the trocar */
     uint32_t frames;
     double peak_N;
@@ -50,6 +58,8 @@ static inline tensormass_force_sample_t loop_sample(const loop *l, const tensorm
     const double depth = tool->tip_m[2] - l->wall_depth_m;
     for (int i = 0; i < 3; i++) s.tip_m[i] = tool->tip_m[i];
     s.force_N[2] = depth > 0.0 ? -l->wall_N_m * depth : 0.0;
+    s.flags = l->flags;
+    if (l->flags & HRT_FLAG_UNSTABLE) s.force_N[0] = s.force_N[2] = 50.0;
     if (l->send_stiffness) {
         s.stiffness_kind = 2;
         s.stiffness_N_m[8] = depth > 0.0 ? -l->wall_N_m : 0.0;
@@ -98,6 +108,36 @@ static inline hrt_device_config loop_device_config(void) {
     c.hand.key = press;
     c.hand.key_count = 3;
     return c;
+}
+
+/* What the controller renders and what the motor gives, along the insertion. */
+static inline double loop_force(const loop *l) { return fabs((double)l->node.result.force_N[2]); }
+static inline double loop_motor(const loop *l) { return fabs(l->device.torque[HRT_INSERTION]); }
+
+/* Two seconds on, the hand is pressed into the wall and feels it. */
+static inline void loop_press(loop *l, hrt_extrapolator extrapolator) {
+    const hrt_device_config device = loop_device_config();
+    hrt_node_config node = loop_node_config();
+    node.extrapolator = extrapolator;
+    loop_start(l, &device, &node);
+    l->send_stiffness = true;
+    loop_run(l, 2.0);
+    assert_int_equal(l->tool.state, HRT_ENGAGED);
+    assert_true(loop_force(l) > 2.0 && loop_motor(l) > 2.0);
+}
+
+/* One triangle across the hand's way, where the wall is, as soft in every direction. */
+static inline tensormass_contact_patch_t loop_patch(int64_t session, uint32_t seq, float compliance_m_N) {
+    tensormass_contact_patch_t m = {.session = session,
+                                    .seq = (int32_t)seq,
+                                    .vertex_count = 3,
+                                    .triangle_count = 1,
+                                    .vertex_m = {-0.05f, -0.05f, 0.12f, 0.05f, -0.05f, 0.12f, 0.0f, 0.05f, 0.12f},
+                                    .triangle = {0, 2, 1},
+                                    .radius_m = 0.0025f,
+                                    .contact_length_m = 0.02f};
+    for (int i = 0, at = 0; i < 9; at += 9 - i, i++) m.compliance_m_N[at] = compliance_m_N;
+    return m;
 }
 
 #endif

@@ -5,10 +5,12 @@ $(patsubst %.c,$(OUT)/obj/%.o,$(wildcard tests/loop/test_*.c)): CFLAGS_EXTRA += 
 tests: $(OUT)/tests/can/codec.so
 $(OUT)/tests/can/codec.so: haptic_rt/can/codec.c haptic_rt/can/impulse_engine.c haptic_rt/can/codec.h
 	@mkdir -p $(@D)
-	$(CC) -shared -fPIC -O1 $(INCLUDES) -o $@ $(filter %.c,$^)
+	$(call say,LINK)
+	$(Q)$(CC) -shared -fPIC -O1 $(INCLUDES) -o $@ $(filter %.c,$^)
 # A process's clocks as a test wants them (tests/loop/soak.py).
 FAKE_CLOCK := $(OUT)/tests/loop/fake_clock.so
 $(FAKE_CLOCK): tests/loop/fake_clock.c
 	@mkdir -p $(@D)
-	$(CC) -shared -fPIC -O1 -Wall -o $@ $< -ldl
+	$(call say,LINK)
+	$(Q)$(CC) -shared -fPIC -O1 -Wall -o $@ $< -ldl
 tests: $(FAKE_CLOCK)

@@ -19,7 +19,7 @@ typedef struct rig {
     hrt_params params;
     hrt_controller c;
     hrt_input in;
-    hrt_output out;
+    hrt_result out;
     hrt_sample sample;
     int64_t now_us;
     bool device, sim; /* alive */
@@ -32,8 +32,8 @@ typedef struct rig {
 static inline void rig_start(rig *r) {
     memset(r, 0, sizeof *r);
     hrt_params_default(&r->params);
-    const hrt_frame frame = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
-    hrt_init(&r->c, &r->params, &frame, SESSION);
+    const hrt_axes axes = {{1, 0, 0, 0, 1, 0, 0, 0, 1}};
+    hrt_init(&r->c, &r->params, &axes, SESSION);
     r->now_us = 1000000;
     r->device = r->sim = true;
     r->frame_us = 40000;

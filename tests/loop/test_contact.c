@@ -542,7 +542,7 @@ static void cut_stale_or_missing_patch(void **state) {
         hrt_extrapolation_force(&x, &params, now_us, tip, force);
         assert_true((x.limits & HRT_LIMIT_PATCH) != 0);
         assert_float_equal(force[2], before, 0.01f); /* bridged, */
-        for (int t = 1; t < 20; t++) hrt_extrapolation_force(&x, &params, now_us + 2000 * t, tip, force);
+        for (int t = 1; t < 60; t++) hrt_extrapolation_force(&x, &params, now_us + 2000 * t, tip, force);
         assert_float_equal(force[2], -3.0f, 1e-4f); /* then the tangent's */
     }
 }
@@ -683,7 +683,12 @@ static void bad_patches(void **state) {
                  {24, HRT_REJECT_ASYMMETRIC},
                  {25, HRT_REJECT_HUGE},
                  {26, HRT_REJECT_NOT_FINITE},
-                 {27, HRT_REJECT_HUGE}};
+                 {27, HRT_REJECT_HUGE},
+                 {28, HRT_REJECT_HUGE},
+                 {29, HRT_REJECT_HUGE},
+                 {30, HRT_REJECT_NOT_FINITE},
+                 {31, HRT_REJECT_HUGE},
+                 {32, HRT_ACCEPT}};
     for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
         p = patch;
         if (cases[k].what >= 15) hold_something(&p);
@@ -693,6 +698,11 @@ static void bad_patches(void **state) {
         case 25: p.radiation_N_s_m = -0.1f; break; /* drives */
         case 26: p.radiation_s = NAN; break;
         case 27: p.radiation_N_s_m = 11.0f; break;
+        case 28: p.friction_static = 2.1f; break;
+        case 29: p.friction_static = 0.2f, p.friction_sliding = 0.3f; break;
+        case 30: p.friction_static = NAN; break;
+        case 31: p.friction_sliding = -0.1f; break;
+        case 32: p.friction_static = 2.0f, p.friction_sliding = 2.0f; break;
         case 16: p.held = 3u; break; /* held vertices, and no hold */
         case 17: p.held |= 1u << (VERTICES + 4); break;
         case 18: stiffness[0] = 200.0f; break;        /* pushes on */
@@ -737,6 +747,7 @@ static void wild_patches_stay_bounded(void **state) {
         if (k % 5 == 0) memset(q->compliance_m_N, 0, sizeof q->compliance_m_N);
         if (k % 7 == 0) q->skin_compliance_m_N = 0.0f;
         if (k % 4 == 0) hold_something(q);
+        if (k / 16 % 2) q->friction_static = 2.0f, q->friction_sliding = rig_uniform(&seed, 0.0f, 2.0f);
         if (hrt_patch_prepare(q, scratch) != HRT_ACCEPT) continue;
         taken++;
         float tip[3] = {rig_uniform(&seed, -0.01f, 0.01f), rig_uniform(&seed, -0.01f, 0.01f),
@@ -750,7 +761,8 @@ static void wild_patches_stay_bounded(void **state) {
             for (int i = 0; i < 3; i++) tip[i] += rig_uniform(&seed, -0.001f, 0.001f);
             hrt_extrapolation_force(&x, &params, 2000 * k + t, tip, force);
             for (int i = 0; i < 3; i++)
-                assert_true(isfinite(force[i]) && fabsf(force[i]) <= 50.0f * HRT_CONTACT_ROWS * 1.5f);
+                assert_true(isfinite(force[i]) &&
+                            fabsf(force[i]) <= 50.0f * HRT_CONTACT_ROWS * (1.5f + q->friction_static));
         }
     }
     assert_true(taken > 1500);

@@ -186,6 +186,28 @@ static void changing_the_law_makes_no_jump(void **state) {
 }
 
 /* Broyden remembers what it learned off the line: after probing z, then x, both stiffnesses are known. */
+/* The force falls because tissue goes, while the tool hardly moves: no estimate takes that for a stiffness, and leads
+ * the force back up when the tool is drawn away. */
+static void a_cut_teaches_nothing(void **state) {
+    (void)state;
+    const hrt_extrapolator estimating[] = {HRT_BROYDEN, HRT_TANGENT, HRT_CONTACT}; /* the others without a stiffness */
+    for (int k = 0; k < 3; k++) {
+        hrt_extrapolation_reset(&x, estimating[k]);
+        for (int i = 0; i < 6; i++) {
+            hrt_sample s = spring(50000 * i, 0.1f + STEP * (float)(i < 3 ? i + 1 : 3));
+            s.stiffness_kind = 0;
+            s.topology_revision = i < 3 ? 0 : i;
+            if (i >= 3) s.force_N[2] *= 0.3f / (float)(i - 2), s.tip_m[2] += 0.02f * STEP * (float)i;
+            hrt_extrapolation_sample(&x, &params, &s);
+        }
+        const float last = 400.0f * 3 * STEP * 0.1f;
+        for (int t = 0; t < 100; t++) { /* deeper, and back */
+            const float force = force_at(250000 + 500 * t, 0.1f + 3 * STEP * (1.0f - 0.02f * (float)t));
+            assert_true(force < 1e-6f && force > -1.2f * last);
+        }
+    }
+}
+
 static void broyden_remembers(void **state) {
     (void)state;
     hrt_extrapolation_reset(&x, HRT_BROYDEN);
@@ -303,6 +325,7 @@ int main(void) {
                                        cmocka_unit_test(horizon),
                                        cmocka_unit_test(changing_the_law_makes_no_jump),
                                        cmocka_unit_test(broyden_remembers),
+                                       cmocka_unit_test(a_cut_teaches_nothing),
                                        cmocka_unit_test(lost_late_doubled_reordered),
                                        cmocka_unit_test(seq_wraps),
                                        cmocka_unit_test(a_wild_seq_does_not_lock_the_door),

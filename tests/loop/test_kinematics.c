@@ -2,16 +2,16 @@
 #include "device/kinematics.h"
 #include "rig.h"
 
-static hrt_frame some_frame(uint64_t *seed) {
-    hrt_frame frame;
+static hrt_axes some_axes(uint64_t *seed) {
+    hrt_axes axes;
     float axis[3], up[3];
     do
         for (int i = 0; i < 3; i++) {
             axis[i] = rig_uniform(seed, -1.0f, 1.0f);
             up[i] = rig_uniform(seed, -1.0f, 1.0f);
         }
-    while (!hrt_frame_from_axis(&frame, axis, up));
-    return frame;
+    while (!hrt_axes_along(&axes, axis, up));
+    return axes;
 }
 
 static void some_joints(uint64_t *seed, float joint[HRT_JOINTS]) {
@@ -26,17 +26,17 @@ static void jacobian_is_the_derivative(void **state) {
     (void)state;
     uint64_t seed = 1;
     for (int k = 0; k < 2000; k++) {
-        const hrt_frame frame = some_frame(&seed);
+        const hrt_axes axes = some_axes(&seed);
         float joint[HRT_JOINTS], keep[HRT_JOINTS], jacobian[9], before[3], after[3];
         some_joints(&seed, joint);
         memcpy(keep, joint, sizeof keep);
-        hrt_jacobian(&frame, joint, jacobian);
+        hrt_jacobian(&axes, joint, jacobian);
         for (int j = 0; j < 3; j++) {
             const float h = 1.0e-3f;
             joint[j] = keep[j] - h;
-            hrt_tip(&frame, joint, before);
+            hrt_tip(&axes, joint, before);
             joint[j] = keep[j] + h;
-            hrt_tip(&frame, joint, after);
+            hrt_tip(&axes, joint, after);
             joint[j] = keep[j];
             for (int i = 0; i < 3; i++)
                 assert_float_equal((after[i] - before[i]) / (2.0f * h), jacobian[3 * i + j], 1.0e-4);
@@ -48,24 +48,24 @@ static void inverse_undoes(void **state) {
     (void)state;
     uint64_t seed = 2;
     for (int k = 0; k < 2000; k++) {
-        const hrt_frame frame = some_frame(&seed);
+        const hrt_axes axes = some_axes(&seed);
         float joint[HRT_JOINTS], back[3], tip[3];
         some_joints(&seed, joint);
-        hrt_tip(&frame, joint, tip);
-        assert_true(hrt_inverse(&frame, tip, back));
+        hrt_tip(&axes, joint, tip);
+        assert_true(hrt_inverse(&axes, tip, back));
         for (int j = 0; j < 3; j++) assert_float_equal(back[j], joint[j], 2.0e-6);
     }
     const float nowhere[3] = {0.0f, 0.0f, 0.0f};
     float joint[3];
-    const hrt_frame frame = some_frame(&seed);
-    assert_false(hrt_inverse(&frame, nowhere, joint));
+    const hrt_axes axes = some_axes(&seed);
+    assert_false(hrt_inverse(&axes, nowhere, joint));
 }
 
 static void frame_is_a_rotation(void **state) {
     (void)state;
     uint64_t seed = 3;
     for (int k = 0; k < 500; k++) {
-        const hrt_frame f = some_frame(&seed);
+        const hrt_axes f = some_axes(&seed);
         for (int a = 0; a < 3; a++)
             for (int b = 0; b < 3; b++) {
                 float dot = 0.0f;
@@ -76,12 +76,12 @@ static void frame_is_a_rotation(void **state) {
                           f.r[2] * (f.r[3] * f.r[7] - f.r[4] * f.r[6]);
         assert_float_equal(det, 1.0f, 1.0e-5);
     }
-    hrt_frame f;
+    hrt_axes f;
     const float z[3] = {0, 0, 1}, y[3] = {0, 1, 0}, zero[3] = {0, 0, 0}, nan[3] = {NAN, 0, 1};
-    assert_true(hrt_frame_from_axis(&f, z, y));
-    assert_false(hrt_frame_from_axis(&f, z, z));
-    assert_false(hrt_frame_from_axis(&f, zero, y));
-    assert_false(hrt_frame_from_axis(&f, nan, y));
+    assert_true(hrt_axes_along(&f, z, y));
+    assert_false(hrt_axes_along(&f, z, z));
+    assert_false(hrt_axes_along(&f, zero, y));
+    assert_false(hrt_axes_along(&f, nan, y));
 }
 
 /* Torque by the transpose does the work of the force: tau . dq = F . dP. */
@@ -93,7 +93,7 @@ static void virtual_work(void **state) {
     r.force_N[1] = -0.5f;
     rig_run(&r, 0.5);
     float jacobian[9];
-    hrt_jacobian(&r.c.frame, r.out.joint, jacobian);
+    hrt_jacobian(&r.c.axes, r.out.joint, jacobian);
     for (int j = 0; j < 3; j++) {
         float torque = 0.0f;
         for (int i = 0; i < 3; i++) torque += jacobian[3 * i + j] * r.out.force_N[i];
@@ -105,15 +105,15 @@ static void virtual_work(void **state) {
 }
 
 /* The controller's tip and the simulation's, of the same joints, over all that a message may say; the controller hears
- * of its frame as the simulation tells it (SIM_STATUS). */
+ * of its axes as the simulation tells it (SIM_STATUS). */
 static void both_precisions_agree(void **state) {
     (void)state;
     static const double low[] = {HRT_ENGINE_REACH_MIN}, high[] = {HRT_ENGINE_REACH_MAX};
     uint64_t seed = 4;
     double tip_worst = 0, jacobian_worst = 0;
     for (int k = 0; k < 20000; k++) {
-        hrt_frame64 wide;
-        hrt_frame frame;
+        hrt_axes64 wide;
+        hrt_axes axes;
         double axis[3], up[3], joint[HRT_JOINTS], tip[3], jacobian[9], back[3];
         float axis_f[3], up_f[3], joint_f[HRT_JOINTS], tip_f[3], jacobian_f[9];
         do
@@ -121,16 +121,16 @@ static void both_precisions_agree(void **state) {
                 axis[i] = (double)rig_uniform(&seed, -1.0f, 1.0f);
                 up[i] = (double)rig_uniform(&seed, -1.0f, 1.0f);
             }
-        while (!hrt_frame_from_axis64(&wide, axis, up));
+        while (!hrt_axes_along64(&wide, axis, up));
         for (int i = 0; i < 3; i++) axis_f[i] = (float)wide.r[3 * i + 2], up_f[i] = (float)wide.r[3 * i + 1];
-        assert_true(hrt_frame_from_axis(&frame, axis_f, up_f));
+        assert_true(hrt_axes_along(&axes, axis_f, up_f));
         for (int j = 0; j < HRT_JOINTS; j++)
             joint[j] = (double)(joint_f[j] = rig_uniform(&seed, (float)low[j], (float)high[j]));
         hrt_tip64(&wide, joint, tip);
-        hrt_tip(&frame, joint_f, tip_f);
+        hrt_tip(&axes, joint_f, tip_f);
         for (int i = 0; i < 3; i++) tip_worst = fmax(tip_worst, fabs(tip[i] - (double)tip_f[i]));
         hrt_jacobian64(&wide, joint, jacobian);
-        hrt_jacobian(&frame, joint_f, jacobian_f);
+        hrt_jacobian(&axes, joint_f, jacobian_f);
         for (int i = 0; i < 9; i++) jacobian_worst = fmax(jacobian_worst, fabs(jacobian[i] - (double)jacobian_f[i]));
         if (!(joint[HRT_INSERTION] > 1e-3) || fabs(joint[HRT_PITCH]) > 1.5 || fabs(joint[HRT_YAW]) > 1.5) continue;
         assert_true(hrt_inverse64(&wide, tip, back));

@@ -1,14 +1,7 @@
 /* Samples, patches, poses and commands posted by one thread while another ticks: never torn, never freed under the
  * reader. Run with config=tsan too. */
-// clang-format off
-#include <math.h>
 #include <pthread.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
 #include <time.h>
-#include <cmocka.h>
-// clang-format on
 
 #include "loop.h"
 
@@ -21,15 +14,8 @@ static int64_t posted, refused;
 static float mark(uint32_t seq) { return 0.001f * (float)(seq % 997u + 1u); }
 
 static void make_patch(uint32_t seq, tensormass_contact_patch_t *m) {
-    *m = (tensormass_contact_patch_t){.session = 7,
-                                      .seq = (int32_t)seq,
-                                      .vertex_count = 3,
-                                      .triangle_count = 1,
-                                      .triangle = {0, 2, 1},
-                                      .radius_m = 0.0025f,
-                                      .contact_length_m = 0.05f,
-                                      .skin_compliance_m_N = mark(seq)};
-    for (int i = 0, at = 0; i < 9; at += 9 - i, i++) m->compliance_m_N[at] = 0.001f * mark(seq);
+    *m = loop_patch(7, seq, 0.001f * mark(seq));
+    m->skin_compliance_m_N = mark(seq);
     for (int i = 0; i < 9; i++)
         m->vertex_m[i] = (i == 3 || i == 7 ? 0.01f : 0.0f) + (i % 3 == 2 ? 0.2f : 0.0f) + 0.001f * mark(seq);
 }

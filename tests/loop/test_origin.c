@@ -1,27 +1,8 @@
 /* Whose samples are taken, and in what order, is judged before the mailbox: what waits there is only pushed out by what
  * comes after it from the same simulation. Nobody else's word reaches the tick while force is rendered. */
-// clang-format off
-#include <math.h>
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stdlib.h>
-#include <cmocka.h>
-// clang-format on
-
 #include "loop.h"
 
 static loop l;
-
-static double force(void) { return fabs((double)l.node.output.force_N[2]); }
-
-static void press(void) {
-    const hrt_device_config d = loop_device_config();
-    const hrt_node_config n = loop_node_config();
-    loop_start(&l, &d, &n);
-    loop_run(&l, 2.0);
-    assert_int_equal(l.tool.state, HRT_ENGAGED);
-    assert_true(force() > 2.0);
-}
 
 /* A good sample of the present simulation, pushing sideways instead. */
 static tensormass_force_sample_t forged(void) {
@@ -35,7 +16,7 @@ static tensormass_force_sample_t forged(void) {
 static void an_unread_sample_stays(void **state) {
     (void)state;
     for (int kind = 0; kind < 6; kind++) {
-        press();
+        loop_press(&l, HRT_CONTACT);
         l.seq++;
         const tensormass_force_sample_t good = loop_sample(&l, &l.tool);
         assert_int_equal(hrt_node_post_sample(&l.node, &good), HRT_ACCEPT);
@@ -54,24 +35,12 @@ static void an_unread_sample_stays(void **state) {
     }
 }
 
-static tensormass_contact_patch_t patch_of(int64_t session, uint32_t seq) {
-    tensormass_contact_patch_t m = {.session = session,
-                                    .seq = (int32_t)seq,
-                                    .vertex_count = 3,
-                                    .triangle_count = 1,
-                                    .vertex_m = {-0.05f, -0.05f, 0.12f, 0.05f, -0.05f, 0.12f, 0.0f, 0.05f, 0.12f},
-                                    .triangle = {0, 2, 1},
-                                    .radius_m = 0.0025f,
-                                    .contact_length_m = 0.02f};
-    for (int i = 0, at = 0; i < 9; at += 9 - i, i++) m.compliance_m_N[at] = 0.003f;
-    return m;
-}
-
 static void a_foreign_patch_takes_no_place(void **state) {
     (void)state;
-    press();
+    loop_press(&l, HRT_CONTACT);
     l.seq++;
-    const tensormass_contact_patch_t own = patch_of(l.session, l.seq), foreign = patch_of(l.session + 1, l.seq);
+    const tensormass_contact_patch_t own = loop_patch(l.session, l.seq, 0.003f),
+                                     foreign = loop_patch(l.session + 1, l.seq, 0.003f);
     tensormass_force_sample_t sample = loop_sample(&l, &l.tool);
     assert_int_equal(hrt_node_post_patch(&l.node, &own), HRT_ACCEPT);
     assert_int_equal(hrt_node_post_patch(&l.node, &foreign), HRT_REJECT_FOREIGN);
@@ -84,7 +53,7 @@ static void a_foreign_patch_takes_no_place(void **state) {
 /* While it is felt, however long it is silent; then after a second of silence. */
 static void another_simulation_waits(void **state) {
     (void)state;
-    press();
+    loop_press(&l, HRT_CONTACT);
     tensormass_force_sample_t s = forged();
     s.session++;
     for (int k = 0; k < 1000; k++) { /* a flood of it beside the real one */
@@ -92,7 +61,7 @@ static void another_simulation_waits(void **state) {
         s.tool_utime = l.tool.utime;
         assert_int_equal(hrt_node_post_sample(&l.node, &s), HRT_REJECT_FOREIGN);
         loop_tick(&l);
-        assert_true(fabs((double)l.node.output.force_N[0]) < 0.05 && force() > 1.5);
+        assert_true(fabs((double)l.node.result.force_N[0]) < 0.05 && loop_force(&l) > 1.5);
     }
     l.sim_alive = false;
     const int64_t last_us = l.node.gate.heard_us;
@@ -101,9 +70,9 @@ static void another_simulation_waits(void **state) {
         s.tool_utime = l.tool.utime;
         hrt_node_post_sample(&l.node, &s);
         loop_tick(&l);
-        assert_true(fabs((double)l.node.output.force_N[0]) < 0.05);
+        assert_true(fabs((double)l.node.result.force_N[0]) < 0.05);
     }
-    assert_true(force() == 0.0);
+    assert_true(loop_force(&l) == 0.0);
     loop_run(&l, 0.02);
     s.seq++;
     s.tool_utime = l.tool.utime;
@@ -113,7 +82,7 @@ static void another_simulation_waits(void **state) {
 /* t_n is this controller's own clock: a recorded sample is older than the newest, whatever the silence. */
 static void recorded_samples_never_fit(void **state) {
     (void)state;
-    press();
+    loop_press(&l, HRT_CONTACT);
     tensormass_force_sample_t recorded[8];
     for (int k = 0; k < 8; k++) {
         loop_run(&l, 0.04);
@@ -131,13 +100,13 @@ static void recorded_samples_never_fit(void **state) {
             loop_tick(&l);
         }
     }
-    assert_true(force() == 0.0);
+    assert_true(loop_force(&l) == 0.0);
 }
 
 static void no_reset_while_it_is_felt(void **state) {
     (void)state;
     const hrt_command reset = {.extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
-    press();
+    loop_press(&l, HRT_CONTACT);
     for (int k = 0; k < 100; k++) {
         hrt_node_post_command(&l.node, &reset);
         loop_tick(&l);
@@ -150,10 +119,10 @@ static void no_reset_while_it_is_felt(void **state) {
 /* What a row of a patch may bear has a bound, as everything else has. */
 static void a_patch_has_a_bounded_cap(void **state) {
     (void)state;
-    press();
+    loop_press(&l, HRT_CONTACT);
     const float cap[] = {50.0f, 1000.0f, 1001.0f, 3.0e38f};
     for (size_t k = 0; k < sizeof cap / sizeof *cap; k++) {
-        tensormass_contact_patch_t m = patch_of(l.session, l.seq + 1);
+        tensormass_contact_patch_t m = loop_patch(l.session, l.seq + 1, 0.003f);
         m.force_cap_N = cap[k];
         assert_int_equal(hrt_node_post_patch(&l.node, &m), cap[k] > 1000.0f ? HRT_REJECT_HUGE : HRT_ACCEPT);
     }

@@ -52,12 +52,12 @@ static void the_account_is_the_work_done(void **state) {
             for (int a = 0; a < 3; a++) work += last_force[a] * (l.tool.tip_m[a] - last_tip[a]);
         engaged = l.tool.state == HRT_ENGAGED;
         double size = 0.0;
-        for (int a = 0; a < 3; a++) size += fabs(last_force[a] = (double)l.node.output.force_N[a]);
+        for (int a = 0; a < 3; a++) size += fabs(last_force[a] = (double)l.node.result.force_N[a]);
         /* Out of touch for 50 ms the account begins anew. */
         free_s = size > 0.0 ? 0.0 : free_s + 0.002;
         if (free_s > 0.06) work = 0.0;
         if (engaged && free_s == 0.0)
-            assert_true(fabs(work - (double)l.node.output.passivity_J) < 2e-4 + 1e-3 * fabs(work));
+            assert_true(fabs(work - (double)l.node.result.passivity_J) < 2e-4 + 1e-3 * fabs(work));
     }
     assert_int_equal(l.tool.state, HRT_ENGAGED);
 }
@@ -76,7 +76,7 @@ static void the_controller_calms_a_loop_that_swings(void **state) {
                       walls[i], 1e3 * without, 1e3 * with);
         assert_true(without > 0.01 && with < 0.0005);
         assert_int_equal(l.tool.state, HRT_ENGAGED);
-        assert_true(l.node.output.passivity_J < 0.01f);
+        assert_true(l.node.result.passivity_J < 0.01f);
     }
 }
 
@@ -91,7 +91,7 @@ static void switched_while_running(void **state) {
     int active = 0;
     for (int i = 0; i < 1500; i++) {
         loop_tick(&l);
-        active += (l.node.output.limits & HRT_LIMIT_PASSIVITY) != 0;
+        active += (l.node.result.limits & HRT_LIMIT_PASSIVITY) != 0;
     }
     hrt_node_status(&l.node, &status);
     assert_int_equal(status.passivity_on, 1);
@@ -113,9 +113,9 @@ static void a_passive_loop_is_left_alone(void **state) {
         start(HRT_TANGENT, 300.0, on == 1, false);
         loop_run(&l, 3.0);
         swings[on] = swing();
-        force[on] = (double)l.node.output.force_N[2];
-        assert_int_equal(l.node.output.limits & HRT_LIMIT_PASSIVITY, 0);
-        assert_true(l.node.output.passivity_J < 0.0f); /* the spring holds what the hand put in */
+        force[on] = (double)l.node.result.force_N[2];
+        assert_int_equal(l.node.result.limits & HRT_LIMIT_PASSIVITY, 0);
+        assert_true(l.node.result.passivity_J < 0.0f); /* the spring holds what the hand put in */
     }
     assert_true(swings[0] < 1e-5 && swings[1] < 1e-5);
     assert_true(fabs(force[0] - force[1]) < 0.02);
@@ -132,19 +132,19 @@ static void the_coupling_bounds_the_stiffness(void **state) {
         start(HRT_TANGENT, walls[i], false, true);
         loop_run(&l, 4.0);
         const double with = swing();
-        assert_true((l.node.output.limits & HRT_LIMIT_COUPLING) != 0);
+        assert_true((l.node.result.limits & HRT_LIMIT_COUPLING) != 0);
         const double depth = l.device.joint[HRT_INSERTION] - l.wall_depth_m,
                      expected = depth / (1.0 / walls[i] + 1.0 / 800.0);
         print_message(
             "wall %.0f N/m: swings %.2f mm without coupling, %.3f mm with; %.2f N at %.2f mm, springs in a row give %.2f N\n",
-            walls[i], 1e3 * without, 1e3 * with, -(double)l.node.output.force_N[2], 1e3 * depth, expected);
+            walls[i], 1e3 * without, 1e3 * with, -(double)l.node.result.force_N[2], 1e3 * depth, expected);
         assert_true(with < 1e-5);
-        assert_true(fabs(-(double)l.node.output.force_N[2] - expected) < 0.03 * expected);
+        assert_true(fabs(-(double)l.node.result.force_N[2] - expected) < 0.03 * expected);
         if (walls[i] > 1500.0) assert_true(without > 0.005);
     }
     start(HRT_TANGENT, 300.0, false, true); /* soft enough as it is */
     loop_run(&l, 3.0);
-    assert_int_equal(l.node.output.limits & HRT_LIMIT_COUPLING, 0);
+    assert_int_equal(l.node.result.limits & HRT_LIMIT_COUPLING, 0);
 }
 
 int main(void) {

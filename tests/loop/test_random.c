@@ -17,7 +17,7 @@ static const bool legal[HRT_STATE_COUNT][HRT_STATE_COUNT] = {
 typedef struct wild {
     hrt_controller c;
     hrt_input in;
-    hrt_output out;
+    hrt_result out;
     hrt_sample sample;
     hrt_patch patch[2];
     int turn;
@@ -46,11 +46,11 @@ static float any_float(wild *w) {
 
 static void begin(wild *w) {
     hrt_params params;
-    hrt_frame frame;
+    hrt_axes axes;
     hrt_params_default(&params);
     const float axis[3] = {rig_uniform(&w->seed, -1, 1), rig_uniform(&w->seed, -1, 1), -1.1f}, up[3] = {0, 1, 0.1f};
-    hrt_frame_from_axis(&frame, axis, up);
-    hrt_init(&w->c, &params, &frame, SESSION);
+    hrt_axes_along(&axes, axis, up);
+    hrt_init(&w->c, &params, &axes, SESSION);
     w->in = (hrt_input){.bus_ok = true, .enable = true, .device_session = 1};
     w->in.count[HRT_INSERTION] = 4000;
     w->exact[HRT_INSERTION] = 4000.0f;

@@ -13,7 +13,7 @@
 static loop l;
 
 static double force(void) {
-    const float *f = l.node.output.force_N;
+    const float *f = l.node.result.force_N;
     return sqrt((double)(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]));
 }
 
@@ -76,7 +76,7 @@ static void seeded_noise_stays_bounded(void **state) {
         assert_int_equal(l.tool.state, HRT_ENGAGED);
         assert_true(high - low < 0.0004);
     }
-    assert_int_equal(l.node.line.can.lost + l.node.line.can.repeated + l.node.line.can.corrupt, 0);
+    assert_int_equal(l.node.exchange.can.lost + l.node.exchange.can.repeated + l.node.exchange.can.corrupt, 0);
 }
 
 static void the_same_bits_every_time(void **state) {
@@ -86,7 +86,7 @@ static void the_same_bits_every_time(void **state) {
     first = l;
     press(HRT_POSITION);
     assert_memory_equal(l.device.joint, first.device.joint, sizeof l.device.joint);
-    assert_memory_equal(l.node.output.force_N, first.node.output.force_N, sizeof l.node.output.force_N);
+    assert_memory_equal(l.node.result.force_N, first.node.result.force_N, sizeof l.node.result.force_N);
 }
 
 /* Killed in contact: the last valid sample's t_n, and 150 ms later nothing pushes. */
@@ -102,7 +102,7 @@ static void simulation_killed(void **state) {
         while (l.now_us - last_us <= 150000) loop_tick(&l);
         assert_true(force() == 0.0 && torque() == 0.0);
         assert_false(l.device.motors_on);
-        assert_int_equal(l.node.output.fault, HRT_FAULT_NONE);
+        assert_int_equal(l.node.result.fault, HRT_FAULT_NONE);
         /* A new one comes: engaged again. */
         l.sim_alive = true;
         l.session++;
@@ -163,7 +163,7 @@ static void device_restarted(void **state) {
     l.device.encoder_counter = counter;
     loop_run(&l, 0.1);
     assert_int_equal(l.tool.state, HRT_FAULT);
-    assert_int_equal(l.node.output.fault, HRT_FAULT_DEVICE_RESTARTED);
+    assert_int_equal(l.node.result.fault, HRT_FAULT_DEVICE_RESTARTED);
     assert_true(force() == 0.0 && torque() == 0.0);
     const hrt_command reset = {.extrapolator = -1, .passivity = -1, .coupling = -1, .enable = -1, .reset = true};
     hrt_node_post_command(&l.node, &reset);
@@ -178,7 +178,7 @@ static void bus_off(void **state) {
     loop_tick(&l);
     loop_tick(&l);
     assert_true(force() == 0.0 && torque() == 0.0);
-    assert_int_equal(l.node.output.fault, HRT_FAULT_BUS_OFF);
+    assert_int_equal(l.node.result.fault, HRT_FAULT_BUS_OFF);
     loop_run(&l, 0.3);
     l.wires.off = false;
     loop_run(&l, 0.3);
@@ -244,8 +244,8 @@ static void two_devices(void **state) {
         }
     assert_true(fabs(device[0].torque[HRT_INSERTION] + 1.5) < 1e-3);
     assert_true(fabs(device[1].torque[HRT_INSERTION] - 0.75) < 1e-3);
-    assert_true(fabs((double)node[0].output.joint[HRT_INSERTION] - device[0].joint[HRT_INSERTION]) < 2.0 / 40000);
-    assert_true(fabs((double)node[1].output.joint[HRT_INSERTION] - device[1].joint[HRT_INSERTION]) < 2.0 / 40000);
+    assert_true(fabs((double)node[0].result.joint[HRT_INSERTION] - device[0].joint[HRT_INSERTION]) < 2.0 / 40000);
+    assert_true(fabs((double)node[1].result.joint[HRT_INSERTION] - device[1].joint[HRT_INSERTION]) < 2.0 / 40000);
     /* Four endpoints hear everything: 3 frames each 2 ms and device, two heartbeats each 50 ms. Below 60 % of 1 Mbit/s
      * in the worst stuffing. */
     const double load = (double)bus[0].bits / 2.0e6;
@@ -278,13 +278,13 @@ static void device_judges_commands(void **state) {
     loop_tick(&l);
     assert_int_equal(l.device.can.foreign - foreign, 2);
     assert_int_equal(l.device.can.error, 1);
-    assert_int_equal(l.node.line.can.error, 1);
+    assert_int_equal(l.node.exchange.can.error, 1);
     frame.flags = 0;
     for (int i = 0; i < 10; i++) hrt_bus_send(&intruder, &frame);
     loop_tick(&l);
     assert_true(torque() == 0.0);
     loop_run(&l, 0.2);
-    assert_int_equal(l.node.output.fault, HRT_FAULT_DEVICE_REPORTED);
+    assert_int_equal(l.node.result.fault, HRT_FAULT_DEVICE_REPORTED);
 }
 
 /* A transmitter that repeats itself feeds no watchdog; a gap is counted. */
@@ -357,18 +357,18 @@ static void old_commands_are_refused(void **state) {
 static void gaps_that_the_device_tells(void **state) {
     (void)state;
     press(HRT_HOLD);
-    assert_int_equal(l.node.line.can.command_gaps, 0);
-    l.node.line.command_counter = (uint8_t)(l.node.line.command_counter + 7);
+    assert_int_equal(l.node.exchange.can.command_gaps, 0);
+    l.node.exchange.command_counter = (uint8_t)(l.node.exchange.command_counter + 7);
     loop_run(&l, 0.2);
-    assert_int_equal(l.node.line.can.command_gaps, 7);
+    assert_int_equal(l.node.exchange.can.command_gaps, 7);
     /* A controller that takes over counts from anywhere, and nobody calls that a gap. */
     for (int begin = 0; begin < 128; begin += 9) {
         const hrt_node_config config = l.node.config;
         hrt_node_init(&l.node, &config, &l.node_bus);
-        l.node.line.command_counter = (uint8_t)begin;
+        l.node.exchange.command_counter = (uint8_t)begin;
         loop_run(&l, 1.5);
         assert_int_equal(l.tool.state, HRT_ENGAGED);
-        assert_int_equal(l.node.line.can.command_gaps, 0);
+        assert_int_equal(l.node.exchange.can.command_gaps, 0);
     }
 }
 
@@ -392,7 +392,7 @@ static void a_rival_is_heard(void **state) {
         hrt_can_pack(&m, &frame);
         hrt_bus_send(&rival, &frame);
         hrt_node_tick(&l.node, l.now_us += 2000, &l.tool);
-        assert_int_equal(l.node.output.fault, HRT_FAULT_RIVAL);
+        assert_int_equal(l.node.result.fault, HRT_FAULT_RIVAL);
         assert_true(force() == 0.0);
         hrt_bus_close(&rival);
         loop_run(&l, 0.1); /* the device's own beats again */
@@ -448,13 +448,13 @@ static void flipped_bits_are_refused(void **state) {
 static void encoder_frames_lost_and_repeated(void **state) {
     (void)state;
     press(HRT_HOLD);
-    const uint32_t lost = l.node.line.can.lost, repeated = l.node.line.can.repeated;
+    const uint32_t lost = l.node.exchange.can.lost, repeated = l.node.exchange.can.repeated;
     l.device.encoder_counter += 2; /* two sets never came */
     loop_tick(&l);
-    assert_int_equal(l.node.line.can.lost - lost, 2);
+    assert_int_equal(l.node.exchange.can.lost - lost, 2);
     l.device.encoder_counter--; /* the same once more */
     loop_tick(&l);
-    assert_int_equal(l.node.line.can.repeated - repeated, 1);
+    assert_int_equal(l.node.exchange.can.repeated - repeated, 1);
     assert_int_equal(l.tool.state, HRT_ENGAGED); /* one is no reason */
     for (int i = 0; i < 8; i++) {
         l.device.encoder_counter--; /* a device that hangs and repeats is silent */

@@ -135,8 +135,8 @@ def test_refine_says_that_nothing_is_in_the_box(tm_mesh, env, tmp_path):
 
 def test_outputs_are_refused_before_the_work(tm_mesh, env, tmp_path):
     path = write(tmp_path / "a.msh", meshlib.msh2(meshlib.block()))
-    for command in (["repair"], ["convert"], ["refine", "--region", "no such", "--size", "1mm"], ["fill", "--size", "1mm"]):
-        for out, words in (("b.xyz", "-o: .*b.xyz: is neither .msh nor .vtk nor .mesh; give"), ("nowhere/b.msh", "No such file"), (".", "neither|folder")):
+    for command in (["repair"], ["convert"], ["refine", "--region", "no such", "--size", "1mm"], ["fill", "--size", "1mm", "--unit", "m"]):
+        for out, words in (("b.xyz", "-o: .*b.xyz: is neither .msh nor .vtk nor .mesh nor .vtu; give"), ("nowhere/b.msh", "No such file"), (".", "neither|folder")):
             result = meshlib.run(tm_mesh, *command, path, "-o", tmp_path / out, env=env)
             assert result.returncode == 2 and re.search(words, result.stderr), result.stderr
 

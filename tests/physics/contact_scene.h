@@ -20,6 +20,10 @@ typedef struct scene_def {
     double trocar_m[2][3], tip_m[2][3];
     double radius_m, length_m;
     double bulge_m; /* the top is raised in the middle by this much, so that it is curved */
+    tm_precision precision;
+    tm_force_form form;
+    int32_t threads;         /* 0: one */
+    tm_run_parts *run_parts; /* null: the library's */
 } scene_def;
 
 typedef struct scene {
@@ -135,9 +139,13 @@ static inline scene scene_create_full(const scene_def *d, bool cuttable, const t
     tissue.material_count = 1;
     tissue.material = &s.material;
     tissue.cuttable = cuttable;
+    tissue.precision = d->precision;
+    tissue.form = d->form;
     scene_must(tm_tissue_create(&tissue, &s.tissue, &error), &error);
     tm_world_def world = tm_world_def_default();
     world.tissue = s.tissue;
+    if (d->threads > 0) world.threads = d->threads;
+    world.run_parts = d->run_parts;
     scene_must(tm_world_create(&world, &s.world, &error), &error);
     scene_support(&s);
     tm_instrument_def tool[2];

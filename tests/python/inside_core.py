@@ -259,6 +259,22 @@ def test_volume_and_rotation():
         tm.World(tm.Tissue(mesh, material)).add_rotation()
 
 
+def test_viscosity():
+    """What relaxes to half its moduli sags twice as far in the end."""
+    mesh, sag = tm.Mesh.block((0.06, 0.01, 0.01), (12, 2, 2)), []
+    for terms in ([], [(0.1, 0.2, 0.2), (1.0, 0.3, 0.3)]):
+        world = tm.World(tm.Tissue(mesh, tm.Material.young(5e4, 0.4, density_kg_m3=1000, damping_1_s=40)))
+        world.add_support(mesh.near((0, 0, 0), (1, 0, 0)))
+        world.add_gravity()
+        if terms:
+            world.add_viscosity(terms)
+        world.settle(1e-9)
+        sag.append(-world.u_m[:, 2].min())
+    assert sag[1] == pytest.approx(2 * sag[0], rel=1e-6)
+    with pytest.raises(tm.Error, match="1 to 3"):
+        world.add_viscosity([(1.0, 0.1, 0.1)] * 4)
+
+
 def test_cut_equals_a_fresh_build():
     mesh, tissue, _ = block(cuttable=True)
     removed = tissue.cut([0, 1, 2])

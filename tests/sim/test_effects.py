@@ -109,6 +109,19 @@ def test_a_snapshot_of_a_hybrid_goes_on_with_the_same_bits(bin, root, tmp_path):
         assert (tmp_path / "whole.csv").read_text().endswith((tmp_path / "rest.csv").read_text().split("\n", 1)[1])
 
 
+def test_a_precomputed_snapshot_goes_on_with_the_same_bits(bin, root, tmp_path):
+    scene = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--unset", "haptics", "--set", "model=precomputed"]
+    state, keys = tmp_path / "state.tms", dict(tmp=tmp_path, env={"TM_CACHE_DIR": str(tmp_path)})
+    whole = report(*scene, "--samples", tmp_path / "whole.csv", **keys)
+    report(*scene, "--snapshot-at", "1.2 s", "--snapshot", state, **keys)
+    rest = report(*scene, "--restore", state, "--samples", tmp_path / "rest.csv", **keys)
+    assert rest["state_hash"] == whole["state_hash"] and rest["frames"] == 20
+    assert (tmp_path / "whole.csv").read_text().endswith((tmp_path / "rest.csv").read_text().split("\n", 1)[1])
+    state.write_bytes(state.read_bytes()[:-9])
+    _, said = run(*scene, "--restore", state, code=2, env=keys["env"])
+    assert said.startswith(str(state)) and ";" in said
+
+
 def test_three_models_agree_at_rest(bin, root, tmp_path):
     force = {}
     for model in ("dynamic", "precomputed", "hybrid"):
@@ -296,3 +309,68 @@ def test_models_without_motion_keep_no_account_of_energy(bin, root, tmp_path, mo
     part = ["--set", "hybrid={box: {min: [10 mm, 10 mm, 20 mm], max: [40 mm, 40 mm, 50 mm]}}"] if model == "hybrid" else []
     out = run(bin / "tm-sim", scene, "--check", "--set", f"model={model}", *part, "--set", "energy=", code=2)
     assert "energy" in out[1] and "write 'model: dynamic'" in out[1]
+
+
+def test_the_hand_feels_friction(bin, root, tmp_path):
+    """The probe of block-press slides by 8 mm: with friction it is held back by the coefficient times what it presses with, and no other bit moves."""
+    scene, last = root / "apps/scenes/block-press.yaml", {}
+    for name, more in {"none": [], "zero": ["--set", "friction={static: 0, sliding: 0}"], "all": ["--set", "friction="],
+                       "own": ["--set", "friction=", "--set", "instruments[0].friction={static: 0.6, sliding: 0.5}"]}.items():
+        r = report(bin / "tm-sim", scene, "--lockstep", "--samples", tmp_path / f"{name}.csv", *more, tmp=tmp_path)
+        samples = columns(tmp_path / f"{name}.csv")
+        at = np.argmin(abs(samples["time_s"] - 1.3))
+        last[name] = r["state_hash"], samples["fx_N"][at], samples["fz_N"][at]
+    assert last["zero"][0] == last["none"][0]
+    assert abs(last["none"][1]) < 0.05 * last["none"][2]
+    for name, sliding in {"all": 0.2, "own": 0.5}.items():
+        assert last[name][1] == pytest.approx(last["none"][1] - sliding * last[name][2], abs=0.1 * sliding * last[name][2])
+
+
+@pytest.mark.parametrize("more,says", [
+    (["--set", "friction={static: 0.2, sliding: 0.3}"], "slides at 0.3 and sticks at 0.2"),
+    (["--set", "instruments[0].friction={static: 0.2}"], "add 'friction:'"),
+    (["--set", "friction=", "--set", "instruments[0].friction={sliding: 0.5}"], "slides at 0.5 and sticks at 0.3"),
+    (["--set", "friction={static: 3}"], "friction.static"),
+    (["--set", "friction=", "--unset", "contact", "--unset", "haptics"], "friction needs contact"),
+])
+def test_friction_that_cannot_be_is_refused(bin, root, tmp_path, more, says):
+    assert says in run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--check", *more, code=2)[1]
+
+
+TO_AND_FRO = ("hand[0].path=[{time: 0 s, tip: [45 mm, 50 mm, 56 mm]}, {time: 0.5 s, tip: [45 mm, 50 mm, 49 mm]}, {time: 1.1 s, tip: [55 mm, 50 mm, 49 mm]}, "
+              "{time: 1.7 s, tip: [45 mm, 50 mm, 49 mm]}, {time: 2.3 s, tip: [55 mm, 50 mm, 49 mm]}, {time: 2.9 s, tip: [45 mm, 50 mm, 49 mm]}, "
+              "{time: 3.3 s, tip: [45 mm, 50 mm, 56 mm]}]")
+
+
+@pytest.mark.parametrize("extrapolator", ["hold", "contact"])
+def test_friction_in_the_closed_loop_takes_energy_from_the_hand(bin, root, tmp_path, extrapolator):
+    """A hand rubs to and fro through device and controller at 25 Hz, passivity control off: with friction the loop never hands out more than it got, and
+    at the end it kept what the slide should have cost."""
+    given = {}
+    for name, coefficients in {"none": "{static: 0, sliding: 0}", "some": "{static: 0.3, sliding: 0.2}", "much": "{static: 1, sliding: 0.7}"}.items():
+        report(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", TO_AND_FRO, "--duration", "3.6 s", "--csv", tmp_path / f"{name}.csv",
+               "--set", f"haptics.extrapolator={extrapolator}", "--set", "haptics.passivity=false", "--set", f"friction={coefficients}", tmp=tmp_path)
+        ticks = np.genfromtxt(tmp_path / f"{name}.csv", delimiter=",", names=True, dtype=None, encoding=None)
+        tip, force = (np.column_stack([ticks[column] for column in columns]) for columns in (("px_m", "py_m", "pz_m"), ("fx_N", "fy_N", "fz_N")))
+        given[name] = np.cumsum((force[:-1] * np.diff(tip, axis=0)).sum(axis=1))  # to the hand
+        assert np.abs(force).max() < 1
+    slid_m = 3 * 0.009
+    for name, sliding in {"some": 0.2, "much": 0.7}.items():
+        assert given[name].max() < 1e-6
+        assert given[name][-1] < given["none"][-1] - 0.4 * sliding * 0.2 * slid_m  # 0.2 N press at least
+
+
+def test_precomputed_and_dynamic_feel_the_same_friction(bin, root, tmp_path):
+    """Where the hand turns back both are at rest: the same force; everywhere the precomputed one stays within its cone, and every frame converges."""
+    felt = {}
+    for model in ("dynamic", "precomputed"):
+        report(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", TO_AND_FRO, "--duration", "3.6 s", "--unset", "haptics",
+               "--set", f"model={model}", "--set", "friction={static: 0.3, sliding: 0.3}", "--samples", tmp_path / f"{model}.csv", tmp=tmp_path)
+        felt[model] = columns(tmp_path / f"{model}.csv")
+    still, own = felt["dynamic"], felt["precomputed"]
+    assert not own["flags"].any()
+    assert (abs(own["fx_N"]) <= 0.3 * own["fz_N"] + 0.01).all()
+    for turn_s in (1.12, 1.72, 2.32):
+        at = np.argmin(abs(own["time_s"] - turn_s))
+        assert abs(own["fx_N"][at]) > 0.15
+        assert own["fx_N"][at] == pytest.approx(still["fx_N"][at], rel=0.03) and own["fz_N"][at] == pytest.approx(still["fz_N"][at], rel=0.01)

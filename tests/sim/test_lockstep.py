@@ -179,7 +179,8 @@ CONTACT = INSTRUMENT + "contact:\n"
 
 @pytest.mark.parametrize("effect,value,more", [
     ("gravity", "", ""), ("damping", "", ""), ("volume", "", ""), ("volume", "{shear: 1}", CONTACT + "cut:\n"), ("rendering", "", ""), ("breathing", "{support: bottom}", ""), ("contact", "", INSTRUMENT),
-    ("haptics", "", INSTRUMENT), ("haptics", "{extrapolator: contact}", CONTACT), ("grasp", "", CONTACT), ("cut", "", CONTACT), ("energy", "", ""), ("rotation", "", "")])
+    ("haptics", "", INSTRUMENT), ("haptics", "{extrapolator: contact}", CONTACT), ("grasp", "", CONTACT), ("friction", "", CONTACT), ("cut", "", CONTACT), ("energy", "", ""), ("rotation", "", ""),
+    ("viscosity", "{terms: [{time: 0.1 s, shear: 0.3, volume: 0}]}", CONTACT + "cut:\nvolume:\n")])
 def test_an_effect_added_and_removed_returns_memory_and_stages_exactly(bin, root, tmp_path, effect, value, more):
     scene = block_scene(tmp_path, root, more)
     without, rows = explain(bin, scene, tmp_path)
@@ -191,7 +192,7 @@ def test_an_effect_added_and_removed_returns_memory_and_stages_exactly(bin, root
     new = set(rows_named) - set(rows)
     assert new and effect in without["left_out"] and effect not in named["left_out"]
     assert all(rows_named[name]["asked_by"] == f"--set {effect}={value}" for name in new)
-    if effect in ("gravity", "contact", "breathing", "grasp", "cut", "energy"):
+    if effect in ("gravity", "contact", "breathing", "grasp", "friction", "cut", "energy"):
         assert rows_named[effect]["in_step"] and cost > 0
 
 

@@ -6,7 +6,8 @@ $(foreach t,$(sort $(wildcard tests/solve/test_*.c)),$(eval $(call test,$(t),$(L
 BENCH_MODELS := $(OUT)/tests/solve/bench_models
 $(BENCH_MODELS): $(call objects,tests/solve/bench_models.c) $(LIBAPP_A) $(LIBTMS_A) $(LIBTM_A)
 	@mkdir -p $(@D)
-	$(CC) $(SAN) -rdynamic -o $@ $(call objects,tests/solve/bench_models.c) -Wl,--start-group $(LIBAPP_A) $(LIBTMS_A) $(LIBTM_A) -Wl,--end-group $(TMS_LIBS) -lcmocka -lcjson -ldl -lm -lpthread
+	$(call say,LINK)
+	$(Q)$(CC) $(SAN) -rdynamic -o $@ $(call objects,tests/solve/bench_models.c) -Wl,--start-group $(LIBAPP_A) $(LIBTMS_A) $(LIBTM_A) -Wl,--end-group $(TMS_LIBS) -lcmocka -lcjson -ldl -lm -lpthread
 #: make bench-models           cost of precomputing against mesh size, and of one update on line: build/bench/models.json (QUICK=1: the small organ)
 .PHONY: bench-models
 bench-models: $(BENCH_MODELS)

@@ -624,12 +624,26 @@ static void mended_surface(void **state) {
 
 /* --- what does not converge is told --- */
 
+/* Of the largest force on the tissue: what rows, which push the tools, do not account for. */
+static double unaccounted(const tms_local *l) {
+    double most = 0, off = 0;
+    for (int32_t i = 0; i < 3 * l->use_count; i++) {
+        const int32_t d = 3 * l->use[i / 3] + i % 3;
+        most = fmax(most, fabs(l->f[d]));
+        off = fmax(off, fabs(l->f[d] - l->now.fc[d]));
+    }
+    return off / fmax(most, 1e-3);
+}
+
+/* Where normals and shares jump with the shape (a tool between the lips of a cut) there may be no solution. What
+ * Newton's method left there threw the tissue away; and what is told is the rows' sweep not settling. */
 static void told(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true};
     fix_random random = {57};
     hybrid_set s = touched_set(&above);
     int32_t failed = 0, touching = 0;
+    double off = 0;
     for (int step = 0; step < 3000; step++) { /* thrown about: one substep a frame, so that flags are of one solution */
         const bool thrown = step % 10 == 0;
         tm_tool_pose at = tm_contact_pose(s.contact, 0);
@@ -641,10 +655,13 @@ static void told(void **state) {
         const bool flagged = tm_hybrid_reaction(s.hybrid, 0).flags & TM_REACTION_UNCONVERGED;
         assert_int_equal(flagged, !s.hybrid->local.converged);
         failed += flagged;
+        off = fmax(off, unaccounted(&s.hybrid->local));
         touching++;
     }
-    print_message("  %d of %d solutions did not converge, each told\n", failed, touching);
+    print_message("  %d of %d solutions did not converge, each told; tissue feels what tools do within %.1e\n", failed,
+                  touching, off);
     assert_true(failed > 0 && failed < touching);
+    assert_true(off < 1e-4);
     /* nor is the inside's */
     tms_solver *solver = s.hybrid->solver;
     tm_solve_report report = {0};

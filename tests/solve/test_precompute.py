@@ -216,9 +216,12 @@ def test_a_grasper_holds_the_same_in_the_precomputed_model(bin, root, place):
     assert max(abs(a - b) for a, b in zip(force["dynamic"], force["precomputed"])) < 1e-4 * -force["precomputed"][2], force
 
 
-def test_settling_a_hybrid_is_refused_before_anything_is_computed(bin, root, place):
+def test_three_models_settle_alike(bin, root, place):
     folder, env = place
-    scene = write_scene(folder, root, bin, env, model="hybrid")
-    done = run([bin / "tm-sim", "--settle", "1e-8", scene], env, code=2)
-    assert "--settle relaxes a whole tissue" in done.stderr
-    assert not list((folder / "cache").glob("hybrid-*"))
+    rest = {}
+    for model in ("dynamic", "precomputed", "hybrid"):
+        scene = write_scene(folder, root, bin, env, model=model)
+        said = run([bin / "tm-sim", "--settle", "1e-11", scene, "--json", folder / "rest.json"], env).stdout
+        assert ("direct solver" in said) == (model != "dynamic"), said
+        rest[model] = json.loads((folder / "rest.json").read_text())["largest_displacement_m"]
+    assert rest["dynamic"] > 0 and all(abs(r / rest["dynamic"] - 1) < 1e-6 for r in rest.values()), rest

@@ -15,13 +15,13 @@ ONE_SIGN = """    for (int32_t i = 0; i < edges && i < 1 && tissue->precision ==
         if (tissue->edge_slot[edge[0]] >= 0) ((double *)tissue->graph.edge_tensor)[9 * (int64_t)tissue->edge_slot[edge[0]]] *= -1;
 """
 MEND_EDGES = "    for (int32_t i = 0; !tissue->smoothed && i < edges; i++) tm_tissue_assemble_edge(tissue, edge[i]);\n"
-RATIO = "hrt_dot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)"
-POSITION = f"    hrt_add_scaled(force, capped_ratio(m, {RATIO}),\n                   m->change_N);\n"
+RATIO = "vdot(m->moved_m, m->step_m) / guarded_square(m->params, m->step_m)"
+POSITION = f"    vadd(force, capped_ratio(m, {RATIO}), m->change_N);\n"
 # fault: (file, what stands there once, the fault in its place, test program, test in it that must fail)
 FAULTS = {
     "one block's sign on removal": ("libtensormass/src/tissue/assemble.c", MEND_EDGES, MEND_EDGES + ONE_SIGN, "physics/test_cut", "twenty_orders"),
     "the unsigned ratio of `position`, which may pull": ("haptic_rt/core/extrapolate.c", POSITION + "    only_push(x, true, force);\n",
-                                                         POSITION.replace(RATIO, RATIO.replace("hrt_dot(m->moved_m, m->step_m)", "fabsf(hrt_dot(m->moved_m, m->step_m))")),
+                                                         POSITION.replace(RATIO, RATIO.replace("vdot(m->moved_m, m->step_m)", "fabsf(vdot(m->moved_m, m->step_m))")),
                                                          "loop/test_extrapolate", "reversal"),
     "the sign of gamma": ("libtensormass/src/world/stage_integrate.c", "world->damped ? world->tissue->damping_kg_s[v]", "world->damped ? -world->tissue->damping_kg_s[v]",
                           "physics/test_motion", "one_free_vertex"),

@@ -2,7 +2,8 @@
 COUNT_MALLOC := $(OUT)/tests/timing/count_malloc.so
 $(COUNT_MALLOC): tests/timing/count_malloc.c
 	@mkdir -p $(@D)
-	$(CC) -shared -fPIC -O1 -Wall -o $@ $< -ldl
+	$(call say,LINK)
+	$(Q)$(CC) -shared -fPIC -O1 -Wall -o $@ $< -ldl
 tests: $(COUNT_MALLOC)
 
 #: make bench-timing           lateness of haptic-rt beside cyclictest, idle and busy: build/bench/timing.json (part of make bench; QUICK=1: the short form)

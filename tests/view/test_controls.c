@@ -40,13 +40,13 @@ static void key(play_controls *c, const view_picture *p, int code, bool down) {
 /* Where the hand wants the tip, in the world. */
 static void wanted_tip(const play_controls *c, const view_picture *p, int i, double tip_m[3]) {
     const view_instrument *t = &p->instrument[i];
-    hrt_frame frame;
+    hrt_axes axes;
     float joint[HRT_JOINTS], tip[3];
     const float axis[3] = {(float)t->axis[0], (float)t->axis[1], (float)t->axis[2]},
                 up[3] = {(float)t->up[0], (float)t->up[1], (float)t->up[2]};
-    assert_true(hrt_frame_from_axis(&frame, axis, up));
+    assert_true(hrt_axes_along(&axes, axis, up));
     for (int j = 0; j < HRT_JOINTS; j++) joint[j] = (float)c->hand[i].joint[j];
-    hrt_tip(&frame, joint, tip);
+    hrt_tip(&axes, joint, tip);
     for (int k = 0; k < 3; k++) tip_m[k] = t->trocar_m[k] + (double)tip[k];
 }
 

@@ -176,7 +176,7 @@ def test_a_log_is_shown_with_its_scene(bin, build, root, tmp_path):
     assert share(shown["scene"], held_green) > 0.002 + share(shown["free"], held_green)
     top = slice(0, 40), slice(0, 320)
     assert abs(shown["scene"][top] - shown["renamed"][top]).max() > 0.3 and abs(shown["scene"][top] - shown["bare"][top]).max() > 0.3
-    assert (shown["scene"][100:] == shown["renamed"][100:]).all()
+    assert (shown["scene"][150:] == shown["renamed"][150:]).all()
 
 
 def test_a_force_at_the_eye_is_a_ring(bin, log, tmp_path):

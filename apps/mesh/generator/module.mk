@@ -6,7 +6,8 @@ MESHES_DIR ?= $(OUT)/meshes
 MESHES_50K := $(foreach s,block cylinder liver,$(MESHES_DIR)/$(s)_50k.msh)
 $(MESH_GENERATOR): $(call objects,$(sort $(wildcard apps/mesh/generator/*.c)) $(MESH_GROWING))
 	@mkdir -p $(@D)
-	$(CC) $(SAN) -o $@ $^ -lm
+	$(call say,LINK)
+	$(Q)$(CC) $(SAN) -o $@ $^ -lm
 $(MESHES_DIR)/%_50k.msh: $(MESH_GENERATOR)
 	@mkdir -p $(@D)
 	$(MESH_GENERATOR) $* 50000 $(basename $@)

@@ -31,8 +31,9 @@ typedef struct problem_def {
     double volume_shear;
     bool pressed;    /* false: bottom clamped and the symmetry planes, nothing else: free to vibrate */
     double rotation; /* threshold of the effect; 0: linear */
-    bool held;       /* [true] false: nothing is */
-    double dt_s;     /* 0: the guaranteed step times step_fraction */
+    const tm_viscosity_def *viscosity; /* the effect of that name; null: none */
+    bool held;                         /* [true] false: nothing is */
+    double dt_s;                       /* 0: the guaranteed step times step_fraction */
     double step_fraction;
 } problem_def;
 
@@ -86,6 +87,7 @@ cJSON *knob_step(const run *r, tm_error *error);
 cJSON *knob_precision(const run *r, tm_error *error);
 cJSON *knob_model(const run *r, tm_error *error);
 cJSON *knob_rotation(const run *r, tm_error *error);
+cJSON *knob_viscosity(const run *r, tm_error *error);
 cJSON *knob_fibre(const run *r, tm_error *error);
 
 /* Seconds a frame, set-up, bytes and force at rest of the three models; a model that this build cannot open is left

@@ -1,4 +1,5 @@
-/* tm-accuracy: measures every knob for its error and its price, as JSON. apps/studies/accuracy/page.py draws it. */
+/* tm-accuracy: measures every knob for its error and its price, as JSON, on a block whose truth is known (page.py draws
+ * it) or, with --scene, on a scene of one's own (study.c; scene_page.py draws it). */
 #include <getopt.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -8,6 +9,8 @@
 #include "app.h"
 #include "bandwidth.h"
 #include "json_file.h"
+#include "study.h"
+#include "units.h"
 
 static const struct {
     const char *name, *what;
@@ -19,6 +22,7 @@ static const struct {
     {"precision", "single against double stored tensors", knob_precision},
     {"model", "linear models against large displacements, pressed from 1 % to 40 %", knob_model},
     {"rotation", "tissue that turns against large displacements, and its price", knob_rotation},
+    {"viscosity", "tissue that relaxes: its price, and its error at fast strains", knob_viscosity},
     {"fibre", "leaving anisotropy out of fibred tissue", knob_fibre},
 };
 enum { KNOBS = sizeof knobs / sizeof *knobs };
@@ -26,17 +30,30 @@ enum { KNOBS = sizeof knobs / sizeof *knobs };
 static void progress(const char *knob, double fraction) { app_progress(knob, fraction, false); }
 
 static void usage(FILE *to) {
-    fprintf(to, "usage: tm-accuracy [--knob NAME]... [--quick] [--reference FILE] --json FILE\n"
-                "Measures what accuracy costs in time and writes it as JSON; `make accuracy` draws the page.\n\n"
-                "  --knob NAME       only this one (may be repeated):\n");
+    fprintf(to,
+            "usage: tm-accuracy [--knob NAME]... [--quick] [--reference FILE] --json FILE\n"
+            "       tm-accuracy --scene SCENE.yaml [--budget CORES] [--page FOLDER] --json FILE\n"
+            "Measures what accuracy costs in time and writes it as JSON: on a pressed block whose solution is known "
+            "(`make accuracy` draws the\n"
+            "page), or on a scene, along its hand's path, against its own finest mesh.\n\n"
+            "  --knob NAME       only this one (may be repeated):\n");
     for (int k = 0; k < KNOBS; k++) fprintf(to, "      %-10s %s\n", knobs[k].name, knobs[k].what);
-    fprintf(
-        to,
-        "  --quick           smaller meshes, fewer rounds\n"
+    fputs(
+        "  --quick           smaller meshes, fewer rounds; of a scene: fewer settings\n"
         "  --reference FILE  the independent solutions [apps/studies/accuracy/reference/reference.json, here or as installed]\n"
-        "  --json FILE       where the figures go\n"
+        "  --json FILE       where the figures go; a scene's study that was broken off goes on from there\n"
         "  --quiet           no progress; --list names the knobs\n"
-        "  -h, --help, --version\n");
+        "  -h, --help, --version\n\n"
+        "  --scene FILE      this scene's meshes, step, precision, model, effects, frame rate and constants\n"
+        "  --set PATH=VALUE, --unset PATH  as tm-sim takes them (may be repeated)\n"
+        "  --mesh FILE       another mesh of the same organ, with the same groups and unit (at most 4)\n"
+        "  --duration TIME   of the hand's path [the scene's]\n"
+        "  --limit TIME      no finer mesh whose run would take longer, about [2 min]\n"
+        "  --budget CORES    recommend the exactest setting within this share of a processor, write it as a scene and run it\n"
+        "  --frame RATE      at this frame rate\n"
+        "  --hold TIME       how long the recommendation is run in real time [10 s]\n"
+        "  --page FOLDER     draw index.html there (needs python3 with matplotlib; $TM_PYTHON names another)\n",
+        to);
 }
 
 static void list(void) {
@@ -73,46 +90,132 @@ static int measure(const char *json, const char *reference_path, bool quick, con
     return exit;
 }
 
-int main(int argc, char **argv) {
-    static const struct option options[] = {{"knob", required_argument, NULL, 'k'},
-                                            {"quick", no_argument, NULL, 'q'},
-                                            {"reference", required_argument, NULL, 'r'},
-                                            {"json", required_argument, NULL, 'j'},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {"quiet", no_argument, NULL, 1000},
-                                            {"list", no_argument, NULL, 1001},
-                                            {"version", no_argument, NULL, 'v'},
-                                            {0}};
-    char found[2048];
-    const char *json = NULL, *reference_path = found;
-    bool wanted[KNOBS] = {false}, quick = false, some = false;
-    app_check_stdout();
-    app_shared_file("apps/studies/accuracy/reference/reference.json", found, sizeof found);
+typedef struct options {
+    const char *json, *reference;
+    bool wanted[KNOBS], some;
+    study study;
+} options;
+
+static int add_set(study *t, const char *text) {
+    if (t->set_count >= STUDY_SETS / 2 - 4) /* the study sets some itself */
+        return app_bad_input("tm-accuracy", 0, "more than %d --set and --unset; write them into the scene",
+                             STUDY_SETS / 2 - 4);
+    t->set[t->set_count++] = (char *)(uintptr_t)text;
+    return 0;
+}
+
+static int take_quantity(const char *option, const char *text, const char *dimension, double *si) {
+    char why[200];
+    if (app_parse_quantity(text, dimension, si, why, sizeof why) && *si > 0) return 0;
+    return app_bad_input("tm-accuracy", 0, "%s %s: a %s above 0 is wanted", option, text,
+                         strcmp(dimension, "none") ? dimension : "number");
+}
+
+static int take_knob(options *o, const char *name) {
+    int k = 0;
+    while (k < KNOBS && strcmp(knobs[k].name, name) != 0) k++;
+    if (k == KNOBS) return app_bad_input("tm-accuracy", 0, "no knob '%s'; --help lists them", name);
+    o->wanted[k] = o->some = true;
+    return 0;
+}
+
+static int take_mesh(study *t, const char *file) {
+    if (t->other_count == 4) return app_bad_input("tm-accuracy", 0, "more than 4 --mesh; leave some out");
+    t->other_mesh[t->other_count++] = file;
+    return 0;
+}
+
+enum { OPT_SET = 1000, OPT_MESH, OPT_DURATION, OPT_LIMIT, OPT_BUDGET, OPT_FRAME, OPT_HOLD, OPT_PAGE, OPT_SCENE };
+
+/* Options of a scene's study. */
+static int take_scene_option(study *t, int option) {
+    switch (option) {
+    case OPT_SCENE: t->file = optarg; return 0;
+    case OPT_SET: return add_set(t, optarg);
+    case OPT_MESH: return take_mesh(t, optarg);
+    case OPT_DURATION: return take_quantity("--duration", optarg, "time", &t->duration_s);
+    case OPT_LIMIT: return take_quantity("--limit", optarg, "time", &t->limit_s);
+    case OPT_BUDGET: t->choice.wanted = true; return take_quantity("--budget", optarg, "none", &t->budget);
+    case OPT_FRAME: return take_quantity("--frame", optarg, "rate", &t->frame_Hz);
+    case OPT_HOLD: return take_quantity("--hold", optarg, "time", &t->hold_s);
+    default: t->page = optarg; return 0;
+    }
+}
+
+static int parse(options *o, int argc, char **argv) {
+    static const struct option names[] = {{"knob", required_argument, NULL, 'k'},
+                                          {"quick", no_argument, NULL, 'q'},
+                                          {"reference", required_argument, NULL, 'r'},
+                                          {"json", required_argument, NULL, 'j'},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {"quiet", no_argument, NULL, 'Q'},
+                                          {"list", no_argument, NULL, 'l'},
+                                          {"version", no_argument, NULL, 'v'},
+                                          {"scene", required_argument, NULL, OPT_SCENE},
+                                          {"set", required_argument, NULL, OPT_SET},
+                                          {"unset", required_argument, NULL, OPT_SET},
+                                          {"mesh", required_argument, NULL, OPT_MESH},
+                                          {"duration", required_argument, NULL, OPT_DURATION},
+                                          {"limit", required_argument, NULL, OPT_LIMIT},
+                                          {"budget", required_argument, NULL, OPT_BUDGET},
+                                          {"frame", required_argument, NULL, OPT_FRAME},
+                                          {"hold", required_argument, NULL, OPT_HOLD},
+                                          {"page", required_argument, NULL, OPT_PAGE},
+                                          {0}};
     opterr = 0; /* the message is ours */
-    for (int c; (c = getopt_long(argc, argv, "h", options, NULL)) != -1;) {
-        int k = 0;
+    for (int c, rc; (c = getopt_long(argc, argv, "h", names, NULL)) != -1;) {
+        rc = 0;
         switch (c) {
-        case 'k':
-            while (k < KNOBS && strcmp(knobs[k].name, optarg) != 0) k++;
-            if (k == KNOBS) return app_bad_input("tm-accuracy", 0, "no knob '%s'; --help lists them", optarg);
-            wanted[k] = some = true;
-            break;
-        case 'q': quick = true; break;
-        case 'r': reference_path = optarg; break;
-        case 'j': json = optarg; break;
-        case 1000: app_be_quiet(); break;
-        case 1001: list(); return APP_DONE;
-        case 'h': usage(stdout); return APP_DONE;
-        case 'v': printf("tm-accuracy %s\n", tm_version()); return APP_DONE;
-        default:
+        case 'k': rc = take_knob(o, optarg); break;
+        case 'q': o->study.quick = true; break;
+        case 'r': o->reference = optarg; break;
+        case 'j': o->json = optarg; break;
+        case 'Q': app_be_quiet(); break;
+        case 'l': list(); exit(APP_DONE);
+        case 'h': usage(stdout); exit(APP_DONE);
+        case 'v': printf("tm-accuracy %s\n", tm_version()); exit(APP_DONE);
+        case '?':
+        case ':':
             return app_bad_input("tm-accuracy", 0, "%s: unknown or incomplete option; see tm-accuracy --help",
                                  argv[optind - 1]);
+        default: rc = take_scene_option(&o->study, c);
         }
+        if (rc) return rc;
     }
     if (optind < argc)
         return app_bad_input("tm-accuracy", 0, "stray argument '%s'; see tm-accuracy --help", argv[optind]);
-    if (!json) return app_bad_input("tm-accuracy", 0, "--json FILE is missing; say where the figures go");
-    if (app_output_check(json)) return APP_BAD_INPUT;
-    for (int k = 0; k < KNOBS; k++) wanted[k] = wanted[k] || !some;
-    return measure(json, reference_path, quick, wanted);
+    if (!o->json) return app_bad_input("tm-accuracy", 0, "--json FILE is missing; say where the figures go");
+    return app_output_check(o->json) ? APP_BAD_INPUT : 0;
+}
+
+/* What belongs to the other kind of study is not passed over in silence. */
+static int check_kind(const options *o) {
+    const study *t = &o->study;
+    if (t->file && o->some)
+        return app_bad_input("tm-accuracy", 0, "--knob is of the block's study; a scene's measures all: leave it out");
+    if (!t->file &&
+        (t->set_count || t->other_count || t->page || t->choice.wanted || t->frame_Hz > 0 || t->duration_s > 0))
+        return app_bad_input("tm-accuracy", 0,
+                             "--set, --mesh, --page, --budget, --frame and --duration are of a "
+                             "scene's study; add --scene FILE");
+    return 0;
+}
+
+int main(int argc, char **argv) {
+    char found[2048];
+    static options o; /* the study is too large for a stack */
+    o.reference = found;
+    o.study = (study){.duration_s = -1, .frame_Hz = -1, .limit_s = 120, .hold_s = 10};
+    app_check_stdout();
+    app_shared_file("apps/studies/accuracy/reference/reference.json", found, sizeof found);
+    int rc = parse(&o, argc, argv);
+    if (!rc) rc = check_kind(&o);
+    if (rc) return rc;
+    if (o.study.file) {
+        app_catch_signals();
+        o.study.json = o.json;
+        return app_ended("tm-accuracy", study_whole(&o.study));
+    }
+    for (int k = 0; k < KNOBS; k++) o.wanted[k] = o.wanted[k] || !o.some;
+    return measure(o.json, o.reference, o.study.quick, o.wanted);
 }

@@ -1,6 +1,5 @@
 # tm-accuracy measures, page.py draws.
 ACCURACY_SRC := $(sort $(wildcard apps/studies/accuracy/*.c))
-$(call objects,$(ACCURACY_SRC)): | $(LCM_GEN)
 $(eval $(call program,tm-accuracy,$(ACCURACY_SRC),$(SIM_LIBS),-lyaml -lcjson))
 
 #: make accuracy               what accuracy costs in time: build/accuracy/index.html (QUICK=1: the short form)

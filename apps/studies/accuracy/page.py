@@ -308,6 +308,23 @@ def rotation(page, data):
     page.record("rotation", data)
 
 
+def viscosity(page, data):
+    rows, prices = data["rows"], data["price"]
+    page.section("Viscosity", "The effect <code>viscosity</code>. Error: the complex modulus of one term at the frequency where it loses most, against the closed form, by steps a cycle; "
+                 "a step is far shorter than any strain that a hand makes. Price: a step of the same block, beside the same without the effect.")
+    figure, axis = plt.subplots()
+    x = [r["steps_a_cycle"] for r in rows]
+    axis.plot(x, [r["modulus"] for r in rows], **series(0))
+    label_line(axis, x[-1], rows[-1]["modulus"], "complex modulus", series(0))
+    loglog(axis, "steps a cycle (the price)", "relative error")
+    page.figure("viscosity", figure, f"{prices[1]['terms']} term whose shares are alike costs {100 * (prices[1]['price'] - 1):.0f} % of a step of {data['tets']:,} tetrahedra; "
+                f"{prices[-1]['terms']} that relax the shear alone cost {100 * (prices[-1]['price'] - 1):.0f} %.", "tm-accuracy --knob viscosity")
+    page.table("viscosity", ["steps a cycle", "error of the modulus"], [[r["steps_a_cycle"], r["modulus"]] for r in rows])
+    page.table("viscosity_price", ["terms", "shares", "µs/step", "times elastic", "bytes"],
+               [[p["terms"], p["shares"], 1e6 * p["seconds_per_step"], p["price"], p["bytes"]] for p in prices])
+    page.record("viscosity", data)
+
+
 def fibre(page, data):
     rows = data["rows"]
     page.section("Fibres", "Tissue with fibres along x, modelled with them and without. Truth: CalculiX, transversely isotropic.")
@@ -363,6 +380,7 @@ def main():
     precision(page, data["precision"])
     model(page, data["model"])
     rotation(page, data["rotation"])
+    viscosity(page, data["viscosity"])
     fibre(page, data["fibre"])
     if options.rates:
         rates(page, json.loads(pathlib.Path(options.rates).read_text()))

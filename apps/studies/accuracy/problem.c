@@ -88,6 +88,7 @@ tm_status problem_create(const problem_def *def, problem *p, tm_error *error) {
     }
     if (status == TM_OK && def->held) status = add_supports(def, p, error);
     if (status == TM_OK && def->rotation > 0) status = tm_stage_rotation(p->world, &p->rotation, error);
+    if (status == TM_OK && def->viscosity) status = tm_stage_viscosity(p->world, def->viscosity, error);
     if (status != TM_OK) problem_destroy(p);
     return status;
 }

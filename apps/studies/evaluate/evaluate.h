@@ -7,6 +7,7 @@
 #include <cjson/cJSON.h>
 
 #include "hrt.h"
+#include "io/node.h"
 #include "sim/sim.h"
 
 enum { TICK_US = 2000 };
@@ -29,7 +30,7 @@ typedef enum path_kind {
 extern const char *const path_name[PATH_COUNT];
 
 /* Of a way point; a random path has so many at most. */
-enum { PATH_COLUMNS = 5, PATH_RANDOM_POINTS = 28, PATH_HANDS = 2 };
+enum { PATH_FIELDS = 5, PATH_RANDOM_POINTS = 28, PATH_HANDS = 2 };
 
 typedef struct path {
     path_kind kind;
@@ -38,7 +39,7 @@ typedef struct path {
     double depth_m;    /* the deepest press; strokes scale with it */
     double tremor_m; /* 0: a steady hand; else three incommensurate tones about 9 Hz, RMS about half of this along each
                         axis */
-    double random[PATH_HANDS][PATH_RANDOM_POINTS][PATH_COLUMNS]; /* way points of a random path */
+    double random[PATH_HANDS][PATH_RANDOM_POINTS][PATH_FIELDS]; /* way points of a random path */
     int random_points;
 } path;
 
@@ -132,7 +133,7 @@ typedef struct conditions {
 typedef struct errors {
     double rms, peak;           /* of the vector error over the true peak */
     double jump_peak, jump_p99; /* change of the force from tick to tick over the true peak */
-    double jump_arrival;        /* the largest in a tick at which a sample arrived, or the tick after it */
+    double jump_arrival;        /* the largest in a tick at which a sample arrived, or the two ticks after it */
     double jump_true;           /* the largest of the true force */
     double direction_rad;       /* RMS angle where the true force exceeds a tenth of its peak */
     double largest;             /* force over the true peak */
@@ -160,6 +161,19 @@ int log_write(const char *file, const recording *r, const double trocar_m[3]);
  * having complained. */
 int log_read(const char *file, int instrument, recording *out);
 
+/* --- tissue under the closed loop --- */
+
+typedef struct loop_tissue loop_tissue;
+/* A model on a coarse mesh, `factor` times as stiff; null, having complained. */
+loop_tissue *loop_tissue_open(model m, double rate_Hz, double factor);
+void loop_tissue_close(loop_tissue *tissue);
+/* Insertion at which a tip straight below the trocar touches; how the device hangs. */
+double loop_tissue_touch_m(const loop_tissue *tissue);
+hrt_pose loop_tissue_pose(const loop_tissue *tissue);
+/* A frame that ends where the tool is now, and what it says; true: with a patch. */
+bool loop_tissue_frame(loop_tissue *tissue, const tensormass_tool_state_t *tool, int64_t now_us,
+                       tensormass_force_sample_t *sample, tensormass_contact_patch_t *patch);
+
 /* --- studies: each returns its JSON, null having complained --- */
 
 typedef struct study_run {
@@ -172,6 +186,8 @@ cJSON *study_rates(const study_run *r); /* rate, speed, latency, jitter, loss, e
 /* Adds to the rows of study_rates: cut by the other hand and by the same, grasped and pulled. 0, or an exit code. */
 int study_hands(const study_run *r, cJSON *rows);
 cJSON *study_loop(const study_run *r);
+/* The same on simulated tissue, whole and cut: of those models that were asked for. */
+cJSON *study_tissue_loop(const study_run *r);
 /* Two cauteries at random: what `contact` renders at most, over the truth's peak. */
 cJSON *study_cutting(const study_run *r);
 cJSON *study_ready(const study_run *r); /* by the wall clock: how soon patches are exact; empty without the solver */

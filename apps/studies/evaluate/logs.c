@@ -45,6 +45,7 @@ static bool put_patch(app_link *log, const sampled *x, const double trocar[3]) {
     memcpy(m.trocar_m, trocar, sizeof m.trocar_m);
     m.skin_compliance_m_N = p->skin_compliance_m_N, m.radius_m = p->radius_m, m.contact_length_m = p->contact_length_m;
     m.radiation_N_s_m = p->radiation_N_s_m, m.radiation_s = p->radiation_s;
+    m.friction_static = p->friction_static, m.friction_sliding = p->friction_sliding;
     m.film_s_m = p->film_s_m, m.held = (int32_t)p->held;
     for (int i = 0; i < 3 && hrt_patch_holds(p); i++) m.hold_N[i] = p->rest_m[hrt_patch_tip(p) + i];
     return app_link_publish(log, APP_PATCH, 0, m.utime, &m);

@@ -9,24 +9,24 @@ const char *const path_name[PATH_COUNT] = {"tour",           "reversals",       
 
 /* Millimetres from the touching point: along the surface x, y; into the tissue z (negative: in the air); the grip
  * there; whether the pedal is down from there on. A stroke of zero length is a pause. */
-enum { COLUMNS = PATH_COLUMNS, GRIP = 3, PEDAL = 4 };
-static const double tour[][COLUMNS] = {{0, 0, -3},  {0, 0, 3},   {6, 0, 3},   {6, 0, 3},  {2, 3, 3},
-                                       {-4, 3, 5},  {-4, 3, 5},  {-4, -3, 4}, {3, -4, 4}, {3, -4, 2},
-                                       {3, -4, -2}, {1, -1, -2}, {1, -1, 4},  {-3, 2, 2}, {0, 0, -3}};
-static const double to_and_fro[][COLUMNS] = {{0, 0, -3}, {0, 0, 3}, {0, 0, 1},   {0, 0, 4}, {0, 0, 2}, {3, 0, 3},
-                                             {-3, 0, 3}, {2, 2, 3}, {-2, -2, 4}, {0, 0, 1}, {0, 0, 4}, {0, 0, -3}};
-static const double cautery[][COLUMNS] = {{0, 0, -3}, {0, 0, 3},        {0, 0, 3, 0, 1}, {6, 0, 3},
-                                          {6, 0, 6},  {6, 0, 6, 0, 1},  {0, 2, 6},       {0, 2, 6},
-                                          {-4, 2, 5}, {-4, 2, 5, 0, 1}, {-4, -3, 5},     {-4, -3, -3}};
-static const double grasper[][COLUMNS] = {{0, 0, -3},    {0, 0, 3},     {0, 0, 3, 1}, {0, 0, -3, 1}, {5, 0, -3, 1},
-                                          {5, 0, -3, 1}, {2, 3, -2, 1}, {0, 0, 1, 1}, {0, 0, 1},     {0, 0, -5}};
+enum { FIELDS = PATH_FIELDS, GRIP = 3, PEDAL = 4 };
+static const double tour[][FIELDS] = {{0, 0, -3},  {0, 0, 3},   {6, 0, 3},   {6, 0, 3},  {2, 3, 3},
+                                      {-4, 3, 5},  {-4, 3, 5},  {-4, -3, 4}, {3, -4, 4}, {3, -4, 2},
+                                      {3, -4, -2}, {1, -1, -2}, {1, -1, 4},  {-3, 2, 2}, {0, 0, -3}};
+static const double to_and_fro[][FIELDS] = {{0, 0, -3}, {0, 0, 3}, {0, 0, 1},   {0, 0, 4}, {0, 0, 2}, {3, 0, 3},
+                                            {-3, 0, 3}, {2, 2, 3}, {-2, -2, 4}, {0, 0, 1}, {0, 0, 4}, {0, 0, -3}};
+static const double cautery[][FIELDS] = {{0, 0, -3}, {0, 0, 3},        {0, 0, 3, 0, 1}, {6, 0, 3},
+                                         {6, 0, 6},  {6, 0, 6, 0, 1},  {0, 2, 6},       {0, 2, 6},
+                                         {-4, 2, 5}, {-4, 2, 5, 0, 1}, {-4, -3, 5},     {-4, -3, -3}};
+static const double grasper[][FIELDS] = {{0, 0, -3},    {0, 0, 3},     {0, 0, 3, 1}, {0, 0, -3, 1}, {5, 0, -3, 1},
+                                         {5, 0, -3, 1}, {2, 3, -2, 1}, {0, 0, 1, 1}, {0, 0, 1},     {0, 0, -5}};
 /* The other hand's slit: to the tool's right, along and back deeper. */
-static const double slit[][COLUMNS] = {
+static const double slit[][FIELDS] = {
     {10, -12, -4}, {10, -12, 4, 0, 1}, {10, 12, 4, 0, 1}, {10, -10, 7}, {10, -10, -4}};
 static const double PAUSE_S = 0.4, DEEPEST_MM = 5, PEDAL_S = 0.05;
 
 typedef struct stroke {
-    const double (*point)[COLUMNS];
+    const double (*point)[FIELDS];
     int count;
 } stroke;
 
@@ -71,7 +71,7 @@ static void make_random(path *p, int hand, uint64_t *seed) {
         to[2] = air ? -3 : between(seed, 1, 5);
         to[GRIP] = 0;
         to[PEDAL] = !end && uniform(seed) < 0.375;
-        if (i > 0 && uniform(seed) < 0.2) memcpy(to, to - COLUMNS, 3 * sizeof *to); /* a pause */
+        if (i > 0 && uniform(seed) < 0.2) memcpy(to, to - FIELDS, 3 * sizeof *to); /* a pause */
     }
 }
 
@@ -106,7 +106,7 @@ static bool pedal(const path *p, int hand, double time_s) {
 tm_tool_pose path_pose(const path *p, int hand, double time_s) {
     tm_tool_pose pose = {.active = true};
     double ease, m[3], scale = p->depth_m / DEEPEST_MM, w = 2 * M_PI * 9 * time_s;
-    const double *a = leg_at(p, strokes(p, hand), time_s, &ease), *b = a + COLUMNS;
+    const double *a = leg_at(p, strokes(p, hand), time_s, &ease), *b = a + FIELDS;
     for (int i = 0; i < 3; i++) m[i] = scale * (a[i] + ease * (b[i] - a[i]));
     const double tremor = hand ? 0 : 0.5 * p->tremor_m;
     pose.tip_m[0] = p->entry_m[0] + m[0] + tremor * (sin(0.83 * w) + sin(1.17 * w + 1));

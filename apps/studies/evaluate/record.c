@@ -66,14 +66,14 @@ void device_see(const sim *s, int instrument, const hrt_params *params, const do
     for (int i = 0; i < 3; i++) relative[i] = (float)(tip_m[i] - s->instrument_def[instrument].trocar_m[i]);
     memcpy(seen_m, relative, sizeof relative);
     if (!encoders) return;
-    hrt_frame frame;
+    hrt_axes axes;
     float joint[HRT_JOINTS] = {0};
     int32_t count[HRT_JOINTS] = {0};
-    for (int i = 0; i < 9; i++) frame.r[i] = (float)s->frame[instrument].r[i];
-    if (!hrt_inverse(&frame, relative, joint)) return;
+    for (int i = 0; i < 9; i++) axes.r[i] = (float)s->axes[instrument].r[i];
+    if (!hrt_inverse(&axes, relative, joint)) return;
     for (int j = 0; j < HRT_MOTORS; j++) count[j] = (int32_t)lroundf(hrt_count_of_joint(params, j, joint[j]));
     hrt_counts_to_joint(params, count, joint);
-    hrt_tip(&frame, joint, seen_m);
+    hrt_tip(&axes, joint, seen_m);
 }
 
 /* Of every instrument; the one that is recorded as its encoders see it, and both of two that move at random. */

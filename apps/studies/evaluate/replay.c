@@ -11,6 +11,9 @@ double uniform(uint64_t *state) {
     return (double)(*state >> 11) * 0x1p-53;
 }
 
+/* Ticks for which a sample's arrival is still felt: `contact` begins its bridge to other tissue in the second. */
+enum { SETTLING = 3 };
+
 typedef struct arrival {
     int64_t at_us;
     const sampled *sample;
@@ -81,14 +84,14 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
     s.of_tick = malloc(sizeof *s.of_tick * (size_t)r->ticks);
     if (!line || !jump || !s.of_tick) abort();
     int count = arrivals(r, c, line), next = 0, jumps = 0;
-    bool begun = false, arrived = false;
+    bool begun = false;
+    int since = SETTLING; /* ticks after the last arrival */
     double spent = 0;
     hrt_extrapolation_reset(&x, which);
     for (int tick = 0; tick < r->ticks; tick++) {
         int64_t now = (int64_t)tick * TICK_US;
         float force[3];
         double start = app_seconds();
-        const bool arrived_before = arrived;
         const int before = next;
         for (; next < count && line[next].at_us <= now; next++) {
             hrt_extrapolation_sample(&x, &r->params, &line[next].sample->sample);
@@ -101,8 +104,8 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
         judge(&s, r, tick, line[next - 1].sample->sample.t_us, force, x.limits);
         float step[3] = {force[0] - last[0], force[1] - last[1], force[2] - last[2]};
         jump[jumps++] = (float)length3(step);
-        arrived = next > before;
-        if (arrived || arrived_before) s.e.jump_arrival = fmax(s.e.jump_arrival, length3(step) / r->peak_N);
+        since = next > before ? 0 : since + 1;
+        if (since < SETTLING) s.e.jump_arrival = fmax(s.e.jump_arrival, length3(step) / r->peak_N);
         memcpy(last, force, sizeof last);
     }
     s.e.rms = s.e.judged ? sqrt(s.error2 / s.e.judged) / r->peak_N : 0;

@@ -43,9 +43,7 @@ static int one(model m, path_kind kind, cJSON *rows) {
     path p = path_make(kind, SPEED_M_S, TREMOR_M);
     recording truth = {0};
     int rc = record_truth(m, &p, true, &truth);
-    /* A cautery that does not cut while its cuts are replayed stays in the tissue: the hybrid's contact does not bear
-     * that (it does not converge, and says so). */
-    if (!rc && (m != MODEL_HYBRID || kind == PATH_GRASPED)) rc = sampled_rows(m, &p, &truth, false, rows);
+    if (!rc) rc = sampled_rows(m, &p, &truth, false, rows);
     if (!rc && kind != PATH_GRASPED) rc = sampled_rows(m, &p, &truth, true, rows);
     recording_free(&truth);
     return rc;

@@ -5,7 +5,10 @@
  * The surface is a patch with an exponential compliance kernel, solved at the samples as `contact` solves it at the
  * ticks. Stated conditions: no Coulomb friction, coupling off, force, slew and stiffness limits out of the way (a case
  * with a limit active is not counted as stable), the same device and hand for all. Theory, for a hold: b > K (T/2 +
- * delay), b the damping of device and hand together (Diolaiti et al. 2006; Colgate 1997). */
+ * delay), b the damping of device and hand together (Diolaiti et al. 2006; Colgate 1997).
+ *
+ * On tissue (loop_tissue.c) the same loop, from above it; there a count's step of the tool is felt in the next frame by
+ * tissue with mass, and what is left may be a few counts of it. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -16,6 +19,8 @@
 #include "io/node.h"
 
 enum { COLUMNS = 5, ROWS = 4, VERTICES = COLUMNS * ROWS, MAX_LINE = 8 };
+static const double TISSUE_COUNTS = 4;
+static const double TISSUE_M_N = 1.0 / 50; /* of the study's tissue under the tip, roughly */
 static const double SPACING_M = 0.005, KERNEL_M = 0.008, RADIUS_M = 0.0035, SURFACE_M = 0.12, PRESS_M = 0.002,
                     SECONDS = 6, STEP_AT_S = 3;
 
@@ -73,6 +78,7 @@ typedef struct loop_case {
     double rate_Hz;
     int delay_frames;
     bool passivity;
+    int model; /* of the tissue; -1: the exponential surface */
 } loop_case;
 
 typedef struct loop_result {
@@ -92,20 +98,28 @@ typedef struct loop {
     hrt_node node;
     hrt_device device;
     hrt_patch patch;
+    loop_tissue *tissue; /* null: the exponential surface */
+    double touch_m;      /* insertion at which the tip touches */
+    double along_N_m;    /* its stiffness along the shaft, of the last sample */
     waiting line[MAX_LINE];
     int waiting_count;
     uint32_t seq;
 } loop;
 
-static void set_up(loop *l, const loop_case *c, double compliance) {
+/* False: no such tissue. */
+static bool set_up(loop *l, const loop_case *c, double compliance) {
     memset(l, 0, sizeof *l);
+    if (c->model >= 0 && !(l->tissue = loop_tissue_open((model)c->model, c->rate_Hz, TISSUE_M_N / compliance)))
+        return false;
+    l->touch_m = l->tissue ? loop_tissue_touch_m(l->tissue) : SURFACE_M - RADIUS_M;
     hrt_loopback_init(&l->bus);
     hrt_bus_open_loopback(&l->device_bus, &l->bus);
     hrt_bus_open_loopback(&l->node_bus, &l->bus);
     hrt_device_config device = hrt_device_config_default(0);
     for (int j = 0; j < HRT_MOTORS; j++) device.coulomb[j] = 0;
-    device.rest[HRT_INSERTION] = SURFACE_M - RADIUS_M + PRESS_M;
+    device.rest[HRT_INSERTION] = l->touch_m + (l->tissue ? -0.001 : PRESS_M); /* tissue is not begun in */
     hrt_node_config node = hrt_node_config_default(0);
+    if (l->tissue) node.pose = loop_tissue_pose(l->tissue);
     node.pose_known = true, node.extrapolator = c->which, node.passivity = c->passivity;
     node.params.slew_max_N_s = node.params.axis_slew_max_N_s = 20000, node.params.stiffness_max_N_m = 1e6f;
     node.params.power_max_W = node.params.axis_power_max_W = 100;
@@ -114,6 +128,7 @@ static void set_up(loop *l, const loop_case *c, double compliance) {
     hrt_device_init(&l->device, &device, &l->device_bus);
     hrt_node_init(&l->node, &node, &l->node_bus);
     make_patch(&l->patch, compliance);
+    return true;
 }
 
 static void post(loop *l, const waiting *w) {
@@ -132,9 +147,23 @@ static void post(loop *l, const waiting *w) {
     hrt_node_post_sample(&l->node, &w->sample);
 }
 
+/* Tissue's samples come without delay. */
+static void simulate_tissue(loop *l, int64_t now_us, const tensormass_tool_state_t *tool) {
+    static tensormass_contact_patch_t patch;
+    tensormass_force_sample_t sample;
+    const bool has = loop_tissue_frame(l->tissue, tool, now_us, &sample, &patch);
+    l->along_N_m = -sample.stiffness_N_m[8];
+    if (has && l->node.config.extrapolator == HRT_CONTACT) hrt_node_post_patch(&l->node, &patch);
+    hrt_node_post_sample(&l->node, &sample);
+}
+
 /* Samples the tool now; the line holds it back. */
 static void simulate(loop *l, const loop_case *c, int64_t now_us, int64_t frame_us,
                      const tensormass_tool_state_t *tool) {
+    if (l->tissue) {
+        simulate_tissue(l, now_us, tool);
+        return;
+    }
     waiting w = {.due_us = now_us + c->delay_frames * frame_us};
     w.sample = (tensormass_force_sample_t){.utime = now_us,
                                            .session = 1,
@@ -166,12 +195,12 @@ static loop_result run_loop(const loop_case *c, double compliance) {
     loop_result r = {0};
     tensormass_tool_state_t tool = {0};
     double low = 1, high = 0;
-    set_up(&l, c, compliance);
+    if (!set_up(&l, c, compliance)) return r;
     int64_t frame_us = llround(1e6 / c->rate_Hz), next_frame = 0, end = (int64_t)(SECONDS * 1e6);
     for (int64_t t = 0; t < end; t += TICK_US) {
         int64_t now = 1000000 + t;
         double s = 1e-6 * (double)t,
-               joint[HRT_JOINTS] = {0, 0, SURFACE_M - RADIUS_M + PRESS_M + (s > STEP_AT_S ? 0.001 : 0), 0, 0};
+               joint[HRT_JOINTS] = {0, 0, l.touch_m + PRESS_M + (s > STEP_AT_S ? 0.001 : 0), 0, 0};
         hrt_device_hand(&l.device, joint, false);
         hrt_device_step(&l.device, now);
         deliver(&l, now);
@@ -180,20 +209,22 @@ static loop_result run_loop(const loop_case *c, double compliance) {
             simulate(&l, c, now, frame_us, &tool);
             next_frame += frame_us;
         }
-        r.engaged |= l.node.output.state == HRT_ENGAGED;
+        r.engaged |= l.node.result.state == HRT_ENGAGED;
         if (s > STEP_AT_S - 1)
             r.limited |=
-                (l.node.output.limits & (HRT_LIMIT_FORCE | HRT_LIMIT_AXIS | HRT_LIMIT_SLEW | HRT_LIMIT_POWER)) != 0;
+                (l.node.result.limits & (HRT_LIMIT_FORCE | HRT_LIMIT_AXIS | HRT_LIMIT_SLEW | HRT_LIMIT_POWER)) != 0;
         if (s > SECONDS - 1)
             low = fmin(low, l.device.joint[HRT_INSERTION]), high = fmax(high, l.device.joint[HRT_INSERTION]);
     }
     float tip[3] = {0, 0, (float)l.device.joint[HRT_INSERTION]};
     double K[9];
-    surface_stiffness(&l.patch, &l.node.config.params, tip, K);
-    r.stiffness_N_m = -K[8];
+    if (!l.tissue) surface_stiffness(&l.patch, &l.node.config.params, tip, K), l.along_N_m = -K[8];
+    r.stiffness_N_m = l.along_N_m;
     r.last_swing_m = high - low;
-    r.settled = r.engaged && l.node.output.state == HRT_ENGAGED && !r.limited &&
-                r.last_swing_m <= 1 / (double)l.node.config.params.counts_per_unit[HRT_INSERTION];
+    r.settled =
+        r.engaged && l.node.result.state == HRT_ENGAGED && !r.limited &&
+        r.last_swing_m <= (l.tissue ? TISSUE_COUNTS : 1) / (double)l.node.config.params.counts_per_unit[HRT_INSERTION];
+    loop_tissue_close(l.tissue);
     return r;
 }
 
@@ -236,7 +267,7 @@ cJSON *study_loop(const study_run *run) {
         for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++)
             for (int delay = 0; delay < delays; delay++)
                 for (int passivity = 0; passivity < 2; passivity++) {
-                    loop_case c = {(hrt_extrapolator)x, rates[k], delay, passivity != 0};
+                    loop_case c = {(hrt_extrapolator)x, rates[k], delay, passivity != 0, -1};
                     bool beyond;
                     progress("closed loop", ((k * HRT_EXTRAPOLATOR_COUNT + x) * 4 + 2 * delay + passivity) /
                                                 (4.0 * count * HRT_EXTRAPOLATOR_COUNT));
@@ -254,4 +285,24 @@ cJSON *study_loop(const study_run *run) {
     cJSON_AddNumberToObject(out, "hand_stiffness_N_m", device.hand_stiffness[HRT_INSERTION]);
     cJSON_AddNumberToObject(out, "mass_kg", device.inertia[HRT_INSERTION]);
     return out;
+}
+
+cJSON *study_tissue_loop(const study_run *run) {
+    static const hrt_extrapolator which[] = {HRT_HOLD, HRT_CONTACT, HRT_POSITION, HRT_TANGENT};
+    static const model tissue[] = {MODEL_ISOTROPIC, MODEL_CUT};
+    cJSON *rows = cJSON_CreateArray();
+    for (int i = 0; i < 2; i++)
+        for (int x = 0; x < (run->quick ? 2 : 4) && run->model[tissue[i]]; x++) {
+            const loop_case c = {which[x], 30, 0, false, tissue[i]};
+            bool beyond;
+            progress("closed loop on tissue", (4.0 * i + x) / 8);
+            const loop_result r = largest(&c, run->quick, &beyond);
+            cJSON *row = add_row(rows);
+            cJSON_AddStringToObject(row, "model", model_name[tissue[i]]);
+            cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name(c.which));
+            cJSON_AddNumberToObject(row, "rate_Hz", c.rate_Hz);
+            cJSON_AddNumberToObject(row, "stiffness_N_m", r.stiffness_N_m);
+            cJSON_AddBoolToObject(row, "beyond", beyond);
+        }
+    return rows;
 }

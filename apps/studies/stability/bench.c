@@ -125,6 +125,7 @@ bool bench_start(const bench_def *def, bench *b, outcome *o) {
     }
     if (status == TM_OK) status = hold(def, b, &error);
     if (status == TM_OK && def->rotation > 0) status = tm_stage_rotation(b->world, &b->rotation, &error);
+    if (status == TM_OK && def->viscosity) status = tm_stage_viscosity(b->world, def->viscosity, &error);
     if (status == TM_OK) return true;
     bench_close(b);
     refused(o, &error);

@@ -124,17 +124,17 @@ static void deliver(link_run *r, int64_t now_us) {
 }
 
 static void judge(link_run *r, double time_s, outcome *o) {
-    const float *f = r->node.output.force_N;
+    const float *f = r->node.result.force_N;
     double size = sqrt((double)f[0] * f[0] + (double)f[1] * f[1] + (double)f[2] * f[2]), truth[3], ignored[9], tip[3],
            error = 0, size_true = 0;
-    for (int i = 0; i < 3; i++) tip[i] = TROCAR[i] + r->node.output.tip_m[i];
+    for (int i = 0; i < 3; i++) tip[i] = TROCAR[i] + r->node.result.tip_m[i];
     wall(r->def, tip, truth, ignored);
     for (int i = 0; i < 3; i++) error += (f[i] - truth[i]) * (f[i] - truth[i]), size_true += truth[i] * truth[i];
     r->finite = r->finite && isfinite(size);
     r->peak_N = fmax(r->peak_N, size), r->peak_true_N = fmax(r->peak_true_N, sqrt(size_true));
-    if (r->node.output.state == HRT_ENGAGED && r->node.output.gain >= 1)
+    if (r->node.result.state == HRT_ENGAGED && r->node.result.gain >= 1)
         r->sum_sq += error, r->compared++, r->engaged = true;
-    if (r->node.output.state == HRT_FAULT && !r->faulted) r->faulted = true, r->fault = r->node.output.fault;
+    if (r->node.result.state == HRT_FAULT && !r->faulted) r->faulted = true, r->fault = r->node.result.fault;
     if (size > 1e-3) r->quiet_s = time_s;
     r->last_N = size;
     if ((int64_t)(time_s * 500) % 10 == 0) series_add(o, time_s, size);
@@ -201,7 +201,7 @@ static void verdict_of(const link_run *r, outcome *o) {
     if (r->faulted)
         snprintf(end, sizeof end, "fault '%s', latched", hrt_fault_text(r->fault));
     else
-        snprintf(end, sizeof end, "ended %s", hrt_state_name(r->node.output.state));
+        snprintf(end, sizeof end, "ended %s", hrt_state_name(r->node.result.state));
     if (!r->finite)
         broken(o, "a force was not finite");
     else if (!r->engaged)
@@ -362,7 +362,7 @@ static void sim_killed(bool quick, double restart_s, outcome *o) {
     if (o->verdict != STABLE) return;
     if (restart_s <= 0 && r.quiet_s > def.kill_s + 0.15)
         broken(o, "force was still rendered %.0f ms after the simulation was killed", 1e3 * (r.quiet_s - def.kill_s));
-    else if (restart_s > 0 && (r.last_N < 0.1 || r.node.output.state != HRT_ENGAGED))
+    else if (restart_s > 0 && (r.last_N < 0.1 || r.node.result.state != HRT_ENGAGED))
         broken(o, "the restarted simulation was not taken up again");
     else if (restart_s <= 0)
         snprintf(o->text + strlen(o->text), sizeof o->text - strlen(o->text),
@@ -381,9 +381,9 @@ static void device_silent(bool quick, double a, outcome *o) {
     static link_run r;
     run_line(&def, 4, &r, o);
     verdict_of(&r, o);
-    if (o->verdict == STABLE && (r.quiet_s > def.silent_s + 0.02 || r.node.output.state == HRT_ENGAGED))
+    if (o->verdict == STABLE && (r.quiet_s > def.silent_s + 0.02 || r.node.result.state == HRT_ENGAGED))
         broken(o, "force for %.3f s after the device fell silent, ended %s", r.quiet_s - def.silent_s,
-               hrt_state_name(r.node.output.state));
+               hrt_state_name(r.node.result.state));
 }
 static void device_babbles(bool quick, double a, outcome *o) {
     (void)quick, (void)a;

@@ -10,8 +10,8 @@
 
 #include "bandwidth.h"
 #include "block.h"
-#include "mesh_file.h"
 #include "stability.h"
+#include "tensormass_io.h"
 
 static int64_t steps(bool quick) { return quick ? 20000 : 200000; }
 
@@ -159,7 +159,7 @@ static void mended(bool quick, double argument, outcome *o) {
     bench_def def = bench_default();
     bench b = {0};
     app_block block = {0};
-    app_mesh file = {0};
+    tm_mesh_file file = {0};
     tm_error error = {0};
     const ssize_t length = readlink("/proc/self/exe", here, sizeof here - 1);
     char *slash = length > 0 ? strrchr(here, '/') : NULL;
@@ -173,14 +173,14 @@ static void mended(bool quick, double argument, outcome *o) {
     FILE *out = fopen(bad, "w");
     if (out) write_damaged(out, &block), fclose(out);
     const bool refused_first =
-        app_mesh_load(bad, 1, &file, &error) != TM_OK || app_mesh_build(&file, &b.mesh, &error) != TM_OK;
-    app_mesh_free(&file);
+        tm_mesh_file_load(bad, 1, &file, &error) != TM_OK || tm_mesh_file_build(&file, &b.mesh, &error) != TM_OK;
+    tm_mesh_file_free(&file);
     snprintf(command, sizeof command, "'%s/tm-mesh' repair %s -o %s > /dev/null", here, bad, good);
     if (!refused_first)
         broken(o, "the damaged mesh was taken as it is");
     else if (system(command) != 0)
         broken(o, "tm-mesh repair gave up");
-    else if (app_mesh_load(good, 1, &file, &error) != TM_OK || app_mesh_build(&file, &b.mesh, &error) != TM_OK)
+    else if (tm_mesh_file_load(good, 1, &file, &error) != TM_OK || tm_mesh_file_build(&file, &b.mesh, &error) != TM_OK)
         refused(o, &error);
     else if (b.mesh->tet_count != block.tet_count || b.mesh->vertex_count != block.vertex_count)
         broken(o, "%d tetrahedra are left of %d", b.mesh->tet_count, block.tet_count);
@@ -189,7 +189,7 @@ static void mended(bool quick, double argument, outcome *o) {
             &b, quick, o,
             "every seventh tetrahedron turned; a double, a flat, one with a vertex twice and an unused vertex dropped");
     bench_close(&b);
-    app_mesh_free(&file);
+    tm_mesh_file_free(&file);
     app_block_free(&block);
     unlink(bad);
     unlink(good);

@@ -1,6 +1,5 @@
 # tm-stability runs the hard cases, page.py draws their verdicts.
 STABILITY_SRC := $(sort $(wildcard apps/studies/stability/*.c))
-$(call objects,$(STABILITY_SRC)): | $(LCM_GEN)
 $(eval $(call program,tm-stability,$(STABILITY_SRC),$(LIBAPP_A) $(LIBTM_A) $(LIBHRT_DEVICE_A) $(LIBHRT_IO_A) $(LIBHRT_A),-lcjson))
 
 #: make stability              every hard case and its verdict: build/stability/index.html (QUICK=1: the short form)

@@ -15,6 +15,7 @@ HEADINGS = {
     "tool": ("Tool", "Instruments where they should not be, and faster than they should be."),
     "cut": ("Cutting", "Tetrahedra removed by the thousand while a tool presses."),
     "rotation": ("Rotation", "Tissue that turns and bends far, with the effect `rotation`."),
+    "viscosity": ("Viscosity", "Tissue that relaxes in next to no time, hardly ever, and to almost nothing."),
     "energy": ("Energy", "What hands put in, and what tissue and springs make of it."),
     "torture": ("At the hand", "What others' simulators are known to get wrong; `make evaluate` shows these figures beside its own."),
     "link": ("Link and force", "What may arrive at the controller, or fail to."),

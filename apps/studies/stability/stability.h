@@ -33,9 +33,9 @@ typedef struct hard_case {
 } hard_case;
 
 extern const hard_case cases_tissue[], cases_volume[], cases_tool[], cases_cut[], cases_energy[], cases_link[],
-    cases_torture[], cases_rotation[];
+    cases_torture[], cases_rotation[], cases_viscosity[], cases_friction[];
 extern const int cases_tissue_count, cases_volume_count, cases_tool_count, cases_cut_count, cases_energy_count,
-    cases_link_count, cases_torture_count, cases_rotation_count;
+    cases_link_count, cases_torture_count, cases_rotation_count, cases_viscosity_count, cases_friction_count;
 
 /* --- helpers of the cases --- */
 
@@ -57,8 +57,9 @@ typedef struct bench_def {
     double dt_s;         /* 0: step_fraction of the guaranteed */
     double step_fraction;
     bool cuttable;
-    double rotation; /* threshold of the effect; 0: linear */
-    bool volume;     /* the effect of that name */
+    double rotation;                   /* threshold of the effect; 0: linear */
+    bool volume;                       /* the effect of that name */
+    const tm_viscosity_def *viscosity; /* the effect of that name; null: none */
     double volume_shear;
     int held; /* 0 none, 1 one vertex, 2 the bottom, 3 all */
     /* Last word on the geometry before the mesh is made; may be null. */

@@ -1,6 +1,6 @@
-/* Contact of instruments with the tissue's surface: capsule against triangles, unilateral, frictionless, regularised
- * by a stated skin compliance. One stage for all instruments. Rows are found by tm_contact_find (also used by the
- * precomputed model) and made non-penetrating by projection (docs/physics.md, "Contact"). */
+/* Contact of instruments with the tissue's surface: capsule against triangles, unilateral, frictionless (friction.h
+ * adds that), regularised by a stated skin compliance. One stage for all instruments. Rows are found by tm_contact_find
+ * (also used by the precomputed model) and made non-penetrating by projection (docs/physics.md, "Contact"). */
 #ifndef TENSORMASS_CONTACT_H
 #define TENSORMASS_CONTACT_H
 

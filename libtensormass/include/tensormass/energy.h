@@ -23,7 +23,7 @@ typedef struct tm_energy {
     double grasp_J[TM_MAX_INSTRUMENTS];   /* by the springs of its jaws */
     double support_J;                     /* by supports; at rest they do none */
     double gravity_J;
-    double load_J;  /* by all other stages that add to force_N */
+    double load_J;  /* by all other stages that add to force_N; what viscosity gave (taken: negative) */
     double moved_J; /* by what is no motion: a new step, a settled or restored or overwritten state; else rounding */
     /* taken from it */
     double damping_J;  /* never negative */
@@ -34,10 +34,11 @@ typedef struct tm_energy {
     /* between hand and tissue */
     double hand_J[TM_MAX_INSTRUMENTS]; /* work that moving the instrument put into contact and grasp */
     double film_J;                     /* lost to the film between tool and tissue, never negative */
-    double sprung_J;                   /* held now in skins and in the springs of jaws */
-    /* contact + grasp + film + sprung - hand: above zero contact made energy out of nothing, below it lost some
-     * (springs are solved implicitly, what the jaws let go slips). A tool placed into tissue pushes it out: that is
-     * above. */
+    double friction_J;                 /* lost to slip against friction, never negative */
+    double sprung_J; /* held now in skins (pressed, and stretched by friction) and in the springs of jaws */
+    /* contact + grasp + film + friction + sprung - hand: above zero contact made energy out of nothing, below it lost
+     * some (springs are solved implicitly, what the jaws let go slips). A tool placed into tissue pushes it out: that
+     * is above. */
     double made_J;
 } tm_energy;
 

@@ -5,6 +5,7 @@
 #define TENSORMASS_MODEL_H
 
 #include "cut.h"
+#include "friction.h"
 #include "grasp.h"
 #include "patch.h"
 
@@ -19,22 +20,26 @@ typedef struct tm_model_def {
     uint32_t cookie, size;
     tm_tissue_def tissue; /* of the whole organ; cuttable is set where `cut` is given */
     int32_t support_count;
-    const int32_t *support_dof;    /* [support_count] 3*vertex + axis, each once */
-    const double *support_m;       /* [support_count] */
-    const double *load_N;          /* [3*vertex_count], null: none */
-    const double *gravity_m_s2;    /* [3], null: none */
-    const tm_contact_def *contact; /* null: nothing touches it */
-    const tm_grasp_def *grasp;     /* instruments of mode grasper hold tissue; needs contact; null: they do not */
-    const tm_cut_def *cut;         /* active cauteries cut; needs contact; null: they do not */
-    double frame_s;                /* from one call of tm_model_frame to the next, 1/30 */
-    double step_s;                 /* a substep is not longer; above the guaranteed critical step: TM_ERR_STEP; 0: that
-                                      times `step_fraction`. Quasi-static models have no substeps */
-    double step_fraction;          /* 0.9 */
-    double average;                /* share of a frame, at its end, that reactions are means of; 1 */
-    bool damped;                   /* as tm_world_def */
-    double step_limit_s;           /* of what hangs on the tissue and is not in it; 0: nothing does */
-    int32_t step_limit_tet;        /* that sets it */
-    const char **blame;            /* may be null; set on failure: the name of the member above that is at fault */
+    const int32_t *support_dof;      /* [support_count] 3*vertex + axis, each once */
+    const double *support_m;         /* [support_count] */
+    const double *load_N;            /* [3*vertex_count], null: none */
+    const double *gravity_m_s2;      /* [3], null: none */
+    const tm_contact_def *contact;   /* null: nothing touches it */
+    const tm_grasp_def *grasp;       /* instruments of mode grasper hold tissue; needs contact; null: they do not */
+    const tm_friction_def *friction; /* needs contact; null: instruments slide freely. Hybrid: TM_ERR_EXCLUDED */
+    const tm_cut_def *cut;           /* active cauteries cut; needs contact; null: they do not */
+    double frame_s;                  /* from one call of tm_model_frame to the next, 1/30 */
+    double step_s;          /* a substep is not longer; above the guaranteed critical step: TM_ERR_STEP; 0: that
+                               times `step_fraction`. Quasi-static models have no substeps */
+    double step_fraction;   /* 0.9 */
+    double average;         /* share of a frame, at its end, that reactions are means of; 1 */
+    bool damped;            /* as tm_world_def */
+    double step_limit_s;    /* of what hangs on the tissue and is not in it; 0: nothing does */
+    int32_t step_limit_tet; /* that sets it */
+    int32_t threads;        /* as tm_world_def, with the two that follow; quasi-static models have none */
+    tm_run_parts *run_parts;
+    void *run_parts_user;
+    const char **blame; /* may be null; set on failure: the name of the member above that is at fault */
 } tm_model_def;
 
 /* Lengths of time, fixed when the model is made. */
@@ -128,13 +133,13 @@ TM_API tm_status tm_model_allow_patches(tm_model *model, const tm_patch_def *def
 TM_API bool tm_model_patch(tm_model *model, int32_t instrument, tm_patch *patch);
 
 /* Rest under supports and loads: u_m and reaction_N (of the supports on the tissue), both [3*vertex_count]. Dynamic:
- * relaxes the model, instruments where they are. Precomputed: solves anew, without instruments, and stays as it is;
- * result->steps is 0. Hybrid: TM_ERR_EXCLUDED. */
+ * relaxes the model, instruments where they are. Precomputed and hybrid: solved anew, as cut as it is, without
+ * instruments; the model stays as it is, result->steps is 0. */
 TM_API tm_status tm_model_settle(tm_model *model, const tm_settle_def *def, double *u_m, double *reaction_N,
                                  tm_settle_result *result, tm_error *error);
 
-/* Everything that a model of the same definition needs to go on with the same bits (tm_snapshot_save). 0 bytes: the
- * model cannot, save and restore refuse with TM_ERR_EXCLUDED. `buffer` is aligned to 8 bytes. */
+/* Everything that a model of the same definition needs to go on with the same bits (tm_snapshot_save). What is damaged
+ * or of another definition is refused, and changes nothing. `buffer` is aligned to 8 bytes. */
 TM_API int64_t tm_model_snapshot_bytes(const tm_model *model);
 TM_API tm_status tm_model_save(const tm_model *model, void *buffer, int64_t bytes, tm_error *error);
 TM_API tm_status tm_model_restore(tm_model *model, const void *buffer, int64_t bytes, tm_error *error);

@@ -44,6 +44,9 @@ typedef struct tm_patch {
     double hold_stiffness_N_m[9];     /* its derivative by the tip: symmetric, negative semidefinite */
     double follow[3 * TM_PATCH_DOFS]; /* derivative of vertex_m by the tip, [3*vertex_count][3], 1; by its transpose
                                          rows' forces on the vertices pass to the tool */
+    /* Of the instrument (tensormass/friction.h), 0 without: for the controller, whose law rubs; tm_patch_force and
+     * tm_patch_stiffness do not. */
+    double friction_static, friction_sliding;
 } tm_patch;
 
 /* Entry of the compliance matrix, 0 <= i, j < 3*vertex_count. */
@@ -64,6 +67,11 @@ TM_API int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm
 typedef bool (*tm_patch_block)(void *self, int32_t a, int32_t b, double C[9]);
 TM_API bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, const tm_contact_row *row,
                           int32_t row_count);
+
+/* Takes from vertex_m, and from hold_N, what the force of friction on the tissue at a row makes of them; a row that
+ * bears on other vertices is left with the tissue. After tm_patch_fill or tm_patch_fill_held, once for each row that
+ * rubs. */
+TM_API void tm_patch_rub(tm_patch *patch, const tm_contact_row *row, const double force_N[3]);
 
 /* More than a fifth of what the patch's tool bears (rows, and `held_N` of a hold) is on vertices that are not the
  * patch's: what is left of it would not be the tool's force. */
@@ -155,8 +163,9 @@ TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_p
  * knows the tissue as it is, kind 1 while it still knows the one before a cut, or from conjugate gradients). Returns
  * false, with kind 0, while the columns it needs are not all there, and when nothing is near. For an instrument that
  * holds tissue (TM_HOLD_VERTICES at most, 24 with conjugate gradients) the patch holds it too; where that takes more
- * vertices than max_vertices allow there is the hold's stiffness alone: false with its kind. While the jaws let go
- * there is neither. No allocation, bounded work. */
+ * vertices than max_vertices allow there is the hold's stiffness alone: false with its kind. The stiffness is
+ * without friction, whose force is held between samples where there is no patch. While the jaws let go there is
+ * neither. No allocation, bounded work. */
 TM_API bool tm_patch_make(tm_patch_maker *maker, int32_t instrument, tm_patch *patch);
 /* For real time: the source works in a thread of its own from now on, where it can. */
 TM_API tm_status tm_patch_start(tm_patch_maker *maker, tm_error *error);

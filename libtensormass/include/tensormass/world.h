@@ -34,8 +34,17 @@ typedef struct tm_world tm_world;
 
 #define TM_MAX_NEEDS 4
 
+/* Vertices [begin, end) of a part of the tissue: whose parts run at once, each in its own thread. */
+typedef struct tm_range {
+    int32_t part, begin, end;
+} tm_range;
+/* What a stage does to a range. It writes force_N and u_next_m of these vertices alone, and what is its own of them;
+ * it reads u_m and u_prev_m of any. */
+typedef void tm_stage_range(void *self, tm_world *world, const tm_range *range);
+
 /* One effect. `self` is its own state, taken when the stage was built. `run` allocates nothing and cannot fail; it is
- * null in TM_PHASE_BETWEEN and nowhere else. New fields come at the end: what a caller's struct does not have is null.
+ * null in TM_PHASE_BETWEEN and where there is a `range`. New fields come at the end: what a caller's struct does not
+ * have is null.
  */
 typedef struct tm_stage {
     uint32_t size;    /* sizeof(tm_stage) */
@@ -65,6 +74,9 @@ typedef struct tm_stage {
     const char *part_of; /* name of the stage whose further part it is: goes with it, owns nothing; null: it is whole */
     const char *before;  /* name of a stage of the same phase that it runs before; null: in order of addition */
     bool passed_over_by_settle; /* tm_world_settle does not run it: it changes what is there, not where that rests */
+    /* Instead of `run`, where every vertex is computed by itself: stages with it that follow each other run together,
+     * some hundred vertices at a time, on all threads of the world. */
+    tm_stage_range *range;
 } tm_stage;
 
 #define TM_MAX_STAGES 32
@@ -77,12 +89,24 @@ typedef struct tm_stage_report {
     double seconds; /* of its own work, wherever that is called from; measured when timing is on, else 0 */
 } tm_stage_report;
 
+/* An application with threads of its own: calls work(context, part) once for each part from 0 to parts-1, at once or
+ * one after another, in any order and on any threads, and returns when all have returned. */
+typedef void tm_run_parts(void *user, void (*work)(void *context, int32_t part), void *context, int32_t parts);
+
+enum { TM_MAX_THREADS = 64 };
+
 typedef struct tm_world_def {
     uint32_t cookie, size;
     tm_tissue *tissue; /* must outlive the world */
     double dt_s; /* 0: the guaranteed critical step times `step_fraction`; above the guaranteed step: TM_ERR_STEP */
     double step_fraction; /* 0.9 */
     bool damped; /* true; false: the undamped integrator (fewer instructions); materials' damping must then be 0 */
+    /* 1; a step is divided among so many threads, the caller's with them, and fewer where tissue is too small for them.
+     * The same bits for any number. Those that the library starts sleep but for calls of tm_world_step of four substeps
+     * and more, in which they wait awake: ask for no more than there are cores. Up to TM_MAX_THREADS. */
+    int32_t threads;
+    tm_run_parts *run_parts; /* null: the library starts threads of its own */
+    void *run_parts_user;
 } tm_world_def;
 
 TM_API tm_world_def tm_world_def_default(void);
@@ -112,10 +136,12 @@ TM_API const double *tm_world_mobility_s2_kg(const tm_world *world);
  * evaluates the force. */
 TM_API tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error);
 
-/* `count` substeps, all or none. No allocation, no lock, no log. When a displacement stops being finite or exceeds 1e6
- * m (looked at after every substep, over all vertices), or a contact force is not finite, it stops at once and returns
- * TM_ERR_UNSTABLE, and everything is as it was before the call, to the last bit: u, u_prev, force, time, what was cut,
- * and what stages keep (tm_stage.keep). */
+/* In how many parts a step is computed, each by a thread. */
+TM_API int32_t tm_world_parts(const tm_world *world);
+/* `count` substeps, all or none. No allocation, no lock, no log; with threads, it waits for them. When a displacement
+ * stops being finite or exceeds 1e6 m (looked at after every substep, over all vertices), or a contact force is not
+ * finite, it stops at once and returns TM_ERR_UNSTABLE, and everything is as it was before the call, to the last bit:
+ * u, u_prev, force, time, what was cut, and what stages keep (tm_stage.keep). */
 TM_API tm_status tm_world_step(tm_world *world, int32_t count);
 
 /* --- stages of the library; each file stage_*.c of src/ is one --- */

@@ -6,7 +6,12 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#ifdef _WIN32
+#include <malloc.h>
+#include <windows.h>
+#else
 #include <time.h>
+#endif
 
 #if defined(__SANITIZE_ADDRESS__)
 #define TM_ASAN 1
@@ -69,22 +74,35 @@ uint64_t tm_hash(const void *bytes, size_t count, uint64_t seed) {
     return seed;
 }
 
+#ifdef _WIN32
+double tm_clock_s(void) {
+    LARGE_INTEGER count, per_s;
+    QueryPerformanceCounter(&count);
+    QueryPerformanceFrequency(&per_s);
+    return (double)count.QuadPart / (double)per_s.QuadPart;
+}
+static void *aligned_take(size_t bytes) { return _aligned_malloc(bytes, 64); }
+static void aligned_give(void *memory) { _aligned_free(memory); }
+#else
 double tm_clock_s(void) {
     struct timespec t;
     clock_gettime(CLOCK_MONOTONIC, &t);
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
+static void *aligned_take(size_t bytes) { return aligned_alloc(64, bytes); }
+static void aligned_give(void *memory) { free(memory); }
+#endif
 
 /* --- the hook and its accounts --- */
 
 static void *default_alloc(size_t bytes, void *user) {
     (void)user;
-    return aligned_alloc(64, bytes);
+    return aligned_take(bytes);
 }
 static void default_free(void *memory, size_t bytes, void *user) {
     (void)bytes;
     (void)user;
-    free(memory);
+    aligned_give(memory);
 }
 
 static tm_allocator hook = {default_alloc, default_free, NULL};

@@ -22,6 +22,26 @@ tm_status tm_fail(tm_error *error, tm_status status, int64_t entity, const char 
     __attribute__((format(printf, 4, 5)));
 tm_status tm_fail_memory(tm_error *error, const char *what);
 
+/* One of Jacobi's rotations: makes entry (p, q) of a symmetric n x n matrix zero. Leaves its cosine and sine. Nothing
+ * where the entry is zero already: cosine 1, sine 0. */
+static inline void tm_jacobi(double *A, int n, int p, int q, double *cosine, double *sine) {
+    *cosine = 1, *sine = 0;
+    if (A[n * p + q] == 0) return;
+    const double theta = (A[(n + 1) * q] - A[(n + 1) * p]) / (2 * A[n * p + q]);
+    const double t = (theta < 0 ? -1 : 1) / (fabs(theta) + sqrt(theta * theta + 1));
+    const double c = 1 / sqrt(t * t + 1), s = t * c;
+    for (int k = 0; k < n; k++) {
+        const double a = A[n * k + p], b = A[n * k + q];
+        A[n * k + p] = c * a - s * b;
+        A[n * k + q] = s * a + c * b;
+    }
+    for (int k = 0; k < n; k++) {
+        const double a = A[n * p + k], b = A[n * q + k];
+        A[n * p + k] = c * a - s * b;
+        A[n * q + k] = s * a + c * b;
+    }
+    *cosine = c, *sine = s;
+}
 /* Leaves the eigenvalues of a symmetric 6x6 matrix on its diagonal: Jacobi rotations, accurate however far apart they
  * lie. */
 void tm_diagonalise6(double A[36]);

@@ -1,10 +1,21 @@
 /* The blocks of constraints that share the tissue's vertices with contact, and the one driver that sweeps them all. */
 #include "contact/contact_internal.h"
 
+tm_block *tm_contact_rows_block(tm_contact *contact) {
+    tm_block *block = contact->block + contact->block_count - 1;
+    while (block > contact->block && block->self != contact) block--;
+    return block;
+}
+
 void tm_contact_add_block(tm_contact *contact, const tm_block *block) {
-    const int32_t rows = contact->block_count - 1;
-    contact->block[contact->block_count++] = contact->block[rows];
-    contact->block[rows] = *block;
+    const tm_block *rows = tm_contact_rows_block(contact);
+    tm_block *to = contact->block + contact->block_count++;
+    for (; to > rows; to--) to[0] = to[-1];
+    *to = *block;
+}
+
+void tm_contact_add_block_behind(tm_contact *contact, const tm_block *block) {
+    contact->block[contact->block_count++] = *block;
 }
 
 void tm_contact_remove_block(tm_contact *contact, const void *self) {

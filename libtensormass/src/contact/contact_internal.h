@@ -17,8 +17,8 @@ typedef struct tm_solver_row {
     double diagonal;       /* J A^-1 J^T, m/N */
     double compliance;     /* skin / share, m/N */
     double moved_m[3];     /* by the station in this substep */
+    double depth_m;        /* that its skin may have from the last substep */
     double weight2;        /* sum of weight^2 * mobility, m/N */
-    double film_s_m;       /* coefficient of the film */
     double drag_N[3];      /* of the film, on the tissue */
     double gap_m; /* at the start of the substep, at the tool's new place, less what is left to later substeps */
 } tm_solver_row;
@@ -99,7 +99,8 @@ struct tm_contact {
     int32_t revision;    /* of the surface at the last gathering */
     int32_t frame_step, frame_steps, frame_average;
     int32_t block_count;
-    tm_block block[TM_MAX_BLOCKS]; /* the last: the rows, the stage's own or another's */
+    tm_block block[TM_MAX_BLOCKS]; /* the last, but for friction: the rows, the stage's own or another's */
+    struct tm_friction *friction;  /* null: there is none */
     tm_contact_block others;       /* whose rows these are; solve null: the stage's own */
     bool unsound;                  /* a row met a number that is not finite, in this substep */
     void *kept;                    /* the snapshot at the start of the step, room for the largest */
@@ -120,8 +121,16 @@ double tm_capsule_travel(const tm_capsule *a, const tm_capsule *b);
 
 /* contact_passive.c */
 void tm_contact_observe(tm_contact *contact); /* after the sweeps */
-/* The film's coefficient of this tool's rows: larger where its contact has made energy. */
-double tm_contact_film_s_m(const tm_tool *tool);
+/* Of one row, over the two steps around its force as the scheme does its work; `earlier`: where the tool was then. */
+typedef struct tm_row_work {
+    double force_N[3]; /* on the tissue, drag included */
+    double way_m[3];   /* that the tool went */
+    double hand_J;     /* the hand's */
+    double skin_J;     /* held in the skin */
+} tm_row_work;
+tm_row_work tm_contact_row_work(const tm_contact *contact, int32_t row, const tm_capsule *earlier);
+/* Of the depth of their station's deepest row, what this tool's rows take over: 1, 0 where its contact made energy. */
+double tm_contact_takes_over(const tm_tool *tool);
 
 /* contact_sum.c */
 void tm_contact_sum(tm_contact *contact);
@@ -133,6 +142,9 @@ void tm_contact_sweep(tm_contact *contact, int32_t sweep); /* of its own rows, o
 /* contact_block.c: the list of blocks, and what is asked of all of them */
 /* In front of the rows. Not more than TM_MAX_BLOCKS - 1: who adds one sees to that. */
 void tm_contact_add_block(tm_contact *contact, const tm_block *block);
+/* Behind the rows: what needs what they press with in the same sweep. */
+void tm_contact_add_block_behind(tm_contact *contact, const tm_block *block);
+tm_block *tm_contact_rows_block(tm_contact *contact);
 void tm_contact_remove_block(tm_contact *contact, const void *self);
 /* The one driver: every block in every sweep, then what solves at once. */
 void tm_contact_constrain(tm_contact *contact, tm_world *world);
@@ -144,6 +156,12 @@ int32_t tm_contact_held(const tm_contact *contact, int32_t instrument, const int
                         double *compliance_m_N);
 tm_jaw_load tm_contact_load(const tm_contact *contact, int32_t instrument);
 int32_t tm_contact_admit(const tm_contact *contact, int32_t instrument, tm_contact_row *row, int32_t count);
+
+/* friction.c: this instrument has friction. */
+bool tm_contact_rubs(const tm_contact *contact, int32_t instrument);
+/* Its coefficients, at rest and sliding, and the forces of friction on the tissue, one a row of contact (zero where
+ * none is): of an instrument that rubs. */
+const double (*tm_contact_rubbing(const tm_contact *contact, int32_t instrument, double *at_rest, double *sliding))[3];
 
 /* contact_snapshot.c: the stage's hooks */
 int64_t tm_contact_snapshot(void *self, void *buffer);

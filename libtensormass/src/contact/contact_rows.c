@@ -48,7 +48,12 @@ static bool row_before(const tm_contact_row *a, const tm_contact_row *b) {
     return a->face != b->face ? a->face < b->face : a->feature < b->feature;
 }
 
-/* What each station's skin bore at the last substep: rows that take over from one another take over its depth too. */
+static double depth_before(const tm_contact *contact, const tm_contact_row *row) {
+    return tm_skin_depth(contact->def.skin_compliance_m_N / row->share, contact->tool[row->instrument].def.radius_m,
+                         row->lambda_N);
+}
+
+/* What each station's skin bore at the last substep. */
 static void remember_depth(tm_contact *contact) {
     for (int32_t t = 0; t < contact->tool_count; t++) {
         memset(contact->tool[t].station_depth_m, 0, sizeof contact->tool[t].station_depth_m);
@@ -57,19 +62,25 @@ static void remember_depth(tm_contact *contact) {
     for (int32_t i = 0; i < contact->row_count_before; i++) {
         const tm_contact_row *row = contact->row_before + i;
         tm_tool *tool = contact->tool + row->instrument;
-        double depth = tm_skin_depth(contact->def.skin_compliance_m_N / row->share, tool->def.radius_m, row->lambda_N);
-        tool->station_depth_m[row->station] = law_max(tool->station_depth_m[row->station], depth);
+        tool->station_depth_m[row->station] = law_max(tool->station_depth_m[row->station], depth_before(contact, row));
         tool->bears_N += row->lambda_N;
     }
 }
 
-/* Both lists are sorted: the multipliers of the last substep pass over in one walk. */
+/* Both lists are sorted: what was known of a row at the last substep passes over in one walk. Rows that take over from
+ * one another take over their station's depth too, as far as the tool's account of energy allows it. */
 static void warm_start(tm_contact *contact) {
     int32_t k = 0;
     for (int32_t i = 0; i < contact->row_count; i++) {
-        while (k < contact->row_count_before && row_before(contact->row_before + k, contact->row + i)) k++;
-        if (k < contact->row_count_before && same_row(contact->row_before + k, contact->row + i))
-            contact->row[i].lambda_N = contact->row_before[k].lambda_N;
+        tm_contact_row *row = contact->row + i;
+        const tm_tool *tool = contact->tool + row->instrument;
+        double own = 0;
+        while (k < contact->row_count_before && row_before(contact->row_before + k, row)) k++;
+        if (k < contact->row_count_before && same_row(contact->row_before + k, row)) {
+            row->lambda_N = contact->row_before[k].lambda_N;
+            own = depth_before(contact, contact->row_before + k);
+        }
+        contact->solver[i].depth_m = own + tm_contact_takes_over(tool) * (tool->station_depth_m[row->station] - own);
     }
 }
 
@@ -186,5 +197,5 @@ static tm_block others_rows(tm_contact *contact) {
 void tm_contact_set_block(tm_contact *contact, const tm_contact_block *block) {
     TM_REQUIRE(contact, "contact is null", );
     contact->others = block ? *block : (tm_contact_block){0};
-    contact->block[contact->block_count - 1] = block ? others_rows(contact) : own_rows(contact);
+    *tm_contact_rows_block(contact) = block ? others_rows(contact) : own_rows(contact);
 }

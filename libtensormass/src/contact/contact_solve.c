@@ -38,7 +38,6 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
     tm_capsule_station(&tool->before, row->station, before);
     vsub(row->point_m, before, r->moved_m);
     r->compliance = contact->def.skin_compliance_m_N / row->share;
-    r->film_s_m = tm_contact_film_s_m(tool);
     r->diagonal = r->weight2 = 0;
     memset(r->drag_N, 0, sizeof r->drag_N);
     for (int j = 0; j < 3; j++) {
@@ -51,8 +50,8 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
         }
     }
     /* what was too deep before the tool moved, and is not yet to be undone */
-    double left = row->gap_m + vdot(row->normal, r->moved_m) + tool->station_depth_m[row->station] +
-                  recovery_m_s(tool->bears_N) * world->state.dt_s;
+    double left =
+        row->gap_m + vdot(row->normal, r->moved_m) + r->depth_m + recovery_m_s(tool->bears_N) * world->state.dt_s;
     r->gap_m = row->gap_m - law_min(left, 0);
 }
 
@@ -88,7 +87,7 @@ static void relax(tm_contact *contact, tm_contact_row *row, const tm_solver_row 
 static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
     const tm_world *world = contact->world;
     const tm_state *state = &world->state;
-    double coefficient = r->film_s_m * row->lambda_N / state->dt_s, wanted[3], size;
+    double coefficient = LAW_FILM_S_M * row->lambda_N / state->dt_s, wanted[3], size;
     for (int c = 0; c < 3; c++) {
         double slip = -r->moved_m[c] - r->weight2 * r->drag_N[c];
         for (int j = 0; j < 3; j++) {

@@ -2,7 +2,7 @@
  * step n does its work over (u+ - u-)/2, and
  *   [v.Mv/2 + u_n.K u_(n+1)/2] at n+1/2 less the same at n-1/2 = f.(u+ - u-)/2 - dt gamma |(u+ - u-)/2dt|^2
  * for whatever forces f act beside the tissue's own, multipliers of constraints included. */
-#include "contact/contact_internal.h"
+#include "contact/friction_internal.h"
 #include "rotation/rotation_internal.h"
 #include "tensormass/energy.h"
 #include "world/world_internal.h"
@@ -11,7 +11,6 @@
 #include <string.h>
 
 #include "base/vec.h"
-#include "law/skin.h"
 
 /* Where an instrument was, to know how far its points went over two steps. */
 typedef struct past {
@@ -50,7 +49,7 @@ typedef struct pass {
 static const double *gravity_of(const tm_world *world) {
     static const double none[3] = {0, 0, 0};
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.run == tm_stage_gravity_run) return tm_stage_gravity_m_s2(world->slot[i].stage.self);
+        if (world->slot[i].stage.range == tm_stage_gravity_run) return tm_stage_gravity_m_s2(world->slot[i].stage.self);
     return none;
 }
 
@@ -117,30 +116,26 @@ static double on_vertex(energy *e, const tm_state *s, int32_t vertex, const doub
 /* Returns what the row's skin holds. */
 static double row_work(energy *e, const tm_contact *contact, int32_t i) {
     const tm_contact_row *row = contact->row + i;
-    const tm_tool *tool = contact->tool + row->instrument;
     const tm_state *s = &contact->world->state;
-    const double *drag = contact->solver[i].drag_N;
-    const double compliance = contact->def.skin_compliance_m_N / row->share;
-    double force[3], here[3], there[3], work = 0, slip = 0;
-    tm_capsule_station(&tool->capsule, row->station, here);
-    tm_capsule_station(&e->now.past[row->instrument].capsule, row->station, there);
-    for (int c = 0; c < 3; c++) {
-        force[c] = row->lambda_N * row->normal[c] + drag[c];
-        e->now.sum.hand_J[row->instrument] += 0.5 * force[c] * (here[c] - there[c]);
-        slip -= 0.5 * drag[c] * (here[c] - there[c]);
-    }
+    const tm_row_work w = tm_contact_row_work(contact, i, &e->now.past[row->instrument].capsule);
+    static const double none[3] = {0, 0, 0};
+    const double *rubs = contact->friction ? contact->friction->applied_N[i] : none; /* of the drag: friction's */
+    double film[3], work = 0, slip;
+    vsub(contact->solver[i].drag_N, rubs, film);
+    slip = -vdot(film, w.way_m);
     for (int j = 0; j < 3; j++) {
         double share[3];
-        vscale(row->weight[j], force, share);
+        vscale(row->weight[j], w.force_N, share);
         work += on_vertex(e, s, row->vertex[j], share);
         for (int c = 0; c < 3; c++) {
             const int32_t d = 3 * row->vertex[j] + c;
-            slip += 0.5 * row->weight[j] * drag[c] * (s->u_next_m[d] - s->u_prev_m[d]);
+            slip += row->weight[j] * film[c] * (s->u_next_m[d] - s->u_prev_m[d]);
         }
     }
+    e->now.sum.hand_J[row->instrument] += w.hand_J;
     e->now.sum.contact_J[row->instrument] += work;
-    e->now.sum.film_J -= slip;
-    return compliance > 0 ? law_skin_energy(compliance, LAW_SKIN_TRAVEL * tool->def.radius_m, row->lambda_N) : 0;
+    e->now.sum.film_J -= 0.5 * slip;
+    return w.skin_J;
 }
 
 /* Returns what the springs of the jaw hold. */
@@ -182,6 +177,10 @@ static void over_tools(energy *e, tm_world *world, bool anew) {
     for (int32_t t = 0; contact && t < contact->tool_count; t++) {
         sprung += jaw_work(e, contact, t);
         remember(e->now.past + t, contact, t, false);
+    }
+    if (contact && contact->friction) {
+        sprung += tm_friction_stretched_J(contact->friction);
+        e->now.sum.friction_J += contact->friction->lost_J;
     }
     account *a = &e->now;
     if (a->next_step < 0) a->sprung_at_J = sprung;
@@ -287,7 +286,7 @@ tm_status tm_world_energy(const tm_world *world, tm_energy *account_of, tm_error
         hands += s->hand_J[t];
     }
     s->sprung_J = 0.5 * (a->sprung_J[0] + a->sprung_J[1]);
-    s->made_J = tools + s->film_J + s->sprung_J - a->sprung_at_J - hands;
+    s->made_J = tools + s->film_J + s->friction_J + s->sprung_J - a->sprung_at_J - hands;
     s->residual_J = s->start_J + tools + s->support_J + s->gravity_J + s->load_J + s->moved_J - s->damping_J -
                     s->cut_J - s->kinetic_J - s->elastic_J;
     return TM_OK;

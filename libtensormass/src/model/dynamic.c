@@ -53,6 +53,9 @@ static tm_status make_world(const tm_model_def *def, tm_model *m, tm_error *erro
     world.tissue = m->tissue;
     world.dt_s = m->pace.dt_s;
     world.damped = def->damped;
+    world.threads = def->threads;
+    world.run_parts = def->run_parts;
+    world.run_parts_user = def->run_parts_user;
     tm_status status = blame(def, "step_s", tm_world_create(&world, &m->world, error));
     if (status == TM_OK && def->support_count > 0) {
         tm_support_def support = tm_support_def_default();
@@ -80,6 +83,9 @@ static tm_status make_contact(const tm_model_def *def, tm_model *m, tm_error *er
     }
     if (status == TM_OK && def->grasp)
         status = blame(def, "grasp", tm_stage_grasp(m->world, m->contact, def->grasp, &grasp, error));
+    tm_friction *friction;
+    if (status == TM_OK && def->friction)
+        status = blame(def, "friction", tm_stage_friction(m->world, m->contact, def->friction, &friction, error));
     if (status == TM_OK && def->cut) status = blame(def, "cut", tm_stage_cut(m->world, m->contact, def->cut, error));
     return status;
 }
@@ -195,10 +201,11 @@ tm_status tm_model_check(const tm_model_def *def, tm_error *error) {
                              "frames of %g s, steps of %g s, fraction %g, average %g; give positive times, and shares "
                              "from 0 to 1",
                              def->frame_s, def->step_s, def->step_fraction, def->average));
-    if (!def->contact && (def->grasp || def->cut))
-        return blame(def, def->grasp ? "grasp" : "cut",
-                     tm_fail(error, TM_ERR_ARGUMENT, -1, "%s without contact; give tm_model_def.contact",
-                             def->grasp ? "grasping" : "cutting"));
+    if (!def->contact && (def->grasp || def->friction || def->cut)) {
+        const char *what = def->grasp ? "grasp" : def->friction ? "friction" : "cut";
+        return blame(def, what,
+                     tm_fail(error, TM_ERR_ARGUMENT, -1, "%s without contact; give tm_model_def.contact", what));
+    }
     if (def->support_count < 0 || (def->support_count > 0 && (!def->support_dof || !def->support_m)))
         return blame(def, "support",
                      tm_fail(error, TM_ERR_ARGUMENT, -1, "%d supported components and no list of them",

@@ -13,7 +13,8 @@ tm_model_def tm_model_def_default(void) {
                           .frame_s = 1.0 / 30,
                           .step_fraction = 0.9,
                           .average = 1,
-                          .damped = true};
+                          .damped = true,
+                          .threads = 1};
 }
 
 void tm_model_destroy(tm_model *model) {

@@ -247,12 +247,20 @@ static bool make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     return true;
 }
 
+/* Behind the stiffness: that is of the shape with friction's forces, as they are held. */
+static void rub(const tm_contact *contact, int32_t t, tm_patch *patch) {
+    const double(*force_N)[3] = tm_contact_rubbing(contact, t, &patch->friction_static, &patch->friction_sliding);
+    for (int32_t i = 0; i < contact->row_count; i++)
+        if (contact->row[i].instrument == t) tm_patch_rub(patch, contact->row + i, force_N[i]);
+}
+
 bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     TM_REQUIRE(maker && patch && t >= 0 && t < maker->contact->tool_count,
                "maker or patch is null, or instrument is not one of its contact's", false);
     tm_world *world = maker->world;
     tm_world_work_of(world, maker);
     const bool made = make(maker, t, patch);
+    if (made && tm_contact_rubs(maker->contact, t)) rub(maker->contact, t, patch);
     tm_world_work_of(world, NULL);
     return made;
 }

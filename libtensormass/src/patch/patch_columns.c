@@ -214,7 +214,7 @@ static void precondition(const tm_columns *c) {
 /* q := K p on the free components. */
 static void apply(const tm_columns *c, const double *p) {
     if (c->rotation)
-        c->tangent.force(&c->tangent.graph, p, c->q);
+        tm_force_pass(c->tangent.force, &c->tangent.graph, p, c->q);
     else
         tm_tissue_force(c->world->tissue, p, c->q);
     for (int32_t i = 0; i < c->n; i++) c->q[i] = c->held[i] ? 0 : -c->q[i];

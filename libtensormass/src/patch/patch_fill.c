@@ -39,21 +39,34 @@ static int32_t find_vertex(const tm_patch *patch, int32_t vertex) {
     return -1;
 }
 
-/* Forces of this tool's rows on the patch's vertices; rows that bear on other vertices are left with the tissue. */
+/* A force on the patch's vertices where one of this tool's rows bears; one that bears on other vertices is left with
+ * the tissue. */
+static void add_at_row(const tm_patch *patch, const tm_contact_row *row, double size, const double along[3],
+                       double force_N[TM_PATCH_DOFS]) {
+    int32_t at[3];
+    bool within = row->instrument == patch->instrument && row->lambda_N > 0;
+    for (int j = 0; j < 3; j++) {
+        at[j] = find_vertex(patch, row->vertex[j]);
+        within = within && (at[j] >= 0 || row->weight[j] == 0);
+    }
+    for (int j = 0; j < 3 && within; j++)
+        if (at[j] >= 0) vmadd(force_N + 3 * at[j], size * row->weight[j], along, force_N + 3 * at[j]);
+}
+
 static void row_forces(const tm_patch *patch, const tm_contact_row *row, int32_t row_count,
                        double force_N[TM_PATCH_DOFS]) {
     memset(force_N, 0, sizeof(double) * TM_PATCH_DOFS);
-    for (int32_t k = 0; k < row_count; k++) {
-        int32_t at[3];
-        bool within = row[k].instrument == patch->instrument && row[k].lambda_N > 0;
-        for (int j = 0; j < 3; j++) {
-            at[j] = find_vertex(patch, row[k].vertex[j]);
-            within = within && (at[j] >= 0 || row[k].weight[j] == 0);
-        }
-        for (int j = 0; j < 3 && within; j++)
-            if (at[j] >= 0)
-                vmadd(force_N + 3 * at[j], row[k].lambda_N * row[k].weight[j], row[k].normal, force_N + 3 * at[j]);
-    }
+    for (int32_t k = 0; k < row_count; k++) add_at_row(patch, row + k, row[k].lambda_N, row[k].normal, force_N);
+}
+
+void tm_patch_rub(tm_patch *patch, const tm_contact_row *row, const double force_N[3]) {
+    TM_REQUIRE(patch && row && force_N && patch->vertex_count >= 0 && patch->vertex_count <= TM_PATCH_VERTICES,
+               "patch, row or force_N is null, or the patch has too many vertices", );
+    double force[TM_PATCH_DOFS] = {0};
+    add_at_row(patch, row, 1, force_N, force);
+    tm_patch_deform(patch, force, -1, patch->vertex_m);
+    for (int32_t i = 0; patch->holds && i < 3 * patch->vertex_count; i++)
+        vmadd(patch->hold_N, -force[i], patch->follow + 3 * i, patch->hold_N);
 }
 
 static bool fill_compliance(tm_patch *patch, tm_patch_block block, void *self) {

@@ -263,15 +263,19 @@ INSIDE bool TM_NAME(law_of)(const tm_packs *packs, int32_t p, int at, TM_NAME(la
     return true;
 }
 
+INSIDE void TM_NAME(living)(const tm_packs *packs, int32_t p, int at, M8 *there) {
+    for (int l = 0; l < TM_WIDTH; l++) {
+        const int32_t tet = TM_LANES * p + at + l;
+        (*there)[l] = tet < packs->tet_count && packs->alive[tet] ? -1 : 0;
+    }
+}
+
 /* grad u of the pack's living tetrahedra, 0 of the others. */
 INSIDE void TM_NAME(gradient)(const tm_packs *packs, int32_t p, int at, const double *u, V8 H[9]) {
     const tm_pack *pack = packs->pack + p;
     double corner[4][3][TM_WIDTH] __attribute__((aligned(64)));
     M8 there;
-    for (int l = 0; l < TM_WIDTH; l++) {
-        const int32_t tet = TM_LANES * p + at + l;
-        there[l] = tet < packs->tet_count && packs->alive[tet] ? -1 : 0;
-    }
+    TM_NAME(living)(packs, p, at, &there);
     for (int k = 0; k < 4; k++)
         for (int l = 0; l < TM_WIDTH; l++)
             for (int i = 0; i < 3; i++) corner[k][i][l] = u[pack->component[k][at + l] + i];
@@ -342,12 +346,11 @@ INSIDE bool TM_NAME(turn)(const tm_packs *packs, int32_t p, int at, const double
     return true;
 }
 
-/* Onto force_N, lanes ascending: corners 1, 2, 3 and what is left to corner 0. */
-INSIDE void TM_NAME(scatter)(const tm_pack *pack, int at, const TM_NAME(turned) * b, double *force_N) {
-    V8 P[9], alpha[9];
+/* A stress times the volume onto force_N, the marked lanes ascending: corners 1, 2, 3 and what is left to corner 0. */
+INSIDE void TM_NAME(scatter)(const tm_packs *packs, int32_t p, int at, const M8 *who, const V8 P[9], double *force_N) {
+    const tm_pack *pack = packs->pack + p;
+    V8 alpha[9];
     double f[4][3][TM_WIDTH] __attribute__((aligned(64)));
-    const V8 steer = 2 * b->slope * b->energy;
-    for (int i = 0; i < 9; i++) P[i] = b->weight * b->stress[i] + steer * b->H[i];
     for (int i = 0; i < 9; i++) memcpy(&alpha[i], pack->shape_1_m[i] + at, sizeof(V8));
     for (int i = 0; i < 3; i++) {
         V8 first = {0};
@@ -359,7 +362,7 @@ INSIDE void TM_NAME(scatter)(const tm_pack *pack, int at, const TM_NAME(turned) 
         memcpy(f[0][i], &first, sizeof first);
     }
     for (int l = 0; l < TM_WIDTH; l++) {
-        if (!(b->weight[l] > 0)) continue;
+        if (!(*who)[l]) continue;
         for (int k = 0; k < 4; k++)
             for (int i = 0; i < 3; i++) force_N[pack->component[k][at + l] + i] -= f[k][i][l];
     }
@@ -372,14 +375,19 @@ TM_TARGET static int32_t TM_NAME(force)(const tm_packs *packs, const int32_t *li
         bool any = false;
         for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
             TM_NAME(turned) b;
+            V8 P[9];
             if (!TM_NAME(turn)(packs, list[n], at, u_m, false, &b)) continue;
             any = true;
-            TM_NAME(scatter)(packs->pack + list[n], at, &b, force_N);
+            const M8 who = b.weight > 0;
+            const V8 steer = 2 * b.slope * b.energy;
+            for (int i = 0; i < 9; i++) P[i] = b.weight * b.stress[i] + steer * b.H[i];
+            TM_NAME(scatter)(packs, list[n], at, &who, P, force_N);
         }
         active += any;
     }
     return active;
 }
+#include "rotation/viscous_kernel.h"
 #undef V8
 #undef M8
 #undef INSIDE

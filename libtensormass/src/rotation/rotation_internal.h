@@ -40,6 +40,23 @@ tm_rotation_kernel tm_rotation_choose(bool plain);
 /* The same correction as an energy, J. */
 double tm_rotation_sum_energy(const tm_packs *packs, const double *u_m);
 
+/* Histories of tetrahedra that relax (viscous_kernel.h), beside the packs. */
+enum { TM_VISCOUS_TERMS = 3 };
+typedef struct tm_viscous {
+    int32_t terms;
+    double shear[TM_VISCOUS_TERMS], more[TM_VISCOUS_TERMS]; /* shares of all the law, and of the bulk modulus beyond */
+    /* The history h = memory + now E becomes memory = keep h + old E. */
+    double now[TM_VISCOUS_TERMS], keep[TM_VISCOUS_TERMS], old[TM_VISCOUS_TERMS];
+    bool still;                       /* histories do not go on */
+    double *memory[TM_VISCOUS_TERMS]; /* [TM_LANES*6*count] xx yy zz yz xz xy of a pack's lanes */
+    double *bulk_J;                   /* [TM_LANES*count] bulk modulus times volume */
+} tm_viscous;
+/* force_N += the correction of every pack less what has relaxed of it, and histories go on to the next step; null:
+ * histories alone. Returns how many packs have turned. */
+typedef int32_t (*tm_viscous_kernel)(const tm_packs *packs, const tm_viscous *viscous, const double *u_m,
+                                     double *force_N);
+tm_viscous_kernel tm_viscous_choose(bool plain);
+
 /* One lane of one pack, for tangents: rotation, gradient and blend. */
 typedef struct tm_turned_lane {
     double H[9], R[9];                                     /* grad u; the rotation */
@@ -77,7 +94,8 @@ struct tm_rotation {
     int64_t idle;                      /* packs looked at in vain since `seen_m` */
     bool seen;
     int32_t active;
-    double *scratch_N; /* [3*vertex_count] */
+    double *scratch_N;      /* [3*vertex_count] */
+    bool left_to_viscosity; /* whose stage does all of it */
 };
 
 bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_tissue *tissue);

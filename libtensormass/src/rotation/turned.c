@@ -48,6 +48,16 @@ tm_rotation_kernel tm_rotation_choose(bool plain) {
     return tm_rotation_form(form);
 }
 
+tm_viscous_kernel tm_viscous_choose(bool plain) {
+    const tm_rotation_kernel form = tm_rotation_choose(plain);
+#ifdef TM_HAS_AVX2
+    if (form == tm_avx512_force) return tm_avx512_viscous;
+    if (form == tm_avx2_force) return tm_avx2_viscous;
+#endif
+    (void)form;
+    return tm_plain_viscous;
+}
+
 double tm_rotation_sum_energy(const tm_packs *packs, const double *u_m) {
     double sum = 0;
     for (int32_t p = 0; p < packs->count; p++)

@@ -99,19 +99,10 @@ static void top_vector(double A[9], int m, double v[3]) {
     for (int sweep = 0; sweep < 40; sweep++)
         for (int p = 0; p < m - 1; p++)
             for (int q = p + 1; q < m; q++) {
-                if (A[3 * p + q] == 0) continue;
-                const double theta = (A[4 * q] - A[4 * p]) / (2 * A[3 * p + q]);
-                const double t = (theta < 0 ? -1 : 1) / (fabs(theta) + sqrt(theta * theta + 1));
-                const double c = 1 / sqrt(t * t + 1), s = t * c;
+                double c, s;
+                tm_jacobi(A, 3, p, q, &c, &s);
                 for (int k = 0; k < 3; k++) {
-                    const double a = A[3 * k + p], b = A[3 * k + q];
-                    A[3 * k + p] = c * a - s * b;
-                    A[3 * k + q] = s * a + c * b;
-                }
-                for (int k = 0; k < 3; k++) {
-                    const double a = A[3 * p + k], b = A[3 * q + k], x = V[3 * k + p], y = V[3 * k + q];
-                    A[3 * p + k] = c * a - s * b;
-                    A[3 * q + k] = s * a + c * b;
+                    const double x = V[3 * k + p], y = V[3 * k + q];
                     V[3 * k + p] = c * x - s * y;
                     V[3 * k + q] = s * x + c * y;
                 }

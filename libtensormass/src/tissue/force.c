@@ -7,31 +7,39 @@
 
 #define TM_REAL double
 #define TM_NAME tm_force_plain_double
+#define TM_BELOW below_plain_double
 #include "tissue/force_kernel.h"
 #undef TM_REAL
 #undef TM_NAME
+#undef TM_BELOW
 
 #define TM_REAL float
 #define TM_NAME tm_force_plain_single
+#define TM_BELOW below_plain_single
 #include "tissue/force_kernel.h"
 #undef TM_REAL
 #undef TM_NAME
+#undef TM_BELOW
 
 #ifdef TM_HAS_AVX2
 #define TM_REAL double
 #define TM_NAME tm_force_avx2_double
+#define TM_BELOW below_avx2_double
 #define TM_LOAD4(from) _mm256_loadu_pd(from)
 #include "tissue/force_avx2_kernel.h"
 #undef TM_REAL
 #undef TM_NAME
+#undef TM_BELOW
 #undef TM_LOAD4
 
 #define TM_REAL float
 #define TM_NAME tm_force_avx2_single
+#define TM_BELOW below_avx2_single
 #define TM_LOAD4(from) _mm256_cvtps_pd(_mm_loadu_ps(from))
 #include "tissue/force_avx2_kernel.h"
 #undef TM_REAL
 #undef TM_NAME
+#undef TM_BELOW
 #undef TM_LOAD4
 #endif
 
@@ -42,4 +50,8 @@ tm_force_kernel tm_force_choose(bool plain, bool single) {
 #endif
     (void)plain;
     return single ? tm_force_plain_single : tm_force_plain_double;
+}
+
+bool tm_force_is_wide(tm_force_kernel kernel) {
+    return kernel != tm_force_plain_single && kernel != tm_force_plain_double;
 }

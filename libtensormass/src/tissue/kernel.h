@@ -7,10 +7,13 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-#if defined(__x86_64__) && (defined(__GNUC__) || defined(__clang__))
+/* Not by gcc for Windows: it does not align what it spills (gcc bug 54412). */
+#if defined(__x86_64__) && (defined(__clang__) || (defined(__GNUC__) && !defined(_WIN32)))
 #include <immintrin.h>
 #define TM_HAS_AVX2 1
 #define TM_AVX2 __attribute__((target("avx2,fma")))
+#else
+#define TM_AVX2
 #endif
 
 #define TM_RESTRICT restrict
@@ -49,12 +52,45 @@ static inline bool tm_next_run(const uint64_t *living, int32_t n, int32_t *begin
     return *begin < n;
 }
 
-/* force := -K u. */
-typedef void (*tm_force_kernel)(const tm_force_graph *graph, const double *TM_RESTRICT u_m,
-                                double *TM_RESTRICT force_N);
+/* A part of a pass: the vertices that one thread computes the force on, all of it, in the order of the whole pass. So
+ * every division into parts has the same bits: what crosses a border is computed on both sides of it, each taking its
+ * own end. */
+typedef struct tm_force_part {
+    _Alignas(64) int32_t begin; /* [begin, end) of the vertices; alone on its cache lines, for `zeroed` changes */
+    int32_t end;
+    int32_t below_count;
+    const int32_t *below; /* [below_count] vertices before `begin` with an upper edge into the part, ascending */
+    int32_t zeroed;       /* of a pass under way: force_N is set from `begin` to here */
+} tm_force_part;
+
+static inline tm_force_part tm_force_whole(const tm_force_graph *graph) {
+    return (tm_force_part){.begin = 0, .end = graph->vertex_count};
+}
+
+/* Sets force_N to zero up to vertex `to`, and some further: just ahead of the rows, so that it is still in the cache
+ * when they add to it. Returns how far. */
+static inline int32_t tm_force_zero(int32_t from, int32_t to, int32_t end, double *TM_RESTRICT force_N) {
+    enum { AHEAD = 64 };
+    to = to < end - AHEAD ? to + AHEAD : end;
+    for (int64_t i = 3 * (int64_t)from; i < 3 * (int64_t)to; i++) force_N[i] = 0.0;
+    return to;
+}
+
+/* force := -K u on the vertices [begin, end) of a part. A pass calls it from the part's begin to its end, without
+ * gaps: what lies behind `end` is half a sum until then. */
+typedef void (*tm_force_kernel)(const tm_force_graph *graph, tm_force_part *part, int32_t begin, int32_t end,
+                                const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N);
+
+/* The whole pass. */
+static inline void tm_force_pass(tm_force_kernel kernel, const tm_force_graph *graph, const double *TM_RESTRICT u_m,
+                                 double *TM_RESTRICT force_N) {
+    tm_force_part whole = tm_force_whole(graph);
+    kernel(graph, &whole, whole.begin, whole.end, u_m, force_N);
+}
 
 #define TM_FORCE_DECLARE(name)                                                                                         \
-    void name(const tm_force_graph *graph, const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N)
+    void name(const tm_force_graph *graph, tm_force_part *part, int32_t begin, int32_t end,                            \
+              const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N)
 TM_FORCE_DECLARE(tm_force_plain_double);
 TM_FORCE_DECLARE(tm_force_plain_single);
 TM_FORCE_DECLARE(tm_force_avx2_double);
@@ -63,5 +99,7 @@ TM_FORCE_DECLARE(tm_force_avx2_single);
 /* The best this processor has, or the plain form. Tensors must be padded by TM_FORCE_PADDING numbers. */
 enum { TM_FORCE_PADDING = 4 };
 tm_force_kernel tm_force_choose(bool plain, bool single);
+/* Is it one of the AVX2 forms, so that the processor has AVX2? */
+bool tm_force_is_wide(tm_force_kernel kernel);
 
 #endif

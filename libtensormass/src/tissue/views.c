@@ -94,7 +94,7 @@ void tm_tissue_pair_tensor(const tm_tissue *tissue, int32_t pair, double K[9]) {
 }
 
 void tm_tissue_force(const tm_tissue *tissue, const double *u_m, double *force_N) {
-    tissue->force(&tissue->graph, u_m, force_N);
+    tm_force_pass(tissue->force, &tissue->graph, u_m, force_N);
 }
 
 static double form(const double K[9], const double *a, const double *b) {

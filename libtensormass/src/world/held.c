@@ -3,6 +3,8 @@
 
 #include <math.h>
 
+#include "law/union_find.h"
+
 typedef struct pieces {
     tm_pool pool;
     const tm_mesh *mesh;
@@ -11,18 +13,13 @@ typedef struct pieces {
     uint8_t *seen;   /* [vertex_count] roots looked at */
 } pieces;
 
-static int32_t root(int32_t *parent, int32_t v) {
-    while (parent[v] != v) v = parent[v] = parent[parent[v]];
-    return v;
-}
-
 /* The rank of the supports over the six rigid motions of one piece, whose vertices have root `piece`. */
 static bool piece_is_held(const pieces *x, int32_t piece) {
     const tm_mesh *mesh = x->mesh;
     double centre[3] = {0, 0, 0}, size = 0, G[36] = {0};
     int32_t count = 0;
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
-        if (root(x->parent, v) != piece) continue;
+        if (law_root(x->parent, v) != piece) continue;
         for (int i = 0; i < 3; i++) centre[i] += mesh->rest_m[3 * v + i];
         count++;
     }
@@ -30,10 +27,10 @@ static bool piece_is_held(const pieces *x, int32_t piece) {
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
         double d[3];
         vsub(mesh->rest_m + 3 * v, centre, d);
-        if (root(x->parent, v) == piece) size = fmax(size, sqrt(vdot(d, d)));
+        if (law_root(x->parent, v) == piece) size = fmax(size, sqrt(vdot(d, d)));
     }
     for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) {
-        if (!x->held[i] || root(x->parent, i / 3) != piece) continue;
+        if (!x->held[i] || law_root(x->parent, i / 3) != piece) continue;
         double d[3], row[6] = {0}, axis[3] = {0, 0, 0};
         axis[i % 3] = row[i % 3] = 1;
         vsub(mesh->rest_m + 3 * (i / 3), centre, d);
@@ -60,7 +57,7 @@ static bool find_pieces(pieces *x, const tm_world *world) {
     for (int32_t v = 0; v < mesh->vertex_count; v++) x->parent[v] = v;
     for (int32_t t = 0; t < mesh->tet_count; t++)
         for (int i = 1; i < 4 && world->tissue->alive[t]; i++)
-            x->parent[root(x->parent, mesh->tet[4 * (int64_t)t + i])] = root(x->parent, mesh->tet[4 * (int64_t)t]);
+            law_join(x->parent, mesh->tet[4 * (int64_t)t + i], mesh->tet[4 * (int64_t)t]);
     return true;
 }
 
@@ -72,7 +69,7 @@ tm_status tm_check_held(const tm_world *world, const double *load_N, tm_error *e
     }
     tm_status status = TM_OK;
     for (int32_t i = 0; i < 3 * x.mesh->vertex_count && !status; i++) {
-        const int32_t piece = root(x.parent, i / 3);
+        const int32_t piece = law_root(x.parent, i / 3);
         if ((load_N && load_N[i] == 0) || world->tissue->mass_kg[i / 3] == 0 || x.seen[piece]) continue;
         x.seen[piece] = 1;
         if (!piece_is_held(&x, piece))

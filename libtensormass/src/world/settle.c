@@ -6,6 +6,7 @@
  * constraint (contact) the stages themselves run, under fictitious masses and a
  * damping taken from the motion. */
 #include "world/settle_turned.h"
+#include "world/viscosity.h"
 #include "world/world_internal.h"
 
 #include <float.h>
@@ -33,9 +34,10 @@ typedef struct relaxation {
 } relaxation;
 
 static bool known(const tm_stage *stage) {
-    return stage->run == tm_stage_force_run || stage->run == tm_stage_integrate_run ||
-           stage->run == tm_stage_integrate_damped_run || stage->run == tm_stage_gravity_run ||
-           stage->run == tm_stage_load_run || stage->run == tm_stage_support_run || tm_stage_is_rotation(stage);
+    return stage->range == tm_stage_force || stage->range == tm_stage_integrate ||
+           stage->range == tm_stage_integrate_damped || stage->range == tm_stage_gravity_run ||
+           stage->range == tm_stage_load_run || stage->range == tm_stage_support_run || tm_stage_is_rotation(stage) ||
+           tm_stage_is_viscosity(stage);
 }
 
 /* Or would be, did nothing turn. */
@@ -55,7 +57,7 @@ static double largest(const double *a, const uint8_t *held, int32_t n) {
 static void run_phase(tm_world *world, tm_phase phase) {
     for (int32_t i = 0; i < world->stage_count; i++) {
         const tm_stage *stage = &world->slot[i].stage;
-        if (stage->phase == phase && !stage->passed_over_by_settle) stage->run(stage->self, world);
+        if (stage->phase == phase && !stage->passed_over_by_settle) tm_stage_do(stage, world);
     }
 }
 
@@ -289,21 +291,7 @@ static void refresh(tm_world *world) {
     for (tm_phase phase = TM_PHASE_FORCE; phase <= TM_PHASE_CONSTRAIN; phase++) run_phase(world, phase);
 }
 
-tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error) {
-    TM_REQUIRE_DEF(def, TM_COOKIE_SETTLE, TM_ERR_ARGUMENT);
-    TM_REQUIRE(world, "world is null", TM_ERR_ARGUMENT);
-    if (!(def->tolerance > 0) || def->max_steps < 1)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g, %lld steps; give positive numbers", def->tolerance,
-                       (long long)def->max_steps);
-    for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.not_settled)
-            return tm_fail(error, TM_ERR_ARGUMENT, -1, "settling: stage %s: %s", world->slot[i].stage.name,
-                           world->slot[i].stage.not_settled);
-    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++)
-        if (!tm_is_place(world->state.u_m[i]) || !tm_is_place(world->state.u_prev_m[i]))
-            return tm_fail(error, TM_ERR_ARGUMENT, i / 3,
-                           "vertex %d: its displacement is %g m, before %g m; give finite ones to settle from", i / 3,
-                           world->state.u_m[i], world->state.u_prev_m[i]);
+static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error) {
     relaxation x = {.world = world, .def = def, .n = 3 * world->tissue->mesh->vertex_count};
     const tm_rotation *rotation = tm_world_rotation(world);
     const bool linear = is_linear(world);
@@ -325,5 +313,27 @@ tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_r
     if (result) *result = (tm_settle_result){x.steps, x.relative, tm_tissue_energy(world->tissue, s->u_m)};
     if (result && rotation) result->energy_J += tm_rotation_energy(rotation, s->u_m);
     tm_pool_release(&x.pool);
+    return status;
+}
+
+tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_SETTLE, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world, "world is null", TM_ERR_ARGUMENT);
+    if (!(def->tolerance > 0) || def->max_steps < 1)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "tolerance %g, %lld steps; give positive numbers", def->tolerance,
+                       (long long)def->max_steps);
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.not_settled)
+            return tm_fail(error, TM_ERR_ARGUMENT, -1, "settling: stage %s: %s", world->slot[i].stage.name,
+                           world->slot[i].stage.not_settled);
+    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++)
+        if (!tm_is_place(world->state.u_m[i]) || !tm_is_place(world->state.u_prev_m[i]))
+            return tm_fail(error, TM_ERR_ARGUMENT, i / 3,
+                           "vertex %d: its displacement is %g m, before %g m; give finite ones to settle from", i / 3,
+                           world->state.u_m[i], world->state.u_prev_m[i]);
+    tm_relaxed relaxed = {0};
+    tm_status status = tm_relaxed_begin(world, &relaxed, error);
+    if (!status) status = settle(world, def, result, error);
+    tm_relaxed_end(world, &relaxed, !status);
     return status;
 }

@@ -89,7 +89,7 @@ static tm_status solve(newton *w, double accuracy, tm_error *error) {
     for (int32_t i = 0; i < n; i++)
         if (!w->rest->held[i]) w->move[i] = 0;
     for (bool first = true; rz > enough; first = false) {
-        w->tangent.force(&w->tangent.graph, w->step, w->image);
+        tm_force_pass(w->tangent.force, &w->tangent.graph, w->step, w->image);
         for (int32_t i = 0; i < n; i++)
             if (w->rest->held[i]) w->image[i] = 0;
         const double curvature = -product(w->step, w->image, n);
@@ -159,7 +159,7 @@ static tm_status predict(newton *w, double *u, double from, double to, tm_error 
     }
     look(w, u);
     tm_rotation_tangent(w->rotation, u, &w->tangent);
-    w->tangent.force(&w->tangent.graph, w->move, w->image);
+    tm_force_pass(w->tangent.force, &w->tangent.graph, w->move, w->image);
     for (int32_t i = 0; i < w->n; i++)
         if (!rest->held[i]) w->residual[i] += w->image[i];
     const tm_status status = solve(w, 1e-3, error);

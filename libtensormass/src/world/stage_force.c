@@ -3,9 +3,13 @@
 
 #include <string.h>
 
-void tm_stage_force_run(void *self, tm_world *world) {
+void tm_stage_force(void *self, tm_world *world, const tm_range *range) {
     (void)self;
-    tm_tissue_force(world->tissue, world->state.u_m, world->state.force_N);
+    const tm_tissue *tissue = world->tissue;
+    tissue->force(&tissue->graph, &world->part[range->part].force, range->begin, range->end, world->state.u_m,
+                  world->state.force_N);
+    const int64_t begin = 3 * (int64_t)range->begin;
     if (world->internal_N)
-        memcpy(world->internal_N, world->state.force_N, 3 * sizeof(double) * (size_t)world->tissue->mesh->vertex_count);
+        memcpy(world->internal_N + begin, world->state.force_N + begin,
+               3 * sizeof(double) * (size_t)(range->end - range->begin));
 }

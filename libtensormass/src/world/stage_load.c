@@ -9,11 +9,10 @@ typedef struct load {
     double *force_N; /* [3*vertex_count] */
 } load;
 
-void tm_stage_load_run(void *self, tm_world *world) {
+void tm_stage_load_run(void *self, tm_world *world, const tm_range *range) {
     const double *TM_RESTRICT force = ((const load *)self)->force_N;
     double *TM_RESTRICT f = world->state.force_N;
-    const int32_t n = 3 * world->tissue->mesh->vertex_count;
-    for (int32_t i = 0; i < n; i++) f[i] += force[i];
+    for (int32_t i = 3 * range->begin; i < 3 * range->end; i++) f[i] += force[i];
 }
 
 static void destroy(void *self) {
@@ -41,7 +40,7 @@ tm_status tm_stage_load(tm_world *world, const double *force_N, tm_error *error)
     const tm_stage stage = {.size = sizeof stage,
                             .name = "load",
                             .phase = TM_PHASE_LOAD,
-                            .run = tm_stage_load_run,
+                            .range = tm_stage_load_run,
                             .destroy = destroy,
                             .self = self};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);

@@ -8,6 +8,7 @@
 
 static void run(void *self, tm_world *world) {
     tm_rotation *r = self;
+    if (r->left_to_viscosity) return;
     tm_packs_list(r, world->state.u_m);
     r->active = r->kernel(&r->packs, r->list, r->list_count, world->state.u_m, world->state.force_N);
     r->idle += r->list_count - r->active;
@@ -50,6 +51,11 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "rotation: the tissue's guaranteed step is that of tissue that does not turn; set rotation in "
                        "its definition");
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (!strcmp(world->slot[i].stage.name, "viscosity"))
+            return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                           "rotation: stage viscosity keeps histories of tissue that does not turn; add rotation "
+                           "before it");
     for (int32_t i = 0; i < world->stage_count; i++)
         if (!strcmp(world->slot[i].stage.name, "patch"))
             return tm_fail(error, TM_ERR_ARGUMENT, -1,

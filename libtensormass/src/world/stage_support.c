@@ -19,10 +19,23 @@ tm_support_def tm_support_def_default(void) {
     return (tm_support_def){.cookie = TM_COOKIE_SUPPORT, .size = sizeof(tm_support_def)};
 }
 
-void tm_stage_support_run(void *self, tm_world *world) {
+/* The first prescribed component from `dof` on. */
+static int32_t first_from(const support *stage, int32_t dof) {
+    int32_t low = 0, high = stage->count;
+    while (low < high) {
+        const int32_t middle = low + (high - low) / 2;
+        if (stage->dof[middle] < dof)
+            low = middle + 1;
+        else
+            high = middle;
+    }
+    return low;
+}
+
+void tm_stage_support_run(void *self, tm_world *world, const tm_range *range) {
     support *stage = self;
     double *u_next = world->state.u_next_m;
-    for (int32_t i = 0; i < stage->count; i++) {
+    for (int32_t i = first_from(stage, 3 * range->begin); i < stage->count && stage->dof[i] < 3 * range->end; i++) {
         const int32_t d = stage->dof[i];
         const double mobility = world->mobility_s2_kg[d / 3];
         stage->reaction_N[i] = mobility > 0 ? (stage->value_m[i] - u_next[d]) / mobility : 0;
@@ -151,7 +164,7 @@ tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error 
         const tm_stage stage = {.size = sizeof stage,
                                 .name = "support",
                                 .phase = TM_PHASE_CONSTRAIN,
-                                .run = tm_stage_support_run,
+                                .range = tm_stage_support_run,
                                 .destroy = destroy,
                                 .self = self,
                                 .snapshot = snapshot,

@@ -109,8 +109,8 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
     tm_stage mine = {0}, *stage = &mine;
     memcpy(stage, given, given->size);
     TM_REQUIRE(stage->name && stage->phase >= TM_PHASE_BEGIN && stage->phase <= TM_PHASE_BETWEEN &&
-                   !stage->run == (stage->phase == TM_PHASE_BETWEEN),
-               "stage has no name, no run or no phase", TM_ERR_ARGUMENT);
+                   (stage->run || stage->range) == (stage->phase != TM_PHASE_BETWEEN) && !(stage->run && stage->range),
+               "stage has no name, no phase, or not one of run and range", TM_ERR_ARGUMENT);
     TM_REQUIRE(!stage->part_of || !stage->destroy, "stage is a part and has a destroy of its own", TM_ERR_ARGUMENT);
     TM_REQUIRE(!stage->keep == !stage->give_back && !stage->snapshot == !stage->restore,
                "stage has one of a pair of hooks without the other", TM_ERR_ARGUMENT);
@@ -130,6 +130,13 @@ tm_status tm_world_add_stage(tm_world *world, const tm_stage *given, int64_t byt
     world->slot[at] = (struct tm_stage_slot){.stage = *stage, .bytes = bytes};
     if (stage->step_changed) stage->step_changed(stage->self, world);
     return TM_OK;
+}
+
+void tm_world_charge(tm_world *world, int32_t slot) {
+    const double now_s = tm_clock_s();
+    if (world->charged != TM_NO_SLOT) world->slot[world->charged].seconds += now_s - world->charged_since_s;
+    world->charged = slot;
+    world->charged_since_s = now_s;
 }
 
 static tm_stage take_out(tm_world *world, int32_t at) {

@@ -3,8 +3,6 @@
 
 #include <string.h>
 
-static const double LARGEST_DISPLACEMENT_M = 1e6;
-
 /* --- the step --- */
 
 static void rotate(tm_state *s) {
@@ -16,20 +14,23 @@ static void rotate(tm_state *s) {
     s->time_s += s->dt_s;
 }
 
-void tm_world_charge(tm_world *world, int32_t slot) {
-    const double now_s = tm_clock_s();
-    if (world->charged != TM_NO_SLOT) world->slot[world->charged].seconds += now_s - world->charged_since_s;
-    world->charged = slot;
-    world->charged_since_s = now_s;
-}
-
-/* Every stage in its turn; tm_phase is the table of contents. */
+/* Every stage in its turn; tm_phase is the table of contents. Those that work on ranges do so together. */
 static void substep(tm_world *world) {
-    for (int32_t i = 0; i < world->step_count; i++) {
-        if (world->timing) tm_world_charge(world, i);
-        world->slot[i].stage.run(world->slot[i].stage.self, world);
+    bool looked = false;
+    for (int32_t i = 0, end; i < world->step_count; i = end) {
+        for (end = i; end < world->step_count && world->slot[end].stage.range; end++) {
+        }
+        if (end > i) {
+            looked = end == world->step_count;
+            tm_parts_run_stages(world, i, end, looked);
+        } else {
+            if (world->timing) tm_world_charge(world, i);
+            world->slot[i].stage.run(world->slot[i].stage.self, world);
+            end = i + 1;
+        }
     }
     if (world->timing) tm_world_charge(world, TM_NO_SLOT);
+    if (!looked && !world->unsound) tm_parts_look(world);
 }
 
 /* What has died away to nothing becomes nothing: tissue at rest in its own shape would end among the denormals, on
@@ -41,19 +42,6 @@ static void flush(const tm_state *s, int32_t n) {
     double *const array[3] = {s->u_m, s->u_prev_m, s->u_next_m}; /* the last: of the dead, which nobody writes again */
     for (int a = 0; a < 3; a++)
         for (int32_t i = 0; i < n; i++) array[a][i] = (array[a][i] + tiny) - tiny;
-}
-
-/* No displacement is beyond 1e6 m, infinite or no number. Magnitudes of doubles are ordered as their bits are, so that
- * adding what is left from the largest one allowed to the topmost bit sets that bit for all beyond. Looked at after
- * every substep: whole words are an instruction less than comparisons. */
-static bool sound(const double *u, int32_t n) {
-    uint64_t largest, word, beyond = 0;
-    memcpy(&largest, &LARGEST_DISPLACEMENT_M, sizeof largest);
-    for (int32_t i = 0; i < n; i++) {
-        memcpy(&word, u + i, sizeof word);
-        beyond |= (word & INT64_MAX) + (INT64_MAX - largest);
-    }
-    return !(beyond >> 63);
 }
 
 /* --- all or nothing --- */
@@ -91,14 +79,16 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     if (world->revision != world->tissue->surface.revision) tm_world_changed(world); /* cut by the caller since */
     keep(world);
     tm_stage_integrate_still(world);
-    for (int32_t i = 0; i < count; i++) {
+    tm_parts_begin(world, count);
+    for (int32_t i = 0; i < count && !world->unsound; i++) {
         substep(world);
         rotate(s);
-        if (world->unsound || !sound(s->u_m, n)) {
-            give_back(world);
-            return TM_ERR_UNSTABLE;
-        }
         if (s->step % FLUSH_EVERY == 0) flush(s, n);
+    }
+    tm_parts_end(world);
+    if (world->unsound) {
+        give_back(world);
+        return TM_ERR_UNSTABLE;
     }
     for (int32_t i = 0; i < world->stage_count; i++) world->slot[i].runs += count;
     return TM_OK;

@@ -6,7 +6,7 @@
 
 tm_world_def tm_world_def_default(void) {
     return (tm_world_def){
-        .cookie = TM_COOKIE_WORLD, .size = sizeof(tm_world_def), .step_fraction = 0.9, .damped = true};
+        .cookie = TM_COOKIE_WORLD, .size = sizeof(tm_world_def), .step_fraction = 0.9, .damped = true, .threads = 1};
 }
 
 /* --- creation --- */
@@ -25,13 +25,14 @@ static bool take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
     const int64_t undamped = pool->bytes;
     if (def->damped) world->carry = TM_TAKE(pool, double, n);
     world->carry_bytes = pool->bytes - undamped;
-    return !pool->failed;
+    return tm_parts_take(world, pool, def) && !pool->failed;
 }
 
 static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *error) {
     world->tissue = def->tissue;
     world->revision = def->tissue->surface.revision;
     world->damped = def->damped;
+    world->wide = tm_force_is_wide(def->tissue->force);
     world->charged = TM_NO_SLOT;
     if (!def->damped)
         for (int32_t t = 0; t < def->tissue->mesh->tet_count; t++)
@@ -52,12 +53,12 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
     if (status) return status;
     world->state.dt_s = dt_s;
     const tm_stage force = {
-        .size = sizeof(tm_stage), .name = "force", .phase = TM_PHASE_FORCE, .run = tm_stage_force_run};
+        .size = sizeof(tm_stage), .name = "force", .phase = TM_PHASE_FORCE, .range = tm_stage_force};
     const tm_stage integrate = {.size = sizeof(tm_stage),
                                 .name = "integrate",
                                 .phase = TM_PHASE_INTEGRATE,
                                 .step_changed = tm_stage_integrate_changed,
-                                .run = def->damped ? tm_stage_integrate_damped_run : tm_stage_integrate_run};
+                                .range = def->damped ? tm_stage_integrate_damped : tm_stage_integrate};
     status = tm_world_add_stage(world, &force, 0, error);
     return status ? status : tm_world_add_stage(world, &integrate, world->carry_bytes, error);
 }
@@ -65,11 +66,14 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
 tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *error) {
     TM_REQUIRE_DEF(def, TM_COOKIE_WORLD, TM_ERR_ARGUMENT);
     TM_REQUIRE(world && def->tissue, "world or def->tissue is null", TM_ERR_ARGUMENT);
+    if (def->threads < 1 || def->threads > TM_MAX_THREADS)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "%d threads; give 1 to %d", (int)def->threads, TM_MAX_THREADS);
     tm_pool pool = {0};
     tm_world *w = TM_TAKE(&pool, tm_world, 1);
     tm_status status = w && take(w, &pool, def) ? TM_OK : tm_fail_memory(error, "world");
     if (!status) status = set_up(w, def, error);
     if (status) {
+        if (w) tm_team_destroy(w->team);
         tm_pool_release(&pool);
         return status;
     }
@@ -81,6 +85,7 @@ tm_status tm_world_create(const tm_world_def *def, tm_world **world, tm_error *e
 void tm_world_destroy(tm_world *world) {
     if (!world) return;
     tm_world_remove_all_stages(world);
+    tm_team_destroy(world->team);
     tm_pool pool = world->pool;
     tm_pool_release(&pool);
 }
@@ -105,6 +110,10 @@ tm_tissue *tm_world_tissue(tm_world *world) {
     WORLD_IS_GIVEN(NULL);
     return world->tissue;
 }
+int32_t tm_world_parts(const tm_world *world) {
+    WORLD_IS_GIVEN(0);
+    return world->part_count;
+}
 double tm_world_step_s(const tm_world *world) {
     WORLD_IS_GIVEN(0);
     return world->state.dt_s;
@@ -117,7 +126,7 @@ const double *tm_world_mobility_s2_kg(const tm_world *world) {
 static void run_phases(tm_world *world, tm_phase first, tm_phase last) {
     for (int32_t i = 0; i < world->stage_count; i++) {
         const tm_stage *stage = &world->slot[i].stage;
-        if (stage->phase >= first && stage->phase <= last) stage->run(stage->self, world);
+        if (stage->phase >= first && stage->phase <= last) tm_stage_do(stage, world);
     }
 }
 
@@ -128,7 +137,9 @@ tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error) {
     const tm_status status = tm_world_check_step(world, dt_s, error);
     if (status) return status;
     tm_state *s = &world->state;
+    world->asking = true;
     run_phases(world, TM_PHASE_FORCE, TM_PHASE_LOAD); /* force_N at time_s, which the kick below needs */
+    world->asking = false;
     uint8_t *held = world->held_scratch;
     memset(held, 0, 3 * (size_t)world->tissue->mesh->vertex_count);
     tm_support_mask(world, held);

@@ -2,17 +2,25 @@
 #ifndef TM_WORLD_INTERNAL_H
 #define TM_WORLD_INTERNAL_H
 
+#include "base/team.h"
 #include "tensormass/rotation.h"
 #include "tensormass/world.h"
 #include "tissue/tissue_internal.h"
 
 enum { TM_COOKIE_WORLD = 0x776f726c, TM_COOKIE_SUPPORT = 0x73757070, TM_COOKIE_SETTLE = 0x73657474 };
 
+/* What one thread has of a step. */
+typedef struct tm_part {
+    tm_force_part force; /* its vertices */
+    bool unsound;        /* one of them is nowhere, since the substep's last look */
+} tm_part;
+
 struct tm_world {
     tm_pool pool;
     tm_state state;
     tm_tissue *tissue;
     bool damped, timing;
+    bool wide;                /* stages may use AVX2, where that has the bits of the plain loop */
     int32_t revision;         /* of the tissue's surface that masses and stages know */
     double guaranteed_step_s; /* of the tissue at creation: cutting never lowers it */
     int32_t guaranteed_tet;
@@ -25,7 +33,14 @@ struct tm_world {
     double *keep_u_m, *keep_u_prev_m, *keep_force_N;
     int64_t keep_step;
     double keep_time_s;
-    bool unsound;    /* a stage met a number that is not finite: the step fails */
+    bool asking;  /* forces are evaluated outside a step: no history goes on */
+    bool unsound; /* a stage met a number that is not finite: the step fails */
+    int32_t part_count;
+    tm_part *part; /* [part_count+1] the last: all of it, for passes that one thread does */
+    tm_team *team; /* null: one part, or the caller's own threads */
+    bool team_is_there;
+    tm_run_parts *run_parts;
+    void *run_parts_user;
     int32_t charged; /* slot on which time is booked at present, or TM_NO_SLOT */
     double charged_since_s;
     int32_t stage_count, step_count; /* step_count: those before TM_PHASE_BETWEEN */
@@ -44,6 +59,19 @@ tm_status tm_world_add_stages(tm_world *world, const tm_stage *stage, int32_t co
 /* All of them, with what they hold. */
 void tm_world_remove_all_stages(tm_world *world);
 
+/* --- parts (parts.c) --- */
+/* Divides the tissue among the threads that it is worth. False: no memory, or no thread to be had. */
+bool tm_parts_take(tm_world *world, tm_pool *pool, const tm_world_def *def);
+/* Around the substeps of a call. */
+void tm_parts_begin(tm_world *world, int32_t substeps);
+void tm_parts_end(tm_world *world);
+/* Stages [begin, end), all with `range`, a block of vertices at a time; and looks whether u_next_m is sound. */
+void tm_parts_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_too);
+/* Sets world->unsound where a new displacement is beyond 1e6 m or no number. */
+void tm_parts_look(tm_world *world);
+/* One stage over the whole tissue, by the caller's thread. */
+void tm_stage_do(const tm_stage *stage, tm_world *world);
+
 /* --- whose time it is, when timing is on --- */
 enum { TM_NO_SLOT = -1 };
 /* From here on time is booked on this slot. */
@@ -60,19 +88,15 @@ void tm_world_changed(tm_world *world);
 void tm_world_cut(tm_world *world);
 
 /* Every world's own stages. */
-void tm_stage_force_run(void *self, tm_world *world);
-void tm_stage_integrate_run(void *self, tm_world *world);
-void tm_stage_integrate_damped_run(void *self, tm_world *world);
+tm_stage_range tm_stage_force, tm_stage_integrate, tm_stage_integrate_damped;
 /* Refreshes mobility and carry from masses, damping and dt; stops vertices that have lost their last tetrahedron. */
 void tm_stage_integrate_changed(void *self, tm_world *world);
 void tm_stage_integrate_refresh(tm_world *world, const int32_t *vertex, int32_t count);
 /* Dead vertices are passed over by every stage: all three of u hold what u holds now. */
 void tm_stage_integrate_still(tm_world *world);
 /* The stages settle knows: with these alone the rest state is a linear system. */
-void tm_stage_gravity_run(void *self, tm_world *world);
+tm_stage_range tm_stage_gravity_run, tm_stage_load_run, tm_stage_support_run;
 const double *tm_stage_gravity_m_s2(const void *self); /* [3] */
-void tm_stage_load_run(void *self, tm_world *world);
-void tm_stage_support_run(void *self, tm_world *world);
 /* Writes the prescribed values into u. */
 void tm_support_impose(const tm_world *world, double *u_m);
 

@@ -27,6 +27,25 @@ LINEAR_DEPTH = 0.05
 CELLS = {"neo": 9, "iso": 12, "fibre": 12}
 
 
+def kuhn(cells, node):
+    """Nodes of the C3D10 of a lattice of `cells` boxes an axis, six in each; node(i, j, k): the number at a half cell."""
+    for corner in itertools.product(*(range(0, 2 * c, 2) for c in cells)):
+        for order in itertools.permutations(range(3)):
+            v = [corner]
+            for axis in order:
+                step = list(v[-1])
+                step[axis] += 2
+                v.append(tuple(step))
+            if np.linalg.det([np.subtract(q, v[0]) for q in v[1:]]) < 0:
+                v[1], v[2] = v[2], v[1]
+            pairs = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
+            yield [node(*q) for q in v + [tuple((a + b) // 2 for a, b in zip(v[p], v[q])) for p, q in pairs]]
+
+
+def node_set(name, nodes):
+    return [f"*NSET, NSET={name}"] + [", ".join(map(str, nodes[k:k + 12])) + "," for k in range(0, len(nodes), 12)]
+
+
 class Grid:
     """Nodes on a lattice of half cells, so that midside nodes have numbers of their own."""
 
@@ -40,20 +59,6 @@ class Grid:
     def nodes(self):
         r = range(self.side)
         return ((self.node(i, j, k), i * self.half_m, j * self.half_m, k * self.half_m) for k in r for j in r for i in r)
-
-    def elements(self):
-        for corner in itertools.product(range(0, 2 * self.cells, 2), repeat=3):
-            for order in itertools.permutations(range(3)):
-                v = [corner]
-                for axis in order:
-                    step = list(v[-1])
-                    step[axis] += 2
-                    v.append(tuple(step))
-                if np.linalg.det([np.subtract(q, v[0]) for q in v[1:]]) < 0:
-                    v[1], v[2] = v[2], v[1]
-                pairs = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
-                mid = [tuple((a + b) // 2 for a, b in zip(v[p], v[q])) for p, q in pairs]
-                yield [self.node(*q) for q in v + mid]
 
     def pressed(self):
         """(node, profile in 0..1) under the indenter."""
@@ -95,7 +100,7 @@ def write(name):
     out = ["** made by make_inp.py", "*NODE, NSET=ALL"]
     out += [f"{n}, {x:.9g}, {y:.9g}, {z:.9g}" for n, x, y, z in grid.nodes()]
     out.append("*ELEMENT, TYPE=C3D10, ELSET=TISSUE")
-    out += [f"{e}, " + ", ".join(map(str, nodes)) for e, nodes in enumerate(grid.elements(), 1)]
+    out += [f"{e}, " + ", ".join(map(str, nodes)) for e, nodes in enumerate(kuhn((grid.cells,) * 3, grid.node), 1)]
     sets = {
         "BOTTOM": [grid.node(i, j, 0) for i in r for j in r],
         "XSYM": [grid.node(0, j, k) for j in r for k in r if k],
@@ -105,8 +110,7 @@ def write(name):
         "PROBE": [grid.node(i, j, k) for k in probe(top) for j in probe(top) for i in probe(top)],
     }
     for label, ids in sets.items():
-        out.append(f"*NSET, NSET={label}")
-        out += [", ".join(map(str, ids[k:k + 12])) + "," for k in range(0, len(ids), 12)]
+        out += node_set(label, ids)
     out += ["*MATERIAL, NAME=LIVER", *material(name), "*SOLID SECTION, ELSET=TISSUE, MATERIAL=LIVER"]
     depth = DEPTHS[-1] if name == "neo" else LINEAR_DEPTH
     if name == "neo":

@@ -8,7 +8,6 @@
   press   the block of make_inp.py with St. Venant and Kirchhoff's law, as deep as CalculiX gets.
 neo: neo-Hookean; svk: St. Venant and Kirchhoff (*ELASTIC with NLGEOM). Young's modulus 5 kPa, Poisson's ratio 0.45.
 """
-import itertools
 import json
 import math
 import re
@@ -30,26 +29,8 @@ def position(i, j, k):
     return [SIZE_m[a] * (q / (2 * CELLS[a]) - (0.5 if a < 2 else 0)) for a, q in enumerate((i, j, k))]
 
 
-def elements():
-    for corner in itertools.product(*(range(0, 2 * c, 2) for c in CELLS)):
-        for order in itertools.permutations(range(3)):
-            v = [corner]
-            for axis in order:
-                step = list(v[-1])
-                step[axis] += 2
-                v.append(tuple(step))
-            if np.linalg.det([np.subtract(q, v[0]) for q in v[1:]]) < 0:
-                v[1], v[2] = v[2], v[1]
-            pairs = ((0, 1), (1, 2), (0, 2), (0, 3), (1, 3), (2, 3))
-            yield [node(*q) for q in v + [tuple((a + b) // 2 for a, b in zip(v[p], v[q])) for p, q in pairs]]
-
-
 def material(law):
     return make_inp.material("neo" if law == "neo" else "iso")
-
-
-def ids(name, nodes):
-    return [f"*NSET, NSET={name}"] + [", ".join(map(str, nodes[k:k + 12])) + "," for k in range(0, len(nodes), 12)]
 
 
 def write_twist(law):
@@ -57,14 +38,12 @@ def write_twist(law):
     out = ["** made by turn_inp.py", "*NODE, NSET=ALL"]
     out += [f"{node(i, j, k)}, " + ", ".join(f"{x:.9g}" for x in position(i, j, k)) for k in r[2] for j in r[1] for i in r[0]]
     out.append("*ELEMENT, TYPE=C3D10, ELSET=TISSUE")
-    out += [f"{e}, " + ", ".join(map(str, n)) for e, n in enumerate(elements(), 1)]
+    out += [f"{e}, " + ", ".join(map(str, n)) for e, n in enumerate(make_inp.kuhn(CELLS, node), 1)]
     end = [(i, j, r[2][-1]) for j in r[1] for i in r[0]]
-    out += ids("BOTTOM", [node(i, j, 0) for j in r[1] for i in r[0]]) + ids("END", [node(*q) for q in end])
-    out += ["*MATERIAL, NAME=LIVER", *material(law), "*SOLID SECTION, ELSET=TISSUE, MATERIAL=LIVER",
-            "*AMPLITUDE, NAME=COS"] + [f"{t / 20:.9g}, {1 - math.cos(TURN * t / 20):.12g}" for t in range(21)]
-    out += ["*AMPLITUDE, NAME=SIN"] + [f"{t / 20:.9g}, {math.sin(TURN * t / 20):.12g}" for t in range(21)]
-    # One component takes both amplitudes by two sets of dofs: u = x (cos - 1) - y sin needs a sum, so the path is made
-    # of chords of 1/20 of the turn, each a step of its own.
+    out += make_inp.node_set("BOTTOM", [node(i, j, 0) for j in r[1] for i in r[0]])
+    out += make_inp.node_set("END", [node(*q) for q in end])
+    out += ["*MATERIAL, NAME=LIVER", *material(law), "*SOLID SECTION, ELSET=TISSUE, MATERIAL=LIVER"]
+    # The turn is made of chords, each a step of its own.
     steps = 20
     for s in range(1, steps + 1):
         c, q = math.cos(TURN * s / steps), math.sin(TURN * s / steps)
@@ -78,9 +57,7 @@ def write_twist(law):
         else:
             out += ["*NODE PRINT, NSET=END, FREQUENCY=0", "U"]
         out.append("*END STEP")
-    text = "\n".join(out) + "\n"
-    text = re.sub(r"\*AMPLITUDE.*?(?=\*STEP)", "", text, count=1, flags=re.S)
-    (make_inp.HERE / f"twist_{law}.inp").write_text(text)
+    (make_inp.HERE / f"twist_{law}.inp").write_text("\n".join(out) + "\n")
 
 
 def write_press():

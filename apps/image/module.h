@@ -1,0 +1,13 @@
+// Functions of the module that module.cpp puts into its table.
+#ifndef IMAGE_MODULE_H
+#define IMAGE_MODULE_H
+
+#include "image_api.h"
+
+image_end image_read(const char *path, double unit_m, image_volume *out, char why[IMAGE_WHY]);
+image_end image_mesh(const image_domain *domain, const image_wish *wish, image_tets *out, char why[IMAGE_WHY]);
+image_end image_read_surface(const char *path, image_surface *out, char why[IMAGE_WHY]);
+image_end image_examine_surface(image_surface *surface, bool mend, image_defects *found, image_defects *left,
+                                char why[IMAGE_WHY]);
+
+#endif

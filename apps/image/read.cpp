@@ -1,0 +1,296 @@
+// Label images by ITK's readers of NIfTI, NRRD and MetaImage. What they would believe of a header is held against the
+// file first.
+#include <itkMetaDataObject.h>
+#include <itkMetaImageIO.h>
+#include <itkNiftiImageIO.h>
+#include <itkNrrdImageIO.h>
+
+#include <sys/stat.h>
+#include <zlib.h>
+
+#include <cmath>
+#include <cstdarg>
+#include <cstdio>
+#include <cstdlib>
+#include <cstring>
+#include <exception>
+#include <fstream>
+#include <iostream>
+#include <limits>
+#include <memory>
+#include <new>
+#include <string>
+
+#include "module.h"
+
+namespace {
+
+enum { MOST_VOXELS = 1 << 30 };
+
+struct refusal : std::exception {
+    char text[IMAGE_WHY];
+    explicit __attribute__((format(printf, 2, 3))) refusal(const char *format, ...) {
+        va_list arguments;
+        va_start(arguments, format);
+        vsnprintf(text, sizeof text, format, arguments);
+        va_end(arguments);
+    }
+    const char *what() const noexcept override { return text; }
+};
+
+itk::ImageIOBase::Pointer reader_of(const char *path) {
+    const itk::ImageIOBase::Pointer all[] = {itk::NiftiImageIO::New().GetPointer(),
+                                             itk::NrrdImageIO::New().GetPointer(),
+                                             itk::MetaImageIO::New().GetPointer()};
+    struct stat info;
+    if (stat(path, &info) != 0) throw refusal("cannot open: %s; check the path", strerror(errno));
+    if (!S_ISREG(info.st_mode)) throw refusal("not a file; name a NIfTI, NRRD or MetaImage file");
+    for (const auto &io : all)
+        if (io->CanReadFile(path)) {
+            io->SetFileName(path);
+            return io;
+        }
+    const char *dot = strrchr(path, '.');
+    if (dot && (!strcmp(dot, ".dcm") || !strcmp(dot, ".DCM")))
+        throw refusal(
+            "DICOM-SEG is not read; make NIfTI or NRRD of it: segimage2itkimage (dcmqi), or save it from 3D Slicer");
+    throw refusal("no image that can be read; give NIfTI (.nii .nii.gz), NRRD (.nrrd .nhdr) or MetaImage (.mha .mhd)");
+}
+
+std::string dictionary(const itk::ImageIOBase &io, const std::string &key) {
+    std::string value;
+    itk::ExposeMetaData(io.GetMetaDataDictionary(), key, value);
+    return value;
+}
+
+// What NRRD says of "space units", which ITK drops: "mm" "mm" "mm".
+std::string nrrd_unit(const char *path) {
+    std::ifstream file(path, std::ios::binary);
+    std::string line;
+    for (int i = 0; i < 1000 && std::getline(file, line) && line.size() > 1; i++)
+        if (line.compare(0, 12, "space units:") == 0) {
+            const size_t from = line.find('"'), to = line.find('"', from + 1);
+            if (from != std::string::npos && to != std::string::npos) return line.substr(from + 1, to - from - 1);
+        }
+    return "";
+}
+
+double metres_of(const std::string &unit) {
+    static const struct {
+        const char *name;
+        double metres;
+    } known[] = {{"m", 1},     {"meter", 1},     {"mm", 1e-3}, {"millimeter", 1e-3},
+                 {"um", 1e-6}, {"micron", 1e-6}, {"cm", 1e-2}};
+    for (const auto &k : known)
+        if (unit == k.name) return k.metres;
+    throw refusal("its unit of length is '%.20s'; write it in mm", unit.c_str());
+}
+
+// Spacing, origin and axes in metres.
+void take_place(const itk::ImageIOBase &io, const char *path, double unit_m, image_volume *out) {
+    const bool nifti = std::string(io.GetNameOfClass()) == "NiftiImageIO";
+    std::string unit = nifti ? dictionary(io, "xyzt_units") : "";
+    if (nifti) {
+        const int code = atoi(unit.c_str()) & 7;
+        unit = code == 1 ? "m" : code == 2 ? "mm" : code == 3 ? "um" : "";
+    } else if (std::string(io.GetNameOfClass()) == "NrrdImageIO")
+        unit = nrrd_unit(path);
+    else
+        unit = "mm"; // MetaImage knows no other
+    snprintf(out->unit, sizeof out->unit, "%s", unit.c_str());
+    const double metres = !unit.empty() ? metres_of(unit) : unit_m > 0 ? unit_m : 1e-3;
+    double product = 1;
+    for (unsigned k = 0; k < 3; k++) {
+        // ITK makes the spacing of NIfTI millimetres, and leaves the origin as it is.
+        out->spacing_m[k] = io.GetSpacing(k) * (nifti && !unit.empty() ? 1e-3 : metres);
+        out->origin_m[k] = io.GetOrigin(k) * metres;
+        for (unsigned i = 0; i < 3; i++) out->direction[3 * i + k] = io.GetDirection(k)[i];
+        product *= out->spacing_m[k];
+        if (!std::isfinite(out->spacing_m[k]) || !(out->spacing_m[k] > 0) || !std::isfinite(out->origin_m[k]))
+            throw refusal("its spacing or origin is no length; write the image anew");
+    }
+    const double *d = out->direction;
+    for (int a = 0; a < 3; a++)
+        for (int b = 0; b <= a; b++)
+            if (!(std::fabs(d[a] * d[b] + d[3 + a] * d[3 + b] + d[6 + a] * d[6 + b] - (a == b)) < 1e-3))
+                throw refusal("its axes are not at right angles; resample it onto a straight grid");
+}
+
+void check_shape(const itk::ImageIOBase &io, image_volume *out) {
+    unsigned dims = io.GetNumberOfDimensions();
+    while (dims > 3 && io.GetDimensions(dims - 1) == 1) dims--;
+    if (dims > 3)
+        throw refusal(
+            "%u dimensions; give one label image of three (a .seg.nrrd whose segments overlap: save it as a label map)",
+            dims);
+    if (dims < 3) throw refusal("%u dimensions; a volume has three", dims);
+    for (unsigned k = 0; k < 3; k++) {
+        if (io.GetDimensions(k) < 2) throw refusal("one voxel thick along axis %u; a volume needs two at least", k + 1);
+        if (io.GetDimensions(k) > MOST_VOXELS)
+            throw refusal("%zu voxels along axis %u; crop it", (size_t)io.GetDimensions(k), k + 1);
+        out->size[k] = (int)io.GetDimensions(k);
+    }
+    if (io.GetNumberOfComponents() != 1)
+        throw refusal("%u numbers a voxel; a label image has one", io.GetNumberOfComponents());
+    const auto type = io.GetComponentType();
+    if (type == itk::IOComponentEnum::FLOAT || type == itk::IOComponentEnum::DOUBLE)
+        throw refusal(
+            "its voxels are %s, not labels; save the segmentation as whole numbers (uint8 or uint16, no slope)",
+            itk::ImageIOBase::GetComponentTypeAsString(type).c_str());
+}
+
+// A header may say anything: nothing is taken that the file's bytes cannot hold. Deflate packs 1032 to 1 at most.
+void check_size(const itk::ImageIOBase &io, const char *path, const image_volume &out) {
+    const double voxels = double(out.size[0]) * out.size[1] * out.size[2],
+                 bytes = voxels * double(io.GetComponentSize());
+    if (voxels > MOST_VOXELS)
+        throw refusal("%.3g voxels; crop or resample it to %.3g at most", voxels, double(MOST_VOXELS));
+    struct stat info;
+    const char *dot = strrchr(path, '.');
+    const bool apart = dot && (!strcmp(dot, ".mhd") || !strcmp(dot, ".nhdr") || !strcmp(dot, ".hdr"));
+    if (!apart && stat(path, &info) == 0 && bytes > 1032.0 * double(info.st_size))
+        throw refusal(
+            "its header says %.3g MB of voxels, its %.3g MB cannot hold them; the file is cut short or damaged",
+            1e-6 * bytes, 1e-6 * double(info.st_size));
+}
+
+// ITK takes a NIfTI that is cut short for one whose end is zero: its bytes are counted first (zlib reads plain files,
+// too).
+void check_nifti_end(const itk::ImageIOBase &io, const char *path, double bytes) {
+    const std::string magic = dictionary(io, "vox_offset");
+    const double expected = bytes + atof(magic.c_str());
+    const char *dot = strrchr(path, '.');
+    if (dot && (!strcmp(dot, ".hdr") || !strcmp(dot, ".img"))) return;
+    gzFile file = gzopen(path, "rb");
+    double seen = 0;
+    char part[1 << 16];
+    int got = 0;
+    while (file && (got = gzread(file, part, sizeof part)) > 0) seen += got;
+    const bool whole = file && got == 0 && gzclose(file) == Z_OK;
+    if (file && got != 0) gzclose(file);
+    if (!whole || seen < expected)
+        throw refusal("%.0f bytes of the %.0f that its header says; the file is cut short or damaged: copy it anew",
+                      seen, expected);
+}
+
+// MetaImage leaves what it could not read as it was: two readings over different ground must agree. It also speaks on
+// stderr.
+void read_voxels(itk::ImageIOBase &io, const char *path, char *bytes, size_t size) {
+    std::streambuf *const said = std::cerr.rdbuf(nullptr);
+    try {
+        if (std::string(io.GetNameOfClass()) == "NiftiImageIO") check_nifti_end(io, path, double(size));
+        memset(bytes, 0, size);
+        io.Read(bytes);
+        if (std::string(io.GetNameOfClass()) == "MetaImageIO") {
+            const std::unique_ptr<char[]> again(new char[size]);
+            memset(again.get(), 0x55, size);
+            io.Read(again.get());
+            if (memcmp(bytes, again.get(), size) != 0)
+                throw refusal("it ends before its last voxel; the file is cut short or damaged: copy it anew");
+        }
+    } catch (...) {
+        std::cerr.rdbuf(said);
+        throw;
+    }
+    std::cerr.rdbuf(said);
+}
+
+template <typename T> void take(const void *from, size_t count, uint16_t *to) {
+    const T *value = static_cast<const T *>(from);
+    for (size_t i = 0; i < count; i++) {
+        if (value[i] < T(0) || (std::numeric_limits<T>::max() > T(100) && double(value[i]) > 65535))
+            throw refusal("label %.0f; labels are 0 (nothing) to 65535", double(value[i]));
+        to[i] = static_cast<uint16_t>(value[i]);
+    }
+}
+
+void take_labels(const itk::ImageIOBase &io, const void *from, size_t count, uint16_t *to) {
+    typedef itk::IOComponentEnum type;
+    switch (io.GetComponentType()) {
+    case type::UCHAR: return take<unsigned char>(from, count, to);
+    case type::CHAR: return take<signed char>(from, count, to);
+    case type::USHORT: return take<unsigned short>(from, count, to);
+    case type::SHORT: return take<short>(from, count, to);
+    case type::UINT: return take<unsigned>(from, count, to);
+    case type::INT: return take<int>(from, count, to);
+    case type::ULONG: return take<unsigned long>(from, count, to);
+    case type::LONG: return take<long>(from, count, to);
+    case type::ULONGLONG: return take<unsigned long long>(from, count, to);
+    case type::LONGLONG: return take<long long>(from, count, to);
+    default: throw refusal("its voxels are of an unknown type; save the segmentation as uint8 or uint16");
+    }
+}
+
+// 3D Slicer writes "Segment0_Name" and "Segment0_LabelValue" into NRRD.
+void take_names(const itk::ImageIOBase &io, image_volume *out) {
+    for (int i = 0; i < IMAGE_NAMES; i++) {
+        const std::string key = "Segment" + std::to_string(i), value = dictionary(io, key + "_LabelValue"),
+                          name = dictionary(io, key + "_Name");
+        if (value.empty() || name.empty()) break;
+        out->name[out->names].label = atoi(value.c_str());
+        snprintf(out->name[out->names++].name, sizeof out->name[0].name, "%s", name.c_str());
+    }
+}
+
+void read_whole(const char *path, double unit_m, image_volume *out) {
+    const itk::ImageIOBase::Pointer io = reader_of(path);
+    io->ReadImageInformation();
+    snprintf(out->kind, sizeof out->kind, "%s", io->GetNameOfClass());
+    check_shape(*io, out);
+    take_place(*io, path, unit_m, out);
+    check_size(*io, path, *out);
+    take_names(*io, out);
+    const size_t count = (size_t)out->size[0] * (size_t)out->size[1] * (size_t)out->size[2];
+    itk::ImageIORegion region(io->GetNumberOfDimensions());
+    for (unsigned k = 0; k < io->GetNumberOfDimensions(); k++) {
+        region.SetIndex(k, 0);
+        region.SetSize(k, io->GetDimensions(k));
+    }
+    io->SetIORegion(region);
+    const std::unique_ptr<char[]> bytes(new char[count * io->GetComponentSize()]);
+    read_voxels(*io, path, bytes.get(), count * io->GetComponentSize());
+    out->label = (uint16_t *)malloc((count + 1) * sizeof *out->label);
+    if (!out->label) throw std::bad_alloc();
+    take_labels(*io, bytes.get(), count, out->label);
+}
+
+// ITK's messages are of several lines, of which the last says what was wrong.
+void last_line(const char *text, char why[IMAGE_WHY]) {
+    std::string all(text), last;
+    size_t end = all.find_last_not_of(" \n\r\t");
+    all.resize(end == std::string::npos ? 0 : end + 1);
+    size_t line = all.rfind('\n');
+    last = line == std::string::npos ? all : all.substr(line + 1);
+    if (last.find("orthonormal") != std::string::npos)
+        snprintf(
+            why, IMAGE_WHY,
+            "its axes are not at right angles (a NIfTI's sform must be, and in mm); resample it, or write it anew in mm");
+    else
+        snprintf(why, IMAGE_WHY, "ITK cannot read it: %.300s; the file is cut short or damaged: write it anew",
+                 last.c_str());
+}
+
+} // namespace
+
+image_end image_read(const char *path, double unit_m, image_volume *out, char why[IMAGE_WHY]) {
+    *out = image_volume();
+    image_end end = IMAGE_DONE;
+    itk::Object::GlobalWarningDisplayOff(); // what matters comes as an exception
+    try {
+        read_whole(path, unit_m, out);
+    } catch (const refusal &e) {
+        snprintf(why, IMAGE_WHY, "%s", e.what());
+        end = IMAGE_BAD_INPUT;
+    } catch (const std::bad_alloc &) {
+        snprintf(why, IMAGE_WHY, "no memory for its voxels; crop or resample it");
+        end = IMAGE_NO_MEMORY;
+    } catch (const std::exception &e) {
+        last_line(e.what(), why);
+        end = IMAGE_BAD_INPUT;
+    }
+    if (end != IMAGE_DONE) {
+        free(out->label);
+        *out = image_volume();
+    }
+    return end;
+}

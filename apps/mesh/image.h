@@ -1,0 +1,68 @@
+/* tm-mesh image, in parts: what is asked for, meshing to it, what came of it. */
+#ifndef MESH_IMAGE_H
+#define MESH_IMAGE_H
+
+#include "command.h"
+#include "label_field.h"
+
+/* Of one label. */
+typedef struct image_region {
+    int value;
+    char name[64];
+    double size_m; /* 0: that of all, or what its thickness asks for */
+} image_region;
+
+typedef struct image_options {
+    const char *in, *out, *json;
+    double size_m, distance_m, smooth, sliver_deg, unit_m; /* 0 where they follow from the rest */
+    double young_Pa, poisson, density_kg_m3;
+    int64_t specks;
+    int budget;         /* tetrahedra; 0: by size; -1: real time */
+    double budget_load; /* of a core, for real time */
+    bool lloyd, perturb, exude, improve, allow_vanish, allow_apart, allow_thin, ras;
+    image_region region[LABEL_MOST + 1]; /* from 1 */
+    int regions;                         /* named by --label; 0: all labels of the image */
+} image_options;
+
+/* What came of one label. */
+typedef struct image_result {
+    double volume_m3, image_m3, area_m2;
+    double hausdorff_m, mean_m; /* between the mesh's surface of the label and the voxels' */
+    int tets, pieces;
+} image_result;
+
+/* A mesh on the image's grid (p = voxel * spacing) with sizes that were used. */
+typedef struct image_mesh {
+    image_tets tets;
+    double edge_m[LABEL_MOST + 1], surface_m[LABEL_MOST + 1];
+    image_result of[LABEL_MOST + 1];
+    double size_m, load; /* load: seconds of one core that a simulated second takes; 0: not asked for */
+    int passes;
+} image_mesh;
+
+/* Fills `mesh`; exit code. */
+int image_make(const image_api *api, const image_options *o, label_field *field, image_mesh *mesh);
+/* Volumes, areas, pieces and tetrahedra of each label. False: no memory. */
+bool image_measure(const label_field *field, image_mesh *mesh);
+/* Distances of each label's surfaces. */
+tm_status image_distances(const label_field *field, image_mesh *mesh, tm_error *error);
+/* The mesh of a file: places in the world, regions, the group "surface" and one for every label's outer surface. */
+bool image_to_file(const image_options *o, const image_volume *volume, const label_field *field, const image_mesh *mesh,
+                   tm_mesh_file *out);
+/* Prints, and writes the JSON file if one is asked for; exit code. */
+int image_report(const image_options *o, const image_volume *volume, const label_field *field, const image_mesh *mesh,
+                 const tm_mesh_file *file);
+/* Moves vertices so that the smallest tetrahedron grows, those between two labels along the surface that `project`
+ * finds. False: no memory. */
+bool image_improve(image_tets *m, int labels, void (*project)(const void *shape, double p[3]), const void *shape);
+void image_mesh_free(image_mesh *mesh);
+
+/* Outer faces of a label's tetrahedra, as 3 vertices each, normals outwards; malloced. -1: no memory. */
+int image_faces(const image_tets *tets, int label, int **face);
+/* The same of all labels, those between two of them once for each. */
+int image_interfaces(const image_tets *tets, int labels, int **face);
+
+/* The module; null after filling `error`. */
+const image_api *image_open_module(tm_error *error);
+
+#endif

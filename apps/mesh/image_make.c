@@ -1,0 +1,223 @@
+/* Meshing again and again until the count of tetrahedra, or the load of this machine, and the labels' volumes are what
+ * was asked for; then optimisation, once. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "common/bandwidth.h"
+#include "growing.h"
+#include "image.h"
+#include "step.h"
+
+static const double volume_aim = 0.01, count_low = 0.85, count_aim = 0.93;
+
+void image_mesh_free(image_mesh *mesh) {
+    free(mesh->tets.vertex_m);
+    free(mesh->tets.tet);
+    free(mesh->tets.label);
+    memset(mesh, 0, sizeof *mesh);
+}
+
+/* --- optimisation --- */
+
+static bool none_wanted(const growing *m, int tet, double longest_m, const void *context) {
+    (void)m, (void)tet, (void)longest_m, (void)context;
+    return false;
+}
+
+/* Counts a label for every vertex of its tetrahedra; label 0 is outside, whose vertices are those of the surface. */
+static bool mark_label(const image_tets *m, int label, uint8_t *sides) {
+    uint8_t *seen = calloc((size_t)m->vertices + 1, 1);
+    int *face = NULL;
+    const int faces = label ? 0 : image_faces(m, 0, &face);
+    if (seen && faces >= 0) {
+        for (int i = 0; i < 3 * faces; i++) seen[face[i]] = 1;
+        for (int i = 0; i < 4 * m->tets && label; i++)
+            if (m->label[i / 4] == label) seen[m->tet[i]] = 1;
+        for (int v = 0; v < m->vertices; v++) sides[v] = (uint8_t)(sides[v] + (seen[v] && sides[v] < 255));
+    }
+    free(face);
+    free(seen);
+    return faces >= 0;
+}
+
+/* Vertices move so that the smallest tetrahedron, which sets the time step, grows: freely within a label, along the
+ * surface between two, not at all where three meet. */
+bool image_improve(image_tets *m, int labels, void (*project)(const void *shape, double p[3]), const void *shape) {
+    growing g = {.vertex_count = m->vertices, .tet_count = m->tets, .vertex = m->vertex_m, .tet = m->tet};
+    growing_hold hold = {malloc((size_t)m->vertices + 1), calloc(3 * (size_t)m->vertices + 1, sizeof(double)),
+                         none_wanted, NULL};
+    const growing_solid surface = {.project = project, .shape = shape};
+    uint8_t *sides = calloc((size_t)m->vertices + 1, 1);
+    bool good = hold.freedom && hold.direction && sides;
+    if (good) memset(hold.freedom, FREE, (size_t)m->vertices);
+    for (int l = 0; l <= labels && good; l++) good = mark_label(m, l, sides);
+    for (int v = 0; v < m->vertices && good; v++)
+        if (sides[v] > 2) hold.freedom[v] = FIXED;
+    if (good) good = (g.face_count = image_interfaces(m, labels, &g.face)) >= 0;
+    if (good) growing_improve(&g, &surface, &hold, 12);
+    free(g.face);
+    free(hold.freedom);
+    free(hold.direction);
+    free(sides);
+    return good && !g.no_memory;
+}
+
+/* --- one pass --- */
+
+typedef struct pass {
+    const image_api *api;
+    const image_options *o;
+    label_field *field;
+    image_domain domain;
+    double *seed_m;
+    int expected; /* vertices, for the progress line */
+    bool finish;  /* optimise: seconds a pass, so at the end alone, and where steps are what is fitted */
+} pass;
+
+static bool go_on(void *context, const char *doing, int vertices) {
+    const pass *p = context;
+    char what[80];
+    snprintf(what, sizeof what, "tm-mesh image: %s", doing);
+    if (!app_is_quiet()) app_progress(what, fmin(0.99, p->expected ? (double)vertices / p->expected : 0), false);
+    return !app_interrupted();
+}
+
+/* A label's tetrahedra are of the size asked for, and no larger than the label is thick (a tube of radius r has
+ * V/A = r/2; voxels' faces are half as much again as the surface they step along), so that it does not fall apart. */
+static void set_sizes(const pass *p, double size_m, image_mesh *mesh) {
+    const double *s = p->field->spacing_m, voxel_m3 = s[0] * s[1] * s[2];
+    mesh->size_m = size_m;
+    for (int l = 1; l <= p->field->labels; l++) {
+        const double thick_m =
+            p->field->face_m2[l] > 0 ? 3 * (double)p->field->voxels[l] * voxel_m3 / p->field->face_m2[l] : size_m;
+        const double own_m = p->o->region[l].size_m;
+        mesh->edge_m[l] = own_m > 0 ? own_m : fmin(size_m, fmax(thick_m, size_m / 3));
+        mesh->surface_m[l] = p->o->distance_m > 0 ? p->o->distance_m : mesh->edge_m[l] / 8;
+    }
+}
+
+static int mesh_once(pass *p, double size_m, image_mesh *mesh) {
+    char why[IMAGE_WHY] = "";
+    image_mesh fresh = {.passes = mesh->passes + 1};
+    set_sizes(p, size_m, &fresh);
+    const image_wish wish = {.labels = p->field->labels,
+                             .edge_m = fresh.edge_m,
+                             .surface_m = fresh.surface_m,
+                             .facet_angle_deg = 25,
+                             .radius_edge = 2,
+                             .lloyd = p->finish && p->o->lloyd,
+                             .perturb = p->finish && p->o->perturb,
+                             .exude = p->finish && p->o->exude,
+                             .sweeps = 20,
+                             .sliver_deg = p->o->sliver_deg,
+                             .go_on = go_on,
+                             .go_on_context = p};
+    const image_end end = p->api->mesh(&p->domain, &wish, &fresh.tets, why);
+    app_progress("tm-mesh image", 1, true);
+    if (end == IMAGE_STOPPED) return app_interrupted_exit();
+    if (end) {
+        app_bad_input(p->o->in, 0, "%s", why);
+        return APP_FAILED;
+    }
+    image_mesh_free(mesh);
+    *mesh = fresh;
+    p->expected = mesh->tets.vertices * 6 / 5;
+    if ((p->finish && p->o->improve && !image_improve(&mesh->tets, p->field->labels, label_field_project, p->field)) ||
+        !image_measure(p->field, mesh))
+        return command_no_memory(p->o->in);
+    if (p->o->budget >= 0 || !mesh->tets.tets) return APP_DONE;
+    return step_load(p->o->in, &mesh->tets, p->o->young_Pa, p->o->poisson, p->o->density_kg_m3, &mesh->load);
+}
+
+/* --- volumes --- */
+
+static double worst_volume(const label_field *f, const image_mesh *mesh) {
+    double worst = 0;
+    for (int l = 1; l <= f->labels; l++)
+        if (mesh->of[l].image_m3 > 0) worst = fmax(worst, fabs(mesh->of[l].volume_m3 / mesh->of[l].image_m3 - 1));
+    return worst;
+}
+
+/* Chords cut off what is round, and so does smoothing: each label's surface moves outwards by what it lacks over its
+ * area. Across the surface the difference of two labels' strengths grows by 2/(sqrt(2 pi) sigma) a metre. */
+static void correct_volumes(const pass *p, const image_mesh *mesh) {
+    const double *s = p->field->spacing_m, voxel_m = cbrt(s[0] * s[1] * s[2]);
+    const double slope_1_m = 2 / (sqrt(2 * M_PI) * voxel_m * sqrt(p->o->smooth * p->o->smooth + 0.16));
+    for (int l = 1; l <= p->field->labels; l++) {
+        const image_result *r = &mesh->of[l];
+        if (!(r->area_m2 > 0)) continue;
+        const double bias = p->field->bias[l] + slope_1_m * (r->image_m3 - r->volume_m3) / r->area_m2;
+        p->field->bias[l] = (float)fmax(-0.4, fmin(0.4, bias));
+    }
+}
+
+/* --- sizes --- */
+
+static double first_size(const pass *p) {
+    const double *s = p->field->spacing_m;
+    double volume_m3 = 0;
+    if (p->o->size_m > 0) return p->o->size_m;
+    for (int l = 1; l <= p->field->labels; l++) volume_m3 += (double)p->field->voxels[l] * s[0] * s[1] * s[2];
+    return cbrt(9 * volume_m3 / (p->o->budget > 0 ? p->o->budget : 5000));
+}
+
+/* What of the budget is used: tetrahedra, or load. */
+static double used(const pass *p, const image_mesh *mesh) {
+    if (p->o->budget > 0) return mesh->tets.tets / (double)p->o->budget;
+    return p->o->budget < 0 ? mesh->load / p->o->budget_load : count_aim;
+}
+
+/* Sizes until the budget is used, volumes alongside. */
+static int fit(pass *p, int passes, double *size_m, image_mesh *mesh) {
+    double before = HUGE_VAL;
+    for (int i = 0; i < passes; i++) {
+        const int exit = mesh_once(p, *size_m, mesh);
+        if (exit) return exit;
+        const double part = fmax(0.01, used(p, mesh)), worst = worst_volume(p->field, mesh);
+        const bool fits = part >= count_low && part <= 1;
+        if ((fits && (worst <= volume_aim || (i >= 3 && worst > 0.8 * before))) || i == passes - 1) break;
+        /* a mesh costs as 1/size^3, its load as 1/size^4 */
+        if (!fits) *size_m *= pow(part / count_aim, p->o->budget < 0 ? 0.25 : 1.0 / 3);
+        correct_volumes(p, mesh);
+        before = worst;
+    }
+    return APP_DONE;
+}
+
+/* --- the whole --- */
+
+/* One place in each piece. */
+static bool set_domain(pass *p) {
+    label_field *f = p->field;
+    p->seed_m = malloc((3 * (size_t)f->piece_count + 1) * sizeof *p->seed_m);
+    for (int s = 0; p->seed_m && s < f->piece_count; s++)
+        memcpy(p->seed_m + 3 * (size_t)s, f->piece[s].seed_m, 3 * sizeof(double));
+    p->domain = (image_domain){.label = label_field_at, .context = f, .seeds = f->piece_count, .seed_m = p->seed_m};
+    p->domain.march_m = fmin(fmin(f->spacing_m[0], f->spacing_m[1]), f->spacing_m[2]);
+    for (int k = 0; k < 3; k++) {
+        p->domain.low_m[k] = (f->begin[k] - 1) * f->spacing_m[k];
+        p->domain.high_m[k] = (f->begin[k] + f->size[k]) * f->spacing_m[k];
+    }
+    return p->seed_m != NULL;
+}
+
+int image_make(const image_api *api, const image_options *o, label_field *field, image_mesh *mesh) {
+    pass p = {.api = api, .o = o, .field = field};
+    *mesh = (image_mesh){0};
+    if (!set_domain(&p)) return command_no_memory(o->in);
+    double size_m = first_size(&p);
+    p.finish = o->budget < 0;
+    int exit = fit(&p, o->budget < 0 ? 6 : 10, &size_m, mesh);
+    if (exit == APP_DONE && !p.finish) {
+        p.finish = true;
+        exit = fit(&p, 4, &size_m, mesh);
+    }
+    if (exit == APP_DONE && o->budget > 0 && mesh->tets.tets > o->budget)
+        exit = app_bad_input(
+            o->in, 0, "its labels take %d tetrahedra at least; raise --budget, or leave thin labels out (--label)",
+            mesh->tets.tets);
+    free(p.seed_m);
+    if (exit) image_mesh_free(mesh);
+    return exit;
+}

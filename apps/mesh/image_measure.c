@@ -1,0 +1,254 @@
+/* What the mesh made of each label, held against the voxels. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "growing.h"
+#include "image.h"
+#include "law/union_find.h"
+#include "shell.h"
+
+typedef struct side {
+    int v[3], at; /* ascending; at = 4*tet + corner opposite */
+} side;
+
+static int by_corners(const void *a, const void *b) {
+    const side *x = a, *y = b;
+    for (int k = 0; k < 3; k++)
+        if (x->v[k] != y->v[k]) return x->v[k] < y->v[k] ? -1 : 1;
+    return (x->at > y->at) - (x->at < y->at);
+}
+
+static side side_of(const int *tet, int at) {
+    side s = {{0}, at};
+    for (int k = 0, n = 0; k < 4; k++)
+        if (k != at % 4) s.v[n++] = tet[k];
+    for (int i = 0; i < 2; i++)
+        for (int k = 0; k < 2 - i; k++)
+            if (s.v[k] > s.v[k + 1]) {
+                const int spare = s.v[k];
+                s.v[k] = s.v[k + 1];
+                s.v[k + 1] = spare;
+            }
+    return s;
+}
+
+/* All faces of one label's tetrahedra (0: of all), sorted. */
+static side *sides_of(const image_tets *m, int label, int *count) {
+    side *all = malloc((4 * (size_t)m->tets + 1) * sizeof *all);
+    *count = 0;
+    for (int t = 0; all && t < m->tets; t++)
+        for (int k = 0; (!label || m->label[t] == label) && k < 4; k++)
+            all[(*count)++] = side_of(m->tet + 4 * (size_t)t, 4 * t + k);
+    if (all) qsort(all, (size_t)*count, sizeof *all, by_corners);
+    return all;
+}
+
+static bool same_face(const side *a, const side *b) { return memcmp(a->v, b->v, sizeof a->v) == 0; }
+
+int image_faces(const image_tets *m, int label, int **face) {
+    int count, faces = 0;
+    side *all = sides_of(m, label, &count);
+    *face = malloc((3 * (size_t)count + 1) * sizeof **face);
+    if (!all || !*face) {
+        free(all);
+        return -1;
+    }
+    for (int i = 0; i < count; i++) {
+        if (i + 1 < count && same_face(&all[i], &all[i + 1])) {
+            i++;
+            continue;
+        }
+        const int *tet = m->tet + 4 * (size_t)(all[i].at / 4);
+        for (int k = 0; k < 3; k++) (*face)[3 * faces + k] = tet[tm_face_vertex[all[i].at % 4][k]];
+        faces++;
+    }
+    free(all);
+    return faces;
+}
+
+int image_interfaces(const image_tets *m, int labels, int **face) {
+    int total = 0;
+    *face = malloc((12 * (size_t)m->tets + 1) * sizeof **face);
+    for (int l = 1; l <= labels && *face; l++) {
+        int *one = NULL;
+        const int faces = image_faces(m, l, &one);
+        if (faces < 0) return -1;
+        memcpy(*face + 3 * (size_t)total, one, 3 * (size_t)faces * sizeof **face);
+        total += faces;
+        free(one);
+    }
+    return *face ? total : -1;
+}
+
+/* Pieces of each label that hang together through faces. */
+static bool count_pieces(image_mesh *mesh) {
+    const image_tets *m = &mesh->tets;
+    int count;
+    side *all = sides_of(m, 0, &count);
+    int32_t *parent = malloc(((size_t)m->tets + 1) * sizeof *parent);
+    if (all && parent) {
+        for (int t = 0; t < m->tets; t++) parent[t] = t;
+        for (int i = 0; i + 1 < count; i++) {
+            const int a = all[i].at / 4, b = all[i + 1].at / 4;
+            if (same_face(&all[i], &all[i + 1]) && m->label[a] == m->label[b]) law_join(parent, a, b);
+        }
+        for (int t = 0; t < m->tets; t++) mesh->of[m->label[t]].pieces += parent[t] == t;
+    }
+    const bool good = all && parent;
+    free(all);
+    free(parent);
+    return good;
+}
+
+static double triangle_m2(const double *a, const double *b, const double *c) {
+    double u[3], w[3], n[3];
+    for (int k = 0; k < 3; k++) u[k] = b[k] - a[k], w[k] = c[k] - a[k];
+    for (int k = 0; k < 3; k++) n[k] = u[(k + 1) % 3] * w[(k + 2) % 3] - u[(k + 2) % 3] * w[(k + 1) % 3];
+    return 0.5 * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+}
+
+static double tet_m3(const image_tets *m, int t) {
+    const int *v = m->tet + 4 * (size_t)t;
+    const double *p[4];
+    for (int k = 0; k < 4; k++) p[k] = m->vertex_m + 3 * (size_t)v[k];
+    double e[3][3];
+    for (int k = 0; k < 3; k++)
+        for (int i = 0; i < 3; i++) e[k][i] = p[k + 1][i] - p[0][i];
+    return (e[0][0] * (e[1][1] * e[2][2] - e[1][2] * e[2][1]) - e[0][1] * (e[1][0] * e[2][2] - e[1][2] * e[2][0]) +
+            e[0][2] * (e[1][0] * e[2][1] - e[1][1] * e[2][0])) /
+           6;
+}
+
+bool image_measure(const label_field *field, image_mesh *mesh) {
+    const image_tets *m = &mesh->tets;
+    const double voxel_m3 = field->spacing_m[0] * field->spacing_m[1] * field->spacing_m[2];
+    memset(mesh->of, 0, sizeof mesh->of);
+    for (int t = 0; t < m->tets; t++) {
+        mesh->of[m->label[t]].volume_m3 += tet_m3(m, t);
+        mesh->of[m->label[t]].tets++;
+    }
+    for (int l = 1; l <= field->labels; l++) {
+        int *face = NULL;
+        const int faces = image_faces(m, l, &face);
+        for (int f = 0; f < faces; f++)
+            mesh->of[l].area_m2 +=
+                triangle_m2(m->vertex_m + 3 * (size_t)face[3 * f], m->vertex_m + 3 * (size_t)face[3 * f + 1],
+                            m->vertex_m + 3 * (size_t)face[3 * f + 2]);
+        free(face);
+        if (faces < 0) return false;
+        mesh->of[l].image_m3 = (double)field->voxels[l] * voxel_m3;
+    }
+    return count_pieces(mesh);
+}
+
+/* --- distances --- */
+
+typedef struct soup {
+    double *corner; /* [9*count] */
+    int count, room;
+    bool no_memory;
+} soup;
+
+static void add_triangle(soup *s, const double *a, const double *b, const double *c) {
+    if (s->count == s->room) {
+        s->room = s->room ? 2 * s->room : 1024;
+        double *grown = realloc(s->corner, 9 * (size_t)s->room * sizeof *grown);
+        s->no_memory = s->no_memory || !grown;
+        if (grown) s->corner = grown;
+    }
+    if (s->no_memory) return;
+    double *to = s->corner + 9 * (size_t)s->count++;
+    memcpy(to, a, 3 * sizeof *to);
+    memcpy(to + 3, b, 3 * sizeof *to);
+    memcpy(to + 6, c, 3 * sizeof *to);
+}
+
+/* Two triangles for each face between a voxel of the label and one of another. */
+static void voxel_faces(const label_field *f, int label, soup *out) {
+    const int64_t step[3] = {1, f->size[0], (int64_t)f->size[0] * f->size[1]};
+    int64_t i = 0;
+    for (int z = 0; z < f->size[2]; z++)
+        for (int y = 0; y < f->size[1]; y++)
+            for (int x = 0; x < f->size[0]; x++, i++)
+                for (int n = 0; f->at[i] == label && n < 6; n++) {
+                    const int axis = n / 2, u = (axis + 1) % 3, v = (axis + 2) % 3;
+                    if (f->at[i + (n & 1 ? step[axis] : -step[axis])] == label) continue;
+                    const int at[3] = {x + f->begin[0], y + f->begin[1], z + f->begin[2]};
+                    double p[4][3];
+                    for (int c = 0; c < 4; c++) {
+                        p[c][axis] = (at[axis] + (n & 1 ? 0.5 : -0.5)) * f->spacing_m[axis];
+                        p[c][u] = (at[u] + (c == 1 || c == 2 ? 0.5 : -0.5)) * f->spacing_m[u];
+                        p[c][v] = (at[v] + (c >= 2 ? 0.5 : -0.5)) * f->spacing_m[v];
+                    }
+                    add_triangle(out, p[0], p[1], p[2]);
+                    add_triangle(out, p[0], p[2], p[3]);
+                }
+}
+
+static void mesh_faces(const image_tets *m, int label, soup *out) {
+    int *face = NULL;
+    const int faces = image_faces(m, label, &face);
+    out->no_memory = out->no_memory || faces < 0;
+    for (int f = 0; f < faces; f++)
+        add_triangle(out, m->vertex_m + 3 * (size_t)face[3 * f], m->vertex_m + 3 * (size_t)face[3 * f + 1],
+                     m->vertex_m + 3 * (size_t)face[3 * f + 2]);
+    free(face);
+}
+
+/* The middles of at most 20,000 of a soup's triangles, evenly taken, from a surface. */
+static void farthest(const soup *from, const shell *to, double *most, double *sum, int *count) {
+    const int step = 1 + from->count / 20000;
+    for (int t = 0; t < from->count; t += step) {
+        const double *c = from->corner + 9 * (size_t)t;
+        const double middle[3] = {(c[0] + c[3] + c[6]) / 3, (c[1] + c[4] + c[7]) / 3, (c[2] + c[5] + c[8]) / 3};
+        const double d = shell_distance_m(to, middle);
+        if (d > *most) *most = d;
+        *sum += d;
+        ++*count;
+    }
+}
+
+static soup copy_of(const soup *s) {
+    soup out = {malloc((9 * (size_t)s->count + 1) * sizeof *out.corner), s->count, s->count, false};
+    if (out.corner) memcpy(out.corner, s->corner, 9 * (size_t)s->count * sizeof *out.corner);
+    out.no_memory = !out.corner;
+    return out;
+}
+
+static tm_status distance_of_label(const label_field *field, int label, image_mesh *mesh, tm_error *error) {
+    soup voxels = {0}, tets = {0};
+    shell *of_voxels = NULL, *of_tets = NULL;
+    double sum = 0;
+    int count = 0;
+    voxel_faces(field, label, &voxels);
+    mesh_faces(&mesh->tets, label, &tets);
+    soup voxels_too = copy_of(&voxels), tets_too = copy_of(&tets);
+    tm_status status = TM_OK;
+    if (voxels.no_memory || tets.no_memory || voxels_too.no_memory || tets_too.no_memory) {
+        free(voxels_too.corner);
+        free(tets_too.corner);
+        status = app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surfaces; choose a larger --size");
+    } else {
+        status = shell_of_triangles(voxels_too.corner, voxels.count, false, &of_voxels, error);
+        if (status) free(tets_too.corner);
+    }
+    if (!status) status = shell_of_triangles(tets_too.corner, tets.count, false, &of_tets, error);
+    if (!status) {
+        farthest(&tets, of_voxels, &mesh->of[label].hausdorff_m, &sum, &count);
+        farthest(&voxels, of_tets, &mesh->of[label].hausdorff_m, &sum, &count);
+        mesh->of[label].mean_m = sum / count;
+    }
+    shell_free(of_voxels);
+    shell_free(of_tets);
+    free(voxels.corner);
+    free(tets.corner);
+    return status;
+}
+
+tm_status image_distances(const label_field *field, image_mesh *mesh, tm_error *error) {
+    tm_status status = TM_OK;
+    for (int l = 1; l <= field->labels && !status; l++)
+        if (mesh->of[l].tets > 0) status = distance_of_label(field, l, mesh, error);
+    return status;
+}

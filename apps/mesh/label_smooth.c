@@ -1,0 +1,201 @@
+/* Labels smoothed one by one with a Gaussian; where a place has two, the stronger: the surface between two labels lies
+ * where their smoothed indicators cross, not on the voxels' steps (weighted labels of Stalling, Zoeckler and Hege 1998,
+ * with the three strongest kept instead of one, so that what lies between voxels is not a guess). */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "label_field.h"
+
+typedef struct box {
+    int low[3], size[3];
+} box;
+
+static size_t index_of(const label_field *f, int x, int y, int z) {
+    return ((size_t)z * (size_t)f->size[1] + (size_t)y) * (size_t)f->size[0] + (size_t)x;
+}
+
+/* Boxes of all labels, grown by `margin`, within the field. */
+static void find_boxes(const label_field *f, int margin, box boxes[LABEL_MOST + 1]) {
+    int high[LABEL_MOST + 1][3];
+    for (int l = 0; l <= LABEL_MOST; l++)
+        for (int k = 0; k < 3; k++) boxes[l].low[k] = f->size[k], high[l][k] = -1;
+    const uint8_t *at = f->at;
+    for (int z = 0; z < f->size[2]; z++)
+        for (int y = 0; y < f->size[1]; y++)
+            for (int x = 0; x < f->size[0]; x++, at++) {
+                const int p[3] = {x, y, z};
+                for (int k = 0; *at && k < 3; k++) {
+                    if (p[k] < boxes[*at].low[k]) boxes[*at].low[k] = p[k];
+                    if (p[k] > high[*at][k]) high[*at][k] = p[k];
+                }
+            }
+    for (int l = 0; l <= LABEL_MOST; l++)
+        for (int k = 0; k < 3; k++) {
+            boxes[l].low[k] = boxes[l].low[k] > margin ? boxes[l].low[k] - margin : 0;
+            high[l][k] = high[l][k] + margin < f->size[k] ? high[l][k] + margin : f->size[k] - 1;
+            boxes[l].size[k] = high[l][k] - boxes[l].low[k] + 1;
+        }
+}
+
+/* One axis of the Gaussian over a box: lines of `length` numbers, `step` apart. */
+static void blur_lines(float *value, const box *b, int axis, const float *kernel, int reach, float *line) {
+    const size_t step = axis == 0 ? 1 : axis == 1 ? (size_t)b->size[0] : (size_t)b->size[0] * (size_t)b->size[1];
+    const int length = b->size[axis], u = axis == 0 ? 1 : 0, v = axis == 2 ? 1 : 2;
+    const size_t step_u = u == 0 ? 1 : (size_t)b->size[0],
+                 step_v = v == 1 ? (size_t)b->size[0] : (size_t)b->size[0] * (size_t)b->size[1];
+    memset(line, 0, ((size_t)length + 2 * (size_t)reach) * sizeof *line);
+    for (int j = 0; j < b->size[v]; j++)
+        for (int i = 0; i < b->size[u]; i++) {
+            float *at = value + (size_t)i * step_u + (size_t)j * step_v, any = 0;
+            for (int n = 0; n < length; n++) any += line[reach + n] = at[(size_t)n * step];
+            if (!(any > 0)) continue;
+            for (int n = 0; n < length; n++) {
+                float sum = 0;
+                for (int k = 0; k <= 2 * reach; k++) sum += kernel[k] * line[n + k];
+                at[(size_t)n * step] = sum;
+            }
+        }
+}
+
+/* Into the voxel's list, strongest first. */
+static void enter(label_voxel *v, int label, float strength) {
+    const uint16_t weight = (uint16_t)(strength >= 1 ? 65535 : strength * 65535);
+    int at = LABEL_LAYERS;
+    while (at > 0 && weight > v->weight[at - 1]) at--;
+    for (int k = LABEL_LAYERS - 1; k > at; k--) v->weight[k] = v->weight[k - 1], v->label[k] = v->label[k - 1];
+    if (at < LABEL_LAYERS) v->weight[at] = weight, v->label[at] = (uint8_t)label;
+}
+
+static void blur_label(label_field *f, int label, const box *b, const float *kernel, int reach, float *value,
+                       float *line, float *total) {
+    float *to = value;
+    for (int z = 0; z < b->size[2]; z++)
+        for (int y = 0; y < b->size[1]; y++)
+            for (int x = 0; x < b->size[0]; x++)
+                *to++ = f->at[index_of(f, b->low[0] + x, b->low[1] + y, b->low[2] + z)] == label;
+    for (int axis = 0; axis < 3 && reach; axis++) blur_lines(value, b, axis, kernel, reach, line);
+    to = value;
+    for (int z = 0; z < b->size[2]; z++)
+        for (int y = 0; y < b->size[1]; y++)
+            for (int x = 0; x < b->size[0]; x++, to++)
+                if (*to > 0) {
+                    const size_t i = index_of(f, b->low[0] + x, b->low[1] + y, b->low[2] + z);
+                    enter(&f->voxel[i], label, *to);
+                    total[i] += *to;
+                }
+}
+
+bool label_field_smooth(label_field *f, double smooth) {
+    const size_t voxels = (size_t)f->size[0] * (size_t)f->size[1] * (size_t)f->size[2];
+    const int reach = (int)ceil(3 * smooth), longest = f->size[0] > f->size[1] ? f->size[0] : f->size[1];
+    float *kernel = calloc(2 * (size_t)reach + 1, sizeof *kernel), sum = 0;
+    float *line = malloc(((size_t)(longest > f->size[2] ? longest : f->size[2]) + 2 * (size_t)reach) * sizeof *line);
+    float *value = malloc(voxels * sizeof *value), *total = calloc(voxels, sizeof *total);
+    f->voxel = calloc(voxels, sizeof *f->voxel);
+    const bool good = kernel && line && value && total && f->voxel;
+    if (good) {
+        static box boxes[LABEL_MOST + 1];
+        for (int k = 0; k <= 2 * reach; k++)
+            sum += kernel[k] = reach ? (float)exp(-0.5 * (k - reach) * (k - reach) / (smooth * smooth)) : 1;
+        for (int k = 0; k <= 2 * reach; k++) kernel[k] /= sum;
+        find_boxes(f, reach, boxes);
+        for (int l = 1; l <= f->labels; l++)
+            if (f->voxels[l]) blur_label(f, l, &boxes[l], kernel, reach, value, line, total);
+        for (size_t i = 0; i < voxels; i++)
+            if (total[i] < 1) enter(&f->voxel[i], 0, 1 - total[i]);
+    }
+    free(kernel);
+    free(line);
+    free(value);
+    free(total);
+    return good;
+}
+
+/* The labels at a place and how strong each is; false: one alone, label[0]. */
+typedef struct mix {
+    int label[8 * LABEL_LAYERS], count;
+    float strength[8 * LABEL_LAYERS];
+} mix;
+
+static bool mix_at(const label_field *f, const double p[3], mix *m) {
+    int base[3];
+    float part[3];
+    m->count = 1;
+    m->label[0] = 0;
+    for (int k = 0; k < 3; k++) {
+        const double x = p[k] / f->spacing_m[k] - f->begin[k];
+        if (!(x >= 0) || !(x < f->size[k] - 1)) return false;
+        base[k] = (int)x;
+        part[k] = (float)(x - base[k]);
+    }
+    const label_voxel *corner[8];
+    bool same = true;
+    for (int c = 0; c < 8; c++) {
+        corner[c] = &f->voxel[index_of(f, base[0] + (c & 1), base[1] + (c >> 1 & 1), base[2] + (c >> 2))];
+        same = same && corner[c]->label[0] == corner[0]->label[0] && corner[c]->weight[0] > 65000;
+    }
+    m->label[0] = corner[0]->label[0];
+    if (same) return false;
+    m->count = 0;
+    for (int c = 0; c < 8; c++) {
+        const float share =
+            (c & 1 ? part[0] : 1 - part[0]) * (c >> 1 & 1 ? part[1] : 1 - part[1]) * (c >> 2 ? part[2] : 1 - part[2]);
+        for (int k = 0; k < LABEL_LAYERS && corner[c]->weight[k]; k++) {
+            int at = 0;
+            while (at < m->count && m->label[at] != corner[c]->label[k]) at++;
+            if (at == m->count) m->label[m->count] = corner[c]->label[k], m->strength[m->count++] = 0;
+            m->strength[at] += share * (float)corner[c]->weight[k];
+        }
+    }
+    for (int i = 0; i < m->count; i++) m->strength[i] += 65535 * f->bias[m->label[i]];
+    return true;
+}
+
+int label_field_at(const void *field, const double p[3]) {
+    mix m;
+    if (!mix_at(field, p, &m)) return m.label[0];
+    int best = 0;
+    for (int i = 1; i < m.count; i++)
+        if (m.strength[i] > m.strength[best] || (m.strength[i] == m.strength[best] && m.label[i] < m.label[best]))
+            best = i;
+    return m.label[best];
+}
+
+/* By how much `a` is stronger than `b`. */
+static double lead(const label_field *f, const double p[3], int a, int b) {
+    mix m;
+    double sum = 0;
+    if (!mix_at(f, p, &m)) return m.label[0] == a ? 65535 : m.label[0] == b ? -65535 : 0;
+    for (int i = 0; i < m.count; i++) sum += m.label[i] == a ? m.strength[i] : m.label[i] == b ? -m.strength[i] : 0;
+    return sum;
+}
+
+void label_field_project(const void *field, double p[3]) {
+    const label_field *f = field;
+    mix m;
+    if (!mix_at(f, p, &m) || m.count < 2) return;
+    int a = 0, b = 1;
+    for (int i = 1; i < m.count; i++) {
+        if (m.strength[i] > m.strength[a])
+            b = a, a = i;
+        else if (i > 1 && m.strength[i] > m.strength[b])
+            b = i;
+    }
+    const int first = m.label[a], second = m.label[b];
+    for (int newton = 0; newton < 4; newton++) {
+        const double ahead = lead(f, p, first, second);
+        double slope[3], square = 0;
+        for (int k = 0; k < 3; k++) {
+            const double h = 0.25 * f->spacing_m[k], keep = p[k];
+            p[k] = keep + h;
+            slope[k] = lead(f, p, first, second);
+            p[k] = keep - h;
+            slope[k] = (slope[k] - lead(f, p, first, second)) / (2 * h);
+            p[k] = keep;
+            square += slope[k] * slope[k];
+        }
+        if (!(square > 0)) return;
+        for (int k = 0; k < 3; k++) p[k] -= fmax(-f->spacing_m[k], fmin(f->spacing_m[k], ahead / square * slope[k]));
+    }
+}

@@ -1,0 +1,281 @@
+#!/usr/bin/python3
+"""From a segmented image, a surface or a mesh to an organ that is felt: tetrahedra, a scene, a check at rest, a press, a picture and a film."""
+import argparse
+import hashlib
+import json
+import os
+import pathlib
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+
+BIN = pathlib.Path(__file__).resolve().parent
+IMAGES = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd")
+SURFACES = (".stl", ".obj", ".ply", ".off")
+MESHES = (".msh", ".vtk", ".mesh")
+UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+SAG_MOST = 0.3  # of the organ's size, under its own weight: beyond it hangs by too little
+
+
+class Stop(Exception):
+    """What went wrong, and the exit code."""
+    def __init__(self, message, code=2):
+        super().__init__(message)
+        self.code = code
+
+
+def arguments():
+    p = argparse.ArgumentParser(prog="tm-organ", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter,
+                                epilog="FOLDER gets organ.msh, organ.yaml (yours to edit: it is not written again once you have), press.lcm, force.csv, organ.png,\n"
+                                       "organ.mp4 and the figures of each stage. Run again, it does what is not done yet, or what its inputs changed.\n"
+                                       "Images want the module 'image' (tm-mesh image); surfaces and meshes want nothing more.")
+    p.add_argument("source", type=pathlib.Path, metavar="SOURCE", help="image (%s), closed surface (%s) or tetrahedra (%s)" % (" ".join(IMAGES), " ".join(SURFACES), " ".join(MESHES)))
+    p.add_argument("-o", "--out", type=pathlib.Path, metavar="FOLDER", required=True, help="where all of it goes")
+    p.add_argument("--unit", choices=UNITS, help="of a surface's or mesh's numbers [surface: must be said; mesh: m]. Images carry theirs")
+    p.add_argument("--size", metavar="SIZE", help="edges of tetrahedra, such as 8mm [surface: a fourteenth of its longest side; image: by --budget]")
+    p.add_argument("--budget", metavar="N", help="of an image: so many tetrahedra [10000]")
+    p.add_argument("--label", action="append", default=[], metavar="N=NAME", help="of an image: this label, called so; once for each [all]. Materials go by the names")
+    p.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="where the surgeon is [image: -y, the front of a patient who lies on the back; else z]")
+    p.add_argument("--film", metavar="WxH", default="960x540", help="the film's size [960x540]")
+    p.add_argument("--no-film", action="store_true", help="a picture is enough")
+    p.add_argument("--again", action="store_true", help="do everything again; an edited organ.yaml stays")
+    p.add_argument("--quiet", action="store_true", help="say nothing that is not an error or a warning")
+    p.add_argument("--version", action="version", version="tm-organ @VERSION@")
+    return p.parse_args()
+
+
+def kind_of(path):
+    name = path.name.lower()
+    for kind, endings in (("image", IMAGES), ("surface", SURFACES), ("mesh", MESHES)):
+        if name.endswith(endings):
+            return kind
+    raise Stop(f"{path}: neither an image ({' '.join(IMAGES)}), a surface ({' '.join(SURFACES)}) nor tetrahedra ({' '.join(MESHES)})")
+
+
+def longest_side(path):
+    """Of a surface's box, in its own numbers."""
+    if path.suffix.lower() != ".stl":
+        raise Stop(f"{path}: of STL alone it is known how large it is; add --size, such as 8mm")
+    data = path.read_bytes()
+    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else 0
+    if len(data) == 84 + 50 * count and count:
+        points = [struct.unpack_from("<9f", data, 96 + 50 * i) for i in range(count)]
+        points = [p[k:k + 3] for p in points for k in (0, 3, 6)]
+    else:
+        try:
+            points = [tuple(float(x) for x in line.split()[1:4]) for line in data.decode("ascii", "replace").splitlines() if line.split()[:1] == ["vertex"]]
+        except ValueError:
+            points = []
+    if not points or any(len(p) != 3 for p in points):
+        raise Stop(f"{path}: no triangles of an STL file in it; export it again")
+    return max(max(p[a] for p in points) - min(p[a] for p in points) for a in range(3))
+
+
+def digest(path):
+    sha = hashlib.sha256()
+    with open(path, "rb") as file:
+        for block in iter(lambda: file.read(1 << 20), b""):
+            sha.update(block)
+    return sha.hexdigest()
+
+
+class Work:
+    """The folder, and what is done in it: .organ.done says of each stage what it was made from."""
+    def __init__(self, a):
+        self.folder, self.quiet, self.again = a.out, a.quiet, a.again
+        self.state, self.ours = a.out / ".organ.done", not a.out.exists()
+        try:
+            self.done = json.loads(self.state.read_text())
+        except (OSError, ValueError):
+            self.done = {}
+        self.number, self.of, self.warned = 0, 0, False
+
+    def say(self, text, end="\n"):
+        if not self.quiet:
+            print(text, end=end, flush=True)
+
+    def warn(self, line):
+        """Between a stage's name and what it has to say."""
+        if not self.quiet and not self.warned:
+            print(flush=True)
+        self.warned = True
+        print("    " + line, file=sys.stderr, flush=True)
+
+    def path(self, name):
+        return self.folder / name
+
+    def call(self, *command):
+        """Runs one of our programs there; its words, or Stop with them. A clear error is the program's own."""
+        run = subprocess.run([str(BIN / command[0]), *map(str, command[1:])], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        if run.returncode < 0 or run.returncode in (130, 143):
+            raise KeyboardInterrupt
+        if run.returncode:
+            raise Stop(run.stderr.strip() or f"{command[0]}: exit {run.returncode}", 2 if run.returncode == 2 else 1)
+        return run.stdout, run.stderr
+
+    def yours(self):
+        """The scene's digest where it is not as tm-scene wrote it, else None."""
+        path = self.path("organ.yaml")
+        now = digest(path) if path.exists() else None
+        return now if now != self.done.get("written") else None
+
+    def stage(self, name, what, inputs, outputs, act):
+        """act(), unless its outputs are there and were made of the same. What it returns is said."""
+        self.number += 1
+        key = hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
+        self.say(f"{self.number}/{self.of} {what:<26}", end="")
+        if not self.again and self.done.get(name, {}).get("key") == key and all(self.path(o).is_file() for o in outputs):
+            self.say(f"{self.done[name]['said']} (done before)")
+            return
+        began, self.warned = time.monotonic(), False
+        try:
+            said = act()
+        except BaseException:
+            self.say("")
+            raise
+        self.done[name] = {"key": key, "said": said, "seconds": round(time.monotonic() - began, 2)}
+        self.state.write_text(json.dumps(self.done, indent=1))
+        self.say(("    " if self.warned else "") + f"{said} ({self.done[name]['seconds']:.1f} s)")
+
+
+def mesh(a, kind, w):
+    """organ.msh, in metres."""
+    out, figures = w.path("organ.msh"), w.path("mesh.json")
+    if kind == "image":
+        words = [x for label in a.label for x in ("--label", label)] + (["--size", a.size] if a.size else ["--budget", a.budget or "10000"])
+        if "  image " not in w.call("tm-mesh", "--list")[0]:
+            raise Stop(f"{a.source}: this tm-mesh reads no images; take one that does (tm-mesh image), or give a surface")
+        try:
+            w.call("tm-mesh", "image", *words, "--space", "lps", a.source, "-o", out)
+        except Stop as stop:  # a module that is not there does not name the image
+            raise Stop(str(stop) if str(a.source) in str(stop) else f"{a.source}: {stop}", stop.code)
+    elif kind == "surface":
+        size = a.size or f"{longest_side(a.source) * UNITS[a.unit] / 14 * 1e3:.4g}mm"
+        w.call("tm-mesh", "fill", "--size", size, "--scale", UNITS[a.unit], a.source, "-o", out)
+    elif UNITS[a.unit or "m"] == 1 and a.source.suffix.lower() == ".msh":
+        shutil.copyfile(a.source, w.path("organ.part"))
+        try:
+            w.call("tm-mesh", "check", a.source)
+        except Stop:
+            w.path("organ.part").unlink()
+            raise
+        os.replace(w.path("organ.part"), out)  # as it is: its groups and regions are the scene's
+    else:
+        w.call("tm-mesh", "convert", "--scale", UNITS[a.unit or "m"], a.source, "-o", out)
+    w.call("tm-mesh", "info", "--json", figures, out)
+    f = json.loads(figures.read_text())
+    return f"{f['tets']:,} tetrahedra, {len(f['regions'])} region{'s' * (len(f['regions']) != 1)}, {f['volume_m3'] * 1e6:.4g} cm3"
+
+
+def scene(a, up, w):
+    """organ.yaml, where nobody has changed it."""
+    path = w.path("organ.yaml")
+    if w.yours():
+        said = "yours, kept; "
+    else:
+        stem = a.source.name.split(".")[0]
+        _, words = w.call("tm-scene", "new", "--force", "--up", up, "--title", f"{stem}, pressed by a probe", w.path("organ.msh"), "-o", path)
+        for line in words.splitlines():
+            if "warning:" in line:
+                w.warn(line)
+        w.done["written"], said = digest(path), ""
+    out, words = w.call("tm-scene", "check", path)
+    w.path("check.txt").write_text(words + out)
+    odd = sum("warning:" in line for line in words.splitlines())
+    for line in words.splitlines():
+        w.warn(line)
+    return said + (f"{odd} thing{'s' * (odd != 1)} to look at" if odd else "nothing missing, nothing odd")
+
+
+def rest(up, w):
+    """Hung up under its own weight: does what holds it hold it?"""
+    figures, axis, sign = w.path("rest.json"), "xyz".index(up[-1]), 1 if up[0] == "-" else -1
+    g = [0, 0, 0]
+    g[axis] = sign * 9.81
+    w.call("tm-sim", w.path("organ.yaml"), "--settle", "1e-6", "--set", f"gravity.acceleration={g}".replace(" ", ""), "--json", figures, "--write", w.path("rest.vtk"))
+    sag, f = json.loads(figures.read_text())["largest_displacement_m"], json.loads(w.path("mesh.json").read_text())
+    size = max(h - l for h, l in zip(f["high_m"], f["low_m"]))
+    if sag > SAG_MOST * size:
+        w.warn(f"{w.path('organ.yaml')}: warning: under its own weight it sags by {1e3 * sag:.3g} of {1e3 * size:.3g} mm: it hangs by too little; give it more supports")
+    return f"at rest under its weight, sags {1e3 * sag:.3g} mm"
+
+
+def press(w):
+    figures = w.path("press.json")
+    w.call("tm-sim", w.path("organ.yaml"), "--lockstep", "--record", w.path("press.lcm"), "--csv", w.path("force.csv"), "--json", figures)
+    f = json.loads(figures.read_text())
+    peak = f["force_N"]["peak"]
+    if not peak > 1e-3:
+        raise Stop(f"{w.path('organ.yaml')}: the hand felt nothing; lead the tip in ('above: -5 mm'), tm-scene check says how far it is", 1)
+    return f"peak {peak:.3g} N"
+
+
+def run(a, kind):
+    w = Work(a)
+    up = a.up or ("-y" if kind == "image" else "z")
+    w.of = 5 if a.no_film else 6
+    source = digest(a.source)
+    a.out.mkdir(parents=True, exist_ok=True)
+    try:
+        w.stage("mesh", "tetrahedra", [source, kind, a.unit, a.size, a.budget, a.label], ["organ.msh", "mesh.json"], lambda: mesh(a, kind, w))
+        tets = digest(w.path("organ.msh"))
+        w.stage("scene", "scene", [tets, up, w.yours()], ["organ.yaml", "check.txt"], lambda: scene(a, up, w))
+    except BaseException:
+        if w.ours:
+            for left in a.out.iterdir():
+                left.unlink()
+            a.out.rmdir()
+        raise
+    both = [tets, digest(w.path("organ.yaml"))]
+    w.stage("rest", "check at rest", [both, up], ["rest.json", "rest.vtk"], lambda: rest(up, w))
+    w.stage("press", "a press, felt at 500 Hz", both, ["press.lcm", "force.csv", "press.json"], lambda: press(w))
+    eye = ["--up", up] if up != "z" else []
+    regions = len(json.loads(w.path("mesh.json").read_text())["regions"])
+    w.stage("picture", "picture", both + eye, ["organ.png"], lambda: w.call("tm-view", w.path("organ.yaml"), "--png", w.path("organ.png"), *(["--through", "0.5", "--no-supports"] if regions > 1 else []), *eye) and "organ.png")
+    if not a.no_film:
+        w.stage("film", "film", [digest(w.path("press.lcm")), a.film] + eye, ["organ.mp4"], lambda: w.call("tm-view", w.path("press.lcm"), "--scene", w.path("organ.yaml"), "--film", w.path("organ.mp4"), "--fps", "25", "--size", a.film, *eye, *(["--no-supports"] if regions > 1 else [])) and "organ.mp4")
+    w.say(f"{a.out}: look at organ.{'png' if a.no_film else 'mp4'}; edit organ.yaml and run this again; feel it: tm-session {w.path('organ.yaml')} --play")
+
+
+def check(a):
+    if not a.source.is_file():
+        raise Stop(f"{a.source}: {'a folder; name a file' if a.source.is_dir() else 'no such file; name an image, a surface or a mesh'}")
+    kind = kind_of(a.source)
+    if kind == "surface" and not a.unit:
+        raise Stop(f"{a.source}: a surface does not say its unit; add --unit mm (what scanners and segmentation tools write), or m")
+    if kind == "image" and a.unit:
+        raise Stop("--unit: an image carries its own; leave it out")
+    for option, value in (("--budget", a.budget), ("--label", a.label)):
+        if value and kind != "image":
+            raise Stop(f"{option} is for images; leave it out")
+    if a.size and kind == "mesh":
+        raise Stop("--size: these are tetrahedra already; tm-mesh refine makes finer ones")
+    if a.out.exists() and not a.out.is_dir():
+        raise Stop(f"{a.out}: is a file; name a folder")
+    if not a.no_film and not shutil.which("ffmpeg"):
+        raise Stop("ffmpeg is not installed; apt-get install ffmpeg, or add --no-film")
+    return kind
+
+
+def main():
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    a = arguments()
+    try:
+        run(a, check(a))
+    except Stop as stop:
+        print(f"{stop}" if str(stop).startswith(str(a.source)) else f"tm-organ: {stop}", file=sys.stderr)
+        return stop.code
+    except OSError as error:
+        print(f"tm-organ: {error}; check the path and the disk", file=sys.stderr)
+        return 2 if isinstance(error, PermissionError) else 1
+    except KeyboardInterrupt:
+        print("tm-organ: interrupted; the same command goes on from here", file=sys.stderr)
+        return 130
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,272 @@
+/* Looks at a scene as somebody would who has seen many: sizes, constants, supports, instruments, what a frame costs. */
+#include "check.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "law/union_find.h"
+#include "sim/surface.h"
+#include "tissues.h"
+
+typedef struct review {
+    sim *s;
+    bool *held; /* [region_count] every vertex of it is */
+    int odd;
+} review;
+
+/* A remark with its line; 0: it is about what is not there. */
+static void __attribute__((format(printf, 3, 4))) odd(review *r, int line, const char *format, ...) {
+    char where[600] = "", what[900];
+    va_list list;
+    va_start(list, format);
+    vsnprintf(what, sizeof what, format, list);
+    va_end(list);
+    if (line)
+        app_scene_where(r->s->scene, line, where, sizeof where);
+    else
+        snprintf(where, sizeof where, "%s", r->s->scene->file);
+    fprintf(stderr, "%s: warning: %s\n", where, what);
+    r->odd++;
+}
+
+static double size_m(const tm_mesh *mesh) {
+    double size = 0;
+    for (int a = 0; a < 3; a++) {
+        double low = INFINITY, high = -INFINITY;
+        for (int32_t v = 0; v < mesh->vertex_count; v++) {
+            low = fmin(low, mesh->rest_m[3 * v + a]);
+            high = fmax(high, mesh->rest_m[3 * v + a]);
+        }
+        size = fmax(size, high - low);
+    }
+    return size;
+}
+
+static void look_at_size(review *r) {
+    const app_scene *scene = r->s->scene;
+    const int line = scene->scale.line ? scene->scale.line : scene->mesh.line;
+    const double size = size_m(r->s->mesh);
+    if (size > 1)
+        odd(r, line, "an organ of %.3g m; if the mesh is in millimetres, write tissue.scale: %g", size,
+            1e-3 * scene->scale.si);
+    else if (size < 5e-3)
+        odd(r, line, "an organ of %.3g mm; look at tissue.scale (metres per unit of the mesh)", 1e3 * size);
+}
+
+/* The entry of the scene that a region takes its constants from. */
+static const app_material *entry_of(const app_scene *scene, const char *region) {
+    const app_material *all = scene->material.item, *rest = NULL;
+    for (int i = 0; i < scene->material.count; i++) {
+        if (strcmp(all[i].region.s, region) == 0) return all + i;
+        if (strcmp(all[i].region.s, "*") == 0) rest = all + i;
+    }
+    return rest;
+}
+
+/* Is every vertex of the region held? Then what it is made of plays no part. */
+static bool is_held(const sim *s, int32_t region) {
+    for (int32_t t = 0; t < s->mesh->tet_count; t++)
+        for (int k = 0; k < 4 && s->mesh->region[t] == region; k++)
+            if (!s->support_of || !s->support_of[s->mesh->tet[4 * t + k]]) return false;
+    return true;
+}
+
+static void look_at_region(review *r, int32_t region) {
+    const tm_material *m = &r->s->material[region];
+    const char *name = r->s->file.region_name[region];
+    const app_material *entry = entry_of(r->s->scene, name);
+    const tissue_constants *t = tissue_find(name);
+    if (!t) t = tissue_find(r->s->scene->title.s);
+    const double poisson = m->lambda_Pa / (2 * (m->lambda_Pa + m->mu_Pa)), young = 2 * m->mu_Pa * (1 + poisson);
+    const int line = entry ? entry->region.line : r->s->scene->material.line;
+    const bool held = r->held[region], known = t && t->role != TISSUE_BONE;
+    if (known && young > 10 * t->young_Pa)
+        odd(r, line, "region '%s': %.3g kPa is a stone-hard %s; published: %.3g kPa (%s). Is the unit right?", name,
+            young / 1e3, t->name, t->young_Pa / 1e3, t->source);
+    else if (known && young < 0.1 * t->young_Pa)
+        odd(r, line, "region '%s': %.3g kPa is a liquid %s; published: %.3g kPa (%s). Is the unit right?", name,
+            young / 1e3, t->name, t->young_Pa / 1e3, t->source);
+    else if (!known && !held && young > 1e6)
+        odd(r, line,
+            "region '%s': %.3g MPa is stiffer than soft tissue and sets the step for all; hold it (supports: group: %s) and give it some 50 kPa",
+            name, young / 1e6, name);
+    if (poisson > 0.491 && !sim_has(r->s, "volume"))
+        odd(r, line,
+            "region '%s': at Poisson's ratio %.4g tetrahedra lock and feel too stiff; add 'volume:', or take 0.45",
+            name, poisson);
+    else if (poisson < 0.3 && !held)
+        odd(r, line, "region '%s': Poisson's ratio %.3g gives way like a sponge; tissue has 0.45 to 0.49", name,
+            poisson);
+    if ((m->density_kg_m3 < 200 || m->density_kg_m3 > 2500))
+        odd(r, line, "region '%s': %g kg/m3 is the density of no tissue; fat has 911, liver 1079, bone 1908", name,
+            m->density_kg_m3);
+}
+
+/* Pieces of the mesh of which nothing is held. */
+static void look_at_supports(review *r) {
+    const sim *s = r->s;
+    const tm_mesh *m = s->mesh;
+    int32_t held = 0, soft = 0, soft_held = 0, *parent = malloc(sizeof *parent * (size_t)m->vertex_count), loose = 0,
+            pieces = 0;
+    uint8_t *hangs = calloc((size_t)m->vertex_count, 1), *moves = calloc((size_t)m->vertex_count, 1);
+    for (int32_t t = 0; t < m->tet_count && moves; t++)
+        for (int k = 0; k < 4; k++) moves[m->tet[4 * t + k]] |= !r->held[m->region[t]];
+    for (int32_t v = 0; v < m->vertex_count && s->support_of; v++) held += s->support_of[v] != 0;
+    for (int32_t v = 0; v < m->vertex_count && s->support_of && moves; v++) {
+        soft += moves[v];
+        soft_held += moves[v] && s->support_of[v];
+    }
+    if (!held)
+        odd(r, s->scene->support.line,
+            "nothing holds the organ: a push sends it away; add 'supports:' (tm-scene new proposes some)");
+    else if (soft_held > soft / 2)
+        odd(r, s->scene->support.line,
+            "%.0f %% of the vertices of regions that can move are held: little is left to move; make the selectors narrower",
+            100.0 * soft_held / soft);
+    if (held && parent && hangs) {
+        for (int32_t v = 0; v < m->vertex_count; v++) parent[v] = v;
+        for (int32_t e = 0; e < m->edge_count; e++) law_join(parent, m->edge[2 * e], m->edge[2 * e + 1]);
+        for (int32_t v = 0; v < m->vertex_count; v++) hangs[law_root(parent, v)] |= s->support_of[v] != 0;
+        for (int32_t v = 0; v < m->vertex_count; v++)
+            if (parent[v] == v) pieces++, loose += !hangs[v];
+        if (loose)
+            odd(r, s->scene->support.line,
+                "%d of the mesh's %d pieces %s held by nothing and will drift; hold each, or mesh them as one", loose,
+                pieces, loose == 1 ? "is" : "are");
+    }
+    free(parent);
+    free(hangs);
+    free(moves);
+}
+
+/* Does the script lead the tip into the surface at rest? Distances are to the tip's centre. */
+static double nearest_way_m(const sim *s, int i) {
+    enum { TIMES = 200 };
+    const hrt_hand_script *hand = &s->hand[i];
+    const double end_s = hand->key_count ? hand->key[hand->key_count - 1].time_s : 0;
+    double best = INFINITY;
+    for (int k = 0; k <= TIMES && best > 0; k++) {
+        const tm_tool_pose pose = sim_hand_pose(s, i, end_s * k / TIMES);
+        best = fmin(best, sim_is_inside(s->mesh, pose.tip_m)
+                              ? 0
+                              : sim_surface_distance(s, pose.tip_m) - s->instrument_def[i].radius_m);
+    }
+    return fmax(best, 0);
+}
+
+static void look_at_hands(review *r) {
+    const sim *s = r->s;
+    const app_instrument *all = s->scene->instrument.item;
+    if (!s->instrument_count)
+        odd(r, 0, "no instruments: nothing touches the tissue; add 'instruments:' (tm-scene new proposes one)");
+    for (int i = 0; i < s->instrument_count; i++) {
+        if (sim_is_inside(s->mesh, all[i].trocar.v))
+            odd(r, all[i].trocar.line,
+                "the trocar of instrument %d lies inside the tissue; it is a hole in a wall outside: move it away", i);
+        if (!s->hand[i].key_count) {
+            odd(r, all[i].here.line,
+                "nobody moves instrument %d: it stays where it starts unless a device is there; add 'hand:'", i);
+            continue;
+        }
+        const double gap_m = sim_has(s, "contact") ? nearest_way_m(s, i) : 0;
+        if (gap_m > 0)
+            odd(r, s->scene->hand.line,
+                "the hand of instrument %d comes no nearer than %.3g mm to the tissue; lead it in ('above: -3 mm')", i,
+                1e3 * gap_m);
+        const double end_s = s->hand[i].key[s->hand[i].key_count - 1].time_s;
+        if (s->scene->duration.si < 0.9 * end_s)
+            odd(r, s->scene->duration.line,
+                "the run ends at %g s, the hand of instrument %d at %g s; write time.duration: %g s",
+                s->scene->duration.si, i, end_s, end_s);
+    }
+    if (!sim_has(s, "haptics"))
+        odd(r, 0, "no 'haptics:': the forces are computed and nobody feels them; add it for a device");
+    if (!sim_has(s, "rendering")) odd(r, 0, "no 'rendering:': a session or a log of it has no pictures; add it");
+    if (!sim_has(s, "damping") && !sim_has(s, "viscosity"))
+        odd(r, 0, "no 'damping:': what was touched swings for long; add 'damping: {rate: 40 /s}'");
+}
+
+static int by_size(const void *a, const void *b) {
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* Whose tetrahedra ask for the most substeps, and whether it is one of them or all. */
+static void look_at_pace(review *r) {
+    const sim *s = r->s;
+    const int32_t n = s->mesh->tet_count, regions = s->file.region_count;
+    double *step = malloc(sizeof *step * (size_t)n), *least = malloc(sizeof *least * (size_t)regions);
+    int32_t worst = 0;
+    for (int32_t g = 0; least && g < regions; g++) least[g] = INFINITY;
+    for (int32_t t = 0; step && least && t < n; t++) {
+        step[t] = tm_critical_step_element(s->model->tissue, t);
+        least[s->mesh->region[t]] = fmin(least[s->mesh->region[t]], step[t]);
+        if (step[t] < step[worst]) worst = t;
+    }
+    if (step && least) {
+        const int32_t g = s->mesh->region[worst];
+        const double worst_s = step[worst];
+        double others = INFINITY;
+        for (int32_t k = 0; k < regions; k++)
+            if (k != g) others = fmin(others, least[k]);
+        if (isfinite(others) && worst_s < 0.4 * others) {
+            const app_material *entry = entry_of(s->scene, s->file.region_name[g]);
+            odd(r, entry ? entry->region.line : 0,
+                "region '%s' alone makes a frame take %d substeps, about %d too many: the others need %.1f times fewer; make it softer (or hold it), or mesh it coarser",
+                s->file.region_name[g], s->substeps, (int)(s->substeps * (1 - worst_s / others)), others / worst_s);
+        }
+        qsort(step, (size_t)n, sizeof *step, by_size);
+        if (worst_s < 0.2 * step[n / 100])
+            odd(r, s->scene->mesh.line,
+                "tetrahedron %lld alone sets the step: %.1f times shorter than what 99 of 100 need, about %d substeps too many; see tm-mesh info, mesh again or repair",
+                (long long)s->file.tet_tag[worst], step[n / 100] / worst_s,
+                (int)(s->substeps * (1 - worst_s / step[n / 100])));
+    }
+    free(step);
+    free(least);
+}
+
+/* One frame at rest, best of three: more than there is time for? */
+static double frame_share(sim *s) {
+    double best = INFINITY;
+    for (int i = 0; i < 4; i++) {
+        const int64_t begin = app_monotonic_us();
+        if (sim_frame(s, s->pose, s->substeps)) return INFINITY;
+        if (i) best = fmin(best, 1e-6 * (double)(app_monotonic_us() - begin) / s->frame_s);
+    }
+    return best;
+}
+
+int check_scene(const char *path, bool strict) {
+    app_scene *scene;
+    review r = {0};
+    int rc = sim_scene_load(path, NULL, 0, &scene);
+    if (rc) return rc;
+    rc = sim_create(scene, &r.s);
+    if (rc) return rc;
+    r.held = calloc((size_t)r.s->file.region_count, sizeof *r.held);
+    if (!r.held) {
+        sim_destroy(r.s);
+        return app_bad_input(path, 0, "no memory; use a coarser mesh") - 1;
+    }
+    for (int32_t g = 0; g < r.s->file.region_count; g++) r.held[g] = is_held(r.s, g);
+    look_at_size(&r);
+    for (int32_t g = 0; g < r.s->file.region_count; g++) look_at_region(&r, g);
+    look_at_supports(&r);
+    look_at_hands(&r);
+    if (r.s->model->tissue && r.s->scene->model.index == APP_DYNAMIC) look_at_pace(&r);
+    const double share = frame_share(r.s);
+    if (share > 0.9)
+        odd(&r, r.s->scene->time.line,
+            "a frame takes %.2g times the time that it has on this machine, here and now: %d tetrahedra, %d substeps; mesh it coarser, or take model: precomputed",
+            share, r.s->mesh->tet_count, r.s->substeps);
+    if (!app_is_quiet() || r.odd)
+        printf("%s: %d tetrahedra, %.3g mm, %d substeps a frame, %.2g of its time; %s\n", path, r.s->mesh->tet_count,
+               1e3 * size_m(r.s->mesh), r.s->substeps, share,
+               r.odd ? "look at what is above" : "nothing missing, nothing odd");
+    free(r.held);
+    sim_destroy(r.s);
+    return r.odd && strict ? APP_BAD_INPUT : 0;
+}

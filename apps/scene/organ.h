@@ -1,0 +1,55 @@
+/* A mesh on its way to a scene: what it is made of, what holds it, where an instrument comes in. */
+#ifndef SCENE_ORGAN_H
+#define SCENE_ORGAN_H
+
+#include "app.h"
+#include "tensormass/mesh.h"
+#include "tensormass_io.h"
+#include "tissues.h"
+
+enum { SUPPORTS_MOST = 16 };
+
+typedef enum support_kind { SUPPORT_GROUP, SUPPORT_VERTICES, SUPPORT_PLANE, SUPPORT_BOX } support_kind;
+
+typedef struct organ_support {
+    support_kind kind;
+    const char *name; /* a group's of the mesh, or a word */
+    int32_t *vertex, count;
+    double point_m[3], normal[3], within_m; /* of a plane */
+    double low_m[3], high_m[3];             /* of a box */
+    double share;                           /* of the surface: planes */
+} organ_support;
+
+typedef struct organ {
+    tm_mesh_file file;
+    tm_mesh *mesh;
+    const tissue_constants **tissue; /* [region_count] never null */
+    bool *known;                     /* [region_count] found by its name, or the title */
+    double low_m[3], high_m[3], size_m;
+    int up_axis; /* 0 1 2 */
+    double up[3];
+    organ_support support[SUPPORTS_MOST];
+    int supports;
+    /* the first instrument */
+    double target_m[3], trocar_m[3], axis[3], tool_up[3], depth_m;
+    const char *aim; /* what it presses above */
+    /* the pace that these constants give */
+    double step_s;
+    int substeps;
+} organ;
+
+/* Reads and measures; `title` tells the tissue of regions whose own names do not. 0 or an exit code, having complained.
+ */
+int organ_load(const char *path, double scale, const char *up, const char *title, organ *o);
+void organ_free(organ *o);
+/* What holds it: bone, vessels where they leave it, what its groups' names say, a flat side, else what lies lowest. */
+bool organ_find_supports(organ *o);
+/* mark[vertex_count] := 1 where one of them holds. */
+void organ_mark_held(const organ *o, uint8_t *mark);
+/* Where an instrument comes in, as a person would have it: from above, a hand's breadth away, onto the upper surface,
+ * not beside what is held. False: no memory. */
+bool organ_find_trocar(organ *o);
+/* The scene's text. */
+void organ_write(const organ *o, FILE *out, const char *mesh_path, double scale, const char *title);
+
+#endif

@@ -1,0 +1,110 @@
+/* Where the first instrument comes in, and what it presses. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "organ.h"
+#include "sim/surface.h"
+
+#define LAW_REAL double
+#include "law/vec.h"
+
+static const double radius_m = 2.5e-3, shaft_m = 0.12, tilt_rad = 0.5;
+
+/* The middle of the tumour, else of the box; whether there was a tumour. */
+static bool find_aim(organ *o, double aim[3]) {
+    double weight = 0;
+    memset(aim, 0, 3 * sizeof *aim);
+    for (int32_t t = 0; t < o->mesh->tet_count; t++) {
+        const double v = o->mesh->volume_m3[t];
+        if (o->tissue[o->mesh->region[t]]->role != TISSUE_TUMOUR) continue;
+        if (!o->aim) o->aim = o->file.region_name[o->mesh->region[t]];
+        weight += v;
+        for (int k = 0; k < 12; k++) aim[k % 3] += 0.25 * v * o->mesh->rest_m[3 * o->mesh->tet[4 * t + k / 3] + k % 3];
+    }
+    for (int a = 0; a < 3; a++) aim[a] = weight > 0 ? aim[a] / weight : 0.5 * (o->low_m[a] + o->high_m[a]);
+    return weight > 0;
+}
+
+/* From far along `towards`, back against it: the surface's first point, and false where there is none. */
+static bool first_point(const organ *o, const double towards[3], const double through[3], double out[3]) {
+    double from[3], back[3];
+    for (int a = 0; a < 3; a++) {
+        from[a] = through[a] + 2 * o->size_m * towards[a];
+        back[a] = -towards[a];
+    }
+    const double way = sim_way_to_touch(o->mesh, from, back, radius_m);
+    for (int a = 0; a < 3; a++) out[a] = from[a] + way * back[a];
+    return way >= 0;
+}
+
+/* Distance to the nearest vertex that is held. */
+static double held_away_m(const organ *o, const uint8_t *held, const double point[3]) {
+    double least = INFINITY;
+    for (int32_t v = 0; v < o->mesh->vertex_count; v++) {
+        double d[3];
+        vsub(o->mesh->rest_m + 3 * v, point, d);
+        if (held[v]) least = fmin(least, vdot(d, d));
+    }
+    return sqrt(least);
+}
+
+/* The upper surface above the aim, or as near to it as there is some, rather high than low. */
+static void find_target(organ *o, const uint8_t *held) {
+    enum { COLUMNS = 9 };
+    const int u = o->up_axis, p = (u + 1) % 3, q = (u + 2) % 3;
+    double aim[3], best = INFINITY;
+    const bool tumour = find_aim(o, aim);
+    for (int i = 0; i < COLUMNS * COLUMNS; i++) {
+        double through[3], point[3], away[3], bottom[3];
+        const double down[3] = {-o->up[0], -o->up[1], -o->up[2]};
+        memcpy(through, aim, sizeof aim);
+        const double near = tumour ? 0.25 : 0.8; /* part of the box that is looked over */
+        through[p] += near * (o->high_m[p] - o->low_m[p]) * (i % COLUMNS - COLUMNS / 2) / COLUMNS;
+        through[q] += near * (o->high_m[q] - o->low_m[q]) * (i / COLUMNS - COLUMNS / 2) / COLUMNS;
+        if (!first_point(o, o->up, through, point) || !first_point(o, down, through, bottom)) continue;
+        vsub(point, aim, away);
+        const double height = vdot(away, o->up), aside = sqrt(fmax(vdot(away, away) - height * height, 0));
+        const double score = aside - 0.6 * height + 3 * fmax(0.15 * o->size_m - held_away_m(o, held, point), 0);
+        if (score >= best) continue;
+        best = score;
+        memcpy(o->target_m, point, sizeof point);
+        const double thickness_m = fabs(point[u] - bottom[u]);
+        o->depth_m = fmin(fmin(fmax(0.04 * o->size_m, 2e-3), 10e-3), 0.25 * thickness_m);
+    }
+    if (isfinite(best)) return;
+    memcpy(o->target_m, aim, sizeof aim); /* nothing below the grid: the middle, from above */
+    o->depth_m = 2e-3;
+}
+
+bool organ_find_trocar(organ *o) {
+    enum { AROUND = 8 };
+    const int p = (o->up_axis + 1) % 3, q = (o->up_axis + 2) % 3;
+    double best = INFINITY;
+    uint8_t *held = calloc((size_t)o->mesh->vertex_count, 1);
+    if (!held) return false;
+    organ_mark_held(o, held);
+    find_target(o, held);
+    free(held);
+    for (int i = 0; i <= AROUND; i++) {
+        const double angle = 2 * M_PI * i / AROUND, lean = i < AROUND ? tilt_rad : 0;
+        double towards[3], trocar[3], back[3];
+        for (int a = 0; a < 3; a++) towards[a] = cos(lean) * o->up[a];
+        towards[p] += sin(lean) * cos(angle);
+        towards[q] += sin(lean) * sin(angle);
+        for (int a = 0; a < 3; a++) {
+            trocar[a] = o->target_m[a] + shaft_m * towards[a];
+            back[a] = -towards[a];
+        }
+        const double way = sim_way_to_touch(o->mesh, trocar, back, radius_m);
+        const double miss =
+            way < 0 || sim_is_inside(o->mesh, trocar) ? 1 : fabs(way - shaft_m) + (i == AROUND ? 5e-3 : 0);
+        if (miss >= best) continue;
+        best = miss;
+        memcpy(o->trocar_m, trocar, sizeof trocar);
+        memcpy(o->axis, back, sizeof back);
+    }
+    memset(o->tool_up, 0, sizeof o->tool_up);
+    o->tool_up[fabs(o->axis[q]) < fabs(o->axis[p]) ? q : p] = 1;
+    return true;
+}

@@ -1,0 +1,82 @@
+#include "consoles.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "io/profile.h"
+
+enum { SESSION = 1, STATUS_EVERY_US = 100000, MOST = 1024 };
+
+static int set_up(sim_consoles *all, int i, const sim *s, const sim_haptics *haptics, int64_t tick_us) {
+    sim_console *t = &all->console[i];
+    const app_instrument *scene = (const app_instrument *)s->scene->instrument.item + i;
+    hrt_device_config device = hrt_device_config_default(i);
+    hrt_node_config node = hrt_node_config_default(i);
+    if (haptics->profile.line && !hrt_profile_read(haptics->profile.s, &device.profile)) return APP_BAD_INPUT;
+    node.params = device.profile;
+    node.mode = (hrt_mode)s->instrument_def[i].mode;
+    node.session = SESSION;
+    node.pose_known = true;
+    memcpy(node.pose.trocar_m, scene->trocar.v, sizeof node.pose.trocar_m);
+    memcpy(node.pose.axis, scene->axis.v, sizeof node.pose.axis);
+    memcpy(node.pose.up, scene->up.v, sizeof node.pose.up);
+    node.extrapolator = (hrt_extrapolator)haptics->extrapolator.index;
+    node.passivity = haptics->passivity.on;
+    node.enable = true;
+    device.session = SESSION;
+    device.seed = (uint64_t)haptics->seed.value;
+    device.period_us = (double)tick_us;
+    for (int j = 0; j < SIM_JOINTS; j++) device.rest[j] = s->start_joint[i][j];
+    device.hand = s->hand[i];
+    hrt_bus_open_loopback(&t->device_bus, &all->bus);
+    hrt_bus_open_loopback(&t->node_bus, &all->bus);
+    hrt_device_init(&t->device, &device, &t->device_bus);
+    hrt_node_init(&t->node, &node, &t->node_bus);
+    return 0;
+}
+
+static bool join(sim_consoles *all, int i, const sim *s, const sim_haptics *haptics, app_queue *queue) {
+    hrt_peer *peer = &all->console[i].peer;
+    app_topic topic[HRT_PEER_TOPICS];
+    const app_mishaps mishaps = {.latency_s = haptics->latency.si * s->frame_s,
+                                 .jitter_s = haptics->jitter.si,
+                                 .loss = haptics->loss.si,
+                                 .random = &all->random};
+    hrt_peer_init(peer, &(hrt_peer_def){.instrument = i, .node = &all->console[i].node, .pose_given = true});
+    const app_link_def def = {.topic = topic, .topics = hrt_peer_topics(peer, topic)};
+    peer->link = app_link_join(queue, &def, &mishaps);
+    return peer->link != NULL;
+}
+
+int sim_consoles_open(sim_consoles *all, const sim *s, const sim_haptics *haptics, int64_t tick_us, app_queue *queue) {
+    *all = (sim_consoles){.count = s->instrument_count, .random = (uint64_t)haptics->seed.value};
+    hrt_loopback_init(&all->bus);
+    all->console = calloc((size_t)all->count, sizeof *all->console);
+    int rc = all->console ? 0 : APP_FAILED;
+    for (int i = 0; i < all->count && !rc; i++) {
+        rc = set_up(all, i, s, haptics, tick_us);
+        if (!rc && !join(all, i, s, haptics, queue)) rc = APP_FAILED;
+    }
+    return rc;
+}
+
+void sim_consoles_close(sim_consoles *all) {
+    for (int i = 0; all->console && i < all->count; i++) {
+        app_link_close(all->console[i].peer.link);
+        hrt_bus_close(&all->console[i].node_bus);
+        hrt_bus_close(&all->console[i].device_bus);
+    }
+    free(all->console);
+    all->console = NULL;
+}
+
+void sim_console_tick(sim_console *t, int64_t now_us) {
+    app_link_receive(t->peer.link, 0, MOST);
+    hrt_device_step(&t->device, now_us);
+    if (hrt_node_tick(&t->node, now_us, &t->tool)) hrt_peer_say_tool(&t->peer, &t->tool);
+    if (now_us - t->status_us < STATUS_EVERY_US) return;
+    tensormass_controller_status_t status;
+    hrt_node_status(&t->node, &status);
+    hrt_peer_say_status(&t->peer, &status);
+    t->status_us = now_us;
+}

@@ -1,0 +1,35 @@
+/* Lockstep's other end: for each instrument a controller and its virtual device, on one bus and one virtual clock. The
+ * controller hears and speaks as haptic-rt does (io/peer.h), over a queue that has the scene's latency, jitter and
+ * loss. */
+#ifndef TM_SIM_CONSOLES_H
+#define TM_SIM_CONSOLES_H
+
+#include "device/device.h"
+#include "effects.h"
+#include "io/peer.h"
+#include "sim.h"
+
+typedef struct sim_console {
+    hrt_node node;
+    hrt_device device;
+    hrt_bus node_bus, device_bus;
+    hrt_peer peer;
+    tensormass_tool_state_t tool;
+    int64_t status_us; /* when it last told of itself */
+} sim_console;
+
+typedef struct sim_consoles {
+    sim_console *console; /* [count] */
+    int count;
+    hrt_loopback bus;
+    uint64_t random;
+} sim_consoles;
+
+/* 0, or an exit code, having complained; close it in either case. It stays where it is while it is open. */
+int sim_consoles_open(sim_consoles *consoles, const sim *s, const sim_haptics *haptics, int64_t tick_us,
+                      app_queue *queue);
+void sim_consoles_close(sim_consoles *consoles);
+/* Hears what has come, moves the device, computes the force, and says where the tool is. */
+void sim_console_tick(sim_console *console, int64_t now_us);
+
+#endif

@@ -1,0 +1,59 @@
+#include "sim.h"
+
+typedef struct options {
+    app_section here;
+    app_number at_rest, sliding;
+} options;
+
+static const app_field fields[] = {
+    {"friction", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "instruments rub on the tissue"},
+    {"friction.static", APP_NUMBER, "none", "0.3", 0, TM_FRICTION_MOST, offsetof(options, at_rest), 0,
+     "coefficient until an instrument slips, of all that name none of their own"},
+    {"friction.sliding", APP_NUMBER, "none", "0.2", 0, TM_FRICTION_MOST, offsetof(options, sliding), 0,
+     "coefficient while it slides, at most `static`"},
+};
+
+static tm_friction_coefficient of_instrument(const app_instrument *t, const options *o) {
+    return (tm_friction_coefficient){.at_rest = t->friction_static.line ? t->friction_static.si : o->at_rest.si,
+                                     .sliding = t->friction_sliding.line ? t->friction_sliding.si : o->sliding.si};
+}
+
+static int check(const app_scene *scene, const void *own) {
+    const options *o = own;
+    for (int i = 0; i < scene->instrument.count; i++) {
+        const app_instrument *t = (const app_instrument *)scene->instrument.item + i;
+        const tm_friction_coefficient c = of_instrument(t, o);
+        if (c.sliding <= c.at_rest) continue;
+        const int line = t->friction_sliding.line  ? t->friction_sliding.line
+                         : t->friction_static.line ? t->friction_static.line
+                         : o->sliding.line         ? o->sliding.line
+                                                   : o->at_rest.line;
+        return app_scene_bad(
+            scene, line,
+            "instrument %d slides at %g and sticks at %g; give a sliding coefficient that is not above "
+            "the static one",
+            i, c.sliding, c.at_rest);
+    }
+    return 0;
+}
+
+static int prepare(sim *s, const void *own) {
+    s->def.friction = tm_friction_def_default();
+    for (int i = 0; i < s->scene->instrument.count; i++)
+        s->def.friction.instrument[i] = of_instrument((const app_instrument *)s->scene->instrument.item + i, own);
+    s->def.model.friction = &s->def.friction;
+    return 0;
+}
+
+const sim_effect sim_effect_friction = {
+    .name = "friction",
+    .doc = "Coulomb friction of the instruments on the tissue, swept with contact: they stick within the cone of their "
+           "static coefficient, slide at the other, and the hand feels both (docs/contact.md).",
+    .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
+    .needs = {"contact"},
+    .excludes = {{"hybrid",
+                  "its rows are solved without any; write 'model: dynamic' or 'model: precomputed', or remove "
+                  "'friction:'"}},
+    .check = check,
+    .prepare = prepare,
+};

@@ -1,0 +1,63 @@
+/* Tissue that relaxes: a Prony series. */
+#include "sim.h"
+
+typedef struct term {
+    app_section here;
+    app_number time, shear, volume;
+} term;
+
+typedef struct options {
+    app_section here;
+    app_list term;
+} options;
+
+#define TERM(member) offsetof(term, member)
+static const app_field fields[] = {
+    {"viscosity", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0,
+     "tissue that relaxes; the materials' constants are those of a sudden load"},
+    {"viscosity.terms", APP_LIST, NULL, "!", 1, TM_VISCOSITY_TERMS, offsetof(options, term), sizeof(term),
+     "of a Prony series, one to three"},
+    {"viscosity.terms[].time", APP_NUMBER, "time", "!", TM_VISCOSITY_TIME_MIN_S, TM_VISCOSITY_TIME_MAX_S, TERM(time), 0,
+     "in which the term's stress falls to 1/e at constant strain"},
+    {"viscosity.terms[].shear", APP_NUMBER, "none", "!", 0, TM_VISCOSITY_SHARES_MAX, TERM(shear), 0,
+     "share of the sudden shear modulus (and of all that fibres add) that relaxes with it"},
+    {"viscosity.terms[].volume", APP_NUMBER, "none", NULL, 0, TM_VISCOSITY_SHARES_MAX, TERM(volume), 0,
+     "share of the sudden bulk modulus; left out: that of the shear, so that Poisson's ratio stays, which costs less"},
+};
+
+static tm_viscosity_def definition(const options *o) {
+    tm_viscosity_def def = tm_viscosity_def_default();
+    const term *t = o->term.item;
+    for (def.count = 0; def.count < o->term.count && def.count < TM_VISCOSITY_TERMS; def.count++, t++)
+        def.term[def.count] = (tm_viscosity_term){t->time.si, t->shear.si, t->volume.line ? t->volume.si : t->shear.si};
+    return def;
+}
+
+static int check(const app_scene *scene, const void *own) {
+    const options *o = own;
+    if (o->term.count < 1 || o->term.count > TM_VISCOSITY_TERMS)
+        return app_scene_bad(scene, o->term.line ? o->term.line : o->here.line,
+                             "viscosity.terms has %d terms; give 1 to %d", o->term.count, TM_VISCOSITY_TERMS);
+    const tm_viscosity_def def = definition(o);
+    tm_error error = {0};
+    return tm_viscosity_check(&def, &error) == TM_OK ? 0 : app_scene_bad(scene, o->term.line, "%s", error.message);
+}
+
+static int build(sim *s, const void *own) {
+    const options *o = own;
+    const tm_viscosity_def def = definition(o);
+    tm_error error = {0};
+    return tm_stage_viscosity(s->model->world, &def, &error) ? sim_report(s->scene, o->here.line, &error) : 0;
+}
+
+const sim_effect sim_effect_viscosity = {
+    .name = "viscosity",
+    .doc = "Stress that fades at constant strain, and creep at constant load: a Prony series, integrated exactly along "
+           "straight strain paths. The step stays as it is; `--settle` gives the rest after infinite time "
+           "(docs/physics.md).",
+    .schema = {fields, sizeof fields / sizeof fields[0], sizeof(options)},
+    .excludes = {{"precomputed", "its responses are of tissue that does not relax; write 'model: dynamic'"},
+                 {"hybrid", "its condensed part does not relax; write 'model: dynamic'"}},
+    .check = check,
+    .build = build,
+};

@@ -1,0 +1,130 @@
+/* The effect "viscosity": what it costs beside the same tissue without it, and how far the complex modulus of a
+ * harmonic strain is from the closed form, by steps a cycle: histories run straight from one step to the next. */
+#include <complex.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "accuracy.h"
+
+/* --- error --- */
+
+static tm_status lead_all(const problem *p, tm_error *error) {
+    const int32_t n = 3 * p->mesh->vertex_count;
+    int32_t *dof = malloc(sizeof *dof * (size_t)n);
+    double *zero = calloc((size_t)n, sizeof *zero);
+    tm_status status = TM_ERR_MEMORY;
+    if (dof && zero) {
+        for (int32_t i = 0; i < n; i++) dof[i] = i;
+        tm_support_def def = tm_support_def_default();
+        def.count = n, def.dof = dof, def.value_m = zero;
+        status = tm_stage_support(p->world, &def, error);
+    }
+    free(dof);
+    free(zero);
+    return status;
+}
+
+/* The modulus of a cycle of `steps`, as a share of the sudden one, from the force on one vertex: x sin(wt) is pulled
+ * along x. The third cycle is looked at; what the start left of it is exp(-12) then. */
+static tm_status swing(int steps, double complex *modulus, tm_error *error) {
+    problem_def def = problem_default(3);
+    problem p;
+    def.held = false;
+    tm_status status = problem_create(&def, &p, error);
+    if (status != TM_OK) return status;
+    const double period = steps * tm_world_step_s(p.world), angular = 2 * M_PI / period;
+    tm_viscosity_def viscosity = tm_viscosity_def_default();
+    viscosity.count = 1;
+    viscosity.term[0] = (tm_viscosity_term){1 / angular, 0.5, 0.5};
+    status = lead_all(&p, error);
+    if (status == TM_OK) status = tm_stage_viscosity(p.world, &viscosity, error);
+    const tm_state *s = status == TM_OK ? tm_world_state(p.world) : NULL;
+    const int32_t n = 3 * p.mesh->vertex_count, at = n - 3;
+    double complex sum = 0;
+    double *elastic = calloc((size_t)n, sizeof *elastic), *u = calloc((size_t)n, sizeof *u);
+    for (int32_t i = 0; u && i < n; i += 3) u[i] = 0.01 * p.mesh->rest_m[i];
+    if (!elastic || !u) status = TM_ERR_MEMORY;
+    if (status == TM_OK) tm_tissue_force(p.tissue, u, elastic);
+    for (int step = 0; step < 3 * steps && status == TM_OK; step++) {
+        for (int32_t i = 0; i < n; i++) tm_support_move(p.world, i, u[i] * sin(angular * (step + 1) * s->dt_s));
+        status = tm_world_step(p.world, 1);
+        /* force_N is of the step's beginning. */
+        if (step >= 2 * steps) sum += s->force_N[at] * cexp(-I * (2 * M_PI * step / steps));
+    }
+    if (status == TM_OK) *modulus = I * 2 * sum / steps / elastic[at]; /* sin wt = Re(-i exp(iwt)) */
+    free(elastic);
+    free(u);
+    problem_destroy(&p);
+    return status;
+}
+
+static tm_status errors(const run *r, cJSON *rows, tm_error *error) {
+    static const int steps[] = {5, 10, 20, 50, 200, 1000};
+    const double complex truth = 1 - 0.5 / (1 + I); /* 1 - g/(1 + iwt), wt = 1 */
+    const int count = r->quick ? 5 : 6;
+    for (int i = 0; i < count; i++) {
+        double complex modulus = 0;
+        const tm_status status = swing(steps[i], &modulus, error);
+        if (status != TM_OK) return status;
+        cJSON *row = json_row(rows);
+        cJSON_AddNumberToObject(row, "steps_a_cycle", steps[i]);
+        cJSON_AddNumberToObject(row, "modulus", cabs(modulus - truth) / cabs(truth));
+        r->progress("viscosity", 0.5 * (i + 1) / count);
+    }
+    return TM_OK;
+}
+
+/* --- price --- */
+
+enum { FORMS = 5 };
+static tm_status prices(const run *r, int cells, cJSON *out, tm_error *error) {
+    static const struct {
+        int terms;
+        const char *shares;
+    } form[FORMS] = {{0, "none"}, {1, "alike"}, {3, "alike"}, {1, "shear"}, {3, "shear"}};
+    problem p[FORMS];
+    tm_world *world[FORMS];
+    double seconds[FORMS];
+    tm_status status = TM_OK;
+    memset(p, 0, sizeof p);
+    for (int i = 0; i < FORMS && status == TM_OK; i++) {
+        problem_def def = problem_default(cells);
+        tm_viscosity_def viscosity = tm_viscosity_def_default();
+        for (; viscosity.count < form[i].terms; viscosity.count++)
+            viscosity.term[viscosity.count] =
+                (tm_viscosity_term){0.1 * (1 + viscosity.count), 0.2, strcmp(form[i].shares, "shear") ? 0.2 : 0};
+        def.pressed = false;
+        def.viscosity = form[i].terms ? &viscosity : NULL;
+        status = problem_create(&def, &p[i], error);
+        world[i] = p[i].world;
+    }
+    if (status == TM_OK) time_steps(world, FORMS, r->rounds, seconds);
+    for (int i = 0; i < FORMS && status == TM_OK; i++) {
+        tm_stage_report stage[TM_MAX_STAGES];
+        const int32_t stages = tm_world_stages(world[i], stage);
+        int64_t bytes = 0;
+        for (int32_t k = 0; k < stages; k++) bytes += strcmp(stage[k].name, "viscosity") ? 0 : stage[k].bytes;
+        cJSON *row = json_row(out);
+        cJSON_AddNumberToObject(row, "terms", form[i].terms);
+        cJSON_AddStringToObject(row, "shares", form[i].shares);
+        cJSON_AddNumberToObject(row, "seconds_per_step", seconds[i]);
+        cJSON_AddNumberToObject(row, "price", seconds[i] / seconds[0]);
+        cJSON_AddNumberToObject(row, "bytes", (double)bytes);
+    }
+    for (int i = 0; i < FORMS; i++)
+        if (p[i].world) problem_destroy(&p[i]);
+    return status;
+}
+
+cJSON *knob_viscosity(const run *r, tm_error *error) {
+    const int cells = r->quick ? 6 : 18;
+    cJSON *out = cJSON_CreateObject();
+    cJSON_AddNumberToObject(out, "tets", 6.0 * cells * cells * cells);
+    tm_status status = errors(r, cJSON_AddArrayToObject(out, "rows"), error);
+    if (status == TM_OK) status = prices(r, cells, cJSON_AddArrayToObject(out, "price"), error);
+    r->progress("viscosity", 1);
+    if (status == TM_OK) return out;
+    cJSON_Delete(out);
+    return NULL;
+}

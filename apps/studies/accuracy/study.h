@@ -1,0 +1,124 @@
+/* tm-accuracy --scene: what each setting of one's own scene does to the force at the hand, and what it costs here.
+ * study_vary.c says what is run, study_measure.c runs one, study_store.c keeps what is done, study_judge.c holds it
+ * against the finest, study_recommend.c chooses, study_yaml.c writes the chosen scene. */
+#ifndef TM_STUDY_H
+#define TM_STUDY_H
+
+#include <cjson/cJSON.h>
+
+#include "sim/expected.h"
+#include "sim/sim.h"
+
+enum { STUDY_SETS = 24, STUDY_RUNS = 96, STUDY_MOMENTS = 6, STUDY_POINTS = 32, STUDY_MESHES = 8, STUDY_EDITS = 8 };
+
+/* How a run's mesh relates to the scene's. */
+typedef enum study_form { STUDY_AS_IT_IS, STUDY_OTHER_VOLUME } study_form;
+
+/* One setting, run along the hand's path in lockstep without haptics. */
+typedef struct study_run {
+    char key[17]; /* hash of the program's version, the scene, its files and the settings */
+    char knob[16], name[80], why[400];
+    char *set[STUDY_SETS]; /* as --set takes them; the first `edits_from` are of every run */
+    int set_count, edits_from;
+    int mesh; /* of study.mesh */
+    study_form form;
+    bool foreign;              /* another mesh's vertices: no shape to compare */
+    bool done, failed, reused; /* failed: cannot be, `why` says so */
+    double frame_s, dt_s, setup_s;
+    double cpu_s, cpu_p95_s, wall_s; /* a frame: processor time, mean and 95th percentile; mean wall time */
+    int frames, instruments, tets, substeps, points;
+    double *force_N; /* [frames][instruments][3] on the tools */
+    double *u_m;     /* [STUDY_MOMENTS][points][3] of the scene's own vertices, which refined meshes keep */
+    /* judged, relative to the truth's root mean square; NAN: not to be had */
+    double force_error, shape_error;
+    double change, peak_change; /* against the scene as it is: RMS, and of the peak with its sign */
+} study_run;
+
+typedef struct study_mesh {
+    char name[80], path[1024], fibres[1024];
+    int tets;
+} study_mesh;
+
+/* Where the force goes as tetrahedra shrink: Richardson's estimate along the better of the two forms. */
+typedef struct study_truth {
+    bool extrapolated;
+    int coarse, fine; /* runs */
+    double order;     /* observed with three meshes, else assumed */
+    bool order_observed;
+    double uncertainty; /* relative: what other orders, and the other form's limit, would give */
+    double *force_N, *u_m, rms_N;
+    int frames, instruments, points;
+} study_truth;
+
+typedef struct study_choice {
+    bool wanted, fits, kept, real_time;
+    int mesh_run, extra[3], extra_count;       /* runs whose settings it takes */
+    double error, cost_s, share;               /* predicted; share of one processor, 95th percentile */
+    double held_error, held_wall_s, held_over; /* over: share of frames that took more processor time than the budget */
+    int held_frames, held_late;
+    char file[1100];
+} study_choice;
+
+typedef struct study {
+    const char *file, *json, *page;
+    char *set[STUDY_SETS / 2]; /* of the command line */
+    int set_count;
+    const char *other_mesh[4]; /* --mesh */
+    int other_count;
+    double duration_s, limit_s, budget, frame_Hz, hold_s; /* below 0: not asked for; limit: of one run */
+    bool quick;
+    uint64_t scene_hash;
+    int own_vertices;  /* of the scene's mesh */
+    char folder[1024]; /* of refined meshes and turned fibres */
+    study_mesh mesh[STUDY_MESHES];
+    int mesh_count;
+    study_run run[STUDY_RUNS];
+    int run_count;
+    cJSON *old; /* of a study that was broken off, or null */
+    study_truth truth;
+    study_choice choice;
+} study;
+
+/* All of it: 0 or an exit code, having complained. */
+int study_whole(study *t);
+
+/* --- study_vary.c --- */
+/* The run "as it is", then all others; those need it done. */
+int study_plan_own(study *t);
+int study_plan(study *t);
+/* Null, having complained once, where there is no room. */
+study_run *study_add(study *t, const char *knob, const char *name);
+void study_set(study_run *r, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/* --- study_mesh.c --- */
+/* Makes refined meshes by bisection as far as `limit_s` allows, and takes --mesh ones. */
+int study_make_meshes(study *t, const sim *own);
+/* Files with every fibre turned by +-angle about an axis across fibres and hand. */
+bool study_turn_fibres(study *t, const sim *own, double angle_rad, char path[1024]);
+
+/* --- study_measure.c --- */
+/* Runs it, unless the file has it; 0, or an exit code after Ctrl-C. What cannot be is r->failed, no error. */
+int study_measure(study *t, study_run *r);
+double study_cpu_s(void);
+/* Builds with stderr turned into `why`; null: it cannot be. */
+sim *study_build(const char *file, char *const *set, int set_count, char *why, size_t size);
+
+/* --- study_store.c --- */
+void study_open(study *t);
+bool study_find(const study *t, study_run *r);
+int study_save(const study *t, bool whole);
+
+/* --- study_judge.c --- */
+void study_judge(study *t);
+/* Root mean square of a - b over that of b, frames and components of the force. */
+double study_distance(const double *a, const double *b, size_t count);
+
+/* --- study_recommend.c --- */
+int study_recommend(study *t);
+void study_say(const study *t);
+/* The scene with `edit` (as --set takes them) laid over its lines, after the comment `evidence`. */
+/* Whether study_write_yaml can write this one; the others are left out, with a remark. */
+bool study_yaml_can(const char *edit);
+int study_write_yaml(const study *t, const char *path, char *const *edit, int edit_count, const char *evidence);
+
+#endif

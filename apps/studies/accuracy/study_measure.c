@@ -1,0 +1,125 @@
+/* One setting of the scene, along its hand's path: force a frame, shape at some moments, price. */
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "bandwidth.h"
+#include "study.h"
+
+double study_cpu_s(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* The first line of what was said, without its "scene.yaml:12: " where it stays readable. */
+static void keep_words(FILE *said, char *why, size_t size) {
+    char line[1000];
+    rewind(said);
+    why[0] = 0;
+    while (fgets(line, sizeof line, said)) {
+        if (strstr(line, "warning:")) continue;
+        line[strcspn(line, "\n")] = 0;
+        if (line[0]) {
+            snprintf(why, size, "%s", line);
+            return;
+        }
+    }
+}
+
+sim *study_build(const char *file, char *const *set, int set_count, char *why, size_t size) {
+    app_scene *scene = NULL;
+    sim *s = NULL;
+    FILE *said = tmpfile();
+    fflush(stderr);
+    const int saved = said ? dup(STDERR_FILENO) : -1;
+    if (saved >= 0) dup2(fileno(said), STDERR_FILENO);
+    const bool good = sim_scene_load(file, set, set_count, &scene) == 0 && sim_create(scene, &s) == 0;
+    fflush(stderr);
+    if (saved >= 0) {
+        dup2(saved, STDERR_FILENO);
+        close(saved);
+    }
+    if (!good && said) keep_words(said, why, size);
+    if (!good && !why[0]) snprintf(why, size, "could not be built");
+    if (said) fclose(said);
+    return good ? s : NULL;
+}
+
+static int by_value(const void *a, const void *b) {
+    const double x = *(const double *)a, y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+static void take_shape(const sim *s, int own_vertices, study_run *r, int frame) {
+    const double *u = sim_displacement(s);
+    for (int m = 0; m < STUDY_MOMENTS; m++) {
+        if (llround(r->frames * (m + 1.0) / (STUDY_MOMENTS + 1)) != frame) continue;
+        for (int p = 0; p < r->points; p++) {
+            const size_t v = (size_t)p * (size_t)own_vertices / STUDY_POINTS;
+            memcpy(r->u_m + 3 * ((size_t)m * STUDY_POINTS + (size_t)p), u + 3 * v, 3 * sizeof *u);
+        }
+    }
+}
+
+static bool take_memory(study_run *r, const sim *s, double duration_s) {
+    r->frames = (int)llround(duration_s / s->frame_s);
+    r->instruments = s->instrument_count;
+    r->frame_s = s->frame_s, r->dt_s = s->dt_s, r->substeps = s->substeps, r->tets = s->mesh->tet_count;
+    /* The precomputed model moves the surface alone. */
+    r->points = r->foreign || s->scene->model.index == APP_PRECOMPUTED ? 0 : STUDY_POINTS;
+    r->force_N = calloc((size_t)r->frames * (size_t)r->instruments * 3 + 1, sizeof(double));
+    r->u_m = calloc((size_t)STUDY_MOMENTS * STUDY_POINTS * 3, sizeof(double));
+    return r->force_N && r->u_m;
+}
+
+/* The frames. What a frame costs is processor time, which other programs on the machine stretch least. */
+static void drive(const study *t, study_run *r, sim *s, double *cost_s) {
+    tm_tool_pose to[TM_MAX_INSTRUMENTS];
+    char label[120];
+    snprintf(label, sizeof label, "%d of %d: %s, %s", (int)(r - t->run) + 1, t->run_count, r->knob, r->name);
+    const double wall = app_seconds();
+    for (int k = 1; k <= r->frames && !app_interrupted(); k++) {
+        for (int i = 0; i < r->instruments; i++) to[i] = sim_hand_pose(s, i, k * s->frame_s);
+        const double before = study_cpu_s();
+        const tm_status status = sim_frame(s, to, s->substeps);
+        if (s->broken_off) return;
+        cost_s[k - 1] = study_cpu_s() - before;
+        if (status) {
+            r->failed = true;
+            snprintf(r->why, sizeof r->why, "went unstable in frame %d", k);
+            return;
+        }
+        for (int i = 0; i < r->instruments; i++)
+            memcpy(r->force_N + 3 * ((size_t)(k - 1) * (size_t)r->instruments + (size_t)i), s->reaction[i].force_N,
+                   3 * sizeof(double));
+        take_shape(s, t->own_vertices, r, k);
+        app_progress(label, (double)k / r->frames, false);
+    }
+    app_progress(label, 1, true);
+    r->wall_s = (app_seconds() - wall) / r->frames;
+}
+
+int study_measure(study *t, study_run *r) {
+    if (study_find(t, r)) return 0;
+    const double start = study_cpu_s();
+    sim *s = study_build(t->file, r->set, r->set_count, r->why, sizeof r->why);
+    r->failed = !s;
+    if (s) {
+        r->setup_s = study_cpu_s() - start;
+        double *cost_s = NULL;
+        if (!take_memory(r, s, t->duration_s) || !(cost_s = calloc((size_t)r->frames + 1, sizeof *cost_s))) abort();
+        drive(t, r, s, cost_s);
+        for (int k = 0; k < r->frames; k++) r->cpu_s += cost_s[k] / r->frames;
+        qsort(cost_s, (size_t)r->frames, sizeof *cost_s, by_value);
+        r->cpu_p95_s = cost_s[(int)(0.95 * (r->frames - 1))];
+        free(cost_s);
+        sim_destroy(s);
+    }
+    if (app_interrupted()) return app_interrupted_exit();
+    r->done = true;
+    return study_save(t, false);
+}

@@ -1,0 +1,206 @@
+/* Finer meshes of the same organ, by bisection (tm-mesh refine), other ones that the user has, and turned fibres. */
+#include <errno.h>
+#include <fcntl.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <unistd.h>
+
+#include "study.h"
+
+/* tm-mesh beside this program, its words into the void: what it cannot do shows in the file that is not there. */
+static bool run_refine(char *const *argument) {
+    char path[1100];
+    const ssize_t length = readlink("/proc/self/exe", path, 1000);
+    if (length < 0) return false;
+    path[length] = 0;
+    snprintf(strrchr(path, '/') + 1, 20, "tm-mesh");
+    const pid_t child = fork();
+    if (child == 0) {
+        const int nowhere = open("/dev/null", O_WRONLY);
+        dup2(nowhere, STDOUT_FILENO);
+        dup2(nowhere, STDERR_FILENO);
+        execv(path, argument);
+        _exit(127);
+    }
+    int status = -1;
+    while (child > 0 && waitpid(child, &status, 0) < 0 && errno == EINTR) {
+    }
+    return child > 0 && WIFEXITED(status) && WEXITSTATUS(status) == 0;
+}
+
+static double longest_edge_m(const tm_mesh *mesh) {
+    double sum = 0;
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        double longest = 0;
+        for (int a = 0; a < 4; a++)
+            for (int b = a + 1; b < 4; b++) {
+                const double *p = mesh->rest_m + 3 * (size_t)mesh->tet[4 * (size_t)t + (size_t)a],
+                             *q = mesh->rest_m + 3 * (size_t)mesh->tet[4 * (size_t)t + (size_t)b];
+                longest = fmax(longest, hypot(hypot(p[0] - q[0], p[1] - q[1]), p[2] - q[2]));
+            }
+        sum += longest;
+    }
+    return sum / mesh->tet_count;
+}
+
+static bool write_fibres(const double *fibre, int32_t tet_count, const char *path) {
+    tm_error error = {0};
+    app_output output;
+    if (!app_output_begin(&output, path, &error)) return false;
+    FILE *file = app_output_stream(&output);
+    if (file) fprintf(file, "tet,ax,ay,az\n");
+    for (int32_t t = 0; file && t < tet_count; t++) {
+        const double *a = fibre + 3 * (size_t)t;
+        fprintf(file, "%d,%.9g,%.9g,%.9g\n", t, a[0], a[1], a[2]);
+    }
+    return app_output_end(&output, file, &error);
+}
+
+/* The smallest height of a tetrahedron, which sets the step; `vertex` and `tet` as in tm_mesh. */
+static double smallest_height_m(const double *vertex, const int32_t *tet, int32_t tet_count) {
+    double smallest = INFINITY;
+    for (int32_t t = 0; t < tet_count; t++) {
+        const double *p[4];
+        double six_volumes = 0, largest = 0;
+        for (int a = 0; a < 4; a++) p[a] = vertex + 3 * (size_t)tet[4 * (size_t)t + (size_t)a];
+        for (int a = 0; a < 4; a++) { /* the face across from a */
+            const double *o = p[(a + 1) % 4], *q = p[(a + 2) % 4], *r = p[(a + 3) % 4];
+            double cross[3], volume = 0;
+            for (int k = 0; k < 3; k++) {
+                const int i = (k + 1) % 3, j = (k + 2) % 3;
+                cross[k] = (q[i] - o[i]) * (r[j] - o[j]) - (q[j] - o[j]) * (r[i] - o[i]);
+                volume += cross[k] * (p[a][k] - o[k]);
+            }
+            largest = fmax(largest, sqrt(cross[0] * cross[0] + cross[1] * cross[1] + cross[2] * cross[2]));
+            six_volumes = fabs(volume);
+        }
+        smallest = fmin(smallest, six_volumes / largest);
+    }
+    return smallest;
+}
+
+static int count_tets(const char *path, double *height_m) {
+    tm_mesh_file file = {0};
+    tm_error error = {0};
+    const int count = tm_mesh_file_load(path, 1, &file, &error) ? 0 : file.tet_count;
+    *height_m = smallest_height_m(file.vertex_m, file.tet, count);
+    tm_mesh_file_free(&file);
+    return count;
+}
+
+/* One mesh whose longest edges are `factor` of the scene's mean one, where its runs keep the limit. The file is kept,
+ * by what it was made of. */
+static bool refine(study *t, const sim *own, double factor, const char *name) {
+    study_mesh *m = &t->mesh[t->mesh_count];
+    char size[40], scale[40], from[1024], *argument[20], in[] = "--fibres", out[] = "--write-fibres";
+    uint64_t hash = sim_hash_file(sim_hash_bytes(0, &factor, sizeof factor), own->scene->mesh.s);
+    if (own->fibre) hash = sim_hash_bytes(hash, own->fibre, 3 * sizeof *own->fibre * (size_t)own->mesh->tet_count);
+    *m = (study_mesh){0};
+    snprintf(m->path, sizeof m->path, "%.990s/%.8s-%08x.msh", t->folder, name, (unsigned)hash);
+    snprintf(size, sizeof size, "%.9g", factor * longest_edge_m(own->mesh));
+    snprintf(scale, sizeof scale, "%.17g", own->scene->scale.si);
+    int n = 0;
+    const char *const fixed[] = {"tm-mesh",          "refine", "--box",   "-1e9,-1e9,-1e9,1e9,1e9,1e9",
+                                 "--size",           size,     "--scale", scale,
+                                 own->scene->mesh.s, "-o",     m->path};
+    for (size_t i = 0; i < sizeof fixed / sizeof *fixed; i++) argument[n++] = (char *)(uintptr_t)fixed[i];
+    bool good = true;
+    if (own->fibre) {
+        snprintf(from, sizeof from, "%.990s/own-%08x.fibres.csv", t->folder, (unsigned)hash);
+        snprintf(m->fibres, sizeof m->fibres, "%.990s/%.8s-%08x.fibres.csv", t->folder, name, (unsigned)hash);
+        good = write_fibres(own->fibre, own->mesh->tet_count, from);
+        argument[n++] = in, argument[n++] = from;
+        argument[n++] = out, argument[n++] = m->fibres;
+    }
+    argument[n] = NULL;
+    if (access(m->path, R_OK)) good = good && run_refine(argument);
+    double height_m = 0;
+    m->tets = good ? count_tets(m->path, &height_m) : 0;
+    if (m->tets <= own->mesh->tet_count) {
+        app_remark("tm-accuracy: tm-mesh refine --size %s made no finer mesh of %s", size, own->scene->mesh.s);
+        return false;
+    }
+    /* Price: tetrahedra, steps, and half as much again for what the cache no longer holds. */
+    const double price_s = 1.5 * t->run[0].cpu_s * t->run[0].frames * m->tets / own->mesh->tet_count *
+                           smallest_height_m(own->mesh->rest_m, own->mesh->tet, own->mesh->tet_count) / height_m;
+    if (price_s > t->limit_s) {
+        app_remark("tm-accuracy: a run of %d tetrahedra would take %.3g s, about; --limit lets it", m->tets, price_s);
+        return false;
+    }
+    snprintf(m->name, sizeof m->name, "%s mesh, %d tetrahedra", name, m->tets);
+    t->mesh_count++;
+    return true;
+}
+
+/* What would not be the same problem on other vertices: held or loaded one by one. */
+static const char *bound_to_vertices(const app_scene *scene) {
+    for (int i = 0; i < scene->support.count; i++)
+        if (((const app_support *)scene->support.item + i)->select.vertex.line) return "supports by vertex number";
+    for (int i = 0; i < scene->load.count; i++)
+        if (((const app_load *)scene->load.item + i)->force.line) return "loads by force on each vertex";
+    return NULL;
+}
+
+int study_make_meshes(study *t, const sim *own) {
+    t->mesh[t->mesh_count++] = (study_mesh){.tets = own->mesh->tet_count};
+    snprintf(t->mesh[0].name, sizeof t->mesh[0].name, "as it is, %d tetrahedra", own->mesh->tet_count);
+    const char *bound = bound_to_vertices(own->scene);
+    const double run_s = t->run[0].cpu_s * t->run[0].frames;
+    if (mkdir(t->folder, 0777) && errno != EEXIST)
+        return app_bad_input(t->folder, 0, "cannot be made: %s; name a --json in a folder that can be written",
+                             strerror(errno));
+    if (bound) app_remark("%s: %s: no finer mesh of it is the same problem", t->file, bound);
+    for (int i = 0; i < 3 && !bound; i++) {
+        static const double factor[] = {0.5, 0.63, 0.8};
+        if (!(run_s * pow(factor[i], -4) <= t->limit_s)) continue; /* f^-3 tetrahedra, 1/f steps: at the least */
+        if (!refine(t, own, factor[i], "finest")) continue;
+        if (factor[i] < 0.6 && !t->quick) refine(t, own, 0.71, "finer");
+        break;
+    }
+    for (int i = 0; i < t->other_count; i++) {
+        study_mesh *m = &t->mesh[t->mesh_count++];
+        char whole[4096];
+        double height_m;
+        *m = (study_mesh){.tets = count_tets(t->other_mesh[i], &height_m)};
+        if (!m->tets || !realpath(t->other_mesh[i], whole))
+            return app_bad_input(t->other_mesh[i], 0, "--mesh is not a mesh that can be read; see tm-mesh info");
+        snprintf(m->path, sizeof m->path, "%.1020s", whole);
+        snprintf(m->name, sizeof m->name, "%.40s, %d tetrahedra", strrchr(whole, '/') + 1, m->tets);
+    }
+    return 0;
+}
+
+bool study_turn_fibres(study *t, const sim *own, double angle_rad, char path[1024]) {
+    const int32_t count = own->mesh->tet_count;
+    double *turned = malloc(3 * sizeof *turned * (size_t)count), mean[3] = {0}, axis[3];
+    if (!turned) return false;
+    for (int32_t i = 0; i < 3 * count; i++) mean[i % 3] += own->fibre[i] * (own->fibre[i - i % 3] < 0 ? -1 : 1);
+    const double *hand = ((const app_instrument *)own->scene->instrument.item)->axis.v;
+    for (int a = 0; a < 3; a++) axis[a] = mean[(a + 1) % 3] * hand[(a + 2) % 3] - mean[(a + 2) % 3] * hand[(a + 1) % 3];
+    double norm = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
+    if (!(norm > 1e-6 * count)) { /* fibres along the hand: any axis across it */
+        const int least = fabs(hand[0]) < fabs(hand[1]) ? (fabs(hand[0]) < fabs(hand[2]) ? 0 : 2)
+                                                        : (fabs(hand[1]) < fabs(hand[2]) ? 1 : 2);
+        double e[3] = {0};
+        e[least] = 1;
+        for (int a = 0; a < 3; a++) axis[a] = hand[(a + 1) % 3] * e[(a + 2) % 3] - hand[(a + 2) % 3] * e[(a + 1) % 3];
+        norm = sqrt(axis[0] * axis[0] + axis[1] * axis[1] + axis[2] * axis[2]);
+    }
+    for (int a = 0; a < 3; a++) axis[a] /= norm;
+    const double c = cos(angle_rad), s = sin(angle_rad); /* Rodrigues */
+    for (int32_t i = 0; i < count; i++) {
+        const double *f = own->fibre + 3 * (size_t)i, along = axis[0] * f[0] + axis[1] * f[1] + axis[2] * f[2];
+        for (int a = 0; a < 3; a++)
+            turned[3 * (size_t)i + (size_t)a] =
+                c * f[a] + s * (axis[(a + 1) % 3] * f[(a + 2) % 3] - axis[(a + 2) % 3] * f[(a + 1) % 3]) +
+                (1 - c) * along * axis[a];
+    }
+    snprintf(path, 1024, "%.990s/turned%+.0fdeg.fibres.csv", t->folder, angle_rad * 180 / 3.14159265358979);
+    const bool good = write_fibres(turned, count, path);
+    free(turned);
+    return good;
+}

@@ -1,0 +1,255 @@
+/* The exactest setting within a budget, written as a scene, run, and held to what was promised of it.
+ *
+ * A setting is one mesh and form that was run, with half the step, the other precision or another model beside it. What
+ * these do together is not run beforehand: their differences of force are added to that of the mesh, and their ratios
+ * of price multiplied. That it comes out so is what the run at the end is for. */
+#include <errno.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "bandwidth.h"
+#include "study.h"
+
+/* Of the budget; the rest is for what the hand does that its path did not. */
+static const double ROOM = 0.9;
+/* Errors of the force that are the same to a hand, and to rounding. */
+static const double ALIKE = 1e-4;
+
+static bool usable(const study *t, const study_run *r) {
+    return r->done && !r->failed && r->frames == t->run[0].frames && isfinite(r->force_error);
+}
+
+static bool is_mesh(const study_run *r) {
+    return !strcmp(r->knob, "own") || !strcmp(r->knob, "volume") || !strcmp(r->knob, "mesh");
+}
+
+/* What a setting may have beside its mesh, one of each knob; another model's price on another mesh is not this one's
+ * ratio, so that it goes with the mesh alone on which it was run. */
+static bool is_extra(const study_run *r, const study_choice *with, int knob) {
+    static const char *const name[] = {"step", "precision", "model"};
+    return !strcmp(r->knob, name[knob]) && (knob < 2 || (with->mesh_run == 0 && with->extra_count == 0));
+}
+
+static void predict(const study *t, study_choice *c, double *force_N) {
+    const study_run *own = &t->run[0], *mesh = &t->run[c->mesh_run];
+    const size_t count = (size_t)own->frames * (size_t)own->instruments * 3;
+    memcpy(force_N, mesh->force_N, count * sizeof *force_N);
+    c->cost_s = mesh->cpu_s, c->share = mesh->cpu_p95_s / mesh->frame_s;
+    for (int e = 0; e < c->extra_count; e++) {
+        const study_run *x = &t->run[c->extra[e]];
+        for (size_t i = 0; i < count; i++) force_N[i] += x->force_N[i] - own->force_N[i];
+        c->cost_s *= x->cpu_s / own->cpu_s;
+        c->share *= x->cpu_p95_s / own->cpu_p95_s;
+    }
+    c->error = study_distance(force_N, t->truth.force_N, count);
+}
+
+/* Within the budget the exactest; errors that differ by less than a twentieth are alike, and then the cheaper. Nothing
+ * within it: the cheapest of all. */
+static bool better(const study *t, const study_choice *a, const study_choice *b) {
+    const bool fits_a = a->share <= ROOM * t->budget, fits_b = b->share <= ROOM * t->budget;
+    if (fits_a != fits_b) return fits_a;
+    if (!fits_a || fabs(a->error - b->error) < 0.05 * fmin(a->error, b->error)) return a->share < b->share;
+    return a->error < b->error;
+}
+
+/* What was tried and cannot be together: effects may exclude one another. */
+typedef struct bans {
+    study_choice item[32];
+    int count;
+} bans;
+
+static bool is_banned(const bans *b, const study_choice *c) {
+    for (int i = 0; i < b->count; i++) {
+        const study_choice *x = &b->item[i];
+        if (x->mesh_run == c->mesh_run && x->extra_count == c->extra_count &&
+            !memcmp(x->extra, c->extra, sizeof *c->extra * (size_t)c->extra_count))
+            return true;
+    }
+    return false;
+}
+
+static void consider(study *t, study_choice c, int knob, const bans * not, bool *any, double *scratch) {
+    if (knob == 3) {
+        if (is_banned(not, &c)) return;
+        predict(t, &c, scratch);
+        if (!*any || better(t, &c, &t->choice)) {
+            c.fits = c.share <= ROOM * t->budget;
+            t->choice = c;
+        }
+        *any = true;
+        return;
+    }
+    consider(t, c, knob + 1, not, any, scratch);
+    for (int i = 0; i < t->run_count; i++) {
+        if (!is_extra(&t->run[i], &c, knob) || !usable(t, &t->run[i])) continue;
+        study_choice with = c;
+        with.extra[with.extra_count++] = i;
+        consider(t, with, knob + 1, not, any, scratch);
+    }
+}
+
+static bool choose(study *t, const bans * not ) {
+    const study_run *own = &t->run[0];
+    double *scratch = malloc(sizeof(double) * ((size_t)own->frames * (size_t)own->instruments * 3 + 1));
+    bool any = false;
+    if (!scratch) abort();
+    for (int i = 0; i < t->run_count; i++)
+        if (is_mesh(&t->run[i]) && usable(t, &t->run[i]))
+            consider(t, (study_choice){.wanted = true, .mesh_run = i}, 0, not, &any, scratch);
+    free(scratch);
+    return any;
+}
+
+/* --- the scene --- */
+
+static void names(const study *t, char *text, size_t size) {
+    const study_choice *c = &t->choice;
+    snprintf(text, size, "%s", t->run[c->mesh_run].name);
+    for (int e = 0; e < c->extra_count; e++) {
+        const size_t used = strlen(text);
+        snprintf(text + used, size - used, "; %s", t->run[c->extra[e]].name);
+    }
+}
+
+static bool is_quiet(const char *set) {
+    return !strcmp(set, "haptics") || !strcmp(set, "recording") || !strcmp(set, "rendering");
+}
+
+static int gather_edits(const study *t, char **edit) {
+    const study_choice *c = &t->choice;
+    int n = 0;
+    for (int i = 0; i < t->set_count; i++)
+        if (!is_quiet(t->set[i])) edit[n++] = t->set[i];
+    const study_run *mesh = &t->run[c->mesh_run];
+    for (int i = mesh->edits_from; i < mesh->set_count; i++) edit[n++] = mesh->set[i];
+    for (int e = 0; e < c->extra_count; e++)
+        for (int i = t->run[c->extra[e]].edits_from; i < t->run[c->extra[e]].set_count; i++)
+            edit[n++] = t->run[c->extra[e]].set[i];
+    return n;
+}
+
+static int write_scene(study *t) {
+    const study_choice *c = &t->choice;
+    const study_run *own = &t->run[0];
+    char setting[400], doubt[100], evidence[3000], *edit[5 * STUDY_SETS];
+    names(t, setting, sizeof setting);
+    snprintf(doubt, sizeof doubt, "what the mesh leaves out is not known: no finer one was run");
+    if (isfinite(t->truth.uncertainty))
+        snprintf(doubt, sizeof doubt, "the truth itself is uncertain by %.2g %%", 100 * t->truth.uncertainty);
+    snprintf(evidence, sizeof evidence,
+             "# Recommended by tm-accuracy for %.3g of a processor, from %s%s.\n"
+             "#   setting    %s\n"
+             "#   force      %.2g %% RMS off the study's truth along the hand's path (the scene as it is: %.2g %%);\n"
+             "#              %s%s\n"
+             "#   price      %.3g ms a frame of %.3g ms; 95th percentile: %.2g of a processor (as it is: %.2g)\n"
+             "#   evidence   %s; what holds is what was run on that machine\n",
+             t->budget, t->file, c->fits ? "" : " (nothing measured fits that; this is the cheapest)", setting,
+             100 * c->error, 100 * own->force_error,
+             t->truth.extrapolated || c->error > ALIKE ? "" : "that truth is this very run; ", doubt, 1e3 * c->cost_s,
+             1e3 * own->frame_s, c->share, own->cpu_p95_s / own->frame_s, t->json);
+    return study_write_yaml(t, c->file, edit, gather_edits(t, edit), evidence);
+}
+
+/* --- held to it --- */
+
+static void wait_until(double when_s) {
+    const double left_s = when_s - app_seconds();
+    if (left_s <= 0) return;
+    struct timespec nap = {(time_t)left_s, (long)(1e9 * (left_s - floor(left_s)))};
+    while (!app_interrupted() && nanosleep(&nap, &nap) && errno == EINTR) {
+    }
+}
+
+/* Frames at their times, the hand's path over and over; the first time round it is the path of the study. */
+static bool run_paced(study *t, sim *s) {
+    study_choice *c = &t->choice;
+    const study_run *own = &t->run[0];
+    const size_t width = 3 * (size_t)own->instruments, path = (size_t)own->frames;
+    /* At least once along the path, else there is no error to hold against. */
+    const int frames = (int)fmax(own->frames, ceil(t->hold_s / s->frame_s));
+    double *cost_s = calloc((size_t)frames, sizeof *cost_s), *force_N = calloc(path * width + 1, sizeof *force_N);
+    if (!cost_s || !force_N) abort();
+    const double start_s = app_seconds();
+    bool good = true;
+    int k = 0;
+    for (; k < frames && good && !app_interrupted(); k++) {
+        tm_tool_pose to[TM_MAX_INSTRUMENTS];
+        const double time_s = (k % own->frames + 1) * s->frame_s, before = study_cpu_s();
+        for (int i = 0; i < own->instruments; i++) to[i] = sim_hand_pose(s, i, time_s);
+        good = sim_frame(s, to, s->substeps) == TM_OK && !s->broken_off;
+        cost_s[k] = study_cpu_s() - before;
+        c->held_wall_s = app_seconds() - start_s;
+        c->held_late += c->held_wall_s > (k + 1) * s->frame_s;
+        for (int i = 0; k < own->frames && i < own->instruments; i++)
+            memcpy(force_N + (size_t)k * width + 3 * (size_t)i, s->reaction[i].force_N, 3 * sizeof(double));
+        app_progress("the recommendation, in real time", (k + 1.0) / frames, false);
+        wait_until(start_s + (k + 1) * s->frame_s);
+    }
+    app_progress("the recommendation, in real time", 1, true);
+    c->held_frames = k;
+    c->held_error = study_distance(force_N, t->truth.force_N, path * width);
+    for (int i = 0; i < k; i++) c->held_over += cost_s[i] > s->frame_s * t->budget;
+    c->held_over = k ? c->held_over / k : 1; /* frames that took more processor time than the budget */
+    free(cost_s);
+    free(force_N);
+    return good;
+}
+
+void study_say(const study *t) {
+    const study_choice *c = &t->choice;
+    char setting[400];
+    names(t, setting, sizeof setting);
+    printf("\nRecommended for %.3g of a processor: %s\n  %s\n  promised: force %.2f %% off, %.1f %% of a processor%s\n"
+           "  held %d frames: force %.2f %% off; %.1f %% of the frames took more processor time than the budget; %d "
+           "came late by the wall clock%s\n  %s\n",
+           t->budget, setting, c->file, 100 * c->error, 100 * c->share,
+           c->fits ? "" : " - MORE THAN THE BUDGET: nothing measured fits it", c->held_frames, 100 * c->held_error,
+           100 * c->held_over, c->held_late, c->real_time ? "" : " (too many)",
+           !c->kept       ? "THE PROMISE WAS NOT KEPT."
+           : c->real_time ? "The promise was kept, and real time."
+                          : "Force and price were as promised, but REAL TIME WAS NOT KEPT: other programs had the "
+                            "processors; run it again when they are idle.");
+}
+
+/* The best that can be built: written, and as a simulation. Null, and an exit code, having complained. */
+static sim *build_best(study *t, int *rc) {
+    char why[400] = "", *set[STUDY_SETS];
+    const int stem =
+        (int)strlen(t->json) - (strlen(t->json) > 5 && !strcmp(t->json + strlen(t->json) - 5, ".json") ? 5 : 0);
+    int count = 0;
+    bans not = {0};
+    for (int i = 0; i < t->set_count; i++) /* what the file could not take, and what no study runs with */
+        if (is_quiet(t->set[i]) || !study_yaml_can(t->set[i])) set[count++] = t->set[i];
+    while (choose(t, &not )) {
+        study_choice *c = &t->choice;
+        snprintf(c->file, sizeof c->file, "%.*s-recommended.yaml", stem, t->json);
+        *rc = write_scene(t);
+        if (*rc || app_interrupted()) return NULL;
+        sim *s = study_build(c->file, set, count, why, sizeof why);
+        if (s) return s;
+        if (not .count == 32) break;
+        not .item[not .count++] = *c;
+    }
+    fprintf(stderr, "the recommended scene does not run: %s\n", why);
+    *rc = APP_FAILED;
+    return NULL;
+}
+
+int study_recommend(study *t) {
+    int rc = 0;
+    sim *s = build_best(t, &rc);
+    if (!s) return app_interrupted() ? app_interrupted_exit() : rc;
+    study_choice *c = &t->choice;
+    const bool good = run_paced(t, s);
+    sim_destroy(s);
+    if (app_interrupted()) return app_interrupted_exit();
+    /* A twentieth of the frames may be dearer than the 95th percentile. Errors below a ten-thousandth are alike. */
+    c->real_time = c->held_late <= 0.05 * c->held_frames;
+    c->kept = good && c->fits && c->held_over <= 0.05 && c->held_error <= 2 * c->error + ALIKE &&
+              c->held_error >= 0.5 * c->error - ALIKE;
+    return 0;
+}

@@ -1,0 +1,72 @@
+/* The last stage: whatever was wanted, what leaves is within every limit. Each step only shrinks the force or moves it
+ * less. */
+#include "internal.h"
+
+/* Of a limit: from where it is held to, and to where, so that rounding never carries the force past it. */
+static const float FROM = 0.999999f, HELD = 0.999998f;
+
+/* The share of `force` that the motors and the device's vector limit allow. */
+static float allowed_share(hrt_controller *c, const float jacobian[9], const float force[3]) {
+    float torque[3], share = 1.0f;
+    hrt_apply_transposed(jacobian, force, torque);
+    for (int j = 0; j < HRT_MOTORS; j++) {
+        const float size = fabsf(torque[j]);
+        if (size > FROM * c->params.torque_max[j]) {
+            share = fminf(share, HELD * c->params.torque_max[j] / size);
+            c->limits |= HRT_LIMIT_AXIS;
+        }
+    }
+    const float size = vnorm(force);
+    if (size > FROM * c->params.force_max_N) {
+        share = fminf(share, HELD * c->params.force_max_N / size);
+        c->limits |= HRT_LIMIT_FORCE;
+    }
+    return share;
+}
+
+/* The share of the way from the last force that the slew limits allow; a late tick earns no larger step. */
+static float slew_share(hrt_controller *c, float dt_s, const float change[3]) {
+    const float dt = fminf(dt_s, 0.004f);
+    float share = 1.0f;
+    const float most = c->params.slew_max_N_s * dt, axis_most = c->params.axis_slew_max_N_s * dt;
+    const float size = vnorm(change);
+    if (size > most) share = most / size;
+    for (int i = 0; i < 3; i++) {
+        const float axis = fabsf(change[i]);
+        if (axis > axis_most) share = fminf(share, axis_most / axis);
+    }
+    if (share < 1.0f) c->limits |= HRT_LIMIT_SLEW;
+    return share;
+}
+
+/* The share that keeps the power handed to the hand, by each joint and in all, within its limits. */
+static float power_share(hrt_controller *c, const float torque[3]) {
+    float share = 1.0f, sum = 0.0f;
+    for (int j = 0; j < HRT_MOTORS; j++) {
+        const float power = torque[j] * c->joint_velocity[j];
+        sum += power;
+        if (power > FROM * c->params.axis_power_max_W) share = fminf(share, HELD * c->params.axis_power_max_W / power);
+    }
+    if (sum > FROM * c->params.power_max_W) share = fminf(share, HELD * c->params.power_max_W / sum);
+    if (share < 1.0f) c->limits |= HRT_LIMIT_POWER;
+    return share;
+}
+
+void hrt_limit_force(hrt_controller *c, float dt_s, const float wanted_N[3]) {
+    float jacobian[9], force[3], change[3];
+    hrt_jacobian(&c->axes, c->joint, jacobian);
+    /* A finite but huge force would overflow when squared. */
+    for (int i = 0; i < 3; i++) force[i] = hrt_clamp(wanted_N[i], -1.0e6f, 1.0e6f);
+    vscale(allowed_share(c, jacobian, force), force, force);
+    vsub(force, c->force_N, change);
+    const float share = slew_share(c, dt_s, change);
+    vset(c->force_N, force);
+    vadd(force, share, change);
+    vscale(allowed_share(c, jacobian, force), force, force); /* the joints moved under the last force */
+    hrt_apply_transposed(jacobian, force, c->torque);
+    const float power = power_share(c, c->torque);
+    for (int i = 0; i < 3; i++) {
+        c->force_N[i] = power * force[i];
+        c->torque[i] = hrt_clamp(power * c->torque[i], -c->params.torque_max[i], c->params.torque_max[i]);
+    }
+}

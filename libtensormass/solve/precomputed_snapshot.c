@@ -1,0 +1,181 @@
+/* What a precomputed model must keep to go on with the same bits: where its tools are, what hands and jaws hold, the
+ * last solution's rows and forces, and what the on-line system keeps between solves (local_snapshot.c). The surface's
+ * shape is their sum, and made anew. One walk counts, writes and reads, so that none can forget a member. */
+#include <math.h>
+#include <string.h>
+
+#include "contact/row_pack.h"
+#include "precomputed.h"
+
+typedef enum way { COUNT, WRITE, READ } way;
+
+typedef struct stream {
+    way way;
+    char *at; /* all items are multiples of 8 bytes */
+    int64_t left, bytes;
+    bool bad; /* what was read cannot be: nothing more is taken */
+} stream;
+
+static bool room(stream *s, size_t bytes) {
+    s->bytes += (int64_t)bytes;
+    s->left -= (int64_t)bytes;
+    s->bad |= s->way == READ && s->left < 0;
+    return s->way != COUNT && !s->bad;
+}
+
+static void pass(stream *s, void *value, size_t bytes) {
+    if (!room(s, bytes)) return;
+    memcpy(s->way == WRITE ? s->at : value, s->way == WRITE ? value : s->at, bytes);
+    s->at += bytes;
+}
+
+static void pass_numbers(stream *s, double *number, int64_t count) {
+    for (int64_t i = 0; i < count; i++) {
+        double value = number[i];
+        pass(s, &value, sizeof value);
+        s->bad |= s->way == READ && !isfinite(value);
+        if (s->way == READ && !s->bad) number[i] = value;
+    }
+}
+
+static void pass_int(stream *s, int32_t *number, int32_t least, int32_t most) {
+    int64_t value = *number;
+    pass(s, &value, sizeof value);
+    s->bad |= s->way == READ && (value < least || value > most);
+    if (s->way == READ && !s->bad) *number = (int32_t)value;
+}
+
+static void pass_bool(stream *s, bool *flag) {
+    int32_t value = *flag;
+    pass_int(s, &value, 0, 1);
+    *flag = value != 0;
+}
+
+/* --- its parts --- */
+
+static void pass_tool(stream *s, tms_local *l, int32_t t) {
+    tm_tool_pose pose = l->tool[t].pose;
+    tms_hold *h = &l->hold[t];
+    int32_t state = (int32_t)h->state;
+    pass_numbers(s, pose.tip_m, 3);
+    pass_numbers(s, &pose.roll_rad, 1);
+    pass_numbers(s, &pose.grip, 1);
+    pass_bool(s, &pose.active);
+    if (s->way == READ) tms_local_pose(l, t, &pose);
+    pass_numbers(s, h->jaw.origin, 3);
+    pass_numbers(s, h->jaw.axis_m[0], 9);
+    pass_numbers(s, &h->fade, 1);
+    pass_int(s, &state, TM_GRASP_OPEN, TM_GRASP_LETTING_GO);
+    h->state = (tm_grasp_state)state;
+    pass_bool(s, &h->was_closed);
+    pass_int(s, &h->count, 0, l->grasp.max_vertices);
+    for (int32_t i = 0; i < h->count; i++) pass_int(s, &h->vertex[i], 0, l->mesh->vertex_count - 1);
+    pass_numbers(s, h->offset_m, 3 * (int64_t)h->count);
+    pass_numbers(s, h->let_go_N, 3 * (int64_t)h->count);
+}
+
+static void pass_local(stream *s, tms_local *l) {
+    int64_t bytes = s->way == READ ? 0 : tms_local_snapshot(l, false, NULL);
+    pass(s, &bytes, sizeof bytes);
+    if (s->way == READ) s->bad = s->bad || bytes < 0 || bytes > s->left;
+    if (!room(s, (size_t)bytes)) return;
+    if (s->way == WRITE)
+        tms_local_snapshot(l, false, s->at);
+    else
+        s->bad |= !tms_local_restore(l, s->at, bytes, true);
+    s->at += bytes;
+}
+
+static void pass_pins(stream *s, tms_local *l) {
+    pass_int(s, &l->hand_count, 0, l->capacity);
+    pass_int(s, &l->pin_count, l->hand_count, l->capacity);
+    for (int32_t i = 0; i < l->pin_count; i++) {
+        tms_pin *pin = &l->pin[i];
+        pass_int(s, &pin->vertex, 0, l->mesh->vertex_count - 1);
+        pass_int(s, &pin->tool, -1, l->tool_count - 1);
+        pass_numbers(s, pin->u_m, 3);
+        pass_numbers(s, &pin->compliance_m_N, 1);
+        pass_numbers(s, &pin->most_N, 1);
+        pass_numbers(s, pin->force_N, 3);
+        pass_numbers(s, &pin->turn_N_m, 1);
+        pass_bool(s, &pin->fades);
+        pass_bool(s, &pin->given);
+        if (s->way == READ && !s->bad && l->slot_of[pin->vertex] >= 0) l->pin_of[l->slot_of[pin->vertex]] = i;
+    }
+}
+
+/* On vertices that have slots, as every row of a solution is. */
+static void pass_row(stream *s, const tms_local *l, tm_contact_row *row) {
+    tm_packed_row r = s->way == READ ? (tm_packed_row){0} : tm_row_pack(row);
+    pass_numbers(s, &r.share, offsetof(tm_packed_row, face) / sizeof(double));
+    pass_int(s, &r.face, 0, 4 * l->mesh->tet_count - 1);
+    for (int j = 0; j < 3; j++) {
+        pass_int(s, &r.vertex[j], 0, l->mesh->vertex_count - 1);
+        s->bad |= s->way == READ && l->slot_of[r.vertex[j]] < 0;
+    }
+    pass_int(s, &r.instrument, 0, l->tool_count - 1);
+    pass_int(s, &r.station, 0, 255);
+    pass_int(s, &r.feature, 0, 6);
+    s->bad |= s->way == READ && !(r.share > 0 && r.share <= 1);
+    if (s->way == READ && !s->bad) *row = tm_row_unpack(&r);
+}
+
+static void pass_solution(stream *s, tms_local *l) {
+    pass_bool(s, &l->converged);
+    pass_int(s, &l->now.count, 0, l->def.max_rows);
+    for (int32_t i = 0; i < l->now.count && !s->bad; i++) pass_row(s, l, &l->now.row[i]);
+    pass_numbers(s, l->now.fc, 3 * (int64_t)l->high);
+    for (int32_t t = 0; t < l->tool_count; t++) {
+        pass_numbers(s, l->now.force_N[t], 3);
+        pass_numbers(s, l->now.resultant_N[t], 3);
+        pass_bool(s, &l->now.capped[t]);
+    }
+}
+
+/* Of the same responses, and of as much room for what lies on them. */
+static uint64_t key_of(const tm_precomputed *m) {
+    const tms_responses *r = &m->responses;
+    const tms_local *l = &m->local;
+    const int32_t size[] = {l->tool_count, l->capacity, l->def.max_rows, l->grasp.max_vertices, (int32_t)r->precision};
+    uint64_t key = tm_hash(r->kept, sizeof *r->kept * (size_t)r->kept_count, TM_HASH_SEED);
+    key = tm_hash(r->base_m, sizeof *r->base_m * (size_t)r->kept_count, key);
+    return tm_hash(size, sizeof size, key);
+}
+
+static void walk(stream *s, tm_precomputed *m) {
+    const uint64_t mine = key_of(m);
+    uint64_t key = mine;
+    pass(s, &key, sizeof key);
+    s->bad |= key != mine;
+    for (int32_t t = 0; t < m->local.tool_count && !s->bad; t++) pass_tool(s, &m->local, t);
+    pass_local(s, &m->local);
+    if (!s->bad) pass_pins(s, &m->local);
+    if (!s->bad) pass_solution(s, &m->local);
+}
+
+int64_t tms_precomputed_snapshot(const tm_precomputed *model, void *buffer) {
+    stream s = {.way = buffer ? WRITE : COUNT, .at = buffer};
+    walk(&s, (tm_precomputed *)(uintptr_t)model); /* which changes nothing but when it reads */
+    return s.bytes;
+}
+
+static bool read_from(tm_precomputed *m, const void *buffer, int64_t bytes) {
+    stream s = {.way = READ, .at = (char *)(uintptr_t)buffer, .left = bytes};
+    walk(&s, m);
+    m->superposed = false;
+    return !s.bad && s.left == 0;
+}
+
+tm_status tms_precomputed_restore(tm_precomputed *m, const void *buffer, int64_t bytes, tm_error *error) {
+    const int64_t own_bytes = tms_precomputed_snapshot(m, NULL);
+    void *own = tms_take((size_t)own_bytes);
+    if (!own) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to look at a snapshot; use a coarser mesh");
+    tms_precomputed_snapshot(m, own);
+    const bool good = read_from(m, buffer, bytes);
+    if (!good) read_from(m, own, own_bytes);
+    tms_give(own);
+    return good ? TM_OK
+                : tms_fail(error, TM_ERR_ARGUMENT, -1,
+                           "not a snapshot of this precomputed model, or damaged; give one of the same organ, supports "
+                           "and instruments");
+}

@@ -1,0 +1,303 @@
+/* Stage "friction": Coulomb friction between tools and tissue, a block of constraints swept behind the rows of contact,
+ * with what those press with in the same sweep: no force is ever outside its cone.
+ *
+ * The unit is the station, as it is of the skin: rows come and go while a tool slides over triangles, a station stays.
+ * Its force acts on the tissue where its rows do, each as far as it bears, across the normal of all of them. */
+#include "contact/friction_internal.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "base/vec.h"
+#include "law/friction.h"
+
+tm_friction_def tm_friction_def_default(void) {
+    return (tm_friction_def){.cookie = TM_COOKIE_FRICTION, .size = sizeof(tm_friction_def)};
+}
+
+bool tm_contact_rubs(const tm_contact *contact, int32_t instrument) {
+    return contact->friction && contact->friction->rubbed[instrument];
+}
+
+const double (*tm_contact_rubbing(const tm_contact *contact, int32_t instrument, double *at_rest, double *sliding))[3] {
+    *at_rest = contact->friction->def.instrument[instrument].at_rest;
+    *sliding = contact->friction->def.instrument[instrument].sliding;
+    return (const double(*)[3])contact->friction->applied_N;
+}
+
+/* --- the block --- */
+
+static void push_row(tm_friction *f, int32_t i, const double force_N[3]) {
+    const tm_contact *contact = f->contact;
+    const tm_contact_row *row = contact->row + i;
+    double *u_next = contact->world->state.u_next_m, *applied = f->applied_N[i];
+    for (int j = 0; j < 3; j++)
+        for (int c = 0; c < 3; c++) {
+            const int32_t dof = 3 * row->vertex[j] + c;
+            if (!contact->held[dof])
+                u_next[dof] +=
+                    contact->world->mobility_s2_kg[row->vertex[j]] * row->weight[j] * (force_N[c] - applied[c]);
+        }
+    vset(force_N, applied);
+}
+
+/* Each row takes as much of the station's force as it bears of its reaction. */
+static void push(tm_friction *f, const tm_touch *touch, double bears_N) {
+    for (int32_t i = touch->first; i < touch->first + touch->count; i++) {
+        double part[3];
+        vscale(bears_N > 0 ? f->contact->row[i].lambda_N / bears_N : 0, touch->force_N, part);
+        push_row(f, i, part);
+    }
+}
+
+/* Sum of what the rows bear; with it the station's normal and what presses along that. */
+static double press(const tm_friction *f, tm_touch *touch) {
+    double bears = 0, sum[3] = {0, 0, 0};
+    for (int32_t i = touch->first; i < touch->first + touch->count; i++) {
+        const tm_contact_row *row = f->contact->row + i;
+        bears += row->lambda_N;
+        vmadd(sum, row->lambda_N, row->normal, sum);
+    }
+    touch->pressed_N = vunit(sum, touch->normal);
+    return bears;
+}
+
+/* How far the tissue under a station has gone in this substep, and what a newton on it adds to that (not less), m/N. */
+static double follow(const tm_friction *f, const tm_touch *touch, double bears_N, double went_m[3]) {
+    const tm_state *state = &f->contact->world->state;
+    double gives = 0;
+    memset(went_m, 0, 3 * sizeof(double));
+    for (int32_t i = touch->first; i < touch->first + touch->count; i++) {
+        const tm_contact_row *row = f->contact->row + i;
+        const double share = row->lambda_N / bears_N;
+        gives += share * f->contact->solver[i].weight2;
+        for (int j = 0; j < 3; j++)
+            for (int c = 0; c < 3; c++) {
+                const int32_t dof = 3 * row->vertex[j] + c;
+                went_m[c] += share * row->weight[j] * (state->u_next_m[dof] - state->u_m[dof]);
+            }
+    }
+    return gives;
+}
+
+static void rub(tm_friction *f, tm_touch *touch) {
+    const double bears = press(f, touch), skin = f->contact->def.skin_compliance_m_N;
+    const tm_rubbed *was = f->rubbed[touch->instrument] + touch->station;
+    double went[3], force[3] = {0, 0, 0};
+    touch->slips = true;
+    if (bears > 0) {
+        const double gives = follow(f, touch, bears, went);
+        for (int c = 0; c < 3 && skin + gives > 0; c++)
+            force[c] =
+                (skin * was->force_N[c] + touch->moved_m[c] - went[c] + gives * touch->force_N[c]) / (skin + gives);
+        law_across(touch->normal, force);
+        touch->slips = law_friction_slips(touch->coefficient * touch->pressed_N, force);
+    }
+    vset(force, touch->force_N);
+    push(f, touch, bears);
+}
+
+static void find(void *self, tm_world *world) {
+    (void)world;
+    tm_friction *f = self;
+    const tm_contact *contact = f->contact;
+    f->touch_count = 0;
+    for (int32_t i = 0; i < contact->row_count; i++) {
+        const tm_contact_row *row = contact->row + i;
+        tm_touch *touch = f->touch + f->touch_count - 1;
+        memset(f->applied_N[i], 0, sizeof f->applied_N[i]);
+        if (!f->rubbed[row->instrument]) continue;
+        if (f->touch_count == 0 || touch->instrument != row->instrument || touch->station != row->station) {
+            touch = f->touch + f->touch_count++;
+            *touch = (tm_touch){.instrument = row->instrument, .station = row->station, .first = i};
+            vset(contact->solver[i].moved_m, touch->moved_m);
+        }
+        touch->count++;
+    }
+    for (int32_t k = 0; k < f->touch_count; k++) { /* from what it was */
+        tm_touch *touch = f->touch + k;
+        const tm_friction_coefficient *c = f->def.instrument + touch->instrument;
+        touch->coefficient =
+            law_friction_coefficient(c->at_rest, c->sliding, f->rubbed[touch->instrument][touch->station].rest);
+        const double bears = press(f, touch);
+        if (!(bears > 0)) continue;
+        vset(f->rubbed[touch->instrument][touch->station].force_N, touch->force_N);
+        law_across(touch->normal, touch->force_N);
+        law_friction_slips(touch->coefficient * touch->pressed_N, touch->force_N);
+        push(f, touch, bears);
+    }
+}
+
+static void sweep(void *self, tm_world *world, int32_t sweep) {
+    (void)world;
+    tm_friction *f = self;
+    for (int32_t k = 0; k < f->touch_count; k++) rub(f, f->touch + (sweep % 2 ? f->touch_count - 1 - k : k));
+}
+
+/* Ends the substep of one station: how far it slipped, what that took. */
+static void settle(tm_friction *f, tm_touch *touch) {
+    const double skin = f->contact->def.skin_compliance_m_N, bears = press(f, touch);
+    tm_rubbed *was = f->rubbed[touch->instrument] + touch->station;
+    double slipped[3] = {0, 0, 0}, went[3];
+    if (touch->slips && bears > 0) {
+        follow(f, touch, bears, went);
+        for (int c = 0; c < 3; c++)
+            slipped[c] = touch->moved_m[c] - went[c] - skin * (touch->force_N[c] - was->force_N[c]);
+        law_across(touch->normal, slipped);
+    }
+    f->lost_J += law_max(vdot(touch->force_N, slipped), 0);
+    was->rest = bears > 0 ? law_friction_rest(was->rest, vnorm(slipped), f->contact->world->state.dt_s) : 1;
+    vset(touch->force_N, was->force_N);
+}
+
+static double stretched_J(const tm_friction *f, int32_t t) {
+    double squares = 0;
+    for (int32_t s = 0; f->rubbed[t] && s < TM_MAX_STATIONS; s++)
+        squares += vdot(f->rubbed[t][s].force_N, f->rubbed[t][s].force_N);
+    return 0.5 * f->contact->def.skin_compliance_m_N * squares;
+}
+
+double tm_friction_stretched_J(const tm_friction *friction) {
+    double sum = 0;
+    for (int32_t t = 0; t < friction->contact->tool_count; t++) sum += stretched_J(friction, t);
+    return sum;
+}
+
+/* After the sweeps: forces join the rows' drag, where reactions and accounts find them; what stretched skins took or
+ * gave is no surplus of contact's; a station that touches nothing any more is at rest. */
+static void finish(void *self, tm_world *world) {
+    (void)world;
+    tm_friction *f = self;
+    int32_t k = 0;
+    f->lost_J = 0;
+    for (int32_t t = 0; t < f->contact->tool_count; t++) {
+        if (!f->rubbed[t]) continue;
+        const double before = stretched_J(f, t);
+        for (int32_t s = 0; s < TM_MAX_STATIONS; s++) {
+            if (k < f->touch_count && f->touch[k].instrument == t && f->touch[k].station == s)
+                settle(f, f->touch + k++);
+            else
+                f->rubbed[t][s] = (tm_rubbed){.rest = 1};
+        }
+        f->contact->tool[t].surplus_J += stretched_J(f, t) - before;
+    }
+    for (int32_t i = 0; i < f->contact->row_count; i++)
+        vmadd(f->contact->solver[i].drag_N, 1, f->applied_N[i], f->contact->solver[i].drag_N);
+}
+
+/* The rows' drag has it. */
+static void react(void *self, int32_t instrument, double force_N[3], double resultant_N[3]) {
+    (void)self, (void)instrument, (void)force_N, (void)resultant_N;
+}
+
+/* --- the stage --- */
+
+/* A tool that was put somewhere else holds on to nothing. */
+static void run(void *self, tm_world *world) {
+    (void)world;
+    tm_friction *f = self;
+    for (int32_t t = 0; t < f->contact->tool_count; t++) {
+        const int32_t placings = f->contact->tool[t].placings;
+        for (int32_t s = 0; f->rubbed[t] && placings != f->placings[t] && s < TM_MAX_STATIONS; s++)
+            f->rubbed[t][s] = (tm_rubbed){.rest = 1};
+        f->placings[t] = placings;
+    }
+}
+
+static void destroy(void *self) {
+    tm_friction *f = self;
+    tm_contact_remove_block(f->contact, f);
+    f->contact->friction = NULL;
+    tm_pool pool = f->pool;
+    tm_pool_release(&pool);
+}
+
+static tm_status check(const tm_contact *contact, const tm_friction_def *def, tm_error *error) {
+    if (contact->friction) return tm_fail(error, TM_ERR_ARGUMENT, -1, "friction: this world has it already");
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        const tm_friction_coefficient *c = def->instrument + t;
+        if (!(c->sliding >= 0 && c->sliding <= c->at_rest && c->at_rest <= TM_FRICTION_MOST))
+            return tm_fail(error, TM_ERR_ARGUMENT, t,
+                           "friction of instrument %d: %g at rest, %g sliding; give 0 <= sliding <= at rest <= %g", t,
+                           c->at_rest, c->sliding, TM_FRICTION_MOST);
+    }
+    return TM_OK;
+}
+
+static tm_friction *take(tm_pool *pool, const tm_contact *contact, const tm_friction_def *def) {
+    tm_friction *f = TM_TAKE(pool, tm_friction, 1);
+    if (!f) return NULL;
+    f->touch = TM_TAKE(pool, tm_touch, contact->def.max_rows);
+    f->applied_N = (double(*)[3])TM_TAKE(pool, double, 3 * (int64_t)contact->def.max_rows);
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        if (!(def->instrument[t].at_rest > 0)) continue;
+        f->rubbed[t] = TM_TAKE(pool, tm_rubbed, TM_MAX_STATIONS);
+        f->kept[t] = TM_TAKE(pool, tm_rubbed, TM_MAX_STATIONS);
+        for (int32_t s = 0; f->rubbed[t] && s < TM_MAX_STATIONS; s++) f->rubbed[t][s].rest = 1;
+    }
+    return f;
+}
+
+tm_status tm_stage_friction(tm_world *world, tm_contact *contact, const tm_friction_def *def, tm_friction **friction,
+                            tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_FRICTION, TM_ERR_ARGUMENT);
+    TM_REQUIRE(world && friction && contact && contact->world == world,
+               "world or friction is null, or contact is not of this world", TM_ERR_ARGUMENT);
+    tm_status status = check(contact, def, error);
+    if (status) return status;
+    tm_pool pool = {0};
+    tm_friction *self = take(&pool, contact, def);
+    if (!self || pool.failed) {
+        tm_pool_release(&pool);
+        return tm_fail_memory(error, "friction stage");
+    }
+    self->pool = pool;
+    self->contact = contact;
+    self->def = *def;
+    for (int32_t t = 0; t < contact->tool_count; t++) self->placings[t] = contact->tool[t].placings;
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = "friction",
+                            .phase = TM_PHASE_CONSTRAIN,
+                            .run = run,
+                            .destroy = destroy,
+                            .self = self,
+                            .snapshot = tm_friction_snapshot,
+                            .restore = tm_friction_restore,
+                            .keep = tm_friction_keep,
+                            .give_back = tm_friction_give_back,
+                            .needs = {"contact"},
+                            .before = TM_STAGE_CONTACT_FIND};
+    status = tm_world_add_stage(world, &stage, pool.bytes, error);
+    if (status) {
+        tm_pool_release(&pool);
+        return status;
+    }
+    contact->friction = self;
+    tm_contact_add_block_behind(
+        contact,
+        &(tm_block){.self = self, .owner = self, .find = find, .sweep = sweep, .finish = finish, .react = react});
+    *friction = self;
+    return TM_OK;
+}
+
+int32_t tm_friction_grips(const tm_friction *f, int32_t instrument, tm_friction_grip *grip, int32_t most) {
+    TM_REQUIRE(f && (grip || most <= 0) && instrument >= 0 && instrument < f->contact->tool_count,
+               "friction or grip is null, or instrument is not one of its contact's", 0);
+    int32_t count = 0;
+    for (int32_t k = 0; k < f->touch_count; k++) {
+        const tm_touch *touch = f->touch + k;
+        if (touch->instrument != instrument || !(touch->pressed_N > 0)) continue;
+        if (count < most) {
+            tm_friction_grip *to = grip + count;
+            *to = (tm_friction_grip){.station = touch->station,
+                                     .slips = touch->slips,
+                                     .pressed_N = touch->pressed_N,
+                                     .coefficient = touch->coefficient,
+                                     .rest = f->rubbed[instrument][touch->station].rest};
+            vset(touch->force_N, to->force_N);
+            vset(touch->normal, to->normal);
+        }
+        count++;
+    }
+    return count;
+}

@@ -1,0 +1,45 @@
+/* Insides of the stage "friction", shared by friction.c, friction_snapshot.c, the account of energy and patches. */
+#ifndef TM_FRICTION_INTERNAL_H
+#define TM_FRICTION_INTERNAL_H
+
+#include "contact/contact_internal.h"
+#include "tensormass/friction.h"
+
+enum { TM_COOKIE_FRICTION = 0x66726963 };
+
+/* What lasts between steps, of one station. */
+typedef struct tm_rubbed {
+    double force_N[3]; /* on the tissue */
+    double rest;       /* 1 has rested .. 0 has slid (law/friction.h) */
+} tm_rubbed;
+
+/* A station with rows in this substep: rows first .. first + count - 1 of contact. */
+typedef struct tm_touch {
+    int32_t instrument, station, first, count;
+    bool slips;
+    double moved_m[3], normal[3], pressed_N, coefficient;
+    double force_N[3]; /* on the tissue, now */
+} tm_touch;
+
+struct tm_friction {
+    tm_pool pool;
+    tm_contact *contact;
+    tm_friction_def def;
+    int32_t placings[TM_MAX_INSTRUMENTS];
+    tm_rubbed *rubbed[TM_MAX_INSTRUMENTS], *kept[TM_MAX_INSTRUMENTS]; /* [TM_MAX_STATIONS]; null: has no friction */
+    tm_touch *touch;                                                  /* [max_rows] by instrument, then station */
+    int32_t touch_count;
+    double (*applied_N)[3]; /* [max_rows] each row's part of its station's force */
+    double lost_J;          /* to slip, in the last substep */
+};
+
+/* friction_snapshot.c: the stage's hooks */
+int64_t tm_friction_snapshot(void *self, void *buffer);
+bool tm_friction_restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
+void tm_friction_keep(void *self);
+void tm_friction_give_back(void *self, tm_world *world);
+
+/* What the skins hold, stretched along the surface. */
+double tm_friction_stretched_J(const tm_friction *friction);
+
+#endif

@@ -1,0 +1,142 @@
+/* Tissue that turns and relaxes; a part of kernel.h. Each tetrahedron keeps, for each term of the Prony series, the
+ * history h of its strain in its own axes,
+ *     E = sym H + weight (U - 1 - sym H),   F = 1 + H = R U with the polar R,
+ * where weight is the blend of kernel.h: below the threshold that is the linear strain, far above it Biot's. At given
+ * histories T = sum_i (shear_i D + volume_i W) h_i is constant, and what is added to the stored energy is -T:E(F). Its
+ * gradient needs that of U:  T:dU = R (T - Y) : dF  with the skew Y of  Y U + U Y = T U - U T  (from U dU + dU U =
+ * dC); without Y a history out of line with the strain would turn the tissue by itself. With fibres R is that of least
+ * energy, and its own change is left out: a torque by the little that it differs from the polar one.
+ *
+ * Histories are fed a change of volume within what the law resists (tension on the volume grows no further than
+ * kernel.h says, and as much the other way): relaxed stress must not outweigh the stress that is there. What is crushed
+ * forgets, and comes back as tissue that does not relax. */
+
+/* y of (tr U - U) y = z. The matrix is singular where U's two smaller stretches cancel, inside out: its inverse is
+ * bounded there. */
+INSIDE void TM_NAME(spin)(const V8 U[9], const V8 T[9], V8 Y[9]) {
+    V8 TU[9], z[3], y[3];
+    TM_NAME(times)(T, U, TU);
+    /* U T is its transpose: both are symmetric. */
+    z[0] = TU[7] - TU[5], z[1] = TU[2] - TU[6], z[2] = TU[3] - TU[1];
+    const V8 a = U[4] + U[8], b = U[0] + U[8], c = U[0] + U[4], d = -U[1], e = -U[2], f = -U[5];
+    const V8 c00 = b * c - f * f, c01 = e * f - d * c, c02 = d * f - b * e;
+    const V8 c11 = a * c - e * e, c12 = d * e - a * f, c22 = a * b - d * d;
+    const V8 det = a * c00 + d * c01 + e * c02, size = U[0] * U[0] + U[4] * U[4] + U[8] * U[8];
+    const V8 inverse = det / (det * det + 1e-4 * size * size * size);
+    y[0] = (c00 * z[0] + c01 * z[1] + c02 * z[2]) * inverse;
+    y[1] = (c01 * z[0] + c11 * z[1] + c12 * z[2]) * inverse;
+    y[2] = (c02 * z[0] + c12 * z[1] + c22 * z[2]) * inverse;
+    for (int i = 0; i < 9; i += 4) Y[i] = (V8){0};
+    Y[1] = -y[2], Y[2] = y[1], Y[3] = y[2], Y[5] = -y[0], Y[6] = -y[1], Y[7] = y[0];
+}
+
+/* The change of volume in E beyond what histories are fed. */
+INSIDE void TM_NAME(beyond)(const TM_NAME(law) * w, const V8 E[9], V8 *beyond) {
+    const V8 grown = E[0] + E[4] + E[8], fifth = grown * 0 + 0.2, least = grown * 0 + 1e-300;
+    const M8 resists = w->lambda > least;
+    V8 limit, lambda;
+    TM_NAME(choose)(&lambda, &resists, &w->lambda, &least);
+    limit = 2 * w->mu / lambda;
+    const M8 stiff = limit < fifth;
+    TM_NAME(choose)(&limit, &stiff, &fifth, &limit);
+    const V8 above = grown - limit, below = grown + limit;
+    *beyond = (V8)(((M8)above & (above > 0)) | ((M8)below & (below < 0)));
+}
+
+/* T of the pack's histories, which go on with the strain E. */
+INSIDE void TM_NAME(remember)(const tm_packs *packs, const tm_viscous *v, int32_t p, int at, const V8 E[9], V8 T[9]) {
+    static const int row[6] = {0, 4, 8, 5, 2, 1};
+    const double tiny = 1e-60;
+    V8 shear[9], more = {0}, bulk, beyond;
+    TM_NAME(law) w;
+    const bool fibred = TM_NAME(law_of)(packs, p, at, &w);
+    TM_NAME(beyond)(&w, E, &beyond);
+    for (int i = 0; i < 9; i++) shear[i] = (V8){0};
+    for (int t = 0; t < v->terms; t++)
+        for (int i = 0; i < 6; i++) {
+            double *const m = v->memory[t] + (6 * (int64_t)p + i) * TM_LANES + at;
+            V8 h, e = E[row[i]];
+            if (i < 3) e -= (1.0 / 3) * beyond;
+            memcpy(&h, m, sizeof h);
+            h += v->now[t] * e;
+            shear[row[i]] += v->shear[t] * h;
+            if (i < 3) more += v->more[t] * h;
+            h = (v->keep[t] * h + v->old[t] * e + tiny) - tiny;
+            if (!v->still) memcpy(m, &h, sizeof h);
+        }
+    shear[7] = shear[5], shear[6] = shear[2], shear[3] = shear[1];
+    if (fibred)
+        TM_NAME(stress)(&w, shear, T);
+    else {
+        const V8 sphere = w.lambda * (shear[0] + shear[4] + shear[8]);
+        for (int i = 0; i < 9; i++) T[i] = 2 * w.mu * shear[i];
+        for (int i = 0; i < 9; i += 4) T[i] += sphere;
+    }
+    memcpy(&bulk, v->bulk_J + TM_LANES * (int64_t)p + at, sizeof bulk);
+    for (int i = 0; i < 9; i += 4) T[i] += bulk * more;
+}
+
+/* 1 down to a third of a tetrahedron's volume, 0 from a twentieth on and inside out, smooth between them. */
+INSIDE void TM_NAME(sanity)(const V8 F[9], V8 *share) {
+    const V8 J =
+        F[0] * (F[4] * F[8] - F[5] * F[7]) + F[1] * (F[5] * F[6] - F[3] * F[8]) + F[2] * (F[3] * F[7] - F[4] * F[6]);
+    const V8 one = J * 0 + 1;
+    V8 x = (J - 0.05) * (1 / 0.28);
+    const M8 whole = x > 1;
+    x = (V8)((M8)x & (x > 0));
+    TM_NAME(choose)(&x, &whole, &one, &x);
+    *share = x * x * (3 - 2 * x);
+}
+
+/* Stress of a slice of a pack: what turning adds to the linear law, less what has relaxed. */
+INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, int32_t p, int at, const double *u, V8 P[9]) {
+    TM_NAME(turned) b;
+    V8 E[9], T[9], U[9], Y[9], F[9], M[9], turn[9];
+    const bool turned = TM_NAME(turn)(packs, p, at, u, false, &b);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) E[3 * i + j] = 0.5 * (b.H[3 * i + j] + b.H[3 * j + i]);
+    if (!turned) {
+        TM_NAME(remember)(packs, v, p, at, E, T);
+        for (int i = 0; i < 9; i++) P[i] = -T[i];
+        return false;
+    }
+    for (int i = 0; i < 9; i++) F[i] = b.H[i] + (i % 4 ? 0.0 : 1.0);
+    TM_NAME(transposed_times)(b.R, F, M);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) U[3 * i + j] = 0.5 * (M[3 * i + j] + M[3 * j + i]);
+    V8 change[9], along = {0}, share;
+    for (int i = 0; i < 9; i++) change[i] = U[i] - (i % 4 ? 0.0 : 1.0) - E[i];
+    TM_NAME(sanity)(F, &share);
+    for (int i = 0; i < 9; i++) E[i] = share * (E[i] + b.weight * change[i]);
+    TM_NAME(remember)(packs, v, p, at, E, T);
+    for (int i = 0; i < 9; i++) T[i] *= share;
+    TM_NAME(spin)(U, T, Y);
+    for (int i = 0; i < 9; i++) along += T[i] * change[i];
+    TM_NAME(law) w;
+    if (TM_NAME(law_of)(packs, p, at, &w)) {
+        const M8 polar = (w.dlambda == 0) & (w.dmu == 0) & (w.beta == 0);
+        for (int i = 0; i < 9; i++) Y[i] = (V8)((M8)Y[i] & polar);
+    }
+    for (int i = 0; i < 9; i++) Y[i] = T[i] - Y[i];
+    TM_NAME(times)(b.R, Y, turn);
+    const V8 steer = 2 * b.slope * (b.energy - along);
+    for (int i = 0; i < 9; i++) P[i] = b.weight * (b.stress[i] - (turn[i] - T[i])) + steer * b.H[i] - T[i];
+    return true;
+}
+
+TM_TARGET static int32_t TM_NAME(viscous)(const tm_packs *packs, const tm_viscous *v, const double *u_m,
+                                          double *force_N) {
+    int32_t active = 0;
+    for (int32_t p = 0; p < packs->count; p++) {
+        bool any = false;
+        for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
+            V8 P[9];
+            any |= TM_NAME(relaxing)(packs, v, p, at, u_m, P);
+            M8 there;
+            TM_NAME(living)(packs, p, at, &there);
+            if (force_N) TM_NAME(scatter)(packs, p, at, &there, P, force_N);
+        }
+        active += any;
+    }
+    return active;
+}

@@ -1,0 +1,23 @@
+/* The part of the law that resists changes of volume, alone and without tensors: what the stage "viscosity" needs where
+ * volume and shear relax by different shares. */
+#ifndef TM_BULK_H
+#define TM_BULK_H
+
+#include "tissue/smoothed.h"
+
+typedef struct tm_bulk {
+    const tm_tissue *tissue;
+    double *stiffness_J; /* linear: [tet_count] bulk modulus times volume */
+    tm_domains own;      /* smoothed, not cuttable: the domains of vertices */
+} tm_bulk;
+
+/* False: no memory. */
+bool tm_bulk_take(tm_bulk *bulk, tm_pool *pool, const tm_tissue *tissue);
+/* force_N += W u, W the bulk modulus' part of K; living tetrahedra or domains ascending. */
+void tm_bulk_add(const tm_bulk *bulk, const double *u_m, double *force_N);
+
+/* The tissue that is left when all has relaxed: shares `shear` and `volume` of the moduli, the same living tetrahedra.
+ * TM_ERR_MEMORY. */
+tm_status tm_tissue_relaxed(const tm_tissue *tissue, double shear, double volume, tm_tissue **out, tm_error *error);
+
+#endif

@@ -1,0 +1,361 @@
+/* Stage "viscosity": a Prony series. Each term keeps one displacement a vertex, q_i, that follows u with the term's
+ * time, and the force is
+ *     -K u + sum_i (shear_i D + volume_i W) q_i  =  -K (u - sum_i shear_i q_i) + W sum_i (volume_i - shear_i) q_i,
+ * K = D + W, W the bulk modulus' part: the law is linear, so that a history of displacements is one of stresses. Shares
+ * that are alike cost no second pass. q follows at the end of a step, along the straight line from u to u_next. */
+#include "tissue/bulk.h"
+#include "world/viscosity.h"
+
+#include <math.h>
+#include <string.h>
+
+typedef struct viscosity {
+    tm_pool pool;
+    tm_world *world;
+    int32_t n;    /* components */
+    int64_t kept; /* numbers a term keeps */
+    tm_viscosity_def def;
+    tm_fading fading[TM_VISCOSITY_TERMS];
+    double *q_m[TM_VISCOSITY_TERMS], *kept_m[TM_VISCOSITY_TERMS]; /* [kept]; kept_m: when the step began */
+    double *strained_m;                                           /* [n] u - sum shear_i q_i */
+    double *swollen_m;                                            /* [n] sum (volume_i - shear_i) q_i, or null: 0 */
+    tm_bulk bulk;
+    tm_rotation *rotation; /* tissue that turns: histories of tetrahedra instead, and its stage's work; else null */
+    tm_viscous viscous;
+    tm_viscous_kernel kernel;
+} viscosity;
+
+/* --- definition --- */
+
+tm_viscosity_def tm_viscosity_def_default(void) {
+    return (tm_viscosity_def){.cookie = TM_COOKIE_VISCOSITY, .size = sizeof(tm_viscosity_def)};
+}
+
+tm_status tm_viscosity_check(const tm_viscosity_def *def, tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_VISCOSITY, TM_ERR_ARGUMENT);
+    if (def->count < 1 || def->count > TM_VISCOSITY_TERMS)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "viscosity: %d terms; give 1 to %d", (int)def->count,
+                       TM_VISCOSITY_TERMS);
+    double shear = 0, volume = 0;
+    for (int32_t i = 0; i < def->count; i++) {
+        const tm_viscosity_term *t = def->term + i;
+        if (!(t->time_s >= TM_VISCOSITY_TIME_MIN_S && t->time_s <= TM_VISCOSITY_TIME_MAX_S) || !(t->shear >= 0) ||
+            !(t->volume >= 0))
+            return tm_fail(error, TM_ERR_ARGUMENT, i,
+                           "viscosity: term %d relaxes %g of the shear and %g of the volume in %g s; give shares from "
+                           "0 to 1 and %g to %g s",
+                           (int)i, t->shear, t->volume, t->time_s, TM_VISCOSITY_TIME_MIN_S, TM_VISCOSITY_TIME_MAX_S);
+        shear += t->shear, volume += t->volume;
+    }
+    if (!(shear <= TM_VISCOSITY_SHARES_MAX && volume <= TM_VISCOSITY_SHARES_MAX))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "viscosity: its terms relax %g of the shear and %g of the volume; leave something to rest on, "
+                       "each sum at most %g",
+                       shear, volume, TM_VISCOSITY_SHARES_MAX);
+    return TM_OK;
+}
+
+tm_fading tm_fading_of(double dt_s, double time_s) {
+    const double x = dt_s / time_s, gone = -expm1(-x);
+    /* 1 - gone/x cancels where x is small; its series does not. */
+    const double now =
+        x < 0.01 ? x * (1.0 / 2 - x * (1.0 / 6 - x * (1.0 / 24 - x * (1.0 / 120 - x / 720)))) : 1 - gone / x;
+    return (tm_fading){exp(-x), gone - now, now};
+}
+
+/* --- the step --- */
+
+static void run_strained(void *self, tm_world *world) {
+    const viscosity *v = self;
+    const double *TM_RESTRICT u = world->state.u_m;
+    double *TM_RESTRICT strained = v->strained_m, *TM_RESTRICT swollen = v->swollen_m;
+    for (int32_t t = 0; t < v->def.count; t++) {
+        const double *TM_RESTRICT q = v->q_m[t], *TM_RESTRICT from = t ? strained : u;
+        const double shear = v->def.term[t].shear, more = v->def.term[t].volume - shear;
+        for (int32_t i = 0; i < v->n; i++) strained[i] = from[i] - shear * q[i];
+        for (int32_t i = 0; swollen && i < v->n; i++) swollen[i] = (t ? swollen[i] : 0) + more * q[i];
+    }
+}
+
+/* The stage "force" while there is viscosity: by one thread, for the bulk modulus' part wants all of it. */
+static void run_force(void *self, tm_world *world) {
+    const viscosity *v = self;
+    tm_tissue_force(world->tissue, v->strained_m, world->state.force_N);
+    if (v->swollen_m) tm_bulk_add(&v->bulk, v->swollen_m, world->state.force_N);
+    if (world->internal_N) tm_tissue_force(world->tissue, world->state.u_m, world->internal_N);
+}
+
+static void run(void *self, tm_world *world) {
+    const viscosity *v = self;
+    const double tiny = 1e-60; /* as the world's own: what has died away is nothing */
+    const double *TM_RESTRICT u = world->state.u_m, *TM_RESTRICT next = world->state.u_next_m;
+    for (int32_t t = 0; t < v->def.count; t++) {
+        const tm_fading f = v->fading[t];
+        double *TM_RESTRICT q = v->q_m[t];
+        for (int32_t i = 0; i < v->n; i++) q[i] = (f.keep * q[i] + f.old * u[i] + f.now * next[i] + tiny) - tiny;
+    }
+}
+
+/* Of tissue that turns: strains in axes of their own, a tetrahedron at a time (rotation/viscous_kernel.h). */
+static void run_turned(void *self, tm_world *world) {
+    viscosity *v = self;
+    v->viscous.still = world->asking;
+    v->rotation->active = v->kernel(&v->rotation->packs, &v->viscous, world->state.u_m, world->state.force_N);
+    v->rotation->list_count = v->rotation->packs.count;
+}
+
+/* Histories by themselves: keep, old and now for one look at u. */
+static void look_turned(viscosity *v, const tm_fading *fading) {
+    tm_viscous once = v->viscous;
+    for (int32_t t = 0; t < v->def.count; t++)
+        once.keep[t] = fading[t].keep, once.old[t] = fading[t].old, once.now[t] = fading[t].now;
+    v->kernel(&v->rotation->packs, &once, v->world->state.u_m, NULL);
+}
+
+/* --- what every stage has --- */
+
+static struct tm_stage_slot *force_slot(tm_world *world) {
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.run == run_force || world->slot[i].stage.range == tm_stage_force)
+            return world->slot + i;
+    return NULL;
+}
+
+static void set_force(tm_world *world, viscosity *v) {
+    struct tm_stage_slot *slot = force_slot(world);
+    if (!slot) return;
+    slot->stage.run = v ? run_force : NULL;
+    slot->stage.range = v ? NULL : tm_stage_force;
+    slot->stage.self = v;
+}
+
+static void step_changed(void *self, tm_world *world) {
+    viscosity *v = self;
+    tm_fading change[TM_VISCOSITY_TERMS];
+    bool changed = false;
+    for (int32_t t = 0; t < v->def.count; t++) {
+        const double was = v->fading[t].now;
+        const tm_fading f = v->fading[t] = tm_fading_of(world->state.dt_s, v->def.term[t].time_s);
+        v->viscous.keep[t] = f.keep, v->viscous.old[t] = f.old, v->viscous.now[t] = f.now;
+        changed = changed || (was > 0 && was != f.now);
+        change[t] = (tm_fading){.keep = 1, .old = -f.now, .now = was};
+    }
+    if (v->rotation && changed) look_turned(v, change); /* the strain now is in the history by its share of a step */
+}
+
+static int64_t snapshot(void *self, void *buffer) {
+    const viscosity *v = self;
+    const size_t bytes = sizeof(double) * (size_t)v->kept;
+    if (buffer) {
+        memcpy(buffer, &v->def, sizeof v->def);
+        for (int32_t t = 0; t < v->def.count; t++)
+            memcpy((char *)buffer + sizeof v->def + bytes * (size_t)t, v->q_m[t], bytes);
+    }
+    return (int64_t)(sizeof v->def + bytes * (size_t)v->def.count);
+}
+
+static bool is_number(double a) { return a - a == 0; }
+
+static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
+    (void)world;
+    viscosity *v = self;
+    const size_t each = sizeof(double) * (size_t)v->kept;
+    if (bytes != snapshot(self, NULL) || memcmp(buffer, &v->def, sizeof v->def)) return false;
+    for (int32_t t = 0; t < v->def.count; t++) {
+        const double *from = (const double *)((const char *)buffer + sizeof v->def + each * (size_t)t);
+        for (int64_t i = 0; i < v->kept; i++)
+            if (v->rotation ? !is_number(from[i]) : !tm_is_place(from[i])) return false;
+        if (apply) memcpy(v->q_m[t], from, each);
+    }
+    return true;
+}
+
+static void keep(void *self) {
+    const viscosity *v = self;
+    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->kept_m[t], v->q_m[t], sizeof(double) * (size_t)v->kept);
+}
+
+static void give_back(void *self, tm_world *world) {
+    (void)world;
+    const viscosity *v = self;
+    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->q_m[t], v->kept_m[t], sizeof(double) * (size_t)v->kept);
+}
+
+static void release(viscosity *v) {
+    tm_pool pool = v->pool;
+    tm_pool_release(&pool);
+}
+
+static void destroy(void *self) {
+    viscosity *v = self;
+    if (v->rotation)
+        v->rotation->left_to_viscosity = false;
+    else
+        set_force(v->world, NULL);
+    release(v);
+}
+
+bool tm_stage_is_viscosity(const tm_stage *stage) {
+    return stage->run == run || stage->run == run_turned || stage->run == run_strained || stage->run == run_force;
+}
+
+static viscosity *of(const tm_world *world) {
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.run == run || world->slot[i].stage.run == run_turned) return world->slot[i].stage.self;
+    return NULL;
+}
+
+static void rest_here(viscosity *v) {
+    tm_fading rest[TM_VISCOSITY_TERMS];
+    for (int32_t t = 0; t < v->def.count; t++) rest[t] = (tm_fading){.old = 1 - v->fading[t].now};
+    if (v->rotation) {
+        look_turned(v, rest);
+        return;
+    }
+    for (int32_t t = 0; t < v->def.count; t++) memcpy(v->q_m[t], v->world->state.u_m, sizeof(double) * (size_t)v->n);
+}
+
+static bool take_turned(viscosity *v, tm_pool *pool) {
+    const tm_mesh *mesh = v->world->tissue->mesh;
+    v->viscous.terms = v->def.count;
+    v->viscous.bulk_J = TM_TAKE(pool, double, TM_LANES *(int64_t)v->rotation->packs.count);
+    v->kernel = tm_viscous_choose(v->world->tissue->plain);
+    for (int32_t t = 0; !pool->failed && t < mesh->tet_count; t++)
+        v->viscous.bulk_J[t] = mesh->volume_m3[t] * tm_smoothed_bulk_Pa(tm_tissue_tet_material(v->world->tissue, t));
+    return !pool->failed;
+}
+
+static bool take(viscosity *v, tm_pool *pool) {
+    bool alike = true;
+    v->kept = v->rotation ? 6 * TM_LANES * (int64_t)v->rotation->packs.count : v->n;
+    for (int32_t t = 0; t < v->def.count; t++) {
+        v->viscous.memory[t] = v->q_m[t] = TM_TAKE(pool, double, v->kept);
+        v->kept_m[t] = TM_TAKE(pool, double, v->kept);
+        v->viscous.shear[t] = v->def.term[t].shear;
+        v->viscous.more[t] = v->def.term[t].volume - v->def.term[t].shear;
+        alike = alike && v->viscous.more[t] == 0;
+    }
+    if (v->rotation) return take_turned(v, pool);
+    v->strained_m = TM_TAKE(pool, double, v->n);
+    if (alike) return !pool->failed;
+    v->swollen_m = TM_TAKE(pool, double, v->n);
+    return tm_bulk_take(&v->bulk, pool, v->world->tissue) && !pool->failed;
+}
+
+/* u is the rest from here on. On failure what it held is given back. */
+static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
+    const bool turned = v->rotation;
+    const tm_stage whole = {.size = sizeof whole,
+                            .name = "viscosity",
+                            .phase = turned ? TM_PHASE_FORCE : TM_PHASE_END,
+                            .run = turned ? run_turned : run,
+                            .destroy = destroy,
+                            .step_changed = step_changed,
+                            .self = v,
+                            .snapshot = snapshot,
+                            .restore = restore,
+                            .keep = keep,
+                            .give_back = give_back,
+                            .needs = {"force", turned ? "rotation" : NULL},
+                            .passed_over_by_settle = true};
+    const tm_stage strain = {.size = sizeof strain,
+                             .name = "viscous strain",
+                             .phase = TM_PHASE_FORCE,
+                             .run = run_strained,
+                             .self = v,
+                             .part_of = "viscosity",
+                             .before = "force",
+                             .passed_over_by_settle = true};
+    tm_status status = tm_world_add_stage(v->world, &whole, bytes, error);
+    if (status) {
+        release(v);
+        return status;
+    }
+    if (!turned) status = tm_world_add_stage(v->world, &strain, 0, error);
+    if (status) {
+        tm_world_remove_stage(v->world, "viscosity", NULL);
+        return status;
+    }
+    if (turned)
+        v->rotation->left_to_viscosity = true;
+    else
+        set_force(v->world, v);
+    rest_here(v);
+    return TM_OK;
+}
+
+tm_status tm_stage_viscosity(tm_world *world, const tm_viscosity_def *def, tm_error *error) {
+    TM_REQUIRE(world, "world is null", TM_ERR_ARGUMENT);
+    const tm_status status = tm_viscosity_check(def, error);
+    if (status) return status;
+    if (world->tissue->extra_mass_kg)
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "viscosity beside a condensed part, which does not relax; leave one of them out");
+    tm_pool pool = {0};
+    viscosity *v = TM_TAKE(&pool, viscosity, 1);
+    if (v) {
+        v->world = world, v->n = 3 * world->tissue->mesh->vertex_count;
+        v->rotation = tm_world_rotation(world);
+        v->def = tm_viscosity_def_default();
+        v->def.count = def->count;
+        memcpy(v->def.term, def->term, sizeof def->term[0] * (size_t)def->count);
+    }
+    if (!v || !take(v, &pool)) {
+        tm_pool_release(&pool);
+        return tm_fail_memory(error, "viscosity stage");
+    }
+    v->pool = pool;
+    return add(v, pool.bytes, error);
+}
+
+/* --- rest --- */
+
+static void swap_tensors(tm_tissue *a, tm_tissue *b) {
+    const tm_force_graph graph = a->graph;
+    int32_t *const slot = a->edge_slot;
+    a->graph = b->graph, a->edge_slot = b->edge_slot;
+    b->graph = graph, b->edge_slot = slot;
+}
+
+static void swap_packs(viscosity *v, tm_relaxed *relaxed) {
+    const tm_packs packs = v->rotation->packs;
+    v->rotation->packs = relaxed->packs;
+    relaxed->packs = packs;
+    v->rotation->left_to_viscosity = !v->rotation->left_to_viscosity;
+}
+
+tm_status tm_relaxed_begin(tm_world *world, tm_relaxed *relaxed, tm_error *error) {
+    viscosity *v = of(world);
+    if (!v) return TM_OK;
+    double shear = 1, volume = 1;
+    for (int32_t t = 0; t < v->def.count; t++) shear -= v->def.term[t].shear, volume -= v->def.term[t].volume;
+    tm_tissue *tissue = NULL;
+    const tm_status status = tm_tissue_relaxed(world->tissue, shear, volume, &tissue, error);
+    if (status) return status;
+    if (v->rotation && !tm_packs_take(&relaxed->packs, &relaxed->pool, tissue)) {
+        tm_pool_release(&relaxed->pool);
+        tm_tissue_destroy(tissue);
+        return tm_fail_memory(error, "settling");
+    }
+    relaxed->tissue = tissue;
+    swap_tensors(world->tissue, tissue);
+    if (v->rotation)
+        swap_packs(v, relaxed);
+    else
+        set_force(world, NULL);
+    return TM_OK;
+}
+
+void tm_relaxed_end(tm_world *world, tm_relaxed *relaxed, bool rests) {
+    if (!relaxed->tissue) return;
+    viscosity *v = of(world);
+    swap_tensors(world->tissue, relaxed->tissue);
+    if (v->rotation)
+        swap_packs(v, relaxed);
+    else
+        set_force(world, v);
+    tm_tissue_destroy(relaxed->tissue);
+    tm_pool_release(&relaxed->pool);
+    if (rests) rest_here(v);
+    tm_world_changed(world);
+}

@@ -1,0 +1,39 @@
+#!/bin/bash
+# make deb: Debian packages of the sources as they stand, in build/deb/.
+#   packaging/deb.sh OUT VERSION SOVERSION
+# What goes into the tools' package is what is installed and no other package has. Exit 1: it could not be built; the log's end is shown.
+set -euo pipefail
+out=$(mkdir -p "$1/deb" && cd "$1/deb" && pwd) version=$2 soversion=$3
+top=$(cd "$(dirname "$0")/.." && pwd)
+tree=$out/tensormass-$version
+rm -rf "$tree" "$out"/*.deb "$out"/*.changes "$out"/*.buildinfo
+mkdir -p "$tree"
+tar c -C "$top" --exclude=./build --exclude=.git --exclude=__pycache__ . | tar x -C "$tree"
+cp -R "$top/packaging/debian" "$tree/debian"
+cd "$tree/debian"
+build=$(grep -hv -e '^#' -e '^$' -e python3-venv -e build-essential "$top/tools/packages/build.txt" | paste -sd, | sed 's/,/, /g')
+sed -e "s/@SOVERSION@/$soversion/" -e "s/@BUILD@/$build/" control.in > control
+sed -e "s/@VERSION@/$version/" -e "s/@DATE@/$(date -R -d "@${SOURCE_DATE_EPOCH:-$(stat -c %Y "$top/CHANGELOG.md")}")/" changelog.in > changelog
+for part in libtensormass libtensormass-solve; do mv "$part.install.in" "$part$soversion.install"; done
+sed "s/@SOVERSION@/$soversion/g" python3-tensormass.links.in > python3-tensormass.links
+rm control.in changelog.in python3-tensormass.links.in
+cat > tensormass-tools.install <<'TOOLS'
+usr/bin
+usr/lib/tensormass
+usr/share/bash-completion
+usr/share/doc/tensormass
+usr/share/man
+usr/share/tensormass
+TOOLS
+# By hand: dh_install gives a file to every package that names it, and these are folders that others take from.
+cat >> rules <<'RULES'
+override_dh_install:
+	dh_install --remaining-packages -Ntensormass-tools
+	set -e; cd debian; for package in haptic-rt libtensormass-dev; do (cd $$package && find . ! -type d); done | sed 's|^\./||' > taken
+	dh_install -ptensormass-tools
+	cd debian/tensormass-tools && grep -v '^lib/' ../taken | xargs rm -f && find . -type d -empty -delete
+RULES
+cd "$tree"
+DEB_BUILD_OPTIONS="parallel=$(nproc) noautodbgsym nocheck" dpkg-buildpackage -b -us -uc > "$out/build.log" 2>&1 || { tail -n 25 "$out/build.log" >&2; echo "make deb: failed; the log is $out/build.log" >&2; exit 1; }
+rm -rf "$tree"
+ls -l "$out"/*.deb

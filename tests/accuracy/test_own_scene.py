@@ -1,0 +1,185 @@
+"""tm-accuracy --scene in its short form: a study, its recommendation, its page, broken off and gone on with, and wrong things planted in it. Never times."""
+import json
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+SCENE = "apps/scenes/block-press.yaml"
+SHORT = ["--quick", "--duration", "1 s", "--limit", "1 s"]
+
+
+def study(bin, root, out, *more, scene=SCENE, good=0):
+    command = [bin / "tm-accuracy", "--scene", scene, "--json", out / "s.json", *SHORT, *more]
+    run = subprocess.run(command, cwd=root, capture_output=True, text=True, timeout=300)
+    assert run.returncode == good, run
+    return run, json.loads((out / "s.json").read_text()) if (out / "s.json").exists() else None
+
+
+@pytest.fixture(scope="module")
+def whole(bin, root, once):
+    def make(out):
+        run, _ = study(bin, root, out, "--budget", "20", "--hold", "1 s")
+        (out / "said.txt").write_text(run.stdout)
+        subprocess.run([sys.executable, root / "apps/studies/accuracy/scene_page.py", out / "s.json", "-o", out / "page"], check=True, timeout=300)
+
+    out = once("scene-study", make)
+    return out, json.loads((out / "s.json").read_text())
+
+
+def named(data, name):
+    return next(r for r in data["runs"] if r["name"] == name)
+
+
+def test_every_knob_was_run_and_finer_meshes_are_nearer(whole):
+    data = whole[1]
+    assert {r["knob"] for r in data["runs"]} == {"own", "volume", "mesh", "step", "precision", "frame", "drop", "constant"}
+    assert not [r for r in data["runs"] if "cannot" in r]
+    own, finest = data["runs"][0], max((r for r in data["runs"] if r["form"] == 0), key=lambda r: r["tets"])
+    assert finest["tets"] > 2 * own["tets"] and finest["force_error"] < own["force_error"]
+    assert named(data, "single")["change"] < 1e-5 < named(data, "half the step")["change"] < 0.05
+    assert named(data, "100 Hz")["force_error"] == 0 < named(data, "50 Hz")["force_error"] < named(data, "12.5 Hz")["force_error"]
+    assert named(data, "stiffness +20 %")["change"] > 0.1 and named(data, "stiffness +20 %")["peak_change"] > 0
+    assert named(data, "stiffness -20 %")["peak_change"] < 0
+    assert not [r["name"] for r in data["runs"] if r["knob"] in ("drop", "add", "constant") and "force_error" in r], "another tissue has another truth"
+
+
+def test_force_is_tm_sims(whole, bin, root, tmp_path):
+    subprocess.run([bin / "tm-sim", SCENE, "--lockstep", "--unset", "haptics", "--duration", "1", "--samples", tmp_path / "f.csv"], cwd=root, check=True, capture_output=True)
+    rows = (tmp_path / "f.csv").read_text().splitlines()
+    column = [rows[0].split(",").index(f"f{a}_N") for a in "xyz"]
+    force = [float(r.split(",")[c]) for r in rows[1:] for c in column]
+    assert max(map(abs, force)) > 0.1
+    assert whole[1]["runs"][0]["force_N"] == pytest.approx(force, rel=1e-6, abs=1e-9)
+
+
+def test_recommendation_is_a_scene_and_was_held(whole, bin):
+    out, data = whole
+    choice = data["recommendation"]
+    assert choice["fits"] and choice["kept"], choice
+    assert 0.5 * choice["error"] - 1e-4 <= choice["held_error"] <= 2 * choice["error"] + 1e-4
+    text = (out / "s-recommended.yaml").read_text()
+    assert text.startswith("# Recommended by tm-accuracy") and "# Small and quick" in text and "s.files/" in text
+    run = subprocess.run([bin / "tm-sim", out / "s-recommended.yaml", "--check", "--strict"], cwd=out, capture_output=True, text=True)
+    assert run.returncode == 0 and f"{max(r['tets'] for r in data['runs'])} tetrahedra" in run.stdout, run
+
+
+def test_page(whole):
+    html = (whole[0] / "page/index.html").read_text()
+    assert "http" not in html.replace("http-equiv", ""), "the page is not self-contained"
+    for name in ("frontier", "effects", "constants"):
+        assert f'alt="{name}"' in html and (whole[0] / f"page/{name}.png").stat().st_size > 5000
+    record = json.loads((whole[0] / "page/scene.json").read_text())
+    own = record["runs"][0]
+    cheap = [named(record, n) for n in record["improvements"]]
+    assert cheap and all(r["force_error"] < 0.95 * own["force_error"] for r in cheap)
+    assert [r["cpu_s"] for r in cheap] == sorted(r["cpu_s"] for r in cheap)
+
+
+def test_ctrl_c_loses_nothing_that_is_done(whole, bin, root, tmp_path):
+    done = {**whole[1], "whole": False, "runs": whole[1]["runs"][:6]}
+    (tmp_path / "s.json").write_text(json.dumps(done))
+    process = subprocess.Popen([bin / "tm-accuracy", "--scene", SCENE, "--json", tmp_path / "s.json", *SHORT, "--limit", "1 s"], cwd=root, stderr=subprocess.PIPE, text=True)
+    time.sleep(0.2)
+    process.send_signal(signal.SIGINT)
+    said = process.communicate(timeout=60)[1]
+    broken = json.loads((tmp_path / "s.json").read_text())
+    kept = [r["cpu_s"] for r in broken["runs"]]
+    assert process.returncode == 130 or broken["whole"], said
+    assert {r["cpu_s"] for r in done["runs"][:1]} <= set(kept) and len(kept) >= 6
+    if not broken["whole"]:
+        assert "goes on from there" in said
+        page = subprocess.run([sys.executable, root / "apps/studies/accuracy/scene_page.py", tmp_path / "s.json", "-o", tmp_path / "page"], capture_output=True, text=True)
+        assert page.returncode == 1 and "broken off" in page.stderr and not (tmp_path / "page").exists()
+
+
+def test_a_setting_that_promises_too_much_is_found_out(whole, bin, root, tmp_path):
+    """A run in the file that claims the truth itself: chosen for it, run, and held to it."""
+    data = json.loads(json.dumps(whole[1]))
+    (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
+    lie, own, truth = named(data, "single"), data["runs"][0], data["truth"]["force_N"]
+    meshes = sorted((r for r in data["runs"] if r["knob"] in ("own", "mesh", "volume")), key=lambda r: r["force_error"])
+    meshes[0]["cpu_p95_s"] = 1e9  # the truth's own run: out of any budget
+    lie["force_N"] = [a + t - b for a, t, b in zip(own["force_N"], truth, meshes[1]["force_N"])]
+    (tmp_path / "s.json").write_text(json.dumps(data))
+    run, said = study(bin, root, tmp_path, "--budget", "20", "--hold", "1 s")
+    assert "single" in said["recommendation"]["settings"] and said["recommendation"]["kept"] is False, said["recommendation"]
+    assert "PROMISE WAS NOT KEPT" in run.stdout
+
+
+def test_no_setting_within_the_budget_is_said(whole, bin, root, tmp_path):
+    (tmp_path / "s.json").write_text((whole[0] / "s.json").read_text())
+    run, data = study(bin, root, tmp_path, "--budget", "0.000001", "--hold", "1 s")
+    assert data["recommendation"]["fits"] is False and data["recommendation"]["kept"] is False
+    assert "nothing measured fits" in run.stdout and "(nothing measured fits that" in (tmp_path / "s-recommended.yaml").read_text()
+
+
+def test_another_scene_finds_nothing_in_the_file(whole, bin, root, tmp_path):
+    """Runs are known by what they were run on: a softer block is run anew."""
+    text = (root / SCENE).read_text().replace("5 kPa", "4 kPa").replace("../../meshes", str(root / "meshes"))
+    (tmp_path / "soft.yaml").write_text(text)
+    (tmp_path / "s.json").write_text((whole[0] / "s.json").read_text())
+    _, data = study(bin, root, tmp_path, "--limit", "0.001 s", scene=tmp_path / "soft.yaml")
+    assert not {r["key"] for r in data["runs"]} & {r["key"] for r in whole[1]["runs"]}
+    assert data["runs"][0]["force_N"] == pytest.approx([0.8 * f for f in whole[1]["runs"][0]["force_N"]], abs=0.06)
+
+
+def test_fibres_go_along_with_finer_meshes_and_what_cannot_be_is_told(bin, root, tmp_path):
+    text = (root / SCENE).read_text().replace("../../meshes", str(root / "meshes")).replace("{young: 5 kPa, poisson: 0.4}", "{E_L: 30 kPa, E_T: 6 kPa, nu_LT: 0.4, nu_TT: 0.45, G_L: 5 kPa}")
+    (tmp_path / "fibred.yaml").write_text(text.replace("damping:", "anisotropy: {rule: constant, direction: [1, 0, 0]}\ndamping:").replace("mode: probe", "mode: grasper") + "grasp:\n")
+    _, data = study(bin, root, tmp_path, "--budget", "20", "--hold", "1 s", scene=tmp_path / "fibred.yaml")
+    finest = next(r for r in data["runs"] if r["knob"] == "mesh")
+    assert finest["tets"] > data["runs"][0]["tets"] and any(s.startswith("anisotropy.file=") for s in finest["set"])
+    assert {r["name"] for r in data["runs"] if r["knob"] == "constant"} >= {"fibres turned by +18 deg", "fibres turned by -18 deg"}
+    assert named(data, "anisotropy")["change"] > 0.01
+    assert "grasper, but the scene does not name" in named(data, "grasp")["cannot"]
+    # Volume on the finest mesh is the exactest, and volume excludes single: what cannot be together is not recommended.
+    assert data["recommendation"]["kept"], data["recommendation"]
+
+
+def test_explain_shows_what_a_study_beside_the_scene_expects(whole, bin, root, tmp_path):
+    data = json.loads(json.dumps(whole[1]))
+    def explain(study, *more):
+        (tmp_path / "block.accuracy.json").write_text(json.dumps(study))
+        run = subprocess.run([bin / "tm-sim", tmp_path / "block.yaml", "--explain", "--json", tmp_path / "e.json", *more], capture_output=True, text=True, timeout=60)
+        assert run.returncode == 0, run
+        return run, json.loads((tmp_path / "e.json").read_text())
+
+    text = (root / SCENE).read_text()
+    (tmp_path / "block.yaml").write_text(text.replace("../../meshes", str(root / "meshes")))
+    run, report = explain(data)  # of the scene's text in its own folder
+    assert "not of this scene" in run.stderr and "expected error" not in run.stdout and "expected_error" not in report
+    data["scene_hash"] = fnv((tmp_path / "block.yaml").read_bytes())
+    run, report = explain(data)
+    own = data["runs"][0]["force_error"]
+    assert report["expected_error"]["force"] == pytest.approx(own) and "expected error" in run.stdout
+    rows = {r["name"]: r.get("expected_error") for r in report["stages"]}
+    assert rows["mesh"] == pytest.approx(own)
+    assert sum(v == pytest.approx(named(data, "damping")["change"]) for v in rows.values() if v is not None) == 1
+    data["set"] = ["tissue.force=best"]
+    assert "not of this scene" in explain(data)[0].stderr
+
+
+def fnv(data):
+    value = 14695981039346656037
+    for byte in data:
+        value = (value ^ byte) * 1099511628211 % 2**64
+    return f"{value:016x}"
+
+
+@pytest.mark.parametrize("arguments, says", [
+    (["--scene", "nowhere.yaml", "--json", "x.json"], "nowhere.yaml"),
+    (["--scene", "no-hand.yaml", "--json", "x.json"], "has no 'hand:'"),
+    (["--scene", "no-hand.yaml", "--json", "x.json", "--knob", "mesh"], "leave it out"),
+    (["--budget", "1", "--json", "x.json"], "add --scene FILE"),
+    (["--scene", "no-hand.yaml", "--json", "x.json", "--budget", "-1"], "above 0"),
+    (["--scene", "no-hand.yaml", "--json", "x.json", "--frame", "25 mm"], "--frame 25 mm"),
+])
+def test_bad_use(bin, root, tmp_path, arguments, says):
+    text = (root / SCENE).read_text().replace("../../meshes", str(root / "meshes"))
+    (tmp_path / "no-hand.yaml").write_text(text[:text.index("hand:")] + text[text.index("haptics:"):])
+    run = subprocess.run([bin / "tm-accuracy", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 2 and says in run.stderr, run
+    assert not (tmp_path / "x.json").exists()

@@ -1,0 +1,35 @@
+"""Ratios of two runs of the benchmark: `compare.py OLD.json NEW.json`. Each ratio is within one run, whose parts took turns, so that two machines, or one that was busy, compare.
+
+Exit 1: something is a tenth slower than it was, beside what it is held against.
+"""
+import json
+import sys
+
+WORSE = 1.1
+
+
+def ratios(figures):
+    """By what it is called: smaller is better."""
+    least = {(r["tets"], r["precision"], r["form"]): r["us_per_pass"]["min"] for r in figures["force"]}
+    found = {f"force, {tets} tetrahedra, {precision}: best over plain double": us / least[tets, "double", "plain"]
+             for (tets, precision, form), us in least.items() if form == "best"}
+    for row in figures["step"]:
+        found[f"step, {row['tets']} tetrahedra, over a force pass"] = row["step_over_force"]
+        found[f"step, {row['tets']} tetrahedra, divided over whole, {row['threads']} threads"] = 1 / row["speedup"]
+    return found
+
+
+def main():
+    old, new = (ratios(json.load(open(path))) for path in sys.argv[1:3])
+    slower = 0
+    for name in new:
+        if name not in old:
+            continue
+        worse = new[name] > WORSE * old[name]
+        slower += worse
+        print(f"{name}: {old[name]:.3f} -> {new[name]:.3f}{'  slower' if worse else ''}")
+    return 1 if slower else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,135 @@
+"""What the pages tell people to type and to open: every link leads somewhere, every command line of README and docs/ names programs, options and targets that
+there are, and the scenes that it gives are taken as they are given."""
+import re
+import shlex
+import subprocess
+import sys
+
+import pytest
+
+sys.path.insert(0, "tools/reference")
+import help_text  # noqa: E402
+
+PROGRAMS = r"(?:build/bin/|\./)?(tm-[a-z]+|haptic-rt)"
+# Options of make's own, and of programs around ours.
+LEADING = re.compile(r"^(?:\$ |sudo |time |[A-Z_]+=\S+ |nice (?:-n ?\d+ )?|taskset \S+ (?:\S+ )?|chrt \S+ \d+ )+")
+
+
+def pages(root):
+    return [root / "README.md", root / "CONTRIBUTING.md", *sorted((root / "docs").glob("*.md")), *sorted((root / "examples").rglob("README.md"))]
+
+
+def anchors(text):
+    """As GitHub makes them of headings."""
+    text = re.sub(r"^```.*?^```", "", text, flags=re.M | re.S)
+    heads = re.findall(r"^#+ (.*)", text, re.M)
+    return {re.sub(r"[^\w\- ]", "", re.sub(r"\[([^\]]*)\]\([^)]*\)", r"\1", h).lower()).replace(" ", "-") for h in heads}
+
+
+def test_every_link_leads_somewhere(root):
+    bad = []
+    for page in pages(root):
+        text = re.sub(r"^```.*?^```", "", page.read_text(), flags=re.M | re.S)
+        for target in re.findall(r"\]\(([^)\s]+)\)", re.sub(r"`[^`]*`", "", text)):
+            if re.match(r"[a-z]+:", target):
+                continue
+            name, _, anchor = target.partition("#")
+            path = (page.parent / name).resolve() if name else page
+            if not path.exists():
+                bad.append(f"{page.name}: {target}: no such file")
+            elif anchor and anchor not in anchors(path.read_text()):
+                bad.append(f"{page.name}: {target}: no such heading")
+    assert not bad, "\n".join(bad)
+
+
+def commands(page):
+    """Command lines of a page: of its code blocks, and those in the text."""
+    text = page.read_text()
+    for block in re.findall(r"^```(?:sh|bash|console|)\n(.*?)^```|((?:^    \S.*\n)+)", text, re.M | re.S):
+        for line in re.sub(r"\\\n\s*", " ", "".join(block)).split("\n"):
+            yield line.strip()
+    for word in re.findall(r"`([^`\n]+)`", text):
+        yield word
+
+
+def parts_of(line):
+    """The commands of a line, each as words; comments, redirections and what the shell does with them left out."""
+    line = LEADING.sub("", line.split("  #")[0].split(" # ")[0])
+    for part in re.split(r" *(?:&&|\|\||;|(?<!\|)\|(?!\|)|(?<!\d)&) *", line):
+        part = LEADING.sub("", part.strip())
+        try:
+            yield shlex.split(part)
+        except ValueError:
+            yield part.split()
+
+
+@pytest.fixture(scope="module")
+def options(bin):
+    """Long and short options that each program's help tells of, its commands' too."""
+    known = {}
+
+    def of(name):
+        if name not in known:
+            told = help_text.read(subprocess.run([bin / name, "--help"], capture_output=True, text=True, check=True, timeout=20).stdout)
+            helps = [told.text] + [subprocess.run([bin / name, c, "--help"], capture_output=True, text=True, check=True, timeout=20).stdout for c in told.commands]
+            known[name] = set(re.findall(r"(?<![\w-])--?[A-Za-z][\w-]*", "\n".join(helps)))
+        return known[name]
+    return of
+
+
+def test_every_option_of_a_command_line_exists(root, bin, options):
+    bad, seen = [], 0
+    for page in pages(root):
+        for line in commands(page):
+            for words in parts_of(line):
+                program = re.fullmatch(PROGRAMS, words[0]) if words else None
+                if not program or len(words) < 2:
+                    continue
+                if not (bin / program[1]).exists():
+                    bad.append(f"{page.name}: {line}: no program {program[1]}")
+                    continue
+                for word in words[1:]:
+                    option = re.match(r"--?[A-Za-z][\w-]*", word)
+                    if option:
+                        seen += 1
+                        if option[0] not in options(program[1]):
+                            bad.append(f"{page.name}: {line}: {program[1]} has no {option[0]}")
+    assert seen > 50, "the pages show commands"
+    assert not bad, "\n".join(dict.fromkeys(bad))
+
+
+def test_every_target_exists(root):
+    makefiles = "\n".join(p.read_text() for p in [root / "Makefile", *root.rglob("*.mk")] if "build" not in p.parts)
+    targets = {t for line in re.findall(r"^([\w %./-]+):(?!=)", makefiles, re.M) for t in line.split()} | {t for line in re.findall(r"^\.PHONY: (.*)", makefiles, re.M) for t in line.split()}
+    bad, seen = [], 0
+    for page in pages(root):
+        for line in commands(page):
+            for words in parts_of(line):
+                if words[:1] != ["make"]:
+                    continue
+                for word in words[1:]:
+                    if re.fullmatch(r"[a-z][a-z-]*", word):
+                        seen += 1
+                        if word not in targets:
+                            bad.append(f"{page.name}: {line}: no target {word}")
+    assert seen > 20, "the pages name targets"
+    assert not bad, "\n".join(bad)
+
+
+def test_scenes_are_taken_as_they_are_given(root, bin):
+    """tm-sim with a scene of the tree: its --set and --unset are those of the scene's keys. --check builds it and runs nothing."""
+    tried = set()
+    for page in pages(root):
+        for line in commands(page):
+            for words in parts_of(line):
+                scene = next((w for w in words[1:] if w.startswith("apps/scenes/") and (root / w).is_file()), None)
+                if not scene or not words[0].endswith("tm-sim"):
+                    continue
+                # WORDS in capitals stand for what the reader has.
+                pairs = [(w, words[i + 1]) for i, w in enumerate(words[:-1]) if w in ("--set", "--unset")]
+                sets = [w for pair in pairs if not re.search(r"=[A-Z]+$", pair[1]) for w in pair]
+                tried.add((scene, *sets))
+    assert len(tried) >= 2, "the pages show scenes"
+    for scene, *sets in sorted(tried):
+        run = subprocess.run([bin / "tm-sim", scene, "--check", "--quiet", *sets], cwd=root, capture_output=True, text=True, timeout=120)
+        assert run.returncode == 0, f"{scene} {sets}: {run.stderr}"

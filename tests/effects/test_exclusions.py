@@ -1,0 +1,40 @@
+"""What excludes what among rotation, volume, viscosity and friction, and with the quasi-static models: refused with both lines and the way out."""
+import subprocess
+
+import pytest
+
+SCENE = """tissue:
+  mesh: {root}/meshes/block_1k.msh
+  materials:
+    "*": {{young: 5 kPa, poisson: 0.45, density: 1000 kg/m3}}
+supports:
+  - {{group: z_min}}
+instruments:
+  - trocar: [50 mm, 50 mm, 180 mm]
+contact:
+"""
+EFFECT = {"rotation": "rotation:\n", "volume": "volume: {shear: 0.4}\n", "viscosity": "viscosity: {terms: [{time: 1 s, shear: 0.5}]}\n", "friction": "friction:\n"}
+EXCLUDED = [("rotation", "volume", ""), ("rotation", "model", "precomputed"), ("rotation", "model", "hybrid"), ("volume", "model", "hybrid"), ("viscosity", "model", "precomputed"),
+            ("viscosity", "model", "hybrid"), ("friction", "model", "hybrid")]
+
+
+def check(bin, root, tmp_path, text):
+    scene = tmp_path / "scene.yaml"
+    scene.write_text(SCENE.format(root=root) + text)
+    done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=120)
+    return scene, done.returncode, done.stderr
+
+
+@pytest.mark.parametrize("one,other,model", EXCLUDED, ids=lambda v: v)
+def test_both_lines_are_named(bin, root, tmp_path, one, other, model):
+    text = EFFECT[one] + (EFFECT[other] if not model else f"model: {model}\n" + ("hybrid: {box: {min: [0, 0, 0], max: [50 mm, 100 mm, 50 mm]}}\n" if model == "hybrid" else ""))
+    scene, code, said = check(bin, root, tmp_path, text)
+    lines = SCENE.count("\n")
+    assert code == 2 and f"{scene}:{lines + 1}" in said and f"{scene}:{lines + 2}" in said, said
+    assert "exclude each other" in said and ("remove" in said or "write 'model: dynamic'" in said), said
+
+
+def test_the_others_go_together(bin, root, tmp_path):
+    for text in ("volume viscosity friction", "rotation viscosity friction", "friction model: precomputed"):
+        _, code, said = check(bin, root, tmp_path, "".join(EFFECT.get(e, "") for e in text.split()) + ("model: precomputed\n" if "model" in text else ""))
+        assert code == 0, said

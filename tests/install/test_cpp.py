@@ -1,0 +1,116 @@
+"""tensormass.hpp: the page's example, what is refused, and that a frame is the same instructions as in C."""
+import re
+import subprocess
+
+import pytest
+
+CHECK = r"""
+#include <cassert>
+#include <cstdio>
+#include <stdexcept>
+#include "tensormass_io.hpp"
+static_assert(sizeof(tensormass::world_ref) == sizeof(void *) && std::is_trivially_copyable_v<tensormass::world_ref>);
+static_assert(!std::is_copy_constructible_v<tensormass::world> && std::is_nothrow_move_constructible_v<tensormass::world>);
+static_assert(!std::is_convertible_v<std::vector<char> &, tensormass::span<double>>);
+static_assert(!std::is_convertible_v<const std::vector<double> &, tensormass::span<double>>); // not writable
+int main(int, char **word) {
+    {
+        const tensormass::mesh_file file(word[1]);
+        tensormass::mesh built = file.build(), mesh = std::move(built);
+        assert(!built && mesh && mesh.tet().size() == 4 * std::size_t(file->tet_count));
+        const tensormass::span<const std::int32_t> held = file.group(word[2]);
+        assert(!held.empty() && file.group("nobody").empty());
+        std::vector<std::int32_t> dof;
+        for (std::int32_t v : held)
+            for (int a = 0; a < 3; a++) dof.push_back(3 * v + a);
+        tensormass::tissue tissue(mesh, tensormass::young(5e3, 0.45, 1060, 40));
+        tensormass::world world(tissue);
+        world.add_support(dof);
+        world.add_gravity({0, 0, -9.81});
+        int runs = 0;
+        world.add_stage("counter", TM_PHASE_LOAD, [&runs](tensormass::world_ref w) noexcept { runs += w.force_N().size() > 0; });
+        const std::vector<double> before = world.snapshot();
+        assert(world.step(5) == TM_OK && runs == 5);
+        const std::uint64_t after = world.hash();
+        world.restore(before);
+        assert(world.step(5) == TM_OK && world.hash() == after && runs == 10);
+        try {
+            world.add_stage("counter", TM_PHASE_LOAD, [big = std::vector<int>(1000)](tensormass::world_ref) noexcept {});
+            assert(!"added twice");
+        } catch (const tensormass::error &e) {
+            assert(e.status() == TM_ERR_ARGUMENT && e.what()[0]);
+        }
+        world.remove_stage("counter");
+        assert(world.step() == TM_OK && runs == 10);
+        tensormass::world other = std::move(world);
+        assert(!world && other.u_m().size() == mesh.rest_m().size());
+        try {
+            tensormass::world_ref(other).add_support(dof, {});
+        } catch (const tensormass::error &) {
+        }
+        tm_model_def def = tm_model_def_default();
+        const tm_material liver = tensormass::young(5e3, 0.45, 1060, 100);
+        std::vector<double> zero(dof.size());
+        def.tissue.mesh = mesh.get(), def.tissue.material_count = 1, def.tissue.material = &liver;
+        def.support_count = int(dof.size()), def.support_dof = dof.data(), def.support_m = zero.data();
+        tensormass::model model([&](auto... at) { return tm_model_dynamic(&def, at...); });
+        assert(model.frame() == TM_OK && model.world() && model.u_m().size() == mesh.rest_m().size());
+    }
+    assert(tm_memory_in_use() == 0);
+    try {
+        const double flat[12] = {0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0};
+        const std::int32_t tet[4] = {0, 1, 2, 3};
+        tensormass::mesh bad(flat, tet);
+        return 1;
+    } catch (const tensormass::error &e) {
+        assert(e.status() == TM_ERR_MESH && e.entity() == 0);
+    }
+    try {
+        tensormass::mesh_file nowhere("nowhere.msh");
+        return 1;
+    } catch (const std::runtime_error &e) {
+        std::puts(e.what());
+    }
+    return tm_memory_in_use() != 0;
+}
+"""
+
+
+def compiled(root, build, compiler, standard, source, program, io=True):
+    libraries = [build / "lib" / name for name in (["libtensormass_io.a"] if io else []) + ["libtensormass.a"]]
+    subprocess.run([compiler, f"-std={standard}", "-UNDEBUG", "-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror", f"-I{root}/libtensormass/include", f"-I{root}/libtensormass/io/include",
+                    source, *libraries, "-lm", "-o", program], check=True, timeout=200)
+    return program
+
+
+@pytest.mark.parametrize("compiler, standard", [("g++", "c++17"), ("clang++", "c++20")])
+def test_the_pages_example(root, build, tmp_path, compiler, standard):
+    text = re.findall(r"^```cpp\n(.*?)^```", (root / "docs/library-guide.md").read_text(), re.M | re.S)[0]
+    (tmp_path / "press.cpp").write_text(text)
+    program = compiled(root, build, compiler, standard, tmp_path / "press.cpp", tmp_path / "press")
+    run = subprocess.run([program, root / "meshes/liver_1k.msh"], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run.stderr
+    assert float(re.match(r"([0-9.]+) mm down", run.stdout)[1]) > 0.1
+    run = subprocess.run([program, "nowhere.msh"], capture_output=True, text=True, timeout=60)
+    assert run.returncode == 1 and run.stderr == "nowhere.msh: cannot open: No such file or directory; check the path\n"
+
+
+@pytest.mark.parametrize("compiler, standard", [("g++", "c++17"), ("clang++", "c++17")])
+def test_owners_references_spans_and_errors(root, build, tmp_path, compiler, standard):
+    (tmp_path / "check.cpp").write_text(CHECK)
+    program = compiled(root, build, compiler, standard, tmp_path / "check.cpp", tmp_path / "check")
+    run = subprocess.run([program, root / "meshes/cylinder_1k.msh", "end_0"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0 and run.stdout.startswith("nowhere.msh: cannot open: "), run.stderr
+
+
+def instructions(root, folder, compiler, source):
+    subprocess.run([*compiler, "-O2", f"-I{root}/libtensormass/include", "-c", root / "tests/install" / source, "-o", folder / "frame.o"], check=True, timeout=100)
+    text = subprocess.run(["objdump", "-dr", "--no-show-raw-insn", "--disassemble=frame", folder / "frame.o"], capture_output=True, text=True, check=True).stdout
+    lines = re.findall(r"^\s*[0-9a-f]+:\s*(.*?)\s*$", text, re.M)
+    assert len(lines) > 20
+    return lines
+
+
+@pytest.mark.parametrize("c, cpp", [("gcc", "g++"), ("clang", "clang++")])
+def test_a_frame_is_the_same_instructions_as_in_c(root, tmp_path, c, cpp):
+    assert instructions(root, tmp_path, [c, "-std=c11"], "codegen.c") == instructions(root, tmp_path, [cpp, "-std=c++17"], "codegen.cpp")

@@ -1,0 +1,23 @@
+"""examples/engine: an engine's own loop, memory and jobs around the library. Any number of workers gives the same bits; a frame asks for no memory; all of it comes back."""
+import re
+import subprocess
+
+import pytest
+
+
+@pytest.mark.parametrize("sanitizer", [[], ["-fsanitize=address,undefined"]], ids=["plain", "sanitized"])
+def test_an_engine_has_organs(root, build, tmp_path, sanitizer):
+    program = tmp_path / "engine"
+    subprocess.run(["gcc", "-std=c11", "-Wall", "-Wextra", "-Werror", "-O2", *sanitizer, f"-I{root}/libtensormass/include", f"-I{root}/libtensormass/io/include", root / "examples/engine/engine.c",
+                    build / "lib/libtensormass_io.a", build / "lib/libtensormass.a", "-lpthread", "-lm", "-o", program], check=True, timeout=100)
+
+    def engine(mesh, workers, code=0):
+        run = subprocess.run([program, mesh, str(workers)], capture_output=True, text=True, timeout=100)
+        assert run.returncode == code, run.stderr  # 0 only where the arena got everything back
+        return run.stdout + run.stderr
+    alone, three = (engine(root / "meshes/liver_1k.msh", workers) for workers in (1, 3))
+    assert alone == three == engine(root / "meshes/liver_1k.msh", 4)  # four: each step is divided among them
+    felt = [float(f) for f in re.findall(r"at most ([0-9.]+) N, \d{3} triangles", alone)]
+    assert len(felt) == 3 and 0.1 < felt[0] < felt[1] < felt[2] < 10
+    assert re.search(r"nowhere.msh: cannot open: ", engine("nowhere.msh", 2, code=1))
+    assert "usage: " in engine("nowhere.msh", 0, code=2)

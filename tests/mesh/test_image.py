@@ -1,0 +1,175 @@
+"""tm-mesh image: from a segmented image to tetrahedra. The phantom is phantom.py's."""
+import json
+import re
+import signal
+import struct
+import subprocess
+import time
+
+import numpy as np
+import phantom
+import pytest
+
+
+@pytest.fixture(scope="module", autouse=True)
+def module(build):
+    if not (build / "lib/tensormass/image.so").exists():
+        pytest.skip("module image is not built (make image)")
+
+
+@pytest.fixture(scope="module")
+def run(bin):
+    def run(image, *options, out=None, **kwargs):
+        out = out or image.with_suffix(".msh")
+        return subprocess.run([bin / "tm-mesh", "image", image, "-o", out, *options], capture_output=True, text=True, timeout=240, **kwargs)
+    return run
+
+
+# One rounded box in another: 14 x 12 x 10 voxels, cheap.
+def small(kind="u1"):
+    image = np.zeros((16, 14, 12), kind)
+    image[2:14, 2:12, 2:10] = 1
+    image[5:9, 4:8, 4:8] = 2
+    image[2:4, 2:4, 2:4] = 0  # no symmetry: a flip is seen
+    return image
+
+
+FAST = ("--size", "8mm", "--optimise", "exude")
+
+
+def places(path):
+    lines = path.read_text().split("$Nodes\n")[1].split("$EndNodes")[0].splitlines()
+    return np.array([[float(x) for x in line.split()[1:]] for line in lines[1:]])
+
+
+def middle(vertices):
+    return (vertices.min(0) + vertices.max(0)) / 2
+
+
+def test_a_phantom_becomes_regions(tmp_path, run):
+    image = phantom.phantom((4, 4, 4), noise=0.002)
+    path = phantom.write(tmp_path / "phantom.nrrd", image, (4, 4, 4), origin=(10, 20, 30))
+    done = run(path, "--budget", "3000", "--label", "1=liver", "--label", "3", "--smooth", "0.8", "--json", tmp_path / "report.json")
+    assert done.returncode == 0, done.stderr
+    assert "specks and holes" in done.stderr
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert 0.8 * 3000 < report["tets"] <= 3000
+    assert [r["name"] for r in report["regions"]] == ["liver", "tumour"]  # the second named by the file
+    liver = report["regions"][0]
+    count = (image == 1).sum() * 64e-9
+    assert abs(liver["image_volume_m3"] / count - 1) < 0.02 and abs(liver["volume_m3"] / liver["image_volume_m3"] - 1) < 0.02
+    assert 0 < liver["mean_distance_m"] < 2e-3 < liver["hausdorff_m"] < 20e-3
+    assert report["smallest_dihedral_deg"] > 5 and 1 <= report["critical_step"]["cut_tet"] <= report["tets"]
+    assert re.search(r"critical step: .* set by tetrahedron \d+ \(vertices [\d ]+\) in '(liver|tumour)'", done.stdout)
+
+
+@pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd", "a.mha", "a.mhd"])
+def test_every_format_gives_the_same_place(tmp_path, run, name, bin):
+    turn = np.array([[0, -1, 0], [-1, 0, 0], [0, 0, 1.0]])  # a mirrored grid
+    path = phantom.write(tmp_path / name, small(), (2, 3, 4), origin=(10, -20, 30), direction=turn)
+    done = run(path, *FAST)
+    assert done.returncode == 0, done.stderr
+    vertices = places(path.with_suffix(".msh"))
+    expected = np.array([10, -20, 30]) + turn @ ((np.array([7.5, 6.5, 5.5])) * (2, 3, 4))
+    assert np.abs(middle(vertices) * 1e3 - expected).max() < 1.0
+    extent = (vertices.max(0) - vertices.min(0)) * 1e3
+    assert np.abs(extent - np.array([30, 24, 32])).max() < 3.5
+    assert subprocess.run([bin / "tm-mesh", "check", path.with_suffix(".msh")], capture_output=True).returncode == 0
+
+
+def test_units_axes_and_repeatability(tmp_path, run):
+    middles = {}
+    for unit, factor in (("mm", 1), ("m", 1e-3), ("um", 1e3), ("", 1)):
+        path = phantom.write(tmp_path / f"u{unit}.nrrd", small("i2"), np.array([2, 2, 2.0]) * factor, origin=np.array([40, 50, 60.0]) * factor, unit=unit)
+        done = run(path, *FAST)
+        assert done.returncode == 0, done.stderr
+        assert ("no unit of length" in done.stderr) == (unit == "")
+        middles[unit] = middle(places(path.with_suffix(".msh")))
+        assert np.abs(middles[unit] - middles["mm"]).max() < 1e-6, unit
+    again, ras = tmp_path / "again.msh", tmp_path / "ras.msh"
+    run(tmp_path / "umm.nrrd", *FAST, out=again)
+    assert again.read_bytes() == (tmp_path / "umm.msh").read_bytes()
+    run(tmp_path / "umm.nrrd", *FAST, "--space", "ras", out=ras)
+    assert np.abs(middle(places(ras)) * (-1, -1, 1) - middles["mm"]).max() < 1e-9
+
+
+def cut_short(path):
+    data = path.read_bytes()
+    path.write_bytes(data[:len(data) * 2 // 3])
+
+
+def header_lies(header):
+    struct.pack_into("<8h", header, 40, 3, 1000, 1000, 1000, 1, 1, 1, 1)
+
+
+def bad(folder, name):
+    """A bad image and a word of what is said of it."""
+    image, spacing = small(), (2, 2, 2)
+    rough = np.random.default_rng(1).integers(0, 3, (30, 30, 30)).astype("u1")
+    if name == "empty":
+        return phantom.write(folder / "empty.nrrd", 0 * image, spacing), "no voxel has a label"
+    if name == "one slice":
+        return phantom.write(folder / "slice.mha", image[:, :, 5:6], spacing), "one voxel thick"
+    if name == "thin label":
+        image[10, 4:8, 4:8] = 3
+        return phantom.write(folder / "thin.mha", image, spacing), "label 3 ('label_3') is one voxel thick"
+    if name == "4-D":
+        return phantom.write(folder / "four.nii", np.stack([image, image], -1), spacing), "4 dimensions"
+    if name == "float":
+        return phantom.write(folder / "float.nii.gz", image.astype("f4"), spacing), "float, not labels"
+    if name == "negative":
+        return phantom.write(folder / "negative.nii", image.astype("i2") - 1, spacing), "label -1"
+    if name in ("cut.nii.gz", "cut.nrrd", "cut.mha", "cut.nii"):
+        path = phantom.write(folder / name, rough, spacing)
+        cut_short(path)
+        return path, "damaged"
+    if name == "header lies":
+        return phantom.write(folder / "lie.nii.gz", image, spacing, change=header_lies), "cannot hold them"
+    if name == "dicom":
+        (folder / "a.dcm").write_bytes(b"\0" * 128 + b"DICM")
+        return folder / "a.dcm", "DICOM-SEG is not read"
+    (folder / "a.nii").write_text("nothing")
+    return folder / "a.nii", "no image that can be read"
+
+
+@pytest.mark.parametrize("name", ["empty", "one slice", "thin label", "4-D", "float", "negative", "cut.nii.gz", "cut.nrrd", "cut.mha", "cut.nii", "header lies", "dicom",
+                                  "nothing"])
+def test_bad_images(tmp_path, run, name):
+    path, word = bad(tmp_path, name)
+    out = tmp_path / "out.msh"
+    done = run(path, *FAST, out=out)
+    assert done.returncode == 2, (done.returncode, done.stdout, done.stderr)
+    assert word in done.stderr and done.stderr.startswith(str(path)) and done.stderr.count("\n") == 1, done.stderr
+    assert not out.exists()
+
+
+def test_labels_that_are_not_there_vanish_or_fall_apart(tmp_path, run):
+    image = small()
+    image[11:13, 9:11, 7:9] = 4  # 8 voxels, 4 mm wide
+    path = phantom.write(tmp_path / "a.nrrd", image, (2, 2, 2))
+    out = tmp_path / "out.msh"
+    done = run(path, *FAST, "--label", "1", "--label", "9=kidney", out=out)
+    assert done.returncode == 2 and "label 9 ('kidney') is empty" in done.stderr
+    coarse = ("--size", "30mm", "--label", "1:30mm", "--label", "4=node:30mm", "--smooth", "2", "--optimise", "none")
+    done = run(path, *coarse, out=out)
+    assert done.returncode == 2 and re.search(r"label 4 \('node'\) vanished; mesh it finer \(--label 4:", done.stderr), done.stderr
+    assert not out.exists()
+    done = run(path, *coarse, "--allow", "vanish", out=out)
+    assert done.returncode == 0 and "vanished" in done.stderr
+
+
+@pytest.mark.parametrize("options, word", [(("--budget", "5"), "100 to 5000000"), (("--label", "0"), "1 to 65535"), (("--optimise", "polish"), "none of its words"),
+                                           (("--size", "5mm", "--budget", "3000"), "give one"), (("--space", "up"), "lps or ras"), (("--smooth", "-1"), "0 to 5")])
+def test_bad_usage(tmp_path, run, options, word):
+    done = run(tmp_path / "a.nii", *options)
+    assert done.returncode == 2 and word in done.stderr
+
+
+def test_a_signal_ends_it_and_nothing_is_written(tmp_path, bin):
+    path = phantom.write(tmp_path / "a.nrrd", small(), (2, 2, 2))
+    out = tmp_path / "out.msh"
+    process = subprocess.Popen([bin / "tm-mesh", "image", path, "-o", out, "--size", "0.4mm"], stderr=subprocess.PIPE)
+    time.sleep(1.5)
+    process.send_signal(signal.SIGINT)
+    process.communicate(timeout=20)
+    assert process.returncode == 130 and not out.exists() and list(tmp_path.iterdir()) == [path]

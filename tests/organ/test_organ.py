@@ -1,0 +1,95 @@
+"""tm-organ: a phantom goes from tetrahedra or a surface to a press that is felt and filmed; what is done stays done; bad input leaves nothing."""
+import json
+import subprocess
+import sys
+
+import pytest
+
+sys.path[:0] = ["tests/mesh", "tests/scene"]
+import meshlib  # noqa: E402
+from test_scene import phantom  # noqa: E402
+
+MADE = {"organ.msh", "organ.yaml", "press.lcm", "force.csv", "organ.png", "press.json", "rest.json", "rest.vtk", "mesh.json", "check.txt", ".organ.done"}
+
+
+def organ(bin, *words, code=0):
+    out = subprocess.run([str(bin / "tm-organ"), *map(str, words)], capture_output=True, text=True, timeout=120)
+    assert out.returncode == code, out.stdout + out.stderr
+    return out.stdout + out.stderr
+
+
+def stl(mesh):
+    """The block's outer triangles, in text and millimetres."""
+    faces = {}
+    for t in mesh.tets:
+        for f in ((t[1], t[2], t[3]), (t[0], t[3], t[2]), (t[0], t[1], t[3]), (t[0], t[2], t[1])):
+            faces.setdefault(tuple(sorted(f)), []).append(f)
+    text = "solid block\n"
+    for (f, *more) in faces.values():
+        if not more:
+            text += "facet normal 0 0 0\nouter loop\n" + "".join("vertex %g %g %g\n" % tuple(1e3 * x for x in mesh.points[v]) for v in f) + "endloop\nendfacet\n"
+    return text + "endsolid block\n"
+
+
+@pytest.fixture(scope="module")
+def felt(bin, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("organ")
+    (folder / "phantom.msh").write_text(meshlib.msh2(phantom()))
+    said = organ(bin, folder / "phantom.msh", "-o", folder / "felt", "--film", "160x120")
+    return folder, said
+
+
+def test_from_a_mesh_to_a_film(felt):
+    folder, said = felt
+    assert {p.name for p in (folder / "felt").iterdir()} == MADE | {"organ.mp4"}
+    assert (folder / "felt/organ.png").read_bytes()[:4] == b"\x89PNG" and b"ftyp" in (folder / "felt/organ.mp4").read_bytes()[:16]
+    assert json.loads((folder / "felt/press.json").read_text())["force_N"]["peak"] > 0.05
+    assert len((folder / "felt/force.csv").read_text().splitlines()) > 2000  # a row a tick of 500 Hz
+    seconds = subprocess.run(["ffprobe", "-v", "error", "-show_entries", "format=duration", "-of", "csv=p=0", folder / "felt/organ.mp4"], capture_output=True, text=True, timeout=20)
+    assert abs(float(seconds.stdout) - 4.6) < 0.3
+    assert "6/6 film" in said and "done before" not in said
+
+
+def test_what_is_done_stays_done_and_an_edited_scene_is_yours(bin, felt):
+    folder, _ = felt
+    again = ["-o", folder / "felt", "--no-film"]
+    assert organ(bin, folder / "phantom.msh", *again).count("(done before)") == 5
+    scene = folder / "felt/organ.yaml"
+    scene.write_text(scene.read_text().replace("young: 5.5 kPa", "young: 7 kPa"))
+    said = organ(bin, folder / "phantom.msh", *again)
+    assert said.count("(done before)") == 1 and "yours, kept" in said and "young: 7 kPa" in scene.read_text()
+    (folder / "felt/force.csv").unlink()
+    said = organ(bin, folder / "phantom.msh", *again)
+    assert said.count("(done before)") == 4 and (folder / "felt/force.csv").exists()
+
+
+def test_from_a_surface(bin, tmp_path):
+    (tmp_path / "liver.stl").write_text(stl(meshlib.block(1)))
+    said = organ(bin, tmp_path / "liver.stl", "--unit", "mm", "--size", "25mm", "-o", tmp_path / "out", "--no-film")
+    assert {p.name for p in (tmp_path / "out").iterdir()} == MADE
+    assert "Roulot" in (tmp_path / "out/organ.yaml").read_text() and "peak" in said  # a tissue by the file's name
+
+
+@pytest.mark.parametrize("words,said", [
+    (["nowhere.nii.gz"], "no such file"), (["{folder}"], "a folder; name a file"), (["{text}"], "neither an image"), (["{stl}"], "does not say its unit; add --unit mm"),
+    (["{stl}", "--unit", "mm"], "no triangles of an STL"), (["{obj}", "--unit", "mm"], "add --size, such as 8mm"), (["{msh}"], "bad.msh"), (["{msh}", "--size", "3mm"], "tetrahedra already"), (["{msh}", "--budget", "9"], "--budget is for images"),
+    (["{image}"], "seg.nii"), (["{big}"], "too large for an organ")])
+def test_bad_input_leaves_nothing(bin, tmp_path, words, said):
+    names = {"text": "notes.txt", "stl": "open.stl", "obj": "open.obj", "msh": "bad.msh", "image": "seg.nii", "big": "big.msh"}
+    for name in names.values():
+        (tmp_path / name).write_text("not much\n")
+    (tmp_path / "big.msh").write_text(meshlib.msh2(meshlib.block(1, 100)))
+    words = [w.format(folder=tmp_path, **{k: tmp_path / v for k, v in names.items()}) for w in words]
+    assert said in organ(bin, *words, "-o", tmp_path / "out", "--no-film", code=2)
+    assert not (tmp_path / "out").exists()
+
+
+def test_from_an_image(bin, build, tmp_path):
+    if not (build / "lib/tensormass/image.so").exists():
+        pytest.skip("no module 'image': make image builds it (ITK, CGAL)")
+    import phantom as image
+    image.write(tmp_path / "seg.nii.gz", image.phantom((5, 5, 5)), (5, 5, 5))
+    names = [w for label in ("1=liver", "3=tumour", "4=ribs") for w in ("--label", label)]
+    said = organ(bin, tmp_path / "seg.nii.gz", "-o", tmp_path / "out", "--no-film", "--budget", "6000", *names)
+    scene = (tmp_path / "out/organ.yaml").read_text()
+    assert "3 regions" in said and "peak" in said and "over tumour" in scene and 'group: "ribs"' in scene

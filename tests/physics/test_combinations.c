@@ -1,0 +1,85 @@
+/* The sixteen combinations of rotation, volume, viscosity and friction, each through the same story: contact, grasp,
+ * cut while held, a snapshot in its middle that another world goes on from with the same bits, and rest. What excludes
+ * each other is refused. */
+#include "../fixture.h"
+#include "combination.h"
+
+/* What either hand feels of frame 11 (pressed, slid), of the last (held, turned), and what was cut. */
+typedef struct felt {
+    double press_N, rub_N, held_N;
+    int32_t held, removed;
+} felt;
+
+static double size_of(const double f[3]) { return sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]); }
+
+static felt story(int effects) {
+    combination c = combination_open(effects), other = combination_open(effects);
+    felt f = {0};
+    void *buffer = NULL;
+    int64_t bytes = 0;
+    tm_error error;
+    for (int i = 0; i < COMBINATION_FRAMES; i++) {
+        if (!combination_frame(&c)) fail_msg("effects %d: frame %d is unstable", effects, i);
+        const tm_tool_reaction r = tm_contact_reaction(c.s.contact, 0);
+        if (i == 11) f.press_N = r.force_N[2], f.rub_N = r.force_N[0];
+        if (i == 26) { /* held, and half cut */
+            bytes = tm_snapshot_bytes(c.s.world);
+            buffer = malloc((size_t)bytes);
+            fix_ok(tm_snapshot_save(c.s.world, buffer, bytes, &error), &error);
+            fix_ok(tm_snapshot_restore(other.s.world, buffer, bytes, &error), &error);
+            other.frame = c.frame;
+        } else if (i > 26)
+            assert_true(combination_frame(&other));
+    }
+    assert_true(tm_world_hash(c.s.world) == tm_world_hash(other.s.world));
+    f.held = tm_grasp_held(c.grasp, 1, NULL, NULL);
+    f.held_N = size_of(tm_contact_reaction(c.s.contact, 1).force_N);
+    f.removed = c.s.mesh->tet_count - tm_tissue_alive_count(c.s.tissue);
+    free(buffer);
+    scene_destroy(&c.s), scene_destroy(&other.s);
+    return f;
+}
+
+static void every_combination_tells_the_story(void **state) {
+    (void)state;
+    felt f[COMBINATIONS];
+    for (int e = 0; e < COMBINATIONS; e++) {
+        if (!combination_is(e)) continue;
+        f[e] = story(e);
+        print_message("%2d: press %.3f N, rub %.3f N, held %.3f N by %d vertices, %d cut\n", e, f[e].press_N,
+                      f[e].rub_N, f[e].held_N, f[e].held, f[e].removed);
+        assert_true(f[e].press_N > 0.05 && f[e].held > 3 && f[e].held_N > 0.05 && f[e].removed > 1);
+    }
+    for (int e = 0; e < COMBINATIONS; e++) {
+        if (!combination_is(e)) continue;
+        /* Each effect does what it is for, whatever else is there. */
+        if (e & FRICTION) assert_true(f[e].rub_N < f[e ^ FRICTION].rub_N - 0.02 * f[e].press_N);
+        if (e & VISCOSITY) assert_true(f[e].press_N < 0.97 * f[e ^ VISCOSITY].press_N);
+        if (e & VOLUME) assert_true(f[e].press_N < 0.97 * f[e ^ VOLUME].press_N);
+        if (e & ROTATION) assert_true(fabs(f[e].held_N / f[e ^ ROTATION].held_N - 1) > 0.01);
+    }
+}
+
+static void what_excludes_each_other_is_refused(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = def.cells[2] = 2;
+    tm_mesh *mesh = scene_mesh(&def);
+    for (int e = 0; e < COMBINATIONS; e++) {
+        tm_material material;
+        tm_tissue *tissue = NULL;
+        tm_error error = {0};
+        const tm_status status = combination_tissue(mesh, e, &material, &tissue, &error);
+        assert_int_equal(status == TM_OK, combination_is(e));
+        if (status)
+            assert_non_null(strstr(error.message, "rotation")), assert_non_null(strstr(error.message, "volume"));
+        tm_tissue_destroy(tissue);
+    }
+    tm_mesh_destroy(mesh);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_combination_tells_the_story),
+                                       cmocka_unit_test(what_excludes_each_other_is_refused)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

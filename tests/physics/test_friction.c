@@ -1,0 +1,244 @@
+/* Friction between tools and tissue: it sticks without creeping, slides at its coefficient, never leaves its cone,
+ * gives back what it stretched, makes no energy, comes back from a snapshot to the bit, and costs nothing unless asked
+ * for. */
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+
+#include <cmocka.h>
+
+#include "../long.h"
+#include "contact_scene.h"
+
+static const double FRAME_S = 0.002, TOP_M = 0.042;
+
+typedef struct rubbing {
+    scene s;
+    tm_friction *friction;
+    double frame_s;
+} rubbing;
+
+static rubbing open_rubbing(int tools, double at_rest, double sliding) {
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 7, d.cells[2] = 4;
+    d.tools = tools;
+    memcpy(d.tip_m, (double[2][3]){{0.008, 0.004, TOP_M + 0.0027}, {-0.012, 0.004, TOP_M + 0.0027}}, sizeof d.tip_m);
+    rubbing r = {.s = scene_create_full(&d, false, (tm_tool_mode[2]){TM_TOOL_PROBE, TM_TOOL_PROBE}),
+                 .frame_s = FRAME_S};
+    tm_friction_def def = tm_friction_def_default();
+    for (int t = 0; t < tools; t++) def.instrument[t] = (tm_friction_coefficient){at_rest, sliding};
+    tm_error error;
+    if (at_rest > 0) scene_must(tm_stage_friction(r.s.world, r.s.contact, &def, &r.friction, &error), &error);
+    scene_must(tm_stage_energy(r.s.world, &error), &error);
+    return r;
+}
+
+typedef struct pull {
+    double pressed_N, force_N[3], over_cone; /* sums of the grips of tool 0; the worst force over its cone, less 1 */
+    bool slips;
+    double rest;
+} pull;
+
+static pull grips(const rubbing *r, int tool, double at_rest, double sliding) {
+    tm_friction_grip grip[32];
+    pull p = {.over_cone = -1, .rest = 1};
+    const int32_t n = tm_friction_grips(r->friction, tool, grip, 32);
+    assert_true(n <= 32);
+    for (int32_t i = 0; i < n; i++) {
+        const double *f = grip[i].force_N, size = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]);
+        double along = 0;
+        for (int c = 0; c < 3; c++) p.force_N[c] += f[c], along += f[c] * grip[i].normal[c];
+        p.pressed_N += grip[i].pressed_N;
+        p.over_cone = fmax(p.over_cone, size / (at_rest * grip[i].pressed_N) - 1);
+        assert_true(grip[i].coefficient >= sliding && grip[i].coefficient <= at_rest);
+        assert_true(size <= (grip[i].coefficient + 1e-6) * grip[i].pressed_N);
+        assert_true(!grip[i].slips || size >= (grip[i].coefficient - 1e-6) * grip[i].pressed_N);
+        assert_true(fabs(along) < 1e-12);
+        p.slips |= grip[i].slips;
+        p.rest = fmin(p.rest, grip[i].rest);
+    }
+    return p;
+}
+
+static tm_tool_reaction go(rubbing *r, int tool, double x, double y, double z) {
+    return scene_frame(&r->s, tool, scene_pose(x, y, z), r->frame_s);
+}
+
+static tm_tool_reaction press_in(rubbing *r, int tool, double x, double depth_m) {
+    tm_tool_reaction f = {0};
+    for (int i = 1; i <= 100; i++) f = go(r, tool, x, 0.004, TOP_M + 0.0027 - (depth_m + 0.0002) * i / 100);
+    for (int i = 0; i < 50; i++) f = go(r, tool, x, 0.004, TOP_M + 0.0025 - depth_m);
+    return f;
+}
+
+/* Pressed, pushed aside until it bears most of its cone, and held there: the force stays. TM_LONG=1: for two minutes.
+ */
+static void test_does_not_creep(void **unused) {
+    (void)unused;
+    rubbing r = open_rubbing(1, 0.4, 0.3);
+    const double z = TOP_M + 0.0025 - 0.003;
+    press_in(&r, 0, 0.008, 0.003);
+    double x = 0.008;
+    while (grips(&r, 0, 0.4, 0.3).over_cone < -0.25) x += 2e-5, go(&r, 0, x, 0.004, z);
+    for (int i = 0; i < 250; i++) go(&r, 0, x, 0.004, z);
+    const tm_tool_reaction before = go(&r, 0, x, 0.004, z);
+    const pull was = grips(&r, 0, 0.4, 0.3);
+    const double minutes = test_is_long() ? 2 : 0.1;
+    for (int i = 0; i < (int)(60 * minutes / FRAME_S); i++) go(&r, 0, x, 0.004, z);
+    const tm_tool_reaction after = go(&r, 0, x, 0.004, z);
+    double changed = 0;
+    for (int c = 0; c < 3; c++) changed = fmax(changed, fabs(after.force_N[c] - before.force_N[c]));
+    print_message("held at %.2f of its cone with %.2f N: after %.1f min the force differs by %.1e N\n",
+                  1 + was.over_cone, was.pressed_N, minutes, changed);
+    assert_true(was.over_cone > -0.4 && !was.slips && changed < 1e-6);
+    scene_destroy(&r.s);
+}
+
+/* Slides, at its coefficient to 1e-6 (grips() asks), stops, turns back; in every frame no force is outside its cone. */
+static void test_slides_at_its_coefficient(void **unused) {
+    (void)unused;
+    rubbing r = open_rubbing(1, 0.4, 0.3);
+    const double z = TOP_M + 0.0025 - 0.003;
+    press_in(&r, 0, 0.008, 0.003);
+    double worst = -1, x = 0.008, peak = 0, slid = 0;
+    for (int i = 0; i < 700; i++) {
+        x += i < 400 ? -2e-5 : i < 450 ? 0 : 2e-5;
+        go(&r, 0, x, 0.004, z);
+        const pull p = grips(&r, 0, 0.4, 0.3);
+        worst = fmax(worst, p.over_cone);
+        const double ratio = hypot(p.force_N[0], p.force_N[1]) / p.pressed_N;
+        if (i < 400) peak = fmax(peak, ratio);
+        if (i == 399) slid = ratio, assert_true(p.slips && p.rest == 0 && p.force_N[0] < 0);
+        if (i == 449) assert_true(!p.slips);
+        if (i == 699) assert_true(p.slips && p.force_N[0] > 0);
+    }
+    print_message("worst over its cone %.1e; at most %.3f, sliding %.3f of what it presses with\n", worst, peak, slid);
+    assert_true(worst < 1e-6 && peak > 0.36 && slid < 0.31 && slid > 0.28);
+    scene_destroy(&r.s);
+}
+
+/* Rest brings the static coefficient back: the force that it takes to slide again rises with how long it stood still.
+ */
+static void test_sticks_and_slips(void **unused) {
+    (void)unused;
+    double took[3];
+    for (int k = 0; k < 3; k++) {
+        rubbing r = open_rubbing(1, 0.5, 0.2);
+        const double z = TOP_M + 0.0025 - 0.003;
+        press_in(&r, 0, 0.008, 0.003);
+        double x = 0.008;
+        for (int i = 0; i < 300; i++) x -= 2e-5, go(&r, 0, x, 0.004, z);
+        x += 1e-5; /* it sticks */
+        for (int i = 0; i < 1 + 20 * k; i++) go(&r, 0, x, 0.004, z);
+        took[k] = 0;
+        for (int i = 0; i < 100; i++) {
+            x -= 1e-4;
+            go(&r, 0, x, 0.004, z);
+            const pull p = grips(&r, 0, 0.5, 0.2);
+            took[k] = fmax(took[k], hypot(p.force_N[0], p.force_N[1]) / p.pressed_N);
+        }
+        scene_destroy(&r.s);
+    }
+    print_message("took %.3f %.3f %.3f of what it presses with after 2, 42 and 82 ms\n", took[0], took[1], took[2]);
+    assert_true(took[0] < 0.3 && took[1] > took[0] + 0.05 && took[2] > took[1] + 0.05 && took[2] < 0.5);
+}
+
+/* Two tools rub: returns the most that contact made out of nothing. */
+static double rub(double at_rest, double sliding, tm_energy *e, double *hands) {
+    rubbing r = open_rubbing(2, at_rest, sliding);
+    tm_energy was = {0};
+    double worst = 0;
+    *hands = 0;
+    press_in(&r, 0, 0.008, 0.003);
+    press_in(&r, 1, -0.012, 0.004);
+    for (int i = 0; i < 400; i++) {
+        const double turn = 0.03 * i;
+        tm_tool_pose to[2] = {scene_pose(0.008 + 0.003 * sin(turn), 0.004 + 0.003 * (1 - cos(turn)), 0.0415),
+                              scene_pose(-0.012 + 0.004 * sin(1.7 * turn), 0.004, 0.0405)};
+        const int32_t substeps = (int32_t)ceil(FRAME_S / tm_world_step_s(r.s.world));
+        for (int t = 0; t < 2; t++) tm_contact_move(r.s.contact, t, to + t, substeps);
+        assert_int_equal(tm_world_step(r.s.world, substeps), TM_OK);
+        assert_int_equal(tm_world_energy(r.s.world, e, NULL), TM_OK);
+        assert_true(e->friction_J >= was.friction_J && e->film_J >= was.film_J - 1e-9);
+        *hands = fmax(*hands, fabs(e->hand_J[0]) + fabs(e->hand_J[1]));
+        worst = fmax(worst, e->made_J);
+        was = *e;
+    }
+    scene_destroy(&r.s);
+    return worst;
+}
+
+/* What friction takes is never negative and pays for what the hands put in; what contact makes out of nothing (its
+ * normals are blended) is no more than without it. */
+static void test_makes_no_energy(void **unused) {
+    (void)unused;
+    tm_energy plain, e;
+    double plain_hands, hands;
+    const double plain_worst = rub(0, 0, &plain, &plain_hands), worst = rub(0.4, 0.3, &e, &hands);
+    print_message("hands put in %.2e J (%.2e without): friction took %.2e, film %.2e, damping %.2e; made at most %.1e "
+                  "(%.1e without)\n",
+                  hands, plain_hands, e.friction_J, e.film_J, e.damping_J, worst, plain_worst);
+    assert_true(plain.friction_J == 0 && e.friction_J > 0.5 * hands && fabs(e.residual_J) < 1e-10 * hands);
+    assert_true(worst < 1.5 * plain_worst && e.made_J > -0.1 * hands);
+}
+
+static void wander(rubbing *r, int from, int to) {
+    for (int i = from; i < to; i++)
+        go(r, 0, 0.008 + 0.002 * sin(0.05 * i), 0.004 + 0.001 * sin(0.08 * i), TOP_M - 0.001 * sin(0.03 * i));
+}
+
+static void test_comes_back_from_a_snapshot(void **unused) {
+    (void)unused;
+    rubbing r = open_rubbing(1, 0.4, 0.3);
+    wander(&r, 0, 100);
+    const int64_t bytes = tm_snapshot_bytes(r.s.world);
+    void *kept = malloc((size_t)bytes);
+    assert_int_equal(tm_snapshot_save(r.s.world, kept, bytes, NULL), TM_OK);
+    wander(&r, 100, 200);
+    const uint64_t hash = tm_world_hash(r.s.world);
+    const pull was = grips(&r, 0, 0.4, 0.3);
+    for (int other = 0; other < 2; other++) { /* the same world, and a fresh one */
+        rubbing to = other ? open_rubbing(1, 0.4, 0.3) : r;
+        assert_int_equal(tm_snapshot_restore(to.s.world, kept, bytes, NULL), TM_OK);
+        wander(&to, 100, 200);
+        const pull p = grips(&to, 0, 0.4, 0.3);
+        assert_true(tm_world_hash(to.s.world) == hash);
+        assert_memory_equal(p.force_N, was.force_N, sizeof p.force_N);
+        if (other) scene_destroy(&to.s);
+    }
+    free(kept);
+    scene_destroy(&r.s);
+}
+
+/* A step of a world without it does what it did, and a stage that goes gives all back. */
+static void test_costs_nothing_unless_named(void **unused) {
+    (void)unused;
+    rubbing plain = open_rubbing(1, 0, 0), none = open_rubbing(1, 0, 0);
+    tm_friction_def def = tm_friction_def_default();
+    tm_error error;
+    tm_friction *friction;
+    assert_int_equal(tm_stage_friction(none.s.world, none.s.contact, &def, &friction, &error), TM_OK);
+    wander(&plain, 0, 60);
+    wander(&none, 0, 60);
+    assert_true(tm_world_hash(plain.s.world) == tm_world_hash(none.s.world)); /* 0 and 0: no bit */
+    assert_int_equal(tm_stage_friction(none.s.world, none.s.contact, &def, &friction, &error), TM_ERR_ARGUMENT);
+    scene_destroy(&plain.s);
+    scene_destroy(&none.s);
+    for (int k = 0; k < 4; k++) { /* what cannot be is refused with the instrument */
+        rubbing r = open_rubbing(1, 0, 0);
+        def.instrument[0] = (tm_friction_coefficient[]){{0.2, 0.3}, {-0.1, -0.2}, {2.5, 1}, {NAN, 0}}[k];
+        assert_int_equal(tm_stage_friction(r.s.world, r.s.contact, &def, &friction, &error), TM_ERR_ARGUMENT);
+        assert_int_equal(error.entity, 0);
+        scene_destroy(&r.s);
+    }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(test_does_not_creep),
+                                       cmocka_unit_test(test_slides_at_its_coefficient),
+                                       cmocka_unit_test(test_sticks_and_slips),
+                                       cmocka_unit_test(test_makes_no_energy),
+                                       cmocka_unit_test(test_comes_back_from_a_snapshot),
+                                       cmocka_unit_test(test_costs_nothing_unless_named)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,238 @@
+/* A step divided among threads moves the world to the bits that one thread moves it to: any number of them, the
+ * library's or the caller's, every form of the force loop, with contact, grasping and cutting, in any numbering; and it
+ * fails as a whole. make sanitize runs it under ThreadSanitizer. */
+#include "../fixture.h"
+#include "contact_scene.h"
+
+enum { FRAMES = 6, CAUTERY = 0, GRASPER = 1 };
+static const int32_t THREADS[] = {1, 2, 3, 8};
+
+/* --- a story --- */
+
+static scene create(tm_force_form form, tm_precision precision, int32_t threads, tm_run_parts *run_parts) {
+    static const tm_tool_mode mode[2] = {TM_TOOL_CAUTERY, TM_TOOL_GRASPER};
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 17, def.cells[2] = 10, def.tools = 2;
+    def.form = form, def.precision = precision, def.threads = threads, def.run_parts = run_parts;
+    scene s = scene_create_full(&def, true, mode);
+    tm_error error;
+    tm_cut_def cut = tm_cut_def_default();
+    cut.rate_1_s = 2000;
+    fix_ok(tm_stage_cut(s.world, s.contact, &cut, &error), &error);
+    tm_grasp_def grasp = tm_grasp_def_default();
+    fix_ok(tm_stage_grasp(s.world, s.contact, &grasp, &(tm_grasp *){NULL}, &error), &error);
+    fix_ok(tm_stage_gravity(s.world, (const double[3]){0, 0, -9.81}, &error), &error);
+    assert_int_equal(tm_world_parts(s.world), threads);
+    return s;
+}
+
+/* The cautery goes in at the right, the grasper takes hold at the left; each frame's bits. */
+static void play(scene *s, uint64_t hash[FRAMES]) {
+    for (int i = 0; i < FRAMES; i++) {
+        const int32_t substeps = (int32_t)ceil(0.004 / tm_world_step_s(s->world));
+        const tm_tool_pose burn = scene_pose(0.012, 0.005, 0.046 - 0.004 * i);
+        tm_tool_pose jaw = scene_pose(-0.012, -0.003, 0.044);
+        jaw.grip = i > 1;
+        tm_contact_begin_frame(s->contact, substeps, substeps);
+        tm_contact_move(s->contact, CAUTERY, &burn, substeps);
+        tm_contact_move(s->contact, GRASPER, &jaw, substeps);
+        assert_int_equal(tm_world_step(s->world, substeps), TM_OK);
+        const double *force = tm_contact_reaction(s->contact, CAUTERY).force_N;
+        hash[i] = tm_hash(force, 3 * sizeof *force, tm_world_hash(s->world));
+        hash[i] = tm_hash(tm_world_state(s->world)->force_N, 24 * (size_t)s->mesh->vertex_count, hash[i]);
+    }
+    assert_true(tm_tissue_alive_count(s->tissue) < s->mesh->tet_count);
+}
+
+static void same_story(tm_force_form form, tm_precision precision, int32_t threads, tm_run_parts *run_parts,
+                       const uint64_t expected[FRAMES]) {
+    uint64_t hash[FRAMES];
+    scene s = create(form, precision, threads, run_parts);
+    play(&s, hash);
+    assert_memory_equal(hash, expected, sizeof hash);
+    scene_destroy(&s);
+}
+
+static void same_bits_for_any_number(void **state) {
+    (void)state;
+    static const struct {
+        tm_force_form form;
+        tm_precision precision;
+    } kind[] = {{TM_FORCE_PLAIN, TM_DOUBLE}, {TM_FORCE_BEST, TM_DOUBLE}, {TM_FORCE_BEST, TM_SINGLE}};
+    for (int k = 0; k < 3; k++) {
+        uint64_t one[FRAMES];
+        scene s = create(kind[k].form, kind[k].precision, 1, NULL);
+        play(&s, one);
+        scene_destroy(&s);
+        for (int t = 1; t < 4; t++) same_story(kind[k].form, kind[k].precision, THREADS[t], NULL, one);
+    }
+}
+
+/* --- threads of the application's own --- */
+
+static int32_t calls;
+
+static void last_part_first(void *user, void (*work)(void *context, int32_t part), void *context, int32_t parts) {
+    (void)user;
+    calls++;
+    for (int32_t p = parts - 1; p >= 0; p--) work(context, p);
+}
+
+static void the_callers_threads(void **state) {
+    (void)state;
+    uint64_t one[FRAMES];
+    scene s = create(TM_FORCE_BEST, TM_DOUBLE, 1, NULL);
+    play(&s, one);
+    scene_destroy(&s);
+    calls = 0;
+    same_story(TM_FORCE_BEST, TM_DOUBLE, 3, last_part_first, one);
+    assert_true(calls > FRAMES);
+}
+
+/* --- numbering --- */
+
+/* The block with its vertices numbered at random: nearly every edge crosses a border. */
+static tm_mesh *shuffled(void) {
+    fix_random random = {5};
+    tm_mesh *block = fix_block((int[3]){14, 14, 14}, (double[3]){0.1, 0.1, 0.1}, 0.2, &random);
+    const int32_t n = block->vertex_count;
+    int32_t *number = malloc(sizeof(int32_t) * (size_t)n), *tet = malloc(16 * (size_t)block->tet_count);
+    double *vertex = malloc(24 * (size_t)n);
+    for (int32_t v = 0; v < n; v++) number[v] = v;
+    for (int32_t v = n - 1; v > 0; v--) {
+        const int32_t other = (int32_t)(fix_uniform(&random) * (v + 1)), swap = number[v];
+        number[v] = number[other], number[other] = swap;
+    }
+    for (int32_t v = 0; v < n; v++) memcpy(vertex + 3 * number[v], block->rest_m + 3 * v, 24);
+    for (int32_t i = 0; i < 4 * block->tet_count; i++) tet[i] = number[block->tet[i]];
+    tm_mesh_def def = tm_mesh_def_default();
+    def.vertex_count = n, def.vertex_m = vertex, def.tet_count = block->tet_count, def.tet = tet;
+    tm_mesh *mesh = NULL;
+    tm_error error;
+    fix_ok(tm_mesh_create(&def, &mesh, &error), &error);
+    tm_mesh_destroy(block);
+    free(number), free(tet), free(vertex);
+    return mesh;
+}
+
+static void any_numbering(void **state) {
+    (void)state;
+    tm_mesh *mesh = shuffled();
+    tm_material material;
+    tm_error error;
+    fix_ok(tm_material_young(5e3, 0.45, &material, &error), &error);
+    tm_tissue *tissue = fix_tissue(mesh, &material, NULL, TM_DOUBLE, false);
+    uint64_t one = 0;
+    for (int t = 0; t < 4; t++) {
+        tm_world_def def = tm_world_def_default();
+        def.tissue = tissue, def.threads = THREADS[t], def.damped = false;
+        tm_world *world = NULL;
+        fix_ok(tm_world_create(&def, &world, &error), &error);
+        assert_int_equal(tm_world_parts(world), THREADS[t]);
+        fix_random random = {9};
+        tm_state *s = tm_world_state(world);
+        for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) s->u_m[i] = s->u_prev_m[i] = 1e-5 * fix_signed(&random);
+        assert_int_equal(tm_world_step(world, 20), TM_OK);
+        if (t == 0) one = tm_world_hash(world);
+        assert_true(tm_world_hash(world) == one);
+        tm_world_destroy(world);
+    }
+    tm_tissue_destroy(tissue);
+    tm_mesh_destroy(mesh);
+}
+
+/* --- loops over vertices --- */
+
+/* Gravity and integration written out, one vertex at a time: the bits of whatever the step does at a time. */
+static void loops_have_the_bits_of_one(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.cells[0] = 5, def.cells[1] = 6, def.cells[2] = 4;
+    scene s = scene_create(&def);
+    tm_error error;
+    fix_ok(tm_world_remove_stage(s.world, "contact", &error), &error);
+    fix_ok(tm_world_remove_stage(s.world, "support", &error), &error);
+    const double g[3] = {1.1, -2.3, -9.81}, dt = tm_world_step_s(s.world);
+    fix_ok(tm_stage_gravity(s.world, g, &error), &error);
+    const int32_t n = 3 * s.mesh->vertex_count;
+    double *f = malloc(sizeof(double) * (size_t)n), *expected = malloc(sizeof(double) * (size_t)n);
+    fix_random random = {4};
+    for (int32_t i = 0; i < n; i++) tm_world_state(s.world)->u_m[i] = 1e-4 * fix_signed(&random);
+    for (int k = 0; k < 5; k++) {
+        const tm_state *now = tm_world_state(s.world);
+        tm_tissue_force(s.tissue, now->u_m, f);
+        for (int32_t i = 0; i < n; i++) {
+            const double mass = tm_tissue_mass_kg(s.tissue)[i / 3], drag = tm_tissue_damping_kg_s(s.tissue)[i / 3];
+            const double inertia = mass / (dt * dt), half = drag / (2 * dt), weight = inertia + half;
+            f[i] += mass * g[i % 3];
+            expected[i] = now->u_m[i] + (inertia - half) / weight * (now->u_m[i] - now->u_prev_m[i]) +
+                          tm_world_mobility_s2_kg(s.world)[i / 3] * f[i];
+        }
+        assert_int_equal(tm_world_step(s.world, 1), TM_OK);
+        assert_memory_equal(tm_world_state(s.world)->u_m, expected, sizeof(double) * (size_t)n);
+    }
+    free(f), free(expected);
+    scene_destroy(&s);
+}
+
+/* --- what else a step promises --- */
+
+static void one_vertex_fails_all(void **state) {
+    (void)state;
+    scene s = create(TM_FORCE_BEST, TM_DOUBLE, 3, NULL);
+    uint64_t hash[FRAMES];
+    play(&s, hash);
+    tm_state *state_of = tm_world_state(s.world);
+    for (int32_t v = s.mesh->vertex_count / 2; v < s.mesh->vertex_count; v += s.mesh->vertex_count / 2 - 1) {
+        const double was = state_of->u_prev_m[3 * v];
+        state_of->u_prev_m[3 * v] = -1e7;
+        const uint64_t before = tm_world_hash(s.world);
+        assert_int_equal(tm_world_step(s.world, 8), TM_ERR_UNSTABLE);
+        assert_true(tm_world_hash(s.world) == before);
+        state_of = tm_world_state(s.world);
+        state_of->u_prev_m[3 * v] = was;
+        assert_int_equal(tm_world_step(s.world, 8), TM_OK);
+    }
+    scene_destroy(&s);
+}
+
+static void small_tissue_stays_on_one(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 6, def.cells[2] = 4, def.threads = 8;
+    scene s = scene_create(&def);
+    assert_int_equal(tm_world_parts(s.world), 1);
+    tm_world_def world_def = tm_world_def_default();
+    world_def.tissue = s.tissue;
+    tm_world *world = NULL;
+    tm_error error;
+    for (int32_t wrong = 0; wrong <= TM_MAX_THREADS + 1; wrong += TM_MAX_THREADS + 1) {
+        world_def.threads = wrong;
+        assert_int_equal(tm_world_create(&world_def, &world, &error), TM_ERR_ARGUMENT);
+        assert_non_null(strstr(error.message, "threads; give 1 to 64"));
+    }
+    scene_destroy(&s);
+}
+
+/* Threads are there for a world's life and no longer; calls of one step do not wake them. */
+static void threads_come_and_go(void **state) {
+    (void)state;
+    const int64_t before = tm_memory_in_use();
+    for (int i = 0; i < 3; i++) {
+        scene s = create(TM_FORCE_BEST, TM_DOUBLE, 8, NULL);
+        for (int k = 0; k < 20; k++) assert_int_equal(tm_world_step(s.world, k % 6), TM_OK);
+        scene_destroy(&s);
+    }
+    assert_int_equal(tm_memory_in_use(), before);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits_for_any_number),
+                                       cmocka_unit_test(the_callers_threads),
+                                       cmocka_unit_test(any_numbering),
+                                       cmocka_unit_test(loops_have_the_bits_of_one),
+                                       cmocka_unit_test(one_vertex_fails_all),
+                                       cmocka_unit_test(small_tissue_stays_on_one),
+                                       cmocka_unit_test(threads_come_and_go)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}

@@ -1,0 +1,125 @@
+"""tm-scene: what it writes runs and presses; what it looks at, it finds."""
+import json
+import re
+import subprocess
+import sys
+
+import pytest
+
+sys.path.insert(0, "tests/mesh")
+import meshlib  # noqa: E402
+
+
+def phantom():
+    """A block of liver with a tumour under its top, a vein that comes in from the side, ribs below: 10 cm."""
+    m = meshlib.block(5)
+    m.names = {(3, 1): "liver", (3, 2): "liver_tumour", (3, 3): "portal vein", (3, 4): "rib_left_7"}
+    for t, tet in enumerate(m.tets):
+        x, y, z = (sum(m.points[v][a] for v in tet) / 4 for a in range(3))
+        m.region[t] = 4 if z < 0.02 else 2 if 0.05 < z < 0.08 and abs(x - 0.03) < 0.02 and abs(y - 0.07) < 0.02 else 3 if x > 0.06 and 0.02 < z < 0.04 and 0.04 < y < 0.06 else 1
+    return m
+
+
+def run(*command, code=0):
+    out = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=60)
+    assert out.returncode == code, out.stdout + out.stderr
+    return out.stdout + out.stderr
+
+
+@pytest.fixture(scope="module")
+def made(bin, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scene")
+    (folder / "organ.msh").write_text(meshlib.msh2(phantom()))
+    run(bin / "tm-scene", "new", folder / "organ.msh")
+    return folder / "organ.yaml"
+
+
+def test_what_it_makes_runs_and_presses(bin, made):
+    assert re.search(r"1?\d\d\d tetrahedra", run(bin / "tm-sim", made, "--check", "--strict"))
+    figures = made.with_suffix(".json")
+    said = run(bin / "tm-sim", made, "--lockstep", "--json", figures)
+    assert "never touched" not in said and json.loads(figures.read_text())["force_N"]["peak"] > 0.05
+
+
+def test_labels_become_materials_and_supports(made):
+    text = made.read_text()
+    for region, young, source in (("liver", "5.5 kPa", "Roulot 2008"), ("liver_tumour", "30 kPa", "Venkatesh 2008"), ("portal vein", "30 kPa", "Umale 2011"), ("rib_left_7", "50 kPa", "held fast")):
+        assert re.search(rf'"{region}": {{young: {young}, .*# .*{source}', text), region
+    assert '{name: "rib_left_7", group: "rib_left_7"}' in text and "over liver_tumour" in text
+    assert re.search(r'name: "portal vein",\n +vertex: \[\d+', text)
+    tip = [float(x) for x in re.search(r"start: {tip: \[(\S+) mm, (\S+) mm, (\S+) mm\]", text).groups()]
+    assert abs(tip[0] - 30) < 25 and abs(tip[1] - 70) < 25 and tip[2] > 100  # above the tumour
+
+
+def test_flat_sides_low_sides_and_up(bin, root, tmp_path):
+    (tmp_path / "block.msh").write_text(meshlib.msh2(meshlib.block(3)))
+    said = run(bin / "tm-scene", "new", tmp_path / "block.msh", "--up", "-y")
+    text = (tmp_path / "block.yaml").read_text()
+    assert "region" in said and "NOT IN THE TABLE" in text and re.search(r"plane: .*normal: \[0, 1, 0\]", text)
+    assert float(re.search(r"trocar: \[\S+ mm, (\S+) mm", text).group(1)) < -90
+    ball = meshlib.block(4)
+    for p in ball.points:  # round: nothing flat
+        x = [20 * v - 1 for v in p]
+        p[:] = [v * (1 - (a[0] ** 2 + a[1] ** 2) / 2 + a[0] ** 2 * a[1] ** 2 / 3) ** 0.5 * 50 for v, a in zip(x, ([x[1], x[2]], [x[2], x[0]], [x[0], x[1]]))]
+    (tmp_path / "liver.msh").write_text(meshlib.msh2(ball))
+    run(bin / "tm-scene", "new", tmp_path / "liver.msh", "--unit", "mm", "-o", tmp_path / "ball.yaml")
+    text = (tmp_path / "ball.yaml").read_text()
+    assert "underside" in text and "scale: 0.001" in text and "Roulot" in text  # the file's name tells the tissue
+    assert "nothing odd" in run(bin / "tm-scene", "check", tmp_path / "ball.yaml", "--strict")
+
+
+def test_the_table_has_a_source_a_row(bin):
+    rows = run(bin / "tm-scene", "tissues").strip().split("\n")[1:-1]
+    assert len(rows) > 10 and all(re.search(r"[12]\d{3}, |chosen: ", row) for row in rows)
+
+
+ODD = [  # what is changed in the scene, what is said
+    (("young: 5.5 kPa", "young: 5.5 MPa"), r"organ.yaml:\d+: warning: region 'liver': 5.5e\+03 kPa is a stone-hard liver; published: 5.5 kPa \(429 healthy"),
+    (("young: 5.5 kPa", "young: 200"), "a liquid liver"),
+    (("young: 30 kPa, poisson: 0.45, density: 1079", "young: 290 kPa, poisson: 0.45, density: 1079"), r"'liver_tumour' alone makes a frame take \d+ substeps, about \d+ too many"),
+    (("tissue:\n", "tissue:\n  scale: 30\n"), r"an organ of 3 m; if the mesh is in millimetres, write tissue.scale: 0.03"),
+    (("poisson: 0.45", "poisson: 0.495"), "tetrahedra lock"),
+    (("density: 1079", "density: 1.079"), "density of no tissue"),
+    (("hand:", "hand_was:"), None),
+    (("haptics:", "#"), "nobody feels them"),
+    (("duration: 4.6 s", "duration: 1 s"), r"the run ends at 1 s, the hand of instrument 0 at 4.4 s"),
+    (("above: -", "above: "), "comes no nearer than"),
+]
+
+
+@pytest.mark.parametrize("change,said", ODD, ids=[str(i) for i in range(len(ODD))])
+def test_what_is_odd_is_found(bin, made, change, said):
+    text = made.read_text()
+    assert change[0] in text
+    copy = made.parent / "odd.yaml" if said is None else made.parent / f"odd{abs(hash(change))}" / "organ.yaml"
+    copy.parent.mkdir(exist_ok=True)
+    copy.write_text(text.replace(*change).replace('"organ.msh"', f'"{made.parent}/organ.msh"'))
+    out = run(bin / "tm-scene", "check", "--strict", copy, code=2)
+    assert re.search(said or "hand_was", out), out
+    if said:
+        assert "look at what is above" in run(bin / "tm-scene", "check", copy)
+
+
+def test_a_sound_scene_is_called_sound(bin, made):
+    assert "nothing missing, nothing odd" in run(bin / "tm-scene", "check", "--strict", made)
+
+
+def test_a_bare_scene_lacks_things(bin, made):
+    (made.parent / "bare.yaml").write_text('tissue: {mesh: organ.msh, materials: {"*": {young: 5 kPa, poisson: 0.45}}}\n')
+    said = run(bin / "tm-scene", "check", made.parent / "bare.yaml")
+    for what in ("nothing holds the organ", "no instruments", "no 'haptics:'", "no 'rendering:'", "no 'damping:'"):
+        assert what in said
+
+
+@pytest.mark.parametrize("words,said", [
+    ([], "no command"), (["make"], "unknown command 'make'"), (["new"], "name one mesh"), (["check", "nowhere.yaml"], "nowhere.yaml"), (["new", "nowhere.msh"], "nowhere.msh"),
+    (["new", "--up", "w", "a.msh"], "use x, y, z"), (["new", "--unit", "inch", "a.msh"], "use m, cm, mm or um"), (["new", "a.msh", "b.msh"], "one file at a time"),
+    (["new", "{organ}"], "is there already; name another with -o, or add --force"), (["new", "{big}"], "100 m across, too large for an organ; if its numbers are millimetres, add --unit mm"),
+    (["new", "{organ}", "--unit", "um", "-o", "{out}"], "too small for an organ")])
+def test_bad_input(bin, made, words, said):
+    big = made.parent / "big.msh"
+    big.write_text(meshlib.msh2(meshlib.block(1, 100)))
+    out = made.parent / "not-there.yaml"
+    words = [w.format(organ=made.with_suffix(".msh"), big=big, out=out) for w in words]
+    assert said in run(bin / "tm-scene", *words, code=2)
+    assert not out.exists() and not big.with_suffix(".yaml").exists()

@@ -1,0 +1,31 @@
+"""The reference as HTML: the guides of docs/, the C headers (through Doxygen), the Python package, one search. `make docs` calls it; a warning is an error."""
+import os
+
+project = "tensormass"
+author = "the authors of tensormass"
+release = version = os.environ["TM_VERSION"]
+extensions = ["myst_parser", "breathe", "autoapi.extension"]
+myst_heading_anchors = 4
+breathe_projects = {"tensormass": os.environ["TM_DOXYGEN"]}
+breathe_default_project = "tensormass"
+breathe_domain_by_extension = {"h": "c"}
+# Read, not imported: the pages need no build of the library.
+autoapi_dirs = [os.environ["TM_PYTHON"]]
+autoapi_root = "python-api"
+autoapi_options = ["members", "undoc-members", "show-module-summary"]
+autoapi_add_toctree_entry = False
+autoapi_keep_files = False
+# The package imports itself; and an example with an ellipsis in it is no C for the highlighter, and need not be.
+suppress_warnings = ["misc.highlighting_failure", "autoapi.python_import_resolution"]
+html_theme = "furo"
+html_title = f"tensormass {version}"
+html_show_sourcelink = False
+
+
+def private(app, what, name, obj, skip, options):
+    """What the package keeps to itself: modules and names with an underscore."""
+    return skip or any(part.startswith("_") and not part.startswith("__init__") for part in name.split(".")) or None
+
+
+def setup(app):
+    app.connect("autoapi-skip-member", private)

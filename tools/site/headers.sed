@@ -1,0 +1,4 @@
+# The headers' comments are plain C; to Doxygen a comment above a line and one behind it are told from their places.
+s|^\( *\)/\* |\1/** |
+s|^\( *[^ /*].*[;,{(] *\)/\* |\1/**< |
+s|^\( *[A-Z][A-Z0-9_]* *\(= *[^ ]*\)\{0,1\} *\)/\* |\1/**< |

@@ -1,0 +1,56 @@
+"""site.py OUT MAN: lays the pages' sources out in OUT: docs/ as they are, one page for each public header, one for each program's man page."""
+import pathlib
+import re
+import shutil
+import subprocess
+import sys
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+TREE = re.compile(r"(?<!!)\[([^\]]*)\]\((\.\./[^)]*)\)")  # links out of docs/ into the tree: shown as what they say
+
+
+def headers():
+    """Public headers by what they belong to."""
+    return {"The library": sorted((ROOT / "libtensormass/include/tensormass").glob("*.h")),
+            "Solvers, files": sorted(p for p in (ROOT / "libtensormass").rglob("include/*.h") if p.name != "tensormass.h"),
+            "The controller": [ROOT / "haptic_rt/core/hrt.h"]}
+
+
+def guides(out):
+    for page in (ROOT / "docs").glob("*.md"):
+        (out / page.name).write_text(TREE.sub(r"\1", page.read_text()))
+    shutil.copytree(ROOT / "docs/images", out / "images")
+
+
+def c_pages(out):
+    lines = ["# C interface", "", "Every public header, from its own comments; [a guide](library-guide.md) with examples goes before.", ""]
+    (out / "c").mkdir()
+    for title, files in headers().items():
+        lines += [f"```{{toctree}}", f":caption: {title}", ":maxdepth: 1", *[f"c/{f.stem}" for f in files], "```", ""]
+        for file in files:
+            (out / "c" / f"{file.stem}.md").write_text(f"# {file.name}\n\n```{{doxygenfile}} {file.name}\n:project: tensormass\n```\n")
+    (out / "c-api.md").write_text("\n".join(lines))
+
+
+def programs(out, man):
+    (out / "programs").mkdir()
+    names = sorted(p.stem for p in man.glob("*.1"))
+    for name in names:
+        text = subprocess.run(["man", "-l", "--encoding=UTF-8", man / f"{name}.1"], env={"MANWIDTH": "110", "PATH": "/usr/bin:/bin"}, capture_output=True, text=True, check=True).stdout
+        (out / "programs" / f"{name}.md").write_text(f"# {name}\n\n```text\n{text.rstrip()}\n```\n")
+    (out / "programs.md").write_text("# Programs\n\nTheir man pages.\n\n```{toctree}\n:maxdepth: 1\n" + "\n".join(f"programs/{n}" for n in names) + "\n```\n")
+
+
+def main():
+    out, man = map(pathlib.Path, sys.argv[1:])
+    shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    guides(out)
+    c_pages(out)
+    programs(out, man)
+    for name in ("conf.py", "index.md"):
+        shutil.copy(pathlib.Path(__file__).with_name(name), out)
+
+
+if __name__ == "__main__":
+    main()
