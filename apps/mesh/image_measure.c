@@ -228,7 +228,7 @@ static tm_status distance_of_label(const label_field *field, int label, image_me
     if (voxels.no_memory || tets.no_memory || voxels_too.no_memory || tets_too.no_memory) {
         free(voxels_too.corner);
         free(tets_too.corner);
-        status = app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surfaces; choose a larger --size");
+        status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surfaces; choose a larger --size");
     } else {
         status = shell_of_triangles(voxels_too.corner, voxels.count, false, &of_voxels, error);
         if (status) free(tets_too.corner);

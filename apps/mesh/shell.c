@@ -93,7 +93,7 @@ static void normals_of_faces(shell *s) {
 static tm_status normals_of_edges(shell *s, tm_error *error) {
     int n = 3 * s->triangle_count;
     side *sides = malloc((size_t)n * sizeof *sides);
-    if (!sides) return app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    if (!sides) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
     for (int i = 0; i < n; i++) sides[i] = (side){s->triangle[i], s->triangle[i % 3 == 2 ? i - 2 : i + 1], i};
     qsort(sides, (size_t)n, sizeof *sides, by_ends);
     int open = 0, first = -1;
@@ -111,7 +111,7 @@ static tm_status normals_of_edges(shell *s, tm_error *error) {
     }
     free(sides);
     if (open)
-        return app_fail(
+        return tm_fail(
             error, TM_ERR_MESH, first,
             "the surface is not closed: %d edges have no partner, one at triangle %d; close its holes and flip "
             "what is turned (--mend, or MeshLab, Blender)",
@@ -186,7 +186,7 @@ static tm_status orient(shell *s, bool closed, tm_error *error) {
         s->edge_normal = calloc(9 * (size_t)s->triangle_count, sizeof *s->edge_normal);
         s->vertex_normal = calloc(3 * (size_t)s->vertex_count, sizeof *s->vertex_normal);
         if (!s->face_normal || !s->edge_normal || !s->vertex_normal)
-            return app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+            return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
         normals_of_faces(s);
         if (!closed) return TM_OK;
         tm_status status = normals_of_edges(s, error);
@@ -205,13 +205,13 @@ static tm_status make(double *corner_m, int triangles, bool closed, shell **out,
     shell *s = calloc(1, sizeof *s);
     if (!s) {
         free(corner_m);
-        return app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
     }
     s->vertex = corner_m;
     s->triangle_count = triangles;
-    tm_status status = join(s) ? TM_OK : app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    tm_status status = join(s) ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
     if (!status) status = orient(s, closed, error);
-    if (!status && !make_grid(s)) status = app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    if (!status && !make_grid(s)) status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
     if (status)
         shell_free(s);
     else

@@ -26,7 +26,7 @@ static tm_status make_tissue(const tm_mesh *mesh, double young_Pa, double poisso
     def.material_count = 1;
     def.material = &material;
     def.region_material = one;
-    status = one ? tm_tissue_create(&def, tissue, error) : app_fail(error, TM_ERR_MEMORY, -1, "no memory");
+    status = one ? tm_tissue_create(&def, tissue, error) : tm_fail(error, TM_ERR_MEMORY, -1, "no memory");
     free(one);
     return status;
 }
@@ -39,7 +39,7 @@ tm_status step_measure(const tm_mesh *mesh, double young_Pa, double poisson, dou
     double *step = malloc((size_t)mesh->tet_count * sizeof *step);
     if (!step) {
         tm_tissue_destroy(tissue);
-        return app_fail(error, TM_ERR_MEMORY, -1, "no memory");
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory");
     }
     *out = (step_figures){.cut_s = HUGE_VAL};
     out->guaranteed_s = tm_critical_step_guaranteed(tissue, &out->tet);

@@ -97,14 +97,14 @@ static double *corners_of(const shell *all, const int *piece, int which, int *tr
 static tm_status split(const shell *all, int file, surfaces *out, tm_error *error) {
     int *piece = malloc(((size_t)shell_triangles(all) + 1) * sizeof *piece);
     const int pieces = piece ? shell_pieces(all, piece) : -1;
-    tm_status status = pieces < 0 ? app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface") : TM_OK;
+    tm_status status = pieces < 0 ? tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface") : TM_OK;
     if (pieces > SURFACES_MOST - out->pieces)
-        status = app_fail(error, TM_ERR_MESH, -1, "%d pieces, more than %d; drop the small ones (MeshLab)", pieces,
-                          SURFACES_MOST);
+        status = tm_fail(error, TM_ERR_MESH, -1, "%d pieces, more than %d; drop the small ones (MeshLab)", pieces,
+                         SURFACES_MOST);
     for (int i = 0; i < pieces && !status; i++) {
         int triangles;
         double *corner = corners_of(all, piece, i, &triangles);
-        if (!corner) status = app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+        if (!corner) status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
         if (!status) {
             out->piece[out->pieces] = (surface_piece){.file = file, .parent = -1};
             status = shell_of_triangles(corner, triangles, true, &out->piece[out->pieces].shell, error);
@@ -198,7 +198,7 @@ void surfaces_project(const void *context, double p[3]) {
 static tm_status add_file(image_surface *read, int file, bool alone, surfaces *out, tm_error *error) {
     shell *all = NULL;
     double *copy = malloc((9 * (size_t)read->triangles + 1) * sizeof *copy);
-    if (!copy) return app_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    if (!copy) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
     memcpy(copy, read->corner, 9 * (size_t)read->triangles * sizeof *copy);
     tm_status status = shell_of_triangles(copy, read->triangles, true, &all, error);
     if (!status) status = split(all, file, out, error);

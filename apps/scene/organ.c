@@ -35,7 +35,7 @@ static tm_status find_pace(organ *o, tm_error *error) {
     const int32_t regions = o->file.region_count;
     tm_material *material = malloc(sizeof *material * (size_t)regions);
     int32_t *own = malloc(sizeof *own * (size_t)regions);
-    tm_status status = material && own ? TM_OK : app_fail(error, TM_ERR_MEMORY, -1, "no memory; use a coarser mesh");
+    tm_status status = material && own ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory; use a coarser mesh");
     for (int32_t r = 0; r < regions && !status; r++) {
         own[r] = r;
         status = tm_material_young(o->tissue[r]->young_Pa, o->tissue[r]->poisson, &material[r], error);

@@ -28,13 +28,13 @@ static tm_status check_pieces(const tm_mesh *m, const uint8_t *low, const uint8_
     uint8_t *has = calloc((size_t)m->vertex_count, 1);
     tm_status status =
         parent && has ? TM_OK
-                      : app_fail(error, TM_ERR_MEMORY, -1, "no memory for the rule's potential; use a coarser mesh");
+                      : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the rule's potential; use a coarser mesh");
     for (int32_t v = 0; v < m->vertex_count && !status; v++) parent[v] = v;
     for (int32_t e = 0; e < m->edge_count && !status; e++) law_join(parent, m->edge[2 * e], m->edge[2 * e + 1]);
     for (int32_t v = 0; v < m->vertex_count && !status; v++) has[law_root(parent, v)] |= low[v] ? 1 : high[v] ? 2 : 0;
     for (int32_t v = 0; v < m->vertex_count && !status; v++)
         if (has[law_root(parent, v)] != 3)
-            status = app_fail(
+            status = tm_fail(
                 error, TM_ERR_MESH, v,
                 "the piece of the mesh that vertex %d is in has no vertex of '%s'; name groups that every piece has", v,
                 has[law_root(parent, v)] & 1 ? "to" : "from");
@@ -103,7 +103,7 @@ static tm_status solve(work *w, tm_error *error) {
     }
     return now <= enough
                ? TM_OK
-               : app_fail(error, TM_ERR_LIMIT, -1, "the rule's potential was not found; mend the mesh (tm-mesh check)");
+               : tm_fail(error, TM_ERR_LIMIT, -1, "the rule's potential was not found; mend the mesh (tm-mesh check)");
 }
 
 /* Adds to `sum` the axis `a`, turned to the side where `sum` is. */
@@ -177,13 +177,13 @@ tm_status sim_laplace(const tm_mesh *mesh, const uint8_t *low, const uint8_t *hi
     tm_status status = check_pieces(mesh, low, high, error);
     if (status) return status;
     double *all = calloc((size_t)mesh->edge_count + 5 * n, sizeof *all);
-    if (!all) return app_fail(error, TM_ERR_MEMORY, -1, "no memory for the rule's potential; use a coarser mesh");
+    if (!all) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the rule's potential; use a coarser mesh");
     double *v = all + mesh->edge_count;
     work w = {mesh, low, high, all, v, v + n, v + 2 * n, v + 3 * n, v + 4 * n};
     assemble(&w);
     status = solve(&w, error);
     if (!status && !take_gradient(&w, fibre))
-        status = app_fail(error, TM_ERR_MEMORY, -1, "no memory for the rule's fibres; use a coarser mesh");
+        status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the rule's fibres; use a coarser mesh");
     free(all);
     return status;
 }

@@ -16,10 +16,6 @@ int app_bad_input(const char *file, int line, const char *format, ...) __attribu
 /* The same for a tm_error, exit code by status: bad input 2, anything else 1. */
 int app_report(const char *file, int line, const tm_error *error);
 
-/* Fills `error` (null: nothing) and returns `status`. */
-tm_status app_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...)
-    __attribute__((format(printf, 4, 5)));
-
 /* A heavy dependency in a shared object of ours (lib/tensormass/NAME.so beside bin/), opened on first use. Null, with a
  * message that names the Debian package, when it cannot be. Never closed. */
 void *app_module(const char *name, tm_error *error);

@@ -51,13 +51,13 @@ static int read_header(FILE *file, const rows *kind, int kinds, tm_error *error)
     char text[256];
     const char * or = kinds > 1 ? " or vertex,ax,ay,az" : "";
     if (!fgets(text, sizeof text, file)) {
-        tm_io_fail(error, TM_ERR_FILE, -1, "the file is empty; its first line is tet,ax,ay,az%s", or);
+        tm_fail(error, TM_ERR_FILE, -1, "the file is empty; its first line is tet,ax,ay,az%s", or);
         return -1;
     }
     text[strcspn(text, "\r\n")] = 0;
     for (int k = 0; k < kinds; k++)
         if (is_header(text, kind[k].word)) return k;
-    tm_io_fail(error, TM_ERR_FILE, -1, "header '%.40s'; write tet,ax,ay,az%s", text, or);
+    tm_fail(error, TM_ERR_FILE, -1, "header '%.40s'; write tet,ax,ay,az%s", text, or);
     return -1;
 }
 
@@ -67,20 +67,20 @@ static tm_status read_rows(FILE *file, const rows *kind, double *fibre, int *lin
     for (*line = 2; fgets(text, sizeof text, file); ++*line) {
         if (strspn(text, " \t\r\n") == strlen(text)) continue;
         if (row >= kind->count)
-            return tm_io_fail(error, TM_ERR_FILE, -1,
-                              "more rows than the mesh's %d %s; is it the fibre file of another mesh?", kind->count,
-                              kind->plural);
+            return tm_fail(error, TM_ERR_FILE, -1,
+                           "more rows than the mesh's %d %s; is it the fibre file of another mesh?", kind->count,
+                           kind->plural);
         const char *wrong = parse_row(kind, text, row, fibre);
         if (wrong)
-            return tm_io_fail(error, TM_ERR_FILE, row, "%s %d expected here: %s; correct the row",
-                              kind->word[0] == 't' ? "tetrahedron" : kind->word, row, wrong);
+            return tm_fail(error, TM_ERR_FILE, row, "%s %d expected here: %s; correct the row",
+                           kind->word[0] == 't' ? "tetrahedron" : kind->word, row, wrong);
         row++;
     }
-    if (ferror(file)) return tm_io_fail(error, TM_ERR_FILE, -1, "%s; check the file", strerror(errno));
+    if (ferror(file)) return tm_fail(error, TM_ERR_FILE, -1, "%s; check the file", strerror(errno));
     if (row < kind->count)
-        return tm_io_fail(error, TM_ERR_FILE, row,
-                          "ends after %d rows, the mesh has %d %s; is it the fibre file of another mesh?", row,
-                          kind->count, kind->plural);
+        return tm_fail(error, TM_ERR_FILE, row,
+                       "ends after %d rows, the mesh has %d %s; is it the fibre file of another mesh?", row,
+                       kind->count, kind->plural);
     return TM_OK;
 }
 
@@ -103,16 +103,16 @@ static tm_status read_file(const char *path, const tm_mesh *mesh, int32_t tet_co
                            tm_error *error) {
     struct stat info;
     if (stat(path, &info) == 0 && S_ISDIR(info.st_mode))
-        return tm_io_fail(error, TM_ERR_FILE, -1, "is a folder; name the CSV file in it");
+        return tm_fail(error, TM_ERR_FILE, -1, "is a folder; name the CSV file in it");
     FILE *file = fopen(path, "r");
-    if (!file) return tm_io_fail(error, TM_ERR_FILE, -1, "cannot open: %s; check the path", strerror(errno));
+    if (!file) return tm_fail(error, TM_ERR_FILE, -1, "cannot open: %s; check the path", strerror(errno));
     const rows kind[2] = {{"tet", "tetrahedra", tet_count}, {"vertex", "vertices", mesh ? mesh->vertex_count : 0}};
     const tm_io_locale locale = tm_io_locale_enter();
     *line = 1;
     const int k = read_header(file, kind, mesh ? 2 : 1, error);
     double *of_vertex = k == 1 ? malloc(3 * (size_t)kind[1].count * sizeof *of_vertex) : NULL;
     tm_status status = k < 0 ? TM_ERR_FILE : TM_OK;
-    if (k == 1 && !of_vertex) status = tm_io_fail(error, TM_ERR_MEMORY, -1, "no memory for fibres; use a coarser mesh");
+    if (k == 1 && !of_vertex) status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for fibres; use a coarser mesh");
     if (!status) status = read_rows(file, &kind[k], k == 1 ? of_vertex : fibre, line, error);
     if (!status && k == 1) average(mesh, of_vertex, fibre);
     tm_io_locale_leave(locale);

@@ -205,10 +205,10 @@ static tm_status in_its_numbers(const tm_mesh_file *file, tm_error *error) {
     tm_mesh_defect first;
     char text[TM_ERROR_MESSAGE_MAX];
     const int64_t count = tm_mesh_file_defects(file, &first, 1);
-    if (count < 0) return tm_io_fail(error, TM_ERR_MEMORY, -1, "no memory to check the mesh; use a coarser one");
+    if (count < 0) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to check the mesh; use a coarser one");
     if (count == 0) return TM_ERR_MESH; /* in the library's own words and numbers */
     tm_mesh_defect_text(file, &first, text, sizeof text);
-    return tm_io_fail(error, TM_ERR_MESH, first.tet >= 0 ? first.tet : first.vertex, "%s", text);
+    return tm_fail(error, TM_ERR_MESH, first.tet >= 0 ? first.tet : first.vertex, "%s", text);
 }
 
 tm_status tm_mesh_file_build(const tm_mesh_file *file, tm_mesh **mesh, tm_error *error) {

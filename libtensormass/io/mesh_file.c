@@ -44,23 +44,23 @@ static tm_status refuse_ending(const char *path, tm_error *error) {
     const char *dot = strrchr(path, '.');
     for (size_t i = 0; dot && i < sizeof surface / sizeof *surface; i++)
         if (strcasecmp(dot, surface[i]) == 0)
-            return tm_io_fail(error, TM_ERR_FILE, -1,
-                              "%s is a surface, not a volume; fill it with tetrahedra: tm-mesh fill --size 5mm "
-                              "SURFACE.stl -o ORGAN.msh",
-                              surface[i]);
+            return tm_fail(error, TM_ERR_FILE, -1,
+                           "%s is a surface, not a volume; fill it with tetrahedra: tm-mesh fill --size 5mm "
+                           "SURFACE.stl -o ORGAN.msh",
+                           surface[i]);
     if (dot && strcasecmp(dot, ".vtu") == 0)
-        return tm_io_fail(error, TM_ERR_FILE, -1, ".vtu is not read; save it as .vtk (ParaView: legacy VTK)");
-    return tm_io_fail(error, TM_ERR_FILE, -1, "unknown kind of mesh file; use one of these: %s",
-                      tm_mesh_file_endings(false));
+        return tm_fail(error, TM_ERR_FILE, -1, ".vtu is not read; save it as .vtk (ParaView: legacy VTK)");
+    return tm_fail(error, TM_ERR_FILE, -1, "unknown kind of mesh file; use one of these: %s",
+                   tm_mesh_file_endings(false));
 }
 
 static tm_status read_format(const char *path, tm_io_text *text, tm_io_raw *raw) {
     const tm_io_format *format = format_of(path);
     if (!format || !format->read) return refuse_ending(path, text->error);
     if (strncmp(text->at + strspn(text->at, " \t\r\n"), format->start, strlen(format->start)) != 0)
-        return tm_io_fail(text->error, TM_ERR_FILE, -1,
-                          "does not begin with '%s': not a %s file; write it anew, or give it its right ending",
-                          format->start, format->ending);
+        return tm_fail(text->error, TM_ERR_FILE, -1,
+                       "does not begin with '%s': not a %s file; write it anew, or give it its right ending",
+                       format->start, format->ending);
     return format->read(text, raw);
 }
 
@@ -73,19 +73,19 @@ static tm_status read_whole(const char *path, char **bytes, size_t *size, tm_err
     if (!file || fstat(fileno(file), &info) != 0) {
         int why = errno;
         if (file) fclose(file);
-        return tm_io_fail(error, TM_ERR_FILE, -1, "cannot open: %s; check the path", strerror(why));
+        return tm_fail(error, TM_ERR_FILE, -1, "cannot open: %s; check the path", strerror(why));
     }
     tm_status status = TM_OK;
     *size = (size_t)info.st_size;
     *bytes = S_ISREG(info.st_mode) ? malloc(*size + 1) : NULL;
     if (!S_ISREG(info.st_mode))
-        status = tm_io_fail(error, TM_ERR_FILE, -1, "not a file; name one of these: %s", tm_mesh_file_endings(false));
+        status = tm_fail(error, TM_ERR_FILE, -1, "not a file; name one of these: %s", tm_mesh_file_endings(false));
     else if (!*bytes)
-        status = tm_io_fail(error, TM_ERR_MEMORY, -1, "no memory for its %zu bytes", *size);
+        status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for its %zu bytes", *size);
     else if (fread(*bytes, 1, *size, file) != *size)
-        status = tm_io_fail(error, TM_ERR_FILE, -1, "cannot read: %s; check the disk", strerror(errno));
+        status = tm_fail(error, TM_ERR_FILE, -1, "cannot read: %s; check the disk", strerror(errno));
     else if (*size == 0)
-        status = tm_io_fail(error, TM_ERR_FILE, -1, "the file is empty; write the mesh anew");
+        status = tm_fail(error, TM_ERR_FILE, -1, "the file is empty; write the mesh anew");
     fclose(file);
     if (status) {
         free(*bytes);
@@ -135,7 +135,7 @@ void tm_mesh_file_free(tm_mesh_file *mesh) {
 static tm_status assemble(const tm_io_raw *raw, double scale, tm_mesh_file *mesh, tm_error *error) {
     mesh->vertex_count = (int32_t)raw->vertices;
     mesh->tet_count = (int32_t)raw->tets;
-    if (!allocate_shape(mesh)) return tm_io_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");
+    if (!allocate_shape(mesh)) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");
     for (int64_t v = 0; v < raw->vertices; v++) {
         mesh->vertex_tag[v] = raw->vertex[v].tag;
         for (int i = 0; i < 3; i++) mesh->vertex_m[3 * v + i] = scale * raw->vertex[v].p[i];
@@ -157,7 +157,7 @@ static tm_status parse(const char *path, tm_io_text *text, double scale, tm_mesh
     if (!status) status = assemble(&raw, scale, file, text->error);
     tm_io_raw_free(&raw);
     if (!status && !(file->path = malloc(strlen(path) + 1)))
-        status = tm_io_fail(text->error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");
+        status = tm_fail(text->error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");
     if (status) {
         tm_mesh_file_free(file);
         return status;
@@ -172,7 +172,7 @@ static tm_status parse(const char *path, tm_io_text *text, double scale, tm_mesh
 static tm_status begin(const char *path, double scale, tm_mesh_file *file, tm_error *error) {
     memset(file, 0, sizeof *file);
     if (scale > 0 && isfinite(scale)) return TM_OK;
-    return tm_io_place(path, 0, tm_io_fail(error, TM_ERR_ARGUMENT, -1, "scale %g; it must be above 0", scale), error);
+    return tm_io_place(path, 0, tm_fail(error, TM_ERR_ARGUMENT, -1, "scale %g; it must be above 0", scale), error);
 }
 
 tm_status tm_mesh_file_load(const char *path, double scale, tm_mesh_file *file, tm_error *error) {
@@ -208,12 +208,12 @@ tm_status tm_mesh_file_write(const tm_mesh_file *file, const char *path, FILE *s
     TM_REQUIRE(file && path && stream, "file, path or stream is null", TM_ERR_ARGUMENT);
     const tm_io_format *format = format_of(path);
     if (!format || !format->write)
-        return tm_io_fail(error, TM_ERR_FILE, -1, "%s: unknown kind of mesh file; name it one of these: %s", path,
-                          tm_mesh_file_endings(true));
+        return tm_fail(error, TM_ERR_FILE, -1, "%s: unknown kind of mesh file; name it one of these: %s", path,
+                       tm_mesh_file_endings(true));
     const tm_io_locale locale = tm_io_locale_enter();
     format->write(file, stream);
     tm_io_locale_leave(locale);
     if (fflush(stream) == 0 && !ferror(stream)) return TM_OK;
-    return tm_io_fail(error, TM_ERR_FILE, -1,
-                      "%s: cannot be written to its end; free some space, or choose another place", path);
+    return tm_fail(error, TM_ERR_FILE, -1, "%s: cannot be written to its end; free some space, or choose another place",
+                   path);
 }

@@ -51,7 +51,4 @@ const char *tm_io_find(const char *at, const char *end, const char *word, size_t
 /* The line that `at` lies in. */
 int tm_io_line(const char *start, const char *at);
 
-tm_status tm_io_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...)
-    __attribute__((format(printf, 4, 5)));
-
 #endif

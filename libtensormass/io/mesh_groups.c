@@ -8,7 +8,7 @@
 enum { MOST_MEMBERS = INT32_MAX / 16 };
 
 static tm_status no_memory(tm_error *error) {
-    return tm_io_fail(error, TM_ERR_MEMORY, -1, "no memory for the groups of the mesh; use fewer");
+    return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the groups of the mesh; use fewer");
 }
 
 /* The elements of one entity, and the vertices that they have. */

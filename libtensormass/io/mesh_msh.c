@@ -17,9 +17,9 @@ typedef struct reader {
 
 static tm_status bad(const reader *r, const char *what) {
     if (r->binary)
-        return tm_io_fail(r->error, TM_ERR_FILE, -1,
-                          "its binary part breaks off: %s; the file is damaged or cut short, write it anew", what);
-    return tm_io_fail(r->error, TM_ERR_FILE, -1, "%s; the file is damaged or cut short, write it anew", what);
+        return tm_fail(r->error, TM_ERR_FILE, -1,
+                       "its binary part breaks off: %s; the file is damaged or cut short, write it anew", what);
+    return tm_fail(r->error, TM_ERR_FILE, -1, "%s; the file is damaged or cut short, write it anew", what);
 }
 
 /* --- numbers, rows and lines --- */
@@ -357,12 +357,12 @@ static tm_status format(reader *r) {
     long binary = strtol(after, &after, 10), bytes = strtol(after, NULL, 10);
     r->major = version >= 2 && version < 3 ? 2 : 4;
     if (r->major == 4 && !(version > 4.05 && version < 4.2))
-        return tm_io_fail(r->error, TM_ERR_FILE, -1, ".msh format '%.*s'; save as 4.1 or 2.2 (gmsh -format msh41)",
-                          (int)(length > 20 ? 20 : length), text);
+        return tm_fail(r->error, TM_ERR_FILE, -1, ".msh format '%.*s'; save as 4.1 or 2.2 (gmsh -format msh41)",
+                       (int)(length > 20 ? 20 : length), text);
     if (!(r->binary = binary != 0)) return TM_OK;
     if (!narrow(r, &one, 1) || bytes != 8) return bad(r, "its sizes are not of 8 bytes");
     if (one == 1) return TM_OK;
-    return tm_io_fail(r->error, TM_ERR_FILE, -1, "a binary file of another byte order; save it as text");
+    return tm_fail(r->error, TM_ERR_FILE, -1, "a binary file of another byte order; save it as text");
 }
 
 static tm_status read_msh(tm_io_text *file, tm_io_raw *raw) {

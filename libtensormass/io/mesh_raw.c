@@ -1,24 +1,10 @@
 /* What a mesh file holds, as its reader finds it: grown by what has been seen, each tag looked up once. */
-#include <stdarg.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "mesh_raw.h"
 
 enum { MOST = INT32_MAX / 16 }; /* four corners and three coordinates of each stay countable */
-
-tm_status tm_io_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...) {
-    if (error) {
-        va_list arguments;
-        va_start(arguments, format);
-        vsnprintf(error->message, sizeof error->message, format, arguments);
-        va_end(arguments);
-        error->status = status;
-        error->entity = entity;
-    }
-    return status;
-}
 
 const char *tm_io_find(const char *at, const char *end, const char *word, size_t length) {
     for (const char *p = at; (p = memchr(p, word[0], (size_t)(end - p))); p++)
@@ -33,7 +19,7 @@ int tm_io_line(const char *start, const char *at) {
 }
 
 static tm_status no_memory(tm_error *error) {
-    return tm_io_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");
+    return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the mesh; use a coarser one");
 }
 
 /* Room for one more; arrays grow at powers of two. */
@@ -56,7 +42,7 @@ static int by_tag(const void *a, const void *b) {
 }
 
 static tm_status twice(tm_error *error, const char *what, int64_t tag) {
-    return tm_io_fail(error, TM_ERR_MESH, tag, "%s %lld is there twice; number them anew", what, (long long)tag);
+    return tm_fail(error, TM_ERR_MESH, tag, "%s %lld is there twice; number them anew", what, (long long)tag);
 }
 
 tm_status tm_io_vertices_end(tm_io_raw *raw, tm_error *error) {
@@ -87,9 +73,9 @@ tm_status tm_io_add_element(tm_io_raw *raw, int64_t tag, int dim, int32_t entity
     tm_io_element e = {.tag = tag, .entity = entity, .dim = (int8_t)dim, .corners = (int8_t)count};
     for (int k = 0; k < count; k++)
         if ((e.corner[k] = vertex_of(raw, corner[k])) < 0)
-            return tm_io_fail(error, TM_ERR_MESH, tag,
-                              "element %lld names vertex %lld, which is not there; write the mesh anew", (long long)tag,
-                              (long long)corner[k]);
+            return tm_fail(error, TM_ERR_MESH, tag,
+                           "element %lld names vertex %lld, which is not there; write the mesh anew", (long long)tag,
+                           (long long)corner[k]);
     if (!room((void **)&raw->element, raw->elements, sizeof e)) return no_memory(error);
     raw->element[raw->elements++] = e;
     raw->tets += dim == 3;
@@ -107,8 +93,8 @@ tm_status tm_io_add_member(tm_io_raw *raw, int dim, int32_t entity, int32_t grou
 tm_status tm_io_add_name(tm_io_raw *raw, int dim, int32_t group, const char *name, size_t length, tm_error *error) {
     tm_io_name new = {.dim = dim, .group = group};
     if (length >= sizeof new.name)
-        return tm_io_fail(error, TM_ERR_MESH, group,
-                          "the name of physical group %d is longer than 63 letters; shorten it", group);
+        return tm_fail(error, TM_ERR_MESH, group, "the name of physical group %d is longer than 63 letters; shorten it",
+                       group);
     memcpy(new.name, name, length);
     if (!room((void **)&raw->name, raw->names, sizeof new)) return no_memory(error);
     raw->name[raw->names++] = new;
@@ -116,14 +102,14 @@ tm_status tm_io_add_name(tm_io_raw *raw, int dim, int32_t group, const char *nam
 }
 
 tm_status tm_io_higher_order(tm_error *error, int64_t element, int64_t type) {
-    return tm_io_fail(error, TM_ERR_MESH, element,
-                      "element %lld is not of first order (type %lld); save first-order elements (gmsh -order 1)",
-                      (long long)element, (long long)type);
+    return tm_fail(error, TM_ERR_MESH, element,
+                   "element %lld is not of first order (type %lld); save first-order elements (gmsh -order 1)",
+                   (long long)element, (long long)type);
 }
 
 tm_status tm_io_other_volume(tm_error *error, int64_t element, const char *what) {
-    return tm_io_fail(error, TM_ERR_MESH, element, "element %lld is a %s; mesh with tetrahedra alone",
-                      (long long)element, what);
+    return tm_fail(error, TM_ERR_MESH, element, "element %lld is a %s; mesh with tetrahedra alone", (long long)element,
+                   what);
 }
 
 static int by_group(const void *a, const void *b) {
@@ -162,7 +148,7 @@ static tm_status refuse_tet_twice(const tm_io_raw *raw, tm_error *error) {
 }
 
 tm_status tm_io_raw_sort(tm_io_raw *raw, tm_error *error) {
-    if (raw->tets == 0) return tm_io_fail(error, TM_ERR_MESH, -1, "no tetrahedra in it; mesh the volume (gmsh -3)");
+    if (raw->tets == 0) return tm_fail(error, TM_ERR_MESH, -1, "no tetrahedra in it; mesh the volume (gmsh -3)");
     if (raw->members) qsort(raw->member, (size_t)raw->members, sizeof *raw->member, by_group);
     if (raw->names) qsort(raw->name, (size_t)raw->names, sizeof *raw->name, by_dim_and_group);
     int64_t kept = 0;

@@ -22,10 +22,10 @@ typedef struct reader {
 } reader;
 
 static tm_status bad(reader *r, const char *what) {
-    return tm_io_fail(r->error, TM_ERR_FILE, -1, "%s; write it anew", what);
+    return tm_fail(r->error, TM_ERR_FILE, -1, "%s; write it anew", what);
 }
 static tm_status cut_short(reader *r) { return bad(r, "the file is cut short"); }
-static tm_status no_memory(reader *r) { return tm_io_fail(r->error, TM_ERR_MEMORY, -1, "no memory for the mesh"); }
+static tm_status no_memory(reader *r) { return tm_fail(r->error, TM_ERR_MEMORY, -1, "no memory for the mesh"); }
 
 /* --- words and values --- */
 
@@ -141,7 +141,7 @@ static tm_status read_array(reader *r, const char *word, int64_t count, int64_t 
     while (!*line && next_line(r, line, sizeof line)) continue;
     const struct type *type = sscanf(line, "%31s %31s", name, kind_of) == 2 ? type_of(kind_of) : NULL;
     if (!type || strcasecmp(name, word))
-        return tm_io_fail(r->error, TM_ERR_FILE, -1, "%s expected after CELLS; write it anew", word);
+        return tm_fail(r->error, TM_ERR_FILE, -1, "%s expected after CELLS; write it anew", word);
     if (!has_room(r, count, type)) return cut_short(r);
     if (!make(array, count)) return no_memory(r);
     return values(r, count, type, NULL, *array) ? TM_OK : cut_short(r);
@@ -214,7 +214,7 @@ static tm_status read_sections(reader *r) {
     if (!r->binary && strcasecmp(line, "ASCII")) return bad(r, "neither ASCII nor BINARY in its third line");
     while (!status && !r->cell_type && next_line(r, line, sizeof line)) {
         if (!strncasecmp(line, "DATASET", 7) && strcasecmp(line + 7 + strspn(line + 7, " \t"), "UNSTRUCTURED_GRID"))
-            return tm_io_fail(r->error, TM_ERR_MESH, -1, "%s; save an unstructured grid of tetrahedra", line);
+            return tm_fail(r->error, TM_ERR_MESH, -1, "%s; save an unstructured grid of tetrahedra", line);
         if (!strncasecmp(line, "POINTS ", 7)) status = read_points(r, line);
         if (!strncasecmp(line, "CELLS ", 6)) status = read_cells(r, line);
         if (!strncasecmp(line, "CELL_TYPES ", 11)) status = read_types(r, line);
@@ -238,19 +238,19 @@ static tm_status check_cells(reader *r) {
         int64_t corners = r->offset[c + 1] - r->offset[c];
         if (type >= 0 && type <= FLAT_TYPES && (!flat[type] || corners == flat[type])) continue;
         if (type >= QUADRATIC)
-            return tm_io_fail(r->error, TM_ERR_MESH, c + 1,
-                              "cell %lld is of a higher order (type %lld); save first-order tetrahedra", (long long)c,
-                              (long long)type);
+            return tm_fail(r->error, TM_ERR_MESH, c + 1,
+                           "cell %lld is of a higher order (type %lld); save first-order tetrahedra", (long long)c,
+                           (long long)type);
         if (type != TETRA || corners != 4)
-            return tm_io_fail(r->error, TM_ERR_MESH, c + 1,
-                              "cell %lld is no tetrahedron (type %lld, %lld corners); mesh with tetrahedra alone",
-                              (long long)c, (long long)type, (long long)corners);
+            return tm_fail(r->error, TM_ERR_MESH, c + 1,
+                           "cell %lld is no tetrahedron (type %lld, %lld corners); mesh with tetrahedra alone",
+                           (long long)c, (long long)type, (long long)corners);
         for (int k = 0; k < 4; k++) {
             int64_t v = r->corner[r->offset[c] + k];
             if (v < 0 || v >= r->points)
-                return tm_io_fail(r->error, TM_ERR_MESH, c + 1,
-                                  "cell %lld names vertex %lld, which is not there; write the mesh anew", (long long)c,
-                                  (long long)v);
+                return tm_fail(r->error, TM_ERR_MESH, c + 1,
+                               "cell %lld names vertex %lld, which is not there; write the mesh anew", (long long)c,
+                               (long long)v);
         }
     }
     return TM_OK;

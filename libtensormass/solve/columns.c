@@ -104,18 +104,18 @@ static tm_status run_round(worker *workers, int32_t threads, const tms_columns *
         failed |= workers[i].failed;
     }
     if (failed)
-        return tms_fail(error, TM_ERR_CONVERGENCE, -1,
-                        "a column did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
+        return tm_fail(error, TM_ERR_CONVERGENCE, -1,
+                       "a column did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
     for (int32_t i = 0; rank > 0 && i < threads; i++)
         if (workers[i].block >= 0 &&
             !team->send(team->user, workers[i].block, workers[i].out, tms_columns_block_bytes(c, workers[i].block)))
-            return tms_fail(error, TM_ERR_FILE, -1, "rank %d could not send its columns", (int)rank);
+            return tm_fail(error, TM_ERR_FILE, -1, "rank %d could not send its columns", (int)rank);
     for (int32_t i = 0; rank == 0 && i < threads; i++)
         for (int32_t r = 1; r < ranks; r++) {
             const int32_t block = first + i * ranks + r;
             if (block < blocks &&
                 !team->receive(team->user, r, block, block_place(c, block), tms_columns_block_bytes(c, block)))
-                return tms_fail(error, TM_ERR_FILE, -1, "rank %d did not deliver its columns", (int)r);
+                return tm_fail(error, TM_ERR_FILE, -1, "rank %d did not deliver its columns", (int)r);
         }
     return TM_OK;
 }
@@ -138,14 +138,14 @@ tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const t
     for (int32_t i = 0; status == TM_OK && i < threads; i++)
         if (!take(&workers[i], c, rank)) status = TM_ERR_MEMORY;
     if (status == TM_ERR_MEMORY)
-        tms_fail(error, status, -1, "no memory to solve %d columns at a time in %d threads; use fewer threads",
-                 TMS_BLOCK, (int)threads);
+        tm_fail(error, status, -1, "no memory to solve %d columns at a time in %d threads; use fewer threads",
+                TMS_BLOCK, (int)threads);
     const double start = tms_clock_s();
     tms_process_enter(); /* all of the time: to go in and out with each block would be to switch with each */
     for (int32_t first = 0; status == TM_OK && first < blocks; first += threads * ranks) {
         const double done = (double)first / blocks;
         if (!tms_progress(def, "responses", done, first ? (tms_clock_s() - start) * (1 - done) / done : -1))
-            status = tms_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
+            status = tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
         else
             status = run_round(workers, threads, c, team, first, error);
     }

@@ -71,7 +71,7 @@ tm_status tm_factored_create(const tm_factored_def *def, tm_factored **factored,
     TM_REQUIRE_DEF(def, TMS_COOKIE_FACTORED, TM_ERR_ARGUMENT);
     TM_REQUIRE(factored && def->tissue && def->fixed, "factored, def->tissue or def->fixed is null", TM_ERR_ARGUMENT);
     tm_factored *f = tm_allocate(sizeof *f);
-    if (!f) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
+    if (!f) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
     memset(f, 0, sizeof *f);
     f->tissue = def->tissue;
     swap_init(&f->wishes);
@@ -80,7 +80,7 @@ tm_status tm_factored_create(const tm_factored_def *def, tm_factored **factored,
     f->engine = tms_engine_create(def->tissue, def->fixed);
     if (!take_memory(f, def->elsewhere) || !f->engine) {
         tm_factored_destroy(f);
-        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
     }
     *factored = f;
     return TM_OK;
@@ -137,7 +137,7 @@ tm_status tm_factored_start(tm_factored *f, tm_error *error) {
     TM_REQUIRE(f, "factored is null", TM_ERR_ARGUMENT);
     if (f->live) return TM_OK;
     if (pthread_create(&f->thread, NULL, work, f))
-        return tms_fail(error, TM_ERR_LIMIT, -1, "no thread for the compliance; allow this user more processes");
+        return tm_fail(error, TM_ERR_LIMIT, -1, "no thread for the compliance; allow this user more processes");
     f->live = true;
     return TM_OK;
 }

@@ -149,9 +149,9 @@ bool tms_file_open(const char *path, uint64_t key, int32_t threads, void **map, 
 static tm_status file_fail(const tms_file_write *file, tm_error *error, const char *what, int number) {
     char size[32];
     tms_bytes_text((int64_t)file->bytes, size);
-    return tms_fail(error, TM_ERR_FILE, -1, "%s: %s (%s): %s; %s", file->part, what, size, strerror(number),
-                    number == ENOSPC ? "free some space, store the responses in single precision, or name another place"
-                                     : "name a place that can be written");
+    return tm_fail(error, TM_ERR_FILE, -1, "%s: %s (%s): %s; %s", file->part, what, size, strerror(number),
+                   number == ENOSPC ? "free some space, store the responses in single precision, or name another place"
+                                    : "name a place that can be written");
 }
 
 /* Never through a link, never into anything but a file of its own. */
@@ -163,7 +163,7 @@ static int open_part(const tms_file_write *file, tm_error *error) {
         return -1;
     }
     if (fstat(fd, &st) == 0 && S_ISREG(st.st_mode) && st.st_nlink < 2) return fd;
-    tms_fail(error, TM_ERR_FILE, -1, "%s: is not an ordinary file of one name; remove it", file->part);
+    tm_fail(error, TM_ERR_FILE, -1, "%s: is not an ordinary file of one name; remove it", file->part);
     close(fd);
     return -1;
 }
@@ -179,9 +179,9 @@ tm_status tms_file_lock(const tm_solve_def *def, const char *path, double wait_s
                         tm_error *error) {
     *file = (tms_file_write){.fd = -1, .map = MAP_FAILED};
     if (snprintf(file->path, sizeof file->path, "%s", path) >= (int)sizeof file->path)
-        return tms_fail(error, TM_ERR_FILE, -1,
-                        "the name of the response file is longer than %d bytes; use a shorter one",
-                        (int)sizeof file->path - 1);
+        return tm_fail(error, TM_ERR_FILE, -1,
+                       "the name of the response file is longer than %d bytes; use a shorter one",
+                       (int)sizeof file->path - 1);
     snprintf(file->part, sizeof file->part, "%s.part", path);
     const double start = tms_clock_s();
     for (;;) {
@@ -196,11 +196,11 @@ tm_status tms_file_lock(const tm_solve_def *def, const char *path, double wait_s
         if (failed && failed != EWOULDBLOCK && failed != EINTR)
             return file_fail(file, error, "cannot be locked", failed);
         if (!tms_progress(def, "waiting for another run", 0, -1))
-            return tms_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
+            return tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
         if (tms_clock_s() - start > wait_s)
-            return tms_fail(error, TM_ERR_FILE, -1,
-                            "%s: another run has been computing this file for %.0f s; wait for it, or end it",
-                            file->part, wait_s);
+            return tm_fail(error, TM_ERR_FILE, -1,
+                           "%s: another run has been computing this file for %.0f s; wait for it, or end it",
+                           file->part, wait_s);
         nanosleep(&(struct timespec){.tv_nsec = failed ? 20000000 : 0}, NULL);
     }
 }

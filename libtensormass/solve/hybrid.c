@@ -39,22 +39,22 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
     int32_t dynamic = 0;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         if (!whole[t])
-            return tms_fail(error, TM_ERR_ARGUMENT, t,
-                            "tetrahedron %d of the whole tissue is cut away; make the hybrid model of an uncut one",
-                            (int)t);
+            return tm_fail(error, TM_ERR_ARGUMENT, t,
+                           "tetrahedron %d of the whole tissue is cut away; make the hybrid model of an uncut one",
+                           (int)t);
         h->alive[t] = def->dynamic[t] != 0;
         h->elsewhere[t] = !h->alive[t];
         dynamic += h->alive[t];
         for (int i = 0; i < 4; i++) h->part[mesh->tet[4 * (int64_t)t + i]] |= h->alive[t] ? TMS_DYNAMIC : TMS_CONDENSED;
     }
     if (dynamic == 0 || dynamic == mesh->tet_count)
-        return tms_fail(
+        return tm_fail(
             error, TM_ERR_ARGUMENT, -1,
             "%s tetrahedron is in the tensor/mass part; choose a region or box that holds some and leaves some",
             dynamic ? "every" : "no");
     for (int32_t v = 0; v < mesh->vertex_count; v++) h->interface_count += h->part[v] == TMS_INTERFACE ? 3 : 0;
     h->interface = tms_take((size_t)(h->interface_count + 1) * sizeof *h->interface);
-    if (!h->interface) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface; use a coarser mesh");
+    if (!h->interface) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface; use a coarser mesh");
     h->interface_count = 0;
     for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) {
         h->place[d] = -1;
@@ -63,8 +63,8 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
         h->interface[h->interface_count++] = d;
     }
     if (h->interface_count == 0)
-        return tms_fail(error, TM_ERR_ARGUMENT, -1,
-                        "the tensor/mass part and the rest do not touch; nothing is condensed onto anything");
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "the tensor/mass part and the rest do not touch; nothing is condensed onto anything");
     return TM_OK;
 }
 
@@ -97,7 +97,7 @@ static void find_step(tm_hybrid *h, const tm_tissue *whole) {
 
 static tm_status condense(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report *report, tm_error *error) {
     uint8_t *wanted = tms_take_zeroed((size_t)h->mesh->vertex_count, 1);
-    if (!wanted) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface; use a coarser mesh");
+    if (!wanted) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface; use a coarser mesh");
     const tm_mesh *mesh = h->mesh;
     for (int32_t i = 0; i < 3 * mesh->surface_count; i++)
         if (h->part[mesh->surface[i]] == TMS_CONDENSED) wanted[mesh->surface[i]] = 1;
@@ -133,8 +133,7 @@ static bool pack_schur(tm_hybrid *h) {
 static tm_status set_up(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report *report, tm_error *error) {
     tm_status status = TM_OK;
     h->mesh = tm_tissue_mesh(def->problem.tissue);
-    if (!take(h, h->mesh))
-        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
+    if (!take(h, h->mesh)) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
     if (status == TM_OK) status = split(h, def, error);
     if (status == TM_OK) status = tms_check_held(def->problem.tissue, def->problem.fixed, error);
     if (status != TM_OK) return status;
@@ -149,7 +148,7 @@ static tm_status set_up(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report 
     h->push_N = tms_take((size_t)(h->interface_count + 1) * 8);
     h->at_m = tms_take((size_t)(h->interface_count + 1) * 8);
     if (!h->work || !pack_schur(h) || !h->push_N || !h->at_m)
-        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
     h->surface.revision = -1;
     h->contact_def = def->contact ? *def->contact : (tm_contact_def){0};
     h->has_contact = def->contact != NULL;
@@ -164,8 +163,8 @@ static tm_status check(const tm_hybrid_def *def, tm_error *error) {
     tm_status status = tms_check_problem(&def->problem, error);
     if (status == TM_OK) status = tms_check_precision(def->precision, error);
     if (status == TM_OK && (def->max_local_vertices < 4 || def->max_local_vertices > 4096))
-        status = tms_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096",
-                          (int)def->max_local_vertices);
+        status = tm_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096",
+                         (int)def->max_local_vertices);
     return status;
 }
 
@@ -178,7 +177,7 @@ tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, tm_solv
     tm_solve_report mine = {0};
     tm_hybrid *h = tms_take_zeroed(1, sizeof *h);
     const tm_status status = h ? set_up(h, def, &mine, error)
-                               : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
+                               : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
     if (report) *report = mine;
     if (status != TM_OK)
         tm_hybrid_destroy(h);

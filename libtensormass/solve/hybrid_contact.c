@@ -194,9 +194,9 @@ tm_status tms_hybrid_add_contact(tm_hybrid *h, tm_contact *contact, tm_error *er
     h->through_vertex = tms_take(4 * (size_t)h->local.capacity);
     h->kept = tms_take((size_t)tms_local_snapshot_most(&h->local));
     if (!h->through || !h->through_vertex || !h->kept)
-        return tms_fail(error, TM_ERR_MEMORY, -1,
-                        "no memory for contact with %d interface components; lower max_local_vertices",
-                        (int)h->interface_count);
+        return tm_fail(error, TM_ERR_MEMORY, -1,
+                       "no memory for contact with %d interface components; lower max_local_vertices",
+                       (int)h->interface_count);
     const tm_contact_block block = {h, solve};
     tm_contact_set_block(contact, &block);
     h->contact = contact; /* from here on there is something to undo with it */

@@ -22,8 +22,6 @@ enum {
 #define TMS_MAX_COLUMNS (1 << 24) /* of either kind: above it sizes would wrap */
 #define TMS_WAIT_S 600            /* for another process that computes the same file */
 
-tm_status tms_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...)
-    __attribute__((format(printf, 4, 5)));
 /* The caller's part of the contract of a problem. */
 #define TMS_REQUIRE_PROBLEM(problem)                                                                                   \
     do {                                                                                                               \

@@ -83,7 +83,7 @@ static tm_status whole_of(const part *p, bool uncut, tm_tissue **whole, tm_error
     const tm_hybrid *h = p->hybrid;
     const uint8_t *now = tm_tissue_alive(p->is.tissue), *condensed = tm_tissue_alive(h->condensed);
     uint8_t *alive = tms_take((size_t)h->mesh->tet_count + 1);
-    if (!alive) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the organ at rest; use a coarser mesh");
+    if (!alive) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the organ at rest; use a coarser mesh");
     for (int32_t t = 0; t < h->mesh->tet_count; t++) alive[t] = condensed[t] || (uncut ? h->alive[t] : now[t]);
     const tm_status status = tms_sub_tissue(p->is.tissue, alive, whole, error);
     tms_give(alive);
@@ -100,7 +100,7 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
     tm_solve_report report;
     double *load = tms_take(n * sizeof *load);
     tm_status status =
-        load ? TM_OK : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the organ at rest; use a coarser mesh");
+        load ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the organ at rest; use a coarser mesh");
     (void)def;
     if (status == TM_OK) status = whole_of(p, false, &whole, error);
     if (status == TM_OK) status = whole_of(p, true, &uncut, error);
@@ -205,11 +205,11 @@ tm_status tm_model_hybrid(const tm_model_def *def, const tm_hybrid_def *how, tm_
     tm_status status = tm_model_check(def, error);
     if (status == TM_OK && def->friction)
         status = tms_blame(def, "friction",
-                           tms_fail(error, TM_ERR_EXCLUDED, -1,
-                                    "its rows are solved without any; take the dynamic model, or the precomputed one"));
+                           tm_fail(error, TM_ERR_EXCLUDED, -1,
+                                   "its rows are solved without any; take the dynamic model, or the precomputed one"));
     if (status != TM_OK) return status;
     part *p = tms_take_zeroed(1, sizeof *p);
-    if (!p) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
+    if (!p) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
     p->is.kind = &kind;
     status = make(def, how, p, report, error);
     if (status != TM_OK) {

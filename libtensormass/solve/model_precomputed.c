@@ -124,8 +124,8 @@ static uint64_t checksum(const char *buffer, int64_t bytes) {
 
 static bool keeps_nothing(const tm_model *m, tm_error *error) {
     if (!of(m)->model->local.rub) return false;
-    tms_fail(error, TM_ERR_EXCLUDED, -1,
-             "what sticks and slips is not in a snapshot of this model; take the dynamic one");
+    tm_fail(error, TM_ERR_EXCLUDED, -1,
+            "what sticks and slips is not in a snapshot of this model; take the dynamic one");
     return true;
 }
 
@@ -139,8 +139,8 @@ static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *
     kept k = {.time_s = q->time_s};
     if (keeps_nothing(m, error)) return TM_ERR_EXCLUDED;
     if (bytes < snapshot_bytes(m))
-        return tms_fail(error, TM_ERR_ARGUMENT, -1, "room for %lld bytes, and the snapshot has %lld; give that many",
-                        (long long)bytes, (long long)snapshot_bytes(m));
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "room for %lld bytes, and the snapshot has %lld; give that many",
+                       (long long)bytes, (long long)snapshot_bytes(m));
     tms_precomputed_snapshot(q->model, (char *)buffer + sizeof k);
     memcpy(k.magic, magic, sizeof magic);
     memcpy(k.velocity_m_s, q->velocity_m_s, sizeof k.velocity_m_s);
@@ -157,8 +157,8 @@ static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_erro
     if (keeps_nothing(m, error)) return TM_ERR_EXCLUDED;
     if (bytes >= (int64_t)sizeof k) memcpy(&k, buffer, sizeof k);
     if (bytes < (int64_t)sizeof k || memcmp(k.magic, magic, sizeof magic) || k.checksum != checksum(buffer, bytes))
-        return tms_fail(error, TM_ERR_FILE, -1,
-                        "not a snapshot of a precomputed model, or damaged; give one that tm_model_save made");
+        return tm_fail(error, TM_ERR_FILE, -1,
+                       "not a snapshot of a precomputed model, or damaged; give one that tm_model_save made");
     const tm_status status =
         tms_precomputed_restore(q->model, (const char *)buffer + sizeof k, bytes - (int64_t)sizeof k, error);
     if (status != TM_OK) return status;
@@ -230,8 +230,8 @@ static tm_status check(const tm_model_def *def, tm_error *error) {
     const tm_status status = tm_model_check(def, error);
     if (status != TM_OK || !def->cut) return status;
     return tms_blame(def, "cut",
-                     tms_fail(error, TM_ERR_EXCLUDED, -1,
-                              "responses hold for uncut tissue; take the dynamic model, or the hybrid one"));
+                     tm_fail(error, TM_ERR_EXCLUDED, -1,
+                             "responses hold for uncut tissue; take the dynamic model, or the hybrid one"));
 }
 
 static tm_status make(const tm_model_def *def, const tm_precomputed_def *how, quasi *q, tm_solve_report *report,
@@ -257,7 +257,7 @@ tm_status tm_model_precomputed(const tm_model_def *def, const tm_precomputed_def
     tm_status status = check(def, error);
     if (status != TM_OK) return status;
     quasi *q = tms_take_zeroed(1, sizeof *q);
-    if (!q) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
+    if (!q) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
     q->is.kind = &kind;
     status = make(def, how, q, report, error);
     if (status != TM_OK) {

@@ -16,7 +16,7 @@ static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_re
                                tm_solve_report *report, tm_error *error) {
     const tm_surface_view surface = tm_tissue_surface(def->problem.tissue);
     uint8_t *wanted = tms_take_zeroed((size_t)tm_tissue_mesh(def->problem.tissue)->vertex_count, 1);
-    if (!wanted) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface; use a coarser mesh");
+    if (!wanted) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface; use a coarser mesh");
     for (int32_t i = 0; i < 3 * surface.count; i++) wanted[surface.triangle[i]] = 1;
     const tms_request request = {
         .def = &def->problem, .wanted = wanted, .precision = def->precision, .file = def->file, .team = def->team};
@@ -42,20 +42,20 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
     m->surface = tms_take((size_t)(r->kept_count + 1) * sizeof *m->surface);
     m->sum = tms_take_zeroed((size_t)(r->kept_count + 1), sizeof *m->sum);
     if (!m->kept_of || !m->surface || !m->sum)
-        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
     tm_status status = tms_local_create(mesh, tm_tissue_surface(m->tissue), def->contact, def->grasp,
                                         def->max_local_vertices, &m->local, error);
     if (status != TM_OK) return status;
     m->local.update_s = def->update_s;
     if (def->contact && def->friction) {
         m->local.rub = tms_rub_create(def->friction, &m->local.def, mesh->vertex_count);
-        if (!m->local.rub) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for friction; use a coarser mesh");
+        if (!m->local.rub) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for friction; use a coarser mesh");
         m->local.now.grip = m->local.rub->grip[0], m->local.probe.grip = m->local.rub->grip[1];
         for (int32_t t = 0; t < m->local.tool_count; t++) tms_local_rub_place(&m->local, t);
     }
     m->local.self = m;
     if (def->contact && !(m->yield = tms_take((size_t)(3 * TMS_FELT) * 24 * (size_t)m->local.capacity)))
-        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the on-line model; use a coarser mesh");
     if (def->contact && def->grasp && (status = tm_patch_solver_create(&m->patch_solver, error)) != TM_OK)
         return status;
     m->local.compliance = tms_precomputed_compliance;
@@ -79,17 +79,17 @@ static tm_status check(const tm_precomputed_def *def, tm_error *error) {
     tm_status status = tms_check_problem(&def->problem, error);
     if (status == TM_OK) status = tms_check_precision(def->precision, error);
     if (status == TM_OK && !(def->update_s > 0 && def->update_s <= 1e6))
-        status = tms_fail(error, TM_ERR_ARGUMENT, -1, "%g s between updates; give a positive time", def->update_s);
+        status = tm_fail(error, TM_ERR_ARGUMENT, -1, "%g s between updates; give a positive time", def->update_s);
     for (int32_t t = 0; status == TM_OK && def->contact && def->friction && t < def->contact->instrument_count; t++) {
         const tm_friction_coefficient *c = &def->friction->instrument[t];
         if (!(c->sliding >= 0 && c->sliding <= c->at_rest && c->at_rest <= TM_FRICTION_MOST))
-            status = tms_fail(error, TM_ERR_ARGUMENT, t,
-                              "friction of instrument %d: %g at rest, %g sliding; give 0 <= sliding <= at rest <= %g",
-                              (int)t, c->at_rest, c->sliding, TM_FRICTION_MOST);
+            status = tm_fail(error, TM_ERR_ARGUMENT, t,
+                             "friction of instrument %d: %g at rest, %g sliding; give 0 <= sliding <= at rest <= %g",
+                             (int)t, c->at_rest, c->sliding, TM_FRICTION_MOST);
     }
     if (status == TM_OK && (def->max_local_vertices < 4 || def->max_local_vertices > 4096))
-        status = tms_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096",
-                          (int)def->max_local_vertices);
+        status = tm_fail(error, TM_ERR_ARGUMENT, -1, "room for %d vertices on line; give 4 to 4096",
+                         (int)def->max_local_vertices);
     return status;
 }
 
@@ -104,7 +104,7 @@ tm_status tm_precomputed_create(const tm_precomputed_def *def, tm_precomputed **
     tm_solve_report mine = {0};
     tm_precomputed *m = tms_take_zeroed(1, sizeof *m);
     status = m ? get_responses(def, false, &m->responses, &mine, error)
-               : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
+               : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a model; use a coarser mesh");
     if (report) *report = mine;
     if (status == TM_OK) status = set_up(m, def, error);
     if (status != TM_OK) {
@@ -257,25 +257,25 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
                                 double compliance_m_N, tm_error *error) {
     TM_REQUIRE(m && ((vertex && u_m) || count <= 0), "model, vertex or u_m is null", TM_ERR_ARGUMENT);
     tms_local *l = &m->local;
-    if (count < 0) return tms_fail(error, TM_ERR_ARGUMENT, -1, "%d vertices imposed; give 0 or more", (int)count);
+    if (count < 0) return tm_fail(error, TM_ERR_ARGUMENT, -1, "%d vertices imposed; give 0 or more", (int)count);
     if (count + TM_MAX_INSTRUMENTS * l->grasp.max_vertices > l->capacity)
-        return tms_fail(error, TM_ERR_LIMIT, count, "%d vertices imposed and room for %d; raise max_local_vertices",
-                        (int)count, (int)l->capacity);
+        return tm_fail(error, TM_ERR_LIMIT, count, "%d vertices imposed and room for %d; raise max_local_vertices",
+                       (int)count, (int)l->capacity);
     if (!(compliance_m_N >= 0) || !isfinite(compliance_m_N))
-        return tms_fail(error, TM_ERR_ARGUMENT, -1, "imposed displacement with a compliance of %g m/N; give 0 or more",
-                        compliance_m_N);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "imposed displacement with a compliance of %g m/N; give 0 or more",
+                       compliance_m_N);
     l->stamp_now++;
     for (int32_t i = 0; i < count; i++) {
         if (!has_response(m, vertex[i]))
-            return tms_fail(error, TM_ERR_ARGUMENT, vertex[i],
-                            "vertex %d is not on the free surface, so it has no responses; impose surface vertices",
-                            (int)vertex[i]);
+            return tm_fail(error, TM_ERR_ARGUMENT, vertex[i],
+                           "vertex %d is not on the free surface, so it has no responses; impose surface vertices",
+                           (int)vertex[i]);
         if (!tm_are_places(u_m + 3 * (int64_t)i))
-            return tms_fail(error, TM_ERR_ARGUMENT, vertex[i],
-                            "vertex %d is imposed at (%g %g %g) m; give finite displacements", (int)vertex[i],
-                            u_m[3 * (int64_t)i], u_m[3 * (int64_t)i + 1], u_m[3 * (int64_t)i + 2]);
+            return tm_fail(error, TM_ERR_ARGUMENT, vertex[i],
+                           "vertex %d is imposed at (%g %g %g) m; give finite displacements", (int)vertex[i],
+                           u_m[3 * (int64_t)i], u_m[3 * (int64_t)i + 1], u_m[3 * (int64_t)i + 2]);
         if (l->stamp[vertex[i]] == l->stamp_now)
-            return tms_fail(error, TM_ERR_ARGUMENT, vertex[i], "vertex %d is imposed twice", (int)vertex[i]);
+            return tm_fail(error, TM_ERR_ARGUMENT, vertex[i], "vertex %d is imposed twice", (int)vertex[i]);
         l->stamp[vertex[i]] = l->stamp_now;
     }
     for (int32_t i = 0; i < count; i++) {

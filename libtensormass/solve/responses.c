@@ -76,7 +76,7 @@ static tm_status solve_base(const tms_request *q, const tms_system *system, cons
     tms_work *work = tms_work_create(solver, 1);
     tm_status status = TM_OK;
     if (!u || !f || !work) {
-        status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
+        status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
         goto done;
     }
     for (size_t d = 0; d < dofs; d++)
@@ -87,7 +87,7 @@ static tm_status solve_base(const tms_request *q, const tms_system *system, cons
         b[i] = f[system->dof[i]] + (q->def->load_N ? q->def->load_N[system->dof[i]] : 0);
     const double *x = tms_work_solve(work);
     if (!x) {
-        status = tms_fail(
+        status = tm_fail(
             error, TM_ERR_CONVERGENCE, -1,
             "the loaded shape did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
         goto done;
@@ -155,7 +155,7 @@ static tm_status publish(const tms_request *q, uint64_t key, tms_file_write *fil
     if (status == TM_OK) {
         char bad[160];
         if (!tms_file_open(q->file, key, threads, &r->map, &r->map_bytes, bad))
-            return tms_fail(error, TM_ERR_FILE, -1, "%s: just written, and already %s; check the disk", q->file, bad);
+            return tm_fail(error, TM_ERR_FILE, -1, "%s: just written, and already %s; check the disk", q->file, bad);
     } else if (need) {
         tms_file_abandon(file);
         if (error) *error = lack;
@@ -181,8 +181,8 @@ static tm_status compute(const tms_request *q, uint64_t key, tms_file_write *fil
     if (status != TM_OK) goto done;
     for (int32_t i = 0; i < system.n; i++) kept_count += q->wanted[system.dof[i] / 3];
     if (kept_count > TMS_MAX_COLUMNS || q->interface_count > TMS_MAX_COLUMNS) {
-        status = tms_fail(error, TM_ERR_MEMORY, -1, "too large: %d columns; use a coarser mesh",
-                          (int)(kept_count > q->interface_count ? kept_count : q->interface_count));
+        status = tm_fail(error, TM_ERR_MEMORY, -1, "too large: %d columns; use a coarser mesh",
+                         (int)(kept_count > q->interface_count ? kept_count : q->interface_count));
         goto done;
     }
     const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision);
@@ -199,8 +199,8 @@ static tm_status compute(const tms_request *q, uint64_t key, tms_file_write *fil
                     : rank == 0             ? (r->owned = tms_take(l.bytes - l.column + 1))
                                             : NULL;
     if (!memory || (rank == 0 && !columns))
-        status = tms_fail(error, TM_ERR_MEMORY, -1,
-                          "no memory for the responses; store them in single precision, or use a coarser mesh");
+        status = tm_fail(error, TM_ERR_MEMORY, -1,
+                         "no memory for the responses; store them in single precision, or use a coarser mesh");
     if (status == TM_OK) status = compute_into(q, &system, solver, kept_count, key, memory, columns, error);
     if (status == TM_OK && file->map == MAP_FAILED && rank == 0) view(r, memory, columns);
 done:

@@ -97,10 +97,10 @@ static tm_status ask_address_space(const tm_solve_def *def, int64_t need, tm_err
     tms_bytes_text(need, t_need);
     tms_bytes_text(blas, t_blas);
     if (limit < INT64_MAX) tms_bytes_text(limit, t_limit);
-    return tms_fail(error, TM_ERR_MEMORY, -1,
-                    "too large: %s needed and %s of address space for BLAS in %d threads, and this process may have %s "
-                    "in all (ulimit -v); raise that limit, or choose fewer threads%s, or a coarser mesh",
-                    t_need, t_blas, (int)threads, t_limit, blas ? ", conjugate gradients (slower)" : "");
+    return tm_fail(error, TM_ERR_MEMORY, -1,
+                   "too large: %s needed and %s of address space for BLAS in %d threads, and this process may have %s "
+                   "in all (ulimit -v); raise that limit, or choose fewer threads%s, or a coarser mesh",
+                   t_need, t_blas, (int)threads, t_limit, blas ? ", conjugate gradients (slower)" : "");
 }
 
 static tm_status ask_memory(const tm_solve_def *def, int32_t n, int64_t factor, int64_t responses, int64_t single,
@@ -121,20 +121,20 @@ static tm_status ask_memory(const tm_solve_def *def, int32_t n, int64_t factor, 
     if (factor > 0)
         snprintf(choices + strlen(choices), sizeof choices - strlen(choices), "conjugate gradients (%s, slower), ",
                  t_cg);
-    return tms_fail(error, TM_ERR_MEMORY, -1,
-                    "too large: %s needed (factor %s, responses %s, work of %d threads %s) and %s allowed; "
-                    "choose %sfewer threads, or a coarser mesh",
-                    t_need, t_factor, t_resp, (int)tms_threads(def), t_work, t_limit, choices);
+    return tm_fail(error, TM_ERR_MEMORY, -1,
+                   "too large: %s needed (factor %s, responses %s, work of %d threads %s) and %s allowed; "
+                   "choose %sfewer threads, or a coarser mesh",
+                   t_need, t_factor, t_resp, (int)tms_threads(def), t_work, t_limit, choices);
 }
 
 static tm_status not_definite(const tms_solver *s, const tms_system *system, tm_error *error) {
     const size_t bad = s->factor->minor;
     const int32_t free_index = bad < (size_t)s->n ? ((int32_t *)s->factor->Perm)[bad] : 0;
     const int32_t vertex = system->dof[free_index] / 3;
-    return tms_fail(error, TM_ERR_SUPPORT, vertex,
-                    "the tissue can move without force near vertex %d (a part that hangs on one vertex or one edge); "
-                    "join it through faces, or support it",
-                    (int)vertex);
+    return tm_fail(error, TM_ERR_SUPPORT, vertex,
+                   "the tissue can move without force near vertex %d (a part that hangs on one vertex or one edge); "
+                   "join it through faces, or support it",
+                   (int)vertex);
 }
 
 static tm_status factorise(tms_solver *s, const tms_system *system, const tm_solve_def *def, int64_t responses,
@@ -158,22 +158,21 @@ static tm_status factorise(tms_solver *s, const tms_system *system, const tm_sol
     tms_ordering_end();
     report->order_s = tms_clock_s() - t;
     if (!s->factor)
-        return tms_fail(error, TM_ERR_MEMORY, -1, "no memory to order %d unknowns; use a coarser mesh", (int)s->n);
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to order %d unknowns; use a coarser mesh", (int)s->n);
     s->bytes = (int64_t)(s->factor->xsize * 8 + s->factor->ssize * 4);
     report->factor_bytes = s->bytes;
     tm_status status = ask_memory(def, s->n, s->bytes, responses, single, error);
     if (status != TM_OK) return status;
-    if (!tms_progress(def, "factor", 0, -1)) return tms_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
+    if (!tms_progress(def, "factor", 0, -1)) return tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
     t = tms_clock_s();
     cholmod_factorize(&a, s->factor, &s->common);
     report->factor_s = tms_clock_s() - t;
     if (s->common.status == CHOLMOD_OUT_OF_MEMORY)
-        return tms_fail(error, TM_ERR_MEMORY, -1,
-                        "no memory for the factor; use conjugate gradients or a coarser mesh");
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the factor; use conjugate gradients or a coarser mesh");
     if (s->common.status != CHOLMOD_OK || s->factor->minor < s->factor->n) return not_definite(s, system, error);
     /* A mechanism can slip past the pivots by rounding; its conditioning cannot. */
     if (cholmod_rcond(s->factor, &s->common) < 1e-14)
-        return tms_fail(
+        return tm_fail(
             error, TM_ERR_SUPPORT, -1,
             "the tissue can all but move without force (pivots differ by more than 1e14); "
             "look for parts that hang on one vertex or one edge, or materials of wildly different stiffness");
@@ -183,7 +182,7 @@ static tm_status factorise(tms_solver *s, const tms_system *system, const tm_sol
 tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, int64_t responses, int64_t single,
                             tms_solver **solver, tm_solve_report *report, tm_error *error) {
     tms_solver *s = tms_take_zeroed(1, sizeof *s);
-    if (!s) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for a solver; use a coarser mesh");
+    if (!s) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a solver; use a coarser mesh");
     s->kind = def->solver;
     s->n = system->n;
     s->tolerance = def->cg_tolerance;
@@ -193,7 +192,7 @@ tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, i
     if (s->kind == TM_SOLVER_CG) {
         status = ask_memory(def, s->n, 0, responses, single, error);
         if (status == TM_OK && !(s->cg = tms_cg_create(system)))
-            status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory for conjugate gradients; use a coarser mesh");
+            status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for conjugate gradients; use a coarser mesh");
     } else {
         tms_process_enter();
         status = factorise(s, system, def, responses, single, report, error);

@@ -81,14 +81,13 @@ static void detach(void *self) {
 tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm_error *error) {
     TM_REQUIRE(world && h && !h->world, "world or hybrid is null, or hybrid is in a world already", TM_ERR_ARGUMENT);
     if (tm_tissue_mesh(tm_world_tissue(world)) != h->mesh)
-        return tms_fail(error, TM_ERR_ARGUMENT, -1,
-                        "the world's tissue is of another mesh than the hybrid model; make it with tm_hybrid_tissue");
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "the world's tissue is of another mesh than the hybrid model; make it with tm_hybrid_tissue");
     if (contact && !h->has_contact)
-        return tms_fail(
-            error, TM_ERR_ARGUMENT, -1,
-            "the hybrid model was made without contact, and its world has some; give tm_hybrid_def.contact");
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "the hybrid model was made without contact, and its world has some; give tm_hybrid_def.contact");
     if (tm_world_step_s(world) > h->step_s)
-        return tms_fail(
+        return tm_fail(
             error, TM_ERR_STEP, h->step_tet,
             "time step %.6g s is above the guaranteed critical step %.6g s of the whole organ, set by tetrahedron %d; "
             "lower the step or mend that tetrahedron",
@@ -96,7 +95,7 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
     const uint8_t *alive = tm_tissue_alive(tm_world_tissue(world));
     for (int32_t t = 0; t < h->mesh->tet_count; t++)
         if (alive[t] && !h->alive[t])
-            return tms_fail(
+            return tm_fail(
                 error, TM_ERR_ARGUMENT, t,
                 "tetrahedron %d is condensed, and alive in the world's tissue; make that tissue with tm_hybrid_tissue",
                 (int)t);
@@ -107,7 +106,7 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
     tm_status status =
         h->held && h->give_m_N
             ? TM_OK
-            : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model; use a coarser mesh");
+            : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model; use a coarser mesh");
     if (status == TM_OK && contact) status = tms_hybrid_add_contact(h, contact, error);
     if (status != TM_OK) {
         detach(h);

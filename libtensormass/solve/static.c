@@ -6,7 +6,7 @@
 static tm_status solve(const tm_solve_def *def, const tms_system *system, const tms_solver *solver, double *u,
                        double *f, tm_error *error) {
     tms_work *work = tms_work_create(solver, 1);
-    if (!work) return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
+    if (!work) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
     tm_tissue_force(def->tissue, u, f);
     double *b = tms_work_rhs(work);
     for (int32_t i = 0; i < system->n; i++) b[i] = f[system->dof[i]] + (def->load_N ? def->load_N[system->dof[i]] : 0);
@@ -14,10 +14,10 @@ static tm_status solve(const tm_solve_def *def, const tms_system *system, const 
     for (int32_t i = 0; x && i < system->n; i++) u[system->dof[i]] = x[i];
     tms_work_destroy(work);
     return x ? TM_OK
-             : tms_fail(error, TM_ERR_CONVERGENCE, -1,
-                        "conjugate gradients did not reach %g in %d iterations; raise cg_max_iterations, or use the "
-                        "Cholesky solver",
-                        def->cg_tolerance, (int)def->cg_max_iterations);
+             : tm_fail(error, TM_ERR_CONVERGENCE, -1,
+                       "conjugate gradients did not reach %g in %d iterations; raise cg_max_iterations, or use the "
+                       "Cholesky solver",
+                       def->cg_tolerance, (int)def->cg_max_iterations);
 }
 
 tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *reaction_N, tm_solve_report *report,
@@ -32,7 +32,7 @@ tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *reaction
     tms_solver *solver = NULL;
     double *u = tms_take_zeroed(dofs, 8), *f = tms_take(dofs * 8);
     tm_status status =
-        u && f ? TM_OK : tms_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
+        u && f ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
     if (status == TM_OK) status = tms_system_create(def->tissue, def->fixed, &system, error);
     if (status == TM_OK) status = tms_solver_create(&system, def, 0, 0, &solver, &mine, error);
     for (size_t d = 0; status == TM_OK && d < dofs; d++)

@@ -74,7 +74,7 @@ tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error
     part *parts = tms_take_zeroed((size_t)n, sizeof *parts);
     tm_status status = TM_OK;
     if (!parent || !parts) {
-        status = tms_fail(error, TM_ERR_MEMORY, -1, "no memory to look for loose parts; use a smaller mesh");
+        status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory to look for loose parts; use a smaller mesh");
         goto done;
     }
     find_parts(tissue, parent, parts);
@@ -91,18 +91,18 @@ tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error
         const int32_t held = p->fixed;
         if (rank_of_gram(p->gram) == 6) continue;
         if (!total)
-            status = tms_fail(error, TM_ERR_SUPPORT, v,
-                              "no vertex of the tissue is fixed, so it has no rest; name a support");
+            status = tm_fail(error, TM_ERR_SUPPORT, v,
+                             "no vertex of the tissue is fixed, so it has no rest; name a support");
         else if (!held)
-            status = tms_fail(error, TM_ERR_SUPPORT, v,
-                              "the part of %d tetrahedra that holds vertex %d floats: none of its vertices is fixed; "
-                              "support it, or join it to the rest of the mesh",
-                              (int)p->tets, (int)v);
+            status = tm_fail(error, TM_ERR_SUPPORT, v,
+                             "the part of %d tetrahedra that holds vertex %d floats: none of its vertices is fixed; "
+                             "support it, or join it to the rest of the mesh",
+                             (int)p->tets, (int)v);
         else
-            status = tms_fail(error, TM_ERR_SUPPORT, v,
-                              "the part of %d tetrahedra that holds vertex %d can still move as a rigid body "
-                              "(%d components of it are fixed); fix three vertices that are not in one line, all axes",
-                              (int)p->tets, (int)v, (int)held);
+            status = tm_fail(error, TM_ERR_SUPPORT, v,
+                             "the part of %d tetrahedra that holds vertex %d can still move as a rigid body "
+                             "(%d components of it are fixed); fix three vertices that are not in one line, all axes",
+                             (int)p->tets, (int)v, (int)held);
         break;
     }
 done:
@@ -177,8 +177,8 @@ tm_status tms_system_assemble(const tm_tissue *tissue, const uint8_t *fixed, tms
     return TM_OK;
 no_memory:
     tms_system_destroy(&s);
-    return tms_fail(error, TM_ERR_MEMORY, -1, "no memory for the stiffness matrix of %d vertices; use a smaller mesh",
-                    (int)n);
+    return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the stiffness matrix of %d vertices; use a smaller mesh",
+                   (int)n);
 }
 
 void tms_system_destroy(tms_system *s) {
@@ -224,5 +224,5 @@ tm_status tms_sub_tissue(const tm_tissue *whole, const uint8_t *alive, tm_tissue
     return status;
 done:
     tms_give(material);
-    return tms_fail(error, status, -1, "no memory for a part of the tissue; use a smaller mesh");
+    return tm_fail(error, status, -1, "no memory for a part of the tissue; use a smaller mesh");
 }

@@ -2,47 +2,34 @@
 #include "internal.h"
 
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
 
-tm_status tms_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...) {
-    if (error) {
-        error->status = status;
-        error->entity = entity;
-        va_list arguments;
-        va_start(arguments, format);
-        vsnprintf(error->message, sizeof error->message, format, arguments);
-        va_end(arguments);
-    }
-    return status;
-}
-
 tm_status tms_check_precision(tm_precision precision, tm_error *error) {
     if (precision == TM_DOUBLE || precision == TM_SINGLE) return TM_OK;
-    return tms_fail(error, TM_ERR_ARGUMENT, -1, "precision %d; give one of tm_precision", (int)precision);
+    return tm_fail(error, TM_ERR_ARGUMENT, -1, "precision %d; give one of tm_precision", (int)precision);
 }
 
 tm_status tms_check_problem(const tm_solve_def *def, tm_error *error) {
     if (def->solver != TM_SOLVER_CHOLESKY && def->solver != TM_SOLVER_CG)
-        return tms_fail(error, TM_ERR_ARGUMENT, -1, "solver %d; give one of tm_solver", (int)def->solver);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "solver %d; give one of tm_solver", (int)def->solver);
     if (!(def->cg_tolerance > 0) || !isfinite(def->cg_tolerance) || def->cg_max_iterations < 1 || def->threads < 0 ||
         def->memory_limit_bytes < 0)
-        return tms_fail(error, TM_ERR_ARGUMENT, -1,
-                        "tolerance %g, %d iterations, %d threads, %lld bytes; give a positive tolerance and number of "
-                        "iterations, and none negative",
-                        def->cg_tolerance, (int)def->cg_max_iterations, (int)def->threads,
-                        (long long)def->memory_limit_bytes);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "tolerance %g, %d iterations, %d threads, %lld bytes; give a positive tolerance and number of "
+                       "iterations, and none negative",
+                       def->cg_tolerance, (int)def->cg_max_iterations, (int)def->threads,
+                       (long long)def->memory_limit_bytes);
     const int32_t vertices = tm_tissue_mesh(def->tissue)->vertex_count;
     for (int32_t d = 0; d < 3 * vertices; d++) {
         if (def->fixed[d] && def->fixed_value_m && !tm_is_place(def->fixed_value_m[d]))
-            return tms_fail(error, TM_ERR_ARGUMENT, d / 3, "vertex %d is held at %g m; give a finite displacement",
-                            (int)(d / 3), def->fixed_value_m[d]);
+            return tm_fail(error, TM_ERR_ARGUMENT, d / 3, "vertex %d is held at %g m; give a finite displacement",
+                           (int)(d / 3), def->fixed_value_m[d]);
         if (def->load_N && !isfinite(def->load_N[d]))
-            return tms_fail(error, TM_ERR_ARGUMENT, d / 3, "the load on vertex %d is %g N; give a finite one",
-                            (int)(d / 3), def->load_N[d]);
+            return tm_fail(error, TM_ERR_ARGUMENT, d / 3, "the load on vertex %d is %g N; give a finite one",
+                           (int)(d / 3), def->load_N[d]);
     }
     return TM_OK;
 }

@@ -47,12 +47,12 @@ FORMAT = r"""
 static tm_status read_mine(tm_io_text *text, tm_io_raw *raw) {
     int vertices, tets, used;
     if (sscanf(text->at, "MINE %d %d%n", &vertices, &tets, &used) != 2)
-        return tm_io_fail(text->error, TM_ERR_FILE, -1, "counts are missing; write them");
+        return tm_fail(text->error, TM_ERR_FILE, -1, "counts are missing; write them");
     text->at += used;
     for (int v = 0; v < vertices; v++) {
         double p[3];
         if (sscanf(text->at, "%lf %lf %lf%n", &p[0], &p[1], &p[2], &used) != 3)
-            return tm_io_fail(text->error, TM_ERR_FILE, -1, "vertices are missing; write them");
+            return tm_fail(text->error, TM_ERR_FILE, -1, "vertices are missing; write them");
         text->at += used;
         tm_status status = tm_io_add_vertex(raw, v, p, text->error);
         if (status) return status;
@@ -61,7 +61,7 @@ static tm_status read_mine(tm_io_text *text, tm_io_raw *raw) {
     for (int t = 0; t < tets && !status; t++) {
         long v[4];
         if (sscanf(text->at, "%ld %ld %ld %ld%n", &v[0], &v[1], &v[2], &v[3], &used) != 4)
-            return tm_io_fail(text->error, TM_ERR_FILE, -1, "tetrahedra are missing; write them");
+            return tm_fail(text->error, TM_ERR_FILE, -1, "tetrahedra are missing; write them");
         text->at += used;
         status = tm_io_add_element(raw, t, 3, 1, (int64_t[4]){v[0], v[1], v[2], v[3]}, 4, text->error);
     }

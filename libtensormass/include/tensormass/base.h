@@ -48,6 +48,9 @@ typedef struct tm_error {
     int64_t entity; /* index of the vertex, tetrahedron, region ... that is to blame, -1 if none */
     char message[TM_ERROR_MESSAGE_MAX];
 } tm_error;
+/* Fills `error` (may be null) and returns `status`; for code beside the library that fails as it does. */
+TM_API tm_status tm_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...)
+    __attribute__((format(printf, 4, 5)));
 
 /* --- contracts ---
  * What no correct program does: a null pointer, a definition struct that its _default function did not fill, an index

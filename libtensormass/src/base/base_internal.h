@@ -17,9 +17,6 @@ void *tm_pool_take(tm_pool *pool, int64_t count, size_t size);
 void tm_pool_release(tm_pool *pool);
 #define TM_TAKE(pool, type, count) ((type *)tm_pool_take((pool), (count), sizeof(type)))
 
-/* Fills `error` (may be null) and returns `status`. */
-tm_status tm_fail(tm_error *error, tm_status status, int64_t entity, const char *format, ...)
-    __attribute__((format(printf, 4, 5)));
 tm_status tm_fail_memory(tm_error *error, const char *what);
 
 /* One of Jacobi's rotations: makes entry (p, q) of a symmetric n x n matrix zero. Leaves its cosine and sine. Nothing
