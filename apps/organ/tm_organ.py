@@ -1,5 +1,5 @@
 #!/usr/bin/python3
-"""From a segmented image, a surface or a mesh to an organ that is felt: tetrahedra, a scene, a check at rest, a press, a picture and a film."""
+"""From a segmented image, a surface or a mesh to an organ that is felt: tetrahedra, a scene, a check at rest, a press and a cut, a picture and a film."""
 import argparse
 import hashlib
 import json
@@ -39,6 +39,7 @@ def arguments():
     p.add_argument("--budget", metavar="N", help="of an image: so many tetrahedra [10000]")
     p.add_argument("--label", action="append", default=[], metavar="N=NAME", help="of an image: this label, called so; once for each [all]. Materials go by the names")
     p.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="where the surgeon is [image: -y, the front of a patient who lies on the back; else z]")
+    p.add_argument("--no-cut", action="store_true", help="pressed alone: no cautery, and the longer steps of tissue that is never cut")
     p.add_argument("--film", metavar="WxH", default="960x540", help="the film's size [960x540]")
     p.add_argument("--no-film", action="store_true", help="a picture is enough")
     p.add_argument("--again", action="store_true", help="do everything again; an edited organ.yaml stays")
@@ -177,7 +178,7 @@ def scene(a, up, w):
         said = "yours, kept; "
     else:
         stem = a.source.name.split(".")[0]
-        _, words = w.call("tm-scene", "new", "--force", "--up", up, "--title", f"{stem}, pressed by a probe", w.path("organ.msh"), "-o", path)
+        _, words = w.call("tm-scene", "new", "--force", "--up", up, "--title", f"{stem}, pressed{'' if a.no_cut else ' and cut'}", *([] if a.no_cut else ["--cut"]), w.path("organ.msh"), "-o", path)
         for line in words.splitlines():
             if "warning:" in line:
                 w.warn(line)
@@ -203,14 +204,16 @@ def rest(up, w):
     return f"at rest under its weight, sags {1e3 * sag:.3g} mm"
 
 
-def press(w):
+def press(cuts, w):
     figures = w.path("press.json")
     w.call("tm-sim", w.path("organ.yaml"), "--lockstep", "--record", w.path("press.lcm"), "--csv", w.path("force.csv"), "--json", figures)
     f = json.loads(figures.read_text())
-    peak = f["force_N"]["peak"]
+    peak, removed = f["force_N"]["peak"], f.get("tets_removed", 0)
     if not peak > 1e-3:
         raise Stop(f"{w.path('organ.yaml')}: the hand felt nothing; lead the tip in ('above: -5 mm'), tm-scene check says how far it is", 1)
-    return f"peak {peak:.3g} N"
+    if cuts and not removed:
+        w.warn(f"{w.path('organ.yaml')}: warning: the cautery cut nothing; lead its tip deeper while its pedal is down")
+    return f"peak {peak:.3g} N" + (f", {removed} tetrahedra cut" if cuts else "")
 
 
 def run(a, kind):
@@ -222,7 +225,7 @@ def run(a, kind):
     try:
         w.stage("mesh", "tetrahedra", [source, kind, a.unit, a.size, a.budget, a.label], ["organ.msh", "mesh.json"], lambda: mesh(a, kind, w))
         tets = digest(w.path("organ.msh"))
-        w.stage("scene", "scene", [tets, up, w.yours()], ["organ.yaml", "check.txt"], lambda: scene(a, up, w))
+        w.stage("scene", "scene", [tets, up, a.no_cut, w.yours()], ["organ.yaml", "check.txt"], lambda: scene(a, up, w))
     except BaseException:
         if w.ours:
             for left in a.out.iterdir():
@@ -231,7 +234,8 @@ def run(a, kind):
         raise
     both = [tets, digest(w.path("organ.yaml"))]
     w.stage("rest", "check at rest", [both, up], ["rest.json", "rest.vtk"], lambda: rest(up, w))
-    w.stage("press", "a press, felt at 500 Hz", both, ["press.lcm", "force.csv", "press.json"], lambda: press(w))
+    cuts = "\ncut:" in w.path("organ.yaml").read_text()
+    w.stage("press", f"a press{' and a cut' * cuts}, felt", both, ["press.lcm", "force.csv", "press.json"], lambda: press(cuts, w))
     eye = ["--up", up] if up != "z" else []
     regions = len(json.loads(w.path("mesh.json").read_text())["regions"])
     w.stage("picture", "picture", both + eye, ["organ.png"], lambda: w.call("tm-view", w.path("organ.yaml"), "--png", w.path("organ.png"), *(["--through", "0.5", "--no-supports"] if regions > 1 else []), *eye) and "organ.png")

@@ -19,6 +19,7 @@ static const char help[] =
     "  --unit UNIT       of the mesh's numbers: m, cm, mm, um [m]\n"
     "  --up AXIS         where the surgeon is: x y z -x -y -z [z; -y is the front of a patient in DICOM's axes]\n"
     "  --title TEXT      [the mesh's name]\n"
+    "  --cut             a cautery comes beside it when it goes, and cuts\n"
     "  --force           replace a scene that is there\n"
     "check: --strict     what is odd is an error, exit 2\n"
     "  --quiet           nothing is said where all is well\n"
@@ -27,14 +28,14 @@ static const char help[] =
 typedef struct options {
     const char *file, *out, *title, *up;
     double scale;
-    bool force, strict, finished;
+    bool cut, force, strict, finished;
 } options;
 
-enum { OUT = 'o', UNIT = 256, UP, TITLE, FORCE, STRICT, QUIET, VERSION, HELP = 'h' };
+enum { OUT = 'o', UNIT = 256, UP, TITLE, CUT, FORCE, STRICT, QUIET, VERSION, HELP = 'h' };
 static const struct option table[] = {
-    {"out", 1, NULL, OUT},         {"unit", 1, NULL, UNIT},     {"up", 1, NULL, UP},       {"title", 1, NULL, TITLE},
-    {"force", 0, NULL, FORCE},     {"strict", 0, NULL, STRICT}, {"quiet", 0, NULL, QUIET}, {"help", 0, NULL, HELP},
-    {"version", 0, NULL, VERSION}, {NULL, 0, NULL, 0}};
+    {"out", 1, NULL, OUT},   {"unit", 1, NULL, UNIT},       {"up", 1, NULL, UP},         {"title", 1, NULL, TITLE},
+    {"cut", 0, NULL, CUT},   {"force", 0, NULL, FORCE},     {"strict", 0, NULL, STRICT}, {"quiet", 0, NULL, QUIET},
+    {"help", 0, NULL, HELP}, {"version", 0, NULL, VERSION}, {NULL, 0, NULL, 0}};
 
 static int take_unit(const char *text, double *scale) {
     static const struct {
@@ -67,6 +68,7 @@ static int parse(int argc, char **argv, options *o) {
         case UNIT: wrong = take_unit(optarg, &o->scale); break;
         case UP: wrong = take_up(optarg, &o->up); break;
         case TITLE: o->title = optarg; break;
+        case CUT: o->cut = true; break;
         case FORCE: o->force = true; break;
         case STRICT: o->strict = true; break;
         case QUIET: app_be_quiet(); break;
@@ -138,9 +140,12 @@ static int make_new(const options *o) {
     if (!rc && !o->force && strcmp(path, "-") != 0 && access(path, F_OK) == 0)
         rc = app_bad_input(path, 0, "is there already; name another with -o, or add --force");
     if (rc) return rc;
-    rc = organ_load(o->file, o->scale, o->up, title, &made);
+    rc = organ_load(o->file, o->scale, o->up, title, o->cut, &made);
     if (!rc && !(organ_find_supports(&made) && organ_find_trocar(&made)))
         rc = app_bad_input(o->file, 0, "no memory; use a coarser mesh") - 1;
+    if (!rc && o->cut && !organ_find_cut(&made)) rc = app_bad_input(o->file, 0, "no memory; use a coarser mesh") - 1;
+    if (!rc && o->cut && !made.cut)
+        rc = app_bad_input(o->file, 0, "no room beside the press for a cut; leave --cut out, and write one by hand");
     if (!rc) rc = write_scene(&made, o, path, title);
     for (int32_t r = 0; !rc && r < made.file.region_count; r++)
         if (!made.known[r])

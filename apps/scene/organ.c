@@ -31,7 +31,7 @@ static void find_tissues(const char *title, organ *o) {
     }
 }
 
-static tm_status find_pace(organ *o, tm_error *error) {
+static tm_status find_pace(bool cut, organ *o, tm_error *error) {
     const int32_t regions = o->file.region_count;
     tm_material *material = malloc(sizeof *material * (size_t)regions);
     int32_t *own = malloc(sizeof *own * (size_t)regions);
@@ -44,6 +44,7 @@ static tm_status find_pace(organ *o, tm_error *error) {
     tm_tissue_def def = tm_tissue_def_default();
     tm_tissue *tissue = NULL;
     def.mesh = o->mesh, def.material = material, def.material_count = regions, def.region_material = own;
+    def.cuttable = cut;
     if (!status) status = tm_tissue_create(&def, &tissue, error);
     if (!status) {
         o->step_s = 0.9 * tm_critical_step_guaranteed(tissue, NULL);
@@ -64,7 +65,7 @@ static void measure(organ *o) {
     for (int a = 0; a < 3; a++) o->size_m = fmax(o->size_m, o->high_m[a] - o->low_m[a]);
 }
 
-int organ_load(const char *path, double scale, const char *up, const char *title, organ *o) {
+int organ_load(const char *path, double scale, const char *up, const char *title, bool cut, organ *o) {
     tm_error error = {0};
     *o = (organ){0};
     const bool down = *up == '-';
@@ -79,7 +80,7 @@ int organ_load(const char *path, double scale, const char *up, const char *title
     o->known = calloc((size_t)o->file.region_count, sizeof *o->known);
     if (!o->tissue || !o->known) return app_bad_input(path, 0, "no memory; use a coarser mesh") - 1;
     find_tissues(title, o);
-    return find_pace(o, &error) ? app_report(path, 0, &error) : 0;
+    return find_pace(cut, o, &error) ? app_report(path, 0, &error) : 0;
 }
 
 void organ_free(organ *o) {

@@ -33,14 +33,17 @@ typedef struct organ {
     /* the first instrument */
     double target_m[3], trocar_m[3], axis[3], tool_up[3], depth_m;
     const char *aim; /* what it presses above */
+    bool cut;        /* a second one, a cautery, cuts from one place to another beside that */
+    double cut_from_m[3], cut_to_m[3], cut_trocar_m[3], cut_axis[3], cut_up[3], cut_depth_m;
     /* the pace that these constants give */
     double step_s;
     int substeps;
 } organ;
 
-/* Reads and measures; `title` tells the tissue of regions whose own names do not. 0 or an exit code, having complained.
+/* Reads and measures; `title` tells the tissue of regions whose own names do not, `cut` that its pace must hold where
+ * it is cut. 0 or an exit code, having complained.
  */
-int organ_load(const char *path, double scale, const char *up, const char *title, organ *o);
+int organ_load(const char *path, double scale, const char *up, const char *title, bool cut, organ *o);
 void organ_free(organ *o);
 /* What holds it: bone, vessels where they leave it, what its groups' names say, a flat side, else what lies lowest. */
 bool organ_find_supports(organ *o);
@@ -49,6 +52,8 @@ void organ_mark_held(const organ *o, uint8_t *mark);
 /* Where an instrument comes in, as a person would have it: from above, a hand's breadth away, onto the upper surface,
  * not beside what is held. False: no memory. */
 bool organ_find_trocar(organ *o);
+/* The same of a cautery beside it, after organ_find_trocar; o->cut says whether there was room. False: no memory. */
+bool organ_find_cut(organ *o);
 /* The scene's text. */
 void organ_write(const organ *o, FILE *out, const char *mesh_path, double scale, const char *title);
 

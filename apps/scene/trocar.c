@@ -27,6 +27,7 @@ static bool find_aim(organ *o, double aim[3]) {
 }
 
 /* From far along `towards`, back against it: the surface's first point, and false where there is none. */
+/* `out` may be `through`. */
 static bool first_point(const organ *o, const double towards[3], const double through[3], double out[3]) {
     double from[3], back[3];
     for (int a = 0; a < 3; a++) {
@@ -77,34 +78,80 @@ static void find_target(organ *o, const uint8_t *held) {
     o->depth_m = 2e-3;
 }
 
-bool organ_find_trocar(organ *o) {
+/* From which side an instrument comes that points at `target`: over what is not in its way, and, where `other` is
+ * given, not beside that trocar. */
+static void find_side(const organ *o, const double target[3], const double *other, double trocar[3], double axis[3],
+                      double tool_up[3]) {
     enum { AROUND = 8 };
     const int p = (o->up_axis + 1) % 3, q = (o->up_axis + 2) % 3;
     double best = INFINITY;
+    for (int i = 0; i <= AROUND; i++) {
+        const double angle = 2 * M_PI * i / AROUND, lean = i < AROUND ? tilt_rad : 0;
+        double towards[3], from[3], back[3], apart[3] = {1, 0, 0};
+        for (int a = 0; a < 3; a++) towards[a] = cos(lean) * o->up[a];
+        towards[p] += sin(lean) * cos(angle);
+        towards[q] += sin(lean) * sin(angle);
+        for (int a = 0; a < 3; a++) {
+            from[a] = target[a] + shaft_m * towards[a];
+            back[a] = -towards[a];
+        }
+        if (other) vsub(from, other, apart);
+        const double way = sim_way_to_touch(o->mesh, from, back, radius_m);
+        const double miss =
+            (way < 0 || sim_is_inside(o->mesh, from) ? 1 : fabs(way - shaft_m) + (i == AROUND ? 5e-3 : 0)) +
+            0.5 * fmax(0.5 * shaft_m - sqrt(vdot(apart, apart)), 0);
+        if (miss >= best) continue;
+        best = miss;
+        memcpy(trocar, from, sizeof from);
+        memcpy(axis, back, sizeof back);
+    }
+    memset(tool_up, 0, 3 * sizeof *tool_up);
+    tool_up[fabs(axis[q]) < fabs(axis[p]) ? q : p] = 1;
+}
+
+bool organ_find_trocar(organ *o) {
     uint8_t *held = calloc((size_t)o->mesh->vertex_count, 1);
     if (!held) return false;
     organ_mark_held(o, held);
     find_target(o, held);
     free(held);
-    for (int i = 0; i <= AROUND; i++) {
-        const double angle = 2 * M_PI * i / AROUND, lean = i < AROUND ? tilt_rad : 0;
-        double towards[3], trocar[3], back[3];
-        for (int a = 0; a < 3; a++) towards[a] = cos(lean) * o->up[a];
-        towards[p] += sin(lean) * cos(angle);
-        towards[q] += sin(lean) * sin(angle);
-        for (int a = 0; a < 3; a++) {
-            trocar[a] = o->target_m[a] + shaft_m * towards[a];
-            back[a] = -towards[a];
-        }
-        const double way = sim_way_to_touch(o->mesh, trocar, back, radius_m);
-        const double miss =
-            way < 0 || sim_is_inside(o->mesh, trocar) ? 1 : fabs(way - shaft_m) + (i == AROUND ? 5e-3 : 0);
-        if (miss >= best) continue;
-        best = miss;
-        memcpy(o->trocar_m, trocar, sizeof trocar);
-        memcpy(o->axis, back, sizeof back);
+    find_side(o, o->target_m, NULL, o->trocar_m, o->axis, o->tool_up);
+    return true;
+}
+
+/* A line on the upper surface that leads away from what the first instrument presses: rather high than low, not beside
+ * what is held. */
+static void find_line(organ *o, const uint8_t *held) {
+    enum { AROUND = 16 };
+    const int p = (o->up_axis + 1) % 3, q = (o->up_axis + 2) % 3;
+    double best = -INFINITY;
+    for (int i = 0; i < AROUND; i++) {
+        const double angle = 2 * M_PI * i / AROUND, begin = 0.12 * o->size_m, end = 0.24 * o->size_m;
+        double from[3], to[3], mean[3];
+        memcpy(from, o->target_m, sizeof from);
+        memcpy(to, o->target_m, sizeof to);
+        from[p] += begin * cos(angle), from[q] += begin * sin(angle);
+        to[p] += end * cos(angle), to[q] += end * sin(angle);
+        if (!first_point(o, o->up, from, from) || !first_point(o, o->up, to, to)) continue;
+        for (int a = 0; a < 3; a++) mean[a] = 0.5 * (from[a] + to[a]);
+        const double free_m = fmin(held_away_m(o, held, from), held_away_m(o, held, to));
+        const double score = 0.6 * vdot(mean, o->up) - fabs(vdot(from, o->up) - vdot(to, o->up)) +
+                             3 * fmin(free_m - 0.15 * o->size_m, 0);
+        if (score <= best) continue;
+        best = score;
+        o->cut = true;
+        memcpy(o->cut_from_m, from, sizeof from);
+        memcpy(o->cut_to_m, to, sizeof to);
     }
-    memset(o->tool_up, 0, sizeof o->tool_up);
-    o->tool_up[fabs(o->axis[q]) < fabs(o->axis[p]) ? q : p] = 1;
+    o->cut_depth_m = fmin(1.5 * o->depth_m, 10e-3);
+}
+
+bool organ_find_cut(organ *o) {
+    uint8_t *held = calloc((size_t)o->mesh->vertex_count, 1);
+    if (!held) return false;
+    organ_mark_held(o, held);
+    find_line(o, held);
+    free(held);
+    if (o->cut) find_side(o, o->cut_from_m, o->trocar_m, o->cut_trocar_m, o->cut_axis, o->cut_up);
     return true;
 }

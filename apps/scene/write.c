@@ -94,33 +94,54 @@ static void put_supports(const organ *o, FILE *out) {
     for (int i = 0; i < o->supports; i++) put_support(&o->support[i], out);
 }
 
-static void put_instrument(const organ *o, FILE *out) {
+static void put_trocar(const double trocar[3], const double axis[3], const double up[3], const double tip[3],
+                       FILE *out) {
+    fputs("    trocar: ", out);
+    put_point(out, trocar);
+    fputs("\n    axis: ", out);
+    put_direction(out, axis);
+    fputs(" # where its shaft points when the device stands straight\n    up: ", out);
+    put_direction(out, up);
+    fputs(" # left and right turn about this\n    start: {tip: ", out);
+    put_point(out, tip);
+    fputs(", above: 15 mm}\n", out);
+}
+
+static void put_instruments(const organ *o, FILE *out) {
     fprintf(
         out,
-        "\n# The instrument: through a trocar (a hole in the wall that it turns about) 120 mm away, from above, pointing at the upper surface%s%s.\n"
+        "\n# The instrument%s: through a trocar (a hole in the wall that it turns about) 120 mm away, from above, pointing at the upper surface%s%s.\n"
         "instruments:\n"
-        "  - mode: probe # or grasper (add 'grasp:'), or cautery (add 'cut:')\n"
-        "    trocar: ",
-        o->aim ? " over " : "", o->aim ? o->aim : "");
-    put_point(out, o->trocar_m);
-    fputs("\n    axis: ", out);
-    put_direction(out, o->axis);
-    fputs(" # where its shaft points when the device stands straight\n    up: ", out);
-    put_direction(out, o->tool_up);
-    fputs(" # left and right turn about this\n    start: {tip: ", out);
-    put_point(out, o->target_m);
-    fputs(", above: 15 mm}\n", out);
+        "  - mode: probe # or grasper (add 'grasp:'), or cautery (add 'cut:')\n",
+        o->cut ? "s" : "", o->aim ? " over " : "", o->aim ? o->aim : "");
+    put_trocar(o->trocar_m, o->axis, o->tool_up, o->target_m, out);
+    if (!o->cut) return;
+    fputs("  - mode: cautery # cuts while its pedal is down (active: yes)\n", out);
+    put_trocar(o->cut_trocar_m, o->cut_axis, o->cut_up, o->cut_from_m, out);
+}
+
+static void put_waypoint(double time_s, const double tip[3], double depth_m, const char *more, FILE *out) {
+    fprintf(out, "      - {time: %g s, tip: ", time_s);
+    put_point(out, tip);
+    fprintf(out, ", above: %g mm%s}\n", depth_m > 0 ? -mm(depth_m) : 15.0, more);
+}
+
+static void put_hand(const organ *o, FILE *out) {
     fputs(
         "\n# The hand, where nobody holds the device: towards a point of the surface, pressed in, held, deeper, out again.\n"
         "# tip gives the direction; above is how far from the first touch, negative: pressed in.\n"
         "hand:\n  - instrument: 0\n    path:\n",
         out);
     static const struct { double time_s, depth; } way[] = {{0, 0}, {1, 0.5}, {1.8, 0.5}, {2.6, 1}, {3.4, 1}, {4.4, 0}};
-    for (size_t i = 0; i < sizeof way / sizeof *way; i++) {
-        fprintf(out, "      - {time: %g s, tip: ", way[i].time_s);
-        put_point(out, o->target_m);
-        fprintf(out, ", above: %g mm}\n", way[i].depth > 0 ? -mm(way[i].depth * o->depth_m) : 15.0);
-    }
+    for (size_t i = 0; i < sizeof way / sizeof *way; i++)
+        put_waypoint(way[i].time_s, o->target_m, way[i].depth * o->depth_m, "", out);
+    if (!o->cut) return;
+    fputs("  - instrument: 1 # comes when the other goes, cuts along the surface, and goes\n    path:\n", out);
+    put_waypoint(0, o->cut_from_m, 0, "", out);
+    put_waypoint(3.2, o->cut_from_m, 0, "", out);
+    put_waypoint(4.0, o->cut_from_m, o->cut_depth_m, ", active: yes", out);
+    put_waypoint(5.4, o->cut_to_m, o->cut_depth_m, ", active: no", out);
+    put_waypoint(6.0, o->cut_to_m, 0, "", out);
 }
 
 static void put_rest(const organ *o, FILE *out) {
@@ -128,12 +149,15 @@ static void put_rest(const organ *o, FILE *out) {
         out,
         "\ncontact: # instruments push the surface\n"
         "damping: {rate: 40 /s} # what moves comes to rest in some 25 ms, as in a body full of liquid\n"
+        "%s"
         "haptics: {extrapolator: contact} # a 500 Hz controller feels it; leave out to only look\n"
         "rendering: # pictures and films\n"
-        "time: {frame_rate: 25 Hz, duration: 4.6 s} # with these constants %d substeps of %.3g ms a frame\n"
+        "time: {frame_rate: 25 Hz, duration: %g s} # with these constants %d substeps of %.3g ms a frame\n"
         "\n# More, when you want it (docs/scene-reference.md): gravity: (it sags first), rotation: (far bends), volume: (poisson 0.49), viscosity:,\n"
-        "# friction:, cut: with an instrument of mode cautery, anisotropy: (fibres).\n",
-        o->substeps, 1e3 * (1.0 / 25) / o->substeps);
+        "# friction:, %sanisotropy: (fibres).\n",
+        o->cut ? "cut: {rate: 100 /s} # the cautery takes so many tetrahedra a second at most\n" : "",
+        o->cut ? 6.4 : 4.6, o->substeps, 1e3 * (1.0 / 25) / o->substeps,
+        o->cut ? "" : "cut: with an instrument of mode cautery (tm-scene new --cut), ");
 }
 
 void organ_write(const organ *o, FILE *out, const char *mesh_path, double scale, const char *title) {
@@ -154,6 +178,7 @@ void organ_write(const organ *o, FILE *out, const char *mesh_path, double scale,
     if (scale != 1) fprintf(out, "  scale: %g # metres per unit of the mesh file\n", scale);
     put_materials(o, out);
     put_supports(o, out);
-    put_instrument(o, out);
+    put_instruments(o, out);
+    put_hand(o, out);
     put_rest(o, out);
 }

@@ -68,6 +68,14 @@ def test_flat_sides_low_sides_and_up(bin, root, tmp_path):
     assert "nothing odd" in run(bin / "tm-scene", "check", tmp_path / "ball.yaml", "--strict")
 
 
+def test_a_cautery_cuts_beside_the_press(bin, made):
+    scene, figures = made.with_name("cut.yaml"), made.with_name("cut.json")
+    assert "cautery" not in run(bin / "tm-scene", "new", "--cut", made.with_suffix(".msh"), "-o", scene)
+    assert "nothing odd" in run(bin / "tm-scene", "check", "--strict", scene)
+    run(bin / "tm-sim", scene, "--lockstep", "--json", figures)
+    assert json.loads(figures.read_text())["tets_removed"] > 3 and "\ncut:" not in made.read_text()
+
+
 def test_the_table_has_a_source_a_row(bin):
     rows = run(bin / "tm-scene", "tissues").strip().split("\n")[1:-1]
     assert len(rows) > 10 and all(re.search(r"[12]\d{3}, |chosen: ", row) for row in rows)
