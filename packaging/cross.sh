@@ -14,7 +14,7 @@ for target in "$@"; do
     case $target in
     *windows) triple=$target-gnu ending=dll name=%s.dll more=() program=.exe ;;
     *linux) triple=$target-gnu.2.28 ending=so name=%s.so.$version more=(-fPIC) program= ;; # Debian 10, manylinux_2_28
-    *macos) triple=$target ending=dylib name=%s.$version.dylib more=(-fPIC) program= ;;
+    *macos) triple=$target.11.0 ending=dylib name=%s.$version.dylib more=(-fPIC) program= ;;
     *) echo "cross: $target: no such target; see packaging/cross.sh" >&2; exit 2 ;;
     esac
     folder=$out/$target

@@ -24,11 +24,12 @@ SCALARS = {
 STAND_INS = {
     "stdbool.h": "typedef _Bool bool;\n#define true 1\n#define false 0\n",
     "stddef.h": "typedef unsigned long size_t;\n",
+    "stdio.h": "typedef struct FILE FILE;\n",
     "stdint.h": "".join(f"typedef {t} {n};\n" for t, n in (
         ("signed char", "int8_t"), ("unsigned char", "uint8_t"), ("short", "int16_t"), ("unsigned short", "uint16_t"), ("int", "int32_t"),
         ("unsigned int", "uint32_t"), ("long", "int64_t"), ("unsigned long", "uint64_t"))),
 }
-SYSTEM = {"bool", "size_t", *(n for n in SCALARS if n.endswith("_t"))}
+SYSTEM = {"bool", "size_t", "FILE", *(n for n in SCALARS if n.endswith("_t"))}
 
 
 class Interface:
@@ -156,8 +157,8 @@ def macros(include):
     return sorted(set(names))
 
 
-def measured(interface, headers, names, cc, include):
-    """What the compiler says: sizes, offsets, values."""
+def layout_program(interface, headers, names):
+    """A C program that prints what its compiler makes of them: sizes, offsets, values."""
     lines = [f'    printf("E {n} %lld\\n", (long long){n});' for n in interface.constants]
     lines += [f"#ifdef {n}\n    SHOW({n});\n#endif" for n in names]
     for name, fields in interface.structs.items():
@@ -168,10 +169,14 @@ def measured(interface, headers, names, cc, include):
     includes = "".join(f'#include "{h}"\n' for h in headers)
     show = ('#define SHOW(n) _Generic((n), double: printf("F " #n " %.17g\\n", _Generic((n), double: (n), default: 0.0)), char *: 0, \\\n'
             '    default: printf("E " #n " %lld\\n", (long long)_Generic((n), char *: 0, default: (n))))\n')
-    source = "#include <stddef.h>\n#include <stdio.h>\n" + includes + show + "int main(void) {\n" + "\n".join(lines) + "\n    return 0;\n}\n"
+    return "#include <stddef.h>\n#include <stdio.h>\n" + includes + show + "int main(void) {\n" + "\n".join(lines) + "\n    return 0;\n}\n"
+
+
+def measured(program, cc, include):
+    """What that program says of this machine."""
     with tempfile.TemporaryDirectory() as folder:
         at = pathlib.Path(folder) / "layout.c"
-        at.write_text(source)
+        at.write_text(program)
         subprocess.run([cc, "-std=gnu11", "-w", *(f"-I{i}" for i in include), at, "-o", at.with_suffix("")], check=True)
         printed = subprocess.run([at.with_suffix("")], capture_output=True, text=True, check=True).stdout
     told = {"E": {}, "F": {}, "S": {}, "O": {}}
@@ -195,7 +200,7 @@ def text(interface, told):
         out += ["    _fields_ = ["] + [f'        ("{f}", {t}),' for f, t, _ in fields] + ["    ]", ""]
     out += ["", "# name: (library, result, arguments)", "FUNCTIONS: Dict[str, Tuple[str, Any, List[Any]]] = {"]
     out += [f'    "{n}": ("{library}", {result}, [{", ".join(arguments)}]),' for n, (library, result, arguments) in interface.functions.items()]
-    out += ["}", "", "# As the compiler lays them out: tests/python/test_layout.py compares.", "SIZES: Dict[str, int] = {"]
+    out += ["}", "", "# As the compiler lays them out: tests/python and tests/cross compare.", "SIZES: Dict[str, int] = {"]
     out += [f'    "{n}": {v},' for n, v in told["S"].items()] + ["}", "OFFSETS: Dict[str, int] = {"]
     out += [f'    "{n}": {v},' for n, v in told["O"].items()] + ["}", ""]
     return "\n".join(out)
@@ -214,9 +219,8 @@ def compare(path):
             raise SystemExit(f"bind.py: {name} is elsewhere in C")
 
 
-def main():
-    output, cc, rest = pathlib.Path(sys.argv[1]), sys.argv[2], sys.argv[3:]
-    include, headers = rest[:rest.index("--")], [h.split("=") for h in rest[rest.index("--") + 1:]]
+def read(cc, include, headers):
+    """The interface of [(library, header)], and the program that measures it."""
     interface = Interface()
     with tempfile.TemporaryDirectory() as stand_ins:
         for name, content in STAND_INS.items():
@@ -224,7 +228,14 @@ def main():
         for library, header in headers:
             for node in c_parser.CParser().parse(preprocessed(header, cc, include, stand_ins), header).ext:
                 interface.take(library, node)
-    told = measured(interface, [pathlib.Path(h).resolve() for _, h in headers], macros(include), cc, include)
+    return interface, layout_program(interface, [pathlib.Path(h).resolve() for _, h in headers], macros(include))
+
+
+def main():
+    output, cc, rest = pathlib.Path(sys.argv[1]), sys.argv[2], sys.argv[3:]
+    include, headers = rest[:rest.index("--")], [h.split("=") for h in rest[rest.index("--") + 1:]]
+    interface, program = read(cc, include, headers)
+    told = measured(program, cc, include)
     made = output.with_suffix(".tmp.py")
     output.parent.mkdir(parents=True, exist_ok=True)
     made.write_text(text(interface, told))

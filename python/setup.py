@@ -27,13 +27,13 @@ class WithLibraries(build_py):
         for folder in ("lib", "lcm_types"):
             shutil.rmtree(package / folder, ignore_errors=True)
             (package / folder).mkdir(parents=True)
-        for found in pathlib.Path(lib).glob("*.so*"):
+        for found in pathlib.Path(lib).glob("libtensormass*"):
             shutil.copy2(found, package / "lib")
         for found in (HERE / "lcm_types").glob("*.lcm"):
             shutil.copy2(found, package / "lcm_types")
         headers = re.search(r"^PYTHON_HEADERS := (.*?[^\\])$", (HERE / "python/module.mk").read_text(), re.M | re.S)[1].replace("\\\n", " ").split()
         subprocess.run([sys.executable, "python/bind.py", package.resolve() / "_bind.py", os.environ.get("CC", "cc"), "libtensormass/include",
-                        "haptic_rt/core", "python/native", "--", *headers], cwd=HERE, check=True)
+                        "libtensormass/io/include", "haptic_rt/core", "python/native", "--", *headers], cwd=HERE, check=True)
 
 
 class ForEveryPython(bdist_wheel):

@@ -1,34 +1,60 @@
 #!/bin/bash
-# make wheel: build/wheel/tensormass-VERSION.tar.gz and the manylinux wheel, from the sources and the libraries that are built.
-#   python/wheel.sh OUT PYTHON     PYTHON: with python/requirements.txt; libraries lie in OUT/python-lib
+# make wheel, make wheels: build/wheel/tensormass-VERSION.tar.gz and a wheel a platform, from the sources and the libraries that are built.
+#   python/wheel.sh OUT PYTHON [TARGET...]
+# PYTHON: with python/requirements.txt. Without a target: the sdist and this machine's wheel of OUT/python-lib, made manylinux by auditwheel. TARGET: the wheel of
+# what `make cross` left in OUT/cross/TARGET; its platform tag is the oldest system that those were compiled for (packaging/cross.sh).
 set -euo pipefail
 out=$(cd "$1" && pwd) python=$2
+shift 2
 top=$(cd "$(dirname "$0")/.." && pwd)
 PATH=$(dirname "$python"):$PATH
-tree=$out/wheel/tree
-rm -rf "$tree" "$out"/wheel/*.whl "$out"/wheel/*.tar.gz "$out/wheel/raw"
-mkdir -p "$tree"
+tree=$out/wheel/tree lib=$out/wheel/lib
 # What a wheel is made of, as an sdist lays it: the package at the top, the sources of its libraries beneath.
+rm -rf "$tree" && mkdir -p "$tree"
 cd "$top"
 tar c --exclude=__pycache__ --exclude='*.png' Makefile LICENSE law libtensormass haptic_rt lcm_types apps/common apps/sim python tools | tar x -C "$tree"
 mv "$tree"/python/{pyproject.toml,setup.py,MANIFEST.in,README.md,tensormass} "$tree"
 cd "$tree"
-"$python" - <<'BUILD'
+
+# wheel FOLDER [OPTION...]: of the libraries in $lib, into FOLDER.
+wheel() {
+    TM_PYTHON_LIB=$lib "$python" - "$@" <<'BUILD'
+import sys
 from setuptools import build_meta
-print(build_meta.build_sdist(".."))
+print(build_meta.build_wheel(sys.argv[1], {"--build-option": sys.argv[2:]} if sys.argv[2:] else None))
 BUILD
-# Libraries find each other where they lie.
-mkdir -p "$out/wheel/lib" && rm -f "$out"/wheel/lib/* && cp "$out"/python-lib/*.so* "$out/wheel/lib"
-for library in "$out"/wheel/lib/*; do
-    strip --strip-unneeded "$library"
-    patchelf --set-rpath '$ORIGIN' "$library"
+}
+
+if [ $# -eq 0 ]; then
+    rm -rf "$out"/wheel/*linux*x86_64.whl "$out"/wheel/*.tar.gz "$out/wheel/raw" "$lib"
+    "$python" -c 'from setuptools import build_meta; print(build_meta.build_sdist(".."))'
+    mkdir -p "$lib" && cp "$out"/python-lib/*.so* "$lib"
+    for library in "$lib"/*; do # find each other where they lie
+        strip --strip-unneeded "$library"
+        patchelf --set-rpath '$ORIGIN' "$library"
+    done
+    wheel "$out/wheel/raw"
+    auditwheel repair --strip -w "$out/wheel" "$out"/wheel/raw/*.whl
+    rm -rf "$out/wheel/raw"
+    auditwheel show "$out"/wheel/*x86_64.whl
+fi
+for target; do
+    case $target in
+    x86_64-windows) tag=win_amd64 ;;
+    aarch64-linux) tag=manylinux_2_28_aarch64 ;;
+    aarch64-macos) tag=macosx_11_0_arm64 ;;
+    x86_64-macos) tag=macosx_11_0_x86_64 ;;
+    *) echo "wheel.sh: $target: no such target; see packaging/cross.sh" >&2; exit 2 ;;
+    esac
+    rm -rf "$lib" "$tree/build" "$out"/wheel/*"$tag".whl && mkdir -p "$lib"
+    for name in tensormass tensormass_io tensormass_controller; do
+        case $target in # under the name by which the others ask for it
+        *windows) cp "$out/cross/$target/lib$name.dll" "$lib" ;;
+        *) cp -L "$out/cross/$target"/lib$name.so.?.? "$out/cross/$target"/lib$name.?.?.dylib "$lib" 2> /dev/null || true ;;
+        esac
+        compgen -G "$lib/lib$name.*" > /dev/null || { echo "wheel.sh: $out/cross/$target has no lib$name; run make cross first" >&2; exit 2; }
+    done
+    wheel "$out/wheel" --plat-name "$tag"
 done
-TM_PYTHON_LIB=$out/wheel/lib "$python" - <<'BUILD'
-from setuptools import build_meta
-print(build_meta.build_wheel("../raw"))
-BUILD
-cd "$out/wheel"
-auditwheel repair --strip -w . raw/*.whl
-rm -rf raw tree lib
-auditwheel show ./*.whl
-ls -l ./*.whl ./*.tar.gz
+rm -rf "$tree" "$lib"
+ls -l "$out"/wheel/*.whl "$out"/wheel/*.tar.gz

@@ -1,4 +1,4 @@
-/* apps/sim and the readers of apps/common behind the few functions of scene.h. */
+/* apps/sim behind the few functions of scene.h. */
 #include "scene.h"
 
 #include <math.h>
@@ -9,16 +9,11 @@
 #include "said.h"
 #include "sim/sim.h"
 #include "sim/snapshot.h"
-#include "tensormass_io.h"
 
 struct tm_scene {
     sim *s;
     char **set; /* the scene's lines point into it */
     int set_count;
-};
-
-struct tm_scene_file {
-    tm_mesh_file mesh;
 };
 
 static const char *const model_name[] = {"dynamic", "precomputed", "hybrid"};
@@ -110,49 +105,4 @@ tm_status tm_scene_save(tm_scene *scene, const char *path) {
 tm_status tm_scene_restore(tm_scene *scene, const char *path) {
     said_begin();
     return said_status(sim_snapshot_restore(scene->s, path), TM_ERR_FILE);
-}
-
-/* --- files --- */
-
-tm_status tm_scene_file_open(const char *path, double scale, tm_scene_file **file, tm_error *error) {
-    tm_scene_file *made = calloc(1, sizeof *made);
-    if (!made) return TM_ERR_MEMORY;
-    tm_status status = tm_mesh_file_load(path, scale, &made->mesh, error);
-    if (status)
-        free(made);
-    else
-        *file = made;
-    return status;
-}
-
-void tm_scene_file_close(tm_scene_file *file) {
-    if (!file) return;
-    tm_mesh_file_free(&file->mesh);
-    free(file);
-}
-
-tm_mesh_def tm_scene_file_mesh(const tm_scene_file *file) {
-    tm_mesh_def def = tm_mesh_def_default();
-    def.vertex_count = file->mesh.vertex_count;
-    def.vertex_m = file->mesh.vertex_m;
-    def.tet_count = file->mesh.tet_count;
-    def.tet = file->mesh.tet;
-    def.region = file->mesh.region;
-    return def;
-}
-
-const char *tm_scene_file_region(const tm_scene_file *file, int32_t region) {
-    return region >= 0 && region < file->mesh.region_count ? file->mesh.region_name[region] : NULL;
-}
-
-const char *tm_scene_file_group(const tm_scene_file *file, int32_t group, int32_t *count, const int32_t **vertex) {
-    const tm_mesh_file *m = &file->mesh;
-    if (group < 0 || group >= m->group_count) return NULL;
-    *count = m->group_begin[group + 1] - m->group_begin[group];
-    *vertex = m->group_vertex + m->group_begin[group];
-    return m->group_name[group];
-}
-
-tm_status tm_scene_fibres(const char *path, int32_t tet_count, double *fibre, tm_error *error) {
-    return tm_fibres_load(path, tet_count, fibre, error);
 }

@@ -46,16 +46,4 @@ TM_API uint64_t tm_scene_hash(const tm_scene *scene);
 TM_API tm_status tm_scene_save(tm_scene *scene, const char *path);
 TM_API tm_status tm_scene_restore(tm_scene *scene, const char *path);
 
-/* A mesh file (.msh, .vtk, .mesh), lengths times `scale`; group names and vertices as the file has them. */
-typedef struct tm_scene_file tm_scene_file;
-TM_API tm_status tm_scene_file_open(const char *path, double scale, tm_scene_file **file, tm_error *error);
-TM_API void tm_scene_file_close(tm_scene_file *file);
-TM_API tm_mesh_def tm_scene_file_mesh(const tm_scene_file *file);                   /* points into `file` */
-TM_API const char *tm_scene_file_region(const tm_scene_file *file, int32_t region); /* null: no such region */
-/* The name and vertices of a group; null: no such group. */
-TM_API const char *tm_scene_file_group(const tm_scene_file *file, int32_t group, int32_t *count,
-                                       const int32_t **vertex);
-/* [3*tet_count] unit fibres of a CSV file with the columns tet,ax,ay,az. */
-TM_API tm_status tm_scene_fibres(const char *path, int32_t tet_count, double *fibre, tm_error *error);
-
 #endif

@@ -3,6 +3,8 @@ from __future__ import annotations
 
 import ctypes
 import pathlib
+import platform
+import sys
 import threading
 import warnings
 import weakref
@@ -98,8 +100,6 @@ def _status_name(status: int) -> str:
 # --- the libraries ---
 
 _FOLDER = pathlib.Path(__file__).resolve().parent / "lib"
-_NAMES = {"tensormass": "libtensormass.so.*", "tensormass_solve": "libtensormass_solve.so.*",
-          "tensormass_controller": "libtensormass_controller.so", "tensormass_scene": "libtensormass_scene.so"}
 _broken = threading.local()
 
 
@@ -113,9 +113,11 @@ class _Library:
         if name not in self._opened:
             if name != "tensormass":
                 self._open("tensormass")  # theirs too
-            found = sorted(_FOLDER.glob(_NAMES[name]))
+            found = sorted(_FOLDER.glob(f"lib{name}.*"))  # .so.0.1, .dll, .0.1.dylib
             if not found:
-                raise ImportError(f"{_FOLDER}/{_NAMES[name]} is not there; this package was not built whole: make wheel")
+                raise ImportError(f"{_FOLDER}: lib{name} is not there; " + (
+                    "this package was not built whole: make wheel" if sys.platform == "linux" and platform.machine() == "x86_64" else
+                    "the package for this system has no scenes, no precomputed and no hybrid model (docs/installing.md)"))
             self._opened[name] = ctypes.CDLL(str(found[-1]))
         return self._opened[name]
 

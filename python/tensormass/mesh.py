@@ -3,12 +3,12 @@ from __future__ import annotations
 
 import ctypes
 import os
-from typing import Any, Dict, NamedTuple, Sequence, Union
+from typing import Any, Dict, List, NamedTuple, Sequence, Union
 
 import numpy as np
 
 from . import _bind as c
-from ._core import Floats, Handle, Ints, Object, address, call, floats, ints, lib, view
+from ._core import Floats, Ints, Object, address, call, floats, ints, lib, view
 
 
 class Quality(NamedTuple):
@@ -19,6 +19,11 @@ class Quality(NamedTuple):
     min_dihedral_rad: float
     max_dihedral_rad: float
     min_altitude_m: float
+
+
+def _names(address: Any, count: int) -> List[str]:
+    """Of a C array of names, 64 bytes each."""
+    return [ctypes.string_at(address + 64 * i).decode(errors="replace") for i in range(count)]
 
 
 class Mesh(Object):
@@ -74,22 +79,20 @@ class Mesh(Object):
     @classmethod
     def read(cls, path: Union[str, "os.PathLike[str]"], scale: float = 1.0) -> "Mesh":
         """A mesh file: .msh (2.2, 4.1), .vtk, .mesh; lengths times `scale` (1e-3 for millimetres). Fills `groups` and `region_names`."""
-        pointer = ctypes.c_void_p()
-        call(lib.tm_scene_file_open, os.fsencode(path), scale, ctypes.byref(pointer))
-        handle = Handle(pointer.value or 0, lib.tm_scene_file_close)
+        file = c.tm_mesh_file()
+        call(lib.tm_mesh_file_load, os.fsencode(path), scale, ctypes.byref(file))
         try:
+            pointer = ctypes.c_void_p()
+            call(lib.tm_mesh_file_build, ctypes.byref(file), ctypes.byref(pointer))
             mesh = cls.__new__(cls)
-            mesh._make(lib.tm_scene_file_mesh(pointer))
-            names = [lib.tm_scene_file_region(pointer, i) for i in range(mesh.region_count)]
-            mesh.region_names = [n.decode() if n else "" for n in names]
-            count, vertex = ctypes.c_int32(), ctypes.c_void_p()
-            for group in range(2**20):
-                name = lib.tm_scene_file_group(pointer, group, ctypes.byref(count), ctypes.byref(vertex))
-                if name is None:
-                    break
-                mesh.groups[name.decode()] = view(None, vertex.value, (count.value,), "int32").copy()
+            mesh._own(pointer, lib.tm_mesh_destroy)
+            mesh._read_struct()
+            mesh.region_names = _names(file.region_name, file.region_count)
+            begin = view(None, file.group_begin, (file.group_count + 1,), "int32")
+            vertex = view(None, file.group_vertex, (int(begin[-1]) if file.group_count else 0,), "int32")
+            mesh.groups = {name: vertex[a:b].copy() for name, a, b in zip(_names(file.group_name, file.group_count), begin, begin[1:])}
         finally:
-            handle.release()
+            lib.tm_mesh_file_free(ctypes.byref(file))
         return mesh
 
     @classmethod
@@ -163,7 +166,7 @@ class Mesh(Object):
 def read_fibres(path: Union[str, "os.PathLike[str]"], tet_count: int) -> Floats:
     """(T, 3) unit fibres of a CSV file with the columns tet,ax,ay,az."""
     fibre = np.zeros((tet_count, 3))
-    call(lib.tm_scene_fibres, os.fsencode(path), tet_count, address(fibre))
+    call(lib.tm_fibres_load, os.fsencode(path), tet_count, address(fibre))
     return fibre
 
 

@@ -102,9 +102,9 @@ def test_layout_is_the_compilers(python, tmp_path):
     lines = [f'printf("{n} %zu\\n", sizeof({n}));' for n in sizes]
     lines += ['printf("{} %zu\\n", offsetof({}, {}));'.format(o, *o.split(".")) for o in offsets]
     source = tmp_path / "layout.c"
-    headers = "".join(f'#include "{h}"\n' for h in ("tensormass.h", "tensormass_solve.h", "hrt.h", "scene.h"))
+    headers = "".join(f'#include "{h}"\n' for h in ("tensormass.h", "tensormass_io.h", "tensormass_solve.h", "hrt.h", "scene.h"))
     source.write_text("#include <stddef.h>\n#include <stdio.h>\n" + headers + "int main(void) {\n" + "\n".join(lines) + "\nreturn 0;\n}\n")
-    include = [f"-I{ROOT / i}" for i in ("libtensormass/include", "haptic_rt/core", "python/native")]
+    include = [f"-I{ROOT / i}" for i in ("libtensormass/include", "libtensormass/io/include", "haptic_rt/core", "python/native")]
     run("gcc", "-std=c11", *include, source, "-o", tmp_path / "layout")
     wanted = dict(line.split() for line in run(tmp_path / "layout").splitlines())
     assert {n: int(v) for n, v in wanted.items()} == {**sizes, **offsets}
@@ -112,7 +112,7 @@ def test_layout_is_the_compilers(python, tmp_path):
 
 def test_every_function_of_the_headers_is_bound(python):
     bound = set(json.loads(run(python, "-c", "import json, tensormass._bind as c; print(json.dumps(list(c.FUNCTIONS)))")))
-    headers = "\n".join(h.read_text() for h in (ROOT / "libtensormass/include").rglob("*.h"))
+    headers = "\n".join(h.read_text() for h in (ROOT / "libtensormass").rglob("include/**/*.h"))
     declared = set(re.findall(r"^TM_API [^;(]*?\b(tm_\w+)\(", headers, re.M))
     assert len(declared) > 100 and declared <= bound, sorted(declared - bound)
     opened = run(python, "-c", "from tensormass._core import lib, c\nfor n in c.FUNCTIONS: getattr(lib, n)\nprint(len(c.FUNCTIONS))")

@@ -1,5 +1,5 @@
-/* The force loops: the plain reference in both precisions, the AVX2 forms where they can be, and the choice between
- * them. */
+/* The force loops: the plain reference in both precisions, the AVX2 or NEON forms where they can be, and the choice
+ * between them. */
 #include "tissue/kernel.h"
 
 #include <stddef.h>
@@ -43,10 +43,35 @@
 #undef TM_LOAD4
 #endif
 
+#ifdef TM_HAS_NEON
+#define TM_REAL double
+#define TM_NAME tm_force_neon_double
+#define TM_OF(name) name##_neon_double
+#define TM_LOAD2(from) vld1q_f64(from)
+#include "tissue/force_neon_kernel.h"
+#undef TM_REAL
+#undef TM_NAME
+#undef TM_OF
+#undef TM_LOAD2
+
+#define TM_REAL float
+#define TM_NAME tm_force_neon_single
+#define TM_OF(name) name##_neon_single
+#define TM_LOAD2(from) vcvt_f64_f32(vld1_f32(from))
+#include "tissue/force_neon_kernel.h"
+#undef TM_REAL
+#undef TM_NAME
+#undef TM_OF
+#undef TM_LOAD2
+#endif
+
 tm_force_kernel tm_force_choose(bool plain, bool single) {
 #ifdef TM_HAS_AVX2
     if (!plain && __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma"))
         return single ? tm_force_avx2_single : tm_force_avx2_double;
+#endif
+#ifdef TM_HAS_NEON
+    if (!plain) return single ? tm_force_neon_single : tm_force_neon_double; /* every arm64 has it */
 #endif
     (void)plain;
     return single ? tm_force_plain_single : tm_force_plain_double;

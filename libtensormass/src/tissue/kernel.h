@@ -15,6 +15,10 @@
 #else
 #define TM_AVX2
 #endif
+#ifdef __aarch64__
+#include <arm_neon.h>
+#define TM_HAS_NEON 1
+#endif
 
 #define TM_RESTRICT restrict
 
@@ -95,6 +99,8 @@ TM_FORCE_DECLARE(tm_force_plain_double);
 TM_FORCE_DECLARE(tm_force_plain_single);
 TM_FORCE_DECLARE(tm_force_avx2_double);
 TM_FORCE_DECLARE(tm_force_avx2_single);
+TM_FORCE_DECLARE(tm_force_neon_double);
+TM_FORCE_DECLARE(tm_force_neon_single);
 
 /* The best this processor has, or the plain form. Tensors must be padded by TM_FORCE_PADDING numbers. */
 enum { TM_FORCE_PADDING = 4 };
