@@ -47,6 +47,6 @@ for target in "$@"; do
     for test in tests/cross/everywhere.c tests/hash/state_hash.c; do
         "${zig[@]}" cc -target "$triple" "${flags[@]}" $test -o "$folder/$(basename $test .c)$program" "$folder/libtensormass_io.a" "$folder/libtensormass.a" "$folder/libtensormass_controller.a" -lm -lpthread
     done
-    rm -rf "$folder/obj"
+    rm -rf "$folder"/obj "$folder"/*.pdb
     echo "$target: $(cd "$folder" && ls | tr '\n' ' ')"
 done

@@ -95,7 +95,7 @@ class Interface:
         raise SystemExit(f"bind.py: cannot read {node}")
 
     def arguments(self, node):
-        listed = [a for a in (node.args.params if node.args else [])]
+        listed = [a for a in (node.args.params if node.args else []) if not isinstance(a, c_ast.EllipsisParam)]
         kinds = [self.type_of(a.type, argument=True)[0] for a in listed]
         return [] if kinds == ["None"] else kinds
 
