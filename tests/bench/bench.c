@@ -51,7 +51,8 @@ tm_mesh *bench_block_of(int cells, double side_m) {
 
 tm_mesh *bench_block(int cells) { return bench_block_of(cells, 0.1); }
 
-void bench_hold(tm_world *world, const tm_mesh *mesh) {
+/* The lowest vertices. */
+static void hold(tm_world *world, const tm_mesh *mesh) {
     double lowest = mesh->rest_m[2];
     for (int32_t v = 0; v < mesh->vertex_count; v++) lowest = fmin(lowest, mesh->rest_m[3 * v + 2]);
     int32_t *dof = malloc(sizeof(int32_t) * 3 * (size_t)mesh->vertex_count);
@@ -76,6 +77,17 @@ tm_tissue *bench_tissue(const tm_mesh *mesh, tm_precision precision, tm_force_fo
     tm_tissue *tissue = NULL;
     bench_must(tm_tissue_create(&def, &tissue, &error), &error);
     return tissue;
+}
+
+tm_world *bench_world(tm_tissue *tissue, int threads) {
+    tm_world_def def = tm_world_def_default();
+    def.tissue = tissue, def.threads = threads;
+    tm_world *world = NULL;
+    tm_error error;
+    bench_must(tm_world_create(&def, &world, &error), &error);
+    bench_must(tm_stage_gravity(world, (const double[3]){0, 0, -9.81}, &error), &error);
+    hold(world, tm_tissue_mesh(tissue));
+    return world;
 }
 
 static cJSON *machine(void) {

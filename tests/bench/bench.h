@@ -17,9 +17,9 @@ cJSON *bench_quantiles(double *value, int count);
 /* A block of cells^3 cubes; stops the program when memory is short. */
 tm_mesh *bench_block(int cells);
 tm_mesh *bench_block_of(int cells, double side_m); /* bench_block: 0.1 m */
-/* Holds the lowest vertices. */
-void bench_hold(tm_world *world, const tm_mesh *mesh);
 tm_tissue *bench_tissue(const tm_mesh *mesh, tm_precision precision, tm_force_form form, bool cuttable);
+/* With everything a plain scene has: force, gravity, damping, the lowest vertices held. */
+tm_world *bench_world(tm_tissue *tissue, int threads);
 void bench_must(tm_status status, const tm_error *error);
 
 cJSON *bench_force(const bench_run *run);

@@ -23,14 +23,8 @@ static tm_tissue *make_tissue(const tm_mesh *mesh) {
 
 /* Held below, heavy, with a probe over its middle. */
 static tm_world *make_world(tm_tissue *tissue, int threads, tm_contact **contact) {
-    const tm_mesh *mesh = tm_tissue_mesh(tissue);
-    tm_world_def def = tm_world_def_default();
-    def.tissue = tissue, def.threads = threads;
-    tm_world *world = NULL;
+    tm_world *world = bench_world(tissue, threads);
     tm_error error;
-    bench_must(tm_world_create(&def, &world, &error), &error);
-    bench_must(tm_stage_gravity(world, (const double[3]){0, 0, -9.81}, &error), &error);
-    bench_hold(world, mesh);
     tm_instrument_def probe = {.mode = TM_TOOL_PROBE,
                                .trocar_m = {SIDE_M / 2, SIDE_M / 2, 3 * SIDE_M},
                                .radius_m = 0.0025,

@@ -8,18 +8,6 @@
 
 enum { FORCE, ONE, MANY, KINDS }; /* a force pass, a step on one thread, on as many as there are cores */
 
-/* With everything a plain scene has: force, gravity, damping, supports. */
-static tm_world *make_world(tm_tissue *tissue, int threads) {
-    tm_world_def def = tm_world_def_default();
-    def.tissue = tissue, def.threads = threads;
-    tm_world *world = NULL;
-    tm_error error;
-    bench_must(tm_world_create(&def, &world, &error), &error);
-    bench_must(tm_stage_gravity(world, (const double[3]){0, 0, -9.81}, &error), &error);
-    bench_hold(world, tm_tissue_mesh(tissue));
-    return world;
-}
-
 static void add_settling(cJSON *row, tm_world *world) {
     tm_settle_def settle = tm_settle_def_default();
     tm_settle_result rest;
@@ -71,8 +59,8 @@ cJSON *bench_step(const bench_run *run) {
     for (int s = 0; s < run->size_count; s++) {
         tm_mesh *mesh = bench_block(run->cells[s]);
         tm_tissue *tissue = bench_tissue(mesh, TM_DOUBLE, TM_FORCE_BEST, false);
-        tm_world *one = make_world(tissue, 1),
-                 *many = make_world(tissue, cores < TM_MAX_THREADS ? (int)cores : TM_MAX_THREADS);
+        tm_world *one = bench_world(tissue, 1),
+                 *many = bench_world(tissue, cores < TM_MAX_THREADS ? (int)cores : TM_MAX_THREADS);
         cJSON *row = one_step(mesh, tissue, one, many, run);
         add_settling(row, one);
         cJSON_AddItemToArray(rows, row);
