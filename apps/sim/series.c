@@ -7,29 +7,20 @@
 #include <string.h>
 #include <sys/stat.h>
 
-/* The file is XML that describes arrays, then the arrays, each behind its length in bytes. */
-enum { TETRA = 10, HIDDEN_CELL = 32 };
+#include "libtensormass/io/vtu.h"
 
-typedef struct array {
-    const char *name, *type; /* VTK's */
-    int components;
-    int64_t bytes;
-    const void *data;
-} array;
+enum { HIDDEN_CELL = 32 };
 
 typedef struct cells {
-    int64_t *offset;
-    uint8_t *type, *alive, *ghost;
+    uint8_t *alive, *ghost;
 } cells;
 
 static bool fill_cells(const run_series *series, const sim *s, cells *c) {
     size_t n = (size_t)s->mesh->tet_count;
     const uint8_t *alive = tm_tissue_alive(s->model->tissue);
-    *c = (cells){malloc(n * sizeof *c->offset), malloc(n), malloc(n), malloc(n)};
-    if (!c->offset || !c->type || !c->alive || !c->ghost) return false;
+    *c = (cells){malloc(n), malloc(n)};
+    if (!c->alive || !c->ghost) return false;
     for (size_t t = 0; t < n; t++) {
-        c->offset[t] = 4 * (int64_t)(t + 1);
-        c->type[t] = TETRA;
         c->alive[t] = alive[t] || (series->condensed && series->condensed[t]);
         c->ghost[t] = c->alive[t] ? 0 : HIDDEN_CELL;
     }
@@ -37,18 +28,8 @@ static bool fill_cells(const run_series *series, const sim *s, cells *c) {
 }
 
 static void free_cells(cells *c) {
-    free(c->offset);
-    free(c->type);
     free(c->alive);
     free(c->ghost);
-}
-
-static void declare(FILE *out, const array *a, int64_t *at) {
-    fprintf(out,
-            "<DataArray type=\"%s\" Name=\"%s\" NumberOfComponents=\"%d\" format=\"appended\" offset=\"%" PRId64
-            "\"/>\n",
-            a->type, a->name, a->components, *at);
-    *at += (int64_t)sizeof(uint64_t) + a->bytes;
 }
 
 static void write_numbers(FILE *out, const char *name, int components, int tuples, const double *value) {
@@ -75,36 +56,26 @@ static void write_field(FILE *out, const sim *s) {
 
 static void write_grid(FILE *out, const sim *s, const cells *c) {
     const tm_mesh *m = s->mesh;
-    int64_t v = m->vertex_count, t = m->tet_count, at = 0;
-    const array points = {"Points", "Float64", 3, 24 * v, m->rest_m},
-                displacement = {"displacement_m", "Float64", 3, 24 * v, sim_displacement(s)},
-                cell[] = {{"connectivity", "Int32", 1, 16 * t, m->tet},
-                          {"offsets", "Int64", 1, 8 * t, c->offset},
-                          {"types", "UInt8", 1, t, c->type}},
-                cell_data[] = {{"region", "Int32", 1, 4 * t, m->region},
-                               {"alive", "UInt8", 1, t, c->alive},
-                               {"vtkGhostType", "UInt8", 1, t, c->ghost}};
-    fprintf(out,
-            "<?xml version=\"1.0\"?>\n<VTKFile type=\"UnstructuredGrid\" version=\"1.0\" byte_order=\"LittleEndian\" "
-            "header_type=\"UInt64\">\n<UnstructuredGrid>\n");
+    const int64_t v = m->vertex_count, t = m->tet_count;
+    const vtu_array displacement = {"Float64", 3, 8, v}, region = {"Int32", 1, 4, t}, state = {"UInt8", 1, 1, t};
+    int64_t at = 0;
+    fputs("<?xml version=\"1.0\"?>\n", out);
+    vtu_begin(out);
     write_field(out, s);
-    fprintf(out, "<Piece NumberOfPoints=\"%" PRId64 "\" NumberOfCells=\"%" PRId64 "\">\n<Points>\n", v, t);
-    declare(out, &points, &at);
-    fputs("</Points>\n<PointData Vectors=\"displacement_m\">\n", out);
-    declare(out, &displacement, &at);
-    fputs("</PointData>\n<Cells>\n", out);
-    for (int i = 0; i < 3; i++) declare(out, &cell[i], &at);
-    fputs("</Cells>\n<CellData Scalars=\"region\">\n", out);
-    for (int i = 0; i < 3; i++) declare(out, &cell_data[i], &at);
-    fputs("</CellData>\n</Piece>\n</UnstructuredGrid>\n<AppendedData encoding=\"raw\">\n_", out);
-    const array *const order[] = {&points,  &displacement, &cell[0],      &cell[1],
-                                  &cell[2], &cell_data[0], &cell_data[1], &cell_data[2]};
-    for (size_t i = 0; i < sizeof order / sizeof order[0]; i++) {
-        uint64_t bytes = (uint64_t)order[i]->bytes;
-        fwrite(&bytes, sizeof bytes, 1, out);
-        fwrite(order[i]->data, 1, (size_t)bytes, out);
-    }
-    fputs("\n</AppendedData>\n</VTKFile>\n", out);
+    vtu_piece(v, t, " Vectors=\"displacement_m\"", &at, out);
+    vtu_declare(&displacement, "", "displacement_m", &at, out);
+    vtu_cells(t, &at, out);
+    vtu_declare(&region, "", "region", &at, out);
+    vtu_declare(&state, "", "alive", &at, out);
+    vtu_declare(&state, "", "vtkGhostType", &at, out);
+    vtu_data(out);
+    vtu_put_points(v, m->rest_m, out);
+    vtu_put(&displacement, sim_displacement(s), out);
+    vtu_put_cells(t, m->tet, out);
+    vtu_put(&region, m->region, out);
+    vtu_put(&state, c->alive, out);
+    vtu_put(&state, c->ghost, out);
+    vtu_end(out);
 }
 
 static int write_frame(run_series *series, const sim *s) {
