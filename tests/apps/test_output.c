@@ -182,10 +182,21 @@ static void endings(void **state) {
     assert_int_equal(app_output_ending("--png", "a.pn", ".png"), APP_BAD_INPUT);
 }
 
+/* Also what nobody filled in: a step fails without words. */
+static void reports(void **state) {
+    (void)state;
+    assert_int_equal(app_report(NULL, 0, &(tm_error){0}), APP_FAILED);
+    assert_int_equal(app_report(NULL, 0, &(tm_error){.status = TM_ERR_MEMORY}), APP_FAILED);
+    assert_int_equal(app_report("a.yaml", 3, &(tm_error){.status = TM_ERR_MESH}), APP_BAD_INPUT);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(whole_or_not_at_all), cmocka_unit_test(killed),
-                                       cmocka_unit_test(links_stay), cmocka_unit_test(no_files),
-                                       cmocka_unit_test(endings)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(whole_or_not_at_all),
+                                       cmocka_unit_test(killed),
+                                       cmocka_unit_test(links_stay),
+                                       cmocka_unit_test(no_files),
+                                       cmocka_unit_test(endings),
+                                       cmocka_unit_test(reports)};
     int failed = cmocka_run_group_tests(tests, enter, NULL);
     no_unnamed_files = true;
     return failed + cmocka_run_group_tests(tests, NULL, leave);

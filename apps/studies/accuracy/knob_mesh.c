@@ -16,11 +16,8 @@ static tm_status one_law(const run *r, const char *law, const int *cells, int co
     measured truth, m[MOST];
     double depth, seconds[MOST];
     tm_status status = TM_OK;
-    if (!reference_case(r->truth, law, 0, &depth, &truth)) {
-        error->status = TM_ERR_FILE;
-        snprintf(error->message, sizeof error->message, "the references hold no case '%s'; make them again", law);
-        return TM_ERR_FILE;
-    }
+    if (!reference_case(r->truth, law, 0, &depth, &truth))
+        return tm_fail(error, TM_ERR_FILE, -1, "the references hold no case '%s'; make them again", law);
     for (int i = 0; i < count && status == TM_OK; i++) {
         problem_def def = problem_default(cells[i]);
         def.depth = depth;

@@ -79,7 +79,7 @@ static tm_status swing_run(double dt, int stride, int samples, const double *u, 
     double *before = malloc(sizeof *before * n), *now = malloc(sizeof *now * n), first = tm_tissue_energy(p.tissue, u),
            spent = 0;
     int32_t corner = p.mesh->vertex_count - 1;
-    if (!before || !now) status = TM_ERR_MEMORY;
+    if (!before || !now) status = problem_no_memory(error);
     *out = (swing){.finite = true};
     for (int s = 0; s < samples && status == TM_OK; s++) {
         double start = app_seconds();
@@ -123,7 +123,7 @@ static tm_status settling(double fraction, double *settle_s, tm_error *error) {
     double dt = status == TM_OK ? tm_world_step_s(p.world) : 1;
     int32_t corner = 3 * ((CELLS + 1) * (CELLS + 1) * (CELLS + 1) - 1) + 2, steps = (int32_t)(1.0 / dt);
     double *path = malloc(sizeof *path * (size_t)steps);
-    if (status == TM_OK && !path) status = TM_ERR_MEMORY;
+    if (status == TM_OK && !path) status = problem_no_memory(error);
     for (int32_t i = 0; i < steps && status == TM_OK; i++) {
         status = tm_world_step(p.world, 1);
         path[i] = tm_world_state(p.world)->u_m[corner];
@@ -156,7 +156,7 @@ cJSON *knob_step(const run *r, tm_error *error) {
         guaranteed = tm_critical_step_guaranteed(p.tissue, NULL);
         uint8_t *mask = calloc(3, (size_t)p.mesh->vertex_count);
         if (mask) tm_support_mask(p.world, mask);
-        status = mask ? tm_critical_step_sharp(p.tissue, mask, 1e-6, 20000, &sharp, error) : TM_ERR_MEMORY;
+        status = mask ? tm_critical_step_sharp(p.tissue, mask, 1e-6, 20000, &sharp, error) : problem_no_memory(error);
         free(mask);
     }
     problem_destroy(&p);

@@ -13,16 +13,8 @@ static tm_status lead_all(const problem *p, tm_error *error) {
     const int32_t n = 3 * p->mesh->vertex_count;
     int32_t *dof = malloc(sizeof *dof * (size_t)n);
     double *zero = calloc((size_t)n, sizeof *zero);
-    tm_status status = TM_ERR_MEMORY;
-    if (dof && zero) {
-        for (int32_t i = 0; i < n; i++) dof[i] = i;
-        tm_support_def def = tm_support_def_default();
-        def.count = n, def.dof = dof, def.value_m = zero;
-        status = tm_stage_support(p->world, &def, error);
-    }
-    free(dof);
-    free(zero);
-    return status;
+    for (int32_t i = 0; dof && i < n; i++) dof[i] = i;
+    return problem_hold(p->world, n, dof, zero, error);
 }
 
 /* The modulus of a cycle of `steps`, as a share of the sudden one, from the force on one vertex: x sin(wt) is pulled
@@ -44,7 +36,7 @@ static tm_status swing(int steps, double complex *modulus, tm_error *error) {
     double complex sum = 0;
     double *elastic = calloc((size_t)n, sizeof *elastic), *u = calloc((size_t)n, sizeof *u);
     for (int32_t i = 0; u && i < n; i += 3) u[i] = 0.01 * p.mesh->rest_m[i];
-    if (!elastic || !u) status = TM_ERR_MEMORY;
+    if (!elastic || !u) status = problem_no_memory(error);
     if (status == TM_OK) tm_tissue_force(p.tissue, u, elastic);
     for (int step = 0; step < 3 * steps && status == TM_OK; step++) {
         for (int32_t i = 0; i < n; i++) tm_support_move(p.world, i, u[i] * sin(angular * (step + 1) * s->dt_s));

@@ -71,27 +71,19 @@ static const double SIDE_M = 0.1, LENGTH_M = 0.6, YOUNG_PA = 1e4, PULL_N = 1e-3;
 static tm_status hold_and_pull(tm_world *world, const tm_mesh *mesh, double *load, tm_error *error) {
     int32_t *dof = malloc(sizeof *dof * 3 * (size_t)mesh->vertex_count), count = 0;
     double *rest = calloc(3 * (size_t)mesh->vertex_count, sizeof *rest), area = 0;
-    tm_status status = TM_ERR_MEMORY;
-    if (dof && rest) {
-        for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
-            if (mesh->rest_m[d / 3 * 3 + 2] < 1e-9) dof[count++] = d;
-        tm_support_def support = tm_support_def_default();
-        support.count = count, support.dof = dof, support.value_m = rest;
-        status = tm_stage_support(world, &support, error);
-        for (int pass = 0; pass < 2; pass++)
-            for (int32_t s = 0; s < mesh->surface_count; s++) { /* the end's triangles are all alike */
-                const int32_t *v = mesh->surface + 3 * s;
-                double z = 0;
-                for (int k = 0; k < 3; k++) z += mesh->rest_m[3 * v[k] + 2];
-                if (z < 3 * LENGTH_M - 1e-9) continue;
-                if (pass == 0) area++;
-                for (int k = 0; pass == 1 && k < 3; k++) load[3 * v[k]] += PULL_N / area / 3;
-            }
-        if (status == TM_OK) status = tm_stage_load(world, load, error);
-    }
-    free(dof);
-    free(rest);
-    return status;
+    for (int32_t d = 0; dof && d < 3 * mesh->vertex_count; d++)
+        if (mesh->rest_m[d / 3 * 3 + 2] < 1e-9) dof[count++] = d;
+    tm_status status = problem_hold(world, count, dof, rest, error);
+    for (int pass = 0; pass < 2; pass++)
+        for (int32_t s = 0; s < mesh->surface_count; s++) { /* the end's triangles are all alike */
+            const int32_t *v = mesh->surface + 3 * s;
+            double z = 0;
+            for (int k = 0; k < 3; k++) z += mesh->rest_m[3 * v[k] + 2];
+            if (z < 3 * LENGTH_M - 1e-9) continue;
+            if (pass == 0) area++;
+            for (int k = 0; pass == 1 && k < 3; k++) load[3 * v[k]] += PULL_N / area / 3;
+        }
+    return status ? status : tm_stage_load(world, load, error);
 }
 
 /* Way of the pull over Timoshenko's. */
@@ -100,7 +92,7 @@ static tm_status tip(const tm_mesh *mesh, double nu, double shear, double *ratio
     tm_tissue *tissue = NULL;
     tm_world *world = NULL;
     double *load = calloc(3 * (size_t)mesh->vertex_count, sizeof *load), moved = 0;
-    tm_status status = load ? tm_material_young(YOUNG_PA, nu, &material, error) : TM_ERR_MEMORY;
+    tm_status status = load ? tm_material_young(YOUNG_PA, nu, &material, error) : problem_no_memory(error);
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = mesh, def.material_count = 1, def.material = &material;
     set_form(&def, shear);
@@ -128,7 +120,8 @@ static tm_status cantilevers(const run *r, cJSON *rows, tm_error *error) {
     static const double nus[NUS] = {0.3, 0.45, 0.49, 0.499, 0.4999};
     app_block block;
     tm_mesh *mesh = NULL;
-    if (!app_block_make(&block, (int32_t[3]){4, 4, 24}, (double[3]){SIDE_M, SIDE_M, LENGTH_M})) return TM_ERR_MEMORY;
+    if (!app_block_make(&block, (int32_t[3]){4, 4, 24}, (double[3]){SIDE_M, SIDE_M, LENGTH_M}))
+        return problem_no_memory(error);
     tm_status status = app_block_mesh(&block, NULL, &mesh, error);
     app_block_free(&block);
     const int count = r->quick ? NUS - 1 : NUS;
@@ -156,10 +149,8 @@ cJSON *knob_volume(const run *r, tm_error *error) {
     measured truth;
     double depth;
     tm_status status = TM_OK;
-    if (!reference_case(r->truth, "iso", 0, &depth, &truth)) {
-        error->status = status = TM_ERR_FILE;
-        snprintf(error->message, sizeof error->message, "the references hold no case 'iso'; make them again");
-    }
+    if (!reference_case(r->truth, "iso", 0, &depth, &truth))
+        status = tm_fail(error, TM_ERR_FILE, -1, "the references hold no case 'iso'; make them again");
     for (int i = 0; i < count && status == TM_OK; i++) {
         status = one_mesh(r, cells[i], &truth, depth, rows, error);
         r->progress("volume", (double)(i + 1) / count);

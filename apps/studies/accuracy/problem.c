@@ -9,9 +9,23 @@
 
 static int32_t node(int n, int i, int j, int k) { return i + (n + 1) * (j + (n + 1) * k); }
 
+tm_status problem_no_memory(tm_error *error) {
+    return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the block; use --quick");
+}
+
+tm_status problem_hold(tm_world *world, int32_t count, int32_t *dof, double *value_m, tm_error *error) {
+    tm_support_def def = tm_support_def_default();
+    def.count = count, def.dof = dof, def.value_m = value_m;
+    const tm_status status = dof && value_m ? tm_stage_support(world, &def, error) : problem_no_memory(error);
+    free(dof);
+    free(value_m);
+    return status;
+}
+
 static tm_status make_mesh(int n, tm_mesh **mesh, tm_error *error) {
     app_block block;
-    if (!app_block_make(&block, (int32_t[3]){n, n, n}, (double[3]){BLOCK_M, BLOCK_M, BLOCK_M})) return TM_ERR_MEMORY;
+    if (!app_block_make(&block, (int32_t[3]){n, n, n}, (double[3]){BLOCK_M, BLOCK_M, BLOCK_M}))
+        return problem_no_memory(error);
     tm_status status = app_block_mesh(&block, NULL, mesh, error);
     app_block_free(&block);
     return status;
@@ -27,7 +41,6 @@ static tm_status add_supports(const problem_def *def, problem *p, tm_error *erro
     size_t most = (size_t)(n + 1) * (n + 1) * 6;
     int32_t *dof = malloc(most * sizeof *dof), count = 0;
     double *value = calloc(most, sizeof *value);
-    tm_status status = TM_ERR_MEMORY;
     if (dof && value) {
         for (int32_t v = 0; v < p->mesh->vertex_count; v++) {
             int i = v % (n + 1), j = v / (n + 1) % (n + 1), k = v / (n + 1) / (n + 1);
@@ -41,13 +54,8 @@ static tm_status add_supports(const problem_def *def, problem *p, tm_error *erro
                 dof[count++] = 3 * v + 2;
             }
         }
-        tm_support_def support = tm_support_def_default();
-        support.count = count, support.dof = dof, support.value_m = value;
-        status = tm_stage_support(p->world, &support, error);
     }
-    free(dof);
-    free(value);
-    return status;
+    return problem_hold(p->world, count, dof, value, error);
 }
 
 problem_def problem_default(int cells) {
@@ -68,7 +76,7 @@ tm_status problem_create(const problem_def *def, problem *p, tm_error *error) {
     double *fibre = NULL;
     if (status == TM_OK && def->fibre) {
         fibre = malloc(sizeof *fibre * 3 * (size_t)p->mesh->tet_count);
-        if (!fibre) status = TM_ERR_MEMORY;
+        if (!fibre) status = problem_no_memory(error);
         for (int32_t t = 0; fibre && t < p->mesh->tet_count; t++) memcpy(fibre + 3 * t, def->fibre, 3 * sizeof *fibre);
     }
     if (status == TM_OK) {

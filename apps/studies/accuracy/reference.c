@@ -23,10 +23,8 @@ reference *reference_open(const char *path, tm_error *error) {
     free(text);
     if (r && r->root) return r;
     free(r);
-    error->status = TM_ERR_FILE;
-    snprintf(error->message, sizeof error->message,
-             "%s: not the JSON of the references; make it with make_inp.py --gather, or name it with --reference",
-             path);
+    tm_fail(error, TM_ERR_FILE, -1,
+            "%s: not the JSON of the references; make it with make_inp.py --gather, or name it with --reference", path);
     return NULL;
 }
 

@@ -32,7 +32,7 @@ static tm_status make_tissue(bed *b, const int32_t cells[3], tm_error *error) {
     const double size[3] = {cells[0] * EDGE_M, cells[1] * EDGE_M, cells[2] * EDGE_M};
     app_block block;
     tm_material material;
-    if (!app_block_make(&block, cells, size)) return TM_ERR_MEMORY;
+    if (!app_block_make(&block, cells, size)) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the block");
     tm_status status = app_block_mesh(&block, NULL, &b->mesh, error);
     app_block_free(&block);
     b->top_m = size[2], b->middle_m = 0.5 * size[0] + 0.0013;

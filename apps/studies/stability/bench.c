@@ -59,8 +59,10 @@ static tm_status hold(const bench_def *def, bench *b, tm_error *error) {
     if (!held) return TM_OK;
     int32_t *dof = malloc(sizeof *dof * 3 * (size_t)held);
     double *zero = calloc(3 * (size_t)held, sizeof *zero);
-    tm_status status = TM_ERR_MEMORY;
-    if (dof && zero) {
+    tm_status status;
+    if (!dof || !zero) {
+        status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the supports");
+    } else {
         for (int32_t i = 0; i < 3 * held; i++) dof[i] = i;
         tm_support_def support = tm_support_def_default();
         support.count = 3 * held, support.dof = dof, support.value_m = zero;
@@ -75,7 +77,7 @@ static tm_status open_tissue(const bench_def *def, bench *b, tm_error *error) {
     double *fibre = NULL;
     if (def->fibre) {
         fibre = malloc(sizeof *fibre * 3 * (size_t)b->mesh->tet_count);
-        if (!fibre) return TM_ERR_MEMORY;
+        if (!fibre) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the fibres");
         for (int32_t t = 0; t < b->mesh->tet_count; t++) memcpy(fibre + 3 * t, def->fibre, 3 * sizeof *fibre);
     }
     tm_tissue_def tissue = tm_tissue_def_default();

@@ -111,7 +111,8 @@ static void cut(bool quick, double unused, outcome *o) {
     const double g[3] = {0, 0, -9.81};
     const tm_settle_def settle = tm_settle_def_default();
     double *truth = malloc(sizeof *truth * 3 * (size_t)b.mesh->vertex_count);
-    tm_status status = truth ? tm_stage_gravity(b.world, g, &error) : TM_ERR_MEMORY;
+    tm_status status =
+        truth ? tm_stage_gravity(b.world, g, &error) : tm_fail(&error, TM_ERR_MEMORY, -1, "no memory for the truth");
     for (int32_t t = b.mesh->tet_count - 1; t > b.mesh->tet_count * 4 / 5 && status == TM_OK; t--) {
         tm_cut_remove(b.tissue, &t, 1, NULL, 0);
         status = tm_world_step(b.world, 3);
