@@ -649,86 +649,104 @@ static void hold_something(hrt_patch *p) {
     }
 }
 
-static void bad_patches(void **state) {
-    (void)state;
+/* What a patch is told that `spoil` has made of the good one, for cases 0, 1, ... */
+static void refused(void (*spoil)(hrt_patch *p, int what), bool held, const hrt_reject *verdict, int count) {
     static hrt_patch p;
     ground(0.0005f);
-    const struct {
-        int what;
-        hrt_reject verdict;
-    } cases[] = {{0, HRT_ACCEPT},
-                 {1, HRT_REJECT_INDEX},
-                 {2, HRT_REJECT_INDEX},
-                 {3, HRT_REJECT_INDEX},
-                 {4, HRT_REJECT_INDEX},
-                 {5, HRT_REJECT_NOT_FINITE},
-                 {6, HRT_REJECT_NOT_FINITE},
-                 {7, HRT_REJECT_ASYMMETRIC},
-                 {8, HRT_REJECT_ASYMMETRIC},
-                 {9, HRT_REJECT_HUGE},
-                 {10, HRT_REJECT_HUGE},
-                 {11, HRT_ACCEPT},
-                 {12, HRT_REJECT_INDEX},
-                 {13, HRT_REJECT_NOT_FINITE},
-                 {14, HRT_REJECT_INDEX},
-                 {15, HRT_ACCEPT},
-                 {16, HRT_REJECT_INDEX},
-                 {17, HRT_REJECT_INDEX},
-                 {18, HRT_REJECT_ASYMMETRIC},
-                 {19, HRT_REJECT_HUGE},
-                 {20, HRT_REJECT_NOT_FINITE},
-                 {21, HRT_REJECT_HUGE},
-                 {22, HRT_REJECT_NOT_FINITE},
-                 {23, HRT_REJECT_HUGE},
-                 {24, HRT_REJECT_ASYMMETRIC},
-                 {25, HRT_REJECT_HUGE},
-                 {26, HRT_REJECT_NOT_FINITE},
-                 {27, HRT_REJECT_HUGE},
-                 {28, HRT_REJECT_HUGE},
-                 {29, HRT_REJECT_HUGE},
-                 {30, HRT_REJECT_NOT_FINITE},
-                 {31, HRT_REJECT_HUGE},
-                 {32, HRT_ACCEPT}};
-    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+    for (int what = 0; what < count; what++) {
         p = patch;
-        if (cases[k].what >= 15) hold_something(&p);
-        float *stiffness = &p.compliance_m_N[HRT_PATCH_COMPLIANCE - 6];
-        switch (cases[k].what) {
-        case 14: p.held = 1u << VERTICES; break;   /* no place for the tip */
-        case 25: p.radiation_N_s_m = -0.1f; break; /* drives */
-        case 26: p.radiation_s = NAN; break;
-        case 27: p.radiation_N_s_m = 11.0f; break;
-        case 28: p.friction_static = 2.1f; break;
-        case 29: p.friction_static = 0.2f, p.friction_sliding = 0.3f; break;
-        case 30: p.friction_static = NAN; break;
-        case 31: p.friction_sliding = -0.1f; break;
-        case 32: p.friction_static = 2.0f, p.friction_sliding = 2.0f; break;
-        case 16: p.held = 3u; break; /* held vertices, and no hold */
-        case 17: p.held |= 1u << (VERTICES + 4); break;
-        case 18: stiffness[0] = 200.0f; break;        /* pushes on */
-        case 19: p.compliance_m_N[69] = 11.0f; break; /* a vertex that runs ahead of the tip */
-        case 20: p.compliance_m_N[70] = NAN; break;
-        case 21: p.rest_m[hrt_patch_tip(&p)] = 1001.0f; break; /* the force */
-        case 22: p.vertex_m[hrt_patch_tip(&p) + 2] = NAN; break;
-        case 23: stiffness[5] = -2.0e9f; break;
-        case 24: stiffness[1] = 400.0f; break; /* indefinite */
-        case 1: p.vertex_count = 25; break;
-        case 2: p.triangle_count = 33; break;
-        case 3: p.triangle[5] = 24; break;
-        case 4: p.triangle[1] = p.triangle[0]; break;
-        case 5: p.vertex_m[7] = NAN; break;
-        case 6: p.compliance_m_N[2627] = INFINITY; break;
-        case 7: p.compliance_m_N[0] = -0.001f; break;
-        case 8: p.compliance_m_N[3] = 0.01f; break; /* a coupling larger than what it couples */
-        case 9: p.radius_m = 1.0f; break;
-        case 10: p.skin_compliance_m_N = -1.0f; break;
-        case 11: memset(p.compliance_m_N, 0, sizeof p.compliance_m_N); break; /* rigid: semidefinite all the same */
-        case 12: p.vertex_count = 2; break;
-        case 13: p.rest_m[3] = NAN; break;
-        default: break;
-        }
-        assert_int_equal(hrt_patch_prepare(&p, scratch), cases[k].verdict);
+        if (held) hold_something(&p);
+        spoil(&p, what);
+        const hrt_reject told = hrt_patch_prepare(&p, scratch);
+        if (told != verdict[what]) print_message("case %d\n", what);
+        assert_int_equal(told, verdict[what]);
     }
+}
+
+static void spoil_patch(hrt_patch *p, int what) {
+    switch (what) {
+    case 1: p->vertex_count = 25; break;
+    case 2: p->triangle_count = 33; break;
+    case 3: p->triangle[5] = 24; break;
+    case 4: p->triangle[1] = p->triangle[0]; break;
+    case 5: p->vertex_m[7] = NAN; break;
+    case 6: p->compliance_m_N[2627] = INFINITY; break;
+    case 7: p->compliance_m_N[0] = -0.001f; break;
+    case 8: p->compliance_m_N[3] = 0.01f; break; /* a coupling larger than what it couples */
+    case 9: p->radius_m = 1.0f; break;
+    case 10: p->skin_compliance_m_N = -1.0f; break;
+    case 11: memset(p->compliance_m_N, 0, sizeof p->compliance_m_N); break; /* rigid: semidefinite all the same */
+    case 12: p->vertex_count = 2; break;
+    case 13: p->rest_m[3] = NAN; break;
+    case 14: p->held = 1u << VERTICES; break; /* no place for the tip */
+    default: break;
+    }
+}
+
+static void bad_patches(void **state) {
+    (void)state;
+    static const hrt_reject verdict[] = {HRT_ACCEPT,
+                                         HRT_REJECT_INDEX,
+                                         HRT_REJECT_INDEX,
+                                         HRT_REJECT_INDEX,
+                                         HRT_REJECT_INDEX,
+                                         HRT_REJECT_NOT_FINITE,
+                                         HRT_REJECT_NOT_FINITE,
+                                         HRT_REJECT_ASYMMETRIC,
+                                         HRT_REJECT_ASYMMETRIC,
+                                         HRT_REJECT_HUGE,
+                                         HRT_REJECT_HUGE,
+                                         HRT_ACCEPT,
+                                         HRT_REJECT_INDEX,
+                                         HRT_REJECT_NOT_FINITE,
+                                         HRT_REJECT_INDEX};
+    refused(spoil_patch, false, verdict, sizeof verdict / sizeof *verdict);
+}
+
+static void spoil_hold(hrt_patch *p, int what) {
+    float *stiffness = &p->compliance_m_N[HRT_PATCH_COMPLIANCE - 6];
+    switch (what) {
+    case 1: p->held = 3u; break; /* held vertices, and no hold */
+    case 2: p->held |= 1u << (VERTICES + 4); break;
+    case 3: stiffness[0] = 200.0f; break;         /* pushes on */
+    case 4: p->compliance_m_N[69] = 11.0f; break; /* a vertex that runs ahead of the tip */
+    case 5: p->compliance_m_N[70] = NAN; break;
+    case 6: p->rest_m[hrt_patch_tip(p)] = 1001.0f; break; /* the force */
+    case 7: p->vertex_m[hrt_patch_tip(p) + 2] = NAN; break;
+    case 8: stiffness[5] = -2.0e9f; break;
+    case 9: stiffness[1] = 400.0f; break; /* indefinite */
+    default: break;
+    }
+}
+
+static void bad_holds(void **state) {
+    (void)state;
+    static const hrt_reject verdict[] = {
+        HRT_ACCEPT,      HRT_REJECT_INDEX,      HRT_REJECT_INDEX, HRT_REJECT_ASYMMETRIC,
+        HRT_REJECT_HUGE, HRT_REJECT_NOT_FINITE, HRT_REJECT_HUGE,  HRT_REJECT_NOT_FINITE,
+        HRT_REJECT_HUGE, HRT_REJECT_ASYMMETRIC};
+    refused(spoil_hold, true, verdict, sizeof verdict / sizeof *verdict);
+}
+
+static void spoil_drag(hrt_patch *p, int what) {
+    switch (what) {
+    case 0: p->radiation_N_s_m = -0.1f; break; /* drives */
+    case 1: p->radiation_s = NAN; break;
+    case 2: p->radiation_N_s_m = 11.0f; break;
+    case 3: p->friction_static = 2.1f; break;
+    case 4: p->friction_static = 0.2f, p->friction_sliding = 0.3f; break;
+    case 5: p->friction_static = NAN; break;
+    case 6: p->friction_sliding = -0.1f; break;
+    case 7: p->friction_static = 2.0f, p->friction_sliding = 2.0f; break;
+    default: break;
+    }
+}
+
+static void bad_drags(void **state) {
+    (void)state;
+    static const hrt_reject verdict[] = {HRT_REJECT_HUGE, HRT_REJECT_NOT_FINITE, HRT_REJECT_HUGE, HRT_REJECT_HUGE,
+                                         HRT_REJECT_HUGE, HRT_REJECT_NOT_FINITE, HRT_REJECT_HUGE, HRT_ACCEPT};
+    refused(spoil_drag, true, verdict, sizeof verdict / sizeof *verdict);
 }
 
 /* Whatever passes the check, the tick stays finite and bounded. */
@@ -782,6 +800,8 @@ int main(void) {
                                        cmocka_unit_test(a_new_patch_is_not_felt),
                                        cmocka_unit_test(met_deep_it_settles),
                                        cmocka_unit_test(bad_patches),
+                                       cmocka_unit_test(bad_holds),
+                                       cmocka_unit_test(bad_drags),
                                        cmocka_unit_test(wild_patches_stay_bounded)};
     return cmocka_run_group_tests(tests, set_up, NULL);
 }
