@@ -27,14 +27,6 @@ struct view_feed {
     } commanded[VIEW_INSTRUMENTS];
 };
 
-static tm_status failed(tm_error *error, tm_status status, const char *format, const char *name) {
-    if (error) {
-        error->status = status, error->entity = -1;
-        snprintf(error->message, sizeof error->message, format, name);
-    }
-    return status;
-}
-
 static int64_t clock_us(clockid_t clock) {
     struct timespec now;
     clock_gettime(clock, &now);
@@ -161,15 +153,15 @@ tm_status view_feed_open_log(const char *path, view_feed **out, view_log_facts *
     memset(facts, 0, sizeof *facts);
     FILE *file = fopen(path, "rb");
     if (!file)
-        return failed(error, TM_ERR_FILE, "cannot be read (%s); give the path of an LCM log",
-                      "no such file, or no permission");
+        return tm_fail(error, TM_ERR_FILE, -1, "cannot be read (%s); give the path of an LCM log",
+                       "no such file, or no permission");
     fclose(file);
     if (!begins_like_log(path))
-        return failed(error, TM_ERR_FILE,
-                      "is no LCM log (it does not begin with an event)%s; record one with lcm-logger", "");
+        return tm_fail(error, TM_ERR_FILE, -1,
+                       "is no LCM log (it does not begin with an event)%s; record one with lcm-logger", "");
     app_topic topic[2 + VIEW_INSTRUMENTS];
     view_feed *feed = feed_new(topic);
-    if (!feed) return failed(error, TM_ERR_MEMORY, "no memory%s", "");
+    if (!feed) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for what is heard");
     app_link_def def = {.topic = topic, .topics = 2 + VIEW_INSTRUMENTS};
     if (read_facts(feed, path, &def, facts)) {
         def.keep = log_event;
@@ -178,8 +170,8 @@ tm_status view_feed_open_log(const char *path, view_feed **out, view_log_facts *
     }
     if (!feed->link) {
         view_feed_close(feed);
-        return failed(error, TM_ERR_FILE,
-                      "holds no TISSUE message%s; record a running tm-sim --realtime with lcm-logger", "");
+        return tm_fail(error, TM_ERR_FILE, -1,
+                       "holds no TISSUE message%s; record a running tm-sim --realtime with lcm-logger", "");
     }
     *out = feed;
     return TM_OK;
@@ -215,19 +207,19 @@ tm_status view_feed_open_live(const char *url, const view_live_key *key, view_fe
     app_network_opener *network = hrt_network(error);
     if (!network) return error->status;
     view_feed *feed = feed_new(topic);
-    if (!feed) return failed(error, TM_ERR_MEMORY, "no memory%s", "");
+    if (!feed) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for what is heard");
     if (!url) url = set && *set ? set : APP_LINK_URL;
     feed->begin_us = clock_us(CLOCK_MONOTONIC);
     if (getrandom(&feed->session, sizeof feed->session, 0) < 0) feed->session = feed->begin_us;
     if (!app_key_for(url, key->path, key->none, &sealed, why, sizeof why)) {
         view_feed_close(feed);
-        return failed(error, TM_ERR_ARGUMENT, "%s", why);
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "%s", why);
     }
     app_link_def def = {.topic = topic, .topics = 2 + VIEW_INSTRUMENTS, .key = &sealed};
     if (!connect(feed, network, url, &def)) {
         view_feed_close(feed);
-        return failed(
-            error, TM_ERR_FILE,
+        return tm_fail(
+            error, TM_ERR_FILE, -1,
             "LCM cannot be opened at %s: usually no multicast route; "
             "run `ip link set lo up; ip route add 224.0.0.0/4 dev lo` as root, or see docs/troubleshooting.md",
             url);
