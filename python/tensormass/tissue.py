@@ -109,7 +109,7 @@ class Tissue(Object):
     fibres: (T, 3) unit vectors, copied; None if every material is isotropic. cuttable: take the memory that cutting needs. alive: (T,) bool, build
     without the others. precision: of the stored edge tensors, "double" or "single" (for held tissue). form: of the force loop, "best" or "plain"
     (the same bits on every machine). volume: no locking towards Poisson's ratio 0.5 (docs/physics.md); a number is the share of the shear that is
-    averaged too (True: 0.4). rotation: above 0 (0.02), World.add_rotation will turn what bends farther than that.
+    averaged too (True: 0.4; with rotation 0, the only one). rotation: above 0 (0.02), World.add_rotation will turn what bends farther than that.
     """
 
     def __init__(self, mesh: Mesh, materials: Union[Material, Sequence[Material]], *, region_material: Any = None, fibres: Any = None,
@@ -142,6 +142,8 @@ class Tissue(Object):
         definition.volume, definition.rotation = volume is not False, rotation
         if not isinstance(volume, bool):
             definition.volume_shear = volume
+        elif rotation > 0:
+            definition.volume_shear = 0.0
         self._definition, self._kept = definition, (material, region, fibre)
 
     def _build(self, parents: Sequence[Object]) -> None:

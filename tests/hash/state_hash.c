@@ -18,7 +18,6 @@ static bool named(int argc, char **argv, const char *effect) {
 static uint64_t of_combinations(void) {
     uint64_t h = TM_HASH_SEED;
     for (int effects = 0; effects < COMBINATIONS; effects++) {
-        if (!combination_is(effects)) continue;
         combination c = combination_open(effects);
         while (c.frame < COMBINATION_FRAMES && combination_frame(&c)) h = of_world(c.s.world, h);
         h = tm_hash(&c.frame, sizeof c.frame, h);

@@ -7,9 +7,6 @@
 
 enum { ROTATION = 1, VOLUME = 2, VISCOSITY = 4, FRICTION = 8, COMBINATIONS = 16 };
 
-/* Averages over tetrahedra that turn apart are not known: refused. */
-static inline bool combination_is(int effects) { return (effects & (ROTATION | VOLUME)) != (ROTATION | VOLUME); }
-
 typedef struct combination {
     scene s;
     tm_grasp *grasp;
@@ -25,6 +22,7 @@ static inline tm_status combination_tissue(const tm_mesh *mesh, int effects, tm_
     def.mesh = mesh, def.material_count = 1, def.material = material, def.form = TM_FORCE_PLAIN;
     def.cuttable = true, def.volume = effects & VOLUME;
     def.rotation = effects & ROTATION ? TM_ROTATION_THRESHOLD : 0;
+    if (def.volume && def.rotation > 0) def.volume_shear = 0; /* all that goes together */
     return tm_tissue_create(&def, tissue, error);
 }
 

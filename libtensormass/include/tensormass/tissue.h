@@ -37,7 +37,8 @@ typedef struct tm_tissue_def {
      * of volume is averaged over the tetrahedra around each vertex, and `volume_shear` of the shear, from 0 to 1, over
      * those around each edge. Four times the blocks, a longer step. Double only; not under a hybrid. */
     bool volume;
-    double volume_shear;      /* [0.4] more bends better, less is exacter where tissue is pressed on fine meshes */
+    double volume_shear;      /* [0.4] more bends better, less is exacter where tissue is pressed on fine meshes; with
+                                 rotation 0, and nothing else */
     const uint8_t *elsewhere; /* [tet_count] 1: not alive here, and there all the same (the condensed part of a hybrid):
                                  cutting keeps the surface of both together a manifold, and never removes it; copied;
                                  null: none */

@@ -64,7 +64,7 @@ tm_columns *tm_columns_create(tm_pool *pool, tm_world *world, int32_t vertices, 
     if (c->rotation) {
         double volume = 0;
         c->at_m = TM_TAKE(pool, double, n);
-        tm_tangent_take(&c->tangent, pool, world->tissue);
+        tm_tangent_take(&c->tangent, pool, c->rotation);
         for (int32_t t = 0; t < world->tissue->mesh->tet_count; t++) volume += world->tissue->mesh->volume_m3[t];
         c->moved_on_m = MOVED_ON * cbrt(6 * volume / world->tissue->mesh->tet_count);
         c->turned = world->tissue->mesh->tet_count;

@@ -387,6 +387,7 @@ TM_TARGET static int32_t TM_NAME(force)(const tm_packs *packs, const int32_t *li
     }
     return active;
 }
+#include "rotation/swollen_kernel.h"
 #include "rotation/viscous_kernel.h"
 #undef V8
 #undef M8

@@ -16,9 +16,13 @@ static bool pack_has_fibre(const tm_tissue *tissue, int32_t p) {
     return any;
 }
 
+static const tm_material *law_of(const tm_tissue *tissue, int32_t tet) {
+    return tissue->smoothed ? tissue->smoothed->rest + tissue->mesh->region[tet] : tm_tissue_tet_material(tissue, tet);
+}
+
 static void fill(const tm_tissue *tissue, int32_t tet, tm_pack *pack, int l) {
     const tm_mesh *mesh = tissue->mesh;
-    const tm_material *m = tm_tissue_tet_material(tissue, tet);
+    const tm_material *m = law_of(tissue, tet);
     const double volume = mesh->volume_m3[tet];
     for (int k = 0; k < 4; k++) pack->component[k][l] = 3 * mesh->tet[4 * (int64_t)tet + k];
     for (int i = 0; i < 9; i++) pack->shape_1_m[i][l] = mesh->shape_1_m[12 * (int64_t)tet + 3 + i];

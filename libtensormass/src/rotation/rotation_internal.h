@@ -2,6 +2,7 @@
 #ifndef TM_ROTATION_INTERNAL_H
 #define TM_ROTATION_INTERNAL_H
 
+#include "rotation/swollen.h"
 #include "tensormass/rotation.h"
 #include "tissue/tissue_internal.h"
 
@@ -47,15 +48,23 @@ typedef struct tm_viscous {
     double shear[TM_VISCOUS_TERMS], more[TM_VISCOUS_TERMS]; /* shares of all the law, and of the bulk modulus beyond */
     /* The history h = memory + now E becomes memory = keep h + old E. */
     double now[TM_VISCOUS_TERMS], keep[TM_VISCOUS_TERMS], old[TM_VISCOUS_TERMS];
-    bool still;                       /* histories do not go on */
-    double *memory[TM_VISCOUS_TERMS]; /* [TM_LANES*6*count] xx yy zz yz xz xy of a pack's lanes */
-    double *bulk_J;                   /* [TM_LANES*count] bulk modulus times volume */
+    bool still;                         /* histories do not go on */
+    double *memory[TM_VISCOUS_TERMS];   /* [TM_LANES*6*count] xx yy zz yz xz xy of a pack's lanes */
+    double *bulk_J;                     /* [TM_LANES*count] bulk modulus times volume; 0 where it is averaged */
+    double *swelling[TM_VISCOUS_TERMS]; /* [domains] as memory, of averaged changes of volume (swollen.h), or null */
 } tm_viscous;
 /* force_N += the correction of every pack less what has relaxed of it, and histories go on to the next step; null:
  * histories alone. Returns how many packs have turned. */
 typedef int32_t (*tm_viscous_kernel)(const tm_packs *packs, const tm_viscous *viscous, const double *u_m,
                                      double *force_N);
 tm_viscous_kernel tm_viscous_choose(bool plain);
+
+/* The two passes of swollen_kernel.h. */
+typedef struct tm_swollen_passes {
+    void (*swell)(const tm_packs *packs, const tm_swollen *s, const double *u_m);
+    void (*press)(const tm_packs *packs, const tm_swollen *s, double *force_N);
+} tm_swollen_passes;
+tm_swollen_passes tm_swollen_choose(bool plain);
 
 /* One lane of one pack, for tangents: rotation, gradient and blend. */
 typedef struct tm_turned_lane {
@@ -75,13 +84,21 @@ void tm_rotation_linear(const tm_turned_lane *lane, double A[81]);
 typedef struct tm_tangent {
     tm_force_graph graph;
     tm_force_kernel force;
+    tm_swollen swollen; /* its own look */
+    double *gradient;   /* [3*most members of a domain] */
 } tm_tangent;
-bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_tissue *tissue);
+bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation);
+/* The block of vertices k <= l. */
+void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32_t k, int32_t l, const double K[9]);
+/* Of the domains of vertices begin to end, at the last look. */
+void tm_swollen_tangent(const tm_swollen *s, int32_t begin, int32_t end, tm_tangent *tangent);
+int32_t tm_swollen_most_members(const tm_swollen *s);
 
 struct tm_rotation {
     tm_pool pool;
     const tm_tissue *tissue;
     tm_packs packs;
+    tm_swollen swollen;
     tm_rotation_kernel kernel;
     double threshold;
     /* Which packs have to be looked at. `reach_m`: how far components of u may be from `seen_m` before anything of the
@@ -98,6 +115,7 @@ struct tm_rotation {
     bool left_to_viscosity; /* whose stage does all of it */
 };
 
+/* Laws without what is averaged around vertices. */
 bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_tissue *tissue);
 double tm_pack_spread(const tm_mesh *mesh, int32_t p);
 /* r->list becomes the packs that may have something to add at u, ascending. */

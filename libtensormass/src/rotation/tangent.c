@@ -57,27 +57,35 @@ static void stress(const tm_turned_lane *w, double skew, const double D[9], doub
                            (i == j ? w->lambda * I1 + w->dlambda * I4 : 0);
 }
 
-/* Of mu |F - R|^2 and the volume's part: d2(tr S) is the turn that F asks for, over tr S - S. */
-static void isotropic_hessian(const tm_turned_lane *w, double A[81]) {
+/* A = d2(tr S)/dF2: the turn that F asks for, over tr S - S. Returns tr S. */
+static double stretch_hessian(const double H[9], const double R[9], double A[81]) {
     double F[9], S[9], unit[9], turn[9][3], solved[9][3];
-    for (int i = 0; i < 9; i++) F[i] = w->H[i] + (i % 4 ? 0 : 1);
-    transposed_times(w->R, F, S);
-    const double trace = S[0] + S[4] + S[8], most = fmax(2 * w->mu, 0.2 * w->lambda);
-    const bool slack = w->lambda * (trace - 3) > most;
-    const double save = 2 * w->mu - (slack ? most : w->lambda * (trace - 3)), volume = slack ? 0 : w->lambda;
+    for (int i = 0; i < 9; i++) F[i] = H[i] + (i % 4 ? 0 : 1);
+    transposed_times(R, F, S);
+    const double trace = S[0] + S[4] + S[8];
     const double G[6] = {trace - S[0], -0.5 * (S[1] + S[3]), -0.5 * (S[2] + S[6]),
                          trace - S[4], -0.5 * (S[5] + S[7]), trace - S[8]};
     for (int k = 0; k < 9; k++) {
         double D[9];
         memset(unit, 0, sizeof unit);
         unit[k] = 1;
-        transposed_times(w->R, unit, D);
+        transposed_times(R, unit, D);
         axial(D, turn[k]);
         solve3(G, turn[k], solved[k]);
     }
     for (int k = 0; k < 9; k++)
+        for (int m = 0; m < 9; m++) A[9 * k + m] = vdot(turn[k], solved[m]);
+    return trace;
+}
+
+/* Of mu |F - R|^2 and the volume's part. */
+static void isotropic_hessian(const tm_turned_lane *w, double A[81]) {
+    const double trace = stretch_hessian(w->H, w->R, A), most = fmax(2 * w->mu, 0.2 * w->lambda);
+    const bool slack = w->lambda * (trace - 3) > most;
+    const double save = 2 * w->mu - (slack ? most : w->lambda * (trace - 3)), volume = slack ? 0 : w->lambda;
+    for (int k = 0; k < 9; k++)
         for (int m = 0; m < 9; m++)
-            A[9 * k + m] = (k == m ? 2 * w->mu : 0) + volume * w->R[k] * w->R[m] - save * vdot(turn[k], solved[m]);
+            A[9 * k + m] = (k == m ? 2 * w->mu : 0) + volume * w->R[k] * w->R[m] - save * A[9 * k + m];
 }
 
 /* Of min over R of Q(R^T F - 1), Q the law with what a turn costs: Q'' less what turning saves. */
@@ -135,10 +143,14 @@ void tm_rotation_hessian(const tm_turned_lane *w, double A[81]) {
 
 /* --- the whole --- */
 
-bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_tissue *tissue) {
+bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation) {
+    const tm_tissue *tissue = rotation->tissue;
+    if (!tm_swollen_take_look(&tangent->swollen, pool, &rotation->swollen, rotation->packs.count)) return false;
+    if (tissue->smoothed)
+        tangent->gradient = TM_TAKE(pool, double, 3 * (int64_t)tm_swollen_most_members(&rotation->swollen));
     tangent->graph = tissue->graph;
     tangent->graph.vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)tissue->mesh->vertex_count + TM_FORCE_PADDING);
-    tangent->graph.edge_tensor = TM_TAKE(pool, double, 9 * (int64_t)tissue->mesh->edge_count + TM_FORCE_PADDING);
+    tangent->graph.edge_tensor = TM_TAKE(pool, double, 9 * (int64_t)tissue->pair_count + TM_FORCE_PADDING);
     tangent->force = tm_force_choose(true, false);
     return !pool->failed;
 }
@@ -157,19 +169,29 @@ static void add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm
     const tm_mesh *mesh = tissue->mesh;
     const double *alpha = mesh->shape_1_m + 12 * (int64_t)tet;
     const int32_t *v = mesh->tet + 4 * (int64_t)tet;
-    double K[9], *edges = graph->edge_tensor;
-    for (int k = 0; k < 4; k++) {
-        block(A, alpha + 3 * k, alpha + 3 * k, K);
-        for (int i = 0; i < 9; i++) graph->vertex_tensor[9 * (int64_t)v[k] + i] += K[i];
-    }
-    for (int e = 0; e < 6; e++) {
-        int k = tm_edge_vertex[e][0], l = tm_edge_vertex[e][1];
-        if (v[k] > v[l]) k = tm_edge_vertex[e][1], l = tm_edge_vertex[e][0];
-        const int32_t edge = mesh->tet_edge[6 * (int64_t)tet + e];
-        const int64_t at = 9 * (int64_t)(tissue->edge_slot ? tissue->edge_slot[edge] : edge);
-        block(A, alpha + 3 * k, alpha + 3 * l, K);
-        for (int i = 0; i < 9; i++) edges[at + i] += K[i];
-    }
+    double K[9];
+    for (int k = 0; k < 4; k++)
+        for (int l = 0; l < 4; l++) {
+            if (v[l] < v[k]) continue;
+            block(A, alpha + 3 * k, alpha + 3 * l, K);
+            tm_tangent_add(tissue, graph, v[k], v[l], K);
+        }
+}
+
+/* What a turn changes of one tetrahedron's change of volume, under the pressures around it. */
+static void add_swelling(const tm_tissue *tissue, int32_t tet, const double *u_m, tm_tangent *tangent) {
+    const tm_mesh *mesh = tissue->mesh;
+    const tm_swollen *s = &tangent->swollen;
+    const double *turn = s->turn + 9 * TM_LANES * (int64_t)(tet / TM_LANES) + tet % TM_LANES;
+    double H[9] = {0}, R[9], A[81];
+    for (int k = 0; k < 4; k++)
+        for (int i = 0; i < 9; i++)
+            H[i] += u_m[3 * (int64_t)mesh->tet[4 * (int64_t)tet + k] + i / 3] *
+                    mesh->shape_1_m[12 * (int64_t)tet + 3 * k + i % 3];
+    for (int i = 0; i < 9; i++) R[i] = turn[TM_LANES * i];
+    stretch_hessian(H, R, A);
+    for (int i = 0; i < 81; i++) A[i] *= s->pull_J[tet];
+    add_tet(tissue, tet, A, &tangent->graph);
 }
 
 void tm_rotation_tangent_begin(const tm_rotation *rotation, tm_tangent *tangent) {
@@ -177,10 +199,10 @@ void tm_rotation_tangent_begin(const tm_rotation *rotation, tm_tangent *tangent)
     const tm_mesh *mesh = tissue->mesh;
     double *edges = tangent->graph.edge_tensor, K[9];
     memcpy(tangent->graph.vertex_tensor, tissue->graph.vertex_tensor, 9 * sizeof(double) * (size_t)mesh->vertex_count);
-    for (int32_t e = 0; e < mesh->edge_count; e++) {
-        const int32_t slot = tissue->edge_slot ? tissue->edge_slot[e] : e;
+    for (int32_t p = 0; p < tissue->pair_count; p++) {
+        const int32_t slot = tm_tissue_edge_slot(tissue, p);
         if (slot < 0) continue;
-        tm_tissue_edge_tensor(tissue, e, K);
+        tm_tissue_pair_tensor(tissue, p, K);
         memcpy(edges + 9 * (int64_t)slot, K, sizeof K);
     }
 }
@@ -188,8 +210,16 @@ void tm_rotation_tangent_begin(const tm_rotation *rotation, tm_tangent *tangent)
 void tm_rotation_tangent_add(const tm_rotation *rotation, const double *u_m, int32_t begin, int32_t end,
                              tm_tangent *tangent) {
     const tm_tissue *tissue = rotation->tissue;
+    const int64_t tets = tissue->mesh->tet_count, vertices = tissue->mesh->vertex_count;
     double A[81];
     tm_turned_lane lane;
+    if (tissue->smoothed) {
+        if (begin == 0) tm_swollen_look(&tangent->swollen, &rotation->packs, tissue->plain, u_m);
+        tm_swollen_tangent(&tangent->swollen, (int32_t)(vertices * begin / tets), (int32_t)(vertices * end / tets),
+                           tangent);
+        for (int32_t t = begin; t < end; t++)
+            if (tissue->alive[t]) add_swelling(tissue, t, u_m, tangent);
+    }
     for (int32_t t = begin; t < end; t++) {
         if (!tissue->alive[t] || !tm_rotation_lane(&rotation->packs, t, u_m, &lane)) continue;
         tm_rotation_hessian(&lane, A);

@@ -58,6 +58,16 @@ tm_viscous_kernel tm_viscous_choose(bool plain) {
     return tm_plain_viscous;
 }
 
+tm_swollen_passes tm_swollen_choose(bool plain) {
+    const tm_rotation_kernel form = tm_rotation_choose(plain);
+#ifdef TM_HAS_AVX2
+    if (form == tm_avx512_force) return (tm_swollen_passes){tm_avx512_swell, tm_avx512_press};
+    if (form == tm_avx2_force) return (tm_swollen_passes){tm_avx2_swell, tm_avx2_press};
+#endif
+    (void)form;
+    return (tm_swollen_passes){tm_plain_swell, tm_plain_press};
+}
+
 double tm_rotation_sum_energy(const tm_packs *packs, const double *u_m) {
     double sum = 0;
     for (int32_t p = 0; p < packs->count; p++)

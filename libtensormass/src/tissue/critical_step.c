@@ -31,8 +31,9 @@ bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet
     }
     /* What hangs on the tissue lives on the extra masses. */
     const bool even = tissue->cuttable || tissue->extra_mass_kg || worst < 0;
-    const bool done = even || (tissue->smoothed ? tm_smoothed_eigenvalue(tissue, &most, &worst)
-                                                : tm_shared_eigenvalue(tissue, &most, &worst));
+    const bool done =
+        even || (tissue->smoothed && !(tissue->rotation > 0) ? tm_smoothed_eigenvalue(tissue, &most, &worst)
+                                                             : tm_shared_eigenvalue(tissue, &most, &worst));
     *tet = worst;
     *step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);
     return done;

@@ -10,7 +10,7 @@
 
 #include "base/vec.h"
 #include "tensormass/rotation.h"
-#include "tissue/tissue_internal.h"
+#include "tissue/smoothed.h"
 
 static const double BAND = 1.7;
 
@@ -18,12 +18,27 @@ double tm_turned_skew_Pa(const tm_material *m) {
     return tm_material_is_isotropic(m) ? m->mu_Pa : tm_material_stiffest_Pa(m) / 4;
 }
 
+double tm_turned_most_Pa(const tm_material *m) { return fmax(tm_turned_skew_Pa(m), 0.2 * tm_smoothed_bulk_Pa(m)); }
+
+/* With changes of volume averaged (rotation/swollen.h) the rotations that store the least, of all tetrahedra together,
+ * store sum Q_e' + sum V kappa/2 (average of tr(R^T F) - 3)^2, whose second part curves no more than that of each
+ * tetrahedron's own change of volume: the bound is that of the whole law. The polar R is not the least where neighbours
+ * put more tension on a tetrahedron than its own shear allows, 2/3 mu tr S; as above what that adds holds for two
+ * stretches that add up to a half. */
+static double averaged_turn(const tm_material *m) {
+    const double most = tm_turned_most_Pa(m);
+    return fmax(4 * most - (tm_material_is_isotropic(m) ? 4.0 / 3 * m->mu_Pa : 0), 0);
+}
+
 /* Lower Cholesky factor of Q'' in Mandel form, six strains and three turns. */
-static void factor(const tm_material *m, const double *fibre, double end, double L[81]) {
+static void factor(const tm_material *m, const double *fibre, double end, bool averaged, double L[81]) {
     double C[36];
     const double stiffest = tm_material_stiffest_Pa(m), more = BAND * end * stiffest;
     double turn = 2 * tm_turned_skew_Pa(m);
-    if (tm_material_is_isotropic(m)) turn += 4 * fmax(0.2 * m->lambda_Pa - 2 * m->mu_Pa, 0);
+    if (averaged)
+        turn += averaged_turn(m);
+    else if (tm_material_is_isotropic(m))
+        turn += 4 * fmax(0.2 * m->lambda_Pa - 2 * m->mu_Pa, 0);
     tm_material_voigt(m, fibre, C);
     memset(L, 0, 81 * sizeof(double));
     for (int j = 0; j < 6; j++)
@@ -77,7 +92,7 @@ double tm_turned_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const dou
     for (int k = 0; k < 4; k++) scale[k] = tissue->mesh->volume_m3[tet] / mass_kg[k];
     gram(tissue->mesh->shape_1_m + 12 * (int64_t)tet, scale, G);
     factor(tm_tissue_tet_material(tissue, tet), tm_tissue_tet_fibre(tissue, tet), TM_ROTATION_BAND * tissue->rotation,
-           L);
+           tissue->smoothed, L);
     for (int i = 0; i < 9; i++)
         for (int j = 0; j < 9; j++) {
             GL[9 * i + j] = 0;

@@ -66,10 +66,12 @@ static tm_status check_rotation(const tm_tissue_def *def, tm_error *error) {
     if (!(def->rotation >= TM_ROTATION_THRESHOLD_MIN && def->rotation <= TM_ROTATION_THRESHOLD_MAX))
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "rotation begins at %g; give 0 (none) or %g to %g", def->rotation,
                        TM_ROTATION_THRESHOLD_MIN, TM_ROTATION_THRESHOLD_MAX);
-    if (def->volume)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "rotation corrects linear tetrahedra, and volume averages over them: the average of what has "
-                       "turned is not known here; take one of them");
+    if (def->volume && def->volume_shear != 0)
+        return tm_fail(
+            error, TM_ERR_ARGUMENT, -1,
+            "rotation with volume_shear = %g: the average of shears that have turned is not known here; give "
+            "0, or leave rotation or volume out",
+            def->volume_shear);
     if (def->precision == TM_SINGLE)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "rotation takes what the linear tensors give away again, which rounded ones do not give to the "

@@ -78,6 +78,8 @@ double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const do
 /* The same for tissue that the stage "rotation" turns, and g of its law (critical_turned.c). */
 double tm_turned_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]);
 double tm_turned_skew_Pa(const tm_material *material);
+/* Where changes of volume are averaged, tension on them grows no further. */
+double tm_turned_most_Pa(const tm_material *material);
 /* G += scale B B^T: B maps a displacement to the strain in Mandel form that it makes by the gradient alpha. */
 void tm_strain_gram_add(const double alpha[3], double scale, double G[36]);
 /* Largest eigenvalue of G C, C semidefinite in Voigt form, from above: at most 0.2 % too large. */

@@ -199,7 +199,7 @@ static bool take(newton *w) {
                          &w->scaled, &w->move,  &w->last,   &w->first,    &w->lack};
     for (size_t i = 0; i < sizeof vector / sizeof vector[0]; i++) *vector[i] = TM_TAKE(&w->pool, double, w->n);
     w->inverse = TM_TAKE(&w->pool, double, 3 * (int64_t)w->n);
-    return tm_tangent_take(&w->tangent, &w->pool, w->tissue);
+    return tm_tangent_take(&w->tangent, &w->pool, w->rotation);
 }
 
 tm_status tm_settle_turned(const tm_rotation *rotation, const tm_turned_rest *rest, const tm_settle_def *def,

@@ -12,6 +12,7 @@ static void run(void *self, tm_world *world) {
     tm_packs_list(r, world->state.u_m);
     r->active = r->kernel(&r->packs, r->list, r->list_count, world->state.u_m, world->state.force_N);
     r->idle += r->list_count - r->active;
+    tm_swollen_add(&r->swollen, &r->packs, NULL, r->tissue->plain, world->state.u_m, world->state.force_N);
 }
 
 static void destroy(void *self) {
@@ -30,6 +31,7 @@ tm_rotation *tm_world_rotation(const tm_world *world) {
 static bool take(tm_rotation *r, tm_pool *pool, const tm_tissue *tissue) {
     const int64_t n = 3 * (int64_t)tissue->mesh->vertex_count;
     if (!tm_packs_take(&r->packs, pool, tissue)) return false;
+    if (!tm_swollen_take(&r->swollen, pool, tissue, r->packs.count)) return false;
     r->seen_m = TM_TAKE(pool, double, n);
     r->reach_m = TM_TAKE(pool, double, r->packs.count);
     r->spread_1_m = TM_TAKE(pool, double, r->packs.count);
@@ -88,13 +90,14 @@ tm_rotation_report tm_rotation_last(const tm_rotation *rotation) {
 
 double tm_rotation_energy(const tm_rotation *rotation, const double *u_m) {
     TM_REQUIRE(rotation && u_m, "rotation or u_m is null", 0);
-    return tm_rotation_sum_energy(&rotation->packs, u_m);
+    return tm_rotation_sum_energy(&rotation->packs, u_m) + tm_swollen_energy(&rotation->swollen, &rotation->packs, u_m);
 }
 
 void tm_rotation_force(const tm_rotation *rotation, const double *u_m, double *force_N) {
     TM_REQUIRE(rotation && u_m && force_N, "rotation, u_m or force_N is null", );
     memset(force_N, 0, sizeof(double) * 3 * (size_t)rotation->tissue->mesh->vertex_count);
     rotation->kernel(&rotation->packs, rotation->every, rotation->packs.count, u_m, force_N);
+    tm_swollen_add(&rotation->swollen, &rotation->packs, NULL, rotation->tissue->plain, u_m, force_N);
 }
 
 double *tm_rotation_scratch(const tm_rotation *rotation) { return rotation->scratch_N; }

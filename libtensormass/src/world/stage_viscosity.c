@@ -101,6 +101,8 @@ static void run_turned(void *self, tm_world *world) {
     viscosity *v = self;
     v->viscous.still = world->asking;
     v->rotation->active = v->kernel(&v->rotation->packs, &v->viscous, world->state.u_m, world->state.force_N);
+    tm_swollen_add(&v->rotation->swollen, &v->rotation->packs, &v->viscous, world->tissue->plain, world->state.u_m,
+                   world->state.force_N);
     v->rotation->list_count = v->rotation->packs.count;
 }
 
@@ -110,6 +112,8 @@ static void look_turned(viscosity *v, const tm_fading *fading) {
     for (int32_t t = 0; t < v->def.count; t++)
         once.keep[t] = fading[t].keep, once.old[t] = fading[t].old, once.now[t] = fading[t].now;
     v->kernel(&v->rotation->packs, &once, v->world->state.u_m, NULL);
+    tm_swollen_add(&v->rotation->swollen, &v->rotation->packs, &once, v->world->tissue->plain, v->world->state.u_m,
+                   NULL);
 }
 
 /* --- what every stage has --- */
@@ -220,14 +224,17 @@ static bool take_turned(viscosity *v, tm_pool *pool) {
     v->viscous.terms = v->def.count;
     v->viscous.bulk_J = TM_TAKE(pool, double, TM_LANES *(int64_t)v->rotation->packs.count);
     v->kernel = tm_viscous_choose(v->world->tissue->plain);
-    for (int32_t t = 0; !pool->failed && t < mesh->tet_count; t++)
+    for (int32_t t = 0; t < v->def.count; t++)
+        v->viscous.swelling[t] = pool->failed ? NULL : v->q_m[t] + 6 * TM_LANES * (int64_t)v->rotation->packs.count;
+    for (int32_t t = 0; !pool->failed && !v->world->tissue->smoothed && t < mesh->tet_count; t++)
         v->viscous.bulk_J[t] = mesh->volume_m3[t] * tm_smoothed_bulk_Pa(tm_tissue_tet_material(v->world->tissue, t));
     return !pool->failed;
 }
 
 static bool take(viscosity *v, tm_pool *pool) {
     bool alike = true;
-    v->kept = v->rotation ? 6 * TM_LANES * (int64_t)v->rotation->packs.count : v->n;
+    v->kept = v->rotation ? 6 * TM_LANES * (int64_t)v->rotation->packs.count + tm_swollen_domains(&v->rotation->swollen)
+                          : v->n;
     for (int32_t t = 0; t < v->def.count; t++) {
         v->viscous.memory[t] = v->q_m[t] = TM_TAKE(pool, double, v->kept);
         v->kept_m[t] = TM_TAKE(pool, double, v->kept);
@@ -319,8 +326,11 @@ static void swap_tensors(tm_tissue *a, tm_tissue *b) {
 
 static void swap_packs(viscosity *v, tm_relaxed *relaxed) {
     const tm_packs packs = v->rotation->packs;
+    const tm_swollen swollen = v->rotation->swollen;
     v->rotation->packs = relaxed->packs;
+    v->rotation->swollen = relaxed->swollen;
     relaxed->packs = packs;
+    relaxed->swollen = swollen;
     v->rotation->left_to_viscosity = !v->rotation->left_to_viscosity;
 }
 
@@ -332,7 +342,8 @@ tm_status tm_relaxed_begin(tm_world *world, tm_relaxed *relaxed, tm_error *error
     tm_tissue *tissue = NULL;
     const tm_status status = tm_tissue_relaxed(world->tissue, shear, volume, &tissue, error);
     if (status) return status;
-    if (v->rotation && !tm_packs_take(&relaxed->packs, &relaxed->pool, tissue)) {
+    if (v->rotation && !(tm_packs_take(&relaxed->packs, &relaxed->pool, tissue) &&
+                         tm_swollen_take(&relaxed->swollen, &relaxed->pool, tissue, relaxed->packs.count))) {
         tm_pool_release(&relaxed->pool);
         tm_tissue_destroy(tissue);
         return tm_fail_memory(error, "settling");

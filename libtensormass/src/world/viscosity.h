@@ -22,6 +22,7 @@ tm_fading tm_fading_of(double dt_s, double time_s);
 typedef struct tm_relaxed {
     tm_tissue *tissue; /* null: nothing relaxes */
     tm_packs packs;
+    tm_swollen swollen;
     tm_pool pool;
 } tm_relaxed;
 tm_status tm_relaxed_begin(tm_world *world, tm_relaxed *relaxed, tm_error *error);

@@ -1,0 +1,42 @@
+/* Changes of volume that are averaged around vertices (effect "volume") of tissue that turns: every tetrahedron's in
+ * its own axes, tr S - 3 of F = R S, so that what is averaged knows of no turn. Energy: kappa/2 of the average's square
+ * for each domain, less what the tensors store for the average of tr grad u. */
+#ifndef TM_SWOLLEN_H
+#define TM_SWOLLEN_H
+
+#include "tissue/smoothed.h"
+
+struct tm_packs;
+struct tm_viscous;
+
+typedef struct tm_swollen {
+    const tm_tissue *tissue; /* null: nothing is averaged, and nothing here is to be done */
+    tm_domains own;          /* of tissue that cannot be cut: its domains of vertices */
+    int32_t *domain;         /* [4*tet_count] of each corner */
+    double *quarter_m3;      /* [tet_count] what a tetrahedron gives to each of its four domains */
+    const double *bulk_Pa;   /* [region_count] by law */
+    const double *most_Pa;   /* [region_count] tension grows no further than this */
+    /* Of one look at u. Tetrahedra in packs of TM_LANES, as in tm_packs. */
+    double *turn;              /* [9*TM_LANES*packs] R */
+    double *grown, *straight;  /* [TM_LANES*packs] tr S - 3; tr grad u */
+    double *pull_J, *drawn_J;  /* [TM_LANES*packs] what R and the unit tensor are weighted with in the stress */
+    double *swelling, *plain;  /* [domains] averages of both */
+    double *turned, *unturned; /* [domains] volume times pressure by the averages, J */
+} tm_swollen;
+
+/* From the pool; false: no memory. Without smoothing: nothing. */
+bool tm_swollen_take(tm_swollen *s, tm_pool *pool, const tm_tissue *tissue, int32_t packs);
+/* The same tissue's for another look at another u. */
+bool tm_swollen_take_look(tm_swollen *look, tm_pool *pool, const tm_swollen *s, int32_t packs);
+const tm_domains *tm_swollen_domains_of(const tm_swollen *s);
+int32_t tm_swollen_domains(const tm_swollen *s);
+
+/* force_N += the correction, less what has relaxed; the histories go on. relaxing null: elastic; force_N null:
+ * histories alone. */
+void tm_swollen_add(const tm_swollen *s, const struct tm_packs *packs, const struct tm_viscous *relaxing, bool plain,
+                    const double *u_m, double *force_N);
+double tm_swollen_energy(const tm_swollen *s, const struct tm_packs *packs, const double *u_m);
+/* Averages and pressures at u. */
+void tm_swollen_look(const tm_swollen *s, const struct tm_packs *packs, bool plain, const double *u_m);
+
+#endif
