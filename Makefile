@@ -123,12 +123,17 @@ include tools/site/site.mk
 
 # ---- targets ----
 
-.PHONY: all programs tests help clean setup venv check check-long check-run
+.PHONY: all programs tests tests-short help clean setup venv check check-long check-run
 all: programs
 programs: $(PROGRAMS) $(MODULES) $(LIBRARIES) $(SCRIPTS)
 tests: programs $(TESTS)
 	@mkdir -p $(OUT)/tests
 	@printf '%s\n' $(TESTS) > $(OUT)/tests/manifest.txt
+# What the short form of `make sanitize` runs (tests/sanitize): of the C programs under ThreadSanitizer those that start threads.
+THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
+SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(TESTS))
+tests-short: $(SHORT_TESTS) $(addprefix $(OUT)/bin/,haptic-rt tm-device tm-sim) $(addprefix $(OUT)/lib/tensormass/,lcm.so solve.so) $(OUT)/python/tensormass/__init__.py
+	@printf '%s\n' $(SHORT_TESTS) > $(OUT)/tests/manifest.txt
 
 help:
 	@sed -n 's/^#: //p' $(MAKEFILE_LIST) | awk -F '  +' '{ printf "%-31s %s\n", $$1, $$2 }'

@@ -54,7 +54,7 @@ def once(tmp_path_factory):
 
 
 # Watch the wall clock: tests/run.py runs them by themselves.
-ALONE = ("can/test_guest", "trust/test_trust", "trust/test_flags", "loop/test_processes", "loop/test_two_hosts", "loop/test_release", "loop/test_soak", "install/test_live", "view/test_session", "view/test_display", "view/test_play", "bench/")
+ALONE = ("can/test_guest", "trust/test_trust", "trust/test_flags", "loop/test_processes", "loop/test_two_hosts", "loop/test_release", "loop/test_soak", "install/test_live", "view/test_session", "view/test_display", "view/test_play", "bench/", "sanitize/test_sanitize.py::test_the_ring")
 
 # Long, on the processors alone and by no clock: tests/run.py gives them what those leave.
 LEFTOVER = ("sanitize/test_sanitize.py::test_short_form",)
@@ -82,9 +82,10 @@ def pytest_collection_modifyitems(items):
         items[:] = [item for item in items if not item.get_closest_marker("long")]
     for item in items:
         path = item.path.relative_to(ROOT / "tests").as_posix()
-        if path.startswith(ALONE):
+        if f"{path}::{item.name}".startswith(ALONE):
             item.add_marker(pytest.mark.alone)
         if f"{path}::{item.name}".startswith(LEFTOVER):
             item.add_marker(pytest.mark.leftover)
         if f"{path}::{item.name}".startswith(PLAIN):
             item.add_marker(pytest.mark.plain)
+    items.sort(key=lambda item: item.name.startswith("test_the_ring_finds_nothing"))  # waits for builds that the leftover tests make

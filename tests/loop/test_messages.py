@@ -20,7 +20,7 @@ def seen(bin, build, root):
     unshare = ["unshare", "-n"] if os.geteuid() == 0 else ["unshare", "-rn"]
     try:
         run = subprocess.run([*unshare, "sh", "-c", NAMESPACE, "sh", sys.executable, root / "tests/loop/message_ring.py", bin, build / "python", directory],
-                             capture_output=True, text=True, timeout=120, stdin=subprocess.DEVNULL, env=dict(os.environ, PATH=os.environ["PATH"] + ":/usr/sbin:/sbin"))
+                             capture_output=True, text=True, timeout=280, stdin=subprocess.DEVNULL, env=dict(os.environ, PATH=os.environ["PATH"] + ":/usr/sbin:/sbin"))
         logs = {name: open(os.path.join(directory, name)).read() for name in sorted(os.listdir(directory)) if name.endswith(".log")}
         assert run.returncode == 0, run.stderr + str(logs)
         result = json.loads(run.stdout)
@@ -32,13 +32,24 @@ def seen(bin, build, root):
         shutil.rmtree(directory)
 
 
+PAUSE, STALE, TICK_LATE = 1024, 4, 10  # limit of a tick that found the controller or the device kept waiting, state, fault: docs/controller.md
+
+
+def in_time(seen, name, since, late=None):
+    """What was waited for came at once, or the record shows that the machine kept a program or this rig waiting; in a sanitizer's slow build it may come late."""
+    if not (seen[name]["late"] if late is None else late) or "TM_SANITIZER" in os.environ:
+        return True
+    rows = seen["record"][seen[since]["ticks"] if since else 0:seen[name]["ticks"]]
+    return any(int(row["limits"]) & PAUSE or row["state"] == STALE or row["fault"] == TICK_LATE for row in rows)
+
+
 def test_nothing_is_told_before_the_pose_is_known(seen):
     assert seen["published_before_the_pose"] == 0
     assert "waiting for the trocar's pose" in seen["logs"]
 
 
 def test_the_ring_closes(seen):
-    assert seen["pressed"], seen["logs"]
+    assert seen["pressed"] and in_time(seen, "first", None), seen["logs"]
     first = seen["first"]
     assert first["state"] == 3 and first["fault"] == 0 and first["text"] == ""
     # The tip is where the scene's trocar and the joints put it: straight down from the trocar.
@@ -54,22 +65,23 @@ def test_the_ring_closes(seen):
 
 def test_law_and_passivity_are_switched_by_command(seen):
     assert (seen["switched"]["extrapolator"], seen["switched"]["passivity"], seen["switched"]["tool_extrapolator"]) == ("tangent", 1, 4)
-    assert seen["switched"]["state"] == 3
+    assert seen["switched"]["state"] == 3 and in_time(seen, "switched", "first")
 
 
 def test_bad_messages_are_counted_and_change_nothing(seen):
     after, before = seen["after_bad"], seen["switched"]
     assert after["state"] == 3 and after["extrapolator"] == "tangent"
     assert after["rejected"] - before["rejected"] >= 3  # not finite, for another controller, bad patch; what cannot be decoded never arrives
-    assert after["force"][2] == pytest.approx(1.5, abs=0.2)
+    assert after["force"][2] == pytest.approx(1.5, abs=0.2) and in_time(seen, "after_bad", "switched")
 
 
 def test_a_second_simulation_is_refused_with_the_reason_once_a_second(seen):
     after = seen["two_simulations"]
     assert after["state"] == 3 and after["force"][2] == pytest.approx(1.5, abs=0.2)
-    assert after["rejected"] - seen["after_bad"]["rejected"] > 30
+    assert after["rejected"] - seen["after_bad"]["rejected"] > 30 and in_time(seen, "two_simulations", "after_bad")
     lines = [line for line in seen["logs"].splitlines() if "refused" in line and "another session is in use" in line]
-    assert 2 <= len(lines) <= 3 and all("haptic-rt " in line for line in lines), lines
+    times = [float(re.match(r"haptic-rt (\d+\.\d{3}) s: ", line)[1]) for line in lines]
+    assert 2 <= len(lines) <= (3 if after["seconds"] < 2.3 else 2 + after["seconds"]) and all(b - a > 0.999 for a, b in zip(times, times[1:])), lines
 
 
 def test_every_line_of_the_controller_has_its_time(seen):
@@ -80,6 +92,7 @@ def test_every_line_of_the_controller_has_its_time(seen):
 
 
 def test_device_gone_and_back(seen):
+    assert in_time(seen, "device_gone", "two_simulations")
     assert seen["device_gone"]["state"] in (0, 5) and seen["device_gone"]["force"] == [0, 0, 0]
     assert seen["pressed_again"], seen["logs"]
 
@@ -93,5 +106,5 @@ def test_simulation_gone_leaves_no_force(seen):
     old = [row for row in seen["record"] if row["sample_age_s"] > 0.15]
     assert len(old) > 100 and all(row["fx_N"] == row["fy_N"] == row["fz_N"] == 0 for row in old)
     assert all(row["force_insertion_N"] == 0 for row in old)
-    assert seen["exit"] == 0
+    assert seen["exit"] == 0 and in_time(seen, "simulation_gone", "device_gone", late=seen["deaths"] > 1 or gone["late"])
     assert "the simulation went silent" in seen["logs"]

@@ -1,4 +1,4 @@
-"""Runs the suite in sanitizers' builds and writes what came of it: `run.py --build build [--short] [--pytest ARGUMENT]... asan tsan`.
+"""Runs the suite in sanitizers' builds and writes what came of it: `run.py --build build [--short PART] [--pytest ARGUMENT]... asan tsan`.
 
 A report of a sanitizer is a finding, whatever the test beside it thought: each goes into a file of its own (build/NAME/reports/), and an empty folder is what passes.
 Exit 1: a finding, or a test that failed. Figures: build/sanitize.json, a row each on the page of `make stability`.
@@ -15,9 +15,10 @@ import sys
 HERE = pathlib.Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 ABOUT = {"asan": "AddressSanitizer, LeakSanitizer and UndefinedBehaviorSanitizer", "tsan": "ThreadSanitizer"}
-# What a short run holds: the C programs, parsers of what users write, the ring over LCM.
-SHORT = {"asan": ["tests/test_programs.py", "tests/sim/test_input.py", "tests/loop/test_messages.py"],
-         "tsan": ["tests/test_programs.py", "tests/loop/test_messages.py", "-k", "loop or solve or messages or threads"]} # where threads are
+# Parts of the short form, of what `make tests-short` builds: the C programs and the parsers of what users write; the ring of programs over LCM, which watches the clock.
+SHORT = {"programs": {"asan": ["tests/test_programs.py", "tests/sim/test_input.py"],
+                      "tsan": ["tests/test_programs.py"]},
+         "ring": {name: ["tests/loop/test_messages.py"] for name in ABOUT}}
 
 
 def options(reports):
@@ -39,10 +40,10 @@ def wrapper(name):
 
 def run_suite(name, build, short, arguments):
     """The figures of one sanitizer's build."""
-    reports = build / name / "reports"
+    reports = build / name / (f"reports-{short}" if short else "reports")
     shutil.rmtree(reports, ignore_errors=True)
     reports.mkdir(parents=True)
-    where = SHORT[name] if short else ["tests"]
+    where = SHORT[short][name] if short else ["tests"]
     command = [*wrapper(name), sys.executable, "-m", "pytest", *where, "-q", "-p", "no:cacheprovider", "-m", "not plain", *arguments]
     fewer = {"TM_SESSIONS": "10", "TM_LONG": "0"} if short else {}  # of two hands: a tenth of what the plain build runs
     done = subprocess.run(command, cwd=ROOT, env=dict(os.environ, TM_OUT=str(build / name), TM_SANITIZER=name, **fewer, **options(reports)), capture_output=True, text=True)
@@ -51,8 +52,8 @@ def run_suite(name, build, short, arguments):
     passed, failed, skipped = (int(n) for n in count[-1]) if count else (0, 1, 0)
     found = sorted(p for p in reports.iterdir() if p.stat().st_size)
     commit = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True).stdout.strip()
-    return {"about": ABOUT[name], "commit": commit, "form": "short" if short else "whole", "passed": passed, "failed": failed, "skipped": skipped,
-            "reports": [f"{p.name}: {summary(p)}" for p in found], "exit": done.returncode, "said": text[-20000:] if done.returncode else ""}
+    return {"about": ABOUT[name], "commit": commit, "form": f"short, {short}" if short else "whole", "passed": passed, "failed": failed, "skipped": skipped,
+            "reports": [f"{p.parent.name}/{p.name}: {summary(p)}" for p in found], "exit": done.returncode, "said": text[-20000:] if done.returncode else ""}
 
 
 def summary(report):
@@ -65,7 +66,7 @@ def summary(report):
 def main():
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--build", type=pathlib.Path, required=True)
-    parser.add_argument("--short", action="store_true")
+    parser.add_argument("--short", choices=sorted(SHORT))
     parser.add_argument("--pytest", action="append", default=[])
     parser.add_argument("names", nargs="+", choices=sorted(ABOUT))
     a = parser.parse_args()
@@ -77,7 +78,7 @@ def main():
         ran.append(result)
         print(f"{name}: {result['passed']} passed, {result['failed']} failed, {result['skipped']} skipped, {len(result['reports'])} reports", flush=True)
         for line in result["reports"]:
-            print(f"  {build / name / 'reports' / line}", file=sys.stderr)
+            print(f"  {build / name / line}", file=sys.stderr)
         if result["exit"]:
             print(result["said"], file=sys.stderr)
     figures.write_text(json.dumps(results, indent=1) + "\n")
