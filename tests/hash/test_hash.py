@@ -9,27 +9,24 @@ COMMON = ["-std=c11", "-D_GNU_SOURCE", "-ffp-contract=off", "-fno-math-errno", "
 BUILDS = {"built": ["gcc", "-O3", "-DNDEBUG"], "gcc -O0": ["gcc", "-O0"], "clang -O3": ["clang", "-O3", "-DNDEBUG"]}
 
 
-def state_hash(root, folder, name, command, story):
+def state_hash(root, once, name, command, story):
     if not shutil.which(command[0]):
         pytest.skip(f"{command[0]} is not installed; tools/setup.sh check")
-    program = folder / name.replace(" ", "")
-    if not program.exists():
+
+    def compiled(folder):
         sources = [BUILD / "lib" / "libtensormass.a"] if name == "built" else sorted(str(p.relative_to(root)) for p in (root / "libtensormass" / "src").rglob("*.c"))
-        build = subprocess.run([*command, *COMMON, "tests/hash/state_hash.c", *sources, "-lm", "-o", program], cwd=root, capture_output=True, text=True, timeout=300)
+        build = subprocess.run([*command, *COMMON, "tests/hash/state_hash.c", *sources, "-lm", "-o", folder / "state_hash"], cwd=root, capture_output=True, text=True, timeout=300)
         assert build.returncode == 0, build.stderr[-4000:]
+
+    program = once("hash-" + name.replace(" ", ""), compiled) / "state_hash"
     said = [subprocess.run([program, *story], cwd=root, capture_output=True, text=True, timeout=300, check=True).stdout.strip() for _ in range(2)]
     assert said[0] == said[1], f"{name}: two runs differ"
     assert len(said[0]) == 16
     return said[0]
 
 
-@pytest.fixture(scope="module")
-def folder(tmp_path_factory):
-    return tmp_path_factory.mktemp("hash")
-
-
 @pytest.mark.parametrize("story", [[], ["volume"], ["viscosity"], ["friction"], ["combinations"]],
                          ids=["linear", "volume", "viscosity", "friction", "combinations"])
-def test_compilers_agree_on_every_bit(root, folder, story):
-    said = {name: state_hash(root, folder, name, command, story) for name, command in BUILDS.items()}
+def test_compilers_agree_on_every_bit(root, once, story):
+    said = {name: state_hash(root, once, name, command, story) for name, command in BUILDS.items()}
     assert len(set(said.values())) == 1, said

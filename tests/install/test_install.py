@@ -17,10 +17,8 @@ def make(root, *words, under=(), code=0):
 
 
 @pytest.fixture(scope="module")
-def prefix(root, tmp_path_factory):
-    prefix = tmp_path_factory.mktemp("prefix")
-    make(root, "install", f"PREFIX={prefix}")
-    return prefix
+def prefix(root, once):
+    return once("prefix", lambda prefix: make(root, "install", f"PREFIX={prefix}"))
 
 
 def contents(folder):
