@@ -1,5 +1,6 @@
 """tm-accuracy --scene in its short form: a study, its recommendation, its page, broken off and gone on with, and wrong things planted in it. Never times."""
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -183,3 +184,28 @@ def test_bad_use(bin, root, tmp_path, arguments, says):
     run = subprocess.run([bin / "tm-accuracy", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert run.returncode == 2 and says in run.stderr, run
     assert not (tmp_path / "x.json").exists()
+
+
+def test_threads_are_what_real_time_wants_where_one_processor_is_not_enough(bin, root, tmp_path):
+    short = ["--duration", "0.2 s", "--limit", "0.001 s", "--set", "threads=1"]
+    liver = "apps/scenes/liver-press.yaml"
+    _, data = study(bin, root, tmp_path, *short, scene=liver)
+    if (os.cpu_count() or 1) < 2:
+        assert "threads" not in {r["knob"] for r in data["runs"]}
+        return
+    own, two = data["runs"][0], named(data, "2 threads")
+    assert two["force_N"] == own["force_N"] and (two["threads"], own["threads"]) == (2, 1)
+    for r in data["runs"]:  # planted: a slow machine, on which two threads alone are in time
+        if "cannot" not in r:
+            r["cpu_s"] = r["cpu_p95_s"] = r["busy_p95_s"] = 1.2 * r["frame_s"]
+    two["busy_p95_s"] = 0.7 * two["frame_s"]
+    (tmp_path / "s.json").write_text(json.dumps(data))
+    run, said = study(bin, root, tmp_path, *short, "--budget", "2 cores", "--hold", "0.2 s", scene=liver)
+    assert said["recommendation"]["fits"] and "2 threads" in said["recommendation"]["settings"] and "for 2 processors" in run.stdout
+    assert "threads: 2" in (tmp_path / "s-recommended.yaml").read_text()
+
+
+@pytest.mark.parametrize("budget", ["2 boxes", "cores", "-1", "0"])
+def test_a_budget_is_processors(bin, root, tmp_path, budget):
+    run, _ = study(bin, root, tmp_path, f"--budget={budget}", good=2)
+    assert "--budget" in run.stderr and not (tmp_path / "s.json").exists()

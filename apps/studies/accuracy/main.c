@@ -44,12 +44,12 @@ static void usage(FILE *to) {
         "  --json FILE       where the figures go; a scene's study that was broken off goes on from there\n"
         "  --quiet           no progress; --list names the knobs\n"
         "  -h, --help, --version\n\n"
-        "  --scene FILE      this scene's meshes, step, precision, model, effects, frame rate and constants\n"
+        "  --scene FILE      this scene's meshes, step, precision, model, threads, effects, frame rate and constants\n"
         "  --set PATH=VALUE, --unset PATH  as tm-sim takes them (may be repeated)\n"
         "  --mesh FILE       another mesh of the same organ, with the same groups and unit (at most 4)\n"
         "  --duration TIME   of the hand's path [the scene's]\n"
         "  --limit TIME      no finer mesh whose run would take longer, about [2 min]\n"
-        "  --budget CORES    recommend the exactest setting within this share of a processor, write it as a scene and run it\n"
+        "  --budget CORES    recommend the exactest setting within these processors (0.5, \"2 cores\"), write it as a scene and run it\n"
         "  --frame RATE      at this frame rate\n"
         "  --hold TIME       how long the recommendation is run in real time [10 s]\n"
         "  --page FOLDER     draw index.html there (needs python3 with matplotlib; $TM_PYTHON names another)\n",
@@ -111,6 +111,18 @@ static int take_quantity(const char *option, const char *text, const char *dimen
                          strcmp(dimension, "none") ? dimension : "number");
 }
 
+/* "0.5", "0.5 core", "2 cores". */
+static int take_budget(study *t, const char *text) {
+    char number[60];
+    size_t length = strcspn(text, " c");
+    const char *unit = text + length + strspn(text + length, " ");
+    t->choice.wanted = true;
+    if (length >= sizeof number || (*unit && strcmp(unit, "core") && strcmp(unit, "cores"))) length = 0;
+    snprintf(number, sizeof number, "%.*s", (int)length, text);
+    return *number ? take_quantity("--budget", number, "none", &t->budget)
+                   : app_bad_input("tm-accuracy", 0, "--budget %s: processors are wanted: 0.5, 2 cores", text);
+}
+
 static int take_knob(options *o, const char *name) {
     int k = 0;
     while (k < KNOBS && strcmp(knobs[k].name, name) != 0) k++;
@@ -135,7 +147,7 @@ static int take_scene_option(study *t, int option) {
     case OPT_MESH: return take_mesh(t, optarg);
     case OPT_DURATION: return take_quantity("--duration", optarg, "time", &t->duration_s);
     case OPT_LIMIT: return take_quantity("--limit", optarg, "time", &t->limit_s);
-    case OPT_BUDGET: t->choice.wanted = true; return take_quantity("--budget", optarg, "none", &t->budget);
+    case OPT_BUDGET: return take_budget(t, optarg);
     case OPT_FRAME: return take_quantity("--frame", optarg, "rate", &t->frame_Hz);
     case OPT_HOLD: return take_quantity("--hold", optarg, "time", &t->hold_s);
     default: t->page = optarg; return 0;

@@ -93,7 +93,7 @@ def recommendation(page, study):
         page.section("Recommendation", "None was asked for: <code>--budget 0.5</code> recommends a setting for half a processor and runs it.")
         return
     words = ", ".join(html.escape(s) for s in choice["settings"])
-    page.section("Recommendation", f"For {choice['budget']:g} of a processor: <b>{words}</b>, written as <code>{html.escape(choice['file'])}</code>."
+    page.section("Recommendation", f"For {choice['budget']:g} processors: <b>{words}</b>, written as <code>{html.escape(choice['file'])}</code>."
                  + ("" if choice["fits"] else " <b>Nothing measured fits the budget; this is the cheapest.</b>"))
     if "kept" in choice:
         verdict = "kept" if choice["kept"] and choice["real_time"] else "kept in force and price, not in real time: other programs had the processors" if choice["kept"] else "not kept"

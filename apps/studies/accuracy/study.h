@@ -26,7 +26,8 @@ typedef struct study_run {
     bool done, failed, reused; /* failed: cannot be, `why` says so */
     double frame_s, dt_s, setup_s;
     double cpu_s, cpu_p95_s, wall_s; /* a frame: processor time, mean and 95th percentile; mean wall time */
-    int frames, instruments, tets, substeps, points;
+    double busy_p95_s;               /* how long a frame takes: processor time on one thread, wall time on several */
+    int frames, instruments, tets, substeps, points, threads;
     double *force_N; /* [frames][instruments][3] on the tools */
     double *u_m;     /* [STUDY_MOMENTS][points][3] of the scene's own vertices, which refined meshes keep */
     /* judged, relative to the truth's root mean square; NAN: not to be had */
@@ -52,8 +53,8 @@ typedef struct study_truth {
 
 typedef struct study_choice {
     bool wanted, fits, kept, real_time;
-    int mesh_run, extra[3], extra_count;       /* runs whose settings it takes */
-    double error, cost_s, share;               /* predicted; share of one processor, 95th percentile */
+    int mesh_run, extra[4], extra_count;       /* runs whose settings it takes */
+    double error, cost_s, share, busy;         /* predicted; 95th percentile: share of one processor, of the frame */
     double held_error, held_wall_s, held_over; /* over: share of frames that took more processor time than the budget */
     int held_frames, held_late;
     char file[1100];
@@ -100,6 +101,8 @@ bool study_turn_fibres(study *t, const sim *own, double angle_rad, char path[102
 /* Runs it, unless the file has it; 0, or an exit code after Ctrl-C. What cannot be is r->failed, no error. */
 int study_measure(study *t, study_run *r);
 double study_cpu_s(void);
+/* Among how many threads its step is divided. */
+int study_threads(const sim *s);
 /* Builds with stderr turned into `why`; null: it cannot be. */
 sim *study_build(const char *file, char *const *set, int set_count, char *why, size_t size);
 

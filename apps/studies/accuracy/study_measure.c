@@ -65,10 +65,13 @@ static void take_shape(const sim *s, int own_vertices, study_run *r, int frame) 
     }
 }
 
+int study_threads(const sim *s) { return s->model->world ? tm_world_parts(s->model->world) : 1; }
+
 static bool take_memory(study_run *r, const sim *s, double duration_s) {
     r->frames = (int)llround(duration_s / s->frame_s);
     r->instruments = s->instrument_count;
     r->frame_s = s->frame_s, r->dt_s = s->dt_s, r->substeps = s->substeps, r->tets = s->mesh->tet_count;
+    r->threads = study_threads(s);
     /* The precomputed model moves the surface alone. */
     r->points = r->foreign || s->scene->model.index == APP_PRECOMPUTED ? 0 : STUDY_POINTS;
     r->force_N = calloc((size_t)r->frames * (size_t)r->instruments * 3 + 1, sizeof(double));
@@ -76,18 +79,20 @@ static bool take_memory(study_run *r, const sim *s, double duration_s) {
     return r->force_N && r->u_m;
 }
 
-/* The frames. What a frame costs is processor time, which other programs on the machine stretch least. */
-static void drive(const study *t, study_run *r, sim *s, double *cost_s) {
+/* The frames. What a frame costs is processor time, which other programs on the machine stretch least; how long several
+ * threads take over it is not to be had from that. */
+static void drive(const study *t, study_run *r, sim *s, double *cost_s, double *busy_s) {
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
     char label[120];
     snprintf(label, sizeof label, "%d of %d: %s, %s", (int)(r - t->run) + 1, t->run_count, r->knob, r->name);
     const double wall = app_seconds();
     for (int k = 1; k <= r->frames && !app_interrupted(); k++) {
         for (int i = 0; i < r->instruments; i++) to[i] = sim_hand_pose(s, i, k * s->frame_s);
-        const double before = study_cpu_s();
+        const double before = study_cpu_s(), began = app_seconds();
         const tm_status status = sim_frame(s, to, s->substeps);
         if (s->broken_off) return;
         cost_s[k - 1] = study_cpu_s() - before;
+        busy_s[k - 1] = r->threads > 1 ? app_seconds() - began : cost_s[k - 1];
         if (status) {
             r->failed = true;
             snprintf(r->why, sizeof r->why, "went unstable in frame %d", k);
@@ -103,6 +108,24 @@ static void drive(const study *t, study_run *r, sim *s, double *cost_s) {
     r->wall_s = (app_seconds() - wall) / r->frames;
 }
 
+static double percentile_95(double *value, int count) {
+    qsort(value, (size_t)count, sizeof *value, by_value);
+    return value[(int)(0.95 * (count - 1))];
+}
+
+static void run_frames(const study *t, study_run *r, sim *s) {
+    if (!take_memory(r, s, t->duration_s)) abort();
+    double *cost_s = calloc((size_t)r->frames + 1, sizeof *cost_s);
+    double *busy_s = calloc((size_t)r->frames + 1, sizeof *busy_s);
+    if (!cost_s || !busy_s) abort();
+    drive(t, r, s, cost_s, busy_s);
+    for (int k = 0; k < r->frames; k++) r->cpu_s += cost_s[k] / r->frames;
+    r->cpu_p95_s = percentile_95(cost_s, r->frames);
+    r->busy_p95_s = percentile_95(busy_s, r->frames);
+    free(cost_s);
+    free(busy_s);
+}
+
 int study_measure(study *t, study_run *r) {
     if (study_find(t, r)) return 0;
     const double start = study_cpu_s();
@@ -110,13 +133,7 @@ int study_measure(study *t, study_run *r) {
     r->failed = !s;
     if (s) {
         r->setup_s = study_cpu_s() - start;
-        double *cost_s = NULL;
-        if (!take_memory(r, s, t->duration_s) || !(cost_s = calloc((size_t)r->frames + 1, sizeof *cost_s))) abort();
-        drive(t, r, s, cost_s);
-        for (int k = 0; k < r->frames; k++) r->cpu_s += cost_s[k] / r->frames;
-        qsort(cost_s, (size_t)r->frames, sizeof *cost_s, by_value);
-        r->cpu_p95_s = cost_s[(int)(0.95 * (r->frames - 1))];
-        free(cost_s);
+        run_frames(t, r, s);
         sim_destroy(s);
     }
     if (app_interrupted()) return app_interrupted_exit();

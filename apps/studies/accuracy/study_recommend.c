@@ -1,6 +1,7 @@
 /* The exactest setting within a budget, written as a scene, run, and held to what was promised of it.
  *
- * A setting is one mesh and form that was run, with half the step, the other precision or another model beside it. What
+ * A setting is one mesh and form that was run, with half the step, the other precision, threads or another model beside
+ * it. What
  * these do together is not run beforehand: their differences of force are added to that of the mesh, and their ratios
  * of price multiplied. That it comes out so is what the run at the end is for. */
 #include <errno.h>
@@ -13,7 +14,7 @@
 #include "bandwidth.h"
 #include "study.h"
 
-/* Of the budget; the rest is for what the hand does that its path did not. */
+/* Of the budget, and of the frame; the rest is for what the hand does that its path did not. */
 static const double ROOM = 0.9;
 /* Errors of the force that are the same to a hand, and to rounding. */
 static const double ALIKE = 1e-4;
@@ -26,11 +27,13 @@ static bool is_mesh(const study_run *r) {
     return !strcmp(r->knob, "own") || !strcmp(r->knob, "volume") || !strcmp(r->knob, "mesh");
 }
 
+enum { EXTRAS = 4 };
+
 /* What a setting may have beside its mesh, one of each knob; another model's price on another mesh is not this one's
  * ratio, so that it goes with the mesh alone on which it was run. */
 static bool is_extra(const study_run *r, const study_choice *with, int knob) {
-    static const char *const name[] = {"step", "precision", "model"};
-    return !strcmp(r->knob, name[knob]) && (knob < 2 || (with->mesh_run == 0 && with->extra_count == 0));
+    static const char *const name[EXTRAS] = {"step", "precision", "threads", "model"};
+    return !strcmp(r->knob, name[knob]) && (knob < EXTRAS - 1 || (with->mesh_run == 0 && with->extra_count == 0));
 }
 
 static void predict(const study *t, study_choice *c, double *force_N) {
@@ -38,20 +41,25 @@ static void predict(const study *t, study_choice *c, double *force_N) {
     const size_t count = (size_t)own->frames * (size_t)own->instruments * 3;
     memcpy(force_N, mesh->force_N, count * sizeof *force_N);
     c->cost_s = mesh->cpu_s, c->share = mesh->cpu_p95_s / mesh->frame_s;
+    c->busy = mesh->busy_p95_s / mesh->frame_s;
     for (int e = 0; e < c->extra_count; e++) {
         const study_run *x = &t->run[c->extra[e]];
         for (size_t i = 0; i < count; i++) force_N[i] += x->force_N[i] - own->force_N[i];
         c->cost_s *= x->cpu_s / own->cpu_s;
         c->share *= x->cpu_p95_s / own->cpu_p95_s;
+        c->busy *= x->busy_p95_s / own->busy_p95_s;
     }
     c->error = study_distance(force_N, t->truth.force_N, count);
 }
 
+/* Within the budget, and done before the next frame is due; whatever the budget, one thread is one processor. */
+static bool within(const study *t, const study_choice *c) { return c->share <= ROOM * t->budget && c->busy <= ROOM; }
+
 /* Within the budget the exactest; errors that differ by less than a twentieth are alike, and then the cheaper. Nothing
  * within it: the cheapest of all. */
 static bool better(const study *t, const study_choice *a, const study_choice *b) {
-    const bool fits_a = a->share <= ROOM * t->budget, fits_b = b->share <= ROOM * t->budget;
-    if (fits_a != fits_b) return fits_a;
+    const bool fits_a = within(t, a);
+    if (fits_a != within(t, b)) return fits_a;
     if (!fits_a || fabs(a->error - b->error) < 0.05 * fmin(a->error, b->error)) return a->share < b->share;
     return a->error < b->error;
 }
@@ -73,11 +81,11 @@ static bool is_banned(const bans *b, const study_choice *c) {
 }
 
 static void consider(study *t, study_choice c, int knob, const bans * not, bool *any, double *scratch) {
-    if (knob == 3) {
+    if (knob == EXTRAS) {
         if (is_banned(not, &c)) return;
         predict(t, &c, scratch);
         if (!*any || better(t, &c, &t->choice)) {
-            c.fits = c.share <= ROOM * t->budget;
+            c.fits = within(t, &c);
             t->choice = c;
         }
         *any = true;
@@ -141,7 +149,7 @@ static int write_scene(study *t) {
     if (isfinite(t->truth.uncertainty))
         snprintf(doubt, sizeof doubt, "the truth itself is uncertain by %.2g %%", 100 * t->truth.uncertainty);
     snprintf(evidence, sizeof evidence,
-             "# Recommended by tm-accuracy for %.3g of a processor, from %s%s.\n"
+             "# Recommended by tm-accuracy for %.3g processors, from %s%s.\n"
              "#   setting    %s\n"
              "#   force      %.2g %% RMS off the study's truth along the hand's path (the scene as it is: %.2g %%);\n"
              "#              %s%s\n"
@@ -203,7 +211,7 @@ void study_say(const study *t) {
     const study_choice *c = &t->choice;
     char setting[400];
     names(t, setting, sizeof setting);
-    printf("\nRecommended for %.3g of a processor: %s\n  %s\n  promised: force %.2f %% off, %.1f %% of a processor%s\n"
+    printf("\nRecommended for %.3g processors: %s\n  %s\n  promised: force %.2f %% off, %.1f %% of a processor%s\n"
            "  held %d frames: force %.2f %% off; %.1f %% of the frames took more processor time than the budget; %d "
            "came late by the wall clock%s\n  %s\n",
            t->budget, setting, c->file, 100 * c->error, 100 * c->share,

@@ -48,11 +48,12 @@ static bool take(study_run *r, const cJSON *from) {
     r->substeps = (int)number(from, "substeps");
     r->frame_s = number(from, "frame_s"), r->dt_s = number(from, "dt_s"), r->setup_s = number(from, "setup_s");
     r->cpu_s = number(from, "cpu_s"), r->cpu_p95_s = number(from, "cpu_p95_s"), r->wall_s = number(from, "wall_s");
+    r->busy_p95_s = number(from, "busy_p95_s"), r->threads = (int)number(from, "threads");
     if (r->frames < 1 || r->frames > 10000000 || r->instruments < 1 || r->instruments > TM_MAX_INSTRUMENTS)
         return false;
     r->force_N = numbers(from, "force_N", (size_t)r->frames * (size_t)r->instruments * 3);
     r->u_m = numbers(from, "u_m", (size_t)STUDY_MOMENTS * STUDY_POINTS * 3);
-    return r->force_N && r->u_m && r->frame_s > 0 && r->cpu_s > 0;
+    return r->force_N && r->u_m && r->frame_s > 0 && r->cpu_s > 0 && r->busy_p95_s > 0;
 }
 
 bool study_find(const study *t, study_run *r) {
@@ -84,6 +85,7 @@ static cJSON *run_json(const study *t, const study_run *r) {
     put(out, "tets", r->tets), put(out, "substeps", r->substeps), put(out, "frame_s", r->frame_s);
     put(out, "dt_s", r->dt_s), put(out, "setup_s", r->setup_s), put(out, "cpu_s", r->cpu_s);
     put(out, "cpu_p95_s", r->cpu_p95_s), put(out, "wall_s", r->wall_s);
+    put(out, "busy_p95_s", r->busy_p95_s), put(out, "threads", r->threads);
     put(out, "share", r->cpu_p95_s / r->frame_s);
     if (t->truth.force_N) {
         put(out, "force_error", r->force_error), put(out, "shape_error", r->shape_error);
@@ -114,7 +116,7 @@ static cJSON *choice_json(const study *t) {
     cJSON_AddItemToArray(names, cJSON_CreateString(t->run[c->mesh_run].name));
     for (int i = 0; i < c->extra_count; i++) cJSON_AddItemToArray(names, cJSON_CreateString(t->run[c->extra[i]].name));
     cJSON_AddStringToObject(out, "file", c->file);
-    put(out, "error", c->error), put(out, "cost_s", c->cost_s), put(out, "share", c->share);
+    put(out, "error", c->error), put(out, "cost_s", c->cost_s), put(out, "share", c->share), put(out, "busy", c->busy);
     if (!c->held_frames) return out;
     cJSON_AddBoolToObject(out, "kept", c->kept);
     cJSON_AddBoolToObject(out, "real_time", c->real_time);

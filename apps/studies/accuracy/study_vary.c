@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include "study.h"
 
@@ -98,6 +99,30 @@ static void plan_numbers(study *t, const sim *own) {
         const double rate = scene->frame_rate.si * factor[k];
         snprintf(name, sizeof name, "%g Hz", rate);
         if (rate >= 0.5 && rate <= 2000) study_set(study_add(t, "frame", name), "time.frame_rate=%.9g", rate);
+    }
+}
+
+/* Among how many threads the scene's step is divided where so many are asked for. */
+static int parts_of(const study *t, const char *asked) {
+    char why[400], *set[STUDY_SETS];
+    memcpy(set, t->set, sizeof *set * (size_t)t->set_count);
+    set[t->set_count] = (char *)(uintptr_t)asked;
+    sim *s = study_build(t->file, set, t->set_count + 1, why, sizeof why);
+    const int parts = s ? study_threads(s) : 0;
+    sim_destroy(s);
+    return parts;
+}
+
+/* Of this machine's processors as many as the tissue is worth; the forces are the same to the bit. */
+static void plan_threads(study *t, const sim *own) {
+    const long cores = sysconf(_SC_NPROCESSORS_ONLN);
+    char name[40], asked[40];
+    if (!own->model->world || own->scene->threads.value > 1) return;
+    for (int n = 2; n <= cores && n <= 8; n *= 2) {
+        snprintf(name, sizeof name, "%d threads", n);
+        snprintf(asked, sizeof asked, "threads=%d", n);
+        if (parts_of(t, asked) < n) return;
+        study_set(study_add(t, "threads", name), "%s", asked);
     }
 }
 
@@ -234,6 +259,7 @@ int study_plan(study *t) {
     if (!rc) {
         plan_meshes(t, own);
         plan_numbers(t, own);
+        plan_threads(t, own);
         plan_effects(t, own);
         plan_constants(t, own);
         for (int i = 1; i < t->run_count; i++) make_key(t, &t->run[i], files);
