@@ -26,7 +26,7 @@ BUILD
 }
 
 if [ $# -eq 0 ]; then
-    rm -rf "$out"/wheel/*linux*x86_64.whl "$out"/wheel/*.tar.gz "$out/wheel/raw" "$lib"
+    rm -rf "$out"/wheel/*linux*"_$(uname -m).whl" "$out"/wheel/*.tar.gz "$out/wheel/raw" "$lib"
     "$python" -c 'from setuptools import build_meta; print(build_meta.build_sdist(".."))'
     mkdir -p "$lib" && cp "$out"/python-lib/*.so* "$lib"
     for library in "$lib"/*; do # find each other where they lie
@@ -36,7 +36,7 @@ if [ $# -eq 0 ]; then
     wheel "$out/wheel/raw"
     auditwheel repair --strip -w "$out/wheel" "$out"/wheel/raw/*.whl
     rm -rf "$out/wheel/raw"
-    auditwheel show "$out"/wheel/*x86_64.whl
+    auditwheel show "$out"/wheel/*linux*"_$(uname -m).whl"
 fi
 for target; do
     case $target in

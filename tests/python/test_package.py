@@ -2,6 +2,7 @@
 import json
 import os
 import pathlib
+import platform
 import re
 import shutil
 import subprocess
@@ -28,7 +29,7 @@ def wheel(once):
     """build/wheel/*.whl, made by `make wheel`."""
     clean = {k: v for k, v in os.environ.items() if not k.startswith("MAKE")}
     once("wheel", lambda folder: run("make", "-C", ROOT, f"BUILD={os.path.relpath(BUILD, ROOT)}", "wheel", env=clean))
-    made, = (BUILD / "wheel").glob("*.whl")
+    made, = (BUILD / "wheel").glob(f"*linux*_{platform.machine()}.whl")  # make wheels puts others beside it
     return made
 
 
