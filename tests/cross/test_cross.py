@@ -104,7 +104,7 @@ world.add_gravity((0, 0, -9.81))
 world.step(100)
 liver = tm.Mesh.read("meshes/liver_1k.msh")
 assert tm.parameters().force_max_N > 8
-print(world.u_m.tobytes().hex()[:4000], liver.tet_count, core.platform.machine())
+print(world.u_m.tobytes().hex(), liver.tet_count, core.platform.machine())
 """
 
 
@@ -141,7 +141,7 @@ def test_the_arm64_wheel_says_what_this_one_says(root, wheels, tmp_path):
                            capture_output=True, text=True, timeout=900)
     here = subprocess.run([sys.executable, "-c", USED], cwd=root, env={**os.environ, **environment, "PYTHONPATH": str(tmp_path / "here")}, capture_output=True, text=True, timeout=300)
     assert there.returncode == 0 and here.returncode == 0, there.stderr + here.stderr
-    assert there.stdout.split()[1:] == [here.stdout.split()[1], "aarch64"] and len(there.stdout) > 4000
+    assert there.stdout.split()[1:] == [here.stdout.split()[1], "aarch64"] and len(there.stdout) > 3600
     assert there.stdout.split()[0] == here.stdout.split()[0]
 
 
