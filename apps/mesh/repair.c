@@ -7,7 +7,7 @@
 #include "law/union_find.h"
 
 typedef struct options {
-    const char *in, *out;
+    const char *in, *out, *fibres;
     double scale, merge_m;
     bool largest;
 } options;
@@ -25,18 +25,23 @@ static void repair_usage(void) {
 }
 
 static void convert_usage(void) {
-    printf("usage: tm-mesh convert [--scale S] IN -o OUT\n"
-           "Between .msh (2.2, 4.1 read; 2.2 written), .vtk and .mesh, and into .vtu. .vtk and .mesh carry regions as "
-           "numbers, and no vertex groups; .vtu (ParaView, meshio) both, as numbers.\n\n"
-           "  --scale S  metres per unit of the file [1]\n"
-           "  -o OUT     .msh, .vtk, .mesh or .vtu\n");
+    printf(
+        "usage: tm-mesh convert [--scale S] [--fibres IN.csv] IN -o OUT\n"
+        "Between .msh (2.2, 4.1 read; 2.2 written), .vtk, .vtu (ParaView, meshio) and .mesh. .mesh carries regions as "
+        "numbers, and no vertex groups; the others both, with their names.\n\n"
+        "  --scale S        metres per unit of the file [1]\n"
+        "  --fibres IN.csv  of IN, into .vtk or .vtu: 'fibre' of each cell\n"
+        "  -o OUT           .msh, .vtk, .mesh or .vtu\n");
 }
 
 static int parse(const char *command, void (*usage)(void), int argc, char **argv, options *o) {
-    static const struct option names[] = {
-        {"scale", required_argument, NULL, 's'}, {"merge", required_argument, NULL, 'm'},
-        {"largest", no_argument, NULL, 'l'},     {"output", required_argument, NULL, 'o'},
-        {"help", no_argument, NULL, 'h'},        {0}};
+    static const struct option names[] = {{"scale", required_argument, NULL, 's'},
+                                          {"merge", required_argument, NULL, 'm'},
+                                          {"largest", no_argument, NULL, 'l'},
+                                          {"fibres", required_argument, NULL, 'f'},
+                                          {"output", required_argument, NULL, 'o'},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {0}};
     bool repair = strcmp(command, "repair") == 0;
     *o = (options){.scale = 1};
     optind = 1;
@@ -48,6 +53,8 @@ static int parse(const char *command, void (*usage)(void), int argc, char **argv
             if (!command_quantity("merge", optarg, "length", &o->merge_m)) return APP_BAD_INPUT;
         } else if (c == 'l' && repair)
             o->largest = true;
+        else if (c == 'f' && !repair)
+            o->fibres = optarg;
         else if (c == 'o')
             o->out = optarg;
         else if (c == 'h') {
@@ -59,6 +66,9 @@ static int parse(const char *command, void (*usage)(void), int argc, char **argv
     if (optind + 1 != argc) return command_usage(command, "name one mesh file");
     if (!o->out) return command_usage(command, "no output; give -o OUT");
     o->in = argv[optind];
+    const char *dot = strrchr(o->out, '.');
+    if (o->fibres && !(dot && (strcmp(dot, ".vtk") == 0 || strcmp(dot, ".vtu") == 0)))
+        return command_usage(command, "--fibres go into .vtk and .vtu alone; tm-mesh refine --write-fibres writes CSV");
     return command_output(o->out);
 }
 
@@ -249,6 +259,13 @@ static void tell(const tm_mesh_file *mesh, const char *path, const outcome *out)
     if (out->far) printf("  %d tetrahedra of smaller pieces dropped\n", out->far);
 }
 
+static int take_fibres(const char *path, const tm_mesh *built, tm_mesh_file *mesh) {
+    tm_error error = {0};
+    mesh->fibre = malloc((3 * (size_t)mesh->tet_count + 1) * sizeof *mesh->fibre);
+    if (!mesh->fibre) return command_no_memory(path);
+    return tm_fibres_load_on(path, built, mesh->fibre, &error) ? app_report(NULL, 0, &error) : APP_DONE;
+}
+
 static int load_write(const char *command, const options *o) {
     tm_mesh_file mesh;
     outcome out = {0};
@@ -258,6 +275,7 @@ static int load_write(const char *command, const options *o) {
     if (tm_mesh_file_load(o->in, o->scale, &mesh, &error)) return app_report(NULL, 0, &error);
     int exit = repair ? mend(&mesh, o, &out) : APP_DONE;
     if (exit == APP_DONE && tm_mesh_file_build(&mesh, &built, &error)) exit = app_report(NULL, 0, &error);
+    if (exit == APP_DONE && o->fibres) exit = take_fibres(o->fibres, built, &mesh);
     if (exit == APP_DONE && app_mesh_write(&mesh, o->out, &error)) exit = app_report(NULL, 0, &error);
     if (exit == APP_DONE) tell(&mesh, o->out, &out);
     tm_mesh_destroy(built);

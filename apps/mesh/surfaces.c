@@ -15,17 +15,6 @@ static bool ends(const char *path, const char *ending) {
     return dot && strcasecmp(dot, ending) == 0;
 }
 
-static int refuse_kind(const char *path) {
-    static const char *const vtk[] = {".vtp", ".vtu", ".vtk"};
-    for (int i = 0; i < 3; i++)
-        if (ends(path, vtk[i]))
-            return app_bad_input(
-                path, 0,
-                "%s surfaces are not read; save it as STL, PLY or OBJ (ParaView: File, Save Data; meshio convert)",
-                vtk[i]);
-    return app_bad_input(path, 0, "no kind of surface that is read; give .stl, .obj, .ply or .off");
-}
-
 static int from_module(const image_end end, const char *path, const char *why) {
     if (end) app_bad_input(path, 0, "%s", why);
     return end == IMAGE_DONE ? APP_DONE : end == IMAGE_BAD_INPUT ? APP_BAD_INPUT : APP_FAILED;
@@ -36,7 +25,11 @@ static int read_file(const char *path, const image_api *api, image_surface *out)
     char why[IMAGE_WHY] = "";
     if (ends(path, ".stl"))
         return shell_read_stl(path, 1, &out->corner, &out->triangles, &error) ? app_report(path, 0, &error) : APP_DONE;
-    if (!ends(path, ".obj") && !ends(path, ".ply") && !ends(path, ".off")) return refuse_kind(path);
+    if (ends(path, ".vtp") || ends(path, ".vtu") || ends(path, ".vtk"))
+        return tm_surface_load(path, &out->corner, &out->triangles, &error) ? app_report(NULL, 0, &error) : APP_DONE;
+    if (!ends(path, ".obj") && !ends(path, ".ply") && !ends(path, ".off"))
+        return app_bad_input(path, 0,
+                             "no kind of surface that is read; give .stl, .obj, .ply, .off, .vtp, .vtu or .vtk");
     if (!api && !(api = image_open_module(&error))) return app_report(path, 0, &error);
     FILE *file = fopen(path, "rb");
     if (!file) return app_bad_input(path, 0, "cannot open; check the path");

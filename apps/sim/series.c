@@ -57,7 +57,8 @@ static void write_field(FILE *out, const sim *s) {
 static void write_grid(FILE *out, const sim *s, const cells *c) {
     const tm_mesh *m = s->mesh;
     const int64_t v = m->vertex_count, t = m->tet_count;
-    const vtu_array displacement = {"Float64", 3, 8, v}, region = {"Int32", 1, 4, t}, state = {"UInt8", 1, 1, t};
+    const vtu_array displacement = {"Float64", 3, 8, v}, region = {"Int32", 1, 4, t}, state = {"UInt8", 1, 1, t},
+                    fibre = {"Float64", 3, 8, t};
     int64_t at = 0;
     fputs("<?xml version=\"1.0\"?>\n", out);
     vtu_begin(out);
@@ -68,6 +69,7 @@ static void write_grid(FILE *out, const sim *s, const cells *c) {
     vtu_declare(&region, "", "region", &at, out);
     vtu_declare(&state, "", "alive", &at, out);
     vtu_declare(&state, "", "vtkGhostType", &at, out);
+    if (s->fibre) vtu_declare(&fibre, "", "fibre", &at, out);
     vtu_data(out);
     vtu_put_points(v, m->rest_m, out);
     vtu_put(&displacement, sim_displacement(s), out);
@@ -75,6 +77,7 @@ static void write_grid(FILE *out, const sim *s, const cells *c) {
     vtu_put(&region, m->region, out);
     vtu_put(&state, c->alive, out);
     vtu_put(&state, c->ghost, out);
+    if (s->fibre) vtu_put(&fibre, s->fibre, out);
     vtu_end(out);
 }
 

@@ -37,7 +37,8 @@ static void write_vectors(FILE *out, const char *name, const double *v, int32_t 
     for (int32_t i = 0; i < count; i++) fprintf(out, "%.17g %.17g %.17g\n", v[3 * i], v[3 * i + 1], v[3 * i + 2]);
 }
 
-static void write_vtk(FILE *out, const tm_mesh *mesh, const double *u, const double *reaction) {
+static void write_vtk(FILE *out, const sim *s, const double *u, const double *reaction) {
+    const tm_mesh *mesh = s->mesh;
     fprintf(out,
             "# vtk DataFile Version 3.0\ntm-sim: rest positions, displacement in m, support reactions in "
             "N\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS %d double\n",
@@ -55,6 +56,7 @@ static void write_vtk(FILE *out, const tm_mesh *mesh, const double *u, const dou
     write_vectors(out, "reaction_N", reaction, mesh->vertex_count);
     fprintf(out, "CELL_DATA %d\nSCALARS region int 1\nLOOKUP_TABLE default\n", mesh->tet_count);
     for (int32_t t = 0; t < mesh->tet_count; t++) fprintf(out, "%d\n", mesh->region[t]);
+    if (s->fibre) write_vectors(out, "fibre", s->fibre, mesh->tet_count);
 }
 
 /* One row a support: the force that it exerts on the tissue. */
@@ -167,7 +169,10 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
     report_tools(s, json);
     if (written->begun) {
         size_t n = strlen(o->write);
-        (n > 4 && !strcmp(o->write + n - 4, ".vtk") ? write_vtk : write_csv)(written->stream, s->mesh, u, reaction);
+        if (n > 4 && !strcmp(o->write + n - 4, ".vtk"))
+            write_vtk(written->stream, s, u, reaction);
+        else
+            write_csv(written->stream, s->mesh, u, reaction);
     }
     free(u);
     return 0;

@@ -40,7 +40,7 @@ static const tm_io_format *format_of(const char *path) {
 }
 
 static tm_status refuse_ending(const char *path, tm_error *error) {
-    static const char *const surface[] = {".stl", ".obj", ".ply", ".off"};
+    static const char *const surface[] = {".stl", ".obj", ".ply", ".off", ".vtp"};
     const char *dot = strrchr(path, '.');
     for (size_t i = 0; dot && i < sizeof surface / sizeof *surface; i++)
         if (strcasecmp(dot, surface[i]) == 0)
@@ -66,8 +66,7 @@ static tm_status read_format(const char *path, tm_io_text *text, tm_io_raw *raw)
 
 /* --- reading --- */
 
-/* The whole file and a NUL. */
-static tm_status read_whole(const char *path, char **bytes, size_t *size, tm_error *error) {
+tm_status tm_io_read_whole(const char *path, char **bytes, size_t *size, tm_error *error) {
     struct stat info;
     FILE *file = fopen(path, "rb");
     if (!file || fstat(fileno(file), &info) != 0) {
@@ -107,6 +106,7 @@ static bool allocate_shape(tm_mesh_file *mesh) {
 
 bool tm_mesh_file_allocate(tm_mesh_file *mesh, int32_t group_vertex_count) {
     mesh->path = NULL;
+    mesh->fibre = NULL;
     mesh->group_begin = calloc((size_t)mesh->group_count + 1, sizeof(int32_t));
     mesh->group_vertex = calloc((size_t)group_vertex_count + 1, sizeof(int32_t));
     mesh->region_name = calloc((size_t)mesh->region_count + 1, sizeof *mesh->region_name);
@@ -129,6 +129,7 @@ void tm_mesh_file_free(tm_mesh_file *mesh) {
     free(mesh->region_name);
     free(mesh->group_name);
     free(mesh->path);
+    free(mesh->fibre);
     memset(mesh, 0, sizeof *mesh);
 }
 
@@ -181,7 +182,7 @@ tm_status tm_mesh_file_load(const char *path, double scale, tm_mesh_file *file, 
     size_t size = 0;
     tm_status status = begin(path, scale, file, error);
     if (status) return status;
-    status = read_whole(path, &bytes, &size, error);
+    status = tm_io_read_whole(path, &bytes, &size, error);
     if (status)
         tm_io_place(path, 0, status, error);
     else

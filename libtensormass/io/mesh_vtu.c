@@ -1,5 +1,5 @@
-/* VTK's XML for unstructured grids, written alone: what ParaView and meshio open with regions and groups. */
-#include "mesh_format.h"
+/* VTK's XML for unstructured grids: what ParaView and meshio open with regions, groups and fibres. */
+#include "vtk_cells.h"
 #include "vtu.h"
 
 /* 1 where a vertex is in the group, whose vertices ascend. */
@@ -15,7 +15,7 @@ static void put_group(const tm_mesh_file *m, int32_t group, FILE *file) {
 /* Regions as numbers of the cells, their names in comments, groups as 0 or 1 of the points. */
 static void put_vtu(const tm_mesh_file *m, FILE *file) {
     const int64_t v = m->vertex_count, t = m->tet_count;
-    const vtu_array in_group = {"UInt8", 1, 1, v}, region = {"Int32", 1, 4, t};
+    const vtu_array in_group = {"UInt8", 1, 1, v}, region = {"Int32", 1, 4, t}, fibre = {"Float64", 3, 8, t};
     int64_t at = 0;
     fputs("<?xml version=\"1.0\"?>\n", file);
     for (int32_t r = 0; r < m->region_count; r++) {
@@ -28,6 +28,7 @@ static void put_vtu(const tm_mesh_file *m, FILE *file) {
     for (int32_t g = 0; g < m->group_count; g++) vtu_declare(&in_group, "group:", m->group_name[g], &at, file);
     vtu_cells(t, &at, file);
     vtu_declare(&region, "", "region", &at, file);
+    if (m->fibre) vtu_declare(&fibre, "", "fibre", &at, file);
     vtu_data(file);
     vtu_put_points(v, m->vertex_m, file);
     for (int32_t g = 0; g < m->group_count; g++) {
@@ -36,7 +37,16 @@ static void put_vtu(const tm_mesh_file *m, FILE *file) {
     }
     vtu_put_cells(t, m->tet, file);
     vtu_put(&region, m->region, file);
+    if (m->fibre) vtu_put(&fibre, m->fibre, file);
     vtu_end(file);
 }
 
-const tm_io_format tm_io_format_vtu = {".vtu", "<?xml", NULL, put_vtu};
+static tm_status read_vtu(tm_io_text *text, tm_io_raw *raw) {
+    tm_io_vtk v = {.error = text->error};
+    tm_status status = tm_io_vtk_read_xml(text, "UnstructuredGrid", &v);
+    if (!status) status = tm_io_vtk_tets(&v, raw);
+    tm_io_vtk_free(&v);
+    return status;
+}
+
+const tm_io_format tm_io_format_vtu = {".vtu", "<", read_vtu, put_vtu};

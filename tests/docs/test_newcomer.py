@@ -91,7 +91,7 @@ def test_a_mesh_format_is_a_file_and_a_row(root, plain, tmp_path):
     run(program, "convert", root / "meshes/liver_1k.msh", "-o", tmp_path / "liver.mine")
     run(program, "convert", tmp_path / "liver.mine", "-o", tmp_path / "back.vtk")
     run(program, "convert", root / "meshes/liver_1k.msh", "-o", tmp_path / "direct.vtk")
-    geometry = [p.read_text().split("CELL_DATA")[0] for p in (tmp_path / "back.vtk", tmp_path / "direct.vtk")]
+    geometry = ["POINTS" + p.read_text().split("POINTS")[1].split("CELL_DATA")[0] for p in (tmp_path / "back.vtk", tmp_path / "direct.vtk")]
     assert geometry[0] == geometry[1] and "POINTS 303" in geometry[0]
     (tmp_path / "short.mine").write_text("MINE 4 1\n0 0 0")
     assert "short.mine: vertices are missing; write them" in run(program, "check", tmp_path / "short.mine", code=2)

@@ -33,6 +33,7 @@ typedef struct tm_mesh_file {
     int64_t *tet_tag;        /* [tet_count] */
     uint64_t hash;           /* of the file's bytes, its ending and the scale */
     char *path;              /* where it came from, for messages; null: it came from no file */
+    double *fibre;           /* [3*tet_count] unit vectors that are written too, malloced; null: none. Not read */
 } tm_mesh_file;
 
 /* Reads `path`, a regular file, times `scale` > 0, metres per unit of the file. TM_ERR_FILE: cannot be read, damaged,
@@ -56,6 +57,13 @@ TM_API bool tm_mesh_file_allocate(tm_mesh_file *file, int32_t group_vertex_count
 TM_API void tm_mesh_file_free(tm_mesh_file *file);
 /* tm_mesh_create with errors told in the file's own numbers. `*mesh` is untouched on failure. */
 TM_API tm_status tm_mesh_file_build(const tm_mesh_file *file, tm_mesh **mesh, tm_error *error);
+
+/* --- surfaces --- */
+
+/* The triangles of a surface in VTK's formats: .vtp, and .vtu or .vtk of triangles and polygons (convex: they are cut
+ * into fans). `*corner` [9*triangles], in the file's numbers, is malloced. TM_ERR_FILE and TM_ERR_MESH as
+ * tm_mesh_file_load; nothing is held then. */
+TM_API tm_status tm_surface_load(const char *path, double **corner, int32_t *triangles, tm_error *error);
 
 /* --- what keeps a mesh from being simulated --- */
 
