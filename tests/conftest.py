@@ -3,6 +3,7 @@ import os
 
 import pytest
 from paths import BUILD, LONG, ROOT
+from patience import pytest_runtest_protocol  # noqa: F401 (a hook)
 
 
 @pytest.fixture(scope="session")
@@ -34,13 +35,15 @@ def pytest_unconfigure(config):
 
 
 @pytest.fixture(scope="session")
-def once(tmp_path_factory):
-    """once(NAME, MAKE): the folder that MAKE(folder) filled, made by whichever worker comes first and shared by all."""
+def once(tmp_path_factory, pytestconfig):
+    """once(NAME, MAKE): the folder that MAKE(folder) filled, made by whichever worker comes first and shared by all, but for tests that are played again (patience.py)."""
     import fcntl
 
     def made(name, make):
         base = tmp_path_factory.getbasetemp()
         base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+        if getattr(pytestconfig, "played_again", 0):
+            name = f"{name}-{os.environ.get('PYTEST_XDIST_WORKER', 'here')}-{pytestconfig.played_again}"
         folder = base / f"once-{name}"
         with open(base / f"once-{name}.lock", "w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
@@ -54,7 +57,10 @@ def once(tmp_path_factory):
 
 
 # Watch the wall clock: tests/run.py runs them by themselves.
-ALONE = ("can/test_guest", "trust/test_trust", "trust/test_flags", "loop/test_processes", "loop/test_two_hosts", "loop/test_release", "loop/test_soak", "install/test_live", "view/test_session", "view/test_display", "view/test_play", "bench/", "sanitize/test_sanitize.py::test_the_ring")
+ALONE = ("trust/test_trust", "trust/test_flags", "loop/test_processes", "loop/test_two_hosts", "loop/test_soak", "install/test_live", "view/test_session", "view/test_display", "view/test_play", "sanitize/test_sanitize.py::test_the_ring")
+
+# Of those that watch the clock: tests that share what one process of pytest set up, one after the other; all others run side by side with them.
+TOGETHER = ("trust/test_trust.py::test_with", "trust/test_flags", "install/test_live")
 
 # Long, on the processors alone and by no clock: tests/run.py gives them what those leave.
 LEFTOVER = ("sanitize/test_sanitize.py::test_short_form",)
@@ -71,12 +77,13 @@ if os.environ.get("TM_SANITIZER") == "tsan":
 
 
 def pytest_configure(config):
-    config.addinivalue_line("markers", "alone: watches the wall clock, runs with no other test beside it")
+    config.addinivalue_line("markers", "alone: watches the wall clock, runs beside others that do so, with none that computes")
     config.addinivalue_line("markers", "leftover: long, runs on the processor time that `alone` ones leave")
     config.addinivalue_line("markers", "long: minutes, in `make check-long` alone")
     config.addinivalue_line("markers", "plain: about the plain build, not for a sanitizer's")
 
 
+@pytest.hookimpl(tryfirst=True)  # before xdist reads the groups
 def pytest_collection_modifyitems(items):
     if not LONG:
         items[:] = [item for item in items if not item.get_closest_marker("long")]
@@ -84,6 +91,10 @@ def pytest_collection_modifyitems(items):
         path = item.path.relative_to(ROOT / "tests").as_posix()
         if f"{path}::{item.name}".startswith(ALONE):
             item.add_marker(pytest.mark.alone)
+        if item.get_closest_marker("alone"):
+            for group in TOGETHER:
+                if f"{path}::{item.name}".startswith(group):
+                    item.add_marker(pytest.mark.xdist_group(group))
         if f"{path}::{item.name}".startswith(LEFTOVER):
             item.add_marker(pytest.mark.leftover)
         if f"{path}::{item.name}".startswith(PLAIN):

@@ -1,5 +1,5 @@
-"""Runs every test: those that share the processors first, two at a time, then one by one those that watch the wall clock (guests, whole rings of programs,
-windows), which other tests beside them would starve. Those mostly wait; what they leave of the processors goes to the sanitizers' builds, in the scheduler's idle
+"""Runs every test: those that share the processors first, two at a time, then those that watch the wall clock (guests, whole rings of programs, windows), which
+tests that compute would starve. Those mostly wait, so that three of them share two processors; what they leave goes to the sanitizers' builds, in the scheduler's idle
 class. The last line counts all: `N passed, N failed, N skipped`."""
 import os
 import re
@@ -9,6 +9,7 @@ import sys
 import threading
 
 JOBS = os.environ.get("TM_JOBS", "2")
+WAITING = str(int(JOBS) + 1)
 BESIDE = []  # process of the leftover tests
 
 
@@ -51,7 +52,7 @@ def main():
     beside = threading.Thread(target=lambda: leftover.extend(phase("-m", "leftover", "-n", JOBS, leftover=True)))
     beside.start()
     try:
-        alone = phase("-m", "alone")
+        alone = phase("-m", "alone", "-n", WAITING, "--dist", "loadgroup")
         beside.join()
     except KeyboardInterrupt:
         os.killpg(BESIDE[0], signal.SIGTERM)  # a session of its own hears no Ctrl-C

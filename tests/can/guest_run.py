@@ -1,5 +1,4 @@
 """Runs a shell job in a guest that has CAN (tests/can/guest.sh) and reads what stock candump saw there."""
-import functools
 import pathlib
 import re
 import subprocess
@@ -16,29 +15,15 @@ OURS = (0x7FE, 0x7FF)
 LINE = re.compile(r"^\((\d+)\.(\d{6})\) (\S+) ([0-9A-F]+)#([0-9A-F]*)(?: ([TR]))?$")
 
 
-def run(kind, bus, name, job, limit_s):
+def run(name, job, limit_s):
     """The finished process of guest.sh and the directory of what the job left. `job` is shell text."""
     directory = RUNS / name
     script = RUNS / f"{name}.sh"
     RUNS.mkdir(parents=True, exist_ok=True)
     script.write_text(LISTENERS + job)
-    # The guest's own limit ends it; waiting for another guest's turn comes on top.
-    done = subprocess.run([ROOT / "tests/can/guest.sh", kind, bus, str(limit_s), directory, script], capture_output=True, text=True,
-                          timeout=limit_s + 1800, stdin=subprocess.DEVNULL)
+    # The guest's own limit ends it; fetching its kernel comes on top.
+    done = subprocess.run([ROOT / "tests/can/guest.sh", str(limit_s), directory, script], capture_output=True, text=True, timeout=limit_s + 1800, stdin=subprocess.DEVNULL)
     return done, directory / "out"
-
-
-@functools.lru_cache(None)
-def vcan_guest():
-    """"uml", or "qemu" where user-mode Linux does not start on this host: the vcan tests run either way."""
-    done, _ = run("uml", "vcan", "uml_starts", "true\n", 120)
-    if done.returncode != 0:
-        print(f"user-mode Linux does not start here, QEMU runs the vcan tests: {done.stderr[-500:]}")
-    return "uml" if done.returncode == 0 else "qemu"
-
-
-def on(bus):
-    return vcan_guest() if bus == "vcan" else "qemu"
 
 
 def candump(path):

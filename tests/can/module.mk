@@ -1,5 +1,5 @@
 # SocketCAN in a guest kernel: haptic-rt and tm-device unchanged, watched by stock candump. A skip is not a pass.
-#: make check-can            haptic-rt and tm-device over a real kernel's CAN, in user-mode Linux and QEMU
+#: make check-can            haptic-rt and tm-device over a real kernel's CAN, in a guest
 .PHONY: check-can guest-kernel
 guest-kernel:
 	@tools/setup.sh build check

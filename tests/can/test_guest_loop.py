@@ -1,67 +1,20 @@
-"""haptic-rt and tm-device, unchanged, over a real kernel's CAN in a guest: user-mode Linux with vcan, QEMU with two emulated SJA1000 controllers.
-What happened is read from stock candump's log and from the programs' JSON. A lost command is a gap in its counter; lateness is not looked at.
-
-QEMU's time is counted in instructions. User-mode Linux lives in its host's time: when the host lets it stand still, all senders on the bus fall silent together
-and the log shows a hole. Then QEMU plays the same scenes over its vcan, and nothing is excused anywhere."""
-import fcntl
+"""haptic-rt and tm-device, unchanged, over a real kernel's CAN in a guest: vcan, and two emulated SJA1000 controllers. Its time is counted in instructions.
+What happened is read from stock candump's log and from the programs' JSON. A lost command is a gap in its counter; lateness is not looked at."""
 import json
-import os
 
 import cantools
 import guest_run
 import pytest
-from paths import BUILD, LONG, ROOT
+from guest_scenes import FORCE_N, STEADY_S, part, scene
+from paths import ROOT
 
 BUSES = ["vcan", "controllers"]
-STEADY_S = 60 if LONG else 6
 DATABASE = cantools.database.load_file(ROOT / "haptic_rt" / "can" / "impulse_engine.dbc")
 MESSAGE = {message.frame_id: message for message in DATABASE.messages}
 ZERO_WITHIN_US = 150000
 WATCHDOG_US = 20000
 SLACK_US = 6000  # a step of the device, a tick, the frame's way
 HOLE_US = 8000   # 24 frames that everybody owes
-
-# Steps of a tenth of a newton every 40 ms, so that each sample shows in the torques: along the shaft, out of the body.
-FORCE_N = (1.5, 1.6)
-
-# scene NAME SECONDS SAMPLE_SECONDS BODY: both devices and both controllers for SECONDS, samples for SAMPLE_SECONDS of it, BODY meanwhile, with their
-# process ids in d0 d1 c0 c1. All must end in time.
-SCENE = f"""
-cd {ROOT}
-scene() {{
-    out=$OUT/$1 seconds=$2
-    mkdir -p $out
-    {{ echo time_s,fx_N,fy_N,fz_N; awk -v n=$3 'BEGIN {{ for (i = 0; i < n / 0.04; i++) printf "%.3f,0,0,%s\\n", 0.04 * i, i % 2 ? -{FORCE_N[1]} : -{FORCE_N[0]} }}'; }} > $TMPDIR/samples.csv
-    candump -L $CAN_A,0:0,#FFFFFFFF > $out/a.log & listeners=$!
-    if [ $CAN_A != $CAN_B ]; then candump -L $CAN_B,0:0,#FFFFFFFF > $out/b.log & listeners="$listeners $!"; listening $out/b.log; fi
-    listening $out/a.log
-    for i in 0 1; do
-        {BUILD}/bin/tm-device --bus socketcan:$CAN_B --instrument $i --duration $(($seconds + 1)) --json $out/d$i.json 2> $out/d$i.txt & eval d$i=$!
-    done
-    sleep 0.2
-    for i in 0 1; do
-        {BUILD}/bin/haptic-rt --bus socketcan:$CAN_A --instrument $i --samples $TMPDIR/samples.csv --extrapolator hold --trocar 0,0,0 --duration $seconds \\
-            --json $out/c$i.json --stats 2> $out/c$i.txt > $out/c$i.stats & eval c$i=$!
-    done
-    eval "$4"
-    wait $d0 $d1 $c0 $c1
-    for log in $out/[a-c].log; do heard $log; done
-    kill $listeners
-    wait
-    grep . $out/*.txt
-}}
-"""
-SCENES = {
-    "steady": (STEADY_S, 2 * STEADY_S, ""), # missed ticks lengthen it
-    "silent": (3, 1.6, ""),
-    "unplugged": (3, 4, "sleep 1.6; kill -9 $d0"),
-    "orphaned": (3, 4, "sleep 1.6; kill -9 $c0"),
-}
-ONLY = {
-    "vcan": {"bus_off": (3, 4, "sleep 1.6; cansend $CAN_A 20000040#0000000000000000")},
-    "controllers": {"down": (4, 5, "sleep 1.6; /bin/ip link set $CAN_A down; sleep 0.5; /bin/ip link set $CAN_A up; sleep 0.1; "
-                                   "candump -L $CAN_A,0:0,#FFFFFFFF > $out/c.log & listeners=\\\"$listeners $!\\\"")},
-}
 
 
 class Log:
@@ -94,38 +47,6 @@ def gaps(messages):
 
 def push(signals):
     return max(abs(signals[k]) for k in ("TorquePitch", "TorqueYaw", "ForceInsertion"))
-
-
-def stood_still(bus):
-    """The host kept user-mode Linux waiting: watchdogs acted on it, or even candump's socket ran over."""
-    logs = [Log(path) for path in (guest_run.RUNS / f"loop_{bus}" / "out").glob("*/a.log")]
-    return any(log.holes for log in logs)
-
-
-def play(bus):
-    """All scenes of a bus in one boot of the guest. A host too busy for user-mode Linux plays them in QEMU, whose time waits for it."""
-    scenes = {**SCENES, **ONLY[bus]}
-    job = SCENE + "".join(f'scene {n} {seconds} {samples} "{body.replace("$", chr(92) + "$")}"\n' for n, (seconds, samples, body) in scenes.items())
-    for kind in dict.fromkeys([guest_run.on(bus), "qemu"]):
-        done, out = guest_run.run(kind, bus, f"loop_{bus}", job + "true\n", 240 + 15 * sum(s for s, _, _ in scenes.values()))
-        assert done.returncode == 0, done.stderr
-        if kind == "qemu" or not stood_still(bus):
-            break
-        print("the host kept user-mode Linux waiting; QEMU plays the scenes")
-    (out / "kind").write_text(kind)
-
-
-def scene(bus, name):
-    """The directory of what the scene left. They are played by whoever of the test processes comes first."""
-    this_run = os.environ.get("PYTEST_XDIST_TESTRUNUID", str(os.getpid()))
-    guest_run.RUNS.mkdir(parents=True, exist_ok=True)
-    stamp = guest_run.RUNS / f"loop_{bus}.run"
-    with open(guest_run.RUNS / f"loop_{bus}.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        if not stamp.exists() or stamp.read_text() != this_run:
-            play(bus)
-            stamp.write_text(this_run)
-    return guest_run.RUNS / f"loop_{bus}" / "out" / name
 
 
 def told(out, which):
@@ -241,16 +162,8 @@ def test_interface_down():
 
 
 def test_system_calls_over_socketcan():
-    """docs/dedicated-machine.md: the loop's thread sleeps, receives and sends. (User-mode Linux has no vDSO: there, reading the clock is a call too.)"""
-    job = f"""
-cd {ROOT}
-printf 'time_s,fx_N,fy_N,fz_N\\n0,0,0,-1\\n0.1,0,0,-1\\n' > $TMPDIR/samples.csv
-{BUILD}/bin/tm-device --bus socketcan:$CAN_B --duration 4 &
-strace -f -o $OUT/trace {BUILD}/bin/haptic-rt --bus socketcan:$CAN_A --trocar 0,0,0 --samples $TMPDIR/samples.csv --duration 3 || exit 1
-wait
-"""
-    done, out = guest_run.run(guest_run.on("vcan"), "vcan", "calls", job, 120)
-    assert done.returncode == 0, done.stderr
+    """docs/dedicated-machine.md: the loop's thread sleeps, receives and sends."""
+    out = part("calls")
     calls = {}
     for line in (out / "trace").read_text(errors="replace").splitlines():
         thread, _, rest = line.partition(" ")

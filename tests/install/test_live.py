@@ -26,6 +26,27 @@ def running(prefix):
     return subprocess.run(["pgrep", "-f", f"^{prefix}/bin/"], capture_output=True, text=True).stdout.split()
 
 
+ENGAGED = """
+import lcm, sys, tensormass, time
+link, said, end = lcm.LCM("udpm://239.255.76.67:7667?ttl=0"), [], time.monotonic() + 60
+link.subscribe("CONTROLLER_0", lambda _, data: said.append(tensormass.controller_status_t.decode(data)))
+while not said or said[-1].state != 3 or (sys.argv[1:] and said[-1].extrapolator != sys.argv[1]):
+    assert time.monotonic() < end, f"the controller says {[(m.state, m.extrapolator) for m in said[-1:]]}"
+    link.handle_timeout(100)
+"""
+
+
+def until_engaged(prefix, build, out, *extrapolator):
+    """All three programs are under way, and the controller says that it has this extrapolator."""
+    end = time.monotonic() + 60
+    while not (out / "netns.pid").exists() or not (out / "netns.pid").read_text().strip():
+        assert time.monotonic() < end, "no session"
+        time.sleep(0.05)
+    run = subprocess.run([prefix / "lib/tensormass/session/netns.sh", "join", out / "netns.pid", sys.executable, "-c", ENGAGED, *extrapolator],
+                         env={**ENVIRONMENT, "PYTHONPATH": str(build / "python")}, capture_output=True, text=True, timeout=90)
+    assert run.returncode == 0, run.stderr
+
+
 def test_a_session_is_felt(prefix, tmp_path):
     run = subprocess.run([prefix / "bin/tm-session", "liver-press", "--set", "hand[0].path[1].time=0.5 s", "--set", "hand[0].path[0].time=0 s", "--duration", "4", "--out", "out", "--record",
                           "session.lcm"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
@@ -38,23 +59,20 @@ def test_a_session_is_felt(prefix, tmp_path):
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGKILL])
-def test_a_signal_ends_all(prefix, tmp_path, number):
+def test_a_signal_ends_all(prefix, build, tmp_path, number):
     """None is left, their figures are written, and the folder that was made for them is gone."""
     session = subprocess.Popen([prefix / "bin/tm-session", "liver-press", "--out", "out"], cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    end = time.monotonic() + 20
-    while len(running(prefix)) < 3 and time.monotonic() < end:
-        time.sleep(0.1)
+    until_engaged(prefix, build, tmp_path / "out")
     assert len(running(prefix)) >= 3
-    time.sleep(1)
     if number == signal.SIGKILL:  # of the session's inner half: nobody is there to end them one after the other
         inner = subprocess.run(["pgrep", "-f", f"python3 {prefix}/bin/tm-session .*--inside"], capture_output=True, text=True).stdout.split()
         assert len(inner) == 1
         os.kill(int(inner[0]), number)
     else:
         session.send_signal(number)
-    said = session.communicate(timeout=20)
+    said = session.communicate(timeout=60)
     assert session.returncode == (137 if number == signal.SIGKILL else 0), said
-    end = time.monotonic() + 5
+    end = time.monotonic() + 20
     while running(prefix) and time.monotonic() < end:
         time.sleep(0.1)
     assert not running(prefix)
@@ -71,7 +89,7 @@ def test_a_signal_ends_all(prefix, tmp_path, number):
 ])
 def test_bad_input(prefix, tmp_path, words, said):
     env = {k: v for k, v in ENVIRONMENT.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    run = subprocess.run([prefix / "bin/tm-session", *words], cwd=tmp_path, env=env, capture_output=True, text=True, timeout=20)
+    run = subprocess.run([prefix / "bin/tm-session", *words], cwd=tmp_path, env=env, capture_output=True, text=True, timeout=60)
     assert run.returncode == 2 and said in run.stderr and run.stderr.startswith("tm-session: "), run.stderr
     assert not list(tmp_path.iterdir())
 
@@ -99,15 +117,12 @@ def test_a_command_by_hand_is_heard(prefix, root, build, tmp_path):
         block = block.replace(named, str(here))
     session = subprocess.Popen([prefix / "bin/tm-session", "liver-press", "--out", "session"], cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
-        end = time.monotonic() + 20
-        while len(running(prefix)) < 3 and time.monotonic() < end:
-            time.sleep(0.1)
-        time.sleep(2)
-        run = subprocess.run(["bash", "-ec", block], cwd=root, env=ENVIRONMENT, capture_output=True, text=True, timeout=20)
+        until_engaged(prefix, build, tmp_path / "session")
+        run = subprocess.run(["bash", "-ec", block], cwd=root, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
         assert run.returncode == 0, run.stderr
-        time.sleep(0.5)
+        until_engaged(prefix, build, tmp_path / "session", "tangent")
     finally:
         session.send_signal(signal.SIGINT)
-        said = session.communicate(timeout=20)
+        said = session.communicate(timeout=60)
     assert session.returncode == 0, said
     assert json.loads((tmp_path / "session/controller0.json").read_text())["extrapolator"] == "tangent"

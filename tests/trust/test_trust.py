@@ -1,4 +1,6 @@
 """docs/trust.md, row by row: what an attacker on the network can do to a hand that presses tissue, with and without a key."""
+import concurrent.futures
+import json
 import os
 import re
 import subprocess
@@ -14,13 +16,26 @@ GROWN_kB = 4096
 
 
 @pytest.fixture(scope="module")
-def keyed(build):
-    return play("attack.py", build, key=True)
+def both(build, once):
+    """The session with a key and the one without, side by side, each in a network of its own."""
+    def attacked(folder):
+        with concurrent.futures.ThreadPoolExecutor() as pool:
+            sessions = {name: pool.submit(play, "attack.py", build, key=name == "keyed") for name in ("keyed", "open_")}
+        for name, session in sessions.items():
+            (folder / f"{name}.json").write_text(json.dumps(session.result()))
+
+    folder = once("attacked", attacked)
+    return {name: json.loads((folder / f"{name}.json").read_text()) for name in ("keyed", "open_")}
 
 
-@pytest.fixture(scope="module")
-def open_(build):
-    return play("attack.py", build)
+@pytest.fixture
+def keyed(both):
+    return both["keyed"]
+
+
+@pytest.fixture
+def open_(both):
+    return both["open_"]
 
 
 def no_more_than_calm(session, name):

@@ -82,9 +82,10 @@ def read_log(path, types):
     return out
 
 
+ENGAGED = 3
 RENDERERS = """
-{bin}/tm-sim {root}/{scene} --realtime --duration '30 s' > {out}/sim.txt 2>&1 & sim=$!
-sleep 1
+{bin}/tm-sim {root}/{scene} --realtime --duration '90 s' > {out}/sim.txt 2>&1 & sim=$!
+{bin}/tm-view --quiet --size 64x64 --png {out}/there.png || exit 6
 for r in opengl osmesa auto; do {bin}/tm-play --watch --duration 1 --renderer $r --size 480x320 --png {out}/$r.png --json {out}/$r.json 2> {out}/$r.txt || exit 9; done
 SDL_OPENGL_LIBRARY=/no/such/library {bin}/tm-play --watch --duration 1 --size 480x320 --png {out}/none.png --json {out}/none.json 2> {out}/none.txt || exit 8
 SDL_OPENGL_LIBRARY=/no/such/library {bin}/tm-play --watch --duration 1 --renderer opengl 2> {out}/only.txt; [ $? = 2 ] || exit 7
@@ -96,7 +97,7 @@ kill $sim; wait $sim; exit 0
 def test_the_displays_opengl_draws_where_it_can(root, bin, display, tmp_path):  # noqa: F811
     """The same picture by the display's OpenGL as in software; without one, software, and it is said why."""
     script = RENDERERS.format(bin=bin, root=root, scene=SCENE, out=tmp_path)
-    run = subprocess.run([root / "apps/demo/netns.sh", "run", tmp_path / "pid", "bash", "-c", script], env={**os.environ, "DISPLAY": display}, capture_output=True, text=True, timeout=90)
+    run = subprocess.run([root / "apps/demo/netns.sh", "run", tmp_path / "pid", "bash", "-c", script], env={**os.environ, "DISPLAY": display}, capture_output=True, text=True, timeout=180)
     said = {name: (tmp_path / f"{name}.txt").read_text() for name in ("opengl", "osmesa", "auto", "none", "only") if (tmp_path / f"{name}.txt").exists()}
     assert run.returncode == 0, (run, said)
     drawn_by = {name: json.loads((tmp_path / f"{name}.json").read_text()) for name in ("opengl", "osmesa", "auto", "none")}
@@ -116,23 +117,48 @@ def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_pat
     env = {**os.environ, "DISPLAY": display}
     session = subprocess.Popen([sys.executable, root / "apps" / "play" / "play.py", "--build", build, "--scene", root / SCENE, "--out", tmp_path / "out", "--record", log,
                                 "--", "--size", "480x320", "--json", str(figures), *SOFTWARE], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    kinds = synthetic.import_types(build / "python")
+
+    def until(condition, what, act=lambda: None, seconds=60):
+        """Acts until the log, which is being written, holds what is waited for."""
+        end = time.monotonic() + seconds
+        while not (log.exists() and condition(read_log(log, kinds))):
+            assert session.poll() is None and time.monotonic() < end, what
+            act()
+            time.sleep(0.1)
+
+    def move():
+        xdotool(display, "mousemove_relative", "--", -4, 2)
+
+    def pivoted(heard):
+        first, last = heard["HAND_0"][0].joint, heard["HAND_0"][-1].joint
+        return math.hypot(last[0] - first[0], last[1] - first[1]) > 0.012
+
+    def followed(heard):
+        hand, tool = heard["HAND_0"][-1].joint, heard["TOOL_0"][-1].joint
+        return abs(hand[0] - tool[0]) < 0.02 and abs(hand[2] - tool[2]) < 0.008
+
     try:
-        window = find_window(display)
+        window = find_window(display, 60)
         assert window, "the window did not open"
-        time.sleep(2.5)
+        until(lambda heard: len(heard.get("CONTROLLER_0", [])) > 10 and heard["CONTROLLER_0"][-1].state == ENGAGED and "FORCE_0" in heard, "the session is not under way")
         xdotool(display, "mousemove", "--window", window, 240, 160)
         xdotool(display, "mousedown", 1)
-        for _ in range(5):
-            xdotool(display, "mousemove_relative", "--", -4, 2)
-            time.sleep(0.05)
+        move()
+        until(lambda heard: "HAND_0" in heard and pivoted(heard), "the mouse moves nothing", move)
         xdotool(display, "mouseup", 1)
         xdotool(display, "key", "x")
+        until(lambda heard: heard["CONTROLLER_0"][-1].extrapolator == "hold", "the key switches no extrapolator")
         xdotool(display, "key", "p")
+        until(lambda heard: heard["CONTROLLER_0"][-1].passivity_on != heard["CONTROLLER_0"][5].passivity_on, "the key switches no passivity")
         xdotool(display, "keydown", "w")
-        time.sleep(1.6)
+        until(lambda heard: heard["HAND_0"][-1].joint[2] - heard["HAND_0"][0].joint[2] > 0.02 and max(math.hypot(*m.force_N) for m in heard["CONTROLLER_0"]) > 0.1, "no tissue is felt")
         xdotool(display, "keyup", "w")
-        time.sleep(0.8)
         picture = screenshot(display, tmp_path / "screen.png")
+        xdotool(display, "keydown", "s")  # out of the tissue, which presses back, as deep as this process was late
+        until(lambda heard: not any(heard["CONTROLLER_0"][-1].force_N), "the tissue is not left")
+        xdotool(display, "keyup", "s")
+        until(followed, "the device does not follow")
         xdotool(display, "key", "Escape")
         out, err = session.communicate(timeout=30)
     finally:
@@ -143,12 +169,12 @@ def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_pat
     assert share(picture, tissue_red) > 0.02
     report = json.loads(figures.read_text())
     assert report["hands_sent"] > 10 and report["messages_refused"] == 0
-    heard = read_log(log, synthetic.import_types(build / "python"))
+    heard = read_log(log, kinds)
     first, last = heard["HAND_0"][0].joint, heard["HAND_0"][-1].joint
-    assert last[2] - first[2] > 0.02  # inserted
+    assert max(m.joint[2] for m in heard["HAND_0"]) - first[2] > 0.02  # inserted
     assert math.hypot(last[0] - first[0], last[1] - first[1]) > 0.01  # pivoted
     tool = heard["TOOL_0"][-1].joint
-    assert tool[0] == pytest.approx(last[0], abs=0.03) and tool[2] == pytest.approx(last[2], abs=0.01)  # the device followed, but for what presses back
+    assert tool[0] == pytest.approx(last[0], abs=0.03) and tool[2] == pytest.approx(last[2], abs=0.01)  # the device followed
     assert max(math.hypot(*m.force_N) for m in heard["FORCE_0"]) > 0.1
     assert max(math.hypot(*m.force_N) for m in heard["CONTROLLER_0"]) > 0.1
     before, after = heard["CONTROLLER_0"][5], heard["CONTROLLER_0"][-1]

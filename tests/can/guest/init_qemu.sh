@@ -11,9 +11,8 @@ done
 for word in $(cat /proc/cmdline); do
     case $word in
     tm_run=*) run=${word#tm_run=} ;;
-    tm_bus=*) bus=${word#tm_bus=} ;;
     esac
 done
 mount -t 9p -o trans=virtio,version=9p2000.L,msize=262144,cache=loose host /host || { echo "guest: 9p mount failed"; finish 125; }
-chroot /host /bin/dash "$run/inside.sh" "$bus" "$run" qemu
+chroot /host /bin/dash "$run/inside.sh" "$run"
 finish $?

@@ -1,14 +1,12 @@
-# What both guests run once the host's tree is their root:   dash inside.sh vcan|controllers RUN_DIR uml|qemu
-# Brings up the bus, runs RUN_DIR/job.sh (with CAN_A and CAN_B, the controller's and the device's interface, and OUT, a directory
-# in the guest's memory), and copies OUT to RUN_DIR/out. The host's files are written nowhere else.
-bus=$1 run=$2
-export PATH=/usr/sbin:/usr/bin:/sbin:/bin GUEST=$3
-if [ "$3" = qemu ]; then
-    mount -t devtmpfs dev /dev
-    mount -t proc proc /proc
-    mount -t sysfs sysfs /sys
-    mkdir -p /dev/shm
-fi
+# What the guest runs once the host's tree is its root:   dash inside.sh RUN_DIR
+# Brings up the buses, runs RUN_DIR/job.sh with OUT, a directory in the guest's memory, in its environment, and copies OUT to RUN_DIR/out. The host's files are written
+# nowhere else.
+run=$1
+export PATH=/usr/sbin:/usr/bin:/sbin:/bin
+mount -t devtmpfs dev /dev
+mount -t proc proc /proc
+mount -t sysfs sysfs /sys
+mkdir -p /dev/shm
 # Not over /tmp: the checkout itself may lie there.
 mkdir -p "$run/memory" && mount -t tmpfs tmpfs "$run/memory" || exit 125
 mount -t tmpfs tmpfs /dev/shm
@@ -16,18 +14,12 @@ mkdir -p "$run/memory/out"
 export OUT="$run/memory/out" TMPDIR="$run/memory" HOME="$run/memory"
 /bin/ip link set lo up
 /bin/ip route add 224.0.0.0/4 dev lo
-case $bus in
-vcan)
-    /bin/ip link add vcan0 type vcan || exit 125
-    /bin/ip link set vcan0 up || exit 125
-    export CAN_A=vcan0 CAN_B=vcan0 ;;
-controllers)
-    for i in can0 can1; do
-        /bin/ip link set $i type can bitrate 1000000 restart-ms 100 || exit 125
-        /bin/ip link set $i txqueuelen 64 up || exit 125
-    done
-    export CAN_A=can0 CAN_B=can1 ;;
-esac
+/bin/ip link add vcan0 type vcan || exit 125
+/bin/ip link set vcan0 up || exit 125
+for i in can0 can1; do
+    /bin/ip link set $i type can bitrate 1000000 restart-ms 100 || exit 125
+    /bin/ip link set $i txqueuelen 64 up || exit 125
+done
 cd "$TMPDIR"
 /bin/bash "$run/job.sh"
 status=$?
