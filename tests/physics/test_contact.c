@@ -336,7 +336,7 @@ static stroke press_and_slide(const scene_def *d, double share, bool lag) {
 static void test_force_is_smooth_and_follows(void **unused) {
     (void)unused;
     static const double lane[] = {0.0035, 0, 0.002, 0.005};
-    int lanes = test_is_long() ? 4 : 2;
+    int lanes = test_is_long() ? 4 : test_is_sanitized() ? 1 : 2;
     for (int k = 0; k < 2 * lanes; k++) {
         scene_def d = scene_def_default(); /* 6,048 tetrahedra, edges of 6 mm, tool radius 2.5 mm */
         d.bulge_m = k % 2 ? 0.01 : 0;
@@ -344,7 +344,7 @@ static void test_force_is_smooth_and_follows(void **unused) {
         d.tip_m[0][1] = lane[k / 2];
         d.tip_m[0][2] = d.size_m[2] + d.bulge_m + 0.0027;
         stroke smooth = press_and_slide(&d, 0.1, false);
-        stroke lag = k < 2 || test_is_long() ? press_and_slide(&d, 0.1, true) : smooth;
+        stroke lag = (k < 2 && !(test_is_sanitized() && k == 0)) || test_is_long() ? press_and_slide(&d, 0.1, true) : smooth;
         print_message(
             "%s, lane %.1f mm: peak %.3f N, roughness largest %.3f %%, 99 of 100 below %.3f %%, lag %.2f %%\n",
             d.bulge_m > 0 ? "curved" : "flat", 1e3 * lane[k / 2], smooth.peak_N, 100 * smooth.roughness,
@@ -437,7 +437,7 @@ static double approach(scene_def *d, double speed, uint64_t seed) {
 
 static void test_never_passes_through(void **unused) {
     (void)unused;
-    int count = test_is_long() ? 1000 : 60, touched = 0;
+    int count = test_is_long() ? 1000 : test_is_sanitized() ? 12 : 60, touched = 0;
     static const struct { double speed, young; } kind[] = {{0.1, 5e3}, {0.1, 5e4}, {1, 5e3}};
     for (int k = 0; k < 3; k++) {
         int approaches = k == 0 ? count : count / 6;
