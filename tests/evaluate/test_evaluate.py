@@ -4,6 +4,7 @@ import subprocess
 import sys
 
 import pytest
+from paths import LONG
 
 NAMES = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position"]
 
@@ -246,15 +247,19 @@ def test_a_log_without_samples_is_refused(bin, tmp_path):
 
 # --- tissue that is cut or held while it is felt ---
 
+HOLDING = ["isotropic", "precomputed", *(["hybrid"] if LONG else [])]  # the hybrid is dearer than both many times over
+HELD = [word for model in HOLDING for word in ("--model", model)]
+
+
 @pytest.fixture(scope="module")
 def hands(bin, root, once):
     def make(out):
-        for name, words in (("cut", ["--model", "isotropic", "--path", "other-hand-cuts", "--path", "same-hand-cuts"]), ("held", ["--path", "grasped-and-pulled"])):
+        for name, words in (("cut", ["--model", "isotropic", "--path", "other-hand-cuts", "--path", "same-hand-cuts"]), ("held", [*HELD, "--path", "grasped-and-pulled"])):
             subprocess.run([bin / "tm-evaluate", "--study", *words, "--json", out / f"{name}.json"], cwd=root, check=True, timeout=600)
 
     made = once("evaluate-hands", make)
     rows = [r for name in ("cut", "held") for r in json.loads((made / f"{name}.json").read_text())["rates"]["rows"]]
-    return lambda path, late: {r["extrapolator"]: r for r in rows if r["path"] == path and r["latency_frames"] == late}
+    return lambda path, late, model="isotropic": {r["extrapolator"]: r for r in rows if r["path"] == path and r["latency_frames"] == late and r["model"] == model}
 
 
 @pytest.mark.parametrize("late", [0, 1, 2])
@@ -292,8 +297,9 @@ def test_a_run_of_the_study_replays_to_the_bit(bin, root, hands, tmp_path):
         assert {k: v for k, v in r.items() if k != "ns_per_tick"} == {k: v for k, v in before.items() if k != "ns_per_tick"}
 
 
-def test_grasped_and_pulled_has_rows(hands):
+@pytest.mark.parametrize("model", HOLDING)
+def test_grasped_and_pulled_has_rows(hands, model):
     for late in (0, 1, 2):
-        at = hands("grasped-and-pulled", late)
+        at = hands("grasped-and-pulled", late, model)
         assert set(NAMES) <= set(at) and at["contact"]["peak_N"] > 0.3
         assert at["contact"]["rms"] <= at["position"]["rms"]
