@@ -12,6 +12,7 @@ enum { LAW_ROWS = HRT_CONTACT_ROWS, LAW_DOFS = HRT_PATCH_DOFS, LAW_MEMORY = HRT_
 
 _Static_assert(ROUNDS % 2 == 0, "the last round's rows are to end up in the extrapolation");
 _Static_assert(HRT_PATCH_MAX_VERTICES <= 32, "a bit a vertex");
+static const float MAINLY = 0.65f; /* less than two of three corners */
 static const float LITTLE = 0.1f; /* change of the forces, squared */
 
 typedef struct solve {
@@ -160,7 +161,7 @@ static bool on_edge(const solve *s, const hrt_contact_row *row) {
     float weight = 0.0f;
     for (int k = 0; k < 3; k++)
         weight += (s->patch->topology.border >> corners(s, row)[k] & 1u) != 0 ? row->weight[k] : 0.0f;
-    return weight > 0.5f;
+    return weight > MAINLY;
 }
 
 /* Of the tip since the last tick, m/s. What its mean of the last while leaves of it is `swing`. */

@@ -176,6 +176,37 @@ static void test_patch_after_a_cut(void **unused) {
     scene_destroy(&p.s);
 }
 
+/* Over a slit's lip tissue snaps from one rest to another. A stiffness is that of the rest where the model is, wherever
+ * the frame before was: another rest a hair's breadth away would be taken for thousands of newtons per metre. */
+static void test_stiffness_on_the_lip_of_a_slit(void **unused) {
+    (void)unused;
+    patch_scene p = press(0, -0.0138, 0.004, 0.0042, true);
+    int32_t n = 0, *tet = malloc(sizeof(int32_t) * (size_t)p.s.mesh->tet_count);
+    for (int32_t t = 0; t < p.s.mesh->tet_count; t++) {
+        double x = 0, z = 0;
+        for (int j = 0; j < 4; j++)
+            x += p.s.mesh->rest_m[3 * p.s.mesh->tet[4 * t + j]] / 4,
+                z += p.s.mesh->rest_m[3 * p.s.mesh->tet[4 * t + j] + 2] / 4;
+        if (x > -0.018 && x < -0.012 && z > 0.018) tet[n++] = t;
+    }
+    assert_true(tm_cut_remove(p.s.tissue, tet, n, NULL, 0) >= n);
+    free(tet);
+    double most = 0, least = INFINITY;
+    for (int k = 0; k < 12; k++) { /* it snaps between the eleventh and the twelfth place */
+        const double x = p.tip_m[0] - 0.0001 * k;
+        scene_frame(&p.s, 0, scene_pose(x, p.tip_m[1], p.tip_m[2]), 0.02);
+        make(&p);
+        const tm_tool_reaction r = tm_contact_reaction(p.s.contact, 0);
+        double size = 0;
+        for (int i = 0; i < 9; i++) size += r.stiffness_N_m[i] * r.stiffness_N_m[i];
+        most = fmax(most, sqrt(size));
+        if (k < 9) least = fmin(least, sqrt(size));
+    }
+    print_message("towards the snap: stiffness %.0f to %.0f N/m\n", least, most);
+    assert_true(least > 45 && most < 300); /* the other rest has 30 */
+    scene_destroy(&p.s);
+}
+
 static void hold_at(scene *s, const double tip_m[3], double seconds, double force_N[3]) {
     tm_tool_pose at = scene_pose(tip_m[0], tip_m[1], tip_m[2]);
     at.grip = 1;
@@ -329,6 +360,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(test_patch_follows_settled_tissue),
         cmocka_unit_test(test_patch_after_a_cut),
+        cmocka_unit_test(test_stiffness_on_the_lip_of_a_slit),
         cmocka_unit_test(test_patch_of_a_hold),
         cmocka_unit_test(test_patch_leads_the_tool),
         cmocka_unit_test(test_no_patch_for_a_tool_that_touches_nothing),

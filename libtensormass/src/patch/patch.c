@@ -200,6 +200,11 @@ static bool find_surface(tm_patch_maker *maker, int32_t t, int32_t max_vertices,
            !tm_patch_bears_outside(patch, held_N, maker->contact->row, maker->contact->row_count);
 }
 
+static void find_stiffness(tm_patch_maker *maker, const tm_patch *patch, tm_tool *tool) {
+    tm_patch_solver_start(maker->solver, patch, maker->contact->row, maker->contact->row_count);
+    tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
+}
+
 /* A tool that holds tissue: springs and rows of contact beside them. */
 static bool make_held(tm_patch_maker *maker, int32_t t, const tm_patch_hold *hold, tm_patch *patch) {
     const tm_contact *contact = maker->contact;
@@ -218,7 +223,7 @@ static bool make_held(tm_patch_maker *maker, int32_t t, const tm_patch_hold *hol
                             contact->row_count))
         return false;
     memcpy(tool->stiffness_N_m, patch->hold_stiffness_N_m, sizeof tool->stiffness_N_m);
-    if (whole) tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
+    if (whole) find_stiffness(maker, patch, tool);
     tool->stiffness_kind = patch->kind;
     if (whole) radiate(maker, t, patch);
     return whole;
@@ -241,7 +246,7 @@ static bool make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     if (count < 0 || !find_surface(maker, t, maker->def.max_vertices, 0, patch)) return false;
     describe(maker, t, patch);
     if (!tm_patch_fill(patch, block, maker, contact->row, contact->row_count)) return false;
-    tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
+    find_stiffness(maker, patch, tool);
     tool->stiffness_kind = patch->kind;
     radiate(maker, t, patch);
     return true;

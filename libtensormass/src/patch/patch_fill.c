@@ -33,7 +33,7 @@ static bool make_semidefinite(tm_patch *patch) {
     return false;
 }
 
-static int32_t find_vertex(const tm_patch *patch, int32_t vertex) {
+int32_t tm_patch_place(const tm_patch *patch, int32_t vertex) {
     for (int32_t i = 0; i < patch->vertex_count; i++)
         if (patch->vertex[i] == vertex) return i;
     return -1;
@@ -46,7 +46,7 @@ static void add_at_row(const tm_patch *patch, const tm_contact_row *row, double 
     int32_t at[3];
     bool within = row->instrument == patch->instrument && row->lambda_N > 0;
     for (int j = 0; j < 3; j++) {
-        at[j] = find_vertex(patch, row->vertex[j]);
+        at[j] = tm_patch_place(patch, row->vertex[j]);
         within = within && (at[j] >= 0 || row->weight[j] == 0);
     }
     for (int j = 0; j < 3 && within; j++)
@@ -179,7 +179,7 @@ static bool condense(tm_hold_work *w, tm_patch *patch, const tm_patch_hold *hold
     for (int i = 0; i < 9; i++) sum += fabs(patch->hold_stiffness_N_m[i] = -column_product(w, n, i / 3, i % 3));
     patch->held = 0;
     for (int32_t i = 0; i < hold->count; i++) {
-        const int32_t at = find_vertex(patch, hold->vertex[i]);
+        const int32_t at = tm_patch_place(patch, hold->vertex[i]);
         if (at >= 0) patch->held |= 1u << at;
     }
     return isfinite(sum);

@@ -23,6 +23,13 @@ typedef struct mixing {
 #define LAW_MIX_FLOOR 1e-12
 #include "law/mixing.h"
 
+/* What a solve goes on from. */
+struct rest {
+    tm_contact_row row[LAW_ROWS];
+    int32_t row_count;
+    double force_N[TM_PATCH_DOFS];
+};
+
 struct tm_patch_solver {
     tm_pool pool;
     tm_contact_search *search;
@@ -36,6 +43,7 @@ struct tm_patch_solver {
     tm_hold_work hold;
     law_round round;
     mixing mixing;
+    struct rest rest; /* of the tool where it is, beside those of its neighbourhood */
 };
 
 void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, double *position_m) {
@@ -210,6 +218,31 @@ static void hold_force(const tm_patch_solver *s, const tm_patch *patch, const do
 
 tm_hold_work *tm_patch_solver_work(tm_patch_solver *s) { return &s->hold; }
 
+static void forget(tm_patch_solver *s, const tm_patch *patch) {
+    s->vertex_count = patch->vertex_count;
+    memcpy(s->vertex, patch->vertex, sizeof(int32_t) * (size_t)patch->vertex_count);
+    s->row_count = 0;
+    memset(s->force_N, 0, sizeof s->force_N);
+}
+
+void tm_patch_solver_start(tm_patch_solver *s, const tm_patch *patch, const tm_contact_row *row, int32_t row_count) {
+    forget(s, patch);
+    for (int32_t k = 0; k < row_count && s->row_count < LAW_ROWS; k++) {
+        tm_contact_row own = row[k];
+        bool within = own.instrument == patch->instrument && own.lambda_N > 0;
+        for (int j = 0; j < 3 && within; j++) {
+            const int32_t at = tm_patch_place(patch, own.vertex[j]);
+            within = at >= 0 || own.weight[j] == 0;
+            own.vertex[j] = at >= 0 ? at : 0;
+        }
+        if (!within) continue;
+        for (int j = 0; j < 3; j++)
+            vmadd(s->force_N + 3 * own.vertex[j], own.lambda_N * own.weight[j], own.normal,
+                  s->force_N + 3 * own.vertex[j]);
+        s->row[s->row_count++] = own;
+    }
+}
+
 void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double force_N[3], bool *inside) {
     TM_REQUIRE(s && patch && tip_m && force_N, "solver, patch, tip_m or force_N is null", );
     TM_REQUIRE(is_whole(patch) && tm_are_places(tip_m),
@@ -226,12 +259,8 @@ void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_
     surface.triangle = triangle;
     surface.face = patch->face;
     if (s->vertex_count != patch->vertex_count ||
-        memcmp(s->vertex, patch->vertex, sizeof(int32_t) * (size_t)patch->vertex_count)) {
-        s->vertex_count = patch->vertex_count;
-        memcpy(s->vertex, patch->vertex, sizeof(int32_t) * (size_t)patch->vertex_count);
-        s->row_count = 0;
-        memset(s->force_N, 0, sizeof s->force_N);
-    }
+        memcmp(s->vertex, patch->vertex, sizeof(int32_t) * (size_t)patch->vertex_count))
+        forget(s, patch);
     vsub(tip_m, patch->hold_tip_m, moved);
     for (int32_t i = 0; i < 3 * patch->vertex_count; i++)
         s->free_m[i] = patch->vertex_m[i] - patch->rest_m[i] + (patch->holds ? vdot(patch->follow + 3 * i, moved) : 0);
@@ -255,17 +284,45 @@ void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_
     if (inside) *inside = is_inside(s, patch);
 }
 
+static void keep_rest(const tm_patch_solver *s, struct rest *rest) {
+    rest->row_count = s->row_count;
+    memcpy(rest->row, s->row, sizeof *s->row * (size_t)s->row_count);
+    memcpy(rest->force_N, s->force_N, sizeof rest->force_N);
+}
+
+static void return_to_rest(tm_patch_solver *s, const struct rest *rest) {
+    s->row_count = rest->row_count;
+    memcpy(s->row, rest->row, sizeof *s->row * (size_t)rest->row_count);
+    memcpy(s->force_N, rest->force_N, sizeof s->force_N);
+}
+
+/* The change of the force over a step, N/m, leads to another rest: nothing else gives way to a tool that comes nearer
+ * but normals that turn with it, which make no more of it than the force over the radius. */
+static bool snapped(const double change[3], int along, double force_N, double radius_m) {
+    return change[along] > 4 * force_N / radius_m;
+}
+
+/* Differences to both sides, each from the rest where the tool is; of a side where the tissue snaps, the other's. */
 void tm_patch_stiffness(tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double stiffness_N_m[9]) {
     TM_REQUIRE(s && patch && tip_m && stiffness_N_m && is_whole(patch) && tm_are_places(tip_m),
                "something is null, or the patch or tip_m is out of range", );
     const double h = 2e-5;
+    double here[3];
+    tm_patch_force(s, patch, tip_m, here, NULL);
+    keep_rest(s, &s->rest);
     for (int c = 0; c < 3; c++) {
-        double ahead[3], behind[3], at[3];
-        vset(tip_m, at);
-        at[c] = tip_m[c] + h;
-        tm_patch_force(s, patch, at, ahead, NULL);
-        at[c] = tip_m[c] - h;
-        tm_patch_force(s, patch, at, behind, NULL);
-        for (int i = 0; i < 3; i++) stiffness_N_m[3 * i + c] = (ahead[i] - behind[i]) / (2 * h);
+        double change[2][3];
+        bool snaps[2];
+        for (int side = 0; side < 2; side++) {
+            double at[3], there[3];
+            vset(tip_m, at);
+            at[c] += side ? -h : h;
+            tm_patch_force(s, patch, at, there, NULL);
+            return_to_rest(s, &s->rest);
+            for (int i = 0; i < 3; i++) change[side][i] = (side ? here[i] - there[i] : there[i] - here[i]) / h;
+            snaps[side] = snapped(change[side], c, vnorm(here), patch->radius_m);
+        }
+        const double ahead = snaps[0] ? 0 : snaps[1] ? 1 : 0.5, behind = snaps[1] ? 0 : 1 - ahead;
+        for (int i = 0; i < 3; i++) stiffness_N_m[3 * i + c] = ahead * change[0][i] + behind * change[1][i];
     }
 }
