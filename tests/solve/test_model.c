@@ -291,6 +291,54 @@ static void snapshots_of_a_hold(void **state) {
     free_organ(&o);
 }
 
+/* Jaws that open in the first frame after: what they let go of is what held it less what a second tool does there. */
+static void snapshot_before_letting_go(void **state) {
+    (void)state;
+    organ o;
+    make_organ(&o, TM_TOOL_GRASPER);
+    tm_instrument_def two[2] = {o.tool, o.tool};
+    two[1].mode = TM_TOOL_PROBE;
+    o.contact.instrument = two, o.contact.instrument_count = 2;
+    tm_model *model = make(&o, PRECOMPUTED), *other = make(&o, PRECOMPUTED);
+    tm_tool_pose at[2] = {above, above};
+    at[0] = down, at[1].tip_m[0] = 0.002;
+    go(model, at, 2);
+    at[0].grip = 1;
+    go(model, at, 1);
+    at[1].tip_m[2] = 0.039;
+    go(model, at, 1);
+    assert_true(fix_largest(tm_model_reaction(model, 1).force_N, 3) > 0.01);
+    hand_over(model, other);
+    at[0].grip = 0;
+    go_on_alike(model, other, at, 3);
+    tm_model_destroy(model);
+    tm_model_destroy(other);
+    free_organ(&o);
+}
+
+/* A reaction that is no solution is told as none by who goes on from it. */
+static void snapshot_of_no_solution(void **state) {
+    (void)state;
+    organ o;
+    make_organ(&o, TM_TOOL_PROBE);
+    tm_model *model = make(&o, PRECOMPUTED), *other = make(&o, PRECOMPUTED);
+    fix_random random = {57};
+    bool solved = true;
+    for (int i = 0; i < 40 && solved; i++) {
+        const tm_tool_pose thrown = scene_pose(0.02 * fix_signed(&random), 0.02 * fix_signed(&random),
+                                               i % 2 ? 0.01 + 0.03 * fix_uniform(&random) : 1);
+        go(model, &thrown, 1);
+        solved = !(tm_model_reaction(model, 0).flags & TM_REACTION_UNCONVERGED);
+    }
+    assert_false(solved);
+    hand_over(model, other);
+    assert_true(tm_model_reaction(other, 0).flags & TM_REACTION_UNCONVERGED);
+    go_on_alike(model, other, &above, 2);
+    tm_model_destroy(model);
+    tm_model_destroy(other);
+    free_organ(&o);
+}
+
 static void rest(void **state) {
     (void)state;
     organ o;
@@ -509,10 +557,17 @@ static void stages(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(agree),     cmocka_unit_test(pieces),
-                                       cmocka_unit_test(snapshots), cmocka_unit_test(snapshots_of_a_hold),
-                                       cmocka_unit_test(rest),      cmocka_unit_test(cut_organ),
-                                       cmocka_unit_test(held),      cmocka_unit_test(errors),
-                                       cmocka_unit_test(failed),    cmocka_unit_test(stages)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(agree),
+                                       cmocka_unit_test(pieces),
+                                       cmocka_unit_test(snapshots),
+                                       cmocka_unit_test(snapshots_of_a_hold),
+                                       cmocka_unit_test(snapshot_before_letting_go),
+                                       cmocka_unit_test(snapshot_of_no_solution),
+                                       cmocka_unit_test(rest),
+                                       cmocka_unit_test(cut_organ),
+                                       cmocka_unit_test(held),
+                                       cmocka_unit_test(errors),
+                                       cmocka_unit_test(failed),
+                                       cmocka_unit_test(stages)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
