@@ -14,9 +14,11 @@ FW_WARN := -Wall -Wextra -Wno-type-limits -Wconversion -Wno-sign-conversion -Wdo
 # expressions kept whole, copies of functions and values saved around calls.
 FW_SMALL := -fno-move-loop-invariants -fno-schedule-insns2 -fno-tree-ter -fno-caller-saves -fno-ipa-cp -fweb
 # No contraction to fused multiply-adds: the bits are to be the host's.
-FW_CFLAGS := -std=c11 -Os $(FW_SMALL) -g -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -ffunction-sections -fdata-sections -MMD -MP $(FW_WARN) \
-	-I. -Ihaptic_rt -Ihaptic_rt/core
-FW_LDFLAGS := -mthumb -mfloat-abi=hard -nostartfiles -specs=nano.specs -Wl,--gc-sections -T haptic_rt/firmware/link.ld
+FW_CODE := -std=c11 -Os $(FW_SMALL) -g -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -ffunction-sections -fdata-sections
+FW_CFLAGS := $(FW_CODE) -MMD -MP $(FW_WARN) -I. -Ihaptic_rt -Ihaptic_rt/core
+# The core is made into code as one when it is linked: 0.5 to 0.8 kB less. Not the rest, so that the map tells what is whose.
+fw_whole = $(if $(filter haptic_rt/core/%,$(1)),-flto)
+FW_LDFLAGS := $(FW_CODE) -flto -nostartfiles -specs=nano.specs -Wl,--gc-sections -T haptic_rt/firmware/link.ld
 FW_CORE_SRC := $(sort $(wildcard haptic_rt/core/*.c haptic_rt/can/*.c))
 FW_SRC := $(addprefix haptic_rt/firmware/,start.c loop.c main.c)
 FW_BOARD_SRC := haptic_rt/firmware/board_mps2.c
@@ -34,7 +36,7 @@ define fw_compile
 $(BUILD)/firmware/$(1)/$(2)/obj/%.o: %.c haptic_rt/firmware/module.mk
 	@mkdir -p $$(@D)
 	$$(call say,CC)
-	$$(Q)$$(FW_CC) $$(FW_CPU_$(1)) $$(FW_CFLAGS) $$(FW_DEF_$(2)) -c $$< -o $$@
+	$$(Q)$$(FW_CC) $$(FW_CPU_$(1)) $$(FW_CFLAGS) $$(FW_DEF_$(2)) $$(call fw_whole,$$<) -c $$< -o $$@
 endef
 $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call fw_compile,$(c),$(v)))))
 $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call fw_image,$(c),$(v),haptic_rt,$(FW_SRC) $(FW_BOARD_SRC)))))
