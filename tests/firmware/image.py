@@ -67,9 +67,9 @@ def outputs(path):
 def symbol(elf, name):
     """Address of a symbol, file-local ones too."""
     for line in subprocess.run(["arm-none-eabi-nm", elf], capture_output=True, text=True, check=True).stdout.splitlines():
-        address, _, found = line.split(maxsplit=2)
-        if found == name:
-            return int(address, 16)
+        *address, _, found = line.split()  # what is undefined and weak has none
+        if address and found == name:
+            return int(address[0], 16)
     raise AssertionError(f"{elf} has no symbol {name}")
 
 
