@@ -218,7 +218,8 @@ typedef struct app_scene {
     app_list instrument;  /* app_instrument */
     app_list hand;        /* app_hand */
     app_section time;
-    app_number frame_rate, duration, step, step_fraction, average;
+    app_number frame_rate, duration, step, step_fraction, average, mass_most;
+    app_flag mass_scaling;
 
     int effect_count;
     void *

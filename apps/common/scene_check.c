@@ -183,6 +183,20 @@ static int check_hand(const app_scene *scene) {
     return 0;
 }
 
+static int check_time(const app_scene *scene) {
+    if (scene->mass_most.line && !scene->mass_scaling.on)
+        return app_scene_bad(scene, scene->mass_most.line,
+                             "time.mass_most bounds what mass scaling adds, and nothing adds; write mass_scaling: yes");
+    if (!scene->mass_scaling.on) return 0;
+    if (!scene->step.line)
+        return app_scene_bad(scene, scene->mass_scaling.line,
+                             "time.mass_scaling without time.step; say which step is to be reached");
+    if (scene->model.index != APP_DYNAMIC)
+        return app_scene_bad(scene, scene->mass_scaling.line,
+                             "time.mass_scaling is for the dynamic model: what is condensed has no step; leave it out");
+    return 0;
+}
+
 int app_scene_check(const app_scene *scene) {
     int rc = 0;
     if (!scene->material.count)
@@ -195,5 +209,6 @@ int app_scene_check(const app_scene *scene) {
     if (!rc) rc = check_loads(scene);
     if (!rc) rc = check_instruments(scene);
     if (!rc) rc = check_hand(scene);
+    if (!rc) rc = check_time(scene);
     return rc;
 }

@@ -28,6 +28,9 @@ int sim_model_made(const sim *s, tm_status status, const tm_error *error) {
         return app_scene_bad(s->scene, line,
                              "tissue.precision = single, and %s, or take double: rounded tensors would set it turning",
                              error->message);
+    if (s->scene->mass_scaling.on && !strcmp(blame, "tissue") && (status == TM_ERR_LIMIT || status == TM_ERR_EXCLUDED))
+        return app_scene_bad(s->scene, s->scene->mass_scaling.line, "time.mass_scaling: %s (time.step, time.mass_most)",
+                             error->message);
     if ((status == TM_ERR_STEP || status == TM_ERR_LIMIT) && error->entity >= 0)
         return app_scene_bad(s->scene, line, "%s (tetrahedron %lld of the mesh file; tm-mesh info)", error->message,
                              (long long)s->file.tet_tag[error->entity]);

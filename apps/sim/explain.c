@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "expected.h"
+#include "explain_mass.h"
 #include "run.h"
 
 enum { ROWS = TM_MAX_STAGES + SIM_MAX_EFFECTS };
@@ -158,6 +159,7 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
         printf("threads: %d of the %lld asked for%s\n\n", threads, (long long)s->scene->threads.value,
                threads < s->scene->threads.value ? "; the tissue is worth no more" : "");
     cJSON_AddNumberToObject(json, "threads", threads);
+    explain_mass(s, json);
     printf("%-18s %-10s %12s %10s %7s %s asked for by\n", "stage", "phase", "bytes", "us/step", "share",
            x->study ? "expected error" : "");
     cJSON *list = cJSON_AddArrayToObject(json, "stages");

@@ -159,6 +159,8 @@ static int define_model(sim *s) {
     def->frame_s = 1 / s->scene->frame_rate.si;
     def->step_s = s->scene->step.line ? s->scene->step.si : 0;
     def->step_fraction = s->scene->step_fraction.si;
+    def->tissue.scaled_step_s = s->scene->mass_scaling.on ? s->scene->step.si : 0;
+    def->tissue.scaled_share = s->scene->mass_most.si;
     def->average = s->scene->average.si;
     def->threads = (int32_t)s->scene->threads.value;
     def->blame = &s->def.blame;

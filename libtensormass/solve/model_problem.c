@@ -4,6 +4,9 @@ tm_status tms_problem_make(const tm_model_def *def, const tm_tissue *whole, tms_
                            tm_error *error) {
     const int32_t vertices = tm_tissue_mesh(whole)->vertex_count;
     const size_t n = 3 * (size_t)vertices;
+    if (def->tissue.scaled_step_s > 0)
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "mass scaling with a quasi-static part, which has no step; leave it out");
     *p = (tms_problem){tms_take_zeroed(n, 1), tms_take_zeroed(n, 8), tms_take_zeroed(n, 8)};
     if (!p->fixed || !p->value_m || !p->load_N)
         return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the static problem; use a coarser mesh");

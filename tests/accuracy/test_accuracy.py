@@ -20,7 +20,7 @@ def page(bin, root, once):
 def test_every_knob_has_its_figure_table_and_numbers(page):
     out, data = page
     html = (out / "index.html").read_text()
-    for knob in ("mesh", "volume", "step", "precision", "model", "viscosity", "fibre"):
+    for knob in ("mesh", "volume", "step", "mass", "precision", "model", "viscosity", "fibre"):
         assert data[knob]["rows"], knob
         assert (out / f"{knob}.csv").read_text().count("\n") > len(data[knob]["rows"]), knob
         assert (out / f"{knob}.png").stat().st_size > 5000, knob
@@ -71,6 +71,17 @@ def test_the_step_is_second_order_and_rest_does_not_depend_on_it(page):
     settle = [r["settle_s"] for r in step["rows"]]
     assert max(settle) / min(settle) < 1.02
     assert step["guaranteed_s"] <= step["sharp_s"]
+
+
+def test_mass_scaling_gives_cuttable_tissue_its_step(page):
+    """Three times the step without a gram; what is added grows, and the frequency falls by no more than it."""
+    rows = page[1]["mass"]["rows"]
+    assert [r["scaled"] for r in rows] == [False] + [True] * 5
+    added = [r["added"] for r in rows]
+    assert added == sorted(added) and added[2] < 1e-3 < added[-1]
+    for r in rows:
+        assert (1 + 2 * r["added"]) ** -0.5 - 1e-9 <= r["frequency"] <= 1
+        assert r["held_force"] < 0.01 and r["force"] < (2e-3 if r["added"] < 1e-3 else 0.05), r
 
 
 def test_single_tensors_cost_seven_digits_and_half_the_bytes(page):

@@ -87,6 +87,7 @@ typedef struct run {
 cJSON *knob_mesh(const run *r, tm_error *error);
 cJSON *knob_volume(const run *r, tm_error *error);
 cJSON *knob_step(const run *r, tm_error *error);
+cJSON *knob_mass(const run *r, tm_error *error);
 cJSON *knob_precision(const run *r, tm_error *error);
 cJSON *knob_model(const run *r, tm_error *error);
 cJSON *knob_rotation(const run *r, tm_error *error);

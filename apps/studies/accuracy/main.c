@@ -19,6 +19,7 @@ static const struct {
     {"mesh", "tetrahedra against displacement, reaction and energy, isotropic and fibred", knob_mesh},
     {"volume", "tissue that does not lock against linear tetrahedra, pressed, and bent towards nu = 0.5", knob_volume},
     {"step", "time step against trajectory, phase, energy and settling", knob_step},
+    {"mass", "a longer step by selective mass scaling against the force at the indenter", knob_mass},
     {"precision", "single against double stored tensors", knob_precision},
     {"model", "linear models against large displacements, pressed from 1 % to 40 %", knob_model},
     {"rotation", "tissue that turns against large displacements, and its price", knob_rotation},

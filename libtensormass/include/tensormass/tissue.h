@@ -44,6 +44,11 @@ typedef struct tm_tissue_def {
                                  null: none */
     double rotation;          /* 0; > 0: the stage "rotation" will turn its tetrahedra beyond this threshold
                                  (tensormass/rotation.h): critical steps hold for that too */
+    /* Selective mass scaling. 0; > 0: vertices are made heavier, where they must be, until a step of so many seconds is
+     * guaranteed, after any cut too. Inertia alone: weight, damping and rest are those of the tissue's own mass. More
+     * than `scaled_share` of that added in all: TM_ERR_LIMIT. Not with `volume`, nor beside a condensed part. */
+    double scaled_step_s;
+    double scaled_share; /* [0.2] */
 } tm_tissue_def;
 
 typedef struct tm_tissue tm_tissue;
@@ -55,6 +60,8 @@ TM_API void tm_tissue_destroy(tm_tissue *tissue);
 /* Read-only views; pointers stay valid for the tissue's life, contents change only by cutting. */
 TM_API const tm_mesh *tm_tissue_mesh(const tm_tissue *tissue);
 TM_API const double *tm_tissue_mass_kg(const tm_tissue *tissue); /* [vertex_count], 0: in no living tetrahedron */
+/* The same without what mass scaling has added: what gravity pulls. */
+TM_API const double *tm_tissue_own_mass_kg(const tm_tissue *tissue);
 TM_API const double *
 tm_tissue_damping_kg_s(const tm_tissue *tissue);                /* [vertex_count] gamma = sum of d * lumped mass */
 TM_API const uint8_t *tm_tissue_alive(const tm_tissue *tissue); /* [tet_count] */
@@ -107,7 +114,8 @@ TM_API double tm_tissue_energy(const tm_tissue *tissue, const double *u_m);
 /* Guaranteed to be stable, s: 2/sqrt of a bound of the largest eigenvalue of M^-1 K, from single tetrahedra. `*tet`
  * names the one that sets it. Valid with any damping >= 0 of central differences (which do not lower it) and any
  * supports. Cuttable, or with extra masses (on which something else lives): the least of tm_critical_step_element over
- * the living tetrahedra, which holds after any cut. Otherwise the masses of vertices are shared among their tetrahedra
+ * the living tetrahedra, which holds after any cut; with mass scaling that too, and at least the step asked for.
+ * Otherwise the masses of vertices are shared among their tetrahedra
  * by demand, which is never shorter, and much longer where the mesh has slivers (docs/physics.md); takes work space,
  * and without memory for it is the former. Some microseconds a tetrahedron. */
 TM_API double tm_critical_step_guaranteed(const tm_tissue *tissue, int32_t *tet);
@@ -118,6 +126,24 @@ TM_API double tm_critical_step_element(const tm_tissue *tissue, int32_t tet);
  * side. Allocates. */
 TM_API tm_status tm_critical_step_sharp(const tm_tissue *tissue, const uint8_t *fixed, double tolerance,
                                         int32_t max_iterations, double *step_s, tm_error *error);
+
+/* --- mass scaling --- */
+
+/* Of the living tissue, as it is now. */
+typedef struct tm_mass_scaling {
+    double step_s; /* guaranteed by it; 0: no mass scaling */
+    double own_kg, added_kg;
+    int32_t vertices;    /* that were made heavier */
+    int32_t most_vertex; /* by the largest factor; -1: none */
+    double most_factor;  /* of its own mass */
+} tm_mass_scaling;
+/* False: the tissue was not made with `scaled_step_s`. */
+TM_API bool tm_tissue_mass_scaling(const tm_tissue *tissue, tm_mass_scaling *out);
+/* What it does to the lowest frequencies, Hz: Rayleigh's quotients of the shapes in which the tissue gives way to its
+ * own weight along x, y and z, with its own mass and with what was added. `fixed` [3*vertex_count] marks constrained
+ * components; where they do not hold every piece, TM_ERR_CONVERGENCE. Allocates; some hundred force passes. */
+TM_API tm_status tm_mass_scaling_frequencies(const tm_tissue *tissue, const uint8_t *fixed, double own_Hz[3],
+                                             double scaled_Hz[3], tm_error *error);
 
 #ifdef __cplusplus
 }

@@ -70,7 +70,7 @@ static pass over_tissue(const energy *e, const tm_world *world) {
             elastic -= s->u_next_m[i] * inner[i];
             drag += gamma * way * way;
             p.outer_J += (s->force_N[i] - inner[i]) * way;
-            p.gravity_J += mass * g[i - 3 * v] * way;
+            p.gravity_J += world->tissue->own_mass_kg[v] * g[i - 3 * v] * way;
             p.support_J += e->reaction_N[i] * way;
         }
     }

@@ -1,6 +1,7 @@
 /* Blocks of the living tetrahedra summed on vertices and edges, masses, the surface: in the order of a fresh build. */
 #include "tissue/smoothed.h"
 
+#include <math.h>
 #include <string.h>
 
 /* --- of one tetrahedron --- */
@@ -135,6 +136,15 @@ static void sum_blocks(const tm_tissue *tissue, int32_t vertex, double sum[9]) {
     }
 }
 
+/* What mass scaling wants it to weigh. */
+static double asked_of(const tm_tissue *tissue, int32_t vertex) {
+    const tm_mesh *mesh = tissue->mesh;
+    double sum = 0;
+    for (int32_t i = mesh->vertex_tet_begin[vertex]; i < mesh->vertex_tet_begin[vertex + 1]; i++)
+        if (tissue->alive[mesh->vertex_tet[i]]) sum += tissue->asked_kg[i];
+    return sum;
+}
+
 void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
     const tm_mesh *mesh = tissue->mesh;
     double *sum = tissue->graph.vertex_tensor + 9 * (int64_t)vertex;
@@ -156,7 +166,8 @@ void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
         mass += share[0];
         damping += share[1];
     }
-    tissue->mass_kg[vertex] = mass;
+    tissue->mass_kg[vertex] = tissue->own_mass_kg[vertex] = mass;
+    if (tissue->asked_kg) tissue->mass_kg[vertex] = fmax(mass, asked_of(tissue, vertex));
     tissue->damping_kg_s[vertex] = damping;
     const uint64_t bit = UINT64_C(1) << (vertex % 64);
     uint64_t *living = tissue->graph.living + vertex / 64;

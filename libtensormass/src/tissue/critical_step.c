@@ -6,10 +6,11 @@
 #include <math.h>
 #include <string.h>
 
-/* What rounding may add to the largest eigenvalue: of the assembled tensors, single ones above all. */
+/* Of the assembled tensors, single ones above all. */
+double tm_critical_margin(const tm_tissue *tissue) { return tissue->precision == TM_SINGLE ? 1e-5 : 1e-12; }
+
 static double step_of(const tm_tissue *tissue, double eigenvalue) {
-    const double margin = tissue->precision == TM_SINGLE ? 1e-5 : 1e-12;
-    return 2 / sqrt(eigenvalue * (1 + margin));
+    return 2 / sqrt(eigenvalue * (1 + tm_critical_margin(tissue)));
 }
 
 double tm_critical_step_element(const tm_tissue *tissue, int32_t tet) {
@@ -30,12 +31,13 @@ bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet
         }
     }
     /* What hangs on the tissue lives on the extra masses. */
-    const bool even = tissue->cuttable || tissue->extra_mass_kg || worst < 0;
+    const bool even = tissue->cuttable || tissue->extra_mass_kg || tissue->asked_kg || worst < 0;
     const bool done =
         even || (tissue->smoothed && !(tissue->rotation > 0) ? tm_smoothed_eigenvalue(tissue, &most, &worst)
                                                              : tm_shared_eigenvalue(tissue, &most, &worst));
     *tet = worst;
     *step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);
+    if (tissue->asked_kg && *step_s < tissue->scaled_step_s) *step_s = tissue->scaled_step_s;
     return done;
 }
 

@@ -1,13 +1,15 @@
 /* Tissue: what it is made from, checked and copied. */
 #include "tensormass/rotation.h"
 #include "tissue/cut_work.h"
+#include "tissue/scaled.h"
 #include "tissue/smoothed.h"
 
 #include <math.h>
 #include <string.h>
 
 tm_tissue_def tm_tissue_def_default(void) {
-    return (tm_tissue_def){.cookie = TM_COOKIE_TISSUE, .size = sizeof(tm_tissue_def), .volume_shear = 0.4};
+    return (tm_tissue_def){
+        .cookie = TM_COOKIE_TISSUE, .size = sizeof(tm_tissue_def), .volume_shear = 0.4, .scaled_share = 0.2};
 }
 
 void tm_tissue_destroy(tm_tissue *tissue) {
@@ -79,6 +81,21 @@ static tm_status check_rotation(const tm_tissue_def *def, tm_error *error) {
     return TM_OK;
 }
 
+static tm_status check_scaling(const tm_tissue_def *def, tm_error *error) {
+    if (def->scaled_step_s == 0) return TM_OK;
+    if (!(def->scaled_step_s > 0 && isfinite(def->scaled_step_s)) || !(def->scaled_share >= 0))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "mass for a step of %g s, at most %g of the tissue's own; give a positive step and share",
+                       def->scaled_step_s, def->scaled_share);
+    if (def->volume)
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "mass scaling reckons with single tetrahedra, and volume averages over them; leave one out");
+    if (def->extra_mass_kg || def->extra_damping_kg_s || def->elsewhere)
+        return tm_fail(error, TM_ERR_EXCLUDED, -1,
+                       "mass scaling beside a condensed part, whose stiffness it does not know; leave one out");
+    return TM_OK;
+}
+
 static tm_status check_fibres(const tm_tissue_def *def, tm_error *error) {
     for (int32_t t = 0; t < def->mesh->tet_count; t++) {
         const int32_t r = def->mesh->region[t];
@@ -133,6 +150,11 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     tissue->alive = TM_TAKE(pool, uint8_t, mesh->tet_count);
     tissue->mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
     tissue->damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
+    tissue->own_mass_kg = tissue->mass_kg;
+    if (def->scaled_step_s > 0) {
+        tissue->own_mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
+        tissue->asked_kg = TM_TAKE(pool, double, 4 * (int64_t)mesh->tet_count);
+    }
     if (def->elsewhere) tissue->elsewhere = TM_TAKE(pool, uint8_t, mesh->tet_count);
     if (def->extra_mass_kg) tissue->extra_mass_kg = TM_TAKE(pool, double, mesh->vertex_count);
     if (def->extra_damping_kg_s) tissue->extra_damping_kg_s = TM_TAKE(pool, double, mesh->vertex_count);
@@ -163,6 +185,7 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     tissue->cuttable = def->cuttable;
     tissue->plain = def->form == TM_FORCE_PLAIN;
     tissue->rotation = def->rotation;
+    tissue->scaled_step_s = def->scaled_step_s;
     tissue->force = tm_force_choose(def->form == TM_FORCE_PLAIN, def->precision == TM_SINGLE);
     if (def->extra_mass_kg)
         memcpy(tissue->extra_mass_kg, def->extra_mass_kg, sizeof(double) * (size_t)mesh->vertex_count);
@@ -192,6 +215,7 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     if (!status) status = check_fibres(def, error);
     if (!status) status = check_volume(def, error);
     if (!status) status = check_rotation(def, error);
+    if (!status) status = check_scaling(def, error);
     if (!status) status = check_extra(def->mesh, def->extra_mass_kg, "mass", error);
     if (!status) status = check_extra(def->mesh, def->extra_damping_kg_s, "damping", error);
     if (status) return status;
@@ -205,9 +229,14 @@ tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_erro
     }
     copy_constants(t, def);
     if (t->cuttable) tm_tissue_keep_blocks(t);
-    if (!tm_tissue_assemble(t)) {
+    if ((t->asked_kg && !tm_scaled_ask(t)) || !tm_tissue_assemble(t)) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "tissue");
+    }
+    status = tm_scaled_check(t, def->scaled_share, error);
+    if (status) {
+        tm_pool_release(&pool);
+        return status;
     }
     tm_tissue_build_surface(t);
     if (t->cut) tm_cut_count(t);

@@ -21,8 +21,10 @@ struct tm_tissue {
     double rotation;      /* threshold of the stage "rotation", 0: no such stage may come */
     uint8_t *alive;       /* [tet_count] */
     int32_t alive_count;
-    uint8_t *elsewhere;                         /* [tet_count] or null: there, but not ours */
-    double *mass_kg, *damping_kg_s;             /* [vertex_count] */
+    uint8_t *elsewhere;              /* [tet_count] or null: there, but not ours */
+    double *mass_kg, *damping_kg_s;  /* [vertex_count] */
+    double *own_mass_kg;             /* [vertex_count] without what scaling adds; mass_kg itself: no scaling */
+    double scaled_step_s, *asked_kg; /* [4*tet_count] in the order of mesh->vertex_tet, or null (scaled.c) */
     double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] or null */
     tm_force_graph graph;
     int32_t pair_count;
@@ -87,6 +89,8 @@ double tm_law_eigenvalue_over(const double law_Pa[36], const double G[36]);
 /* Lowers `most`, a bound of omega^2 of the living tetrahedra, if masses shared by demand give a lower one, and names
  * the tetrahedron that sets it. Not for a tissue that will be cut. False: no memory, nothing lowered. */
 bool tm_shared_eigenvalue(const tm_tissue *tissue, double *most, int32_t *tet);
+/* What rounding may add to the largest eigenvalue, relative. */
+double tm_critical_margin(const tm_tissue *tissue);
 /* tm_critical_step_guaranteed, saying whether there was memory for all of it. */
 bool tm_critical_step_find(const tm_tissue *tissue, double *step_s, int32_t *tet);
 

@@ -9,6 +9,10 @@ const tm_mesh *tm_tissue_mesh(const tm_tissue *tissue) {
     TISSUE_IS_GIVEN(NULL);
     return tissue->mesh;
 }
+const double *tm_tissue_own_mass_kg(const tm_tissue *tissue) {
+    TISSUE_IS_GIVEN(NULL);
+    return tissue->own_mass_kg;
+}
 const double *tm_tissue_mass_kg(const tm_tissue *tissue) {
     TISSUE_IS_GIVEN(NULL);
     return tissue->mass_kg;

@@ -34,7 +34,7 @@ static int32_t fours(const double *mass, const double g[3], double *f, int32_t v
 
 void tm_stage_gravity_run(void *self, tm_world *world, const tm_range *range) {
     const gravity *stage = self;
-    const double *TM_RESTRICT mass = world->tissue->mass_kg;
+    const double *TM_RESTRICT mass = world->tissue->own_mass_kg;
     double *TM_RESTRICT f = world->state.force_N;
     const double gx = stage->g_m_s2[0], gy = stage->g_m_s2[1], gz = stage->g_m_s2[2];
     const tm_force_graph *g = &world->tissue->graph;

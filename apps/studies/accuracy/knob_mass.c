@@ -1,0 +1,158 @@
+/* Selective mass scaling: a cuttable block whose inner vertices are out of place, so that some tetrahedra are flat, is
+ * pressed within a tenth of a second and held. The force on the indenter (what a hand feels) against that with the
+ * tissue's own mass at its own step, and what a simulated second costs, as the step grows. */
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "accuracy.h"
+#include "bandwidth.h"
+#include "block.h"
+
+enum { CELLS = 6, MOST_HELD = 6 * (CELLS + 1) * (CELLS + 1), FRAMES = 60, STEPS = 6 };
+static const double PRESS_S = 0.1, ALL_S = 0.3, DEPTH_M = 0.0015, JITTER = 0.28;
+
+typedef struct press {
+    tm_mesh *mesh;
+    tm_tissue *tissue;
+    tm_world *world;
+    int32_t dof[MOST_HELD], held, pressed_from; /* components from there on follow the indenter */
+    double force_N[FRAMES], per_step_s;
+} press;
+
+/* The same every time; the surface stays in place. */
+static tm_status jittered(tm_mesh **mesh, tm_error *error) {
+    app_block block;
+    const double h = BLOCK_M / CELLS;
+    uint32_t state = 41;
+    if (!app_block_make(&block, (int32_t[3]){CELLS, CELLS, CELLS}, (double[3]){BLOCK_M, BLOCK_M, BLOCK_M}))
+        return TM_ERR_MEMORY;
+    for (int32_t k = 1; k < CELLS; k++)
+        for (int32_t j = 1; j < CELLS; j++)
+            for (int32_t i = 1; i < CELLS; i++)
+                for (int a = 0; a < 3; a++) {
+                    state = state * 1664525u + 1013904223u;
+                    block.vertex_m[3 * app_block_vertex(&block, i, j, k) + a] +=
+                        JITTER * h * ((double)(state >> 8) / (1 << 23) - 1);
+                }
+    const tm_status status = app_block_mesh(&block, NULL, mesh, error);
+    app_block_free(&block);
+    return status;
+}
+
+static void hold(press *p) {
+    const double *x = p->mesh->rest_m;
+    for (int32_t v = 0; v < p->mesh->vertex_count; v++)
+        for (int a = 0; a < 3 && x[3 * v + 2] < 1e-9; a++) p->dof[p->held++] = 3 * v + a;
+    p->pressed_from = p->held;
+    for (int32_t v = 0; v < p->mesh->vertex_count; v++)
+        if (x[3 * v + 2] > BLOCK_M - 1e-9 && hypot(x[3 * v] - BLOCK_M / 2, x[3 * v + 1] - BLOCK_M / 2) < INDENTER_M / 2)
+            p->dof[p->held++] = 3 * v + 2;
+}
+
+static tm_status press_make(press *p, double step_s, bool scaled, tm_error *error) {
+    tm_material material = material_liver();
+    material.damping_1_s = 20;
+    memset(p, 0, sizeof *p);
+    tm_status status = jittered(&p->mesh, error);
+    tm_tissue_def tissue = tm_tissue_def_default();
+    tissue.mesh = p->mesh, tissue.material_count = 1, tissue.material = &material, tissue.cuttable = true;
+    tissue.scaled_step_s = scaled ? step_s : 0, tissue.scaled_share = 100;
+    if (status == TM_OK) status = tm_tissue_create(&tissue, &p->tissue, error);
+    tm_world_def world = tm_world_def_default();
+    world.tissue = p->tissue, world.dt_s = step_s;
+    if (status == TM_OK) status = tm_world_create(&world, &p->world, error);
+    if (status != TM_OK) return status;
+    hold(p);
+    static const double rest[MOST_HELD];
+    tm_support_def support = tm_support_def_default();
+    support.count = p->held, support.dof = p->dof, support.value_m = rest;
+    return tm_stage_support(p->world, &support, error);
+}
+
+static void press_free(press *p) {
+    tm_world_destroy(p->world);
+    tm_tissue_destroy(p->tissue);
+    tm_mesh_destroy(p->mesh);
+}
+
+/* Forces are means over equal times, so that all steps are compared at the same moments. */
+static tm_status press_run(press *p) {
+    const double dt = tm_world_step_s(p->world);
+    const int32_t n = 3 * p->mesh->vertex_count, steps = (int32_t)(ALL_S / dt);
+    double *reaction = malloc(sizeof *reaction * (size_t)n), spent = 0;
+    int32_t count[FRAMES] = {0};
+    tm_status status = reaction ? TM_OK : TM_ERR_MEMORY;
+    for (int32_t i = 0; i < steps && status == TM_OK; i++) {
+        const double s = fmin(1, (i + 1) * dt / PRESS_S), way = -DEPTH_M * s * s * (3 - 2 * s), start = app_seconds();
+        for (int32_t c = p->pressed_from; c < p->held; c++) tm_support_move(p->world, c, way);
+        status = tm_world_step(p->world, 1);
+        spent += app_seconds() - start;
+        memset(reaction, 0, sizeof *reaction * (size_t)n);
+        tm_support_reaction(p->world, reaction);
+        const int frame = (int)((i + 0.5) * dt / ALL_S * FRAMES);
+        count[frame]++;
+        for (int32_t c = p->pressed_from; c < p->held; c++) p->force_N[frame] += reaction[p->dof[c]];
+    }
+    for (int f = 0; f < FRAMES; f++)
+        if (count[f]) p->force_N[f] /= count[f];
+    p->per_step_s = spent / steps;
+    free(reaction);
+    return status;
+}
+
+static void distance(const press *p, const press *truth, double *rms, double *held) {
+    double sum = 0, all = 0;
+    for (int f = 0; f < FRAMES; f++) {
+        sum += pow(p->force_N[f] - truth->force_N[f], 2);
+        all += pow(truth->force_N[f], 2);
+    }
+    *rms = sqrt(sum / all);
+    *held = fabs(p->force_N[FRAMES - 1] / truth->force_N[FRAMES - 1] - 1);
+}
+
+static tm_status row_of(cJSON *rows, press *p, const press *truth, double own_s, bool scaled, tm_error *error) {
+    double rms, held, own_Hz[3], Hz[3];
+    tm_mass_scaling m;
+    uint8_t *fixed = calloc(3, (size_t)p->mesh->vertex_count);
+    for (int32_t i = 0; fixed && i < p->pressed_from; i++) fixed[p->dof[i]] = 1;
+    const tm_status status = fixed ? tm_mass_scaling_frequencies(p->tissue, fixed, own_Hz, Hz, error) : TM_ERR_MEMORY;
+    free(fixed);
+    if (status != TM_OK) return status;
+    tm_tissue_mass_scaling(p->tissue, &m);
+    distance(p, truth, &rms, &held);
+    cJSON *row = json_row(rows);
+    cJSON_AddBoolToObject(row, "scaled", scaled);
+    cJSON_AddNumberToObject(row, "dt_s", tm_world_step_s(p->world));
+    cJSON_AddNumberToObject(row, "of_own", tm_world_step_s(p->world) / own_s);
+    cJSON_AddNumberToObject(row, "added", m.added_kg / m.own_kg);
+    cJSON_AddNumberToObject(row, "vertices", m.vertices);
+    cJSON_AddNumberToObject(row, "frequency", Hz[2] / own_Hz[2]);
+    cJSON_AddNumberToObject(row, "force", rms);
+    cJSON_AddNumberToObject(row, "held_force", held);
+    cJSON_AddNumberToObject(row, "wall_per_simulated", p->per_step_s / tm_world_step_s(p->world));
+    return TM_OK;
+}
+
+cJSON *knob_mass(const run *r, tm_error *error) {
+    static const double times[STEPS] = {0.9, 2, 3, 3.25, 3.5, 4};
+    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
+    press truth, p;
+    tm_status status = press_make(&truth, 0, false, error);
+    const double own_s = status == TM_OK ? tm_critical_step_guaranteed(truth.tissue, NULL) : 0;
+    press_free(&truth);
+    if (status == TM_OK) status = press_make(&truth, own_s / 10, false, error);
+    if (status == TM_OK) status = press_run(&truth);
+    for (int i = 0; i < STEPS && status == TM_OK; i++) {
+        status = press_make(&p, times[i] * own_s, times[i] > 1, error);
+        if (status == TM_OK) status = press_run(&p);
+        if (status == TM_OK) status = row_of(rows, &p, &truth, own_s, times[i] > 1, error);
+        press_free(&p);
+        r->progress("mass scaling", (double)(i + 1) / STEPS);
+    }
+    press_free(&truth);
+    cJSON_AddNumberToObject(out, "own_s", own_s);
+    if (status == TM_OK) return out;
+    cJSON_Delete(out);
+    return NULL;
+}

@@ -1,0 +1,138 @@
+/* Selective mass scaling: mass is added where a chosen step needs it, and only there.
+ *
+ * As in critical_shared.c every K_e lies under a diagonal, K_e <= diag(ask_e), for any four weights. A step dt is
+ * stable where omega^2 <= 4/dt^2, and so where every vertex weighs at least dt^2/4 times the sum of what its living
+ * tetrahedra ask for: it is given what it lacks of that. What a tetrahedron asks for never changes, and so the step
+ * holds for every subset of them: after any cut, down to the last tetrahedron, with the bits of a fresh build. Weights
+ * move what is asked for from vertices that lack mass to those that have some to spare, a few times over; the least
+ * addition of all is taken. */
+#include "tissue/scaled.h"
+
+#include <math.h>
+#include <string.h>
+
+enum { SWEEPS = 40, IDLE = 6, EVALUATIONS_PER_TET = 12 };
+static const double HOT = 0.9, LEAST_LOAD = 0.05;
+
+typedef struct scaling {
+    tm_pool pool;
+    const tm_tissue *tissue;
+    double per_ask_s2;        /* dt^2/4, with what rounding may add */
+    double *own_kg;           /* [vertex_count] of the whole mesh */
+    double *load;             /* [vertex_count] what is asked over what is there */
+    double *now_kg, *best_kg; /* [4*tet_count] asked, in the order of mesh->tet */
+    int64_t evaluations;
+} scaling;
+
+static void ask(scaling *s, int32_t tet, const double weight[4]) {
+    const double most = tm_element_eigenvalue_over(s->tissue, tet, weight) * s->per_ask_s2;
+    for (int k = 0; k < 4; k++) s->now_kg[4 * (int64_t)tet + k] = most * weight[k];
+    s->evaluations++;
+}
+
+static void ask_evenly(scaling *s) {
+    const tm_mesh *mesh = s->tissue->mesh;
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        const double even = tm_tissue_tet_material(s->tissue, t)->density_kg_m3 * mesh->volume_m3[t] / 4;
+        const double weight[4] = {even, even, even, even};
+        for (int k = 0; k < 4; k++) s->own_kg[mesh->tet[4 * (int64_t)t + k]] += even;
+        ask(s, t, weight);
+    }
+}
+
+/* Loads; returns what would have to be added. */
+static double balance(scaling *s) {
+    const tm_mesh *mesh = s->tissue->mesh;
+    double added = 0;
+    memset(s->load, 0, sizeof(double) * (size_t)mesh->vertex_count);
+    for (int64_t i = 0; i < 4 * (int64_t)mesh->tet_count; i++) s->load[mesh->tet[i]] += s->now_kg[i];
+    for (int32_t v = 0; v < mesh->vertex_count; v++) {
+        added += fmax(0, s->load[v] - s->own_kg[v]);
+        if (s->own_kg[v] > 0) s->load[v] /= s->own_kg[v];
+    }
+    return added;
+}
+
+/* False: nothing lacks mass. */
+static bool sweep(scaling *s) {
+    const tm_mesh *mesh = s->tissue->mesh;
+    bool any = false;
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        double weight[4], hottest = 0;
+        for (int k = 0; k < 4; k++) {
+            const double load = s->load[mesh->tet[4 * (int64_t)t + k]];
+            hottest = fmax(hottest, load);
+            weight[k] = s->now_kg[4 * (int64_t)t + k] / fmax(load, LEAST_LOAD);
+        }
+        any |= hottest > 1;
+        if (hottest >= HOT) ask(s, t, weight);
+    }
+    return any;
+}
+
+static void keep(tm_tissue *tissue, const double *asked_kg) {
+    const tm_mesh *mesh = tissue->mesh;
+    for (int32_t v = 0; v < mesh->vertex_count; v++)
+        for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++) {
+            const int64_t at = 4 * (int64_t)mesh->vertex_tet[i];
+            int k = 0;
+            while (mesh->tet[at + k] != v) k++;
+            tissue->asked_kg[i] = asked_kg[at + k];
+        }
+}
+
+bool tm_scaled_ask(tm_tissue *tissue) {
+    const tm_mesh *mesh = tissue->mesh;
+    const size_t bytes = sizeof(double) * 4 * (size_t)mesh->tet_count;
+    scaling s = {.tissue = tissue};
+    const double dt = tissue->scaled_step_s;
+    s.per_ask_s2 = dt * dt / 4 * (1 + tm_critical_margin(tissue));
+    s.own_kg = TM_TAKE(&s.pool, double, mesh->vertex_count);
+    s.load = TM_TAKE(&s.pool, double, mesh->vertex_count);
+    s.now_kg = TM_TAKE(&s.pool, double, 4 * (int64_t)mesh->tet_count);
+    s.best_kg = TM_TAKE(&s.pool, double, 4 * (int64_t)mesh->tet_count);
+    const bool room = !s.pool.failed;
+    if (room) ask_evenly(&s);
+    const int64_t enough = EVALUATIONS_PER_TET * (int64_t)mesh->tet_count;
+    double least = HUGE_VAL;
+    for (int k = 0, idle = 0; room && k < SWEEPS && idle < IDLE && s.evaluations < enough; k++) {
+        const double added = balance(&s);
+        idle = added < least * (1 - 1e-3) ? 0 : idle + 1;
+        if (added < least) {
+            least = added;
+            memcpy(s.best_kg, s.now_kg, bytes);
+        }
+        if (!sweep(&s)) break;
+    }
+    if (room) keep(tissue, s.best_kg);
+    tm_pool_release(&s.pool);
+    return room;
+}
+
+/* --- what was added --- */
+
+bool tm_tissue_mass_scaling(const tm_tissue *tissue, tm_mass_scaling *out) {
+    TM_REQUIRE(tissue && out, "tissue or out is null", false);
+    *out = (tm_mass_scaling){.step_s = tissue->scaled_step_s, .most_vertex = -1, .most_factor = 1};
+    for (int32_t v = 0; v < tissue->mesh->vertex_count; v++) {
+        const double own = tissue->own_mass_kg[v], added = tissue->mass_kg[v] - own;
+        out->own_kg += own;
+        out->added_kg += added;
+        if (!(added > 0)) continue;
+        out->vertices++;
+        if (tissue->mass_kg[v] / own <= out->most_factor) continue;
+        out->most_factor = tissue->mass_kg[v] / own;
+        out->most_vertex = v;
+    }
+    return tissue->asked_kg != NULL;
+}
+
+tm_status tm_scaled_check(const tm_tissue *tissue, double most_share, tm_error *error) {
+    tm_mass_scaling m;
+    if (!tm_tissue_mass_scaling(tissue, &m) || m.added_kg <= most_share * m.own_kg) return TM_OK;
+    return tm_fail(
+        error, TM_ERR_LIMIT, m.most_vertex,
+        "a step of %.4g s would add %.3g of the tissue's own mass, most at vertex %d (%.3g times its own); at "
+        "most %.3g may be added: take a shorter step, mend the mesh there, or allow more",
+        m.step_s, m.added_kg / m.own_kg, m.most_vertex, m.most_factor, most_share);
+}

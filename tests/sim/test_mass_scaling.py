@@ -1,0 +1,39 @@
+"""time.mass_scaling in a scene: the step is reached, --explain says at what price, and what cannot be is refused with its line."""
+import pytest
+from simkit import block_scene, report, run
+
+ASKED = "cut:\ncontact:\ngravity:\ntime: {{step: {} ms, mass_scaling: yes{}}}\ninstruments:\n  - {{trocar: [50 mm, 50 mm, 200 mm], mode: cautery}}\n"
+
+
+def test_a_longer_step_with_its_price_told(bin, root, tmp_path):
+    scene = block_scene(tmp_path, root, ASKED.format(1, ""), mesh="block_10k.msh")
+    own = report(bin / "tm-sim", scene, "--explain", "--unset", "time", tmp=tmp_path)
+    step = own["critical_step"]["guaranteed_s"]
+    assert "mass_scaling" not in own
+    asked = ["--set", f"time.step={1.05 * step}", "--set", "time.mass_most=0.5"]
+    scaled = report(bin / "tm-sim", scene, "--explain", *asked, tmp=tmp_path)
+    m = scaled["mass_scaling"]
+    assert step < scaled["dt_s"] <= scaled["critical_step"]["guaranteed_s"] == pytest.approx(1.05 * step)
+    assert 0 < m["added_kg"] <= 0.2 * m["own_kg"] and m["most_factor"] > 1 and m["vertices"] > 100
+    assert sum(r["own_kg"] for r in m["regions"]) == pytest.approx(m["own_kg"]) and sum(r["added_kg"] for r in m["regions"]) == pytest.approx(m["added_kg"])
+    assert all(0.8 * a < b < a for a, b in zip(m["own_frequency_Hz"], m["frequency_Hz"]))
+    text, _ = run(bin / "tm-sim", scene, "--explain", *asked)
+    assert "mass scaling:" in text and "lowest frequencies" in text
+
+
+@pytest.mark.parametrize("step, more, extra, line, words", [
+    (4, "", "", 11, "own mass"),
+    (1, "", "volume:\n", 11, "volume averages"),
+    (1, ", mass_most: 2", "model: precomputed\n", 11, "dynamic model"),
+])
+def test_refused(bin, root, tmp_path, step, more, extra, line, words):
+    scene = block_scene(tmp_path, root, ASKED.format(step, more) + extra)
+    _, err = run(bin / "tm-sim", scene, "--check", code=2)
+    assert f"scene.yaml:{line}: " in err and words in err, err
+
+
+@pytest.mark.parametrize("time, words", [("{mass_scaling: yes}", "without time.step"), ("{mass_most: 0.1}", "nothing adds")])
+def test_needs(bin, root, tmp_path, time, words):
+    scene = block_scene(tmp_path, root, f"time: {time}\n")
+    _, err = run(bin / "tm-sim", scene, "--check", code=2)
+    assert "scene.yaml:8: " in err and words in err, err
