@@ -16,6 +16,7 @@ PURPOSE = {
     "tm-play": "a window whose mouse and keys move the instruments",
     "tm-scene": "write a first scene of a mesh, and look at one",
     "tm-organ": "from an image to an organ that is felt, by one command",
+    "tm-study": "many runs of tm-sim in one table",
     "tm-session": "a live session of a scene by one command",
     "tm-evaluate": "errors of the extrapolators",
     "tm-accuracy": "what accuracy costs in time",
