@@ -13,7 +13,7 @@ enum { LAW_ROWS = HRT_CONTACT_ROWS, LAW_DOFS = HRT_PATCH_DOFS, LAW_MEMORY = HRT_
 _Static_assert(ROUNDS % 2 == 0, "the last round's rows are to end up in the extrapolation");
 _Static_assert(HRT_PATCH_MAX_VERTICES <= 32, "a bit a vertex");
 static const float MAINLY = 0.65f; /* less than two of three corners */
-static const float LITTLE = 0.1f; /* change of the forces, squared */
+static const float LITTLE = 0.1f;  /* change of the forces, squared */
 
 typedef struct solve {
     law_problem p; /* first: law_couple finds the others by it */

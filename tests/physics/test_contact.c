@@ -344,7 +344,8 @@ static void test_force_is_smooth_and_follows(void **unused) {
         d.tip_m[0][1] = lane[k / 2];
         d.tip_m[0][2] = d.size_m[2] + d.bulge_m + 0.0027;
         stroke smooth = press_and_slide(&d, 0.1, false);
-        stroke lag = (k < 2 && !(test_is_sanitized() && k == 0)) || test_is_long() ? press_and_slide(&d, 0.1, true) : smooth;
+        stroke lag =
+            (k < 2 && !(test_is_sanitized() && k == 0)) || test_is_long() ? press_and_slide(&d, 0.1, true) : smooth;
         print_message(
             "%s, lane %.1f mm: peak %.3f N, roughness largest %.3f %%, 99 of 100 below %.3f %%, lag %.2f %%\n",
             d.bulge_m > 0 ? "curved" : "flat", 1e3 * lane[k / 2], smooth.peak_N, 100 * smooth.roughness,

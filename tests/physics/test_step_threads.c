@@ -65,7 +65,8 @@ static void same_bits_for_any_number(void **state) {
         scene s = create(kind[k].form, kind[k].precision, 1, NULL);
         play(&s, one);
         scene_destroy(&s);
-        for (int t = test_is_sanitized() ? 3 - k : 1; t < (test_is_sanitized() ? 4 - k : 4); t++) same_story(kind[k].form, kind[k].precision, THREADS[t], NULL, one);
+        for (int t = test_is_sanitized() ? 3 - k : 1; t < (test_is_sanitized() ? 4 - k : 4); t++)
+            same_story(kind[k].form, kind[k].precision, THREADS[t], NULL, one);
     }
 }
 

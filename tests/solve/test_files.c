@@ -156,7 +156,8 @@ static void damaged(void **state) {
     assert_false(opens(&s, why));
     unsigned char *good = slurp(s.path, &size), *bad = malloc(size + 1);
     fix_random random = {11};
-    for (int i = 0; i < 60; i += test_is_sanitized() ? 4 : 1) { /* one bit anywhere; the first in every part of the head */
+    for (int i = 0; i < 60;
+         i += test_is_sanitized() ? 4 : 1) { /* one bit anywhere; the first in every part of the head */
         memcpy(bad, good, size);
         const size_t at = i < 40 ? (size_t)(i * 2) : (size_t)(fix_uniform(&random) * (double)size);
         bad[at] ^= (unsigned char)(1 << i % 8);

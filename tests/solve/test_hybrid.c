@@ -647,7 +647,8 @@ static void told(void **state) {
     int32_t failed = 0, touching = 0;
     double off = 0;
     const int steps = test_is_sanitized() ? 600 : 3000;
-    for (int step = 0; step < steps; step++) { /* thrown about: one substep a frame, so that flags are of one solution */
+    for (int step = 0; step < steps;
+         step++) { /* thrown about: one substep a frame, so that flags are of one solution */
         const bool thrown = step % 10 == 0;
         tm_tool_pose at = tm_contact_pose(s.contact, 0);
         for (int c = 0; c < 3 && thrown; c++) at.tip_m[c] = 0.015 * fix_signed(&random) + (c == 2 ? 0.036 : 0);

@@ -33,12 +33,6 @@ static bool make_semidefinite(tm_patch *patch) {
     return false;
 }
 
-int32_t tm_patch_place(const tm_patch *patch, int32_t vertex) {
-    for (int32_t i = 0; i < patch->vertex_count; i++)
-        if (patch->vertex[i] == vertex) return i;
-    return -1;
-}
-
 /* A force on the patch's vertices where one of this tool's rows bears; one that bears on other vertices is left with
  * the tissue. */
 static void add_at_row(const tm_patch *patch, const tm_contact_row *row, double size, const double along[3],

@@ -46,6 +46,12 @@ struct tm_patch_solver {
     struct rest rest; /* of the tool where it is, beside those of its neighbourhood */
 };
 
+int32_t tm_patch_place(const tm_patch *patch, int32_t vertex) {
+    for (int32_t i = 0; i < patch->vertex_count; i++)
+        if (patch->vertex[i] == vertex) return i;
+    return -1;
+}
+
 void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, double *position_m) {
     int32_t n = 3 * patch->vertex_count;
     for (int32_t j = 0; j < n; j++) {

@@ -10,11 +10,11 @@ enum { TM_COOKIE_PATCH = 0x70617463 };
 /* patch_force.c: position_m += sign C force_N. */
 void tm_patch_deform(const tm_patch *patch, const double *force_N, double sign, double *position_m);
 
-/* patch_fill.c: where a vertex of the mesh stands in the patch, -1: it does not. */
+/* patch_force.c: where a vertex of the mesh stands in the patch, -1: it does not. */
 int32_t tm_patch_place(const tm_patch *patch, int32_t vertex);
 
-/* patch_force.c: what is solved next goes on from the reactions that the model itself found. Where the tissue has several
- * rests under one tool, those of the frame before may lead to another one. */
+/* patch_force.c: what is solved next goes on from the reactions that the model itself found. Where the tissue has
+ * several rests under one tool, those of the frame before may lead to another one. */
 void tm_patch_solver_start(tm_patch_solver *solver, const tm_patch *patch, const tm_contact_row *row,
                            int32_t row_count);
 
