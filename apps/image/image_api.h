@@ -76,7 +76,8 @@ typedef struct image_defects {
 typedef enum image_end { IMAGE_DONE, IMAGE_STOPPED, IMAGE_BAD_INPUT, IMAGE_NO_MEMORY, IMAGE_FAILED } image_end;
 
 typedef struct image_api {
-    /* NIfTI, NRRD, MetaImage, by ITK. `unit_m`: metres per unit of a file that says none, 0: mm. `why` is one line. */
+    /* NIfTI, NRRD, MetaImage, by ITK; DICOM-SEG, by GDCM. `unit_m`: metres per unit of a file that says none, 0: mm.
+     * `why` is one line. */
     image_end (*read)(const char *path, double unit_m, image_volume *out, char why[IMAGE_WHY]);
     /* Tetrahedra of all labels, conformal between them. */
     image_end (*mesh)(const image_domain *domain, const image_wish *wish, image_tets *out, char why[IMAGE_WHY]);

@@ -5,6 +5,9 @@
 #include "image_api.h"
 
 image_end image_read(const char *path, double unit_m, image_volume *out, char why[IMAGE_WHY]);
+// DICOM's files by their first bytes, whatever they are called; what is wrong with one is thrown (refusal.h).
+bool image_is_dicom(const char *path);
+void image_read_dicom(const char *path, image_volume *out);
 image_end image_mesh(const image_domain *domain, const image_wish *wish, image_tets *out, char why[IMAGE_WHY]);
 image_end image_read_surface(const char *path, image_surface *out, char why[IMAGE_WHY]);
 image_end image_examine_surface(image_surface *surface, bool mend, image_defects *found, image_defects *left,

@@ -1,5 +1,5 @@
-// Label images by ITK's readers of NIfTI, NRRD and MetaImage. What they would believe of a header is held against the
-// file first.
+// Label images by ITK's readers of NIfTI, NRRD and MetaImage (DICOM-SEG: dicom.cpp). What they would believe of a
+// header is held against the file first.
 #include <itkMetaDataObject.h>
 #include <itkMetaImageIO.h>
 #include <itkNiftiImageIO.h>
@@ -9,7 +9,6 @@
 #include <zlib.h>
 
 #include <cmath>
-#include <cstdarg>
 #include <cstdio>
 #include <cstdlib>
 #include <cstring>
@@ -22,21 +21,11 @@
 #include <string>
 
 #include "module.h"
+#include "refusal.h"
 
 namespace {
 
 enum { MOST_VOXELS = 1 << 30 };
-
-struct refusal : std::exception {
-    char text[IMAGE_WHY];
-    explicit __attribute__((format(printf, 2, 3))) refusal(const char *format, ...) {
-        va_list arguments;
-        va_start(arguments, format);
-        vsnprintf(text, sizeof text, format, arguments);
-        va_end(arguments);
-    }
-    const char *what() const noexcept override { return text; }
-};
 
 itk::ImageIOBase::Pointer reader_of(const char *path) {
     const itk::ImageIOBase::Pointer all[] = {itk::NiftiImageIO::New().GetPointer(),
@@ -44,17 +33,14 @@ itk::ImageIOBase::Pointer reader_of(const char *path) {
                                              itk::MetaImageIO::New().GetPointer()};
     struct stat info;
     if (stat(path, &info) != 0) throw refusal("cannot open: %s; check the path", strerror(errno));
-    if (!S_ISREG(info.st_mode)) throw refusal("not a file; name a NIfTI, NRRD or MetaImage file");
+    if (!S_ISREG(info.st_mode)) throw refusal("not a file; name a NIfTI, NRRD, MetaImage or DICOM-SEG file");
     for (const auto &io : all)
         if (io->CanReadFile(path)) {
             io->SetFileName(path);
             return io;
         }
-    const char *dot = strrchr(path, '.');
-    if (dot && (!strcmp(dot, ".dcm") || !strcmp(dot, ".DCM")))
-        throw refusal(
-            "DICOM-SEG is not read; make NIfTI or NRRD of it: segimage2itkimage (dcmqi), or save it from 3D Slicer");
-    throw refusal("no image that can be read; give NIfTI (.nii .nii.gz), NRRD (.nrrd .nhdr) or MetaImage (.mha .mhd)");
+    throw refusal(
+        "no image that can be read; give NIfTI (.nii .nii.gz), NRRD (.nrrd .nhdr), MetaImage (.mha .mhd) or DICOM-SEG (.dcm)");
 }
 
 std::string dictionary(const itk::ImageIOBase &io, const std::string &key) {
@@ -233,6 +219,7 @@ void take_names(const itk::ImageIOBase &io, image_volume *out) {
 }
 
 void read_whole(const char *path, double unit_m, image_volume *out) {
+    if (image_is_dicom(path)) return image_read_dicom(path, out);
     const itk::ImageIOBase::Pointer io = reader_of(path);
     io->ReadImageInformation();
     snprintf(out->kind, sizeof out->kind, "%s", io->GetNameOfClass());

@@ -12,7 +12,7 @@
 static void usage(void) {
     printf(
         "usage: tm-mesh image [options] SEG.nii.gz -o ORGAN.msh\n"
-        "Makes tetrahedra of the labels of a segmented image (NIfTI, NRRD, MetaImage), those of neighbours sharing their\n"
+        "Makes tetrahedra of the labels of a segmented image (NIfTI, NRRD, MetaImage, DICOM-SEG), those of neighbours sharing their\n"
         "faces. Lengths come out in metres, in the image's own world (DICOM's axes: left, posterior, superior).\n\n"
         "  --label N[=NAME][:SIZE]  this label alone, its region's name, its tetrahedra; once for each [all but 0]\n"
         "  --budget N | realtime    so many tetrahedra at most, or as many as half a core of this machine steps in real\n"
@@ -254,7 +254,11 @@ static int check_mesh(const image_options *o, const label_field *f, const image_
 
 const image_api *image_open_module(tm_error *error) {
     void *module = app_module("image", error);
-    return module ? app_module_symbol(module, IMAGE_API_SYMBOL, error) : NULL;
+    const image_api *api = module ? app_module_symbol(module, IMAGE_API_SYMBOL, error) : NULL;
+    if (module && !api)
+        tm_fail(error, TM_ERR_FILE, -1,
+                "module 'image' is of another version than this program; build both anew: make, make image");
+    return api;
 }
 
 static int make_mesh(const image_api *api, image_options *o, const image_volume *volume) {

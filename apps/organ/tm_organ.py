@@ -13,9 +13,9 @@ import sys
 import time
 
 BIN = pathlib.Path(__file__).resolve().parent
-IMAGES = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd")
-SURFACES = (".stl", ".obj", ".ply", ".off")
-MESHES = (".msh", ".vtk", ".mesh")
+IMAGES = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm")
+SURFACES = (".stl", ".obj", ".ply", ".off", ".vtp")
+MESHES = (".msh", ".vtk", ".vtu", ".mesh")
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
 SAG_MOST = 0.3  # of the organ's size, under its own weight: beyond it hangs by too little
 

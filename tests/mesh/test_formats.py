@@ -2,6 +2,7 @@
 import re
 import xml.etree.ElementTree as xml
 
+import dicom_seg
 import meshlib
 import numpy as np
 import phantom
@@ -46,6 +47,9 @@ def come_in(ending, how, tm_mesh, env, folder):
     if how.startswith("`fill`"):
         return meshlib.run(tm_mesh, "fill", "--size", "20mm", "--unit", "mm", surface_file(path, sphere(6, 50)), "-o", out, env=env)
     if how.startswith("`image`"):
+        if ending == ".dcm":
+            dicom_seg.write_dicom_seg(path, small_image(), (3, 3, 3))
+            return meshlib.run(tm_mesh, "image", "--size", "8mm", path, "-o", out, env=env)
         return meshlib.run(tm_mesh, "image", "--size", "8mm", phantom.write(path, small_image(), (3, 3, 3)), "-o", out, env=env)
     assert how.startswith("no")
     path.write_text("<?xml version=\"1.0\"?>\n<VTKFile/>\n")

@@ -6,6 +6,7 @@ import struct
 import subprocess
 import time
 
+import dicom_seg
 import numpy as np
 import phantom
 import pytest
@@ -102,6 +103,10 @@ def header_lies(header):
     struct.pack_into("<8h", header, 40, 3, 1000, 1000, 1000, 1, 1, 1, 1)
 
 
+DICOM = {"dicom of a scanner": (dict(modality="CT"), "its modality is 'CT'"), "dicom fractional": (dict(kind="FRACTIONAL"), "not BINARY or LABELMAP"), "dicom cut": (dict(change=lambda d: d[:-200]), "ends within its voxels"),
+         "dicom one frame": (dict(change=lambda d: d.replace(b"\x28\x00\x08\x00IS\x02\x0012", b"\x28\x00\x08\x00IS\x02\x0099")), "frames are described"), "dicom lies": (dict(change=lambda d: d.replace(b"\x28\x00\x10\x00US\x02\x00\x0e\x00", b"\x28\x00\x10\x00US\x02\x00\xff\x7f")), "its header says")}
+
+
 def bad(folder, name):
     """A bad image and a word of what is said of it."""
     image, spacing = small(), (2, 2, 2)
@@ -127,19 +132,23 @@ def bad(folder, name):
         return phantom.write(folder / "lie.nii.gz", image, spacing, change=header_lies), "cannot hold them"
     if name == "dicom":
         (folder / "a.dcm").write_bytes(b"\0" * 128 + b"DICM")
-        return folder / "a.dcm", "DICOM-SEG is not read"
+        return folder / "a.dcm", "no segmentation|GDCM cannot read it"
+    if name in DICOM:
+        words, said = DICOM[name]
+        dicom_seg.write_dicom_seg(folder / "a.dcm", image, spacing, **words)
+        return folder / "a.dcm", said
     (folder / "a.nii").write_text("nothing")
     return folder / "a.nii", "no image that can be read"
 
 
-@pytest.mark.parametrize("name", ["empty", "one slice", "thin label", "4-D", "float", "negative", "cut.nii.gz", "cut.nrrd", "cut.mha", "cut.nii", "header lies", "dicom",
+@pytest.mark.parametrize("name", ["empty", "one slice", "thin label", "4-D", "float", "negative", "cut.nii.gz", "cut.nrrd", "cut.mha", "cut.nii", "header lies", "dicom", *DICOM,
                                   "nothing"])
 def test_bad_images(tmp_path, run, name):
     path, word = bad(tmp_path, name)
     out = tmp_path / "out.msh"
     done = run(path, *FAST, out=out)
     assert done.returncode == 2, (done.returncode, done.stdout, done.stderr)
-    assert word in done.stderr and done.stderr.startswith(str(path)) and done.stderr.count("\n") == 1, done.stderr
+    assert any(w in done.stderr for w in word.split("|")) and done.stderr.startswith(str(path)) and done.stderr.count("\n") == 1, done.stderr
     assert not out.exists()
 
 
@@ -173,3 +182,19 @@ def test_a_signal_ends_it_and_nothing_is_written(tmp_path, bin):
     process.send_signal(signal.SIGINT)
     process.communicate(timeout=20)
     assert process.returncode == 130 and not out.exists() and list(tmp_path.iterdir()) == [path]
+
+
+@pytest.mark.parametrize("kind", ["BINARY", "LABELMAP"])
+def test_dicom_seg_gives_what_nrrd_gives(tmp_path, run, kind):
+    """Segments in frames, empty slices left out, a turned grid: the same places, labels and names."""
+    turn, place = np.array([[0, 1, 0], [-1, 0, 0], [0, 0, 1.0]]), dict(origin=(10, -20, 30))
+    plain = phantom.write(tmp_path / "a.nrrd", small(), (2, 3, 4), direction=turn, **place)
+    dicom_seg.write_dicom_seg(tmp_path / "a.dcm", small(), (2, 3, 4), direction=turn, names={1: "liver", 2: "vessels"}, kind=kind, **place)
+    told = []
+    for path in (plain, tmp_path / "a.dcm"):
+        done = run(path, *FAST, "--json", path.with_suffix(".json"))
+        assert done.returncode == 0, done.stderr
+        told.append((json.loads(path.with_suffix(".json").read_text())["regions"], middle(places(path.with_suffix(".msh")))))
+        path.with_suffix(".msh").unlink()
+    assert [r["name"] for r in told[1][0]] == ["liver", "vessels"] and np.abs(told[0][1] - told[1][1]).max() < 2e-4
+    assert [round(r["image_volume_m3"] * 1e12) for r in told[0][0]] == [round(r["image_volume_m3"] * 1e12) for r in told[1][0]]
