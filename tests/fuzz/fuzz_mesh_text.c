@@ -1,5 +1,6 @@
-/* The readers of mesh files: .vtk where the bytes begin with '#', .mesh with 'M', else .msh. Refused with a message and
- * nothing held, or a mesh whose indices are in range and whose tags all differ, and that a written copy gives back. */
+/* The readers of mesh files: .vtk where the bytes begin with '#', .mesh with 'M', .vtu with '<', else .msh. Refused
+ * with a message and nothing held, or a mesh whose indices are in range and whose tags all differ, and that a written
+ * copy gives back. */
 #include "fuzz.h"
 #include "tensormass_io.h"
 
@@ -51,7 +52,8 @@ static void write_and_read(const tm_mesh_file *m, const char *ending) {
 }
 
 int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size) {
-    const char *ending = size && data[0] == '#' ? ".vtk" : size && data[0] == 'M' ? ".mesh" : ".msh";
+    const char first = (char)(size ? data[0] : 0);
+    const char *ending = first == '#' ? ".vtk" : first == 'M' ? ".mesh" : first == '<' ? ".vtu" : ".msh";
     char *text = malloc(size + 1); /* exactly as long, so that a read beyond is seen */
     tm_mesh_file mesh;
     tm_error error = {0};

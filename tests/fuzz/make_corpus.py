@@ -6,6 +6,7 @@ import sys
 ROOT = pathlib.Path(__file__).resolve().parent.parent.parent
 sys.path.insert(0, str(ROOT / "tests" / "mesh"))
 import meshlib  # noqa: E402
+import vtk_xml  # noqa: E402
 from test_fill import binary, sphere, text  # noqa: E402
 
 HERE = pathlib.Path(__file__).resolve().parent / "corpus"
@@ -26,6 +27,9 @@ def tiny():
 for name, write in (("2", meshlib.msh2), ("2b", meshlib.msh2_binary), ("4", meshlib.msh4), ("4b", meshlib.msh4_binary), ("vtk5", meshlib.vtk5), ("vtk5b", meshlib.vtk5_binary),
                     ("vtk2", meshlib.vtk), ("medit", meshlib.medit)):
     put("fuzz_mesh_text", name, write(tiny()))
+
+for name, how in (("vtu", {}), ("vtub", dict(how="binary", packed=True)), ("vtua", dict(how="appended", packed=True))):
+    put("fuzz_mesh_text", name, vtk_xml.vtu(tiny(), **how))
 
 # two tetrahedra on one face, bytes for coordinates in mm
 put("fuzz_mesh", "two", bytes([1, 1, 0]) + bytes([0, 1, 2, 3, 1, 2, 3, 4]) + bytes([0, 0, 0, 10, 0, 0, 0, 10, 0, 0, 0, 10, 10, 10, 10]))
