@@ -94,6 +94,49 @@ static void test_does_not_creep(void **unused) {
     scene_destroy(&r.s);
 }
 
+/* A tool of 40 g lies on a block that is tilted, tissue under its weight too, in the block's axes: downhill is x. Nothing
+ * guides it but a little drag, so that its place is the sum of all that it ever crept. Returns that, from `from_s` on. */
+static double lie_on_slope(double tangent, double from_s, int32_t steps, pull *bears, double *speed_m_s) {
+    const double mass_kg = 0.04, drag_N_s_m = 2;
+    const double down[3] = {tangent / hypot(1, tangent), 0, -1 / hypot(1, tangent)};
+    rubbing r = open_rubbing(1, 0.4, 0.3);
+    const double g[3] = {9.81 * down[0], 0, 9.81 * down[2]}, dt = tm_world_step_s(r.s.world);
+    double at[3] = {0.008, 0.004, TOP_M + 0.0027}, v[3] = {0}, was[3] = {0}, crept = 0;
+    tm_error error;
+    scene_must(tm_stage_gravity(r.s.world, g, &error), &error);
+    for (int32_t i = 0; i < (int32_t)(from_s / dt) + steps; i++) {
+        /* Pressed first, tilted after half a second: it does not arrive sliding. */
+        const double tilt = fmin(fmax(2 * i * dt - 1, 0), 1);
+        const tm_tool_reaction f = scene_frame(&r.s, 0, scene_pose(at[0], at[1], at[2]), dt);
+        for (int c = 0; c < 3; c++) {
+            const double weight = mass_kg * g[c] * (c == 0 ? tilt : 1);
+            v[c] += dt / mass_kg * (weight + f.force_N[c] - drag_N_s_m * v[c]);
+            at[c] += dt * v[c];
+        }
+        if (i * dt <= from_s) memcpy(was, at, sizeof was);
+        if (at[0] > 0.025) break; /* off the block, nearly */
+    }
+    for (int c = 0; c < 3; c++) crept = fmax(crept, fabs(at[c] - was[c]));
+    *bears = grips(&r, 0, 0.4, 0.3), *speed_m_s = v[0];
+    scene_destroy(&r.s);
+    return crept;
+}
+
+/* Within the static cone, though beyond the sliding one, it lies still; beyond that it slides down. TM_LONG=1: for a
+ * million steps. */
+static void test_lies_on_a_slope(void **unused) {
+    (void)unused;
+    pull inside, outside;
+    double still, slides;
+    const int32_t steps = test_is_long() ? 1000000 : 10000;
+    const double crept = lie_on_slope(0.34, 2, steps, &inside, &still), slid = lie_on_slope(0.5, 0.5, 10000, &outside, &slides);
+    print_message("slope 0.34: %.1e m in %d steps, at %.2f of its cone; 0.5: %.1f mm, at %.3f m/s\n", crept, steps,
+                  1 + inside.over_cone, 1e3 * slid, slides);
+    assert_true(crept < 1e-11 && !inside.slips && inside.rest == 1);
+    assert_true(hypot(inside.force_N[0], inside.force_N[1]) > 0.3 * inside.pressed_N);
+    assert_true(slid > 0.005 && slides > 0.01 && outside.slips);
+}
+
 /* Slides, at its coefficient to 1e-6 (grips() asks), stops, turns back; in every frame no force is outside its cone. */
 static void test_slides_at_its_coefficient(void **unused) {
     (void)unused;
@@ -235,6 +278,7 @@ static void test_costs_nothing_unless_named(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_does_not_creep),
+                                       cmocka_unit_test(test_lies_on_a_slope),
                                        cmocka_unit_test(test_slides_at_its_coefficient),
                                        cmocka_unit_test(test_sticks_and_slips),
                                        cmocka_unit_test(test_makes_no_energy),
