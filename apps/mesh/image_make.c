@@ -148,7 +148,7 @@ static void correct_volumes(const pass *p, const image_mesh *mesh) {
         const image_result *r = &mesh->of[l];
         if (!(r->area_m2 > 0)) continue;
         const double bias = p->field->bias[l] + slope_1_m * (r->image_m3 - r->volume_m3) / r->area_m2;
-        p->field->bias[l] = (float)fmax(-0.4, fmin(0.4, bias));
+        p->field->bias[l] = (float)fmax(-LABEL_BIAS_MOST, fmin(LABEL_BIAS_MOST, bias));
     }
 }
 

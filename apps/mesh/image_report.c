@@ -7,6 +7,8 @@
 #include "json_file.h"
 #include "step.h"
 
+static const double volume_told = 0.05; /* of a label's own: beyond it a warning */
+
 /* --- the file's mesh --- */
 
 /* Grid to world; LPS to RAS turns the first two axes. */
@@ -118,6 +120,24 @@ static void print_labels(const image_options *o, const label_field *field, const
     }
 }
 
+/* A thin label whose surface was moved as far as it may be, and still lacks volume, is lost to the Gaussian; another
+ * to its chords. */
+static void warn_of_volumes(const image_options *o, const label_field *field, const image_mesh *m) {
+    for (int l = 1; l <= field->labels; l++) {
+        const image_result *r = &m->of[l];
+        const double differ = r->volume_m3 / r->image_m3 - 1;
+        char mend[80];
+        if (fabs(differ) <= volume_told) continue;
+        if (o->smooth > 0 && differ < 0 && (double)field->bias[l] >= 0.999 * LABEL_BIAS_MOST)
+            snprintf(mend, sizeof mend, "it is thin: smooth less (--smooth %.2g)", 0.5 * o->smooth);
+        else
+            snprintf(mend, sizeof mend, "mesh it finer (%s), or smooth less (--smooth %.2g)",
+                     o->budget ? "a larger --budget" : "a smaller --size", 0.5 * o->smooth);
+        app_remark("%s: warning: label %d ('%s') has %.0f %% %s volume than in the image; %s\n", o->in,
+                   o->region[l].value, o->region[l].name, 100 * fabs(differ), differ < 0 ? "less" : "more", mend);
+    }
+}
+
 static void print(const image_options *o, const image_volume *v, const label_field *field, const image_mesh *m,
                   const tm_mesh_file *file, const findings *f) {
     const int32_t *c = file->tet + 4 * (size_t)f->step.cut_tet;
@@ -191,6 +211,7 @@ int image_report(const image_options *o, const image_volume *volume, const label
     }
     tm_mesh_destroy(built);
     if (status) return app_report(NULL, 0, &error);
+    warn_of_volumes(o, field, mesh);
     if (!app_is_quiet()) print(o, volume, field, mesh, file, &f);
     return APP_DONE;
 }

@@ -5,6 +5,8 @@
 #include "image/image_api.h"
 
 enum { LABEL_MOST = 255, LABEL_LAYERS = 3 };
+/* Of a label's strength. Above it a thin label no longer comes to rest: volumes overshoot from pass to pass. */
+#define LABEL_BIAS_MOST 0.4
 
 /* The strongest labels at a voxel, strongest first, and how strong (65535: nothing else near). */
 typedef struct label_voxel {

@@ -38,6 +38,7 @@ def arguments():
     p.add_argument("--size", metavar="SIZE", help="edges of tetrahedra, such as 8mm [surface: a fourteenth of its longest side; image: by --budget]")
     p.add_argument("--budget", metavar="N", help="of an image: so many tetrahedra [10000]")
     p.add_argument("--label", action="append", default=[], metavar="N=NAME", help="of an image: this label, called so; once for each [all]. Materials go by the names")
+    p.add_argument("--smooth", metavar="S", help="of an image: how far voxels' steps are smoothed, in voxels; less keeps thin labels [1]")
     p.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="where the surgeon is [image: -y, the front of a patient who lies on the back; else z]")
     p.add_argument("--no-cut", action="store_true", help="pressed alone: no cautery, and the longer steps of tissue that is never cut")
     p.add_argument("--film", metavar="WxH", default="960x540", help="the film's size [960x540]")
@@ -150,7 +151,9 @@ def mesh(a, kind, w):
         if "  image " not in w.call("tm-mesh", "--list")[0]:
             raise Stop(f"{a.source}: this tm-mesh reads no images; take one that does (tm-mesh image), or give a surface")
         try:
-            w.call("tm-mesh", "image", *words, "--space", "lps", a.source, "-o", out)
+            for line in w.call("tm-mesh", "image", *words, *(["--smooth", a.smooth] if a.smooth else []), "--space", "lps", a.source, "-o", out)[1].splitlines():
+                if "warning:" in line:
+                    w.warn(line)
         except Stop as stop:  # a module that is not there does not name the image
             raise Stop(str(stop) if str(a.source) in str(stop) else f"{a.source}: {stop}", stop.code)
     elif kind == "surface":
@@ -223,7 +226,7 @@ def run(a, kind):
     source = digest(a.source)
     a.out.mkdir(parents=True, exist_ok=True)
     try:
-        w.stage("mesh", "tetrahedra", [source, kind, a.unit, a.size, a.budget, a.label], ["organ.msh", "mesh.json"], lambda: mesh(a, kind, w))
+        w.stage("mesh", "tetrahedra", [source, kind, a.unit, a.size, a.budget, a.label, a.smooth], ["organ.msh", "mesh.json"], lambda: mesh(a, kind, w))
         tets = digest(w.path("organ.msh"))
         w.stage("scene", "scene", [tets, up, a.no_cut, w.yours()], ["organ.yaml", "check.txt"], lambda: scene(a, up, w))
     except BaseException:
@@ -252,7 +255,7 @@ def check(a):
         raise Stop(f"{a.source}: a surface does not say its unit; add --unit mm (what scanners and segmentation tools write), or m")
     if kind == "image" and a.unit:
         raise Stop("--unit: an image carries its own; leave it out")
-    for option, value in (("--budget", a.budget), ("--label", a.label)):
+    for option, value in (("--budget", a.budget), ("--label", a.label), ("--smooth", a.smooth)):
         if value and kind != "image":
             raise Stop(f"{option} is for images; leave it out")
     if a.size and kind == "mesh":

@@ -64,6 +64,22 @@ def test_a_phantom_becomes_regions(tmp_path, run):
     assert re.search(r"critical step: .* set by tetrahedron \d+ \(vertices [\d ]+\) in '(liver|tumour)'", done.stdout)
 
 
+def volumes_off(json_file):
+    return {r["label"]: r["volume_m3"] / r["image_volume_m3"] - 1 for r in json.loads(json_file.read_text())["regions"]}
+
+
+def test_a_label_that_loses_volume_is_named_with_what_mends_it(tmp_path, run):
+    path, report = phantom.write(tmp_path / "a.nrrd", phantom.phantom((4, 4, 5)), (4, 4, 5)), tmp_path / "a.json"
+    words = ("--budget", "3500", "--json", report)
+    done = run(path, *words)
+    off = volumes_off(report)
+    assert off[2] < -0.1 and off[3] < -0.1 and abs(off[1]) < 0.04, off
+    told = re.findall(r"warning: label (\d) \('(\w+)'\) has (\d+) % less volume than in the image; .*\(--smooth ([\d.]+)\)", done.stderr)
+    assert [(label, name) for label, name, _, _ in told] == [("2", "vessels"), ("3", "tumour")] and int(told[0][2]) == round(-100 * off[2])
+    done = run(path, *words, "--smooth", told[0][3])
+    assert "warning:" not in done.stderr and max(map(abs, volumes_off(report).values())) < 0.05
+
+
 @pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd", "a.mha", "a.mhd"])
 def test_every_format_gives_the_same_place(tmp_path, run, name, bin):
     turn = np.array([[0, -1, 0], [-1, 0, 0], [0, 0, 1.0]])  # a mirrored grid
