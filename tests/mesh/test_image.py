@@ -110,6 +110,18 @@ def test_units_axes_and_repeatability(tmp_path, run):
     assert np.abs(middle(places(ras)) * (-1, -1, 1) - middles["mm"]).max() < 1e-9
 
 
+def test_budget_realtime_fits_this_machine(tmp_path, run):
+    """A tenth of the share of a core gives fewer tetrahedra; what was measured is near what was asked for."""
+    path, tets = phantom.write(tmp_path / "a.nrrd", small(), (4, 4, 4)), {}
+    for share in (0.2, 0.02):
+        done = run(path, "--budget", f"realtime:{share}", "--optimise", "exude", "--json", tmp_path / "a.json")
+        assert done.returncode == 0, done.stderr
+        report = json.loads((tmp_path / "a.json").read_text())
+        tets[share] = report["tets"]
+        assert 0 < report["load"] <= 3 * share and f"{share:.2f} asked for" in done.stdout, report
+    assert tets[0.2] > 1.5 * tets[0.02]
+
+
 def cut_short(path):
     data = path.read_bytes()
     path.write_bytes(data[:len(data) * 2 // 3])
@@ -117,6 +129,11 @@ def cut_short(path):
 
 def header_lies(header):
     struct.pack_into("<8h", header, 40, 3, 1000, 1000, 1000, 1, 1, 1, 1)
+
+
+def header_lies_2_gb(header):
+    struct.pack_into("<8h", header, 40, 3, 1024, 1024, 1023, 1, 1, 1, 1)
+    struct.pack_into("<2h", header, 70, 512, 16)
 
 
 DICOM = {"dicom of a scanner": (dict(modality="CT"), "its modality is 'CT'"), "dicom fractional": (dict(kind="FRACTIONAL"), "not BINARY or LABELMAP"), "dicom cut": (dict(change=lambda d: d[:-200]), "ends within its voxels"),
@@ -146,6 +163,10 @@ def bad(folder, name):
         return path, "damaged"
     if name == "header lies":
         return phantom.write(folder / "lie.nii.gz", image, spacing, change=header_lies), "cannot hold them"
+    if name == "header lies by 2 GB":
+        return phantom.write(folder / "lie.nii", image.astype("u2"), spacing, change=header_lies_2_gb), "its header says 2.15e+03 MB of voxels"
+    if name == "2-D":
+        return phantom.write(folder / "flat.nii", image[:, :, 5], (2, 2, 2)), "2 dimensions; a volume has three"
     if name == "dicom":
         (folder / "a.dcm").write_bytes(b"\0" * 128 + b"DICM")
         return folder / "a.dcm", "no segmentation|GDCM cannot read it"
@@ -157,7 +178,7 @@ def bad(folder, name):
     return folder / "a.nii", "no image that can be read"
 
 
-@pytest.mark.parametrize("name", ["empty", "one slice", "thin label", "4-D", "float", "negative", "cut.nii.gz", "cut.nrrd", "cut.mha", "cut.nii", "header lies", "dicom", *DICOM,
+@pytest.mark.parametrize("name", ["empty", "one slice", "thin label", "4-D", "float", "negative", "cut.nii.gz", "cut.nrrd", "cut.mha", "cut.nii", "header lies", "header lies by 2 GB", "2-D", "dicom", *DICOM,
                                   "nothing"])
 def test_bad_images(tmp_path, run, name):
     path, word = bad(tmp_path, name)
