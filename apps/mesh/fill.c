@@ -13,7 +13,7 @@ typedef struct options {
     char *const *in;
     const char *out;
     int files;
-    double scale, size_m; /* scale 0: not said */
+    double scale, size_m; /* 0: not said */
     bool mend;
 } options;
 
@@ -23,7 +23,7 @@ static const struct {
 } units[] = {{"m", 1}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}, {"inch", 0.0254}};
 
 static void usage(void) {
-    printf("usage: tm-mesh fill --size SIZE --unit UNIT SURFACE... -o OUT.msh\n"
+    printf("usage: tm-mesh fill [--size SIZE] --unit UNIT SURFACE... -o OUT.msh\n"
            "Fills closed surfaces (STL, OBJ, PLY, OFF) with tetrahedra whose edges are about SIZE. One surface: a "
            "lattice, cut and pulled to the\n"
            "surface, then smoothed so that the smallest tetrahedron, which sets the time step, is as large as may be. "
@@ -31,7 +31,8 @@ static void usage(void) {
            "another: each a region, named by its file, those inside others cut out of them, faces shared. Details and "
            "ridges finer than SIZE\n"
            "are rounded off. All but one STL needs the module 'image' (make image).\n\n"
-           "  --size SIZE  longest inner edge, e.g. 5mm; half of it makes eight times as many\n"
+           "  --size SIZE  longest inner edge, e.g. 5mm; half of it makes eight times as many [a fourteenth of the longest\n"
+           "               side of the box around them]\n"
            "  --unit UNIT  of the file's coordinates, which no file says: m, cm, mm, um or inch\n"
            "  --scale S    the same as metres per unit of the file: 1e-3 for millimetres\n"
            "  --mend       close holes, stitch, turn alike, remove triangles that cut each other; without it they are\n"
@@ -75,6 +76,7 @@ static int parse(int argc, char **argv, options *o) {
         default: return command_usage("fill", "bad option '%s'", argv[optind - 1]);
         }
         if (!good) return APP_BAD_INPUT;
+        if (c == 'z' && !(o->size_m > 0)) return command_usage("fill", "--size must be above 0");
         if (c == 's' && !(o->scale > 0)) return command_usage("fill", "--scale must be above 0");
     }
     o->in = argv + optind;
@@ -82,7 +84,6 @@ static int parse(int argc, char **argv, options *o) {
     if (o->files < 1 || o->files > SURFACES_FILES)
         return command_usage("fill", "name one surface, or up to %d", SURFACES_FILES);
     if (!o->out) return command_usage("fill", "no output; give -o OUT");
-    if (!(o->size_m > 0)) return command_usage("fill", "--size must be above 0");
     const int bad = command_output(o->out);
     if (bad || o->scale > 0) return bad;
     return app_bad_input(o->in[0], 0,
@@ -168,6 +169,19 @@ static int fill_one(const options *o, const shell *surface, tm_mesh_file *out) {
     return exit;
 }
 
+/* Of the box around all of them, m. */
+static double longest_side_m(const surfaces *s) {
+    double low[3] = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, high[3] = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
+    for (int i = 0; i < s->pieces; i++) {
+        const growing_solid solid = shell_solid(s->piece[i].shell);
+        for (int k = 0; k < 3; k++) {
+            low[k] = fmin(low[k], solid.low[k]);
+            high[k] = fmax(high[k], solid.high[k]);
+        }
+    }
+    return fmax(high[0] - low[0], fmax(high[1] - low[1], high[2] - low[2]));
+}
+
 /* Before the work: how many tetrahedra will come, about. */
 static int check_size(const options *o, const surfaces *s) {
     double volume_m3 = 0;
@@ -190,6 +204,7 @@ int command_fill(int argc, char **argv) {
     int exit = parse(argc, argv, &o);
     if (exit) return exit;
     exit = surfaces_load(o.in, o.files, o.scale, o.mend, &s);
+    if (!exit && !(o.size_m > 0)) o.size_m = longest_side_m(&s) / 14;
     if (!exit) exit = check_size(&o, &s);
     if (!exit) exit = s.whole ? fill_one(&o, s.whole, &out) : fill_regions(o.in[0], &s, o.size_m, &out);
     if (!exit) exit = write_out(&o, &out, s.whole);

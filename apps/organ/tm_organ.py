@@ -7,7 +7,6 @@ import os
 import pathlib
 import shutil
 import signal
-import struct
 import subprocess
 import sys
 import time
@@ -55,25 +54,6 @@ def kind_of(path):
         if name.endswith(endings):
             return kind
     raise Stop(f"{path}: neither an image ({' '.join(IMAGES)}), a surface ({' '.join(SURFACES)}) nor tetrahedra ({' '.join(MESHES)})")
-
-
-def longest_side(path):
-    """Of a surface's box, in its own numbers."""
-    if path.suffix.lower() != ".stl":
-        raise Stop(f"{path}: of STL alone it is known how large it is; add --size, such as 8mm")
-    data = path.read_bytes()
-    count = struct.unpack_from("<I", data, 80)[0] if len(data) >= 84 else 0
-    if len(data) == 84 + 50 * count and count:
-        points = [struct.unpack_from("<9f", data, 96 + 50 * i) for i in range(count)]
-        points = [p[k:k + 3] for p in points for k in (0, 3, 6)]
-    else:
-        try:
-            points = [tuple(float(x) for x in line.split()[1:4]) for line in data.decode("ascii", "replace").splitlines() if line.split()[:1] == ["vertex"]]
-        except ValueError:
-            points = []
-    if not points or any(len(p) != 3 for p in points):
-        raise Stop(f"{path}: no triangles of an STL file in it; export it again")
-    return max(max(p[a] for p in points) - min(p[a] for p in points) for a in range(3))
 
 
 def digest(path):
@@ -157,8 +137,7 @@ def mesh(a, kind, w):
         except Stop as stop:  # a module that is not there does not name the image
             raise Stop(str(stop) if str(a.source) in str(stop) else f"{a.source}: {stop}", stop.code)
     elif kind == "surface":
-        size = a.size or f"{longest_side(a.source) * UNITS[a.unit] / 14 * 1e3:.4g}mm"
-        w.call("tm-mesh", "fill", "--size", size, "--scale", UNITS[a.unit], a.source, "-o", out)
+        w.call("tm-mesh", "fill", *(["--size", a.size] if a.size else []), "--scale", UNITS[a.unit], a.source, "-o", out)
     elif UNITS[a.unit or "m"] == 1 and a.source.suffix.lower() == ".msh":
         shutil.copyfile(a.source, w.path("organ.part"))
         try:

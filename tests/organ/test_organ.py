@@ -93,9 +93,44 @@ def test_from_a_surface(bin, tmp_path):
     assert "Roulot" in (tmp_path / "out/organ.yaml").read_text() and "peak" in said  # a tissue by the file's name
 
 
+def as_obj(text):
+    return "".join("v" + line[6:] + "\n" for line in text.splitlines() if line.startswith("vertex")) + "".join(f"f {i} {i + 1} {i + 2}\n" for i in range(1, text.count("vertex"), 3))
+
+
+def as_ply(text):
+    corners = [line[7:] for line in text.splitlines() if line.startswith("vertex")]
+    places = sorted(set(corners))
+    return (f"ply\nformat ascii 1.0\nelement vertex {len(places)}\nproperty float x\nproperty float y\nproperty float z\nelement face {len(corners) // 3}\nproperty list uchar int vertex_indices\nend_header\n"
+            + "\n".join(places) + "\n" + "".join("3 %d %d %d\n" % tuple(places.index(c) for c in corners[i:i + 3]) for i in range(0, len(corners), 3)))
+
+
+def as_vtp(text):
+    corners = [line[7:] for line in text.splitlines() if line.startswith("vertex")]
+    places = sorted(set(corners))
+    array = lambda kind, name, numbers, more="": f'<DataArray type="{kind}" Name="{name}" {more} format="ascii">{numbers}</DataArray>'
+    return (f'<?xml version="1.0"?>\n<VTKFile type="PolyData" version="0.1" byte_order="LittleEndian"><PolyData><Piece NumberOfPoints="{len(places)}" NumberOfVerts="0" NumberOfLines="0" NumberOfStrips="0" NumberOfPolys="{len(corners) // 3}">'
+            + "<Points>" + array("Float32", "Points", " ".join(places), 'NumberOfComponents="3"') + "</Points><Polys>" + array("Int32", "connectivity", " ".join(str(places.index(c)) for c in corners))
+            + array("Int32", "offsets", " ".join(str(3 * i + 3) for i in range(len(corners) // 3))) + "</Polys></Piece></PolyData></VTKFile>\n")
+
+
+def test_every_kind_of_surface_is_measured_alike(bin, build, tmp_path):
+    """Without --size: a fourteenth of the longest side, of whatever file it is in."""
+    bar = meshlib.block(1)
+    bar.points = [(x, 0.3 * y, 0.3 * z) for x, y, z in bar.points]
+    text, counts = stl(bar), {}
+    for name, write in (("a.stl", str), ("a.vtp", as_vtp), ("a.obj", as_obj), ("a.ply", as_ply)):
+        if name in ("a.obj", "a.ply") and not (build / "lib/tensormass/image.so").exists():
+            continue
+        (tmp_path / name).write_text(write(text))
+        said = subprocess.run([bin / "tm-mesh", "fill", "--unit", "mm", tmp_path / name, "-o", tmp_path / "a.msh"], capture_output=True, text=True)
+        assert said.returncode == 0, name + said.stderr
+        counts[name] = int(said.stdout.split(" tetrahedra")[0].split()[-1])
+    assert len(counts) >= 2 and 300 < min(counts.values()) and max(counts.values()) < 1.03 * min(counts.values()), counts
+
+
 @pytest.mark.parametrize("words,said", [
     (["nowhere.nii.gz"], "no such file"), (["{folder}"], "a folder; name a file"), (["{text}"], "neither an image"), (["{stl}"], "does not say its unit; add --unit mm"),
-    (["{stl}", "--unit", "mm"], "no triangles of an STL"), (["{obj}", "--unit", "mm"], "add --size, such as 8mm"), (["{msh}"], "bad.msh"), (["{msh}", "--size", "3mm"], "tetrahedra already"), (["{msh}", "--budget", "9"], "--budget is for images"),
+    (["{stl}", "--unit", "mm"], "open.stl"), (["{obj}", "--unit", "mm"], "open.obj"), (["{msh}"], "bad.msh"), (["{msh}", "--size", "3mm"], "tetrahedra already"), (["{msh}", "--budget", "9"], "--budget is for images"),
     (["{image}"], "seg.nii"), (["{big}"], "too large for an organ")])
 def test_bad_input_leaves_nothing(bin, tmp_path, words, said):
     names = {"text": "notes.txt", "stl": "open.stl", "obj": "open.obj", "msh": "bad.msh", "image": "seg.nii", "big": "big.msh"}
