@@ -94,8 +94,9 @@ static void test_does_not_creep(void **unused) {
     scene_destroy(&r.s);
 }
 
-/* A tool of 40 g lies on a block that is tilted, tissue under its weight too, in the block's axes: downhill is x. Nothing
- * guides it but a little drag, so that its place is the sum of all that it ever crept. Returns that, from `from_s` on. */
+/* A tool of 40 g lies on a block that is tilted, tissue under its weight too, in the block's axes: downhill is x.
+ * Nothing guides it but a little drag, so that its place is the sum of all that it ever crept. Returns that, from
+ * `from_s` on. */
 static double lie_on_slope(double tangent, double from_s, int32_t steps, pull *bears, double *speed_m_s) {
     const double mass_kg = 0.04, drag_N_s_m = 2;
     const double down[3] = {tangent / hypot(1, tangent), 0, -1 / hypot(1, tangent)};
@@ -129,7 +130,8 @@ static void test_lies_on_a_slope(void **unused) {
     pull inside, outside;
     double still, slides;
     const int32_t steps = test_is_long() ? 1000000 : 10000;
-    const double crept = lie_on_slope(0.34, 2, steps, &inside, &still), slid = lie_on_slope(0.5, 0.5, 10000, &outside, &slides);
+    const double crept = lie_on_slope(0.34, 2, steps, &inside, &still),
+                 slid = lie_on_slope(0.5, 0.5, 10000, &outside, &slides);
     print_message("slope 0.34: %.1e m in %d steps, at %.2f of its cone; 0.5: %.1f mm, at %.3f m/s\n", crept, steps,
                   1 + inside.over_cone, 1e3 * slid, slides);
     assert_true(crept < 1e-11 && !inside.slips && inside.rest == 1);
