@@ -139,6 +139,22 @@ def frontier(points):
     return kept
 
 
+def draw_frontier(axis, points):
+    """The choices nothing beats, joined; dominated ones stay as drawn."""
+    best = frontier(points)
+    axis.plot([p[0] for p in best], [p[1] for p in best], color="#bbbbbb", linewidth=5, alpha=0.6, zorder=0, solid_capstyle="round")
+    return best
+
+
+def loglog(axis, xlabel, ylabel):
+    axis.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
+
+
+def times(ratio):
+    """"2.0 times"; as whole numbers from ten on."""
+    return f"{ratio:,.0f} times" if ratio >= 9.95 else f"{ratio:.1f} times"
+
+
 def _line(*command):
     try:
         return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=20).stdout.strip().splitlines()[0]

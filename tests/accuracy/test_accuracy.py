@@ -20,7 +20,7 @@ def page(bin, root, once):
 def test_every_knob_has_its_figure_table_and_numbers(page):
     out, data = page
     html = (out / "index.html").read_text()
-    for knob in ("mesh", "volume", "step", "mass", "precision", "model", "viscosity", "fibre"):
+    for knob in ("mesh", "volume", "step", "mass", "precision", "model", "viscosity", "friction", "fibre"):
         assert data[knob]["rows"], knob
         assert (out / f"{knob}.csv").read_text().count("\n") > len(data[knob]["rows"]), knob
         assert (out / f"{knob}.png").stat().st_size > 5000, knob
@@ -146,3 +146,13 @@ def test_viscosity_is_of_second_order_at_fast_strains_and_alike_shares_cost_no_s
     assert errors == sorted(errors, reverse=True) and errors[-1] < 1e-4
     assert all(0.8 * (m / n)**2 < r < 1.2 * (m / n)**2 for n, m, r in ratios[1:]), ratios
     assert [(p["terms"], p["shares"]) for p in data["price"]] == [(0, "none"), (1, "alike"), (3, "alike"), (1, "shear"), (3, "shear")]
+
+
+def test_friction_is_most_of_the_force_along_a_slide_and_obeys_coulomb(page):
+    rows = page[1]["friction"]["rows"]
+    assert [(r["at_rest"], r["sliding"]) for r in rows] == [(0, 0), (0.05, 0.05), (0.1, 0.1), (0.3, 0.2), (0.3, 0.3), (0.5, 0.5)]
+    assert rows[0]["slipped"] == 0 and abs(rows[0]["along_N"]) < 0.02 * rows[0]["pressed_N"]
+    for less, r in zip(rows, rows[1:]):
+        assert r["along"] > 0.8 and r["along"] > less["along"] and r["force"] > less["force"], r
+        assert r["slipped"] > 50 and r["off_law"] < 1e-6, r
+        assert abs(r["along_N"] / r["pressed_N"] - r["sliding"]) < 0.02, r  # the surface under it is not quite level

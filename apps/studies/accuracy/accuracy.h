@@ -92,6 +92,7 @@ cJSON *knob_precision(const run *r, tm_error *error);
 cJSON *knob_model(const run *r, tm_error *error);
 cJSON *knob_rotation(const run *r, tm_error *error);
 cJSON *knob_viscosity(const run *r, tm_error *error);
+cJSON *knob_friction(const run *r, tm_error *error);
 cJSON *knob_fibre(const run *r, tm_error *error);
 
 /* Seconds a frame, set-up, bytes and force at rest of the three models; a model that this build cannot open is left

@@ -24,6 +24,7 @@ static const struct {
     {"model", "linear models against large displacements, pressed from 1 % to 40 %", knob_model},
     {"rotation", "tissue that turns against large displacements, and its price", knob_rotation},
     {"viscosity", "tissue that relaxes: its price, and its error at fast strains", knob_viscosity},
+    {"friction", "tools that rub: its price, and the force at the hand of a slide without it", knob_friction},
     {"fibre", "leaving anisotropy out of fibred tissue", knob_fibre},
 };
 enum { KNOBS = sizeof knobs / sizeof *knobs };

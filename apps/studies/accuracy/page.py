@@ -10,7 +10,8 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent / "pages"))
-from page import Page, frontier, label_line, label_upright, series  # noqa: E402
+import page_effects as effects  # noqa: E402
+from page import Page, draw_frontier, label_line, label_upright, loglog, series, times  # noqa: E402
 
 MEASURES = [("displacement", "displacement"), ("reaction", "reaction"), ("energy", "energy")]
 
@@ -18,11 +19,6 @@ MEASURES = [("displacement", "displacement"), ("reaction", "reaction"), ("energy
 def order(rows, key):
     """Observed order p of error ~ h^p, between each mesh and the next finer one."""
     return [math.log(a[key] / b[key]) / math.log(a["h_m"] / b["h_m"]) for a, b in zip(rows, rows[1:])]
-
-
-def times(ratio):
-    """"2.0 times"; as whole numbers from ten on."""
-    return f"{ratio:,.0f} times" if ratio >= 9.95 else f"{ratio:.1f} times"
 
 
 def mesh_words(own):
@@ -40,25 +36,6 @@ def mesh_words(own):
         words += (f"Half the edge, {a['tets']:,} to {b['tets']:,} tetrahedra: {times(b['tets'] / a['tets'])} the tetrahedra, {times(a['step_s'] / b['step_s'])} the steps, "
                   f"{times(b['wall_per_simulated'] / a['wall_per_simulated'])} the time; the error in displacement divided by {a['displacement'] / b['displacement']:.1f}.")
     return words
-
-
-def volume_words(rows, beams):
-    """What tissue that does not lock costs and brings on the finest mesh, and what equal accuracy costs by refining."""
-    tets = max(r["tets"] for r in rows)
-    own = {r["shear"] if r["form"] == "volume" else None: r for r in rows if r["tets"] == tets}
-    linear, best = own[None], min((r for s, r in own.items() if s is not None), key=lambda r: r["displacement"])
-    price = best["wall_per_simulated"] / linear["wall_per_simulated"]
-    words = (f"On {tets:,} tetrahedra the effect with shear {best['shear']:g} is {100 * best['displacement']:.1f} % off in displacement instead of {100 * linear['displacement']:.1f} %, "
-             f"at {price:.1f} times the price of a simulated second ({best['seconds_per_step'] / linear['seconds_per_step']:.1f} times the step, which is {best['step_s'] / linear['step_s']:.2f} times as long). ")
-    line = sorted((r for r in rows if r["form"] == "linear"), key=lambda r: r["tets"])
-    a, b = line[-2:]
-    slope = math.log(b["wall_per_simulated"] / a["wall_per_simulated"]) / math.log(a["displacement"] / b["displacement"])
-    equal = linear["wall_per_simulated"] * (linear["displacement"] / best["displacement"])**slope / best["wall_per_simulated"]
-    words += f"Along the last stretch of their line linear tetrahedra would need {times(equal)} its price for the same error. "
-    at = {b["nu"]: b for b in beams}
-    low, high = min(at), max(at)
-    return words + (f"A cantilever of 2,304 tetrahedra reaches {100 * at[low]['shear_1']:.0f} % of Timoshenko's tip at ν = {low:g} and {100 * at[high]['shear_1']:.0f} % at ν = {high:g} with shear 1; "
-                    f"linear tetrahedra {100 * at[low]['linear']:.0f} % and {100 * at[high]['linear']:.0f} %.")
 
 
 def step_words(rows, meshes):
@@ -119,17 +96,6 @@ def rates_words(rows):
     return f"At {rate:.0f} frames a second <code>{best['extrapolator']}</code> has {100 * best['rms']:.3f} % of the peak; <code>hold</code> {reach}."
 
 
-def loglog(axis, xlabel, ylabel):
-    axis.set(xscale="log", yscale="log", xlabel=xlabel, ylabel=ylabel)
-
-
-def draw_frontier(axis, points):
-    """The choices nothing beats, joined; dominated ones stay as drawn."""
-    best = frontier(points)
-    axis.plot([p[0] for p in best], [p[1] for p in best], color="#bbbbbb", linewidth=5, alpha=0.6, zorder=0, solid_capstyle="round")
-    return best
-
-
 def mesh(page, data, bandwidth):
     rows = data["rows"]
     laws = ("isotropic", "fibred")
@@ -179,38 +145,6 @@ def mesh(page, data, bandwidth):
     page.table("mesh", ["law", "tets", "displacement", "reaction", "energy", "order u", "order F", "order W", "critical step s", "µs/step",
                         "wall s per s", "tissue bytes per step / bandwidth"], table)
     page.record("mesh", {"rows": rows, "orders": orders, "frontier_tets": [p[2] for p in best]})
-
-
-def volume(page, data):
-    rows, beams = data["rows"], data["cantilever"]
-    forms = sorted({(r["form"], r["shear"]) for r in rows})
-    page.section("Volume", "The effect <code>volume</code> (averaged changes of volume, and a share of the shear averaged over edges) beside linear tetrahedra, on the block of above (ν = 0.45), "
-                 "and a cantilever of 1 × 1 × 6 pulled sideways from ν = 0.3 towards 0.5.")
-    figure, axes = plt.subplots(1, 2, figsize=(9, 3.8), layout="constrained")
-    points = []
-    for j, (form, shear) in enumerate(forms):
-        own = sorted((r for r in rows if (r["form"], r["shear"]) == (form, shear)), key=lambda r: r["tets"])
-        x, y, name = [r["wall_per_simulated"] for r in own], [r["displacement"] for r in own], form if form == "linear" else f"shear {shear:g}"
-        axes[0].plot(x, y, **series(j))
-        label_line(axes[0], x[-1], y[-1], name, series(j))
-        points += [(a, b) for a, b in zip(x, y)]
-        key = form if form == "linear" else f"shear_{shear:g}"
-        steps = [1 - 2 * b["nu"] for b in beams]
-        axes[1].plot(steps, [b[key] for b in beams], **series(j))
-        label_line(axes[1], steps[-1], beams[-1][key], name, series(j))
-    draw_frontier(axes[0], points)
-    axes[0].axvline(1, color="#999999", linewidth=1)
-    label_upright(axes[0], 1, "real time")
-    loglog(axes[0], "wall seconds per simulated second", "displacement, relative error")
-    axes[1].axhline(1, color="#999999", linewidth=1)
-    axes[1].set(xscale="log", xlabel="1 − 2ν", ylabel="tip of the cantilever over Timoshenko's")
-    axes[1].invert_xaxis()
-    page.figure("volume", figure, volume_words(rows, beams), "tm-accuracy --knob volume")
-    page.table("volume", ["form", "shear", "tets", "displacement", "reaction", "energy", "critical step s", "sharp step s", "µs/step", "wall s per s", "bytes", "pairs a vertex"],
-               [[r["form"], r["shear"] if r["form"] == "volume" else "", r["tets"], r["displacement"], r["reaction"], r["energy"], r["step_s"], r.get("sharp_s", ""),
-                 r["seconds_per_step"] * 1e6, r["wall_per_simulated"], r["bytes"], round(r["pairs"] / (round((r["tets"] / 6)**(1 / 3)) + 1)**3, 1)] for r in rows] +
-               [["cantilever", key[6:] if key != "linear" else "", f"nu {b['nu']:g}", b[key], "", "", "", "", "", "", "", ""] for b in beams for key in b if key != "nu"])
-    page.record("volume", data)
 
 
 def step(page, data, meshes):
@@ -306,43 +240,6 @@ def model(page, data):
     page.record("model", data)
 
 
-def rotation(page, data):
-    rows, price = data["rows"], data["price"]
-    page.section("Rotation", f"The effect <code>rotation</code> on {data['tets']} tetrahedra against CalculiX with large displacements: neo-Hookean, and of St. Venant and Kirchhoff, "
-                 "whose block has no rest beyond 15 %. The mesh's own error is that of linear tissue against linear CalculiX.")
-    figure, axis = plt.subplots()
-    neo = [r for r in rows if r["law"] == "neo"]
-    depth = [100 * r["depth"] for r in neo]
-    for j, (key, name) in enumerate((("displacement", "turning"), ("linear_displacement", "linear"))):
-        axis.plot(depth, [100 * r[key] for r in neo], **series(j))
-        label_line(axis, depth[-1], 100 * neo[-1][key], name, series(j))
-    axis.axhline(100 * data["mesh_alone"], color="#999999", linewidth=0.8, linestyle=":")
-    axis.set(xlabel="pressed by % of the tissue's size", ylabel="displacement error, %", ylim=(0, None))
-    worst = max(r["displacement"] for r in rows) / data["mesh_alone"]
-    page.figure("rotation", figure, f"At most {worst:.2f} times the mesh's own error. {price['tets']} tetrahedra that all turn cost {price['turning_ns']:.1f} ns a tetrahedron and step, "
-                f"linear ones {price['linear_ns']:.1f}; the step is {price['step_ratio']:.3f} of the linear one.", "tm-accuracy --knob rotation")
-    page.table("rotation", ["against", "pressed %", "displacement", "reaction", "energy", "linear displacement", "linear reaction"],
-               [[r["law"], 100 * r["depth"], r["displacement"], r["reaction"], r["energy"], r["linear_displacement"], r["linear_reaction"]] for r in rows])
-    page.record("rotation", data)
-
-
-def viscosity(page, data):
-    rows, prices = data["rows"], data["price"]
-    page.section("Viscosity", "The effect <code>viscosity</code>. Error: the complex modulus of one term at the frequency where it loses most, against the closed form, by steps a cycle; "
-                 "a step is far shorter than any strain that a hand makes. Price: a step of the same block, beside the same without the effect.")
-    figure, axis = plt.subplots()
-    x = [r["steps_a_cycle"] for r in rows]
-    axis.plot(x, [r["modulus"] for r in rows], **series(0))
-    label_line(axis, x[-1], rows[-1]["modulus"], "complex modulus", series(0))
-    loglog(axis, "steps a cycle (the price)", "relative error")
-    page.figure("viscosity", figure, f"{prices[1]['terms']} term whose shares are alike costs {100 * (prices[1]['price'] - 1):.0f} % of a step of {data['tets']:,} tetrahedra; "
-                f"{prices[-1]['terms']} that relax the shear alone cost {100 * (prices[-1]['price'] - 1):.0f} %.", "tm-accuracy --knob viscosity")
-    page.table("viscosity", ["steps a cycle", "error of the modulus"], [[r["steps_a_cycle"], r["modulus"]] for r in rows])
-    page.table("viscosity_price", ["terms", "shares", "µs/step", "times elastic", "bytes"],
-               [[p["terms"], p["shares"], 1e6 * p["seconds_per_step"], p["price"], p["bytes"]] for p in prices])
-    page.record("viscosity", data)
-
-
 def fibre(page, data):
     rows = data["rows"]
     page.section("Fibres", "Tissue with fibres along x, modelled with them and without. Truth: CalculiX, transversely isotropic.")
@@ -393,13 +290,14 @@ def main():
                  "form": "quick" if data["quick"] else "whole"})
     page.record("bandwidth_B_s", data["bandwidth_B_s"])
     mesh(page, data["mesh"], data["bandwidth_B_s"])
-    volume(page, data["volume"])
+    effects.volume(page, data["volume"])
     step(page, data["step"], data.get("mesh", {}).get("rows", []))
     mass(page, data["mass"])
     precision(page, data["precision"])
     model(page, data["model"])
-    rotation(page, data["rotation"])
-    viscosity(page, data["viscosity"])
+    effects.rotation(page, data["rotation"])
+    effects.viscosity(page, data["viscosity"])
+    effects.friction(page, data["friction"])
     fibre(page, data["fibre"])
     if options.rates:
         rates(page, json.loads(pathlib.Path(options.rates).read_text()))

@@ -1,0 +1,125 @@
+/* The effect "friction": a tool pressed into the block slides there and back. What a step costs beside the same slide
+ * without friction, what leaving it out does to the force at the hand, and how far a sliding station is from Coulomb's
+ * law. */
+#include <math.h>
+#include <string.h>
+
+#include "accuracy.h"
+#include "bandwidth.h"
+
+enum { ROWS = 6, PRESS = 40, REST = 20, SLIDE = 80, FRAMES = PRESS + REST + 2 * SLIDE, GRIPS = 32 };
+static const double FRAME_S = 0.005, RADIUS_M = 0.0025, DEPTH_M = 0.003, FROM_M = 0.010, WAY_M = 0.008;
+static const tm_friction_coefficient COEFFICIENT[ROWS] = {{0, 0},     {0.05, 0.05}, {0.1, 0.1},
+                                                          {0.3, 0.2}, {0.3, 0.3},   {0.5, 0.5}};
+
+typedef struct rubbing {
+    problem p;
+    tm_contact *contact;
+    tm_friction *friction; /* null: none */
+    double force_N[FRAMES][3], per_step_s[FRAMES];
+    double off_law; /* the worst of a station that slips, of what presses */
+    int32_t slipped;
+} rubbing;
+
+static tm_tool_pose at_frame(int frame) {
+    const double way = fmax(0, frame - PRESS - REST + 1.0) / SLIDE, in = fmin(1, (frame + 1.0) / PRESS);
+    return (tm_tool_pose){.tip_m = {FROM_M + WAY_M * (way > 1 ? 2 - way : way), BLOCK_M / 2,
+                                    BLOCK_M + RADIUS_M + 0.0005 - (DEPTH_M + 0.0005) * in},
+                          .active = true};
+}
+
+static tm_status rubbing_make(int cells, tm_friction_coefficient coefficient, rubbing *r, tm_error *error) {
+    problem_def def = problem_default(cells);
+    memset(r, 0, sizeof *r);
+    def.pressed = false, def.material.damping_1_s = 60;
+    tm_status status = problem_create(&def, &r->p, error);
+    const tm_instrument_def tool = {.radius_m = RADIUS_M,
+                                    .contact_length_m = 0.1,
+                                    .trocar_m = {FROM_M + WAY_M / 2, BLOCK_M / 2, 0.2},
+                                    .pose = at_frame(-1)};
+    tm_contact_def contact = tm_contact_def_default();
+    contact.instrument_count = 1, contact.instrument = &tool;
+    if (status == TM_OK) status = tm_stage_contact(r->p.world, &contact, &r->contact, error);
+    tm_friction_def friction = tm_friction_def_default();
+    friction.instrument[0] = coefficient;
+    if (status == TM_OK && coefficient.at_rest > 0)
+        status = tm_stage_friction(r->p.world, r->contact, &friction, &r->friction, error);
+    return status;
+}
+
+static void look_at_grips(rubbing *r) {
+    tm_friction_grip grip[GRIPS];
+    const int32_t there = r->friction ? tm_friction_grips(r->friction, 0, grip, GRIPS) : 0;
+    for (int32_t i = 0; i < there && i < GRIPS; i++) {
+        const double *f = grip[i].force_N, share = sqrt(f[0] * f[0] + f[1] * f[1] + f[2] * f[2]) / grip[i].pressed_N;
+        if (!grip[i].slips) continue;
+        r->off_law = fmax(r->off_law, fabs(share - grip[i].coefficient));
+        r->slipped++;
+    }
+}
+
+static tm_status frame(rubbing *r, int at, tm_error *error) {
+    const int32_t substeps = (int32_t)ceil(FRAME_S / tm_world_step_s(r->p.world));
+    const tm_tool_pose to = at_frame(at);
+    const double start = app_seconds();
+    tm_contact_begin_frame(r->contact, substeps, substeps);
+    tm_contact_move(r->contact, 0, &to, substeps);
+    const tm_status status = tm_world_step(r->p.world, substeps);
+    r->per_step_s[at] = (app_seconds() - start) / substeps;
+    if (status != TM_OK) return tm_fail(error, status, -1, "friction: the step failed in frame %d", at);
+    memcpy(r->force_N[at], tm_contact_reaction(r->contact, 0).force_N, sizeof r->force_N[at]);
+    look_at_grips(r);
+    return TM_OK;
+}
+
+/* What differs of the components from `first` to `last` in the slide, root mean square, of that of `r`'s own. */
+static double left_out(const rubbing *r, const rubbing *without, int first, int last) {
+    double off = 0, all = 0;
+    for (int f = PRESS + REST; f < FRAMES; f++)
+        for (int c = first; c <= last; c++) {
+            off += pow(r->force_N[f][c] - without->force_N[f][c], 2);
+            all += pow(r->force_N[f][c], 2);
+        }
+    return sqrt(off / all);
+}
+
+static void row_of(cJSON *rows, rubbing *r, const rubbing *without, double plain_s) {
+    const tm_friction_coefficient *own = COEFFICIENT + (r - without);
+    const double seconds = app_median(r->per_step_s + PRESS + REST, 2 * SLIDE),
+                 *end = r->force_N[PRESS + REST + SLIDE - 1];
+    cJSON *row = json_row(rows);
+    cJSON_AddNumberToObject(row, "at_rest", own->at_rest);
+    cJSON_AddNumberToObject(row, "sliding", own->sliding);
+    cJSON_AddNumberToObject(row, "along_N", -end[0]);
+    cJSON_AddNumberToObject(row, "pressed_N", end[2]);
+    cJSON_AddNumberToObject(row, "along", left_out(r, without, 0, 0));
+    cJSON_AddNumberToObject(row, "force", left_out(r, without, 0, 2));
+    cJSON_AddNumberToObject(row, "off_law", r->off_law);
+    cJSON_AddNumberToObject(row, "slipped", r->slipped);
+    cJSON_AddNumberToObject(row, "seconds_per_step", seconds);
+    cJSON_AddNumberToObject(row, "price", seconds / plain_s);
+}
+
+cJSON *knob_friction(const run *r, tm_error *error) {
+    static rubbing world[ROWS]; /* too large for a stack */
+    const int cells = r->quick ? 6 : 12;
+    cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
+    tm_status status = TM_OK;
+    memset(world, 0, sizeof world);
+    for (int i = 0; i < ROWS && status == TM_OK; i++) status = rubbing_make(cells, COEFFICIENT[i], world + i, error);
+    for (int f = 0; f < FRAMES && status == TM_OK; f++) { /* side by side: a slow spell of the machine hits all alike */
+        for (int i = 0; i < ROWS && status == TM_OK; i++) status = frame(world + i, f, error);
+        r->progress("friction", (f + 1.0) / FRAMES);
+    }
+    double plain[2 * SLIDE];
+    memcpy(plain, world->per_step_s + PRESS + REST, sizeof plain); /* the median sorts */
+    const double plain_s = app_median(plain, 2 * SLIDE);
+    for (int i = 0; i < ROWS && status == TM_OK; i++) row_of(rows, world + i, world, plain_s);
+    cJSON_AddNumberToObject(out, "tets", 6.0 * cells * cells * cells);
+    cJSON_AddNumberToObject(out, "speed_m_s", WAY_M / SLIDE / FRAME_S);
+    for (int i = 0; i < ROWS; i++)
+        if (world[i].p.world) problem_destroy(&world[i].p);
+    if (status == TM_OK) return out;
+    cJSON_Delete(out);
+    return NULL;
+}
