@@ -222,7 +222,7 @@ def run(a, kind):
     regions = len(json.loads(w.path("mesh.json").read_text())["regions"])
     w.stage("picture", "picture", both + eye, ["organ.png"], lambda: w.call("tm-view", w.path("organ.yaml"), "--png", w.path("organ.png"), *(["--through", "0.5", "--no-supports"] if regions > 1 else []), *eye) and "organ.png")
     if not a.no_film:
-        w.stage("film", "film", [digest(w.path("press.lcm")), a.film] + eye, ["organ.mp4"], lambda: w.call("tm-view", w.path("press.lcm"), "--scene", w.path("organ.yaml"), "--film", w.path("organ.mp4"), "--fps", "25", "--size", a.film, *eye, *(["--no-supports"] if regions > 1 else [])) and "organ.mp4")
+        w.stage("film", "film", [digest(w.path("press.lcm")), a.film] + eye, ["organ.mp4"], lambda: w.call("tm-view", w.path("press.lcm"), "--scene", w.path("organ.yaml"), "--film", w.path("organ.mp4"), "--fps", "25", "--size", a.film, *eye, *(["--through", "0.5", "--no-supports"] if regions > 1 else [])) and "organ.mp4")
     w.say(f"{a.out}: look at organ.{'png' if a.no_film else 'mp4'}; edit organ.yaml and run this again; feel it: tm-session {w.path('organ.yaml')} --play")
 
 

@@ -8,6 +8,7 @@
 
 #include "app.h"
 #include "feed.h"
+#include "inside.h"
 #include "json_file.h"
 #include "options.h"
 #include "output.h"
@@ -19,6 +20,7 @@ typedef struct job {
     view_studio studio;
     view_picture picture;
     view_marks marks;
+    view_inside inside; /* of a log, where --through shows it */
     uint32_t tinted; /* the topology that has its regions */
     view_feed *feed;
     view_film film;
@@ -38,7 +40,14 @@ static int draw(job *j) {
     j->picture.marks = &j->marks;
     if (j->tinted != j->picture.surface.topology) view_marks_tint(&j->marks, &j->picture.surface);
     j->tinted = j->picture.surface.topology;
-    tm_status status = view_studio_draw(&j->studio, &j->picture, &error);
+    view_picture shown = j->picture;
+    if (j->inside.face_count) {
+        if (!view_inside_show(&j->inside, &j->picture))
+            return app_bad_input("tm-view", 0, "no memory for the regions inside; leave --through out") - 1;
+        shown.surface = j->inside.shown;
+        shown.through = (float)j->options.cut.through;
+    }
+    tm_status status = view_studio_draw(&j->studio, &shown, &error);
     j->drawing_s += now_s() - start;
     j->pictures++;
     return status ? complain(&error) : 0;
@@ -148,7 +157,7 @@ static int show_log(job *j) {
         const view_picture seen = j->picture;
         j->picture = (view_picture){.regions = seen.regions};
         memcpy(j->picture.region, seen.region, sizeof seen.region);
-        j->tinted = 0;
+        j->tinted = j->inside.topology = 0;
         view_studio_refit(&j->studio);
         if ((wrong = open_log(j))) return wrong;
         return log_sequence(j);
@@ -239,7 +248,8 @@ static int run(job *j) {
     tm_error error = {0};
     bool still = o->source && view_is_still(o->source);
     int wrong = still      ? view_still_load(o->source, o->scale, &o->marks, &o->cut, &j->picture, &j->marks)
-                : o->scene ? view_scene_marks(o->scene, &o->marks, &j->picture, &j->marks)
+                : o->scene ? view_scene_marks(o->scene, &o->marks, &j->picture, &j->marks,
+                                             o->cut.through > 0 ? &j->inside : NULL)
                            : 0;
     if (wrong) return wrong;
     if (view_studio_open(&j->studio, &o->studio, &error)) return complain(&error);
@@ -265,5 +275,6 @@ int main(int argc, char **argv) {
     if (j.studio.api) view_studio_close(&j.studio);
     view_surface_free(&j.picture.surface);
     view_marks_free(&j.marks);
+    view_inside_free(&j.inside);
     return wrong;
 }

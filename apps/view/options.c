@@ -31,7 +31,7 @@ static const char help[] =
     "  --scene FILE       the scene of a log or a running simulation: its title and supports are shown then too\n"
     "  --fibres           the scene's fibres, as lines on the surface      --no-supports   without marks where tissue is held\n"
     "  --clip X,Y,Z[,MM]  of a mesh or a scene: takes away what lies beyond the plane with this normal, so far from the middle [0]\n"
-    "  --through X        of a mesh or a scene: the largest region lets so much through, 0 to 0.95: those inside are seen [0]\n"
+    "  --through X        of a mesh, a scene, or a log with --scene: the largest region lets so much through, 0 to 0.95: those inside are seen [0]\n"
     "  --scale X          of a mesh file's coordinates [1]\n"
     "  --lcm-url URL      [LCM_DEFAULT_URL, else LCM's default]\n"
     "  --key FILE         shared with tm-sim: status messages without its seal are left out (docs/trust.md)\n"
@@ -255,8 +255,11 @@ static int check(const view_options *o) {
         return app_bad_input("tm-view", 0, "--scene belongs to a log or a running simulation; name the scene alone");
     if (o->marks.fibres && !o->scene && !(o->source && view_is_scene(o->source)))
         return app_bad_input("tm-view", 0, "--fibres wants the scene that names them; add --scene FILE");
-    if ((o->cut.clipped || o->cut.through > 0) && !(o->source && view_is_still(o->source)))
-        return app_bad_input("tm-view", 0, "--clip and --through show a mesh or a scene; a log tells only its surface");
+    const bool still = o->source && view_is_still(o->source);
+    if (o->cut.clipped && !still)
+        return app_bad_input("tm-view", 0, "--clip shows a mesh or a scene; a log tells only its surface");
+    if (o->cut.through > 0 && !still && !o->scene)
+        return app_bad_input("tm-view", 0, "a log tells only its surface; --through wants its scene too: --scene FILE");
     if (o->has_at && !o->png) return app_bad_input("tm-view", 0, "--at belongs to --png; use --from and --to");
     return 0;
 }

@@ -39,7 +39,8 @@ static int take_marks(const sim *s, const char *path, const view_mark_choice *ch
     return app_bad_input(path, 0, "no memory for its supports and fibres; close other programs") - 1;
 }
 
-int view_scene_marks(const char *path, const view_mark_choice *choice, view_picture *picture, view_marks *marks) {
+int view_scene_marks(const char *path, const view_mark_choice *choice, view_picture *picture, view_marks *marks,
+                     view_inside *inside) {
     app_scene *scene;
     sim *s;
     char dynamic[] = "model=dynamic",
@@ -49,6 +50,8 @@ int view_scene_marks(const char *path, const view_mark_choice *choice, view_pict
     if (wrong) return wrong;
     wrong = take_marks(s, path, choice, marks);
     view_regions_name(&s->file, s->mesh, picture);
+    if (!wrong && inside && !view_inside_take(inside, s->mesh))
+        wrong = app_bad_input(path, 0, "no memory for its regions; leave --through out") - 1;
     sim_destroy(s);
     return wrong;
 }

@@ -83,3 +83,18 @@ def test_a_log_with_its_scene_has_their_colours(bin, tmp_path):
         assert done.returncode == 0, done.stderr
         seen[bool(scene)] = share(pixels(tmp_path / "a.png"), blue)
     assert seen[False] == 0 and seen[True] > 0.01
+
+
+def test_a_film_of_a_log_shows_what_is_inside(bin, mesh, tmp_path):
+    """The vein is nowhere on the surface that the log has; --through shows it from the scene."""
+    scene = tmp_path / "block.yaml"
+    subprocess.run([bin / "tm-scene", "new", mesh, "-o", scene], check=True, capture_output=True, timeout=60)
+    subprocess.run([bin / "tm-sim", scene, "--lockstep", "--duration", "1.5", "--record", tmp_path / "a.lcm"], check=True, capture_output=True, timeout=60)
+    words, seen = ("--scene", scene, "--no-supports"), {}
+    for name, through in (("closed", ()), ("open", ("--through", "0.8"))):
+        done = run(bin, tmp_path / "a.lcm", "--frames", tmp_path / name, "--fps", "1", *FLAT, *words, *through)
+        assert done.returncode == 0, done.stderr
+        seen[name] = [pixels(tmp_path / name / f"frame_{i:05d}.png") for i in (0, 1)]
+    assert share(seen["closed"][1], blue) == 0 and min(share(p, blue) for p in seen["open"]) > 0.005
+    done = run(bin, tmp_path / "a.lcm", "--png", tmp_path / "a.png", "--through", "0.5")
+    assert done.returncode == 2 and "--scene FILE" in done.stderr
