@@ -1,5 +1,6 @@
 """What the pages tell people to type and to open: every link leads somewhere, every command line of README and docs/ names programs, options and targets that
 there are, and the scenes that it gives are taken as they are given."""
+import os
 import re
 import shlex
 import subprocess
@@ -133,3 +134,22 @@ def test_scenes_are_taken_as_they_are_given(root, bin):
     for scene, *sets in sorted(tried):
         run = subprocess.run([bin / "tm-sim", scene, "--check", "--quiet", *sets], cwd=root, capture_output=True, text=True, timeout=120)
         assert run.returncode == 0, f"{scene} {sets}: {run.stderr}"
+
+
+def test_every_guide_is_in_the_site(root):
+    """What `make docs` would find out at its end, of the one list that is written by hand."""
+    listed = set(re.findall(r"^([a-z][a-z-]*)$", (root / "tools/site/index.md").read_text(), re.M))
+    guides = {page.stem for page in (root / "docs").glob("*.md")}
+    assert guides <= listed, sorted(guides - listed)
+    assert listed - guides == {"c-api", "programs"}, sorted(listed - guides)
+
+
+@pytest.mark.long
+def test_the_site_is_built_without_a_warning(root, tmp_path):
+    """Guides, headers, Python and man pages, one search. Warnings are errors."""
+    clean = {k: v for k, v in os.environ.items() if not k.startswith("MAKE")}
+    run = subprocess.run(["make", "--no-print-directory", "docs"], cwd=root, env=clean, capture_output=True, text=True, timeout=1800)
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]
+    html = root / "build/site/html"
+    index = (html / "searchindex.js").read_text()
+    assert (html / "search.html").exists() and all(word in index for word in ("tm_mesh_create", "programs/tm-view", "python-api/tensormass", "your-own-organ"))
