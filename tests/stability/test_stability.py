@@ -46,6 +46,10 @@ def test_page_names_every_case(page, root):
         assert f"tm-stability --case {case}" in html
 
 
+def test_the_documentation_counts_them(root):
+    assert f"`make stability` runs {len(cases(root))} hard cases" in (root / "docs/stability.md").read_text()
+
+
 def test_unknown_case_is_refused(bin):
     run = subprocess.run([bin / "tm-stability", "--case", "nonsense"], capture_output=True, text=True)
     assert run.returncode == 2 and "--list names them" in run.stderr

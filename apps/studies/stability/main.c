@@ -18,7 +18,8 @@ static const struct {
               {cases_tool, &cases_tool_count},           {cases_cut, &cases_cut_count},
               {cases_energy, &cases_energy_count},       {cases_link, &cases_link_count},
               {cases_torture, &cases_torture_count},     {cases_rotation, &cases_rotation_count},
-              {cases_viscosity, &cases_viscosity_count}, {cases_friction, &cases_friction_count}};
+              {cases_viscosity, &cases_viscosity_count}, {cases_relax, &cases_relax_count},
+              {cases_friction, &cases_friction_count}};
 enum { GROUPS = sizeof groups / sizeof *groups };
 
 static const char *verdict_name(verdict v) {

@@ -33,9 +33,10 @@ typedef struct hard_case {
 } hard_case;
 
 extern const hard_case cases_tissue[], cases_volume[], cases_tool[], cases_cut[], cases_energy[], cases_link[],
-    cases_torture[], cases_rotation[], cases_viscosity[], cases_friction[];
+    cases_torture[], cases_rotation[], cases_viscosity[], cases_relax[], cases_friction[];
 extern const int cases_tissue_count, cases_volume_count, cases_tool_count, cases_cut_count, cases_energy_count,
-    cases_link_count, cases_torture_count, cases_rotation_count, cases_viscosity_count, cases_friction_count;
+    cases_link_count, cases_torture_count, cases_rotation_count, cases_viscosity_count, cases_relax_count,
+    cases_friction_count;
 
 /* --- helpers of the cases --- */
 
