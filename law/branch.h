@@ -21,6 +21,8 @@ typedef struct law_problem {
     uint8_t bears[LAW_ROWS]; /* rows whose lambda may not be 0: their lines of w are there */
 } law_problem;
 
+#define LAW_DEEP LAW(0.7) /* of the deepest gap */
+
 /* Makes p->w[i], if it is not there yet. */
 static void law_couple(law_problem *p, int32_t i);
 
@@ -71,16 +73,24 @@ static law_branch law_next_branch(const law_problem *p, int32_t i, law_branch no
     return p->skin_m_N[i] * lambda > p->soft_m ? LAW_HARD : LAW_SOFT;
 }
 
-/* From the multipliers that are in lambda_N. True: the branches have settled, within so many solves. */
+/* The first guess, from the multipliers that are in lambda_N. Of rows that bore nothing yet those nearly as deep as the
+ * deepest: what these push away is clear of most of the others, and a row that is never taken for bearing is never
+ * coupled. One that is missing is taken in by the first solve. */
+static void law_first_branches(const law_problem *p, law_branch state[LAW_ROWS]) {
+    law_real deepest_m = LAW(0);
+    for (int32_t i = 0; i < p->rows; i++) deepest_m = law_min(deepest_m, p->gap_m[i]);
+    for (int32_t i = 0; i < p->rows; i++) {
+        const law_real lambda = p->lambda_N[i];
+        const bool deep = p->gap_m[i] < LAW_DEEP * deepest_m;
+        state[i] = p->skin_m_N[i] * lambda > p->soft_m ? LAW_HARD : lambda > LAW(0) || deep ? LAW_SOFT : LAW_OFF;
+    }
+}
+
+/* True: the branches have settled, within so many solves. */
 static bool law_solve(law_problem *p, int32_t solves) {
     law_branch state[LAW_ROWS];
     bool changed = true;
-    for (int32_t i = 0; i < p->rows; i++) {
-        const law_real lambda = p->lambda_N[i];
-        state[i] = p->skin_m_N[i] * lambda > p->soft_m       ? LAW_HARD
-                   : lambda > LAW(0) || p->gap_m[i] < LAW(0) ? LAW_SOFT
-                                                             : LAW_OFF;
-    }
+    law_first_branches(p, state);
     for (; solves > 0 && changed; solves--) {
         law_solve_branches(p, state);
         changed = false;

@@ -22,7 +22,7 @@ typedef struct solve {
         other[HRT_CONTACT_ROWS];   /* of this round; its rows, or, from round to round in turn, the extrapolation's */
     float *force_N;                /* f: what the shape is made with */
     float shift_m[HRT_PATCH_DOFS]; /* C f; then what one row does; at the tip's place the hold */
-    uint32_t coupled;              /* bit i: line i of p.w is there */
+    uint32_t coupled, under[HRT_CONTACT_ROWS]; /* bit i: line i of p.w is there; bit v: the row is upon vertex v */
     law_round round;
 #if HRT_WITH_FRICTION
     hrt_rub *rub; /* null: the patch says no friction */
@@ -37,13 +37,21 @@ static const uint8_t *corners(const solve *s, const hrt_contact_row *row) {
     return &s->patch->triangle[HRT_XYZ * row->triangle];
 }
 
+/* A bit a vertex. */
+static uint32_t vertices_under(const solve *s, const hrt_contact_row *row) {
+    uint32_t under = 0;
+    for (int k = 0; k < 3; k++)
+        if (row->weight[k] > 0.0f) under |= 1u << corners(s, row)[k];
+    return under;
+}
+
 static bool is_coupled(const solve *s, int32_t i) { return (s->coupled >> i & 1u) != 0; }
 
 /* To the vertices that bear rows which are not coupled yet. */
 static void respond_under_rows(solve *s, const uint8_t *from, const law_v3 *x, int32_t count) {
     uint32_t under = 0;
     for (int32_t j = 0; j < s->p.rows; j++)
-        for (int k = 0; k < 3 && !is_coupled(s, j); k++) under |= 1u << corners(s, &s->row[j])[k];
+        if (!is_coupled(s, j)) under |= s->under[j];
     for (int32_t v = 0; v < s->patch->vertex_count; v++)
         if ((under >> v & 1u) != 0) hrt_patch_respond(s->patch, (uint32_t)v, from, x, count, s->shift_m);
 }
@@ -120,6 +128,7 @@ static void find_rows(solve *s, const float tip_m[3], hrt_hits *hits, hrt_contac
     s->p.rows = hrt_contact_rows(s->patch, s->shift_m, tip_m, before, count, hits, row);
     s->row = row;
     s->coupled = 0;
+    for (int32_t r = 0; r < s->p.rows; r++) s->under[r] = vertices_under(s, &row[r]);
 #if HRT_WITH_FRICTION
     if (s->rub) {
         hrt_rub_shape(s->rub, s->shift_m);

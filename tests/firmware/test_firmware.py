@@ -23,7 +23,7 @@ FLASH_CORE = {"plain": 16 * 1024, "contact12": 20 * 1024, "contact24": 20.5 * 10
 RAM_DEVICE = 4 * 1024
 PATCHES = {"plain": 0, "contact12": 8 * 1024, "contact24": 24 * 1024}
 INSTRUCTIONS = 5000
-# Two devices, or one, in 200,000 a tick (aim: 60,000 and 150,000). The long recording holds tissue: there one tick of 12 vertices takes 113,720 (docs/firmware.md).
+# Two devices, or one, in 200,000 a tick (aim: 60,000 and 150,000). The long recording holds tissue: there one tick of 12 vertices takes 112,000 (docs/firmware.md).
 CONTACT_INSTRUCTIONS = {"plain": 5000, "contact12": 120000 if LONG else 100000, "contact24": 150000}
 
 
