@@ -89,6 +89,21 @@ typedef struct image_api {
                                  char why[IMAGE_WHY]);
 } image_api;
 
+/* Vectors on a grid, such as the principal direction of diffusion; placed as image_volume. */
+typedef struct image_vectors {
+    int size[3];
+    double spacing_m[3], origin_m[3], direction[9];
+    float *vector; /* [3*size0*size1*size2] as the file has them, the first axis fastest; malloced */
+} image_vectors;
+
+/* A symbol of its own: who asks for it needs no other part of the module. */
+#define IMAGE_VECTORS_SYMBOL "image_vectors_1"
+typedef struct image_vectors_api {
+    /* NIfTI, of 3 numbers a voxel (5-D, or a 4-D whose fourth size is 3). A unit that is not said is mm. `why` is one
+     * line. */
+    image_end (*read)(const char *path, image_vectors *out, char why[IMAGE_WHY]);
+} image_vectors_api;
+
 #ifdef __cplusplus
 }
 #endif

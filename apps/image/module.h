@@ -5,6 +5,7 @@
 #include "image_api.h"
 
 image_end image_read(const char *path, double unit_m, image_volume *out, char why[IMAGE_WHY]);
+image_end image_read_vectors(const char *path, image_vectors *out, char why[IMAGE_WHY]);
 // DICOM's files by their first bytes, whatever they are called; what is wrong with one is thrown (refusal.h).
 bool image_is_dicom(const char *path);
 void image_read_dicom(const char *path, image_volume *out);

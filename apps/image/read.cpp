@@ -1,4 +1,4 @@
-// Label images by ITK's readers of NIfTI, NRRD and MetaImage (DICOM-SEG: dicom.cpp). What they would believe of a
+// Label images, and vector images of NIfTI, by ITK's readers of NIfTI, NRRD and MetaImage (DICOM-SEG: dicom.cpp). What they would believe of a
 // header is held against the file first.
 #include <itkMetaDataObject.h>
 #include <itkMetaImageIO.h>
@@ -218,6 +218,15 @@ void take_names(const itk::ImageIOBase &io, image_volume *out) {
     }
 }
 
+itk::ImageIORegion whole(const itk::ImageIOBase &io) {
+    itk::ImageIORegion region(io.GetNumberOfDimensions());
+    for (unsigned k = 0; k < io.GetNumberOfDimensions(); k++) {
+        region.SetIndex(k, 0);
+        region.SetSize(k, io.GetDimensions(k));
+    }
+    return region;
+}
+
 void read_whole(const char *path, double unit_m, image_volume *out) {
     if (image_is_dicom(path)) return image_read_dicom(path, out);
     const itk::ImageIOBase::Pointer io = reader_of(path);
@@ -228,17 +237,65 @@ void read_whole(const char *path, double unit_m, image_volume *out) {
     check_size(*io, path, *out);
     take_names(*io, out);
     const size_t count = (size_t)out->size[0] * (size_t)out->size[1] * (size_t)out->size[2];
-    itk::ImageIORegion region(io->GetNumberOfDimensions());
-    for (unsigned k = 0; k < io->GetNumberOfDimensions(); k++) {
-        region.SetIndex(k, 0);
-        region.SetSize(k, io->GetDimensions(k));
-    }
-    io->SetIORegion(region);
+    io->SetIORegion(whole(*io));
     const std::unique_ptr<char[]> bytes(new char[count * io->GetComponentSize()]);
     read_voxels(*io, path, bytes.get(), count * io->GetComponentSize());
     out->label = (uint16_t *)malloc((count + 1) * sizeof *out->label);
     if (!out->label) throw std::bad_alloc();
     take_labels(*io, bytes.get(), count, out->label);
+}
+
+// Three numbers a voxel: NIfTI's fifth axis, which ITK makes components, or the fourth one.
+bool has_components(const itk::ImageIOBase &io) {
+    const unsigned dims = io.GetNumberOfDimensions();
+    const bool fifth = dims == 3 && io.GetNumberOfComponents() == 3;
+    if (!fifth && !(dims == 4 && io.GetNumberOfComponents() == 1 && io.GetDimensions(3) == 3))
+        throw refusal(
+            "%u dimensions of %u number%s a voxel; fibres are an image of 3 numbers a voxel (a fourth axis of 3, or vectors)",
+            dims, io.GetNumberOfComponents(), io.GetNumberOfComponents() == 1 ? "" : "s");
+    return fifth;
+}
+
+template <typename T> void take_vectors(const char *bytes, size_t voxels, bool components, float *to) {
+    const T *value = reinterpret_cast<const T *>(bytes);
+    for (size_t i = 0; i < voxels; i++)
+        for (size_t k = 0; k < 3; k++) {
+            const double one = double(value[components ? 3 * i + k : k * voxels + i]);
+            if (!std::isfinite(one) || std::fabs(one) > 1e12)
+                throw refusal("voxel %zu has no finite vector; write 0 0 0 where there is none", i);
+            to[3 * i + k] = float(one);
+        }
+}
+
+void read_whole_vectors(const char *path, image_vectors *out) {
+    const itk::ImageIOBase::Pointer io = reader_of(path);
+    if (std::string(io->GetNameOfClass()) != "NiftiImageIO") throw refusal("fibres are read from NIfTI alone; convert it");
+    io->ReadImageInformation();
+    const bool components = has_components(*io), wide = io->GetComponentType() == itk::IOComponentEnum::DOUBLE;
+    if (!wide && io->GetComponentType() != itk::IOComponentEnum::FLOAT)
+        throw refusal("its numbers are not float32 or float64; write directions so");
+    image_volume place = {};
+    for (unsigned k = 0; k < 3; k++) {
+        if (io->GetDimensions(k) < 1 || io->GetDimensions(k) > MOST_VOXELS / 8)
+            throw refusal("%zu voxels along axis %u; crop it", (size_t)io->GetDimensions(k), k + 1);
+        place.size[k] = out->size[k] = (int)io->GetDimensions(k);
+    }
+    take_place(*io, path, 0, &place);
+    check_size(*io, path, place);
+    memcpy(out->spacing_m, place.spacing_m, sizeof out->spacing_m);
+    memcpy(out->origin_m, place.origin_m, sizeof out->origin_m);
+    memcpy(out->direction, place.direction, sizeof out->direction);
+    io->SetIORegion(whole(*io));
+    const size_t voxels = (size_t)out->size[0] * (size_t)out->size[1] * (size_t)out->size[2];
+    const size_t size = 3 * voxels * io->GetComponentSize();
+    const std::unique_ptr<char[]> bytes(new char[size]);
+    read_voxels(*io, path, bytes.get(), size);
+    out->vector = (float *)malloc((3 * voxels + 1) * sizeof *out->vector);
+    if (!out->vector) throw std::bad_alloc();
+    if (wide)
+        take_vectors<double>(bytes.get(), voxels, components, out->vector);
+    else
+        take_vectors<float>(bytes.get(), voxels, components, out->vector);
 }
 
 // ITK's messages are of several lines, of which the last says what was wrong.
@@ -257,27 +314,42 @@ void last_line(const char *text, char why[IMAGE_WHY]) {
                  last.c_str());
 }
 
+// What `act` throws, as an end and one line.
+template <typename Act> image_end guarded(const Act &act, char why[IMAGE_WHY]) {
+    itk::Object::GlobalWarningDisplayOff(); // what matters comes as an exception
+    try {
+        act();
+    } catch (const refusal &e) {
+        snprintf(why, IMAGE_WHY, "%s", e.what());
+        return IMAGE_BAD_INPUT;
+    } catch (const std::bad_alloc &) {
+        snprintf(why, IMAGE_WHY, "no memory for its voxels; crop or resample it");
+        return IMAGE_NO_MEMORY;
+    } catch (const std::exception &e) {
+        last_line(e.what(), why);
+        return IMAGE_BAD_INPUT;
+    }
+    return IMAGE_DONE;
+}
+
 } // namespace
 
 image_end image_read(const char *path, double unit_m, image_volume *out, char why[IMAGE_WHY]) {
     *out = image_volume();
-    image_end end = IMAGE_DONE;
-    itk::Object::GlobalWarningDisplayOff(); // what matters comes as an exception
-    try {
-        read_whole(path, unit_m, out);
-    } catch (const refusal &e) {
-        snprintf(why, IMAGE_WHY, "%s", e.what());
-        end = IMAGE_BAD_INPUT;
-    } catch (const std::bad_alloc &) {
-        snprintf(why, IMAGE_WHY, "no memory for its voxels; crop or resample it");
-        end = IMAGE_NO_MEMORY;
-    } catch (const std::exception &e) {
-        last_line(e.what(), why);
-        end = IMAGE_BAD_INPUT;
-    }
+    const image_end end = guarded([=] { read_whole(path, unit_m, out); }, why);
     if (end != IMAGE_DONE) {
         free(out->label);
         *out = image_volume();
+    }
+    return end;
+}
+
+image_end image_read_vectors(const char *path, image_vectors *out, char why[IMAGE_WHY]) {
+    *out = image_vectors();
+    const image_end end = guarded([=] { read_whole_vectors(path, out); }, why);
+    if (end != IMAGE_DONE) {
+        free(out->vector);
+        *out = image_vectors();
     }
     return end;
 }

@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "choices.h"
+#include "fibres_image.h"
 #include "laplace.h"
 #include "sim.h"
 
@@ -15,6 +16,7 @@
 typedef struct options {
     app_section here;
     app_text file;
+    app_choice axes;
     app_choice rule;
     app_vector direction, point;
     app_text from, to;
@@ -26,11 +28,17 @@ typedef enum rule { CONSTANT, RADIAL, CIRCULAR, SPHERICAL, LAPLACE } rule;
     ROW("constant", CONSTANT)                                                                                          \
     ROW("radial", RADIAL) ROW("circular", CIRCULAR) ROW("spherical", SPHERICAL) ROW("laplace", LAPLACE)
 APP_CHOICE_CHECK(RULES)
+#define AXES(ROW) ROW("image", SIM_FIBRES_IMAGE) ROW("lps", SIM_FIBRES_LPS) ROW("ras", SIM_FIBRES_RAS)
+APP_CHOICE_CHECK(AXES)
 
 static const app_field fields[] = {
     {"anisotropy", APP_SECTION, NULL, NULL, 0, 0, offsetof(options, here), 0, "fibres; fibred materials need it"},
     {"anisotropy.file", APP_PATH, NULL, NULL, 0, 0, offsetof(options, file), 0,
-     "CSV with header `tet,ax,ay,az`, one row a tetrahedron, or `vertex,ax,ay,az`, one row a vertex, counted from 0 in file order; instead of a rule"},
+     "CSV with header `tet,ax,ay,az`, one row a tetrahedron, or `vertex,ax,ay,az`, one row a vertex, counted from 0 in file order; or a NIfTI image (`.nii`, `.nii.gz`) of 3 numbers a voxel, the principal direction of "
+     "diffusion (DTI), either way round, in the place of a mesh of `tm-mesh image`; wants the module of `make image`; instead of a rule"},
+    {"anisotropy.axes", APP_CHOICE, APP_CHOICE_WORDS(AXES), NULL, 0, 0, offsetof(options, axes), 0,
+     "of an image's three numbers, must be said: along the image's own axes (`image`: FSL's of an image that is stored "
+     "radiologically), or to the patient's left, posterior, superior (`lps`: ITK), or right, anterior, superior (`ras`: MRtrix)"},
     {"anisotropy.rule", APP_CHOICE, APP_CHOICE_WORDS(RULES), NULL, 0, 0, offsetof(options, rule), 0,
      "`constant`: along `direction`; `radial` and `circular`: away from and around the line through `point` along "
      "`direction`; `spherical`: away from `point`; `laplace`: from the group `from` to the group `to`, as a current would flow"},
@@ -44,10 +52,22 @@ static const app_field fields[] = {
      "how often each tetrahedron's fibre becomes the mean of its own and its neighbours', either way round"},
 };
 
+static bool is_image(const char *path) {
+    const size_t length = strlen(path);
+    return (length > 4 && strcmp(path + length - 4, ".nii") == 0) ||
+           (length > 7 && strcmp(path + length - 7, ".nii.gz") == 0);
+}
+
 static int check(const app_scene *scene, const void *own) {
     const options *o = own;
     if (!o->file.line == !o->rule.line)
         return app_scene_bad(scene, o->here.line, "anisotropy has either a file or a rule; give one of them");
+    const bool image = o->file.line && is_image(o->file.s);
+    if (image && !o->axes.line)
+        return app_scene_bad(scene, o->file.line,
+                             "an image of fibres does not say along which axes they are; give axes: image, lps or ras");
+    if (!image && o->axes.line)
+        return app_scene_bad(scene, o->axes.line, "axes are those of an image (.nii, .nii.gz); leave them out");
     const bool laplace = o->rule.line && o->rule.index == LAPLACE;
     if (laplace && (!o->from.line || !o->to.line))
         return app_scene_bad(scene, o->rule.line,
@@ -103,6 +123,11 @@ static int from_file(sim *s, const options *o) {
     if (S_ISDIR(info.st_mode))
         return app_scene_bad(s->scene, o->file.line, "anisotropy.file: %s is a folder; name the CSV file in it",
                              o->file.s);
+    char why[SIM_FIBRES_WHY];
+    if (is_image(o->file.s)) {
+        if (sim_fibres_from_image(s->mesh, o->file.s, (sim_fibre_axes)o->axes.index, s->fibre, why)) return 0;
+        return app_scene_bad(s->scene, o->file.line, "anisotropy.file: %s", why);
+    }
     if (!tm_fibres_load_on(o->file.s, s->mesh, s->fibre, &error)) return 0;
     return sim_report_file(s->scene, o->file.line, NULL, 0, &error);
 }
