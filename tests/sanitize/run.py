@@ -44,7 +44,9 @@ def run_suite(name, build, short, arguments):
     shutil.rmtree(reports, ignore_errors=True)
     reports.mkdir(parents=True)
     where = SHORT[short][name] if short else ["tests"]
-    command = [*wrapper(name), sys.executable, "-m", "pytest", *where, "-q", "-p", "no:cacheprovider", "-m", "not plain", *arguments]
+    # C programs share nothing and watch no clock: two at a time, for what would be left of one processor when the rest is done.
+    beside = ["-n", os.environ.get("TM_JOBS", "2"), "--dist", "worksteal"] if short == "programs" else []
+    command = [*wrapper(name), sys.executable, "-m", "pytest", *where, "-q", "-p", "no:cacheprovider", "-m", "not plain", *beside, *arguments]
     fewer = {"TM_SESSIONS": "10", "TM_LONG": "0"} if short else {}  # of two hands: a tenth of what the plain build runs
     done = subprocess.run(command, cwd=ROOT, env=dict(os.environ, TM_OUT=str(build / name), TM_SANITIZER=name, **fewer, **options(reports)), capture_output=True, text=True)
     text = done.stdout + done.stderr
