@@ -12,7 +12,7 @@ import pytest
 
 HERE = pathlib.Path(__file__).resolve().parent
 TARGETS = sorted(p.stem for p in HERE.glob("fuzz_*.c"))
-INPUTS = {"fuzz_mesh_text": 20000, "fuzz_mesh": 4000, "fuzz_calls": 60, "fuzz_sample": 1500, "fuzz_tables": 3000, "fuzz_can": 1500,
+INPUTS = {"fuzz_mesh_text": 20000, "fuzz_mesh": 4000, "fuzz_calls": 20, "fuzz_sample": 1500, "fuzz_tables": 3000, "fuzz_can": 1500,
           "fuzz_lcm": 1500, "fuzz_receiver": 4000, "fuzz_scene": 400, "fuzz_snapshot": 150, "fuzz_responses": 60}
 
 
