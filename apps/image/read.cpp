@@ -1,5 +1,5 @@
-// Label images, and vector images of NIfTI, by ITK's readers of NIfTI, NRRD and MetaImage (DICOM-SEG: dicom.cpp). What they would believe of a
-// header is held against the file first.
+// Label images, and vector images of NIfTI, by ITK's readers of NIfTI, NRRD and MetaImage (DICOM-SEG: dicom.cpp). What
+// they would believe of a header is held against the file first.
 #include <itkMetaDataObject.h>
 #include <itkMetaImageIO.h>
 #include <itkNiftiImageIO.h>
@@ -269,7 +269,8 @@ template <typename T> void take_vectors(const char *bytes, size_t voxels, bool c
 
 void read_whole_vectors(const char *path, image_vectors *out) {
     const itk::ImageIOBase::Pointer io = reader_of(path);
-    if (std::string(io->GetNameOfClass()) != "NiftiImageIO") throw refusal("fibres are read from NIfTI alone; convert it");
+    if (std::string(io->GetNameOfClass()) != "NiftiImageIO")
+        throw refusal("fibres are read from NIfTI alone; convert it");
     io->ReadImageInformation();
     const bool components = has_components(*io), wide = io->GetComponentType() == itk::IOComponentEnum::DOUBLE;
     if (!wide && io->GetComponentType() != itk::IOComponentEnum::FLOAT)

@@ -23,22 +23,23 @@ static const struct {
 } units[] = {{"m", 1}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}, {"inch", 0.0254}};
 
 static void usage(void) {
-    printf("usage: tm-mesh fill [--size SIZE] --unit UNIT SURFACE... -o OUT.msh\n"
-           "Fills closed surfaces (STL, OBJ, PLY, OFF) with tetrahedra whose edges are about SIZE. One surface: a "
-           "lattice, cut and pulled to the\n"
-           "surface, then smoothed so that the smallest tetrahedron, which sets the time step, is as large as may be. "
-           "Several, or one inside\n"
-           "another: each a region, named by its file, those inside others cut out of them, faces shared. Details and "
-           "ridges finer than SIZE\n"
-           "are rounded off. All but one STL needs the module 'image' (make image).\n\n"
-           "  --size SIZE  longest inner edge, e.g. 5mm; half of it makes eight times as many [a fourteenth of the longest\n"
-           "               side of the box around them]\n"
-           "  --unit UNIT  of the file's coordinates, which no file says: m, cm, mm, um or inch\n"
-           "  --scale S    the same as metres per unit of the file: 1e-3 for millimetres\n"
-           "  --mend       close holes, stitch, turn alike, remove triangles that cut each other; without it they are\n"
-           "               named and refused\n"
-           "  -o OUT       %s; one region 'tissue', or the files' names; vertex groups 'surface', NAME_outer\n",
-           tm_mesh_file_endings(true));
+    printf(
+        "usage: tm-mesh fill [--size SIZE] --unit UNIT SURFACE... -o OUT.msh\n"
+        "Fills closed surfaces (STL, OBJ, PLY, OFF) with tetrahedra whose edges are about SIZE. One surface: a "
+        "lattice, cut and pulled to the\n"
+        "surface, then smoothed so that the smallest tetrahedron, which sets the time step, is as large as may be. "
+        "Several, or one inside\n"
+        "another: each a region, named by its file, those inside others cut out of them, faces shared. Details and "
+        "ridges finer than SIZE\n"
+        "are rounded off. All but one STL needs the module 'image' (make image).\n\n"
+        "  --size SIZE  longest inner edge, e.g. 5mm; half of it makes eight times as many [a fourteenth of the longest\n"
+        "               side of the box around them]\n"
+        "  --unit UNIT  of the file's coordinates, which no file says: m, cm, mm, um or inch\n"
+        "  --scale S    the same as metres per unit of the file: 1e-3 for millimetres\n"
+        "  --mend       close holes, stitch, turn alike, remove triangles that cut each other; without it they are\n"
+        "               named and refused\n"
+        "  -o OUT       %s; one region 'tissue', or the files' names; vertex groups 'surface', NAME_outer\n",
+        tm_mesh_file_endings(true));
 }
 
 static bool set_unit(const char *text, options *o) {

@@ -10,12 +10,12 @@ typedef struct view_inside {
     int32_t vertex_count; /* of the mesh */
     float *rest_m;        /* [3*vertex_count] */
     int32_t face_count;
-    int32_t *face;       /* [3*face_count] between two regions, seen from outside the smaller one */
-    uint8_t *kind;       /* [face_count] view_kind_of the smaller one */
-    uint8_t *laid_open;  /* [face_count] the message has it */
-    int32_t *index;      /* [vertex_count] in the surface shown, -1: not in it */
-    int32_t told;        /* vertices that the message has; those after them are found from theirs */
-    uint32_t topology;   /* of the message that all of it is for; 0: none yet */
+    int32_t *face;      /* [3*face_count] between two regions, seen from outside the smaller one */
+    uint8_t *kind;      /* [face_count] view_kind_of the smaller one */
+    uint8_t *laid_open; /* [face_count] the message has it */
+    int32_t *index;     /* [vertex_count] in the surface shown, -1: not in it */
+    int32_t told;       /* vertices that the message has; those after them are found from theirs */
+    uint32_t topology;  /* of the message that all of it is for; 0: none yet */
     view_surface shown;
 } view_inside;
 

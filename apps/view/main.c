@@ -21,7 +21,7 @@ typedef struct job {
     view_picture picture;
     view_marks marks;
     view_inside inside; /* of a log, where --through shows it */
-    uint32_t tinted; /* the topology that has its regions */
+    uint32_t tinted;    /* the topology that has its regions */
     view_feed *feed;
     view_film film;
     bool filming;
@@ -249,7 +249,7 @@ static int run(job *j) {
     bool still = o->source && view_is_still(o->source);
     int wrong = still      ? view_still_load(o->source, o->scale, &o->marks, &o->cut, &j->picture, &j->marks)
                 : o->scene ? view_scene_marks(o->scene, &o->marks, &j->picture, &j->marks,
-                                             o->cut.through > 0 ? &j->inside : NULL)
+                                              o->cut.through > 0 ? &j->inside : NULL)
                            : 0;
     if (wrong) return wrong;
     if (view_studio_open(&j->studio, &o->studio, &error)) return complain(&error);

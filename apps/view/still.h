@@ -19,7 +19,8 @@ bool view_is_scene(const char *path);
  * complaining. */
 int view_still_load(const char *path, double scale, const view_mark_choice *choice, const view_cutaway *cut,
                     view_picture *picture, view_marks *marks);
-/* The marks and the regions' names and colours alone, for a source that tells none; `inside`, where it is wanted, too. */
+/* The marks and the regions' names and colours alone, for a source that tells none; `inside`, where it is wanted, too.
+ */
 int view_scene_marks(const char *path, const view_mark_choice *choice, view_picture *picture, view_marks *marks,
                      view_inside *inside);
 
