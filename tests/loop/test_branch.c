@@ -59,7 +59,10 @@ static void test_only_what_bears_is_coupled(void **state) {
             law_problem p = sunk(under, 0.001f * (float)mm, 0.0025f * (float)mm);
             int32_t in = 0, bear = 0;
             assert_true(law_solve(&p, SOLVES));
-            for (int32_t i = 0; i < LAW_ROWS; i++) in += p.gap_m[i] < 0.0f, bear += p.lambda_N[i] > 0.0f;
+            for (int32_t i = 0; i < LAW_ROWS; i++) {
+                in += p.gap_m[i] < 0.0f ? 1 : 0;
+                bear += p.lambda_N[i] > 0.0f ? 1 : 0;
+            }
             if (coupled > bear + 2)
                 fail_msg("row %d, %d mm: %d coupled, %d bear, %d in it", under, mm, coupled, bear, in);
             law_problem all = sunk(under, 0.001f * (float)mm, 0.0025f * (float)mm);
