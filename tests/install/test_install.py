@@ -202,7 +202,7 @@ def without(hidden):
 
 def test_library_and_controller_build_alone(root, tmp_path):
     """Each on a machine that has what it needs and no more."""
-    place = [f"BUILD={tmp_path}/build", f"PREFIX={tmp_path}/prefix", "CFLAGS_EXTRA=-O0", "-j2"]
+    place = [f"BUILD={tmp_path}/build", f"PREFIX={tmp_path}/prefix", "CFLAGS_EXTRA=-O0 -g0", "-j2"]
     make(root, "install-lib", *place, under=without(PROGRAMS_NEED + CONTROLLER_NEEDS))
     installed = contents(tmp_path / "prefix")
     assert "lib/libtensormass.so" in installed and not any("solve" in p for p in installed)
