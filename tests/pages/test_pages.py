@@ -9,6 +9,7 @@ import pytest
 
 def load(root, folder, name):
     sys.path.insert(0, str(root / "apps/pages"))
+    sys.path.append(str(root / "apps" / folder))  # a program's own folder is on its path
     spec = importlib.util.spec_from_file_location(name, root / "apps" / folder / "page.py")
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
