@@ -235,3 +235,19 @@ def test_dicom_seg_gives_what_nrrd_gives(tmp_path, run, kind):
         path.with_suffix(".msh").unlink()
     assert [r["name"] for r in told[1][0]] == ["liver", "vessels"] and np.abs(told[0][1] - told[1][1]).max() < 2e-4
     assert [round(r["image_volume_m3"] * 1e12) for r in told[0][0]] == [round(r["image_volume_m3"] * 1e12) for r in told[1][0]]
+
+
+@pytest.mark.long
+def test_a_real_image(tmp_path, run):
+    """Three nuclei of a brain, of the labels that Debian's mricron-data brings (AAL, 1 mm): their volumes, in one piece each, in place."""
+    got = subprocess.run(["apt-get", "download", "-q", "mricron-data"], cwd=tmp_path, capture_output=True, text=True, timeout=600)
+    assert got.returncode == 0, got.stderr
+    subprocess.run(["dpkg-deb", "-x", next(tmp_path.glob("mricron-data_*.deb")), tmp_path / "x"], check=True)
+    out, report = tmp_path / "nuclei.msh", tmp_path / "nuclei.json"
+    done = run(tmp_path / "x/usr/share/mricron/templates/aal.nii.gz", "--label", "71=caudate_left", "--label", "73=putamen_left", "--label", "77=thalamus_left", "--budget", "6000",
+               "--json", report, out=out)
+    assert done.returncode == 0 and "181 x 217 x 181 voxels of 1 x 1 x 1 mm" in done.stdout, done.stdout + done.stderr
+    off = volumes_off(report)
+    assert set(off) == {71, 73, 77} and max(map(abs, off.values())) < 0.02, off
+    assert 5000 < json.loads(report.read_text())["tets"] <= 6100
+    assert -0.001 < places(out)[:, 0].min() < places(out)[:, 0].max() < 0.04, "left is +x in LPS"
