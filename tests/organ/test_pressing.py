@@ -2,6 +2,7 @@
 import subprocess
 import sys
 
+import numpy as np
 import pytest
 
 sys.path[:0] = ["tests/mesh", "tests/organ"]
@@ -22,6 +23,21 @@ def made(bin, build, folder, budget):
 def test_random_pressing(bin, build, tmp_path):
     said = pressing.press(bin, made(bin, build, tmp_path, "2500"), 1, 15, tmp_path)
     assert said["verdict"] == "stable" and said["waypoints"] > 12, said
+
+
+@pytest.mark.parametrize("what, energy, tick", [
+    ("stable", {}, {}), ("not finite", {}, {"fy_N": np.nan}), ("above the device's limit", {}, {"fx_N": 9.0}), ("latched a fault", {}, {"fault": 3}),
+    ("more energy than the hand put in", {"made_J": 0.4}, {}), ("does not close", {"residual_J": -1e-3}, {}), ("not at rest", {"kinetic_J": 1e-3}, {})])
+def test_the_verdict_sees_what_is_planted(what, energy, tick):
+    rows = np.zeros(100, [(n, float) for n in ("fx_N", "fy_N", "fz_N", "fault")])
+    rows["fz_N"][:60] = 0.5
+    for name, value in tick.items():
+        rows[name][50] = value
+    figures = {"sim_s": 15.0, "compute_s": 1.0, "energy": {"hand_J": [1.0], "made_J": -0.5, "kinetic_J": 0.0, "elastic_J": 0.0, "residual_J": 0.0, **energy}}
+    assert what in pressing.judged(figures, rows, 15)["verdict"]
+    assert "ended early" in pressing.judged(figures, rows, 20)["verdict"]
+    rows["fz_N"] = 0
+    assert "nothing was felt" in pressing.judged(figures, rows, 15)["verdict"]
 
 
 @pytest.mark.parametrize("seed", range(1, 7))
