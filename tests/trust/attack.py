@@ -259,7 +259,7 @@ try:
     result["fault"] = newest["CONTROLLER_0"].fault
     before = newest["CONTROLLER_0"].command_seq
     begin = time.monotonic()
-    states = set()
+    states = {newest["CONTROLLER_0"].state}  # of the fault: the first reset may be taken before the next is seen
     while time.monotonic() - begin < 1.0:
         forged_resets()
         states.add(newest["CONTROLLER_0"].state)
