@@ -149,22 +149,27 @@ static void test_patch_follows_settled_tissue(void **unused) {
     scene_destroy(&curved.s);
 }
 
+/* A slit across the top, some 15 mm beside the middle. */
+static void cut_slit(scene *s) {
+    const tm_mesh *mesh = s->mesh;
+    int32_t n = 0, *tet = malloc(sizeof(int32_t) * (size_t)mesh->tet_count);
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        double x = 0, z = 0;
+        for (int j = 0; j < 4; j++)
+            x += mesh->rest_m[3 * mesh->tet[4 * t + j]] / 4, z += mesh->rest_m[3 * mesh->tet[4 * t + j] + 2] / 4;
+        if (x > -0.018 && x < -0.012 && z > 0.018) tet[n++] = t;
+    }
+    assert_true(tm_cut_remove(s->tissue, tet, n, NULL, 0) >= n);
+    free(tet);
+}
+
 /* A cut near the tool: the columns are computed anew from the old ones, and the patch is as good as before. */
 static void test_patch_after_a_cut(void **unused) {
     (void)unused;
     patch_scene p = press(0, 0.003, 0.004, 0.0042, true);
-    int fresh = make(&p), n = 0;
+    int fresh = make(&p);
     int32_t revision = p.patch.topology_revision;
-    int32_t *tet = malloc(sizeof(int32_t) * (size_t)p.s.mesh->tet_count);
-    for (int32_t t = 0; t < p.s.mesh->tet_count; t++) {
-        double x = 0, z = 0;
-        for (int j = 0; j < 4; j++)
-            x += p.s.mesh->rest_m[3 * p.s.mesh->tet[4 * t + j]] / 4,
-                z += p.s.mesh->rest_m[3 * p.s.mesh->tet[4 * t + j] + 2] / 4;
-        if (x > -0.018 && x < -0.012 && z > 0.018) tet[n++] = t;
-    }
-    assert_true(tm_cut_remove(p.s.tissue, tet, n, NULL, 0) >= n);
-    free(tet);
+    cut_slit(&p.s);
     scene_frame(&p.s, 0, tm_contact_pose(p.s.contact, 0), 0.2);
     tm_patch now;
     tm_patch_make(p.maker, 0, &now);
@@ -181,16 +186,7 @@ static void test_patch_after_a_cut(void **unused) {
 static void test_stiffness_on_the_lip_of_a_slit(void **unused) {
     (void)unused;
     patch_scene p = press(0, -0.0138, 0.004, 0.0042, true);
-    int32_t n = 0, *tet = malloc(sizeof(int32_t) * (size_t)p.s.mesh->tet_count);
-    for (int32_t t = 0; t < p.s.mesh->tet_count; t++) {
-        double x = 0, z = 0;
-        for (int j = 0; j < 4; j++)
-            x += p.s.mesh->rest_m[3 * p.s.mesh->tet[4 * t + j]] / 4,
-                z += p.s.mesh->rest_m[3 * p.s.mesh->tet[4 * t + j] + 2] / 4;
-        if (x > -0.018 && x < -0.012 && z > 0.018) tet[n++] = t;
-    }
-    assert_true(tm_cut_remove(p.s.tissue, tet, n, NULL, 0) >= n);
-    free(tet);
+    cut_slit(&p.s);
     double most = 0, least = INFINITY;
     for (int k = 0; k < 12; k++) { /* it snaps between the eleventh and the twelfth place */
         const double x = p.tip_m[0] - 0.0001 * k;
