@@ -149,11 +149,14 @@ static void expected_text(const sim_expected *x, const row *r, cJSON *json, char
 }
 
 static void print(const sim *s, const row *rows, int n, double total_us, const sim_expected *x, cJSON *json) {
+    tm_mass_scaling added;
+    const bool scaled = tm_tissue_mass_scaling(s->model->tissue, &added) && added.vertices > 0;
     printf("%s: %d tetrahedra, %d vertices; %.4g frames/s of %d substep%s of %.4g s (guaranteed critical step %.4g s, "
-           "set by tetrahedron %lld)\n\n",
+           "set by %s %lld)\n\n",
            s->scene->file, s->mesh->tet_count, s->mesh->vertex_count, 1 / s->frame_s, s->substeps,
            s->substeps == 1 ? "" : "s", s->dt_s, s->model->pace.critical_s,
-           (long long)s->file.tet_tag[s->model->pace.critical_tet]);
+           scaled ? "time.mass_scaling, line" : "tetrahedron",
+           scaled ? (long long)s->scene->mass_scaling.line : (long long)s->file.tet_tag[s->model->pace.critical_tet]);
     const int32_t threads = s->model->world ? tm_world_parts(s->model->world) : 1;
     if (s->scene->threads.line)
         printf("threads: %d of the %lld asked for%s\n\n", threads, (long long)s->scene->threads.value,

@@ -152,10 +152,18 @@ static void the_energy_account_closes(void **state) {
     tm_error error;
     tm_energy e;
     fix_ok(tm_stage_energy(s.world, &error), &error);
+    fix_random random = {3};
+    for (int cut = 0; cut < 5; cut++) {
+        assert_int_equal(tm_world_step(s.world, 100), TM_OK);
+        const int32_t tet = (int32_t)(fix_uniform(&random) * s.mesh->tet_count);
+        tm_cut_remove(s.tissue, &tet, 1, NULL, 0);
+    }
     assert_int_equal(tm_world_step(s.world, 100), TM_OK);
     fix_ok(tm_world_energy(s.world, &e, &error), &error);
-    print_message("  residual %.3g of gravity's %.3g J\n", e.residual_J, e.gravity_J);
-    assert_true(e.gravity_J > 0 && fabs(e.residual_J) < 1e-9 * e.gravity_J);
+    print_message("  residual %.3g, moved %.3g of gravity's %.3g J, %.3g J cut away\n", e.residual_J, e.moved_J,
+                  e.gravity_J, e.cut_J);
+    assert_true(e.gravity_J > 0 && e.cut_J != 0 && fabs(e.residual_J) < 1e-9 * e.gravity_J);
+    assert_true(fabs(e.moved_J) < 1e-9 * e.gravity_J);
     stop(&s);
 }
 

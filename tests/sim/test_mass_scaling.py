@@ -18,7 +18,9 @@ def test_a_longer_step_with_its_price_told(bin, root, tmp_path):
     assert sum(r["own_kg"] for r in m["regions"]) == pytest.approx(m["own_kg"]) and sum(r["added_kg"] for r in m["regions"]) == pytest.approx(m["added_kg"])
     assert all(0.8 * a < b < a for a, b in zip(m["own_frequency_Hz"], m["frequency_Hz"]))
     text, _ = run(bin / "tm-sim", scene, "--explain", *asked)
-    assert "mass scaling:" in text and "lowest frequencies" in text
+    assert "mass scaling:" in text and "lowest frequencies" in text and "set by time.mass_scaling" in text
+    text, _ = run(bin / "tm-sim", scene, "--explain", "--unset", "time")
+    assert "set by tetrahedron" in text
 
 
 @pytest.mark.parametrize("step, more, extra, line, words", [
