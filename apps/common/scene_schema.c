@@ -138,7 +138,7 @@ static const app_field fields[] = {
      "of the guaranteed critical step, when `step` is left out"},
     {"time.mass_scaling", APP_FLAG, NULL, "no", 0, 0, AT(mass_scaling),
      "tissue is made heavier where it must be for `step` to be guaranteed, through cuts too; its weight and rest stay. "
-     "Dynamic models without `volume`; --explain says how much and what it does"},
+     "Dynamic models; --explain says how much and what it does"},
     {"time.mass_most", APP_NUMBER, "none", "0.2", 0, 100, AT(mass_most),
      "share of the tissue's own mass that `mass_scaling` may add; more is refused"},
     {"time.average", APP_NUMBER, "none", "0.25", 0, 1, AT(average),

@@ -19,7 +19,7 @@ typedef struct how {
     bool linear, plain_volume, cuttable, damped, best; /* linear: without rotation; plain_volume: without volume */
     const uint8_t *alive;
     int32_t threads;
-    double dt_s;
+    double dt_s, scaled_step_s;
 } how;
 
 /* Two regions, with a border between two laws across x; `poisson` of the first. */
@@ -49,6 +49,7 @@ static tm_tissue *make_tissue(const turning *t, const how *h) {
     def.cuttable = h->cuttable, def.alive = h->alive, def.form = h->best ? TM_FORCE_BEST : TM_FORCE_PLAIN;
     def.rotation = h->linear ? 0 : TM_ROTATION_THRESHOLD;
     def.volume = !h->plain_volume, def.volume_shear = 0;
+    def.scaled_step_s = h->scaled_step_s, def.scaled_share = 100;
     tm_tissue *tissue = NULL;
     tm_error error;
     fix_ok(tm_tissue_create(&def, &tissue, &error), &error);
@@ -257,12 +258,17 @@ static double most_of(const tm_tangent *tangent, const double *mass, int32_t n, 
 
 static void no_state_needs_a_shorter_step(void **state) {
     (void)state;
-    for (int law = 0; law < 4; law++) {
+    double scaled_step_s = 0;
+    for (int law = 0; law < 6; law++) { /* the last two: made heavier for a longer step */
         fix_random random = {23};
-        turning t = make(regions((int[]){2, 2, 1}, (double[]){0.02, 0.02, 0.01}, 0.1, &random), law == 3,
-                         (const double[]){0.0, 0.3, 0.49, 0}[law], &(how){.cuttable = law % 2});
+        turning t = make(regions((int[]){2, 2, 1}, (double[]){0.02, 0.02, 0.01}, 0.1, &random), law % 4 == 3 || law == 5,
+                         (const double[]){0.0, 0.3, 0.49, 0, 0.49, 0}[law],
+                         &(how){.cuttable = law % 2, .dt_s = law > 3 ? scaled_step_s : 0,
+                                .scaled_step_s = law > 3 ? scaled_step_s : 0});
         double *u = vectors(&t, 3), worst = 0;
         const double step = tm_critical_step_guaranteed(t.tissue, NULL);
+        assert_true(law < 4 || step >= scaled_step_s);
+        if (law < 4) scaled_step_s = 2 * step;
         tm_pool pool = {0};
         tm_tangent tangent;
         assert_true(tm_tangent_take(&tangent, &pool, t.rotation));

@@ -46,7 +46,7 @@ typedef struct tm_tissue_def {
                                  (tensormass/rotation.h): critical steps hold for that too */
     /* Selective mass scaling. 0; > 0: vertices are made heavier, where they must be, until a step of so many seconds is
      * guaranteed, after any cut too. Inertia alone: weight, damping and rest are those of the tissue's own mass. More
-     * than `scaled_share` of that added in all: TM_ERR_LIMIT. Not with `volume`, nor beside a condensed part. */
+     * than `scaled_share` of that added in all: TM_ERR_LIMIT. Not beside a condensed part. */
     double scaled_step_s;
     double scaled_share; /* [0.2] */
 } tm_tissue_def;

@@ -87,9 +87,6 @@ static tm_status check_scaling(const tm_tissue_def *def, tm_error *error) {
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "mass for a step of %g s, at most %g of the tissue's own; give a positive step and share",
                        def->scaled_step_s, def->scaled_share);
-    if (def->volume)
-        return tm_fail(error, TM_ERR_EXCLUDED, -1,
-                       "mass scaling reckons with single tetrahedra, and volume averages over them; leave one out");
     if (def->extra_mass_kg || def->extra_damping_kg_s || def->elsewhere)
         return tm_fail(error, TM_ERR_EXCLUDED, -1,
                        "mass scaling beside a condensed part, whose stiffness it does not know; leave one out");
