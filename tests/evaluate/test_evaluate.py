@@ -196,8 +196,9 @@ def test_two_cauteries_never_push_harder_than_tissue_does(bin, root, tmp_path):
     """Random cutting with `contact`: nothing above the truth's peak by more than a tenth, in time and late."""
     subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--quiet", "--part", "cutting", "--model", "isotropic", "--json", tmp_path / "c.json"], cwd=root, check=True, timeout=300)
     rows = json.loads((tmp_path / "c.json").read_text())["cutting"]
-    contact = {r["latency_frames"]: r for r in rows if r["extrapolator"] == "contact"}
-    assert set(contact) == {0, 1, 2} and all(r["cut"] > 50 and r["judged"] > 3000 for r in rows)
+    contact = {(r["latency_frames"], r["instrument"]): r for r in rows if r["extrapolator"] == "contact"}
+    assert set(contact) == {(late, hand) for late in (0, 1, 2) for hand in (0, 1)} and all(r["cut"] > 50 and r["judged"] > 3000 for r in rows)
+    assert contact[0, 0]["rms"] != contact[0, 1]["rms"]  # each hand's own force, of one run
     for r in contact.values():
         assert 0.5 < r["largest"] < 1.1 and r["over_limit"] < 1, r
 

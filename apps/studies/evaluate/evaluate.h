@@ -114,6 +114,10 @@ void recording_free(recording *r);
 int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, recording *out);
 /* Fills ticks, tip and truth of `out` from the model run at 500 Hz. */
 int record_truth(model m, const path *p, bool encoders, recording *out);
+/* The same of the first `hands` instruments from one run, each into its own of `out`, which says whose it is; cuts are
+ * in the first's. On a random path alone, where every hand is seen through its encoders. */
+int record_hands(model m, const path *p, double rate_Hz, bool encoders, bool patches, int hands, recording *out);
+int record_hands_truth(model m, const path *p, bool encoders, int hands, recording *out);
 /* The paper's truth: forces between samples by linear interpolation, afterwards. Not known before the first sample,
  * after the last, and where two are further apart than three frames and stale_us: there the controller fades. */
 void truth_by_interpolation(recording *r);

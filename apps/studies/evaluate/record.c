@@ -135,20 +135,27 @@ static void start(sim *s, const recording *r, const path *p, bool encoders) {
 enum { BEFORE = 3 };
 
 int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, recording *out) {
-    static sim_publisher publisher;
+    return record_hands(m, p, rate_Hz, encoders, patches, 1, out);
+}
+
+int record_hands(model m, const path *p, double rate_Hz, bool encoders, bool patches, int hands, recording *out) {
+    static sim_publisher publisher[PATH_HANDS];
     sim *s = path_open(m, p, rate_Hz, NULL);
     cut_replay replay;
-    publisher = (sim_publisher){.session = 1};
     if (!s) return APP_FAILED;
     if (out->replay) cut_replay_begin(&replay, out->replay, s);
     for (int i = 0; i < s->instrument_count; i++) s->wants[i] = patches ? s->can_send : SIM_SENDS_FORCE;
     path q = placed(p, s);
-    hrt_params_default(&out->params);
+    for (int h = 0; h < hands; h++) {
+        recording *r = &out[h];
+        publisher[h] = (sim_publisher){.session = 1};
+        hrt_params_default(&r->params);
+        r->frame_s = s->frame_s;
+        r->samples = (int)(path_length_s(&q) / s->frame_s);
+        r->sample = calloc((size_t)r->samples, sizeof *r->sample);
+        if (!r->sample) abort();
+    }
     start(s, out, &q, encoders);
-    out->frame_s = s->frame_s;
-    out->samples = (int)(path_length_s(&q) / s->frame_s);
-    out->sample = calloc((size_t)out->samples, sizeof *out->sample);
-    if (!out->sample) abort();
     tm_status status = TM_OK;
     for (int k = 0; k < BEFORE && !status; k++) status = sim_frame(s, s->pose, s->substeps);
     if (out->replay) replay.begin_s = sim_time_s(s);
@@ -160,7 +167,8 @@ int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, 
         status = sim_frame(s, to, s->substeps);
         cut_list_take(&out->cuts, s, end_s);
         int64_t end_us = llround(end_s * 1e6), back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
-        take(&publisher, s, out->instrument, &out->params, end_us - back_us, end_us, &out->sample[k]);
+        for (int h = 0; h < hands; h++)
+            take(&publisher[h], s, out[h].instrument, &out[h].params, end_us - back_us, end_us, &out[h].sample[k]);
     }
     sim_destroy(s);
     if (!status) return 0;
@@ -169,32 +177,43 @@ int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, 
 }
 
 int record_truth(model m, const path *p, bool encoders, recording *out) {
+    return record_hands_truth(m, p, encoders, 1, out);
+}
+
+/* What the tick just simulated says to the recording's hand. */
+static void take_truth(recording *r, const sim *s, int k, const tm_tool_pose *to) {
+    double size = 0;
+    for (int i = 0; i < 3; i++) {
+        const double force_N = s->reaction[r->instrument].force_N[i];
+        r->tip_m[3 * k + i] = (float)(to[r->instrument].tip_m[i] - s->instrument_def[r->instrument].trocar_m[i]);
+        r->truth_N[3 * k + i] = (float)force_N;
+        size += force_N * force_N;
+    }
+    r->peak_N = fmax(r->peak_N, sqrt(size));
+}
+
+int record_hands_truth(model m, const path *p, bool encoders, int hands, recording *out) {
     static const char *const last_alone[] = {"time.average=0", "haptics.sends=force", "haptics.extrapolator=hold",
                                              NULL};
     sim *s = path_open(m, p, 1e6 / TICK_US, last_alone);
     if (!s) return APP_FAILED;
     path q = placed(p, s);
-    hrt_params_default(&out->params);
+    for (int h = 0; h < hands; h++) {
+        recording *r = &out[h];
+        hrt_params_default(&r->params);
+        r->ticks = (int)(path_length_s(&q) * 1e6 / TICK_US);
+        r->tip_m = calloc(3 * (size_t)r->ticks, sizeof *r->tip_m);
+        r->truth_N = calloc(3 * (size_t)r->ticks, sizeof *r->truth_N);
+        if (!r->tip_m || !r->truth_N) abort();
+    }
     start(s, out, &q, encoders);
-    out->ticks = (int)(path_length_s(&q) * 1e6 / TICK_US);
-    out->tip_m = calloc(3 * (size_t)out->ticks, sizeof *out->tip_m);
-    out->truth_N = calloc(3 * (size_t)out->ticks, sizeof *out->truth_N);
-    if (!out->tip_m || !out->truth_N) abort();
     tm_status status = TM_OK;
     for (int k = 0; k < out->ticks && !status; k++) {
         tm_tool_pose to[TM_MAX_INSTRUMENTS];
         poses_at(s, out, &q, k * 1e-6 * TICK_US, encoders, to);
         status = sim_frame(s, to, s->substeps);
         cut_list_take(&out->cuts, s, (k - 0.5) * 1e-6 * TICK_US); /* within the tick's 2 ms */
-        double size = 0;
-        for (int i = 0; i < 3; i++) {
-            const double force_N = s->reaction[out->instrument].force_N[i];
-            out->tip_m[3 * k + i] =
-                (float)(to[out->instrument].tip_m[i] - s->instrument_def[out->instrument].trocar_m[i]);
-            out->truth_N[3 * k + i] = (float)force_N;
-            size += force_N * force_N;
-        }
-        out->peak_N = fmax(out->peak_N, sqrt(size));
+        for (int h = 0; h < hands; h++) take_truth(&out[h], s, k, to);
     }
     sim_destroy(s);
     if (!status) return 0;

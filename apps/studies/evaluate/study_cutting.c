@@ -5,7 +5,7 @@
 #include "evaluate.h"
 
 static const double SPEED_M_S = 0.01, TREMOR_M = 40e-6, RATE_HZ = 20, SOAK_S = 600;
-/* of a quick run: one session, a few strokes of one hand */
+/* of a quick run: one session, a few strokes of either hand */
 enum { QUICK_POINTS = 9 };
 
 static void add(cJSON *rows, const recording *r, uint64_t seed, int late, hrt_extrapolator which) {
@@ -22,19 +22,21 @@ static void add(cJSON *rows, const recording *r, uint64_t seed, int late, hrt_ex
     cJSON_AddNumberToObject(row, "peak_N", r->peak_N);
 }
 
-/* One hand of one session. */
-static int felt(const path *p, uint64_t seed, int instrument, cJSON *rows) {
-    recording truth = {.instrument = instrument}, r = {.instrument = instrument};
-    int rc = record_truth(MODEL_ISOTROPIC, p, true, &truth);
-    if (truth.cuts.count) r.replay = &truth.cuts;
-    if (!rc) rc = record(MODEL_ISOTROPIC, p, RATE_HZ, true, true, &r);
-    if (!rc) copy_truth(&truth, &r);
-    for (int late = 0; late <= 2 && !rc && truth.peak_N > 0; late++) {
-        add(rows, &r, seed, late, HRT_POSITION);
-        add(rows, &r, seed, late, HRT_CONTACT);
+/* The hands of one session, from one run of the tissue. */
+static int felt(const path *p, uint64_t seed, cJSON *rows) {
+    recording truth[PATH_HANDS] = {{.instrument = 0}, {.instrument = 1}},
+              r[PATH_HANDS] = {{.instrument = 0}, {.instrument = 1}};
+    int rc = record_hands_truth(MODEL_ISOTROPIC, p, true, PATH_HANDS, truth);
+    for (int h = 0; h < PATH_HANDS; h++) r[h].replay = truth->cuts.count ? &truth->cuts : NULL;
+    if (!rc) rc = record_hands(MODEL_ISOTROPIC, p, RATE_HZ, true, true, PATH_HANDS, r);
+    for (int h = 0; h < PATH_HANDS && !rc; h++) {
+        copy_truth(&truth[h], &r[h]);
+        for (int late = 0; late <= 2 && truth[h].peak_N > 0; late++) {
+            add(rows, &r[h], seed, late, HRT_POSITION);
+            add(rows, &r[h], seed, late, HRT_CONTACT);
+        }
     }
-    recording_free(&r);
-    recording_free(&truth);
+    for (int h = 0; h < PATH_HANDS; h++) recording_free(&r[h]), recording_free(&truth[h]);
     return rc;
 }
 
@@ -43,9 +45,8 @@ cJSON *study_cutting(const study_run *run) {
     double done_s = run->model[MODEL_ISOTROPIC] ? 0 : SOAK_S;
     for (uint64_t seed = 1; done_s < SOAK_S; seed++) {
         const path p = path_make_random(seed, run->quick ? QUICK_POINTS : PATH_RANDOM_POINTS, SPEED_M_S, TREMOR_M);
-        for (int hand = 0; hand < (run->quick ? 1 : PATH_HANDS); hand++) {
-            progress("two cauteries at random", (done_s + 0.5 * hand * path_length_s(&p)) / SOAK_S);
-            if (!felt(&p, seed, hand, rows)) continue;
+        progress("two cauteries at random", done_s / SOAK_S);
+        if (felt(&p, seed, rows)) {
             cJSON_Delete(rows);
             return NULL;
         }
