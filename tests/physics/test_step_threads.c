@@ -4,6 +4,8 @@
 #include "../fixture.h"
 #include "../long.h"
 #include "contact_scene.h"
+#include "tensormass/rotation.h"
+#include "tensormass/viscosity.h"
 
 enum { FRAMES = 6, CAUTERY = 0, GRASPER = 1 };
 static const int32_t THREADS[] = {1, 2, 3, 8};
@@ -143,6 +145,59 @@ static void any_numbering(void **state) {
     tm_mesh_destroy(mesh);
 }
 
+/* --- tissue that turns, averages its volume and relaxes --- */
+
+/* Noise on a turn, cut on the way, snapshots of the histories: the same bits for any number of threads and any form. */
+static uint64_t turned_story(const tm_mesh *mesh, tm_force_form form, bool volume, int32_t threads) {
+    tm_material material;
+    tm_error error;
+    fix_ok(tm_material_young(5e3, 0.45, &material, &error), &error);
+    tm_tissue_def of = tm_tissue_def_default();
+    of.mesh = mesh, of.material_count = 1, of.material = &material, of.form = form, of.cuttable = true;
+    of.rotation = TM_ROTATION_THRESHOLD, of.volume = volume, of.volume_shear = 0;
+    tm_tissue *tissue = NULL;
+    fix_ok(tm_tissue_create(&of, &tissue, &error), &error);
+    tm_world_def def = tm_world_def_default();
+    def.tissue = tissue, def.threads = threads;
+    tm_world *world = NULL;
+    fix_ok(tm_world_create(&def, &world, &error), &error);
+    assert_int_equal(tm_world_parts(world), threads);
+    fix_ok(tm_stage_rotation(world, NULL, &error), &error);
+    tm_viscosity_def viscosity = tm_viscosity_def_default();
+    viscosity.count = 2;
+    viscosity.term[0] = (tm_viscosity_term){.time_s = 0.01, .shear = 0.3, .volume = 0.1};
+    viscosity.term[1] = (tm_viscosity_term){.time_s = 0.1, .shear = 0.2};
+    fix_ok(tm_stage_viscosity(world, &viscosity, &error), &error);
+    fix_random random = {9};
+    tm_state *s = tm_world_state(world);
+    for (int32_t i = 0; i < 3 * mesh->vertex_count; i++) {
+        const double *x = mesh->rest_m + i / 3 * 3, turn[3] = {-0.3 * x[0] - 0.7 * x[1], 0.7 * x[0] - 0.3 * x[1], 0};
+        s->u_m[i] = s->u_prev_m[i] = turn[i % 3] + 2e-4 * fix_signed(&random);
+    }
+    assert_int_equal(tm_world_step(world, 8), TM_OK);
+    assert_true(tm_cut_remove(tissue, (int32_t[]){50, 51, 52, 4000}, 4, NULL, 0) >= 4);
+    assert_int_equal(tm_world_step(world, 8), TM_OK);
+    const int64_t bytes = tm_snapshot_bytes(world);
+    void *kept = malloc((size_t)bytes);
+    fix_ok(tm_snapshot_save(world, kept, bytes, &error), &error);
+    const uint64_t hash = tm_hash(kept, (size_t)bytes, tm_world_hash(world));
+    free(kept);
+    tm_world_destroy(world);
+    tm_tissue_destroy(tissue);
+    return hash;
+}
+
+static void tissue_that_turns_and_relaxes(void **state) {
+    (void)state;
+    tm_mesh *mesh = shuffled();
+    for (int volume = 0; volume < 2; volume++) {
+        const uint64_t one = turned_story(mesh, TM_FORCE_BEST, volume, 1);
+        assert_true(turned_story(mesh, TM_FORCE_PLAIN, volume, 2) == one);
+        for (int t = 1; t < 4; t++) assert_true(turned_story(mesh, TM_FORCE_BEST, volume, THREADS[t]) == one);
+    }
+    tm_mesh_destroy(mesh);
+}
+
 /* --- loops over vertices --- */
 
 /* Gravity and integration written out, one vertex at a time: the bits of whatever the step does at a time. */
@@ -232,6 +287,7 @@ int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits_for_any_number),
                                        cmocka_unit_test(the_callers_threads),
                                        cmocka_unit_test(any_numbering),
+                                       cmocka_unit_test(tissue_that_turns_and_relaxes),
                                        cmocka_unit_test(loops_have_the_bits_of_one),
                                        cmocka_unit_test(one_vertex_fails_all),
                                        cmocka_unit_test(small_tissue_stays_on_one),

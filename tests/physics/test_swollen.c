@@ -1,6 +1,7 @@
 /* Tissue that turns and whose changes of volume are averaged (effects "rotation" and "volume" together): derivatives,
  * rigid motions, small strains, cuts, snapshots, forms and threads, the guaranteed step, the account of energy, rest,
  * and a beam of nearly incompressible tissue bent far. */
+#include "tensormass/viscosity.h"
 #include "turning.h"
 
 static const double FIBRE[3] = {0.48, -0.6, 0.64};
@@ -232,13 +233,41 @@ static void all_forms_give_the_same_bits(void **state) {
     for (double size = 1e-6; size < 0.1; size *= 3) {
         memset(f, 0, sizeof(double) * 2 * (size_t)t.n);
         for (int32_t i = 0; i < t.n; i++) u[i] = size * fix_signed(&random);
-        tm_swollen_add(&t.rotation->swollen, &t.rotation->packs, NULL, true, u, f);
-        tm_swollen_add(&t.rotation->swollen, &t.rotation->packs, NULL, false, u, g);
+        tm_swollen_add(&t.rotation->swollen, &t.rotation->packs, true, u, f);
+        tm_swollen_add(&t.rotation->swollen, &t.rotation->packs, false, u, g);
         assert_true(fix_largest(f, t.n) > 0);
         assert_memory_equal(f, g, sizeof(double) * (size_t)t.n);
     }
     free(u);
     destroy(&t);
+}
+
+/* The stage "viscosity" does not run the tensors: without shares its force is theirs and what turning adds. */
+static void what_hardly_relaxes_has_the_force_of_both_parts(void **state) {
+    (void)state;
+    for (int law = 0; law < 4; law++) {
+        turning t = block(law % 2, 0.45, &(how){.plain_volume = law > 1, .cuttable = law == 0});
+        double *u = vectors(&t, 4), *f = u + t.n, *s = u + 2 * t.n;
+        fix_random random = {29};
+        tm_error error;
+        tm_viscosity_def viscosity = tm_viscosity_def_default();
+        viscosity.count = 1, viscosity.term[0].time_s = 1;
+        fix_ok(tm_stage_viscosity(t.world, &viscosity, &error), &error);
+        for (double size = 1e-6; size < 3e-3; size *= 6) {
+            for (int32_t i = 0; i < t.n; i++) s[i] = size * fix_signed(&random);
+            turn(&t, size * 500, 0, s, u);
+            force_at(&t, u, f, s);
+            memcpy(tm_world_state(t.world)->u_m, u, sizeof(double) * (size_t)t.n);
+            memcpy(tm_world_state(t.world)->u_prev_m, u, sizeof(double) * (size_t)t.n);
+            assert_int_equal(tm_world_step(t.world, 1), TM_OK);
+            double worst = 0;
+            for (int32_t i = 0; i < t.n; i++) worst = fmax(worst, fabs(f[i] - tm_world_state(t.world)->force_N[i]));
+            tm_tissue_force(t.tissue, u, s); /* what the parts cancel */
+            assert_true(worst < 1e-13 * fix_largest(s, t.n));
+        }
+        free(u);
+        destroy(&t);
+    }
 }
 
 /* M^-1 K of the whole tangent, by power iteration from its norm's side: the most any state has asked for. */
@@ -479,6 +508,7 @@ int main(void) {
                                        cmocka_unit_test(small_strains_and_stretches_are_those_of_volume),
                                        cmocka_unit_test(cut_and_snapshot_go_on_to_the_last_bit),
                                        cmocka_unit_test(all_forms_give_the_same_bits),
+                                       cmocka_unit_test(what_hardly_relaxes_has_the_force_of_both_parts),
                                        cmocka_unit_test(no_state_needs_a_shorter_step),
                                        cmocka_unit_test(the_account_of_energy_closes),
                                        cmocka_unit_test(tissue_inside_out_comes_back),

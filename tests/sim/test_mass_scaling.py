@@ -25,13 +25,19 @@ def test_a_longer_step_with_its_price_told(bin, root, tmp_path):
 
 @pytest.mark.parametrize("step, more, extra, line, words", [
     (4, "", "", 11, "own mass"),
-    (1, "", "volume:\n", 11, "volume averages"),
     (1, ", mass_most: 2", "model: precomputed\n", 11, "dynamic model"),
 ])
 def test_refused(bin, root, tmp_path, step, more, extra, line, words):
     scene = block_scene(tmp_path, root, ASKED.format(step, more) + extra)
     _, err = run(bin / "tm-sim", scene, "--check", code=2)
     assert f"scene.yaml:{line}: " in err and words in err, err
+
+
+def test_goes_with_tissue_that_turns_and_averages(bin, root, tmp_path):
+    scene = block_scene(tmp_path, root, ASKED.format(1, "") + "rotation:\nvolume:\nviscosity: {terms: [{time: 1 s, shear: 0.5}]}\n")
+    step = report(bin / "tm-sim", scene, "--explain", "--unset", "time", tmp=tmp_path)["critical_step"]["guaranteed_s"]
+    scaled = report(bin / "tm-sim", scene, "--frames", "5", "--lockstep", "--set", f"time.step={1.2 * step}", "--set", "time.mass_most=1", tmp=tmp_path)
+    assert step < scaled["dt_s"] <= scaled["critical_step"]["guaranteed_s"] == pytest.approx(1.2 * step)
 
 
 @pytest.mark.parametrize("time, words", [("{mass_scaling: yes}", "without time.step"), ("{mass_most: 0.1}", "nothing adds")])

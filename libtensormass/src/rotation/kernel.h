@@ -317,50 +317,65 @@ INSIDE bool TM_NAME(blend)(const tm_packs *packs, const V8 H[9], V8 *weight, V8 
 
 /* What a pack adds: stress and, where asked for or needed, energy; both are whole, the weight is not in them. */
 typedef struct TM_NAME(turned) {
-    V8 H[9], R[9], stress[9], energy, weight, slope;
+    V8 H[9], F[9], polar[9], trace, I; /* the polar rotation, and the trace of its stretch */
+    V8 R[9], stress[9], energy, weight, slope;
 } TM_NAME(turned);
-INSIDE bool TM_NAME(turn)(const tm_packs *packs, int32_t p, int at, const double *u, bool wants_energy,
-                          TM_NAME(turned) * b) {
-    TM_NAME(law) w;
-    V8 F[9], I, trace, pressure;
-    TM_NAME(gradient)(packs, p, at, u, b->H);
-    if (!TM_NAME(blend)(packs, b->H, &b->weight, &b->slope)) return false;
-    const bool fibred = TM_NAME(law_of)(packs, p, at, &w);
-    for (int i = 0; i < 9; i++) F[i] = b->H[i] + (i % 4 ? 0.0 : 1.0);
-    TM_NAME(polar)(F, b->R, &I, &trace);
-    TM_NAME(isotropic)(&w.mu, &w.lambda, b->H, b->R, &trace, &pressure, b->stress);
+INSIDE void TM_NAME(straighten)(TM_NAME(turned) * b) {
+    for (int i = 0; i < 9; i++) b->F[i] = b->H[i] + (i % 4 ? 0.0 : 1.0);
+    TM_NAME(polar)(b->F, b->polar, &b->I, &b->trace);
+}
+INSIDE void TM_NAME(turn_law)(const TM_NAME(law) * w, bool fibred, bool wants_energy, TM_NAME(turned) * b) {
+    V8 pressure;
+    for (int i = 0; i < 9; i++) b->R[i] = b->polar[i];
+    TM_NAME(isotropic)(&w->mu, &w->lambda, b->H, b->R, &b->trace, &pressure, b->stress);
     for (int l = 0; l < TM_WIDTH && !wants_energy; l++) wants_energy = b->slope[l] != 0;
     b->energy = (V8){0};
-    if (wants_energy) TM_NAME(isotropic_energy)(&w.mu, &w.lambda, b->H, &I, &trace, &pressure, &b->energy);
-    if (!fibred) return true;
+    if (wants_energy) TM_NAME(isotropic_energy)(&w->mu, &w->lambda, b->H, &b->I, &b->trace, &pressure, &b->energy);
+    if (!fibred) return;
     V8 R[9], P[9], energy; /* some lanes may be isotropic */
-    const M8 has = (w.dlambda != 0) | (w.dmu != 0) | (w.beta != 0);
+    const M8 has = (w->dlambda != 0) | (w->dmu != 0) | (w->beta != 0);
     for (int i = 0; i < 9; i++) R[i] = b->R[i];
-    TM_NAME(fibred)(&w, &has, F, R, P, &energy);
-    TM_NAME(take_linear)(&w, b->H, P, &energy);
+    TM_NAME(fibred)(w, &has, b->F, R, P, &energy);
+    TM_NAME(take_linear)(w, b->H, P, &energy);
     TM_NAME(choose)(&b->energy, &has, &energy, &b->energy);
     for (int i = 0; i < 9; i++) {
         TM_NAME(choose)(&b->R[i], &has, &R[i], &b->R[i]);
         TM_NAME(choose)(&b->stress[i], &has, &P[i], &b->stress[i]);
     }
+}
+INSIDE bool TM_NAME(turn)(const tm_packs *packs, int32_t p, int at, const double *u, bool wants_energy,
+                          TM_NAME(turned) * b) {
+    TM_NAME(law) w;
+    TM_NAME(gradient)(packs, p, at, u, b->H);
+    if (!TM_NAME(blend)(packs, b->H, &b->weight, &b->slope)) return false;
+    const bool fibred = TM_NAME(law_of)(packs, p, at, &w);
+    TM_NAME(straighten)(b);
+    TM_NAME(turn_law)(&w, fibred, wants_energy, b);
     return true;
 }
 
-/* A stress times the volume onto force_N, the marked lanes ascending: corners 1, 2, 3 and what is left to corner 0. */
-INSIDE void TM_NAME(scatter)(const tm_packs *packs, int32_t p, int at, const M8 *who, const V8 P[9], double *force_N) {
+/* What a stress times the volume pulls a tetrahedron's corners with: 1, 2, 3, and what is left to corner 0. */
+INSIDE void TM_NAME(pull)(const tm_packs *packs, int32_t p, int at, const V8 P[9], V8 f[4][3]) {
     const tm_pack *pack = packs->pack + p;
     V8 alpha[9];
-    double f[4][3][TM_WIDTH] __attribute__((aligned(64)));
     for (int i = 0; i < 9; i++) memcpy(&alpha[i], pack->shape_1_m[i] + at, sizeof(V8));
     for (int i = 0; i < 3; i++) {
-        V8 first = {0};
+        f[0][i] = (V8){0};
         for (int k = 0; k < 3; k++) {
-            const V8 here = P[3 * i] * alpha[3 * k] + P[3 * i + 1] * alpha[3 * k + 1] + P[3 * i + 2] * alpha[3 * k + 2];
-            first -= here;
-            memcpy(f[k + 1][i], &here, sizeof here);
+            f[k + 1][i] =
+                P[3 * i] * alpha[3 * k] + P[3 * i + 1] * alpha[3 * k + 1] + P[3 * i + 2] * alpha[3 * k + 2];
+            f[0][i] -= f[k + 1][i];
         }
-        memcpy(f[0][i], &first, sizeof first);
     }
+}
+
+/* The same onto force_N, the marked lanes ascending. */
+INSIDE void TM_NAME(scatter)(const tm_packs *packs, int32_t p, int at, const M8 *who, const V8 P[9], double *force_N) {
+    const tm_pack *pack = packs->pack + p;
+    V8 pulls[4][3];
+    double f[4][3][TM_WIDTH] __attribute__((aligned(64)));
+    TM_NAME(pull)(packs, p, at, P, pulls);
+    memcpy(f, pulls, sizeof f);
     for (int l = 0; l < TM_WIDTH; l++) {
         if (!(*who)[l]) continue;
         for (int k = 0; k < 4; k++)

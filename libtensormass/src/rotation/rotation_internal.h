@@ -49,15 +49,23 @@ typedef struct tm_viscous {
     /* The history h = memory + now E becomes memory = keep h + old E. */
     double now[TM_VISCOUS_TERMS], keep[TM_VISCOUS_TERMS], old[TM_VISCOUS_TERMS];
     bool still;                         /* histories do not go on */
+    double *corner_N;                   /* [12*TM_LANES*count] what each corner of a pack's lanes is pulled with */
+    double *stress_J;                   /* [9*TM_LANES*count] before pressures, where these are averaged; else null */
     double *memory[TM_VISCOUS_TERMS];   /* [TM_LANES*6*count] xx yy zz yz xz xy of a pack's lanes */
     double *bulk_J;                     /* [TM_LANES*count] bulk modulus times volume; 0 where it is averaged */
     double *swelling[TM_VISCOUS_TERMS]; /* [domains] as memory, of averaged changes of volume (swollen.h), or null */
 } tm_viscous;
-/* force_N += the correction of every pack less what has relaxed of it, and histories go on to the next step; null:
- * histories alone. Returns how many packs have turned. */
-typedef int32_t (*tm_viscous_kernel)(const tm_packs *packs, const tm_viscous *viscous, const double *u_m,
-                                     double *force_N);
-tm_viscous_kernel tm_viscous_choose(bool plain);
+/* The passes of tissue that turns and relaxes over the packs [begin, end), of the whole law and not of what turning
+ * adds to it. With `swollen` null the first leaves corner_N. Else it leaves stresses and what swells, and the second,
+ * when tm_swollen_average has gone over all domains, corner_N. */
+typedef struct tm_viscous_passes {
+    /* Histories go on to the next step. Returns how many packs have turned. */
+    int32_t (*strain)(const tm_packs *packs, const tm_viscous *viscous, const tm_swollen *swollen, int32_t begin,
+                      int32_t end, const double *u_m);
+    void (*pressure)(const tm_packs *packs, const tm_viscous *viscous, const tm_swollen *swollen, int32_t begin,
+                     int32_t end);
+} tm_viscous_passes;
+tm_viscous_passes tm_viscous_choose(bool plain);
 
 /* The two passes of swollen_kernel.h. */
 typedef struct tm_swollen_passes {

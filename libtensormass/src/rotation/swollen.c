@@ -1,5 +1,5 @@
 /* Averages of turned tetrahedra's changes of volume, between the two passes of swollen_kernel.h. All sums ascend over
- * living tetrahedra, so that a cut tissue has the bits of a fresh build. */
+ * tetrahedra, of which the dead give nothing, so that a cut tissue has the bits of a fresh build. */
 #include <math.h>
 #include <string.h>
 
@@ -19,8 +19,8 @@ bool tm_swollen_take_look(tm_swollen *look, tm_pool *pool, const tm_swollen *s, 
     const int32_t domains = tm_swollen_domains(s);
     const int64_t lanes = TM_LANES * (int64_t)packs;
     look->turn = TM_TAKE(pool, double, 9 * lanes);
-    double **of_tets[] = {&look->grown, &look->straight, &look->pull_J, &look->drawn_J};
-    for (int i = 0; i < 4; i++) *of_tets[i] = TM_TAKE(pool, double, lanes);
+    look->grown = TM_TAKE(pool, double, lanes);
+    look->straight = TM_TAKE(pool, double, lanes);
     double **of_domains[] = {&look->swelling, &look->plain, &look->turned, &look->unturned};
     for (int i = 0; i < 4; i++) *of_domains[i] = TM_TAKE(pool, double, domains);
     return !pool->failed;
@@ -37,6 +37,19 @@ static void name_domains(const tm_swollen *s, int32_t tet, int32_t domain[4]) {
     }
 }
 
+/* Who gives to which domain, of all tetrahedra. */
+static void list_givers(const tm_swollen *s) {
+    const int32_t *domain = s->domain, count = 4 * s->tissue->mesh->tet_count;
+    int32_t *at = s->tet_at + 1; /* for now: where the next one goes */
+    for (int32_t i = 0; i < count; i++) s->tet_at[domain[i] + 1]++;
+    for (int32_t d = 0, sum = 0; d < tm_swollen_domains(s); d++) {
+        const int32_t own = at[d];
+        at[d] = sum;
+        sum += own;
+    }
+    for (int32_t i = 0; i < count; i++) s->tet[at[domain[i]]++] = i / 4;
+}
+
 bool tm_swollen_take(tm_swollen *s, tm_pool *pool, const tm_tissue *tissue, int32_t packs) {
     *s = (tm_swollen){0};
     const tm_smoothed *smoothed = tissue->smoothed;
@@ -49,13 +62,16 @@ bool tm_swollen_take(tm_swollen *s, tm_pool *pool, const tm_tissue *tissue, int3
         tm_smoothed_average_all(tissue, &s->own);
     }
     double *most = TM_TAKE(pool, double, mesh->region_count);
-    s->domain = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
-    s->quarter_m3 = TM_TAKE(pool, double, mesh->tet_count);
+    s->domain = TM_TAKE(pool, int32_t, 4 * TM_LANES * (int64_t)packs);
+    s->quarter_m3 = TM_TAKE(pool, double, TM_LANES *(int64_t)packs);
+    s->tet_at = TM_TAKE(pool, int32_t, (int64_t)tm_swollen_domains(s) + 1);
+    s->tet = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
     if (pool->failed || !tm_swollen_take_look(s, pool, s, packs)) return false;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
         name_domains(s, t, s->domain + 4 * (int64_t)t);
         s->quarter_m3[t] = mesh->volume_m3[t] / 4;
     }
+    list_givers(s);
     for (int32_t r = 0; r < mesh->region_count; r++)
         most[r] = tm_turned_most_Pa(tissue->material + tissue->region_material[r]);
     s->bulk_Pa = smoothed->bulk_Pa;
@@ -65,73 +81,57 @@ bool tm_swollen_take(tm_swollen *s, tm_pool *pool, const tm_tissue *tissue, int3
 
 /* --- averages and pressures --- */
 
-static void average(const tm_swollen *s) {
-    const tm_domains *d = tm_swollen_domains_of(s);
-    memset(s->swelling, 0, sizeof(double) * (size_t)d->count);
-    memset(s->plain, 0, sizeof(double) * (size_t)d->count);
-    for (int32_t t = 0; t < s->tissue->mesh->tet_count; t++) {
-        if (!s->tissue->alive[t]) continue;
-        const double grown = s->quarter_m3[t] * s->grown[t], straight = s->quarter_m3[t] * s->straight[t];
-        for (int k = 0; k < 4; k++) {
-            const int32_t i = s->domain[4 * (int64_t)t + k];
-            s->swelling[i] += grown;
-            s->plain[i] += straight;
-        }
+/* Of one domain. */
+static double average(const tm_swollen *s, int32_t i, const double *of) {
+    double sum = 0;
+    for (int32_t j = s->tet_at[i]; j < s->tet_at[i + 1]; j++) sum += of[s->tet[j]];
+    return sum / tm_swollen_domains_of(s)->volume_m3[i];
+}
+
+/* What has relaxed of a domain's pressure; a change of volume is remembered as far as tension grows, and as much the
+ * other way, as in viscous_kernel.h. */
+static void relax(const tm_swollen *s, const tm_viscous *v, int32_t i, double bulk, double most) {
+    const double tiny = 1e-60, limit = most / bulk, up = s->swelling[i] < limit ? s->swelling[i] : limit;
+    const double fed = up > -limit ? up : -limit;
+    for (int32_t t = 0; t < v->terms; t++) {
+        double *memory = v->swelling[t] + i;
+        const double h = *memory + v->now[t] * fed;
+        s->turned[i] -= (v->shear[t] + v->more[t]) * bulk * h;
+        if (!v->still) *memory = (v->keep[t] * h + v->old[t] * fed + tiny) - tiny;
     }
+}
+
+void tm_swollen_average(const tm_swollen *s, const tm_viscous *relaxing, int32_t begin, int32_t end) {
+    const tm_domains *d = tm_swollen_domains_of(s);
+    for (int32_t i = begin; i < end; i++) {
+        if (!(d->volume_m3[i] > 0)) continue;
+        const double bulk = s->bulk_Pa[d->law[i]], most = s->most_Pa[d->law[i]];
+        s->swelling[i] = average(s, i, s->grown);
+        const double pressure = bulk * s->swelling[i];
+        s->turned[i] = pressure < most ? pressure : most;
+        if (relaxing) relax(s, relaxing, i, bulk, most);
+    }
+}
+
+static void average_plain(const tm_swollen *s) {
+    const tm_domains *d = tm_swollen_domains_of(s);
     for (int32_t i = 0; i < d->count; i++) {
         if (!(d->volume_m3[i] > 0)) continue;
-        s->swelling[i] /= d->volume_m3[i];
-        s->plain[i] /= d->volume_m3[i];
-        s->turned[i] = fmin(s->bulk_Pa[d->law[i]] * s->swelling[i], s->most_Pa[d->law[i]]);
+        s->plain[i] = average(s, i, s->straight);
         s->unturned[i] = s->bulk_Pa[d->law[i]] * s->plain[i];
-    }
-}
-
-/* What has relaxed of each domain's pressure; a change of volume is remembered as far as tension grows, and as much
- * the other way, as in viscous_kernel.h. */
-static void relax(const tm_swollen *s, const tm_viscous *v) {
-    const tm_domains *d = tm_swollen_domains_of(s);
-    const double tiny = 1e-60;
-    for (int32_t i = 0; i < d->count; i++) {
-        if (!(d->volume_m3[i] > 0)) continue;
-        const double bulk = s->bulk_Pa[d->law[i]], limit = s->most_Pa[d->law[i]] / bulk;
-        const double fed = fmax(fmin(s->swelling[i], limit), -limit);
-        for (int32_t t = 0; t < v->terms; t++) {
-            double *memory = v->swelling[t] + i;
-            const double h = *memory + v->now[t] * fed;
-            s->turned[i] -= (v->shear[t] + v->more[t]) * bulk * h;
-            if (!v->still) *memory = (v->keep[t] * h + v->old[t] * fed + tiny) - tiny;
-        }
-    }
-}
-
-/* Pressures of the domains onto their tetrahedra. */
-static void hand_out(const tm_swollen *s) {
-    for (int32_t t = 0; t < s->tissue->mesh->tet_count; t++) {
-        if (!s->tissue->alive[t]) continue;
-        const int32_t *i = s->domain + 4 * (int64_t)t;
-        s->pull_J[t] = s->quarter_m3[t] * (s->turned[i[0]] + s->turned[i[1]] + s->turned[i[2]] + s->turned[i[3]]);
-        s->drawn_J[t] =
-            s->quarter_m3[t] * (s->unturned[i[0]] + s->unturned[i[1]] + s->unturned[i[2]] + s->unturned[i[3]]);
     }
 }
 
 void tm_swollen_look(const tm_swollen *s, const tm_packs *packs, bool plain, const double *u_m) {
     tm_swollen_choose(plain).swell(packs, s, u_m);
-    average(s);
-    hand_out(s);
+    tm_swollen_average(s, NULL, 0, tm_swollen_domains(s));
+    average_plain(s);
 }
 
-void tm_swollen_add(const tm_swollen *s, const tm_packs *packs, const tm_viscous *relaxing, bool plain,
-                    const double *u_m, double *force_N) {
+void tm_swollen_add(const tm_swollen *s, const tm_packs *packs, bool plain, const double *u_m, double *force_N) {
     if (!s->tissue) return;
-    const tm_swollen_passes passes = tm_swollen_choose(plain);
-    passes.swell(packs, s, u_m);
-    average(s);
-    if (relaxing) relax(s, relaxing);
-    if (!force_N) return;
-    hand_out(s);
-    passes.press(packs, s, force_N);
+    tm_swollen_look(s, packs, plain, u_m);
+    tm_swollen_choose(plain).press(packs, s, force_N);
 }
 
 double tm_swollen_energy(const tm_swollen *s, const tm_packs *packs, const double *u_m) {

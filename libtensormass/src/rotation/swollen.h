@@ -12,16 +12,16 @@ struct tm_viscous;
 typedef struct tm_swollen {
     const tm_tissue *tissue; /* null: nothing is averaged, and nothing here is to be done */
     tm_domains own;          /* of tissue that cannot be cut: its domains of vertices */
-    int32_t *domain;         /* [4*tet_count] of each corner */
-    double *quarter_m3;      /* [tet_count] what a tetrahedron gives to each of its four domains */
+    int32_t *domain;         /* [4*TM_LANES*packs] of each corner */
+    double *quarter_m3;      /* [TM_LANES*packs] what a tetrahedron gives to each of its four domains */
+    int32_t *tet_at, *tet;   /* [domains+1], [4*tet_count] who gives to a domain, ascending */
     const double *bulk_Pa;   /* [region_count] by law */
     const double *most_Pa;   /* [region_count] tension grows no further than this */
     /* Of one look at u. Tetrahedra in packs of TM_LANES, as in tm_packs. */
     double *turn;              /* [9*TM_LANES*packs] R */
-    double *grown, *straight;  /* [TM_LANES*packs] tr S - 3; tr grad u */
-    double *pull_J, *drawn_J;  /* [TM_LANES*packs] what R and the unit tensor are weighted with in the stress */
+    double *grown, *straight;  /* [TM_LANES*packs] tr S - 3 and tr grad u, times the quarter; 0 of the dead */
     double *swelling, *plain;  /* [domains] averages of both */
-    double *turned, *unturned; /* [domains] volume times pressure by the averages, J */
+    double *turned, *unturned; /* [domains] pressure by the averages, Pa */
 } tm_swollen;
 
 /* From the pool; false: no memory. Without smoothing: nothing. */
@@ -31,11 +31,12 @@ bool tm_swollen_take_look(tm_swollen *look, tm_pool *pool, const tm_swollen *s, 
 const tm_domains *tm_swollen_domains_of(const tm_swollen *s);
 int32_t tm_swollen_domains(const tm_swollen *s);
 
-/* force_N += the correction, less what has relaxed; the histories go on. relaxing null: elastic; force_N null:
- * histories alone. */
-void tm_swollen_add(const tm_swollen *s, const struct tm_packs *packs, const struct tm_viscous *relaxing, bool plain,
-                    const double *u_m, double *force_N);
+/* force_N += the correction. */
+void tm_swollen_add(const tm_swollen *s, const struct tm_packs *packs, bool plain, const double *u_m, double *force_N);
 double tm_swollen_energy(const tm_swollen *s, const struct tm_packs *packs, const double *u_m);
+/* Averages of `grown` over the domains [begin, end), and their pressures, less what has relaxed of them; the histories
+ * go on. relaxing null: elastic. */
+void tm_swollen_average(const tm_swollen *s, const struct tm_viscous *relaxing, int32_t begin, int32_t end);
 /* Averages and pressures at u. */
 void tm_swollen_look(const tm_swollen *s, const struct tm_packs *packs, bool plain, const double *u_m);
 

@@ -1,17 +1,27 @@
 /* Tissue that turns and whose changes of volume are averaged; a part of kernel.h. Two passes over all tetrahedra, with
  * the sums over domains between them (swollen.c): rotations and changes of volume first, then pressures' forces. */
 
+/* The sum of its four domains' pressures. */
+INSIDE void TM_NAME(pressure)(const tm_swollen *s, int32_t p, int at, const double *of, V8 *sum) {
+    const int32_t *i = s->domain + 4 * (TM_LANES * (int64_t)p + at);
+    for (int l = 0; l < TM_WIDTH; l++) (*sum)[l] = of[i[4 * l]] + of[i[4 * l + 1]] + of[i[4 * l + 2]] + of[i[4 * l + 3]];
+}
+
 TM_TARGET static void TM_NAME(swell)(const tm_packs *packs, const tm_swollen *s, const double *u_m) {
     for (int32_t p = 0; p < packs->count; p++)
         for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
-            V8 H[9], F[9], R[9], I, trace, straight;
-            TM_NAME(gradient)(packs, p, at, u_m, H);
-            for (int i = 0; i < 9; i++) F[i] = H[i] + (i % 4 ? 0.0 : 1.0);
-            TM_NAME(polar)(F, R, &I, &trace);
-            trace -= 3;
-            straight = H[0] + H[4] + H[8];
+            V8 F[9], R[9], I, grown, straight, quarter;
+            M8 there;
+            TM_NAME(gradient)(packs, p, at, u_m, F);
+            straight = F[0] + F[4] + F[8];
+            for (int i = 0; i < 9; i += 4) F[i] += 1.0;
+            TM_NAME(polar)(F, R, &I, &grown);
+            TM_NAME(living)(packs, p, at, &there);
+            memcpy(&quarter, s->quarter_m3 + TM_LANES * (int64_t)p + at, sizeof quarter);
+            grown = (V8)((M8)(quarter * (grown - 3)) & there);
+            straight = (V8)((M8)(quarter * straight) & there);
             for (int i = 0; i < 9; i++) memcpy(s->turn + (9 * (int64_t)p + i) * TM_LANES + at, &R[i], sizeof(V8));
-            memcpy(s->grown + TM_LANES * (int64_t)p + at, &trace, sizeof trace);
+            memcpy(s->grown + TM_LANES * (int64_t)p + at, &grown, sizeof grown);
             memcpy(s->straight + TM_LANES * (int64_t)p + at, &straight, sizeof straight);
         }
 }
@@ -19,10 +29,12 @@ TM_TARGET static void TM_NAME(swell)(const tm_packs *packs, const tm_swollen *s,
 TM_TARGET static void TM_NAME(press)(const tm_packs *packs, const tm_swollen *s, double *force_N) {
     for (int32_t p = 0; p < packs->count; p++)
         for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
-            V8 P[9], pull, drawn;
+            V8 P[9], pull, drawn, quarter;
             M8 there;
-            memcpy(&pull, s->pull_J + TM_LANES * (int64_t)p + at, sizeof pull);
-            memcpy(&drawn, s->drawn_J + TM_LANES * (int64_t)p + at, sizeof drawn);
+            TM_NAME(pressure)(s, p, at, s->turned, &pull);
+            TM_NAME(pressure)(s, p, at, s->unturned, &drawn);
+            memcpy(&quarter, s->quarter_m3 + TM_LANES * (int64_t)p + at, sizeof quarter);
+            pull *= quarter, drawn *= quarter;
             for (int i = 0; i < 9; i++) {
                 memcpy(&P[i], s->turn + (9 * (int64_t)p + i) * TM_LANES + at, sizeof(V8));
                 P[i] *= pull;

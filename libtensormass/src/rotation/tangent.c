@@ -190,7 +190,9 @@ static void add_swelling(const tm_tissue *tissue, int32_t tet, const double *u_m
                     mesh->shape_1_m[12 * (int64_t)tet + 3 * k + i % 3];
     for (int i = 0; i < 9; i++) R[i] = turn[TM_LANES * i];
     stretch_hessian(H, R, A);
-    for (int i = 0; i < 81; i++) A[i] *= s->pull_J[tet];
+    double pull = 0;
+    for (int k = 0; k < 4; k++) pull += s->turned[s->domain[4 * (int64_t)tet + k]];
+    for (int i = 0; i < 81; i++) A[i] *= s->quarter_m3[tet] * pull;
     add_tet(tissue, tet, A, &tangent->graph);
 }
 

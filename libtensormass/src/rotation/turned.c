@@ -48,14 +48,14 @@ tm_rotation_kernel tm_rotation_choose(bool plain) {
     return tm_rotation_form(form);
 }
 
-tm_viscous_kernel tm_viscous_choose(bool plain) {
+tm_viscous_passes tm_viscous_choose(bool plain) {
     const tm_rotation_kernel form = tm_rotation_choose(plain);
 #ifdef TM_HAS_AVX2
-    if (form == tm_avx512_force) return tm_avx512_viscous;
-    if (form == tm_avx2_force) return tm_avx2_viscous;
+    if (form == tm_avx512_force) return (tm_viscous_passes){tm_avx512_strain_pass, tm_avx512_pressure_pass};
+    if (form == tm_avx2_force) return (tm_viscous_passes){tm_avx2_strain_pass, tm_avx2_pressure_pass};
 #endif
     (void)form;
-    return tm_plain_viscous;
+    return (tm_viscous_passes){tm_plain_strain_pass, tm_plain_pressure_pass};
 }
 
 tm_swollen_passes tm_swollen_choose(bool plain) {

@@ -43,14 +43,23 @@ INSIDE void TM_NAME(beyond)(const TM_NAME(law) * w, const V8 E[9], V8 *beyond) {
     *beyond = (V8)(((M8)above & (above > 0)) | ((M8)below & (below < 0)));
 }
 
+INSIDE void TM_NAME(linear)(const TM_NAME(law) * w, bool fibred, const V8 E[9], V8 T[9]) {
+    if (fibred) {
+        TM_NAME(stress)(w, E, T);
+        return;
+    }
+    const V8 sphere = w->lambda * (E[0] + E[4] + E[8]);
+    for (int i = 0; i < 9; i++) T[i] = 2 * w->mu * E[i];
+    for (int i = 0; i < 9; i += 4) T[i] += sphere;
+}
+
 /* T of the pack's histories, which go on with the strain E. */
-INSIDE void TM_NAME(remember)(const tm_packs *packs, const tm_viscous *v, int32_t p, int at, const V8 E[9], V8 T[9]) {
+INSIDE void TM_NAME(remember)(const TM_NAME(law) * w, bool fibred, const tm_viscous *v, int32_t p, int at,
+                              const V8 E[9], V8 T[9]) {
     static const int row[6] = {0, 4, 8, 5, 2, 1};
     const double tiny = 1e-60;
     V8 shear[9], more = {0}, bulk, beyond;
-    TM_NAME(law) w;
-    const bool fibred = TM_NAME(law_of)(packs, p, at, &w);
-    TM_NAME(beyond)(&w, E, &beyond);
+    TM_NAME(beyond)(w, E, &beyond);
     for (int i = 0; i < 9; i++) shear[i] = (V8){0};
     for (int t = 0; t < v->terms; t++)
         for (int i = 0; i < 6; i++) {
@@ -65,13 +74,7 @@ INSIDE void TM_NAME(remember)(const tm_packs *packs, const tm_viscous *v, int32_
             if (!v->still) memcpy(m, &h, sizeof h);
         }
     shear[7] = shear[5], shear[6] = shear[2], shear[3] = shear[1];
-    if (fibred)
-        TM_NAME(stress)(&w, shear, T);
-    else {
-        const V8 sphere = w.lambda * (shear[0] + shear[4] + shear[8]);
-        for (int i = 0; i < 9; i++) T[i] = 2 * w.mu * shear[i];
-        for (int i = 0; i < 9; i += 4) T[i] += sphere;
-    }
+    TM_NAME(linear)(w, fibred, shear, T);
     memcpy(&bulk, v->bulk_J + TM_LANES * (int64_t)p + at, sizeof bulk);
     for (int i = 0; i < 9; i += 4) T[i] += bulk * more;
 }
@@ -88,55 +91,105 @@ INSIDE void TM_NAME(sanity)(const V8 F[9], V8 *share) {
     *share = x * x * (3 - 2 * x);
 }
 
-/* Stress of a slice of a pack: what turning adds to the linear law, less what has relaxed. */
-INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, int32_t p, int at, const double *u, V8 P[9]) {
-    TM_NAME(turned) b;
-    V8 E[9], T[9], U[9], Y[9], F[9], M[9], turn[9];
-    const bool turned = TM_NAME(turn)(packs, p, at, u, false, &b);
+/* Stress of a slice of a pack: the law's, turned or not, less what has relaxed, but for changes of volume that are
+ * averaged; the polar rotation with it where they are. */
+INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool averaged, int32_t p, int at,
+                              const double *u, TM_NAME(turned) * b, V8 P[9]) {
+    V8 E[9], T[9], U[9], Y[9], M[9], turn[9];
+    TM_NAME(law) w;
+    TM_NAME(gradient)(packs, p, at, u, b->H);
+    const bool turned = TM_NAME(blend)(packs, b->H, &b->weight, &b->slope);
+    const bool fibred = TM_NAME(law_of)(packs, p, at, &w);
+    if (averaged || turned) TM_NAME(straighten)(b);
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) E[3 * i + j] = 0.5 * (b.H[3 * i + j] + b.H[3 * j + i]);
+        for (int j = 0; j < 3; j++) E[3 * i + j] = 0.5 * (b->H[3 * i + j] + b->H[3 * j + i]);
+    TM_NAME(linear)(&w, fibred, E, P);
     if (!turned) {
-        TM_NAME(remember)(packs, v, p, at, E, T);
-        for (int i = 0; i < 9; i++) P[i] = -T[i];
+        TM_NAME(remember)(&w, fibred, v, p, at, E, T);
+        for (int i = 0; i < 9; i++) P[i] -= T[i];
         return false;
     }
-    for (int i = 0; i < 9; i++) F[i] = b.H[i] + (i % 4 ? 0.0 : 1.0);
-    TM_NAME(transposed_times)(b.R, F, M);
+    TM_NAME(turn_law)(&w, fibred, false, b);
+    TM_NAME(transposed_times)(b->R, b->F, M);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) U[3 * i + j] = 0.5 * (M[3 * i + j] + M[3 * j + i]);
     V8 change[9], along = {0}, share;
     for (int i = 0; i < 9; i++) change[i] = U[i] - (i % 4 ? 0.0 : 1.0) - E[i];
-    TM_NAME(sanity)(F, &share);
-    for (int i = 0; i < 9; i++) E[i] = share * (E[i] + b.weight * change[i]);
-    TM_NAME(remember)(packs, v, p, at, E, T);
+    TM_NAME(sanity)(b->F, &share);
+    for (int i = 0; i < 9; i++) E[i] = share * (E[i] + b->weight * change[i]);
+    TM_NAME(remember)(&w, fibred, v, p, at, E, T);
     for (int i = 0; i < 9; i++) T[i] *= share;
     TM_NAME(spin)(U, T, Y);
     for (int i = 0; i < 9; i++) along += T[i] * change[i];
-    TM_NAME(law) w;
-    if (TM_NAME(law_of)(packs, p, at, &w)) {
+    if (fibred) {
         const M8 polar = (w.dlambda == 0) & (w.dmu == 0) & (w.beta == 0);
         for (int i = 0; i < 9; i++) Y[i] = (V8)((M8)Y[i] & polar);
     }
     for (int i = 0; i < 9; i++) Y[i] = T[i] - Y[i];
-    TM_NAME(times)(b.R, Y, turn);
-    const V8 steer = 2 * b.slope * (b.energy - along);
-    for (int i = 0; i < 9; i++) P[i] = b.weight * (b.stress[i] - (turn[i] - T[i])) + steer * b.H[i] - T[i];
+    TM_NAME(times)(b->R, Y, turn);
+    const V8 steer = 2 * b->slope * (b->energy - along);
+    for (int i = 0; i < 9; i++)
+        P[i] += b->weight * (b->stress[i] - (turn[i] - T[i])) + steer * b->H[i] - T[i];
     return true;
 }
 
-TM_TARGET static int32_t TM_NAME(viscous)(const tm_packs *packs, const tm_viscous *v, const double *u_m,
-                                          double *force_N) {
+/* Nothing of those who are dead. */
+INSIDE void TM_NAME(keep_corners)(const tm_packs *packs, const tm_viscous *v, int32_t p, int at, const V8 P[9]) {
+    V8 f[4][3];
+    M8 there;
+    double *to = v->corner_N + 12 * TM_LANES * (int64_t)p + at;
+    TM_NAME(pull)(packs, p, at, P, f);
+    TM_NAME(living)(packs, p, at, &there);
+    for (int k = 0; k < 4; k++)
+        for (int i = 0; i < 3; i++) {
+            f[k][i] = (V8)((M8)f[k][i] & there);
+            memcpy(to + TM_LANES * (3 * k + i), &f[k][i], sizeof(V8));
+        }
+}
+
+TM_TARGET static int32_t TM_NAME(strain_pass)(const tm_packs *packs, const tm_viscous *v, const tm_swollen *s,
+                                              int32_t begin, int32_t end, const double *u_m) {
     int32_t active = 0;
-    for (int32_t p = 0; p < packs->count; p++) {
+    for (int32_t p = begin; p < end; p++) {
         bool any = false;
         for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
-            V8 P[9];
-            any |= TM_NAME(relaxing)(packs, v, p, at, u_m, P);
+            TM_NAME(turned) b;
+            V8 P[9], grown;
             M8 there;
+            any |= TM_NAME(relaxing)(packs, v, s, p, at, u_m, &b, P);
+            if (!s) {
+                TM_NAME(keep_corners)(packs, v, p, at, P);
+                continue;
+            }
             TM_NAME(living)(packs, p, at, &there);
-            if (force_N) TM_NAME(scatter)(packs, p, at, &there, P, force_N);
+            memcpy(&grown, s->quarter_m3 + TM_LANES * (int64_t)p + at, sizeof grown);
+            grown = (V8)((M8)(grown * (b.trace - 3)) & there);
+            memcpy(s->grown + TM_LANES * (int64_t)p + at, &grown, sizeof grown);
+            for (int i = 0; i < 9; i++) {
+                const int64_t to = (9 * (int64_t)p + i) * TM_LANES + at;
+                memcpy(s->turn + to, &b.polar[i], sizeof(V8));
+                memcpy(v->stress_J + to, &P[i], sizeof(V8));
+            }
         }
         active += any;
     }
     return active;
+}
+
+TM_TARGET static void TM_NAME(pressure_pass)(const tm_packs *packs, const tm_viscous *v, const tm_swollen *s,
+                                             int32_t begin, int32_t end) {
+    for (int32_t p = begin; p < end; p++)
+        for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
+            V8 P[9], R, pressure, quarter;
+            TM_NAME(pressure)(s, p, at, s->turned, &pressure);
+            memcpy(&quarter, s->quarter_m3 + TM_LANES * (int64_t)p + at, sizeof quarter);
+            pressure *= quarter;
+            for (int i = 0; i < 9; i++) {
+                const int64_t from = (9 * (int64_t)p + i) * TM_LANES + at;
+                memcpy(&R, s->turn + from, sizeof R);
+                memcpy(&P[i], v->stress_J + from, sizeof(V8));
+                P[i] += pressure * R;
+            }
+            TM_NAME(keep_corners)(packs, v, p, at, P);
+        }
 }

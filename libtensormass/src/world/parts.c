@@ -116,10 +116,10 @@ static void look_at_part(void *context, int32_t number) {
     look(world, part, part->force.begin, part->force.end);
 }
 
-static void all_parts(tm_world *world, void (*work)(void *context, int32_t part), void *context) {
+void tm_parts_do(tm_world *world, void (*work)(void *context, int32_t part), void *context) {
     if (world->part_count == 1)
         work(context, 0);
-    else if (world->run_parts)
+    else if (world->run_parts && !world->asking)
         world->run_parts(world->run_parts_user, work, context, world->part_count);
     else if (world->team_is_there)
         tm_team_run(world->team, work, context);
@@ -130,10 +130,10 @@ static void all_parts(tm_world *world, void (*work)(void *context, int32_t part)
 
 void tm_parts_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_too) {
     stages s = {world, begin, end, look_too};
-    all_parts(world, run_part, &s);
+    tm_parts_do(world, run_part, &s);
 }
 
-void tm_parts_look(tm_world *world) { all_parts(world, look_at_part, world); }
+void tm_parts_look(tm_world *world) { tm_parts_do(world, look_at_part, world); }
 
 /* Threads are woken for calls that are worth it. */
 void tm_parts_begin(tm_world *world, int32_t substeps) {

@@ -12,7 +12,7 @@ static void run(void *self, tm_world *world) {
     tm_packs_list(r, world->state.u_m);
     r->active = r->kernel(&r->packs, r->list, r->list_count, world->state.u_m, world->state.force_N);
     r->idle += r->list_count - r->active;
-    tm_swollen_add(&r->swollen, &r->packs, NULL, r->tissue->plain, world->state.u_m, world->state.force_N);
+    tm_swollen_add(&r->swollen, &r->packs, r->tissue->plain, world->state.u_m, world->state.force_N);
 }
 
 static void destroy(void *self) {
@@ -97,7 +97,7 @@ void tm_rotation_force(const tm_rotation *rotation, const double *u_m, double *f
     TM_REQUIRE(rotation && u_m && force_N, "rotation, u_m or force_N is null", );
     memset(force_N, 0, sizeof(double) * 3 * (size_t)rotation->tissue->mesh->vertex_count);
     rotation->kernel(&rotation->packs, rotation->every, rotation->packs.count, u_m, force_N);
-    tm_swollen_add(&rotation->swollen, &rotation->packs, NULL, rotation->tissue->plain, u_m, force_N);
+    tm_swollen_add(&rotation->swollen, &rotation->packs, rotation->tissue->plain, u_m, force_N);
 }
 
 double *tm_rotation_scratch(const tm_rotation *rotation) { return rotation->scratch_N; }

@@ -21,8 +21,7 @@ typedef struct viscosity {
     double *swollen_m;                                            /* [n] sum (volume_i - shear_i) q_i, or null: 0 */
     tm_bulk bulk;
     tm_rotation *rotation; /* tissue that turns: histories of tetrahedra instead, and its stage's work; else null */
-    tm_viscous viscous;
-    tm_viscous_kernel kernel;
+    tm_relaxing relaxing;
 } viscosity;
 
 /* --- definition --- */
@@ -96,40 +95,28 @@ static void run(void *self, tm_world *world) {
     }
 }
 
-/* Of tissue that turns: strains in axes of their own, a tetrahedron at a time (rotation/viscous_kernel.h). */
+/* Of tissue that turns: strains in axes of their own, a tetrahedron at a time (viscous_turned.c). */
 static void run_turned(void *self, tm_world *world) {
-    viscosity *v = self;
-    v->viscous.still = world->asking;
-    v->rotation->active = v->kernel(&v->rotation->packs, &v->viscous, world->state.u_m, world->state.force_N);
-    tm_swollen_add(&v->rotation->swollen, &v->rotation->packs, &v->viscous, world->tissue->plain, world->state.u_m,
-                   world->state.force_N);
-    v->rotation->list_count = v->rotation->packs.count;
-}
-
-/* Histories by themselves: keep, old and now for one look at u. */
-static void look_turned(viscosity *v, const tm_fading *fading) {
-    tm_viscous once = v->viscous;
-    for (int32_t t = 0; t < v->def.count; t++)
-        once.keep[t] = fading[t].keep, once.old[t] = fading[t].old, once.now[t] = fading[t].now;
-    v->kernel(&v->rotation->packs, &once, v->world->state.u_m, NULL);
-    tm_swollen_add(&v->rotation->swollen, &v->rotation->packs, &once, v->world->tissue->plain, v->world->state.u_m,
-                   NULL);
+    (void)world;
+    tm_relaxing_force(&((viscosity *)self)->relaxing);
 }
 
 /* --- what every stage has --- */
 
 static struct tm_stage_slot *force_slot(tm_world *world) {
-    for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.run == run_force || world->slot[i].stage.range == tm_stage_force)
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const tm_stage *stage = &world->slot[i].stage;
+        if (stage->run == run_force || stage->range == tm_stage_force || stage->range == tm_relaxing_no_tensors)
             return world->slot + i;
+    }
     return NULL;
 }
 
 static void set_force(tm_world *world, viscosity *v) {
     struct tm_stage_slot *slot = force_slot(world);
     if (!slot) return;
-    slot->stage.run = v ? run_force : NULL;
-    slot->stage.range = v ? NULL : tm_stage_force;
+    slot->stage.run = v && !v->rotation ? run_force : NULL;
+    slot->stage.range = !v ? tm_stage_force : v->rotation ? tm_relaxing_no_tensors : NULL;
     slot->stage.self = v;
 }
 
@@ -140,11 +127,11 @@ static void step_changed(void *self, tm_world *world) {
     for (int32_t t = 0; t < v->def.count; t++) {
         const double was = v->fading[t].now;
         const tm_fading f = v->fading[t] = tm_fading_of(world->state.dt_s, v->def.term[t].time_s);
-        v->viscous.keep[t] = f.keep, v->viscous.old[t] = f.old, v->viscous.now[t] = f.now;
+        v->relaxing.viscous.keep[t] = f.keep, v->relaxing.viscous.old[t] = f.old, v->relaxing.viscous.now[t] = f.now;
         changed = changed || (was > 0 && was != f.now);
         change[t] = (tm_fading){.keep = 1, .old = -f.now, .now = was};
     }
-    if (v->rotation && changed) look_turned(v, change); /* the strain now is in the history by its share of a step */
+    if (v->rotation && changed) tm_relaxing_look(&v->relaxing, change); /* the strain now is in the history by its share of a step */
 }
 
 static int64_t snapshot(void *self, void *buffer) {
@@ -192,15 +179,14 @@ static void release(viscosity *v) {
 
 static void destroy(void *self) {
     viscosity *v = self;
-    if (v->rotation)
-        v->rotation->left_to_viscosity = false;
-    else
-        set_force(v->world, NULL);
+    if (v->rotation) v->rotation->left_to_viscosity = false;
+    set_force(v->world, NULL);
     release(v);
 }
 
 bool tm_stage_is_viscosity(const tm_stage *stage) {
-    return stage->run == run || stage->run == run_turned || stage->run == run_strained || stage->run == run_force;
+    return stage->run == run || stage->run == run_turned || stage->run == run_strained ||
+           stage->run == run_force || stage->range == tm_relaxing_no_tensors;
 }
 
 static viscosity *of(const tm_world *world) {
@@ -213,36 +199,22 @@ static void rest_here(viscosity *v) {
     tm_fading rest[TM_VISCOSITY_TERMS];
     for (int32_t t = 0; t < v->def.count; t++) rest[t] = (tm_fading){.old = 1 - v->fading[t].now};
     if (v->rotation) {
-        look_turned(v, rest);
+        tm_relaxing_look(&v->relaxing, rest);
         return;
     }
     for (int32_t t = 0; t < v->def.count; t++) memcpy(v->q_m[t], v->world->state.u_m, sizeof(double) * (size_t)v->n);
 }
 
-static bool take_turned(viscosity *v, tm_pool *pool) {
-    const tm_mesh *mesh = v->world->tissue->mesh;
-    v->viscous.terms = v->def.count;
-    v->viscous.bulk_J = TM_TAKE(pool, double, TM_LANES *(int64_t)v->rotation->packs.count);
-    v->kernel = tm_viscous_choose(v->world->tissue->plain);
-    for (int32_t t = 0; t < v->def.count; t++)
-        v->viscous.swelling[t] = pool->failed ? NULL : v->q_m[t] + 6 * TM_LANES * (int64_t)v->rotation->packs.count;
-    for (int32_t t = 0; !pool->failed && !v->world->tissue->smoothed && t < mesh->tet_count; t++)
-        v->viscous.bulk_J[t] = mesh->volume_m3[t] * tm_smoothed_bulk_Pa(tm_tissue_tet_material(v->world->tissue, t));
-    return !pool->failed;
-}
-
 static bool take(viscosity *v, tm_pool *pool) {
     bool alike = true;
-    v->kept = v->rotation ? 6 * TM_LANES * (int64_t)v->rotation->packs.count + tm_swollen_domains(&v->rotation->swollen)
-                          : v->n;
+    v->kept = v->rotation ? tm_relaxing_kept(v->rotation) : v->n;
     for (int32_t t = 0; t < v->def.count; t++) {
-        v->viscous.memory[t] = v->q_m[t] = TM_TAKE(pool, double, v->kept);
+        v->q_m[t] = TM_TAKE(pool, double, v->kept);
         v->kept_m[t] = TM_TAKE(pool, double, v->kept);
-        v->viscous.shear[t] = v->def.term[t].shear;
-        v->viscous.more[t] = v->def.term[t].volume - v->def.term[t].shear;
-        alike = alike && v->viscous.more[t] == 0;
+        alike = alike && v->def.term[t].volume == v->def.term[t].shear;
     }
-    if (v->rotation) return take_turned(v, pool);
+    if (pool->failed) return false;
+    if (v->rotation) return tm_relaxing_take(&v->relaxing, pool, v->world, &v->def, v->q_m);
     v->strained_m = TM_TAKE(pool, double, v->n);
     if (alike) return !pool->failed;
     v->swollen_m = TM_TAKE(pool, double, v->n);
@@ -283,10 +255,8 @@ static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
         tm_world_remove_stage(v->world, "viscosity", NULL);
         return status;
     }
-    if (turned)
-        v->rotation->left_to_viscosity = true;
-    else
-        set_force(v->world, v);
+    if (turned) v->rotation->left_to_viscosity = true;
+    set_force(v->world, v);
     rest_here(v);
     return TM_OK;
 }
@@ -350,10 +320,8 @@ tm_status tm_relaxed_begin(tm_world *world, tm_relaxed *relaxed, tm_error *error
     }
     relaxed->tissue = tissue;
     swap_tensors(world->tissue, tissue);
-    if (v->rotation)
-        swap_packs(v, relaxed);
-    else
-        set_force(world, NULL);
+    if (v->rotation) swap_packs(v, relaxed);
+    set_force(world, NULL);
     return TM_OK;
 }
 
@@ -361,10 +329,8 @@ void tm_relaxed_end(tm_world *world, tm_relaxed *relaxed, bool rests) {
     if (!relaxed->tissue) return;
     viscosity *v = of(world);
     swap_tensors(world->tissue, relaxed->tissue);
-    if (v->rotation)
-        swap_packs(v, relaxed);
-    else
-        set_force(world, v);
+    if (v->rotation) swap_packs(v, relaxed);
+    set_force(world, v);
     tm_tissue_destroy(relaxed->tissue);
     tm_pool_release(&relaxed->pool);
     if (rests) rest_here(v);

@@ -67,6 +67,8 @@ void tm_parts_begin(tm_world *world, int32_t substeps);
 void tm_parts_end(tm_world *world);
 /* Stages [begin, end), all with `range`, a block of vertices at a time; and looks whether u_next_m is sound. */
 void tm_parts_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_too);
+/* work(context, part) of every part, by the step's threads. */
+void tm_parts_do(tm_world *world, void (*work)(void *context, int32_t part), void *context);
 /* Sets world->unsound where a new displacement is beyond 1e6 m or no number. */
 void tm_parts_look(tm_world *world);
 /* One stage over the whole tissue, by the caller's thread. */
