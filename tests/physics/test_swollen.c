@@ -290,9 +290,10 @@ static void no_state_needs_a_shorter_step(void **state) {
     double scaled_step_s = 0;
     for (int law = 0; law < 6; law++) { /* the last two: made heavier for a longer step */
         fix_random random = {23};
-        turning t = make(regions((int[]){2, 2, 1}, (double[]){0.02, 0.02, 0.01}, 0.1, &random), law % 4 == 3 || law == 5,
-                         (const double[]){0.0, 0.3, 0.49, 0, 0.49, 0}[law],
-                         &(how){.cuttable = law % 2, .dt_s = law > 3 ? scaled_step_s : 0,
+        turning t = make(regions((int[]){2, 2, 1}, (double[]){0.02, 0.02, 0.01}, 0.1, &random),
+                         law % 4 == 3 || law == 5, (const double[]){0.0, 0.3, 0.49, 0, 0.49, 0}[law],
+                         &(how){.cuttable = law % 2,
+                                .dt_s = law > 3 ? scaled_step_s : 0,
                                 .scaled_step_s = law > 3 ? scaled_step_s : 0});
         double *u = vectors(&t, 3), worst = 0;
         const double step = tm_critical_step_guaranteed(t.tissue, NULL);

@@ -362,8 +362,7 @@ INSIDE void TM_NAME(pull)(const tm_packs *packs, int32_t p, int at, const V8 P[9
     for (int i = 0; i < 3; i++) {
         f[0][i] = (V8){0};
         for (int k = 0; k < 3; k++) {
-            f[k + 1][i] =
-                P[3 * i] * alpha[3 * k] + P[3 * i + 1] * alpha[3 * k + 1] + P[3 * i + 2] * alpha[3 * k + 2];
+            f[k + 1][i] = P[3 * i] * alpha[3 * k] + P[3 * i + 1] * alpha[3 * k + 1] + P[3 * i + 2] * alpha[3 * k + 2];
             f[0][i] -= f[k + 1][i];
         }
     }

@@ -4,7 +4,8 @@
 /* The sum of its four domains' pressures. */
 INSIDE void TM_NAME(pressure)(const tm_swollen *s, int32_t p, int at, const double *of, V8 *sum) {
     const int32_t *i = s->domain + 4 * (TM_LANES * (int64_t)p + at);
-    for (int l = 0; l < TM_WIDTH; l++) (*sum)[l] = of[i[4 * l]] + of[i[4 * l + 1]] + of[i[4 * l + 2]] + of[i[4 * l + 3]];
+    for (int l = 0; l < TM_WIDTH; l++)
+        (*sum)[l] = of[i[4 * l]] + of[i[4 * l + 1]] + of[i[4 * l + 2]] + of[i[4 * l + 3]];
 }
 
 TM_TARGET static void TM_NAME(swell)(const tm_packs *packs, const tm_swollen *s, const double *u_m) {

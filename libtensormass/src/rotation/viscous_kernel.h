@@ -128,8 +128,7 @@ INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool a
     for (int i = 0; i < 9; i++) Y[i] = T[i] - Y[i];
     TM_NAME(times)(b->R, Y, turn);
     const V8 steer = 2 * b->slope * (b->energy - along);
-    for (int i = 0; i < 9; i++)
-        P[i] += b->weight * (b->stress[i] - (turn[i] - T[i])) + steer * b->H[i] - T[i];
+    for (int i = 0; i < 9; i++) P[i] += b->weight * (b->stress[i] - (turn[i] - T[i])) + steer * b->H[i] - T[i];
     return true;
 }
 

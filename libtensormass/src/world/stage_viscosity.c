@@ -131,7 +131,8 @@ static void step_changed(void *self, tm_world *world) {
         changed = changed || (was > 0 && was != f.now);
         change[t] = (tm_fading){.keep = 1, .old = -f.now, .now = was};
     }
-    if (v->rotation && changed) tm_relaxing_look(&v->relaxing, change); /* the strain now is in the history by its share of a step */
+    if (v->rotation && changed)
+        tm_relaxing_look(&v->relaxing, change); /* the strain now is in the history by its share of a step */
 }
 
 static int64_t snapshot(void *self, void *buffer) {
@@ -185,8 +186,8 @@ static void destroy(void *self) {
 }
 
 bool tm_stage_is_viscosity(const tm_stage *stage) {
-    return stage->run == run || stage->run == run_turned || stage->run == run_strained ||
-           stage->run == run_force || stage->range == tm_relaxing_no_tensors;
+    return stage->run == run || stage->run == run_turned || stage->run == run_strained || stage->run == run_force ||
+           stage->range == tm_relaxing_no_tensors;
 }
 
 static viscosity *of(const tm_world *world) {

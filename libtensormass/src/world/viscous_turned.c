@@ -23,7 +23,8 @@ int64_t tm_relaxing_kept(const tm_rotation *rotation) {
     return 6 * TM_LANES * (int64_t)rotation->packs.count + tm_swollen_domains(&rotation->swollen);
 }
 
-bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, const tm_viscosity_def *def, double *const *kept) {
+bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, const tm_viscosity_def *def,
+                      double *const *kept) {
     const tm_tissue *tissue = world->tissue;
     const tm_mesh *mesh = tissue->mesh;
     tm_viscous *v = &r->viscous;
@@ -115,8 +116,7 @@ void tm_relaxing_look(const tm_relaxing *r, const tm_fading *fading) {
     for (int32_t t = 0; t < once.terms; t++)
         once.keep[t] = fading[t].keep, once.old[t] = fading[t].old, once.now[t] = fading[t].now;
     r->passes.strain(&r->rotation->packs, &once, swollen_of(r), 0, r->rotation->packs.count, r->world->state.u_m);
-    if (swollen_of(r))
-        tm_swollen_average(&r->rotation->swollen, &once, 0, tm_swollen_domains(&r->rotation->swollen));
+    if (swollen_of(r)) tm_swollen_average(&r->rotation->swollen, &once, 0, tm_swollen_domains(&r->rotation->swollen));
 }
 
 void tm_relaxing_no_tensors(void *self, tm_world *world, const tm_range *range) {
