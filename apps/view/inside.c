@@ -5,9 +5,14 @@
 
 void view_inside_free(view_inside *in) {
     free(in->rest_m);
+    free(in->tet);
+    free(in->tet_neighbour);
     free(in->face);
+    free(in->side_of);
     free(in->kind);
-    free(in->laid_open);
+    free(in->alive);
+    free(in->blocked);
+    free(in->flood);
     free(in->index);
     view_surface_free(&in->shown);
     memset(in, 0, sizeof *in);
@@ -28,6 +33,7 @@ static void take_faces(view_inside *in, const tm_mesh *m, const double *volume_m
         if (!draws(m, volume_m3, f)) continue;
         for (int k = 0; k < 3; k++)
             in->face[3 * in->face_count + k] = m->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][k]];
+        in->side_of[2 * in->face_count] = f / 4, in->side_of[2 * in->face_count + 1] = m->tet_neighbour[f];
         in->kind[in->face_count++] = view_kind_of(m->region[f / 4]);
     }
 }
@@ -38,14 +44,25 @@ bool view_inside_take(view_inside *in, const tm_mesh *m) {
     memset(in, 0, sizeof *in);
     for (int32_t t = 0; t < m->tet_count && volume_m3; t++) volume_m3[m->region[t]] += m->volume_m3[t];
     for (int32_t f = 0; f < 4 * m->tet_count && volume_m3; f++) faces += draws(m, volume_m3, f);
-    in->vertex_count = m->vertex_count;
+    const size_t tets = (size_t)m->tet_count;
+    in->vertex_count = m->vertex_count, in->tet_count = m->tet_count;
     in->rest_m = malloc(3 * (size_t)m->vertex_count * sizeof *in->rest_m);
     in->index = malloc((size_t)m->vertex_count * sizeof *in->index);
     in->face = malloc((3 * faces + 1) * sizeof *in->face);
+    in->side_of = malloc((2 * faces + 1) * sizeof *in->side_of);
     in->kind = malloc(faces + 1);
-    in->laid_open = malloc(faces + 1);
-    const bool good = volume_m3 && in->rest_m && in->index && in->face && in->kind && in->laid_open;
+    in->tet = malloc(4 * tets * sizeof *in->tet);
+    in->tet_neighbour = malloc(4 * tets * sizeof *in->tet_neighbour);
+    in->flood = malloc(tets * sizeof *in->flood);
+    in->alive = malloc(tets);
+    in->blocked = malloc(4 * tets);
+    const bool good = volume_m3 && in->rest_m && in->index && in->face && in->side_of && in->kind && in->tet &&
+                      in->tet_neighbour && in->flood && in->alive && in->blocked;
     for (int32_t i = 0; good && i < 3 * m->vertex_count; i++) in->rest_m[i] = (float)m->rest_m[i];
+    if (good) {
+        memcpy(in->tet, m->tet, 4 * tets * sizeof *in->tet);
+        memcpy(in->tet_neighbour, m->tet_neighbour, 4 * tets * sizeof *in->tet_neighbour);
+    }
     if (good) take_faces(in, m, volume_m3);
     free(volume_m3);
     if (!good) view_inside_free(in);
@@ -54,14 +71,39 @@ bool view_inside_take(view_inside *in, const tm_mesh *m) {
 
 /* --- with a message's surface --- */
 
-static bool is_told(const view_surface *s, const int32_t corner[3]) {
-    for (int32_t t = 0; t < s->triangle_count; t++) {
-        int same = 0;
-        for (int a = 0; a < 3; a++)
-            for (int b = 0; b < 3; b++) same += s->triangle[3 * t + a] == corner[b];
-        if (same == 3) return true;
+static void seed(view_inside *in, int32_t tet, const int32_t corner[3], int32_t *waiting) {
+    for (int i = 0; i < 4; i++) {
+        const int32_t opposite = in->tet[4 * (int64_t)tet + i];
+        if (opposite != corner[0] && opposite != corner[1] && opposite != corner[2])
+            in->blocked[4 * (int64_t)tet + i] = 1;
     }
-    return false;
+    if (!in->alive[tet]) in->alive[tet] = 1, in->flood[(*waiting)++] = tet;
+}
+
+/* Tetrahedra within the message's triangles: from those at them on, through every face that is none of them. */
+static void find_alive(view_inside *in, const view_surface *s, const view_marks *marks) {
+    int32_t waiting = 0;
+    memset(in->alive, 0, (size_t)in->tet_count);
+    memset(in->blocked, 0, 4 * (size_t)in->tet_count);
+    for (int32_t t = 0; t < s->triangle_count; t++) {
+        int32_t id[3];
+        for (int c = 0; c < 3; c++) id[c] = s->vertex_id[s->triangle[3 * t + c]];
+        const int32_t tet = view_marks_tet(marks, id);
+        if (tet >= 0) seed(in, tet, id, &waiting);
+    }
+    while (waiting) {
+        const int64_t tet = in->flood[--waiting];
+        for (int i = 0; i < 4; i++) {
+            const int32_t next = in->tet_neighbour[4 * tet + i];
+            if (next >= 0 && !in->blocked[4 * tet + i] && !in->alive[next])
+                in->alive[next] = 1, in->flood[waiting++] = next;
+        }
+    }
+}
+
+/* Where only one side is left the message has the face, where none is it is gone. */
+static bool is_between(const view_inside *in, int32_t face) {
+    return in->alive[in->side_of[2 * face]] && in->alive[in->side_of[2 * face + 1]];
 }
 
 /* Numbers of vertices: the message's, then those inside that it has not. How many in all. */
@@ -69,14 +111,9 @@ static int32_t number(view_inside *in, const view_surface *s) {
     for (int32_t v = 0; v < in->vertex_count; v++) in->index[v] = -1;
     for (int32_t i = 0; i < s->vertex_count; i++)
         if (s->vertex_id[i] < in->vertex_count) in->index[s->vertex_id[i]] = i;
-    for (int32_t f = 0; f < in->face_count; f++) {
-        int32_t corner[3];
-        for (int k = 0; k < 3; k++) corner[k] = in->index[in->face[3 * f + k]];
-        in->laid_open[f] = corner[0] >= 0 && corner[1] >= 0 && corner[2] >= 0 && is_told(s, corner);
-    }
     int32_t count = in->told = s->vertex_count;
     for (int32_t i = 0; i < 3 * in->face_count; i++)
-        if (in->index[in->face[i]] < 0) in->index[in->face[i]] = count++;
+        if (is_between(in, i / 3) && in->index[in->face[i]] < 0) in->index[in->face[i]] = count++;
     return count;
 }
 
@@ -88,18 +125,21 @@ static void add(view_surface *out, const int32_t corner[3], uint8_t kind) {
 static bool arrange(view_inside *in, const view_picture *p) {
     const view_surface *s = &p->surface;
     view_surface *out = &in->shown;
+    find_alive(in, s, p->marks);
     const int32_t count = number(in, s);
     if (!view_surface_reserve(out, count, s->triangle_count + in->face_count)) return false;
     memcpy(out->vertex_id, s->vertex_id, (size_t)s->vertex_count * sizeof *out->vertex_id);
     out->vertex_count = count, out->triangle_count = 0;
     for (int32_t f = 0; f < in->face_count; f++) {
         int32_t corner[3];
+        if (!is_between(in, f)) continue;
         for (int k = 0; k < 3; k++) {
             corner[k] = in->index[in->face[3 * f + k]];
             out->vertex_id[corner[k]] = in->face[3 * f + k];
         }
-        if (!in->laid_open[f]) add(out, corner, in->kind[f]);
+        add(out, corner, in->kind[f]);
     }
+    out->between_count = out->triangle_count;
     for (int solid = 1; solid >= 0; solid--) {
         for (int32_t t = 0; t < s->triangle_count; t++) {
             const int region = s->kind[t] / 2;

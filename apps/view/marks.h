@@ -14,10 +14,11 @@ typedef struct view_marks {
     float *fibre;        /* [3*tet_count] unit vectors at rest; null: none, or not to be drawn */
     uint8_t *region;     /* [tet_count], up to VIEW_REGIONS; null: one */
     int32_t *face; /* with fibres or regions, [4*4*tet_count]: every tetrahedron's faces, three vertices ascending and
-                      the tetrahedron, in ascending order */
+                      2 * tetrahedron, + 1 where they run clockwise as seen from outside it; in ascending order */
 } view_marks;
 
-/* The tetrahedron with this face, -1: none. */
+/* The tetrahedron with this face: of two the one whose outside the corners run round, since the other is cut away.
+ * -1: none. */
 int32_t view_marks_tet(const view_marks *m, const int32_t corner[3]);
 
 #endif

@@ -23,11 +23,13 @@ static inline uint8_t view_kind_of(int32_t region) { return (uint8_t)(region < V
 
 typedef struct view_surface {
     int32_t vertex_count, triangle_count;
-    float *vertex_m;      /* [3*vertex_count] m, world */
-    int32_t *vertex_id;   /* [vertex_count] numbers in the mesh: they outlive a cut */
-    int32_t *triangle;    /* [3*triangle_count] normals outward */
-    uint8_t *kind;        /* [triangle_count] view_kind_of, | 1: laid open */
-    int32_t inside_count; /* so many triangles, the first ones, are seen through the others */
+    float *vertex_m;       /* [3*vertex_count] m, world */
+    int32_t *vertex_id;    /* [vertex_count] numbers in the mesh: they outlive a cut */
+    int32_t *triangle;     /* [3*triangle_count] normals outward */
+    uint8_t *kind;         /* [triangle_count] view_kind_of, | 1: laid open */
+    int32_t inside_count;  /* so many triangles, the first ones, are seen through the others */
+    int32_t between_count; /* and so many of these lie between two regions, not on the tissue's surface */
+    bool planed;           /* what is laid open was so by a plane: it is smooth as it is */
     int64_t session;
     int32_t revision;
     uint32_t version;  /* grows with every new set of positions */

@@ -173,12 +173,13 @@ static bool is_solid(const soup *s, int32_t region) {
     return region < s->picture->regions && s->picture->region[region].tinted;
 }
 
-static bool collect(soup *s, int32_t *inside) {
+static bool collect(soup *s, int32_t *inside, int32_t *between) {
     const tm_mesh *m = s->mesh;
     double *volume_m3 = calloc((size_t)m->region_count + 1, sizeof *volume_m3);
     if (!volume_m3) return false;
     for (int32_t t = 0; t < m->tet_count; t++) volume_m3[m->region[t]] += m->volume_m3[t];
     if (s->cut->through > 0) add_inside(s, volume_m3);
+    *between = s->count;
     for (int pass = s->cut->through > 0 ? 0 : 1; pass < 2; pass++) {
         for (int32_t f = 0; f < m->surface_count; f++) {
             const int32_t region = m->region[m->surface_face[f] / 4];
@@ -224,7 +225,7 @@ static void place(const soup *s, int32_t corner, float at_m[3]) {
 }
 
 /* The corners that the triangles use, renumbered in their order. */
-static bool fill(const soup *s, int32_t inside, view_surface *out) {
+static bool fill(const soup *s, int32_t inside, int32_t between, view_surface *out) {
     const int32_t all = s->mesh->vertex_count + s->mesh->edge_count;
     int32_t *number = calloc((size_t)all, sizeof *number), count = 0;
     for (int32_t i = 0; i < 3 * s->count && number; i++) number[s->corner[i]] = 1;
@@ -239,6 +240,7 @@ static bool fill(const soup *s, int32_t inside, view_surface *out) {
     if (good) {
         memcpy(out->kind, s->kind, (size_t)s->count);
         out->vertex_count = count, out->triangle_count = s->count, out->inside_count = inside;
+        out->between_count = between, out->planed = s->cut->clipped;
         ++out->version, ++out->topology;
     }
     free(number);
@@ -248,9 +250,9 @@ static bool fill(const soup *s, int32_t inside, view_surface *out) {
 bool view_regions_surface(const tm_mesh *mesh, const view_cutaway *cut, view_picture *picture) {
     double *side = cut->clipped ? sides(mesh, cut) : NULL;
     soup s = {.mesh = mesh, .picture = picture, .cut = cut, .side = side};
-    int32_t inside = 0;
-    const bool good =
-        (side || !cut->clipped) && collect(&s, &inside) && (!s.count || fill(&s, inside, &picture->surface));
+    int32_t inside = 0, between = 0;
+    const bool good = (side || !cut->clipped) && collect(&s, &inside, &between) &&
+                      (!s.count || fill(&s, inside, between, &picture->surface));
     picture->through = (float)cut->through;
     free(side);
     free(s.corner);

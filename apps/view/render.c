@@ -56,9 +56,11 @@ static tm_status upload(view_renderer *r, const view_picture *p, const view_came
     for (int i = 0; i < VIEW_INSTRUMENTS; i++)
         if (p->instrument[i].shown) view_shape_port(&r->tool_shape, &p->instrument[i]);
     r->mark_shape.count = 0;
-    if (p->marks) view_shape_supports(&r->mark_shape, p->marks, &p->surface, 0.013f * camera->radius_m);
+    view_surface drawn = p->surface;
+    drawn.vertex_m = view_skin_places(r->skin);
+    if (p->marks) view_shape_supports(&r->mark_shape, p->marks, &drawn, 0.013f * camera->radius_m);
     r->support_count = r->mark_shape.count;
-    if (p->marks) view_shape_fibres(&r->mark_shape, p->marks, &p->surface);
+    if (p->marks) view_shape_fibres(&r->mark_shape, p->marks, &drawn);
     fill_batch(&r->marks, r->mark_shape.vertex, r->mark_shape.count);
     fill_batch(&r->tools, r->tool_shape.vertex, r->tool_shape.count);
     fill_batch(&r->arrows, r->arrow_shape.vertex, r->arrow_shape.count);

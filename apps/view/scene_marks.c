@@ -23,18 +23,16 @@ static int by_vertices(const void *a, const void *b) {
 }
 
 static void fill_faces(const tm_mesh *mesh, int32_t *face) {
-    for (int32_t t = 0; t < mesh->tet_count; t++)
-        for (int left_out = 0; left_out < 4; left_out++, face += 4) {
-            int n = 0;
-            for (int k = 0; k < 4; k++)
-                if (k != left_out) {
-                    int at = n++;
-                    int32_t v = mesh->tet[4 * (int64_t)t + k];
-                    for (; at > 0 && face[at - 1] > v; at--) face[at] = face[at - 1];
-                    face[at] = v;
-                }
-            face[3] = t;
+    for (int32_t f = 0; f < 4 * mesh->tet_count; f++, face += 4) {
+        int32_t swaps = 0;
+        for (int n = 0; n < 3; n++) {
+            const int32_t v = mesh->tet[4 * (int64_t)(f / 4) + tm_face_vertex[f % 4][n]];
+            int at = n;
+            for (; at > 0 && face[at - 1] > v; at--, swaps++) face[at] = face[at - 1];
+            face[at] = v;
         }
+        face[3] = f / 4 * 2 + (swaps & 1);
+    }
 }
 
 static void names(const app_scene *scene, char *out, size_t size) {

@@ -4,6 +4,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "fairing.h"
+#include "reference.h"
+#include "sides.h"
+
 #define LAW_REAL float
 #include "law/union_find.h"
 #include "law/vec.h"
@@ -19,32 +23,22 @@ typedef struct level {
     uint32_t *index; /* [3*triangle_count] */
 } level;
 
-typedef struct reference {
-    int32_t id;
-    float at_m[3];
-} reference;
-
-/* One side of a triangle, sortable by the edge it lies on. */
-typedef struct side {
-    uint64_t key;
-    int32_t triangle, local;
-} side;
-
 struct view_skin {
     int levels;
     float cos_crease, grain_m;
     bool built, index_changed;
     uint32_t version, topology;
-    int64_t session;
+    view_fairing fairing;
+    float *place;           /* [3*vertex_count of the surface] where its vertices are drawn */
     int32_t sector_count;   /* vertices of the surface, split where creases part their triangles */
     int32_t *sector_vertex; /* [sector_count] */
+    int32_t *normal_of;     /* [sector_count] the sector whose normal it has: a cut's wall is one through all regions */
     uint32_t *index;        /* [3*triangle_count] in sectors */
     int32_t triangle_count, inside_count;
     level level[LEVELS_MAX];
     int32_t vertex_count;
     view_vertex *vertex; /* sectors, then the middles of each level */
-    int32_t reference_count;
-    reference *reference; /* ascending by id */
+    view_references references;
 };
 
 view_skin *view_skin_create(int levels, float crease_rad) {
@@ -56,7 +50,9 @@ view_skin *view_skin_create(int levels, float crease_rad) {
 }
 
 static void drop_topology(view_skin *skin) {
+    free(skin->place), skin->place = NULL;
     free(skin->sector_vertex), skin->sector_vertex = NULL;
+    free(skin->normal_of), skin->normal_of = NULL;
     free(skin->index), skin->index = NULL;
     free(skin->vertex), skin->vertex = NULL;
     for (int i = 0; i < LEVELS_MAX; i++) {
@@ -71,26 +67,9 @@ static void drop_topology(view_skin *skin) {
 void view_skin_free(view_skin *skin) {
     if (!skin) return;
     drop_topology(skin);
-    free(skin->reference);
+    view_fairing_free(&skin->fairing);
+    view_references_free(&skin->references);
     free(skin);
-}
-
-static int by_key(const void *a, const void *b) {
-    const side *p = a, *q = b;
-    if (p->key != q->key) return p->key < q->key ? -1 : 1;
-    return p->triangle != q->triangle ? (p->triangle < q->triangle ? -1 : 1) : p->local - q->local;
-}
-
-static side *sorted_sides(const uint32_t *index, int32_t triangle_count) {
-    side *sides = malloc(((size_t)triangle_count * 3 + 1) * sizeof *sides);
-    if (!sides) return NULL;
-    for (int32_t t = 0; t < triangle_count; t++)
-        for (int i = 0; i < 3; i++) {
-            uint64_t a = index[3 * t + i], b = index[3 * t + (i + 1) % 3];
-            sides[3 * t + i] = (side){a < b ? a << 32 | b : b << 32 | a, t, i};
-        }
-    qsort(sides, (size_t)triangle_count * 3, sizeof *sides, by_key);
-    return sides;
 }
 
 static void face_normal(const float *a, const float *b, const float *c, float n[3]) {
@@ -108,57 +87,69 @@ static void normalise(float n[3]) {
         n[0] = 0, n[1] = 0, n[2] = 1;
 }
 
-/* Do these two sides of one edge belong to one smooth patch? */
-static bool smooth(const view_skin *skin, const view_surface *s, const side *p, const side *q) {
+/* Do these two sides of one edge belong to one smooth patch, but for their regions? */
+static bool smooth(const view_skin *skin, const view_surface *s, const view_side *p, const view_side *q) {
     const int32_t *a = s->triangle + 3 * p->triangle, *b = s->triangle + 3 * q->triangle;
-    if (s->kind[p->triangle] != s->kind[q->triangle] || a[p->local] != b[(q->local + 1) % 3]) return false;
+    const bool opened = s->kind[p->triangle] & 1;
+    if (opened != (s->kind[q->triangle] & 1) || a[p->local] != b[(q->local + 1) % 3]) return false;
     float m[3], n[3];
-    face_normal(s->vertex_m + 3 * a[0], s->vertex_m + 3 * a[1], s->vertex_m + 3 * a[2], m);
-    face_normal(s->vertex_m + 3 * b[0], s->vertex_m + 3 * b[1], s->vertex_m + 3 * b[2], n);
+    face_normal(skin->place + 3 * a[0], skin->place + 3 * a[1], skin->place + 3 * a[2], m);
+    face_normal(skin->place + 3 * b[0], skin->place + 3 * b[1], skin->place + 3 * b[2], n);
     /* Torn tetrahedra are jagged; flesh is not. What a cut laid open is smoothed past right angles. */
-    float limit = s->kind[p->triangle] & 1 ? fminf(skin->cos_crease, COS_TORN) : skin->cos_crease;
+    float limit = opened ? fminf(skin->cos_crease, COS_TORN) : skin->cos_crease;
     return vdot(m, n) >= limit * sqrtf(vdot(m, m) * vdot(n, n));
 }
 
-/* Corners that meet across smooth edges share a sector: one position, one normal. */
-static bool build_sectors(view_skin *skin, const view_surface *s) {
-    int32_t corners = 3 * s->triangle_count;
-    int32_t *parent = malloc(((size_t)corners + 1) * sizeof *parent);
-    skin->index = malloc(((size_t)corners + 1) * sizeof *skin->index);
-    skin->sector_vertex = malloc(((size_t)corners + 1) * sizeof *skin->sector_vertex);
-    side *sides = parent && skin->index && skin->sector_vertex
-                      ? sorted_sides((const uint32_t *)s->triangle, s->triangle_count)
-                      : NULL;
-    if (!sides) return free(parent), false;
-    for (int32_t c = 0; c < corners; c++) parent[c] = c;
-    for (int32_t i = 0; i < corners;) {
-        int32_t end = i + 1;
-        while (end < corners && sides[end].key == sides[i].key) ++end;
-        if (end - i == 2 && smooth(skin, s, &sides[i], &sides[i + 1])) {
-            const side *p = &sides[i], *q = &sides[i + 1];
-            law_join(parent, 3 * p->triangle + p->local, 3 * q->triangle + (q->local + 1) % 3);
-            law_join(parent, 3 * p->triangle + (p->local + 1) % 3, 3 * q->triangle + q->local);
+/* Corners that meet across smooth edges share a sector: one position, one normal, one region. Where a cut's wall goes
+ * from one region to another, their sectors share the normal alone (`blend`). */
+static void join_corners(const view_skin *skin, const view_surface *s, const view_side *sides, int32_t *parent,
+                         int32_t *blend) {
+    const int32_t corners = 3 * s->triangle_count;
+    for (int32_t c = 0; c < corners; c++) parent[c] = blend[c] = c;
+    for (int32_t i = 0, end; i < corners; i = end) {
+        end = view_sides_end(sides, corners, i);
+        const view_side *p = &sides[i], *q = &sides[end - 1];
+        const uint8_t kind = s->kind[p->triangle];
+        const bool same = kind == s->kind[q->triangle], wall = (kind & 1) && !s->planed;
+        if (end - i != 2 || !(same || wall) || !smooth(skin, s, p, q)) continue;
+        const int32_t from = 3 * p->triangle, to = 3 * q->triangle;
+        const int32_t pair[2][2] = {{from + p->local, to + (q->local + 1) % 3},
+                                    {from + (p->local + 1) % 3, to + q->local}};
+        for (int e = 0; e < 2; e++) {
+            if (same) law_join(parent, pair[e][0], pair[e][1]);
+            law_join(blend, pair[e][0], pair[e][1]);
         }
-        i = end;
     }
-    free(sides);
+}
+
+static bool build_sectors(view_skin *skin, const view_surface *s) {
+    const int32_t corners = 3 * s->triangle_count;
+    const size_t room = (size_t)corners + 1;
+    int32_t *parent = malloc(room * sizeof *parent), *blend = malloc(room * sizeof *blend);
+    skin->index = malloc(room * sizeof *skin->index);
+    skin->sector_vertex = malloc(room * sizeof *skin->sector_vertex);
+    skin->normal_of = malloc(room * sizeof *skin->normal_of);
+    view_side *sides = view_sides_sorted((const uint32_t *)s->triangle, s->triangle_count);
+    const bool good = parent && blend && skin->index && skin->sector_vertex && skin->normal_of && sides;
+    if (good) join_corners(skin, s, sides, parent, blend);
     skin->sector_count = 0;
-    for (int32_t c = 0; c < corners; c++) {
+    for (int32_t c = 0; good && c < corners; c++) {
         int32_t root = law_root(parent, c);
-        if (root == c) {
-            skin->sector_vertex[skin->sector_count] = s->triangle[c];
-            skin->index[c] = (uint32_t)skin->sector_count++;
-        } else
-            skin->index[c] = skin->index[root];
+        skin->index[c] = root == c ? (uint32_t)skin->sector_count : skin->index[root];
+        if (root != c) continue;
+        skin->sector_vertex[skin->sector_count] = s->triangle[c];
+        skin->normal_of[skin->sector_count++] = (int32_t)skin->index[law_root(blend, c)];
     }
     skin->triangle_count = s->triangle_count, skin->inside_count = s->inside_count;
     free(parent);
-    return true;
+    free(blend);
+    free(sides);
+    return good;
 }
 
 static bool build_level(level *out, const uint32_t *index, int32_t triangle_count, int32_t vertex_count) {
     int32_t corners = 3 * triangle_count;
-    side *sides = sorted_sides(index, triangle_count);
+    view_side *sides = view_sides_sorted(index, triangle_count);
     uint32_t *middle = malloc(((size_t)corners + 1) * sizeof *middle);
     out->edge = malloc(((size_t)corners * 2 + 1) * sizeof *out->edge);
     out->curved = malloc((size_t)corners + 1);
@@ -184,66 +175,30 @@ static bool build_level(level *out, const uint32_t *index, int32_t triangle_coun
     return true;
 }
 
-static int by_id(const void *a, const void *b) {
-    const reference *p = a, *q = b;
-    return p->id < q->id ? -1 : p->id > q->id;
-}
-
-/* Vertices keep the place where they were first seen; new ones (opened by a cut) start where they are. */
-static bool update_references(view_skin *skin, const view_surface *s) {
-    reference *now = malloc(((size_t)s->vertex_count + 1) * sizeof *now);
-    if (!now) return false;
-    for (int32_t v = 0; v < s->vertex_count; v++) {
-        now[v].id = s->vertex_id[v];
-        memcpy(now[v].at_m, s->vertex_m + 3 * v, sizeof now[v].at_m);
-        const reference *old =
-            skin->reference_count && skin->session == s->session
-                ? bsearch(&now[v], skin->reference, (size_t)skin->reference_count, sizeof *now, by_id)
-                : NULL;
-        if (old) memcpy(now[v].at_m, old->at_m, sizeof now[v].at_m);
-    }
-    qsort(now, (size_t)s->vertex_count, sizeof *now, by_id);
-    free(skin->reference);
-    skin->reference = now;
-    skin->reference_count = s->vertex_count;
-    skin->session = s->session;
-    return true;
-}
-
 static void middle_reference(view_vertex *m, const view_vertex *a, const view_vertex *b) {
     for (int k = 0; k < 3; k++) m->reference_m[k] = (a->reference_m[k] + b->reference_m[k]) / 2;
     m->kind = a->kind;
 }
 
-/* 0..1 at a lattice point. */
-static float lattice(int32_t x, int32_t y, int32_t z) {
-    uint32_t h = (uint32_t)x * 0x8da6b343u ^ (uint32_t)y * 0xd8163841u ^ (uint32_t)z * 0xcb1ab31fu;
-    h = (h ^ h >> 13) * 0x5bd1e995u;
-    return (float)((h ^ h >> 15) & 0xffffff) / 16777216.0f;
-}
-
-static float noise(const float at_m[3], float cell_m, float offset) {
-    int32_t i[3];
-    float u[3], sum = 0;
-    for (int k = 0; k < 3; k++) {
-        float x = fminf(fmaxf(at_m[k] / cell_m + offset, -1e6f), 1e6f), base = floorf(x);
-        i[k] = (int32_t)base;
-        u[k] = (x - base) * (x - base) * (3 - 2 * (x - base));
-    }
-    for (int c = 0; c < 8; c++)
-        sum += (c & 1 ? u[0] : 1 - u[0]) * (c & 2 ? u[1] : 1 - u[1]) * (c & 4 ? u[2] : 1 - u[2]) *
-               lattice(i[0] + (c & 1), i[1] + (c >> 1 & 1), i[2] + (c >> 2));
-    return sum;
-}
-
-static void mottle_of(view_vertex *v, float grain_m) {
-    v->mottle[0] = 0.65f * noise(v->reference_m, grain_m * 9, 7.3f) + 0.35f * noise(v->reference_m, grain_m * 3.2f, 0);
-    v->mottle[1] = noise(v->reference_m, grain_m * 17, 31.7f);
+/* Where every sector's bit of tissue was when first seen, as it is drawn: a cut's wall faired there, too. */
+static bool lay_out(view_skin *skin, const view_surface *s) {
+    const size_t room = 3 * (size_t)s->vertex_count + 1;
+    float *seen = malloc(room * sizeof *seen), *drawn = malloc(room * sizeof *drawn);
+    const bool good = seen && drawn && view_references_update(&skin->references, s, seen);
+    if (good) view_fairing_apply(&skin->fairing, s, seen, drawn);
+    for (int32_t i = 0; good && i < skin->sector_count; i++)
+        vset(drawn + 3 * skin->sector_vertex[i], skin->vertex[i].reference_m);
+    free(seen);
+    free(drawn);
+    return good;
 }
 
 static bool build(view_skin *skin, const view_surface *s) {
     drop_topology(skin);
-    if (!update_references(skin, s) || !build_sectors(skin, s)) return false;
+    skin->place = malloc((3 * (size_t)s->vertex_count + 1) * sizeof *skin->place);
+    if (!skin->place || !view_fairing_take(&skin->fairing, s)) return false;
+    view_fairing_apply(&skin->fairing, s, s->vertex_m, skin->place);
+    if (!build_sectors(skin, s)) return false;
     int32_t count = skin->sector_count, triangles = skin->triangle_count;
     const uint32_t *index = skin->index;
     for (int i = 0; i < skin->levels; i++) {
@@ -251,20 +206,16 @@ static bool build(view_skin *skin, const view_surface *s) {
         count += skin->level[i].edge_count, triangles = skin->level[i].triangle_count, index = skin->level[i].index;
     }
     skin->vertex = calloc((size_t)count + 1, sizeof *skin->vertex);
-    if (!skin->vertex) return false;
+    if (!skin->vertex || !lay_out(skin, s)) return false;
     skin->vertex_count = count;
     for (int32_t c = 0; c < 3 * skin->triangle_count; c++) skin->vertex[skin->index[c]].kind = s->kind[c / 3];
-    for (int32_t i = 0; i < skin->sector_count; i++) {
-        reference wanted = {.id = s->vertex_id[skin->sector_vertex[i]]};
-        const reference *r = bsearch(&wanted, skin->reference, (size_t)skin->reference_count, sizeof wanted, by_id);
-        memcpy(skin->vertex[i].reference_m, r->at_m, sizeof r->at_m);
-    }
     view_vertex *middle = skin->vertex + skin->sector_count;
     for (int i = 0; i < skin->levels; i++)
         for (int32_t e = 0; e < skin->level[i].edge_count; ++e, ++middle)
             middle_reference(middle, &skin->vertex[skin->level[i].edge[2 * e]],
                              &skin->vertex[skin->level[i].edge[2 * e + 1]]);
-    for (int32_t i = 0; i < count; i++) mottle_of(&skin->vertex[i], skin->grain_m);
+    for (int32_t i = 0; i < count; i++)
+        view_reference_mottle(skin->vertex[i].reference_m, skin->grain_m, skin->vertex[i].mottle);
     skin->topology = s->topology;
     skin->built = skin->index_changed = true;
     return true;
@@ -275,7 +226,11 @@ static void sector_normals(view_skin *skin) {
     for (int32_t i = 0; i < skin->sector_count; i++) memset(skin->vertex[i].normal, 0, sizeof skin->vertex[i].normal);
     for (int32_t t = 0; t < skin->triangle_count; t++) {
         view_vertex *v[3];
-        for (int i = 0; i < 3; i++) v[i] = &skin->vertex[skin->index[3 * t + i]];
+        float *normal[3];
+        for (int i = 0; i < 3; i++) {
+            const uint32_t sector = skin->index[3 * t + i];
+            v[i] = &skin->vertex[sector], normal[i] = skin->vertex[skin->normal_of[sector]].normal;
+        }
         float n[3];
         face_normal(v[0]->at_m, v[1]->at_m, v[2]->at_m, n);
         normalise(n);
@@ -286,10 +241,13 @@ static void sector_normals(view_skin *skin) {
             normalise(a);
             normalise(b);
             float angle = acosf(fminf(fmaxf(vdot(a, b), -1), 1));
-            for (int k = 0; k < 3; k++) v[i]->normal[k] += angle * n[k];
+            for (int k = 0; k < 3; k++) normal[i][k] += angle * n[k];
         }
     }
-    for (int32_t i = 0; i < skin->sector_count; i++) normalise(skin->vertex[i].normal);
+    for (int32_t i = 0; i < skin->sector_count; i++)
+        if (skin->normal_of[i] == i) normalise(skin->vertex[i].normal);
+    for (int32_t i = 0; i < skin->sector_count; i++)
+        vset(skin->vertex[skin->normal_of[i]].normal, skin->vertex[i].normal);
 }
 
 /* Hollows are darker: how far the neighbours stand above the tangent plane, on average. */
@@ -334,8 +292,9 @@ bool view_skin_update(view_skin *skin, const view_surface *s, float grain_m) {
     if (skin->built && skin->version == s->version && skin->topology == s->topology) return true;
     if (!skin->built || skin->topology != s->topology)
         if (!build(skin, s)) return drop_topology(skin), false;
+    view_fairing_apply(&skin->fairing, s, s->vertex_m, skin->place);
     for (int32_t i = 0; i < skin->sector_count; i++)
-        memcpy(skin->vertex[i].at_m, s->vertex_m + 3 * skin->sector_vertex[i], sizeof skin->vertex[i].at_m);
+        vset(skin->place + 3 * skin->sector_vertex[i], skin->vertex[i].at_m);
     sector_normals(skin);
     sector_shade(skin);
     view_vertex *middle = skin->vertex + skin->sector_count;
@@ -352,6 +311,8 @@ int32_t view_skin_vertices(const view_skin *skin, const view_vertex **vertex) {
     *vertex = skin->vertex;
     return skin->built ? skin->vertex_count : 0;
 }
+
+float *view_skin_places(const view_skin *skin) { return skin->place; }
 
 int32_t view_skin_inside(const view_skin *skin) {
     return skin->built ? 3 * (skin->inside_count << 2 * skin->levels) : 0;

@@ -24,6 +24,8 @@ void view_skin_free(view_skin *skin);
  * no memory. */
 bool view_skin_update(view_skin *skin, const view_surface *surface, float grain_m);
 int32_t view_skin_vertices(const view_skin *skin, const view_vertex **vertex);
+/* [3*vertex_count] where the surface's vertices are drawn: a cut's wall is faired. */
+float *view_skin_places(const view_skin *skin);
 /* `*changed` tells whether the triangles are others than at the last call. */
 int32_t view_skin_indices(view_skin *skin, const uint32_t **index, bool *changed);
 /* Of view_skin_indices, so many come first that lie inside. */
