@@ -147,8 +147,12 @@ static tm_status set_up(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report 
     h->work = tms_work_create(h->solver, 1);
     h->push_N = tms_take((size_t)(h->interface_count + 1) * 8);
     h->at_m = tms_take((size_t)(h->interface_count + 1) * 8);
-    if (!h->work || !pack_schur(h) || !h->push_N || !h->at_m)
+    h->before_m = tms_take((size_t)(h->interface_count + 1) * 8);
+    if (!h->work || !pack_schur(h) || !h->push_N || !h->at_m || !h->before_m)
         return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a hybrid model; use a coarser mesh");
+    status = tms_coupling_create(h->condensed, h->interface, h->interface_count, h->schur, h->responses.interface_N,
+                                 &h->coupling, error);
+    if (status != TM_OK) return status;
     h->surface.revision = -1;
     h->contact_def = def->contact ? *def->contact : (tm_contact_def){0};
     h->has_contact = def->contact != NULL;
@@ -189,6 +193,7 @@ tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, tm_solv
 void tm_hybrid_destroy(tm_hybrid *h) {
     if (!h) return;
     tms_local_destroy(&h->local);
+    tms_coupling_destroy(&h->coupling);
     tms_work_destroy(h->work);
     tms_solver_destroy(h->solver);
     tms_system_destroy(&h->system);
@@ -204,7 +209,8 @@ void tm_hybrid_destroy(tm_hybrid *h) {
                       h->surface_face,   h->full_u,
                       h->full_f,         h->through,
                       h->through_vertex, h->kept,
-                      h->give_m_N,       h->held};
+                      h->give_m_N,       h->held,
+                      h->before_m};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) tms_give(arrays[i]);
     tms_give(h);
 }
@@ -213,8 +219,8 @@ int64_t tm_hybrid_bytes(const tm_hybrid *h) {
     TM_REQUIRE(h, "hybrid is null", 0);
     const int64_t n = h->mesh->vertex_count, b = h->interface_count;
     return h->responses.bytes + tms_solver_bytes(h->solver) + tms_system_bytes(&h->system) +
-           tm_tissue_bytes(h->condensed) + h->local.bytes + 4 * b * (b + 1) + 24 * b * h->local.capacity + 200 * n +
-           2 * (int64_t)h->mesh->tet_count;
+           tm_tissue_bytes(h->condensed) + h->local.bytes + h->coupling.bytes + 4 * b * (b + 1) +
+           24 * b * h->local.capacity + 200 * n + 2 * (int64_t)h->mesh->tet_count;
 }
 
 void tm_hybrid_tissue(const tm_hybrid *h, tm_tissue_def *def) {

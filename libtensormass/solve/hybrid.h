@@ -2,6 +2,7 @@
 #ifndef TMS_HYBRID_H
 #define TMS_HYBRID_H
 
+#include "coupling.h"
 #include "local.h"
 
 enum {
@@ -25,11 +26,12 @@ struct tm_hybrid {
     int32_t *place;                      /* [3*vertex_count] in the interface, or among the kept ones; -1 */
     tms_responses responses;
     double *schur; /* upper triangle by rows */
+    tms_coupling coupling;
     tms_system system;
     tms_solver *solver; /* recovers the inside */
     tms_work *work;
-    double *full_u, *full_f; /* [3*vertex_count] */
-    double *push_N, *at_m;   /* [interface_count] force of the condensed part; displacement */
+    double *full_u, *full_f;          /* [3*vertex_count] */
+    double *push_N, *at_m, *before_m; /* [interface_count] force of the condensed part; displacement; a step ago */
     /* contact of the whole organ's surface, in the world's contact stage's place */
     bool has_contact;
     tm_contact_def contact_def;
@@ -52,10 +54,6 @@ struct tm_hybrid {
     tm_surface_view surface;
     int32_t *surface_triangle, *surface_face, seen_revision;
 };
-
-/* hybrid_push.c: push_N := interface_N - schur * at_m. */
-void tms_hybrid_push_back(const tm_hybrid *hybrid);
-double tms_dot(const double *restrict a, const double *restrict b, int32_t n);
 
 /* hybrid_contact.c. What was made of mobilities is not of today's. */
 bool tms_hybrid_is_stale(const tm_hybrid *hybrid);

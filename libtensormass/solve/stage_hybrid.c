@@ -7,8 +7,11 @@
 static void run(void *self, tm_world *world) {
     tm_hybrid *h = self;
     const tm_state *state = tm_world_state(world);
-    for (int32_t i = 0; i < h->interface_count; i++) h->at_m[i] = state->u_m[h->interface[i]];
-    tms_hybrid_push_back(h);
+    for (int32_t i = 0; i < h->interface_count; i++) {
+        h->at_m[i] = state->u_m[h->interface[i]];
+        h->before_m[i] = state->u_prev_m[h->interface[i]];
+    }
+    tms_coupling_force(&h->coupling, h->at_m, h->before_m, h->push_N);
     for (int32_t i = 0; i < h->interface_count; i++) state->force_N[h->interface[i]] += h->push_N[i];
 }
 
@@ -20,28 +23,31 @@ static void changed(void *self, tm_world *world) {
 /* --- what lasts from step to step --- */
 
 /* First, which part is whose: a snapshot of another division of the same organ would leave tetrahedra in both or in
- * none. Then what the on-line system keeps, if there is one. */
+ * none. Then what the coupling follows, and what the on-line system keeps, if there is one. */
 static uint64_t division(const tm_hybrid *h) { return tm_hash(h->alive, (size_t)h->mesh->tet_count, TM_HASH_SEED); }
 
 static int64_t snapshot(void *self, void *buffer) {
     const tm_hybrid *h = self;
     const uint64_t mine = division(h);
-    char *to = buffer ? memcpy(buffer, &mine, sizeof mine) : NULL, *rest = to ? to + sizeof mine : NULL;
-    if (!h->local.memory) return sizeof mine;
-    if (!h->returns) return (int64_t)sizeof mine + tms_local_snapshot(&h->local, tms_hybrid_is_stale(h), rest);
+    char *to = buffer ? memcpy(buffer, &mine, sizeof mine) : NULL;
+    const int64_t head = (int64_t)sizeof mine + tms_coupling_snapshot(&h->coupling, to ? to + sizeof mine : NULL);
+    char *rest = to ? to + head : NULL;
+    if (!h->local.memory) return head;
+    if (!h->returns) return head + tms_local_snapshot(&h->local, tms_hybrid_is_stale(h), rest);
     if (rest) memcpy(rest, h->kept, (size_t)h->kept_bytes);
-    return (int64_t)sizeof mine + h->kept_bytes;
+    return head + h->kept_bytes;
 }
 
 static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
     tm_hybrid *h = self;
     uint64_t theirs;
+    const int64_t coupling = tms_coupling_snapshot(&h->coupling, NULL),
+                  left = bytes - (int64_t)sizeof theirs - coupling;
     (void)world;
-    if (bytes < (int64_t)sizeof theirs) return false;
+    if (left < 0) return false;
     memcpy(&theirs, buffer, sizeof theirs);
-    if (theirs != division(h)) return false;
-    const char *rest = (const char *)buffer + sizeof theirs;
-    const int64_t left = bytes - (int64_t)sizeof theirs;
+    const char *followed = (const char *)buffer + sizeof theirs, *rest = followed + coupling;
+    if (theirs != division(h) || !tms_coupling_restore(&h->coupling, followed, coupling, apply)) return false;
     if (!h->local.memory) return left == 0;
     if (apply) tms_hybrid_take_back(h, rest, left);
     return apply || tms_local_restore(&h->local, rest, left, false);
@@ -49,6 +55,7 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
 
 static void keep(void *self) {
     tm_hybrid *h = self;
+    tms_coupling_keep(&h->coupling);
     if (!h->returns && h->local.memory) h->kept_bytes = tms_local_snapshot(&h->local, tms_hybrid_is_stale(h), h->kept);
 }
 
@@ -56,6 +63,7 @@ static void keep(void *self) {
 static void give_back(void *self, tm_world *world) {
     tm_hybrid *h = self;
     (void)world;
+    tms_coupling_give_back(&h->coupling);
     h->returns = true;
     h->seen_revision = -1; /* the number of the surface that was given back may come again for another */
 }
@@ -101,6 +109,7 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
                 (int)t);
     h->world = world;
     h->stale = true;
+    tms_coupling_forget(&h->coupling);
     h->held = tms_take_zeroed(3 * (size_t)h->mesh->vertex_count, 1);
     h->give_m_N = tms_take_zeroed((size_t)h->interface_count, 8);
     tm_status status =

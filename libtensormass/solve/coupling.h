@@ -1,0 +1,56 @@
+/* What condensed tissue does to its border, at a price that does not grow with the border's square.
+ *
+ * S = K - C: the border's own stiffness K is sparse; C >= 0, what the inside gives way, is dense. C is split into
+ * W W^T, of low rank, and a rest R. Every `every` substeps the force F = -S r is computed whole, at the shape r midway
+ * between the last two; in between it follows the displacement since then by F - (K - W W^T) (u - r). W is made by
+ * Nystroem's formula, so 0 <= W W^T <= C:
+ * - K - W W^T lies between S and K, and the element bound of the step holds;
+ * - with the leapfrog's own energy, ((u - u_prev) / dt)^T (M - dt^2 (K - W W^T) / 4) ((u - u_prev) / dt) / 2 and the
+ *   elastic one of the model with S at the midway shape, each whole computation takes d^T R d / 2 away, where d is
+ *   what the midway shape has moved since the last one, and nothing adds any (the midway shape is what makes it so:
+ *   with u itself quick shapes would gain);
+ * - what rests has u = r: there it is S to the last bit.
+ * W holds the softest shapes of the border, which R therefore does not slow down. */
+#ifndef TMS_COUPLING_H
+#define TMS_COUPLING_H
+
+#include "internal.h"
+
+typedef struct tms_coupling {
+    int32_t n, padded, rank, every;
+    const double *schur;   /* upper triangle by rows */
+    const double *given_N; /* [n] force of the inside's loads and supports with the border at 0 */
+    int32_t *begin, *neighbour;
+    float *block;              /* K by 3x3 blocks, columns of four numbers: rows of border vertex v: begin[v].. */
+    float *smooth;             /* W by columns [rank][padded] */
+    float *along;              /* [rank] */
+    float *moved, *answer;     /* [padded] */
+    double *whole_m, *whole_N; /* [n] where F was computed whole, and F */
+    double *kept_m, *kept_N;   /* [n] of a step that may be given back */
+    int32_t age, kept_age;     /* substeps since; -1: never */
+    int64_t bytes;
+    void *memory;
+} tms_coupling;
+
+/* `schur` and `given_N` stay the caller's; `border`: [n] components 3*vertex + axis, ascending, whole vertices. */
+tm_status tms_coupling_create(const tm_tissue *condensed, const int32_t *border, int32_t n, const double *schur,
+                              const double *given_N, tms_coupling *coupling, tm_error *error);
+void tms_coupling_destroy(tms_coupling *coupling);
+/* force_N := that of the condensed part on its border at the displacement u_m, a step after u_prev_m, all [n]. Counts
+ * substeps. */
+void tms_coupling_force(tms_coupling *coupling, const double *u_m, const double *u_prev_m, double *force_N);
+/* The next force is computed whole. */
+void tms_coupling_forget(tms_coupling *coupling);
+void tms_coupling_keep(tms_coupling *coupling);
+void tms_coupling_give_back(tms_coupling *coupling);
+/* State, as the hooks of a stage want it: bytes, or what is written; false: it cannot be one. */
+int64_t tms_coupling_snapshot(const tms_coupling *coupling, void *buffer);
+bool tms_coupling_restore(tms_coupling *coupling, const void *buffer, int64_t bytes, bool apply);
+
+/* coupling_kernel.c: the inner loops; the same bits on every machine. */
+/* force := given - schur * at, each entry of the triangle read once. */
+void tms_whole_force(const double *schur, const double *given, const double *at, int32_t n, double *force);
+/* answer := (K - W W^T) moved, [padded] */
+void tms_follow(tms_coupling *coupling);
+double tms_dot(const double *restrict a, const double *restrict b, int32_t n);
+#endif

@@ -1,0 +1,123 @@
+/* Inner loops of the coupling. Sums in lanes, always the same: one after the other they would wait for each other.
+ * Compiled twice where there is AVX2: wider registers, the same sums. */
+#include "coupling.h"
+
+#include <string.h>
+
+#if defined(__x86_64__) && !defined(_WIN32)
+#define HAS_WIDE 1
+#define WIDE __attribute__((target("avx2")))
+#endif
+#define INLINE static inline __attribute__((always_inline))
+
+enum { LANES = 8, FLOATS = 16, TOGETHER = 4 };
+
+INLINE double sum_lanes(const double lane[LANES]) {
+    double sum = 0;
+    for (int k = 0; k < LANES; k++) sum += lane[k];
+    return sum;
+}
+
+INLINE double dot(const double *restrict a, const double *restrict b, int32_t n) {
+    double lane[LANES] = {0}, rest = 0;
+    int32_t i = 0;
+    for (; i + LANES <= n; i += LANES)
+        for (int k = 0; k < LANES; k++) lane[k] += a[i + k] * b[i + k];
+    for (; i < n; i++) rest += a[i] * b[i];
+    return rest + sum_lanes(lane);
+}
+
+/* push -= r * x, and the sum of r * at. */
+INLINE double both_halves(const double *restrict r, double x, const double *restrict at, double *restrict push,
+                          int32_t n) {
+    double lane[LANES] = {0}, rest = 0;
+    int32_t j = 0;
+    for (; j + LANES <= n; j += LANES)
+        for (int k = 0; k < LANES; k++) {
+            lane[k] += r[j + k] * at[j + k];
+            push[j + k] -= r[j + k] * x;
+        }
+    for (; j < n; j++) {
+        rest += r[j] * at[j];
+        push[j] -= r[j] * x;
+    }
+    return rest + sum_lanes(lane);
+}
+
+INLINE void whole_force(const double *schur, const double *given, const double *at, int32_t n, double *force) {
+    memcpy(force, given, 8 * (size_t)n);
+    for (int32_t i = 0; i < n; schur += n - i, i++)
+        force[i] -= schur[0] * at[i] + both_halves(schur + 1, at[i], at + i + 1, force + i + 1, n - i - 1);
+}
+
+/* answer := K moved. */
+INLINE void near_part(const tms_coupling *c) {
+    for (int32_t v = 0; v < c->n / 3; v++) {
+        float sum[4] = {0};
+        for (int32_t k = c->begin[v]; k < c->begin[v + 1]; k++) {
+            const float *block = c->block + 12 * (int64_t)k, *d = c->moved + 3 * c->neighbour[k];
+            for (int i = 0; i < 4; i++) sum[i] += block[i] * d[0] + block[4 + i] * d[1] + block[8 + i] * d[2];
+        }
+        for (int i = 0; i < 3; i++) c->answer[3 * v + i] = sum[i];
+    }
+}
+
+/* along := W^T moved, four columns at a time. */
+INLINE void gather_smooth(const tms_coupling *c) {
+    const float *restrict d = c->moved;
+    for (int32_t j = 0; j < c->rank; j += TOGETHER) {
+        float lane[TOGETHER][FLOATS] = {{0}};
+        const float *restrict w = c->smooth + (int64_t)j * c->padded;
+        for (int32_t i = 0; i < c->padded; i += FLOATS)
+            for (int t = 0; t < TOGETHER; t++)
+                for (int k = 0; k < FLOATS; k++) lane[t][k] += w[(int64_t)t * c->padded + i + k] * d[i + k];
+        for (int t = 0; t < TOGETHER; t++) {
+            float sum = 0;
+            for (int k = 0; k < FLOATS; k++) sum += lane[t][k];
+            c->along[j + t] = sum;
+        }
+    }
+}
+
+/* answer -= W along. */
+INLINE void spread_smooth(const tms_coupling *c) {
+    float *restrict answer = c->answer;
+    for (int32_t j = 0; j < c->rank; j += TOGETHER) {
+        const float *restrict w = c->smooth + (int64_t)j * c->padded;
+        const float a0 = c->along[j], a1 = c->along[j + 1], a2 = c->along[j + 2], a3 = c->along[j + 3];
+        const int64_t p = c->padded;
+        for (int32_t i = 0; i < c->padded; i++)
+            answer[i] -= w[i] * a0 + w[p + i] * a1 + w[2 * p + i] * a2 + w[3 * p + i] * a3;
+    }
+}
+
+INLINE void follow(const tms_coupling *c) {
+    near_part(c);
+    gather_smooth(c);
+    spread_smooth(c);
+}
+
+#ifdef HAS_WIDE
+WIDE static double dot_wide(const double *restrict a, const double *restrict b, int32_t n) { return dot(a, b, n); }
+WIDE static void whole_wide(const double *schur, const double *given, const double *at, int32_t n, double *force) {
+    whole_force(schur, given, at, n, force);
+}
+WIDE static void follow_wide(const tms_coupling *c) { follow(c); }
+#define CHOOSE(wide, plain) (__builtin_cpu_supports("avx2") ? (wide) : (plain))
+#else
+#define CHOOSE(wide, plain) (plain)
+#endif
+
+static double dot_plain(const double *restrict a, const double *restrict b, int32_t n) { return dot(a, b, n); }
+static void whole_plain(const double *schur, const double *given, const double *at, int32_t n, double *force) {
+    whole_force(schur, given, at, n, force);
+}
+static void follow_plain(const tms_coupling *c) { follow(c); }
+
+double tms_dot(const double *restrict a, const double *restrict b, int32_t n) {
+    return CHOOSE(dot_wide, dot_plain)(a, b, n);
+}
+void tms_whole_force(const double *schur, const double *given, const double *at, int32_t n, double *force) {
+    CHOOSE(whole_wide, whole_plain)(schur, given, at, n, force);
+}
+void tms_follow(tms_coupling *c) { CHOOSE(follow_wide, follow_plain)(c); }
