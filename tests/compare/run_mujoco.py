@@ -1,0 +1,67 @@
+"""MuJoCo's flex in `make compare`: RUNNER CASE.npz SETTINGS OUT.npz (case.py). SETTINGS: {"integrator": "Euler" | "discrete", "dt_s": ...}.
+
+The pressed vertices get an armature of a million kilograms and the velocity that takes them where they shall be: the flex cannot hold them back, and an implicit
+integrator knows where they go. The force is that of the flex's springs on them (qfrc_spring).
+"""
+import time
+
+import case as c
+import mujoco
+import numpy as np
+
+MODEL = """<mujoco><option gravity="0 0 0" timestep="{dt!r}" integrator="{integrator}"><flag contact="disable"/></option><size memory="1G"/><worldbody>
+<flexcomp name="block" type="direct" dim="3" mass="1" radius="0.0001" point="{points}" element="{elements}"><elasticity young="{young!r}" poisson="{poisson!r}"/>
+<contact contype="0" conaffinity="0" selfcollide="none"/><pin id="{pins}"/></flexcomp></worldbody></mujoco>"""
+ARMATURE_KG = 1e6
+
+
+def words(array):
+    return " ".join(map(repr, array.ravel().tolist()))
+
+
+def build(case, settings):
+    """(model, data, (F,) free or pressed vertices, (F, 3) their degrees of freedom)."""
+    floor = case["held"] & ~case["patch"]
+    text = MODEL.format(dt=settings["dt_s"], integrator=settings["integrator"], points=words(case["rest_m"]), elements=words(case["tets"]), young=c.YOUNG_PA,
+                        poisson=c.POISSON, pins=words(np.flatnonzero(floor)))
+    model = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(model)
+    moving = np.flatnonzero(~floor)
+    body = model.flex_vertbodyid[moving]
+    dof = model.body_dofadr[body][:, None] + np.arange(3)
+    mass = c.mass_kg(case)[moving]
+    model.body_mass[body] = mass
+    model.dof_damping[dof] = np.where(case["patch"][moving], 0, c.DRAG_1_S * mass)[:, None]
+    model.dof_armature[dof[case["patch"][moving]]] = ARMATURE_KG
+    mujoco.mj_setConst(model, data)
+    return model, data, moving, dof
+
+
+def run(case, settings):
+    began = time.process_time()
+    model, data, moving, dof = build(case, settings)
+    prepared, dt = time.process_time() - began, settings["dt_s"]
+    pressed = dof[case["patch"][moving]]
+    target = case["value_m"][case["patch"]]
+
+    def move(t):
+        data.qvel[pressed] = (target * c.ramp(t) - data.qpos[pressed]) / dt
+        mujoco.mj_step(model, data)
+
+    def rest(count):
+        data.qvel[pressed] = 0
+        for _ in range(count):
+            mujoco.mj_step(model, data)
+
+    step = c.march(dt, move, rest)
+    mujoco.mj_forward(model, data)
+    u = np.zeros_like(case["rest_m"])
+    u[moving] = data.qpos[dof]
+    warnings = int(sum(w.number for w in data.warning))
+    if warnings:
+        raise SystemExit(f"MuJoCo warned {warnings} times (its own resets among them)")
+    return {"u_m": u, "force_N": float(data.qfrc_spring[pressed[:, 2]].sum()), "dt_s": dt, "step_s": step, "prepare_s": prepared}
+
+
+if __name__ == "__main__":
+    c.runner(run, lambda: mujoco.__version__)
