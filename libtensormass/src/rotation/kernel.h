@@ -8,34 +8,7 @@
  * found by Newton's iteration from sqrt(3 I), which is never below it (as Theobald does for superpositions), and R is
  * dx/dF = ((x^2 + I) F - 2 F C + 2 x cof F) / (x (x^2 - I) - 2 J)   (Hoger and Carlson's closed form). */
 
-typedef double TM_NAME(v8) __attribute__((vector_size(8 * TM_WIDTH)));
-typedef int64_t TM_NAME(m8) __attribute__((vector_size(8 * TM_WIDTH)));
-#define V8 TM_NAME(v8)
-#define M8 TM_NAME(m8)
-#define INSIDE TM_TARGET static inline __attribute__((always_inline))
-
-INSIDE void TM_NAME(choose)(V8 *to, const M8 *mask, const V8 *yes, const V8 *no) {
-    *to = (V8)((*mask & (M8)*yes) | (~*mask & (M8)*no));
-}
-
-INSIDE void TM_NAME(root)(V8 *x) {
-    for (int l = 0; l < TM_WIDTH; l++) (*x)[l] = __builtin_sqrt((*x)[l]);
-}
-
-/* C = A^T B and C = A B of 3x3 matrices. */
-INSIDE void TM_NAME(transposed_times)(const V8 A[9], const V8 B[9], V8 C[9]) {
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) C[3 * i + j] = A[i] * B[j] + A[3 + i] * B[3 + j] + A[6 + i] * B[6 + j];
-}
-INSIDE void TM_NAME(times)(const V8 A[9], const V8 B[9], V8 C[9]) {
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) C[3 * i + j] = A[3 * i] * B[j] + A[3 * i + 1] * B[3 + j] + A[3 * i + 2] * B[6 + j];
-}
-INSIDE void TM_NAME(times_transposed)(const V8 A[9], const V8 B[9], V8 C[9]) {
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            C[3 * i + j] = A[3 * i] * B[3 * j] + A[3 * i + 1] * B[3 * j + 1] + A[3 * i + 2] * B[3 * j + 2];
-}
+#include "rotation/lanes.h"
 
 /* The largest root of the quartic. Convergence is quadratic: a move of 1e-8 is the last. */
 enum { TM_NAME(ITERATIONS) = 24 };
@@ -52,9 +25,7 @@ INSIDE void TM_NAME(trace_of_stretch)(const V8 *I, const V8 *II, const V8 *J, V8
         move = (V8)((M8)move & (move > 0) & under_way); /* from the right, ever; rounding alone says otherwise */
         x -= move;
         under_way = move > 1e-8 * x;
-        int64_t any = 0;
-        for (int l = 0; l < TM_WIDTH; l++) any |= under_way[l];
-        if (!any) break;
+        if (!TM_NAME(any)(&under_way)) break;
     }
     *trace = x;
 }
@@ -189,9 +160,7 @@ INSIDE void TM_NAME(fibred)(const TM_NAME(law) * w, const M8 *has, const V8 F[9]
         TM_NAME(relax)(w, F, now, &w2);
         for (int i = 0; i < 9; i++) TM_NAME(choose)(&R[i], &under_way, &now[i], &R[i]);
         under_way &= w2 > 1e-16; /* the next would be the square */
-        int64_t any = 0;
-        for (int l = 0; l < TM_WIDTH; l++) any |= under_way[l];
-        if (!any) break;
+        if (!TM_NAME(any)(&under_way)) break;
     }
     V8 M[9], E[9], N[9], sum = {0}, skew = {0};
     TM_NAME(transposed_times)(R, F, M);
@@ -264,6 +233,11 @@ INSIDE bool TM_NAME(law_of)(const tm_packs *packs, int32_t p, int at, TM_NAME(la
 }
 
 INSIDE void TM_NAME(living)(const tm_packs *packs, int32_t p, int at, M8 *there) {
+    if (p < packs->count - 1 &&
+        !memcmp(packs->alive + TM_LANES * (int64_t)p + at, (char[8]){1, 1, 1, 1, 1, 1, 1, 1}, TM_WIDTH)) {
+        *there = (M8){0} == 0;
+        return;
+    }
     for (int l = 0; l < TM_WIDTH; l++) {
         const int32_t tet = TM_LANES * p + at + l;
         (*there)[l] = tet < packs->tet_count && packs->alive[tet] ? -1 : 0;
@@ -273,17 +247,13 @@ INSIDE void TM_NAME(living)(const tm_packs *packs, int32_t p, int at, M8 *there)
 /* grad u of the pack's living tetrahedra, 0 of the others. */
 INSIDE void TM_NAME(gradient)(const tm_packs *packs, int32_t p, int at, const double *u, V8 H[9]) {
     const tm_pack *pack = packs->pack + p;
-    double corner[4][3][TM_WIDTH] __attribute__((aligned(64)));
     M8 there;
     TM_NAME(living)(packs, p, at, &there);
-    for (int k = 0; k < 4; k++)
-        for (int l = 0; l < TM_WIDTH; l++)
-            for (int i = 0; i < 3; i++) corner[k][i][l] = u[pack->component[k][at + l] + i];
     for (int i = 0; i < 3; i++) {
         V8 first, d[3], alpha;
-        memcpy(&first, corner[0][i], sizeof first);
+        TM_NAME(pick)(u + i, pack->component[0] + at, 1, &first);
         for (int k = 0; k < 3; k++) {
-            memcpy(&d[k], corner[k + 1][i], sizeof d[k]);
+            TM_NAME(pick)(u + i, pack->component[k + 1] + at, 1, &d[k]);
             d[k] -= first;
         }
         for (int j = 0; j < 3; j++) {
@@ -310,9 +280,7 @@ INSIDE bool TM_NAME(blend)(const tm_packs *packs, const V8 H[9], V8 *weight, V8 
     TM_NAME(choose)(&x, &beyond, &one, &x);
     *weight = x * x * x * (10 - x * (15 - 6 * x));
     *slope = 30 * (x * (1 - x)) * (x * (1 - x)) * (1 / packs->width_1_2);
-    int64_t any = 0;
-    for (int l = 0; l < TM_WIDTH; l++) any |= above[l];
-    return any;
+    return TM_NAME(any)(&above);
 }
 
 /* What a pack adds: stress and, where asked for or needed, energy; both are whole, the weight is not in them. */
@@ -328,7 +296,8 @@ INSIDE void TM_NAME(turn_law)(const TM_NAME(law) * w, bool fibred, bool wants_en
     V8 pressure;
     for (int i = 0; i < 9; i++) b->R[i] = b->polar[i];
     TM_NAME(isotropic)(&w->mu, &w->lambda, b->H, b->R, &b->trace, &pressure, b->stress);
-    for (int l = 0; l < TM_WIDTH && !wants_energy; l++) wants_energy = b->slope[l] != 0;
+    const M8 steep = b->slope != 0;
+    wants_energy = wants_energy || TM_NAME(any)(&steep);
     b->energy = (V8){0};
     if (wants_energy) TM_NAME(isotropic_energy)(&w->mu, &w->lambda, b->H, &b->I, &b->trace, &pressure, &b->energy);
     if (!fibred) return;

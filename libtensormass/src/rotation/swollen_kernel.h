@@ -4,8 +4,12 @@
 /* The sum of its four domains' pressures. */
 INSIDE void TM_NAME(pressure)(const tm_swollen *s, int32_t p, int at, const double *of, V8 *sum) {
     const int32_t *i = s->domain + 4 * (TM_LANES * (int64_t)p + at);
-    for (int l = 0; l < TM_WIDTH; l++)
-        (*sum)[l] = of[i[4 * l]] + of[i[4 * l + 1]] + of[i[4 * l + 2]] + of[i[4 * l + 3]];
+    V8 more;
+    TM_NAME(pick)(of, i, 4, sum);
+    for (int k = 1; k < 4; k++) {
+        TM_NAME(pick)(of, i + k, 4, &more);
+        *sum += more;
+    }
 }
 
 TM_TARGET static void TM_NAME(swell)(const tm_packs *packs, const tm_swollen *s, const double *u_m) {

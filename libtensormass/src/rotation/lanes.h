@@ -1,0 +1,59 @@
+/* Vectors of WIDTH lanes, one a tetrahedron, and 3x3 matrices of them; a part of kernel.h. */
+
+typedef double TM_NAME(v8) __attribute__((vector_size(8 * TM_WIDTH)));
+typedef int64_t TM_NAME(m8) __attribute__((vector_size(8 * TM_WIDTH)));
+#define V8 TM_NAME(v8)
+#define M8 TM_NAME(m8)
+#define INSIDE TM_TARGET static inline __attribute__((always_inline))
+
+INSIDE void TM_NAME(choose)(V8 *to, const M8 *mask, const V8 *yes, const V8 *no) {
+    *to = (V8)((*mask & (M8)*yes) | (~*mask & (M8)*no));
+}
+
+INSIDE bool TM_NAME(any)(const M8 *mask) {
+#if TM_WIDTH == 8
+    return _mm512_movepi64_mask((__m512i)*mask);
+#elif TM_WIDTH == 4
+    return _mm256_movemask_pd((__m256d)*mask);
+#else
+    return (*mask)[0] | (*mask)[1];
+#endif
+}
+
+/* Numbers from the places at[0], at[step], ...; not one by one through memory, where a wide load would wait for all the
+ * stores. */
+INSIDE void TM_NAME(pick)(const double *from, const int32_t *at, int step, V8 *to) {
+#if TM_WIDTH == 8
+    *to = (V8){from[at[0]],        from[at[step]],     from[at[2 * step]], from[at[3 * step]],
+               from[at[4 * step]], from[at[5 * step]], from[at[6 * step]], from[at[7 * step]]};
+#elif TM_WIDTH == 4
+    *to = (V8){from[at[0]], from[at[step]], from[at[2 * step]], from[at[3 * step]]};
+#else
+    *to = (V8){from[at[0]], from[at[step]]};
+#endif
+}
+
+INSIDE void TM_NAME(root)(V8 *x) {
+#if TM_WIDTH == 8
+    *x = (V8)_mm512_sqrt_pd((__m512d)*x);
+#elif TM_WIDTH == 4
+    *x = (V8)_mm256_sqrt_pd((__m256d)*x);
+#else
+    for (int l = 0; l < TM_WIDTH; l++) (*x)[l] = __builtin_sqrt((*x)[l]);
+#endif
+}
+
+/* C = A^T B and C = A B of 3x3 matrices. */
+INSIDE void TM_NAME(transposed_times)(const V8 A[9], const V8 B[9], V8 C[9]) {
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) C[3 * i + j] = A[i] * B[j] + A[3 + i] * B[3 + j] + A[6 + i] * B[6 + j];
+}
+INSIDE void TM_NAME(times)(const V8 A[9], const V8 B[9], V8 C[9]) {
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) C[3 * i + j] = A[3 * i] * B[j] + A[3 * i + 1] * B[3 + j] + A[3 * i + 2] * B[6 + j];
+}
+INSIDE void TM_NAME(times_transposed)(const V8 A[9], const V8 B[9], V8 C[9]) {
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            C[3 * i + j] = A[3 * i] * B[3 * j] + A[3 * i + 1] * B[3 * j + 1] + A[3 * i + 2] * B[3 * j + 2];
+}
