@@ -5,34 +5,43 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/resource.h>
 
 #include "app.h"
 #include "sim/run.h"
 #include "sim/solve_api.h"
 #include "team.h"
 
-static const char help[] = "%s SCENE.yaml [options]: responses of the surface for `model: precomputed`, into the file "
-                           "where tm-sim looks for them\n\n"
-                           "  --out FILE            write there instead of the cache\n"
-                           "  --solver NAME         cholesky or cg, instead of the scene's (precomputed.solver)\n"
-                           "  --precision NAME      double or single, instead of the scene's (precomputed.precision)\n"
-                           "  --threads N           of each process; default: one for each core\n"
-                           "  --memory MB           the most to ask for; default: what the machine has available\n"
-                           "  --set PATH=VALUE      put this value over the scene's; as often as wanted\n"
-                           "  --keep                leave a file that holds these very responses as it is\n"
-                           "  --json FILE           time, sizes, seconds\n"
-                           "  --quiet               no progress, no summary\n"
-                           "  -h, --help, --version\n\n"
-                           "Built with Open MPI (make MPI=1) it is tm-precompute-mpi, and `mpirun -n 4 "
-                           "tm-precompute-mpi SCENE.yaml` spreads the columns over the\n"
-                           "ranks; the file is the same to the last bit. Killed in the middle it leaves the old file.\n"
-                           "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else.\n";
+static const char help[] =
+    "%s SCENE.yaml [options]: responses of the surface for `model: precomputed`, into the file "
+    "where tm-sim looks for them\n\n"
+    "  --out FILE            write there instead of the cache\n"
+    "  --solver NAME         cholesky or cg, instead of the scene's (precomputed.solver)\n"
+    "  --precision NAME      double or single, instead of the scene's (precomputed.precision)\n"
+    "  --factor NAME         of ranks: each (the default) makes one of its own, or they keep one "
+    "in pieces: shared (MUMPS)\n"
+    "  --threads N           of each process; default: one for each core\n"
+    "  --memory MB           the most to ask for; default: what the machine has available\n"
+    "  --set PATH=VALUE      put this value over the scene's; as often as wanted\n"
+    "  --keep                leave a file that holds these very responses as it is\n"
+    "  --json FILE           time, sizes, seconds\n"
+    "  --quiet               no progress, no summary\n"
+    "  -h, --help, --version\n\n"
+    "Built with Open MPI (make MPI=1) it is tm-precompute-mpi, and `mpirun -n 4 "
+    "tm-precompute-mpi SCENE.yaml` spreads the columns over the\n"
+    "ranks, which write them into the one file side by side: the same to the last bit, but with "
+    "--factor shared, where it is the same\n"
+    "within rounding. Stopped or killed in the middle it leaves the old file, and what it had "
+    "done beside it in FILE.part:\n"
+    "the same command, with any number of ranks, goes on from there.\n"
+    "Exit: 0 done, 2 bad input (file:line: what; what to do), 1 anything else.\n";
 
-enum { OUT = 1000, SOLVER, PRECISION, THREADS, MEMORY, SET, KEEP, JSON, QUIET, VERSION, HELP = 'h' };
+enum { OUT = 1000, SOLVER, FACTOR, PRECISION, THREADS, MEMORY, SET, KEEP, JSON, QUIET, VERSION, HELP = 'h' };
 static const struct option long_options[] = {
     {"out", required_argument, NULL, OUT},
     {"solver", required_argument, NULL, SOLVER},
     {"precision", required_argument, NULL, PRECISION},
+    {"factor", required_argument, NULL, FACTOR},
     {"threads", required_argument, NULL, THREADS},
     {"memory", required_argument, NULL, MEMORY},
     {"set", required_argument, NULL, SET},
@@ -50,7 +59,7 @@ typedef struct choice {
     int set_count;
     int32_t threads;
     int64_t memory_bytes;
-    bool keep;
+    bool keep, shared;
 } choice;
 
 static int usage(const char *what, const char *argument) {
@@ -85,6 +94,9 @@ static int take_option(choice *o, int option, char **all) {
     switch (option) {
     case OUT: o->out = optarg; return 0;
     case SOLVER: return add_set(o, "precomputed.solver=", optarg);
+    case FACTOR:
+        o->shared = !strcmp(optarg, "shared");
+        return o->shared || !strcmp(optarg, "each") ? 0 : usage("--factor '%s': give each or shared", optarg);
     case PRECISION: return add_set(o, "precomputed.precision=", optarg);
     case THREADS:
         rc = whole_number(optarg, "--threads", 1, 1024, &number);
@@ -128,12 +140,40 @@ static int parse(choice *o, int count, char **all) {
     return 0;
 }
 
-static int report(const choice *o, const tm_solve_report *r, const char *file, run_file *json) {
+/* What each rank had at most, and its factor. */
+static void tell_ranks(const tm_solve_team *team, int64_t factor_bytes, cJSON *json) {
+    const int32_t count = team ? team->count : 1;
+    struct rusage used;
+    getrusage(RUSAGE_SELF, &used);
+    double *factor = calloc((size_t)count, sizeof *factor), *peak = calloc((size_t)count, sizeof *peak);
+    if (factor && peak) {
+        team_gather((double)factor_bytes, factor);
+        team_gather(1024.0 * (double)used.ru_maxrss, peak);
+        for (int32_t i = 0; json && i < count; i++) {
+            if (count > 1 && !app_is_quiet())
+                printf("rank %d: factor %.1f MB, %.1f MB at most in all\n", (int)i, 1e-6 * factor[i], 1e-6 * peak[i]);
+            cJSON *row = cJSON_CreateObject();
+            cJSON_AddItemToArray(json, row);
+            cJSON_AddNumberToObject(row, "factor_bytes", factor[i]);
+            cJSON_AddNumberToObject(row, "peak_bytes", peak[i]);
+        }
+    }
+    free(factor);
+    free(peak);
+}
+
+static int report(const choice *o, const tm_solve_team *team, const tm_solve_report *r, const char *file,
+                  run_file *json) {
+    if (team && team->rank > 0) {
+        tell_ranks(team, r->factor_bytes, NULL);
+        return 0;
+    }
     cJSON *j = cJSON_CreateObject();
     cJSON_AddStringToObject(j, "scene", o->scene);
     cJSON_AddStringToObject(j, "file", file);
     cJSON_AddBoolToObject(j, "from_file", r->from_file);
     cJSON_AddNumberToObject(j, "columns", r->columns);
+    cJSON_AddNumberToObject(j, "columns_found", r->columns_found);
     cJSON_AddNumberToObject(j, "free_dofs", r->free_dofs);
     cJSON_AddNumberToObject(j, "factor_bytes", (double)r->factor_bytes);
     cJSON_AddNumberToObject(j, "responses_bytes", (double)r->responses_bytes);
@@ -145,6 +185,9 @@ static int report(const choice *o, const tm_solve_report *r, const char *file, r
         printf("%s: %d columns%s, %.1f MB, %.2f s (factor %.1f MB)\n", file, r->columns,
                r->from_file ? " already there" : "", (double)r->responses_bytes * 1e-6, r->seconds,
                (double)r->factor_bytes * 1e-6);
+    if (r->columns_found && !app_is_quiet())
+        printf("%d of them were done before, by a run that did not come to its end\n", r->columns_found);
+    tell_ranks(team, r->factor_bytes, cJSON_AddArrayToObject(j, "ranks"));
     return run_report_end(j, json);
 }
 
@@ -175,6 +218,7 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file 
     def.precision = (tm_precision)options->precision.index;
     def.file = file;
     def.team = team;
+    def.resume = true;
     const bool alone = !team || team->count == 1;
     if (!rc && o->keep && !alone) rc = usage("--keep%s is for one process; leave it out under mpirun", "");
     const tm_status status = rc        ? TM_OK
@@ -183,7 +227,7 @@ static int compute(sim *s, const choice *o, const tm_solve_team *team, run_file 
     if (!rc && status)
         rc = app_report(status == TM_ERR_FILE ? NULL : o->scene, status == TM_ERR_FILE ? 0 : s->scene->tissue.line,
                         &error);
-    return rc || !first ? rc : report(o, &r, file, json);
+    return rc ? rc : report(o, team, &r, file, json);
 }
 
 static int run(const choice *o, const tm_solve_team *team) {
@@ -210,6 +254,10 @@ int main(int count, char **all) {
     int rc = parse(&o, count, all);
     /* Checked as any scene, whatever model it names. */
     if (!rc) rc = add_set(&o, "model=", "dynamic");
+    if (!rc && o.shared && !team_share_factor(o.threads))
+        rc = usage("--factor shared%s: this program was built without MUMPS or without ranks; make MPI=1 MUMPS=1 "
+                   "(libmumps-dev), or leave it out",
+                   "");
     if (!rc) rc = app_ended(team_name, run(&o, team));
     return team_end(rc);
 }

@@ -1,38 +1,46 @@
-/* Ranks of Open MPI. A rank that dies takes the others with it: half a set of columns is of no use, and the old file is
- * untouched. */
+/* Ranks of Open MPI. A rank that dies takes the others with it; what they had done stays in the part file. */
 #include <mpi.h>
+#include <time.h>
 
+#include "shared.h"
 #include "team.h"
 
 const char team_name[] = "tm-precompute-mpi";
 
-static bool send(void *user, int32_t block, const void *data, size_t bytes) {
-    (void)user;
-    return bytes <= INT32_MAX && MPI_Send(data, (int)bytes, MPI_BYTE, 0, block, MPI_COMM_WORLD) == MPI_SUCCESS;
-}
+static tm_solve_team team;
 
-static bool receive(void *user, int32_t rank, int32_t block, void *data, size_t bytes) {
-    MPI_Status status;
-    int got = 0;
+/* Every rank asks now and then rather than spinning: those who are done early leave their core to the others. */
+static bool meet(void *user) {
     (void)user;
-    if (bytes > INT32_MAX || MPI_Recv(data, (int)bytes, MPI_BYTE, rank, block, MPI_COMM_WORLD, &status) != MPI_SUCCESS)
-        return false;
-    return MPI_Get_count(&status, MPI_BYTE, &got) == MPI_SUCCESS && (size_t)got == bytes;
+    MPI_Request all;
+    int there = 0;
+    if (MPI_Ibarrier(MPI_COMM_WORLD, &all) != MPI_SUCCESS) return false;
+    while (!there) {
+        if (MPI_Test(&all, &there, MPI_STATUS_IGNORE) != MPI_SUCCESS) return false;
+        if (!there) nanosleep(&(struct timespec){.tv_nsec = 1000000}, NULL);
+    }
+    return true;
 }
 
 const tm_solve_team *team_begin(int *count, char ***all) {
-    static tm_solve_team team = {.send = send, .receive = receive};
     int provided, rank, ranks;
     MPI_Init_thread(count, all, MPI_THREAD_FUNNELED, &provided);
     MPI_Comm_rank(MPI_COMM_WORLD, &rank);
     MPI_Comm_size(MPI_COMM_WORLD, &ranks);
-    team.rank = rank;
-    team.count = ranks;
+    team = (tm_solve_team){.rank = rank, .count = ranks, .meet = meet};
     return &team;
 }
 
+bool team_share_factor(int32_t threads) {
+    team.shared = shared_begin(threads, &team.user);
+    return team.shared != NULL;
+}
+
+void team_gather(double mine, double *all) { MPI_Gather(&mine, 1, MPI_DOUBLE, all, 1, MPI_DOUBLE, 0, MPI_COMM_WORLD); }
+
 int team_end(int code) {
     if (code) MPI_Abort(MPI_COMM_WORLD, code);
+    shared_end();
     MPI_Finalize();
     return code;
 }

@@ -46,6 +46,7 @@ typedef struct tm_solve_def {
 
 typedef struct tm_solve_report {
     int32_t free_dofs, columns, interface_dofs;
+    int32_t columns_found;   /* of them, done by an earlier run that did not come to its end */
     int64_t factor_bytes;    /* 0 with CG */
     int64_t responses_bytes; /* stored, and mapped on line */
     int64_t work_bytes;      /* asked for beside them while computing */
@@ -64,13 +65,29 @@ TM_API tm_status tm_solve_static(const tm_solve_def *def, double *u_m, double *r
 
 /* --- ranks: columns over several processes, without this library knowing of any transport --- */
 
-/* Rank 0 gathers and writes; the others compute and send. Blocks have a fixed width and number, whatever the ranks and
- * threads. */
+/* One factor in pieces over the ranks, so that it may be larger than what one of them has. Every rank makes each call
+ * at the same time as the others. Last bits may depend on how many ranks there are. */
+typedef struct tm_solve_shared {
+    /* Factorises a symmetric positive definite matrix [n][n] in N/m, given whole to every rank: its lower triangle,
+     * column j in row[begin[j]] to row[begin[j + 1]], ascending. `bytes`: of this rank's piece. The matrix need not
+     * outlive the call. TM_ERR_MEMORY, TM_ERR_SUPPORT (not definite). */
+    tm_status (*factor)(void *user, int32_t n, const int32_t *begin, const int32_t *row, const double *value,
+                        int64_t *bytes, tm_error *error);
+    /* Of rank 0: x [n], the right-hand side, becomes the solution; null on the others. */
+    bool (*solve_one)(void *user, double *x);
+    /* Answers to unit right-hand sides: rank r's j-th has its 1 at unit[r * width + j], or is not asked for (-1). x
+     * [width][row_count]: of this rank's, at the rows listed (ascending). */
+    bool (*solve)(void *user, const int32_t *unit, int32_t width, const int32_t *row, int32_t row_count, double *x);
+} tm_solve_shared;
+
+/* Each rank writes what it solved into the file of rank 0, which all of them must be able to open. Blocks have a fixed
+ * width and number, whatever the ranks and threads. */
 typedef struct tm_solve_team {
     int32_t rank, count;
-    bool (*send)(void *user, int32_t block, const void *data, size_t bytes);            /* to rank 0 */
-    bool (*receive)(void *user, int32_t rank, int32_t block, void *data, size_t bytes); /* by rank 0 */
+    bool (*meet)(void *user); /* returns when all ranks have called it; false: one never will */
     void *user;
+    const tm_solve_shared
+        *shared; /* null: every rank makes a factor of its own, and the file's bits are those of one */
 } tm_solve_team;
 
 /* --- precomputed model: quasi-static, no cutting --- */
@@ -78,8 +95,10 @@ typedef struct tm_solve_team {
 typedef struct tm_precomputed_def {
     uint32_t cookie, size;
     tm_solve_def problem;
-    tm_precision precision;        /* of the stored responses */
-    const char *file;              /* cache; null: none. Atomically replaced when it is rebuilt */
+    tm_precision precision; /* of the stored responses */
+    const char *file;       /* cache; null: none. Atomically replaced when it is rebuilt */
+    bool resume; /* what a run that failed or was killed had done stays in `file`.part (8 bytes a block more), and the
+                    next one with the same problem goes on from it; else it is removed. Always with a team */
     const tm_solve_team *team;     /* null: this process alone */
     const tm_contact_def *contact; /* instruments, skin compliance, cap; null: none. skin_compliance_m_N > 0 */
     const tm_grasp_def *grasp; /* instruments of mode grasper hold tissue as in the dynamic model (no cap on a hold);

@@ -1,5 +1,4 @@
-/* Many right-hand sides over threads and ranks, in blocks of fixed width: block b belongs to rank b mod count, whoever
- * solves it. */
+/* Many right-hand sides over threads and ranks, in blocks of fixed width, whoever solves them. */
 #include "internal.h"
 
 #include <pthread.h>
@@ -11,23 +10,52 @@ typedef struct worker {
     double *full_u, *full_f; /* [3*vertex_count], for interface columns */
     void *out;               /* of the block under way */
     int32_t block;           /* -1: nothing this round */
-    bool failed;
+    bool failed, lost;       /* not solved; not written */
 } worker;
 
-int32_t tms_columns_blocks(const tms_columns *c) {
+static int32_t count_blocks(const tms_columns *c) {
     return (c->kept_count + c->interface_count + TMS_BLOCK - 1) / TMS_BLOCK;
 }
-
 static int32_t block_columns(const tms_columns *c, int32_t block) {
     const int32_t left = c->kept_count + c->interface_count - block * TMS_BLOCK;
     return left < TMS_BLOCK ? left : TMS_BLOCK;
 }
 static size_t entry_bytes(const tms_columns *c) { return c->precision == TM_DOUBLE ? 8 : 4; }
-size_t tms_columns_block_bytes(const tms_columns *c, int32_t block) {
-    return (size_t)block_columns(c, block) * (size_t)c->kept_count * entry_bytes(c);
-}
-static void *block_place(const tms_columns *c, int32_t block) {
+
+void *tms_columns_place(const tms_columns *c, int32_t block) {
     return (char *)c->out + (size_t)block * TMS_BLOCK * (size_t)c->kept_count * entry_bytes(c);
+}
+
+void tms_columns_store(const tms_columns *c, void *out, int64_t at, double x) {
+    if (c->precision == TM_DOUBLE)
+        ((double *)out)[at] = x;
+    else
+        ((float *)out)[at] = (float)x;
+}
+
+bool tms_columns_put(const tms_columns *c, int32_t block, const void *data) {
+    return !c->part ||
+           tms_part_put(c->part, block, data, (size_t)block_columns(c, block) * (size_t)c->kept_count * entry_bytes(c));
+}
+
+int32_t *tms_columns_todo(const tms_columns *c, int32_t *count) {
+    const int32_t blocks = count_blocks(c);
+    int32_t *todo = tms_take(sizeof *todo * (size_t)(blocks + 1));
+    *count = 0;
+    for (int32_t b = 0; todo && b < blocks; b++)
+        if (!c->part || !c->part->done[b]) todo[(*count)++] = b;
+    return todo;
+}
+
+tm_status tms_columns_meet(const tms_columns *c, const tm_solve_team *team, tm_error *error) {
+    if (team && !team->meet(team->user)) return tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
+    for (int32_t b = 0; c->part && (!team || team->rank == 0) && b < c->part->blocks; b++)
+        if (!c->part->done[b])
+            return tm_fail(error, TM_ERR_FILE, -1,
+                           "block %d of the columns was not written by its rank; name a folder that "
+                           "all ranks share",
+                           (int)b);
+    return TM_OK;
 }
 
 /* Right-hand side of column j: a unit force, or minus the coupling to a unit displacement of the interface. */
@@ -72,51 +100,39 @@ static void *solve_block(void *argument) {
     for (int32_t j = 0; j < block_columns(c, w->block); j++) {
         const double *xj = x + (int64_t)j * n;
         const int64_t at = (int64_t)j * c->kept_count;
-        for (int32_t i = 0; i < c->kept_count; i++) {
-            const double value = xj[c->system->index[c->kept[i]]];
-            if (c->precision == TM_DOUBLE)
-                ((double *)w->out)[at + i] = value;
-            else
-                ((float *)w->out)[at + i] = (float)value;
-        }
+        for (int32_t i = 0; i < c->kept_count; i++)
+            tms_columns_store(c, w->out, at + i, xj[c->system->index[c->kept[i]]]);
         const int32_t column = w->block * TMS_BLOCK + j - c->kept_count;
         if (column >= 0 && c->schur) schur_column(w, column, xj);
     }
+    w->lost = !tms_columns_put(c, w->block, w->out);
     return NULL;
 }
 
-/* One block for each thread of this rank; then rank 0 collects what the other ranks solved in the same round. */
+/* One block for each thread of this rank. */
 static tm_status run_round(worker *workers, int32_t threads, const tms_columns *c, const tm_solve_team *team,
-                           int32_t first, tm_error *error) {
-    const int32_t rank = team ? team->rank : 0, ranks = team ? team->count : 1, blocks = tms_columns_blocks(c);
+                           const int32_t *todo, int32_t count, tm_error *error) {
+    const int32_t rank = team ? team->rank : 0, ranks = team ? team->count : 1;
     pthread_t thread[threads];
     bool started[threads];
     for (int32_t i = 0; i < threads; i++) {
-        workers[i].block = first + i * ranks + rank < blocks ? first + i * ranks + rank : -1;
-        if (rank == 0 && workers[i].block >= 0) workers[i].out = block_place(c, workers[i].block);
+        workers[i].block = i * ranks + rank < count ? todo[i * ranks + rank] : -1;
+        if (rank == 0 && workers[i].block >= 0) workers[i].out = tms_columns_place(c, workers[i].block);
         started[i] = i > 0 && workers[i].block >= 0 && pthread_create(&thread[i], NULL, solve_block, &workers[i]) == 0;
     }
     for (int32_t i = 0; i < threads; i++)
         if (!started[i]) solve_block(&workers[i]);
-    bool failed = workers[0].failed;
+    bool failed = workers[0].failed, lost = workers[0].lost;
     for (int32_t i = 1; i < threads; i++) {
         if (started[i]) pthread_join(thread[i], NULL);
         failed |= workers[i].failed;
+        lost |= workers[i].lost;
     }
     if (failed)
         return tm_fail(error, TM_ERR_CONVERGENCE, -1,
                        "a column did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
-    for (int32_t i = 0; rank > 0 && i < threads; i++)
-        if (workers[i].block >= 0 &&
-            !team->send(team->user, workers[i].block, workers[i].out, tms_columns_block_bytes(c, workers[i].block)))
-            return tm_fail(error, TM_ERR_FILE, -1, "rank %d could not send its columns", (int)rank);
-    for (int32_t i = 0; rank == 0 && i < threads; i++)
-        for (int32_t r = 1; r < ranks; r++) {
-            const int32_t block = first + i * ranks + r;
-            if (block < blocks &&
-                !team->receive(team->user, r, block, block_place(c, block), tms_columns_block_bytes(c, block)))
-                return tm_fail(error, TM_ERR_FILE, -1, "rank %d did not deliver its columns", (int)r);
-        }
+    if (lost)
+        return tm_fail(error, TM_ERR_FILE, -1, "rank %d could not write its columns; is the disk full?", (int)rank);
     return TM_OK;
 }
 
@@ -130,27 +146,17 @@ static bool take(worker *w, const tms_columns *c, int32_t rank) {
     return w->work && w->full_u && w->full_f && (rank == 0 || w->out);
 }
 
-tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const tm_solve_team *team, tm_error *error) {
-    const int32_t rank = team ? team->rank : 0, ranks = team ? team->count : 1, threads = tms_threads(def),
-                  blocks = tms_columns_blocks(c);
-    worker *workers = tms_take_zeroed((size_t)threads, sizeof *workers);
-    tm_status status = workers ? TM_OK : TM_ERR_MEMORY;
-    for (int32_t i = 0; status == TM_OK && i < threads; i++)
-        if (!take(&workers[i], c, rank)) status = TM_ERR_MEMORY;
-    if (status == TM_ERR_MEMORY)
-        tm_fail(error, status, -1, "no memory to solve %d columns at a time in %d threads; use fewer threads",
-                TMS_BLOCK, (int)threads);
-    const double start = tms_clock_s();
-    tms_process_enter(); /* all of the time: to go in and out with each block would be to switch with each */
-    for (int32_t first = 0; status == TM_OK && first < blocks; first += threads * ranks) {
-        const double done = (double)first / blocks;
-        if (!tms_progress(def, "responses", done, first ? (tms_clock_s() - start) * (1 - done) / done : -1))
-            status = tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
-        else
-            status = run_round(workers, threads, c, team, first, error);
-    }
-    tms_process_leave();
-    if (status == TM_OK) tms_progress(def, "responses", 1, 0);
+static tm_status take_all(const tms_columns *c, int32_t rank, int32_t threads, worker **workers, tm_error *error) {
+    worker *all = tms_take_zeroed((size_t)threads, sizeof *all);
+    bool taken = all != NULL;
+    for (int32_t i = 0; taken && i < threads; i++) taken = take(&all[i], c, rank);
+    *workers = all;
+    if (taken) return TM_OK;
+    return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to solve %d columns at a time in %d threads; use fewer threads",
+                   TMS_BLOCK, (int)threads);
+}
+
+static void give_all(worker *workers, int32_t rank, int32_t threads) {
     for (int32_t i = 0; workers && i < threads; i++) {
         tms_work_destroy(workers[i].work);
         tms_give(workers[i].full_u);
@@ -158,5 +164,30 @@ tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const t
         if (rank > 0) tms_give(workers[i].out);
     }
     tms_give(workers);
+}
+
+tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const tm_solve_team *team, tm_error *error) {
+    const int32_t rank = team ? team->rank : 0, ranks = team ? team->count : 1, threads = tms_threads(def),
+                  step = threads * ranks;
+    worker *workers = NULL;
+    int32_t count, *todo = tms_columns_todo(c, &count);
+    tm_status status = todo ? take_all(c, rank, threads, &workers, error)
+                            : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a list of blocks; use a coarser mesh");
+    /* Nobody writes before all have read what is done. */
+    if (status == TM_OK && team && !team->meet(team->user)) status = tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
+    const double start = tms_clock_s();
+    tms_process_enter(); /* all of the time: to go in and out with each block would be to switch with each */
+    for (int32_t first = 0; status == TM_OK && first < count; first += step) {
+        const double done = (double)first / count;
+        if (!tms_progress(def, "responses", done, first ? (tms_clock_s() - start) * (1 - done) / done : -1))
+            status = tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
+        else
+            status = run_round(workers, threads, c, team, todo + first, count - first, error);
+    }
+    tms_process_leave();
+    if (status == TM_OK) status = tms_columns_meet(c, team, error);
+    if (status == TM_OK) tms_progress(def, "responses", 1, 0);
+    give_all(workers, rank, threads);
+    tms_give(todo);
     return status;
 }

@@ -40,7 +40,7 @@ tms_layout tms_file_layout(int32_t kept, int32_t interface, tm_precision precisi
 
 /* Four independent lanes of multiply and rotate over 8-byte words: fast enough that checking a file costs no more than
  * reading it. */
-static uint64_t checksum(const void *data, size_t bytes, uint64_t seed) {
+uint64_t tms_checksum(const void *data, size_t bytes, uint64_t seed) {
     const unsigned char *p = data;
     uint64_t lane[4] = {seed ^ 0x9e3779b97f4a7c15ULL, seed ^ 0xc2b2ae3d27d4eb4fULL, seed ^ 0x165667b19e3779f9ULL,
                         seed ^ bytes};
@@ -65,7 +65,7 @@ static void *sum_chunks(void *argument) {
     const chunk_job *job = argument;
     for (int32_t i = job->first; i < job->count; i += job->stride) {
         const size_t at = (size_t)i * CHUNK, left = job->bytes - at;
-        job->sum[i] = checksum(job->data + at, left < CHUNK ? left : CHUNK, (uint64_t)i);
+        job->sum[i] = tms_checksum(job->data + at, left < CHUNK ? left : CHUNK, (uint64_t)i);
     }
     return NULL;
 }
@@ -88,7 +88,8 @@ static uint64_t head_checksum(const void *map, size_t column_offset) {
     tms_file_head head;
     memcpy(&head, map, sizeof head);
     head.head_checksum = 0;
-    return checksum((const char *)map + sizeof head, column_offset - sizeof head, checksum(&head, sizeof head, 0));
+    return tms_checksum((const char *)map + sizeof head, column_offset - sizeof head,
+                        tms_checksum(&head, sizeof head, 0));
 }
 
 /* --- reading --- */
@@ -207,16 +208,21 @@ tm_status tms_file_lock(const tm_solve_def *def, const char *path, double wait_s
 
 tm_status tms_file_reserve(tms_file_write *file, size_t bytes, tm_error *error) {
     file->bytes = bytes;
-    /* What a killed run left here is of no use: it has no checksums. */
     if (ftruncate(file->fd, 0)) return file_fail(file, error, "cannot be emptied", errno);
+    return tms_file_map(file, bytes, error);
+}
+
+tm_status tms_file_map(tms_file_write *file, size_t bytes, tm_error *error) {
+    file->bytes = bytes;
     const int failed = posix_fallocate(file->fd, 0, (off_t)bytes);
     if (failed) return file_fail(file, error, "no room on the disk", failed);
     file->map = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, file->fd, 0);
     return file->map == MAP_FAILED ? file_fail(file, error, "cannot be mapped", errno) : TM_OK;
 }
 
-tm_status tms_file_commit(tms_file_write *file, int32_t threads, tm_error *error) {
+tm_status tms_file_commit(tms_file_write *file, uint64_t key, int32_t threads, tm_error *error) {
     tms_file_head *head = file->map;
+    head->key = key;
     memcpy(head->magic, MAGIC, 8);
     head->version = FORMAT_VERSION;
     head->byte_order = BYTE_ORDER_MARK;
@@ -228,7 +234,8 @@ tm_status tms_file_commit(tms_file_write *file, int32_t threads, tm_error *error
                      (uint64_t *)(void *)((char *)file->map + l.checksum), l.blocks, threads);
     head->head_checksum = 0;
     head->head_checksum = head_checksum(file->map, l.column);
-    if (msync(file->map, file->bytes, MS_SYNC) || fsync(file->fd))
+    /* Not before its sums are on the disk: a journal would still be of use. */
+    if (msync(file->map, file->bytes, MS_SYNC) || ftruncate(file->fd, (off_t)l.bytes) || fsync(file->fd))
         return file_fail(file, error, "cannot be flushed to disk", errno);
     if (rename(file->part, file->path)) return file_fail(file, error, "cannot be renamed", errno);
     munmap(file->map, file->bytes);
@@ -247,7 +254,7 @@ void *tms_file_keep(tms_file_write *file) {
 void tms_file_abandon(tms_file_write *file) {
     if (file->map != MAP_FAILED) munmap(file->map, file->bytes);
     if (file->fd >= 0) {
-        unlink(file->part);
+        if (!file->keep) unlink(file->part);
         close(file->fd);
     }
     file->map = MAP_FAILED;

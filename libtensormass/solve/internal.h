@@ -102,6 +102,20 @@ tms_cg *tms_cg_create(const tms_system *system);
 void tms_cg_destroy(tms_cg *cg);
 bool tms_cg_solve(const tms_cg *cg, const double *b, double *x, double tolerance, int32_t max_iterations);
 
+/* --- part.c: which blocks of columns are done, and where they go --- */
+
+typedef struct tms_part {
+    int32_t blocks, found; /* found: whole already when it was opened */
+    uint64_t *done;        /* [blocks] checksum of a block, 0: not done; rank 0's is the file's own. Null: no journal */
+    int fd;                /* of ranks above 0, which write; -1 */
+    size_t column, journal, block_bytes;
+} tms_part;
+
+/* Puts block `b`, of `bytes`, where it belongs, and notes it. On rank 0 it is there already. */
+bool tms_part_put(tms_part *part, int32_t block, const void *data, size_t bytes);
+int32_t tms_part_columns(const tms_part *part, int32_t columns); /* found, of so many */
+void tms_part_end(tms_part *part);
+
 /* --- columns.c: responses --- */
 
 /* Column j < kept_count: displacement of the kept components for a unit force on kept component j. The interface_count
@@ -114,14 +128,26 @@ typedef struct tms_columns {
     const int32_t *kept;      /* components, 3*vertex + axis */
     const int32_t *interface; /* components, prescribed in `system` */
     tm_precision precision;
-    void *out;     /* [(kept_count + interface_count)][kept_count] */
+    void *out;     /* [(kept_count + interface_count)][kept_count], or null: all of it goes through `part` */
     double *schur; /* [interface_count][interface_count] condensed stiffness, or null */
+    tms_part *part;
 } tms_columns;
 
-int32_t tms_columns_blocks(const tms_columns *columns);
-size_t tms_columns_block_bytes(const tms_columns *columns, int32_t block);
+/* Blocks that are still to be solved, ascending; null: no memory. */
+int32_t *tms_columns_todo(const tms_columns *columns, int32_t *count);
+/* Where rank 0 wants a block. */
+void *tms_columns_place(const tms_columns *columns, int32_t block);
+/* Rounds x to the precision of the columns. */
+void tms_columns_store(const tms_columns *columns, void *out, int64_t at, double x);
+/* Notes a solved block; of ranks above 0: writes it. */
+bool tms_columns_put(const tms_columns *columns, int32_t block, const void *data);
+/* Waits for the other ranks, and sees on rank 0 that all was done. */
+tm_status tms_columns_meet(const tms_columns *columns, const tm_solve_team *team, tm_error *error);
 tm_status tms_columns_run(const tms_columns *columns, const tm_solve_def *def, const tm_solve_team *team,
                           tm_error *error);
+/* --- shared.c: the same with one factor that the ranks share --- */
+tm_status tms_shared_columns(const tms_columns *columns, const tm_solve_def *def, const tm_solve_team *team,
+                             tm_error *error);
 
 /* --- responses.c: what is kept of a factorised problem, in memory or in a file --- */
 
@@ -149,6 +175,7 @@ typedef struct tms_request {
     const uint8_t *wanted; /* [vertex_count] 1: responses of this vertex are kept */
     tm_precision precision;
     const char *file;
+    bool resume;
     const tm_solve_team *team;
     tms_system
         *system; /* out, both or neither: kept for solutions on line, made anew where the responses came from a file */
@@ -181,6 +208,7 @@ bool tms_file_open(const char *path, uint64_t key, int32_t threads, void **map, 
 typedef struct tms_file_write {
     char path[1024], part[1040];
     int fd;
+    bool keep; /* the part file, when it is abandoned */
     void *map;
     size_t bytes;
 } tms_file_write;
@@ -188,10 +216,16 @@ typedef struct tms_file_write {
  * wait_s, asking def->progress (false: TM_ERR_CONVERGENCE). Whoever has waited looks at the file again. */
 tm_status tms_file_lock(const tm_solve_def *def, const char *path, double wait_s, tms_file_write *file,
                         tm_error *error);
-/* Takes `bytes` on the disk and maps them for writing. */
+/* Takes `bytes` on the disk, of an empty file or of what is there, and maps them for writing. */
+tm_status tms_file_map(tms_file_write *file, size_t bytes, tm_error *error);
 tm_status tms_file_reserve(tms_file_write *file, size_t bytes, tm_error *error);
 /* Checksums, flushes to disk and renames over `path`. Failed, it leaves the file to _keep or _abandon. */
-tm_status tms_file_commit(tms_file_write *file, int32_t threads, tm_error *error);
+tm_status tms_file_commit(tms_file_write *file, uint64_t key, int32_t threads, tm_error *error);
+uint64_t tms_checksum(const void *data, size_t bytes, uint64_t seed);
+/* Of rank 0: takes the part file of `head` as it was left, or makes it anew, maps it, and says what is in it that is
+ * whole. Of the others: opens it (`file` needs no lock there). */
+tm_status tms_part_begin(tms_part *part, tms_file_write *file, const tms_file_head *head, tm_error *error);
+tm_status tms_part_join(tms_part *part, const char *path, const tms_file_head *head, tm_error *error);
 /* Gives up the name and keeps the memory, which is the caller's to unmap. */
 void *tms_file_keep(tms_file_write *file);
 void tms_file_abandon(tms_file_write *file);

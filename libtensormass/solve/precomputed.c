@@ -18,8 +18,12 @@ static tm_status get_responses(const tm_precomputed_def *def, bool force, tms_re
     uint8_t *wanted = tms_take_zeroed((size_t)tm_tissue_mesh(def->problem.tissue)->vertex_count, 1);
     if (!wanted) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to list the surface; use a coarser mesh");
     for (int32_t i = 0; i < 3 * surface.count; i++) wanted[surface.triangle[i]] = 1;
-    const tms_request request = {
-        .def = &def->problem, .wanted = wanted, .precision = def->precision, .file = def->file, .team = def->team};
+    const tms_request request = {.def = &def->problem,
+                                 .wanted = wanted,
+                                 .precision = def->precision,
+                                 .file = def->file,
+                                 .resume = def->resume,
+                                 .team = def->team};
     const tm_status status = tms_responses_get(&request, force, responses, report, error);
     tms_give(wanted);
     return status;
@@ -78,6 +82,9 @@ static tm_status set_up(tm_precomputed *m, const tm_precomputed_def *def, tm_err
 static tm_status check(const tm_precomputed_def *def, tm_error *error) {
     tm_status status = tms_check_problem(&def->problem, error);
     if (status == TM_OK) status = tms_check_precision(def->precision, error);
+    if (status == TM_OK && def->team && def->team->shared && def->problem.solver != TM_SOLVER_CHOLESKY)
+        status =
+            tm_fail(error, TM_ERR_ARGUMENT, -1, "conjugate gradients need no factor to share; leave one of both out");
     if (status == TM_OK && !(def->update_s > 0 && def->update_s <= 1e6))
         status = tm_fail(error, TM_ERR_ARGUMENT, -1, "%g s between updates; give a positive time", def->update_s);
     for (int32_t t = 0; status == TM_OK && def->contact && def->friction && t < def->contact->instrument_count; t++) {

@@ -54,13 +54,17 @@ static void view(tms_responses *r, char *memory, const char *columns) {
     r->bytes = (int64_t)l.bytes;
 }
 
-/* Head and lists of a new set in `memory`. */
-static void begin_head(const tms_request *q, const tms_system *system, uint64_t key, int32_t kept_count, char *memory) {
-    tms_file_head *head = (tms_file_head *)(void *)memory;
-    *head = (tms_file_head){.key = key,
-                            .kept_count = kept_count,
-                            .interface_count = q->interface_count,
-                            .precision = (int32_t)q->precision};
+/* Of a file under way: a shared factor's last bits are its own, so that it does not go on with another one's. */
+static tms_file_head head_of(const tms_request *q, uint64_t key, int32_t kept_count) {
+    const bool shared = q->team && q->team->shared;
+    return (tms_file_head){.key = shared ? tm_hash("shared", 6, key) : key,
+                           .kept_count = kept_count,
+                           .interface_count = q->interface_count,
+                           .precision = (int32_t)q->precision};
+}
+
+/* Lists of a new set in `memory`, behind its head. */
+static void begin_lists(const tms_request *q, const tms_system *system, int32_t kept_count, char *memory) {
     const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision);
     int32_t *kept = (int32_t *)(void *)(memory + l.kept), at = 0;
     for (int32_t i = 0; i < system->n; i++)
@@ -68,48 +72,64 @@ static void begin_head(const tms_request *q, const tms_system *system, uint64_t 
     if (q->interface_count) memcpy(memory + l.interface, q->interface, 4 * (size_t)q->interface_count);
 }
 
+/* One right-hand side, b [n] in and the solution out; with a shared factor of all ranks together, whose b is null but
+ * on rank 0. */
+static tm_status solve_one(const tms_request *q, const tms_solver *solver, int32_t n, double *b, tm_error *error) {
+    bool solved = false;
+    if (solver) {
+        tms_work *work = tms_work_create(solver, 1);
+        if (!work) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
+        memcpy(tms_work_rhs(work), b, 8 * (size_t)n);
+        const double *x = tms_work_solve(work);
+        if (x) memcpy(b, x, 8 * (size_t)n);
+        solved = x != NULL;
+        tms_work_destroy(work);
+    } else {
+        solved = q->team->shared->solve_one(q->team->user, b);
+    }
+    if (solved) return TM_OK;
+    return tm_fail(error, TM_ERR_CONVERGENCE, -1,
+                   "the loaded shape did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
+}
+
 /* Displacement under the loads and prescribed values, interface held at 0, and the force it leaves on the interface. */
 static tm_status solve_base(const tms_request *q, const tms_system *system, const tms_solver *solver,
                             const int32_t *kept, int32_t kept_count, double *base, double *force, tm_error *error) {
     const size_t dofs = 3 * (size_t)system->vertex_count;
-    double *u = tms_take_zeroed(dofs, 8), *f = tms_take(dofs * 8);
-    tms_work *work = tms_work_create(solver, 1);
+    double *u = tms_take_zeroed(dofs, 8), *f = tms_take(dofs * 8), *b = tms_take(8 * (size_t)(system->n + 1));
     tm_status status = TM_OK;
-    if (!u || !f || !work) {
+    if (!u || !f || !b) {
         status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for one solution; use a coarser mesh");
         goto done;
     }
     for (size_t d = 0; d < dofs; d++)
         if (q->def->fixed[d] && q->def->fixed_value_m) u[d] = q->def->fixed_value_m[d];
     tm_tissue_force(q->def->tissue, u, f);
-    double *b = tms_work_rhs(work);
     for (int32_t i = 0; i < system->n; i++)
         b[i] = f[system->dof[i]] + (q->def->load_N ? q->def->load_N[system->dof[i]] : 0);
-    const double *x = tms_work_solve(work);
-    if (!x) {
-        status = tm_fail(
-            error, TM_ERR_CONVERGENCE, -1,
-            "the loaded shape did not reach its tolerance; raise cg_max_iterations, or use the Cholesky solver");
-        goto done;
-    }
-    for (int32_t i = 0; i < system->n; i++) u[system->dof[i]] = x[i];
+    status = solve_one(q, solver, system->n, b, error);
+    if (status != TM_OK) goto done;
+    for (int32_t i = 0; i < system->n; i++) u[system->dof[i]] = b[i];
     for (int32_t i = 0; i < kept_count; i++) base[i] = u[kept[i]];
     tm_tissue_force(q->def->tissue, u, f);
     for (int32_t i = 0; i < q->interface_count; i++) force[i] = f[q->interface[i]];
 done:
-    tms_work_destroy(work);
     tms_give(u);
     tms_give(f);
+    tms_give(b);
     return status;
 }
 
-static tm_status compute_into(const tms_request *q, const tms_system *system, const tms_solver *solver,
-                              int32_t kept_count, uint64_t key, char *memory, char *columns, tm_error *error) {
+static tm_status compute_into(const tms_request *q, const tms_system *system, const tms_solver *solver, tms_part *part,
+                              int32_t kept_count, char *memory, char *columns, tm_error *error) {
     const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision);
-    begin_head(q, system, key, kept_count, memory);
+    const bool first = !q->team || q->team->rank == 0;
+    begin_lists(q, system, kept_count, memory);
     const int32_t *kept = (const int32_t *)(void *)(memory + l.kept);
-    tm_status status = solve_base(q, system, solver, kept, kept_count, (double *)(void *)(memory + l.base),
-                                  (double *)(void *)(memory + l.force), error);
+    tm_status status = first    ? solve_base(q, system, solver, kept, kept_count, (double *)(void *)(memory + l.base),
+                                             (double *)(void *)(memory + l.force), error)
+                       : solver ? TM_OK
+                                : solve_one(q, NULL, system->n, NULL, error);
     if (status != TM_OK) return status;
     const tms_columns c = {.tissue = q->def->tissue,
                            .system = system,
@@ -120,8 +140,9 @@ static tm_status compute_into(const tms_request *q, const tms_system *system, co
                            .interface = q->interface,
                            .precision = q->precision,
                            .out = columns,
-                           .schur = q->interface_count ? (double *)(void *)(memory + l.schur) : NULL};
-    return tms_columns_run(&c, q->def, q->team, error);
+                           .schur = q->interface_count ? (double *)(void *)(memory + l.schur) : NULL,
+                           .part = part->done ? part : NULL};
+    return solver ? tms_columns_run(&c, q->def, q->team, error) : tms_shared_columns(&c, q->def, q->team, error);
 }
 
 /* Why there is no file, beside why there was none to read. */
@@ -131,10 +152,17 @@ static void in_memory(char why[160], const tm_error *lack) {
 }
 
 /* The new file, if there is to be one: locked already, its space taken here. `need`: no file is a failure. */
-static tm_status reserve(tms_file_write *file, size_t bytes, bool need, char why[160], tm_error *error) {
+static tm_status reserve(const tms_request *q, tms_file_write *file, const tms_file_head *head, size_t bytes, bool need,
+                         tms_part *part, char why[160], tm_error *error) {
     tm_error lack;
     if (file->fd < 0) return TM_OK;
-    const tm_status status = tms_file_reserve(file, bytes, &lack);
+    tm_status status = TM_OK;
+    if (q->resume || q->team) {
+        status = tms_part_begin(part, file, head, &lack);
+    } else {
+        status = tms_file_reserve(file, bytes, &lack);
+        if (status == TM_OK) memcpy(file->map, head, sizeof *head);
+    }
     if (status == TM_OK) return TM_OK;
     tms_file_abandon(file);
     if (need) {
@@ -145,13 +173,23 @@ static tm_status reserve(tms_file_write *file, size_t bytes, bool need, char why
     return TM_OK;
 }
 
+/* What each rank writes into: rank 0 makes it, the others open it when it is there. */
+static tm_status open_part(const tms_request *q, tms_file_write *file, const tms_file_head *head, size_t bytes,
+                           bool need, tms_part *part, char why[160], tm_error *error) {
+    const bool first = !q->team || q->team->rank == 0;
+    tm_status status = first ? reserve(q, file, head, bytes, need, part, why, error) : TM_OK;
+    if (status == TM_OK && q->team && !q->team->meet(q->team->user))
+        status = tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
+    return status != TM_OK || first ? status : tms_part_join(part, q->file, head, error);
+}
+
 /* What was computed, into the file's place and mapped from there; or, where that fails, kept as it is. */
 static tm_status publish(const tms_request *q, uint64_t key, tms_file_write *file, bool need, tms_responses *r,
                          char why[160], tm_error *error) {
     tm_error lack;
     const int32_t threads = tms_threads(q->def);
     const size_t bytes = file->bytes;
-    tm_status status = tms_file_commit(file, threads, &lack);
+    tm_status status = tms_file_commit(file, key, threads, &lack);
     if (status == TM_OK) {
         char bad[160];
         if (!tms_file_open(q->file, key, threads, &r->map, &r->map_bytes, bad))
@@ -170,12 +208,41 @@ static tm_status publish(const tms_request *q, uint64_t key, tms_file_write *fil
     return TM_OK;
 }
 
-/* Where the result goes: the mapped new file, own memory, or on other ranks a head only. */
+/* Its own, or this rank's piece of one. */
+static tm_status factor(const tms_request *q, const tms_system *system, const tms_layout *l, const tms_layout *single,
+                        tms_solver **solver, tm_solve_report *report, tm_error *error) {
+    if (!q->team || !q->team->shared)
+        return tms_solver_create(system, q->def, (int64_t)l->bytes, (int64_t)single->bytes, solver, report, error);
+    const double start = tms_clock_s();
+    if (!tms_progress(q->def, "factor", 0, -1)) return tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
+    const tm_status status = q->team->shared->factor(q->team->user, system->n, system->begin, system->row,
+                                                     system->value, &report->factor_bytes, error);
+    report->factor_s = tms_clock_s() - start;
+    return status;
+}
+
+/* Where the result goes: the mapped new file, own memory, or on other ranks the lists alone. */
+static tm_status fill(const tms_request *q, const tms_system *system, const tms_solver *solver,
+                      const tms_file_head *head, const tms_layout *l, tms_file_write *file, tms_part *part,
+                      tms_responses *r, tm_error *error) {
+    const bool first = !q->team || q->team->rank == 0, mapped = file->map != MAP_FAILED;
+    char *memory = mapped ? file->map : (r->head = tms_take_zeroed(1, l->column));
+    char *columns = mapped ? memory + l->column : first ? (r->owned = tms_take(l->bytes - l->column + 1)) : NULL;
+    if (!memory || (first && !columns))
+        return tm_fail(error, TM_ERR_MEMORY, -1,
+                       "no memory for the responses; store them in single precision, or use a coarser mesh");
+    if (!mapped) memcpy(memory, head, sizeof *head);
+    const tm_status status = compute_into(q, system, solver, part, head->kept_count, memory, columns, error);
+    if (status == TM_OK && first && !mapped) view(r, memory, columns);
+    return status;
+}
+
 static tm_status compute(const tms_request *q, uint64_t key, tms_file_write *file, bool need, tms_responses *r,
                          tm_solve_report *report, tm_error *error) {
     const int32_t rank = q->team ? q->team->rank : 0;
     tms_system system = {0};
     tms_solver *solver = NULL;
+    tms_part part = {.fd = -1};
     int32_t kept_count = 0;
     tm_status status = tms_system_create(q->def->tissue, q->def->fixed, &system, error);
     if (status != TM_OK) goto done;
@@ -185,25 +252,18 @@ static tm_status compute(const tms_request *q, uint64_t key, tms_file_write *fil
                          (int)(kept_count > q->interface_count ? kept_count : q->interface_count));
         goto done;
     }
-    const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision);
+    const tms_layout l = tms_file_layout(kept_count, q->interface_count, q->precision),
+                     single = tms_file_layout(kept_count, q->interface_count, TM_SINGLE);
+    const tms_file_head head = head_of(q, key, kept_count);
     report->free_dofs = system.n;
     report->columns = kept_count + q->interface_count;
     report->responses_bytes = (int64_t)l.bytes;
-    status = tms_solver_create(&system, q->def, (int64_t)l.bytes,
-                               (int64_t)tms_file_layout(kept_count, q->interface_count, TM_SINGLE).bytes, &solver,
-                               report, error);
-    if (status == TM_OK) status = reserve(file, l.bytes, need, report->why, error);
-    if (status != TM_OK) goto done;
-    char *memory = file->map != MAP_FAILED ? file->map : (r->head = tms_take_zeroed(1, l.column));
-    char *columns = file->map != MAP_FAILED ? memory + l.column
-                    : rank == 0             ? (r->owned = tms_take(l.bytes - l.column + 1))
-                                            : NULL;
-    if (!memory || (rank == 0 && !columns))
-        status = tm_fail(error, TM_ERR_MEMORY, -1,
-                         "no memory for the responses; store them in single precision, or use a coarser mesh");
-    if (status == TM_OK) status = compute_into(q, &system, solver, kept_count, key, memory, columns, error);
-    if (status == TM_OK && file->map == MAP_FAILED && rank == 0) view(r, memory, columns);
+    status = factor(q, &system, &l, &single, &solver, report, error);
+    if (status == TM_OK) status = open_part(q, file, &head, l.bytes, need, &part, report->why, error);
+    if (status == TM_OK) report->columns_found = tms_part_columns(&part, report->columns);
+    if (status == TM_OK) status = fill(q, &system, solver, &head, &l, file, &part, r, error);
 done:
+    tms_part_end(&part);
     if (q->solver && status == TM_OK) {
         *q->system = system;
         *q->solver = solver;

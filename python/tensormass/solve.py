@@ -26,6 +26,7 @@ class Report(NamedTuple):
     free_dofs: int
     columns: int
     interface_dofs: int
+    columns_found: int  #: of them, done by an earlier run that did not come to its end (resume)
     factor_bytes: int
     responses_bytes: int
     work_bytes: int
@@ -145,7 +146,7 @@ class Precomputed(Object):
     """The precomputed model by itself, where displacements are imposed (the paper's way) or updates asked for at your pace; else Model(kind=
     "precomputed"). Quasi-static, no cutting. Responses of the surface, computed once, kept in `file` if one is given.
 
-    Options (tm_precomputed_def): update_s (0.002), max_local_vertices (256). contact, grasp: dicts of the options of Contact and Grasp.
+    Options (tm_precomputed_def): update_s (0.002), max_local_vertices (256), resume (False; a killed run's columns are gone on with). contact, grasp: dicts of the options of Contact and Grasp.
     """
 
     def __init__(self, problem: Problem, instruments: Sequence[Instrument] = (), file: File = None, precision: str = "double",

@@ -5,9 +5,12 @@ import re
 import resource
 import shutil
 import signal
+import struct
 import subprocess
 import time
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 SCENE = """\
@@ -82,6 +85,57 @@ def test_ranks_write_the_same_file(bin, root, place):
         (folder / "many.tms").unlink()
 
 
+def head(path):
+    """kept, interface, precision, block, where columns begin, bytes"""
+    return struct.unpack_from("<iiiiqq", path.open("rb").read(64), 24)
+
+
+def blocks(part):
+    return -(-head(part)[0] // 64)
+
+
+def blocks_done(part):
+    """Of a part file: how many of its sums, behind its end, are there."""
+    try:
+        kept = head(part)[0]
+        data = part.open("rb").read()
+    except (OSError, struct.error):
+        return 0
+    return sum(s != 0 for s in struct.unpack(f"<{-(-kept // 64)}Q", data[-8 * -(-kept // 64):])) if kept else 0
+
+
+def responses(path):
+    """Columns of a response file, as its head says they lie."""
+    data = path.read_bytes()
+    kept, interface, precision, _, column, size = struct.unpack_from("<iiiiqq", data, 24)
+    assert size == len(data) and precision == 0
+    return np.frombuffer(data, "<f8", offset=column).reshape(kept + interface, kept)
+
+
+def test_ranks_share_one_factor(bin, root, place):
+    """Each has a piece of it; together they give what one gives, within rounding, in a file that tm-sim takes."""
+    folder, env = place
+    job = mpirun(bin, 1)
+    if run([job[-1], "--help"], env) and "libdmumps" not in run(["ldd", job[-1]], env).stdout:
+        pytest.skip("built without MUMPS (libmumps-dev)")
+    scene = write_scene(folder, root, bin, env)
+    run([bin / "tm-precompute", scene, "--out", folder / "one.tms", "--json", folder / "one.json"], env)
+    one, whole = responses(folder / "one.tms"), json.loads((folder / "one.json").read_text())["ranks"][0]["factor_bytes"]
+    for ranks in (1, 3):
+        said = run([*mpirun(bin, ranks), scene, "--factor", "shared", "--threads", 1, "--json", folder / "many.json"], env).stdout
+        made = re.search(r"(\S+\.tms): ", said).group(1)
+        many = json.loads((folder / "many.json").read_text())["ranks"]
+        assert len(many) == ranks and max(r["factor_bytes"] for r in many) < (1.2 if ranks == 1 else 0.7) * whole
+        assert all(r["peak_bytes"] > r["factor_bytes"] > 0 for r in many)
+        assert abs(responses(Path(made)) - one).max() < 1e-12 * abs(one).max()
+    assert "computed" not in run([bin / "tm-sim", "--lockstep", scene, "--frames", 2], env).stderr
+    loose = run([*mpirun(bin, 2), scene, "--factor", "shared", "--set", "supports=[]", "--out", folder / "x.tms"], env, code=2, timeout=60)
+    assert "support" in loose.stderr and not (folder / "x.tms").exists()
+    for wrong, words in ((["--factor", "both"], "each or shared"), (["--factor", "shared", "--solver", "cg"], "no factor to share")):
+        assert words in run([*mpirun(bin, 2), scene, *wrong, "--out", folder / "x.tms"], env, code=2).stderr
+    assert "without MUMPS or without ranks" in run([bin / "tm-precompute", scene, "--factor", "shared"], env, code=2).stderr
+
+
 def descendants(pid):
     children = []
     for entry in os.listdir("/proc"):
@@ -116,10 +170,37 @@ def test_a_rank_that_dies_leaves_the_old_file(bin, root, place):
     os.kill(victim, signal.SIGKILL)
     assert job.wait(timeout=60) != 0
     assert out.read_bytes() == b"the old file"
-    # what was left half-way is no obstacle to the next run
+    # what was left half-way is no obstacle to another scene's run
     run([bin / "tm-precompute", write_scene(folder, root, bin, env), "--out", out], env)
     assert out.read_bytes().startswith(b"TMRESP")
     assert not part.exists()
+
+
+def test_what_was_killed_is_gone_on_with(bin, root, place):
+    """By any number of ranks, with the same bits; a block that was harmed meanwhile is solved again."""
+    folder, env = place
+    scene, out = write_scene(folder, root, bin, env, mesh="block_10k"), folder / "out.tms"
+    part = folder / "out.tms.part"
+    job = subprocess.Popen([str(c) for c in [bin / "tm-precompute", scene, "--out", out, "--threads", 1]], env=env, stdout=subprocess.DEVNULL,
+                           stderr=subprocess.DEVNULL)
+    end = time.time() + 60
+    while time.time() < end and blocks_done(part) < 6:
+        time.sleep(0.002)
+    job.send_signal(signal.SIGKILL)
+    assert job.wait() == -signal.SIGKILL and not out.exists()
+    done = blocks_done(part)
+    assert 6 <= done < blocks(part)
+    with part.open("r+b") as file:  # one byte of the first block
+        file.seek(head(part)[4] + 1000)
+        byte = file.read(1)[0]
+        file.seek(-1, os.SEEK_CUR)
+        file.write(bytes([byte ^ 1]))
+    many = shutil.which("mpirun") and (bin / "tm-precompute-mpi").exists()
+    run([*(mpirun(bin, 2) if many else [bin / "tm-precompute"]), scene, "--out", out, "--threads", 1, "--json", folder / "rest.json"], env)
+    assert json.loads((folder / "rest.json").read_text())["columns_found"] == 64 * (done - 1)
+    run([bin / "tm-precompute", scene, "--out", folder / "whole.tms", "--json", folder / "whole.json"], env)
+    assert json.loads((folder / "whole.json").read_text())["columns_found"] == 0
+    assert out.read_bytes() == (folder / "whole.tms").read_bytes() and not part.exists()
 
 
 def test_what_was_computed_ahead_is_found(bin, root, place):
