@@ -15,6 +15,7 @@ static void usage(void) {
         "Makes tetrahedra of the labels of a segmented image (NIfTI, NRRD, MetaImage, DICOM-SEG), those of neighbours sharing their\n"
         "faces. Lengths come out in metres, in the image's own world (DICOM's axes: left, posterior, superior).\n\n"
         "  --label N[=NAME][:SIZE]  this label alone, its region's name, its tetrahedra; once for each [all but 0]\n"
+        "  --label all        the others as well as those named\n"
         "  --budget N | realtime    so many tetrahedra at most, or as many as half a core of this machine steps in real\n"
         "                           time where cut (realtime:0.8: 0.8 of a core) [10000, unless --size is given]\n"
         "  --size SIZE        edges of tetrahedra, about; less in a label thinner than that\n"
@@ -39,9 +40,10 @@ static void usage(void) {
 
 static int parse_label(const char *text, image_options *o) {
     char *end;
+    if (strcmp(text, "all") == 0) return o->all = true, APP_DONE;
     const long value = strtol(text, &end, 10);
     if (end == text || value < 1 || value > 65535)
-        return command_usage("image", "--label %s: a label is a number from 1 to 65535", text);
+        return command_usage("image", "--label %s: a label is a number from 1 to 65535, or all", text);
     if (o->regions == LABEL_MOST) return command_usage("image", "--label %s: more than %d labels", text, LABEL_MOST);
     image_region *r = &o->region[o->regions + 1];
     *r = (image_region){.value = (int)value};
@@ -186,6 +188,24 @@ static int parse(int argc, char **argv, image_options *o) {
 
 /* --- labels --- */
 
+static bool chooses(const image_options *o) { return o->regions && !o->all; }
+
+/* Where all labels stay: what was asked for some of them goes to their places among all. */
+static int spread_regions(const label_field *field, image_options *o) {
+    static image_region asked[LABEL_MOST + 1];
+    const int count = o->regions;
+    memcpy(asked, o->region, sizeof asked);
+    memset(o->region, 0, sizeof o->region);
+    for (int r = 1; r <= count; r++) {
+        int l = 1;
+        while (l <= field->labels && field->value[l] != asked[r].value) l++;
+        if (l > field->labels)
+            return app_bad_input(o->in, 0, "label %d is not in the image; leave it out of --label", asked[r].value);
+        o->region[l] = asked[r];
+    }
+    return APP_DONE;
+}
+
 /* Regions of all labels, with the file's names or label_N, each name once. */
 static void name_regions(const image_volume *volume, const label_field *field, image_options *o) {
     for (int l = 1; l <= field->labels; l++) {
@@ -208,7 +228,7 @@ static int check_labels(const image_options *o, const image_volume *volume, cons
     int values = 0;
     for (size_t i = 0; i < voxels; i++)
         if (!most[volume->label[i]]) most[volume->label[i]] = true, values += volume->label[i] != 0;
-    if (!o->regions && values > LABEL_MOST)
+    if (!chooses(o) && values > LABEL_MOST)
         return app_bad_input(o->in, 0, "%d labels; choose up to %d of them with --label (or is it no segmentation?)",
                              values, LABEL_MOST);
     for (int l = 1; l <= f->labels; l++) {
@@ -244,8 +264,9 @@ static int check_mesh(const image_options *o, const label_field *f, const image_
         if (allowed)
             app_remark("%s: %s\n", o->in, text);
         else
-            exit = app_bad_input(o->in, 0, "%s; mesh it finer (--label %d:%.2gmm), smooth less, or --allow %s", text,
-                                 r->value, 0.7e3 * m->edge_m[l], got < f->pieces[l] ? "vanish" : "apart");
+            exit = app_bad_input(o->in, 0, "%s; mesh it finer (%s--label %d:%.2gmm), smooth less, or --allow %s", text,
+                                 chooses(o) ? "" : "--label all ", r->value, 0.7e3 * m->edge_m[l],
+                                 got < f->pieces[l] ? "vanish" : "apart");
     }
     return exit;
 }
@@ -268,10 +289,11 @@ static int make_mesh(const image_api *api, image_options *o, const image_volume 
     tm_error error = {0};
     int wanted[LABEL_MOST];
     for (int r = 0; r < o->regions; r++) wanted[r] = o->region[r + 1].value;
-    if (!label_field_make(volume, o->regions ? wanted : NULL, o->regions, o->specks, o->smooth, &field))
+    if (!label_field_make(volume, chooses(o) ? wanted : NULL, o->regions, o->specks, o->smooth, &field))
         return command_no_memory(o->in);
+    int exit = chooses(o) ? APP_DONE : spread_regions(&field, o);
     name_regions(volume, &field, o);
-    int exit = check_labels(o, volume, &field);
+    if (exit == APP_DONE) exit = check_labels(o, volume, &field);
     if (exit == APP_DONE) exit = image_make(api, o, &field, &mesh);
     if (exit == APP_DONE) exit = check_mesh(o, &field, &mesh);
     if (exit == APP_DONE && image_distances(&field, &mesh, &error)) exit = app_report(o->in, 0, &error);

@@ -21,7 +21,8 @@ typedef struct image_options {
     double budget_load; /* of a core, for real time */
     bool lloyd, perturb, exude, improve, allow_vanish, allow_apart, allow_thin, ras;
     image_region region[LABEL_MOST + 1]; /* from 1 */
-    int regions;                         /* named by --label; 0: all labels of the image */
+    int regions;                         /* named by --label */
+    bool all;                            /* the others stay, too; so they do where none is named */
 } image_options;
 
 /* What came of one label. */

@@ -204,6 +204,23 @@ def test_labels_that_are_not_there_vanish_or_fall_apart(tmp_path, run):
     assert done.returncode == 0 and "vanished" in done.stderr
 
 
+def test_what_vanished_comes_back_by_the_words_of_the_message(tmp_path, run):
+    """No label was named: doing as it says keeps the others."""
+    image = small()
+    image[11:13, 9:11, 7:9] = 4
+    path, out = phantom.write(tmp_path / "a.nrrd", image, (2, 2, 2)), tmp_path / "out.msh"
+    labels = sorted(set(image.ravel().tolist()) - {0})
+    done = run(path, "--size", "30mm", "--optimise", "none", "--smooth", "1", "--label", "all", "--label", "4:30mm", out=out)
+    said = re.search(r"label 4 \('ribs'\) vanished; mesh it finer \((--label all) (--label 4:\S+mm)\)", done.stderr)
+    assert done.returncode == 2 and said and len(labels) > 1, done.stderr
+    report = tmp_path / "report.json"
+    done = run(path, "--size", "30mm", "--optimise", "none", "--smooth", "0.3", *said[1].split(), "--label", "4:2mm", "--json", report, out=out)
+    assert done.returncode == 0, done.stderr
+    assert sorted(r["label"] for r in json.loads(report.read_text())["regions"]) == labels
+    done = run(path, "--size", "30mm", "--label", "all", "--label", "9:3mm", out=out)
+    assert done.returncode == 2 and "label 9 is not in the image" in done.stderr
+
+
 @pytest.mark.parametrize("options, word", [(("--budget", "5"), "100 to 5000000"), (("--label", "0"), "1 to 65535"), (("--optimise", "polish"), "none of its words"),
                                            (("--size", "5mm", "--budget", "3000"), "give one"), (("--space", "up"), "lps or ras"), (("--smooth", "-1"), "0 to 5")])
 def test_bad_usage(tmp_path, run, options, word):
