@@ -141,8 +141,9 @@ static int make_new(const options *o) {
         rc = app_bad_input(path, 0, "is there already; name another with -o, or add --force");
     if (rc) return rc;
     rc = organ_load(o->file, o->scale, o->up, title, o->cut, &made);
-    if (!rc && !(organ_find_supports(&made) && organ_find_trocar(&made)))
-        rc = app_bad_input(o->file, 0, "no memory; use a coarser mesh") - 1;
+    if (!rc && !organ_find_supports(&made)) rc = app_bad_input(o->file, 0, "no memory; use a coarser mesh") - 1;
+    if (!rc) rc = organ_hang(o->file, &made);
+    if (!rc && !organ_find_trocar(&made)) rc = app_bad_input(o->file, 0, "no memory; use a coarser mesh") - 1;
     if (!rc && o->cut && !organ_find_cut(&made)) rc = app_bad_input(o->file, 0, "no memory; use a coarser mesh") - 1;
     if (!rc && o->cut && !made.cut)
         rc = app_bad_input(o->file, 0, "no room beside the press for a cut; leave --cut out, and write one by hand");
@@ -153,6 +154,10 @@ static int make_new(const options *o) {
                 stderr,
                 "tm-scene: warning: region '%s' is called like no tissue of the table; its constants are a guess: put your own\n",
                 made.file.region_name[r]);
+    if (!rc && !made.hangs)
+        fprintf(stderr,
+                "tm-scene: warning: it hangs by too little, %d supports were not enough; hold it by more of it\n",
+                made.supports);
     if (!rc)
         app_remark("%s: %d tetrahedra, %d region%s, %d support%s, %d substeps a frame; tm-scene check %s", path,
                    made.mesh->tet_count, made.file.region_count, made.file.region_count == 1 ? "" : "s", made.supports,

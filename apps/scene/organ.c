@@ -5,8 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "tensormass/tissue.h"
-
 static const double largest_m = 1.0, smallest_m = 5e-3, frame_s = 1.0 / 25;
 
 static int check_size(const char *path, double scale, const organ *o) {
@@ -31,7 +29,7 @@ static void find_tissues(const char *title, organ *o) {
     }
 }
 
-static tm_status find_pace(bool cut, organ *o, tm_error *error) {
+tm_status organ_tissue(const organ *o, bool cut, tm_tissue **tissue, tm_error *error) {
     const int32_t regions = o->file.region_count;
     tm_material *material = malloc(sizeof *material * (size_t)regions);
     int32_t *own = malloc(sizeof *own * (size_t)regions);
@@ -42,18 +40,22 @@ static tm_status find_pace(bool cut, organ *o, tm_error *error) {
         if (!status) material[r].density_kg_m3 = o->tissue[r]->density_kg_m3;
     }
     tm_tissue_def def = tm_tissue_def_default();
-    tm_tissue *tissue = NULL;
     def.mesh = o->mesh, def.material = material, def.material_count = regions, def.region_material = own;
     def.cuttable = cut;
-    if (!status) status = tm_tissue_create(&def, &tissue, error);
-    if (!status) {
-        o->step_s = 0.9 * tm_critical_step_guaranteed(tissue, NULL);
-        o->substeps = (int)ceil(frame_s / o->step_s);
-        tm_tissue_destroy(tissue);
-    }
+    if (!status) status = tm_tissue_create(&def, tissue, error);
     free(material);
     free(own);
     return status;
+}
+
+static tm_status find_pace(bool cut, organ *o, tm_error *error) {
+    tm_tissue *tissue = NULL;
+    const tm_status status = organ_tissue(o, cut, &tissue, error);
+    if (status) return status;
+    o->step_s = 0.9 * tm_critical_step_guaranteed(tissue, NULL);
+    o->substeps = (int)ceil(frame_s / o->step_s);
+    tm_tissue_destroy(tissue);
+    return TM_OK;
 }
 
 static void measure(organ *o) {

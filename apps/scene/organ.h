@@ -4,6 +4,7 @@
 
 #include "app.h"
 #include "tensormass/mesh.h"
+#include "tensormass/tissue.h"
 #include "tensormass_io.h"
 #include "tissues.h"
 
@@ -18,6 +19,7 @@ typedef struct organ_support {
     double point_m[3], normal[3], within_m; /* of a plane */
     double low_m[3], high_m[3];             /* of a box */
     double share;                           /* of the surface: planes */
+    bool added;                             /* by organ_hang */
 } organ_support;
 
 typedef struct organ {
@@ -30,6 +32,8 @@ typedef struct organ {
     double up[3];
     organ_support support[SUPPORTS_MOST];
     int supports;
+    double sag_m; /* under its own weight, so held; infinite: a piece of it is held by nothing */
+    bool hangs;   /* by enough */
     /* the first instrument */
     double target_m[3], trocar_m[3], axis[3], tool_up[3], depth_m;
     const char *aim; /* what it presses above */
@@ -47,6 +51,13 @@ int organ_load(const char *path, double scale, const char *up, const char *title
 void organ_free(organ *o);
 /* What holds it: bone, vessels where they leave it, what its groups' names say, a flat side, else what lies lowest. */
 bool organ_find_supports(organ *o);
+/* Hangs it up by its supports, and adds some where it sags too far: o->sag_m, o->hangs. 0 or an exit code, having
+ * complained. */
+int organ_hang(const char *path, organ *o);
+/* A plane or a box; of a place at rest. */
+bool organ_holds(const organ_support *support, const double x_m[3]);
+/* Of its materials; to be destroyed. */
+tm_status organ_tissue(const organ *o, bool cut, tm_tissue **tissue, tm_error *error);
 /* mark[vertex_count] := 1 where one of them holds. */
 void organ_mark_held(const organ *o, uint8_t *mark);
 /* Where an instrument comes in, as a person would have it: from above, a hand's breadth away, onto the upper surface,

@@ -142,7 +142,7 @@ bool organ_find_supports(organ *o) {
     return true;
 }
 
-static bool holds(const organ_support *s, const double x[3]) {
+bool organ_holds(const organ_support *s, const double x[3]) {
     double d[3];
     vsub(x, s->point_m, d);
     if (s->kind == SUPPORT_PLANE) return fabs(vdot(d, s->normal)) <= s->within_m;
@@ -159,6 +159,7 @@ void organ_mark_held(const organ *o, uint8_t *mark) {
             for (int32_t k = o->file.group_begin[g]; k < o->file.group_begin[g + 1]; k++)
                 if (strcmp(o->file.group_name[g], s->name) == 0) mark[o->file.group_vertex[k]] = 1;
         for (int32_t v = 0; v < o->mesh->vertex_count; v++)
-            if ((s->kind == SUPPORT_PLANE || s->kind == SUPPORT_BOX) && holds(s, o->mesh->rest_m + 3 * v)) mark[v] = 1;
+            if ((s->kind == SUPPORT_PLANE || s->kind == SUPPORT_BOX) && organ_holds(s, o->mesh->rest_m + 3 * v))
+                mark[v] = 1;
     }
 }

@@ -79,8 +79,11 @@ static void put_support(const organ_support *s, FILE *out) {
         put_point(out, s->low_m);
         fputs(", max: ", out);
         put_point(out, s->high_m);
-        fprintf(out, "}} # what lies lowest, %d vertices: no label of bone or vessel, no flat side was found\n",
-                s->count);
+        if (s->added)
+            fprintf(out, "}} # %d vertices: without it, this sagged too far\n", s->count);
+        else
+            fprintf(out, "}} # what lies lowest, %d vertices: no label of bone or vessel, no flat side was found\n",
+                    s->count);
         return;
     }
 }
@@ -88,9 +91,14 @@ static void put_support(const organ_support *s, FILE *out) {
 static void put_supports(const organ *o, FILE *out) {
     fputs(
         "\n# What holds it: these vertices do not move. A guess from labels and shape; look at it with tm-view SCENE --png, and put what is so.\n"
-        "# Each item has one of: group: NAME (of the mesh; tm-mesh info lists them), box, plane, vertex.\n"
-        "supports:\n",
+        "# Each item has one of: group: NAME (of the mesh; tm-mesh info lists them), box, plane, vertex.\n",
         out);
+    if (o->hangs)
+        fprintf(out, "# So held, it sags by %.2g of %.3g mm under its own weight (without rotation, a first guess).\n",
+                mm(o->sag_m), mm(o->size_m));
+    else
+        fputs("# IT HANGS BY TOO LITTLE: under its own weight it sags by more than a fifth of its size.\n", out);
+    fputs("supports:\n", out);
     for (int i = 0; i < o->supports; i++) put_support(&o->support[i], out);
 }
 

@@ -131,3 +131,30 @@ def test_bad_input(bin, made, words, said):
     words = [w.format(organ=made.with_suffix(".msh"), big=big, out=out) for w in words]
     assert said in run(bin / "tm-scene", *words, code=2)
     assert not out.exists() and not big.with_suffix(".yaml").exists()
+
+
+def overhang():
+    """Without names and without a flat side: a curved slab on a leg at its end, and a second one that touches nothing."""
+    whole = meshlib.block(6)
+    kept = [t for t in whole.tets if all(whole.points[v][2] > 0.066 or max(whole.points[v][:2]) < 0.034 for v in t)]
+    used = sorted({v for t in kept for v in t})
+    curved = [(x, y, z + 4 * x * x + 3 * y * y) for x, y, z in (whole.points[v] for v in used)]
+    number = {v: n for n, v in enumerate(used)}
+    tets = [[number[v] for v in t] for t in kept]
+    return meshlib.Mesh(curved + [(x + 0.007, y + 0.009, z + 0.15) for x, y, z in curved], tets + [[v + len(used) for v in t] for t in tets])
+
+
+def test_what_hangs_by_too_little_is_held_by_more(bin, tmp_path):
+    scene, figures = tmp_path / "a.yaml", tmp_path / "rest.json"
+    (tmp_path / "a.msh").write_text(meshlib.msh2(overhang()))
+    run(bin / "tm-scene", "new", tmp_path / "a.msh")
+    lines = scene.read_text().splitlines()
+    added = [line for line in lines if '"held here, too"' in line]
+    said, size = map(float, re.search(r"So held, it sags by (\S+) of (\S+) mm", scene.read_text()).groups())
+    assert len(added) > 2 and size > 300
+    run(bin / "tm-sim", scene, "--settle", "1e-6", "--set", "gravity.acceleration=[0,0,-9.81]", "--json", figures)
+    sag = 1e3 * json.loads(figures.read_text())["largest_displacement_m"]
+    assert abs(sag / said - 1) < 0.05 and said < 0.2 * size
+    assert "held by nothing" not in run(bin / "tm-scene", "check", scene)
+    scene.write_text("\n".join(line for line in lines if line not in added))
+    assert "held by nothing" in run(bin / "tm-scene", "check", scene)  # the second slab
