@@ -111,7 +111,7 @@ $(OUT)/obj/%.o: $(OUT)/gen/%.c
 	$(Q)$(CC) $(BASE_CFLAGS) -w $(if $(findstring undefined,$(OPT)),-fno-sanitize=nonnull-attribute) $(INCLUDES) -c $< -o $@
 
 # What other programs link comes first.
-APPS_FIRST := $(wildcard apps/common/module.mk) $(wildcard apps/sim/module.mk)
+APPS_FIRST := $(wildcard apps/common/module.mk) $(wildcard apps/sim/module.mk) $(wildcard apps/studies/replay/module.mk)
 # Each folder says in its module.mk what is built from it.
 MODULE_MK := $(sort $(wildcard libtensormass/module.mk libtensormass/*/module.mk lcm_types/module.mk haptic_rt/module.mk \
 	haptic_rt/*/module.mk)) $(APPS_FIRST) \

@@ -190,10 +190,11 @@ figure{margin:1.5rem 0} img{max-width:100%} figcaption,.caption{font-size:14px;c
 .wide{overflow-x:auto} table{border-collapse:collapse;font-size:13px;font-family:system-ui,sans-serif} td,th{padding:.25rem .6rem;border-bottom:1px solid var(--line);text-align:left;vertical-align:top}
 td:not(:first-child){font-variant-numeric:tabular-nums} .good td:last-child{color:var(--good)} .fair td:last-child{color:var(--fair)} .bad td:last-child{color:var(--bad)}
 code{font-size:13px;background:var(--code);padding:.1rem .3rem;overflow-wrap:anywhere} [hidden]{display:none!important}
-@media (max-width:48rem){body{margin:1rem auto} dl{display:block}
+@media (max-width:48rem){body{margin:1rem auto} dl{display:block} figure{overflow-x:auto} img{max-width:none;width:max(100%,30rem)}
 .verdicts thead{display:none} .verdicts,.verdicts tbody{display:block} .verdicts tr{display:flex;flex-direction:column;padding:.6rem 0;border-bottom:1px solid var(--line)}
 .verdicts td{border:0;padding:.05rem 0;overflow-wrap:anywhere} .verdicts td:empty{display:none} .verdicts td::before{content:attr(data-name) ": ";color:var(--soft)}
 .verdicts td:first-child{order:-2;font-weight:bold} .verdicts td:last-child{order:-1;font-weight:bold} .verdicts td:first-child::before,.verdicts td:last-child::before{content:none}}
+@media print{body{max-width:none;margin:0} h2{break-after:avoid} figure,tr{break-inside:avoid} .wide,figure{overflow:visible} img{max-width:100%;width:auto} table{font-size:11px} td,th{overflow-wrap:anywhere}}
 """
 
 # A field over the first table of verdicts: rows that hold all its words stay, of every such table.

@@ -75,12 +75,21 @@ void sim_expected_close(sim_expected *x) {
     x->study = NULL;
 }
 
-double sim_expected_without(const sim_expected *x, const char *effect) {
+/* A figure of the run of that knob and name. */
+static double of_run(const sim_expected *x, const char *knob, const char *name, const char *figure) {
     const cJSON *run;
     cJSON_ArrayForEach(run, cJSON_GetObjectItem(x->study, "runs")) {
-        const char *knob = cJSON_GetStringValue(cJSON_GetObjectItem(run, "knob")),
-                   *name = cJSON_GetStringValue(cJSON_GetObjectItem(run, "name"));
-        if (knob && name && !strcmp(knob, "drop") && !strcmp(name, effect)) return number(run, "change");
+        const char *of = cJSON_GetStringValue(cJSON_GetObjectItem(run, "knob")),
+                   *called = cJSON_GetStringValue(cJSON_GetObjectItem(run, "name"));
+        if (of && called && !strcmp(of, knob) && !strcmp(called, name)) return number(run, figure);
     }
     return NAN;
 }
+
+double sim_expected_without(const sim_expected *x, const char *effect) { return of_run(x, "drop", effect, "change"); }
+
+double sim_expected_felt(const sim_expected *x, const char *extrapolator) {
+    return of_run(x, "extrapolator", extrapolator, "force_error");
+}
+
+double sim_expected_mass(const sim_expected *x) { return of_run(x, "mass", "its own mass", "change"); }

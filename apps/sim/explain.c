@@ -6,8 +6,10 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "effects.h"
 #include "expected.h"
 #include "explain_mass.h"
+#include "hrt.h"
 #include "run.h"
 
 enum { ROWS = TM_MAX_STAGES + SIM_MAX_EFFECTS };
@@ -134,13 +136,20 @@ static int gather(const sim *s, const tm_stage_report *report, int count, row *r
     return n;
 }
 
+static double expected_of(const sim *s, const sim_expected *x, const row *r) {
+    if (!strcmp(r->name, "mesh")) return x->error;
+    if (r->effect < 0) return NAN;
+    const char *name = sim_effects[r->effect]->name;
+    if (strcmp(name, "haptics")) return sim_expected_without(x, name);
+    const sim_haptics *o = sim_options(s->scene, name);
+    return sim_expected_felt(x, hrt_extrapolator_name((hrt_extrapolator)o->extrapolator.index));
+}
+
 /* The column of a study, where there is one. */
-static void expected_text(const sim_expected *x, const row *r, cJSON *json, char text[16]) {
+static void expected_text(const sim *s, const sim_expected *x, const row *r, cJSON *json, char text[16]) {
     text[0] = 0;
     if (!x->study) return;
-    const double error = !strcmp(r->name, "mesh") ? x->error
-                         : r->effect >= 0         ? sim_expected_without(x, sim_effects[r->effect]->name)
-                                                  : NAN;
+    const double error = expected_of(s, x, r);
     if (isfinite(error)) cJSON_AddNumberToObject(json, "expected_error", error);
     if (isfinite(error))
         snprintf(text, 16, "%13.3g%% ", 100 * error);
@@ -177,7 +186,7 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
         cJSON_AddNumberToObject(j, "bytes", (double)rows[i].bytes);
         cJSON_AddBoolToObject(j, "in_step", rows[i].in_step);
         char expected[16];
-        expected_text(x, &rows[i], j, expected);
+        expected_text(s, x, &rows[i], j, expected);
         if (rows[i].timed) {
             cJSON_AddNumberToObject(j, "us_per_step", rows[i].us_per_step);
             cJSON_AddNumberToObject(j, "share", share);
@@ -212,7 +221,11 @@ static void print_expected(const sim_expected *x, cJSON *json) {
     if (isfinite(x->uncertainty)) cJSON_AddNumberToObject(out, "uncertainty", x->uncertainty);
     printf("expected error, of the force at the hand, by %s: of the mesh that of the scene as it is", x->file);
     if (isfinite(x->uncertainty)) printf(" (its truth is uncertain by %.2g %%)", 100 * x->uncertainty);
-    puts("; of an effect what leaving it out changes");
+    puts("; of an effect what leaving it out changes; of haptics what its extrapolator errs between frames");
+    const double mass = sim_expected_mass(x);
+    if (!isfinite(mass)) return;
+    printf("mass scaling changes the force by %.3g %%\n", 100 * mass);
+    cJSON_AddNumberToObject(out, "mass_scaling", mass);
 }
 
 int run_explain(sim *s, const run_options *o) {

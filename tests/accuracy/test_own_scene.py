@@ -36,15 +36,41 @@ def named(data, name):
 
 def test_every_knob_was_run_and_finer_meshes_are_nearer(whole):
     data = whole[1]
-    assert {r["knob"] for r in data["runs"]} == {"own", "volume", "mesh", "step", "precision", "frame", "drop", "constant"}
+    assert {r["knob"] for r in data["runs"]} == {"own", "volume", "mesh", "step", "mass", "precision", "frame", "drop", "constant", "extrapolator"}
     assert not [r for r in data["runs"] if "cannot" in r]
     own, finest = data["runs"][0], max((r for r in data["runs"] if r["form"] == 0), key=lambda r: r["tets"])
     assert finest["tets"] > 2 * own["tets"] and finest["force_error"] < own["force_error"]
+    coarse = [r for r in data["runs"] if r["knob"] == "mesh" and r["tets"] < own["tets"]]
+    assert len(coarse) == 2 and all("shape_error" not in r and r["cpu_s"] > 0 and r["force_error"] > 0 for r in coarse)
+    assert 1e-5 < named(data, "heavier for 1.2 times the step")["change"] < 0.05
     assert named(data, "single")["change"] < 1e-5 < named(data, "half the step")["change"] < 0.05
     assert named(data, "100 Hz")["force_error"] == 0 < named(data, "50 Hz")["force_error"] < named(data, "12.5 Hz")["force_error"]
     assert named(data, "stiffness +20 %")["change"] > 0.1 and named(data, "stiffness +20 %")["peak_change"] > 0
     assert named(data, "stiffness -20 %")["peak_change"] < 0
     assert not [r["name"] for r in data["runs"] if r["knob"] in ("drop", "add", "constant") and "force_error" in r], "another tissue has another truth"
+
+
+def test_extrapolators_are_held_against_the_scene_at_500_hz(whole, bin, root, tmp_path):
+    """What they make of the samples between frames; `hold` is worked out here as well, from tm-sim's forces at 25 and at 500 Hz."""
+    felt = {r["name"]: r["felt"] for r in whole[1]["runs"] if r["knob"] == "extrapolator"}
+    assert felt.keys() == {"hold", "time", "position", "broyden", "tangent", "contact", "paper_position"}
+    assert all(f[0] < f[1] < f[2] for name, f in felt.items() if name in ("hold", "time", "position", "tangent"))
+    assert [felt[n][1] for n in ("contact", "tangent", "position", "time", "hold")] == sorted(f[1] for n, f in felt.items() if n not in ("broyden", "paper_position"))
+    assert felt["contact"][1] < 0.15 * felt["position"][1] and felt["contact"][1] == named(whole[1], "contact")["force_error"]
+
+    def forces(rate, *more):
+        subprocess.run([bin / "tm-sim", SCENE, "--lockstep", "--unset", "haptics", "--duration", "1", "--set", f"time.frame_rate={rate}", *more, "--samples", tmp_path / "f.csv"], cwd=root, check=True, capture_output=True)
+        rows = [r.split(",") for r in (tmp_path / "f.csv").read_text().splitlines()]
+        return [[float(r[rows[0].index(f"f{a}_N")]) for a in "xyz"] for r in rows[1:]]
+
+    slow, truth = forces(25), forces(500, "--set", "time.average=0")
+    error2 = truth2 = 0
+    for k, true in enumerate(truth):  # truth[k] is of the tick at (k + 1) * 2 ms; slow[n] comes with its frame's end
+        n = (k + 1) * 2 // 40 - 1
+        shown = slow[n] if n >= 0 else [0, 0, 0]
+        error2 += sum((a - b) ** 2 for a, b in zip(shown, true))
+        truth2 += sum(b * b for b in true)
+    assert felt["hold"][0] == pytest.approx((error2 / truth2) ** 0.5, rel=0.03)
 
 
 def test_force_is_tm_sims(whole, bin, root, tmp_path):
@@ -65,6 +91,8 @@ def test_recommendation_is_a_scene_and_was_held(whole, bin):
     assert text.startswith("# Recommended by tm-accuracy") and "# Small and quick" in text and "s.files/" in text
     run = subprocess.run([bin / "tm-sim", out / "s-recommended.yaml", "--check", "--strict"], cwd=out, capture_output=True, text=True)
     assert run.returncode == 0 and f"{max(r['tets'] for r in data['runs'])} tetrahedra" in run.stdout, run
+    assert choice["extrapolator"] in text and f"at the hand {choice['extrapolator']} is" in text and "at the hand contact" not in text
+    assert 0.5 * choice["share"] < choice["held_share"] < 2 * choice["share"]
 
 
 def test_page(whole):
@@ -127,11 +155,33 @@ def test_another_scene_finds_nothing_in_the_file(whole, bin, root, tmp_path):
     assert data["runs"][0]["force_N"] == pytest.approx([0.8 * f for f in whole[1]["runs"][0]["force_N"]], abs=0.06)
 
 
+def test_supports_by_vertex_number_are_held_on_other_meshes_too(whole, bin, root, tmp_path):
+    """What tm-scene new writes: on a finer mesh the vertices between them are held as well, as those of a group are."""
+    mesh = (root / "meshes/block_1k.msh").read_text().split("$Nodes")[1].split("$EndNodes")[0].split("\n")[2:-1]
+    points = [[float(x) for x in line.split()[1:]] for line in mesh]
+    base = [i for i, p in enumerate(points) if p[2] < 1e-9]
+    left = ",\n       ".join(str(i) for i in base if points[i][0] < 0.06)
+    right = ", ".join(str(i) for i in base if points[i][0] > 0.04)
+    text = (root / SCENE).read_text().replace("  - {name: base, group: z_min}", f"  - {{name: left,\n     vertex: [{left}]}} # a\n  - name: right\n    vertex: [{right}]\n    axes: xyz")
+    (tmp_path / "numbered.yaml").write_text(text.replace("../../meshes", str(root / "meshes")).replace("haptics: {extrapolator: contact}\n", ""))
+    _, data = study(bin, root, tmp_path, "--limit", "0.3 s", "--duration", "0.8 s", "--budget", "20", "--hold", "0.1 s", scene=tmp_path / "numbered.yaml")
+    own, finest = data["runs"][0], max((r for r in data["runs"] if r["form"] == 0 and "cannot" not in r), key=lambda r: r["tets"])
+    assert finest["tets"] > 2 * own["tets"] and "supports[0].group=support_0" in finest["set"]
+    same = next(r for r in whole[1]["runs"] if r["tets"] == finest["tets"] and r["form"] == 0)
+    assert max(map(abs, finest["force_N"])) > 0.02 and finest["force_N"] == pytest.approx(same["force_N"][:3 * 20], rel=1e-6, abs=1e-9)
+    coarse = next(r for r in data["runs"] if r["knob"] == "mesh" and r["tets"] < own["tets"])
+    assert 0.5 < max(map(abs, coarse["force_N"])) / max(map(abs, own["force_N"])) < 2
+    written = (tmp_path / "s-recommended.yaml").read_text()
+    assert "{group: support_0, name: left} # a\n  - group: support_1\n    name: right\n    axes: xyz\n" in written and "extrapolator" not in written
+    run = subprocess.run([bin / "tm-sim", tmp_path / "s-recommended.yaml", "--check", "--strict"], capture_output=True, text=True)
+    assert run.returncode == 0, run
+
+
 def test_fibres_go_along_with_finer_meshes_and_what_cannot_be_is_told(bin, root, tmp_path):
     text = (root / SCENE).read_text().replace("../../meshes", str(root / "meshes")).replace("{young: 5 kPa, poisson: 0.4}", "{E_L: 30 kPa, E_T: 6 kPa, nu_LT: 0.4, nu_TT: 0.45, G_L: 5 kPa}")
     (tmp_path / "fibred.yaml").write_text(text.replace("damping:", "anisotropy: {rule: constant, direction: [1, 0, 0]}\ndamping:").replace("mode: probe", "mode: grasper") + "grasp:\n")
     _, data = study(bin, root, tmp_path, "--budget", "20", "--hold", "1 s", scene=tmp_path / "fibred.yaml")
-    finest = next(r for r in data["runs"] if r["knob"] == "mesh")
+    finest = max((r for r in data["runs"] if r["knob"] == "mesh"), key=lambda r: r["tets"])
     assert finest["tets"] > data["runs"][0]["tets"] and any(s.startswith("anisotropy.file=") for s in finest["set"])
     assert {r["name"] for r in data["runs"] if r["knob"] == "constant"} >= {"fibres turned by +18 deg", "fibres turned by -18 deg"}
     assert named(data, "anisotropy")["change"] > 0.01
@@ -159,6 +209,7 @@ def test_explain_shows_what_a_study_beside_the_scene_expects(whole, bin, root, t
     rows = {r["name"]: r.get("expected_error") for r in report["stages"]}
     assert rows["mesh"] == pytest.approx(own)
     assert sum(v == pytest.approx(named(data, "damping")["change"]) for v in rows.values() if v is not None) == 1
+    assert rows["haptics" if "haptics" in rows else "patch"] == pytest.approx(named(data, "contact")["force_error"])
     data["set"] = ["tissue.force=best"]
     assert "not of this scene" in explain(data)[0].stderr
 

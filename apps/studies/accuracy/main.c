@@ -46,7 +46,7 @@ static void usage(FILE *to) {
         "  --json FILE       where the figures go; a scene's study that was broken off goes on from there\n"
         "  --quiet           no progress; --list names the knobs\n"
         "  -h, --help, --version\n\n"
-        "  --scene FILE      this scene's meshes, step, precision, model, threads, effects, frame rate and constants\n"
+        "  --scene FILE      this scene's meshes, step, mass, precision, model, threads, effects, constants, rates and extrapolators\n"
         "  --set PATH=VALUE, --unset PATH  as tm-sim takes them (may be repeated)\n"
         "  --mesh FILE       another mesh of the same organ, with the same groups and unit (at most 4)\n"
         "  --duration TIME   of the hand's path [the scene's]\n"

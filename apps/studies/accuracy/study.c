@@ -86,7 +86,9 @@ int study_whole(study *t) {
     if (!rc) rc = study_measure(t, &t->run[0]);
     if (!rc && t->run[0].failed) rc = app_bad_input(t->file, 0, "as it is, the scene %s", t->run[0].why);
     if (!rc) rc = study_plan(t);
-    for (int i = 1; i < t->run_count && !rc; i++) rc = study_measure(t, &t->run[i]);
+    for (int i = 1; i < t->run_count && !rc; i++)
+        if (strcmp(t->run[i].knob, "extrapolator")) rc = study_measure(t, &t->run[i]);
+    if (!rc) rc = study_measure_felt(t);
     if (app_interrupted() && t->run_count)
         app_remark("tm-accuracy: %s holds what is done; the same command goes on from there", t->json);
     if (!rc) study_judge(t);

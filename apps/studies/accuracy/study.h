@@ -9,7 +9,15 @@
 #include "sim/expected.h"
 #include "sim/sim.h"
 
-enum { STUDY_SETS = 24, STUDY_RUNS = 96, STUDY_MOMENTS = 6, STUDY_POINTS = 32, STUDY_MESHES = 8, STUDY_EDITS = 8 };
+enum {
+    STUDY_SETS = 32,
+    STUDY_RUNS = 96,
+    STUDY_MOMENTS = 6,
+    STUDY_POINTS = 32,
+    STUDY_MESHES = 10,
+    STUDY_LATE = 3,
+    STUDY_CARRIED = 4 /* supports by vertex number that other meshes can have */
+};
 
 /* How a run's mesh relates to the scene's. */
 typedef enum study_form { STUDY_AS_IT_IS, STUDY_OTHER_VOLUME } study_form;
@@ -28,8 +36,10 @@ typedef struct study_run {
     double cpu_s, cpu_p95_s, wall_s; /* a frame: processor time, mean and 95th percentile; mean wall time */
     double busy_p95_s;               /* how long a frame takes: processor time on one thread, wall time on several */
     int frames, instruments, tets, substeps, points, threads;
-    double *force_N; /* [frames][instruments][3] on the tools */
-    double *u_m;     /* [STUDY_MOMENTS][points][3] of the scene's own vertices, which refined meshes keep */
+    double *force_N;         /* [frames][instruments][3] on the tools */
+    double *u_m;             /* [STUDY_MOMENTS][points][3] of the scene's own vertices, which refined meshes keep */
+    double felt[STUDY_LATE]; /* of an extrapolator: error at the hand with samples 0, 1, 2 frames late */
+    bool felt_known;
     /* judged, relative to the truth's root mean square; NAN: not to be had */
     double force_error, shape_error;
     double change, peak_change; /* against the scene as it is: RMS, and of the peak with its sign */
@@ -38,6 +48,8 @@ typedef struct study_run {
 typedef struct study_mesh {
     char name[80], path[1024], fibres[1024];
     int tets;
+    bool made;    /* of the scene's: in metres, with its supports as groups */
+    bool foreign; /* other vertices */
 } study_mesh;
 
 /* Where the force goes as tetrahedra shrink: Richardson's estimate along the better of the two forms. */
@@ -53,9 +65,12 @@ typedef struct study_truth {
 
 typedef struct study_choice {
     bool wanted, fits, kept, real_time;
-    int mesh_run, extra[4], extra_count;       /* runs whose settings it takes */
-    double error, cost_s, share, busy;         /* predicted; 95th percentile: share of one processor, of the frame */
-    double held_error, held_wall_s, held_over; /* over: share of frames that took more processor time than the budget */
+    int mesh_run, extra[5], extra_count; /* runs whose settings it takes */
+    int felt_run;                        /* the extrapolator, 0: the scene's */
+    sim_sends sends;                     /* what that asks for */
+    double error, cost_s, share, busy;   /* predicted; 95th percentile: share of one processor, of the frame */
+    double held_error, held_share, held_wall_s,
+        held_over; /* over: share of frames that took more processor time than the budget */
     int held_frames, held_late;
     char file[1100];
 } study_choice;
@@ -67,7 +82,8 @@ typedef struct study {
     const char *other_mesh[4]; /* --mesh */
     int other_count;
     double duration_s, limit_s, budget, frame_Hz, hold_s; /* below 0: not asked for; limit: of one run */
-    bool quick;
+    bool quick, feels;                                    /* feels: the scene names haptics */
+    int sends;                                            /* sim_sends that it allows */
     uint64_t scene_hash;
     int own_vertices;  /* of the scene's mesh */
     char folder[1024]; /* of refined meshes and turned fibres */
@@ -87,24 +103,52 @@ int study_whole(study *t);
 /* The run "as it is", then all others; those need it done. */
 int study_plan_own(study *t);
 int study_plan(study *t);
-/* Null, having complained once, where there is no room. */
+
+/* --- study_run.c --- */
 study_run *study_add(study *t, const char *knob, const char *name);
 void study_set(study_run *r, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
 /* --- study_mesh.c --- */
-/* Makes refined meshes by bisection as far as `limit_s` allows, and takes --mesh ones. */
+/* Makes coarser meshes, refined ones by bisection as far as `limit_s` allows, and takes --mesh ones. */
 int study_make_meshes(study *t, const sim *own);
 /* Files with every fibre turned by +-angle about an axis across fibres and hand. */
 bool study_turn_fibres(study *t, const sim *own, double angle_rad, char path[1024]);
+
+/* --- study_files.c --- */
+/* tm-mesh beside this program, without a word. */
+bool study_run_mesh(char *const *argument);
+bool study_write_fibres(const double *fibre, int32_t tet_count, const char *path);
+
+/* --- study_coarse.c --- */
+/* About `factor` times fewer tetrahedra, inside the scene's surface. */
+bool study_coarsen(study *t, const sim *own, double factor, const char *name);
+
+/* --- study_carry.c --- */
+/* How many supports name vertices by their numbers. */
+int study_carried(const sim *own);
+/* Those become groups in this run, whose mesh has them. */
+void study_set_carried(study_run *r, const sim *own);
+/* The scene's mesh in metres, with them as groups. */
+bool study_write_carried(const sim *own, const char *path);
+/* `mesh`, made anew of the same organ, with its regions, groups and fibres [3*tet_count]. False: a region or group
+ * found no place in it. */
+bool study_transfer(const sim *own, const tm_mesh *mesh, const char *path, double *fibre);
 
 /* --- study_measure.c --- */
 /* Runs it, unless the file has it; 0, or an exit code after Ctrl-C. What cannot be is r->failed, no error. */
 int study_measure(study *t, study_run *r);
 double study_cpu_s(void);
+/* Mean and 95th percentile of frames; sorts both. */
+void study_take_price(study_run *r, double *cost_s, double *busy_s, int frames);
 /* Among how many threads its step is divided. */
 int study_threads(const sim *s);
 /* Builds with stderr turned into `why`; null: it cannot be. */
 sim *study_build(const char *file, char *const *set, int set_count, char *why, size_t size);
+
+/* --- study_felt.c --- */
+/* One run for each extrapolator of the controller; measured together. */
+void study_plan_felt(study *t, const sim *own);
+int study_measure_felt(study *t);
 
 /* --- study_store.c --- */
 void study_open(study *t);

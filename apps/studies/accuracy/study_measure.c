@@ -113,15 +113,20 @@ static double percentile_95(double *value, int count) {
     return value[(int)(0.95 * (count - 1))];
 }
 
+void study_take_price(study_run *r, double *cost_s, double *busy_s, int frames) {
+    r->cpu_s = 0;
+    for (int k = 0; k < frames; k++) r->cpu_s += cost_s[k] / frames;
+    r->cpu_p95_s = percentile_95(cost_s, frames);
+    r->busy_p95_s = percentile_95(busy_s, frames);
+}
+
 static void run_frames(const study *t, study_run *r, sim *s) {
     if (!take_memory(r, s, t->duration_s)) abort();
     double *cost_s = calloc((size_t)r->frames + 1, sizeof *cost_s);
     double *busy_s = calloc((size_t)r->frames + 1, sizeof *busy_s);
     if (!cost_s || !busy_s) abort();
     drive(t, r, s, cost_s, busy_s);
-    for (int k = 0; k < r->frames; k++) r->cpu_s += cost_s[k] / r->frames;
-    r->cpu_p95_s = percentile_95(cost_s, r->frames);
-    r->busy_p95_s = percentile_95(busy_s, r->frames);
+    study_take_price(r, cost_s, busy_s, r->frames);
     free(cost_s);
     free(busy_s);
 }

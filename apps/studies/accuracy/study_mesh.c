@@ -1,36 +1,14 @@
-/* Finer meshes of the same organ, by bisection (tm-mesh refine), other ones that the user has, and turned fibres. */
+/* Meshes of the same organ: finer ones by bisection (tm-mesh refine), coarser ones, others that the user has; and
+ * turned fibres. */
 #include <errno.h>
-#include <fcntl.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <sys/wait.h>
 #include <unistd.h>
 
 #include "study.h"
-
-/* tm-mesh beside this program, its words into the void: what it cannot do shows in the file that is not there. */
-static bool run_refine(char *const *argument) {
-    char path[1100];
-    const ssize_t length = readlink("/proc/self/exe", path, 1000);
-    if (length < 0) return false;
-    path[length] = 0;
-    snprintf(strrchr(path, '/') + 1, 20, "tm-mesh");
-    const pid_t child = fork();
-    if (child == 0) {
-        const int nowhere = open("/dev/null", O_WRONLY);
-        dup2(nowhere, STDOUT_FILENO);
-        dup2(nowhere, STDERR_FILENO);
-        execv(path, argument);
-        _exit(127);
-    }
-    int status = -1;
-    while (child > 0 && waitpid(child, &status, 0) < 0 && errno == EINTR) {
-    }
-    return child > 0 && WIFEXITED(status) && WEXITSTATUS(status) == 0;
-}
 
 static double longest_edge_m(const tm_mesh *mesh) {
     double sum = 0;
@@ -45,19 +23,6 @@ static double longest_edge_m(const tm_mesh *mesh) {
         sum += longest;
     }
     return sum / mesh->tet_count;
-}
-
-static bool write_fibres(const double *fibre, int32_t tet_count, const char *path) {
-    tm_error error = {0};
-    app_output output;
-    if (!app_output_begin(&output, path, &error)) return false;
-    FILE *file = app_output_stream(&output);
-    if (file) fprintf(file, "tet,ax,ay,az\n");
-    for (int32_t t = 0; file && t < tet_count; t++) {
-        const double *a = fibre + 3 * (size_t)t;
-        fprintf(file, "%d,%.9g,%.9g,%.9g\n", t, a[0], a[1], a[2]);
-    }
-    return app_output_end(&output, file, &error);
 }
 
 /* The smallest height of a tetrahedron, which sets the step; `vertex` and `tet` as in tm_mesh. */
@@ -92,38 +57,62 @@ static int count_tets(const char *path, double *height_m) {
     return count;
 }
 
+/* What is refined: the scene's mesh, or, where supports name vertices, a copy that has them as groups. */
+static bool source_of(const study *t, const sim *own, uint64_t hash, char path[1024], double *scale) {
+    const bool carries = study_carried(own) > 0;
+    *scale = carries ? 1 : own->scene->scale.si;
+    snprintf(path, 1024, "%.1020s", own->scene->mesh.s);
+    if (!carries) return true;
+    snprintf(path, 1024, "%.990s/own-%08x.msh", t->folder, (unsigned)hash);
+    return !access(path, R_OK) || study_write_carried(own, path);
+}
+
+/* Supports by vertex number go into what a mesh is made of. */
+static uint64_t hash_supports(const sim *own, uint64_t hash) {
+    for (int i = 0; i < own->scene->support.count; i++) {
+        const app_integers *v = &((const app_support *)own->scene->support.item + i)->select.vertex;
+        if (v->line) hash = sim_hash_bytes(hash, v->item, sizeof *v->item * (size_t)v->count);
+    }
+    return hash;
+}
+
 /* One mesh whose longest edges are `factor` of the scene's mean one, where its runs keep the limit. The file is kept,
  * by what it was made of. */
 static bool refine(study *t, const sim *own, double factor, const char *name) {
     study_mesh *m = &t->mesh[t->mesh_count];
-    char size[40], scale[40], from[1024], *argument[20], in[] = "--fibres", out[] = "--write-fibres";
+    char size[40], scale[40], source[1024], from[1024], *argument[20], in[] = "--fibres", out[] = "--write-fibres";
+    double metres;
     uint64_t hash = sim_hash_file(sim_hash_bytes(0, &factor, sizeof factor), own->scene->mesh.s);
     if (own->fibre) hash = sim_hash_bytes(hash, own->fibre, 3 * sizeof *own->fibre * (size_t)own->mesh->tet_count);
-    *m = (study_mesh){0};
+    hash = hash_supports(own, hash);
+    if (!source_of(t, own, hash, source, &metres)) return false;
+    *m = (study_mesh){.made = true};
     snprintf(m->path, sizeof m->path, "%.990s/%.8s-%08x.msh", t->folder, name, (unsigned)hash);
     snprintf(size, sizeof size, "%.9g", factor * longest_edge_m(own->mesh));
-    snprintf(scale, sizeof scale, "%.17g", own->scene->scale.si);
+    snprintf(scale, sizeof scale, "%.17g", metres);
     int n = 0;
-    const char *const fixed[] = {"tm-mesh",          "refine", "--box",   "-1e9,-1e9,-1e9,1e9,1e9,1e9",
-                                 "--size",           size,     "--scale", scale,
-                                 own->scene->mesh.s, "-o",     m->path};
+    const char *const fixed[] = {"tm-mesh", "refine", "--box",   "-1e9,-1e9,-1e9,1e9,1e9,1e9",
+                                 "--size",  size,     "--scale", scale,
+                                 source,    "-o",     m->path};
     for (size_t i = 0; i < sizeof fixed / sizeof *fixed; i++) argument[n++] = (char *)(uintptr_t)fixed[i];
     bool good = true;
     if (own->fibre) {
         snprintf(from, sizeof from, "%.990s/own-%08x.fibres.csv", t->folder, (unsigned)hash);
         snprintf(m->fibres, sizeof m->fibres, "%.990s/%.8s-%08x.fibres.csv", t->folder, name, (unsigned)hash);
-        good = write_fibres(own->fibre, own->mesh->tet_count, from);
+        good = study_write_fibres(own->fibre, own->mesh->tet_count, from);
         argument[n++] = in, argument[n++] = from;
         argument[n++] = out, argument[n++] = m->fibres;
     }
     argument[n] = NULL;
-    if (access(m->path, R_OK)) good = good && run_refine(argument);
+    if (access(m->path, R_OK)) good = good && study_run_mesh(argument);
     double height_m = 0;
     m->tets = good ? count_tets(m->path, &height_m) : 0;
     if (m->tets <= own->mesh->tet_count) {
         app_remark("tm-accuracy: tm-mesh refine --size %s made no finer mesh of %s", size, own->scene->mesh.s);
         return false;
     }
+    for (int i = 0; i < t->mesh_count; i++) /* bisection may end at the same one, which says nothing of an order */
+        if (t->mesh[i].tets >= m->tets && t->mesh[i].tets < 1.2 * m->tets) return false;
     /* Price: tetrahedra, steps, and half as much again for what the cache no longer holds. */
     const double price_s = 1.5 * t->run[0].cpu_s * t->run[0].frames * m->tets / own->mesh->tet_count *
                            smallest_height_m(own->mesh->rest_m, own->mesh->tet, own->mesh->tet_count) / height_m;
@@ -138,10 +127,14 @@ static bool refine(study *t, const sim *own, double factor, const char *name) {
 
 /* What would not be the same problem on other vertices: held or loaded one by one. */
 static const char *bound_to_vertices(const app_scene *scene) {
+    int by_number = 0;
     for (int i = 0; i < scene->support.count; i++)
-        if (((const app_support *)scene->support.item + i)->select.vertex.line) return "supports by vertex number";
+        if (((const app_support *)scene->support.item + i)->select.vertex.line && ++by_number > STUDY_CARRIED)
+            return "many supports by vertex number (give them groups)";
     for (int i = 0; i < scene->load.count; i++)
-        if (((const app_load *)scene->load.item + i)->force.line) return "loads by force on each vertex";
+        if (((const app_load *)scene->load.item + i)->force.line ||
+            ((const app_load *)scene->load.item + i)->select.vertex.line)
+            return "loads by vertex";
     return NULL;
 }
 
@@ -153,19 +146,20 @@ int study_make_meshes(study *t, const sim *own) {
     if (mkdir(t->folder, 0777) && errno != EEXIST)
         return app_bad_input(t->folder, 0, "cannot be made: %s; name a --json in a folder that can be written",
                              strerror(errno));
-    if (bound) app_remark("%s: %s: no finer mesh of it is the same problem", t->file, bound);
+    if (bound) app_remark("%s: %s: no other mesh of it is the same problem", t->file, bound);
+    for (int i = 0; i < (t->quick ? 1 : 2) && !bound; i++) study_coarsen(t, own, i ? 4 : 2, i ? "coarsest" : "coarser");
     for (int i = 0; i < 3 && !bound; i++) {
         static const double factor[] = {0.5, 0.63, 0.8};
         if (!(run_s * pow(factor[i], -4) <= t->limit_s)) continue; /* f^-3 tetrahedra, 1/f steps: at the least */
         if (!refine(t, own, factor[i], "finest")) continue;
-        if (factor[i] < 0.6 && !t->quick) refine(t, own, 0.71, "finer");
+        if (factor[i] < 0.7 && !t->quick) refine(t, own, factor[i] < 0.6 ? 0.71 : 0.8, "finer");
         break;
     }
     for (int i = 0; i < t->other_count; i++) {
         study_mesh *m = &t->mesh[t->mesh_count++];
         char whole[4096];
         double height_m;
-        *m = (study_mesh){.tets = count_tets(t->other_mesh[i], &height_m)};
+        *m = (study_mesh){.foreign = true, .tets = count_tets(t->other_mesh[i], &height_m)};
         if (!m->tets || !realpath(t->other_mesh[i], whole))
             return app_bad_input(t->other_mesh[i], 0, "--mesh is not a mesh that can be read; see tm-mesh info");
         snprintf(m->path, sizeof m->path, "%.1020s", whole);
@@ -200,7 +194,7 @@ bool study_turn_fibres(study *t, const sim *own, double angle_rad, char path[102
                 (1 - c) * along * axis[a];
     }
     snprintf(path, 1024, "%.990s/turned%+.0fdeg.fibres.csv", t->folder, angle_rad * 180 / 3.14159265358979);
-    const bool good = write_fibres(turned, count, path);
+    const bool good = study_write_fibres(turned, count, path);
     free(turned);
     return good;
 }

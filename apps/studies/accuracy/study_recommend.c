@@ -1,9 +1,8 @@
 /* The exactest setting within a budget, written as a scene, run, and held to what was promised of it.
  *
- * A setting is one mesh and form that was run, with half the step, the other precision, threads or another model beside
- * it. What
- * these do together is not run beforehand: their differences of force are added to that of the mesh, and their ratios
- * of price multiplied. That it comes out so is what the run at the end is for. */
+ * A setting is one mesh and form that was run, with another step, mass, precision, threads or another model beside it.
+ * What these do together is not run beforehand: their differences of force are added to that of the mesh, and their
+ * ratios of price multiplied. That it comes out so is what the run at the end is for. */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -18,6 +17,8 @@
 static const double ROOM = 0.9;
 /* Errors of the force that are the same to a hand, and to rounding. */
 static const double ALIKE = 1e-4;
+/* A hand tells forces apart that differ by some 7 %; a seventieth of that decides nothing. */
+static const double FELT = 1e-3;
 
 static bool usable(const study *t, const study_run *r) {
     return r->done && !r->failed && r->frames == t->run[0].frames && isfinite(r->force_error);
@@ -27,13 +28,15 @@ static bool is_mesh(const study_run *r) {
     return !strcmp(r->knob, "own") || !strcmp(r->knob, "volume") || !strcmp(r->knob, "mesh");
 }
 
-enum { EXTRAS = 4 };
+enum { MASS = 1, MODEL = 4, EXTRAS };
 
-/* What a setting may have beside its mesh, one of each knob; another model's price on another mesh is not this one's
- * ratio, so that it goes with the mesh alone on which it was run. */
+/* What a setting may have beside its mesh, one of each knob. What is heavier for a step is so on its own mesh alone, in
+ * place of another step; another model's price on another mesh is not this one's ratio, so that it goes with the mesh
+ * alone on which it was run. */
 static bool is_extra(const study_run *r, const study_choice *with, int knob) {
-    static const char *const name[EXTRAS] = {"step", "precision", "threads", "model"};
-    return !strcmp(r->knob, name[knob]) && (knob < EXTRAS - 1 || (with->mesh_run == 0 && with->extra_count == 0));
+    static const char *const name[EXTRAS] = {"step", "mass", "precision", "threads", "model"};
+    const bool alone = with->mesh_run == 0 && with->extra_count == 0;
+    return !strcmp(r->knob, name[knob]) && ((knob != MASS && knob != MODEL) || alone);
 }
 
 static void predict(const study *t, study_choice *c, double *force_N) {
@@ -60,7 +63,7 @@ static bool within(const study *t, const study_choice *c) { return c->share <= R
 static bool better(const study *t, const study_choice *a, const study_choice *b) {
     const bool fits_a = within(t, a);
     if (fits_a != within(t, b)) return fits_a;
-    if (!fits_a || fabs(a->error - b->error) < 0.05 * fmin(a->error, b->error)) return a->share < b->share;
+    if (!fits_a || fabs(a->error - b->error) < fmax(FELT, 0.05 * fmin(a->error, b->error))) return a->share < b->share;
     return a->error < b->error;
 }
 
@@ -112,6 +115,20 @@ static bool choose(study *t, const bans * not ) {
     return any;
 }
 
+/* The truest at the hand of the extrapolators that ask for `most` at most; none where the scene has no haptics. */
+static void choose_extrapolator(study *t, sim_sends most) {
+    study_choice *c = &t->choice;
+    c->felt_run = 0;
+    for (int i = 1, x = -1; i < t->run_count; i++) {
+        const study_run *r = &t->run[i];
+        if (strcmp(r->knob, "extrapolator")) continue;
+        x++; /* in the controller's order */
+        if (!t->feels || !c->fits || !r->done || r->failed || sim_sends_of(x) > most) continue;
+        if (!c->felt_run || r->force_error < 0.95 * t->run[c->felt_run].force_error)
+            c->felt_run = i, c->sends = sim_sends_of(x);
+    }
+}
+
 /* --- the scene --- */
 
 static void names(const study *t, char *text, size_t size) {
@@ -121,6 +138,8 @@ static void names(const study *t, char *text, size_t size) {
         const size_t used = strlen(text);
         snprintf(text + used, size - used, "; %s", t->run[c->extra[e]].name);
     }
+    const size_t used = strlen(text);
+    if (c->felt_run) snprintf(text + used, size - used, "; extrapolator %s", t->run[c->felt_run].name);
 }
 
 static bool is_quiet(const char *set) {
@@ -137,28 +156,35 @@ static int gather_edits(const study *t, char **edit) {
     for (int e = 0; e < c->extra_count; e++)
         for (int i = t->run[c->extra[e]].edits_from; i < t->run[c->extra[e]].set_count; i++)
             edit[n++] = t->run[c->extra[e]].set[i];
+    const study_run *felt = &t->run[c->felt_run];
+    for (int i = felt->edits_from; i < felt->set_count && c->felt_run; i++) edit[n++] = felt->set[i];
     return n;
 }
 
 static int write_scene(study *t) {
     const study_choice *c = &t->choice;
     const study_run *own = &t->run[0];
-    char setting[400], doubt[100], evidence[3000], *edit[5 * STUDY_SETS];
+    char setting[400], doubt[100], hand[200] = "", evidence[3000], *edit[7 * STUDY_SETS];
     names(t, setting, sizeof setting);
     snprintf(doubt, sizeof doubt, "what the mesh leaves out is not known: no finer one was run");
     if (isfinite(t->truth.uncertainty))
         snprintf(doubt, sizeof doubt, "the truth itself is uncertain by %.2g %%", 100 * t->truth.uncertainty);
+    if (c->felt_run)
+        snprintf(hand, sizeof hand,
+                 "#   at the hand %s is %.2g %% RMS off between frames, with samples a frame late (%.2g %% at once)\n",
+                 t->run[c->felt_run].name, 100 * t->run[c->felt_run].felt[1], 100 * t->run[c->felt_run].felt[0]);
     snprintf(evidence, sizeof evidence,
              "# Recommended by tm-accuracy for %.3g processors, from %s%s.\n"
              "#   setting    %s\n"
              "#   force      %.2g %% RMS off the study's truth along the hand's path (the scene as it is: %.2g %%);\n"
              "#              %s%s\n"
+             "%s"
              "#   price      %.3g ms a frame of %.3g ms; 95th percentile: %.2g of a processor (as it is: %.2g)\n"
              "#   evidence   %s; what holds is what was run on that machine\n",
              t->budget, t->file, c->fits ? "" : " (nothing measured fits that; this is the cheapest)", setting,
              100 * c->error, 100 * own->force_error,
-             t->truth.extrapolated || c->error > ALIKE ? "" : "that truth is this very run; ", doubt, 1e3 * c->cost_s,
-             1e3 * own->frame_s, c->share, own->cpu_p95_s / own->frame_s, t->json);
+             t->truth.extrapolated || c->error > ALIKE ? "" : "that truth is this very run; ", doubt, hand,
+             1e3 * c->cost_s, 1e3 * own->frame_s, c->share, own->cpu_p95_s / own->frame_s, t->json);
     return study_write_yaml(t, c->file, edit, gather_edits(t, edit), evidence);
 }
 
@@ -202,6 +228,9 @@ static bool run_paced(study *t, sim *s) {
     c->held_error = study_distance(force_N, t->truth.force_N, path * width);
     for (int i = 0; i < k; i++) c->held_over += cost_s[i] > s->frame_s * t->budget;
     c->held_over = k ? c->held_over / k : 1; /* frames that took more processor time than the budget */
+    study_run held = {0};
+    study_take_price(&held, cost_s, cost_s, k);
+    c->held_share = held.cpu_p95_s / s->frame_s;
     free(cost_s);
     free(force_N);
     return good;
@@ -211,34 +240,90 @@ void study_say(const study *t) {
     const study_choice *c = &t->choice;
     char setting[400];
     names(t, setting, sizeof setting);
-    printf("\nRecommended for %.3g processors: %s\n  %s\n  promised: force %.2f %% off, %.1f %% of a processor%s\n"
-           "  held %d frames: force %.2f %% off; %.1f %% of the frames took more processor time than the budget; %d "
-           "came late by the wall clock%s\n  %s\n",
-           t->budget, setting, c->file, 100 * c->error, 100 * c->share,
-           c->fits ? "" : " - MORE THAN THE BUDGET: nothing measured fits it", c->held_frames, 100 * c->held_error,
-           100 * c->held_over, c->held_late, c->real_time ? "" : " (too many)",
-           !c->kept       ? "THE PROMISE WAS NOT KEPT."
-           : c->real_time ? "The promise was kept, and real time."
-                          : "Force and price were as promised, but REAL TIME WAS NOT KEPT: other programs had the "
-                            "processors; run it again when they are idle.");
+    printf(
+        "\nRecommended for %.3g processors: %s\n  %s\n  promised: force %.2f %% off, %.1f %% of a processor%s\n"
+        "  held %d frames: force %.2f %% off, %.1f %% of a processor; %.1f %% of the frames took more processor time than the budget; %d "
+        "came late by the wall clock%s\n  %s\n",
+        t->budget, setting, c->file, 100 * c->error, 100 * c->share,
+        c->fits ? "" : " - MORE THAN THE BUDGET: nothing measured fits it", c->held_frames, 100 * c->held_error,
+        100 * c->held_share, 100 * c->held_over, c->held_late, c->real_time ? "" : " (too many)",
+        !c->kept       ? "THE PROMISE WAS NOT KEPT."
+        : c->real_time ? "The promise was kept, and real time."
+                       : "Force and price were as promised, but REAL TIME WAS NOT KEPT: other programs had the "
+                         "processors; run it again when they are idle.");
 }
 
-/* The best that can be built: written, and as a simulation. Null, and an exit code, having complained. */
+/* The choice of now, written, and as a simulation; null: it cannot be, or `rc`. */
+static sim *build_choice(study *t, char *why, size_t size, int *rc) {
+    char *set[STUDY_SETS];
+    int count = 0;
+    study_choice *c = &t->choice;
+    for (int i = 0; i < t->set_count; i++) { /* what the file could not take, and what no study runs with */
+        const bool quiet = is_quiet(t->set[i]) && !(c->felt_run && !strcmp(t->set[i], "haptics"));
+        if (quiet || !study_yaml_can(t->set[i])) set[count++] = t->set[i];
+    }
+    *rc = write_scene(t);
+    if (*rc || app_interrupted()) return NULL;
+    sim *s = study_build(c->file, set, count, why, size);
+    for (int i = 0; s && i < s->instrument_count && c->felt_run; i++) s->wants[i] = s->can_send;
+    return s;
+}
+
+/* What patches cost is another figure on every mesh, so the choice is run along the path with them; false: they do not
+ * fit the budget. */
+static bool price_patches(study *t, sim *s) {
+    study_choice *c = &t->choice;
+    const int frames = t->run[0].frames;
+    double *cost_s = calloc((size_t)frames + 1, sizeof *cost_s);
+    bool good = true;
+    if (!cost_s) abort();
+    for (int k = 0; k < frames && good && !app_interrupted(); k++) {
+        tm_tool_pose to[TM_MAX_INSTRUMENTS];
+        for (int i = 0; i < s->instrument_count; i++) to[i] = sim_hand_pose(s, i, (k + 1) * s->frame_s);
+        const double before = study_cpu_s();
+        good = sim_frame(s, to, s->substeps) == TM_OK && !s->broken_off;
+        cost_s[k] = study_cpu_s() - before;
+        app_progress("the recommendation, with patches", (k + 1.0) / frames, false);
+    }
+    app_progress("the recommendation, with patches", 1, true);
+    study_run with = {0};
+    study_take_price(&with, cost_s, cost_s, frames);
+    free(cost_s);
+    study_choice priced = *c;
+    priced.cost_s = with.cpu_s, priced.share = with.cpu_p95_s / s->frame_s;
+    priced.busy += fmax(0, priced.share - c->share); /* on one thread */
+    if (!good || !within(t, &priced)) return false;
+    *c = priced;
+    return true;
+}
+
+/* The choice with the truest extrapolator that it has room for. */
+static sim *build_felt(study *t, char *why, size_t size, int *rc) {
+    study_choice *c = &t->choice;
+    const study_choice plain = *c;
+    for (int most = SIM_SENDS_PATCH; most >= SIM_SENDS_FORCE && !app_interrupted(); most = (int)c->sends - 1) {
+        *c = plain;
+        choose_extrapolator(t, (sim_sends)most);
+        sim *s = build_choice(t, why, size, rc);
+        if (*rc || !c->felt_run || c->sends == SIM_SENDS_FORCE) return s;
+        const bool fits = s && price_patches(t, s);
+        sim_destroy(s);
+        if (fits) return build_choice(t, why, size, rc);
+    }
+    return NULL;
+}
+
+/* The best that can be built. Null, and an exit code, having complained. */
 static sim *build_best(study *t, int *rc) {
-    char why[400] = "", *set[STUDY_SETS];
+    char why[400] = "";
     const int stem =
         (int)strlen(t->json) - (strlen(t->json) > 5 && !strcmp(t->json + strlen(t->json) - 5, ".json") ? 5 : 0);
-    int count = 0;
     bans not = {0};
-    for (int i = 0; i < t->set_count; i++) /* what the file could not take, and what no study runs with */
-        if (is_quiet(t->set[i]) || !study_yaml_can(t->set[i])) set[count++] = t->set[i];
     while (choose(t, &not )) {
         study_choice *c = &t->choice;
         snprintf(c->file, sizeof c->file, "%.*s-recommended.yaml", stem, t->json);
-        *rc = write_scene(t);
-        if (*rc || app_interrupted()) return NULL;
-        sim *s = study_build(c->file, set, count, why, sizeof why);
-        if (s) return s;
+        sim *s = build_felt(t, why, sizeof why, rc);
+        if (s || *rc || app_interrupted()) return s;
         if (not .count == 32) break;
         not .item[not .count++] = *c;
     }

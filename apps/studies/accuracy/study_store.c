@@ -51,6 +51,11 @@ static bool take(study_run *r, const cJSON *from) {
     r->busy_p95_s = number(from, "busy_p95_s"), r->threads = (int)number(from, "threads");
     if (r->frames < 1 || r->frames > 10000000 || r->instruments < 1 || r->instruments > TM_MAX_INSTRUMENTS)
         return false;
+    double *felt = numbers(from, "felt", STUDY_LATE);
+    if (felt) memcpy(r->felt, felt, sizeof r->felt);
+    r->felt_known = felt != NULL;
+    free(felt);
+    if (r->felt_known) return r->cpu_s > 0 && r->busy_p95_s > 0;
     r->force_N = numbers(from, "force_N", (size_t)r->frames * (size_t)r->instruments * 3);
     r->u_m = numbers(from, "u_m", (size_t)STUDY_MOMENTS * STUDY_POINTS * 3);
     return r->force_N && r->u_m && r->frame_s > 0 && r->cpu_s > 0 && r->busy_p95_s > 0;
@@ -91,6 +96,10 @@ static cJSON *run_json(const study *t, const study_run *r) {
         put(out, "force_error", r->force_error), put(out, "shape_error", r->shape_error);
         put(out, "change", r->change), put(out, "peak_change", r->peak_change);
     }
+    if (r->felt_known) {
+        cJSON_AddItemToObject(out, "felt", cJSON_CreateDoubleArray(r->felt, STUDY_LATE));
+        return out;
+    }
     cJSON_AddItemToObject(out, "force_N", cJSON_CreateDoubleArray(r->force_N, r->frames * r->instruments * 3));
     cJSON_AddItemToObject(out, "u_m", cJSON_CreateDoubleArray(r->u_m, STUDY_MOMENTS * STUDY_POINTS * 3));
     return out;
@@ -115,12 +124,13 @@ static cJSON *choice_json(const study *t) {
     cJSON_AddBoolToObject(out, "fits", c->fits);
     cJSON_AddItemToArray(names, cJSON_CreateString(t->run[c->mesh_run].name));
     for (int i = 0; i < c->extra_count; i++) cJSON_AddItemToArray(names, cJSON_CreateString(t->run[c->extra[i]].name));
+    if (c->felt_run) cJSON_AddStringToObject(out, "extrapolator", t->run[c->felt_run].name);
     cJSON_AddStringToObject(out, "file", c->file);
     put(out, "error", c->error), put(out, "cost_s", c->cost_s), put(out, "share", c->share), put(out, "busy", c->busy);
     if (!c->held_frames) return out;
     cJSON_AddBoolToObject(out, "kept", c->kept);
     cJSON_AddBoolToObject(out, "real_time", c->real_time);
-    put(out, "held_error", c->held_error), put(out, "held_over", c->held_over);
+    put(out, "held_error", c->held_error), put(out, "held_share", c->held_share), put(out, "held_over", c->held_over);
     put(out, "held_wall_s", c->held_wall_s), put(out, "held_frames", c->held_frames);
     put(out, "held_late", c->held_late);
     return out;

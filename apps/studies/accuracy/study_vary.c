@@ -1,31 +1,12 @@
 /* What is run: the scene as it is, and one change of it at a time. */
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unistd.h>
 
+#include "sim/effects.h"
 #include "study.h"
-
-void study_set(study_run *r, const char *format, ...) {
-    va_list list;
-    if (r->set_count == STUDY_SETS) abort(); /* the tables below are shorter */
-    va_start(list, format);
-    if (vasprintf(&r->set[r->set_count++], format, list) < 0) abort();
-    va_end(list);
-}
-
-study_run *study_add(study *t, const char *knob, const char *name) {
-    if (t->run_count == STUDY_RUNS) abort();
-    study_run *r = &t->run[t->run_count++];
-    *r = (study_run){.force_error = NAN, .shape_error = NAN, .change = NAN, .peak_change = NAN};
-    snprintf(r->knob, sizeof r->knob, "%s", knob);
-    snprintf(r->name, sizeof r->name, "%s", name);
-    for (int i = 0; i < t->set_count; i++) study_set(r, "%s", t->set[i]);
-    r->edits_from = r->set_count;
-    return r;
-}
 
 /* Files that a setting names count by what is in them. */
 static void make_key(const study *t, study_run *r, uint64_t files) {
@@ -62,8 +43,8 @@ static void plan_meshes(study *t, const sim *own) {
             study_run *r = study_add(t, m ? "mesh" : "volume", name);
             r->mesh = m;
             if (m) study_set(r, "tissue.mesh=%s", t->mesh[m].path);
-            r->foreign = m >= t->mesh_count - t->other_count;
-            if (m && !r->foreign) study_set(r, "tissue.scale=1");
+            r->foreign = t->mesh[m].foreign;
+            if (t->mesh[m].made) study_set(r, "tissue.scale=1"), study_set_carried(r, own);
             if (m && *t->mesh[m].fibres) {
                 study_set(r, "anisotropy");
                 study_set(r, "anisotropy.file=%s", t->mesh[m].fibres);
@@ -99,6 +80,27 @@ static void plan_numbers(study *t, const sim *own) {
         const double rate = scene->frame_rate.si * factor[k];
         snprintf(name, sizeof name, "%g Hz", rate);
         if (rate >= 0.5 && rate <= 2000) study_set(study_add(t, "frame", name), "time.frame_rate=%.9g", rate);
+    }
+}
+
+/* Longer steps by tissue that is made heavier. The scene's own bound on that (`time.mass_most`) stays: beyond it the
+ * run says that it cannot be. */
+static void plan_mass(study *t, const sim *own) {
+    static const double factor[] = {1.2, 1.5, 2};
+    if (own->scene->model.index != APP_DYNAMIC || sim_has(own, "volume")) return;
+    if (own->scene->mass_scaling.on) {
+        study_run *r = study_add(t, "mass", "its own mass");
+        study_set(r, "time.mass_scaling=no");
+        if (own->scene->mass_most.line) study_set(r, "time.mass_most");
+        study_set(r, "time.step");
+        return;
+    }
+    for (int k = 0; k < (t->quick ? 1 : 3); k++) {
+        char name[60];
+        snprintf(name, sizeof name, "heavier for %.3g times the step", factor[k]);
+        study_run *r = study_add(t, "mass", name);
+        study_set(r, "time.step=%.9g", own->dt_s * factor[k]);
+        study_set(r, "time.mass_scaling=yes");
     }
 }
 
@@ -219,6 +221,9 @@ static void quiet_sections(study *t) {
     for (size_t i = 0; i < sizeof section / sizeof *section; i++)
         if (sim_effect_line(scene, sim_effect_find(scene, section[i])) && t->set_count < STUDY_SETS / 2)
             t->set[t->set_count++] = (char *)(uintptr_t)section[i];
+    const sim_haptics *haptics = scene->effect[sim_effect_find(scene, "haptics")];
+    t->feels = sim_effect_line(scene, sim_effect_find(scene, "haptics")) != 0;
+    t->sends = t->feels && haptics->sends.line ? haptics->sends.index : SIM_SENDS_PATCH;
     app_scene_free(scene);
 }
 
@@ -259,9 +264,11 @@ int study_plan(study *t) {
     if (!rc) {
         plan_meshes(t, own);
         plan_numbers(t, own);
+        plan_mass(t, own);
         plan_threads(t, own);
         plan_effects(t, own);
         plan_constants(t, own);
+        study_plan_felt(t, own);
         for (int i = 1; i < t->run_count; i++) make_key(t, &t->run[i], files);
     }
     sim_destroy(own);

@@ -1,11 +1,12 @@
 /* A scene with some keys changed: its own lines stay, comments and all. Keys of one or two levels ("model",
- * "tissue.mesh"), which is what a recommendation changes. */
+ * "tissue.mesh"), and of a list's item ("supports[0].group"), which is what a recommendation changes. */
 #include <ctype.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "study.h"
+#include "study_yaml.h"
 
 enum { LINES = 4000, LONG = 4096 };
 
@@ -146,16 +147,45 @@ static void unset(text *t, const char *section) {
     }
 }
 
-/* A path of more levels, or a list's item. */
+/* "list[2].key" taken apart. */
+static bool is_item(const char *edit, char list[40], int *number, char key[40]) {
+    int end = 0;
+    return sscanf(edit, "%39[a-z_][%d].%39[a-z_]%n", list, number, key, &end) == 3 && *number >= 0 &&
+           (!edit[end] || edit[end] == '=');
+}
+
+/* A path of more levels cannot be. */
 bool study_yaml_can(const char *edit) {
     const size_t path = strcspn(edit, "="), dot = strcspn(edit, ".");
-    if (memchr(edit, '[', path)) return false;
+    char list[40], key[40];
+    int number;
+    if (memchr(edit, '[', path)) return is_item(edit, list, &number, key);
     return dot >= path || (edit[path] && !memchr(edit + dot + 1, '.', path - dot - 1));
 }
 
+/* The lines as one text, and back. */
+static bool change_item(text *t, const char *list, int number, const char *key, const char *value) {
+    size_t room = 1000;
+    for (int i = 0; i < t->count; i++) room += strlen(t->line[i]) + 1;
+    char *whole = malloc(room), *end = whole;
+    if (!whole) return false;
+    for (int i = 0; i < t->count; i++) {
+        end += sprintf(end, "\n%s", t->line[i]);
+        free(t->line[i]);
+    }
+    const bool good = study_yaml_item(whole, list, number, key, value);
+    t->count = 0;
+    bool fits = true;
+    for (char *rest = whole + 1, *line; (line = strsep(&rest, "\n"));) fits = put_line(t, t->count, line) && fits;
+    free(whole);
+    return good && fits;
+}
+
 static bool change(text *t, const char *edit) {
-    char path[200], line[LONG];
+    char path[200], line[LONG], list[40], key[40];
     const char *value = strchr(edit, '=');
+    int number;
+    if (is_item(edit, list, &number, key)) return change_item(t, list, number, key, value ? value + 1 : NULL);
     snprintf(path, sizeof path, "%.*s", value ? (int)(value - edit) : 199, edit);
     char *dot = strchr(path, '.');
     if (!study_yaml_can(edit)) return false;

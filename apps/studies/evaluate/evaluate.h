@@ -4,13 +4,8 @@
 #ifndef TM_EVALUATE_H
 #define TM_EVALUATE_H
 
-#include <cjson/cJSON.h>
-
-#include "hrt.h"
 #include "io/node.h"
-#include "sim/sim.h"
-
-enum { TICK_US = 2000 };
+#include "studies/replay/replay.h"
 
 /* --- the hand's path --- */
 
@@ -63,52 +58,6 @@ sim *model_open(model m, double rate_Hz, const char *const *settings);
 
 /* --- recordings --- */
 
-/* Tetrahedra removed along a path, in the order of their times (on the path's clock). */
-typedef struct cut_list {
-    int count, capacity;
-    double *time_s;
-    int32_t *tet;
-} cut_list;
-/* What the simulation's last frame cut, all at one time. */
-void cut_list_take(cut_list *list, const sim *s, double time_s);
-void cut_list_free(cut_list *list);
-/* Whether anything went in (from_s, to_s]. */
-bool cut_list_between(const cut_list *list, double from_s, double to_s);
-/* How many of `a` are in `b`. */
-int cut_list_shared(const cut_list *a, const cut_list *b);
-
-/* From now on frames of a dynamic model remove the list's tetrahedra at their times. Free it after sim_destroy. */
-typedef struct cut_replay {
-    const cut_list *list;
-    int next;
-    double begin_s; /* on the world's clock, when the path began; nothing goes before */
-} cut_replay;
-void cut_replay_begin(cut_replay *replay, const cut_list *list, sim *s);
-
-typedef struct sampled {
-    hrt_sample sample; /* t_us = t_n; positions relative to the trocar */
-    int64_t ready_us;  /* end of the frame that made it */
-    hrt_patch *patch;  /* null: none */
-} sampled;
-
-typedef struct recording {
-    char name[64];
-    int ticks;
-    float *tip_m;   /* [3*ticks] relative to the trocar, as the encoders say */
-    float *truth_N; /* [3*ticks]; NaN: not known at this tick, which is then not judged */
-    int samples;
-    sampled *sample;
-    double frame_s, peak_N;
-    bool interpolated; /* the truth is the paper's: samples interpolated afterwards */
-    int64_t first_us;  /* of a log: its first tick on the controller's clock */
-    int sessions;      /* of the controller in the log it was read from; the longest is this one */
-    hrt_params params;
-    int instrument;         /* whose tip, samples and truth these are; the first unless said */
-    cut_list cuts;          /* what the model cut along the path */
-    const cut_list *replay; /* null: cauteries cut; else they do not, and these go at their times */
-} recording;
-void recording_free(recording *r);
-
 /* The model run at `rate_Hz` along the path. `encoders`: the tool is seen through encoder counts. Truth from `truth`,
  * or null: to be filled. */
 int record(model m, const path *p, double rate_Hz, bool encoders, bool patches, recording *out);
@@ -121,38 +70,6 @@ int record_hands_truth(model m, const path *p, bool encoders, int hands, recordi
 /* The paper's truth: forces between samples by linear interpolation, afterwards. Not known before the first sample,
  * after the last, and where two are further apart than three frames and stale_us: there the controller fades. */
 void truth_by_interpolation(recording *r);
-/* The device as the models' scenes hold it: world to trocar, and through its encoders. */
-void device_see(const sim *s, int instrument, const hrt_params *params, const double tip_m[3], bool encoders,
-                float seen_m[3]);
-
-/* --- replay --- */
-
-typedef struct conditions {
-    int latency_frames;
-    double jitter; /* of the frame's end, share of a frame, uniform */
-    double loss;
-    uint64_t seed;
-} conditions;
-
-typedef struct errors {
-    double rms, peak;           /* of the vector error over the true peak */
-    double jump_peak, jump_p99; /* change of the force from tick to tick over the true peak */
-    double jump_arrival;        /* the largest in a tick at which a sample arrived, or the two ticks after it */
-    double jump_true;           /* the largest of the true force */
-    double direction_rad;       /* RMS angle where the true force exceeds a tenth of its peak */
-    double largest;             /* force over the true peak */
-    double over_limit;          /* largest force over the device's limit, before any limiter */
-    int judged;                 /* ticks */
-    double off_patch;           /* share of ticks in contact that `contact` had to leave to `tangent` */
-    double cut_since_error2;    /* share of the squared error in ticks before which, after the sample in use, tissue was
-                                   cut: nobody at the hand can know of it */
-    double cut_since_ticks;     /* those ticks' share */
-    double worst_error2;        /* share of the squared error in the worst fiftieth of the ticks */
-    double ns_per_tick;         /* median */
-} errors;
-
-errors replay(const recording *r, hrt_extrapolator which, const conditions *c, float *force_N /* [3*ticks] or null */);
-
 /* --- logs --- */
 
 enum { LOG_INSTRUMENTS = 2 };
@@ -195,9 +112,6 @@ cJSON *study_tissue_loop(const study_run *r);
 /* Two cauteries at random: what `contact` renders at most, over the truth's peak. */
 cJSON *study_cutting(const study_run *r);
 cJSON *study_ready(const study_run *r); /* by the wall clock: how soon patches are exact; empty without the solver */
-cJSON *errors_json(const errors *e);
-/* 0 to 1, evenly; moves the state on. */
-double uniform(uint64_t *state);
 cJSON *add_row(cJSON *rows);
 
 /* Of a row: how it was made. */

@@ -6,8 +6,6 @@
 #include <string.h>
 
 #include "evaluate.h"
-#include "io/from_message.h"
-#include "sim/publish.h"
 
 const char *const model_name[MODEL_COUNT] = {"precomputed", "isotropic", "fibred", "cut", "hybrid"};
 
@@ -60,22 +58,6 @@ static sim *path_open(model m, const path *p, double rate_Hz, const char *const 
     return scene_open(scene[p->kind], rate_Hz, all);
 }
 
-void device_see(const sim *s, int instrument, const hrt_params *params, const double tip_m[3], bool encoders,
-                float seen_m[3]) {
-    float relative[3];
-    for (int i = 0; i < 3; i++) relative[i] = (float)(tip_m[i] - s->instrument_def[instrument].trocar_m[i]);
-    memcpy(seen_m, relative, sizeof relative);
-    if (!encoders) return;
-    hrt_axes axes;
-    float joint[HRT_JOINTS] = {0};
-    int32_t count[HRT_JOINTS] = {0};
-    for (int i = 0; i < 9; i++) axes.r[i] = (float)s->axes[instrument].r[i];
-    if (!hrt_inverse(&axes, relative, joint)) return;
-    for (int j = 0; j < HRT_MOTORS; j++) count[j] = (int32_t)lroundf(hrt_count_of_joint(params, j, joint[j]));
-    hrt_counts_to_joint(params, count, joint);
-    hrt_tip(&axes, joint, seen_m);
-}
-
 /* Of every instrument; the one that is recorded as its encoders see it, and both of two that move at random. */
 static void poses_at(const sim *s, const recording *r, const path *p, double time_s, bool encoders,
                      tm_tool_pose to[TM_MAX_INSTRUMENTS]) {
@@ -101,24 +83,6 @@ static path placed(const path *p, const sim *s) {
     q.entry_m[0] = trocar[0] + 0.0013, q.entry_m[1] = trocar[1] - 0.0007; /* on no lattice line */
     q.entry_m[2] = top + s->instrument_def[0].radius_m;
     return q;
-}
-
-/* As messages carry it, and as the controller takes it. */
-static void take(sim_publisher *p, const sim *s, int instrument, const hrt_params *params, int64_t t_us,
-                 int64_t ready_us, sampled *out) {
-    static float scratch[HRT_PATCH_COMPLIANCE];
-    const tm_instrument_def *def = &s->instrument_def[instrument];
-    tensormass_force_sample_t m;
-    sim_force_sample(p, s, instrument, ready_us, 1, t_us, 0, &m);
-    *out = (sampled){.ready_us = ready_us};
-    hrt_sample_from_message(&m, def->trocar_m, def->mode != TM_TOOL_GRASPER, params, &out->sample);
-    if (!sim_contact_patch(p, s, &m, &p->patch)) return;
-    out->patch = malloc(sizeof *out->patch);
-    if (!out->patch) abort();
-    if (hrt_patch_from_message(&p->patch, def->trocar_m, scratch, out->patch) == HRT_ACCEPT)
-        out->sample.patch = out->patch;
-    else
-        free(out->patch), out->patch = NULL;
 }
 
 /* Starts with the tool out of touch, so that nothing swings when the path begins. No session begins a tenth of a second
@@ -168,7 +132,8 @@ int record_hands(model m, const path *p, double rate_Hz, bool encoders, bool pat
         cut_list_take(&out->cuts, s, end_s);
         int64_t end_us = llround(end_s * 1e6), back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
         for (int h = 0; h < hands; h++)
-            take(&publisher[h], s, out[h].instrument, &out[h].params, end_us - back_us, end_us, &out[h].sample[k]);
+            sampled_take(&publisher[h], s, out[h].instrument, &out[h].params, end_us - back_us, end_us,
+                         &out[h].sample[k]);
     }
     sim_destroy(s);
     if (!status) return 0;
@@ -242,13 +207,4 @@ void truth_by_interpolation(recording *r) {
         }
         r->peak_N = fmax(r->peak_N, sqrt(size));
     }
-}
-
-void recording_free(recording *r) {
-    for (int i = 0; i < r->samples; i++) free(r->sample[i].patch);
-    free(r->sample);
-    free(r->tip_m);
-    free(r->truth_N);
-    cut_list_free(&r->cuts);
-    memset(r, 0, sizeof *r);
 }

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "evaluate.h"
+#include "studies/replay/replay.h"
 #include "tensormass/cut.h"
 
 void cut_list_take(cut_list *list, const sim *s, double time_s) {

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "bandwidth.h"
-#include "evaluate.h"
+#include "studies/replay/replay.h"
 
 double uniform(uint64_t *state) {
     *state = *state * 6364136223846793005ULL + 1442695040888963407ULL;

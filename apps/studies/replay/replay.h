@@ -1,0 +1,104 @@
+/* What a controller makes of a simulation's samples, replayed: a recording is a tool's way with the true force at every
+ * tick and the samples that a simulation of some rate would have sent; through an extrapolator it gives errors. Shared
+ * by tm-evaluate (whose models and paths it is of) and tm-accuracy (a scene of one's own). */
+#ifndef TM_REPLAY_H
+#define TM_REPLAY_H
+
+#include <cjson/cJSON.h>
+
+#include "hrt.h"
+#include "sim/publish.h"
+#include "sim/sim.h"
+
+enum { TICK_US = 2000 };
+
+/* --- cuts --- */
+
+/* Tetrahedra removed along a path, in the order of their times (on the path's clock). */
+typedef struct cut_list {
+    int count, capacity;
+    double *time_s;
+    int32_t *tet;
+} cut_list;
+/* What the simulation's last frame cut, all at one time. */
+void cut_list_take(cut_list *list, const sim *s, double time_s);
+void cut_list_free(cut_list *list);
+/* Whether anything went in (from_s, to_s]. */
+bool cut_list_between(const cut_list *list, double from_s, double to_s);
+/* How many of `a` are in `b`. */
+int cut_list_shared(const cut_list *a, const cut_list *b);
+
+/* From now on frames of a dynamic model remove the list's tetrahedra at their times. Free it after sim_destroy. */
+typedef struct cut_replay {
+    const cut_list *list;
+    int next;
+    double begin_s; /* on the world's clock, when the path began; nothing goes before */
+} cut_replay;
+void cut_replay_begin(cut_replay *replay, const cut_list *list, sim *s);
+
+/* --- recordings --- */
+
+typedef struct sampled {
+    hrt_sample sample; /* t_us = t_n; positions relative to the trocar */
+    int64_t ready_us;  /* end of the frame that made it */
+    hrt_patch *patch;  /* null: none */
+} sampled;
+
+typedef struct recording {
+    char name[64];
+    int ticks;
+    float *tip_m;   /* [3*ticks] relative to the trocar, as the encoders say */
+    float *truth_N; /* [3*ticks]; NaN: not known at this tick, which is then not judged */
+    int samples;
+    sampled *sample;
+    double frame_s, peak_N;
+    bool interpolated; /* the truth is the paper's: samples interpolated afterwards */
+    int64_t first_us;  /* of a log: its first tick on the controller's clock */
+    int sessions;      /* of the controller in the log it was read from; the longest is this one */
+    hrt_params params;
+    int instrument;         /* whose tip, samples and truth these are; the first unless said */
+    cut_list cuts;          /* what the model cut along the path */
+    const cut_list *replay; /* null: cauteries cut; else they do not, and these go at their times */
+} recording;
+void recording_free(recording *r);
+
+/* As messages carry the instrument's force after a frame, and as the controller takes it. `t_us`: when the tool was
+ * where the frame ended; `ready_us`: when the frame was done. */
+void sampled_take(sim_publisher *p, const sim *s, int instrument, const hrt_params *params, int64_t t_us,
+                  int64_t ready_us, sampled *out);
+/* The device as the models' scenes hold it: world to trocar, and through its encoders. */
+void device_see(const sim *s, int instrument, const hrt_params *params, const double tip_m[3], bool encoders,
+                float seen_m[3]);
+
+/* --- replay --- */
+
+typedef struct conditions {
+    int latency_frames;
+    double jitter; /* of the frame's end, share of a frame, uniform */
+    double loss;
+    uint64_t seed;
+} conditions;
+
+typedef struct errors {
+    double rms, peak;           /* of the vector error over the true peak */
+    double jump_peak, jump_p99; /* change of the force from tick to tick over the true peak */
+    double jump_arrival;        /* the largest in a tick at which a sample arrived, or the two ticks after it */
+    double jump_true;           /* the largest of the true force */
+    double direction_rad;       /* RMS angle where the true force exceeds a tenth of its peak */
+    double largest;             /* force over the true peak */
+    double over_limit;          /* largest force over the device's limit, before any limiter */
+    int judged;                 /* ticks */
+    double off_patch;           /* share of ticks in contact that `contact` had to leave to `tangent` */
+    double cut_since_error2;    /* share of the squared error in ticks before which, after the sample in use, tissue was
+                                   cut: nobody at the hand can know of it */
+    double cut_since_ticks;     /* those ticks' share */
+    double worst_error2;        /* share of the squared error in the worst fiftieth of the ticks */
+    double ns_per_tick;         /* median */
+} errors;
+
+errors replay(const recording *r, hrt_extrapolator which, const conditions *c, float *force_N /* [3*ticks] or null */);
+cJSON *errors_json(const errors *e);
+/* 0 to 1, evenly; moves the state on. */
+double uniform(uint64_t *state);
+
+#endif

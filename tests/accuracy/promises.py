@@ -1,0 +1,99 @@
+#!/usr/bin/env python3
+"""What tm-accuracy promises of scenes and what is held of it: the demo's and three made from segmented images, each for two budgets, as a table.
+
+python tests/accuracy/promises.py FOLDER [NAME...]     (FOLDER keeps what is done; the module `image` is wanted: make image)
+"""
+import json
+import pathlib
+import subprocess
+import sys
+
+import numpy as np
+
+ROOT = pathlib.Path(__file__).resolve().parents[2]
+sys.path.insert(0, str(ROOT / "tests/mesh"))
+import phantom  # noqa: E402
+
+BUDGETS = {"half": "0.5", "two": "2 cores"}
+SHORT = ["--duration", "2.6 s", "--limit", "5 s"]
+# scene or image, its labels, what bounds the study
+SCENES = {
+    "block-press": ("apps/scenes/block-press.yaml", None, ["--limit", "5 s"]),
+    "liver-press": ("apps/scenes/liver-press.yaml", None, ["--duration", "2 s", "--limit", "10 s"]),
+    "liver-cut": ("apps/scenes/liver-cut.yaml", None, ["--duration", "1.6 s", "--limit", "1 s"]),
+    "kidney": ("kidney.nii.gz", ["1=kidney", "2=vessels"], SHORT),
+    "liver": ("liver.nrrd", ["1=liver", "2=vessels", "3=tumour"], SHORT),
+    "tube": ("tube.mha", ["1=kidney", "2=vessels"], ["--duration", "2.6 s", "--limit", "8 s"]),
+}
+HEAD = ("scene", "tetrahedra", "budget", "recommended", "error promised", "error held", "of a processor, promised", "held", "above the budget", "promise")
+
+
+def grid(count, spacing):
+    return np.stack(np.meshgrid(*[(np.arange(n) - (n - 1) / 2) * spacing for n in count], indexing="ij"), -1)
+
+
+def kidney():
+    """A bean with its pelvis."""
+    p = grid((44, 40, 60), 2.0)
+    body = (phantom.ellipsoid(p, (0, 0, 0), (30, 24, 52)) < 0) & (phantom.ellipsoid(p, (30, 0, 0), (16, 14, 22)) > 0)
+    out = body.astype(np.uint8)
+    out[body & (phantom.ellipsoid(p, (12, 0, 0), (9, 9, 18)) < 0)] = 2
+    return out, (2, 2, 2)
+
+
+def liver():
+    image = phantom.phantom()
+    return np.where(image < 4, image, 0).astype(np.uint8), (4, 4, 5)
+
+
+def tube():
+    """A bent one with a core."""
+    p = grid((70, 36, 44), 2.0)
+    off, long = np.hypot(p[..., 1], p[..., 2] - 18 * np.cos(p[..., 0] / 40) + 8), abs(p[..., 0]) < 62
+    out = ((off < 15) & long).astype(np.uint8)
+    out[(off < 6) & long] = 2
+    return out, (2, 2, 2)
+
+
+def scene_of(name, bin, folder):
+    """A scene's path; images go through tm-organ."""
+    source, labels, _ = SCENES[name]
+    if labels is None:
+        return ROOT / source
+    image, spacing = {"kidney": kidney, "liver": liver, "tube": tube}[name]()
+    path = phantom.write(folder / source, image, spacing, origin=-(np.array(image.shape) - 1) / 2 * spacing)
+    if not (folder / name / "organ.png").exists():
+        words = [w for label in labels for w in ("--label", label)]
+        subprocess.run([bin / "tm-organ", path, *words, "--budget", "3000" if name == "kidney" else "5500", "--smooth", "0.5", "--no-cut", "--no-film", "-o", folder / name], check=True, stdout=subprocess.DEVNULL)
+    return folder / name / "organ.yaml"
+
+
+def promise(name, budget, bin, folder):
+    """The study, finished; its JSON. Both budgets share what was run."""
+    folder.mkdir(parents=True, exist_ok=True)
+    scene, study = scene_of(name, bin, folder), folder / f"{name}.json"
+    subprocess.run([bin / "tm-accuracy", "--quiet", "--scene", scene, "--json", study, "--budget", BUDGETS[budget], *SCENES[name][2]], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
+    data = json.loads(study.read_text())
+    (folder / f"{name}-{budget}.json").write_text(json.dumps(data))
+    return data
+
+
+def row(name, budget, data):
+    c = data["recommendation"]
+    percent = lambda x: f"{100 * x:.3g} %"
+    words = ", ".join([*c["settings"], *([c["extrapolator"]] if "extrapolator" in c else [])])
+    return (name, f"{data['runs'][0]['tets']:,}", BUDGETS[budget], words, percent(c["error"]), percent(c["held_error"]), percent(c["share"]), percent(c["held_share"]), percent(c["held_over"]), "kept" if c["kept"] else "NOT KEPT")
+
+
+def main():
+    if len(sys.argv) < 2 or sys.argv[1].startswith("-"):
+        sys.exit(__doc__)
+    folder = pathlib.Path(sys.argv[1]).resolve()
+    print("| " + " | ".join(HEAD) + " |\n" + "|---" * len(HEAD) + "|", flush=True)
+    for name in sys.argv[2:] or SCENES:
+        for budget in BUDGETS:
+            print("| " + " | ".join(row(name, budget, promise(name, budget, ROOT / "build/bin", folder))) + " |", flush=True)
+
+
+if __name__ == "__main__":
+    main()
