@@ -211,14 +211,25 @@ static void precondition(const tm_columns *c) {
     }
 }
 
-/* q := K p on the free components. */
-static void apply(const tm_columns *c, const double *p) {
+typedef struct product {
+    const tm_columns *c;
+    const double *p;
+} product;
+
+static void multiply(void *context, int32_t part) {
+    const tm_columns *c = ((product *)context)->c;
+    const double *p = ((product *)context)->p;
+    const tm_tissue *tissue = c->world->tissue;
+    tm_force_part *own = &c->world->part[part].force;
     if (c->rotation)
-        tm_force_pass(c->tangent.force, &c->tangent.graph, p, c->q);
+        c->tangent.force(&c->tangent.graph, own, own->begin, own->end, p, c->q);
     else
-        tm_tissue_force(c->world->tissue, p, c->q);
-    for (int32_t i = 0; i < c->n; i++) c->q[i] = c->held[i] ? 0 : -c->q[i];
+        tissue->force(&tissue->graph, own, own->begin, own->end, p, c->q);
+    for (int32_t i = 3 * own->begin; i < 3 * own->end; i++) c->q[i] = c->held[i] ? 0 : -c->q[i];
 }
+
+/* q := K p on the free components, by the step's threads, which have the bits of one. */
+static void apply(const tm_columns *c, const double *p) { tm_parts_do(c->world, multiply, &(product){c, p}); }
 
 static void begin(tm_columns *c, int32_t i) {
     column *work = c->column + i;
@@ -302,9 +313,7 @@ static bool tangent_is_there(tm_columns *c, int32_t iterations) {
     return false;
 }
 
-void tm_columns_work(tm_columns *c, int32_t iterations) {
-    if (c->rotation && c->job < 0 && !c->stale && next_job(c) < 0 && !moves_on(c)) return;
-    if (c->rotation && !tangent_is_there(c, iterations)) return;
+static void work(tm_columns *c, int32_t iterations) {
     while (iterations-- > 0) {
         if (c->job < 0) {
             int32_t next = next_job(c);
@@ -321,4 +330,14 @@ void tm_columns_work(tm_columns *c, int32_t iterations) {
             c->job = -1;
         }
     }
+}
+
+void tm_columns_work(tm_columns *c, int32_t iterations) {
+    if (c->rotation && c->job < 0 && !c->stale && next_job(c) < 0 && !moves_on(c)) return;
+    if (c->rotation && !tangent_is_there(c, iterations)) return;
+    c->world->asking = true; /* outside a step: by the world's own threads alone */
+    tm_parts_begin(c->world, iterations);
+    work(c, iterations);
+    tm_parts_end(c->world);
+    c->world->asking = false;
 }

@@ -151,7 +151,7 @@ bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rota
     tangent->graph = tissue->graph;
     tangent->graph.vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)tissue->mesh->vertex_count + TM_FORCE_PADDING);
     tangent->graph.edge_tensor = TM_TAKE(pool, double, 9 * (int64_t)tissue->pair_count + TM_FORCE_PADDING);
-    tangent->force = tm_force_choose(true, false);
+    tangent->force = tm_force_choose(tissue->plain, false);
     return !pool->failed;
 }
 
