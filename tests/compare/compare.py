@@ -12,6 +12,8 @@ import math
 import os
 import pathlib
 import platform
+import resource
+import signal
 import subprocess
 import sys
 import time
@@ -54,7 +56,7 @@ def arguments(words):
     parser.add_argument("--reference", type=int, default=8, metavar="K", help="the reference's mesh (8)")
     parser.add_argument("--press", type=float, default=0.02, help="deepest displacement over the block's height (0.02)")
     parser.add_argument("--only", default=",".join(RUNNER), help="programs, apart by commas; names are those of the table")
-    parser.add_argument("--limit", type=float, default=120, metavar="S", help="seconds that one run may take; Newton's first compiles its kernels and has five times that (120)")
+    parser.add_argument("--limit", type=float, default=120, metavar="S", help="the processor's seconds that one run may take, and ten times that by the clock; Newton's first compiles its kernels and has five times as many (120)")
     parser.add_argument("--from", dest="recorded", type=pathlib.Path, metavar="FILE", help="no run: table, CSV and picture of a compare.json")
     parser.add_argument("--runners", type=pathlib.Path, default=HERE, help=argparse.SUPPRESS)
     given = parser.parse_args(words)
@@ -93,13 +95,17 @@ class Bench:
         if program == "Newton" and settings["solver"] not in self.compiled:
             limit *= 5
             self.compiled.add(settings["solver"])
+        seconds = max(1, round(limit))
         try:
             done = subprocess.run([interpreter, str(self.given.runners / RUNNER[program]), str(case.resolve()), json.dumps(settings), str(out.resolve())], capture_output=True,
-                                  text=True, timeout=limit, env=environment, cwd=self.work)
+                                  text=True, timeout=10 * limit, env=environment, cwd=self.work,
+                                  preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds + 1)))
         except subprocess.TimeoutExpired:
-            raise Failed("too slow", f"took more than {limit:g} s") from None
+            raise Failed("too slow", f"took more than {10 * limit:g} s by the clock") from None
         except OSError:
             raise Failed("missing", f"no interpreter {interpreter}: was it installed?") from None
+        if done.returncode == -signal.SIGXCPU:
+            raise Failed("too slow", f"took more than {seconds} s of processor")
         if done.returncode:
             last = (done.stderr.strip().splitlines() or [f"exit status {done.returncode}"])[-1]
             raise Failed("missing" if "ModuleNotFoundError" in last else "failed", last[-200:])
@@ -135,7 +141,7 @@ def row_of(program, setting, differs, case, said, arrays, reference, own):
     """A row of the table. reference: (function of place, N); own: (displacements, N) of the linear law at rest on this mesh."""
     free = ~case["held"] & arrays["known"]
     u, force = arrays["u_m"][free], said["force_N"]
-    row = {"program": program, "setting": setting, "tets": len(case["tets"]), "version": said["version"], "differs": differs, "dt_s": said["dt_s"],
+    row = {"program": program, "setting": setting, "tets": len(case["tets"]), "version": said["version"], "differs": differs + said.get("note", ""), "dt_s": said["dt_s"],
            "step_s": said["step_s"], "per_second": said["step_s"] / said["dt_s"], "prepare_s": said["prepare_s"], "force_N": force, "kind": "ran", "why": ""}
     if not (np.isfinite(arrays["u_m"]).all() and math.isfinite(force)):
         return failure(program, setting, len(case["tets"]), "not finite", "not a number among its displacements or forces")

@@ -63,7 +63,7 @@ def draw(found, path):
         axis.set_ylabel(f"error of the {title}")
         axis.grid(alpha=0.3, which="both")
     figure.legend(*axes[0].get_legend_handles_labels(), loc="lower center", ncol=3, fontsize=8)
-    figure.tight_layout(rect=(0, 0.17, 1, 1))
+    figure.subplots_adjust(left=0.08, right=0.98, top=0.97, bottom=0.27, wspace=0.22)
     figure.savefig(path, dpi=110)
     plt.close(figure)
 

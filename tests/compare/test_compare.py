@@ -44,7 +44,7 @@ def run(modules, tmp_path, monkeypatch, capsys):
                 rests = asked.get("do") == "static"
                 u = np.load(path)["rest_m"][:, 2:] * np.array([0, 0, -0.1]) * (1 if rests else 1.01)
                 u[0] *= np.nan if what == "nan" else 1
-                return ({"force_N": 2.0 if rests else 2.2, "dt_s": 0.002, "step_s": 1e-4, "prepare_s": 0.1, "critical_s": 1e-3, "version": "1"},
+                return ({"force_N": 2.0 if rests else 2.2, "dt_s": 0.002, "step_s": 1e-4, "prepare_s": 0.1, "critical_s": 1e-3, "version": "1", "note": "; a note"},
                         {"u_m": u, "known": np.ones(len(u), bool)})
 
         status = compare.main(["--out", str(tmp_path / "out"), "--meshes", "1", "--reference", "2", *map(str, options)], StandIn)
@@ -70,6 +70,7 @@ def test_all_well(run):
         assert row["displacement_error"] == pytest.approx(0.01, rel=1e-6) and row["force_error"] == pytest.approx(0.1) and row["from_own"] == pytest.approx(0.01)
         assert row["per_second"] == pytest.approx(0.05)
     assert said.count("10.0%") >= 16
+    assert all(row["differs"].endswith("; a note") for row in rows(run.out))
     with open(run.out / "compare.csv") as file:
         assert [r["setting"] for r in csv.DictReader(file)] == [r["setting"] for r in rows(run.out)]
     assert (run.out / "compare.png").exists()
@@ -101,14 +102,20 @@ def test_wrong_options(run, wrong, said, capsys):
     assert stop.value.code == 2 and said in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("runner, kind, said", [("import no_such_module", "missing", "No module named 'no_such_module'"), ("import sys; sys.exit('something is wrong')", "failed", "something is wrong"),
-                                                ("import time; time.sleep(60)", "too slow", "more than 0.5 s"), (None, "missing", "was it installed?")])
-def test_a_runner_that_gives_nothing(modules, tmp_path, runner, kind, said):
+@pytest.mark.parametrize("runner, limit, kind, said", [
+    ("import no_such_module", 60, "missing", "No module named 'no_such_module'"),
+    ("import sys; sys.exit('something is wrong')", 60, "failed", "something is wrong"),
+    ("import time; time.sleep(60)", 0.1, "too slow", "more than 1 s by the clock"),
+    ("import os, signal; os.kill(os.getpid(), signal.SIGXCPU)", 60, "too slow", "more than 60 s of processor"),
+    ("import resource, sys; sys.exit(str(resource.getrlimit(resource.RLIMIT_CPU)[0]))", 60, "failed", "60"),
+    (None, 60, "missing", "was it installed?"),
+])
+def test_a_runner_that_gives_nothing(modules, tmp_path, runner, limit, kind, said):
     """In a process of its own, as the programs are."""
     compare, _, _ = modules
     (tmp_path / "run_mujoco.py").write_text(runner or "")
     peers = sys.executable if runner else str(tmp_path / "none/bin/python")
-    given = compare.arguments(["--out", str(tmp_path / "out"), "--runners", str(tmp_path), "--peers", peers, "--limit", "0.5" if "slow" in kind else "60"])
+    given = compare.arguments(["--out", str(tmp_path / "out"), "--runners", str(tmp_path), "--peers", peers, "--limit", str(limit)])
     with pytest.raises(compare.Failed) as failed:
         compare.Bench(given).run("MuJoCo", tmp_path / "case.npz", {"integrator": "Euler"})
     assert failed.value.args[0] == kind and said in failed.value.args[1]
