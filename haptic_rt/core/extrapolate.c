@@ -217,23 +217,27 @@ static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now
 
 static const float FORGOTTEN = 5.0e-4f; /* a tick, of the largest force felt */
 
-/* Two laws, or two tissues of `contact`, meet without a jump: the difference fades, the longer the larger it is, at the
- * pace at which the largest force of the last seconds would go to nothing in blend_us. What is small is right at once.
- */
+/* Two laws, or two tissues of `contact`, meet without a jump: the force goes over at the pace at which the largest force
+ * of the last seconds would go to nothing in blend_us, or at the new law's own where that changes faster. What the hand
+ * does meanwhile is part of that way and not on top of it. What is small is right at once. */
 static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, float force[3]) {
-    if (x->changed && x->last_valid) {
-        vsub(x->last_N, force, x->bridge_N);
-        x->bridge_us = now_us;
-        x->bridge_for_us = params->blend_us * vnorm(x->bridge_N) / fmaxf(x->felt_N, 1.0e-6f);
-        x->bridging = true;
+    float ahead[3], moved[3], step_N = 0.0f;
+    const float since_us = hrt_us(now_us - x->bridge_us);
+    vsub(force, x->last_N, ahead);
+    x->bridge_us = now_us;
+    if (x->changed) {
+        x->changed--;
+        x->bridging = x->last_valid;
+    } else {
+        vset(ahead, moved);
+        vadd(moved, 1.0f, x->bridge_N);
+        step_N = fmaxf(x->felt_N * since_us / fmaxf(params->blend_us, 1.0f), vnorm(moved));
     }
-    if (x->changed) x->changed--;
     if (!x->bridging) return;
-    const float left = 1.0f - hrt_us(now_us - x->bridge_us) / fmaxf(x->bridge_for_us, 1.0f);
-    if (left > 0.0f)
-        vadd(force, left, x->bridge_N);
-    else
-        x->bridging = false;
+    const float ahead_N = vnorm(ahead);
+    x->bridging = ahead_N > step_N;
+    vscale(x->bridging ? step_N / ahead_N - 1.0f : 0.0f, ahead, x->bridge_N);
+    vadd(force, 1.0f, x->bridge_N);
 }
 
 void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3],

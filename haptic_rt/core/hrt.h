@@ -348,10 +348,9 @@ typedef struct hrt_extrapolation {
     hrt_sample now, before;
     float broyden_N_m[9];
     bool broyden_bounded;
-    float bridge_N[3]; /* what the force was more than the new law says, at the change */
-    int64_t bridge_us;
-    float bridge_for_us;
-    float felt_N; /* the largest force of the last seconds */
+    float bridge_N[3]; /* while it goes over: what the last force was more than the new law's */
+    int64_t bridge_us; /* the last tick */
+    float felt_N;      /* the largest force of the last seconds */
     bool bridging;
     uint8_t changed; /* ticks for which what the force was more is measured anew */
     bool patch_left; /* the tool went off the newest patch */
