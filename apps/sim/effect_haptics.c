@@ -83,7 +83,7 @@ static int build(sim *s, const void *own) {
     tm_patch_def def = tm_patch_def_default();
     def.max_vertices = (int32_t)o->patch_vertices.value;
     def.max_triangles = def.max_vertices > 12 ? TM_PATCH_TRIANGLES : 16;
-    def.horizon_s = 2 * s->frame_s;
+    def.horizon_s = 3 * s->frame_s; /* a frame, and two that its sample may be late */
     tm_compliance_source source;
     const int turns = sim_options(s->scene, "rotation") != NULL; /* then stiffness moves with the tissue */
     if (turns && o->compliance.line && o->compliance.index == 0)

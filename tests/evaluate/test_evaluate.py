@@ -182,6 +182,7 @@ def test_the_page_sets_aims_beside_figures(page):
     rms = {r["extrapolator"]: r["rms"] for r in data["rows"] if r["path"] == "tour" and r["latency_frames"] == 2 and abs(r["speed_m_s"] - 0.03) < 1e-9 and r["truth"] == "model"}
     fast = aims["contact on precomputed tissue at 0.03 m/s, 2 late"]
     assert fast["figure"] == pytest.approx(rms["position"] / rms["contact"]) and fast["met"] == (fast["figure"] >= 30)
+    assert fast["figure"] > 27  # patches look as far ahead as a sample may be late: 30.7; 22 where two frames, 11 where one
     rough = aims["the force itself, precomputed, 3 mm"]
     assert rough["met"] == (rough["figure"] <= 0.5) and rough["figure"] == pytest.approx(100 * data["roughness"][0]["largest"])
     html = (out / "index.html").read_text()
