@@ -105,3 +105,22 @@ def test_bad_use(bin, root, tmp_path, arguments, says):
     _, err = run(bin / "tm-sim", scene, *arguments, code=2, cwd=tmp_path)
     assert says in err
     assert os.listdir(tmp_path) == ["scene.yaml"]
+
+
+def test_fibres_are_in_both_files(bin, root, tmp_path):
+    """A unit vector a tetrahedron, those of the scene's table in its order; none where the scene has none."""
+    scene = root / "apps/scenes/cylinder-fibre.yaml"
+    wanted = np.loadtxt(root / "meshes/cylinder_1k.fibres.csv", delimiter=",", comments="#", skiprows=1)[:, -3:]
+    wanted /= np.linalg.norm(wanted, axis=1)[:, None]
+    run(bin / "tm-sim", scene, "--lockstep", "--duration", "0.04", "--paraview", tmp_path / "series")
+    run(bin / "tm-sim", scene, "--settle", "1e-6", "--write", tmp_path / "rest.vtk")
+    words = (tmp_path / "rest.vtk").read_text().split()
+    at = words.index("fibre")
+    assert words[at - 1:at + 2] == ["VECTORS", "fibre", "double"]
+    settled = np.array(words[at + 2:at + 2 + wanted.size], float).reshape(-1, 3)
+    for found in (settled, *(frame["fibre"] for _, frame in read_series(tmp_path / "series"))):
+        assert found.shape == wanted.shape and np.abs(found - wanted).max() < 1e-12
+    plain = block_scene(tmp_path, root, "time: {duration: 0.04 s}\n")
+    run(bin / "tm-sim", plain, "--lockstep", "--paraview", tmp_path / "plain")
+    run(bin / "tm-sim", plain, "--settle", "1e-6", "--write", tmp_path / "plain.vtk")
+    assert "fibre" not in read_series(tmp_path / "plain")[0][1] and "fibre" not in (tmp_path / "plain.vtk").read_text()
