@@ -31,6 +31,7 @@ static size_t lay_out(tms_coupling *c, int32_t blocks, char *memory) {
     c->neighbour = carve(&at, 4 * (size_t)blocks);
     c->block = carve(&at, 48 * (size_t)blocks);
     c->smooth = carve(&at, 4 * padded * (size_t)c->rank);
+    c->shape = carve(&at, 4 * n * (size_t)c->rank);
     c->along = carve(&at, 4 * (size_t)c->rank);
     c->moved = carve(&at, 4 * padded);
     c->answer = carve(&at, 4 * padded);
@@ -220,6 +221,7 @@ static bool make_smooth(tms_coupling *c, const tms_system *K, const double *rest
             if (pass < POWERS) solve_near(&m, m.given + j * n, m.shape + j * n);
         }
     }
+    for (size_t i = 0; i < n * r; i++) c->shape[i] = (float)m.shape[i % r * n + i / r];
     factor_shapes(&m, c);
     tms_give(memory);
     return true;

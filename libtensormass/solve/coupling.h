@@ -23,6 +23,7 @@ typedef struct tms_coupling {
     int32_t *begin, *neighbour;
     float *block;              /* K by 3x3 blocks, columns of four numbers: rows of border vertex v: begin[v].. */
     float *smooth;             /* W by columns [rank][padded] */
+    float *shape;              /* [n][rank] orthonormal shapes that W was made of */
     float *along;              /* [rank] */
     float *moved, *answer;     /* [padded] */
     double *whole_m, *whole_N; /* [n] where F was computed whole, and F */
@@ -52,5 +53,7 @@ bool tms_coupling_restore(tms_coupling *coupling, const void *buffer, int64_t by
 void tms_whole_force(const double *schur, const double *given, const double *at, int32_t n, double *force);
 /* answer := (K - W W^T) moved, [padded] */
 void tms_follow(tms_coupling *coupling);
+/* out := rows x; rows [count][width], width a multiple of 16. */
+void tms_rows_times(const float *rows, int32_t count, int32_t width, const float *x, float *out);
 double tms_dot(const double *restrict a, const double *restrict b, int32_t n);
 #endif

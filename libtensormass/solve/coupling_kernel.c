@@ -97,12 +97,26 @@ INLINE void follow(const tms_coupling *c) {
     spread_smooth(c);
 }
 
+INLINE void rows_times(const float *restrict rows, int32_t count, int32_t width, const float *restrict x,
+                       float *restrict out) {
+    for (int32_t i = 0; i < count; i++, rows += width) {
+        float lane[FLOATS] = {0}, sum = 0;
+        for (int32_t j = 0; j < width; j += FLOATS)
+            for (int k = 0; k < FLOATS; k++) lane[k] += rows[j + k] * x[j + k];
+        for (int k = 0; k < FLOATS; k++) sum += lane[k];
+        out[i] = sum;
+    }
+}
+
 #ifdef HAS_WIDE
 WIDE static double dot_wide(const double *restrict a, const double *restrict b, int32_t n) { return dot(a, b, n); }
 WIDE static void whole_wide(const double *schur, const double *given, const double *at, int32_t n, double *force) {
     whole_force(schur, given, at, n, force);
 }
 WIDE static void follow_wide(const tms_coupling *c) { follow(c); }
+WIDE static void rows_wide(const float *rows, int32_t count, int32_t width, const float *x, float *out) {
+    rows_times(rows, count, width, x, out);
+}
 #define CHOOSE(wide, plain) (__builtin_cpu_supports("avx2") ? (wide) : (plain))
 #else
 #define CHOOSE(wide, plain) (plain)
@@ -113,11 +127,17 @@ static void whole_plain(const double *schur, const double *given, const double *
     whole_force(schur, given, at, n, force);
 }
 static void follow_plain(const tms_coupling *c) { follow(c); }
+static void rows_plain(const float *rows, int32_t count, int32_t width, const float *x, float *out) {
+    rows_times(rows, count, width, x, out);
+}
 
 double tms_dot(const double *restrict a, const double *restrict b, int32_t n) {
     return CHOOSE(dot_wide, dot_plain)(a, b, n);
 }
 void tms_whole_force(const double *schur, const double *given, const double *at, int32_t n, double *force) {
     CHOOSE(whole_wide, whole_plain)(schur, given, at, n, force);
+}
+void tms_rows_times(const float *rows, int32_t count, int32_t width, const float *x, float *out) {
+    CHOOSE(rows_wide, rows_plain)(rows, count, width, x, out);
 }
 void tms_follow(tms_coupling *c) { CHOOSE(follow_wide, follow_plain)(c); }

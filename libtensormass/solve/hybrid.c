@@ -159,6 +159,8 @@ static tm_status set_up(tm_hybrid *h, const tm_hybrid_def *def, tm_solve_report 
     for (int t = 0; def->contact && t < def->contact->instrument_count && t < TM_MAX_INSTRUMENTS; t++)
         h->instrument[t] = def->contact->instrument[t];
     h->contact_def.instrument = h->instrument;
+    if (h->has_contact && !tms_hybrid_make_around(h))
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for contact with a hybrid model; use a coarser mesh");
     h->max_local_vertices = def->max_local_vertices;
     return TM_OK;
 }
@@ -210,7 +212,8 @@ void tm_hybrid_destroy(tm_hybrid *h) {
                       h->full_f,         h->through,
                       h->through_vertex, h->kept,
                       h->give_m_N,       h->held,
-                      h->before_m};
+                      h->before_m,       h->around,
+                      h->around_by,      h->around_m};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) tms_give(arrays[i]);
     tms_give(h);
 }
@@ -219,8 +222,9 @@ int64_t tm_hybrid_bytes(const tm_hybrid *h) {
     TM_REQUIRE(h, "hybrid is null", 0);
     const int64_t n = h->mesh->vertex_count, b = h->interface_count;
     return h->responses.bytes + tms_solver_bytes(h->solver) + tms_system_bytes(&h->system) +
-           tm_tissue_bytes(h->condensed) + h->local.bytes + h->coupling.bytes + 4 * b * (b + 1) +
-           24 * b * h->local.capacity + 200 * n + 2 * (int64_t)h->mesh->tet_count;
+           tm_tissue_bytes(h->condensed) + h->local.bytes + h->coupling.bytes +
+           4 * (int64_t)h->responses.kept_count * h->around_width + 4 * b * (b + 1) + 24 * b * h->local.capacity +
+           200 * n + 2 * (int64_t)h->mesh->tet_count;
 }
 
 void tm_hybrid_tissue(const tm_hybrid *h, tm_tissue_def *def) {

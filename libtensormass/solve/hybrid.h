@@ -45,8 +45,12 @@ struct tm_hybrid {
     int32_t known_revision;  /* of the tissue's surface, then */
     void *kept;              /* of a step that may be given back */
     int64_t kept_bytes;
-    bool unrecovered; /* the inside is that of before: its solution did not converge */
-    bool returns;     /* it was given back, and `kept` is to be taken */
+    /* surface for those who look for what is around a tool: see hybrid_around.c */
+    int32_t around_width;
+    float *around, *around_by, *around_m; /* [kept][around_width]; [around_width]; [kept] */
+    bool owed;                            /* the inside in the world's state is not that of the present */
+    bool unrecovered;                     /* the inside is that of before: its solution did not converge */
+    bool returns;                         /* it was given back, and `kept` is to be taken */
     tm_world *world;
     tm_contact *contact;
     uint8_t *held; /* [3*vertex_count] the world's supports */
@@ -54,6 +58,11 @@ struct tm_hybrid {
     tm_surface_view surface;
     int32_t *surface_triangle, *surface_face, seen_revision;
 };
+
+/* hybrid_around.c. False: no memory. */
+bool tms_hybrid_make_around(tm_hybrid *hybrid);
+/* As tms_local.around. */
+void tms_hybrid_look_around(void *hybrid);
 
 /* hybrid_contact.c. What was made of mobilities is not of today's. */
 bool tms_hybrid_is_stale(const tm_hybrid *hybrid);

@@ -4,6 +4,10 @@
 
 #include <string.h>
 
+/* Of the largest displacement that contact makes: a substep ends where a step has come so near. The next one goes on
+ * from there with another, so that what rests still comes to rest on the last digits. */
+static const double ENOUGH = 3e-5;
+
 /* --- compliance within a substep --- */
 
 static double mobility(const tm_hybrid *h, int32_t dof) {
@@ -167,7 +171,6 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
         return 0;
     }
     for (int32_t k = 0; k < h->interface_count; k++) h->at_m[k] = state->u_next_m[h->interface[k]];
-    memcpy(l->u_m, state->u_m, 24 * (size_t)h->mesh->vertex_count);
     tms_local_gather(l);
     for (int32_t t = 0; t < l->tool_count; t++) flags[t] = l->tool[t].overflowed ? TM_REACTION_OVERFLOWED : 0u;
     if (l->use_count == 0) return 0;
@@ -189,6 +192,8 @@ tm_status tms_hybrid_add_contact(tm_hybrid *h, tm_contact *contact, tm_error *er
     h->local.self = h;
     h->local.compliance = compliance;
     h->local.refresh = refresh;
+    h->local.enough = ENOUGH;
+    h->local.around = tms_hybrid_look_around;
     h->local.passes = passes;
     h->through = tms_take(24 * (size_t)h->local.capacity * (size_t)h->interface_count);
     h->through_vertex = tms_take(4 * (size_t)h->local.capacity);

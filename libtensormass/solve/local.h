@@ -107,8 +107,9 @@ typedef struct tms_local {
     void (*refresh)(void *self, const int32_t *vertex,
                     int32_t count);                        /* bring base_m up to date at these; may be null */
     bool (*passes)(void *self, const tm_contact_row *row); /* a row that is no obstacle; may be null */
-    double *base_m;                                        /* [3*vertex_count] shape without f */
-    double *u_m; /* [3*vertex_count] shape: at the slots always, elsewhere as the client left it */
+    void (*around)(void *self); /* bring u_m about up to date, before triangles are chosen by it; may be null */
+    double *base_m;             /* [3*vertex_count] shape without f */
+    double *u_m;                /* [3*vertex_count] shape: at the slots always, elsewhere as the client left it */
     /* slots */
     int32_t capacity, use_count, high;             /* slots below `high` have been used */
     int32_t gathered_age;                          /* solves since what surrounds the tools was looked for */
@@ -140,7 +141,9 @@ typedef struct tms_local {
     double *pair_f[TMS_PAIRS],
         *pair_r[TMS_PAIRS]; /* [3*capacity] by slot: changes of f and r that went together, lately */
     int32_t pair_count, pair_next;
-    bool converged;
+    double enough; /* of the largest displacement, as the tolerance of one solution of many: where a step has brought it
+                      so far, the next solution goes on from there. 0: none is enough */
+    bool converged, nearly;
     tms_rub *rub; /* null: no friction */
     int64_t bytes;
     void *memory;

@@ -53,6 +53,7 @@ static double residual(tms_local *l, bool *small) {
             worst = fmax(worst, fabs(off));
         }
     *small = worst <= CONVERGED * most + TOUCHING_M;
+    l->nearly = worst <= l->enough * most;
     return merit;
 }
 

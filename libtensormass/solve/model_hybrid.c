@@ -31,7 +31,14 @@ static tm_status step(tm_model *m, int32_t substeps) { return tm_model_step(of(m
 
 static void end(tm_model *m) {
     tm_model_end(of(m)->moving);
-    tm_hybrid_recover(of(m)->hybrid, m->world);
+    of(m)->hybrid->owed = true;
+}
+
+/* The inside is solved for when somebody looks at it: a frame needs no more of it than contact finds by itself. */
+static part *with_inside(const tm_model *m) {
+    part *p = of(m);
+    if (p->hybrid->owed) tm_hybrid_recover(p->hybrid, m->world);
+    return p;
 }
 
 static void place(tm_model *m, int32_t instrument, const tm_tool_pose *at) {
@@ -43,9 +50,9 @@ static tm_tool_reaction reaction(const tm_model *m, int32_t instrument) {
 }
 
 static tm_surface_view surface(tm_model *m) { return tm_hybrid_surface(of(m)->hybrid); }
-static const double *displacement(tm_model *m) { return tm_model_displacement(of(m)->moving); }
+static const double *displacement(tm_model *m) { return tm_model_displacement(with_inside(m)->moving); }
 static double time_s(const tm_model *m) { return tm_model_time_s(of(m)->moving); }
-static uint64_t hash(tm_model *m) { return tm_model_hash(of(m)->moving); }
+static uint64_t hash(tm_model *m) { return tm_model_hash(with_inside(m)->moving); }
 
 /* --- patches: of the whole organ's surface, with the whole organ's compliance --- */
 
@@ -71,7 +78,7 @@ static tm_status allow_patches(tm_model *m, const tm_patch_def *def, tm_error *e
 }
 
 static bool patch(tm_model *m, int32_t instrument, tm_patch *out) {
-    return tm_model_patch(of(m)->moving, instrument, out);
+    return tm_model_patch(with_inside(m)->moving, instrument, out);
 }
 
 static tm_status start(tm_model *m, tm_error *error) { return tm_model_start(of(m)->moving, error); }
@@ -122,11 +129,12 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
 static int64_t snapshot_bytes(const tm_model *m) { return tm_model_snapshot_bytes(of(m)->moving); }
 
 static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
-    return tm_model_save(of(m)->moving, buffer, bytes, error);
+    return tm_model_save(with_inside(m)->moving, buffer, bytes, error);
 }
 
 static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_error *error) {
     const tm_status status = tm_model_restore(of(m)->moving, buffer, bytes, error);
+    if (status == TM_OK) of(m)->hybrid->owed = false;
     for (int i = 0; status == TM_OK && i < m->instrument_count; i++) m->pose[i] = of(m)->moving->pose[i];
     return status;
 }

@@ -82,6 +82,7 @@ int32_t tms_local_secant(tms_local *l, double *merit) {
         *merit = tms_local_evaluate(l);
         remember(l, f_before, r_before);
         steps++;
+        l->converged |= l->nearly;
         if (l->converged) break;
         if (*merit > old) { /* astray: back, and leave it to Newton */
             memcpy(l->f, f_before, 24 * (size_t)l->capacity);

@@ -228,6 +228,7 @@ void tms_local_gather(tms_local *l) {
         return;
     }
     l->gathered_age = 1;
+    if (l->around) l->around(l->self);
     double reach = 2.5; /* radii: what the finder looks at, a piece of the path, and what the tissue may give */
     int32_t count = -1;
     for (int tries = 0; count < 0; tries++, reach *= 0.8) {

@@ -159,6 +159,7 @@ void tm_hybrid_recover(tm_hybrid *h, tm_world *world) {
     }
     const double *x = tms_work_solve(h->work);
     h->unrecovered = !x;
+    h->owed = false;
     for (int32_t i = 0; x && i < h->system.n; i++) h->full_u[h->system.dof[i]] = x[i];
     for (int32_t d = 0; x && d < dofs; d++)
         if (h->part[d / 3] == TMS_CONDENSED) state->u_m[d] = state->u_prev_m[d] = h->full_u[d];
