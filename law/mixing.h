@@ -3,8 +3,9 @@
  * as they are swings or creeps.
  *
  * Who includes it sets LAW_DOFS, LAW_MEMORY (rounds looked back), LAW_MIX_FLOOR (a share of the trace, added to the
- * diagonal), and LAW_MIXING, a struct with the members next (slot), residual_change_N and step_N
- * [LAW_MEMORY][LAW_DOFS], zero where nothing is remembered. */
+ * diagonal), LAW_MIX_NOISE (square of the share of the forces below which a change is rounding), and LAW_MIXING, a
+ * struct with the members next (slot), residual_change_N and step_N [LAW_MEMORY][LAW_DOFS], zero where nothing is
+ * remembered. */
 #ifndef LAW_MIXING_H
 #define LAW_MIXING_H
 
@@ -22,9 +23,10 @@ static LAW_CALL law_real law_inner(const law_real *a, const law_real *b, int32_t
 }
 
 /* What the last two rounds say of how the residual follows the forces. Where it grows with them, the rows themselves
- * have changed: a step to where it would vanish leads the wrong way, and far. */
+ * have changed: a step to where it would vanish leads the wrong way, and far. So it does where both are rounding. */
 static void law_remember(LAW_MIXING *m, const law_round *r, const law_real *force_N, int32_t n) {
-    law_real along = LAW(0), *change = m->residual_change_N[m->next], *step = m->step_N[m->next];
+    law_real along = LAW_MIX_NOISE > LAW(0) ? LAW_MIX_NOISE * law_inner(force_N, force_N, n) : LAW(0),
+             *change = m->residual_change_N[m->next], *step = m->step_N[m->next];
     for (int32_t i = 0; i < n; i++) {
         change[i] = r->residual_N[i] - r->before_residual_N[i];
         step[i] = force_N[i] - r->before_N[i];

@@ -8,6 +8,7 @@ enum { LAW_ROWS = HRT_CONTACT_ROWS, LAW_DOFS = HRT_PATCH_DOFS, LAW_MEMORY = HRT_
 #include "law/branch.h"
 #define LAW_MIXING hrt_mixing
 #define LAW_MIX_FLOOR 1.0e-5f
+#define LAW_MIX_NOISE 1.0e-12f
 #include "law/mixing.h"
 
 _Static_assert(ROUNDS % 2 == 0, "the last round's rows are to end up in the extrapolation");

@@ -31,7 +31,8 @@ tm_status tms_shared_columns(const tms_columns *c, const tm_solve_def *def, cons
     double *x = tms_take(8 * (entries + 1));
     void *own = tms_take(8 * (entries + 1));
     tm_status status = todo && unit && row && x && own ? TM_OK : TM_ERR_MEMORY;
-    if (status != TM_OK) tm_fail(error, status, -1, "no memory to solve %d columns at a time; use a coarser mesh", TMS_BLOCK);
+    if (status != TM_OK)
+        tm_fail(error, status, -1, "no memory to solve %d columns at a time; use a coarser mesh", TMS_BLOCK);
     for (int32_t i = 0; status == TM_OK && i < c->kept_count; i++) row[i] = c->system->index[c->kept[i]];
     if (status == TM_OK && !team->meet(team->user)) status = tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
     const double start = tms_clock_s();

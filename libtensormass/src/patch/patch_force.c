@@ -21,6 +21,7 @@ typedef struct mixing {
 } mixing;
 #define LAW_MIXING mixing
 #define LAW_MIX_FLOOR 1e-12
+#define LAW_MIX_NOISE 0.0
 #include "law/mixing.h"
 
 /* What a solve goes on from. */
