@@ -51,6 +51,7 @@ class Failed(Exception):
 def arguments(words):
     parser = argparse.ArgumentParser(prog="make compare ARGS=\"...\"", description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--out", type=pathlib.Path, default=pathlib.Path("build/compare"), help="folder of compare.json, .csv, .png (build/compare)")
+    parser.add_argument("--ours", default="build/compare/python", help="folder of the Python package tensormass, as a wheel has it")
     parser.add_argument("--peers", default="build/compare/venv/bin/python", help="an interpreter that has MuJoCo and Newton")
     parser.add_argument("--meshes", default="2,3,4", help="meshes k, of 192 k^3 tetrahedra (2,3,4)")
     parser.add_argument("--reference", type=int, default=8, metavar="K", help="the reference's mesh (8)")
@@ -90,7 +91,7 @@ class Bench:
         interpreter = sys.executable if program == "tensormass" else self.given.peers
         environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": "1", "WARP_CACHE_PATH": str(self.work.resolve() / "warp")}
         if program == "tensormass":
-            environment["PYTHONPATH"] = str(self.given.out.resolve() / "python")
+            environment["PYTHONPATH"] = os.path.abspath(self.given.ours)
         limit = self.given.limit
         if program == "Newton" and settings["solver"] not in self.compiled:
             limit *= 5

@@ -10,4 +10,4 @@ compare-venv:
 #: make compare                the same press in MuJoCo's flex and Newton (from PyPI), beside ours: error against time in build/compare/ (ARGS="--help")
 compare: wheel compare-venv venv
 	@rm -rf $(COMPARE)/python && $(VENV)/bin/python -m zipfile -e $(OUT)/wheel/*linux*_$$(uname -m).whl $(COMPARE)/python
-	@$(VENV)/bin/python tests/compare/compare.py --out $(COMPARE) --peers $(abspath $(COMPARE))/venv/bin/python $(ARGS)
+	@$(VENV)/bin/python tests/compare/compare.py --out $(COMPARE) --ours $(abspath $(COMPARE))/python --peers $(abspath $(COMPARE))/venv/bin/python $(ARGS)
