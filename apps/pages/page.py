@@ -194,7 +194,7 @@ code{font-size:13px;background:var(--code);padding:.1rem .3rem;overflow-wrap:any
 .verdicts thead{display:none} .verdicts,.verdicts tbody{display:block} .verdicts tr{display:flex;flex-direction:column;padding:.6rem 0;border-bottom:1px solid var(--line)}
 .verdicts td{border:0;padding:.05rem 0;overflow-wrap:anywhere} .verdicts td:empty{display:none} .verdicts td::before{content:attr(data-name) ": ";color:var(--soft)}
 .verdicts td:first-child{order:-2;font-weight:bold} .verdicts td:last-child{order:-1;font-weight:bold} .verdicts td:first-child::before,.verdicts td:last-child::before{content:none}}
-@media print{body{max-width:none;margin:0} h2{break-after:avoid} figure,tr{break-inside:avoid} .wide,figure{overflow:visible} img{max-width:100%;width:auto} table{font-size:11px} td,th{overflow-wrap:anywhere}}
+@media print{body{max-width:none;margin:0} h2{break-after:avoid} figure,tr{break-inside:avoid} .wide,figure{overflow:visible} img{max-width:100%;width:auto} table{font-size:10px} td,th{padding:.15rem .3rem}}
 """
 
 # A field over the first table of verdicts: rows that hold all its words stay, of every such table.

@@ -145,6 +145,17 @@ def test_no_setting_within_the_budget_is_said(whole, bin, root, tmp_path):
     assert "nothing measured fits" in run.stdout and "(nothing measured fits that" in (tmp_path / "s-recommended.yaml").read_text()
 
 
+def test_a_price_of_a_faster_machine_is_not_promised(whole, bin, root, tmp_path):
+    """Runs that claim a millionth of their time: the choice is run for its price, and what then fits is nothing."""
+    data = json.loads(json.dumps(whole[1]))
+    (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
+    for r in data["runs"]:
+        r.update({k: 1e-6 * r[k] for k in ("cpu_s", "cpu_p95_s", "busy_p95_s")})
+    (tmp_path / "s.json").write_text(json.dumps(data))
+    run, said = study(bin, root, tmp_path, "--budget", "0.00001", "--hold", "0.1 s")
+    assert said["recommendation"]["fits"] is False and said["recommendation"]["share"] > 1e-4, said["recommendation"]
+
+
 def test_another_scene_finds_nothing_in_the_file(whole, bin, root, tmp_path):
     """Runs are known by what they were run on: a softer block is run anew."""
     text = (root / SCENE).read_text().replace("5 kPa", "4 kPa").replace("../../meshes", str(root / "meshes"))

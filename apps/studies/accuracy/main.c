@@ -219,7 +219,7 @@ int main(int argc, char **argv) {
     char found[2048];
     static options o; /* the study is too large for a stack */
     o.reference = found;
-    o.study = (study){.duration_s = -1, .frame_Hz = -1, .limit_s = 120, .hold_s = 10};
+    o.study = (study){.duration_s = -1, .frame_Hz = -1, .limit_s = 120, .hold_s = 10, .slower = 1};
     app_check_stdout();
     app_shared_file("apps/studies/accuracy/reference/reference.json", found, sizeof found);
     int rc = parse(&o, argc, argv);

@@ -94,6 +94,7 @@ typedef struct study {
     cJSON *old; /* of a study that was broken off, or null */
     study_truth truth;
     study_choice choice;
+    double slower; /* the machine now, against what its runs were priced on */
 } study;
 
 /* All of it: 0 or an exit code, having complained. */

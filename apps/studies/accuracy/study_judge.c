@@ -62,7 +62,10 @@ static bool limit(const study *t, study_form form, study_truth *out) {
     const int n = family(t, form, run);
     *out = (study_truth){0};
     if (n < 2) return false;
-    out->coarse = run[n - 2], out->fine = run[n - 1], out->order = 1.5;
+    /* From two that are nearly alike, what they differ by would be multiplied. */
+    int partner = n - 2;
+    while (partner > 0 && size_of(&t->run[run[partner]]) < 1.3 * size_of(&t->run[run[n - 1]])) partner--;
+    out->coarse = run[partner], out->fine = run[n - 1], out->order = 1.5;
     if (n > 2) out->order_observed = observe(t, run + n - 3, &out->order);
     const study_run *c = &t->run[out->coarse], *f = &t->run[out->fine];
     const double w = weight(size_of(c), size_of(f), out->order),

@@ -1,8 +1,9 @@
 /* The exactest setting within a budget, written as a scene, run, and held to what was promised of it.
  *
  * A setting is one mesh and form that was run, with another step, mass, precision, threads or another model beside it.
- * What these do together is not run beforehand: their differences of force are added to that of the mesh, and their
- * ratios of price multiplied. That it comes out so is what the run at the end is for. */
+ * What these do together: their differences of force are added to that of the mesh, and their ratios of price
+ * multiplied. The exactest by that is run once for its price; that the rest comes out so is what the run at the end is
+ * for. */
 #include <errno.h>
 #include <math.h>
 #include <stdio.h>
@@ -43,8 +44,8 @@ static void predict(const study *t, study_choice *c, double *force_N) {
     const study_run *own = &t->run[0], *mesh = &t->run[c->mesh_run];
     const size_t count = (size_t)own->frames * (size_t)own->instruments * 3;
     memcpy(force_N, mesh->force_N, count * sizeof *force_N);
-    c->cost_s = mesh->cpu_s, c->share = mesh->cpu_p95_s / mesh->frame_s;
-    c->busy = mesh->busy_p95_s / mesh->frame_s;
+    c->cost_s = t->slower * mesh->cpu_s, c->share = t->slower * mesh->cpu_p95_s / mesh->frame_s;
+    c->busy = t->slower * mesh->busy_p95_s / mesh->frame_s;
     for (int e = 0; e < c->extra_count; e++) {
         const study_run *x = &t->run[c->extra[e]];
         for (size_t i = 0; i < count; i++) force_N[i] += x->force_N[i] - own->force_N[i];
@@ -67,9 +68,10 @@ static bool better(const study *t, const study_choice *a, const study_choice *b)
     return a->error < b->error;
 }
 
-/* What was tried and cannot be together: effects may exclude one another. */
+/* What was tried and cannot be together, as effects may exclude one another, or was too dear. */
+enum { BANS = 32 };
 typedef struct bans {
-    study_choice item[32];
+    study_choice item[BANS];
     int count;
 } bans;
 
@@ -118,7 +120,7 @@ static bool choose(study *t, const bans * not ) {
 /* The truest at the hand of the extrapolators that ask for `most` at most; none where the scene has no haptics. */
 static void choose_extrapolator(study *t, sim_sends most) {
     study_choice *c = &t->choice;
-    c->felt_run = 0;
+    c->felt_run = 0, c->sends = SIM_SENDS_FORCE;
     for (int i = 1, x = -1; i < t->run_count; i++) {
         const study_run *r = &t->run[i];
         if (strcmp(r->knob, "extrapolator")) continue;
@@ -269,9 +271,9 @@ static sim *build_choice(study *t, char *why, size_t size, int *rc) {
     return s;
 }
 
-/* What patches cost is another figure on every mesh, so the choice is run along the path with them; false: they do not
- * fit the budget. */
-static bool price_patches(study *t, sim *s) {
+/* The choice is run along the path before its price is promised: what patches cost is another figure on every mesh, and
+ * the machine may be slower than it was when its runs were made. False: it does not fit the budget. */
+static bool price(study *t, sim *s) {
     study_choice *c = &t->choice;
     const int frames = t->run[0].frames;
     double *cost_s = calloc((size_t)frames + 1, sizeof *cost_s);
@@ -283,18 +285,19 @@ static bool price_patches(study *t, sim *s) {
         const double before = study_cpu_s();
         good = sim_frame(s, to, s->substeps) == TM_OK && !s->broken_off;
         cost_s[k] = study_cpu_s() - before;
-        app_progress("the recommendation, with patches", (k + 1.0) / frames, false);
+        app_progress("the recommendation, priced", (k + 1.0) / frames, false);
     }
-    app_progress("the recommendation, with patches", 1, true);
+    app_progress("the recommendation, priced", 1, true);
     study_run with = {0};
     study_take_price(&with, cost_s, cost_s, frames);
     free(cost_s);
     study_choice priced = *c;
     priced.cost_s = with.cpu_s, priced.share = with.cpu_p95_s / s->frame_s;
-    priced.busy += fmax(0, priced.share - c->share); /* on one thread */
-    if (!good || !within(t, &priced)) return false;
-    *c = priced;
-    return true;
+    priced.busy = study_threads(s) > 1 ? c->busy * priced.share / c->share : priced.share;
+    const bool fits = good && within(t, &priced);
+    if (fits) *c = priced;
+    if (!fits && c->sends == SIM_SENDS_FORCE) t->slower *= fmax(1.05, priced.share / c->share); /* so all are, likely */
+    return fits;
 }
 
 /* The choice with the truest extrapolator that it has room for. */
@@ -305,9 +308,9 @@ static sim *build_felt(study *t, char *why, size_t size, int *rc) {
         *c = plain;
         choose_extrapolator(t, (sim_sends)most);
         sim *s = build_choice(t, why, size, rc);
-        if (*rc || !c->felt_run || c->sends == SIM_SENDS_FORCE) return s;
-        const bool fits = s && price_patches(t, s);
-        sim_destroy(s);
+        if (*rc || !c->fits) return s;
+        const bool fits = s && price(t, s);
+        if (s) sim_destroy(s);
         if (fits) return build_choice(t, why, size, rc);
     }
     return NULL;
@@ -324,7 +327,7 @@ static sim *build_best(study *t, int *rc) {
         snprintf(c->file, sizeof c->file, "%.*s-recommended.yaml", stem, t->json);
         sim *s = build_felt(t, why, sizeof why, rc);
         if (s || *rc || app_interrupted()) return s;
-        if (not .count == 32) break;
+        if (not .count == BANS) break;
         not .item[not .count++] = *c;
     }
     fprintf(stderr, "the recommended scene does not run: %s\n", why);
