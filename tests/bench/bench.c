@@ -122,7 +122,9 @@ static int measure(const char *path, bool quick) {
     cJSON_AddNumberToObject(root, "bandwidth_GB_s",
                             1e-9 * app_bandwidth_B_s((size_t)(quick ? 8 : 200) << 20, quick ? 3 : 9));
     cJSON_AddItemToObject(root, "force", bench_force(&run));
+    cJSON_AddItemToObject(root, "numbering", bench_numbering(&run));
     cJSON_AddItemToObject(root, "step", bench_step(&run));
+    cJSON_AddItemToObject(root, "hybrid", bench_hybrid(&run));
     cJSON_AddItemToObject(root, "cut", bench_cut(&run));
     cJSON_AddItemToObject(root, "capacity", bench_capacity(&run));
     tm_error error;

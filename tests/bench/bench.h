@@ -23,7 +23,9 @@ tm_world *bench_world(tm_tissue *tissue, int threads);
 void bench_must(tm_status status, const tm_error *error);
 
 cJSON *bench_force(const bench_run *run);
+cJSON *bench_numbering(const bench_run *run);
 cJSON *bench_step(const bench_run *run);
+cJSON *bench_hybrid(const bench_run *run);
 cJSON *bench_cut(const bench_run *run);
 cJSON *bench_capacity(const bench_run *run);
 

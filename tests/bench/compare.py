@@ -16,6 +16,10 @@ def ratios(figures):
     for row in figures["step"]:
         found[f"step, {row['tets']} tetrahedra, over a force pass"] = row["step_over_force"]
         found[f"step, {row['tets']} tetrahedra, divided over whole, {row['threads']} threads"] = 1 / row["speedup"]
+    for row in figures.get("numbering", []):
+        found[f"numbering, {row['tets']} tetrahedra, {row['precision']}: shuffled over ordered"] = row["shuffled_over_ordered"]
+    for row in figures.get("hybrid", []):
+        found[f"hybrid, {row['tets']} tetrahedra, {row['share']:.3f} tensor/mass: over a dynamic frame"] = row["hybrid_over_dynamic"]
     return found
 
 

@@ -1,9 +1,9 @@
 # What a force pass, a step and a removed tetrahedron cost, beside this machine's memory bandwidth in the same run.
 BENCH := $(OUT)/tests/bench/bench
-$(BENCH): $(call objects,$(sort $(wildcard tests/bench/*.c))) $(LIBAPP_A) $(LIBTM_A)
+$(BENCH): $(call objects,$(sort $(wildcard tests/bench/*.c))) $(LIBAPP_A) $(LIBTMS_A) $(LIBTM_A)
 	@mkdir -p $(@D)
 	$(call say,LINK)
-	$(Q)$(CC) $(SAN) -o $@ $(call objects,$(sort $(wildcard tests/bench/*.c))) -Wl,--start-group $(LIBAPP_A) $(LIBTM_A) -Wl,--end-group -lcjson -ldl -lm
+	$(Q)$(CC) $(SAN) -rdynamic -o $@ $(call objects,$(sort $(wildcard tests/bench/*.c))) -Wl,--start-group $(LIBAPP_A) $(LIBTMS_A) $(LIBTM_A) -Wl,--end-group $(TMS_LIBS) -lcjson -ldl -lm
 tests: $(BENCH)
 
 #: make bench                  cost per edge, step and removed tetrahedron: build/bench/bench.json (QUICK=1: the short form; BASELINE=old.json: what has become slower, exit 1)
