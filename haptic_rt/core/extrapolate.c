@@ -218,25 +218,30 @@ static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now
 static const float FORGOTTEN = 5.0e-4f; /* a tick, of the largest force felt */
 
 /* Two laws, or two tissues of `contact`, meet without a jump: the force goes over at the pace at which the largest force
- * of the last seconds would go to nothing in blend_us, or at the new law's own where that changes faster. What the hand
- * does meanwhile is part of that way and not on top of it. What is small is right at once. */
+ * of the last seconds would go to nothing in blend_us. What is small is right at once. To another tissue it goes at that
+ * pace whatever the hand does meanwhile, or at the law's own where that changes faster; to another law of the same
+ * tissue on top of the law's own, as what is late there makes a stiff contact swing. */
 static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, float force[3]) {
     float ahead[3], moved[3], step_N = 0.0f;
     const float since_us = hrt_us(now_us - x->bridge_us);
     vsub(force, x->last_N, ahead);
     x->bridge_us = now_us;
     if (x->changed) {
+        if (x->changed > x->bridging && x->last_valid) x->bridging = x->changed;
         x->changed--;
-        x->bridging = x->last_valid;
     } else {
         vset(ahead, moved);
         vadd(moved, 1.0f, x->bridge_N);
-        step_N = fmaxf(x->felt_N * since_us / fmaxf(params->blend_us, 1.0f), vnorm(moved));
+        const float pace_N = x->felt_N * since_us / fmaxf(params->blend_us, 1.0f), own_N = vnorm(moved);
+        step_N = x->bridging > 1 ? fmaxf(pace_N, own_N) : pace_N + own_N;
     }
     if (!x->bridging) return;
     const float ahead_N = vnorm(ahead);
-    x->bridging = ahead_N > step_N;
-    vscale(x->bridging ? step_N / ahead_N - 1.0f : 0.0f, ahead, x->bridge_N);
+    if (!(ahead_N > step_N)) {
+        x->bridging = 0;
+        return;
+    }
+    vscale(step_N / ahead_N - 1.0f, ahead, x->bridge_N);
     vadd(force, 1.0f, x->bridge_N);
 }
 

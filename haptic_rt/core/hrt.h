@@ -351,7 +351,7 @@ typedef struct hrt_extrapolation {
     float bridge_N[3]; /* while it goes over: what the last force was more than the new law's */
     int64_t bridge_us; /* the last tick */
     float felt_N;      /* the largest force of the last seconds */
-    bool bridging;
+    uint8_t bridging;  /* 1: to another law, 2: to another tissue */
     uint8_t changed; /* ticks for which what the force was more is measured anew */
     bool patch_left; /* the tool went off the newest patch */
     bool on_patch;

@@ -185,22 +185,26 @@ static void changing_the_law_makes_no_jump(void **state) {
         }
 }
 
-/* While the force goes over to another law the tool moves on, deeper or out, slower than the force goes over or faster:
- * a tick changes it by the pace, or by what the law itself changes, never by both. */
+/* While the force goes over to cut tissue the tool moves on, deeper or out, slower than the force goes over or faster: a
+ * tick changes it by the pace, or by what the law itself changes, never by both. */
 static void going_over_while_the_tool_moves(void **state) {
     (void)state;
     const float ways[] = {0.6f, -0.6f, 2.0f, -2.0f}; /* of the pace */
     for (int k = 0; k < 4; k++) {
-        begin(HRT_HOLD, 0.1f + 4 * STEP, 0.1f + 8 * STEP);
-        float z = 0.1f + 10 * STEP, last = force_at(90000, z), most = 0.0f, law = 0.0f;
-        const float pace = 2.0f * 2000.0f / params.blend_us, own = ways[k] * pace;
-        hrt_extrapolation_select(&x, HRT_TANGENT);
+        const float at = 0.1f + 10 * STEP, pace = 2.0f * 2000.0f / params.blend_us, own = ways[k] * pace;
+        begin(HRT_CONTACT, 0.1f + 4 * STEP, 0.1f + 8 * STEP);
+        float z = at, last = force_at(90000, z), most = 0.0f, law = 0.0f;
+        assert_float_equal(last, -2.0f, 1e-4f);
+        hrt_sample s = spring(92000, z);
+        s.force_N[2] = -1.6f;
+        s.topology_revision = 1;
+        hrt_extrapolation_sample(&x, &params, &s);
         for (int t = 1; t < 60; t++) {
             z += t < 12 ? own / 400.0f : 0.0f;
             const float now = force_at(90000 + 2000 * t, z);
             most = fmaxf(most, fabsf(now - last));
             last = now;
-            law = -400.0f * (z - 0.1f);
+            law = -1.6f - 400.0f * (z - at);
         }
         assert_float_equal(last, law, 1e-4f);
         assert_true(most < 1.01f * fmaxf(fmaxf(2.0f, fabsf(law)) / 2.0f * pace, fabsf(own)));
