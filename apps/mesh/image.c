@@ -20,7 +20,8 @@ static void usage(void) {
         "                           time where cut (realtime:0.8: 0.8 of a core) [10000, unless --size is given]\n"
         "  --size SIZE        edges of tetrahedra, about; less in a label thinner than that\n"
         "  --distance D       of the facets from the smoothed surface [an eighth of the label's size]\n"
-        "  --smooth S         Gaussian that removes the voxels' steps, in voxels [1]; 0: none. Volumes are kept\n"
+        "  --smooth S         Gaussian that removes the voxels' steps, in voxels [1, and 0.28 of a thinner\n"
+        "                     label's thickness]; 0: none. Volumes are kept\n"
         "  --specks N         pieces and holes of fewer voxels join what is around them [8]; 0: all stay\n"
         "  --optimise LIST    of lloyd, perturb, exude (CGAL's), improve (vertices within a label), or none\n"
         "                     [exude,improve]; perturb and lloyd take seconds to minutes\n"
@@ -122,7 +123,7 @@ static int parse_number(int c, const char *text, image_options *o) {
     switch (c) {
     case 'z': good = command_quantity("size", text, "length", &o->size_m); break;
     case 'd': good = command_quantity("distance", text, "length", &o->distance_m); break;
-    case 'm': good = command_quantity("smooth", text, "none", &o->smooth); break;
+    case 'm': good = command_quantity("smooth", text, "none", &o->smooth), o->even = true; break;
     case 'v': good = command_quantity("sliver", text, "angle", &o->sliver_deg); break;
     case 'y': good = command_quantity("young", text, "pressure", &o->young_Pa); break;
     case 'p': good = command_quantity("poisson", text, "none", &o->poisson); break;
@@ -289,7 +290,7 @@ static int make_mesh(const image_api *api, image_options *o, const image_volume 
     tm_error error = {0};
     int wanted[LABEL_MOST];
     for (int r = 0; r < o->regions; r++) wanted[r] = o->region[r + 1].value;
-    if (!label_field_make(volume, chooses(o) ? wanted : NULL, o->regions, o->specks, o->smooth, &field))
+    if (!label_field_make(volume, chooses(o) ? wanted : NULL, o->regions, o->specks, o->smooth, o->even, &field))
         return command_no_memory(o->in);
     int exit = chooses(o) ? APP_DONE : spread_regions(&field, o);
     name_regions(volume, &field, o);

@@ -20,6 +20,7 @@ typedef struct image_options {
     int budget;         /* tetrahedra; 0: by size; -1: real time */
     double budget_load; /* of a core, for real time */
     bool lloyd, perturb, exude, improve, allow_vanish, allow_apart, allow_thin, ras;
+    bool even;                           /* all labels are smoothed alike, thin ones, too */
     image_region region[LABEL_MOST + 1]; /* from 1 */
     int regions;                         /* named by --label */
     bool all;                            /* the others stay, too; so they do where none is named */

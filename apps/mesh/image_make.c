@@ -143,8 +143,9 @@ static double worst_volume(const label_field *f, const image_mesh *mesh) {
  * area. Across the surface the difference of two labels' strengths grows by 2/(sqrt(2 pi) sigma) a metre. */
 static void correct_volumes(const pass *p, const image_mesh *mesh) {
     const double *s = p->field->spacing_m, voxel_m = cbrt(s[0] * s[1] * s[2]);
-    const double slope_1_m = 2 / (sqrt(2 * M_PI) * voxel_m * sqrt(p->o->smooth * p->o->smooth + 0.16));
     for (int l = 1; l <= p->field->labels; l++) {
+        const double sigma = (double)p->field->sigma[l];
+        const double slope_1_m = 2 / (sqrt(2 * M_PI) * voxel_m * sqrt(sigma * sigma + 0.16));
         const image_result *r = &mesh->of[l];
         if (!(r->area_m2 > 0)) continue;
         const double bias = p->field->bias[l] + slope_1_m * (r->image_m3 - r->volume_m3) / r->area_m2;

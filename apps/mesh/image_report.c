@@ -129,10 +129,10 @@ static void warn_of_volumes(const image_options *o, const label_field *field, co
         char mend[80];
         if (fabs(differ) <= volume_told) continue;
         if (o->smooth > 0 && differ < 0 && (double)field->bias[l] >= 0.999 * LABEL_BIAS_MOST)
-            snprintf(mend, sizeof mend, "it is thin: smooth less (--smooth %.2g)", 0.5 * o->smooth);
+            snprintf(mend, sizeof mend, "it is thin: smooth less (--smooth %.2g)", 0.5 * (double)field->sigma[l]);
         else
             snprintf(mend, sizeof mend, "mesh it finer (%s), or smooth less (--smooth %.2g)",
-                     o->budget ? "a larger --budget" : "a smaller --size", 0.5 * o->smooth);
+                     o->budget ? "a larger --budget" : "a smaller --size", 0.5 * (double)field->sigma[l]);
         app_remark("%s: warning: label %d ('%s') has %.0f %% %s volume than in the image; %s\n", o->in,
                    o->region[l].value, o->region[l].name, 100 * fabs(differ), differ < 0 ? "less" : "more", mend);
     }

@@ -242,7 +242,7 @@ static void find_seeds(label_field *f, const flood *w) {
     free(strongest);
 }
 
-bool label_field_make(const image_volume *image, const int *wanted, int count, int64_t specks, double smooth,
+bool label_field_make(const image_volume *image, const int *wanted, int count, int64_t specks, double smooth, bool even,
                       label_field *f) {
     *f = (label_field){0};
     flood w = {0};
@@ -255,7 +255,7 @@ bool label_field_make(const image_volume *image, const int *wanted, int count, i
         good = find_pieces(f, &w);
     }
     if (good) measure(f);
-    good = good && label_field_smooth(f, smooth) && (f->piece = malloc(((size_t)w.count + 1) * sizeof *f->piece));
+    good = good && label_field_smooth(f, smooth, even) && (f->piece = malloc(((size_t)w.count + 1) * sizeof *f->piece));
     if (good) find_seeds(f, &w);
     flood_free(&w);
     free(number);

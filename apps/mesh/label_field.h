@@ -32,19 +32,21 @@ typedef struct label_field {
     int64_t specks, speck_voxels;   /* pieces that joined what is around them, and what was in them */
     int size[3], begin[3];          /* of the part that is covered, in voxels of the image */
     double spacing_m[3];
-    uint8_t *at;                /* [size0*size1*size2] label of each voxel */
-    label_voxel *voxel;         /* the same, smoothed */
-    float bias[LABEL_MOST + 1]; /* added to a label's strength: moves its surface outwards */
-    label_piece *piece;         /* of all labels, in the order of their first voxel */
+    uint8_t *at;                 /* [size0*size1*size2] label of each voxel */
+    label_voxel *voxel;          /* the same, smoothed */
+    float sigma[LABEL_MOST + 1]; /* with Gaussians of these standard deviations, voxels */
+    float bias[LABEL_MOST + 1];  /* added to a label's strength: moves its surface outwards */
+    label_piece *piece;          /* of all labels, in the order of their first voxel */
     int piece_count;
     bool at_border; /* a label reaches the image's end */
 } label_field;
 
 /* `wanted` are values of the image (null: all but 0). Pieces of fewer than `specks` voxels, the largest of a label
  * never among them, join what is around them most. `smooth` is the standard deviation of the Gaussian that the labels
- * are smoothed with, in voxels of each axis (0: none). False: no memory. A wanted label that is not there has voxels 0.
+ * are smoothed with, in voxels of each axis (0: none); less for a thin label, unless `even`. False: no memory. A wanted
+ * label that is not there has voxels 0.
  */
-bool label_field_make(const image_volume *image, const int *wanted, int count, int64_t specks, double smooth,
+bool label_field_make(const image_volume *image, const int *wanted, int count, int64_t specks, double smooth, bool even,
                       label_field *out);
 void label_field_free(label_field *f);
 /* image_label_fn; context is the field. */
@@ -54,6 +56,6 @@ int label_field_at(const void *field, const double p[3]);
 void label_field_project(const void *field, double p[3]);
 
 /* Fills `voxel` from `at`. Private to label_field.c. */
-bool label_field_smooth(label_field *f, double smooth);
+bool label_field_smooth(label_field *f, double smooth, bool even);
 
 #endif

@@ -10,6 +10,11 @@
 typedef struct box {
     int low[3], size[3];
 } box;
+typedef struct blur {
+    float *kernel; /* [2*reach+1] sums to 1 */
+    int reach;
+} blur;
+static const double SIGMA_SHARE = 0.28; /* of a thin label's thickness */
 
 static size_t index_of(const label_field *f, int x, int y, int z) {
     return ((size_t)z * (size_t)f->size[1] + (size_t)y) * (size_t)f->size[0] + (size_t)x;
@@ -67,48 +72,90 @@ static void enter(label_voxel *v, int label, float strength) {
     if (at < LABEL_LAYERS) v->weight[at] = weight, v->label[at] = (uint8_t)label;
 }
 
-static void blur_label(label_field *f, int label, const box *b, const float *kernel, int reach, float *value,
-                       float *line, float *total) {
+/* A label's smoothed indicator over its box, into value[]. */
+static void blur_label(const label_field *f, int label, const box *b, const blur *with, float *value, float *line) {
     float *to = value;
     for (int z = 0; z < b->size[2]; z++)
         for (int y = 0; y < b->size[1]; y++)
             for (int x = 0; x < b->size[0]; x++)
                 *to++ = f->at[index_of(f, b->low[0] + x, b->low[1] + y, b->low[2] + z)] == label;
-    for (int axis = 0; axis < 3 && reach; axis++) blur_lines(value, b, axis, kernel, reach, line);
-    to = value;
-    for (int z = 0; z < b->size[2]; z++)
-        for (int y = 0; y < b->size[1]; y++)
-            for (int x = 0; x < b->size[0]; x++, to++)
-                if (*to > 0) {
-                    const size_t i = index_of(f, b->low[0] + x, b->low[1] + y, b->low[2] + z);
-                    enter(&f->voxel[i], label, *to);
-                    total[i] += *to;
-                }
+    for (int axis = 0; axis < 3 && with->reach; axis++) blur_lines(value, b, axis, with->kernel, with->reach, line);
 }
 
-bool label_field_smooth(label_field *f, double smooth) {
+/* value[] times `share` (null: 1) onto total[], and, if asked for, into the voxels' lists. */
+static void spread(label_field *f, int label, const box *b, const float *value, const float *share, bool listed,
+                   float *total) {
+    for (int z = 0; z < b->size[2]; z++)
+        for (int y = 0; y < b->size[1]; y++)
+            for (int x = 0; x < b->size[0]; x++, value++) {
+                if (!(*value > 0)) continue;
+                const size_t i = index_of(f, b->low[0] + x, b->low[1] + y, b->low[2] + z);
+                const float strength = share ? *value * share[i] : *value;
+                if (listed) enter(&f->voxel[i], label, strength);
+                total[i] += strength;
+            }
+}
+
+static void fill_kernel(blur *with, double sigma) {
+    float sum = 0;
+    for (int k = 0; k <= 2 * with->reach; k++)
+        sum += with->kernel[k] =
+            with->reach ? (float)exp(-0.5 * (k - with->reach) * (k - with->reach) / (sigma * sigma)) : 1;
+    for (int k = 0; k <= 2 * with->reach; k++) with->kernel[k] /= sum;
+}
+
+/* A thin label gets a narrower Gaussian: a share of its thickness, 2 volume / area (voxels' faces are about 3/2 of the
+ * area that they stand for). */
+static float sigma_of(const label_field *f, int label, double smooth) {
+    const double voxel_m3 = f->spacing_m[0] * f->spacing_m[1] * f->spacing_m[2];
+    const double thick = 3 * (double)f->voxels[label] * voxel_m3 / f->face_m2[label] / cbrt(voxel_m3);
+    return (float)fmin(smooth, SIGMA_SHARE * thick);
+}
+
+/* Thin labels first; the others share what these leave of a place as they would have shared what the thin ones, as
+ * smooth as they, had left: two labels meet where each is a half, whatever their Gaussians. */
+static void smooth_all(label_field *f, double smooth, blur *with, float *const room[4], float *line) {
+    static box boxes[LABEL_MOST + 1];
+    float *value = room[0], *total = room[1], *wide = room[2], *share = room[3];
     const size_t voxels = (size_t)f->size[0] * (size_t)f->size[1] * (size_t)f->size[2];
-    const int reach = (int)ceil(3 * smooth), longest = f->size[0] > f->size[1] ? f->size[0] : f->size[1];
-    float *kernel = calloc(2 * (size_t)reach + 1, sizeof *kernel), sum = 0;
-    float *line = malloc(((size_t)(longest > f->size[2] ? longest : f->size[2]) + 2 * (size_t)reach) * sizeof *line);
-    float *value = malloc(voxels * sizeof *value), *total = calloc(voxels, sizeof *total);
-    f->voxel = calloc(voxels, sizeof *f->voxel);
-    const bool good = kernel && line && value && total && f->voxel;
-    if (good) {
-        static box boxes[LABEL_MOST + 1];
-        for (int k = 0; k <= 2 * reach; k++)
-            sum += kernel[k] = reach ? (float)exp(-0.5 * (k - reach) * (k - reach) / (smooth * smooth)) : 1;
-        for (int k = 0; k <= 2 * reach; k++) kernel[k] /= sum;
-        find_boxes(f, reach, boxes);
-        for (int l = 1; l <= f->labels; l++)
-            if (f->voxels[l]) blur_label(f, l, &boxes[l], kernel, reach, value, line, total);
-        for (size_t i = 0; i < voxels; i++)
-            if (total[i] < 1) enter(&f->voxel[i], 0, 1 - total[i]);
+    find_boxes(f, with->reach, boxes);
+    for (int l = 1; l <= f->labels; l++) {
+        if (!f->voxels[l] || (double)f->sigma[l] >= smooth) continue;
+        fill_kernel(with, smooth);
+        blur_label(f, l, &boxes[l], with, value, line);
+        spread(f, l, &boxes[l], value, NULL, false, wide);
+        fill_kernel(with, (double)f->sigma[l]);
+        blur_label(f, l, &boxes[l], with, value, line);
+        spread(f, l, &boxes[l], value, NULL, true, total);
     }
-    free(kernel);
+    for (size_t i = 0; i < voxels; i++) share[i] = (1 - fminf(total[i], 1)) / fmaxf(1 - wide[i], 1e-3f);
+    fill_kernel(with, smooth);
+    for (int l = 1; l <= f->labels; l++) {
+        if (!f->voxels[l] || (double)f->sigma[l] < smooth) continue;
+        blur_label(f, l, &boxes[l], with, value, line);
+        spread(f, l, &boxes[l], value, share, true, total);
+    }
+    for (size_t i = 0; i < voxels; i++)
+        if (total[i] < 1) enter(&f->voxel[i], 0, 1 - total[i]);
+}
+
+bool label_field_smooth(label_field *f, double smooth, bool even) {
+    const size_t voxels = (size_t)f->size[0] * (size_t)f->size[1] * (size_t)f->size[2];
+    const int longest = f->size[0] > f->size[1] ? f->size[0] : f->size[1];
+    blur with = {.reach = (int)ceil(3 * smooth)};
+    float *room[4] = {0};
+    float *line =
+        malloc(((size_t)(longest > f->size[2] ? longest : f->size[2]) + 2 * (size_t)with.reach) * sizeof *line);
+    with.kernel = calloc(2 * (size_t)with.reach + 1, sizeof *with.kernel);
+    f->voxel = calloc(voxels, sizeof *f->voxel);
+    bool good = with.kernel && line && f->voxel;
+    for (int i = 0; i < 4; i++) good = (room[i] = calloc(voxels, sizeof *room[i])) && good;
+    for (int l = 1; l <= f->labels && good; l++)
+        if (f->voxels[l]) f->sigma[l] = even ? (float)smooth : sigma_of(f, l, smooth);
+    if (good) smooth_all(f, smooth, &with, room, line);
+    for (int i = 0; i < 4; i++) free(room[i]);
+    free(with.kernel);
     free(line);
-    free(value);
-    free(total);
     return good;
 }
 

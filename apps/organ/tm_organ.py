@@ -37,7 +37,7 @@ def arguments():
     p.add_argument("--size", metavar="SIZE", help="edges of tetrahedra, such as 8mm [surface: a fourteenth of its longest side; image: by --budget]")
     p.add_argument("--budget", metavar="N", help="of an image: so many tetrahedra [10000]")
     p.add_argument("--label", action="append", default=[], metavar="N=NAME", help="of an image: this label, called so; once for each [all]. Materials go by the names")
-    p.add_argument("--smooth", metavar="S", help="of an image: how far voxels' steps are smoothed, in voxels; less keeps thin labels [1]")
+    p.add_argument("--smooth", metavar="S", help="of an image: how far voxels' steps are smoothed, in voxels; less keeps thin labels [1, and less in thin ones]")
     p.add_argument("--up", choices=("x", "y", "z", "-x", "-y", "-z"), help="where the surgeon is [image: -y, the front of a patient who lies on the back; else z]")
     p.add_argument("--no-cut", action="store_true", help="pressed alone: no cautery, and the longer steps of tissue that is never cut")
     p.add_argument("--film", metavar="WxH", default="960x540", help="the film's size [960x540]")
