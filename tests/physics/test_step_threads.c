@@ -93,6 +93,35 @@ static void the_callers_threads(void **state) {
     assert_true(calls > FRAMES);
 }
 
+/* --- between steps --- */
+
+/* The patch under a tool that presses: its columns are computed by the same threads. */
+static void patch_made_by(int32_t threads, tm_patch *patch) {
+    scene_def d = scene_def_default();
+    d.cells[0] = d.cells[1] = 12, d.cells[2] = 8, d.threads = threads;
+    d.trocar_m[0][0] = 0.1;
+    memcpy(d.tip_m[0], (double[3]){0.003, 0.004, d.size_m[2] + 0.0027}, sizeof d.tip_m[0]);
+    scene s = scene_create_full(&d, false, NULL);
+    tm_patch_def def = tm_patch_def_default();
+    tm_patch_maker *maker = NULL;
+    tm_error error;
+    scene_must(tm_stage_patch(s.world, s.contact, &def, &maker, &error), &error);
+    assert_int_equal(tm_world_parts(s.world), threads);
+    scene_frame(&s, 0, scene_pose(0.003, 0.004, d.size_m[2] - 0.0017), 0.02);
+    memset(patch, 0, sizeof *patch);
+    bool made = false;
+    for (int call = 0; call < 100; call++) made = tm_patch_make(maker, 0, patch);
+    assert_true(made);
+    scene_destroy(&s);
+}
+
+static void patches_have_the_same_bits(void **state) {
+    (void)state;
+    static tm_patch one, three;
+    patch_made_by(1, &one), patch_made_by(3, &three);
+    assert_memory_equal(&one, &three, sizeof one);
+}
+
 /* --- numbering --- */
 
 /* The block with its vertices numbered at random: nearly every edge crosses a border. */
@@ -286,6 +315,7 @@ static void threads_come_and_go(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits_for_any_number),
                                        cmocka_unit_test(the_callers_threads),
+                                       cmocka_unit_test(patches_have_the_same_bits),
                                        cmocka_unit_test(any_numbering),
                                        cmocka_unit_test(tissue_that_turns_and_relaxes),
                                        cmocka_unit_test(loops_have_the_bits_of_one),
