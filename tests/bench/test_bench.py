@@ -1,6 +1,7 @@
 """The benchmark runs whole and its JSON is complete. Never a word about how fast."""
 import json
 import math
+import re
 import subprocess
 import sys
 
@@ -42,3 +43,19 @@ def test_quick_benchmark_is_complete(build, root, tmp_path):
 def test_bad_option_is_refused(build, root):
     run = subprocess.run([build / "tests" / "bench" / "bench", "--no-such"], cwd=root, capture_output=True, text=True)
     assert run.returncode == 2 and "usage" in run.stderr
+
+
+def test_what_local_steps_could_save(bin, root):
+    """Their shortest step is that of a scene that cuts; regular tetrahedra beside some of half the size save what can be counted by hand."""
+    sys.path.insert(0, str(root / "tests/bench"))
+    import local_steps
+    import numpy as np
+    told = subprocess.run([bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--explain"], capture_output=True, text=True).stdout
+    x, tet = local_steps.read(root / "meshes/block_1k.msh")
+    step = float(re.search(r"guaranteed critical step (\S+) s", told).group(1))
+    assert abs(local_steps.own_steps(x, tet, 5e3, 0.4, 1000).min() / step - 1) < 1e-3
+    apart = np.arange(16).reshape(4, 4)  # four tetrahedra that share nothing
+    assert local_steps.ceiling(apart, np.array([1.0, 2.1, 4.5, 1.9]), 2) == (1.0, 0.75)
+    assert local_steps.ceiling(apart, np.array([1.0, 2.1, 4.5, 1.9]), 3) == (1.0, 0.6875)
+    joined = np.array([[0, 1, 2, 3], [3, 4, 5, 6]])  # by the slow one's fast vertex
+    assert local_steps.ceiling(joined, np.array([1.0, 4.0]), 3)[1] == 0.8 * 1 + 0.2 * (4 + 3 / 4) / 7
