@@ -217,10 +217,10 @@ static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now
 
 static const float FORGOTTEN = 5.0e-4f; /* a tick, of the largest force felt */
 
-/* Two laws, or two tissues of `contact`, meet without a jump: the force goes over at the pace at which the largest force
- * of the last seconds would go to nothing in blend_us. What is small is right at once. To another tissue it goes at that
- * pace whatever the hand does meanwhile, or at the law's own where that changes faster; to another law of the same
- * tissue on top of the law's own, as what is late there makes a stiff contact swing. */
+/* Two laws, or two tissues of `contact`, meet without a jump: the force goes over at the pace at which the largest
+ * force of the last seconds would go to nothing in blend_us. What is small is right at once. To another tissue it goes
+ * at that pace whatever the hand does meanwhile, or at the law's own where that changes faster; to another law of the
+ * same tissue on top of the law's own, as what is late there makes a stiff contact swing. */
 static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, float force[3]) {
     float ahead[3], moved[3], step_N = 0.0f;
     const float since_us = hrt_us(now_us - x->bridge_us);

@@ -352,8 +352,8 @@ typedef struct hrt_extrapolation {
     int64_t bridge_us; /* the last tick */
     float felt_N;      /* the largest force of the last seconds */
     uint8_t bridging;  /* 1: to another law, 2: to another tissue */
-    uint8_t changed; /* ticks for which what the force was more is measured anew */
-    bool patch_left; /* the tool went off the newest patch */
+    uint8_t changed;   /* ticks for which what the force was more is measured anew */
+    bool patch_left;   /* the tool went off the newest patch */
     bool on_patch;
     const hrt_patch *patch; /* of the newest sample that brought one */
     int64_t patch_us;

@@ -185,8 +185,8 @@ static void changing_the_law_makes_no_jump(void **state) {
         }
 }
 
-/* While the force goes over to cut tissue the tool moves on, deeper or out, slower than the force goes over or faster: a
- * tick changes it by the pace, or by what the law itself changes, never by both. */
+/* While the force goes over to cut tissue the tool moves on, deeper or out, slower than the force goes over or faster:
+ * a tick changes it by the pace, or by what the law itself changes, never by both. */
 static void going_over_while_the_tool_moves(void **state) {
     (void)state;
     const float ways[] = {0.6f, -0.6f, 2.0f, -2.0f}; /* of the pace */
