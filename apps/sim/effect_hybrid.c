@@ -86,7 +86,7 @@ const sim_effect sim_effect_hybrid = {
     .name = "hybrid",
     .doc = "`model: hybrid` asks for it: tensor/mass where the section says (that part may be cut), everything else "
            "condensed onto the interface, "
-           "quasi-static, its inside recovered once a frame. Opens the module `solve` (CHOLMOD).",
+           "quasi-static, its inside recovered when it is looked at. Opens the module `solve` (CHOLMOD).",
     .schema = {fields, sizeof fields / sizeof fields[0], sizeof(sim_solve_options)},
     .model = APP_HYBRID,
     .check = check,

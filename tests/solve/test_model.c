@@ -556,8 +556,41 @@ static void stages(void **state) {
     free_organ(&o);
 }
 
+/* The hybrid's inside is solved for when somebody looks, and a frame does not depend on whether somebody did. */
+static void looking(void **state) {
+    (void)state;
+    organ o;
+    make_organ(&o, TM_TOOL_PROBE);
+    tm_model *looked = make(&o, HYBRID), *left_alone = make(&o, HYBRID);
+    int32_t inside = -1; /* condensed, in the middle of the block */
+    for (int32_t v = 0; v < o.mesh->vertex_count && inside < 0; v++)
+        if (o.mesh->rest_m[3 * v] < -0.01 && o.mesh->rest_m[3 * v + 2] > 0.01) inside = v;
+    assert_true(inside >= 0);
+    double before = 0;
+    for (int i = 0; i < 12; i++) {
+        tm_tool_pose to = down; /* onto the condensed part, and along it */
+        to.tip_m[0] = -0.018 + 0.001 * i;
+        to.tip_m[2] = fmax(down.tip_m[2], 0.050 - 0.002 * i);
+        go(looked, &to, 1);
+        go(left_alone, &to, 1);
+        const double now = tm_model_displacement(looked)[3 * inside + 2];
+        assert_true(now != before);
+        before = now;
+    }
+    const tm_tool_reaction a = tm_model_reaction(looked, 0), b = tm_model_reaction(left_alone, 0);
+    assert_true(fix_largest(a.force_N, 3) > 0.01);
+    assert_memory_equal(a.force_N, b.force_N, sizeof a.force_N);
+    assert_true(tm_model_hash(looked) == tm_model_hash(left_alone));
+    assert_memory_equal(tm_model_displacement(looked), tm_model_displacement(left_alone),
+                        24 * (size_t)o.mesh->vertex_count);
+    tm_model_destroy(looked);
+    tm_model_destroy(left_alone);
+    free_organ(&o);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(agree),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(looking),
+                                       cmocka_unit_test(agree),
                                        cmocka_unit_test(pieces),
                                        cmocka_unit_test(snapshots),
                                        cmocka_unit_test(snapshots_of_a_hold),
