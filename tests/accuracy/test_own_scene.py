@@ -251,7 +251,8 @@ def test_bad_use(bin, root, tmp_path, arguments, says):
 def test_threads_are_what_real_time_wants_where_one_processor_is_not_enough(bin, root, tmp_path):
     short = ["--duration", "0.2 s", "--limit", "0.001 s", "--set", "threads=1"]
     liver = "apps/scenes/liver-press.yaml"
-    _, data = study(bin, root, tmp_path, *short, scene=liver)
+    run, data = study(bin, root, tmp_path, *short, scene=liver)
+    assert "touches nothing" in run.stderr and "no instrument touches" in named(data, "contact")["cannot"]
     if (os.cpu_count() or 1) < 2:
         assert "threads" not in {r["knob"] for r in data["runs"]}
         return

@@ -59,6 +59,15 @@ static int draw(const study *t) {
                          script);
 }
 
+/* Errors of a force that is not there would all be 0. */
+static void remark_untouched(const study *t) {
+    const study_run *own = &t->run[0];
+    for (int i = 0; i < own->frames * own->instruments * 3; i++)
+        if (own->force_N[i] != 0) return;
+    app_remark("%s: within %.3g s the hand touches nothing: nothing can be said of its force; take a longer --duration",
+               t->file, t->duration_s);
+}
+
 static void free_all(study *t) {
     for (int i = 0; i < t->run_count; i++) {
         study_run *r = &t->run[i];
@@ -85,6 +94,7 @@ int study_whole(study *t) {
     int rc = study_plan_own(t);
     if (!rc) rc = study_measure(t, &t->run[0]);
     if (!rc && t->run[0].failed) rc = app_bad_input(t->file, 0, "as it is, the scene %s", t->run[0].why);
+    if (!rc) remark_untouched(t);
     if (!rc) rc = study_plan(t);
     for (int i = 1; i < t->run_count && !rc; i++)
         if (strcmp(t->run[i].knob, "extrapolator")) rc = study_measure(t, &t->run[i]);
