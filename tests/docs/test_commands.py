@@ -144,6 +144,14 @@ def test_every_guide_is_in_the_site(root):
     assert listed - guides == {"c-api", "programs"}, sorted(listed - guides)
 
 
+def test_no_page_says_a_thing_twice(root):
+    """Headings of a page are different: a section that a merge left twice goes stale in one of its places."""
+    for page in pages(root):
+        headings = re.findall(r"^##+ .*$", page.read_text(), re.M)
+        twice = {h for h in headings if headings.count(h) > 1}
+        assert not twice or page.name == "scene-reference.md", f"{page.name}: {twice}"
+
+
 @pytest.mark.long
 def test_the_site_is_built_without_a_warning(root, tmp_path):
     """Guides, headers, Python and man pages, one search. Warnings are errors."""
