@@ -34,8 +34,7 @@ PYTHON_HEADERS := tensormass=libtensormass/include/tensormass.h tensormass_io=li
 PYTHON_VENV := $(OUT)/wheel/venv
 $(PYTHON_VENV)/.done: python/requirements.txt
 	@mkdir -p $(@D)
-	@/usr/bin/python3 -m venv $(@D)
-	@$(@D)/bin/pip install -q --disable-pip-version-check -r $< || { echo "make wheel: pip could not install what python/requirements.txt names; check the network or the package index" >&2; exit 2; }
+	@flock $(@D).lock sh -c '/usr/bin/python3 -m venv $(@D) && $(@D)/bin/pip install -q --disable-pip-version-check -r $<' || { echo "make wheel: pip could not install what python/requirements.txt names; check the network or the package index" >&2; exit 2; }
 	@touch $@
 #: make wheel                  the Python package: a manylinux wheel and an sdist in build/wheel/
 PYTHON_PARTS := $(shell find python libtensormass/include libtensormass/io/include haptic_rt/core/hrt.h -type f -not -name '*.pyc')

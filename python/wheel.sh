@@ -8,13 +8,24 @@ out=$(cd "$1" && pwd) python=$2
 shift 2
 top=$(cd "$(dirname "$0")/.." && pwd)
 PATH=$(dirname "$python"):$PATH
-tree=$out/wheel/tree lib=$out/wheel/lib
+tree=$out/wheel/tree lib=$out/wheel/lib made=$out/wheel/made
+# One at a time; what is there is replaced whole, at the end, so that nobody who reads it finds it gone.
+mkdir -p "$out/wheel"
+exec 9> "$out/wheel/.lock"
+flock 9
+rm -rf "$made" && mkdir -p "$made"
 # What a wheel is made of, as an sdist lays it: the package at the top, the sources of its libraries beneath.
 rm -rf "$tree" && mkdir -p "$tree"
 cd "$top"
 tar c --exclude=__pycache__ --exclude='*.png' Makefile LICENSE law libtensormass haptic_rt lcm_types apps/common apps/image/image_api.h apps/sim python tools | tar x -C "$tree"
 mv "$tree"/python/{pyproject.toml,setup.py,MANIFEST.in,README.md,tensormass} "$tree"
 cd "$tree"
+
+# replace PATTERN: what was made takes the place of what has such a name.
+replace() {
+    for old in "$out"/wheel/$1; do [ -e "$made/${old##*/}" ] || rm -f "$old"; done
+    mv -f "$made"/$1 "$out/wheel/"
+}
 
 # wheel FOLDER [OPTION...]: of the libraries in $lib, into FOLDER.
 wheel() {
@@ -26,16 +37,17 @@ BUILD
 }
 
 if [ $# -eq 0 ]; then
-    rm -rf "$out"/wheel/*linux*"_$(uname -m).whl" "$out"/wheel/*.tar.gz "$out/wheel/raw" "$lib"
-    "$python" -c 'from setuptools import build_meta; print(build_meta.build_sdist(".."))'
+    rm -rf "$lib"
+    "$python" -c 'import sys; from setuptools import build_meta; print(build_meta.build_sdist(sys.argv[1]))' "$made"
     mkdir -p "$lib" && cp "$out"/python-lib/*.so* "$lib"
     for library in "$lib"/*; do # find each other where they lie
         strip --strip-unneeded "$library"
         patchelf --set-rpath '$ORIGIN' "$library"
     done
-    wheel "$out/wheel/raw"
-    auditwheel repair --strip -w "$out/wheel" "$out"/wheel/raw/*.whl
-    rm -rf "$out/wheel/raw"
+    wheel "$made/raw"
+    auditwheel repair --strip -w "$made" "$made"/raw/*.whl
+    replace '*.tar.gz'
+    replace "*linux*_$(uname -m).whl"
     auditwheel show "$out"/wheel/*linux*"_$(uname -m).whl"
 fi
 for target; do
@@ -46,7 +58,7 @@ for target; do
     x86_64-macos) tag=macosx_11_0_x86_64 ;;
     *) echo "wheel.sh: $target: no such target; see packaging/cross.sh" >&2; exit 2 ;;
     esac
-    rm -rf "$lib" "$tree/build" "$out"/wheel/*"$tag".whl && mkdir -p "$lib"
+    rm -rf "$lib" "$tree/build" && mkdir -p "$lib"
     for name in tensormass tensormass_io tensormass_controller; do
         case $target in # under the name by which the others ask for it
         *windows) cp "$out/cross/$target/lib$name.dll" "$lib" ;;
@@ -54,7 +66,8 @@ for target; do
         esac
         compgen -G "$lib/lib$name.*" > /dev/null || { echo "wheel.sh: $out/cross/$target has no lib$name; run make cross first" >&2; exit 2; }
     done
-    wheel "$out/wheel" --plat-name "$tag"
+    wheel "$made" --plat-name "$tag"
+    replace "*$tag.whl"
 done
-rm -rf "$tree" "$lib"
+rm -rf "$tree" "$lib" "$made"
 ls -l "$out"/wheel/*.whl "$out"/wheel/*.tar.gz

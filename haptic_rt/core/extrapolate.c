@@ -222,7 +222,7 @@ static const float FORGOTTEN = 5.0e-4f; /* a tick, of the largest force felt */
  * at that pace whatever the hand does meanwhile, or at the law's own where that changes faster; to another law of the
  * same tissue on top of the law's own, as what is late there makes a stiff contact swing. */
 static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, float force[3]) {
-    float ahead[3], moved[3], step_N = 0.0f;
+    float ahead[3], step_N = 0.0f;
     const float since_us = hrt_us(now_us - x->bridge_us);
     vsub(force, x->last_N, ahead);
     x->bridge_us = now_us;
@@ -230,6 +230,7 @@ static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_u
         if (x->changed > x->bridging && x->last_valid) x->bridging = x->changed;
         x->changed--;
     } else {
+        float moved[3];
         vset(ahead, moved);
         vadd(moved, 1.0f, x->bridge_N);
         const float pace_N = x->felt_N * since_us / fmaxf(params->blend_us, 1.0f), own_N = vnorm(moved);
