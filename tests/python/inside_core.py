@@ -297,9 +297,13 @@ def test_the_interpreter_runs_while_a_world_steps():
     other.start()
     while counted[0] == 0:
         time.sleep(0)
-    before = counted[0]
-    world.step(2000)  # one call: were the lock held, nobody counted until it came back
-    during = counted[0] - before
+    most = 0
+    for _ in range(10):  # a busy machine may let the other thread wait through one call
+        before = counted[0]
+        world.step(2000)  # one call: were the lock held, nobody counted until it came back
+        most = max(most, counted[0] - before)
+        if most > 10:
+            break
     done.set()
     other.join()
-    assert during > 10
+    assert most > 10
