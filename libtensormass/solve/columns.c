@@ -47,8 +47,20 @@ int32_t *tms_columns_todo(const tms_columns *c, int32_t *count) {
     return todo;
 }
 
+tm_status tms_team_meet(const tm_solve_team *team, tm_error *error) {
+    return !team || team->meet(team->user) ? TM_OK : tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
+}
+
+tm_status tms_columns_told(const tm_solve_def *def, int32_t first, int32_t count, double start_s, tm_error *error) {
+    const double done = (double)first / count, left_s = first ? (tms_clock_s() - start_s) * (1 - done) / done : -1;
+    return tms_progress(def, "responses", done, left_s)
+               ? TM_OK
+               : tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
+}
+
 tm_status tms_columns_meet(const tms_columns *c, const tm_solve_team *team, tm_error *error) {
-    if (team && !team->meet(team->user)) return tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
+    const tm_status status = tms_team_meet(team, error);
+    if (status != TM_OK) return status;
     for (int32_t b = 0; c->part && (!team || team->rank == 0) && b < c->part->blocks; b++)
         if (!c->part->done[b])
             return tm_fail(error, TM_ERR_FILE, -1,
@@ -174,15 +186,12 @@ tm_status tms_columns_run(const tms_columns *c, const tm_solve_def *def, const t
     tm_status status = todo ? take_all(c, rank, threads, &workers, error)
                             : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for a list of blocks; use a coarser mesh");
     /* Nobody writes before all have read what is done. */
-    if (status == TM_OK && team && !team->meet(team->user)) status = tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
+    if (status == TM_OK) status = tms_team_meet(team, error);
     const double start = tms_clock_s();
     tms_process_enter(); /* all of the time: to go in and out with each block would be to switch with each */
     for (int32_t first = 0; status == TM_OK && first < count; first += step) {
-        const double done = (double)first / count;
-        if (!tms_progress(def, "responses", done, first ? (tms_clock_s() - start) * (1 - done) / done : -1))
-            status = tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
-        else
-            status = run_round(workers, threads, c, team, todo + first, count - first, error);
+        status = tms_columns_told(def, first, count, start, error);
+        if (status == TM_OK) status = run_round(workers, threads, c, team, todo + first, count - first, error);
     }
     tms_process_leave();
     if (status == TM_OK) status = tms_columns_meet(c, team, error);

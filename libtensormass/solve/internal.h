@@ -141,6 +141,10 @@ void *tms_columns_place(const tms_columns *columns, int32_t block);
 void tms_columns_store(const tms_columns *columns, void *out, int64_t at, double x);
 /* Notes a solved block; of ranks above 0: writes it. */
 bool tms_columns_put(const tms_columns *columns, int32_t block, const void *data);
+/* Waits for the other ranks; null: there are none. */
+tm_status tms_team_meet(const tm_solve_team *team, tm_error *error);
+/* Before block `first` of `count`, begun at `start_s`: tells how far it is; fails where the caller wants to stop. */
+tm_status tms_columns_told(const tm_solve_def *def, int32_t first, int32_t count, double start_s, tm_error *error);
 /* Waits for the other ranks, and sees on rank 0 that all was done. */
 tm_status tms_columns_meet(const tms_columns *columns, const tm_solve_team *team, tm_error *error);
 tm_status tms_columns_run(const tms_columns *columns, const tm_solve_def *def, const tm_solve_team *team,

@@ -178,8 +178,7 @@ static tm_status open_part(const tms_request *q, tms_file_write *file, const tms
                            bool need, tms_part *part, char why[160], tm_error *error) {
     const bool first = !q->team || q->team->rank == 0;
     tm_status status = first ? reserve(q, file, head, bytes, need, part, why, error) : TM_OK;
-    if (status == TM_OK && q->team && !q->team->meet(q->team->user))
-        status = tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
+    if (status == TM_OK) status = tms_team_meet(q->team, error);
     return status != TM_OK || first ? status : tms_part_join(part, q->file, head, error);
 }
 

@@ -34,15 +34,12 @@ tm_status tms_shared_columns(const tms_columns *c, const tm_solve_def *def, cons
     if (status != TM_OK)
         tm_fail(error, status, -1, "no memory to solve %d columns at a time; use a coarser mesh", TMS_BLOCK);
     for (int32_t i = 0; status == TM_OK && i < c->kept_count; i++) row[i] = c->system->index[c->kept[i]];
-    if (status == TM_OK && !team->meet(team->user)) status = tm_fail(error, TM_ERR_FILE, -1, "a rank is gone");
+    if (status == TM_OK) status = tms_team_meet(team, error);
     const double start = tms_clock_s();
     for (int32_t first = 0; status == TM_OK && first < count; first += team->count) {
-        const double done = (double)first / count;
         const int32_t mine = first + team->rank;
-        if (!tms_progress(def, "responses", done, first ? (tms_clock_s() - start) * (1 - done) / done : -1)) {
-            status = tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
-            break;
-        }
+        status = tms_columns_told(def, first, count, start, error);
+        if (status != TM_OK) break;
         ask(c, todo + first, count - first, team->count, unit);
         if (!team->shared->solve(team->user, unit, TMS_BLOCK, row, c->kept_count, x))
             status = tm_fail(error, TM_ERR_CONVERGENCE, -1, "the shared factor did not solve a block of columns");
