@@ -122,22 +122,13 @@ static uint64_t checksum(const char *buffer, int64_t bytes) {
     return tm_hash(buffer + sizeof(kept), (size_t)bytes - sizeof(kept), TM_HASH_SEED);
 }
 
-static bool keeps_nothing(const tm_model *m, tm_error *error) {
-    if (!of(m)->model->local.rub) return false;
-    tm_fail(error, TM_ERR_EXCLUDED, -1,
-            "what sticks and slips is not in a snapshot of this model; take the dynamic one");
-    return true;
-}
-
 static int64_t snapshot_bytes(const tm_model *m) {
-    if (of(m)->model->local.rub) return 0;
     return (int64_t)sizeof(kept) + tms_precomputed_snapshot(of(m)->model, NULL);
 }
 
 static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *error) {
     const quasi *q = of(m);
     kept k = {.time_s = q->time_s};
-    if (keeps_nothing(m, error)) return TM_ERR_EXCLUDED;
     if (bytes < snapshot_bytes(m))
         return tm_fail(error, TM_ERR_ARGUMENT, -1, "room for %lld bytes, and the snapshot has %lld; give that many",
                        (long long)bytes, (long long)snapshot_bytes(m));
@@ -154,7 +145,6 @@ static tm_status save(const tm_model *m, void *buffer, int64_t bytes, tm_error *
 static tm_status restore(tm_model *m, const void *buffer, int64_t bytes, tm_error *error) {
     quasi *q = of(m);
     kept k;
-    if (keeps_nothing(m, error)) return TM_ERR_EXCLUDED;
     if (bytes >= (int64_t)sizeof k) memcpy(&k, buffer, sizeof k);
     if (bytes < (int64_t)sizeof k || memcmp(k.magic, magic, sizeof magic) || k.checksum != checksum(buffer, bytes))
         return tm_fail(error, TM_ERR_FILE, -1,

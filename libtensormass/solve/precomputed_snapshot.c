@@ -1,6 +1,7 @@
 /* What a precomputed model must keep to go on with the same bits: where its tools are, what hands and jaws hold, the
- * last solution's rows and forces, and what the on-line system keeps between solves (local_snapshot.c). The surface's
- * shape is their sum, and made anew. One walk counts, writes and reads, so that none can forget a member. */
+ * last solution's rows and forces, what sticks and slips (rub.c), and what the on-line system keeps between solves
+ * (local_snapshot.c). The surface's shape is their sum, and made anew. One walk counts, writes and reads, so that none
+ * can forget a member. */
 #include <math.h>
 #include <string.h>
 
@@ -132,11 +133,60 @@ static void pass_solution(stream *s, tms_local *l) {
     }
 }
 
-/* Of the same responses, and of as much room for what lies on them. */
+/* What friction did in the last solution: of rows that were read before it. */
+static void pass_grips(stream *s, tms_look *look) {
+    pass_int(s, &look->grip_count, 0, look->count);
+    for (int32_t k = 0; k < look->grip_count && !s->bad; k++) {
+        tms_grip *g = &look->grip[k];
+        pass_int(s, &g->first, 0, look->count - 1);
+        pass_int(s, &g->count, 1, look->count - g->first);
+        pass_bool(s, &g->slips);
+        pass_numbers(s, &g->bears_N, 1);
+        pass_numbers(s, &g->pressed_N, 1);
+        pass_numbers(s, g->normal, 3);
+        pass_numbers(s, g->force_N, 3);
+        pass_numbers(s, &g->stretch_N, 1);
+    }
+}
+
+/* Where the vertices were that ways are counted from, by ascending vertex. */
+static void pass_known(stream *s, tms_rub *rub, int32_t vertex_count) {
+    int32_t count = 0, v = -1;
+    for (int32_t i = 0; i < vertex_count; i++) count += rub->known[i] == rub->solution;
+    pass_int(s, &count, 0, vertex_count);
+    if (s->way == READ) rub->solution++; /* none is known */
+    for (int32_t i = 0; i < count && !s->bad; i++) {
+        v++;
+        while (s->way != READ && rub->known[v] != rub->solution) v++;
+        pass_int(s, &v, v, vertex_count - 1);
+        if (s->bad) return;
+        pass_numbers(s, rub->u_m + 3 * (int64_t)v, 3);
+        rub->known[v] = rub->solution;
+    }
+}
+
+static void pass_rub(stream *s, tms_local *l) {
+    tms_rub *rub = l->rub;
+    for (int32_t t = 0; t < l->tool_count; t++) {
+        for (int32_t k = 0; k < TMS_STATIONS; k++) {
+            tms_rubbed *was = &rub->rubbed[t][k];
+            pass_numbers(s, was->force_N, 3);
+            pass_numbers(s, &was->rest, 1);
+            s->bad |= s->way == READ && !(was->rest >= 0 && was->rest <= 1);
+        }
+        pass_numbers(s, rub->capsule[t].tip_m, 3);
+        pass_numbers(s, rub->capsule[t].tail_m, 3);
+    }
+    pass_grips(s, &l->now);
+    if (!s->bad) pass_known(s, rub, l->mesh->vertex_count);
+}
+
+/* Of the same responses, and of as much room for what lies on them, with friction or without. */
 static uint64_t key_of(const tm_precomputed *m) {
     const tms_responses *r = &m->responses;
     const tms_local *l = &m->local;
-    const int32_t size[] = {l->tool_count, l->capacity, l->def.max_rows, l->grasp.max_vertices, (int32_t)r->precision};
+    const int32_t size[] = {l->tool_count,         l->capacity,           l->def.max_rows,
+                            l->grasp.max_vertices, (int32_t)r->precision, l->rub != NULL};
     uint64_t key = tm_hash(r->kept, sizeof *r->kept * (size_t)r->kept_count, TM_HASH_SEED);
     key = tm_hash(r->base_m, sizeof *r->base_m * (size_t)r->kept_count, key);
     return tm_hash(size, sizeof size, key);
@@ -151,6 +201,7 @@ static void walk(stream *s, tm_precomputed *m) {
     pass_local(s, &m->local);
     if (!s->bad) pass_pins(s, &m->local);
     if (!s->bad) pass_solution(s, &m->local);
+    if (!s->bad && m->local.rub) pass_rub(s, &m->local);
 }
 
 int64_t tms_precomputed_snapshot(const tm_precomputed *model, void *buffer) {

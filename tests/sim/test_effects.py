@@ -109,8 +109,9 @@ def test_a_snapshot_of_a_hybrid_goes_on_with_the_same_bits(bin, root, tmp_path):
         assert (tmp_path / "whole.csv").read_text().endswith((tmp_path / "rest.csv").read_text().split("\n", 1)[1])
 
 
-def test_a_precomputed_snapshot_goes_on_with_the_same_bits(bin, root, tmp_path):
-    scene = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--unset", "haptics", "--set", "model=precomputed"]
+@pytest.mark.parametrize("friction", [[], ["--set", "friction="]], ids=["", "friction"])
+def test_a_precomputed_snapshot_goes_on_with_the_same_bits(bin, root, tmp_path, friction):
+    scene = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--unset", "haptics", "--set", "model=precomputed", *friction]
     state, keys = tmp_path / "state.tms", dict(tmp=tmp_path, env={"TM_CACHE_DIR": str(tmp_path)})
     whole = report(*scene, "--samples", tmp_path / "whole.csv", **keys)
     report(*scene, "--snapshot-at", "1.2 s", "--snapshot", state, **keys)
@@ -158,6 +159,15 @@ def test_excluded_effects_are_refused_with_both_lines(bin, root, tmp_path):
     assert "either a region or a box" in said
     _, said = run(bin / "tm-sim", scene, "--check", "--set", "model=hybrid", "--unset", "cut", "--set", "hybrid.region=spleen", code=2)
     assert "no tetrahedron" in said
+
+
+def test_friction_is_refused_by_the_hybrid_model_with_both_lines(bin, root, tmp_path):
+    scene = block_scene(tmp_path, root, "model: hybrid\nhybrid:\n  box: {min: [-1, -1, 0], max: [1, 1, 20 mm]}\ninstruments:\n  - trocar: [50 mm, 50 mm, 18 cm]\ncontact:\nfriction:\n")
+    _, said = run(bin / "tm-sim", scene, "--check", code=2)
+    assert said.startswith(f"{scene}:14: friction and hybrid ({scene}:8) exclude each other") and "write 'model: dynamic' or 'model: precomputed'" in said, said
+    run(bin / "tm-sim", scene, "--check", "--unset", "friction")
+    for model in ("dynamic", "precomputed"):
+        run(bin / "tm-sim", scene, "--check", "--set", f"model={model}", "--unset", "hybrid")
 
 
 def test_volume_is_refused_where_it_cannot_be_with_both_lines(bin, root, tmp_path):

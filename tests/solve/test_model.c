@@ -316,6 +316,61 @@ static void snapshot_before_letting_go(void **state) {
     free_organ(&o);
 }
 
+/* How far across its normal the only tool is held back. */
+static double held_back_N(tm_model *model) { return fabs(tm_model_reaction(model, 0).force_N[0]); }
+
+/* While the probe sticks and while it slides: what its skin is stretched by goes on with the same bits, in patches
+ * too. */
+static void snapshots_of_friction(void **state) {
+    (void)state;
+    organ o;
+    tm_error error;
+    tm_friction_def friction = tm_friction_def_default();
+    make_organ(&o, TM_TOOL_PROBE);
+    tm_model *without = make(&o, PRECOMPUTED);
+    friction.instrument[0] = (tm_friction_coefficient){.at_rest = 0.4, .sliding = 0.2};
+    o.def.friction = &friction;
+    tm_model *model = make(&o, PRECOMPUTED), *other = make(&o, PRECOMPUTED), *third = make(&o, PRECOMPUTED);
+    static tm_patch a, b;
+    tm_tool_pose at = down;
+    for (int i = 0; i < 3; i++) allow_patches(&o, i == 0 ? model : i == 1 ? other : third);
+    go(other, &at, 2); /* rubs there too, on its own account */
+    go(model, &above, 1);
+    go(model, &at, 4);
+    at.tip_m[0] += 0.0001;
+    go(model, &at, 1); /* stretched, and sticks */
+    const double stuck = held_back_N(model);
+    assert_true(stuck > 0.01);
+    hand_over(model, other);
+    assert_true(get_patch(model, &a) && get_patch(other, &b));
+    assert_memory_equal(&a, &b, sizeof a);
+    go_on_alike(model, other, &at, 3);
+    assert_true(fabs(held_back_N(model) - stuck) < 1e-3 * stuck);
+    for (int i = 0; i < 6; i++) {
+        at.tip_m[0] -= 0.0005;
+        go_on_alike(model, other, &at, 1);
+    }
+    const double slid = held_back_N(model);
+    assert_true(slid > 0.01);
+    hand_over(other, third); /* slides */
+    for (int i = 0; i < 4; i++) {
+        at.tip_m[i % 2] += 0.0006;
+        go_on_alike(model, third, &at, 1);
+        go(other, &at, 1);
+        assert_true(get_patch(model, &a) && get_patch(third, &b));
+        assert_memory_equal(&a, &b, sizeof a);
+    }
+    /* one of a model without friction is none of this one */
+    const int64_t bytes = tm_model_snapshot_bytes(without);
+    unsigned char *buffer = malloc((size_t)bytes);
+    fix_ok(tm_model_save(without, buffer, bytes, &error), &error);
+    assert_int_not_equal(tm_model_restore(model, buffer, bytes, &error), TM_OK);
+    assert_true(tm_model_hash(model) == tm_model_hash(third));
+    free(buffer);
+    tm_model_destroy(without), tm_model_destroy(model), tm_model_destroy(other), tm_model_destroy(third);
+    free_organ(&o);
+}
+
 /* A reaction that is no solution is told as none by who goes on from it. */
 static void snapshot_of_no_solution(void **state) {
     (void)state;
@@ -472,6 +527,10 @@ static void errors(void **state) {
     make_organ(&o, TM_TOOL_CAUTERY);
     const int64_t before = tm_memory_in_use();
     refused(&o, PRECOMPUTED, TM_ERR_EXCLUDED, "cut");
+    const tm_friction_def friction = tm_friction_def_default();
+    o.def.friction = &friction;
+    refused(&o, HYBRID, TM_ERR_EXCLUDED, "friction");
+    o.def.friction = NULL;
     o.def.contact = NULL;
     for (int m = 0; m < MODELS; m++) refused(&o, m, TM_ERR_ARGUMENT, "cut");
     o.def.cut = NULL;
@@ -595,6 +654,7 @@ int main(void) {
                                        cmocka_unit_test(snapshots),
                                        cmocka_unit_test(snapshots_of_a_hold),
                                        cmocka_unit_test(snapshot_before_letting_go),
+                                       cmocka_unit_test(snapshots_of_friction),
                                        cmocka_unit_test(snapshot_of_no_solution),
                                        cmocka_unit_test(rest),
                                        cmocka_unit_test(cut_organ),
