@@ -1,9 +1,12 @@
-"""Shared by every Python test: where the build is, and the last line `N passed, N failed, N skipped`."""
+"""Shared by every Python test: where the build is, the last line `N passed, N failed, N skipped`, and the names of what failed for tests/run.py."""
+import json
 import os
 
 import pytest
 from paths import BUILD, LONG, ROOT
 from patience import pytest_runtest_protocol  # noqa: F401 (a hook)
+
+FAILED_JSON = os.environ.pop("TM_FAILED", os.devnull)  # not for a pytest that a test starts
 
 
 @pytest.fixture(scope="session")
@@ -32,6 +35,8 @@ def pytest_unconfigure(config):
         return
     count = {k: len(reporter.stats.get(k, [])) for k in ("passed", "failed", "error", "skipped")}
     print(f"{count['passed']} passed, {count['failed'] + count['error']} failed, {count['skipped']} skipped", flush=True)
+    with open(FAILED_JSON, "w") as names:
+        json.dump([report.nodeid for kind in ("failed", "error") for report in reporter.stats.get(kind, [])], names)
 
 
 @pytest.fixture(scope="session")

@@ -11,7 +11,7 @@ def page(bin, root, once):
     def make(out):
         figures = out / "figures.json"
         subprocess.run([bin / "tm-accuracy", "--quick", "--json", figures], cwd=root, check=True, timeout=600)
-        subprocess.run([sys.executable, root / "apps/studies/accuracy/page.py", figures, "-o", out], check=True, timeout=300)
+        subprocess.run([sys.executable, root / "apps/studies/accuracy/page.py", figures, "-o", out], check=True, timeout=900)
 
     out = once("accuracy", make)
     return out, json.loads((out / "accuracy.json").read_text())
@@ -123,7 +123,7 @@ def test_leaving_fibres_out_is_worse_than_the_mesh(page):
 def test_bad_use(bin, root, tmp_path, arguments, says):
     if "--reference" not in arguments:
         arguments = [*arguments, "--reference", root / "apps/studies/accuracy/reference/reference.json"]
-    run = subprocess.run([bin / "tm-accuracy", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    run = subprocess.run([bin / "tm-accuracy", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=400)
     assert run.returncode == 2, run
     assert says in run.stderr
     assert not list(tmp_path.iterdir())

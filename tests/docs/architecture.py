@@ -91,7 +91,7 @@ def symbols(build, files):
     """{file: (defined, undefined)} of the objects of these sources."""
     objects = {build / "obj" / (os.path.splitext(name)[0] + ".o"): name for name in files if not name.endswith(".h")}
     there = [o for o in objects if o.exists()]
-    out = subprocess.run(["nm", "-A", "-P", *there], capture_output=True, text=True, check=True, timeout=120).stdout
+    out = subprocess.run(["nm", "-A", "-P", *there], capture_output=True, text=True, check=True, timeout=400).stdout
     found = {objects[o]: (set(), set()) for o in there}
     for line in out.splitlines():
         place, symbol, kind = line.split()[:3]
@@ -126,7 +126,7 @@ def outside_uses(root, build, page, arrows):
     """Sentences on symbols that the page does not allow. Of a library, others may use what a public header declares and the library exports."""
     exported, headers = set(), {}
     for include, library in PUBLIC.values():
-        listed = subprocess.run(["nm", "-D", "--defined-only", build / "lib" / library], capture_output=True, text=True, check=True, timeout=60).stdout
+        listed = subprocess.run(["nm", "-D", "--defined-only", build / "lib" / library], capture_output=True, text=True, check=True, timeout=300).stdout
         exported |= {line.split()[2] for line in listed.splitlines()}
         headers |= {p.relative_to(root).as_posix(): set(re.findall(r"\b\w+\b", p.read_text())) for p in (root / include).rglob("*.h")}
     for (a, b), names in sorted(arrows.items()):
@@ -171,7 +171,7 @@ def circles(arrows):
 
 def link_lines(root):
     """{target: (folders' objects, libraries)} of everything that make links, archives opened."""
-    run = subprocess.run(["make", "-Bn", "programs"], cwd=root, capture_output=True, text=True, timeout=120)
+    run = subprocess.run(["make", "-Bn", "programs"], cwd=root, capture_output=True, text=True, timeout=400)
     assert run.returncode == 0, run.stderr
     parts, libraries = {}, {}
     for line in run.stdout.splitlines():

@@ -71,8 +71,8 @@ def options(bin):
 
     def of(name):
         if name not in known:
-            told = help_text.read(subprocess.run([bin / name, "--help"], capture_output=True, text=True, check=True, timeout=20).stdout)
-            helps = [told.text] + [subprocess.run([bin / name, c, "--help"], capture_output=True, text=True, check=True, timeout=20).stdout for c in told.commands]
+            told = help_text.read(subprocess.run([bin / name, "--help"], capture_output=True, text=True, check=True, timeout=120).stdout)
+            helps = [told.text] + [subprocess.run([bin / name, c, "--help"], capture_output=True, text=True, check=True, timeout=120).stdout for c in told.commands]
             known[name] = set(re.findall(r"(?<![\w-])--?[A-Za-z][\w-]*", "\n".join(helps)))
         return known[name]
     return of
@@ -132,7 +132,7 @@ def test_scenes_are_taken_as_they_are_given(root, bin):
                 tried.add((scene, *sets))
     assert len(tried) >= 2, "the pages show scenes"
     for scene, *sets in sorted(tried):
-        run = subprocess.run([bin / "tm-sim", scene, "--check", "--quiet", *sets], cwd=root, capture_output=True, text=True, timeout=120)
+        run = subprocess.run([bin / "tm-sim", scene, "--check", "--quiet", *sets], cwd=root, capture_output=True, text=True, timeout=400)
         assert run.returncode == 0, f"{scene} {sets}: {run.stderr}"
 
 

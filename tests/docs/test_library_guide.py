@@ -12,8 +12,8 @@ def run_example(root, build, folder, compiler, number, libraries, words=(), code
     source, program = folder / "example.c", folder / "example"
     source.write_text(text)
     subprocess.run([*compiler, "-Wall", "-Wextra", "-Werror", f"-I{root}/libtensormass/include", f"-I{root}/libtensormass/io/include", source, "-x", "none", *libraries, build / "lib" / "libtensormass.a", "-lm",
-                    "-o", program], check=True, timeout=120)
-    run = subprocess.run([program, *words], capture_output=True, text=True, timeout=120)
+                    "-o", program], check=True, timeout=400)
+    run = subprocess.run([program, *words], capture_output=True, text=True, timeout=400)
     assert run.returncode == code and (run.stderr == "") == (code == 0)
     return run.stdout + run.stderr
 

@@ -17,7 +17,7 @@ def insert(path, row, new):
     path.write_text(text.replace(row, row + new))
 
 
-def run(*command, cwd=None, code=0, timeout=200):
+def run(*command, cwd=None, code=0, timeout=600):
     result = subprocess.run([str(c) for c in command], cwd=cwd, capture_output=True, text=True, timeout=timeout)
     assert result.returncode == code, result.stdout + result.stderr
     return result.stdout + result.stderr

@@ -21,7 +21,7 @@ EXCLUDED = [("rotation", "model", "precomputed"), ("rotation", "model", "hybrid"
 def check(bin, root, tmp_path, text):
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE.format(root=root) + text)
-    done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=120)
+    done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=400)
     return scene, done.returncode, done.stderr
 
 

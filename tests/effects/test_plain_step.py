@@ -17,7 +17,7 @@ def callgrind(program, tmp_path, mode, frames, *options):
         pytest.skip("valgrind is not installed; tools/setup.sh check")
     out = tmp_path / f"{mode}-{frames}"
     run = subprocess.run(["valgrind", "--tool=callgrind", f"--callgrind-out-file={out}", *options, program, mode, str(frames)],
-                         capture_output=True, text=True, timeout=300)
+                         capture_output=True, text=True, timeout=900)
     assert run.returncode == 0, run.stderr[-3000:]
     names, cost, current, of_a_call = {}, {}, None, False
     for line in out.read_text().splitlines():

@@ -12,7 +12,7 @@ NAMES = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_pos
 @pytest.fixture(scope="module")
 def logs(bin, root, once):
     def make(out):
-        subprocess.run([bin / "tm-evaluate", "--generate", out, "--model", "precomputed"], cwd=root, check=True, timeout=300)
+        subprocess.run([bin / "tm-evaluate", "--generate", out, "--model", "precomputed"], cwd=root, check=True, timeout=900)
 
     return once("evaluate-logs", make)
 
@@ -21,15 +21,15 @@ def logs(bin, root, once):
 def page(bin, root, once):
     def make(out):
         subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--model", "precomputed", "--json", out / "figures.json"], cwd=root, check=True, timeout=900)
-        subprocess.run([bin / "tm-stability", "--quick", "--case", "spike-100mm", "--case", "replays", "--json", out / "torture.json"], cwd=root, check=True, timeout=300)
-        subprocess.run([sys.executable, root / "apps/studies/evaluate/page.py", out / "figures.json", "-o", out, "--torture", out / "torture.json"], check=True, timeout=300)
+        subprocess.run([bin / "tm-stability", "--quick", "--case", "spike-100mm", "--case", "replays", "--json", out / "torture.json"], cwd=root, check=True, timeout=900)
+        subprocess.run([sys.executable, root / "apps/studies/evaluate/page.py", out / "figures.json", "-o", out, "--torture", out / "torture.json"], check=True, timeout=900)
 
     out = once("evaluate-study", make)
     return out, json.loads((out / "evaluate.json").read_text())
 
 
 def figures(bin, root, tmp_path, *arguments):
-    subprocess.run([bin / "tm-evaluate", *arguments, "--json", tmp_path / "e.json"], cwd=root, check=True, timeout=120)
+    subprocess.run([bin / "tm-evaluate", *arguments, "--json", tmp_path / "e.json"], cwd=root, check=True, timeout=400)
     return json.loads((tmp_path / "e.json").read_text())["logs"]
 
 
@@ -134,8 +134,8 @@ def test_every_instrument_and_the_longest_session_of_its_controller(bin, root, b
 def test_tangent_and_contact_say_what_they_lack(bin, root, tmp_path):
     """A session of `position` sends neither stiffness nor patches: what ran as `broyden` is not shown as theirs."""
     subprocess.run([bin / "tm-sim", root / "apps/scenes/liver-press.yaml", "--lockstep", "--duration", "2 s", "--set", "haptics.extrapolator=position", "--record", tmp_path / "s.lcm"],
-                   check=True, timeout=120, capture_output=True)
-    run = subprocess.run([bin / "tm-evaluate", tmp_path / "s.lcm", "--json", tmp_path / "e.json"], cwd=root, capture_output=True, text=True, timeout=60)
+                   check=True, timeout=400, capture_output=True)
+    run = subprocess.run([bin / "tm-evaluate", tmp_path / "s.lcm", "--json", tmp_path / "e.json"], cwd=root, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
     assert [line.split()[0] for line in run.stdout.splitlines() if "not in this log" in line] == ["tangent", "contact"]
     one, = json.loads((tmp_path / "e.json").read_text())["logs"]
@@ -157,7 +157,7 @@ def test_a_log_in_which_nothing_can_be_judged_is_refused(bin, root, build, logs,
 
     log = rewrite(root, build, logs / "precomputed-tour.lcm", tmp_path / "bad.lcm", change)
     (tmp_path / "e.json").write_text("old")
-    run = subprocess.run([bin / "tm-evaluate", log, "--json", tmp_path / "e.json"], cwd=root, capture_output=True, text=True, timeout=60)
+    run = subprocess.run([bin / "tm-evaluate", log, "--json", tmp_path / "e.json"], cwd=root, capture_output=True, text=True, timeout=300)
     assert run.returncode == 2 and says in run.stderr, run
     assert (tmp_path / "e.json").read_text() == "old"
 
@@ -195,7 +195,7 @@ def test_the_page_sets_aims_beside_figures(page):
 
 def test_two_cauteries_never_push_harder_than_tissue_does(bin, root, tmp_path):
     """Random cutting with `contact`: nothing above the truth's peak by more than a tenth, in time and late."""
-    subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--quiet", "--part", "cutting", "--model", "isotropic", "--json", tmp_path / "c.json"], cwd=root, check=True, timeout=300)
+    subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--quiet", "--part", "cutting", "--model", "isotropic", "--json", tmp_path / "c.json"], cwd=root, check=True, timeout=900)
     rows = json.loads((tmp_path / "c.json").read_text())["cutting"]
     contact = {(r["latency_frames"], r["instrument"]): r for r in rows if r["extrapolator"] == "contact"}
     assert set(contact) == {(late, hand) for late in (0, 1, 2) for hand in (0, 1)} and all(r["cut"] > 50 and r["judged"] > 3000 for r in rows)
@@ -219,7 +219,7 @@ def test_the_loop_is_stable_where_theory_says_so_and_further(page):
 
 def test_the_loop_is_stable_on_cut_tissue_too(bin, root, tmp_path):
     """Measured 13.7 times hold's stiffness."""
-    subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--part", "tissue-loop", "--model", "cut", "--json", tmp_path / "loop.json"], cwd=root, check=True, timeout=300)
+    subprocess.run([bin / "tm-evaluate", "--study", "--quick", "--part", "tissue-loop", "--model", "cut", "--json", tmp_path / "loop.json"], cwd=root, check=True, timeout=900)
     at = {r["extrapolator"]: r["stiffness_N_m"] for r in json.loads((tmp_path / "loop.json").read_text())["tissue-loop"]}
     assert 300 < at["hold"] < 2000 and at["contact"] > 10 * at["hold"]
 
@@ -236,14 +236,14 @@ def test_the_loop_is_stable_on_cut_tissue_too(bin, root, tmp_path):
     (["--frobnicate"], "unknown or incomplete option"),
 ])
 def test_bad_use(bin, tmp_path, arguments, says):
-    run = subprocess.run([bin / "tm-evaluate", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    run = subprocess.run([bin / "tm-evaluate", *arguments], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert run.returncode == 2 and says in run.stderr, run
     assert not list(tmp_path.iterdir())
 
 
 def test_a_log_without_samples_is_refused(bin, tmp_path):
     (tmp_path / "empty.lcm").write_bytes(b"")
-    run = subprocess.run([bin / "tm-evaluate", tmp_path / "empty.lcm"], capture_output=True, text=True, timeout=60)
+    run = subprocess.run([bin / "tm-evaluate", tmp_path / "empty.lcm"], capture_output=True, text=True, timeout=300)
     assert run.returncode == 2 and "TOOL_0" in run.stderr
 
 
@@ -291,7 +291,7 @@ def test_a_cautery_errs_where_it_cut_after_its_sample(hands, late):
 
 def test_a_run_of_the_study_replays_to_the_bit(bin, root, hands, tmp_path):
     """Exact columns come from a factor that is updated as tissue goes; in lockstep all of it is the same again."""
-    subprocess.run([bin / "tm-evaluate", "--study", "--model", "isotropic", "--path", "same-hand-cuts", "--json", tmp_path / "again.json"], cwd=root, check=True, timeout=300)
+    subprocess.run([bin / "tm-evaluate", "--study", "--model", "isotropic", "--path", "same-hand-cuts", "--json", tmp_path / "again.json"], cwd=root, check=True, timeout=900)
     again = [r for r in json.loads((tmp_path / "again.json").read_text())["rates"]["rows"] if r["path"] == "same-hand-cuts"]
     assert len(again) >= 3 * len(NAMES)
     for r in again:

@@ -83,7 +83,7 @@ def peek(cpu, elf, addresses, times, pause_s):
         for address in addresses:
             machine.stdin.write(f"xp /1wx {address:#x}\n")
         machine.stdin.flush()
-    text, _ = machine.communicate("quit\n", timeout=60)
+    text, _ = machine.communicate("quit\n", timeout=300)
     words = [int(word, 16) for word in re.findall(r"^[0-9a-f]{8,16}: 0x([0-9a-f]{8})", text, re.M)]
     assert len(words) == times * len(addresses), text[-2000:]
     return [words[i : i + len(addresses)] for i in range(0, len(words), len(addresses))]

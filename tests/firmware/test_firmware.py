@@ -42,9 +42,9 @@ def built():
 def recordings(built, once):
     """variant -> (directory with replay.in, the host's replay.out), made by one worker for all."""
     def make(directory, variant, vertices):
-        subprocess.run([built / "record", directory / "replay.in", str(TICKS), str(vertices)], check=True, timeout=300)
+        subprocess.run([built / "record", directory / "replay.in", str(TICKS), str(vertices)], check=True, timeout=900)
         program = built / ("replay_plain" if variant == "plain" else "replay_contact")
-        subprocess.run([program], cwd=directory, check=True, timeout=300)
+        subprocess.run([program], cwd=directory, check=True, timeout=900)
 
     return {variant: once("firmware-" + variant, lambda directory, v=variant, n=vertices: make(directory, v, n)) for variant, vertices in VARIANTS.items()}
 

@@ -29,7 +29,7 @@ def run_once(program, build, seconds, runs, seed):
     corpus.mkdir(parents=True, exist_ok=True)
     findings.mkdir(parents=True, exist_ok=True)
     seeds = HERE / "corpus" / name
-    command = [program, "-print_final_stats=1", "-close_fd_mask=3", "-rss_limit_mb=1500", "-timeout=60", f"-artifact_prefix={findings}/", f"-seed={seed}"]
+    command = [program, "-print_final_stats=1", "-close_fd_mask=3", "-rss_limit_mb=1500", "-timeout=300", f"-artifact_prefix={findings}/", f"-seed={seed}"]
     command += [f"-runs={runs}"] if runs else [f"-max_total_time={seconds}"]
     command += [corpus]  # first: libFuzzer writes what it finds new into it
     command += [seeds] if seeds.is_dir() else []

@@ -28,11 +28,11 @@ def state_hash(root, once, name, command, story):
 
     def compiled(folder):
         sources = [library(root, LIBRARY[name])] if name in LIBRARY else sorted(str(p.relative_to(root)) for p in (root / "libtensormass" / "src").rglob("*.c"))
-        build = subprocess.run([*command, *COMMON, "tests/hash/state_hash.c", *sources, "-lm", "-o", folder / "state_hash"], cwd=root, capture_output=True, text=True, timeout=300)
+        build = subprocess.run([*command, *COMMON, "tests/hash/state_hash.c", *sources, "-lm", "-o", folder / "state_hash"], cwd=root, capture_output=True, text=True, timeout=900)
         assert build.returncode == 0, build.stderr[-4000:]
 
     program = once("hash-" + name.replace(" ", ""), compiled) / "state_hash"
-    said = [subprocess.run([program, *story], cwd=root, capture_output=True, text=True, timeout=300, check=True).stdout.strip() for _ in range(2)]
+    said = [subprocess.run([program, *story], cwd=root, capture_output=True, text=True, timeout=900, check=True).stdout.strip() for _ in range(2)]
     assert said[0] == said[1], f"{name}: two runs differ"
     assert len(said[0]) == 16
     return said[0]

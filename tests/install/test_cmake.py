@@ -34,7 +34,7 @@ message(STATUS "found: ${tensormass_FOUND} ${tensormass_NOT_FOUND_MESSAGE}")
 
 
 def run(*words, code=0, cwd=None):
-    out = subprocess.run([str(w) for w in words], capture_output=True, text=True, env=ENVIRONMENT, timeout=300, cwd=cwd)
+    out = subprocess.run([str(w) for w in words], capture_output=True, text=True, env=ENVIRONMENT, timeout=900, cwd=cwd)
     assert out.returncode == code, out.stdout[-4000:] + out.stderr[-4000:]
     return out.stdout + out.stderr
 

@@ -40,7 +40,7 @@ def build(prefix, root, tmp_path, compiler, *extra):
 
 @pytest.mark.parametrize("compiler", ["gcc", "g++", "clang"])
 def test_a_program_outside_the_tree_simulates_a_block(prefix, root, tmp_path, compiler):
-    run = subprocess.run([build(prefix, root, tmp_path, compiler)], capture_output=True, text=True, timeout=60)
+    run = subprocess.run([build(prefix, root, tmp_path, compiler)], capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
     sag, left = run.stdout.split()
     assert -1e-2 < float(sag) < -1e-5, "the block does not sag"
@@ -79,17 +79,17 @@ def test_the_core_needs_libc_and_libm_alone_and_exports_its_prefix_alone(prefix)
 
 def test_installed_programs_run_away_from_the_tree(prefix, tmp_path):
     for program in sorted((prefix / "bin").iterdir()):
-        run = subprocess.run([program, "--version"], cwd=tmp_path, capture_output=True, text=True, timeout=20)
+        run = subprocess.run([program, "--version"], cwd=tmp_path, capture_output=True, text=True, timeout=120)
         assert run.returncode == 0 and run.stdout.strip(), (program.name, run)
 
 
 def test_installed_studies_find_their_references_and_scenes(prefix, tmp_path):
     """tm-accuracy's answers of CalculiX and its models' scenes, from a folder that holds nothing."""
-    run = subprocess.run([prefix / "bin/tm-accuracy", "--quick", "--knob", "model", "--json", tmp_path / "a.json"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    run = subprocess.run([prefix / "bin/tm-accuracy", "--quick", "--knob", "model", "--json", tmp_path / "a.json"], cwd=tmp_path, capture_output=True, text=True, timeout=900)
     assert run.returncode == 0, run.stderr
     model = json.loads((tmp_path / "a.json").read_text())["model"]
     assert len(model["rows"]) > 3 and [p["model"] for p in model["prices"]] == ["tensor/mass", "hybrid", "precomputed"]
-    run = subprocess.run([prefix / "bin/tm-accuracy", "--reference", "nowhere.json", "--json", tmp_path / "b.json"], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    run = subprocess.run([prefix / "bin/tm-accuracy", "--reference", "nowhere.json", "--json", tmp_path / "b.json"], cwd=tmp_path, capture_output=True, text=True, timeout=300)
     assert run.returncode == 2 and "nowhere.json" in run.stderr
 
 
@@ -102,7 +102,7 @@ def test_the_prefix_holds_what_a_user_needs(prefix, root):
     assert {p.name for p in (share / "lcm_types").iterdir()} == {p.name for p in (root / "lcm_types").glob("*.lcm")}
     assert {"LICENSE", "CHANGELOG.md", "README.md", "examples"} | {p.name for p in (root / "docs").glob("*.md")} <= {p.name for p in doc.iterdir()}
     # A profile of the prefix serves the program of the prefix.
-    run = subprocess.run([prefix / "bin/haptic-rt", "--profile", share / "profiles/impulse_engine.profile", "--params"], capture_output=True, text=True, timeout=20)
+    run = subprocess.run([prefix / "bin/haptic-rt", "--profile", share / "profiles/impulse_engine.profile", "--params"], capture_output=True, text=True, timeout=120)
     assert run.returncode == 0 and "force_max_N" in run.stdout, run.stderr
     unit = (prefix / "lib/systemd/system/haptic-rt@.service").read_text()
     assert f"ExecStart={prefix}/bin/haptic-rt " in unit
@@ -129,7 +129,7 @@ def test_a_peer_is_written_in_c_and_in_python(prefix, build, tmp_path):
     (tmp_path / "peer.c").write_text(PEER)
     libraries = [w for package in ("tensormass_hrt", "tensormass_lcm") for w in flags(prefix, "--cflags", "--libs", package=package)]
     subprocess.run(["gcc", "-Wall", "-Werror", tmp_path / "peer.c", "-o", tmp_path / "peer", *libraries], check=True)
-    limit, size = subprocess.run([tmp_path / "peer"], capture_output=True, text=True, check=True, timeout=20).stdout.split()
+    limit, size = subprocess.run([tmp_path / "peer"], capture_output=True, text=True, check=True, timeout=120).stdout.split()
     program = "import tensormass; print(len(tensormass.force_sample_t().encode()))"
     python = subprocess.run([shutil.which("python3"), "-c", program], env=dict(ENVIRONMENT, PYTHONPATH=str(prefix / "share/tensormass/python")), capture_output=True, text=True)
     assert float(limit) == pytest.approx(8.9) and python.returncode == 0, python.stderr
@@ -142,9 +142,9 @@ def test_the_readmes_line_links_and_starts(prefix, root, tmp_path):
     line = re.search(r"^cc .*pkg-config.*$", page, re.M).group(0)
     assert "/opt/tensormass" in line
     shutil.copy(prefix / "share/doc/tensormass/examples/block.c", tmp_path / "simulator.c")
-    run = subprocess.run(["sh", "-ec", line.replace("/opt/tensormass", str(prefix))], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+    run = subprocess.run(["sh", "-ec", line.replace("/opt/tensormass", str(prefix))], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
-    assert subprocess.run([tmp_path / "simulator"], env=ENVIRONMENT, capture_output=True, timeout=60).returncode == 0
+    assert subprocess.run([tmp_path / "simulator"], env=ENVIRONMENT, capture_output=True, timeout=300).returncode == 0
 
 
 # --- parts, places, and the way back ---
@@ -209,6 +209,6 @@ def test_library_and_controller_build_alone(root, tmp_path):
     assert {p.name for p in (tmp_path / "build/lib").iterdir()} == {p.split("/")[-1] for p in installed if p.startswith("lib/lib")}, "more was built"
     make(root, "install-controller", *place, under=without(PROGRAMS_NEED))
     assert {p.name for p in (tmp_path / "prefix/bin").iterdir()} == {"haptic-rt", "tm-device"} == {p.name for p in (tmp_path / "build/bin").iterdir()}
-    assert subprocess.run([tmp_path / "prefix/bin/haptic-rt", "--version"], capture_output=True, timeout=20).returncode == 0
+    assert subprocess.run([tmp_path / "prefix/bin/haptic-rt", "--version"], capture_output=True, timeout=120).returncode == 0
     make(root, "uninstall", f"PREFIX={tmp_path}/prefix")
     assert not (tmp_path / "prefix").exists()

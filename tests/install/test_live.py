@@ -43,13 +43,13 @@ def until_engaged(prefix, build, out, *extrapolator):
         assert time.monotonic() < end, "no session"
         time.sleep(0.05)
     run = subprocess.run([prefix / "lib/tensormass/session/netns.sh", "join", out / "netns.pid", sys.executable, "-c", ENGAGED, *extrapolator],
-                         env={**ENVIRONMENT, "PYTHONPATH": str(build / "python")}, capture_output=True, text=True, timeout=90)
+                         env={**ENVIRONMENT, "PYTHONPATH": str(build / "python")}, capture_output=True, text=True, timeout=400)
     assert run.returncode == 0, run.stderr
 
 
 def test_a_session_is_felt(prefix, tmp_path):
     run = subprocess.run([prefix / "bin/tm-session", "liver-press", "--set", "hand[0].path[1].time=0.5 s", "--set", "hand[0].path[0].time=0 s", "--duration", "4", "--out", "out", "--record",
-                          "session.lcm"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+                          "session.lcm"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
     assert "netns.sh join" in run.stdout
     controller = json.loads((tmp_path / "out/controller0.json").read_text())
@@ -70,7 +70,7 @@ def test_a_signal_ends_all(prefix, build, tmp_path, number):
         os.kill(int(inner[0]), number)
     else:
         session.send_signal(number)
-    said = session.communicate(timeout=60)
+    said = session.communicate(timeout=300)
     assert session.returncode == (137 if number == signal.SIGKILL else 0), said
     end = time.monotonic() + 20
     while running(prefix) and time.monotonic() < end:
@@ -89,7 +89,7 @@ def test_a_signal_ends_all(prefix, build, tmp_path, number):
 ])
 def test_bad_input(prefix, tmp_path, words, said):
     env = {k: v for k, v in ENVIRONMENT.items() if k not in ("DISPLAY", "WAYLAND_DISPLAY")}
-    run = subprocess.run([prefix / "bin/tm-session", *words], cwd=tmp_path, env=env, capture_output=True, text=True, timeout=60)
+    run = subprocess.run([prefix / "bin/tm-session", *words], cwd=tmp_path, env=env, capture_output=True, text=True, timeout=300)
     assert run.returncode == 2 and said in run.stderr and run.stderr.startswith("tm-session: "), run.stderr
     assert not list(tmp_path.iterdir())
 
@@ -102,9 +102,9 @@ def test_ones_own_organ_is_felt(prefix, root, tmp_path):
     page = (root / "docs/your-own-organ.md").read_text()
     (tmp_path / "felt").mkdir()
     shutil.copy(root / "meshes/liver_10k.msh", tmp_path / "felt/organ.msh")
-    subprocess.run([prefix / "bin/tm-scene", "new", "organ.msh", "-o", "organ.yaml"], cwd=tmp_path / "felt", env=ENVIRONMENT, check=True, timeout=60, capture_output=True)
+    subprocess.run([prefix / "bin/tm-scene", "new", "organ.msh", "-o", "organ.yaml"], cwd=tmp_path / "felt", env=ENVIRONMENT, check=True, timeout=300, capture_output=True)
     command = re.search(r"^    (tm-session .*)$", page, re.M).group(1)
-    run = subprocess.run(command, shell=True, cwd=tmp_path, env={**ENVIRONMENT, "PATH": f"{prefix}/bin:{os.environ['PATH']}"}, capture_output=True, text=True, timeout=60)
+    run = subprocess.run(command, shell=True, cwd=tmp_path, env={**ENVIRONMENT, "PATH": f"{prefix}/bin:{os.environ['PATH']}"}, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
     assert json.loads((tmp_path / "session/controller0.json").read_text())["force_N"]["peak"] > 0.05
 
@@ -118,11 +118,11 @@ def test_a_command_by_hand_is_heard(prefix, root, build, tmp_path):
     session = subprocess.Popen([prefix / "bin/tm-session", "liver-press", "--out", "session"], cwd=tmp_path, env=ENVIRONMENT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     try:
         until_engaged(prefix, build, tmp_path / "session")
-        run = subprocess.run(["bash", "-ec", block], cwd=root, env=ENVIRONMENT, capture_output=True, text=True, timeout=60)
+        run = subprocess.run(["bash", "-ec", block], cwd=root, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
         assert run.returncode == 0, run.stderr
         until_engaged(prefix, build, tmp_path / "session", "tangent")
     finally:
         session.send_signal(signal.SIGINT)
-        said = session.communicate(timeout=60)
+        said = session.communicate(timeout=300)
     assert session.returncode == 0, said
     assert json.loads((tmp_path / "session/controller0.json").read_text())["extrapolator"] == "tangent"

@@ -12,7 +12,7 @@ NAMES = ["tm-sim", "tm-mesh", "tm-scene", "tm-view", "tm-play", "tm-precompute",
 @pytest.fixture(scope="module")
 def reference(root, bin, tmp_path_factory):
     out = tmp_path_factory.mktemp("reference")
-    subprocess.run([sys.executable, root / "tools/reference/make_reference.py", bin, out, "0.1.0", *NAMES], check=True, timeout=120)
+    subprocess.run([sys.executable, root / "tools/reference/make_reference.py", bin, out, "0.1.0", *NAMES], check=True, timeout=400)
     return out
 
 
@@ -20,7 +20,7 @@ def completions(reference, bin, *words):
     """What bash offers behind these words."""
     script = f"""source {reference}/completions/{words[0]}; compopt() {{ :; }}; COMP_WORDS=({bin}/{' '.join(words[:-1])} '{words[-1]}'); COMP_CWORD={len(words) - 1}
         _{words[0].replace('-', '_')}; printf '%s\\n' "${{COMPREPLY[@]}}" """
-    return set(subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True, timeout=20).stdout.split())
+    return set(subprocess.run(["bash", "-c", script], capture_output=True, text=True, check=True, timeout=120).stdout.split())
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -20,7 +20,7 @@ def seen(bin, build, root):
     unshare = ["unshare", "-n"] if os.geteuid() == 0 else ["unshare", "-rn"]
     try:
         run = subprocess.run([*unshare, "sh", "-c", NAMESPACE, "sh", sys.executable, root / "tests/loop/message_ring.py", bin, build / "python", directory],
-                             capture_output=True, text=True, timeout=280, stdin=subprocess.DEVNULL, env=dict(os.environ, PATH=os.environ["PATH"] + ":/usr/sbin:/sbin"))
+                             capture_output=True, text=True, timeout=800, stdin=subprocess.DEVNULL, env=dict(os.environ, PATH=os.environ["PATH"] + ":/usr/sbin:/sbin"))
         logs = {name: open(os.path.join(directory, name)).read() for name in sorted(os.listdir(directory)) if name.endswith(".log")}
         assert run.returncode == 0, run.stderr + str(logs)
         result = json.loads(run.stdout)

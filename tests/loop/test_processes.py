@@ -71,7 +71,7 @@ def text(process):
         return file.read()
 
 
-def until(condition, what, seconds=10.0):
+def until(condition, what, seconds=60.0):
     end = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < end, f"{what}: not within {seconds} s"
@@ -237,7 +237,7 @@ def test_foreign_and_corrupt_frames_change_nothing(ring):
 
 
 def refused(ring, program, *argv):
-    run = subprocess.run([program, "--bus", "virtual:t", "--duration", "1", *argv], env=ring.env, capture_output=True, text=True, timeout=20)
+    run = subprocess.run([program, "--bus", "virtual:t", "--duration", "1", *argv], env=ring.env, capture_output=True, text=True, timeout=120)
     return run.returncode == 2 and " is already " in run.stderr and "; end it" in run.stderr
 
 
@@ -317,8 +317,8 @@ def test_the_bus_folder_is_the_real_users_and_goes_with_the_last(bin, ring):
     for _ in range(2):  # each of the two is the last to go, once
         first = subprocess.Popen(run, env=env, stderr=subprocess.PIPE, text=True)
         until(lambda: (plain / f"{name}.bus").exists() or first.poll(), "the bus in the folder of who one is outside")
-        second = subprocess.run([bin / "haptic-rt", "--bus", bus, "--duration", "0.4" if _ else "1.5"], env=env, capture_output=True, text=True, timeout=20)
-        said = first.communicate(timeout=20)[1]
+        second = subprocess.run([bin / "haptic-rt", "--bus", bus, "--duration", "0.4" if _ else "1.5"], env=env, capture_output=True, text=True, timeout=120)
+        said = first.communicate(timeout=120)[1]
         assert first.returncode == 0 and second.returncode == 0 and "commands come" in said, said + second.stderr
         assert not (plain / f"{name}.bus").exists()
     assert before or not plain.exists()
@@ -400,7 +400,7 @@ BAD = [
 def test_bad_options(bin, tmp_path, program, argv, expected):
     if any("socketcan:" in a for a in argv):
         expected = "cannot open no_such_interface" if len("no_such_interface") < 16 else "no interface name"
-    run = subprocess.run([bin / program, *argv], cwd=tmp_path, env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=20)
+    run = subprocess.run([bin / program, *argv], cwd=tmp_path, env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=120)
     assert run.returncode == 2 and expected in run.stderr and "; " in run.stderr, run.stderr
     assert [p for p in tmp_path.iterdir() if p.suffix != ".bus"] == []
 
@@ -422,7 +422,7 @@ def test_bad_files(bin, tmp_path, name, content, line, expected):
     path.write_text(content)
     option = {"s.csv": "--samples", "h.csv": "--hand", "p.profile": "--profile"}[name]
     program = "tm-device" if option == "--hand" else "haptic-rt"
-    run = subprocess.run([bin / program, "--bus", "virtual:t", option, path], env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=20)
+    run = subprocess.run([bin / program, "--bus", "virtual:t", option, path], env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=120)
     where = f"{path}:{line}: " if line else f"{path}: "
     assert run.returncode == 2 and run.stderr.startswith(where) and expected in run.stderr, run.stderr
 
@@ -431,12 +431,12 @@ def test_bad_files(bin, tmp_path, name, content, line, expected):
 def test_a_long_comment_never_becomes_a_setting(bin, tmp_path, length):
     """A line that is cut in two at any length would be read as a comment and a setting."""
     (tmp_path / "p.profile").write_text("force_max_N = 3 #" + "x" * (length - 17) + "force_max_N = 20\n")
-    run = subprocess.run([bin / "haptic-rt", "--profile", tmp_path / "p.profile", "--params"], capture_output=True, text=True, timeout=20)
+    run = subprocess.run([bin / "haptic-rt", "--profile", tmp_path / "p.profile", "--params"], capture_output=True, text=True, timeout=120)
     assert run.returncode == 0 and "force_max_N = 3\n" in run.stdout, run.stderr
     samples = tmp_path / "s.csv"
     samples.write_text("time_s,fx_N,fy_N,fz_N #" + "x" * (length - 23) + "0,0,0\n0,0,0,1\n")
     run = subprocess.run([bin / "haptic-rt", "--bus", "virtual:t", "--samples", samples, "--duration", "0.02", "--priority", "0"],
-                         env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=20)
+                         env=dict(os.environ, TM_BUS_DIR=str(tmp_path)), capture_output=True, text=True, timeout=120)
     assert run.returncode == 0, run.stderr
 
 
@@ -444,27 +444,27 @@ def test_a_long_comment_never_becomes_a_setting(bin, tmp_path, length):
 def test_a_line_that_cannot_be_read_whole_is_refused(bin, tmp_path, content):
     path = tmp_path / "p.profile"
     path.write_text(content)
-    run = subprocess.run([bin / "haptic-rt", "--profile", path, "--params"], capture_output=True, text=True, timeout=20)
+    run = subprocess.run([bin / "haptic-rt", "--profile", path, "--params"], capture_output=True, text=True, timeout=120)
     assert run.returncode == 2 and run.stderr.startswith(f"{path}:1: longer than 65534 characters") and run.stdout == ""
 
 
 @pytest.mark.parametrize("program", ["haptic-rt", "tm-device"])
 def test_help_and_version(bin, program):
     for option, expected in (("--help", "usage: " + program), ("--version", program + " ")):
-        run = subprocess.run([bin / program, option], capture_output=True, text=True, timeout=20)
+        run = subprocess.run([bin / program, option], capture_output=True, text=True, timeout=120)
         assert run.returncode == 0 and run.stdout.startswith(expected) and run.stderr == ""
 
 
 def test_an_unwritable_report_is_told_at_once(bin, tmp_path):
     run = subprocess.run([bin / "tm-device", "--bus", "virtual:t", "--json", tmp_path / "no" / "such.json"], env=dict(os.environ, TM_BUS_DIR=str(tmp_path)),
-                         capture_output=True, text=True, timeout=20)
+                         capture_output=True, text=True, timeout=120)
     assert run.returncode == 2 and "such.json" in run.stderr
 
 
 def test_the_shipped_profile_is_the_default(bin, root, tmp_path):
-    plain, profiled = (subprocess.run([bin / "haptic-rt", *more, "--params"], capture_output=True, text=True, timeout=20).stdout
+    plain, profiled = (subprocess.run([bin / "haptic-rt", *more, "--params"], capture_output=True, text=True, timeout=120).stdout
                        for more in ([], ["--profile", root / "haptic_rt/device/profiles/impulse_engine.profile"]))
     assert plain == profiled and "force_max_N = 8.9" in plain
     path = tmp_path / "own.profile"
     path.write_text(plain)
-    assert subprocess.run([bin / "haptic-rt", "--profile", path, "--params"], capture_output=True, text=True, timeout=20).stdout == plain
+    assert subprocess.run([bin / "haptic-rt", "--profile", path, "--params"], capture_output=True, text=True, timeout=120).stdout == plain

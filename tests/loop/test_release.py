@@ -14,7 +14,7 @@ from paths import LONG
 def test_force_falls_after_the_jaws_open(bin, root, tmp_path, extrapolator):
     out = tmp_path / "ticks.csv"
     run = subprocess.run([bin / "tm-sim", root / "apps" / "scenes" / "liver-cut.yaml", "--lockstep", "--duration", "9 s", "--set",
-                          f"haptics.extrapolator={extrapolator}", "--csv", out], capture_output=True, text=True, timeout=300)
+                          f"haptics.extrapolator={extrapolator}", "--csv", out], capture_output=True, text=True, timeout=900)
     assert run.returncode == 0, run.stderr
     with open(out) as file:
         rows = [(float(r["time_s"]), math.dist((0, 0, 0), [float(r[k]) for k in ("fx_N", "fy_N", "fz_N")])) for r in csv.DictReader(file) if r["instrument"] == "0"]

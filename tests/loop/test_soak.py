@@ -28,7 +28,7 @@ def test_whoever_comes_back_is_taken_up_within_a_second_or_told_why_not(build, r
             key.chmod(0o600)
             rigs.append(subprocess.Popen([*NAMESPACE, sys.executable, root / "tests/loop/soak.py", build, scene, folder, str(first + i), str(each), *([key] if i else [])],
                                          stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True))
-        said = [rig.communicate(timeout=60 + 4 * each)[0] for rig in rigs]
+        said = [rig.communicate(timeout=300 + 4 * each)[0] for rig in rigs]
     finally:
         for rig in rigs:
             rig.kill()

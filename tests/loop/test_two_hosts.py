@@ -27,7 +27,7 @@ def play(name, link, seconds=SECONDS, extrapolator="tangent", kill=None):
     url = two_hosts_run.LCM_URL
     key = two_hosts_run.key(directory)
     try:
-        subprocess.run([BUILD / "bin/tm-sim", SCENE, "--hands", directory / "hand"], check=True, timeout=60, stdout=subprocess.DEVNULL)
+        subprocess.run([BUILD / "bin/tm-sim", SCENE, "--hands", directory / "hand"], check=True, timeout=300, stdout=subprocess.DEVNULL)
         hosts = {
             "simulation": [[BUILD / "bin/tm-sim", SCENE, "--realtime", "--url", url, "--key", key, "--duration", f"{seconds} s", "--json", directory / "sim.json"],
                            ["lcm-logger", "-q", "--lcm-url=" + url, "-c", "FORCE_0", directory / "sim.log"]],

@@ -11,7 +11,7 @@ SLOTS, HEADER, SLOT = 4096, 64, 32
 class VirtualBus:
     def __init__(self, directory, name):
         self.path = os.path.join(directory, name + ".bus")
-        end = time.monotonic() + 10
+        end = time.monotonic() + 60
         while not os.path.exists(self.path) or os.path.getsize(self.path) != HEADER + SLOTS * SLOT:
             assert time.monotonic() < end, f"{self.path} never came"
             time.sleep(0.002)

@@ -185,5 +185,5 @@ def read_vtk(path):
     return points, [tuple(map(int, l.split()[1:])) for l in lines[i + 1:i + 1 + n]]
 
 
-def run(program, *args, env=None, timeout=60):
+def run(program, *args, env=None, timeout=300):
     return subprocess.run([str(program), *map(str, args)], capture_output=True, text=True, timeout=timeout, env=env)

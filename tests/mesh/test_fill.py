@@ -210,7 +210,7 @@ def test_no_memory_is_told(tm_mesh, env, build, tmp_path):
     for megabytes in (6, 8, 10, 12, 16, 24, 40, 400):
         out = tmp_path / f"{megabytes}.msh"
         limit = megabytes << 20
-        result = subprocess.run([tm_mesh, "fill", "--size", "0.16", "--unit", "m", stl, "-o", out], env=env, capture_output=True, text=True, timeout=60,
+        result = subprocess.run([tm_mesh, "fill", "--size", "0.16", "--unit", "m", stl, "-o", out], env=env, capture_output=True, text=True, timeout=300,
                                 preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_AS, (limit, limit)))
         if result.returncode == 127:
             continue  # the loader itself had no room

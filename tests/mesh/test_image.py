@@ -22,7 +22,7 @@ def module(build):
 def run(bin):
     def run(image, *options, out=None, **kwargs):
         out = out or image.with_suffix(".msh")
-        return subprocess.run([bin / "tm-mesh", "image", image, "-o", out, *options], capture_output=True, text=True, timeout=240, **kwargs)
+        return subprocess.run([bin / "tm-mesh", "image", image, "-o", out, *options], capture_output=True, text=True, timeout=800, **kwargs)
     return run
 
 
@@ -236,7 +236,7 @@ def test_a_signal_ends_it_and_nothing_is_written(tmp_path, bin):
     process = subprocess.Popen([bin / "tm-mesh", "image", path, "-o", out, "--size", "0.4mm"], stderr=subprocess.PIPE)
     time.sleep(1.5)
     process.send_signal(signal.SIGINT)
-    process.communicate(timeout=20)
+    process.communicate(timeout=120)
     assert process.returncode == 130 and not out.exists() and list(tmp_path.iterdir()) == [path]
 
 

@@ -27,7 +27,7 @@ def test_the_page_works_as_written(bin, root, env, tmp_path):
     assert len(commands) == 4
     env["PATH"] = f"{bin}:{os.environ['PATH']}"
     for command in commands:
-        result = subprocess.run(command, shell=True, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=120)
+        result = subprocess.run(command, shell=True, cwd=tmp_path, env=env, capture_output=True, text=True, timeout=400)
         assert result.returncode == 0, f"{command}\n{result.stdout}{result.stderr}"
     assert json.loads((tmp_path / "felt/press.json").read_text())["force_N"]["peak"] > 0.1, "nothing was pressed"
     assert (tmp_path / "inside.png").read_bytes()[:4] == (tmp_path / "open.png").read_bytes()[:4] == b"\x89PNG"

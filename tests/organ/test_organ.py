@@ -14,7 +14,7 @@ MADE = {"organ.msh", "organ.yaml", "press.lcm", "force.csv", "organ.png", "press
 
 
 def organ(bin, *words, code=0):
-    out = subprocess.run([str(bin / "tm-organ"), *map(str, words)], capture_output=True, text=True, timeout=120)
+    out = subprocess.run([str(bin / "tm-organ"), *map(str, words)], capture_output=True, text=True, timeout=400)
     assert out.returncode == code, out.stdout + out.stderr
     return out.stdout + out.stderr
 
@@ -56,7 +56,7 @@ def pressed_and_cut(folder):
 
 def film_decodes(path):
     """All of its pictures; the brightness of each, red."""
-    raw = subprocess.run(["ffmpeg", "-v", "error", "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True, timeout=20)
+    raw = subprocess.run(["ffmpeg", "-v", "error", "-i", path, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"], capture_output=True, timeout=120)
     assert raw.returncode == 0 and not raw.stderr, raw.stderr
     pictures = np.frombuffer(raw.stdout, "u1").reshape(-1, 120, 160, 3).astype(float)
     assert len(pictures) == 160

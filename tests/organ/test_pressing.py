@@ -16,7 +16,7 @@ def made(bin, build, folder, budget):
     phantom.write(folder / "seg.nii.gz", phantom.phantom((5, 5, 5)), (5, 5, 5))
     for words in (["tm-mesh", "image", folder / "seg.nii.gz", "--budget", budget, "--label", "1=liver", "--label", "3=tumour", "--label", "4=ribs", "-o", folder / "organ.msh"],
                   ["tm-scene", "new", "--up", "-y", folder / "organ.msh"]):
-        subprocess.run([bin / words[0], *words[1:]], check=True, capture_output=True, timeout=120)
+        subprocess.run([bin / words[0], *words[1:]], check=True, capture_output=True, timeout=400)
     return folder / "organ.yaml"
 
 

@@ -41,7 +41,7 @@ def plugin(root, build):
 
 
 def python(build, script, tmp_path):
-    return subprocess.run([build / "mujoco/venv/bin/python", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=300)
+    return subprocess.run([build / "mujoco/venv/bin/python", "-c", script], cwd=tmp_path, capture_output=True, text=True, timeout=900)
 
 
 def test_an_arm_bears_what_the_tissue_gives(root, build, plugin, tmp_path):

@@ -44,7 +44,7 @@ int main(int argc, char **argv) {{ (void)argv; (void)other; (void)shared; {body}
 """)
     subprocess.run([*flags, "-o", tmp_path / "fault", tmp_path / "fault.c", "-lpthread"], check=True)
     (tmp_path / "reports").mkdir()
-    subprocess.run([*run.wrapper(config), tmp_path / "fault"], env=dict(os.environ, **run.options(tmp_path / "reports")), capture_output=True, timeout=60)
+    subprocess.run([*run.wrapper(config), tmp_path / "fault"], env=dict(os.environ, **run.options(tmp_path / "reports")), capture_output=True, timeout=300)
     reports = list((tmp_path / "reports").iterdir())
     assert len(reports) == 1 and said in reports[0].read_text(errors="replace"), f"{said} was not reported"
 

@@ -21,7 +21,7 @@ def phantom():
 
 
 def run(*command, code=0):
-    out = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=60)
+    out = subprocess.run([str(c) for c in command], capture_output=True, text=True, timeout=300)
     assert out.returncode == code, out.stdout + out.stderr
     return out.stdout + out.stderr
 

@@ -94,7 +94,7 @@ while link.handle_timeout(100):
     if forces[-1].tool_utime > 4300000:
         break
 sim.send_signal(2)
-said = sim.communicate(timeout=20)[1]
+said = sim.communicate(timeout=120)[1]
 nearest = 0.0
 for f in forces:
     if f.tool_session == SESSION and f.tool_utime:

@@ -16,7 +16,7 @@ supports:
 """
 
 
-def run(program, *args, code=0, env=None, timeout=120, cwd=None):
+def run(program, *args, code=0, env=None, timeout=400, cwd=None):
     """Runs a program; checks its exit code; returns (stdout, stderr)."""
     done = subprocess.run([str(program), *map(str, args)], capture_output=True, text=True, timeout=timeout, cwd=cwd,
                           env=dict(os.environ, **(env or {})))

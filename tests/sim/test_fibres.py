@@ -40,7 +40,7 @@ def folder(tmp_path_factory):
 
 def run(bin, folder, fibres, code=0):
     (folder / "arc.yaml").write_text(SCENE.format(fibres=fibres))
-    out = subprocess.run([bin / "tm-sim", folder / "arc.yaml", "--settle", "1e-10", "--json", folder / "rest.json"], capture_output=True, text=True, timeout=60)
+    out = subprocess.run([bin / "tm-sim", folder / "arc.yaml", "--settle", "1e-10", "--json", folder / "rest.json"], capture_output=True, text=True, timeout=300)
     assert out.returncode == code, out.stdout + out.stderr
     return json.loads((folder / "rest.json").read_text())["energy_J"] if code == 0 else out.stderr
 

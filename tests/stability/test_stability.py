@@ -12,7 +12,7 @@ def page(bin, root, long_run, once):
         quick = [] if long_run else ["--quick"]
         run = subprocess.run([bin / "tm-stability", *quick, "--json", out / "verdicts.json"], cwd=root, capture_output=True, text=True, timeout=3000)
         assert run.returncode in (0, 1), run.stderr
-        subprocess.run([sys.executable, root / "apps/studies/stability/page.py", out / "verdicts.json", "-o", out], check=True, timeout=300)
+        subprocess.run([sys.executable, root / "apps/studies/stability/page.py", out / "verdicts.json", "-o", out], check=True, timeout=900)
 
     out = once("stability", make)
     return out, json.loads((out / "stability.json").read_text())

@@ -25,7 +25,7 @@ def folder(root, tmp_path):
 
 
 def study(bin, *words, code=0, env=None):
-    out = subprocess.run([str(bin / "tm-study"), *map(str, words)], capture_output=True, text=True, timeout=120, env=dict(os.environ, **(env or {})))
+    out = subprocess.run([str(bin / "tm-study"), *map(str, words)], capture_output=True, text=True, timeout=400, env=dict(os.environ, **(env or {})))
     assert out.returncode == code, out.stdout + out.stderr
     return out.stdout + out.stderr
 

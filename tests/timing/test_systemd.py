@@ -14,12 +14,12 @@ def test_systemd_understands_it(tmp_path):
     (tmp_path / "bin/haptic-rt").symlink_to(BUILD / "bin/haptic-rt")
     unit = tmp_path / "haptic-rt@0.service"
     unit.write_text(UNIT.read_text().replace("@PREFIX@", str(tmp_path)))
-    done = subprocess.run(["systemd-analyze", "verify", "--recursive-errors=no", "--man=no", unit], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(["systemd-analyze", "verify", "--recursive-errors=no", "--man=no", unit], capture_output=True, text=True, timeout=300)
     complaints = [line for line in (done.stdout + done.stderr).splitlines() if "haptic-rt" in line]
     assert done.returncode == 0 and not complaints, done.stderr
     broken = tmp_path / "haptic-rt@1.service"
     broken.write_text(unit.read_text().replace("Restart=no", "Restart=sometimes"))
-    done = subprocess.run(["systemd-analyze", "verify", "--recursive-errors=no", "--man=no", broken], capture_output=True, text=True, timeout=60)
+    done = subprocess.run(["systemd-analyze", "verify", "--recursive-errors=no", "--man=no", broken], capture_output=True, text=True, timeout=300)
     assert "sometimes" in done.stderr, "the check does not check"
 
 
@@ -31,7 +31,7 @@ def test_its_command_line_is_taken(tmp_path):
     command = command.replace("%d", str(tmp_path)).replace("${HAPTIC_RT_BUS}", "virtual:unit").replace("$HAPTIC_RT_ARGS", settings["HAPTIC_RT_ARGS"])
     (tmp_path / "none.csv").write_text("time_s,fx_N,fy_N,fz_N\n0,0,0,0\n")
     argv = shlex.split(command) + ["--samples", str(tmp_path / "none.csv"), "--duration", "0.2"]
-    done = subprocess.run(argv, capture_output=True, text=True, timeout=20, env={"TM_BUS_DIR": str(tmp_path)})
+    done = subprocess.run(argv, capture_output=True, text=True, timeout=120, env={"TM_BUS_DIR": str(tmp_path)})
     assert done.returncode == 0, done.stderr
 
 
@@ -44,7 +44,7 @@ def test_the_pages_commands_put_settings_where_the_service_looks(tmp_path):
     done = subprocess.run(["make", "--no-print-directory", "install-controller", f"PREFIX={tmp_path}/usr/local"], cwd=ROOT, capture_output=True, text=True, timeout=600,
                           env={k: v for k, v in os.environ.items() if k not in ("MAKEFLAGS", "MAKELEVEL", "MFLAGS")})
     assert done.returncode == 0, done.stderr
-    done = subprocess.run(["bash", "-ec", commands.replace("/usr/local", f"{tmp_path}/usr/local").replace("/etc/", f"{tmp_path}/etc/")], capture_output=True, text=True, timeout=20)
+    done = subprocess.run(["bash", "-ec", commands.replace("/usr/local", f"{tmp_path}/usr/local").replace("/etc/", f"{tmp_path}/etc/")], capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stderr
     unit = (tmp_path / "usr/local/lib/systemd/system/haptic-rt@.service").read_text()
     for named in (re.search(r"^EnvironmentFile=-(.*)$", unit, re.M)[1].replace("%i", "0"), re.search(r"^LoadCredential=haptic.key:(.*)$", unit, re.M)[1]):

@@ -226,7 +226,7 @@ def attack(name, act, seconds=0.6):
 
 
 hand = os.path.join(directory, "hand.csv")
-subprocess.run([os.path.join(build, "bin/tm-sim"), SCENE, "--hands", os.path.join(directory, "scripted")], check=True, stdout=subprocess.DEVNULL, timeout=60)
+subprocess.run([os.path.join(build, "bin/tm-sim"), SCENE, "--hands", os.path.join(directory, "scripted")], check=True, stdout=subprocess.DEVNULL, timeout=300)
 rows = list(csv.reader(line for line in open(os.path.join(directory, "scripted0.csv")) if not line.startswith("#")))
 deepest = max(range(1, len(rows)), key=lambda k: float(rows[k][3]))
 with open(hand, "w", newline="") as file:

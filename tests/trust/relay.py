@@ -92,7 +92,7 @@ def plant(name):
                     "last_felt_s": max([t for t, f in seen if any(f)], default=0), "state": status.state, "limits": status.limits}
 
 
-subprocess.run([os.path.join(build, "bin/tm-sim"), SCENE, "--hands", os.path.join(directory, "scripted")], check=True, stdout=subprocess.DEVNULL, timeout=60)
+subprocess.run([os.path.join(build, "bin/tm-sim"), SCENE, "--hands", os.path.join(directory, "scripted")], check=True, stdout=subprocess.DEVNULL, timeout=300)
 rows = open(os.path.join(directory, "scripted0.csv")).read().splitlines()
 head = next(k for k, row in enumerate(rows) if not row.startswith("#"))
 deepest = max(range(head + 1, len(rows)), key=lambda k: float(rows[k].split(",")[3]))

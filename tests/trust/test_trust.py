@@ -120,7 +120,7 @@ def test_a_url_that_leaves_wants_a_key(bin, root, tmp_path, program):
     env = dict(os.environ, TM_BUS_DIR=str(tmp_path), LCM_DEFAULT_URL="udpm://239.255.76.67:7667?ttl=1")
 
     def run(*more):
-        return subprocess.run([bin / program, *argv, *more], env=env, capture_output=True, text=True, timeout=60)
+        return subprocess.run([bin / program, *argv, *more], env=env, capture_output=True, text=True, timeout=300)
 
     none = run()
     assert none.returncode == 2 and "give --key FILE (docs/trust.md), or --no-key" in none.stderr

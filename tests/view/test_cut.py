@@ -20,7 +20,7 @@ def organ(bin, tmp_path_factory):
     m.names = {(3, 1): "liver", (3, 2): "vein"}
     m.region = [2 if all(0.039 < m.points[v][a] < 0.061 for v in t for a in range(3)) else 1 for t in m.tets]
     path.write_text(meshlib.msh2(m))
-    subprocess.run([bin / "tm-scene", "new", path], check=True, capture_output=True, timeout=60)
+    subprocess.run([bin / "tm-scene", "new", path], check=True, capture_output=True, timeout=300)
     return m, path.with_suffix(".yaml")
 
 

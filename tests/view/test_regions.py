@@ -76,7 +76,7 @@ def test_a_log_with_its_scene_has_their_colours(bin, tmp_path):
     m.region = [2 if all(m.points[v][2] > 0.066 and m.points[v][1] < 0.034 for v in t) else 1 for t in m.tets]
     path.write_text(meshlib.msh2(m))
     for command in (("tm-scene", "new", path), ("tm-sim", path.with_suffix(".yaml"), "--lockstep", "--duration", "0.2", "--record", tmp_path / "a.lcm")):
-        subprocess.run([bin / command[0], *command[1:]], check=True, capture_output=True, timeout=60)
+        subprocess.run([bin / command[0], *command[1:]], check=True, capture_output=True, timeout=300)
     seen = {}
     for scene in ((), ("--scene", path.with_suffix(".yaml"), "--no-supports")):
         done = run(bin, tmp_path / "a.lcm", "--png", tmp_path / "a.png", *FLAT, *scene)
@@ -88,8 +88,8 @@ def test_a_log_with_its_scene_has_their_colours(bin, tmp_path):
 def test_a_film_of_a_log_shows_what_is_inside(bin, mesh, tmp_path):
     """The vein is nowhere on the surface that the log has; --through shows it from the scene."""
     scene = tmp_path / "block.yaml"
-    subprocess.run([bin / "tm-scene", "new", mesh, "-o", scene], check=True, capture_output=True, timeout=60)
-    subprocess.run([bin / "tm-sim", scene, "--lockstep", "--duration", "1.5", "--record", tmp_path / "a.lcm"], check=True, capture_output=True, timeout=60)
+    subprocess.run([bin / "tm-scene", "new", mesh, "-o", scene], check=True, capture_output=True, timeout=300)
+    subprocess.run([bin / "tm-sim", scene, "--lockstep", "--duration", "1.5", "--record", tmp_path / "a.lcm"], check=True, capture_output=True, timeout=300)
     words, seen = ("--scene", scene, "--no-supports"), {}
     for name, through in (("closed", ()), ("open", ("--through", "0.8"))):
         done = run(bin, tmp_path / "a.lcm", "--frames", tmp_path / name, "--fps", "1", *FLAT, *words, *through)

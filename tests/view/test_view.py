@@ -17,7 +17,7 @@ import synthetic  # noqa: E402
 SMALL = ["--size", "320x240", "--quality", "0"]
 
 
-def run(bin, *args, env=None, timeout=120):
+def run(bin, *args, env=None, timeout=400):
     return subprocess.run([str(bin / "tm-view"), *map(str, args)], capture_output=True, text=True, timeout=timeout, env=env)
 
 
@@ -165,7 +165,7 @@ def test_supports_and_fibres_of_a_scene(bin, root, tmp_path):
 def test_a_log_is_shown_with_its_scene(bin, build, root, tmp_path):
     """Title and supports stand in the scene, not in the messages: of a log they are shown when the scene is named."""
     scene, log = root / "apps/scenes/liver-press.yaml", tmp_path / "s.lcm"
-    subprocess.run([build / "bin/tm-sim", scene, "--lockstep", "--duration", "0.3 s", "--record", log], check=True, capture_output=True, timeout=60)
+    subprocess.run([build / "bin/tm-sim", scene, "--lockstep", "--duration", "0.3 s", "--record", log], check=True, capture_output=True, timeout=300)
     renamed = tmp_path / "renamed.yaml"
     renamed.write_text(scene.read_text().replace("../../", f"{root}/").replace("title: A liver pressed by a probe", "title: Something else altogether"))
     shown = {}
@@ -384,7 +384,7 @@ def test_live_waits_then_shows_and_survives_a_restart(bin, build, tmp_path):
     (tmp_path / "publish.py").write_text(script)
     shell = (f'"{bin}/tm-view" --frames "{tmp_path}/f" --fps 10 --duration 4.2 --json "{tmp_path}/j.json" --size 320x240 --quality 0 & view=$!; '
              f'sleep 1.2; "{sys.executable}" "{tmp_path}/publish.py"; wait $view')
-    result = subprocess.run([*NAMESPACE, "bash", "-c", shell], capture_output=True, text=True, timeout=60)
+    result = subprocess.run([*NAMESPACE, "bash", "-c", shell], capture_output=True, text=True, timeout=300)
     assert result.returncode == 0, result.stderr
     assert "waiting for TISSUE: start tm-sim" in result.stderr
     figures = json.loads((tmp_path / "j.json").read_text())
@@ -398,7 +398,7 @@ def test_live_waits_then_shows_and_survives_a_restart(bin, build, tmp_path):
 
 @needs_namespace
 def test_live_without_a_simulation_gives_up(bin, tmp_path):
-    result = subprocess.run([*NAMESPACE, str(bin / "tm-view"), "--png", str(tmp_path / "p.png"), "--wait", "0.6"], capture_output=True, text=True, timeout=30)
+    result = subprocess.run([*NAMESPACE, str(bin / "tm-view"), "--png", str(tmp_path / "p.png"), "--wait", "0.6"], capture_output=True, text=True, timeout=120)
     assert result.returncode == 1 and "no TISSUE in 0.6 s; start tm-sim" in result.stderr
     assert os.listdir(tmp_path) == []
 
@@ -406,7 +406,7 @@ def test_live_without_a_simulation_gives_up(bin, tmp_path):
 @needs_namespace
 def test_live_without_a_multicast_route_says_what_to_do(bin, tmp_path):
     lonely = [NAMESPACE[0], NAMESPACE[1], "sh", "-c", 'exec "$@"', "sh"]
-    result = subprocess.run([*lonely, str(bin / "tm-view"), "--png", str(tmp_path / "p.png")], capture_output=True, text=True, timeout=30)
+    result = subprocess.run([*lonely, str(bin / "tm-view"), "--png", str(tmp_path / "p.png")], capture_output=True, text=True, timeout=120)
     assert result.returncode == 2 and "ip route add 224.0.0.0/4 dev lo" in result.stderr
     assert os.listdir(tmp_path) == []
 
