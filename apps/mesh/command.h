@@ -8,7 +8,8 @@
 #include "common/mesh_file.h"
 
 typedef int command_fn(int argc, char **argv);
-command_fn command_info, command_check, command_fill, command_refine, command_repair, command_convert, command_image;
+command_fn command_info, command_check, command_fill, command_refine, command_repair, command_renumber, command_convert,
+    command_image;
 
 /* "--scale 30 mm" and the like into SI; false after a complaint. */
 bool command_quantity(const char *option, const char *text, const char *dimension, double *si);

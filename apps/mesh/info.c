@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "command.h"
+#include "common/numbering.h"
 #include "json_file.h"
 #include "law/union_find.h"
 #include "step.h"
@@ -23,6 +24,7 @@ typedef struct figures {
     int64_t aspect[BINS], dihedral[BINS];
     double worst_aspect, min_dihedral_deg, step_s, cut_step_s, median_step_s; /* cut_step_s: the worst element's */
     int32_t worst_aspect_tet, step_tet, cut_step_tet, pieces;
+    app_numbering_figures numbering;
 } figures;
 
 static void usage(FILE *to, const char *command) {
@@ -171,6 +173,13 @@ static void print_tet(const tm_mesh_file *file, int32_t t) {
            (long long)file->vertex_tag[v[3]]);
 }
 
+static void print_numbering(const options *o, const app_numbering_figures *n) {
+    if (n->poor)
+        printf("note: numbers jump: the two vertices of an edge are %.0f apart on average, tm-mesh renumber would make "
+               "it %.0f and steps quicker: tm-mesh renumber %s -o OUT\n",
+               n->distance, n->renumbered, o->file);
+}
+
 static void print_figures(const tm_mesh_file *file, const tm_mesh *mesh, const options *o, const figures *f) {
     printf("%s\n%d tetrahedra, %d vertices, %d edges, %d outer triangles, %d piece%s\n", o->file, mesh->tet_count,
            mesh->vertex_count, mesh->edge_count, mesh->surface_count, f->pieces, f->pieces == 1 ? "" : "s");
@@ -200,6 +209,7 @@ static void print_figures(const tm_mesh_file *file, const tm_mesh *mesh, const o
            f->cut_step_s / f->median_step_s, ceil(1 / (30 * f->cut_step_s)));
     if (fmax(fmax(f->high_m[0] - f->low_m[0], f->high_m[1] - f->low_m[1]), f->high_m[2] - f->low_m[2]) > 2)
         printf("note: larger than 2 m; is it in millimetres? then --scale 1e-3\n");
+    print_numbering(o, &f->numbering);
     if (f->pieces > 1) printf("note: %d pieces that share no face; each needs a support of its own\n", f->pieces);
 }
 
@@ -223,6 +233,10 @@ static cJSON *figures_json(const tm_mesh_file *file, const tm_mesh *mesh, const 
     cJSON_AddNumberToObject(root, "edges", mesh->edge_count);
     cJSON_AddNumberToObject(root, "surface_triangles", mesh->surface_count);
     cJSON_AddNumberToObject(root, "pieces", f->pieces);
+    cJSON *numbering = cJSON_AddObjectToObject(root, "numbering");
+    cJSON_AddNumberToObject(numbering, "distance", f->numbering.distance);
+    cJSON_AddNumberToObject(numbering, "renumbered", f->numbering.renumbered);
+    cJSON_AddBoolToObject(numbering, "poor", f->numbering.poor);
     add_three(root, "low_m", f->low_m);
     add_three(root, "high_m", f->high_m);
     cJSON_AddNumberToObject(root, "volume_m3", f->volume_m3);
@@ -276,7 +290,9 @@ static int run(const char *command, int argc, char **argv) {
         return exit;
     }
     measure_shape(mesh, &f);
-    if (measure_step(mesh, &o, &f, &error))
+    if (!app_numbering_measure(mesh, &f.numbering))
+        exit = command_no_memory(o.file);
+    else if (measure_step(mesh, &o, &f, &error))
         exit = app_report("tm-mesh", 0, &error);
     else {
         cJSON *root = o.json ? figures_json(&file, mesh, &o, &f) : NULL;
@@ -285,9 +301,11 @@ static int run(const char *command, int argc, char **argv) {
     }
     if (exit == APP_DONE && strcmp(command, "info") == 0)
         print_figures(&file, mesh, &o, &f);
-    else if (exit == APP_DONE && !app_is_quiet())
+    else if (exit == APP_DONE && !app_is_quiet()) {
         printf("%s: sound: %d tetrahedra, %d vertices, critical step %.4g ms\n", o.file, mesh->tet_count,
                mesh->vertex_count, 1e3 * f.step_s);
+        print_numbering(&o, &f.numbering);
+    }
     tm_mesh_destroy(mesh);
     tm_mesh_file_free(&file);
     return exit;

@@ -14,6 +14,7 @@ static const struct {
     {"image", command_image, "tetrahedra of the labels of a segmented image (NIfTI, NRRD, MetaImage)"},
     {"refine", command_refine, "smaller tetrahedra in a box or a region"},
     {"repair", command_repair, "turn inverted, drop flat, double and unused"},
+    {"renumber", command_renumber, "vertices near each other get numbers near each other: quicker steps"},
     {"convert", command_convert, "between .msh, .vtk, .vtu and .mesh, scaled"},
 };
 enum { COMMANDS = sizeof commands / sizeof *commands };

@@ -106,7 +106,14 @@ static void add_text(cJSON *root, const char *key, const char *value) {
     cJSON_AddStringToObject(root, key, value && *value ? value : "unknown");
 }
 
-static int measure(const char *path, bool quick) {
+static const struct {
+    const char *name;
+    cJSON *(*measure)(const bench_run *run);
+} row[] = {{"force", bench_force}, {"numbering", bench_numbering}, {"step", bench_step}, {"hybrid", bench_hybrid},
+           {"cut", bench_cut},     {"capacity", bench_capacity}};
+enum { ROWS = sizeof row / sizeof *row };
+
+static int measure(const char *path, bool quick, const char *only) {
     static const int all[] = {6, 12, 20, 26}, few[] = {4, 6};
     const bench_run run = {quick, quick ? 2 : 4, quick ? few : all};
     cJSON *root = cJSON_CreateObject();
@@ -121,12 +128,8 @@ static int measure(const char *path, bool quick) {
     cJSON_AddBoolToObject(root, "quick", quick);
     cJSON_AddNumberToObject(root, "bandwidth_GB_s",
                             1e-9 * app_bandwidth_B_s((size_t)(quick ? 8 : 200) << 20, quick ? 3 : 9));
-    cJSON_AddItemToObject(root, "force", bench_force(&run));
-    cJSON_AddItemToObject(root, "numbering", bench_numbering(&run));
-    cJSON_AddItemToObject(root, "step", bench_step(&run));
-    cJSON_AddItemToObject(root, "hybrid", bench_hybrid(&run));
-    cJSON_AddItemToObject(root, "cut", bench_cut(&run));
-    cJSON_AddItemToObject(root, "capacity", bench_capacity(&run));
+    for (int i = 0; i < ROWS; i++)
+        if (!only || strcmp(only, row[i].name) == 0) cJSON_AddItemToObject(root, row[i].name, row[i].measure(&run));
     tm_error error;
     const tm_status status = path ? app_json_write(path, root, &error) : TM_OK;
     cJSON_Delete(root);
@@ -134,24 +137,28 @@ static int measure(const char *path, bool quick) {
 }
 
 static void usage(FILE *to) {
-    fprintf(to, "usage: bench [--quick] [--json FILE]\nCost of a force pass, a step and a removed tetrahedron, beside "
-                "the memory bandwidth of this machine.\n");
+    fprintf(
+        to,
+        "usage: bench [--quick] [--row NAME] [--json FILE]\nCost of a force pass, a step and a removed tetrahedron, beside "
+        "the memory bandwidth of this machine.\n");
 }
 
 int main(int argc, char **argv) {
-    static const struct option options[] = {{"json", required_argument, NULL, 'j'},
-                                            {"quick", no_argument, NULL, 'q'},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {"version", no_argument, NULL, 'v'},
-                                            {0}};
-    const char *path = NULL;
+    static const struct option options[] = {{"json", required_argument, NULL, 'j'}, {"quick", no_argument, NULL, 'q'},
+                                            {"row", required_argument, NULL, 'r'},  {"help", no_argument, NULL, 'h'},
+                                            {"version", no_argument, NULL, 'v'},    {0}};
+    const char *path = NULL, *only = NULL;
     bool quick = false;
     for (int option; (option = getopt_long(argc, argv, "", options, NULL)) != -1;) switch (option) {
         case 'j': path = optarg; break;
         case 'q': quick = true; break;
+        case 'r': only = optarg; break;
         case 'h': usage(stdout); return APP_DONE;
         case 'v': printf("bench %s\n", tm_version()); return APP_DONE;
         default: usage(stderr); return APP_BAD_INPUT;
         }
-    return measure(path, quick);
+    bool known = !only;
+    for (int i = 0; i < ROWS; i++) known = known || strcmp(only, row[i].name) == 0;
+    if (!known) return app_bad_input(NULL, 0, "bench: no row '%s'; docs/benchmark.md lists them", only);
+    return measure(path, quick, only);
 }

@@ -18,6 +18,8 @@ def ratios(figures):
         found[f"step, {row['tets']} tetrahedra, divided over whole, {row['threads']} threads"] = 1 / row["speedup"]
     for row in figures.get("numbering", []):
         found[f"numbering, {row['tets']} tetrahedra, {row['precision']}: shuffled over ordered"] = row["shuffled_over_ordered"]
+        if "renumbered_over_ordered" in row:
+            found[f"numbering, {row['tets']} tetrahedra, {row['precision']}: renumbered over ordered"] = row["renumbered_over_ordered"]
     for row in figures.get("hybrid", []):
         found[f"hybrid, {row['tets']} tetrahedra, {row['share']:.3f} tensor/mass: over a dynamic frame"] = row["hybrid_over_dynamic"]
     return found

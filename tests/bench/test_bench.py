@@ -5,6 +5,8 @@ import re
 import subprocess
 import sys
 
+import pytest
+
 
 def compare(root, baseline, out):
     return subprocess.run([sys.executable, root / "tests/bench/compare.py", baseline, out], capture_output=True, text=True)
@@ -23,7 +25,7 @@ def test_quick_benchmark_is_complete(build, root, tmp_path):
         assert row["ns_per_edge"] > 0 and row["share_of_bandwidth"] > 0
     for row in figures["step"]:
         assert row["sim_seconds_per_wall_second"] > 0 and row["step_over_force"] > 0 and row["speedup"] > 0 and row["threads"] >= 1
-    assert len(figures["numbering"]) == 4 and all(row["shuffled_over_ordered"] > 0 for row in figures["numbering"])
+    assert len(figures["numbering"]) == 4 and all(row["shuffled_over_ordered"] > 0 and row["renumbered_over_ordered"] > 0 for row in figures["numbering"])
     assert len(figures["hybrid"]) == 2
     for row in figures["hybrid"]:
         assert 0 < row["share"] < 1 and row["border"] > 0 and row["hybrid_over_dynamic"] > 0
@@ -40,9 +42,16 @@ def test_quick_benchmark_is_complete(build, root, tmp_path):
         assert 0 < q["p50"] <= q["p99"] <= q["max"]
 
 
-def test_bad_option_is_refused(build, root):
-    run = subprocess.run([build / "tests" / "bench" / "bench", "--no-such"], cwd=root, capture_output=True, text=True)
-    assert run.returncode == 2 and "usage" in run.stderr
+@pytest.mark.parametrize("args,said", [(["--no-such"], "usage"), (["--row", "none"], "no row 'none'")])
+def test_bad_option_is_refused(args, said, build, root):
+    run = subprocess.run([build / "tests" / "bench" / "bench", *args], cwd=root, capture_output=True, text=True)
+    assert run.returncode == 2 and said in run.stderr
+
+
+def test_one_row_alone(build, tmp_path):
+    subprocess.run([build / "tests" / "bench" / "bench", "--quick", "--row", "numbering", "--json", tmp_path / "b.json"], check=True, capture_output=True, timeout=120)
+    rows = json.loads((tmp_path / "b.json").read_text())
+    assert len(rows["numbering"]) == 4 and "force" not in rows
 
 
 def test_what_local_steps_could_save(bin, root):

@@ -9,7 +9,7 @@ import meshlib
 import pytest
 from test_mesh_files import info, named_block, write
 
-COMMANDS = ["info", "check", "fill", "refine", "repair", "convert"]
+COMMANDS = ["info", "check", "fill", "refine", "repair", "renumber", "convert"]
 
 
 @pytest.mark.parametrize("args", [["--help"], ["--version"]] + [[c, "--help"] for c in COMMANDS])
