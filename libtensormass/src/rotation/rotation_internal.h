@@ -45,7 +45,12 @@ double tm_rotation_sum_energy(const tm_packs *packs, const double *u_m);
 enum { TM_VISCOUS_TERMS = 3 };
 typedef struct tm_viscous {
     int32_t terms;
-    double shear[TM_VISCOUS_TERMS], more[TM_VISCOUS_TERMS]; /* shares of all the law, and of the bulk modulus beyond */
+    /* By what the packs' law, which is what the series leaves, is multiplied to be a term's, and the bulk modulus that
+     * is missing then, as a share of bulk_J; the same for the sudden law, by which moduli are shared out. */
+    double shear[TM_VISCOUS_TERMS], more[TM_VISCOUS_TERMS], whole, whole_more;
+    double volume[TM_VISCOUS_TERMS]; /* shares of bulk moduli */
+    const double *left_bulk_Pa;      /* [region_count] by law, of what is averaged and left; else null */
+    const double *left_most_Pa;
     /* The history h = memory + now E becomes memory = keep h + old E. */
     double now[TM_VISCOUS_TERMS], keep[TM_VISCOUS_TERMS], old[TM_VISCOUS_TERMS];
     bool still;                         /* histories do not go on */

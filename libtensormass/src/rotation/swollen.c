@@ -88,15 +88,15 @@ static double average(const tm_swollen *s, int32_t i, const double *of) {
     return sum / tm_swollen_domains_of(s)->volume_m3[i];
 }
 
-/* What has relaxed of a domain's pressure; a change of volume is remembered as far as tension grows, and as much the
- * other way, as in viscous_kernel.h. */
+/* The terms' part of a domain's pressure; they know a change of volume as far as tension grows, and as much the other
+ * way, as in viscous_kernel.h. */
 static void relax(const tm_swollen *s, const tm_viscous *v, int32_t i, double bulk, double most) {
     const double tiny = 1e-60, limit = most / bulk, up = s->swelling[i] < limit ? s->swelling[i] : limit;
     const double fed = up > -limit ? up : -limit;
     for (int32_t t = 0; t < v->terms; t++) {
         double *memory = v->swelling[t] + i;
         const double h = *memory + v->now[t] * fed;
-        s->turned[i] -= (v->shear[t] + v->more[t]) * bulk * h;
+        s->turned[i] += v->volume[t] * bulk * (fed - h);
         if (!v->still) *memory = (v->keep[t] * h + v->old[t] * fed + tiny) - tiny;
     }
 }
@@ -105,11 +105,12 @@ void tm_swollen_average(const tm_swollen *s, const tm_viscous *relaxing, int32_t
     const tm_domains *d = tm_swollen_domains_of(s);
     for (int32_t i = begin; i < end; i++) {
         if (!(d->volume_m3[i] > 0)) continue;
-        const double bulk = s->bulk_Pa[d->law[i]], most = s->most_Pa[d->law[i]];
+        const int32_t law = d->law[i];
+        const double most = relaxing ? relaxing->left_most_Pa[law] : s->most_Pa[law];
         s->swelling[i] = average(s, i, s->grown);
-        const double pressure = bulk * s->swelling[i];
+        const double pressure = (relaxing ? relaxing->left_bulk_Pa : s->bulk_Pa)[law] * s->swelling[i];
         s->turned[i] = pressure < most ? pressure : most;
-        if (relaxing) relax(s, relaxing, i, bulk, most);
+        if (relaxing) relax(s, relaxing, i, s->bulk_Pa[law], s->most_Pa[law]);
     }
 }
 

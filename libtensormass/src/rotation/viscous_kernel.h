@@ -1,15 +1,17 @@
 /* Tissue that turns and relaxes; a part of kernel.h. Each tetrahedron keeps, for each term of the Prony series, the
  * history h of its strain in its own axes,
  *     E = sym H + weight (U - 1 - sym H),   F = 1 + H = R U with the polar R,
- * where weight is the blend of kernel.h: below the threshold that is the linear strain, far above it Biot's. At given
- * histories T = sum_i (shear_i D + volume_i W) h_i is constant, and what is added to the stored energy is -T:E(F). Its
- * gradient needs that of U:  T:dU = R (T - Y) : dF  with the skew Y of  Y U + U Y = T U - U T  (from U dU + dU U =
- * dC); without Y a history out of line with the strain would turn the tissue by itself. With fibres R is that of least
+ * where weight is the blend of kernel.h: below the threshold that is the linear strain, far above it Biot's. The packs'
+ * law is what the series leaves, and each term adds the energy of E - h by its share of the moduli: tissue that has
+ * come to rest, h = E, bears what elastic tissue of the law that is left bears, whatever bounds the law or the history.
+ * At given histories the gradient of that energy needs the one of U:  with T = sum_i (shear_i D + volume_i W) (E - h_i)
+ *     T:dU = R (T - Y) : dF  with the skew Y of  Y U + U Y = T U - U T  (from U dU + dU U = dC);
+ * without Y a history out of line with the strain would turn the tissue by itself. With fibres R is that of least
  * energy, and its own change is left out: a torque by the little that it differs from the polar one.
  *
- * Histories are fed a change of volume within what the law resists (tension on the volume grows no further than
- * kernel.h says, and as much the other way): relaxed stress must not outweigh the stress that is there. What is crushed
- * forgets, and comes back as tissue that does not relax. */
+ * Terms know a change of volume within what the law resists (tension on the volume grows no further than kernel.h says,
+ * and as much the other way): relaxed stress must not outweigh the stress that is there. What is crushed forgets, and
+ * comes back by the law that is left. */
 
 /* y of (tr U - U) y = z. The matrix is singular where U's two smaller stretches cancel, inside out: its inverse is
  * bounded there. */
@@ -30,13 +32,13 @@ INSIDE void TM_NAME(spin)(const V8 U[9], const V8 T[9], V8 Y[9]) {
     Y[1] = -y[2], Y[2] = y[1], Y[3] = y[2], Y[5] = -y[0], Y[6] = -y[1], Y[7] = y[0];
 }
 
-/* The change of volume in E beyond what histories are fed. */
-INSIDE void TM_NAME(beyond)(const TM_NAME(law) * w, const V8 E[9], V8 *beyond) {
+/* The change of volume in E beyond what terms know: by the sudden law, that is by all shares. */
+INSIDE void TM_NAME(beyond)(const TM_NAME(law) * w, const tm_viscous *v, const V8 *bulk, const V8 E[9], V8 *beyond) {
     const V8 grown = E[0] + E[4] + E[8], fifth = grown * 0 + 0.2, least = grown * 0 + 1e-300;
-    const M8 resists = w->lambda > least;
-    V8 limit, lambda;
-    TM_NAME(choose)(&lambda, &resists, &w->lambda, &least);
-    limit = 2 * w->mu / lambda;
+    V8 limit, lambda = w->lambda * v->whole + *bulk * v->whole_more;
+    const M8 resists = lambda > least;
+    TM_NAME(choose)(&lambda, &resists, &lambda, &least);
+    limit = 2 * (w->mu * v->whole) / lambda;
     const M8 stiff = limit < fifth;
     TM_NAME(choose)(&limit, &stiff, &fifth, &limit);
     const V8 above = grown - limit, below = grown + limit;
@@ -53,13 +55,14 @@ INSIDE void TM_NAME(linear)(const TM_NAME(law) * w, bool fibred, const V8 E[9], 
     for (int i = 0; i < 9; i += 4) T[i] += sphere;
 }
 
-/* T of the pack's histories, which go on with the strain E. */
+/* T of the pack at the strain E, on which the histories go on. */
 INSIDE void TM_NAME(remember)(const TM_NAME(law) * w, bool fibred, const tm_viscous *v, int32_t p, int at,
                               const V8 E[9], V8 T[9]) {
     static const int row[6] = {0, 4, 8, 5, 2, 1};
     const double tiny = 1e-60;
     V8 shear[9], more = {0}, bulk, beyond;
-    TM_NAME(beyond)(w, E, &beyond);
+    memcpy(&bulk, v->bulk_J + TM_LANES * (int64_t)p + at, sizeof bulk);
+    TM_NAME(beyond)(w, v, &bulk, E, &beyond);
     for (int i = 0; i < 9; i++) shear[i] = (V8){0};
     for (int t = 0; t < v->terms; t++)
         for (int i = 0; i < 6; i++) {
@@ -68,14 +71,13 @@ INSIDE void TM_NAME(remember)(const TM_NAME(law) * w, bool fibred, const tm_visc
             if (i < 3) e -= (1.0 / 3) * beyond;
             memcpy(&h, m, sizeof h);
             h += v->now[t] * e;
-            shear[row[i]] += v->shear[t] * h;
-            if (i < 3) more += v->more[t] * h;
+            shear[row[i]] += v->shear[t] * (e - h);
+            if (i < 3) more += v->more[t] * (e - h);
             h = (v->keep[t] * h + v->old[t] * e + tiny) - tiny;
             if (!v->still) memcpy(m, &h, sizeof h);
         }
     shear[7] = shear[5], shear[6] = shear[2], shear[3] = shear[1];
     TM_NAME(linear)(w, fibred, shear, T);
-    memcpy(&bulk, v->bulk_J + TM_LANES * (int64_t)p + at, sizeof bulk);
     for (int i = 0; i < 9; i += 4) T[i] += bulk * more;
 }
 
@@ -91,8 +93,8 @@ INSIDE void TM_NAME(sanity)(const V8 F[9], V8 *share) {
     *share = x * x * (3 - 2 * x);
 }
 
-/* Stress of a slice of a pack: the law's, turned or not, less what has relaxed, but for changes of volume that are
- * averaged; the polar rotation with it where they are. */
+/* Stress of a slice of a pack: the law's that is left, turned or not, and the terms', but for changes of volume that
+ * are averaged; the polar rotation with it where they are. */
 INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool averaged, int32_t p, int at,
                               const double *u, TM_NAME(turned) * b, V8 P[9]) {
     V8 E[9], T[9], U[9], Y[9], M[9], turn[9];
@@ -106,7 +108,7 @@ INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool a
     TM_NAME(linear)(&w, fibred, E, P);
     if (!turned) {
         TM_NAME(remember)(&w, fibred, v, p, at, E, T);
-        for (int i = 0; i < 9; i++) P[i] -= T[i];
+        for (int i = 0; i < 9; i++) P[i] += T[i];
         return false;
     }
     TM_NAME(turn_law)(&w, fibred, false, b);
@@ -127,8 +129,8 @@ INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool a
     }
     for (int i = 0; i < 9; i++) Y[i] = T[i] - Y[i];
     TM_NAME(times)(b->R, Y, turn);
-    const V8 steer = 2 * b->slope * (b->energy - along);
-    for (int i = 0; i < 9; i++) P[i] += b->weight * (b->stress[i] - (turn[i] - T[i])) + steer * b->H[i] - T[i];
+    const V8 steer = 2 * b->slope * (b->energy + along);
+    for (int i = 0; i < 9; i++) P[i] += b->weight * (b->stress[i] + (turn[i] - T[i])) + steer * b->H[i] + T[i];
     return true;
 }
 

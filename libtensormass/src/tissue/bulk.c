@@ -61,7 +61,7 @@ void tm_bulk_add(const tm_bulk *bulk, const double *u_m, double *force_N) {
         add_linear(bulk, u_m, force_N);
 }
 
-static tm_material left_of(const tm_material *m, double shear, double volume) {
+tm_material tm_material_left(const tm_material *m, double shear, double volume) {
     const double bulk = tm_smoothed_bulk_Pa(m);
     tm_material left = *m;
     left.mu_Pa *= shear, left.dlambda_Pa *= shear, left.dmu_Pa *= shear, left.beta_Pa *= shear;
@@ -73,7 +73,8 @@ tm_status tm_tissue_relaxed(const tm_tissue *tissue, double shear, double volume
     tm_pool pool = {0};
     tm_material *material = TM_TAKE(&pool, tm_material, tissue->material_count);
     if (!material) return tm_fail_memory(error, "relaxed tissue");
-    for (int32_t i = 0; i < tissue->material_count; i++) material[i] = left_of(tissue->material + i, shear, volume);
+    for (int32_t i = 0; i < tissue->material_count; i++)
+        material[i] = tm_material_left(tissue->material + i, shear, volume);
     tm_tissue_def def = tm_tissue_def_default();
     def.mesh = tissue->mesh;
     def.material_count = tissue->material_count, def.material = material;

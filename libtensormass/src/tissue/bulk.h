@@ -16,6 +16,8 @@ bool tm_bulk_take(tm_bulk *bulk, tm_pool *pool, const tm_tissue *tissue);
 /* force_N += W u, W the bulk modulus' part of K; living tetrahedra or domains ascending. */
 void tm_bulk_add(const tm_bulk *bulk, const double *u_m, double *force_N);
 
+/* The law that is left of one when all has relaxed: shares `shear` and `volume` of its moduli. */
+tm_material tm_material_left(const tm_material *material, double shear, double volume);
 /* The tissue that is left when all has relaxed: shares `shear` and `volume` of the moduli, the same living tetrahedra.
  * TM_ERR_MEMORY. */
 tm_status tm_tissue_relaxed(const tm_tissue *tissue, double shear, double volume, tm_tissue **out, tm_error *error);

@@ -308,13 +308,13 @@ static void swap_packs(viscosity *v, tm_relaxed *relaxed) {
 tm_status tm_relaxed_begin(tm_world *world, tm_relaxed *relaxed, tm_error *error) {
     viscosity *v = of(world);
     if (!v) return TM_OK;
-    double shear = 1, volume = 1;
-    for (int32_t t = 0; t < v->def.count; t++) shear -= v->def.term[t].shear, volume -= v->def.term[t].volume;
+    double shear, volume;
+    tm_viscosity_left(&v->def, &shear, &volume);
     tm_tissue *tissue = NULL;
     const tm_status status = tm_tissue_relaxed(world->tissue, shear, volume, &tissue, error);
     if (status) return status;
-    if (v->rotation && !(tm_packs_take(&relaxed->packs, &relaxed->pool, tissue) &&
-                         tm_swollen_take(&relaxed->swollen, &relaxed->pool, tissue, relaxed->packs.count))) {
+    relaxed->packs = v->relaxing.packs;
+    if (v->rotation && !tm_swollen_take(&relaxed->swollen, &relaxed->pool, tissue, relaxed->packs.count)) {
         tm_pool_release(&relaxed->pool);
         tm_tissue_destroy(tissue);
         return tm_fail_memory(error, "settling");

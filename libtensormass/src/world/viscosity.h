@@ -21,6 +21,7 @@ tm_fading tm_fading_of(double dt_s, double time_s);
 typedef struct tm_relaxing {
     tm_world *world;
     tm_rotation *rotation;
+    tm_packs packs; /* of the law that is left when all has relaxed */
     tm_viscous viscous;
     tm_viscous_passes passes;
     int32_t *place;  /* [4*tet_count] of pulls in viscous.corner_N, in the order of mesh->vertex_tet */
@@ -30,18 +31,24 @@ typedef struct tm_relaxing {
 int64_t tm_relaxing_kept(const tm_rotation *rotation);
 /* False: no memory. `kept` of each term is the stage's. */
 bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, const tm_viscosity_def *def, double *const *kept);
-/* force_N += the whole law's force less what has relaxed; the histories go on. */
+/* force_N += the whole law's force, of what is left and of the terms; the histories go on. */
 void tm_relaxing_force(tm_relaxing *r);
 /* Histories by themselves: keep, old and now of each term for one look at u. */
 void tm_relaxing_look(const tm_relaxing *r, const tm_fading *fading);
 /* In the place of tm_stage_force: force_N is 0, and only the account of energy has the tensors' force. */
 tm_stage_range tm_relaxing_no_tensors;
 
+/* What the series leaves of shear and of volume. */
+static inline void tm_viscosity_left(const tm_viscosity_def *def, double *shear, double *volume) {
+    *shear = *volume = 1;
+    for (int32_t t = 0; t < def->count; t++) *shear -= def->term[t].shear, *volume -= def->term[t].volume;
+}
+
 /* While a world settles: its tensors (and what turns) are those of tissue that has relaxed, and the stage is still.
  * Without the stage all three do nothing. */
 typedef struct tm_relaxed {
     tm_tissue *tissue; /* null: nothing relaxes */
-    tm_packs packs;
+    tm_packs packs;    /* of tissue that turns: the stage's own */
     tm_swollen swollen;
     tm_pool pool;
 } tm_relaxed;

@@ -1,7 +1,9 @@
-/* The stage "viscosity" of tissue that turns: histories of tetrahedra, and a force that is the whole law's, so that the
- * tensors of what is linear are not run beside it. Four passes, each divided among the step's threads: strains of
- * packs; where changes of volume are averaged, pressures of domains, then their stresses on packs; corners' pulls
- * gathered by vertices. Whoever sums, sums all of it in ascending order, so that the bits are those of one thread. */
+/* The stage "viscosity" of tissue that turns: histories of tetrahedra, and a force that is the whole law's, what the
+ * series leaves and its terms, so that the tensors of what is linear are not run beside it. Four passes, each divided
+ * among the step's threads: strains of packs; where changes of volume are averaged, pressures of domains, then their
+ * stresses on packs; corners' pulls gathered by vertices. Whoever sums, sums all of it in ascending order, so that the
+ * bits are those of one thread. */
+#include "tissue/bulk.h"
 #include "world/viscosity.h"
 
 #include <string.h>
@@ -23,6 +25,42 @@ int64_t tm_relaxing_kept(const tm_rotation *rotation) {
     return 6 * TM_LANES * (int64_t)rotation->packs.count + tm_swollen_domains(&rotation->swollen);
 }
 
+/* The law that is left, in packs and, where changes of volume are averaged, by domains. The tissue with these materials
+ * lives no longer than this call: packs keep of it what is the world's own. */
+static bool take_left(tm_relaxing *r, tm_pool *pool, const tm_tissue *tissue, double shear, double volume) {
+    const int32_t regions = tissue->mesh->region_count;
+    tm_tissue left = *tissue;
+    tm_smoothed smoothed;
+    left.material = TM_TAKE(pool, tm_material, tissue->material_count);
+    for (int32_t i = 0; left.material && i < tissue->material_count; i++)
+        left.material[i] = tm_material_left(tissue->material + i, shear, volume);
+    if (tissue->smoothed && left.material) {
+        smoothed = *tissue->smoothed;
+        left.smoothed = &smoothed;
+        double *bulk_Pa = TM_TAKE(pool, double, regions), *most_Pa = TM_TAKE(pool, double, regions);
+        smoothed.rest = TM_TAKE(pool, tm_material, regions);
+        for (int32_t i = 0; !pool->failed && i < regions; i++) {
+            smoothed.rest[i] = left.material[tissue->region_material[i]];
+            bulk_Pa[i] = tm_smoothed_bulk_Pa(smoothed.rest + i);
+            most_Pa[i] = tm_turned_most_Pa(smoothed.rest + i);
+            smoothed.rest[i].lambda_Pa -= bulk_Pa[i];
+        }
+        r->viscous.left_bulk_Pa = bulk_Pa, r->viscous.left_most_Pa = most_Pa;
+    }
+    return !pool->failed && tm_packs_take(&r->packs, pool, &left);
+}
+
+static void share_out(tm_viscous *v, const tm_viscosity_def *def, double shear, double volume) {
+    v->terms = def->count;
+    v->whole = 1 / shear, v->whole_more = 1 - volume / shear;
+    for (int32_t t = 0; t < def->count; t++) {
+        const tm_viscosity_term *term = def->term + t;
+        v->shear[t] = term->shear / shear;
+        v->more[t] = term->volume - term->shear * volume / shear;
+        v->volume[t] = term->volume;
+    }
+}
+
 bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, const tm_viscosity_def *def,
                       double *const *kept) {
     const tm_tissue *tissue = world->tissue;
@@ -32,16 +70,16 @@ bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, const tm_v
     r->rotation = tm_world_rotation(world);
     r->passes = tm_viscous_choose(tissue->plain);
     const int64_t lanes = TM_LANES * (int64_t)r->rotation->packs.count;
-    v->terms = def->count;
+    double shear, volume;
+    tm_viscosity_left(def, &shear, &volume);
+    share_out(v, def, shear, volume);
     v->bulk_J = TM_TAKE(pool, double, lanes);
     v->corner_N = TM_TAKE(pool, double, 12 * lanes);
     if (tissue->smoothed) v->stress_J = TM_TAKE(pool, double, 9 * lanes);
     r->place = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
     r->active = TM_TAKE(pool, int32_t, world->part_count);
-    if (pool->failed) return false;
+    if (!take_left(r, pool, tissue, shear, volume)) return false;
     for (int32_t t = 0; t < def->count; t++) {
-        v->shear[t] = def->term[t].shear;
-        v->more[t] = def->term[t].volume - def->term[t].shear;
         v->memory[t] = kept[t];
         v->swelling[t] = kept[t] + 6 * lanes;
     }
@@ -59,12 +97,12 @@ static const tm_swollen *swollen_of(const tm_relaxing *r) {
 
 /* Packs before the part. */
 static int32_t packs_before(const tm_relaxing *r, int32_t part) {
-    return (int32_t)((int64_t)r->rotation->packs.count * part / r->world->part_count);
+    return (int32_t)((int64_t)r->packs.count * part / r->world->part_count);
 }
 
 static void strain(void *context, int32_t part) {
     const tm_relaxing *r = context;
-    r->active[part] = r->passes.strain(&r->rotation->packs, &r->viscous, swollen_of(r), packs_before(r, part),
+    r->active[part] = r->passes.strain(&r->packs, &r->viscous, swollen_of(r), packs_before(r, part),
                                        packs_before(r, part + 1), r->world->state.u_m);
 }
 
@@ -77,8 +115,7 @@ static void average(void *context, int32_t part) {
 
 static void press(void *context, int32_t part) {
     const tm_relaxing *r = context;
-    r->passes.pressure(&r->rotation->packs, &r->viscous, swollen_of(r), packs_before(r, part),
-                       packs_before(r, part + 1));
+    r->passes.pressure(&r->packs, &r->viscous, swollen_of(r), packs_before(r, part), packs_before(r, part + 1));
 }
 
 static void gather(void *context, int32_t part) {
@@ -107,7 +144,7 @@ void tm_relaxing_force(tm_relaxing *r) {
     tm_parts_do(world, gather, r);
     r->rotation->active = 0;
     for (int32_t p = 0; p < world->part_count; p++) r->rotation->active += r->active[p];
-    r->rotation->list_count = r->rotation->packs.count;
+    r->rotation->list_count = r->packs.count;
 }
 
 void tm_relaxing_look(const tm_relaxing *r, const tm_fading *fading) {
@@ -115,7 +152,7 @@ void tm_relaxing_look(const tm_relaxing *r, const tm_fading *fading) {
     once.still = false;
     for (int32_t t = 0; t < once.terms; t++)
         once.keep[t] = fading[t].keep, once.old[t] = fading[t].old, once.now[t] = fading[t].now;
-    r->passes.strain(&r->rotation->packs, &once, swollen_of(r), 0, r->rotation->packs.count, r->world->state.u_m);
+    r->passes.strain(&r->packs, &once, swollen_of(r), 0, r->packs.count, r->world->state.u_m);
     if (swollen_of(r)) tm_swollen_average(&r->rotation->swollen, &once, 0, tm_swollen_domains(&r->rotation->swollen));
 }
 
