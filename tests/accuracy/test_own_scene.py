@@ -9,7 +9,9 @@ import time
 import pytest
 
 SCENE = "apps/scenes/block-press.yaml"
-SHORT = ["--quick", "--duration", "1 s", "--limit", "1 s"]
+# Which meshes are run is told, not left to what this machine does within a time.
+SHORT = ["--quick", "--duration", "1 s", "--limit", "1000 s", "--finest", "6000"]
+OWN = ["--finest", "1"]  # no finer mesh at all
 
 
 def study(bin, root, out, *more, scene=SCENE, good=0):
@@ -91,8 +93,9 @@ def test_recommendation_is_a_scene_and_was_held(whole, bin):
     assert text.startswith("# Recommended by tm-accuracy") and "# Small and quick" in text and "s.files/" in text
     run = subprocess.run([bin / "tm-sim", out / "s-recommended.yaml", "--check", "--strict"], cwd=out, capture_output=True, text=True)
     assert run.returncode == 0 and f"{max(r['tets'] for r in data['runs'])} tetrahedra" in run.stdout, run
-    assert choice["extrapolator"] in text and f"at the hand {choice['extrapolator']} is" in text and "at the hand contact" not in text
-    assert 0.5 * choice["share"] < choice["held_share"] < 2 * choice["share"]
+    assert choice["extrapolator"] in text and f"at the hand {choice['extrapolator']} is" in text and text.count("at the hand ") == 1
+    assert choice["worse"] == 0 and choice["held_share"] > 0 and choice["held_slower"] >= 1
+    assert choice["held_dearer"] <= choice["held_over"] and choice["verdict"] in (out / "said.txt").read_text()
 
 
 def test_page(whole):
@@ -110,7 +113,7 @@ def test_page(whole):
 def test_ctrl_c_loses_nothing_that_is_done(whole, bin, root, tmp_path):
     done = {**whole[1], "whole": False, "runs": whole[1]["runs"][:6]}
     (tmp_path / "s.json").write_text(json.dumps(done))
-    process = subprocess.Popen([bin / "tm-accuracy", "--scene", SCENE, "--json", tmp_path / "s.json", *SHORT, "--limit", "1 s"], cwd=root, stderr=subprocess.PIPE, text=True)
+    process = subprocess.Popen([bin / "tm-accuracy", "--scene", SCENE, "--json", tmp_path / "s.json", *SHORT], cwd=root, stderr=subprocess.PIPE, text=True)
     time.sleep(0.2)
     process.send_signal(signal.SIGINT)
     said = process.communicate(timeout=300)[1]
@@ -124,18 +127,36 @@ def test_ctrl_c_loses_nothing_that_is_done(whole, bin, root, tmp_path):
         assert page.returncode == 1 and "broken off" in page.stderr and not (tmp_path / "page").exists()
 
 
-def test_a_setting_that_promises_too_much_is_found_out(whole, bin, root, tmp_path):
-    """A run in the file that claims the truth itself: chosen for it, run, and held to it."""
+def test_a_setting_that_came_out_worse_is_not_taken(whole, bin, root, tmp_path):
+    """A run in the file that claims the truth itself: measured before it is promised, it loses to others, and that is counted."""
     data = json.loads(json.dumps(whole[1]))
     (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
-    lie, own, truth = named(data, "single"), data["runs"][0], data["truth"]["force_N"]
-    meshes = sorted((r for r in data["runs"] if r["knob"] in ("own", "mesh", "volume")), key=lambda r: r["force_error"])
-    meshes[0]["cpu_p95_s"] = 1e9  # the truth's own run: out of any budget
-    lie["force_N"] = [a + t - b for a, t, b in zip(own["force_N"], truth, meshes[1]["force_N"])]
+    lie, own = named(data, "single"), data["runs"][0]
+    for r in data["runs"]:
+        if r["knob"] in ("mesh", "volume", "step", "mass"):
+            r["cpu_p95_s"] = r["busy_p95_s"] = 1e30  # out of any budget
+    lie["force_N"] = data["truth"]["force_N"]
     (tmp_path / "s.json").write_text(json.dumps(data))
     run, said = study(bin, root, tmp_path, "--budget", "20", "--hold", "1 s")
-    assert "single" in said["recommendation"]["settings"] and said["recommendation"]["kept"] is False, said["recommendation"]
-    assert "PROMISE WAS NOT KEPT" in run.stdout
+    choice = said["recommendation"]
+    assert choice["kept"] and choice["worse"] == 1 and choice["error"] == pytest.approx(own["force_error"], rel=1e-3), choice
+    assert choice["held_error"] == pytest.approx(choice["error"], rel=1e-6) and "1 setting came out worse than predicted" in run.stdout
+
+
+def test_what_is_promised_was_measured(whole, bin, root, tmp_path):
+    """Predicted from another mesh or run, an error may be many times what comes out: planted as four times, promised as it is."""
+    data = json.loads(json.dumps(whole[1]))
+    (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
+    own, single, truth = data["runs"][0], named(data, "single"), data["truth"]["force_N"]
+    for r in data["runs"]:
+        r["cpu_p95_s"] = r["busy_p95_s"] = 1e9 if r is own or r["knob"] not in ("mesh", "volume") else 1e30
+    single["cpu_p95_s"] = single["busy_p95_s"] = 1e-3  # the scene's own mesh so is all there is to be had
+    single["force_N"] = [f + 3 * (f - t) for f, t in zip(own["force_N"], truth)]
+    (tmp_path / "s.json").write_text(json.dumps(data))
+    choice = study(bin, root, tmp_path, "--budget", "20", "--hold", "1 s")[1]["recommendation"]
+    assert choice["settings"] == ["as it is", "single"] and choice["kept"], choice
+    assert choice["predicted_error"] == pytest.approx(4 * own["force_error"], rel=1e-3)
+    assert choice["error"] == pytest.approx(own["force_error"], rel=1e-3) and choice["held_error"] == pytest.approx(choice["error"], rel=1e-6)
 
 
 def test_no_setting_within_the_budget_is_said(whole, bin, root, tmp_path):
@@ -161,7 +182,7 @@ def test_another_scene_finds_nothing_in_the_file(whole, bin, root, tmp_path):
     text = (root / SCENE).read_text().replace("5 kPa", "4 kPa").replace("../../meshes", str(root / "meshes"))
     (tmp_path / "soft.yaml").write_text(text)
     (tmp_path / "s.json").write_text((whole[0] / "s.json").read_text())
-    _, data = study(bin, root, tmp_path, "--limit", "0.001 s", scene=tmp_path / "soft.yaml")
+    _, data = study(bin, root, tmp_path, *OWN, scene=tmp_path / "soft.yaml")
     assert not {r["key"] for r in data["runs"]} & {r["key"] for r in whole[1]["runs"]}
     assert data["runs"][0]["force_N"] == pytest.approx([0.8 * f for f in whole[1]["runs"][0]["force_N"]], abs=0.06)
 
@@ -175,7 +196,7 @@ def test_supports_by_vertex_number_are_held_on_other_meshes_too(whole, bin, root
     right = ", ".join(str(i) for i in base if points[i][0] > 0.04)
     text = (root / SCENE).read_text().replace("  - {name: base, group: z_min}", f"  - {{name: left,\n     vertex: [{left}]}} # a\n  - name: right\n    vertex: [{right}]\n    axes: xyz")
     (tmp_path / "numbered.yaml").write_text(text.replace("../../meshes", str(root / "meshes")).replace("haptics: {extrapolator: contact}\n", ""))
-    _, data = study(bin, root, tmp_path, "--limit", "0.3 s", "--duration", "0.8 s", "--budget", "20", "--hold", "0.1 s", scene=tmp_path / "numbered.yaml")
+    _, data = study(bin, root, tmp_path, "--duration", "0.8 s", "--budget", "20", "--hold", "0.1 s", scene=tmp_path / "numbered.yaml")
     own, finest = data["runs"][0], max((r for r in data["runs"] if r["form"] == 0 and "cannot" not in r), key=lambda r: r["tets"])
     assert finest["tets"] > 2 * own["tets"] and "supports[0].group=support_0" in finest["set"]
     same = next(r for r in whole[1]["runs"] if r["tets"] == finest["tets"] and r["form"] == 0)
@@ -238,6 +259,8 @@ def fnv(data):
     (["--scene", "no-hand.yaml", "--json", "x.json", "--knob", "mesh"], "leave it out"),
     (["--budget", "1", "--json", "x.json"], "add --scene FILE"),
     (["--scene", "no-hand.yaml", "--json", "x.json", "--budget", "-1"], "above 0"),
+    (["--finest", "100", "--json", "x.json"], "add --scene FILE"),
+    (["--scene", "no-hand.yaml", "--json", "x.json", "--finest", "many"], "--finest many"),
     (["--scene", "no-hand.yaml", "--json", "x.json", "--frame", "25 mm"], "--frame 25 mm"),
 ])
 def test_bad_use(bin, root, tmp_path, arguments, says):
@@ -249,7 +272,7 @@ def test_bad_use(bin, root, tmp_path, arguments, says):
 
 
 def test_threads_are_what_real_time_wants_where_one_processor_is_not_enough(bin, root, tmp_path):
-    short = ["--duration", "0.2 s", "--limit", "0.001 s", "--set", "threads=1"]
+    short = ["--duration", "0.2 s", *OWN, "--set", "threads=1"]
     liver = "apps/scenes/liver-press.yaml"
     run, data = study(bin, root, tmp_path, *short, scene=liver)
     assert "touches nothing" in run.stderr and "no instrument touches" in named(data, "contact")["cannot"]

@@ -1,4 +1,4 @@
-"""Each recommendation for the demo's scenes and for three made from images keeps its promise: error within a factor of two, no more than a twentieth of the frames above the budget."""
+"""Each recommendation for the demo's scenes and for three made from images keeps its promise: error within a factor of two, no more than a twentieth of the frames above the budget on a machine as fast as when it was promised."""
 import sys
 
 import pytest
@@ -17,4 +17,4 @@ def test_promises_are_kept(bin, build, tmp_path, name):
         choice = data["recommendation"]
         print(promises.row(name, budget, data))
         assert choice["fits"] and choice["kept"], choice
-        assert 0.5 * choice["error"] - 1e-4 <= choice["held_error"] <= 2 * choice["error"] + 1e-4 and choice["held_over"] <= 0.05
+        assert 0.5 * choice["error"] - 1e-4 <= choice["held_error"] <= 2 * choice["error"] + 1e-4 and choice["held_dearer"] <= 0.05

@@ -1,6 +1,7 @@
 /* tm-accuracy: measures every knob for its error and its price, as JSON, on a block whose truth is known (page.py draws
  * it) or, with --scene, on a scene of one's own (study.c; scene_page.py draws it). */
 #include <getopt.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -51,6 +52,7 @@ static void usage(FILE *to) {
         "  --mesh FILE       another mesh of the same organ, with the same groups and unit (at most 4)\n"
         "  --duration TIME   of the hand's path [the scene's]\n"
         "  --limit TIME      no finer mesh whose run would take longer, about [2 min]\n"
+        "  --finest NUMBER   no finer mesh of more tetrahedra than that; with a long --limit the meshes are then the same on every machine\n"
         "  --budget CORES    recommend the exactest setting within these processors (0.5, \"2 cores\"), write it as a scene and run it\n"
         "  --frame RATE      at this frame rate\n"
         "  --hold TIME       how long the recommendation is run in real time [10 s]\n"
@@ -139,7 +141,18 @@ static int take_mesh(study *t, const char *file) {
     return 0;
 }
 
-enum { OPT_SET = 1000, OPT_MESH, OPT_DURATION, OPT_LIMIT, OPT_BUDGET, OPT_FRAME, OPT_HOLD, OPT_PAGE, OPT_SCENE };
+enum {
+    OPT_SET = 1000,
+    OPT_MESH,
+    OPT_DURATION,
+    OPT_LIMIT,
+    OPT_FINEST,
+    OPT_BUDGET,
+    OPT_FRAME,
+    OPT_HOLD,
+    OPT_PAGE,
+    OPT_SCENE
+};
 
 /* Options of a scene's study. */
 static int take_scene_option(study *t, int option) {
@@ -149,6 +162,7 @@ static int take_scene_option(study *t, int option) {
     case OPT_MESH: return take_mesh(t, optarg);
     case OPT_DURATION: return take_quantity("--duration", optarg, "time", &t->duration_s);
     case OPT_LIMIT: return take_quantity("--limit", optarg, "time", &t->limit_s);
+    case OPT_FINEST: return take_quantity("--finest", optarg, "none", &t->finest);
     case OPT_BUDGET: return take_budget(t, optarg);
     case OPT_FRAME: return take_quantity("--frame", optarg, "rate", &t->frame_Hz);
     case OPT_HOLD: return take_quantity("--hold", optarg, "time", &t->hold_s);
@@ -171,6 +185,7 @@ static int parse(options *o, int argc, char **argv) {
                                           {"mesh", required_argument, NULL, OPT_MESH},
                                           {"duration", required_argument, NULL, OPT_DURATION},
                                           {"limit", required_argument, NULL, OPT_LIMIT},
+                                          {"finest", required_argument, NULL, OPT_FINEST},
                                           {"budget", required_argument, NULL, OPT_BUDGET},
                                           {"frame", required_argument, NULL, OPT_FRAME},
                                           {"hold", required_argument, NULL, OPT_HOLD},
@@ -207,10 +222,10 @@ static int check_kind(const options *o) {
     const study *t = &o->study;
     if (t->file && o->some)
         return app_bad_input("tm-accuracy", 0, "--knob is of the block's study; a scene's measures all: leave it out");
-    if (!t->file &&
-        (t->set_count || t->other_count || t->page || t->choice.wanted || t->frame_Hz > 0 || t->duration_s > 0))
+    if (!t->file && (t->set_count || t->other_count || t->page || t->choice.wanted || t->frame_Hz > 0 ||
+                     t->duration_s > 0 || isfinite(t->finest)))
         return app_bad_input("tm-accuracy", 0,
-                             "--set, --mesh, --page, --budget, --frame and --duration are of a "
+                             "--set, --mesh, --page, --budget, --frame, --finest and --duration are of a "
                              "scene's study; add --scene FILE");
     return 0;
 }
@@ -219,7 +234,7 @@ int main(int argc, char **argv) {
     char found[2048];
     static options o; /* the study is too large for a stack */
     o.reference = found;
-    o.study = (study){.duration_s = -1, .frame_Hz = -1, .limit_s = 120, .hold_s = 10, .slower = 1};
+    o.study = (study){.duration_s = -1, .frame_Hz = -1, .limit_s = 120, .finest = INFINITY, .hold_s = 10, .slower = 1};
     app_check_stdout();
     app_shared_file("apps/studies/accuracy/reference/reference.json", found, sizeof found);
     int rc = parse(&o, argc, argv);

@@ -97,11 +97,12 @@ def recommendation(page, study):
     page.section("Recommendation", f"For {choice['budget']:g} processors: <b>{words}</b>, written as <code>{html.escape(choice['file'])}</code>."
                  + ("" if choice["fits"] else " <b>Nothing measured fits the budget; this is the cheapest.</b>"))
     if "kept" in choice:
-        verdict = "kept" if choice["kept"] and choice["real_time"] else "kept in force and price, not in real time: other programs had the processors" if choice["kept"] else "not kept"
         page.table("promise", ("", "promised", "held"), [
-            ("error of the force", percent(choice["error"]), percent(choice["held_error"])),
+            ("error of the force", f"{percent(choice['error'])} (predicted: {percent(choice['predicted_error'])})", percent(choice["held_error"])),
             ("of a processor, 95th percentile", percent(choice["share"]), f"{percent(choice['held_share'])}; {percent(choice['held_over'])} of {choice['held_frames']} frames took more than the budget"),
-            ("late frames, by the wall clock", "5 % at most", f"{choice['held_late']} of {choice['held_frames']}")], f"The promise was {verdict}.")
+            ("late frames, by the wall clock", "5 % at most", f"{choice['held_late']} of {choice['held_frames']}"),
+            ("the machine", "1", f"{choice['held_slower']:.3g} times slower"),
+            ("settings that came out worse than predicted", "", str(choice["worse"]))], html.escape(choice["verdict"]))
 
 
 def extrapolators(page, study):

@@ -1,6 +1,7 @@
 /* tm-accuracy --scene: what each setting of one's own scene does to the force at the hand, and what it costs here.
  * study_vary.c says what is run, study_measure.c runs one, study_store.c keeps what is done, study_judge.c holds it
- * against the finest, study_recommend.c chooses, study_yaml.c writes the chosen scene. */
+ * against the finest, study_recommend.c chooses, study_yaml.c writes the chosen scene, study_hold.c runs it,
+ * study_pace.c tells a slower machine from a dearer setting. */
 #ifndef TM_STUDY_H
 #define TM_STUDY_H
 
@@ -21,6 +22,11 @@ enum {
 
 /* How a run's mesh relates to the scene's. */
 typedef enum study_form { STUDY_AS_IT_IS, STUDY_OTHER_VOLUME } study_form;
+
+/* Share of frames that may be dearer, or later, than promised: what was promised is a 95th percentile. */
+#define STUDY_OVER 0.05
+/* Errors of the force that are the same to a hand, and to rounding. */
+#define STUDY_ALIKE 1e-4
 
 /* One setting, run along the hand's path in lockstep without haptics. */
 typedef struct study_run {
@@ -63,14 +69,23 @@ typedef struct study_truth {
     int frames, instruments, points;
 } study_truth;
 
+/* Of frames that are held to a price. */
+typedef struct study_pace {
+    double slower; /* the machine, against when that was promised: 95th percentile of the frames, 1 at least */
+    double over;   /* share of frames that took more processor time than the budget */
+    double dearer; /* and of those that would have on a machine no slower than then */
+} study_pace;
+
 typedef struct study_choice {
     bool wanted, fits, kept, real_time;
     int mesh_run, extra[5], extra_count; /* runs whose settings it takes */
     int felt_run;                        /* the extrapolator, 0: the scene's */
     sim_sends sends;                     /* what that asks for */
-    double error, cost_s, share, busy;   /* predicted; 95th percentile: share of one processor, of the frame */
-    double held_error, held_share, held_wall_s,
-        held_over; /* over: share of frames that took more processor time than the budget */
+    double predicted;                    /* error, from runs of one change each */
+    double error, cost_s, share, busy;   /* promised: measured before; 95th percentile: of a processor, of the frame */
+    double work_s;                       /* what study_work_s took then */
+    double held_error, held_share, held_wall_s;
+    study_pace held;
     int held_frames, held_late;
     char file[1100];
 } study_choice;
@@ -82,6 +97,7 @@ typedef struct study {
     const char *other_mesh[4]; /* --mesh */
     int other_count;
     double duration_s, limit_s, budget, frame_Hz, hold_s; /* below 0: not asked for; limit: of one run */
+    double finest;                                        /* tetrahedra of a finer mesh at most */
     bool quick, feels;                                    /* feels: the scene names haptics */
     int sends;                                            /* sim_sends that it allows */
     uint64_t scene_hash;
@@ -95,6 +111,7 @@ typedef struct study {
     study_truth truth;
     study_choice choice;
     double slower; /* the machine now, against what its runs were priced on */
+    int worse;     /* settings that came out worse than was predicted of them, and lost by that */
 } study;
 
 /* All of it: 0 or an exit code, having complained. */
@@ -164,6 +181,24 @@ double study_distance(const double *a, const double *b, size_t count);
 /* --- study_recommend.c --- */
 int study_recommend(study *t);
 void study_say(const study *t);
+
+/* --- study_hold.c --- */
+/* The choice's scene along the path, frame after frame: its error, price and work in `out`; false: went unstable. */
+bool study_price(const study *t, sim *s, study_choice *out);
+/* The same in real time, for `hold_s` at least, held to what was promised. */
+void study_hold(study *t, sim *s);
+
+/* --- study_pace.c --- */
+/* Processor time, s, of a fixed piece of work. One thread's. */
+double study_work_s(void);
+/* cost_s, work_s [frames]: what each frame and the work beside it took; work_then_s: the work when the price was
+ * promised, 0: not known; allowed_s: a frame's budget. */
+study_pace study_judge_pace(const double *cost_s, const double *work_s, int frames, double work_then_s,
+                            double allowed_s);
+/* Whether the promise was kept, in words, and what the machine has to do with it. */
+void study_verdict(const study_choice *c, char *text, size_t size);
+
+/* --- study_yaml.c --- */
 /* The scene with `edit` (as --set takes them) laid over its lines, after the comment `evidence`. */
 /* Whether study_write_yaml can write this one; the others are left out, with a remark. */
 bool study_yaml_can(const char *edit);

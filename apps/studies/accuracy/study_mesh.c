@@ -76,7 +76,7 @@ static uint64_t hash_supports(const sim *own, uint64_t hash) {
     return hash;
 }
 
-/* One mesh whose longest edges are `factor` of the scene's mean one, where its runs keep the limit. The file is kept,
+/* One mesh whose longest edges are `factor` of the scene's mean one, where its runs keep the limits. The file is kept,
  * by what it was made of. */
 static bool refine(study *t, const sim *own, double factor, const char *name) {
     study_mesh *m = &t->mesh[t->mesh_count];
@@ -113,6 +113,7 @@ static bool refine(study *t, const sim *own, double factor, const char *name) {
     }
     for (int i = 0; i < t->mesh_count; i++) /* bisection may end at the same one, which says nothing of an order */
         if (t->mesh[i].tets >= m->tets && t->mesh[i].tets < 1.2 * m->tets) return false;
+    if (m->tets > t->finest) return false;
     /* Price: tetrahedra, steps, and half as much again for what the cache no longer holds. */
     const double price_s = 1.5 * t->run[0].cpu_s * t->run[0].frames * m->tets / own->mesh->tet_count *
                            smallest_height_m(own->mesh->rest_m, own->mesh->tet, own->mesh->tet_count) / height_m;
@@ -150,7 +151,8 @@ int study_make_meshes(study *t, const sim *own) {
     for (int i = 0; i < (t->quick ? 1 : 2) && !bound; i++) study_coarsen(t, own, i ? 4 : 2, i ? "coarsest" : "coarser");
     for (int i = 0; i < 3 && !bound; i++) {
         static const double factor[] = {0.5, 0.63, 0.8};
-        if (!(run_s * pow(factor[i], -4) <= t->limit_s)) continue; /* f^-3 tetrahedra, 1/f steps: at the least */
+        const double tets = own->mesh->tet_count * pow(factor[i], -3); /* at the least; 1/f times the steps */
+        if (!(run_s * pow(factor[i], -4) <= t->limit_s) || tets > t->finest) continue;
         if (!refine(t, own, factor[i], "finest")) continue;
         if (factor[i] < 0.7 && !t->quick) refine(t, own, factor[i] < 0.6 ? 0.71 : 0.8, "finer");
         break;

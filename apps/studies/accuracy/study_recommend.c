@@ -2,22 +2,18 @@
  *
  * A setting is one mesh and form that was run, with another step, mass, precision, threads or another model beside it.
  * What these do together: their differences of force are added to that of the mesh, and their ratios of price
- * multiplied. The exactest by that is run once for its price; that the rest comes out so is what the run at the end is
- * for. */
-#include <errno.h>
+ * multiplied. The exactest by that is run once (study_hold.c), and what came out is promised: an error that is worse
+ * than the sum goes back among the others as what it is, a price above the budget is passed over. That it comes out so
+ * in real time is what the run at the end is for. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
-#include "bandwidth.h"
 #include "study.h"
 
 /* Of the budget, and of the frame; the rest is for what the hand does that its path did not. */
 static const double ROOM = 0.9;
-/* Errors of the force that are the same to a hand, and to rounding. */
-static const double ALIKE = 1e-4;
 /* A hand tells forces apart that differ by some 7 %; a seventieth of that decides nothing. */
 static const double FELT = 1e-3;
 
@@ -53,8 +49,11 @@ static void predict(const study *t, study_choice *c, double *force_N) {
         c->share *= x->cpu_p95_s / own->cpu_p95_s;
         c->busy *= x->busy_p95_s / own->busy_p95_s;
     }
-    c->error = study_distance(force_N, t->truth.force_N, count);
+    c->predicted = c->error = study_distance(force_N, t->truth.force_N, count);
 }
+
+/* Not worth telling apart: a twentieth, or what no hand feels. */
+static double alike(double error) { return fmax(FELT, 0.05 * error); }
 
 /* Within the budget, and done before the next frame is due; whatever the budget, one thread is one processor. */
 static bool within(const study *t, const study_choice *c) { return c->share <= ROOM * t->budget && c->busy <= ROOM; }
@@ -64,55 +63,74 @@ static bool within(const study *t, const study_choice *c) { return c->share <= R
 static bool better(const study *t, const study_choice *a, const study_choice *b) {
     const bool fits_a = within(t, a);
     if (fits_a != within(t, b)) return fits_a;
-    if (!fits_a || fabs(a->error - b->error) < fmax(FELT, 0.05 * fmin(a->error, b->error))) return a->share < b->share;
+    if (!fits_a || fabs(a->error - b->error) < alike(fmin(a->error, b->error))) return a->share < b->share;
     return a->error < b->error;
 }
 
-/* What was tried and cannot be together, as effects may exclude one another, or was too dear. */
-enum { BANS = 32 };
-typedef struct bans {
-    study_choice item[BANS];
+/* What was run: it cannot be, as effects may exclude one another, or was too dear; or was worse than predicted. */
+enum { TRIED = 64 };
+typedef struct tried {
+    struct {
+        study_choice of;
+        bool cannot;
+        double error; /* measured, where it can be */
+    } item[TRIED];
     int count;
-} bans;
+} tried;
 
-static bool is_banned(const bans *b, const study_choice *c) {
+static int find_tried(const tried *b, const study_choice *c) {
     for (int i = 0; i < b->count; i++) {
-        const study_choice *x = &b->item[i];
+        const study_choice *x = &b->item[i].of;
         if (x->mesh_run == c->mesh_run && x->extra_count == c->extra_count &&
             !memcmp(x->extra, c->extra, sizeof *c->extra * (size_t)c->extra_count))
-            return true;
+            return i;
     }
-    return false;
+    return -1;
 }
 
-static void consider(study *t, study_choice c, int knob, const bans * not, bool *any, double *scratch) {
+/* False: no room for more. */
+static bool remember(tried *b, const study_choice *c, bool cannot, double error) {
+    int at = find_tried(b, c);
+    if (at < 0 && b->count == TRIED) return false;
+    if (at < 0) at = b->count++;
+    b->item[at].of = *c, b->item[at].cannot = cannot, b->item[at].error = error;
+    return true;
+}
+
+static void consider_one(study *t, study_choice *c, const tried *known, bool *any, double *scratch) {
+    const int at = find_tried(known, c);
+    if (at >= 0 && known->item[at].cannot) return;
+    predict(t, c, scratch);
+    if (at >= 0) c->error = known->item[at].error;
+    if (!*any || better(t, c, &t->choice)) {
+        c->fits = within(t, c);
+        t->choice = *c;
+    }
+    *any = true;
+}
+
+static void consider(study *t, study_choice c, int knob, const tried *known, bool *any, double *scratch) {
     if (knob == EXTRAS) {
-        if (is_banned(not, &c)) return;
-        predict(t, &c, scratch);
-        if (!*any || better(t, &c, &t->choice)) {
-            c.fits = within(t, &c);
-            t->choice = c;
-        }
-        *any = true;
+        consider_one(t, &c, known, any, scratch);
         return;
     }
-    consider(t, c, knob + 1, not, any, scratch);
+    consider(t, c, knob + 1, known, any, scratch);
     for (int i = 0; i < t->run_count; i++) {
         if (!is_extra(&t->run[i], &c, knob) || !usable(t, &t->run[i])) continue;
         study_choice with = c;
         with.extra[with.extra_count++] = i;
-        consider(t, with, knob + 1, not, any, scratch);
+        consider(t, with, knob + 1, known, any, scratch);
     }
 }
 
-static bool choose(study *t, const bans * not ) {
+static bool choose(study *t, const tried *known) {
     const study_run *own = &t->run[0];
     double *scratch = malloc(sizeof(double) * ((size_t)own->frames * (size_t)own->instruments * 3 + 1));
     bool any = false;
     if (!scratch) abort();
     for (int i = 0; i < t->run_count; i++)
         if (is_mesh(&t->run[i]) && usable(t, &t->run[i]))
-            consider(t, (study_choice){.wanted = true, .mesh_run = i}, 0, not, &any, scratch);
+            consider(t, (study_choice){.wanted = true, .mesh_run = i}, 0, known, &any, scratch);
     free(scratch);
     return any;
 }
@@ -185,74 +203,27 @@ static int write_scene(study *t) {
              "#   evidence   %s; what holds is what was run on that machine\n",
              t->budget, t->file, c->fits ? "" : " (nothing measured fits that; this is the cheapest)", setting,
              100 * c->error, 100 * own->force_error,
-             t->truth.extrapolated || c->error > ALIKE ? "" : "that truth is this very run; ", doubt, hand,
+             t->truth.extrapolated || c->error > STUDY_ALIKE ? "" : "that truth is this very run; ", doubt, hand,
              1e3 * c->cost_s, 1e3 * own->frame_s, c->share, own->cpu_p95_s / own->frame_s, t->json);
     return study_write_yaml(t, c->file, edit, gather_edits(t, edit), evidence);
 }
 
-/* --- held to it --- */
-
-static void wait_until(double when_s) {
-    const double left_s = when_s - app_seconds();
-    if (left_s <= 0) return;
-    struct timespec nap = {(time_t)left_s, (long)(1e9 * (left_s - floor(left_s)))};
-    while (!app_interrupted() && nanosleep(&nap, &nap) && errno == EINTR) {
-    }
-}
-
-/* Frames at their times, the hand's path over and over; the first time round it is the path of the study. */
-static bool run_paced(study *t, sim *s) {
-    study_choice *c = &t->choice;
-    const study_run *own = &t->run[0];
-    const size_t width = 3 * (size_t)own->instruments, path = (size_t)own->frames;
-    /* At least once along the path, else there is no error to hold against. */
-    const int frames = (int)fmax(own->frames, ceil(t->hold_s / s->frame_s));
-    double *cost_s = calloc((size_t)frames, sizeof *cost_s), *force_N = calloc(path * width + 1, sizeof *force_N);
-    if (!cost_s || !force_N) abort();
-    const double start_s = app_seconds();
-    bool good = true;
-    int k = 0;
-    for (; k < frames && good && !app_interrupted(); k++) {
-        tm_tool_pose to[TM_MAX_INSTRUMENTS];
-        const double time_s = (k % own->frames + 1) * s->frame_s, before = study_cpu_s();
-        for (int i = 0; i < own->instruments; i++) to[i] = sim_hand_pose(s, i, time_s);
-        good = sim_frame(s, to, s->substeps) == TM_OK && !s->broken_off;
-        cost_s[k] = study_cpu_s() - before;
-        c->held_wall_s = app_seconds() - start_s;
-        c->held_late += c->held_wall_s > (k + 1) * s->frame_s;
-        for (int i = 0; k < own->frames && i < own->instruments; i++)
-            memcpy(force_N + (size_t)k * width + 3 * (size_t)i, s->reaction[i].force_N, 3 * sizeof(double));
-        app_progress("the recommendation, in real time", (k + 1.0) / frames, false);
-        wait_until(start_s + (k + 1) * s->frame_s);
-    }
-    app_progress("the recommendation, in real time", 1, true);
-    c->held_frames = k;
-    c->held_error = study_distance(force_N, t->truth.force_N, path * width);
-    for (int i = 0; i < k; i++) c->held_over += cost_s[i] > s->frame_s * t->budget;
-    c->held_over = k ? c->held_over / k : 1; /* frames that took more processor time than the budget */
-    study_run held = {0};
-    study_take_price(&held, cost_s, cost_s, k);
-    c->held_share = held.cpu_p95_s / s->frame_s;
-    free(cost_s);
-    free(force_N);
-    return good;
-}
-
 void study_say(const study *t) {
     const study_choice *c = &t->choice;
-    char setting[400];
+    char setting[400], verdict[500];
     names(t, setting, sizeof setting);
+    study_verdict(c, verdict, sizeof verdict);
+    printf("\nRecommended for %.3g processors: %s\n  %s\n", t->budget, setting, c->file);
+    if (t->worse)
+        printf("  %d setting%s came out worse than predicted, and had to be the best as it came out\n", t->worse,
+               t->worse > 1 ? "s" : "");
+    printf("  promised: force %.2f %% off (predicted %.2f %%), %.1f %% of a processor%s\n", 100 * c->error,
+           100 * c->predicted, 100 * c->share, c->fits ? "" : " - MORE THAN THE BUDGET: nothing measured fits it");
     printf(
-        "\nRecommended for %.3g processors: %s\n  %s\n  promised: force %.2f %% off, %.1f %% of a processor%s\n"
-        "  held %d frames: force %.2f %% off, %.1f %% of a processor; %.1f %% of the frames took more processor time than the budget; %d "
-        "came late by the wall clock%s\n  %s\n",
-        t->budget, setting, c->file, 100 * c->error, 100 * c->share,
-        c->fits ? "" : " - MORE THAN THE BUDGET: nothing measured fits it", c->held_frames, 100 * c->held_error,
-        100 * c->held_share, 100 * c->held_over, c->held_late, c->real_time ? "" : " (too many)",
-        !c->kept       ? "THE PROMISE WAS NOT KEPT."
-        : c->real_time ? "The promise was kept, and real time."
-                       : "Force and price were as promised, but REAL TIME WAS NOT KEPT: other programs had the "
-                         "processors; run it again when they are idle.");
+        "  held %d frames: force %.2f %% off, %.1f %% of a processor; %.1f %% of the frames took more processor time "
+        "than the budget; %d came late by the wall clock%s\n  %s\n",
+        c->held_frames, 100 * c->held_error, 100 * c->held_share, 100 * c->held.over, c->held_late,
+        c->real_time ? "" : " (too many)", verdict);
 }
 
 /* The choice of now, written, and as a simulation; null: it cannot be, or `rc`. */
@@ -271,47 +242,37 @@ static sim *build_choice(study *t, char *why, size_t size, int *rc) {
     return s;
 }
 
-/* The choice is run along the path before its price is promised: what patches cost is another figure on every mesh, and
- * the machine may be slower than it was when its runs were made. False: it does not fit the budget. */
-static bool price(study *t, sim *s) {
-    study_choice *c = &t->choice;
-    const int frames = t->run[0].frames;
-    double *cost_s = calloc((size_t)frames + 1, sizeof *cost_s);
-    bool good = true;
-    if (!cost_s) abort();
-    for (int k = 0; k < frames && good && !app_interrupted(); k++) {
-        tm_tool_pose to[TM_MAX_INSTRUMENTS];
-        for (int i = 0; i < s->instrument_count; i++) to[i] = sim_hand_pose(s, i, (k + 1) * s->frame_s);
-        const double before = study_cpu_s();
-        good = sim_frame(s, to, s->substeps) == TM_OK && !s->broken_off;
-        cost_s[k] = study_cpu_s() - before;
-        app_progress("the recommendation, priced", (k + 1.0) / frames, false);
+/* The choice is run along the path before it is promised: what its changes do together is not their sum where they
+ * touch the same thing, what patches cost is another figure on every mesh, and the machine may be slower than it was
+ * when its runs were made. */
+typedef enum outcome { GOOD, DEAR, WORSE } outcome;
+
+static outcome try_out(study *t, sim *s) {
+    study_choice *c = &t->choice, priced = *c;
+    const bool good = study_price(t, s, &priced), fits = good && within(t, &priced);
+    if (fits && priced.error > c->error + alike(c->error)) {
+        c->error = priced.error;
+        return WORSE;
     }
-    app_progress("the recommendation, priced", 1, true);
-    study_run with = {0};
-    study_take_price(&with, cost_s, cost_s, frames);
-    free(cost_s);
-    study_choice priced = *c;
-    priced.cost_s = with.cpu_s, priced.share = with.cpu_p95_s / s->frame_s;
-    priced.busy = study_threads(s) > 1 ? c->busy * priced.share / c->share : priced.share;
-    const bool fits = good && within(t, &priced);
-    if (fits) *c = priced;
     if (!fits && c->sends == SIM_SENDS_FORCE) t->slower *= fmax(1.05, priced.share / c->share); /* so all are, likely */
-    return fits;
+    if (fits) *c = priced;
+    return fits ? GOOD : DEAR;
 }
 
-/* The choice with the truest extrapolator that it has room for. */
-static sim *build_felt(study *t, char *why, size_t size, int *rc) {
+/* The choice with the truest extrapolator that it has room for; null: `end` says why. */
+static sim *build_felt(study *t, char *why, size_t size, outcome *end, int *rc) {
     study_choice *c = &t->choice;
     const study_choice plain = *c;
+    *end = DEAR;
     for (int most = SIM_SENDS_PATCH; most >= SIM_SENDS_FORCE && !app_interrupted(); most = (int)c->sends - 1) {
         *c = plain;
         choose_extrapolator(t, (sim_sends)most);
         sim *s = build_choice(t, why, size, rc);
         if (*rc || !c->fits) return s;
-        const bool fits = s && price(t, s);
+        *end = s ? try_out(t, s) : DEAR;
         if (s) sim_destroy(s);
-        if (fits) return build_choice(t, why, size, rc);
+        if (*end == GOOD) return build_choice(t, why, size, rc);
+        if (*end == WORSE) return NULL;
     }
     return NULL;
 }
@@ -321,14 +282,15 @@ static sim *build_best(study *t, int *rc) {
     char why[400] = "";
     const int stem =
         (int)strlen(t->json) - (strlen(t->json) > 5 && !strcmp(t->json + strlen(t->json) - 5, ".json") ? 5 : 0);
-    bans not = {0};
-    while (choose(t, &not )) {
+    tried known = {0};
+    while (choose(t, &known)) {
+        outcome end;
         study_choice *c = &t->choice;
         snprintf(c->file, sizeof c->file, "%.*s-recommended.yaml", stem, t->json);
-        sim *s = build_felt(t, why, sizeof why, rc);
+        sim *s = build_felt(t, why, sizeof why, &end, rc);
         if (s || *rc || app_interrupted()) return s;
-        if (not .count == BANS) break;
-        not .item[not .count++] = *c;
+        t->worse += end == WORSE;
+        if (!remember(&known, c, end != WORSE, c->error)) break;
     }
     fprintf(stderr, "the recommended scene does not run: %s\n", why);
     *rc = APP_FAILED;
@@ -339,13 +301,7 @@ int study_recommend(study *t) {
     int rc = 0;
     sim *s = build_best(t, &rc);
     if (!s) return app_interrupted() ? app_interrupted_exit() : rc;
-    study_choice *c = &t->choice;
-    const bool good = run_paced(t, s);
+    study_hold(t, s);
     sim_destroy(s);
-    if (app_interrupted()) return app_interrupted_exit();
-    /* A twentieth of the frames may be dearer than the 95th percentile. Errors below a ten-thousandth are alike. */
-    c->real_time = c->held_late <= 0.05 * c->held_frames;
-    c->kept = good && c->fits && c->held_over <= 0.05 && c->held_error <= 2 * c->error + ALIKE &&
-              c->held_error >= 0.5 * c->error - ALIKE;
-    return 0;
+    return app_interrupted() ? app_interrupted_exit() : 0;
 }

@@ -126,11 +126,16 @@ static cJSON *choice_json(const study *t) {
     for (int i = 0; i < c->extra_count; i++) cJSON_AddItemToArray(names, cJSON_CreateString(t->run[c->extra[i]].name));
     if (c->felt_run) cJSON_AddStringToObject(out, "extrapolator", t->run[c->felt_run].name);
     cJSON_AddStringToObject(out, "file", c->file);
-    put(out, "error", c->error), put(out, "cost_s", c->cost_s), put(out, "share", c->share), put(out, "busy", c->busy);
+    put(out, "error", c->error), put(out, "predicted_error", c->predicted), put(out, "worse", t->worse);
+    put(out, "cost_s", c->cost_s), put(out, "share", c->share), put(out, "busy", c->busy);
     if (!c->held_frames) return out;
+    char verdict[500];
+    study_verdict(c, verdict, sizeof verdict);
+    cJSON_AddStringToObject(out, "verdict", verdict);
     cJSON_AddBoolToObject(out, "kept", c->kept);
     cJSON_AddBoolToObject(out, "real_time", c->real_time);
-    put(out, "held_error", c->held_error), put(out, "held_share", c->held_share), put(out, "held_over", c->held_over);
+    put(out, "held_error", c->held_error), put(out, "held_share", c->held_share), put(out, "held_over", c->held.over);
+    put(out, "held_dearer", c->held.dearer), put(out, "held_slower", c->held.slower);
     put(out, "held_wall_s", c->held_wall_s), put(out, "held_frames", c->held_frames);
     put(out, "held_late", c->held_late);
     return out;

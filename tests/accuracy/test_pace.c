@@ -1,0 +1,97 @@
+/* A promise of price, held on machines that are planted here: frames dearer because the machine was slower, and because
+ * the setting is. No clock is read but for one question of the work itself. */
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "studies/accuracy/study.h"
+
+enum { FRAMES = 250 };
+static const double WORK_S = 2e-4, ALLOWED_S = 0.02;
+static double cost_s[FRAMES], work_s[FRAMES];
+
+/* Frames of `share` of what is allowed; from `from` to `to` the machine is `slower`, the setting `dearer`. Every
+ * fortieth piece of work is interrupted. */
+static study_pace plant(double share, int from, int to, double slower, double dearer) {
+    for (int k = 0; k < FRAMES; k++) {
+        const bool within = k >= from && k < to;
+        work_s[k] = WORK_S * (within ? slower : 1) * (k % 40 ? 1 : 9);
+        cost_s[k] = ALLOWED_S * share * (within ? slower * dearer : 1);
+    }
+    return study_judge_pace(cost_s, work_s, FRAMES, WORK_S, ALLOWED_S);
+}
+
+/* In words, of a promise that else holds. */
+static const char *said(study_pace held, bool in_time) {
+    static char text[500];
+    study_choice c = {.fits = true, .held = held, .real_time = in_time, .kept = held.dearer <= STUDY_OVER};
+    study_verdict(&c, text, sizeof text);
+    return text;
+}
+
+static void test_a_machine_as_it_was(void **state) {
+    (void)state;
+    const study_pace held = plant(0.7, 0, 0, 1, 1);
+    assert_true(held.slower == 1 && held.over == 0 && held.dearer == 0);
+    assert_string_equal(said(held, true), "The promise was kept, and real time.");
+    assert_non_null(strstr(said(held, false), "other programs had the processors"));
+}
+
+static void test_a_slower_machine_is_no_dearer_setting(void **state) {
+    (void)state;
+    const study_pace held = plant(0.7, 100, 220, 1.8, 1);
+    assert_true(fabs(held.slower - 1.8) < 1e-9);
+    assert_true(fabs(held.over - 120.0 / FRAMES) < 1e-9 && held.dearer == 0);
+    assert_non_null(strstr(said(held, false),
+                           "The promise was kept: the setting is no dearer. The machine was 1.8 times "
+                           "slower"));
+    assert_non_null(strstr(said(held, false), "REAL TIME WAS NOT KEPT"));
+    assert_null(strstr(said(held, true), "REAL TIME"));
+    const study_pace milder = plant(0.5, 100, 220, 1.8, 1); /* within the budget all the same, but late */
+    assert_true(milder.over == 0);
+    assert_non_null(strstr(said(milder, false), "when the machine is itself. The machine was 1.8 times slower"));
+}
+
+static void test_a_dearer_setting_is_not_excused(void **state) {
+    (void)state;
+    const study_pace held = plant(0.7, 100, 220, 1, 1.8);
+    assert_true(held.slower == 1 && fabs(held.dearer - 120.0 / FRAMES) < 1e-9 && held.over == held.dearer);
+    assert_string_equal(said(held, true), "THE PROMISE WAS NOT KEPT.");
+    const study_pace both = plant(0.7, 100, 220, 1.3, 1.8);
+    assert_true(fabs(both.dearer - 120.0 / FRAMES) < 1e-9);
+    assert_non_null(strstr(said(both, true), "THE PROMISE WAS NOT KEPT. The machine was 1.3 times slower"));
+    assert_non_null(strstr(said(both, true), "dearer than that explains"));
+}
+
+static void test_a_faster_machine_and_an_unknown_one_change_nothing(void **state) {
+    (void)state;
+    const study_pace faster = plant(0.7, 0, FRAMES, 0.5, 3.2); /* 1.12 of the budget */
+    assert_true(faster.slower == 1 && fabs(faster.dearer - 1) < 1e-9);
+    plant(0.7, 0, FRAMES, 1.8, 1);
+    const study_pace unknown = study_judge_pace(cost_s, work_s, FRAMES, 0, ALLOWED_S);
+    assert_true(unknown.slower == 1 && fabs(unknown.dearer - 1) < 1e-9);
+    const study_pace none = study_judge_pace(cost_s, work_s, 0, WORK_S, ALLOWED_S);
+    assert_true(none.over == 1 && none.dearer == 1);
+}
+
+/* Not how long: that it is work, and goes on being the same. */
+static void test_work_is_timed(void **state) {
+    (void)state;
+    for (int i = 0; i < 50; i++) assert_true(study_work_s() > 0);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_a_machine_as_it_was),
+        cmocka_unit_test(test_a_slower_machine_is_no_dearer_setting),
+        cmocka_unit_test(test_a_dearer_setting_is_not_excused),
+        cmocka_unit_test(test_a_faster_machine_and_an_unknown_one_change_nothing),
+        cmocka_unit_test(test_work_is_timed),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
