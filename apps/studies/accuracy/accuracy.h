@@ -99,6 +99,9 @@ cJSON *knob_fibre(const run *r, tm_error *error);
  * out, having complained. */
 void model_prices(cJSON *rows, void (*progress)(const char *, double));
 
+/* Ramp and hold against the closed form, into `out`: see there. */
+tm_status viscosity_ramp(const run *r, cJSON *out, tm_error *error);
+
 cJSON *json_row(cJSON *rows);
 
 #endif

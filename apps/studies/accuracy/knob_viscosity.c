@@ -1,5 +1,6 @@
-/* The effect "viscosity": what it costs beside the same tissue without it, and how far the complex modulus of a
- * harmonic strain is from the closed form, by steps a cycle: histories run straight from one step to the next. */
+/* The effect "viscosity": what it costs beside the same tissue without it, how far the complex modulus of a harmonic
+ * strain is from the closed form, by steps a cycle (histories run straight from one step to the next), and a liver's
+ * ramp and hold (viscosity_ramp.c). */
 #include <complex.h>
 #include <math.h>
 #include <stdlib.h>
@@ -114,6 +115,8 @@ cJSON *knob_viscosity(const run *r, tm_error *error) {
     cJSON *out = cJSON_CreateObject();
     cJSON_AddNumberToObject(out, "tets", 6.0 * cells * cells * cells);
     tm_status status = errors(r, cJSON_AddArrayToObject(out, "rows"), error);
+    if (status == TM_OK) status = viscosity_ramp(r, cJSON_AddObjectToObject(out, "ramp"), error);
+    r->progress("viscosity", 0.75);
     if (status == TM_OK) status = prices(r, cells, cJSON_AddArrayToObject(out, "price"), error);
     r->progress("viscosity", 1);
     if (status == TM_OK) return out;
