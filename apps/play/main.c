@@ -13,6 +13,7 @@
 #include "app.h"
 #include "controls.h"
 #include "json_file.h"
+#include "view/dress.h"
 #include "view/output.h"
 #include "view/studio.h"
 
@@ -24,6 +25,9 @@ static const char help[] =
     "  --quality N         0 fast, 1 smooth edges [0]\n"
     "  --azimuth DEG --elevation DEG --zoom X   where the eye is at the start [-110, 40, 1]\n"
     "  --renderer NAME     auto, opengl (the display's), osmesa (software) [auto: the display's if it can]\n"
+    "  --scene FILE        the scene that is simulated: its title, supports and regions' colours are shown then, too\n"
+    "  --through X         its largest region lets so much through, 0 to 0.95: those inside are seen [0]\n"
+    "  --fibres            its fibres, as lines on the surface   --no-supports   without marks where tissue is held\n"
     "  --watch             show only, move nothing\n"
     "  --duration S        close after so long [never]\n"
     "  --png FILE          the last picture, when the window closes\n"
@@ -42,6 +46,7 @@ typedef struct play {
     bool watch, no_key, display_only;
     view_studio studio;
     view_picture picture;
+    view_dress dress; /* by the scene */
     view_feed *feed;
     const play_window_api *window_api;
     play_window *window;
@@ -59,6 +64,10 @@ enum {
     ELEVATION,
     ZOOM,
     RENDERER,
+    SCENE,
+    THROUGH,
+    FIBRES,
+    NO_SUPPORTS,
     WATCH,
     DURATION,
     PNG,
@@ -77,6 +86,10 @@ static const struct option table[] = {
     {"elevation", 1, NULL, ELEVATION},
     {"zoom", 1, NULL, ZOOM},
     {"renderer", 1, NULL, RENDERER},
+    {"scene", 1, NULL, SCENE},
+    {"through", 1, NULL, THROUGH},
+    {"fibres", 0, NULL, FIBRES},
+    {"no-supports", 0, NULL, NO_SUPPORTS},
     {"watch", 0, NULL, WATCH},
     {"duration", 1, NULL, DURATION},
     {"png", 1, NULL, PNG},
@@ -136,6 +149,10 @@ static int take(play *p, int code, const char *text) {
         p->display_only = !strcmp(text, "opengl");
         if (!p->studio_def.display || p->display_only || !strcmp(text, "auto")) return 0;
         return app_bad_input("tm-play", 0, "--renderer %s: not one of auto, opengl, osmesa; choose one", text);
+    case SCENE: p->dress.scene = text; return 0;
+    case THROUGH: return number("through", text, 0, 0.95, &p->dress.through);
+    case FIBRES: p->dress.choice.fibres = true; return 0;
+    case NO_SUPPORTS: p->dress.choice.supports = false; return 0;
     case WATCH: p->watch = true; return 0;
     case PNG: p->png = text; return 0;
     case JSON: p->json = text; return 0;
@@ -151,6 +168,7 @@ static int parse(play *p, int argc, char **argv) {
     p->studio_def = view_studio_default(960, 600);
     p->studio_def.render.edges = false;
     p->studio_def.display = true;
+    p->dress.choice.supports = true;
     opterr = 0;
     for (int code; (code = getopt_long(argc, argv, "h", table, NULL)) != -1;) {
         if (code == HELP) return fputs(help, stdout), APP_DONE;
@@ -165,6 +183,7 @@ static int parse(play *p, int argc, char **argv) {
     int wrong = p->png ? app_output_ending("--png", p->png, ".png") : 0;
     if (!wrong) wrong = app_output_check(p->png);
     if (!wrong) wrong = app_output_check(p->json);
+    if (!wrong) wrong = view_dress_check(&p->dress, "tm-play");
     return wrong ? wrong : -1;
 }
 
@@ -279,7 +298,10 @@ static int one_picture(play *p, double dt_s) {
     play_controls_step(&p->controls, &p->picture, &p->studio.camera, p->studio.canvas.height, dt_s);
     send(p);
     move_eye(p);
-    if (view_studio_draw(&p->studio, &p->picture, &error)) return app_report("tm-play", 0, &error);
+    view_picture shown;
+    const int wrong = view_dress_show(&p->dress, &p->picture, &shown);
+    if (wrong) return wrong;
+    if (view_studio_draw(&p->studio, &shown, &error)) return app_report("tm-play", 0, &error);
     draw_selected(p);
     if (p->controls.help && !p->watch) draw_help(p);
     p->window_api->show(p->window, p->studio.canvas.rgb);
@@ -335,7 +357,8 @@ int main(int argc, char **argv) {
     app_catch_signals();
     setpriority(PRIO_PROCESS, 0, 5); /* drawing takes what simulation and controllers leave */
     play_controls_begin(&p.controls);
-    wrong = open_all(&p);
+    wrong = view_dress_load(&p.dress, &p.picture);
+    if (!wrong) wrong = open_all(&p);
     if (!wrong) wrong = loop(&p);
     if (!wrong && p.png) wrong = write_png(&p);
     if (!wrong && p.json) wrong = write_json(&p);
@@ -343,5 +366,6 @@ int main(int argc, char **argv) {
     if (p.studio.api) view_studio_close(&p.studio);
     if (p.window) p.window_api->close(p.window);
     view_surface_free(&p.picture.surface);
+    view_dress_free(&p.dress);
     return wrong;
 }

@@ -49,7 +49,9 @@ def inside(a):
         if a.record:
             session.start_logger(a.record.resolve())
         session.start_ring()
-        code = subprocess.run([str(a.build / "bin" / "tm-play"), *a.window]).returncode
+        # What --set changes may be another mesh, of which the scene's marks are not.
+        scene = [] if a.set else ["--scene", str(a.scene)]
+        code = subprocess.run([str(a.build / "bin" / "tm-play"), *scene, *a.window]).returncode
         dead = [p.name for p in session.running if p.poll() not in (None, 0)]
     finally:
         session.end()

@@ -7,21 +7,18 @@
 #include <sys/stat.h>
 
 #include "app.h"
+#include "dress.h"
 #include "feed.h"
-#include "inside.h"
 #include "json_file.h"
 #include "options.h"
 #include "output.h"
-#include "still.h"
 
 /* What is under way, and what --json reports. */
 typedef struct job {
     view_options options;
     view_studio studio;
     view_picture picture;
-    view_marks marks;
-    view_inside inside; /* of a log, where --through shows it */
-    uint32_t tinted;    /* the topology that has its regions */
+    view_dress dress; /* by the scene */
     view_feed *feed;
     view_film film;
     bool filming;
@@ -37,16 +34,9 @@ static int complain(tm_error *error) { return app_report("tm-view", 0, error); }
 static int draw(job *j) {
     tm_error error = {0};
     double start = now_s();
-    j->picture.marks = &j->marks;
-    if (j->tinted != j->picture.surface.topology) view_marks_tint(&j->marks, &j->picture.surface);
-    j->tinted = j->picture.surface.topology;
-    view_picture shown = j->picture;
-    if (j->inside.face_count) {
-        if (!view_inside_show(&j->inside, &j->picture))
-            return app_bad_input("tm-view", 0, "no memory for the regions inside; leave --through out") - 1;
-        shown.surface = j->inside.shown;
-        shown.through = (float)j->options.cut.through;
-    }
+    view_picture shown;
+    const int wrong = view_dress_show(&j->dress, &j->picture, &shown);
+    if (wrong) return wrong;
     tm_status status = view_studio_draw(&j->studio, &shown, &error);
     j->drawing_s += now_s() - start;
     j->pictures++;
@@ -157,7 +147,7 @@ static int show_log(job *j) {
         const view_picture seen = j->picture;
         j->picture = (view_picture){.regions = seen.regions};
         memcpy(j->picture.region, seen.region, sizeof seen.region);
-        j->tinted = j->inside.topology = 0;
+        view_dress_restart(&j->dress);
         view_studio_refit(&j->studio);
         if ((wrong = open_log(j))) return wrong;
         return log_sequence(j);
@@ -247,10 +237,9 @@ static int run(job *j) {
     const view_options *o = &j->options;
     tm_error error = {0};
     bool still = o->source && view_is_still(o->source);
-    int wrong = still      ? view_still_load(o->source, o->scale, &o->marks, &o->cut, &j->picture, &j->marks)
-                : o->scene ? view_scene_marks(o->scene, &o->marks, &j->picture, &j->marks,
-                                              o->cut.through > 0 ? &j->inside : NULL)
-                           : 0;
+    j->dress = view_options_dress(o);
+    int wrong = still ? view_still_load(o->source, o->scale, &o->marks, &o->cut, &j->picture, &j->dress.marks)
+                      : view_dress_load(&j->dress, &j->picture);
     if (wrong) return wrong;
     if (view_studio_open(&j->studio, &o->studio, &error)) return complain(&error);
     wrong = still ? show_still(j) : o->source ? show_log(j) : show_live(j);
@@ -274,7 +263,6 @@ int main(int argc, char **argv) {
     if (j.feed) view_feed_close(j.feed);
     if (j.studio.api) view_studio_close(&j.studio);
     view_surface_free(&j.picture.surface);
-    view_marks_free(&j.marks);
-    view_inside_free(&j.inside);
+    view_dress_free(&j.dress);
     return wrong;
 }

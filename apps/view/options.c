@@ -239,6 +239,10 @@ static int take(int code, const char *text, view_options *o) {
     }
 }
 
+view_dress view_options_dress(const view_options *o) {
+    return (view_dress){.scene = o->scene, .choice = o->marks, .through = o->cut.through};
+}
+
 static int check(const view_options *o) {
     if (!o->png && !o->frames && !o->film)
         return app_bad_input("tm-view", 0,
@@ -253,13 +257,13 @@ static int check(const view_options *o) {
         return app_bad_input("tm-view", 0, "a film's width and height must be even; choose another --size");
     if (o->scene && o->source && view_is_still(o->source))
         return app_bad_input("tm-view", 0, "--scene belongs to a log or a running simulation; name the scene alone");
-    if (o->marks.fibres && !o->scene && !(o->source && view_is_scene(o->source)))
-        return app_bad_input("tm-view", 0, "--fibres wants the scene that names them; add --scene FILE");
     const bool still = o->source && view_is_still(o->source);
+    view_dress dress = view_options_dress(o);
+    if (still) dress.through = 0; /* its own mesh tells the inside */
+    if (still && view_is_scene(o->source)) dress.scene = o->source;
+    if ((wrong = view_dress_check(&dress, "tm-view"))) return wrong;
     if (o->cut.clipped && !still)
         return app_bad_input("tm-view", 0, "--clip shows a mesh or a scene; a log tells only its surface");
-    if (o->cut.through > 0 && !still && !o->scene)
-        return app_bad_input("tm-view", 0, "a log tells only its surface; --through wants its scene too: --scene FILE");
     if (o->has_at && !o->png) return app_bad_input("tm-view", 0, "--at belongs to --png; use --from and --to");
     return 0;
 }

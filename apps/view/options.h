@@ -2,7 +2,7 @@
 #ifndef VIEW_OPTIONS_H
 #define VIEW_OPTIONS_H
 
-#include "still.h"
+#include "dress.h"
 #include "studio.h"
 
 typedef struct view_options {
@@ -20,5 +20,7 @@ typedef struct view_options {
 
 /* Returns 0, or APP_BAD_INPUT after complaining. */
 int view_options_parse(int argc, char **argv, view_options *options);
+/* What the scene is to add to a log or a running simulation. */
+view_dress view_options_dress(const view_options *options);
 
 #endif

@@ -250,6 +250,10 @@ typedef enum outcome { GOOD, DEAR, WORSE } outcome;
 static outcome try_out(study *t, sim *s) {
     study_choice *c = &t->choice, priced = *c;
     const bool good = study_price(t, s, &priced), fits = good && within(t, &priced);
+    if (good && !c->fits) { /* by what was predicted nothing does, and this is the cheapest */
+        *c = priced, c->fits = fits;
+        return GOOD;
+    }
     if (fits && priced.error > c->error + alike(c->error)) {
         c->error = priced.error;
         return WORSE;
@@ -268,7 +272,7 @@ static sim *build_felt(study *t, char *why, size_t size, outcome *end, int *rc) 
         *c = plain;
         choose_extrapolator(t, (sim_sends)most);
         sim *s = build_choice(t, why, size, rc);
-        if (*rc || !c->fits) return s;
+        if (*rc) return s;
         *end = s ? try_out(t, s) : DEAR;
         if (s) sim_destroy(s);
         if (*end == GOOD) return build_choice(t, why, size, rc);
