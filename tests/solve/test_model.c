@@ -371,6 +371,52 @@ static void snapshots_of_friction(void **state) {
     free_organ(&o);
 }
 
+/* Numbers that cannot be, behind a right checksum: refused and nothing changed, or taken and gone on from. */
+static void snapshots_of_friction_made_by_hand(void **state) {
+    (void)state;
+    enum { HEAD = 16 + 8 * 13 * TM_MAX_INSTRUMENTS }; /* up to the checksum */
+    organ o;
+    tm_error error;
+    tm_friction_def friction = tm_friction_def_default();
+    make_organ(&o, TM_TOOL_PROBE);
+    friction.instrument[0] = (tm_friction_coefficient){.at_rest = 0.4, .sliding = 0.2};
+    o.def.friction = &friction;
+    tm_model *model = make(&o, PRECOMPUTED);
+    tm_tool_pose at = down;
+    go(model, &at, 2);
+    at.tip_m[0] += 0.0005;
+    go(model, &at, 1);
+    const int64_t bytes = tm_model_snapshot_bytes(model);
+    unsigned char *good = malloc((size_t)bytes), *bad = malloc((size_t)bytes), *now = malloc((size_t)bytes);
+    fix_ok(tm_model_save(model, good, bytes, &error), &error);
+    fix_random random = {71};
+    int refused = 0, taken = 0;
+    for (int i = 0; i < 400; i++) {
+        const int64_t words = (bytes - HEAD - 8) / 8, word = (int64_t)(fix_uniform(&random) * (double)words);
+        const int64_t number = (int64_t)(fix_signed(&random) * 12);
+        const double value = i % 4 == 1 ? NAN : 3 * fix_signed(&random);
+        memcpy(bad, good, (size_t)bytes);
+        memcpy(bad + HEAD + 8 + 8 * word, i % 2 ? (const void *)&value : &number, 8);
+        const uint64_t sum = tm_hash(bad + HEAD + 8, (size_t)(bytes - HEAD - 8), TM_HASH_SEED);
+        memcpy(bad + HEAD, &sum, 8);
+        fix_ok(tm_model_restore(model, good, bytes, &error), &error);
+        if (tm_model_restore(model, bad, bytes, &error) == TM_OK) {
+            tm_model_frame(model, &at);
+            taken++;
+            continue;
+        }
+        refused++;
+        assert_true(strchr(error.message, ';') != NULL);
+        fix_ok(tm_model_save(model, now, bytes, &error), &error);
+        assert_memory_equal(good, now, (size_t)bytes);
+    }
+    print_message("  %d refused, %d taken\n", refused, taken);
+    assert_true(refused > 50 && taken > 50);
+    free(good), free(bad), free(now);
+    tm_model_destroy(model);
+    free_organ(&o);
+}
+
 /* A reaction that is no solution is told as none by who goes on from it. */
 static void snapshot_of_no_solution(void **state) {
     (void)state;
@@ -655,6 +701,7 @@ int main(void) {
                                        cmocka_unit_test(snapshots_of_a_hold),
                                        cmocka_unit_test(snapshot_before_letting_go),
                                        cmocka_unit_test(snapshots_of_friction),
+                                       cmocka_unit_test(snapshots_of_friction_made_by_hand),
                                        cmocka_unit_test(snapshot_of_no_solution),
                                        cmocka_unit_test(rest),
                                        cmocka_unit_test(cut_organ),

@@ -23,8 +23,10 @@ static const struct {
     {"mass", "a longer step by selective mass scaling against the force at the indenter", knob_mass},
     {"precision", "single against double stored tensors", knob_precision},
     {"model", "linear models against large displacements, pressed from 1 % to 40 %", knob_model},
-    {"rotation", "tissue that turns against large displacements, and its price", knob_rotation},
-    {"viscosity", "tissue that relaxes: its price, and its error at fast strains", knob_viscosity},
+    {"rotation", "tissue that turns, without volume and with it, against large displacements, and its price",
+     knob_rotation},
+    {"viscosity", "tissue that relaxes: its price, its error at fast strains, and a liver's ramp and hold",
+     knob_viscosity},
     {"friction", "tools that rub: its price, and the force at the hand of a slide without it", knob_friction},
     {"fibre", "leaving anisotropy out of fibred tissue", knob_fibre},
 };
