@@ -102,6 +102,12 @@ static bool go_on(void *context, const char *doing, int vertices) {
     return !app_interrupted();
 }
 
+static bool between(const void *shape, int a, int b, double p[3]) {
+    (void)a, (void)b;
+    surfaces_project(shape, p);
+    return true;
+}
+
 static int mesh(job *j, const image_api *api, image_tets *tets) {
     image_domain domain;
     char why[IMAGE_WHY] = "";
@@ -126,7 +132,7 @@ static int mesh(job *j, const image_api *api, image_tets *tets) {
         app_bad_input(j->path, 0, "%s", why);
         return APP_FAILED;
     }
-    return image_improve(tets, j->s->regions, surfaces_project, j->s) ? APP_DONE : command_no_memory(j->path);
+    return image_improve(tets, j->s->regions, between, j->s) ? APP_DONE : command_no_memory(j->path);
 }
 
 /* --- the mesh of a file --- */

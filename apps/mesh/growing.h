@@ -55,6 +55,14 @@ bool growing_bisect(growing *m, growing_wanted_fn *wanted, const void *context, 
                     int **midpoint);
 double growing_longest_edge_m(const growing *m, int tet);
 
+/* Tetrahedra around each vertex: tet[begin[v]] to before begin[v + 1], ascending. False: no memory (free it then, too).
+ */
+typedef struct growing_fans {
+    int *begin, *tet;
+} growing_fans;
+bool growing_fans_make(const growing *m, growing_fans *out);
+void growing_fans_free(growing_fans *f);
+
 /* How far a vertex may move: not at all, along `direction`, across it (in the plane that it is the normal of),
  * anywhere. */
 typedef enum freedom { FIXED, ALONG, ACROSS, FREE } freedom;
@@ -63,6 +71,9 @@ typedef struct growing_hold {
     double *direction;         /* [3*vertex_count] unit */
     growing_wanted_fn *wanted; /* no tetrahedron becomes one of these */
     const void *context;
+    bool (*settle)(const void *shape, int v, double p[3]); /* null, or: puts vertex v's new place where it belongs;
+                                                            * false: nothing near belongs to it */
+    const void *shape;
 } growing_hold;
 
 /* Moves vertices so that the smallest tet_size grows. Where the body is given, vertices of `face` stay on its surface;

@@ -23,8 +23,9 @@ static void usage(void) {
         "  --smooth S         Gaussian that removes the voxels' steps, in voxels [1, and 0.28 of a thinner\n"
         "                     label's thickness]; 0: none. Volumes are kept\n"
         "  --specks N         pieces and holes of fewer voxels join what is around them [8]; 0: all stay\n"
-        "  --optimise LIST    of lloyd, perturb, exude (CGAL's), improve (vertices within a label), or none\n"
-        "                     [exude,improve]; perturb and lloyd take seconds to minutes\n"
+        "  --optimise LIST    of lloyd, perturb, exude (CGAL's), improve (vertices move, the smallest grows),\n"
+        "                     volumes (surfaces move until each label has its volume), or none\n"
+        "                     [exude,improve,volumes]; perturb and lloyd take seconds to minutes\n"
         "  --sliver ANGLE     dihedral angle that perturb and exude try to reach [12 deg]\n"
         "  --allow LIST       of vanish (a label, or a piece of one, that no tetrahedron is in), apart (a label in more\n"
         "                     pieces than in the image), thin (one voxel): told, not refused\n"
@@ -95,10 +96,10 @@ static int parse_words(const char *option, const char *text, const char *const *
 }
 
 static int parse_optimise(const char *text, image_options *o) {
-    static const char *const word[] = {"lloyd", "perturb", "exude", "improve", "none"};
-    bool *const flag[] = {&o->lloyd, &o->perturb, &o->exude, &o->improve, NULL};
-    o->lloyd = o->perturb = o->exude = o->improve = false;
-    return parse_words("optimise", text, word, flag, 5);
+    static const char *const word[] = {"lloyd", "perturb", "exude", "improve", "volumes", "none"};
+    bool *const flag[] = {&o->lloyd, &o->perturb, &o->exude, &o->improve, &o->volumes, NULL};
+    o->lloyd = o->perturb = o->exude = o->improve = o->volumes = false;
+    return parse_words("optimise", text, word, flag, 6);
 }
 
 static int parse_allow(const char *text, image_options *o) {
@@ -157,6 +158,7 @@ static int parse(int argc, char **argv, image_options *o) {
                          .sliver_deg = 12,
                          .exude = true,
                          .improve = true,
+                         .volumes = true,
                          .young_Pa = 5000,
                          .poisson = 0.45,
                          .density_kg_m3 = 1060};

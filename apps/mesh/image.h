@@ -19,7 +19,7 @@ typedef struct image_options {
     int64_t specks;
     int budget;         /* tetrahedra; 0: by size; -1: real time */
     double budget_load; /* of a core, for real time */
-    bool lloyd, perturb, exude, improve, allow_vanish, allow_apart, allow_thin, ras;
+    bool lloyd, perturb, exude, improve, volumes, allow_vanish, allow_apart, allow_thin, ras;
     bool even;                           /* all labels are smoothed alike, thin ones, too */
     image_region region[LABEL_MOST + 1]; /* from 1 */
     int regions;                         /* named by --label */
@@ -54,9 +54,14 @@ bool image_to_file(const image_options *o, const image_volume *volume, const lab
 /* Prints, and writes the JSON file if one is asked for; exit code. */
 int image_report(const image_options *o, const image_volume *volume, const label_field *field, const image_mesh *mesh,
                  const tm_mesh_file *file);
-/* Moves vertices so that the smallest tetrahedron grows, those between two labels along the surface that `project`
+/* Puts `p` onto the surface between two labels (0: outside) nearby; false: there is none. */
+typedef bool image_between_fn(const void *shape, int a, int b, double p[3]);
+/* Moves vertices so that the smallest tetrahedron grows, those between two labels along the surface that `between`
  * finds. False: no memory. */
-bool image_improve(image_tets *m, int labels, void (*project)(const void *shape, double p[3]), const void *shape);
+bool image_improve(image_tets *m, int labels, image_between_fn *between, const void *shape);
+/* Moves the surfaces of labels until each has its voxels' volume, as far as that goes without a tetrahedron that is
+ * smaller or has a sharper edge than the worst that was there. False: no memory. */
+bool image_fit_volumes(const label_field *field, image_tets *m);
 void image_mesh_free(image_mesh *mesh);
 
 /* Outer faces of a label's tetrahedra, as 3 vertices each, normals outwards; malloced. -1: no memory. */

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "common/bandwidth.h"
-#include "growing.h"
 #include "image.h"
 #include "step.h"
 
@@ -16,51 +15,6 @@ void image_mesh_free(image_mesh *mesh) {
     free(mesh->tets.tet);
     free(mesh->tets.label);
     memset(mesh, 0, sizeof *mesh);
-}
-
-/* --- optimisation --- */
-
-static bool none_wanted(const growing *m, int tet, double longest_m, const void *context) {
-    (void)m, (void)tet, (void)longest_m, (void)context;
-    return false;
-}
-
-/* Counts a label for every vertex of its tetrahedra; label 0 is outside, whose vertices are those of the surface. */
-static bool mark_label(const image_tets *m, int label, uint8_t *sides) {
-    uint8_t *seen = calloc((size_t)m->vertices + 1, 1);
-    int *face = NULL;
-    const int faces = label ? 0 : image_faces(m, 0, &face);
-    if (seen && faces >= 0) {
-        for (int i = 0; i < 3 * faces; i++) seen[face[i]] = 1;
-        for (int i = 0; i < 4 * m->tets && label; i++)
-            if (m->label[i / 4] == label) seen[m->tet[i]] = 1;
-        for (int v = 0; v < m->vertices; v++) sides[v] = (uint8_t)(sides[v] + (seen[v] && sides[v] < 255));
-    }
-    free(face);
-    free(seen);
-    return faces >= 0;
-}
-
-/* Vertices move so that the smallest tetrahedron, which sets the time step, grows: freely within a label, along the
- * surface between two, not at all where three meet. */
-bool image_improve(image_tets *m, int labels, void (*project)(const void *shape, double p[3]), const void *shape) {
-    growing g = {.vertex_count = m->vertices, .tet_count = m->tets, .vertex = m->vertex_m, .tet = m->tet};
-    growing_hold hold = {malloc((size_t)m->vertices + 1), calloc(3 * (size_t)m->vertices + 1, sizeof(double)),
-                         none_wanted, NULL};
-    const growing_solid surface = {.project = project, .shape = shape};
-    uint8_t *sides = calloc((size_t)m->vertices + 1, 1);
-    bool good = hold.freedom && hold.direction && sides;
-    if (good) memset(hold.freedom, FREE, (size_t)m->vertices);
-    for (int l = 0; l <= labels && good; l++) good = mark_label(m, l, sides);
-    for (int v = 0; v < m->vertices && good; v++)
-        if (sides[v] > 2) hold.freedom[v] = FIXED;
-    if (good) good = (g.face_count = image_interfaces(m, labels, &g.face)) >= 0;
-    if (good) growing_improve(&g, &surface, &hold, 12);
-    free(g.face);
-    free(hold.freedom);
-    free(hold.direction);
-    free(sides);
-    return good && !g.no_memory;
 }
 
 /* --- one pass --- */
@@ -123,9 +77,10 @@ static int mesh_once(pass *p, double size_m, image_mesh *mesh) {
     image_mesh_free(mesh);
     *mesh = fresh;
     p->expected = mesh->tets.vertices * 6 / 5;
-    if ((p->finish && p->o->improve && !image_improve(&mesh->tets, p->field->labels, label_field_project, p->field)) ||
-        !image_measure(p->field, mesh))
-        return command_no_memory(p->o->in);
+    bool good = true;
+    if (p->finish && p->o->improve) good = image_improve(&mesh->tets, p->field->labels, label_field_between, p->field);
+    if (good && p->finish && p->o->volumes) good = image_fit_volumes(p->field, &mesh->tets);
+    if (!good || !image_measure(p->field, mesh)) return command_no_memory(p->o->in);
     if (p->o->budget >= 0 || !mesh->tets.tets) return APP_DONE;
     return step_load(p->o->in, &mesh->tets, p->o->young_Pa, p->o->poisson, p->o->density_kg_m3, &mesh->load);
 }

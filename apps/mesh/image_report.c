@@ -7,7 +7,7 @@
 #include "json_file.h"
 #include "step.h"
 
-static const double volume_told = 0.05; /* of a label's own: beyond it a warning */
+static const double volume_told = 0.02; /* of a label's own: beyond it a warning */
 
 /* --- the file's mesh --- */
 
@@ -120,21 +120,27 @@ static void print_labels(const image_options *o, const label_field *field, const
     }
 }
 
-/* A thin label whose surface was moved as far as it may be, and still lacks volume, is lost to the Gaussian; another
- * to its chords. */
-static void warn_of_volumes(const image_options *o, const label_field *field, const image_mesh *m) {
+/* Surfaces were moved as far as tetrahedra let them; and a part that was lost is made up for elsewhere: its surface is
+ * far from the image's then. */
+static void warn_of_losses(const image_options *o, const label_field *field, const image_mesh *m) {
+    const double *s = field->spacing_m;
     for (int l = 1; l <= field->labels; l++) {
         const image_result *r = &m->of[l];
         const double differ = r->volume_m3 / r->image_m3 - 1;
-        char mend[80];
-        if (fabs(differ) <= volume_told) continue;
-        if (o->smooth > 0 && differ < 0 && (double)field->bias[l] >= 0.999 * LABEL_BIAS_MOST)
-            snprintf(mend, sizeof mend, "it is thin: smooth less (--smooth %.2g)", 0.5 * (double)field->sigma[l]);
-        else
-            snprintf(mend, sizeof mend, "mesh it finer (%s), or smooth less (--smooth %.2g)",
-                     o->budget ? "a larger --budget" : "a smaller --size", 0.5 * (double)field->sigma[l]);
-        app_remark("%s: warning: label %d ('%s') has %.0f %% %s volume than in the image; %s\n", o->in,
-                   o->region[l].value, o->region[l].name, 100 * fabs(differ), differ < 0 ? "less" : "more", mend);
+        char finer[80];
+        snprintf(finer, sizeof finer, "mesh it finer (%s--label %d:%.2gmm)",
+                 o->regions && !o->all ? "" : "--label all ", o->region[l].value, 0.7e3 * m->edge_m[l]);
+        if (fabs(differ) > volume_told)
+            app_remark("%s: warning: label %d ('%s') has %.0f %% %s volume than in the image: %s%s\n", o->in,
+                       o->region[l].value, o->region[l].name, 100 * fabs(differ), differ < 0 ? "less" : "more",
+                       o->volumes ? "its tetrahedra are too coarse for it; " : "name volumes in --optimise, or ",
+                       finer);
+        if (r->hausdorff_m > fmax(m->edge_m[l], 2 * cbrt(s[0] * s[1] * s[2]))) {
+            if (o->even && o->smooth > 0) snprintf(finer, sizeof finer, "smooth less (--smooth %.2g)", 0.5 * o->smooth);
+            app_remark(
+                "%s: warning: label %d ('%s') has its surface up to %.2g mm from the image's, a part was lost or filled; %s\n",
+                o->in, o->region[l].value, o->region[l].name, 1e3 * r->hausdorff_m, finer);
+        }
     }
 }
 
@@ -211,7 +217,7 @@ int image_report(const image_options *o, const image_volume *volume, const label
     }
     tm_mesh_destroy(built);
     if (status) return app_report(NULL, 0, &error);
-    warn_of_volumes(o, field, mesh);
+    warn_of_losses(o, field, mesh);
     if (!app_is_quiet()) print(o, volume, field, mesh, file, &f);
     return APP_DONE;
 }

@@ -5,26 +5,23 @@
 
 #include "growing.h"
 
-typedef struct fans {
-    int *begin, *tet; /* tetrahedra around each vertex */
-    unsigned char *outer;
-} fans;
-
-/* False: no memory; what was taken is in `f`. */
-static bool make_fans(const growing *m, fans *out) {
-    fans f = {calloc((size_t)m->vertex_count + 2, sizeof(int)), malloc(4 * (size_t)m->tet_count * sizeof(int)),
-              calloc((size_t)m->vertex_count + 1, 1)};
+bool growing_fans_make(const growing *m, growing_fans *out) {
+    growing_fans f = {calloc((size_t)m->vertex_count + 2, sizeof(int)), malloc(4 * (size_t)m->tet_count * sizeof(int))};
     *out = f;
-    if (!f.begin || !f.tet || !f.outer) return false;
+    if (!f.begin || !f.tet) return false;
     for (int i = 0; i < 4 * m->tet_count; i++) f.begin[m->tet[i] + 2]++;
     for (int v = 0; v < m->vertex_count; v++) f.begin[v + 2] += f.begin[v + 1];
     for (int i = 0; i < 4 * m->tet_count; i++) f.tet[f.begin[m->tet[i] + 1]++] = i / 4;
-    for (int i = 0; i < 3 * m->face_count; i++) f.outer[m->face[i]] = 1;
     return true;
 }
 
+void growing_fans_free(growing_fans *f) {
+    free(f->begin);
+    free(f->tet);
+}
+
 /* Sum of (scale/size)^6 over a vertex's tetrahedra: the worst weighs most, the rest still counts. */
-static double badness(const growing *m, const fans *f, int v, double scale) {
+static double badness(const growing *m, const growing_fans *f, int v, double scale) {
     double sum = 0;
     for (int i = f->begin[v]; i < f->begin[v + 1]; i++) {
         const int *t = m->tet + 4 * (size_t)f->tet[i];
@@ -38,7 +35,7 @@ static double badness(const growing *m, const fans *f, int v, double scale) {
     return sum;
 }
 
-static bool allowed(const growing *m, const fans *f, const growing_hold *h, int v) {
+static bool allowed(const growing *m, const growing_fans *f, const growing_hold *h, int v) {
     for (int i = f->begin[v]; h && i < f->begin[v + 1]; i++)
         if (h->wanted(m, f->tet[i], growing_longest_edge_m(m, f->tet[i]), h->context)) return false;
     return true;
@@ -54,8 +51,8 @@ static void keep_to(const growing_hold *h, int v, double d[3]) {
 }
 
 /* Tries the six directions of a turned frame; a better place is kept. */
-static void search(growing *m, const fans *f, const growing_solid *b, const growing_hold *h, int v, double scale,
-                   double step, unsigned *dice) {
+static void search(growing *m, const growing_fans *f, const growing_solid *b, const growing_hold *h, int v,
+                   double scale, double step, unsigned *dice) {
     double *p = m->vertex + 3 * (size_t)v, best = badness(m, f, v, scale), axis[3][3], keep[3];
     for (int k = 0; k < 3; k++)
         for (int i = 0; i < 3; i++) {
@@ -68,8 +65,9 @@ static void search(growing *m, const fans *f, const growing_solid *b, const grow
         double length = sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2]) + 1e-9;
         memcpy(keep, p, sizeof keep);
         for (int i = 0; i < 3; i++) p[i] += (k & 1 ? -step : step) * d[i] / length;
-        if (b && f->outer[v]) b->project(b->shape, p);
-        double now = badness(m, f, v, scale);
+        if (b) b->project(b->shape, p);
+        bool placed = !h || !h->settle || h->settle(h->shape, v, p);
+        double now = placed ? badness(m, f, v, scale) : HUGE_VAL;
         if (now < best && allowed(m, f, h, v))
             best = now;
         else
@@ -78,12 +76,14 @@ static void search(growing *m, const fans *f, const growing_solid *b, const grow
 }
 
 void growing_improve(growing *m, const growing_solid *b, const growing_hold *h, int sweeps) {
-    fans f;
+    growing_fans f;
     if (m->no_memory) return;
-    bool good = make_fans(m, &f);
+    bool good = growing_fans_make(m, &f);
     double *size = malloc((size_t)m->tet_count * sizeof *size);
+    unsigned char *outer = calloc((size_t)m->vertex_count + 1, 1);
     unsigned dice = 12345;
-    if (!good || !size) m->no_memory = true;
+    if (!good || !size || !outer) m->no_memory = true;
+    for (int i = 0; outer && i < 3 * m->face_count; i++) outer[m->face[i]] = 1;
     for (int sweep = 0; sweep < sweeps && !m->no_memory; sweep++) {
         double largest = 0;
         for (int t = 0; t < m->tet_count; t++) {
@@ -96,11 +96,11 @@ void growing_improve(growing *m, const growing_solid *b, const growing_hold *h, 
         for (int v = 0; v < m->vertex_count; v++) {
             bool poor = false;
             for (int i = f.begin[v]; i < f.begin[v + 1] && !poor; i++) poor = size[f.tet[i]] < 0.8 * largest;
-            if (poor && !(h && h->freedom[v] == FIXED)) search(m, &f, b, h, v, largest, step, &dice);
+            if (poor && !(h && h->freedom[v] == FIXED))
+                search(m, &f, b && outer[v] ? b : NULL, h, v, largest, step, &dice);
         }
     }
     free(size);
-    free(f.begin);
-    free(f.tet);
-    free(f.outer);
+    free(outer);
+    growing_fans_free(&f);
 }

@@ -52,8 +52,8 @@ void label_field_free(label_field *f);
 /* image_label_fn; context is the field. */
 int label_field_at(const void *field, const double p[3]);
 
-/* Onto the surface between the two labels that are strongest at `p`, as growing_solid wants it. */
-void label_field_project(const void *field, double p[3]);
+/* image_between_fn; context is the field. */
+bool label_field_between(const void *field, int a, int b, double p[3]);
 
 /* Fills `voxel` from `at`. Private to label_field.c. */
 bool label_field_smooth(label_field *f, double smooth, bool even);

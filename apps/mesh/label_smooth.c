@@ -218,31 +218,35 @@ static double lead(const label_field *f, const double p[3], int a, int b) {
     return sum;
 }
 
-void label_field_project(const void *field, double p[3]) {
+/* Which way `a` gains on `b`; false: nowhere. */
+static bool slope_of(const label_field *f, const double p[3], int a, int b, double slope[3]) {
+    double q[3] = {p[0], p[1], p[2]}, square = 0;
+    for (int k = 0; k < 3; k++) {
+        const double h = 0.25 * f->spacing_m[k];
+        q[k] = p[k] + h;
+        slope[k] = lead(f, q, a, b);
+        q[k] = p[k] - h;
+        slope[k] = (slope[k] - lead(f, q, a, b)) / (2 * h);
+        q[k] = p[k];
+        square += slope[k] * slope[k];
+    }
+    return square > 0;
+}
+
+bool label_field_between(const void *field, int a, int b, double p[3]) {
     const label_field *f = field;
-    mix m;
-    if (!mix_at(f, p, &m) || m.count < 2) return;
-    int a = 0, b = 1;
-    for (int i = 1; i < m.count; i++) {
-        if (m.strength[i] > m.strength[a])
-            b = a, a = i;
-        else if (i > 1 && m.strength[i] > m.strength[b])
-            b = i;
-    }
-    const int first = m.label[a], second = m.label[b];
-    for (int newton = 0; newton < 4; newton++) {
-        const double ahead = lead(f, p, first, second);
-        double slope[3], square = 0;
+    const double near_m = 0.02 * cbrt(f->spacing_m[0] * f->spacing_m[1] * f->spacing_m[2]);
+    for (int newton = 0; newton < 8; newton++) {
+        double slope[3], square = 0, moved_m2 = 0;
+        if (!slope_of(f, p, a, b, slope)) return false;
+        const double ahead = lead(f, p, a, b);
+        for (int k = 0; k < 3; k++) square += slope[k] * slope[k];
         for (int k = 0; k < 3; k++) {
-            const double h = 0.25 * f->spacing_m[k], keep = p[k];
-            p[k] = keep + h;
-            slope[k] = lead(f, p, first, second);
-            p[k] = keep - h;
-            slope[k] = (slope[k] - lead(f, p, first, second)) / (2 * h);
-            p[k] = keep;
-            square += slope[k] * slope[k];
+            const double step = fmax(-f->spacing_m[k], fmin(f->spacing_m[k], ahead / square * slope[k]));
+            p[k] -= step;
+            moved_m2 += step * step;
         }
-        if (!(square > 0)) return;
-        for (int k = 0; k < 3; k++) p[k] -= fmax(-f->spacing_m[k], fmin(f->spacing_m[k], ahead / square * slope[k]));
+        if (moved_m2 < near_m * near_m) return true;
     }
+    return false;
 }

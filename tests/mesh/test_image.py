@@ -68,18 +68,59 @@ def volumes_off(json_file):
     return {r["label"]: r["volume_m3"] / r["image_volume_m3"] - 1 for r in json.loads(json_file.read_text())["regions"]}
 
 
-def test_a_label_that_loses_volume_is_named_with_what_mends_it(tmp_path, run):
+@pytest.mark.parametrize("spacing, options", [((4, 4, 5), ("--budget", "2500")), ((4, 4, 5), ("--budget", "3500", "--smooth", "1")), ((6, 6, 6), ("--budget", "3500"))])
+def test_labels_have_their_volumes(tmp_path, run, spacing, options):
+    """However coarse the budget is: chords and smoothing take 13 to 38 % of thin labels otherwise."""
+    path, report = phantom.write(tmp_path / "a.nrrd", phantom.phantom(spacing), spacing), tmp_path / "a.json"
+    done = run(path, *options, "--json", report, "--allow", "vanish")
+    off = volumes_off(report)
+    assert len(off) == 4 and max(map(abs, off.values())) < 1e-4, off
+    assert "than in the image" not in done.stderr and json.loads(report.read_text())["smallest_dihedral_deg"] > 5
+
+
+def test_what_a_label_loses_is_named_with_what_mends_it(tmp_path, run):
     path, report = phantom.write(tmp_path / "a.nrrd", phantom.phantom((4, 4, 5)), (4, 4, 5)), tmp_path / "a.json"
     words = ("--budget", "3500", "--json", report)
-    done = run(path, *words, "--smooth", "1")
+    done = run(path, *words, "--optimise", "exude,improve")
     off = volumes_off(report)
-    assert off[2] < -0.1 and off[3] < -0.1 and abs(off[1]) < 0.04, off
-    told = re.findall(r"warning: label (\d) \('(\w+)'\) has (\d+) % less volume than in the image; .*\(--smooth ([\d.]+)\)", done.stderr)
-    assert [(label, name) for label, name, _, _ in told] == [("2", "vessels"), ("3", "tumour")] and int(told[0][2]) == round(-100 * off[2])
-    run(path, "--budget", "10000", "--json", report)  # by itself a thin label is smoothed less; tetrahedra enough for its chords
-    assert max(map(abs, volumes_off(report).values())) < 0.05
+    assert off[2] < -0.1 and off[3] < -0.1 and abs(off[1]) < 0.02, off
+    told = re.findall(r"warning: label (\d) \('(\w+)'\) has (\d+) % less volume than in the image: name volumes in --optimise, or mesh it finer", done.stderr)
+    assert [(label, name) for label, name, _ in told] == [("2", "vessels"), ("3", "tumour")] and int(told[0][2]) == round(-100 * off[2])
+    done = run(path, *words, "--smooth", "1")  # a vessel's end is gone, and what is left has its volume
+    told = re.findall(r"warning: label (\d) \('(\w+)'\) has its surface up to ([\d.]+) mm from the image's.*; smooth less \(--smooth ([\d.]+)\)", done.stderr)
+    assert ("2", "vessels") in [(label, name) for label, name, _, _ in told] and float(told[-1][2]) > 15, done.stderr
     done = run(path, *words, "--smooth", told[0][3])
-    assert "warning:" not in done.stderr and max(map(abs, volumes_off(report).values())) < 0.05
+    assert "warning:" not in done.stderr, done.stderr
+
+
+def corners_off(image, spacing, msh):
+    """{label: how far the worst vertex of its surface is from its voxels' faces, mm}; the image's first voxel at 0."""
+    vertices = places(msh) * 1e3
+    rows = [line.split() for line in msh.read_text().split("$Elements\n")[1].split("$EndElements")[0].splitlines()[1:]]
+    tets = np.array([[int(x) for x in (row[3], *row[-4:])] for row in rows if row[1] == "4"])
+    off = {}
+    for label, region in zip(np.unique(image)[1:], np.unique(tets[:, 0])):
+        corner = tets[tets[:, 0] == region, 1:] - 1
+        faces = np.sort(np.concatenate([np.delete(corner, k, 1) for k in range(4)]), 1)
+        once, count = np.unique(faces, axis=0, return_counts=True)
+        at, padded = [], np.pad(image == label, 1)
+        for axis in range(3):
+            middle = np.argwhere(np.diff(padded.astype("i1"), axis=axis)) - 1.0
+            middle[:, axis] += 0.5
+            at.append(middle * spacing)
+        at = np.concatenate(at)
+        off[int(label)] = max(np.sqrt(((at - vertices[v]) ** 2).sum(1).min()) for v in np.unique(once[count == 1]))
+    return off
+
+
+def test_no_thorns(tmp_path, run):
+    """No vertex of a label's surface far off it: 18 mm on the liver and 23 mm on the ribs, when vertices slid round thin labels."""
+    spacing = (4, 4, 5)
+    image = phantom.phantom(spacing)
+    path = phantom.write(tmp_path / "a.nrrd", image, spacing)
+    run(path, "--budget", "3500")
+    off = corners_off(image, spacing, path.with_suffix(".msh"))
+    assert len(off) == 4 and max(off.values()) < 8, off
 
 
 @pytest.mark.parametrize("name", ["a.nii", "a.nii.gz", "a.nrrd", "a.mha", "a.mhd"])
@@ -204,6 +245,8 @@ def test_labels_that_are_not_there_vanish_or_fall_apart(tmp_path, run):
     assert not out.exists()
     done = run(path, *coarse, "--allow", "vanish", out=out)
     assert done.returncode == 0 and "vanished" in done.stderr
+    done = run(path, *coarse[:-2], "--allow", "vanish", out=out)
+    assert "has 100 % less volume than in the image: its tetrahedra are too coarse for it; mesh it finer (--label 4:21mm)" in done.stderr, done.stderr
 
 
 def test_what_vanished_comes_back_by_the_words_of_the_message(tmp_path, run):

@@ -1,0 +1,103 @@
+/* Moves the vertices of an image's mesh so that the smallest tetrahedron grows, and keeps its surfaces where they are.
+ */
+#include <stdlib.h>
+
+#include "growing.h"
+#include "image.h"
+
+static const double TURNED_LEAST = 0.7; /* cosine */
+
+static bool none_wanted(const growing *m, int tet, double longest_m, const void *context) {
+    (void)m, (void)tet, (void)longest_m, (void)context;
+    return false;
+}
+
+/* Which labels meet at a vertex: how many, and the first two; 0 is outside. */
+typedef struct sides {
+    uint8_t count, label[2];
+} sides;
+
+typedef struct meeting {
+    const growing *mesh; /* its faces are those between labels */
+    sides *at;           /* [vertices] */
+    int *begin, *face;   /* faces around vertex v: face[begin[v]] to before begin[v + 1] */
+    double *normal;      /* [3*faces] unit, as they were */
+    image_between_fn *between;
+    const void *shape;
+} meeting;
+
+/* Enters a label for every vertex of its tetrahedra; label 0 for those of the mesh's outer faces. */
+static bool mark_label(const image_tets *m, int label, sides *at) {
+    uint8_t *seen = calloc((size_t)m->vertices + 1, 1);
+    int *face = NULL;
+    const int faces = label ? 0 : image_faces(m, 0, &face);
+    if (seen && faces >= 0) {
+        for (int i = 0; i < 3 * faces; i++) seen[face[i]] = 1;
+        for (int i = 0; i < 4 * m->tets && label; i++)
+            if (m->label[i / 4] == label) seen[m->tet[i]] = 1;
+        for (int v = 0; v < m->vertices; v++)
+            if (seen[v] && at[v].count < 255) {
+                if (at[v].count < 2) at[v].label[at[v].count] = (uint8_t)label;
+                at[v].count++;
+            }
+    }
+    const bool good = seen && faces >= 0;
+    free(face);
+    free(seen);
+    return good;
+}
+
+/* On its surface, and no face around it turned far: a vertex that slides round a thin label's side leaves a thorn. */
+static bool settle(const void *context, int v, double p[3]) {
+    const meeting *of = context;
+    if (of->at[v].count < 2) return true;
+    if (!of->between(of->shape, of->at[v].label[0], of->at[v].label[1], p)) return false;
+    for (int i = of->begin[v]; i < of->begin[v + 1]; i++) {
+        const int *c = of->mesh->face + 3 * (size_t)of->face[i];
+        const double *was = of->normal + 3 * (size_t)of->face[i];
+        double n[3];
+        growing_face_normal(of->mesh, c, n);
+        if (n[0] * was[0] + n[1] * was[1] + n[2] * was[2] < TURNED_LEAST) return false;
+    }
+    return true;
+}
+
+static bool make_meeting(const image_tets *m, int labels, growing *g, meeting *of) {
+    of->mesh = g;
+    of->at = calloc((size_t)m->vertices + 1, sizeof *of->at);
+    bool good = of->at && (g->face_count = image_interfaces(m, labels, &g->face)) >= 0;
+    of->begin = calloc((size_t)m->vertices + 2, sizeof *of->begin);
+    of->face = malloc((3 * (size_t)g->face_count + 1) * sizeof *of->face);
+    of->normal = malloc((3 * (size_t)g->face_count + 1) * sizeof *of->normal);
+    good = good && of->begin && of->face && of->normal;
+    for (int l = 0; l <= labels && good; l++) good = mark_label(m, l, of->at);
+    if (!good) return false;
+    for (int i = 0; i < 3 * g->face_count; i++) of->begin[g->face[i] + 2]++;
+    for (int v = 0; v < m->vertices; v++) of->begin[v + 2] += of->begin[v + 1];
+    for (int i = 0; i < 3 * g->face_count; i++) of->face[of->begin[g->face[i] + 1]++] = i / 3;
+    for (int f = 0; f < g->face_count; f++) growing_face_normal(g, g->face + 3 * (size_t)f, of->normal + 3 * (size_t)f);
+    return true;
+}
+
+/* Vertices move so that the smallest tetrahedron, which sets the time step, grows: freely within a label, along the
+ * surface between two, not at all where three meet. */
+bool image_improve(image_tets *m, int labels, image_between_fn *between, const void *shape) {
+    growing g = {.vertex_count = m->vertices, .tet_count = m->tets, .vertex = m->vertex_m, .tet = m->tet};
+    meeting of = {.between = between, .shape = shape};
+    growing_hold hold = {.freedom = malloc((size_t)m->vertices + 1),
+                         .direction = calloc(3 * (size_t)m->vertices + 1, sizeof(double)),
+                         .wanted = none_wanted,
+                         .settle = settle,
+                         .shape = &of};
+    const bool good = make_meeting(m, labels, &g, &of) && hold.freedom && hold.direction;
+    for (int v = 0; v < m->vertices && good; v++) hold.freedom[v] = of.at[v].count > 2 ? FIXED : FREE;
+    if (good) growing_improve(&g, NULL, &hold, 12);
+    free(hold.freedom);
+    free(hold.direction);
+    free(g.face);
+    free(of.at);
+    free(of.begin);
+    free(of.face);
+    free(of.normal);
+    return good && !g.no_memory;
+}
