@@ -18,47 +18,57 @@ bool tm_bulk_take(tm_bulk *bulk, tm_pool *pool, const tm_tissue *tissue) {
     return true;
 }
 
-static void add_linear(const tm_bulk *bulk, const double *TM_RESTRICT u, double *TM_RESTRICT force) {
+static bool lies_in(int32_t v, int32_t begin, int32_t end) { return v >= begin && v < end; }
+
+static void add_linear(const tm_bulk *bulk, int32_t begin, int32_t end, const double *TM_RESTRICT u,
+                       double *TM_RESTRICT force) {
     const tm_mesh *mesh = bulk->tissue->mesh;
     for (int32_t t = 0; t < mesh->tet_count; t++) {
-        if (!bulk->tissue->alive[t]) continue;
         const double *alpha = mesh->shape_1_m + 12 * (int64_t)t;
         const int32_t *v = mesh->tet + 4 * (int64_t)t;
         double grown = 0;
+        bool own = false;
+        for (int k = 0; k < 4; k++) own |= lies_in(v[k], begin, end);
+        if (!own || !bulk->tissue->alive[t]) continue;
         for (int k = 0; k < 4; k++) {
             const double *x = u + 3 * (int64_t)v[k];
             grown += alpha[3 * k] * x[0] + alpha[3 * k + 1] * x[1] + alpha[3 * k + 2] * x[2];
         }
         const double pull = bulk->stiffness_J[t] * grown;
         for (int k = 0; k < 4; k++)
-            for (int i = 0; i < 3; i++) force[3 * (int64_t)v[k] + i] += pull * alpha[3 * k + i];
+            for (int i = 0; i < 3 && lies_in(v[k], begin, end); i++)
+                force[3 * (int64_t)v[k] + i] += pull * alpha[3 * k + i];
     }
 }
 
-static void add_smoothed(const tm_bulk *bulk, const double *TM_RESTRICT u, double *TM_RESTRICT force) {
+static void add_smoothed(const tm_bulk *bulk, int32_t begin, int32_t end, const double *TM_RESTRICT u,
+                         double *TM_RESTRICT force) {
     const tm_smoothed *s = bulk->tissue->smoothed;
     const tm_domains *d = s->vertex.begin ? &s->vertex : &bulk->own;
     for (int32_t i = 0; i < d->count; i++) {
         double grown = 0;
-        for (int32_t m = d->member_at[i]; m < d->member_at[i + 1]; m++) {
+        int32_t m = d->member_at[i];
+        const int32_t last = d->member_at[i + 1];
+        if (d->member[m] >= end || d->member[last - 1] < begin) continue; /* members ascend */
+        for (; m < last; m++) {
             if (!d->lives[m]) continue;
             const double *g = d->gradient + 3 * (int64_t)m, *x = u + 3 * (int64_t)d->member[m];
             grown += g[0] * x[0] + g[1] * x[1] + g[2] * x[2];
         }
         const double pull = s->bulk_Pa[d->law[i]] * d->volume_m3[i] * grown;
-        for (int32_t m = d->member_at[i]; m < d->member_at[i + 1]; m++) {
-            if (!d->lives[m]) continue;
+        for (m = d->member_at[i]; m < last && d->member[m] < end; m++) {
+            if (!d->lives[m] || d->member[m] < begin) continue;
             const double *g = d->gradient + 3 * (int64_t)m;
             for (int c = 0; c < 3; c++) force[3 * (int64_t)d->member[m] + c] += pull * g[c];
         }
     }
 }
 
-void tm_bulk_add(const tm_bulk *bulk, const double *u_m, double *force_N) {
+void tm_bulk_add(const tm_bulk *bulk, int32_t begin, int32_t end, const double *u_m, double *force_N) {
     if (bulk->tissue->smoothed)
-        add_smoothed(bulk, u_m, force_N);
+        add_smoothed(bulk, begin, end, u_m, force_N);
     else
-        add_linear(bulk, u_m, force_N);
+        add_linear(bulk, begin, end, u_m, force_N);
 }
 
 tm_material tm_material_left(const tm_material *m, double shear, double volume) {

@@ -13,8 +13,9 @@ typedef struct tm_bulk {
 
 /* False: no memory. */
 bool tm_bulk_take(tm_bulk *bulk, tm_pool *pool, const tm_tissue *tissue);
-/* force_N += W u, W the bulk modulus' part of K; living tetrahedra or domains ascending. */
-void tm_bulk_add(const tm_bulk *bulk, const double *u_m, double *force_N);
+/* force_N += W u on the vertices [begin, end), W the bulk modulus' part of K; living tetrahedra or domains ascending,
+ * so that every division of the vertices has the same bits. What crosses a border is computed on both sides of it. */
+void tm_bulk_add(const tm_bulk *bulk, int32_t begin, int32_t end, const double *u_m, double *force_N);
 
 /* The law that is left of one when all has relaxed: shares `shear` and `volume` of its moduli. */
 tm_material tm_material_left(const tm_material *material, double shear, double volume);

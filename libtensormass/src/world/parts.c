@@ -125,15 +125,20 @@ void tm_parts_do(tm_world *world, void (*work)(void *context, int32_t part), voi
         tm_team_run(world->team, work, context);
     else
         for (int32_t p = 0; p < world->part_count; p++) work(context, p);
+}
+
+/* Of work that looks; other work leaves alone what the last look found, be it of a step that failed. */
+static void look_by_parts(tm_world *world, void (*work)(void *context, int32_t part), void *context) {
+    tm_parts_do(world, work, context);
     for (int32_t p = 0; p < world->part_count; p++) world->unsound |= world->part[p].unsound;
 }
 
 void tm_parts_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_too) {
     stages s = {world, begin, end, look_too};
-    tm_parts_do(world, run_part, &s);
+    look_by_parts(world, run_part, &s);
 }
 
-void tm_parts_look(tm_world *world) { tm_parts_do(world, look_at_part, world); }
+void tm_parts_look(tm_world *world) { look_by_parts(world, look_at_part, world); }
 
 /* Threads are woken for calls that are worth it. */
 void tm_parts_begin(tm_world *world, int32_t substeps) {

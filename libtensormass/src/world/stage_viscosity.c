@@ -64,34 +64,53 @@ tm_fading tm_fading_of(double dt_s, double time_s) {
 
 /* --- the step --- */
 
-static void run_strained(void *self, tm_world *world) {
-    const viscosity *v = self;
-    const double *TM_RESTRICT u = world->state.u_m;
+static void strain_part(void *context, int32_t part) {
+    const viscosity *v = context;
+    const int32_t begin = 3 * v->world->part[part].force.begin, end = 3 * v->world->part[part].force.end;
+    const double *TM_RESTRICT u = v->world->state.u_m;
     double *TM_RESTRICT strained = v->strained_m, *TM_RESTRICT swollen = v->swollen_m;
     for (int32_t t = 0; t < v->def.count; t++) {
         const double *TM_RESTRICT q = v->q_m[t], *TM_RESTRICT from = t ? strained : u;
         const double shear = v->def.term[t].shear, more = v->def.term[t].volume - shear;
-        for (int32_t i = 0; i < v->n; i++) strained[i] = from[i] - shear * q[i];
-        for (int32_t i = 0; swollen && i < v->n; i++) swollen[i] = (t ? swollen[i] : 0) + more * q[i];
+        for (int32_t i = begin; i < end; i++) strained[i] = from[i] - shear * q[i];
+        for (int32_t i = begin; swollen && i < end; i++) swollen[i] = (t ? swollen[i] : 0) + more * q[i];
     }
+    /* Two passes over a part do not run side by side: this one's place in it is its own. */
+    tm_force_part own = v->world->part[part].force;
+    const tm_tissue *tissue = v->world->tissue;
+    if (v->world->internal_N) tissue->force(&tissue->graph, &own, own.begin, own.end, u, v->world->internal_N);
 }
 
-/* The stage "force" while there is viscosity: by one thread, for the bulk modulus' part wants all of it. */
-static void run_force(void *self, tm_world *world) {
+/* Whole before "force" begins, which reads it of every vertex. */
+static void run_strained(void *self, tm_world *world) { tm_parts_do(world, strain_part, self); }
+
+/* The stage "force" while there is viscosity; where shares differ a whole part at a time, for the bulk modulus' part
+ * goes over tetrahedra. */
+static void force_range(void *self, tm_world *world, const tm_range *range) {
     const viscosity *v = self;
-    tm_tissue_force(world->tissue, v->strained_m, world->state.force_N);
-    if (v->swollen_m) tm_bulk_add(&v->bulk, v->swollen_m, world->state.force_N);
-    if (world->internal_N) tm_tissue_force(world->tissue, world->state.u_m, world->internal_N);
+    const tm_tissue *tissue = world->tissue;
+    tissue->force(&tissue->graph, &world->part[range->part].force, range->begin, range->end, v->strained_m,
+                  world->state.force_N);
 }
 
-static void run(void *self, tm_world *world) {
+static void force_part(void *context, int32_t number) {
+    const viscosity *v = context;
+    const tm_force_part *part = &v->world->part[number].force;
+    force_range(context, v->world, &(tm_range){number, part->begin, part->end});
+    tm_bulk_add(&v->bulk, part->begin, part->end, v->swollen_m, v->world->state.force_N);
+}
+
+static void run_force(void *self, tm_world *world) { tm_parts_do(world, force_part, self); }
+
+static void follow_range(void *self, tm_world *world, const tm_range *range) {
     const viscosity *v = self;
     const double tiny = 1e-60; /* as the world's own: what has died away is nothing */
+    const int32_t begin = 3 * range->begin, end = 3 * range->end;
     const double *TM_RESTRICT u = world->state.u_m, *TM_RESTRICT next = world->state.u_next_m;
     for (int32_t t = 0; t < v->def.count; t++) {
         const tm_fading f = v->fading[t];
         double *TM_RESTRICT q = v->q_m[t];
-        for (int32_t i = 0; i < v->n; i++) q[i] = (f.keep * q[i] + f.old * u[i] + f.now * next[i] + tiny) - tiny;
+        for (int32_t i = begin; i < end; i++) q[i] = (f.keep * q[i] + f.old * u[i] + f.now * next[i] + tiny) - tiny;
     }
 }
 
@@ -106,18 +125,24 @@ static void run_turned(void *self, tm_world *world) {
 static struct tm_stage_slot *force_slot(tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++) {
         const tm_stage *stage = &world->slot[i].stage;
-        if (stage->run == run_force || stage->range == tm_stage_force || stage->range == tm_relaxing_no_tensors)
+        if (stage->run == run_force || stage->range == force_range || stage->range == tm_stage_force)
             return world->slot + i;
     }
     return NULL;
 }
 
-static void set_force(tm_world *world, viscosity *v) {
-    struct tm_stage_slot *slot = force_slot(world);
-    if (!slot) return;
-    slot->stage.run = v && !v->rotation ? run_force : NULL;
-    slot->stage.range = !v ? tm_stage_force : v->rotation ? tm_relaxing_no_tensors : NULL;
-    slot->stage.self = v;
+/* Whose force it is: the series', or (false) the elastic tissue's. */
+static void set_force(viscosity *v, bool relaxes) {
+    struct tm_stage_slot *slot = force_slot(v->world);
+    if (v->rotation) {
+        v->rotation->left_to_viscosity = relaxes;
+        v->world->whole_law = relaxes || v->rotation->swollen.tissue;
+    } else if (slot) {
+        const bool divided = relaxes && v->swollen_m;
+        slot->stage.run = divided ? run_force : NULL;
+        slot->stage.range = divided ? NULL : relaxes ? force_range : tm_stage_force;
+        slot->stage.self = relaxes ? v : NULL;
+    }
 }
 
 static void step_changed(void *self, tm_world *world) {
@@ -180,19 +205,19 @@ static void release(viscosity *v) {
 
 static void destroy(void *self) {
     viscosity *v = self;
-    if (v->rotation) v->rotation->left_to_viscosity = false;
-    set_force(v->world, NULL);
+    set_force(v, false);
     release(v);
 }
 
 bool tm_stage_is_viscosity(const tm_stage *stage) {
-    return stage->run == run || stage->run == run_turned || stage->run == run_strained || stage->run == run_force ||
-           stage->range == tm_relaxing_no_tensors;
+    return stage->range == follow_range || stage->run == run_turned || stage->run == run_strained ||
+           stage->run == run_force || stage->range == force_range;
 }
 
 static viscosity *of(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.run == run || world->slot[i].stage.run == run_turned) return world->slot[i].stage.self;
+        if (world->slot[i].stage.range == follow_range || world->slot[i].stage.run == run_turned)
+            return world->slot[i].stage.self;
     return NULL;
 }
 
@@ -228,7 +253,8 @@ static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
     const tm_stage whole = {.size = sizeof whole,
                             .name = "viscosity",
                             .phase = turned ? TM_PHASE_FORCE : TM_PHASE_END,
-                            .run = turned ? run_turned : run,
+                            .run = turned ? run_turned : NULL,
+                            .range = turned ? NULL : follow_range,
                             .destroy = destroy,
                             .step_changed = step_changed,
                             .self = v,
@@ -256,8 +282,7 @@ static tm_status add(viscosity *v, int64_t bytes, tm_error *error) {
         tm_world_remove_stage(v->world, "viscosity", NULL);
         return status;
     }
-    if (turned) v->rotation->left_to_viscosity = true;
-    set_force(v->world, v);
+    set_force(v, true);
     rest_here(v);
     return TM_OK;
 }
@@ -302,7 +327,6 @@ static void swap_packs(viscosity *v, tm_relaxed *relaxed) {
     v->rotation->swollen = relaxed->swollen;
     relaxed->packs = packs;
     relaxed->swollen = swollen;
-    v->rotation->left_to_viscosity = !v->rotation->left_to_viscosity;
 }
 
 tm_status tm_relaxed_begin(tm_world *world, tm_relaxed *relaxed, tm_error *error) {
@@ -322,7 +346,7 @@ tm_status tm_relaxed_begin(tm_world *world, tm_relaxed *relaxed, tm_error *error
     relaxed->tissue = tissue;
     swap_tensors(world->tissue, tissue);
     if (v->rotation) swap_packs(v, relaxed);
-    set_force(world, NULL);
+    set_force(v, false);
     return TM_OK;
 }
 
@@ -331,7 +355,7 @@ void tm_relaxed_end(tm_world *world, tm_relaxed *relaxed, bool rests) {
     viscosity *v = of(world);
     swap_tensors(world->tissue, relaxed->tissue);
     if (v->rotation) swap_packs(v, relaxed);
-    set_force(world, v);
+    set_force(v, true);
     tm_tissue_destroy(relaxed->tissue);
     tm_pool_release(&relaxed->pool);
     if (rests) rest_here(v);

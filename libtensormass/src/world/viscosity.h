@@ -35,8 +35,6 @@ bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, const tm_v
 void tm_relaxing_force(tm_relaxing *r);
 /* Histories by themselves: keep, old and now of each term for one look at u. */
 void tm_relaxing_look(const tm_relaxing *r, const tm_fading *fading);
-/* In the place of tm_stage_force: force_N is 0, and only the account of energy has the tensors' force. */
-tm_stage_range tm_relaxing_no_tensors;
 
 /* What the series leaves of shear and of volume. */
 static inline void tm_viscosity_left(const tm_viscosity_def *def, double *shear, double *volume) {

@@ -155,12 +155,3 @@ void tm_relaxing_look(const tm_relaxing *r, const tm_fading *fading) {
     r->passes.strain(&r->packs, &once, swollen_of(r), 0, r->packs.count, r->world->state.u_m);
     if (swollen_of(r)) tm_swollen_average(&r->rotation->swollen, &once, 0, tm_swollen_domains(&r->rotation->swollen));
 }
-
-void tm_relaxing_no_tensors(void *self, tm_world *world, const tm_range *range) {
-    (void)self;
-    const size_t bytes = 3 * sizeof(double) * (size_t)(range->end - range->begin);
-    memset(world->state.force_N + 3 * (int64_t)range->begin, 0, bytes);
-    if (world->internal_N)
-        world->tissue->force(&world->tissue->graph, &world->part[range->part].force, range->begin, range->end,
-                             world->state.u_m, world->internal_N);
-}
