@@ -291,6 +291,14 @@ def test_threads_are_what_real_time_wants_where_one_processor_is_not_enough(bin,
     assert "threads: 2" in (tmp_path / "s-recommended.yaml").read_text()
 
 
+def test_a_scene_with_a_step_of_its_own_gets_finer_meshes_with_theirs(bin, root, tmp_path):
+    """1.8 ms are too long for half the edges: the mesh's step is shorter as its smallest height is, and no other step goes with it."""
+    _, data = study(bin, root, tmp_path, "--duration", "0.6 s", "--set", "time.step=1.8ms", "--budget", "20", "--hold", "0.1 s")
+    own, finest = data["runs"][0], next(r for r in data["runs"] if r["name"].startswith("finest"))
+    assert "cannot" not in finest and finest["tets"] > 2 * own["tets"] and finest["dt_s"] == pytest.approx(own["dt_s"] / 2, rel=0.03)
+    assert [s for s in finest["set"] if s.startswith("time.step=")] and not {"half the step"} & set(data["recommendation"]["settings"])
+
+
 @pytest.mark.parametrize("budget", ["2 boxes", "cores", "-1", "0"])
 def test_a_budget_is_processors(bin, root, tmp_path, budget):
     run, _ = study(bin, root, tmp_path, f"--budget={budget}", good=2)

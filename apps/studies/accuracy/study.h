@@ -54,6 +54,7 @@ typedef struct study_run {
 typedef struct study_mesh {
     char name[80], path[1024], fibres[1024];
     int tets;
+    double step;  /* of the scene's, in proportion to the smallest height; 0: no finer than the scene's */
     bool made;    /* of the scene's: in metres, with its supports as groups */
     bool foreign; /* other vertices */
 } study_mesh;

@@ -114,9 +114,9 @@ static bool refine(study *t, const sim *own, double factor, const char *name) {
     for (int i = 0; i < t->mesh_count; i++) /* bisection may end at the same one, which says nothing of an order */
         if (t->mesh[i].tets >= m->tets && t->mesh[i].tets < 1.2 * m->tets) return false;
     if (m->tets > t->finest) return false;
+    m->step = height_m / smallest_height_m(own->mesh->rest_m, own->mesh->tet, own->mesh->tet_count);
     /* Price: tetrahedra, steps, and half as much again for what the cache no longer holds. */
-    const double price_s = 1.5 * t->run[0].cpu_s * t->run[0].frames * m->tets / own->mesh->tet_count *
-                           smallest_height_m(own->mesh->rest_m, own->mesh->tet, own->mesh->tet_count) / height_m;
+    const double price_s = 1.5 * t->run[0].cpu_s * t->run[0].frames * m->tets / own->mesh->tet_count / m->step;
     if (price_s > t->limit_s) {
         app_remark("tm-accuracy: a run of %d tetrahedra would take %.3g s, about; --limit lets it", m->tets, price_s);
         return false;

@@ -25,15 +25,23 @@ static bool is_mesh(const study_run *r) {
     return !strcmp(r->knob, "own") || !strcmp(r->knob, "volume") || !strcmp(r->knob, "mesh");
 }
 
-enum { MASS = 1, MODEL = 4, EXTRAS };
+enum { STEP, MASS, MODEL = 4, EXTRAS };
+
+static bool sets_step(const study_run *r) {
+    for (int i = r->edits_from; i < r->set_count; i++)
+        if (!strncmp(r->set[i], "time.step=", 10)) return true;
+    return false;
+}
 
 /* What a setting may have beside its mesh, one of each knob. What is heavier for a step is so on its own mesh alone, in
- * place of another step; another model's price on another mesh is not this one's ratio, so that it goes with the mesh
- * alone on which it was run. */
-static bool is_extra(const study_run *r, const study_choice *with, int knob) {
+ * place of another step, and of a mesh that has a step of its own no other is; another model's price on another mesh is
+ * not this one's ratio, so that it goes with the mesh alone on which it was run. */
+static bool is_extra(const study *t, const study_run *r, const study_choice *with, int knob) {
     static const char *const name[EXTRAS] = {"step", "mass", "precision", "threads", "model"};
     const bool alone = with->mesh_run == 0 && with->extra_count == 0;
-    return !strcmp(r->knob, name[knob]) && ((knob != MASS && knob != MODEL) || alone);
+    if (strcmp(r->knob, name[knob])) return false;
+    return knob == STEP ? !sets_step(r) || !sets_step(&t->run[with->mesh_run])
+                        : alone || (knob != MASS && knob != MODEL);
 }
 
 static void predict(const study *t, study_choice *c, double *force_N) {
@@ -116,7 +124,7 @@ static void consider(study *t, study_choice c, int knob, const tried *known, boo
     }
     consider(t, c, knob + 1, known, any, scratch);
     for (int i = 0; i < t->run_count; i++) {
-        if (!is_extra(&t->run[i], &c, knob) || !usable(t, &t->run[i])) continue;
+        if (!is_extra(t, &t->run[i], &c, knob) || !usable(t, &t->run[i])) continue;
         study_choice with = c;
         with.extra[with.extra_count++] = i;
         consider(t, with, knob + 1, known, any, scratch);

@@ -44,6 +44,8 @@ static void plan_meshes(study *t, const sim *own) {
             r->mesh = m;
             if (m) study_set(r, "tissue.mesh=%s", t->mesh[m].path);
             r->foreign = t->mesh[m].foreign;
+            if (own->scene->step.line && t->mesh[m].step > 0) /* the scene's is too long for it */
+                study_set(r, "time.step=%.9g", own->dt_s * fmin(1, t->mesh[m].step));
             if (t->mesh[m].made) study_set(r, "tissue.scale=1"), study_set_carried(r, own);
             if (m && *t->mesh[m].fibres) {
                 study_set(r, "anisotropy");
