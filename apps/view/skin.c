@@ -6,13 +6,14 @@
 
 #include "fairing.h"
 #include "reference.h"
+#include "rim.h"
 #include "sides.h"
 
 #define LAW_REAL float
 #include "law/union_find.h"
 #include "law/vec.h"
 
-enum { LEVELS_MAX = 2 };
+enum { LEVELS_MAX = VIEW_RIM_LEVELS };
 static const float COS_TORN = -0.25f;
 
 /* One split: every edge of the level above gets a vertex in its middle, every triangle becomes four. */
@@ -20,6 +21,7 @@ typedef struct level {
     int32_t edge_count, triangle_count;
     int32_t *edge;   /* [2*edge_count] ends, in vertices of the level above */
     uint8_t *curved; /* [edge_count] 0 at creases and borders: the middle stays on the straight line, so no gap opens */
+    int32_t *rim;    /* [edge_count] the point of the cut's rim that its middle is, -1: none */
     uint32_t *index; /* [3*triangle_count] */
 } level;
 
@@ -29,6 +31,7 @@ struct view_skin {
     bool built, index_changed;
     uint32_t version, topology;
     view_fairing fairing;
+    view_rim rim;
     float *place;           /* [3*vertex_count of the surface] where its vertices are drawn */
     int32_t sector_count;   /* vertices of the surface, split where creases part their triangles */
     int32_t *sector_vertex; /* [sector_count] */
@@ -58,6 +61,7 @@ static void drop_topology(view_skin *skin) {
     for (int i = 0; i < LEVELS_MAX; i++) {
         free(skin->level[i].edge);
         free(skin->level[i].curved);
+        free(skin->level[i].rim);
         free(skin->level[i].index);
     }
     memset(skin->level, 0, sizeof skin->level);
@@ -68,6 +72,7 @@ void view_skin_free(view_skin *skin) {
     if (!skin) return;
     drop_topology(skin);
     view_fairing_free(&skin->fairing);
+    view_rim_free(&skin->rim);
     view_references_free(&skin->references);
     free(skin);
 }
@@ -175,6 +180,26 @@ static bool build_level(level *out, const uint32_t *index, int32_t triangle_coun
     return true;
 }
 
+/* Which edges' middles lie on the cut's rim: those of its pieces, whatever triangles they bound. */
+static bool find_rim(view_skin *skin, const view_surface *s) {
+    int32_t count = skin->sector_count, *point = NULL;
+    if (!view_rim_take(&skin->rim, s, skin->levels)) return false;
+    for (int i = 0; i < skin->levels; i++) count += skin->level[i].edge_count;
+    bool good = (point = malloc(((size_t)count + 1) * sizeof *point)) != NULL;
+    count = skin->sector_count;
+    for (int32_t i = 0; good && i < count; i++)
+        point[i] = skin->rim.piece_count[0] ? skin->rim.point[skin->sector_vertex[i]] : -1;
+    for (int i = 0; i < skin->levels && good; i++) {
+        level *l = &skin->level[i];
+        good = (l->rim = malloc(((size_t)l->edge_count + 1) * sizeof *l->rim)) != NULL;
+        for (int32_t e = 0; good && e < l->edge_count; e++)
+            l->rim[e] = point[count++] =
+                view_rim_middle(&skin->rim, i, point[l->edge[2 * e]], point[l->edge[2 * e + 1]]);
+    }
+    free(point);
+    return good;
+}
+
 static void middle_reference(view_vertex *m, const view_vertex *a, const view_vertex *b) {
     for (int k = 0; k < 3; k++) m->reference_m[k] = (a->reference_m[k] + b->reference_m[k]) / 2;
     m->kind = a->kind;
@@ -206,7 +231,7 @@ static bool build(view_skin *skin, const view_surface *s) {
         count += skin->level[i].edge_count, triangles = skin->level[i].triangle_count, index = skin->level[i].index;
     }
     skin->vertex = calloc((size_t)count + 1, sizeof *skin->vertex);
-    if (!skin->vertex || !lay_out(skin, s)) return false;
+    if (!skin->vertex || !find_rim(skin, s) || !lay_out(skin, s)) return false;
     skin->vertex_count = count;
     for (int32_t c = 0; c < 3 * skin->triangle_count; c++) skin->vertex[skin->index[c]].kind = s->kind[c / 3];
     view_vertex *middle = skin->vertex + skin->sector_count;
@@ -297,11 +322,14 @@ bool view_skin_update(view_skin *skin, const view_surface *s, float grain_m) {
         vset(skin->place + 3 * skin->sector_vertex[i], skin->vertex[i].at_m);
     sector_normals(skin);
     sector_shade(skin);
+    view_rim_lay(&skin->rim, skin->levels, skin->place);
     view_vertex *middle = skin->vertex + skin->sector_count;
     for (int i = 0; i < skin->levels; i++) {
         const level *l = &skin->level[i];
-        for (int32_t e = 0; e < l->edge_count; ++e, ++middle)
+        for (int32_t e = 0; e < l->edge_count; ++e, ++middle) {
             middle_of(middle, &skin->vertex[l->edge[2 * e]], &skin->vertex[l->edge[2 * e + 1]], l->curved[e]);
+            if (l->rim[e] >= 0) vset(skin->rim.at + 3 * l->rim[e], middle->at_m);
+        }
     }
     skin->version = s->version;
     return true;

@@ -195,12 +195,72 @@ static void the_rim_stays_on_the_outside_without_a_gap(void **state) {
         for (int32_t v = 0; v < vertices; v++) vset(vertex[v].at_m, drawn + 3 * v);
         edge *e = edges_of(drawn, index, count);
         for (int32_t i = 0; i < count; i += 2) assert_memory_equal(e[i].end, e[i + 1].end, sizeof e->end);
+        for (int32_t i = 0; i < count; i += 3) { /* nor is what is drawn of it */
+            const int32_t corner[3] = {(int32_t)index[i], (int32_t)index[i + 1], (int32_t)index[i + 2]};
+            float n[3], top = 1;
+            for (int k = 0; k < 3; k++) top = fminf(top, drawn[3 * corner[k] + 2]);
+            normal_of(drawn, corner, n);
+            if (!((int)vertex[index[i]].kind & 1) && top > 1 - 1e-6f) assert_true(n[2] > 0.5f);
+        }
         free(e);
         free(drawn);
         view_skin_free(skin);
     }
     free(wall);
     free(outer);
+    view_surface_free(&s);
+}
+
+/* Largest turn from one piece of the drawn rim to the next, radians; `longest`: of its pieces. */
+static float largest_turn(const view_surface *s, int levels, float *longest) {
+    view_skin *skin = skin_of(s, levels);
+    const view_vertex *v;
+    const uint32_t *index;
+    bool changed;
+    const int32_t vertices = view_skin_vertices(skin, &v), count = view_skin_indices(skin, &index, &changed);
+    float *drawn = malloc(3 * (size_t)vertices * sizeof *drawn), largest = 0;
+    for (int32_t i = 0; i < vertices; i++) vset(v[i].at_m, drawn + 3 * i);
+    edge *e = edges_of(drawn, index, count), *rim = malloc((size_t)count * sizeof *rim);
+    int32_t pieces = 0;
+    for (int32_t i = 0; i < count; i += 2) {
+        const int a = (int)v[index[3 * e[i].triangle]].kind, b = (int)v[index[3 * e[i + 1].triangle]].kind;
+        if (!((a ^ b) & 1)) continue;
+        rim[pieces++] = e[i];
+        for (int end = 0; end < 2; end++) assert_float_equal(e[i].end[3 * end + 2], 1, 1e-6); /* the block's top */
+    }
+    *longest = 0;
+    for (int32_t i = 0; i < pieces; i++)
+        for (int32_t j = 0; j < i; j++)
+            for (int k = 0; k < 4; k++) { /* which ends meet */
+                float a[3], b[3];
+                if (memcmp(rim[i].end + 3 * (k & 1), rim[j].end + 3 * (k >> 1), 3 * sizeof *a) != 0) continue;
+                vsub(rim[i].end + 3 * (k & 1), rim[i].end + 3 * !(k & 1), a);
+                vsub(rim[j].end + 3 * !(k >> 1), rim[j].end + 3 * (k >> 1), b);
+                *longest = fmaxf(*longest, vnorm(a));
+                largest = fmaxf(largest, acosf(fminf(1, vdot(a, b) / (vnorm(a) * vnorm(b)))));
+            }
+    assert_true(pieces > 20);
+    free(e);
+    free(rim);
+    free(drawn);
+    view_skin_free(skin);
+    return largest;
+}
+
+static void the_rim_is_a_curve(void **state) {
+    (void)state;
+    view_surface s = {0};
+    bowl(&s, true);
+    float piece[3], turn[3];
+    for (int levels = 0; levels <= 2; levels++) turn[levels] = largest_turn(&s, levels, &piece[levels]);
+    print_message(
+        "the rim turns by %.1f, %.1f, %.1f degrees at most, in pieces of up to %.2f, %.2f, %.2f of a cube's side\n",
+        57.3 * (double)turn[0], 57.3 * (double)turn[1], 57.3 * (double)turn[2], (double)piece[0] * N,
+        (double)piece[1] * N, (double)piece[2] * N);
+    for (int levels = 1; levels <= 2; levels++) {
+        assert_true(turn[levels] < 0.8f * turn[levels - 1]);
+        assert_true(piece[levels] < 0.7f * piece[levels - 1]);
+    }
     view_surface_free(&s);
 }
 
@@ -277,9 +337,11 @@ static void the_wall_goes_with_the_tissue(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(the_wall_is_smooth_and_near), cmocka_unit_test(the_rim_stays_on_the_outside_without_a_gap),
-        cmocka_unit_test(one_wall_through_both_regions), cmocka_unit_test(what_is_not_cut_is_drawn_as_it_is),
-        cmocka_unit_test(the_wall_goes_with_the_tissue)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(the_rim_is_a_curve),
+                                       cmocka_unit_test(the_wall_is_smooth_and_near),
+                                       cmocka_unit_test(the_rim_stays_on_the_outside_without_a_gap),
+                                       cmocka_unit_test(one_wall_through_both_regions),
+                                       cmocka_unit_test(what_is_not_cut_is_drawn_as_it_is),
+                                       cmocka_unit_test(the_wall_goes_with_the_tissue)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
