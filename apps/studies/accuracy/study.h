@@ -184,10 +184,13 @@ int study_recommend(study *t);
 void study_say(const study *t);
 
 /* --- study_hold.c --- */
+/* Both end the simulation. */
 /* The choice's scene along the path, frame after frame: its error, price and work in `out`; false: went unstable. */
-bool study_price(const study *t, sim *s, study_choice *out);
-/* The same in real time, for `hold_s` at least, held to what was promised. */
-void study_hold(study *t, sim *s);
+bool study_price(study *t, sim *s, study_choice *out);
+/* The same in real time, for `hold_s` at least, held to what was promised; `fresh` builds it for every time round,
+ * null: it cannot. */
+typedef sim *study_builder(study *t);
+void study_hold(study *t, sim *s, study_builder *fresh);
 
 /* --- study_pace.c --- */
 /* Processor time, s, of a fixed piece of work. One thread's. */

@@ -8,10 +8,11 @@
 #include "bandwidth.h"
 #include "study.h"
 
-/* Frames along the hand's path, over and over; the first time round it is the path of the study. */
+/* Frames along the hand's path, over and over. */
 typedef struct walk {
+    study_builder *fresh; /* the scene anew for each time round: the path's end is not its beginning */
     int frames, late;
-    double *cost_s, *work_s, *force_N; /* [frames], [frames], [frames of the path][instruments][3] */
+    double *cost_s, *work_s, *force_N; /* [frames], [frames], [frames][instruments][3] */
     double wall_s;
 } walk;
 
@@ -26,7 +27,7 @@ static void wait_until(double when_s) {
 static walk begin_walk(const study_run *own, int frames) {
     walk w = {.frames = frames};
     w.cost_s = calloc((size_t)frames + 1, sizeof *w.cost_s), w.work_s = calloc((size_t)frames + 1, sizeof *w.work_s);
-    w.force_N = calloc((size_t)own->frames * (size_t)own->instruments * 3 + 1, sizeof *w.force_N);
+    w.force_N = calloc((size_t)frames * (size_t)own->instruments * 3 + 1, sizeof *w.force_N);
     if (!w.cost_s || !w.work_s || !w.force_N) abort();
     return w;
 }
@@ -37,15 +38,23 @@ static void end_walk(walk *w) {
     free(w->force_N);
 }
 
-/* Frames at their times where they are `paced`, else as fast as they come. False: went unstable, or was broken off. */
-static bool go(const study *t, sim *s, bool paced, walk *w) {
+/* Frames at their times where the walk has a builder, else once round as fast as they come. False: went unstable, or
+ * was broken off. Ends the simulation. */
+static bool go(study *t, sim *s, walk *w) {
+    const bool paced = w->fresh != NULL;
     const study_run *own = &t->run[0];
     const char *label = paced ? "the recommendation, in real time" : "the recommendation, priced";
     const int every = (int)ceil(0.01 / s->frame_s); /* the work is no burden to short frames */
-    const double start_s = app_seconds();
+    double start_s = app_seconds();
     bool good = true;
     int k = 0;
     for (; k < w->frames && good && !app_interrupted(); k++) {
+        if (k && k % own->frames == 0) {
+            const double left_s = app_seconds();
+            sim_destroy(s);
+            if (!(s = w->fresh(t))) break;
+            start_s += app_seconds() - left_s;
+        }
         tm_tool_pose to[TM_MAX_INSTRUMENTS];
         const double time_s = (k % own->frames + 1) * s->frame_s, before = study_cpu_s();
         for (int i = 0; i < own->instruments; i++) to[i] = sim_hand_pose(s, i, time_s);
@@ -53,7 +62,7 @@ static bool go(const study *t, sim *s, bool paced, walk *w) {
         w->cost_s[k] = study_cpu_s() - before;
         w->wall_s = app_seconds() - start_s;
         w->late += w->wall_s > (k + 1) * s->frame_s;
-        for (int i = 0; k < own->frames && i < own->instruments; i++)
+        for (int i = 0; i < own->instruments; i++)
             memcpy(w->force_N + 3 * ((size_t)k * (size_t)own->instruments + (size_t)i), s->reaction[i].force_N,
                    3 * sizeof(double));
         w->work_s[k] = k % every ? w->work_s[k - 1] : study_work_s();
@@ -61,42 +70,51 @@ static bool go(const study *t, sim *s, bool paced, walk *w) {
         if (paced) wait_until(start_s + (k + 1) * s->frame_s);
     }
     app_progress(label, 1, true);
+    sim_destroy(s);
     w->frames = k;
-    return good && !app_interrupted();
+    return good && s && !app_interrupted();
 }
 
+/* Of the worst time round. */
 static double error_of(const study *t, const walk *w) {
     const study_run *own = &t->run[0];
-    return study_distance(w->force_N, t->truth.force_N, (size_t)own->frames * (size_t)own->instruments * 3);
+    const size_t path = (size_t)own->frames * (size_t)own->instruments * 3;
+    double worst = w->frames < own->frames ? NAN : 0;
+    for (int lap = 0; lap < w->frames / own->frames; lap++)
+        worst = fmax(worst, study_distance(w->force_N + (size_t)lap * path, t->truth.force_N, path));
+    return worst;
 }
 
-bool study_price(const study *t, sim *s, study_choice *out) {
+bool study_price(study *t, sim *s, study_choice *out) {
     walk w = begin_walk(&t->run[0], t->run[0].frames);
     study_run with = {0};
-    const bool good = go(t, s, false, &w);
-    const double was = out->share;
+    const double was = out->share, frame_s = s->frame_s;
+    const int threads = study_threads(s);
+    const bool good = go(t, s, &w);
     if (good) {
         study_take_price(&with, w.cost_s, w.cost_s, w.frames);
         out->error = error_of(t, &w);
-        out->cost_s = with.cpu_s, out->share = with.cpu_p95_s / s->frame_s;
-        out->busy = study_threads(s) > 1 ? out->busy * out->share / was : out->share;
+        out->cost_s = with.cpu_s, out->share = with.cpu_p95_s / frame_s;
+        out->busy = threads > 1 ? out->busy * out->share / was : out->share;
         out->work_s = app_median(w.work_s, w.frames);
     }
     end_walk(&w);
     return good;
 }
 
-void study_hold(study *t, sim *s) {
+void study_hold(study *t, sim *s, study_builder *fresh) {
     study_choice *c = &t->choice;
+    const double frame_s = s->frame_s;
     /* At least once along the path, else there is no error to hold against. */
-    walk w = begin_walk(&t->run[0], (int)fmax(t->run[0].frames, ceil(t->hold_s / s->frame_s)));
-    const bool good = go(t, s, true, &w);
+    walk w = begin_walk(&t->run[0], (int)fmax(t->run[0].frames, ceil(t->hold_s / frame_s)));
+    w.fresh = fresh;
+    const bool good = go(t, s, &w);
     study_run held = {0};
     c->held_frames = w.frames, c->held_late = w.late, c->held_wall_s = w.wall_s;
     c->held_error = error_of(t, &w);
-    c->held = study_judge_pace(w.cost_s, w.work_s, w.frames, c->work_s, s->frame_s * t->budget);
+    c->held = study_judge_pace(w.cost_s, w.work_s, w.frames, c->work_s, frame_s * t->budget);
     study_take_price(&held, w.cost_s, w.cost_s, w.frames);
-    c->held_share = held.cpu_p95_s / s->frame_s;
+    c->held_share = held.cpu_p95_s / frame_s;
     end_walk(&w);
     c->real_time = c->held_late <= STUDY_OVER * c->held_frames;
     c->kept = good && c->fits && c->held.dearer <= STUDY_OVER && c->held_error <= 2 * c->error + STUDY_ALIKE &&

@@ -234,20 +234,29 @@ void study_say(const study *t) {
         c->real_time ? "" : " (too many)", verdict);
 }
 
-/* The choice of now, written, and as a simulation; null: it cannot be, or `rc`. */
-static sim *build_choice(study *t, char *why, size_t size, int *rc) {
+/* The choice of now, as it was written; null: it cannot be. */
+static sim *build_written(const study *t, char *why, size_t size) {
     char *set[STUDY_SETS];
     int count = 0;
-    study_choice *c = &t->choice;
+    const study_choice *c = &t->choice;
     for (int i = 0; i < t->set_count; i++) { /* what the file could not take, and what no study runs with */
         const bool quiet = is_quiet(t->set[i]) && !(c->felt_run && !strcmp(t->set[i], "haptics"));
         if (quiet || !study_yaml_can(t->set[i])) set[count++] = t->set[i];
     }
-    *rc = write_scene(t);
-    if (*rc || app_interrupted()) return NULL;
     sim *s = study_build(c->file, set, count, why, size);
     for (int i = 0; s && i < s->instrument_count && c->felt_run; i++) s->wants[i] = s->can_send;
     return s;
+}
+
+static sim *build_again(study *t) {
+    char why[400];
+    return build_written(t, why, sizeof why);
+}
+
+/* Written, and built; null: that, or `rc`. */
+static sim *build_choice(study *t, char *why, size_t size, int *rc) {
+    *rc = write_scene(t);
+    return *rc || app_interrupted() ? NULL : build_written(t, why, size);
 }
 
 /* The choice is run along the path before it is promised: what its changes do together is not their sum where they
@@ -255,6 +264,7 @@ static sim *build_choice(study *t, char *why, size_t size, int *rc) {
  * when its runs were made. */
 typedef enum outcome { GOOD, DEAR, WORSE } outcome;
 
+/* Ends the simulation. */
 static outcome try_out(study *t, sim *s) {
     study_choice *c = &t->choice, priced = *c;
     const bool good = study_price(t, s, &priced), fits = good && within(t, &priced);
@@ -282,7 +292,6 @@ static sim *build_felt(study *t, char *why, size_t size, outcome *end, int *rc) 
         sim *s = build_choice(t, why, size, rc);
         if (*rc) return s;
         *end = s ? try_out(t, s) : DEAR;
-        if (s) sim_destroy(s);
         if (*end == GOOD) return build_choice(t, why, size, rc);
         if (*end == WORSE) return NULL;
     }
@@ -313,7 +322,6 @@ int study_recommend(study *t) {
     int rc = 0;
     sim *s = build_best(t, &rc);
     if (!s) return app_interrupted() ? app_interrupted_exit() : rc;
-    study_hold(t, s);
-    sim_destroy(s);
+    study_hold(t, s, build_again);
     return app_interrupted() ? app_interrupted_exit() : 0;
 }
