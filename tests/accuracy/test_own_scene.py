@@ -293,6 +293,23 @@ def test_threads_are_what_real_time_wants_where_one_processor_is_not_enough(bin,
     assert "threads: 2" in (tmp_path / "s-recommended.yaml").read_text()
 
 
+def test_one_thread_where_several_wait_for_each_other(bin, root, tmp_path):
+    """A scene with two threads is run with one, too, which is taken where other programs have the second processor."""
+    if (os.cpu_count() or 1) < 2:
+        pytest.skip("one processor")
+    short, liver = ["--duration", "0.08 s", *OWN, "--set", "threads=2"], "apps/scenes/liver-press.yaml"
+    _, data = study(bin, root, tmp_path, *short, scene=liver)
+    own, one = data["runs"][0], named(data, "1 thread")
+    assert one["force_N"] == own["force_N"] and (one["threads"], own["threads"]) == (1, 2)
+    for r in data["runs"]:  # planted: both of them half of the time without their processor
+        if "cannot" not in r:
+            r["cpu_p95_s"], r["busy_p95_s"] = 0.6 * r["frame_s"], 1.3 * r["frame_s"]
+    one["busy_p95_s"] = 0.4 * one["frame_s"]
+    (tmp_path / "s.json").write_text(json.dumps(data))
+    choice = study(bin, root, tmp_path, *short, "--budget", "2 cores", "--hold", "0.08 s", scene=liver)[1]["recommendation"]
+    assert choice["fits"] and "1 thread" in choice["settings"] and "threads: 1" in (tmp_path / "s-recommended.yaml").read_text()
+
+
 def test_a_scene_with_a_step_of_its_own_gets_finer_meshes_with_theirs(bin, root, tmp_path):
     """1.8 ms are too long for half the edges: the mesh's step is shorter as its smallest height is, and no other step goes with it."""
     _, data = study(bin, root, tmp_path, "--duration", "0.6 s", "--set", "time.step=1.8ms", "--budget", "20", "--hold", "0.1 s")

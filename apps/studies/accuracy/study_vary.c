@@ -117,10 +117,12 @@ static int parts_of(const study *t, const char *asked) {
     return parts;
 }
 
-/* Of this machine's processors as many as the tissue is worth; the forces are the same to the bit. */
+/* Of this machine's processors as many as the tissue is worth; a scene that has several by itself is run with one,
+ * which waits for no other. The forces are the same to the bit. */
 static void plan_threads(study *t, const sim *own) {
     const long cores = sysconf(_SC_NPROCESSORS_ONLN);
     char name[40], asked[40];
+    if (study_threads(own) > 1) study_set(study_add(t, "threads", "1 thread"), "threads=1");
     if (!own->model->world || own->scene->threads.value > 1) return;
     for (int n = 2; n <= cores && n <= 8; n *= 2) {
         snprintf(name, sizeof name, "%d threads", n);
