@@ -114,9 +114,10 @@ static void print_labels(const image_options *o, const label_field *field, const
            "differ", "Hausdorff mm", "mean mm");
     for (int l = 1; l <= field->labels; l++) {
         const image_result *r = &m->of[l];
+        const double differ = 100 * (r->volume_m3 / r->image_m3 - 1);
         printf("%-20s %6d %8.3g %8d %12.5g %12.5g %7.2f%% %14.3g %8.2g\n", o->region[l].name, o->region[l].value,
-               1e3 * m->edge_m[l], r->tets, 1e6 * r->image_m3, 1e6 * r->volume_m3,
-               100 * (r->volume_m3 / r->image_m3 - 1), 1e3 * r->hausdorff_m, 1e3 * r->mean_m);
+               1e3 * m->edge_m[l], r->tets, 1e6 * r->image_m3, 1e6 * r->volume_m3, fabs(differ) < 0.005 ? 0 : differ,
+               1e3 * r->hausdorff_m, 1e3 * r->mean_m);
     }
 }
 
