@@ -351,6 +351,11 @@ INSIDE void TM_NAME(scatter)(const tm_packs *packs, int32_t p, int at, const M8 
     }
 }
 
+INSIDE void TM_NAME(stress_of)(const TM_NAME(turned) * b, V8 P[9]) {
+    const V8 steer = 2 * b->slope * b->energy;
+    for (int i = 0; i < 9; i++) P[i] = b->weight * b->stress[i] + steer * b->H[i];
+}
+
 TM_TARGET static int32_t TM_NAME(force)(const tm_packs *packs, const int32_t *list, int32_t count, const double *u_m,
                                         double *force_N) {
     int32_t active = 0;
@@ -362,14 +367,14 @@ TM_TARGET static int32_t TM_NAME(force)(const tm_packs *packs, const int32_t *li
             if (!TM_NAME(turn)(packs, list[n], at, u_m, false, &b)) continue;
             any = true;
             const M8 who = b.weight > 0;
-            const V8 steer = 2 * b.slope * b.energy;
-            for (int i = 0; i < 9; i++) P[i] = b.weight * b.stress[i] + steer * b.H[i];
+            TM_NAME(stress_of)(&b, P);
             TM_NAME(scatter)(packs, list[n], at, &who, P, force_N);
         }
         active += any;
     }
     return active;
 }
+#include "rotation/pulls_kernel.h"
 #include "rotation/swollen_kernel.h"
 #include "rotation/viscous_kernel.h"
 #undef V8

@@ -100,13 +100,19 @@ static double steepest(const tm_mesh *mesh, int32_t p, const double *u) {
     return sqrt(most);
 }
 
-static void see(tm_rotation *r, const double *u) {
+static int32_t before(int32_t count, int32_t part, int32_t parts) { return (int32_t)((int64_t)count * part / parts); }
+
+void tm_packs_see(tm_rotation *r, const double *u, int32_t part, int32_t parts) {
     const tm_mesh *mesh = r->tissue->mesh;
-    memcpy(r->seen_m, u, sizeof(double) * 3 * (size_t)mesh->vertex_count);
-    for (int32_t p = 0; p < r->packs.count; p++) {
+    const int32_t n = 3 * mesh->vertex_count, first = before(n, part, parts), last = before(n, part + 1, parts);
+    memcpy(r->seen_m + first, u + first, sizeof(double) * (size_t)(last - first));
+    for (int32_t p = before(r->packs.count, part, parts); p < before(r->packs.count, part + 1, parts); p++) {
         const double reach = (r->threshold * (1 - 1e-9) - steepest(mesh, p, u)) / r->spread_1_m[p];
         r->reach_m[p] = reach > 0 ? reach : 0;
     }
+}
+
+void tm_packs_seen(tm_rotation *r) {
     r->seen = true;
     r->idle = 0;
     r->listed_m = -1;
@@ -126,15 +132,37 @@ static double way(const double *TM_RESTRICT u, const double *TM_RESTRICT seen, i
     return most[0];
 }
 
-void tm_packs_list(tm_rotation *r, const double *u) {
-    const int32_t n = 3 * r->tissue->mesh->vertex_count;
-    /* Looking at packs in vain costs as much as looking anew from here: at most twice what the best choice would. */
-    if (!r->seen || r->idle > r->packs.count) see(r, u);
-    const double now = way(u, r->seen_m, n);
-    if (now < r->listed_m) return;
+double tm_packs_way(const tm_rotation *r, const double *u, int32_t part, int32_t parts) {
+    const int32_t n = 3 * r->tissue->mesh->vertex_count, first = before(n, part, parts);
+    return way(u + first, r->seen_m + first, before(n, part + 1, parts) - first);
+}
+
+/* Looking at packs in vain costs as much as looking anew from here: at most twice what the best choice would. */
+bool tm_packs_wait_for_a_look(const tm_rotation *r) { return !r->seen || r->idle > r->packs.count; }
+
+void tm_packs_list(tm_rotation *r, double way_m) {
+    if (way_m < r->listed_m) return;
     /* For some steps to come; the list only grows until the next look. */
-    r->listed_m = 2 * now;
+    r->listed_m = 2 * way_m;
     r->list_count = 0;
     for (int32_t p = 0; p < r->packs.count; p++)
         if (r->reach_m[p] <= r->listed_m) r->list[r->list_count++] = p;
+}
+
+/* --- what pulls, on one thread's vertices --- */
+
+void tm_pulls_add(const tm_rotation *r, int32_t begin, int32_t end, double *TM_RESTRICT force_N) {
+    for (int32_t n = 0; n < r->list_count; n++) {
+        const int32_t p = r->list[n];
+        if (!r->who[n] || r->reached[2 * p] >= end || r->reached[2 * p + 1] < begin) continue;
+        for (int l = 0; l < TM_LANES; l++) {
+            if (!(r->who[n] >> l & 1)) continue;
+            const double *f = r->corner_N + 12 * TM_LANES * (int64_t)n + l;
+            for (int k = 0; k < 4; k++, f += 3 * TM_LANES) {
+                const int32_t c = r->packs.pack[p].component[k][l];
+                if (c < 3 * begin || c >= 3 * end) continue;
+                for (int i = 0; i < 3; i++) force_N[c + i] -= f[TM_LANES * i];
+            }
+        }
+    }
 }

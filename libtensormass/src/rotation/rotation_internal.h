@@ -38,6 +38,12 @@ typedef int32_t (*tm_rotation_kernel)(const tm_packs *packs, const int32_t *list
 /* 0 plain, 1 AVX2, 2 AVX-512; null: this processor has it not. */
 tm_rotation_kernel tm_rotation_form(int form);
 tm_rotation_kernel tm_rotation_choose(bool plain);
+/* The same in two passes, of which any number of threads may have a share: what the corners of the packs list[begin] to
+ * list[end] are pulled with, [12*TM_LANES] for each place in the list, and a bit for each lane that is; then what
+ * reaches the vertices [begin, end), ascending (tm_pulls_add). */
+typedef int32_t (*tm_pull_kernel)(const tm_packs *packs, const int32_t *list, int32_t begin, int32_t end,
+                                  const double *u_m, double *corner_N, uint8_t *who);
+tm_pull_kernel tm_pull_choose(bool plain);
 /* The same correction as an energy, J. */
 double tm_rotation_sum_energy(const tm_packs *packs, const double *u_m);
 
@@ -124,15 +130,27 @@ struct tm_rotation {
     int64_t idle;                      /* packs looked at in vain since `seen_m` */
     bool seen;
     int32_t active;
-    double *scratch_N;      /* [3*vertex_count] */
-    bool left_to_viscosity; /* whose stage does all of it */
+    double *scratch_N;         /* [3*vertex_count] */
+    bool left_to_viscosity;    /* whose stage does all of it */
+    struct tm_relaxing *whole; /* where changes of volume are averaged: the whole law in passes; else null */
+    /* Divided among threads, or null: pulls, and the vertices that a pack reaches, first and last. */
+    double *corner_N; /* [12*TM_LANES*count] by place in the list */
+    uint8_t *who;     /* [count] */
+    int32_t *reached; /* [2*count] */
 };
 
 /* Laws without what is averaged around vertices. */
 bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_tissue *tissue);
 double tm_pack_spread(const tm_mesh *mesh, int32_t p);
-/* r->list becomes the packs that may have something to add at u, ascending. */
-void tm_packs_list(tm_rotation *r, const double *u_m);
+/* r->list becomes the packs that may have something to add at u, ascending. First, if tm_packs_wait_for_a_look says so,
+ * all packs and vertices are looked at, in shares, and that is told; then it takes the largest of all vertices' ways
+ * since. */
+bool tm_packs_wait_for_a_look(const tm_rotation *r);
+void tm_packs_see(tm_rotation *r, const double *u_m, int32_t part, int32_t parts);
+void tm_packs_seen(tm_rotation *r);
+double tm_packs_way(const tm_rotation *r, const double *u_m, int32_t part, int32_t parts);
+void tm_packs_list(tm_rotation *r, double way_m);
+void tm_pulls_add(const tm_rotation *r, int32_t begin, int32_t end, double *force_N);
 
 /* [3*vertex_count] of the stage's own, for whoever measures it. */
 double *tm_rotation_scratch(const tm_rotation *rotation);

@@ -48,6 +48,16 @@ tm_rotation_kernel tm_rotation_choose(bool plain) {
     return tm_rotation_form(form);
 }
 
+tm_pull_kernel tm_pull_choose(bool plain) {
+    const tm_rotation_kernel form = tm_rotation_choose(plain);
+#ifdef TM_HAS_AVX2
+    if (form == tm_avx512_force) return tm_avx512_pulls;
+    if (form == tm_avx2_force) return tm_avx2_pulls;
+#endif
+    (void)form;
+    return tm_plain_pulls;
+}
+
 tm_viscous_passes tm_viscous_choose(bool plain) {
     const tm_rotation_kernel form = tm_rotation_choose(plain);
 #ifdef TM_HAS_AVX2

@@ -93,8 +93,8 @@ INSIDE void TM_NAME(sanity)(const V8 F[9], V8 *share) {
     *share = x * x * (3 - 2 * x);
 }
 
-/* Stress of a slice of a pack: the law's that is left, turned or not, and the terms', but for changes of volume that
- * are averaged; the polar rotation with it where they are. */
+/* Stress of a slice of a pack: the law's that is left, turned or not, and the terms' (of elastic tissue none), but for
+ * changes of volume that are averaged; the polar rotation with it where they are. */
 INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool averaged, int32_t p, int at,
                               const double *u, TM_NAME(turned) * b, V8 P[9]) {
     V8 E[9], T[9], U[9], Y[9], M[9], turn[9];
@@ -107,11 +107,16 @@ INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool a
         for (int j = 0; j < 3; j++) E[3 * i + j] = 0.5 * (b->H[3 * i + j] + b->H[3 * j + i]);
     TM_NAME(linear)(&w, fibred, E, P);
     if (!turned) {
+        if (!v->terms) return false;
         TM_NAME(remember)(&w, fibred, v, p, at, E, T);
         for (int i = 0; i < 9; i++) P[i] += T[i];
         return false;
     }
     TM_NAME(turn_law)(&w, fibred, false, b);
+    if (!v->terms) {
+        for (int i = 0; i < 9; i++) P[i] += b->weight * b->stress[i] + 2 * b->slope * b->energy * b->H[i];
+        return true;
+    }
     TM_NAME(transposed_times)(b->R, b->F, M);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++) U[3 * i + j] = 0.5 * (M[3 * i + j] + M[3 * j + i]);

@@ -3,20 +3,89 @@
  * alone, for a tetrahedron below the threshold adds nothing, not even a zero. */
 #include <string.h>
 
-#include "rotation/rotation_internal.h"
-#include "world/world_internal.h"
+#include "world/viscosity.h"
+
+typedef struct turner {
+    tm_rotation rotation; /* the stage's self */
+    tm_world *world;
+    tm_relaxing whole;   /* where changes of volume are averaged */
+    tm_pull_kernel pull; /* divided among threads */
+    double *way_m;       /* [part_count] */
+    int32_t *active;     /* [part_count] */
+} turner;
+
+/* --- divided among threads: who is to be looked at, what pulls, and what that adds up to --- */
+
+static void see(void *context, int32_t part) {
+    turner *t = context;
+    tm_packs_see(&t->rotation, t->world->state.u_m, part, t->world->part_count);
+}
+
+static void go(void *context, int32_t part) {
+    const turner *t = context;
+    t->way_m[part] = tm_packs_way(&t->rotation, t->world->state.u_m, part, t->world->part_count);
+}
+
+/* A few packs here and there of the whole list: who has turned lies close together. */
+static void pull(void *context, int32_t part) {
+    enum { AT_A_TIME = 16 };
+    const turner *t = context;
+    const tm_rotation *r = &t->rotation;
+    const int32_t parts = t->world->part_count;
+    t->active[part] = 0;
+    for (int32_t n = AT_A_TIME * part; n < r->list_count; n += AT_A_TIME * parts) {
+        const int32_t end = n + AT_A_TIME < r->list_count ? n + AT_A_TIME : r->list_count;
+        t->active[part] += t->pull(&r->packs, r->list, n, end, t->world->state.u_m, r->corner_N, r->who);
+    }
+}
+
+static void add(void *context, int32_t part) {
+    const turner *t = context;
+    const tm_force_part *own = &t->world->part[part].force;
+    tm_pulls_add(&t->rotation, own->begin, own->end, t->world->state.force_N);
+}
+
+static void run_divided(turner *t) {
+    enum { WORTH = 64 }; /* packs; below, waiting for each other costs more */
+    tm_rotation *r = &t->rotation;
+    tm_world *world = t->world;
+    if (r->list_count < WORTH) {
+        r->active = r->kernel(&r->packs, r->list, r->list_count, world->state.u_m, world->state.force_N);
+        return;
+    }
+    tm_parts_do(world, pull, t);
+    tm_parts_do(world, add, t);
+    r->active = 0;
+    for (int32_t p = 0; p < world->part_count; p++) r->active += t->active[p];
+}
 
 static void run(void *self, tm_world *world) {
-    tm_rotation *r = self;
+    turner *t = self;
+    tm_rotation *r = &t->rotation;
     if (r->left_to_viscosity) return;
-    tm_packs_list(r, world->state.u_m);
-    r->active = r->kernel(&r->packs, r->list, r->list_count, world->state.u_m, world->state.force_N);
+    if (r->whole) {
+        tm_relaxing_force(r->whole);
+        return;
+    }
+    if (tm_packs_wait_for_a_look(r)) {
+        tm_parts_do(world, see, t);
+        tm_packs_seen(r);
+    }
+    tm_parts_do(world, go, t);
+    double way_m = t->way_m[0];
+    for (int32_t p = 1; p < world->part_count; p++) way_m = t->way_m[p] > way_m ? t->way_m[p] : way_m;
+    tm_packs_list(r, way_m);
+    if (world->part_count > 1)
+        run_divided(t);
+    else
+        r->active = r->kernel(&r->packs, r->list, r->list_count, world->state.u_m, world->state.force_N);
     r->idle += r->list_count - r->active;
-    tm_swollen_add(&r->swollen, &r->packs, r->tissue->plain, world->state.u_m, world->state.force_N);
 }
 
 static void destroy(void *self) {
-    tm_pool pool = ((tm_rotation *)self)->pool;
+    turner *t = self;
+    if (t->rotation.whole) t->world->whole_law = false;
+    tm_pool pool = t->rotation.pool;
     tm_pool_release(&pool);
 }
 
@@ -28,7 +97,39 @@ tm_rotation *tm_world_rotation(const tm_world *world) {
     return NULL;
 }
 
-static bool take(tm_rotation *r, tm_pool *pool, const tm_tissue *tissue) {
+static void reach(const tm_mesh *mesh, int32_t p, int32_t reached[2]) {
+    reached[0] = mesh->vertex_count, reached[1] = -1;
+    for (int32_t i = 4 * TM_LANES * p; i < 4 * TM_LANES * (p + 1) && i < 4 * mesh->tet_count; i++) {
+        if (mesh->tet[i] < reached[0]) reached[0] = mesh->tet[i];
+        if (mesh->tet[i] > reached[1]) reached[1] = mesh->tet[i];
+    }
+}
+
+/* What threads, or the whole law in passes, need beside. */
+static bool take_passes(turner *t, tm_pool *pool, tm_world *world) {
+    tm_rotation *r = &t->rotation;
+    const int64_t count = r->packs.count;
+    t->world = world;
+    t->way_m = TM_TAKE(pool, double, world->part_count);
+    t->active = TM_TAKE(pool, int32_t, world->part_count);
+    t->pull = tm_pull_choose(world->tissue->plain);
+    if (pool->failed) return false;
+    if (r->swollen.tissue) {
+        if (!tm_relaxing_take_elastic(&t->whole, pool, world, r)) return false;
+        r->whole = &t->whole;
+        return true;
+    }
+    if (world->part_count == 1) return true;
+    r->corner_N = TM_TAKE(pool, double, 12 * TM_LANES * count);
+    r->who = TM_TAKE(pool, uint8_t, count);
+    r->reached = TM_TAKE(pool, int32_t, 2 * count);
+    for (int32_t p = 0; !pool->failed && p < count; p++) reach(world->tissue->mesh, p, r->reached + 2 * p);
+    return !pool->failed;
+}
+
+static bool take(turner *t, tm_pool *pool, tm_world *world) {
+    const tm_tissue *tissue = world->tissue;
+    tm_rotation *r = &t->rotation;
     const int64_t n = 3 * (int64_t)tissue->mesh->vertex_count;
     if (!tm_packs_take(&r->packs, pool, tissue)) return false;
     if (!tm_swollen_take(&r->swollen, pool, tissue, r->packs.count)) return false;
@@ -43,7 +144,7 @@ static bool take(tm_rotation *r, tm_pool *pool, const tm_tissue *tissue) {
         r->every[p] = p;
         r->spread_1_m[p] = tm_pack_spread(tissue->mesh, p);
     }
-    return true;
+    return take_passes(t, pool, world);
 }
 
 tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *error) {
@@ -64,11 +165,12 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
                            "rotation: stage patch knows the stiffness of tissue that does not turn; add rotation "
                            "before it");
     tm_pool pool = {0};
-    tm_rotation *r = TM_TAKE(&pool, tm_rotation, 1);
-    if (!r || !take(r, &pool, tissue)) {
+    turner *t = TM_TAKE(&pool, turner, 1);
+    if (!t || !take(t, &pool, world)) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "rotation stage");
     }
+    tm_rotation *r = &t->rotation;
     r->pool = pool;
     r->tissue = tissue;
     r->threshold = tissue->rotation;
@@ -76,11 +178,13 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
     const tm_stage stage = {
         .size = sizeof stage, .name = "rotation", .phase = TM_PHASE_FORCE, .run = run, .destroy = destroy, .self = r};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
-    if (status)
-        destroy(r);
-    else if (rotation)
-        *rotation = r;
-    return status;
+    if (status) {
+        tm_pool_release(&pool);
+        return status;
+    }
+    world->whole_law = r->whole;
+    if (rotation) *rotation = r;
+    return TM_OK;
 }
 
 tm_rotation_report tm_rotation_last(const tm_rotation *rotation) {

@@ -240,7 +240,7 @@ static bool take(viscosity *v, tm_pool *pool) {
         alike = alike && v->def.term[t].volume == v->def.term[t].shear;
     }
     if (pool->failed) return false;
-    if (v->rotation) return tm_relaxing_take(&v->relaxing, pool, v->world, &v->def, v->q_m);
+    if (v->rotation) return tm_relaxing_take(&v->relaxing, pool, v->world, v->rotation, &v->def, v->q_m);
     v->strained_m = TM_TAKE(pool, double, v->n);
     if (alike) return !pool->failed;
     v->swollen_m = TM_TAKE(pool, double, v->n);
@@ -337,7 +337,7 @@ tm_status tm_relaxed_begin(tm_world *world, tm_relaxed *relaxed, tm_error *error
     tm_tissue *tissue = NULL;
     const tm_status status = tm_tissue_relaxed(world->tissue, shear, volume, &tissue, error);
     if (status) return status;
-    relaxed->packs = v->relaxing.packs;
+    relaxed->packs = v->relaxing.left;
     if (v->rotation && !tm_swollen_take(&relaxed->swollen, &relaxed->pool, tissue, relaxed->packs.count)) {
         tm_pool_release(&relaxed->pool);
         tm_tissue_destroy(tissue);

@@ -17,11 +17,12 @@ typedef struct tm_fading {
 } tm_fading;
 tm_fading tm_fading_of(double dt_s, double time_s);
 
-/* Tissue that turns (viscous_turned.c). */
+/* The whole law of tissue that turns (viscous_turned.c): elastic, or what a series leaves of it and its terms. */
 typedef struct tm_relaxing {
     tm_world *world;
     tm_rotation *rotation;
-    tm_packs packs; /* of the law that is left when all has relaxed */
+    const tm_packs *packs; /* of the law that is left when all has relaxed; elastic: the rotation's */
+    tm_packs left;
     tm_viscous viscous;
     tm_viscous_passes passes;
     int32_t *place;  /* [4*tet_count] of pulls in viscous.corner_N, in the order of mesh->vertex_tet */
@@ -29,8 +30,11 @@ typedef struct tm_relaxing {
 } tm_relaxing;
 /* Numbers that a term keeps. */
 int64_t tm_relaxing_kept(const tm_rotation *rotation);
-/* False: no memory. `kept` of each term is the stage's. */
-bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, const tm_viscosity_def *def, double *const *kept);
+/* False: no memory. */
+bool tm_relaxing_take_elastic(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotation *rotation);
+/* The same; `kept` of each term is the stage's. */
+bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotation *rotation,
+                      const tm_viscosity_def *def, double *const *kept);
 /* force_N += the whole law's force, of what is left and of the terms; the histories go on. */
 void tm_relaxing_force(tm_relaxing *r);
 /* Histories by themselves: keep, old and now of each term for one look at u. */

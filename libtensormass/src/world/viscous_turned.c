@@ -1,5 +1,6 @@
-/* The stage "viscosity" of tissue that turns: histories of tetrahedra, and a force that is the whole law's, what the
- * series leaves and its terms, so that the tensors of what is linear are not run beside it. Four passes, each divided
+/* The whole law of tissue that turns, so that the tensors of what is linear are not run beside it: of tissue whose
+ * changes of volume are averaged, and of tissue that relaxes, what the series leaves and its terms, with histories of
+ * tetrahedra. Four passes, each divided
  * among the step's threads: strains of packs; where changes of volume are averaged, pressures of domains, then their
  * stresses on packs; corners' pulls gathered by vertices. Whoever sums, sums all of it in ascending order, so that the
  * bits are those of one thread. */
@@ -47,7 +48,7 @@ static bool take_left(tm_relaxing *r, tm_pool *pool, const tm_tissue *tissue, do
         }
         r->viscous.left_bulk_Pa = bulk_Pa, r->viscous.left_most_Pa = most_Pa;
     }
-    return !pool->failed && tm_packs_take(&r->packs, pool, &left);
+    return !pool->failed && tm_packs_take(&r->left, pool, &left);
 }
 
 static void share_out(tm_viscous *v, const tm_viscosity_def *def, double shear, double volume) {
@@ -61,31 +62,50 @@ static void share_out(tm_viscous *v, const tm_viscosity_def *def, double shear, 
     }
 }
 
-bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, const tm_viscosity_def *def,
-                      double *const *kept) {
-    const tm_tissue *tissue = world->tissue;
-    const tm_mesh *mesh = tissue->mesh;
-    tm_viscous *v = &r->viscous;
-    r->world = world;
-    r->rotation = tm_world_rotation(world);
-    r->passes = tm_viscous_choose(tissue->plain);
+/* Of one look; what the elastic tissue has already is shared, for only one of both runs. */
+static bool take_room(tm_relaxing *r, tm_pool *pool) {
+    const tm_mesh *mesh = r->world->tissue->mesh;
+    const tm_relaxing *lender = r->rotation->whole;
     const int64_t lanes = TM_LANES * (int64_t)r->rotation->packs.count;
+    tm_viscous *v = &r->viscous;
+    r->active = TM_TAKE(pool, int32_t, r->world->part_count);
+    if (lender) {
+        v->corner_N = lender->viscous.corner_N, v->stress_J = lender->viscous.stress_J;
+        r->place = lender->place;
+        return !pool->failed;
+    }
+    v->corner_N = TM_TAKE(pool, double, 12 * lanes);
+    if (r->world->tissue->smoothed) v->stress_J = TM_TAKE(pool, double, 9 * lanes);
+    r->place = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
+    if (pool->failed) return false;
+    find_corners(mesh, r->place);
+    return true;
+}
+
+bool tm_relaxing_take_elastic(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotation *rotation) {
+    *r = (tm_relaxing){.world = world, .rotation = rotation, .packs = &rotation->packs};
+    r->passes = tm_viscous_choose(world->tissue->plain);
+    return take_room(r, pool);
+}
+
+bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotation *rotation,
+                      const tm_viscosity_def *def, double *const *kept) {
+    const tm_tissue *tissue = world->tissue;
+    tm_viscous *v = &r->viscous;
+    if (!tm_relaxing_take_elastic(r, pool, world, rotation)) return false;
+    r->packs = &r->left;
+    const int64_t lanes = TM_LANES * (int64_t)rotation->packs.count;
     double shear, volume;
     tm_viscosity_left(def, &shear, &volume);
     share_out(v, def, shear, volume);
     v->bulk_J = TM_TAKE(pool, double, lanes);
-    v->corner_N = TM_TAKE(pool, double, 12 * lanes);
-    if (tissue->smoothed) v->stress_J = TM_TAKE(pool, double, 9 * lanes);
-    r->place = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
-    r->active = TM_TAKE(pool, int32_t, world->part_count);
     if (!take_left(r, pool, tissue, shear, volume)) return false;
     for (int32_t t = 0; t < def->count; t++) {
         v->memory[t] = kept[t];
         v->swelling[t] = kept[t] + 6 * lanes;
     }
-    for (int32_t t = 0; !tissue->smoothed && t < mesh->tet_count; t++)
-        v->bulk_J[t] = mesh->volume_m3[t] * tm_smoothed_bulk_Pa(tm_tissue_tet_material(tissue, t));
-    find_corners(mesh, r->place);
+    for (int32_t t = 0; !tissue->smoothed && t < tissue->mesh->tet_count; t++)
+        v->bulk_J[t] = tissue->mesh->volume_m3[t] * tm_smoothed_bulk_Pa(tm_tissue_tet_material(tissue, t));
     return true;
 }
 
@@ -97,12 +117,12 @@ static const tm_swollen *swollen_of(const tm_relaxing *r) {
 
 /* Packs before the part. */
 static int32_t packs_before(const tm_relaxing *r, int32_t part) {
-    return (int32_t)((int64_t)r->packs.count * part / r->world->part_count);
+    return (int32_t)((int64_t)r->packs->count * part / r->world->part_count);
 }
 
 static void strain(void *context, int32_t part) {
     const tm_relaxing *r = context;
-    r->active[part] = r->passes.strain(&r->packs, &r->viscous, swollen_of(r), packs_before(r, part),
+    r->active[part] = r->passes.strain(r->packs, &r->viscous, swollen_of(r), packs_before(r, part),
                                        packs_before(r, part + 1), r->world->state.u_m);
 }
 
@@ -110,12 +130,13 @@ static void average(void *context, int32_t part) {
     const tm_relaxing *r = context;
     const int32_t *begin = tm_swollen_domains_of(&r->rotation->swollen)->begin;
     const tm_force_part *own = &r->world->part[part].force;
-    tm_swollen_average(&r->rotation->swollen, &r->viscous, begin[own->begin], begin[own->end]);
+    tm_swollen_average(&r->rotation->swollen, r->viscous.terms ? &r->viscous : NULL, begin[own->begin],
+                       begin[own->end]);
 }
 
 static void press(void *context, int32_t part) {
     const tm_relaxing *r = context;
-    r->passes.pressure(&r->packs, &r->viscous, swollen_of(r), packs_before(r, part), packs_before(r, part + 1));
+    r->passes.pressure(r->packs, &r->viscous, swollen_of(r), packs_before(r, part), packs_before(r, part + 1));
 }
 
 static void gather(void *context, int32_t part) {
@@ -144,7 +165,7 @@ void tm_relaxing_force(tm_relaxing *r) {
     tm_parts_do(world, gather, r);
     r->rotation->active = 0;
     for (int32_t p = 0; p < world->part_count; p++) r->rotation->active += r->active[p];
-    r->rotation->list_count = r->packs.count;
+    r->rotation->list_count = r->packs->count;
 }
 
 void tm_relaxing_look(const tm_relaxing *r, const tm_fading *fading) {
@@ -152,6 +173,6 @@ void tm_relaxing_look(const tm_relaxing *r, const tm_fading *fading) {
     once.still = false;
     for (int32_t t = 0; t < once.terms; t++)
         once.keep[t] = fading[t].keep, once.old[t] = fading[t].old, once.now[t] = fading[t].now;
-    r->passes.strain(&r->packs, &once, swollen_of(r), 0, r->packs.count, r->world->state.u_m);
+    r->passes.strain(r->packs, &once, swollen_of(r), 0, r->packs->count, r->world->state.u_m);
     if (swollen_of(r)) tm_swollen_average(&r->rotation->swollen, &once, 0, tm_swollen_domains(&r->rotation->swollen));
 }

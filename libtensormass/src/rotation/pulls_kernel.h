@@ -1,0 +1,26 @@
+/* What a pack adds, divided among threads; a part of kernel.h. The corners' pulls of the packs list[begin] to
+ * list[end], by place in the list, for whoever adds them up (tm_pulls_add); a bit says which lanes have any. */
+/* The same pulls of the packs list[begin] to list[end], by place in the list, for whoever adds them up; a bit says
+ * which lanes have any. */
+TM_TARGET static int32_t TM_NAME(pulls)(const tm_packs *packs, const int32_t *list, int32_t begin, int32_t end,
+                                        const double *u_m, double *corner_N, uint8_t *who) {
+    int32_t active = 0;
+    for (int32_t n = begin; n < end; n++) {
+        bool any = false;
+        who[n] = 0;
+        for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
+            TM_NAME(turned) b;
+            V8 P[9], f[4][3];
+            if (!TM_NAME(turn)(packs, list[n], at, u_m, false, &b)) continue;
+            any = true;
+            const M8 heavy = b.weight > 0;
+            TM_NAME(stress_of)(&b, P);
+            TM_NAME(pull)(packs, list[n], at, P, f);
+            for (int i = 0; i < 12; i++)
+                memcpy(corner_N + 12 * TM_LANES * (int64_t)n + TM_LANES * i + at, &f[i / 3][i % 3], sizeof(V8));
+            for (int l = 0; l < TM_WIDTH; l++) who[n] |= (uint8_t)((heavy[l] & 1) << (at + l));
+        }
+        active += any;
+    }
+    return active;
+}
