@@ -195,6 +195,7 @@ tm_status tm_hybrid_create(const tm_hybrid_def *def, tm_hybrid **hybrid, tm_solv
 void tm_hybrid_destroy(tm_hybrid *h) {
     if (!h) return;
     tms_local_destroy(&h->local);
+    tms_span_destroy(h);
     tms_coupling_destroy(&h->coupling);
     tms_work_destroy(h->work);
     tms_solver_destroy(h->solver);
@@ -222,7 +223,7 @@ int64_t tm_hybrid_bytes(const tm_hybrid *h) {
     TM_REQUIRE(h, "hybrid is null", 0);
     const int64_t n = h->mesh->vertex_count, b = h->interface_count;
     return h->responses.bytes + tms_solver_bytes(h->solver) + tms_system_bytes(&h->system) +
-           tm_tissue_bytes(h->condensed) + h->local.bytes + h->coupling.bytes +
+           tm_tissue_bytes(h->condensed) + h->local.bytes + tms_span_bytes(h) + h->coupling.bytes +
            4 * (int64_t)h->responses.kept_count * h->around_width + 4 * b * (b + 1) + 24 * b * h->local.capacity +
            200 * n + 2 * (int64_t)h->mesh->tet_count;
 }

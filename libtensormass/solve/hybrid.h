@@ -3,6 +3,7 @@
 #define TMS_HYBRID_H
 
 #include "coupling.h"
+#include "hybrid_span.h"
 #include "local.h"
 
 enum {
@@ -38,6 +39,7 @@ struct tm_hybrid {
     tm_instrument_def instrument[TM_MAX_INSTRUMENTS];
     int32_t max_local_vertices;
     tms_local local;
+    tms_span *span;          /* null without contact */
     double *through;         /* [3*capacity][interface_count] how a slot inside follows the interface */
     int32_t *through_vertex; /* [capacity] whose it is, -1 */
     double *give_m_N;        /* [interface_count] mobility within a substep, 0 where supported */
@@ -59,16 +61,30 @@ struct tm_hybrid {
     int32_t *surface_triangle, *surface_face, seen_revision;
 };
 
+/* The vertex bears the row, and is in that part. */
+static inline bool tms_row_is_in(const tm_hybrid *hybrid, const tm_contact_row *row, int corner, int part) {
+    return row->weight[corner] != 0 && hybrid->part[row->vertex[corner]] == part;
+}
+
 /* hybrid_around.c. False: no memory. */
 bool tms_hybrid_make_around(tm_hybrid *hybrid);
 /* As tms_local.around. */
 void tms_hybrid_look_around(void *hybrid);
 
+/* hybrid_give.c. How the components of an inside vertex that has a slot follow the interface: [3][interface_count]. */
+const double *tms_hybrid_through(tm_hybrid *hybrid, int32_t vertex);
+/* m/N within a substep, of a component with mass. */
+double tms_hybrid_mobility(const tm_hybrid *hybrid, int32_t dof);
+/* As tms_local.compliance. */
+void tms_hybrid_compliance(void *hybrid, int32_t a, int32_t b, double C[9]);
+
 /* hybrid_contact.c. What was made of mobilities is not of today's. */
 bool tms_hybrid_is_stale(const tm_hybrid *hybrid);
 /* Of the whole organ, where the tissue was cut. */
 void tms_hybrid_rebuild_surface(tm_hybrid *hybrid);
-/* What the on-line system had kept is its state again. */
+/* What contact keeps from substep to substep: bytes, or what is written. */
+int64_t tms_hybrid_snapshot_contact(const tm_hybrid *hybrid, void *buffer);
+/* What contact had kept is its state again. */
 void tms_hybrid_take_back(tm_hybrid *hybrid, const void *buffer, int64_t bytes);
 /* Takes over the rows of `contact`. */
 tm_status tms_hybrid_add_contact(tm_hybrid *hybrid, tm_contact *contact, tm_error *error);

@@ -7,59 +7,8 @@
 /* Of the largest displacement that contact makes: a substep ends where a step has come so near. The next one goes on
  * from there with another, so that what rests still comes to rest on the last digits. */
 static const double ENOUGH = 3e-5;
-
-/* --- compliance within a substep --- */
-
-static double mobility(const tm_hybrid *h, int32_t dof) {
-    return h->held[dof] ? 0 : tm_world_mobility_s2_kg(h->world)[dof / 3];
-}
-
-/* How the components of an inside vertex follow the interface: [3][interface_count], gathered when its slot is new. */
-static const double *through(tm_hybrid *h, int32_t vertex) {
-    const tms_local *l = &h->local;
-    const int32_t slot = l->slot_of[vertex], n = h->interface_count;
-    double *row = h->through + 3 * (int64_t)slot * n;
-    if (h->through_vertex[slot] == vertex) return row;
-    h->through_vertex[slot] = vertex;
-    for (int c = 0; c < 3; c++) {
-        const int32_t at = h->place[3 * vertex + c];
-        for (int32_t k = 0; k < n; k++)
-            row[(int64_t)c * n + k] = at < 0 ? 0 : tms_response(&h->responses, h->responses.kept_count + k, at);
-    }
-    return row;
-}
-
-static void inside_inside(tm_hybrid *h, int32_t a, int32_t b, double C[9]) {
-    const int32_t n = h->interface_count;
-    const double *ra = through(h, a), *rb = through(h, b);
-    for (int i = 0; i < 9; i++) {
-        const int32_t row = h->place[3 * a + i / 3], column = h->place[3 * b + i % 3];
-        const double *x = ra + (int64_t)(i / 3) * n, *y = rb + (int64_t)(i % 3) * n;
-        double sum = row < 0 || column < 0 ? 0 : tms_response(&h->responses, column, row);
-        for (int32_t k = 0; k < n; k++) sum += x[k] * h->give_m_N[k] * y[k];
-        C[i] = sum;
-    }
-}
-
-static void compliance(void *self, int32_t a, int32_t b, double C[9]) {
-    tm_hybrid *h = self;
-    const bool in_a = h->part[a] == TMS_CONDENSED, in_b = h->part[b] == TMS_CONDENSED;
-    memset(C, 0, 72);
-    if (in_a && in_b) {
-        inside_inside(h, a, b, C);
-    } else if (in_a || in_b) {
-        const int32_t inside = in_a ? a : b, other = in_a ? b : a;
-        if (h->part[other] != TMS_INTERFACE) return;
-        const double *row = through(h, inside);
-        for (int i = 0; i < 3; i++)
-            for (int j = 0; j < 3; j++) {
-                const int32_t k = h->place[3 * other + j];
-                C[in_a ? 3 * i + j : 3 * j + i] = row[(int64_t)i * h->interface_count + k] * h->give_m_N[k];
-            }
-    } else if (a == b) {
-        for (int i = 0; i < 3; i++) C[4 * i] = mobility(h, 3 * a + i);
-    }
-}
+/* Substeps that what surrounds the tools is kept: as in the dynamic model. */
+enum { GATHER_EVERY = 16 };
 
 /* Shape at the end of the substep without contact. */
 static void refresh(void *self, const int32_t *vertex, int32_t count) {
@@ -70,7 +19,7 @@ static void refresh(void *self, const int32_t *vertex, int32_t count) {
         const int32_t d = 3 * vertex[i / 3] + i % 3, at = h->place[d];
         double u = u_next[d];
         if (h->part[vertex[i / 3]] == TMS_CONDENSED) {
-            const double *row = through(h, vertex[i / 3]) + (int64_t)(i % 3) * n;
+            const double *row = tms_hybrid_through(h, vertex[i / 3]) + (int64_t)(i % 3) * n;
             u = at < 0 ? h->value_m[d] : h->responses.base_m[at] + tms_dot(row, h->at_m, n);
         }
         h->local.base_m[d] = u;
@@ -78,7 +27,10 @@ static void refresh(void *self, const int32_t *vertex, int32_t count) {
 }
 
 static bool passes(void *self, const tm_contact_row *row) {
-    return tm_contact_holds(((tm_hybrid *)self)->contact, row);
+    tm_hybrid *h = self;
+    const bool held = tm_contact_holds(h->contact, row);
+    h->span->passed |= held;
+    return held;
 }
 
 /* --- when the step's length, the supports or the tissue have changed --- */
@@ -94,9 +46,10 @@ static void make_fresh(tm_hybrid *h) {
     h->known_revision = revision(h);
     memset(h->held, 0, 3 * (size_t)h->mesh->vertex_count);
     tm_support_mask(h->world, h->held);
-    for (int32_t k = 0; k < h->interface_count; k++) h->give_m_N[k] = mobility(h, h->interface[k]);
+    for (int32_t k = 0; k < h->interface_count; k++) h->give_m_N[k] = tms_hybrid_mobility(h, h->interface[k]);
     if (!h->local.memory) return;
     tms_local_forget(&h->local);
+    tms_span_forget(h);
     for (int32_t s = 0; s < h->local.capacity; s++) h->through_vertex[s] = -1;
 }
 
@@ -120,13 +73,22 @@ void tms_hybrid_rebuild_surface(tm_hybrid *h) {
     h->surface = (tm_surface_view){n, h->surface_triangle, h->surface_face, h->surface.revision + 1};
     h->local.surface = h->surface;
     tms_local_regather(&h->local);
+    if (h->span) tms_span_forget(h);
+}
+
+int64_t tms_hybrid_snapshot_contact(const tm_hybrid *h, void *buffer) {
+    const bool forgotten = tms_hybrid_is_stale(h);
+    const int64_t head = tms_span_snapshot(h, forgotten, buffer);
+    return head + tms_local_snapshot(&h->local, forgotten, buffer ? (char *)buffer + head : NULL);
 }
 
 void tms_hybrid_take_back(tm_hybrid *h, const void *buffer, int64_t bytes) {
     h->returns = false;
     tms_hybrid_rebuild_surface(h);
     make_fresh(h);
-    tms_local_restore(&h->local, buffer, bytes, true);
+    const int64_t head = tms_span_snapshot_bytes(h, buffer, bytes);
+    tms_local_restore(&h->local, (const char *)buffer + head, bytes - head, true);
+    tms_span_restore(h, buffer);
 }
 
 /* The forces found, let into the coming positions. */
@@ -141,7 +103,7 @@ static void move(tm_hybrid *h) {
         const double f = l->f[3 * s + i % 3];
         if (f == 0) continue;
         if (h->part[d / 3] != TMS_CONDENSED) {
-            u_next[d] += mobility(h, d) * f;
+            u_next[d] += tms_hybrid_mobility(h, d) * f;
             continue;
         }
         const double *row = h->through + (3 * (int64_t)s + i % 3) * n;
@@ -149,6 +111,22 @@ static void move(tm_hybrid *h) {
         inside = true;
     }
     for (int32_t k = 0; inside && k < n; k++) u_next[h->interface[k]] += h->give_m_N[k] * h->push_N[k];
+}
+
+static void solve_in_full(tm_hybrid *h, bool followed) {
+    tms_local *l = &h->local;
+    double force_N[TM_MAX_INSTRUMENTS][3];
+    memcpy(force_N, l->now.resultant_N, sizeof force_N);
+    h->span->passed = false;
+    tms_local_gather(l);
+    memcpy(l->f_saved, l->f, 24 * (size_t)l->capacity);
+    l->converged = true; /* where there is nothing to solve */
+    l->now.count = 0;
+    if (l->use_count > 0) tms_local_solve(l);
+    const bool swept = !l->converged;
+    if (swept) tms_local_freeze(l, l->f_saved);
+    move(h);
+    tms_span_begin(h, swept, followed, force_N);
 }
 
 static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows,
@@ -168,16 +146,15 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
         memset(l->f, 0, 24 * (size_t)l->capacity);
         l->before_count = 0;
         tms_local_regather(l);
+        tms_span_forget(h);
         return 0;
     }
     for (int32_t k = 0; k < h->interface_count; k++) h->at_m[k] = state->u_next_m[h->interface[k]];
-    tms_local_gather(l);
-    for (int32_t t = 0; t < l->tool_count; t++) flags[t] = l->tool[t].overflowed ? TM_REACTION_OVERFLOWED : 0u;
-    if (l->use_count == 0) return 0;
-    memcpy(l->f_saved, l->f, 24 * (size_t)l->capacity);
-    tms_local_solve(l);
-    if (!l->converged) tms_local_freeze(l, l->f_saved);
-    move(h);
+    const bool over = tms_span_is_over(h), followed = tms_span_follow(h);
+    if (followed && !over)
+        tms_span_move(h);
+    else
+        solve_in_full(h, followed);
     const int32_t count = l->now.count < max_rows ? l->now.count : max_rows;
     memcpy(row, l->now.row, (size_t)count * sizeof *row);
     for (int32_t t = 0; t < l->tool_count; t++) flags[t] = tms_local_flags(l, t);
@@ -189,15 +166,20 @@ tm_status tms_hybrid_add_contact(tm_hybrid *h, tm_contact *contact, tm_error *er
     const tm_status status =
         tms_local_create(h->mesh, h->surface, &h->contact_def, NULL, h->max_local_vertices, &h->local, error);
     if (status != TM_OK) return status;
+    if (!tms_span_create(h))
+        return tm_fail(error, TM_ERR_MEMORY, -1,
+                       "no memory for contact with %d interface components; use a coarser mesh",
+                       (int)h->interface_count);
     h->local.self = h;
-    h->local.compliance = compliance;
+    h->local.compliance = tms_hybrid_compliance;
     h->local.refresh = refresh;
     h->local.enough = ENOUGH;
     h->local.around = tms_hybrid_look_around;
     h->local.passes = passes;
     h->through = tms_take(24 * (size_t)h->local.capacity * (size_t)h->interface_count);
     h->through_vertex = tms_take(4 * (size_t)h->local.capacity);
-    h->kept = tms_take((size_t)tms_local_snapshot_most(&h->local));
+    h->local.gather_every = GATHER_EVERY;
+    h->kept = tms_take((size_t)(tms_span_snapshot_most(h) + tms_local_snapshot_most(&h->local)));
     if (!h->through || !h->through_vertex || !h->kept)
         return tm_fail(error, TM_ERR_MEMORY, -1,
                        "no memory for contact with %d interface components; lower max_local_vertices",

@@ -112,6 +112,7 @@ typedef struct tms_local {
     double *u_m;                /* [3*vertex_count] shape: at the slots always, elsewhere as the client left it */
     /* slots */
     int32_t capacity, use_count, high;             /* slots below `high` have been used */
+    int32_t gather_every;                          /* solves that what surrounds the tools is kept for */
     int32_t gathered_age;                          /* solves since what surrounds the tools was looked for */
     int32_t *slot_of;                              /* [vertex_count] -1 */
     int32_t *vertex;                               /* [capacity] -1: never used */

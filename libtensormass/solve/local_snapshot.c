@@ -38,7 +38,7 @@ static kept pack(const tms_local *l, bool forgotten) {
     memset(&k, 0, sizeof k);
     k.tool_count = l->tool_count;
     k.before_count = l->before_count;
-    k.gathered_age = TMS_GATHER_EVERY;
+    k.gathered_age = l->gather_every;
     if (forgotten) return k;
     k.high = l->high;
     k.use_count = l->use_count;

@@ -75,8 +75,11 @@ static tm_status check(const tm_contact_def *def, tm_error *error) {
 
 tm_status tms_local_create(const tm_mesh *mesh, tm_surface_view surface, const tm_contact_def *contact,
                            const tm_grasp_def *grasp, int32_t capacity, tms_local *local, tm_error *error) {
-    tms_local l = {
-        .mesh = mesh, .surface = surface, .capacity = capacity, .def = contact ? *contact : tm_contact_def_default()};
+    tms_local l = {.mesh = mesh,
+                   .surface = surface,
+                   .capacity = capacity,
+                   .gather_every = TMS_GATHER_EVERY,
+                   .def = contact ? *contact : tm_contact_def_default()};
     l.converged = true; /* nothing is asked of it yet */
     if (!contact) l.def.instrument_count = 0;
     if (grasp) l.grasp = *grasp;
@@ -207,7 +210,7 @@ void tms_local_forget(tms_local *l) {
 
 void tms_local_regather(tms_local *l) {
     l->use_count = 0;
-    l->gathered_age = TMS_GATHER_EVERY;
+    l->gathered_age = l->gather_every;
 }
 
 static bool still_around(tms_local *l) {
@@ -219,7 +222,7 @@ static bool still_around(tms_local *l) {
             most = fmax(most, fabs(tool->capsule.tip_m[c] - tool->gathered_at.tip_m[c]) / tool->def.radius_m);
             most = fmax(most, fabs(tool->capsule.tail_m[c] - tool->gathered_at.tail_m[c]) / tool->def.radius_m);
         }
-    return l->gathered_age++ < TMS_GATHER_EVERY && most < GATHER_TRAVEL;
+    return l->gathered_age++ < l->gather_every && most < GATHER_TRAVEL;
 }
 
 void tms_local_gather(tms_local *l) {

@@ -33,7 +33,7 @@ static int64_t snapshot(void *self, void *buffer) {
     const int64_t head = (int64_t)sizeof mine + tms_coupling_snapshot(&h->coupling, to ? to + sizeof mine : NULL);
     char *rest = to ? to + head : NULL;
     if (!h->local.memory) return head;
-    if (!h->returns) return head + tms_local_snapshot(&h->local, tms_hybrid_is_stale(h), rest);
+    if (!h->returns) return head + tms_hybrid_snapshot_contact(h, rest);
     if (rest) memcpy(rest, h->kept, (size_t)h->kept_bytes);
     return head + h->kept_bytes;
 }
@@ -50,13 +50,14 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     if (theirs != division(h) || !tms_coupling_restore(&h->coupling, followed, coupling, apply)) return false;
     if (!h->local.memory) return left == 0;
     if (apply) tms_hybrid_take_back(h, rest, left);
-    return apply || tms_local_restore(&h->local, rest, left, false);
+    const int64_t span = tms_span_snapshot_bytes(h, rest, left);
+    return apply || (span >= 0 && tms_local_restore(&h->local, rest + span, left - span, false));
 }
 
 static void keep(void *self) {
     tm_hybrid *h = self;
     tms_coupling_keep(&h->coupling);
-    if (!h->returns && h->local.memory) h->kept_bytes = tms_local_snapshot(&h->local, tms_hybrid_is_stale(h), h->kept);
+    if (!h->returns && h->local.memory) h->kept_bytes = tms_hybrid_snapshot_contact(h, h->kept);
 }
 
 /* The mobilities may not have been given back yet: taken when they are needed. */
@@ -75,6 +76,7 @@ static void detach(void *self) {
     tm_hybrid *h = self;
     if (h->contact) tm_contact_set_block(h->contact, NULL);
     tms_local_destroy(&h->local);
+    tms_span_destroy(h);
     h->local = (tms_local){0};
     void **array[] = {(void **)&h->held, (void **)&h->give_m_N, (void **)&h->through, (void **)&h->through_vertex,
                       &h->kept};

@@ -1,82 +1,7 @@
 /* The hybrid model: at rest the same as the full one, before a cut and after; stable at its guaranteed step; contact on
  * either part and across. */
-#include "../../libtensormass/solve/hybrid.h"
 #include "../cut_check.h"
-#include "../physics/contact_scene.h"
-#include "kit.h"
-
-typedef struct hybrid_set {
-    tm_mesh *mesh;
-    tm_tissue *whole, *tissue;
-    uint8_t *fixed, *dynamic;
-    double *load;
-    tm_hybrid *hybrid;
-    tm_world *world;
-    tm_contact *contact;
-} hybrid_set;
-
-/* Tensor/mass where the centre of a tetrahedron is beyond `cut_x`. */
-static uint8_t *beyond(const tm_mesh *mesh, double cut_x) {
-    uint8_t *dynamic = malloc((size_t)mesh->tet_count);
-    for (int32_t t = 0; t < mesh->tet_count; t++) {
-        double x = 0;
-        for (int i = 0; i < 4; i++) x += mesh->rest_m[3 * mesh->tet[4 * t + i]] / 4;
-        dynamic[t] = x > cut_x;
-    }
-    return dynamic;
-}
-
-static tm_tissue_def tissue_def(const tm_mesh *mesh, const tm_material *material) {
-    tm_tissue_def def = tm_tissue_def_default();
-    def.mesh = mesh;
-    def.material_count = 1;
-    def.material = material;
-    def.form = TM_FORCE_PLAIN;
-    return def;
-}
-
-/* `mesh` is taken over. */
-static hybrid_set make(tm_mesh *mesh, const tm_material *material, uint8_t *fixed, double cut_x, const double g[3],
-                       const tm_contact_def *contact, double step_fraction) {
-    hybrid_set s = {.mesh = mesh, .fixed = fixed, .dynamic = beyond(mesh, cut_x)};
-    tm_error error;
-    tm_tissue_def def = tissue_def(mesh, material);
-    fix_ok(tm_tissue_create(&def, &s.whole, &error), &error);
-    s.load = calloc(3 * (size_t)mesh->vertex_count, 8);
-    for (int32_t d = 0; g && d < 3 * mesh->vertex_count; d++) s.load[d] = tm_tissue_mass_kg(s.whole)[d / 3] * g[d % 3];
-    tm_hybrid_def hybrid = tm_hybrid_def_default();
-    hybrid.problem = kit_problem(s.whole, fixed);
-    hybrid.problem.load_N = s.load;
-    hybrid.dynamic = s.dynamic;
-    hybrid.contact = contact;
-    fix_ok(tm_hybrid_create(&hybrid, &s.hybrid, NULL, &error), &error);
-    def.cuttable = true;
-    tm_hybrid_tissue(s.hybrid, &def);
-    fix_ok(tm_tissue_create(&def, &s.tissue, &error), &error);
-    tm_world_def world = tm_world_def_default();
-    world.tissue = s.tissue;
-    world.dt_s = step_fraction * tm_hybrid_critical_step(s.hybrid, NULL);
-    world.damped = material->damping_1_s > 0;
-    fix_ok(tm_world_create(&world, &s.world, &error), &error);
-    uint8_t *outside = calloc(3 * (size_t)mesh->vertex_count, 1); /* supports of the world's own vertices */
-    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
-        outside[d] = fixed[d] && tm_tissue_mass_kg(s.tissue)[d / 3] > 0;
-    kit_support(s.world, outside, NULL);
-    free(outside);
-    if (g) fix_ok(tm_stage_gravity(s.world, g, &error), &error);
-    if (contact) fix_ok(tm_stage_contact(s.world, contact, &s.contact, &error), &error);
-    fix_ok(tm_stage_hybrid(s.world, s.hybrid, s.contact, &error), &error);
-    return s;
-}
-
-static void free_set(hybrid_set *s) {
-    tm_world_destroy(s->world);
-    tm_hybrid_destroy(s->hybrid);
-    tm_tissue_destroy(s->tissue);
-    tm_tissue_destroy(s->whole);
-    tm_mesh_destroy(s->mesh);
-    free(s->fixed), free(s->dynamic), free(s->load);
-}
+#include "hybrid_set.h"
 
 static tm_surface_view whole_surface(void *hybrid) { return tm_hybrid_surface(hybrid); }
 
@@ -112,7 +37,7 @@ static void run_for(hybrid_set *s, double seconds) {
 
 static double off_rest(const hybrid_set *s, const uint8_t *alive, bool everywhere) {
     tm_error error;
-    tm_tissue_def def = tissue_def(s->mesh, tm_tissue_tet_material(s->whole, 0));
+    tm_tissue_def def = set_tissue_def(s->mesh, tm_tissue_tet_material(s->whole, 0));
     def.alive = alive;
     tm_tissue *left;
     fix_ok(tm_tissue_create(&def, &left, &error), &error);
@@ -141,7 +66,7 @@ static void rest_case(const int cells[3], double seconds) {
     tm_mesh *mesh = fix_block(cells, (double[]){0.1, 0.06, 0.05}, 0.2, &random);
     tm_material material = kit_material(20e3, 0.4);
     material.damping_1_s = 60;
-    hybrid_set s = make(mesh, &material, kit_clamp(mesh, 1e-9), 0.06, g, NULL, 1);
+    hybrid_set s = set_make(mesh, &material, kit_clamp(mesh, 1e-9), 0.06, g, NULL, 1);
     run_for(&s, seconds);
     const double before = off_rest(&s, NULL, true);
     int32_t list[64], removed = 0, interface_cuts = 0;
@@ -163,7 +88,7 @@ static void rest_case(const int cells[3], double seconds) {
     assert_true(inside < 1e-6);
     assert_true(everywhere < 1e-6);
     free(alive);
-    free_set(&s);
+    set_free(&s);
 }
 
 static void same_rest(void **state) {
@@ -179,8 +104,8 @@ static void stable(void **state) {
     fix_random random = {17};
     tm_mesh *mesh = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.3, &random);
     const tm_material material = kit_material(10e3, 0.49);
-    hybrid_set s =
-        make(mesh, &material, kit_clamp(mesh, 1e-9), 0.03, NULL, NULL, 1); /* undamped, at the guaranteed step itself */
+    hybrid_set s = set_make(mesh, &material, kit_clamp(mesh, 1e-9), 0.03, NULL, NULL,
+                            1); /* undamped, at the guaranteed step itself */
     tm_state *at = tm_world_state(s.world);
     for (int32_t d = 0; d < 3 * mesh->vertex_count; d++)
         if (tm_tissue_mass_kg(s.tissue)[d / 3] > 0 && !s.fixed[d]) at->u_m[d] = 1e-4 * fix_signed(&random);
@@ -197,16 +122,16 @@ static void stable(void **state) {
     /* above it the stage refuses */
     tm_world_def def = tm_world_def_default();
     tm_error error;
-    free_set(&s);
+    set_free(&s);
     mesh = fix_block((int[]){4, 3, 3}, (double[]){0.06, 0.04, 0.04}, 0.3, &random);
-    uint8_t *fixed = kit_clamp(mesh, 1e-9), *dynamic = beyond(mesh, 0.03);
+    uint8_t *fixed = kit_clamp(mesh, 1e-9), *dynamic = set_beyond(mesh, 0.03);
     tm_tissue *whole = fix_tissue(mesh, &material, NULL, TM_DOUBLE, false), *part;
     tm_hybrid_def hybrid_def = tm_hybrid_def_default();
     hybrid_def.problem = kit_problem(whole, fixed);
     hybrid_def.dynamic = dynamic;
     tm_hybrid *hybrid;
     fix_ok(tm_hybrid_create(&hybrid_def, &hybrid, NULL, &error), &error);
-    tm_tissue_def tissue = tissue_def(mesh, &material);
+    tm_tissue_def tissue = set_tissue_def(mesh, &material);
     tm_hybrid_tissue(hybrid, &tissue);
     fix_ok(tm_tissue_create(&tissue, &part, &error), &error);
     def.tissue = part;
@@ -244,7 +169,7 @@ static void press(const char *what, const tm_tool_pose *to) {
     contact.instrument = &tool;
     tm_material material = kit_material(def.young_Pa, def.poisson);
     material.damping_1_s = def.damping_1_s;
-    hybrid_set s = make(mesh, &material, fixed, 0.0, NULL, &contact, 0.9);
+    hybrid_set s = set_make(mesh, &material, fixed, 0.0, NULL, &contact, 0.9);
     tm_tool_reaction r = {0};
     for (int frame = 0; frame < 40; frame++) {
         const int32_t steps = (int32_t)ceil(0.04 / tm_world_step_s(s.world));
@@ -298,7 +223,7 @@ static void press(const char *what, const tm_tool_pose *to) {
     assert_true(kit_difference(K, exact.stiffness_N_m, 9) < 1e-2);
     tm_patch_solver_destroy(solver);
     tm_precomputed_destroy(model);
-    free_set(&s);
+    set_free(&s);
 }
 
 static void contact(void **state) {
@@ -309,44 +234,6 @@ static void contact(void **state) {
 }
 
 /* --- steps, cuts, snapshots --- */
-
-/* A block under one probe, half of it condensed. */
-static hybrid_set touched_set(const tm_tool_pose *start) {
-    scene_def def = scene_def_default();
-    def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
-    tm_mesh *mesh = scene_mesh(&def);
-    uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
-    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) fixed[d] = mesh->rest_m[d / 3 * 3 + 2] < 1e-9;
-    tm_instrument_def tool = {
-        .mode = TM_TOOL_PROBE, .radius_m = def.radius_m, .contact_length_m = def.length_m, .pose = *start};
-    memcpy(tool.trocar_m, def.trocar_m[0], 24);
-    tm_contact_def contact = tm_contact_def_default();
-    contact.instrument_count = 1;
-    contact.instrument = &tool;
-    tm_material material = kit_material(def.young_Pa, def.poisson);
-    material.damping_1_s = 150;
-    return make(mesh, &material, fixed, 0.0, NULL, &contact, 0.9);
-}
-
-static void go(hybrid_set *s, const tm_tool_pose *to, double seconds, double force_N[3]) {
-    const int32_t steps = (int32_t)ceil(seconds / tm_world_step_s(s->world));
-    tm_contact_begin_frame(s->contact, steps, 1);
-    tm_contact_move(s->contact, 0, to, steps);
-    assert_int_equal(tm_world_step(s->world, steps), TM_OK);
-    tm_hybrid_recover(s->hybrid, s->world);
-    const tm_tool_reaction r = tm_hybrid_reaction(s->hybrid, 0);
-    if (force_N) memcpy(force_N, r.force_N, 24);
-}
-
-/* Far tetrahedra of the tensor/mass part, high up. */
-static int32_t far_corner(const hybrid_set *s, int32_t *list, int32_t most) {
-    int32_t count = 0;
-    for (int32_t t = 0; t < s->mesh->tet_count && count < most; t++) {
-        const double *x = s->mesh->rest_m + 3 * (int64_t)s->mesh->tet[4 * (int64_t)t];
-        if (s->dynamic[t] && x[0] > 0.02 && x[2] > 0.02) list[count++] = t;
-    }
-    return count;
-}
 
 static double seconds_of(const tm_world *world, const char *name) {
     tm_stage_report report[TM_MAX_STAGES];
@@ -360,7 +247,7 @@ static void booked(void **state) {
     (void)state;
     static tm_patch patch;
     const tm_tool_pose down = {.tip_m = {-0.004, 0.003, 0.0405}, .active = true};
-    hybrid_set s = touched_set(&down);
+    hybrid_set s = set_touched(&down);
     tm_world_set_timing(s.world, true);
     assert_int_equal(tm_world_step(s.world, 2), TM_OK);
     const double contact_s = seconds_of(s.world, "contact constrain"), stepped_s = seconds_of(s.world, "hybrid");
@@ -371,7 +258,7 @@ static void booked(void **state) {
     tm_patch_make(add_patches(&s), 0, &patch);
     assert_true(seconds_of(s.world, "patch") > 0 && seconds_of(s.world, "hybrid") == recovered_s);
     assert_true(seconds_of(s.world, "contact constrain") == contact_s);
-    free_set(&s);
+    set_free(&s);
 }
 
 /* A tool on the condensed part, near the interface, gives at rest what the shape alone says: not what the step is, and
@@ -384,13 +271,13 @@ static void force_at_rest(void **state) {
     const double share[4] = {1, 0.8, 0.3, 0.9};
     const int shares = test_is_sanitized() ? 2 : 4;
     for (int i = 0; i < shares; i++) {
-        hybrid_set s = touched_set(&above);
+        hybrid_set s = set_touched(&above);
         tm_error error;
-        go(&s, &down, 0.3, NULL);
+        set_go(&s, &down, 0.3, NULL);
         fix_ok(tm_world_set_step(s.world, share[i] * tm_world_step_s(s.world), &error), &error);
-        go(&s, &down, 0.8, force[i]);
+        set_go(&s, &down, 0.8, force[i]);
         for (int c = 0; c < 3; c++) worst[i] = fmax(worst[i], fabs(force[i][c] - force[0][c]));
-        free_set(&s);
+        set_free(&s);
     }
     print_message("  force at rest %.4f N; other steps change it by %.1e %.1e %.1e\n", fix_largest(force[0], 3),
                   worst[1] / fix_largest(force[0], 3), worst[2] / fix_largest(force[0], 3),
@@ -400,15 +287,15 @@ static void force_at_rest(void **state) {
     /* cut by the caller under the tool, or before it came */
     double cut[2][3];
     for (int later = 0; later < 2; later++) {
-        hybrid_set s = touched_set(&above);
+        hybrid_set s = set_touched(&above);
         int32_t list[64];
-        const int32_t count = far_corner(&s, list, 40);
+        const int32_t count = set_far_corner(&s, list, 40);
         assert_int_equal(count, 40);
-        if (later) go(&s, &down, 0.3, NULL);
+        if (later) set_go(&s, &down, 0.3, NULL);
         assert_true(tm_cut_remove(s.tissue, list, count, NULL, 0) >= count);
-        if (!later) go(&s, &down, 0.3, NULL);
-        go(&s, &down, 1.1, cut[later]);
-        free_set(&s);
+        if (!later) set_go(&s, &down, 0.3, NULL);
+        set_go(&s, &down, 1.1, cut[later]);
+        set_free(&s);
     }
     print_message("  after a cut %.17g %.17g %.17g; %.17g %.17g %.17g\n", cut[0][0], cut[0][1], cut[0][2], cut[1][0],
                   cut[1][1], cut[1][2]);
@@ -418,28 +305,28 @@ static void force_at_rest(void **state) {
 static void step_limit(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.004, 0.003, 0.06}, .active = true};
-    hybrid_set s = touched_set(&above);
+    hybrid_set s = set_touched(&above);
     tm_error error;
     const double limit = tm_hybrid_critical_step(s.hybrid, NULL);
     fix_ok(tm_world_set_step(s.world, limit, &error), &error);
     assert_int_equal(tm_world_set_step(s.world, limit * (1 + 1e-9), &error), TM_ERR_STEP);
     assert_true(tm_world_step_s(s.world) == limit);
     /* where the whole is stiffer than the part, it is this limit that speaks */
-    free_set(&s);
+    set_free(&s);
     fix_random random = {23};
     tm_mesh *mesh = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.3, &random);
     const tm_material material = kit_material(10e3, 0.4);
     bool spoke = false;
     for (double x = 0.02; x < 0.05 && !spoke; x += 0.01) {
         tm_mesh *copy = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.3, &(fix_random){23});
-        s = make(copy, &material, kit_clamp(copy, 1e-9), x, NULL, NULL, 0.5);
+        s = set_make(copy, &material, kit_clamp(copy, 1e-9), x, NULL, NULL, 0.5);
         const double own = tm_critical_step_guaranteed(s.tissue, NULL), whole = tm_hybrid_critical_step(s.hybrid, NULL);
         if (own > whole * 1.001) {
             spoke = true;
             assert_int_equal(tm_world_set_step(s.world, 0.5 * (own + whole), &error), TM_ERR_STEP);
             assert_non_null(strstr(error.message, "stage hybrid"));
         }
-        free_set(&s);
+        set_free(&s);
     }
     assert_true(spoke);
     tm_mesh_destroy(mesh);
@@ -448,14 +335,14 @@ static void step_limit(void **state) {
 static void not_settled(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.004, 0.003, 0.06}, .active = true};
-    hybrid_set s = touched_set(&above);
+    hybrid_set s = set_touched(&above);
     tm_settle_def def = tm_settle_def_default();
     tm_error error;
     const uint64_t before = tm_world_hash(s.world);
     assert_int_equal(tm_world_settle(s.world, &def, NULL, &error), TM_ERR_ARGUMENT);
     assert_non_null(strstr(error.message, "stage hybrid"));
     assert_true(tm_world_hash(s.world) == before);
-    free_set(&s);
+    set_free(&s);
 }
 
 /* From a snapshot the same bits follow, whenever it was taken, in a world that has gone elsewhere, and one made anew.
@@ -465,8 +352,8 @@ static void same_bits_after_restore(void **state) {
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true},
                        away = {.tip_m = {0.02, 0.01, 0.045}, .active = true};
     for (int when = 1; when < 6; when++) {
-        hybrid_set a = touched_set(&above), b = touched_set(&above);
-        int32_t list[64], count = far_corner(&a, list, 40);
+        hybrid_set a = set_touched(&above), b = set_touched(&above);
+        int32_t list[64], count = set_far_corner(&a, list, 40);
         tm_error error;
         void *kept = NULL;
         int64_t bytes = 0;
@@ -474,7 +361,7 @@ static void same_bits_after_restore(void **state) {
         double force[2][3];
         for (int pass = 0; pass < 3; pass++) { /* 2: the new world */
             hybrid_set *s = pass < 2 ? &a : &b;
-            if (pass == 1) go(s, &away, 0.04, NULL);
+            if (pass == 1) set_go(s, &away, 0.04, NULL);
             if (pass > 0) fix_ok(tm_snapshot_restore(s->world, kept, bytes, &error), &error);
             for (int frame = pass ? when : 0; frame < 8; frame++) {
                 if (pass == 0 && frame == when) {
@@ -485,7 +372,7 @@ static void same_bits_after_restore(void **state) {
                 if (frame == 3) tm_cut_remove(s->tissue, list, count, NULL, 0);
                 const tm_tool_pose at = {.tip_m = {-0.004 + 0.002 * frame, 0.003, 0.0405 + 0.001 * (frame % 2)},
                                          .active = true};
-                go(s, &at, 0.02, force[pass > 0]);
+                set_go(s, &at, 0.02, force[pass > 0]);
             }
             const uint64_t hash = tm_world_hash(s->world);
             if (pass == 0) first = hash;
@@ -505,7 +392,7 @@ static void same_bits_after_restore(void **state) {
         fix_ok(tm_snapshot_save(a.world, after, size, &error), &error);
         assert_memory_equal(good, after, (size_t)size);
         free(good), free(after), free(kept);
-        free_set(&a), free_set(&b);
+        set_free(&a), set_free(&b);
     }
 }
 
@@ -516,7 +403,7 @@ static void other_division(void **state) {
     hybrid_set s[2];
     for (int i = 0; i < 2; i++) {
         tm_mesh *mesh = fix_block((int[]){6, 4, 4}, (double[]){0.06, 0.04, 0.04}, 0.3, &(fix_random){23});
-        s[i] = make(mesh, &material, kit_clamp(mesh, 1e-9), i ? 0.03 : 0.04, NULL, NULL, 0.5);
+        s[i] = set_make(mesh, &material, kit_clamp(mesh, 1e-9), i ? 0.03 : 0.04, NULL, NULL, 0.5);
     }
     tm_error error;
     const int64_t bytes = tm_snapshot_bytes(s[0].world);
@@ -529,7 +416,7 @@ static void other_division(void **state) {
     assert_int_equal(tm_tissue_alive_count(s[1].tissue), alive);
     fix_ok(tm_snapshot_restore(s[0].world, kept, bytes, &error), &error);
     free(kept);
-    free_set(&s[0]), free_set(&s[1]);
+    set_free(&s[0]), set_free(&s[1]);
 }
 
 /* A hostile snapshot is refused, or taken, but never believed: the checksum is made right each time. */
@@ -537,9 +424,9 @@ static void hostile_snapshot(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true},
                        down = {.tip_m = {-0.002, 0.003, 0.0405}, .active = true};
-    hybrid_set s = touched_set(&above);
+    hybrid_set s = set_touched(&above);
     tm_error error;
-    go(&s, &down, 0.1, NULL);
+    set_go(&s, &down, 0.1, NULL);
     const int64_t bytes = tm_snapshot_bytes(s.world);
     char *kept = malloc((size_t)bytes), *bad = malloc((size_t)bytes);
     fix_ok(tm_snapshot_save(s.world, kept, bytes, &error), &error);
@@ -567,7 +454,7 @@ static void hostile_snapshot(void **state) {
     print_message("  %d of %d refused\n", refused, all / every);
     assert_true(refused > 20 / every);
     free(kept), free(bad);
-    free_set(&s);
+    set_free(&s);
 }
 
 /* Cuts of any size leave the surface of both parts together a manifold, the condensed part untouched; and take no more
@@ -579,8 +466,8 @@ static void mended_surface(void **state) {
     for (int run = 0; run < (test_is_long() ? 40 : test_is_sanitized() ? 2 : 8); run++) {
         tm_mesh *mesh = fix_block((int[]){8, 6, 5}, (double[]){0.08, 0.06, 0.05}, 0.2, &random);
         const tm_material material = kit_material(10e3, 0.4);
-        hybrid_set s = make(mesh, &material, kit_clamp(mesh, 1e-9), 0.04, NULL, NULL, 0.9);
-        tm_tissue_def def = tissue_def(mesh, &material);
+        hybrid_set s = set_make(mesh, &material, kit_clamp(mesh, 1e-9), 0.04, NULL, NULL, 0.9);
+        tm_tissue_def def = set_tissue_def(mesh, &material);
         def.cuttable = true;
         tm_tissue *whole;
         tm_error error;
@@ -617,7 +504,7 @@ static void mended_surface(void **state) {
         }
         tm_tissue_destroy(whole);
         free(order);
-        free_set(&s);
+        set_free(&s);
     }
     print_message("  %d cuts, manifold after each; %d of them the same as in the whole organ (%d mended away)\n", cuts,
                   alike, extra);
@@ -643,7 +530,7 @@ static void told(void **state) {
     (void)state;
     const tm_tool_pose above = {.tip_m = {-0.001, 0.003, 0.05}, .active = true};
     fix_random random = {57};
-    hybrid_set s = touched_set(&above);
+    hybrid_set s = set_touched(&above);
     int32_t failed = 0, touching = 0;
     double off = 0;
     const int steps = test_is_sanitized() ? 600 : 3000;
@@ -679,7 +566,7 @@ static void told(void **state) {
     tm_hybrid_recover(s.hybrid, s.world);
     assert_true(tm_hybrid_reaction(s.hybrid, 0).flags & TM_REACTION_UNCONVERGED);
     tms_solver_destroy(solver);
-    free_set(&s);
+    set_free(&s);
 }
 
 /* --- letting go --- */
@@ -727,7 +614,7 @@ static void let_go_beside(void **state) {
         contact.instrument = tool;
         tm_material material = kit_material(6000, 0.45);
         material.damping_1_s = 40;
-        hybrid_set s = make(mesh, &material, fixed, 0.0, NULL, &contact, 0.9);
+        hybrid_set s = set_make(mesh, &material, fixed, 0.0, NULL, &contact, 0.9);
         tm_grasp *grasp;
         tm_grasp_def how = tm_grasp_def_default();
         tm_cut_def cut = tm_cut_def_default();
@@ -756,7 +643,7 @@ static void let_go_beside(void **state) {
         print_message("  %-9s fade %3.0f ms: %.1f mm before, at most %.1f mm after\n", name[other], 1e3 * how.fade_s,
                       1e3 * before, 1e3 * after);
         assert_true(before > 0.003 && after < before + 0.003);
-        free_set(&s);
+        set_free(&s);
     }
 }
 

@@ -1,0 +1,70 @@
+/* Between two solutions of contact in full: rows that keep their normals and shares. See hybrid_span.c. */
+#ifndef TMS_HYBRID_SPAN_H
+#define TMS_HYBRID_SPAN_H
+
+#include "span_system.h"
+
+struct tm_hybrid;
+
+enum { TMS_SPAN_MOST = 16 }; /* substeps */
+
+/* How a tool is followed. */
+enum {
+    TMS_TOOL_FROZEN = 0,  /* its rows, if it has any, are on condensed tissue, and stay */
+    TMS_TOOL_WATCHED = 1, /* on what has mass: looked for in every substep */
+    TMS_TOOL_NONE = 2     /* it cannot touch */
+};
+
+typedef struct tms_span {
+    /* what lasts from substep to substep */
+    int32_t age, limit; /* substeps since the full solution, -1: none; how long it may be followed */
+    int32_t length;     /* that spans have come to by how the force jumps where they end */
+    int32_t kind[TM_MAX_INSTRUMENTS];
+    double at_m[TM_MAX_INSTRUMENTS][6]; /* tip and tail of each tool then */
+    double room_m[TM_MAX_INSTRUMENTS];  /* how far it may go from there */
+    int32_t frozen_count;
+    int32_t frozen[TMS_SPAN_ROWS];  /* of local.before's row i: which of the frozen ones it is; -1: none */
+    double offset_m[TMS_SPAN_ROWS]; /* of a frozen row: its gap with the station and the border at 0 and no forces */
+    /* what is made of that */
+    double *follow; /* [TMS_SPAN_ROWS][interface_count] how a frozen row's gap follows the border */
+    double give[TMS_SPAN_ROWS][TMS_SPAN_ROWS]; /* m/N, of frozen rows */
+    double *push_N;                            /* [interface_count] by all frozen rows, of the last substep */
+    bool passed;                               /* a row was passed over: its vertices are in the jaws of its tool */
+    int32_t whole_count;                       /* tetrahedra with mass, before any cut */
+    bool cut;
+    /* scratch */
+    int32_t frozen_now[TMS_SPAN_ROWS];
+    double offset_now_m[TMS_SPAN_ROWS];
+    tms_span_system system;
+} tms_span;
+
+/* False: no memory. */
+bool tms_span_create(struct tm_hybrid *hybrid);
+void tms_span_destroy(struct tm_hybrid *hybrid);
+int64_t tms_span_bytes(const struct tm_hybrid *hybrid);
+/* The next solution is a full one, and so is the one after it. */
+void tms_span_forget(struct tm_hybrid *hybrid);
+/* A substep on the rows there are: forces, rows and their sums in the on-line system. False: it cannot be followed, and
+ * but for scratch nothing has changed. */
+bool tms_span_follow(struct tm_hybrid *hybrid);
+/* A full solution is due, even if this substep can be followed. */
+bool tms_span_is_over(const struct tm_hybrid *hybrid);
+/* What frozen rows are made of besides their offsets, by the on-line system's compliances. */
+void tms_span_make(struct tm_hybrid *hybrid);
+/* Where the row's station is now, and how far that is along its normal. */
+double tms_span_station(const tms_local *local, const tm_contact_row *row, double point_m[3]);
+/* The forces of a step followed, let into the coming positions. */
+void tms_span_move(struct tm_hybrid *hybrid);
+/* After a full solution; `swept`: by sweeps of rows that are not its shape's; `followed`: what following had made of
+ * the same substep is in `force_N`. */
+void tms_span_begin(struct tm_hybrid *hybrid, bool swept, bool followed, double force_N[TM_MAX_INSTRUMENTS][3]);
+
+/* As the hooks of a stage want it, in front of what the on-line system keeps; `forgotten` as there. Restored when
+ * that is. */
+int64_t tms_span_snapshot(const struct tm_hybrid *hybrid, bool forgotten, void *buffer);
+int64_t tms_span_snapshot_most(const struct tm_hybrid *hybrid);
+/* Bytes of the part that begins a buffer; -1: it is none. */
+int64_t tms_span_snapshot_bytes(const struct tm_hybrid *hybrid, const void *buffer, int64_t bytes);
+void tms_span_restore(struct tm_hybrid *hybrid, const void *buffer);
+
+#endif

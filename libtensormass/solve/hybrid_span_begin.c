@@ -1,0 +1,133 @@
+/* The beginning of a span, behind a solution in full: how long it may be, which tools are followed how, and what their
+ * rows are from there on. */
+#include "hybrid.h"
+
+#include <math.h>
+#include <string.h>
+
+static const double NEAR = 1.25;          /* radii from the axis: what has mass there may be touched within a span */
+static const double ROOM = 0.25;          /* radii that a tool may move within a span: what is gathered has more, */
+static const double ROOM_FROZEN = 0.1;    /* where its rows stay, */
+static const double ROOM_AWAITED = 0.02;  /* and where it may touch condensed tissue at any moment */
+enum { AWAITED = 4 };                     /* substeps at most, then */
+static const double JUMP_MOST = 1e-2;     /* of the force, where a span ends: shorter ones next; */
+static const double JUMP_LITTLE = 0.4e-2; /* longer ones */
+static const double JUMP_OF_N = 0.02;     /* a smaller force counts as this one */
+
+/* Frozen rows may not be on it. Of a border vertex a cut may have left next to nothing. */
+static bool is_light(const tm_hybrid *h, int32_t vertex) {
+    return h->part[vertex] == TMS_DYNAMIC || (h->part[vertex] == TMS_INTERFACE && h->span->cut);
+}
+
+static double axis_distance(const tm_capsule *c, const double at[3]) {
+    double along = 0, size = 0, off = 0;
+    for (int k = 0; k < 3; k++) {
+        const double axis = c->tail_m[k] - c->tip_m[k];
+        along += (at[k] - c->tip_m[k]) * axis, size += axis * axis;
+    }
+    along = size > 0 ? fmin(fmax(along / size, 0), 1) : 0;
+    for (int k = 0; k < 3; k++) {
+        const double d = at[k] - c->tip_m[k] - along * (c->tail_m[k] - c->tip_m[k]);
+        off += d * d;
+    }
+    return sqrt(off);
+}
+
+/* What is around a tool, by what it may come to touch. */
+typedef struct company {
+    bool rows, condensed_rows, light_rows, light_near, mass_around, condensed_around;
+} company;
+
+static company around(const tm_hybrid *h, int32_t t) {
+    const tms_local *l = &h->local;
+    const tms_tool *tool = &l->tool[t];
+    const int32_t *vertex, count = tool->near ? tm_contact_search_vertices(tool->search, &vertex) : 0;
+    company c = {0};
+    for (int32_t i = 0; i < l->now.count; i++) {
+        if (l->now.row[i].instrument != t) continue;
+        c.rows = true;
+        for (int k = 0; k < 3; k++) {
+            c.condensed_rows |= tms_row_is_in(h, &l->now.row[i], k, TMS_CONDENSED);
+            c.light_rows |= l->now.row[i].weight[k] != 0 && is_light(h, l->now.row[i].vertex[k]);
+        }
+    }
+    for (int32_t i = 0; i < count; i++) {
+        double at[3];
+        for (int k = 0; k < 3; k++)
+            at[k] = l->mesh->rest_m[3 * (int64_t)vertex[i] + k] + l->u_m[3 * (int64_t)vertex[i] + k];
+        const bool mass = h->part[vertex[i]] != TMS_CONDENSED;
+        c.mass_around |= mass;
+        c.condensed_around |= !mass;
+        c.light_near |= is_light(h, vertex[i]) && axis_distance(&tool->capsule, at) < NEAR * tool->def.radius_m;
+    }
+    return c;
+}
+
+/* False: tissue of both kinds bears it. */
+static bool classify(tm_hybrid *h, int32_t t) {
+    tms_span *s = h->span;
+    const tms_tool *tool = &h->local.tool[t];
+    const company c = around(h, t);
+    s->kind[t] = !tms_local_can_touch(tool)           ? TMS_TOOL_NONE
+                 : c.mass_around && !c.condensed_rows ? TMS_TOOL_WATCHED
+                                                      : TMS_TOOL_FROZEN;
+    memcpy(s->at_m[t], tool->capsule.tip_m, 24);
+    memcpy(s->at_m[t] + 3, tool->capsule.tail_m, 24);
+    const bool awaited = !c.rows && c.condensed_around;
+    s->room_m[t] = tool->def.radius_m * (awaited ? ROOM_AWAITED : c.condensed_rows ? ROOM_FROZEN : ROOM);
+    if (awaited && s->limit > AWAITED) s->limit = AWAITED;
+    return !(c.condensed_rows && (c.light_rows || c.light_near));
+}
+
+/* Largest change of a frozen tool's force, of the force. */
+static double jump_of(const tm_hybrid *h, double force_N[TM_MAX_INSTRUMENTS][3]) {
+    const tms_local *l = &h->local;
+    double most = 0;
+    for (int32_t t = 0; t < l->tool_count; t++) {
+        double change = 0, size = 0;
+        for (int c = 0; c < 3; c++) {
+            change += (l->now.resultant_N[t][c] - force_N[t][c]) * (l->now.resultant_N[t][c] - force_N[t][c]);
+            size += l->now.resultant_N[t][c] * l->now.resultant_N[t][c];
+        }
+        if (h->span->kind[t] == TMS_TOOL_FROZEN) most = fmax(most, sqrt(change) / fmax(sqrt(size), JUMP_OF_N));
+    }
+    return most;
+}
+
+static double offset_of(const tm_hybrid *h, const tm_contact_row *row) {
+    double point[3], sum = row->gap_m + tms_span_station(&h->local, row, point);
+    for (int a = 0; a < 9; a++) {
+        const int32_t d = 3 * row->vertex[a / 3] + a % 3;
+        const double base = h->part[d / 3] == TMS_INTERFACE ? 0
+                            : h->place[d] < 0               ? h->value_m[d]
+                                                            : h->responses.base_m[h->place[d]];
+        if (row->weight[a / 3] != 0) sum -= row->weight[a / 3] * row->normal[a % 3] * (h->local.u_m[d] - base);
+    }
+    return sum;
+}
+
+void tms_span_begin(tm_hybrid *h, bool swept, bool followed, double force_N[TM_MAX_INSTRUMENTS][3]) {
+    tms_local *l = &h->local;
+    tms_span *s = h->span;
+    if (followed) {
+        const double jump = jump_of(h, force_N);
+        if (jump > JUMP_MOST && s->length > 1) s->length /= 2;
+        if (jump < JUMP_LITTLE) s->length += s->length > 1 ? s->length / 2 : 1;
+        if (s->length > TMS_SPAN_MOST) s->length = TMS_SPAN_MOST;
+    }
+    s->cut = tm_tissue_alive_count(tm_world_tissue(h->world)) != s->whole_count;
+    bool good = l->converged && !swept && l->now.count <= TMS_SPAN_ROWS;
+    s->limit = s->length; /* or less, where something is awaited */
+    for (int32_t t = 0; t < l->tool_count; t++) good = classify(h, t) && good;
+    if (!good) {
+        tms_span_forget(h);
+        return;
+    }
+    s->age = s->frozen_count = 0;
+    for (int32_t i = 0; i < l->now.count; i++) {
+        const bool frozen = s->kind[l->now.row[i].instrument] == TMS_TOOL_FROZEN;
+        s->frozen[i] = frozen ? s->frozen_count++ : -1;
+        s->offset_m[i] = frozen ? offset_of(h, &l->now.row[i]) : 0;
+    }
+    tms_span_make(h);
+}

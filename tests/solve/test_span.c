@@ -1,0 +1,228 @@
+/* Spans: contact with condensed tissue between two solutions in full. What rests is what rests; what moves keeps near
+ * to a solution in full in every substep; what a cut has left is looked for in every substep; a snapshot in the middle
+ * of a span goes on to the last bit. */
+#include "hybrid_set.h"
+
+/* One substep of the tool's way to `to`; with `whole`, solved in full whatever the span says. */
+static void substep(hybrid_set *s, const tm_tool_pose *to, bool whole, double force_N[3]) {
+    if (whole) tms_span_forget(s->hybrid);
+    tm_contact_begin_frame(s->contact, 1, 1);
+    tm_contact_move(s->contact, 0, to, 1);
+    assert_int_equal(tm_world_step(s->world, 1), TM_OK);
+    const tm_tool_reaction r = tm_hybrid_reaction(s->hybrid, 0);
+    if (force_N) memcpy(force_N, r.force_N, 24);
+}
+
+static double off(const double a[3], const double b[3]) {
+    double sum = 0;
+    for (int c = 0; c < 3; c++) sum += (a[c] - b[c]) * (a[c] - b[c]);
+    return sqrt(sum);
+}
+
+/* --- rows alone --- */
+
+/* Every row bears what its skin does at the gap that all leave it. */
+static void rows(void **state) {
+    (void)state;
+    static tms_span_system s;
+    fix_random random = {7};
+    int32_t solved = 0, capped = 0, free = 0;
+    for (int run = 0; run < 300; run++) {
+        double lever[12][4];
+        s.count = 1 + run % 12;
+        s.cap_N = run % 3 ? 10 : 0.3;
+        for (int32_t i = 0; i < s.count; i++) {
+            for (int k = 0; k < 4; k++) lever[i][k] = fix_uniform(&random) - (k ? 0.3 : 0);
+            s.gap_m[i] = 0.004 * (fix_uniform(&random) - 0.7);
+            s.skin_m_N[i] = 0.5e-3 / (0.05 + fix_uniform(&random));
+            s.radius_m[i] = 0.004;
+            s.lambda_N[i] = fix_uniform(&random);
+            for (int32_t j = 0; j <= i; j++) { /* few shapes of the tissue: nearly singular without the skin */
+                double give = 0;
+                for (int k = 0; k < 4; k++) give += 0.01 * lever[i][k] * lever[j][k];
+                s.give[i][j] = s.give[j][i] = give;
+            }
+        }
+        if (!tms_span_solve(&s)) continue;
+        solved++;
+        for (int32_t i = 0; i < s.count; i++) {
+            const double bears = tm_skin_reaction(s.skin_m_N[i], s.radius_m[i], tms_span_gap(&s, i), 0, s.cap_N);
+            assert_true(fabs(bears - s.lambda_N[i]) < 1e-6 * (1 + bears));
+            capped += bears == s.cap_N;
+            free += bears == 0;
+        }
+    }
+    print_message("  %d of 300 solved; %d rows at the cap, %d bear nothing\n", solved, capped, free);
+    assert_true(solved > 285 && capped > 5 && free > 100);
+}
+
+/* --- at rest --- */
+
+/* A tool far from the border rests in spans as long as they may be, and where the precomputed model has it. */
+static void rest(void **state) {
+    (void)state;
+    const tm_tool_pose above = {.tip_m = {-0.018, 0.003, 0.05}, .active = true},
+                       down = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true};
+    hybrid_set s = set_touched(&above);
+    double force[3], first[3];
+    set_go(&s, &down, 0.2, NULL);
+    set_go(&s, &down, 0.8, force);
+    assert_int_equal(s.hybrid->span->kind[0], TMS_TOOL_FROZEN);
+    assert_int_equal(s.hybrid->span->length, TMS_SPAN_MOST);
+    int32_t followed = 0;
+    for (int step = 0; step < 2 * TMS_SPAN_MOST; step++) {
+        substep(&s, &down, false, first);
+        followed += s.hybrid->span->age > 0;
+        assert_true(off(first, force) < 1e-7 * fix_largest(force, 3));
+    }
+    assert_int_equal(followed, 2 * TMS_SPAN_MOST - 2);
+    tm_precomputed_def full = tm_precomputed_def_default();
+    tm_instrument_def tool = s.hybrid->instrument[0];
+    tm_contact_def contact = s.hybrid->contact_def;
+    tool.pose.tip_m[2] = 0.06;
+    contact.instrument = &tool;
+    full.problem = kit_problem(s.whole, s.fixed);
+    full.contact = &contact;
+    tm_precomputed *model;
+    tm_error error;
+    fix_ok(tm_precomputed_create(&full, &model, NULL, &error), &error);
+    assert_true(tm_precomputed_update(model, &down) >= 0);
+    tm_precomputed_force(model, 0, first);
+    print_message("  %.4f N, off the precomputed model by %.1e\n", fix_largest(force, 3),
+                  off(first, force) / fix_largest(force, 3));
+    assert_true(fix_largest(force, 3) > 0.05);
+    assert_true(off(first, force) < 1e-6 * fix_largest(force, 3));
+    tm_precomputed_destroy(model);
+    set_free(&s);
+}
+
+/* --- on the way --- */
+
+typedef struct stroke {
+    double at[3], by[3]; /* from there, by so much in `steps` substeps, there and back */
+    int32_t steps, cut_at;
+    double cut_x_m; /* tetrahedra of the tensor/mass part above are cut away there */
+} stroke;
+
+static void cut_under(hybrid_set *s, double x_m) {
+    int32_t list[512], count = 0;
+    for (int32_t t = 0; t < s->mesh->tet_count && count < 512; t++) {
+        double x = 0, z = 0;
+        for (int i = 0; i < 4; i++)
+            x += s->mesh->rest_m[3 * s->mesh->tet[4 * t + i]] / 4,
+                z += s->mesh->rest_m[3 * s->mesh->tet[4 * t + i] + 2] / 4;
+        if (s->dynamic[t] && x > x_m && z > 0.03) list[count++] = t;
+    }
+    assert_true(tm_cut_remove(s->tissue, list, count, NULL, 0) >= count);
+}
+
+/* The same stroke by spans and solved in full in every substep: largest difference of the force, of its peak. */
+static double differ(const stroke *st, int32_t *followed) {
+    double peak = 0, most = 0, force[2][3];
+    tm_tool_pose at = {.active = true};
+    memcpy(at.tip_m, st->at, 24);
+    at.tip_m[2] += 0.004;
+    hybrid_set s[2] = {set_touched(&at), set_touched(&at)};
+    *followed = 0;
+    for (int32_t step = 0; step < 200 + 2 * st->steps; step++) {
+        const double down = fmin(1, step / 150.0),
+                     way = step < 200 ? 0 : 1 - fabs(1 - (double)(step - 200) / st->steps);
+        for (int c = 0; c < 3; c++) at.tip_m[c] = st->at[c] + way * st->by[c] + (c == 2 ? 0.004 * (1 - down) : 0);
+        for (int i = 0; i < 2; i++) {
+            if (step == st->cut_at) cut_under(&s[i], st->cut_x_m);
+            substep(&s[i], &at, i == 1, force[i]);
+        }
+        *followed += s[0].hybrid->span->age > 0;
+        peak = fmax(peak, fix_largest(force[1], 3));
+        most = fmax(most, off(force[0], force[1]));
+    }
+    for (int i = 0; i < 2; i++) set_free(&s[i]);
+    assert_true(peak > 0.05);
+    return most / peak;
+}
+
+static void moving(void **state) {
+    (void)state;
+    const stroke slide = {{-0.020, -0.006, 0.0405}, {0.004, 0.012, 0}, 300, -1, 0};
+    int32_t followed;
+    const double most = differ(&slide, &followed);
+    print_message("  pressed and slid on condensed tissue: off full solutions by %.2f %% of the peak, %d of 800 "
+                  "substeps followed\n",
+                  100 * most, followed);
+    assert_true(followed > 400);
+    assert_true(most < 0.03);
+}
+
+/* On what a cut has left beside the border, with little mass: looked for in every substep. */
+static void on_a_remnant(void **state) {
+    (void)state;
+    const stroke lip = {{0.006, 0.002, 0.0405}, {0, 0.004, 0}, 200, 220, 0.012};
+    int32_t followed;
+    const double most = differ(&lip, &followed);
+    print_message("  on what a cut has left: off full solutions by %.2f %% of the peak, %d of 600 substeps followed\n",
+                  100 * most, followed);
+    assert_true(most < 0.05);
+}
+
+/* --- snapshots --- */
+
+/* Taken at any substep of a span, and gone on with in a world that has been elsewhere. */
+static void snapshots(void **state) {
+    (void)state;
+    const tm_tool_pose above = {.tip_m = {-0.018, 0.003, 0.05}, .active = true};
+    hybrid_set a = set_touched(&above), b = set_touched(&above);
+    tm_error error;
+    tm_tool_pose at = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true};
+    int32_t inside = 0;
+    set_go(&a, &at, 0.1, NULL);
+    set_go(&b, &above, 0.03, NULL);
+    for (int when = 0; when < 12; when++) {
+        inside += a.hybrid->span->age > 0;
+        const int64_t bytes = tm_snapshot_bytes(a.world);
+        void *kept = malloc((size_t)bytes);
+        fix_ok(tm_snapshot_save(a.world, kept, bytes, &error), &error);
+        fix_ok(tm_snapshot_restore(b.world, kept, bytes, &error), &error);
+        for (int step = 0; step < 30; step++) {
+            double force[2][3];
+            at.tip_m[step % 2] += 2e-5;
+            substep(&a, &at, false, force[0]);
+            substep(&b, &at, false, force[1]);
+            assert_memory_equal(force[0], force[1], 24);
+            assert_int_equal(a.hybrid->span->age, b.hybrid->span->age);
+        }
+        assert_true(tm_world_hash(a.world) == tm_world_hash(b.world));
+        free(kept);
+        for (int step = 0; step < 1 + when % 5; step++) substep(&a, &at, false, NULL);
+    }
+    assert_true(inside > 4);
+    set_free(&a), set_free(&b);
+}
+
+/* A step that fails gives the span back. */
+static void given_back(void **state) {
+    (void)state;
+    const tm_tool_pose at = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true};
+    hybrid_set s = set_touched(&at);
+    tm_error error;
+    const double g[3] = {1e12, 0, 0};
+    set_go(&s, &at, 0.1, NULL);
+    while (s.hybrid->span->age < 2) substep(&s, &at, false, NULL);
+    const int64_t bytes = tm_snapshot_bytes(s.world);
+    char *good = malloc((size_t)bytes), *after = malloc((size_t)bytes);
+    fix_ok(tm_snapshot_save(s.world, good, bytes, &error), &error);
+    fix_ok(tm_stage_gravity(s.world, g, &error), &error);
+    assert_int_equal(tm_world_step(s.world, 400), TM_ERR_UNSTABLE);
+    fix_ok(tm_world_remove_stage(s.world, "gravity", &error), &error);
+    assert_int_equal(tm_snapshot_bytes(s.world), bytes);
+    fix_ok(tm_snapshot_save(s.world, after, bytes, &error), &error);
+    assert_memory_equal(good, after, (size_t)bytes);
+    free(good), free(after);
+    set_free(&s);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(rows),      cmocka_unit_test(rest),
+                                       cmocka_unit_test(moving),    cmocka_unit_test(on_a_remnant),
+                                       cmocka_unit_test(snapshots), cmocka_unit_test(given_back)};
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
