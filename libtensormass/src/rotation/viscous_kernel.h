@@ -93,6 +93,16 @@ INSIDE void TM_NAME(sanity)(const V8 F[9], V8 *share) {
     *share = x * x * (3 - 2 * x);
 }
 
+/* With fibres what R's change leaves out grows with the strain: far out, at strains of 2 and more, terms fade. Of a
+ * lane that does not turn, or has no fibre, nothing. */
+INSIDE void TM_NAME(fade)(const TM_NAME(law) * w, const V8 U[9], const V8 *weight, V8 *share) {
+    V8 size = {0};
+    for (int i = 0; i < 9; i++) size += (U[i] - (i % 4 ? 0.0 : 1.0)) * (U[i] - (i % 4 ? 0.0 : 1.0));
+    const M8 has = (w->dlambda != 0) | (w->dmu != 0) | (w->beta != 0);
+    const V8 far = 0.0625 * *weight * size * size;
+    *share /= 1 + (V8)((M8)far & has);
+}
+
 /* Stress of a slice of a pack: the law's that is left, turned or not, and the terms' (of elastic tissue none), but for
  * changes of volume that are averaged; the polar rotation with it where they are. */
 INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool averaged, int32_t p, int at,
@@ -125,6 +135,7 @@ INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool a
     TM_NAME(sanity)(b->F, &share);
     for (int i = 0; i < 9; i++) E[i] = share * (E[i] + b->weight * change[i]);
     TM_NAME(remember)(&w, fibred, v, p, at, E, T);
+    if (fibred) TM_NAME(fade)(&w, U, &b->weight, &share);
     for (int i = 0; i < 9; i++) T[i] *= share;
     TM_NAME(spin)(U, T, Y);
     for (int i = 0; i < 9; i++) along += T[i] * change[i];
