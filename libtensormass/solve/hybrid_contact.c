@@ -120,9 +120,12 @@ static void solve_in_full(tm_hybrid *h, bool followed) {
     h->span->passed = false;
     tms_local_gather(l);
     memcpy(l->f_saved, l->f, 24 * (size_t)l->capacity);
-    l->converged = true; /* where there is nothing to solve */
+    l->converged = true; /* where there is nothing to solve, */
     l->now.count = 0;
-    if (l->use_count > 0) tms_local_solve(l);
+    if (l->use_count > 0)
+        tms_local_solve(l);
+    else
+        l->before_count = 0; /* no row is left that a span could keep */
     const bool swept = !l->converged;
     if (swept) tms_local_freeze(l, l->f_saved);
     move(h);

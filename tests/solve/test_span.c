@@ -220,9 +220,33 @@ static void given_back(void **state) {
     set_free(&s);
 }
 
+/* Put away from where it bore rows, and back: a span keeps none of them. */
+static void put_away(void **state) {
+    (void)state;
+    const tm_tool_pose at = {.tip_m = {-0.018, 0.003, 0.0405}, .active = true},
+                       far = {.tip_m = {-0.018, 0.003, 0.12}, .active = true};
+    hybrid_set s = set_touched(&at);
+    const tms_local *l = &s.hybrid->local;
+    double first[3], again[3];
+    set_go(&s, &at, 0.5, first);
+    assert_true(l->before_count > 0 && first[2] > 0.05);
+    tm_contact_place(s.contact, 0, &far);
+    for (int step = 0; step < 2 * TMS_SPAN_MOST; step++) {
+        substep(&s, &far, false, again);
+        assert_int_equal(l->before_count, 0);
+        assert_true(fix_largest(again, 3) == 0);
+    }
+    assert_int_equal(s.hybrid->span->length, TMS_SPAN_MOST);
+    tm_contact_place(s.contact, 0, &at);
+    set_go(&s, &at, 0.8, again);
+    assert_true(off(first, again) < 1e-6 * first[2]);
+    set_free(&s);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(rows),      cmocka_unit_test(rest),
                                        cmocka_unit_test(moving),    cmocka_unit_test(on_a_remnant),
-                                       cmocka_unit_test(snapshots), cmocka_unit_test(given_back)};
+                                       cmocka_unit_test(snapshots), cmocka_unit_test(given_back),
+                                       cmocka_unit_test(put_away)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
