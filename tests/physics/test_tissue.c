@@ -307,10 +307,107 @@ static void forms_agree(void **state) {
         }
 }
 
+#if defined(__x86_64__) && !defined(_WIN32)
+/* The wide form's sums by their definition, each number by itself: fused, by lanes, in ascending order. */
+static void by_lanes(const tm_tissue *tissue, const double *u, double *force) {
+    const tm_mesh *mesh = tm_tissue_mesh(tissue);
+    const uint8_t *alive = tm_tissue_alive(tissue);
+    memset(force, 0, 3 * sizeof(double) * (size_t)mesh->vertex_count);
+    for (int32_t k = 0; k < mesh->vertex_count; k++) {
+        const double *uk = u + 3 * k;
+        double f[9], K[9];
+        tm_tissue_vertex_tensor(tissue, k, K);
+        for (int i = 0; i < 9; i++) f[i] = K[i] * uk[i % 3];
+        for (int32_t i = mesh->vertex_edge_begin[k]; i < mesh->vertex_edge_begin[k + 1]; i++) {
+            const int32_t e = mesh->vertex_edge[i], l = mesh->edge[2 * e + 1];
+            bool lives = false;
+            for (int32_t t = mesh->edge_tet_begin[e]; t < mesh->edge_tet_begin[e + 1]; t++)
+                lives |= alive[mesh->edge_tet[t]];
+            if (mesh->edge[2 * e] != k || !lives) continue;
+            tm_tissue_edge_tensor(tissue, e, K);
+            for (int j = 0; j < 9; j++) f[j] = fma(K[j], u[3 * l + j % 3], f[j]);
+            for (int j = 0; j < 3; j++) force[3 * l + j] -= fma(K[6 + j], uk[2], fma(K[3 + j], uk[1], K[j] * uk[0]));
+        }
+        for (int i = 0; i < 3; i++) force[3 * k + i] -= (f[3 * i] + f[3 * i + 1]) + f[3 * i + 2];
+    }
+}
+
+/* Some vertices change their numbers with others far away. */
+static tm_mesh *with_jumps(tm_mesh *mesh, fix_random *random) {
+    const int32_t n = mesh->vertex_count;
+    int32_t *now = malloc(sizeof(int32_t) * (size_t)n), *tet = malloc(4 * sizeof(int32_t) * (size_t)mesh->tet_count);
+    double *vertex = malloc(3 * sizeof(double) * (size_t)n);
+    for (int32_t v = 0; v < n; v++) now[v] = v;
+    for (int i = 0; i < 12; i++) {
+        const int32_t a = (int32_t)(fix_uniform(random) * n), b = (int32_t)(fix_uniform(random) * n), keep = now[a];
+        now[a] = now[b], now[b] = keep;
+    }
+    for (int32_t v = 0; v < n; v++) memcpy(vertex + 3 * now[v], mesh->rest_m + 3 * v, 3 * sizeof(double));
+    for (int32_t i = 0; i < 4 * mesh->tet_count; i++) tet[i] = now[mesh->tet[i]];
+    tm_mesh_def def = tm_mesh_def_default();
+    def.vertex_count = n, def.vertex_m = vertex, def.tet_count = mesh->tet_count, def.tet = tet;
+    tm_mesh *made = NULL;
+    tm_error error;
+    fix_ok(tm_mesh_create(&def, &made, &error), &error);
+    free(now), free(tet), free(vertex);
+    tm_mesh_destroy(mesh);
+    return made;
+}
+
+/* Bits of the wide form, where the ring of half sums holds all neighbours, where few lie beyond it, where so many do
+ * that there is none, in blocks of eight and one and in single ones, whole and with dead vertices and edges in between.
+ */
+static void wide_form_sums_by_lanes(void **state) {
+    (void)state;
+    if (!__builtin_cpu_supports("avx2") || !__builtin_cpu_supports("fma")) skip();
+    static const int cells[4][3] = {{3, 3, 4}, {15, 2, 9}, {9, 9, 20}, {36, 36, 1}}; /* layers of the last: 1,369 */
+    tm_material m[3];
+    three_materials(m);
+    fix_random random = {19};
+    for (int size = 0; size < 4; size++)
+        for (tm_precision p = TM_DOUBLE; p <= TM_SINGLE; p++) {
+            tm_mesh *mesh = fix_block(cells[size], (double[3]){0.04, 0.03, 0.02}, 0.1, &random);
+            if (size == 2) mesh = with_jumps(mesh, &random);
+            const size_t n = 3 * (size_t)mesh->vertex_count;
+            double *u = malloc(sizeof(double) * n), *sums = malloc(sizeof(double) * n),
+                   *got = malloc(sizeof(double) * n);
+            for (size_t i = 0; i < n; i++) u[i] = 1e-3 * fix_signed(&random), got[i] = NAN;
+            tm_tissue *tissue = NULL;
+            tm_tissue_def def = tm_tissue_def_default();
+            def.mesh = mesh, def.material_count = 1, def.material = m, def.precision = p, def.cuttable = true;
+            tm_error error;
+            fix_ok(tm_tissue_create(&def, &tissue, &error), &error);
+            for (int cut = 0; cut < 2; cut++) {
+                tm_tissue_force(tissue, u, got);
+                by_lanes(tissue, u, sums);
+                assert_memory_equal(sums, got, sizeof(double) * n);
+                for (int32_t t = 0; t < mesh->tet_count; t++) { /* a slab, and here and there one */
+                    const double z = mesh->rest_m[3 * mesh->tet[4 * t] + 2], y = mesh->rest_m[3 * mesh->tet[4 * t] + 1];
+                    if (cut || !(t % 29 == 0 || (z < 0.012 && y > 0.011 && y < 0.019))) continue;
+                    if (tm_tissue_alive(tissue)[t]) tm_cut_remove(tissue, &t, 1, NULL, 0);
+                }
+            }
+            tm_tissue_destroy(tissue);
+            free(u), free(sums), free(got);
+            tm_mesh_destroy(mesh);
+        }
+}
+#else
+static void wide_form_sums_by_lanes(void **state) {
+    (void)state;
+    skip();
+}
+#endif
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(forms_agree),           cmocka_unit_test(patch_test),
-                                       cmocka_unit_test(force_is_the_gradient), cmocka_unit_test(blocks),
-                                       cmocka_unit_test(rigid_motions),         cmocka_unit_test(mass_and_views),
-                                       cmocka_unit_test(critical_steps),        cmocka_unit_test(critical_step_of_one)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(forms_agree),
+                                       cmocka_unit_test(patch_test),
+                                       cmocka_unit_test(force_is_the_gradient),
+                                       cmocka_unit_test(blocks),
+                                       cmocka_unit_test(rigid_motions),
+                                       cmocka_unit_test(mass_and_views),
+                                       cmocka_unit_test(critical_steps),
+                                       cmocka_unit_test(critical_step_of_one),
+                                       cmocka_unit_test(wide_form_sums_by_lanes)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

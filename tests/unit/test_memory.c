@@ -83,6 +83,47 @@ static void every_allocation_fails_once(void **state) {
     fail_each(true, false);
 }
 
+/* --- what is not aligned --- */
+
+static int told;
+static void on_broken(const char *function, const char *sentence, void *user) {
+    (void)user;
+    assert_string_equal(function, "tm_set_allocator");
+    assert_non_null(strstr(sentence, "aligned to 64 bytes"));
+    told++;
+}
+
+static int64_t askew_live;
+static void *askew_alloc(size_t bytes, void *user) {
+    (void)user;
+    char *memory = aligned_alloc(64, bytes + 64);
+    askew_live++;
+    return memory + 16; /* as malloc's */
+}
+static void askew_free(void *memory, size_t bytes, void *user) {
+    (void)bytes;
+    (void)user;
+    askew_live--;
+    free((char *)memory - 16);
+}
+
+/* Vector loads would fault on it: it is told, given back, and nothing is made. */
+static void askew_memory_is_told(void **state) {
+    (void)state;
+    scene s;
+    tm_error error = {0};
+    tm_set_allocator(&(tm_allocator){askew_alloc, askew_free, NULL});
+    tm_set_contract_handler(on_broken, NULL);
+    assert_int_equal(build(&s, &error), TM_ERR_MEMORY);
+    assert_int_equal(told, 1);
+    assert_null(tm_allocate(100));
+    assert_int_equal(told, 2);
+    assert_int_equal(askew_live, 0);
+    assert_int_equal(tm_memory_in_use(), 0);
+    tm_set_contract_handler(NULL, NULL);
+    tm_set_allocator(NULL);
+}
+
 /* --- stages of instruments, each added to a world that is there already --- */
 
 enum { CONTACT, GRASP, PATCH, PATCH_WITH_SOURCE, CUT, ENERGY, KINDS };
@@ -293,9 +334,12 @@ static void names_and_hash(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(every_allocation_fails_once),       cmocka_unit_test(a_stage_without_memory_is_not_there),
-        cmocka_unit_test(a_stage_without_room_is_not_there), cmocka_unit_test(accounts_are_exact),
-        cmocka_unit_test(no_allocation_in_a_step),           cmocka_unit_test(names_and_hash)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_allocation_fails_once),
+                                       cmocka_unit_test(askew_memory_is_told),
+                                       cmocka_unit_test(a_stage_without_memory_is_not_there),
+                                       cmocka_unit_test(a_stage_without_room_is_not_there),
+                                       cmocka_unit_test(accounts_are_exact),
+                                       cmocka_unit_test(no_allocation_in_a_step),
+                                       cmocka_unit_test(names_and_hash)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

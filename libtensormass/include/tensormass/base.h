@@ -64,7 +64,8 @@ TM_API void tm_set_contract_handler(tm_contract_handler handler, void *user);
 /* Calls the handler; for code beside the library that wants the same. */
 TM_API void tm_contract_broken(const char *function, const char *sentence);
 
-/* The one allocator hook. `alloc` returns memory aligned to 64 bytes or null; `free` gets the same size back.
+/* The one allocator hook. `alloc` returns memory aligned to 64 bytes or null; `free` gets the same size back. Memory
+ * that is not aligned is given back at once: a broken contract, and for whoever asked, TM_ERR_MEMORY.
  * Set it before the first object is made; objects remember nothing of it, so never change it while one lives. Called
  * from every thread that makes something. */
 typedef struct tm_allocator {

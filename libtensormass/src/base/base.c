@@ -121,6 +121,11 @@ void *tm_allocate(size_t bytes) {
     const size_t size = rounded(bytes);
     void *memory = hook.alloc(size, hook.user);
     if (!memory) return NULL;
+    if ((uintptr_t)memory % 64) { /* vectors are loaded from it, and would fault */
+        hook.free(memory, size, hook.user);
+        tm_contract_broken("tm_set_allocator", "its alloc gave memory that is not aligned to 64 bytes");
+        return NULL;
+    }
     const int64_t now = atomic_fetch_add(&in_use, (int64_t)size) + (int64_t)size;
     int64_t most = atomic_load(&high_water);
     while (now > most && !atomic_compare_exchange_weak(&high_water, &most, now)) {

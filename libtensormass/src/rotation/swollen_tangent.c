@@ -4,9 +4,15 @@
 #include "rotation/rotation_internal.h"
 
 void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32_t k, int32_t l, const double K[9]) {
-    double *sum = k == l ? graph->vertex_tensor : graph->edge_tensor;
-    sum += 9 * (int64_t)(k == l ? k : tm_tissue_edge_slot(tissue, tm_tissue_find_pair(tissue, k, l)));
+    double sum[9];
+    if (k == l) {
+        for (int i = 0; i < 9; i++) graph->vertex_tensor[9 * (int64_t)k + i] += K[i];
+        return;
+    }
+    const int32_t slot = tm_tissue_edge_slot(tissue, tm_tissue_find_pair(tissue, k, l));
+    tm_edge_read(graph, slot, sum);
     for (int i = 0; i < 9; i++) sum[i] += K[i];
+    tm_edge_write(graph, slot, sum);
 }
 
 /* Averaged gradients of one domain's members, turned, into `gradient`. */

@@ -150,7 +150,8 @@ bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rota
         tangent->gradient = TM_TAKE(pool, double, 3 * (int64_t)tm_swollen_most_members(&rotation->swollen));
     tangent->graph = tissue->graph;
     tangent->graph.vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)tissue->mesh->vertex_count + TM_FORCE_PADDING);
-    tangent->graph.edge_tensor = TM_TAKE(pool, double, 9 * (int64_t)tissue->pair_count + TM_FORCE_PADDING);
+    tangent->graph.edge_tensor = TM_TAKE(pool, double, 8 * (int64_t)tissue->pair_count);
+    tangent->graph.edge_last = TM_TAKE(pool, double, tissue->pair_count);
     tangent->force = tm_force_choose(tissue->plain, false);
     return !pool->failed;
 }
@@ -199,13 +200,13 @@ static void add_swelling(const tm_tissue *tissue, int32_t tet, const double *u_m
 void tm_rotation_tangent_begin(const tm_rotation *rotation, tm_tangent *tangent) {
     const tm_tissue *tissue = rotation->tissue;
     const tm_mesh *mesh = tissue->mesh;
-    double *edges = tangent->graph.edge_tensor, K[9];
+    double K[9];
     memcpy(tangent->graph.vertex_tensor, tissue->graph.vertex_tensor, 9 * sizeof(double) * (size_t)mesh->vertex_count);
     for (int32_t p = 0; p < tissue->pair_count; p++) {
         const int32_t slot = tm_tissue_edge_slot(tissue, p);
         if (slot < 0) continue;
         tm_tissue_pair_tensor(tissue, p, K);
-        memcpy(edges + 9 * (int64_t)slot, K, sizeof K);
+        tm_edge_write(&tangent->graph, slot, K);
     }
 }
 

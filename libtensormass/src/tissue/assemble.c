@@ -73,11 +73,9 @@ void tm_tissue_place_edges(tm_tissue *tissue) {
 void tm_tissue_drop_edge(tm_tissue *tissue, int32_t edge) {
     tm_force_graph *g = &tissue->graph;
     const int32_t k = tissue->mesh->edge[2 * (int64_t)edge], slot = tissue->edge_slot[edge];
-    const size_t block = 9 * (tissue->precision == TM_SINGLE ? sizeof(float) : sizeof(double)),
-                 behind = (size_t)(--g->upper_end[k] - slot);
-    char *tensor = (char *)g->edge_tensor + block * (size_t)slot;
-    memmove(tensor, tensor + block, block * behind);
-    memmove(g->upper_vertex + slot, g->upper_vertex + slot + 1, sizeof(int32_t) * behind);
+    const int32_t behind = --g->upper_end[k] - slot;
+    tm_edge_move(g, slot, slot + 1, behind);
+    memmove(g->upper_vertex + slot, g->upper_vertex + slot + 1, sizeof(int32_t) * (size_t)behind);
     for (int32_t e = edge + 1; e < g->upper_begin[k + 1]; e++) tissue->edge_slot[e] -= tissue->edge_slot[e] >= 0;
     tissue->edge_slot[edge] = -1;
 }
@@ -88,11 +86,9 @@ void tm_tissue_raise_edge(tm_tissue *tissue, int32_t edge) {
     const int32_t k = tissue->mesh->edge[2 * (int64_t)edge];
     int32_t slot = g->upper_begin[k];
     for (int32_t e = g->upper_begin[k]; e < edge; e++) slot += tissue->edge_slot[e] >= 0;
-    const size_t block = 9 * (tissue->precision == TM_SINGLE ? sizeof(float) : sizeof(double)),
-                 behind = (size_t)(g->upper_end[k]++ - slot);
-    char *tensor = (char *)g->edge_tensor + block * (size_t)slot;
-    memmove(tensor + block, tensor, block * behind);
-    memmove(g->upper_vertex + slot + 1, g->upper_vertex + slot, sizeof(int32_t) * behind);
+    const int32_t behind = g->upper_end[k]++ - slot;
+    tm_edge_move(g, slot + 1, slot, behind);
+    memmove(g->upper_vertex + slot + 1, g->upper_vertex + slot, sizeof(int32_t) * (size_t)behind);
     for (int32_t e = edge + 1; e < g->upper_begin[k + 1]; e++) tissue->edge_slot[e] += tissue->edge_slot[e] >= 0;
     tissue->edge_slot[edge] = slot;
     g->upper_vertex[slot] = tissue->mesh->edge[2 * (int64_t)edge + 1];
@@ -113,9 +109,10 @@ static void balance_edges(const tm_tissue *tissue, int32_t vertex, double sum[9]
     for (int32_t i = mesh->vertex_edge_begin[vertex]; i < mesh->vertex_edge_begin[vertex + 1]; i++) {
         const int32_t edge = mesh->vertex_edge[i], slot = tm_tissue_edge_slot(tissue, edge);
         if (slot < 0) continue;
-        const float *K = (const float *)tissue->graph.edge_tensor + 9 * (int64_t)slot;
+        double K[9];
+        tm_edge_read(&tissue->graph, slot, K);
         const bool upper = mesh->edge[2 * edge] == vertex;
-        for (int k = 0; k < 9; k++) S[k] -= (double)K[upper ? k : 3 * (k % 3) + k / 3];
+        for (int k = 0; k < 9; k++) S[k] -= K[upper ? k : 3 * (k % 3) + k / 3];
     }
     for (int k = 0; k < 9; k++) sum[k] = (S[k] + S[3 * (k % 3) + k / 3]) / 2;
 }
@@ -176,8 +173,8 @@ void tm_tissue_assemble_vertex(tm_tissue *tissue, int32_t vertex) {
 
 void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
     const tm_mesh *mesh = tissue->mesh;
-    const int64_t at = 9 * (int64_t)tm_tissue_edge_slot(tissue, edge);
-    if (at < 0) return;
+    const int32_t slot = tm_tissue_edge_slot(tissue, edge);
+    if (slot < 0) return;
     double sum[9] = {0};
     for (int32_t i = mesh->edge_tet_begin[edge]; i < mesh->edge_tet_begin[edge + 1]; i++) {
         const int32_t t = mesh->edge_tet[i];
@@ -190,10 +187,7 @@ void tm_tissue_assemble_edge(tm_tissue *tissue, int32_t edge) {
             edge_stiffness(tissue, t, edge, K);
         add9(sum, block);
     }
-    if (tissue->precision == TM_SINGLE)
-        for (int i = 0; i < 9; i++) ((float *)tissue->graph.edge_tensor)[at + i] = (float)sum[i];
-    else
-        memcpy((double *)tissue->graph.edge_tensor + at, sum, sizeof sum);
+    tm_edge_write(&tissue->graph, slot, sum);
 }
 
 bool tm_tissue_assemble(tm_tissue *tissue) {

@@ -1,81 +1,180 @@
-/* The force loop with AVX2 and FMA, included once for double and once for single tensors: TM_REAL, TM_NAME, TM_BELOW
- * and TM_LOAD4 are set by the includer. Sums as force_kernel.h does, but fused and by lanes: it agrees with the plain
- * form to rounding, not in bits.
+/* The force loop with AVX2 and FMA, included once for double and once for single tensors: TM_REAL, TM_OF, which makes a
+ * name of this precision's, TM_NAME, TM_BLOCK, TM_LOAD4 and TM_LAST_ROW are set by the includer. Sums as
+ * force_kernel.h does, but fused and by lanes: it agrees with the plain form to rounding, not in bits.
  *
- * A row of a block is loaded as four numbers, the fourth belonging to what follows (tensors are padded for the last):
- * it meets a zero lane of u or is dropped. Forces are read and written as two and one, so that no store goes past the
- * caller's array. */
-#define TM_TAKE_FROM(at, g)                                                                                            \
-    do {                                                                                                               \
-        _mm_storeu_pd(at, _mm_sub_pd(_mm_loadu_pd(at), _mm256_castpd256_pd128(g)));                                    \
-        _mm_store_sd((at) + 2, _mm_sub_sd(_mm_load_sd((at) + 2), _mm256_extractf128_pd(g, 1)));                        \
-    } while (0)
+ * A block's rows are loaded as four numbers, the fourth of which belongs to the next row: it meets a zero lane of u or
+ * is dropped. What a row gives to its upper neighbours is kept in a ring of half sums, four lanes a vertex, until the
+ * neighbour's own row: one aligned load and store, where force_N takes two of each. What is too far ahead for the ring
+ * goes into force_N, and from there into the ring when its place falls free: each sum is still made in ascending order.
+ */
+typedef struct {
+    __m256d a, b, c;
+} TM_OF(rows);
 
-TM_AVX2 static int32_t TM_BELOW(const tm_force_graph *graph, const tm_force_part *part, const double *TM_RESTRICT u_m,
-                                double *TM_RESTRICT force_N) {
+TM_AVX2 static inline TM_OF(rows) TM_OF(load)(const TM_REAL *tensor, const double *last, int64_t e) {
+    (void)last; /* single has none */
+    const TM_REAL *K = TM_BLOCK(tensor, e);
+    TM_OF(rows) rows = {TM_LOAD4(K), TM_LOAD4(K + 3), TM_LAST_ROW(K, last, e)};
+    enum { AHEAD = 32 }; /* edges: outside the caches a fifth to a quarter of the time */
+    _mm_prefetch((const char *)TM_BLOCK(K, AHEAD), _MM_HINT_T0);
+    /* Used twice: not to be loaded twice. */
+    __asm__("" : "+x"(rows.a), "+x"(rows.b));
+    return rows;
+}
+
+/* K^T of a vertex's displacement. */
+TM_AVX2 static inline __m256d TM_OF(transposed)(const TM_OF(rows) * K, const tm_spread *u) {
+    return _mm256_fmadd_pd(K->c, u->z, _mm256_fmadd_pd(K->b, u->y, _mm256_mul_pd(K->a, u->x)));
+}
+
+TM_AVX2 static inline void TM_OF(add)(const TM_OF(rows) * K, __m256d u, tm_sums *f) {
+    f->x = _mm256_fmadd_pd(K->a, u, f->x);
+    f->y = _mm256_fmadd_pd(K->b, u, f->y);
+    f->z = _mm256_fmadd_pd(K->c, u, f->z);
+}
+
+TM_AVX2 static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_part *part,
+                                    const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
     int32_t zeroed = part->begin;
     for (int32_t i = 0; i < part->below_count; i++) {
         const int32_t j = part->below[i];
-        const __m256d x = _mm256_set1_pd(u_m[3 * (int64_t)j]), y = _mm256_set1_pd(u_m[3 * (int64_t)j + 1]),
-                      z = _mm256_set1_pd(u_m[3 * (int64_t)j + 2]);
+        const tm_spread u = tm_spread_of(u_m + 3 * (int64_t)j);
         for (int32_t e = graph->upper_begin[j]; e < graph->upper_end[j] && graph->upper_vertex[e] < part->end; e++) {
-            const TM_REAL *K = (const TM_REAL *)graph->edge_tensor + 9 * (int64_t)e;
             const int32_t l = graph->upper_vertex[e];
             if (l < part->begin) continue;
             if (l >= zeroed) zeroed = tm_force_zero(zeroed, l + 1, part->end, force_N);
-            const __m256d g =
-                _mm256_fmadd_pd(TM_LOAD4(K + 6), z, _mm256_fmadd_pd(TM_LOAD4(K + 3), y, _mm256_mul_pd(TM_LOAD4(K), x)));
-            TM_TAKE_FROM(force_N + 3 * (int64_t)l, g);
+            const TM_OF(rows) K = TM_OF(load)(graph->edge_tensor, graph->edge_last, e);
+            tm_take_from(force_N + 3 * (int64_t)l, TM_OF(transposed)(&K, &u));
         }
     }
     return zeroed;
 }
 
+/* A row that leaves the ring or the part: edges within the ring, then those to force_N, then those to parts behind.
+ * Returns how far force_N is set. */
+TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(far_row)(const tm_force_graph *graph, const tm_force_part *part,
+                                                                int32_t k, int32_t zeroed,
+                                                                const double *TM_RESTRICT u_m,
+                                                                double *TM_RESTRICT force_N, tm_sums *f) {
+    const int32_t *upper_vertex = graph->upper_vertex, last = graph->upper_end[k];
+    const int32_t near = k + graph->ring < part->end ? k + graph->ring : part->end;
+    const size_t mask = 32 * (size_t)graph->ring - 32;
+    const tm_spread u = tm_spread_of(u_m + 3 * (int64_t)k);
+    int32_t e = graph->upper_begin[k];
+    for (; e < last && upper_vertex[e] < near; e++) {
+        const TM_OF(rows) K = TM_OF(load)(graph->edge_tensor, graph->edge_last, e);
+        TM_OF(add)(&K, tm_three(u_m + 3 * (int64_t)upper_vertex[e]), f);
+        tm_take_from_ring(part->ring, (size_t)upper_vertex[e] << 5 & mask, TM_OF(transposed)(&K, &u));
+    }
+    if (e < last && near < part->end && upper_vertex[last - 1] >= zeroed && zeroed < part->end)
+        zeroed = tm_force_zero(zeroed > near ? zeroed : near, upper_vertex[last - 1] + 1, part->end, force_N);
+    for (; e < last; e++) {
+        const int64_t l = 3 * (int64_t)upper_vertex[e];
+        const TM_OF(rows) K = TM_OF(load)(graph->edge_tensor, graph->edge_last, e);
+        TM_OF(add)(&K, tm_three(u_m + l), f);
+        if (upper_vertex[e] < part->end) tm_take_from(force_N + l, TM_OF(transposed)(&K, &u));
+    }
+    return zeroed;
+}
+
+/* The force on the living vertices [k, end). Returns how far force_N is set. */
+TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(run)(const tm_force_graph *graph, const tm_force_part *part,
+                                                            int32_t k, int32_t end, int32_t zeroed,
+                                                            const double *TM_RESTRICT u_m,
+                                                            double *TM_RESTRICT force_N) {
+    const TM_REAL *TM_RESTRICT edge_tensor = graph->edge_tensor;
+    const double *TM_RESTRICT edge_last = graph->edge_last;
+    const double *TM_RESTRICT A = graph->vertex_tensor + 9 * (int64_t)k;
+    const int32_t *TM_RESTRICT upper_begin = graph->upper_begin, *TM_RESTRICT upper_end = graph->upper_end;
+    const int32_t *TM_RESTRICT upper_vertex = graph->upper_vertex, part_end = part->end, slots = graph->ring;
+    const size_t mask = 32 * (size_t)slots - 32;
+    double *TM_RESTRICT ring = part->ring;
+    for (; k < end; k++, A += 9) {
+        const __m256d uk = tm_three(u_m + 3 * (int64_t)k);
+        const tm_spread u = tm_spread_of(u_m + 3 * (int64_t)k);
+        tm_sums f = {_mm256_mul_pd(_mm256_loadu_pd(A), uk), _mm256_mul_pd(_mm256_loadu_pd(A + 3), uk),
+                     _mm256_mul_pd(_mm256_loadu_pd(A + 6), uk)};
+        const int64_t last = upper_end[k];
+        int64_t e = upper_begin[k];
+        if (e < last && (upper_vertex[last - 1] >= k + slots || upper_vertex[last - 1] >= part_end)) {
+            tm_sums all = f; /* f itself stays in registers, for nobody has its address */
+            zeroed = TM_OF(far_row)(graph, part, k, zeroed, u_m, force_N, &all);
+            f = all;
+        } else
+            for (; e < last; e++) {
+                const TM_OF(rows) K = TM_OF(load)(edge_tensor, edge_last, e);
+                const size_t l = (uint32_t)upper_vertex[e];
+                TM_OF(add)(&K, tm_three(u_m + 3 * l), &f);
+                tm_take_from_ring(ring, l << 5 & mask, TM_OF(transposed)(&K, &u));
+            }
+        double *at = ring + 4 * (size_t)(k & (slots - 1));
+        tm_give_sum(force_N + 3 * (int64_t)k, at, &f);
+        tm_enter_ring(at, k + slots, zeroed, force_N);
+    }
+    return zeroed;
+}
+
+/* The same without a ring: neighbours' numbers are too far apart for one. */
+TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(run_direct)(const tm_force_graph *graph,
+                                                                   const tm_force_part *part, int32_t k, int32_t end,
+                                                                   int32_t zeroed, const double *TM_RESTRICT u_m,
+                                                                   double *TM_RESTRICT force_N) {
+    const TM_REAL *TM_RESTRICT edge_tensor = graph->edge_tensor;
+    const double *TM_RESTRICT edge_last = graph->edge_last, *TM_RESTRICT A = graph->vertex_tensor + 9 * (int64_t)k;
+    const int32_t *TM_RESTRICT upper_vertex = graph->upper_vertex, part_end = part->end;
+    for (; k < end; k++, A += 9) {
+        const __m256d uk = tm_three(u_m + 3 * (int64_t)k);
+        const tm_spread u = tm_spread_of(u_m + 3 * (int64_t)k);
+        tm_sums f = {_mm256_mul_pd(_mm256_loadu_pd(A), uk), _mm256_mul_pd(_mm256_loadu_pd(A + 3), uk),
+                     _mm256_mul_pd(_mm256_loadu_pd(A + 6), uk)};
+        const int64_t last = graph->upper_end[k];
+        int64_t e = graph->upper_begin[k];
+        if (e < last && upper_vertex[last - 1] >= zeroed && zeroed < part_end)
+            zeroed = tm_force_zero(zeroed, upper_vertex[last - 1] + 1, part_end, force_N);
+        for (; e < last && upper_vertex[e] < part_end; e++) {
+            const TM_OF(rows) K = TM_OF(load)(edge_tensor, edge_last, e);
+            const int64_t l = 3 * (int64_t)upper_vertex[e];
+            TM_OF(add)(&K, tm_three(u_m + l), &f);
+            tm_take_from(force_N + l, TM_OF(transposed)(&K, &u));
+        }
+        for (; e < last; e++) { /* into parts behind */
+            const TM_OF(rows) K = TM_OF(load)(edge_tensor, edge_last, e);
+            TM_OF(add)(&K, tm_three(u_m + 3 * (int64_t)upper_vertex[e]), &f);
+        }
+        tm_give_sum(force_N + 3 * (int64_t)k, force_N + 3 * (int64_t)k, &f);
+    }
+    return zeroed;
+}
+
+TM_AVX2 static void TM_OF(pass_direct)(const tm_force_graph *graph, tm_force_part *part, int32_t from, int32_t to,
+                                       const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
+    if (from == part->begin) part->zeroed = TM_OF(below)(graph, part, u_m, force_N);
+    if (to > part->zeroed) part->zeroed = tm_force_zero(part->zeroed, to, part->end, force_N);
+    for (int32_t begin, end = from; tm_next_run(graph->living, to, &begin, &end);)
+        part->zeroed = TM_OF(run_direct)(graph, part, begin, end, part->zeroed, u_m, force_N);
+}
+
 TM_AVX2 void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t from, int32_t to,
                      const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
-    const double *vertex_tensor = graph->vertex_tensor;
-    const TM_REAL *edge_tensor = graph->edge_tensor;
-    const int32_t *upper_begin = graph->upper_begin, *upper_end = graph->upper_end;
-    const int32_t *upper_vertex = graph->upper_vertex, part_end = part->end;
-    const __m256i three = _mm256_set_epi64x(0, -1, -1, -1);
-    int32_t zeroed = from == part->begin ? TM_BELOW(graph, part, u_m, force_N) : part->zeroed;
-    if (to > zeroed) zeroed = tm_force_zero(zeroed, to, part_end, force_N);
-    for (int32_t begin, end = from; tm_next_run(graph->living, to, &begin, &end);)
-        for (int32_t k = begin; k < end; k++) {
-            const double *A = vertex_tensor + 9 * (int64_t)k;
-            const __m256d uk = _mm256_maskload_pd(u_m + 3 * (int64_t)k, three);
-            const __m256d x = _mm256_set1_pd(u_m[3 * (int64_t)k]), y = _mm256_set1_pd(u_m[3 * (int64_t)k + 1]),
-                          z = _mm256_set1_pd(u_m[3 * (int64_t)k + 2]);
-            __m256d fx = _mm256_mul_pd(_mm256_loadu_pd(A), uk), fy = _mm256_mul_pd(_mm256_loadu_pd(A + 3), uk),
-                    fz = _mm256_mul_pd(_mm256_loadu_pd(A + 6), uk);
-            const int32_t last = upper_end[k];
-            int32_t e = upper_begin[k];
-            if (e < last && upper_vertex[last - 1] >= zeroed && zeroed < part_end)
-                zeroed = tm_force_zero(zeroed, upper_vertex[last - 1] + 1, part_end, force_N);
-            for (; e < last && upper_vertex[e] < part_end; e++) {
-                const TM_REAL *K = edge_tensor + 9 * (int64_t)e;
-                const int64_t l = 3 * (int64_t)upper_vertex[e];
-                const __m256d ul = _mm256_maskload_pd(u_m + l, three);
-                const __m256d a = TM_LOAD4(K), b = TM_LOAD4(K + 3), c = TM_LOAD4(K + 6);
-                fx = _mm256_fmadd_pd(a, ul, fx);
-                fy = _mm256_fmadd_pd(b, ul, fy);
-                fz = _mm256_fmadd_pd(c, ul, fz);
-                const __m256d g = _mm256_fmadd_pd(c, z, _mm256_fmadd_pd(b, y, _mm256_mul_pd(a, x)));
-                TM_TAKE_FROM(force_N + l, g);
-            }
-            for (; e < last; e++) { /* into parts behind */
-                const TM_REAL *K = edge_tensor + 9 * (int64_t)e;
-                const __m256d ul = _mm256_maskload_pd(u_m + 3 * (int64_t)upper_vertex[e], three);
-                fx = _mm256_fmadd_pd(TM_LOAD4(K), ul, fx);
-                fy = _mm256_fmadd_pd(TM_LOAD4(K + 3), ul, fy);
-                fz = _mm256_fmadd_pd(TM_LOAD4(K + 6), ul, fz);
-            }
-            /* The fourth lanes are zero: sums of all four are sums of three. */
-            const __m256d xy = _mm256_hadd_pd(fx, fy), zz = _mm256_hadd_pd(fz, fz);
-            const __m128d low = _mm_add_pd(_mm256_castpd256_pd128(xy), _mm256_extractf128_pd(xy, 1));
-            const __m128d high = _mm_add_pd(_mm256_castpd256_pd128(zz), _mm256_extractf128_pd(zz, 1));
-            TM_TAKE_FROM(force_N + 3 * (int64_t)k, _mm256_set_m128d(high, low));
+    const int32_t slots = graph->ring;
+    double *ring = part->ring;
+    if (!slots) {
+        TM_OF(pass_direct)(graph, part, from, to, u_m, force_N);
+        return;
+    }
+    if (from == part->begin) {
+        part->zeroed = TM_OF(below)(graph, part, u_m, force_N);
+        for (int32_t l = from; l < from + slots && l < part->end; l++)
+            tm_enter_ring(ring + 4 * (size_t)(l & (slots - 1)), l, part->zeroed, force_N);
+    }
+    int32_t k = from;
+    for (int32_t begin, end = from; k < to; k = end) {
+        if (!tm_next_run(graph->living, to, &begin, &end)) begin = end = to;
+        for (; k < begin; k++) { /* dead */
+            double *at = ring + 4 * (size_t)(k & (slots - 1));
+            for (int i = 0; i < 3; i++) force_N[3 * (int64_t)k + i] = 0.0;
+            tm_enter_ring(at, k + slots, part->zeroed, force_N);
         }
-    part->zeroed = zeroed;
+        part->zeroed = TM_OF(run)(graph, part, begin, end, part->zeroed, u_m, force_N);
+    }
 }
-#undef TM_TAKE_FROM

@@ -1,5 +1,5 @@
-/* The plain force loop, included once for double and once for single tensors: TM_REAL, TM_NAME and TM_BELOW are set by
- * the includer.
+/* The plain force loop, included once for double and once for single tensors: TM_REAL, TM_NAME, TM_BELOW,
+ * TM_BLOCK and TM_NINTH are set by the includer.
  *
  * Living vertices ascending, and within a vertex its living upper edges ascending: what reaches F_k is first -K_jk^T
  * u_j of the lower neighbours in ascending order, then -K_kk u_k - sum of K_kl u_l. This order is the promise behind
@@ -13,14 +13,15 @@ static int32_t TM_BELOW(const tm_force_graph *graph, const tm_force_part *part, 
         const int32_t j = part->below[i];
         const double x = u_m[3 * j], y = u_m[3 * j + 1], z = u_m[3 * j + 2];
         for (int32_t e = graph->upper_begin[j]; e < graph->upper_end[j] && graph->upper_vertex[e] < part->end; e++) {
-            const TM_REAL *K = (const TM_REAL *)graph->edge_tensor + 9 * (int64_t)e;
+            const TM_REAL *K = TM_BLOCK(graph->edge_tensor, e);
+            const double ninth = TM_NINTH(K, graph->edge_last, e);
             const int32_t l = 3 * graph->upper_vertex[e];
             if (graph->upper_vertex[e] < part->begin) continue;
             if (graph->upper_vertex[e] >= zeroed)
                 zeroed = tm_force_zero(zeroed, graph->upper_vertex[e] + 1, part->end, force_N);
             force_N[l] -= (double)K[0] * x + (double)K[3] * y + (double)K[6] * z;
             force_N[l + 1] -= (double)K[1] * x + (double)K[4] * y + (double)K[7] * z;
-            force_N[l + 2] -= (double)K[2] * x + (double)K[5] * y + (double)K[8] * z;
+            force_N[l + 2] -= (double)K[2] * x + (double)K[5] * y + ninth * z;
         }
     }
     return zeroed;
@@ -46,22 +47,24 @@ void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t from, int
             if (e < last && upper_vertex[last - 1] >= zeroed && zeroed < part_end)
                 zeroed = tm_force_zero(zeroed, upper_vertex[last - 1] + 1, part_end, force_N);
             for (; e < last && upper_vertex[e] < part_end; e++) {
-                const TM_REAL *K = edge_tensor + 9 * (int64_t)e;
+                const TM_REAL *K = TM_BLOCK(edge_tensor, e);
+                const double ninth = TM_NINTH(K, graph->edge_last, e);
                 const int32_t l = 3 * upper_vertex[e];
                 const double p = u_m[l], q = u_m[l + 1], r = u_m[l + 2];
                 fx += (double)K[0] * p + (double)K[1] * q + (double)K[2] * r;
                 fy += (double)K[3] * p + (double)K[4] * q + (double)K[5] * r;
-                fz += (double)K[6] * p + (double)K[7] * q + (double)K[8] * r;
+                fz += (double)K[6] * p + (double)K[7] * q + ninth * r;
                 force_N[l] -= (double)K[0] * x + (double)K[3] * y + (double)K[6] * z;
                 force_N[l + 1] -= (double)K[1] * x + (double)K[4] * y + (double)K[7] * z;
-                force_N[l + 2] -= (double)K[2] * x + (double)K[5] * y + (double)K[8] * z;
+                force_N[l + 2] -= (double)K[2] * x + (double)K[5] * y + ninth * z;
             }
             for (; e < last; e++) { /* into parts behind, which look at this row by themselves */
-                const TM_REAL *K = edge_tensor + 9 * (int64_t)e;
+                const TM_REAL *K = TM_BLOCK(edge_tensor, e);
+                const double ninth = TM_NINTH(K, graph->edge_last, e);
                 const double *u = u_m + 3 * upper_vertex[e];
                 fx += (double)K[0] * u[0] + (double)K[1] * u[1] + (double)K[2] * u[2];
                 fy += (double)K[3] * u[0] + (double)K[4] * u[1] + (double)K[5] * u[2];
-                fz += (double)K[6] * u[0] + (double)K[7] * u[1] + (double)K[8] * u[2];
+                fz += (double)K[6] * u[0] + (double)K[7] * u[1] + ninth * u[2];
             }
             force_N[3 * k] -= fx;
             force_N[3 * k + 1] -= fy;

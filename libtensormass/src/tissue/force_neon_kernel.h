@@ -1,6 +1,6 @@
 /* The force loop with NEON, included once for double and once for single tensors: TM_REAL, TM_NAME,
- * TM_LOAD2 and TM_OF, which makes a name of this precision's, are set by the includer. Sums as force_kernel.h does, but
- * fused and by lanes: it agrees with the plain form to rounding, not in bits.
+ * TM_LOAD2, TM_BLOCK, TM_NINTH and TM_OF, which makes a name of this precision's, are set by the includer. Sums as
+ * force_kernel.h does, but fused and by lanes: it agrees with the plain form to rounding, not in bits.
  *
  * A vector holds two numbers, a row of a block three: the first two of each row lie in a vector of their own, the
  * thirds of the upper rows in a fourth, the last number stays a scalar. */
@@ -10,10 +10,12 @@ typedef struct {
     double last;         /* K[8] */
 } TM_OF(rows);
 
-static inline TM_OF(rows) TM_OF(load_rows)(const TM_REAL *K) {
+static inline TM_OF(rows) TM_OF(load_rows)(const TM_REAL *tensor, const double *last, int32_t e) {
+    (void)last; /* single has none */
+    const TM_REAL *K = TM_BLOCK(tensor, e);
     const float64x2_t v01 = TM_LOAD2(K), v23 = TM_LOAD2(K + 2), v45 = TM_LOAD2(K + 4), v67 = TM_LOAD2(K + 6);
     return (TM_OF(rows)){v01, vextq_f64(v23, v45, 1), v67, vcombine_f64(vget_low_f64(v23), vget_high_f64(v45)),
-                         (double)K[8]};
+                         TM_NINTH(K, last, e)};
 }
 
 /* at -= K^T (x, y, z) */
@@ -52,7 +54,7 @@ static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_part *pa
             const int32_t l = graph->upper_vertex[e];
             if (l < part->begin) continue;
             if (l >= zeroed) zeroed = tm_force_zero(zeroed, l + 1, part->end, force_N);
-            const TM_OF(rows) K = TM_OF(load_rows)((const TM_REAL *)graph->edge_tensor + 9 * (int64_t)e);
+            const TM_OF(rows) K = TM_OF(load_rows)(graph->edge_tensor, graph->edge_last, e);
             TM_OF(take_transposed)(force_N + 3 * (int64_t)l, &K, x, y, z);
         }
     }
@@ -63,6 +65,7 @@ void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t from, int
              double *TM_RESTRICT force_N) {
     const double *vertex_tensor = graph->vertex_tensor;
     const TM_REAL *edge_tensor = graph->edge_tensor;
+    const double *edge_last = graph->edge_last;
     const int32_t *upper_begin = graph->upper_begin, *upper_end = graph->upper_end;
     const int32_t *upper_vertex = graph->upper_vertex, part_end = part->end;
     int32_t zeroed = from == part->begin ? TM_OF(below)(graph, part, u_m, force_N) : part->zeroed;
@@ -78,13 +81,13 @@ void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t from, int
             if (e < last && upper_vertex[last - 1] >= zeroed && zeroed < part_end)
                 zeroed = tm_force_zero(zeroed, upper_vertex[last - 1] + 1, part_end, force_N);
             for (; e < last && upper_vertex[e] < part_end; e++) {
-                const TM_OF(rows) K = TM_OF(load_rows)(edge_tensor + 9 * (int64_t)e);
+                const TM_OF(rows) K = TM_OF(load_rows)(edge_tensor, edge_last, e);
                 const int64_t l = 3 * (int64_t)upper_vertex[e];
                 f = TM_OF(add_product)(f, &K, u_m + l);
                 TM_OF(take_transposed)(force_N + l, &K, x, y, z);
             }
             for (; e < last; e++) { /* into parts behind */
-                const TM_OF(rows) K = TM_OF(load_rows)(edge_tensor + 9 * (int64_t)e);
+                const TM_OF(rows) K = TM_OF(load_rows)(edge_tensor, edge_last, e);
                 f = TM_OF(add_product)(f, &K, u_m + 3 * (int64_t)upper_vertex[e]);
             }
             double *at = force_N + 3 * (int64_t)k;

@@ -22,6 +22,8 @@
 
 #define TM_RESTRICT restrict
 
+enum { TM_FORCE_RING = 1024 }; /* 32 kB, what the nearest cache holds */
+
 /* What the force loop walks: the living vertices, and in each one's room of upper edges (k,l), l>k, the living ones, at
  * its front and ascending. What is dead is not read. */
 typedef struct tm_force_graph {
@@ -32,8 +34,30 @@ typedef struct tm_force_graph {
     int32_t *upper_vertex; /* [edge_count] by slot: l */
     double *vertex_tensor; /* [9*vertex_count] double even when edges are single: an eighth of the whole, and the larger
                               numbers */
-    void *edge_tensor;     /* [9*edge_count] by slot, double or float */
+    void *edge_tensor;     /* by slot. Double: [8*edge_count], a block's nine but for the last, so that it fills a cache
+                              line and lies on no border. Single: [9*edge_count], padded; there that brings nothing */
+    double *edge_last;     /* [edge_count] by slot: the ninth. Null: single */
+    int32_t ring;          /* half sums that a wide pass keeps, a power of two: more than neighbours' numbers are apart,
+                              or TM_FORCE_RING */
 } tm_force_graph;
+
+/* The block of a slot, row by row; whatever its precision. */
+static inline void tm_edge_read(const tm_force_graph *graph, int32_t slot, double K[9]) {
+    const double *eight = (const double *)graph->edge_tensor + 8 * (int64_t)slot;
+    const float *nine = (const float *)graph->edge_tensor + 9 * (int64_t)slot;
+    for (int i = 0; i < 9; i++) K[i] = !graph->edge_last ? (double)nine[i] : i < 8 ? eight[i] : graph->edge_last[slot];
+}
+static inline void tm_edge_write(const tm_force_graph *graph, int32_t slot, const double K[9]) {
+    double *eight = (double *)graph->edge_tensor + 8 * (int64_t)slot;
+    float *nine = (float *)graph->edge_tensor + 9 * (int64_t)slot;
+    for (int i = 0; i < 9; i++)
+        if (!graph->edge_last)
+            nine[i] = (float)K[i];
+        else
+            *(i < 8 ? eight + i : graph->edge_last + slot) = K[i];
+}
+/* Moves the blocks of `count` slots: to `to`, those that began at `from`. */
+void tm_edge_move(const tm_force_graph *graph, int32_t to, int32_t from, int32_t count);
 
 /* The first place from `at` on whose bit is not that of `flip` (0 or all ones); n: none. */
 static inline int32_t tm_bit_from(const uint64_t *bits, int32_t n, int32_t at, uint64_t flip) {
@@ -65,6 +89,7 @@ typedef struct tm_force_part {
     int32_t below_count;
     const int32_t *below; /* [below_count] vertices before `begin` with an upper edge into the part, ascending */
     int32_t zeroed;       /* of a pass under way: force_N is set from `begin` to here */
+    double *ring; /* [4*graph->ring], aligned to 64 bytes, of a pass under way: half sums of the next vertices */
 } tm_force_part;
 
 static inline tm_force_part tm_force_whole(const tm_force_graph *graph) {
@@ -81,14 +106,16 @@ static inline int32_t tm_force_zero(int32_t from, int32_t to, int32_t end, doubl
 }
 
 /* force := -K u on the vertices [begin, end) of a part. A pass calls it from the part's begin to its end, without
- * gaps: what lies behind `end` is half a sum until then. */
+ * gaps: what lies behind `end` is half a sum, or nothing, until then. */
 typedef void (*tm_force_kernel)(const tm_force_graph *graph, tm_force_part *part, int32_t begin, int32_t end,
                                 const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N);
 
 /* The whole pass. */
 static inline void tm_force_pass(tm_force_kernel kernel, const tm_force_graph *graph, const double *TM_RESTRICT u_m,
                                  double *TM_RESTRICT force_N) {
+    _Alignas(64) double ring[4 * TM_FORCE_RING];
     tm_force_part whole = tm_force_whole(graph);
+    whole.ring = ring;
     kernel(graph, &whole, whole.begin, whole.end, u_m, force_N);
 }
 
@@ -102,7 +129,8 @@ TM_FORCE_DECLARE(tm_force_avx2_single);
 TM_FORCE_DECLARE(tm_force_neon_double);
 TM_FORCE_DECLARE(tm_force_neon_single);
 
-/* The best this processor has, or the plain form. Tensors must be padded by TM_FORCE_PADDING numbers. */
+/* The best this processor has, or the plain form. Vertex tensors and single edges must be padded by TM_FORCE_PADDING
+ * numbers. */
 enum { TM_FORCE_PADDING = 4 };
 tm_force_kernel tm_force_choose(bool plain, bool single);
 /* Is it one of the AVX2 forms, so that the processor has AVX2? */

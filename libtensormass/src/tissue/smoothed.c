@@ -157,14 +157,14 @@ static void store_row(tm_tissue *tissue, int32_t k) {
     const tm_smoothed *s = tissue->smoothed;
     tm_force_graph *g = &tissue->graph;
     const int32_t first = g->upper_begin[k], count = g->upper_begin[k + 1] - first;
-    double *own = g->vertex_tensor + 9 * (int64_t)k, *tensor = g->edge_tensor;
+    double *own = g->vertex_tensor + 9 * (int64_t)k;
     int32_t slot = first;
     for (int i = 0; i < 9; i++) own[i] = 0.5 * (s->block[i] + s->block[3 * (i % 3) + i / 3]);
     for (int32_t p = 0; p < count; p++) {
         const bool lives = s->filled[1 + p];
         if (tissue->edge_slot) tissue->edge_slot[first + p] = lives ? slot : -1;
         if (!lives) continue;
-        memcpy(tensor + 9 * (int64_t)slot, s->block + 9 * ((int64_t)p + 1), 9 * sizeof(double));
+        tm_edge_write(g, slot, s->block + 9 * ((int64_t)p + 1));
         g->upper_vertex[slot++] = s->pair[2 * ((int64_t)first + p) + 1];
     }
     g->upper_end[k] = slot;

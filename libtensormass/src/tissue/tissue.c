@@ -126,8 +126,12 @@ static void take_graph(tm_force_graph *graph, tm_pool *pool, const tm_mesh *mesh
     graph->upper_end = TM_TAKE(pool, int32_t, mesh->vertex_count);
     graph->upper_vertex = TM_TAKE(pool, int32_t, pairs);
     graph->vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)mesh->vertex_count + TM_FORCE_PADDING);
-    graph->edge_tensor = tm_pool_take(pool, 9 * (int64_t)pairs + TM_FORCE_PADDING,
-                                      precision == TM_SINGLE ? sizeof(float) : sizeof(double));
+    if (precision == TM_SINGLE) {
+        graph->edge_tensor = TM_TAKE(pool, float, 9 * (int64_t)pairs + TM_FORCE_PADDING);
+        return;
+    }
+    graph->edge_tensor = TM_TAKE(pool, double, 8 * (int64_t)pairs);
+    graph->edge_last = TM_TAKE(pool, double, pairs);
 }
 
 static void take_pairs(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
@@ -175,6 +179,20 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
     }
 }
 
+static void set_rooms(tm_force_graph *graph, const int32_t *pair, int32_t pairs) {
+    int32_t apart = 0, far = 0;
+    for (int32_t p = 0; p < pairs; p++) {
+        const int32_t k = pair[2 * (int64_t)p], l = pair[2 * (int64_t)p + 1];
+        graph->upper_begin[k + 1]++;
+        if (l - k > apart) apart = l - k;
+        far += l - k >= TM_FORCE_RING;
+    }
+    for (int32_t v = 0; v < graph->vertex_count; v++) graph->upper_begin[v + 1] += graph->upper_begin[v];
+    if (far > pairs / 8) return; /* a ring would only be in the way */
+    graph->ring = 16;
+    while (graph->ring <= apart && graph->ring < TM_FORCE_RING) graph->ring *= 2;
+}
+
 static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
     const tm_mesh *mesh = def->mesh;
     tissue->material_count = def->material_count;
@@ -201,8 +219,7 @@ static void copy_constants(tm_tissue *tissue, const tm_tissue_def *def) {
         for (int i = 0; i < 3; i++)
             tissue->fibre[3 * (int64_t)t + i] = length > 0 && isfinite(length) ? a[i] / length : 0;
     }
-    for (int32_t p = 0; p < tissue->pair_count; p++) tissue->graph.upper_begin[tissue->pair[2 * (int64_t)p] + 1]++;
-    for (int32_t v = 0; v < mesh->vertex_count; v++) tissue->graph.upper_begin[v + 1] += tissue->graph.upper_begin[v];
+    set_rooms(&tissue->graph, tissue->pair, tissue->pair_count);
 }
 
 tm_status tm_tissue_create(const tm_tissue_def *def, tm_tissue **tissue, tm_error *error) {

@@ -90,11 +90,11 @@ double tm_tissue_volume_shear(const tm_tissue *tissue) {
 void tm_tissue_pair_tensor(const tm_tissue *tissue, int32_t pair, double K[9]) {
     TM_REQUIRE(tissue && K && pair >= 0 && pair < tissue->pair_count,
                "tissue or K is null, or pair is not one of its pairs", );
-    const int64_t at = 9 * (int64_t)tm_tissue_edge_slot(tissue, pair);
-    for (int i = 0; i < 9; i++)
-        K[i] = at < 0                           ? 0
-               : tissue->precision == TM_SINGLE ? (double)((const float *)tissue->graph.edge_tensor)[at + i]
-                                                : ((const double *)tissue->graph.edge_tensor)[at + i];
+    const int32_t slot = tm_tissue_edge_slot(tissue, pair);
+    if (slot < 0)
+        memset(K, 0, 9 * sizeof *K);
+    else
+        tm_edge_read(&tissue->graph, slot, K);
 }
 
 void tm_tissue_force(const tm_tissue *tissue, const double *u_m, double *force_N) {
