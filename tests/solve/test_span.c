@@ -162,6 +162,13 @@ static void on_a_remnant(void **state) {
     print_message("  on what a cut has left: off full solutions by %.2f %% of the peak, %d of 600 substeps followed\n",
                   100 * most, followed);
     assert_true(most < 0.05);
+    /* on the border too, which may be followed while it is whole */
+    const stroke border = {{-0.003, 0.002, 0.0405}, {0, 0.004, 0}, 200, 220, 0.004};
+    const double there = differ(&border, &followed);
+    print_message("  on the border, laid open: off by %.2f %% of the peak, %d of 600 substeps followed\n", 100 * there,
+                  followed);
+    assert_true(there < 0.05);
+    assert_true(followed > 50 && followed < 250); /* not behind the cut */
 }
 
 /* --- snapshots --- */
