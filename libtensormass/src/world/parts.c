@@ -53,7 +53,7 @@ bool tm_parts_take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
     for (int32_t p = 1; p < world->part_count; p++) find_below(tissue, &world->part[p].force, pool);
     world->part[world->part_count].force = tm_force_whole(&tissue->graph);
     for (int32_t p = 0; p <= world->part_count; p++)
-        world->part[p].force.ring = TM_TAKE(pool, double, 4 * (int64_t)tissue->graph.ring);
+        world->part[p].force.ring = TM_TAKE(pool, double, 4 * (int64_t)TM_FORCE_RING);
     world->run_parts = def->run_parts;
     world->run_parts_user = def->run_parts_user;
     if (world->part_count == 1 || def->run_parts) return !pool->failed;
