@@ -147,7 +147,7 @@ def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_pat
     log, figures = tmp_path / "session.lcm", tmp_path / "play.json"
     env = {**os.environ, "DISPLAY": display}
     session = subprocess.Popen([sys.executable, root / "apps" / "play" / "play.py", "--build", build, "--scene", root / SCENE, "--out", tmp_path / "out", "--record", log,
-                                "--", "--size", "480x320", "--json", str(figures), *SOFTWARE], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+                                "--", "--size", "480x320", "--json", str(figures), *SOFTWARE], env=env, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True)
     kinds = synthetic.import_types(build / "python")
 
     def until(condition, what, act=lambda: None, seconds=60):
@@ -158,8 +158,9 @@ def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_pat
             act()
             time.sleep(0.1)
 
-    def move():
-        xdotool(display, "mousemove_relative", "--", -4, 2)
+    def drag():
+        """Presses anew: a window that is about to have the focus forgets what was held before."""
+        xdotool(display, "mouseup", 1, "mousedown", 1, "mousemove_relative", "--", -4, 2)
 
     def pivoted(heard):
         first, last = heard["HAND_0"][0].joint, heard["HAND_0"][-1].joint
@@ -174,9 +175,7 @@ def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_pat
         assert window, "the window did not open"
         until(lambda heard: len(heard.get("CONTROLLER_0", [])) > 10 and heard["CONTROLLER_0"][-1].state == ENGAGED and "FORCE_0" in heard, "the session is not under way")
         xdotool(display, "mousemove", "--window", window, 240, 160)
-        xdotool(display, "mousedown", 1)
-        move()
-        until(lambda heard: "HAND_0" in heard and pivoted(heard), "the mouse moves nothing", move)
+        until(lambda heard: "HAND_0" in heard and pivoted(heard), "the mouse moves nothing", drag)
         xdotool(display, "mouseup", 1)
         xdotool(display, "key", "x")
         until(lambda heard: heard["CONTROLLER_0"][-1].extrapolator == "hold", "the key switches no extrapolator")
@@ -194,7 +193,7 @@ def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_pat
         out, err = session.communicate(timeout=120)
     finally:
         if session.poll() is None:
-            session.send_signal(signal.SIGINT)
+            os.killpg(session.pid, signal.SIGINT)  # as a terminal does; the window has this test's pipes, too
             session.communicate(timeout=120)
     assert session.returncode == 0, out + err
     assert share(picture, tissue_red) > 0.02
