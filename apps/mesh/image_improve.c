@@ -12,7 +12,7 @@ static bool none_wanted(const growing *m, int tet, double longest_m, const void 
     return false;
 }
 
-/* Which labels meet at a vertex: how many, and the first two; 0 is outside. */
+/* Which labels meet at a vertex: how many, 3 for more, and the first two; 0 is outside. */
 typedef struct sides {
     uint8_t count, label[2];
 } sides;
@@ -26,25 +26,23 @@ typedef struct meeting {
     const void *shape;
 } meeting;
 
-/* Enters a label for every vertex of its tetrahedra; label 0 for those of the mesh's outer faces. */
-static bool mark_label(const image_tets *m, int label, sides *at) {
-    uint8_t *seen = calloc((size_t)m->vertices + 1, 1);
+static void enter(sides *at, uint8_t label) {
+    for (int i = 0; i < at->count && i < 2; i++)
+        if (at->label[i] == label) return;
+    if (at->count < 2) at->label[at->count] = label;
+    if (at->count < 3) at->count++;
+}
+
+/* Enters every tetrahedron's label for its vertices, and 0 for those of the mesh's outer faces; false: no memory. */
+static bool enter_all(const image_tets *m, sides *at) {
     int *face = NULL;
-    const int faces = label ? 0 : image_faces(m, 0, &face);
-    if (seen && faces >= 0) {
-        for (int i = 0; i < 3 * faces; i++) seen[face[i]] = 1;
-        for (int i = 0; i < 4 * m->tets && label; i++)
-            if (m->label[i / 4] == label) seen[m->tet[i]] = 1;
-        for (int v = 0; v < m->vertices; v++)
-            if (seen[v] && at[v].count < 255) {
-                if (at[v].count < 2) at[v].label[at[v].count] = (uint8_t)label;
-                at[v].count++;
-            }
-    }
-    const bool good = seen && faces >= 0;
+    const int faces = image_faces(m, 0, &face);
+    for (int i = 0; i < 3 * faces; i++) enter(&at[face[i]], 0);
+    for (int i = 0; i < 4 * m->tets && faces >= 0; i++) enter(&at[m->tet[i]], (uint8_t)m->label[i / 4]);
+    for (int v = 0; v < m->vertices; v++)
+        if (at[v].count == 2 && at[v].label[0] > at[v].label[1]) at[v] = (sides){2, {at[v].label[1], at[v].label[0]}};
     free(face);
-    free(seen);
-    return good;
+    return faces >= 0;
 }
 
 /* On its surface, and no face around it turned far: a vertex that slides round a thin label's side leaves a thorn. */
@@ -70,8 +68,7 @@ static bool make_meeting(const image_tets *m, int labels, growing *g, meeting *o
     of->face = malloc((3 * (size_t)g->face_count + 1) * sizeof *of->face);
     of->normal = malloc((3 * (size_t)g->face_count + 1) * sizeof *of->normal);
     good = good && of->begin && of->face && of->normal;
-    for (int l = 0; l <= labels && good; l++) good = mark_label(m, l, of->at);
-    if (!good) return false;
+    if (!good || !enter_all(m, of->at)) return false;
     for (int i = 0; i < 3 * g->face_count; i++) of->begin[g->face[i] + 2]++;
     for (int v = 0; v < m->vertices; v++) of->begin[v + 2] += of->begin[v + 1];
     for (int i = 0; i < 3 * g->face_count; i++) of->face[of->begin[g->face[i] + 1]++] = i / 3;

@@ -100,13 +100,13 @@ static double steepest(const tm_mesh *mesh, int32_t p, const double *u) {
     return sqrt(most);
 }
 
-static int32_t before(int32_t count, int32_t part, int32_t parts) { return (int32_t)((int64_t)count * part / parts); }
-
 void tm_packs_see(tm_rotation *r, const double *u, int32_t part, int32_t parts) {
     const tm_mesh *mesh = r->tissue->mesh;
-    const int32_t n = 3 * mesh->vertex_count, first = before(n, part, parts), last = before(n, part + 1, parts);
+    const int32_t n = 3 * mesh->vertex_count, first = tm_packs_before(n, part, parts),
+                  last = tm_packs_before(n, part + 1, parts);
     memcpy(r->seen_m + first, u + first, sizeof(double) * (size_t)(last - first));
-    for (int32_t p = before(r->packs.count, part, parts); p < before(r->packs.count, part + 1, parts); p++) {
+    for (int32_t p = tm_packs_before(r->packs.count, part, parts); p < tm_packs_before(r->packs.count, part + 1, parts);
+         p++) {
         const double reach = (r->threshold * (1 - 1e-9) - steepest(mesh, p, u)) / r->spread_1_m[p];
         r->reach_m[p] = reach > 0 ? reach : 0;
     }
@@ -133,8 +133,8 @@ static double way(const double *TM_RESTRICT u, const double *TM_RESTRICT seen, i
 }
 
 double tm_packs_way(const tm_rotation *r, const double *u, int32_t part, int32_t parts) {
-    const int32_t n = 3 * r->tissue->mesh->vertex_count, first = before(n, part, parts);
-    return way(u + first, r->seen_m + first, before(n, part + 1, parts) - first);
+    const int32_t n = 3 * r->tissue->mesh->vertex_count, first = tm_packs_before(n, part, parts);
+    return way(u + first, r->seen_m + first, tm_packs_before(n, part + 1, parts) - first);
 }
 
 /* Looking at packs in vain costs as much as looking anew from here: at most twice what the best choice would. */

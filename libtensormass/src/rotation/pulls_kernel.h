@@ -1,7 +1,5 @@
 /* What a pack adds, divided among threads; a part of kernel.h. The corners' pulls of the packs list[begin] to
  * list[end], by place in the list, for whoever adds them up (tm_pulls_add); a bit says which lanes have any. */
-/* The same pulls of the packs list[begin] to list[end], by place in the list, for whoever adds them up; a bit says
- * which lanes have any. */
 TM_TARGET static int32_t TM_NAME(pulls)(const tm_packs *packs, const int32_t *list, int32_t begin, int32_t end,
                                         const double *u_m, double *corner_N, uint8_t *who) {
     int32_t active = 0;

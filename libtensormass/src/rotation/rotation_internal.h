@@ -142,6 +142,10 @@ struct tm_rotation {
 /* Laws without what is averaged around vertices. */
 bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_tissue *tissue);
 double tm_pack_spread(const tm_mesh *mesh, int32_t p);
+/* Of `count` things, those of the parts before this one. */
+static inline int32_t tm_packs_before(int32_t count, int32_t part, int32_t parts) {
+    return (int32_t)((int64_t)count * part / parts);
+}
 /* r->list becomes the packs that may have something to add at u, ascending. First, if tm_packs_wait_for_a_look says so,
  * all packs and vertices are looked at, in shares, and that is told; then it takes the largest of all vertices' ways
  * since. */

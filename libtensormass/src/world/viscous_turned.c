@@ -1,9 +1,8 @@
 /* The whole law of tissue that turns, so that the tensors of what is linear are not run beside it: of tissue whose
  * changes of volume are averaged, and of tissue that relaxes, what the series leaves and its terms, with histories of
- * tetrahedra. Four passes, each divided
- * among the step's threads: strains of packs; where changes of volume are averaged, pressures of domains, then their
- * stresses on packs; corners' pulls gathered by vertices. Whoever sums, sums all of it in ascending order, so that the
- * bits are those of one thread. */
+ * tetrahedra. Four passes, each divided among the step's threads: strains of packs; where changes of volume are
+ * averaged, pressures of domains, then their stresses on packs; corners' pulls gathered by vertices. Whoever sums, sums
+ * all of it in ascending order, so that the bits are those of one thread. */
 #include "tissue/bulk.h"
 #include "world/viscosity.h"
 
@@ -117,7 +116,7 @@ static const tm_swollen *swollen_of(const tm_relaxing *r) {
 
 /* Packs before the part. */
 static int32_t packs_before(const tm_relaxing *r, int32_t part) {
-    return (int32_t)((int64_t)r->packs->count * part / r->world->part_count);
+    return tm_packs_before(r->packs->count, part, r->world->part_count);
 }
 
 static void strain(void *context, int32_t part) {
