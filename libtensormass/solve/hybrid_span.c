@@ -14,6 +14,8 @@
 #include <math.h>
 #include <string.h>
 
+static const double MARGIN = 0.1; /* radii: rows so far off may be touched once the tissue has moved */
+
 bool tms_span_create(tm_hybrid *h) {
     const size_t n = (size_t)h->interface_count;
     h->span = tms_take_zeroed(1, sizeof *h->span);
@@ -166,6 +168,18 @@ static void place_watched(tm_hybrid *h, int32_t t) {
     }
 }
 
+/* How far off rows are looked for, in metres: as in the dynamic model, and what the tool moves in a substep. A row that
+ * bears is never passed over because the tissue swings: none in one substep and twice the force in the next would be
+ * what is left of it. */
+static double margin_of(const tm_hybrid *h, int32_t t) {
+    const tms_tool *tool = &h->local.tool[t];
+    const double *was = h->span->at_m[t];
+    double most = 0;
+    for (int c = 0; c < 3; c++)
+        most = fmax(most, fmax(fabs(tool->capsule.tip_m[c] - was[c]), fabs(tool->capsule.tail_m[c] - was[3 + c])));
+    return MARGIN * tool->def.radius_m + most / (h->span->age + 1);
+}
+
 static double guess(const tms_local *l, const tm_contact_row *row, int32_t first, int32_t last) {
     for (int32_t i = first; i < last; i++)
         if (l->before[i].station == row->station && l->before[i].face == row->face &&
@@ -183,9 +197,9 @@ static bool look_for(tm_hybrid *h, int32_t t, int32_t first, int32_t last) {
     bool overflowed = false;
     if (!tool->near) return true;
     place_watched(h, t);
-    const int32_t found =
-        tm_contact_search_rows(tool->search, l->mesh->rest_m, l->u_m, &tool->capsule, 0, l->before + first,
-                               last - first, look->row + look->count, l->def.max_rows - look->count, &overflowed);
+    const int32_t found = tm_contact_search_rows(tool->search, l->mesh->rest_m, l->u_m, &tool->capsule, margin_of(h, t),
+                                                 l->before + first, last - first, look->row + look->count,
+                                                 l->def.max_rows - look->count, &overflowed);
     if (overflowed) return false;
     for (int32_t i = look->count, end = look->count + found; i < end; i++) {
         tm_contact_row *row = &look->row[i];

@@ -80,9 +80,8 @@ static inline void set_free(hybrid_set *s) {
 }
 
 /* A block under one probe, half of it condensed. */
-static inline hybrid_set set_touched(const tm_tool_pose *start) {
-    scene_def def = scene_def_default();
-    def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
+static inline hybrid_set set_touched_by(const scene_def *by, const tm_tool_pose *start) {
+    const scene_def def = *by;
     tm_mesh *mesh = scene_mesh(&def);
     uint8_t *fixed = calloc(3 * (size_t)mesh->vertex_count, 1);
     for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) fixed[d] = mesh->rest_m[d / 3 * 3 + 2] < 1e-9;
@@ -93,8 +92,20 @@ static inline hybrid_set set_touched(const tm_tool_pose *start) {
     contact.instrument_count = 1;
     contact.instrument = &tool;
     tm_material material = kit_material(def.young_Pa, def.poisson);
-    material.damping_1_s = 150;
+    material.damping_1_s = def.damping_1_s;
     return set_make(mesh, &material, fixed, 0.0, NULL, &contact, 0.9);
+}
+
+static inline scene_def set_def(void) {
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 8, def.cells[2] = 5;
+    def.damping_1_s = 150;
+    return def;
+}
+
+static inline hybrid_set set_touched(const tm_tool_pose *start) {
+    const scene_def def = set_def();
+    return set_touched_by(&def, start);
 }
 
 static inline void set_go(hybrid_set *s, const tm_tool_pose *to, double seconds, double force_N[3]) {
