@@ -6,6 +6,7 @@
 #include "contact_scene.h"
 #include "tensormass/rotation.h"
 #include "tensormass/viscosity.h"
+#include "world/world_internal.h"
 
 enum { FRAMES = 6, CAUTERY = 0, GRASPER = 1 };
 static const int32_t THREADS[] = {1, 2, 3, 8};
@@ -93,6 +94,25 @@ static void the_callers_threads(void **state) {
     assert_true(calls > FRAMES);
 }
 
+/* Calls for the caller's threads while two tools touch, or one of them is far from the tissue. */
+static int32_t calls_with(double other_tip_z) {
+    enum { SUBSTEPS = 20 };
+    scene s = create(TM_FORCE_BEST, TM_DOUBLE, 3, last_part_first);
+    const tm_tool_pose near = scene_pose(0.012, 0.005, 0.0445), other = scene_pose(-0.012, -0.003, other_tip_z);
+    tm_contact_place(s.contact, CAUTERY, &near);
+    tm_contact_place(s.contact, GRASPER, &other);
+    assert_int_equal(tm_world_step(s.world, 4), TM_OK);
+    calls = 0;
+    assert_int_equal(tm_world_step(s.world, SUBSTEPS), TM_OK);
+    scene_destroy(&s);
+    return calls / SUBSTEPS;
+}
+
+static void tools_look_at_the_same_time(void **state) {
+    (void)state;
+    assert_int_equal(calls_with(0.0445), calls_with(0.2) + 1);
+}
+
 /* --- between steps --- */
 
 /* The patch under a tool that presses: its columns are computed by the same threads. */
@@ -172,6 +192,45 @@ static void any_numbering(void **state) {
     }
     tm_tissue_destroy(tissue);
     tm_mesh_destroy(mesh);
+}
+
+/* Edges that a part computes, those that cross its borders too, and two for each vertex. */
+static int64_t cost_of_part(const tm_tissue *tissue, const tm_force_part *part) {
+    int64_t cost = 2 * (int64_t)(part->end - part->begin);
+    for (int32_t p = 0; p < tissue->pair_count; p++) {
+        const int32_t k = tissue->pair[2 * p], l = tissue->pair[2 * p + 1];
+        cost += (k >= part->begin && k < part->end) || (l >= part->begin && l < part->end);
+    }
+    return cost;
+}
+
+/* In order a border is crossed by a tenth of the edges, at random by half of them: the later parts had all of those. */
+static void parts_cost_the_same(void **state) {
+    (void)state;
+    fix_random random = {5};
+    tm_mesh *mesh[2] = {fix_block((int[3]){14, 14, 14}, (double[3]){0.1, 0.1, 0.1}, 0.2, &random), shuffled()};
+    tm_material material;
+    tm_error error;
+    fix_ok(tm_material_young(5e3, 0.45, &material, &error), &error);
+    for (int m = 0; m < 2; m++) {
+        tm_tissue *tissue = fix_tissue(mesh[m], &material, NULL, TM_DOUBLE, false);
+        for (int t = 1; t < 4; t++) {
+            tm_world_def def = tm_world_def_default();
+            def.tissue = tissue, def.threads = THREADS[t], def.damped = false;
+            tm_world *world = NULL;
+            fix_ok(tm_world_create(&def, &world, &error), &error);
+            int64_t least = INT64_MAX, most = 0;
+            for (int32_t p = 0; p < THREADS[t]; p++) {
+                const int64_t cost = cost_of_part(tissue, &world->part[p].force);
+                least = cost < least ? cost : least, most = cost > most ? cost : most;
+            }
+            assert_true(world->part[THREADS[t] - 1].force.end == mesh[m]->vertex_count);
+            assert_true((double)most < 1.1 * (double)least);
+            tm_world_destroy(world);
+        }
+        tm_tissue_destroy(tissue);
+        tm_mesh_destroy(mesh[m]);
+    }
 }
 
 /* --- tissue that turns, averages its volume, relaxes --- */
@@ -332,8 +391,10 @@ static void threads_come_and_go(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits_for_any_number),
                                        cmocka_unit_test(the_callers_threads),
+                                       cmocka_unit_test(tools_look_at_the_same_time),
                                        cmocka_unit_test(patches_have_the_same_bits),
                                        cmocka_unit_test(any_numbering),
+                                       cmocka_unit_test(parts_cost_the_same),
                                        cmocka_unit_test(tissue_that_turns_swells_and_relaxes),
                                        cmocka_unit_test(loops_have_the_bits_of_one),
                                        cmocka_unit_test(one_vertex_fails_all),

@@ -95,7 +95,7 @@ static tm_contact *take(tm_pool *pool, const tm_contact_def *def, int32_t vertex
     contact->row = TM_TAKE(pool, tm_contact_row, def->max_rows * def->instrument_count);
     contact->row_before = TM_TAKE(pool, tm_contact_row, def->max_rows * def->instrument_count);
     contact->solver = TM_TAKE(pool, tm_solver_row, def->max_rows);
-    contact->hits = TM_TAKE(pool, tm_hits, 1);
+    contact->hits = TM_TAKE(pool, tm_hits, def->instrument_count);
     contact->held = TM_TAKE(pool, uint8_t, 3 * (int64_t)vertex_count);
     contact->kept = TM_TAKE(pool, char, tm_contact_snapshot_max(def));
     for (int32_t t = 0; t < def->instrument_count; t++) contact->tool[t].surface = TM_TAKE(pool, tm_local_surface, 1);

@@ -26,6 +26,8 @@ void tm_capsule_station(const tm_capsule *capsule, int32_t station, double point
     vmadd(capsule->tip_m, station * capsule->radius_m, e, point_m);
 }
 
+static const double LEAST_WIDTH_M = 1e-9; /* of a transition */
+
 /* One search: the capsule with what it is looked at against. */
 typedef struct search {
     const tm_local_surface *s;
@@ -39,8 +41,14 @@ typedef struct search {
     tm_hits *hits;
 } search;
 
-/* Stations whose spheres, widened to reach, can touch a ball; false if none. */
-static bool station_range(const search *q, const double center[3], double radius, int32_t *first, int32_t *last) {
+/* As tm_capsule_station, along the axis found once. */
+static void station_at(const search *q, int32_t station, double point_m[3]) {
+    vmadd(q->capsule->tip_m, station * q->capsule->radius_m, q->axis, point_m);
+}
+
+/* Stations whose spheres, widened to reach, can touch a ball; false if none. Most balls are beyond at once. */
+static inline bool station_range(const search *q, const double center[3], double radius, int32_t *first,
+                                 int32_t *last) {
     double to[3], across[3];
     vsub(center, q->capsule->tip_m, to);
     double along = vdot(to, q->axis), reach = radius + q->reach_m;
@@ -53,6 +61,17 @@ static bool station_range(const search *q, const double center[3], double radius
     *first = (int32_t)ceil(law_max((along - half) / step, 0));
     *last = (int32_t)floor(law_min((along + half) / step, q->stations - 1));
     return *first <= *last;
+}
+
+/* Is the ball over an edge, of which the half length is sqrt(half2), surely beyond reach of the whole line? Roots cost
+ * more than all the rest, and few edges need them: (half + reach)^2 < across^2, squared once more. */
+static inline bool is_beyond(const search *q, const double middle[3], double half2) {
+    static const double SURELY = 1 - 1e-6;
+    double to[3], across[3];
+    vsub(middle, q->capsule->tip_m, to);
+    vmadd(to, -vdot(to, q->axis), q->axis, across);
+    const double reach2 = q->reach_m * q->reach_m, over = SURELY * vdot(across, across) - half2 - reach2;
+    return over > 0 && SURELY * over * over > 4 * half2 * reach2;
 }
 
 static void add_hit(search *q, int32_t station, int32_t kind, int32_t index, double raw, double distance) {
@@ -83,7 +102,7 @@ static double edge_blend(const search *q, int32_t edge) {
             width = law_min(
                 width, law_transition(q->capsule->radius_m, inward(q->s, f, tm_local_edge_slot(q->s, f, edge), in)));
     }
-    return law_max(width, 1e-9);
+    return law_max(width, LEAST_WIDTH_M);
 }
 
 static bool known(const search *q, int32_t station, int32_t f) {
@@ -97,28 +116,42 @@ static bool known(const search *q, int32_t station, int32_t f) {
     return false;
 }
 
+/* Of a station at `p` over or behind the face: how far it is inside its three edges; false if so far outside one that
+ * nothing is left of the face's weight, whatever the width of the transition there. */
+static bool is_over(const search *q, int32_t f, const double p[3], const double in[3][3], double x[3]) {
+    const double widest = law_max(LAW_BLEND * q->capsule->radius_m, LEAST_WIDTH_M);
+    for (int j = 0; j < 3; j++) {
+        double d[3];
+        vsub(p, q->s->position_m[q->s->face_vertex[f][j]], d);
+        x[j] = vdot(d, in[j]);
+        if (x[j] <= -widest) return false;
+    }
+    return true;
+}
+
+/* What takes roots is found when a station is near enough to want it, and then once. */
 static void face_hits(search *q, int32_t f) {
     const tm_local_surface *s = q->s;
-    double in[3][3], width[3], radius = q->capsule->radius_m;
+    double in[3][3], width[3], x[3], radius = q->capsule->radius_m;
     int32_t first, last;
+    bool has_in = false, has_width = false;
     if (vdot(s->normal[f], s->normal[f]) == 0 ||
         !station_range(q, s->center_m[f], s->reach_m[f] + q->sunk_m, &first, &last))
         return;
-    for (int j = 0; j < 3; j++) {
-        inward(s, f, j, in[j]);
-        width[j] = edge_blend(q, s->face_edge[f][j]);
-    }
     for (int32_t k = first; k <= last; k++) {
         double p[3], d[3], raw = 1, outside = 0;
-        tm_capsule_station(q->capsule, k, p);
+        station_at(q, k, p);
         vsub(p, s->position_m[s->face_vertex[f][0]], d);
         double height = vdot(d, s->normal[f]);
         if (height > q->reach_m || height < -q->sunk_m) continue;
+        for (int j = 0; j < 3 && !has_in; j++) inward(s, f, j, in[j]);
+        has_in = true;
+        if (!is_over(q, f, p, in, x)) continue;
+        for (int j = 0; j < 3 && !has_width; j++) width[j] = edge_blend(q, s->face_edge[f][j]);
+        has_width = true;
         for (int j = 0; j < 3 && raw > 0; j++) {
-            vsub(p, s->position_m[s->face_vertex[f][j]], d);
-            double x = vdot(d, in[j]);
-            raw *= law_ramp(x / width[j]);
-            outside = law_max(outside, -x);
+            raw *= law_ramp(x[j] / width[j]);
+            outside = law_max(outside, -x[j]);
         }
         if (raw <= 0) continue;
         if (law_wants_history(height, outside, radius) && !known(q, k, f)) continue;
@@ -137,44 +170,57 @@ static double edge_sharpness(const tm_local_surface *s, int32_t e) {
     return law_sharpness(sine);
 }
 
+/* Of a station `across` from the edge: its weight towards the faces on both sides, and whether it is outside them. */
+static double side_weight(const search *q, int32_t e, const double across[3], double width, double raw, double *out) {
+    const tm_local_surface *s = q->s;
+    *out = 0;
+    for (int side = 0; side < 2 && raw > 0; side++) {
+        double in[3];
+        int32_t f = s->edge_face[e][side];
+        if (f < 0) continue;
+        inward(s, f, tm_local_edge_slot(s, f, e), in);
+        raw *= law_ramp(-vdot(across, in) / width);
+        *out += vdot(across, s->normal[f]);
+    }
+    return raw;
+}
+
 static void edge_hits(search *q, int32_t e) {
     const tm_local_surface *s = q->s;
     const double *a = s->position_m[s->edge_vertex[e][0]], *b = s->position_m[s->edge_vertex[e][1]];
-    double middle[3], edge[3], unit[3];
+    double middle[3], edge[3], unit[3], sharp = -1, width = 0, out;
     int32_t first, last;
     vsub(b, a, edge);
     vmadd(a, 0.5, edge, middle);
+    if (is_beyond(q, middle, 0.25 * vdot(edge, edge))) return;
     double length = vunit(edge, unit);
     if (length <= 0 || !station_range(q, middle, 0.5 * length, &first, &last)) return;
-    double sharp = edge_sharpness(s, e);
-    if (sharp <= 0) return;
-    double width = edge_blend(q, e), along_width = law_transition(q->capsule->radius_m, length);
+    const double along_width = law_transition(q->capsule->radius_m, length);
     for (int32_t k = first; k <= last; k++) {
-        double p[3], d[3], across[3], in[3], out = 0, raw = sharp;
-        tm_capsule_station(q->capsule, k, p);
+        double p[3], d[3], across[3];
+        station_at(q, k, p);
         vsub(p, a, d);
         double y = vdot(d, unit);
         vmadd(d, -y, unit, across);
         double distance = vnorm(across);
         if (distance > q->reach_m) continue;
-        raw *= law_ramp(y / along_width) * law_ramp((length - y) / along_width);
-        for (int side = 0; side < 2 && raw > 0; side++) {
-            int32_t f = s->edge_face[e][side];
-            if (f < 0) continue;
-            inward(s, f, tm_local_edge_slot(s, f, e), in);
-            raw *= law_ramp(-vdot(across, in) / width);
-            out += vdot(across, s->normal[f]);
+        const double along = law_ramp(y / along_width) * law_ramp((length - y) / along_width);
+        if (!(along > 0)) continue;
+        if (sharp < 0) { /* wanted now, and once */
+            sharp = edge_sharpness(s, e);
+            if (!(sharp > 0)) return;
+            width = edge_blend(q, e);
         }
+        const double raw = side_weight(q, e, across, width, sharp * along, &out);
         if (raw > 0 && out > 0) add_hit(q, k, 1, e, raw, distance);
     }
 }
 
-static void vertex_hits(search *q, int32_t v) {
-    const tm_local_surface *s = q->s;
-    const double *at = s->position_m[v];
-    double up[3] = {0, 0, 0}, sharp = 1, spoke[3];
-    int32_t first, last, begin = s->vertex_edge_begin[v], end = s->vertex_edge_begin[v + 1];
-    if (!station_range(q, at, 0, &first, &last)) return;
+/* Mean of the normals around a vertex, and how far it sticks out of its fan. */
+static double vertex_sharpness(const tm_local_surface *s, int32_t v, double up[3]) {
+    const int32_t begin = s->vertex_edge_begin[v], end = s->vertex_edge_begin[v + 1];
+    double sharp = 1, spoke[3];
+    vset((const double[3]){0, 0, 0}, up);
     for (int32_t i = begin; i < end; i++)
         for (int side = 0; side < 2; side++)
             if (s->edge_face[s->vertex_edge[i]][side] >= 0)
@@ -182,21 +228,33 @@ static void vertex_hits(search *q, int32_t v) {
     vunit(up, up);
     for (int32_t i = begin; i < end && sharp > 0; i++) {
         const int32_t *ends = s->edge_vertex[s->vertex_edge[i]];
-        vsub(s->position_m[ends[0] == v ? ends[1] : ends[0]], at, spoke);
+        vsub(s->position_m[ends[0] == v ? ends[1] : ends[0]], s->position_m[v], spoke);
         vunit(spoke, spoke);
         sharp = law_min(sharp, law_sharpness(-vdot(spoke, up)));
     }
-    if (sharp <= 0) return;
+    return sharp;
+}
+
+static void vertex_hits(search *q, int32_t v) {
+    const tm_local_surface *s = q->s;
+    const double *at = s->position_m[v];
+    double up[3], sharp = -1, spoke[3];
+    int32_t first, last, begin = s->vertex_edge_begin[v], end = s->vertex_edge_begin[v + 1];
+    if (!station_range(q, at, 0, &first, &last)) return;
     for (int32_t k = first; k <= last; k++) {
-        double p[3], d[3], raw = sharp;
-        tm_capsule_station(q->capsule, k, p);
+        double p[3], d[3];
+        station_at(q, k, p);
         vsub(p, at, d);
-        if (vdot(d, up) <= 0 || vnorm(d) > q->reach_m) continue;
+        if (vnorm(d) > q->reach_m) continue;
+        if (sharp < 0) sharp = vertex_sharpness(s, v, up);
+        if (!(sharp > 0)) return;
+        if (vdot(d, up) <= 0) continue;
+        double raw = sharp;
         for (int32_t i = begin; i < end && raw > 0; i++) {
             const int32_t *ends = s->edge_vertex[s->vertex_edge[i]];
             vsub(s->position_m[ends[0] == v ? ends[1] : ends[0]], at, spoke);
             double length = vunit(spoke, spoke);
-            raw *= law_ramp(-vdot(d, spoke) / law_max(law_transition(q->capsule->radius_m, length), 1e-9));
+            raw *= law_ramp(-vdot(d, spoke) / law_max(law_transition(q->capsule->radius_m, length), LEAST_WIDTH_M));
         }
         if (raw > 0) add_hit(q, k, 2, v, raw, vnorm(d));
     }

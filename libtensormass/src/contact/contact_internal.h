@@ -93,10 +93,10 @@ struct tm_contact {
     tm_contact_row *row, *row_before; /* [max_rows * tool_count] of this substep and the last */
     int32_t row_count, row_count_before;
     tm_solver_row *solver; /* [max_rows] */
-    tm_hits *hits;
-    uint8_t *held;       /* [3*vertex_count] components that a support prescribes */
-    const void *held_by; /* the support stage that `held` was made from */
-    int32_t revision;    /* of the surface at the last gathering */
+    tm_hits *hits;         /* [tool_count] */
+    uint8_t *held;         /* [3*vertex_count] components that a support prescribes */
+    const void *held_by;   /* the support stage that `held` was made from */
+    int32_t revision;      /* of the surface at the last gathering */
     int32_t frame_step, frame_steps, frame_average;
     int32_t block_count;
     tm_block block[TM_MAX_BLOCKS]; /* the last, but for friction: the rows, the stage's own or another's */

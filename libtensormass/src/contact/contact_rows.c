@@ -96,34 +96,74 @@ static void drop_shallowest(tm_contact *contact) {
     }
 }
 
+/* Of this substep: what each tool finds, in its own part of the rows, [max_rows] each. Tools look at the same time. */
+typedef struct sight {
+    tm_contact *contact;
+    int32_t history[TM_MAX_INSTRUMENTS + 1]; /* where a tool's rows of the substep before begin */
+    int32_t count[TM_MAX_INSTRUMENTS];
+    int32_t tool[TM_MAX_INSTRUMENTS], busy; /* those with surface near them first, so that no thread gets two before
+                                               another has one */
+} sight;
+
+static void look_around(sight *s, int32_t t) {
+    const tm_contact *contact = s->contact;
+    const tm_world *world = contact->world;
+    tm_tool *tool = s->contact->tool + t;
+    s->count[t] = 0;
+    if (!tm_tool_is_present(tool)) return;
+    gather(s->contact, tool);
+    if (!tool->clear && !tool->leaving) return;
+    double margin = 0.1 * tool->def.radius_m + tm_capsule_travel(&tool->capsule, &tool->before);
+    bool overflowed = false;
+    tm_contact_row *row = contact->row + (int64_t)t * contact->def.max_rows;
+    tm_local_place(tool->surface, world->tissue->mesh->rest_m, world->state.u_m);
+    int32_t count =
+        tm_local_rows(tool->surface, contact->hits + t, &tool->capsule, margin, contact->row_before + s->history[t],
+                      s->history[t + 1] - s->history[t], row, contact->def.max_rows, &overflowed);
+    if (!tool->clear) { /* its axis has left the tissue; wait for its skin */
+        for (int32_t i = 0; i < count && tool->leaving; i++) tool->leaving = row[i].gap_m >= 0;
+        tool->clear = tool->leaving;
+        return;
+    }
+    if (overflowed) tool->flags |= TM_REACTION_OVERFLOWED;
+    s->count[t] = count;
+}
+
+static void look_in_part(void *context, int32_t part) {
+    sight *s = context;
+    const tm_contact *contact = s->contact;
+    for (int32_t i = part; i < contact->tool_count; i += contact->world->part_count) look_around(s, s->tool[i]);
+}
+
+static void look_by_tools(sight *s) {
+    const tm_contact *contact = s->contact;
+    int32_t idle = contact->tool_count;
+    for (int32_t t = 0, i = 0; t < contact->tool_count; t++) {
+        const tm_tool *tool = contact->tool + t;
+        const bool busy = tm_tool_is_present(tool) && (tool->gathered_age < 0 || tool->surface->face_count > 0);
+        s->tool[busy ? s->busy++ : --idle] = t;
+        s->history[t] = i;
+        while (i < contact->row_count_before && contact->row_before[i].instrument == t) i++;
+        s->history[t + 1] = i;
+    }
+    if (s->busy > 1)
+        tm_parts_do(contact->world, look_in_part, s);
+    else
+        for (int32_t t = 0; t < contact->tool_count; t++) look_around(s, t);
+}
+
 static void find_rows(tm_contact *contact) {
-    const tm_state *state = &contact->world->state;
     tm_contact_row *swap = contact->row_before;
     contact->row_before = contact->row;
     contact->row_count_before = contact->row_count;
     contact->row = swap;
     contact->row_count = 0;
-    int32_t history = 0;
+    sight s = {.contact = contact};
+    look_by_tools(&s);
     for (int32_t t = 0; t < contact->tool_count; t++) {
-        tm_tool *tool = contact->tool + t;
-        int32_t first = history;
-        while (history < contact->row_count_before && contact->row_before[history].instrument == t) history++;
-        if (!tm_tool_is_present(tool)) continue;
-        gather(contact, tool);
-        if (!tool->clear && !tool->leaving) continue;
-        double margin = 0.1 * tool->def.radius_m + tm_capsule_travel(&tool->capsule, &tool->before);
-        bool overflowed = false;
         tm_contact_row *row = contact->row + contact->row_count;
-        tm_local_place(tool->surface, contact->world->tissue->mesh->rest_m, state->u_m);
-        int32_t count = tm_local_rows(tool->surface, contact->hits, &tool->capsule, margin, contact->row_before + first,
-                                      history - first, row, contact->def.max_rows, &overflowed);
-        if (!tool->clear) { /* its axis has left the tissue; wait for its skin */
-            for (int32_t i = 0; i < count && tool->leaving; i++) tool->leaving = row[i].gap_m >= 0;
-            tool->clear = tool->leaving;
-            continue;
-        }
-        if (overflowed) tool->flags |= TM_REACTION_OVERFLOWED;
-        contact->row_count += tm_contact_admit(contact, t, row, count);
+        memmove(row, contact->row + (int64_t)t * contact->def.max_rows, sizeof *row * (size_t)s.count[t]);
+        contact->row_count += tm_contact_admit(contact, t, row, s.count[t]);
     }
     drop_shallowest(contact);
     remember_depth(contact);

@@ -37,11 +37,12 @@ static double axis_distance(const tm_capsule *capsule, const double point[3]) {
 static double triangle_beyond(const box *b, const tm_capsule *capsule, const double *rest_m, const double *u_m,
                               const int32_t vertex[3]) {
     double p[3][3], center[3], radius2 = 0;
-    for (int j = 0; j < 3; j++) position(rest_m, u_m, vertex[j], p[j]);
-    for (int c = 0; c < 3; c++)
+    for (int c = 0; c < 3; c++) { /* most miss the box in the first direction: no more is read of them */
+        for (int j = 0; j < 3; j++) p[j][c] = rest_m[3 * vertex[j] + c] + (u_m ? u_m[3 * vertex[j] + c] : 0);
         if (law_max(law_max(p[0][c], p[1][c]), p[2][c]) < b->low[c] ||
             law_min(law_min(p[0][c], p[1][c]), p[2][c]) > b->high[c])
             return INFINITY;
+    }
     for (int c = 0; c < 3; c++) center[c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
     for (int j = 0; j < 3; j++) {
         double d[3];

@@ -120,7 +120,7 @@ static int32_t admit(void *self, int32_t t, tm_contact_row *row, int32_t count) 
         if (tm_row_is_held(grasp->contact, row + i))
             depth_m[row[i].station] = fmax(depth_m[row[i].station], -row[i].gap_m);
     for (int i = 0; i < TM_MAX_STATIONS; i++)
-        h->embedded_m[i] = h->seen ? fmin(h->embedded_m[i], depth_m[i]) : depth_m[i];
+        h->embedded_m[i] = h->seen ? law_min(h->embedded_m[i], depth_m[i]) : depth_m[i];
     h->seen = true;
     for (int32_t i = 0; i < count; i++) {
         const bool held = tm_row_is_held(grasp->contact, row + i);

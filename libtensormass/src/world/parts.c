@@ -10,17 +10,70 @@ enum { LEAST_TETS = 2000, BLOCK = 256, ALIGNED = 8 /* vertices: whole cache line
 
 /* --- the division --- */
 
-/* What a row costs, in edges: its own, and the vertex. */
-static int64_t cost_before(const tm_force_graph *graph, int32_t k) { return graph->upper_begin[k] + 2 * (int64_t)k; }
+/* What parts cost, in edges: a vertex counts as two, and an edge that crosses a border in both. */
+typedef struct costs {
+    tm_pool pool;
+    int32_t count;        /* vertices */
+    int32_t *lower_begin; /* [count+1] into lower */
+    int32_t *lower;       /* lower neighbours of each vertex, ascending */
+    const int32_t *upper_begin;
+} costs;
 
-static void set_borders(const tm_force_graph *graph, tm_part *part, int32_t count) {
-    const int64_t all = cost_before(graph, graph->vertex_count);
+static bool take_costs(const tm_tissue *tissue, costs *c) {
+    const int32_t n = tissue->graph.vertex_count, pairs = tissue->pair_count;
+    *c = (costs){.count = n, .upper_begin = tissue->graph.upper_begin};
+    c->lower_begin = TM_TAKE(&c->pool, int32_t, n + 2);
+    c->lower = TM_TAKE(&c->pool, int32_t, pairs);
+    if (c->pool.failed) return false;
+    for (int32_t p = 0; p < pairs; p++) c->lower_begin[tissue->pair[2 * (int64_t)p + 1] + 2]++;
+    for (int32_t v = 0; v < n; v++) c->lower_begin[v + 2] += c->lower_begin[v + 1];
+    for (int32_t p = 0; p < pairs; p++) /* begins slide to their ends, and so to their places */
+        c->lower[c->lower_begin[tissue->pair[2 * (int64_t)p + 1] + 1]++] = tissue->pair[2 * (int64_t)p];
+    return true;
+}
+
+static int64_t cost_of(const costs *c, int32_t k, int32_t begin) {
+    int64_t cost = c->upper_begin[k + 1] - c->upper_begin[k] + 2;
+    for (int32_t i = c->lower_begin[k]; i < c->lower_begin[k + 1] && c->lower[i] < begin; i++) cost++;
+    return cost;
+}
+
+/* Parts of at most this cost, one after the other; false: the last has to cost more. */
+static bool set_borders(const costs *c, int64_t most, tm_part *part, int32_t count) {
     int32_t k = 0;
     for (int32_t p = 0; p < count; p++) {
+        int64_t cost = 0;
         part[p].force.begin = k;
-        while (k < graph->vertex_count && (cost_before(graph, k) < all * (p + 1) / count || k % ALIGNED)) k++;
-        part[p].force.end = p == count - 1 ? graph->vertex_count : k;
+        for (int32_t v = k; v < c->count; v++) {
+            cost += cost_of(c, v, part[p].force.begin);
+            if (cost > most) break;
+            if ((v + 1) % ALIGNED == 0 || v + 1 == c->count) k = v + 1;
+        }
+        part[p].force.end = k;
     }
+    return k == c->count;
+}
+
+/* The least cost of the dearest part, to a thousandth. */
+static bool divide(const tm_tissue *tissue, tm_part *part, int32_t count) {
+    part[0].force = tm_force_whole(&tissue->graph);
+    if (count == 1) return true;
+    costs c;
+    const bool taken = take_costs(tissue, &c);
+    if (taken) {
+        const int64_t all = (int64_t)tissue->pair_count + 2 * (int64_t)c.count;
+        int64_t low = all / count, high = 2 * all;
+        while (high - low > all / (1000 * (int64_t)count) + 1) {
+            const int64_t middle = (low + high) / 2;
+            if (set_borders(&c, middle, part, count))
+                high = middle;
+            else
+                low = middle;
+        }
+        set_borders(&c, high, part, count);
+    }
+    tm_pool_release(&c.pool);
+    return taken;
 }
 
 /* Has j an upper edge into the part? Of all that ever live. */
@@ -49,7 +102,7 @@ bool tm_parts_take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
     world->part_count = wanted > 1 ? wanted : 1;
     world->part = TM_TAKE(pool, tm_part, world->part_count + 1);
     if (!world->part) return false;
-    set_borders(&tissue->graph, world->part, world->part_count);
+    if (!divide(tissue, world->part, world->part_count)) return false;
     for (int32_t p = 1; p < world->part_count; p++) find_below(tissue, &world->part[p].force, pool);
     world->part[world->part_count].force = tm_force_whole(&tissue->graph);
     for (int32_t p = 0; p <= world->part_count; p++)
