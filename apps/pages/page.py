@@ -93,7 +93,7 @@ def _tick_labels(axis):
 
 def overlapping_ticks(figure):
     """Pairs of tick labels of one axis that lie over one another, or closer than a space, as (text, text)."""
-    figure.canvas.draw()
+    figure.draw_without_rendering()
     found = []
     for axes in figure.axes:
         for axis in (axes.xaxis, axes.yaxis):
@@ -234,10 +234,13 @@ class Page:
         """Embeds a matplotlib figure and leaves NAME.png and NAME.svg beside the page."""
         thin_ticks(figure)
         spread_labels(figure)
+        # Laid out (by thin_ticks) and measured once: each saving would do both anew, at the price of two drawings.
+        figure.set_layout_engine("none")
+        box = figure.get_tightbbox().padded(plt.rcParams["savefig.pad_inches"])
         png = io.BytesIO()
-        figure.savefig(png, format="png")
+        figure.savefig(png, format="png", bbox_inches=box)
         (self.folder / f"{name}.png").write_bytes(png.getvalue())
-        figure.savefig(self.folder / f"{name}.svg", metadata={"Date": None})
+        figure.savefig(self.folder / f"{name}.svg", bbox_inches=box, metadata={"Date": None})
         plt.close(figure)
         data = base64.b64encode(png.getvalue()).decode()
         repeat = f'<br><code>{html.escape(command)}</code>' if command else ""
