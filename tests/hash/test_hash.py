@@ -4,7 +4,7 @@ import shutil
 import subprocess
 
 import pytest
-from paths import BUILD
+from paths import BUILD, LONG
 
 COMMON = ["-std=c11", "-D_GNU_SOURCE", "-ffp-contract=off", "-fno-math-errno", "-w", "-I.", "-Ilibtensormass/include", "-Ilibtensormass/src"]
 BUILDS = {"built": ["gcc", "-O3", "-DNDEBUG"], "gcc -O0": ["gcc", "-O0"], "clang -O3": ["clang", "-O3", "-DNDEBUG"]}
@@ -32,8 +32,9 @@ def state_hash(root, once, name, command, story):
         assert build.returncode == 0, build.stderr[-4000:]
 
     program = once("hash-" + name.replace(" ", ""), compiled) / "state_hash"
-    said = [subprocess.run([program, *story], cwd=root, capture_output=True, text=True, timeout=900, check=True).stdout.strip() for _ in range(2)]
-    assert said[0] == said[1], f"{name}: two runs differ"
+    runs = 2 if LONG or name == "built" else 1  # of the others each is compared with these
+    said = [subprocess.run([program, *story], cwd=root, capture_output=True, text=True, timeout=900, check=True).stdout.strip() for _ in range(runs)]
+    assert len(set(said)) == 1, f"{name}: two runs differ"
     assert len(said[0]) == 16
     return said[0]
 

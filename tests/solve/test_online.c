@@ -284,7 +284,8 @@ static void let_go_beside(void **state) {
                    {"a probe", TM_TOOL_PROBE, true},
                    {"a grasper", TM_TOOL_GRASPER, true},
                    {"a cautery", TM_TOOL_CAUTERY, true}};
-    for (int k = test_is_sanitized() ? 8 : 0; k < (test_is_sanitized() ? 9 : 12); k++) {
+    /* In steps of two: each tool and each fade. */
+    for (int k = test_is_sanitized() ? 8 : 0; k < (test_is_sanitized() ? 9 : 12); k += test_is_long() ? 1 : 2) {
         scene_def def = scene_def_default();
         def.cells[0] = def.cells[1] = 8, def.cells[2] = 5, def.tools = 2;
         memcpy(def.trocar_m, (double[2][3]){{0.1, 0, 0.2}, {-0.1, 0, 0.2}}, sizeof def.trocar_m);
@@ -464,7 +465,7 @@ static void thrown(void **state) {
     fix_random random = {57};
     int failed = 0, solved = 0;
     double force[2][3];
-    for (int i = 0; i < (test_is_sanitized() ? 4 : 12); i++) {
+    for (int i = 0; i < (test_is_sanitized() ? 4 : test_is_long() ? 12 : 6); i++) {
         tm_tool_pose at[2] = {scene_pose(0.02 * fix_signed(&random), 0.02 * fix_signed(&random), 0),
                               scene_pose(0.02 * fix_signed(&random), 0.02 * fix_signed(&random), 0)};
         for (int t = 0; t < 2; t++) at[t].tip_m[2] = i % 2 ? 0.01 + 0.03 * fix_uniform(&random) : 1;
