@@ -22,6 +22,49 @@ static int32_t substeps_in(const scene *s, double seconds) {
 
 /* --- geometry --- */
 
+/* Gathered once and looked at while tool and surface move, or gathered anew before each look: the same rows. */
+static void test_looks_leave_nothing_out(void **unused) {
+    (void)unused;
+    enum { LOOKS = 400, MOST = 64 };
+    scene_def d = scene_def_default();
+    scene s = scene_create(&d);
+    tm_error error;
+    tm_contact_search *kept = NULL, *fresh = NULL;
+    scene_must(tm_contact_search_create(&kept, &error), &error);
+    scene_must(tm_contact_search_create(&fresh, &error), &error);
+    const tm_surface_view surface = tm_tissue_surface(s.tissue);
+    const int32_t n = 3 * s.mesh->vertex_count;
+    double *u_m = calloc((size_t)n, sizeof *u_m);
+    const tm_instrument_def tool = {.radius_m = 0.0025, .contact_length_m = 0.02, .trocar_m = {0, 0, 0.25}};
+    int32_t touching = 0;
+    scene_seed = 17;
+    for (int k = 0; k < LOOKS; k++) {
+        /* sideways and down, in and out of reach; now and then a leap, of the tool or of the surface */
+        const double leap = k % 37 == 36 ? 0.01 : 0, wave = 0.004 * sin(0.05 * k);
+        const tm_tool_pose pose = scene_pose(0.01 * sin(0.02 * k) + leap, 0.005, 0.0455 + wave);
+        const tm_capsule capsule = tm_tool_capsule(&tool, &pose, 0);
+        for (int32_t i = 0; i < n; i++) u_m[i] += between(-2e-5, 2e-5) + (k % 53 == 52 ? between(-5e-4, 5e-4) : 0);
+        const double margin = k % 5 ? 2.5e-4 : 1e-3;
+        tm_contact_row row[2][MOST];
+        bool over[2] = {false, false};
+        if (k % 40 == 0) assert_true(tm_contact_search_gather(kept, s.mesh->rest_m, u_m, &surface, &capsule, 0.02));
+        const int32_t *face[2], faces = tm_contact_search_faces(kept, &face[0], &(double){0});
+        assert_true(tm_contact_search_take(fresh, s.mesh->rest_m, &surface, face[0], faces, 0.01));
+        memset(row, 0, sizeof row);
+        const int32_t count =
+            tm_contact_search_rows(kept, s.mesh->rest_m, u_m, &capsule, margin, NULL, 0, row[0], MOST, &over[0]);
+        assert_int_equal(
+            tm_contact_search_rows(fresh, s.mesh->rest_m, u_m, &capsule, margin, NULL, 0, row[1], MOST, &over[1]),
+            count);
+        assert_memory_equal(row[0], row[1], sizeof row[0]);
+        touching += count > 0;
+    }
+    assert_true(touching > LOOKS / 10 && touching < LOOKS);
+    free(u_m);
+    tm_contact_search_destroy(kept), tm_contact_search_destroy(fresh);
+    scene_destroy(&s);
+}
+
 /* Virtual work: what a force does at its point while the joints move is what the tip force does at the tip. */
 static void test_tip_force_does_the_same_work(void **unused) {
     (void)unused;
@@ -651,6 +694,7 @@ static void test_bad_definitions_are_refused(void **unused) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(test_looks_leave_nothing_out),
         cmocka_unit_test(test_tip_force_does_the_same_work),
         cmocka_unit_test(test_flat_surface_hides_its_triangles),
         cmocka_unit_test(test_rows_measure_the_true_distance),

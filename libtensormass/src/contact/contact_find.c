@@ -154,7 +154,7 @@ static int32_t station_rows(const tm_local_surface *s, const tm_capsule *capsule
     return count;
 }
 
-int32_t tm_local_rows(const tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,
+int32_t tm_local_rows(tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,
                       const tm_contact_row *history, int32_t history_count, tm_contact_row *row, int32_t max_rows,
                       bool *overflowed) {
     tm_local_hits(surface, hits, capsule, margin_m, history, history_count);

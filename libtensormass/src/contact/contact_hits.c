@@ -270,7 +270,7 @@ static void sort_hits(tm_hits *hits, int32_t stations) {
     hits->begin[stations] = hits->count;
 }
 
-void tm_local_hits(const tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,
+void tm_local_hits(tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,
                    const tm_contact_row *history, int32_t history_count) {
     search q = {.s = surface, .capsule = capsule, .history = history, .history_count = history_count, .hits = hits};
     double axis[3];
@@ -284,8 +284,10 @@ void tm_local_hits(const tm_local_surface *surface, tm_hits *hits, const tm_caps
             q.sunk_m = LAW_SUNK_KNOWN * capsule->radius_m;
     hits->count = 0;
     hits->overflowed = false;
-    for (int32_t f = 0; f < surface->face_count; f++) face_hits(&q, f);
-    for (int32_t e = 0; e < surface->edge_count; e++) edge_hits(&q, e);
-    for (int32_t v = 0; v < surface->vertex_count; v++) vertex_hits(&q, v);
+    tm_near_find(surface, capsule, q.axis, capsule->radius_m * (q.stations - 1), q.reach_m, q.sunk_m);
+    const tm_near *near = &surface->near;
+    for (int32_t i = 0; i < near->face_count; i++) face_hits(&q, near->face[i]);
+    for (int32_t i = 0; i < near->edge_count; i++) edge_hits(&q, near->edge[i]);
+    for (int32_t i = 0; i < near->vertex_count; i++) vertex_hits(&q, near->vertex[i]);
     sort_hits(hits, q.stations);
 }

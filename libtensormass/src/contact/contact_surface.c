@@ -195,24 +195,26 @@ void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_
     build_vertices(s);
     build_edges(s);
     build_fans(s);
+    s->near.known = false;
 }
 
 void tm_local_place(tm_local_surface *s, const double *rest_m, const double *u_m) {
     for (int32_t v = 0; v < s->vertex_count; v++) position(rest_m, u_m, s->vertex_id[v], s->position_m[v]);
-    for (int32_t f = 0; f < s->face_count; f++) {
-        const double *p[3];
-        double a[3], b[3], d[3], radius2 = 0, *area = s->area_normal[f];
-        for (int j = 0; j < 3; j++) p[j] = s->position_m[s->face_vertex[f][j]];
-        for (int c = 0; c < 3; c++) s->center_m[f][c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
-        for (int j = 0; j < 3; j++) {
-            vsub(p[j], s->center_m[f], d);
-            radius2 = law_max(radius2, vdot(d, d));
-        }
-        s->reach_m[f] = sqrt(radius2);
-        vsub(p[1], p[0], a);
-        vsub(p[2], p[0], b);
-        vcross(a, b, area);
-        if (vunit(area, s->normal[f]) <= 1e-9 * radius2) /* crushed to a line: no normal to speak of */
-            memset(s->normal[f], 0, sizeof s->normal[f]);
+}
+
+void tm_local_face(tm_local_surface *s, int32_t f) {
+    const double *p[3];
+    double a[3], b[3], d[3], radius2 = 0, *area = s->area_normal[f];
+    for (int j = 0; j < 3; j++) p[j] = s->position_m[s->face_vertex[f][j]];
+    for (int c = 0; c < 3; c++) s->center_m[f][c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
+    for (int j = 0; j < 3; j++) {
+        vsub(p[j], s->center_m[f], d);
+        radius2 = law_max(radius2, vdot(d, d));
     }
+    s->reach_m[f] = sqrt(radius2);
+    vsub(p[1], p[0], a);
+    vsub(p[2], p[0], b);
+    vcross(a, b, area);
+    if (vunit(area, s->normal[f]) <= 1e-9 * radius2) /* crushed to a line: no normal to speak of */
+        memset(s->normal[f], 0, sizeof s->normal[f]);
 }

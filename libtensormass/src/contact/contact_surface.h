@@ -9,6 +9,16 @@
 #define TM_LOCAL_HITS 2048  /* (station, feature) pairs within reach */
 #define TM_MAX_STATIONS 256
 
+/* What of a local surface the tool may touch (contact_near.c), ascending, as long as nothing has moved far. */
+typedef struct tm_near {
+    bool known; /* not since the gathering otherwise */
+    int32_t face_count, edge_count, vertex_count, wanted_count;
+    int32_t face[TM_LOCAL_FACES], edge[3 * TM_LOCAL_FACES], vertex[3 * TM_LOCAL_FACES];
+    int32_t wanted[TM_LOCAL_FACES]; /* faces whose geometry they need */
+    /* as it was when they were found */
+    double reach_m, sunk_m, end_m[2][3], position_m[3 * TM_LOCAL_FACES][3];
+} tm_near;
+
 /* Local topology of the candidate triangles; fixed arrays, so that it lives in a stage or on a stack. */
 typedef struct tm_local_surface {
     int32_t face_count, vertex_count, edge_count;
@@ -23,7 +33,8 @@ typedef struct tm_local_surface {
     int32_t edge_face[3 * TM_LOCAL_FACES][2]; /* lower first, -1: beyond the candidates */
     int32_t vertex_edge_begin[3 * TM_LOCAL_FACES + 1];
     int32_t vertex_edge[6 * TM_LOCAL_FACES];
-    /* geometry at the positions last given */
+    tm_near near;
+    /* geometry at the positions last given; of faces, of those that the last look wanted */
     double position_m[3 * TM_LOCAL_FACES][3];
     double normal[TM_LOCAL_FACES][3];      /* unit, outward; zero: a triangle without area, left out */
     double area_normal[TM_LOCAL_FACES][3]; /* twice the area long */
@@ -53,11 +64,17 @@ typedef struct tm_hits {
 void tm_local_gather(tm_local_surface *surface, const double *rest_m, const double *u_m, const int32_t *triangle,
                      const int32_t *face, const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule,
                      double reach_m);
-/* Positions, normals and bounds of the gathered triangles now. */
+/* Positions of the gathered vertices now. */
 void tm_local_place(tm_local_surface *surface, const double *rest_m, const double *u_m);
+/* Normal and bounds of a face, from those positions. */
+void tm_local_face(tm_local_surface *surface, int32_t f);
+/* Lists, if it must, what may be within reach of stations on `length_m` of the axis from the tip (a face that is
+ * sunk_m farther, too), and places the faces that this wants. */
+void tm_near_find(tm_local_surface *surface, const tm_capsule *capsule, const double axis[3], double length_m,
+                  double reach_m, double sunk_m);
 
 /* Faces, edges and vertices that the stations of the axis are near, by station. `history` as for the rows. */
-void tm_local_hits(const tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,
+void tm_local_hits(tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,
                    const tm_contact_row *history, int32_t history_count);
 static inline int tm_local_edge_slot(const tm_local_surface *s, int32_t f, int32_t edge) {
     return s->face_edge[f][0] == edge ? 0 : s->face_edge[f][1] == edge ? 1 : 2;
@@ -65,7 +82,7 @@ static inline int tm_local_edge_slot(const tm_local_surface *s, int32_t f, int32
 
 /* Rows against the gathered surface. `history` (may be null): rows of the step before, which let a station stay in
  * touch with a surface that it has sunk through. Sorted by (station, face, feature). */
-int32_t tm_local_rows(const tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,
+int32_t tm_local_rows(tm_local_surface *surface, tm_hits *hits, const tm_capsule *capsule, double margin_m,
                       const tm_contact_row *history, int32_t history_count, tm_contact_row *row, int32_t max_rows,
                       bool *overflowed);
 
