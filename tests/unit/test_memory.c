@@ -3,6 +3,8 @@
 #include "../allocator.h"
 #include "tensormass/energy.h"
 
+#include <unistd.h>
+
 typedef struct scene {
     tm_mesh *mesh;
     tm_tissue *tissue;
@@ -321,6 +323,38 @@ static void no_allocation_in_a_step(void **state) {
     tm_set_allocator(NULL);
 }
 
+/* Of the mapping that `memory` lies in: is it asked for on large pages? */
+static bool is_on_large_pages(const void *memory) {
+    FILE *maps = fopen("/proc/self/smaps", "r");
+    assert_non_null(maps);
+    char line[512];
+    bool inside = false, asked = false;
+    for (unsigned long begin, end; fgets(line, sizeof line, maps);) {
+        if (sscanf(line, "%lx-%lx ", &begin, &end) == 2)
+            inside = (uintptr_t)memory >= begin && (uintptr_t)memory < end;
+        else if (inside && !strncmp(line, "VmFlags:", 8))
+            asked = strstr(line, " hg") != NULL;
+    }
+    fclose(maps);
+    return asked;
+}
+
+/* What a pass reads in one go, where the system has large pages; small arrays are left where they are. */
+static void large_arrays_lie_on_large_pages(void **state) {
+    (void)state;
+    enum { LARGE = 12 << 20, SMALL = 1 << 16 };
+    if (access("/sys/kernel/mm/transparent_hugepage/enabled", R_OK) || access("/proc/self/smaps", R_OK)) skip();
+    char *large = tm_allocate(LARGE), *small = tm_allocate(SMALL);
+    assert_non_null(large);
+    assert_non_null(small);
+    assert_int_equal((uintptr_t)large % (2 << 20), 0);
+    assert_true(is_on_large_pages(large));
+    assert_true(is_on_large_pages(large + LARGE - 1));
+    assert_false(is_on_large_pages(small));
+    tm_release(large, LARGE);
+    tm_release(small, SMALL);
+}
+
 static void names_and_hash(void **state) {
     (void)state;
     assert_string_equal(tm_version(), "0.1.0");
@@ -340,6 +374,7 @@ int main(void) {
                                        cmocka_unit_test(a_stage_without_room_is_not_there),
                                        cmocka_unit_test(accounts_are_exact),
                                        cmocka_unit_test(no_allocation_in_a_step),
+                                       cmocka_unit_test(large_arrays_lie_on_large_pages),
                                        cmocka_unit_test(names_and_hash)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -6,7 +6,7 @@
 #include <string.h>
 
 /* A part is worth a thread from this many tetrahedra on: below it, waiting for each other costs more. */
-enum { LEAST_TETS = 2000, BLOCK = 256, ALIGNED = 8 /* vertices: whole cache lines of every array */ };
+enum { LEAST_TETS = 2000, BLOCK = 512, ALIGNED = 8 /* vertices: whole cache lines of every array */ };
 
 /* --- the division --- */
 
