@@ -15,7 +15,7 @@ TM_AVX2 static inline TM_OF(rows) TM_OF(load)(const TM_REAL *tensor, const doubl
     (void)last; /* single has none */
     const TM_REAL *K = TM_BLOCK(tensor, e);
     TM_OF(rows) rows = {TM_LOAD4(K), TM_LOAD4(K + 3), TM_LAST_ROW(K, last, e)};
-    enum { AHEAD = 32 }; /* edges: outside the caches a fifth to a quarter of the time */
+    enum { AHEAD = 96 }; /* edges: outside the caches a fifth to a quarter of the time */
     _mm_prefetch((const char *)TM_BLOCK(K, AHEAD), _MM_HINT_T0);
     /* Used twice: not to be loaded twice. */
     __asm__("" : "+x"(rows.a), "+x"(rows.b));
