@@ -1,4 +1,4 @@
-# libFuzzer targets. `make fuzz` builds them with clang (config=fuzz) and runs each for FUZZ_SECONDS; make check runs each for some thousand inputs.
+# libFuzzer targets. `make fuzz` builds them with clang (config=fuzz) and runs each for FUZZ_SECONDS; make check runs those without the solving library for some thousand inputs.
 FUZZ_SECONDS ?= 60
 .PHONY: fuzz fuzz-programs fuzz-run
 #: make fuzz FUZZ_SECONDS=60   fuzz every parser and decoder, so many processor seconds each: build/fuzz/fuzz.json, findings in build/fuzz/findings/

@@ -1,6 +1,7 @@
 /* The sixteen combinations of rotation, volume, viscosity and friction, each through the same story: contact, grasp,
  * cut while held, a snapshot in its middle that another world goes on from with the same bits, and rest. */
 #include "../fixture.h"
+#include "../long.h"
 #include "combination.h"
 
 /* What either hand feels of frame 11 (pressed, slid), of the last (held, turned), and what was cut. */
@@ -42,18 +43,23 @@ static felt story(int effects) {
 static void every_combination_tells_the_story(void **state) {
     (void)state;
     felt f[COMBINATIONS];
+    bool told[COMBINATIONS];
     for (int e = 0; e < COMBINATIONS; e++) {
+        /* Under a sanitizer: none of the effects, all, and all but one. */
+        told[e] = !test_is_sanitized() || e == 0 || __builtin_popcount((unsigned)e) > 2;
+        if (!told[e]) continue;
         f[e] = story(e);
         print_message("%2d: press %.3f N, rub %.3f N, held %.3f N by %d vertices, %d cut\n", e, f[e].press_N,
                       f[e].rub_N, f[e].held_N, f[e].held, f[e].removed);
         assert_true(f[e].press_N > 0.05 && f[e].held > 3 && f[e].held_N > 0.05 && f[e].removed > 1);
     }
     for (int e = 0; e < COMBINATIONS; e++) {
+        if (!told[e]) continue;
         /* Each effect does what it is for, whatever else is there. */
-        if (e & FRICTION) assert_true(f[e].rub_N < f[e ^ FRICTION].rub_N - 0.02 * f[e].press_N);
-        if (e & VISCOSITY) assert_true(f[e].press_N < 0.97 * f[e ^ VISCOSITY].press_N);
-        if (e & VOLUME) assert_true(f[e].press_N < 0.97 * f[e ^ VOLUME].press_N);
-        if (e & ROTATION) assert_true(fabs(f[e].held_N / f[e ^ ROTATION].held_N - 1) > 0.01);
+        if (e & FRICTION && told[e ^ FRICTION]) assert_true(f[e].rub_N < f[e ^ FRICTION].rub_N - 0.02 * f[e].press_N);
+        if (e & VISCOSITY && told[e ^ VISCOSITY]) assert_true(f[e].press_N < 0.97 * f[e ^ VISCOSITY].press_N);
+        if (e & VOLUME && told[e ^ VOLUME]) assert_true(f[e].press_N < 0.97 * f[e ^ VOLUME].press_N);
+        if (e & ROTATION && told[e ^ ROTATION]) assert_true(fabs(f[e].held_N / f[e ^ ROTATION].held_N - 1) > 0.01);
     }
 }
 

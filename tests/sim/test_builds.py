@@ -22,8 +22,9 @@ def test_the_demo_has_ten_thousand_tetrahedra(bin, root, tmp_path):
     assert r["tets"] >= 10000
 
 
+@pytest.mark.long
 def test_clang_gives_the_same_bits(bin, root, tmp_path):
-    """The whole ring: tissue, contact, grasp, cut, controllers, devices."""
+    """The whole ring: tissue, contact, grasp, cut, controllers, devices. In every check tests/hash looks at the tissue's bits, tests/firmware at the controller's."""
     with open(root / "build" / "clang.lock", "w") as lock:  # tests/hash takes the core of that build
         fcntl.flock(lock, fcntl.LOCK_EX)
         made = subprocess.run(["make", "-s", "config=clang", "build/clang/bin/tm-sim"], cwd=root, capture_output=True, text=True, timeout=600)
