@@ -2,6 +2,7 @@
  * them within a substep, inner ones quasi-statically, through the interface. */
 #include "hybrid.h"
 
+#include <stdlib.h>
 #include <string.h>
 
 /* Of the largest displacement that contact makes: a substep ends where a step has come so near. The next one goes on
@@ -113,12 +114,32 @@ static void move(tm_hybrid *h) {
     for (int32_t k = 0; inside && k < n; k++) u_next[h->interface[k]] += h->give_m_N[k] * h->push_N[k];
 }
 
+static int ascending(const void *a, const void *b) {
+    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
+    return (x > y) - (x < y);
+}
+
+/* A tool on what has mass, which following has just solved for: within a substep it knows of the others through the
+ * border alone, if at all, and keeps what it has. */
+static void give_watched(tm_hybrid *h, bool followed) {
+    tms_local *l = &h->local;
+    for (int32_t t = 0; t < l->tool_count; t++)
+        l->tool[t].given = followed && !l->rub && l->tool[t].near && h->span->kind[t] == TMS_TOOL_WATCHED;
+    for (int32_t i = 0; i < 3 * l->before_count; i++) { /* what surrounds the tools may be another since */
+        const tm_contact_row *row = &l->before[i / 3];
+        if (!bsearch(&row->vertex[i % 3], l->list, (size_t)l->use_count, sizeof *l->list, ascending))
+            l->tool[row->instrument].given = false;
+    }
+}
+
 static void solve_in_full(tm_hybrid *h, bool followed) {
     tms_local *l = &h->local;
     double force_N[TM_MAX_INSTRUMENTS][3];
     memcpy(force_N, l->now.resultant_N, sizeof force_N);
+    const bool may_give = followed && !h->span->passed;
     h->span->passed = false;
     tms_local_gather(l);
+    give_watched(h, may_give);
     memcpy(l->f_saved, l->f, 24 * (size_t)l->capacity);
     l->converged = true; /* where there is nothing to solve, */
     l->now.count = 0;
@@ -126,6 +147,7 @@ static void solve_in_full(tm_hybrid *h, bool followed) {
         tms_local_solve(l);
     else
         l->before_count = 0; /* no row is left that a span could keep */
+    for (int32_t t = 0; t < l->tool_count; t++) l->tool[t].given = false;
     const bool swept = !l->converged;
     if (swept) tms_local_freeze(l, l->f_saved);
     move(h);

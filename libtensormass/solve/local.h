@@ -28,7 +28,7 @@ typedef struct tms_tool {
     tm_instrument_def def;
     tm_tool_pose pose;
     tm_capsule capsule;
-    bool ignored;              /* while the shape without it is asked for */
+    bool given;                /* its rows of before stay, and bear what they bore: it is not solved for */
     tm_contact_search *search; /* surface around it */
     bool near;                 /* there is some */
     tm_capsule gathered_at;    /* where it was then */

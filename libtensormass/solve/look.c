@@ -58,7 +58,11 @@ void tms_local_look(tms_local *l, tms_look *look, double margin) {
         tms_tool *tool = &l->tool[t];
         int32_t last = first;
         while (last < l->before_count && l->before[last].instrument == t) last++;
-        if (tool->near && !tool->ignored) {
+        if (tool->given) {
+            const int32_t room = l->def.max_rows - look->count, rows = last - first < room ? last - first : room;
+            memcpy(look->row + look->count, l->before + first, (size_t)rows * sizeof *look->row);
+            look->count += rows;
+        } else if (tool->near) {
             bool overflowed = false;
             const int32_t found = tm_contact_search_rows(
                 tool->search, l->mesh->rest_m, l->u_m, &tool->capsule, margin * tool->def.radius_m, l->before + first,

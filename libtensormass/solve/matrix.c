@@ -66,16 +66,21 @@ double tms_local_evaluate(tms_local *l) {
 
 /* --- the known part of the matrix: I + D C, pinned rows C + s (I + D C) --- */
 
+enum { GIVEN = -2 }; /* while it is chosen: under rows that stay alone */
+
 /* Slots whose force is unknown: under a row, loaded, or held. */
 static void choose_act(tms_local *l) {
     for (int32_t s = 0; s < l->capacity; s++) l->act_of[s] = -1;
     for (int32_t i = 0; i < l->now.count; i++)
-        for (int k = 0; k < 3; k++) l->act_of[l->slot_of[l->now.row[i].vertex[k]]] = 0;
+        for (int k = 0; k < 3; k++) {
+            int32_t *of = &l->act_of[l->slot_of[l->now.row[i].vertex[k]]];
+            *of = l->tool[l->now.row[i].instrument].given ? (*of < 0 ? GIVEN : *of) : 0;
+        }
     l->act_count = 0;
     for (int32_t i = 0; i < l->use_count; i++) {
         const int32_t s = l->use[i];
         const bool loaded = l->f[3 * s] != 0 || l->f[3 * s + 1] != 0 || l->f[3 * s + 2] != 0;
-        if (l->act_of[s] < 0 && !loaded && l->pin_of[s] < 0) continue;
+        if (l->act_of[s] < 0 && l->pin_of[s] < 0 && (l->act_of[s] == GIVEN || !loaded)) continue;
         l->act_of[s] = l->act_count;
         l->act[l->act_count++] = s;
     }
@@ -108,7 +113,9 @@ bool tms_local_factor(tms_local *l, int32_t without) {
     const int64_t c3 = 3 * (int64_t)l->capacity;
     memset(l->lu, 0, sizeof(double) * (size_t)m * (size_t)m);
     for (int32_t i = 0; i < l->now.count; i++)
-        if (l->now.row[i].lambda_N > 0 && l->now.row[i].instrument != without) add_row_matrix(l, &l->now.row[i], m);
+        if (l->now.row[i].lambda_N > 0 && l->now.row[i].instrument != without &&
+            !l->tool[l->now.row[i].instrument].given)
+            add_row_matrix(l, &l->now.row[i], m);
     for (int32_t k = 0; k < l->now.grip_count; k++)
         if (l->now.row[l->now.grip[k].first].instrument != without) tms_local_add_grip_matrix(l, &l->now.grip[k], m);
     for (int32_t i = 0; i < m; i++) l->lu[(int64_t)i * m + i] += 1;

@@ -9,7 +9,7 @@
 
 static bool knows_all(const tms_local *l) {
     for (int32_t i = 0; i < l->now.count; i++)
-        for (int k = 0; k < 3; k++)
+        for (int k = 0; k < 3 && !l->tool[l->now.row[i].instrument].given; k++)
             if (l->act_of[l->slot_of[l->now.row[i].vertex[k]]] < 0) return false;
     return true;
 }

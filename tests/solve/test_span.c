@@ -176,6 +176,30 @@ static void on_mass(void **state) {
     assert_true(most < 0.02);
 }
 
+/* Where a span ends such a tool bears what following has just found: it is not solved for again. */
+static void left_as_it_is(void **state) {
+    (void)state;
+    const scene_def def = set_def();
+    tm_tool_pose at = {.tip_m = {0.018, -0.006, 0.0405}, .active = true};
+    hybrid_set s = set_touched_by(&def, &at);
+    const tms_span *span = s.hybrid->span;
+    const tms_look *now = &s.hybrid->local.now;
+    int32_t ends = 0;
+    set_go(&s, &at, 0.05, NULL);
+    for (int step = 0; step < 300; step++) {
+        const int32_t age = span->age;
+        at.tip_m[1] += 4e-5;
+        substep(&s, &at, false, NULL);
+        if (age < 0 || span->age != 0) continue;
+        ends++;
+        assert_true(now->count > 0);
+        assert_int_equal(now->count, span->system.count);
+        for (int32_t i = 0; i < now->count; i++) assert_true(now->row[i].lambda_N == span->system.lambda_N[i]);
+    }
+    assert_true(ends > 10);
+    set_free(&s);
+}
+
 /* On what a cut has left beside the border, with little mass: looked for in every substep. */
 static void on_a_remnant(void **state) {
     (void)state;
@@ -274,9 +298,9 @@ static void put_away(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(rows),         cmocka_unit_test(rest),
-                                       cmocka_unit_test(moving),       cmocka_unit_test(on_mass),
-                                       cmocka_unit_test(on_a_remnant), cmocka_unit_test(snapshots),
-                                       cmocka_unit_test(given_back),   cmocka_unit_test(put_away)};
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(rows),      cmocka_unit_test(rest),          cmocka_unit_test(moving),
+        cmocka_unit_test(on_mass),   cmocka_unit_test(left_as_it_is), cmocka_unit_test(on_a_remnant),
+        cmocka_unit_test(snapshots), cmocka_unit_test(given_back),    cmocka_unit_test(put_away)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
