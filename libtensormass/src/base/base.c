@@ -97,8 +97,10 @@ double tm_clock_s(void) {
 static void *aligned_take(size_t bytes) {
 #ifdef MADV_HUGEPAGE
     enum { LARGE_PAGE = 2 << 20, WORTH = 2 * LARGE_PAGE };
-    void *memory = aligned_alloc(bytes < WORTH ? 64 : LARGE_PAGE, bytes);
-    if (memory && bytes >= WORTH) (void)madvise(memory, bytes, MADV_HUGEPAGE);
+    if (bytes < WORTH) return aligned_alloc(64, bytes);
+    /* Whole pages: C11 wants a multiple of the alignment, and sanitizers refuse anything else. */
+    void *memory = aligned_alloc(LARGE_PAGE, (bytes + LARGE_PAGE - 1) / LARGE_PAGE * LARGE_PAGE);
+    if (memory) (void)madvise(memory, bytes, MADV_HUGEPAGE);
     return memory;
 #else
     return aligned_alloc(64, bytes);
