@@ -130,7 +130,7 @@ static void patch_made_by(int32_t threads, tm_patch *patch) {
     scene_frame(&s, 0, scene_pose(0.003, 0.004, d.size_m[2] - 0.0017), 0.02);
     memset(patch, 0, sizeof *patch);
     bool made = false;
-    for (int call = 0; call < 100; call++) made = tm_patch_make(maker, 0, patch);
+    for (int call = 0; call < 100 && !(made && test_is_sanitized()); call++) made = tm_patch_make(maker, 0, patch);
     assert_true(made);
     scene_destroy(&s);
 }
@@ -294,9 +294,11 @@ static void tissue_that_turns_swells_and_relaxes(void **state) {
         if (kind == VOLUME) continue;       /* its tensors are those of any tissue */
         const bool account = kind & VOLUME; /* of tensors beside the whole law too */
         const uint64_t one = effects_story(mesh, TM_FORCE_BEST, kind, account, 1);
-        for (int t = 1; t < 4; t++) assert_true(effects_story(mesh, TM_FORCE_BEST, kind, account, THREADS[t]) == one);
+        /* Under a sanitizer one number of threads each, in turn. */
+        for (int t = test_is_sanitized() ? 1 + kind % 3 : 1; t < (test_is_sanitized() ? 2 + kind % 3 : 4); t++)
+            assert_true(effects_story(mesh, TM_FORCE_BEST, kind, account, THREADS[t]) == one);
         /* Where the whole law is computed without tensors all forms have the same bits. */
-        if (!(kind & TURNED) || kind == TURNED) continue;
+        if (!(kind & TURNED) || kind == TURNED || test_is_sanitized()) continue;
         const uint64_t best = effects_story(mesh, TM_FORCE_BEST, kind, false, 1);
         assert_true(effects_story(mesh, TM_FORCE_PLAIN, kind, false, 2) == best);
     }
