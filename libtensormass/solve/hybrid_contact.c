@@ -8,6 +8,8 @@
 /* Of the largest displacement that contact makes: a substep ends where a step has come so near. The next one goes on
  * from there with another, so that what rests still comes to rest on the last digits. */
 static const double ENOUGH = 3e-5;
+/* For rows that are kept then: how hard they press is solved to 1e-9 at once. */
+static const double ENOUGH_FOR_ROWS = 1e-3;
 /* Substeps that what surrounds the tools is kept: as in the dynamic model. */
 enum { GATHER_EVERY = 16 };
 
@@ -132,6 +134,18 @@ static void give_watched(tm_hybrid *h, bool followed) {
     }
 }
 
+/* The rows of a rough solution begin a span, whose first substep is this one. False: they cannot, and it is to be
+ * solved to the end. */
+static bool settle_rows(tm_hybrid *h, double force_N[TM_MAX_INSTRUMENTS][3]) {
+    tms_span_begin(h, false, true, force_N);
+    const int32_t gathered_age = h->local.gathered_age;
+    if (h->span->age != 0 || !tms_span_follow(h)) return false;
+    h->span->age = 0;
+    h->local.gathered_age = gathered_age;
+    tms_span_move(h);
+    return true;
+}
+
 static void solve_in_full(tm_hybrid *h, bool followed) {
     tms_local *l = &h->local;
     double force_N[TM_MAX_INSTRUMENTS][3];
@@ -143,10 +157,19 @@ static void solve_in_full(tm_hybrid *h, bool followed) {
     memcpy(l->f_saved, l->f, 24 * (size_t)l->capacity);
     l->converged = true; /* where there is nothing to solve, */
     l->now.count = 0;
+    l->rough = followed;
+    l->enough = followed ? ENOUGH_FOR_ROWS : ENOUGH;
     if (l->use_count > 0)
         tms_local_solve(l);
     else
         l->before_count = 0; /* no row is left that a span could keep */
+    if (followed && l->converged && settle_rows(h, force_N)) {
+        for (int32_t t = 0; t < l->tool_count; t++) l->tool[t].given = false;
+        return;
+    }
+    l->rough = false;
+    l->enough = ENOUGH;
+    if (followed && l->use_count > 0) tms_local_solve(l);
     for (int32_t t = 0; t < l->tool_count; t++) l->tool[t].given = false;
     const bool swept = !l->converged;
     if (swept) tms_local_freeze(l, l->f_saved);

@@ -144,6 +144,7 @@ typedef struct tms_local {
     int32_t pair_count, pair_next;
     double enough; /* of the largest displacement, as the tolerance of one solution of many: where a step has brought it
                       so far, the next solution goes on from there. 0: none is enough */
+    bool rough;    /* Newton's method ends there too, where secant steps stall: else it goes to the tolerance */
     bool converged, nearly;
     tms_rub *rub; /* null: no friction */
     int64_t bytes;

@@ -5,7 +5,9 @@
 #include <string.h>
 
 static const double BESIDE = 1e-5; /* radii: how far beside the shape the linear steps look */
-static const double STRIDE = 0.3;  /* radii: how far one step may move the surface: rows farther off are others */
+/* Of the residual: how far linear steps are solved. */
+static const double CLOSELY = 1e-3, ROUGHLY = 0.1;
+static const double STRIDE = 0.3; /* radii: how far one step may move the surface: rows farther off are others */
 
 /* Where the shape is now, to look beside it and come back. */
 static void keep_shape(tms_local *l) {
@@ -165,7 +167,8 @@ int32_t tms_local_solve(tms_local *l) {
     int32_t steps = l->converged ? 0 : tms_local_secant(l, &merit);
     while (!l->converged && steps < TMS_NEWTON_STEPS) { /* it stalled: the whole matrix */
         steps++;
-        if (!tms_local_factor(l, -1) || !descend(l, 1e-3, &merit)) break;
+        if (!tms_local_factor(l, -1) || !descend(l, l->rough ? ROUGHLY : CLOSELY, &merit)) break;
+        l->converged |= l->rough && l->nearly;
     }
     l->before_count = l->now.count;
     memcpy(l->before, l->now.row, (size_t)l->now.count * sizeof *l->now.row);
