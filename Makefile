@@ -30,9 +30,9 @@ $(if $(CC),,$(error config=$(config): no such build; use release, debug, asan, t
 OPT_release := -O3 -g -DNDEBUG
 OPT_clang := -O3 -g -DNDEBUG
 OPT_debug := -O0 -g
-OPT_asan := -O1 -g -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=undefined
-OPT_tsan := -O1 -g -fno-omit-frame-pointer -fsanitize=thread
-OPT_fuzz := -O1 -g -fno-omit-frame-pointer -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined
+OPT_asan := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=address,undefined -fno-sanitize-recover=undefined
+OPT_tsan := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=thread
+OPT_fuzz := -O1 -gline-tables-only -fno-omit-frame-pointer -fsanitize=fuzzer-no-link,address,undefined -fno-sanitize-recover=undefined
 OPT := $(OPT_$(config))
 # With a sanitizer the C++ library is there from the start: it must know its functions before a module brings C++ along.
 SAN := $(filter -fsanitize%,$(OPT)) $(if $(filter -fsanitize%,$(OPT)),-Wl$(,)--push-state$(,)--no-as-needed -lstdc++ -Wl$(,)--pop-state)
