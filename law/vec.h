@@ -51,5 +51,14 @@ static inline law_real vunit(const law_real a[3], law_real out[3]) {
     vscale(length > 0 ? 1 / length : 0, a, out);
     return length;
 }
+/* Distance from a point to the piece of a line between two others. */
+static inline law_real vsegment(const law_real point[3], const law_real from[3], const law_real to[3]) {
+    law_real axis[3], off[3];
+    vsub(to, from, axis);
+    vsub(point, from, off);
+    const law_real length2 = vdot(axis, axis), t = length2 > 0 ? law_clamp(vdot(off, axis) / length2, 0, 1) : 0;
+    vmadd(off, -t, axis, off);
+    return vnorm(off);
+}
 
 #endif

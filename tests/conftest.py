@@ -1,6 +1,7 @@
 """Shared by every Python test: where the build is, the last line `N passed, N failed, N skipped`, and the names of what failed for tests/run.py."""
 import json
 import os
+import subprocess
 
 import pytest
 from paths import BUILD, LONG, ROOT
@@ -59,6 +60,16 @@ def once(tmp_path_factory, pytestconfig):
         return folder
 
     return made
+
+
+@pytest.fixture(scope="session")
+def make_once(root, once):
+    """make_once(TARGET): `make TARGET` in the sources' own build folder, once a run, whichever worker needs it."""
+    def make(target):
+        run = subprocess.run(["make", "--no-print-directory", target], cwd=root, capture_output=True, text=True, timeout=3000)
+        assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]
+
+    return lambda target: once(f"make-{target}", lambda _: make(target))
 
 
 # Watch the wall clock: tests/run.py runs them by themselves.

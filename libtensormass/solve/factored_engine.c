@@ -304,17 +304,12 @@ static int32_t lacking(const tms_engine *e, const tms_wish *wish, int32_t vertex
 
 /* --- a piece --- */
 
-static int ascending(const void *a, const void *b) {
-    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
-    return (x > y) - (x < y);
-}
-
 static bool write_piece(tms_engine *e, const tms_wish *wish, tms_piece *piece) {
     int32_t count = 0, wanted[3 * TMS_PIECE_VERTICES], touched[MIDDLE];
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++)
         for (int32_t i = 0; i < wish->count[t]; i++)
             if (e->slot_of[wish->vertex[t][i]] >= 0) piece->vertex[count++] = wish->vertex[t][i];
-    qsort(piece->vertex, (size_t)count, sizeof *piece->vertex, ascending);
+    qsort(piece->vertex, (size_t)count, sizeof *piece->vertex, tms_ascending);
     int32_t unique = 0;
     for (int32_t i = 0; i < count; i++)
         if (i == 0 || piece->vertex[i] != piece->vertex[i - 1]) piece->vertex[unique++] = piece->vertex[i];

@@ -116,11 +116,6 @@ static void move(tm_hybrid *h) {
     for (int32_t k = 0; inside && k < n; k++) u_next[h->interface[k]] += h->give_m_N[k] * h->push_N[k];
 }
 
-static int ascending(const void *a, const void *b) {
-    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
-    return (x > y) - (x < y);
-}
-
 /* A tool on what has mass, which following has just solved for: within a substep it knows of the others through the
  * border alone, if at all, and keeps what it has. */
 static void give_watched(tm_hybrid *h, bool followed) {
@@ -129,7 +124,7 @@ static void give_watched(tm_hybrid *h, bool followed) {
         l->tool[t].given = followed && !l->rub && l->tool[t].near && h->span->kind[t] == TMS_TOOL_WATCHED;
     for (int32_t i = 0; i < 3 * l->before_count; i++) { /* what surrounds the tools may be another since */
         const tm_contact_row *row = &l->before[i / 3];
-        if (!bsearch(&row->vertex[i % 3], l->list, (size_t)l->use_count, sizeof *l->list, ascending))
+        if (!bsearch(&row->vertex[i % 3], l->list, (size_t)l->use_count, sizeof *l->list, tms_ascending))
             l->tool[row->instrument].given = false;
     }
 }
@@ -146,6 +141,16 @@ static bool settle_rows(tm_hybrid *h, double force_N[TM_MAX_INSTRUMENTS][3]) {
     return true;
 }
 
+/* For all that is not given, roughly or to the end. */
+static void solve_for_use(tms_local *l, bool rough) {
+    l->rough = rough;
+    l->enough = rough ? ENOUGH_FOR_ROWS : ENOUGH;
+    if (l->use_count > 0)
+        tms_local_solve(l);
+    else
+        l->before_count = 0; /* no row is left that a span could keep */
+}
+
 static void solve_in_full(tm_hybrid *h, bool followed) {
     tms_local *l = &h->local;
     double force_N[TM_MAX_INSTRUMENTS][3];
@@ -157,20 +162,11 @@ static void solve_in_full(tm_hybrid *h, bool followed) {
     memcpy(l->f_saved, l->f, 24 * (size_t)l->capacity);
     l->converged = true; /* where there is nothing to solve, */
     l->now.count = 0;
-    l->rough = followed;
-    l->enough = followed ? ENOUGH_FOR_ROWS : ENOUGH;
-    if (l->use_count > 0)
-        tms_local_solve(l);
-    else
-        l->before_count = 0; /* no row is left that a span could keep */
-    if (followed && l->converged && settle_rows(h, force_N)) {
-        for (int32_t t = 0; t < l->tool_count; t++) l->tool[t].given = false;
-        return;
-    }
-    l->rough = false;
-    l->enough = ENOUGH;
-    if (followed && l->use_count > 0) tms_local_solve(l);
+    solve_for_use(l, followed);
+    const bool settled = followed && l->converged && settle_rows(h, force_N);
+    if (followed && !settled) solve_for_use(l, false);
     for (int32_t t = 0; t < l->tool_count; t++) l->tool[t].given = false;
+    if (settled) return;
     const bool swept = !l->converged;
     if (swept) tms_local_freeze(l, l->f_saved);
     move(h);
@@ -221,7 +217,6 @@ tm_status tms_hybrid_add_contact(tm_hybrid *h, tm_contact *contact, tm_error *er
     h->local.self = h;
     h->local.compliance = tms_hybrid_compliance;
     h->local.refresh = refresh;
-    h->local.enough = ENOUGH;
     h->local.around = tms_hybrid_look_around;
     h->local.passes = passes;
     h->through = tms_take(24 * (size_t)h->local.capacity * (size_t)h->interface_count);

@@ -5,6 +5,9 @@
 #include <math.h>
 #include <string.h>
 
+#define LAW_REAL double
+#include "law/vec.h"
+
 static const double NEAR = 1.25;          /* radii from the axis: what has mass there may be touched within a span */
 static const double ROOM = 0.25;          /* radii that a tool may move within a span: what is gathered has more, */
 static const double ROOM_FROZEN = 0.1;    /* where its rows stay, */
@@ -17,20 +20,6 @@ static const double JUMP_OF_N = 0.02;     /* a smaller force counts as this one 
 /* Frozen rows may not be on it. Of a border vertex a cut may have left next to nothing. */
 static bool is_light(const tm_hybrid *h, int32_t vertex) {
     return h->part[vertex] == TMS_DYNAMIC || (h->part[vertex] == TMS_INTERFACE && h->span->cut);
-}
-
-static double axis_distance(const tm_capsule *c, const double at[3]) {
-    double along = 0, size = 0, off = 0;
-    for (int k = 0; k < 3; k++) {
-        const double axis = c->tail_m[k] - c->tip_m[k];
-        along += (at[k] - c->tip_m[k]) * axis, size += axis * axis;
-    }
-    along = size > 0 ? fmin(fmax(along / size, 0), 1) : 0;
-    for (int k = 0; k < 3; k++) {
-        const double d = at[k] - c->tip_m[k] - along * (c->tail_m[k] - c->tip_m[k]);
-        off += d * d;
-    }
-    return sqrt(off);
 }
 
 /* What is around a tool, by what it may come to touch. */
@@ -58,7 +47,8 @@ static company around(const tm_hybrid *h, int32_t t) {
         const bool mass = h->part[vertex[i]] != TMS_CONDENSED;
         c.mass_around |= mass;
         c.condensed_around |= !mass;
-        c.light_near |= is_light(h, vertex[i]) && axis_distance(&tool->capsule, at) < NEAR * tool->def.radius_m;
+        c.light_near |= is_light(h, vertex[i]) &&
+                        vsegment(at, tool->capsule.tip_m, tool->capsule.tail_m) < NEAR * tool->def.radius_m;
     }
     return c;
 }

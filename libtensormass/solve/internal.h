@@ -22,6 +22,12 @@ enum {
 #define TMS_MAX_COLUMNS (1 << 24) /* of either kind: above it sizes would wrap */
 #define TMS_WAIT_S 600            /* for another process that computes the same file */
 
+/* Of two int32_t: for qsort and bsearch. */
+static inline int tms_ascending(const void *a, const void *b) {
+    const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;
+    return (x > y) - (x < y);
+}
+
 /* The caller's part of the contract of a problem. */
 #define TMS_REQUIRE_PROBLEM(problem)                                                                                   \
     do {                                                                                                               \

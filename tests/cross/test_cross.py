@@ -35,15 +35,9 @@ def test_this_machine(here):
     assert len(lines) == 4 and lines[0].startswith("version 0.1.0, forces ") and lines[3].startswith("nowhere/a.msh: cannot open: ")
 
 
-def make(root, what):
-    """In the sources' own build folder: once a run, whichever worker needs it."""
-    run = subprocess.run(["make", "--no-print-directory", what], cwd=root, capture_output=True, text=True, timeout=3000)
-    assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]
-
-
 @pytest.fixture(scope="module")
-def crossed(root, once):
-    once("cross", lambda _: make(root, "cross"))
+def crossed(root, make_once):
+    make_once("cross")
     return root / "build/cross"
 
 
@@ -114,8 +108,8 @@ print(world.u_m.tobytes().hex(), liver.tet_count, core.platform.machine())
 
 
 @pytest.fixture(scope="module")
-def wheels(root, crossed, once):
-    once("wheels", lambda _: make(root, "wheels"))
+def wheels(root, crossed, make_once):
+    make_once("wheels")
     return {tag: next(iter((root / "build/wheel").glob(f"*-py3-none-{tag}.whl")), None) for tag in WHEELS}
 
 

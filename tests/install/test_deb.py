@@ -58,11 +58,8 @@ echo used and purged
 
 
 @pytest.fixture(scope="module")
-def packages(root, once):
-    def make(_):
-        run = subprocess.run(["make", "--no-print-directory", "deb"], cwd=root, capture_output=True, text=True, timeout=3000)
-        assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]
-    once("deb", make)  # in one folder of the sources, whichever worker needs it
+def packages(root, make_once):
+    make_once("deb")
     return root / "build/deb"
 
 

@@ -1,5 +1,6 @@
 /* Version, status names, errors, hash, the allocator hook, memory pools. */
 #include "base/base_internal.h"
+#include "base/checked.h"
 
 #include <stdarg.h>
 #include <stdatomic.h>
@@ -16,13 +17,6 @@
 #endif
 #endif
 
-#if defined(__SANITIZE_ADDRESS__)
-#define TM_ASAN 1
-#elif defined(__has_feature)
-#if __has_feature(address_sanitizer)
-#define TM_ASAN 1
-#endif
-#endif
 #ifdef TM_ASAN
 #include <sanitizer/asan_interface.h>
 #define TM_POISON(address, size) ASAN_POISON_MEMORY_REGION(address, size)

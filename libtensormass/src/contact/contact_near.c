@@ -12,12 +12,7 @@ typedef struct piece {
 } piece;
 
 static double distance_m(const piece *p, const double point_m[3]) {
-    double along[3], to[3], off[3];
-    vsub(p->end_m[1], p->end_m[0], along);
-    vsub(point_m, p->end_m[0], to);
-    const double length2 = vdot(along, along), t = length2 > 0 ? law_clamp(vdot(to, along) / length2, 0, 1) : 0;
-    vmadd(to, -t, along, off);
-    return vnorm(off);
+    return vsegment(point_m, p->end_m[0], p->end_m[1]);
 }
 
 static double travel2(const double a[3], const double b[3]) {

@@ -23,16 +23,6 @@ static void position(const double *rest_m, const double *u_m, int32_t vertex, do
     for (int c = 0; c < 3; c++) out[c] = rest_m[3 * vertex + c] + (u_m ? u_m[3 * vertex + c] : 0);
 }
 
-/* Distance from a point to the capsule's axis. */
-static double axis_distance(const tm_capsule *capsule, const double point[3]) {
-    double axis[3], to[3], off[3];
-    vsub(capsule->tail_m, capsule->tip_m, axis);
-    vsub(point, capsule->tip_m, to);
-    double length2 = vdot(axis, axis), t = length2 > 0 ? law_clamp(vdot(to, axis) / length2, 0, 1) : 0;
-    vmadd(to, -t, axis, off);
-    return vnorm(off);
-}
-
 /* How far the axis is from the ball around a triangle; at once infinity when its box misses the axis' box. */
 static double triangle_beyond(const box *b, const tm_capsule *capsule, const double *rest_m, const double *u_m,
                               const int32_t vertex[3]) {
@@ -49,7 +39,7 @@ static double triangle_beyond(const box *b, const tm_capsule *capsule, const dou
         vsub(p[j], center, d);
         radius2 = law_max(radius2, vdot(d, d));
     }
-    return axis_distance(capsule, center) - sqrt(radius2);
+    return vsegment(center, capsule->tip_m, capsule->tail_m) - sqrt(radius2);
 }
 
 /* Shell sort: no recursion, no allocation, the same on every machine. Keys are distinct or equal ones are alike. */

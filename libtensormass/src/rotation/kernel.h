@@ -380,4 +380,3 @@ TM_TARGET static int32_t TM_NAME(force)(const tm_packs *packs, const int32_t *li
 #undef V8
 #undef M8
 #undef INSIDE
-#undef CHECKED

@@ -1,16 +1,13 @@
 /* Vectors of WIDTH lanes, one a tetrahedron, and 3x3 matrices of them; a part of kernel.h. */
 
+#include "base/checked.h"
+
 typedef double TM_NAME(v8) __attribute__((vector_size(8 * TM_WIDTH)));
 typedef int64_t TM_NAME(m8) __attribute__((vector_size(8 * TM_WIDTH)));
 #define V8 TM_NAME(v8)
 #define M8 TM_NAME(m8)
-#ifdef __has_feature
-#define CHECKED __has_feature(address_sanitizer)
-#else
-#define CHECKED 0
-#endif
 /* Everything in one function costs clang 45 s where AddressSanitizer looks at each access; bits are the same. */
-#if CHECKED
+#ifdef TM_ASAN
 #define INSIDE TM_TARGET static inline
 #else
 #define INSIDE TM_TARGET static inline __attribute__((always_inline))

@@ -1,0 +1,13 @@
+/* TM_ASAN: is this built with AddressSanitizer? gcc and clang each say it in their own way. */
+#ifndef TM_CHECKED_H
+#define TM_CHECKED_H
+
+#if defined(__SANITIZE_ADDRESS__)
+#define TM_ASAN 1
+#elif defined(__has_feature)
+#if __has_feature(address_sanitizer)
+#define TM_ASAN 1
+#endif
+#endif
+
+#endif
