@@ -2,6 +2,7 @@
  * them within a substep, inner ones quasi-statically, through the interface. */
 #include "hybrid.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -10,8 +11,9 @@
 static const double ENOUGH = 3e-5;
 /* For rows that are kept then: how hard they press is solved to 1e-9 at once. */
 static const double ENOUGH_FOR_ROWS = 1e-3;
-/* Substeps that what surrounds the tools is kept: as in the dynamic model. */
-enum { GATHER_EVERY = 16 };
+/* Substeps that what surrounds the tools is kept at most, while neither they nor the tissue move far; how often is
+ * looked how fast it moves. */
+enum { GATHER_EVERY = 128, WANDER_EVERY = 4 };
 
 /* Shape at the end of the substep without contact. */
 static void refresh(void *self, const int32_t *vertex, int32_t count) {
@@ -131,8 +133,8 @@ static void give_watched(tm_hybrid *h, bool followed) {
 
 /* The rows of a rough solution begin a span, whose first substep is this one. False: they cannot, and it is to be
  * solved to the end. */
-static bool settle_rows(tm_hybrid *h, double force_N[TM_MAX_INSTRUMENTS][3]) {
-    tms_span_begin(h, false, true, force_N);
+static bool settle_rows(tm_hybrid *h) {
+    tms_span_begin(h, false);
     const int32_t gathered_age = h->local.gathered_age;
     if (h->span->age != 0 || !tms_span_follow(h)) return false;
     h->span->age = 0;
@@ -153,8 +155,7 @@ static void solve_for_use(tms_local *l, bool rough) {
 
 static void solve_in_full(tm_hybrid *h, bool followed) {
     tms_local *l = &h->local;
-    double force_N[TM_MAX_INSTRUMENTS][3];
-    memcpy(force_N, l->now.resultant_N, sizeof force_N);
+    const tms_span_past past = tms_span_past_of(h);
     const bool may_give = followed && !h->span->passed;
     h->span->passed = false;
     tms_local_gather(l);
@@ -163,14 +164,32 @@ static void solve_in_full(tm_hybrid *h, bool followed) {
     l->converged = true; /* where there is nothing to solve, */
     l->now.count = 0;
     solve_for_use(l, followed);
-    const bool settled = followed && l->converged && settle_rows(h, force_N);
+    const bool settled = followed && l->converged && settle_rows(h);
     if (followed && !settled) solve_for_use(l, false);
     for (int32_t t = 0; t < l->tool_count; t++) l->tool[t].given = false;
-    if (settled) return;
-    const bool swept = !l->converged;
-    if (swept) tms_local_freeze(l, l->f_saved);
-    move(h);
-    tms_span_begin(h, swept, followed, force_N);
+    if (!settled) {
+        const bool swept = !l->converged;
+        if (swept) tms_local_freeze(l, l->f_saved);
+        move(h);
+        tms_span_begin(h, swept);
+    }
+    if (followed) tms_span_judge(h, &past);
+}
+
+/* How far what has mass may have moved since the tools' surroundings were looked for: by its largest speed. Condensed
+ * tissue goes as its border and the tools do. */
+static void count_wandering(tm_hybrid *h) {
+    const tm_state *state = tm_world_state(h->world);
+    double most = 0;
+    if (h->local.gathered_age % WANDER_EVERY != 0) return;
+    for (int32_t v = 0; v < h->mesh->vertex_count; v++) {
+        if (h->part[v] == TMS_CONDENSED) continue;
+        for (int32_t d = 3 * v; d < 3 * v + 3; d++) {
+            const double moved = fabs(state->u_m[d] - state->u_prev_m[d]);
+            most = moved > most ? moved : most;
+        }
+    }
+    h->local.wandered_m += WANDER_EVERY * most;
 }
 
 static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_contact_row *row, int32_t max_rows,
@@ -194,6 +213,7 @@ static int32_t solve(void *self, tm_world *world, const tm_tool_pose *pose, tm_c
         return 0;
     }
     for (int32_t k = 0; k < h->interface_count; k++) h->at_m[k] = state->u_next_m[h->interface[k]];
+    count_wandering(h);
     const bool over = tms_span_is_over(h), followed = tms_span_follow(h);
     if (followed && !over)
         tms_span_move(h);

@@ -44,6 +44,8 @@ void tms_span_forget(tm_hybrid *h) {
     h->span->length = 1;
     h->span->limit = 1;
     h->span->frozen_count = 0;
+    memset(h->span->swell, 0, sizeof h->span->swell);
+    memset(h->span->drift, 0, sizeof h->span->drift);
 }
 
 /* --- rows --- */
@@ -137,7 +139,8 @@ static bool is_within(const tm_hybrid *h, double rooms) {
 }
 
 bool tms_span_is_over(const tm_hybrid *h) {
-    return h->span->age < 0 || h->span->age + 1 >= h->span->limit || !is_within(h, 1);
+    return h->span->age < 0 || h->span->age + 1 >= h->span->limit || !is_within(h, 1) ||
+           tms_local_has_wandered(&h->local);
 }
 
 static bool may_follow(const tm_hybrid *h) {
@@ -284,6 +287,16 @@ static void fill_system(tm_hybrid *h) {
     }
 }
 
+/* What is known of how forces go on. */
+static void let_swell(tm_hybrid *h) {
+    tms_span *s = h->span;
+    for (int32_t i = 0; i < s->system.count; i++)
+        if (s->frozen_now[i] >= 0)
+            s->system.lambda_N[i] =
+                fmin(s->system.lambda_N[i] * (1 + (s->age + 1) * s->swell[h->local.probe.row[i].instrument]),
+                     s->system.cap_N);
+}
+
 static void take(tm_hybrid *h) {
     tms_local *l = &h->local;
     tms_span *s = h->span;
@@ -316,6 +329,7 @@ bool tms_span_follow(tm_hybrid *h) {
     }
     fill_system(h);
     if (!tms_span_solve(&h->span->system)) return false;
+    let_swell(h);
     take(h);
     return true;
 }

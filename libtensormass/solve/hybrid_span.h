@@ -6,7 +6,7 @@
 
 struct tm_hybrid;
 
-enum { TMS_SPAN_MOST = 16 }; /* substeps */
+enum { TMS_SPAN_MOST = 32 }; /* substeps */
 
 /* How a tool is followed. */
 enum {
@@ -19,9 +19,12 @@ typedef struct tms_span {
     /* what lasts from substep to substep */
     int32_t age, limit; /* substeps since the full solution, -1: none; how long it may be followed */
     int32_t length;     /* that spans have come to by how the force jumps where they end */
+    int32_t most;       /* that this one may have, whatever the force does */
     int32_t kind[TM_MAX_INSTRUMENTS];
     double at_m[TM_MAX_INSTRUMENTS][6]; /* tip and tail of each tool then */
     double room_m[TM_MAX_INSTRUMENTS];  /* how far it may go from there */
+    double swell[TM_MAX_INSTRUMENTS];   /* of a frozen tool's rows: how much more they bear with each substep, */
+    double drift[TM_MAX_INSTRUMENTS];   /* and how much it was over the last span */
     int32_t frozen_count;
     int32_t frozen[TMS_SPAN_ROWS];  /* of local.before's row i: which of the frozen ones it is; -1: none */
     double offset_m[TMS_SPAN_ROWS]; /* of a frozen row: its gap with the station and the border at 0 and no forces */
@@ -37,6 +40,12 @@ typedef struct tms_span {
     double offset_now_m[TMS_SPAN_ROWS];
     tms_span_system system;
 } tms_span;
+
+/* A span that ends: how long it was followed, and what it came to. */
+typedef struct tms_span_past {
+    int32_t age;
+    double swell[TM_MAX_INSTRUMENTS], force_N[TM_MAX_INSTRUMENTS][3];
+} tms_span_past;
 
 /* False: no memory. */
 bool tms_span_create(struct tm_hybrid *hybrid);
@@ -55,9 +64,12 @@ void tms_span_make(struct tm_hybrid *hybrid);
 double tms_span_station(const tms_local *local, const tm_contact_row *row, double point_m[3]);
 /* The forces of a step followed, let into the coming positions. */
 void tms_span_move(struct tm_hybrid *hybrid);
-/* After a full solution; `swept`: by sweeps of rows that are not its shape's; `followed`: what following had made of
- * the same substep is in `force_N`. */
-void tms_span_begin(struct tm_hybrid *hybrid, bool swept, bool followed, double force_N[TM_MAX_INSTRUMENTS][3]);
+/* After a full solution; `swept`: by sweeps of rows that are not its shape's. */
+void tms_span_begin(struct tm_hybrid *hybrid, bool swept);
+/* Of what was followed up to now, and then in the same substep began anew: how long spans may be, and how forces go on
+ * in the one that has begun. */
+tms_span_past tms_span_past_of(const struct tm_hybrid *hybrid);
+void tms_span_judge(struct tm_hybrid *hybrid, const tms_span_past *past);
 
 /* As the hooks of a stage want it, in front of what the on-line system keeps; `forgotten` as there. Restored when
  * that is. */

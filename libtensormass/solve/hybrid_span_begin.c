@@ -16,6 +16,8 @@ enum { AWAITED = 4 };                     /* substeps at most, then */
 static const double JUMP_MOST = 1e-2;     /* of the force, where a span ends: shorter ones next; */
 static const double JUMP_LITTLE = 0.4e-2; /* longer ones */
 static const double JUMP_OF_N = 0.02;     /* a smaller force counts as this one */
+/* Of the force, in a substep; less is nothing. */
+static const double SWELL_MOST = 0.5e-2, SWELL_LEAST = 1e-6;
 
 /* Frozen rows may not be on it. Of a border vertex a cut may have left next to nothing. */
 static bool is_light(const tm_hybrid *h, int32_t vertex) {
@@ -65,23 +67,8 @@ static bool classify(tm_hybrid *h, int32_t t) {
     memcpy(s->at_m[t] + 3, tool->capsule.tail_m, 24);
     const bool awaited = !c.rows && c.condensed_around;
     s->room_m[t] = tool->def.radius_m * (awaited ? ROOM_AWAITED : c.condensed_rows ? ROOM_FROZEN : ROOM);
-    if (awaited && s->limit > AWAITED) s->limit = AWAITED;
+    if (awaited) s->most = AWAITED;
     return !(c.condensed_rows && (c.light_rows || c.light_near));
-}
-
-/* Largest change of a frozen tool's force, of the force. */
-static double jump_of(const tm_hybrid *h, double force_N[TM_MAX_INSTRUMENTS][3]) {
-    const tms_local *l = &h->local;
-    double most = 0;
-    for (int32_t t = 0; t < l->tool_count; t++) {
-        double change = 0, size = 0;
-        for (int c = 0; c < 3; c++) {
-            change += (l->now.resultant_N[t][c] - force_N[t][c]) * (l->now.resultant_N[t][c] - force_N[t][c]);
-            size += l->now.resultant_N[t][c] * l->now.resultant_N[t][c];
-        }
-        if (h->span->kind[t] == TMS_TOOL_FROZEN) most = fmax(most, sqrt(change) / fmax(sqrt(size), JUMP_OF_N));
-    }
-    return most;
 }
 
 static double offset_of(const tm_hybrid *h, const tm_contact_row *row) {
@@ -96,28 +83,67 @@ static double offset_of(const tm_hybrid *h, const tm_contact_row *row) {
     return sum;
 }
 
-void tms_span_begin(tm_hybrid *h, bool swept, bool followed, double force_N[TM_MAX_INSTRUMENTS][3]) {
+void tms_span_begin(tm_hybrid *h, bool swept) {
     tms_local *l = &h->local;
     tms_span *s = h->span;
-    if (followed) {
-        const double jump = jump_of(h, force_N);
-        if (jump > JUMP_MOST && s->length > 1) s->length /= 2;
-        if (jump < JUMP_LITTLE) s->length += s->length > 1 ? s->length / 2 : 1;
-        if (s->length > TMS_SPAN_MOST) s->length = TMS_SPAN_MOST;
-    }
     s->cut = tm_tissue_alive_count(tm_world_tissue(h->world)) != s->whole_count;
     bool good = l->converged && !swept && l->now.count <= TMS_SPAN_ROWS;
-    s->limit = s->length; /* or less, where something is awaited */
+    s->most = TMS_SPAN_MOST;
     for (int32_t t = 0; t < l->tool_count; t++) good = classify(h, t) && good;
     if (!good) {
         tms_span_forget(h);
         return;
     }
+    s->limit = s->length < s->most ? s->length : s->most;
     s->age = s->frozen_count = 0;
+    memset(s->swell, 0, sizeof s->swell);
     for (int32_t i = 0; i < l->now.count; i++) {
         const bool frozen = s->kind[l->now.row[i].instrument] == TMS_TOOL_FROZEN;
         s->frozen[i] = frozen ? s->frozen_count++ : -1;
         s->offset_m[i] = frozen ? offset_of(h, &l->now.row[i]) : 0;
     }
     tms_span_make(h);
+}
+
+/* --- what the span before has told --- */
+
+tms_span_past tms_span_past_of(const tm_hybrid *h) {
+    tms_span_past past = {.age = h->span->age};
+    memcpy(past.swell, h->span->swell, sizeof past.swell);
+    memcpy(past.force_N, h->local.now.resultant_N, sizeof past.force_N);
+    return past;
+}
+
+/* Where a tool slides, what stays in a span makes its force drift by as much in each of its substeps, and so it does in
+ * the next one: that much is let in beforehand. Only what two spans agree on, so that what comes to rest is exact. */
+static void predict(tms_span *s, int32_t t, double drift) {
+    const double before = s->drift[t], both = fabs(before) < fabs(drift) ? before : drift;
+    s->drift[t] = drift;
+    s->swell[t] = before * drift > 0 && fabs(both) > SWELL_LEAST ? fmin(fmax(both, -SWELL_MOST), SWELL_MOST) : 0;
+}
+
+/* Largest change of a frozen tool's force, of the force. */
+static double jump_of(const tm_hybrid *h, const tms_span_past *past) {
+    const tms_local *l = &h->local;
+    double most = 0;
+    for (int32_t t = 0; t < l->tool_count; t++) {
+        double change[3];
+        vsub(l->now.resultant_N[t], past->force_N[t], change);
+        const double size = vnorm(l->now.resultant_N[t]), was = vnorm(past->force_N[t]);
+        const bool frozen = h->span->kind[t] == TMS_TOOL_FROZEN;
+        if (frozen) most = fmax(most, vnorm(change) / fmax(size, JUMP_OF_N));
+        predict(h->span, t,
+                frozen && size > JUMP_OF_N && was > JUMP_OF_N ? past->swell[t] + (size / was - 1) / past->age : 0);
+    }
+    return most;
+}
+
+void tms_span_judge(tm_hybrid *h, const tms_span_past *past) {
+    tms_span *s = h->span;
+    if (s->age != 0) return;
+    const double jump = jump_of(h, past);
+    if (jump > JUMP_MOST && s->length > 1) s->length /= 2;
+    if (jump < JUMP_LITTLE) s->length += s->length > 1 ? s->length / 2 : 1;
+    if (s->length > TMS_SPAN_MOST) s->length = TMS_SPAN_MOST;
+    s->limit = s->length < s->most ? s->length : s->most;
 }

@@ -8,7 +8,8 @@
 typedef struct kept_span {
     int32_t age, limit, length, passed, row_count, use_count;
     int32_t kind[TM_MAX_INSTRUMENTS];
-    double at_m[TM_MAX_INSTRUMENTS][6], room_m[TM_MAX_INSTRUMENTS];
+    double at_m[TM_MAX_INSTRUMENTS][6], room_m[TM_MAX_INSTRUMENTS], swell[TM_MAX_INSTRUMENTS],
+        drift[TM_MAX_INSTRUMENTS], wandered_m;
 } kept_span;
 
 typedef struct kept_row {
@@ -26,11 +27,14 @@ static kept_span pack(const tm_hybrid *h, bool forgotten) {
     memset(&k, 0, sizeof k);
     k.age = -1;
     k.limit = k.length = 1;
+    if (!forgotten) k.wandered_m = h->local.wandered_m;
     if (forgotten || s->age < 0) return k;
     k.age = s->age;
     k.limit = s->limit;
     k.length = s->length;
     k.passed = s->passed;
+    memcpy(k.swell, s->swell, sizeof k.swell);
+    memcpy(k.drift, s->drift, sizeof k.drift);
     k.row_count = h->local.before_count;
     k.use_count = h->local.use_count;
     memcpy(k.kind, s->kind, sizeof k.kind);
@@ -61,9 +65,11 @@ int64_t tms_span_snapshot_most(const tm_hybrid *h) {
 static bool fits(const tm_hybrid *h, const kept_span *k) {
     bool good = k->age >= -1 && k->age < TMS_SPAN_MOST && k->limit >= 1 && k->limit <= TMS_SPAN_MOST &&
                 k->length >= 1 && k->length <= TMS_SPAN_MOST && k->row_count >= 0 && k->row_count <= TMS_SPAN_ROWS &&
-                k->use_count >= 0 && k->use_count <= h->local.capacity && (k->passed == 0 || k->passed == 1);
+                k->use_count >= 0 && k->use_count <= h->local.capacity && (k->passed == 0 || k->passed == 1) &&
+                isfinite(k->wandered_m);
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) {
-        good = good && k->kind[t] >= TMS_TOOL_FROZEN && k->kind[t] <= TMS_TOOL_NONE && isfinite(k->room_m[t]);
+        good = good && k->kind[t] >= TMS_TOOL_FROZEN && k->kind[t] <= TMS_TOOL_NONE && isfinite(k->room_m[t]) &&
+               isfinite(k->swell[t]) && isfinite(k->drift[t]);
         for (int c = 0; c < 6; c++) good = good && isfinite(k->at_m[t][c]);
     }
     return good;
@@ -109,6 +115,7 @@ void tms_span_restore(tm_hybrid *h, const void *buffer) {
     tms_local *l = &h->local;
     memcpy(&k, buffer, sizeof k);
     tms_span_forget(h);
+    l->wandered_m = k.wandered_m;
     if (k.age < 0 || k.row_count != l->before_count || k.use_count != l->use_count) return;
     const char *from = (const char *)buffer + sizeof k;
     for (int32_t i = 0; i < k.row_count; i++, from += sizeof(kept_row)) {
@@ -122,6 +129,8 @@ void tms_span_restore(tm_hybrid *h, const void *buffer) {
     memcpy(s->room_m, k.room_m, sizeof s->room_m);
     if (!rows_stand(h)) return;
     for (int32_t i = 0; i < k.use_count; i++, from += 24) memcpy(l->u_m + 3 * (int64_t)l->vertex[l->use[i]], from, 24);
+    memcpy(s->swell, k.swell, sizeof s->swell);
+    memcpy(s->drift, k.drift, sizeof s->drift);
     s->passed = k.passed != 0;
     s->age = k.age;
     s->limit = k.limit;

@@ -111,16 +111,17 @@ typedef struct tms_local {
     double *base_m;             /* [3*vertex_count] shape without f */
     double *u_m;                /* [3*vertex_count] shape: at the slots always, elsewhere as the client left it */
     /* slots */
-    int32_t capacity, use_count, high;             /* slots below `high` have been used */
-    int32_t gather_every;                          /* solves that what surrounds the tools is kept for */
-    int32_t gathered_age;                          /* solves since what surrounds the tools was looked for */
-    int32_t *slot_of;                              /* [vertex_count] -1 */
-    int32_t *vertex;                               /* [capacity] -1: never used */
-    int32_t *use;                                  /* [use_count] slots of this solve, by ascending vertex */
-    uint8_t *wanted;                               /* [capacity] */
-    int32_t *stamp, stamp_now;                     /* [vertex_count] */
-    int32_t *list;                                 /* [capacity] wanted vertices, ascending */
-    double *block;                                 /* [3*capacity][3*capacity] */
+    int32_t capacity, use_count, high; /* slots below `high` have been used */
+    int32_t gather_every;              /* solves that what surrounds the tools is kept for */
+    int32_t gathered_age;              /* solves since what surrounds the tools was looked for */
+    double wandered_m;         /* how far the tissue may have moved by itself since: for the client to count; else 0 */
+    int32_t *slot_of;          /* [vertex_count] -1 */
+    int32_t *vertex;           /* [capacity] -1: never used */
+    int32_t *use;              /* [use_count] slots of this solve, by ascending vertex */
+    uint8_t *wanted;           /* [capacity] */
+    int32_t *stamp, stamp_now; /* [vertex_count] */
+    int32_t *list;             /* [capacity] wanted vertices, ascending */
+    double *block;             /* [3*capacity][3*capacity] */
     double *f, *f_saved, *f_spare, *r, *keep, *du; /* [3*capacity] by slot */
     int32_t *pin_of;                               /* [capacity] -1 */
     tms_pin *pin;                                  /* [capacity] */
@@ -166,6 +167,8 @@ void tms_local_forget(tms_local *local);
  * tool has moved far and not much time has passed, unless _regather was called. */
 void tms_local_gather(tms_local *local);
 void tms_local_regather(tms_local *local);
+/* The tissue may have moved so far that they are to be looked for again. */
+bool tms_local_has_wandered(const tms_local *local);
 /* Newton's method from the forces there are. Returns the steps taken; `converged` tells. */
 int32_t tms_local_solve(tms_local *local);
 /* frozen.c: after a solve that did not converge, of a system without pins; from the forces of before it. */

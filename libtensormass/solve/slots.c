@@ -5,7 +5,8 @@
 #include <math.h>
 #include <string.h>
 
-static const double GATHER_TRAVEL = 0.2; /* radii */
+static const double GATHER_TRAVEL = 0.2; /* radii, of a tool, */
+static const double GATHER_WANDER = 0.5; /* and of the tissue by itself */
 
 /* --- memory --- */
 
@@ -213,8 +214,16 @@ void tms_local_regather(tms_local *l) {
     l->gathered_age = l->gather_every;
 }
 
+bool tms_local_has_wandered(const tms_local *l) {
+    bool far = false;
+    for (int32_t t = 0; t < l->tool_count; t++)
+        far |= l->tool[t].near && l->wandered_m > GATHER_WANDER * l->tool[t].def.radius_m;
+    return far;
+}
+
 static bool still_around(tms_local *l) {
     double most = 0;
+    if (tms_local_has_wandered(l)) return false;
     for (int32_t t = 0; t < l->tool_count; t++)
         for (int c = 0; c < 3; c++) {
             const tms_tool *tool = &l->tool[t];
@@ -231,6 +240,7 @@ void tms_local_gather(tms_local *l) {
         return;
     }
     l->gathered_age = 1;
+    l->wandered_m = 0;
     if (l->around) l->around(l->self);
     double reach = 2.5; /* radii: what the finder looks at, a piece of the path, and what the tissue may give */
     int32_t count = -1;

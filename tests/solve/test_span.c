@@ -158,6 +158,72 @@ static void moving(void **state) {
     assert_true(most < 0.03);
 }
 
+/* Slid evenly, what a span misses is the same in each, and the next one lets it in: spans get longer for the same jump
+ * of the force, and what two spans did not agree on is left out. */
+static void foreseen(void **state) {
+    (void)state;
+    const tm_tool_pose above = {.tip_m = {-0.018, -0.006, 0.05}, .active = true};
+    double most[2] = {0};
+    int32_t followed[2] = {0};
+    for (int blind = 0; blind < 2; blind++) {
+        tm_tool_pose at = {.tip_m = {-0.018, -0.006, 0.0405}, .active = true};
+        hybrid_set s = set_touched(&above);
+        tms_span *span = s.hybrid->span;
+        double before[3], force[3], peak = 0;
+        set_go(&s, &at, 0.2, NULL);
+        for (int step = 0; step < 300; step++) {
+            at.tip_m[1] += 2e-5;
+            if (blind) memset(span->swell, 0, sizeof span->swell), memset(span->drift, 0, sizeof span->drift);
+            substep(&s, &at, false, force);
+            followed[blind] += span->age > 0;
+            if (step > 0) most[blind] = fmax(most[blind], off(force, before));
+            memcpy(before, force, 24);
+            peak = fmax(peak, fix_largest(force, 3));
+        }
+        most[blind] /= peak;
+        set_go(&s, &at, 1, NULL);
+        assert_true(span->swell[0] == 0); /* at rest nothing is let in */
+        set_free(&s);
+    }
+    print_message("  slid evenly: %d of 300 substeps followed, largest change %.2f %%; blindly %d, %.2f %%\n",
+                  followed[0], 100 * most[0], followed[1], 100 * most[1]);
+    assert_true(300 - followed[0] < 0.75 * (300 - followed[1]));
+}
+
+/* What surrounds a tool is kept while it and the tissue stay, and looked for anew before what swings could come near.
+ */
+static void surroundings(void **state) {
+    (void)state;
+    scene_def def = set_def();
+    def.damping_1_s = 30;
+    const tm_tool_pose at = {.tip_m = {0.018, 0.003, 0.0405}, .active = true};
+    hybrid_set s = set_touched_by(&def, &at);
+    const tms_local *l = &s.hybrid->local;
+    const tm_state *now = tm_world_state(s.world);
+    const size_t n = 3 * (size_t)s.mesh->vertex_count;
+    double *was = malloc(8 * n), most = 0, swings = 0;
+    int32_t oldest = 0, looks = 0, last = 0;
+    set_go(&s, &at, 0.5, NULL);
+    for (int step = 0; step < 600; step++) {
+        for (size_t d = 0; step == 200 && d < n; d++) /* thrown sideways */
+            if (tm_tissue_mass_kg(s.tissue)[d / 3] > 0 && d % 3 == 0 && !s.fixed[d]) now->u_prev_m[d] -= 2e-4;
+        substep(&s, &at, false, NULL);
+        if (l->gathered_age <= last || step == 0) memcpy(was, now->u_m, 8 * n), looks += step > 200;
+        last = l->gathered_age;
+        if (step < 200 && last > oldest) oldest = last;
+        for (size_t d = 0; d < n; d++) {
+            if (tm_tissue_mass_kg(s.tissue)[d / 3] > 0) most = fmax(most, fabs(now->u_m[d] - was[d]));
+            swings = fmax(swings, fabs(now->u_m[d]));
+        }
+    }
+    print_message("  kept for %d substeps at rest; thrown by %.1f mm, looked for %d times, moved by %.1f mm at most\n",
+                  oldest, 1e3 * swings, looks, 1e3 * most);
+    assert_true(oldest > 100 && looks > 4);
+    assert_true(swings > 3 * def.radius_m && most < 0.75 * def.radius_m);
+    free(was);
+    set_free(&s);
+}
+
 /* On tissue with mass, far from the border, so that its rows are looked for in every substep: none of those that bear
  * is missed, however far the tissue swings. */
 static void on_mass(void **state) {
@@ -299,8 +365,9 @@ static void put_away(void **state) {
 
 int main(void) {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(rows),      cmocka_unit_test(rest),          cmocka_unit_test(moving),
-        cmocka_unit_test(on_mass),   cmocka_unit_test(left_as_it_is), cmocka_unit_test(on_a_remnant),
-        cmocka_unit_test(snapshots), cmocka_unit_test(given_back),    cmocka_unit_test(put_away)};
+        cmocka_unit_test(rows),          cmocka_unit_test(rest),         cmocka_unit_test(moving),
+        cmocka_unit_test(foreseen),      cmocka_unit_test(surroundings), cmocka_unit_test(on_mass),
+        cmocka_unit_test(left_as_it_is), cmocka_unit_test(on_a_remnant), cmocka_unit_test(snapshots),
+        cmocka_unit_test(given_back),    cmocka_unit_test(put_away)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
