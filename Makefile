@@ -130,7 +130,7 @@ tests: programs $(TESTS)
 	@mkdir -p $(OUT)/tests
 	@printf '%s\n' $(TESTS) > $(OUT)/tests/manifest.txt
 # What the short form of `make sanitize` runs (tests/sanitize): of the C programs under ThreadSanitizer those that start threads.
-THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
+THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_borders physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
 SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(TESTS))
 tests-short: $(SHORT_TESTS) $(addprefix $(OUT)/bin/,haptic-rt tm-device tm-sim) $(addprefix $(OUT)/lib/tensormass/,lcm.so solve.so) $(OUT)/python/tensormass/__init__.py
 	@printf '%s\n' $(SHORT_TESTS) > $(OUT)/tests/manifest.txt

@@ -22,8 +22,7 @@ static void refresh_supports(tm_contact *contact) {
 
 /* --- the stage and its parts, in the order of the step --- */
 
-static void move(void *self, tm_world *world) {
-    tm_contact *contact = self;
+static void move_tools(tm_contact *contact, const tm_world *world) {
     if (contact->held_by != world->support) refresh_supports(contact);
     contact->unsound = false;
     for (int32_t t = 0; t < contact->tool_count; t++) {
@@ -32,6 +31,23 @@ static void move(void *self, tm_world *world) {
         if (tm_capsule_travel(&tool->capsule, &tool->before) > TM_TOO_FAST * tool->def.radius_m)
             tool->flags |= TM_REACTION_TOO_FAST;
     }
+}
+
+static void move(void *self, tm_world *world) {
+    tm_contact *contact = self;
+    if (!contact->moved) move_tools(contact, world);
+    contact->moved = false;
+}
+
+/* A look wants places at the substep's begin, the tools at its end, and the rows of the substep before: nothing that
+ * waits for the new force. Where nobody would see a difference, tools move and look while that is computed. */
+static bool begin_ahead(void *self, tm_world *world, int32_t next) {
+    tm_contact *contact = self;
+    if (!tm_contact_may_look_ahead(contact, world, next)) return false;
+    move_tools(contact, world);
+    tm_contact_begin_look(contact);
+    contact->looked = contact->moved = true;
+    return true;
 }
 
 static void find(void *self, tm_world *world) {
@@ -103,6 +119,8 @@ static tm_contact *take(tm_pool *pool, const tm_contact_def *def, int32_t vertex
 }
 
 static void destroy(void *self) {
+    tm_world *world = ((tm_contact *)self)->world;
+    if (world->beside.self == self) world->beside.self = NULL;
     tm_pool pool = ((tm_contact *)self)->pool;
     tm_pool_release(&pool);
 }
@@ -152,6 +170,7 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
         tm_pool_release(&pool);
         return status;
     }
+    world->beside = (tm_beside){.self = self, .begin = begin_ahead, .work = tm_contact_look_ahead};
     *contact = self;
     return TM_OK;
 }

@@ -84,6 +84,15 @@ typedef struct tm_block {
 
 enum { TM_MAX_BLOCKS = 4 };
 
+/* Of a substep: what each tool finds, in its own part of row_before, [max_rows] each, until that becomes `row`. */
+typedef struct tm_sight {
+    tm_contact *contact;
+    int32_t history[TM_MAX_INSTRUMENTS + 1]; /* where a tool's rows of the substep before begin */
+    int32_t count[TM_MAX_INSTRUMENTS];
+    int32_t tool[TM_MAX_INSTRUMENTS], busy; /* those with surface near them first, so that no thread gets two before
+                                               another has one */
+} tm_sight;
+
 struct tm_contact {
     tm_pool pool;
     tm_world *world;
@@ -92,6 +101,8 @@ struct tm_contact {
     tm_tool tool[TM_MAX_INSTRUMENTS];
     tm_contact_row *row, *row_before; /* [max_rows * tool_count] of this substep and the last */
     int32_t row_count, row_count_before;
+    tm_sight sight;
+    bool moved, looked;    /* of the substep under way, already while force was computed (contact_look.c) */
     tm_solver_row *solver; /* [max_rows] */
     tm_hits *hits;         /* [tool_count] */
     uint8_t *held;         /* [3*vertex_count] components that a support prescribes */
@@ -106,6 +117,14 @@ struct tm_contact {
     void *kept;                    /* the snapshot at the start of the step, room for the largest */
     int64_t kept_bytes;
 };
+
+/* contact_look.c: finds what rows there are in this substep, unless that has been done ahead. */
+const tm_sight *tm_contact_look(tm_contact *contact);
+/* Ahead, after tools have moved: begin, and then the look of each part. `next`: the slot behind the new displacements,
+ * from which on nobody but contact's own may come before "contact find". */
+bool tm_contact_may_look_ahead(const tm_contact *contact, tm_world *world, int32_t next);
+void tm_contact_begin_look(tm_contact *contact);
+void tm_contact_look_ahead(void *contact, int32_t part);
 
 /* contact_tool.c */
 void tm_tool_place(tm_tool *tool, const tm_tool_pose *at);

@@ -6,38 +6,6 @@
 
 #include "base/vec.h"
 
-/* Broad phase: candidates are gathered with this much room (in tool radii) and kept until the tool has used up its part
- * or the tissue, at a bounded speed, might have used up its own. */
-#define ROOM_TOOL 0.5
-#define ROOM_TISSUE 1.0
-#define TISSUE_SPEED_M_S 0.5
-#define GATHER_EVERY 16
-#define REACH 1.6 /* radii: what tm_local_rows looks at, its margin included */
-
-static void gather(tm_contact *contact, tm_tool *tool) {
-    const tm_state *state = &contact->world->state;
-    const double *rest = contact->world->tissue->mesh->rest_m;
-    tm_surface_view surface = tm_tissue_surface(contact->world->tissue);
-    double radius = tool->def.radius_m, age_s = tool->gathered_age * state->dt_s;
-    if (tool->gathered_age >= 0 && tool->gathered_age < GATHER_EVERY &&
-        age_s * TISSUE_SPEED_M_S < ROOM_TISSUE * radius &&
-        tm_capsule_travel(&tool->capsule, &tool->gathered_at) < ROOM_TOOL * radius) {
-        tool->gathered_age++;
-        return;
-    }
-    tool->gathered_age = 0;
-    tool->gathered_at = tool->capsule;
-    if (!tool->clear) {
-        bool outside = tm_tool_is_clear(tool, rest, state->u_m, &surface);
-        tool->clear = outside && !tool->pierced;
-        tool->pierced = !outside || tool->pierced;
-        tool->leaving = outside;
-    }
-    double reach = radius * (REACH + ROOM_TOOL + ROOM_TISSUE) + 2 * tm_capsule_travel(&tool->capsule, &tool->before);
-    tm_local_gather(tool->surface, rest, state->u_m, surface.triangle, surface.face, NULL, surface.count,
-                    &tool->capsule, reach);
-}
-
 static bool same_row(const tm_contact_row *a, const tm_contact_row *b) {
     return a->instrument == b->instrument && a->station == b->station && a->face == b->face && a->feature == b->feature;
 }
@@ -96,74 +64,17 @@ static void drop_shallowest(tm_contact *contact) {
     }
 }
 
-/* Of this substep: what each tool finds, in its own part of the rows, [max_rows] each. Tools look at the same time. */
-typedef struct sight {
-    tm_contact *contact;
-    int32_t history[TM_MAX_INSTRUMENTS + 1]; /* where a tool's rows of the substep before begin */
-    int32_t count[TM_MAX_INSTRUMENTS];
-    int32_t tool[TM_MAX_INSTRUMENTS], busy; /* those with surface near them first, so that no thread gets two before
-                                               another has one */
-} sight;
-
-static void look_around(sight *s, int32_t t) {
-    const tm_contact *contact = s->contact;
-    const tm_world *world = contact->world;
-    tm_tool *tool = s->contact->tool + t;
-    s->count[t] = 0;
-    if (!tm_tool_is_present(tool)) return;
-    gather(s->contact, tool);
-    if (!tool->clear && !tool->leaving) return;
-    double margin = 0.1 * tool->def.radius_m + tm_capsule_travel(&tool->capsule, &tool->before);
-    bool overflowed = false;
-    tm_contact_row *row = contact->row + (int64_t)t * contact->def.max_rows;
-    tm_local_place(tool->surface, world->tissue->mesh->rest_m, world->state.u_m);
-    int32_t count =
-        tm_local_rows(tool->surface, contact->hits + t, &tool->capsule, margin, contact->row_before + s->history[t],
-                      s->history[t + 1] - s->history[t], row, contact->def.max_rows, &overflowed);
-    if (!tool->clear) { /* its axis has left the tissue; wait for its skin */
-        for (int32_t i = 0; i < count && tool->leaving; i++) tool->leaving = row[i].gap_m >= 0;
-        tool->clear = tool->leaving;
-        return;
-    }
-    if (overflowed) tool->flags |= TM_REACTION_OVERFLOWED;
-    s->count[t] = count;
-}
-
-static void look_in_part(void *context, int32_t part) {
-    sight *s = context;
-    const tm_contact *contact = s->contact;
-    for (int32_t i = part; i < contact->tool_count; i += contact->world->part_count) look_around(s, s->tool[i]);
-}
-
-static void look_by_tools(sight *s) {
-    const tm_contact *contact = s->contact;
-    int32_t idle = contact->tool_count;
-    for (int32_t t = 0, i = 0; t < contact->tool_count; t++) {
-        const tm_tool *tool = contact->tool + t;
-        const bool busy = tm_tool_is_present(tool) && (tool->gathered_age < 0 || tool->surface->face_count > 0);
-        s->tool[busy ? s->busy++ : --idle] = t;
-        s->history[t] = i;
-        while (i < contact->row_count_before && contact->row_before[i].instrument == t) i++;
-        s->history[t + 1] = i;
-    }
-    if (s->busy > 1)
-        tm_parts_do(contact->world, look_in_part, s);
-    else
-        for (int32_t t = 0; t < contact->tool_count; t++) look_around(s, t);
-}
-
 static void find_rows(tm_contact *contact) {
+    const tm_sight *s = tm_contact_look(contact);
     tm_contact_row *swap = contact->row_before;
     contact->row_before = contact->row;
     contact->row_count_before = contact->row_count;
     contact->row = swap;
     contact->row_count = 0;
-    sight s = {.contact = contact};
-    look_by_tools(&s);
     for (int32_t t = 0; t < contact->tool_count; t++) {
         tm_contact_row *row = contact->row + contact->row_count;
-        memmove(row, contact->row + (int64_t)t * contact->def.max_rows, sizeof *row * (size_t)s.count[t]);
-        contact->row_count += tm_contact_admit(contact, t, row, s.count[t]);
+        memmove(row, contact->row + (int64_t)t * contact->def.max_rows, sizeof *row * (size_t)s->count[t]);
+        contact->row_count += tm_contact_admit(contact, t, row, s->count[t]);
     }
     drop_shallowest(contact);
     remember_depth(contact);

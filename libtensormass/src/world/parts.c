@@ -6,94 +6,7 @@
 #include <string.h>
 
 /* A part is worth a thread from this many tetrahedra on: below it, waiting for each other costs more. */
-enum { LEAST_TETS = 2000, BLOCK = 512, ALIGNED = 8 /* vertices: whole cache lines of every array */ };
-
-/* --- the division --- */
-
-/* What parts cost, in edges: a vertex counts as two, and an edge that crosses a border in both. */
-typedef struct costs {
-    tm_pool pool;
-    int32_t count;        /* vertices */
-    int32_t *lower_begin; /* [count+1] into lower */
-    int32_t *lower;       /* lower neighbours of each vertex, ascending */
-    const int32_t *upper_begin;
-} costs;
-
-static bool take_costs(const tm_tissue *tissue, costs *c) {
-    const int32_t n = tissue->graph.vertex_count, pairs = tissue->pair_count;
-    *c = (costs){.count = n, .upper_begin = tissue->graph.upper_begin};
-    c->lower_begin = TM_TAKE(&c->pool, int32_t, n + 2);
-    c->lower = TM_TAKE(&c->pool, int32_t, pairs);
-    if (c->pool.failed) return false;
-    for (int32_t p = 0; p < pairs; p++) c->lower_begin[tissue->pair[2 * (int64_t)p + 1] + 2]++;
-    for (int32_t v = 0; v < n; v++) c->lower_begin[v + 2] += c->lower_begin[v + 1];
-    for (int32_t p = 0; p < pairs; p++) /* begins slide to their ends, and so to their places */
-        c->lower[c->lower_begin[tissue->pair[2 * (int64_t)p + 1] + 1]++] = tissue->pair[2 * (int64_t)p];
-    return true;
-}
-
-static int64_t cost_of(const costs *c, int32_t k, int32_t begin) {
-    int64_t cost = c->upper_begin[k + 1] - c->upper_begin[k] + 2;
-    for (int32_t i = c->lower_begin[k]; i < c->lower_begin[k + 1] && c->lower[i] < begin; i++) cost++;
-    return cost;
-}
-
-/* Parts of at most this cost, one after the other; false: the last has to cost more. */
-static bool set_borders(const costs *c, int64_t most, tm_part *part, int32_t count) {
-    int32_t k = 0;
-    for (int32_t p = 0; p < count; p++) {
-        int64_t cost = 0;
-        part[p].force.begin = k;
-        for (int32_t v = k; v < c->count; v++) {
-            cost += cost_of(c, v, part[p].force.begin);
-            if (cost > most) break;
-            if ((v + 1) % ALIGNED == 0 || v + 1 == c->count) k = v + 1;
-        }
-        part[p].force.end = k;
-    }
-    return k == c->count;
-}
-
-/* The least cost of the dearest part, to a thousandth. */
-static bool divide(const tm_tissue *tissue, tm_part *part, int32_t count) {
-    part[0].force = tm_force_whole(&tissue->graph);
-    if (count == 1) return true;
-    costs c;
-    const bool taken = take_costs(tissue, &c);
-    if (taken) {
-        const int64_t all = (int64_t)tissue->pair_count + 2 * (int64_t)c.count;
-        int64_t low = all / count, high = 2 * all;
-        while (high - low > all / (1000 * (int64_t)count) + 1) {
-            const int64_t middle = (low + high) / 2;
-            if (set_borders(&c, middle, part, count))
-                high = middle;
-            else
-                low = middle;
-        }
-        set_borders(&c, high, part, count);
-    }
-    tm_pool_release(&c.pool);
-    return taken;
-}
-
-/* Has j an upper edge into the part? Of all that ever live. */
-static bool reaches(const tm_tissue *tissue, int32_t j, const tm_force_part *part) {
-    for (int32_t p = tissue->graph.upper_begin[j]; p < tissue->graph.upper_begin[j + 1]; p++) {
-        const int32_t l = tissue->pair[2 * (int64_t)p + 1];
-        if (l >= part->begin && l < part->end) return true;
-    }
-    return false;
-}
-
-static void find_below(const tm_tissue *tissue, tm_force_part *part, tm_pool *pool) {
-    int32_t count = 0;
-    for (int32_t j = 0; j < part->begin; j++) count += reaches(tissue, j, part);
-    int32_t *below = TM_TAKE(pool, int32_t, count);
-    if (!below) return;
-    for (int32_t j = 0; j < part->begin; j++)
-        if (reaches(tissue, j, part)) below[part->below_count++] = j;
-    part->below = below;
-}
+enum { LEAST_TETS = 2000, BLOCK = 512 };
 
 bool tm_parts_take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
     const tm_tissue *tissue = def->tissue;
@@ -102,8 +15,7 @@ bool tm_parts_take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
     world->part_count = wanted > 1 ? wanted : 1;
     world->part = TM_TAKE(pool, tm_part, world->part_count + 1);
     if (!world->part) return false;
-    if (!divide(tissue, world->part, world->part_count)) return false;
-    for (int32_t p = 1; p < world->part_count; p++) find_below(tissue, &world->part[p].force, pool);
+    if (!tm_borders_take(world, pool, tissue)) return false;
     world->part[world->part_count].force = tm_force_whole(&tissue->graph);
     for (int32_t p = 0; p <= world->part_count; p++)
         world->part[p].force.ring = TM_TAKE(pool, double, 4 * (int64_t)TM_FORCE_RING);
@@ -142,8 +54,9 @@ static void look(const tm_world *world, tm_part *part, int32_t begin, int32_t en
 
 typedef struct stages {
     tm_world *world;
-    int32_t begin, end; /* slots */
-    bool look;
+    int32_t begin, end;      /* slots */
+    bool look, timed;        /* timed: by the clock, for the borders */
+    const tm_beside *beside; /* null: nothing */
 } stages;
 
 /* Time is booked by the first part for all of them. */
@@ -152,7 +65,12 @@ static void run_part(void *context, int32_t number) {
     tm_world *world = s->world;
     tm_part *part = world->part + number;
     const bool timed = world->timing && number == 0;
+    const double since_s = s->timed ? tm_clock_s() : 0;
     part->unsound = false;
+    if (s->beside) {
+        if (timed) tm_world_charge(world, s->beside->slot);
+        s->beside->work(s->beside->self, number);
+    }
     for (int32_t begin = part->force.begin; begin < part->force.end;) {
         const tm_range range = {number, begin, begin + BLOCK < part->force.end ? begin + BLOCK : part->force.end};
         for (int32_t i = s->begin; i < s->end; i++) {
@@ -162,6 +80,7 @@ static void run_part(void *context, int32_t number) {
         if (s->look) look(world, part, range.begin, range.end);
         begin = range.end;
     }
+    if (s->timed) part->took_s = tm_clock_s() - since_s;
 }
 
 static void look_at_part(void *context, int32_t number) {
@@ -188,9 +107,27 @@ static void look_by_parts(tm_world *world, void (*work)(void *context, int32_t p
     for (int32_t p = 0; p < world->part_count; p++) world->unsound |= world->part[p].unsound;
 }
 
+/* Do none but the world's own stages run in [begin, end), from force to the new displacements? */
+static bool are_own(const tm_world *world, int32_t begin, int32_t end) {
+    bool own = true, force = false, moved = false;
+    for (int32_t i = begin; i < end; i++) {
+        tm_stage_range *range = world->slot[i].stage.range;
+        force |= range == tm_stage_force;
+        const bool moves = range == tm_stage_integrate || range == tm_stage_integrate_damped;
+        moved |= moves;
+        own &= moves || range == tm_stage_force || range == tm_stage_gravity_run || range == tm_stage_load_run ||
+               range == tm_stage_support_run;
+    }
+    return own && force && moved;
+}
+
 void tm_parts_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_too) {
-    stages s = {world, begin, end, look_too};
+    stages s = {.world = world, .begin = begin, .end = end, .look = look_too};
+    const bool divided = world->part_count > 1 && are_own(world, begin, end);
+    s.timed = divided && world->team_is_there;
+    if (divided && world->beside.self && world->beside.begin(world->beside.self, world, end)) s.beside = &world->beside;
     look_by_parts(world, run_part, &s);
+    if (s.timed) tm_borders_follow(world);
 }
 
 void tm_parts_look(tm_world *world) { look_by_parts(world, look_at_part, world); }

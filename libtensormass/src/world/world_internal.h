@@ -11,9 +11,21 @@ enum { TM_COOKIE_WORLD = 0x776f726c, TM_COOKIE_SUPPORT = 0x73757070, TM_COOKIE_S
 
 /* What one thread has of a step. */
 typedef struct tm_part {
-    tm_force_part force; /* its vertices */
-    bool unsound;        /* one of them is nowhere, since the substep's last look */
+    tm_force_part force;           /* its vertices */
+    bool unsound;                  /* one of them is nowhere, since the substep's last look */
+    int32_t *below;                /* [vertex_count] room of force.below; null: the first */
+    double took_s, sum_s, usual_s; /* its thread in the last job of force; in those since the borders were looked at;
+                                      in the mean of those before */
 } tm_part;
+
+/* Work of a stage that wants what a substep begins with, and not the new force: done while that is computed. */
+typedef struct tm_beside {
+    void *self;   /* null: there is none */
+    int32_t slot; /* on which its time is booked */
+    /* By the caller's thread, before force. `next`: the slot behind force. False: not in this substep. */
+    bool (*begin)(void *self, tm_world *world, int32_t next);
+    void (*work)(void *self, int32_t part); /* by each part's thread */
+} tm_beside;
 
 struct tm_world {
     tm_pool pool;
@@ -37,7 +49,9 @@ struct tm_world {
     bool unsound;   /* a stage met a number that is not finite: the step fails */
     bool whole_law; /* a stage of tissue that turns computes all of the force: "force" leaves 0 */
     int32_t part_count;
-    tm_part *part; /* [part_count+1] the last: all of it, for passes that one thread does */
+    tm_part *part;     /* [part_count+1] the last: all of it, for passes that one thread does */
+    int32_t job_count; /* of force, since the borders were looked at */
+    tm_beside beside;
     tm_team *team; /* null: one part, or the caller's own threads */
     bool team_is_there;
     tm_run_parts *run_parts;
@@ -63,6 +77,11 @@ void tm_world_remove_all_stages(tm_world *world);
 /* --- parts (parts.c) --- */
 /* Divides the tissue among the threads that it is worth. False: no memory, or no thread to be had. */
 bool tm_parts_take(tm_world *world, tm_pool *pool, const tm_world_def *def);
+/* borders.c: divides by count; moves borders to end[part_count], ascending, the last all; or to where the times of the
+ * job that has just been done want them. */
+bool tm_borders_take(tm_world *world, tm_pool *pool, const tm_tissue *tissue);
+void tm_borders_set(tm_world *world, const int32_t *end);
+void tm_borders_follow(tm_world *world);
 /* Around the substeps of a call. */
 void tm_parts_begin(tm_world *world, int32_t substeps);
 void tm_parts_end(tm_world *world);
