@@ -27,6 +27,29 @@ INLINE double dot(const double *restrict a, const double *restrict b, int32_t n)
     return rest + sum_lanes(lane);
 }
 
+INLINE void weighted_dots(const double *a, const double *weight, const double *b, int32_t n, double out[9]) {
+    enum { FEW = 4 }; /* lanes, nine times */
+    double lane[9][FEW] = {{0}}, rest[9] = {0};
+    const double *restrict x0 = a, *restrict x1 = a + n, *restrict x2 = a + 2 * (int64_t)n;
+    const double *restrict y0 = b, *restrict y1 = b + n, *restrict y2 = b + 2 * (int64_t)n;
+    int32_t i = 0;
+    for (; i + FEW <= n; i += FEW)
+        for (int k = 0; k < FEW; k++) {
+            const double w = weight[i + k], x[3] = {x0[i + k] * w, x1[i + k] * w, x2[i + k] * w};
+            const double y[3] = {y0[i + k], y1[i + k], y2[i + k]};
+            for (int j = 0; j < 9; j++) lane[j][k] += x[j / 3] * y[j % 3];
+        }
+    for (; i < n; i++) {
+        const double w = weight[i], x[3] = {x0[i] * w, x1[i] * w, x2[i] * w}, y[3] = {y0[i], y1[i], y2[i]};
+        for (int j = 0; j < 9; j++) rest[j] += x[j / 3] * y[j % 3];
+    }
+    for (int j = 0; j < 9; j++) out[j] = rest[j] + (lane[j][0] + lane[j][1]) + (lane[j][2] + lane[j][3]);
+}
+
+INLINE void add_times(double f, const double *restrict a, int32_t n, double *restrict out) {
+    for (int32_t i = 0; i < n; i++) out[i] += f * a[i];
+}
+
 /* push -= r * x, and the sum of r * at. */
 INLINE double both_halves(const double *restrict r, double x, const double *restrict at, double *restrict push,
                           int32_t n) {
@@ -110,6 +133,12 @@ INLINE void rows_times(const float *restrict rows, int32_t count, int32_t width,
 
 #ifdef HAS_WIDE
 WIDE static double dot_wide(const double *restrict a, const double *restrict b, int32_t n) { return dot(a, b, n); }
+WIDE static void dots_wide(const double *a, const double *weight, const double *b, int32_t n, double out[9]) {
+    weighted_dots(a, weight, b, n, out);
+}
+WIDE static void add_wide(double f, const double *restrict a, int32_t n, double *restrict out) {
+    add_times(f, a, n, out);
+}
 WIDE static void whole_wide(const double *schur, const double *given, const double *at, int32_t n, double *force) {
     whole_force(schur, given, at, n, force);
 }
@@ -123,6 +152,10 @@ WIDE static void rows_wide(const float *rows, int32_t count, int32_t width, cons
 #endif
 
 static double dot_plain(const double *restrict a, const double *restrict b, int32_t n) { return dot(a, b, n); }
+static void dots_plain(const double *a, const double *weight, const double *b, int32_t n, double out[9]) {
+    weighted_dots(a, weight, b, n, out);
+}
+static void add_plain(double f, const double *restrict a, int32_t n, double *restrict out) { add_times(f, a, n, out); }
 static void whole_plain(const double *schur, const double *given, const double *at, int32_t n, double *force) {
     whole_force(schur, given, at, n, force);
 }
@@ -133,6 +166,12 @@ static void rows_plain(const float *rows, int32_t count, int32_t width, const fl
 
 double tms_dot(const double *restrict a, const double *restrict b, int32_t n) {
     return CHOOSE(dot_wide, dot_plain)(a, b, n);
+}
+void tms_weighted_dots(const double *a, const double *weight, const double *b, int32_t n, double out[9]) {
+    CHOOSE(dots_wide, dots_plain)(a, weight, b, n, out);
+}
+void tms_add_times(double f, const double *restrict a, int32_t n, double *restrict out) {
+    CHOOSE(add_wide, add_plain)(f, a, n, out);
 }
 void tms_whole_force(const double *schur, const double *given, const double *at, int32_t n, double *force) {
     CHOOSE(whole_wide, whole_plain)(schur, given, at, n, force);

@@ -213,8 +213,9 @@ void tm_hybrid_destroy(tm_hybrid *h) {
                       h->full_f,         h->through,
                       h->through_vertex, h->kept,
                       h->give_m_N,       h->held,
-                      h->before_m,       h->around,
-                      h->around_by,      h->around_m};
+                      h->moving,         h->before_m,
+                      h->around,         h->around_by,
+                      h->around_m};
     for (size_t i = 0; i < sizeof arrays / sizeof *arrays; i++) tms_give(arrays[i]);
     tms_give(h);
 }

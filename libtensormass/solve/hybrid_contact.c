@@ -52,6 +52,9 @@ static void make_fresh(tm_hybrid *h) {
     memset(h->held, 0, 3 * (size_t)h->mesh->vertex_count);
     tm_support_mask(h->world, h->held);
     for (int32_t k = 0; k < h->interface_count; k++) h->give_m_N[k] = tms_hybrid_mobility(h, h->interface[k]);
+    h->moving_count = 0;
+    for (int32_t v = 0; v < h->mesh->vertex_count; v++)
+        if (tm_world_mobility_s2_kg(h->world)[v] > 0) h->moving[h->moving_count++] = v;
     if (!h->local.memory) return;
     tms_local_forget(&h->local);
     tms_span_forget(h);
@@ -182,13 +185,11 @@ static void count_wandering(tm_hybrid *h) {
     const tm_state *state = tm_world_state(h->world);
     double most = 0;
     if (h->local.gathered_age % WANDER_EVERY != 0) return;
-    for (int32_t v = 0; v < h->mesh->vertex_count; v++) {
-        if (h->part[v] == TMS_CONDENSED) continue;
-        for (int32_t d = 3 * v; d < 3 * v + 3; d++) {
+    for (int32_t i = 0; i < h->moving_count; i++)
+        for (int32_t d = 3 * h->moving[i]; d < 3 * h->moving[i] + 3; d++) {
             const double moved = fabs(state->u_m[d] - state->u_prev_m[d]);
             most = moved > most ? moved : most;
         }
-    }
     h->local.wandered_m += WANDER_EVERY * most;
 }
 

@@ -26,12 +26,10 @@ const double *tms_hybrid_through(tm_hybrid *h, int32_t vertex) {
 static void inside_inside(tm_hybrid *h, int32_t a, int32_t b, double C[9]) {
     const int32_t n = h->interface_count;
     const double *ra = tms_hybrid_through(h, a), *rb = tms_hybrid_through(h, b);
+    tms_weighted_dots(ra, h->give_m_N, rb, n, C);
     for (int i = 0; i < 9; i++) {
         const int32_t row = h->place[3 * a + i / 3], column = h->place[3 * b + i % 3];
-        const double *x = ra + (int64_t)(i / 3) * n, *y = rb + (int64_t)(i % 3) * n;
-        double sum = row < 0 || column < 0 ? 0 : tms_response(&h->responses, column, row);
-        for (int32_t k = 0; k < n; k++) sum += x[k] * h->give_m_N[k] * y[k];
-        C[i] = sum;
+        if (row >= 0 && column >= 0) C[i] += tms_response(&h->responses, column, row);
     }
 }
 

@@ -99,7 +99,7 @@ static void sum_push(tm_hybrid *h) {
     for (int32_t i = 0; i < l->before_count; i++) {
         const tm_contact_row *row = &l->before[i];
         const double *follow = s->frozen[i] < 0 ? NULL : s->follow + (int64_t)s->frozen[i] * n;
-        for (int32_t k = 0; k < n && follow && row->lambda_N > 0; k++) s->push_N[k] += follow[k] * row->lambda_N;
+        if (follow && row->lambda_N > 0) tms_add_times(row->lambda_N, follow, n, s->push_N);
         for (int a = 0; a < 9 && s->frozen[i] < 0; a++)
             if (tms_row_is_in(h, row, a / 3, TMS_INTERFACE))
                 s->push_N[h->place[3 * row->vertex[a / 3] + a % 3]] +=

@@ -78,8 +78,8 @@ static void detach(void *self) {
     tms_local_destroy(&h->local);
     tms_span_destroy(h);
     h->local = (tms_local){0};
-    void **array[] = {(void **)&h->held, (void **)&h->give_m_N, (void **)&h->through, (void **)&h->through_vertex,
-                      &h->kept};
+    void **array[] = {(void **)&h->held,           (void **)&h->give_m_N, (void **)&h->through,
+                      (void **)&h->through_vertex, (void **)&h->moving,   &h->kept};
     for (size_t i = 0; i < sizeof array / sizeof *array; i++) {
         tms_give(*array[i]);
         *array[i] = NULL;
@@ -114,8 +114,9 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
     tms_coupling_forget(&h->coupling);
     h->held = tms_take_zeroed(3 * (size_t)h->mesh->vertex_count, 1);
     h->give_m_N = tms_take_zeroed((size_t)h->interface_count, 8);
+    h->moving = tms_take(4 * (size_t)h->mesh->vertex_count);
     tm_status status =
-        h->held && h->give_m_N
+        h->held && h->give_m_N && h->moving
             ? TM_OK
             : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the stage of a hybrid model; use a coarser mesh");
     if (status == TM_OK && contact) status = tms_hybrid_add_contact(h, contact, error);

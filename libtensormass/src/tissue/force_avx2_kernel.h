@@ -170,11 +170,9 @@ TM_AVX2 void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t f
     int32_t k = from;
     for (int32_t begin, end = from; k < to; k = end) {
         if (!tm_next_run(graph->living, to, &begin, &end)) begin = end = to;
-        for (; k < begin; k++) { /* dead */
-            double *at = ring + 4 * (size_t)(k & (slots - 1));
-            for (int i = 0; i < 3; i++) force_N[3 * (int64_t)k + i] = 0.0;
-            tm_enter_ring(at, k + slots, part->zeroed, force_N);
-        }
+        for (int64_t i = 3 * (int64_t)k; i < 3 * (int64_t)begin; i++) force_N[i] = 0.0; /* dead, */
+        for (k = begin - slots > k ? begin - slots : k; k < begin; k++) /* of which the ring holds so many at most */
+            tm_enter_ring(ring + 4 * (size_t)(k & (slots - 1)), k + slots, part->zeroed, force_N);
         part->zeroed = TM_OF(run)(graph, part, begin, end, part->zeroed, u_m, force_N);
     }
 }

@@ -81,6 +81,7 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     tm_stage_integrate_still(world);
     tm_parts_begin(world, count);
     for (int32_t i = 0; i < count && !world->unsound; i++) {
+        world->look_at_dead = i == 0 || i == count - 1;
         substep(world);
         rotate(s);
         if (s->step % FLUSH_EVERY == 0) flush(s, n);

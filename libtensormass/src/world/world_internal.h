@@ -45,9 +45,10 @@ struct tm_world {
     double *keep_u_m, *keep_u_prev_m, *keep_force_N;
     int64_t keep_step;
     double keep_time_s;
-    bool asking;    /* forces are evaluated outside a step: no history goes on */
-    bool unsound;   /* a stage met a number that is not finite: the step fails */
-    bool whole_law; /* a stage of tissue that turns computes all of the force: "force" leaves 0 */
+    bool asking;       /* forces are evaluated outside a step: no history goes on */
+    bool look_at_dead; /* in this substep, for displacements that are nowhere */
+    bool unsound;      /* a stage met a number that is not finite: the step fails */
+    bool whole_law;    /* a stage of tissue that turns computes all of the force: "force" leaves 0 */
     int32_t part_count;
     tm_part *part;     /* [part_count+1] the last: all of it, for passes that one thread does */
     int32_t job_count; /* of force, since the borders were looked at */
