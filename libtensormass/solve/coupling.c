@@ -10,7 +10,8 @@ enum {
     SOLVE_STEPS = 20, /* of conjugate gradients for K^-1, which is nearly diagonal and needs no digits */
     FIRST = 8,        /* substeps between whole forces; one more for each PER components, LAST at most */
     PER = 40,
-    LAST = 64
+    LAST = 64,
+    CHANGES = 7 /* of the whole force in single, between two of it in double */
 };
 /* W is a little too small: what single precision rounds off must not make R negative where it is zero. */
 static const double SHRINK = 1 - 1e-6;
@@ -35,8 +36,9 @@ static size_t lay_out(tms_coupling *c, int32_t blocks, char *memory) {
     c->along = carve(&at, 4 * (size_t)c->rank);
     c->moved = carve(&at, 4 * padded);
     c->answer = carve(&at, 4 * padded);
-    double **list[] = {&c->whole_m, &c->whole_N, &c->kept_m, &c->kept_N};
-    for (int i = 0; i < 4; i++) *list[i] = carve(&at, 8 * n);
+    c->single = carve(&at, c->rank ? 2 * n * (n + 1) : 0);
+    double **list[] = {&c->whole_m, &c->whole_N, &c->kept_m, &c->kept_N, &c->change_m};
+    for (int i = 0; i < 5; i++) *list[i] = carve(&at, 8 * n);
     return (size_t)(at - memory);
 }
 
@@ -250,6 +252,7 @@ static tm_status make(tms_coupling *c, const tm_tissue *condensed, const int32_t
             lay_out(c, blocks, c->memory);
             fill_blocks(c, &K, count);
             fill_values(c, &K);
+            for (int64_t i = 0; c->rank && i < (int64_t)c->n * (c->n + 1) / 2; i++) c->single[i] = (float)c->schur[i];
         }
         if (!c->memory || (c->rank && !make_smooth(c, &K, mesh->rest_m, border)))
             status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the border; use a coarser mesh");
@@ -277,16 +280,27 @@ void tms_coupling_destroy(tms_coupling *c) {
     *c = (tms_coupling){0};
 }
 
+static void compute_whole(tms_coupling *c, const double *u_m, const double *u_prev_m) {
+    const bool anew = c->age < 0 || c->changes >= CHANGES;
+    for (int32_t i = 0; i < c->n; i++) {
+        const double middle = 0.5 * (u_m[i] + u_prev_m[i]);
+        c->change_m[i] = middle - c->whole_m[i];
+        c->whole_m[i] = middle;
+    }
+    if (anew)
+        tms_whole_force(c->schur, c->given_N, c->whole_m, c->n, c->whole_N);
+    else
+        tms_whole_change(c->single, c->change_m, c->n, c->whole_N);
+    c->changes = anew ? 0 : c->changes + 1;
+    c->age = 0;
+}
+
 void tms_coupling_force(tms_coupling *c, const double *u_m, const double *u_prev_m, double *force_N) {
     if (c->every == 1) {
         tms_whole_force(c->schur, c->given_N, u_m, c->n, force_N);
         return;
     }
-    if (c->age < 0 || ++c->age >= c->every) {
-        for (int32_t i = 0; i < c->n; i++) c->whole_m[i] = 0.5 * (u_m[i] + u_prev_m[i]);
-        tms_whole_force(c->schur, c->given_N, c->whole_m, c->n, c->whole_N);
-        c->age = 0;
-    }
+    if (c->age < 0 || ++c->age >= c->every) compute_whole(c, u_m, u_prev_m);
     for (int32_t i = 0; i < c->n; i++) c->moved[i] = (float)(u_m[i] - c->whole_m[i]);
     tms_follow(c);
     for (int32_t i = 0; i < c->n; i++) force_N[i] = c->whole_N[i] - (double)c->answer[i];
@@ -294,42 +308,51 @@ void tms_coupling_force(tms_coupling *c, const double *u_m, const double *u_prev
 
 /* --- state --- */
 
-void tms_coupling_forget(tms_coupling *c) { c->age = -1; }
+void tms_coupling_forget(tms_coupling *c) {
+    c->age = -1;
+    c->changes = 0;
+}
 
 void tms_coupling_keep(tms_coupling *c) {
     c->kept_age = c->age;
+    c->kept_changes = c->changes;
     memcpy(c->kept_m, c->whole_m, 8 * (size_t)c->n);
     memcpy(c->kept_N, c->whole_N, 8 * (size_t)c->n);
 }
 
 void tms_coupling_give_back(tms_coupling *c) {
     c->age = c->kept_age;
+    c->changes = c->kept_changes;
     memcpy(c->whole_m, c->kept_m, 8 * (size_t)c->n);
     memcpy(c->whole_N, c->kept_N, 8 * (size_t)c->n);
 }
 
 int64_t tms_coupling_snapshot(const tms_coupling *c, void *buffer) {
-    const int64_t age = c->age;
+    const int32_t head[2] = {c->age, c->changes};
+    const size_t bytes = 8 * (size_t)c->n;
     if (buffer) {
-        memcpy(buffer, &age, sizeof age);
-        memcpy((char *)buffer + sizeof age, c->whole_m, 8 * (size_t)c->n);
+        char *to = memcpy(buffer, head, sizeof head);
+        memcpy(to + sizeof head, c->whole_m, bytes);
+        memcpy(to + sizeof head + bytes, c->whole_N, bytes);
     }
-    return (int64_t)sizeof age + 8 * (int64_t)c->n;
+    return (int64_t)(sizeof head + 2 * bytes);
 }
 
 bool tms_coupling_restore(tms_coupling *c, const void *buffer, int64_t bytes, bool apply) {
-    int64_t age;
+    int32_t head[2];
+    const char *whole = (const char *)buffer + sizeof head;
     if (bytes != tms_coupling_snapshot(c, NULL)) return false;
-    memcpy(&age, buffer, sizeof age);
-    bool fits = age >= -1 && age < c->every;
-    for (int32_t i = 0; fits && i < c->n; i++) {
-        double u;
-        memcpy(&u, (const char *)buffer + sizeof age + 8 * (size_t)i, 8);
-        fits = fabs(u) < 1e6;
+    memcpy(head, buffer, sizeof head);
+    bool fits = head[0] >= -1 && head[0] < c->every && head[1] >= 0 && head[1] <= CHANGES;
+    for (int32_t i = 0; fits && i < 2 * c->n; i++) {
+        double value;
+        memcpy(&value, whole + 8 * (size_t)i, 8);
+        fits = i < c->n ? fabs(value) < 1e6 : isfinite(value);
     }
     if (!fits || !apply) return fits;
-    c->age = (int32_t)age;
-    memcpy(c->whole_m, (const char *)buffer + sizeof age, 8 * (size_t)c->n);
-    if (age >= 0) tms_whole_force(c->schur, c->given_N, c->whole_m, c->n, c->whole_N);
+    c->age = head[0];
+    c->changes = head[1];
+    memcpy(c->whole_m, whole, 8 * (size_t)c->n);
+    memcpy(c->whole_N, whole + 8 * (size_t)c->n, 8 * (size_t)c->n);
     return true;
 }

@@ -9,7 +9,8 @@
  *   elastic one of the model with S at the midway shape, each whole computation takes d^T R d / 2 away, where d is
  *   what the midway shape has moved since the last one, and nothing adds any (the midway shape is what makes it so:
  *   with u itself quick shapes would gain);
- * - what rests has u = r: there it is S to the last bit.
+ * - what rests has u = r: there it is S to the last bit. (Whole computations but each eighth add S times what r has
+ *   moved since the one before, S in single: half the memory read. Each eighth is of r itself, in double.)
  * W holds the softest shapes of the border, which R therefore does not slow down. */
 #ifndef TMS_COUPLING_H
 #define TMS_COUPLING_H
@@ -19,16 +20,19 @@
 typedef struct tms_coupling {
     int32_t n, padded, rank, every;
     const double *schur;   /* upper triangle by rows */
+    float *single;         /* the same, for changes of the whole force; of a border that is followed */
     const double *given_N; /* [n] force of the inside's loads and supports with the border at 0 */
     int32_t *begin, *neighbour;
-    float *block;              /* K by 3x3 blocks, columns of four numbers: rows of border vertex v: begin[v].. */
-    float *smooth;             /* W by columns [rank][padded] */
-    float *shape;              /* [n][rank] orthonormal shapes that W was made of */
-    float *along;              /* [rank] */
-    float *moved, *answer;     /* [padded] */
-    double *whole_m, *whole_N; /* [n] where F was computed whole, and F */
-    double *kept_m, *kept_N;   /* [n] of a step that may be given back */
-    int32_t age, kept_age;     /* substeps since; -1: never */
+    float *block;                  /* K by 3x3 blocks, columns of four numbers: rows of border vertex v: begin[v].. */
+    float *smooth;                 /* W by columns [rank][padded] */
+    float *shape;                  /* [n][rank] orthonormal shapes that W was made of */
+    float *along;                  /* [rank] */
+    float *moved, *answer;         /* [padded] */
+    double *whole_m, *whole_N;     /* [n] where F was computed whole, and F */
+    double *change_m;              /* [n] what that shape has moved since the one before */
+    double *kept_m, *kept_N;       /* [n] of a step that may be given back */
+    int32_t age, kept_age;         /* substeps since; -1: never */
+    int32_t changes, kept_changes; /* of F in single since it was computed in double */
     int64_t bytes;
     void *memory;
 } tms_coupling;
@@ -51,6 +55,8 @@ bool tms_coupling_restore(tms_coupling *coupling, const void *buffer, int64_t by
 /* coupling_kernel.c: the inner loops; the same bits on every machine. */
 /* force := given - schur * at, each entry of the triangle read once. */
 void tms_whole_force(const double *schur, const double *given, const double *at, int32_t n, double *force);
+/* force -= schur * moved, by its copy in single. */
+void tms_whole_change(const float *single, const double *moved, int32_t n, double *force);
 /* answer := (K - W W^T) moved, [padded] */
 void tms_follow(tms_coupling *coupling);
 /* out := rows x; rows [count][width], width a multiple of 16. */

@@ -67,10 +67,33 @@ INLINE double both_halves(const double *restrict r, double x, const double *rest
     return rest + sum_lanes(lane);
 }
 
+/* The same of a copy in single. */
+INLINE double both_halves_single(const float *restrict r, double x, const double *restrict at, double *restrict push,
+                                 int32_t n) {
+    double lane[LANES] = {0}, rest = 0;
+    int32_t j = 0;
+    for (; j + LANES <= n; j += LANES)
+        for (int k = 0; k < LANES; k++) {
+            lane[k] += (double)r[j + k] * at[j + k];
+            push[j + k] -= (double)r[j + k] * x;
+        }
+    for (; j < n; j++) {
+        rest += (double)r[j] * at[j];
+        push[j] -= (double)r[j] * x;
+    }
+    return rest + sum_lanes(lane);
+}
+
 INLINE void whole_force(const double *schur, const double *given, const double *at, int32_t n, double *force) {
     memcpy(force, given, 8 * (size_t)n);
     for (int32_t i = 0; i < n; schur += n - i, i++)
         force[i] -= schur[0] * at[i] + both_halves(schur + 1, at[i], at + i + 1, force + i + 1, n - i - 1);
+}
+
+INLINE void whole_change(const float *single, const double *moved, int32_t n, double *force) {
+    for (int32_t i = 0; i < n; single += n - i, i++)
+        force[i] -= (double)single[0] * moved[i] +
+                    both_halves_single(single + 1, moved[i], moved + i + 1, force + i + 1, n - i - 1);
 }
 
 /* answer := K moved. */
@@ -142,6 +165,9 @@ WIDE static void add_wide(double f, const double *restrict a, int32_t n, double 
 WIDE static void whole_wide(const double *schur, const double *given, const double *at, int32_t n, double *force) {
     whole_force(schur, given, at, n, force);
 }
+WIDE static void change_wide(const float *single, const double *moved, int32_t n, double *force) {
+    whole_change(single, moved, n, force);
+}
 WIDE static void follow_wide(const tms_coupling *c) { follow(c); }
 WIDE static void rows_wide(const float *rows, int32_t count, int32_t width, const float *x, float *out) {
     rows_times(rows, count, width, x, out);
@@ -159,6 +185,9 @@ static void add_plain(double f, const double *restrict a, int32_t n, double *res
 static void whole_plain(const double *schur, const double *given, const double *at, int32_t n, double *force) {
     whole_force(schur, given, at, n, force);
 }
+static void change_plain(const float *single, const double *moved, int32_t n, double *force) {
+    whole_change(single, moved, n, force);
+}
 static void follow_plain(const tms_coupling *c) { follow(c); }
 static void rows_plain(const float *rows, int32_t count, int32_t width, const float *x, float *out) {
     rows_times(rows, count, width, x, out);
@@ -175,6 +204,9 @@ void tms_add_times(double f, const double *restrict a, int32_t n, double *restri
 }
 void tms_whole_force(const double *schur, const double *given, const double *at, int32_t n, double *force) {
     CHOOSE(whole_wide, whole_plain)(schur, given, at, n, force);
+}
+void tms_whole_change(const float *single, const double *moved, int32_t n, double *force) {
+    CHOOSE(change_wide, change_plain)(single, moved, n, force);
 }
 void tms_rows_times(const float *rows, int32_t count, int32_t width, const float *x, float *out) {
     CHOOSE(rows_wide, rows_plain)(rows, count, width, x, out);

@@ -185,7 +185,49 @@ static void account(void **state) {
     free_set(&s);
 }
 
+/* --- changes in single --- */
+
+/* Between two whole forces in double the whole force moves by changes in single: as good as those, and what comes to
+ * rest has the force of its shape to the last bit. */
+static void changes(void **state) {
+    (void)state;
+    set s = make();
+    tms_coupling *c = &s.hybrid->coupling;
+    fix_random random = {5};
+    double *u = calloc((size_t)c->n, 8), *f = calloc((size_t)c->n, 8), *exact = calloc((size_t)c->n, 8), worst = 0;
+    int32_t most = 0;
+    for (int k = 0; k < 40 * c->every; k++) {
+        const bool rests = k >= 20 * c->every;
+        for (int32_t i = 0; !rests && i < c->n; i++) u[i] += 1e-5 * fix_signed(&random);
+        tms_coupling_force(c, u, u, f);
+        if (c->age != 0) continue;
+        tms_whole_force(s.hybrid->schur, s.hybrid->responses.interface_N, u, c->n, exact);
+        for (int32_t i = 0; i < c->n; i++)
+            worst = fmax(worst, fabs(f[i] - exact[i]) / fix_largest(exact, (size_t)c->n));
+        most = c->changes > most ? c->changes : most;
+    }
+    print_message("  up to %d changes in single: off by %.1e of the largest force\n", most, worst);
+    assert_true(most == 7 && worst > 0 && worst < 1e-6);
+    assert_memory_equal(f, exact, 8 * (size_t)c->n);
+    free(u), free(f), free(exact);
+    free_set(&s);
+}
+
+/* What is dead in the world's tissue is looked at too, though not in every substep. */
+static void nowhere(void **state) {
+    (void)state;
+    set s = make();
+    tm_state *at = tm_world_state(s.world);
+    int32_t v = 0;
+    while (s.hybrid->part[v] != TMS_CONDENSED) v++;
+    assert_int_equal(tm_world_step(s.world, 20), TM_OK);
+    at->u_m[3 * v] = 1e7;
+    assert_int_equal(tm_world_step(s.world, 20), TM_ERR_UNSTABLE);
+    free_set(&s);
+}
+
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(between), cmocka_unit_test(account)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(between), cmocka_unit_test(account), cmocka_unit_test(changes),
+                                       cmocka_unit_test(nowhere)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
