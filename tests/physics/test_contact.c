@@ -167,6 +167,39 @@ static void test_rows_measure_the_true_distance(void **unused) {
     scene_destroy(&s);
 }
 
+/* Whatever slots triangles are in, and however large their names are: the same rows. */
+static void test_order_is_by_name(void **unused) {
+    (void)unused;
+    enum { LARGE = 3 << 28 };
+    scene_def d = scene_def_default();
+    scene s = scene_create(&d);
+    const tm_surface_view f = tm_tissue_surface(s.tissue);
+    int32_t *triangle = malloc(12 * (size_t)f.count), *face = malloc(4 * (size_t)f.count);
+    for (int32_t i = 0, j = f.count - 1; i < f.count; i++, j--) {
+        face[i] = f.face[j] + LARGE;
+        memcpy(triangle + 3 * i, f.triangle + 3 * j, 12);
+    }
+    for (int i = 0; i < 20; i++) {
+        const tm_capsule tool = {
+            .tip_m = {-0.02 + 0.002 * i, 0.001 * i, 0.0435}, .tail_m = {0.03, 0.002 * i, 0.0445}, .radius_m = 0.0025};
+        tm_contact_row row[64], other[64];
+        const int32_t n = find(&s, &tool, 0.0005, row);
+        assert_true(n > 4);
+        assert_int_equal(tm_contact_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, triangle, face, NULL, f.count,
+                                         &tool, 0.0005, other, 64, NULL),
+                         n);
+        for (int32_t k = 0; k < n; k++) {
+            assert_int_equal(other[k].face, row[k].face + LARGE);
+            assert_int_equal(other[k].feature, row[k].feature);
+            assert_memory_equal(other[k].normal, row[k].normal, sizeof row->normal);
+            assert_memory_equal(other[k].weight, row[k].weight, sizeof row->weight);
+            assert_true(other[k].gap_m == row[k].gap_m && other[k].share == row[k].share);
+        }
+    }
+    free(triangle), free(face);
+    scene_destroy(&s);
+}
+
 static void test_too_many_rows_keep_the_deepest(void **unused) {
     (void)unused;
     scene_def d = scene_def_default();
@@ -697,6 +730,7 @@ int main(void) {
         cmocka_unit_test(test_tip_force_does_the_same_work),
         cmocka_unit_test(test_flat_surface_hides_its_triangles),
         cmocka_unit_test(test_rows_measure_the_true_distance),
+        cmocka_unit_test(test_order_is_by_name),
         cmocka_unit_test(test_too_many_rows_keep_the_deepest),
         cmocka_unit_test(test_action_is_reaction),
         cmocka_unit_test(test_held_probe_feels_the_static_reaction),

@@ -42,48 +42,60 @@ static double triangle_beyond(const box *b, const tm_capsule *capsule, const dou
     return vsegment(center, capsule->tip_m, capsule->tail_m) - sqrt(radius2);
 }
 
-/* Shell sort: no recursion, no allocation, the same on every machine. Keys are distinct or equal ones are alike. */
-static void sort_keys(int64_t *key, int32_t count) {
-    static const int32_t gap[] = {1750, 701, 301, 132, 57, 23, 10, 4, 1};
-    for (int g = 0; g < 9; g++)
-        for (int32_t i = gap[g]; i < count; i++) {
-            int64_t k = key[i];
-            int32_t j = i;
-            for (; j >= gap[g] && key[j - gap[g]] > k; j -= gap[g]) key[j] = key[j - gap[g]];
-            key[j] = k;
-        }
+/* Most numbers that a digit of a key has. */
+enum { MOST_DIGITS = 4096 };
+
+/* Keys by the digit `bits` wide at `shift`, which is below `size`; alike ones stay in their order. No comparison, no
+ * recursion, no allocation. */
+static void sort_digit(const int64_t *from, int64_t *to, int32_t count, int shift, int bits, int32_t size) {
+    int32_t begin[MOST_DIGITS + 1];
+    const int64_t mask = ((int64_t)1 << bits) - 1;
+    memset(begin, 0, sizeof *begin * (size_t)(size + 1));
+    for (int32_t i = 0; i < count; i++) begin[(from[i] >> shift & mask) + 1]++;
+    for (int32_t d = 0; d < size; d++) begin[d + 1] += begin[d];
+    for (int32_t i = 0; i < count; i++) to[begin[from[i] >> shift & mask]++] = from[i];
 }
 
-static int32_t local_vertex(const tm_local_surface *s, int32_t id) {
-    int32_t low = 0, high = s->vertex_count - 1;
-    while (low < high) {
-        int32_t middle = (low + high) / 2;
-        if (s->vertex_id[middle] < id)
-            low = middle + 1;
-        else
-            high = middle;
+/* By the two digits from `shift` on, the lower one first. */
+static void sort_keys(int64_t *key, int32_t count, int shift, int bits, int32_t size) {
+    int64_t room[3 * TM_LOCAL_FACES];
+    sort_digit(key, room, count, shift, bits, size);
+    sort_digit(room, key, count, shift + bits, bits, size);
+}
+
+/* By a name that fills what is above `shift`: two digits or four. */
+static void sort_names(int64_t *key, int32_t count, int shift) {
+    int64_t any = 0;
+    int bits = 1;
+    for (int32_t i = 0; i < count; i++) any |= key[i] >> shift;
+    while (any >> 2 * bits) bits++;
+    if (bits <= 12) {
+        sort_keys(key, count, shift, bits, 1 << bits);
+    } else {
+        sort_keys(key, count, shift, 8, 256);
+        sort_keys(key, count, shift + 16, 8, 256);
     }
-    return low;
 }
 
+/* Vertices by sorting (name, corner); corners are below 3 * TM_LOCAL_FACES. */
 static void build_vertices(tm_local_surface *s) {
     int32_t n = 0;
     for (int32_t f = 0; f < s->face_count; f++)
-        for (int j = 0; j < 3; j++) s->key[n++] = s->face_vertex[f][j];
-    sort_keys(s->key, n);
+        for (int j = 0; j < 3; j++, n++) s->key[n] = (int64_t)s->face_vertex[f][j] << 12 | n;
+    sort_names(s->key, n, 12);
     s->vertex_count = 0;
-    for (int32_t i = 0; i < n; i++)
-        if (i == 0 || s->key[i] != s->key[i - 1]) s->vertex_id[s->vertex_count++] = (int32_t)s->key[i];
-    for (int32_t v = 0; v < s->vertex_count; v++) s->vertex_face[v] = -1;
-    for (int32_t f = 0; f < s->face_count; f++)
-        for (int j = 0; j < 3; j++) {
-            int32_t v = local_vertex(s, s->face_vertex[f][j]);
-            s->face_vertex[f][j] = v;
-            if (s->vertex_face[v] < 0) s->vertex_face[v] = f;
+    for (int32_t i = 0; i < n; i++) {
+        const int32_t corner = (int32_t)(s->key[i] & 4095), id = (int32_t)(s->key[i] >> 12);
+        if (i == 0 || id != s->vertex_id[s->vertex_count - 1]) {
+            s->vertex_id[s->vertex_count] = id;
+            s->vertex_face[s->vertex_count++] = corner / 3;
         }
+        s->face_vertex[corner / 3][corner % 3] = s->vertex_count - 1;
+    }
 }
 
-/* Edges by sorting (low vertex, high vertex, face, local edge) packed into one key: 12 + 12 + 10 + 2 bits suffice. */
+/* Edges by sorting (low vertex, high vertex, face, local edge) packed into one key: 12 + 12 + 10 + 2 bits suffice, and
+ * the last two are in order as they come. */
 static void build_edges(tm_local_surface *s) {
     int32_t n = 0;
     for (int32_t f = 0; f < s->face_count; f++)
@@ -91,7 +103,7 @@ static void build_edges(tm_local_surface *s) {
             int64_t a = s->face_vertex[f][j], b = s->face_vertex[f][(j + 1) % 3];
             s->key[n++] = ((((a < b ? a : b) << 12 | (a < b ? b : a)) << 10 | f) << 2) | j;
         }
-    sort_keys(s->key, n);
+    sort_keys(s->key, n, 12, 12, s->vertex_count);
     s->edge_count = 0;
     for (int32_t i = 0; i < n; i++) {
         int32_t j = (int32_t)(s->key[i] & 3), f = (int32_t)(s->key[i] >> 2 & 1023);
@@ -170,7 +182,7 @@ void tm_local_gather(tm_local_surface *s, const double *rest_m, const double *u_
         n = near_triangles(s, rest_m, u_m, triangle, face, candidate, candidate_count, capsule, reach_m, s->edge_m,
                            &unused);
     }
-    sort_keys(s->key, n); /* slots move with cuts, names do not */
+    sort_names(s->key, n, 32); /* slots move with cuts, names do not */
     s->face_count = n;
     for (int32_t f = 0; f < n; f++) {
         const int32_t *vertex = triangle + 3 * (int32_t)(s->key[f] & 0xffffffff);
