@@ -109,6 +109,52 @@ static void others_see_tools_where_they_were(void **state) {
     }
 }
 
+/* --- what is looked at once force is done --- */
+
+static bool is_missed(tm_world *world, int32_t vertex) {
+    double *at = world->state.u_next_m + 3 * vertex + 1;
+    static const double NOWHERE[] = {NAN, INFINITY, -1e7};
+    const double was = *at;
+    bool missed = false;
+    for (int i = 0; i < 3; i++) {
+        *at = NOWHERE[i];
+        missed |= world->beside.sound(world->beside.self, world);
+    }
+    *at = was;
+    return missed;
+}
+
+/* Whatever contact pushes and graspers hold; and with a stage behind them that may write anywhere, everything. */
+static void what_contact_changes(void **state) {
+    (void)state;
+    scene s = create(TM_FORCE_BEST, 2);
+    tm_world *world = s.world;
+    tm_contact_begin_frame(s.contact, SUBSTEPS, SUBSTEPS);
+    tm_contact_move(s.contact, CAUTERY, &(tm_tool_pose){.tip_m = {0.012, 0.005, 0.0445}, .active = true}, SUBSTEPS);
+    for (int grip = 0; grip < 2; grip++) {
+        tm_tool_pose jaw = scene_pose(-0.012, -0.003, 0.044);
+        jaw.grip = grip;
+        tm_contact_move(s.contact, GRASPER, &jaw, SUBSTEPS);
+        assert_int_equal(tm_world_step(world, SUBSTEPS), TM_OK);
+    }
+    const tm_contact_row *row;
+    const int32_t rows = tm_contact_rows(s.contact, &row);
+    const tm_jaw_load load = tm_contact_load(s.contact, GRASPER);
+    assert_true(rows > 0 && load.count > 3);
+    assert_true(world->beside.sound(world->beside.self, world));
+    for (int32_t i = 0; i < 3 * rows; i++) assert_false(is_missed(world, row[i / 3].vertex[i % 3]));
+    for (int32_t i = 0; i < load.count; i++) assert_false(is_missed(world, load.vertex[i]));
+    int32_t next = 0;
+    while (world->slot[next].stage.self != s.contact) next++;
+    assert_true(world->beside.ends(s.contact, world, next));
+    tm_error error;
+    uint64_t seen = 0;
+    const tm_stage stage = {.size = sizeof stage, .name = "notes", .phase = TM_PHASE_END, .run = note, .self = &seen};
+    fix_ok(tm_world_add_stage(world, &stage, 0, &error), &error);
+    assert_false(world->beside.ends(s.contact, world, next));
+    scene_destroy(&s);
+}
+
 /* --- where they go --- */
 
 static void book(tm_world *world, int32_t jobs, const double *took_s) {
@@ -153,6 +199,6 @@ static void to_where_time_is(void **state) {
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(anywhere_the_same_bits),
                                        cmocka_unit_test(others_see_tools_where_they_were),
-                                       cmocka_unit_test(to_where_time_is)};
+                                       cmocka_unit_test(what_contact_changes), cmocka_unit_test(to_where_time_is)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

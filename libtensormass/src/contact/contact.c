@@ -170,7 +170,11 @@ tm_status tm_stage_contact(tm_world *world, const tm_contact_def *def, tm_contac
         tm_pool_release(&pool);
         return status;
     }
-    world->beside = (tm_beside){.self = self, .begin = begin_ahead, .work = tm_contact_look_ahead};
+    world->beside = (tm_beside){.self = self,
+                                .begin = begin_ahead,
+                                .work = tm_contact_look_ahead,
+                                .ends = tm_contact_ends,
+                                .sound = tm_contact_is_sound};
     *contact = self;
     return TM_OK;
 }

@@ -125,6 +125,9 @@ const tm_sight *tm_contact_look(tm_contact *contact);
 bool tm_contact_may_look_ahead(const tm_contact *contact, tm_world *world, int32_t next);
 void tm_contact_begin_look(tm_contact *contact);
 void tm_contact_look_ahead(void *contact, int32_t part);
+/* From this slot on nobody but contact's own; are the new displacements sound that they have changed? */
+bool tm_contact_ends(const void *contact, const tm_world *world, int32_t slot);
+bool tm_contact_is_sound(const void *contact, const tm_world *world);
 
 /* contact_tool.c */
 void tm_tool_place(tm_tool *tool, const tm_tool_pose *at);

@@ -117,3 +117,24 @@ bool tm_contact_may_look_ahead(const tm_contact *contact, tm_world *world, int32
 }
 
 void tm_contact_look_ahead(void *self, int32_t part) { look_in_part(&((tm_contact *)self)->sight, part); }
+
+/* --- what contact has changed --- */
+
+bool tm_contact_ends(const void *of, const tm_world *world, int32_t slot) {
+    const tm_contact *contact = of;
+    if (contact->others.solve) return false;
+    while (slot < world->step_count && is_of_contact(contact, world->slot[slot].stage.self)) slot++;
+    return slot == world->step_count;
+}
+
+bool tm_contact_is_sound(const void *of, const tm_world *world) {
+    const tm_contact *contact = of;
+    bool sound = true;
+    for (int32_t i = 0; i < contact->row_count; i++)
+        for (int j = 0; j < 3; j++) sound &= tm_parts_is_sound(world, contact->row[i].vertex[j]);
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        const tm_jaw_load load = tm_contact_load(contact, t);
+        for (int32_t i = 0; i < load.count; i++) sound &= tm_parts_is_sound(world, load.vertex[i]);
+    }
+    return sound;
+}

@@ -66,6 +66,10 @@ static void look(const tm_world *world, tm_part *part, int32_t begin, int32_t en
     }
 }
 
+bool tm_parts_is_sound(const tm_world *world, int32_t vertex) {
+    return sound(world->state.u_next_m + 3 * (int64_t)vertex, 3);
+}
+
 typedef struct stages {
     tm_world *world;
     int32_t begin, end;      /* slots */

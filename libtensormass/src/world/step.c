@@ -14,14 +14,17 @@ static void rotate(tm_state *s) {
     s->time_s += s->dt_s;
 }
 
-/* Every stage in its turn; tm_phase is the table of contents. Those that work on ranges do so together. */
+/* Every stage in its turn; tm_phase is the table of contents. Those that work on ranges do so together, and look at
+ * what they made of the displacements while it is in the cache; then what others change is looked at, if they can say
+ * what. */
 static void substep(tm_world *world) {
+    const tm_beside *few = world->beside.self ? &world->beside : NULL;
     bool looked = false;
     for (int32_t i = 0, end; i < world->step_count; i = end) {
         for (end = i; end < world->step_count && world->slot[end].stage.range; end++) {
         }
         if (end > i) {
-            looked = end == world->step_count;
+            looked = end == world->step_count || (few && few->ends(few->self, world, end));
             tm_parts_run_stages(world, i, end, looked);
         } else {
             if (world->timing) tm_world_charge(world, i);
@@ -31,6 +34,7 @@ static void substep(tm_world *world) {
     }
     if (world->timing) tm_world_charge(world, TM_NO_SLOT);
     if (!looked && !world->unsound) tm_parts_look(world);
+    if (looked && few) world->unsound |= !few->sound(few->self, world);
 }
 
 /* What has died away to nothing becomes nothing: tissue at rest in its own shape would end among the denormals, on

@@ -25,6 +25,9 @@ typedef struct tm_beside {
     /* By the caller's thread, before force. `next`: the slot behind force. False: not in this substep. */
     bool (*begin)(void *self, tm_world *world, int32_t next);
     void (*work)(void *self, int32_t part); /* by each part's thread */
+    /* Are all stages from this slot on its own, so that they change u_next_m of few vertices only? Are those sound? */
+    bool (*ends)(const void *self, const tm_world *world, int32_t slot);
+    bool (*sound)(const void *self, const tm_world *world);
 } tm_beside;
 
 struct tm_world {
@@ -92,6 +95,8 @@ void tm_parts_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_
 void tm_parts_do(tm_world *world, void (*work)(void *context, int32_t part), void *context);
 /* Sets world->unsound where a new displacement is beyond 1e6 m or no number. */
 void tm_parts_look(tm_world *world);
+/* Of one vertex: is it not? */
+bool tm_parts_is_sound(const tm_world *world, int32_t vertex);
 /* One stage over the whole tissue, by the caller's thread. */
 void tm_stage_do(const tm_stage *stage, tm_world *world);
 
