@@ -10,7 +10,7 @@
  * from there with another, so that what rests still comes to rest on the last digits. */
 static const double ENOUGH = 3e-5;
 /* For rows that are kept then: how hard they press is solved to 1e-9 at once. */
-static const double ENOUGH_FOR_ROWS = 1e-3;
+static const double ENOUGH_FOR_ROWS = 3e-3;
 /* Substeps that what surrounds the tools is kept at most, while neither they nor the tissue move far; how often is
  * looked how fast it moves. */
 enum { GATHER_EVERY = 128, WANDER_EVERY = 4 };
