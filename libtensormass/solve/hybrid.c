@@ -212,6 +212,8 @@ void tm_hybrid_destroy(tm_hybrid *h) {
                       h->surface_face,   h->full_u,
                       h->full_f,         h->through,
                       h->through_vertex, h->kept,
+                      h->through_single, h->gathered_base_m,
+                      h->gathered_m,     h->since_m,
                       h->give_m_N,       h->held,
                       h->moving,         h->before_m,
                       h->around,         h->around_by,
@@ -226,7 +228,7 @@ int64_t tm_hybrid_bytes(const tm_hybrid *h) {
     return h->responses.bytes + tms_solver_bytes(h->solver) + tms_system_bytes(&h->system) +
            tm_tissue_bytes(h->condensed) + h->local.bytes + tms_span_bytes(h) + h->coupling.bytes +
            4 * (int64_t)h->responses.kept_count * h->around_width + 4 * b * (b + 1) + 24 * b * h->local.capacity +
-           200 * n + 2 * (int64_t)h->mesh->tet_count;
+           12 * (int64_t)h->coupling.padded * h->local.capacity + 200 * n + 2 * (int64_t)h->mesh->tet_count;
 }
 
 void tm_hybrid_tissue(const tm_hybrid *h, tm_tissue_def *def) {

@@ -39,12 +39,16 @@ struct tm_hybrid {
     tm_instrument_def instrument[TM_MAX_INSTRUMENTS];
     int32_t max_local_vertices;
     tms_local local;
-    tms_span *span;                /* null without contact */
-    double *through;               /* [3*capacity][interface_count] how a slot inside follows the interface */
-    int32_t *through_vertex;       /* [capacity] whose it is, -1 */
-    double *give_m_N;              /* [interface_count] mobility within a substep, 0 where supported */
-    bool stale;                    /* what was made of mobilities and supports is not theirs any more */
-    int32_t known_revision;        /* of the tissue's surface, then */
+    tms_span *span;          /* null without contact */
+    double *through;         /* [3*capacity][interface_count] how a slot inside follows the interface */
+    int32_t *through_vertex; /* [capacity] whose it is, -1 */
+    float *through_single;   /* [3*capacity][coupling.padded] the same, for how little the border has moved since */
+    double *gathered_m;      /* [interface_count] what surrounds the tools was looked for; and of a slot, */
+    double *gathered_base_m; /* [3*capacity], its place then without what presses on it */
+    float *since_m;          /* [coupling.padded] scratch */
+    double *give_m_N;        /* [interface_count] mobility within a substep, 0 where supported */
+    bool stale;              /* what was made of mobilities and supports is not theirs any more */
+    int32_t known_revision;  /* of the tissue's surface, then */
     int32_t *moving, moving_count; /* vertices that have mass */
     void *kept;                    /* of a step that may be given back */
     int64_t kept_bytes;

@@ -15,19 +15,40 @@ static const double ENOUGH_FOR_ROWS = 3e-3;
  * looked how fast it moves. */
 enum { GATHER_EVERY = 128, WANDER_EVERY = 4 };
 
-/* Shape at the end of the substep without contact. */
+/* Places of condensed vertices where what surrounds the tools was looked for, without what presses on them. */
+static void place_gathered(tm_hybrid *h, const int32_t *vertex, int32_t count) {
+    const int32_t n = h->interface_count;
+    for (int32_t i = 0; i < 3 * count; i++) {
+        const int32_t v = vertex[i / 3], d = 3 * v + i % 3, at = h->place[d];
+        if (h->part[v] != TMS_CONDENSED) continue;
+        const double *row = tms_hybrid_through(h, v) + (int64_t)(i % 3) * n;
+        h->gathered_base_m[3 * h->local.slot_of[v] + i % 3] =
+            at < 0 ? h->value_m[d] : h->responses.base_m[at] + tms_dot(row, h->gathered_m, n);
+    }
+}
+
+/* Shape at the end of the substep without contact: of condensed vertices that of the last gathering, in double, and in
+ * single what the border has moved since. So what rests is exact once it has been looked around there. */
 static void refresh(void *self, const int32_t *vertex, int32_t count) {
     tm_hybrid *h = self;
     const double *u_next = tm_world_state(h->world)->u_next_m;
-    const int32_t n = h->interface_count;
-    for (int32_t i = 0; i < 3 * count; i++) {
-        const int32_t d = 3 * vertex[i / 3] + i % 3, at = h->place[d];
-        double u = u_next[d];
-        if (h->part[vertex[i / 3]] == TMS_CONDENSED) {
-            const double *row = tms_hybrid_through(h, vertex[i / 3]) + (int64_t)(i % 3) * n;
-            u = at < 0 ? h->value_m[d] : h->responses.base_m[at] + tms_dot(row, h->at_m, n);
+    const int32_t n = h->interface_count, padded = h->coupling.padded;
+    const bool anew = h->local.gathered_age <= 1;
+    if (anew) {
+        memcpy(h->gathered_m, h->at_m, 8 * (size_t)n);
+        place_gathered(h, vertex, count);
+    }
+    for (int32_t k = 0; k < n; k++) h->since_m[k] = (float)(h->at_m[k] - h->gathered_m[k]);
+    for (int32_t i = 0; i < count; i++) {
+        const int32_t v = vertex[i], slot = h->local.slot_of[v];
+        float moved[3] = {0};
+        if (h->part[v] != TMS_CONDENSED) {
+            memcpy(h->local.base_m + 3 * (int64_t)v, u_next + 3 * (int64_t)v, 24);
+            continue;
         }
-        h->local.base_m[d] = u;
+        if (!anew) tms_rows_times(h->through_single + 3 * (int64_t)slot * padded, 3, padded, h->since_m, moved);
+        for (int c = 0; c < 3; c++)
+            h->local.base_m[3 * (int64_t)v + c] = h->gathered_base_m[3 * slot + c] + (double)moved[c];
     }
 }
 
@@ -86,7 +107,10 @@ void tms_hybrid_rebuild_surface(tm_hybrid *h) {
 
 int64_t tms_hybrid_snapshot_contact(const tm_hybrid *h, void *buffer) {
     const bool forgotten = tms_hybrid_is_stale(h);
-    const int64_t head = tms_span_snapshot(h, forgotten, buffer);
+    int64_t head = tms_span_snapshot(h, forgotten, buffer);
+    const int64_t gathered = 8 * (int64_t)h->interface_count;
+    if (buffer) memcpy((char *)buffer + head, h->gathered_m, (size_t)gathered);
+    head += gathered;
     return head + tms_local_snapshot(&h->local, forgotten, buffer ? (char *)buffer + head : NULL);
 }
 
@@ -94,8 +118,10 @@ void tms_hybrid_take_back(tm_hybrid *h, const void *buffer, int64_t bytes) {
     h->returns = false;
     tms_hybrid_rebuild_surface(h);
     make_fresh(h);
-    const int64_t head = tms_span_snapshot_bytes(h, buffer, bytes);
-    tms_local_restore(&h->local, (const char *)buffer + head, bytes - head, true);
+    const int64_t span = tms_span_snapshot_bytes(h, buffer, bytes), gathered = 8 * (int64_t)h->interface_count;
+    memcpy(h->gathered_m, (const char *)buffer + span, (size_t)gathered);
+    tms_local_restore(&h->local, (const char *)buffer + span + gathered, bytes - span - gathered, true);
+    place_gathered(h, h->local.list, h->local.use_count);
     tms_span_restore(h, buffer);
 }
 
@@ -242,9 +268,15 @@ tm_status tms_hybrid_add_contact(tm_hybrid *h, tm_contact *contact, tm_error *er
     h->local.passes = passes;
     h->through = tms_take(24 * (size_t)h->local.capacity * (size_t)h->interface_count);
     h->through_vertex = tms_take(4 * (size_t)h->local.capacity);
+    h->through_single = tms_take(12 * (size_t)h->local.capacity * (size_t)h->coupling.padded);
+    h->gathered_base_m = tms_take_zeroed(3 * (size_t)h->local.capacity, 8);
+    h->gathered_m = tms_take_zeroed((size_t)h->interface_count, 8);
+    h->since_m = tms_take_zeroed((size_t)h->coupling.padded, 4);
     h->local.gather_every = GATHER_EVERY;
-    h->kept = tms_take((size_t)(tms_span_snapshot_most(h) + tms_local_snapshot_most(&h->local)));
-    if (!h->through || !h->through_vertex || !h->kept)
+    h->kept = tms_take(
+        (size_t)(tms_span_snapshot_most(h) + 8 * (int64_t)h->interface_count + tms_local_snapshot_most(&h->local)));
+    if (!h->through || !h->through_vertex || !h->through_single || !h->gathered_base_m || !h->gathered_m ||
+        !h->since_m || !h->kept)
         return tm_fail(error, TM_ERR_MEMORY, -1,
                        "no memory for contact with %d interface components; lower max_local_vertices",
                        (int)h->interface_count);

@@ -19,6 +19,8 @@ const double *tms_hybrid_through(tm_hybrid *h, int32_t vertex) {
         const int32_t at = h->place[3 * vertex + c];
         for (int32_t k = 0; k < n; k++)
             row[(int64_t)c * n + k] = at < 0 ? 0 : tms_response(&h->responses, h->responses.kept_count + k, at);
+        float *single = h->through_single + (3 * (int64_t)slot + c) * h->coupling.padded;
+        for (int32_t k = 0; k < h->coupling.padded; k++) single[k] = k < n ? (float)row[(int64_t)c * n + k] : 0;
     }
     return row;
 }

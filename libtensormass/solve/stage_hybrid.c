@@ -2,6 +2,7 @@
  * once a frame. */
 #include "hybrid.h"
 
+#include <math.h>
 #include <string.h>
 
 static void run(void *self, tm_world *world) {
@@ -49,9 +50,18 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     const char *followed = (const char *)buffer + sizeof theirs, *rest = followed + coupling;
     if (theirs != division(h) || !tms_coupling_restore(&h->coupling, followed, coupling, apply)) return false;
     if (!h->local.memory) return left == 0;
-    if (apply) tms_hybrid_take_back(h, rest, left);
-    const int64_t span = tms_span_snapshot_bytes(h, rest, left);
-    return apply || (span >= 0 && tms_local_restore(&h->local, rest + span, left - span, false));
+    if (apply) {
+        tms_hybrid_take_back(h, rest, left);
+        return true;
+    }
+    const int64_t span = tms_span_snapshot_bytes(h, rest, left), head = span + 8 * (int64_t)h->interface_count;
+    bool fits = span >= 0 && left >= head;
+    for (int64_t at = span; fits && at < head; at += 8) {
+        double u;
+        memcpy(&u, rest + at, 8);
+        fits = fabs(u) < 1e6;
+    }
+    return fits && tms_local_restore(&h->local, rest + head, left - head, false);
 }
 
 static void keep(void *self) {
@@ -78,8 +88,11 @@ static void detach(void *self) {
     tms_local_destroy(&h->local);
     tms_span_destroy(h);
     h->local = (tms_local){0};
-    void **array[] = {(void **)&h->held,           (void **)&h->give_m_N, (void **)&h->through,
-                      (void **)&h->through_vertex, (void **)&h->moving,   &h->kept};
+    void **array[] = {(void **)&h->held,           (void **)&h->give_m_N,
+                      (void **)&h->through,        (void **)&h->through_vertex,
+                      (void **)&h->through_single, (void **)&h->gathered_base_m,
+                      (void **)&h->gathered_m,     (void **)&h->since_m,
+                      (void **)&h->moving,         &h->kept};
     for (size_t i = 0; i < sizeof array / sizeof *array; i++) {
         tms_give(*array[i]);
         *array[i] = NULL;
