@@ -3,9 +3,8 @@
  * A solution in full looks at the surface several times and follows every vertex around the tools through the whole
  * border. What it comes to changes little in a substep where a tool is on condensed tissue, which has no mass: its rows
  * keep their normals and shares for a span of substeps, and only how hard each presses is solved for, with the tool and
- * the border where they are. A tool on tissue that has mass is looked for in every other substep, on what a cut has
- * left of it in every one, as in the dynamic model; on both kinds at once, everything is solved in full in every
- * substep.
+ * the border where they are. A tool on tissue that has mass, or on what a cut has left of it, is looked for in every
+ * substep, as in the dynamic model; on both kinds at once, everything is solved in full in every substep.
  *
  * What rests is exact: rows of a shape and a border that stay bear what they bore. A span is as long as the force then
  * jumps by no more than a hundredth; it ends at once when a tool moves off, jaws work, or the tissue is cut. */
@@ -15,9 +14,6 @@
 #include <math.h>
 #include <string.h>
 
-/* Substeps, for rows on what has mass, while no cut has left lighter tissue: in between they keep their normals and
- * shares too. */
-enum { LOOK_EVERY = 2 };
 static const double MARGIN = 0.1; /* radii: rows so far off may be touched once the tissue has moved */
 
 bool tms_span_create(tm_hybrid *h) {
@@ -184,7 +180,7 @@ static double margin_of(const tm_hybrid *h, int32_t t) {
     double most = 0;
     for (int c = 0; c < 3; c++)
         most = fmax(most, fmax(fabs(tool->capsule.tip_m[c] - was[c]), fabs(tool->capsule.tail_m[c] - was[3 + c])));
-    return MARGIN * tool->def.radius_m + LOOK_EVERY * most / (h->span->age + 1);
+    return MARGIN * tool->def.radius_m + most / (h->span->age + 1);
 }
 
 static double guess(const tms_local *l, const tm_contact_row *row, int32_t first, int32_t last) {
@@ -195,61 +191,33 @@ static double guess(const tms_local *l, const tm_contact_row *row, int32_t first
     return 0;
 }
 
-/* Of a row's gap, what its vertices' displacement makes of it. */
-static double gap_by(const tm_contact_row *row, const double *u_m) {
-    double sum = 0;
-    for (int a = 0; a < 9; a++)
-        if (row->weight[a / 3] != 0)
-            sum += row->weight[a / 3] * row->normal[a % 3] * u_m[3 * row->vertex[a / 3] + a % 3];
-    return sum;
-}
-
-/* A row on what has mass, at the tool's present place. */
-static bool add_watched(tm_hybrid *h, const tm_contact_row *row, double offset_m, double lambda_N) {
-    tms_look *look = &h->local.probe;
-    const int32_t at = look->count;
-    if (at == TMS_SPAN_ROWS) return false;
-    for (int k = 0; k < 3; k++)
-        if (tms_row_is_in(h, row, k, TMS_CONDENSED)) return false;
-    look->row[at] = *row;
-    look->row[at].lambda_N = lambda_N;
-    h->span->frozen_now[at] = -1;
-    h->span->offset_now_m[at] = offset_m;
-    h->span->system.gap_m[at] = offset_m - tms_span_station(&h->local, row, look->row[at].point_m) +
-                                gap_by(row, tm_world_state(h->world)->u_next_m);
-    look->count++;
-    return true;
-}
-
-/* Rows of a tool on what has mass, between two looks. */
-static bool watch_on(tm_hybrid *h, int32_t first, int32_t last) {
-    tms_local *l = &h->local;
-    for (int32_t i = first; i < last; i++) {
-        const tm_contact_row *row = &l->before[i];
-        if (!l->passes(l->self, row) && !add_watched(h, row, h->span->offset_m[i], row->lambda_N)) return false;
-    }
-    return true;
-}
-
-/* Rows of a tool on what has mass, looked for; false: there is one that is not of this kind. */
+/* Rows of a tool that is looked for in every substep; false: there is one that is not of this kind. */
 static bool look_for(tm_hybrid *h, int32_t t, int32_t first, int32_t last) {
     tms_local *l = &h->local;
     tms_tool *tool = &l->tool[t];
     tms_look *look = &l->probe;
+    const double *u_next = tm_world_state(h->world)->u_next_m;
     bool overflowed = false;
     if (!tool->near) return true;
-    if (h->span->age % LOOK_EVERY != 0 && !h->span->cut) return watch_on(h, first, last);
     place_watched(h, t);
     const int32_t found = tm_contact_search_rows(tool->search, l->mesh->rest_m, l->u_m, &tool->capsule, margin_of(h, t),
                                                  l->before + first, last - first, look->row + look->count,
                                                  l->def.max_rows - look->count, &overflowed);
     if (overflowed) return false;
     for (int32_t i = look->count, end = look->count + found; i < end; i++) {
-        const tm_contact_row row = look->row[i];
-        double point_m[3];
-        if (l->passes(l->self, &row)) continue;
-        const double offset_m = row.gap_m - gap_by(&row, l->u_m) + tms_span_station(l, &row, point_m);
-        if (!add_watched(h, &row, offset_m, guess(l, &row, first, last))) return false;
+        tm_contact_row *row = &look->row[i];
+        if (l->passes(l->self, row)) continue;
+        if (look->count == TMS_SPAN_ROWS) return false;
+        double gap = row->gap_m;
+        for (int a = 0; a < 9; a++) {
+            const int32_t d = 3 * row->vertex[a / 3] + a % 3;
+            if (tms_row_is_in(h, row, a / 3, TMS_CONDENSED)) return false;
+            gap += row->weight[a / 3] * row->normal[a % 3] * (row->weight[a / 3] != 0 ? u_next[d] - l->u_m[d] : 0);
+        }
+        row->lambda_N = guess(l, row, first, last);
+        h->span->frozen_now[look->count] = -1;
+        h->span->system.gap_m[look->count] = gap;
+        look->row[look->count++] = *row;
     }
     return true;
 }

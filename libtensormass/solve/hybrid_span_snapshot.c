@@ -132,7 +132,6 @@ void tms_span_restore(tm_hybrid *h, const void *buffer) {
     memcpy(s->swell, k.swell, sizeof s->swell);
     memcpy(s->drift, k.drift, sizeof s->drift);
     s->passed = k.passed != 0;
-    s->cut = tm_tissue_alive_count(tm_world_tissue(h->world)) != s->whole_count;
     s->age = k.age;
     s->limit = k.limit;
     s->length = k.length;
