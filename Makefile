@@ -96,6 +96,8 @@ $(OUT)/$(basename $(1)): $(call objects,$(1)) $(2)
 	$$(Q)$$(CC) $$(SAN) -rdynamic -o $$@ $$(call objects,$(1)) -Wl,--start-group $(2) -Wl,--end-group $(3) -lcmocka -ldl -lm -lpthread
 endef
 
+# Pointers that wrap are looked for by the fuzzing build in the core too: in its loops it is half of their time.
+$(OUT)/obj/libtensormass/src/%.o: BASE_CFLAGS += $(if $(filter asan,$(config)),-fno-sanitize=pointer-overflow)
 $(OUT)/obj/%.o: %.c Makefile
 	@mkdir -p $(@D)
 	$(call say,CC)
@@ -129,6 +131,9 @@ programs: $(PROGRAMS) $(MODULES) $(LIBRARIES) $(SCRIPTS)
 tests: programs $(TESTS)
 	@mkdir -p $(OUT)/tests
 	@printf '%s\n' $(TESTS) > $(OUT)/tests/manifest.txt
+# The tests' own sources, a quarter of all, need not be quick; what they call is as it ships.
+$(TESTS:$(OUT)/%=$(OUT)/obj/%.o): BASE_CFLAGS += $(patsubst -O3,-O1,$(filter -O%,$(OPT)))
+
 # What the short form of `make sanitize` runs (tests/sanitize): of the C programs under ThreadSanitizer those that start threads.
 THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_borders physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
 SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(TESTS))
@@ -150,8 +155,7 @@ $(VENV)/.done: tools/requirements.txt
 #: make check-long             the counts and durations that the documentation quotes
 check check-long:
 	@tools/setup.sh build demo check image
-	@$(MAKE) --no-print-directory venv
-	@$(MAKE) --no-print-directory -j$$(nproc) tests $(IMAGE_SO)
+	@$(MAKE) --no-print-directory -j$$(nproc) venv tests $(IMAGE_SO)
 	@TM_LONG=$(if $(filter check-long,$@),1,$(TM_LONG)) $(MAKE) --no-print-directory check-run
 check-run:
 	@TM_OUT=$(abspath $(OUT)) $(VENV)/bin/python tests/run.py $(PYTEST_ARGS)

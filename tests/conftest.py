@@ -1,4 +1,5 @@
 """Shared by every Python test: where the build is, the last line `N passed, N failed, N skipped`, and the names of what failed for tests/run.py."""
+import fcntl
 import json
 import os
 import subprocess
@@ -43,8 +44,6 @@ def pytest_unconfigure(config):
 @pytest.fixture(scope="session")
 def once(tmp_path_factory, pytestconfig):
     """once(NAME, MAKE): the folder that MAKE(folder) filled, made by whichever worker comes first and shared by all, but for tests that are played again (patience.py)."""
-    import fcntl
-
     def made(name, make):
         base = tmp_path_factory.getbasetemp()
         base = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
@@ -70,6 +69,24 @@ def make_once(root, once):
         assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]
 
     return lambda target: once(f"make-{target}", lambda _: make(target))
+
+
+@pytest.fixture(scope="session")
+def make_config(root, build):
+    """make_config(CONFIG, TARGET...): `make config=CONFIG TARGET...` beside the build under test, one at a time in one folder. Returns that folder, build/CONFIG."""
+    base = build.parent if build.name in ("debug", "asan", "tsan", "fuzz", "clang") else build
+
+    def make(config, *targets):
+        env = {k: v for k, v in os.environ.items() if not k.startswith("MAKE") and k not in ("MFLAGS", "TM_OUT")}
+        paths = [str(base / config / target) if "/" in target else target for target in targets]
+        with open(base / f"{config}.lock", "w") as lock:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+            done = subprocess.run(["make", "-C", str(root), "--no-print-directory", f"config={config}", f"BUILD={base}", f"VENV={base / 'venv'}", "-j2", *paths], env=env,
+                                  capture_output=True, text=True, timeout=1800)
+        assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
+        return base / config
+
+    return make
 
 
 # Watch the wall clock: tests/run.py runs them by themselves.

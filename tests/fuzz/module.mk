@@ -1,9 +1,10 @@
-# libFuzzer targets. `make fuzz` builds them with clang (config=fuzz) and runs each for FUZZ_SECONDS; make check runs those without the solving library for some thousand inputs.
+# libFuzzer targets. `make fuzz` builds all with clang for coverage (config=fuzz) and runs each for FUZZ_SECONDS; make check links them to the build of
+# AddressSanitizer (config=asan), which is there anyway, and runs each for some thousand inputs: the seeds, and mutations that nothing guides.
 FUZZ_SECONDS ?= 60
 .PHONY: fuzz fuzz-programs fuzz-run
 #: make fuzz FUZZ_SECONDS=60   fuzz every parser and decoder, so many processor seconds each: build/fuzz/fuzz.json, findings in build/fuzz/findings/
 ifneq ($(config),fuzz)
-fuzz fuzz-programs fuzz-run:
+fuzz fuzz-run:
 	@$(MAKE) --no-print-directory config=fuzz $@
 else
 fuzz:
@@ -13,7 +14,9 @@ fuzz:
 	@$(MAKE) --no-print-directory fuzz-run
 fuzz-run:
 	$(VENV)/bin/python tests/fuzz/run.py --build $(OUT) --seconds $(FUZZ_SECONDS) $(FUZZ_ARGS)
+endif
 
+ifneq ($(filter fuzz asan,$(config)),)
 # $(eval $(call fuzzer,NAME,OTHER SOURCES,LIBRARIES,FLAGS))
 FUZZERS :=
 define fuzzer
@@ -37,7 +40,12 @@ $(eval $(call fuzzer,fuzz_sample,,$(FUZZ_HRT),))
 $(eval $(call fuzzer,fuzz_scene,,$(SIM_LIBS) $(LIBLCMTYPES_A),-lyaml -lcjson))
 $(eval $(call fuzzer,fuzz_tables,haptic_rt/device/hand_file.c haptic_rt/io/lines.c haptic_rt/io/profile.c haptic_rt/io/table.c haptic_rt/io/samples.c apps/mesh/shell.c apps/mesh/shell_stl.c,$(FUZZ_HRT) $(LIBAPP_A) $(LIBTM_A),))
 $(call objects,$(wildcard tests/fuzz/*.c)): INCLUDES += -Ihaptic_rt/io
+# libFuzzer wants to see at least the target itself.
+$(call objects,$(wildcard tests/fuzz/*.c)): BASE_CFLAGS += -fsanitize=fuzzer-no-link
 # LCM's own header copies nothing to null for an empty array.
 $(OUT)/obj/lcm_types/%.o: BASE_CFLAGS += -fno-sanitize=nonnull-attribute
 fuzz-programs: $(FUZZERS)
+else
+fuzz-programs:
+	@$(MAKE) --no-print-directory config=fuzz $@
 endif

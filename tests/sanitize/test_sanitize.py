@@ -1,5 +1,4 @@
 """The short form of `make sanitize` in every check: the C programs and a ring of programs, built by clang with its sanitizers; and that these see what they are for."""
-import fcntl
 import json
 import os
 import shutil
@@ -14,16 +13,6 @@ PLANTED = {
     "asan-undefined": ("runtime error", "volatile int x = 2147483647; x += argc; printf(\"%d\\n\", x);"),
     "tsan": ("data race", "pthread_t t; pthread_create(&t, 0, other, 0); shared += argc; pthread_join(t, 0); printf(\"%d\\n\", shared);"),
 }
-
-
-def make(root, build, config, *targets):
-    """One make at a time in one folder; the rest of the suite may use it too."""
-    env = {k: v for k, v in os.environ.items() if not k.startswith("MAKE") and k not in ("MFLAGS", "TM_OUT")}
-    with open(build / f"{config}.lock", "w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        done = subprocess.run(["make", "-C", str(root), "--no-print-directory", f"config={config}", f"BUILD={build}", f"VENV={build / 'venv'}", "-j2", *targets], env=env,
-                              capture_output=True, text=True, timeout=1800)
-    assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
 
 
 @pytest.mark.parametrize("name", PLANTED)
@@ -49,10 +38,10 @@ int main(int argc, char **argv) {{ (void)argv; (void)other; (void)shared; {body}
     assert len(reports) == 1 and said in reports[0].read_text(errors="replace"), f"{said} was not reported"
 
 
-def find_nothing(part, name, root, build, tmp_path):
+def find_nothing(part, name, root, build, make_config, tmp_path):
     """Builds what the short form needs and runs this part of it. Returns its figures."""
     assert shutil.which("clang"), "clang is not installed; make check installs it"
-    make(root, build, name, "tests-short")
+    make_config(name, "tests-short")
     (tmp_path / "build").mkdir()
     for at in (name, "venv"):
         (tmp_path / "build" / at).symlink_to(build / at)
@@ -64,11 +53,11 @@ def find_nothing(part, name, root, build, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["asan", "tsan"])
-def test_short_form_finds_nothing(name, root, build, tmp_path):
-    assert find_nothing("programs", name, root, build, tmp_path)["passed"] > {"asan": 100, "tsan": 7}[name]
+def test_short_form_finds_nothing(name, root, build, make_config, tmp_path):
+    assert find_nothing("programs", name, root, build, make_config, tmp_path)["passed"] > {"asan": 100, "tsan": 7}[name]
 
 
 @pytest.mark.parametrize("name", ["asan", "tsan"])
-def test_the_ring_finds_nothing(name, root, build, tmp_path):
+def test_the_ring_finds_nothing(name, root, build, make_config, tmp_path):
     """By the clock, so neither beside another nor on what others leave: last of those that run alone, when the build is there."""
-    assert find_nothing("ring", name, root, build, tmp_path)["passed"] > 5
+    assert find_nothing("ring", name, root, build, make_config, tmp_path)["passed"] > 5

@@ -1,8 +1,6 @@
 """The same run by another compiler; foreign organs; every scene that is shipped."""
-import fcntl
 import os
 import pathlib
-import subprocess
 
 import numpy as np
 import pytest
@@ -23,16 +21,13 @@ def test_the_demo_has_ten_thousand_tetrahedra(bin, root, tmp_path):
 
 
 @pytest.mark.long
-def test_clang_gives_the_same_bits(bin, root, tmp_path):
+def test_clang_gives_the_same_bits(bin, root, make_config, tmp_path):
     """The whole ring: tissue, contact, grasp, cut, controllers, devices. In every check tests/hash looks at the tissue's bits, tests/firmware at the controller's."""
-    with open(root / "build" / "clang.lock", "w") as lock:  # tests/hash takes the core of that build
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        made = subprocess.run(["make", "-s", "config=clang", "build/clang/bin/tm-sim"], cwd=root, capture_output=True, text=True, timeout=600)
-    assert made.returncode == 0, made.stderr[-3000:]
+    clang = make_config("clang", "bin/tm-sim") / "bin/tm-sim"
     for name, duration in (("block-cut", "3.2 s"), ("liver-press", "3 s")):
         scene = [root / f"apps/scenes/{name}.yaml", "--lockstep", "--force", "plain", "--duration", duration, "--csv"]
         one = report(bin / "tm-sim", *scene, tmp_path / "gcc.csv", tmp=tmp_path)
-        two = report(root / "build/clang/bin/tm-sim", *scene, tmp_path / "clang.csv", tmp=tmp_path)
+        two = report(clang, *scene, tmp_path / "clang.csv", tmp=tmp_path)
         assert one["force_N"]["peak"] > 0.1 and one["state_hash"] == two["state_hash"]
         assert (tmp_path / "gcc.csv").read_bytes() == (tmp_path / "clang.csv").read_bytes()
 
