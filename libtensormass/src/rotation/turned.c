@@ -2,6 +2,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "base/intrinsics.h"
 #include "rotation/rotation_internal.h"
 
 #pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: all that takes them is inlined */

@@ -4,6 +4,8 @@
 
 #include <stddef.h>
 #include <string.h>
+
+#include "base/intrinsics.h"
 #ifdef TM_HAS_AVX2
 #include "tissue/force_avx2.h"
 #endif

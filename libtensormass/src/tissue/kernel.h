@@ -1,4 +1,4 @@
-/* The one header with `restrict` and intrinsics. The force loop's arrays never overlap, and only told so does the
+/* The one header with `restrict`. The force loop's arrays never overlap, and only told so does the
  * compiler keep sums in registers; it does not find the AVX2 form by itself, for a block's three columns fill no
  * vector. The plain C form is the reference; its order of sums is fixed (see force_kernel.h). */
 #ifndef TM_KERNEL_H
@@ -7,18 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* Not by gcc for Windows: it does not align what it spills (gcc bug 54412). */
-#if defined(__x86_64__) && (defined(__clang__) || (defined(__GNUC__) && !defined(_WIN32)))
-#include <immintrin.h>
-#define TM_HAS_AVX2 1
-#define TM_AVX2 __attribute__((target("avx2,fma")))
-#else
-#define TM_AVX2
-#endif
-#ifdef __aarch64__
-#include <arm_neon.h>
-#define TM_HAS_NEON 1
-#endif
+#include "base/simd.h"
 
 #define TM_RESTRICT restrict
 

@@ -3,6 +3,8 @@
 
 #include <math.h>
 
+#include "base/intrinsics.h"
+
 typedef struct gravity {
     tm_pool pool;
     double g_m_s2[3];

@@ -3,6 +3,8 @@
  * where carry is 1 without damping. */
 #include "world/world_internal.h"
 
+#include "base/intrinsics.h"
+
 void tm_stage_integrate(void *self, tm_world *world, const tm_range *range) {
     (void)self;
     const double *TM_RESTRICT u = world->state.u_m, *TM_RESTRICT u_prev = world->state.u_prev_m;

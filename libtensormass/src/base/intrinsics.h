@@ -1,0 +1,14 @@
+/* The compiler's own header of them takes longer to read than any of our files: for those that call intrinsics alone.
+ */
+#ifndef TM_INTRINSICS_H
+#define TM_INTRINSICS_H
+
+#include "base/simd.h"
+#ifdef TM_HAS_AVX2
+#include <immintrin.h>
+#endif
+#ifdef TM_HAS_NEON
+#include <arm_neon.h>
+#endif
+
+#endif
