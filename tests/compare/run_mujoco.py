@@ -54,14 +54,17 @@ def run(case, settings):
             data.qvel[pressed] = 0
             mujoco.mj_step(model, data)
 
-    step = c.march(dt, move, rest)
-    mujoco.mj_forward(model, data)
-    u = np.zeros_like(case["rest_m"])
-    u[moving] = data.qpos[dof]
+    def read():
+        mujoco.mj_forward(model, data)
+        u = np.zeros_like(case["rest_m"])
+        u[moving] = data.qpos[dof]
+        return {"u_m": u, "force_N": float(data.qfrc_spring[pressed[:, 2]].sum())}
+
+    step, found = c.march(dt, move, rest, read)
     resets, warnings = sum(data.warning[int(w)].number for w in RESETS), sum(w.number for w in data.warning)
     if resets:
         raise SystemExit(f"MuJoCo reset the body {resets} times: the step was too long for it")
-    return {"u_m": u, "force_N": float(data.qfrc_spring[pressed[:, 2]].sum()), "dt_s": dt, "step_s": step, "prepare_s": prepared,
+    return {**found, "dt_s": dt, "step_s": step, "prepare_s": prepared,
             "note": f"; warned {warnings} times" if warnings else ""}
 
 

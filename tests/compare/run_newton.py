@@ -93,14 +93,17 @@ def run(case, settings):
             wp.launch(place, dim=len(vertex), inputs=[pressed, where, state.particle_q])
         rest(1)
 
+    def read():
+        x = before.particle_q.numpy().astype(float)
+        force = elastic_force(case, x, mu, lam, settings["solver"] == "semi-implicit")
+        return {"u_m": x - case["rest_m"], "force_N": float(force[vertex, 2].sum())}
+
     with contextlib.redirect_stdout(sys.stderr):  # compiles at the first step
         wp.load_module(sys.modules[__name__])
         rest(1)
         prepared = time.process_time() - began
-        step = c.march(dt, move, rest)
-    x = before.particle_q.numpy().astype(float)
-    force = elastic_force(case, x, mu, lam, settings["solver"] == "semi-implicit")
-    return {"u_m": x - case["rest_m"], "force_N": float(force[vertex, 2].sum()), "dt_s": dt, "step_s": step, "prepare_s": prepared}
+        step, found = c.march(dt, move, rest, read)
+    return {**found, "dt_s": dt, "step_s": step, "prepare_s": prepared}
 
 
 if __name__ == "__main__":

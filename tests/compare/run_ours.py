@@ -41,8 +41,11 @@ def dynamic(case, settings):
             world.move_support(component, value * c.ramp(t))
         world.step(1)
 
-    step = c.march(world.dt_s, move, world.step)
-    return {"u_m": np.array(world.u_m), "force_N": -world.support_reaction_N[case["patch"], 2].sum(), "dt_s": world.dt_s, "step_s": step, "prepare_s": prepared}
+    def read():
+        return {"u_m": np.array(world.u_m), "force_N": -world.support_reaction_N[case["patch"], 2].sum()}
+
+    step, found = c.march(world.dt_s, move, world.step, read)
+    return {**found, "dt_s": world.dt_s, "step_s": step, "prepare_s": prepared}
 
 
 def precomputed(case, settings):
@@ -62,11 +65,13 @@ def precomputed(case, settings):
             model.impose(patch, case["value_m"][patch] * (1 - 1e-9 * (i % 2)))
             model.update([])
 
-    step = c.march(settings["dt_s"], move, rest)
+    def read():
+        return {"u_m": np.array(model.u_m), "force_N": -sum(model.imposed_force(i)[2] for i in range(len(patch)))}
+
+    step, found = c.march(settings["dt_s"], move, rest, read)
     known = np.zeros(len(case["rest_m"]), bool)
     known[model.surface_vertices] = True
-    return {"u_m": np.array(model.u_m), "known": known, "force_N": -sum(model.imposed_force(i)[2] for i in range(len(patch))), "dt_s": settings["dt_s"],
-            "step_s": step, "prepare_s": prepared}
+    return {**found, "known": known, "dt_s": settings["dt_s"], "step_s": step, "prepare_s": prepared}
 
 
 if __name__ == "__main__":

@@ -147,8 +147,10 @@ def test_the_case(modules):
     volume = abs(np.linalg.det(x[1:4] - x[0])) / 6
     assert c.mass_kg(made) == pytest.approx([c.DENSITY * volume / 4] * 4 + [0])
     assert c.ramp(0) == 0 and c.ramp(c.RAMP_S) == c.ramp(1) == 1
-    came = []
-    assert c.march(0.04, came.append, lambda n: None) >= 0 and came == pytest.approx([0.04, 0.08, 0.1])
+    came, rested = [], []
+    step_s, found = c.march(0.04, came.append, rested.append, lambda: {"rested": sum(rested)})
+    assert step_s >= 0 and came == pytest.approx([0.04, 0.08, 0.1])
+    assert found == {"rested": 13} and sum(rested) > 13, "what is read is of the case's end, however long its steps are timed"
 
 
 @pytest.mark.long
