@@ -4,6 +4,7 @@ import json
 import math
 import pathlib
 import sys
+import textwrap
 
 import matplotlib.pyplot as plt
 
@@ -36,11 +37,15 @@ def draw(page, cases, group):
         axis.locator_params(axis="x", nbins=4)
         axis.set_title(case["name"], fontsize=9, loc="left")
         axis.set_xlabel(case["x_name"], fontsize=8)
-        axis.set_ylabel(case["y_name"], fontsize=8)
+        axis.set_ylabel(textwrap.fill(case["y_name"], 24), fontsize=8)
         axis.tick_params(labelsize=7)
         axis.ticklabel_format(useOffset=False)
+        if None in case["y"]:
+            continue
         if "energy / energy" in case["y_name"]:
-            axis.set_ylim(min(0, *case["y"]), max(1.2, *case["y"])) if None not in case["y"] else None
+            axis.set_ylim(min(0, *case["y"]), max(1.2, *case["y"]))
+        elif 0 < max(case["y"]) - min(case["y"]) < 1e-6 * max(case["y"]):  # a line, and no tick labels of twenty digits
+            axis.set_ylim(0, 1.2 * max(case["y"]))
     for axis in list(axes.flat)[len(drawn):]:
         axis.axis("off")
     values = [v for case in drawn for v in case["y"]]
