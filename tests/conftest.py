@@ -61,14 +61,17 @@ def once(tmp_path_factory, pytestconfig):
     return made
 
 
+def make(root, *words):
+    """`make WORDS`, as from a shell of its own: nothing of a make that runs the tests."""
+    env = {k: v for k, v in os.environ.items() if not k.startswith("MAKE") and k not in ("MFLAGS", "TM_OUT")}
+    done = subprocess.run(["make", "-C", str(root), "--no-print-directory", *words], env=env, capture_output=True, text=True, timeout=3000)
+    assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
+
+
 @pytest.fixture(scope="session")
 def make_once(root, once):
     """make_once(TARGET): `make TARGET` in the sources' own build folder, once a run, whichever worker needs it."""
-    def make(target):
-        run = subprocess.run(["make", "--no-print-directory", target], cwd=root, capture_output=True, text=True, timeout=3000)
-        assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-2000:]
-
-    return lambda target: once(f"make-{target}", lambda _: make(target))
+    return lambda target: once(f"make-{target}", lambda _: make(root, target))
 
 
 @pytest.fixture(scope="session")
@@ -76,17 +79,14 @@ def make_config(root, build):
     """make_config(CONFIG, TARGET...): `make config=CONFIG TARGET...` beside the build under test, one at a time in one folder. Returns that folder, build/CONFIG."""
     base = build.parent if build.name in ("debug", "asan", "tsan", "fuzz", "clang") else build
 
-    def make(config, *targets):
-        env = {k: v for k, v in os.environ.items() if not k.startswith("MAKE") and k not in ("MFLAGS", "TM_OUT")}
+    def made(config, *targets):
         paths = [str(base / config / target) if "/" in target else target for target in targets]
         with open(base / f"{config}.lock", "w") as lock:
             fcntl.flock(lock, fcntl.LOCK_EX)
-            done = subprocess.run(["make", "-C", str(root), "--no-print-directory", f"config={config}", f"BUILD={base}", f"VENV={base / 'venv'}", "-j2", *paths], env=env,
-                                  capture_output=True, text=True, timeout=1800)
-        assert done.returncode == 0, (done.stdout + done.stderr)[-4000:]
+            make(root, f"config={config}", f"BUILD={base}", f"VENV={base / 'venv'}", "-j2", *paths)
         return base / config
 
-    return make
+    return made
 
 
 # Watch the wall clock: tests/run.py runs them by themselves.

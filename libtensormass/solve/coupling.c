@@ -343,16 +343,13 @@ bool tms_coupling_restore(tms_coupling *c, const void *buffer, int64_t bytes, bo
     const char *whole = (const char *)buffer + sizeof head;
     if (bytes != tms_coupling_snapshot(c, NULL)) return false;
     memcpy(head, buffer, sizeof head);
-    bool fits = head[0] >= -1 && head[0] < c->every && head[1] >= 0 && head[1] <= CHANGES;
-    for (int32_t i = 0; fits && i < 2 * c->n; i++) {
-        double value;
-        memcpy(&value, whole + 8 * (size_t)i, 8);
-        fits = i < c->n ? fabs(value) < 1e6 : isfinite(value);
-    }
+    const size_t n = (size_t)c->n;
+    const bool fits = head[0] >= -1 && head[0] < c->every && head[1] >= 0 && head[1] <= CHANGES &&
+                      tms_are_below(whole, n, 1e6) && tms_are_below(whole + 8 * n, n, INFINITY);
     if (!fits || !apply) return fits;
     c->age = head[0];
     c->changes = head[1];
-    memcpy(c->whole_m, whole, 8 * (size_t)c->n);
-    memcpy(c->whole_N, whole + 8 * (size_t)c->n, 8 * (size_t)c->n);
+    memcpy(c->whole_m, whole, 8 * n);
+    memcpy(c->whole_N, whole + 8 * n, 8 * n);
     return true;
 }

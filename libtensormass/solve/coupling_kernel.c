@@ -50,39 +50,25 @@ INLINE void add_times(double f, const double *restrict a, int32_t n, double *res
     for (int32_t i = 0; i < n; i++) out[i] += f * a[i];
 }
 
-/* push -= r * x, and the sum of r * at. */
-INLINE double both_halves(const double *restrict r, double x, const double *restrict at, double *restrict push,
-                          int32_t n) {
-    double lane[LANES] = {0}, rest = 0;
-    int32_t j = 0;
-    for (; j + LANES <= n; j += LANES)
-        for (int k = 0; k < LANES; k++) {
-            lane[k] += r[j + k] * at[j + k];
-            push[j + k] -= r[j + k] * x;
-        }
-    for (; j < n; j++) {
-        rest += r[j] * at[j];
-        push[j] -= r[j] * x;
+/* push -= r * x, and the sum of r * at; r in double or in single, sums in double. */
+#define BOTH_HALVES(name, real)                                                                                        \
+    INLINE double name(const real *restrict r, double x, const double *restrict at, double *restrict push,             \
+                       int32_t n) {                                                                                    \
+        double lane[LANES] = {0}, rest = 0;                                                                            \
+        int32_t j = 0;                                                                                                 \
+        for (; j + LANES <= n; j += LANES)                                                                             \
+            for (int k = 0; k < LANES; k++) {                                                                          \
+                lane[k] += (double)r[j + k] * at[j + k];                                                               \
+                push[j + k] -= (double)r[j + k] * x;                                                                   \
+            }                                                                                                          \
+        for (; j < n; j++) {                                                                                           \
+            rest += (double)r[j] * at[j];                                                                              \
+            push[j] -= (double)r[j] * x;                                                                               \
+        }                                                                                                              \
+        return rest + sum_lanes(lane);                                                                                 \
     }
-    return rest + sum_lanes(lane);
-}
-
-/* The same of a copy in single. */
-INLINE double both_halves_single(const float *restrict r, double x, const double *restrict at, double *restrict push,
-                                 int32_t n) {
-    double lane[LANES] = {0}, rest = 0;
-    int32_t j = 0;
-    for (; j + LANES <= n; j += LANES)
-        for (int k = 0; k < LANES; k++) {
-            lane[k] += (double)r[j + k] * at[j + k];
-            push[j + k] -= (double)r[j + k] * x;
-        }
-    for (; j < n; j++) {
-        rest += (double)r[j] * at[j];
-        push[j] -= (double)r[j] * x;
-    }
-    return rest + sum_lanes(lane);
-}
+BOTH_HALVES(both_halves, double)
+BOTH_HALVES(both_halves_single, float)
 
 INLINE void whole_force(const double *schur, const double *given, const double *at, int32_t n, double *force) {
     memcpy(force, given, 8 * (size_t)n);

@@ -22,6 +22,9 @@ enum {
 #define TMS_MAX_COLUMNS (1 << 24) /* of either kind: above it sizes would wrap */
 #define TMS_WAIT_S 600            /* for another process that computes the same file */
 
+/* Are these `count` doubles of a snapshot, at any address, all numbers of less than `most` (INFINITY: finite) in size?
+ */
+bool tms_are_below(const void *from, size_t count, double most);
 /* Of two int32_t: for qsort and bsearch. */
 static inline int tms_ascending(const void *a, const void *b) {
     const int32_t x = *(const int32_t *)a, y = *(const int32_t *)b;

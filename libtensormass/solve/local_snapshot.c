@@ -89,15 +89,6 @@ int64_t tms_local_snapshot(const tms_local *l, bool forgotten, void *buffer) {
 
 /* --- back --- */
 
-static bool all_finite(const char *from, size_t count) {
-    for (size_t i = 0; i < count; i++) {
-        double value;
-        memcpy(&value, from + 8 * i, 8);
-        if (!isfinite(value)) return false;
-    }
-    return true;
-}
-
 /* `count` numbers below `limit`, each once. */
 static bool distinct(tms_local *l, const char *from, int32_t count, int32_t limit) {
     l->stamp_now++;
@@ -114,9 +105,10 @@ static bool rows_fit(const tms_local *l, const char *from, int32_t count) {
     for (int32_t i = 0; i < count; i++, from += sizeof(tm_packed_row)) {
         tm_packed_row r;
         memcpy(&r, from, sizeof r);
-        bool fits = all_finite(from, offsetof(tm_packed_row, face) / 8) && r.share > 0 && r.share <= 1 && r.face >= 0 &&
-                    r.face < 4 * l->mesh->tet_count && r.instrument >= 0 && r.instrument < l->tool_count &&
-                    r.station >= 0 && r.station < 256 && r.feature >= 0 && r.feature < 7;
+        bool fits = tms_are_below(from, offsetof(tm_packed_row, face) / 8, INFINITY) && r.share > 0 && r.share <= 1 &&
+                    r.face >= 0 && r.face < 4 * l->mesh->tet_count && r.instrument >= 0 &&
+                    r.instrument < l->tool_count && r.station >= 0 && r.station < 256 && r.feature >= 0 &&
+                    r.feature < 7;
         for (int j = 0; j < 3; j++) fits = fits && r.vertex[j] >= 0 && r.vertex[j] < l->mesh->vertex_count;
         if (!fits) return false;
     }
@@ -130,7 +122,7 @@ static bool head_fits(const tms_local *l, const kept *k) {
                 k->gathered_age >= 0;
     for (int32_t t = 0; fits && t < k->tool_count; t++)
         fits = k->tool[t].face_count >= 0 && k->tool[t].face_count <= 1024 &&
-               all_finite((const char *)&k->tool[t], offsetof(kept_tool, near) / 8);
+               tms_are_below((const char *)&k->tool[t], offsetof(kept_tool, near) / 8, INFINITY);
     return fits;
 }
 
@@ -186,7 +178,8 @@ bool tms_local_restore(tms_local *l, const void *buffer, int64_t bytes, bool app
     if (!head_fits(l, &k) || bytes != bytes_of(&k)) return false;
     const parts p = find_parts(&k, buffer);
     if (!distinct(l, p.vertex, k.high, l->mesh->vertex_count) || !distinct(l, p.use, k.use_count, k.high) ||
-        !all_finite(p.force, 3 * (size_t)k.high * (1 + 2 * TMS_PAIRS)) || !rows_fit(l, p.row, k.before_count))
+        !tms_are_below(p.force, 3 * (size_t)k.high * (1 + 2 * TMS_PAIRS), INFINITY) ||
+        !rows_fit(l, p.row, k.before_count))
         return false;
     if (!apply) return true;
     const size_t forces = 24 * (size_t)k.high;

@@ -2,7 +2,6 @@
  * once a frame. */
 #include "hybrid.h"
 
-#include <math.h>
 #include <string.h>
 
 static void run(void *self, tm_world *world) {
@@ -55,13 +54,8 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
         return true;
     }
     const int64_t span = tms_span_snapshot_bytes(h, rest, left), head = span + 8 * (int64_t)h->interface_count;
-    bool fits = span >= 0 && left >= head;
-    for (int64_t at = span; fits && at < head; at += 8) {
-        double u;
-        memcpy(&u, rest + at, 8);
-        fits = fabs(u) < 1e6;
-    }
-    return fits && tms_local_restore(&h->local, rest + head, left - head, false);
+    return span >= 0 && left >= head && tms_are_below(rest + span, (size_t)h->interface_count, 1e6) &&
+           tms_local_restore(&h->local, rest + head, left - head, false);
 }
 
 static void keep(void *self) {

@@ -1,4 +1,4 @@
-/* Messages, memory, clock, processors. */
+/* Messages, memory, clock, processors, numbers of snapshots. */
 #include "internal.h"
 
 #include <math.h>
@@ -88,4 +88,13 @@ bool tms_progress(const tm_solve_def *def, const char *what, double fraction, do
 tm_solve_def tm_solve_def_default(void) {
     return (tm_solve_def){
         .cookie = TMS_COOKIE_PROBLEM, .size = sizeof(tm_solve_def), .cg_tolerance = 1e-11, .cg_max_iterations = 20000};
+}
+
+bool tms_are_below(const void *from, size_t count, double most) {
+    for (size_t i = 0; i < count; i++) {
+        double value;
+        memcpy(&value, (const char *)from + 8 * i, 8);
+        if (!(fabs(value) < most)) return false;
+    }
+    return true;
 }

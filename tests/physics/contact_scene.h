@@ -164,6 +164,23 @@ static inline scene scene_create_full(const scene_def *d, bool cuttable, const t
     return s;
 }
 
+/* Large enough to be divided among 8 threads: a cautery that cuts (tool 0) and a grasper. */
+static inline scene scene_create_divided(tm_force_form form, tm_precision precision, int32_t threads,
+                                         tm_run_parts *run_parts) {
+    static const tm_tool_mode mode[2] = {TM_TOOL_CAUTERY, TM_TOOL_GRASPER};
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 17, def.cells[2] = 10, def.tools = 2;
+    def.form = form, def.precision = precision, def.threads = threads, def.run_parts = run_parts;
+    scene s = scene_create_full(&def, true, mode);
+    tm_error error;
+    tm_cut_def cut = tm_cut_def_default();
+    cut.rate_1_s = 2000;
+    scene_must(tm_stage_cut(s.world, s.contact, &cut, &error), &error);
+    tm_grasp_def grasp = tm_grasp_def_default();
+    scene_must(tm_stage_grasp(s.world, s.contact, &grasp, &(tm_grasp *){NULL}, &error), &error);
+    return s;
+}
+
 static inline scene scene_create(const scene_def *d) { return scene_create_full(d, false, NULL); }
 
 static inline void scene_destroy(scene *s) {

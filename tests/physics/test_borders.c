@@ -10,17 +10,7 @@ enum { FRAMES = 5, SUBSTEPS = 40, CAUTERY = 0, GRASPER = 1 };
 static const int32_t THREADS[] = {2, 3, 8};
 
 static scene create(tm_force_form form, int32_t threads) {
-    static const tm_tool_mode mode[2] = {TM_TOOL_CAUTERY, TM_TOOL_GRASPER};
-    scene_def def = scene_def_default();
-    def.cells[0] = def.cells[1] = 17, def.cells[2] = 10, def.tools = 2;
-    def.form = form, def.threads = threads;
-    scene s = scene_create_full(&def, true, mode);
-    tm_error error;
-    tm_cut_def cut = tm_cut_def_default();
-    cut.rate_1_s = 2000;
-    fix_ok(tm_stage_cut(s.world, s.contact, &cut, &error), &error);
-    tm_grasp_def grasp = tm_grasp_def_default();
-    fix_ok(tm_stage_grasp(s.world, s.contact, &grasp, &(tm_grasp *){NULL}, &error), &error);
+    scene s = scene_create_divided(form, TM_DOUBLE, threads, NULL);
     assert_int_equal(tm_world_parts(s.world), threads);
     return s;
 }

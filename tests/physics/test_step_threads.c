@@ -14,17 +14,8 @@ static const int32_t THREADS[] = {1, 2, 3, 8};
 /* --- a story --- */
 
 static scene create(tm_force_form form, tm_precision precision, int32_t threads, tm_run_parts *run_parts) {
-    static const tm_tool_mode mode[2] = {TM_TOOL_CAUTERY, TM_TOOL_GRASPER};
-    scene_def def = scene_def_default();
-    def.cells[0] = def.cells[1] = 17, def.cells[2] = 10, def.tools = 2;
-    def.form = form, def.precision = precision, def.threads = threads, def.run_parts = run_parts;
-    scene s = scene_create_full(&def, true, mode);
+    scene s = scene_create_divided(form, precision, threads, run_parts);
     tm_error error;
-    tm_cut_def cut = tm_cut_def_default();
-    cut.rate_1_s = 2000;
-    fix_ok(tm_stage_cut(s.world, s.contact, &cut, &error), &error);
-    tm_grasp_def grasp = tm_grasp_def_default();
-    fix_ok(tm_stage_grasp(s.world, s.contact, &grasp, &(tm_grasp *){NULL}, &error), &error);
     fix_ok(tm_stage_gravity(s.world, (const double[3]){0, 0, -9.81}, &error), &error);
     assert_int_equal(tm_world_parts(s.world), threads);
     return s;

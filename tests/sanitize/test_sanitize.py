@@ -38,13 +38,18 @@ int main(int argc, char **argv) {{ (void)argv; (void)other; (void)shared; {body}
     assert len(reports) == 1 and said in reports[0].read_text(errors="replace"), f"{said} was not reported"
 
 
-def find_nothing(part, name, root, build, make_config, tmp_path):
-    """Builds what the short form needs and runs this part of it. Returns its figures."""
+@pytest.fixture
+def find_nothing(root, make_config, tmp_path):
+    """find_nothing(PART, NAME): builds what the short form needs and runs this part of it. Returns its figures."""
+    return lambda part, name: run_short(part, name, root, make_config, tmp_path)
+
+
+def run_short(part, name, root, make_config, tmp_path):
     assert shutil.which("clang"), "clang is not installed; make check installs it"
-    make_config(name, "tests-short")
+    made = make_config(name, "tests-short")
     (tmp_path / "build").mkdir()
-    for at in (name, "venv"):
-        (tmp_path / "build" / at).symlink_to(build / at)
+    for at in (made, made.parent / "venv"):
+        (tmp_path / "build" / at.name).symlink_to(at)
     done = subprocess.run([sys.executable, root / "tests/sanitize/run.py", "--build", tmp_path / "build", "--short", part, name], capture_output=True, text=True, timeout=1800)
     assert done.returncode == 0, done.stdout + done.stderr[-8000:]
     figures = json.loads((tmp_path / "build" / "sanitize.json").read_text())[name]
@@ -53,11 +58,11 @@ def find_nothing(part, name, root, build, make_config, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["asan", "tsan"])
-def test_short_form_finds_nothing(name, root, build, make_config, tmp_path):
-    assert find_nothing("programs", name, root, build, make_config, tmp_path)["passed"] > {"asan": 100, "tsan": 7}[name]
+def test_short_form_finds_nothing(name, find_nothing):
+    assert find_nothing("programs", name)["passed"] > {"asan": 100, "tsan": 7}[name]
 
 
 @pytest.mark.parametrize("name", ["asan", "tsan"])
-def test_the_ring_finds_nothing(name, root, build, make_config, tmp_path):
+def test_the_ring_finds_nothing(name, find_nothing):
     """By the clock, so neither beside another nor on what others leave: last of those that run alone, when the build is there."""
-    assert find_nothing("ring", name, root, build, make_config, tmp_path)["passed"] > 5
+    assert find_nothing("ring", name)["passed"] > 5
