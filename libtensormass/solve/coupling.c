@@ -35,7 +35,8 @@ static size_t lay_out(tms_coupling *c, int32_t blocks, char *memory) {
     c->shape = carve(&at, 4 * n * (size_t)c->rank);
     c->along = carve(&at, 4 * (size_t)c->rank);
     c->moved = carve(&at, 4 * padded);
-    c->answer = carve(&at, 4 * padded);
+    c->answer = carve(&at, 4 * (padded + 1));
+    c->spread = carve(&at, 16 * (n / 3));
     c->single = carve(&at, c->rank ? 2 * n * (n + 1) : 0);
     double **list[] = {&c->whole_m, &c->whole_N, &c->kept_m, &c->kept_N, &c->change_m};
     for (int i = 0; i < 5; i++) *list[i] = carve(&at, 8 * n);
@@ -67,7 +68,7 @@ static int32_t fill_blocks(tms_coupling *c, const tms_system *s, int32_t *count)
         blocks = 0;
         for (int32_t v = 0; v < vertices; v++) {
             if (c->memory && !pass) c->begin[v] = blocks;
-            blocks += count[v];
+            blocks += (count[v] + 1) / 2 * 2;
             if (!pass && c->memory) count[v] = 0;
         }
         if (c->memory && !pass) c->begin[vertices] = blocks;
@@ -78,7 +79,7 @@ static int32_t fill_blocks(tms_coupling *c, const tms_system *s, int32_t *count)
 static float *entry(const tms_coupling *c, int32_t row, int32_t column) {
     int32_t k = c->begin[row / 3];
     while (c->neighbour[k] != column / 3) k++;
-    return c->block + 12 * (int64_t)k + 4 * (column % 3) + row % 3;
+    return c->block + 24 * (int64_t)(k / 2) + 8 * (column % 3) + 4 * (k % 2) + row % 3;
 }
 
 static void fill_values(const tms_coupling *c, const tms_system *s) {

@@ -23,11 +23,14 @@ typedef struct tms_coupling {
     float *single;         /* the same, for changes of the whole force; of a border that is followed */
     const double *given_N; /* [n] force of the inside's loads and supports with the border at 0 */
     int32_t *begin, *neighbour;
-    float *block;                  /* K by 3x3 blocks, columns of four numbers: rows of border vertex v: begin[v].. */
+    /* K by 3x3 blocks, two at a time: a column of four numbers of each, then the next one; rows of border vertex v:
+     * begin[v].. , an even number, the last of which may be empty. */
+    float *block;
     float *smooth;                 /* W by columns [rank][padded] */
     float *shape;                  /* [n][rank] orthonormal shapes that W was made of */
     float *along;                  /* [rank] */
-    float *moved, *answer;         /* [padded] */
+    float *moved, *answer;         /* [padded]; answer with one more */
+    float *spread;                 /* [4*(n/3)] moved, a vertex in four numbers */
     double *whole_m, *whole_N;     /* [n] where F was computed whole, and F */
     double *change_m;              /* [n] what that shape has moved since the one before */
     double *kept_m, *kept_N;       /* [n] of a step that may be given back */

@@ -82,44 +82,67 @@ INLINE void whole_change(const float *single, const double *moved, int32_t n, do
                     both_halves_single(single + 1, moved[i], moved + i + 1, force + i + 1, n - i - 1);
 }
 
-/* answer := K moved. */
+typedef float four __attribute__((vector_size(16)));
+typedef float eight __attribute__((vector_size(32)));
+
+INLINE four low_of(eight x) { return __builtin_shufflevector(x, x, 0, 1, 2, 3); }
+INLINE four high_of(eight x) { return __builtin_shufflevector(x, x, 4, 5, 6, 7); }
+
+/* answer := K moved, two blocks at a time. */
 INLINE void near_part(const tms_coupling *c) {
+    for (int32_t v = 0; v < c->n / 3; v++)
+        for (int i = 0; i < 3; i++) c->spread[4 * v + i] = c->moved[3 * v + i];
     for (int32_t v = 0; v < c->n / 3; v++) {
-        float sum[4] = {0};
-        for (int32_t k = c->begin[v]; k < c->begin[v + 1]; k++) {
-            const float *block = c->block + 12 * (int64_t)k, *d = c->moved + 3 * c->neighbour[k];
-            for (int i = 0; i < 4; i++) sum[i] += block[i] * d[0] + block[4 + i] * d[1] + block[8 + i] * d[2];
+        eight sum = {0};
+        for (int32_t k = c->begin[v]; k < c->begin[v + 1]; k += 2) {
+            const eight *block = (const eight *)(c->block + 12 * (int64_t)k);
+            const four a = *(const four *)(c->spread + 4 * c->neighbour[k]),
+                       b = *(const four *)(c->spread + 4 * c->neighbour[k + 1]);
+            const eight x = __builtin_shufflevector(a, b, 0, 0, 0, 0, 4, 4, 4, 4),
+                        y = __builtin_shufflevector(a, b, 1, 1, 1, 1, 5, 5, 5, 5),
+                        z = __builtin_shufflevector(a, b, 2, 2, 2, 2, 6, 6, 6, 6);
+            sum += block[0] * x + block[1] * y + block[2] * z;
         }
-        for (int i = 0; i < 3; i++) c->answer[3 * v + i] = sum[i];
+        const four both = low_of(sum) + high_of(sum);
+        memcpy(c->answer + 3 * v, &both, sizeof both); /* the fourth is the next vertex's to write */
     }
+}
+
+/* Sums of each. */
+INLINE four sums_of(four a, four b, four c, four d) {
+    const four ab = __builtin_shufflevector(a, b, 0, 1, 4, 5) + __builtin_shufflevector(a, b, 2, 3, 6, 7),
+               cd = __builtin_shufflevector(c, d, 0, 1, 4, 5) + __builtin_shufflevector(c, d, 2, 3, 6, 7);
+    return __builtin_shufflevector(ab, cd, 0, 2, 4, 6) + __builtin_shufflevector(ab, cd, 1, 3, 5, 7);
 }
 
 /* along := W^T moved, four columns at a time. */
 INLINE void gather_smooth(const tms_coupling *c) {
-    const float *restrict d = c->moved;
+    const eight *d = (const eight *)c->moved;
+    const int32_t n = c->padded / 8;
     for (int32_t j = 0; j < c->rank; j += TOGETHER) {
-        float lane[TOGETHER][FLOATS] = {{0}};
-        const float *restrict w = c->smooth + (int64_t)j * c->padded;
-        for (int32_t i = 0; i < c->padded; i += FLOATS)
+        const eight *w = (const eight *)(c->smooth + (int64_t)j * c->padded);
+        eight lane[TOGETHER][2] = {{{0}}};
+        for (int32_t i = 0; i < n; i += 2)
             for (int t = 0; t < TOGETHER; t++)
-                for (int k = 0; k < FLOATS; k++) lane[t][k] += w[(int64_t)t * c->padded + i + k] * d[i + k];
+                for (int k = 0; k < 2; k++) lane[t][k] += w[t * n + i + k] * d[i + k];
+        four sum[TOGETHER];
         for (int t = 0; t < TOGETHER; t++) {
-            float sum = 0;
-            for (int k = 0; k < FLOATS; k++) sum += lane[t][k];
-            c->along[j + t] = sum;
+            const eight both = lane[t][0] + lane[t][1];
+            sum[t] = low_of(both) + high_of(both);
         }
+        *(four *)(c->along + j) = sums_of(sum[0], sum[1], sum[2], sum[3]);
     }
 }
 
 /* answer -= W along. */
 INLINE void spread_smooth(const tms_coupling *c) {
-    float *restrict answer = c->answer;
+    eight *answer = (eight *)c->answer;
+    const int32_t n = c->padded / 8;
     for (int32_t j = 0; j < c->rank; j += TOGETHER) {
-        const float *restrict w = c->smooth + (int64_t)j * c->padded;
-        const float a0 = c->along[j], a1 = c->along[j + 1], a2 = c->along[j + 2], a3 = c->along[j + 3];
-        const int64_t p = c->padded;
-        for (int32_t i = 0; i < c->padded; i++)
-            answer[i] -= w[i] * a0 + w[p + i] * a1 + w[2 * p + i] * a2 + w[3 * p + i] * a3;
+        const eight *w = (const eight *)(c->smooth + (int64_t)j * c->padded);
+        const float *a = c->along + j;
+        for (int32_t i = 0; i < n; i++)
+            answer[i] -= (w[i] * a[0] + w[n + i] * a[1]) + (w[2 * n + i] * a[2] + w[3 * n + i] * a[3]);
     }
 }
 
