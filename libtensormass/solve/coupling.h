@@ -62,11 +62,5 @@ void tms_whole_force(const double *schur, const double *given, const double *at,
 void tms_whole_change(const float *single, const double *moved, int32_t n, double *force);
 /* answer := (K - W W^T) moved, [padded] */
 void tms_follow(tms_coupling *coupling);
-/* out := rows x; rows [count][width], width a multiple of 16. */
-void tms_rows_times(const float *rows, int32_t count, int32_t width, const float *x, float *out);
-double tms_dot(const double *restrict a, const double *restrict b, int32_t n);
-/* out [3][3] := the sums over k of a[i][k] weight[k] b[j][k]; a and b [3][n]. */
-void tms_weighted_dots(const double *a, const double *weight, const double *b, int32_t n, double out[9]);
-/* out += f a */
-void tms_add_times(double f, const double *restrict a, int32_t n, double *restrict out);
+
 #endif

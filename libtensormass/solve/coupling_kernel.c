@@ -85,8 +85,8 @@ INLINE void whole_change(const float *single, const double *moved, int32_t n, do
 typedef float four __attribute__((vector_size(16)));
 typedef float eight __attribute__((vector_size(32)));
 
-INLINE four low_of(eight x) { return __builtin_shufflevector(x, x, 0, 1, 2, 3); }
-INLINE four high_of(eight x) { return __builtin_shufflevector(x, x, 4, 5, 6, 7); }
+/* Lower and upper half added. A macro: how functions are given 32 bytes differs between processors. */
+#define FOLD(x) (__builtin_shufflevector(x, x, 0, 1, 2, 3) + __builtin_shufflevector(x, x, 4, 5, 6, 7))
 
 /* answer := K moved, two blocks at a time. */
 INLINE void near_part(const tms_coupling *c) {
@@ -103,7 +103,7 @@ INLINE void near_part(const tms_coupling *c) {
                         z = __builtin_shufflevector(a, b, 2, 2, 2, 2, 6, 6, 6, 6);
             sum += block[0] * x + block[1] * y + block[2] * z;
         }
-        const four both = low_of(sum) + high_of(sum);
+        const four both = FOLD(sum);
         memcpy(c->answer + 3 * v, &both, sizeof both); /* the fourth is the next vertex's to write */
     }
 }
@@ -128,7 +128,7 @@ INLINE void gather_smooth(const tms_coupling *c) {
         four sum[TOGETHER];
         for (int t = 0; t < TOGETHER; t++) {
             const eight both = lane[t][0] + lane[t][1];
-            sum[t] = low_of(both) + high_of(both);
+            sum[t] = FOLD(both);
         }
         *(four *)(c->along + j) = sums_of(sum[0], sum[1], sum[2], sum[3]);
     }

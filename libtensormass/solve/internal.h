@@ -53,6 +53,16 @@ void *tms_take(size_t bytes);
 void *tms_take_zeroed(size_t count, size_t size);
 void tms_give(void *memory); /* null is allowed */
 
+/* --- coupling_kernel.c: inner loops; the same bits on every machine --- */
+
+/* out := rows x; rows [count][width], width a multiple of 16. */
+void tms_rows_times(const float *rows, int32_t count, int32_t width, const float *x, float *out);
+double tms_dot(const double *a, const double *b, int32_t n);
+/* out [3][3] := the sums over k of a[i][k] weight[k] b[j][k]; a and b [3][n]. */
+void tms_weighted_dots(const double *a, const double *weight, const double *b, int32_t n, double out[9]);
+/* out += f a */
+void tms_add_times(double f, const double *a, int32_t n, double *out);
+
 /* --- process.c: what belongs to the whole process --- */
 
 /* Between these OpenBLAS has one thread in each of ours, and SuiteSparse aligns its memory. Nested, and from many

@@ -6,9 +6,7 @@
 /* out += f times the displacements of all slots by that force: a row of the block, which is symmetric and lies in
  * memory as it is read. */
 void tms_local_spread(const tms_local *l, int32_t component, double f, double *restrict out) {
-    const double *restrict row = l->block + (int64_t)component * 3 * l->capacity;
-    const int32_t n = 3 * l->high;
-    for (int32_t i = 0; i < n; i++) out[i] += f * row[i];
+    tms_add_times(f, l->block + (int64_t)component * 3 * l->capacity, 3 * l->high, out);
 }
 
 void tms_local_response(const tms_local *l, const int32_t *slot, int32_t count, const double *f, bool by_slot,
