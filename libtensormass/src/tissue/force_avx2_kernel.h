@@ -171,7 +171,9 @@ TM_AVX2 void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t f
     for (int32_t begin, end = from; k < to; k = end) {
         if (!tm_next_run(graph->living, to, &begin, &end)) begin = end = to;
         for (int64_t i = 3 * (int64_t)k; i < 3 * (int64_t)begin; i++) force_N[i] = 0.0; /* dead, */
-        for (k = begin - slots > k ? begin - slots : k; k < begin; k++) /* of which the ring holds so many at most */
+        /* Their places are zero, as they came: only what is ahead in force_N is to enter. The ring holds so many. */
+        const int32_t ahead = part->zeroed - slots < begin ? part->zeroed - slots : begin;
+        for (k = begin - slots > k ? begin - slots : k; k < ahead; k++)
             tm_enter_ring(ring + 4 * (size_t)(k & (slots - 1)), k + slots, part->zeroed, force_N);
         part->zeroed = TM_OF(run)(graph, part, begin, end, part->zeroed, u_m, force_N);
     }
