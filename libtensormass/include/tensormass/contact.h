@@ -125,7 +125,7 @@ TM_API bool tm_contact_holds(const tm_contact *contact, const tm_contact_row *ro
  * lists triangle slots (any superset of those in reach, each once; null: all of 0..candidate_count-1; of more than 1024
  * in reach the rest is left out). Returns the count (<= max_rows, deepest kept), in the fixed order (station, face,
  * feature). `*overflowed` (may be null) is set when triangles or rows were left out, else untouched. Pure; no
- * allocation, 300 kB of stack. */
+ * allocation, 400 kB of stack. */
 typedef struct tm_capsule {
     double tip_m[3];
     double tail_m[3];

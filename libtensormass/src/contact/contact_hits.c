@@ -30,7 +30,7 @@ static const double LEAST_WIDTH_M = 1e-9; /* of a transition */
 
 /* One search: the capsule with what it is looked at against. */
 typedef struct search {
-    const tm_local_surface *s;
+    tm_local_surface *s;
     const tm_capsule *capsule;
     const tm_contact_row *history;
     int32_t history_count;
@@ -82,25 +82,31 @@ static void add_hit(search *q, int32_t station, int32_t kind, int32_t index, dou
     q->hits->hit[q->hits->count++] = (tm_hit){station, kind, index, raw, distance};
 }
 
-/* In-plane unit vector of face f, across its edge j, into the face; the vertex opposite is `altitude` away. */
-static double inward(const tm_local_surface *s, int32_t f, int j, double out[3]) {
+/* In-plane unit vector of face f, across its edge j, into the face; the vertex opposite is `altitude` away. Several
+ * features ask for it: found once a look. */
+static const tm_inward *inward(const search *q, int32_t f, int j) {
+    tm_local_surface *s = q->s;
+    tm_inward *in = &s->inward[f][j];
+    if (s->inward_known[f] & 1u << j) return in;
     const double *a = s->position_m[s->face_vertex[f][j]], *b = s->position_m[s->face_vertex[f][(j + 1) % 3]];
     double edge[3], apex[3];
     vsub(b, a, edge);
-    vcross(s->normal[f], edge, out);
-    vunit(out, out);
+    vcross(s->normal[f], edge, in->unit);
+    vunit(in->unit, in->unit);
     vsub(s->position_m[s->face_vertex[f][(j + 2) % 3]], a, apex);
-    return vdot(apex, out);
+    in->altitude_m = vdot(apex, in->unit);
+    s->inward_known[f] |= (uint8_t)(1u << j);
+    return in;
 }
 
 /* Half width of the transition across an edge: the same seen from both faces, so that their weights add up to one. */
 static double edge_blend(const search *q, int32_t edge) {
-    double width = LAW_BLEND * q->capsule->radius_m, in[3];
+    double width = LAW_BLEND * q->capsule->radius_m;
     for (int k = 0; k < 2; k++) {
         int32_t f = q->s->edge_face[edge][k];
         if (f >= 0)
-            width = law_min(
-                width, law_transition(q->capsule->radius_m, inward(q->s, f, tm_local_edge_slot(q->s, f, edge), in)));
+            width = law_min(width, law_transition(q->capsule->radius_m,
+                                                  inward(q, f, tm_local_edge_slot(q->s, f, edge))->altitude_m));
     }
     return law_max(width, LEAST_WIDTH_M);
 }
@@ -118,12 +124,12 @@ static bool known(const search *q, int32_t station, int32_t f) {
 
 /* Of a station at `p` over or behind the face: how far it is inside its three edges; false if so far outside one that
  * nothing is left of the face's weight, whatever the width of the transition there. */
-static bool is_over(const search *q, int32_t f, const double p[3], const double in[3][3], double x[3]) {
+static bool is_over(const search *q, int32_t f, const double p[3], double x[3]) {
     const double widest = law_max(LAW_BLEND * q->capsule->radius_m, LEAST_WIDTH_M);
     for (int j = 0; j < 3; j++) {
         double d[3];
         vsub(p, q->s->position_m[q->s->face_vertex[f][j]], d);
-        x[j] = vdot(d, in[j]);
+        x[j] = vdot(d, inward(q, f, j)->unit);
         if (x[j] <= -widest) return false;
     }
     return true;
@@ -132,9 +138,9 @@ static bool is_over(const search *q, int32_t f, const double p[3], const double 
 /* What takes roots is found when a station is near enough to want it, and then once. */
 static void face_hits(search *q, int32_t f) {
     const tm_local_surface *s = q->s;
-    double in[3][3], width[3], x[3], radius = q->capsule->radius_m;
+    double width[3], x[3], radius = q->capsule->radius_m;
     int32_t first, last;
-    bool has_in = false, has_width = false;
+    bool has_width = false;
     if (vdot(s->normal[f], s->normal[f]) == 0 ||
         !station_range(q, s->center_m[f], s->reach_m[f] + q->sunk_m, &first, &last))
         return;
@@ -144,9 +150,7 @@ static void face_hits(search *q, int32_t f) {
         vsub(p, s->position_m[s->face_vertex[f][0]], d);
         double height = vdot(d, s->normal[f]);
         if (height > q->reach_m || height < -q->sunk_m) continue;
-        for (int j = 0; j < 3 && !has_in; j++) inward(s, f, j, in[j]);
-        has_in = true;
-        if (!is_over(q, f, p, in, x)) continue;
+        if (!is_over(q, f, p, x)) continue;
         for (int j = 0; j < 3 && !has_width; j++) width[j] = edge_blend(q, s->face_edge[f][j]);
         has_width = true;
         for (int j = 0; j < 3 && raw > 0; j++) {
@@ -160,12 +164,11 @@ static void face_hits(search *q, int32_t f) {
 }
 
 /* 0 flat or hollow, 1 a fold that sticks out by LAW_SHARP or more. */
-static double edge_sharpness(const tm_local_surface *s, int32_t e) {
+static double edge_sharpness(const search *q, int32_t e) {
+    const tm_local_surface *s = q->s;
     int32_t a = s->edge_face[e][0], b = s->edge_face[e][1];
-    double in[3];
     if (b < 0) return 1;
-    inward(s, b, tm_local_edge_slot(s, b, e), in);
-    double sine = -vdot(s->normal[a], in);
+    double sine = -vdot(s->normal[a], inward(q, b, tm_local_edge_slot(s, b, e))->unit);
     if (sine > 0 && vdot(s->normal[a], s->normal[b]) < 0) return 1;
     return law_sharpness(sine);
 }
@@ -175,11 +178,9 @@ static double side_weight(const search *q, int32_t e, const double across[3], do
     const tm_local_surface *s = q->s;
     *out = 0;
     for (int side = 0; side < 2 && raw > 0; side++) {
-        double in[3];
         int32_t f = s->edge_face[e][side];
         if (f < 0) continue;
-        inward(s, f, tm_local_edge_slot(s, f, e), in);
-        raw *= law_ramp(-vdot(across, in) / width);
+        raw *= law_ramp(-vdot(across, inward(q, f, tm_local_edge_slot(s, f, e))->unit) / width);
         *out += vdot(across, s->normal[f]);
     }
     return raw;
@@ -207,7 +208,7 @@ static void edge_hits(search *q, int32_t e) {
         const double along = law_ramp(y / along_width) * law_ramp((length - y) / along_width);
         if (!(along > 0)) continue;
         if (sharp < 0) { /* wanted now, and once */
-            sharp = edge_sharpness(s, e);
+            sharp = edge_sharpness(q, e);
             if (!(sharp > 0)) return;
             width = edge_blend(q, e);
         }

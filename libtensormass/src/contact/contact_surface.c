@@ -207,6 +207,7 @@ void tm_local_place(tm_local_surface *s, const double *rest_m, const double *u_m
 void tm_local_face(tm_local_surface *s, int32_t f) {
     const double *p[3];
     double a[3], b[3], d[3], radius2 = 0, *area = s->area_normal[f];
+    s->inward_known[f] = 0;
     for (int j = 0; j < 3; j++) p[j] = s->position_m[s->face_vertex[f][j]];
     for (int c = 0; c < 3; c++) s->center_m[f][c] = (p[0][c] + p[1][c] + p[2][c]) / 3;
     for (int j = 0; j < 3; j++) {

@@ -19,6 +19,11 @@ typedef struct tm_near {
     double reach_m, sunk_m, end_m[2][3], position_m[3 * TM_LOCAL_FACES][3];
 } tm_near;
 
+/* Of a face at one of its edges. */
+typedef struct tm_inward {
+    double unit[3], altitude_m;
+} tm_inward;
+
 /* Local topology of the candidate triangles; fixed arrays, so that it lives in a stage or on a stack. */
 typedef struct tm_local_surface {
     int32_t face_count, vertex_count, edge_count;
@@ -42,7 +47,9 @@ typedef struct tm_local_surface {
                       [3]; /* of the undeformed surface: tells what was made round from what was made sharp */
     double center_m[TM_LOCAL_FACES][3];
     double reach_m[TM_LOCAL_FACES];  /* of the bounding sphere about the centre */
-    int64_t key[3 * TM_LOCAL_FACES]; /* scratch of the build */
+    tm_inward inward[TM_LOCAL_FACES][3];  /* where bit j is set: */
+    uint8_t inward_known[TM_LOCAL_FACES]; /* none when the face was placed */
+    int64_t key[3 * TM_LOCAL_FACES];      /* scratch of the build */
 } tm_local_surface;
 
 /* A (station, feature) pair within reach. */
