@@ -46,7 +46,7 @@ typedef struct tm_local_surface {
     double rest_normal[TM_LOCAL_FACES]
                       [3]; /* of the undeformed surface: tells what was made round from what was made sharp */
     double center_m[TM_LOCAL_FACES][3];
-    double reach_m[TM_LOCAL_FACES];  /* of the bounding sphere about the centre */
+    double reach_m[TM_LOCAL_FACES];       /* of the bounding sphere about the centre */
     tm_inward inward[TM_LOCAL_FACES][3];  /* where bit j is set: */
     uint8_t inward_known[TM_LOCAL_FACES]; /* none when the face was placed */
     int64_t key[3 * TM_LOCAL_FACES];      /* scratch of the build */
