@@ -211,6 +211,7 @@ typedef struct app_scene {
     app_text mesh;
     app_number scale;
     app_choice precision; /* 0 double, 1 single: tm_precision */
+    app_flag renumber;    /* inside, where the file's numbering is poor */
     app_choice force;     /* 0 best, 1 plain: tm_force_form */
     app_list material;    /* app_material */
     app_list support;     /* app_support */

@@ -61,6 +61,8 @@ static const app_field fields[] = {
     {"tissue", APP_SECTION, NULL, "!", 0, 0, AT(tissue), "the mesh and its materials"},
     {"tissue.mesh", APP_PATH, NULL, "!", 0, 0, AT(mesh), "mesh file (.msh, .vtk, .mesh), relative to the scene"},
     {"tissue.scale", APP_NUMBER, "none", "1", 1e-9, 1e9, AT(scale), "metres per unit of the mesh file"},
+    {"tissue.renumber", APP_FLAG, NULL, "yes", 0, 0, AT(renumber),
+     "where the mesh's numbers jump so that steps are slow, its vertices get better ones inside; what is read and written keeps the file's"},
     {"tissue.precision", APP_CHOICE, APP_CHOICE_WORDS(APP_PRECISIONS), "double", 0, 0, AT(precision),
      "of the stored stiffness tensors; positions are always double. `single` asks for supports that hold every piece"},
     {"tissue.force", APP_CHOICE, APP_CHOICE_WORDS(APP_FORCE_FORMS), "best", 0, 0, AT(force),

@@ -5,7 +5,6 @@
 #include <string.h>
 
 #include "command.h"
-#include "common/numbering.h"
 #include "json_file.h"
 #include "law/union_find.h"
 #include "step.h"
@@ -24,7 +23,7 @@ typedef struct figures {
     int64_t aspect[BINS], dihedral[BINS];
     double worst_aspect, min_dihedral_deg, step_s, cut_step_s, median_step_s; /* cut_step_s: the worst element's */
     int32_t worst_aspect_tet, step_tet, cut_step_tet, pieces;
-    app_numbering_figures numbering;
+    tm_numbering_figures numbering;
 } figures;
 
 static void usage(FILE *to, const char *command) {
@@ -173,11 +172,12 @@ static void print_tet(const tm_mesh_file *file, int32_t t) {
            (long long)file->vertex_tag[v[3]]);
 }
 
-static void print_numbering(const options *o, const app_numbering_figures *n) {
+static void print_numbering(const options *o, const tm_numbering_figures *n) {
     if (n->poor)
-        printf("note: numbers jump: the two vertices of an edge are %.0f apart on average, tm-mesh renumber would make "
-               "it %.0f and steps quicker: tm-mesh renumber %s -o OUT\n",
-               n->distance, n->renumbered, o->file);
+        printf(
+            "note: numbers jump: the two vertices of an edge are %.0f apart on average; scenes renumber them inside, "
+            "which makes it %.0f and steps quicker, and for other programs there is tm-mesh renumber %s -o OUT\n",
+            n->distance, n->renumbered, o->file);
 }
 
 static void print_figures(const tm_mesh_file *file, const tm_mesh *mesh, const options *o, const figures *f) {
@@ -290,7 +290,7 @@ static int run(const char *command, int argc, char **argv) {
         return exit;
     }
     measure_shape(mesh, &f);
-    if (!app_numbering_measure(mesh, &f.numbering))
+    if (!tm_mesh_numbering_measure(mesh, &f.numbering))
         exit = command_no_memory(o.file);
     else if (measure_step(mesh, &o, &f, &error))
         exit = app_report("tm-mesh", 0, &error);

@@ -4,7 +4,6 @@
 #include <string.h>
 
 #include "command.h"
-#include "common/numbering.h"
 
 typedef struct options {
     const char *in, *out, *fibres, *out_fibres, *out_numbers;
@@ -129,9 +128,9 @@ static int write_numbers(const int32_t *was, int32_t count, const char *path) {
 }
 
 static int write_all(const options *o, const tm_mesh *mesh, const numbers *was, const tm_mesh_file *out) {
-    app_numbering_figures f;
+    tm_numbering_figures f;
     tm_error error = {0};
-    if (!app_numbering_measure(mesh, &f)) return command_no_memory(o->in);
+    if (!tm_mesh_numbering_measure(mesh, &f)) return command_no_memory(o->in);
     int exit = o->fibres ? carry_fibres(o, mesh, was) : APP_DONE;
     if (exit == APP_DONE && o->out_numbers) exit = write_numbers(was->vertex, mesh->vertex_count, o->out_numbers);
     if (exit == APP_DONE && app_mesh_write(out, o->out, &error)) exit = app_report(NULL, 0, &error);
@@ -155,8 +154,8 @@ int command_renumber(int argc, char **argv) {
     }
     numbers was = {.vertex = malloc((size_t)mesh->vertex_count * sizeof *was.vertex),
                    .tet = malloc((size_t)mesh->tet_count * sizeof *was.tet)};
-    if (was.vertex && was.tet && app_numbering(mesh, was.vertex) && app_numbering_tets(mesh, was.vertex, was.tet) &&
-        reorder(&file, &was, &out))
+    if (was.vertex && was.tet && tm_mesh_numbering(mesh, was.vertex) &&
+        tm_mesh_numbering_tets(mesh, was.vertex, was.tet) && reorder(&file, &was, &out))
         exit = write_all(&o, mesh, &was, &out);
     else
         exit = command_no_memory(o.in);

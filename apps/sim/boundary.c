@@ -22,7 +22,7 @@ int sim_make_supports(sim *s) {
         rc = app_scene_bad(scene, scene->support.line, "%d supports; give at most 100", scene->support.count);
     for (int i = 0; i < scene->support.count && !rc; i++) {
         const app_support *support = (const app_support *)scene->support.item + i;
-        rc = app_select_vertices(scene, &support->select, support->here.line, &s->file, mark, &selected);
+        rc = sim_select(s, &support->select, support->here.line, mark, &selected);
         for (int32_t v = 0; v < n && !rc; v++)
             for (int a = 0; a < 3 && mark[v] && !rc; a++) {
                 if (!strchr(support->axes.s, "xyz"[a])) continue;
@@ -31,7 +31,7 @@ int sim_make_supports(sim *s) {
                     rc = app_scene_bad(scene, support->here.line,
                                        "vertex %d is already held at %g m along %c by the support on line %d; make the "
                                        "selectors disjoint",
-                                       v, value[d], "xyz"[a],
+                                       tm_mesh_given(s->mesh, v), value[d], "xyz"[a],
                                        ((const app_support *)scene->support.item)[held[d] - 1].here.line);
                 if (!held[d]) held[d] = (int8_t)(i + 1);
                 value[d] = support->displace.v[a];
@@ -75,7 +75,7 @@ int sim_make_loads(sim *s) {
     int rc = mark && force ? 0 : app_scene_bad(scene, 0, "out of memory; use a smaller mesh");
     for (int i = 0; i < scene->load.count && !rc; i++) {
         const app_load *load = (const app_load *)scene->load.item + i;
-        rc = app_select_vertices(scene, &load->select, load->here.line, &s->file, mark, &selected);
+        rc = sim_select(s, &load->select, load->here.line, mark, &selected);
         if (!rc && load->traction.line) rc = add_traction(s, load, mark, force);
         for (int32_t v = 0; v < n && !rc && load->force.line; v++)
             for (int a = 0; a < 3 && mark[v]; a++) force[3 * v + a] += load->force.v[a];

@@ -139,8 +139,8 @@ static int from_potential(sim *s, const options *o) {
     tm_error error = {0};
     int32_t count;
     if (!mark) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
-    int rc = app_select_vertices(s->scene, &(app_select){.group = o->from}, o->from.line, &s->file, mark, &count);
-    if (!rc) rc = app_select_vertices(s->scene, &(app_select){.group = o->to}, o->to.line, &s->file, mark + n, &count);
+    int rc = sim_select(s, &(app_select){.group = o->from}, o->from.line, mark, &count);
+    if (!rc) rc = sim_select(s, &(app_select){.group = o->to}, o->to.line, mark + n, &count);
     if (!rc && sim_laplace(s->mesh, mark, mark + n, s->fibre, &error)) rc = sim_report(s->scene, o->rule.line, &error);
     free(mark);
     return rc;

@@ -13,6 +13,7 @@ static const app_field fields[] = {
 typedef struct sim_picture {
     tensormass_tissue_t message;
     int32_t *slot_of; /* [vertex_count] index into the message, -1: not on the surface */
+    int32_t *of_file; /* [vertex_count] the mesh's number of each vertex of the file; null: the same */
     int32_t revision;
     size_t bytes;
 } sim_picture;
@@ -26,6 +27,8 @@ static int build(sim *s, const void *own) {
     size_t t = (size_t)s->mesh->surface_count + (s->def.model.tissue.cuttable ? 2 * (size_t)s->mesh->tet_count : 0);
     size_t bytes = sizeof(sim_picture) + n * (sizeof(float *) + 3 * sizeof(float) + 2 * sizeof(int32_t)) +
                    t * (sizeof(int32_t *) + 3 * sizeof(int32_t) + 1);
+    const bool renumbered = s->mesh->given_vertex;
+    if (renumbered) bytes += n * sizeof(int32_t);
     sim_picture *p = s->picture = tm_allocate(bytes);
     if (!p) return app_scene_bad(s->scene, o->here.line, "out of memory; use a smaller mesh");
     memset(p, 0, bytes);
@@ -37,7 +40,8 @@ static int build(sim *s, const void *own) {
     int32_t *corner = (int32_t *)(xyz + 3 * n);
     p->message.vertex_id = corner + 3 * t;
     p->slot_of = p->message.vertex_id + n;
-    p->message.triangle_kind = (int8_t *)(p->slot_of + n);
+    if (renumbered) sim_vertices_of_file(s, p->of_file = p->slot_of + n);
+    p->message.triangle_kind = (int8_t *)(p->slot_of + (renumbered ? 2 : 1) * n);
     for (size_t i = 0; i < n; i++) p->message.vertex_m[i] = xyz + 3 * i;
     for (size_t i = 0; i < t; i++) p->message.triangle[i] = corner + 3 * i;
     return 0;
@@ -59,16 +63,20 @@ static bool was_outside(const tm_mesh *mesh, int32_t face) {
     return low < mesh->surface_count && mesh->surface_face[low] == face;
 }
 
+/* The mesh's number of the file's. */
+static int32_t vertex_of(const sim_picture *p, int32_t in_file) { return p->of_file ? p->of_file[in_file] : in_file; }
+
 static void renumber(sim_picture *p, const sim *s, const tm_surface_view *surface) {
     tensormass_tissue_t *m = &p->message;
     m->vertex_count = 0;
     for (int32_t v = 0; v < s->mesh->vertex_count; v++) p->slot_of[v] = -1;
     for (int32_t i = 0; i < 3 * surface->count; i++) p->slot_of[surface->triangle[i]] = 0;
-    for (int32_t v = 0; v < s->mesh->vertex_count; v++)
-        if (!p->slot_of[v]) {
-            p->slot_of[v] = m->vertex_count;
-            m->vertex_id[m->vertex_count++] = v;
-        }
+    for (int32_t in_file = 0; in_file < s->mesh->vertex_count; in_file++) {
+        const int32_t v = vertex_of(p, in_file);
+        if (p->slot_of[v]) continue;
+        p->slot_of[v] = m->vertex_count;
+        m->vertex_id[m->vertex_count++] = in_file;
+    }
     m->triangle_count = surface->count;
     for (int32_t t = 0; t < surface->count; t++) {
         for (int c = 0; c < 3; c++) m->triangle[t][c] = p->slot_of[surface->triangle[3 * t + c]];
@@ -84,7 +92,7 @@ const tensormass_tissue_t *sim_picture_now(sim *s, int64_t utime, int64_t sessio
     const double *u = sim_displacement(s);
     for (int32_t i = 0; i < p->message.vertex_count; i++)
         for (int a = 0; a < 3; a++) {
-            int32_t d = 3 * p->message.vertex_id[i] + a;
+            int32_t d = 3 * vertex_of(p, p->message.vertex_id[i]) + a;
             p->message.vertex_m[i][a] = (float)(s->mesh->rest_m[d] + u[d]);
         }
     p->message.utime = utime;

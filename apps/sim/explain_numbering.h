@@ -6,7 +6,7 @@
 
 #include "sim.h"
 
-/* How far apart neighbours' numbers are, and could be; printed only where it is worth renumbering. */
+/* How far apart neighbours' numbers are in the file, and in the best order; printed only where that is worth having. */
 void explain_numbering(const sim *s, cJSON *json);
 
 #endif

@@ -35,9 +35,9 @@ static tm_status check_pieces(const tm_mesh *m, const uint8_t *low, const uint8_
     for (int32_t v = 0; v < m->vertex_count && !status; v++)
         if (has[law_root(parent, v)] != 3)
             status = tm_fail(
-                error, TM_ERR_MESH, v,
-                "the piece of the mesh that vertex %d is in has no vertex of '%s'; name groups that every piece has", v,
-                has[law_root(parent, v)] & 1 ? "to" : "from");
+                error, TM_ERR_MESH, tm_mesh_given(m, v),
+                "the piece of the mesh that vertex %d is in has no vertex of '%s'; name groups that every piece has",
+                tm_mesh_given(m, v), has[law_root(parent, v)] & 1 ? "to" : "from");
     free(parent);
     free(has);
     return status;

@@ -11,15 +11,18 @@
 
 enum { HIDDEN_CELL = 32 };
 
+/* In the file's numbering. */
 typedef struct cells {
     uint8_t *alive, *ghost;
+    double *u_m;
 } cells;
 
 static bool fill_cells(const run_series *series, const sim *s, cells *c) {
     size_t n = (size_t)s->mesh->tet_count;
     const uint8_t *alive = tm_tissue_alive(s->model->tissue);
-    *c = (cells){malloc(n), malloc(n)};
-    if (!c->alive || !c->ghost) return false;
+    *c = (cells){malloc(n), malloc(n), malloc(3 * (size_t)s->mesh->vertex_count * sizeof *c->u_m)};
+    if (!c->alive || !c->ghost || !c->u_m) return false;
+    tm_mesh_to_given(s->mesh, 3, sim_displacement(s), c->u_m);
     for (size_t t = 0; t < n; t++) {
         c->alive[t] = alive[t] || (series->condensed && series->condensed[t]);
         c->ghost[t] = c->alive[t] ? 0 : HIDDEN_CELL;
@@ -30,6 +33,7 @@ static bool fill_cells(const run_series *series, const sim *s, cells *c) {
 static void free_cells(cells *c) {
     free(c->alive);
     free(c->ghost);
+    free(c->u_m);
 }
 
 static void write_numbers(FILE *out, const char *name, int components, int tuples, const double *value) {
@@ -71,9 +75,9 @@ static void write_grid(FILE *out, const sim *s, const cells *c) {
     vtu_declare(&state, "", "vtkGhostType", &at, out);
     if (s->fibre) vtu_declare(&fibre, "", "fibre", &at, out);
     vtu_data(out);
-    vtu_put_points(v, m->rest_m, out);
-    vtu_put(&displacement, sim_displacement(s), out);
-    vtu_put_cells(t, m->tet, out);
+    vtu_put_points(v, s->file.vertex_m, out);
+    vtu_put(&displacement, c->u_m, out);
+    vtu_put_cells(t, s->file.tet, out);
     vtu_put(&region, m->region, out);
     vtu_put(&state, c->alive, out);
     vtu_put(&state, c->ghost, out);

@@ -23,10 +23,11 @@ static bool on_progress(void *user, int64_t step, double residual) {
     return !w->stopped;
 }
 
-static void write_csv(FILE *out, const tm_mesh *mesh, const double *u, const double *reaction) {
+/* u and reaction, here and below, in the file's numbering. */
+static void write_csv(FILE *out, const tm_mesh_file *mesh, const double *u, const double *reaction) {
     fputs("vertex,x_m,y_m,z_m,ux_m,uy_m,uz_m,rx_N,ry_N,rz_N\n", out);
     for (int32_t v = 0; v < mesh->vertex_count; v++) {
-        const double *x = &mesh->rest_m[3 * v], *d = &u[3 * v], *r = &reaction[3 * v];
+        const double *x = &mesh->vertex_m[3 * v], *d = &u[3 * v], *r = &reaction[3 * v];
         fprintf(out, "%d,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g,%.17g\n", v, x[0], x[1], x[2], d[0], d[1],
                 d[2], r[0], r[1], r[2]);
     }
@@ -38,13 +39,14 @@ static void write_vectors(FILE *out, const char *name, const double *v, int32_t 
 }
 
 static void write_vtk(FILE *out, const sim *s, const double *u, const double *reaction) {
-    const tm_mesh *mesh = s->mesh;
+    const tm_mesh_file *mesh = &s->file;
     fprintf(out,
             "# vtk DataFile Version 3.0\ntm-sim: rest positions, displacement in m, support reactions in "
             "N\nASCII\nDATASET UNSTRUCTURED_GRID\nPOINTS %d double\n",
             mesh->vertex_count);
     for (int32_t v = 0; v < mesh->vertex_count; v++)
-        fprintf(out, "%.17g %.17g %.17g\n", mesh->rest_m[3 * v], mesh->rest_m[3 * v + 1], mesh->rest_m[3 * v + 2]);
+        fprintf(out, "%.17g %.17g %.17g\n", mesh->vertex_m[3 * v], mesh->vertex_m[3 * v + 1],
+                mesh->vertex_m[3 * v + 2]);
     fprintf(out, "CELLS %d %d\n", mesh->tet_count, 5 * mesh->tet_count);
     for (int32_t t = 0; t < mesh->tet_count; t++)
         fprintf(out, "4 %d %d %d %d\n", mesh->tet[4 * t], mesh->tet[4 * t + 1], mesh->tet[4 * t + 2],
@@ -144,6 +146,21 @@ static void report_tools(const sim *s, cJSON *json) {
     }
 }
 
+/* u and reaction in the mesh's numbering. */
+static int write_rest(run_file *written, const sim *s, const run_options *o, const double *u, const double *reaction) {
+    const size_t n = strlen(o->write), count = 3 * (size_t)s->mesh->vertex_count;
+    double *given = malloc(2 * count * sizeof *given);
+    if (!given) return app_bad_input("--write", 0, "out of memory; use a smaller mesh") - 1;
+    tm_mesh_to_given(s->mesh, 3, u, given);
+    tm_mesh_to_given(s->mesh, 3, reaction, given + count);
+    if (n > 4 && !strcmp(o->write + n - 4, ".vtk"))
+        write_vtk(written->stream, s, given, given + count);
+    else
+        write_csv(written->stream, &s->file, given, given + count);
+    free(given);
+    return 0;
+}
+
 static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) {
     tm_settle_result result = {0};
     size_t count = 3 * (size_t)s->mesh->vertex_count;
@@ -167,15 +184,9 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
     cJSON_AddNumberToObject(json, "largest_displacement_m", largest);
     report_supports(s, reaction, json);
     report_tools(s, json);
-    if (written->begun) {
-        size_t n = strlen(o->write);
-        if (n > 4 && !strcmp(o->write + n - 4, ".vtk"))
-            write_vtk(written->stream, s, u, reaction);
-        else
-            write_csv(written->stream, s->mesh, u, reaction);
-    }
+    if (written->begun) rc = write_rest(written, s, o, u, reaction);
     free(u);
-    return 0;
+    return rc;
 }
 
 int run_settle(sim *s, const run_options *o) {

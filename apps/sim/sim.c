@@ -92,7 +92,8 @@ static int load_mesh(sim *s) {
         return app_scene_bad(scene, scene->mesh.line, "tissue.mesh: %s is not a file; name a .msh, .vtk or .mesh file",
                              scene->mesh.s);
     if (tm_mesh_file_load(scene->mesh.s, scene->scale.si, &s->file, &error) ||
-        tm_mesh_file_build(&s->file, &s->mesh, &error))
+        tm_mesh_file_build_numbered(&s->file, scene->renumber.on ? TM_NUMBERING_WHERE_POOR : TM_NUMBERING_AS_GIVEN,
+                                    &s->mesh, &error))
         return sim_report_file(scene, scene->mesh.line, NULL, 0, &error);
     return 0;
 }

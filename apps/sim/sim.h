@@ -83,8 +83,8 @@ typedef struct sim_reach {
 
 struct sim {
     app_scene *scene;
-    tm_mesh_file file;
-    tm_mesh *mesh;
+    tm_mesh_file file;     /* in its own numbering, as all that is read and written */
+    tm_mesh *mesh;         /* in its own, as all else here: tm_mesh_given leads back */
     tm_material *material; /* [region_count] */
     double damping_1_s;    /* of materials that name none */
     double *fibre;         /* [3*tet_count] or null */
@@ -150,6 +150,11 @@ int sim_effect_find(const app_scene *scene, const char *name);
 int sim_effect_line(const app_scene *scene, int index);
 
 /* --- building and stepping --- */
+
+/* app_select_vertices for the mesh's vertices: mark[vertex_count]. */
+int sim_select(const sim *s, const app_select *select, int line, uint8_t *mark, int32_t *count);
+/* vertex[vertex_count] := the mesh's number of each vertex of the file. */
+void sim_vertices_of_file(const sim *s, int32_t *vertex);
 
 /* Pieces of building, shared by the models. */
 int sim_make_supports(sim *s);

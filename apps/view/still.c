@@ -9,6 +9,12 @@
 #include "sim/sim.h"
 #include "tensormass_io.h"
 
+/* Marks and regions are found by the file's numbers, which messages have; nothing is stepped here. */
+static int create_as_in_file(app_scene *scene, sim **s) {
+    scene->renumber.on = false;
+    return sim_create(scene, s);
+}
+
 /* The mesh as it is to be seen; 0 or an exit code, having complained. */
 static int show(const char *path, const tm_mesh_file *file, const tm_mesh *mesh, const view_cutaway *cut,
                 view_picture *picture) {
@@ -43,10 +49,10 @@ int view_scene_marks(const char *path, const view_mark_choice *choice, view_pict
                      view_inside *inside) {
     app_scene *scene;
     sim *s;
-    char dynamic[] = "model=dynamic",
-         *set[] = {dynamic}; /* mesh, supports and fibres are any model's; no responses to compute */
+    char dynamic[] = "model=dynamic"; /* mesh, supports and fibres are any model's; no responses to compute */
+    char *set[] = {dynamic};
     int wrong = sim_scene_load(path, set, 1, &scene);
-    if (!wrong) wrong = sim_create(scene, &s);
+    if (!wrong) wrong = create_as_in_file(scene, &s);
     if (wrong) return wrong;
     wrong = take_marks(s, path, choice, marks);
     view_regions_name(&s->file, s->mesh, picture);
@@ -62,7 +68,7 @@ static int load_scene(const char *path, const view_mark_choice *choice, const vi
     app_scene *scene;
     sim *s;
     int wrong = sim_scene_load(path, NULL, 0, &scene);
-    if (!wrong) wrong = sim_create(scene, &s);
+    if (!wrong) wrong = create_as_in_file(scene, &s);
     if (wrong) return wrong;
     wrong = show(path, &s->file, s->mesh, cut, picture);
     if (!wrong) wrong = take_marks(s, path, choice, marks);

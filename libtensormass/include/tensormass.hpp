@@ -116,6 +116,10 @@ class mesh_ref : public reference<const tm_mesh> {
     span<const std::int32_t> tet() const noexcept { return {p_->tet, 4 * std::size_t(p_->tet_count)}; }
     span<const std::int32_t> region() const noexcept { return {p_->region, std::size_t(p_->tet_count)}; }
     span<const std::int32_t> surface() const noexcept { return {p_->surface, 3 * std::size_t(p_->surface_count)}; }
+    /* The number that each vertex was given; empty: as given, nothing was renumbered. */
+    span<const std::int32_t> given_vertex() const noexcept {
+        return {p_->given_vertex, p_->given_vertex ? std::size_t(p_->vertex_count) : 0};
+    }
 };
 
 class mesh : public mesh_ref {
@@ -127,8 +131,9 @@ class mesh : public mesh_ref {
         p_ = own_;
     }
     /* [3*vertices] m, [4*tetrahedra], [tetrahedra] or empty: one region. Copied. */
-    mesh(span<const double> vertex_m, span<const std::int32_t> tet, span<const std::int32_t> region = {})
-        : mesh(define(vertex_m, tet, region)) {}
+    mesh(span<const double> vertex_m, span<const std::int32_t> tet, span<const std::int32_t> region = {},
+         tm_numbering renumber = TM_NUMBERING_AS_GIVEN)
+        : mesh(define(vertex_m, tet, region, renumber)) {}
     mesh(mesh &&from) noexcept { swap(from); }
     mesh &operator=(mesh &&from) noexcept {
         swap(from);
@@ -138,8 +143,9 @@ class mesh : public mesh_ref {
 
   private:
     static tm_mesh_def define(span<const double> vertex_m, span<const std::int32_t> tet,
-                              span<const std::int32_t> region) {
+                              span<const std::int32_t> region, tm_numbering renumber) {
         tm_mesh_def def = tm_mesh_def_default();
+        def.renumber = renumber;
         def.vertex_count = std::int32_t(vertex_m.size() / 3), def.vertex_m = vertex_m.data();
         def.tet_count = std::int32_t(tet.size() / 4), def.tet = tet.data();
         if (!region.empty() && region.size() != tet.size() / 4)

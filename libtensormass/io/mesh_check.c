@@ -212,6 +212,11 @@ static tm_status in_its_numbers(const tm_mesh_file *file, tm_error *error) {
 }
 
 tm_status tm_mesh_file_build(const tm_mesh_file *file, tm_mesh **mesh, tm_error *error) {
+    return tm_mesh_file_build_numbered(file, TM_NUMBERING_AS_GIVEN, mesh, error);
+}
+
+tm_status tm_mesh_file_build_numbered(const tm_mesh_file *file, tm_numbering renumber, tm_mesh **mesh,
+                                      tm_error *error) {
     TM_REQUIRE(file && mesh, "file or mesh is null", TM_ERR_ARGUMENT);
     tm_mesh_def def = tm_mesh_def_default();
     def.vertex_count = file->vertex_count;
@@ -219,6 +224,7 @@ tm_status tm_mesh_file_build(const tm_mesh_file *file, tm_mesh **mesh, tm_error 
     def.tet_count = file->tet_count;
     def.tet = file->tet;
     def.region = file->region;
+    def.renumber = renumber;
     tm_status status = tm_mesh_create(&def, mesh, error);
     if (status == TM_ERR_MESH) status = in_its_numbers(file, error);
     return file->path ? tm_io_place(file->path, 0, status, error) : status;

@@ -81,6 +81,7 @@ bool tms_address_space_has(int64_t bytes, int64_t *limit_bytes);
 /* --- system.c: free components and their stiffness --- */
 
 typedef struct tms_system {
+    const tm_mesh *mesh;     /* for messages */
     int32_t vertex_count, n; /* n free components */
     int32_t *index;          /* [3*vertex_count] free index, -1: prescribed, or in no living tetrahedron */
     int32_t *dof;            /* [n] 3*vertex + axis, ascending */

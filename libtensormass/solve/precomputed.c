@@ -260,6 +260,12 @@ static bool has_response(const tm_precomputed *m, int32_t v) {
            (m->kept_of[3 * v] >= 0 || m->kept_of[3 * v + 1] >= 0 || m->kept_of[3 * v + 2] >= 0);
 }
 
+/* For messages; a number that is none stays. */
+static int32_t given_number(const tm_precomputed *m, int32_t v) {
+    const tm_mesh *mesh = tm_tissue_mesh(m->tissue);
+    return v >= 0 && v < mesh->vertex_count ? tm_mesh_given(mesh, v) : v;
+}
+
 tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t *vertex, const double *u_m,
                                 double compliance_m_N, tm_error *error) {
     TM_REQUIRE(m && ((vertex && u_m) || count <= 0), "model, vertex or u_m is null", TM_ERR_ARGUMENT);
@@ -273,16 +279,17 @@ tm_status tm_precomputed_impose(tm_precomputed *m, int32_t count, const int32_t 
                        compliance_m_N);
     l->stamp_now++;
     for (int32_t i = 0; i < count; i++) {
+        const int32_t given = given_number(m, vertex[i]);
         if (!has_response(m, vertex[i]))
-            return tm_fail(error, TM_ERR_ARGUMENT, vertex[i],
+            return tm_fail(error, TM_ERR_ARGUMENT, given,
                            "vertex %d is not on the free surface, so it has no responses; impose surface vertices",
-                           (int)vertex[i]);
+                           (int)given);
         if (!tm_are_places(u_m + 3 * (int64_t)i))
-            return tm_fail(error, TM_ERR_ARGUMENT, vertex[i],
-                           "vertex %d is imposed at (%g %g %g) m; give finite displacements", (int)vertex[i],
+            return tm_fail(error, TM_ERR_ARGUMENT, given,
+                           "vertex %d is imposed at (%g %g %g) m; give finite displacements", (int)given,
                            u_m[3 * (int64_t)i], u_m[3 * (int64_t)i + 1], u_m[3 * (int64_t)i + 2]);
         if (l->stamp[vertex[i]] == l->stamp_now)
-            return tm_fail(error, TM_ERR_ARGUMENT, vertex[i], "vertex %d is imposed twice", (int)vertex[i]);
+            return tm_fail(error, TM_ERR_ARGUMENT, given, "vertex %d is imposed twice", (int)given);
         l->stamp[vertex[i]] = l->stamp_now;
     }
     for (int32_t i = 0; i < count; i++) {

@@ -130,7 +130,7 @@ static tm_status ask_memory(const tm_solve_def *def, int32_t n, int64_t factor, 
 static tm_status not_definite(const tms_solver *s, const tms_system *system, tm_error *error) {
     const size_t bad = s->factor->minor;
     const int32_t free_index = bad < (size_t)s->n ? ((int32_t *)s->factor->Perm)[bad] : 0;
-    const int32_t vertex = system->dof[free_index] / 3;
+    const int32_t vertex = tm_mesh_given(system->mesh, system->dof[free_index] / 3);
     return tm_fail(error, TM_ERR_SUPPORT, vertex,
                    "the tissue can move without force near vertex %d (a part that hangs on one vertex or one edge); "
                    "join it through faces, or support it",

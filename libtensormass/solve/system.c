@@ -90,19 +90,20 @@ tm_status tms_check_held(const tm_tissue *tissue, const uint8_t *fixed, tm_error
         if (!p->tets) continue;
         const int32_t held = p->fixed;
         if (rank_of_gram(p->gram) == 6) continue;
+        const int32_t given = tm_mesh_given(mesh, v);
         if (!total)
-            status = tm_fail(error, TM_ERR_SUPPORT, v,
+            status = tm_fail(error, TM_ERR_SUPPORT, given,
                              "no vertex of the tissue is fixed, so it has no rest; name a support");
         else if (!held)
-            status = tm_fail(error, TM_ERR_SUPPORT, v,
+            status = tm_fail(error, TM_ERR_SUPPORT, given,
                              "the part of %d tetrahedra that holds vertex %d floats: none of its vertices is fixed; "
                              "support it, or join it to the rest of the mesh",
-                             (int)p->tets, (int)v);
+                             (int)p->tets, (int)given);
         else
-            status = tm_fail(error, TM_ERR_SUPPORT, v,
+            status = tm_fail(error, TM_ERR_SUPPORT, given,
                              "the part of %d tetrahedra that holds vertex %d can still move as a rigid body "
                              "(%d components of it are fixed); fix three vertices that are not in one line, all axes",
-                             (int)p->tets, (int)v, (int)held);
+                             (int)p->tets, (int)given, (int)held);
         break;
     }
 done:
@@ -155,8 +156,9 @@ tm_status tms_system_create(const tm_tissue *tissue, const uint8_t *fixed, tms_s
 }
 
 tm_status tms_system_assemble(const tm_tissue *tissue, const uint8_t *fixed, tms_system *system, tm_error *error) {
-    const int32_t n = tm_tissue_mesh(tissue)->vertex_count;
-    tms_system s = {.vertex_count = n};
+    const tm_mesh *mesh = tm_tissue_mesh(tissue);
+    const int32_t n = mesh->vertex_count;
+    tms_system s = {.mesh = mesh, .vertex_count = n};
     s.index = tms_take(3 * (size_t)n * sizeof *s.index);
     s.dof = tms_take(3 * (size_t)n * sizeof *s.dof);
     s.begin = tms_take((3 * (size_t)n + 1) * sizeof *s.begin);

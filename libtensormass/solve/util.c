@@ -22,14 +22,15 @@ tm_status tms_check_problem(const tm_solve_def *def, tm_error *error) {
                        "iterations, and none negative",
                        def->cg_tolerance, (int)def->cg_max_iterations, (int)def->threads,
                        (long long)def->memory_limit_bytes);
-    const int32_t vertices = tm_tissue_mesh(def->tissue)->vertex_count;
-    for (int32_t d = 0; d < 3 * vertices; d++) {
+    const tm_mesh *mesh = tm_tissue_mesh(def->tissue);
+    for (int32_t d = 0; d < 3 * mesh->vertex_count; d++) {
+        const int32_t vertex = tm_mesh_given(mesh, d / 3);
         if (def->fixed[d] && def->fixed_value_m && !tm_is_place(def->fixed_value_m[d]))
-            return tm_fail(error, TM_ERR_ARGUMENT, d / 3, "vertex %d is held at %g m; give a finite displacement",
-                           (int)(d / 3), def->fixed_value_m[d]);
+            return tm_fail(error, TM_ERR_ARGUMENT, vertex, "vertex %d is held at %g m; give a finite displacement",
+                           (int)vertex, def->fixed_value_m[d]);
         if (def->load_N && !isfinite(def->load_N[d]))
-            return tm_fail(error, TM_ERR_ARGUMENT, d / 3, "the load on vertex %d is %g N; give a finite one",
-                           (int)(d / 3), def->load_N[d]);
+            return tm_fail(error, TM_ERR_ARGUMENT, vertex, "the load on vertex %d is %g N; give a finite one",
+                           (int)vertex, def->load_N[d]);
     }
     return TM_OK;
 }

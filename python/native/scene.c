@@ -32,6 +32,7 @@ tm_status tm_scene_open(const char *file, const char *const *set, int32_t set_co
     }
     for (int32_t i = 0; i < set_count; i++) made->set[made->set_count++] = strdup(set[i]);
     int rc = sim_scene_load(file, made->set, made->set_count, &read);
+    if (!rc && !read->renumber.line) read->renumber.on = false; /* what is looked at here is the memory itself */
     if (!rc) rc = sim_create(read, &made->s);
     if (rc) {
         made->s = NULL;

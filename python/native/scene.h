@@ -19,7 +19,8 @@ typedef struct tm_scene_about {
 } tm_scene_about;
 
 /* `set`: "path=value" laid over the scene, or "path" to leave a key out. What the reader has to say, warnings too, is
- * in tm_scene_said, a line each. */
+ * in tm_scene_said, a line each. Vertices keep the numbers of the mesh file unless the scene itself, or `set`, says
+ * tissue.renumber: then all below is in the mesh's (tm_mesh_given). */
 TM_API tm_status tm_scene_open(const char *file, const char *const *set, int32_t set_count, tm_scene **scene);
 TM_API void tm_scene_close(tm_scene *scene); /* null: nothing */
 /* Of this thread's last call, "" if nothing: "file:line: what; what to do". Valid until its next call. */

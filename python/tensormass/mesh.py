@@ -3,12 +3,12 @@ from __future__ import annotations
 
 import ctypes
 import os
-from typing import Any, Dict, List, NamedTuple, Sequence, Union
+from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Union
 
 import numpy as np
 
 from . import _bind as c
-from ._core import Floats, Ints, Object, address, call, floats, ints, lib, view
+from ._core import ArgumentError, Floats, Ints, Object, address, call, floats, ints, lib, view
 
 
 class Quality(NamedTuple):
@@ -26,11 +26,17 @@ def _names(address: Any, count: int) -> List[str]:
     return [ctypes.string_at(address + 64 * i).decode(errors="replace") for i in range(count)]
 
 
+def _numbering(renumber: bool) -> int:
+    return int(c.TM_NUMBERING_WHERE_POOR if renumber else c.TM_NUMBERING_AS_GIVEN)
+
+
 class Mesh(Object):
     """Rest positions and topology. Built once, then constant: cutting marks tetrahedra in the tissue, numbers stay for ever.
 
     vertices: (V, 3) rest positions, m. tets: (T, 4) vertex indices; positive orientation, (p1-p0)x(p2-p0).(p3-p0) > 0, unless `orient`, which
-    turns those that are not. regions: (T,) region of each tetrahedron, from 0, or None: all 0.
+    turns those that are not. regions: (T,) region of each tetrahedron, from 0, or None: all 0. renumber: where the numbers given make steps slow
+    (docs/performance.md, "Numbering"), vertices get others: all arrays of this mesh, and of what is made on it, are then in the mesh's own
+    numbering, and `given_vertex`, `to_given` and `from_given` lead to yours. Tetrahedra keep their numbers.
 
     Raises MeshError naming the `entity`: indices out of range, zero or negative volume, a face shared by three, a vertex without tetrahedra ...
     All arrays are read-only views of the library's memory.
@@ -41,7 +47,7 @@ class Mesh(Object):
     #: names of the regions, of a mesh that came from a file
     region_names: Sequence[str]
 
-    def __init__(self, vertices: Any, tets: Any, regions: Any = None, orient: bool = False) -> None:
+    def __init__(self, vertices: Any, tets: Any, regions: Any = None, orient: bool = False, renumber: bool = False) -> None:
         vertex = floats(vertices, (-1, 3), "vertices")
         tet = ints(tets, (-1, 4), "tets")
         region = None if regions is None else ints(regions, (len(tet),), "regions")
@@ -55,6 +61,7 @@ class Mesh(Object):
         definition.vertex_count, definition.vertex_m = len(vertex), vertex.ctypes.data
         definition.tet_count, definition.tet = len(tet), tet.ctypes.data
         definition.region = None if region is None else region.ctypes.data
+        definition.renumber = _numbering(renumber)
         self._make(definition)
 
     def _make(self, definition: Any) -> None:
@@ -77,20 +84,24 @@ class Mesh(Object):
         return mesh
 
     @classmethod
-    def read(cls, path: Union[str, "os.PathLike[str]"], scale: float = 1.0) -> "Mesh":
-        """A mesh file: .msh (2.2, 4.1), .vtk, .mesh; lengths times `scale` (1e-3 for millimetres). Fills `groups` and `region_names`."""
+    def read(cls, path: Union[str, "os.PathLike[str]"], scale: float = 1.0, renumber: bool = False) -> "Mesh":
+        """A mesh file: .msh (2.2, 4.1), .vtk, .mesh; lengths times `scale` (1e-3 for millimetres). Fills `groups` and `region_names`.
+
+        renumber: as Mesh; `groups` are in the mesh's numbering.
+        """
         file = c.tm_mesh_file()
         call(lib.tm_mesh_file_load, os.fsencode(path), scale, ctypes.byref(file))
         try:
             pointer = ctypes.c_void_p()
-            call(lib.tm_mesh_file_build, ctypes.byref(file), ctypes.byref(pointer))
+            call(lib.tm_mesh_file_build_numbered, ctypes.byref(file), _numbering(renumber), ctypes.byref(pointer))
             mesh = cls.__new__(cls)
             mesh._own(pointer, lib.tm_mesh_destroy)
             mesh._read_struct()
             mesh.region_names = _names(file.region_name, file.region_count)
             begin = view(None, file.group_begin, (file.group_count + 1,), "int32")
             vertex = view(None, file.group_vertex, (int(begin[-1]) if file.group_count else 0,), "int32")
-            mesh.groups = {name: vertex[a:b].copy() for name, a, b in zip(_names(file.group_name, file.group_count), begin, begin[1:])}
+            inside = mesh._of_given()[vertex]
+            mesh.groups = {name: np.sort(inside[a:b]) for name, a, b in zip(_names(file.group_name, file.group_count), begin, begin[1:])}
         finally:
             lib.tm_mesh_file_free(ctypes.byref(file))
         return mesh
@@ -148,6 +159,34 @@ class Mesh(Object):
     def volume_m3(self) -> Floats:
         """(T,) volume of each tetrahedron, m3."""
         return view(self, self._struct.volume_m3, (self.tet_count,))
+
+    @property
+    def given_vertex(self) -> Optional[Ints]:
+        """(V,) the number that each vertex was given; None: as given, nothing was renumbered."""
+        if not self._struct.given_vertex:
+            return None
+        return view(self, self._struct.given_vertex, (self.vertex_count,), "int32")
+
+    def _of_given(self) -> Ints:
+        """(V,) the mesh's number of each given one."""
+        found = np.arange(self.vertex_count, dtype=np.int32)
+        if self.given_vertex is not None:
+            found[self.given_vertex] = np.arange(self.vertex_count, dtype=np.int32)
+        return found
+
+    def to_given(self, values: Any) -> Any:
+        """A copy of values of vertices, (V, ...), from the mesh's numbering into the given one."""
+        return self._checked(values)[self._of_given()]
+
+    def from_given(self, values: Any) -> Any:
+        """The other way."""
+        return np.array(self._checked(values) if self.given_vertex is None else self._checked(values)[self.given_vertex])
+
+    def _checked(self, values: Any) -> Any:
+        array = np.asarray(values)
+        if array.ndim < 1 or len(array) != self.vertex_count:
+            raise ArgumentError(f"values of shape {array.shape} for {self.vertex_count} vertices; give one row each", c.TM_ERR_ARGUMENT)
+        return array
 
     def quality(self, tet: int) -> Quality:
         """Of one tetrahedron."""

@@ -28,7 +28,9 @@ class Scene(Object):
     sets: values laid over the scene's, {"time.frame_rate": 50, "gravity": None} (None leaves a key out). What is wrong in the file raises an Error
     with "file:line: what; what to do"; what is valid and probably not meant is a SceneWarning.
 
-    Bits are those of `tm-sim --lockstep` of a scene without haptics. Recording and rendering are the programs'.
+    Bits are those of `tm-sim --lockstep` of a scene without haptics. Recording and rendering are the programs'. Vertices keep the numbers of the mesh
+    file; of a mesh whose numbers jump tm-sim has others inside, which is quicker, and {"tissue.renumber": True} gives them here too, with the same
+    bits and snapshots: all is then in the numbering of `mesh` (Mesh.to_given).
     """
 
     def __init__(self, path: Union[str, "os.PathLike[str]"], sets: Optional[Mapping[str, Any]] = None) -> None:

@@ -1,24 +1,24 @@
-/* What a mesh's numbering costs: a force pass on a block numbered at random, and on that one renumbered (tm-mesh
- * renumber), over one on the same block in its order. */
+/* What a mesh's numbering costs: a force pass on a block numbered at random, and on that one with the vertices
+ * renumbered inside (TM_NUMBERING_WHERE_POOR), over one on the same block in its order. */
 #include <stdio.h>
 #include <stdlib.h>
 
 #include "bandwidth.h"
 #include "bench.h"
-#include "numbering.h"
 
-enum { ORDERS = 3 }; /* as made, at random, that one renumbered */
+enum { ORDERS = 3 }; /* as made, at random, that one renumbered inside */
 
-/* Vertex `was[v]` becomes v; the tetrahedra in the order of `was_tet`, null: as they are. */
-static tm_mesh *ordered(const tm_mesh *mesh, const int32_t *was, const int32_t *was_tet) {
+/* The same tetrahedra; vertex `was[v]` becomes v. */
+static tm_mesh *ordered(const tm_mesh *mesh, const int32_t *was, tm_numbering renumber) {
     const int32_t n = mesh->vertex_count;
     int32_t *now = malloc(sizeof *now * (size_t)n), *tet = malloc(sizeof *tet * 4 * (size_t)mesh->tet_count);
     double *vertex = malloc(sizeof *vertex * 3 * (size_t)n);
     for (int32_t v = 0; v < n; v++) now[was[v]] = v;
     for (int32_t i = 0; i < 3 * n; i++) vertex[i] = mesh->rest_m[3 * was[i / 3] + i % 3];
-    for (int32_t i = 0; i < 4 * mesh->tet_count; i++) tet[i] = now[mesh->tet[was_tet ? 4 * was_tet[i / 4] + i % 4 : i]];
+    for (int32_t i = 0; i < 4 * mesh->tet_count; i++) tet[i] = now[mesh->tet[i]];
     tm_mesh_def def = tm_mesh_def_default();
     def.vertex_count = n, def.vertex_m = vertex, def.tet_count = mesh->tet_count, def.tet = tet;
+    def.renumber = renumber;
     tm_mesh *made = NULL;
     tm_error error;
     bench_must(tm_mesh_create(&def, &made, &error), &error);
@@ -26,7 +26,7 @@ static tm_mesh *ordered(const tm_mesh *mesh, const int32_t *was, const int32_t *
     return made;
 }
 
-static tm_mesh *shuffled(const tm_mesh *mesh) {
+static tm_mesh *shuffled(const tm_mesh *mesh, tm_numbering renumber) {
     const int32_t n = mesh->vertex_count;
     int32_t *was = malloc(sizeof *was * (size_t)n);
     uint64_t state = 88172645463325252u;
@@ -36,17 +36,8 @@ static tm_mesh *shuffled(const tm_mesh *mesh) {
         const int32_t w = (int32_t)(state % (uint64_t)(v + 1)), other = was[w];
         was[w] = was[v], was[v] = other;
     }
-    tm_mesh *made = ordered(mesh, was, NULL);
+    tm_mesh *made = ordered(mesh, was, renumber);
     free(was);
-    return made;
-}
-
-static tm_mesh *renumbered(const tm_mesh *mesh) {
-    int32_t *was = malloc(sizeof *was * (size_t)mesh->vertex_count),
-            *was_tet = malloc(sizeof *was_tet * (size_t)mesh->tet_count);
-    tm_mesh *made =
-        app_numbering(mesh, was) && app_numbering_tets(mesh, was, was_tet) ? ordered(mesh, was, was_tet) : NULL;
-    free(was), free(was_tet);
     return made;
 }
 
@@ -54,7 +45,8 @@ static cJSON *one_size(int cells, tm_precision precision, const bench_run *run) 
     const int rounds = run->quick ? 11 : 201;
     tm_mesh *mesh[ORDERS];
     tm_tissue *tissue[ORDERS];
-    mesh[0] = bench_block(cells), mesh[1] = shuffled(mesh[0]), mesh[2] = renumbered(mesh[1]);
+    mesh[0] = bench_block(cells);
+    mesh[1] = shuffled(mesh[0], TM_NUMBERING_AS_GIVEN), mesh[2] = shuffled(mesh[0], TM_NUMBERING_WHERE_POOR);
     const int passes = 2 + 100000 / mesh[0]->edge_count;
     double *us[ORDERS], *u = calloc(3 * (size_t)mesh[0]->vertex_count, sizeof *u),
                         *force = malloc(sizeof *force * 3 * (size_t)mesh[0]->vertex_count);
@@ -77,7 +69,7 @@ static cJSON *one_size(int cells, tm_precision precision, const bench_run *run) 
     cJSON_AddItemToObject(row, "us_per_pass", quantiles[0]);
     cJSON_AddItemToObject(row, "us_per_shuffled_pass", quantiles[1]);
     cJSON_AddItemToObject(row, "us_per_renumbered_pass", quantiles[2]);
-    printf("order %7d tets  %s: shuffled %.2f of ordered, renumbered %.2f\n", mesh[0]->tet_count,
+    printf("order %7d tets  %s: shuffled %.2f of ordered, renumbered inside %.2f\n", mesh[0]->tet_count,
            precision == TM_DOUBLE ? "double" : "single", us[1][0] / us[0][0], us[2][0] / us[0][0]);
     for (int k = 0; k < ORDERS; k++) {
         tm_tissue_destroy(tissue[k]);

@@ -148,7 +148,8 @@ static unsigned char *outer(const tm_mesh *mesh) {
     return out;
 }
 
-/* Groups of the surface go to vertices of the surface. */
+/* Of each vertex of `mesh` the one of the scene's file that it takes groups from. Those of the surface go to vertices
+ * of the surface. */
 static int32_t *partners(const sim *own, const tm_mesh *mesh) {
     int32_t *from = calloc((size_t)mesh->vertex_count + 1, sizeof *from);
     unsigned char *old_outer = outer(own->mesh), *new_outer = outer(mesh);
@@ -157,7 +158,7 @@ static int32_t *partners(const sim *own, const tm_mesh *mesh) {
         from[v] = nearest(own->mesh->rest_m, own->mesh->vertex_count, new_outer[v] ? old_outer : NULL,
                           mesh->rest_m + 3 * (size_t)v);
     for (int32_t v = 0; v < mesh->vertex_count; v++)
-        if (!new_outer[v] && old_outer[from[v]]) from[v] = -1;
+        from[v] = !new_outer[v] && old_outer[from[v]] ? -1 : tm_mesh_given(own->mesh, from[v]);
     free(old_outer);
     free(new_outer);
     return from;

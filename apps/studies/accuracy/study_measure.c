@@ -54,14 +54,21 @@ static int by_value(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
-static void take_shape(const sim *s, int own_vertices, study_run *r, int frame) {
+/* The same vertices of the file in every run, as finer meshes keep their numbers: the mesh's numbers of them. */
+static void choose_points(const sim *s, int own_vertices, int32_t point[STUDY_POINTS]) {
+    int32_t *vertex = calloc((size_t)s->mesh->vertex_count, sizeof *vertex);
+    if (!vertex) abort();
+    sim_vertices_of_file(s, vertex);
+    for (int p = 0; p < STUDY_POINTS; p++) point[p] = vertex[(size_t)p * (size_t)own_vertices / STUDY_POINTS];
+    free(vertex);
+}
+
+static void take_shape(const sim *s, const int32_t point[STUDY_POINTS], study_run *r, int frame) {
     const double *u = sim_displacement(s);
     for (int m = 0; m < STUDY_MOMENTS; m++) {
         if (llround(r->frames * (m + 1.0) / (STUDY_MOMENTS + 1)) != frame) continue;
-        for (int p = 0; p < r->points; p++) {
-            const size_t v = (size_t)p * (size_t)own_vertices / STUDY_POINTS;
-            memcpy(r->u_m + 3 * ((size_t)m * STUDY_POINTS + (size_t)p), u + 3 * v, 3 * sizeof *u);
-        }
+        for (int p = 0; p < r->points; p++)
+            memcpy(r->u_m + 3 * ((size_t)m * STUDY_POINTS + (size_t)p), u + 3 * (size_t)point[p], 3 * sizeof *u);
     }
 }
 
@@ -83,7 +90,9 @@ static bool take_memory(study_run *r, const sim *s, double duration_s) {
  * threads take over it is not to be had from that. */
 static void drive(const study *t, study_run *r, sim *s, double *cost_s, double *busy_s) {
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
+    int32_t point[STUDY_POINTS];
     char label[120];
+    if (r->points) choose_points(s, t->own_vertices, point);
     snprintf(label, sizeof label, "%d of %d: %s, %s", (int)(r - t->run) + 1, t->run_count, r->knob, r->name);
     const double wall = app_seconds();
     for (int k = 1; k <= r->frames && !app_interrupted(); k++) {
@@ -101,7 +110,7 @@ static void drive(const study *t, study_run *r, sim *s, double *cost_s, double *
         for (int i = 0; i < r->instruments; i++)
             memcpy(r->force_N + 3 * ((size_t)(k - 1) * (size_t)r->instruments + (size_t)i), s->reaction[i].force_N,
                    3 * sizeof(double));
-        take_shape(s, t->own_vertices, r, k);
+        take_shape(s, point, r, k);
         app_progress(label, (double)k / r->frames, false);
     }
     app_progress(label, 1, true);

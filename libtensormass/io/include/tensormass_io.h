@@ -57,6 +57,9 @@ TM_API bool tm_mesh_file_allocate(tm_mesh_file *file, int32_t group_vertex_count
 TM_API void tm_mesh_file_free(tm_mesh_file *file);
 /* tm_mesh_create with errors told in the file's own numbers. `*mesh` is untouched on failure. */
 TM_API tm_status tm_mesh_file_build(const tm_mesh_file *file, tm_mesh **mesh, tm_error *error);
+/* The same with tm_mesh_def.renumber. The file's own arrays, groups too, stay in its numbering (tm_mesh_given). */
+TM_API tm_status tm_mesh_file_build_numbered(const tm_mesh_file *file, tm_numbering renumber, tm_mesh **mesh,
+                                             tm_error *error);
 
 /* --- surfaces --- */
 
@@ -100,7 +103,7 @@ TM_API const char *tm_mesh_defect_name(tm_mesh_defect_kind kind);
  * came before. */
 TM_API tm_status tm_fibres_load(const char *path, int32_t tet_count, double *fibre, tm_error *error);
 /* The same, or with the header "vertex,ax,ay,az" a row a vertex: a tetrahedron's is then the mean of its vertices',
- * either way round (a fibre has no front). TM_ERR_MEMORY. */
+ * either way round (a fibre has no front). Vertices are counted as the mesh was given. TM_ERR_MEMORY. */
 TM_API tm_status tm_fibres_load_on(const char *path, const tm_mesh *mesh, double *fibre, tm_error *error);
 
 #ifdef __cplusplus

@@ -291,26 +291,20 @@ static tm_status build(tm_mesh *mesh, tm_pool *pool, const tm_mesh_def *def, wor
     return status;
 }
 
-tm_status tm_mesh_create(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error) {
-    TM_REQUIRE_DEF(def, TM_COOKIE_MESH, TM_ERR_ARGUMENT);
-    TM_REQUIRE(mesh, "mesh is null", TM_ERR_ARGUMENT);
-    if (def->vertex_count < 4 || def->tet_count < 1)
-        return tm_fail(error, TM_ERR_MESH, -1,
-                       "an empty mesh: %d vertices, %d tetrahedra; give at least one tetrahedron", def->vertex_count,
-                       def->tet_count);
-    if (def->tet_count > INT32_MAX / 16 || def->vertex_count > INT32_MAX / 16)
-        return tm_fail(error, TM_ERR_MESH, -1, "%d vertices and %d tetrahedra are more than %d; use a coarser mesh",
-                       def->vertex_count, def->tet_count, INT32_MAX / 16);
-    TM_REQUIRE(def->vertex_m && def->tet, "def->vertex_m or def->tet is null", TM_ERR_ARGUMENT);
-    tm_status status = check_vertices(def, error);
-    for (int32_t t = 0; t < def->tet_count && !status; t++) status = check_tet(def, t, error);
-    if (status) return status;
-
+/* `given` null: numbering is as given. */
+static tm_status make(const tm_mesh_def *def, const int32_t *given, tm_mesh **mesh, tm_error *error) {
     tm_pool pool = {0};
     work w = {0};
     owned_mesh *owned = TM_TAKE(&pool, owned_mesh, 1);
-    status = owned ? build(&owned->mesh, &pool, def, &w, error) : tm_fail_memory(error, "mesh");
+    tm_status status = owned ? build(&owned->mesh, &pool, def, &w, error) : tm_fail_memory(error, "mesh");
     tm_pool_release(&w.pool);
+    if (!status && given) {
+        owned->mesh.given_vertex = TM_TAKE(&pool, int32_t, def->vertex_count);
+        if (pool.failed)
+            status = tm_fail_memory(error, "mesh");
+        else
+            memcpy(owned->mesh.given_vertex, given, sizeof *given * (size_t)def->vertex_count);
+    }
     if (status) {
         tm_pool_release(&pool);
         return status;
@@ -319,6 +313,50 @@ tm_status tm_mesh_create(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error
     owned->pool = pool;
     *mesh = &owned->mesh;
     return TM_OK;
+}
+
+/* Puts a mesh with a better order in the place of `*mesh` where its order is poor. On failure there is no mesh. */
+static tm_status renumber(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error) {
+    tm_pool pool = {0};
+    tm_mesh_def better = *def;
+    const int32_t *given;
+    tm_status status = TM_OK;
+    if (!tm_numbering_better(*mesh, &pool, &better, &given)) status = tm_fail_memory(error, "mesh numbering");
+    if (status || given) { /* two of them would not find room where one does */
+        tm_mesh_destroy(*mesh);
+        *mesh = NULL;
+    }
+    if (!status && given) status = make(&better, given, mesh, error);
+    tm_pool_release(&pool);
+    return status;
+}
+
+static tm_status check_def(const tm_mesh_def *def, tm_error *error) {
+    if (def->renumber != TM_NUMBERING_AS_GIVEN && def->renumber != TM_NUMBERING_WHERE_POOR)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "renumber = %d; give one of tm_numbering", (int)def->renumber);
+    if (def->vertex_count < 4 || def->tet_count < 1)
+        return tm_fail(error, TM_ERR_MESH, -1,
+                       "an empty mesh: %d vertices, %d tetrahedra; give at least one tetrahedron", def->vertex_count,
+                       def->tet_count);
+    if (def->tet_count > INT32_MAX / 16 || def->vertex_count > INT32_MAX / 16)
+        return tm_fail(error, TM_ERR_MESH, -1, "%d vertices and %d tetrahedra are more than %d; use a coarser mesh",
+                       def->vertex_count, def->tet_count, INT32_MAX / 16);
+    return TM_OK;
+}
+
+tm_status tm_mesh_create(const tm_mesh_def *def, tm_mesh **mesh, tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_MESH, TM_ERR_ARGUMENT);
+    TM_REQUIRE(mesh, "mesh is null", TM_ERR_ARGUMENT);
+    tm_status status = check_def(def, error);
+    if (status) return status;
+    TM_REQUIRE(def->vertex_m && def->tet, "def->vertex_m or def->tet is null", TM_ERR_ARGUMENT);
+    status = check_vertices(def, error);
+    for (int32_t t = 0; t < def->tet_count && !status; t++) status = check_tet(def, t, error);
+    tm_mesh *made = NULL;
+    if (!status) status = make(def, NULL, &made, error); /* what is wrong is told in given numbers */
+    if (!status && def->renumber == TM_NUMBERING_WHERE_POOR) status = renumber(def, &made, error);
+    if (!status) *mesh = made;
+    return status;
 }
 
 tm_tet_quality tm_mesh_tet_quality(const tm_mesh *mesh, int32_t tet) {

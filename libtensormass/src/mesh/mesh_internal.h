@@ -9,4 +9,9 @@
 /* Of a filled tm_mesh_def: an unfilled one is a broken contract. */
 enum { TM_COOKIE_MESH = 0x6d657368 };
 
+/* For `mesh`, built as `def` says: `def` with vertices, in arrays of `pool`, in the order of tm_mesh_numbering, and
+ * that order's given numbers in `*given`, where the given order is poor; else `def` as it was, `*given` null. False: no
+ * memory. */
+bool tm_numbering_better(const tm_mesh *mesh, tm_pool *pool, tm_mesh_def *def, const int32_t **given);
+
 #endif

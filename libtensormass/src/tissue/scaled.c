@@ -130,9 +130,10 @@ bool tm_tissue_mass_scaling(const tm_tissue *tissue, tm_mass_scaling *out) {
 tm_status tm_scaled_check(const tm_tissue *tissue, double most_share, tm_error *error) {
     tm_mass_scaling m;
     if (!tm_tissue_mass_scaling(tissue, &m) || m.added_kg <= most_share * m.own_kg) return TM_OK;
+    const int32_t most = m.most_vertex < 0 ? -1 : tm_mesh_given(tissue->mesh, m.most_vertex);
     return tm_fail(
-        error, TM_ERR_LIMIT, m.most_vertex,
+        error, TM_ERR_LIMIT, most,
         "a step of %.4g s would add %.3g of the tissue's own mass, most at vertex %d (%.3g times its own); at "
         "most %.3g may be added: take a shorter step, mend the mesh there, or allow more",
-        m.step_s, m.added_kg / m.own_kg, m.most_vertex, m.most_factor, most_share);
+        m.step_s, m.added_kg / m.own_kg, most, m.most_factor, most_share);
 }

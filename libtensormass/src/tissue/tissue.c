@@ -35,7 +35,8 @@ static tm_status check_volume(const tm_tissue_def *def, tm_error *error) {
 static tm_status check_extra(const tm_mesh *mesh, const double *extra, const char *what, tm_error *error) {
     for (int32_t v = 0; extra && v < mesh->vertex_count; v++)
         if (!(extra[v] >= 0) || !isfinite(extra[v]))
-            return tm_fail(error, TM_ERR_ARGUMENT, v, "vertex %d: extra %s of %g; give 0 or more", v, what, extra[v]);
+            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_given(mesh, v), "vertex %d: extra %s of %g; give 0 or more",
+                           tm_mesh_given(mesh, v), what, extra[v]);
     return TM_OK;
 }
 

@@ -73,10 +73,11 @@ tm_status tm_check_held(const tm_world *world, const double *load_N, tm_error *e
         if ((load_N && load_N[i] == 0) || world->tissue->mass_kg[i / 3] == 0 || x.seen[piece]) continue;
         x.seen[piece] = 1;
         if (!piece_is_held(&x, piece))
-            status = tm_fail(error, TM_ERR_SUPPORT, i / 3,
+            status = tm_fail(error, TM_ERR_SUPPORT, tm_mesh_given(x.mesh, i / 3),
                              "vertex %d: %sthe supports leave its piece a rigid motion%s; hold three vertices that are "
                              "not in one line",
-                             i / 3, load_N ? "it bears a load and " : "", load_N ? ", so there is no rest" : "");
+                             tm_mesh_given(x.mesh, i / 3), load_N ? "it bears a load and " : "",
+                             load_N ? ", so there is no rest" : "");
     }
     tm_pool_release(&x.pool);
     return status;

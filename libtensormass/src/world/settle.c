@@ -326,11 +326,12 @@ tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_r
         if (world->slot[i].stage.not_settled)
             return tm_fail(error, TM_ERR_ARGUMENT, -1, "settling: stage %s: %s", world->slot[i].stage.name,
                            world->slot[i].stage.not_settled);
-    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++)
+    const tm_mesh *mesh = world->tissue->mesh;
+    for (int32_t i = 0; i < 3 * mesh->vertex_count; i++)
         if (!tm_is_place(world->state.u_m[i]) || !tm_is_place(world->state.u_prev_m[i]))
-            return tm_fail(error, TM_ERR_ARGUMENT, i / 3,
-                           "vertex %d: its displacement is %g m, before %g m; give finite ones to settle from", i / 3,
-                           world->state.u_m[i], world->state.u_prev_m[i]);
+            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_given(mesh, i / 3),
+                           "vertex %d: its displacement is %g m, before %g m; give finite ones to settle from",
+                           tm_mesh_given(mesh, i / 3), world->state.u_m[i], world->state.u_prev_m[i]);
     tm_relaxed relaxed = {0};
     tm_status status = tm_relaxed_begin(world, &relaxed, error);
     if (!status) status = settle(world, def, result, error);

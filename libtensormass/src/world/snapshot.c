@@ -193,7 +193,7 @@ tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes
         double value; /* u, then u_prev */
         memcpy(&value, u + i * (int64_t)sizeof value, sizeof value);
         if (!isfinite(value))
-            return tm_fail(error, TM_ERR_FILE, i / 3 % h.vertex_count,
+            return tm_fail(error, TM_ERR_FILE, tm_mesh_given(tissue->mesh, (int32_t)(i / 3 % h.vertex_count)),
                            "snapshot: a displacement is not finite; save it again");
     }
     if (!tm_tissue_surface_fits(tissue, alive, face, h.surface_count))

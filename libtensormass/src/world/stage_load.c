@@ -22,11 +22,13 @@ static void destroy(void *self) {
 
 tm_status tm_stage_load(tm_world *world, const double *force_N, tm_error *error) {
     TM_REQUIRE(world && force_N, "world or force_N is null", TM_ERR_ARGUMENT);
-    const int32_t n = 3 * world->tissue->mesh->vertex_count;
+    const tm_mesh *mesh = world->tissue->mesh;
+    const int32_t n = 3 * mesh->vertex_count;
     for (int32_t i = 0; i < n; i++)
         if (!isfinite(force_N[i]))
-            return tm_fail(error, TM_ERR_ARGUMENT, i / 3, "load: the %c force on vertex %d is %g; give a finite number",
-                           "xyz"[i % 3], i / 3, force_N[i]);
+            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_given(mesh, i / 3),
+                           "load: the %c force on vertex %d is %g; give a finite number", "xyz"[i % 3],
+                           tm_mesh_given(mesh, i / 3), force_N[i]);
     tm_pool pool = {0};
     load *self = TM_TAKE(&pool, load, 1);
     double *copy = TM_TAKE(&pool, double, n);

@@ -74,28 +74,31 @@ static void destroy(void *self) {
 }
 
 static tm_status check(const tm_world *world, const tm_support_def *def, tm_error *error) {
-    const int32_t dofs = 3 * world->tissue->mesh->vertex_count;
+    const tm_mesh *mesh = world->tissue->mesh;
+    const int32_t dofs = 3 * mesh->vertex_count;
     for (int32_t i = 0; i < def->count; i++) {
         if (def->dof[i] < 0 || def->dof[i] >= dofs)
             return tm_fail(error, TM_ERR_ARGUMENT, i, "support: component %d names dof %d of %d; dof = 3*vertex + axis",
                            i, def->dof[i], dofs);
         if (!isfinite(def->value_m[i]) || fabs(def->value_m[i]) > 1e6)
-            return tm_fail(error, TM_ERR_ARGUMENT, def->dof[i] / 3,
-                           "support: vertex %d is held at %g m; give a finite displacement", def->dof[i] / 3,
-                           def->value_m[i]);
+            return tm_fail(error, TM_ERR_ARGUMENT, tm_mesh_given(mesh, def->dof[i] / 3),
+                           "support: vertex %d is held at %g m; give a finite displacement",
+                           tm_mesh_given(mesh, def->dof[i] / 3), def->value_m[i]);
     }
     return TM_OK;
 }
 
-/* Fills the stage from the caller's list: ascending, doubles merged. `seen` [dofs] is work space, first zero. */
-static tm_status fill(support *stage, const tm_support_def *def, int32_t dofs, int32_t *seen, tm_error *error) {
+/* Fills the stage from the caller's list: ascending, doubles merged. `seen` [3*vertex_count] is work space, first zero.
+ */
+static tm_status fill(support *stage, const tm_support_def *def, const tm_mesh *mesh, int32_t *seen, tm_error *error) {
+    const int32_t dofs = 3 * mesh->vertex_count;
     for (int32_t i = 0; i < def->count; i++) {
         const int32_t d = def->dof[i];
         if (seen[d] && def->value_m[seen[d] - 1] != def->value_m[i])
-            return tm_fail(error, TM_ERR_SUPPORT, d / 3,
+            return tm_fail(error, TM_ERR_SUPPORT, tm_mesh_given(mesh, d / 3),
                            "support: vertex %d is held at %g m and at %g m along %c; take it out of one "
                            "support",
-                           d / 3, def->value_m[seen[d] - 1], def->value_m[i], "xyz"[d % 3]);
+                           tm_mesh_given(mesh, d / 3), def->value_m[seen[d] - 1], def->value_m[i], "xyz"[d % 3]);
         if (!seen[d]) seen[d] = i + 1;
     }
     for (int32_t d = 0; d < dofs; d++) {
@@ -156,7 +159,7 @@ tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error 
         status = tm_fail_memory(error, "support stage");
     } else {
         *self = (support){.dof = dof, .value_m = value, .reaction_N = reaction, .kept = kept, .place = place};
-        status = fill(self, def, dofs, seen, error);
+        status = fill(self, def, world->tissue->mesh, seen, error);
     }
     tm_pool_release(&work);
     if (!status) {

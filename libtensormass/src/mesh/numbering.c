@@ -1,7 +1,9 @@
-/* Cuthill and McKee's order: breadth first from a vertex at an end of the mesh, neighbours of few neighbours first. */
-#include "numbering.h"
+/* Cuthill and McKee's order: breadth first from a vertex at an end of the mesh, neighbours of few neighbours first; and
+ * the way between it and the numbers that were given. */
+#include "mesh/mesh_internal.h"
 
 #include <stdlib.h>
+#include <string.h>
 
 /* Below so many vertices everything is in the cache in any order (docs/performance.md, "Numbering"). */
 enum { WORTH_VERTICES = 1000 };
@@ -38,10 +40,8 @@ static uint64_t key_of(const walk *w, int32_t v) {
     return (uint64_t)degree << 32 | (uint32_t)w->rank[v];
 }
 
-static bool rank_places(walk *w) {
+static void rank_places(walk *w, place *at) {
     const int32_t n = w->mesh->vertex_count;
-    place *at = malloc((size_t)n * sizeof *at);
-    if (!at) return false;
     for (int32_t v = 0; v < n; v++) {
         for (int k = 0; k < 3; k++) at[v].x_m[k] = w->mesh->rest_m[3 * (int64_t)v + k];
         at[v].vertex = v;
@@ -51,8 +51,6 @@ static bool rank_places(walk *w) {
         w->of_rank[i] = at[i].vertex;
         w->rank[at[i].vertex] = i;
     }
-    free(at);
-    return true;
 }
 
 /* The piece around `start` into `queue`, level by level. Returns how many vertices, `*depth` how many levels, `*far`
@@ -107,19 +105,20 @@ static void order(walk *w, int32_t *was) {
     }
 }
 
-bool app_numbering(const tm_mesh *mesh, int32_t *was) {
-    const size_t n = (size_t)mesh->vertex_count;
+bool tm_mesh_numbering(const tm_mesh *mesh, int32_t *was) {
+    TM_REQUIRE(mesh && was, "mesh or was is null", false);
+    const int32_t n = mesh->vertex_count;
+    tm_pool pool = {0};
+    place *at = TM_TAKE(&pool, place, n);
     walk w = {.mesh = mesh,
-              .rank = malloc(n * sizeof *w.rank),
-              .of_rank = malloc(n * sizeof *w.of_rank),
-              .seen = calloc(n, sizeof *w.seen),
-              .key = malloc(n * sizeof *w.key)};
-    const bool good = w.rank && w.of_rank && w.seen && w.key && rank_places(&w);
+              .rank = TM_TAKE(&pool, int32_t, n),
+              .of_rank = TM_TAKE(&pool, int32_t, n),
+              .seen = TM_TAKE(&pool, int32_t, n),
+              .key = TM_TAKE(&pool, uint64_t, n)};
+    const bool good = !pool.failed;
+    if (good) rank_places(&w, at);
     if (good) order(&w, was);
-    free(w.rank);
-    free(w.of_rank);
-    free(w.seen);
-    free(w.key);
+    tm_pool_release(&pool);
     return good;
 }
 
@@ -136,17 +135,18 @@ static int by_corners(const void *a, const void *b) {
     return 0;
 }
 
-/* New numbers of the old ones; null: no memory. */
-static int32_t *turn_round(const int32_t *was, int32_t n) {
-    int32_t *now = malloc((size_t)n * sizeof *now);
-    for (int32_t v = 0; now && v < n; v++) now[was[v]] = v;
-    return now;
+/* New numbers of the old ones. */
+static void turn_round(const int32_t *was, int32_t n, int32_t *now) {
+    for (int32_t v = 0; v < n; v++) now[was[v]] = v;
 }
 
-bool app_numbering_tets(const tm_mesh *mesh, const int32_t *was, int32_t *was_tet) {
-    int32_t *now = turn_round(was, mesh->vertex_count);
-    corners *all = malloc((size_t)mesh->tet_count * sizeof *all);
-    const bool good = now && all;
+bool tm_mesh_numbering_tets(const tm_mesh *mesh, const int32_t *was, int32_t *was_tet) {
+    TM_REQUIRE(mesh && was && was_tet, "mesh, was or was_tet is null", false);
+    tm_pool pool = {0};
+    int32_t *now = TM_TAKE(&pool, int32_t, mesh->vertex_count);
+    corners *all = TM_TAKE(&pool, corners, mesh->tet_count);
+    const bool good = !pool.failed;
+    if (good) turn_round(was, mesh->vertex_count, now);
     for (int32_t t = 0; good && t < mesh->tet_count; t++) {
         all[t].tet = t;
         for (int k = 0; k < 4; k++) {
@@ -158,26 +158,79 @@ bool app_numbering_tets(const tm_mesh *mesh, const int32_t *was, int32_t *was_te
     }
     if (good) qsort(all, (size_t)mesh->tet_count, sizeof *all, by_corners);
     for (int32_t t = 0; good && t < mesh->tet_count; t++) was_tet[t] = all[t].tet;
-    free(now);
-    free(all);
+    tm_pool_release(&pool);
     return good;
 }
 
 /* --- how good an order is --- */
 
-bool app_numbering_measure(const tm_mesh *mesh, app_numbering_figures *out) {
-    int32_t *was = malloc((size_t)mesh->vertex_count * sizeof *was);
-    int32_t *now = was && app_numbering(mesh, was) ? turn_round(was, mesh->vertex_count) : NULL;
+/* `was` and `now` [vertex_count] become tm_mesh_numbering's order and its inverse. */
+static bool measure(const tm_mesh *mesh, int32_t *was, int32_t *now, tm_numbering_figures *out) {
+    if (!tm_mesh_numbering(mesh, was)) return false;
+    turn_round(was, mesh->vertex_count, now);
     double sum = 0, renumbered = 0;
-    for (int32_t e = 0; now && e < mesh->edge_count; e++) {
+    for (int32_t e = 0; e < mesh->edge_count; e++) {
         const int32_t k = mesh->edge[2 * (int64_t)e], l = mesh->edge[2 * (int64_t)e + 1];
-        sum += l - k;
+        sum += abs(tm_mesh_given(mesh, l) - tm_mesh_given(mesh, k));
         renumbered += abs(now[l] - now[k]);
     }
-    *out = (app_numbering_figures){.distance = sum / mesh->edge_count, .renumbered = renumbered / mesh->edge_count};
+    *out = (tm_numbering_figures){.distance = sum / mesh->edge_count, .renumbered = renumbered / mesh->edge_count};
     out->poor = mesh->vertex_count >= WORTH_VERTICES && out->distance > worth_factor * out->renumbered;
-    const bool good = now != NULL;
-    free(was);
-    free(now);
+    return true;
+}
+
+bool tm_mesh_numbering_measure(const tm_mesh *mesh, tm_numbering_figures *out) {
+    TM_REQUIRE(mesh && out, "mesh or out is null", false);
+    tm_pool pool = {0};
+    int32_t *was = TM_TAKE(&pool, int32_t, mesh->vertex_count), *now = TM_TAKE(&pool, int32_t, mesh->vertex_count);
+    const bool good = !pool.failed && measure(mesh, was, now, out);
+    tm_pool_release(&pool);
     return good;
+}
+
+/* --- a mesh in a better order than it was given in --- */
+
+bool tm_numbering_better(const tm_mesh *mesh, tm_pool *pool, tm_mesh_def *def, const int32_t **given) {
+    *given = NULL;
+    if (mesh->vertex_count < WORTH_VERTICES) return true;
+    const int32_t n = mesh->vertex_count;
+    tm_numbering_figures f;
+    int32_t *was = TM_TAKE(pool, int32_t, n), *now = TM_TAKE(pool, int32_t, n);
+    if (pool->failed || !measure(mesh, was, now, &f)) return false;
+    if (!f.poor) return true;
+    double *vertex_m = TM_TAKE(pool, double, 3 * (int64_t)n);
+    int32_t *tet = TM_TAKE(pool, int32_t, 4 * (int64_t)mesh->tet_count);
+    if (pool->failed) return false;
+    for (int32_t v = 0; v < n; v++)
+        memcpy(vertex_m + 3 * (int64_t)v, def->vertex_m + 3 * (int64_t)was[v], 3 * sizeof *vertex_m);
+    for (int64_t i = 0; i < 4 * (int64_t)mesh->tet_count; i++) tet[i] = now[def->tet[i]];
+    def->vertex_m = vertex_m;
+    def->tet = tet;
+    *given = was;
+    return true;
+}
+
+int32_t tm_mesh_given(const tm_mesh *mesh, int32_t vertex) {
+    TM_REQUIRE(mesh && vertex >= 0 && vertex < mesh->vertex_count, "mesh is null or vertex is not one of its vertices",
+               vertex);
+    return mesh->given_vertex ? mesh->given_vertex[vertex] : vertex;
+}
+
+/* Vertex by vertex: from the v-th place to that of its given number, or the other way. */
+static void carry(const tm_mesh *mesh, int32_t components, const double *from, double *to, bool back) {
+    const size_t c = (size_t)components;
+    for (int32_t v = 0; v < mesh->vertex_count; v++) {
+        const size_t own = c * (size_t)v, given = c * (size_t)tm_mesh_given(mesh, v);
+        memcpy(to + (back ? own : given), from + (back ? given : own), c * sizeof *to);
+    }
+}
+
+void tm_mesh_to_given(const tm_mesh *mesh, int32_t components, const double *from, double *to) {
+    TM_REQUIRE(mesh && from && to && components > 0, "mesh, from or to is null, or components is not positive", );
+    carry(mesh, components, from, to, false);
+}
+
+void tm_mesh_from_given(const tm_mesh *mesh, int32_t components, const double *from, double *to) {
+    TM_REQUIRE(mesh && from && to && components > 0, "mesh, from or to is null, or components is not positive", );
+    carry(mesh, components, from, to, true);
 }
