@@ -30,6 +30,32 @@ def test_mesh_arrays_are_the_librarys_own():
     assert mesh.quality(0).volume_m3 == mesh.volume_m3[0]
 
 
+def test_a_mesh_whose_numbers_jump():
+    """Renumbered where that is asked for and worth it: values go there and back, and a world moves alike."""
+    plain = tm.Mesh.block((0.1, 0.1, 0.1), (10, 10, 10))
+    was = np.random.default_rng(1).permutation(plain.vertex_count)
+    now = np.argsort(was)
+    kept = tm.Mesh(plain.rest_m[was], now[plain.tets])
+    mesh = tm.Mesh(plain.rest_m[was], now[plain.tets], renumber=True)
+    assert kept.given_vertex is None and np.array_equal(kept.to_given(kept.rest_m), kept.rest_m)
+    assert tm.Mesh(plain.rest_m, plain.tets, renumber=True).given_vertex is None
+    assert np.array_equal(np.sort(mesh.given_vertex), np.arange(plain.vertex_count)) and np.array_equal(mesh.given_vertex[mesh.tets], kept.tets)
+    assert np.array_equal(mesh.to_given(mesh.rest_m), kept.rest_m) and np.array_equal(mesh.from_given(kept.rest_m), mesh.rest_m)
+    assert np.abs(np.diff(mesh.edges)).mean() < np.abs(np.diff(kept.edges)).mean() / 3
+    marks = np.arange(plain.vertex_count) % 7 == 0
+    assert np.array_equal(mesh.to_given(mesh.from_given(marks)), marks)
+    with pytest.raises(tm.ArgumentError, match="one row each"):
+        mesh.to_given(np.zeros(3))
+    moved = []
+    for m in (kept, mesh):
+        world = tm.World(tm.Tissue(m, LIVER, form="plain"))
+        world.add_support(m.near((0, 0, 0), (0, 0, 1)))
+        world.add_gravity()
+        world.step(50)
+        moved.append(m.to_given(world.u_m))
+    assert np.allclose(*moved, rtol=0, atol=1e-9 * np.abs(moved[0]).max())
+
+
 def test_force_is_the_gradient_of_energy():
     mesh, tissue, _ = block()
     rng = np.random.default_rng(0)

@@ -6,6 +6,7 @@ import sys
 
 import numpy as np
 import pytest
+from matplotlib.image import imread
 from simkit import report, run
 from test_series import read_series
 
@@ -135,6 +136,19 @@ def test_series_and_pictures_say_the_same(bin, build, scenes, tmp_path, model):
         place[i] = x
         assert np.abs(place[was[j]] - y).max() < 1e-6 + share * moved
     assert len(seen[0]) == len(seen[1]) == 5
+
+
+def test_tm_view_finds_supports_and_fibres(bin, scenes, tmp_path):
+    """Of a scene, and of a log beside its scene: the same picture as of the mesh in order."""
+    pixels = []
+    for name, scene in (("a", scenes[0]), ("b", scenes[1])):
+        log = tmp_path / f"{name}.lcm"
+        run(bin / "tm-sim", scene, "--lockstep", "--record", log)
+        for source in ([scene], [log, "--scene", scene]):
+            run(bin / "tm-view", *source, "--png", tmp_path / "p.png", "--size", "320x200", "--fibres", "--no-words", "--quiet")
+            pixels.append(imread(tmp_path / "p.png")[..., :3])
+    for one, other in zip(pixels[:2], pixels[2:]):
+        assert one.std() > 0.05 and (np.abs(one - other).max(axis=-1) > 0.1).mean() < 1e-3
 
 
 def test_a_computed_file_is_found_again(bin, scenes, tmp_path):
