@@ -85,7 +85,7 @@ TM_API bool tm_mesh_numbering_tets(const tm_mesh *mesh, const int32_t *was, int3
 
 typedef struct tm_numbering_figures {
     double distance, renumbered; /* mean of |k - l| over the edges (k,l): as given, and in tm_mesh_numbering's order */
-    bool poor; /* renumbering is worth it: 1000 vertices and more, and more than three times as far apart */
+    bool poor; /* renumbering is worth it: 200 vertices and more, and more than three times as far apart */
 } tm_numbering_figures;
 /* False: no memory. */
 TM_API bool tm_mesh_numbering_measure(const tm_mesh *mesh, tm_numbering_figures *out);
