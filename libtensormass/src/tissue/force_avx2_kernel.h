@@ -33,24 +33,33 @@ TM_AVX2 static inline void TM_OF(add)(const TM_OF(rows) * K, __m256d u, tm_sums 
     f->z = _mm256_fmadd_pd(K->c, u, f->z);
 }
 
+/* What comes up from rows before the part, through the ring as far as that goes. Edges descending: those into the part
+ * are a row's last, and each has a sum of its own. */
 TM_AVX2 static int32_t TM_OF(below)(const tm_force_graph *graph, const tm_force_part *part,
                                     const double *TM_RESTRICT u_m, double *TM_RESTRICT force_N) {
+    const int32_t near = part->begin + graph->ring;
+    const size_t mask = 32 * (size_t)graph->ring - 32;
     int32_t zeroed = part->begin;
     for (int32_t i = 0; i < part->below_count; i++) {
-        const int32_t j = part->below[i];
+        const int32_t j = part->below[i], first = graph->upper_begin[j];
         const tm_spread u = tm_spread_of(u_m + 3 * (int64_t)j);
-        for (int32_t e = graph->upper_begin[j]; e < graph->upper_end[j] && graph->upper_vertex[e] < part->end; e++) {
+        for (int32_t e = graph->upper_end[j] - 1; e >= first && graph->upper_vertex[e] >= part->begin; e--) {
             const int32_t l = graph->upper_vertex[e];
-            if (l < part->begin) continue;
-            if (l >= zeroed) zeroed = tm_force_zero(zeroed, l + 1, part->end, force_N);
+            if (l >= part->end) continue;
             const TM_OF(rows) K = TM_OF(load)(graph->edge_tensor, graph->edge_last, e);
-            tm_take_from(force_N + 3 * (int64_t)l, TM_OF(transposed)(&K, &u));
+            const __m256d g = TM_OF(transposed)(&K, &u);
+            if (l < near) {
+                tm_take_from_ring(part->ring, (size_t)l << 5 & mask, g);
+                continue;
+            }
+            if (l >= zeroed) zeroed = tm_force_zero(zeroed, l + 1, part->end, force_N);
+            tm_take_from(force_N + 3 * (int64_t)l, g);
         }
     }
     return zeroed;
 }
 
-/* A row that leaves the ring or the part: edges within the ring, then those to force_N, then those to parts behind.
+/* A row that leaves the ring: edges within it, then those to force_N, then those to parts behind.
  * Returns how far force_N is set. */
 TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(far_row)(const tm_force_graph *graph, const tm_force_part *part,
                                                                 int32_t k, int32_t zeroed,
@@ -77,7 +86,8 @@ TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(far_row)(const tm_force_g
     return zeroed;
 }
 
-/* The force on the living vertices [k, end). Returns how far force_N is set. */
+/* The force on the living vertices [k, end). Returns how far force_N is set. Rows that leave the part but not the ring
+ * are rows as any: what they give to vertices behind the part stays in places of the ring that nobody reads. */
 TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(run)(const tm_force_graph *graph, const tm_force_part *part,
                                                             int32_t k, int32_t end, int32_t zeroed,
                                                             const double *TM_RESTRICT u_m,
@@ -86,7 +96,7 @@ TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(run)(const tm_force_graph
     const double *TM_RESTRICT edge_last = graph->edge_last;
     const double *TM_RESTRICT A = graph->vertex_tensor + 9 * (int64_t)k;
     const int32_t *TM_RESTRICT upper_begin = graph->upper_begin, *TM_RESTRICT upper_end = graph->upper_end;
-    const int32_t *TM_RESTRICT upper_vertex = graph->upper_vertex, part_end = part->end, slots = graph->ring;
+    const int32_t *TM_RESTRICT upper_vertex = graph->upper_vertex, slots = graph->ring;
     const size_t mask = 32 * (size_t)slots - 32;
     double *TM_RESTRICT ring = part->ring;
     for (; k < end; k++, A += 9) {
@@ -96,7 +106,7 @@ TM_AVX2 static __attribute__((noinline)) int32_t TM_OF(run)(const tm_force_graph
                      _mm256_mul_pd(_mm256_loadu_pd(A + 6), uk)};
         const int64_t last = upper_end[k];
         int64_t e = upper_begin[k];
-        if (e < last && (upper_vertex[last - 1] >= k + slots || upper_vertex[last - 1] >= part_end)) {
+        if (e < last && upper_vertex[last - 1] >= k + slots) {
             tm_sums all = f; /* f itself stays in registers, for nobody has its address */
             zeroed = TM_OF(far_row)(graph, part, k, zeroed, u_m, force_N, &all);
             f = all;
@@ -163,9 +173,8 @@ TM_AVX2 void TM_NAME(const tm_force_graph *graph, tm_force_part *part, int32_t f
         return;
     }
     if (from == part->begin) {
+        memset(ring, 0, sizeof(double) * 4 * (size_t)slots);
         part->zeroed = TM_OF(below)(graph, part, u_m, force_N);
-        for (int32_t l = from; l < from + slots && l < part->end; l++)
-            tm_enter_ring(ring + 4 * (size_t)(l & (slots - 1)), l, part->zeroed, force_N);
     }
     int32_t k = from;
     for (int32_t begin, end = from; k < to; k = end) {
