@@ -149,7 +149,7 @@ static void what_contact_changes(void **state) {
 
 static void book(tm_world *world, int32_t jobs, const double *took_s) {
     for (int32_t i = 0; i < jobs; i++) {
-        for (int32_t p = 0; p < tm_world_parts(world); p++) world->part[p].took_s = took_s[p];
+        for (int32_t p = 0; p < tm_world_parts(world); p++) tm_borders_book(world->part + p, took_s[p]);
         tm_borders_follow(world);
     }
 }

@@ -1,6 +1,10 @@
 /* A team: each job has a number, each part a word that holds the number of the last job it was taken for. Whoever moves
- * it from the job before to this one has the part. A thread that comes late finds every part taken, so what it read
- * about the job, which may be another by then, is not used. */
+ * it from the job before to this one has the part, and says in another word when it is done. A thread that comes late
+ * finds its part taken, so what it read about the job, which may be another by then, is not used.
+ *
+ * A step is a job of some ten microseconds, and a cache line that another core has written takes a tenth of one to
+ * come: in the usual case three lines go from one thread to another, the job's there and the word of each part back.
+ * Who looks whether others have begun waits a little first. */
 #include "base/team.h"
 #include "base/wake.h"
 
@@ -11,11 +15,12 @@
 typedef void part_work(void *context, int32_t part);
 
 typedef struct seat {
-    _Alignas(64) atomic_uint_fast32_t taken; /* the last job that this part was taken for */
+    _Alignas(64) atomic_uint_fast32_t taken; /* the last job that this part was taken for, */
     tm_wake wake;
     pthread_t thread;
     tm_team *team;
     int32_t part;
+    _Alignas(64) atomic_uint_fast32_t done; /* and that it was done of */
 } seat;
 
 struct tm_team {
@@ -25,7 +30,6 @@ struct tm_team {
     _Alignas(64) atomic_uint_fast32_t job;
     _Atomic(part_work *) work;
     _Atomic(void *) context;
-    _Alignas(64) atomic_int left; /* parts of the job that are not done */
     _Alignas(64) atomic_bool awake;
     atomic_bool over;
     /* The caller's own. */
@@ -34,9 +38,10 @@ struct tm_team {
     int32_t pause, longer; /* calls that the caller goes on alone; after the next lateness */
 };
 
-/* A pause, and now and then a place for whoever else wants the processor. */
+/* A pause, and now and then a place for whoever else wants the processor: not within what a step's serial rest takes,
+ * or the thread is in the kernel when the next job comes. */
 static void wait_a_little(unsigned *turns) {
-    enum { TURNS = 64 };
+    enum { TURNS = 512 };
 #if defined(__x86_64__) || defined(__i386__)
     __builtin_ia32_pause();
 #elif defined(__aarch64__)
@@ -46,22 +51,24 @@ static void wait_a_little(unsigned *turns) {
 }
 
 /* Does this part of this job, unless somebody has taken it. */
-static void take(tm_team *team, uint_fast32_t job, int32_t part, part_work *work, void *context) {
+static void take(const tm_team *team, uint_fast32_t job, int32_t part, part_work *work, void *context) {
+    seat *s = team->seat + part;
     uint_fast32_t before = job - 1;
-    if (!atomic_compare_exchange_strong(&team->seat[part].taken, &before, job)) return;
+    if (atomic_load_explicit(&s->taken, memory_order_relaxed) != before ||
+        !atomic_compare_exchange_strong(&s->taken, &before, job))
+        return;
     work(context, part);
-    atomic_fetch_sub(&team->left, 1);
+    atomic_store_explicit(&s->done, job, memory_order_release);
 }
 
-/* Its own part first: what that part reads and writes is in its cache from the job before. */
-static void help(const seat *own, uint_fast32_t job) {
-    tm_team *team = own->team;
-    part_work *work = atomic_load(&team->work);
-    void *context = atomic_load(&team->context);
-    take(team, job, own->part, work, context);
-    for (int32_t i = 1; i < team->threads; i++)
-        if (i != own->part) take(team, job, i, work, context);
+/* Parts [begin, end). */
+static void help(tm_team *team, uint_fast32_t job, int32_t begin, int32_t end) {
+    part_work *work = atomic_load_explicit(&team->work, memory_order_relaxed);
+    void *context = atomic_load_explicit(&team->context, memory_order_relaxed);
+    for (int32_t i = begin; i < end; i++) take(team, job, i, work, context);
 }
+
+enum { BEFORE_OTHERS = 32 /* pauses, before parts are looked at that others ought to have begun */ };
 
 static void *member(void *of) {
     const seat *own = of;
@@ -69,33 +76,33 @@ static void *member(void *of) {
     for (uint_fast32_t done = 0;;) {
         tm_wake_wait(&((seat *)of)->wake);
         if (atomic_load(&team->over)) return NULL;
-        for (unsigned turns = 0; atomic_load(&team->awake);) {
-            const uint_fast32_t job = atomic_load(&team->job);
-            if (job == done) {
-                wait_a_little(&turns);
-                continue;
+        for (unsigned turns = 0; atomic_load_explicit(&team->awake, memory_order_relaxed);) {
+            const uint_fast32_t job = atomic_load_explicit(&team->job, memory_order_acquire);
+            if (job != done) { /* its own part: what that reads and writes is in its cache from the job before */
+                help(team, job, own->part, own->part + 1);
+                done = job;
+                turns = 0;
             }
-            help(own, job);
-            done = job;
-            turns = 0;
+            wait_a_little(&turns);
+            if (turns == BEFORE_OTHERS) help(team, job, 1, team->threads);
         }
     }
 }
 
-/* Waits until every part is done. On a machine whose cores others want too, a thread may lose its core in the middle of
- * a part, for many times as long as a step takes: from then on the caller goes on alone. The bits are the same. */
-static void wait_for_all(tm_team *team) {
+/* Waits until every part is done, and does what nobody has begun. On a machine whose cores others want too, a thread
+ * may lose its core in the middle of a part, for many times as long as a step takes: from then on the caller goes on
+ * alone. The bits are the same. */
+static void wait_for(tm_team *team, uint_fast32_t job, int32_t part, double *since_s) {
     static const double LATE_S = 5e-4;
     enum { LOOK = 256 };
-    double since_s = 0;
-    for (unsigned turns = 0; atomic_load(&team->left) > 0;) {
+    for (unsigned turns = 0; atomic_load_explicit(&team->seat[part].done, memory_order_acquire) != job;) {
         wait_a_little(&turns);
+        if (turns % BEFORE_OTHERS == 0) help(team, job, part, part + 1);
         if (turns % LOOK) continue;
         const double now_s = tm_clock_s();
-        if (since_s == 0) since_s = now_s;
-        team->late |= now_s - since_s > LATE_S;
+        if (*since_s == 0) *since_s = now_s;
+        team->late |= now_s - *since_s > LATE_S;
     }
-    if (team->late) atomic_store(&team->awake, false);
 }
 
 void tm_team_run(tm_team *team, part_work *work, void *context) {
@@ -103,12 +110,14 @@ void tm_team_run(tm_team *team, part_work *work, void *context) {
         for (int32_t part = 0; part < team->threads; part++) work(context, part);
         return;
     }
-    atomic_store(&team->work, work);
-    atomic_store(&team->context, context);
-    atomic_store(&team->left, team->threads);
-    const uint_fast32_t job = atomic_fetch_add(&team->job, 1) + 1;
-    for (int32_t part = 0; part < team->threads; part++) take(team, job, part, work, context);
-    wait_for_all(team);
+    const uint_fast32_t job = atomic_load_explicit(&team->job, memory_order_relaxed) + 1;
+    double since_s = 0;
+    atomic_store_explicit(&team->work, work, memory_order_relaxed);
+    atomic_store_explicit(&team->context, context, memory_order_relaxed);
+    atomic_store_explicit(&team->job, job, memory_order_release);
+    work(context, 0);
+    for (int32_t part = 1; part < team->threads; part++) wait_for(team, job, part, &since_s);
+    if (team->late) atomic_store(&team->awake, false);
 }
 
 void tm_team_begin(tm_team *team) {

@@ -151,15 +151,15 @@ static void move(tm_world *world, double mean_s) {
 
 /* Of a job that took one thread far longer than it usually does, for others had its core, no more than twice that
  * counts. */
+void tm_borders_book(tm_part *part, double took_s) {
+    const double most = 2 * part->usual_s;
+    part->sum_s += most > 0 && took_s > most ? most : took_s;
+}
+
 void tm_borders_follow(tm_world *world) {
     enum { EVERY = 32 };
     static const double ALIKE = 0.01;
     double mean_s = 0, most_s = 0;
-    for (int32_t p = 0; p < world->part_count; p++) {
-        tm_part *part = world->part + p;
-        const double most = 2 * part->usual_s;
-        part->sum_s += most > 0 && part->took_s > most ? most : part->took_s;
-    }
     if (++world->job_count < EVERY) return;
     for (int32_t p = 0; p < world->part_count; p++) {
         const double sum_s = world->part[p].sum_s;

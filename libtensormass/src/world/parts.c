@@ -84,7 +84,7 @@ static void run_part(void *context, int32_t number) {
     tm_part *part = world->part + number;
     const bool timed = world->timing && number == 0;
     const double since_s = s->timed ? tm_clock_s() : 0;
-    part->unsound = false;
+    if (part->unsound) part->unsound = false; /* a line that nobody writes need not come from another core */
     if (s->beside) {
         if (timed) tm_world_charge(world, s->beside->slot);
         s->beside->work(s->beside->self, number);
@@ -98,7 +98,7 @@ static void run_part(void *context, int32_t number) {
         if (s->look) look(world, part, range.begin, range.end);
         begin = range.end;
     }
-    if (s->timed) part->took_s = tm_clock_s() - since_s;
+    if (s->timed) tm_borders_book(part, tm_clock_s() - since_s);
 }
 
 static void look_at_part(void *context, int32_t number) {

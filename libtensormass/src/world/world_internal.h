@@ -11,11 +11,11 @@ enum { TM_COOKIE_WORLD = 0x776f726c, TM_COOKIE_SUPPORT = 0x73757070, TM_COOKIE_S
 
 /* What one thread has of a step. */
 typedef struct tm_part {
-    tm_force_part force;           /* its vertices */
-    bool unsound;                  /* one of them is nowhere, since the substep's last look */
-    int32_t *below;                /* [vertex_count] room of force.below; null: the first */
-    double took_s, sum_s, usual_s; /* its thread in the last job of force; in those since the borders were looked at;
-                                      in the mean of those before */
+    tm_force_part force;       /* its vertices */
+    bool unsound;              /* one of them is nowhere, since the substep's last look */
+    int32_t *below;            /* [vertex_count] room of force.below; null: the first */
+    double usual_s;            /* of its thread, in the mean of the jobs of force before sum_s */
+    _Alignas(64) double sum_s; /* in those since the borders were looked at; its thread's, on a cache line of its own */
 } tm_part;
 
 /* Work of a stage that wants what a substep begins with, and not the new force: done while that is computed. */
@@ -81,10 +81,11 @@ void tm_world_remove_all_stages(tm_world *world);
 /* --- parts (parts.c) --- */
 /* Divides the tissue among the threads that it is worth. False: no memory, or no thread to be had. */
 bool tm_parts_take(tm_world *world, tm_pool *pool, const tm_world_def *def);
-/* borders.c: divides by count; moves borders to end[part_count], ascending, the last all; or to where the times of the
- * job that has just been done want them. */
+/* borders.c: divides by count; moves borders to end[part_count], ascending, the last all; or to where the times of
+ * the jobs that have been done want them: once after each job. */
 bool tm_borders_take(tm_world *world, tm_pool *pool, const tm_tissue *tissue);
 void tm_borders_set(tm_world *world, const int32_t *end);
+void tm_borders_book(tm_part *part, double took_s); /* by the part's own thread, of a job of force */
 void tm_borders_follow(tm_world *world);
 /* Around the substeps of a call. */
 void tm_parts_begin(tm_world *world, int32_t substeps);
