@@ -40,7 +40,11 @@ typedef struct tm_tool {
     /* broad phase */
     tm_local_surface *surface;
     tm_capsule gathered_at;
-    int32_t gathered_age; /* substeps; negative: never */
+    int32_t gathered_age; /* substeps since it last looked out, which it did at gathered_at; negative: never */
+    double spent_m;       /* of the room that it was last gathered with, by what tool and tissue have moved since */
+    double longer_m;      /* than edges were then the longest is now, of what it may touch */
+    bool fresh, doubtful; /* gathered in this substep; before this call of the step, since when anybody may have moved
+                             tissue: gathered anew when it next looks out */
     /* frame */
     double sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3];
     int32_t sum_count;

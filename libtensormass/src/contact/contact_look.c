@@ -2,47 +2,86 @@
  * the same time. Beside the force of the same substep where threads share that. */
 #include "contact/contact_internal.h"
 
+#include <math.h>
 #include <string.h>
 
-/* Broad phase: candidates are gathered with this much room (in tool radii) and kept until the tool has used up its part
- * or the tissue, at a bounded speed, might have used up its own. */
+#include "law/feature.h"
+
+/* Broad phase: candidates are gathered with this much room (in tool radii). Every few substeps, sooner if the tool has
+ * moved or the tissue, at a bounded speed, might have, a tool looks out: whether it is clear, and whether its
+ * candidates will do. They do, within one call of the step, as long as they surely are all that may be in reach. */
 #define ROOM_TOOL 0.5
 #define ROOM_TISSUE 1.0
 #define TISSUE_SPEED_M_S 0.5
-#define GATHER_EVERY 16
+#define LOOK_OUT_EVERY 16
 #define REACH 1.6 /* radii: what tm_local_rows looks at, its margin included */
 
-static void gather(tm_contact *contact, tm_tool *tool) {
-    const tm_state *state = &contact->world->state;
-    const double *rest = contact->world->tissue->mesh->rest_m;
-    tm_surface_view surface = tm_tissue_surface(contact->world->tissue);
-    double radius = tool->def.radius_m, age_s = tool->gathered_age * state->dt_s;
-    if (tool->gathered_age >= 0 && tool->gathered_age < GATHER_EVERY &&
-        age_s * TISSUE_SPEED_M_S < ROOM_TISSUE * radius &&
-        tm_capsule_travel(&tool->capsule, &tool->gathered_at) < ROOM_TOOL * radius) {
-        tool->gathered_age++;
-        return;
-    }
-    tool->gathered_age = 0;
-    tool->gathered_at = tool->capsule;
-    if (!tool->clear) {
-        bool outside = tm_tool_is_clear(tool, rest, state->u_m, &surface);
-        tool->clear = outside && !tool->pierced;
-        tool->pierced = !outside || tool->pierced;
-        tool->leaving = outside;
-    }
-    double reach = radius * (REACH + ROOM_TOOL + ROOM_TISSUE) + 2 * tm_capsule_travel(&tool->capsule, &tool->before);
-    tm_local_gather(tool->surface, rest, state->u_m, surface.triangle, surface.face, NULL, surface.count,
-                    &tool->capsule, reach);
+static bool is_due(const tm_contact *contact, const tm_tool *tool) {
+    const double radius = tool->def.radius_m, age_s = tool->gathered_age * contact->world->state.dt_s;
+    return tool->gathered_age < 0 || tool->gathered_age >= LOOK_OUT_EVERY ||
+           age_s * TISSUE_SPEED_M_S >= ROOM_TISSUE * radius ||
+           tm_capsule_travel(&tool->capsule, &tool->gathered_at) >= ROOM_TOOL * radius;
 }
 
-static void look_around(tm_sight *s, int32_t t) {
+static void look_whether_clear(const tm_contact *contact, tm_tool *tool) {
+    const tm_tissue *tissue = contact->world->tissue;
+    const bool outside = tm_tool_is_clear(tool, tissue->mesh->rest_m, contact->world->state.u_m, &tissue->surface);
+    tool->clear = outside && !tool->pierced;
+    tool->pierced = !outside || tool->pierced;
+    tool->leaving = outside;
+}
+
+static void gather(const tm_contact *contact, tm_tool *tool) {
+    const tm_tissue *tissue = contact->world->tissue;
+    const double reach =
+        tool->def.radius_m * (REACH + ROOM_TOOL + ROOM_TISSUE) + 2 * tm_capsule_travel(&tool->capsule, &tool->before);
+    tm_local_gather(tool->surface, tissue->mesh->rest_m, contact->world->state.u_m, tissue->surface.triangle,
+                    tissue->surface.face, NULL, tissue->surface.count, &tool->capsule, reach);
+    tool->spent_m = tool->longer_m = 0;
+    tool->fresh = true, tool->doubtful = false;
+}
+
+/* A triangle that was not gathered has no point nearer than it had by more than tissue and tool have come; what rows
+ * look at grows with the tool's speed. And for the normal of a triangle that is in reach others are wanted, an edge of
+ * it farther: edges that are longer now than any was then take of the room, too. */
+static bool is_spent(const tm_tool *tool, double share) {
+    const double room = (ROOM_TOOL + ROOM_TISSUE) * tool->def.radius_m;
+    return !(tool->spent_m + tm_capsule_travel(&tool->capsule, &tool->before) + tool->longer_m <= share * room);
+}
+
+static double longest_edge(const tm_local_surface *s) {
+    double radius = 0;
+    for (int32_t i = 0; i < s->near.face_count; i++) radius = law_max(s->reach_m[s->near.face[i]], radius);
+    return 2 * radius;
+}
+
+/* A station that knows a face may be behind it by more than any room. */
+static bool sinks(const tm_sight *s, int32_t t) {
+    const tm_contact *contact = s->contact;
+    bool deep = false;
+    for (int32_t i = s->history[t]; i < s->history[t + 1]; i++)
+        deep |= law_sinks(contact->row[i].gap_m, contact->row[i].lambda_N, contact->tool[t].def.radius_m);
+    return deep;
+}
+
+static void look_out(const tm_sight *s, int32_t t) {
+    static const double AHEAD = 0.9; /* the rest is for how far the tissue came in the substep before */
+    tm_contact *contact = s->contact;
+    tm_tool *tool = contact->tool + t;
+    const bool never = tool->gathered_age < 0, due = is_due(contact, tool);
+    tool->fresh = false;
+    tool->gathered_age = due ? 0 : tool->gathered_age + 1;
+    if (due) tool->gathered_at = tool->capsule;
+    if (due && !tool->clear) look_whether_clear(contact, tool);
+    if (never || is_spent(tool, AHEAD) || (due && (tool->doubtful || tool->surface->overflowed || sinks(s, t))))
+        gather(contact, tool);
+}
+
+static void look_at_candidates(tm_sight *s, int32_t t) {
     tm_contact *contact = s->contact;
     const tm_world *world = contact->world;
     tm_tool *tool = contact->tool + t;
     s->count[t] = 0;
-    if (!tm_tool_is_present(tool)) return;
-    gather(contact, tool);
     if (!tool->clear && !tool->leaving) return;
     double margin = 0.1 * tool->def.radius_m + tm_capsule_travel(&tool->capsule, &tool->before);
     bool overflowed = false;
@@ -51,6 +90,7 @@ static void look_around(tm_sight *s, int32_t t) {
     int32_t count =
         tm_local_rows(tool->surface, contact->hits + t, &tool->capsule, margin, contact->row + s->history[t],
                       s->history[t + 1] - s->history[t], row, contact->def.max_rows, &overflowed);
+    tool->longer_m = law_max(longest_edge(tool->surface) - tool->surface->edge_m, 0);
     if (!tool->clear) { /* its axis has left the tissue; wait for its skin */
         for (int32_t i = 0; i < count && tool->leaving; i++) tool->leaving = row[i].gap_m >= 0;
         tool->clear = tool->leaving;
@@ -58,6 +98,29 @@ static void look_around(tm_sight *s, int32_t t) {
     }
     if (overflowed) tool->flags |= TM_REACTION_OVERFLOWED;
     s->count[t] = count;
+}
+
+static void look_around(tm_sight *s, int32_t t) {
+    s->count[t] = 0;
+    if (!tm_tool_is_present(s->contact->tool + t)) return;
+    look_out(s, t);
+    look_at_candidates(s, t);
+}
+
+/* How far tissue came in the substep before is known when new displacements have been made, after looks beside the
+ * force: where it was farther than they left room for, they look again. */
+static void look_again(tm_sight *s) {
+    tm_contact *contact = s->contact;
+    const double way_m = tm_parts_way(contact->world);
+    for (int32_t t = 0; t < contact->tool_count; t++) {
+        tm_tool *tool = contact->tool + t;
+        if (!tm_tool_is_present(tool)) tool->spent_m = INFINITY;
+        if (!tm_tool_is_present(tool) || tool->fresh) continue;
+        tool->spent_m += way_m + tm_capsule_travel(&tool->capsule, &tool->before);
+        if (!is_spent(tool, 1)) continue;
+        gather(contact, tool);
+        look_at_candidates(s, t);
+    }
 }
 
 static void look_in_part(void *context, int32_t part) {
@@ -83,15 +146,15 @@ void tm_contact_begin_look(tm_contact *contact) {
 
 const tm_sight *tm_contact_look(tm_contact *contact) {
     tm_sight *s = &contact->sight;
-    if (contact->looked) {
-        contact->looked = false;
-        return s;
+    if (!contact->looked) {
+        tm_contact_begin_look(contact);
+        if (s->busy > 1)
+            tm_parts_do(contact->world, look_in_part, s);
+        else
+            for (int32_t t = 0; t < contact->tool_count; t++) look_around(s, t);
     }
-    tm_contact_begin_look(contact);
-    if (s->busy > 1)
-        tm_parts_do(contact->world, look_in_part, s);
-    else
-        for (int32_t t = 0; t < contact->tool_count; t++) look_around(s, t);
+    contact->looked = false;
+    look_again(s);
     return s;
 }
 

@@ -22,7 +22,7 @@ typedef struct kept_capsule {
 typedef struct kept_tool {
     kept_pose pose, from, to;
     kept_capsule capsule, before, earlier, gathered_at;
-    double station_depth_m[TM_MAX_STATIONS], surplus_J, turnover_J, sprung_J, edge_m, sum_tip_m[3], sum_time_s,
+    double station_depth_m[TM_MAX_STATIONS], surplus_J, turnover_J, sprung_J, edge_m, spent_m, sum_tip_m[3], sum_time_s,
         sum_force_N[3], sum_resultant_N[3], substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
     int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, flags, stiffness_kind,
         surface_overflowed;
@@ -78,6 +78,7 @@ static kept_tool pack_tool(const tm_tool *tool) {
                    .flags = (int32_t)tool->flags,
                    .stiffness_kind = tool->stiffness_kind,
                    .surface_overflowed = tool->surface->overflowed,
+                   .spent_m = tool->spent_m,
                    .edge_m = tool->surface->edge_m};
     COPY(k.station_depth_m, tool->station_depth_m);
     COPY(k.sum_tip_m, tool->sum_tip_m);
@@ -107,6 +108,7 @@ static void unpack_tool(const kept_tool *k, int32_t instrument, tm_tool *tool) {
     tool->leaving = k->leaving != 0;
     tool->pierced = k->pierced != 0;
     tool->gathered_age = k->gathered_age;
+    tool->spent_m = k->spent_m;
     tool->sum_time_s = k->sum_time_s;
     tool->sum_count = k->sum_count;
     tool->flags = (uint32_t)k->flags;
@@ -249,6 +251,7 @@ int64_t tm_contact_snapshot_max(const tm_contact_def *def) {
 void tm_contact_keep(void *self) {
     tm_contact *contact = self;
     contact->kept_bytes = tm_contact_snapshot(contact, contact->kept);
+    for (int32_t t = 0; t < contact->tool_count; t++) contact->tool[t].doubtful = true, contact->tool[t].longer_m = 0;
 }
 
 void tm_contact_give_back(void *self, tm_world *world) {

@@ -70,6 +70,14 @@ bool tm_parts_is_sound(const tm_world *world, int32_t vertex) {
     return sound(world->state.u_next_m + 3 * (int64_t)vertex, 3);
 }
 
+double tm_parts_way(const tm_world *world) {
+    double way_m = 0;
+    for (int32_t p = 0; p < world->part_count; p++)
+        if (world->part[p].force.end > world->part[p].force.begin && !(world->part[p].way_m <= way_m))
+            way_m = world->part[p].way_m;
+    return way_m;
+}
+
 typedef struct stages {
     tm_world *world;
     int32_t begin, end;      /* slots */

@@ -5,7 +5,7 @@
 #include <math.h>
 #include <string.h>
 
-enum { VERSION = 2, ORDER = 0x01020304 };
+enum { VERSION = 3, ORDER = 0x01020304 };
 static const char MAGIC[8] = {'T', 'M', 'S', 'N', 'A', 'P', '\r', '\n'};
 
 typedef struct header {

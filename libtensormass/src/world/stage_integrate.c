@@ -3,7 +3,47 @@
  * where carry is 1 without damping. */
 #include "world/world_internal.h"
 
+#include <math.h>
+
 #include "base/intrinsics.h"
+#include "base/vec.h"
+
+/* --- the way that has been come --- */
+
+/* The farthest that vertices came along each axis: no vertex came farther than its norm. */
+typedef struct way {
+    double most_m[3];
+} way;
+
+static void add_ways(way *w, const double *u, const double *u_prev, int64_t n) {
+    for (int64_t i = 0; i < n; i += 3)
+        for (int c = 0; c < 3; c++) w->most_m[c] = law_max(fabs(u[i + c] - u_prev[i + c]), w->most_m[c]);
+}
+
+#ifdef TM_HAS_AVX2
+/* Twelve components in three vectors: which axis a lane is of goes round. */
+TM_AVX2 static inline void add_lanes(way *w, __m256d first, __m256d second, __m256d third) {
+    double lane[12];
+    _mm256_storeu_pd(lane, first);
+    _mm256_storeu_pd(lane + 4, second);
+    _mm256_storeu_pd(lane + 8, third);
+    for (int i = 0; i < 12; i++) w->most_m[i % 3] = law_max(lane[i], w->most_m[i % 3]);
+}
+TM_AVX2 static inline __m256d larger_way(__m256d way_m, __m256d most_m) {
+    return _mm256_max_pd(_mm256_andnot_pd(_mm256_set1_pd(-0.0), way_m), most_m);
+}
+#endif
+
+/* For those who keep what they found as long as nothing has moved far. */
+static bool is_watched(const tm_world *world) { return world->beside.self != NULL; }
+
+static void note_way(tm_world *world, const tm_range *range, const way *w) {
+    tm_part *part = world->part + range->part;
+    const double way_m = vnorm(w->most_m);
+    part->way_m = range->begin == part->force.begin ? way_m : law_max(way_m, part->way_m);
+}
+
+/* --- the stage --- */
 
 void tm_stage_integrate(void *self, tm_world *world, const tm_range *range) {
     (void)self;
@@ -11,13 +51,17 @@ void tm_stage_integrate(void *self, tm_world *world, const tm_range *range) {
     const double *TM_RESTRICT f = world->state.force_N, *TM_RESTRICT mobility = world->mobility_s2_kg;
     double *TM_RESTRICT u_next = world->state.u_next_m;
     const tm_force_graph *g = &world->tissue->graph;
-    for (int32_t begin, end = range->begin; tm_next_run(g->living, range->end, &begin, &end);)
+    way come = {{0, 0, 0}};
+    for (int32_t begin, end = range->begin; tm_next_run(g->living, range->end, &begin, &end);) {
         for (int64_t v = begin, i = 3 * v; v < end; v++, i += 3) { /* written out: a loop of three is slower */
             const double x = u[i] + (u[i] - u_prev[i]) + mobility[v] * f[i];
             const double y = u[i + 1] + (u[i + 1] - u_prev[i + 1]) + mobility[v] * f[i + 1];
             const double z = u[i + 2] + (u[i + 2] - u_prev[i + 2]) + mobility[v] * f[i + 2];
             u_next[i] = x, u_next[i + 1] = y, u_next[i + 2] = z;
         }
+        if (is_watched(world)) add_ways(&come, u + 3 * begin, u_prev + 3 * begin, 3 * (int64_t)(end - begin));
+    }
+    if (is_watched(world)) note_way(world, range, &come);
 }
 
 #ifdef TM_HAS_AVX2
@@ -28,10 +72,13 @@ void tm_stage_integrate(void *self, tm_world *world, const tm_range *range) {
     const __m256d u##k = _mm256_loadu_pd(u + i##k), way##k = _mm256_sub_pd(u##k, _mm256_loadu_pd(u_prev + i##k));      \
     const __m256d on##k = _mm256_add_pd(u##k, _mm256_mul_pd(_mm256_permute4x64_pd(c, factors), way##k));               \
     const __m256d pushed##k = _mm256_mul_pd(_mm256_permute4x64_pd(m, factors), _mm256_loadu_pd(f + i##k));             \
-    _mm256_storeu_pd(u_next + i##k, _mm256_add_pd(on##k, pushed##k))
+    _mm256_storeu_pd(u_next + i##k, _mm256_add_pd(on##k, pushed##k));                                                  \
+    if (come) most##k = larger_way(way##k, most##k)
 
-/* The first vertex that is left for the plain loop. */
-TM_AVX2 static int64_t damped_fours(const tm_world *world, int64_t v, int64_t end) {
+/* The first vertex that is left for the plain loop. With how far the others came, unless that is null. */
+TM_AVX2 static inline __attribute__((always_inline)) int64_t fours(const tm_world *world, int64_t v, int64_t end,
+                                                                   way *come) {
+    __m256d most0 = _mm256_setzero_pd(), most1 = most0, most2 = most0;
     const double *u = world->state.u_m, *u_prev = world->state.u_prev_m, *f = world->state.force_N;
     double *u_next = world->state.u_next_m;
     for (; v + 4 <= end; v += 4) {
@@ -40,11 +87,22 @@ TM_AVX2 static int64_t damped_fours(const tm_world *world, int64_t v, int64_t en
         COMPONENTS(1, _MM_SHUFFLE(2, 2, 1, 1));
         COMPONENTS(2, _MM_SHUFFLE(3, 3, 3, 2));
     }
+    if (come) add_lanes(come, most0, most1, most2);
     return v;
+}
+TM_AVX2 static int64_t damped_fours(const tm_world *world, int64_t v, int64_t end) {
+    return fours(world, v, end, NULL);
+}
+TM_AVX2 static int64_t damped_fours_watched(const tm_world *world, int64_t v, int64_t end, way *come) {
+    return fours(world, v, end, come);
 }
 #else
 static int64_t damped_fours(const tm_world *world, int64_t v, int64_t end) {
     (void)world, (void)end;
+    return v;
+}
+static int64_t damped_fours_watched(const tm_world *world, int64_t v, int64_t end, way *come) {
+    (void)world, (void)end, (void)come;
     return v;
 }
 #endif
@@ -56,13 +114,21 @@ void tm_stage_integrate_damped(void *self, tm_world *world, const tm_range *rang
     const double *TM_RESTRICT carry = world->carry;
     double *TM_RESTRICT u_next = world->state.u_next_m;
     const tm_force_graph *g = &world->tissue->graph;
-    for (int32_t begin, end = range->begin; tm_next_run(g->living, range->end, &begin, &end);)
-        for (int64_t v = world->wide ? damped_fours(world, begin, end) : begin, i = 3 * v; v < end; v++, i += 3) {
+    const bool watched = is_watched(world);
+    way come = {{0, 0, 0}};
+    for (int32_t begin, end = range->begin; tm_next_run(g->living, range->end, &begin, &end);) {
+        int64_t v = !world->wide ? begin
+                    : watched    ? damped_fours_watched(world, begin, end, &come)
+                                 : damped_fours(world, begin, end);
+        if (watched) add_ways(&come, u + 3 * v, u_prev + 3 * v, 3 * (end - v));
+        for (int64_t i = 3 * v; v < end; v++, i += 3) {
             const double x = u[i] + carry[v] * (u[i] - u_prev[i]) + mobility[v] * f[i];
             const double y = u[i + 1] + carry[v] * (u[i + 1] - u_prev[i + 1]) + mobility[v] * f[i + 1];
             const double z = u[i + 2] + carry[v] * (u[i + 2] - u_prev[i + 2]) + mobility[v] * f[i + 2];
             u_next[i] = x, u_next[i + 1] = y, u_next[i + 2] = z;
         }
+    }
+    if (watched) note_way(world, range, &come);
 }
 
 static void refresh(tm_world *world, int32_t v) {

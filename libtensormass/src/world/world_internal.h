@@ -16,6 +16,7 @@ typedef struct tm_part {
     int32_t *below;            /* [vertex_count] room of force.below; null: the first */
     double usual_s;            /* of its thread, in the mean of the jobs of force before sum_s */
     _Alignas(64) double sum_s; /* in those since the borders were looked at; its thread's, on a cache line of its own */
+    double way_m;              /* that the farthest component of its vertices came in the substep before */
 } tm_part;
 
 /* Work of a stage that wants what a substep begins with, and not the new force: done while that is computed. */
@@ -98,6 +99,9 @@ void tm_parts_do(tm_world *world, void (*work)(void *context, int32_t part), voi
 void tm_parts_look(tm_world *world);
 /* Of one vertex: is it not? */
 bool tm_parts_is_sound(const tm_world *world, int32_t vertex);
+/* No farther any vertex came from u_prev_m to u_m, whoever moved it, m; once new displacements have been made in this
+ * substep, in a world with somebody beside the force. */
+double tm_parts_way(const tm_world *world);
 /* One stage over the whole tissue, by the caller's thread. */
 void tm_stage_do(const tm_stage *stage, tm_world *world);
 
