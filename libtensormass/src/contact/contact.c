@@ -35,7 +35,10 @@ static void move_tools(tm_contact *contact, const tm_world *world) {
 
 static void move(void *self, tm_world *world) {
     tm_contact *contact = self;
-    if (!contact->moved) move_tools(contact, world);
+    if (!contact->moved) {
+        move_tools(contact, world);
+        tm_contact_do_aside(contact);
+    }
     contact->moved = false;
 }
 

@@ -179,7 +179,22 @@ bool tm_contact_may_look_ahead(const tm_contact *contact, tm_world *world, int32
     return world->beside.slot != TM_NO_SLOT;
 }
 
-void tm_contact_look_ahead(void *self, int32_t part) { look_in_part(&((tm_contact *)self)->sight, part); }
+void tm_contact_put_aside(tm_contact *contact, void *self, void (*work)(void *self, tm_world *world)) {
+    contact->aside.self = self;
+    contact->aside.work = work;
+}
+
+void tm_contact_do_aside(tm_contact *contact) {
+    if (contact->aside.self) contact->aside.work(contact->aside.self, contact->world);
+    contact->aside.self = NULL;
+}
+
+/* The last thread has fewest tools. */
+void tm_contact_look_ahead(void *self, int32_t part) {
+    tm_contact *contact = self;
+    look_in_part(&contact->sight, part);
+    if (part == contact->world->part_count - 1) tm_contact_do_aside(contact);
+}
 
 /* --- what contact has changed --- */
 

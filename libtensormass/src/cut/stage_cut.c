@@ -157,6 +157,16 @@ static void sweep(cut *stage, tm_world *world) {
     stage->pause = FALLING_PAUSE;
 }
 
+/* What of the search removes nothing: it knows of no cut of this substep less than when "cut" ran, and of no jaw more.
+ */
+static void search_on(void *self, tm_world *world) {
+    cut *stage = self;
+    if (stage->state == SEARCH_IDLE)
+        begin_search(stage, world);
+    else
+        flood(stage, world->tissue);
+}
+
 static void run(void *self, tm_world *world) {
     cut *stage = self;
     cauterise(stage, world);
@@ -164,9 +174,9 @@ static void run(void *self, tm_world *world) {
     case SEARCH_IDLE:
         if (stage->pause > 0) stage->pause--;
         if (stage->revision != world->tissue->surface.revision || (stage->falling && stage->pause == 0))
-            begin_search(stage, world);
+            tm_contact_put_aside(stage->contact, stage, search_on);
         break;
-    case SEARCH_REACH: flood(stage, world->tissue); break;
+    case SEARCH_REACH: tm_contact_put_aside(stage->contact, stage, search_on); break;
     case SEARCH_SWEEP: sweep(stage, world); break;
     }
 }
