@@ -16,6 +16,9 @@ static const app_field fields[] = {
      "tetrahedra whose centre lies in this box are tensor/mass"},
     {"hybrid.box.min", APP_VECTOR, "length", "!", 0, 0, OPTION(box_min), "lower corner"},
     {"hybrid.box.max", APP_VECTOR, "length", "!", 0, 0, OPTION(box_max), "upper corner"},
+    {"hybrid.smooth", APP_FLAG, NULL, "yes", 0, 0, OPTION(smooth),
+     "where the part's border runs in teeth, what is between them becomes tensor/mass too, if a fifth of the border's "
+     "vertices goes by that; no: the part is what was asked for, to the tetrahedron"},
     {"hybrid.precision", APP_CHOICE, APP_CHOICE_WORDS(APP_PRECISIONS), "double", 0, 0, OPTION(precision),
      "of the condensed part"},
     {"hybrid.cache", APP_FLAG, NULL, "yes", 0, 0, OPTION(cache),
@@ -72,6 +75,7 @@ int sim_make_hybrid(sim *s) {
         sim_solve_file(s, o, "hybrid", file, sizeof file);
         how.problem.progress = sim_solve_progress;
         how.dynamic = dynamic;
+        how.as_marked = !o->smooth.on;
         how.precision = (tm_precision)o->precision.index;
         how.file = *file ? file : NULL;
         how.max_local_vertices = (int32_t)o->max_vertices.value;

@@ -30,6 +30,7 @@ typedef struct sim_solve_options {
     app_text region; /* hybrid */
     app_section box;
     app_vector box_min, box_max;
+    app_flag smooth;
 } sim_solve_options;
 
 /* Says on stderr how far it is; stops where the user did. */

@@ -173,6 +173,8 @@ typedef struct tm_hybrid_def {
     const char *file;              /* cache, as above */
     const tm_contact_def *contact; /* null: no contact on the condensed part */
     int32_t max_local_vertices;    /* 256 */
+    bool as_marked; /* false: tetrahedra between the teeth of a jagged border become tensor/mass too, where a fifth of
+                       its vertices goes by that: what a border costs grows with its square */
 } tm_hybrid_def;
 
 typedef struct tm_hybrid tm_hybrid;

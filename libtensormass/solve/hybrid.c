@@ -43,6 +43,10 @@ static tm_status split(tm_hybrid *h, const tm_hybrid_def *def, tm_error *error) 
                            "tetrahedron %d of the whole tissue is cut away; make the hybrid model of an uncut one",
                            (int)t);
         h->alive[t] = def->dynamic[t] != 0;
+    }
+    if (!def->as_marked && !tms_hybrid_smooth(mesh, h->alive))
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the interface; use a coarser mesh");
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
         h->elsewhere[t] = !h->alive[t];
         dynamic += h->alive[t];
         for (int i = 0; i < 4; i++) h->part[mesh->tet[4 * (int64_t)t + i]] |= h->alive[t] ? TMS_DYNAMIC : TMS_CONDENSED;

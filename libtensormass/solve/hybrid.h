@@ -71,6 +71,10 @@ static inline bool tms_row_is_in(const tm_hybrid *hybrid, const tm_contact_row *
     return row->weight[corner] != 0 && hybrid->part[row->vertex[corner]] == part;
 }
 
+/* hybrid_border.c. The tensor/mass part [tet_count] with the gaps between its border's teeth filled, where that takes a
+ * fifth of the border's vertices away; else as it is. False: no memory. */
+bool tms_hybrid_smooth(const tm_mesh *mesh, uint8_t *alive);
+
 /* hybrid_around.c. False: no memory. */
 bool tms_hybrid_make_around(tm_hybrid *hybrid);
 /* As tms_local.around. */
