@@ -211,6 +211,20 @@ def test_supports_by_vertex_number_are_held_on_other_meshes_too(whole, bin, root
     assert run.returncode == 0, run
 
 
+def test_shapes_are_compared_by_the_files_vertices(bin, root, tmp_path):
+    """The finest mesh, numbered last where it was refined, is renumbered inside, the scene's own is not: errors as where both keep their numbers."""
+    for name, more in (("inside", []), ("kept", ["--set", "tissue.renumber=no"])):
+        (tmp_path / name).mkdir()
+        study(bin, root, tmp_path / name, "--duration", "1.6 s", *more)
+    inside, kept = (json.loads((tmp_path / name / "s.json").read_text()) for name in ("inside", "kept"))
+    mesh, = (tmp_path / "inside/s.files").glob("finest*.msh")
+    assert "numbers jump" in subprocess.run([bin / "tm-mesh", "info", mesh], capture_output=True, text=True).stdout
+    for r in inside["runs"]:
+        if "shape_error" in r:
+            assert r["shape_error"] == pytest.approx(named(kept, r["name"])["shape_error"], rel=1e-6, abs=1e-9), r["name"]
+    assert named(inside, "as it is")["shape_error"] > 0.1
+
+
 def test_fibres_go_along_with_finer_meshes_and_what_cannot_be_is_told(bin, root, tmp_path):
     text = (root / SCENE).read_text().replace("../../meshes", str(root / "meshes")).replace("{young: 5 kPa, poisson: 0.4}", "{E_L: 30 kPa, E_T: 6 kPa, nu_LT: 0.4, nu_TT: 0.45, G_L: 5 kPa}")
     (tmp_path / "fibred.yaml").write_text(text.replace("damping:", "anisotropy: {rule: constant, direction: [1, 0, 0]}\ndamping:").replace("mode: probe", "mode: grasper") + "grasp:\n")

@@ -20,6 +20,15 @@ int main(int, char **word) {
         assert(!built && mesh && mesh.tet().size() == 4 * std::size_t(file->tet_count));
         const tensormass::span<const std::int32_t> held = file.group(word[2]);
         assert(!held.empty() && file.group("nobody").empty());
+        const std::size_t n = std::size_t(mesh->vertex_count);
+        std::vector<double> x(3 * n);
+        std::vector<std::int32_t> tet(mesh.tet().begin(), mesh.tet().end());
+        for (std::size_t i = 0; i < 3 * n; i++) x[3 * (i / 3 * 611 % n) + i % 3] = mesh.rest_m()[i];
+        for (std::int32_t &v : tet) v = std::int32_t(std::size_t(v) * 611 % n);
+        const tensormass::mesh inside(x, tet, {}, TM_NUMBERING_WHERE_POOR);
+        assert(mesh.given_vertex().empty() && file.build(TM_NUMBERING_WHERE_POOR).given_vertex().empty());
+        assert(inside.given_vertex().size() == n);
+        for (std::size_t v = 0; v < n; v++) assert(inside.rest_m()[3 * v] == x[3 * std::size_t(inside.given_vertex()[v])]);
         std::vector<std::int32_t> dof;
         for (std::int32_t v : held)
             for (int a = 0; a < 3; a++) dof.push_back(3 * v + a);

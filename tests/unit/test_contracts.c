@@ -133,6 +133,12 @@ static void contracts(void **state) {
     BREAKS("tm_tissue_edge_tensor", tm_tissue_edge_tensor(s.tissue, -1, K), 0);
     BREAKS("tm_tissue_tet_material", tm_tissue_tet_material(s.tissue, tets));
     BREAKS("tm_mesh_tet_quality", tm_mesh_tet_quality(s.mesh, -1));
+    BREAKS("tm_mesh_given", tm_mesh_given(s.mesh, s.mesh->vertex_count));
+    BREAKS("tm_mesh_to_given", tm_mesh_to_given(s.mesh, 0, s.mesh->rest_m, s.mesh->rest_m), 0);
+    BREAKS("tm_mesh_from_given", tm_mesh_from_given(s.mesh, 3, NULL, s.mesh->rest_m), 0);
+    BREAKS("tm_mesh_numbering", tm_mesh_numbering(s.mesh, NULL));
+    BREAKS("tm_mesh_numbering_tets", tm_mesh_numbering_tets(s.mesh, NULL, NULL));
+    BREAKS("tm_mesh_numbering_measure", tm_mesh_numbering_measure(NULL, NULL));
     BREAKS("tm_critical_step_element", tm_critical_step_element(s.tissue, tets));
     BREAKS("tm_critical_step_sharp", tm_critical_step_sharp(NULL, NULL, 1e-3, 10, &step_s, &error));
     BREAKS("tm_snapshot_save", tm_snapshot_save(s.world, NULL, 0, &error));

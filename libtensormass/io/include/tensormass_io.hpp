@@ -21,12 +21,12 @@ class mesh_file {
     ~mesh_file() { tm_mesh_file_free(&file_); }
     const tm_mesh_file *operator->() const noexcept { return &file_; }
     const tm_mesh_file *get() const noexcept { return &file_; }
-    mesh build() const {
+    mesh build(tm_numbering renumber = TM_NUMBERING_AS_GIVEN) const {
         tm_mesh *made = nullptr;
-        check([&](tm_error *e) { return tm_mesh_file_build(&file_, &made, e); });
+        check([&](tm_error *e) { return tm_mesh_file_build_numbered(&file_, renumber, &made, e); });
         return mesh(made);
     }
-    /* The vertices of a group, ascending; empty: there is no group of that name. */
+    /* The vertices of a group by their numbers in the file, ascending; empty: there is no group of that name. */
     span<const std::int32_t> group(const std::string &name) const noexcept {
         for (std::int32_t g = 0; g < file_.group_count; g++)
             if (name == file_.group_name[g])
