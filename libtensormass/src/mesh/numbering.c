@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Below so many vertices any order will do: at 64 and 125 one at random costs less than 5 % (docs/performance.md,
+/* Below so many vertices any order will do: at 64 and 125 one at random costs 0 to 6 % (docs/performance.md,
  * "Numbering"). */
 enum { WORTH_VERTICES = 200 };
 static const double worth_factor = 3;
