@@ -151,18 +151,16 @@ void tm_packs_list(tm_rotation *r, double way_m) {
 
 /* --- what pulls, on one thread's vertices --- */
 
-void tm_pulls_add(const tm_rotation *r, int32_t begin, int32_t end, double *TM_RESTRICT force_N) {
-    for (int32_t n = 0; n < r->list_count; n++) {
-        const int32_t p = r->list[n];
-        if (!r->who[n] || r->reached[2 * p] >= end || r->reached[2 * p + 1] < begin) continue;
+void tm_pulls_add(const tm_packs *packs, const int32_t *list, int32_t count, const double *corner_N, const uint8_t *who,
+                  int32_t begin, int32_t end, double *TM_RESTRICT force_N) {
+    for (int32_t n = 0; n < count; n++)
         for (int l = 0; l < TM_LANES; l++) {
-            if (!(r->who[n] >> l & 1)) continue;
-            const double *f = r->corner_N + 12 * TM_LANES * (int64_t)n + l;
+            if (!(who[n] >> l & 1)) continue;
+            const double *f = corner_N + 12 * TM_LANES * (int64_t)n + l;
             for (int k = 0; k < 4; k++, f += 3 * TM_LANES) {
-                const int32_t c = r->packs.pack[p].component[k][l];
+                const int32_t c = packs->pack[list[n]].component[k][l];
                 if (c < 3 * begin || c >= 3 * end) continue;
                 for (int i = 0; i < 3; i++) force_N[c + i] -= f[TM_LANES * i];
             }
         }
-    }
 }

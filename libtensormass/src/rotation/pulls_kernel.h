@@ -1,16 +1,13 @@
-/* What a pack adds, divided among threads; a part of kernel.h. The corners' pulls of the packs list[begin] to
- * list[end], by place in the list, for whoever adds them up (tm_pulls_add); a bit says which lanes have any. */
-TM_TARGET static int32_t TM_NAME(pulls)(const tm_packs *packs, const int32_t *list, int32_t begin, int32_t end,
-                                        const double *u_m, double *corner_N, uint8_t *who) {
-    int32_t active = 0;
-    for (int32_t n = begin; n < end; n++) {
-        bool any = false;
+/* What a pack adds, divided among threads; a part of kernel.h. The corners' pulls of the listed packs, by place in the
+ * list, for whoever adds them up (tm_pulls_add); a bit says which lanes have any. */
+TM_TARGET static void TM_NAME(pulls)(const tm_packs *packs, const int32_t *list, int32_t count, const double *u_m,
+                                     double *corner_N, uint8_t *who) {
+    for (int32_t n = 0; n < count; n++) {
         who[n] = 0;
         for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
             TM_NAME(turned) b;
             V8 P[9], f[4][3];
             if (!TM_NAME(turn)(packs, list[n], at, u_m, false, &b)) continue;
-            any = true;
             const M8 heavy = b.weight > 0;
             TM_NAME(stress_of)(&b, P);
             TM_NAME(pull)(packs, list[n], at, P, f);
@@ -18,7 +15,5 @@ TM_TARGET static int32_t TM_NAME(pulls)(const tm_packs *packs, const int32_t *li
                 memcpy(corner_N + 12 * TM_LANES * (int64_t)n + TM_LANES * i + at, &f[i / 3][i % 3], sizeof(V8));
             for (int l = 0; l < TM_WIDTH; l++) who[n] |= (uint8_t)((heavy[l] & 1) << (at + l));
         }
-        active += any;
     }
-    return active;
 }

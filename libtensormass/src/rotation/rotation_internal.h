@@ -38,11 +38,11 @@ typedef int32_t (*tm_rotation_kernel)(const tm_packs *packs, const int32_t *list
 /* 0 plain, 1 AVX2, 2 AVX-512; null: this processor has it not. */
 tm_rotation_kernel tm_rotation_form(int form);
 tm_rotation_kernel tm_rotation_choose(bool plain);
-/* The same in two passes, of which any number of threads may have a share: what the corners of the packs list[begin] to
- * list[end] are pulled with, [12*TM_LANES] for each place in the list, and a bit for each lane that is; then what
- * reaches the vertices [begin, end), ascending (tm_pulls_add). */
-typedef int32_t (*tm_pull_kernel)(const tm_packs *packs, const int32_t *list, int32_t begin, int32_t end,
-                                  const double *u_m, double *corner_N, uint8_t *who);
+/* The same in two steps, for who shares the vertices with others: what the corners of the listed packs are pulled with,
+ * [12*TM_LANES] each, and a bit for each lane that is; then what of that is on the vertices [begin, end), in the list's
+ * order (tm_pulls_add). */
+typedef void (*tm_pull_kernel)(const tm_packs *packs, const int32_t *list, int32_t count, const double *u_m,
+                               double *corner_N, uint8_t *who);
 tm_pull_kernel tm_pull_choose(bool plain);
 /* The same correction as an energy, J. */
 double tm_rotation_sum_energy(const tm_packs *packs, const double *u_m);
@@ -133,10 +133,7 @@ struct tm_rotation {
     double *scratch_N;         /* [3*vertex_count] */
     bool left_to_viscosity;    /* whose stage does all of it */
     struct tm_relaxing *whole; /* where changes of volume are averaged: the whole law in passes; else null */
-    /* Divided among threads, or null: pulls, and the vertices that a pack reaches, first and last. */
-    double *corner_N; /* [12*TM_LANES*count] by place in the list */
-    uint8_t *who;     /* [count] */
-    int32_t *reached; /* [2*count] */
+    int32_t *reached;          /* [2*count] divided among threads: first and last vertex of a pack; else null */
 };
 
 /* Laws without what is averaged around vertices. */
@@ -154,7 +151,8 @@ void tm_packs_see(tm_rotation *r, const double *u_m, int32_t part, int32_t parts
 void tm_packs_seen(tm_rotation *r);
 double tm_packs_way(const tm_rotation *r, const double *u_m, int32_t part, int32_t parts);
 void tm_packs_list(tm_rotation *r, double way_m);
-void tm_pulls_add(const tm_rotation *r, int32_t begin, int32_t end, double *force_N);
+void tm_pulls_add(const tm_packs *packs, const int32_t *list, int32_t count, const double *corner_N, const uint8_t *who,
+                  int32_t begin, int32_t end, double *force_N);
 
 /* [3*vertex_count] of the stage's own, for whoever measures it. */
 double *tm_rotation_scratch(const tm_rotation *rotation);

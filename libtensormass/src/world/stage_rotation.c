@@ -5,16 +5,30 @@
 
 #include "world/viscosity.h"
 
+/* A few packs of one part's, and what they pull with. */
+enum { FEW = 16 };
+typedef struct few {
+    double corner_N[12 * TM_LANES * FEW];
+    int32_t pack[FEW], count;
+    uint8_t who[FEW];
+    int32_t active; /* of those whose first vertex is the part's */
+} few;
+
 typedef struct turner {
     tm_rotation rotation; /* the stage's self */
     tm_world *world;
-    tm_relaxing whole;   /* where changes of volume are averaged */
-    tm_pull_kernel pull; /* divided among threads */
-    double *way_m;       /* [part_count] */
-    int32_t *active;     /* [part_count] */
+    tm_relaxing whole; /* where changes of volume are averaged */
+    double *way_m;     /* [part_count] */
+    /* divided among threads */
+    tm_pull_kernel pull;
+    few *few;              /* [part_count] */
+    int32_t *begin, *load; /* [part_count] where parts began when they were counted, and their packs then */
+    int32_t counted;       /* length of the list then */
 } turner;
 
-/* --- divided among threads: who is to be looked at, what pulls, and what that adds up to --- */
+/* --- divided among threads: who is to be looked at, and what that adds up to. A pack that reaches over a border is
+ * computed by all whose vertices it reaches, each of whom adds to its own: each vertex so sums in the list's order, and
+ * nobody waits for what another has found. --- */
 
 static void see(void *context, int32_t part) {
     turner *t = context;
@@ -26,37 +40,68 @@ static void go(void *context, int32_t part) {
     t->way_m[part] = tm_packs_way(&t->rotation, t->world->state.u_m, part, t->world->part_count);
 }
 
-/* A few packs here and there of the whole list: who has turned lies close together. */
-static void pull(void *context, int32_t part) {
-    enum { AT_A_TIME = 16 };
-    const turner *t = context;
+static bool reaches(const tm_rotation *r, int32_t pack, const tm_force_part *own) {
+    return r->reached[2 * pack] < own->end && r->reached[2 * pack + 1] >= own->begin;
+}
+
+static void add_few(turner *t, few *of, const tm_force_part *own) {
     const tm_rotation *r = &t->rotation;
-    const int32_t parts = t->world->part_count;
-    t->active[part] = 0;
-    for (int32_t n = AT_A_TIME * part; n < r->list_count; n += AT_A_TIME * parts) {
-        const int32_t end = n + AT_A_TIME < r->list_count ? n + AT_A_TIME : r->list_count;
-        t->active[part] += t->pull(&r->packs, r->list, n, end, t->world->state.u_m, r->corner_N, r->who);
-    }
+    t->pull(&r->packs, of->pack, of->count, t->world->state.u_m, of->corner_N, of->who);
+    tm_pulls_add(&r->packs, of->pack, of->count, of->corner_N, of->who, own->begin, own->end, t->world->state.force_N);
+    for (int32_t n = 0; n < of->count; n++) of->active += of->who[n] && r->reached[2 * of->pack[n]] >= own->begin;
+    of->count = 0;
 }
 
 static void add(void *context, int32_t part) {
-    const turner *t = context;
+    turner *t = context;
+    const tm_rotation *r = &t->rotation;
     const tm_force_part *own = &t->world->part[part].force;
-    tm_pulls_add(&t->rotation, own->begin, own->end, t->world->state.force_N);
+    few *of = &t->few[part];
+    of->count = of->active = 0;
+    for (int32_t n = 0; n < r->list_count; n++) {
+        if (!reaches(r, r->list[n], own)) continue;
+        of->pack[of->count++] = r->list[n];
+        if (of->count == FEW) add_few(t, of, own);
+    }
+    add_few(t, of, own);
 }
 
-static void run_divided(turner *t) {
-    enum { WORTH = 64 }; /* packs; below, waiting for each other costs more */
+static void count_loads(turner *t) {
+    const tm_rotation *r = &t->rotation;
+    bool counted = t->counted == r->list_count;
+    for (int32_t p = 0; p < t->world->part_count; p++) {
+        counted &= t->begin[p] == t->world->part[p].force.begin;
+        t->begin[p] = t->world->part[p].force.begin;
+    }
+    t->counted = r->list_count;
+    for (int32_t p = 0; p < t->world->part_count && !counted; p++) {
+        t->load[p] = 0;
+        for (int32_t n = 0; n < r->list_count; n++) t->load[p] += reaches(r, r->list[n], &t->world->part[p].force);
+    }
+}
+
+/* Not where few packs are to be looked at: waiting for each other costs more. Nor where they are nearly all one
+ * part's, or so numbered that most reach over borders. */
+static bool is_worth_dividing(turner *t) {
+    enum { WORTH = 64 };
+    const int32_t listed = t->rotation.list_count;
+    if (t->world->part_count == 1 || listed < WORTH) return false;
+    int32_t most = 0;
+    count_loads(t);
+    for (int32_t p = 0; p < t->world->part_count; p++) most = t->load[p] > most ? t->load[p] : most;
+    return most < listed - listed / 8;
+}
+
+static void run_listed(turner *t) {
     tm_rotation *r = &t->rotation;
     tm_world *world = t->world;
-    if (r->list_count < WORTH) {
+    if (!is_worth_dividing(t)) {
         r->active = r->kernel(&r->packs, r->list, r->list_count, world->state.u_m, world->state.force_N);
         return;
     }
-    tm_parts_do(world, pull, t);
     tm_parts_do(world, add, t);
     r->active = 0;
-    for (int32_t p = 0; p < world->part_count; p++) r->active += t->active[p];
+    for (int32_t p = 0; p < world->part_count; p++) r->active += t->few[p].active;
 }
 
 static void run(void *self, tm_world *world) {
@@ -75,10 +120,7 @@ static void run(void *self, tm_world *world) {
     double way_m = t->way_m[0];
     for (int32_t p = 1; p < world->part_count; p++) way_m = t->way_m[p] > way_m ? t->way_m[p] : way_m;
     tm_packs_list(r, way_m);
-    if (world->part_count > 1)
-        run_divided(t);
-    else
-        r->active = r->kernel(&r->packs, r->list, r->list_count, world->state.u_m, world->state.force_N);
+    run_listed(t);
     r->idle += r->list_count - r->active;
 }
 
@@ -111,7 +153,6 @@ static bool take_passes(turner *t, tm_pool *pool, tm_world *world) {
     const int64_t count = r->packs.count;
     t->world = world;
     t->way_m = TM_TAKE(pool, double, world->part_count);
-    t->active = TM_TAKE(pool, int32_t, world->part_count);
     t->pull = tm_pull_choose(world->tissue->plain);
     if (pool->failed) return false;
     if (r->swollen.tissue) {
@@ -120,8 +161,10 @@ static bool take_passes(turner *t, tm_pool *pool, tm_world *world) {
         return true;
     }
     if (world->part_count == 1) return true;
-    r->corner_N = TM_TAKE(pool, double, 12 * TM_LANES * count);
-    r->who = TM_TAKE(pool, uint8_t, count);
+    t->few = TM_TAKE(pool, few, world->part_count);
+    t->begin = TM_TAKE(pool, int32_t, world->part_count);
+    t->load = TM_TAKE(pool, int32_t, world->part_count);
+    t->counted = -1;
     r->reached = TM_TAKE(pool, int32_t, 2 * count);
     for (int32_t p = 0; !pool->failed && p < count; p++) reach(world->tissue->mesh, p, r->reached + 2 * p);
     return !pool->failed;
