@@ -80,10 +80,10 @@ tm_status tm_world_step(tm_world *world, int32_t count) {
     TM_REQUIRE(world && count >= 0, "world is null or count is negative", TM_ERR_ARGUMENT);
     tm_state *s = &world->state;
     const int32_t n = 3 * world->tissue->mesh->vertex_count;
+    tm_parts_begin(world, count); /* first: the others wake while this one keeps what was */
     if (world->revision != world->tissue->surface.revision) tm_world_changed(world); /* cut by the caller since */
     keep(world);
     tm_stage_integrate_still(world);
-    tm_parts_begin(world, count);
     for (int32_t i = 0; i < count && !world->unsound; i++) {
         world->look_at_dead = i == 0 || i == count - 1;
         substep(world);
