@@ -79,7 +79,7 @@ static void relax(tm_contact *contact, tm_contact_row *row, const tm_solver_row 
     contact->unsound |= !(fabs(free_gap) < INFINITY);
     double lambda = tm_skin_reaction(r->compliance, contact->tool[row->instrument].def.radius_m, free_gap, r->diagonal,
                                      contact->def.force_cap_N);
-    push(row, r, lambda - row->lambda_N, contact->world->state.u_next_m);
+    if (lambda != row->lambda_N) push(row, r, lambda - row->lambda_N, contact->world->state.u_next_m);
     row->lambda_N = lambda;
 }
 
@@ -87,6 +87,7 @@ static void relax(tm_contact *contact, tm_contact_row *row, const tm_solver_row 
 static void drag(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
     const tm_world *world = contact->world;
     const tm_state *state = &world->state;
+    if (row->lambda_N == 0 && r->drag_N[0] == 0 && r->drag_N[1] == 0 && r->drag_N[2] == 0) return; /* most rows */
     double coefficient = LAW_FILM_S_M * row->lambda_N / state->dt_s, wanted[3], size;
     for (int c = 0; c < 3; c++) {
         double slip = -r->moved_m[c] - r->weight2 * r->drag_N[c];
