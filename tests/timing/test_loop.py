@@ -73,7 +73,7 @@ def test_system_calls_with_lcm(tmp_path):
     first, last = loop.index("clock_nanosleep"), len(loop) - 1 - loop[::-1].index("clock_nanosleep")
     under_way = [name for name in loop[first:last] if name.isidentifier()]
     # Another thread sends: a full socket is not the loop's concern.
-    assert under_way.count("clock_nanosleep") > 1500 and under_way.count("futex") > 1000
+    assert under_way.count("clock_nanosleep") > 1500 and under_way.count("futex") > 100
     assert set(under_way) <= {"clock_nanosleep", "futex", "getrusage"}, set(under_way)
     assert max(names.count("sendmsg") for names in calls.values()) > 1000
 
