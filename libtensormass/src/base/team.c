@@ -89,10 +89,15 @@ static void *member(void *of) {
     }
 }
 
+/* When a job began, and when the caller, its own part done, began to wait for others; 0: it has not. */
+typedef struct waiting {
+    double begin_s, since_s;
+} waiting;
+
 /* Waits until every part is done, and does what nobody has begun. On a machine whose cores others want too, a thread
- * may lose its core in the middle of a part, for many times as long as a step takes: from then on the caller goes on
- * alone. The bits are the same. */
-static void wait_for(tm_team *team, uint_fast32_t job, int32_t part, double *since_s) {
+ * may lose its core in the middle of a part, for many times as long as a step takes: where it is late by more than that
+ * and by as much as the caller's own part took, the caller goes on alone from then on. The bits are the same. */
+static void wait_for(tm_team *team, uint_fast32_t job, int32_t part, waiting *w) {
     static const double LATE_S = 5e-4;
     enum { LOOK = 256 };
     for (unsigned turns = 0; atomic_load_explicit(&team->seat[part].done, memory_order_acquire) != job;) {
@@ -100,8 +105,8 @@ static void wait_for(tm_team *team, uint_fast32_t job, int32_t part, double *sin
         if (turns % BEFORE_OTHERS == 0) help(team, job, part, part + 1);
         if (turns % LOOK) continue;
         const double now_s = tm_clock_s();
-        if (*since_s == 0) *since_s = now_s;
-        team->late |= now_s - *since_s > LATE_S;
+        if (w->since_s == 0) w->since_s = now_s;
+        team->late |= now_s - w->since_s > LATE_S && now_s - w->since_s > w->since_s - w->begin_s;
     }
 }
 
@@ -111,12 +116,12 @@ void tm_team_run(tm_team *team, part_work *work, void *context) {
         return;
     }
     const uint_fast32_t job = atomic_load_explicit(&team->job, memory_order_relaxed) + 1;
-    double since_s = 0;
+    waiting w = {.begin_s = tm_clock_s()};
     atomic_store_explicit(&team->work, work, memory_order_relaxed);
     atomic_store_explicit(&team->context, context, memory_order_relaxed);
     atomic_store_explicit(&team->job, job, memory_order_release);
     work(context, 0);
-    for (int32_t part = 1; part < team->threads; part++) wait_for(team, job, part, &since_s);
+    for (int32_t part = 1; part < team->threads; part++) wait_for(team, job, part, &w);
     if (team->late) atomic_store(&team->awake, false);
 }
 
