@@ -93,10 +93,18 @@ static void force_range(void *self, tm_world *world, const tm_range *range) {
                   world->state.force_N);
 }
 
+/* What the series adds in the stage "force" is booked on its own part of that phase. */
+static void charge_strain(tm_world *world) {
+    int32_t i = 0;
+    while (i < world->stage_count && world->slot[i].stage.run != run_strained) i++;
+    tm_world_charge(world, i < world->stage_count ? i : TM_NO_SLOT);
+}
+
 static void force_part(void *context, int32_t number) {
     const viscosity *v = context;
     const tm_force_part *part = &v->world->part[number].force;
     force_range(context, v->world, &(tm_range){number, part->begin, part->end});
+    if (v->world->timing && number == 0 && v->world->charged != TM_NO_SLOT) charge_strain(v->world);
     tm_bulk_add(&v->bulk, part->begin, part->end, v->swollen_m, v->world->state.force_N);
 }
 

@@ -27,6 +27,9 @@ typedef struct tm_relaxing {
     tm_viscous_passes passes;
     int32_t *place;  /* [4*tet_count] of pulls in viscous.corner_N, in the order of mesh->vertex_tet */
     int32_t *active; /* [part_count] packs that have turned */
+    /* Timers: calls timed so far; what a call takes, and what elastic tissue would, when last compared. */
+    int64_t timed;
+    double elastic_s, compared_s;
 } tm_relaxing;
 /* Numbers that a term keeps. */
 int64_t tm_relaxing_kept(const tm_rotation *rotation);

@@ -153,15 +153,78 @@ static void gather(void *context, int32_t part) {
     }
 }
 
+/* --- timers --- */
+
+/* Timed calls from one comparison to the next: what it takes itself is booked on no stage. */
+enum { COMPARE_EVERY = 64 };
+/* Seconds compared are the least, forgotten by so much a comparison: other programs make single ones longer. */
+static const double FORGET = 1.02;
+
+static void linear_part(void *context, int32_t number) {
+    const tm_world *world = context;
+    tm_force_part own = world->part[number].force;
+    const tm_tissue *tissue = world->tissue;
+    tissue->force(&tissue->graph, &own, own.begin, own.end, world->state.u_m, world->state.force_N);
+}
+
+/* What the force would take now if nothing relaxed: the linear pass and the stage "rotation", into scratch. The second
+ * time counts, for the first one looks at all packs. Changes nothing that a step depends on. */
+static double time_elastic(tm_relaxing *r) {
+    tm_world *world = r->world;
+    const tm_stage *stage = &world->slot[tm_world_slot_of(world, r->rotation)].stage;
+    double *const force_N = world->state.force_N;
+    double began_s = 0;
+    world->state.force_N = r->rotation->scratch_N;
+    r->rotation->left_to_viscosity = false;
+    for (int i = 0; i < 2; i++) {
+        began_s = tm_clock_s();
+        if (!r->rotation->whole) tm_parts_do(world, linear_part, world);
+        stage->run(stage->self, world);
+    }
+    r->rotation->left_to_viscosity = true;
+    world->state.force_N = force_N;
+    return tm_clock_s() - began_s;
+}
+
+static double least(double before_s, double now_s) {
+    return before_s > 0 && FORGET * before_s < now_s ? FORGET * before_s : now_s;
+}
+
+static void pull(tm_relaxing *r) {
+    tm_parts_do(r->world, strain, r);
+    if (swollen_of(r)) {
+        tm_parts_do(r->world, average, r);
+        tm_parts_do(r->world, press, r);
+    }
+    tm_parts_do(r->world, gather, r);
+}
+
+/* Moves what the elastic tissue would take from the running stage, "viscosity", to "rotation". */
+static void pull_timed(tm_relaxing *r) {
+    tm_world *world = r->world;
+    const int32_t mine = world->charged;
+    const bool compares = r->timed++ % COMPARE_EVERY == 0;
+    if (compares) {
+        tm_world_charge(world, TM_NO_SLOT);
+        r->elastic_s = least(r->elastic_s, time_elastic(r));
+        tm_world_charge(world, mine);
+    }
+    const double began_s = tm_clock_s();
+    pull(r);
+    const double took_s = tm_clock_s() - began_s;
+    if (compares) r->compared_s = least(r->compared_s, took_s);
+    const double moved_s = took_s * (r->elastic_s < r->compared_s ? r->elastic_s / r->compared_s : 1);
+    world->slot[tm_world_slot_of(world, r->rotation)].seconds += moved_s;
+    world->slot[mine].seconds -= moved_s;
+}
+
 void tm_relaxing_force(tm_relaxing *r) {
     tm_world *world = r->world;
     r->viscous.still = world->asking;
-    tm_parts_do(world, strain, r);
-    if (swollen_of(r)) {
-        tm_parts_do(world, average, r);
-        tm_parts_do(world, press, r);
-    }
-    tm_parts_do(world, gather, r);
+    if (world->timing && world->charged != TM_NO_SLOT && r->viscous.terms)
+        pull_timed(r);
+    else
+        pull(r);
     r->rotation->active = 0;
     for (int32_t p = 0; p < world->part_count; p++) r->rotation->active += r->active[p];
     r->rotation->list_count = r->packs->count;
