@@ -295,8 +295,12 @@ class world_ref : public reference<tm_world> {
         check([&](tm_error *e) { return tm_snapshot_save(p_, kept.data(), tm_snapshot_bytes(p_), e); });
         return kept;
     }
+    /* No later snapshot of the world's present stages has more bytes. */
+    std::int64_t snapshot_bytes_most() const { return tm_snapshot_bytes_most(p_); }
+    /* Of the size that the snapshot has, not of the one that the world would need now. */
     void restore(span<const double> snapshot) const {
-        check([&](tm_error *e) { return tm_snapshot_restore(p_, snapshot.data(), tm_snapshot_bytes(p_), e); });
+        const std::int64_t bytes = std::int64_t(8 * snapshot.size());
+        check([&](tm_error *e) { return tm_snapshot_restore(p_, snapshot.data(), bytes, e); });
     }
 
   private:

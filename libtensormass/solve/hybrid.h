@@ -93,6 +93,7 @@ bool tms_hybrid_is_stale(const tm_hybrid *hybrid);
 void tms_hybrid_rebuild_surface(tm_hybrid *hybrid);
 /* What contact keeps from substep to substep: bytes, or what is written. */
 int64_t tms_hybrid_snapshot_contact(const tm_hybrid *hybrid, void *buffer);
+int64_t tms_hybrid_snapshot_most(const tm_hybrid *hybrid);
 /* What contact had kept is its state again. */
 void tms_hybrid_take_back(tm_hybrid *hybrid, const void *buffer, int64_t bytes);
 /* Takes over the rows of `contact`. */

@@ -114,6 +114,10 @@ int64_t tms_hybrid_snapshot_contact(const tm_hybrid *h, void *buffer) {
     return head + tms_local_snapshot(&h->local, forgotten, buffer ? (char *)buffer + head : NULL);
 }
 
+int64_t tms_hybrid_snapshot_most(const tm_hybrid *h) {
+    return tms_span_snapshot_most(h) + 8 * (int64_t)h->interface_count + tms_local_snapshot_most(&h->local);
+}
+
 void tms_hybrid_take_back(tm_hybrid *h, const void *buffer, int64_t bytes) {
     h->returns = false;
     tms_hybrid_rebuild_surface(h);
@@ -273,8 +277,7 @@ tm_status tms_hybrid_add_contact(tm_hybrid *h, tm_contact *contact, tm_error *er
     h->gathered_m = tms_take_zeroed((size_t)h->interface_count, 8);
     h->since_m = tms_take_zeroed((size_t)h->coupling.padded, 4);
     h->local.gather_every = GATHER_EVERY;
-    h->kept = tms_take(
-        (size_t)(tms_span_snapshot_most(h) + 8 * (int64_t)h->interface_count + tms_local_snapshot_most(&h->local)));
+    h->kept = tms_take((size_t)tms_hybrid_snapshot_most(h));
     if (!h->through || !h->through_vertex || !h->through_single || !h->gathered_base_m || !h->gathered_m ||
         !h->since_m || !h->kept)
         return tm_fail(error, TM_ERR_MEMORY, -1,

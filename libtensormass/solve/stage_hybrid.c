@@ -38,6 +38,11 @@ static int64_t snapshot(void *self, void *buffer) {
     return head + h->kept_bytes;
 }
 
+static int64_t snapshot_most(const tm_hybrid *h) {
+    const int64_t head = (int64_t)sizeof(uint64_t) + tms_coupling_snapshot(&h->coupling, NULL);
+    return head + (h->local.memory ? tms_hybrid_snapshot_most(h) : 0);
+}
+
 static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
     tm_hybrid *h = self;
     uint64_t theirs;
@@ -145,7 +150,8 @@ tm_status tm_stage_hybrid(tm_world *world, tm_hybrid *h, tm_contact *contact, tm
                             .needs = {contact ? "contact" : NULL},
                             .step_limit_s = h->step_s,
                             .not_settled = "the condensed part is no world's to relax; solve the whole organ "
-                                           "(tm_solve_static), which has the same rest"};
+                                           "(tm_solve_static), which has the same rest",
+                            .snapshot_most = snapshot_most(h)};
     status = tm_world_add_stage(world, &stage, tm_hybrid_bytes(h), error);
     if (status != TM_OK) detach(h);
     return status;

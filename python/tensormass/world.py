@@ -361,6 +361,11 @@ class World(Object):
         call(lib.tm_snapshot_save, self, address(room), size)
         return room.tobytes()[:size]
 
+    @property
+    def snapshot_bytes_most(self) -> int:
+        """Upper bound, bytes: no later snapshot of the present stages is larger. Their size changes with contact, grasps and cuts."""
+        return lib.tm_snapshot_bytes_most(self)
+
     def restore(self, snapshot: bytes) -> None:
         """Of a world set up the same way. FileError: damaged; ArgumentError: of another world; both leave this one as it was."""
         room = np.zeros((len(snapshot) + 7) // 8, np.uint64)

@@ -16,10 +16,14 @@ static felt story(int effects) {
     combination c = combination_open(effects), other = combination_open(effects);
     felt f = {0};
     void *buffer = NULL;
-    int64_t bytes = 0;
+    int64_t bytes = 0, largest = 0;
+    const int64_t untouched = tm_snapshot_bytes(c.s.world), most = tm_snapshot_bytes_most(c.s.world);
     tm_error error;
     for (int i = 0; i < COMBINATION_FRAMES; i++) {
         if (!combination_frame(&c)) fail_msg("effects %d: frame %d is unstable", effects, i);
+        /* Touched, held, cut: the size changes, and what is allocated once is room for all. */
+        if (tm_snapshot_bytes(c.s.world) > largest) largest = tm_snapshot_bytes(c.s.world);
+        assert_true(largest <= most && tm_snapshot_bytes_most(c.s.world) == most);
         const tm_tool_reaction r = tm_contact_reaction(c.s.contact, 0);
         if (i == 11) f.press_N = r.force_N[2], f.rub_N = r.force_N[0];
         if (i == 26) { /* held, and half cut */
@@ -31,6 +35,7 @@ static felt story(int effects) {
         } else if (i > 26)
             assert_true(combination_frame(&other));
     }
+    assert_true(largest > untouched + 1000);
     assert_true(tm_world_hash(c.s.world) == tm_world_hash(other.s.world));
     f.held = tm_grasp_held(c.grasp, 1, NULL, NULL);
     f.held_N = size_of(tm_contact_reaction(c.s.contact, 1).force_N);

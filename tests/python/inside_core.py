@@ -230,6 +230,7 @@ def test_snapshots_go_on_with_the_same_bits():
     world.add_gravity()
     world.step(50)
     kept = world.snapshot()
+    assert len(kept) <= world.snapshot_bytes_most
     world.step(50)
     after = world.hash
     world.restore(kept)

@@ -138,7 +138,8 @@ TM_API bool tm_model_patch(tm_model *model, int32_t instrument, tm_patch *patch)
 TM_API tm_status tm_model_settle(tm_model *model, const tm_settle_def *def, double *u_m, double *reaction_N,
                                  tm_settle_result *result, tm_error *error);
 
-/* Everything that a model of the same definition needs to go on with the same bits (tm_snapshot_save). What is damaged
+/* Everything that a model of the same definition needs to go on with the same bits (tm_snapshot_save). The size changes
+ * with contact, grasps and cuts: ask before each save; with a world tm_snapshot_bytes_most bounds it. What is damaged
  * or of another definition is refused, and changes nothing. `buffer` is aligned to 8 bytes. */
 TM_API int64_t tm_model_snapshot_bytes(const tm_model *model);
 TM_API tm_status tm_model_save(const tm_model *model, void *buffer, int64_t bytes, tm_error *error);

@@ -77,6 +77,7 @@ typedef struct tm_stage {
     /* Instead of `run`, where every vertex is computed by itself: stages with it that follow each other run together,
      * some hundred vertices at a time, on all threads of the world. */
     tm_stage_range *range;
+    int64_t snapshot_most; /* upper bound of what `snapshot` returns; 0: it returns the same number at all times */
 } tm_stage;
 
 #define TM_MAX_STAGES 32
@@ -199,8 +200,13 @@ TM_API tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_s
 /* Snapshot of everything a world needs to go on with the same bits (state, living tetrahedra, contact, grasps), for the
  * same build of the library on the same kind of machine, and a world set up from the same scene. Bytes are checksummed;
  * a foreign, damaged or truncated snapshot is refused (TM_ERR_FILE) and the world left as it was; one of another mesh
- * or other stages too (TM_ERR_ARGUMENT). `buffer` is aligned to 8 bytes. */
+ * or other stages too (TM_ERR_ARGUMENT). `buffer` is aligned to 8 bytes.
+ *
+ * The size changes with contact, grasps and cuts: ask tm_snapshot_bytes before each save, or allocate
+ * tm_snapshot_bytes_most once, after the last stage was added: no later snapshot of these stages is larger. A snapshot
+ * is restored with its own size, that of the save, whatever the world's size is by then. */
 TM_API int64_t tm_snapshot_bytes(const tm_world *world);
+TM_API int64_t tm_snapshot_bytes_most(const tm_world *world);
 TM_API tm_status tm_snapshot_save(const tm_world *world, void *buffer, int64_t bytes, tm_error *error);
 TM_API tm_status tm_snapshot_restore(tm_world *world, const void *buffer, int64_t bytes, tm_error *error);
 

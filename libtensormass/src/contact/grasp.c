@@ -336,7 +336,8 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
                             .keep = tm_grasp_keep,
                             .give_back = tm_grasp_give_back,
                             .needs = {"contact"},
-                            .before = TM_STAGE_CONTACT_FIND};
+                            .before = TM_STAGE_CONTACT_FIND,
+                            .snapshot_most = tm_grasp_snapshot_max(self)};
     status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);

@@ -33,6 +33,7 @@ struct tm_grasp {
 
 /* The stage's hooks. */
 int64_t tm_grasp_snapshot(void *self, void *buffer);
+int64_t tm_grasp_snapshot_max(const tm_grasp *grasp);
 bool tm_grasp_restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply);
 void tm_grasp_keep(void *self);
 void tm_grasp_give_back(void *self, tm_world *world);

@@ -53,6 +53,10 @@ int64_t tm_grasp_snapshot(void *self, void *buffer) {
     return bytes;
 }
 
+int64_t tm_grasp_snapshot_max(const tm_grasp *grasp) {
+    return grasp->contact->tool_count * kept_bytes(grasp->def.max_vertices);
+}
+
 static bool fits(const tm_grasp *grasp, const tm_world *world, const char *buffer, int64_t bytes) {
     for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
         kept k;

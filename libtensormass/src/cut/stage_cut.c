@@ -325,7 +325,8 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
                             .keep = keep,
                             .give_back = give_back,
                             .needs = {"contact"},
-                            .passed_over_by_settle = true};
+                            .passed_over_by_settle = true,
+                            .snapshot_most = snapshot_max(mesh)};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) destroy(self);
     return status;

@@ -173,8 +173,7 @@ static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {
         tissue->cut = tm_cut_take_work(pool, mesh);
     }
     if (def->cuttable || def->alive) {
-        /* Every face of the mesh, once: no subset has a larger surface. */
-        const int64_t faces = (4 * (int64_t)mesh->tet_count + mesh->surface_count) / 2;
+        const int64_t faces = tm_tissue_faces_most(mesh);
         tissue->surface_triangle = TM_TAKE(pool, int32_t, 3 * faces);
         tissue->surface_face = TM_TAKE(pool, int32_t, faces);
     }

@@ -69,6 +69,10 @@ void tm_tissue_assemble_touched(tm_tissue *tissue, const int32_t *vertex, int32_
                                 int32_t edges);
 /* The pair k<l, or -1. */
 int32_t tm_tissue_find_pair(const tm_tissue *tissue, int32_t k, int32_t l);
+/* Every face of the mesh, once: no subset of its tetrahedra has a larger surface. */
+static inline int32_t tm_tissue_faces_most(const tm_mesh *mesh) {
+    return (int32_t)((4 * (int64_t)mesh->tet_count + mesh->surface_count) / 2);
+}
 /* The surface of the living tetrahedra from nothing, slots ascending by face. */
 void tm_tissue_build_surface(tm_tissue *tissue);
 /* Largest eigenvalue of M_e^-1 K_e, 1/s2. */

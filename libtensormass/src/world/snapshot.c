@@ -61,6 +61,20 @@ int64_t tm_snapshot_bytes(const tm_world *world) {
     return bytes;
 }
 
+int64_t tm_snapshot_bytes_most(const tm_world *world) {
+    TM_REQUIRE(world, "world is null", 0);
+    const tm_tissue *tissue = world->tissue;
+    const int32_t faces = tissue->cuttable ? tm_tissue_faces_most(tissue->mesh) : tissue->surface.count;
+    int64_t bytes = (int64_t)sizeof(header) + body_bytes(tissue->mesh, faces);
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        const tm_stage *stage = &world->slot[i].stage;
+        if (!keeps(stage)) continue;
+        const int64_t most = stage->snapshot_most > 0 ? stage->snapshot_most : stage->snapshot(stage->self, NULL);
+        bytes += (int64_t)sizeof(stage_header) + padded(most);
+    }
+    return bytes;
+}
+
 /* Writes, and zeroes the padding, so that equal worlds have equal snapshots. */
 static char *put(char *to, const void *from, int64_t bytes) {
     memcpy(to, from, (size_t)bytes);
