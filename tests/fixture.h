@@ -34,6 +34,19 @@ static inline void fix_ok(tm_status status, const tm_error *error) {
     if (status != TM_OK) fail_msg("%s: %s", tm_status_name(status), error->message);
 }
 
+/* Rows of a capsule against any triangles (tm_contact_find), with memory of this call alone. */
+static inline int32_t fix_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
+                               const int32_t *candidate, int32_t count, const tm_capsule *capsule, double margin_m,
+                               tm_contact_row *row, int32_t max_rows, bool *overflowed) {
+    tm_contact_search *work = NULL;
+    tm_error error;
+    fix_ok(tm_contact_search_create(&work, &error), &error);
+    const int32_t found = tm_contact_find(work, rest_m, u_m, triangle, face, candidate, count, capsule, margin_m, row,
+                                          max_rows, overflowed);
+    tm_contact_search_destroy(work);
+    return found;
+}
+
 /* A block of cells[0] x cells[1] x cells[2] boxes, six tetrahedra each; inner vertices moved at random by `jitter`
  * times the cell. */
 static inline tm_mesh *fix_block(const int cells[3], const double size_m[3], double jitter, fix_random *random) {

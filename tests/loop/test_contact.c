@@ -1,5 +1,6 @@
 /* `contact`: rows against the simulation's own finder, the solve against what it must satisfy, hand-overs without a
  * jump, patches that are refused. */
+#include "../fixture.h"
 #include "held_patch.h"
 #include "internal.h"
 #include "rig.h"
@@ -105,8 +106,8 @@ static void rows_are_those_of_the_simulation(void **state) {
                                        .contact_length_m = (double)patch.contact_length_m};
         const tm_tool_pose pose = {.tip_m = {(double)tip[0], (double)tip[1], (double)tip[2]}};
         const tm_capsule capsule = tm_tool_capsule(&def, &pose, 0);
-        const int32_t expected = tm_contact_find(d.rest_m, d.u_m, d.triangle, d.face, NULL, patch.triangle_count,
-                                                 &capsule, 0.2 * def.radius_m, truth, 64, NULL);
+        const int32_t expected = fix_find(d.rest_m, d.u_m, d.triangle, d.face, NULL, patch.triangle_count, &capsule,
+                                          0.2 * def.radius_m, truth, 64, NULL);
         const int32_t found = find_rows(shift, tip, NULL, 0, row);
         worst_count = expected > worst_count ? expected : worst_count;
         for (int32_t e = 0; e < expected; e++) {

@@ -1,11 +1,6 @@
 /* Contact: geometry of the rows, reactions, roughness, lag, tools that must not pass through, hard cases that must stay
  * bounded. */
-#include <setjmp.h>
-#include <stdarg.h>
-#include <stddef.h>
-
-#include <cmocka.h>
-
+#include "../fixture.h"
 #include "../long.h"
 #include "contact_scene.h"
 
@@ -98,8 +93,8 @@ static tm_capsule sphere(double x, double y, double z, double radius) {
 
 static int32_t find(const scene *s, const tm_capsule *capsule, double margin, tm_contact_row row[64]) {
     tm_surface_view f = tm_tissue_surface(s->tissue);
-    return tm_contact_find(s->mesh->rest_m, tm_world_state(s->world)->u_m, f.triangle, f.face, NULL, f.count, capsule,
-                           margin, row, 64, NULL);
+    return fix_find(s->mesh->rest_m, tm_world_state(s->world)->u_m, f.triangle, f.face, NULL, f.count, capsule, margin,
+                    row, 64, NULL);
 }
 
 /* On a plane, however it is triangulated, the rows of a sphere act as one: one normal, one gap, one skin, one point. */
@@ -185,8 +180,8 @@ static void test_order_is_by_name(void **unused) {
         tm_contact_row row[64], other[64];
         const int32_t n = find(&s, &tool, 0.0005, row);
         assert_true(n > 4);
-        assert_int_equal(tm_contact_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, triangle, face, NULL, f.count,
-                                         &tool, 0.0005, other, 64, NULL),
+        assert_int_equal(fix_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, triangle, face, NULL, f.count, &tool,
+                                  0.0005, other, 64, NULL),
                          n);
         for (int32_t k = 0; k < n; k++) {
             assert_int_equal(other[k].face, row[k].face + LARGE);
@@ -207,10 +202,10 @@ static void test_too_many_rows_keep_the_deepest(void **unused) {
     tm_surface_view f = tm_tissue_surface(s.tissue);
     tm_capsule tool = {.tip_m = {-0.03, 0, 0.0435}, .tail_m = {0.03, 0, 0.0445}, .radius_m = 0.0025};
     tm_contact_row all[64], few[4];
-    int32_t n = tm_contact_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, f.triangle, f.face, NULL, f.count, &tool,
-                                0.0005, all, 64, NULL);
-    int32_t kept = tm_contact_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, f.triangle, f.face, NULL, f.count,
-                                   &tool, 0.0005, few, 4, NULL);
+    int32_t n = fix_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, f.triangle, f.face, NULL, f.count, &tool, 0.0005,
+                         all, 64, NULL);
+    int32_t kept = fix_find(s.mesh->rest_m, tm_world_state(s.world)->u_m, f.triangle, f.face, NULL, f.count, &tool,
+                            0.0005, few, 4, NULL);
     assert_true(n > 10 && n < 64);
     assert_int_equal(kept, 4);
     for (int32_t i = 0; i < n; i++) {

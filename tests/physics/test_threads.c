@@ -2,6 +2,7 @@
  * threads at once, moves to the last bit as it does when one is stepped after the other. make sanitize runs it under
  * ThreadSanitizer, to which any memory that both touch is a finding. */
 #include "../fixture.h"
+#include "../long.h"
 #include "contact_scene.h"
 
 #include <pthread.h>
@@ -153,8 +154,65 @@ static void worlds_that_come_and_go(void **state) {
     assert_int_equal(tm_memory_in_use(), before);
 }
 
+/* --- stack: musl gives a thread 128 kB, macOS 512 kB --- */
+
+enum { STACK = 1 << 20, UNTOUCHED = 0x5a };
+
+/* Bytes of stack that work(of) has used, in a thread whose stack is painted first. */
+static int64_t stack_used(void *(*work)(void *), void *of) {
+    uint8_t *stack = aligned_alloc(4096, STACK);
+    memset(stack, UNTOUCHED, STACK);
+    pthread_attr_t attributes;
+    pthread_t thread;
+    pthread_attr_init(&attributes);
+    assert_int_equal(pthread_attr_setstack(&attributes, stack, STACK), 0);
+    assert_int_equal(pthread_create(&thread, &attributes, work, of), 0);
+    pthread_join(thread, NULL);
+    pthread_attr_destroy(&attributes);
+    int64_t untouched = 0;
+    while (untouched < STACK && stack[untouched] == UNTOUCHED) untouched++;
+    free(stack);
+    return STACK - untouched;
+}
+
+typedef struct finding {
+    half *h;
+    tm_contact_search *work;
+    int32_t rows;
+} finding;
+
+static void *find(void *of) {
+    finding *f = of;
+    const scene *s = &f->h->s;
+    const tm_surface_view surface = tm_tissue_surface(s->tissue);
+    const tm_capsule tool = {.tip_m = {0.01, 0.005, 0.0425}, .tail_m = {-0.03, 0.005, 0.0425}, .radius_m = 0.0025};
+    tm_contact_row row[64];
+    f->rows = tm_contact_find(f->work, s->mesh->rest_m, tm_world_state(s->world)->u_m, surface.triangle, surface.face,
+                              NULL, surface.count, &tool, 5e-4, row, 64, NULL);
+    return NULL;
+}
+
+static void *nothing(void *of) { return of; }
+
+static void contact_fits_a_small_stack(void **state) {
+    (void)state;
+    half *h = half_create(0, 8000);
+    finding f = {.h = h};
+    tm_error error;
+    fix_ok(tm_contact_search_create(&f.work, &error), &error);
+    const int64_t none = stack_used(nothing, NULL), found = stack_used(find, &f) - none,
+                  played = stack_used(play, h) - none;
+    print_message("  stack: %lld bytes to find rows, %lld to step contact, grasp, cut and patch\n", (long long)found,
+                  (long long)played);
+    assert_true(f.rows > 3 && h->stepped && h->cut > 0 && h->held > 0 && h->patches > 0);
+    if (!test_is_sanitized()) assert_true(found < 64 * 1024 && played < 100 * 1024); /* frames are larger there */
+    tm_contact_search_destroy(f.work);
+    half_destroy(h);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(two_worlds_in_two_threads),
-                                       cmocka_unit_test(worlds_that_come_and_go)};
+                                       cmocka_unit_test(worlds_that_come_and_go),
+                                       cmocka_unit_test(contact_fits_a_small_stack)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

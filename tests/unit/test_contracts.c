@@ -59,7 +59,6 @@ static void geometry(const scene *s) {
            tm_contact_search_rows(search, rest, NULL, &capsule, 0, NULL, 0, row, 4, &overflowed));
     BREAKS("tm_contact_search_rows",
            tm_contact_search_rows(search, rest, u, &capsule, 0, NULL, 2, row, 4, &overflowed));
-    tm_contact_search_destroy(search);
     tm_patch_solver *solver = NULL;
     static tm_patch patch;
     double K[9];
@@ -75,8 +74,11 @@ static void geometry(const scene *s) {
     BREAKS("tm_patch_force", tm_patch_force(NULL, &patch, zero, out, NULL), 0);
     tm_patch_solver_destroy(solver);
     capsule.radius_m = 0;
-    BREAKS("tm_contact_find", tm_contact_find(rest, u, surface.triangle, surface.face, NULL, surface.count, &capsule, 0,
-                                              row, 4, &overflowed));
+    BREAKS("tm_contact_find", tm_contact_find(NULL, rest, u, surface.triangle, surface.face, NULL, surface.count,
+                                              &capsule, 0, row, 4, &overflowed));
+    BREAKS("tm_contact_find", tm_contact_find(search, rest, u, surface.triangle, surface.face, NULL, surface.count,
+                                              &capsule, 0, row, 4, &overflowed));
+    tm_contact_search_destroy(search);
 }
 
 static void contracts(void **state) {
@@ -375,10 +377,10 @@ static void told(void **state) {
     bool overflowed = false;
     const double *u = tm_world_state(s.world)->u_m;
     const int32_t all =
-        tm_contact_find(s.mesh->rest_m, u, f.triangle, f.face, NULL, f.count, &tool, 5e-4, row, 64, &overflowed);
+        fix_find(s.mesh->rest_m, u, f.triangle, f.face, NULL, f.count, &tool, 5e-4, row, 64, &overflowed);
     assert_true(all > 3 && !overflowed);
-    assert_int_equal(
-        tm_contact_find(s.mesh->rest_m, u, f.triangle, f.face, NULL, f.count, &tool, 5e-4, row, 3, &overflowed), 3);
+    assert_int_equal(fix_find(s.mesh->rest_m, u, f.triangle, f.face, NULL, f.count, &tool, 5e-4, row, 3, &overflowed),
+                     3);
     assert_true(overflowed);
     static tm_patch patch;
     const double still[3] = {0};

@@ -124,20 +124,22 @@ TM_API bool tm_contact_holds(const tm_contact *contact, const tm_contact_row *ro
 /* Rows of a capsule against triangles at the positions rest + u, those with a gap of at most `margin_m`. `candidate`
  * lists triangle slots (any superset of those in reach, each once; null: all of 0..candidate_count-1; of more than 1024
  * in reach the rest is left out). Returns the count (<= max_rows, deepest kept), in the fixed order (station, face,
- * feature). `*overflowed` (may be null) is set when triangles or rows were left out, else untouched. Pure; no
- * allocation, 400 kB of stack. */
+ * feature). `*overflowed` (may be null) is set when triangles or rows were left out, else untouched. `work` is memory
+ * to work in, from tm_contact_search_create: what it had gathered is lost. No allocation; as any call of the library
+ * but those that create, it fits a thread with 128 kB of stack. */
+typedef struct tm_contact_search tm_contact_search;
 typedef struct tm_capsule {
     double tip_m[3];
     double tail_m[3];
     double radius_m;
     int32_t instrument;
 } tm_capsule;
-TM_API int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
-                               const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule,
-                               double margin_m, tm_contact_row *row, int32_t max_rows, bool *overflowed);
+TM_API int32_t tm_contact_find(tm_contact_search *work, const double *rest_m, const double *u_m,
+                               const int32_t *triangle, const int32_t *face, const int32_t *candidate,
+                               int32_t candidate_count, const tm_capsule *capsule, double margin_m, tm_contact_row *row,
+                               int32_t max_rows, bool *overflowed);
 /* What surrounds one tool, gathered once and looked at many times: for iterations that move the surface between looks.
  */
-typedef struct tm_contact_search tm_contact_search;
 TM_API tm_status tm_contact_search_create(tm_contact_search **search, tm_error *error);
 TM_API void tm_contact_search_destroy(tm_contact_search *search);
 /* Takes all triangles within `reach_m` of the axis, and whole fans around them (at most 1024; false: some were left

@@ -165,21 +165,3 @@ int32_t tm_local_rows(tm_local_surface *surface, tm_hits *hits, const tm_capsule
         count = station_rows(surface, capsule, hits, k, margin_m, row, count, max_rows, overflowed);
     return count;
 }
-
-int32_t tm_contact_find(const double *rest_m, const double *u_m, const int32_t *triangle, const int32_t *face,
-                        const int32_t *candidate, int32_t candidate_count, const tm_capsule *capsule, double margin_m,
-                        tm_contact_row *row, int32_t max_rows, bool *overflowed) {
-    TM_REQUIRE(rest_m && u_m && triangle && face && capsule && candidate_count >= 0 && row && max_rows >= 0,
-               "something is null, or a count is negative", 0);
-    TM_REQUIRE(capsule->radius_m > 0, "the capsule's radius is not positive", 0);
-    tm_local_surface surface;
-    tm_hits hits;
-    bool too_many;
-    surface.edge_m = 0;
-    tm_local_gather(&surface, rest_m, u_m, triangle, face, candidate, candidate_count, capsule,
-                    capsule->radius_m * (1 + LAW_PROXIMITY) + margin_m);
-    tm_local_place(&surface, rest_m, u_m);
-    const int32_t count = tm_local_rows(&surface, &hits, capsule, margin_m, NULL, 0, row, max_rows, &too_many);
-    if (overflowed && too_many) *overflowed = true;
-    return count;
-}

@@ -1,5 +1,6 @@
 /* The surface around a tool, gathered once and looked at again and again. */
 #include "contact/contact_internal.h"
+#include "law/feature.h"
 
 struct tm_contact_search {
     tm_pool pool;
@@ -80,4 +81,22 @@ int32_t tm_contact_search_rows(tm_contact_search *self, const double *rest_m, co
     tm_local_place(&self->surface, rest_m, u_m);
     return tm_local_rows(&self->surface, &self->hits, capsule, margin_m, before, before_count, row, max_rows,
                          overflowed);
+}
+
+int32_t tm_contact_find(tm_contact_search *work, const double *rest_m, const double *u_m, const int32_t *triangle,
+                        const int32_t *face, const int32_t *candidate, int32_t candidate_count,
+                        const tm_capsule *capsule, double margin_m, tm_contact_row *row, int32_t max_rows,
+                        bool *overflowed) {
+    TM_REQUIRE(work && rest_m && u_m && triangle && face && capsule && candidate_count >= 0 && row && max_rows >= 0,
+               "something is null, or a count is negative", 0);
+    TM_REQUIRE(capsule->radius_m > 0, "the capsule's radius is not positive", 0);
+    bool too_many;
+    work->surface.edge_m = 0; /* a guess of before may gather more than these */
+    tm_local_gather(&work->surface, rest_m, u_m, triangle, face, candidate, candidate_count, capsule,
+                    capsule->radius_m * (1 + LAW_PROXIMITY) + margin_m);
+    tm_local_place(&work->surface, rest_m, u_m);
+    const int32_t count =
+        tm_local_rows(&work->surface, &work->hits, capsule, margin_m, NULL, 0, row, max_rows, &too_many);
+    if (overflowed && too_many) *overflowed = true;
+    return count;
 }
