@@ -1,6 +1,7 @@
 /* The "cut" stage in a world with contact: rate, loose pieces, what was removed; and snapshots of all of it. */
 #include "../cut_check.h"
 #include "contact_scene.h"
+#include "cut/cut_internal.h"
 
 enum { CAUTERY = 0, PROBE = 1 };
 static const double FRAME_S = 0.01;
@@ -102,6 +103,29 @@ static void loose_pieces(void **state) {
     }
 }
 
+/* No substep of the search looks at more than its sweep does, however large the mesh: beginning is not dearer. */
+static void search_is_spread_over_substeps(void **state) {
+    (void)state;
+    scene_def def = scene_def_default();
+    def.cells[0] = def.cells[1] = 20, def.cells[2] = 6, def.tools = 2;
+    scene s = scene_create_full(&def, true, (const tm_tool_mode[2]){TM_TOOL_CAUTERY, TM_TOOL_PROBE});
+    const tm_cut_def cut = tm_cut_def_default();
+    tm_error error;
+    fix_ok(tm_stage_cut(s.world, s.contact, &cut, &error), &error);
+    assert_int_equal(tm_world_step(s.world, 2), TM_OK);
+    assert_int_equal(tm_cut_most_visits(s.world), 0); /* nothing was cut */
+    for (int32_t i = 0; i < 3; i++) {                 /* three searches, each to its end */
+        const int32_t tet = 7000 + 100 * i;
+        assert_true(tm_cut_remove(s.tissue, &tet, 1, NULL, 0) > 0);
+        assert_int_equal(tm_world_step(s.world, 100), TM_OK);
+    }
+    print_message("  %d tetrahedra, at most %d looked at in a substep\n", s.mesh->tet_count,
+                  tm_cut_most_visits(s.world));
+    assert_true(s.mesh->tet_count > 7 * 2048);
+    assert_in_range(tm_cut_most_visits(s.world), 1024, 2048);
+    scene_destroy(&s);
+}
+
 static uint64_t run_on(scene *s, int from, int to) {
     for (int i = from; i < to; i++) story(s, i, true);
     const tm_surface_view surface = tm_tissue_surface(s->tissue);
@@ -201,8 +225,11 @@ static void steps_allocate_nothing(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(cuts_at_its_rate), cmocka_unit_test(loose_pieces),
+    const struct CMUnitTest tests[] = {cmocka_unit_test(cuts_at_its_rate),
+                                       cmocka_unit_test(loose_pieces),
+                                       cmocka_unit_test(search_is_spread_over_substeps),
                                        cmocka_unit_test(snapshot_goes_on_with_the_same_bits),
-                                       cmocka_unit_test(snapshot_refusals), cmocka_unit_test(steps_allocate_nothing)};
+                                       cmocka_unit_test(snapshot_refusals),
+                                       cmocka_unit_test(steps_allocate_nothing)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

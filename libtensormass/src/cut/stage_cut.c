@@ -1,6 +1,6 @@
 /* Stage "cut": active cauteries remove what they touch, at the tissue's rate; pieces that hang on nothing are found a
  * little each step and removed, at once or when they have fallen out of sight. */
-#include "contact/contact_internal.h"
+#include "cut/cut_internal.h"
 #include "tensormass/cut.h"
 
 #include <math.h>
@@ -9,47 +9,17 @@
 enum { TM_COOKIE_CUT = 0x63757421 };
 
 enum {
-    REACH_PER_STEP = 256,  /* tetrahedra that the search for loose pieces visits in a step */
-    AHEAD = 8,             /* of which it fetches the neighbours: the force's tensors have swept the caches */
-    SWEEP_PER_STEP = 2048, /* that it looks at afterwards */
+    SWEEP_PER_STEP = 2048, /* tetrahedra that the search for loose pieces looks at once it has flooded */
     LOOSE_PER_STEP = 32,   /* loose ones removed in a step */
     FALLING_PAUSE = 256    /* steps between two searches while pieces fall */
 };
 static const double OUT_OF_SIGHT = 3; /* diagonals of the mesh that a falling piece may travel */
 
-typedef enum search { SEARCH_IDLE, SEARCH_REACH, SEARCH_SWEEP } search;
-
-typedef struct cut {
-    tm_pool pool;
-    tm_contact *contact;
-    double rate_1_s;
-    tm_cut_loose loose;
-    double credit[TM_MAX_INSTRUMENTS]; /* tetrahedra it may still take */
-    double sight_m;
-    /* what was removed, for tm_cut_take */
-    int32_t log_begin, log_count;
-    int32_t *log_tet; /* [tet_count] */
-    int8_t *log_instrument;
-    /* the search for loose pieces */
-    search state;
-    int32_t revision; /* of the surface when it began */
-    int32_t pause;
-    bool falling; /* the last search left loose pieces */
-    int32_t queue_begin, queue_end, sweep_at;
-    uint8_t *reached; /* [tet_count] */
-    uint8_t *held;    /* [3*vertex_count] */
-    int32_t *queue;   /* [tet_count] */
-    /* when the step began */
-    void *kept;
-    int64_t kept_bytes;
-    int32_t kept_log_begin, kept_log_count;
-} cut;
-
 tm_cut_def tm_cut_def_default(void) {
     return (tm_cut_def){.cookie = TM_COOKIE_CUT, .size = sizeof(tm_cut_def), .rate_1_s = 200, .loose = TM_LOOSE_FALL};
 }
 
-static void remove_tet(cut *stage, tm_world *world, const int32_t *tet, int32_t count, int8_t instrument) {
+static void remove_tet(tm_cut_stage *stage, tm_world *world, const int32_t *tet, int32_t count, int8_t instrument) {
     tm_tissue *tissue = world->tissue;
     if (tm_cut_remove(tissue, tet, count, NULL, 0) == 0) return;
     const int32_t *removed, removed_count = tm_cut_removed(tissue, &removed);
@@ -64,7 +34,7 @@ static void remove_tet(cut *stage, tm_world *world, const int32_t *tet, int32_t 
 /* --- cautery --- */
 
 /* The living tetrahedron behind the deepest row in touch, lowest face first among equals; -1 if it touches nothing. */
-static int32_t deepest(const cut *stage, const tm_world *world, int32_t instrument) {
+static int32_t deepest(const tm_cut_stage *stage, const tm_world *world, int32_t instrument) {
     const tm_contact_row *row, *best = NULL;
     const int32_t rows = tm_contact_rows(stage->contact, &row);
     for (int32_t i = 0; i < rows; i++) {
@@ -76,7 +46,7 @@ static int32_t deepest(const cut *stage, const tm_world *world, int32_t instrume
     return best ? best->face / 4 : -1;
 }
 
-static void cauterise(cut *stage, tm_world *world) {
+static void cauterise(tm_cut_stage *stage, tm_world *world) {
     for (int32_t i = 0; i < stage->contact->tool_count; i++) {
         if (stage->contact->tool[i].def.mode != TM_TOOL_CAUTERY || !tm_contact_pose(stage->contact, i).active) continue;
         int32_t tet = deepest(stage, world, i);
@@ -90,65 +60,23 @@ static void cauterise(cut *stage, tm_world *world) {
     }
 }
 
-/* --- loose pieces ---
- * A flood from what is held, over faces. Cuts during the flood do no harm: what it has not reached at the end was not
- * reachable all along. */
+/* --- loose pieces (cut_search.c), removed --- */
 
-static bool grasped(const cut *stage, int32_t vertex) {
-    for (int32_t i = 0; i < stage->contact->tool_count; i++)
-        if (tm_contact_holds_vertex(stage->contact, i, vertex)) return true;
-    return false;
-}
-
-static void reach(cut *stage, const tm_tissue *tissue, int32_t tet) {
-    if (tet < 0 || stage->reached[tet] || !tissue->alive[tet]) return;
-    stage->reached[tet] = 1;
-    stage->queue[stage->queue_end++] = tet;
-}
-
-static void begin_search(cut *stage, tm_world *world) {
-    const tm_mesh *mesh = world->tissue->mesh;
-    stage->revision = world->tissue->surface.revision;
-    stage->queue_begin = stage->queue_end = stage->sweep_at = 0;
-    memset(stage->reached, 0, (size_t)mesh->tet_count);
-    memset(stage->held, 0, 3 * (size_t)mesh->vertex_count);
-    tm_support_mask(world, stage->held);
-    bool any = false;
-    for (int32_t v = 0; v < mesh->vertex_count; v++) {
-        /* What hangs on a vertex from outside (a hybrid's condensed part) holds it as a support does. */
-        const bool hung = world->tissue->extra_mass_kg && world->tissue->extra_mass_kg[v] > 0;
-        const bool support = hung || stage->held[3 * v] || stage->held[3 * v + 1] || stage->held[3 * v + 2];
-        any = any || support;
-        if (!support && !grasped(stage, v)) continue;
-        for (int32_t i = mesh->vertex_tet_begin[v]; i < mesh->vertex_tet_begin[v + 1]; i++)
-            reach(stage, world->tissue, mesh->vertex_tet[i]);
-    }
-    stage->falling = false;
-    stage->state = any ? SEARCH_REACH : SEARCH_IDLE; /* a scene that holds nothing has no loose pieces */
-}
-
-static void flood(cut *stage, const tm_tissue *tissue) {
-    const int32_t *neighbour = tissue->mesh->tet_neighbour;
-    for (int budget = REACH_PER_STEP; budget > 0 && stage->queue_begin < stage->queue_end; budget--) {
-        const int32_t tet = stage->queue[stage->queue_begin++], ahead = stage->queue_begin + AHEAD;
-        if (ahead < stage->queue_end) __builtin_prefetch(neighbour + 4 * (int64_t)stage->queue[ahead]);
-        for (int f = 0; f < 4; f++) reach(stage, tissue, neighbour[4 * (int64_t)tet + f]);
-    }
-    if (stage->queue_begin == stage->queue_end) stage->state = SEARCH_SWEEP;
-}
-
-static bool out_of_sight(const cut *stage, const tm_world *world, int32_t tet) {
+static bool out_of_sight(const tm_cut_stage *stage, const tm_world *world, int32_t tet) {
     const double *u = world->state.u_m + 3 * (int64_t)world->tissue->mesh->tet[4 * (int64_t)tet];
     return !(vdot(u, u) < stage->sight_m * stage->sight_m);
 }
 
-static void sweep(cut *stage, tm_world *world) {
+static void sweep(tm_cut_stage *stage, tm_world *world) {
     const tm_tissue *tissue = world->tissue;
     int32_t loose[LOOSE_PER_STEP], count = 0;
     for (int budget = SWEEP_PER_STEP; budget > 0 && stage->sweep_at < tissue->mesh->tet_count && count < LOOSE_PER_STEP;
          budget--) {
         const int32_t tet = stage->sweep_at++;
-        if (!tissue->alive[tet] || stage->reached[tet]) continue;
+        const bool reached = stage->reached[tet];
+        stage->visits++;
+        stage->reached[tet] = 0; /* as the next search wants it */
+        if (!tissue->alive[tet] || reached) continue;
         if (stage->loose == TM_LOOSE_REMOVE || out_of_sight(stage, world, tet))
             loose[count++] = tet;
         else
@@ -163,15 +91,18 @@ static void sweep(cut *stage, tm_world *world) {
 /* What of the search removes nothing: it knows of no cut of this substep less than when "cut" ran, and of no jaw more.
  */
 static void search_on(void *self, tm_world *world) {
-    cut *stage = self;
+    tm_cut_stage *stage = self;
     if (stage->state == SEARCH_IDLE)
-        begin_search(stage, world);
+        tm_cut_begin_search(stage, world);
     else
-        flood(stage, world->tissue);
+        tm_cut_flood(stage, world->tissue);
 }
 
 static void run(void *self, tm_world *world) {
-    cut *stage = self;
+    tm_cut_stage *stage = self;
+    if (stage->visits > stage->most_visits) stage->most_visits = stage->visits;
+    stage->visits = 0;
+    tm_cut_update_seeds(stage, world);
     cauterise(stage, world);
     switch (stage->state) {
     case SEARCH_IDLE:
@@ -187,7 +118,7 @@ static void run(void *self, tm_world *world) {
 /* --- creation and the rest --- */
 
 static void destroy(void *self) {
-    tm_pool pool = ((cut *)self)->pool;
+    tm_pool pool = ((tm_cut_stage *)self)->pool;
     tm_pool_release(&pool);
 }
 
@@ -204,15 +135,15 @@ static double diagonal(const tm_mesh *mesh) {
 /* What goes on between steps. The search starts over: it changes nothing but when a loose piece is noticed. */
 typedef struct kept {
     double credit[TM_MAX_INSTRUMENTS];
-    int32_t state, revision, pause, falling, queue_begin, queue_end, sweep_at, reserved;
+    int32_t state, revision, pause, falling, queue_begin, queue_end, sweep_at, seed_at;
 } kept;
 
-static int64_t search_bytes(const cut *stage, const tm_tissue *tissue) {
+static int64_t search_bytes(const tm_cut_stage *stage, const tm_tissue *tissue) {
     return stage->state == SEARCH_IDLE ? 0 : tissue->mesh->tet_count + (int64_t)sizeof(int32_t) * stage->queue_end;
 }
 
 static int64_t snapshot(void *self, void *buffer) {
-    const cut *stage = self;
+    const tm_cut_stage *stage = self;
     const tm_tissue *tissue = stage->contact->world->tissue;
     const int64_t bytes = (int64_t)sizeof(kept) + search_bytes(stage, tissue);
     if (!buffer) return bytes;
@@ -223,7 +154,8 @@ static int64_t snapshot(void *self, void *buffer) {
                     .falling = stage->falling,
                     .queue_begin = stage->queue_begin,
                     .queue_end = stage->queue_end,
-                    .sweep_at = stage->sweep_at};
+                    .sweep_at = stage->sweep_at,
+                    .seed_at = stage->seed_at};
     char *to = buffer;
     memcpy(to, &k, sizeof k);
     memcpy(to, stage->credit, sizeof stage->credit);
@@ -234,14 +166,15 @@ static int64_t snapshot(void *self, void *buffer) {
 }
 
 static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
-    cut *stage = self;
+    tm_cut_stage *stage = self;
     const int32_t tets = world->tissue->mesh->tet_count;
     kept k;
     if (bytes < (int64_t)sizeof k) return false;
     memcpy(&k, buffer, sizeof k);
+    tm_cut_update_seeds(stage, world);
     const bool busy = k.state == SEARCH_REACH || k.state == SEARCH_SWEEP;
     if ((!busy && k.state != SEARCH_IDLE) || k.queue_begin < 0 || k.queue_end < k.queue_begin || k.queue_end > tets ||
-        k.sweep_at < 0 || k.sweep_at > tets)
+        k.sweep_at < 0 || k.sweep_at > tets || k.seed_at < 0 || k.seed_at > stage->seed_count)
         return false;
     if (bytes != (int64_t)sizeof k + (busy ? tets + (int64_t)sizeof(int32_t) * k.queue_end : 0)) return false;
     if (!apply) return true;
@@ -253,8 +186,12 @@ static bool restore(void *self, tm_world *world, const void *buffer, int64_t byt
     stage->queue_begin = k.queue_begin;
     stage->queue_end = k.queue_end;
     stage->sweep_at = k.sweep_at;
+    stage->seed_at = k.seed_at;
     stage->log_begin = stage->log_count = 0;
-    if (!busy) return true;
+    if (!busy) {
+        memset(stage->reached, 0, (size_t)tets);
+        return true;
+    }
     memcpy(stage->reached, (const char *)buffer + sizeof k, (size_t)tets);
     memcpy(stage->queue, (const char *)buffer + sizeof k + tets, sizeof(int32_t) * (size_t)k.queue_end);
     return true;
@@ -265,14 +202,14 @@ static int64_t snapshot_max(const tm_mesh *mesh) {
 }
 
 static void keep(void *self) {
-    cut *stage = self;
+    tm_cut_stage *stage = self;
     stage->kept_bytes = snapshot(stage, stage->kept);
     stage->kept_log_begin = stage->log_begin;
     stage->kept_log_count = stage->log_count;
 }
 
 static void give_back(void *self, tm_world *world) {
-    cut *stage = self;
+    tm_cut_stage *stage = self;
     restore(stage, world, stage->kept, stage->kept_bytes, true);
     stage->log_begin = stage->kept_log_begin; /* what the failed step wrote lies behind the end */
     stage->log_count = stage->kept_log_count;
@@ -292,28 +229,32 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
                        def->rate_1_s);
     const tm_mesh *mesh = world->tissue->mesh;
     tm_pool pool = {0};
-    cut *self = TM_TAKE(&pool, cut, 1);
-    int32_t *log_tet = TM_TAKE(&pool, int32_t, mesh->tet_count), *queue = TM_TAKE(&pool, int32_t, mesh->tet_count);
+    tm_cut_stage *self = TM_TAKE(&pool, tm_cut_stage, 1);
+    int32_t *log_tet = TM_TAKE(&pool, int32_t, mesh->tet_count), *queue = TM_TAKE(&pool, int32_t, mesh->tet_count),
+            *seed = TM_TAKE(&pool, int32_t, mesh->tet_count);
     int8_t *log_instrument = TM_TAKE(&pool, int8_t, mesh->tet_count);
-    uint8_t *reached = TM_TAKE(&pool, uint8_t, mesh->tet_count),
+    uint8_t *reached = TM_TAKE(&pool, uint8_t, mesh->tet_count), *is_seed = TM_TAKE(&pool, uint8_t, mesh->tet_count),
             *held = TM_TAKE(&pool, uint8_t, 3 * (int64_t)mesh->vertex_count);
     void *room = TM_TAKE(&pool, char, snapshot_max(mesh));
     if (pool.failed) {
         tm_pool_release(&pool);
         return tm_fail_memory(error, "cut stage");
     }
-    *self = (cut){.pool = pool,
-                  .contact = contact,
-                  .rate_1_s = def->rate_1_s,
-                  .loose = def->loose,
-                  .sight_m = OUT_OF_SIGHT * diagonal(mesh),
-                  .log_tet = log_tet,
-                  .log_instrument = log_instrument,
-                  .reached = reached,
-                  .held = held,
-                  .queue = queue,
-                  .kept = room,
-                  .revision = world->tissue->surface.revision};
+    *self = (tm_cut_stage){.pool = pool,
+                           .contact = contact,
+                           .rate_1_s = def->rate_1_s,
+                           .loose = def->loose,
+                           .sight_m = OUT_OF_SIGHT * diagonal(mesh),
+                           .log_tet = log_tet,
+                           .log_instrument = log_instrument,
+                           .reached = reached,
+                           .held = held,
+                           .queue = queue,
+                           .seed = seed,
+                           .is_seed = is_seed,
+                           .supports_set = -1,
+                           .kept = room,
+                           .revision = world->tissue->surface.revision};
     const tm_stage stage = {.size = sizeof stage,
                             .name = "cut",
                             .phase = TM_PHASE_BEGIN,
@@ -332,11 +273,20 @@ tm_status tm_stage_cut(tm_world *world, tm_contact *contact, const tm_cut_def *d
     return status;
 }
 
+static tm_cut_stage *find(const tm_world *world) {
+    for (int32_t i = 0; i < world->stage_count; i++)
+        if (world->slot[i].stage.run == run) return world->slot[i].stage.self;
+    return NULL;
+}
+
+int32_t tm_cut_most_visits(const tm_world *world) {
+    const tm_cut_stage *stage = find(world);
+    return stage ? stage->most_visits : 0;
+}
+
 int32_t tm_cut_take(tm_world *world, int32_t *tet, int8_t *instrument, int32_t max) {
     TM_REQUIRE(world && max >= 0 && (tet || max == 0), "world or tet is null, or max is negative", 0);
-    cut *stage = NULL;
-    for (int32_t i = 0; i < world->stage_count; i++)
-        if (world->slot[i].stage.run == run) stage = world->slot[i].stage.self;
+    tm_cut_stage *stage = find(world);
     int32_t n = 0;
     for (; stage && n < max && stage->log_count > 0; n++, stage->log_count--) {
         tet[n] = stage->log_tet[stage->log_begin];

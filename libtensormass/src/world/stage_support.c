@@ -175,7 +175,7 @@ tm_status tm_stage_support(tm_world *world, const tm_support_def *def, tm_error 
                                 .keep = keep,
                                 .give_back = give_back};
         status = tm_world_add_stage(world, &stage, pool.bytes, error);
-        if (!status) world->support = self;
+        if (!status) world->support = self, world->supports_set++;
     }
     if (status) tm_pool_release(&pool);
     return status;

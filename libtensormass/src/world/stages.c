@@ -144,7 +144,7 @@ static tm_stage take_out(tm_world *world, int32_t at) {
     memmove(world->slot + at, world->slot + at + 1, sizeof world->slot[0] * (size_t)(world->stage_count - at - 1));
     world->stage_count--;
     world->step_count -= stage.phase != TM_PHASE_BETWEEN;
-    if (stage.self && stage.self == world->support) world->support = NULL;
+    if (stage.self && stage.self == world->support) world->support = NULL, world->supports_set++;
     return stage;
 }
 

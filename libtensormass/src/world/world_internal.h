@@ -69,7 +69,8 @@ struct tm_world {
         int64_t bytes, runs;
         double seconds;
     } slot[TM_MAX_STAGES];
-    void *support; /* self of the support stage, or null */
+    void *support;        /* self of the support stage, or null */
+    int32_t supports_set; /* how often that was set or taken away */
 };
 
 /* Stages that come and go together, all of one phase and one self; the memory is the first one's. All or none. */
