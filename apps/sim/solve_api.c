@@ -2,6 +2,7 @@
 
 #include "common/cache.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -37,11 +38,21 @@ bool sim_solve_open(sim_solve_api *api, tm_error *error) {
     return module != NULL;
 }
 
+static double allowed_until_s = INFINITY, beyond_s;
+
+void sim_solve_allow(double seconds) {
+    allowed_until_s = 1e-6 * (double)app_monotonic_us() + seconds;
+    beyond_s = 0;
+}
+
+double sim_solve_beyond(void) { return beyond_s; }
+
 bool sim_solve_progress(void *user, const char *what, double fraction, double seconds_left) {
     (void)user;
-    (void)seconds_left;
     app_progress(what, fraction, fraction >= 1);
-    return !app_interrupted();
+    const double left_s = fmax(seconds_left, 0), end_s = 1e-6 * (double)app_monotonic_us() + left_s;
+    if (end_s > allowed_until_s) beyond_s = fmax(left_s, 1e-6);
+    return !app_interrupted() && end_s <= allowed_until_s;
 }
 
 void sim_solve_file(const sim *s, const sim_solve_options *o, const char *kind, char *path, size_t size) {

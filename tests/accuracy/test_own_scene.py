@@ -38,7 +38,7 @@ def named(data, name):
 
 def test_every_knob_was_run_and_finer_meshes_are_nearer(whole):
     data = whole[1]
-    assert {r["knob"] for r in data["runs"]} == {"own", "volume", "mesh", "step", "mass", "precision", "frame", "drop", "constant", "extrapolator"}
+    assert {r["knob"] for r in data["runs"]} == {"own", "volume", "mesh", "step", "mass", "precision", "frame", "drop", "constant", "extrapolator", "rate"}
     assert not [r for r in data["runs"] if "cannot" in r]
     own, finest = data["runs"][0], max((r for r in data["runs"] if r["form"] == 0), key=lambda r: r["tets"])
     assert finest["tets"] > 2 * own["tets"] and finest["force_error"] < own["force_error"]
@@ -90,7 +90,8 @@ def test_recommendation_is_a_scene_and_was_held(whole, bin):
     assert choice["fits"] and choice["kept"], choice
     assert 0.5 * choice["error"] - 1e-4 <= choice["held_error"] <= 2 * choice["error"] + 1e-4
     text = (out / "s-recommended.yaml").read_text()
-    assert text.startswith("# Recommended by tm-accuracy") and "# Small and quick" in text and "s.files/" in text
+    assert text.startswith("# Recommended by tm-accuracy") and "# Small and quick" in text and "  mesh: s.files/" in text
+    assert "along the path's 1 s" in text and "promised along the path's 1 s" in (out / "said.txt").read_text()
     run = subprocess.run([bin / "tm-sim", out / "s-recommended.yaml", "--check", "--strict"], cwd=out, capture_output=True, text=True)
     assert run.returncode == 0 and f"{max(r['tets'] for r in data['runs'])} tetrahedra" in run.stdout, run
     assert choice["extrapolator"] in text and f"at the hand {choice['extrapolator']} is" in text and text.count("at the hand ") == 1
@@ -336,3 +337,54 @@ def test_a_scene_with_a_step_of_its_own_gets_finer_meshes_with_theirs(bin, root,
 def test_a_budget_is_processors(bin, root, tmp_path, budget):
     run, _ = study(bin, root, tmp_path, f"--budget={budget}", good=2)
     assert "--budget" in run.stderr and not (tmp_path / "s.json").exists()
+
+
+def test_samples_at_a_higher_rate_are_recommended_where_they_are_truer(whole, bin, root, tmp_path):
+    """`hold` at 200 Hz, planted as exact, in place of patches at 25 Hz; tried, promised and held at that rate. Paths are relative, and other laws follow them."""
+    data = json.loads(json.dumps(whole[1]))
+    (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
+    fast = named(data, "hold at 200 Hz")
+    assert fast["felt"][0] < fast["felt"][1] < fast["felt"][2] and fast["felt"][1] < 0.2 * named(data, "hold")["felt"][1]
+    assert fast["frames"] == 200 and fast["frame_s"] == pytest.approx(0.005)
+    fast["felt"] = [1e-4, 1e-4, 1e-4]
+    for r in data["runs"]:
+        if r["knob"] in ("mesh", "volume", "step", "mass", "precision"):
+            r["cpu_p95_s"] = r["busy_p95_s"] = 1e30
+    (tmp_path / "s.json").write_text(json.dumps(data))
+    run, said = study(bin, root, tmp_path, "--budget", "20", "--hold", "1 s")
+    choice = said["recommendation"]
+    assert (choice["extrapolator"], choice["sample_rate_Hz"]) == ("hold", 200) and choice["kept"], choice
+    assert choice["held_frames"] == 200 and choice["frame_s"] == pytest.approx(0.005) and choice["error"] > 0.5
+    text = (tmp_path / "s-recommended.yaml").read_text()
+    assert "frame_rate: 200" in text and f"mesh: {os.path.relpath(root / 'meshes/block_1k.msh', tmp_path)}" in text
+    assert "extrapolator hold at 200 Hz" in run.stdout
+
+
+def test_the_limit_holds_and_one_path_is_told(bin, root, tmp_path):
+    """Two seconds hold neither the path nor all settings: the path's beginning, for all of them alike; what is left out is said; the scene as it is is what there is time for."""
+    began = time.monotonic()
+    liver = "apps/scenes/liver-press.yaml"
+    run, data = study(bin, root, tmp_path, *OWN, "--duration", "8 s", "--limit", "2 s", "--budget", "20", scene=liver)
+    assert time.monotonic() - began < 30
+    assert data["asked_duration_s"] == 8 and 0 < data["duration_s"] < 8
+    own = data["runs"][0]
+    assert own["frames"] * own["frame_s"] == pytest.approx(data["duration_s"])
+    span = f"the first {data['duration_s']:.4g} s of the path's 8 s"
+    assert f"every run, error and promise is of {span}" in run.stderr and f"promised along {span}" in run.stdout
+    assert span in (tmp_path / "s-recommended.yaml").read_text()
+    assert data["left_out"] and all("--limit" in r["why"] for r in data["left_out"]) and "left out" in run.stdout
+    assert {r["name"] for r in data["left_out"]}.isdisjoint(r["name"] for r in data["runs"])
+    assert "settings along" in run.stderr and "so all may take" in run.stderr
+    more, again = study(bin, root, tmp_path, *OWN, "--duration", "8 s", "--limit", "2 s", scene=liver)
+    assert again["duration_s"] == data["duration_s"] and len(again["runs"]) >= len(data["runs"])
+    assert again["runs"][0]["cpu_s"] == data["runs"][0]["cpu_s"]
+
+
+def test_without_a_terminal_it_says_every_ten_seconds_what_it_does(whole, bin, root, tmp_path):
+    (tmp_path / "s.json").write_text((whole[0] / "s.json").read_text())
+    (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
+    run, _ = study(bin, root, tmp_path, "--budget", "20", "--hold", "11 s")
+    said = [line for line in run.stderr.splitlines() if "so far" in line]
+    assert said and "settings done, now the recommendation, in real time" in said[-1] and "to the end (limit 16 min 40 s)" in said[-1], run.stderr
+    run, _ = study(bin, root, tmp_path, "--quiet")
+    assert not run.stderr

@@ -63,7 +63,7 @@ def frontier_figure(page, study):
     edge = pages.frontier([(1e3 * r["cpu_s"], 100 * r["force_error"]) for r in rows])
     axis.plot(*zip(*edge), color="#777777", linewidth=1, label="nothing measured is both cheaper and exacter")
     if choice:
-        axis.plot(1e3 * choice["cost_s"], max(100 * choice["error"], 1e-6), marker="*", markersize=16, linestyle="none", color="#2e6b12", label="recommended (predicted)")
+        axis.plot(1e3 * choice["cost_s"] * own["frame_s"] / choice["frame_s"], max(100 * choice["error"], 1e-6), marker="*", markersize=16, linestyle="none", color="#2e6b12", label="recommended (predicted)")
         axis.axvline(1e3 * own["frame_s"] * choice["budget"], color="#777777", linestyle=":")
         pages.label_upright(axis, 1e3 * own["frame_s"] * choice["budget"], "budget")
     if study["truth"].get("uncertainty"):
@@ -109,17 +109,22 @@ def extrapolators(page, study):
     rows = done(study, "extrapolator")
     if not rows:
         return
-    rate, best = 1 / rows[0]["frame_s"], min(rows, key=lambda r: r["force_error"])
+    faster = done(study, "rate")
+    rate, best = 1 / rows[0]["frame_s"], min(rows + faster, key=lambda r: r["force_error"])
     page.section("Extrapolator", f"Between two frames the controller makes up the force, 500 times a second. This scene's samples at {rate:.3g} Hz through each of its extrapolators, against the same scene at 500 frames a second "
                  f"(RMS over the path; the mesh's error is not in it): <b>{html.escape(best['name'])}</b> errs least where samples come a frame late, as they do where a simulation needs its whole frame.")
     page.table("extrapolators", ("extrapolator", "at once", "1 frame late", "2 frames late", "ms a frame"), [(r["name"], *(percent(f) for f in r["felt"]), 1e3 * r["cpu_s"]) for r in sorted(rows, key=lambda r: r["force_error"])],
                "<code>tangent</code> and <code>contact</code> want stiffness or a patch with every sample; the price is that of a frame with patches.")
+    if faster:
+        page.table("rates", ("plain samples more often", "at once", "1 sample late", "2 samples late", "of a processor"), [(r["name"], *(percent(f) for f in r["felt"]), percent(r["share"])) for r in sorted(faster, key=lambda r: r["force_error"])],
+                   "More frames a second in place of stiffness or patches: a recommendation takes the truest of both tables that it has room for.")
 
 
 def write(study, folder, command):
     own = study["runs"][0]
+    span = f"{study['duration_s']:.4g} s of the path's {study.get('asked_duration_s', study['duration_s']):.4g} s"
     page = pages.Page(folder, f"What accuracy costs in {pathlib.Path(study['scene']).name}", doubt(study), {"scene": study["scene"], "tensormass": study["version"]})
-    page.section("Error against time", f"As it is, the scene's force is {percent(own['force_error'])} off, for {1e3 * own['cpu_s']:.3g} ms of a frame of {1e3 * own['frame_s']:.3g} ms. Prices are processor time, measured on this machine.")
+    page.section("Error against time", f"As it is, the scene's force is {percent(own['force_error'])} off, for {1e3 * own['cpu_s']:.3g} ms of a frame of {1e3 * own['frame_s']:.3g} ms. All errors, promised ones too, are over {span}. Prices are processor time, measured on this machine.")
     frontier_figure(page, study)
     recommendation(page, study)
     page.section("The three cheapest improvements")
@@ -142,6 +147,9 @@ def write(study, folder, command):
     page.table("runs", ("knob", "setting", "tetrahedra", "error of force", "of shape", "change", "ms a frame", "of a processor", "set-up, s"),
                [(r["knob"], r["name"], r["tets"], percent(r.get("force_error")), percent(r.get("shape_error")), percent(r.get("change")), 1e3 * r["cpu_s"], percent(r["share"]), r["setup_s"]) for r in study["runs"] if "cannot" not in r],
                "Of a processor: 95th percentile of the frames. Another tissue (an effect more or less, other constants) has a change and no error: its truth is another.")
+    left_out = [(r["knob"], r["name"], r["why"]) for r in study.get("left_out", [])]
+    if left_out:
+        page.table("left_out", ("knob", "setting", "left out within the limit"), left_out)
     refused = [(r["knob"], r["name"], r["cannot"]) for r in study["runs"] if "cannot" in r]
     if refused:
         page.table("refused", ("knob", "setting", "why it cannot be"), refused)

@@ -1,7 +1,8 @@
 /* tm-accuracy --scene: what each setting of one's own scene does to the force at the hand, and what it costs here.
  * study_vary.c says what is run, study_measure.c runs one, study_store.c keeps what is done, study_judge.c holds it
- * against the finest, study_recommend.c chooses, study_yaml.c writes the chosen scene, study_hold.c runs it,
- * study_pace.c tells a slower machine from a dearer setting. */
+ * against the finest, study_recommend.c chooses, study_try.c tries the choice out, study_yaml.c writes its scene,
+ * study_hold.c runs it, study_pace.c tells a slower machine from a dearer setting, study_order.c says in which order,
+ * study_time.c within which time. */
 #ifndef TM_STUDY_H
 #define TM_STUDY_H
 
@@ -38,18 +39,31 @@ typedef struct study_run {
     study_form form;
     bool foreign;              /* another mesh's vertices: no shape to compare */
     bool done, failed, reused; /* failed: cannot be, `why` says so */
+    bool left_out;             /* not done: the study's limit does not hold it, `why` says so */
     double frame_s, dt_s, setup_s;
     double cpu_s, cpu_p95_s, wall_s; /* a frame: processor time, mean and 95th percentile; mean wall time */
     double busy_p95_s;               /* how long a frame takes: processor time on one thread, wall time on several */
     int frames, instruments, tets, substeps, points, threads;
-    double *force_N;         /* [frames][instruments][3] on the tools */
-    double *u_m;             /* [STUDY_MOMENTS][points][3] of the scene's own vertices, which refined meshes keep */
-    double felt[STUDY_LATE]; /* of an extrapolator: error at the hand with samples 0, 1, 2 frames late */
-    bool felt_known;
+    double *force_N;             /* [frames][instruments][3] on the tools */
+    double *u_m;                 /* [STUDY_MOMENTS][points][3] of the scene's own vertices, which refined meshes keep */
+    double felt[STUDY_LATE];     /* of an extrapolator: error at the hand with samples 0, 1, 2 frames late */
+    bool felt_known, felt_first; /* first: of a rate, or of the scene's own: its samples serve the next ones too */
+    int law;                     /* the extrapolator, and how many times the scene's rate its samples come at */
+    int times;
     /* judged, relative to the truth's root mean square; NAN: not to be had */
     double force_error, shape_error;
     double change, peak_change; /* against the scene as it is: RMS, and of the peak with its sign */
 } study_run;
+
+/* What the study has of its limit. */
+typedef struct study_time {
+    double began_s;
+    double run_began_s, run_allowed_s; /* of the run at hand; allowed: INFINITY of the scene as it is */
+    int cut_at;                        /* frames of the scene as it is after which its path is broken off; 0: not */
+    double *path;                      /* [frames of run 0] share of its time after each frame; null: even */
+    double expected_s, took_s;         /* of runs that were made: what they were expected to take, and took */
+    int made;
+} study_time;
 
 typedef struct study_mesh {
     char name[80], path[1024], fibres[1024];
@@ -79,12 +93,14 @@ typedef struct study_pace {
 
 typedef struct study_choice {
     bool wanted, fits, kept, real_time;
+    bool untried;                        /* the scene as it is, for the limit let nothing be tried */
     int mesh_run, extra[5], extra_count; /* runs whose settings it takes */
-    int felt_run;                        /* the extrapolator, 0: the scene's */
-    sim_sends sends;                     /* what that asks for */
-    double predicted;                    /* error, from runs of one change each */
-    double error, cost_s, share, busy;   /* promised: measured before; 95th percentile: of a processor, of the frame */
-    double work_s;                       /* what study_work_s took then */
+    int felt_run;                        /* extrapolator and sample rate, 0: the scene's */
+    double frame_s;
+    sim_sends sends;                   /* what that asks for */
+    double predicted;                  /* error, from runs of one change each */
+    double error, cost_s, share, busy; /* promised: measured before; 95th percentile: of a processor, of the frame */
+    double work_s;                     /* what study_work_s took then */
     double held_error, held_share, held_wall_s;
     study_pace held;
     int held_frames, held_late;
@@ -97,18 +113,20 @@ typedef struct study {
     int set_count;
     const char *other_mesh[4]; /* --mesh */
     int other_count;
-    double duration_s, limit_s, budget, frame_Hz, hold_s; /* below 0: not asked for; limit: of one run */
+    double duration_s, limit_s, budget, frame_Hz, hold_s; /* below 0: not asked for; limit: of the whole study */
+    double asked_s;                                       /* of the path; duration_s: what of it is studied */
     double finest;                                        /* tetrahedra of a finer mesh at most */
     bool quick, feels;                                    /* feels: the scene names haptics */
     int sends;                                            /* sim_sends that it allows */
-    uint64_t scene_hash;
-    int own_vertices;  /* of the scene's mesh */
-    char folder[1024]; /* of refined meshes and turned fibres */
+    uint64_t scene_hash, files;                           /* files: of the scene, its mesh and fibres */
+    int own_vertices;                                     /* of the scene's mesh */
+    char folder[1024];                                    /* of refined meshes and turned fibres */
     study_mesh mesh[STUDY_MESHES];
     int mesh_count;
     study_run run[STUDY_RUNS];
     int run_count;
     cJSON *old; /* of a study that was broken off, or null */
+    study_time time;
     study_truth truth;
     study_choice choice;
     double slower; /* the machine now, against what its runs were priced on */
@@ -118,10 +136,50 @@ typedef struct study {
 /* All of it: 0 or an exit code, having complained. */
 int study_whole(study *t);
 
+/* --- study_order.c --- */
+/* The scene as it is, along as much of its path as the limit holds. */
+int study_measure_own(study *t);
+/* All other runs: the finest mesh, extrapolators, then the quicker before the longer. */
+int study_measure_all(study *t);
+
 /* --- study_vary.c --- */
 /* The run "as it is", then all others; those need it done. */
 int study_plan_own(study *t);
 int study_plan(study *t);
+
+void study_make_key(const study *t, study_run *r);
+
+/* --- study_time.c --- */
+/* Starts the clock and, where stderr is no terminal, the line of every ten seconds. */
+void study_time_begin(study *t);
+void study_time_end(study *t);
+/* What is done at present, and how much of it. */
+void study_doing(const study *t, const char *what, double share);
+/* Seconds that a single run may take, and those that are left for runs. */
+double study_run_limit_s(const study *t);
+double study_left_s(const study *t);
+/* Wall time that a run, or all extrapolators together, is expected to take, by the scene as it is and runs made. */
+double study_expected_s(const study *t, const study_run *r);
+double study_expected_felt_s(const study *t);
+/* Before a run: false, and it is left out, where it is expected to take too long. */
+bool study_may_start(study *t, study_run *r, double expected_s);
+/* After frame k of a run: false where the rest of it would take too long; then it is left out. Of the scene as it is:
+ * false where the path is to end here. */
+bool study_goes_on(study *t, study_run *r, int k);
+/* The same of one of several parts of a run, which began at `began_s`. */
+bool study_part_goes_on(study *t, study_run *r, double began_s, int k, int frames);
+void study_leave_out(study_run *r, const char *whose, double needs_s, double has_s);
+void study_run_took(study *t, double expected_s);
+/* What trying and holding a recommendation is expected to take. */
+double study_try_s(const study *t);
+double study_hold_s(const study *t);
+/* Whether the limit holds another run of the choice before the last one, in real time. */
+bool study_may_try(const study *t);
+double study_end_s(const study *t); /* to the end of the limit */
+/* "1 min 20 s". */
+const char *study_span(double seconds, char text[24]);
+/* "the path", or "the first 1.6 s of the path's 8 s". */
+void study_path_words(const study *t, char *text, size_t size);
 
 /* --- study_run.c --- */
 study_run *study_add(study *t, const char *knob, const char *name);
@@ -134,8 +192,8 @@ int study_make_meshes(study *t, const sim *own);
 bool study_turn_fibres(study *t, const sim *own, double angle_rad, char path[1024]);
 
 /* --- study_files.c --- */
-/* tm-mesh beside this program, without a word. */
-bool study_run_mesh(char *const *argument);
+/* tm-mesh beside this program, without a word; ended where it takes longer than a run may. */
+bool study_run_mesh(const study *t, char *const *argument);
 bool study_write_fibres(const double *fibre, int32_t tet_count, const char *path);
 
 /* --- study_coarse.c --- */
@@ -165,13 +223,15 @@ int study_threads(const sim *s);
 sim *study_build(const char *file, char *const *set, int set_count, char *why, size_t size);
 
 /* --- study_felt.c --- */
-/* One run for each extrapolator of the controller; measured together. */
+/* One run for each extrapolator of the controller, and for higher rates without patches; measured together. */
 void study_plan_felt(study *t, const sim *own);
 int study_measure_felt(study *t);
 
 /* --- study_store.c --- */
 void study_open(study *t);
 bool study_find(const study *t, study_run *r);
+/* What of the path an earlier call with this limit took; `asked_s` where there was none. */
+double study_old_span_s(const study *t, double asked_s);
 int study_save(const study *t, bool whole);
 
 /* --- study_judge.c --- */
@@ -182,6 +242,13 @@ double study_distance(const double *a, const double *b, size_t count);
 /* --- study_recommend.c --- */
 int study_recommend(study *t);
 void study_say(const study *t);
+
+/* --- study_try.c --- */
+void study_choice_names(const study *t, char *text, size_t size);
+/* Written, and built; null: that, or `rc`. */
+sim *study_build_choice(study *t, char *why, size_t size, int *rc);
+/* As it was written; null: it cannot be. */
+sim *study_build_again(study *t);
 
 /* --- study_hold.c --- */
 /* Both end the simulation. */

@@ -33,13 +33,13 @@ static double edge_m(const tm_mesh *mesh, double tets) {
     return cbrt(12 * volume_m3 / tets);
 }
 
-static bool fill(const sim *own, double factor, const char *surface, const char *path) {
+static bool fill(const study *t, const sim *own, double factor, const char *surface, const char *path) {
     char size[40];
     snprintf(size, sizeof size, "%.9g", edge_m(own->mesh, own->mesh->tet_count / factor));
     const char *const argument[] = {"tm-mesh", "fill", "--size", size, "--unit", "m", surface, "-o", path, NULL};
     char *copy[sizeof argument / sizeof *argument];
     for (size_t i = 0; i < sizeof argument / sizeof *argument; i++) copy[i] = (char *)(uintptr_t)argument[i];
-    return write_surface(own->mesh, surface) && study_run_mesh(copy);
+    return write_surface(own->mesh, surface) && study_run_mesh(t, copy);
 }
 
 /* Regions, groups and fibres into the mesh of `path`; how many tetrahedra it has, 0: cannot be. */
@@ -68,7 +68,7 @@ bool study_coarsen(study *t, const sim *own, double factor, const char *name) {
     snprintf(m->path, sizeof m->path, "%.990s/%.8s.msh", t->folder, name);
     snprintf(surface, sizeof surface, "%.990s/surface.stl", t->folder);
     if (own->fibre) snprintf(m->fibres, sizeof m->fibres, "%.990s/%.8s.fibres.csv", t->folder, name);
-    if (fill(own, factor, surface, m->path)) m->tets = dress(own, m);
+    if (fill(t, own, factor, surface, m->path)) m->tets = dress(own, m);
     unlink(surface);
     if (!m->tets || m->tets > own->mesh->tet_count) {
         unlink(m->path);

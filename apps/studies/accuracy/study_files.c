@@ -1,16 +1,36 @@
 /* What makes and holds other meshes of a study: tm-mesh, and files of fibres. */
 #include <errno.h>
 #include <fcntl.h>
+#include <math.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/wait.h>
+#include <time.h>
 #include <unistd.h>
 
+#include "bandwidth.h"
 #include "study.h"
 
+/* Waits for it as long as a run may take. */
+static int wait_for(const study *t, pid_t child) {
+    const double began_s = app_seconds(), allowed_s = fmin(study_run_limit_s(t), study_left_s(t));
+    int status = -1;
+    for (pid_t ended = 0; child > 0 && ended != child;) {
+        const struct timespec nap = {0, 5000000};
+        ended = waitpid(child, &status, WNOHANG);
+        if (ended < 0 && errno != EINTR) return -1;
+        if (ended == child) break;
+        study_doing(t, "making a mesh", fmin(0.99, (app_seconds() - began_s) / allowed_s));
+        if (app_interrupted() || app_seconds() - began_s > allowed_s) kill(child, SIGKILL);
+        nanosleep(&nap, NULL);
+    }
+    return status;
+}
+
 /* tm-mesh beside this program, its words into the void: what it cannot do shows in the file that is not there. */
-bool study_run_mesh(char *const *argument) {
+bool study_run_mesh(const study *t, char *const *argument) {
     char path[1100];
     const ssize_t length = readlink("/proc/self/exe", path, 1000);
     if (length < 0) return false;
@@ -24,9 +44,7 @@ bool study_run_mesh(char *const *argument) {
         execv(path, argument);
         _exit(127);
     }
-    int status = -1;
-    while (child > 0 && waitpid(child, &status, 0) < 0 && errno == EINTR) {
-    }
+    const int status = wait_for(t, child);
     return child > 0 && WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 

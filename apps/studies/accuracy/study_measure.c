@@ -7,6 +7,7 @@
 #include <unistd.h>
 
 #include "bandwidth.h"
+#include "sim/solve_api.h"
 #include "study.h"
 
 double study_cpu_s(void) {
@@ -88,12 +89,12 @@ static bool take_memory(study_run *r, const sim *s, double duration_s) {
 
 /* The frames. What a frame costs is processor time, which other programs on the machine stretch least; how long several
  * threads take over it is not to be had from that. */
-static void drive(const study *t, study_run *r, sim *s, double *cost_s, double *busy_s) {
+static void drive(study *t, study_run *r, sim *s, double *cost_s, double *busy_s) {
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
     int32_t point[STUDY_POINTS];
     char label[120];
     if (r->points) choose_points(s, t->own_vertices, point);
-    snprintf(label, sizeof label, "%d of %d: %s, %s", (int)(r - t->run) + 1, t->run_count, r->knob, r->name);
+    snprintf(label, sizeof label, "%s: %s", r->knob, r->name);
     const double wall = app_seconds();
     for (int k = 1; k <= r->frames && !app_interrupted(); k++) {
         for (int i = 0; i < r->instruments; i++) to[i] = sim_hand_pose(s, i, k * s->frame_s);
@@ -111,9 +112,10 @@ static void drive(const study *t, study_run *r, sim *s, double *cost_s, double *
             memcpy(r->force_N + 3 * ((size_t)(k - 1) * (size_t)r->instruments + (size_t)i), s->reaction[i].force_N,
                    3 * sizeof(double));
         take_shape(s, point, r, k);
-        app_progress(label, (double)k / r->frames, false);
+        study_doing(t, label, (double)k / r->frames);
+        if (!study_goes_on(t, r, k)) return;
     }
-    app_progress(label, 1, true);
+    study_doing(t, label, 1);
     r->wall_s = (app_seconds() - wall) / r->frames;
 }
 
@@ -129,7 +131,7 @@ void study_take_price(study_run *r, double *cost_s, double *busy_s, int frames) 
     r->busy_p95_s = percentile_95(busy_s, frames);
 }
 
-static void run_frames(const study *t, study_run *r, sim *s) {
+static void run_frames(study *t, study_run *r, sim *s) {
     if (!take_memory(r, s, t->duration_s)) abort();
     double *cost_s = calloc((size_t)r->frames + 1, sizeof *cost_s);
     double *busy_s = calloc((size_t)r->frames + 1, sizeof *busy_s);
@@ -143,7 +145,17 @@ static void run_frames(const study *t, study_run *r, sim *s) {
 int study_measure(study *t, study_run *r) {
     if (study_find(t, r)) return 0;
     const double start = study_cpu_s();
+    char label[120];
+    snprintf(label, sizeof label, "%s: %s, set-up", r->knob, r->name);
+    study_doing(t, label, 0);
+    sim_solve_allow(t->time.run_allowed_s);
     sim *s = study_build(t->file, r->set, r->set_count, r->why, sizeof r->why);
+    const double beyond_s = sim_solve_beyond();
+    sim_solve_allow(INFINITY);
+    if (!s && beyond_s > 0) {
+        study_leave_out(r, "by the solver's first columns", beyond_s, t->time.run_allowed_s);
+        return app_interrupted() ? app_interrupted_exit() : 0;
+    }
     r->failed = !s;
     if (s) {
         r->setup_s = study_cpu_s() - start;
@@ -151,6 +163,7 @@ int study_measure(study *t, study_run *r) {
         sim_destroy(s);
     }
     if (app_interrupted()) return app_interrupted_exit();
+    if (r->left_out || (r == t->run && t->time.cut_at)) return 0;
     r->done = true;
     return study_save(t, false);
 }

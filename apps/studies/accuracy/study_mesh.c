@@ -104,7 +104,7 @@ static bool refine(study *t, const sim *own, double factor, const char *name) {
         argument[n++] = out, argument[n++] = m->fibres;
     }
     argument[n] = NULL;
-    if (access(m->path, R_OK)) good = good && study_run_mesh(argument);
+    if (access(m->path, R_OK)) good = good && study_run_mesh(t, argument);
     double height_m = 0;
     m->tets = good ? count_tets(m->path, &height_m) : 0;
     if (m->tets <= own->mesh->tet_count) {
@@ -116,9 +116,11 @@ static bool refine(study *t, const sim *own, double factor, const char *name) {
     if (m->tets > t->finest) return false;
     m->step = height_m / smallest_height_m(own->mesh->rest_m, own->mesh->tet, own->mesh->tet_count);
     /* Price: tetrahedra, steps, and half as much again for what the cache no longer holds. */
-    const double price_s = 1.5 * t->run[0].cpu_s * t->run[0].frames * m->tets / own->mesh->tet_count / m->step;
-    if (price_s > t->limit_s) {
-        app_remark("tm-accuracy: a run of %d tetrahedra would take %.3g s, about; --limit lets it", m->tets, price_s);
+    const double price_s = 1.5 * t->run[0].wall_s * t->run[0].frames * m->tets / own->mesh->tet_count / m->step;
+    if (price_s > study_run_limit_s(t)) {
+        char would[24], may[24];
+        app_remark("tm-accuracy: a run of %d tetrahedra would take about %s, and a quarter of --limit is %s", m->tets,
+                   study_span(price_s, would), study_span(study_run_limit_s(t), may));
         return false;
     }
     snprintf(m->name, sizeof m->name, "%s mesh, %d tetrahedra", name, m->tets);
@@ -143,7 +145,7 @@ int study_make_meshes(study *t, const sim *own) {
     t->mesh[t->mesh_count++] = (study_mesh){.tets = own->mesh->tet_count};
     snprintf(t->mesh[0].name, sizeof t->mesh[0].name, "as it is, %d tetrahedra", own->mesh->tet_count);
     const char *bound = bound_to_vertices(own->scene);
-    const double run_s = t->run[0].cpu_s * t->run[0].frames;
+    const double run_s = t->run[0].wall_s * t->run[0].frames;
     if (mkdir(t->folder, 0777) && errno != EEXIST)
         return app_bad_input(t->folder, 0, "cannot be made: %s; name a --json in a folder that can be written",
                              strerror(errno));
@@ -152,7 +154,7 @@ int study_make_meshes(study *t, const sim *own) {
     for (int i = 0; i < 3 && !bound; i++) {
         static const double factor[] = {0.5, 0.63, 0.8};
         const double tets = own->mesh->tet_count * pow(factor[i], -3); /* at the least; 1/f times the steps */
-        if (!(run_s * pow(factor[i], -4) <= t->limit_s) || tets > t->finest) continue;
+        if (!(run_s * pow(factor[i], -4) <= study_run_limit_s(t)) || tets > t->finest) continue;
         if (!refine(t, own, factor[i], "finest")) continue;
         if (factor[i] < 0.7 && !t->quick) refine(t, own, factor[i] < 0.6 ? 0.71 : 0.8, "finer");
         break;

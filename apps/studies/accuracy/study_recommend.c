@@ -49,7 +49,7 @@ static void predict(const study *t, study_choice *c, double *force_N) {
     const size_t count = (size_t)own->frames * (size_t)own->instruments * 3;
     memcpy(force_N, mesh->force_N, count * sizeof *force_N);
     c->cost_s = t->slower * mesh->cpu_s, c->share = t->slower * mesh->cpu_p95_s / mesh->frame_s;
-    c->busy = t->slower * mesh->busy_p95_s / mesh->frame_s;
+    c->busy = t->slower * mesh->busy_p95_s / mesh->frame_s, c->frame_s = mesh->frame_s;
     for (int e = 0; e < c->extra_count; e++) {
         const study_run *x = &t->run[c->extra[e]];
         for (size_t i = 0; i < count; i++) force_N[i] += x->force_N[i] - own->force_N[i];
@@ -143,120 +143,29 @@ static bool choose(study *t, const tried *known) {
     return any;
 }
 
-/* The truest at the hand of the extrapolators that ask for `most` at most; none where the scene has no haptics. */
-static void choose_extrapolator(study *t, sim_sends most) {
+/* What its samples cost over the scene as it is, for a second of the path. */
+static double times_dearer(const study *t, const study_run *r) {
+    const study_run *own = &t->run[0];
+    return r->cpu_p95_s / r->frame_s / (own->cpu_p95_s / own->frame_s);
+}
+
+/* On another mesh patches cost another share: what this predicts is tried as long as it is not far off. */
+static const double PREDICTED_ROOM = 1.5;
+
+/* The truest at the hand of extrapolators and sample rates, but for those that are `excluded`; of alike ones the
+ * cheaper; none where the scene has no haptics. */
+static void choose_felt(study *t, const bool *excluded) {
     study_choice *c = &t->choice;
     c->felt_run = 0, c->sends = SIM_SENDS_FORCE;
-    for (int i = 1, x = -1; i < t->run_count; i++) {
-        const study_run *r = &t->run[i];
-        if (strcmp(r->knob, "extrapolator")) continue;
-        x++; /* in the controller's order */
-        if (!t->feels || !c->fits || !r->done || r->failed || sim_sends_of(x) > most) continue;
-        if (!c->felt_run || r->force_error < 0.95 * t->run[c->felt_run].force_error)
-            c->felt_run = i, c->sends = sim_sends_of(x);
+    for (int i = 1; i < t->run_count && t->feels && c->fits; i++) {
+        const study_run *r = &t->run[i], *best = &t->run[c->felt_run];
+        if (!r->felt_known || !r->done || r->failed || excluded[i]) continue;
+        const double dearer = times_dearer(t, r);
+        if (dearer > 1 && c->share * dearer > PREDICTED_ROOM * ROOM * t->budget) continue;
+        const double apart = c->felt_run ? r->force_error / best->force_error : 0;
+        if (apart < 0.95 || (apart < 1.05 && dearer < 0.95 * times_dearer(t, best)))
+            c->felt_run = i, c->sends = r->times == 1 ? sim_sends_of(r->law) : SIM_SENDS_FORCE;
     }
-}
-
-/* --- the scene --- */
-
-static void names(const study *t, char *text, size_t size) {
-    const study_choice *c = &t->choice;
-    snprintf(text, size, "%s", t->run[c->mesh_run].name);
-    for (int e = 0; e < c->extra_count; e++) {
-        const size_t used = strlen(text);
-        snprintf(text + used, size - used, "; %s", t->run[c->extra[e]].name);
-    }
-    const size_t used = strlen(text);
-    if (c->felt_run) snprintf(text + used, size - used, "; extrapolator %s", t->run[c->felt_run].name);
-}
-
-static bool is_quiet(const char *set) {
-    return !strcmp(set, "haptics") || !strcmp(set, "recording") || !strcmp(set, "rendering");
-}
-
-static int gather_edits(const study *t, char **edit) {
-    const study_choice *c = &t->choice;
-    int n = 0;
-    for (int i = 0; i < t->set_count; i++)
-        if (!is_quiet(t->set[i])) edit[n++] = t->set[i];
-    const study_run *mesh = &t->run[c->mesh_run];
-    for (int i = mesh->edits_from; i < mesh->set_count; i++) edit[n++] = mesh->set[i];
-    for (int e = 0; e < c->extra_count; e++)
-        for (int i = t->run[c->extra[e]].edits_from; i < t->run[c->extra[e]].set_count; i++)
-            edit[n++] = t->run[c->extra[e]].set[i];
-    const study_run *felt = &t->run[c->felt_run];
-    for (int i = felt->edits_from; i < felt->set_count && c->felt_run; i++) edit[n++] = felt->set[i];
-    return n;
-}
-
-static int write_scene(study *t) {
-    const study_choice *c = &t->choice;
-    const study_run *own = &t->run[0];
-    char setting[400], doubt[100], hand[200] = "", evidence[3000], *edit[7 * STUDY_SETS];
-    names(t, setting, sizeof setting);
-    snprintf(doubt, sizeof doubt, "what the mesh leaves out is not known: no finer one was run");
-    if (isfinite(t->truth.uncertainty))
-        snprintf(doubt, sizeof doubt, "the truth itself is uncertain by %.2g %%", 100 * t->truth.uncertainty);
-    if (c->felt_run)
-        snprintf(hand, sizeof hand,
-                 "#   at the hand %s is %.2g %% RMS off between frames, with samples a frame late (%.2g %% at once)\n",
-                 t->run[c->felt_run].name, 100 * t->run[c->felt_run].felt[1], 100 * t->run[c->felt_run].felt[0]);
-    snprintf(evidence, sizeof evidence,
-             "# Recommended by tm-accuracy for %.3g processors, from %s%s.\n"
-             "#   setting    %s\n"
-             "#   force      %.2g %% RMS off the study's truth along the hand's path (the scene as it is: %.2g %%);\n"
-             "#              %s%s\n"
-             "%s"
-             "#   price      %.3g ms a frame of %.3g ms; 95th percentile: %.2g of a processor (as it is: %.2g)\n"
-             "#   evidence   %s; what holds is what was run on that machine\n",
-             t->budget, t->file, c->fits ? "" : " (nothing measured fits that; this is the cheapest)", setting,
-             100 * c->error, 100 * own->force_error,
-             t->truth.extrapolated || c->error > STUDY_ALIKE ? "" : "that truth is this very run; ", doubt, hand,
-             1e3 * c->cost_s, 1e3 * own->frame_s, c->share, own->cpu_p95_s / own->frame_s, t->json);
-    return study_write_yaml(t, c->file, edit, gather_edits(t, edit), evidence);
-}
-
-void study_say(const study *t) {
-    const study_choice *c = &t->choice;
-    char setting[400], verdict[500];
-    names(t, setting, sizeof setting);
-    study_verdict(c, verdict, sizeof verdict);
-    printf("\nRecommended for %.3g processors: %s\n  %s\n", t->budget, setting, c->file);
-    if (t->worse)
-        printf("  %d setting%s came out worse than predicted, and had to be the best as it came out\n", t->worse,
-               t->worse > 1 ? "s" : "");
-    printf("  promised: force %.2f %% off (predicted %.2f %%), %.1f %% of a processor%s\n", 100 * c->error,
-           100 * c->predicted, 100 * c->share, c->fits ? "" : " - MORE THAN THE BUDGET: nothing measured fits it");
-    printf(
-        "  held %d frames: force %.2f %% off, %.1f %% of a processor; %.1f %% of the frames took more processor time "
-        "than the budget; %d came late by the wall clock%s\n  %s\n",
-        c->held_frames, 100 * c->held_error, 100 * c->held_share, 100 * c->held.over, c->held_late,
-        c->real_time ? "" : " (too many)", verdict);
-}
-
-/* The choice of now, as it was written; null: it cannot be. */
-static sim *build_written(const study *t, char *why, size_t size) {
-    char *set[STUDY_SETS];
-    int count = 0;
-    const study_choice *c = &t->choice;
-    for (int i = 0; i < t->set_count; i++) { /* what the file could not take, and what no study runs with */
-        const bool quiet = is_quiet(t->set[i]) && !(c->felt_run && !strcmp(t->set[i], "haptics"));
-        if (quiet || !study_yaml_can(t->set[i])) set[count++] = t->set[i];
-    }
-    sim *s = study_build(c->file, set, count, why, size);
-    for (int i = 0; s && i < s->instrument_count && c->felt_run; i++) s->wants[i] = s->can_send;
-    return s;
-}
-
-static sim *build_again(study *t) {
-    char why[400];
-    return build_written(t, why, sizeof why);
-}
-
-/* Written, and built; null: that, or `rc`. */
-static sim *build_choice(study *t, char *why, size_t size, int *rc) {
-    *rc = write_scene(t);
-    return *rc || app_interrupted() ? NULL : build_written(t, why, size);
 }
 
 /* The choice is run along the path before it is promised: what its changes do together is not their sum where they
@@ -276,26 +185,43 @@ static outcome try_out(study *t, sim *s) {
         c->error = priced.error;
         return WORSE;
     }
-    if (!fits && c->sends == SIM_SENDS_FORCE) t->slower *= fmax(1.05, priced.share / c->share); /* so all are, likely */
+    const bool plain = c->sends == SIM_SENDS_FORCE && t->run[c->felt_run].times <= 1;
+    if (!fits && plain) t->slower *= fmax(1.05, priced.share / c->share); /* so all are, likely */
     if (fits) *c = priced;
     return fits ? GOOD : DEAR;
 }
 
-/* The choice with the truest extrapolator that it has room for; null: `end` says why. */
+/* The choice with the truest extrapolator and sample rate that it has room for; null: `end` says why. */
 static sim *build_felt(study *t, char *why, size_t size, outcome *end, int *rc) {
     study_choice *c = &t->choice;
     const study_choice plain = *c;
+    bool excluded[STUDY_RUNS] = {false};
     *end = DEAR;
-    for (int most = SIM_SENDS_PATCH; most >= SIM_SENDS_FORCE && !app_interrupted(); most = (int)c->sends - 1) {
+    while (!app_interrupted() && study_may_try(t)) {
         *c = plain;
-        choose_extrapolator(t, (sim_sends)most);
-        sim *s = build_choice(t, why, size, rc);
+        choose_felt(t, excluded);
+        sim *s = study_build_choice(t, why, size, rc);
         if (*rc) return s;
         *end = s ? try_out(t, s) : DEAR;
-        if (*end == GOOD) return build_choice(t, why, size, rc);
-        if (*end == WORSE) return NULL;
+        if (*end == GOOD) return study_build_choice(t, why, size, rc);
+        const study_run *last = &t->run[c->felt_run];
+        if (*end == WORSE || !c->felt_run || (c->sends == SIM_SENDS_FORCE && last->times == 1)) return NULL;
+        for (int i = 1; i < t->run_count; i++)
+            if (t->run[i].felt_known && times_dearer(t, &t->run[i]) >= times_dearer(t, last)) excluded[i] = true;
     }
     return NULL;
+}
+
+/* The scene as it is was measured along the same path: it is promised where the limit lets nothing be tried. */
+static sim *build_untried(study *t, char *why, size_t size, int *rc) {
+    study_choice *c = &t->choice;
+    const study_run *own = &t->run[0];
+    snprintf(why, size, "there was no time to try it");
+    c->untried = true, c->mesh_run = c->extra_count = c->felt_run = 0, c->sends = SIM_SENDS_FORCE;
+    c->predicted = c->error = own->force_error, c->cost_s = own->cpu_s, c->frame_s = own->frame_s;
+    c->share = own->cpu_p95_s / own->frame_s, c->busy = own->busy_p95_s / own->frame_s, c->work_s = 0;
+    c->fits = within(t, c);
+    return study_build_choice(t, why, size, rc);
 }
 
 /* The best that can be built. Null, and an exit code, having complained. */
@@ -304,11 +230,16 @@ static sim *build_best(study *t, int *rc) {
     const int stem =
         (int)strlen(t->json) - (strlen(t->json) > 5 && !strcmp(t->json + strlen(t->json) - 5, ".json") ? 5 : 0);
     tried known = {0};
+    sim *s = NULL;
     while (choose(t, &known)) {
-        outcome end;
+        outcome end = DEAR;
         study_choice *c = &t->choice;
         snprintf(c->file, sizeof c->file, "%.*s-recommended.yaml", stem, t->json);
-        sim *s = build_felt(t, why, sizeof why, &end, rc);
+        s = build_felt(t, why, sizeof why, &end, rc);
+        if (!s && !*rc && !app_interrupted() && !study_may_try(t)) {
+            s = build_untried(t, why, sizeof why, rc);
+            if (!s) break;
+        }
         if (s || *rc || app_interrupted()) return s;
         t->worse += end == WORSE;
         if (!remember(&known, c, end != WORSE, c->error)) break;
@@ -322,6 +253,6 @@ int study_recommend(study *t) {
     int rc = 0;
     sim *s = build_best(t, &rc);
     if (!s) return app_interrupted() ? app_interrupted_exit() : rc;
-    study_hold(t, s, build_again);
+    study_hold(t, s, study_build_again);
     return app_interrupted() ? app_interrupted_exit() : 0;
 }

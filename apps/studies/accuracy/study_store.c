@@ -61,6 +61,13 @@ static bool take(study_run *r, const cJSON *from) {
     return r->force_N && r->u_m && r->frame_s > 0 && r->cpu_s > 0 && r->busy_p95_s > 0;
 }
 
+double study_old_span_s(const study *t, double asked_s) {
+    const double span_s = number(t->old, "duration_s");
+    const bool same =
+        t->old && number(t->old, "asked_duration_s") == asked_s && number(t->old, "limit_s") >= t->limit_s;
+    return same && span_s > 0 && span_s < asked_s ? span_s : asked_s;
+}
+
 bool study_find(const study *t, study_run *r) {
     const cJSON *one;
     cJSON_ArrayForEach(one, cJSON_GetObjectItem(t->old, "runs")) {
@@ -124,10 +131,16 @@ static cJSON *choice_json(const study *t) {
     cJSON_AddBoolToObject(out, "fits", c->fits);
     cJSON_AddItemToArray(names, cJSON_CreateString(t->run[c->mesh_run].name));
     for (int i = 0; i < c->extra_count; i++) cJSON_AddItemToArray(names, cJSON_CreateString(t->run[c->extra[i]].name));
-    if (c->felt_run) cJSON_AddStringToObject(out, "extrapolator", t->run[c->felt_run].name);
+    const study_run *felt = &t->run[c->felt_run];
+    if (c->felt_run) {
+        cJSON_AddStringToObject(out, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)felt->law));
+        put(out, "sample_rate_Hz", felt->times / t->run[0].frame_s);
+    }
+    cJSON_AddBoolToObject(out, "untried", c->untried);
     cJSON_AddStringToObject(out, "file", c->file);
     put(out, "error", c->error), put(out, "predicted_error", c->predicted), put(out, "worse", t->worse);
-    put(out, "cost_s", c->cost_s), put(out, "share", c->share), put(out, "busy", c->busy);
+    put(out, "cost_s", c->cost_s), put(out, "frame_s", c->frame_s), put(out, "share", c->share),
+        put(out, "busy", c->busy);
     if (!c->held_frames) return out;
     char verdict[500];
     study_verdict(c, verdict, sizeof verdict);
@@ -152,7 +165,17 @@ int study_save(const study *t, bool whole) {
     cJSON_AddStringToObject(root, "version", tm_version());
     cJSON_AddItemToObject(root, "set", cJSON_CreateStringArray((const char *const *)t->set, t->set_count));
     cJSON_AddBoolToObject(root, "whole", whole);
-    put(root, "duration_s", t->duration_s);
+    put(root, "duration_s", t->duration_s), put(root, "asked_duration_s", t->asked_s);
+    put(root, "limit_s", t->limit_s);
+    cJSON *left_out = cJSON_AddArrayToObject(root, "left_out");
+    for (int i = 0; i < t->run_count; i++) {
+        if (!t->run[i].left_out) continue;
+        cJSON *one = cJSON_CreateObject();
+        cJSON_AddItemToArray(left_out, one);
+        cJSON_AddStringToObject(one, "knob", t->run[i].knob);
+        cJSON_AddStringToObject(one, "name", t->run[i].name);
+        cJSON_AddStringToObject(one, "why", t->run[i].why);
+    }
     if (whole) cJSON_AddItemToObject(root, "truth", truth_json(t));
     if (whole && t->choice.wanted) cJSON_AddItemToObject(root, "recommendation", choice_json(t));
     cJSON *runs = cJSON_AddArrayToObject(root, "runs");

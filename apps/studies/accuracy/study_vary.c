@@ -9,8 +9,8 @@
 #include "study.h"
 
 /* Files that a setting names count by what is in them. */
-static void make_key(const study *t, study_run *r, uint64_t files) {
-    uint64_t hash = sim_hash_bytes(files, tm_version(), strlen(tm_version()));
+void study_make_key(const study *t, study_run *r) {
+    uint64_t hash = sim_hash_bytes(t->files, tm_version(), strlen(tm_version()));
     hash = sim_hash_bytes(hash, &t->duration_s, sizeof t->duration_s);
     for (int i = 0; i < r->set_count; i++) {
         const char *value = strchr(r->set[i], '=');
@@ -240,6 +240,8 @@ int study_plan_own(study *t) {
         rc = app_bad_input(t->file, 0, "the hand's path is the load of the study, and the scene has no %s; add it",
                            scene->instrument.count ? "'hand:'" : "'instruments:'");
     if (t->duration_s < 0) t->duration_s = scene->duration.si;
+    t->asked_s = t->duration_s;
+    t->duration_s = study_old_span_s(t, t->asked_s);
     app_scene_free(scene);
     if (rc) return rc;
     quiet_sections(t);
@@ -254,7 +256,8 @@ int study_plan_own(study *t) {
     }
     t->scene_hash = sim_hash_file(0, t->file);
     t->own_vertices = own->mesh->vertex_count;
-    make_key(t, study_add(t, "own", "as it is"), files_hash(t, own));
+    t->files = files_hash(t, own);
+    study_make_key(t, study_add(t, "own", "as it is"));
     sim_destroy(own);
     return 0;
 }
@@ -263,7 +266,6 @@ int study_plan(study *t) {
     char why[400];
     sim *own = study_build(t->file, t->set, t->set_count, why, sizeof why);
     if (!own) return APP_FAILED;
-    const uint64_t files = files_hash(t, own);
     const int rc = study_make_meshes(t, own);
     if (!rc) {
         plan_meshes(t, own);
@@ -273,7 +275,7 @@ int study_plan(study *t) {
         plan_effects(t, own);
         plan_constants(t, own);
         study_plan_felt(t, own);
-        for (int i = 1; i < t->run_count; i++) make_key(t, &t->run[i], files);
+        for (int i = 1; i < t->run_count; i++) study_make_key(t, &t->run[i]);
     }
     sim_destroy(own);
     return rc;

@@ -206,9 +206,41 @@ static bool change(text *t, const char *edit) {
     return put_line(t, t->count, line);
 }
 
-/* Paths are relative to the scene's folder, and this one may lie elsewhere. */
-static void make_absolute(text *t, const char *scene, const char *section, const char *key) {
-    char folder[2048], found[4096], value[LONG];
+/* `file`, absolute, from the folder `from`, absolute and without a slash at its end. */
+static void write_relative(const char *file, const char *from, char *out, size_t size) {
+    size_t shared = 0, used = 0;
+    for (size_t i = 0; file[i] == from[i] || (file[i] == '/' && !from[i]); i++) {
+        if (file[i] == '/') shared = i + 1; /* what both begin with, as far as a slash */
+        if (!from[i]) break;
+    }
+    out[0] = 0;
+    for (const char *c = from + shared - (shared > strlen(from)); *c; c += strcspn(c, "/"), c += *c == '/')
+        used += (size_t)snprintf(out + used, used < size ? size - used : 0, "../");
+    snprintf(out + used, used < size ? size - used : 0, "%s", file + shared);
+}
+
+/* The folder of `path`, absolute. */
+static bool find_folder(const char *path, char folder[4096]) {
+    char name[2048];
+    snprintf(name, sizeof name, "%.2000s", path);
+    char *slash = strrchr(name, '/');
+    if (slash) slash[slash == name] = 0;
+    return realpath(slash ? name : ".", folder) != NULL;
+}
+
+/* A change whose value is a file's absolute name, from the written scene's folder. */
+static void make_relative(const char *edit, const char *path, char *out, size_t size) {
+    char folder[4096], file[LONG];
+    const char *value = strchr(edit, '=');
+    snprintf(out, size, "%s", edit);
+    if (!value || value[1] != '/' || !find_folder(path, folder)) return;
+    write_relative(value + 1, folder, file, sizeof file);
+    snprintf(out, size, "%.*s=%s", (int)(value - edit), edit, file);
+}
+
+/* Paths are relative to the scene's folder, and this one may be written to another. */
+static void move_path(text *t, const char *scene, const char *to, const char *section, const char *key) {
+    char folder[2048], found[4096], target[4096], value[LONG];
     const int at = find_section(t, section);
     snprintf(folder, sizeof folder, "%s", scene);
     char *slash = strrchr(folder, '/');
@@ -222,7 +254,9 @@ static void make_absolute(text *t, const char *scene, const char *section, const
         begin += strspn(begin, " \"'");
         while (end_of > begin && strchr(" \"'", end_of[-1])) end_of--;
         snprintf(value, sizeof value, "%s%.*s", *begin == '/' || !slash ? "" : folder, (int)(end_of - begin), begin);
-        if (realpath(value, found)) set_nested(t, section, key, found);
+        if (!realpath(value, found) || !find_folder(to, target)) return;
+        write_relative(found, target, value, sizeof value);
+        set_nested(t, section, key, value);
         return;
     }
 }
@@ -233,12 +267,15 @@ int study_write_yaml(const study *t, const char *path, char *const *edit, int ed
     app_output output;
     lines.count = 0;
     if (!read_lines(&lines, t->file)) return app_bad_input(t->file, 0, "cannot be read again, or is very long");
-    make_absolute(&lines, t->file, "tissue", "mesh");
-    make_absolute(&lines, t->file, "anisotropy", "file");
-    make_absolute(&lines, t->file, "haptics", "profile");
-    for (int i = 0; i < edit_count; i++)
-        if (!change(&lines, edit[i]))
+    move_path(&lines, t->file, path, "tissue", "mesh");
+    move_path(&lines, t->file, path, "anisotropy", "file");
+    move_path(&lines, t->file, path, "haptics", "profile");
+    for (int i = 0; i < edit_count; i++) {
+        char moved[LONG + 200];
+        make_relative(edit[i], path, moved, sizeof moved);
+        if (!change(&lines, moved))
             app_remark("tm-accuracy: --set %s cannot be written into %s; give it to tm-sim again", edit[i], path);
+    }
     if (!app_output_begin(&output, path, &error)) return app_report(NULL, 0, &error);
     FILE *file = app_output_stream(&output);
     if (file) fputs(evidence, file);

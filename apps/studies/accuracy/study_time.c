@@ -1,0 +1,254 @@
+/* What a study may take: its limit, what a run is expected to take before it starts, its measured beginning, and a
+ * line every ten seconds that says what is done and when the end is due. */
+#include <math.h>
+#include <pthread.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "bandwidth.h"
+#include "study.h"
+
+/* Shares of the limit: the scene as it is, along its path; the same where it has touched nothing until then; any run.
+ */
+static const double OWN = 1.0 / 40, UNTOUCHED = 1.0 / 10, RUN = 1.0 / 4;
+/* A beginning that tells a run's pace: frames, seconds, and share of what it may take. */
+enum { BEGINNING = 3 };
+static const double BEGINNING_S = 0.3, BEGINNING_SHARE = 0.02;
+
+const char *study_span(double seconds, char text[24]) {
+    const long whole = lround(seconds);
+    if (!(seconds < 1e6))
+        snprintf(text, 24, "days");
+    else if (seconds < 9.95)
+        snprintf(text, 24, "%.2g s", seconds);
+    else if (whole < 60)
+        snprintf(text, 24, "%ld s", whole);
+    else
+        snprintf(text, 24, whole % 60 ? "%ld min %ld s" : "%ld min", whole / 60, whole % 60);
+    return text;
+}
+
+void study_path_words(const study *t, char *text, size_t size) {
+    if (t->duration_s < t->asked_s - 1e-9)
+        snprintf(text, size, "the first %.4g s of the path's %.4g s", t->duration_s, t->asked_s);
+    else
+        snprintf(text, size, "the path's %.4g s", t->duration_s);
+}
+
+/* --- the line --- */
+
+static struct {
+    pthread_mutex_t lock;
+    pthread_cond_t wake;
+    pthread_t thread;
+    bool runs, stops;
+    int to; /* stderr itself: it is turned elsewhere while a scene is built */
+    char what[200];
+    double began_s, limit_s, left_s; /* left_s: NAN as long as it is not known */
+} line = {.lock = PTHREAD_MUTEX_INITIALIZER, .wake = PTHREAD_COND_INITIALIZER};
+
+enum { EVERY_S = 10 };
+
+static void say(void) {
+    char so_far[24], limit[24], left[24], more[60] = "";
+    if (isfinite(line.left_s))
+        snprintf(more, sizeof more, ", about %s to the end", study_span(fmax(line.left_s, 1), left));
+    dprintf(line.to, "tm-accuracy: %s; %s so far%s (limit %s)\n", line.what,
+            study_span(app_seconds() - line.began_s, so_far), more, study_span(line.limit_s, limit));
+}
+
+static void *speak(void *nothing) {
+    pthread_mutex_lock(&line.lock);
+    struct timespec next;
+    clock_gettime(CLOCK_REALTIME, &next);
+    while (!line.stops) {
+        next.tv_sec += EVERY_S;
+        while (!line.stops && pthread_cond_timedwait(&line.wake, &line.lock, &next) == 0) {
+        }
+        if (!line.stops) say();
+    }
+    pthread_mutex_unlock(&line.lock);
+    return nothing;
+}
+
+/* Where stderr is a terminal the line of app_progress is there. */
+static void begin_line(const study *t) {
+    sigset_t all, before;
+    line.began_s = t->time.began_s, line.limit_s = t->limit_s, line.left_s = NAN;
+    snprintf(line.what, sizeof line.what, "reading the scene");
+    if (app_is_quiet() || isatty(STDERR_FILENO)) return;
+    line.to = dup(STDERR_FILENO);
+    sigfillset(&all); /* Ctrl-C is the main thread's */
+    pthread_sigmask(SIG_SETMASK, &all, &before);
+    line.runs = line.to >= 0 && !pthread_create(&line.thread, NULL, speak, NULL);
+    pthread_sigmask(SIG_SETMASK, &before, NULL);
+}
+
+void study_time_begin(study *t) {
+    t->time = (study_time){.began_s = app_seconds(), .run_began_s = app_seconds(), .run_allowed_s = INFINITY};
+    begin_line(t);
+}
+
+void study_time_end(study *t) {
+    free(t->time.path);
+    t->time.path = NULL;
+    if (!line.runs) return;
+    pthread_mutex_lock(&line.lock);
+    line.stops = true;
+    pthread_cond_signal(&line.wake);
+    pthread_mutex_unlock(&line.lock);
+    pthread_join(line.thread, NULL);
+    close(line.to);
+    line.runs = false;
+}
+
+/* --- what is expected --- */
+
+static double own_s(const study *t) {
+    const study_run *own = &t->run[0];
+    return own->setup_s + own->wall_s * own->frames;
+}
+
+/* What runs took over what was expected of them. */
+static double learned(const study *t) {
+    return t->time.made < 3 ? 1 : fmin(fmax(t->time.took_s / t->time.expected_s, 0.5), 3);
+}
+
+double study_expected_s(const study *t, const study_run *r) {
+    const study_mesh *m = &t->mesh[r->mesh];
+    const double more = r->mesh ? (double)m->tets / t->mesh[0].tets : 1;
+    double factor = more / (r->mesh && m->step > 0 ? fmin(1, m->step) : fmin(1, pow(more, -1.0 / 3)));
+    if (more > 1) factor *= 1.5; /* what the cache no longer holds */
+    if (r->form == STUDY_OTHER_VOLUME) factor *= 2;
+    if (!strcmp(r->name, "half the step") || !strcmp(r->knob, "model")) factor *= 2;
+    return learned(t) * factor * own_s(t);
+}
+
+/* Frames with patches, the truth at 500 Hz, and the samples of other rates. */
+double study_expected_felt_s(const study *t) {
+    double factor = 0;
+    for (int i = 1; i < t->run_count; i++) {
+        const bool first = !strcmp(t->run[i].knob, "extrapolator") && factor == 0;
+        factor += first ? 5 : !strcmp(t->run[i].knob, "rate") && t->run[i].felt_first ? 1.3 : 0;
+    }
+    return factor * own_s(t);
+}
+
+double study_try_s(const study *t) { return t->choice.wanted ? 2 * own_s(t) : 0; }
+
+double study_hold_s(const study *t) {
+    return t->choice.wanted ? fmax(own_s(t), fmax(fmin(t->hold_s, t->limit_s / 4), t->duration_s)) : 0;
+}
+
+double study_end_s(const study *t) { return t->time.began_s + t->limit_s - app_seconds(); }
+
+bool study_may_try(const study *t) {
+    const study_choice *c = &t->choice;
+    const double once_s = fmax(c->cost_s / t->slower / t->run[0].cpu_s, 1) * own_s(t);
+    return app_seconds() + once_s + study_hold_s(t) < t->time.began_s + t->limit_s;
+}
+
+double study_run_limit_s(const study *t) { return RUN * t->limit_s; }
+
+double study_left_s(const study *t) {
+    return t->time.began_s + t->limit_s - app_seconds() - 2 * study_try_s(t) - study_hold_s(t);
+}
+
+/* All that is not done yet. */
+static double expected_left_s(const study *t) {
+    double sum = 2 * study_try_s(t) + study_hold_s(t);
+    bool felt = false;
+    for (int i = 1; i < t->run_count; i++) {
+        const study_run *r = &t->run[i];
+        if (r->done || r->left_out) continue;
+        const bool replayed = !strcmp(r->knob, "extrapolator") || !strcmp(r->knob, "rate");
+        sum += replayed ? 0 : study_expected_s(t, r);
+        felt = felt || replayed;
+    }
+    return sum + (felt ? study_expected_felt_s(t) : 0);
+}
+
+void study_doing(const study *t, const char *what, double share) {
+    int done = 0, left_out = 0;
+    for (int i = 0; i < t->run_count; i++) done += t->run[i].done, left_out += t->run[i].left_out;
+    pthread_mutex_lock(&line.lock);
+    if (t->run_count > 1) {
+        line.left_s = fmin(expected_left_s(t), t->time.began_s + t->limit_s - app_seconds());
+        char out[40] = "";
+        if (left_out) snprintf(out, sizeof out, " and %d left out", left_out);
+        snprintf(line.what, sizeof line.what, "%d of %d settings done%s, now %.110s, %.0f %%", done, t->run_count, out,
+                 what, 100 * share);
+    } else
+        snprintf(line.what, sizeof line.what, "%.120s, %.0f %%", what, 100 * share);
+    pthread_mutex_unlock(&line.lock);
+    app_progress(what, share, share >= 1);
+}
+
+/* --- what is started, and gone on with --- */
+
+void study_leave_out(study_run *r, const char *whose, double needs_s, double has_s) {
+    char needs[24], has[24];
+    r->left_out = true;
+    study_span(needs_s, needs), study_span(has_s, has);
+    if (has_s > 0)
+        snprintf(r->why, sizeof r->why, "%s it needs about %s, and has %s; raise --limit", whose, needs, has);
+    else
+        snprintf(r->why, sizeof r->why, "%s it needs about %s, and no time is left; raise --limit", whose, needs);
+}
+
+bool study_may_start(study *t, study_run *r, double expected_s) {
+    t->time.run_began_s = app_seconds();
+    t->time.run_allowed_s = fmin(study_left_s(t), study_run_limit_s(t));
+    if (expected_s <= t->time.run_allowed_s) return true;
+    study_leave_out(r, "by the scene as it is", expected_s, t->time.run_allowed_s);
+    return false;
+}
+
+static bool touches(const study_run *r, int frames) {
+    for (int i = 0; i < frames * r->instruments * 3; i++)
+        if (r->force_N[i] != 0) return true;
+    return false;
+}
+
+static bool own_goes_on(study *t, const study_run *r, int k, double spent_s) {
+    if (!t->time.path) t->time.path = calloc((size_t)r->frames + 1, sizeof *t->time.path);
+    if (!t->time.path) abort();
+    t->time.path[k - 1] = spent_s;
+    const bool enough = spent_s > OWN * t->limit_s && touches(r, k);
+    if (k == r->frames || k < 2 || (!enough && spent_s <= UNTOUCHED * t->limit_s)) return true;
+    t->time.cut_at = k;
+    return false;
+}
+
+/* Share of a run's time that its first `share` frames take: tools that touch are dearer. */
+static double share_of_time(const study *t, double share) {
+    const study_run *own = &t->run[0];
+    const double *path = t->time.path;
+    const int k = (int)floor(share * own->frames);
+    if (!path || k < 1 || !(path[own->frames - 1] > 0)) return share;
+    return path[k < own->frames ? k - 1 : own->frames - 1] / path[own->frames - 1];
+}
+
+bool study_part_goes_on(study *t, study_run *r, double began_s, int k, int frames) {
+    const double spent_s = app_seconds() - began_s, allowed_s = t->time.run_allowed_s - (began_s - t->time.run_began_s);
+    if (k < BEGINNING || spent_s < fmax(BEGINNING_S, BEGINNING_SHARE * allowed_s)) return true;
+    const double needs_s = spent_s / fmax(share_of_time(t, (double)k / frames), 1e-9);
+    if (needs_s <= allowed_s || k == frames) return true;
+    study_leave_out(r, "by its own first frames", needs_s, allowed_s);
+    return false;
+}
+
+bool study_goes_on(study *t, study_run *r, int k) {
+    if (r == &t->run[0]) return own_goes_on(t, r, k, app_seconds() - t->time.run_began_s);
+    return study_part_goes_on(t, r, t->time.run_began_s, k, r->frames);
+}
+
+void study_run_took(study *t, double expected_s) {
+    t->time.expected_s += expected_s / learned(t);
+    t->time.took_s += app_seconds() - t->time.run_began_s;
+    t->time.made++;
+}
