@@ -231,6 +231,7 @@ typedef struct app_scene {
 
     /* private */
     void *arena;
+    void *no_memory; /* jmp_buf while the file is read: where app_scene_alloc goes when there is none */
     char **set;
     int set_count;
 } app_scene;
@@ -240,8 +241,14 @@ typedef struct app_scene {
 int app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count,
                    app_scene **scene);
 void app_scene_free(app_scene *scene);
-/* Zeroed memory that lives as long as the scene. */
+/* "scene.yaml: out of memory; close other programs". Returns APP_FAILED. */
+int app_scene_no_memory(const char *file);
+/* Zeroed memory that lives as long as the scene; null: there is none. */
 void *app_scene_alloc(app_scene *scene, size_t bytes);
+
+/* `text` as a YAML scalar that means these very characters, for --set. False: `size` is too small, `out` is undefined.
+ */
+bool app_scene_quote(const char *text, char *out, size_t size);
 
 /* Complaint about a value by its line. Returns APP_BAD_INPUT. */
 int app_scene_bad(const app_scene *scene, int line, const char *format, ...) __attribute__((format(printf, 3, 4)));

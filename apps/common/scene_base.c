@@ -1,4 +1,5 @@
 /* What every part of the scene's reader stands on: memory, and complaints with their place. */
+#include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -14,15 +15,33 @@ typedef struct block {
 
 void *app_scene_alloc(app_scene *scene, size_t bytes) {
     block *b = calloc(1, sizeof(block) + bytes);
-    if (!b) abort(); /* a scene is kilobytes: out of memory here has no cure */
+    if (!b && scene->no_memory) longjmp(*(jmp_buf *)scene->no_memory, 1);
+    if (!b) return NULL;
     b->next = scene->arena;
     scene->arena = b;
     return b->data;
 }
 
+int app_scene_no_memory(const char *file) {
+    const tm_error error = {TM_ERR_MEMORY, -1, "out of memory; close other programs"};
+    return app_report(file, 0, &error);
+}
+
 char *app_scene_keep(app_scene *scene, const char *text) {
     size_t bytes = strlen(text) + 1;
     return memcpy(app_scene_alloc(scene, bytes), text, bytes);
+}
+
+bool app_scene_quote(const char *text, char *out, size_t size) {
+    size_t quotes = 0;
+    for (const char *c = text; *c; c++) quotes += *c == '\'';
+    if (strlen(text) + quotes + 3 > size) return false; /* one at either end, and the end of the string */
+    *out++ = '\'';
+    for (; *text; *out++ = *text++)
+        if (*text == '\'') *out++ = '\'';
+    *out++ = '\'';
+    *out = 0;
+    return true;
 }
 
 void app_scene_free(app_scene *scene) {

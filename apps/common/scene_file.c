@@ -1,4 +1,5 @@
 /* A scene's file: read whole, within limits, one YAML document, changed by --set, and then read through its fields. */
+#include <setjmp.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -10,6 +11,7 @@
 enum { SCENE_MAX_BYTES = 4 << 20 };
 
 static int not_yaml(const app_scene *scene, const yaml_parser_t *parser, const char *text, size_t size) {
+    if (parser->error == YAML_MEMORY_ERROR || parser->error == YAML_NO_ERROR) return app_scene_no_memory(scene->file);
     return app_bad_input(scene->file, (int)parser->problem_mark.line + 1, "not YAML: %s%s%s; %s",
                          parser->problem ? parser->problem : "unreadable", parser->context ? " " : "",
                          parser->context ? parser->context : "",
@@ -22,7 +24,7 @@ static int load_document(reader *r, const char *text, size_t size) {
     yaml_document_t second;
     int rc = app_scene_check_limits(scene, text, size);
     if (rc) return rc;
-    yaml_parser_initialize(&parser);
+    if (!yaml_parser_initialize(&parser)) return app_scene_no_memory(scene->file);
     yaml_parser_set_input_string(&parser, (const unsigned char *)text, size);
     if (!yaml_parser_load(&parser, &r->document)) {
         rc = not_yaml(scene, &parser, text, size);
@@ -59,7 +61,7 @@ static int read_scene(const char *path, char **text, size_t *size) {
     else if (info.st_size > SCENE_MAX_BYTES)
         rc = app_bad_input(path, 0, "is larger than a scene may be (4 MB); give a scene, not a mesh");
     else if (!(*text = malloc((size_t)info.st_size + 1)))
-        rc = app_bad_input(path, 0, "out of memory; close other programs");
+        rc = app_scene_no_memory(path);
     else
         *size = fread(*text, 1, (size_t)info.st_size, file);
     if (!rc && ferror(file)) rc = app_bad_input(path, 0, "cannot be read: %m; check the disk");
@@ -67,38 +69,52 @@ static int read_scene(const char *path, char **text, size_t *size) {
     return rc;
 }
 
+/* The scene's own arrays, and its file laid over what its fields have by default. */
+static int read_fields(reader *r, const app_schema *effect, char *const *set, const char *text, size_t size) {
+    app_scene *scene = r->scene;
+    scene->set = app_scene_alloc(scene, sizeof *scene->set * (size_t)(scene->set_count + 1));
+    for (int i = 0; i < scene->set_count; i++) scene->set[i] = app_scene_keep(scene, set[i]);
+    scene->effect = app_scene_alloc(scene, sizeof *scene->effect * (size_t)(scene->effect_count + 1));
+    char *base[sizeof r->schema / sizeof r->schema[0]] = {(char *)scene};
+    if (r->schema_count > (int)(sizeof base / sizeof base[0])) abort();
+    r->schema[0] = &app_scene_schema;
+    for (int i = 0; i < scene->effect_count; i++) {
+        r->schema[i + 1] = &effect[i];
+        base[i + 1] = scene->effect[i] = app_scene_alloc(scene, effect[i].size);
+    }
+    int rc = load_document(r, text, size);
+    r->loaded = !rc;
+    for (int i = 0; i < scene->set_count && !rc; i++) rc = app_scene_apply_set(r, i);
+    return rc ? rc : app_scene_read_mapping(r, NULL, node_at(r, 1), 1, "", "", base);
+}
+
+/* Comes back from wherever in the reading memory ran out. All that outlives the reading is of the caller's frame. */
+static int read_or_no_memory(reader *r, const char *file, const app_schema *effect, char *const *set, const char *text,
+                             size_t size) {
+    jmp_buf back;
+    if (setjmp(back)) return app_scene_no_memory(file);
+    r->scene->no_memory = &back;
+    r->scene->file = app_scene_keep(r->scene, file);
+    return read_fields(r, effect, set, text, size);
+}
+
 int app_scene_load(const char *file, char *const *set, int set_count, const app_schema *effect, int effect_count,
                    app_scene **out) {
     char *text;
     size_t size = 0;
     int rc = read_scene(file, &text, &size);
-    if (rc) {
+    app_scene *scene = rc ? NULL : calloc(1, sizeof *scene);
+    if (!scene) {
         free(text);
-        return rc;
+        return rc ? rc : app_scene_no_memory(file);
     }
-    app_scene *scene = calloc(1, sizeof *scene);
-    if (!scene) abort();
-    scene->file = app_scene_keep(scene, file);
     scene->set_count = set_count;
-    scene->set = app_scene_alloc(scene, sizeof *scene->set * (size_t)(set_count + 1));
-    for (int i = 0; i < set_count; i++) scene->set[i] = app_scene_keep(scene, set[i]);
     scene->effect_count = effect_count;
-    scene->effect = app_scene_alloc(scene, sizeof *scene->effect * (size_t)(effect_count + 1));
     reader r = {.scene = scene, .schema_count = effect_count + 1};
-    char *base[sizeof r.schema / sizeof r.schema[0]] = {(char *)scene};
-    if (r.schema_count > (int)(sizeof base / sizeof base[0])) abort();
-    r.schema[0] = &app_scene_schema;
-    for (int i = 0; i < effect_count; i++) {
-        r.schema[i + 1] = &effect[i];
-        base[i + 1] = scene->effect[i] = app_scene_alloc(scene, effect[i].size);
-    }
-    rc = load_document(&r, text, size);
+    rc = read_or_no_memory(&r, file, effect, set, text, size);
+    scene->no_memory = NULL;
     free(text);
-    if (!rc) {
-        for (int i = 0; i < set_count && !rc; i++) rc = app_scene_apply_set(&r, i);
-        if (!rc) rc = app_scene_read_mapping(&r, NULL, node_at(&r, 1), 1, "", "", base);
-        yaml_document_delete(&r.document);
-    }
+    if (r.loaded) yaml_document_delete(&r.document);
     if (rc)
         app_scene_free(scene);
     else

@@ -14,6 +14,7 @@ enum { PATH_MAX_CHARS = 256, MAX_ITEMS = 200000 };
 typedef struct reader {
     app_scene *scene;
     yaml_document_t document;
+    bool loaded; /* `document` is to be deleted */
     const app_schema *schema[64];
     int schema_count;
     int items; /* of lists, all told: aliases could multiply them */

@@ -34,7 +34,7 @@ static int parse_set_value(reader *r, const char *text, int set) {
     yaml_parser_t parser;
     yaml_document_t document;
     if (!*text) text = "~";
-    yaml_parser_initialize(&parser);
+    if (!yaml_parser_initialize(&parser)) return 0;
     yaml_parser_set_input_string(&parser, (const unsigned char *)text, strlen(text));
     int made = 0;
     if (yaml_parser_load(&parser, &document)) {

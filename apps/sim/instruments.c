@@ -60,6 +60,7 @@ tm_tool_pose sim_hand_pose(const sim *s, int instrument, double time_s) {
 static int make_hand(sim *s, int instrument, const app_hand *hand) {
     const app_waypoint *w = hand->path.item;
     hrt_keyframe *key = app_scene_alloc(s->scene, sizeof *key * (size_t)hand->path.count);
+    if (!key) return app_scene_no_memory(s->scene->file);
     for (int k = 0; k < hand->path.count; k++) {
         key[k].time_s = w[k].time.si;
         key[k].active = w[k].active.on;

@@ -138,13 +138,9 @@ static int add_set(run_options *o, const char *prefix, const char *text, bool wa
 
 /* Quoted: a file's name may be anything, "-" too. */
 static int add_record(run_options *o, const char *file) {
-    char quoted[2 * 1024], *at = quoted;
-    if (strlen(file) >= 1024) return usage("--record '%.60s...' is too long; give a shorter path", file);
-    *at++ = '\'';
-    for (; *file; *at++ = *file++)
-        if (*file == '\'') *at++ = '\'';
-    *at++ = '\'';
-    *at = 0;
+    char quoted[2 * 1024];
+    if (!app_scene_quote(file, quoted, sizeof quoted))
+        return usage("--record '%.60s...' is too long; give a shorter path", file);
     return add_set(o, "recording.file=", quoted, true);
 }
 

@@ -18,6 +18,10 @@ int sim_scene_load(const char *file, char *const *set, int set_count, app_scene 
     const int rc = app_scene_load(file, set, set_count, schema, sim_effect_count, scene);
     if (rc) return rc;
     app_effect_key *key = app_scene_alloc(*scene, sizeof *key * SIM_MAX_EFFECTS);
+    if (!key) {
+        app_scene_free(*scene);
+        return app_scene_no_memory(file);
+    }
     for (int i = 0; i < sim_effect_count; i++) key[i] = (app_effect_key){sim_effects[i]->name, sim_effects[i]->model};
     (*scene)->effect_key = key;
     return 0;
@@ -182,7 +186,11 @@ static int make_model(sim *s) {
 
 int sim_prepare(app_scene *scene, sim **out) {
     sim *s = calloc(1, sizeof *s);
-    if (!s) abort();
+    if (!s) {
+        const int none = app_scene_no_memory(scene->file);
+        app_scene_free(scene);
+        return none;
+    }
     s->scene = scene;
     int rc = check_scene(scene);
     if (!rc) rc = load_mesh(s);

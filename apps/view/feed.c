@@ -1,5 +1,6 @@
 #include "feed.h"
 
+#include <errno.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -124,6 +125,7 @@ static void survey_event(void *user, const char *channel, int64_t utime, const v
                 fmax(v->facts->peak_force_N, (double)t->force_N[i][(t->next + VIEW_TRACE - 1) % VIEW_TRACE]);
 }
 
+/* False: it cannot be opened (there is no memory: the file was seen to be a log before). */
 static bool read_facts(view_feed *feed, const char *path, app_link_def *def, view_log_facts *facts) {
     static view_picture scratch;
     survey v = {.feed = feed, .facts = facts};
@@ -140,7 +142,7 @@ static bool read_facts(view_feed *feed, const char *path, app_link_def *def, vie
     app_link_close(feed->link);
     feed->link = NULL;
     view_intake_begin(&feed->intake);
-    return facts->tissues > 0;
+    return true;
 }
 
 static void log_event(void *user, const char *channel, int64_t utime, const void *bytes, int size) {
@@ -153,8 +155,7 @@ tm_status view_feed_open_log(const char *path, view_feed **out, view_log_facts *
     memset(facts, 0, sizeof *facts);
     FILE *file = fopen(path, "rb");
     if (!file)
-        return tm_fail(error, TM_ERR_FILE, -1, "cannot be read (%s); give the path of an LCM log",
-                       "no such file, or no permission");
+        return tm_fail(error, TM_ERR_FILE, -1, "cannot be read: %s; give the path of an LCM log", strerror(errno));
     fclose(file);
     if (!begins_like_log(path))
         return tm_fail(error, TM_ERR_FILE, -1,
@@ -163,18 +164,21 @@ tm_status view_feed_open_log(const char *path, view_feed **out, view_log_facts *
     view_feed *feed = feed_new(topic);
     if (!feed) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for what is heard");
     app_link_def def = {.topic = topic, .topics = 2 + VIEW_INSTRUMENTS};
-    if (read_facts(feed, path, &def, facts)) {
+    bool readable = read_facts(feed, path, &def, facts);
+    if (readable && facts->tissues > 0) {
         def.keep = log_event;
         def.user = feed;
         feed->link = app_link_read_log(path, &def);
+        readable = feed->link != NULL;
     }
-    if (!feed->link) {
-        view_feed_close(feed);
-        return tm_fail(error, TM_ERR_FILE, -1,
-                       "holds no TISSUE message%s; record a running tm-sim --realtime with lcm-logger", "");
+    if (feed->link) {
+        *out = feed;
+        return TM_OK;
     }
-    *out = feed;
-    return TM_OK;
+    view_feed_close(feed);
+    if (!readable) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory to read it; close other programs");
+    return tm_fail(error, TM_ERR_FILE, -1,
+                   "holds no TISSUE message%s; record a running tm-sim --realtime with lcm-logger", "");
 }
 
 bool view_feed_advance(view_feed *feed, double time_s, view_picture *picture) {

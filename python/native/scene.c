@@ -26,11 +26,12 @@ tm_status tm_scene_open(const char *file, const char *const *set, int32_t set_co
     app_be_quiet();
     tm_scene *made = calloc(1, sizeof *made);
     if (made) made->set = calloc((size_t)set_count + 1, sizeof *made->set);
-    if (!made || !made->set) {
-        free(made);
+    bool kept = made && made->set;
+    for (int32_t i = 0; i < set_count && kept; i++) kept = (made->set[made->set_count++] = strdup(set[i])) != NULL;
+    if (!kept) {
+        tm_scene_close(made);
         return TM_ERR_MEMORY;
     }
-    for (int32_t i = 0; i < set_count; i++) made->set[made->set_count++] = strdup(set[i]);
     int rc = sim_scene_load(file, made->set, made->set_count, &read);
     if (!rc && !read->renumber.line) read->renumber.on = false; /* what is looked at here is the memory itself */
     if (!rc) rc = sim_create(read, &made->s);

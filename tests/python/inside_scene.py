@@ -212,3 +212,29 @@ def test_the_program():
     assert bad.returncode == 2 and bad.stderr.startswith("none.yaml: cannot be read"), bad.stderr
     shown = subprocess.run([sys.executable, "-m", "tensormass", scene, "--seconds", "0.1", "--picture", "x.png"], capture_output=True, text=True)
     assert shown.returncode == 0 or "tensormass[viz]" in shown.stderr
+
+
+NO_MEMORY = """
+import ctypes, sys
+import tensormass as tm
+fail = ctypes.CDLL(sys.argv[1]).fail_calloc
+tm.Scene(sys.argv[2])  # opens the libraries
+none = made = 0
+for n in range(1, 200, 2):
+    fail(n)
+    try:
+        tm.Scene(sys.argv[2], {"haptics": None, "tissue.damping": "40 1/s"})
+        made += 1
+    except tm.Error as e:
+        none += isinstance(e, MemoryError)
+    finally:
+        fail(0)
+print(none, "without memory,", made, "made")
+assert none > 50
+"""
+
+
+def test_a_scene_without_memory_is_an_exception():
+    failing = BIN.parent / "tests/sim/fail_calloc.so"
+    out = subprocess.run([sys.executable, "-c", NO_MEMORY, failing, SCENES / "block-press.yaml"], capture_output=True, text=True, env=dict(os.environ, LD_PRELOAD=str(failing)), timeout=120)
+    assert out.returncode == 0, out.stdout + out.stderr

@@ -230,7 +230,8 @@ BAD = [
     (["LOG", "--film", "OUT", "--from", "3", "--to", "1"], "--to is before"),
     (["LOG", "--film", "OUT", "--from", "60"], "lasts 2.00 s"),
     (["LOG", "--png", "OUT", "--at", "60"], "lasts 2.00 s"),
-    (["nowhere.lcm", "--png", "OUT"], "cannot be read"),
+    (["nowhere.lcm", "--png", "OUT"], "cannot be read: No such file or directory"),
+    (["TEXT/log.lcm", "--png", "OUT"], "cannot be read: Not a directory"),
     (["nowhere.msh", "--png", "OUT"], "nowhere.msh"),
     (["nowhere.yaml", "--png", "OUT"], "nowhere.yaml"),
     (["TEXT", "--png", "OUT"], "no LCM log"),
@@ -253,7 +254,7 @@ def test_bad_input(bin, log, tmp_path, python_types, args, said):
     foreign.close()
     before = sorted(os.listdir(tmp_path))
     names = {"LOG": log, "OUT": tmp_path / ("out.mp4" if "--film" in args else "out.png"), "TEXT": tmp_path / "text", "EMPTY": tmp_path / "empty", "FOREIGN": tmp_path / "foreign"}
-    result = run(bin, *[str(names.get(a, a)).replace("FOLDER", str(tmp_path)) for a in args])
+    result = run(bin, *[str(names.get(a, a)).replace("FOLDER", str(tmp_path)).replace("TEXT/", f"{tmp_path}/text/") for a in args])
     assert result.returncode == 2, result.stderr
     assert said in result.stderr and (";" in result.stderr or "see" in result.stderr), result.stderr
     assert len(result.stderr.strip().splitlines()) == 1, result.stderr
