@@ -111,6 +111,9 @@ static app_verdict take_hand(void *user, int instrument, int64_t utime, const vo
     if (heard_before(peer, &peer->hands, m->session, m->seq)) return APP_FORGED;
     for (int j = 0; j < 5; j++)
         if (!(fabs(m->joint[j]) < 1.0e3)) return APP_LEFT;
+    /* In order, without a key too: a message that comes late would take the hand back to where it was. */
+    const hrt_gate_mark mark = {.session = m->session, .utime = m->utime, .seq = (uint32_t)m->seq};
+    if (!hrt_gate_open(hrt_gate_accept(&peer->hand_gate, app_link_now_us(peer->link), false, &mark))) return APP_LEFT;
     peer->def.hand(peer->def.user, m->joint, m->active != 0);
     return APP_TAKEN;
 }

@@ -3,6 +3,7 @@
 #ifndef HRT_PEER_H
 #define HRT_PEER_H
 
+#include "core/gate.h"
 #include "link.h"
 #include "node.h"
 
@@ -31,6 +32,7 @@ typedef struct hrt_peer {
     /* the hearing thread's */
     int64_t sim_session, replay_session, replay_offset_us, reset_us;
     app_replay statuses, hands;
+    hrt_gate hand_gate;
     /* the saying one's */
     uint32_t status_seq;
 } hrt_peer;

@@ -1,5 +1,5 @@
 # The controller's core, node, device and programs. Plain C tests; test_*.py run the programs.
-$(foreach t,$(sort $(wildcard tests/loop/test_*.c)),$(eval $(call test,$(t),$(LIBHRT_DEVICE_A) $(LIBHRT_IO_A) $(LIBHRT_A) $(LIBTM_A),)))
+$(foreach t,$(sort $(wildcard tests/loop/test_*.c)),$(eval $(call test,$(t),$(LIBHRT_DEVICE_A) $(LIBHRT_IO_A) $(LIBHRT_A) $(LIBLCMTYPES_A) $(LIBTM_A),)))
 $(patsubst %.c,$(OUT)/obj/%.o,$(wildcard tests/loop/test_*.c)): CFLAGS_EXTRA += -Wno-float-conversion
 # The codec alone, for Python (tests/can/test_dbc.py).
 tests: $(OUT)/tests/can/codec.so
