@@ -180,6 +180,7 @@ static void report_controllers(lockstep *l, cJSON *json) {
         cJSON_AddNumberToObject(row, "samples_received", (double)h.samples_received);
         cJSON_AddNumberToObject(row, "samples_late", (double)h.samples_late);
         cJSON_AddNumberToObject(row, "samples_lost", (double)h.samples_lost);
+        cJSON_AddNumberToObject(row, "samples_superseded", (double)l->consoles.console[i].node.superseded);
         cJSON_AddNumberToObject(row, "samples_rejected", (double)h.samples_rejected);
         cJSON_AddNumberToObject(row, "tools_rejected",
                                 (double)(l->tools.tool[i].rejected + l->tools.tool[i].foreign + l->tools.tool[i].late));

@@ -36,7 +36,7 @@ typedef struct program {
     int64_t force_ticks;
     /* told to the other thread */
     _Atomic int state, fault, detail;
-    _Atomic bool pose_known, device_here, samples_over;
+    _Atomic bool pose_known, device_here, device_quiet, samples_over;
     _Atomic int64_t went_stale, went_unstable, samples_come, samples_taken, samples_refused, frames, command_gaps,
         resets;
 } program;
@@ -76,6 +76,7 @@ static void tell(program *p, int64_t now_us) {
     atomic_store(&p->detail, p->node.result.fault_detail);
     atomic_store(&p->pose_known, p->node.config.pose_known);
     atomic_store(&p->device_here, encoder_us != 0 && now_us - encoder_us < DEVICE_HERE_US);
+    atomic_store(&p->device_quiet, (double)(now_us - encoder_us) > (double)p->node.config.params.device_pause_us);
     atomic_store(&p->samples_come, (int64_t)c->samples_received + turned_away);
     atomic_store(&p->samples_taken, (int64_t)c->samples_received - c->samples_late - c->samples_rejected);
     atomic_store(&p->samples_refused, (int64_t)c->samples_rejected + atomic_load(&p->node.rejected));
@@ -122,7 +123,8 @@ static hrt_facts facts_now(const program *p) {
                        .frames = atomic_load(&p->frames),
                        .command_gaps = atomic_load(&p->command_gaps),
                        .pose_known = atomic_load(&p->pose_known),
-                       .device_here = atomic_load(&p->device_here)};
+                       .device_here = atomic_load(&p->device_here),
+                       .device_quiet = atomic_load(&p->device_quiet)};
 }
 
 static void reset_by_itself(program *p, const hrt_facts *facts, double *since_s) {
@@ -182,6 +184,7 @@ static cJSON *figures_json(program *p) {
     cJSON_AddNumberToObject(samples, "received", (double)s.samples_received);
     cJSON_AddNumberToObject(samples, "late", (double)s.samples_late);
     cJSON_AddNumberToObject(samples, "lost", (double)s.samples_lost);
+    cJSON_AddNumberToObject(samples, "superseded", (double)p->node.superseded);
     cJSON_AddNumberToObject(samples, "rejected", (double)s.samples_rejected);
     hrt_report_can(json, &p->wires, &p->node.exchange.can, (double)p->loop.ticks / p->set.common.rate);
     if (p->live) hrt_report_refused(json, p->live);

@@ -103,6 +103,10 @@ hrt_reject hrt_node_post_sample(hrt_node *node, const tensormass_force_sample_t 
     hrt_mailbox *box = &node->mailbox;
     struct hrt_slot *slot = &box->slot[box->write];
     if (m->instrument != node->config.instrument || !pose_settled(node)) return refuse(node, HRT_REJECT_FOREIGN);
+    if (m->tool_session == 0) { /* as every simulation begins: nobody is to blame, so it is not counted */
+        atomic_store(&node->refusal, "they answer no controller: tm-sim does not hear this one; see what it says");
+        return HRT_REJECT_FOREIGN;
+    }
     if (m->tool_session != node->config.session)
         return refuse_for(node, HRT_REJECT_FOREIGN, "they answer another controller; see what tm-sim says of this one");
     hrt_reject verdict = hrt_sample_from_message(m, node->pose_posted.trocar_m, node->config.mode != HRT_MODE_GRASPER,
@@ -114,6 +118,7 @@ hrt_reject hrt_node_post_sample(hrt_node *node, const tensormass_force_sample_t 
         node->patch_waits && slot->patch.seq == slot->sample.seq && node->patch_session == m->session;
     node->patch_waits = false;
     slot->sample.patch = with_patch ? &slot->patch : NULL;
+    slot->number = ++node->posted;
     box->write = atomic_exchange(&box->between, box->write | UNREAD) & 3u;
     return HRT_ACCEPT;
 }
@@ -182,6 +187,15 @@ static const hrt_sample *take_sample(hrt_mailbox *box) {
     return &box->slot[box->spare].sample;
 }
 
+/* Tells the samples of a gap in seq that were overtaken in the mailbox, as happens where they come as often as ticks,
+ * from those that were lost. The tick wants the newest alone: an older one would be felt for no time. */
+static void count_gap(hrt_node *node, uint32_t gap) {
+    const uint32_t number = node->mailbox.slot[node->mailbox.spare].number, unread = number - node->taken - 1u;
+    node->taken = number;
+    node->superseded += unread;
+    node->lost += gap > unread ? gap - unread : 0u;
+}
+
 static void send_frames(hrt_node *node, int64_t now_us) {
     hrt_can_frame frame[HRT_CAN_EXCHANGE_FRAMES];
     const int32_t count = hrt_can_exchange_frames(&node->exchange, now_us, &node->result, node->input.reset, frame);
@@ -216,7 +230,10 @@ bool hrt_node_tick(hrt_node *node, int64_t now_us, tensormass_tool_state_t *tool
     take_commands(node, now_us);
     take_frames(node, now_us);
     clock_ns = stage_done(node, HRT_NODE_RECEIVE, clock_ns);
-    hrt_tick(&node->controller, now_us, &node->input, take_sample(box), &node->result);
+    const uint32_t lost = node->controller.counters.samples_lost;
+    const hrt_sample *newest = take_sample(box);
+    hrt_tick(&node->controller, now_us, &node->input, newest, &node->result);
+    if (newest) count_gap(node, node->controller.counters.samples_lost - lost);
     atomic_store(&node->in_use, node->result.motors_on);
     if (node->controller.extrapolation.patch == &box->slot[box->spare].patch) {
         const uint32_t freed = box->held; /* the controller went over to the new patch */
@@ -253,9 +270,9 @@ void hrt_node_status(const hrt_node *node, tensormass_controller_status_t *statu
         .passivity_J = (double)out->passivity_J,
         .sample_age_s = out->sample_age_us < 0 ? -1.0 : 1.0e-6 * (double)out->sample_age_us,
         .ticks = counters->ticks,
-        .samples_received = (int64_t)counters->samples_received + rejected + late,
+        .samples_received = (int64_t)counters->samples_received + rejected + late + node->superseded,
         .samples_late = (int64_t)counters->samples_late + late,
-        .samples_lost = counters->samples_lost,
+        .samples_lost = node->lost,
         .samples_rejected = (int64_t)counters->samples_rejected + rejected,
         .can_tx = (int64_t)node->bus->tx,
         .can_rx = (int64_t)node->bus->rx,

@@ -51,6 +51,7 @@ typedef struct hrt_mailbox {
     struct hrt_slot {
         hrt_sample sample;
         hrt_patch patch;
+        uint32_t number; /* of the samples posted */
     } slot[4];
     _Atomic uint32_t between; /* slot number, | 4 when not yet read */
     uint32_t write, held, spare;
@@ -70,6 +71,7 @@ typedef struct hrt_node {
     hrt_gate gate;       /* whose samples are taken, in what order */
     int64_t newest_t_us; /* t_n of the newest taken: the controller's own clock, so it never goes back */
     _Atomic uint32_t rejected, late;
+    uint32_t posted;
     _Atomic(const char *) refusal; /* why the last of them; null: none */
     _Atomic int64_t now_us;        /* of the last tick, */
     _Atomic bool in_use;           /* and whether it rendered force */
@@ -81,6 +83,9 @@ typedef struct hrt_node {
     hrt_result result;
     hrt_can_exchange exchange;
     uint32_t tool_seq;
+    uint32_t taken;      /* number of the last sample taken */
+    uint32_t superseded; /* posted, and a newer one came before the tick that would have taken them */
+    uint32_t lost;       /* never came: gaps in seq, less those */
     /* for timing figures: set by who wants them */
     int64_t (*clock_ns)(void);
     int64_t stage_ns[HRT_NODE_STAGES];

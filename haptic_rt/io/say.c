@@ -19,6 +19,44 @@ void hrt_say_line(double time_s, const char *format, ...) {
     app_say("haptic-rt %.3f s: %s", time_s, line);
 }
 
+static void say_now(hrt_said *said, double time_s) {
+    if (said->count > 1)
+        hrt_say_line(time_s, "%s (%" PRId64 " times since it was said last)", said->text, said->count);
+    else
+        hrt_say_line(time_s, "%s", said->text);
+    said->count = 0;
+    said->ever = true;
+    said->said_s = time_s;
+}
+
+static bool is_due(const hrt_said *said, double time_s) { return !said->ever || time_s >= said->said_s + again_s; }
+
+/* At most one line a second of each kind: what comes sooner is counted, its last text kept, and said when due. */
+static void __attribute__((format(printf, 4, 5)))
+say_kind(hrt_teller *t, int kind, const hrt_facts *f, const char *format, ...) {
+    hrt_said *said = &t->said[kind];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(said->text, sizeof said->text, format, arguments);
+    va_end(arguments);
+    said->count++;
+    said->came_s = f->time_s;
+    if (is_due(said, f->time_s)) say_now(said, f->time_s);
+}
+
+/* What was counted, in the order in which it came. */
+static void say_owed(hrt_teller *t, const hrt_facts *f) {
+    hrt_said *next;
+    do {
+        next = NULL;
+        for (int k = 0; k < HRT_SAID_KINDS; k++) {
+            hrt_said *said = &t->said[k];
+            if (said->count > 0 && is_due(said, f->time_s) && (!next || said->came_s < next->came_s)) next = said;
+        }
+        if (next) say_now(next, f->time_s);
+    } while (next);
+}
+
 /* In pairs, and at most one pair a second: a simulation at the edge of its time would fill the log. */
 static void say_silence(hrt_teller *t, const hrt_facts *f) {
     const int64_t fresh = f->stale - t->told.stale;
@@ -46,45 +84,52 @@ static void say_state(hrt_teller *t, const hrt_facts *f) {
     const int before = t->told.state;
     if ((int)f->state == before) return;
     t->told.state = (int)f->state;
-    if (before == HRT_FAULT) hrt_say_line(f->time_s, "reset: begins anew");
+    if (before == HRT_FAULT) say_kind(t, HRT_SAID_RESET, f, "reset: begins anew");
     if (before == HRT_BOOT && f->state != HRT_FAULT && !app_is_quiet())
-        hrt_say_line(f->time_s, "device %d is here", t->instrument);
-    if (f->state == HRT_ENGAGED && before != HRT_STALE && !app_is_quiet()) hrt_say_line(f->time_s, "engaged");
+        say_kind(t, HRT_SAID_DEVICE, f, "device %d is here", t->instrument);
+    if (f->state == HRT_ENGAGED && before != HRT_STALE && !app_is_quiet()) say_kind(t, HRT_SAID_ENGAGED, f, "engaged");
     if (f->state == HRT_FAULT)
-        hrt_say_line(f->time_s, "fault %s (%d): %s", hrt_fault_name(f->fault), f->detail, hrt_fault_text(f->fault));
+        say_kind(t, HRT_SAID_FAULT, f, "fault %s (%d): %s", hrt_fault_name(f->fault), f->detail,
+                 hrt_fault_text(f->fault));
     t->told.wait_s = f->time_s;
     if (f->state != HRT_SELF_TEST) t->told.wait = 0;
 }
 
-enum { WAITS_NOT, WAITS_DEVICE, WAITS_POSE, WAITS_SAMPLES, WAITS_RESET };
+enum { WAITS_NOT, WAITS_DEVICE, WAITS_QUIET, WAITS_POSE, WAITS_SAMPLES, WAITS_RESET };
 
 static int waits_for(const hrt_facts *f) {
     if (f->state == HRT_BOOT) return WAITS_DEVICE;
     if (f->state == HRT_FAULT) return WAITS_RESET;
     if (f->state != HRT_IDLE) return WAITS_NOT;
+    if (f->device_quiet) return WAITS_QUIET;
     return f->pose_known ? WAITS_SAMPLES : WAITS_POSE;
 }
 
-static void say_wait(const hrt_teller *t, const hrt_facts *f, int wait, bool again) {
+static void say_wait(hrt_teller *t, const hrt_facts *f, int wait, bool again) {
     const int64_t come = f->samples - t->told.samples, taken = f->taken - t->told.taken;
     if (wait == WAITS_DEVICE && again)
-        hrt_say_line(f->time_s, "%" PRId64 " frames came on %s, no encoders of device %d among them; see --instrument",
-                     f->frames - t->told.frames, t->bus, t->instrument);
+        say_kind(t, HRT_SAID_WAIT + wait, f,
+                 "%" PRId64 " frames came on %s, no encoders of device %d among them; see --instrument",
+                 f->frames - t->told.frames, t->bus, t->instrument);
     else if (wait == WAITS_DEVICE)
-        hrt_say_line(f->time_s, "waiting for device %d on %s (start tm-device; any order is fine)", t->instrument,
-                     t->bus);
+        say_kind(t, HRT_SAID_WAIT + wait, f, "waiting for device %d on %s (start tm-device; any order is fine)",
+                 t->instrument, t->bus);
+    else if (wait == WAITS_QUIET)
+        say_kind(t, HRT_SAID_WAIT + wait, f, "device %d stopped speaking: its motors get no torque until it is back",
+                 t->instrument);
     else if (wait == WAITS_POSE)
-        hrt_say_line(f->time_s,
-                     "waiting for the trocar's pose: SIM_STATUS of tm-sim (any order is fine), or give --trocar");
+        say_kind(t, HRT_SAID_WAIT + wait, f,
+                 "waiting for the trocar's pose: SIM_STATUS of tm-sim (any order is fine), or give --trocar");
     else if (wait == WAITS_SAMPLES && again)
-        hrt_say_line(f->time_s, "waiting for fresh samples: of %" PRId64 " that came %" PRId64 " were taken; %s", come,
-                     taken, f->refusal ? f->refusal : "they are too old");
+        say_kind(t, HRT_SAID_WAIT + wait, f,
+                 "waiting for fresh samples: of %" PRId64 " that came %" PRId64 " were taken; %s", come, taken,
+                 f->refusal ? f->refusal : "they are too old");
     else if (wait == WAITS_SAMPLES)
-        hrt_say_line(f->time_s, "waiting for fresh samples: %s",
-                     t->from_file ? "the file's" : "FORCE of tm-sim (any order is fine)");
+        say_kind(t, HRT_SAID_WAIT + wait, f, "waiting for fresh samples: %s",
+                 t->from_file ? "the file's" : "FORCE of tm-sim (any order is fine)");
     else if (again)
-        hrt_say_line(f->time_s, "still in fault %s: waiting for a reset (%s)", hrt_fault_name(f->fault),
-                     hrt_fault_text(f->fault));
+        say_kind(t, HRT_SAID_WAIT + wait, f, "still in fault %s: waiting for a reset (%s)", hrt_fault_name(f->fault),
+                 hrt_fault_text(f->fault));
 }
 
 /* Once when it begins; again each second while somebody speaks who is not taken up. */
@@ -93,6 +138,7 @@ static void say_waiting(hrt_teller *t, const hrt_facts *f) {
     const bool begins = wait != t->told.wait, due = f->time_s - t->told.wait_s >= again_s;
     const bool spoken = wait == WAITS_DEVICE  ? f->frames != t->told.frames
                         : wait == WAITS_RESET ? f->device_here || f->samples != t->told.samples
+                        : wait == WAITS_QUIET ? false
                                               : f->samples != t->told.samples;
     if (wait != WAITS_NOT && (begins || (due && spoken))) say_wait(t, f, wait, !begins);
     if (!begins && !due) return;
@@ -134,4 +180,5 @@ void hrt_say(hrt_teller *teller, const hrt_facts *facts) {
     say_waiting(teller, facts);
     say_refused(teller, facts);
     say_gaps(teller, facts);
+    say_owed(teller, facts);
 }

@@ -22,7 +22,25 @@ typedef struct hrt_facts {
     int64_t frames;         /* heard on the bus */
     int64_t command_gaps;
     bool pose_known, device_here;
+    bool device_quiet; /* no encoders for longer than the controller goes on without */
 } hrt_facts;
+
+/* Kinds of lines, each at most once a second; one for everything that is waited for. */
+enum {
+    HRT_SAID_RESET,
+    HRT_SAID_DEVICE,
+    HRT_SAID_ENGAGED,
+    HRT_SAID_FAULT,
+    HRT_SAID_WAIT,
+    HRT_SAID_KINDS = HRT_SAID_WAIT + 6
+};
+
+typedef struct hrt_said {
+    bool ever;
+    double said_s, came_s; /* when it was said last; when it came last */
+    int64_t count;         /* how often it came since it was said */
+    char text[320];
+} hrt_said;
 
 typedef struct hrt_teller {
     /* set before */
@@ -36,6 +54,7 @@ typedef struct hrt_teller {
         int64_t stale, unsaid, unstable, samples, taken, refused, frames, gaps;
         double silent_s, wait_s, refused_s, gaps_s, unstable_s;
     } told;
+    hrt_said said[HRT_SAID_KINDS];
 } hrt_teller;
 
 /* From a thread that may take its time, some twenty times a second. */

@@ -50,6 +50,20 @@ static void a_foreign_patch_takes_no_place(void **state) {
     assert_non_null(l.node.controller.extrapolation.patch);
 }
 
+/* A simulation that has heard nobody yet answers nobody: not taken, and no refusal that a person must read of. */
+static void an_answer_to_nobody_is_no_refusal(void **state) {
+    (void)state;
+    loop_press(&l, HRT_HOLD);
+    tensormass_force_sample_t s = forged();
+    const uint32_t rejected = atomic_load(&l.node.rejected);
+    s.tool_session = 0;
+    assert_int_equal(hrt_node_post_sample(&l.node, &s), HRT_REJECT_FOREIGN);
+    assert_int_equal(atomic_load(&l.node.rejected), rejected);
+    s.tool_session = l.node.config.session + 1;
+    assert_int_equal(hrt_node_post_sample(&l.node, &s), HRT_REJECT_FOREIGN);
+    assert_int_equal(atomic_load(&l.node.rejected), rejected + 1);
+}
+
 /* While it is felt, however long it is silent; then after a second of silence. */
 static void another_simulation_waits(void **state) {
     (void)state;
@@ -129,9 +143,12 @@ static void a_patch_has_a_bounded_cap(void **state) {
 }
 
 int main(void) {
-    const struct CMUnitTest tests[] = {
-        cmocka_unit_test(an_unread_sample_stays),    cmocka_unit_test(a_foreign_patch_takes_no_place),
-        cmocka_unit_test(another_simulation_waits),  cmocka_unit_test(recorded_samples_never_fit),
-        cmocka_unit_test(no_reset_while_it_is_felt), cmocka_unit_test(a_patch_has_a_bounded_cap)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(an_unread_sample_stays),
+                                       cmocka_unit_test(a_foreign_patch_takes_no_place),
+                                       cmocka_unit_test(an_answer_to_nobody_is_no_refusal),
+                                       cmocka_unit_test(another_simulation_waits),
+                                       cmocka_unit_test(recorded_samples_never_fit),
+                                       cmocka_unit_test(no_reset_while_it_is_felt),
+                                       cmocka_unit_test(a_patch_has_a_bounded_cap)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
