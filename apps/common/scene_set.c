@@ -62,17 +62,41 @@ static yaml_node_pair_t *find_pair(reader *r, yaml_node_t *mapping, const char *
     return NULL;
 }
 
-/* "[2].rest": goes into the list's item, or replaces it where the path ends. */
+/* A list that the scene does not have: its items are added by --set, one after the other. */
+static bool is_made(const yaml_node_t *list) { return list->start_mark.line >= SET_LINE; }
+
+/* What the path of a --set that ends in no item may name. */
+static int refuse_item(reader *r, int set, const yaml_node_t *node, const char *rest, long count) {
+    const int line = line_of_set(set);
+    if (node->type != YAML_SEQUENCE_NODE)
+        return app_scene_bad(r->scene, line, "%s is of %s, not of a list; leave the brackets out", rest,
+                             app_scene_node_kind(node));
+    if (is_made(node))
+        return app_scene_bad(r->scene, line, "the scene has no such list, and %s is not its next item; write [%ld]",
+                             rest, count);
+    return app_scene_bad(r->scene, line, "there is no list item %s; use one of the %ld there are, counted from 0", rest,
+                         count);
+}
+
+/* "[2].rest": goes into the list's item, or replaces it where the path ends; of a list that --set makes, adds the next
+ * one. */
 static int enter_item(reader *r, int set, int value, char **rest, int *at) {
     yaml_node_t *node = node_at(r, *at);
     char *close;
     long index = strtol(*rest + 1, &close, 10);
-    bool list = node->type == YAML_SEQUENCE_NODE;
+    const bool list = node->type == YAML_SEQUENCE_NODE;
     long count = list ? node->data.sequence.items.top - node->data.sequence.items.start : 0;
-    if (*close != ']' || index < 0 || index >= count)
-        return app_scene_bad(r->scene, line_of_set(set),
-                             "there is no list item %s; use one of the %ld there are, counted from 0", *rest, count);
+    const bool next = list && is_made(node) && index == count && close != *rest + 1;
+    if (*close != ']' || index < 0 || (index >= count && !next)) return refuse_item(r, set, node, *rest, count);
     *rest = close + 1 + (close[1] == '.');
+    if (next) {
+        const int list_number = *at;
+        *at = **rest ? yaml_document_add_mapping(&r->document, NULL, YAML_ANY_MAPPING_STYLE) : value;
+        if (!*at || !yaml_document_append_sequence_item(&r->document, list_number, *at))
+            return app_scene_bad(r->scene, line_of_set(set), "out of memory; use a smaller value");
+        node_at(r, *at)->start_mark.line = SET_LINE + (unsigned)set;
+        return 0;
+    }
     if (!**rest) node->data.sequence.items.start[index] = value;
     *at = node->data.sequence.items.start[index];
     return 0;
@@ -107,7 +131,9 @@ static int enter_key(reader *r, int set, int value, bool remove, char **rest, in
     else if (found && next && !app_scene_null(node_at(r, found->value)))
         *at = found->value;
     else {
-        int child = next ? yaml_document_add_mapping(&r->document, NULL, YAML_ANY_MAPPING_STYLE) : value;
+        int child = next == '[' ? yaml_document_add_sequence(&r->document, NULL, YAML_ANY_SEQUENCE_STYLE)
+                    : next      ? yaml_document_add_mapping(&r->document, NULL, YAML_ANY_MAPPING_STYLE)
+                                : value;
         if (child && next) node_at(r, child)->start_mark.line = SET_LINE + (unsigned)set;
         int rc = put_key(r, set, *at, name, child);
         if (rc) return rc;

@@ -73,7 +73,7 @@ class Session:
                        *(style if self.hand == "script" else ["--start", ",".join(f"{j:.9g}" for j in instrument["start_joint"])]), *until, "--json", self.out / f"device{i}.json")
             record = ["--record", self.out / f"ticks{i}.csv"] if duration_s else []
             self.begin(f"haptic-rt{i}", self.bin / "haptic-rt", "--bus", self.bus, "--instrument", i, "--mode", instrument["mode"],
-                       "--extrapolator", self.facts["extrapolator"], *["--passivity"] * self.facts["passivity"], *record, *until,
+                       "--extrapolator", self.facts["extrapolator"], "--passivity" if self.facts["passivity"] else "--no-passivity", *record, *until,
                        "--json", self.out / f"controller{i}.json")
 
     def well(self):

@@ -2,6 +2,7 @@
 #include "command.h"
 
 #include <stdarg.h>
+#include <string.h>
 
 #include "common/units.h"
 
@@ -9,6 +10,20 @@ bool command_quantity(const char *option, const char *text, const char *dimensio
     char why[200];
     if (app_parse_quantity(text, dimension, si, why, sizeof why)) return true;
     app_bad_input(NULL, 0, "tm-mesh: --%s %s: %s", option, text, why);
+    return false;
+}
+
+bool command_unit(const char *command, const char *text, double *scale) {
+    static const struct {
+        const char *name;
+        double m;
+    } units[] = {{"m", 1}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}, {"inch", 0.0254}};
+    for (size_t i = 0; i < sizeof units / sizeof *units; i++)
+        if (strcmp(text, units[i].name) == 0) {
+            *scale = units[i].m;
+            return true;
+        }
+    command_usage(command, "--unit %s: give m, cm, mm, um or inch", text);
     return false;
 }
 

@@ -13,6 +13,8 @@ command_fn command_info, command_check, command_fill, command_refine, command_re
 
 /* "--scale 30 mm" and the like into SI; false after a complaint. */
 bool command_quantity(const char *option, const char *text, const char *dimension, double *si);
+/* "mm" and the like as metres per unit of the file; false after a complaint. */
+bool command_unit(const char *command, const char *text, double *scale);
 /* Complains now about an output that cannot be written later, or whose ending is no mesh's. */
 int command_output(const char *path);
 /* Complains; APP_FAILED. */
@@ -22,6 +24,10 @@ int command_usage(const char *command, const char *format, ...) __attribute__((f
 
 /* Directions as the CSV that tm_fibres_load reads. */
 tm_status write_fibres(const double *fibre, int32_t tet_count, const char *path, tm_error *error);
+
+/* Names of regions that a .msh file declares and gives no tetrahedron. Returns how many, at most `most`. */
+enum { REGIONS_WITHOUT = 32 };
+int32_t find_empty_regions(const tm_mesh_file *mesh, const char *path, char name[REGIONS_WITHOUT][64]);
 
 /* The mesh without the tetrahedra whose `keep` is 0 and the vertices that none of the rest uses. `kept` [tet_count] may
  * be null: old number of each. */

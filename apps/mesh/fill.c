@@ -17,11 +17,6 @@ typedef struct options {
     bool mend;
 } options;
 
-static const struct {
-    const char *name;
-    double m;
-} units[] = {{"m", 1}, {"cm", 1e-2}, {"mm", 1e-3}, {"um", 1e-6}, {"inch", 0.0254}};
-
 static void usage(void) {
     printf(
         "usage: tm-mesh fill [--size SIZE] --unit UNIT SURFACE... -o OUT.msh\n"
@@ -42,16 +37,6 @@ static void usage(void) {
         tm_mesh_file_endings(true));
 }
 
-static bool set_unit(const char *text, options *o) {
-    for (size_t i = 0; i < sizeof units / sizeof *units; i++)
-        if (strcmp(text, units[i].name) == 0) {
-            o->scale = units[i].m;
-            return true;
-        }
-    command_usage("fill", "--unit %s: give m, cm, mm, um or inch", text);
-    return false;
-}
-
 static int parse(int argc, char **argv, options *o) {
     static const struct option names[] = {{"size", required_argument, NULL, 'z'},
                                           {"scale", required_argument, NULL, 's'},
@@ -70,7 +55,7 @@ static int parse(int argc, char **argv, options *o) {
         switch (c) {
         case 'z': good = command_quantity("size", optarg, "length", &o->size_m); break;
         case 's': good = command_quantity("scale", optarg, "none", &o->scale); break;
-        case 'u': good = set_unit(optarg, o); break;
+        case 'u': good = command_unit("fill", optarg, &o->scale); break;
         case 'm': o->mend = true; break;
         case 'o': o->out = optarg; break;
         case 'h': usage(); exit(APP_DONE);

@@ -28,9 +28,10 @@ typedef struct figures {
 
 static void usage(FILE *to, const char *command) {
     fprintf(to,
-            "usage: tm-mesh %s [--scale S] [--young E] [--poisson NU] [--density RHO] [--json FILE] MESH\n"
+            "usage: tm-mesh %s [--unit UNIT] [--young E] [--poisson NU] [--density RHO] [--json FILE] MESH\n"
             "%s\n\n"
-            "  --scale S      metres per unit of the file [1]: 1e-3 for millimetres\n"
+            "  --unit UNIT    of the file's coordinates: m, cm, mm, um or inch [m]\n"
+            "  --scale S      the same as metres per unit of the file: 1e-3 for millimetres\n"
             "  --young E      Young's modulus that the critical step is told for [5 kPa]\n"
             "  --poisson NU   its Poisson ratio [0.45]\n"
             "  --density RHO  its density [1060 kg/m3]\n"
@@ -44,20 +45,22 @@ static void usage(FILE *to, const char *command) {
 }
 
 static int parse(const char *command, int argc, char **argv, options *o) {
-    static const struct option names[] = {{"scale", required_argument, NULL, 's'},
-                                          {"young", required_argument, NULL, 'y'},
-                                          {"poisson", required_argument, NULL, 'p'},
-                                          {"density", required_argument, NULL, 'd'},
-                                          {"json", required_argument, NULL, 'j'},
-                                          {"help", no_argument, NULL, 'h'},
-                                          {0}};
+    static const struct option names[] = {
+        {"scale", required_argument, NULL, 's'},   {"unit", required_argument, NULL, 'u'},
+        {"young", required_argument, NULL, 'y'},   {"poisson", required_argument, NULL, 'p'},
+        {"density", required_argument, NULL, 'd'}, {"json", required_argument, NULL, 'j'},
+        {"help", no_argument, NULL, 'h'},          {0}};
+    bool sized = false;
     *o = (options){.scale = 1, .young_Pa = 5000, .poisson = 0.45, .density_kg_m3 = 1060};
     optind = 1;
     opterr = 0;
     for (int c; (c = getopt_long(argc, argv, "h", names, NULL)) != -1;) {
         bool good = true;
+        if ((c == 's' || c == 'u') && sized) return command_usage(command, "--unit and --scale say the same; give one");
+        sized = sized || c == 's' || c == 'u';
         switch (c) {
         case 's': good = command_quantity("scale", optarg, "none", &o->scale); break;
+        case 'u': good = command_unit(command, optarg, &o->scale); break;
         case 'y': good = command_quantity("young", optarg, "pressure", &o->young_Pa); break;
         case 'p': good = command_quantity("poisson", optarg, "none", &o->poisson); break;
         case 'd': good = command_quantity("density", optarg, "density", &o->density_kg_m3); break;
@@ -192,6 +195,10 @@ static void print_figures(const tm_mesh_file *file, const tm_mesh *mesh, const o
         region_sums(mesh, r, &volume_m3, &tets);
         printf("region '%s': %d tetrahedra, %.4g cm3\n", file->region_name[r], tets, 1e6 * volume_m3);
     }
+    char empty[REGIONS_WITHOUT][64];
+    const int32_t count = find_empty_regions(file, o->file, empty);
+    for (int32_t i = 0; i < count; i++)
+        printf("note: region '%s' is named and has no tetrahedra: a scene cannot give it a material\n", empty[i]);
     for (int32_t g = 0; g < file->group_count; g++)
         printf("group '%s': %d vertices\n", file->group_name[g], file->group_begin[g + 1] - file->group_begin[g]);
     print_histogram("aspect (1: regular)", f->aspect, aspect_bound);
@@ -208,7 +215,7 @@ static void print_figures(const tm_mesh_file *file, const tm_mesh *mesh, const o
     printf("; median element %.4g ms, %.2f of it; %.0f substeps\n", 1e3 * f->median_step_s,
            f->cut_step_s / f->median_step_s, ceil(1 / (30 * f->cut_step_s)));
     if (fmax(fmax(f->high_m[0] - f->low_m[0], f->high_m[1] - f->low_m[1]), f->high_m[2] - f->low_m[2]) > 2)
-        printf("note: larger than 2 m; is it in millimetres? then --scale 1e-3\n");
+        printf("note: larger than 2 m; is it in millimetres? then --unit mm\n");
     print_numbering(o, &f->numbering);
     if (f->pieces > 1) printf("note: %d pieces that share no face; each needs a support of its own\n", f->pieces);
 }
@@ -251,6 +258,10 @@ static cJSON *figures_json(const tm_mesh_file *file, const tm_mesh *mesh, const 
         cJSON_AddNumberToObject(one, "volume_m3", volume_m3);
         cJSON_AddItemToArray(regions, one);
     }
+    char empty[REGIONS_WITHOUT][64];
+    const int32_t count = find_empty_regions(file, o->file, empty);
+    cJSON *without = cJSON_AddArrayToObject(root, "regions_without_tetrahedra");
+    for (int32_t i = 0; i < count; i++) cJSON_AddItemToArray(without, cJSON_CreateString(empty[i]));
     for (int32_t g = 0; g < file->group_count; g++) {
         cJSON *one = cJSON_CreateObject();
         cJSON_AddStringToObject(one, "name", file->group_name[g]);

@@ -18,6 +18,19 @@ from session import Session  # noqa: E402
 SCENES = ("../share/tensormass/apps/scenes", "../../apps/scenes", "../../../apps/scenes")  # PREFIX/bin, build/bin, build/CONFIG/bin
 
 
+UNITS = {"": 1, "s": 1, "ms": 1e-3, "us": 1e-6, "min": 60}
+
+
+def seconds(text):
+    """As tm-sim's --duration: "10", "10 s", "2 min"."""
+    number = text.strip().rstrip("abcdefghijklmnopqrstuvwxyz")
+    unit = text.strip()[len(number):]
+    try:
+        return float(number) * UNITS[unit]
+    except (KeyError, ValueError):
+        return refuse(f"--duration {text}: a time is wanted: 10 s, 2 min, 500 ms")
+
+
 def arguments():
     p = argparse.ArgumentParser(prog="tm-session", description=__doc__ + " Ctrl-C ends all of them.",
                                 epilog="Scenes that come with the programs are found by their names alone: tm-session liver-press. `tm-sim --list` lists them.")
@@ -25,7 +38,7 @@ def arguments():
     p.add_argument("--play", action="store_true", help="a window whose mouse and keys are the hands; without it the scene's script is")
     p.add_argument("--film", type=pathlib.Path, metavar="FILE.mp4", help="tm-view draws the session; give --duration too")
     p.add_argument("--record", type=pathlib.Path, metavar="FILE.lcm", help="every message, as an LCM log")
-    p.add_argument("--duration", type=float, metavar="S", help="seconds [until Ctrl-C, or until the window is closed]")
+    p.add_argument("--duration", type=seconds, metavar="TIME", help="10 s, 2 min; a bare number is seconds [until Ctrl-C, or until the window is closed]")
     p.add_argument("--set", action="append", default=[], metavar="PATH=VALUE", help="as of tm-sim")
     p.add_argument("--out", type=pathlib.Path, metavar="FOLDER", help="what the programs say, and their figures [kept where one failed]")
     p.add_argument("--no-namespace", action="store_true", help="in this machine's own network (ttl=0: nothing leaves it)")
@@ -60,7 +73,7 @@ def check(a):
     if a.film and not a.duration:
         refuse("--film draws until the session ends; say how long with --duration")
     if a.duration is not None and not 0 < a.duration < 1e6:
-        refuse(f"--duration {a.duration:g}: give seconds, above 0")
+        refuse(f"--duration {a.duration:g}: give a time above 0, as 10 s or 2 min")
     if a.play and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         refuse("--play opens a window, and there is no display (neither DISPLAY nor WAYLAND_DISPLAY is set); leave it out, or run this on a desktop or over ssh -X")
 
@@ -75,7 +88,7 @@ def inside(a):
             session.begin("tm-view", BIN / "tm-view", "--film", a.film.resolve(), "--duration", a.duration)
         session.start_ring(a.duration)
         if a.play:
-            window = subprocess.run([BIN / "tm-play", *(["--duration", str(a.duration)] if a.duration else [])]).returncode
+            window = subprocess.run([BIN / "tm-play", "--scene", a.scene, *(["--duration", str(a.duration)] if a.duration else [])]).returncode
             good = session.well()
         else:
             good = session.wait(("tm-sim", "tm-device", "haptic-rt", "tm-view"))

@@ -16,7 +16,7 @@ void fw_loop_init(fw_loop *loop, int64_t session) {
         fw_device *device = &loop->device[i];
         hrt_init(&device->controller, &params, &device_axes, session);
         hrt_can_exchange_init(&device->exchange, i);
-        device->input = (hrt_input){.enable = true, .extrapolator = HRT_TANGENT};
+        device->input = (hrt_input){.enable = true, .passivity = true, .extrapolator = HRT_TANGENT};
         device->posted = false;
         device->rejected = 0;
     }

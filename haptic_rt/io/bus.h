@@ -35,7 +35,8 @@ typedef struct hrt_bus_driver {
     void (*close)(hrt_bus *bus);
     /* 1 the place is ours, 0 somebody else's. Null: nobody else can be on this bus. */
     int (*claim)(hrt_bus *bus, int place);
-    /* From another thread: what has happened to the bus, once each time. Null: nothing can. */
+    /* From another thread, several times a second: what has happened to the bus, once each time. Opens and maps anew
+     * what `recover` then takes over. Null: nothing can happen. */
     const char *(*look)(hrt_bus *bus);
 } hrt_bus_driver;
 

@@ -24,15 +24,16 @@ static struct sigaction before;
  * be in trouble. */
 static void on_sigbus(int number, siginfo_t *info, void *context) {
     const uintptr_t at = (uintptr_t)info->si_addr;
-    for (int i = 0; i < HRT_VIRTUAL_HOLDS; i++) {
-        void *memory = atomic_load(&holds[i].memory);
+    for (int i = 0; i < 2 * HRT_VIRTUAL_HOLDS; i++) {
+        hrt_virtual_hold *hold = &holds[i / 2];
+        void *memory = atomic_load(i % 2 ? &hold->fresh : &hold->memory);
         if (!memory || at < (uintptr_t)memory || at >= (uintptr_t)memory + sizeof(hrt_virtual_bus)) continue;
         const int kept = errno;
         if (mmap(memory, sizeof(hrt_virtual_bus), PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED, -1,
                  0) != memory)
             _exit(1);
         errno = kept;
-        atomic_store(&holds[i].trouble, HRT_VIRTUAL_CUT_SHORT);
+        atomic_store(&hold->trouble, HRT_VIRTUAL_CUT_SHORT);
         return;
     }
     if (before.sa_flags & SA_SIGINFO)
@@ -201,13 +202,31 @@ hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size) {
     return NULL;
 }
 
-bool hrt_virtual_mend(hrt_virtual_hold *hold) {
-    if (atomic_load(&hold->trouble) == HRT_VIRTUAL_WELL) return false;
+/* --- by the thread that looks --- */
+
+static void unmap_old(hrt_virtual_hold *hold) {
+    hrt_virtual_bus *old = atomic_load(&hold->old);
+    if (!old) return;
+    munmap(old, sizeof *old);
+    close(hold->old_fd);
+    atomic_store(&hold->old, NULL);
+}
+
+static void drop_fresh(hrt_virtual_hold *hold) {
+    hrt_virtual_bus *fresh = atomic_exchange(&hold->fresh, NULL);
+    atomic_store(&hold->ready, false);
+    if (!fresh) return;
+    munmap(fresh, sizeof *fresh);
+    close(hold->fresh_fd);
+}
+
+/* Maps the file anew, once a call. */
+static void map_anew(hrt_virtual_hold *hold) {
     struct stat st;
     char directory[200], why[300];
     int fd = enter(hold->path, &st);
     if (fd < 0 && errno == ENOENT && folder(directory, sizeof directory, why, sizeof why)) fd = enter(hold->path, &st);
-    if (fd < 0) return false;
+    if (fd < 0) return;
     const bool ours =
         (uint64_t)st.st_dev == atomic_load(&hold->device) && (uint64_t)st.st_ino == atomic_load(&hold->inode);
     if (ours) /* the old descriptor's lock would be in the way of the new one's */
@@ -217,14 +236,35 @@ bool hrt_virtual_mend(hrt_virtual_hold *hold) {
     if (!fresh) {
         if (taken) atomic_store(&hold->trouble, HRT_VIRTUAL_TAKEN);
         close(fd);
-        return false;
+        return;
     }
-    hrt_virtual_bus *old = atomic_load(&hold->memory);
-    const int old_fd = hold->fd;
-    take_over(hold, fresh, fd, &st);
-    munmap(old, sizeof *old);
-    close(old_fd);
-    if (!is_a_bus(fresh)) return false;
+    hold->fresh_fd = fd;
+    hold->fresh_device = (uint64_t)st.st_dev, hold->fresh_inode = (uint64_t)st.st_ino;
+    atomic_store(&hold->fresh, fresh);
+    if (is_a_bus(fresh))
+        atomic_store(&hold->ready, true);
+    else
+        drop_fresh(hold);
+}
+
+static void prepare(hrt_virtual_hold *hold) {
+    unmap_old(hold);
+    if (atomic_load(&hold->trouble) != HRT_VIRTUAL_WELL && !atomic_load(&hold->ready)) map_anew(hold);
+}
+
+/* --- by the tick's thread --- */
+
+bool hrt_virtual_mend(hrt_virtual_hold *hold) {
+    if (atomic_load(&hold->trouble) == HRT_VIRTUAL_WELL || !atomic_load(&hold->ready)) return false;
+    hrt_virtual_bus *old = atomic_load(&hold->memory), *fresh = atomic_load(&hold->fresh);
+    hold->old_fd = hold->fd;
+    hold->fd = hold->fresh_fd;
+    atomic_store(&hold->device, hold->fresh_device);
+    atomic_store(&hold->inode, hold->fresh_inode);
+    atomic_store(&hold->memory, fresh);
+    atomic_store(&hold->fresh, NULL);
+    atomic_store(&hold->ready, false);
+    atomic_store(&hold->old, old);
     atomic_store(&hold->past, atomic_exchange(&hold->trouble, HRT_VIRTUAL_WELL));
     return true;
 }
@@ -240,6 +280,7 @@ const char *hrt_virtual_look(hrt_virtual_hold *hold) {
     int well = HRT_VIRTUAL_WELL;
     if ((gone || cut) && inode == atomic_load(&hold->inode)) /* not mended meanwhile */
         atomic_compare_exchange_strong(&hold->trouble, &well, gone ? HRT_VIRTUAL_REMOVED : HRT_VIRTUAL_CUT_SHORT);
+    prepare(hold);
     /* One that came and went since the last look is told too. */
     const int past = atomic_exchange(&hold->past, HRT_VIRTUAL_WELL), now = atomic_load(&hold->trouble);
     const int next = now != HRT_VIRTUAL_WELL ? now : past != hold->told ? past : HRT_VIRTUAL_WELL;
@@ -258,6 +299,8 @@ void hrt_virtual_close(hrt_virtual_hold *hold) {
         *strrchr(directory, '/') = 0;
         if (!set_folder()) rmdir(directory);
     }
+    unmap_old(hold);
+    drop_fresh(hold);
     atomic_store(&hold->memory, NULL);
     munmap(memory, sizeof *memory);
     close(hold->fd);

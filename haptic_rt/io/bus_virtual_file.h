@@ -23,6 +23,12 @@ typedef struct hrt_virtual_hold {
     _Atomic uint64_t device, inode;
     int fd; /* kept for its locks */
     int claimed;
+    /* The file mapped anew by hrt_virtual_look, until the tick's thread takes it over (ready), and the mapping that it
+     * had, until hrt_virtual_look unmaps it. */
+    _Atomic(hrt_virtual_bus *) fresh, old;
+    _Atomic bool ready;
+    uint64_t fresh_device, fresh_inode;
+    int fresh_fd, old_fd;
     const char *path;
     int told;
 } hrt_virtual_hold;
@@ -31,11 +37,13 @@ typedef struct hrt_virtual_hold {
 bool hrt_virtual_path(const char *name, char *path, int path_size, char *why, int why_size);
 /* `path` outlives the hold. Null with `why`. */
 hrt_virtual_hold *hrt_virtual_open(const char *path, char *why, int why_size);
-/* Does nothing while all is well; else tries once to map the file anew. True: the bus is there, from its beginning. */
+/* Of the tick's thread: loads and stores alone. Takes over what hrt_virtual_look has mapped anew, where there is such.
+ * True: the bus is there, from its beginning. */
 bool hrt_virtual_mend(hrt_virtual_hold *hold);
 /* 1 claimed, 0 somebody else has that place. Released when the process ends, however it does. */
 int hrt_virtual_claim(hrt_virtual_hold *hold, int place);
-/* From any other thread: is the file still there? What is wrong, once each time; null: nothing new. */
+/* From one other thread: is the file still there? Where it is not, maps it anew for hrt_virtual_mend. What is wrong,
+ * once each time; null: nothing new. */
 const char *hrt_virtual_look(hrt_virtual_hold *hold);
 /* The last one removes the file, and its folder if that is the default one and empty. */
 void hrt_virtual_close(hrt_virtual_hold *hold);

@@ -177,6 +177,7 @@ static cJSON *figures_json(program *p) {
     cJSON_AddStringToObject(json, "fault", hrt_fault_name((hrt_fault)s.fault));
     cJSON_AddNumberToObject(json, "resets", (double)p->resets);
     cJSON_AddStringToObject(json, "extrapolator", s.extrapolator);
+    cJSON_AddBoolToObject(json, "passivity", s.passivity_on);
     cJSON *force = cJSON_AddObjectToObject(json, "force_N");
     cJSON_AddNumberToObject(force, "rms", p->force_ticks ? sqrt(p->force_square / (double)p->force_ticks) : 0.0);
     cJSON_AddNumberToObject(force, "peak", p->force_peak_N);

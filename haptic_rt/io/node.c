@@ -17,6 +17,7 @@ hrt_node_config hrt_node_config_default(int32_t instrument) {
                               .session = 1 + instrument,
                               .pose = {.axis = {0.0, 0.0, 1.0}, .up = {0.0, 1.0, 0.0}},
                               .extrapolator = HRT_CONTACT,
+                              .passivity = true,
                               .enable = true};
     hrt_params_default(&config.params);
     return config;

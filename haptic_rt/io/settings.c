@@ -18,7 +18,7 @@ static void usage(void) {
         "  --instrument N           0 or 1: channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and the device's ids on the bus (0)\n"
         "  --mode NAME              probe, grasper or cautery (probe)\n"
         "  --extrapolator NAME     " HRT_EXTRAPOLATOR_NAMES " (contact)\n"
-        "  --passivity              passivity control on\n"
+        "  --no-passivity           passivity control off (it is on; --passivity says so)\n"
         "  --coupling               virtual coupling on\n"
         "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   the trocar's pose, m, world; without them it is learned from SIM_STATUS\n"
         "  --profile FILE           device profile and parameters\n"
@@ -63,6 +63,7 @@ enum {
     O_MODE = HRT_OPTION_OWN,
     O_EXTRAPOLATOR,
     O_PASSIVITY,
+    O_NO_PASSIVITY,
     O_COUPLING,
     O_TROCAR,
     O_AXIS,
@@ -79,6 +80,7 @@ static const struct option options[] = {HRT_COMMON_OPTIONS,
                                         {"mode", 1, 0, O_MODE},
                                         {"extrapolator", 1, 0, O_EXTRAPOLATOR},
                                         {"passivity", 0, 0, O_PASSIVITY},
+                                        {"no-passivity", 0, 0, O_NO_PASSIVITY},
                                         {"coupling", 0, 0, O_COUPLING},
                                         {"trocar", 1, 0, O_TROCAR},
                                         {"axis", 1, 0, O_AXIS},
@@ -106,7 +108,8 @@ static int take(void *user, int option, const char *text) {
     case O_EXTRAPOLATOR:
         if (hrt_extrapolator_find(text, &s->node.extrapolator)) return -1;
         return app_bad_input("--extrapolator", 0, "'%s' is none; use one of" HRT_EXTRAPOLATOR_NAMES, text);
-    case O_PASSIVITY: s->node.passivity = true; return -1;
+    case O_PASSIVITY:
+    case O_NO_PASSIVITY: s->node.passivity = option == O_PASSIVITY; return -1;
     case O_COUPLING: s->node.coupling = true; return -1;
     case O_TROCAR: s->node.pose_known = true; return checked(read_vector("--trocar", text, s->node.pose.trocar_m));
     case O_AXIS: return checked(read_vector("--axis", text, s->node.pose.axis));

@@ -143,7 +143,7 @@ class Controller:
         return np.array(out, float)
 
     def tick(self, t_us: int, joints: Any, newest: Optional[c.hrt_sample] = None, patch: Optional[c.hrt_patch] = None, *, enable: bool = True,
-             passivity: bool = False, coupling: bool = False, pedal: bool = False, reset: bool = False, bus_ok: bool = True,
+             passivity: bool = True, coupling: bool = False, pedal: bool = False, reset: bool = False, bus_ok: bool = True,
              device_fault: int = 0) -> c.hrt_result:
         """One tick at t_us with joints (5,) as the encoders counted them. newest: a sample that has come since the last tick, and its patch.
 

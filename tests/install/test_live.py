@@ -1,4 +1,5 @@
 """tm-session from an installed prefix: a scene, its controllers and devices by one command, from a folder that holds nothing."""
+import importlib.util
 import json
 import os
 import re
@@ -48,7 +49,7 @@ def until_engaged(prefix, build, out, *extrapolator):
 
 
 def test_a_session_is_felt(prefix, tmp_path):
-    run = subprocess.run([prefix / "bin/tm-session", "liver-press", "--set", "hand[0].path[1].time=0.5 s", "--set", "hand[0].path[0].time=0 s", "--duration", "4", "--out", "out", "--record",
+    run = subprocess.run([prefix / "bin/tm-session", "liver-press", "--set", "hand[0].path[1].time=0.5 s", "--set", "hand[0].path[0].time=0 s", "--duration", "4 s", "--out", "out", "--record",
                           "session.lcm"], cwd=tmp_path, env=ENVIRONMENT, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
     assert "netns.sh join" in run.stdout
@@ -126,3 +127,30 @@ def test_a_command_by_hand_is_heard(prefix, root, build, tmp_path):
         said = session.communicate(timeout=300)
     assert session.returncode == 0, said
     assert json.loads((tmp_path / "session/controller0.json").read_text())["extrapolator"] == "tangent"
+
+
+def test_the_window_gets_the_scene_and_durations_have_units(root, monkeypatch, capsys):
+    """tm-play then shows title, supports and regions; times are as tm-sim's."""
+    monkeypatch.syspath_prepend(str(root / "apps/demo"))
+    spec = importlib.util.spec_from_file_location("tm_session", root / "apps/session/tm_session.py")
+    program = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(program)
+
+    class Ring:
+        def __init__(self, *_, **more):
+            self.hand = more["hand"]
+
+        start_ring = end = lambda self, *_: None
+        well = lambda self: True
+
+    started = []
+    monkeypatch.setattr(program, "Session", Ring)
+    monkeypatch.setattr(program.subprocess, "run", lambda command: started.append([str(c) for c in command]) or subprocess.CompletedProcess(command, 0))
+    monkeypatch.setattr(sys, "argv", ["tm-session", "--play", "some.yaml", "--duration", "1.5 min"])
+    assert program.inside(program.arguments()) == 0
+    assert started == [[str(program.BIN / "tm-play"), "--scene", "some.yaml", "--duration", "90.0"]]
+    assert [program.seconds(t) for t in ("4", "4 s", "500ms", "2 min", "1e3 ms")] == [4, 4, 0.5, 120, 1]
+    for wrong in ("4 kg", "long", "", "4 h"):
+        with pytest.raises(SystemExit, match="2"):
+            program.seconds(wrong)
+        assert f"--duration {wrong}: a time is wanted" in capsys.readouterr().err

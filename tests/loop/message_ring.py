@@ -134,7 +134,7 @@ try:
     seen["pressed"] = run(5, until=pressed)
     run(0.5)
     snapshot("first", steady)
-    command("tangent", 1)
+    command("tangent", 0)
     run(0.6)
     snapshot("switched", lambda: steady() and saw["status"].extrapolator == "tangent" and saw["tool"].extrapolator == 4)
     command("no such law")

@@ -59,12 +59,12 @@ def test_the_ring_closes(seen):
     # A hand of 300 N/m against a wall of 300 N/m meets half way: 0.07 m wanted, 0.08 m the wall.
     assert first["force"][2] == pytest.approx(1.5, abs=0.2)
     assert first["active"] == 1 and first["joint"][4] == pytest.approx(0.5, abs=0.01)
-    assert first["tool_extrapolator"] == 0 and first["extrapolator"] == "hold" and first["passivity"] == 0
+    assert first["tool_extrapolator"] == 0 and first["extrapolator"] == "hold" and first["passivity"] == 1
     assert seen["tools"] > 500 and seen["statuses"] > 15
 
 
 def test_law_and_passivity_are_switched_by_command(seen):
-    assert (seen["switched"]["extrapolator"], seen["switched"]["passivity"], seen["switched"]["tool_extrapolator"]) == ("tangent", 1, 4)
+    assert (seen["switched"]["extrapolator"], seen["switched"]["passivity"], seen["switched"]["tool_extrapolator"]) == ("tangent", 0, 4)
     assert seen["switched"]["state"] == 3 and in_time(seen, "switched", "first")
 
 

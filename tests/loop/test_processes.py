@@ -104,12 +104,12 @@ def test_any_order_and_what_they_wait_for(ring, device_first):
 def test_figures(ring):
     device = ring.start("tm-device", "--bus", "virtual:t", "--hand", ring.hand(), "--repeat", "--duration", 4, "--json", ring.directory / "d.json", "--stats")
     controller = ring.controller("--samples", ring.samples(), "--duration", 3, "--stats", "--json", ring.directory / "c.json", "--record", ring.directory / "r.csv",
-                                 "--extrapolator", "hold")
+                                 "--extrapolator", "hold", "--no-passivity")  # recorded forces push whatever the hand does: they are not passive
     assert controller.wait(20) == 0 and device.wait(20) == 0
     c, d = (json.loads((ring.directory / f"{n}.json").read_text()) for n in "cd")
     rows = list(csv.DictReader(open(ring.directory / "r.csv")))
     assert c["ticks"] + c["missed_ticks"] >= 1450 and len(rows) == c["ticks"]
-    assert c["state"] == "engaged" and c["fault"] == "none" and c["extrapolator"] == "hold"
+    assert c["state"] == "engaged" and c["fault"] == "none" and c["extrapolator"] == "hold" and c["passivity"] is False
     assert abs(c["force_N"]["peak"] - FORCE_N) < 0.01 and 0.5 * FORCE_N < c["force_N"]["rms"] <= FORCE_N
     for stage in ("receive", "control", "send", "publish"):
         q = c["stage_us"][stage]
@@ -126,6 +126,15 @@ def test_figures(ring):
     assert abs(float(last["force_insertion_N"]) + FORCE_N * math.cos(pitch) * math.cos(yaw)) < 0.01
     assert d["torque_peak"][2] == pytest.approx(FORCE_N, abs=0.02)
     assert "ticks" in text(controller) and "lateness" in text(controller)
+
+
+@pytest.mark.parametrize("option, on", [([], True), (["--passivity"], True), (["--no-passivity"], False)])
+def test_passivity_is_on_unless_told_otherwise(bin, tmp_path, option, on):
+    """As in lockstep (`haptics.passivity`) and in the shipped settings."""
+    run = subprocess.run([bin / "haptic-rt", "--bus", "virtual:p", "--duration", "0.05", "--priority", "0", *option, "--json", tmp_path / "c.json"],
+                         env={**os.environ, "TM_BUS_DIR": str(tmp_path)}, capture_output=True, text=True, timeout=60)
+    assert run.returncode == 0, run
+    assert json.loads((tmp_path / "c.json").read_text())["passivity"] is on
 
 
 def test_no_page_fault_after_start(ring):

@@ -71,9 +71,26 @@ def test_scale(tm_mesh, env, tmp_path):
     path = write(tmp_path / "b.msh", meshlib.msh2(meshlib.block()))
     figures, _ = info(tm_mesh, path, env, "--scale", "1e-3")
     assert figures["high_m"] == pytest.approx([1e-4] * 3) and figures["volume_m3"] == pytest.approx(1e-12)
+    assert info(tm_mesh, path, env, "--unit", "mm")[0]["high_m"] == figures["high_m"]
+    for more, says in ((["--unit", "mile"], "give m, cm, mm, um or inch"), (["--unit", "mm", "--scale", "1"], "give one")):
+        result = meshlib.run(tm_mesh, "info", path, *more, env=env)
+        assert result.returncode == 2 and says in result.stderr
     for bad in ("0", "-1", "nan", "much", "1 mm"):
         result = meshlib.run(tm_mesh, "info", path, "--scale", bad, env=env)
         assert result.returncode == 2 and "scale" in result.stderr
+
+
+@pytest.mark.parametrize("name", ["2.2.msh", "4.1.msh", "2.2b.msh", "4.1b.msh"])
+def test_a_region_without_tetrahedra_is_told(name, tm_mesh, env, tmp_path):
+    path = write(tmp_path / name, FORMATS[name](named_block()))
+    figures, text = info(tm_mesh, path, env)
+    assert figures["regions_without_tetrahedra"] == [] and "no tetrahedra" not in text
+    head, names = path.read_bytes().split(b"$PhysicalNames\n")
+    count, names = names.split(b"\n", 1)
+    path.write_bytes(head + b'$PhysicalNames\n%d\n3 77 "lost vein"\n' % (int(count) + 1) + names)
+    figures, text = info(tm_mesh, path, env)
+    assert figures["regions_without_tetrahedra"] == ["lost vein"] and len(figures["regions"]) == 2
+    assert "note: region 'lost vein' is named and has no tetrahedra" in text
 
 
 @pytest.mark.parametrize("name", ["2.2.msh", "4.1.msh", "2.2b.msh", "4.1b.msh"])

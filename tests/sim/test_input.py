@@ -1,4 +1,5 @@
 """Bad input: exit 2, `file:line: what; what to do`, nothing written."""
+import json
 import re
 
 import pytest
@@ -139,6 +140,9 @@ COMMANDS = {
     "set without value": (["{scene}", "--lockstep", "--set", "gravity"], "PATH=VALUE"),
     "set unknown": (["{scene}", "--lockstep", "--set", "tissue.colour=red"], "unknown key 'colour' in tissue"),
     "set wrong": (["{scene}", "--lockstep", "--set", "tissue.scale=3 mm"], "--set tissue.scale=3 mm: "),
+    "set next item of a new list": (["{scene}", "--lockstep", "--set", "viscosity.terms[1].time=0.2"], "is not its next item; write [0]"),
+    "set part of a new item": (["{scene}", "--lockstep", "--set", "viscosity.terms[0].time=0.2"], "viscosity.terms[0]: key 'shear' is missing"),
+    "set item of no list": (["{scene}", "--lockstep", "--set", "tissue[0].mesh=a"], "not of a list; leave the brackets out"),
     "set no item": (["{scene}", "--lockstep", "--set", "supports[7].axes=x"], "no list item"),
     "unset nothing": (["{scene}", "--lockstep", "--unset", "gravity"], "no 'gravity' to leave out"),
     "write without settle": (["{scene}", "--lockstep", "--write", "a.vtk"], "--settle"),
@@ -190,3 +194,15 @@ def test_units_mean_what_they_say(bin, root, tmp_path, path, written, si):
     assert max(map(abs, expected)) > 0
     for value in written:
         assert trace(value) == pytest.approx(expected, rel=1e-6, abs=1e-9), value
+
+
+def test_set_makes_a_list_that_the_scene_does_not_have(bin, root, tmp_path):
+    """Item by item, key by key: the run of the scene that names it, to the last bit."""
+    def trace(scene, *sets):
+        run(bin / "tm-sim", scene, "--lockstep", "--duration", "0.2 s", *[w for s in sets for w in ("--set", s)], "--json", tmp_path / "t.json")
+        return json.loads((tmp_path / "t.json").read_text())["state_hash"]
+
+    named = trace(block_scene(tmp_path, root, "gravity:\nviscosity:\n  terms:\n    - {time: 0.2, shear: 0.3}\n    - {time: 20 ms, shear: 0.1}\n"))
+    plain = block_scene(tmp_path, root, "gravity:\n")
+    assert trace(plain, "viscosity.terms[0].time=0.2", "viscosity.terms[0].shear=0.3", "viscosity.terms[1]={time: 20 ms, shear: 0.1}") == named
+    assert trace(plain) != named
