@@ -1,11 +1,32 @@
 #include "consoles.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "io/profile.h"
 
 enum { SESSION = 1, STATUS_EVERY_US = 100000, MOST = 1024 };
+
+/* A force that is older than the controller goes on with is let go of: said before the hand wonders. */
+static int warn_age(const sim *s, const sim_haptics *haptics, const hrt_params *params, double tick_s) {
+    const double stale_s = 1e-6 * (double)params->stale_us, late_s = haptics->jitter.si + tick_s;
+    const double age_s = (haptics->latency.si + 1) * s->frame_s + late_s, most = (stale_s - late_s) / s->frame_s - 1;
+    const int line = haptics->latency.line ? haptics->latency.line : haptics->here.line;
+    if (age_s <= stale_s) return 0;
+    if (most < 0)
+        return app_scene_warn(
+            s->scene, line,
+            "frames of %.3g ms: a force is up to %.3g ms old before the next comes, and the controller "
+            "fades what is older than %.3g ms: the hand feels little or nothing; raise "
+            "time.frame_rate",
+            1e3 * s->frame_s, 1e3 * age_s, 1e3 * stale_s);
+    return app_scene_warn(s->scene, line,
+                          "haptics.latency = %.3g frames of %.3g ms: a force is up to %.3g ms old before the next "
+                          "comes, and the controller fades what is older than %.3g ms: the hand feels little or "
+                          "nothing; give %.2g at most, or raise time.frame_rate",
+                          haptics->latency.si, 1e3 * s->frame_s, 1e3 * age_s, 1e3 * stale_s, floor(10 * most) / 10);
+}
 
 static int set_up(sim_consoles *all, int i, const sim *s, const sim_haptics *haptics, int64_t tick_us) {
     sim_console *t = &all->console[i];
@@ -14,6 +35,7 @@ static int set_up(sim_consoles *all, int i, const sim *s, const sim_haptics *hap
     hrt_node_config node = hrt_node_config_default(i);
     if (haptics->profile.line && !hrt_profile_read(haptics->profile.s, &device.profile)) return APP_BAD_INPUT;
     node.params = device.profile;
+    if (i == 0 && warn_age(s, haptics, &node.params, 1e-6 * (double)tick_us)) return APP_BAD_INPUT;
     node.mode = (hrt_mode)s->instrument_def[i].mode;
     node.session = SESSION;
     node.pose_known = true;

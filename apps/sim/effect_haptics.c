@@ -30,7 +30,8 @@ static const app_field fields[] = {
      "device profile (haptic_rt/device/profiles; `haptic-rt --params`), in lockstep; left out, the built-in Impulse "
      "Engine"},
     {"haptics.latency", APP_NUMBER, "none", "1", 0, 100, offsetof(sim_haptics, latency), 0,
-     "in lockstep: frames between a tool sample and the publishing of its force"},
+     "in lockstep: frames between a tool sample and the publishing of its force; a warning says when the force is then "
+     "older than the controller goes on with (`stale_us`)"},
     {"haptics.jitter", APP_NUMBER, "time", "0 s", 0, 1, offsetof(sim_haptics, jitter), 0,
      "in lockstep: each sample is late by up to this, at random"},
     {"haptics.loss", APP_NUMBER, "none", "0", 0, 1, offsetof(sim_haptics, loss), 0,

@@ -146,3 +146,13 @@ def test_what_no_scene_holds_is_refused(bin, tmp_path, what):
     done = subprocess.run([bin / "tm-sim", scene, "--check"], capture_output=True, text=True, timeout=40)  # a minute, before
     assert done.returncode == 2 and words in done.stderr and ";" in done.stderr
     assert done.stderr.startswith(f"{scene}:{line}: " if line else f"{scene}: ")
+
+
+@pytest.mark.parametrize("latency, rate, words", [
+    (2, "25 Hz", "haptics.latency = 2 frames of 40 ms: a force is up to 122 ms old before the next comes, and the controller fades what is older than 100 ms: the hand feels little or nothing; give 1.4 at most"),
+    (1, "5 Hz", "frames of 200 ms: a force is up to 402 ms old before the next comes, and the controller fades what is older than 100 ms"),
+    (1.4, "25 Hz", None),
+])
+def test_a_force_too_old_to_be_felt_is_told(bin, root, latency, rate, words):
+    _, said = run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--duration", "0.2 s", "--set", f"haptics.latency={latency}", "--set", f"time.frame_rate={rate}")
+    assert said.count("\n") == (words is not None) and (words or "") in said, said
