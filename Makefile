@@ -137,7 +137,7 @@ $(TESTS:$(OUT)/%=$(OUT)/obj/%.o): BASE_CFLAGS += $(patsubst -O3,-O1,$(filter -O%
 # What the short form of `make sanitize` runs (tests/sanitize): of the C programs under ThreadSanitizer those that start threads.
 THREADED := $(addprefix $(OUT)/tests/,loop/test_mailbox physics/test_borders physics/test_step_threads physics/test_threads $(addprefix solve/test_,arguments factored files organ static))
 SHORT_TESTS := $(if $(filter tsan,$(config)),$(THREADED),$(TESTS))
-tests-short: $(SHORT_TESTS) $(addprefix $(OUT)/bin/,haptic-rt tm-device tm-sim) $(addprefix $(OUT)/lib/tensormass/,lcm.so solve.so) $(OUT)/python/tensormass/__init__.py
+tests-short: $(SHORT_TESTS) $(addprefix $(OUT)/bin/,haptic-rt tm-device tm-sim) $(addprefix $(OUT)/lib/tensormass/,lcm.so solve.so) $(OUT)/python/tensormass_lcm/__init__.py
 	@printf '%s\n' $(SHORT_TESTS) > $(OUT)/tests/manifest.txt
 
 help:

@@ -6,7 +6,7 @@ LCM_ALL_H := $(OUT)/gen/lcm_types/tensormass.h
 # Beside the generated code: the table of messages and the ways they go, how they are received, and how they are sealed. LCM is linked into the module alone.
 LCM_OWN := $(filter-out %/link_network.c,$(sort $(wildcard lcm_types/*.c)))
 LIBLCMTYPES_A := $(OUT)/lib/liblcm_types.a
-LIBRARIES += $(LIBLCMTYPES_A) $(OUT)/python/tensormass/__init__.py
+LIBRARIES += $(LIBLCMTYPES_A) $(OUT)/python/tensormass_lcm/__init__.py
 $(OUT)/gen/lcm_types/tensormass_%.c: lcm_types/%.lcm lcm_types/module.mk
 	@mkdir -p $(@D)
 	$(call say,LCM)
@@ -20,11 +20,12 @@ $(call objects,$(wildcard lcm_types/*.c apps/*/*.c apps/*/*/*.c haptic_rt/*/*.c 
 $(LIBLCMTYPES_A): $(patsubst $(OUT)/gen/%.c,$(OUT)/obj/%.o,$(LCM_GEN)) $(call objects,$(LCM_OWN))
 	$(archive)
 $(eval $(call module,lcm,lcm_types/link_network.c,$(LIBLCMTYPES_A),-llcm))
-$(OUT)/python/tensormass/__init__.py: $(LCM_TYPES)
-	@mkdir -p $(OUT)/python
+# Named tensormass_lcm: `tensormass` is the Python package, and a program may want both.
+$(OUT)/python/tensormass_lcm/__init__.py: $(LCM_TYPES)
+	@rm -rf $(OUT)/python && mkdir -p $(OUT)/python/made
 	$(call say,LCM)
-	$(Q)lcm-gen -p --ppath $(OUT)/python $(LCM_TYPES)
-	@touch $@
+	$(Q)lcm-gen -p --ppath $(OUT)/python/made $(LCM_TYPES)
+	@mv $(OUT)/python/made/tensormass $(@D) && rmdir $(OUT)/python/made && touch $@
 LCM_JAVA := $(OUT)/java/tensormass_types.jar
 $(LCM_JAVA): $(LCM_TYPES)
 	@rm -rf $(OUT)/java && mkdir -p $(OUT)/java/src $(OUT)/java/classes

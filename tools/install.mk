@@ -18,6 +18,8 @@ cmake = for n in tensormassConfig tensormassConfigVersion; do sed -e 's|@INCLUDE
 	-e 's|@SOVERSION@|$(SOVERSION)|' -e "s|@POINTER@|$$(echo __SIZEOF_POINTER__ | $(CC) -E -P -)|" tools/$$n.cmake.in > $(STAGE)/$@$(LIBDIR)/cmake/tensormass/$$n.cmake || exit 1; done
 # $(call folders,NAMES): made anew in the part's stage.
 folders = $(if $(filter-out /%,$(PREFIX) $(LIBDIR)),$(error PREFIX=$(PREFIX) LIBDIR=$(LIBDIR): give paths from / on))rm -rf $(STAGE)/$@ && mkdir -p $(foreach f,$(1),$(STAGE)/$@$(f))
+# $(call pages,PAGES,OTHERS): each with the links that lead somewhere there: to one of PAGES, or of OTHERS in the same folder.
+pages = for p in $(1); do awk -v have="$(notdir $(1)) LICENSE $(2)" -f tools/install_pages.awk $$p > $(STAGE)/$@$(DOCDIR)/$$(basename $$p) || exit 1; done
 put = DESTDIR='$(DESTDIR)' PREFIX='$(PREFIX)' tools/install.sh put $@ $(STAGE)/$@
 
 # Man pages and completion, where there is a Python to make them of the programs' help.
@@ -41,14 +43,15 @@ install-lib: $(LIBTM_A) $(LIBTM_SO) $(LIBTMIO_A) $(LIBTMIO_SO) $(SOLVE_LIBRARIES
 	cp -P $(foreach l,$(filter %.a %.$(VERSION),$^),$(l) $(if $(filter %.a,$(l)),,$(patsubst %.$(VERSION),%.$(SOVERSION),$(l)) $(patsubst %.$(VERSION),%,$(l)))) $(STAGE)/$@$(LIBDIR)
 	$(call pc,tensormass tensormass_io $(if $(SOLVE_LIBRARIES),tensormass_solve))
 	$(call cmake)
-	install -m 644 LICENSE CHANGELOG.md $(addprefix docs/,library-guide.md meshes.md models.md contact.md physics.md) $(STAGE)/$@$(DOCDIR)
+	install -m 644 LICENSE $(STAGE)/$@$(DOCDIR)
+	$(call pages,CHANGELOG.md $(addprefix docs/,library-guide.md meshes.md models.md contact.md physics.md),examples/block.c examples/engine.c)
 	install -m 644 tests/install/block.c examples/engine/engine.c $(STAGE)/$@$(DOCDIR)/examples
 	@$(put)
 
 #: make install-controller   haptic-rt, tm-device, their service, profiles and DBC, the LCM types and bindings, libhrt
-install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/lcm.so $(LIBHRT_A) $(LIBLCMTYPES_A) $(OUT)/python/tensormass/__init__.py
+install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/lcm.so $(LIBHRT_A) $(LIBLCMTYPES_A) $(OUT)/python/tensormass_lcm/__init__.py
 	@$(call folders,$(addprefix $(PREFIX)/,bin lib/tensormass lib/systemd/system include/tensormass_hrt/can include/tensormass_lcm/lcm_types) $(LIBDIR)/pkgconfig $(DOCDIR) \
-		$(addprefix $(SHARE)/,systemd profiles can lcm_types python/tensormass))
+		$(addprefix $(SHARE)/,systemd profiles can lcm_types python/tensormass_lcm))
 	install -m 755 $(HRT_PROGRAMS) $(STAGE)/$@$(PREFIX)/bin
 	install -m 755 $(OUT)/lib/tensormass/lcm.so $(STAGE)/$@$(PREFIX)/lib/tensormass
 	sed -e 's|@PREFIX@|$(PREFIX)|' haptic_rt/systemd/haptic-rt@.service.in > $(STAGE)/$@$(PREFIX)/lib/systemd/system/haptic-rt@.service
@@ -57,7 +60,7 @@ install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/lcm.so $(LIBHRT_A) $(L
 	install -m 644 haptic_rt/device/profiles/* $(STAGE)/$@$(SHARE)/profiles
 	install -m 644 haptic_rt/can/impulse_engine.dbc $(STAGE)/$@$(SHARE)/can
 	install -m 644 lcm_types/*.lcm $(STAGE)/$@$(SHARE)/lcm_types
-	install -m 644 $(OUT)/python/tensormass/*.py $(STAGE)/$@$(SHARE)/python/tensormass
+	install -m 644 $(OUT)/python/tensormass_lcm/*.py $(STAGE)/$@$(SHARE)/python/tensormass_lcm
 	install -m 644 $(OUT)/gen/lcm_types/*.h $(STAGE)/$@$(PREFIX)/include/tensormass_lcm/lcm_types
 	install -m 644 lcm_types/seal.h lcm_types/receiver.h lcm_types/event_log.h $(STAGE)/$@$(PREFIX)/include/tensormass_lcm
 	install -m 644 $(LIBLCMTYPES_A) $(STAGE)/$@$(LIBDIR)/libtensormass_lcm.a
@@ -65,7 +68,8 @@ install-controller: $(HRT_PROGRAMS) $(OUT)/lib/tensormass/lcm.so $(LIBHRT_A) $(L
 	install -m 644 haptic_rt/can/*.h $(STAGE)/$@$(PREFIX)/include/tensormass_hrt/can
 	install -m 644 $(LIBHRT_A) $(STAGE)/$@$(LIBDIR)/libtensormass_hrt.a
 	$(call pc,tensormass_hrt tensormass_lcm)
-	install -m 644 LICENSE CHANGELOG.md $(addprefix docs/,controller.md dedicated-machine.md can.md messages.md trust.md extrapolation.md firmware.md) $(STAGE)/$@$(DOCDIR)
+	install -m 644 LICENSE $(STAGE)/$@$(DOCDIR)
+	$(call pages,CHANGELOG.md $(addprefix docs/,controller.md dedicated-machine.md can.md messages.md trust.md extrapolation.md firmware.md))
 	@$(put)
 
 #: make install-programs     simulation, viewer, tm-session and the rest, with scenes and meshes
@@ -80,8 +84,9 @@ install-programs: programs
 	install -m 644 apps/studies/accuracy/scene_page.py $(STAGE)/$@$(SHARE)/apps/studies/accuracy
 	install -m 644 apps/pages/page.py $(STAGE)/$@$(SHARE)/apps/pages
 	install -m 644 $(wildcard meshes/*.msh meshes/*.csv meshes/README.md) $(STAGE)/$@$(SHARE)/meshes
-	install -m 644 README.md LICENSE CHANGELOG.md $(wildcard docs/*.md) $(STAGE)/$@$(DOCDIR)
+	install -m 644 LICENSE $(STAGE)/$@$(DOCDIR)
 	install -m 644 $(wildcard docs/images/*) $(STAGE)/$@$(DOCDIR)/images
+	$(call pages,README.md CHANGELOG.md $(wildcard docs/*.md),$(patsubst docs/%,%,$(wildcard docs/images/*)))
 	@$(put)
 
 #: make uninstall PREFIX= DESTDIR=  what was installed there, and nothing else

@@ -213,7 +213,7 @@ def strongest_moment(a):
     import lcm
 
     sys.path.insert(0, str(a.build / "python"))
-    import tensormass
+    import tensormass_lcm
 
     begin, best, at, last = None, -1.0, 0.0, 0.0
     for event in lcm.EventLog(str(a.out / "demo.lcm"), "r"):
@@ -221,7 +221,7 @@ def strongest_moment(a):
             begin = begin or event.timestamp
             last = event.timestamp
         elif event.channel == "SIM_STATUS" and begin:
-            m = tensormass.sim_status_t.decode(event.data)
+            m = tensormass_lcm.sim_status_t.decode(event.data)
             force = max(math.hypot(*m.force_N[i]) for i in range(m.instrument_count))
             if force > best:
                 best, at = force, (event.timestamp - begin) * 1e-6
@@ -248,12 +248,12 @@ def samples(a, instrument, begin_us):
     import lcm
 
     sys.path.insert(0, str(a.build / "python"))
-    import tensormass
+    import tensormass_lcm
 
     time_s, force = [], []
     for event in lcm.EventLog(str(a.out / "demo.lcm"), "r"):
         if event.channel == f"FORCE_{instrument}":
-            m = tensormass.force_sample_t.decode(event.data)
+            m = tensormass_lcm.force_sample_t.decode(event.data)
             time_s.append((m.utime - begin_us) * 1e-6)
             force.append(math.hypot(*m.force_N))
     return time_s, force
@@ -265,9 +265,9 @@ def record_begin_us(a, instrument):
     import lcm
 
     sys.path.insert(0, str(a.build / "python"))
-    import tensormass
+    import tensormass_lcm
 
-    lead = [e.timestamp - tensormass.tool_state_t.decode(e.data).utime for e in lcm.EventLog(str(a.out / "demo.lcm"), "r") if e.channel == f"TOOL_{instrument}"]
+    lead = [e.timestamp - tensormass_lcm.tool_state_t.decode(e.data).utime for e in lcm.EventLog(str(a.out / "demo.lcm"), "r") if e.channel == f"TOOL_{instrument}"]
     if not lead:
         fail(f"the log holds no TOOL_{instrument}; haptic-rt's words are in {a.out}/haptic-rt{instrument}.txt")
     return min(lead) + load(a.out / f"controller{instrument}.json")["start_us"]

@@ -66,9 +66,9 @@ def rewrite(root, build, log, out, change):
     """The log with change(event, message, type) for each of its messages; it returns [(timestamp, channel, bytes)]."""
     sys.path.insert(0, str(build / "python"))
     import lcm
-    import tensormass
+    import tensormass_lcm
 
-    types = {"TOOL": tensormass.tool_state_t, "FORCE": tensormass.force_sample_t, "TRUTH": tensormass.force_sample_t, "PATCH": tensormass.contact_patch_t}
+    types = {"TOOL": tensormass_lcm.tool_state_t, "FORCE": tensormass_lcm.force_sample_t, "TRUTH": tensormass_lcm.force_sample_t, "PATCH": tensormass_lcm.contact_patch_t}
     written = lcm.EventLog(str(out), "w", overwrite=True)
     for event in lcm.EventLog(str(log), "r"):
         kind = event.channel.split("_")[0]

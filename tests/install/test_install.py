@@ -108,6 +108,23 @@ def test_the_prefix_holds_what_a_user_needs(prefix, root):
     assert f"ExecStart={prefix}/bin/haptic-rt " in unit
 
 
+def dead_links(doc):
+    links = [(page.name, link) for page in sorted(doc.glob("*.md")) for link in re.findall(r"\]\(([^()\s#]+)[^()\s]*\)", page.read_text()) if "://" not in link]
+    return [f"{page}: {link}" for page, link in links if not (doc / link).exists()], len(links)
+
+
+def test_the_prefix_has_no_dead_link(prefix):
+    dead, links = dead_links(prefix / "share/doc/tensormass")
+    assert links > 100 and not dead, dead
+
+
+@pytest.mark.parametrize("part", ["install-lib", "install-controller"])
+def test_a_part_has_no_dead_link(root, tmp_path, part):
+    make(root, part, f"PREFIX={tmp_path}/p")
+    dead, links = dead_links(tmp_path / "p/share/doc/tensormass")
+    assert links > 5 and not dead, dead
+
+
 PEER = """
 #include <can/codec.h>
 #include <hrt.h>
@@ -130,7 +147,7 @@ def test_a_peer_is_written_in_c_and_in_python(prefix, build, tmp_path):
     libraries = [w for package in ("tensormass_hrt", "tensormass_lcm") for w in flags(prefix, "--cflags", "--libs", package=package)]
     subprocess.run(["gcc", "-Wall", "-Werror", tmp_path / "peer.c", "-o", tmp_path / "peer", *libraries], check=True)
     limit, size = subprocess.run([tmp_path / "peer"], capture_output=True, text=True, check=True, timeout=120).stdout.split()
-    program = "import tensormass; print(len(tensormass.force_sample_t().encode()))"
+    program = "import tensormass_lcm; print(len(tensormass_lcm.force_sample_t().encode()))"
     python = subprocess.run([shutil.which("python3"), "-c", program], env=dict(ENVIRONMENT, PYTHONPATH=str(prefix / "share/tensormass/python")), capture_output=True, text=True)
     assert float(limit) == pytest.approx(8.9) and python.returncode == 0, python.stderr
     assert int(python.stdout) == int(size)

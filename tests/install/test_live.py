@@ -28,9 +28,9 @@ def running(prefix):
 
 
 ENGAGED = """
-import lcm, sys, tensormass, time
+import lcm, sys, tensormass_lcm, time
 link, said, end = lcm.LCM("udpm://239.255.76.67:7667?ttl=0"), [], time.monotonic() + 60
-link.subscribe("CONTROLLER_0", lambda _, data: said.append(tensormass.controller_status_t.decode(data)))
+link.subscribe("CONTROLLER_0", lambda _, data: said.append(tensormass_lcm.controller_status_t.decode(data)))
 while not said or said[-1].state != 3 or (sys.argv[1:] and said[-1].extrapolator != sys.argv[1]):
     assert time.monotonic() < end, f"the controller says {[(m.state, m.extrapolator) for m in said[-1:]]}"
     link.handle_timeout(100)

@@ -9,7 +9,7 @@ import time
 bin_, types, directory = sys.argv[1:4]
 sys.path.insert(0, types)
 import lcm  # noqa: E402
-from tensormass import contact_patch_t, controller_command_t, controller_status_t, force_sample_t, hand_command_t, sim_status_t, tool_state_t  # noqa: E402
+from tensormass_lcm import contact_patch_t, controller_command_t, controller_status_t, force_sample_t, hand_command_t, sim_status_t, tool_state_t  # noqa: E402
 
 TROCAR, AXIS, UP, WALL_Z, STIFFNESS = [0.01, 0.02, 0.2], [0, 0, -1], [0, 1, 0], 0.08, 300.0
 link = lcm.LCM("udpm://239.255.76.67:7667?ttl=0")

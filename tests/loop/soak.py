@@ -18,7 +18,7 @@ seed, events = map(int, sys.argv[4:6])
 key = ["--key", sys.argv[6]] if len(sys.argv) > 6 else []
 sys.path.insert(0, str(build / "python"))
 import lcm  # noqa: E402
-from tensormass import controller_status_t, force_sample_t  # noqa: E402
+from tensormass_lcm import controller_status_t, force_sample_t  # noqa: E402
 
 # Beside the second that is promised: what a busy machine may take for starting a program and for scheduling it.
 SECOND, SLACK, AT_LAST = 1.0, 1.0, 15.0

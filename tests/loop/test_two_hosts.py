@@ -46,7 +46,7 @@ def play(name, link, seconds=SECONDS, extrapolator="tangent", kill=None):
 
 def sent(directory):
     """[(t_n in s of the controller's clock, force)] of all samples that the simulation sent, whether they arrived or not."""
-    from tensormass import force_sample_t
+    from tensormass_lcm import force_sample_t
     samples = {}
     for event in lcm.EventLog(str(directory / "sim.log")):
         m = force_sample_t.decode(event.data)

@@ -156,10 +156,10 @@ def test_mesh_files_whose_numbers_jump(tmp_path):
 
 
 def test_logs_are_what_lcm_reads():
-    """Against the bindings that lcm-gen makes and the reader of the lcm package, in a process of their own (both are called tensormass)."""
+    """Against the bindings that lcm-gen makes and the reader of the lcm package, in the Python that has it."""
     log = tm.read_log(LOG)
     assert set(log) >= {"TOOL_0", "FORCE_0", "TISSUE", "SIM_STATUS", "CONTROLLER_0"}
-    code = ("import sys, lcm, numpy as np; sys.path.insert(0, sys.argv[2]); import tensormass as t\n"
+    code = ("import sys, lcm, numpy as np; sys.path.insert(0, sys.argv[2]); import tensormass_lcm as t\n"
             "kind = {'FORCE_0': t.force_sample_t, 'TISSUE': t.tissue_t, 'SIM_STATUS': t.sim_status_t, 'TOOL_0': t.tool_state_t, 'CONTROLLER_0': t.controller_status_t}\n"
             "got = {}\n"
             "for e in lcm.EventLog(sys.argv[1]):\n"
@@ -238,3 +238,10 @@ def test_a_scene_without_memory_is_an_exception():
     failing = BIN.parent / "tests/sim/fail_calloc.so"
     out = subprocess.run([sys.executable, "-c", NO_MEMORY, failing, SCENES / "block-press.yaml"], capture_output=True, text=True, env=dict(os.environ, LD_PRELOAD=str(failing)), timeout=120)
     assert out.returncode == 0, out.stdout + out.stderr
+
+
+def test_the_message_bindings_are_another_package():
+    sys.path.append(os.environ["TM_LCM_TYPES"])
+    import tensormass_lcm
+
+    assert len(tensormass_lcm.force_sample_t().encode()) > 100 and tm.Scene.__module__.startswith("tensormass")

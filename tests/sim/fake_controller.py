@@ -12,7 +12,7 @@ import lcm
 
 build, program, scene, report = sys.argv[1:]
 sys.path.insert(0, f"{build}/python")
-import tensormass as t  # noqa: E402
+import tensormass_lcm as t  # noqa: E402
 
 link = lcm.LCM("udpm://239.255.76.67:7667?ttl=0")
 forces, statuses, others = [], [], {}

@@ -14,8 +14,8 @@ HOLD = ("hand[0].path=[{time: 0 s, tip: [50 mm, 50 mm, 60 mm]}, {time: 0.5 s, ti
 @pytest.fixture(scope="module")
 def types(build):
     sys.path.insert(0, str(build / "python"))
-    import tensormass
-    return tensormass
+    import tensormass_lcm
+    return tensormass_lcm
 
 
 def columns(path):

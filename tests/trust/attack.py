@@ -17,7 +17,7 @@ key_file = sys.argv[4] if len(sys.argv) > 4 else None
 sys.path[:0] = [os.path.join(build, "python"), os.path.join(tests, "loop"), os.path.join(tests, "trust")]
 import lcm  # noqa: E402
 from seal import seal  # noqa: E402
-from tensormass import contact_patch_t, controller_command_t, controller_status_t, force_sample_t, sim_status_t, tool_state_t  # noqa: E402
+from tensormass_lcm import contact_patch_t, controller_command_t, controller_status_t, force_sample_t, sim_status_t, tool_state_t  # noqa: E402
 from virtual_bus import VirtualBus, Watch, torque  # noqa: E402
 
 GROUP = ("239.255.76.67", 7667)

@@ -11,7 +11,7 @@ import time
 
 build, tests, directory = sys.argv[1:4]
 sys.path[:0] = [os.path.join(build, "python"), os.path.join(tests, "loop")]
-from tensormass import controller_status_t, force_sample_t  # noqa: E402
+from tensormass_lcm import controller_status_t, force_sample_t  # noqa: E402
 from virtual_bus import VirtualBus, Watch, torque  # noqa: E402
 
 GROUP, SIMULATION, CONTROLLER = "239.255.76.67", 7667, 7668

@@ -94,9 +94,9 @@ class Session:
 
 def import_types(python_dir):
     sys.path.insert(0, str(python_dir))
-    import tensormass
+    import tensormass_lcm
 
-    return tensormass
+    return tensormass_lcm
 
 
 def write_log(python_dir, path, seconds=2.0, hz=30, rows=16, spoil=None):

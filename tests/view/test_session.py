@@ -123,7 +123,7 @@ def test_the_plot_puts_record_and_log_on_one_clock(root, build, demo):
 
     sys.path[:0] = [str(root / "apps/demo"), str(build / "python")]
     import demo as driver
-    import tensormass
+    import tensormass_lcm
 
     begin_us = driver.record_begin_us(types.SimpleNamespace(build=build, out=demo[0]), 0)
     with open(demo[0] / "ticks0.csv") as file:
@@ -131,7 +131,7 @@ def test_the_plot_puts_record_and_log_on_one_clock(root, build, demo):
     apart = []
     for event in lcm.EventLog(str(demo[0] / "demo.lcm"), "r"):
         if event.channel == "TOOL_0":
-            m = tensormass.tool_state_t.decode(event.data)
+            m = tensormass_lcm.tool_state_t.decode(event.data)
             at = rows.get(f"{m.joint[0]:.6f} {m.joint[2]:.6f}")
             if at is not None:
                 apart.append((event.timestamp - begin_us) * 1e-6 - at)
