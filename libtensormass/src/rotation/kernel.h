@@ -4,24 +4,55 @@
  *
  * The rotation R of F = R S with S symmetric is the proper one, also where F is inside out. With C = F^T F, its
  * invariants I and II, and J = det F, the trace x of S is the largest root of Horn's quartic
- *     (x^2 - I)^2 - 8 J x - 4 II = 0,
- * found by Newton's iteration from sqrt(3 I), which is never below it (as Theobald does for superpositions), and R is
- * dx/dF = ((x^2 + I) F - 2 F C + 2 x cof F) / (x (x^2 - I) - 2 J)   (Hoger and Carlson's closed form). */
+ *     (x^2 - I)^2 - 8 J x - 4 II = d,   d = 0,
+ * found by Newton's iteration from above (as Theobald does for superpositions), and R is
+ * dx/dF = ((x^2 + I + d_I/2) F - 2 F C + (2 x + d_J/4) cof F) / (x (x^2 - I) - 2 J), Hoger and Carlson's closed form.
+ *
+ * Where the two smaller stretches cancel, inside out, two roots meet and R jumps. There d(I, J) > 0 keeps them apart,
+ * so that x is smooth for every F (rotation_internal.h). All that is asked of S is asked of x and its gradient R: the
+ * energy is one smooth function of F, and the force its gradient, inside out too. */
 
 #include "rotation/lanes.h"
 
+/* d of the quartic and its derivatives: 0 unless the tetrahedron is nearly flat or inside out, compared with its size.
+ */
+INSIDE void TM_NAME(parting)(const V8 *I, const V8 *J, V8 *d, V8 *d_I, V8 *d_J) {
+    const V8 size = (*I + TM_PART_SIZE) * (1.0 / 3), one = size * 0 + 1;
+    const M8 usual = (*J > 0) & (*J * *J >= TM_PART_FROM * TM_PART_FROM * (size * size * size)), near = ~usual;
+    *d = *d_I = *d_J = (V8){0};
+    if (!TM_NAME(any)(&near)) return;
+    V8 root = size;
+    TM_NAME(root)(&root);
+    const V8 scale = 1 / (size * root), j = *J * scale;
+    V8 t = (TM_PART_FROM - j) * (1 / (TM_PART_FROM - TM_PART_WHOLE));
+    const M8 whole = t > 1;
+    t = (V8)((M8)t & near & (t > 0));
+    TM_NAME(choose)(&t, &whole, &one, &t);
+    const V8 share = TM_PART_MOST * t * t * t * (10 - t * (15 - 6 * t));
+    const V8 slope = -30 * TM_PART_MOST / (TM_PART_FROM - TM_PART_WHOLE) * (t * (1 - t)) * (t * (1 - t));
+    *d = size * size * share;
+    *d_J = size * size * slope * scale;
+    *d_I = size * ((2.0 / 3) * share - 0.5 * slope * j);
+}
+
 /* The largest root of the quartic. Convergence is quadratic: a move of 1e-8 is the last. */
 enum { TM_NAME(ITERATIONS) = 24 };
-INSIDE void TM_NAME(trace_of_stretch)(const V8 *I, const V8 *II, const V8 *J, V8 *trace) {
-    V8 x = 3 * *I;
+INSIDE void TM_NAME(trace_of_stretch)(const V8 *I, const V8 *II, const V8 *J, const V8 *d, V8 *trace) {
+    V8 x = 3 * *I, far = *d;
     TM_NAME(root)(&x);
+    const M8 parted = *d > 0;
+    if (TM_NAME(any)(&parted)) { /* at sqrt(3 I) + d^(1/4) the quartic is not below 0, and rises from there on */
+        TM_NAME(root)(&far);
+        TM_NAME(root)(&far);
+        x += far;
+    }
     M8 under_way = x == x;
     for (int k = 0; k < TM_NAME(ITERATIONS); k++) {
         const V8 y = x * x - *I, slope = 4 * (x * y - 2 * *J), least = 1e-9 * x * *I + 1e-300;
         const M8 steep = slope > least;
         V8 over;
         TM_NAME(choose)(&over, &steep, &slope, &least);
-        V8 move = (y * y - 8 * *J * x - 4 * *II) / over;
+        V8 move = (y * y - 8 * *J * x - 4 * *II - *d) / over;
         move = (V8)((M8)move & (move > 0) & under_way); /* from the right, ever; rounding alone says otherwise */
         x -= move;
         under_way = move > 1e-8 * x;
@@ -30,33 +61,40 @@ INSIDE void TM_NAME(trace_of_stretch)(const V8 *I, const V8 *II, const V8 *J, V8
     *trace = x;
 }
 
+/* F's cofactors. */
+INSIDE void TM_NAME(cofactors)(const V8 F[9], V8 cof[9]) {
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const int a = 3 * ((i + 1) % 3), b = 3 * ((i + 2) % 3), c = (j + 1) % 3, d = (j + 2) % 3;
+            cof[3 * i + j] = F[a + c] * F[b + d] - F[a + d] * F[b + c];
+        }
+}
+
 INSIDE void TM_NAME(polar)(const V8 F[9], V8 R[9], V8 *I, V8 *trace) {
     V8 C[9], FC[9], cof[9];
     for (int i = 0; i < 3; i++)
         for (int j = i; j < 3; j++) C[3 * i + j] = F[i] * F[j] + F[3 + i] * F[3 + j] + F[6 + i] * F[6 + j];
     C[3] = C[1], C[6] = C[2], C[7] = C[5];
     TM_NAME(times)(F, C, FC);
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            const int a = 3 * ((i + 1) % 3), b = 3 * ((i + 2) % 3), c = (j + 1) % 3, d = (j + 2) % 3;
-            cof[3 * i + j] = F[a + c] * F[b + d] - F[a + d] * F[b + c];
-        }
+    TM_NAME(cofactors)(F, cof);
     *I = C[0] + C[4] + C[8];
     const V8 J = F[0] * cof[0] + F[1] * cof[1] + F[2] * cof[2];
-    V8 II = {0};
+    V8 II = {0}, d, d_I, d_J;
     for (int i = 0; i < 9; i++) II += cof[i] * cof[i];
-    TM_NAME(trace_of_stretch)(I, &II, &J, trace);
+    TM_NAME(parting)(I, &J, &d, &d_I, &d_J);
+    TM_NAME(trace_of_stretch)(I, &II, &J, &d, trace);
     const V8 x = *trace, denominator = x * (x * x - *I) - 2 * J, least = 1e-9 * x * *I + 1e-300;
     const M8 sound = denominator > least;
     V8 over;
     TM_NAME(choose)(&over, &sound, &denominator, &least);
     over = 1 / over;
-    for (int i = 0; i < 9; i++) R[i] = ((x * x + *I) * F[i] - 2 * FC[i] + 2 * x * cof[i]) * over;
+    const V8 of_F = (x * x + *I) + 0.5 * d_I, of_cof = 2 * x + 0.25 * d_J;
+    for (int i = 0; i < 9; i++) R[i] = (of_F * F[i] - 2 * FC[i] + of_cof * cof[i]) * over;
 }
 
-/* T = dw/dE of eq. (1), N = T + 2 g skew(M) with E = sym(M) - 1; returns the energy. */
+/* T = dw/dE of eq. (1). */
 typedef struct TM_NAME(law) {
-    V8 mu, lambda, dlambda, dmu, beta, skew, a[3];
+    V8 mu, lambda, dlambda, dmu, beta, a[3];
 } TM_NAME(law);
 INSIDE void TM_NAME(stress)(const TM_NAME(law) * w, const V8 E[9], V8 T[9]) {
     V8 Ea[3];
@@ -69,117 +107,79 @@ INSIDE void TM_NAME(stress)(const TM_NAME(law) * w, const V8 E[9], V8 T[9]) {
             T[3 * i + j] = 2 * w->mu * E[3 * i + j] + along * a[i] * a[j] + 2 * w->dmu * (a[i] * Ea[j] + Ea[i] * a[j]);
     for (int i = 0; i < 9; i += 4) T[i] += sphere;
 }
-INSIDE void TM_NAME(strain)(const V8 M[9], V8 E[9]) {
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) E[3 * i + j] = 0.5 * (M[3 * i + j] + M[3 * j + i]) - (i == j ? 1.0 : 0.0);
-}
-INSIDE void TM_NAME(add_skew)(const V8 *g, const V8 M[9], V8 N[9]) {
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            if (i != j) N[3 * i + j] += *g * (M[3 * i + j] - M[3 * j + i]);
-}
-
-/* X = [e_i] M, the change of M by a turn about axis i. */
-INSIDE void TM_NAME(turn_about)(int i, const V8 M[9], V8 X[9]) {
-    const int a = (i + 1) % 3, b = (i + 2) % 3;
-    for (int j = 0; j < 3; j++) {
-        X[3 * i + j] = (V8){0};
-        X[3 * a + j] = -M[3 * b + j];
-        X[3 * b + j] = M[3 * a + j];
-    }
+/* t up to `free` either way, level from twice that on, its slope falling straight between. */
+INSIDE void TM_NAME(level)(const V8 *t, const V8 *free, V8 *h, V8 *slope) {
+    const V8 most = 2 * *free, least = -most, one = *t * 0 + 1, back = -one;
+    const M8 above = *t > most, below = *t < least, negative = *t < 0;
+    V8 c, sign;
+    TM_NAME(choose)(&c, &above, &most, t);
+    TM_NAME(choose)(&c, &below, &least, &c);
+    TM_NAME(choose)(&sign, &negative, &back, &one);
+    V8 over = sign * c - *free;
+    over = (V8)((M8)over & (over > 0));
+    over /= *free;
+    *h = c - sign * over * over * 0.5 * *free;
+    *slope = 1 - over;
 }
 
-/* Second derivative of the energy by a turn about the axes (upper triangle 00 01 02 11 12 22): with `whole` the true
- * one, else the part that is never negative. */
-INSIDE void TM_NAME(turn_stiffness)(const TM_NAME(law) * w, const V8 M[9], const V8 B[9], V8 G[6], V8 S[6]) {
-    V8 X[3][9], D[9], T[3][9];
+/* How far the fibre is sheared: p = 4 (|C a|^2 - (a.C a)^2) / q^2, q = I + a.C a; below TM_FIBRE_CRUSHED another
+ * denominator, which has the same value and slope there and no zero. P += 2 dmu dp/dF. */
+INSIDE void TM_NAME(fibre_shear)(const TM_NAME(law) * w, const V8 F[9], const V8 *I, const V8 g[3], const V8 *z,
+                                 V8 P[9], V8 *energy) {
+    const V8 *a = w->a;
+    V8 Ca[3], FCa[3], square, rise;
+    for (int i = 0; i < 3; i++) Ca[i] = F[i] * g[0] + F[3 + i] * g[1] + F[6 + i] * g[2];
+    for (int i = 0; i < 3; i++) FCa[i] = F[3 * i] * Ca[0] + F[3 * i + 1] * Ca[1] + F[3 * i + 2] * Ca[2];
+    const V8 q = *I + *z, N = Ca[0] * Ca[0] + Ca[1] * Ca[1] + Ca[2] * Ca[2] - *z * *z;
+    const V8 c2 = q * 0 + TM_FIBRE_CRUSHED * TM_FIBRE_CRUSHED, sum = c2 + q * q;
+    const V8 far = q * q, twice = 2 * q, low = sum * sum / (4 * c2), slow = sum * q / c2;
+    const M8 crushed = q < TM_FIBRE_CRUSHED;
+    TM_NAME(choose)(&square, &crushed, &low, &far);
+    TM_NAME(choose)(&rise, &crushed, &slow, &twice);
+    const V8 over = 1 / square, p = 4 * N * over, m = 16 * w->dmu * over, r = 4 * w->dmu * p * rise * over;
+    *energy += 2 * w->dmu * p;
     for (int i = 0; i < 3; i++) {
-        TM_NAME(turn_about)(i, M, X[i]);
-        TM_NAME(strain)(X[i], D);
-        for (int k = 0; k < 9; k += 4) D[k] += 1;
-        TM_NAME(stress)(w, D, T[i]);
-        TM_NAME(add_skew)(&w->skew, X[i], T[i]);
+        const V8 along = m * (FCa[i] - 2 * *z * g[i]) - r * g[i];
+        for (int j = 0; j < 3; j++) P[3 * i + j] += m * g[i] * Ca[j] + along * a[j] - r * F[3 * i + j];
     }
-    const V8 trace = B[0] + B[4] + B[8];
-    for (int i = 0, at = 0; i < 3; i++)
-        for (int j = i; j < 3; j++, at++) {
-            G[at] = T[i][0] * X[j][0];
-            for (int k = 1; k < 9; k++) G[at] += T[i][k] * X[j][k];
-            S[at] = G[at] + 0.5 * (B[3 * i + j] + B[3 * j + i]);
-            if (i == j) S[at] -= trace;
-        }
 }
 
-/* One Newton step of R towards the least energy. Returns the largest square of a turn in w2. */
-INSIDE void TM_NAME(relax)(const TM_NAME(law) * w, const V8 F[9], V8 R[9], V8 *w2) {
-    V8 M[9], E[9], N[9], B[9], G[6], S[6], turn[3];
-    TM_NAME(transposed_times)(R, F, M);
-    TM_NAME(strain)(M, E);
-    TM_NAME(stress)(w, E, N);
-    TM_NAME(add_skew)(&w->skew, M, N);
-    TM_NAME(times_transposed)(N, M, B);
-    TM_NAME(turn_stiffness)(w, M, B, G, S);
-    const V8 minor = S[0] * S[3] - S[1] * S[1];
-    V8 det = S[5] * minor - S[0] * S[4] * S[4] - S[3] * S[2] * S[2] + 2 * S[1] * S[2] * S[4];
-    const M8 convex = (S[0] > 0) & (minor > 0) & (det > 0);
-    const V8 floor = 1e-9 * (G[0] + G[3] + G[5]) + 1e-300;
-    for (int k = 0; k < 6; k++) {
-        V8 safe = G[k];
-        if (k == 0 || k == 3 || k == 5) safe += floor;
-        TM_NAME(choose)(&S[k], &convex, &S[k], &safe);
-    }
-    const V8 g[3] = {B[7] - B[5], B[2] - B[6], B[3] - B[1]};
-    const V8 c00 = S[3] * S[5] - S[4] * S[4], c01 = S[2] * S[4] - S[1] * S[5], c02 = S[1] * S[4] - S[2] * S[3];
-    const V8 c11 = S[0] * S[5] - S[2] * S[2], c12 = S[1] * S[2] - S[0] * S[4], c22 = S[0] * S[3] - S[1] * S[1];
-    det = 1 / (S[0] * c00 + S[1] * c01 + S[2] * c02);
-    turn[0] = (c00 * g[0] + c01 * g[1] + c02 * g[2]) * det;
-    turn[1] = (c01 * g[0] + c11 * g[1] + c12 * g[2]) * det;
-    turn[2] = (c02 * g[0] + c12 * g[1] + c22 * g[2]) * det;
-    *w2 = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2];
-    const V8 shorter = 0.5 / (1 + *w2); /* far steps are cut, near ones keep their order */
-    for (int i = 0; i < 3; i++) turn[i] *= shorter;
-    /* R := R (1 + 2/(1+q^2) ([q] + [q]^2)), a rotation whatever q. */
-    const V8 q2 = turn[0] * turn[0] + turn[1] * turn[1] + turn[2] * turn[2], f = 2 / (1 + q2);
-    V8 Q[9], now[9];
+/* What fibres add to the isotropic law, whole: by how much they are longer, e = |F a| - 1, by the change of volume
+ * x - 3 and by their shear, so that no other rotation is asked for than R:
+ *     dlambda level(x - 3) level(e) + (beta + 4 dmu) (e^2/2, straight on from TM_FIBRE_FREE) + 2 dmu p,
+ * and where lambda is negative its pull ends at TM_FIBRE_FREE. Of second order in small strains it is that of eq. (1).
+ */
+INSIDE void TM_NAME(fibred)(const TM_NAME(law) * w, const V8 F[9], const V8 R[9], const V8 *I, const V8 *trace, V8 P[9],
+                            V8 *energy) {
+    const V8 *a = w->a;
+    V8 g[3], level_x, slope_x, level_e, slope_e, length, over;
+    for (int i = 0; i < 3; i++) g[i] = F[3 * i] * a[0] + F[3 * i + 1] * a[1] + F[3 * i + 2] * a[2];
+    const V8 z = g[0] * g[0] + g[1] * g[1] + g[2] * g[2], one = z * 0 + 1;
+    V8 root = z;
+    TM_NAME(root)(&root);
+    const V8 least = one * TM_FIBRE_SHORT, low = z * (0.5 / TM_FIBRE_SHORT) + 0.5 * TM_FIBRE_SHORT;
+    const M8 shrunk = root < least; /* a length of no direction would have a kink */
+    TM_NAME(choose)(&length, &shrunk, &low, &root);
+    TM_NAME(choose)(&over, &shrunk, &least, &root);
+    const V8 grown = *trace - 3, e = length - 1, free = one * TM_FIBRE_FREE, stiff = w->beta + 4 * w->dmu;
+    const M8 taut = e > free, outward = w->lambda < 0;
+    TM_NAME(level)(&grown, &free, &level_x, &slope_x);
+    TM_NAME(level)(&e, &free, &level_e, &slope_e);
+    V8 pull, beyond = grown - free;
+    TM_NAME(choose)(&pull, &taut, &free, &e);
+    beyond = (V8)((M8)beyond & (beyond > 0));
+    const V8 held = (V8)((M8)(-w->lambda) & outward);
+    const V8 of_x = w->dlambda * slope_x * level_e + held * beyond;
+    const V8 of_e = (w->dlambda * level_x * slope_e + stiff * pull) / over;
+    *energy = w->dlambda * level_x * level_e + stiff * pull * (e - 0.5 * pull) + 0.5 * held * beyond * beyond;
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) Q[3 * i + j] = f * turn[i] * turn[j];
-    for (int i = 0; i < 9; i += 4) Q[i] += 1 - f * q2;
-    Q[1] -= f * turn[2], Q[3] += f * turn[2], Q[2] += f * turn[1], Q[6] -= f * turn[1], Q[5] -= f * turn[0],
-        Q[7] += f * turn[0];
-    TM_NAME(times)(R, Q, now);
-    for (int i = 0; i < 9; i++) R[i] = now[i];
+        for (int j = 0; j < 3; j++) P[3 * i + j] = of_x * R[3 * i + j] + of_e * g[i] * a[j];
+    TM_NAME(fibre_shear)(w, F, I, g, &z, P, energy);
 }
 
-/* Fibred: stress and energy by the rotation that stores the least, of the lanes that have fibres. */
-enum { TM_NAME(RELAXATIONS) = 8 };
-INSIDE void TM_NAME(fibred)(const TM_NAME(law) * w, const M8 *has, const V8 F[9], V8 R[9], V8 P[9], V8 *energy) {
-    M8 under_way = *has;
-    for (int k = 0; k < TM_NAME(RELAXATIONS); k++) {
-        V8 w2, now[9];
-        for (int i = 0; i < 9; i++) now[i] = R[i];
-        TM_NAME(relax)(w, F, now, &w2);
-        for (int i = 0; i < 9; i++) TM_NAME(choose)(&R[i], &under_way, &now[i], &R[i]);
-        under_way &= w2 > 1e-16; /* the next would be the square */
-        if (!TM_NAME(any)(&under_way)) break;
-    }
-    V8 M[9], E[9], N[9], sum = {0}, skew = {0};
-    TM_NAME(transposed_times)(R, F, M);
-    TM_NAME(strain)(M, E);
-    TM_NAME(stress)(w, E, N);
-    for (int i = 0; i < 9; i++) sum += E[i] * N[i];
-    TM_NAME(add_skew)(&w->skew, M, N);
-    for (int i = 0; i < 3; i++) {
-        const int a = (i + 1) % 3, b = (i + 2) % 3;
-        const V8 k = M[3 * a + b] - M[3 * b + a];
-        skew += 0.5 * k * k;
-    }
-    *energy = 0.5 * sum + w->skew * skew;
-    TM_NAME(times)(R, N, P);
-}
-
-/* Isotropic: the rotation of least energy is the polar one as long as the volume is not under more tension than
- * tm_turned_tension; tension grows no further from there on. Stress and energy, less those of the linear law:
- *     2 mu (F - R) + p R - mu (H + H^T) - lambda tr H = mu (H - H^T) + (2 mu - lambda tr H) + (p - 2 mu) R. */
+/* Isotropic: the polar rotation is the one of least energy as long as the volume is not under more tension than twice
+ * mu; tension grows no further than that or a fifth of lambda. Stress and energy, less those of the linear law: 2 mu (F
+ * - R) + p R - mu (H + H^T) - lambda tr H = mu (H - H^T) + (2 mu - lambda tr H) + (p - 2 mu) R. */
 INSIDE void TM_NAME(isotropic)(const V8 *mu, const V8 *lambda, const V8 H[9], const V8 R[9], const V8 *trace,
                                V8 *pressure, V8 add[9]) {
     const V8 twice = 2 * *mu, fifth = 0.2 * *lambda, diagonal = twice - *lambda * (H[0] + H[4] + H[8]);
@@ -207,12 +207,14 @@ INSIDE void TM_NAME(isotropic_energy)(const V8 *mu, const V8 *lambda, const V8 H
     *energy = *mu * (*I - 2 * *trace + 3) + stored - straight;
 }
 
-/* Stress and energy of the linear law with fibres, taken off. */
+/* Stress and energy of the linear law's part by fibres, taken off. */
 INSIDE void TM_NAME(take_linear)(const TM_NAME(law) * w, const V8 H[9], V8 P[9], V8 *energy) {
+    TM_NAME(law) fibres = *w;
     V8 sum = {0}, E[9], T[9];
-    TM_NAME(strain)(H, E);
-    for (int i = 0; i < 9; i += 4) E[i] += 1;
-    TM_NAME(stress)(w, E, T);
+    fibres.mu = fibres.lambda = (V8){0};
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) E[3 * i + j] = 0.5 * (H[3 * i + j] + H[3 * j + i]);
+    TM_NAME(stress)(&fibres, E, T);
     for (int i = 0; i < 9; i++) sum += E[i] * T[i];
     for (int i = 0; i < 9; i++) P[i] -= T[i];
     *energy -= 0.5 * sum;
@@ -227,7 +229,6 @@ INSIDE bool TM_NAME(law_of)(const tm_packs *packs, int32_t p, int at, TM_NAME(la
     memcpy(&w->dlambda, f->dlambda_J + at, sizeof(V8));
     memcpy(&w->dmu, f->dmu_J + at, sizeof(V8));
     memcpy(&w->beta, f->beta_J + at, sizeof(V8));
-    memcpy(&w->skew, f->skew_J + at, sizeof(V8));
     for (int i = 0; i < 3; i++) memcpy(&w->a[i], f->fibre[i] + at, sizeof(V8));
     return true;
 }
@@ -285,32 +286,27 @@ INSIDE bool TM_NAME(blend)(const tm_packs *packs, const V8 H[9], V8 *weight, V8 
 
 /* What a pack adds: stress and, where asked for or needed, energy; both are whole, the weight is not in them. */
 typedef struct TM_NAME(turned) {
-    V8 H[9], F[9], polar[9], trace, I; /* the polar rotation, and the trace of its stretch */
-    V8 R[9], stress[9], energy, weight, slope;
+    V8 H[9], F[9], R[9], trace, I; /* the polar rotation, and the trace of its stretch */
+    V8 stress[9], energy, weight, slope;
 } TM_NAME(turned);
 INSIDE void TM_NAME(straighten)(TM_NAME(turned) * b) {
     for (int i = 0; i < 9; i++) b->F[i] = b->H[i] + (i % 4 ? 0.0 : 1.0);
-    TM_NAME(polar)(b->F, b->polar, &b->I, &b->trace);
+    TM_NAME(polar)(b->F, b->R, &b->I, &b->trace);
 }
 INSIDE void TM_NAME(turn_law)(const TM_NAME(law) * w, bool fibred, bool wants_energy, TM_NAME(turned) * b) {
     V8 pressure;
-    for (int i = 0; i < 9; i++) b->R[i] = b->polar[i];
     TM_NAME(isotropic)(&w->mu, &w->lambda, b->H, b->R, &b->trace, &pressure, b->stress);
     const M8 steep = b->slope != 0;
     wants_energy = wants_energy || TM_NAME(any)(&steep);
     b->energy = (V8){0};
     if (wants_energy) TM_NAME(isotropic_energy)(&w->mu, &w->lambda, b->H, &b->I, &b->trace, &pressure, &b->energy);
     if (!fibred) return;
-    V8 R[9], P[9], energy; /* some lanes may be isotropic */
+    V8 P[9], energy; /* some lanes may be isotropic */
     const M8 has = (w->dlambda != 0) | (w->dmu != 0) | (w->beta != 0);
-    for (int i = 0; i < 9; i++) R[i] = b->R[i];
-    TM_NAME(fibred)(w, &has, b->F, R, P, &energy);
+    TM_NAME(fibred)(w, b->F, b->R, &b->I, &b->trace, P, &energy);
     TM_NAME(take_linear)(w, b->H, P, &energy);
-    TM_NAME(choose)(&b->energy, &has, &energy, &b->energy);
-    for (int i = 0; i < 9; i++) {
-        TM_NAME(choose)(&b->R[i], &has, &R[i], &b->R[i]);
-        TM_NAME(choose)(&b->stress[i], &has, &P[i], &b->stress[i]);
-    }
+    b->energy += (V8)((M8)energy & has);
+    for (int i = 0; i < 9; i++) b->stress[i] += (V8)((M8)P[i] & has);
 }
 INSIDE bool TM_NAME(turn)(const tm_packs *packs, int32_t p, int at, const double *u, bool wants_energy,
                           TM_NAME(turned) * b) {

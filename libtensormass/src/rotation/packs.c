@@ -36,7 +36,6 @@ static void fill_fibre(const tm_tissue *tissue, int32_t tet, tm_fibre_pack *pack
     pack->dlambda_J[l] = volume * m->dlambda_Pa;
     pack->dmu_J[l] = volume * m->dmu_Pa;
     pack->beta_J[l] = volume * m->beta_Pa;
-    pack->skew_J[l] = volume * tm_turned_skew_Pa(m);
     for (int i = 0; i < 3; i++) pack->fibre[i][l] = a ? a[i] : 0;
 }
 

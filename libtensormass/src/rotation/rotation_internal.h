@@ -15,10 +15,22 @@ typedef struct tm_pack {
     double mu_J[TM_LANES], lambda_J[TM_LANES]; /* times the volume */
 } tm_pack;
 
+/* The law far from rest (kernel.h, tangent.c). d of Horn's quartic is TM_PART_MOST size^2, size = (I + TM_PART_SIZE)/3,
+ * where J/size^(3/2) is TM_PART_WHOLE or less, 0 from TM_PART_FROM on, the polynomial of fifth degree between. A block
+ * pressed by 60 % or stretched to twice its length has 0.41; a tetrahedron that is flat, 0. */
+#define TM_PART_FROM 0.4
+#define TM_PART_WHOLE (-1.0)
+#define TM_PART_MOST 2.7
+#define TM_PART_SIZE 0.3
+/* Fibres: strains up to which they are linear; the shortest length that is told from none; by which I + a.C a (4 at
+ * rest) a tetrahedron is crushed. */
+#define TM_FIBRE_FREE 0.5
+#define TM_FIBRE_SHORT 0.4
+#define TM_FIBRE_CRUSHED 3.0
+
 /* The rest of the law, of packs with fibres: times the volume but for the fibre. */
 typedef struct tm_fibre_pack {
     double dlambda_J[TM_LANES], dmu_J[TM_LANES], beta_J[TM_LANES];
-    double skew_J[TM_LANES]; /* what a rotation other than the polar one costs: tm_turned_skew */
     double fibre[3][TM_LANES];
 } tm_fibre_pack;
 
@@ -87,10 +99,10 @@ tm_swollen_passes tm_swollen_choose(bool plain);
 
 /* One lane of one pack, for tangents: rotation, gradient and blend. */
 typedef struct tm_turned_lane {
-    double H[9], R[9];                                     /* grad u; the rotation */
-    double stress[9], energy_J;                            /* of the turned law less the linear one, times the volume */
-    double weight, slope, bend;                            /* blend and its derivatives by |H|^2 */
-    double mu, lambda, dlambda, dmu, beta, skew, fibre[3]; /* times the volume, but for the fibre */
+    double H[9], R[9], trace;                        /* grad u; the rotation and tr S */
+    double stress[9], energy_J;                      /* of the turned law less the linear one, times the volume */
+    double weight, slope, bend;                      /* blend and its derivatives by |H|^2 */
+    double mu, lambda, dlambda, dmu, beta, fibre[3]; /* times the volume, but for the fibre */
     bool fibred;
 } tm_turned_lane;
 bool tm_rotation_lane(const tm_packs *packs, int32_t tet, const double *u_m, tm_turned_lane *lane);

@@ -89,14 +89,15 @@ static double average(const tm_swollen *s, int32_t i, const double *of) {
 }
 
 /* The terms' part of a domain's pressure; they know a change of volume as far as tension grows, and as much the other
- * way, as in viscous_kernel.h. */
+ * way, level as in viscous_kernel.h. */
 static void relax(const tm_swollen *s, const tm_viscous *v, int32_t i, double bulk, double most) {
-    const double tiny = 1e-60, limit = most / bulk, up = s->swelling[i] < limit ? s->swelling[i] : limit;
-    const double fed = up > -limit ? up : -limit;
+    const double tiny = 1e-60, free = 2.0 / 3 * most / bulk, size = fabs(s->swelling[i]);
+    const double over = size < free ? 0 : size < 2 * free ? size / free - 1 : 1;
+    const double fed = copysign((size < 2 * free ? size : 2 * free) - 0.5 * over * over * free, s->swelling[i]);
     for (int32_t t = 0; t < v->terms; t++) {
         double *memory = v->swelling[t] + i;
         const double h = *memory + v->now[t] * fed;
-        s->turned[i] += v->volume[t] * bulk * (fed - h);
+        s->turned[i] += (1 - over) * v->volume[t] * bulk * (fed - h);
         if (!v->still) *memory = (v->keep[t] * h + v->old[t] * fed + tiny) - tiny;
     }
 }

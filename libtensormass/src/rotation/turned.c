@@ -102,7 +102,7 @@ bool tm_rotation_lane(const tm_packs *packs, int32_t tet, const double *u_m, tm_
         lane->stress[i] = b.stress[i][l];
         s += lane->H[i] * lane->H[i];
     }
-    lane->energy_J = b.energy[l];
+    lane->trace = b.trace[l], lane->energy_J = b.energy[l];
     lane->weight = b.weight[l], lane->slope = b.slope[l];
     const double x = (s - packs->begin_1_2) / packs->width_1_2;
     lane->bend = x > 0 && x < 1 ? 60 * x * (1 - x) * (1 - 2 * x) / (packs->width_1_2 * packs->width_1_2) : 0;
@@ -112,7 +112,6 @@ bool tm_rotation_lane(const tm_packs *packs, int32_t tet, const double *u_m, tm_
     lane->mu = pack->mu_J[k], lane->lambda = pack->lambda_J[k];
     lane->dlambda = f ? f->dlambda_J[k] : 0, lane->dmu = f ? f->dmu_J[k] : 0, lane->beta = f ? f->beta_J[k] : 0;
     lane->fibred = lane->dlambda != 0 || lane->dmu != 0 || lane->beta != 0;
-    lane->skew = lane->fibred ? f->skew_J[k] : lane->mu;
     for (int i = 0; i < 3; i++) lane->fibre[i] = f ? f->fibre[i][k] : 0;
     return true;
 }

@@ -4,45 +4,85 @@
  * where weight is the blend of kernel.h: below the threshold that is the linear strain, far above it Biot's. The packs'
  * law is what the series leaves, and each term adds the energy of E - h by its share of the moduli: tissue that has
  * come to rest, h = E, bears what elastic tissue of the law that is left bears, whatever bounds the law or the history.
- * At given histories the gradient of that energy needs the one of U:  with T = sum_i (shear_i D + volume_i W) (E - h_i)
- *     T:dU = R (T - Y) : dF  with the skew Y of  Y U + U Y = T U - U T  (from U dU + dU U = dC);
- * without Y a history out of line with the strain would turn the tissue by itself. With fibres R is that of least
- * energy, and its own change is left out: a torque by the little that it differs from the polar one.
+ * At given histories the gradient of that energy needs the one of U = sym R^T F:  with T = sum_i (shear_i D + volume_i
+ * W) (E - h_i),  T:dU = (R T + Z) : dF,  Z what R's own change gives (turn_change); without Z a history out of line
+ * with the strain would turn the tissue by itself.
  *
  * Terms know a change of volume within what the law resists (tension on the volume grows no further than kernel.h says,
  * and as much the other way): relaxed stress must not outweigh the stress that is there. What is crushed forgets, and
  * comes back by the law that is left. */
 
-/* y of (tr U - U) y = z. The matrix is singular where U's two smaller stretches cancel, inside out: its inverse is
- * bounded there. */
-INSIDE void TM_NAME(spin)(const V8 U[9], const V8 T[9], V8 Y[9]) {
-    V8 TU[9], z[3], y[3];
-    TM_NAME(times)(T, U, TU);
-    /* U T is its transpose: both are symmetric. */
-    z[0] = TU[7] - TU[5], z[1] = TU[2] - TU[6], z[2] = TU[3] - TU[1];
-    const V8 a = U[4] + U[8], b = U[0] + U[8], c = U[0] + U[4], d = -U[1], e = -U[2], f = -U[5];
-    const V8 c00 = b * c - f * f, c01 = e * f - d * c, c02 = d * f - b * e;
-    const V8 c11 = a * c - e * e, c12 = d * e - a * f, c22 = a * b - d * d;
-    const V8 det = a * c00 + d * c01 + e * c02, size = U[0] * U[0] + U[4] * U[4] + U[8] * U[8];
-    const V8 inverse = det / (det * det + 1e-4 * size * size * size);
-    y[0] = (c00 * z[0] + c01 * z[1] + c02 * z[2]) * inverse;
-    y[1] = (c01 * z[0] + c11 * z[1] + c12 * z[2]) * inverse;
-    y[2] = (c02 * z[0] + c12 * z[1] + c22 * z[2]) * inverse;
-    for (int i = 0; i < 9; i += 4) Y[i] = (V8){0};
-    Y[1] = -y[2], Y[2] = y[1], Y[3] = y[2], Y[5] = -y[0], Y[6] = -y[1], Y[7] = y[0];
+/* d's second derivatives by I and J, and what the first need of it. */
+typedef struct TM_NAME(bend) {
+    V8 d_I, d_J, d_II, d_IJ, d_JJ;
+} TM_NAME(bend);
+INSIDE void TM_NAME(parting_bends)(const V8 *I, const V8 *J, TM_NAME(bend) * b) {
+    const V8 size = (*I + TM_PART_SIZE) * (1.0 / 3), one = size * 0 + 1;
+    V8 root = size, d;
+    TM_NAME(root)(&root);
+    const V8 scale = 1 / (size * root), j = *J * scale, over = 1 / size;
+    const double width = TM_PART_FROM - TM_PART_WHOLE;
+    V8 t = (TM_PART_FROM - j) * (1 / width);
+    const M8 near = t > 0, whole = t > 1;
+    t = (V8)((M8)t & near);
+    TM_NAME(choose)(&t, &whole, &one, &t);
+    const V8 share = TM_PART_MOST * t * t * t * (10 - t * (15 - 6 * t));
+    const V8 slope = -30 * TM_PART_MOST / width * (t * (1 - t)) * (t * (1 - t));
+    const V8 bend = 60 * TM_PART_MOST / (width * width) * (t * (1 - t)) * (1 - 2 * t);
+    const V8 j_I = -0.5 * j * over, j_IJ = -0.5 * scale * over, j_II = 5.0 / 12 * j * over * over, s2 = size * size;
+    TM_NAME(parting)(I, J, &d, &b->d_I, &b->d_J);
+    b->d_II = 2.0 / 9 * share + 4.0 / 3 * size * slope * j_I + s2 * (bend * j_I * j_I + slope * j_II);
+    b->d_IJ = 2.0 / 3 * size * slope * scale + s2 * (bend * j_I * scale + slope * j_IJ);
+    b->d_JJ = s2 * bend * scale * scale;
 }
 
-/* The change of volume in E beyond what terms know: by the sudden law, that is by all shares. */
-INSIDE void TM_NAME(beyond)(const TM_NAME(law) * w, const tm_viscous *v, const V8 *bulk, const V8 E[9], V8 *beyond) {
+/* Z = d2x/dF2 : F T, by which the energy of a stress T in R's axes changes with R: of R^T F : T the gradient by F is
+ * R T + Z. As in tangent.c. */
+INSIDE void TM_NAME(turn_change)(const TM_NAME(turned) * b, const V8 cof[9], const V8 T[9], V8 Z[9]) {
+    const V8 *F = b->F, *R = b->R, x = b->trace, I = b->I;
+    const V8 J = F[0] * cof[0] + F[1] * cof[1] + F[2] * cof[2];
+    V8 G[9], C[9], GC[9], FtG[9], sum[9], bent[9], x1 = {0}, I1 = {0}, J1 = {0};
+    TM_NAME(bend) d;
+    TM_NAME(parting_bends)(&I, &J, &d);
+    TM_NAME(times)(F, T, G);
+    TM_NAME(transposed_times)(F, F, C);
+    TM_NAME(times)(G, C, GC);
+    TM_NAME(transposed_times)(F, G, FtG);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) sum[3 * i + j] = FtG[3 * i + j] + FtG[3 * j + i];
+    TM_NAME(times)(F, sum, bent);
+    for (int i = 0; i < 9; i++) x1 += R[i] * G[i], I1 += 2 * F[i] * G[i], J1 += cof[i] * G[i];
+    const V8 denominator = x * (x * x - I) - 2 * J, least = 1e-9 * x * I + 1e-300;
+    const M8 sound = denominator > least;
+    V8 over;
+    TM_NAME(choose)(&over, &sound, &denominator, &least);
+    over = 1 / over;
+    const V8 of_F = x * x + I + 0.5 * d.d_I, of_cof = 2 * x + 0.25 * d.d_J;
+    const V8 F1 = 2 * x * x1 + I1 + 0.5 * (d.d_II * I1 + d.d_IJ * J1);
+    const V8 cof1 = 2 * x1 + 0.25 * (d.d_IJ * I1 + d.d_JJ * J1), D1 = (3 * x * x - I) * x1 - x * I1 - 2 * J1;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const int k = 3 * i + j, p = 3 * ((i + 1) % 3), q = 3 * ((i + 2) % 3), c = (j + 1) % 3, e = (j + 2) % 3;
+            const V8 change = F[p + c] * G[q + e] + G[p + c] * F[q + e] - F[p + e] * G[q + c] - G[p + e] * F[q + c];
+            Z[k] =
+                (F1 * F[k] + of_F * G[k] - 2 * (GC[k] + bent[k]) + cof1 * cof[k] + of_cof * change - R[k] * D1) * over;
+        }
+}
+
+/* The change of volume in E beyond what terms know: by the sudden law, that is by all shares. slope: of what they know.
+ */
+INSIDE void TM_NAME(beyond)(const TM_NAME(law) * w, const tm_viscous *v, const V8 *bulk, const V8 E[9], V8 *beyond,
+                            V8 *slope) {
     const V8 grown = E[0] + E[4] + E[8], fifth = grown * 0 + 0.2, least = grown * 0 + 1e-300;
-    V8 limit, lambda = w->lambda * v->whole + *bulk * v->whole_more;
+    V8 limit, known, lambda = w->lambda * v->whole + *bulk * v->whole_more;
     const M8 resists = lambda > least;
     TM_NAME(choose)(&lambda, &resists, &lambda, &least);
     limit = 2 * (w->mu * v->whole) / lambda;
     const M8 stiff = limit < fifth;
     TM_NAME(choose)(&limit, &stiff, &fifth, &limit);
-    const V8 above = grown - limit, below = grown + limit;
-    *beyond = (V8)(((M8)above & (above > 0)) | ((M8)below & (below < 0)));
+    limit *= 2.0 / 3;
+    TM_NAME(level)(&grown, &limit, &known, slope);
+    *beyond = grown - known;
 }
 
 INSIDE void TM_NAME(linear)(const TM_NAME(law) * w, bool fibred, const V8 E[9], V8 T[9]) {
@@ -60,9 +100,9 @@ INSIDE void TM_NAME(remember)(const TM_NAME(law) * w, bool fibred, const tm_visc
                               const V8 E[9], V8 T[9]) {
     static const int row[6] = {0, 4, 8, 5, 2, 1};
     const double tiny = 1e-60;
-    V8 shear[9], more = {0}, bulk, beyond;
+    V8 shear[9], more = {0}, bulk, beyond, slope;
     memcpy(&bulk, v->bulk_J + TM_LANES * (int64_t)p + at, sizeof bulk);
-    TM_NAME(beyond)(w, v, &bulk, E, &beyond);
+    TM_NAME(beyond)(w, v, &bulk, E, &beyond, &slope);
     for (int i = 0; i < 9; i++) shear[i] = (V8){0};
     for (int t = 0; t < v->terms; t++)
         for (int i = 0; i < 6; i++) {
@@ -79,35 +119,62 @@ INSIDE void TM_NAME(remember)(const TM_NAME(law) * w, bool fibred, const tm_visc
     shear[7] = shear[5], shear[6] = shear[2], shear[3] = shear[1];
     TM_NAME(linear)(w, fibred, shear, T);
     for (int i = 0; i < 9; i += 4) T[i] += bulk * more;
+    const V8 unknown = (1.0 / 3) * (1 - slope) * (T[0] + T[4] + T[8]);
+    for (int i = 0; i < 9; i += 4) T[i] -= unknown;
 }
 
-/* 1 down to a third of a tetrahedron's volume, 0 from a twentieth on and inside out, smooth between them. */
-INSIDE void TM_NAME(sanity)(const V8 F[9], V8 *share) {
-    const V8 J =
-        F[0] * (F[4] * F[8] - F[5] * F[7]) + F[1] * (F[5] * F[6] - F[3] * F[8]) + F[2] * (F[3] * F[7] - F[4] * F[6]);
+/* 1 down to 0.7 of a tetrahedron's volume, 0 from a fifth on and inside out, smooth between them: the slope pulls too,
+ * so that at given histories the terms' force is the gradient of their energy. */
+INSIDE void TM_NAME(sanity)(const V8 F[9], const V8 cof[9], V8 *share, V8 *slope) {
+    const V8 J = F[0] * cof[0] + F[1] * cof[1] + F[2] * cof[2];
     const V8 one = J * 0 + 1;
-    V8 x = (J - 0.05) * (1 / 0.28);
+    V8 x = (J - 0.2) * 2;
     const M8 whole = x > 1;
     x = (V8)((M8)x & (x > 0));
     TM_NAME(choose)(&x, &whole, &one, &x);
     *share = x * x * (3 - 2 * x);
+    *slope = 12 * x * (1 - x);
 }
 
-/* With fibres what R's change leaves out grows with the strain: far out, at strains of 2 and more, terms fade. Of a
- * lane that does not turn, or has no fibre, nothing. */
-INSIDE void TM_NAME(fade)(const TM_NAME(law) * w, const V8 U[9], const V8 *weight, V8 *share) {
+/* Far out, at strains of 2 and more, terms fade: 1/(1 + |E|^4/16), half at 2. There they would ask for more than the
+ * step allows. slope: by |E|^2. */
+INSIDE void TM_NAME(fade)(const V8 E[9], V8 *share, V8 *slope) {
     V8 size = {0};
-    for (int i = 0; i < 9; i++) size += (U[i] - (i % 4 ? 0.0 : 1.0)) * (U[i] - (i % 4 ? 0.0 : 1.0));
-    const M8 has = (w->dlambda != 0) | (w->dmu != 0) | (w->beta != 0);
-    const V8 far = 0.0625 * *weight * size * size;
-    *share /= 1 + (V8)((M8)far & has);
+    for (int i = 0; i < 9; i++) size += E[i] * E[i];
+    *share = 1 / (1 + 0.0625 * size * size);
+    *slope = -0.125 * size * *share * *share;
+}
+
+/* P += the law's correction and the terms, of a pack that turns, at the linear strain E. */
+INSIDE void TM_NAME(relaxing_turned)(const TM_NAME(law) * w, bool fibred, const tm_viscous *v, int32_t p, int at,
+                                     const TM_NAME(turned) * b, V8 E[9], V8 P[9]) {
+    V8 M[9], T[9], Z[9], turn[9], cof[9], change[9], along = {0}, all = {0}, known[9];
+    V8 share, slope, near, bend;
+    TM_NAME(transposed_times)(b->R, b->F, M);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            change[3 * i + j] = 0.5 * (M[3 * i + j] + M[3 * j + i]) - (i == j ? 1.0 : 0.0) - E[3 * i + j];
+    TM_NAME(cofactors)(b->F, cof);
+    TM_NAME(sanity)(b->F, cof, &share, &slope);
+    for (int i = 0; i < 9; i++) E[i] += b->weight * change[i];
+    TM_NAME(fade)(E, &near, &bend);
+    for (int i = 0; i < 9; i++) known[i] = share * near * E[i];
+    TM_NAME(remember)(w, fibred, v, p, at, known, T);
+    for (int i = 0; i < 9; i++) all += T[i] * E[i];
+    for (int i = 0; i < 9; i++) T[i] = share * (near * T[i] + 2 * bend * all * E[i]);
+    TM_NAME(turn_change)(b, cof, T, Z);
+    TM_NAME(times)(b->R, T, turn);
+    for (int i = 0; i < 9; i++) along += T[i] * change[i];
+    const V8 steer = 2 * b->slope * (b->energy + along), crush = slope * near * all;
+    for (int i = 0; i < 9; i++)
+        P[i] += b->weight * (b->stress[i] + (turn[i] + Z[i] - T[i])) + steer * b->H[i] + T[i] + crush * cof[i];
 }
 
 /* Stress of a slice of a pack: the law's that is left, turned or not, and the terms' (of elastic tissue none), but for
  * changes of volume that are averaged; the polar rotation with it where they are. */
 INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool averaged, int32_t p, int at,
                               const double *u, TM_NAME(turned) * b, V8 P[9]) {
-    V8 E[9], T[9], U[9], Y[9], M[9], turn[9];
+    V8 E[9], T[9];
     TM_NAME(law) w;
     TM_NAME(gradient)(packs, p, at, u, b->H);
     const bool turned = TM_NAME(blend)(packs, b->H, &b->weight, &b->slope);
@@ -127,26 +194,7 @@ INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool a
         for (int i = 0; i < 9; i++) P[i] += b->weight * b->stress[i] + 2 * b->slope * b->energy * b->H[i];
         return true;
     }
-    TM_NAME(transposed_times)(b->R, b->F, M);
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) U[3 * i + j] = 0.5 * (M[3 * i + j] + M[3 * j + i]);
-    V8 change[9], along = {0}, share;
-    for (int i = 0; i < 9; i++) change[i] = U[i] - (i % 4 ? 0.0 : 1.0) - E[i];
-    TM_NAME(sanity)(b->F, &share);
-    for (int i = 0; i < 9; i++) E[i] = share * (E[i] + b->weight * change[i]);
-    TM_NAME(remember)(&w, fibred, v, p, at, E, T);
-    if (fibred) TM_NAME(fade)(&w, U, &b->weight, &share);
-    for (int i = 0; i < 9; i++) T[i] *= share;
-    TM_NAME(spin)(U, T, Y);
-    for (int i = 0; i < 9; i++) along += T[i] * change[i];
-    if (fibred) {
-        const M8 polar = (w.dlambda == 0) & (w.dmu == 0) & (w.beta == 0);
-        for (int i = 0; i < 9; i++) Y[i] = (V8)((M8)Y[i] & polar);
-    }
-    for (int i = 0; i < 9; i++) Y[i] = T[i] - Y[i];
-    TM_NAME(times)(b->R, Y, turn);
-    const V8 steer = 2 * b->slope * (b->energy + along);
-    for (int i = 0; i < 9; i++) P[i] += b->weight * (b->stress[i] + (turn[i] - T[i])) + steer * b->H[i] + T[i];
+    TM_NAME(relaxing_turned)(&w, fibred, v, p, at, b, E, P);
     return true;
 }
 
@@ -184,7 +232,7 @@ TM_TARGET static int32_t TM_NAME(strain_pass)(const tm_packs *packs, const tm_vi
             memcpy(s->grown + TM_LANES * (int64_t)p + at, &grown, sizeof grown);
             for (int i = 0; i < 9; i++) {
                 const int64_t to = (9 * (int64_t)p + i) * TM_LANES + at;
-                memcpy(s->turn + to, &b.polar[i], sizeof(V8));
+                memcpy(s->turn + to, &b.R[i], sizeof(V8));
                 memcpy(v->stress_J + to, &P[i], sizeof(V8));
             }
         }
