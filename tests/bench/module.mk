@@ -5,6 +5,10 @@ $(BENCH): $(call objects,$(sort $(wildcard tests/bench/*.c))) $(LIBAPP_A) $(LIBT
 	$(call say,LINK)
 	$(Q)$(CC) $(SAN) -rdynamic -o $@ $(call objects,$(sort $(wildcard tests/bench/*.c))) -Wl,--start-group $(LIBAPP_A) $(LIBTMS_A) $(LIBTM_A) -Wl,--end-group $(TMS_LIBS) -lcjson -ldl -lm
 tests: $(BENCH)
+# The naive loop once more, with what the best form uses.
+ifeq ($(shell $(CC) -dumpmachine | cut -d- -f1),x86_64)
+$(OUT)/obj/tests/bench/naive_wide.o: BASE_CFLAGS += -mavx2 -mfma -ffp-contract=fast
+endif
 
 #: make bench                  cost per edge, step and removed tetrahedron: build/bench/bench.json (QUICK=1: the short form; BASELINE=old.json: what has become slower, exit 1)
 .PHONY: bench bench-run

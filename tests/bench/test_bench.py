@@ -19,10 +19,13 @@ def test_quick_benchmark_is_complete(build, root, tmp_path):
     assert run.returncode == 0, run.stderr
     figures = json.loads(out.read_text())
     assert {"commit", "compiler", "flags", "machine", "when", "bandwidth_GB_s", "force", "step", "cut", "capacity", "numbering", "hybrid", "effects"} <= figures.keys()
-    assert len(figures["force"]) == 8 and len(figures["step"]) == 2 and len(figures["cut"]) == 4
-    assert {(r["precision"], r["form"]) for r in figures["force"]} == {(p, f) for p in ("double", "single") for f in ("best", "plain")}
+    wide = {"naive wide"} & {r["form"] for r in figures["force"]}  # where the processor has AVX2
+    assert len(figures["force"]) == 2 * 2 * (3 + len(wide)) and len(figures["step"]) == 2 and len(figures["cut"]) == 4
+    assert {(r["precision"], r["form"]) for r in figures["force"]} == {(p, f) for p in ("double", "single") for f in {"best", "plain", "naive"} | wide}
     for row in figures["force"]:
         assert row["ns_per_edge"] > 0 and row["share_of_bandwidth"] > 0
+        assert row["over_naive"] > 0 and row["over_naive_double"] > 0 and (row["form"] != "naive" or row["over_naive"] == 1)
+        assert row["difference"] < (1e-13 if row["precision"] == "double" else 1e-5), "the yardstick computes another force"
     for row in figures["step"]:
         assert row["sim_seconds_per_wall_second"] > 0 and row["step_over_force"] > 0 and row["speedup"] > 0 and row["threads"] >= 1
     assert len(figures["numbering"]) == 4 and all(row["shuffled_over_ordered"] > 0 and row["renumbered_over_ordered"] > 0 for row in figures["numbering"])
@@ -69,3 +72,11 @@ def test_what_local_steps_could_save(bin, root):
     assert local_steps.ceiling(apart, np.array([1.0, 2.1, 4.5, 1.9]), 3) == (1.0, 0.6875)
     joined = np.array([[0, 1, 2, 3], [3, 4, 5, 6]])  # by the slow one's fast vertex
     assert local_steps.ceiling(joined, np.array([1.0, 4.0]), 3)[1] == 0.8 * 1 + 0.2 * (4 + 3 / 4) / 7
+
+
+def test_models_are_compared_on_a_scene_with_its_patches(bin, root):
+    run = subprocess.run([sys.executable, root / "tests/bench/models.py", "apps/scenes/liver-press.yaml", "--runs", "1", "--duration", "0.2 s", "--bin", bin], cwd=root, capture_output=True, text=True, timeout=120)
+    assert run.returncode == 0, run.stderr
+    rows = [line.strip("|").split("|") for line in run.stdout.splitlines()[2:]]
+    assert [r[0].strip() for r in rows] == ["dynamic", "hybrid", "precomputed"] and all(float(c) > 0 for r in rows for c in r[1:5])
+    assert rows[0][2].strip() == rows[0][4].strip() == "1"
