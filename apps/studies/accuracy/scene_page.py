@@ -93,7 +93,7 @@ def recommendation(page, study):
     if not choice:
         page.section("Recommendation", "None was asked for: <code>--budget 0.5</code> recommends a setting for half a processor and runs it.")
         return
-    words = ", ".join(html.escape(s) for s in [*choice["settings"], *([f"extrapolator {choice['extrapolator']}"] if "extrapolator" in choice else [])])
+    words = ", ".join(html.escape(s) for s in [*choice["settings"], *([f"extrapolator {choice['extrapolator']} at {choice['sample_rate_Hz']:.4g} samples a second"] if "extrapolator" in choice else [])])
     page.section("Recommendation", f"For {choice['budget']:g} processors: <b>{words}</b>, written as <code>{html.escape(choice['file'])}</code>."
                  + ("" if choice["fits"] else " <b>Nothing measured fits the budget; this is the cheapest.</b>"))
     if "kept" in choice:

@@ -62,6 +62,7 @@ typedef struct study_time {
     int cut_at;                        /* frames of the scene as it is after which its path is broken off; 0: not */
     double *path;                      /* [frames of run 0] share of its time after each frame; null: even */
     double expected_s, took_s;         /* of runs that were made: what they were expected to take, and took */
+    double last_s;                     /* of the recommendation: what it still takes; 0: not come to it */
     int made;
 } study_time;
 
@@ -153,7 +154,7 @@ void study_make_key(const study *t, study_run *r);
 /* Starts the clock and, where stderr is no terminal, the line of every ten seconds. */
 void study_time_begin(study *t);
 void study_time_end(study *t);
-/* What is done at present, and how much of it. */
+/* What is done at present, and how much of it; below 0: not known. */
 void study_doing(const study *t, const char *what, double share);
 /* Seconds that a single run may take, and those that are left for runs. */
 double study_run_limit_s(const study *t);

@@ -22,7 +22,7 @@ static int wait_for(const study *t, pid_t child) {
         ended = waitpid(child, &status, WNOHANG);
         if (ended < 0 && errno != EINTR) return -1;
         if (ended == child) break;
-        study_doing(t, "making a mesh", fmin(0.99, (app_seconds() - began_s) / allowed_s));
+        study_doing(t, "making a mesh", -1);
         if (app_interrupted() || app_seconds() - began_s > allowed_s) kill(child, SIGKILL);
         nanosleep(&nap, NULL);
     }

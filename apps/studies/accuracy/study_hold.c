@@ -71,6 +71,8 @@ static bool go(study *t, sim *s, walk *w) {
         for (int i = 0; i < own->instruments; i++) /* the last one stays: that of the frame's end */
             memcpy(w->force_N + 3 * (at + (size_t)i), s->reaction[i].force_N, 3 * sizeof(double));
         w->work_s[k] = k % every ? w->work_s[k - 1] : study_work_s();
+        t->time.last_s =
+            fmax((w->frames - k - 1) * (paced ? s->frame_s : w->cost_s[k]) + (paced ? 0 : study_hold_s(t)), 0.1);
         study_doing(t, label, (k + 1.0) / w->frames);
         if (!paced && study_end_s(t) < study_hold_s(t)) break;
         if (paced && study_end_s(t) < 0 && k + 1 >= path) break;

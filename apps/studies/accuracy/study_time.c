@@ -172,20 +172,30 @@ static double expected_left_s(const study *t) {
     return sum + (felt ? study_expected_felt_s(t) : 0);
 }
 
-void study_doing(const study *t, const char *what, double share) {
+/* What is done, of how much, for how long to come; under the lock. */
+static void set_line(const study *t, const char *what, double share) {
     int done = 0, left_out = 0;
+    char of[60] = "", out[40] = "", percent[20] = "";
     for (int i = 0; i < t->run_count; i++) done += t->run[i].done, left_out += t->run[i].left_out;
-    pthread_mutex_lock(&line.lock);
+    line.left_s = NAN;
     if (t->run_count > 1) {
-        line.left_s = fmin(expected_left_s(t), t->time.began_s + t->limit_s - app_seconds());
-        char out[40] = "";
-        if (left_out) snprintf(out, sizeof out, " and %d left out", left_out);
-        snprintf(line.what, sizeof line.what, "%d of %d settings done%s, now %.110s, %.0f %%", done, t->run_count, out,
-                 what, 100 * share);
-    } else
-        snprintf(line.what, sizeof line.what, "%.120s, %.0f %%", what, 100 * share);
+        const double end_s = t->time.last_s > 0 ? t->time.last_s : expected_left_s(t);
+        line.left_s = fmin(end_s, study_end_s(t));
+        snprintf(of, sizeof of, "%d of %d settings done", done, t->run_count);
+    }
+    if (left_out) snprintf(out, sizeof out, " and %d left out", left_out);
+    if (share >= 0) snprintf(percent, sizeof percent, ", %.0f %%", 100 * share);
+    snprintf(line.what, sizeof line.what, "%s%s%s%.110s%s", of, out, *of ? ", now " : "", what, percent);
+}
+
+void study_doing(const study *t, const char *what, double share) {
+    char text[200] = "", left[24];
+    pthread_mutex_lock(&line.lock);
+    set_line(t, what, share);
     pthread_mutex_unlock(&line.lock);
-    app_progress(what, share, share >= 1);
+    if (isfinite(line.left_s))
+        snprintf(text, sizeof text, "%.120s (about %s to the end of the study)", what, study_span(line.left_s, left));
+    app_progress(*text ? text : what, fmax(share, 0), share >= 1);
 }
 
 /* --- what is started, and gone on with --- */
