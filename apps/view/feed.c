@@ -1,6 +1,7 @@
 #include "feed.h"
 
 #include <errno.h>
+#include <malloc.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,8 +16,9 @@
 struct view_feed {
     view_intake intake;
     app_link *link;
-    view_inbox *inbox; /* null: a log */
-    int64_t begin_us;  /* of the first tissue (log), or of opening (live) */
+    view_inbox *inbox;        /* null: a log */
+    int trims, small_tissues; /* how often memory is given back yet; tissues since the last large one */
+    int64_t begin_us;         /* of the first tissue (log), or of opening (live) */
     /* What is taken now goes there, at that time of the picture. */
     view_picture *picture;
     double time_s;
@@ -69,6 +71,17 @@ static app_verdict take_controller(void *user, int instrument, int64_t utime, co
     return APP_TAKEN;
 }
 
+/* A large tissue leaves a heap of small free pieces behind (lcm decodes row by row), and so does what was made of it
+ * for drawing. While tissues are small again their pages go back to the system: several times, for pictures come later.
+ */
+static void give_memory_back(view_feed *feed, int size) {
+    enum { LARGE = 1 << 20, EVERY = 20, TIMES = 16 };
+    if (size > LARGE) feed->trims = TIMES, feed->small_tissues = 0;
+    if (size > LARGE || !feed->trims || ++feed->small_tissues % EVERY) return;
+    feed->trims--;
+    malloc_trim(0);
+}
+
 /* Bytes as they came, or as they were logged. */
 static void take_bytes(view_feed *feed, const char *channel, int64_t utime, const void *bytes, int size) {
     app_message_kind kind;
@@ -76,6 +89,7 @@ static void take_bytes(view_feed *feed, const char *channel, int64_t utime, cons
     const app_link_counts *c = app_link_counted(feed->link);
     const int64_t malformed = atomic_load(&c->malformed), forged = atomic_load(&c->forged);
     app_link_give(feed->link, channel, utime, bytes, size);
+    if (!strcmp(channel, "TISSUE")) give_memory_back(feed, size);
     if (atomic_load(&c->malformed) != malformed && app_channel_find(channel, &kind, &instrument))
         view_intake_refuse(&feed->intake, channel, "not a whole %s of this version", app_message_type(kind));
     if (atomic_load(&c->forged) != forged) view_intake_refuse(&feed->intake, channel, "without the key's tag");

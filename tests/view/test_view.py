@@ -397,6 +397,65 @@ def test_live_waits_then_shows_and_survives_a_restart(bin, build, tmp_path):
     assert frames[-1].read_bytes() != frames[25].read_bytes()
 
 
+LARGE = """
+import socket, struct, subprocess, sys, time
+sys.path[:0] = [{here!r}]
+import synthetic, lcm
+types = synthetic.import_types({types!r})
+link = lcm.LCM("udpm://239.255.76.67:7667?ttl=0")
+view = subprocess.Popen([{program!r}, "--frames", {frames!r}, "--fps", "10", "--duration", "90", "--size", "160x120", "--quality", "0"], stderr=subprocess.DEVNULL)
+small, large = synthetic.Session(types, 8), synthetic.Session(types, 316, session=78).tissue(1, 0).encode()
+
+
+def resident_MB():
+    return int(next(line for line in open(f"/proc/{{view.pid}}/status") if line.startswith("VmRSS")).split()[1]) // 1024
+
+
+def send_slowly(data, seq):  # lcm sends all fragments at once, more than a socket holds
+    s = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    s.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, 0)
+    data, part = b"TISSUE\\0" + data, 60000
+    count = -(-len(data) // part)
+    for n in range(count):
+        head = struct.pack(">IIIIHH", 0x4c433033, seq, len(data) - 7, max(0, n * part - 7), n, count)
+        s.sendto(head + data[n * part:(n + 1) * part], ("239.255.76.67", 7667))
+        time.sleep(0.001)
+
+
+def send_small(seconds, enough=lambda: False):
+    end = time.monotonic() + seconds
+    while time.monotonic() < end and not enough():
+        small.seq += 1
+        link.publish("TISSUE", small.tissue(int(time.time() * 1e6), 0.1).encode())
+        time.sleep(0.05)
+
+
+send_small(1.5)
+before, largest = resident_MB(), 0
+for seq in (1, 2):
+    send_slowly(large, seq)
+    end = time.monotonic() + 20
+    while time.monotonic() < end and resident_MB() < before + 60:
+        time.sleep(0.05)
+    largest = max(largest, resident_MB())
+    send_small(2)
+send_small(40, lambda: resident_MB() < before + 100)
+print(before, largest, resident_MB())
+view.kill()
+"""
+
+
+@needs_namespace
+def test_a_large_tissue_gives_its_memory_back(bin, build, tmp_path):
+    """200,000 vertices, twice, then a small tissue again: their memory goes back to the system."""
+    script = LARGE.format(here=str(HERE), types=str(build / "python"), program=str(bin / "tm-view"), frames=str(tmp_path / "f"))
+    result = subprocess.run([*NAMESPACE, sys.executable, "-c", script], capture_output=True, text=True, timeout=200)
+    assert result.returncode == 0, result.stderr
+    before, largest, after = map(int, result.stdout.split())
+    assert largest > before + 60, "the large tissue was not taken"
+    assert after < before + 100, f"{before} MB before, {largest} with the large tissue, {after} after it"
+
+
 @needs_namespace
 def test_live_without_a_simulation_gives_up(bin, tmp_path):
     result = subprocess.run([*NAMESPACE, str(bin / "tm-view"), "--png", str(tmp_path / "p.png"), "--wait", "0.6"], capture_output=True, text=True, timeout=120)
