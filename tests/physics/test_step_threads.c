@@ -7,6 +7,7 @@
 #include "tensormass/rotation.h"
 #include "tensormass/viscosity.h"
 #include "world/world_internal.h"
+#include <time.h>
 
 enum { FRAMES = 6, CAUTERY = 0, GRASPER = 1 };
 static const int32_t THREADS[] = {1, 2, 3, 8};
@@ -383,6 +384,58 @@ static void threads_come_and_go(void **state) {
     assert_int_equal(tm_memory_in_use(), before);
 }
 
+/* Parts in their order, and a pause of the caller's before the last: others are late. */
+static void late_parts(void *user, void (*work)(void *context, int32_t part), void *context, int32_t parts) {
+    for (int32_t p = 0; p < parts; p++) {
+        if (p == parts - 1) nanosleep(&(const struct timespec){0, 1000000}, NULL);
+        work(context, p);
+    }
+    ++*(int *)user;
+}
+
+/* The wait is booked where the others still work: most of it on "force", not on the last stage of the pass. */
+static void waiting_is_booked_where_work_is(void **state) {
+    (void)state;
+    fix_random random = {9};
+    tm_mesh *mesh = fix_block((int[]){10, 10, 8}, (double[]){0.1, 0.1, 0.08}, 0.1, &random);
+    tm_material material;
+    tm_tissue *tissue;
+    tm_world *world;
+    tm_error error;
+    fix_ok(tm_material_young(5e3, 0.4, &material, &error), &error);
+    material.damping_1_s = 40;
+    tm_tissue_def def = tm_tissue_def_default();
+    def.mesh = mesh, def.material_count = 1, def.material = &material;
+    fix_ok(tm_tissue_create(&def, &tissue, &error), &error);
+    int passes = 0;
+    tm_world_def world_def = tm_world_def_default();
+    world_def.tissue = tissue, world_def.threads = 2;
+    world_def.run_parts = late_parts, world_def.run_parts_user = &passes;
+    fix_ok(tm_world_create(&world_def, &world, &error), &error);
+    assert_int_equal(tm_world_parts(world), 2);
+    const int32_t dof[3] = {0, 1, 2};
+    const double zero[3] = {0};
+    tm_support_def support = tm_support_def_default();
+    support.count = 3, support.dof = dof, support.value_m = zero;
+    fix_ok(tm_stage_support(world, &support, &error), &error);
+    tm_world_set_timing(world, true);
+    assert_int_equal(tm_world_step(world, 50), TM_OK);
+    tm_stage_report report[TM_MAX_STAGES];
+    const int32_t count = tm_world_stages(world, report);
+    double force_s = 0, support_s = 0, sum_s = 0;
+    for (int32_t i = 0; i < count; i++) {
+        sum_s += report[i].seconds;
+        if (!strcmp(report[i].name, "force")) force_s = report[i].seconds;
+        if (!strcmp(report[i].name, "support")) support_s = report[i].seconds;
+    }
+    print_message("  force %.1f ms, support %.1f ms of %.1f\n", 1e3 * force_s, 1e3 * support_s, 1e3 * sum_s);
+    assert_true(passes >= 50 && sum_s > 0.045); /* no time is lost */
+    assert_true(support_s < 0.3 * sum_s && force_s > 0.5 * sum_s);
+    tm_world_destroy(world);
+    tm_tissue_destroy(tissue);
+    tm_mesh_destroy(mesh);
+}
+
 int main(void) {
     const struct CMUnitTest tests[] = {cmocka_unit_test(same_bits_for_any_number),
                                        cmocka_unit_test(the_callers_threads),
@@ -394,6 +447,7 @@ int main(void) {
                                        cmocka_unit_test(loops_have_the_bits_of_one),
                                        cmocka_unit_test(one_vertex_fails_all),
                                        cmocka_unit_test(small_tissue_stays_on_one),
-                                       cmocka_unit_test(threads_come_and_go)};
+                                       cmocka_unit_test(threads_come_and_go),
+                                       cmocka_unit_test(waiting_is_booked_where_work_is)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

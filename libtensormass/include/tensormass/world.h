@@ -87,7 +87,8 @@ typedef struct tm_stage_report {
     tm_phase phase;
     int64_t bytes;  /* held by the stage */
     int64_t runs;   /* steps done while it was there */
-    double seconds; /* of its own work, wherever that is called from; measured when timing is on, else 0 */
+    double seconds; /* of its own work, wherever that is called from; measured when timing is on, else 0. With threads
+                       the caller's time: its own part, and its share of the wait for the others */
 } tm_stage_report;
 
 /* An application with threads of its own: calls work(context, part) once for each part from 0 to parts-1, at once or
@@ -137,7 +138,8 @@ TM_API const double *tm_world_mobility_s2_kg(const tm_world *world);
  * evaluates the force. */
 TM_API tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error);
 
-/* In how many parts a step is computed, each by a thread. */
+/* In how many parts a step is computed, each by a thread: as many as tm_world_def.threads, but no more than one for
+ * each 2,000 tetrahedra that were alive when the world was made. So below 4,000 it is 1. */
 TM_API int32_t tm_world_parts(const tm_world *world);
 /* `count` substeps, all or none. No allocation, no lock, no log; with threads, it waits for them. When a displacement
  * stops being finite or exceeds 1e6 m (looked at after every substep, over all vertices), or a contact force is not

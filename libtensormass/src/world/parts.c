@@ -106,7 +106,22 @@ static void run_part(void *context, int32_t number) {
         if (s->look) look(world, part, range.begin, range.end);
         begin = range.end;
     }
+    if (timed && world->part_count > 1) tm_world_charge(world, TM_NO_SLOT); /* from here on it waits for others */
     if (s->timed) tm_borders_book(part, tm_clock_s() - since_s);
+}
+
+/* Books the wait for other threads on the stages that these were still computing, in the ratio of the caller's own
+ * times: not on the stage that happens to be the last. */
+static void charge_wait(tm_world *world, const stages *s, const double *before_s) {
+    const double wait_s = tm_clock_s() - world->charged_since_s;
+    const int32_t beside = s->beside ? s->beside->slot : TM_NO_SLOT;
+    double own_s[TM_MAX_STAGES] = {0}, sum_s = 0;
+    for (int32_t i = 0; i < world->stage_count; i++) {
+        if ((i < s->begin || i >= s->end) && i != beside) continue;
+        own_s[i] = world->slot[i].seconds - before_s[i];
+        sum_s += own_s[i];
+    }
+    for (int32_t i = 0; i < world->stage_count && sum_s > 0; i++) world->slot[i].seconds += wait_s * own_s[i] / sum_s;
 }
 
 static void look_at_part(void *context, int32_t number) {
@@ -152,7 +167,11 @@ void tm_parts_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_
     const bool divided = world->part_count > 1 && are_own(world, begin, end);
     s.timed = divided && world->team_is_there;
     if (divided && world->beside.self && world->beside.begin(world->beside.self, world, end)) s.beside = &world->beside;
+    const bool waits = world->timing && world->part_count > 1;
+    double before_s[TM_MAX_STAGES];
+    for (int32_t i = 0; i < world->stage_count && waits; i++) before_s[i] = world->slot[i].seconds;
     look_by_parts(world, run_part, &s);
+    if (waits) charge_wait(world, &s, before_s);
     if (s.timed) tm_borders_follow(world);
 }
 
