@@ -60,14 +60,27 @@ static int virtual_receive(hrt_bus *bus, hrt_can_frame *frame) {
     return 0;
 }
 
+/* Somebody wrote over the file: nothing in it means anything. */
+static bool is_garbage(const hrt_bus *bus) { return atomic_load(&memory_of(bus)->magic) != HRT_VIRTUAL_MAGIC; }
+
 static hrt_bus_state virtual_state(hrt_bus *bus) {
     if (in_trouble(bus)) return HRT_BUS_DOWN;
-    return atomic_load(&memory_of(bus)->off) ? HRT_BUS_OFF : HRT_BUS_OK;
+    return atomic_load(&memory_of(bus)->off) || is_garbage(bus) ? HRT_BUS_OFF : HRT_BUS_OK;
+}
+
+/* Whoever comes first; the others then find a bus. Frames in it stay numbered from wherever its head is now. */
+static void begin_anew(hrt_virtual_bus *v) {
+    atomic_store(&v->off, 0);
+    atomic_store(&v->magic, HRT_VIRTUAL_MAGIC);
 }
 
 static void virtual_recover(hrt_bus *bus, int64_t now_us) {
     if (now_us - bus->tried_us < 100000) return;
     bus->tried_us = now_us;
+    if (!in_trouble(bus) && is_garbage(bus)) {
+        begin_anew(memory_of(bus));
+        bus->next = atomic_load(&memory_of(bus)->head);
+    }
     if (hrt_virtual_mend(bus->shared)) bus->next = atomic_load(&memory_of(bus)->head);
 }
 

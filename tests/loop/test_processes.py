@@ -477,3 +477,18 @@ def test_the_shipped_profile_is_the_default(bin, root, tmp_path):
     path = tmp_path / "own.profile"
     path.write_text(plain)
     assert subprocess.run([bin / "haptic-rt", "--profile", path, "--params"], capture_output=True, text=True, timeout=120).stdout == plain
+
+
+def test_a_bus_full_of_garbage_comes_back(ring):
+    """Somebody writes over the file: it is a bus again within 100 ms, and after a reset, where the controller had noticed, there is force again."""
+    ring.device("--hand", ring.hand(), "--repeat")
+    controller = ring.controller("--samples", ring.samples(), "--auto-reset", 1)
+    file = pathlib.Path(ring.bus_directory) / "t.bus"
+    watch = Watch(VirtualBus(ring.bus_directory, "t"))
+    until(lambda: pushing(watch), "force on the bus")
+    with open(file, "r+b") as bus:
+        bus.write(os.urandom(file.stat().st_size))
+    written = time.monotonic()
+    watch = Watch(VirtualBus(ring.bus_directory, "t"))
+    until(lambda: pushing(watch, written + 0.3), "force on the bus again", 20)
+    assert controller.poll() is None, text(controller)
