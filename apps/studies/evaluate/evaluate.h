@@ -67,6 +67,8 @@ int record_truth(model m, const path *p, bool encoders, recording *out);
  * in the first's. On a random path alone, where every hand is seen through its encoders. */
 int record_hands(model m, const path *p, double rate_Hz, bool encoders, bool patches, int hands, recording *out);
 int record_hands_truth(model m, const path *p, bool encoders, int hands, recording *out);
+/* Fills tick k of a recording's tip and truth from the frame just simulated. */
+void truth_take(recording *r, const sim *s, int k, const tm_tool_pose *to);
 /* The paper's truth: forces between samples by linear interpolation, afterwards. Not known before the first sample,
  * after the last, and where two are further apart than three frames and stale_us: there the controller fades. */
 void truth_by_interpolation(recording *r);
@@ -102,6 +104,8 @@ typedef struct study_run {
     bool model[MODEL_COUNT], path[PATH_COUNT]; /* which were asked for */
 } study_run;
 
+/* Every law on scenes that are pressed, held, lifted and cut, at every rate, by phase, with the price of the rate. */
+cJSON *study_operating(const study_run *r);
 cJSON *study_roughness(const study_run *r);
 cJSON *study_rates(const study_run *r); /* rate, speed, latency, jitter, loss, encoders, models, reversals, figure 5 */
 /* Adds to the rows of study_rates: cut by the other hand and by the same, grasped and pulled. 0, or an exit code. */

@@ -20,7 +20,7 @@ static void usage(FILE *to) {
     fprintf(to, "\n  --path NAME     with --study: rates on this path alone (may be repeated):\n                 ");
     for (int p = 0; p < PATH_NAMED; p++) fprintf(to, " %s", path_name[p]);
     fprintf(to, "\n  --part NAME     with --study: this part alone (may be repeated):\n"
-                "                  roughness rates loop tissue-loop ready cutting");
+                "                  operating roughness rates loop tissue-loop ready cutting");
     fprintf(to, "\n  --latency N     with LOG: hold samples back by N frames more\n"
                 "  --loss SHARE    with LOG: lose this share of the samples\n"
                 "  --forces FILE   with LOG: what each would have rendered, tick by tick, as CSV\n"
@@ -169,6 +169,7 @@ static bool add_part(cJSON *root, const char *name, cJSON *part) {
 }
 
 typedef enum study_part {
+    PART_OPERATING,
     PART_ROUGHNESS,
     PART_RATES,
     PART_LOOP,
@@ -177,11 +178,12 @@ typedef enum study_part {
     PART_CUTTING,
     PART_COUNT
 } study_part;
-static const char *const part_name[PART_COUNT] = {"roughness", "rates", "loop", "tissue-loop", "ready", "cutting"};
+static const char *const part_name[PART_COUNT] = {"operating",   "roughness", "rates",  "loop",
+                                                  "tissue-loop", "ready",     "cutting"};
 
 static int study(const study_run *run, const bool wanted[PART_COUNT], const char *json) {
-    static cJSON *(*const make[PART_COUNT])(const study_run *) = {study_roughness,   study_rates, study_loop,
-                                                                  study_tissue_loop, study_ready, study_cutting};
+    static cJSON *(*const make[PART_COUNT])(const study_run *) = {
+        study_operating, study_roughness, study_rates, study_loop, study_tissue_loop, study_ready, study_cutting};
     cJSON *root = cJSON_CreateObject();
     bool good = true;
     cJSON_AddBoolToObject(root, "quick", run->quick);

@@ -63,6 +63,41 @@ def roughness(page, rows):
                [[r["model"], 1e3 * r["depth_m"], 100 * r["largest"], 100 * r["p99"], r["peak_N"]] for r in rows])
 
 
+def operating(page, rows):
+    """The first table: what every law errs on operating scenes, by rate of force samples and latency, and what the rate costs."""
+    page.section("Operating scenes", "The demo's scenes as they are: pressed, held, lifted, cut and let go. RMS of the vector error over the peak force, against the same scene at the tick rate; encoders and tremor on. "
+                 "Up to 50 samples a second carry a patch; above that laws go by the force alone. The price is one processor's share for the simulation.")
+    hands = list(dict.fromkeys((r["scene"], r["mode"]) for r in rows))
+    of = lambda hand, late: [r for r in rows if (r["scene"], r["mode"], r["latency_samples"]) == (*hand, late)]
+    names = [n for n in dict.fromkeys(r["extrapolator"] for r in rows) if n != "paper_position"]
+    columns = -(-len(hands) // 2)
+    figure, axes = plt.subplots(2, columns, figsize=(4.2 * columns, 7), layout="constrained", squeeze=False, sharex=True)
+    for axis in axes.flat[len(hands):]:
+        axis.set_visible(False)
+    for axis, hand in zip(axes.flat, hands):
+        for i, name in enumerate(names):
+            points = sorted((r["rate_Hz"], 100 * r["rms"]) for r in of(hand, 1) if r["extrapolator"] == name)
+            x, y = [p[0] for p in points], [max(p[1], 1e-2) for p in points]
+            axis.plot(x, y, **series(i))
+            label_line(axis, x[-1], y[-1], name, series(i))
+        axis.set(xscale="log", yscale="log", title=f"{hand[0]}, {hand[1]}", xlabel="force samples a second", ylabel="RMS error, % of peak")
+    at = {hand: {r["rate_Hz"]: 100 * r["rms"] for r in of(hand, 1) if r["extrapolator"] == "hold"} for hand in hands}
+    first = hands[-1]
+    low, high = min(at[first]), max(at[first])
+    page.figure("operating", figure, f"A sample late. More samples beat any law: on {first[0]}, {first[1]}, <code>hold</code> goes from {at[first][low]:.1f} % at {low:g} Hz to {at[first][high]:.1f} % at {high:g} Hz.",
+                "tm-evaluate --study --part operating")
+    page.table("operating", ["scene", "instrument", "Hz", "processor %", "samples late", *names],
+               [[*hand, rate, 100 * own[0]["processor_share"], late, *(100 * r["rms"] for n in names for r in own if r["extrapolator"] == n)]
+                for hand in hands for rate in sorted({r["rate_Hz"] for r in of(hand, 0)}) for late in (0, 1, 2)
+                for own in [[r for r in of(hand, late) if r["rate_Hz"] == rate]]], "RMS error in % of peak.")
+    phases = ["free", "touch", "press", "slide", "grasp", "lift", "cut", "let go"]
+    page.table("operating_phases", ["scene", "instrument", "Hz", "law", *phases],
+               [[*hand, rate, name, *(100 * r["phases"][p]["rms"] if p in r["phases"] else "" for p in phases)]
+                for hand in hands for rate in sorted({r["rate_Hz"] for r in of(hand, 1)}) for name in names
+                for r in of(hand, 1) if r["rate_Hz"] == rate and r["extrapolator"] == name], "A sample late, RMS in % of the session's peak, in the ticks of each phase.")
+    page.record("operating", rows)
+
+
 def figure5(page, data):
     samples, truth = np.array(data["samples"]), np.array(data["truth"])
     page.section("The paper's figure 5, with numbers", f"A steady hand at 0.01 m/s, 20 Hz, {data['model']} model. Left: samples as impulses, the extrapolated force as a line, over time. "
@@ -302,6 +337,7 @@ def main():
     page = Page(options.out, "Force extrapolation, measured",
                 "Forces come from the simulation 10 to 100 times a second and go to the hand 500 times. What happens between is extrapolated; this page says how well.",
                 {"memory bandwidth in this run": f"{data['bandwidth_B_s'] / 1e9:.1f} GB/s", "form": "quick" if data["quick"] else "whole"})
+    operating(page, data["operating"])
     roughness(page, data["roughness"])
     figure5(page, data["rates"]["figure5"])
     rates(page, rows, models)

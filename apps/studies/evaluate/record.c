@@ -145,8 +145,7 @@ int record_truth(model m, const path *p, bool encoders, recording *out) {
     return record_hands_truth(m, p, encoders, 1, out);
 }
 
-/* What the tick just simulated says to the recording's hand. */
-static void take_truth(recording *r, const sim *s, int k, const tm_tool_pose *to) {
+void truth_take(recording *r, const sim *s, int k, const tm_tool_pose *to) {
     double size = 0;
     for (int i = 0; i < 3; i++) {
         const double force_N = s->reaction[r->instrument].force_N[i];
@@ -178,7 +177,7 @@ int record_hands_truth(model m, const path *p, bool encoders, int hands, recordi
         poses_at(s, out, &q, k * 1e-6 * TICK_US, encoders, to);
         status = sim_frame(s, to, s->substeps);
         cut_list_take(&out->cuts, s, (k - 0.5) * 1e-6 * TICK_US); /* within the tick's 2 ms */
-        for (int h = 0; h < hands; h++) take_truth(&out[h], s, k, to);
+        for (int h = 0; h < hands; h++) truth_take(&out[h], s, k, to);
     }
     sim_destroy(s);
     if (!status) return 0;

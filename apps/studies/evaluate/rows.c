@@ -13,6 +13,10 @@ void copy_truth(const recording *truth, recording *out) {
     if (!out->tip_m || !out->truth_N) abort();
     memcpy(out->tip_m, truth->tip_m, bytes);
     memcpy(out->truth_N, truth->truth_N, bytes);
+    if (!truth->phase) return;
+    out->phase = malloc((size_t)truth->ticks);
+    if (!out->phase) abort();
+    memcpy(out->phase, truth->phase, (size_t)truth->ticks);
 }
 
 cJSON *add_row(cJSON *rows) {

@@ -44,6 +44,7 @@ void recording_free(recording *r) {
     free(r->sample);
     free(r->tip_m);
     free(r->truth_N);
+    free(r->phase);
     cut_list_free(&r->cuts);
     memset(r, 0, sizeof *r);
 }

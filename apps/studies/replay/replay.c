@@ -40,8 +40,10 @@ static int ascending(const void *a, const void *b) {
     return (x > y) - (x < y);
 }
 
+const char *const phase_name[PHASE_COUNT] = {"free", "touch", "press", "slide", "grasp", "lift", "cut", "let go"};
+
 typedef struct sums {
-    double error2, angle2, cut_error2;
+    double error2, angle2, cut_error2, phase_error2[PHASE_COUNT];
     float *of_tick; /* squared error of each judged tick */
     int cut, angled, in_contact, off_patch;
     errors e;
@@ -58,6 +60,7 @@ static void judge(sums *s, const recording *r, int tick, int64_t since_us, const
     double error = length3(d), size = length3(force), size_true = length3(truth);
     s->of_tick[s->e.judged] = (float)(error * error);
     s->error2 += error * error, s->e.judged++;
+    if (r->phase) s->phase_error2[r->phase[tick]] += error * error, s->e.phase_ticks[r->phase[tick]]++;
     if (cut_list_between(r->replay, 1e-6 * (double)since_us, 1e-6 * tick * TICK_US))
         s->cut_error2 += error * error, s->cut++;
     if (tick > 0 && !isnan(truth[-3])) {
@@ -108,6 +111,8 @@ errors replay(const recording *r, hrt_extrapolator which, const conditions *c, f
         if (since < SETTLING) s.e.jump_arrival = fmax(s.e.jump_arrival, length3(step) / r->peak_N);
         memcpy(last, force, sizeof last);
     }
+    for (int p = 0; p < PHASE_COUNT; p++)
+        s.e.phase_rms[p] = s.e.phase_ticks[p] ? sqrt(s.phase_error2[p] / s.e.phase_ticks[p]) / r->peak_N : 0;
     s.e.rms = s.e.judged ? sqrt(s.error2 / s.e.judged) / r->peak_N : 0;
     s.e.direction_rad = s.angled ? sqrt(s.angle2 / s.angled) : 0;
     s.e.off_patch = s.in_contact ? (double)s.off_patch / s.in_contact : 0;

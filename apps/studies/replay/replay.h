@@ -44,11 +44,26 @@ typedef struct sampled {
     hrt_patch *patch;  /* null: none */
 } sampled;
 
+/* What a hand does at a tick, by the truth: named after what happened last where two go together. */
+typedef enum phase {
+    PHASE_FREE,
+    PHASE_TOUCH, /* a tenth of a second after contact is made or lost */
+    PHASE_PRESS,
+    PHASE_SLIDE,
+    PHASE_GRASP, /* just after jaws close */
+    PHASE_LIFT,  /* held */
+    PHASE_CUT,   /* in touch, and tissue went within the last tenth of a second */
+    PHASE_LET_GO,
+    PHASE_COUNT
+} phase;
+extern const char *const phase_name[PHASE_COUNT];
+
 typedef struct recording {
     char name[64];
     int ticks;
     float *tip_m;   /* [3*ticks] relative to the trocar, as the encoders say */
     float *truth_N; /* [3*ticks]; NaN: not known at this tick, which is then not judged */
+    uint8_t *phase; /* [ticks] phase; null: not told apart */
     int samples;
     sampled *sample;
     double frame_s, peak_N;
@@ -56,6 +71,7 @@ typedef struct recording {
     int64_t first_us;  /* of a log: its first tick on the controller's clock */
     int sessions;      /* of the controller in the log it was read from; the longest is this one */
     hrt_params params;
+    tm_tool_mode mode;
     int instrument;         /* whose tip, samples and truth these are; the first unless said */
     cut_list cuts;          /* what the model cut along the path */
     const cut_list *replay; /* null: cauteries cut; else they do not, and these go at their times */
@@ -93,7 +109,9 @@ typedef struct errors {
                                    cut: nobody at the hand can know of it */
     double cut_since_ticks;     /* those ticks' share */
     double worst_error2;        /* share of the squared error in the worst fiftieth of the ticks */
-    double ns_per_tick;         /* median */
+    double ns_per_tick;         /* mean */
+    double phase_rms[PHASE_COUNT]; /* as rms, in the ticks of one phase */
+    int phase_ticks[PHASE_COUNT];
 } errors;
 
 errors replay(const recording *r, hrt_extrapolator which, const conditions *c, float *force_N /* [3*ticks] or null */);
