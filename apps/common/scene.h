@@ -50,7 +50,7 @@ typedef struct app_list {
 
 typedef enum app_kind {
     APP_SECTION, /* mapping */
-    APP_NUMBER,  /* quantity of `unit` */
+    APP_NUMBER,  /* quantity of `unit`; "rate|auto": or that word, which is 0 */
     APP_INTEGER,
     APP_VECTOR, /* three quantities of `unit` */
     APP_TEXT,
@@ -228,6 +228,7 @@ typedef struct app_scene {
     const app_effect_key *effect_key; /* [effect_count] of whoever loads; null: schemas have no names */
 
     bool strict; /* warnings are errors */
+    int pace;    /* sim_scene_pace: how often forces are computed; set between loading and building */
 
     /* private */
     void *arena;

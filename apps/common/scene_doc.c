@@ -7,7 +7,10 @@
 static void print_kind(FILE *out, const app_field *f) {
     switch (f->kind) {
     case APP_SECTION: fputs("section", out); return;
-    case APP_NUMBER: fputs(strcmp(f->unit, "none") ? f->unit : "number", out); return;
+    case APP_NUMBER:
+        for (const char *c = strcmp(f->unit, "none") ? f->unit : "number"; *c; c++)
+            *c == '|' ? fputs(" or ", out) : fputc(*c, out);
+        return;
     case APP_INTEGER: fputs("whole number", out); return;
     case APP_VECTOR:
         fprintf(out, "[x, y, z]%s%s", strcmp(f->unit, "none") ? " " : "", strcmp(f->unit, "none") ? f->unit : "");

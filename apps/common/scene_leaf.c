@@ -19,8 +19,14 @@ static int in_range(const reader *r, int line, const app_field *field, const cha
 
 static int quantity(const reader *r, int line, const app_field *field, const char *shown, const char *text,
                     double *si) {
-    char why[256];
-    if (!app_parse_quantity(text, field->unit, si, why, sizeof why))
+    char why[256], unit[32];
+    const size_t length = strcspn(field->unit, "|");
+    snprintf(unit, sizeof unit, "%.*s", (int)length, field->unit);
+    if (field->unit[length] && !strcmp(text, field->unit + length + 1)) { /* "rate|auto": the word stands for 0 */
+        *si = 0;
+        return 0;
+    }
+    if (!app_parse_quantity(text, unit, si, why, sizeof why))
         return app_scene_bad(r->scene, line, "%s: %s", shown, why);
     return in_range(r, line, field, shown, *si);
 }

@@ -11,21 +11,21 @@ enum { SESSION = 1, STATUS_EVERY_US = 100000, MOST = 1024 };
 /* A force that is older than the controller goes on with is let go of: said before the hand wonders. */
 static int warn_age(const sim *s, const sim_haptics *haptics, const hrt_params *params, double tick_s) {
     const double stale_s = 1e-6 * (double)params->stale_us, late_s = haptics->jitter.si + tick_s;
-    const double age_s = (haptics->latency.si + 1) * s->frame_s + late_s, most = (stale_s - late_s) / s->frame_s - 1;
+    const double age_s = (haptics->latency.si + 1) * s->sample_s + late_s, most = (stale_s - late_s) / s->sample_s - 1;
     const int line = haptics->latency.line ? haptics->latency.line : haptics->here.line;
     if (age_s <= stale_s) return 0;
     if (most < 0)
         return app_scene_warn(
             s->scene, line,
-            "frames of %.3g ms: a force is up to %.3g ms old before the next comes, and the controller "
+            "force samples of %.3g ms: a force is up to %.3g ms old before the next comes, and the controller "
             "fades what is older than %.3g ms: the hand feels little or nothing; raise "
-            "time.frame_rate",
-            1e3 * s->frame_s, 1e3 * age_s, 1e3 * stale_s);
+            "haptics.rate",
+            1e3 * s->sample_s, 1e3 * age_s, 1e3 * stale_s);
     return app_scene_warn(s->scene, line,
-                          "haptics.latency = %.3g frames of %.3g ms: a force is up to %.3g ms old before the next "
+                          "haptics.latency = %.3g samples of %.3g ms: a force is up to %.3g ms old before the next "
                           "comes, and the controller fades what is older than %.3g ms: the hand feels little or "
-                          "nothing; give %.2g at most, or raise time.frame_rate",
-                          haptics->latency.si, 1e3 * s->frame_s, 1e3 * age_s, 1e3 * stale_s, floor(10 * most) / 10);
+                          "nothing; give %.2g at most, or raise haptics.rate",
+                          haptics->latency.si, 1e3 * s->sample_s, 1e3 * age_s, 1e3 * stale_s, floor(10 * most) / 10);
 }
 
 static int set_up(sim_consoles *all, int i, const sim *s, const sim_haptics *haptics, int64_t tick_us) {
@@ -60,7 +60,7 @@ static int set_up(sim_consoles *all, int i, const sim *s, const sim_haptics *hap
 static bool join(sim_consoles *all, int i, const sim *s, const sim_haptics *haptics, app_queue *queue) {
     hrt_peer *peer = &all->console[i].peer;
     app_topic topic[HRT_PEER_TOPICS];
-    const app_mishaps mishaps = {.latency_s = haptics->latency.si * s->frame_s,
+    const app_mishaps mishaps = {.latency_s = haptics->latency.si * s->sample_s,
                                  .jitter_s = haptics->jitter.si,
                                  .loss = haptics->loss.si,
                                  .random = &all->random};

@@ -4,6 +4,7 @@
 #include "effects.h"
 #include "hrt.h"
 #include "solve_api.h"
+#include "stream.h"
 
 #define SENDS(ROW) ROW("force", SIM_SENDS_FORCE) ROW("stiffness", SIM_SENDS_STIFFNESS) ROW("patch", SIM_SENDS_PATCH)
 APP_CHOICE_CHECK(SENDS)
@@ -22,7 +23,10 @@ static const app_field fields[] = {
      "`solve`; a thread in real time), or estimated by a few conjugate-gradient iterations a frame"},
     {"haptics.patch_vertices", APP_INTEGER, NULL, "24", 3, 24, offsetof(sim_haptics, patch_vertices), 0,
      "of a patch; up to 12 with 16 triangles, more with 32"},
-    {"haptics.rate", APP_NUMBER, "rate", "500 Hz", 50, 10000, offsetof(sim_haptics, rate), 0,
+    {"haptics.rate", APP_NUMBER, "rate|auto", "auto", 10, 1000, offsetof(sim_haptics, rate), 0,
+     "force samples a second, a whole number of them a frame; `auto`: 500 Hz in lockstep, in real time up to that as "
+     "the machine can; 25 Hz is the paper's way"},
+    {"haptics.tick_rate", APP_NUMBER, "rate", "500 Hz", 50, 10000, offsetof(sim_haptics, tick_rate), 0,
      "controller ticks a second, in lockstep"},
     {"haptics.passivity", APP_FLAG, NULL, "yes", 0, 0, offsetof(sim_haptics, passivity), 0,
      "passivity control, in lockstep"},
@@ -30,8 +34,8 @@ static const app_field fields[] = {
      "device profile (haptic_rt/device/profiles; `haptic-rt --params`), in lockstep; left out, the built-in Impulse "
      "Engine"},
     {"haptics.latency", APP_NUMBER, "none", "1", 0, 100, offsetof(sim_haptics, latency), 0,
-     "in lockstep: frames between a tool sample and the publishing of its force; a warning says when the force is then "
-     "older than the controller goes on with (`stale_us`)"},
+     "in lockstep: periods of `rate` between a tool sample and the publishing of its force; a warning says when the "
+     "force is then older than the controller goes on with (`stale_us`)"},
     {"haptics.jitter", APP_NUMBER, "time", "0 s", 0, 1, offsetof(sim_haptics, jitter), 0,
      "in lockstep: each sample is late by up to this, at random"},
     {"haptics.loss", APP_NUMBER, "none", "0", 0, 1, offsetof(sim_haptics, loss), 0,
@@ -49,7 +53,12 @@ sim_sends sim_sends_of(int extrapolator) {
 sim_sends sim_may_send(const sim *s) {
     const sim_haptics *o = sim_options(s->scene, "haptics");
     if (!o || !sim_has(s, "contact")) return SIM_SENDS_FORCE;
-    return o->sends.line ? (sim_sends)o->sends.index : sim_sends_of(o->extrapolator.index);
+    if (o->sends.line) return (sim_sends)o->sends.index;
+    /* In real time `auto` may fall to the frame rate. */
+    const bool falls = s->scene->pace == SIM_REALTIME && o->rate.si == 0;
+    const double rate_Hz = falls ? s->scene->frame_rate.si : sim_stream_per_frame(s->scene) * s->scene->frame_rate.si;
+    const sim_sends most = sim_stream_sends(s, rate_Hz), wanted = sim_sends_of(o->extrapolator.index);
+    return wanted < most ? wanted : most;
 }
 
 /* Exact compliance for patches of the dynamic model, from the module `solve`. */
@@ -84,7 +93,8 @@ static int build(sim *s, const void *own) {
     tm_patch_def def = tm_patch_def_default();
     def.max_vertices = (int32_t)o->patch_vertices.value;
     def.max_triangles = def.max_vertices > 12 ? TM_PATCH_TRIANGLES : 16;
-    def.horizon_s = 3 * s->frame_s; /* a frame, and two that its sample may be late */
+    /* A period of samples, and two that its sample may be late. */
+    def.horizon_s = 3 * (o->rate.si > 0 ? s->sample_s : s->frame_s);
     tm_compliance_source source;
     const int turns = sim_options(s->scene, "rotation") != NULL; /* then stiffness moves with the tissue */
     if (turns && o->compliance.line && o->compliance.index == 0)

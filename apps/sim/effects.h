@@ -10,7 +10,8 @@ typedef struct sim_haptics {
     app_choice sends;        /* sim_sends; unset: by the extrapolator */
     app_choice compliance;   /* of the dynamic model's patches: factor, iterations */
     app_integer patch_vertices;
-    app_number rate, latency, loss, jitter;
+    app_number rate; /* of force samples; 0: auto */
+    app_number tick_rate, latency, loss, jitter;
     app_flag passivity;
     app_text profile;
     app_integer seed;

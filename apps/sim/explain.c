@@ -10,6 +10,7 @@
 #include "expected.h"
 #include "explain_mass.h"
 #include "explain_numbering.h"
+#include "explain_stream.h"
 #include "hrt.h"
 #include "run.h"
 
@@ -172,6 +173,7 @@ static void print(const sim *s, const row *rows, int n, double total_us, const s
         printf("threads: %d of the %lld asked for%s\n\n", threads, (long long)s->scene->threads.value,
                threads < s->scene->threads.value ? "; the tissue is worth no more" : "");
     cJSON_AddNumberToObject(json, "threads", threads);
+    explain_stream(s, json);
     explain_numbering(s, json);
     explain_mass(s, json);
     printf("%-18s %-10s %12s %10s %7s %s asked for by\n", "stage", "phase", "bytes", "us/step", "share",

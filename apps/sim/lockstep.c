@@ -14,6 +14,7 @@
 #include "run.h"
 #include "series.h"
 #include "snapshot.h"
+#include "stream.h"
 #include "surface.h"
 #include "tools.h"
 
@@ -29,13 +30,15 @@ typedef struct lockstep {
     sim_publisher publisher;
     run_file csv, samples, report;
     run_series series;
+    sim_stream stream;
     int64_t tick_us, ticks, frame, first_frame; /* first: not 0 after --restore */
+    int64_t sample;                             /* base samples done, from time 0 */
     double compute_s;
     sim_magnitude force;
 } lockstep;
 
-static int64_t frame_us(const lockstep *l, int64_t frame) {
-    return START_US + llround((double)frame * l->s->frame_s * 1e6);
+static int64_t sample_us(const lockstep *l, int64_t sample) {
+    return START_US + llround((double)sample * l->s->sample_s * 1e6);
 }
 
 /* --- controllers and devices --- */
@@ -75,11 +78,11 @@ static void tick(lockstep *l, int64_t now_us) {
 
 /* --- frames --- */
 
-static void trace_frame(lockstep *l, const tensormass_force_sample_t *m, int64_t now_us) {
+static void trace_sample(lockstep *l, const tensormass_force_sample_t *m, int64_t now_us) {
     const tm_tool_reaction *r = &l->s->reaction[m->instrument];
     if (l->samples.begun) {
         FILE *out = l->samples.stream;
-        fprintf(out, "%" PRId64 ",%.6f,%d,%.6f", l->frame, (double)(now_us - START_US) * 1e-6, m->instrument,
+        fprintf(out, "%" PRId64 ",%.6f,%d,%.6f", l->frame + 1, (double)(now_us - START_US) * 1e-6, m->instrument,
                 (double)(m->tool_utime ? m->tool_utime - START_US : 0) * 1e-6);
         for (int a = 0; a < 3; a++) fprintf(out, ",%.9g", m->tip_m[a]);
         for (int a = 0; a < 3; a++) fprintf(out, ",%.9g", m->force_N[a]);
@@ -99,35 +102,44 @@ static void trace_frame(lockstep *l, const tensormass_force_sample_t *m, int64_t
     }
 }
 
-static tm_status frame(lockstep *l, int64_t now_us) {
+static tm_status sample(lockstep *l, int64_t now_us) {
     sim *s = l->s;
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
+    const sim_sends most = sim_stream_sends(s, sim_stream_rate_Hz(&l->stream));
     for (int i = 0; i < s->instrument_count; i++) {
         s->wants[i] = sim_tools_want(&l->tools, i);
+        if (s->wants[i] > most) s->wants[i] = most;
         if (l->haptics)
             to[i] = sim_tools_target(&l->tools, i);
         else
             to[i] = sim_hand_pose(s, i, (double)(now_us - START_US) * 1e-6);
     }
     int64_t before = app_monotonic_us();
-    tm_status status = sim_frame(s, to, s->substeps);
-    double spent_s = (double)(app_monotonic_us() - before) * 1e-6;
-    l->compute_s += spent_s;
-    if (s->broken_off) {
-        l->frame--;
-        return status;
-    }
+    const int32_t substeps = s->substeps / s->samples;
+    tm_status status = sim_sample(s, to, substeps);
+    l->compute_s += (double)(app_monotonic_us() - before) * 1e-6;
+    if (s->broken_off) return status;
+    l->sample++;
     if (l->queue) app_queue_set_clock(l->queue, now_us);
     for (int i = 0; i < s->instrument_count; i++) {
-        tensormass_force_sample_t sample;
-        sim_publish_reaction(&l->publisher, s, &l->tools, i, now_us, s->substeps, s->average, 0, &sample);
-        trace_frame(l, &sample, now_us);
+        tensormass_force_sample_t message;
+        sim_publish_reaction(&l->publisher, s, &l->tools, i, now_us, substeps, s->average, 0, &message);
+        trace_sample(l, &message, now_us);
     }
+    return status;
+}
+
+/* After the last sample of a frame, or the one that failed. */
+static void end_frame(lockstep *l, int64_t now_us, tm_status status) {
+    sim *s = l->s;
+    const int64_t before = app_monotonic_us();
+    if (!status) sim_frame_end(s);
+    l->compute_s += (double)(app_monotonic_us() - before) * 1e-6;
+    l->frame++;
     sim_reach_note(s);
     /* The clock of this run is virtual, so is the cost that it reports: a log must not depend on the machine. */
-    sim_publish_frame(&l->publisher, s, now_us, 0, 0);
+    sim_publish_frame(&l->publisher, s, now_us, 0, 0, sim_stream_rate_Hz(&l->stream));
     if (!status) run_series_add(&l->series, s);
-    return status;
 }
 
 /* --- the run --- */
@@ -146,16 +158,17 @@ static int loop(lockstep *l) {
     int64_t snapshot_frame = l->o->snapshot ? llround(l->o->snapshot_s / l->s->frame_s) : -1;
     tm_status status = TM_OK;
     for (; l->frame < total && !status && !l->series.failed && !app_interrupted();) {
-        /* A frame between two ticks comes before the later one; at the same time the tick comes first. */
-        bool ticking = l->haptics && now_us <= frame_us(l, l->frame + 1);
-        if (ticking) {
+        /* A sample between two ticks comes before the later one; at the same time the tick comes first. */
+        const int64_t end_us = sample_us(l, l->sample + 1);
+        if (l->haptics && now_us <= end_us) {
             tick(l, now_us);
             now_us += l->tick_us;
             continue;
         }
-        l->frame++;
-        status = frame(l, frame_us(l, l->frame));
-        if (!status && !l->s->broken_off && l->frame == snapshot_frame) {
+        status = sample(l, end_us);
+        if (l->s->broken_off || (!status && l->sample % l->s->samples)) continue;
+        end_frame(l, end_us, status);
+        if (!status && l->frame == snapshot_frame) {
             int rc = sim_snapshot_save(l->s, l->o->snapshot);
             if (rc) return rc;
         }
@@ -233,6 +246,8 @@ static int begin(lockstep *l, const char *log) {
     if (!rc && l->o->restore) rc = sim_snapshot_restore(s, l->o->restore);
     if (!rc) rc = run_series_begin(&l->series, s, l->o->paraview, l->o->paraview_every);
     l->frame = l->first_frame = s->frames;
+    l->sample = l->frame * s->samples;
+    sim_stream_begin(&l->stream, s, 0);
     if (l->csv.begun)
         fputs("time_s,instrument,state,fault,limits,px_m,py_m,pz_m,fx_N,fy_N,fz_N," HRT_ENGINE_FIELDS ",age_s\n",
               l->csv.stream);
@@ -242,7 +257,7 @@ static int begin(lockstep *l, const char *log) {
               l->samples.stream);
     l->tools.s = s;
     if (rc || !l->haptics) return rc;
-    l->tick_us = llround(1e6 / l->haptics->rate.si);
+    l->tick_us = llround(1e6 / l->haptics->tick_rate.si);
     return sim_consoles_open(&l->consoles, s, l->haptics, l->tick_us, l->queue);
 }
 

@@ -7,6 +7,7 @@
 
 #include "common/units.h"
 #include "run.h"
+#include "stream.h"
 
 static const char help[] =
     "tm-sim SCENE.yaml MODE [options]: soft tissue in frames of 25 to 30 a second\n"
@@ -267,6 +268,9 @@ static int run(run_options *o) {
     int rc = sim_scene_load(o->scene, o->set, o->set_count, &scene);
     if (rc) return rc;
     scene->strict = o->strict;
+    scene->pace = o->mode == RUN_LOCKSTEP ? SIM_LOCKSTEP
+                  : o->mode == RUN_SETTLE ? SIM_FRAMES
+                                          : SIM_REALTIME; /* also to explain and check what a session would do */
     rc = sim_create(scene, &s);
     if (rc) return rc;
     switch (o->mode) {

@@ -197,7 +197,7 @@ void sim_publish_reaction(sim_publisher *p, const sim *s, sim_tools *tools, int 
     app_link_publish(p->link, APP_FORCE, instrument, utime, sample);
 }
 
-void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s, double speed) {
+void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s, double speed, double rate_Hz) {
     if (!p->link) return;
     tensormass_sim_status_t m = {.utime = utime,
                                  .seq = p->status_seq++,
@@ -209,6 +209,7 @@ void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s
                                  .dt_s = s->dt_s,
                                  .frame_s = s->frame_s,
                                  .compute_s = compute_s,
+                                 .sample_rate_Hz = rate_Hz,
                                  .sim_seconds_per_wall_second = speed,
                                  .dropped_utime = p->dropped_us,
                                  .instrument_count = (int8_t)s->instrument_count};

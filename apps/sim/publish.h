@@ -73,7 +73,7 @@ bool sim_contact_patch(const sim_publisher *p, const sim *s, const tensormass_fo
 /* Both of an instrument, after a frame of so many substeps of which the last `average` were averaged. */
 void sim_publish_reaction(sim_publisher *p, const sim *s, sim_tools *tools, int instrument, int64_t utime,
                           int32_t substeps, int32_t average, int32_t flags, tensormass_force_sample_t *sample);
-/* Cuts, status, tissue. compute_s: spent on the frame. */
-void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s, double speed);
+/* Cuts, status, tissue. compute_s: spent on the frame; rate_Hz: of force samples. */
+void sim_publish_frame(sim_publisher *p, sim *s, int64_t utime, double compute_s, double speed, double rate_Hz);
 
 #endif

@@ -1,5 +1,4 @@
 /* tm-sim --realtime: frames on the wall clock; tools and forces over LCM. */
-#include <cjson/cJSON.h>
 #include <errno.h>
 #include <inttypes.h>
 #include <math.h>
@@ -8,43 +7,10 @@
 #include <string.h>
 #include <time.h>
 
-#include "figures.h"
-#include "io/histogram.h"
 #include "log_line.h"
-#include "publish.h"
-#include "run.h"
-#include "series.h"
+#include "realtime.h"
 #include "snapshot.h"
 #include "surface.h"
-#include "tools.h"
-
-typedef struct controller_seen {
-    bool seen;
-    int64_t ticks, missed;
-    double lateness_us[4];
-} controller_seen;
-
-typedef struct realtime {
-    sim *s;
-    const run_options *o;
-    const sim_haptics *haptics; /* null: instruments follow the hand */
-    sim_publisher publisher;
-    sim_tools tools;
-    run_file samples, report;
-    run_series series;
-    controller_seen controller[TM_MAX_INSTRUMENTS];
-    int64_t start_us, next_us, frame_us, frame, overruns;
-    double simulated_s, compute_s, cost_s; /* cost_s: of one substep, smoothed */
-    hrt_histogram lateness, compute;
-    sim_magnitude force;
-    bool told_waiting;
-    struct told {
-        bool here, gone;
-        int64_t refused_us, refused; /* the last line about refused tool states; how many since */
-    } told[TM_MAX_INSTRUMENTS];
-    sim_refused thrown_away; /* as it was told last */
-    int64_t told_thrown_us;
-} realtime;
 
 /* A lost or overtaken message is no news; that nothing has been taken for so long is. */
 static const int64_t worth_a_line_us = 100000, line_every_us = 1000000;
@@ -137,70 +103,117 @@ static void wait_until(realtime *r, int64_t deadline_us) {
     if (r->haptics) app_link_receive(r->publisher.link, 0, FLOOD);
 }
 
-/* As many substeps as the frame has time for, by the cost of the last ones: simulated time is dropped, never owed. */
-static int32_t affordable(const realtime *r) {
-    if (r->cost_s <= 0) return r->s->substeps;
-    double can = 0.95 * r->s->frame_s / r->cost_s;
-    if (can >= r->s->substeps) return r->s->substeps;
+/* As many substeps as `bases` have time for, by the cost of the last ones: simulated time is dropped, never owed. */
+static int32_t affordable(const realtime *r, int32_t bases) {
+    const int32_t substeps = bases * (r->s->substeps / r->s->samples);
+    if (r->cost_s <= 0) return substeps;
+    double can = 0.95 * bases * r->s->sample_s / r->cost_s;
+    if (can >= substeps) return substeps;
     return can < 1 ? 1 : (int32_t)can;
 }
 
-static void publish(realtime *r, int32_t substeps, double spent_s, bool overran) {
+static double seconds_since(int64_t begin_us) { return (double)(app_monotonic_us() - begin_us) * 1e-6; }
+
+static void publish_sample(realtime *r, int32_t substeps, bool dropped) {
     sim *s = r->s;
     int32_t average = s->average < substeps ? s->average : substeps;
     for (int i = 0; i < s->instrument_count; i++) {
         tensormass_force_sample_t sample;
         sim_publish_reaction(&r->publisher, s, &r->tools, i, utime_now(), substeps, average,
-                             overran ? SIM_FLAG_OVERRAN : 0, &sample);
+                             dropped ? SIM_FLAG_OVERRAN : 0, &sample);
         sim_magnitude_add(&r->force, sample.force_N);
-        if (r->samples.begun) {
-            fprintf(r->samples.stream, "%" PRId64 ",%.6f,%d,%" PRId64, r->frame,
-                    (double)(app_monotonic_us() - r->start_us) * 1e-6, i, sample.tool_utime);
-            for (int a = 0; a < 3; a++) fprintf(r->samples.stream, ",%.9g", sample.tip_m[a]);
-            for (int a = 0; a < 3; a++) fprintf(r->samples.stream, ",%.9g", sample.force_N[a]);
-            fprintf(r->samples.stream, ",%d,%d\n", s->reaction[i].row_count, sample.flags);
-        }
+        if (!r->samples_file.begun) continue;
+        FILE *out = r->samples_file.stream;
+        fprintf(out, "%" PRId64 ",%.6f,%d,%" PRId64, r->frame + 1, seconds_since(r->start_us), i, sample.tool_utime);
+        for (int a = 0; a < 3; a++) fprintf(out, ",%.9g", sample.tip_m[a]);
+        for (int a = 0; a < 3; a++) fprintf(out, ",%.9g", sample.force_N[a]);
+        fprintf(out, ",%d,%d\n", s->reaction[i].row_count, sample.flags);
     }
-    double wall_s = (double)(app_monotonic_us() - r->start_us) * 1e-6;
-    sim_publish_frame(&r->publisher, s, utime_now(), spent_s, wall_s > 0 ? r->simulated_s / wall_s : 0);
 }
 
-static tm_status one_frame(realtime *r) {
+/* Simulates `bases` base samples up to the newest poses, and sends what the instruments feel. */
+static tm_status one_sample(realtime *r, int32_t bases) {
     sim *s = r->s;
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
-    int64_t begin = app_monotonic_us();
+    const int64_t begin = app_monotonic_us();
+    const sim_sends most = sim_stream_sends(s, sim_stream_rate_Hz(&r->stream));
     for (int i = 0; i < s->instrument_count; i++) {
         s->wants[i] = sim_tools_want(&r->tools, i);
+        if (s->wants[i] > most) s->wants[i] = most;
         if (r->haptics)
             to[i] = sim_tools_target(&r->tools, i);
         else
             to[i] = sim_hand_pose(s, i, (double)(begin - r->start_us) * 1e-6);
     }
-    int32_t substeps = affordable(r);
-    tm_status status = sim_frame(s, to, substeps);
-    double spent_s = (double)(app_monotonic_us() - begin) * 1e-6, cost = spent_s / substeps;
-    r->cost_s = r->cost_s > 0 ? r->cost_s + 0.2 * (cost - r->cost_s) : cost;
-    r->compute_s += spent_s;
+    const int32_t substeps = affordable(r, bases), asked = bases * (s->substeps / s->samples);
+    const tm_status status = sim_sample(s, to, substeps);
+    const double stepped_s = seconds_since(begin) - s->patches_s, cost = stepped_s / substeps;
+    r->cost_s = r->cost_s > 0 ? r->cost_s + 0.2 * bases / s->samples * (cost - r->cost_s) : cost;
     if (s->broken_off) return status;
     r->simulated_s += substeps * s->dt_s;
+    r->samples++;
+    r->merged += bases > r->stream.batch ? bases - r->stream.batch : 0;
+    publish_sample(r, substeps, substeps < asked);
+    r->spent.bases += bases, r->spent.samples++, r->spent.patches += most == SIM_SENDS_PATCH;
+    r->spent.bases_s += stepped_s, r->spent.patches_s += s->patches_s;
+    r->spent.samples_s += seconds_since(begin) - stepped_s - s->patches_s;
+    r->publisher.dropped_us += llround((asked - substeps) * s->dt_s * 1e6);
+    r->spent.dropped |= substeps < asked;
+    return status;
+}
+
+/* Base samples that are due: a batch, or more where the wall clock has gone on, at most to the frame's end. */
+static int32_t due(const realtime *r, int32_t done, int64_t now_us) {
+    const int32_t left = r->s->samples - done;
+    const int64_t begin_us = r->next_us - r->frame_us;
+    int32_t bases = (int32_t)((double)(now_us - begin_us) * r->s->samples / (double)r->frame_us + 1e-6) - done;
+    if (bases < r->stream.batch) bases = r->stream.batch;
+    return bases < left ? bases : left;
+}
+
+/* What comes once a frame, after its last sample: status, picture, the next frame's time. */
+static void end_frame(realtime *r, tm_status status) {
+    sim *s = r->s;
+    const int64_t begin = app_monotonic_us();
+    double spent_s = r->spent.bases_s + r->spent.patches_s + r->spent.samples_s;
+    if (!status) sim_frame_end(s);
     r->frame++;
+    r->compute_s += spent_s;
     hrt_histogram_add(&r->compute, (int64_t)(spent_s * 1e9));
-    hrt_histogram_add(&r->lateness, 1000 * (begin - r->next_us));
-    int64_t now = app_monotonic_us();
-    bool overran = now > r->next_us + r->frame_us || substeps < s->substeps;
-    if (overran) {
-        r->overruns++;
-        r->publisher.dropped_us += llround((s->substeps - substeps) * s->dt_s * 1e6);
-    }
-    publish(r, substeps, spent_s, overran);
+    const double wall_s = seconds_since(r->start_us);
+    sim_publish_frame(&r->publisher, s, utime_now(), spent_s, wall_s > 0 ? r->simulated_s / wall_s : 0,
+                      sim_stream_rate_Hz(&r->stream));
     if (r->frame % 10 == 0) sim_reach_note(s);
     if (!status) run_series_add(&r->series, s); /* a failure is told; the session goes on */
+    r->spent.frame_s = seconds_since(begin);
     r->next_us += r->frame_us;
-    now = app_monotonic_us();
-    if (now > r->next_us) { /* never catches up: the schedule begins anew from here */
+    const int64_t now = app_monotonic_us();
+    if (now > r->next_us) { /* never catches up by more than a frame: the schedule begins anew from here */
         r->publisher.dropped_us += now - r->next_us;
         r->next_us = now;
+        r->spent.dropped = true;
     }
+    r->overruns += r->spent.dropped;
+    r->rate_changes += sim_stream_adapt(&r->stream, &r->spent);
+    r->spent = (sim_stream_spent){0};
+}
+
+static tm_status one_frame(realtime *r) {
+    const double base_us = (double)r->frame_us / r->s->samples;
+    tm_status status = TM_OK;
+    for (int32_t done = 0; done < r->s->samples && !status;) {
+        const int64_t due_us = r->next_us - r->frame_us + llround((done + r->stream.batch) * base_us);
+        wait_until(r, due_us);
+        if (app_interrupted()) return status;
+        const int64_t now_us = app_monotonic_us();
+        const int32_t bases = due(r, done, now_us);
+        hrt_histogram_add(&r->sample_lateness, 1000 * (now_us - due_us));
+        if (done + bases == r->s->samples) hrt_histogram_add(&r->lateness, 1000 * (now_us - r->next_us));
+        status = one_sample(r, bases);
+        if (r->s->broken_off) return status;
+        done += bases;
+    }
+    end_frame(r, status);
     return status;
 }
 
@@ -226,14 +239,12 @@ static int loop(realtime *r) {
     double duration = r->o->duration_s; /* without one, until Ctrl-C */
     int64_t total = frame_total(r);
     tm_status status = calibrate(r);
+    sim_stream_begin(&r->stream, r->s, r->cost_s * (r->s->substeps / r->s->samples));
     r->frame_us = llround(r->s->frame_s * 1e6);
     r->start_us = app_monotonic_us();
     r->next_us = r->start_us + r->frame_us;
     while (!status && !app_interrupted()) {
-        wait_until(r, r->next_us);
-        if (app_interrupted() || r->frame >= total ||
-            (duration >= 0 && app_monotonic_us() - r->start_us > llround(duration * 1e6) + r->frame_us))
-            break;
+        if (r->frame >= total || (duration >= 0 && app_monotonic_us() - r->start_us > llround(duration * 1e6))) break;
         status = one_frame(r);
         tell_gone(r);
         if (r->haptics) tell_thrown_away(r);
@@ -247,65 +258,9 @@ static int loop(realtime *r) {
     return status ? run_unstable(r->frame) : 0;
 }
 
-static void report(realtime *r, cJSON *json) {
-    char hash[20];
-    double wall_s = (double)(app_monotonic_us() - r->start_us) * 1e-6;
-    snprintf(hash, sizeof hash, "%016" PRIx64, sim_hash(r->s));
-    cJSON_AddNumberToObject(json, "frames", (double)r->frame);
-    cJSON_AddBoolToObject(json, "interrupted", app_interrupted() != 0);
-    cJSON_AddNumberToObject(json, "sim_s", r->simulated_s);
-    cJSON_AddNumberToObject(json, "wall_s", wall_s);
-    cJSON_AddNumberToObject(json, "compute_s", r->compute_s);
-    /* Against the clock while running: below 1 only when time was dropped. What the machine could do is compute_s's. */
-    cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", wall_s > 0 ? r->simulated_s / wall_s : 0);
-    cJSON_AddNumberToObject(json, "sim_seconds_per_compute_second",
-                            r->compute_s > 0 ? r->simulated_s / r->compute_s : 0);
-    cJSON_AddNumberToObject(json, "overruns", (double)r->overruns);
-    cJSON_AddNumberToObject(json, "dropped_s", (double)r->publisher.dropped_us * 1e-6);
-    hrt_report_quantiles(json, "frame_lateness_us", &r->lateness);
-    hrt_report_quantiles(json, "frame_compute_us", &r->compute);
-    sim_report_magnitude(json, "force_N", &r->force);
-    cJSON_AddNumberToObject(json, "tets_alive", sim_alive(r->s));
-    cJSON_AddStringToObject(json, "state_hash", hash);
-    if (r->haptics) {
-        cJSON *row = cJSON_AddObjectToObject(json, "refused");
-        cJSON_AddNumberToObject(row, "malformed", (double)r->thrown_away.malformed);
-        cJSON_AddNumberToObject(row, "forged", (double)r->thrown_away.forged);
-        cJSON_AddNumberToObject(row, "packets", (double)r->thrown_away.packets);
-        cJSON_AddNumberToObject(row, "foreign", (double)r->thrown_away.foreign);
-    }
-    run_report_energy(r->s, json);
-    int64_t ticks = 0, missed = 0;
-    double late[4] = {0};
-    cJSON *list = cJSON_AddArrayToObject(json, "tools");
-    for (int i = 0; r->haptics && i < r->s->instrument_count; i++) {
-        const sim_tool *t = &r->tools.tool[i];
-        cJSON *row = cJSON_CreateObject();
-        cJSON_AddItemToArray(list, row);
-        cJSON_AddNumberToObject(row, "accepted", (double)t->accepted);
-        cJSON_AddNumberToObject(row, "late", (double)t->late);
-        cJSON_AddNumberToObject(row, "foreign", (double)t->foreign);
-        cJSON_AddNumberToObject(row, "rejected", (double)t->rejected);
-        ticks += r->controller[i].ticks;
-        missed += r->controller[i].missed;
-        for (int k = 0; k < 4; k++) late[k] = fmax(late[k], r->controller[i].lateness_us[k]);
-    }
-    cJSON_AddNumberToObject(json, "ticks", (double)ticks);
-    cJSON_AddNumberToObject(json, "missed_ticks", (double)missed);
-    cJSON *row = cJSON_AddObjectToObject(json, "lateness_us"); /* the controllers' own figures */
-    cJSON_AddNumberToObject(row, "p50", late[0]);
-    cJSON_AddNumberToObject(row, "p99", late[1]);
-    cJSON_AddNumberToObject(row, "max", late[3]);
-    if (app_is_quiet()) return;
-    printf("%" PRId64 " frames in %.2f s, %.3f simulated s per s, %" PRId64
-           " overruns, %.3g s dropped; force %.3g N RMS, %.3g N peak\n",
-           r->frame, wall_s, wall_s > 0 ? r->simulated_s / wall_s : 0, r->overruns,
-           (double)r->publisher.dropped_us * 1e-6, sim_magnitude_rms(&r->force), r->force.peak);
-}
-
 static int begin(realtime *r, const char *log) {
     sim *s = r->s;
-    int rc = run_file_begin(&r->samples, r->o->samples);
+    int rc = run_file_begin(&r->samples_file, r->o->samples);
     if (!rc) rc = run_file_begin(&r->report, r->o->json);
     r->haptics = sim_options(s->scene, "haptics");
     bool network = r->haptics || sim_has(s, "rendering");
@@ -325,8 +280,8 @@ static int begin(realtime *r, const char *log) {
     r->tools.s = s;
     if (!rc && r->o->restore) rc = sim_snapshot_restore(s, r->o->restore);
     if (!rc) rc = run_series_begin(&r->series, s, r->o->paraview, r->o->paraview_every);
-    if (r->samples.begun)
-        fputs("frame,time_s,instrument,tn_us,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rows,flags\n", r->samples.stream);
+    if (r->samples_file.begun)
+        fputs("frame,time_s,instrument,tn_us,px_m,py_m,pz_m,fx_N,fy_N,fz_N,rows,flags\n", r->samples_file.stream);
     return rc;
 }
 
@@ -356,8 +311,8 @@ int run_realtime(sim *s, const run_options *o) {
     else if (recording && !app_output_commit(&log, &error))
         rc = app_report(NULL, 0, &error);
     if (!rc) sim_reach_report(s, r.simulated_s);
-    if (!rc) report(&r, json);
-    int rc2 = run_file_end(&r.samples, !rc || evidence);
+    if (!rc) realtime_report(&r, json);
+    int rc2 = run_file_end(&r.samples_file, !rc || evidence);
     int rc3 = run_series_end(&r.series, true);
     if (rc) {
         run_file_end(&r.report, false);

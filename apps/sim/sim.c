@@ -1,6 +1,7 @@
 /* From a scene to a world that can be stepped, and one frame of it. */
 #include "choices.h"
 #include "models.h"
+#include "stream.h"
 #include "surface.h"
 
 #include <errno.h>
@@ -161,7 +162,8 @@ static int define_model(sim *s) {
     def->support_dof = s->held_dof;
     def->support_m = s->held_m;
     def->load_N = s->load_N;
-    def->frame_s = 1 / s->scene->frame_rate.si;
+    s->samples = sim_stream_per_frame(s->scene);
+    def->frame_s = 1 / (s->scene->frame_rate.si * s->samples);
     def->step_s = s->scene->step.line ? s->scene->step.si : 0;
     def->step_fraction = s->scene->step_fraction.si;
     def->tissue.scaled_step_s = s->scene->mass_scaling.on ? s->scene->step.si : 0;
@@ -176,9 +178,10 @@ static int make_model(sim *s) {
     const int rc = sim_models[s->scene->model.index].make(s);
     if (rc) return rc;
     const tm_pace *pace = &s->model->pace;
-    s->frame_s = pace->frame_s;
+    s->sample_s = pace->frame_s;
+    s->frame_s = 1 / s->scene->frame_rate.si;
     s->dt_s = pace->dt_s;
-    s->substeps = pace->substeps;
+    s->substeps = s->samples * pace->substeps;
     s->average = pace->average;
     own_stages(s, SIM_OWNER_ALL);
     return sim_warn_pace(s);
@@ -272,7 +275,7 @@ static void feel(sim *s, int i) {
     s->patch_valid[i] = made && s->wants[i] == SIM_SENDS_PATCH;
 }
 
-tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
+tm_status sim_sample(sim *s, const tm_tool_pose *to, int32_t substeps) {
     s->broken_off = false;
     tm_model_begin(s->model, to, substeps);
     tm_status status = step_in_slices(s, substeps);
@@ -283,13 +286,25 @@ tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
         memset(s->patch_valid, 0, sizeof s->patch_valid);
         return status;
     }
+    s->last_s = substeps * s->dt_s;
+    const int64_t begin = app_monotonic_us();
     for (int i = 0; i < s->instrument_count; i++) {
-        for (int a = 0; a < 3; a++) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->frame_s;
+        for (int a = 0; a < 3; a++) s->velocity_m_s[i][a] = (to[i].tip_m[a] - s->pose[i].tip_m[a]) / s->last_s;
         s->pose[i] = to[i];
         feel(s, i);
     }
+    s->patches_s = 1e-6 * (double)(app_monotonic_us() - begin);
+    return status;
+}
+
+void sim_frame_end(sim *s) {
     for (int i = 0; i < sim_effect_count; i++)
         if (sim_effects[i]->frame && sim_effect_line(s->scene, i)) sim_effects[i]->frame(s);
     s->frames++;
+}
+
+tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps) {
+    const tm_status status = sim_sample(s, to, substeps);
+    if (!status && !s->broken_off) sim_frame_end(s);
     return status;
 }

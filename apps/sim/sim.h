@@ -97,9 +97,11 @@ struct sim {
     int instrument_count;
 
     double frame_s, dt_s;
-    int32_t substeps, average; /* of a whole frame */
+    double sample_s;           /* from one base sample to the next (stream.h); frame_s where a frame has one */
+    int32_t samples;           /* base samples of a frame, 1 without a controller */
+    int32_t substeps, average; /* of a whole frame; of a sample's end */
     int32_t slice;             /* substeps of about a tenth of a second; 0: not measured yet */
-    bool broken_off;           /* Ctrl-C came inside the last frame */
+    bool broken_off;           /* Ctrl-C came inside the last frame or sample */
     /* Asked before each piece of a frame; returns how many substeps there may be until it is asked again, 1 or more.
      * May cut. Null: nobody asks. */
     int32_t (*between)(void *user, sim *s);
@@ -124,7 +126,9 @@ struct sim {
     tm_patch *patch;                      /* [instrument_count] with SIM_SENDS_PATCH, else null */
     bool patch_valid[TM_MAX_INSTRUMENTS]; /* by the last frame */
     sim_reach reach[TM_MAX_INSTRUMENTS];
-    double velocity_m_s[TM_MAX_INSTRUMENTS][3]; /* of the tips over the last frame */
+    double velocity_m_s[TM_MAX_INSTRUMENTS][3]; /* of the tips over the last sample */
+    double last_s;                              /* length of the last sample */
+    double patches_s;                           /* spent on patches and stiffness by the last sample */
 };
 
 /* Reads the scene with the fields of every effect; 0 or an exit code, having complained. */
@@ -163,6 +167,10 @@ int sim_make_instruments(sim *s);
 
 /* One frame: every instrument goes to to[i] over `substeps` (s->substeps for a whole frame). */
 tm_status sim_frame(sim *s, const tm_tool_pose *to, int32_t substeps);
+/* The same in pieces: force samples of `substeps` each, with reactions and what goes with them after each, and then the
+ * end of the frame: what effects do once a frame. */
+tm_status sim_sample(sim *s, const tm_tool_pose *to, int32_t substeps);
+void sim_frame_end(sim *s);
 
 /* What an extrapolator (hrt_extrapolator) needs. */
 sim_sends sim_sends_of(int extrapolator);

@@ -64,7 +64,7 @@ int64_t sim_tools_mean_utime(sim_tools *t, int instrument, int32_t substeps, int
     sim_tool *tool = &t->tool[instrument];
     if (!tool->seen) return 0;
     const double *v = t->s->velocity_m_s[instrument];
-    double jump_m = t->s->frame_s * sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
+    double jump_m = t->s->last_s * sqrt(v[0] * v[0] + v[1] * v[1] + v[2] * v[2]);
     bool known = tool->used_seen && tool->used_session == tool->now.session && tool->used_utime <= tool->now.utime;
     int64_t end = tool->now.utime, begin = known ? tool->used_utime : end;
     tool->used_seen = true;

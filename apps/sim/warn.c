@@ -1,7 +1,9 @@
 /* What is valid and probably not meant: units, supports, tools that cannot touch. */
 #include <math.h>
 
+#include "effects.h"
 #include "scene_parts.h"
+#include "stream.h"
 #include "surface.h"
 
 /* Brain, the softest organ, has some 500 Pa; bone 2e10. */
@@ -95,13 +97,27 @@ int sim_warn(const sim *s) {
 
 enum { MANY_SUBSTEPS = 20000 }; /* a frame: slow */
 
+/* A frame has a whole number of force samples. */
+static int warn_rate(const sim *s) {
+    const sim_haptics *haptics = sim_options(s->scene, "haptics");
+    if (!haptics || haptics->rate.si == 0 || s->scene->pace == SIM_FRAMES) return 0;
+    const double asked_Hz = haptics->rate.si, rate_Hz = s->samples * s->scene->frame_rate.si;
+    if (fabs(rate_Hz - asked_Hz) <= 0.01 * asked_Hz) return 0;
+    return app_scene_warn(s->scene, haptics->rate.line,
+                          "haptics.rate = %.4g Hz is no multiple of time.frame_rate = %.4g Hz; forces are sent at %.4g "
+                          "Hz: choose a multiple",
+                          asked_Hz, s->scene->frame_rate.si, rate_Hz);
+}
+
 int sim_warn_pace(const sim *s) {
     const tm_pace *pace = &s->model->pace;
-    if (pace->substeps <= MANY_SUBSTEPS) return 0;
+    const int rc = warn_rate(s);
+    if (rc) return rc;
+    if (s->substeps <= MANY_SUBSTEPS) return 0;
     return app_scene_warn(s->scene, s->scene->step.line ? s->scene->step.line : s->scene->material.line,
                           "a frame takes %.3g substeps of %.3g s, set by tetrahedron %lld; look at its material "
                           "(Young's modulus, density) and its shape (tm-mesh info)",
-                          (double)pace->substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
+                          (double)s->substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
 }
 
 /* --- how near it came --- */

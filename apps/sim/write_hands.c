@@ -40,7 +40,7 @@ static int write_session(const sim *s, const char *path) {
         cJSON_AddStringToObject(json, "extrapolator",
                                 hrt_extrapolator_name((hrt_extrapolator)haptics->extrapolator.index));
         cJSON_AddBoolToObject(json, "passivity", haptics->passivity.on);
-        cJSON_AddNumberToObject(json, "rate_Hz", haptics->rate.si);
+        cJSON_AddNumberToObject(json, "rate_Hz", haptics->tick_rate.si);
     }
     cJSON *list = cJSON_AddArrayToObject(json, "instruments");
     for (int i = 0; i < s->instrument_count; i++) {

@@ -98,8 +98,8 @@ static const char *status_fault(const tensormass_sim_status_t *m) {
         if (!all_within(&m->roll_rad[i], 1, 1e6) || !all_within(&m->grip[i], 1, 10))
             return "roll or grip is not finite";
     }
-    const double numbers[] = {m->dt_s, m->frame_s, m->compute_s, m->sim_seconds_per_wall_second};
-    return all_within(numbers, 4, 1e9) ? NULL : "a time is not finite";
+    const double numbers[] = {m->dt_s, m->frame_s, m->compute_s, m->sim_seconds_per_wall_second, m->sample_rate_Hz};
+    return all_within(numbers, 5, 1e9) ? NULL : "a time is not finite";
 }
 
 static void take_instrument(view_instrument *t, const tensormass_sim_status_t *m, int i) {
@@ -125,6 +125,7 @@ void view_intake_status(view_intake *in, view_picture *p, double time_s, const t
     p->has_status = true;
     p->tets = m->tets_alive, p->substeps = m->substeps, p->compute_s = m->compute_s;
     p->sim_rate = m->sim_seconds_per_wall_second, p->frame_hz = m->frame_s > 0 ? 1 / m->frame_s : 0;
+    p->sample_hz = m->sample_rate_Hz;
     float force[VIEW_INSTRUMENTS] = {0};
     for (int i = 0; i < VIEW_INSTRUMENTS; i++) {
         p->instrument[i].shown = false;

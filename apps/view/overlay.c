@@ -89,6 +89,7 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
         write_at(&p, p.x, GREY, "%s tetrahedra   %d substeps", tets, s->substeps);
         p.y += p.line;
         x = write_at(&p, p.x, GREY, "%.1f Hz   ", s->frame_hz);
+        if (s->sample_hz > 1.5 * s->frame_hz) x = write_at(&p, x, GREY, "force %.0f Hz   ", s->sample_hz);
         if (s->sim_rate > 0) {
             x = write_at(&p, x, GREY, "%.1f ms   ", 1e3 * s->compute_s);
             x = write_at(&p, x, s->sim_rate > 0.98 ? GOOD : BAD, "%.2f s/s", s->sim_rate);

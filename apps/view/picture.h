@@ -76,7 +76,7 @@ typedef struct view_picture {
     char title[96], model[24]; /* scene and model, or the file's name */
     bool has_status;
     int32_t tets, substeps;
-    double frame_hz, sim_rate, compute_s;
+    double frame_hz, sample_hz, sim_rate, compute_s;
     double time_s;           /* since the source began */
     view_trace trace;        /* forces of the last seconds */
     double newton_m;         /* length of an arrow of one newton; 0: no arrows */

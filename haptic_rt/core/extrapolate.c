@@ -150,7 +150,7 @@ static void take_patch(hrt_extrapolation *x, const hrt_sample *sample) {
                            (x->patch && fresh && hrt_patch_holds(x->patch) != hrt_patch_holds(fresh));
         if (other)
             x->changed = 2;
-        else if (!x->on_patch)
+        else if (!x->on_patch && fresh)
             x->changed = 1;
     }
     if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh)

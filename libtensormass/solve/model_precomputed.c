@@ -12,6 +12,7 @@ typedef struct quasi {
     tm_patch_def patches;
     bool patches_allowed, timing;
     double time_s, seconds, velocity_m_s[TM_MAX_INSTRUMENTS][3];
+    double way_s; /* length of the frame under way */
     int64_t runs;
     bool felt[TM_MAX_INSTRUMENTS]; /* stiffness[i] is of the last frame */
     double stiffness_N_m[TM_MAX_INSTRUMENTS][9];
@@ -30,9 +31,8 @@ static void destroy(tm_model *m) {
 /* --- frames --- */
 
 static void begin(tm_model *m, const tm_tool_pose *to, int32_t substeps) {
-    (void)m;
     (void)to;
-    (void)substeps;
+    of(m)->way_s = substeps * m->pace.dt_s;
 }
 
 static tm_status step(tm_model *m, int32_t substeps) {
@@ -45,10 +45,10 @@ static void end(tm_model *m) {
     quasi *q = of(m);
     const double start_s = q->timing ? tms_clock_s() : 0;
     if (m->instrument_count > 0) tm_precomputed_update(q->model, m->to);
-    q->time_s += m->pace.frame_s;
+    q->time_s += q->way_s;
     for (int i = 0; i < m->instrument_count; i++) {
         q->felt[i] = false;
-        for (int c = 0; c < 3; c++) q->velocity_m_s[i][c] = (m->to[i].tip_m[c] - m->pose[i].tip_m[c]) / m->pace.frame_s;
+        for (int c = 0; c < 3; c++) q->velocity_m_s[i][c] = (m->to[i].tip_m[c] - m->pose[i].tip_m[c]) / q->way_s;
     }
     q->runs++;
     if (q->timing) q->seconds += tms_clock_s() - start_s;

@@ -222,7 +222,7 @@ def test_breathing_moves_its_support_and_nothing_else_holds_still(bin, root, tmp
 def test_stiffness_and_patch_go_out_only_when_the_extrapolator_asks(bin, root, tmp_path, types, model, compliance, kind):
     for extrapolator in ("position", "tangent", "contact"):
         run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", f"model={model}", "--set", f"haptics.extrapolator={extrapolator}",
-            "--set", f"haptics.compliance={compliance}", "--record", tmp_path / "log", env={"TM_CACHE_DIR": str(tmp_path)})
+            "--set", f"haptics.compliance={compliance}", "--set", "haptics.rate=25 Hz", "--record", tmp_path / "log", env={"TM_CACHE_DIR": str(tmp_path)})
         forces, patches = {}, {}
         for e in lcm.EventLog(str(tmp_path / "log")):
             if e.channel == "FORCE_0":
@@ -359,7 +359,7 @@ def test_friction_in_the_closed_loop_takes_energy_from_the_hand(bin, root, tmp_p
     given = {}
     for name, coefficients in {"none": "{static: 0, sliding: 0}", "some": "{static: 0.3, sliding: 0.2}", "much": "{static: 1, sliding: 0.7}"}.items():
         report(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", TO_AND_FRO, "--duration", "3.6 s", "--csv", tmp_path / f"{name}.csv",
-               "--set", f"haptics.extrapolator={extrapolator}", "--set", "haptics.passivity=false", "--set", f"friction={coefficients}", tmp=tmp_path)
+               "--set", f"haptics.extrapolator={extrapolator}", "--set", "haptics.rate=25 Hz", "--set", "haptics.passivity=false", "--set", f"friction={coefficients}", tmp=tmp_path)
         ticks = np.genfromtxt(tmp_path / f"{name}.csv", delimiter=",", names=True, dtype=None, encoding=None)
         tip, force = (np.column_stack([ticks[column] for column in columns]) for columns in (("px_m", "py_m", "pz_m"), ("fx_N", "fy_N", "fz_N")))
         given[name] = np.cumsum((force[:-1] * np.diff(tip, axis=0)).sum(axis=1))  # to the hand

@@ -35,7 +35,7 @@ def test_summary_has_the_keys_of_the_contract(bin, root, tmp_path):
     assert 0 < r["force_N"]["rms"] < r["force_N"]["peak"] < 8.9
     assert r["sim_seconds_per_wall_second"] > 0 and len(r["state_hash"]) == 16
     (c,) = r["controllers"]
-    assert c["state"] == "engaged" and c["samples_rejected"] == 0 and c["samples_received"] >= 48
+    assert c["state"] == "engaged" and c["samples_rejected"] == 0 and c["samples_received"] >= 998
 
 
 def test_the_force_pushes_back_and_vanishes_after(bin, root, tmp_path):
@@ -49,12 +49,49 @@ def test_the_force_pushes_back_and_vanishes_after(bin, root, tmp_path):
 
 def test_latency_delays_the_force(bin, root, tmp_path):
     first = []
-    for frames in (0, 1):
-        path = tmp_path / f"{frames}.csv"
-        run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--csv", path, "--set", f"haptics.latency={frames}", "--set", "haptics.extrapolator=hold")
+    for samples in (0, 1):
+        path = tmp_path / f"{samples}.csv"
+        run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--csv", path, "--set", f"haptics.latency={samples}", "--set", "haptics.extrapolator=hold",
+            "--set", "haptics.rate=25 Hz")
         t = columns(path)
         first.append(t["time_s"][np.argmax(t["fz_N"] > 1e-4)])
     assert first[1] - first[0] == pytest.approx(0.04, abs=0.003)
+
+
+def rms(a, b):
+    """RMS of the force's error over the peak of the truth `b`."""
+    force = [np.column_stack([run[f"f{axis}_N"] for axis in "xyz"]) for run in (a, b)]
+    return np.sqrt(((force[0] - force[1]) ** 2).sum(axis=1).mean()) / np.linalg.norm(force[1], axis=1).max()
+
+
+def test_more_force_samples_err_less(bin, root, tmp_path):
+    """With `hold` the hand's error falls with the rate of force samples; frames, pictures and log stay at theirs."""
+    traces, counts = {}, {}
+    for rate in (25, 50, 125, 250, 500):
+        csv, samples = tmp_path / f"{rate}.csv", tmp_path / "samples.csv"
+        r = report(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--csv", csv, "--samples", samples, "--set", f"haptics.rate={rate} Hz",
+                   "--set", "haptics.latency=0", "--set", "haptics.extrapolator=hold", tmp=tmp_path)
+        assert r["frames"] == 50
+        traces[rate], counts[rate] = columns(csv), len(columns(samples))
+    assert counts == {rate: 2 * rate for rate in counts}
+    errors = [rms(traces[rate], traces[500]) for rate in (25, 50, 125, 250)]
+    assert 0.01 < errors[0] < 0.2 and all(later < 0.75 * earlier for earlier, later in zip(errors, errors[1:])), errors
+
+
+def test_a_rate_that_no_frame_divides_into_is_told(bin, root):
+    _, said = run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--check", "--set", "haptics.rate=60 Hz")
+    assert "haptics.rate" in said and "at 50 Hz" in said
+    for rate in ("auto", "100 Hz"):
+        assert not run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--check", "--set", f"haptics.rate={rate}")[1]
+    _, said = run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--check", "--set", "haptics.rate=often", code=2)
+    assert "haptics.rate" in said and ";" in said
+
+
+def test_samples_between_frames_take_no_substep_more(bin, root, tmp_path):
+    """At one rate for both a frame is one sample: the same bits as without streaming; more samples round substeps up by less than one each."""
+    scene = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", "haptics.extrapolator=hold"]
+    one, many = (report(*scene, "--set", f"haptics.rate={rate} Hz", tmp=tmp_path) for rate in (25, 500))
+    assert one["substeps_per_frame"] <= many["substeps_per_frame"] < one["substeps_per_frame"] + 20 and many["substeps_per_frame"] % 20 == 0
 
 
 def test_a_device_profile_is_obeyed(bin, root, tmp_path):
@@ -68,7 +105,7 @@ def test_a_device_profile_is_obeyed(bin, root, tmp_path):
 
 
 def test_loss_loses_samples_the_same_way_every_time(bin, root, tmp_path):
-    args = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", "haptics.loss=0.3"]
+    args = [bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--set", "haptics.loss=0.3", "--set", "haptics.rate=25 Hz"]
     a, b = report(*args, tmp=tmp_path), report(*args, tmp=tmp_path)
     assert a["state_hash"] == b["state_hash"]
     assert 20 < a["controllers"][0]["samples_received"] < 45
@@ -78,11 +115,11 @@ def test_loss_loses_samples_the_same_way_every_time(bin, root, tmp_path):
 
 def test_the_log_is_a_plain_lcm_log(bin, build, root, tmp_path):
     log = tmp_path / "session.lcm"
-    r = report(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--record", log, "--set", "rendering.every=5", tmp=tmp_path)
+    r = report(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--record", log, "--set", "rendering.every=5", "--set", "haptics.rate=50 Hz", tmp=tmp_path)
     code = f"""
 import sys, json, lcm
 sys.path.insert(0, {str(build / 'python')!r})
-import tensormass as t
+import tensormass_lcm as t
 kinds = {{'FORCE_0': t.force_sample_t, 'TOOL_0': t.tool_state_t, 'PATCH_0': t.contact_patch_t, 'TISSUE': t.tissue_t, 'SIM_STATUS': t.sim_status_t, 'CONTROLLER_0': t.controller_status_t}}
 count, last, forces, tools = {{}}, -1, [], {{}}
 for e in lcm.EventLog({str(log)!r}):
@@ -102,8 +139,8 @@ print(json.dumps([count, near]))
 """
     # The venv's python has the lcm package.
     count, near = json.loads(run(sys.executable, "-c", code)[0])
-    assert 0 < count.pop("PATCH_0") <= r["frames"]
-    assert count == {"FORCE_0": r["frames"], "TOOL_0": r["ticks"], "TISSUE": 10, "SIM_STATUS": r["frames"], "CONTROLLER_0": 21}
+    assert 0 < count.pop("PATCH_0") <= 2 * r["frames"]
+    assert count == {"FORCE_0": 2 * r["frames"], "TOOL_0": r["ticks"], "TISSUE": 10, "SIM_STATUS": r["frames"], "CONTROLLER_0": 21}
     assert near < 1e-3
 
 

@@ -74,7 +74,7 @@ def test_what_was_said_is_in_the_log(session):
     for e in lcm.EventLog(str(scene.parent / "report.json.lcm")):
         count[e.channel] = count.get(e.channel, 0) + 1
     assert set(count) == {"TOOL_0", "FORCE_0", "TISSUE", "SIM_STATUS"}
-    assert count["FORCE_0"] == count["SIM_STATUS"] == report["frames"]
+    assert count["SIM_STATUS"] == report["frames"] < count["FORCE_0"] == report["force_samples"]["count"] <= 20 * (report["frames"] + 1)
     (tool,) = report["tools"]
     assert count["TOOL_0"] >= sum(tool[k] for k in ("accepted", "late", "foreign", "rejected"))
 

@@ -149,10 +149,10 @@ def test_what_no_scene_holds_is_refused(bin, tmp_path, what):
 
 
 @pytest.mark.parametrize("latency, rate, words", [
-    (2, "25 Hz", "haptics.latency = 2 frames of 40 ms: a force is up to 122 ms old before the next comes, and the controller fades what is older than 100 ms: the hand feels little or nothing; give 1.4 at most"),
-    (1, "5 Hz", "frames of 200 ms: a force is up to 402 ms old before the next comes, and the controller fades what is older than 100 ms"),
+    (2, "25 Hz", "haptics.latency = 2 samples of 40 ms: a force is up to 122 ms old before the next comes, and the controller fades what is older than 100 ms: the hand feels little or nothing; give 1.4 at most"),
+    (1, "10 Hz", "samples of 100 ms: a force is up to 202 ms old before the next comes, and the controller fades what is older than 100 ms"),
     (1.4, "25 Hz", None),
 ])
 def test_a_force_too_old_to_be_felt_is_told(bin, root, latency, rate, words):
-    _, said = run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--duration", "0.2 s", "--set", f"haptics.latency={latency}", "--set", f"time.frame_rate={rate}")
+    _, said = run(bin / "tm-sim", root / "apps/scenes/block-press.yaml", "--lockstep", "--duration", "0.2 s", "--set", f"haptics.latency={latency}", "--set", f"haptics.rate={rate}", "--set", "time.frame_rate=5 Hz")
     assert said.count("\n") == (words is not None) and (words or "") in said, said

@@ -1,0 +1,24 @@
+#include "explain_stream.h"
+
+#include <stdio.h>
+
+#include "effects.h"
+#include "stream.h"
+
+void explain_stream(const sim *s, cJSON *json) {
+    static const char *const with[] = {[SIM_SENDS_FORCE] = "without stiffness and patch",
+                                       [SIM_SENDS_STIFFNESS] = "with stiffness",
+                                       [SIM_SENDS_PATCH] = "with stiffness and patch"};
+    const sim_haptics *haptics = sim_options(s->scene, "haptics");
+    if (!haptics) return;
+    const double rate_Hz = 1 / s->sample_s;
+    const sim_sends most = sim_stream_sends(s, rate_Hz), sends = most < s->can_send ? most : s->can_send;
+    char where[300];
+    app_scene_where(s->scene, haptics->rate.line ? haptics->rate.line : haptics->here.line, where, sizeof where);
+    printf("force samples: %s%.4g Hz of %d substeps, %s (%s)\n\n", haptics->rate.si == 0 ? "up to " : "", rate_Hz,
+           s->substeps / s->samples, with[sends], where);
+    cJSON *out = cJSON_AddObjectToObject(json, "force_samples");
+    cJSON_AddNumberToObject(out, "rate_Hz", rate_Hz);
+    cJSON_AddBoolToObject(out, "adapts", haptics->rate.si == 0);
+    cJSON_AddNumberToObject(out, "substeps", s->substeps / s->samples);
+}

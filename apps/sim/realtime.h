@@ -1,0 +1,49 @@
+/* A session on the wall clock: what its loop and its report share. */
+#ifndef TM_SIM_REALTIME_H
+#define TM_SIM_REALTIME_H
+
+#include <cjson/cJSON.h>
+
+#include "figures.h"
+#include "io/histogram.h"
+#include "publish.h"
+#include "run.h"
+#include "series.h"
+#include "stream.h"
+#include "tools.h"
+
+typedef struct controller_seen {
+    bool seen;
+    int64_t ticks, missed;
+    double lateness_us[4];
+} controller_seen;
+
+typedef struct realtime {
+    sim *s;
+    const run_options *o;
+    const sim_haptics *haptics; /* null: instruments follow the hand */
+    sim_publisher publisher;
+    sim_tools tools;
+    run_file samples_file, report;
+    run_series series;
+    controller_seen controller[TM_MAX_INSTRUMENTS];
+    sim_stream stream;
+    sim_stream_spent spent;                          /* by the frame under way */
+    int64_t start_us, next_us, frame_us, frame;      /* next: when the frame under way ends */
+    int64_t overruns, samples, merged, rate_changes; /* merged: base samples that came too late for one of their own */
+    double simulated_s, compute_s, cost_s;           /* cost_s: of one substep, smoothed */
+    hrt_histogram lateness, compute, sample_lateness;
+    sim_magnitude force;
+    bool told_waiting;
+    struct told {
+        bool here, gone;
+        int64_t refused_us, refused; /* the last line about refused tool states; how many since */
+    } told[TM_MAX_INSTRUMENTS];
+    sim_refused thrown_away; /* as it was told last */
+    int64_t told_thrown_us;
+} realtime;
+
+/* Fills the report of a session that has ended, and says the same in a line. */
+void realtime_report(realtime *r, cJSON *json);
+
+#endif

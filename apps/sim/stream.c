@@ -1,0 +1,106 @@
+#include "stream.h"
+
+#include <math.h>
+
+#include "effects.h"
+
+/* `auto`: no device feels more, and the law has nothing left to guess. */
+static const double top_Hz = 500;
+/* Fastest rate with patches: one costs some milliseconds. */
+static const double patch_rate_max_Hz = 50;
+/* Shares of a processor: above the first the rate falls, below the second at the next higher rate it rises. What is
+ * left is for controllers and the system. */
+static const double load_max = 0.8, load_raise = 0.65;
+static const double calm_before_raise_s = 1;
+enum { STRAIN_MAX = 3 };
+
+int32_t sim_stream_per_frame(const app_scene *scene) {
+    const sim_haptics *haptics = sim_options(scene, "haptics");
+    if (!haptics || scene->pace == SIM_FRAMES) return 1;
+    const bool automatic = haptics->rate.si == 0;
+    const double wanted = (automatic ? top_Hz : haptics->rate.si) / scene->frame_rate.si;
+    const int32_t count = (int32_t)(automatic ? floor(wanted + 1e-9) : round(wanted));
+    return count > 1 ? count : 1;
+}
+
+static double rate_of(const sim_stream *stream, int32_t batch) { return stream->per_frame / (stream->frame_s * batch); }
+
+double sim_stream_rate_Hz(const sim_stream *stream) { return rate_of(stream, stream->batch); }
+
+double sim_stream_load(const sim_stream *stream, int32_t batch) {
+    const int32_t samples = stream->per_frame / batch;
+    double cost_s = stream->per_frame * stream->base_cost_s + samples * stream->sample_cost_s + stream->frame_cost_s;
+    if (rate_of(stream, batch) <= patch_rate_max_Hz) cost_s += samples * stream->patch_cost_s;
+    return cost_s / stream->frame_s;
+}
+
+/* Returns the next divisor of per_frame above (coarser) or below `batch`, or `batch` itself at the end. */
+static int32_t neighbour(const sim_stream *stream, int32_t batch, bool coarser) {
+    const int32_t step = coarser ? 1 : -1;
+    for (int32_t b = batch + step; b >= 1 && b <= stream->per_frame; b += step)
+        if (stream->per_frame % b == 0) return b;
+    return batch;
+}
+
+/* Returns the highest rate within the load, or that of the least load where none is. */
+static int32_t choose(const sim_stream *stream) {
+    int32_t best = 1;
+    for (int32_t batch = 1;; batch = neighbour(stream, batch, true)) {
+        if (sim_stream_load(stream, batch) <= load_raise) return batch;
+        if (sim_stream_load(stream, batch) < sim_stream_load(stream, best)) best = batch;
+        if (batch == stream->per_frame) return best;
+    }
+}
+
+void sim_stream_begin(sim_stream *stream, const sim *s, double base_cost_s) {
+    const sim_haptics *haptics = sim_options(s->scene, "haptics");
+    *stream = (sim_stream){.per_frame = s->samples,
+                           .batch = 1,
+                           .adapts = haptics && haptics->rate.si == 0 && s->scene->pace == SIM_REALTIME,
+                           .frame_s = s->frame_s,
+                           .base_cost_s = base_cost_s,
+                           .sample_cost_s = 50e-6 * (1 + s->instrument_count)}; /* until it is measured */
+    if (stream->adapts) stream->batch = choose(stream);
+}
+
+/* Returns the neighbour of the present batch that costs less by a twentieth at least, or the batch itself. Where
+ * patches cost more than the samples that they replace it is the finer one. */
+static int32_t cheaper(const sim_stream *stream) {
+    const int32_t coarser = neighbour(stream, stream->batch, true), finer = neighbour(stream, stream->batch, false);
+    const double least = 0.95 * sim_stream_load(stream, stream->batch);
+    const double by_coarser = sim_stream_load(stream, coarser), by_finer = sim_stream_load(stream, finer);
+    if (fmin(by_coarser, by_finer) >= least) return stream->batch;
+    return by_coarser <= by_finer ? coarser : finer;
+}
+
+static void smooth(double *mean, double sum, int32_t count) {
+    if (count > 0) *mean = *mean > 0 ? *mean + 0.1 * (sum / count - *mean) : sum / count;
+}
+
+bool sim_stream_adapt(sim_stream *stream, const sim_stream_spent *spent) {
+    smooth(&stream->base_cost_s, spent->bases_s, spent->bases);
+    smooth(&stream->sample_cost_s, spent->samples_s, spent->samples);
+    smooth(&stream->patch_cost_s, spent->patches_s, spent->patches);
+    smooth(&stream->frame_cost_s, spent->frame_s, 1);
+    if (!stream->adapts) return false;
+    const int32_t before = stream->batch, finer = neighbour(stream, before, false);
+    const double load = sim_stream_load(stream, before);
+    stream->strain = spent->dropped || load > load_max ? stream->strain + 1 : 0;
+    stream->calm_s =
+        !spent->dropped && sim_stream_load(stream, finer) <= load_raise ? stream->calm_s + stream->frame_s : 0;
+    if (stream->strain >= STRAIN_MAX)
+        stream->batch = cheaper(stream);
+    else if (stream->calm_s >= calm_before_raise_s)
+        stream->batch = finer;
+    if (stream->batch == before) return false;
+    stream->strain = 0;
+    stream->calm_s = 0;
+    return true;
+}
+
+sim_sends sim_stream_sends(const sim *s, double rate_Hz) {
+    const sim_haptics *haptics = sim_options(s->scene, "haptics");
+    const bool frames = s->scene->pace == SIM_FRAMES;
+    if (!haptics || haptics->sends.line || frames || rate_Hz <= patch_rate_max_Hz * (1 + 1e-9)) return SIM_SENDS_PATCH;
+    return SIM_SENDS_FORCE;
+}

@@ -1,0 +1,113 @@
+/* The rate of force samples: what a scene asks for, and how it follows the costs of a machine that is made up. */
+#include "../../apps/sim/stream.h"
+
+#include <math.h>
+
+#include "../fixture.h"
+#include "../long.h"
+
+/* A stream of 20 base samples of 2 ms, as `auto` makes it of a frame of 40 ms, on a machine whose first measurement
+ * says base_cost_s. */
+static sim_stream stream_of(double base_cost_s) {
+    sim_stream stream = {.per_frame = 20,
+                         .batch = 1,
+                         .adapts = true,
+                         .frame_s = 0.04,
+                         .base_cost_s = base_cost_s,
+                         .sample_cost_s = 100e-6};
+    return stream;
+}
+
+/* A frame on a machine of these costs: what is over the frame's time is dropped. */
+static bool frame(sim_stream *stream, double base_s, double sample_s, double patch_s, double rest_s) {
+    const int32_t samples = stream->per_frame / stream->batch;
+    const bool patches = sim_stream_rate_Hz(stream) <= 50;
+    sim_stream_spent spent = {.bases = stream->per_frame,
+                              .samples = samples,
+                              .bases_s = stream->per_frame * base_s,
+                              .samples_s = samples * sample_s,
+                              .patches = patches ? samples : 0,
+                              .patches_s = patches ? samples * patch_s : 0,
+                              .frame_s = rest_s};
+    spent.dropped = spent.bases_s + spent.samples_s + spent.patches_s + rest_s > stream->frame_s;
+    return sim_stream_adapt(stream, &spent);
+}
+
+static int changes(sim_stream *stream, int frames, double base_s, double sample_s, double patch_s) {
+    int count = 0;
+    for (int f = 0; f < frames; f++) count += frame(stream, base_s, sample_s, patch_s, 1e-3);
+    return count;
+}
+
+static void a_quick_machine_keeps_the_top_rate(void **state) {
+    (void)state;
+    sim_stream stream = stream_of(0.4e-3);
+    assert_int_equal(changes(&stream, 2000, 0.4e-3, 80e-6, 10e-3), 0);
+    assert_true(fabs(sim_stream_rate_Hz(&stream) - 500) < 1e-9);
+}
+
+static void expensive_samples_lower_the_rate_to_what_is_held(void **state) {
+    (void)state;
+    sim_stream stream = stream_of(0.4e-3);
+    changes(&stream, 500, 0.4e-3, 1.6e-3, 1e-3); /* 20 samples take 32 ms of 40 beside 8 of simulating */
+    assert_true(sim_stream_rate_Hz(&stream) < 500);
+    assert_true(sim_stream_load(&stream, stream.batch) <= 0.8);
+    const int32_t held = stream.batch;
+    assert_int_equal(changes(&stream, 5000, 0.4e-3, 1.6e-3, 1e-3), 0); /* and no swinging to and fro */
+    assert_int_equal(stream.batch, held);
+}
+
+static void the_rate_rises_again_when_the_machine_is_free(void **state) {
+    (void)state;
+    sim_stream stream = stream_of(0.4e-3);
+    changes(&stream, 500, 0.4e-3, 1.6e-3, 1e-3);
+    assert_true(stream.batch > 1);
+    changes(&stream, 1000, 0.4e-3, 80e-6, 1e-3);
+    assert_int_equal(stream.batch, 1);
+}
+
+static void a_machine_too_slow_for_any_rate_takes_the_cheapest(void **state) {
+    (void)state;
+    sim_stream stream = stream_of(3e-3);
+    assert_true(changes(&stream, 2000, 3e-3, 80e-6, 10e-3) <= 5);
+    /* Patches at 50 and 25 Hz cost more than the samples that they replace. */
+    assert_true(sim_stream_rate_Hz(&stream) > 50);
+    sim_stream cheap = stream_of(3e-3);
+    changes(&cheap, 2000, 3e-3, 1e-3, 0);
+    assert_true(cheap.batch >= 4); /* what is left to gain is below a twentieth */
+}
+
+static void random_costs_keep_a_divisor_and_change_seldom(void **state) {
+    (void)state;
+    fix_random random = {7};
+    const int frames = test_is_long() ? 1000000 : 50000;
+    sim_stream stream = stream_of(1e-3);
+    int count = 0;
+    for (int f = 0; f < frames; f++) {
+        const double noise = 0.5 + fix_uniform(&random);
+        count += frame(&stream, 1.2e-3 * noise, 200e-6 * noise, 5e-3 * noise, 1e-3 * noise);
+        assert_true(stream.batch >= 1 && stream.per_frame % stream.batch == 0);
+        assert_true(isfinite(sim_stream_load(&stream, stream.batch)));
+    }
+    assert_true(count < frames / 50); /* never before a second of calm */
+}
+
+static void a_rate_that_is_a_number_stays(void **state) {
+    (void)state;
+    sim_stream stream = stream_of(0.4e-3);
+    stream.adapts = false;
+    assert_int_equal(changes(&stream, 500, 3e-3, 1e-3, 1e-3), 0);
+    assert_int_equal(stream.batch, 1);
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_quick_machine_keeps_the_top_rate),
+        cmocka_unit_test(expensive_samples_lower_the_rate_to_what_is_held),
+        cmocka_unit_test(the_rate_rises_again_when_the_machine_is_free),
+        cmocka_unit_test(a_machine_too_slow_for_any_rate_takes_the_cheapest),
+        cmocka_unit_test(random_costs_keep_a_divisor_and_change_seldom),
+        cmocka_unit_test(a_rate_that_is_a_number_stays),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
