@@ -76,6 +76,8 @@ typedef struct image_defects {
 typedef enum image_end { IMAGE_DONE, IMAGE_STOPPED, IMAGE_BAD_INPUT, IMAGE_NO_MEMORY, IMAGE_FAILED } image_end;
 
 typedef struct image_api {
+    /* Every function works in a child process with limits (box.h): a crash or a limit there is IMAGE_BAD_INPUT with a
+     * sentence, a signal that the caller handles IMAGE_STOPPED. */
     /* NIfTI, NRRD, MetaImage, by ITK; DICOM-SEG, by GDCM. `unit_m`: metres per unit of a file that says none, 0: mm.
      * `why` is one line. */
     image_end (*read)(const char *path, double unit_m, image_volume *out, char why[IMAGE_WHY]);

@@ -10,6 +10,7 @@
 #include <CGAL/perturb_mesh_3.h>
 #include <CGAL/refine_mesh_3.h>
 
+#include <climits>
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
@@ -17,6 +18,7 @@
 #include <new>
 #include <unordered_map>
 
+#include "box.h"
 #include "module.h"
 
 namespace {
@@ -160,27 +162,47 @@ void work(const image_domain &body, const image_wish &wish, Complex &complex) {
     optimise(complex, domain, wish, ask);
 }
 
-} // namespace
-
-image_end image_mesh(const image_domain *domain, const image_wish *wish, image_tets *out, char why[IMAGE_WHY]) {
-    *out = image_tets();
-    image_end end = IMAGE_DONE;
+image_end mesh_here(const image_domain *domain, const image_wish *wish, image_tets *out, char *why) {
     try {
         Complex complex;
         work(*domain, *wish, complex);
         if (!give(complex, out)) throw std::bad_alloc();
+        return IMAGE_DONE;
     } catch (const stopped &) {
-        end = IMAGE_STOPPED;
+        return IMAGE_STOPPED;
     } catch (const std::bad_alloc &) {
         snprintf(why, IMAGE_WHY, "no memory for so many tetrahedra; choose a larger --size");
-        end = IMAGE_NO_MEMORY;
+        return IMAGE_NO_MEMORY;
     } catch (const std::exception &e) {
         snprintf(why, IMAGE_WHY, "CGAL cannot mesh this: %.300s; choose another --size or --smooth", e.what());
-        end = IMAGE_FAILED;
+        return IMAGE_FAILED;
     }
-    if (end != IMAGE_DONE) {
-        free(out->vertex_m), free(out->tet), free(out->label);
-        *out = image_tets();
-    }
-    return end;
+}
+
+void put(box_pipe &to, const image_tets *t) {
+    to.put(&t->vertices, sizeof t->vertices);
+    to.put(&t->tets, sizeof t->tets);
+    to.put(t->vertex_m, 3 * sizeof *t->vertex_m * size_t(t->vertices));
+    to.put(t->tet, 4 * sizeof *t->tet * size_t(t->tets));
+    to.put(t->label, sizeof *t->label * size_t(t->tets));
+}
+
+bool take(box_pipe &from, image_tets *t) {
+    if (!from.take(&t->vertices, sizeof t->vertices) || !from.take(&t->tets, sizeof t->tets)) return false;
+    t->vertex_m = (double *)from.take_array(3.0 * t->vertices, sizeof *t->vertex_m, 3.0 * INT_MAX);
+    t->tet = (int *)from.take_array(4.0 * t->tets, sizeof *t->tet, 4.0 * INT_MAX);
+    t->label = (int *)from.take_array(t->tets, sizeof *t->label, INT_MAX);
+    if (t->vertex_m && t->tet && t->label) return true;
+    free(t->vertex_m), free(t->tet), free(t->label);
+    *t = image_tets();
+    return false;
+}
+
+} // namespace
+
+image_end image_mesh(const image_domain *domain, const image_wish *wish, image_tets *out, char why[IMAGE_WHY]) {
+    *out = image_tets();
+    return image_box(
+        {"CGAL", 0, 0, false}, why, [=](char *said) { return mesh_here(domain, wish, out, said); },
+        [=](box_pipe &to) { put(to, out); }, [=](box_pipe &from) { return take(from, out); });
 }

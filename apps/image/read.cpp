@@ -1,5 +1,5 @@
-// Label images, and vector images of NIfTI, by ITK's readers of NIfTI, NRRD and MetaImage (DICOM-SEG: dicom.cpp). What
-// they would believe of a header is held against the file first.
+// Label images, and vector images of NIfTI, by ITK's readers of NIfTI, NRRD and MetaImage (DICOM-SEG: dicom.cpp), each
+// in a child process with limits (box.h), after our own look at the header (look.h).
 #include <itkMetaDataObject.h>
 #include <itkMetaImageIO.h>
 #include <itkNiftiImageIO.h>
@@ -20,6 +20,8 @@
 #include <new>
 #include <string>
 
+#include "box.h"
+#include "look.h"
 #include "module.h"
 #include "refusal.h"
 
@@ -31,9 +33,6 @@ itk::ImageIOBase::Pointer reader_of(const char *path) {
     const itk::ImageIOBase::Pointer all[] = {itk::NiftiImageIO::New().GetPointer(),
                                              itk::NrrdImageIO::New().GetPointer(),
                                              itk::MetaImageIO::New().GetPointer()};
-    struct stat info;
-    if (stat(path, &info) != 0) throw refusal("cannot open: %s; check the path", strerror(errno));
-    if (!S_ISREG(info.st_mode)) throw refusal("not a file; name a NIfTI, NRRD, MetaImage or DICOM-SEG file");
     for (const auto &io : all)
         if (io->CanReadFile(path)) {
             io->SetFileName(path);
@@ -227,14 +226,31 @@ itk::ImageIORegion whole(const itk::ImageIOBase &io) {
     return region;
 }
 
+// Coordinates are bounded as those of meshes, and voxels are no needles.
+void check_place(const image_volume &v) {
+    const double *s = v.spacing_m, least = std::fmin(s[0], std::fmin(s[1], s[2])),
+                 longest = std::fmax(s[0], std::fmax(s[1], s[2]));
+    if (!(least > 1e-9) || !(longest < 1000 * least))
+        throw refusal("voxels of %.3g x %.3g x %.3g mm; correct its spacing", 1e3 * s[0], 1e3 * s[1], 1e3 * s[2]);
+    for (int i = 0; i < 3; i++) {
+        double most = std::fabs(v.origin_m[i]);
+        for (int k = 0; k < 3; k++) most += std::fabs(v.direction[3 * i + k]) * v.spacing_m[k] * v.size[k];
+        if (!(most < 1e6)) throw refusal("it reaches beyond 1000 km; correct its spacing, origin or unit");
+    }
+}
+
 void read_whole(const char *path, double unit_m, image_volume *out) {
-    if (image_is_dicom(path)) return image_read_dicom(path, out);
+    if (image_is_dicom(path)) {
+        image_read_dicom(path, out);
+        return check_place(*out);
+    }
     const itk::ImageIOBase::Pointer io = reader_of(path);
     io->ReadImageInformation();
     snprintf(out->kind, sizeof out->kind, "%s", io->GetNameOfClass());
     check_shape(*io, out);
     take_place(*io, path, unit_m, out);
     check_size(*io, path, *out);
+    check_place(*out);
     take_names(*io, out);
     const size_t count = (size_t)out->size[0] * (size_t)out->size[1] * (size_t)out->size[2];
     io->SetIORegion(whole(*io));
@@ -335,22 +351,50 @@ template <typename Act> image_end guarded(const Act &act, char why[IMAGE_WHY]) {
 
 } // namespace
 
+// Reads `count` bytes in a second or so at 5 MB/s, with room for three copies.
+static box_limits limits_of(const char *path, double bytes) {
+    return {image_is_dicom(path) ? "GDCM" : "ITK", 5 + std::ceil(bytes / 5e6), 6e8 + 10 * bytes, true};
+}
+
 image_end image_read(const char *path, double unit_m, image_volume *out, char why[IMAGE_WHY]) {
     *out = image_volume();
-    const image_end end = guarded([=] { read_whole(path, unit_m, out); }, why);
-    if (end != IMAGE_DONE) {
-        free(out->label);
-        *out = image_volume();
-    }
-    return end;
+    double bytes = 0;
+    const image_end looked = guarded([&] { bytes = look_at_image(path); }, why);
+    if (looked != IMAGE_DONE) return looked;
+    const auto voxels = [out] { return double(out->size[0]) * out->size[1] * out->size[2]; };
+    return image_box(
+        limits_of(path, bytes), why, [=](char *said) { return guarded([=] { read_whole(path, unit_m, out); }, said); },
+        [=](box_pipe &to) {
+            to.put(out, sizeof *out);
+            to.put(out->label, size_t(voxels()) * sizeof *out->label);
+        },
+        [=](box_pipe &from) {
+            const bool good = from.take(out, sizeof *out) && out->names >= 0 && out->names <= IMAGE_NAMES;
+            uint16_t *label = good ? (uint16_t *)from.take_array(voxels(), sizeof *label, MOST_VOXELS) : nullptr;
+            if (!label) *out = image_volume();
+            out->label = label;
+            return label != nullptr;
+        });
 }
 
 image_end image_read_vectors(const char *path, image_vectors *out, char why[IMAGE_WHY]) {
     *out = image_vectors();
-    const image_end end = guarded([=] { read_whole_vectors(path, out); }, why);
-    if (end != IMAGE_DONE) {
-        free(out->vector);
-        *out = image_vectors();
-    }
-    return end;
+    double bytes = 0;
+    const image_end looked = guarded([&] { bytes = look_at_image(path); }, why);
+    if (looked != IMAGE_DONE) return looked;
+    const auto numbers = [out] { return 3.0 * out->size[0] * out->size[1] * out->size[2]; };
+    return image_box(
+        limits_of(path, bytes), why, [=](char *said) { return guarded([=] { read_whole_vectors(path, out); }, said); },
+        [=](box_pipe &to) {
+            to.put(out, sizeof *out);
+            to.put(out->vector, size_t(numbers()) * sizeof *out->vector);
+        },
+        [=](box_pipe &from) {
+            float *vector = from.take(out, sizeof *out)
+                                ? (float *)from.take_array(numbers(), sizeof *vector, 3.0 * MOST_VOXELS)
+                                : nullptr;
+            if (!vector) *out = image_vectors();
+            out->vector = vector;
+            return vector != nullptr;
+        });
 }

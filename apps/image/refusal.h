@@ -15,6 +15,8 @@ struct refusal : std::exception {
         va_start(arguments, format);
         vsnprintf(text, sizeof text, format, arguments);
         va_end(arguments);
+        for (char *at = text; *at; at++) // words of a file
+            if ((unsigned char)*at < ' ' || *at == 127) *at = '?';
     }
     const char *what() const noexcept override { return text; }
 };

@@ -21,15 +21,13 @@
 #include <cstdlib>
 #include <cstring>
 #include <exception>
-#include <fstream>
-#include <iostream>
 #include <new>
-#include <sstream>
-#include <string>
-#include <strings.h>
 #include <vector>
 
+#include "box.h"
+#include "look.h"
 #include "module.h"
+#include "refusal.h"
 
 namespace {
 
@@ -68,22 +66,6 @@ image_end check(const soup &s, char why[IMAGE_WHY]) {
     if (!s.polygons.empty()) return IMAGE_DONE;
     snprintf(why, IMAGE_WHY, "no faces in it; write the surface anew");
     return IMAGE_BAD_INPUT;
-}
-
-// Counts in a header are held against the file: CGAL's readers try to read as many.
-bool counts_fit(const char *path) {
-    std::ifstream file(path, std::ios::binary);
-    file.seekg(0, std::ios::end);
-    const double bytes = double(file.tellg());
-    file.seekg(0);
-    std::string line, word, name;
-    for (int i = 0; i < 100 && std::getline(file, line) && line.compare(0, 10, "end_header") != 0; i++) {
-        std::istringstream words(line);
-        double count = 0;
-        if (line.compare(0, 8, "element ") == 0 ? !!(words >> word >> name >> count) : i < 8 && !!(words >> count))
-            if (count > bytes && line.find('.') == std::string::npos) return false;
-    }
-    return true;
 }
 
 void give(const std::vector<Point> &points, const std::vector<std::vector<std::size_t>> &triangles,
@@ -174,6 +156,9 @@ void mend_mesh(Mesh &mesh) {
 template <class Work> image_end guarded(char why[IMAGE_WHY], Work work) {
     try {
         return work();
+    } catch (const refusal &e) {
+        snprintf(why, IMAGE_WHY, "%s", e.what());
+        return IMAGE_BAD_INPUT;
     } catch (const std::bad_alloc &) {
         snprintf(why, IMAGE_WHY, "no memory for the surface; decimate it");
         return IMAGE_NO_MEMORY;
@@ -183,28 +168,27 @@ template <class Work> image_end guarded(char why[IMAGE_WHY], Work work) {
     }
 }
 
-} // namespace
+void put(box_pipe &to, const image_surface *s) {
+    to.put(&s->triangles, sizeof s->triangles);
+    to.put(s->corner, 9 * sizeof(double) * std::size_t(s->triangles));
+}
 
-image_end image_read_surface(const char *path, image_surface *out, char why[IMAGE_WHY]) {
-    *out = image_surface();
+// In place of the surface that was there.
+bool take(box_pipe &from, image_surface *s) {
+    int triangles = 0;
+    if (!from.take(&triangles, sizeof triangles)) return false;
+    double *corner = (double *)from.take_array(9.0 * triangles, sizeof *corner, 9.0 * INT_MAX);
+    if (!corner) return false;
+    free(s->corner);
+    s->corner = corner;
+    s->triangles = triangles;
+    return true;
+}
+
+image_end read_here(const char *path, image_surface *out, char *why) {
     return guarded(why, [&]() {
         soup s;
-        const char *dot = strrchr(path, '.');
-        if (dot && (!strcasecmp(dot, ".ply") || !strcasecmp(dot, ".off")) && !counts_fit(path)) {
-            snprintf(why, IMAGE_WHY, "its header counts more than the file holds: cut short; write it anew");
-            return IMAGE_BAD_INPUT;
-        }
-        // What readers complain of on std::cerr is told in one line here.
-        std::streambuf *const silent = std::cerr.rdbuf(nullptr);
-        bool good = false;
-        try {
-            good = CGAL::IO::read_polygon_soup(path, s.points, s.polygons);
-        } catch (...) {
-            std::cerr.rdbuf(silent);
-            throw;
-        }
-        std::cerr.rdbuf(silent);
-        if (!good) {
+        if (!CGAL::IO::read_polygon_soup(path, s.points, s.polygons)) {
             snprintf(why, IMAGE_WHY, "no such surface, damaged or cut short; write it anew");
             return IMAGE_BAD_INPUT;
         }
@@ -216,8 +200,7 @@ image_end image_read_surface(const char *path, image_surface *out, char why[IMAG
     });
 }
 
-image_end image_examine_surface(image_surface *surface, bool mend, image_defects *found, image_defects *left,
-                                char why[IMAGE_WHY]) {
+image_end examine_here(image_surface *surface, bool mend, image_defects *found, image_defects *left, char *why) {
     return guarded(why, [&]() {
         Mesh mesh;
         soup s;
@@ -232,4 +215,34 @@ image_end image_examine_surface(image_surface *surface, bool mend, image_defects
         give(s.points, s.polygons, surface);
         return IMAGE_DONE;
     });
+}
+
+} // namespace
+
+image_end image_read_surface(const char *path, image_surface *out, char why[IMAGE_WHY]) {
+    *out = image_surface();
+    double bytes = 0;
+    const image_end looked = guarded(why, [&]() { return bytes = look_at_surface(path), IMAGE_DONE; });
+    if (looked != IMAGE_DONE) return looked;
+    return image_box(
+        {"CGAL", 5 + std::ceil(bytes / 2e8), 6e8 + 10 * bytes, true}, why,
+        [=](char *said) { return read_here(path, out, said); }, [=](box_pipe &to) { put(to, out); },
+        [=](box_pipe &from) { return take(from, out); });
+}
+
+image_end image_examine_surface(image_surface *surface, bool mend, image_defects *found, image_defects *left,
+                                char why[IMAGE_WHY]) {
+    const double seconds = 5 + std::ceil(surface->triangles / (mend ? 500.0 : 5000.0));
+    *found = *left = image_defects();
+    return image_box(
+        {"CGAL", seconds, 1e9 + 2e4 * surface->triangles, true}, why,
+        [=](char *said) { return examine_here(surface, mend, found, left, said); },
+        [=](box_pipe &to) {
+            to.put(found, sizeof *found);
+            to.put(left, sizeof *left);
+            if (mend) put(to, surface);
+        },
+        [=](box_pipe &from) {
+            return from.take(found, sizeof *found) && from.take(left, sizeof *left) && (!mend || take(from, surface));
+        });
 }

@@ -7,7 +7,7 @@
 #include "command.h"
 #include "fill_regions.h"
 
-enum { LIMIT = 5 * 1000 * 1000 };
+enum { LIMIT = 5 * 1000 * 1000, SIDE_MOST = 1000 };
 
 typedef struct options {
     char *const *in;
@@ -174,6 +174,12 @@ static int check_size(const options *o, const surfaces *s) {
     for (int i = 0; i < s->pieces; i++)
         if (s->piece[i].parent < 0) volume_m3 += shell_volume_m3(s->piece[i].shell);
     const double expected = 12 * volume_m3 / (o->size_m * o->size_m * o->size_m);
+    const double side_m = longest_side_m(s);
+    if (side_m > SIDE_MOST * o->size_m)
+        return app_bad_input(o->in[0], 0,
+                             "its longest side, %.3g m, is more than %d times --size; choose a larger --size, or look "
+                             "for a triangle far away",
+                             side_m, SIDE_MOST);
     if (expected > LIMIT)
         return app_bad_input(
             o->in[0], 0, "about %.2g tetrahedra would come of it; choose a larger --size, or another --unit", expected);

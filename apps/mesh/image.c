@@ -57,6 +57,10 @@ static int parse_label(const char *text, image_options *o) {
         if (length == 0 || length >= sizeof r->name || memchr(end, '"', length))
             return command_usage("image", "--label %s: a name is 1 to 63 letters", text);
         memcpy(r->name, end + 1, length);
+        for (const char *at = r->name; *at; at++)
+            if (iscntrl((unsigned char)*at))
+                return command_usage("image", "--label %d: a control character in its name; use letters and digits",
+                                     r->value);
     } else if (*end && *end != ':')
         return command_usage("image", "--label %s: give N, N=NAME or N=NAME:SIZE", text);
     if (colon && !command_quantity("label", colon + 1, "length", &r->size_m)) return APP_BAD_INPUT;
@@ -319,6 +323,7 @@ int command_image(int argc, char **argv) {
     if (!api) return app_report(NULL, 0, &error);
     app_catch_signals();
     const image_end end = api->read(o.in, o.unit_m, &volume, why);
+    if (end == IMAGE_STOPPED) return app_interrupted_exit();
     if (end) {
         app_bad_input(o.in, 0, "%s", why);
         return end == IMAGE_BAD_INPUT ? APP_BAD_INPUT : APP_FAILED;

@@ -8,6 +8,8 @@
 #include "image.h"
 #include "step.h"
 
+enum { TETS_MOST = 5 * 1000 * 1000 };
+
 static const double volume_aim = 0.01, count_low = 0.85, count_aim = 0.93;
 
 void image_mesh_free(image_mesh *mesh) {
@@ -158,13 +160,27 @@ static bool set_domain(pass *p) {
     return p->seed_m != NULL;
 }
 
+/* Before the work: a size that would make millions of tetrahedra is a slip. */
+static int check_count(const pass *p, double size_m) {
+    const double *s = p->field->spacing_m;
+    image_mesh sizes = {0};
+    double count = 0;
+    set_sizes(p, size_m, &sizes);
+    for (int l = 1; l <= p->field->labels; l++)
+        count += 6 * (double)p->field->voxels[l] * s[0] * s[1] * s[2] / pow(sizes.edge_m[l], 3);
+    if (!(count > TETS_MOST)) return APP_DONE;
+    return app_bad_input(p->o->in, 0, "about %.2g tetrahedra would come of it; choose a larger --size, or a --budget",
+                         count);
+}
+
 int image_make(const image_api *api, const image_options *o, label_field *field, image_mesh *mesh) {
     pass p = {.api = api, .o = o, .field = field};
     *mesh = (image_mesh){0};
     if (!set_domain(&p)) return command_no_memory(o->in);
     double size_m = first_size(&p);
     p.finish = o->budget < 0;
-    int exit = fit(&p, o->budget < 0 ? 6 : 10, &size_m, mesh);
+    int exit = check_count(&p, size_m);
+    if (exit == APP_DONE) exit = fit(&p, o->budget < 0 ? 6 : 10, &size_m, mesh);
     if (exit == APP_DONE && !p.finish) {
         p.finish = true;
         exit = fit(&p, 4, &size_m, mesh);

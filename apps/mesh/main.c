@@ -23,11 +23,14 @@ static void list(FILE *to) {
     for (int i = 0; i < COMMANDS; i++) fprintf(to, "  %-8s %s\n", commands[i].name, commands[i].what);
 }
 
-/* Every command has --quiet, wherever it stands. */
+/* Every command has --quiet, wherever it stands before "--". */
 static int take_quiet(int argc, char **argv) {
     int kept = 0;
+    bool options = true;
     for (int i = 0; i < argc; i++)
-        if (strcmp(argv[i], "--quiet") == 0)
+        if (options && strcmp(argv[i], "--") == 0)
+            options = false, argv[kept++] = argv[i];
+        else if (options && strcmp(argv[i], "--quiet") == 0)
             app_be_quiet();
         else
             argv[kept++] = argv[i];

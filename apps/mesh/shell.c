@@ -122,8 +122,8 @@ static tm_status normals_of_edges(shell *s, tm_error *error) {
 /* ---- the grid ---- */
 
 static int cell_at(const shell *s, int axis, double x) {
-    int i = (int)floor((x - s->low[axis]) / s->cell);
-    return i < 0 ? 0 : i >= s->cells[axis] ? s->cells[axis] - 1 : i;
+    /* Bounded before the cast: a place may be anywhere. */
+    return (int)fmax(0, fmin(s->cells[axis] - 1, floor((x - s->low[axis]) / s->cell)));
 }
 
 static void triangle_cells(const shell *s, int t, int low[3], int high[3]) {
@@ -200,16 +200,27 @@ static tm_status orient(shell *s, bool closed, tm_error *error) {
     }
 }
 
-/* Takes the corners. */
-static tm_status make(double *corner_m, int triangles, bool closed, shell **out, tm_error *error) {
-    shell *s = calloc(1, sizeof *s);
-    if (!s) {
+/* Every coordinate must be a number, and so must squares of differences of two. */
+static tm_status check_corners(const double *corner_m, int triangles, tm_error *error) {
+    if (triangles < 1) return tm_fail(error, TM_ERR_MESH, -1, "no triangles in it; write the surface anew");
+    for (size_t i = 0; i < 9 * (size_t)triangles; i++)
+        if (!(fabs(corner_m[i]) < 1e100))
+            return tm_fail(error, TM_ERR_MESH, (int64_t)(i / 9),
+                           "triangle %zu has a coordinate that is nan or infinite; write the surface anew", i / 9 + 1);
+    return TM_OK;
+}
+
+tm_status shell_of_triangles(double *corner_m, int triangles, bool closed, shell **out, tm_error *error) {
+    shell *s = NULL;
+    tm_status status = check_corners(corner_m, triangles, error);
+    if (!status && !(s = calloc(1, sizeof *s))) status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    if (status) {
         free(corner_m);
-        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+        return status;
     }
     s->vertex = corner_m;
     s->triangle_count = triangles;
-    tm_status status = join(s) ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
+    status = join(s) ? TM_OK : tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
     if (!status) status = orient(s, closed, error);
     if (!status && !make_grid(s)) status = tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the surface");
     if (status)
@@ -217,10 +228,6 @@ static tm_status make(double *corner_m, int triangles, bool closed, shell **out,
     else
         *out = s;
     return status;
-}
-
-tm_status shell_of_triangles(double *corner_m, int triangles, bool closed, shell **out, tm_error *error) {
-    return make(corner_m, triangles, closed, out, error);
 }
 
 void shell_free(shell *s) {

@@ -16,6 +16,7 @@ static bool ends(const char *path, const char *ending) {
 }
 
 static int from_module(const image_end end, const char *path, const char *why) {
+    if (end == IMAGE_STOPPED) return app_interrupted_exit();
     if (end) app_bad_input(path, 0, "%s", why);
     return end == IMAGE_DONE ? APP_DONE : end == IMAGE_BAD_INPUT ? APP_BAD_INPUT : APP_FAILED;
 }

@@ -48,6 +48,11 @@ def arguments():
     return p.parse_args()
 
 
+def plain(path):
+    """The path, or where it would be taken for an option, the same from the root (pathlib drops "./")."""
+    return path.absolute() if str(path).startswith("-") else path
+
+
 def kind_of(path):
     name = path.name.lower()
     for kind, endings in (("image", IMAGES), ("surface", SURFACES), ("mesh", MESHES)):
@@ -237,6 +242,9 @@ def check(a):
     for option, value in (("--budget", a.budget), ("--label", a.label), ("--smooth", a.smooth)):
         if value and kind != "image":
             raise Stop(f"{option} is for images; leave it out")
+    for label in a.label:
+        if any(ord(c) < 32 or ord(c) == 127 for c in label):
+            raise Stop(f"--label {label!r}: a control character in a name; use letters and digits")
     if a.size and kind == "mesh":
         raise Stop("--size: these are tetrahedra already; tm-mesh refine makes finer ones")
     if a.out.exists() and not a.out.is_dir():
@@ -249,6 +257,7 @@ def check(a):
 def main():
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     a = arguments()
+    a.source, a.out = plain(a.source), plain(a.out)
     try:
         run(a, check(a))
     except Stop as stop:

@@ -13,13 +13,23 @@ static void print_place(const char *file, int line) {
         fprintf(stderr, "%s: ", file);
 }
 
+/* Words of a damaged file stay words: no control character reaches the terminal. */
+static void print_plain(const char *text) {
+    for (; *text; text++) {
+        const bool plain = (unsigned char)*text >= ' ' || *text == '\n' || *text == '\t';
+        fputc(plain && *text != 127 ? *text : '?', stderr);
+    }
+    fputc('\n', stderr);
+}
+
 int app_bad_input(const char *file, int line, const char *format, ...) {
     print_place(file, line);
+    char text[4000];
     va_list arguments;
     va_start(arguments, format);
-    vfprintf(stderr, format, arguments);
+    vsnprintf(text, sizeof text, format, arguments);
     va_end(arguments);
-    fputc('\n', stderr);
+    print_plain(text);
     return APP_BAD_INPUT;
 }
 
@@ -44,9 +54,8 @@ static int exit_code(tm_status status) {
 
 int app_report(const char *file, int line, const tm_error *error) {
     print_place(file, line);
-    fprintf(stderr, "%s\n",
-            error->message[0] ? error->message
-            : error->status   ? tm_status_name(error->status)
-                              : "the simulation did not get to its end; change what was changed last");
+    print_plain(error->message[0] ? error->message
+                : error->status   ? tm_status_name(error->status)
+                                  : "the simulation did not get to its end; change what was changed last");
     return exit_code(error->status);
 }

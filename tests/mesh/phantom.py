@@ -46,6 +46,37 @@ def labels_at(p):
     return out
 
 
+def brain_at(p):
+    """Grey (1) and white matter (2) at places [..., 3], mm from the middle: some 170 mm long, folded as a cortex, the grey a thin sheet over the folds."""
+    q = p / np.array([62.0, 80.0, 56.0])
+    r = np.linalg.norm(q, axis=-1) + 1e-9
+    u = q / r[..., None]
+    fold = np.sin(11 * u[..., 0] + 3 * np.sin(5 * u[..., 1])) * np.sin(9 * u[..., 2] + 3 * np.sin(4 * u[..., 0])) + 0.6 * np.sin(14 * u[..., 1] + 4 * u[..., 2])
+    cleft = 0.1 * np.exp(-((p[..., 0] / 5) ** 2)) * (u[..., 2] > -0.3)  # between the hemispheres
+    outer, inner = 1 + 0.025 * fold - cleft, 0.93 + 0.085 * fold - 2.2 * cleft
+    out = np.zeros(p.shape[:-1], np.uint8)
+    out[r < outer] = 1
+    out[r < np.minimum(inner, outer - 0.05)] = 2
+    return out
+
+
+def vein_at(p):
+    """A liver's lobe (1) with a vein (2) of 3 mm and less that winds through it."""
+    out = np.zeros(p.shape[:-1], np.uint8)
+    out[ellipsoid(p, (0, 0, 0), (60, 45, 35)) < 0] = 1
+    t = np.linspace(-1, 1, 25)
+    way = np.stack([45 * t, 15 * np.sin(4 * t), 10 * np.cos(3 * t)], -1)
+    vein = np.minimum.reduce([capsule(p, a, b, (1.8 - 0.6 * abs(x), 1.8 - 0.6 * abs(x))) for a, b, x in zip(way, way[1:], t)])
+    out[(vein < 0) & (out == 1)] = 2
+    return out
+
+
+def grid_of(labels, extent_mm, spacing):
+    """Label image [x, y, z] of a function of places, its middle at the middle."""
+    size = np.ceil(np.asarray(extent_mm) / spacing).astype(int)
+    return labels(np.stack(np.meshgrid(*[(np.arange(n) - (n - 1) / 2) * s for n, s in zip(size, spacing)], indexing="ij"), -1))
+
+
 def phantom(spacing=(4, 4, 5), noise=0.0, seed=1):
     """Label image [x, y, z]. Noise: that share of voxels takes the label of a neighbour three voxels off."""
     size = np.ceil(EXTENT_MM / spacing).astype(int)

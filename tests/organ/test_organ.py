@@ -142,6 +142,23 @@ def test_bad_input_leaves_nothing(bin, tmp_path, words, said):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.parametrize("name", ["--quiet.msh", "-d.msh", "--help.msh"])
+def test_a_source_that_looks_like_an_option(bin, tmp_path, name):
+    """It is read, and what is wrong with it told; no program takes it for an option."""
+    (tmp_path / name).write_text("not much\n")
+    out = subprocess.run([str(bin / "tm-organ"), "-o", "d", "--no-film", "--", name], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert out.returncode == 2 and f"{name}: does not begin with" in out.stderr and "option" not in out.stderr, out.stderr
+
+
+@pytest.mark.parametrize("label", ["1=a\nb: 2", "1=a\x7f", "1=\x1b[31m"])
+def test_control_characters_in_names_are_refused(bin, tmp_path, label):
+    (tmp_path / "seg.nii").write_text("not much\n")
+    said = organ(bin, tmp_path / "seg.nii", "--label", label, "-o", tmp_path / "out", code=2)
+    assert "a control character in a name" in said and label[2:] not in said
+    said = subprocess.run([bin / "tm-mesh", "image", "--label", label, tmp_path / "seg.nii", "-o", tmp_path / "a.msh"], capture_output=True, text=True)
+    assert said.returncode == 2 and "a control character in its name" in said.stderr
+
+
 def test_from_an_image(bin, build, tmp_path):
     if not (build / "lib/tensormass/image.so").exists():
         pytest.skip("no module 'image': make image builds it (ITK, CGAL)")

@@ -1,0 +1,100 @@
+// Headers of PLY and OFF: counts that the file can hold, elements that have names. OBJ has no header.
+#include <strings.h>
+
+#include <cmath>
+#include <cstdlib>
+#include <cstring>
+#include <sstream>
+
+#include "look.h"
+#include "refusal.h"
+
+namespace {
+
+enum { HEADER_MOST = 1 << 16, LINE_MOST = 1000, ELEMENTS_MOST = 20, PROPERTIES_MOST = 200, OFF_LINES = 100 };
+
+[[noreturn]] void lies() { throw refusal("its header counts more than the file holds: cut short; write it anew"); }
+
+double count_of(const std::string &word, double file_bytes) {
+    char *end;
+    const double count = strtod(word.c_str(), &end);
+    if (word.empty() || *end || !(count >= 0) || count != std::floor(count))
+        throw refusal("its header counts '%.40s'; the file is damaged: write it anew", word.c_str());
+    if (count > file_bytes) lies();
+    return count;
+}
+
+bool is_ply_number(const std::string &type) {
+    static const char *const known[] = {"char", "uchar", "short", "ushort", "int",   "uint",   "float",   "double",
+                                        "int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64"};
+    for (const char *k : known)
+        if (type == k) return true;
+    return false;
+}
+
+// A property stands after its element; its types are PLY's.
+void take_property(std::istringstream &words, int elements, int *properties) {
+    std::string type, count, item, name;
+    words >> type;
+    if (type == "list") words >> count >> item;
+    words >> name;
+    if (!elements) throw refusal("its header has a property before any element; the file is damaged: write it anew");
+    if (++*properties > PROPERTIES_MOST || name.empty() || (type != "list" && !is_ply_number(type)) ||
+        (type == "list" && (!is_ply_number(count) || !is_ply_number(item))))
+        throw refusal("its header has a property of an unknown kind ('%.40s'); write the surface anew", type.c_str());
+}
+
+void look_at_ply(const char *path, double file_bytes) {
+    look_lines lines(path, HEADER_MOST, LINE_MOST);
+    std::string line;
+    int elements = 0, properties = 0;
+    bool vertices = false, faces = false;
+    if (!lines.next(&line) || line != "ply")
+        throw refusal("no PLY: its first line is not 'ply'; give it its right ending");
+    while (lines.next(&line)) {
+        std::istringstream words(line);
+        std::string word, name, count;
+        words >> word;
+        if (word == "end_header") {
+            if (!vertices || !faces)
+                throw refusal("its header has no %s; write the surface anew",
+                              vertices ? "element face" : "element vertex");
+            return;
+        }
+        if (word == "property") take_property(words, elements, &properties);
+        if (word != "element") continue;
+        words >> name >> count;
+        if (++elements > ELEMENTS_MOST)
+            throw refusal("its header has more than %d elements; write it anew", int(ELEMENTS_MOST));
+        count_of(count, file_bytes);
+        vertices |= name == "vertex";
+        faces |= name == "face";
+    }
+    throw refusal("its header has no end_header; the file is cut short or damaged: write it anew");
+}
+
+// OFF, then three counts, between comments and empty lines. What is binary has them as bytes, which CGAL checks.
+void look_at_off(const char *path, double file_bytes) {
+    look_lines lines(path, HEADER_MOST, HEADER_MOST);
+    std::string line;
+    for (int i = 0; i < OFF_LINES && lines.next(&line); i++) {
+        std::istringstream words(line.substr(0, line.find('#')));
+        std::string word;
+        if (!(words >> word)) continue;
+        if (word.find("OFF") != std::string::npos && !(words >> word)) continue;
+        if (word == "BINARY") return;
+        do count_of(word, file_bytes);
+        while (words >> word);
+        return;
+    }
+}
+
+} // namespace
+
+double look_at_surface(const char *path) {
+    const double file_bytes = look_file_bytes(path, "surface");
+    const char *dot = strrchr(path, '.');
+    if (dot && !strcasecmp(dot, ".ply")) look_at_ply(path, file_bytes);
+    if (dot && !strcasecmp(dot, ".off")) look_at_off(path, file_bytes);
+    return 40 * file_bytes;
+}
