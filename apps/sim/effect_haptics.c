@@ -19,8 +19,9 @@ static const app_field fields[] = {
      "what may go with the force, when the controller's extrapolator asks for it (`tangent`: stiffness, `contact`: "
      "patch); left out: what `extrapolator` asks for"},
     {"haptics.compliance", APP_CHOICE, "factor|iterations", "factor", 0, 0, offsetof(sim_haptics, compliance), 0,
-     "of the dynamic model's stiffness and patches: exact, from a factor kept beside the simulation (opens the module "
-     "`solve`; a thread in real time), or estimated by a few conjugate-gradient iterations a frame"},
+     "of the dynamic model's stiffness and patches: from a factor kept beside the simulation (opens the module `solve`; a "
+     "thread in real time), exact but where `rotation` turns tissue, or estimated by a few conjugate-gradient iterations a "
+     "frame: none for the first seconds, and few with `rotation`"},
     {"haptics.patch_vertices", APP_INTEGER, NULL, "24", 3, 24, offsetof(sim_haptics, patch_vertices), 0,
      "of a patch; up to 12 with 16 triangles, more with 32"},
     {"haptics.rate", APP_NUMBER, "rate|auto", "auto", 10, 1000, offsetof(sim_haptics, rate), 0,
@@ -73,11 +74,23 @@ static int open_exact(sim *s, int line, tm_compliance_source *source) {
     tm_factored_def def = api.tm_factored_def_default_();
     def.tissue = s->model->tissue;
     def.fixed = fixed;
+    def.turns = sim_options(s->scene, "rotation") != NULL;
     const tm_status status = api.tm_factored_create_(&def, &factored, &error);
     free(fixed);
     if (status) return sim_report(s->scene, line, &error);
     *source = api.tm_factored_given_(factored);
     return 0;
+}
+
+/* By iterations the columns of a patch take seconds, and where tissue turns they are soon those of another state. */
+static int warn_of_coverage(const sim *s, const sim_haptics *o) {
+    const app_section *turns = sim_options(s->scene, "rotation");
+    if (!turns || o->compliance.index == 0) return 0;
+    return app_scene_warn(
+        s->scene, o->compliance.line,
+        "rotation (line %d) changes the stiffness, which 'compliance: iterations' follows slowly: most "
+        "samples will carry no patch; leave it out, and a factor is kept beside the simulation",
+        turns->line);
 }
 
 /* Memory and a stage only for what may be sent. */
@@ -96,14 +109,10 @@ static int build(sim *s, const void *own) {
     /* A period of samples, and two that its sample may be late. */
     def.horizon_s = 3 * (o->rate.si > 0 ? s->sample_s : s->frame_s);
     tm_compliance_source source;
-    const int turns = sim_options(s->scene, "rotation") != NULL; /* then stiffness moves with the tissue */
-    if (turns && o->compliance.line && o->compliance.index == 0)
-        return app_scene_bad(s->scene, o->compliance.line,
-                             "haptics.compliance = factor knows tissue that keeps its stiffness, and rotation (line "
-                             "%d) changes it; write 'compliance: iterations', or leave it out",
-                             ((const app_section *)sim_options(s->scene, "rotation"))->line);
-    if (!s->model->kind->knows_compliance && o->compliance.index == 0 && !turns) {
-        const int rc = open_exact(s, o->here.line, &source);
+    int rc = warn_of_coverage(s, o);
+    if (rc) return rc;
+    if (!s->model->kind->knows_compliance && o->compliance.index == 0) {
+        rc = open_exact(s, o->here.line, &source);
         if (rc) return rc;
         def.source = &source;
     }

@@ -71,6 +71,7 @@ void realtime_report(realtime *r, cJSON *json) {
     cJSON_AddNumberToObject(json, "tets_alive", sim_alive(r->s));
     cJSON_AddStringToObject(json, "state_hash", hash);
     report_refused(r, json);
+    run_report_coverage(r->s, json);
     run_report_energy(r->s, json);
     report_controllers(r, json);
     if (app_is_quiet()) return;

@@ -96,6 +96,20 @@ void run_report_energy(const sim *s, cJSON *report) {
     add_both(to, s, "hand_J", e.hand_J);
 }
 
+void run_report_coverage(const sim *s, cJSON *report) {
+    static const char *const what[] = {"force", "stiffness", "patch"}; /* as sim_sends */
+    if (s->can_send == SIM_SENDS_FORCE) return;
+    cJSON *list = cJSON_AddArrayToObject(report, "coverage");
+    for (int i = 0; i < s->instrument_count; i++) {
+        const sim_coverage *of = &s->coverage[i];
+        cJSON *to = cJSON_CreateObject();
+        cJSON_AddStringToObject(to, "of", what[s->can_send]);
+        cJSON_AddNumberToObject(to, "touched", (double)of->touched);
+        cJSON_AddNumberToObject(to, "carried", (double)of->carried);
+        cJSON_AddItemToArray(list, to);
+    }
+}
+
 int run_report_end(cJSON *report, run_file *file) {
     tm_error error = {0};
     const bool begun = file->begun;

@@ -58,6 +58,8 @@ int run_say_interrupted(int64_t frame, int64_t total);
 struct cJSON;
 struct cJSON *run_report_begin(const sim *s, const char *mode);
 /* What the effect `energy` knows, where the scene names it. */
+/* Of scenes that send more than forces: how many samples on tissue carried it. */
+void run_report_coverage(const sim *s, struct cJSON *report);
 void run_report_energy(const sim *s, struct cJSON *report);
 /* Writes and deletes it. */
 int run_report_end(struct cJSON *report, run_file *file);

@@ -273,6 +273,11 @@ static void feel(sim *s, int i) {
     const bool made = tm_model_patch(s->model, i, s->patch ? &s->patch[i] : NULL);
     s->reaction[i] = tm_model_reaction(s->model, i);
     s->patch_valid[i] = made && s->wants[i] == SIM_SENDS_PATCH;
+    const tm_tool_reaction *r = &s->reaction[i];
+    const bool felt = r->force_N[0] != 0 || r->force_N[1] != 0 || r->force_N[2] != 0;
+    if (!felt || (r->flags & TM_REACTION_LETTING_GO)) return;
+    s->coverage[i].touched++;
+    s->coverage[i].carried += s->wants[i] == SIM_SENDS_PATCH ? s->patch_valid[i] : r->stiffness_kind != 0;
 }
 
 tm_status sim_sample(sim *s, const tm_tool_pose *to, int32_t substeps) {

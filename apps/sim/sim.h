@@ -10,6 +10,12 @@
 
 enum { SIM_JOINTS = HRT_JOINTS }; /* pitch rad, yaw rad, insertion m, roll rad, grip 0..1 */
 
+/* Samples of an instrument that touched or held tissue (letting go is neither) while its controller asked for more than
+ * the force, and those of them that carried it. */
+typedef struct sim_coverage {
+    int64_t touched, carried;
+} sim_coverage;
+
 typedef struct sim sim;
 
 /* A pair of effects that cannot be in one scene, and the way out ("...; what to do"). */
@@ -125,6 +131,7 @@ struct sim {
     sim_sends wants[TM_MAX_INSTRUMENTS];  /* what the controller's extrapolator asks for, at most can_send */
     tm_patch *patch;                      /* [instrument_count] with SIM_SENDS_PATCH, else null */
     bool patch_valid[TM_MAX_INSTRUMENTS]; /* by the last frame */
+    sim_coverage coverage[TM_MAX_INSTRUMENTS];
     sim_reach reach[TM_MAX_INSTRUMENTS];
     double velocity_m_s[TM_MAX_INSTRUMENTS][3]; /* of the tips over the last sample */
     double last_s;                              /* length of the last sample */

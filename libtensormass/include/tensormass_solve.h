@@ -213,6 +213,7 @@ typedef struct tm_factored_def {
     const uint8_t *fixed; /* [3*vertex_count] 1 where a component is prescribed (tm_support_mask); copied */
     const uint8_t *elsewhere; /* [tet_count] 1: alive too, whatever the tissue says (the condensed part of a hybrid);
                                  copied; null: none */
+    bool turns;               /* the world has the stage "rotation" */
 } tm_factored_def;
 
 /* A factor (CHOLMOD) of the tissue's stiffness, columns of its inverse for the vertices that patches want, and what was
@@ -223,7 +224,7 @@ TM_API tm_factored_def tm_factored_def_default(void);
 TM_API tm_status tm_factored_create(const tm_factored_def *def, tm_factored **factored, tm_error *error);
 TM_API void tm_factored_destroy(tm_factored *factored); /* after the world whose patch stage has its source */
 TM_API int64_t tm_factored_bytes(const tm_factored *factored);
-/* For tm_patch_def.source. Until tm_factored_start a wish is served whole within the exchange after it, in the caller's
+/* For tm_patch_def.source. Until tm_factored_start a wish is served whole within its exchange, in the caller's
  * thread: the same calls give the same bits. */
 TM_API tm_compliance_source tm_factored_source(tm_factored *factored);
 /* The same, for a stage that destroys `factored` with itself. */

@@ -40,7 +40,11 @@ struct tm_factored {
     tms_wish now;        /* what the simulation wants: all instruments together; `alive` unused */
     bool any;            /* a piece has been taken */
     bool live;           /* a thread works */
-    bool waiting;        /* a wish is there that the other side has not looked at; not live */
+    bool turns;
+    int64_t frame; /* one more whenever an instrument comes that has come since the last one */
+    int32_t last_owner;
+    double turn[9 * TMS_PIECE_VERTICES]; /* of the piece that was taken last, since it was made */
+    tm_compliance given;
     pthread_t thread;
     sem_t posted;
     _Atomic bool stop;
@@ -52,6 +56,7 @@ tm_factored_def tm_factored_def_default(void) {
 
 static bool take_memory(tm_factored *f, const uint8_t *elsewhere) {
     const size_t tets = (size_t)tm_tissue_mesh(f->tissue)->tet_count, width = 3 * TMS_PIECE_VERTICES;
+    const size_t vertices = (size_t)tm_tissue_mesh(f->tissue)->vertex_count;
     bool good = true;
     if (elsewhere) {
         f->elsewhere = tm_allocate(tets);
@@ -60,9 +65,10 @@ static bool take_memory(tm_factored *f, const uint8_t *elsewhere) {
     }
     for (int i = 0; i < 3; i++) {
         f->wish[i].alive = tm_allocate(tets);
+        if (f->turns) f->wish[i].u_m = tm_allocate(vertices * 3 * sizeof(double));
         f->piece[i].C_m_N = tm_allocate(sizeof(double) * width * width);
         f->revision[i] = -1;
-        good = good && f->wish[i].alive && f->piece[i].C_m_N;
+        good = good && f->wish[i].alive && (!f->turns || f->wish[i].u_m) && f->piece[i].C_m_N;
     }
     return good;
 }
@@ -70,14 +76,18 @@ static bool take_memory(tm_factored *f, const uint8_t *elsewhere) {
 tm_status tm_factored_create(const tm_factored_def *def, tm_factored **factored, tm_error *error) {
     TM_REQUIRE_DEF(def, TMS_COOKIE_FACTORED, TM_ERR_ARGUMENT);
     TM_REQUIRE(factored && def->tissue && def->fixed, "factored, def->tissue or def->fixed is null", TM_ERR_ARGUMENT);
+    if (def->turns && !(tm_tissue_rotation(def->tissue) > 0))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "compliance of tissue that turns, and its definition has no rotation; give it a threshold");
     tm_factored *f = tm_allocate(sizeof *f);
     if (!f) return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
     memset(f, 0, sizeof *f);
     f->tissue = def->tissue;
+    f->turns = def->turns;
     swap_init(&f->wishes);
     swap_init(&f->pieces);
     sem_init(&f->posted, 0, 0);
-    f->engine = tms_engine_create(def->tissue, def->fixed);
+    f->engine = tms_engine_create(def->tissue, def->fixed, def->turns);
     if (!take_memory(f, def->elsewhere) || !f->engine) {
         tm_factored_destroy(f);
         return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the compliance; use a smaller mesh");
@@ -89,6 +99,7 @@ tm_status tm_factored_create(const tm_factored_def *def, tm_factored **factored,
 void tm_factored_destroy(tm_factored *f) {
     if (!f) return;
     const size_t tets = (size_t)tm_tissue_mesh(f->tissue)->tet_count, width = 3 * TMS_PIECE_VERTICES;
+    const size_t vertices = (size_t)tm_tissue_mesh(f->tissue)->vertex_count;
     if (f->live) {
         atomic_store(&f->stop, true);
         sem_post(&f->posted);
@@ -99,6 +110,7 @@ void tm_factored_destroy(tm_factored *f) {
     tm_release(f->elsewhere, tets);
     for (int i = 0; i < 3; i++) {
         tm_release(f->wish[i].alive, tets);
+        tm_release(f->wish[i].u_m, vertices * 3 * sizeof(double));
         tm_release(f->piece[i].C_m_N, sizeof(double) * width * width);
     }
     tm_release(f, sizeof *f);
@@ -107,8 +119,9 @@ void tm_factored_destroy(tm_factored *f) {
 int64_t tm_factored_bytes(const tm_factored *f) {
     TM_REQUIRE(f, "factored is null", 0);
     const int64_t tets = tm_tissue_mesh(f->tissue)->tet_count, width = 3 * TMS_PIECE_VERTICES;
-    return (int64_t)sizeof *f + (f->elsewhere ? tets : 0) + 3 * (tets + (int64_t)sizeof(double) * width * width) +
-           tms_engine_bytes(f->engine);
+    const int64_t u = f->turns ? 24 * (int64_t)tm_tissue_mesh(f->tissue)->vertex_count : 0;
+    return (int64_t)sizeof *f + 3 * u + (f->elsewhere ? tets : 0) +
+           3 * (tets + (int64_t)sizeof(double) * width * width) + tms_engine_bytes(f->engine);
 }
 
 /* --- the other side --- */
@@ -117,7 +130,7 @@ int64_t tm_factored_bytes(const tm_factored *f) {
 static void work_off(tm_factored *f, bool whole) {
     bool more = true;
     while (more && !atomic_load(&f->stop)) {
-        if (tms_engine_serve(f->engine, &f->wish[f->wishes.reader], &f->piece[f->pieces.writer], &more))
+        if (tms_engine_serve(f->engine, &f->wish[f->wishes.reader], whole, &f->piece[f->pieces.writer], &more))
             swap_put(&f->pieces);
         if (!whole && swap_take(&f->wishes)) more = true;
     }
@@ -144,43 +157,71 @@ tm_status tm_factored_start(tm_factored *f, tm_error *error) {
 
 /* --- the simulation's side --- */
 
-static void post(tm_factored *f) {
+static void post(tm_factored *f, const double *u_m) {
     tms_wish *w = &f->wish[f->wishes.writer];
-    const int32_t revision = tm_tissue_surface(f->tissue).revision, tets = tm_tissue_mesh(f->tissue)->tet_count;
+    const tm_mesh *mesh = tm_tissue_mesh(f->tissue);
+    const int32_t revision = tm_tissue_surface(f->tissue).revision, tets = mesh->tet_count;
     if (f->revision[f->wishes.writer] != revision) {
         memcpy(w->alive, tm_tissue_alive(f->tissue), (size_t)tets);
         for (int32_t t = 0; f->elsewhere && t < tets; t++) w->alive[t] |= f->elsewhere[t];
     }
     f->revision[f->wishes.writer] = revision;
+    if (f->turns) memcpy(w->u_m, u_m, 3 * (size_t)mesh->vertex_count * sizeof *u_m);
+    w->frame = f->frame;
     w->revision = revision;
     memcpy(w->count, f->now.count, sizeof w->count);
+    memcpy(w->needed, f->now.needed, sizeof w->needed);
     memcpy(w->vertex, f->now.vertex, sizeof w->vertex);
     swap_put(&f->wishes);
     if (f->live) sem_post(&f->posted);
-    f->waiting = !f->live;
 }
 
-static const tm_compliance *exchange(void *self, int32_t owner, const int32_t *vertex, int32_t count) {
+/* How the tissue has turned since the newest piece. */
+static void turn(tm_factored *f, const tms_piece *piece, const double *u_m) {
+    const tm_mesh *mesh = tm_tissue_mesh(f->tissue);
+    for (int32_t i = 0; i < piece->is.count; i++) {
+        const double *from = piece->frame + 9 * i;
+        double to[9];
+        tms_vertex_frame(mesh, tm_tissue_alive(f->tissue), u_m, piece->vertex[i], to);
+        for (int k = 0; k < 9; k++) {
+            const double *a = to + 3 * (k / 3), *b = from + 3 * (k % 3);
+            f->turn[9 * i + k] = a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+        }
+    }
+    f->given.turn = f->turn;
+}
+
+static const tm_compliance *exchange(void *self, int32_t owner, const tm_compliance_wish *wish) {
     tm_factored *f = self;
-    TM_REQUIRE(f && owner >= 0 && owner < TM_MAX_INSTRUMENTS && count >= 0 && count <= TM_COMPLIANCE_WANTS &&
-                   (vertex || count == 0),
-               "self or vertex is null, or owner or count is out of range", NULL);
-    for (int32_t i = 0; i < count; i++)
-        TM_REQUIRE(vertex[i] >= 0 && vertex[i] < tm_tissue_mesh(f->tissue)->vertex_count, "no such vertex", NULL);
-    /* Without a thread what was wished for at the call before is made now, whole: the same calls, the same bits. */
-    if (f->waiting && swap_take(&f->wishes)) work_off(f, true);
-    f->now.count[owner] = count;
-    if (count) memcpy(f->now.vertex[owner], vertex, sizeof *vertex * (size_t)count);
-    post(f);
+    TM_REQUIRE(f && wish && owner >= 0 && owner < TM_MAX_INSTRUMENTS && wish->count >= 0 &&
+                   wish->count <= TM_COMPLIANCE_WANTS && wish->needed >= 0 && wish->needed <= wish->count &&
+                   (wish->vertex || wish->count == 0) && (wish->u_m || !f->turns),
+               "self, wish, its vertex or u_m is null, or owner, count or needed is out of range", NULL);
+    for (int32_t i = 0; i < wish->count; i++)
+        TM_REQUIRE(wish->vertex[i] >= 0 && wish->vertex[i] < tm_tissue_mesh(f->tissue)->vertex_count, "no such vertex",
+                   NULL);
+    f->frame += owner <= f->last_owner;
+    f->last_owner = owner;
+    f->now.count[owner] = wish->count;
+    f->now.needed[owner] = wish->needed;
+    if (wish->count) memcpy(f->now.vertex[owner], wish->vertex, sizeof *wish->vertex * (size_t)wish->count);
+    post(f, wish->u_m);
+    /* Without a thread it is made now, whole: the same calls, the same bits. */
+    if (!f->live && swap_take(&f->wishes)) work_off(f, true);
     f->any = swap_take(&f->pieces) || f->any;
-    return f->any ? &f->piece[f->pieces.reader].is : NULL;
+    if (!f->any) return NULL;
+    const tms_piece *piece = &f->piece[f->pieces.reader];
+    f->given = piece->is;
+    if (f->turns) turn(f, piece, wish->u_m);
+    return &f->given;
 }
 
 static tm_status begin_thread(void *self, tm_error *error) { return tm_factored_start(self, error); }
 
 tm_compliance_source tm_factored_source(tm_factored *factored) {
     TM_REQUIRE(factored, "factored is null", (tm_compliance_source){0});
-    return (tm_compliance_source){.self = factored, .exchange = exchange, .start = begin_thread};
+    return (tm_compliance_source){
+        .self = factored, .exchange = exchange, .start = begin_thread, .turns = factored->turns};
 }
 
 static void destroy(void *self) { tm_factored_destroy(self); }

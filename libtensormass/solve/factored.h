@@ -17,27 +17,34 @@ enum {
 
 /* What the simulation asks for: the tissue as it is, and the vertices whose compliance the patches need. */
 typedef struct tms_wish {
+    int64_t frame; /* counted by the wishes */
     int32_t revision;
     uint8_t *alive; /* [tet_count] */
-    int32_t count[TM_MAX_INSTRUMENTS], vertex[TM_MAX_INSTRUMENTS][TM_COMPLIANCE_WANTS];
+    double *u_m;    /* [3*vertex_count] of tissue that turns, else null */
+    int32_t count[TM_MAX_INSTRUMENTS], needed[TM_MAX_INSTRUMENTS], vertex[TM_MAX_INSTRUMENTS][TM_COMPLIANCE_WANTS];
 } tms_wish;
 
 /* What it gets: `is` points into the other two. */
 typedef struct tms_piece {
     tm_compliance is;
     int32_t vertex[TMS_PIECE_VERTICES];
-    double *C_m_N; /* [(3*TMS_PIECE_VERTICES)^2] */
+    double *C_m_N;                        /* [(3*TMS_PIECE_VERTICES)^2] */
+    double frame[9 * TMS_PIECE_VERTICES]; /* of tissue that turns: each vertex's rotation in the state that C is of */
 } tms_piece;
 
 typedef struct tms_engine tms_engine;
 /* Takes all memory but the factor's. `tissue` is read for its mesh, materials and fibres alone, which never change.
  * fixed [3*vertex_count], copied. */
-tms_engine *tms_engine_create(const tm_tissue *tissue, const uint8_t *fixed);
+tms_engine *tms_engine_create(const tm_tissue *tissue, const uint8_t *fixed, bool turns);
 void tms_engine_destroy(tms_engine *engine);
 int64_t tms_engine_bytes(const tms_engine *engine);
-/* Goes one bounded way towards the wish (a factor, or one block of columns) and writes what is exact for wish->revision
- * now into `piece`. False: nothing is there yet, and `*more` tells whether another call would bring something. */
-bool tms_engine_serve(tms_engine *engine, const tms_wish *wish, tms_piece *piece, bool *more);
+/* Goes one bounded way towards the wish (a factor, or one block of columns) and, when all that is needed is there,
+ * writes it into `piece`, exact for wish->revision; of the other wanted vertices those that are there (`needed_only`:
+ * none). False: it is not there yet, and `*more` tells whether another call would bring something. */
+bool tms_engine_serve(tms_engine *engine, const tms_wish *wish, bool needed_only, tms_piece *piece, bool *more);
+
+/* vertex_frame.c: R of F = R S, F the mean deformation of the living tetrahedra around the vertex. */
+void tms_vertex_frame(const tm_mesh *mesh, const uint8_t *alive, const double *u_m, int32_t vertex, double R[9]);
 
 /* factored_update.cpp: with Z = K^-1 E the columns of the touched components and D the stiffness that was cut off them,
  * (K - E D E^T)^-1 = K^-1 + Z M Z^T, M = D (I - E^T Z D)^-1 (Woodbury). G [size][size] row-major: K^-1 among all slots;

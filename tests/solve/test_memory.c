@@ -259,7 +259,8 @@ static void pieces(void **state) {
         if (n) hook.fail_at = before + n;
         for (int i = 0; i < 6; i++) {
             if (i == 3) assert_true(tm_cut_remove(b.tissue, &tet, 1, NULL, 0) > 0);
-            const tm_compliance *c = source.exchange(source.self, 0, &last, 1);
+            const tm_compliance *c =
+                source.exchange(source.self, 0, &(tm_compliance_wish){.count = 1, .needed = 1, .vertex = &last});
             served += c != NULL;
             if (c) assert_true(c->count == 1 && c->C_m_N[0] >= 0 && isfinite(c->C_m_N[0]));
         }

@@ -130,8 +130,8 @@ static void askew_memory_is_told(void **state) {
 
 enum { CONTACT, GRASP, PATCH, PATCH_WITH_SOURCE, CUT, ENERGY, KINDS };
 
-static const tm_compliance *no_pieces(void *self, int32_t owner, const int32_t *wanted, int32_t count) {
-    (void)self, (void)owner, (void)wanted, (void)count;
+static const tm_compliance *no_pieces(void *self, int32_t owner, const tm_compliance_wish *wish) {
+    (void)self, (void)owner, (void)wish;
     return NULL;
 }
 

@@ -117,20 +117,29 @@ typedef struct tm_compliance {
     int32_t count;         /* of vertices */
     const int32_t *vertex; /* [count] ascending */
     const double *C_m_N;   /* [3*count][3*count] symmetric: displacement of component i by a unit force on j */
+    const double *turn;    /* [9*count] rotation of the tissue around each vertex since C, row-major; null: none */
 } tm_compliance;
 
-/* Where exact compliance comes from: somebody beside the world (tm_factored of libtensormass_solve), who keeps a factor
- * of the stiffness and works while frames are computed. Between frames `exchange` hands over what the patch of an
- * instrument (`owner`) needs from now on, most urgent first, with the tissue as it is now, and gets back the newest
- * piece that is ready; null: nothing yet. It neither waits nor allocates. What it returns is valid until the next call.
- */
+/* What the patch of an instrument needs. */
 enum { TM_COMPLIANCE_WANTS = 64 };
+typedef struct tm_compliance_wish {
+    int32_t count, needed; /* vertices; the first `needed` of them make the patch now, the others may be next */
+    const int32_t *vertex; /* [count] most urgent first */
+    const double *u_m;     /* [3*vertex_count] displacement of tissue that turns; else null */
+} tm_compliance_wish;
+
+/* Where compliance comes from: somebody beside the world (tm_factored of libtensormass_solve), who keeps a factor of
+ * the stiffness and works while frames are computed. Between frames `exchange` hands over what the patch of an
+ * instrument (`owner`) needs from now on, with the tissue as it is now, and gets back the newest piece that is ready;
+ * null: nothing yet. What it returns is valid until the next call. In a thread of its own (`start`) it neither waits
+ * nor allocates. */
 typedef struct tm_compliance_source {
     void *self;
-    const tm_compliance *(*exchange)(void *self, int32_t owner, const int32_t *vertex, int32_t count);
+    const tm_compliance *(*exchange)(void *self, int32_t owner, const tm_compliance_wish *wish);
     tm_status (*start)(void *self, tm_error *error); /* from now on in a thread of its own; null: it has none */
     void (*destroy)(void *self); /* called with the stage that has it; null: what `self` points to stays the caller's
                                     and must outlive the world */
+    bool turns;                  /* it reads u_m: for a world with the stage "rotation" too */
 } tm_compliance_source;
 
 /* A surface that is more than that of the world's tissue: the hybrid model's. */
@@ -160,11 +169,13 @@ TM_API tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_p
                                 tm_error *error);
 /* Between frames: goes on computing compliance, then makes the instrument's patch and stiffness from the contact of the
  * last substep. From then on tm_contact_reaction of the instrument carries the stiffness (kind 2 from a source that
- * knows the tissue as it is, kind 1 while it still knows the one before a cut, or from conjugate gradients). Returns
- * false, with kind 0, while the columns it needs are not all there, and when nothing is near. For an instrument that
- * holds tissue (TM_HOLD_VERTICES at most, 24 with conjugate gradients) the patch holds it too; where that takes more
- * vertices than max_vertices allow there is the hold's stiffness alone: false with its kind. The stiffness is
- * without friction, whose force is held between samples where there is no patch. While the jaws let go there is
+ * knows the tissue as it is; kind 1 while it still knows the one before a cut, of tissue that turns, or from conjugate
+ * gradients). Returns false, with kind 0, while a column that it needs is missing, when nothing is near, and when the
+ * patch at rest bears another force than the model: what is not whole is not sent. Where a source lacks columns at the
+ * border, the patch is a smaller one that has all around what bears the load. For an instrument that holds tissue
+ * (TM_HOLD_VERTICES at most; with conjugate gradients 24 less what the patch takes) the patch holds it too; where that
+ * takes more vertices than max_vertices allow there is the hold's stiffness alone: false with its kind. The stiffness
+ * is without friction, whose force is held between samples where there is no patch. While the jaws let go there is
  * neither. No allocation, bounded work. */
 TM_API bool tm_patch_make(tm_patch_maker *maker, int32_t instrument, tm_patch *patch);
 /* For real time: the source works in a thread of its own from now on, where it can. */

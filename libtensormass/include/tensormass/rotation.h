@@ -38,6 +38,14 @@ TM_API double tm_rotation_energy(const tm_rotation *rotation, const double *u_m)
 /* force_N [3*vertex_count] := the correction's force there, N: added to tm_tissue_force it is the tissue's. */
 TM_API void tm_rotation_force(const tm_rotation *rotation, const double *u_m, double *force_N);
 
+/* Of the definition. */
+TM_API double tm_tissue_rotation(const tm_tissue *tissue);
+/* Replaces the tensors of a tissue that nothing steps by those of its law where it has turned: of each tetrahedron
+ * R K R^T, R its rotation at u_m [3*vertex_count] m. That is the tangent of the law without what stress adds to it, and
+ * so positive semidefinite at every u; exact where strains are small. `threshold`: as tm_tissue_def.rotation.
+ * TM_DOUBLE; with averaged shear (volume_shear above 0): TM_ERR_ARGUMENT. Takes memory while it runs. */
+TM_API tm_status tm_tissue_turn(tm_tissue *tissue, double threshold, const double *u_m, tm_error *error);
+
 #ifdef __cplusplus
 }
 #endif

@@ -9,21 +9,6 @@
 #include "base/vec.h"
 #include "law/skin.h"
 
-struct tm_patch_maker {
-    tm_pool pool;
-    tm_patch_def def;
-    tm_contact *contact;
-    tm_world *world;
-    tm_columns *columns; /* null with a source */
-    tm_compliance_source source;
-    tm_patch_surface surface;   /* view null: the tissue's */
-    const tm_compliance *known; /* what the source gave last */
-    tm_patch_solver *solver;
-    int32_t revision;
-    int32_t want[TM_MAX_INSTRUMENTS][TM_COMPLIANCE_WANTS], wanted[TM_MAX_INSTRUMENTS]; /* asked of the source last */
-    double tip_m[TM_MAX_INSTRUMENTS][3], velocity_m_s[TM_MAX_INSTRUMENTS][3], time_s[TM_MAX_INSTRUMENTS];
-};
-
 tm_patch_def tm_patch_def_default(void) {
     return (tm_patch_def){.cookie = TM_COOKIE_PATCH,
                           .size = sizeof(tm_patch_def),
@@ -32,10 +17,6 @@ tm_patch_def tm_patch_def_default(void) {
                           .column_vertices = 64,
                           .tolerance = 3e-3,
                           .horizon_s = 0.08};
-}
-
-static tm_surface_view surface_of(const tm_patch_maker *maker) {
-    return maker->surface.view ? maker->surface.view(maker->surface.self) : tm_tissue_surface(maker->world->tissue);
 }
 
 static void observe_motion(tm_patch_maker *maker, int32_t t) {
@@ -49,108 +30,6 @@ static void observe_motion(tm_patch_maker *maker, int32_t t) {
     maker->time_s[t] = now;
 }
 
-/* Nothing holds a piece that gives way more than this: its rest is nowhere, and no patch says where. */
-#define LOOSE_M_N 1.0
-
-/* Where a vertex stands in what the source gave, -1: it does not. */
-static int32_t place_in(const tm_compliance *known, int32_t vertex) {
-    int32_t low = 0, high = known ? known->count : 0;
-    while (low < high) {
-        const int32_t middle = low + (high - low) / 2;
-        if (known->vertex[middle] < vertex)
-            low = middle + 1;
-        else
-            high = middle;
-    }
-    return known && low < known->count && known->vertex[low] == vertex ? low : -1;
-}
-
-static bool usable(void *self, int32_t vertex) {
-    const tm_patch_maker *maker = self;
-    if (maker->columns) return tm_columns_good(maker->columns, vertex);
-    const int32_t at = place_in(maker->known, vertex);
-    for (int c = 0; at >= 0 && c < 3; c++)
-        if (!(maker->known->C_m_N[(int64_t)(3 * at + c) * (3 * maker->known->count + 1)] < LOOSE_M_N)) return false;
-    return at >= 0;
-}
-
-static bool block(void *self, int32_t a, int32_t b, double C[9]) {
-    const tm_patch_maker *maker = self;
-    if (maker->columns) return tm_columns_block(maker->columns, a, b, C);
-    const int32_t i = place_in(maker->known, a), j = place_in(maker->known, b);
-    if (i < 0 || j < 0) return false;
-    const int64_t width = 3 * maker->known->count;
-    for (int k = 0; k < 9; k++) C[k] = maker->known->C_m_N[(3 * i + k / 3) * width + 3 * j + k % 3];
-    return true;
-}
-
-static int32_t kind(const tm_patch_maker *maker) {
-    return !maker->columns && maker->known && maker->known->revision == maker->revision ? 2 : 1;
-}
-
-static int32_t grow(tm_patch_maker *maker, int32_t t, bool known_only, int32_t max_vertices, tm_patch *patch) {
-    const tm_contact *contact = maker->contact;
-    const tm_surface_view surface = surface_of(maker);
-    return tm_patch_grow(maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface,
-                         &contact->tool[t].capsule, maker->velocity_m_s[t], maker->def.horizon_s, contact->row,
-                         contact->row_count, max_vertices, maker->def.max_triangles, known_only ? usable : NULL, maker,
-                         patch);
-}
-
-static bool among(const int32_t *list, int32_t count, int32_t vertex) {
-    for (int32_t i = 0; i < count; i++)
-        if (list[i] == vertex) return true;
-    return false;
-}
-
-/* Held vertices, then the patch's by their distance from the tip. */
-static void want_columns(tm_patch_maker *maker, int32_t t, const int32_t *held, int32_t count, const tm_patch *patch) {
-    int32_t vertex[TM_PATCH_VERTICES];
-    double distance[TM_PATCH_VERTICES];
-    int32_t n = count < 0 ? 0 : count < TM_PATCH_VERTICES ? count : TM_PATCH_VERTICES;
-    const int32_t first = n;
-    for (int32_t i = 0; i < n; i++) vertex[i] = held[i];
-    for (int32_t i = 0; i < patch->vertex_count && n < TM_PATCH_VERTICES; i++) {
-        if (among(held, first, patch->vertex[i])) continue;
-        double d[3];
-        vsub(patch->vertex_m + 3 * i, maker->contact->tool[t].pose.tip_m, d);
-        double far = vdot(d, d);
-        int32_t j = n++;
-        for (; j > first && distance[j - 1] > far; j--) {
-            vertex[j] = vertex[j - 1];
-            distance[j] = distance[j - 1];
-        }
-        vertex[j] = patch->vertex[i];
-        distance[j] = far;
-    }
-    tm_columns_want(maker->columns, t, vertex, n);
-}
-
-/* Held vertices, then what surrounds the tool's way; without a source as many iterations as a call may take. */
-static void want(tm_patch_maker *maker, int32_t t, const int32_t *vertex, int32_t count, tm_patch *patch) {
-    const tm_contact *contact = maker->contact;
-    if (maker->columns) {
-        grow(maker, t, false, maker->def.max_vertices, patch);
-        want_columns(maker, t, vertex, count, patch);
-        tm_columns_work(maker->columns, maker->def.iterations);
-        return;
-    }
-    int32_t near[TM_COMPLIANCE_WANTS], all[TM_COMPLIANCE_WANTS], n = 0;
-    const tm_surface_view surface = surface_of(maker);
-    const int32_t found = tm_patch_nearest(
-        maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface, &contact->tool[t].capsule,
-        maker->velocity_m_s[t], maker->def.horizon_s, contact->row, contact->row_count,
-        contact->tool[t].def.mode == TM_TOOL_CAUTERY ? maker->world->tissue->mass_kg : NULL,
-        maker->world->tissue->mesh->vertex_count, near);
-    for (; n < count && n < TM_HOLD_VERTICES; n++) all[n] = vertex[n];
-    const int32_t held = n;
-    for (int32_t i = 0; i < found && n < TM_COMPLIANCE_WANTS; i++)
-        if (!among(all, held, near[i])) all[n++] = near[i];
-    maker->wanted[t] = n;
-    memcpy(maker->want[t], all, sizeof(int32_t) * (size_t)n);
-    maker->known = maker->source.exchange(maker->source.self, t, all, n);
-}
-
 /* Vertices that the instrument's jaws hold; -1 while they let go. */
 static int32_t held(const tm_patch_maker *maker, int32_t t, tm_patch_hold *hold) {
     *hold = (tm_patch_hold){.force_N = tm_contact_load(maker->contact, t).force_N};
@@ -161,8 +40,8 @@ static int32_t held(const tm_patch_maker *maker, int32_t t, tm_patch_hold *hold)
 static void describe(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     const tm_contact *contact = maker->contact;
     const tm_tool *tool = contact->tool + t;
-    patch->kind = kind(maker);
-    patch->topology_revision = surface_of(maker).revision;
+    patch->kind = tm_patch_known_kind(maker);
+    patch->topology_revision = tm_patch_surface_of(maker).revision;
     patch->skin_compliance_m_N = contact->def.skin_compliance_m_N;
     patch->force_cap_N = contact->def.force_cap_N;
     patch->radius_m = tool->def.radius_m;
@@ -191,18 +70,17 @@ static void radiate(const tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     patch->radiation_s = radius / wave_m_s;
 }
 
-/* Surface near a tool that touches or may touch, and that can be told from what is known. Not for a tool that touches
- * nothing as yet: the patch would touch it. */
+/* Surface near a tool that touches or may touch, all of it known. Not for a tool that touches nothing as yet: the patch
+ * would touch it. */
 static bool find_surface(tm_patch_maker *maker, int32_t t, int32_t max_vertices, double held_N, tm_patch *patch) {
     const tm_tool *tool = maker->contact->tool + t;
     return tm_tool_is_present(tool) && tool->clear && max_vertices >= 3 &&
-           grow(maker, t, true, max_vertices, patch) > 0 &&
-           !tm_patch_bears_outside(patch, held_N, maker->contact->row, maker->contact->row_count);
+           tm_patch_find_known(maker, t, max_vertices, held_N, patch);
 }
 
-static void find_stiffness(tm_patch_maker *maker, const tm_patch *patch, tm_tool *tool) {
-    tm_patch_solver_start(maker->solver, patch, maker->contact->row, maker->contact->row_count);
-    tm_patch_stiffness(maker->solver, patch, tool->pose.tip_m, tool->stiffness_N_m);
+static bool find_stiffness(tm_patch_maker *maker, const tm_patch *patch, tm_tool *tool) {
+    return tm_patch_find_stiffness(maker->solver, patch, maker->contact->row, maker->contact->row_count,
+                                   tool->pose.tip_m, tool->stiffness_N_m);
 }
 
 /* A tool that holds tissue: springs and rows of contact beside them. */
@@ -212,18 +90,19 @@ static bool make_held(tm_patch_maker *maker, int32_t t, const tm_patch_hold *hol
     double held_N[3] = {0, 0, 0};
     bool known = hold->count <= TM_HOLD_VERTICES;
     for (int32_t i = 0; i < hold->count && known; i++) {
-        known = usable(maker, hold->vertex[i]);
+        known = tm_patch_is_known(maker, hold->vertex[i]);
         vmadd(held_N, 1, hold->force_N + 3 * i, held_N);
     }
     if (!known) return false;
     const bool whole = find_surface(maker, t, maker->def.max_vertices - 1, vnorm(held_N), patch);
     if (!whole) patch->vertex_count = patch->triangle_count = 0;
+    if (!whole && tm_patch_bears_outside(patch, vnorm(held_N), contact->row, contact->row_count)) return false;
     describe(maker, t, patch);
-    if (!tm_patch_fill_held(maker->solver, patch, hold, tool->pose.tip_m, block, maker, contact->row,
+    if (!tm_patch_fill_held(maker->solver, patch, hold, tool->pose.tip_m, tm_patch_known_block, maker, contact->row,
                             contact->row_count))
         return false;
     memcpy(tool->stiffness_N_m, patch->hold_stiffness_N_m, sizeof tool->stiffness_N_m);
-    if (whole) find_stiffness(maker, patch, tool);
+    if (whole && !find_stiffness(maker, patch, tool)) return false;
     tool->stiffness_kind = patch->kind;
     if (whole) radiate(maker, t, patch);
     return whole;
@@ -241,12 +120,13 @@ static bool make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     patch->instrument = t;
     tm_patch_hold hold;
     const int32_t count = held(maker, t, &hold);
-    want(maker, t, hold.vertex, count, patch);
+    tm_patch_want(maker, t, hold.vertex, count, patch);
     if (count > 0) return make_held(maker, t, &hold, patch);
     if (count < 0 || !find_surface(maker, t, maker->def.max_vertices, 0, patch)) return false;
     describe(maker, t, patch);
-    if (!tm_patch_fill(patch, block, maker, contact->row, contact->row_count)) return false;
-    find_stiffness(maker, patch, tool);
+    if (!tm_patch_fill(patch, tm_patch_known_block, maker, contact->row, contact->row_count) ||
+        !find_stiffness(maker, patch, tool))
+        return false;
     tool->stiffness_kind = patch->kind;
     radiate(maker, t, patch);
     return true;
@@ -265,6 +145,7 @@ bool tm_patch_make(tm_patch_maker *maker, int32_t t, tm_patch *patch) {
     tm_world *world = maker->world;
     tm_world_work_of(world, maker);
     const bool made = make(maker, t, patch);
+    if (!made) patch->kind = 0;
     if (made && tm_contact_rubs(maker->contact, t)) rub(maker->contact, t, patch);
     tm_world_work_of(world, NULL);
     return made;
@@ -274,9 +155,7 @@ int32_t tm_patch_pending(const tm_patch_maker *maker) {
     TM_REQUIRE(maker, "maker is null", 0);
     if (maker->columns) return tm_columns_pending(maker->columns);
     int32_t pending = 0;
-    for (int t = 0; t < maker->contact->tool_count; t++)
-        for (int32_t i = 0; i < maker->wanted[t]; i++)
-            pending += kind(maker) != 2 || place_in(maker->known, maker->want[t][i]) < 0;
+    for (int t = 0; t < maker->contact->tool_count; t++) pending += maker->missing[t];
     return pending;
 }
 
@@ -306,7 +185,8 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
                        "3 to %d vertices, 1 to %d triangles, at least as many columns, and none negative",
                        def->max_vertices, def->max_triangles, def->column_vertices, def->iterations, def->tolerance,
                        def->horizon_s, TM_PATCH_VERTICES, TM_PATCH_TRIANGLES);
-    if (def->source && tm_world_rotation(world))
+    const bool turns = tm_world_rotation(world) != NULL;
+    if (def->source && turns && !def->source->turns)
         return tm_fail(error, TM_ERR_ARGUMENT, -1,
                        "patch: its source of compliance knows tissue that does not turn, and the world has the stage "
                        "rotation; leave source null");
@@ -325,6 +205,7 @@ tm_status tm_stage_patch(tm_world *world, tm_contact *contact, const tm_patch_de
     maker->contact = contact;
     maker->world = world;
     maker->columns = columns;
+    maker->turns = turns;
     if (def->surface) maker->surface = *def->surface;
     if (def->source) maker->source = *def->source;
     maker->revision = tm_tissue_surface(world->tissue).revision;

@@ -125,7 +125,7 @@ static bool bears_on(const tm_contact_row *row, const int32_t vertex[3]) {
 int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_view *surface,
                       const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
                       const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
-                      bool (*usable)(void *self, int32_t vertex), void *self, tm_patch *patch) {
+                      bool (*usable)(void *self, int32_t vertex), void *self, bool *fans, tm_patch *patch) {
     growth g = {.max_vertices = max_vertices, .max_triangles = max_triangles};
     double way[3], most_N = 0;
     vscale(horizon_s, velocity_m_s, way);
@@ -143,8 +143,9 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
                 middle[c] += at[c] / 3;
             }
             nearest = fmin(nearest, way_distance(capsule->tip_m, way, at));
-            good = good && (!usable || usable(self, t.vertex[j]));
         }
+        if (usable && (nearest < NEAR_M))
+            good = usable(self, t.vertex[0]) && usable(self, t.vertex[1]) && usable(self, t.vertex[2]);
         /* By its nearest corner, so that the fans of the nearest vertices are whole: normals blend over fans. */
         t.distance_m = 0.9 * nearest + 0.1 * way_distance(capsule->tip_m, way, middle);
         for (int32_t k = 0; k < row_count; k++) {
@@ -156,6 +157,9 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
     }
     for (near_triangle *t; g.triangle_count < max_triangles && (t = next(&g)) != NULL;) take(&g, t);
     write_patch(&g, rest_m, u_m, patch);
+    *fans = true;
+    for (int32_t i = 0; i < g.count; i++)
+        *fans = *fans && (g.pool[i].taken || !(g.pool[i].pressed || g.pool[i].beside));
     return patch->triangle_count;
 }
 
@@ -168,8 +172,9 @@ int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm_surfac
     TM_REQUIRE(max_vertices >= 3 && max_vertices <= TM_PATCH_VERTICES && max_triangles >= 1 &&
                    max_triangles <= TM_PATCH_TRIANGLES,
                "max_vertices or max_triangles is out of range", 0);
+    bool fans;
     return tm_patch_grow(rest_m, u_m, surface, capsule, velocity_m_s, horizon_s, row, row_count, max_vertices,
-                         max_triangles, NULL, NULL, patch);
+                         max_triangles, NULL, NULL, &fans, patch);
 }
 
 /* --- what will be needed --- */

@@ -45,6 +45,7 @@ struct tm_patch_solver {
     law_round round;
     mixing mixing;
     struct rest rest; /* of the tool where it is, beside those of its neighbourhood */
+    double here_N[3]; /* force there */
 };
 
 int32_t tm_patch_place(const tm_patch *patch, int32_t vertex) {
@@ -223,6 +224,19 @@ static void hold_force(const tm_patch_solver *s, const tm_patch *patch, const do
                   patch->follow + 9 * s->row[k].vertex[j / 3] + 3 * (j % 3), force_N);
 }
 
+/* Of hold and rows on the tool, equivalent at the tip. */
+static void tip_force(const tm_patch_solver *s, const tm_patch *patch, const double tip_m[3], double force_N[3]) {
+    double moved[3];
+    vsub(tip_m, patch->hold_tip_m, moved);
+    hold_force(s, patch, moved, force_N);
+    for (int32_t i = 0; i < s->row_count; i++) {
+        double on_tool[3], at_tip[3];
+        vscale(-s->row[i].lambda_N, s->row[i].normal, on_tool);
+        tm_tip_force(patch->trocar_m, tip_m, s->row[i].point_m, on_tool, at_tip);
+        vmadd(force_N, 1, at_tip, force_N);
+    }
+}
+
 tm_hold_work *tm_patch_solver_work(tm_patch_solver *s) { return &s->hold; }
 
 static void forget(tm_patch_solver *s, const tm_patch *patch) {
@@ -281,13 +295,7 @@ void tm_patch_force(tm_patch_solver *s, const tm_patch *patch, const double tip_
         solve_rows(s);
         if (take_forces(s, patch, k) < 2e-8) break;
     }
-    hold_force(s, patch, moved, force_N);
-    for (int32_t i = 0; i < s->row_count; i++) {
-        double on_tool[3], at_tip[3];
-        vscale(-s->row[i].lambda_N, s->row[i].normal, on_tool);
-        tm_tip_force(patch->trocar_m, tip_m, s->row[i].point_m, on_tool, at_tip);
-        vmadd(force_N, 1, at_tip, force_N);
-    }
+    tip_force(s, patch, tip_m, force_N);
     if (inside) *inside = is_inside(s, patch);
 }
 
@@ -316,6 +324,7 @@ void tm_patch_stiffness(tm_patch_solver *s, const tm_patch *patch, const double 
     const double h = 2e-5;
     double here[3];
     tm_patch_force(s, patch, tip_m, here, NULL);
+    vset(here, s->here_N);
     keep_rest(s, &s->rest);
     for (int c = 0; c < 3; c++) {
         double change[2][3];
@@ -332,4 +341,15 @@ void tm_patch_stiffness(tm_patch_solver *s, const tm_patch *patch, const double 
         const double ahead = snaps[0] ? 0 : snaps[1] ? 1 : 0.5, behind = snaps[1] ? 0 : 1 - ahead;
         for (int i = 0; i < 3; i++) stiffness_N_m[3 * i + c] = ahead * change[0][i] + behind * change[1][i];
     }
+}
+
+bool tm_patch_find_stiffness(tm_patch_solver *s, const tm_patch *patch, const tm_contact_row *row, int32_t row_count,
+                             const double tip_m[3], double stiffness_N_m[9]) {
+    const double share = 0.3, least_N = 0.05; /* a moving tool's film, and waves, make so much of it */
+    double is[3], off[3];
+    tm_patch_solver_start(s, patch, row, row_count);
+    tip_force(s, patch, tip_m, is);
+    tm_patch_stiffness(s, patch, tip_m, stiffness_N_m);
+    vsub(s->here_N, is, off);
+    return vnorm(off) <= share * vnorm(is) + least_N;
 }

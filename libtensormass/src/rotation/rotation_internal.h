@@ -117,6 +117,7 @@ typedef struct tm_tangent {
     tm_force_kernel force;
     tm_swollen swollen; /* its own look */
     double *gradient;   /* [3*most members of a domain] */
+    bool definite;      /* without what stress adds: R K R^T of each tetrahedron */
 } tm_tangent;
 bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation);
 /* The block of vertices k <= l. */

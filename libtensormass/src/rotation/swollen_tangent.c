@@ -37,11 +37,11 @@ static void turned_gradient(const tm_swollen *s, int32_t owner, int32_t i, doubl
     }
 }
 
-static void add_domain(const tm_swollen *s, int32_t i, const double *turned, tm_force_graph *graph) {
+static void add_domain(const tm_swollen *s, int32_t i, const double *turned, bool definite, tm_force_graph *graph) {
     const tm_domains *d = tm_swollen_domains_of(s);
     const int32_t from = d->member_at[i], to = d->member_at[i + 1];
     const double bulk = s->bulk_Pa[d->law[i]], stiffness = bulk * d->volume_m3[i];
-    const double steep = bulk * s->swelling[i] < s->most_Pa[d->law[i]] ? stiffness : 0;
+    const double steep = definite || bulk * s->swelling[i] < s->most_Pa[d->law[i]] ? stiffness : 0;
     for (int32_t m = from; m < to; m++)
         for (int32_t n = m; n < to && d->lives[m]; n++) {
             if (!d->lives[n]) continue;
@@ -59,7 +59,7 @@ void tm_swollen_tangent(const tm_swollen *s, int32_t begin, int32_t end, tm_tang
         for (int32_t i = d->begin[v]; i < d->begin[v + 1]; i++) {
             if (!(d->volume_m3[i] > 0)) continue;
             turned_gradient(s, v, i, tangent->gradient);
-            add_domain(s, i, tangent->gradient, &tangent->graph);
+            add_domain(s, i, tangent->gradient, tangent->definite, &tangent->graph);
         }
 }
 

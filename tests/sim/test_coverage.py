@@ -1,0 +1,42 @@
+"""At rates at which patches are sent, whoever asks for one gets it with every sample that touches or holds tissue, whatever effects the scene has."""
+import os
+
+import pytest
+from simkit import report, run
+
+LONG = os.environ.get("TM_LONG") == "1"
+EFFECTS = ["--set", "rotation=", "--set", "volume=", "--set", "friction={static: 0.3, sliding: 0.2}",
+           "--set", "viscosity={terms: [{time: 0.3 s, shear: 0.25}]}"]
+# Evaluation scenes have hands of their own; every other scene with haptics is here, up to its cut or as long as seconds allow.
+RUNS = {
+    "block-press": ("block-press", None, []),
+    "block-cut": ("block-cut", 4, []),
+    "block-cut, every effect": ("block-cut", 4, EFFECTS),
+    "liver-press": ("liver-press", None if LONG else 3, []),
+    "liver-cut": ("liver-cut", None if LONG else 5.4, []),
+    "liver-dissect": ("liver-dissect", None if LONG else 6, []),
+    "liver-lift": ("liver-lift", None if LONG else 2, []),
+}
+
+
+def test_every_scene_is_tried(root):
+    haptic = {p.stem for p in (root / "apps/scenes").glob("*.yaml") if "\nhaptics" in p.read_text() and not p.stem.startswith("evaluate-")}
+    assert haptic == {scene for scene, _, _ in RUNS.values()}
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_samples_on_tissue_carry_a_patch(bin, root, tmp_path, name):
+    scene, seconds, more = RUNS[name]
+    length = ["--duration", f"{seconds} s"] if seconds else []
+    r = report(bin / "tm-sim", root / f"apps/scenes/{scene}.yaml", "--lockstep", "--set", "haptics.rate=25", *length, *more, tmp=tmp_path)
+    touched, carried = (sum(i[key] for i in r["coverage"]) for key in ("touched", "carried"))
+    assert touched > 15 and carried >= 0.99 * touched, r["coverage"]
+
+
+def test_what_costs_coverage_is_named(bin, root):
+    scene = [bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--explain", "--set", "haptics.rate=25",
+             "--set", "rotation=", "--set", "haptics.compliance=iterations"]
+    _, said = run(*scene)
+    assert "warning" in said and "rotation" in said and "no patch" in said
+    _, said = run(*scene[:-2])
+    assert "no patch" not in said
