@@ -136,11 +136,14 @@ INSIDE void TM_NAME(sanity)(const V8 F[9], const V8 cof[9], V8 *share, V8 *slope
     *slope = 12 * x * (1 - x);
 }
 
-/* Far out, at strains of 2 and more, terms fade: 1/(1 + |E|^4/16), half at 2. There they would ask for more than the
- * step allows. slope: by |E|^2. */
+/* Far out, at strains of 2 and more, terms fade: 1/(1 + (|E|^2 - 0.01)^2/16), half at 2, 1 below a tenth, so that a
+ * lane that does not turn has the same whoever shares its pack. There they would ask for more than the step allows.
+ * slope: by |E|^2. */
 INSIDE void TM_NAME(fade)(const V8 E[9], V8 *share, V8 *slope) {
     V8 size = {0};
     for (int i = 0; i < 9; i++) size += E[i] * E[i];
+    size -= 0.01;
+    size = (V8)((M8)size & (size > 0));
     *share = 1 / (1 + 0.0625 * size * size);
     *slope = -0.125 * size * *share * *share;
 }
