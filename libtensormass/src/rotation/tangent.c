@@ -205,6 +205,7 @@ bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rota
     tangent->graph.edge_tensor = TM_TAKE(pool, double, 8 * (int64_t)tissue->pair_count);
     tangent->graph.edge_last = TM_TAKE(pool, double, tissue->pair_count);
     tangent->force = tm_force_choose(tissue->plain, false);
+    tangent->definite = false;
     return !pool->failed;
 }
 
