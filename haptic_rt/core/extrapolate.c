@@ -2,13 +2,17 @@
  * one-count jitter; order and loss of samples are settled before (controller.c). */
 #include "internal.h"
 
+#if HRT_WITH_EVIDENCE
+/* Differences over less time are of noise. */
+static const float DIFFERENCE_US = 15000.0f;
+#endif
 typedef struct moment {
     const hrt_params *params;
     float age_s;       /* t - t_n, capped by the horizon */
     float moved_m[3];  /* P - P_n, capped by the horizon */
-    float interval_s;  /* t_n - t_{n-1} */
-    float step_m[3];   /* P_n - P_{n-1} */
-    float change_N[3]; /* F_n - F_{n-1} */
+    float interval_s;  /* t_n - t_m, m the sample that differences are taken from */
+    float step_m[3];   /* P_n - P_m */
+    float change_N[3]; /* F_n - F_m */
 } moment;
 
 static float capped_ratio(const moment *m, float ratio) {
@@ -51,15 +55,15 @@ static void law_paper_position(hrt_extrapolation *x, const moment *m, float forc
     vadd(force, capped_ratio(m, fabsf(vdot(m->moved_m, m->step_m)) / square), m->change_N);
 }
 
-static void add_stiffness(const float stiffness[9], const float moved[3], float force[3]) {
+static void add_stiffness(const float stiffness[9], float share, const float moved[3], float force[3]) {
     float change[3];
     hrt_apply(stiffness, moved, change);
-    vadd(force, 1.0f, change);
+    vadd(force, share, change);
 }
 
 static void law_broyden(hrt_extrapolation *x, const moment *m, float force[3]) {
     if (x->broyden_bounded) x->limits |= HRT_LIMIT_STIFFNESS;
-    add_stiffness(x->broyden_N_m, m->moved_m, force);
+    add_stiffness(x->broyden_N_m, 1.0f, m->moved_m, force);
     only_push(x, true, force);
 }
 
@@ -70,8 +74,16 @@ static void law_tangent(hrt_extrapolation *x, const moment *m, float force[3]) {
         return;
     }
     if (x->now.stiffness_bounded) x->limits |= HRT_LIMIT_STIFFNESS;
-    add_stiffness(x->now.stiffness_N_m, m->moved_m, force);
+    add_stiffness(x->now.stiffness_N_m, HRT_WITH_EVIDENCE ? hrt_evidence_trust(x) : 1.0f, m->moved_m, force);
     only_push(x, false, force);
+}
+
+/* `contact` off its patch: the sample's stiffness, or without one what motion alone did to the force last. */
+static void law_off_patch(hrt_extrapolation *x, const moment *m, float force[3]) {
+    if (!HRT_WITH_EVIDENCE || x->now.stiffness_kind != 0)
+        law_tangent(x, m, force);
+    else
+        law_position(x, m, force);
 }
 
 typedef struct law {
@@ -122,57 +134,101 @@ static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
     hrt_apply(x->broyden_N_m, step, predicted);
     vadd(miss, -1.0f, predicted);
     const float square = guarded_square(params, step);
-    const bool cut = x->now.topology_revision != x->before.topology_revision;
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) x->broyden_N_m[3 * i + j] += cut ? 0.0f : miss[i] * step[j] / square;
+        for (int j = 0; j < 3; j++) x->broyden_N_m[3 * i + j] += x->cut ? 0.0f : miss[i] * step[j] / square;
     /* Out of touch nothing is stiff. */
     const float now = vnorm(x->now.force_N), before = vnorm(x->before.force_N);
     const bool untouched = !(now > 0.0f) && !(before > 0.0f);
     const float norm = hrt_norm9(x->broyden_N_m);
     x->broyden_bounded = norm > params->stiffness_max_N_m;
     float share = untouched ? 0.0f : norm > params->stiffness_max_N_m ? params->stiffness_max_N_m / norm : 1.0f;
-    if (cut && now < before) share *= now / before;
+    if (x->cut && now < before) share *= now / before;
     for (int i = 0; i < 9; i++) x->broyden_N_m[i] *= share;
 }
 
-static void take_patch(hrt_extrapolation *x, const hrt_sample *sample) {
-    /* A patch of another cut state than its sample's is none, nor is one that pulls a probe. */
-    const hrt_patch *fresh = HRT_WITH_PATCHES ? sample->patch : NULL;
-    if (fresh &&
-        (fresh->topology_revision != sample->topology_revision || (sample->unilateral && hrt_patch_holds(fresh)) ||
-         (!HRT_WITH_FRICTION && fresh->friction_static > 0.0f)))
-        fresh = NULL;
-    if (x->which == HRT_CONTACT) {
-        /* Cut tissue, and jaws that have closed or opened, are another tissue, whose rest the first tick does not find
-         * yet: it comes from the second one's force on. Of the same tissue a sample is right at once: a bridge is a
-         * delay in the hand's loop. */
-        const bool other = x->before.topology_revision != sample->topology_revision ||
-                           (x->patch && fresh && hrt_patch_holds(x->patch) != hrt_patch_holds(fresh));
-        if (other)
-            x->changed = 2;
-        else if (!x->on_patch && fresh)
-            x->changed = 1;
-    }
-    if (x->which == HRT_CONTACT && x->on_patch && x->patch && fresh)
+/* A patch of another cut state than its sample's is none, nor is one that pulls a probe. */
+static const hrt_patch *usable(const hrt_sample *sample) {
+    const hrt_patch *patch = HRT_WITH_PATCHES ? sample->patch : NULL;
+    const bool unusable = patch && (patch->topology_revision != sample->topology_revision ||
+                                    (sample->unilateral && hrt_patch_holds(patch)) ||
+                                    (!HRT_WITH_FRICTION && patch->friction_static > 0.0f));
+    return unusable ? NULL : patch;
+}
+
+static void take_patch(hrt_extrapolation *x) {
+    const hrt_patch *fresh = usable(&x->now);
+    /* Cut tissue, and jaws that have closed or opened, are another tissue, whose rest the first tick does not find
+     * yet: it comes from the second one's force on. Of the same tissue a sample is right at once: a bridge is a delay
+     * in the hand's loop. What jaws let go comes at once too. */
+    const bool other = x->cut || (x->patch && fresh && hrt_patch_holds(x->patch) != hrt_patch_holds(fresh));
+    if ((x->now.flags & HRT_FLAG_LETTING_GO) != 0)
+        x->changed = x->bridging = 0, x->on_patch = false;
+    else if (other && x->on_patch)
+        x->changed = 2;
+    if (x->on_patch && x->patch && fresh)
         hrt_contact_warm(x, x->patch, fresh);
     else
         hrt_contact_clear(x);
     x->patch = fresh;
-    x->patch_us = sample->t_us;
+    x->patch_us = x->now.t_us;
     x->patch_left = false;
+#if HRT_WITH_EVIDENCE
+    x->patch_left = x->which == HRT_CONTACT && fresh && !hrt_evidence_patch(x, !other);
+#endif
 }
 
+static __attribute__((noinline)) void remember(const hrt_sample *sample, hrt_past *past) {
+    past->t_us = sample->t_us;
+    vset(sample->tip_m, past->tip_m);
+    vset(sample->force_N, past->force_N);
+#if HRT_WITH_EVIDENCE
+    for (int i = 0; i < 9; i++) past->stiffness_N_m[i] = sample->stiffness_kind != 0 ? sample->stiffness_N_m[i] : 0.0f;
+#endif
+}
+
+#if HRT_WITH_EVIDENCE
+/* Samples may come in every tick: what is told by differences is told by those that are far enough apart. */
+static bool is_far_apart(hrt_extrapolation *x) {
+    if (hrt_older(x->now.t_us - x->between.t_us, DIFFERENCE_US)) {
+        x->before = x->between;
+        remember(&x->now, &x->between);
+    }
+    return hrt_older(x->now.t_us - x->before.t_us, DIFFERENCE_US);
+}
+#else
+/* A small part gets samples a frame apart. */
+static bool is_far_apart(const hrt_extrapolation *x) { return (void)x, true; }
+#endif
+
+/* What a cut or opening jaws do to the force says nothing of how it follows the tool; and what is let go is not stiff
+ * any more. */
 void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, const hrt_sample *sample) {
-    x->before = x->have ? x->now : *sample;
+    const bool anew = x->have == 0 || ((sample->flags | x->now.flags) & HRT_FLAG_LETTING_GO) != 0;
+    x->cut = x->have != 0 && x->now.topology_revision != sample->topology_revision;
+#if HRT_WITH_EVIDENCE
+    x->interval_s = hrt_seconds(sample->t_us - x->now.t_us);
+#else
+    remember(&x->now, &x->before);
+#endif
     x->now = *sample;
     if (hrt_flags_rule(sample->flags) >= HRT_RULE_FORCE_ONLY) {
         x->now.stiffness_kind = 0;
         x->now.patch = NULL;
     }
-    /* What opening jaws do to the force says nothing of how it follows the tool. */
-    x->have = x->have && ((x->now.flags | x->before.flags) & HRT_FLAG_LETTING_GO) == 0 ? 2 : 1;
-    if (x->have == 2) update_broyden(x, params);
-    take_patch(x, &x->now);
+    x->have = is_far_apart(x) && !anew ? 2 : 1;
+    if (x->have == 2) {
+        update_broyden(x, params);
+        if (HRT_WITH_EVIDENCE) hrt_evidence_judge(x);
+    }
+    if (anew || x->cut) {
+        for (int i = 0; i < 9 && anew; i++) x->broyden_N_m[i] = 0.0f;
+        x->have = 1;
+        remember(&x->now, &x->before);
+#if HRT_WITH_EVIDENCE
+        x->between = x->before;
+#endif
+    }
+    take_patch(x);
 }
 
 static void cap_length(float v[3], float most, uint32_t *limits) {
@@ -202,10 +258,22 @@ static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now
     if (x->which == HRT_CONTACT) {
         const bool young = HRT_WITH_PATCHES && x->patch && !hrt_older(now_us - x->patch_us, params->patch_stale_us);
         if (young && !x->patch_left) {
-            if (hrt_contact_force(x, now_us, tip_m, force)) return true;
+#if HRT_WITH_EVIDENCE
+            vset(x->film_tip_m, x->tick_tip_m);
+            x->tick_us = x->film_us;
+#endif
+            if (hrt_contact_force(x, now_us, tip_m, force)) {
+#if HRT_WITH_EVIDENCE
+                hrt_drift_follow(x, now_us, force);
+#endif
+                return true;
+            }
             x->patch_left = true; /* until a new patch comes */
         }
         x->limits |= HRT_LIMIT_PATCH;
+#if HRT_WITH_EVIDENCE
+        x->patch_ticks = 0;
+#endif
     }
     vset(x->now.force_N, force);
     /* A grasper without force holds and touches nothing: what the last samples changed came from its jaws opening, not
@@ -222,22 +290,26 @@ static const float FORGOTTEN = 5.0e-4f; /* a tick, of the largest force felt */
  * at that pace whatever the hand does meanwhile, or at the law's own where that changes faster; to another law of the
  * same tissue on top of the law's own, as what is late there makes a stiff contact swing. */
 static void bridge(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, float force[3]) {
-    float ahead[3], step_N = 0.0f;
-    const float since_us = hrt_us(now_us - x->bridge_us);
+    float ahead[3], moved[3];
+#if HRT_WITH_EVIDENCE
+    const float over_us = fminf(params->blend_us, 2.0e6f * x->interval_s); /* done before much more is known */
+#else
+    const float over_us = params->blend_us;
+#endif
+    float pace_N = x->felt_N * hrt_us(now_us - x->bridge_us) / fmaxf(over_us, 1.0f), own_N = 0.0f;
     vsub(force, x->last_N, ahead);
+    vset(ahead, moved);
+    vadd(moved, 1.0f, x->bridge_N);
     x->bridge_us = now_us;
-    if (x->changed) {
-        if (x->changed > x->bridging && x->last_valid) x->bridging = x->changed;
-        x->changed--;
-    } else {
-        float moved[3];
-        vset(ahead, moved);
-        vadd(moved, 1.0f, x->bridge_N);
-        const float pace_N = x->felt_N * since_us / fmaxf(params->blend_us, 1.0f), own_N = vnorm(moved);
-        step_N = x->bridging > 1 ? fmaxf(pace_N, own_N) : pace_N + own_N;
+    if (!x->changed) {
+        own_N = vnorm(moved);
+    } else if (x->last_valid) { /* samples may come in every tick: what is under way goes on */
+        if (!x->bridging) pace_N = 0.0f;
+        if (x->changed > x->bridging) x->bridging = x->changed;
     }
+    if (x->changed) x->changed--;
     if (!x->bridging) return;
-    const float ahead_N = vnorm(ahead);
+    const float step_N = x->bridging > 1 ? fmaxf(pace_N, own_N) : pace_N + own_N, ahead_N = vnorm(ahead);
     if (!(ahead_N > step_N)) {
         x->bridging = 0;
         return;

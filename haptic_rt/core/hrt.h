@@ -65,7 +65,7 @@ typedef enum hrt_limit {
     HRT_LIMIT_PASSIVITY = 64, /* the passivity controller dissipates */
     HRT_LIMIT_COUPLING = 128, /* the virtual coupling carries the force */
     HRT_LIMIT_RAMP = 256,     /* engaging */
-    HRT_LIMIT_PATCH = 512,    /* `contact` has no usable patch and runs as `tangent` */
+    HRT_LIMIT_PATCH = 512,    /* `contact` has no usable patch and runs as `tangent` or `position` */
     HRT_LIMIT_PAUSE = 1024, /* a late tick, a late encoder frame or the device's watchdog: forces dropped, will ramp in
                                again */
     HRT_LIMIT_UNSTABLE = 2048, /* the newest sample says that the simulation's step failed: the force fades */
@@ -81,7 +81,7 @@ typedef enum hrt_limit {
     ROW(POSITION, "position", law_position)                                                                            \
     ROW(BROYDEN, "broyden", law_broyden)                                                                               \
     ROW(TANGENT, "tangent", law_tangent)                                                                               \
-    ROW(CONTACT, "contact", law_tangent)                      /* off its patch; on it: core/contact.c */               \
+    ROW(CONTACT, "contact", law_off_patch)                    /* off its patch; on it: core/contact.c */               \
     ROW(PAPER_POSITION, "paper_position", law_paper_position) /* unsigned ratio as printed; for comparison only */
 #define HRT_EXTRAPOLATOR_VALUE(id, name, law) HRT_##id,
 typedef enum hrt_extrapolator { HRT_EXTRAPOLATORS(HRT_EXTRAPOLATOR_VALUE) HRT_EXTRAPOLATOR_COUNT } hrt_extrapolator;
@@ -154,6 +154,12 @@ int32_t hrt_params_check(const hrt_params *params);
 /* 0 leaves friction out of a small part's flash and memory: a patch with coefficients is then no patch. */
 #ifndef HRT_WITH_FRICTION
 #define HRT_WITH_FRICTION 1
+#endif
+
+/* 0 leaves out of a small part's flash what samples say of a patch: whether it gives their force, and how fast that
+ * drifts. */
+#ifndef HRT_WITH_EVIDENCE
+#define HRT_WITH_EVIDENCE 1
 #endif
 
 #ifndef HRT_PATCH_MAX_VERTICES
@@ -342,10 +348,23 @@ typedef struct hrt_rubbing {
     float u_m[HRT_PATCH_DOFS], tip_m[3]; /* displacements of the vertices, and the tip, in the last tick */
 } hrt_rubbing;
 
+/* Of an earlier sample. */
+typedef struct hrt_past {
+    int64_t t_us;
+    float tip_m[3], force_N[3];
+#if HRT_WITH_EVIDENCE
+    float stiffness_N_m[9]; /* zero: none */
+#endif
+} hrt_past;
+
 typedef struct hrt_extrapolation {
     hrt_extrapolator which;
-    int32_t have; /* samples held: 0, 1, 2 */
-    hrt_sample now, before;
+    int32_t have; /* 0: no sample; 1: `now`; 2: `before` too, and the difference is of motion alone */
+    hrt_sample now;
+    hrt_past before; /* the sample that differences are taken from */
+#if HRT_WITH_EVIDENCE
+    hrt_past between; /* the next that will be, once it is far enough back */
+#endif
     float broyden_N_m[9];
     bool broyden_bounded;
     float bridge_N[3]; /* while it goes over: what the last force was more than the new law's */
@@ -353,7 +372,7 @@ typedef struct hrt_extrapolation {
     float felt_N;      /* the largest force of the last seconds */
     uint8_t bridging;  /* 1: to another law, 2: to another tissue */
     uint8_t changed;   /* ticks for which what the force was more is measured anew */
-    bool patch_left;   /* the tool went off the newest patch */
+    bool patch_left;   /* the tool went off the newest patch, or that denies its sample */
     bool on_patch;
     const hrt_patch *patch; /* of the newest sample that brought one */
     int64_t patch_us;
@@ -367,6 +386,17 @@ typedef struct hrt_extrapolation {
 #if HRT_WITH_FRICTION
     hrt_rubbing rubbing;
 #endif
+#if HRT_WITH_EVIDENCE
+    float interval_s;              /* between the last two samples */
+    float foretold_N2, came_N2;    /* how a received stiffness fared: squares of its changes, and of those that came */
+    float drift_N_s[3];            /* of the force on a patch, without motion */
+    float drift_lasted, drift_was; /* of drifts, N^2/s^2: how much of each went on in the next */
+    float patch_N[3];              /* the patch's force in the last tick */
+    float tick_tip_m[3];           /* where the tool was in the tick before, and when that was */
+    int64_t tick_us;
+    uint8_t patch_ticks; /* in a row on patches of this tissue, up to two */
+#endif
+    bool cut; /* between the last two samples */
     float last_N[3];
     bool last_valid;
     uint32_t limits; /* hrt_limit bits of the last evaluation */

@@ -71,6 +71,14 @@ void hrt_contact_clear(hrt_extrapolation *x);
 /* Carries the reactions over to a new patch. */
 void hrt_contact_warm(hrt_extrapolation *x, const hrt_patch *old, const hrt_patch *fresh);
 
+/* evidence.c: the share of a received stiffness that came true of late, 0 to 1; that of the sample before is judged by
+ * the newest; whether the newest patch gives its sample's force, to a half; and what the force on it has drifted since,
+ * added to `force_N`. */
+float hrt_evidence_trust(const hrt_extrapolation *x);
+void hrt_evidence_judge(hrt_extrapolation *x);
+bool hrt_evidence_patch(hrt_extrapolation *x, bool same_tissue);
+void hrt_drift_follow(hrt_extrapolation *x, int64_t now_us, float force_N[3]);
+
 /* respond.c: shift[a] := the sum of C_ab x over `count` places b, of which C's upper triangle is there. */
 void hrt_patch_respond(const hrt_patch *patch, uint32_t a, const uint8_t *b, const law_v3 *x, int32_t count,
                        float *shift_m);

@@ -5,14 +5,14 @@ FW_CPUS := m7 m4f
 FW_VARIANTS := plain contact12 contact24
 FW_CPU_m7 := -mcpu=cortex-m7 -mfpu=fpv5-sp-d16
 FW_CPU_m4f := -mcpu=cortex-m4 -mfpu=fpv4-sp-d16
-FW_DEF_plain := -DFW_PATCHES=0 -DHRT_WITH_PATCHES=0 -DHRT_WITH_FRICTION=0 -DHRT_PATCH_MAX_VERTICES=3 -DHRT_PATCH_MAX_TRIANGLES=1
-FW_DEF_contact12 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0 -DHRT_PATCH_MAX_VERTICES=12 -DHRT_PATCH_MAX_TRIANGLES=16
-FW_DEF_contact24 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0
+FW_DEF_plain := -DFW_PATCHES=0 -DHRT_WITH_PATCHES=0 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0 -DHRT_PATCH_MAX_VERTICES=3 -DHRT_PATCH_MAX_TRIANGLES=1
+FW_DEF_contact12 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0 -DHRT_PATCH_MAX_VERTICES=12 -DHRT_PATCH_MAX_TRIANGLES=16
+FW_DEF_contact24 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0
 # An enum is one byte here, so that a check against negative values is always true.
 FW_WARN := -Wall -Wextra -Wno-type-limits -Wconversion -Wno-sign-conversion -Wdouble-promotion -Werror
 # Where -Os still takes flash for speed: constants kept in registers across loops, code moved apart to be scheduled,
-# expressions kept whole, copies of functions and values saved around calls.
-FW_SMALL := -fno-move-loop-invariants -fno-schedule-insns2 -fno-tree-ter -fno-caller-saves -fno-ipa-cp -fweb
+# expressions kept whole, copies of functions and of jumps, blocks in another order, values saved around calls.
+FW_SMALL := -fno-move-loop-invariants -fno-schedule-insns2 -fno-tree-ter -fno-caller-saves -fno-ipa-cp -fno-tree-dominator-opts -fno-reorder-blocks -fno-tree-vrp -fno-tree-slsr -fweb
 # No contraction to fused multiply-adds: the bits are to be the host's.
 FW_CODE := -std=c11 -Os $(FW_SMALL) -g -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -ffunction-sections -fdata-sections
 FW_CFLAGS := $(FW_CODE) -MMD -MP $(FW_WARN) -I. -Ihaptic_rt -Ihaptic_rt/core

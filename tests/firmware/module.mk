@@ -3,8 +3,9 @@ FW_REPLAY_SRC := $(FW_SRC) $(addprefix tests/firmware/,board_replay.c replay_for
 $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(eval $(call fw_image,$(c),$(v),replay,$(FW_REPLAY_SRC)))))
 FW_REPLAY_ELF := $(foreach c,$(FW_CPUS),$(foreach v,$(FW_VARIANTS),$(BUILD)/firmware/$(c)/$(v)/replay.elf))
 
-# The host's reference: the same loop and replay, one with patches and one without. And the recorder.
-FW_HOST_SRC := $(addprefix tests/firmware/,board_replay.c replay_format.c port_host.c) $(addprefix haptic_rt/firmware/,loop.c main.c)
+# The host's reference: the same loop, replay and core, left out of it what the images leave out; one with patches and one
+# without. And the recorder.
+FW_HOST_SRC := $(addprefix tests/firmware/,board_replay.c replay_format.c port_host.c) $(addprefix haptic_rt/firmware/,loop.c main.c) $(FW_CORE_SRC)
 define fw_host
 $(OUT)/tests/firmware/$(1): $(patsubst %.c,$(OUT)/tests/firmware/obj/$(1)/%.o,$(2)) $(LIBHRT_A) $(3)
 	$$(call say,LINK)
@@ -15,8 +16,8 @@ $(OUT)/tests/firmware/obj/$(1)/%.o: %.c
 	$$(Q)$$(CC) $$(BASE_CFLAGS) $$(INCLUDES) $(4) -c $$< -o $$@
 -include $(patsubst %.c,$(OUT)/tests/firmware/obj/$(1)/%.d,$(2))
 endef
-$(eval $(call fw_host,replay_plain,$(FW_HOST_SRC),,-DFW_PATCHES=0))
-$(eval $(call fw_host,replay_contact,$(FW_HOST_SRC),,-DFW_PATCHES=1))
+$(eval $(call fw_host,replay_plain,$(FW_HOST_SRC),,-DHRT_WITH_EVIDENCE=0 -DFW_PATCHES=0))
+$(eval $(call fw_host,replay_contact,$(FW_HOST_SRC),,-DHRT_WITH_EVIDENCE=0 -DFW_PATCHES=1))
 $(eval $(call fw_host,record,tests/firmware/record.c tests/firmware/replay_format.c haptic_rt/firmware/loop.c,$(LIBHRT_DEVICE_A) $(LIBHRT_IO_A),-DFW_PATCHES=1))
 
 #: make check-firmware       the firmware in QEMU on recorded inputs: the host's bits, flash, RAM, stack, instructions per tick

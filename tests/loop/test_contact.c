@@ -607,6 +607,112 @@ static void cut_stale_or_missing_patch(void **state) {
     }
 }
 
+/* The same ground, cut into something softer. */
+static void cut_softer(hrt_patch *to) {
+    *to = patch;
+    to->topology_revision = 1;
+    for (int i = 0; i < HRT_PATCH_COMPLIANCE; i++) to->compliance_m_N[i] *= 1.6f;
+    assert_int_equal(hrt_patch_prepare(to, scratch), HRT_ACCEPT);
+}
+
+static void take_cut(hrt_extrapolation *x, int64_t t_us, const float tip[3], const hrt_patch *p, uint32_t seq) {
+    hrt_sample s = {.session = SIM, .t_us = t_us, .seq = seq, .unilateral = true, .patch = p, .topology_revision = 1};
+    memcpy(s.tip_m, tip, sizeof s.tip_m);
+    hrt_extrapolation_sample(x, &params, &s);
+}
+
+/* While the force goes over to cut tissue the tool moves on, deeper or out, slower than the force goes over or faster:
+ * a tick changes it by the pace, or by what the law itself changes, never by both. */
+static void going_over_while_the_tool_moves(void **state) {
+    (void)state;
+    static hrt_extrapolation x, twin; /* the twin has known cut tissue only */
+    static hrt_patch softer;
+    const float ways[] = {0.0f, 0.0001f, -0.0001f, 0.0003f, -0.0003f}; /* metres a tick */
+    ground(0.0002f);
+    cut_softer(&softer);
+    for (int k = 0; k < 5; k++) {
+        float tip[3] = {0.0f, 0.0f, 0.1185f}, force[3], law[3], last, last_law, largest = 0.0f;
+        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        take(&x, 0, tip, &patch, 1);
+        settle(&x, tip, force);
+        last = force[2];
+        hrt_extrapolation_reset(&twin, HRT_CONTACT);
+        take_cut(&twin, 0, tip, &softer, 1);
+        settle(&twin, tip, law);
+        last_law = law[2];
+        assert_true(fabsf(last - last_law) > 0.05f);
+        take_cut(&x, 42000, tip, &softer, 2);
+        take_cut(&x, 84000, tip, &softer, 3); /* no cut since: the patch is believed */
+        for (int t = 1; t < 90; t++) {
+            tip[2] += t < 10 ? ways[k] : 0.0f;
+            hrt_extrapolation_force(&x, &params, 84000 + 2000 * t, tip, force);
+            hrt_extrapolation_force(&twin, &params, 84000 + 2000 * t, tip, law);
+            largest = fmaxf(largest, fmaxf(fabsf(last), fabsf(law[2])));
+            const float pace = largest * 2000.0f / params.blend_us, own = fabsf(law[2] - last_law);
+            if (t > 4) /* the first ticks find the rest of it */
+                assert_true(fabsf(force[2] - last) < 1.05f * fmaxf(pace, own) + 1e-4f);
+            last = force[2], last_law = law[2];
+        }
+        assert_float_equal(last, last_law, 1e-3f);
+    }
+}
+
+/* A sample in every tick, the tissue cut in each, the tool on its patch in one and off it in the next: the force
+ * follows the samples and does not stay what it was long ago. */
+static void samples_in_every_tick_are_followed(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    static hrt_patch cut[2];
+    ground(0.0002f);
+    for (int what = 0; what < 4; what++) {
+        const float tip[3] = {0.0f, 0.0f, 0.1185f};
+        float force[3], worst = 0.0f, size;
+        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        take(&x, 0, tip, &patch, 1);
+        settle(&x, tip, force);
+        size = force[2];
+        for (int t = 1; t < 150; t++) {
+            const float is = size * (1.0f + 0.5f * sinf(0.05f * (float)t)); /* 4 Hz */
+            hrt_sample s = {.session = SIM, .t_us = 2000 * t, .seq = (uint32_t)t + 1, .unilateral = true};
+            memcpy(s.tip_m, tip, sizeof tip);
+            s.force_N[2] = is;
+            s.topology_revision = what & 1 ? t : 0;
+            cut[t % 2] = patch;
+            cut[t % 2].topology_revision = s.topology_revision;
+            if (what < 2 || t % 2) s.patch = what < 2 ? NULL : &cut[t % 2];
+            hrt_extrapolation_sample(&x, &params, &s);
+            hrt_extrapolation_force(&x, &params, 2000 * t, tip, force);
+            if (t > 40 && what < 2) worst = fmaxf(worst, fabsf(force[2] - is));
+            if (t > 40) worst = fmaxf(worst, fabsf(force[2] - is) - fabsf(is - size));
+        }
+        assert_true(worst < 0.1f * fabsf(size));
+    }
+}
+
+/* A patch that gives no force where its sample has one (the tool is in a slit that it does not know), or too much, is
+ * none. */
+static void a_patch_that_denies_its_sample(void **state) {
+    (void)state;
+    static hrt_extrapolation x;
+    ground(0.0002f);
+    const float tip[3] = {0.0f, 0.0f, 0.1185f};
+    float force[3];
+    hrt_extrapolation_reset(&x, HRT_CONTACT);
+    take(&x, 0, tip, &patch, 1);
+    settle(&x, tip, force);
+    const float size = force[2], shares[] = {1.0f, 0.8f, 1.3f, 0.3f, 3.0f};
+    for (int k = 0; k < 5; k++) {
+        hrt_sample s = {.session = SIM, .t_us = 40000, .seq = 2, .unilateral = true, .patch = &patch};
+        memcpy(s.tip_m, tip, sizeof tip);
+        s.force_N[2] = shares[k] * size;
+        hrt_extrapolation_reset(&x, HRT_CONTACT);
+        hrt_extrapolation_sample(&x, &params, &s);
+        settle(&x, tip, force);
+        assert_int_equal((x.limits & HRT_LIMIT_PATCH) != 0, k > 2);
+        assert_float_equal(force[2], k > 2 ? s.force_N[2] : size, 1e-3f);
+    }
+}
+
 /* A new patch of the same tissue, chosen a little further on and numbered otherwise: the force does not notice. */
 static void a_new_patch_is_not_felt(void **state) {
     (void)state;
@@ -856,6 +962,9 @@ int main(void) {
                                        cmocka_unit_test(jaws_close_and_open_without_a_jump),
                                        cmocka_unit_test(two_linearisations_suffice),
                                        cmocka_unit_test(leaving_the_patch_hands_over_without_a_jump),
+                                       cmocka_unit_test(going_over_while_the_tool_moves),
+                                       cmocka_unit_test(samples_in_every_tick_are_followed),
+                                       cmocka_unit_test(a_patch_that_denies_its_sample),
                                        cmocka_unit_test(a_patch_is_left_where_it_errs),
                                        cmocka_unit_test(cut_stale_or_missing_patch),
                                        cmocka_unit_test(a_new_patch_is_not_felt),

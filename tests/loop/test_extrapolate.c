@@ -185,33 +185,6 @@ static void changing_the_law_makes_no_jump(void **state) {
         }
 }
 
-/* While the force goes over to cut tissue the tool moves on, deeper or out, slower than the force goes over or faster:
- * a tick changes it by the pace, or by what the law itself changes, never by both. */
-static void going_over_while_the_tool_moves(void **state) {
-    (void)state;
-    const float ways[] = {0.6f, -0.6f, 2.0f, -2.0f}; /* of the pace */
-    for (int k = 0; k < 4; k++) {
-        const float at = 0.1f + 10 * STEP, pace = 2.0f * 2000.0f / params.blend_us, own = ways[k] * pace;
-        begin(HRT_CONTACT, 0.1f + 4 * STEP, 0.1f + 8 * STEP);
-        float z = at, last = force_at(90000, z), most = 0.0f, law = 0.0f;
-        assert_float_equal(last, -2.0f, 1e-4f);
-        hrt_sample s = spring(92000, z);
-        s.force_N[2] = -1.6f;
-        s.topology_revision = 1;
-        hrt_extrapolation_sample(&x, &params, &s);
-        for (int t = 1; t < 60; t++) {
-            z += t < 12 ? own / 400.0f : 0.0f;
-            const float now = force_at(90000 + 2000 * t, z);
-            most = fmaxf(most, fabsf(now - last));
-            last = now;
-            law = -1.6f - 400.0f * (z - at);
-        }
-        assert_float_equal(last, law, 1e-4f);
-        assert_true(most < 1.01f * fmaxf(fmaxf(2.0f, fabsf(law)) / 2.0f * pace, fabsf(own)));
-    }
-}
-
-/* Broyden remembers what it learned off the line: after probing z, then x, both stiffnesses are known. */
 /* The force falls because tissue goes, while the tool hardly moves: no estimate takes that for a stiffness, and leads
  * the force back up when the tool is drawn away. */
 static void a_cut_teaches_nothing(void **state) {
@@ -234,6 +207,72 @@ static void a_cut_teaches_nothing(void **state) {
     }
 }
 
+/* A hold, pulled until it is well known, is let go while the hand withdraws: the force is the sample's, and what it was
+ * stiff with before is forgotten for good. */
+static void what_is_let_go_is_not_stiff(void **state) {
+    (void)state;
+    for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++)
+        for (int flagged = 1; flagged < 3; flagged++) {
+            hrt_extrapolation_reset(&x, (hrt_extrapolator)w);
+            for (int k = 0; k < 8; k++) {
+                hrt_sample s = spring(40000 * k, 0.1f + STEP * (float)k);
+                s.unilateral = false;
+                if (k >= 4) {
+                    s.flags = k < 4 + flagged ? HRT_FLAG_LETTING_GO : 0;
+                    s.force_N[2] *= 0.1f / (float)(k - 3);
+                    s.stiffness_kind = 0;
+                }
+                hrt_extrapolation_sample(&x, &params, &s);
+                if (k < 4) continue;
+                for (int t = 0; t < 20; t++) { /* some are a frame late */
+                    const float force = force_at(40000 * (k + 1) + 2000 * t, s.tip_m[2] - 0.1f * STEP * (float)t);
+                    if (k <= 4 + flagged) assert_float_equal(force, s.force_N[2], 1e-6f);
+                    assert_true(fabsf(force) <= 1.5f * fabsf(s.force_N[2]));
+                }
+            }
+        }
+}
+
+/* Deep in a cut a stiffness may be that of another rest: 2,000 N/m where the force hardly follows the tool. It is not
+ * believed for longer than a sample. */
+static void a_stiffness_that_does_not_come_true(void **state) {
+    (void)state;
+    const hrt_extrapolator receiving[] = {HRT_TANGENT, HRT_CONTACT};
+    for (int i = 0; i < 2; i++)
+        for (int cut = 0; cut < 2; cut++) {
+            hrt_extrapolation_reset(&x, receiving[i]);
+            for (int k = 0; k < 8; k++) {
+                hrt_sample s = spring(40000 * k, 0.1f + 2 * STEP * (float)k);
+                s.force_N[2] = k % 2 ? -0.05f : -0.06f;
+                s.stiffness_N_m[8] = -2000.0f;
+                s.topology_revision = cut ? k : 0;
+                hrt_extrapolation_sample(&x, &params, &s);
+                const float force = force_at(40000 * k + 38000, s.tip_m[2] + 2 * STEP);
+                if (k > 0) assert_true(fabsf(force) < 0.09f); /* 2 N by the stiffness */
+            }
+        }
+}
+
+/* Samples in every tick, rough by 10 mN: what is told by differences stays as true as at 25 a second. */
+static void differences_in_every_tick(void **state) {
+    (void)state;
+    for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++) {
+        uint64_t seed = 5;
+        float worst = 0.0f;
+        hrt_extrapolation_reset(&x, (hrt_extrapolator)w);
+        for (int k = 0; k < 500; k++) {
+            const float z = 0.11f + 0.002f * sinf(0.02f * (float)k), felt_at = z + 1.0e-4f * cosf(0.02f * (float)k);
+            hrt_sample s = spring(2000 * k, z);
+            s.stiffness_kind = 0;
+            s.force_N[2] += rig_uniform(&seed, -0.01f, 0.01f);
+            hrt_extrapolation_sample(&x, &params, &s);
+            if (k > 20) worst = fmaxf(worst, fabsf(force_at(2000 * k + 2000, felt_at) + 400.0f * (felt_at - 0.1f)));
+        }
+        assert_true(worst < 0.08f);
+    }
+}
+
+/* Broyden remembers what it learned off the line: after probing z, then x, both stiffnesses are known. */
 static void broyden_remembers(void **state) {
     (void)state;
     hrt_extrapolation_reset(&x, HRT_BROYDEN);
@@ -350,7 +389,9 @@ int main(void) {
                                        cmocka_unit_test(bounded_whatever_the_differences),
                                        cmocka_unit_test(horizon),
                                        cmocka_unit_test(changing_the_law_makes_no_jump),
-                                       cmocka_unit_test(going_over_while_the_tool_moves),
+                                       cmocka_unit_test(what_is_let_go_is_not_stiff),
+                                       cmocka_unit_test(a_stiffness_that_does_not_come_true),
+                                       cmocka_unit_test(differences_in_every_tick),
                                        cmocka_unit_test(broyden_remembers),
                                        cmocka_unit_test(a_cut_teaches_nothing),
                                        cmocka_unit_test(lost_late_doubled_reordered),

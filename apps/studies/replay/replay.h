@@ -86,6 +86,18 @@ void sampled_take(sim_publisher *p, const sim *s, int instrument, const hrt_para
 void device_see(const sim *s, int instrument, const hrt_params *params, const double tip_m[3], bool encoders,
                 float seen_m[3]);
 
+/* A scene's own hands as recordings, one an instrument. */
+typedef struct scene_record {
+    const char *scene;      /* file */
+    const char *const *set; /* further "path=value", null-terminated, or null */
+    double duration_s;
+} scene_record;
+/* Fills frame_s, params, samples (with patches) and cuts of out[TM_MAX_INSTRUMENTS] from frames of `rate_Hz`. 0 or an
+ * exit code, having complained. */
+int record_scene(const scene_record *of, double rate_Hz, recording *out);
+/* Fills ticks, tip and truth of out[] from the scene run at every tick. */
+int record_scene_truth(const scene_record *of, recording *out);
+
 /* --- replay --- */
 
 typedef struct conditions {

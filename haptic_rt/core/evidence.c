@@ -1,0 +1,96 @@
+/* What samples say of a stiffness and of a patch: whether they foretold the force, and how fast it drifts without any
+ * motion. */
+#include "internal.h"
+
+#if HRT_WITH_EVIDENCE
+
+/* Of changes of force, squared: smaller ones say little of the stiffness that foretold them. */
+static const float DOUBTFUL_N2 = 1.0e-4f;
+
+/* The share of what a received stiffness foretold that came true of late: tissue that is cut again and again is never
+ * at the rest that it is of. Tissue that has just been cut is believed what it has shown. */
+float hrt_evidence_trust(const hrt_extrapolation *x) {
+    const float unseen_N2 = x->cut ? 0.0f : DOUBTFUL_N2;
+    return hrt_clamp((x->came_N2 + unseen_N2) / (x->foretold_N2 + DOUBTFUL_N2), 0.0f, 1.0f);
+}
+
+/* Follows how the stiffness of the sample before fared, with a memory of a few samples. */
+void hrt_evidence_judge(hrt_extrapolation *x) {
+    float step[3], change[3], foretold[3];
+    vsub(x->now.tip_m, x->before.tip_m, step);
+    vsub(x->now.force_N, x->before.force_N, change);
+    hrt_apply(x->before.stiffness_N_m, step, foretold);
+    const bool known = vnorm(x->now.force_N) + vnorm(x->before.force_N) > 0.0f;
+    x->foretold_N2 = known ? 0.5f * x->foretold_N2 + vdot(foretold, foretold) : 0.0f;
+    x->came_N2 = known ? 0.5f * x->came_N2 + vdot(change, foretold) : 0.0f;
+}
+
+/* Of the force on a patch, what it may have drifted. */
+static const float DRIFT_MOST = 0.2f;
+/* Drifts measured over less time are averaged. */
+static const float DRIFT_S = 0.015f;
+static const float DRIFT_FORGOTTEN = 0.5f;
+
+/* Says whether the patch gives the force that came with it, to a half: one that does not know what the tool touches (in
+ * a slit, say) does not. */
+static bool agrees(const hrt_extrapolation *x) {
+    hrt_extrapolation trial = *x;
+    float force[3], miss[3];
+    if (!(vnorm(x->now.force_N) > 0.0f)) return true;
+    vset(x->now.tip_m, trial.film_tip_m);
+    for (int i = 0; i < 3; i++) trial.mean_m_s[i] = 0.0f;
+    if (!hrt_contact_force(&trial, x->film_us, x->now.tip_m, force)) return false;
+    vsub(force, x->now.force_N, miss);
+    return vnorm(miss) < 0.5f * fmaxf(vnorm(force), vnorm(x->now.force_N)) + 0.01f;
+}
+
+/* What the new patch changes of the last tick's force came without motion: the free shape goes on moving as the tissue
+ * swings, creeps and turns. What comes and goes (tremor, a loop that swings) is no drift. */
+static void measure_drift(hrt_extrapolation *x) {
+    hrt_extrapolation trial = *x;
+    float force[3], drift[3];
+    vset(x->tick_tip_m, trial.film_tip_m);
+    trial.film_us = x->tick_us;
+    if (!hrt_contact_force(&trial, x->film_us, x->film_tip_m, force)) return;
+    vsub(force, x->patch_N, drift);
+    vscale(1.0f / x->interval_s, drift, drift);
+    const float share = fminf(1.0f, x->interval_s / DRIFT_S);
+    const float most = fmaxf(vdot(drift, drift), vdot(x->drift_N_s, x->drift_N_s));
+    x->drift_lasted += share * (vdot(drift, x->drift_N_s) - DRIFT_FORGOTTEN * x->drift_lasted);
+    x->drift_was += share * (most - DRIFT_FORGOTTEN * x->drift_was);
+    for (int i = 0; i < 3; i++) x->drift_N_s[i] += share * (drift[i] - x->drift_N_s[i]);
+}
+
+bool hrt_evidence_patch(hrt_extrapolation *x, bool same_tissue) {
+    if (!same_tissue) x->patch_ticks = 0;
+    if (!agrees(x)) return false;
+    if (x->patch_ticks > 1 && x->interval_s > 1.0e-3f) measure_drift(x);
+    return true;
+}
+
+/* Brings the patch's force back towards the sample's by what cut tissue did not do of what was foretold. */
+static void doubt_cut(const hrt_extrapolation *x, float force[3]) {
+    float change[3];
+    if (!x->cut) return;
+    vsub(force, x->now.force_N, change);
+    vadd(force, hrt_evidence_trust(x) - 1.0f, change);
+}
+
+/* Adds to the patch's force what it has drifted since the sample: over two intervals at most, and by no more than a
+ * share of it, so that a force that is not there does not drift. */
+void hrt_drift_follow(hrt_extrapolation *x, int64_t now_us, float force[3]) {
+    if (x->patch_ticks < 2) {
+        for (int i = 0; i < 3; i++) x->drift_N_s[i] = 0.0f;
+        x->drift_lasted = x->drift_was = 0.0f;
+        x->patch_ticks++;
+    }
+    vset(force, x->patch_N);
+    doubt_cut(x, force);
+    const float age_s = hrt_clamp(hrt_seconds(now_us - x->now.t_us), 0.0f, 2.0f * x->interval_s);
+    float drifted[3];
+    const float lasts = x->drift_was > 0.0f ? hrt_clamp(x->drift_lasted / x->drift_was, 0.0f, 1.0f) : 0.0f;
+    vscale(lasts * age_s, x->drift_N_s, drifted);
+    const float size = vnorm(drifted), most = DRIFT_MOST * vnorm(force);
+    vadd(force, size > most ? most / size : 1.0f, drifted);
+}
+#endif

@@ -1,0 +1,168 @@
+/* What the hand feels when it touches, holds, lets go, cuts and loses its patch, on scenes as they come with the
+ * programs: recorded once at the scene's rate and at every tick, and replayed through every law.
+ *
+ * At a transition no force is a new one: it stays within 1.1 of the largest of the true force and the last sample's
+ * around that time, and SLACK_N, for what no sample has told yet. */
+// clang-format off
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stdlib.h>
+#include <string.h>
+#include <cmocka.h>
+// clang-format on
+
+#include "../long.h"
+#include "studies/replay/replay.h"
+
+enum { SCENES = 2, HANDS = 2, TICKS_A_FRAME = 20 };
+static const double SLACK_N = 0.045; /* a twentieth of the 0.85 N that these scenes reach */
+/* The short form of the second ends while it is cut; the first lets go. */
+static const struct {
+    const char *file;
+    double long_s, short_s;
+} scene[SCENES] = {{"apps/scenes/liver-lift.yaml", 9.0, 9.0}, {"apps/scenes/liver-cut.yaml", 9.0, 5.2}};
+static recording rec[SCENES][TM_MAX_INSTRUMENTS];
+
+static double size_of(const float v[3]) {
+    return sqrt((double)v[0] * (double)v[0] + (double)v[1] * (double)v[1] + (double)v[2] * (double)v[2]);
+}
+
+static int record_all(void **state) {
+    (void)state;
+    for (int k = 0; k < SCENES; k++) {
+        char file[2048];
+        static const char *const set[] = {"threads=1", NULL};
+        app_shared_file(scene[k].file, file, sizeof file);
+        const scene_record of = {file, set, test_is_long() ? scene[k].long_s : scene[k].short_s};
+        if (record_scene(&of, 25.0, rec[k]) || record_scene_truth(&of, rec[k])) return -1;
+    }
+    return 0;
+}
+
+static int free_all(void **state) {
+    (void)state;
+    for (int k = 0; k < SCENES; k++)
+        for (int i = 0; i < HANDS; i++) recording_free(&rec[k][i]);
+    return 0;
+}
+
+/* --- transitions --- */
+
+typedef enum tool_state { FREE, TOUCHES, HOLDS, LETS_GO, STATES } tool_state;
+static const char *const state_name[STATES] = {"free", "touching", "held", "letting go"};
+
+static tool_state state_of(const hrt_sample *s) {
+    if ((s->flags & HRT_FLAG_LETTING_GO) != 0) return LETS_GO;
+    if (s->patch && hrt_patch_holds(s->patch)) return HOLDS;
+    return size_of(s->force_N) > 0 ? TOUCHES : FREE;
+}
+
+/* Between the sample before and this one the tool's state, the tissue or the patch has changed. */
+static bool is_transition(const recording *r, int k, int count[STATES][STATES]) {
+    const hrt_sample *a = &r->sample[k - 1].sample, *b = &r->sample[k].sample;
+    const tool_state from = state_of(a), to = state_of(b);
+    if (from != to) count[from][to]++;
+    return from != to || a->topology_revision != b->topology_revision || !a->patch != !b->patch;
+}
+
+/* The largest true force within the time that the samples in use tell of, to two ticks from now. */
+static double allowed(const recording *r, int tick, int late) {
+    double most = 0;
+    for (int j = tick - (late + 2) * TICKS_A_FRAME; j <= tick + 2; j++)
+        if (j >= 0 && j < r->ticks) most = fmax(most, size_of(r->truth_N + 3 * j));
+    return most;
+}
+
+/* Returns how far the force goes beyond what is allowed around the recording's transitions, N. */
+static double beyond(const recording *r, const float *force_N, int late, int count[STATES][STATES], double *at_s) {
+    double worst = 0;
+    for (int k = 1; k < r->samples; k++) {
+        if (!is_transition(r, k, count)) continue;
+        const int from = (int)(r->sample[k].sample.t_us / TICK_US) - TICKS_A_FRAME;
+        for (int t = from; t < from + (3 + late) * TICKS_A_FRAME; t++) {
+            if (t < 0 || t >= r->ticks) continue;
+            const double over = size_of(force_N + 3 * t) - 1.1 * allowed(r, t, late);
+            if (over > worst) worst = over, *at_s = t * 1e-6 * TICK_US;
+        }
+    }
+    return worst;
+}
+
+static void no_transition_makes_a_new_peak(void **state) {
+    (void)state;
+    int count[STATES][STATES] = {{0}};
+    for (int k = 0; k < SCENES; k++) {
+        for (int i = 0; i < HANDS; i++) {
+            const recording *r = &rec[k][i];
+            float *force_N = calloc(3 * (size_t)r->ticks, sizeof *force_N);
+            assert_non_null(force_N);
+            for (int w = 0; w < HRT_EXTRAPOLATOR_COUNT; w++)
+                for (int late = 0; late < 2; late++) {
+                    const conditions line = {.latency_frames = late, .seed = 1};
+                    double at_s = 0;
+                    replay(r, (hrt_extrapolator)w, &line, force_N);
+                    const double over_N = beyond(r, force_N, late, count, &at_s);
+                    if (over_N > 0.5 * SLACK_N)
+                        print_message("%s, instrument %d, %s, %d late: %.3f N beyond at %.3f s\n", scene[k].file, i,
+                                      hrt_extrapolator_name((hrt_extrapolator)w), late, over_N, at_s);
+                    assert_true(over_N < SLACK_N);
+                }
+            free(force_N);
+        }
+    }
+    /* It is worth what the scenes reach. */
+    for (int a = 0; a < STATES; a++)
+        for (int b = 0; b < STATES; b++)
+            if (count[a][b])
+                print_message("%s -> %s: %d\n", state_name[a], state_name[b],
+                              count[a][b] / (2 * HRT_EXTRAPOLATOR_COUNT));
+    assert_true(count[FREE][TOUCHES] && count[TOUCHES][FREE] && count[FREE][HOLDS] + count[TOUCHES][HOLDS] &&
+                count[HOLDS][LETS_GO] + count[TOUCHES][LETS_GO] && count[LETS_GO][FREE]);
+}
+
+/* --- how true --- */
+
+static void contact_is_as_true_as_position(void **state) {
+    (void)state;
+    for (int k = 0; k < SCENES; k++)
+        for (int i = 0; i < HANDS; i++)
+            for (int late = 0; late < 2; late++) {
+                const conditions line = {.latency_frames = late, .seed = 1};
+                const double position = replay(&rec[k][i], HRT_POSITION, &line, NULL).rms,
+                             contact = replay(&rec[k][i], HRT_CONTACT, &line, NULL).rms;
+                print_message("%s, instrument %d, %d late: hold %.2f, position %.2f, contact %.2f %%\n", scene[k].file,
+                              i, late, 100 * replay(&rec[k][i], HRT_HOLD, &line, NULL).rms, 100 * position,
+                              100 * contact);
+                assert_true(contact < 1.08 * position); /* the cautery's whole error is cutting */
+            }
+}
+
+/* A simulation that lags: each sample up to three frames late at random, some lost, so that one lasts for up to half a
+ * second. What is made of old samples is bounded by what they said. */
+static void a_lag_makes_nothing_up(void **state) {
+    (void)state;
+    const int seeds = test_is_long() ? 40 : 4;
+    for (int k = 0; k < SCENES; k++)
+        for (int i = 0; i < HANDS; i++) {
+            const recording *r = &rec[k][i];
+            double worst = 0, largest = 0;
+            for (int seed = 1; seed <= seeds; seed++) {
+                const conditions line = {
+                    .latency_frames = seed % 2, .jitter = 3.0, .loss = 0.1 * (seed % 4), .seed = (uint64_t)seed};
+                const errors hold = replay(r, HRT_HOLD, &line, NULL), contact = replay(r, HRT_CONTACT, &line, NULL);
+                worst = fmax(worst, contact.rms / hold.rms);
+                largest = fmax(largest, contact.largest);
+                assert_true(contact.rms < 1.5 * hold.rms && contact.largest < 1.5);
+            }
+            print_message("%s, instrument %d, at most: %.2f of hold's error, %.2f of the peak\n", scene[k].file, i,
+                          worst, largest);
+        }
+}
+
+int main(void) {
+    const struct CMUnitTest tests[] = {cmocka_unit_test(no_transition_makes_a_new_peak),
+                                       cmocka_unit_test(contact_is_as_true_as_position),
+                                       cmocka_unit_test(a_lag_makes_nothing_up)};
+    return cmocka_run_group_tests(tests, record_all, free_all);
+}
