@@ -7,6 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "common/bandwidth.h"
 #include "common/units.h"
 
 static void usage(void) {
@@ -27,8 +28,9 @@ static void usage(void) {
         "                     volumes (surfaces move until each label has its volume), or none\n"
         "                     [exude,improve,volumes]; perturb and lloyd take seconds to minutes\n"
         "  --sliver ANGLE     dihedral angle that perturb and exude try to reach [12 deg]\n"
-        "  --allow LIST       of vanish (a label, or a piece of one, that no tetrahedron is in), apart (a label in more\n"
-        "                     pieces than in the image), thin (one voxel): told, not refused\n"
+        "  --strict           refuse what is only told otherwise: a label that vanished, or is in more or fewer pieces\n"
+        "                     than in the image, one voxel thick, or takes more tetrahedra than --budget\n"
+        "  --allow LIST       of vanish, apart, thin: told all the same with --strict\n"
         "  --space lps | ras  axes of the result [lps]\n"
         "  --unit UNIT        m, mm or um, where the file says none [mm]\n"
         "  --young E --poisson NU --density RHO   that steps are told for [5 kPa, 0.45, 1060 kg/m3]\n"
@@ -147,16 +149,25 @@ static int parse_number(int c, const char *text, image_options *o) {
 }
 
 static int parse(int argc, char **argv, image_options *o) {
-    static const struct option names[] = {
-        {"label", required_argument, NULL, 'l'},    {"budget", required_argument, NULL, 'b'},
-        {"size", required_argument, NULL, 'z'},     {"distance", required_argument, NULL, 'd'},
-        {"smooth", required_argument, NULL, 'm'},   {"specks", required_argument, NULL, 'k'},
-        {"optimise", required_argument, NULL, 'i'}, {"sliver", required_argument, NULL, 'v'},
-        {"allow", required_argument, NULL, 'a'},    {"space", required_argument, NULL, 's'},
-        {"unit", required_argument, NULL, 'u'},     {"young", required_argument, NULL, 'y'},
-        {"poisson", required_argument, NULL, 'p'},  {"density", required_argument, NULL, 'r'},
-        {"json", required_argument, NULL, 'j'},     {"output", required_argument, NULL, 'o'},
-        {"help", no_argument, NULL, 'h'},           {0}};
+    static const struct option names[] = {{"label", required_argument, NULL, 'l'},
+                                          {"budget", required_argument, NULL, 'b'},
+                                          {"size", required_argument, NULL, 'z'},
+                                          {"distance", required_argument, NULL, 'd'},
+                                          {"smooth", required_argument, NULL, 'm'},
+                                          {"specks", required_argument, NULL, 'k'},
+                                          {"optimise", required_argument, NULL, 'i'},
+                                          {"sliver", required_argument, NULL, 'v'},
+                                          {"allow", required_argument, NULL, 'a'},
+                                          {"space", required_argument, NULL, 's'},
+                                          {"unit", required_argument, NULL, 'u'},
+                                          {"young", required_argument, NULL, 'y'},
+                                          {"poisson", required_argument, NULL, 'p'},
+                                          {"density", required_argument, NULL, 'r'},
+                                          {"json", required_argument, NULL, 'j'},
+                                          {"output", required_argument, NULL, 'o'},
+                                          {"help", no_argument, NULL, 'h'},
+                                          {"strict", no_argument, NULL, 't'},
+                                          {0}};
     *o = (image_options){.smooth = 1,
                          .specks = 8,
                          .sliver_deg = 12,
@@ -179,6 +190,7 @@ static int parse(int argc, char **argv, image_options *o) {
         case 'j': end = APP_DONE, o->json = optarg; break;
         case 'o': end = APP_DONE, o->out = optarg; break;
         case 'h': usage(); exit(APP_DONE);
+        case 't': end = APP_DONE, o->strict = true; break;
         case '?': return command_usage("image", "bad option '%s'", argv[optind - 1]);
         default: end = parse_number(c, optarg, o);
         }
@@ -187,6 +199,7 @@ static int parse(int argc, char **argv, image_options *o) {
     if (optind + 1 != argc) return command_usage("image", "name one image");
     if (!o->out) return command_usage("image", "no output; give -o OUT");
     if (o->budget && o->size_m > 0) return command_usage("image", "--size and --budget both say how fine; give one");
+    o->budget_said = o->budget != 0;
     if (!o->budget && !(o->size_m > 0)) o->budget = 10000;
     o->in = argv[optind];
     const int bad = command_output(o->out);
@@ -242,11 +255,15 @@ static int check_labels(const image_options *o, const image_volume *volume, cons
         const image_region *r = &o->region[l];
         if (f->voxels[l] == 0)
             return app_bad_input(o->in, 0, "label %d ('%s') is empty; leave it out of --label", r->value, r->name);
-        if (f->thin[l] < 2 && !o->allow_thin)
+        if (f->thin[l] < 2 && o->strict && !o->allow_thin)
             return app_bad_input(o->in, 0,
                                  "label %d ('%s') is one voxel thick; leave it out with --label, or --allow thin",
                                  r->value, r->name);
+        if (f->thin[l] < 2 && !o->trial)
+            app_remark("%s: warning: label %d ('%s') is one voxel thick; parts of it may be lost\n", o->in, r->value,
+                       r->name);
     }
+    if (o->trial) return APP_DONE;
     if (f->specks)
         app_remark("%s: %lld specks and holes (%lld voxels) joined what is around them; --specks 0 keeps them\n", o->in,
                    (long long)f->specks, (long long)f->speck_voxels);
@@ -254,27 +271,30 @@ static int check_labels(const image_options *o, const image_volume *volume, cons
     return APP_DONE;
 }
 
-/* A label that vanished or fell apart. */
+/* A label that vanished or fell apart, told with its figures; with --strict refused. */
 static int check_mesh(const image_options *o, const label_field *f, const image_mesh *m) {
     int exit = APP_DONE;
     for (int l = 1; l <= f->labels; l++) {
         const image_region *r = &o->region[l];
-        const int got = m->of[l].pieces;
-        if (got == f->pieces[l]) continue;
-        const bool allowed = got < f->pieces[l] ? o->allow_vanish : o->allow_apart;
+        const image_result *got = &m->of[l];
+        if (got->pieces == f->pieces[l]) continue;
+        const bool allowed = !o->strict || (got->pieces < f->pieces[l] ? o->allow_vanish : o->allow_apart);
         char text[300];
-        if (got == 0)
-            snprintf(text, sizeof text, "label %d ('%s') vanished", r->value, r->name);
+        if (got->pieces == 0)
+            snprintf(text, sizeof text, "label %d ('%s') vanished: %.3g cm3 in the image", r->value, r->name,
+                     1e6 * got->image_m3);
         else
-            snprintf(text, sizeof text, "label %d ('%s') is in %d piece%s, in the image in %d", r->value, r->name, got,
-                     got == 1 ? "" : "s", f->pieces[l]);
+            snprintf(text, sizeof text, "label %d ('%s') is in %d piece%s, in the image in %d; the largest has %.3g %%",
+                     r->value, r->name, got->pieces, got->pieces == 1 ? "" : "s", f->pieces[l],
+                     100 * got->largest_m3 / got->volume_m3);
         if (allowed)
-            app_remark("%s: %s\n", o->in, text);
+            app_remark("%s: warning: %s\n", o->in, text);
         else
-            exit = app_bad_input(o->in, 0, "%s; mesh it finer (%s--label %d:%.2gmm), smooth less, or --allow %s", text,
-                                 chooses(o) ? "" : "--label all ", r->value, 0.7e3 * m->edge_m[l],
-                                 got < f->pieces[l] ? "vanish" : "apart");
+            exit = app_bad_input(o->in, 0, "%s; mesh it finer, smooth less, or leave out --strict", text);
     }
+    if (m->loose)
+        app_remark("%s: %d loose part%s of the mesh (%.2g %% of its volume) dropped\n", o->in, m->loose,
+                   m->loose == 1 ? " was" : "s were", 100 * m->loose_m3 / m->of[0].volume_m3);
     return exit;
 }
 
@@ -289,23 +309,34 @@ const image_api *image_open_module(tm_error *error) {
     return api;
 }
 
+static int attempt(const image_api *api, image_options *o, const image_volume *volume, label_field *field,
+                   image_mesh *mesh) {
+    int wanted[LABEL_MOST];
+    for (int r = 0; r < o->regions; r++) wanted[r] = o->region[r + 1].value;
+    if (!label_field_make(volume, chooses(o) ? wanted : NULL, o->regions, o->specks, o->smooth, o->even, field))
+        return command_no_memory(o->in);
+    int exit = chooses(o) ? APP_DONE : spread_regions(field, o);
+    name_regions(volume, field, o);
+    if (exit == APP_DONE) exit = check_labels(o, volume, field);
+    if (exit == APP_DONE) exit = image_make(api, o, field, mesh);
+    return exit;
+}
+
 static int make_mesh(const image_api *api, image_options *o, const image_volume *volume) {
-    label_field field;
+    label_field field = {0};
     image_mesh mesh = {0};
     tm_mesh_file file = {0};
     tm_error error = {0};
-    int wanted[LABEL_MOST];
-    for (int r = 0; r < o->regions; r++) wanted[r] = o->region[r + 1].value;
-    if (!label_field_make(volume, chooses(o) ? wanted : NULL, o->regions, o->specks, o->smooth, o->even, &field))
-        return command_no_memory(o->in);
-    int exit = chooses(o) ? APP_DONE : spread_regions(&field, o);
-    name_regions(volume, &field, o);
-    if (exit == APP_DONE) exit = check_labels(o, volume, &field);
-    if (exit == APP_DONE) exit = image_make(api, o, &field, &mesh);
+    const image_options asked = *o;
+    char words[IMAGE_WHY] = "";
+    const double from_s = app_seconds();
+    int exit = attempt(api, o, volume, &field, &mesh);
     if (exit == APP_DONE) exit = check_mesh(o, &field, &mesh);
     if (exit == APP_DONE && image_distances(&field, &mesh, &error)) exit = app_report(o->in, 0, &error);
+    if (exit == APP_DONE) image_propose(api, attempt, &asked, volume, &field, &mesh, app_seconds() - from_s, words);
     if (exit == APP_DONE && !image_to_file(o, volume, &field, &mesh, &file)) exit = command_no_memory(o->in);
     if (exit == APP_DONE) exit = image_report(o, volume, &field, &mesh, &file);
+    if (exit == APP_DONE && words[0]) app_remark("%s: %s\n", o->in, words);
     tm_mesh_file_free(&file);
     image_mesh_free(&mesh);
     label_field_free(&field);

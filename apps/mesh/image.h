@@ -20,6 +20,10 @@ typedef struct image_options {
     int budget;         /* tetrahedra; 0: by size; -1: real time */
     double budget_load; /* of a core, for real time */
     bool lloyd, perturb, exude, improve, volumes, allow_vanish, allow_apart, allow_thin, ras;
+    bool strict;                         /* lost detail is refused */
+    bool budget_said;                    /* by the user; else it is the default */
+    bool trial;                          /* nothing is said: what is proposed is tried */
+    double trial_until_s;                /* a trial ends then */
     bool even;                           /* all labels are smoothed alike, thin ones, too */
     image_region region[LABEL_MOST + 1]; /* from 1 */
     int regions;                         /* named by --label */
@@ -31,6 +35,7 @@ typedef struct image_result {
     double volume_m3, image_m3, area_m2;
     double hausdorff_m, mean_m; /* between the mesh's surface of the label and the voxels' */
     int tets, pieces;
+    double largest_m3; /* of its pieces */
 } image_result;
 
 /* A mesh on the image's grid (p = voxel * spacing) with sizes that were used. */
@@ -39,11 +44,16 @@ typedef struct image_mesh {
     double edge_m[LABEL_MOST + 1], surface_m[LABEL_MOST + 1];
     image_result of[LABEL_MOST + 1];
     double size_m, load; /* load: seconds of one core that a simulated second takes; 0: not asked for */
-    int passes;
+    int passes, loose;   /* loose: parts that were dropped */
+    double loose_m3;
 } image_mesh;
 
 /* Fills `mesh`; exit code. */
 int image_make(const image_api *api, const image_options *o, label_field *field, image_mesh *mesh);
+/* Drops parts of the mesh that hang on nothing, that are of labels in more pieces than in the image, and that have less
+ * than image_loose_share of its volume. False: no memory. */
+bool image_drop_loose(const label_field *field, image_mesh *mesh);
+extern const double image_loose_share;
 /* Volumes, areas, pieces and tetrahedra of each label. False: no memory. */
 bool image_measure(const label_field *field, image_mesh *mesh);
 /* Distances of each label's surfaces. */
@@ -51,6 +61,13 @@ tm_status image_distances(const label_field *field, image_mesh *mesh, tm_error *
 /* The mesh of a file: places in the world, regions, the group "surface" and one for every label's outer surface. */
 bool image_to_file(const image_options *o, const image_volume *volume, const label_field *field, const image_mesh *mesh,
                    tm_mesh_file *out);
+/* Fills the field and the mesh of what was asked for; exit code. */
+typedef int image_attempt_fn(const image_api *api, image_options *o, const image_volume *volume, label_field *field,
+                             image_mesh *mesh);
+/* Meshing with more detail that was tried and lost none: words to add to the command; empty: none was found. */
+void image_propose(const image_api *api, image_attempt_fn *attempt, const image_options *asked,
+                   const image_volume *volume, const label_field *field, const image_mesh *mesh, double took_s,
+                   char words[IMAGE_WHY]);
 /* Prints, and writes the JSON file if one is asked for; exit code. */
 int image_report(const image_options *o, const image_volume *volume, const label_field *field, const image_mesh *mesh,
                  const tm_mesh_file *file);

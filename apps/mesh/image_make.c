@@ -28,6 +28,7 @@ typedef struct pass {
     image_domain domain;
     double *seed_m;
     int expected; /* vertices, for the progress line */
+    double relax; /* a thin label's tetrahedra may be so many times as large as it is thick */
     bool finish;  /* optimise: seconds a pass, so at the end alone, and where steps are what is fitted */
 } pass;
 
@@ -35,7 +36,9 @@ static bool go_on(void *context, const char *doing, int vertices) {
     const pass *p = context;
     char what[80];
     snprintf(what, sizeof what, "tm-mesh image: %s", doing);
-    if (!app_is_quiet()) app_progress(what, fmin(0.99, p->expected ? (double)vertices / p->expected : 0), false);
+    if (p->o->trial && app_seconds() > p->o->trial_until_s) return false;
+    if (!app_is_quiet() && !p->o->trial)
+        app_progress(what, fmin(0.99, p->expected ? (double)vertices / p->expected : 0), false);
     return !app_interrupted();
 }
 
@@ -48,7 +51,7 @@ static void set_sizes(const pass *p, double size_m, image_mesh *mesh) {
         const double thick_m =
             p->field->face_m2[l] > 0 ? 3 * (double)p->field->voxels[l] * voxel_m3 / p->field->face_m2[l] : size_m;
         const double own_m = p->o->region[l].size_m;
-        mesh->edge_m[l] = own_m > 0 ? own_m : fmin(size_m, fmax(thick_m, size_m / 3));
+        mesh->edge_m[l] = own_m > 0 ? own_m : fmin(size_m, fmax(p->relax * thick_m, size_m / 3));
         mesh->surface_m[l] = p->o->distance_m > 0 ? p->o->distance_m : mesh->edge_m[l] / 8;
     }
 }
@@ -70,17 +73,19 @@ static int mesh_once(pass *p, double size_m, image_mesh *mesh) {
                              .go_on = go_on,
                              .go_on_context = p};
     const image_end end = p->api->mesh(&p->domain, &wish, &fresh.tets, why);
-    app_progress("tm-mesh image", 1, true);
+    if (!p->o->trial) app_progress("tm-mesh image", 1, true);
+    if (end == IMAGE_STOPPED && p->o->trial) return APP_FAILED;
     if (end == IMAGE_STOPPED) return app_interrupted_exit();
     if (end) {
-        app_bad_input(p->o->in, 0, "%s", why);
+        if (!p->o->trial) app_bad_input(p->o->in, 0, "%s", why);
         return APP_FAILED;
     }
     image_mesh_free(mesh);
     *mesh = fresh;
     p->expected = mesh->tets.vertices * 6 / 5;
-    bool good = true;
-    if (p->finish && p->o->improve) good = image_improve(&mesh->tets, p->field->labels, label_field_between, p->field);
+    bool good = !p->finish || (image_measure(p->field, mesh) && image_drop_loose(p->field, mesh));
+    if (good && p->finish && p->o->improve)
+        good = image_improve(&mesh->tets, p->field->labels, label_field_between, p->field);
     if (good && p->finish && p->o->volumes) good = image_fit_volumes(p->field, &mesh->tets);
     if (!good || !image_measure(p->field, mesh)) return command_no_memory(p->o->in);
     if (p->o->budget >= 0 || !mesh->tets.tets) return APP_DONE;
@@ -126,7 +131,15 @@ static double used(const pass *p, const image_mesh *mesh) {
     return p->o->budget < 0 ? mesh->load / p->o->budget_load : count_aim;
 }
 
-/* Sizes until the budget is used, volumes alongside. */
+/* Tetrahedra of labels whose size was asked for: the budget cannot change them. */
+static int own_tets(const pass *p, const image_mesh *mesh) {
+    int own = 0;
+    for (int l = 1; l <= p->field->labels; l++) own += p->o->region[l].size_m > 0 ? mesh->of[l].tets : 0;
+    return own;
+}
+
+/* Sizes until the budget is used, volumes alongside. Where larger ones alone do not get there, thin labels' tetrahedra
+ * grow beyond their thickness. */
 static int fit(pass *p, int passes, double *size_m, image_mesh *mesh) {
     double before = HUGE_VAL;
     for (int i = 0; i < passes; i++) {
@@ -136,6 +149,8 @@ static int fit(pass *p, int passes, double *size_m, image_mesh *mesh) {
         const bool fits = part >= count_low && part <= 1;
         if ((fits && (worst <= volume_aim || (i >= 3 && worst > 0.8 * before))) || i == passes - 1) break;
         /* a mesh costs as 1/size^3, its load as 1/size^4 */
+        if (p->o->budget > 0 && own_tets(p, mesh) > count_low * p->o->budget) break;
+        if (part > 1 && i >= 6) p->relax *= pow(part / count_aim, 1.0 / 3);
         if (!fits) *size_m *= pow(part / count_aim, p->o->budget < 0 ? 0.25 : 1.0 / 3);
         correct_volumes(p, mesh);
         before = worst;
@@ -169,12 +184,32 @@ static int check_count(const pass *p, double size_m) {
     for (int l = 1; l <= p->field->labels; l++)
         count += 6 * (double)p->field->voxels[l] * s[0] * s[1] * s[2] / pow(sizes.edge_m[l], 3);
     if (!(count > TETS_MOST)) return APP_DONE;
+    if (p->o->trial) return APP_FAILED;
     return app_bad_input(p->o->in, 0, "about %.2g tetrahedra would come of it; choose a larger --size, or a --budget",
                          count);
 }
 
+/* More than the budget is told; with --strict, or where two wishes cannot both be met, refused. */
+static int check_budget(const pass *p, const image_mesh *mesh) {
+    const image_options *o = p->o;
+    const int own = own_tets(p, mesh);
+    if (!(o->budget > 0) || mesh->tets.tets <= o->budget) return APP_DONE;
+    if (o->trial) return own > count_low * o->budget && o->budget_said ? APP_FAILED : APP_DONE;
+    if (own > count_low * o->budget && o->budget_said)
+        return app_bad_input(o->in, 0,
+                             "labels of a size of their own take %d tetrahedra, all %d, more than --budget %d; leave "
+                             "out --budget, or the size",
+                             own, mesh->tets.tets, o->budget);
+    if (o->strict)
+        return app_bad_input(o->in, 0, "its labels take %d tetrahedra at least, more than --budget %d", mesh->tets.tets,
+                             o->budget);
+    app_remark("%s: %d tetrahedra, more than the budget of %d: its labels take so many\n", o->in, mesh->tets.tets,
+               o->budget);
+    return APP_DONE;
+}
+
 int image_make(const image_api *api, const image_options *o, label_field *field, image_mesh *mesh) {
-    pass p = {.api = api, .o = o, .field = field};
+    pass p = {.api = api, .o = o, .field = field, .relax = 1};
     *mesh = (image_mesh){0};
     if (!set_domain(&p)) return command_no_memory(o->in);
     double size_m = first_size(&p);
@@ -185,10 +220,7 @@ int image_make(const image_api *api, const image_options *o, label_field *field,
         p.finish = true;
         exit = fit(&p, 4, &size_m, mesh);
     }
-    if (exit == APP_DONE && o->budget > 0 && mesh->tets.tets > o->budget)
-        exit = app_bad_input(
-            o->in, 0, "its labels take %d tetrahedra at least; raise --budget, or leave thin labels out (--label)",
-            mesh->tets.tets);
+    if (exit == APP_DONE) exit = check_budget(&p, mesh);
     free(p.seed_m);
     if (exit) image_mesh_free(mesh);
     return exit;

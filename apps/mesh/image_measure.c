@@ -81,26 +81,6 @@ int image_interfaces(const image_tets *m, int labels, int **face) {
     return *face ? total : -1;
 }
 
-/* Pieces of each label that hang together through faces. */
-static bool count_pieces(image_mesh *mesh) {
-    const image_tets *m = &mesh->tets;
-    int count;
-    side *all = sides_of(m, 0, &count);
-    int32_t *parent = malloc(((size_t)m->tets + 1) * sizeof *parent);
-    if (all && parent) {
-        for (int t = 0; t < m->tets; t++) parent[t] = t;
-        for (int i = 0; i + 1 < count; i++) {
-            const int a = all[i].at / 4, b = all[i + 1].at / 4;
-            if (same_face(&all[i], &all[i + 1]) && m->label[a] == m->label[b]) law_join(parent, a, b);
-        }
-        for (int t = 0; t < m->tets; t++) mesh->of[m->label[t]].pieces += parent[t] == t;
-    }
-    const bool good = all && parent;
-    free(all);
-    free(parent);
-    return good;
-}
-
 static double triangle_m2(const double *a, const double *b, const double *c) {
     double u[3], w[3], n[3];
     for (int k = 0; k < 3; k++) u[k] = b[k] - a[k], w[k] = c[k] - a[k];
@@ -120,12 +100,100 @@ static double tet_m3(const image_tets *m, int t) {
            6;
 }
 
+/* parent[t]: tetrahedra that hang together through faces, those of one label alone or all. */
+static bool join_tets(const image_tets *m, bool across, int32_t *parent) {
+    int count;
+    side *all = sides_of(m, 0, &count);
+    for (int t = 0; t < m->tets; t++) parent[t] = t;
+    for (int i = 0; all && i + 1 < count; i++) {
+        const int a = all[i].at / 4, b = all[i + 1].at / 4;
+        if (same_face(&all[i], &all[i + 1]) && (across || m->label[a] == m->label[b])) law_join(parent, a, b);
+    }
+    free(all);
+    return all != NULL;
+}
+
+/* Pieces of each label that hang together through faces, and the volume of the largest. */
+static bool count_pieces(image_mesh *mesh) {
+    const image_tets *m = &mesh->tets;
+    int32_t *parent = malloc(((size_t)m->tets + 1) * sizeof *parent);
+    double *volume_m3 = calloc((size_t)m->tets + 1, sizeof *volume_m3);
+    const bool good = parent && volume_m3 && join_tets(m, false, parent);
+    for (int t = 0; t < m->tets && good; t++) volume_m3[law_root(parent, t)] += tet_m3(m, t);
+    for (int t = 0; t < m->tets && good; t++) {
+        if (parent[t] != t) continue;
+        image_result *of = &mesh->of[m->label[t]];
+        of->pieces++;
+        of->largest_m3 = fmax(of->largest_m3, volume_m3[t]);
+    }
+    free(parent);
+    free(volume_m3);
+    return good;
+}
+
+/* --- loose parts --- */
+
+const double image_loose_share = 0.01;
+
+/* Tetrahedra that stay, in their order, and the vertices that they name. */
+static bool keep_tets(image_tets *m, const uint8_t *stays) {
+    int *number = malloc(((size_t)m->vertices + 1) * sizeof *number), tets = 0, vertices = 0;
+    if (!number) return false;
+    for (int v = 0; v < m->vertices; v++) number[v] = -1;
+    for (int t = 0; t < m->tets; t++)
+        for (int k = 0; stays[t] && k < 4; k++) number[m->tet[4 * (size_t)t + k]] = 0;
+    for (int v = 0; v < m->vertices; v++) {
+        if (number[v] < 0) continue;
+        memmove(m->vertex_m + 3 * (size_t)vertices, m->vertex_m + 3 * (size_t)v, 3 * sizeof *m->vertex_m);
+        number[v] = vertices++;
+    }
+    for (int t = 0; t < m->tets; t++) {
+        if (!stays[t]) continue;
+        for (int k = 0; k < 4; k++) m->tet[4 * (size_t)tets + k] = number[m->tet[4 * (size_t)t + k]];
+        m->label[tets++] = m->label[t];
+    }
+    m->tets = tets;
+    m->vertices = vertices;
+    free(number);
+    return true;
+}
+
+bool image_drop_loose(const label_field *field, image_mesh *mesh) {
+    image_tets *m = &mesh->tets;
+    const size_t room = (size_t)m->tets + 1;
+    int32_t *parent = malloc(room * sizeof *parent);
+    double *volume_m3 = calloc(room, sizeof *volume_m3), all_m3 = 0;
+    uint8_t *stays = malloc(room), *whole = calloc(room, 1); /* whole: some label in it is not in more pieces */
+    bool good = parent && volume_m3 && stays && whole && join_tets(m, true, parent);
+    for (int t = 0; t < m->tets && good; t++) {
+        const int32_t root = law_root(parent, t);
+        const double one_m3 = tet_m3(m, t);
+        volume_m3[root] += one_m3;
+        all_m3 += one_m3;
+        whole[root] |= mesh->of[m->label[t]].pieces <= field->pieces[m->label[t]];
+    }
+    for (int t = 0; t < m->tets && good; t++) {
+        const int32_t root = law_root(parent, t);
+        stays[t] = whole[root] || volume_m3[root] >= image_loose_share * all_m3;
+        if (stays[t] || root != t) continue;
+        mesh->loose++;
+        mesh->loose_m3 += volume_m3[t];
+    }
+    if (good && mesh->loose) good = keep_tets(m, stays);
+    free(parent);
+    free(volume_m3);
+    free(stays);
+    free(whole);
+    return good;
+}
+
 bool image_measure(const label_field *field, image_mesh *mesh) {
     const image_tets *m = &mesh->tets;
     const double voxel_m3 = field->spacing_m[0] * field->spacing_m[1] * field->spacing_m[2];
     memset(mesh->of, 0, sizeof mesh->of);
     for (int t = 0; t < m->tets; t++) {
         mesh->of[m->label[t]].volume_m3 += tet_m3(m, t);
+        mesh->of[0].volume_m3 += tet_m3(m, t);
         mesh->of[m->label[t]].tets++;
     }
     for (int l = 1; l <= field->labels; l++) {

@@ -47,12 +47,14 @@ static int32_t add_group(tm_mesh_file *out, const char *name, const uint8_t *mar
     return out->group_begin[out->group_count] = at;
 }
 
-static bool add_groups(const image_options *o, const label_field *field, const image_tets *m, tm_mesh_file *out) {
+static bool add_groups(const image_options *o, const label_field *field, const image_tets *m, const int *number,
+                       tm_mesh_file *out) {
     uint8_t *outer = calloc((size_t)m->vertices + 1, 1), *mark = calloc((size_t)m->vertices + 1, 1);
     bool good = outer && mark && mark_surface(m, 0, NULL, outer);
     out->group_count = 0;
     if (good) add_group(out, "surface", outer);
     for (int l = 1; l <= field->labels && good; l++) {
+        if (number[l] < 0) continue;
         char name[64];
         memset(mark, 0, (size_t)m->vertices);
         good = mark_surface(m, l, outer, mark);
@@ -68,11 +70,11 @@ bool image_to_file(const image_options *o, const image_volume *volume, const lab
                    tm_mesh_file *out) {
     const image_tets *m = &mesh->tets;
     const bool mirrored = is_mirrored(volume);
-    *out = (tm_mesh_file){.vertex_count = m->vertices,
-                          .tet_count = m->tets,
-                          .region_count = field->labels,
-                          .group_count = field->labels + 1};
-    if (!tm_mesh_file_allocate(out, m->vertices * (field->labels + 1))) return false;
+    int number[LABEL_MOST + 1], regions = 0; /* a label that vanished is no region */
+    for (int l = 1; l <= field->labels; l++) number[l] = mesh->of[l].tets > 0 ? regions++ : -1;
+    *out = (tm_mesh_file){
+        .vertex_count = m->vertices, .tet_count = m->tets, .region_count = regions, .group_count = regions + 1};
+    if (!tm_mesh_file_allocate(out, m->vertices * (regions + 1))) return false;
     for (int v = 0; v < m->vertices; v++) {
         to_world(o, volume, m->vertex_m + 3 * (size_t)v, out->vertex_m + 3 * (size_t)v);
         out->vertex_tag[v] = v + 1;
@@ -81,12 +83,12 @@ bool image_to_file(const image_options *o, const image_volume *volume, const lab
         int32_t *to = out->tet + 4 * (size_t)t;
         memcpy(to, m->tet + 4 * (size_t)t, 4 * sizeof *to);
         if (mirrored) to[0] = m->tet[4 * (size_t)t + 1], to[1] = m->tet[4 * (size_t)t];
-        out->region[t] = m->label[t] - 1;
+        out->region[t] = number[m->label[t]];
         out->tet_tag[t] = t + 1;
     }
     for (int l = 1; l <= field->labels; l++)
-        snprintf(out->region_name[l - 1], sizeof *out->region_name, "%s", o->region[l].name);
-    return add_groups(o, field, m, out);
+        if (number[l] >= 0) snprintf(out->region_name[number[l]], sizeof *out->region_name, "%s", o->region[l].name);
+    return add_groups(o, field, m, number, out);
 }
 
 /* --- words --- */
@@ -128,20 +130,14 @@ static void warn_of_losses(const image_options *o, const label_field *field, con
     for (int l = 1; l <= field->labels; l++) {
         const image_result *r = &m->of[l];
         const double differ = r->volume_m3 / r->image_m3 - 1;
-        char finer[80];
-        snprintf(finer, sizeof finer, "mesh it finer (%s--label %d:%.2gmm)",
-                 o->regions && !o->all ? "" : "--label all ", o->region[l].value, 0.7e3 * m->edge_m[l]);
-        if (fabs(differ) > volume_told)
-            app_remark("%s: warning: label %d ('%s') has %.0f %% %s volume than in the image: %s%s\n", o->in,
+        if (fabs(differ) > volume_told && r->pieces)
+            app_remark("%s: warning: label %d ('%s') has %.0f %% %s volume than in the image%s\n", o->in,
                        o->region[l].value, o->region[l].name, 100 * fabs(differ), differ < 0 ? "less" : "more",
-                       o->volumes ? "its tetrahedra are too coarse for it; " : "name volumes in --optimise, or ",
-                       finer);
-        if (r->hausdorff_m > fmax(m->edge_m[l], 2 * cbrt(s[0] * s[1] * s[2]))) {
-            if (o->even && o->smooth > 0) snprintf(finer, sizeof finer, "smooth less (--smooth %.2g)", 0.5 * o->smooth);
-            app_remark(
-                "%s: warning: label %d ('%s') has its surface up to %.2g mm from the image's, a part was lost or filled; %s\n",
-                o->in, o->region[l].value, o->region[l].name, 1e3 * r->hausdorff_m, finer);
-        }
+                       o->volumes ? ": its tetrahedra are too coarse for it" : ": --optimise leaves out volumes");
+        if (r->hausdorff_m > fmax(m->edge_m[l], 2 * cbrt(s[0] * s[1] * s[2])))
+            app_remark("%s: warning: label %d ('%s') has its surface up to %.2g mm from the image's (mean %.2g mm): a "
+                       "part was lost or filled\n",
+                       o->in, o->region[l].value, o->region[l].name, 1e3 * r->hausdorff_m, 1e3 * r->mean_m);
     }
 }
 

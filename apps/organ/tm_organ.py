@@ -1,10 +1,12 @@
 #!/usr/bin/python3
-"""From a segmented image, a surface or a mesh to an organ that is felt: tetrahedra, a scene, a check at rest, a press and a cut, a picture and a film."""
+"""From a segmented image, a surface or a mesh to an organ that is felt: tetrahedra, a scene, a check at rest, half a core in real time, a press and a cut, a picture and a film."""
 import argparse
 import hashlib
 import json
+import math
 import os
 import pathlib
+import re
 import shutil
 import signal
 import subprocess
@@ -16,6 +18,12 @@ IMAGES = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".mha", ".mhd", ".dcm")
 SURFACES = (".stl", ".obj", ".ply", ".off", ".vtp")
 MESHES = (".msh", ".vtk", ".vtu", ".mesh")
 UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6}
+LIVE = 0.5  # of a core, in the busiest second of the press
+AIM = 0.8  # of that, so that a busier machine keeps up too
+MASS_GOOD, MASS_MOST = 0.1, 1.0  # of the tissue's own mass that may be added: without a coarser mesh first; at all
+SUBSTEPS_LEAST = 10  # a frame: 4 ms
+TOO_MUCH = "too much to be felt live"
+COARSER, COARSENINGS = 0.6, 3  # tetrahedra left by each coarsening; how many
 SAG_MOST = 0.3  # of the organ's size, under its own weight: beyond it hangs by too little
 
 
@@ -67,6 +75,10 @@ def digest(path):
         for block in iter(lambda: file.read(1 << 20), b""):
             sha.update(block)
     return sha.hexdigest()
+
+
+class Coarser(Exception):
+    """The mesh is too fine to be felt live, and a coarser one can be made."""
 
 
 class Work:
@@ -128,21 +140,25 @@ class Work:
         self.say(("    " if self.warned else "") + f"{said} ({self.done[name]['seconds']:.1f} s)")
 
 
-def mesh(a, kind, w):
-    """organ.msh, in metres."""
+def mesh(a, kind, coarser, w):
+    """organ.msh, in metres; `coarser`: with that share of the tetrahedra."""
     out, figures = w.path("organ.msh"), w.path("mesh.json")
+    size = a.size
+    if coarser < 1 and (size or kind == "surface"):
+        size = "%.4gmm" % (1e3 * w.done["edge_m"] * coarser ** (-1 / 3))
     if kind == "image":
-        words = [x for label in a.label for x in ("--label", label)] + (["--size", a.size] if a.size else ["--budget", a.budget or "10000"])
+        budget = str(max(300, int(coarser * int(a.budget or 10000))))
+        words = [x for label in a.label for x in ("--label", label)] + (["--size", size] if size else ["--budget", budget])
         if "  image " not in w.call("tm-mesh", "--list")[0]:
             raise Stop(f"{a.source}: this tm-mesh reads no images; take one that does (tm-mesh image), or give a surface")
         try:
             for line in w.call("tm-mesh", "image", *words, *(["--smooth", a.smooth] if a.smooth else []), "--space", "lps", a.source, "-o", out)[1].splitlines():
-                if "warning:" in line:
+                if "warning:" in line or "nothing of it is lost" in line:
                     w.warn(line)
         except Stop as stop:  # a module that is not there does not name the image
             raise Stop(str(stop) if str(a.source) in str(stop) else f"{a.source}: {stop}", stop.code)
     elif kind == "surface":
-        w.call("tm-mesh", "fill", *(["--size", a.size] if a.size else []), "--scale", UNITS[a.unit], a.source, "-o", out)
+        w.call("tm-mesh", "fill", *(["--size", size] if size else []), "--scale", UNITS[a.unit], a.source, "-o", out)
     elif UNITS[a.unit or "m"] == 1 and a.source.suffix.lower() == ".msh":
         shutil.copyfile(a.source, w.path("organ.part"))
         try:
@@ -155,7 +171,17 @@ def mesh(a, kind, w):
         w.call("tm-mesh", "convert", "--scale", UNITS[a.unit or "m"], a.source, "-o", out)
     w.call("tm-mesh", "info", "--json", figures, out)
     f = json.loads(figures.read_text())
+    if coarser == 1:
+        w.done["edge_m"] = edge_m(a, f)
     return f"{f['tets']:,} tetrahedra, {len(f['regions'])} region{'s' * (len(f['regions']) != 1)}, {f['volume_m3'] * 1e6:.4g} cm3"
+
+
+def edge_m(a, f):
+    """The size that the first mesh was made with."""
+    if a.size:
+        number, unit = re.fullmatch(r"\s*([\d.eE+-]+)\s*([a-z]*)\s*", a.size).groups()
+        return float(number) * UNITS.get(unit or "m", 1.0)
+    return max(h - l for h, l in zip(f["high_m"], f["low_m"])) / 14
 
 
 def scene(a, up, w):
@@ -191,34 +217,122 @@ def rest(up, w):
     return f"at rest under its weight, sags {1e3 * sag:.3g} mm"
 
 
+def figures_of(w, seconds=None, step_s=None):
+    """Figures of a press in lockstep, or of its first seconds; with mass scaling to that step."""
+    figures = w.path("live.json")
+    sets = [f"time.step={step_s:.4g}", "time.mass_scaling=yes", "time.mass_most=100"] if step_s else []
+    w.call("tm-sim", w.path("organ.yaml"), "--lockstep", "--json", figures, *(["--duration", f"{seconds} s"] if seconds else []), *(x for s in sets for x in ("--set", s)))
+    return json.loads(figures.read_text())
+
+
+def heavier(w, step_s):
+    """What mass scaling to that step adds: share of the tissue's mass, lowest frequencies with and without it."""
+    figures = w.path("heavier.json")
+    sets = [f"time.step={step_s:.4g}", "time.mass_scaling=yes", "time.mass_most=100"]
+    w.call("tm-sim", w.path("organ.yaml"), "--explain", "--json", figures, *(x for s in sets for x in ("--set", s)))
+    m = json.loads(figures.read_text()).get("mass_scaling", {"own_kg": 1, "added_kg": 0})
+    figures.unlink()
+    return m["added_kg"] / m["own_kg"], m.get("own_frequency_Hz"), m.get("frequency_Hz")
+
+
+def make_heavier(w, step_s, share, own_Hz, Hz):
+    """Writes it into the scene, with what it does."""
+    path = w.path("organ.yaml")
+    most = max(0.2, round(1.5 * share + 0.05, 2))
+    what = f"{100 * share:.2g} % of mass is added where tetrahedra are small" + (f", lowest frequency {min(own_Hz):.3g} -> {min(Hz):.3g} Hz" if Hz else "")
+    text = re.sub(r"^time: \{frame_rate: 25 Hz,.*$", lambda m: "# So that half a core of this machine steps it live: %s. At rest nothing changes.\n%s" % (
+        what, re.sub(r"\}.*", ", step: %.4g ms, mass_scaling: yes, mass_most: %g} # tm-sim --explain says where" % (1e3 * step_s, most), m[0])), path.read_text(), flags=re.M)
+    path.write_text(text)
+    w.done["written"] = digest(path)
+    return what
+
+
+def lighter(w, f, coarsens):
+    """A longer step, by mass where tetrahedra are small, with which half a core steps the press: (step, share of mass, frequencies, load), or None."""
+    frame, first, substeps = f["frame_s"], f["busiest_second_s"], f["substeps_per_frame"]
+    quiet = figures_of(w, 0.4)
+    one_s = quiet["processor_s"] / quiet["sim_s"] / substeps  # of a substep a frame, nothing touched, in a second
+    load = first
+    for _ in range(5):
+        rest_s = load - substeps * one_s  # what does not go with substeps: patches, contact
+        wanted = int(min((AIM * LIVE - rest_s) / one_s, 0.97 * substeps * AIM * LIVE / load))
+        substeps = max(SUBSTEPS_LEAST, wanted if rest_s < 0.9 * AIM * LIVE else substeps // 2)
+        share, own_Hz, Hz = heavier(w, frame / substeps)
+        if share > (MASS_GOOD if coarsens else MASS_MOST):
+            break
+        load = figures_of(w, None, frame / substeps)["busiest_second_s"]
+        if load <= LIVE:
+            return frame / substeps, share, own_Hz, Hz, load
+        if substeps == SUBSTEPS_LEAST:
+            break
+    if coarsens:
+        raise Coarser(f"{first:.2g} s of a core a second are too much to be felt live, and more mass takes it to {load:.2g} s alone")
+    return None
+
+
+def live(w, coarsens):
+    """Makes the scene one that half a core steps in real time: by mass where tetrahedra are small, else by a coarser mesh."""
+    f = figures_of(w, 3)
+    if f["busiest_second_s"] <= LIVE:
+        f = figures_of(w)
+    load, scene = f["busiest_second_s"], w.path("organ.yaml")
+    if load <= LIVE:
+        return f"{load:.2g} s of a core a second"
+    if w.yours():
+        w.warn(f"{scene}: warning: its busiest second takes {load:.2g} s of a core; it is yours, so nothing is changed: time.step with time.mass_scaling, or a coarser mesh, make it lighter")
+        return f"{load:.2g} s of a core a second, {TOO_MUCH}"
+    found = lighter(w, f, coarsens)
+    if not found:
+        w.warn(f"{scene}: warning: its busiest second takes {load:.2g} s of a core, and neither mass nor a coarser mesh mends it: it is no scene to be felt live; give softer regions, or fewer tetrahedra")
+        return f"{load:.2g} s of a core a second, {TOO_MUCH}"
+    step_s, share, own_Hz, Hz, after = found
+    what = make_heavier(w, step_s, share, own_Hz, Hz)
+    if share > 3 * MASS_GOOD:
+        w.warn(f"{scene}: warning: {what}: it swings slower; a coarser mesh or softer regions would need less")
+    return f"{after:.2g} s of a core a second, was {load:.2g}: {what}"
+
+
 def press(cuts, w):
     figures = w.path("press.json")
     w.call("tm-sim", w.path("organ.yaml"), "--lockstep", "--record", w.path("press.lcm"), "--csv", w.path("force.csv"), "--json", figures)
     f = json.loads(figures.read_text())
-    peak, removed = f["force_N"]["peak"], f.get("tets_removed", 0)
+    peak, removed, load = f["force_N"]["peak"], f.get("tets_removed", 0), f["busiest_second_s"]
     if not peak > 1e-3:
         raise Stop(f"{w.path('organ.yaml')}: the hand felt nothing; lead the tip in ('above: -5 mm'), tm-scene check says how far it is", 1)
     if cuts and not removed:
         w.warn(f"{w.path('organ.yaml')}: warning: the cautery cut nothing; lead its tip deeper while its pedal is down")
-    return f"peak {peak:.3g} N" + (f", {removed} tetrahedra cut" if cuts else "")
+    return f"peak {peak:.3g} N" + (f", {removed} tetrahedra cut" if cuts else "") + f", {load:.2g} s of a core in the busiest second"
 
 
 def run(a, kind):
     w = Work(a)
     up = a.up or ("-y" if kind == "image" else "z")
-    w.of = 5 if a.no_film else 6
-    source = digest(a.source)
+    w.of = 6 if a.no_film else 7
+    wanted = [digest(a.source), kind, a.unit, a.size, a.budget, a.label, a.smooth]
+    of = hashlib.sha256(json.dumps(wanted).encode()).hexdigest()
+    if w.done.get("coarser", {}).get("of") != of or a.again:
+        w.done["coarser"] = {"of": of, "share": 1.0}
     a.out.mkdir(parents=True, exist_ok=True)
-    try:
-        w.stage("mesh", "tetrahedra", [source, kind, a.unit, a.size, a.budget, a.label, a.smooth], ["organ.msh", "mesh.json"], lambda: mesh(a, kind, w))
-        tets = digest(w.path("organ.msh"))
-        w.stage("scene", "scene", [tets, up, a.no_cut, w.yours()], ["organ.yaml", "check.txt"], lambda: scene(a, up, w))
-    except BaseException:
-        if w.ours:
-            for left in a.out.iterdir():
-                left.unlink()
-            a.out.rmdir()
-        raise
+    coarsenings = 0
+    while True:
+        share, w.number = w.done["coarser"]["share"], 0
+        try:
+            w.stage("mesh", "tetrahedra", wanted + [share], ["organ.msh", "mesh.json"], lambda: mesh(a, kind, share, w))
+            tets = digest(w.path("organ.msh"))
+            w.stage("scene", "scene", [tets, up, a.no_cut, w.yours()], ["organ.yaml", "check.txt"], lambda: scene(a, up, w))
+        except BaseException:
+            if w.ours:
+                for left in a.out.iterdir():
+                    left.unlink()
+                a.out.rmdir()
+            raise
+        try:
+            w.stage("live", "half a core, live", [tets, a.no_cut, w.yours()], ["live.json"], lambda: live(w, kind != "mesh" and coarsenings < COARSENINGS))
+            break
+        except Coarser as too_fine:
+            coarsenings += 1
+            w.done["coarser"]["share"] = share * COARSER
+            w.say(f"    {too_fine}: meshed anew with {100 * share * COARSER:.2g} % of the tetrahedra")
     both = [tets, digest(w.path("organ.yaml"))]
     w.stage("rest", "check at rest", [both, up], ["rest.json", "rest.vtk"], lambda: rest(up, w))
     cuts = "\ncut:" in w.path("organ.yaml").read_text()
@@ -228,7 +342,8 @@ def run(a, kind):
     w.stage("picture", "picture", both + eye, ["organ.png"], lambda: w.call("tm-view", w.path("organ.yaml"), "--png", w.path("organ.png"), *(["--through", "0.5", "--no-supports"] if regions > 1 else []), *eye) and "organ.png")
     if not a.no_film:
         w.stage("film", "film", [digest(w.path("press.lcm")), a.film] + eye, ["organ.mp4"], lambda: w.call("tm-view", w.path("press.lcm"), "--scene", w.path("organ.yaml"), "--film", w.path("organ.mp4"), "--fps", "25", "--size", a.film, *eye, *(["--through", "0.5", "--no-supports"] if regions > 1 else [])) and "organ.mp4")
-    w.say(f"{a.out}: look at organ.{'png' if a.no_film else 'mp4'}; edit organ.yaml and run this again; feel it: tm-session {w.path('organ.yaml')} --play")
+    felt = TOO_MUCH not in w.done["live"]["said"]
+    w.say(f"{a.out}: look at organ.{'png' if a.no_film else 'mp4'}; edit organ.yaml and run this again" + (f"; feel it: tm-session {w.path('organ.yaml')} --play" if felt else ""))
 
 
 def check(a):

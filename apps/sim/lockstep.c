@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "consoles.h"
 #include "figures.h"
@@ -31,9 +32,12 @@ typedef struct lockstep {
     run_file csv, samples, report;
     run_series series;
     sim_stream stream;
-    int64_t tick_us, ticks, frame, first_frame; /* first: not 0 after --restore */
-    int64_t sample;                             /* base samples done, from time 0 */
-    double compute_s;
+    int64_t tick_us, ticks, frame, first_frame;                  /* first: not 0 after --restore */
+    int64_t sample;                                              /* base samples done, from time 0 */
+    double compute_s, processor_s, frame_s, second_s, busiest_s; /* of the processor: frame_s of this frame, second_s in
+                                                                    this simulated second */
+    int64_t second_frame;                                        /* with which it began */
+    hrt_histogram frame_processor;
     sim_magnitude force;
 } lockstep;
 
@@ -102,6 +106,23 @@ static void trace_sample(lockstep *l, const tensormass_force_sample_t *m, int64_
     }
 }
 
+/* Processor time of this program: what frames cost whatever else the machine does. */
+static double processor_s(void) {
+    struct timespec now;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+/* Accounts a whole frame, and in which simulated second most was spent. */
+static void note_frame(lockstep *l) {
+    if ((double)(l->frame - l->second_frame) * l->s->frame_s >= 1) l->second_s = 0, l->second_frame = l->frame;
+    l->processor_s += l->frame_s;
+    l->second_s += l->frame_s;
+    l->busiest_s = fmax(l->busiest_s, l->second_s);
+    hrt_histogram_add(&l->frame_processor, (int64_t)(1e9 * l->frame_s));
+    l->frame_s = 0;
+}
+
 static tm_status sample(lockstep *l, int64_t now_us) {
     sim *s = l->s;
     tm_tool_pose to[TM_MAX_INSTRUMENTS];
@@ -115,8 +136,10 @@ static tm_status sample(lockstep *l, int64_t now_us) {
             to[i] = sim_hand_pose(s, i, (double)(now_us - START_US) * 1e-6);
     }
     int64_t before = app_monotonic_us();
+    const double processor_before_s = processor_s();
     const int32_t substeps = s->substeps / s->samples;
     tm_status status = sim_sample(s, to, substeps);
+    l->frame_s += processor_s() - processor_before_s;
     l->compute_s += (double)(app_monotonic_us() - before) * 1e-6;
     if (s->broken_off) return status;
     l->sample++;
@@ -133,7 +156,10 @@ static tm_status sample(lockstep *l, int64_t now_us) {
 static void end_frame(lockstep *l, int64_t now_us, tm_status status) {
     sim *s = l->s;
     const int64_t before = app_monotonic_us();
+    const double processor_before_s = processor_s();
     if (!status) sim_frame_end(s);
+    l->frame_s += processor_s() - processor_before_s;
+    note_frame(l);
     l->compute_s += (double)(app_monotonic_us() - before) * 1e-6;
     l->frame++;
     sim_reach_note(s);
@@ -210,6 +236,9 @@ static void report(lockstep *l, cJSON *json, double wall_s) {
     cJSON_AddNumberToObject(json, "sim_s", simulated_s);
     cJSON_AddNumberToObject(json, "compute_s", l->compute_s);
     cJSON_AddNumberToObject(json, "wall_s", wall_s);
+    cJSON_AddNumberToObject(json, "processor_s", l->processor_s);
+    cJSON_AddNumberToObject(json, "busiest_second_s", l->busiest_s);
+    hrt_report_quantiles(json, "frame_processor_us", &l->frame_processor);
     cJSON_AddNumberToObject(json, "sim_seconds_per_wall_second", l->compute_s > 0 ? simulated_s / l->compute_s : 0);
     cJSON_AddNumberToObject(json, "ticks", (double)l->ticks);
     cJSON_AddNumberToObject(json, "missed_ticks", 0); /* a virtual clock misses none */
