@@ -156,6 +156,38 @@ static double nearest_way_m(const sim *s, int i) {
     return fmax(best, 0);
 }
 
+/* How deep a waypoint leads the tip into the tissue at rest, along the shaft, and how thick that is there. False: not
+ * at all. */
+static bool depth_m(const sim *s, int i, double time_s, double *depth, double *thickness) {
+    const tm_instrument_def *tool = &s->instrument_def[i];
+    const tm_tool_pose pose = sim_hand_pose(s, i, time_s);
+    double along[3], back[3], beyond[3], reach = 0;
+    for (int a = 0; a < 3; a++) along[a] = pose.tip_m[a] - tool->trocar_m[a], reach += along[a] * along[a];
+    reach = sqrt(reach);
+    for (int a = 0; a < 3; a++) along[a] /= reach, back[a] = -along[a];
+    const double way = sim_way_to_touch(s->mesh, tool->trocar_m, along, tool->radius_m),
+                 far = way + 4 * size_m(s->mesh);
+    for (int a = 0; a < 3; a++) beyond[a] = tool->trocar_m[a] + far * along[a];
+    const double behind = way < 0 ? -1 : sim_way_to_touch(s->mesh, beyond, back, tool->radius_m);
+    if (way < 0 || behind < 0) return false;
+    *depth = reach - way, *thickness = far - behind - way;
+    return *depth > 0 && *thickness > 0;
+}
+
+static void look_at_depth(review *r, int i) {
+    const double deep = 0.4; /* of the thickness: what is left bears half as much again as a linear law knows */
+    const sim *s = r->s;
+    double worst = 0, depth, thickness, worst_m = 0, of_m = 0;
+    if (sim_has(s, "rotation")) return;
+    for (int k = 0; k < s->hand[i].key_count; k++)
+        if (depth_m(s, i, s->hand[i].key[k].time_s, &depth, &thickness) && depth / thickness > worst)
+            worst = depth / thickness, worst_m = depth, of_m = thickness;
+    if (worst > deep)
+        odd(r, s->scene->hand.line,
+            "the hand of instrument %d presses %.3g mm into %.3g mm of linear tissue, far outside its range; press less, or add 'rotation:'",
+            i, 1e3 * worst_m, 1e3 * of_m);
+}
+
 static void look_at_hands(review *r) {
     const sim *s = r->s;
     const app_instrument *all = s->scene->instrument.item;
@@ -175,6 +207,7 @@ static void look_at_hands(review *r) {
             odd(r, s->scene->hand.line,
                 "the hand of instrument %d comes no nearer than %.3g mm to the tissue; lead it in ('above: -3 mm')", i,
                 1e3 * gap_m);
+        if (sim_has(s, "contact")) look_at_depth(r, i);
         const double end_s = s->hand[i].key[s->hand[i].key_count - 1].time_s;
         if (s->scene->duration.si < 0.9 * end_s)
             odd(r, s->scene->duration.line,

@@ -163,6 +163,7 @@ static void end_frame(lockstep *l, int64_t now_us, tm_status status) {
     l->compute_s += (double)(app_monotonic_us() - before) * 1e-6;
     l->frame++;
     sim_reach_note(s);
+    if (l->frame % 10 == 9) sim_shape_note(s);
     /* The clock of this run is virtual, so is the cost that it reports: a log must not depend on the machine. */
     sim_publish_frame(&l->publisher, s, now_us, 0, 0, sim_stream_rate_Hz(&l->stream));
     if (!status) run_series_add(&l->series, s);
@@ -316,6 +317,10 @@ int run_lockstep(sim *s, const run_options *o) {
     else if (recording && !app_output_commit(&log, &error))
         rc = app_report(NULL, 0, &error);
     if (!rc) sim_reach_report(s, (double)l->frame * s->frame_s);
+    if (!rc) {
+        sim_shape_note(s);
+        sim_shape_report(s, json);
+    }
     if (!rc) report(l, json, (double)(app_monotonic_us() - start) * 1e-6);
     int rc2 = run_file_end(&l->csv, !rc || evidence), rc3 = run_file_end(&l->samples, !rc || evidence);
     int rc4 = run_series_end(&l->series, true);

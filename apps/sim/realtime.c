@@ -183,7 +183,10 @@ static void end_frame(realtime *r, tm_status status) {
     const double wall_s = seconds_since(r->start_us);
     sim_publish_frame(&r->publisher, s, utime_now(), spent_s, wall_s > 0 ? r->simulated_s / wall_s : 0,
                       sim_stream_rate_Hz(&r->stream));
-    if (r->frame % 10 == 0) sim_reach_note(s);
+    if (r->frame % 10 == 0) {
+        sim_reach_note(s);
+        sim_shape_note(s);
+    }
     if (!status) run_series_add(&r->series, s); /* a failure is told; the session goes on */
     r->spent.frame_s = seconds_since(begin);
     r->next_us += r->frame_us;
@@ -311,6 +314,10 @@ int run_realtime(sim *s, const run_options *o) {
     else if (recording && !app_output_commit(&log, &error))
         rc = app_report(NULL, 0, &error);
     if (!rc) sim_reach_report(s, r.simulated_s);
+    if (!rc) {
+        sim_shape_note(s);
+        sim_shape_report(s, json);
+    }
     if (!rc) realtime_report(&r, json);
     int rc2 = run_file_end(&r.samples_file, !rc || evidence);
     int rc3 = run_series_end(&r.series, true);

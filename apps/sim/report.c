@@ -11,11 +11,13 @@
 #include "run.h"
 
 int run_unstable(int64_t frame) {
-    fprintf(stderr,
-            "tm-sim: frame %" PRId64
-            ": a displacement stopped being finite or passed 1e6 m, and no force was sent for it; "
-            "lower time.step_fraction, or look at the materials with --explain\n",
-            frame);
+    fprintf(
+        stderr,
+        "tm-sim: frame %" PRId64
+        ": a displacement stopped being finite or passed a thousand times the tissue's size, and no force was sent for "
+        "it; "
+        "lower time.step_fraction, or look at the materials with --explain\n",
+        frame);
     return RUN_UNSTABLE;
 }
 

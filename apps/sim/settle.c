@@ -7,6 +7,7 @@
 
 #include "models.h"
 #include "run.h"
+#include "surface.h"
 
 typedef struct watch {
     double tolerance, first;
@@ -177,7 +178,11 @@ static int settle(sim *s, const run_options *o, run_file *written, cJSON *json) 
         printf("at rest after %lld steps, residual %.3g", (long long)result.steps, result.residual);
     else
         printf("at rest, by the direct solver");
-    printf("; energy %.9g J; largest displacement %.6g m\n", result.energy_J, largest);
+    printf("; energy %.9g J; largest displacement %.6g m; least det F %.3g\n", result.energy_J, largest,
+           result.deformation.least_det);
+    sim_shape_warn(s, &result.deformation, "at rest ");
+    sim_shape_json(&result.deformation, json);
+    cJSON_AddNumberToObject(json, "load_steps", result.load_steps);
     cJSON_AddNumberToObject(json, "steps", (double)result.steps);
     cJSON_AddNumberToObject(json, "residual", result.residual);
     cJSON_AddNumberToObject(json, "energy_J", result.energy_J);

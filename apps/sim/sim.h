@@ -133,6 +133,9 @@ struct sim {
     bool patch_valid[TM_MAX_INSTRUMENTS]; /* by the last frame */
     sim_coverage coverage[TM_MAX_INSTRUMENTS];
     sim_reach reach[TM_MAX_INSTRUMENTS];
+    tm_deformation worst; /* of the frames looked at: sim_shape_note */
+    double worst_s;
+    bool shape_noted;
     double velocity_m_s[TM_MAX_INSTRUMENTS][3]; /* of the tips over the last sample */
     double last_s;                              /* length of the last sample */
     double patches_s;                           /* spent on patches and stiffness by the last sample */

@@ -119,7 +119,10 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
         solve.load_N = load;
         status = tm_solve_static(&solve, u_m, reaction_N, &report, error);
     }
-    if (status == TM_OK) result->energy_J = tm_tissue_energy(whole, u_m);
+    if (status == TM_OK) {
+        result->energy_J = tm_tissue_energy(whole, u_m);
+        result->deformation = tm_tissue_deformation(whole, u_m);
+    }
     tm_tissue_destroy(whole);
     tm_tissue_destroy(uncut);
     tms_give(load);

@@ -105,7 +105,10 @@ static tm_status settle(tm_model *m, const tm_settle_def *def, double *u_m, doub
     (void)def;
     tm_solve_report report;
     const tm_status status = tm_solve_static(&of(m)->solve, u_m, reaction_N, &report, error);
-    if (status == TM_OK) result->energy_J = tm_tissue_energy(m->tissue, u_m);
+    if (status == TM_OK) {
+        result->energy_J = tm_tissue_energy(m->tissue, u_m);
+        result->deformation = tm_tissue_deformation(m->tissue, u_m);
+    }
     return status;
 }
 

@@ -14,7 +14,7 @@ Arrays are views of the library's memory where not said otherwise, and keep it a
 sentence. See docs/python.md.
 """
 from ._core import (
-    ArgumentError, ContractError, ConvergenceError, Error, ExcludedError, FileError, LimitError, MaterialError, MeshError, NoMemoryError, SceneWarning,
+    ArgumentError, ContractError, ConvergenceError, DeformationWarning, Error, ExcludedError, FileError, LimitError, MaterialError, MeshError, NoMemoryError, SceneWarning,
     StepError, SupportError, UnstableError, lib,
 )
 from .controller import Controller, Extrapolator, controller_patch, parameters, sample
@@ -25,12 +25,12 @@ from .solve import Factored, Precomputed, Problem, Report, solve_static
 from .patch import Patch, PatchMaker, PatchSolver
 from .model import Model, Pace
 from .scene import Scene
-from .tissue import Material, Surface, Tissue
+from .tissue import Deformation, Material, Surface, Tissue
 from .world import Settled, Stage, World
 
 __version__: str = lib.tm_version().decode()
 __all__ = [
-    "ArgumentError", "Channel", "Contact", "ContractError", "Controller", "ConvergenceError", "Cut", "Error", "ExcludedError", "Extrapolator",
+    "ArgumentError", "Channel", "Contact", "ContractError", "Controller", "ConvergenceError", "Cut", "Deformation", "DeformationWarning", "Error", "ExcludedError", "Extrapolator",
     "Factored", "FileError", "Friction", "Grasp", "Grip", "Instrument", "LimitError", "Material", "MaterialError", "Mesh", "MeshError", "Model", "Pace", "NoMemoryError",
     "Patch", "PatchMaker", "PatchSolver", "Pose", "Precomputed", "Problem", "Quality", "Reaction", "Report", "Scene", "SceneWarning", "Settled",
     "Stage", "StepError", "SupportError", "Surface", "Tissue", "UnstableError", "World", "controller_patch", "memory_in_use", "parameters",

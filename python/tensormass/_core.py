@@ -1,14 +1,16 @@
 """The libraries of this package, and what every module needs of them: calls, errors, handles that destroy in the right order, views of memory."""
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import pathlib
 import platform
+import signal
 import sys
 import threading
 import warnings
 import weakref
-from typing import Any, Callable, Dict, Iterable, List, Optional, Type
+from typing import Any, Callable, Dict, Iterable, Iterator, List, Optional, Type
 
 import numpy as np
 from numpy.typing import NDArray
@@ -67,7 +69,7 @@ class ConvergenceError(Error, ArithmeticError):
 
 
 class UnstableError(Error, ArithmeticError):
-    """A displacement stopped being finite: all is as before the call."""
+    """A displacement passed a thousand times the body's size, or stopped being finite: all is as before the call."""
 
 
 class LimitError(Error):
@@ -84,6 +86,10 @@ class ExcludedError(Error, ValueError):
 
 class SceneWarning(UserWarning):
     """What is valid in a scene and probably not meant, with its place."""
+
+
+class DeformationWarning(UserWarning):
+    """Tissue is inside out somewhere, or linear and far outside its range: what to do about it."""
 
 
 ERRORS: Dict[int, Type[Error]] = {
@@ -165,6 +171,23 @@ def check(status: int, error: Optional[c.tm_error] = None, sentence: str = "") -
         return
     told = error.message.decode(errors="replace") if error is not None and error.message else sentence
     raise ERRORS.get(status, Error)(told or _status_name(status), status, error.entity if error is not None else -1)
+
+
+@contextlib.contextmanager
+def interrupt_noted() -> Iterator[List[Any]]:
+    """Ctrl-C within fills the list, and is raised at the end: raised in a function that the library calls it would be lost."""
+    noted: List[Any] = []
+    usual = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or not callable(usual):
+        yield noted
+        return
+    signal.signal(signal.SIGINT, lambda *what: noted.append(what))
+    try:
+        yield noted
+    finally:
+        signal.signal(signal.SIGINT, usual)
+        if noted:
+            usual(*noted[0])
 
 
 def said() -> List[str]:

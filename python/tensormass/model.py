@@ -3,17 +3,18 @@ from __future__ import annotations
 
 import ctypes
 import os
+import warnings
 from typing import Any, Dict, List, NamedTuple, Optional, Sequence, Tuple, Union
 
 import numpy as np
 
 from . import _bind as c
-from ._core import ArgumentError, Floats, Object, address, call, check, choice, floats, ints, lib, vector, view
+from ._core import ArgumentError, DeformationWarning, Floats, Object, address, call, check, choice, floats, ints, lib, vector, view
 from .instruments import Instrument, Pose, Reaction, contact_definition, fill, friction_definition, reaction_of
 from .mesh import Mesh
 from .patch import Patch
 from .solve import File, Problem, Progress, Report, report_of
-from .tissue import FORM, PRECISION, Material, Surface, Tissue, surface_of
+from .tissue import FORM, PRECISION, Material, Surface, Tissue, deformation_of, surface_of
 from .world import Stage, World, stages_of
 
 LOOSE = {"fall": c.TM_LOOSE_FALL, "removed": c.TM_LOOSE_REMOVE}
@@ -207,6 +208,9 @@ class Model(Object):
         d.tolerance, d.max_steps = tolerance, max_steps
         u, reaction = np.zeros((self.mesh.vertex_count, 3)), np.zeros((self.mesh.vertex_count, 3))
         call(lib.tm_model_settle, self, ctypes.byref(d), address(u), address(reaction), ctypes.byref(result))
+        doubt = deformation_of(self.tissue, result.deformation).doubt
+        if doubt:
+            warnings.warn("at rest " + doubt, DeformationWarning, stacklevel=2)
         return u, reaction
 
     def snapshot(self) -> bytes:

@@ -102,6 +102,26 @@ def surface_of(owner: object, found: Any) -> Surface:
     return Surface(view(owner, found.triangle, (found.count, 3), "int32"), view(owner, found.face, (found.count,), "int32"), found.revision)
 
 
+class Deformation(NamedTuple):
+    """How far living tetrahedra are deformed, F = 1 + grad u."""
+
+    least_det: float  #: smallest det F; 0 and below: inside out
+    least_det_tet: int
+    inverted: int  #: tetrahedra with det F <= 0
+    nonlinear_strain: float  #: largest |grad u^T grad u| / 2, which the linear law leaves out
+    nonlinear_tet: int
+    nonlinear_share: float  #: of the volume where that is above 0.1
+    doubt: str  #: what to do about it, as a sentence; empty: nothing is doubtful
+
+
+def deformation_of(tissue: Any, found: Any) -> Deformation:
+    """As the library returns it."""
+    sentence = ctypes.create_string_buffer(c.TM_ERROR_MESSAGE_MAX)
+    lib.tm_tissue_doubts(tissue, ctypes.byref(found), sentence)
+    return Deformation(found.least_det, found.least_det_tet, found.inverted, found.nonlinear_strain, found.nonlinear_tet, found.nonlinear_share,
+                       sentence.value.decode())
+
+
 class Tissue(Object):
     """A mesh with materials, assembled: stiffness tensors, lumped masses, surface. Constant but for cutting.
 
@@ -207,6 +227,11 @@ class Tissue(Object):
         """Stored energy u.K u / 2, J."""
         u = self._displacements(u_m)
         return float(lib.tm_tissue_energy(self, address(u)))
+
+    def deformation(self, u_m: Any) -> Deformation:
+        """How far displacements (V, 3), m, deform it: what is inside out, and what the linear law leaves out."""
+        u = self._displacements(u_m)
+        return deformation_of(self, lib.tm_tissue_deformation(self, address(u)))
 
     def vertex_tensor(self, vertex: int) -> Floats:
         """(3, 3) K_kk, N/m."""

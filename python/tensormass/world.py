@@ -2,14 +2,15 @@
 from __future__ import annotations
 
 import ctypes
+import warnings
 import weakref
 from typing import TYPE_CHECKING, Any, Callable, List, NamedTuple, Optional, Sequence, Tuple
 
 import numpy as np
 
 from . import _bind as c
-from ._core import ArgumentError, Bytes, Floats, Ints, Object, address, call, check, choice, field_type, floats, ints, lib, vector, view
-from .tissue import Tissue
+from ._core import ArgumentError, Bytes, DeformationWarning, Floats, Ints, Object, address, call, check, choice, field_type, floats, interrupt_noted, ints, lib, vector, view
+from .tissue import Deformation, Tissue, deformation_of
 
 if TYPE_CHECKING:
     from .instruments import Contact, Cut, Friction, Grasp, Instrument
@@ -45,6 +46,8 @@ class Settled(NamedTuple):
     steps: int
     residual: float
     energy_J: float
+    load_steps: int  #: in which supports and loads came on, of tissue that turns; else 0
+    deformation: Deformation
 
 
 class World(Object):
@@ -141,8 +144,9 @@ class World(Object):
         """`count` substeps, all or none. UnstableError: everything is as it was before, to the last bit; so too when a stage's function raises."""
         status = lib.tm_world_step(self, count)
         self._raise_failed()
-        check(status, sentence=f"a displacement or a force stopped being finite within {count} steps from {self.time_s:g} s; all is as before: "
-              "lower the step, or what drives the tissue")
+        check(status, sentence=f"a displacement passed {lib.tm_world_largest_displacement_m(self):g} m, or a force stopped being finite, within {count} steps "
+              f"from {self.time_s:g} s; all is as before this call: lower the step (an own stage that makes tissue stiffer needs a step_limit_s), or "
+              "what drives the tissue; to go back farther, restore a snapshot")
 
     def _raise_failed(self) -> None:
         """What a stage's function raised."""
@@ -158,28 +162,36 @@ class World(Object):
         return total
 
     def settle(self, tolerance: float = 1e-10, max_steps: int = 2000000, progress: Optional[Callable[[int, float], Any]] = None) -> Settled:
-        """Solves for rest, K u = f, by dynamic relaxation; contact stays active. tolerance: relative residual. progress(step, residual): False
-        stops. ConvergenceError: not reached."""
+        """Solves for rest under supports and loads; contact stays active. Tissue that turns gets there from the present state in load steps of
+        its own, turned supports round their axes by the shorter way. tolerance: residual relative to forces, or to the stiffness times 1e-4 of
+        the largest displacement where that is more; 1e-11 and below may be less than rounding lets it be. progress(step, residual): False
+        stops; so does Ctrl-C. ConvergenceError: not reached, all is as before. DeformationWarning: tetrahedra are inside out at rest, or linear
+        tissue is far outside its range."""
         definition, result = lib.tm_settle_def_default(), c.tm_settle_result()
         definition.tolerance, definition.max_steps = tolerance, max_steps
         raised: List[BaseException] = []
+        stop: List[Any] = []
 
         def ask(user: Any, step: int, residual: float) -> bool:
             try:
-                return progress is None or progress(step, residual) is not False
+                return not stop and self._failed is None and (progress is None or progress(step, residual) is not False)
             except BaseException as error:  # noqa: B902 (handed on below)
                 raised.append(error)
                 return False
 
         asked = field_type(c.tm_settle_def, "progress")(ask)
-        if progress is not None:
-            definition.progress = asked
+        definition.progress = asked
         try:
-            call(lib.tm_world_settle, self, ctypes.byref(definition), ctypes.byref(result))
+            with interrupt_noted() as stop:
+                call(lib.tm_world_settle, self, ctypes.byref(definition), ctypes.byref(result))
         finally:
+            self._raise_failed()
             if raised:
                 raise raised[0]
-        return Settled(result.steps, result.residual, result.energy_J)
+        found = deformation_of(self._tissue, result.deformation)
+        if found.doubt:
+            warnings.warn("at rest " + found.doubt, DeformationWarning, stacklevel=2)
+        return Settled(result.steps, result.residual, result.energy_J, result.load_steps, found)
 
     # --- stages ---
 
@@ -196,11 +208,15 @@ class World(Object):
         """Refused while another stage needs it: remove that one first."""
         call(lib.tm_world_remove_stage, self, name.encode())
 
-    def add_stage(self, name: str, function: Callable[["World"], Any], phase: str = "load", before: Optional[str] = None) -> None:
+    def add_stage(self, name: str, function: Callable[["World"], Any], phase: str = "load", before: Optional[str] = None,
+                  step_limit_s: float = 0.0) -> None:
         """Your own effect: `function(world)` once a substep, in `phase` ("begin", "force", "load", "integrate", "constrain", "end").
 
         It reads u_m and adds to force_N ("load") or corrects u_next_m ("constrain"). When it raises, the step raises the same, and everything is
         as it was before. What it keeps of its own is not in snapshots.
+
+        step_limit_s: the longest step that is stable with it; a longer dt_s: StepError. 0: no limit, which is right for forces that do not
+        grow with u_m. With springs of k[v] N/m on vertices of mass m[v]: (1 / tissue.critical_step()[0]**2 + (k / (4 * m)).max()) ** -0.5.
         """
         world = weakref.ref(self)
         number = choice(phase, PHASES, "phase")
@@ -218,7 +234,7 @@ class World(Object):
 
         if not any(s.name == _GUARD for s in self.stages):
             self._add(_GUARD, self._guard(), c.TM_PHASE_END)
-        self._add(name, run, number, before)
+        self._add(name, run, number, before, step_limit_s)
 
     def _guard(self) -> Callable[[Any, Any], None]:
         """A function that raised before the integrator fails the step here: u_next_m is no number, so that the library gives all back."""
@@ -231,11 +247,12 @@ class World(Object):
 
         return run
 
-    def _add(self, name: str, function: Callable[[Any, Any], None], phase: int, before: Optional[str] = None) -> None:
+    def _add(self, name: str, function: Callable[[Any, Any], None], phase: int, before: Optional[str] = None, step_limit_s: float = 0.0) -> None:
         stage = c.tm_stage()
         run = field_type(c.tm_stage, "run")(function)
         spelled, other = name.encode(), before.encode() if before else None
         stage.size, stage.name, stage.phase, stage.run, stage.before = ctypes.sizeof(stage), spelled, phase, run, other
+        stage.step_limit_s = step_limit_s
         call(lib.tm_world_add_stage, self, ctypes.byref(stage), 0)
         self._kept += [run, spelled, other]
 

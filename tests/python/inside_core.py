@@ -1,5 +1,6 @@
 """Run by test_package.py with the wheel's Python: mesh, tissue, world."""
 import gc
+import signal
 import threading
 import time
 
@@ -225,6 +226,96 @@ def test_unstable_is_as_before():
     assert world.hash == before
 
 
+def bar(rotation, volume=False):
+    """20 x 20 x 80 mm, held at both ends."""
+    mesh = tm.Mesh.block((0.02, 0.02, 0.08), (2, 2, 8))
+    world = tm.World(tm.Tissue(mesh, LIVER, rotation=rotation, volume=volume))
+    if rotation:
+        world.add_rotation()
+    ends = np.flatnonzero((mesh.rest_m[:, 2] == 0) | (mesh.rest_m[:, 2] > 0.0799))
+    world.add_support(ends)
+    return mesh, world, ends
+
+
+def turn(mesh, world, ends, about_x, angle=0.0):
+    """Both ends about x, the far one about z as well."""
+    x = mesh.rest_m[ends] - [0.01, 0.01, 0]
+    c, s = np.cos(angle), np.sin(angle)
+    y = np.where(x[:, 2:] > 0, np.stack([c * x[:, 0] - s * x[:, 1], s * x[:, 0] + c * x[:, 1], x[:, 2]], 1), x)
+    c, s = np.cos(about_x), np.sin(about_x)
+    y = np.stack([y[:, 0], c * y[:, 1] - s * y[:, 2], s * y[:, 1] + c * y[:, 2]], 1)
+    for component, value in enumerate((y - x).ravel()):
+        world.move_support(component, value)
+
+
+@pytest.mark.parametrize("volume", [False, True])
+def test_settling_leads_turned_ends_round(volume, recwarn):
+    mesh, world, ends = bar(0.02, volume)
+    turn(mesh, world, ends, np.pi / 2)
+    settled = world.settle(1e-8)
+    assert abs(settled.energy_J) < 1e-12 and settled.deformation.least_det == pytest.approx(1) and settled.deformation.doubt == ""
+    turn(mesh, world, ends, np.pi / 2, np.pi)
+    settled = world.settle(1e-8)
+    assert settled.load_steps > 1 and settled.deformation.inverted == 0 and settled.deformation.least_det > 0.8
+    assert not recwarn.list
+    with pytest.raises(tm.ConvergenceError, match="allow a tolerance of"):
+        turn(mesh, world, ends, 0.3)
+        world.settle(1e-15)
+
+
+def test_linear_tissue_that_turned_is_warned_of():
+    mesh, world, ends = bar(0.0)
+    turn(mesh, world, ends, np.pi / 2)
+    with pytest.warns(tm.DeformationWarning, match="'rotation'"):
+        settled = world.settle(1e-9)
+    assert settled.deformation.nonlinear_share > 0.9 and settled.deformation == world.tissue.deformation(world.u_m)
+
+
+def test_ctrl_c_and_what_a_stage_raises_end_settling():
+    """Without `progress` too."""
+    _, _, world = block()
+    contact = world.add_contact([tm.Instrument(trocar_m=(0.02, 0.02, 0.15), tip_m=(0.02, 0.02, 0.035))])
+    world.add_gravity()
+    before = world.hash
+    threading.Timer(0.2, lambda: signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)).start()
+    with pytest.raises(KeyboardInterrupt):
+        world.settle(1e-18)  # which no rounding allows
+    assert contact and world.hash == before
+
+    def fail(w):
+        raise ZeroDivisionError("in a stage")
+
+    world.add_stage("fails", fail)
+    with pytest.raises(ZeroDivisionError, match="in a stage"):
+        world.settle(1e-3)
+
+
+def test_a_stiff_stage_has_a_step_limit():
+    """5,000 N/m on every vertex: with its limit it holds; without, what is given back is bounded by the body's size."""
+    mesh, tissue, world = block()
+    mass, guaranteed = tissue.mass_kg, tissue.critical_step()[0]
+    limit = (1 / guaranteed ** 2 + (5000 / (4 * mass)).max()) ** -0.5
+    world.u_m[:] = world.u_prev_m[:] = 1e-3 * np.sin(np.arange(world.u_m.size)).reshape(-1, 3)
+
+    def spring(w):
+        w.force_N[:] -= 5000 * w.u_m
+
+    with pytest.raises(tm.StepError, match="spring"):
+        world.add_stage("spring", spring, step_limit_s=limit)
+    start = world.snapshot()
+    world.add_stage("spring", spring)
+    with pytest.raises(tm.UnstableError, match="step_limit_s"):
+        for _ in range(500):
+            world.step(10)
+    assert np.abs(world.u_m).max() <= 1000 * np.linalg.norm([0.04, 0.04, 0.02])
+    world.remove_stage("spring")
+    world.restore(start)
+    world.dt_s = limit
+    world.add_stage("spring", spring, step_limit_s=limit)
+    world.step(2000)
+    assert np.abs(world.u_m).max() < 2e-3
+
+
 def test_snapshots_go_on_with_the_same_bits():
     _, _, world = block()
     world.add_gravity()
@@ -262,6 +353,7 @@ def test_critical_steps():
     assert tissue.critical_step_sharp(world.support_mask) >= guaranteed
 
 
+@pytest.mark.filterwarnings("ignore::tensormass.DeformationWarning")
 def test_volume_and_rotation():
     """A cantilever near Poisson's ratio 0.5 is less stiff where its volume does not lock; turned as a whole, tissue with rotation has no stress."""
     mesh = tm.Mesh.block((0.06, 0.01, 0.01), (12, 2, 2))
@@ -286,6 +378,7 @@ def test_volume_and_rotation():
         tm.World(tm.Tissue(mesh, material)).add_rotation()
 
 
+@pytest.mark.filterwarnings("ignore::tensormass.DeformationWarning")
 def test_viscosity():
     """What relaxes to half its moduli sags twice as far in the end."""
     mesh, sag = tm.Mesh.block((0.06, 0.01, 0.01), (12, 2, 2)), []

@@ -92,6 +92,7 @@ ODD = [  # what is changed in the scene, what is said
     (("haptics:", "#"), "nobody feels them"),
     (("duration: 4.6 s", "duration: 1 s"), r"the run ends at 1 s, the hand of instrument 0 at 4.4 s"),
     (("above: -", "above: "), "comes no nearer than"),
+    (("above: -4 mm", "above: -60 mm"), r"presses 60 mm into [\d.]+ mm of linear tissue, far outside its range; press less, or add 'rotation:'"),
 ]
 
 

@@ -81,3 +81,71 @@ def test_a_pressed_tissue_at_rest_pushes_as_much_as_it_is_held(bin, root, tmp_pa
         "--unset", "instruments[0].start", "--duration", "1.2 s", "--samples", tmp_path / "s.csv", env={"TM_CACHE_DIR": str(tmp_path)})
     last = np.genfromtxt(tmp_path / "s.csv", delimiter=",", names=True)[-1]
     assert np.linalg.norm(force - [last["fx_N"], last["fy_N"], last["fz_N"]]) < 1e-6 * np.linalg.norm(force)
+
+
+TURNING = "rotation:\n"
+
+
+def bar(tmp_path, cells, size_m, move, more="", law="{young: 5 kPa, poisson: 0.45}"):
+    """A bar of boxes along z; move(x, y, z): where a vertex of either end goes, m. Scenes name every vertex of an end."""
+    n = [c + 1 for c in cells]
+    at = [(i * size_m[0] / cells[0], j * size_m[1] / cells[1], k * size_m[2] / cells[2]) for k in range(n[2]) for j in range(n[1]) for i in range(n[0])]
+    tets = []
+    for k, j, i in np.ndindex(*cells[::-1]):
+        for order in ((0, 1, 2), (1, 2, 0), (2, 0, 1), (0, 2, 1), (1, 0, 2), (2, 1, 0)):
+            corner, tet = [i, j, k], []
+            for axis in (None, *order):
+                if axis is not None:
+                    corner[axis] += 1
+                tet.append((corner[2] * n[1] + corner[1]) * n[0] + corner[0] + 1)
+            x = np.array([at[v - 1] for v in tet])
+            tets.append(tet if np.linalg.det(x[1:] - x[0]) > 0 else [tet[0], tet[2], tet[1], tet[3]])
+    lines = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(at)), *(f"{v + 1} {x[0]} {x[1]} {x[2]}" for v, x in enumerate(at)), "$EndNodes", "$Elements",
+             str(len(tets)), *(f"{t + 1} 4 2 1 1 {' '.join(map(str, tet))}" for t, tet in enumerate(tets)), "$EndElements"]
+    (tmp_path / "bar.msh").write_text("\n".join(lines) + "\n")
+    held = [(v, move(*x) - np.array(x)) for v, x in enumerate(at) if move(*x) is not None]
+    supports = "".join(f"  - {{vertex: {v}, displace: [{', '.join(f'{d:.17g}' for d in u)}]}}\n" for v, u in held)
+    scene = tmp_path / "bar.yaml"
+    scene.write_text(f'tissue:\n  mesh: bar.msh\n  materials:\n    "*": {law}\nsupports:\n{supports}{more}')
+    return scene
+
+
+def settled(bin, tmp_path, scene, *options):
+    _, said = run(bin / "tm-sim", scene, "--settle", "1e-9", "--json", tmp_path / "out.json", *options)
+    return said, json.loads((tmp_path / "out.json").read_text())
+
+
+BAR = (2, 2, 8), (0.02, 0.02, 0.08)
+
+
+@pytest.mark.parametrize("volume", ["", "volume:\n"])
+def test_ends_that_turn_or_twist_lead_the_bar_along(bin, tmp_path, volume):
+    """Turned together by a quarter: nothing is stored. One end twisted by a half: in load steps, and upright."""
+    quarter = bar(tmp_path, *BAR, lambda x, y, z: np.array([x, -z, y]) if z in (0, 0.08) else None, TURNING + volume)
+    said, report = settled(bin, tmp_path, quarter)
+    assert said == "" and abs(report["energy_J"]) < 1e-12 and abs(report["deformation"]["least_det"] - 1) < 1e-9
+    half = bar(tmp_path, *BAR, lambda x, y, z: np.array([x, y, z]) if z == 0 else np.array([0.02 - x, 0.02 - y, z]) if z == 0.08 else None, TURNING + volume)
+    said, report = settled(bin, tmp_path, half)
+    assert said == "" and report["load_steps"] > 1 and 0.005 < report["energy_J"] < 0.006
+    assert report["deformation"]["inverted"] == 0 and report["deformation"]["least_det"] > 0.8
+
+
+def test_a_rest_not_to_be_believed_is_told(bin, tmp_path):
+    """Linear tissue that sags out of its range, and tissue pressed through itself: a warning with its place and what to do."""
+    sags = bar(tmp_path, *BAR, lambda x, y, z: np.array([x, y, z]) if z == 0 else None, "gravity: {acceleration: [6 m/s2, 0, 0]}\n")
+    said, report = settled(bin, tmp_path, sags)
+    assert said.startswith(f"{sags}:4: warning: at rest linear tissue far outside its range: in ") and "'rotation'" in said and said.count("\n") == 1, said
+    assert report["deformation"]["nonlinear_share"] > 0.2
+    sags.write_text(sags.read_text() + TURNING)
+    assert settled(bin, tmp_path, sags)[0] == ""
+    through = bar(tmp_path, *BAR, lambda x, y, z: np.array([x, y, z]) if z == 0 else np.array([x, y, -0.02]) if z == 0.08 else None, TURNING)
+    said, report = settled(bin, tmp_path, through, "--settle", "1e-6")
+    assert "tetrahedra are inside out (least det F -" in said and report["deformation"]["inverted"] > 0
+
+
+def test_a_run_tells_at_its_end_that_linear_tissue_was_far_outside_its_range(bin, tmp_path):
+    sags = bar(tmp_path, *BAR, lambda x, y, z: np.array([x, y, z]) if z == 0 else None, "gravity: {acceleration: [6 m/s2, 0, 0]}\ndamping: {rate: 40 /s}\n")
+    _, said = run(bin / "tm-sim", sags, "--lockstep", "--duration", "0.6 s", "--json", tmp_path / "run.json")
+    assert " linear tissue far outside its range" in said and "'rotation'" in said, said
+    assert json.loads((tmp_path / "run.json").read_text())["deformation"]["nonlinear_share"] > 0.2
+    assert "range" not in run(bin / "tm-sim", sags, "--lockstep", "--duration", "0.6 s", "--set", "rotation=")[1]

@@ -111,6 +111,24 @@ TM_API void tm_tissue_force(const tm_tissue *tissue, const double *u_m, double *
 /* Stored energy u.K u / 2, J. */
 TM_API double tm_tissue_energy(const tm_tissue *tissue, const double *u_m);
 
+/* How far living tetrahedra are deformed, F = 1 + grad u. */
+typedef struct tm_deformation {
+    double least_det;        /* the smallest det F; 0 and below: turned inside out */
+    int32_t least_det_tet;   /* -1: none is alive */
+    int32_t inverted;        /* tetrahedra with det F <= 0 */
+    double nonlinear_strain; /* the largest |grad u^T grad u| / 2: the strain that the linear law leaves out */
+    int32_t nonlinear_tet;
+    double nonlinear_share; /* of the volume where that is above TM_LINEAR_STRAIN_MAX */
+} tm_deformation;
+/* Beyond it tissue without "rotation" is far outside its range: a turn of 22 degrees, or a stretch of 45 %. */
+#define TM_LINEAR_STRAIN_MAX 0.1
+/* One pass over the tetrahedra. u_m [3*vertex_count], m. No allocation. */
+TM_API tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m);
+/* What is doubtful about it, and what to do, as a sentence: tetrahedra inside out, or, of tissue without `rotation`,
+ * more than 1 % of the volume above TM_LINEAR_STRAIN_MAX. False, and an empty sentence: nothing is. */
+TM_API bool tm_tissue_doubts(const tm_tissue *tissue, const tm_deformation *deformation,
+                             char sentence[TM_ERROR_MESSAGE_MAX]);
+
 /* Guaranteed to be stable, s: 2/sqrt of a bound of the largest eigenvalue of M^-1 K, from single tetrahedra. `*tet`
  * names the one that sets it. Valid with any damping >= 0 of central differences (which do not lower it) and any
  * supports. Cuttable, or with extra masses (on which something else lives): the least of tm_critical_step_element over

@@ -69,7 +69,11 @@ typedef struct tm_stage {
     void (*keep)(void *self);
     void (*give_back)(void *self, tm_world *world);
     const char *needs[TM_MAX_NEEDS]; /* names of the stages it leans on: they cannot be removed under it; null: none */
-    double step_limit_s;             /* the world's step must not exceed it while the stage is there; 0: no limit */
+    /* The world's step must not exceed it while the stage is there; 0: no limit. A stage that adds a force which grows
+     * with displacement makes tissue stiffer, and must give one. With g the tissue's guaranteed step, m a vertex's mass
+     * and k the stage's stiffness there (a spring's constant; of several, or between vertices, the sum of absolute
+     * entries of the vertex' row): the least over vertices of 1 / sqrt(1/g^2 + k/(4 m)). */
+    double step_limit_s;
     const char *not_settled; /* why tm_world_settle cannot find the rest of a world with this stage; null: it can */
     const char *part_of; /* name of the stage whose further part it is: goes with it, owns nothing; null: it is whole */
     const char *before;  /* name of a stage of the same phase that it runs before; null: in order of addition */
@@ -141,10 +145,15 @@ TM_API tm_status tm_world_set_step(tm_world *world, double dt_s, tm_error *error
 /* In how many parts a step is computed, each by a thread: as many as tm_world_def.threads, but no more than one for
  * each 2,000 tetrahedra that were alive when the world was made. So below 4,000 it is 1. */
 TM_API int32_t tm_world_parts(const tm_world *world);
+/* A step fails when a displacement passes this many times the diagonal of the mesh's bounds. */
+#define TM_DISPLACEMENT_MAX 1000.0
+/* That in m. */
+TM_API double tm_world_largest_displacement_m(const tm_world *world);
 /* `count` substeps, all or none. No allocation, no lock, no log; with threads, it waits for them. When a displacement
- * stops being finite or exceeds 1e6 m (looked at after every substep, over all vertices), or a contact force is not
- * finite, it stops at once and returns TM_ERR_UNSTABLE, and everything is as it was before the call, to the last bit:
- * u, u_prev, force, time, what was cut, and what stages keep (tm_stage.keep). */
+ * stops being finite or exceeds tm_world_largest_displacement_m (looked at after every substep, over all vertices), or
+ * a contact force is not finite, it stops at once and returns TM_ERR_UNSTABLE, and everything is as it was before the
+ * call, to the last bit: u, u_prev, force, time, what was cut, and what stages keep (tm_stage.keep). That state is
+ * bounded, but may itself be of a blow-up that earlier calls began: to go back farther, restore a snapshot. */
 TM_API tm_status tm_world_step(tm_world *world, int32_t count);
 
 /* --- stages of the library; each file stage_*.c of src/ is one --- */
@@ -182,8 +191,11 @@ TM_API tm_status tm_world_check_held(const tm_world *world, tm_error *error);
 
 typedef struct tm_settle_def {
     uint32_t cookie, size;
-    double tolerance;  /* on max |residual force| / max(|external|, |internal|) over free components; 1e-10 */
-    int64_t max_steps; /* 2e6 */
+    /* On max |residual force| over free components, relative to the largest external or internal force, or to the
+     * tissue's stiffness times 1e-4 of the largest displacement where that is more (a body that was turned as a whole
+     * bears none); 1e-10. */
+    double tolerance;
+    int64_t max_steps;                                           /* 2e6 */
     bool (*progress)(void *user, int64_t step, double residual); /* may be null; false stops (TM_ERR_CONVERGENCE) */
     void *user;
 } tm_settle_def;
@@ -191,6 +203,8 @@ typedef struct tm_settle_result {
     int64_t steps;
     double residual;
     double energy_J;
+    int32_t load_steps;         /* in which supports and loads came on ("rotation" alone); else 0 */
+    tm_deformation deformation; /* at rest. `inverted` above 0: a rest not to be believed */
 } tm_settle_result;
 TM_API tm_settle_def tm_settle_def_default(void);
 /* Dynamic relaxation (adaptive damping, fictitious masses allowed): solves K u = f_ext with the world's supports and

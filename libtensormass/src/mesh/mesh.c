@@ -386,3 +386,14 @@ tm_tet_quality tm_mesh_tet_quality(const tm_mesh *mesh, int32_t tet) {
     q.min_altitude_m = 1 / steepest;
     return q;
 }
+
+double tm_mesh_size_m(const tm_mesh *mesh) {
+    double sum = 0;
+    for (int i = 0; i < 3; i++) {
+        double low = HUGE_VAL, high = -HUGE_VAL;
+        for (int32_t v = 0; v < mesh->vertex_count; v++)
+            low = fmin(low, mesh->rest_m[3 * v + i]), high = fmax(high, mesh->rest_m[3 * v + i]);
+        sum += (high - low) * (high - low);
+    }
+    return sqrt(sum);
+}

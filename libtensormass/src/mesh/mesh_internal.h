@@ -14,4 +14,7 @@ enum { TM_COOKIE_MESH = 0x6d657368 };
  * memory. */
 bool tm_numbering_better(const tm_mesh *mesh, tm_pool *pool, tm_mesh_def *def, const int32_t **given);
 
+/* Diagonal of the rest positions' bounds. */
+double tm_mesh_size_m(const tm_mesh *mesh);
+
 #endif

@@ -28,13 +28,12 @@ bool tm_parts_take(tm_world *world, tm_pool *pool, const tm_world_def *def) {
 
 /* --- running --- */
 
-/* No displacement is beyond 1e6 m, infinite or no number. Magnitudes of doubles are ordered as their bits are, so that
- * adding what is left from the largest one allowed to the topmost bit sets that bit for all beyond. Looked at after
- * every substep: whole words are an instruction less than comparisons. */
-static inline __attribute__((always_inline)) bool sound(const double *u, int32_t n) {
-    static const double LARGEST_DISPLACEMENT_M = 1e6;
+/* No displacement is beyond `largest_m`, infinite or no number. Magnitudes of doubles are ordered as their bits are, so
+ * that adding what is left from the largest one allowed to the topmost bit sets that bit for all beyond. Looked at
+ * after every substep: whole words are an instruction less than comparisons. */
+static inline __attribute__((always_inline)) bool sound(const double *u, int32_t n, double largest_m) {
     uint64_t largest, word, beyond = 0;
-    memcpy(&largest, &LARGEST_DISPLACEMENT_M, sizeof largest);
+    memcpy(&largest, &largest_m, sizeof largest);
     for (int32_t i = 0; i < n; i++) {
         memcpy(&word, u + i, sizeof word);
         beyond |= (word & INT64_MAX) + (INT64_MAX - largest);
@@ -43,12 +42,12 @@ static inline __attribute__((always_inline)) bool sound(const double *u, int32_t
 }
 
 /* The compiler looks at four at a time. */
-TM_AVX2 static bool sound_wide(const double *u, int32_t n) { return sound(u, n); }
+TM_AVX2 static bool sound_wide(const double *u, int32_t n, double largest_m) { return sound(u, n, largest_m); }
 
 static void look_at(const tm_world *world, tm_part *part, int32_t begin, int32_t end) {
     const double *u = world->state.u_next_m + 3 * (int64_t)begin;
     const int32_t n = 3 * (end - begin);
-    if (!(world->wide ? sound_wide(u, n) : sound(u, n))) part->unsound = true;
+    if (!(world->wide ? sound_wide(u, n, world->largest_m) : sound(u, n, world->largest_m))) part->unsound = true;
 }
 
 /* At the new displacements. What is dead moves by nobody's doing but a caller's, before or behind all substeps: looked
@@ -67,7 +66,7 @@ static void look(const tm_world *world, tm_part *part, int32_t begin, int32_t en
 }
 
 bool tm_parts_is_sound(const tm_world *world, int32_t vertex) {
-    return sound(world->state.u_next_m + 3 * (int64_t)vertex, 3);
+    return sound(world->state.u_next_m + 3 * (int64_t)vertex, 3, world->largest_m);
 }
 
 double tm_parts_way(const tm_world *world) {

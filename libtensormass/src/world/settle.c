@@ -9,7 +9,6 @@
 #include "world/viscosity.h"
 #include "world/world_internal.h"
 
-#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -29,9 +28,18 @@ typedef struct relaxation {
     double *residual, *step, *image, *scaled; /* [n] */
     double *inverse; /* [9*vertex_count] linear: inverse vertex tensors of the free components */
     double *mass;    /* [vertex_count] else: fictitious masses, kg per s2 */
+    tm_force_scale scale;
+    int32_t load_steps;
     int64_t steps;
     double relative;
 } relaxation;
+
+static double largest(const double *a, const uint8_t *held, int32_t n) {
+    double most = 0;
+    for (int32_t i = 0; i < n; i++)
+        if (!held || !held[i]) most = fmax(most, fabs(a[i]));
+    return most;
+}
 
 static bool known(const tm_stage *stage) {
     return stage->range == tm_stage_force || stage->range == tm_stage_integrate ||
@@ -45,13 +53,6 @@ static bool is_linear(const tm_world *world) {
     for (int32_t i = 0; i < world->stage_count; i++)
         if (!known(&world->slot[i].stage)) return false;
     return true;
-}
-
-static double largest(const double *a, const uint8_t *held, int32_t n) {
-    double most = 0;
-    for (int32_t i = 0; i < n; i++)
-        if (!held || !held[i]) most = fmax(most, fabs(a[i]));
-    return most;
 }
 
 static void run_phase(tm_world *world, tm_phase phase) {
@@ -105,7 +106,8 @@ static double product(const double *a, const double *b, int32_t n) {
 static void true_residual(relaxation *x) {
     const double *u = x->world->state.u_m;
     tm_tissue_force(x->world->tissue, u, x->image);
-    const double reference = fmax(largest(x->external, NULL, x->n), largest(x->image, NULL, x->n));
+    const double forces = fmax(largest(x->external, NULL, x->n), largest(x->image, NULL, x->n));
+    const double reference = fmax(forces, tm_force_scale_at(&x->scale, u, x->n));
     for (int32_t i = 0; i < x->n; i++) x->residual[i] = x->held[i] ? 0 : x->external[i] + x->image[i];
     const double most = largest(x->residual, NULL, x->n);
     x->relative = most > 0 ? most / reference : 0;
@@ -153,6 +155,38 @@ static tm_status relax_linear(relaxation *x, tm_error *error) {
         const tm_status status = relax_linear_once(x, reference, error);
         if (status) return status;
     }
+}
+
+/* --- tissue that turns --- */
+
+/* prepare() has put the supports' values into u; Newton's method goes there from where the tissue was. */
+static tm_status relax_turned(relaxation *x, const tm_rotation *rotation, const tm_settle_def *def, bool turns_only,
+                              tm_error *error) {
+    double *u = x->world->state.u_m, *target = x->scaled;
+    const size_t bytes = sizeof(double) * (size_t)x->n;
+    tm_settle_result result = {0};
+    memcpy(target, u, bytes);
+    memcpy(u, x->start_u, bytes);
+    const tm_turned_rest rest = {
+        .held = x->held, .external_N = x->external, .target_m = target, .turns_only = turns_only};
+    const tm_status status = tm_settle_turned(rotation, &rest, def, u, &result, error);
+    x->steps = result.steps, x->relative = result.residual, x->load_steps = result.load_steps;
+    tm_support_impose(x->world, u);
+    return status;
+}
+
+/* Before stages run: supports that turn are led to their places without contact. What does not come to rest on the way
+ * is left to the stages. */
+static void lead(relaxation *x, const tm_rotation *rotation) {
+    const size_t bytes = sizeof(double) * (size_t)x->n;
+    double *u = x->world->state.u_m;
+    tm_settle_def def = *x->def;
+    def.tolerance = fmax(def.tolerance, 1e-4);
+    if (relax_turned(x, rotation, &def, true, NULL)) {
+        memcpy(u, x->start_u, bytes);
+        tm_support_impose(x->world, u);
+    }
+    memcpy(x->world->state.u_prev_m, u, bytes);
 }
 
 /* --- with contact --- */
@@ -216,15 +250,19 @@ static double damping_from_motion(const relaxation *x) {
     return fmin(damping, 1.6);
 }
 
-static tm_status relax_stages(relaxation *x, tm_error *error) {
+static tm_status relax_stages(relaxation *x, const tm_rotation *rotation, tm_error *error) {
+    enum { IDLE_STEPS = 20000 };
     tm_state *s = &x->world->state;
+    if (rotation) lead(x, rotation);
     fictitious_masses(x);
-    double damping = 0;
+    double damping = 0, best = HUGE_VAL;
+    int64_t last = x->steps;
     for (int calm = 0; calm < 3;) {
         relaxed_pass(x, damping);
-        const double reference = fmax(fmax(largest(x->external, NULL, x->n), largest(s->force_N, NULL, x->n)), DBL_MIN);
-        x->relative = largest(x->residual, NULL, x->n) / reference;
-        if (!isfinite(x->relative)) return not_converged(x, error);
+        const double forces = fmax(largest(x->external, NULL, x->n), largest(s->force_N, NULL, x->n));
+        x->relative = largest(x->residual, NULL, x->n) / fmax(forces, tm_force_scale_at(&x->scale, s->u_m, x->n));
+        if (x->relative < 0.9 * best) best = x->relative, last = x->steps;
+        if (!isfinite(x->relative) || x->steps - last > IDLE_STEPS) return not_converged(x, error);
         calm = x->relative <= x->def->tolerance ? calm + 1 : 0;
         damping = x->steps ? damping_from_motion(x) : 0;
         memcpy(x->image, x->residual, sizeof(double) * (size_t)x->n);
@@ -271,20 +309,6 @@ static void prepare(relaxation *x) {
     memcpy(s->u_prev_m, s->u_m, bytes);
 }
 
-/* prepare() has put the supports' values into u; Newton's method goes there from where the tissue was. */
-static tm_status relax_turned(relaxation *x, const tm_rotation *rotation, tm_error *error) {
-    double *u = x->world->state.u_m, *target = x->scaled;
-    const size_t bytes = sizeof(double) * (size_t)x->n;
-    tm_settle_result result = {0};
-    memcpy(target, u, bytes);
-    memcpy(u, x->start_u, bytes);
-    const tm_turned_rest rest = {.held = x->held, .external_N = x->external, .target_m = target};
-    const tm_status status = tm_settle_turned(rotation, &rest, x->def, u, &result, error);
-    x->steps = result.steps, x->relative = result.residual;
-    tm_support_impose(x->world, u);
-    return status;
-}
-
 /* Leaves forces, reactions and contact as the first step from here would find them. */
 static void refresh(tm_world *world) {
     tm_world_changed(world);
@@ -293,6 +317,7 @@ static void refresh(tm_world *world) {
 
 static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_result *result, tm_error *error) {
     relaxation x = {.world = world, .def = def, .n = 3 * world->tissue->mesh->vertex_count};
+    x.scale = tm_force_scale_of(world->tissue);
     const tm_rotation *rotation = tm_world_rotation(world);
     const bool linear = is_linear(world);
     if (!take(&x, linear)) {
@@ -302,15 +327,20 @@ static tm_status settle(tm_world *world, const tm_settle_def *def, tm_settle_res
     prepare(&x);
     tm_status status = linear ? tm_check_held(world, x.external, error) : TM_OK;
     if (!status)
-        status = !linear    ? relax_stages(&x, error)
-                 : rotation ? relax_turned(&x, rotation, error)
+        status = !linear    ? relax_stages(&x, rotation, error)
+                 : rotation ? relax_turned(&x, rotation, def, false, error)
                             : relax_linear(&x, error);
     tm_state *s = &world->state;
     const size_t bytes = sizeof(double) * (size_t)x.n;
     memcpy(s->u_m, status ? x.start_u : s->u_m, status ? bytes : 0);
     memcpy(s->u_prev_m, status ? x.start_u_prev : s->u_m, bytes);
     refresh(world);
-    if (result) *result = (tm_settle_result){x.steps, x.relative, tm_tissue_energy(world->tissue, s->u_m)};
+    if (result)
+        *result = (tm_settle_result){.steps = x.steps,
+                                     .residual = x.relative,
+                                     .energy_J = tm_tissue_energy(world->tissue, s->u_m),
+                                     .load_steps = x.load_steps,
+                                     .deformation = tm_tissue_deformation(world->tissue, s->u_m)};
     if (result && rotation) result->energy_J += tm_rotation_energy(rotation, s->u_m);
     tm_pool_release(&x.pool);
     return status;

@@ -34,6 +34,7 @@ static tm_status set_up(tm_world *world, const tm_world_def *def, tm_error *erro
     world->damped = def->damped;
     world->wide = tm_force_is_wide(def->tissue->force);
     world->charged = TM_NO_SLOT;
+    world->largest_m = TM_DISPLACEMENT_MAX * tm_mesh_size_m(def->tissue->mesh);
     if (!def->damped)
         for (int32_t t = 0; t < def->tissue->mesh->tet_count; t++)
             if (tm_tissue_tet_material(def->tissue, t)->damping_1_s > 0)
@@ -113,6 +114,10 @@ tm_tissue *tm_world_tissue(tm_world *world) {
 int32_t tm_world_parts(const tm_world *world) {
     WORLD_IS_GIVEN(0);
     return world->part_count;
+}
+double tm_world_largest_displacement_m(const tm_world *world) {
+    WORLD_IS_GIVEN(0);
+    return world->largest_m;
 }
 double tm_world_step_s(const tm_world *world) {
     WORLD_IS_GIVEN(0);

@@ -40,6 +40,7 @@ struct tm_world {
     int32_t revision;         /* of the tissue's surface that masses and stages know */
     double guaranteed_step_s; /* of the tissue at creation: cutting never lowers it */
     int32_t guaranteed_tet;
+    double largest_m;       /* displacement beyond which a step has failed */
     double *mobility_s2_kg; /* [vertex_count] 1/(m/dt2 + gamma/2dt), 0 without mass: move per newton in a step */
     double *carry;          /* damped: [vertex_count] (m/dt2 - gamma/2dt) * mobility; else null */
     int64_t carry_bytes;    /* of that, booked on the stage that reads it */
@@ -96,7 +97,7 @@ void tm_parts_end(tm_world *world);
 void tm_parts_run_stages(tm_world *world, int32_t begin, int32_t end, bool look_too);
 /* work(context, part) of every part, by the step's threads. */
 void tm_parts_do(tm_world *world, void (*work)(void *context, int32_t part), void *context);
-/* Sets world->unsound where a new displacement is beyond 1e6 m or no number. */
+/* Sets world->unsound where a new displacement is beyond world->largest_m or no number. */
 void tm_parts_look(tm_world *world);
 /* Of one vertex: is it not? */
 bool tm_parts_is_sound(const tm_world *world, int32_t vertex);

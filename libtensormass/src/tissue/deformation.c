@@ -1,0 +1,77 @@
+/* How far tetrahedra are deformed. */
+#include <math.h>
+#include <stdio.h>
+
+#include "base/vec.h"
+#include "tissue/tissue_internal.h"
+
+/* H[3*i+j] = d u_i / d x_j. */
+static void gradient(const tm_mesh *mesh, int32_t tet, const double *u_m, double H[9]) {
+    for (int i = 0; i < 9; i++) H[i] = 0;
+    for (int k = 0; k < 4; k++) {
+        const double *u = u_m + 3 * (int64_t)mesh->tet[4 * (int64_t)tet + k];
+        const double *shape = mesh->shape_1_m + 12 * (int64_t)tet + 3 * k;
+        for (int i = 0; i < 9; i++) H[i] += u[i / 3] * shape[i % 3];
+    }
+}
+
+static double determinant(const double H[9]) {
+    const double F[9] = {1 + H[0], H[1], H[2], H[3], 1 + H[4], H[5], H[6], H[7], 1 + H[8]};
+    double minor[3];
+    vcross(F + 3, F + 6, minor);
+    return vdot(F, minor);
+}
+
+/* |H^T H| / 2, Frobenius. */
+static double left_out(const double H[9]) {
+    double sum = 0;
+    for (int i = 0; i < 9; i++) {
+        double dot = 0;
+        for (int k = 0; k < 3; k++) dot += H[3 * k + i / 3] * H[3 * k + i % 3];
+        sum += dot * dot;
+    }
+    return 0.5 * sqrt(sum);
+}
+
+tm_deformation tm_tissue_deformation(const tm_tissue *tissue, const double *u_m) {
+    tm_deformation d = {.least_det = 1, .least_det_tet = -1, .nonlinear_tet = -1};
+    TM_REQUIRE(tissue && u_m, "tissue or u_m is null", d);
+    const tm_mesh *mesh = tissue->mesh;
+    double volume = 0, beyond = 0, H[9];
+    for (int32_t t = 0; t < mesh->tet_count; t++) {
+        if (!tissue->alive[t]) continue;
+        gradient(mesh, t, u_m, H);
+        const double det = determinant(H), strain = left_out(H);
+        if (d.least_det_tet < 0 || det < d.least_det) d.least_det = det, d.least_det_tet = t;
+        if (d.nonlinear_tet < 0 || strain > d.nonlinear_strain) d.nonlinear_strain = strain, d.nonlinear_tet = t;
+        d.inverted += !(det > 0);
+        volume += mesh->volume_m3[t];
+        if (strain > TM_LINEAR_STRAIN_MAX) beyond += mesh->volume_m3[t];
+    }
+    d.nonlinear_share = volume > 0 ? beyond / volume : 0;
+    return d;
+}
+
+/* Where more of a linear tissue than this is outside its range, a warning says so: less is a tool's tip. */
+static const double DOUBTFUL_SHARE = 0.01;
+
+bool tm_tissue_doubts(const tm_tissue *tissue, const tm_deformation *deformation, char sentence[TM_ERROR_MESSAGE_MAX]) {
+    TM_REQUIRE(tissue && deformation && sentence, "tissue, deformation or sentence is null", false);
+    const tm_deformation *d = deformation;
+    const bool turns = tissue->rotation > 0;
+    const char *linear = turns ? "" : "; give the tissue 'rotation', without which it must not turn or bend far";
+    sentence[0] = 0;
+    if (d->inverted > 0)
+        snprintf(sentence, TM_ERROR_MESSAGE_MAX,
+                 "%d tetrahedra are inside out (least det F %.3g, tetrahedron %d): this shape is not to be believed%s",
+                 (int)d->inverted, d->least_det, (int)d->least_det_tet,
+                 turns ? "; let supports and tools go a shorter way, or refine the mesh there" : linear);
+    else if (!turns && d->nonlinear_share > DOUBTFUL_SHARE)
+        snprintf(
+            sentence, TM_ERROR_MESSAGE_MAX,
+            "linear tissue far outside its range: in %.0f %% of its volume the law leaves out more than %.0f %% of "
+            "strain (at most %.3g %%, tetrahedron %d)%s",
+            100 * d->nonlinear_share, 100 * TM_LINEAR_STRAIN_MAX, 100 * d->nonlinear_strain, (int)d->nonlinear_tet,
+            linear);
+    return sentence[0] != 0;
+}
