@@ -92,6 +92,15 @@ def run_lockstep(a):
     return results
 
 
+def run_slow(a):
+    """The same at 25 force samples a second, the paper's rate: what the controller must then guess is drawn beside."""
+    say("lockstep, 25 force samples a second")
+    sets = [x for s in [*a.set, "haptics.rate=25 Hz"] for x in ("--set", s)]
+    command = [a.build / "bin" / "tm-sim", a.scene, *sets, "--lockstep", "--quiet", "--csv", a.out / "slow.csv", "--samples", a.out / "slow_samples.csv"]
+    if subprocess.run([str(c) for c in command], stdout=subprocess.DEVNULL).returncode:
+        fail("the lockstep run at 25 force samples a second failed; its message is above")
+
+
 # --- the three models ---
 
 
@@ -158,7 +167,7 @@ def summary(a, lockstep, models):
         "frames": sim["frames"], "frame_s": sim["frame_s"], "substeps_per_frame": sim["substeps_per_frame"], "dt_s": sim["dt_s"],
         "sim_seconds_per_wall_second": sim["sim_seconds_per_wall_second"],
         "sim_seconds_per_compute_second": sim["sim_seconds_per_compute_second"],
-        "overruns": sim["overruns"], "dropped_s": sim["dropped_s"], "frame_compute_us": sim["frame_compute_us"],
+        "force_samples": sim["force_samples"], "overruns": sim["overruns"], "dropped_s": sim["dropped_s"], "frame_compute_us": sim["frame_compute_us"],
         "ticks": sum(c["ticks"] for c in controllers), "missed_ticks": sum(c["missed_ticks"] for c in controllers),
         "lateness_us": worst,
         "force_N": {"rms": math.sqrt(square), "peak": max(c["force_N"]["peak"] for c in controllers)},
@@ -184,6 +193,7 @@ def table(s, a):
     rows = [
         ("organ", f"{s['tets']:,} tetrahedra, {s['tets_alive_at_end']:,} at the end; {s['frames']} frames of {s['substeps_per_frame']} substeps"),
         ("simulation", f"{s['sim_seconds_per_wall_second']:.3f} s per s of wall clock ({s['sim_seconds_per_compute_second']:.1f} per s of computing), {s['overruns']} overruns"),
+        ("force samples", f"{s['force_samples']['mean_rate_Hz']:.0f} a second, {s['force_samples']['changes']} changes of rate, {s['force_samples']['merged']} merged"),
         ("controllers", f"{s['ticks']} ticks, {s['missed_ticks']} missed; late by p50 {late['p50']:.0f}, p99 {late['p99']:.0f}, max {late['max']:.0f} us"),
         ("forces", f"{s['force_N']['rms']:.3f} N RMS, {s['force_N']['peak']:.3f} N peak"),
         ("lockstep", f"state {s['state_hash']}, the same twice"),
@@ -193,7 +203,7 @@ def table(s, a):
     ]
     print()
     for name, text in rows:
-        print(f"  {name:<12} {text}")
+        print(f"  {name:<13} {text}")
     print()
     if not all(i["real_time"] for i in s["instruments"]):
         print("  The controllers ran with normal scheduling: SCHED_FIFO was not permitted (docs/troubleshooting.md, 'missed ticks').\n")
@@ -238,9 +248,9 @@ def draw(a):
         view(a, "--film", a.out / "film.mp4", "--fps", "30", "--json", a.out / "film.json")
 
 
-def ticks(path):
+def ticks(path, instrument=None):
     with open(path) as file:
-        rows = list(csv.DictReader(file))
+        rows = [r for r in csv.DictReader(file) if instrument is None or r["instrument"] == str(instrument)]
     return [float(r["time_s"]) for r in rows], [math.sqrt(sum(float(r[k]) ** 2 for k in ("fx_N", "fy_N", "fz_N"))) for r in rows]
 
 
@@ -287,33 +297,46 @@ def replayed(a, instrument, law):
     return ([(int(r["tool_us"]) - begin_us) * 1e-6 for r in rows], [math.hypot(*(float(r[f"{law}_f{axis}_N"]) for axis in "xyz")) for r in rows])
 
 
+def zoom(axis, t, f, title):
+    """Half a second of the steepest rise, in its middle."""
+    middle = rise(t, f, max(range(len(f)), key=f.__getitem__))
+    inside = [v for x, v in zip(t, f) if abs(x - middle) < 0.25]
+    axis.set_xlim(middle - 0.25, middle + 0.25)
+    axis.set_ylim(min(inside) - 0.08 * max(inside) - 0.01, 1.1 * max(inside) + 0.01)
+    axis.set_title(title, fontsize=9)
+
+
 def plot(a, s):
+    """A row an instrument: the session, half a second of it, and half a second of the same scene at 25 force samples a second."""
     import matplotlib
 
     matplotlib.use("Agg")
     from matplotlib import pyplot as plt
 
+    felt, computed, grey = dict(color="#c05a1c", linewidth=1.1), dict(color="#245d80", marker="o", linestyle=""), dict(color="#a0a0a0", linewidth=0.8)
     count = len(s["instruments"])
-    figure, axes = plt.subplots(count, 2, figsize=(12, 3.2 * count + 0.4), width_ratios=(3, 2), squeeze=False)
-    for i, row in enumerate(axes):
+    figure, axes = plt.subplots(count, 3, figsize=(14, 3.2 * count + 0.4), width_ratios=(3, 2, 2), squeeze=False)
+    for i, (whole, near, slow) in enumerate(axes):
         t, f = ticks(a.out / f"ticks{i}.csv")
         ts, fs = samples(a, i, record_begin_us(a, i))
-        peak = max(range(len(f)), key=f.__getitem__)
+        rate = (len(ts) - 1) / max(ts[-1] - ts[0], 1e-9)
         other = "hold" if s["instruments"][i]["extrapolator"] == "position" else "position"
         to, fo = replayed(a, i, other)
-        for axis in row:
-            axis.plot(to, fo, color="#a0a0a0", linewidth=0.8, label=f"`{other}` on the same samples")
-            axis.plot(t, f, color="#c05a1c", linewidth=1.1, label=f"controller, {(len(t) - 1) / max(t[-1] - t[0], 1e-9):.0f} Hz")
-            axis.plot(ts, fs, "o", color="#245d80", markersize=2.6 if axis is row[0] else 5, label=f"simulation, {1 / s['frame_s']:.0f} Hz")
+        for axis in (whole, near):
+            axis.plot(to, fo, **grey, label=f"`{other}` on the same samples")
+            axis.plot(t, f, **felt, label=f"controller, {(len(t) - 1) / max(t[-1] - t[0], 1e-9):.0f} Hz")
+            axis.plot(ts, fs, **computed, markersize=1.2 if axis is whole else 3, label=f"simulation, {rate:.0f} Hz")
+        tl, fl = ticks(a.out / "slow.csv", i)
+        tn, fn = ticks(a.out / "slow_samples.csv", i)
+        slow.plot(tl, fl, **felt)
+        slow.plot(tn, fn, **computed, markersize=5)
+        whole.set_ylabel(f"{s['instruments'][i]['mode']}: force, N")
+        whole.legend(loc="upper left", fontsize=8)
+        zoom(near, t, f, "half a second of it")
+        zoom(slow, tl, fl, "the same scene at 25 samples a second (lockstep)")
+        for axis in (whole, near, slow):
             axis.set_xlabel("time, s")
             axis.grid(alpha=0.25)
-        row[0].set_ylabel(f"{s['instruments'][i]['mode']}: force, N")
-        row[0].legend(loc="upper left", fontsize=8)
-        middle = rise(t, f, peak)
-        row[1].set_xlim(middle - 0.3, middle + 0.3)
-        inside = [v for x, v in zip(t, f) if abs(x - middle) < 0.3]
-        row[1].set_ylim(min(inside) - 0.08 * max(inside) - 0.01, 1.1 * max(inside) + 0.01)
-        row[1].set_title("0.6 s of it", fontsize=9)
     figure.suptitle(f"{s['title']}: {s['instruments'][0]['extrapolator']} between samples", fontsize=11)
     figure.tight_layout()
     figure.savefig(a.out / "force.png", dpi=110, metadata={"Software": None})
@@ -343,6 +366,7 @@ def main():
     began = time.monotonic()
     run_realtime(a)
     lockstep = run_lockstep(a)
+    run_slow(a)
     s = summary(a, lockstep, {"models": {}, "models_scene": None, "models_refused": {}} if a.no_models else run_models(a))
     draw(a)
     plot(a, s)
