@@ -6,7 +6,7 @@ import sys
 import pytest
 from paths import LONG
 
-NAMES = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position"]
+NAMES = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position", "adaptive"]
 
 
 @pytest.fixture(scope="module")
@@ -323,7 +323,7 @@ def test_operating_scenes_have_every_law_rate_and_phase(operating):
     assert all(sum(p["ticks"] for p in r["phases"].values()) == r["judged"] for r in operating)
 
 
-@pytest.mark.parametrize("name", ["hold", "time", "position", "broyden", "tangent", "contact"])
+@pytest.mark.parametrize("name", ["hold", "time", "position", "broyden", "tangent", "contact", "adaptive"])
 def test_more_samples_err_less_by_every_law_and_at_the_tick_rate_none_guesses(operating, name):
     """Consistency: the error falls with the rate, and with a sample in every tick a law is `hold`."""
     for scene, mode in {(r["scene"], r["mode"]) for r in operating}:

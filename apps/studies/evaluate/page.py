@@ -11,7 +11,7 @@ sys.path.insert(0, str(pathlib.Path(__file__).resolve().parent.parent.parent / "
 from aims import aims  # noqa: E402
 from page import Page, label_line, series  # noqa: E402
 
-NAMES = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position"]
+NAMES = ["hold", "time", "position", "broyden", "tangent", "contact", "paper_position", "adaptive"]
 SKETCH = {0: dict(hold=3.0, time=3.5, position=3.3, broyden=2.0, tangent=0.9, contact=0.03),
           1: dict(hold=6.4, time=8.0, position=7.6, broyden=5.5, tangent=3.7, contact=0.08)}
 
@@ -204,8 +204,18 @@ def conditions(page, rows, models):
     page.table("details", ["model", "extrapolator", "peak error %", "largest jump per tick %", "99 % of jumps below %", "direction, deg RMS", "force / limit", "off the patch", "squared error in the worst 2 % of ticks, %", "ns per tick"], table)
 
 
+def z_width(page, rows):
+    """What streaming buys a hand: the stiffest contact that `hold` carries, by rate of force samples and of ticks."""
+    own = [r for r in rows if r["extrapolator"] in ("hold", "adaptive") and not r["passivity"]]
+    page.table("z_width", ["law", "force samples a second", "ticks a second", "samples late", "stable up to N/m", "theory for hold N/m"],
+               [[r["extrapolator"], r["rate_Hz"], r["tick_Hz"], r["delay_frames"], f"> {r['stiffness_N_m']:.0f}" if r["beyond"] else round(r["stiffness_N_m"]), round(r["theory_N_m"])]
+                for r in sorted(own, key=lambda r: (r["extrapolator"], r["delay_frames"], r["rate_Hz"]))],
+               "Z-width: the range of stiffness that stays stable with this device and hand, passivity control off. More samples a second carry stiffer tissue than any law at 25 Hz; more ticks help once samples come in every tick.")
+
+
 def loop(page, data):
-    rows = data["rows"]
+    rows = [r for r in data["rows"] if r["tick_Hz"] == 500]
+    z_width(page, data["rows"])
     page.section("Closed loop", f"The stiffest contact whose oscillation dies out within one encoder count after a step of 1 mm in the hand's wish. Mass {data['mass_kg']} kg, hand {data['hand_stiffness_N_m']:.0f} N/m, "
                  f"device and hand damping b = {data['damping_N_s_m']:.1f} N·s/m, no Coulomb friction, no limit active. Theory for <code>hold</code>: b &gt; K (T/2 + delay).")
     delays = sorted({r["delay_frames"] for r in rows})

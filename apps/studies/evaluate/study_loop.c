@@ -78,8 +78,15 @@ typedef struct loop_case {
     double rate_Hz;
     int delay_frames;
     bool passivity;
-    int model; /* of the tissue; -1: the exponential surface */
+    int model;   /* of the tissue; -1: the exponential surface */
+    int tick_us; /* of controller and device */
 } loop_case;
+
+/* Above this rate a simulation sends neither stiffness nor patch (apps/sim/stream.c). */
+static const double informed_rate_max_Hz = 50;
+
+static bool is_informed(const loop_case *c) { return c->model >= 0 || c->rate_Hz <= informed_rate_max_Hz; }
+static bool takes_patch(hrt_extrapolator which) { return which == HRT_CONTACT || which == HRT_ADAPTIVE; }
 
 typedef struct loop_result {
     bool settled, limited, engaged;
@@ -117,6 +124,7 @@ static bool set_up(loop *l, const loop_case *c, double compliance) {
     hrt_bus_open_loopback(&l->node_bus, &l->bus);
     hrt_device_config device = hrt_device_config_default(0);
     for (int j = 0; j < HRT_MOTORS; j++) device.coulomb[j] = 0;
+    device.period_us = c->tick_us;
     device.rest[HRT_INSERTION] = l->touch_m + (l->tissue ? -0.001 : PRESS_M); /* tissue is not begun in */
     hrt_node_config node = hrt_node_config_default(0);
     if (l->tissue) node.pose = loop_tissue_pose(l->tissue);
@@ -143,7 +151,7 @@ static void post(loop *l, const waiting *w) {
     memcpy(m.vertex_m, p->vertex_m, sizeof m.vertex_m);
     memcpy(m.triangle, p->triangle, sizeof m.triangle);
     memcpy(m.compliance_m_N, p->compliance_m_N, sizeof m.compliance_m_N);
-    if (l->node.config.extrapolator == HRT_CONTACT) hrt_node_post_patch(&l->node, &m);
+    if (takes_patch(l->node.config.extrapolator) && w->sample.stiffness_kind) hrt_node_post_patch(&l->node, &m);
     hrt_node_post_sample(&l->node, &w->sample);
 }
 
@@ -153,7 +161,7 @@ static void simulate_tissue(loop *l, int64_t now_us, const tensormass_tool_state
     tensormass_force_sample_t sample;
     const bool has = loop_tissue_frame(l->tissue, tool, now_us, &sample, &patch);
     l->along_N_m = -sample.stiffness_N_m[8];
-    if (has && l->node.config.extrapolator == HRT_CONTACT) hrt_node_post_patch(&l->node, &patch);
+    if (has && takes_patch(l->node.config.extrapolator)) hrt_node_post_patch(&l->node, &patch);
     hrt_node_post_sample(&l->node, &sample);
 }
 
@@ -170,12 +178,12 @@ static void simulate(loop *l, const loop_case *c, int64_t now_us, int64_t frame_
                                            .tool_session = tool->session,
                                            .tool_utime = tool->utime,
                                            .seq = (int32_t)l->seq++,
-                                           .stiffness_kind = 2};
+                                           .stiffness_kind = is_informed(c) ? 2 : 0};
     float tip[3], force[3];
     for (int i = 0; i < 3; i++) w.sample.tip_m[i] = tool->tip_m[i], tip[i] = (float)tool->tip_m[i];
     surface_force(&l->patch, &l->node.config.params, tip, force);
     for (int i = 0; i < 3; i++) w.sample.force_N[i] = (double)force[i];
-    if (c->which == HRT_TANGENT || c->which == HRT_CONTACT)
+    if (is_informed(c) && (c->which == HRT_TANGENT || takes_patch(c->which)))
         surface_stiffness(&l->patch, &l->node.config.params, tip, w.sample.stiffness_N_m);
     if (c->delay_frames == 0)
         post(l, &w);
@@ -197,7 +205,7 @@ static loop_result run_loop(const loop_case *c, double compliance) {
     double low = 1, high = 0;
     if (!set_up(&l, c, compliance)) return r;
     int64_t frame_us = llround(1e6 / c->rate_Hz), next_frame = 0, end = (int64_t)(SECONDS * 1e6);
-    for (int64_t t = 0; t < end; t += TICK_US) {
+    for (int64_t t = 0; t < end; t += c->tick_us) {
         int64_t now = 1000000 + t;
         double s = 1e-6 * (double)t,
                joint[HRT_JOINTS] = {0, 0, l.touch_m + PRESS_M + (s > STEP_AT_S ? 0.001 : 0), 0, 0};
@@ -256,31 +264,44 @@ static loop_result largest(const loop_case *c, bool quick, bool *beyond) {
     return best;
 }
 
+/* Largest stable stiffness of a case, as a row. */
+static void add_largest(cJSON *rows, const loop_case *c, bool quick, double damping_N_s_m) {
+    bool beyond;
+    const loop_result r = largest(c, quick, &beyond);
+    cJSON *row = add_row(rows);
+    cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name(c->which));
+    cJSON_AddNumberToObject(row, "rate_Hz", c->rate_Hz);
+    cJSON_AddNumberToObject(row, "tick_Hz", 1e6 / c->tick_us);
+    cJSON_AddNumberToObject(row, "delay_frames", c->delay_frames);
+    cJSON_AddBoolToObject(row, "passivity", c->passivity);
+    cJSON_AddNumberToObject(row, "stiffness_N_m", r.stiffness_N_m);
+    cJSON_AddBoolToObject(row, "beyond", beyond);
+    cJSON_AddNumberToObject(row, "theory_N_m", damping_N_s_m / ((0.5 + c->delay_frames) / c->rate_Hz));
+}
+
+/* At streaming rates laws go by forces alone, so that fewer of them differ. */
+static bool is_asked(double rate_Hz, int law) {
+    return rate_Hz <= informed_rate_max_Hz || law == HRT_HOLD || law == HRT_POSITION || law == HRT_ADAPTIVE;
+}
+
 cJSON *study_loop(const study_run *run) {
-    static const double whole[] = {10, 20, 30, 50, 100}, quick[] = {30};
+    static const double whole[] = {10, 20, 30, 50, 100, 250, 500}, quick[] = {30};
+    static const int ticks_us[] = {1000, 500}; /* a sample in every tick */
     const double *rates = run->quick ? quick : whole;
-    int count = run->quick ? 1 : (int)(sizeof whole / sizeof *whole), delays = run->quick ? 1 : 2;
+    const int count = run->quick ? 1 : (int)(sizeof whole / sizeof *whole), delays = run->quick ? 1 : 2;
     const hrt_device_config device = hrt_device_config_default(0);
-    double b = device.viscous[HRT_INSERTION] + device.hand_damping[HRT_INSERTION];
+    const double b = device.viscous[HRT_INSERTION] + device.hand_damping[HRT_INSERTION];
     cJSON *out = cJSON_CreateObject(), *rows = cJSON_AddArrayToObject(out, "rows");
     for (int k = 0; k < count; k++)
-        for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++)
-            for (int delay = 0; delay < delays; delay++)
-                for (int passivity = 0; passivity < 2; passivity++) {
-                    loop_case c = {(hrt_extrapolator)x, rates[k], delay, passivity != 0, -1};
-                    bool beyond;
-                    progress("closed loop", ((k * HRT_EXTRAPOLATOR_COUNT + x) * 4 + 2 * delay + passivity) /
-                                                (4.0 * count * HRT_EXTRAPOLATOR_COUNT));
-                    loop_result r = largest(&c, run->quick, &beyond);
-                    cJSON *row = add_row(rows);
-                    cJSON_AddStringToObject(row, "extrapolator", hrt_extrapolator_name(c.which));
-                    cJSON_AddNumberToObject(row, "rate_Hz", c.rate_Hz);
-                    cJSON_AddNumberToObject(row, "delay_frames", delay);
-                    cJSON_AddBoolToObject(row, "passivity", c.passivity);
-                    cJSON_AddNumberToObject(row, "stiffness_N_m", r.stiffness_N_m);
-                    cJSON_AddBoolToObject(row, "beyond", beyond);
-                    cJSON_AddNumberToObject(row, "theory_N_m", b / (0.5 / c.rate_Hz + delay / c.rate_Hz));
-                }
+        for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
+            progress("closed loop", (double)(k * HRT_EXTRAPOLATOR_COUNT + x) / (count * HRT_EXTRAPOLATOR_COUNT));
+            for (int cell = 0; is_asked(rates[k], x) && cell < 2 * delays; cell++)
+                add_largest(rows, &(loop_case){(hrt_extrapolator)x, rates[k], cell / 2, cell % 2 != 0, -1, TICK_US},
+                            run->quick, b);
+        }
+    for (int k = 0; k < 2 && !run->quick; k++)
+        for (int delay = 0; delay < delays; delay++)
+            add_largest(rows, &(loop_case){HRT_HOLD, 1e6 / ticks_us[k], delay, false, -1, ticks_us[k]}, false, b);
     cJSON_AddNumberToObject(out, "damping_N_s_m", b);
     cJSON_AddNumberToObject(out, "hand_stiffness_N_m", device.hand_stiffness[HRT_INSERTION]);
     cJSON_AddNumberToObject(out, "mass_kg", device.inertia[HRT_INSERTION]);
@@ -293,7 +314,7 @@ cJSON *study_tissue_loop(const study_run *run) {
     cJSON *rows = cJSON_CreateArray();
     for (int i = 0; i < 2; i++)
         for (int x = 0; x < (run->quick ? 2 : 4) && run->model[tissue[i]]; x++) {
-            const loop_case c = {which[x], 30, 0, false, tissue[i]};
+            const loop_case c = {which[x], 30, 0, false, tissue[i], TICK_US};
             bool beyond;
             progress("closed loop on tissue", (4.0 * i + x) / 8);
             const loop_result r = largest(&c, run->quick, &beyond);
