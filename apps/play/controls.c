@@ -45,7 +45,8 @@ static view_command *command_for(play_controls *c) {
 static void next_extrapolator(play_controls *c, const view_instrument *t) {
     hrt_extrapolator now = HRT_HOLD;
     if (!hrt_extrapolator_find(t->extrapolator, &now)) now = (hrt_extrapolator)-1;
-    hrt_extrapolator next = (hrt_extrapolator)(((int)now + 1) % (int)(HRT_CONTACT + 1));
+    hrt_extrapolator next = (hrt_extrapolator)(((int)now + 1) % HRT_EXTRAPOLATOR_COUNT);
+    if (next == HRT_PAPER_POSITION) next = (hrt_extrapolator)(((int)next + 1) % HRT_EXTRAPOLATOR_COUNT);
     snprintf(c->extrapolator, sizeof c->extrapolator, "%s", hrt_extrapolator_name(next));
     command_for(c)->extrapolator = c->extrapolator;
 }

@@ -158,7 +158,7 @@ static void put_rest(const organ *o, FILE *out) {
         "\ncontact: # instruments push the surface\n"
         "damping: {rate: 40 /s} # what moves comes to rest in some 25 ms, as in a body full of liquid\n"
         "%s"
-        "haptics: {extrapolator: contact} # a 500 Hz controller feels it; leave out to only look\n"
+        "haptics: {extrapolator: adaptive} # a 500 Hz controller feels it; leave out to only look\n"
         "rendering: # pictures and films\n"
         "time: {frame_rate: 25 Hz, duration: %g s} # with these constants %d substeps of %.3g ms a frame\n"
         "\n# More, when you want it (docs/scene-reference.md): gravity: (it sags first), rotation: (far bends), volume: (poisson 0.49), viscosity:,\n"

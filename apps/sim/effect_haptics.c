@@ -13,7 +13,7 @@ static const app_field fields[] = {
     {"haptics", APP_SECTION, NULL, NULL, 0, 0, offsetof(sim_haptics, here), 0,
      "forces go to a controller: over LCM in real time; in lockstep controller and virtual device run in the same "
      "process"},
-    {"haptics.extrapolator", APP_CHOICE, HRT_EXTRAPOLATOR_CHOICE, "contact", 0, 0, offsetof(sim_haptics, extrapolator),
+    {"haptics.extrapolator", APP_CHOICE, HRT_EXTRAPOLATOR_CHOICE, "adaptive", 0, 0, offsetof(sim_haptics, extrapolator),
      0, "in lockstep; in real time the controller says what it runs"},
     {"haptics.sends", APP_CHOICE, APP_CHOICE_WORDS(SENDS), NULL, 0, 0, offsetof(sim_haptics, sends), 0,
      "what may go with the force, when the controller's extrapolator asks for it (`tangent`: stiffness, `contact`: "
@@ -46,9 +46,9 @@ static const app_field fields[] = {
 };
 
 sim_sends sim_sends_of(int extrapolator) {
-    return extrapolator == HRT_CONTACT   ? SIM_SENDS_PATCH
-           : extrapolator == HRT_TANGENT ? SIM_SENDS_STIFFNESS
-                                         : SIM_SENDS_FORCE;
+    return extrapolator == HRT_CONTACT || extrapolator == HRT_ADAPTIVE ? SIM_SENDS_PATCH
+           : extrapolator == HRT_TANGENT                               ? SIM_SENDS_STIFFNESS
+                                                                       : SIM_SENDS_FORCE;
 }
 
 sim_sends sim_may_send(const sim *s) {

@@ -93,7 +93,8 @@ typedef struct law {
 
 #define ROW(id, name, law) {name, law},
 static const law laws[HRT_EXTRAPOLATOR_COUNT] = {HRT_EXTRAPOLATORS(ROW)};
-_Static_assert(HRT_HOLD == 0 && HRT_CONTACT == 5 && HRT_PAPER_POSITION == 6, "messages and logs carry these numbers");
+_Static_assert(HRT_HOLD == 0 && HRT_CONTACT == 5 && HRT_PAPER_POSITION == 6 && HRT_ADAPTIVE == 7,
+               "messages and logs carry these numbers");
 
 const char *hrt_extrapolator_name(hrt_extrapolator which) {
     return (int)which >= 0 && which < HRT_EXTRAPOLATOR_COUNT ? laws[which].name : "unknown";
@@ -115,7 +116,12 @@ void hrt_extrapolation_reset(hrt_extrapolation *x, hrt_extrapolator which) {
     static const hrt_extrapolation zero = {.which = HRT_HOLD};
     *x = zero;
     x->which = which;
+#if HRT_WITH_ADAPTIVE
+    hrt_adaptive_reset(&x->adaptive);
+#endif
 }
+
+static bool uses_patch(const hrt_extrapolation *x) { return x->which == HRT_CONTACT || x->which == HRT_ADAPTIVE; }
 
 void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which) {
     if (x->which == which) return;
@@ -123,6 +129,9 @@ void hrt_extrapolation_select(hrt_extrapolation *x, hrt_extrapolator which) {
     x->changed = 1;
     x->on_patch = false;
     hrt_contact_clear(x);
+#if HRT_WITH_ADAPTIVE
+    hrt_adaptive_reset(&x->adaptive);
+#endif
 }
 
 /* What a cut does to the force says nothing of how it follows the tool; what still bears is stiff as far as it bears.
@@ -135,14 +144,13 @@ static void update_broyden(hrt_extrapolation *x, const hrt_params *params) {
     vadd(miss, -1.0f, predicted);
     const float square = guarded_square(params, step);
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) x->broyden_N_m[3 * i + j] += x->cut ? 0.0f : miss[i] * step[j] / square;
+        for (int j = 0; j < 3; j++) x->broyden_N_m[3 * i + j] += miss[i] * step[j] / square;
     /* Out of touch nothing is stiff. */
     const float now = vnorm(x->now.force_N), before = vnorm(x->before.force_N);
     const bool untouched = !(now > 0.0f) && !(before > 0.0f);
     const float norm = hrt_norm9(x->broyden_N_m);
     x->broyden_bounded = norm > params->stiffness_max_N_m;
-    float share = untouched ? 0.0f : norm > params->stiffness_max_N_m ? params->stiffness_max_N_m / norm : 1.0f;
-    if (x->cut && now < before) share *= now / before;
+    const float share = untouched ? 0.0f : norm > params->stiffness_max_N_m ? params->stiffness_max_N_m / norm : 1.0f;
     for (int i = 0; i < 9; i++) x->broyden_N_m[i] *= share;
 }
 
@@ -173,7 +181,7 @@ static void take_patch(hrt_extrapolation *x) {
     x->patch_us = x->now.t_us;
     x->patch_left = false;
 #if HRT_WITH_EVIDENCE
-    x->patch_left = x->which == HRT_CONTACT && fresh && !hrt_evidence_patch(x, !other);
+    x->patch_left = uses_patch(x) && fresh && !hrt_evidence_patch(x, !other);
 #endif
 }
 
@@ -204,11 +212,16 @@ static bool is_far_apart(const hrt_extrapolation *x) { return (void)x, true; }
  * any more. */
 void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, const hrt_sample *sample) {
     const bool anew = x->have == 0 || ((sample->flags | x->now.flags) & HRT_FLAG_LETTING_GO) != 0;
+    const float was_N = vnorm(x->now.force_N);
     x->cut = x->have != 0 && x->now.topology_revision != sample->topology_revision;
 #if HRT_WITH_EVIDENCE
     x->interval_s = hrt_seconds(sample->t_us - x->now.t_us);
 #else
     remember(&x->now, &x->before);
+#endif
+#if HRT_WITH_ADAPTIVE
+    if (x->which == HRT_ADAPTIVE && x->have)
+        hrt_adaptive_judge(&x->adaptive, sample->t_us, hrt_seconds(sample->t_us - x->now.t_us), sample->force_N);
 #endif
     x->now = *sample;
     if (hrt_flags_rule(sample->flags) >= HRT_RULE_FORCE_ONLY) {
@@ -217,11 +230,12 @@ void hrt_extrapolation_sample(hrt_extrapolation *x, const hrt_params *params, co
     }
     x->have = is_far_apart(x) && !anew ? 2 : 1;
     if (x->have == 2) {
-        update_broyden(x, params);
+        if (!x->cut) update_broyden(x, params);
         if (HRT_WITH_EVIDENCE) hrt_evidence_judge(x);
     }
     if (anew || x->cut) {
-        for (int i = 0; i < 9 && anew; i++) x->broyden_N_m[i] = 0.0f;
+        const float is_N = vnorm(x->now.force_N), share = anew ? 0.0f : is_N < was_N ? is_N / was_N : 1.0f;
+        for (int i = 0; i < 9; i++) x->broyden_N_m[i] *= share;
         x->have = 1;
         remember(&x->now, &x->before);
 #if HRT_WITH_EVIDENCE
@@ -250,31 +264,58 @@ static void describe(hrt_extrapolation *x, const hrt_params *params, int64_t now
     vsub(x->now.force_N, x->before.force_N, m->change_N);
 }
 
+/* The patch's force; false: there is none, or the tool is off it. */
+static bool on_the_patch(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3],
+                         float force[3]) {
+    const bool young = HRT_WITH_PATCHES && x->patch && !hrt_older(now_us - x->patch_us, params->patch_stale_us);
+    if (young && !x->patch_left) {
+#if HRT_WITH_EVIDENCE
+        vset(x->film_tip_m, x->tick_tip_m);
+        x->tick_us = x->film_us;
+#endif
+        if (hrt_contact_force(x, now_us, tip_m, force)) {
+#if HRT_WITH_EVIDENCE
+            hrt_drift_follow(x, now_us, force);
+#endif
+            return true;
+        }
+        x->patch_left = true; /* until a new patch comes */
+    }
+    x->limits |= HRT_LIMIT_PATCH;
+#if HRT_WITH_EVIDENCE
+    x->patch_ticks = 0;
+#endif
+    return false;
+}
+
+#if HRT_WITH_ADAPTIVE
+/* `force` is the patch's on entry, if with_patch. */
+static void law_adaptive(hrt_extrapolation *x, const moment *m, int64_t now_us, bool with_patch, float force[3]) {
+    static void (*const blended[HRT_ADAPTIVE_PATCH])(hrt_extrapolation *, const moment *,
+                                                     float[3]) = {law_hold, law_position, law_tangent};
+    float said[HRT_ADAPTIVE_LAWS][3];
+    for (int i = 0; i < HRT_ADAPTIVE_PATCH; i++) {
+        vset(x->now.force_N, said[i]);
+        blended[i](x, m, said[i]);
+    }
+    vset(with_patch ? force : x->now.force_N, said[HRT_ADAPTIVE_PATCH]);
+    hrt_adaptive_blend(&x->adaptive, now_us, with_patch, said, force);
+}
+#endif
+
 /* The law's own force; says whether it came from the patch. */
 static bool evaluate(hrt_extrapolation *x, const hrt_params *params, int64_t now_us, const float tip_m[3],
                      float force[3]) {
     moment m;
     describe(x, params, now_us, tip_m, &m);
-    if (x->which == HRT_CONTACT) {
-        const bool young = HRT_WITH_PATCHES && x->patch && !hrt_older(now_us - x->patch_us, params->patch_stale_us);
-        if (young && !x->patch_left) {
-#if HRT_WITH_EVIDENCE
-            vset(x->film_tip_m, x->tick_tip_m);
-            x->tick_us = x->film_us;
-#endif
-            if (hrt_contact_force(x, now_us, tip_m, force)) {
-#if HRT_WITH_EVIDENCE
-                hrt_drift_follow(x, now_us, force);
-#endif
-                return true;
-            }
-            x->patch_left = true; /* until a new patch comes */
-        }
-        x->limits |= HRT_LIMIT_PATCH;
-#if HRT_WITH_EVIDENCE
-        x->patch_ticks = 0;
-#endif
+    const bool on_patch = uses_patch(x) && on_the_patch(x, params, now_us, tip_m, force);
+#if HRT_WITH_ADAPTIVE
+    if (x->which == HRT_ADAPTIVE) {
+        law_adaptive(x, &m, now_us, on_patch, force);
+        return on_patch;
     }
+#endif
+    if (on_patch) return true;
     vset(x->now.force_N, force);
     /* A grasper without force holds and touches nothing: what the last samples changed came from its jaws opening, not
      * from its moving. */
@@ -324,7 +365,7 @@ void hrt_extrapolation_force(hrt_extrapolation *x, const hrt_params *params, int
     for (int i = 0; i < 3; i++) force_N[i] = 0.0f;
     if (!x->have) return;
     const bool on_patch = evaluate(x, params, now_us, tip_m, force_N);
-    if (x->which == HRT_CONTACT && on_patch != x->on_patch && !x->changed) x->changed = 1;
+    if (uses_patch(x) && on_patch != x->on_patch && !x->changed) x->changed = 1;
     x->on_patch = on_patch;
     x->felt_N = fmaxf((1.0f - FORGOTTEN) * x->felt_N, vnorm(force_N));
     bridge(x, params, now_us, force_N);

@@ -82,7 +82,8 @@ typedef enum hrt_limit {
     ROW(BROYDEN, "broyden", law_broyden)                                                                               \
     ROW(TANGENT, "tangent", law_tangent)                                                                               \
     ROW(CONTACT, "contact", law_off_patch)                    /* off its patch; on it: core/contact.c */               \
-    ROW(PAPER_POSITION, "paper_position", law_paper_position) /* unsigned ratio as printed; for comparison only */
+    ROW(PAPER_POSITION, "paper_position", law_paper_position) /* unsigned ratio as printed; for comparison only */     \
+    ROW(ADAPTIVE, "adaptive", law_off_patch)                  /* a blend of the others: core/adaptive.c */
 #define HRT_EXTRAPOLATOR_VALUE(id, name, law) HRT_##id,
 typedef enum hrt_extrapolator { HRT_EXTRAPOLATORS(HRT_EXTRAPOLATOR_VALUE) HRT_EXTRAPOLATOR_COUNT } hrt_extrapolator;
 /* All names in a string literal, in the order of their numbers, each after a blank or after a bar. */
@@ -160,6 +161,11 @@ int32_t hrt_params_check(const hrt_params *params);
  * drifts. */
 #ifndef HRT_WITH_EVIDENCE
 #define HRT_WITH_EVIDENCE 1
+#endif
+
+/* 0 leaves the law `adaptive` and the 8 kB of its memory out: it then runs as `contact`. */
+#ifndef HRT_WITH_ADAPTIVE
+#define HRT_WITH_ADAPTIVE 1
 #endif
 
 #ifndef HRT_PATCH_MAX_VERTICES
@@ -357,6 +363,25 @@ typedef struct hrt_past {
 #endif
 } hrt_past;
 
+/* The laws that `adaptive` blends: `hold`, `position`, the sample's or the estimated stiffness, and the patch. */
+enum { HRT_ADAPTIVE_HOLD, HRT_ADAPTIVE_POSITION, HRT_ADAPTIVE_STIFFNESS, HRT_ADAPTIVE_PATCH, HRT_ADAPTIVE_LAWS };
+enum { HRT_ADAPTIVE_RECORDS = 128 }; /* of 2 ms: longer than a sample of 25 Hz is late by three */
+
+/* What each law said in one tick. */
+typedef struct hrt_adaptive_record {
+    int64_t t_us;
+    bool with_patch;
+    float said_N[HRT_ADAPTIVE_LAWS][3];
+} hrt_adaptive_record;
+
+typedef struct hrt_adaptive {
+    float loss[HRT_ADAPTIVE_LAWS];   /* forgotten sums of squared errors, over the square of felt_N */
+    float weight[HRT_ADAPTIVE_LAWS]; /* in the last tick, sum 1 */
+    float felt_N;                    /* the largest force of the last samples */
+    int32_t count, newest;           /* of the ring of records */
+    hrt_adaptive_record record[HRT_ADAPTIVE_RECORDS];
+} hrt_adaptive;
+
 typedef struct hrt_extrapolation {
     hrt_extrapolator which;
     int32_t have; /* 0: no sample; 1: `now`; 2: `before` too, and the difference is of motion alone */
@@ -395,6 +420,9 @@ typedef struct hrt_extrapolation {
     float tick_tip_m[3];           /* where the tool was in the tick before, and when that was */
     int64_t tick_us;
     uint8_t patch_ticks; /* in a row on patches of this tissue, up to two */
+#endif
+#if HRT_WITH_ADAPTIVE
+    hrt_adaptive adaptive;
 #endif
     bool cut; /* between the last two samples */
     float last_N[3];

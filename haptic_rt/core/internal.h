@@ -48,6 +48,16 @@ float hrt_us(int64_t us);
 static inline float hrt_seconds(int64_t us) { return 1.0e-6f * hrt_us(us); }
 static inline bool hrt_older(int64_t us, float limit_us) { return hrt_us(us) > limit_us; }
 
+#if HRT_WITH_ADAPTIVE
+/* adaptive.c: nothing is known of any law. */
+void hrt_adaptive_reset(hrt_adaptive *a);
+/* What a blend of said_N gives now; keeps said_N for the verdict. with_patch: the patch's is one of them. */
+void hrt_adaptive_blend(hrt_adaptive *a, int64_t now_us, bool with_patch, float said_N[HRT_ADAPTIVE_LAWS][3],
+                        float force_N[3]);
+/* A sample of the true force at t_us came, interval_s after the one before. */
+void hrt_adaptive_judge(hrt_adaptive *a, int64_t t_us, float interval_s, const float force_N[3]);
+#endif
+
 /* faults.c: latches the first. */
 void hrt_latch(hrt_controller *c, int64_t now_us, hrt_fault fault, int32_t detail);
 

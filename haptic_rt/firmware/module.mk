@@ -5,9 +5,9 @@ FW_CPUS := m7 m4f
 FW_VARIANTS := plain contact12 contact24
 FW_CPU_m7 := -mcpu=cortex-m7 -mfpu=fpv5-sp-d16
 FW_CPU_m4f := -mcpu=cortex-m4 -mfpu=fpv4-sp-d16
-FW_DEF_plain := -DFW_PATCHES=0 -DHRT_WITH_PATCHES=0 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0 -DHRT_PATCH_MAX_VERTICES=3 -DHRT_PATCH_MAX_TRIANGLES=1
-FW_DEF_contact12 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0 -DHRT_PATCH_MAX_VERTICES=12 -DHRT_PATCH_MAX_TRIANGLES=16
-FW_DEF_contact24 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0
+FW_DEF_plain := -DFW_PATCHES=0 -DHRT_WITH_PATCHES=0 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0 -DHRT_WITH_ADAPTIVE=0 -DHRT_PATCH_MAX_VERTICES=3 -DHRT_PATCH_MAX_TRIANGLES=1
+FW_DEF_contact12 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0 -DHRT_WITH_ADAPTIVE=0 -DHRT_PATCH_MAX_VERTICES=12 -DHRT_PATCH_MAX_TRIANGLES=16
+FW_DEF_contact24 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0 -DHRT_WITH_ADAPTIVE=0
 # An enum is one byte here, so that a check against negative values is always true.
 FW_WARN := -Wall -Wextra -Wno-type-limits -Wconversion -Wno-sign-conversion -Wdouble-promotion -Werror
 # Where -Os still takes flash for speed: constants kept in registers across loops, code moved apart to be scheduled,

@@ -16,7 +16,7 @@ hrt_node_config hrt_node_config_default(int32_t instrument) {
     hrt_node_config config = {.instrument = instrument,
                               .session = 1 + instrument,
                               .pose = {.axis = {0.0, 0.0, 1.0}, .up = {0.0, 1.0, 0.0}},
-                              .extrapolator = HRT_CONTACT,
+                              .extrapolator = HRT_ADAPTIVE,
                               .passivity = true,
                               .enable = true};
     hrt_params_default(&config.params);

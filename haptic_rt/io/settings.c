@@ -17,7 +17,7 @@ static void usage(void) {
         "  --bus, --device ADDRESS " HRT_BUS_ADDRESSES "\n"
         "  --instrument N           0 or 1: channels TOOL_N, FORCE_N, PATCH_N, CONTROLLER_N and the device's ids on the bus (0)\n"
         "  --mode NAME              probe, grasper or cautery (probe)\n"
-        "  --extrapolator NAME     " HRT_EXTRAPOLATOR_NAMES " (contact)\n"
+        "  --extrapolator NAME     " HRT_EXTRAPOLATOR_NAMES " (adaptive)\n"
         "  --no-passivity           passivity control off (it is on; --passivity says so)\n"
         "  --coupling               virtual coupling on\n"
         "  --trocar X,Y,Z --axis X,Y,Z --up X,Y,Z   the trocar's pose, m, world; without them it is learned from SIM_STATUS\n"

@@ -12,7 +12,7 @@ from .instruments import Reaction
 from .patch import Patch
 
 EXTRAPOLATORS = {n[len("HRT_"):].lower(): getattr(c, n) for n in (
-    "HRT_HOLD", "HRT_TIME", "HRT_POSITION", "HRT_BROYDEN", "HRT_TANGENT", "HRT_CONTACT", "HRT_PAPER_POSITION")}
+    "HRT_HOLD", "HRT_TIME", "HRT_POSITION", "HRT_BROYDEN", "HRT_TANGENT", "HRT_CONTACT", "HRT_PAPER_POSITION", "HRT_ADAPTIVE")}
 _JOINTS = c.HRT_JOINTS
 
 
@@ -90,9 +90,9 @@ def controller_patch(patch: Patch, trocar_m: Any, seq: int = 0) -> c.hrt_patch:
 
 
 class Extrapolator:
-    """A law alone: forces between samples, at any tip position and time. `name`: "hold", "time", "position", "broyden", "tangent", "contact" ..."""
+    """A law alone: forces between samples, at any tip position and time. `name`: "hold", "time", "position", "broyden", "tangent", "contact", "adaptive" ..."""
 
-    def __init__(self, name: str = "contact", params: Optional[c.hrt_params] = None) -> None:
+    def __init__(self, name: str = "adaptive", params: Optional[c.hrt_params] = None) -> None:
         self.params = params if params is not None else parameters()
         self._struct, self._kept = c.hrt_extrapolation(), [None, None, None]  # type: Any, List[Any]
         lib.hrt_extrapolation_reset(ctypes.byref(self._struct), _which(name))
@@ -118,7 +118,7 @@ class Controller:
     docs/controller.md.
     """
 
-    def __init__(self, axis: Any = (0.0, 0.0, -1.0), up: Any = (0.0, 1.0, 0.0), extrapolator: str = "contact", params: Optional[c.hrt_params] = None,
+    def __init__(self, axis: Any = (0.0, 0.0, -1.0), up: Any = (0.0, 1.0, 0.0), extrapolator: str = "adaptive", params: Optional[c.hrt_params] = None,
                  session: int = 1) -> None:
         self.params = params if params is not None else parameters()
         self.extrapolator = _which(extrapolator)

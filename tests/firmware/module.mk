@@ -16,8 +16,8 @@ $(OUT)/tests/firmware/obj/$(1)/%.o: %.c
 	$$(Q)$$(CC) $$(BASE_CFLAGS) $$(INCLUDES) $(4) -c $$< -o $$@
 -include $(patsubst %.c,$(OUT)/tests/firmware/obj/$(1)/%.d,$(2))
 endef
-$(eval $(call fw_host,replay_plain,$(FW_HOST_SRC),,-DHRT_WITH_EVIDENCE=0 -DFW_PATCHES=0))
-$(eval $(call fw_host,replay_contact,$(FW_HOST_SRC),,-DHRT_WITH_EVIDENCE=0 -DFW_PATCHES=1))
+$(eval $(call fw_host,replay_plain,$(FW_HOST_SRC),,-DHRT_WITH_EVIDENCE=0 -DHRT_WITH_ADAPTIVE=0 -DFW_PATCHES=0))
+$(eval $(call fw_host,replay_contact,$(FW_HOST_SRC),,-DHRT_WITH_EVIDENCE=0 -DHRT_WITH_ADAPTIVE=0 -DFW_PATCHES=1))
 $(eval $(call fw_host,record,tests/firmware/record.c tests/firmware/replay_format.c haptic_rt/firmware/loop.c,$(LIBHRT_DEVICE_A) $(LIBHRT_IO_A),-DFW_PATCHES=1))
 
 #: make check-firmware       the firmware in QEMU on recorded inputs: the host's bits, flash, RAM, stack, instructions per tick

@@ -1,4 +1,5 @@
 """What a newcomer adds to the controller is one file or function and one row, shown on a copy of the sources."""
+import re
 import shutil
 import subprocess
 
@@ -101,14 +102,14 @@ def test_an_extrapolator_is_a_law_and_a_row(root, tmp_path):
     core = tmp_path / "haptic_rt/core"
     shutil.copytree(root / "haptic_rt/core", core)
     shutil.copytree(root / "law", tmp_path / "law")
-    insert(core / "hrt.h", '    ROW(PAPER_POSITION, "paper_position", law_paper_position)', '    ROW(PAPER_POSITION, "paper_position", law_paper_position) \\\n')
+    insert(core / "hrt.h", '    ROW(ADAPTIVE, "adaptive", law_off_patch)', '    ROW(ADAPTIVE, "adaptive", law_off_patch) \\\n')
     text = (core / "hrt.h").read_text()
-    row = '    ROW(PAPER_POSITION, "paper_position", law_paper_position) /*'
-    assert text.count(row) == 1
-    (core / "hrt.h").write_text(text.replace(row, '    ROW(LAST, "last", law_last) /*'))
+    text, count = re.subn(r'    ROW\(ADAPTIVE, "adaptive", law_off_patch\) +/\*', '    ROW(LAST, "last", law_last) /*', text)
+    assert count == 1
+    (core / "hrt.h").write_text(text)
     insert(core / "extrapolate.c", "typedef struct law {", LAW)
     choice, names = lines_of(tmp_path, EXTRAPOLATOR, sorted(core.glob("*.c")))
-    assert choice == "hold|time|position|broyden|tangent|contact|paper_position|last" and names.split() == choice.split("|")
+    assert choice == "hold|time|position|broyden|tangent|contact|paper_position|adaptive|last" and names.split() == choice.split("|")
 
 
 def test_a_bus_is_a_file_and_a_row(root, tmp_path):

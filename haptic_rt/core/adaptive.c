@@ -1,0 +1,106 @@
+/* The law `adaptive`: a blend of several laws, weighted by how well each foretold the samples that came.
+ *
+ * What each law says is kept, tick by tick. A sample tells the true force at its own time, so each law is judged by
+ * what it said at that time, with the samples that were there then: latency, loss and phase of the work are in the
+ * verdict. The weights are exponential in the forgotten sum of squared errors, with a rate that follows the least sum
+ * (exponentially weighted average forecaster: Cesa-Bianchi, Lugosi, Prediction, Learning, and Games, 2006, chapter 2;
+ * the rate: Auer, Cesa-Bianchi, Gentile, J. Comput. Syst. Sci. 64, 2002). */
+#include "internal.h"
+
+#if HRT_WITH_ADAPTIVE
+
+static const float RECORD_US = 1900.0f;  /* ticks closer than this share a record */
+static const float HALF_SAMPLES = 2.0f;  /* an error counts half after so many samples, */
+static const float HALF_LEAST_S = 0.03f; /* or after this where samples come more often */
+static const float RATE = 3.0f;          /* of the weights, over the least sum */
+static const float FLOOR = 2.0e-3f;      /* errors below this share of the force tell laws apart no more */
+static const float FELT_KEPT = 0.98f;    /* of the largest force, from sample to sample */
+static const float FELT_LEAST_N = 1.0e-3f;
+/* Sums before anything is known: a patch knows the surface, the others only the last force. */
+static const float LOSS_PATCH = 1.0e-4f, LOSS_OTHER = 1.0e-2f;
+
+void hrt_adaptive_reset(hrt_adaptive *a) {
+    a->count = a->newest = 0;
+    a->felt_N = 0.0f;
+    for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) a->loss[i] = i == HRT_ADAPTIVE_PATCH ? LOSS_PATCH : LOSS_OTHER;
+}
+
+/* e^-x for x >= 0, within a hundredth of the whole. */
+static float fallen(float x) {
+    const float once = 1.0f / (1.0f + 0.0625f * x), twice = once * once, four = twice * twice, eight = four * four;
+    return eight * eight;
+}
+
+static void set_weights(hrt_adaptive *a, bool with_patch) {
+    const int laws = with_patch ? HRT_ADAPTIVE_LAWS : HRT_ADAPTIVE_PATCH;
+    float least = a->loss[0], sum = 0.0f;
+    for (int i = 1; i < laws; i++) least = fminf(least, a->loss[i]);
+    for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) {
+        a->weight[i] = i < laws ? fallen(RATE * (a->loss[i] - least) / (least + FLOOR * FLOOR)) : 0.0f;
+        sum += a->weight[i];
+    }
+    for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) a->weight[i] /= sum; /* the best has 1 before */
+}
+
+void hrt_adaptive_blend(hrt_adaptive *a, int64_t now_us, bool with_patch, float said_N[HRT_ADAPTIVE_LAWS][3],
+                        float force_N[3]) {
+    set_weights(a, with_patch);
+    for (int c = 0; c < 3; c++) {
+        force_N[c] = 0.0f;
+        for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) force_N[c] += a->weight[i] * said_N[i][c];
+    }
+    if (a->count && !hrt_older(now_us - a->record[a->newest].t_us, RECORD_US)) return;
+    a->newest = a->count ? (a->newest + 1) % HRT_ADAPTIVE_RECORDS : 0;
+    if (a->count < HRT_ADAPTIVE_RECORDS) a->count++;
+    hrt_adaptive_record *to = &a->record[a->newest];
+    to->t_us = now_us;
+    to->with_patch = with_patch;
+    for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) vset(said_N[i], to->said_N[i]);
+}
+
+/* The last record at or before t_us and the one after it, which may be the same; false: all are younger. */
+static bool find(const hrt_adaptive *a, int64_t t_us, const hrt_adaptive_record **before,
+                 const hrt_adaptive_record **after) {
+    *after = NULL;
+    for (int32_t back = 0; back < a->count; back++) {
+        const int32_t at = (a->newest + HRT_ADAPTIVE_RECORDS - back) % HRT_ADAPTIVE_RECORDS;
+        *before = &a->record[at];
+        if (!*after) *after = *before;
+        if (a->record[at].t_us <= t_us) return true;
+        *after = *before;
+    }
+    return false;
+}
+
+static float square_of_miss(const hrt_adaptive_record *before, const hrt_adaptive_record *after, float share, int law,
+                            const float force_N[3]) {
+    float miss2 = 0.0f;
+    for (int c = 0; c < 3; c++) {
+        const float said = (1.0f - share) * before->said_N[law][c] + share * after->said_N[law][c];
+        miss2 += (said - force_N[c]) * (said - force_N[c]);
+    }
+    return miss2;
+}
+
+void hrt_adaptive_judge(hrt_adaptive *a, int64_t t_us, float interval_s, const float force_N[3]) {
+    const hrt_adaptive_record *before, *after;
+    if (!find(a, t_us, &before, &after)) return;
+    const float span_us = hrt_us(after->t_us - before->t_us);
+    const float share = span_us > 0.0f ? hrt_clamp(hrt_us(t_us - before->t_us) / span_us, 0.0f, 1.0f) : 0.0f;
+    const bool with_patch = before->with_patch && after->with_patch;
+    float miss2[HRT_ADAPTIVE_LAWS], any2 = vdot(force_N, force_N);
+    for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++) {
+        miss2[i] = square_of_miss(before, after, share, i, force_N);
+        any2 += vdot(before->said_N[i], before->said_N[i]);
+    }
+    if (!(any2 > 0.0f)) return; /* out of touch nothing is learnt, and nothing forgotten */
+    a->felt_N = fmaxf(FELT_KEPT * a->felt_N, vnorm(force_N));
+    const float scale_N = fmaxf(a->felt_N, FELT_LEAST_N);
+    /* A half-life h of a rate 1/(1+t/T) a sample: T = t / (sqrt 2 - 1) for h = 2 t. */
+    const float time_s = 1.207f * fmaxf(HALF_SAMPLES * interval_s, HALF_LEAST_S);
+    const float kept = time_s / (time_s + fmaxf(interval_s, 1.0e-4f));
+    for (int i = 0; i < HRT_ADAPTIVE_LAWS; i++)
+        if (i != HRT_ADAPTIVE_PATCH || with_patch) a->loss[i] = kept * a->loss[i] + miss2[i] / (scale_N * scale_N);
+}
+
+#endif
