@@ -273,11 +273,11 @@ def test_linear_tissue_that_turned_is_warned_of():
 
 def test_ctrl_c_and_what_a_stage_raises_end_settling():
     """Without `progress` too."""
-    _, _, world = block()
+    _, _, world = block((16, 16, 8))  # 20,000 relaxed steps and more: seconds
     contact = world.add_contact([tm.Instrument(trocar_m=(0.02, 0.02, 0.15), tip_m=(0.02, 0.02, 0.035))])
     world.add_gravity()
     before = world.hash
-    threading.Timer(0.2, lambda: signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)).start()
+    threading.Timer(0.1, lambda: signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)).start()
     with pytest.raises(KeyboardInterrupt):
         world.settle(1e-18)  # which no rounding allows
     assert contact and world.hash == before
