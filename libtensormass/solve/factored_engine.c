@@ -17,8 +17,8 @@
 static const double MOVED_ON = 0.1;
 enum { MOVES_ON_AFTER = 12 };
 
-/* Besides what is needed now columns are solved when they fill a block, or when one of the first so many lacks: the
- * tools' next places. */
+/* A thread also solves columns that are not needed now: when they fill a block, or when one of the first so many lacks,
+ * which are the tools' next places. */
 enum { AHEAD = 8 };
 
 tms_engine *tms_engine_create(const tm_tissue *tissue, const uint8_t *fixed, bool turns) {
@@ -156,7 +156,8 @@ static void mark(tms_engine *e, const int32_t *vertex, int32_t count) {
 
 /* The next vertices without a column, most urgent first: all touched ones, then the instruments' in turn. `*urgent`:
  * the first of them is not only for later. */
-static int32_t lacking(const tms_engine *e, const tms_wish *wish, int32_t vertex[TMS_BLOCK / 3], bool *urgent) {
+static int32_t lacking(const tms_engine *e, const tms_wish *wish, int32_t ahead, int32_t vertex[TMS_BLOCK / 3],
+                       bool *urgent) {
     int32_t count = 0;
     for (int32_t i = 0; i < e->touched_count && count < TMS_BLOCK / 3; i++)
         if (e->slot_of[e->touched[i]] < 0) vertex[count++] = e->touched[i];
@@ -168,7 +169,7 @@ static int32_t lacking(const tms_engine *e, const tms_wish *wish, int32_t vertex
             for (int32_t k = 0; k < count && !listed; k++) listed = vertex[k] == v;
             if (listed) continue;
             vertex[count++] = v;
-            *urgent = *urgent || i < wish->needed[t] + AHEAD;
+            *urgent = *urgent || i < wish->needed[t] + ahead;
         }
     return count;
 }
@@ -220,6 +221,11 @@ static bool has_moved_on(const tms_engine *e, const tms_wish *wish) {
     return moved > e->moved_on_m;
 }
 
+/* A thread works ahead; who waits for it wants no more than is needed, and fills the block with what may be. */
+static bool is_worth_solving(int32_t count, bool urgent, bool needed_only) {
+    return urgent || (!needed_only && count == TMS_BLOCK / 3);
+}
+
 bool tms_engine_serve(tms_engine *e, const tms_wish *wish, bool needed_only, tms_piece *piece, bool *more) {
     int32_t vertex[TMS_BLOCK / 3];
     bool urgent;
@@ -233,11 +239,12 @@ bool tms_engine_serve(tms_engine *e, const tms_wish *wish, bool needed_only, tms
     }
     mark(e, e->touched, e->touched_count);
     for (int t = 0; t < TM_MAX_INSTRUMENTS; t++) mark(e, wish->vertex[t], wish->count[t]);
-    int32_t count = lacking(e, wish, vertex, &urgent);
-    if (urgent || count == TMS_BLOCK / 3) {
+    const int32_t ahead = needed_only ? 0 : AHEAD;
+    const int32_t count = lacking(e, wish, ahead, vertex, &urgent);
+    if (is_worth_solving(count, urgent, needed_only)) {
         if (!solve_columns(e, vertex, count)) return false;
-        count = lacking(e, wish, vertex, &urgent);
-        *more = urgent || count == TMS_BLOCK / 3;
+        const int32_t left = lacking(e, wish, ahead, vertex, &urgent);
+        *more = is_worth_solving(left, urgent, needed_only);
     }
     return (!needed_only || !*more) && has_needed(e, wish) && write_piece(e, wish, needed_only, piece);
 }
