@@ -170,8 +170,12 @@ void tm_patch_want(tm_patch_maker *maker, int32_t t, const int32_t *held, int32_
     if (first > TM_HOLD_VERTICES) first = 0; /* more than a patch can hold */
     for (int32_t i = 0; i < first; i++) list[i] = held[i];
     if (max_vertices >= 3) grow(maker, t, max_vertices, patch);
-    if (maker->columns)
+    if (maker->columns) {
         want_columns(maker, t, first, max_vertices, list, patch);
-    else
-        want_pieces(maker, t, first, patch, list);
+        return;
+    }
+    want_pieces(maker, t, first, patch, list);
+    if (patch->triangle_count == 0 || is_known(maker, 0, patch)) return;
+    grow(maker, t, max_vertices, patch); /* what a cut has made loose is known only now */
+    want_pieces(maker, t, first, patch, list);
 }
