@@ -192,7 +192,7 @@ static void test_all_forms_give_the_same_bits(void **state) {
                 const tm_rotation_kernel kernel = tm_rotation_form(form);
                 if (!kernel) continue;
                 memset(g, 0, sizeof(double) * (size_t)t.n);
-                kernel(&t.rotation->packs, every, t.rotation->packs.count, u, g);
+                kernel(&t.rotation->packs, every, t.rotation->packs.count, u, g, NULL);
                 assert_memory_equal(f, g, sizeof(double) * (size_t)t.n);
             }
         }
@@ -342,7 +342,7 @@ static void test_cut_equals_a_fresh_build_bit_for_bit(void **state) {
     }
 }
 
-/* A snapshot keeps nothing of the stage, and goes on to the last bit, in a world that has looked at other packs. */
+/* A snapshot goes on to the last bit, in a world that has looked at other packs. */
 static void test_a_snapshot_goes_on_to_the_last_bit(void **state) {
     (void)state;
     turning a = block(true, true), b = block(true, true);

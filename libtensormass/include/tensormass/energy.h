@@ -28,8 +28,8 @@ typedef struct tm_energy {
     /* taken from it */
     double damping_J;  /* never negative */
     double cut_J;      /* what removed tetrahedra held, moving and strained */
-    double residual_J; /* what none of these explains: rounding (with the stage "rotation" the scheme's own error, which
-                          swings, falls with dt2 and does not add up), unless a stage moves u_next_m that the account
+    double residual_J; /* what none of these explains: rounding (with the stage "rotation" what the last step made of
+                          energy, which the next takes back), unless a stage moves u_next_m that the account
                           does not know (of a hybrid: the work of its condensed part and of contact with that) */
     /* between hand and tissue */
     double hand_J[TM_MAX_INSTRUMENTS]; /* work that moving the instrument put into contact and grasp */

@@ -22,7 +22,8 @@ typedef struct tm_rotation tm_rotation;
 
 /* Adds the stage "rotation", after "force", to a world whose tissue was made with tm_tissue_def.rotation > 0 (so that
  * its guaranteed step holds for tissue that turns) and in TM_DOUBLE. The world owns the handle, which may be asked for
- * (rotation null: not). It keeps nothing between steps: the same u and tissue, the same bits. */
+ * (rotation null: not). Of steps before it keeps energy that they made and that could not be
+ * taken back at once (docs/physics.md, "Energy of the step"), in snapshots too: mostly 0. */
 TM_API tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *error);
 
 typedef struct tm_rotation_report {

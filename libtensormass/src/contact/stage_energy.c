@@ -81,23 +81,31 @@ static pass over_tissue(const energy *e, const tm_world *world) {
     return p;
 }
 
-/* What turns stores its own, a function of the state: half of it at each end of a step. So the linear part is taken
- * there too, not between the ends: alone it is no energy of what has turned, and the two make one only at the same
- * place. The work of the correction's force, which over_tissue took for another load's, is not one. */
+/* What turns stores its own, a function of the state: half of it at each end of a step, and (f' - f).(u' - u)/4 of its
+ * force, which makes of both what the scheme conserves of small motions. The work of its force, which over_tissue took
+ * for another load's, is not one, and of what takes back what the step made neither. */
 static void over_rotation(const tm_world *world, const tm_rotation *rotation, pass *p) {
     const tm_state *s = &world->state;
+    const tm_conserving *c = &rotation->conserving;
     const int32_t n = 3 * world->tissue->mesh->vertex_count;
-    double *scratch = tm_rotation_scratch(rotation);
-    const double now = tm_rotation_energy(rotation, s->u_m);
-    p->before_J += 0.5 * (tm_rotation_energy(rotation, s->u_prev_m) + now);
-    p->elastic_J += 0.5 * (now + tm_rotation_energy(rotation, s->u_next_m));
-    for (int32_t i = 0; i < n; i++) scratch[i] = s->u_m[i] - s->u_prev_m[i];
-    p->before_J += 0.5 * tm_tissue_energy(world->tissue, scratch);
-    for (int32_t i = 0; i < n; i++) scratch[i] = s->u_next_m[i] - s->u_m[i];
-    p->elastic_J += 0.5 * tm_tissue_energy(world->tissue, scratch);
-    tm_rotation_force(rotation, s->u_m, scratch);
-    for (int32_t i = 0; i < n; i++)
-        if (world->mobility_s2_kg[i / 3] > 0) p->outer_J -= scratch[i] * 0.5 * (s->u_next_m[i] - s->u_prev_m[i]);
+    const double *u[3] = {s->u_prev_m, s->u_m, s->u_next_m};
+    double *scratch = tm_rotation_scratch(rotation), energy_J[3];
+    for (int k = 0; k < 3; k++) {
+        energy_J[k] = tm_rotation_energy(rotation, u[k]);
+        tm_rotation_force(rotation, u[k], scratch);
+        for (int32_t i = 0; i < n; i++) {
+            if (world->mobility_s2_kg[i / 3] <= 0) continue;
+            const double came = 0.25 * scratch[i] * (s->u_m[i] - s->u_prev_m[i]);
+            const double goes = 0.25 * scratch[i] * (s->u_next_m[i] - s->u_m[i]);
+            if (k < 2) p->before_J += k == 1 ? came : -came;
+            if (k > 0) p->elastic_J += k == 2 ? goes : -goes;
+            if (k == 1)
+                p->outer_J -=
+                    (scratch[i] + (c->share != 0 ? c->push_N[i] : 0)) * 0.5 * (s->u_next_m[i] - s->u_prev_m[i]);
+        }
+    }
+    p->before_J += 0.5 * (energy_J[0] + energy_J[1]);
+    p->elastic_J += 0.5 * (energy_J[1] + energy_J[2]);
 }
 
 /* --- the tools --- */

@@ -352,20 +352,30 @@ INSIDE void TM_NAME(stress_of)(const TM_NAME(turned) * b, V8 P[9]) {
     for (int i = 0; i < 9; i++) P[i] = b->weight * b->stress[i] + steer * b->H[i];
 }
 
+/* The sum over lanes, ascending: the same for every width. */
+INSIDE void TM_NAME(add_energy)(const TM_NAME(turned) * b, double *sum_J) {
+    const V8 weighted = b->weight * b->energy;
+    for (int l = 0; l < TM_WIDTH; l++)
+        if (b->weight[l] > 0) *sum_J += weighted[l];
+}
+
 TM_TARGET static int32_t TM_NAME(force)(const tm_packs *packs, const int32_t *list, int32_t count, const double *u_m,
-                                        double *force_N) {
+                                        double *force_N, double *energy_J) {
     int32_t active = 0;
     for (int32_t n = 0; n < count; n++) {
         bool any = false;
+        double sum_J = 0;
         for (int at = 0; at < TM_LANES; at += TM_WIDTH) {
             TM_NAME(turned) b;
             V8 P[9];
-            if (!TM_NAME(turn)(packs, list[n], at, u_m, false, &b)) continue;
+            if (!TM_NAME(turn)(packs, list[n], at, u_m, energy_J, &b)) continue;
             any = true;
             const M8 who = b.weight > 0;
             TM_NAME(stress_of)(&b, P);
             TM_NAME(scatter)(packs, list[n], at, &who, P, force_N);
+            if (energy_J) TM_NAME(add_energy)(&b, &sum_J);
         }
+        if (energy_J) energy_J[n] = sum_J;
         active += any;
     }
     return active;

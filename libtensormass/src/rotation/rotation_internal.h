@@ -43,10 +43,11 @@ typedef struct tm_packs {
     double begin_1_2, width_1_2; /* |grad u|^2 at which the correction begins, and up to where it grows */
 } tm_packs;
 
-/* force_N += the correction of the listed packs, ascending. Returns how many of them had anything to add. The forms
- * differ in speed alone: every lane computes the same in the same order, so that the bits are the same too. */
+/* force_N += the correction of the listed packs, ascending; energy_J [count] := theirs, unless null. Returns how many
+ * of them had anything to add. The forms differ in speed alone: every lane computes the same in the same order, so that
+ * the bits are the same too. */
 typedef int32_t (*tm_rotation_kernel)(const tm_packs *packs, const int32_t *list, int32_t count, const double *u_m,
-                                      double *force_N);
+                                      double *force_N, double *energy_J);
 /* 0 plain, 1 AVX2, 2 AVX-512; null: this processor has it not. */
 tm_rotation_kernel tm_rotation_form(int form);
 tm_rotation_kernel tm_rotation_choose(bool plain);
@@ -54,10 +55,12 @@ tm_rotation_kernel tm_rotation_choose(bool plain);
  * [12*TM_LANES] each, and a bit for each lane that is; then what of that is on the vertices [begin, end), in the list's
  * order (tm_pulls_add). */
 typedef void (*tm_pull_kernel)(const tm_packs *packs, const int32_t *list, int32_t count, const double *u_m,
-                               double *corner_N, uint8_t *who);
+                               double *corner_N, uint8_t *who, double *energy_J);
 tm_pull_kernel tm_pull_choose(bool plain);
 /* The same correction as an energy, J. */
 double tm_rotation_sum_energy(const tm_packs *packs, const double *u_m);
+/* That of the linear law, computed without tensors. */
+double tm_packs_linear_energy(const tm_packs *packs, const double *u_m);
 
 /* Histories of tetrahedra that relax (viscous_kernel.h), beside the packs. */
 enum { TM_VISCOUS_TERMS = 3 };
@@ -126,6 +129,22 @@ void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32_t k, i
 void tm_swollen_tangent(const tm_swollen *s, int32_t begin, int32_t end, tm_tangent *tangent);
 int32_t tm_swollen_most_members(const tm_swollen *s);
 
+/* What the step makes of energy, and what takes it back (world/conserve.c). */
+typedef struct tm_conserving {
+    struct tm_rotation *rotation;
+    bool on;
+    double fades_1_s;           /* the least rate of damping */
+    double made_J, kept_made_J; /* not taken back yet; that when a call began */
+    double share;               /* of the change of the force, that this step has added */
+    /* Of the last step, which began where `seen_m` is; unless valid, of none. */
+    bool valid;
+    double last_s, energy_J;
+    double *now_before_N, *all_before_N, *seen_m;
+    /* [3*vertex_count] the correction (of averaged volume: all), the tissue's force, and share of its change */
+    double *now_N, *all_N, *push_N;
+    double *pack_J; /* [packs] */
+} tm_conserving;
+
 struct tm_rotation {
     tm_pool pool;
     const tm_tissue *tissue;
@@ -146,7 +165,8 @@ struct tm_rotation {
     double *scratch_N;         /* [3*vertex_count] */
     bool left_to_viscosity;    /* whose stage does all of it */
     struct tm_relaxing *whole; /* where changes of volume are averaged: the whole law in passes; else null */
-    int32_t *reached;          /* [2*count] divided among threads: first and last vertex of a pack; else null */
+    tm_conserving conserving;
+    int32_t *reached; /* [2*count] divided among threads: first and last vertex of a pack; else null */
 };
 
 /* Laws without what is averaged around vertices. */

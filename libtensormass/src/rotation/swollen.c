@@ -136,16 +136,25 @@ void tm_swollen_add(const tm_swollen *s, const tm_packs *packs, bool plain, cons
     tm_swollen_choose(plain).press(packs, s, force_N);
 }
 
-double tm_swollen_energy(const tm_swollen *s, const tm_packs *packs, const double *u_m) {
-    if (!s->tissue) return 0;
+static double sum_energy(const tm_swollen *s, double less) {
     const tm_domains *d = tm_swollen_domains_of(s);
     double sum = 0;
-    tm_swollen_look(s, packs, true, u_m);
     for (int32_t i = 0; i < d->count; i++) {
         if (!(d->volume_m3[i] > 0)) continue;
         const double bulk = s->bulk_Pa[d->law[i]], p = s->turned[i];
         /* Beyond the largest tension energy grows straight on. */
-        sum += d->volume_m3[i] * (p * (s->swelling[i] - 0.5 * p / bulk) - 0.5 * bulk * s->plain[i] * s->plain[i]);
+        sum += d->volume_m3[i] * (p * (s->swelling[i] - 0.5 * p / bulk) - less * bulk * s->plain[i] * s->plain[i]);
     }
     return sum;
+}
+
+double tm_swollen_energy(const tm_swollen *s, const tm_packs *packs, const double *u_m) {
+    if (!s->tissue) return 0;
+    tm_swollen_look(s, packs, true, u_m);
+    return sum_energy(s, 0.5);
+}
+
+double tm_swollen_whole_energy(const tm_swollen *s, const tm_packs *packs, const double *u_m) {
+    tm_swollen_look(s, packs, true, u_m);
+    return sum_energy(s, 0);
 }

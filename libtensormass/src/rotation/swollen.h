@@ -34,6 +34,8 @@ int32_t tm_swollen_domains(const tm_swollen *s);
 /* force_N += the correction. */
 void tm_swollen_add(const tm_swollen *s, const struct tm_packs *packs, bool plain, const double *u_m, double *force_N);
 double tm_swollen_energy(const tm_swollen *s, const struct tm_packs *packs, const double *u_m);
+/* All that is averaged, not the correction. */
+double tm_swollen_whole_energy(const tm_swollen *s, const struct tm_packs *packs, const double *u_m);
 /* Averages of `grown` over the domains [begin, end), and their pressures, by what the series leaves and by its terms;
  * the histories go on. relaxing null: elastic. */
 void tm_swollen_average(const tm_swollen *s, const struct tm_viscous *relaxing, int32_t begin, int32_t end);

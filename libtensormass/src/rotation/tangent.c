@@ -197,6 +197,7 @@ void tm_rotation_hessian(const tm_turned_lane *w, double A[81]) {
 
 bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation) {
     const tm_tissue *tissue = rotation->tissue;
+    tangent->definite = false;
     if (!tm_swollen_take_look(&tangent->swollen, pool, &rotation->swollen, rotation->packs.count)) return false;
     if (tissue->smoothed)
         tangent->gradient = TM_TAKE(pool, double, 3 * (int64_t)tm_swollen_most_members(&rotation->swollen));

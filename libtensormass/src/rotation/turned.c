@@ -91,6 +91,22 @@ double tm_rotation_sum_energy(const tm_packs *packs, const double *u_m) {
     return sum;
 }
 
+double tm_packs_linear_energy(const tm_packs *packs, const double *u_m) {
+    double sum = 0;
+    for (int32_t p = 0; p < packs->count; p++)
+        for (int at = 0; at < TM_LANES; at += 2) {
+            tm_plain_law w;
+            tm_plain_v8 H[9], E[9], T[9], energy = {0};
+            tm_plain_gradient(packs, p, at, u_m, H);
+            for (int i = 0; i < 9; i++) E[i] = 0.5 * (H[i] + H[i % 3 * 3 + i / 3]);
+            const bool fibred = tm_plain_law_of(packs, p, at, &w);
+            tm_plain_linear(&w, fibred, E, T);
+            for (int i = 0; i < 9; i++) energy += 0.5 * E[i] * T[i];
+            sum += energy[0] + energy[1];
+        }
+    return sum;
+}
+
 bool tm_rotation_lane(const tm_packs *packs, int32_t tet, const double *u_m, tm_turned_lane *lane) {
     const int32_t p = tet / TM_LANES;
     const int at = tet % TM_LANES / 2 * 2, l = tet % 2;

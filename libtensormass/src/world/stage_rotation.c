@@ -1,15 +1,18 @@
 /* Stage "rotation": the difference between the corotational law and the linear one, of tetrahedra that have turned or
- * strained beyond the threshold. It keeps nothing that a step depends on: which packs it looks at is a matter of time
- * alone, for a tetrahedron below the threshold adds nothing, not even a zero. */
+ * strained beyond the threshold. Which packs it looks at is a matter of time alone, for a tetrahedron below the
+ * threshold adds nothing, not even a zero. What lasts from step to step is what the step made of energy (conserve.c).
+ */
 #include <string.h>
 
+#include "world/conserve.h"
 #include "world/viscosity.h"
 
 /* A few packs of one part's, and what they pull with. */
 enum { FEW = 16 };
 typedef struct few {
     double corner_N[12 * TM_LANES * FEW];
-    int32_t pack[FEW], count;
+    double energy_J[FEW];
+    int32_t pack[FEW], at[FEW], count; /* at: place in the list */
     uint8_t who[FEW];
     int32_t active; /* of those whose first vertex is the part's */
 } few;
@@ -46,9 +49,13 @@ static bool reaches(const tm_rotation *r, int32_t pack, const tm_force_part *own
 
 static void add_few(turner *t, few *of, const tm_force_part *own) {
     const tm_rotation *r = &t->rotation;
-    t->pull(&r->packs, of->pack, of->count, t->world->state.u_m, of->corner_N, of->who);
-    tm_pulls_add(&r->packs, of->pack, of->count, of->corner_N, of->who, own->begin, own->end, t->world->state.force_N);
-    for (int32_t n = 0; n < of->count; n++) of->active += of->who[n] && r->reached[2 * of->pack[n]] >= own->begin;
+    t->pull(&r->packs, of->pack, of->count, t->world->state.u_m, of->corner_N, of->who, of->energy_J);
+    tm_pulls_add(&r->packs, of->pack, of->count, of->corner_N, of->who, own->begin, own->end, r->conserving.now_N);
+    for (int32_t n = 0; n < of->count; n++) {
+        if (r->reached[2 * of->pack[n]] < own->begin) continue; /* another part's */
+        of->active += of->who[n] != 0;
+        r->conserving.pack_J[of->at[n]] = of->energy_J[n];
+    }
     of->count = 0;
 }
 
@@ -60,6 +67,7 @@ static void add(void *context, int32_t part) {
     of->count = of->active = 0;
     for (int32_t n = 0; n < r->list_count; n++) {
         if (!reaches(r, r->list[n], own)) continue;
+        of->at[of->count] = n;
         of->pack[of->count++] = r->list[n];
         if (of->count == FEW) add_few(t, of, own);
     }
@@ -96,7 +104,8 @@ static void run_listed(turner *t) {
     tm_rotation *r = &t->rotation;
     tm_world *world = t->world;
     if (!is_worth_dividing(t)) {
-        r->active = r->kernel(&r->packs, r->list, r->list_count, world->state.u_m, world->state.force_N);
+        r->active =
+            r->kernel(&r->packs, r->list, r->list_count, world->state.u_m, r->conserving.now_N, r->conserving.pack_J);
         return;
     }
     tm_parts_do(world, add, t);
@@ -109,7 +118,7 @@ static void run(void *self, tm_world *world) {
     tm_rotation *r = &t->rotation;
     if (r->left_to_viscosity) return;
     if (r->whole) {
-        tm_relaxing_force(r->whole);
+        tm_conserve_whole(&r->conserving, world);
         return;
     }
     if (tm_packs_wait_for_a_look(r)) {
@@ -120,8 +129,38 @@ static void run(void *self, tm_world *world) {
     double way_m = t->way_m[0];
     for (int32_t p = 1; p < world->part_count; p++) way_m = t->way_m[p] > way_m ? t->way_m[p] : way_m;
     tm_packs_list(r, way_m);
+    memset(r->conserving.now_N, 0, 3 * sizeof(double) * (size_t)world->tissue->mesh->vertex_count);
     run_listed(t);
+    tm_conserve(&r->conserving, world);
     r->idle += r->list_count - r->active;
+}
+
+static int64_t snapshot(void *self, void *buffer) {
+    turner *t = self;
+    return tm_conserve_snapshot(&t->rotation.conserving, buffer);
+}
+
+static bool restore(void *self, tm_world *world, const void *buffer, int64_t bytes, bool apply) {
+    turner *t = self;
+    (void)world;
+    return tm_conserve_restore(&t->rotation.conserving, buffer, bytes, apply);
+}
+
+static void step_changed(void *self, tm_world *world) {
+    turner *t = self;
+    (void)world;
+    tm_conserve_restart(&t->rotation.conserving);
+}
+
+static void keep(void *self) {
+    turner *t = self;
+    tm_conserve_keep(&t->rotation.conserving);
+}
+
+static void give_back(void *self, tm_world *world) {
+    turner *t = self;
+    (void)world;
+    tm_conserve_give_back(&t->rotation.conserving);
 }
 
 static void destroy(void *self) {
@@ -187,7 +226,7 @@ static bool take(turner *t, tm_pool *pool, tm_world *world) {
         r->every[p] = p;
         r->spread_1_m[p] = tm_pack_spread(tissue->mesh, p);
     }
-    return take_passes(t, pool, world);
+    return tm_conserve_take(&r->conserving, pool, world, r) && take_passes(t, pool, world);
 }
 
 tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *error) {
@@ -218,8 +257,17 @@ tm_status tm_stage_rotation(tm_world *world, tm_rotation **rotation, tm_error *e
     r->tissue = tissue;
     r->threshold = tissue->rotation;
     r->kernel = tm_rotation_choose(tissue->plain);
-    const tm_stage stage = {
-        .size = sizeof stage, .name = "rotation", .phase = TM_PHASE_FORCE, .run = run, .destroy = destroy, .self = r};
+    const tm_stage stage = {.size = sizeof stage,
+                            .name = "rotation",
+                            .phase = TM_PHASE_FORCE,
+                            .run = run,
+                            .destroy = destroy,
+                            .step_changed = step_changed,
+                            .self = r,
+                            .snapshot = snapshot,
+                            .restore = restore,
+                            .keep = keep,
+                            .give_back = give_back};
     const tm_status status = tm_world_add_stage(world, &stage, pool.bytes, error);
     if (status) {
         tm_pool_release(&pool);
@@ -243,7 +291,7 @@ double tm_rotation_energy(const tm_rotation *rotation, const double *u_m) {
 void tm_rotation_force(const tm_rotation *rotation, const double *u_m, double *force_N) {
     TM_REQUIRE(rotation && u_m && force_N, "rotation, u_m or force_N is null", );
     memset(force_N, 0, sizeof(double) * 3 * (size_t)rotation->tissue->mesh->vertex_count);
-    rotation->kernel(&rotation->packs, rotation->every, rotation->packs.count, u_m, force_N);
+    rotation->kernel(&rotation->packs, rotation->every, rotation->packs.count, u_m, force_N, NULL);
     tm_swollen_add(&rotation->swollen, &rotation->packs, rotation->tissue->plain, u_m, force_N);
 }
 

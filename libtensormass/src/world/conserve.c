@@ -1,0 +1,197 @@
+/* Tissue that turns keeps its energy. Central differences do not keep that of a law that is not linear: over a step
+ * from u to u' they make e = W' - W + (f + f').(u' - u)/2, by which the force's work by the trapezoidal rule misses its
+ * potential W (0 where f is linear in u). What adds up, hot or on slivers whose own step is the guaranteed one, grows
+ * without bound, and keeps slivers moving against damping. So what was made is taken back in the next step, and what
+ * was lost given back, by a little of what damps in proportion to stiffness: share g with g the change of the tissue's
+ * force over the last step, which is near -K (u' - u). Its work over the step to come is known, share p + share^2 q,
+ * and share solves share p + share^2 q + e = 0, within SHARE_MOST. It adds up to no force, and is 0 where a body turns
+ * as a whole. All of it follows from u and u_prev, so that a cut tissue goes on as a fresh build in the same state
+ * does; only what could not be taken back at once lasts, and fades within some hundred steps. */
+#include "world/conserve.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Lowers the largest stable step by as much. */
+static const double SHARE_MOST = 0.12;
+/* Of averaged changes of volume W takes passes of its own, so there only where little is damped. */
+static const double WHOLE_MOST_1_S = 10;
+
+static double least_damping(const tm_world *world) {
+    const tm_tissue *tissue = world->tissue;
+    double least = HUGE_VAL;
+    for (int32_t v = 0; world->damped && v < tissue->mesh->vertex_count; v++)
+        if (tissue->mass_kg[v] > 0) least = fmin(least, tissue->damping_kg_s[v] / tissue->mass_kg[v]);
+    return least < HUGE_VAL ? least : 0;
+}
+
+static size_t numbers(const tm_conserving *c) { return 3 * (size_t)c->rotation->tissue->mesh->vertex_count; }
+
+bool tm_conserve_take(tm_conserving *c, tm_pool *pool, const tm_world *world, tm_rotation *rotation) {
+    const int64_t n = 3 * (int64_t)world->tissue->mesh->vertex_count;
+    *c = (tm_conserving){.rotation = rotation, .last_s = -HUGE_VAL};
+    const double damping = least_damping(world);
+    c->on = !world->tissue->smoothed || damping < WHOLE_MOST_1_S;
+    c->fades_1_s = damping;
+    double **of[] = {&c->now_N, &c->all_N, &c->now_before_N, &c->all_before_N, &c->seen_m, &c->push_N};
+    for (int i = 0; i < 6; i++) *of[i] = TM_TAKE(pool, double, n);
+    c->pack_J = TM_TAKE(pool, double, rotation->packs.count);
+    return !pool->failed;
+}
+
+typedef struct sums {
+    double made_J, p_J, q_J;
+} sums;
+
+/* What the last step made but for W, and the work that all of push_N, which becomes the change of the force, will do.
+ */
+static sums go_over(tm_conserving *c, const tm_world *world) {
+    const tm_state *s = &world->state;
+    sums sum = {0};
+    for (int32_t v = 0; v < world->tissue->mesh->vertex_count; v++) {
+        const double mobility = world->mobility_s2_kg[v], carry = world->damped ? world->carry[v] : 1;
+        for (int32_t i = 3 * v; i < 3 * v + 3; i++) {
+            const double came = s->u_m[i] - s->u_prev_m[i], change = c->all_N[i] - c->all_before_N[i];
+            const double way = 0.5 * (came + carry * came + mobility * s->force_N[i]);
+            c->push_N[i] = change;
+            sum.made_J += 0.5 * (c->now_N[i] + c->now_before_N[i]) * came;
+            if (!(mobility > 0)) continue;
+            sum.p_J += change * way;
+            sum.q_J += 0.5 * mobility * change * change;
+        }
+    }
+    return sum;
+}
+
+/* Of what there is in made_J; leaves there what is left, which fades as the motion does that it was made of. */
+static double choose_share(tm_conserving *c, double dt_s, const sums *sum) {
+    double share = 0;
+    bool all = false;
+    if (sum->p_J < 0) {
+        const double root = sum->p_J * sum->p_J - 4 * sum->q_J * c->made_J;
+        const double wish = 2 * c->made_J / (-sum->p_J + sqrt(fmax(root, 0)));
+        share = fmin(fmax(wish, -SHARE_MOST), SHARE_MOST);
+        all = share == wish && root >= 0;
+    }
+    const double left = c->made_J + share * (sum->p_J + share * sum->q_J);
+    c->made_J = all ? 0 : fmax(1 - c->fades_1_s * dt_s, 0) * left;
+    return share;
+}
+
+/* With all that belongs to u there; of u_prev it is there or `find_before` finds it. */
+static void take_back(tm_conserving *c, tm_world *world, double energy_J,
+                      void (*find_before)(tm_conserving *, tm_world *)) {
+    tm_state *s = &world->state;
+    const size_t n = numbers(c);
+    c->share = 0;
+    if (s->time_s == c->last_s) return; /* no step, but what settles */
+    if (!c->valid || memcmp(c->seen_m, s->u_prev_m, n * sizeof *c->seen_m)) find_before(c, world);
+    const sums sum = go_over(c, world);
+    c->made_J += energy_J - c->energy_J + sum.made_J;
+    c->share = choose_share(c, s->dt_s, &sum);
+    for (size_t i = 0; c->share != 0 && i < n; i++) s->force_N[i] += c->push_N[i] *= c->share;
+    c->valid = true, c->last_s = s->time_s, c->energy_J = energy_J;
+    memcpy(c->now_before_N, c->now_N, n * sizeof *c->now_N);
+    memcpy(c->all_before_N, c->all_N, n * sizeof *c->all_N);
+    memcpy(c->seen_m, s->u_m, n * sizeof *c->seen_m);
+}
+
+/* --- the correction beside the tensors --- */
+
+static double sum_of(const double *part, int32_t count) {
+    double sum = 0;
+    for (int32_t n = 0; n < count; n++) sum += part[n];
+    return sum;
+}
+
+static void find_correction(tm_conserving *c, tm_world *world) {
+    tm_rotation *r = c->rotation;
+    const double *u = world->state.u_prev_m;
+    memset(c->now_before_N, 0, numbers(c) * sizeof *c->now_before_N);
+    r->kernel(&r->packs, r->every, r->packs.count, u, c->now_before_N, c->pack_J);
+    c->energy_J = sum_of(c->pack_J, r->packs.count);
+    tm_tissue_force(world->tissue, u, c->all_before_N);
+    for (size_t i = 0; i < numbers(c); i++) c->all_before_N[i] += c->now_before_N[i];
+}
+
+/* Whether force_N is the tensors' alone when the stage begins. */
+static bool follows_force(const tm_conserving *c, const tm_world *world) {
+    int32_t own = 0;
+    while (own < world->stage_count && world->slot[own].stage.self != (void *)c->rotation) own++;
+    return own == 1 && !strcmp(world->slot[0].stage.name, "force");
+}
+
+void tm_conserve(tm_conserving *c, tm_world *world) {
+    double *force = world->state.force_N;
+    const size_t n = numbers(c);
+    if (world->asking) {
+        for (size_t i = 0; i < n; i++) force[i] += c->now_N[i];
+        return;
+    }
+    const double energy_J = sum_of(c->pack_J, c->rotation->list_count);
+    if (!follows_force(c, world)) {
+        tm_tissue_force(world->tissue, world->state.u_m, c->all_N);
+        for (size_t i = 0; i < n; i++) c->all_N[i] += c->now_N[i], force[i] += c->now_N[i];
+    } else {
+        for (size_t i = 0; i < n; i++) c->all_N[i] = force[i] += c->now_N[i];
+    }
+    take_back(c, world, energy_J, find_correction);
+}
+
+/* --- the whole law --- */
+
+/* Without tensors, whose sums differ by the form. */
+static double whole_energy(const tm_conserving *c, const double *u) {
+    const tm_rotation *r = c->rotation;
+    return tm_packs_linear_energy(&r->packs, u) + tm_rotation_sum_energy(&r->packs, u) +
+           tm_swollen_whole_energy(&r->swollen, &r->packs, u);
+}
+
+/* As a step computes it at u, which is not the place that the state has. */
+static void find_whole(tm_conserving *c, tm_world *world) {
+    tm_state *s = &world->state, own = *s;
+    s->u_m = own.u_prev_m, s->force_N = c->now_before_N;
+    memset(c->now_before_N, 0, numbers(c) * sizeof *c->now_before_N);
+    tm_relaxing_force(c->rotation->whole);
+    *s = own;
+    memcpy(c->all_before_N, c->now_before_N, numbers(c) * sizeof *c->all_before_N);
+    c->energy_J = whole_energy(c, own.u_prev_m);
+}
+
+void tm_conserve_whole(tm_conserving *c, tm_world *world) {
+    double *force = world->state.force_N;
+    const size_t n = numbers(c);
+    if (!c->on || world->asking) {
+        tm_relaxing_force(c->rotation->whole);
+        return;
+    }
+    memcpy(c->push_N, force, n * sizeof *force);
+    memset(force, 0, n * sizeof *force);
+    tm_relaxing_force(c->rotation->whole);
+    memcpy(c->now_N, force, n * sizeof *force);
+    memcpy(c->all_N, force, n * sizeof *force);
+    for (size_t i = 0; i < n; i++) force[i] += c->push_N[i];
+    take_back(c, world, whole_energy(c, world->state.u_m), find_whole);
+}
+
+/* --- what lasts --- */
+
+int64_t tm_conserve_snapshot(const tm_conserving *c, void *buffer) {
+    if (buffer) memcpy(buffer, &c->made_J, sizeof c->made_J);
+    return sizeof c->made_J;
+}
+
+bool tm_conserve_restore(tm_conserving *c, const void *buffer, int64_t bytes, bool apply) {
+    if (bytes != sizeof c->made_J) return false;
+    if (!apply) return true;
+    memcpy(&c->made_J, buffer, sizeof c->made_J);
+    tm_conserve_restart(c);
+    return true;
+}
+
+void tm_conserve_restart(tm_conserving *c) { c->valid = false, c->last_s = -HUGE_VAL; }
+void tm_conserve_keep(tm_conserving *c) { c->kept_made_J = c->made_J; }
+void tm_conserve_give_back(tm_conserving *c) {
+    c->made_J = c->kept_made_J;
+    tm_conserve_restart(c);
+}
