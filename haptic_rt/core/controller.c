@@ -232,7 +232,7 @@ void hrt_tick(hrt_controller *c, int64_t now_us, const hrt_input *in, const hrt_
     hrt_read_device(c, now_us, in);
     look_for_rival(c, now_us, in);
     vsub(c->tip_m, before, moved);
-    if (in_use(c)) hrt_passivity_observe(c, now_us, moved);
+    if (in_use(c)) hrt_passivity_observe(c, now_us, dt_s, moved);
     read_simulation(c, now_us, in, newest);
     if (c->state == state) change_state(c, now_us, in, dt_s); /* one change a tick */
     if (in_use(c))

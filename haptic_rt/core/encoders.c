@@ -55,6 +55,8 @@ static void take_counts(hrt_controller *c, const hrt_input *in, float dt_s) {
     for (int j = 0; j < HRT_JOINTS; j++) {
         const float rate = ((float)in->count[j] - (float)c->count[j]) / (c->params.counts_per_unit[j] * dt_s);
         c->joint_velocity[j] += share * (rate - c->joint_velocity[j]);
+        c->joint_next[j] = rate + (rate - c->joint_rate[j]);
+        c->joint_rate[j] = rate;
         c->count[j] = in->count[j];
     }
 }

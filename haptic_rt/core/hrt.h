@@ -501,6 +501,7 @@ typedef struct hrt_controller {
     int64_t count_changed_us[HRT_JOINTS];
     float torque_low[HRT_MOTORS], torque_high[HRT_MOTORS]; /* commanded since the last change of count */
     float joint[HRT_JOINTS], tip_m[3], velocity_m_s[3], joint_velocity[HRT_JOINTS];
+    float joint_rate[HRT_JOINTS], joint_next[HRT_JOINTS]; /* over the last frame, and as it goes on, unfiltered */
     /* simulation */
     bool sample_seen;
     uint8_t sample_rule; /* hrt_flag_rule of the newest */
@@ -514,6 +515,7 @@ typedef struct hrt_controller {
     float force_N[3]; /* last commanded */
     float torque[HRT_MOTORS];
     float energy_J; /* absorbed from the hand */
+    float debt_J;   /* handed to the hand beyond power_max_W, and not yet made good */
     int64_t force_free_since_us;
     bool proxy_valid;
     float proxy_m[3];

@@ -68,7 +68,7 @@ void hrt_read_device(hrt_controller *c, int64_t now_us, const hrt_input *in);
 void hrt_limit_force(hrt_controller *c, float dt_s, const float wanted_N[3]);
 
 /* passivity.c */
-void hrt_passivity_observe(hrt_controller *c, int64_t now_us, const float moved_m[3]);
+void hrt_passivity_observe(hrt_controller *c, int64_t now_us, float dt_s, const float moved_m[3]);
 void hrt_passivity_control(hrt_controller *c, float dt_s, float force_N[3]);
 
 /* coupling.c: force at the tip, by the extrapolation itself or through a coupled proxy. */

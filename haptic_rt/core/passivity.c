@@ -4,8 +4,10 @@
 
 /* The force of the last tick was held while the tip moved by `moved_m`: its work is exact, no velocity estimate enters.
  */
-void hrt_passivity_observe(hrt_controller *c, int64_t now_us, const float moved_m[3]) {
-    c->energy_J -= vdot(c->force_N, moved_m);
+void hrt_passivity_observe(hrt_controller *c, int64_t now_us, float dt_s, const float moved_m[3]) {
+    const float work_J = vdot(c->force_N, moved_m);
+    c->energy_J -= work_J;
+    c->debt_J = fmaxf(0.0f, c->debt_J + work_J - c->params.power_max_W * dt_s);
     if (vnorm(c->force_N) > 0.0f) c->force_free_since_us = now_us;
     /* Out of touch the account starts anew: what was absorbed in an old touch must not pay for a new one. */
     else if (hrt_older(now_us - c->force_free_since_us, c->params.passivity_reset_us))

@@ -4,6 +4,7 @@
 
 /* Of a limit: from where it is held to, and to where, so that rounding never carries the force past it. */
 static const float FROM = 0.999999f, HELD = 0.999998f;
+static const float DEBT_PER_S = 250.0f; /* pace at which work beyond the power limit is made good */
 
 /* The share of `force` that the motors and the device's vector limit allow. */
 static float allowed_share(hrt_controller *c, const float jacobian[9], const float force[3]) {
@@ -39,15 +40,18 @@ static float slew_share(hrt_controller *c, float dt_s, const float change[3]) {
     return share;
 }
 
-/* The share that keeps the power handed to the hand, by each joint and in all, within its limits. */
+/* The share that keeps the power handed to the hand, by each joint and in all, within its limits: at the filtered
+ * velocity, and at that of the last frame as it goes on, since a light hand is fast before a filter knows. What was
+ * handed out beyond the limit none the less (the observer has its exact work) is made good. */
 static float power_share(hrt_controller *c, const float torque[3]) {
+    const float most_W = fmaxf(0.0f, c->params.power_max_W - DEBT_PER_S * c->debt_J);
     float share = 1.0f, sum = 0.0f;
     for (int j = 0; j < HRT_MOTORS; j++) {
-        const float power = torque[j] * c->joint_velocity[j];
+        const float power = fmaxf(torque[j] * c->joint_velocity[j], torque[j] * c->joint_next[j]);
         sum += power;
         if (power > FROM * c->params.axis_power_max_W) share = fminf(share, HELD * c->params.axis_power_max_W / power);
     }
-    if (sum > FROM * c->params.power_max_W) share = fminf(share, HELD * c->params.power_max_W / sum);
+    if (sum > FROM * most_W) share = fminf(share, HELD * most_W / sum);
     if (share < 1.0f) c->limits |= HRT_LIMIT_POWER;
     return share;
 }

@@ -12,7 +12,7 @@ FW_DEF_contact24 := -DFW_PATCHES=1 -DHRT_WITH_FRICTION=0 -DHRT_WITH_EVIDENCE=0 -
 FW_WARN := -Wall -Wextra -Wno-type-limits -Wconversion -Wno-sign-conversion -Wdouble-promotion -Werror
 # Where -Os still takes flash for speed: constants kept in registers across loops, code moved apart to be scheduled,
 # expressions kept whole, copies of functions and of jumps, blocks in another order, values saved around calls.
-FW_SMALL := -fno-move-loop-invariants -fno-schedule-insns2 -fno-tree-ter -fno-caller-saves -fno-ipa-cp -fno-tree-dominator-opts -fno-reorder-blocks -fno-tree-vrp -fno-tree-slsr -fweb
+FW_SMALL := -fno-move-loop-invariants -fno-schedule-insns2 -fno-tree-ter -fno-caller-saves -fno-ipa-cp -fno-tree-dominator-opts -fno-reorder-blocks -fno-tree-vrp -fno-tree-slsr -fno-ssa-phiopt -fno-tree-tail-merge -fweb
 # No contraction to fused multiply-adds: the bits are to be the host's.
 FW_CODE := -std=c11 -Os $(FW_SMALL) -g -mthumb -mfloat-abi=hard -ffp-contract=off -fno-math-errno -ffunction-sections -fdata-sections
 FW_CFLAGS := $(FW_CODE) -MMD -MP $(FW_WARN) -I. -Ihaptic_rt -Ihaptic_rt/core
