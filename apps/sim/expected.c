@@ -88,8 +88,14 @@ static double of_run(const sim_expected *x, const char *knob, const char *name, 
 
 double sim_expected_without(const sim_expected *x, const char *effect) { return of_run(x, "drop", effect, "change"); }
 
-double sim_expected_felt(const sim_expected *x, const char *extrapolator) {
-    return of_run(x, "extrapolator", extrapolator, "force_error");
+double sim_expected_felt(const sim_expected *x, const char *extrapolator, double rate_Hz) {
+    const cJSON *run;
+    cJSON_ArrayForEach(run, cJSON_GetObjectItem(x->study, "runs")) {
+        const char *law = cJSON_GetStringValue(cJSON_GetObjectItem(run, "law"));
+        if (law && !strcmp(law, extrapolator) && fabs(number(run, "sample_rate_Hz") - rate_Hz) < 1e-3 * rate_Hz)
+            return number(run, "force_error");
+    }
+    return NAN;
 }
 
 double sim_expected_mass(const sim_expected *x) { return of_run(x, "mass", "its own mass", "change"); }

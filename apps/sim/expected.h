@@ -19,8 +19,8 @@ void sim_expected_open(sim_expected *x, const sim *s);
 void sim_expected_close(sim_expected *x);
 /* Change of the force without the effect of that name; NAN: the study does not say. */
 double sim_expected_without(const sim_expected *x, const char *effect);
-/* What an extrapolator makes of the samples between frames, relative; NAN: the same. */
-double sim_expected_felt(const sim_expected *x, const char *extrapolator);
+/* Error at the hand of an extrapolator with force samples at this rate, relative; NAN: the same. */
+double sim_expected_felt(const sim_expected *x, const char *extrapolator, double rate_Hz);
 /* Change of the force without the scene's mass scaling. */
 double sim_expected_mass(const sim_expected *x);
 

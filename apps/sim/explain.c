@@ -144,7 +144,7 @@ static double expected_of(const sim *s, const sim_expected *x, const row *r) {
     const char *name = sim_effects[r->effect]->name;
     if (strcmp(name, "haptics")) return sim_expected_without(x, name);
     const sim_haptics *o = sim_options(s->scene, name);
-    return sim_expected_felt(x, hrt_extrapolator_name((hrt_extrapolator)o->extrapolator.index));
+    return sim_expected_felt(x, hrt_extrapolator_name((hrt_extrapolator)o->extrapolator.index), 1 / s->sample_s);
 }
 
 /* The column of a study, where there is one. */

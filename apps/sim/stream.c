@@ -98,9 +98,12 @@ bool sim_stream_adapt(sim_stream *stream, const sim_stream_spent *spent) {
     return true;
 }
 
+sim_sends sim_stream_sends_by_rate(double rate_Hz) {
+    return rate_Hz <= patch_rate_max_Hz * (1 + 1e-9) ? SIM_SENDS_PATCH : SIM_SENDS_FORCE;
+}
+
 sim_sends sim_stream_sends(const sim *s, double rate_Hz) {
     const sim_haptics *haptics = sim_options(s->scene, "haptics");
     const bool frames = s->scene->pace == SIM_FRAMES;
-    if (!haptics || haptics->sends.line || frames || rate_Hz <= patch_rate_max_Hz * (1 + 1e-9)) return SIM_SENDS_PATCH;
-    return SIM_SENDS_FORCE;
+    return !haptics || haptics->sends.line || frames ? SIM_SENDS_PATCH : sim_stream_sends_by_rate(rate_Hz);
 }

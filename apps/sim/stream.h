@@ -47,5 +47,7 @@ double sim_stream_load(const sim_stream *stream, int32_t batch);
 /* What may go with a force sample at a rate: a patch or stiffness costs more than a newer force where samples come so
  * often, unless the scene names `haptics.sends`. */
 sim_sends sim_stream_sends(const sim *s, double rate_Hz);
+/* The same where the scene does not name it. */
+sim_sends sim_stream_sends_by_rate(double rate_Hz);
 
 #endif

@@ -88,7 +88,7 @@ def promise(name, budget, bin, folder):
 def row(name, budget, data):
     c = data["recommendation"]
     percent = lambda x: f"{100 * x:.3g} %" if x > 5e-7 else "0"
-    words = ", ".join([*c["settings"], *([c["extrapolator"]] if "extrapolator" in c else [])])
+    words = ", ".join([*c["settings"], *([f"{c['extrapolator']} at {c['sample_rate_Hz']:g} Hz"] if "extrapolator" in c else [])])
     return (name, f"{data['runs'][0]['tets']:,}", BUDGETS[budget], words, percent(c["error"]), percent(c["held_error"]), percent(c["share"]), percent(c["held_share"]), percent(c["held_over"]), f"× {c['held_slower']:.3g}", f"{c['held_late']} of {c['held_frames']}", "kept" if c["kept"] else "NOT KEPT" if c["fits"] else "nothing fits")
 
 

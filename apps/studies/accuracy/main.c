@@ -49,14 +49,14 @@ static void usage(FILE *to) {
         "  --json FILE       where the figures go; a scene's study that was broken off goes on from there\n"
         "  --quiet           no progress; --list names the knobs\n"
         "  -h, --help, --version\n\n"
-        "  --scene FILE      this scene's meshes, step, mass, precision, model, threads, effects, constants, rates and extrapolators\n"
+        "  --scene FILE      this scene's meshes, step, mass, precision, model, threads, effects, constants, frame and sample rates, extrapolators\n"
         "  --set PATH=VALUE, --unset PATH  as tm-sim takes them (may be repeated)\n"
         "  --mesh FILE       another mesh of the same organ, with the same groups and unit (at most 4)\n"
         "  --duration TIME   of the hand's path [the scene's]\n"
         "  --limit TIME      of the whole study: what it does not hold is left out, and said; a run gets a quarter at most [10 min]\n"
         "  --finest NUMBER   no finer mesh of more tetrahedra than that; with a long --limit the meshes are then the same on every machine\n"
         "  --budget CORES    recommend the exactest setting within these processors (0.5, \"2 cores\"), write it as a scene and run it\n"
-        "  --frame RATE      at this frame rate\n"
+        "  --frame RATE      at this frame rate (time.frame_rate)\n"
         "  --hold TIME       how long the recommendation is run in real time [10 s]\n"
         "  --page FOLDER     draw index.html there (needs python3 with matplotlib; $TM_PYTHON names another)\n",
         to);

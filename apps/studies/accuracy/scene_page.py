@@ -93,7 +93,7 @@ def recommendation(page, study):
     if not choice:
         page.section("Recommendation", "None was asked for: <code>--budget 0.5</code> recommends a setting for half a processor and runs it.")
         return
-    words = ", ".join(html.escape(s) for s in [*choice["settings"], *([f"extrapolator {choice['extrapolator']} at {choice['sample_rate_Hz']:.4g} samples a second"] if "extrapolator" in choice else [])])
+    words = ", ".join(html.escape(s) for s in [*choice["settings"], *([f"extrapolator {choice['extrapolator']}, haptics.rate {choice['sample_rate_Hz']:.4g} Hz"] if "extrapolator" in choice else [])])
     page.section("Recommendation", f"For {choice['budget']:g} processors: <b>{words}</b>, written as <code>{html.escape(choice['file'])}</code>."
                  + ("" if choice["fits"] else " <b>Nothing measured fits the budget; this is the cheapest.</b>"))
     if "kept" in choice:
@@ -105,19 +105,35 @@ def recommendation(page, study):
             ("settings that came out worse than predicted", "", str(choice["worse"]))], html.escape(choice["verdict"]))
 
 
-def extrapolators(page, study):
-    rows = done(study, "extrapolator")
+def samples_figure(page, rows):
+    figure, axis = plt.subplots()
+    for i, law in enumerate(dict.fromkeys(r["law"] for r in rows)):
+        points = sorted((r["sample_rate_Hz"], 100 * r["force_error"]) for r in rows if r["law"] == law and r["force_error"] > 0)
+        axis.plot(*zip(*points), label=law, **pages.series(i))
+    axis.set(xscale="log", yscale="log", xlabel="force samples a second (haptics.rate)", ylabel="error at the hand, one sample late, %")
+    axis.legend(fontsize=8)
+    page.figure("samples", figure, "Error of the force at the hand against the rate of force samples, for each extrapolator.")
+
+
+def samples(page, study):
+    """Rates of force samples (haptics.rate) and extrapolators: error at the hand and price of each."""
+    rows = [r for r in done(study, "extrapolator", "rate") if "force_error" in r]
     if not rows:
         return
-    faster = done(study, "rate")
-    rate, best = 1 / rows[0]["frame_s"], min(rows + faster, key=lambda r: r["force_error"])
-    page.section("Extrapolator", f"Between two frames the controller makes up the force, 500 times a second. This scene's samples at {rate:.3g} Hz through each of its extrapolators, against the same scene at 500 frames a second "
-                 f"(RMS over the path; the mesh's error is not in it): <b>{html.escape(best['name'])}</b> errs least where samples come a frame late, as they do where a simulation needs its whole frame.")
-    page.table("extrapolators", ("extrapolator", "at once", "1 frame late", "2 frames late", "ms a frame"), [(r["name"], *(percent(f) for f in r["felt"]), 1e3 * r["cpu_s"]) for r in sorted(rows, key=lambda r: r["force_error"])],
-               "<code>tangent</code> and <code>contact</code> want stiffness or a patch with every sample; the price is that of a frame with patches.")
-    if faster:
-        page.table("rates", ("plain samples more often", "at once", "1 sample late", "2 samples late", "of a processor"), [(r["name"], *(percent(f) for f in r["felt"]), percent(r["share"])) for r in sorted(faster, key=lambda r: r["force_error"])],
-                   "More frames a second in place of stiffness or patches: a recommendation takes the truest of both tables that it has room for.")
+    choice = study.get("recommendation") or {}
+    chosen = (choice.get("extrapolator"), choice.get("sample_rate_Hz"))
+    why = f" Recommended, of what the budget has room for: <b>{html.escape(choice['rate_reason'])}</b>." if choice.get("rate_reason") else ""
+    page.section("Force samples", "Between two force samples the controller makes up the force, 500 times a second. The scene's samples at each rate (<code>haptics.rate</code>; the frame rate stays) through each of its extrapolators, against the same scene at "
+                 f"500 frames a second (RMS over the path; the mesh's error is not in it).{why}")
+    samples_figure(page, rows)
+    head = ("at once", "1 sample late", "2 samples late", "of a processor")
+    words = lambda r: (*(percent(f) for f in r["felt"]), percent(r["share"]))
+    judged = [r for r in rows if r["law"] != "paper_position"]
+    best = [min((r for r in judged if r["sample_rate_Hz"] == rate), key=lambda r: r["force_error"]) for rate in sorted({r["sample_rate_Hz"] for r in judged})]
+    page.table("rates", ("rate, Hz", "best extrapolator", *head), [(f"{r['sample_rate_Hz']:.4g}", r["law"], *words(r)) for r in best], "The best extrapolator at each rate, one sample late. Above 50 Hz samples carry no stiffness and no patch.")
+    page.table("extrapolators", ("rate, Hz", "extrapolator", "carries", *head, ""), [(f"{r['sample_rate_Hz']:.4g}", r["law"], r["sends"], *words(r), "recommended" if (r["law"], r["sample_rate_Hz"]) == chosen else "")
+                                                                                   for r in sorted(rows, key=lambda r: r["force_error"])],
+               "Price: processor time of a frame with its samples and what they carry, 95th percentile, over the frame's length.")
 
 
 def write(study, folder, command):
@@ -140,9 +156,9 @@ def write(study, folder, command):
     constants = [dict(r, label=r["name"]) for r in done(study, "constant")]
     mesh = [dict(change=own["force_error"], label="this scene's own error")]
     bars(page, "constants", constants + mesh, "Stiffness, Poisson's ratio by 20 % (below 0.495), fibres turned by 18 degrees (a fifth of the most they can be off).")
-    page.section("Frame rate", "Against the fastest rate, at frames that both have; what is felt between frames is below.")
+    page.section("Frame rate", "Of pictures, with one force sample a frame, against the fastest rate, at frames that both have. What the hand feels is told by the rate of force samples below.")
     page.table("frame", ("rate", "error", "ms a frame", "of a processor"), [(r["name"], percent(r.get("force_error")), 1e3 * r["cpu_s"], percent(r["share"])) for r in done(study, "frame")])
-    extrapolators(page, study)
+    samples(page, study)
     page.section("All that was run")
     page.table("runs", ("knob", "setting", "tetrahedra", "error of force", "of shape", "change", "ms a frame", "of a processor", "set-up, s"),
                [(r["knob"], r["name"], r["tets"], percent(r.get("force_error")), percent(r.get("shape_error")), percent(r.get("change")), 1e3 * r["cpu_s"], percent(r["share"]), r["setup_s"]) for r in study["runs"] if "cannot" not in r],

@@ -117,6 +117,7 @@ int study_whole(study *t) {
     if (!rc && !app_is_quiet()) {
         print_runs(t);
         print_truth(t);
+        study_print_rates(t);
         if (t->choice.wanted) study_say(t);
     }
     const bool page = !rc && t->page;

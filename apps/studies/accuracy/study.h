@@ -2,7 +2,8 @@
  * study_vary.c says what is run, study_measure.c runs one, study_store.c keeps what is done, study_judge.c holds it
  * against the finest, study_recommend.c chooses, study_try.c tries the choice out, study_yaml.c writes its scene,
  * study_hold.c runs it, study_pace.c tells a slower machine from a dearer setting, study_order.c says in which order,
- * study_time.c within which time. */
+ * study_time.c within which time. A frame is stepped by its force samples (study_sample.c); study_felt.c judges the
+ * rates of samples, study_rate.c chooses one. */
 #ifndef TM_STUDY_H
 #define TM_STUDY_H
 
@@ -13,7 +14,7 @@
 
 enum {
     STUDY_SETS = 32,
-    STUDY_RUNS = 96,
+    STUDY_RUNS = 128,
     STUDY_MOMENTS = 6,
     STUDY_POINTS = 32,
     STUDY_MESHES = 10,
@@ -44,15 +45,18 @@ typedef struct study_run {
     double cpu_s, cpu_p95_s, wall_s; /* a frame: processor time, mean and 95th percentile; mean wall time */
     double busy_p95_s;               /* how long a frame takes: processor time on one thread, wall time on several */
     int frames, instruments, tets, substeps, points, threads;
-    double *force_N;             /* [frames][instruments][3] on the tools */
-    double *u_m;                 /* [STUDY_MOMENTS][points][3] of the scene's own vertices, which refined meshes keep */
-    double felt[STUDY_LATE];     /* of an extrapolator: error at the hand with samples 0, 1, 2 frames late */
-    bool felt_known, felt_first; /* first: of a rate, or of the scene's own: its samples serve the next ones too */
-    int law;                     /* the extrapolator, and how many times the scene's rate its samples come at */
-    int times;
+    double *force_N;         /* [frames][instruments][3] on the tools */
+    double *u_m;             /* [STUDY_MOMENTS][points][3] of the scene's own vertices, which refined meshes keep */
+    double felt[STUDY_LATE]; /* of an extrapolator: error at the hand with samples 0, 1, 2 of their periods late */
+    bool felt_known;
+    bool felt_first; /* its recorded samples serve those after it that have the same rate and carry as much */
+    int law;         /* the extrapolator */
+    int times;       /* force samples of a frame */
+    sim_sends sends; /* what goes with each */
     /* judged, relative to the truth's root mean square; NAN: not to be had */
     double force_error, shape_error;
-    double change, peak_change; /* against the scene as it is: RMS, and of the peak with its sign */
+    double change, peak_change; /* against the scene as it is: RMS, and of the peak with its sign; of an extrapolator
+                                   what its sample rate changes at the frames' ends */
 } study_run;
 
 /* What the study has of its limit. */
@@ -118,7 +122,8 @@ typedef struct study {
     double asked_s;                                       /* of the path; duration_s: what of it is studied */
     double finest;                                        /* tetrahedra of a finer mesh at most */
     bool quick, feels;                                    /* feels: the scene names haptics */
-    int sends;                                            /* sim_sends that it allows */
+    int sends;                                            /* sim_sends that it names, -1: none */
+    int own_law, own_times;                               /* its extrapolator and samples of a frame; -1: no haptics */
     uint64_t scene_hash, files;                           /* files: of the scene, its mesh and fibres */
     int own_vertices;                                     /* of the scene's mesh */
     char folder[1024];                                    /* of refined meshes and turned fibres */
@@ -162,6 +167,8 @@ double study_left_s(const study *t);
 /* Wall time that a run, or all extrapolators together, is expected to take, by the scene as it is and runs made. */
 double study_expected_s(const study *t, const study_run *r);
 double study_expected_felt_s(const study *t);
+/* Of those that `first` serves. */
+double study_expected_group_s(const study *t, const study_run *first);
 /* Before a run: false, and it is left out, where it is expected to take too long. */
 bool study_may_start(study *t, study_run *r, double expected_s);
 /* After frame k of a run: false where the rest of it would take too long; then it is left out. Of the scene as it is:
@@ -183,6 +190,8 @@ const char *study_span(double seconds, char text[24]);
 void study_path_words(const study *t, char *text, size_t size);
 
 /* --- study_run.c --- */
+/* Whether it is judged by the error at the hand between samples. */
+bool study_is_felt(const study_run *r);
 study_run *study_add(study *t, const char *knob, const char *name);
 void study_set(study_run *r, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
@@ -223,10 +232,39 @@ int study_threads(const sim *s);
 /* Builds with stderr turned into `why`; null: it cannot be. */
 sim *study_build(const char *file, char *const *set, int set_count, char *why, size_t size);
 
+/* --- study_sample.c --- */
+/* Called before and after each force sample of a frame; null: not. */
+typedef struct study_each {
+    void (*before)(void *user, int sample);
+    void (*after)(void *user, const sim *s, int sample);
+    void *user;
+} study_each;
+/* Runs frame k along the hand's path, sample by sample. cost_s: processor time of its samples and of `after`. Returns
+ * false if it went unstable or was broken off. */
+bool study_frame(sim *s, int k, const study_each *each, double *cost_s);
+/* How many samples before a frame's last one the force lies that one sample a frame would average. */
+double study_back(const sim *s);
+/* out_N [frames][width]: of samples_N [frames*samples][width] the force at each frame's end, so far back. */
+void study_at_frames(const double *samples_N, int frames, int samples, size_t width, double back, double *out_N);
+
 /* --- study_felt.c --- */
-/* One run for each extrapolator of the controller, and for higher rates without patches; measured together. */
+/* Runs for each extrapolator at each rate of force samples; those of one rate are measured together. */
 void study_plan_felt(study *t, const sim *own);
 int study_measure_felt(study *t);
+
+/* --- study_rate.c --- */
+double study_rate_Hz(const study *t, const study_run *r);
+/* Processor time of a second of the path over that of the scene as it is. */
+double study_times_dearer(const study *t, const study_run *r);
+/* Errors of a force that no hand tells apart. */
+double study_alike(double error);
+/* Of extrapolators and rates that cost no more than `dearer_max` times the scene as it is, and are not excluded
+ * [run_count], the truest at the hand; of alike ones the cheapest. 0: none. */
+int study_choose_felt(const study *t, double dearer_max, const bool *excluded);
+/* Table of the best extrapolator at each rate. */
+void study_print_rates(const study *t);
+/* Why the recommended rate: a sentence; empty where there is none. */
+void study_rate_reason(const study *t, char *text, size_t size);
 
 /* --- study_store.c --- */
 void study_open(study *t);

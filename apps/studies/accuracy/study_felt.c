@@ -1,54 +1,82 @@
-/* What is felt between frames: the scene's samples, as a controller gets them, through each of its extrapolators at
- * 500 Hz, and samples that come more often through plain ones, against the same scene run at 500 frames a second. The
- * tool's place is known without encoders' steps. */
+/* What is felt between force samples: the scene's samples at each rate, as a controller gets them, through each of its
+ * extrapolators at 500 Hz, against the same scene run at 500 frames a second. The tool's place is known without
+ * encoders' steps. Frames stay as they are: their rate is that of pictures. */
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 #include "bandwidth.h"
+#include "sim/effects.h"
+#include "sim/stream.h"
 #include "studies/replay/replay.h"
 #include "study.h"
 
-static bool is_felt(const study_run *r) { return !strcmp(r->knob, "extrapolator") || !strcmp(r->knob, "rate"); }
+/* --- what is run --- */
 
-/* Samples come once a frame, so that more of them are more frames. A scene's key for samples between frames belongs
- * here, in place of the frame rate. */
-static void set_sample_rate(study_run *r, double rate_Hz) { study_set(r, "time.frame_rate=%.9g", rate_Hz); }
-
-/* Above that a controller of 500 Hz has no tick to extrapolate to. */
-static const double FASTEST_HZ = 250;
-
-/* Plain forces more often, in place of stiffness or patches. */
-static void plan_rates(study *t, const sim *own) {
-    static const hrt_extrapolator law[] = {HRT_HOLD, HRT_POSITION};
-    char name[60];
-    if (t->frame_Hz > 0) return; /* whoever asks for a rate gets no other */
-    for (int times = t->quick ? 8 : 2; times <= 8; times *= 2) {
-        const double rate_Hz = times / own->frame_s;
-        if (rate_Hz > FASTEST_HZ) return;
-        for (int k = 0; k < 2; k++) {
-            snprintf(name, sizeof name, "%s at %.4g Hz", hrt_extrapolator_name(law[k]), rate_Hz);
-            study_run *r = study_add(t, "rate", name);
-            r->law = (int)law[k], r->times = times, r->felt_first = k == 0;
-            set_sample_rate(r, rate_Hz);
-            study_set(r, "haptics.extrapolator=%s", hrt_extrapolator_name(law[k]));
-        }
+/* Samples of a frame, ascending: one, the scene's own, and rates up to that of the controller's ticks. Returns how
+ * many. */
+enum { RATES = 8 };
+static int list_rates(const study *t, const sim *own, int times[RATES]) {
+    static const double rate_Hz[] = {50, 500, 100, 250};
+    int count = 0, wanted[RATES] = {1, t->own_times}, wanted_count = 2;
+    for (int i = 0; i < (t->quick ? 2 : 4); i++) wanted[wanted_count++] = (int)floor(rate_Hz[i] * own->frame_s + 1e-9);
+    for (int i = 0; i < wanted_count; i++) {
+        int at = 0;
+        while (at < count && times[at] < wanted[i]) at++;
+        if (wanted[i] < 1 || (at < count && times[at] == wanted[i])) continue;
+        memmove(times + at + 1, times + at, sizeof *times * (size_t)(count - at));
+        times[at] = wanted[i];
+        count++;
     }
+    return count;
+}
+
+/* Without stiffness and patch `tangent` and `contact` have nothing of their own; the paper's unsigned law is compared
+ * once. What the scene has is run whatever it is. */
+static bool makes_sense(const study *t, int law, int times, sim_sends most) {
+    if (law == t->own_law && times == t->own_times) return true;
+    if (law == HRT_PAPER_POSITION) return times == 1;
+    return most >= sim_sends_of(law) || (law != HRT_TANGENT && law != HRT_CONTACT);
+}
+
+static void plan_one(study *t, const sim *own, int law, int times) {
+    static const char *const words[] = {"force", "stiffness", "patch"};
+    const char *name = hrt_extrapolator_name((hrt_extrapolator)law);
+    const double rate_Hz = times / own->frame_s;
+    const sim_sends most = sim_stream_sends_by_rate(rate_Hz), asks = sim_sends_of(law);
+    char label[60];
+    snprintf(label, sizeof label, times > 1 ? "%s at %.4g Hz" : "%s", name, rate_Hz);
+    study_run *r = study_add(t, times > 1 ? "rate" : "extrapolator", label);
+    r->law = law, r->times = times, r->sends = asks < most ? asks : most;
+    study_set(r, "haptics.extrapolator=%s", name);
+    study_set(r, "haptics.rate=%.9g Hz", rate_Hz);
+    if (t->sends >= 0 && t->sends != (int)r->sends) study_set(r, "haptics.sends=%s", words[r->sends]);
+}
+
+/* Samples with stiffness or patch are recorded by themselves: others do not pay for them. One a frame serves all, as
+ * the scene as it is says what it costs without. */
+static bool is_served(const study_run *r, const study_run *by) {
+    return study_is_felt(r) && r->times == by->times &&
+           (r->times == 1 || (r->sends == SIM_SENDS_FORCE) == (by->sends == SIM_SENDS_FORCE));
 }
 
 void study_plan_felt(study *t, const sim *own) {
+    int times[RATES];
     if (!sim_has(own, "contact")) return;
-    for (int x = 0; x < HRT_EXTRAPOLATOR_COUNT; x++) {
-        const char *name = hrt_extrapolator_name((hrt_extrapolator)x);
-        study_run *r = study_add(t, "extrapolator", name);
-        r->law = x, r->times = 1, r->felt_first = x == 0;
-        study_set(r, "haptics.extrapolator=%s", name);
-        if ((int)sim_sends_of(x) > t->sends) /* the scene's own bound is lifted */
-            study_set(r, "haptics.sends=%s", sim_sends_of(x) == SIM_SENDS_PATCH ? "patch" : "stiffness");
+    const int count = list_rates(t, own, times), from = t->run_count;
+    for (int k = 0; k < count; k++)
+        for (int law = 0; law < HRT_EXTRAPOLATOR_COUNT; law++)
+            if (makes_sense(t, law, times[k], sim_stream_sends_by_rate(times[k] / own->frame_s)))
+                plan_one(t, own, law, times[k]);
+    for (int i = from; i < t->run_count; i++) {
+        t->run[i].felt_first = true;
+        for (int j = from; j < i; j++)
+            if (is_served(&t->run[i], &t->run[j])) t->run[i].felt_first = false;
     }
-    plan_rates(t, own);
 }
+
+/* --- the truth --- */
 
 /* Settings of every run, with haptics where `more` says how. */
 static sim *build_with(const study *t, const study_run *r, const char *const *more, char *why, size_t size) {
@@ -73,7 +101,8 @@ static void take_tick(recording *rec, const sim *s, const tm_tool_pose *to, int 
 
 /* At 500 frames a second, each the last substep's force alone. */
 static bool record_truth(study *t, study_run *r, recording *rec, char *why, size_t size) {
-    const char *const more[] = {"time.frame_rate=500", "time.average=0", "haptics.extrapolator=hold", NULL};
+    const char *const more[] = {"time.frame_rate=500",       "time.average=0",      "haptics.rate=500 Hz",
+                                "haptics.extrapolator=hold", "haptics.sends=force", NULL};
     sim *s = build_with(t, r, more, why, size);
     if (!s) return false;
     const double began_s = app_seconds();
@@ -98,6 +127,8 @@ static bool record_truth(study *t, study_run *r, recording *rec, char *why, size
     return good && !r->left_out;
 }
 
+/* --- samples --- */
+
 static void drop_samples(recording *rec) {
     for (int i = 0; i < rec->samples; i++) free(rec->sample[i].patch);
     free(rec->sample);
@@ -107,57 +138,89 @@ static void drop_samples(recording *rec) {
 static void take_room(const sim *s, recording *rec, int frames) {
     for (int i = 0; i < s->instrument_count; i++) {
         drop_samples(&rec[i]);
-        rec[i].frame_s = s->frame_s, rec[i].samples = frames, rec[i].instrument = i;
+        rec[i].frame_s = s->sample_s, rec[i].samples = frames * s->samples, rec[i].instrument = i;
         hrt_params_default(&rec[i].params);
-        rec[i].sample = calloc((size_t)frames + 1, sizeof *rec->sample);
+        rec[i].sample = calloc((size_t)rec[i].samples + 1, sizeof *rec->sample);
         if (!rec[i].sample) abort();
     }
 }
 
+typedef struct taking {
+    sim_publisher publisher;
+    recording *rec;
+    double *force_N; /* [frames*samples][instruments][3] */
+    int frame;
+} taking;
+
+static void take_sample(void *user, const sim *s, int sample) {
+    taking *now = user;
+    const int k = now->frame * s->samples + sample, count = s->instrument_count;
+    const int64_t end_us = llround((k + 1) * s->sample_s * 1e6), back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
+    for (int i = 0; i < count; i++) {
+        recording *rec = &now->rec[i];
+        sampled_take(&now->publisher, s, i, &rec->params, end_us - back_us, end_us, &rec->sample[k]);
+        memcpy(now->force_N + 3 * ((size_t)k * (size_t)count + (size_t)i), s->reaction[i].force_N, 3 * sizeof(double));
+    }
+}
+
 /* Frames along the path, as a controller gets their samples; what each costs. False: went unstable, or left out. */
-static bool drive(study *t, study_run *r, sim *s, recording *rec, double *cost_s, int frames) {
-    static sim_publisher publisher;
+static bool drive(study *t, study_run *r, sim *s, taking *now, double *cost_s, int frames) {
+    const study_each each = {NULL, take_sample, now};
     char label[120];
     const double began_s = app_seconds();
-    bool good = true;
-    publisher = (sim_publisher){.session = 1};
-    snprintf(label, sizeof label, "extrapolators: samples at %.4g Hz", 1 / s->frame_s);
-    for (int k = 0; k < frames && good && !app_interrupted(); k++) {
-        tm_tool_pose to[TM_MAX_INSTRUMENTS];
-        const int64_t end_us = llround((k + 1) * s->frame_s * 1e6),
-                      back_us = llround(0.5e6 * (s->average - 1) * s->dt_s);
-        for (int i = 0; i < s->instrument_count; i++) to[i] = sim_hand_pose(s, i, (k + 1) * s->frame_s);
-        const double before = study_cpu_s();
-        good = sim_frame(s, to, s->substeps) == TM_OK && !s->broken_off;
-        for (int i = 0; i < s->instrument_count && good; i++)
-            sampled_take(&publisher, s, i, &rec[i].params, end_us - back_us, end_us, &rec[i].sample[k]);
-        cost_s[k] = study_cpu_s() - before;
+    snprintf(label, sizeof label, "extrapolators: samples at %.4g Hz", 1 / s->sample_s);
+    for (int k = 0; k < frames && !app_interrupted(); k++) {
+        now->frame = k;
+        if (!study_frame(s, k, &each, &cost_s[k])) return false;
         study_doing(t, label, (k + 1.0) / frames);
         if (!study_part_goes_on(t, r, began_s, k + 1, frames)) return false;
     }
-    return good;
+    return true;
 }
 
-/* The scene's own frames with all that a controller may ask for, or more of them with forces alone; what they cost so
- * goes into `r`. */
+/* What the rate changes in the force at the frames' ends, which the exactness of a mesh is measured by. */
+static double change_of(const study *t, const sim *s, const double *samples_N, int frames) {
+    const study_run *own = &t->run[0];
+    const size_t width = 3 * (size_t)s->instrument_count;
+    if (frames != own->frames) return NAN;
+    double *force_N = malloc(sizeof *force_N * (width * (size_t)frames + 1));
+    if (!force_N) abort();
+    study_at_frames(samples_N, frames, s->samples, width, study_back(s), force_N);
+    const double change = study_distance(force_N, own->force_N, width * (size_t)frames);
+    free(force_N);
+    return change;
+}
+
+/* The scene's frames with so many samples each; what they cost goes into `r`. */
 static bool record_samples(study *t, study_run *r, recording *rec, char *why, size_t size) {
-    const char *const patches[] = {"haptics.extrapolator=contact", "haptics.sends=patch", NULL};
-    const char *const plain[] = {r->set[r->edits_from], "haptics.extrapolator=hold", NULL};
-    sim *s = build_with(t, r, r->times > 1 ? plain : patches, why, size);
+    static taking now;
+    char rate[60];
+    snprintf(rate, sizeof rate, "haptics.rate=%.9g Hz", study_rate_Hz(t, r));
+    const bool patches =
+        r->times == 1 ? sim_stream_sends_by_rate(study_rate_Hz(t, r)) == SIM_SENDS_PATCH : r->sends != SIM_SENDS_FORCE;
+    const char *const more[] = {rate, patches ? "haptics.extrapolator=contact" : "haptics.extrapolator=hold",
+                                patches ? "haptics.sends=patch" : "haptics.sends=force", NULL};
+    sim *s = build_with(t, r, more, why, size);
     if (!s) return false;
     const int frames = (int)llround(t->duration_s / s->frame_s);
     double *cost_s = calloc((size_t)frames + 1, sizeof *cost_s);
-    if (!cost_s) abort();
+    now = (taking){.publisher = {.session = 1}, .rec = rec};
+    now.force_N = calloc(3 * (size_t)frames * (size_t)s->samples * (size_t)s->instrument_count + 1, sizeof(double));
+    if (!cost_s || !now.force_N) abort();
     take_room(s, rec, frames);
     for (int i = 0; i < s->instrument_count; i++) s->wants[i] = s->can_send;
-    const bool good = drive(t, r, s, rec, cost_s, frames);
+    const bool good = drive(t, r, s, &now, cost_s, frames);
     if (!good && !r->left_out) snprintf(why, size, "went unstable with its samples");
     study_take_price(r, cost_s, cost_s, frames);
     r->frames = frames, r->frame_s = s->frame_s, r->dt_s = s->dt_s, r->substeps = s->substeps;
+    r->change = good ? change_of(t, s, now.force_N, frames) : NAN;
     free(cost_s);
+    free(now.force_N);
     sim_destroy(s);
     return good;
 }
+
+/* --- replays --- */
 
 /* RMS of the error over that of the truth, all instruments together. */
 static double felt(const recording *rec, int count, hrt_extrapolator which, int late) {
@@ -184,46 +247,61 @@ static void replay_one(const study *t, study_run *r, const recording *rec, const
     if (r->failed) snprintf(r->why, sizeof r->why, "no instrument touches along its path");
 }
 
-/* Replays the runs of this rate. */
-static void finish(study *t, int times, const recording *rec, const study_run *with_samples) {
+/* Replays the runs that these samples serve. */
+static void finish(study *t, const study_run *first, const recording *rec) {
     for (int i = 1; i < t->run_count; i++) {
         study_run *r = &t->run[i];
-        if (!is_felt(r) || r->times != times || r->done) continue;
-        replay_one(t, r, rec, times == 1 && sim_sends_of(r->law) == SIM_SENDS_FORCE ? &t->run[0] : with_samples);
+        const bool plain = first->times == 1 && r->sends == SIM_SENDS_FORCE;
+        if (!is_served(r, first) || r->done) continue;
+        r->change = first->change;
+        replay_one(t, r, rec, plain ? &t->run[0] : first);
     }
 }
 
-/* `times` 0: runs of all rates, for there is no truth. */
-static void give_up(study *t, int times, const study_run *first, const char *why) {
+/* `all`: runs of all rates, for there is no truth. */
+static void give_up(study *t, bool all, const study_run *first, const char *why) {
     const bool left_out = first->left_out;
     char words[sizeof first->why];
     snprintf(words, sizeof words, "%s", left_out ? first->why : why);
     for (int i = 1; i < t->run_count; i++) {
         study_run *r = &t->run[i];
-        if (!is_felt(r) || (times && r->times != times) || r->done) continue;
+        if (!(all ? study_is_felt(r) : is_served(r, first)) || r->done) continue;
         r->left_out = left_out, r->done = r->failed = !left_out;
         snprintf(r->why, sizeof r->why, "%s", words);
     }
 }
 
+static bool is_done(const study *t, const study_run *first) {
+    bool all = true;
+    for (int i = 1; i < t->run_count; i++) all = all && (!is_served(&t->run[i], first) || t->run[i].done);
+    return all;
+}
+
+/* The runs that r's samples serve. Returns false where nothing can be judged: there is no truth. */
+static bool measure_group(study *t, study_run *r, recording *rec, bool *truth) {
+    char why[sizeof r->why] = "";
+    if (is_done(t, r)) return true;
+    const bool good = study_may_start(t, r, study_expected_group_s(t, r)) &&
+                      record_samples(t, r, rec, why, sizeof why) &&
+                      (*truth || app_interrupted() || (*truth = record_truth(t, r, rec, why, sizeof why)));
+    if (app_interrupted()) return false;
+    const study_run first = *r; /* rewritten with its own */
+    if (good)
+        finish(t, &first, rec);
+    else
+        give_up(t, !*truth, &first, why);
+    return *truth;
+}
+
+/* A frame's samples first, then from the highest rate down. */
 int study_measure_felt(study *t) {
     recording *rec = calloc(TM_MAX_INSTRUMENTS, sizeof *rec);
-    bool truth = false;
+    bool truth = false, goes_on = true;
     if (!rec) abort();
-    for (int i = 1; i < t->run_count && !app_interrupted(); i++) {
-        study_run *r = &t->run[i];
-        char why[sizeof r->why] = "";
-        if (!is_felt(r) || !r->felt_first) continue;
-        const bool good = record_samples(t, r, rec, why, sizeof why) &&
-                          (truth || app_interrupted() || (truth = record_truth(t, r, rec, why, sizeof why)));
-        if (app_interrupted()) break;
-        const study_run price = *r; /* rewritten with its own */
-        if (good)
-            finish(t, r->times, rec, &price);
-        else
-            give_up(t, truth ? r->times : 0, &price, why);
-        if (!truth) break;
-    }
+    for (int i = 1; i < t->run_count && goes_on; i++)
+        if (t->run[i].felt_first && t->run[i].times == 1) goes_on = measure_group(t, &t->run[i], rec, &truth);
+    for (int i = t->run_count - 1; i > 0 && goes_on; i--)
+        if (t->run[i].felt_first) goes_on = measure_group(t, &t->run[i], rec, &truth);
     for (int i = 0; i < TM_MAX_INSTRUMENTS; i++) recording_free(&rec[i]);
     free(rec);
     return app_interrupted() ? app_interrupted_exit() : study_save(t, false);

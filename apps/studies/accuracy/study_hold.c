@@ -8,12 +8,15 @@
 #include "bandwidth.h"
 #include "study.h"
 
-/* Frames along the hand's path, over and over. Forces are kept where the scene as it is has a frame, too. */
+/* Frames along the hand's path, over and over. */
 typedef struct walk {
     study_builder *fresh; /* the scene anew for each time round: the path's end is not its beginning */
     int frames, late;
-    int times;                         /* frames for one of the scene as it is */
-    double *cost_s, *work_s, *force_N; /* [frames], [frames], [frames / times][instruments][3] */
+    int samples; /* of a frame */
+    double back; /* study_back */
+    double frame_s, sample_s, start_s;
+    int frame;                         /* the one that is run */
+    double *cost_s, *work_s, *force_N; /* [frames], [frames], [frames*samples][instruments][3] */
     double wall_s;
 } walk;
 
@@ -27,11 +30,14 @@ static void wait_until(double when_s) {
 
 /* Along the path once, and as often as `seconds` hold. */
 static walk begin_walk(const study_run *own, const sim *s, double seconds) {
-    const int times = (int)fmax(1, round(own->frame_s / s->frame_s)), frames = times * own->frames;
-    walk w = {.frames = (int)fmax(frames, ceil(seconds / s->frame_s)), .times = times};
+    walk w = {.frames = (int)fmax(own->frames, ceil(seconds / s->frame_s)),
+              .samples = s->samples,
+              .back = study_back(s),
+              .frame_s = s->frame_s,
+              .sample_s = s->sample_s};
     w.cost_s = calloc((size_t)w.frames + 1, sizeof *w.cost_s);
     w.work_s = calloc((size_t)w.frames + 1, sizeof *w.work_s);
-    w.force_N = calloc((size_t)(w.frames / times + 1) * (size_t)own->instruments * 3 + 1, sizeof *w.force_N);
+    w.force_N = calloc((size_t)w.frames * (size_t)w.samples * (size_t)own->instruments * 3 + 1, sizeof *w.force_N);
     if (!w.cost_s || !w.work_s || !w.force_N) abort();
     return w;
 }
@@ -42,41 +48,47 @@ static void end_walk(walk *w) {
     free(w->force_N);
 }
 
-/* Frames at their times where the walk has a builder, else once round as fast as they come. False: went unstable, or
+/* In real time a sample begins when its period does, as in a session. */
+static void wait_for_sample(void *user, int sample) {
+    const walk *w = user;
+    wait_until(w->start_s + w->frame * w->frame_s + sample * w->sample_s);
+}
+
+static void take_forces(void *user, const sim *s, int sample) {
+    walk *w = user;
+    const size_t at = ((size_t)w->frame * (size_t)w->samples + (size_t)sample) * (size_t)s->instrument_count;
+    for (int i = 0; i < s->instrument_count; i++)
+        memcpy(w->force_N + 3 * (at + (size_t)i), s->reaction[i].force_N, 3 * sizeof(double));
+}
+
+/* Samples at their times where the walk has a builder, else once round as fast as they come. False: went unstable, or
  * was broken off. Ends the simulation. */
 static bool go(study *t, sim *s, walk *w) {
     const bool paced = w->fresh != NULL;
-    const study_run *own = &t->run[0];
+    const study_each each = {paced ? wait_for_sample : NULL, take_forces, w};
     const char *label = paced ? "the recommendation, in real time" : "the recommendation, priced";
     const int every = (int)ceil(0.01 / s->frame_s); /* the work is no burden to short frames */
-    const int path = w->times * own->frames;
-    double start_s = app_seconds();
+    const int path = t->run[0].frames;
     bool good = true;
     int k = 0;
+    w->start_s = app_seconds();
     for (; k < w->frames && good && !app_interrupted(); k++) {
         if (k && k % path == 0) {
             const double left_s = app_seconds();
             sim_destroy(s);
             if (!(s = w->fresh(t))) break;
-            start_s += app_seconds() - left_s;
+            w->start_s += app_seconds() - left_s;
         }
-        tm_tool_pose to[TM_MAX_INSTRUMENTS];
-        const double time_s = (k % path + 1) * s->frame_s, before = study_cpu_s();
-        for (int i = 0; i < own->instruments; i++) to[i] = sim_hand_pose(s, i, time_s);
-        good = sim_frame(s, to, s->substeps) == TM_OK && !s->broken_off;
-        w->cost_s[k] = study_cpu_s() - before;
-        w->wall_s = app_seconds() - start_s;
-        w->late += w->wall_s > (k + 1) * s->frame_s;
-        const size_t at = (size_t)(k / w->times) * (size_t)own->instruments;
-        for (int i = 0; i < own->instruments; i++) /* the last one stays: that of the frame's end */
-            memcpy(w->force_N + 3 * (at + (size_t)i), s->reaction[i].force_N, 3 * sizeof(double));
+        w->frame = k;
+        good = study_frame(s, k % path, &each, &w->cost_s[k]);
+        w->wall_s = app_seconds() - w->start_s;
+        w->late += w->wall_s > (k + 1) * w->frame_s;
         w->work_s[k] = k % every ? w->work_s[k - 1] : study_work_s();
         t->time.last_s =
-            fmax((w->frames - k - 1) * (paced ? s->frame_s : w->cost_s[k]) + (paced ? 0 : study_hold_s(t)), 0.1);
+            fmax((w->frames - k - 1) * (paced ? w->frame_s : w->cost_s[k]) + (paced ? 0 : study_hold_s(t)), 0.1);
         study_doing(t, label, (k + 1.0) / w->frames);
         if (!paced && study_end_s(t) < study_hold_s(t)) break;
         if (paced && study_end_s(t) < 0 && k + 1 >= path) break;
-        if (paced) wait_until(start_s + (k + 1) * s->frame_s);
     }
     study_doing(t, label, 1);
     sim_destroy(s);
@@ -88,11 +100,16 @@ static bool go(study *t, sim *s, walk *w) {
 /* Of the worst time round. */
 static double error_of(const study *t, const walk *w) {
     const study_run *own = &t->run[0];
-    const size_t path = (size_t)own->frames * (size_t)own->instruments * 3;
-    const int laps = w->frames / (w->times * own->frames);
-    double worst = laps ? 0 : NAN;
-    for (int lap = 0; lap < laps; lap++)
-        worst = fmax(worst, study_distance(w->force_N + (size_t)lap * path, t->truth.force_N, path));
+    const size_t width = (size_t)own->instruments * 3, path = (size_t)own->frames * width;
+    const int laps = w->frames / own->frames;
+    double worst = laps ? 0 : NAN, *force_N = malloc(sizeof *force_N * (path + 1));
+    if (!force_N) abort();
+    for (int lap = 0; lap < laps; lap++) {
+        study_at_frames(w->force_N + (size_t)lap * path * (size_t)w->samples, own->frames, w->samples, width, w->back,
+                        force_N);
+        worst = fmax(worst, study_distance(force_N, t->truth.force_N, path));
+    }
+    free(force_N);
     return worst;
 }
 

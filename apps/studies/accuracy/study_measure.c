@@ -8,6 +8,7 @@
 
 #include "bandwidth.h"
 #include "sim/solve_api.h"
+#include "sim/stream.h"
 #include "study.h"
 
 double study_cpu_s(void) {
@@ -38,7 +39,9 @@ sim *study_build(const char *file, char *const *set, int set_count, char *why, s
     fflush(stderr);
     const int saved = said ? dup(STDERR_FILENO) : -1;
     if (saved >= 0) dup2(fileno(said), STDERR_FILENO);
-    const bool good = sim_scene_load(file, set, set_count, &scene) == 0 && sim_create(scene, &s) == 0;
+    bool good = sim_scene_load(file, set, set_count, &scene) == 0;
+    if (good) scene->pace = SIM_LOCKSTEP; /* with haptics a frame has as many samples as haptics.rate says */
+    good = good && sim_create(scene, &s) == 0;
     fflush(stderr);
     if (saved >= 0) {
         dup2(saved, STDERR_FILENO);

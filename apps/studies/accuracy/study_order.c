@@ -7,8 +7,6 @@
 #include "bandwidth.h"
 #include "study.h"
 
-static bool is_felt(const study_run *r) { return !strcmp(r->knob, "extrapolator") || !strcmp(r->knob, "rate"); }
-
 /* --- the scene as it is --- */
 
 /* The path ends at frame t->time.cut_at: all runs, and the promise, are of what is before. */
@@ -53,12 +51,8 @@ static int measure_one(study *t, study_run *r) {
 
 static int measure_felt(study *t) {
     bool all = true;
-    const double expected_s = study_expected_felt_s(t);
     for (int i = 1; i < t->run_count; i++)
-        if (is_felt(&t->run[i])) all = study_find(t, &t->run[i]) && all;
-    if (all) return 0;
-    for (int i = 1; i < t->run_count; i++)
-        if (is_felt(&t->run[i]) && !study_may_start(t, &t->run[i], expected_s)) all = true;
+        if (study_is_felt(&t->run[i])) all = study_find(t, &t->run[i]) && all;
     return all ? 0 : study_measure_felt(t);
 }
 
@@ -73,7 +67,7 @@ static void say_what_comes(const study *t) {
     char own[24], all[24], limit[24], words[120];
     double sum = study_expected_felt_s(t) + study_try_s(t) + study_hold_s(t);
     for (int i = 1; i < t->run_count; i++)
-        if (!is_felt(&t->run[i])) sum += study_expected_s(t, &t->run[i]);
+        if (!study_is_felt(&t->run[i])) sum += study_expected_s(t, &t->run[i]);
     study_path_words(t, words, sizeof words);
     app_remark("tm-accuracy: %d settings along %s; as it is the scene took %s, so all may take %s, of a limit of %s",
                t->run_count, words, study_span(t->run[0].setup_s + t->run[0].wall_s * t->run[0].frames, own),
@@ -85,7 +79,7 @@ int study_measure_all(study *t) {
     for (int i = 1; i < t->run_count; i++) {
         const study_run *r = &t->run[i];
         const bool refined = !strcmp(r->knob, "mesh") && r->form == STUDY_AS_IT_IS && !r->foreign;
-        if (!is_felt(r)) order[count++] = i;
+        if (!study_is_felt(r)) order[count++] = i;
         if (refined && (!finest || t->mesh[r->mesh].tets > t->mesh[t->run[finest].mesh].tets)) finest = i;
     }
     ordered = t;

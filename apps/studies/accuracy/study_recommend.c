@@ -14,8 +14,6 @@
 
 /* Of the budget, and of the frame; the rest is for what the hand does that its path did not. */
 static const double ROOM = 0.9;
-/* A hand tells forces apart that differ by some 7 %; a seventieth of that decides nothing. */
-static const double FELT = 1e-3;
 
 static bool usable(const study *t, const study_run *r) {
     return r->done && !r->failed && r->frames == t->run[0].frames && isfinite(r->force_error);
@@ -60,9 +58,6 @@ static void predict(const study *t, study_choice *c, double *force_N) {
     c->predicted = c->error = study_distance(force_N, t->truth.force_N, count);
 }
 
-/* Not worth telling apart: a twentieth, or what no hand feels. */
-static double alike(double error) { return fmax(FELT, 0.05 * error); }
-
 /* Within the budget, and done before the next frame is due; whatever the budget, one thread is one processor. */
 static bool within(const study *t, const study_choice *c) { return c->share <= ROOM * t->budget && c->busy <= ROOM; }
 
@@ -71,7 +66,7 @@ static bool within(const study *t, const study_choice *c) { return c->share <= R
 static bool better(const study *t, const study_choice *a, const study_choice *b) {
     const bool fits_a = within(t, a);
     if (fits_a != within(t, b)) return fits_a;
-    if (!fits_a || fabs(a->error - b->error) < alike(fmin(a->error, b->error))) return a->share < b->share;
+    if (!fits_a || fabs(a->error - b->error) < study_alike(fmin(a->error, b->error))) return a->share < b->share;
     return a->error < b->error;
 }
 
@@ -143,29 +138,24 @@ static bool choose(study *t, const tried *known) {
     return any;
 }
 
-/* What its samples cost over the scene as it is, for a second of the path. */
-static double times_dearer(const study *t, const study_run *r) {
-    const study_run *own = &t->run[0];
-    return r->cpu_p95_s / r->frame_s / (own->cpu_p95_s / own->frame_s);
+/* What a rate changes in the force at frames' ends is nothing that a mesh has to answer for. */
+static double rate_change(const study_run *felt) {
+    return felt->felt_known && felt->times > 1 && isfinite(felt->change) ? felt->change : 0;
 }
 
 /* On another mesh patches cost another share: what this predicts is tried as long as it is not far off. */
 static const double PREDICTED_ROOM = 1.5;
 
-/* The truest at the hand of extrapolators and sample rates, but for those that are `excluded`; of alike ones the
- * cheaper; none where the scene has no haptics. */
+/* None where the scene has no haptics. */
 static void choose_felt(study *t, const bool *excluded) {
     study_choice *c = &t->choice;
     c->felt_run = 0, c->sends = SIM_SENDS_FORCE;
-    for (int i = 1; i < t->run_count && t->feels && c->fits; i++) {
-        const study_run *r = &t->run[i], *best = &t->run[c->felt_run];
-        if (!r->felt_known || !r->done || r->failed || excluded[i]) continue;
-        const double dearer = times_dearer(t, r);
-        if (dearer > 1 && c->share * dearer > PREDICTED_ROOM * ROOM * t->budget) continue;
-        const double apart = c->felt_run ? r->force_error / best->force_error : 0;
-        if (apart < 0.95 || (apart < 1.05 && dearer < 0.95 * times_dearer(t, best)))
-            c->felt_run = i, c->sends = r->times == 1 ? sim_sends_of(r->law) : SIM_SENDS_FORCE;
-    }
+    if (!t->feels || !c->fits) return;
+    c->felt_run = study_choose_felt(t, PREDICTED_ROOM * ROOM * t->budget / c->share, excluded);
+    const study_run *felt = &t->run[c->felt_run];
+    if (!c->felt_run) return;
+    c->sends = felt->sends;
+    c->predicted = c->error + rate_change(felt);
 }
 
 /* The choice is run along the path before it is promised: what its changes do together is not their sum where they
@@ -181,7 +171,8 @@ static outcome try_out(study *t, sim *s) {
         *c = priced, c->fits = fits;
         return GOOD;
     }
-    if (fits && priced.error > c->error + alike(c->error)) {
+    const double allowed = c->error + rate_change(&t->run[c->felt_run]);
+    if (fits && priced.error > allowed + study_alike(allowed)) {
         c->error = priced.error;
         return WORSE;
     }
@@ -207,7 +198,8 @@ static sim *build_felt(study *t, char *why, size_t size, outcome *end, int *rc) 
         const study_run *last = &t->run[c->felt_run];
         if (*end == WORSE || !c->felt_run || (c->sends == SIM_SENDS_FORCE && last->times == 1)) return NULL;
         for (int i = 1; i < t->run_count; i++)
-            if (t->run[i].felt_known && times_dearer(t, &t->run[i]) >= times_dearer(t, last)) excluded[i] = true;
+            if (t->run[i].felt_known && study_times_dearer(t, &t->run[i]) >= study_times_dearer(t, last))
+                excluded[i] = true;
     }
     return NULL;
 }

@@ -3,6 +3,7 @@
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "study.h"
 
@@ -24,3 +25,5 @@ study_run *study_add(study *t, const char *knob, const char *name) {
     r->edits_from = r->set_count;
     return r;
 }
+
+bool study_is_felt(const study_run *r) { return !strcmp(r->knob, "extrapolator") || !strcmp(r->knob, "rate"); }

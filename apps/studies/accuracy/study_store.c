@@ -55,7 +55,10 @@ static bool take(study_run *r, const cJSON *from) {
     if (felt) memcpy(r->felt, felt, sizeof r->felt);
     r->felt_known = felt != NULL;
     free(felt);
-    if (r->felt_known) return r->cpu_s > 0 && r->busy_p95_s > 0;
+    if (r->felt_known) {
+        r->change = number(from, "change");
+        return r->frame_s > 0 && r->cpu_s > 0 && r->busy_p95_s > 0;
+    }
     r->force_N = numbers(from, "force_N", (size_t)r->frames * (size_t)r->instruments * 3);
     r->u_m = numbers(from, "u_m", (size_t)STUDY_MOMENTS * STUDY_POINTS * 3);
     return r->force_N && r->u_m && r->frame_s > 0 && r->cpu_s > 0 && r->busy_p95_s > 0;
@@ -104,6 +107,11 @@ static cJSON *run_json(const study *t, const study_run *r) {
         put(out, "change", r->change), put(out, "peak_change", r->peak_change);
     }
     if (r->felt_known) {
+        static const char *const sends[] = {"force", "stiffness", "patch"};
+        if (!t->truth.force_N) put(out, "change", r->change);
+        cJSON_AddStringToObject(out, "law", hrt_extrapolator_name((hrt_extrapolator)r->law));
+        put(out, "sample_rate_Hz", study_rate_Hz(t, r));
+        cJSON_AddStringToObject(out, "sends", sends[r->sends]);
         cJSON_AddItemToObject(out, "felt", cJSON_CreateDoubleArray(r->felt, STUDY_LATE));
         return out;
     }
@@ -134,7 +142,10 @@ static cJSON *choice_json(const study *t) {
     const study_run *felt = &t->run[c->felt_run];
     if (c->felt_run) {
         cJSON_AddStringToObject(out, "extrapolator", hrt_extrapolator_name((hrt_extrapolator)felt->law));
-        put(out, "sample_rate_Hz", felt->times / t->run[0].frame_s);
+        put(out, "sample_rate_Hz", study_rate_Hz(t, felt)), put(out, "felt_error", felt->force_error);
+        char why[400];
+        study_rate_reason(t, why, sizeof why);
+        cJSON_AddStringToObject(out, "rate_reason", why);
     }
     cJSON_AddBoolToObject(out, "untried", c->untried);
     cJSON_AddStringToObject(out, "file", c->file);

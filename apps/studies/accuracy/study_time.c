@@ -128,14 +128,22 @@ double study_expected_s(const study *t, const study_run *r) {
     return learned(t) * factor * own_s(t);
 }
 
-/* Frames with patches, the truth at 500 Hz, and the samples of other rates. */
+/* A frame's samples with patches and the truth at 500 Hz; of other rates as many more substeps as whole ones of a
+ * sample are more than those of a frame, and patches. */
+double study_expected_group_s(const study *t, const study_run *first) {
+    const study_run *own = &t->run[0];
+    if (first->times == 1) return 5 * own_s(t);
+    const double of_sample = ceil(own->frame_s / first->times / own->dt_s - 1e-6),
+                 more = fmax(first->times * of_sample * own->dt_s / own->frame_s, 1);
+    return (first->sends == SIM_SENDS_FORCE ? 1.2 : 3) * more * own_s(t);
+}
+
 double study_expected_felt_s(const study *t) {
-    double factor = 0;
-    for (int i = 1; i < t->run_count; i++) {
-        const bool first = !strcmp(t->run[i].knob, "extrapolator") && factor == 0;
-        factor += first ? 5 : !strcmp(t->run[i].knob, "rate") && t->run[i].felt_first ? 1.3 : 0;
-    }
-    return factor * own_s(t);
+    double sum = 0;
+    for (int i = 1; i < t->run_count; i++)
+        if (t->run[i].felt_first && !t->run[i].done && !t->run[i].left_out)
+            sum += study_expected_group_s(t, &t->run[i]);
+    return sum;
 }
 
 double study_try_s(const study *t) { return t->choice.wanted ? 2 * own_s(t) : 0; }
@@ -160,16 +168,13 @@ double study_left_s(const study *t) {
 
 /* All that is not done yet. */
 static double expected_left_s(const study *t) {
-    double sum = 2 * study_try_s(t) + study_hold_s(t);
-    bool felt = false;
+    double sum = 2 * study_try_s(t) + study_hold_s(t) + study_expected_felt_s(t);
     for (int i = 1; i < t->run_count; i++) {
         const study_run *r = &t->run[i];
-        if (r->done || r->left_out) continue;
         const bool replayed = !strcmp(r->knob, "extrapolator") || !strcmp(r->knob, "rate");
-        sum += replayed ? 0 : study_expected_s(t, r);
-        felt = felt || replayed;
+        if (!r->done && !r->left_out && !replayed) sum += study_expected_s(t, r);
     }
-    return sum + (felt ? study_expected_felt_s(t) : 0);
+    return sum;
 }
 
 /* What is done, of how much, for how long to come; under the lock. */

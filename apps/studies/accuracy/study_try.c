@@ -14,7 +14,10 @@ void study_choice_names(const study *t, char *text, size_t size) {
         snprintf(text + used, size - used, "; %s", t->run[c->extra[e]].name);
     }
     const size_t used = strlen(text);
-    if (c->felt_run) snprintf(text + used, size - used, "; extrapolator %s", t->run[c->felt_run].name);
+    const study_run *felt = &t->run[c->felt_run];
+    if (c->felt_run)
+        snprintf(text + used, size - used, "; extrapolator %s, haptics.rate %.4g Hz",
+                 hrt_extrapolator_name((hrt_extrapolator)felt->law), study_rate_Hz(t, felt));
 }
 
 static bool is_quiet(const char *set) {
@@ -39,16 +42,14 @@ static int gather_edits(const study *t, char **edit) {
 static int write_scene(study *t) {
     const study_choice *c = &t->choice;
     const study_run *own = &t->run[0];
-    char setting[400], doubt[100], path[120], hand[200] = "", evidence[3000], *edit[7 * STUDY_SETS];
+    char setting[400], doubt[100], path[120], reason[400], hand[500] = "", evidence[3500], *edit[7 * STUDY_SETS];
     study_choice_names(t, setting, sizeof setting);
     study_path_words(t, path, sizeof path);
     snprintf(doubt, sizeof doubt, "what the mesh leaves out is not known: no finer one was run");
     if (isfinite(t->truth.uncertainty))
         snprintf(doubt, sizeof doubt, "the truth itself is uncertain by %.2g %%", 100 * t->truth.uncertainty);
     if (c->felt_run)
-        snprintf(hand, sizeof hand,
-                 "#   at the hand %s is %.2g %% RMS off between frames, with samples a frame late (%.2g %% at once)\n",
-                 t->run[c->felt_run].name, 100 * t->run[c->felt_run].felt[1], 100 * t->run[c->felt_run].felt[0]);
+        study_rate_reason(t, reason, sizeof reason), snprintf(hand, sizeof hand, "#   samples    %s\n", reason);
     snprintf(evidence, sizeof evidence,
              "# Recommended by tm-accuracy for %.3g processors, from %s%s.\n"
              "#   setting    %s\n"
@@ -66,11 +67,13 @@ static int write_scene(study *t) {
 
 void study_say(const study *t) {
     const study_choice *c = &t->choice;
-    char setting[400], path[120], verdict[500];
+    char setting[400], path[120], verdict[500], reason[400];
+    study_rate_reason(t, reason, sizeof reason);
     study_path_words(t, path, sizeof path);
     study_choice_names(t, setting, sizeof setting);
     study_verdict(c, verdict, sizeof verdict);
     printf("\nRecommended for %.3g processors: %s\n  %s\n", t->budget, setting, c->file);
+    if (*reason) printf("  force samples: %s\n", reason);
     if (t->worse)
         printf("  %d setting%s came out worse than predicted, and had to be the best as it came out\n", t->worse,
                t->worse > 1 ? "s" : "");
@@ -96,7 +99,8 @@ static sim *build_written(const study *t, char *why, size_t size) {
         if (quiet || !study_yaml_can(t->set[i])) set[count++] = t->set[i];
     }
     sim *s = study_build(c->file, set, count, why, size);
-    for (int i = 0; s && i < s->instrument_count && c->felt_run; i++) s->wants[i] = s->can_send;
+    for (int i = 0; s && i < s->instrument_count && c->felt_run; i++)
+        s->wants[i] = c->sends < s->can_send ? c->sends : s->can_send;
     return s;
 }
 

@@ -6,6 +6,7 @@
 #include <unistd.h>
 
 #include "sim/effects.h"
+#include "sim/stream.h"
 #include "study.h"
 
 /* Files that a setting names count by what is in them. */
@@ -227,7 +228,10 @@ static void quiet_sections(study *t) {
             t->set[t->set_count++] = (char *)(uintptr_t)section[i];
     const sim_haptics *haptics = scene->effect[sim_effect_find(scene, "haptics")];
     t->feels = sim_effect_line(scene, sim_effect_find(scene, "haptics")) != 0;
-    t->sends = t->feels && haptics->sends.line ? haptics->sends.index : SIM_SENDS_PATCH;
+    t->sends = t->feels && haptics->sends.line ? haptics->sends.index : -1;
+    scene->pace = SIM_LOCKSTEP;
+    t->own_law = t->feels ? haptics->extrapolator.index : -1;
+    t->own_times = t->feels ? sim_stream_per_frame(scene) : -1;
     app_scene_free(scene);
 }
 
@@ -244,11 +248,11 @@ int study_plan_own(study *t) {
     t->duration_s = study_old_span_s(t, t->asked_s);
     app_scene_free(scene);
     if (rc) return rc;
-    quiet_sections(t);
     if (t->frame_Hz > 0) {
         if (t->set_count == STUDY_SETS / 2) return app_bad_input("--frame", 0, "too many --set; leave some out");
         if (asprintf(&t->set[t->set_count++], "time.frame_rate=%.9g", t->frame_Hz) < 0) abort();
     }
+    quiet_sections(t);
     sim *own = study_build(t->file, t->set, t->set_count, why, sizeof why);
     if (!own) {
         fprintf(stderr, "%s\n", why);
