@@ -133,7 +133,7 @@ def test_every_instrument_and_the_longest_session_of_its_controller(bin, root, b
 
 def test_tangent_and_contact_say_what_they_lack(bin, root, tmp_path):
     """A session of `position` sends neither stiffness nor patches: what ran as `broyden` is not shown as theirs."""
-    subprocess.run([bin / "tm-sim", root / "apps/scenes/liver-press.yaml", "--lockstep", "--duration", "2 s", "--set", "haptics.extrapolator=position", "--record", tmp_path / "s.lcm"],
+    subprocess.run([bin / "tm-sim", root / "apps/scenes/liver-press.yaml", "--lockstep", "--duration", "2 s", "--set", "haptics.extrapolator=position", "--set", "haptics.rate=25 Hz", "--record", tmp_path / "s.lcm"],
                    check=True, timeout=400, capture_output=True)
     run = subprocess.run([bin / "tm-evaluate", tmp_path / "s.lcm", "--json", tmp_path / "e.json"], cwd=root, capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr

@@ -117,7 +117,7 @@ def samples_figure(page, rows):
 
 def samples(page, study):
     """Rates of force samples (haptics.rate) and extrapolators: error at the hand and price of each."""
-    rows = [r for r in done(study, "extrapolator", "rate") if "force_error" in r]
+    rows = [r for r in done(study, "extrapolator", "rate") if "force_error" in r and "law" in r]
     if not rows:
         return
     choice = study.get("recommendation") or {}
@@ -128,9 +128,8 @@ def samples(page, study):
     samples_figure(page, rows)
     head = ("at once", "1 sample late", "2 samples late", "of a processor")
     words = lambda r: (*(percent(f) for f in r["felt"]), percent(r["share"]))
-    judged = [r for r in rows if r["law"] != "paper_position"]
-    best = [min((r for r in judged if r["sample_rate_Hz"] == rate), key=lambda r: r["force_error"]) for rate in sorted({r["sample_rate_Hz"] for r in judged})]
-    page.table("rates", ("rate, Hz", "best extrapolator", *head), [(f"{r['sample_rate_Hz']:.4g}", r["law"], *words(r)) for r in best], "The best extrapolator at each rate, one sample late. Above 50 Hz samples carry no stiffness and no patch.")
+    best = sorted((r for r in rows if r.get("best_at_rate")), key=lambda r: r["sample_rate_Hz"])
+    page.table("rates", ("rate, Hz", "best extrapolator", *head), [(f"{r['sample_rate_Hz']:.4g}", r["law"], *words(r)) for r in best], "The best extrapolator at each rate, one sample late; of errors that no hand tells apart, at the same price, the scene's own. Above 50 Hz samples carry no stiffness and no patch.")
     page.table("extrapolators", ("rate, Hz", "extrapolator", "carries", *head, ""), [(f"{r['sample_rate_Hz']:.4g}", r["law"], r["sends"], *words(r), "recommended" if (r["law"], r["sample_rate_Hz"]) == chosen else "")
                                                                                    for r in sorted(rows, key=lambda r: r["force_error"])],
                "Price: processor time of a frame with its samples and what they carry, 95th percentile, over the frame's length.")

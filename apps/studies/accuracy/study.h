@@ -259,9 +259,11 @@ double study_times_dearer(const study *t, const study_run *r);
 /* Errors of a force that no hand tells apart. */
 double study_alike(double error);
 /* Of extrapolators and rates that cost no more than `dearer_max` times the scene as it is, and are not excluded
- * [run_count], the truest at the hand; of alike ones the cheapest. 0: none. */
+ * [run_count], the truest at the hand; of alike ones the cheapest, and of those the scene's own. 0: none. */
 int study_choose_felt(const study *t, double dearer_max, const bool *excluded);
-/* Table of the best extrapolator at each rate. */
+/* The best extrapolator of those with so many samples a frame, whatever they cost; 0: none. */
+int study_best_at(const study *t, int times);
+/* Table of them. */
 void study_print_rates(const study *t);
 /* Why the recommended rate: a sentence; empty where there is none. */
 void study_rate_reason(const study *t, char *text, size_t size);

@@ -27,6 +27,12 @@ static bool is_open(const study *t, int i, double dearer_max, const bool *exclud
     return is_judged(r) && !(excluded && excluded[i]) && study_times_dearer(t, r) <= fmax(dearer_max, 1);
 }
 
+/* Of two alike in error and price: the scene's own extrapolator, else the truer one. */
+static bool is_preferred(const study *t, const study_run *a, const study_run *b) {
+    if ((a->law == t->own_law) != (b->law == t->own_law)) return a->law == t->own_law;
+    return a->force_error < b->force_error;
+}
+
 int study_choose_felt(const study *t, double dearer_max, const bool *excluded) {
     int truest = 0, best = 0;
     for (int i = 1; i < t->run_count; i++)
@@ -37,12 +43,12 @@ int study_choose_felt(const study *t, double dearer_max, const bool *excluded) {
         const study_run *r = &t->run[i], *b = &t->run[best];
         if (!is_open(t, i, dearer_max, excluded) || r->force_error > enough) continue;
         const double ratio = best ? study_times_dearer(t, r) / study_times_dearer(t, b) : 0;
-        if (ratio < 0.95 || (ratio < 1.05 && r->force_error < b->force_error)) best = i;
+        if (ratio < 0.95 || (ratio < 1.05 && is_preferred(t, r, b))) best = i;
     }
     return best;
 }
 
-static int best_at(const study *t, int times) {
+int study_best_at(const study *t, int times) {
     bool others[STUDY_RUNS];
     for (int i = 0; i < t->run_count; i++) others[i] = t->run[i].times != times;
     return study_choose_felt(t, INFINITY, others);
@@ -57,7 +63,7 @@ void study_print_rates(const study *t) {
             printf("\n%-14s %-15s %9s %10s %12s %8s\n", "force samples", "extrapolator", "at once", "1 late", "2 late",
                    "share");
         last = r->times;
-        const int best = best_at(t, r->times);
+        const int best = study_best_at(t, r->times);
         const study_run *b = &t->run[best];
         char rate[20];
         snprintf(rate, sizeof rate, "%.4g Hz", study_rate_Hz(t, b));
@@ -87,7 +93,7 @@ void study_rate_reason(const study *t, char *text, size_t size) {
                  hrt_extrapolator_name((hrt_extrapolator)truest->law), study_rate_Hz(t, truest),
                  100 * truest->force_error,
                  r->force_error <= truest->force_error + study_alike(truest->force_error)
-                     ? "which no hand tells apart, and costs as much or more"
+                     ? "a difference that no hand feels, and is no cheaper"
                      : "but the budget has no room for it");
     for (int i = 1; i < t->run_count; i++) {
         const study_run *own = &t->run[i];

@@ -112,6 +112,7 @@ static cJSON *run_json(const study *t, const study_run *r) {
         cJSON_AddStringToObject(out, "law", hrt_extrapolator_name((hrt_extrapolator)r->law));
         put(out, "sample_rate_Hz", study_rate_Hz(t, r));
         cJSON_AddStringToObject(out, "sends", sends[r->sends]);
+        if (t->truth.force_N) cJSON_AddBoolToObject(out, "best_at_rate", r == &t->run[study_best_at(t, r->times)]);
         cJSON_AddItemToObject(out, "felt", cJSON_CreateDoubleArray(r->felt, STUDY_LATE));
         return out;
     }
