@@ -1,7 +1,8 @@
 /* Tissue that turns and relaxes; a part of kernel.h. Each tetrahedron keeps, for each term of the Prony series, the
  * history h of its strain in its own axes,
- *     E = sym H + weight (U - 1 - sym H),   F = 1 + H = R U with the polar R,
- * where weight is the blend of kernel.h: below the threshold that is the linear strain, far above it Biot's. The packs'
+ *     E = E2 + weight (U - 1 - E2),   E2 = S + (H^T H - S^2) / 2,   S = sym H,   F = 1 + H = R U with the polar R,
+ * where weight is the blend of kernel.h: far above the threshold Biot's strain, below it Biot's to second order. Of a
+ * turn by an angle a the linear S has a^2/2 there and E2 only a^4/8: a history would keep it. The packs'
  * law is what the series leaves, and each term adds the energy of E - h by its share of the moduli: tissue that has
  * come to rest, h = E, bears what elastic tissue of the law that is left bears, whatever bounds the law or the history.
  * At given histories the gradient of that energy needs the one of U = sym R^T F:  with T = sum_i (shear_i D + volume_i
@@ -148,11 +149,32 @@ INSIDE void TM_NAME(fade)(const V8 E[9], V8 *share, V8 *slope) {
     *slope = -0.125 * size * *share * *share;
 }
 
-/* P += the law's correction and the terms, of a pack that turns, at the linear strain E. */
+/* E2, of the linear strain S. */
+INSIDE void TM_NAME(second_order)(const V8 H[9], V8 S[9], V8 E[9]) {
+    V8 HtH[9], SS[9];
+    TM_NAME(transposed_times)(H, H, HtH);
+    TM_NAME(times)(S, S, SS);
+    for (int i = 0; i < 9; i++) E[i] = S[i] + 0.5 * (HtH[i] - SS[i]);
+}
+
+/* P of the symmetric T at E2, T:dE2 = P:dH with P = T + H T - sym(S T). */
+INSIDE void TM_NAME(second_order_stress)(const V8 H[9], const V8 S[9], const V8 T[9], V8 P[9]) {
+    V8 HT[9], ST[9];
+    TM_NAME(times)(H, T, HT);
+    TM_NAME(times)(S, T, ST);
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            const int k = 3 * i + j;
+            P[k] = T[k] + (HT[k] - 0.5 * (ST[k] + ST[3 * j + i]));
+        }
+}
+
+/* P += the law's correction and the terms, of a pack that turns, at the linear strain S. */
 INSIDE void TM_NAME(relaxing_turned)(const TM_NAME(law) * w, bool fibred, const tm_viscous *v, int32_t p, int at,
-                                     const TM_NAME(turned) * b, V8 E[9], V8 P[9]) {
-    V8 M[9], T[9], Z[9], turn[9], cof[9], change[9], along = {0}, all = {0}, known[9];
+                                     const TM_NAME(turned) * b, V8 S[9], V8 P[9]) {
+    V8 M[9], E[9], T[9], Z[9], turn[9], cof[9], change[9], low[9], along = {0}, all = {0}, known[9];
     V8 share, slope, near, bend;
+    TM_NAME(second_order)(b->H, S, E);
     TM_NAME(transposed_times)(b->R, b->F, M);
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
@@ -167,29 +189,32 @@ INSIDE void TM_NAME(relaxing_turned)(const TM_NAME(law) * w, bool fibred, const 
     for (int i = 0; i < 9; i++) T[i] = share * (near * T[i] + 2 * bend * all * E[i]);
     TM_NAME(turn_change)(b, cof, T, Z);
     TM_NAME(times)(b->R, T, turn);
+    TM_NAME(second_order_stress)(b->H, S, T, low);
     for (int i = 0; i < 9; i++) along += T[i] * change[i];
     const V8 steer = 2 * b->slope * (b->energy + along), crush = slope * near * all;
     for (int i = 0; i < 9; i++)
-        P[i] += b->weight * (b->stress[i] + (turn[i] + Z[i] - T[i])) + steer * b->H[i] + T[i] + crush * cof[i];
+        P[i] += b->weight * (b->stress[i] + (turn[i] + Z[i] - low[i])) + steer * b->H[i] + low[i] + crush * cof[i];
 }
 
 /* Stress of a slice of a pack: the law's that is left, turned or not, and the terms' (of elastic tissue none), but for
  * changes of volume that are averaged; the polar rotation with it where they are. */
 INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool averaged, int32_t p, int at,
                               const double *u, TM_NAME(turned) * b, V8 P[9]) {
-    V8 E[9], T[9];
+    V8 S[9], E[9], T[9], low[9];
     TM_NAME(law) w;
     TM_NAME(gradient)(packs, p, at, u, b->H);
     const bool turned = TM_NAME(blend)(packs, b->H, &b->weight, &b->slope);
     const bool fibred = TM_NAME(law_of)(packs, p, at, &w);
     if (averaged || turned) TM_NAME(straighten)(b);
     for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) E[3 * i + j] = 0.5 * (b->H[3 * i + j] + b->H[3 * j + i]);
-    TM_NAME(linear)(&w, fibred, E, P);
+        for (int j = 0; j < 3; j++) S[3 * i + j] = 0.5 * (b->H[3 * i + j] + b->H[3 * j + i]);
+    TM_NAME(linear)(&w, fibred, S, P);
     if (!turned) {
         if (!v->terms) return false;
+        TM_NAME(second_order)(b->H, S, E);
         TM_NAME(remember)(&w, fibred, v, p, at, E, T);
-        for (int i = 0; i < 9; i++) P[i] += T[i];
+        TM_NAME(second_order_stress)(b->H, S, T, low);
+        for (int i = 0; i < 9; i++) P[i] += low[i];
         return false;
     }
     TM_NAME(turn_law)(&w, fibred, false, b);
@@ -197,7 +222,7 @@ INSIDE bool TM_NAME(relaxing)(const tm_packs *packs, const tm_viscous *v, bool a
         for (int i = 0; i < 9; i++) P[i] += b->weight * b->stress[i] + 2 * b->slope * b->energy * b->H[i];
         return true;
     }
-    TM_NAME(relaxing_turned)(&w, fibred, v, p, at, b, E, P);
+    TM_NAME(relaxing_turned)(&w, fibred, v, p, at, b, S, P);
     return true;
 }
 
