@@ -6,7 +6,8 @@
 
 #include "sim.h"
 
-/* How much mass was added, where, and what that does to the lowest frequencies; nothing where the scene has none. */
+/* How much mass was added, where, and what that does to the lowest frequencies; nothing where the scene has none, but
+ * what a sliver costs where tissue is cut. */
 void explain_mass(const sim *s, cJSON *json);
 
 #endif

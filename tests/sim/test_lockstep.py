@@ -240,3 +240,26 @@ def test_fibres_cost_their_memory_and_nothing_in_the_step(bin, root, tmp_path):
                                   "--set", "tissue.materials.*={lambda_T: 10 kPa, mu_T: 3 kPa, lambda_L: 12 kPa, mu_L: 9 kPa}")
     assert rows_fibred["anisotropy"]["bytes"] == fibred["memory_bytes"] - plain["memory_bytes"] > 0
     assert [r for r in rows_fibred if rows_fibred[r]["in_step"]] == [r for r in rows if rows[r]["in_step"]]
+
+
+def test_explain_says_what_a_sliver_costs_where_tissue_is_cut(bin, root, tmp_path):
+    lines = (root / "meshes/block_1k.msh").read_text().split("\n")
+    first = lines.index("$Nodes") + 2
+    point = np.array([line.split()[1:] for line in lines[first:first + int(lines[first - 1])]], float)
+    low, above = np.unique(point[:, 2])[:2]
+    inside = [i for i, x in enumerate(point) if x[2] == above and all(x[:2] > point.min(0)[:2]) and all(x[:2] < point.max(0)[:2])][0]
+    x = point[inside]
+    lines[first + inside] = f"{inside + 1} {x[0]} {x[1]} {low + 0.05 * (above - low)}"
+    (tmp_path / "sliver.msh").write_text("\n".join(lines))
+    sound = block_scene(tmp_path, root, CONTACT + "cut:\n")
+    thin = block_scene(tmp_path, tmp_path, CONTACT + "cut:\n", name="thin.yaml", mesh="../sliver.msh")
+    (tmp_path / "meshes").mkdir()
+    assert "slivers" not in explain(bin, sound, tmp_path)[0]
+    assert "slivers" not in explain(bin, thin, tmp_path, "--unset", "cut")[0]
+    said = explain(bin, thin, tmp_path)[0]["slivers"]
+    assert 0.01 < said["of_median"] < 0.2
+    step = report(bin / "tm-mesh", "info", tmp_path / "sliver.msh", tmp=tmp_path)["critical_step"]
+    assert said["tetrahedron"] == step["cut_tet"] and abs(said["of_median"] / step["worst_over_median"] - 1) < 0.5  # another nu
+    assert "time.mass_scaling" in run(bin / "tm-sim", thin, "--explain")[0]
+    scaled = ["--set", "time.step=0.5 ms", "--set", "time.mass_scaling=yes", "--set", "time.mass_most=10"]
+    assert "slivers" not in explain(bin, thin, tmp_path, *scaled)[0]
