@@ -109,6 +109,9 @@ typedef struct tms_work tms_work; /* of one thread */
 tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, int64_t responses_bytes,
                             int64_t responses_bytes_single, tms_solver **solver, tm_solve_report *report,
                             tm_error *error);
+/* The factor of another system with the same entries (n, begin, row) in the order that is found; works go on. After a
+ * failure there is none: destroy it. */
+tm_status tms_solver_renew(tms_solver *solver, const tms_system *system, tm_error *error);
 void tms_solver_destroy(tms_solver *solver);
 int64_t tms_solver_bytes(const tms_solver *solver);
 tms_work *tms_work_create(const tms_solver *solver, int32_t width);

@@ -137,20 +137,39 @@ static tm_status not_definite(const tms_solver *s, const tms_system *system, tm_
                    (int)vertex);
 }
 
+static cholmod_sparse lower_of(const tms_system *system) {
+    return (cholmod_sparse){.nrow = (size_t)system->n,
+                            .ncol = (size_t)system->n,
+                            .nzmax = (size_t)system->begin[system->n],
+                            .p = system->begin,
+                            .i = system->row,
+                            .x = system->value,
+                            .stype = -1,
+                            .itype = CHOLMOD_INT,
+                            .xtype = CHOLMOD_REAL,
+                            .dtype = CHOLMOD_DOUBLE,
+                            .sorted = 0,
+                            .packed = 1};
+}
+
+/* The numbers of a factor that is ordered. */
+static tm_status fill(tms_solver *s, cholmod_sparse *a, const tms_system *system, tm_error *error) {
+    cholmod_factorize(a, s->factor, &s->common);
+    if (s->common.status == CHOLMOD_OUT_OF_MEMORY)
+        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the factor; use conjugate gradients or a coarser mesh");
+    if (s->common.status != CHOLMOD_OK || s->factor->minor < s->factor->n) return not_definite(s, system, error);
+    /* A mechanism can slip past the pivots by rounding; its conditioning cannot. */
+    if (cholmod_rcond(s->factor, &s->common) < 1e-14)
+        return tm_fail(
+            error, TM_ERR_SUPPORT, -1,
+            "the tissue can all but move without force (pivots differ by more than 1e14); "
+            "look for parts that hang on one vertex or one edge, or materials of wildly different stiffness");
+    return TM_OK;
+}
+
 static tm_status factorise(tms_solver *s, const tms_system *system, const tm_solve_def *def, int64_t responses,
                            int64_t single, tm_solve_report *report, tm_error *error) {
-    cholmod_sparse a = {.nrow = (size_t)s->n,
-                        .ncol = (size_t)s->n,
-                        .nzmax = (size_t)system->begin[s->n],
-                        .p = system->begin,
-                        .i = system->row,
-                        .x = system->value,
-                        .stype = -1,
-                        .itype = CHOLMOD_INT,
-                        .xtype = CHOLMOD_REAL,
-                        .dtype = CHOLMOD_DOUBLE,
-                        .sorted = 0,
-                        .packed = 1};
+    cholmod_sparse a = lower_of(system);
     start(&s->common);
     double t = tms_clock_s();
     tms_ordering_begin();
@@ -165,18 +184,9 @@ static tm_status factorise(tms_solver *s, const tms_system *system, const tm_sol
     if (status != TM_OK) return status;
     if (!tms_progress(def, "factor", 0, -1)) return tm_fail(error, TM_ERR_CONVERGENCE, -1, "stopped by the caller");
     t = tms_clock_s();
-    cholmod_factorize(&a, s->factor, &s->common);
+    status = fill(s, &a, system, error);
     report->factor_s = tms_clock_s() - t;
-    if (s->common.status == CHOLMOD_OUT_OF_MEMORY)
-        return tm_fail(error, TM_ERR_MEMORY, -1, "no memory for the factor; use conjugate gradients or a coarser mesh");
-    if (s->common.status != CHOLMOD_OK || s->factor->minor < s->factor->n) return not_definite(s, system, error);
-    /* A mechanism can slip past the pivots by rounding; its conditioning cannot. */
-    if (cholmod_rcond(s->factor, &s->common) < 1e-14)
-        return tm_fail(
-            error, TM_ERR_SUPPORT, -1,
-            "the tissue can all but move without force (pivots differ by more than 1e14); "
-            "look for parts that hang on one vertex or one edge, or materials of wildly different stiffness");
-    return TM_OK;
+    return status;
 }
 
 tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, int64_t responses, int64_t single,
@@ -204,6 +214,15 @@ tm_status tms_solver_create(const tms_system *system, const tm_solve_def *def, i
     }
     *solver = s;
     return TM_OK;
+}
+
+tm_status tms_solver_renew(tms_solver *s, const tms_system *system, tm_error *error) {
+    if (s->kind == TM_SOLVER_CG) return tm_fail(error, TM_ERR_ARGUMENT, -1, "only a factor has numbers to renew");
+    cholmod_sparse a = lower_of(system);
+    tms_process_enter();
+    const tm_status status = fill(s, &a, system, error);
+    tms_process_leave();
+    return status;
 }
 
 void tms_solver_destroy(tms_solver *s) {

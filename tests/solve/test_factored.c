@@ -272,6 +272,10 @@ static void turns_with_the_tissue(void **state) {
         assert_true(off_turned(c, C, R) < 1e-6);
         for (int32_t i = 0; i < c->count; i++)
             for (int k = 0; k < 9; k++) assert_true(fabs(c->turn[9 * i + k] - unit[k]) < 1e-9);
+        memcpy(C, c->C_m_N, sizeof *C * 9 * (size_t)c->count * (size_t)c->count);
+        turn_all(b.mesh, 1.2 + 0.04, R, u); /* by 2.3 degrees, and more than a tenth of an edge: no new factor */
+        for (int k = 0; k < 20; k++) c = b.source.exchange(b.source.self, 0, &wish);
+        assert_true(off_turned(c, C, unit) == 0);
         free(C), free(u);
         tear_down(&b);
     }
