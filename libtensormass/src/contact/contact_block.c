@@ -60,6 +60,15 @@ bool tm_row_is_held(const tm_contact *contact, const tm_contact_row *row) {
     return held;
 }
 
+void tm_contact_push_vertex(tm_contact *contact, int32_t vertex, const double force_N[3]) {
+    tm_world *world = contact->world;
+    for (int32_t b = 0; b < contact->block_count; b++)
+        if (contact->block[b].push && contact->block[b].push(contact->block[b].self, world, vertex, force_N)) return;
+    for (int c = 0; c < 3; c++)
+        if (!contact->held[3 * vertex + c])
+            world->state.u_next_m[3 * vertex + c] += world->mobility_s2_kg[vertex] * force_N[c];
+}
+
 bool tm_contact_holds_vertex(const tm_contact *contact, int32_t instrument, int32_t vertex) {
     bool held = false;
     for (int32_t b = 0; b < contact->block_count && !held; b++)

@@ -35,8 +35,10 @@ typedef struct tm_tool {
     bool pierced;                            /* was placed inside: clear again when nothing is within its radius */
     double station_depth_m[TM_MAX_STATIONS]; /* how far its skin was pressed in at the last substep */
     double bears_N;                          /* what all its rows bore then */
-    double surplus_J, turnover_J, sprung_J;  /* contact_passive.c: made out of nothing; given and taken by the hand; in
-                                                the skin */
+    double tank_J, reserve_J, given_J, stored_J, sprung_J[2]; /* contact_passive.c: what its rows may give; what they
+                                                       took beyond; what they gave the tissue in all; held in its skins
+                                                       at the last substep and the one before */
+    double sliding_J; /* of this substep: what it may be given because it slides slowly */
     /* broad phase */
     tm_local_surface *surface;
     tm_capsule gathered_at;
@@ -78,6 +80,9 @@ typedef struct tm_block {
     /* Adds to the tool's force at its tip and to the plain sum, N, of this substep. */
     void (*react)(void *self, int32_t instrument, double force_N[3], double resultant_N[3]);
     bool (*holds)(void *self, int32_t instrument, int32_t vertex); /* a vertex it holds is no obstacle to that tool */
+    /* After the sweeps: moves a vertex that it holds by a force on it, its own following; null, false: it is not held.
+     */
+    bool (*push)(void *self, tm_world *world, int32_t vertex, const double force_N[3]);
     /* Vertices held (-1 while letting go), where the jaw has them [3*count], and the compliance of the hold on each. */
     int32_t (*held)(void *self, int32_t instrument, const int32_t **vertex, const double **target_m,
                     double *compliance_m_N);
@@ -154,7 +159,9 @@ bool tm_tool_is_clear(const tm_tool *tool, const double *rest_m, const double *u
 double tm_capsule_travel(const tm_capsule *a, const tm_capsule *b);
 
 /* contact_passive.c */
-void tm_contact_observe(tm_contact *contact); /* after the sweeps */
+/* After the sweeps: reduces a tool's forces where they give more than they may. */
+void tm_contact_hold_back(tm_contact *contact);
+void tm_contact_observe(tm_contact *contact); /* when all is done */
 /* Of one row, over the two steps around its force as the scheme does its work; `earlier`: where the tool was then. */
 typedef struct tm_row_work {
     double force_N[3]; /* on the tissue, drag included */
@@ -163,8 +170,8 @@ typedef struct tm_row_work {
     double skin_J;     /* held in the skin */
 } tm_row_work;
 tm_row_work tm_contact_row_work(const tm_contact *contact, int32_t row, const tm_capsule *earlier);
-/* Of the depth of their station's deepest row, what this tool's rows take over: 1, 0 where its contact made energy. */
-double tm_contact_takes_over(const tm_tool *tool);
+/* What a tool whose station went so far in this substep may give, J, before it is held back. */
+double tm_contact_spare_J(const tm_tool *tool, double way_m, double dt_s);
 
 /* contact_sum.c */
 void tm_contact_sum(tm_contact *contact);
@@ -182,6 +189,7 @@ tm_block *tm_contact_rows_block(tm_contact *contact);
 void tm_contact_remove_block(tm_contact *contact, const void *self);
 /* The one driver: every block in every sweep, then what solves at once. */
 void tm_contact_constrain(tm_contact *contact, tm_world *world);
+void tm_contact_push_vertex(tm_contact *contact, int32_t vertex, const double force_N[3]);
 bool tm_contact_holds_vertex(const tm_contact *contact, int32_t instrument, int32_t vertex);
 /* All vertices that bear the row are held: it is no obstacle to the tool that holds them. */
 bool tm_row_is_held(const tm_contact *contact, const tm_contact_row *row);

@@ -1,23 +1,42 @@
-/* Contact makes no energy. Rows that are deeper than the tool's motion made them (tissue that slides along normals
- * which are blended over facets as large as the tool, and so the gradient of no potential) start from the depth of the
- * deepest row of their station, which they take over from one another. But where that one's tissue cannot give way and
- * theirs can, they are pressed in anew in every substep, and nobody does that work. So every tool keeps an account of
- * what its rows gave the tissue and hold in their skins over what moving the tool put in (passivity observer, Hannaford
- * and Ryu 2002); where that is more than nothing, rows keep to their own depth. */
-#include "contact/contact_internal.h"
-
+/* Contact makes no energy, in no substep. Rows come and go while tissue moves by itself, start from depths that other
+ * rows had, push out what lies too deep, and act along normals that are blended over facets, the gradient of no
+ * potential: each can give tissue what no hand put in. So every tool keeps an account (passivity observer and
+ * controller, Hannaford and Ryu 2002; energy tank, Duindam and Stramigioli 2004), exact in the terms of the integrator:
+ * what its rows give the tissue and hold in their skins, less what moving the tool puts in. What contact gives out of
+ * nothing must be in the tank; where it is not, the forces of all of the tool's rows are reduced until it is. At rest
+ * nothing is given, and no force is changed. */
 #include "base/vec.h"
+#include "contact/friction_internal.h"
 #include "law/skin.h"
 
-/* At this share of the reactions times the way that the tool went with them nothing is taken over any more; what is not
- * worth it; and how long an account remembers. */
-static const double SHARE = 0.04, LITTLE_J = 1e-6, MEMORY_S = 1;
+/* The tank holds this share of what tissue and skins store under the tool, and what is not worth it, J. */
+static const double TANK_SHARE = 1e-2, LITTLE_J = 2e-8;
+/* What contact takes fills the tank; what is over goes to a reserve, no larger than what is stored. From there the tank
+ * is filled, once in this time, s. */
+static const double REFILL_S = 1;
+/* At rest (tool and tissue slower than this) the force is made whole out of the reserve faster: this share of what is
+ * stored, in a second. */
+static const double CALM_M_S = 3e-4, CALM_SHARE_1_S = 0.06;
+/* The reserve may be overdrawn by this share of what is stored, in all and not again until that is paid back: the force
+ * at rest, along blended normals, depends on the way that led to it. */
+static const double CREDIT_SHARE = 0.05;
+/* Below this speed a tool may be given so much of reaction times way out of the reserve (sliding_J). */
+static const double SLOW_M_S = 0.05, SLIDING_SHARE = 0.5;
+/* Of what it gave too much, a tool pays back at least this share in a substep. */
+static const double DEBT_SHARE = 0.125;
+enum { ROUNDS = 4, HALVINGS = 30 };
+
+static double skin_J(const tm_contact *contact, const tm_contact_row *row, double share) {
+    const double compliance = contact->def.skin_compliance_m_N / row->share;
+    if (!(compliance > 0)) return 0;
+    return law_skin_energy(compliance, LAW_SKIN_TRAVEL * contact->tool[row->instrument].def.radius_m,
+                           share * row->lambda_N);
+}
 
 tm_row_work tm_contact_row_work(const tm_contact *contact, int32_t i, const tm_capsule *earlier) {
     const tm_contact_row *row = contact->row + i;
     const tm_tool *tool = contact->tool + row->instrument;
-    const double compliance = contact->def.skin_compliance_m_N / row->share;
-    tm_row_work w = {.skin_J = 0};
+    tm_row_work w = {.skin_J = skin_J(contact, row, 1)};
     double here[3], there[3];
     tm_capsule_station(&tool->capsule, row->station, here);
     tm_capsule_station(earlier, row->station, there);
@@ -26,43 +45,223 @@ tm_row_work tm_contact_row_work(const tm_contact *contact, int32_t i, const tm_c
         w.way_m[c] = here[c] - there[c];
         w.hand_J += 0.5 * w.force_N[c] * w.way_m[c];
     }
-    if (compliance > 0) w.skin_J = law_skin_energy(compliance, LAW_SKIN_TRAVEL * tool->def.radius_m, row->lambda_N);
     return w;
 }
 
-static double work_on_tissue(const tm_state *s, const tm_contact_row *row, const double force_N[3]) {
-    double work = 0;
-    for (int c = 0; c < 3; c++)
+/* Friction joins the drag when the substep's sweeps are settled; until then it is added here. */
+static tm_row_work row_work(const tm_contact *contact, int32_t i) {
+    tm_row_work w = tm_contact_row_work(contact, i, &contact->tool[contact->row[i].instrument].earlier);
+    if (!contact->friction || contact->friction->joined) return w;
+    const double *rubs = contact->friction->applied_N[i];
+    vmadd(w.force_N, 1, rubs, w.force_N);
+    w.hand_J += 0.5 * vdot(rubs, w.way_m);
+    return w;
+}
+
+/* The rows of one tool are neighbours in the list. */
+typedef struct span {
+    int32_t first, end;
+} span;
+
+static span rows_of(const tm_contact *contact, int32_t t, int32_t first) {
+    span s = {first, first};
+    while (s.end < contact->row_count && contact->row[s.end].instrument == t) s.end++;
+    return s;
+}
+
+/* Work of all rows of a tool over the two steps around their force, as the scheme does it. */
+typedef struct row_sum {
+    double tissue_J, hand_J;
+    double
+        strain_J; /* half of the forces times the displacements under them: what tissue that they alone load stores */
+} row_sum;
+
+static row_sum sum_work(const tm_contact *contact, span s) {
+    const tm_state *state = &contact->world->state;
+    row_sum sum = {0};
+    for (int32_t i = s.first; i < s.end; i++) {
+        const tm_contact_row *row = contact->row + i;
+        if (!(row->lambda_N > 0)) continue;
+        const tm_row_work w = row_work(contact, i);
+        sum.hand_J += w.hand_J;
+        for (int j = 0; j < 3; j++)
+            for (int c = 0; c < 3; c++) {
+                const int32_t dof = 3 * row->vertex[j] + c;
+                const double half = 0.5 * w.force_N[c] * row->weight[j];
+                sum.tissue_J += half * (state->u_next_m[dof] - state->u_prev_m[dof]);
+                sum.strain_J += half * state->u_m[dof];
+            }
+    }
+    return sum;
+}
+
+/* Stored in the tool's skins, pressed and stretched, if all forces were `share` of what they are. */
+static double sprung_J(const tm_contact *contact, int32_t t, span s, double share) {
+    double sum = contact->friction ? share * share * tm_friction_stretch_J(contact->friction, t) : 0;
+    for (int32_t i = s.first; i < s.end; i++)
+        if (contact->row[i].lambda_N > 0) sum += skin_J(contact, contact->row + i, share);
+    return sum;
+}
+
+/* Given to tissue and skins beyond what the hand put in: over two steps, as tm_energy.made_J less film and friction. */
+static double gain_J(const tm_tool *tool, const row_sum *sum, double sprung) {
+    return sum->tissue_J - sum->hand_J + 0.5 * (sprung - tool->sprung_J[1]);
+}
+
+/* --- the bound --- */
+
+static double available_J(const tm_tool *tool) { return tool->reserve_J + CREDIT_SHARE * tool->stored_J; }
+
+/* Of a way within one substep, what counts as slow. */
+static double slow_m(double way_m, double dt_s) { return way_m * law_max(1 - way_m / (SLOW_M_S * dt_s), 0); }
+
+/* What a tool that slides slowly may be given besides. Depths are measured to triangles while normals are blended as if
+ * the surface were smooth, so a tool is held back up to the middle of a triangle and pushed on from there; without, it
+ * would lag behind its force at rest. */
+static double sliding_J(const tm_contact *contact, const tm_tool *tool, span s) {
+    double sum = 0;
+    for (int32_t i = s.first; i < s.end; i++)
+        sum += contact->row[i].lambda_N * slow_m(vnorm(contact->solver[i].moved_m), contact->world->state.dt_s);
+    return law_max(law_min(SLIDING_SHARE * sum, available_J(tool)), 0);
+}
+
+double tm_contact_spare_J(const tm_tool *tool, double way_m, double dt_s) {
+    const double sliding = law_min(SLIDING_SHARE * tool->bears_N * slow_m(way_m, dt_s), available_J(tool));
+    return law_max(tool->tank_J, 0) + law_max(sliding, 0);
+}
+
+static void push(tm_contact *contact, span s, double share) {
+    for (int32_t i = s.first; i < s.end; i++) {
+        const tm_contact_row *row = contact->row + i;
+        if (!(row->lambda_N > 0)) continue;
+        const tm_row_work w = row_work(contact, i);
         for (int j = 0; j < 3; j++) {
-            const int32_t dof = 3 * row->vertex[j] + c;
-            work += 0.5 * force_N[c] * row->weight[j] * (s->u_next_m[dof] - s->u_prev_m[dof]);
+            double part[3];
+            vscale(share * row->weight[j], w.force_N, part);
+            tm_contact_push_vertex(contact, row->vertex[j], part);
         }
-    return work;
+    }
+}
+
+/* The largest share of the forces that gives no more than `may_J`: their work is (share) bare + (share^2) own, convex,
+ * and nothing without them. Halving: the skins' energy has a knee. */
+static double find_share(const tm_contact *contact, int32_t t, span s, double bare_J, double own_J, double may_J) {
+    double least = 0, most = 1;
+    for (int halving = 0; halving < HALVINGS; halving++) {
+        const double share = 0.5 * (least + most);
+        const double gives = share * bare_J + share * share * own_J + 0.5 * sprung_J(contact, t, s, share);
+        *(gives <= may_J ? &least : &most) = share;
+    }
+    return least;
+}
+
+static void reduce(tm_contact *contact, int32_t t, span s, const row_sum *sum, double may_J) {
+    push(contact, s, -1);
+    const double bare = sum_work(contact, s).tissue_J;
+    const double share =
+        find_share(contact, t, s, bare - sum->hand_J, sum->tissue_J - bare, may_J + 0.5 * contact->tool[t].sprung_J[1]);
+    push(contact, s, share);
+    for (int32_t i = s.first; i < s.end; i++) {
+        contact->row[i].lambda_N *= share;
+        vscale(share, contact->solver[i].drag_N, contact->solver[i].drag_N);
+    }
+    if (contact->friction) tm_friction_scale(contact->friction, t, share);
+}
+
+/* Returns whether it gave more than it may, and was reduced. */
+static bool hold_tool(tm_contact *contact, int32_t t, span s) {
+    tm_tool *tool = contact->tool + t;
+    const row_sum sum = sum_work(contact, s);
+    tool->sliding_J = sliding_J(contact, tool, s);
+    const double may = law_max(tool->tank_J, DEBT_SHARE * tool->tank_J) + tool->sliding_J;
+    if (!(gain_J(tool, &sum, sprung_J(contact, t, s, 1)) > law_max(may, 0) + 1e-3 * LITTLE_J)) return false;
+    reduce(contact, t, s, &sum, may);
+    return true;
+}
+
+void tm_contact_hold_back(tm_contact *contact) {
+    bool held = !contact->world->settling;
+    for (int round = 0; held && round < ROUNDS; round++) { /* tools that touch the same tissue: in turn */
+        span s = {0, 0};
+        held = false;
+        for (int32_t t = 0; t < contact->tool_count; t++) {
+            s = rows_of(contact, t, s.end);
+            /* a cautery that cuts: what is laid open is pressed at once, as in the hybrid model */
+            const bool cuts = contact->tool[t].def.mode == TM_TOOL_CAUTERY && contact->tool[t].pose.active &&
+                              contact->world->tissue->cuttable;
+            if (s.first < s.end && !cuts && hold_tool(contact, t, s)) held = true;
+        }
+    }
+}
+
+/* --- the account --- */
+
+/* What the tissue's damping takes in this substep: it pays for what contact gives meanwhile. A pass over the vertices,
+ * so only where a tank has room. */
+static double damped_J(const tm_world *world) {
+    const tm_state *s = &world->state;
+    double sum = 0;
+    for (int32_t v = 0; world->damped && v < world->tissue->mesh->vertex_count; v++) {
+        double squares = 0;
+        for (int32_t i = 3 * v; i < 3 * v + 3; i++)
+            squares += (s->u_next_m[i] - s->u_prev_m[i]) * (s->u_next_m[i] - s->u_prev_m[i]);
+        sum += world->tissue->damping_kg_s[v] * squares;
+    }
+    return 0.25 * sum / s->dt_s;
+}
+
+/* The tool stands, and so does the tissue under it. */
+static bool is_calm(const tm_contact *contact, span s) {
+    const tm_state *state = &contact->world->state;
+    for (int32_t i = s.first; i < s.end; i++) {
+        const tm_contact_row *row = contact->row + i;
+        double moved[3];
+        if (!(row->lambda_N > 0)) continue;
+        vset(contact->solver[i].moved_m, moved);
+        for (int j = 0; j < 3; j++)
+            for (int c = 0; c < 3; c++) {
+                const int32_t dof = 3 * row->vertex[j] + c;
+                moved[c] -= row->weight[j] * (state->u_next_m[dof] - state->u_m[dof]);
+            }
+        if (vnorm(contact->solver[i].moved_m) + vnorm(moved) > CALM_M_S * state->dt_s) return false;
+    }
+    return true;
+}
+
+static void fill(tm_tool *tool, double stored_J, double dt_s, bool calm) {
+    const double most = TANK_SHARE * stored_J + LITTLE_J, over = tool->tank_J - most;
+    const double moves = over > 0 ? -over
+                                  : law_min(law_max(law_min(available_J(tool), calm ? CALM_SHARE_1_S * stored_J * dt_s
+                                                                                    : most * dt_s / REFILL_S),
+                                                    0),
+                                            -over);
+    tool->tank_J += moves;
+    tool->reserve_J = law_min(tool->reserve_J - moves, stored_J);
+    tool->stored_J = stored_J;
 }
 
 void tm_contact_observe(tm_contact *contact) {
     if (contact->others.solve) return; /* their rows are not ours to hold back */
-    double sprung[TM_MAX_INSTRUMENTS] = {0}, surplus[TM_MAX_INSTRUMENTS] = {0}, turnover[TM_MAX_INSTRUMENTS] = {0};
-    for (int32_t i = 0; i < contact->row_count; i++) {
-        const tm_contact_row *row = contact->row + i;
-        const int32_t t = row->instrument;
-        if (!(row->lambda_N > 0)) continue;
-        const tm_row_work w = tm_contact_row_work(contact, i, &contact->tool[t].earlier);
-        surplus[t] += work_on_tissue(&contact->world->state, row, w.force_N) - w.hand_J;
-        turnover[t] += row->lambda_N * vnorm(contact->solver[i].moved_m);
-        sprung[t] += w.skin_J;
-    }
-    const double left = 1 - law_min(contact->world->state.dt_s / MEMORY_S, 1);
+    span s = {0, 0};
+    double damped = -1;
     for (int32_t t = 0; t < contact->tool_count; t++) {
         tm_tool *tool = contact->tool + t;
-        tool->surplus_J = left * tool->surplus_J + surplus[t] + sprung[t] - tool->sprung_J;
-        tool->turnover_J = left * tool->turnover_J + turnover[t];
-        tool->sprung_J = sprung[t];
+        s = rows_of(contact, t, s.end);
+        const row_sum sum = sum_work(contact, s);
+        const double sprung = sprung_J(contact, t, s, 1), gain = gain_J(tool, &sum, sprung);
         tool->earlier = tool->before;
+        tool->sprung_J[1] = contact->world->settling ? sprung : tool->sprung_J[0];
+        tool->sprung_J[0] = sprung;
+        if (contact->world->settling) continue;
+        const double paid = gain > 0 && s.first < s.end ? law_min(gain, tool->sliding_J) : 0;
+        tool->reserve_J -= paid;
+        tool->tank_J -= gain - paid;
+        tool->given_J += sum.tissue_J;
+        if (tool->bears_N > 0 && tool->tank_J < TANK_SHARE * tool->stored_J) {
+            if (damped < 0) damped = damped_J(contact->world);
+            tool->tank_J += damped / contact->tool_count;
+        }
+        fill(tool, sprung + law_max(law_min(sum.strain_J, tool->given_J), 0), contact->world->state.dt_s,
+             is_calm(contact, s));
     }
-}
-
-double tm_contact_takes_over(const tm_tool *tool) {
-    const double over = tool->surplus_J - LITTLE_J;
-    return over > 0 ? 1 - law_min(over / (SHARE * tool->turnover_J + LITTLE_J), 1) : 1;
 }

@@ -36,19 +36,15 @@ static void remember_depth(tm_contact *contact) {
 }
 
 /* Both lists are sorted: what was known of a row at the last substep passes over in one walk. Rows that take over from
- * one another take over their station's depth too, as far as the tool's account of energy allows it. */
+ * one another take over their station's depth too; if that makes energy, contact_passive.c reduces the forces. */
 static void warm_start(tm_contact *contact) {
     int32_t k = 0;
     for (int32_t i = 0; i < contact->row_count; i++) {
         tm_contact_row *row = contact->row + i;
-        const tm_tool *tool = contact->tool + row->instrument;
-        double own = 0;
         while (k < contact->row_count_before && row_before(contact->row_before + k, row)) k++;
-        if (k < contact->row_count_before && same_row(contact->row_before + k, row)) {
+        if (k < contact->row_count_before && same_row(contact->row_before + k, row))
             row->lambda_N = contact->row_before[k].lambda_N;
-            own = depth_before(contact, contact->row_before + k);
-        }
-        contact->solver[i].depth_m = own + tm_contact_takes_over(tool) * (tool->station_depth_m[row->station] - own);
+        contact->solver[i].depth_m = contact->tool[row->instrument].station_depth_m[row->station];
     }
 }
 
@@ -110,8 +106,13 @@ static void sweep_own(void *self, tm_world *world, int32_t sweep) {
     tm_contact_sweep(self, sweep);
 }
 
+static void finish_own(void *self, tm_world *world) {
+    (void)world;
+    tm_contact_hold_back(self);
+}
+
 static tm_block own_rows(tm_contact *contact) {
-    return (tm_block){.self = contact, .find = find_own, .sweep = sweep_own, .react = react_rows};
+    return (tm_block){.self = contact, .find = find_own, .sweep = sweep_own, .finish = finish_own, .react = react_rows};
 }
 
 /* Another surface than the tissue's is touched: which rows there are, its owner finds when it solves them. */

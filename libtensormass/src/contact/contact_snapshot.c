@@ -22,8 +22,9 @@ typedef struct kept_capsule {
 typedef struct kept_tool {
     kept_pose pose, from, to;
     kept_capsule capsule, before, earlier, gathered_at;
-    double station_depth_m[TM_MAX_STATIONS], surplus_J, turnover_J, sprung_J, edge_m, spent_m, sum_tip_m[3], sum_time_s,
-        sum_force_N[3], sum_resultant_N[3], substep_force_N[3], substep_resultant_N[3], stiffness_N_m[9];
+    double station_depth_m[TM_MAX_STATIONS], tank_J, reserve_J, given_J, stored_J, sprung_J[2], edge_m, spent_m,
+        sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3], substep_force_N[3], substep_resultant_N[3],
+        stiffness_N_m[9];
     int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, flags, stiffness_kind,
         surface_overflowed;
 } kept_tool;
@@ -63,9 +64,11 @@ static kept_tool pack_tool(const tm_tool *tool) {
                    .capsule = pack_capsule(&tool->capsule),
                    .before = pack_capsule(&tool->before),
                    .earlier = pack_capsule(&tool->earlier),
-                   .surplus_J = tool->surplus_J,
-                   .turnover_J = tool->turnover_J,
-                   .sprung_J = tool->sprung_J,
+                   .tank_J = tool->tank_J,
+                   .reserve_J = tool->reserve_J,
+                   .given_J = tool->given_J,
+                   .stored_J = tool->stored_J,
+                   .sprung_J = {tool->sprung_J[0], tool->sprung_J[1]},
                    .gathered_at = pack_capsule(&tool->gathered_at),
                    .sum_time_s = tool->sum_time_s,
                    .path_step = tool->path_step,
@@ -98,9 +101,12 @@ static void unpack_tool(const kept_tool *k, int32_t instrument, tm_tool *tool) {
     tool->capsule = unpack_capsule(&k->capsule, instrument);
     tool->before = unpack_capsule(&k->before, instrument);
     tool->earlier = unpack_capsule(&k->earlier, instrument);
-    tool->surplus_J = k->surplus_J;
-    tool->turnover_J = k->turnover_J;
-    tool->sprung_J = k->sprung_J;
+    tool->tank_J = k->tank_J;
+    tool->reserve_J = k->reserve_J;
+    tool->given_J = k->given_J;
+    tool->stored_J = k->stored_J;
+    tool->sprung_J[0] = k->sprung_J[0];
+    tool->sprung_J[1] = k->sprung_J[1];
     tool->gathered_at = unpack_capsule(&k->gathered_at, instrument);
     tool->path_step = k->path_step;
     tool->path_steps = k->path_steps;

@@ -10,8 +10,8 @@
 
 /* A penetration that the tool's motion did not make (a tool placed into tissue, rows that were capped, a piece of
  * surface that another tool pulled into this one) is undone no faster than this, or it would be thrown out. Above any
- * speed of a hand. No hand does that work, so its power is bounded too: a tool that bears 1 N moves out at 20 mm/s.
- */
+ * speed of a hand. No hand does that work, so its power is bounded too, and it is taken out of what contact took before
+ * (contact_passive.c). */
 #define RECOVERY_M_S 0.5
 #define RECOVERY_W 0.02
 
@@ -27,8 +27,9 @@ double tm_skin_reaction(double compliance_m_N, double radius_m, double gap_m, do
     return law_skin_reaction(compliance_m_N, LAW_SKIN_TRAVEL * radius_m, gap_m, diagonal_m_N, cap_N);
 }
 
-static double recovery_m_s(double bears_N) {
-    return RECOVERY_M_S * bears_N <= RECOVERY_W ? RECOVERY_M_S : RECOVERY_W / bears_N;
+static double recovery_m_s(const tm_tool *tool, double way_m, double dt_s) {
+    const double power_W = law_min(RECOVERY_W, tm_contact_spare_J(tool, way_m, dt_s) / dt_s);
+    return RECOVERY_M_S * tool->bears_N <= power_W ? RECOVERY_M_S : power_W / tool->bears_N;
 }
 
 static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm_solver_row *r) {
@@ -50,8 +51,16 @@ static void prepare_row(const tm_contact *contact, const tm_contact_row *row, tm
         }
     }
     /* what was too deep before the tool moved, and is not yet to be undone */
-    double left =
-        row->gap_m + vdot(row->normal, r->moved_m) + r->depth_m + recovery_m_s(tool->bears_N) * world->state.dt_s;
+    const double dt = world->state.dt_s, way = vnorm(r->moved_m);
+    double goes = way; /* tool and tissue: their motion along blended normals is not the depth's */
+    for (int j = 0; j < 3; j++) {
+        double moved[3];
+        const int32_t dof = 3 * row->vertex[j];
+        vsub(world->state.u_m + dof, world->state.u_prev_m + dof, moved);
+        goes += row->weight[j] * vnorm(moved);
+    }
+    const double recovered = law_max(recovery_m_s(tool, way, dt) * dt, goes);
+    const double left = row->gap_m + vdot(row->normal, r->moved_m) + r->depth_m + recovered;
     r->gap_m = row->gap_m - law_min(left, 0);
 }
 

@@ -102,6 +102,7 @@ static void find(void *self, tm_world *world) {
     tm_friction *f = self;
     const tm_contact *contact = f->contact;
     f->touch_count = 0;
+    f->joined = false;
     for (int32_t i = 0; i < contact->row_count; i++) {
         const tm_contact_row *row = contact->row + i;
         tm_touch *touch = f->touch + f->touch_count - 1;
@@ -163,8 +164,25 @@ double tm_friction_stretched_J(const tm_friction *friction) {
     return sum;
 }
 
-/* After the sweeps: forces join the rows' drag, where reactions and accounts find them; what stretched skins took or
- * gave is no surplus of contact's; a station that touches nothing any more is at rest. */
+double tm_friction_stretch_J(const tm_friction *f, int32_t t) {
+    double squares = 0;
+    for (int32_t k = 0; k < f->touch_count; k++)
+        if (f->touch[k].instrument == t) squares += vdot(f->touch[k].force_N, f->touch[k].force_N);
+    return 0.5 * f->contact->def.skin_compliance_m_N * squares;
+}
+
+void tm_friction_scale(tm_friction *f, int32_t t, double share) {
+    for (int32_t k = 0; k < f->touch_count; k++) {
+        tm_touch *touch = f->touch + k;
+        if (touch->instrument != t) continue;
+        vscale(share, touch->force_N, touch->force_N);
+        for (int32_t i = touch->first; i < touch->first + touch->count; i++)
+            vscale(share, f->applied_N[i], f->applied_N[i]);
+    }
+}
+
+/* After the sweeps: forces join the rows' drag, where reactions and accounts find them; a station that touches nothing
+ * any more is at rest. */
 static void finish(void *self, tm_world *world) {
     (void)world;
     tm_friction *f = self;
@@ -172,17 +190,16 @@ static void finish(void *self, tm_world *world) {
     f->lost_J = 0;
     for (int32_t t = 0; t < f->contact->tool_count; t++) {
         if (!f->rubbed[t]) continue;
-        const double before = stretched_J(f, t);
         for (int32_t s = 0; s < TM_MAX_STATIONS; s++) {
             if (k < f->touch_count && f->touch[k].instrument == t && f->touch[k].station == s)
                 settle(f, f->touch + k++);
             else
                 f->rubbed[t][s] = (tm_rubbed){.rest = 1};
         }
-        f->contact->tool[t].surplus_J += stretched_J(f, t) - before;
     }
     for (int32_t i = 0; i < f->contact->row_count; i++)
         vmadd(f->contact->solver[i].drag_N, 1, f->applied_N[i], f->contact->solver[i].drag_N);
+    f->joined = true;
 }
 
 /* The rows' drag has it. */

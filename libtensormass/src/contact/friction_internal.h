@@ -30,6 +30,7 @@ struct tm_friction {
     tm_touch *touch;                                                  /* [max_rows] by instrument, then station */
     int32_t touch_count;
     double (*applied_N)[3]; /* [max_rows] each row's part of its station's force */
+    bool joined;            /* in this substep the rows' drag has them */
     double lost_J;          /* to slip, in the last substep */
 };
 
@@ -41,5 +42,8 @@ void tm_friction_give_back(void *self, tm_world *world);
 
 /* What the skins hold, stretched along the surface. */
 double tm_friction_stretched_J(const tm_friction *friction);
+/* After the sweeps, before this substep ends, of one instrument: what they hold, J; shortens all forces. */
+double tm_friction_stretch_J(const tm_friction *friction, int32_t instrument);
+void tm_friction_scale(tm_friction *friction, int32_t instrument, double share);
 
 #endif

@@ -230,6 +230,31 @@ static void sweep(void *self, tm_world *world, int32_t number) {
         for (int32_t i = 0; i < grasp->hold[t].count; i++) relax(grasp, grasp->hold + t, i, world);
 }
 
+/* As a spring that is at its bound too: what is taken back and given again must come out where it was. */
+static bool push_held(void *self, tm_world *world, int32_t vertex, const double force_N[3]) {
+    const tm_grasp *grasp = self;
+    for (int32_t t = 0; t < grasp->contact->tool_count; t++) {
+        const hold *h = grasp->hold + t;
+        for (int32_t i = 0; i < h->count; i++) {
+            if (h->vertex[i] != vertex) continue;
+            double *force = h->force_N + 3 * i, yields[3];
+            for (int c = 0; c < 3; c++) {
+                const double mobility = grasp->contact->held[3 * vertex + c] ? 0 : world->mobility_s2_kg[vertex];
+                yields[c] = mobility / (mobility + grasp->def.compliance_m_N) * force_N[c];
+            }
+            vmadd(force, -1, yields, force);
+            for (int c = 0; c < 3; c++)
+                if (!grasp->contact->held[3 * vertex + c])
+                    world->state.u_next_m[3 * vertex + c] += grasp->def.compliance_m_N * yields[c];
+            return true;
+        }
+    }
+    return false;
+}
+
+/* Last of all sweeps: what a spring bears is then what it holds. */
+static void finish(void *self, tm_world *world) { sweep(self, world, 0); }
+
 static void react(void *self, int32_t t, double force_N[3], double resultant_N[3]) {
     const tm_grasp *grasp = self;
     const hold *h = grasp->hold + t;
@@ -346,6 +371,8 @@ tm_status tm_stage_grasp(tm_world *world, tm_contact *contact, const tm_grasp_de
     const tm_block block = {.self = self,
                             .owner = self,
                             .sweep = sweep,
+                            .finish = finish,
+                            .push = push_held,
                             .react = react,
                             .holds = holds,
                             .held = held,

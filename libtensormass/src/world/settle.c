@@ -364,7 +364,9 @@ tm_status tm_world_settle(tm_world *world, const tm_settle_def *def, tm_settle_r
                            tm_mesh_given(mesh, i / 3), world->state.u_m[i], world->state.u_prev_m[i]);
     tm_relaxed relaxed = {0};
     tm_status status = tm_relaxed_begin(world, &relaxed, error);
+    world->settling = true;
     if (!status) status = settle(world, def, result, error);
+    world->settling = false;
     tm_relaxed_end(world, &relaxed, !status);
     return status;
 }

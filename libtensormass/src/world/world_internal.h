@@ -50,6 +50,7 @@ struct tm_world {
     double *keep_u_m, *keep_u_prev_m, *keep_force_N;
     int64_t keep_step;
     double keep_time_s;
+    bool settling;     /* passes over the stages are no steps: nothing moves, and no history goes on */
     bool asking;       /* forces are evaluated outside a step: no history goes on */
     bool look_at_dead; /* in this substep, for displacements that are nowhere */
     bool unsound;      /* a stage met a number that is not finite: the step fails */
