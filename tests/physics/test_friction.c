@@ -213,8 +213,9 @@ static double rub(double at_rest, double sliding, tm_energy *e, double *hands) {
     return worst;
 }
 
-/* What friction takes is never negative and pays for what the hands put in; contact makes nothing without it, and with
- * it gives back no more than a hundredth of what film and friction took. */
+/* What friction takes is never negative and pays for what the hands put in. Contact gives, out of what it took before
+ * (contact_passive.c), no more than in absolute terms before it kept an account, 2.1e-4 and 2.3e-4 J, and with friction
+ * no more than twice of what it gives without. */
 static void test_makes_no_energy(void **unused) {
     (void)unused;
     tm_energy plain, e;
@@ -224,7 +225,7 @@ static void test_makes_no_energy(void **unused) {
                   "(%.1e without)\n",
                   hands, plain_hands, e.friction_J, e.film_J, e.damping_J, worst, plain_worst);
     assert_true(plain.friction_J == 0 && e.friction_J > 0.5 * hands && fabs(e.residual_J) < 1e-10 * hands);
-    assert_true(plain_worst < 2.1e-4 && worst < 3.1e-4 && e.made_J > -0.1 * hands);
+    assert_true(plain_worst < 1.5e-4 && worst < 2.4e-4 && worst < 2 * plain_worst && e.made_J > -0.1 * hands);
 }
 
 static void wander(rubbing *r, int from, int to) {

@@ -1,5 +1,6 @@
 /* Energy in every window: random sessions of two hands with every effect. From any instant on, for 1 to 200 ms, tissue
- * and springs gain no more than hands, loads and supports put in since, but for 2.5 % of what is stored. The account of
+ * and springs gain no more than hands, loads and supports put in since, but for 2.5 % of what is stored (the aim is
+ * 0.1 %: docs/contact.md says what is in its way). The account of
  * a whole session (test_sessions.c) does not see what contact hands out while hands stand still: that is less than all
  * that hands put in before. A session that breaks the bound is shrunk to the fewest actions and effects that still do,
  * and printed.
@@ -21,8 +22,7 @@
 enum { MOST_ACTIONS = 10, SAMPLES_A_FRAME = 5, WINDOW = 200, FRAMES_AFTER = 60 };
 static const double SAMPLE_S = 1e-3;
 /* Hands of random sessions stand still or are faster than what counts as slow (contact_passive.c), where a tool may be
- * given up to half of its reaction times its way, out of what contact took before
- * and a credit. */
+ * given up to half of its reaction times its way, out of what contact took before and a credit. */
 static const double SLOW_M_S = 0.05, FAST_M_S = 0.06, SLIDING_SHARE = 0.5;
 /* What a window may gain: a share of what is stored, and rounding. */
 static const double SHARE = 2.5e-2, ROUNDING_J = 1e-7;
@@ -410,11 +410,12 @@ static void test_smallest_that_was_found(void **unused) {
     assert_true(run_actions(s, 6, all).good);
 }
 
-/* Tissue wedged between two tools that stand still, drawn far above it: whatever it does there, it comes to rest. */
+/* Squeezed deep from both sides, drawn far above the block and held there: broke the bound as it was drawn. */
 static void test_drawn_up_and_held(void **unused) {
     (void)unused;
     const action stand = {STAND, 0, 50, {0}, 0, 0};
-    const action all[] = {{SQUEEZE, 0, 12, {0, 0, -0.01}, 0.004, 0}, {DRAG, 0, 16, {0}, 0.03, 0}, stand, stand, stand};
+    const action all[] = {
+        {SQUEEZE, 0, 12, {0, 0, -0.014}, 0.007, 0}, {DRAG, 0, 16, {0}, 0.045, 0}, stand, stand, stand};
     session s = PLAIN;
     s.effects = VOLUME | FRICTION, s.shear = 0.4, s.rub[0] = 0.5, s.rub[1] = 0.4;
     assert_true(run_actions(s, 5, all).good);

@@ -1,15 +1,16 @@
-/* Contact makes no energy, in no substep. Rows come and go while tissue moves by itself, start from depths that other
- * rows had, push out what lies too deep, and act along normals that are blended over facets, the gradient of no
- * potential: each can give tissue what no hand put in. So every tool keeps an account (passivity observer and
- * controller, Hannaford and Ryu 2002; energy tank, Duindam and Stramigioli 2004), exact in the terms of the integrator:
- * what its rows give the tissue and hold in their skins, less what moving the tool puts in. What contact gives out of
- * nothing must be in the tank; where it is not, the forces of all of the tool's rows are reduced until it is. At rest
- * nothing is given, and no force is changed. */
+/* Bounds what contact makes of energy, in every substep. Rows come and go while tissue moves by itself, start from
+ * depths that other rows had, push out what lies too deep, and act along normals that are blended over facets, the
+ * gradient of no potential: each can give tissue what no hand put in. So every tool keeps an account (passivity
+ * observer and controller, Hannaford and Ryu 2002; energy tank, Duindam and Stramigioli 2004), exact in the terms of
+ * the integrator: what its rows give the tissue and hold in their skins, less what moving the tool puts in. What
+ * contact gives out of nothing must be in the tank; where it is not, the forces of all of the tool's rows are reduced
+ * until it is. At rest nothing is given, and no force is changed. */
 #include "base/vec.h"
 #include "contact/friction_internal.h"
 #include "law/skin.h"
 
-/* The tank holds this share of what tissue and skins store under the tool, and what is not worth it, J. */
+/* The tank holds this share of what tissue and skins store under the tool (a cautery that cuts: in all tissue), and
+ * what is not worth it, J. */
 static const double TANK_SHARE = 1e-2, LITTLE_J = 2e-8;
 /* What contact takes fills the tank; what is over goes to a reserve, no larger than what is stored. From there the tank
  * is filled, once in this time, s. */
@@ -186,10 +187,7 @@ void tm_contact_hold_back(tm_contact *contact) {
         held = false;
         for (int32_t t = 0; t < contact->tool_count; t++) {
             s = rows_of(contact, t, s.end);
-            /* a cautery that cuts: what is laid open is pressed at once, as in the hybrid model */
-            const bool cuts = contact->tool[t].def.mode == TM_TOOL_CAUTERY && contact->tool[t].pose.active &&
-                              contact->world->tissue->cuttable;
-            if (s.first < s.end && !cuts && hold_tool(contact, t, s)) held = true;
+            if (s.first < s.end && hold_tool(contact, t, s)) held = true;
         }
     }
 }
@@ -208,6 +206,20 @@ static double damped_J(const tm_world *world) {
         sum += world->tissue->damping_kg_s[v] * squares;
     }
     return 0.25 * sum / s->dt_s;
+}
+
+/* Stored in all tissue: half of its force times its displacements, and what it was lifted against gravity. */
+static double all_stored_J(const tm_world *world) {
+    const tm_state *s = &world->state;
+    double sum = 0;
+    for (int32_t i = 0; i < 3 * world->tissue->mesh->vertex_count; i++) sum -= s->u_m[i] * s->force_N[i];
+    return law_max(0.5 * sum, 0);
+}
+
+/* A cautery that cuts meets walls that it just laid open, under which nothing is stored yet: to press them its tank is
+ * measured by all tissue. */
+static bool cuts(const tm_contact *contact, const tm_tool *tool) {
+    return tool->def.mode == TM_TOOL_CAUTERY && tool->pose.active && contact->world->tissue->cuttable;
 }
 
 /* The tool stands, and so does the tissue under it. */
@@ -261,7 +273,8 @@ void tm_contact_observe(tm_contact *contact) {
             if (damped < 0) damped = damped_J(contact->world);
             tool->tank_J += damped / contact->tool_count;
         }
-        fill(tool, sprung + law_max(law_min(sum.strain_J, tool->given_J), 0), contact->world->state.dt_s,
-             is_calm(contact, s));
+        double stored = sprung + law_max(law_min(sum.strain_J, tool->given_J), 0);
+        if (cuts(contact, tool)) stored = law_max(stored, all_stored_J(contact->world));
+        fill(tool, stored, contact->world->state.dt_s, is_calm(contact, s));
     }
 }
