@@ -95,7 +95,7 @@ int sim_warn(const sim *s) {
     return rc;
 }
 
-enum { MANY_SUBSTEPS = 20000 }; /* a frame: slow */
+enum { MANY_SUBSTEPS = 20000, MOST_SUBSTEPS = 10000000 }; /* a frame: slow; refused */
 
 /* A frame has a whole number of force samples. */
 static int warn_rate(const sim *s) {
@@ -113,11 +113,18 @@ int sim_warn_pace(const sim *s) {
     const tm_pace *pace = &s->model->pace;
     const int rc = warn_rate(s);
     if (rc) return rc;
-    if (s->substeps <= MANY_SUBSTEPS) return 0;
-    return app_scene_warn(s->scene, s->scene->step.line ? s->scene->step.line : s->scene->material.line,
+    const int line = s->scene->step.line ? s->scene->step.line : s->scene->material.line;
+    const double substeps = (double)s->samples * pace->substeps;
+    if (substeps > MOST_SUBSTEPS) /* the model refuses as many of a force sample */
+        return app_scene_bad(s->scene, line,
+                             "a frame would take %.3g substeps of %.3g s, set by tetrahedron %lld; look at its "
+                             "material (Young's modulus, density) and its shape (tm-mesh info)",
+                             substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
+    if (substeps <= MANY_SUBSTEPS) return 0;
+    return app_scene_warn(s->scene, line,
                           "a frame takes %.3g substeps of %.3g s, set by tetrahedron %lld; look at its material "
                           "(Young's modulus, density) and its shape (tm-mesh info)",
-                          (double)s->substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
+                          substeps, pace->dt_s, (long long)s->file.tet_tag[pace->critical_tet]);
 }
 
 /* --- how near it came --- */

@@ -80,6 +80,7 @@ static void law_tangent(hrt_extrapolation *x, const moment *m, float force[3]) {
 
 /* `contact` off its patch: the sample's stiffness, or without one what motion alone did to the force last. */
 static void law_off_patch(hrt_extrapolation *x, const moment *m, float force[3]) {
+    if (HRT_WITH_EVIDENCE && x->cut) return; /* the next cut is not foretold by any stiffness */
     if (!HRT_WITH_EVIDENCE || x->now.stiffness_kind != 0)
         law_tangent(x, m, force);
     else
@@ -290,6 +291,16 @@ static bool on_the_patch(hrt_extrapolation *x, const hrt_params *params, int64_t
 }
 
 #if HRT_WITH_ADAPTIVE
+/* What differences and stiffness make of an old sample is bounded by what was felt: a hand goes far while a simulation
+ * lags, and the tissue that they are of does not. */
+static void bound_change(const hrt_extrapolation *x, float said_N[3]) {
+    const float most = 0.5f * fmaxf(x->adaptive.felt_N, vnorm(x->now.force_N));
+    float change[3];
+    vsub(said_N, x->now.force_N, change);
+    const float size = vnorm(change);
+    if (size > most) vadd(said_N, most / size - 1.0f, change);
+}
+
 /* `force` is the patch's on entry, if with_patch. */
 static void law_adaptive(hrt_extrapolation *x, const moment *m, int64_t now_us, bool with_patch, float force[3]) {
     static void (*const blended[HRT_ADAPTIVE_PATCH])(hrt_extrapolation *, const moment *,
@@ -298,6 +309,7 @@ static void law_adaptive(hrt_extrapolation *x, const moment *m, int64_t now_us, 
     for (int i = 0; i < HRT_ADAPTIVE_PATCH; i++) {
         vset(x->now.force_N, said[i]);
         blended[i](x, m, said[i]);
+        bound_change(x, said[i]);
     }
     vset(with_patch ? force : x->now.force_N, said[HRT_ADAPTIVE_PATCH]);
     hrt_adaptive_blend(&x->adaptive, now_us, with_patch, said, force);

@@ -101,7 +101,7 @@ def pictures(build, log):
     code = f"""
 import sys, json, lcm
 sys.path.insert(0, {str(build / 'python')!r})
-import tensormass as t
+import tensormass_lcm as t
 out = []
 for e in lcm.EventLog({str(log)!r}):
     if e.channel == 'TISSUE':

@@ -17,11 +17,13 @@
 
 enum { SCENES = 2, HANDS = 2, TICKS_A_FRAME = 20 };
 static const double SLACK_N = 0.045; /* a twentieth of the 0.85 N that these scenes reach */
-/* The short form of the second ends while it is cut; the first lets go. */
+/* Both hold, cut and let go; the lifted lobe turns, and its simulation is the dearer by far: the long form's alone. */
 static const struct {
     const char *file;
-    double long_s, short_s;
-} scene[SCENES] = {{"apps/scenes/liver-lift.yaml", 9.0, 9.0}, {"apps/scenes/liver-cut.yaml", 9.0, 5.2}};
+    double length_s;
+} scene[SCENES] = {{"apps/scenes/liver-cut.yaml", 9.0}, {"apps/scenes/liver-lift.yaml", 9.0}};
+static const double UNFELT_N = 0.002; /* the cautery of the first feels 0.024 N at most */
+static int scenes(void) { return test_is_long() ? SCENES : 1; }
 static recording rec[SCENES][TM_MAX_INSTRUMENTS];
 
 static double size_of(const float v[3]) {
@@ -30,11 +32,11 @@ static double size_of(const float v[3]) {
 
 static int record_all(void **state) {
     (void)state;
-    for (int k = 0; k < SCENES; k++) {
+    for (int k = 0; k < scenes(); k++) {
         char file[2048];
         static const char *const set[] = {"threads=1", NULL};
         app_shared_file(scene[k].file, file, sizeof file);
-        const scene_record of = {file, set, test_is_long() ? scene[k].long_s : scene[k].short_s};
+        const scene_record of = {file, set, scene[k].length_s};
         if (record_scene(&of, 25.0, rec[k]) || record_scene_truth(&of, rec[k])) return -1;
     }
     return 0;
@@ -42,7 +44,7 @@ static int record_all(void **state) {
 
 static int free_all(void **state) {
     (void)state;
-    for (int k = 0; k < SCENES; k++)
+    for (int k = 0; k < scenes(); k++)
         for (int i = 0; i < HANDS; i++) recording_free(&rec[k][i]);
     return 0;
 }
@@ -92,7 +94,7 @@ static double beyond(const recording *r, const float *force_N, int late, int cou
 static void no_transition_makes_a_new_peak(void **state) {
     (void)state;
     int count[STATES][STATES] = {{0}};
-    for (int k = 0; k < SCENES; k++) {
+    for (int k = 0; k < scenes(); k++) {
         for (int i = 0; i < HANDS; i++) {
             const recording *r = &rec[k][i];
             float *force_N = calloc(3 * (size_t)r->ticks, sizeof *force_N);
@@ -125,7 +127,7 @@ static void no_transition_makes_a_new_peak(void **state) {
 
 static void contact_is_as_true_as_position(void **state) {
     (void)state;
-    for (int k = 0; k < SCENES; k++)
+    for (int k = 0; k < scenes(); k++)
         for (int i = 0; i < HANDS; i++)
             for (int late = 0; late < 2; late++) {
                 const conditions line = {.latency_frames = late, .seed = 1};
@@ -134,30 +136,35 @@ static void contact_is_as_true_as_position(void **state) {
                 print_message("%s, instrument %d, %d late: hold %.2f, position %.2f, contact %.2f %%\n", scene[k].file,
                               i, late, 100 * replay(&rec[k][i], HRT_HOLD, &line, NULL).rms, 100 * position,
                               100 * contact);
-                assert_true(contact < 1.08 * position); /* the cautery's whole error is cutting */
+                assert_true(contact <
+                            1.08 * position + UNFELT_N / rec[k][i].peak_N); /* cauteries err by cutting alone */
             }
 }
 
 /* A simulation that lags: each sample up to three frames late at random, some lost, so that one lasts for up to half a
- * second. What is made of old samples is bounded by what they said. */
+ * second. What is made of old samples is bounded by what they said, to half as much again, or to a tenth of a newton
+ * where less than that is felt. */
 static void a_lag_makes_nothing_up(void **state) {
     (void)state;
+    static const hrt_extrapolator law[] = {HRT_ADAPTIVE, HRT_CONTACT};
+    static const double slight_N = 0.1;
     const int seeds = test_is_long() ? 40 : 4;
-    for (int k = 0; k < SCENES; k++)
-        for (int i = 0; i < HANDS; i++) {
-            const recording *r = &rec[k][i];
-            double worst = 0, largest = 0;
-            for (int seed = 1; seed <= seeds; seed++) {
-                const conditions line = {
-                    .latency_frames = seed % 2, .jitter = 3.0, .loss = 0.1 * (seed % 4), .seed = (uint64_t)seed};
-                const errors hold = replay(r, HRT_HOLD, &line, NULL), contact = replay(r, HRT_CONTACT, &line, NULL);
-                worst = fmax(worst, contact.rms / hold.rms);
-                largest = fmax(largest, contact.largest);
-                assert_true(contact.rms < 1.5 * hold.rms && contact.largest < 1.5);
+    for (int k = 0; k < scenes(); k++)
+        for (int i = 0; i < HANDS; i++)
+            for (int w = 0; w < 2; w++) {
+                const recording *r = &rec[k][i];
+                double worst = 0, largest = 0;
+                for (int seed = 1; seed <= seeds; seed++) {
+                    const conditions line = {
+                        .latency_frames = seed % 2, .jitter = 3.0, .loss = 0.1 * (seed % 4), .seed = (uint64_t)seed};
+                    const errors hold = replay(r, HRT_HOLD, &line, NULL), own = replay(r, law[w], &line, NULL);
+                    worst = fmax(worst, own.rms / hold.rms);
+                    largest = fmax(largest, own.largest);
+                }
+                print_message("%s, instrument %d, %s, at most: %.2f of hold's error, %.2f of the peak\n", scene[k].file,
+                              i, hrt_extrapolator_name(law[w]), worst, largest);
+                assert_true((worst < 1.5 && largest < 1.5) || (largest - 1) * r->peak_N < slight_N);
             }
-            print_message("%s, instrument %d, at most: %.2f of hold's error, %.2f of the peak\n", scene[k].file, i,
-                          worst, largest);
-        }
 }
 
 int main(void) {
