@@ -105,15 +105,16 @@ def test_controller_follows_the_simulation(demo):
 
 @of_the_demo
 def test_the_extrapolators_are_judged_on_the_recorded_session(bin, root, demo, tmp_path):
-    """The log's two clocks meet: about the same errors as on the same scene in lockstep."""
-    subprocess.run([bin / "tm-sim", root / SCENE, "--lockstep", "--duration", "4 s", "--record", tmp_path / "lockstep.lcm"], check=True, timeout=400, capture_output=True)
+    """The log's two clocks meet: a session whose force samples stream errs less than the same scene in lockstep at 25 of them a second, by every law that guesses least."""
+    subprocess.run([bin / "tm-sim", root / SCENE, "--lockstep", "--duration", "4 s", "--set", "haptics.rate=25 Hz", "--record", tmp_path / "lockstep.lcm"], check=True, timeout=400,
+                   capture_output=True)
     run = subprocess.run([bin / "tm-evaluate", demo[0] / "demo.lcm", tmp_path / "lockstep.lcm", "--json", tmp_path / "e.json"], capture_output=True, text=True, timeout=300)
     assert run.returncode == 0, run.stderr
     real, lockstep = ({r["extrapolator"]: r for r in log["rows"]} for log in json.loads((tmp_path / "e.json").read_text())["logs"])
     assert real["hold"]["judged"] > 1000
+    assert lockstep["hold"]["rms"] > 0.005 and lockstep["position"]["rms"] < lockstep["hold"]["rms"]
     for name in ("hold", "position", "broyden"):
-        assert 0.3 < real[name]["rms"] / lockstep[name]["rms"] < 3, (name, real[name], lockstep[name])
-    assert real["position"]["rms"] < real["hold"]["rms"]
+        assert real[name]["rms"] < 0.7 * lockstep["hold"]["rms"], (name, real[name], lockstep["hold"])
 
 
 @of_the_demo

@@ -35,7 +35,8 @@ typedef struct tm_tool {
     bool pierced;                            /* was placed inside: clear again when nothing is within its radius */
     double station_depth_m[TM_MAX_STATIONS]; /* how far its skin was pressed in at the last substep */
     double bears_N;                          /* what all its rows bore then */
-    double tank_J, reserve_J, given_J, stored_J, sprung_J[2]; /* contact_passive.c: what its rows may give; what they
+    double placed_J, /* that the tank may hold besides since the tool was put there, until it moves */
+        tank_J, reserve_J, given_J, stored_J, sprung_J[2]; /* contact_passive.c: what its rows may give; what they
                                                        took beyond; what they gave the tissue in all; held in its skins
                                                        at the last substep and the one before */
     double sliding_J; /* of this substep: what it may be given because it slides slowly */

@@ -240,8 +240,16 @@ static bool is_calm(const tm_contact *contact, span s) {
     return true;
 }
 
+static bool moves(const tm_tool *tool) {
+    double here[3], there[3], way[3];
+    tm_capsule_station(&tool->capsule, 0, here);
+    tm_capsule_station(&tool->before, 0, there);
+    vsub(here, there, way);
+    return vdot(way, way) > 0;
+}
+
 static void fill(tm_tool *tool, double stored_J, double dt_s, bool calm) {
-    const double most = TANK_SHARE * stored_J + LITTLE_J, over = tool->tank_J - most;
+    const double most = TANK_SHARE * stored_J + law_max(LITTLE_J, tool->placed_J), over = tool->tank_J - most;
     const double moves = over > 0 ? -over
                                   : law_min(law_max(law_min(available_J(tool), calm ? CALM_SHARE_1_S * stored_J * dt_s
                                                                                     : most * dt_s / REFILL_S),
@@ -261,6 +269,7 @@ void tm_contact_observe(tm_contact *contact) {
         s = rows_of(contact, t, s.end);
         const row_sum sum = sum_work(contact, s);
         const double sprung = sprung_J(contact, t, s, 1), gain = gain_J(tool, &sum, sprung);
+        if (moves(tool)) tool->placed_J = 0;
         tool->earlier = tool->before;
         tool->sprung_J[1] = contact->world->settling ? sprung : tool->sprung_J[0];
         tool->sprung_J[0] = sprung;

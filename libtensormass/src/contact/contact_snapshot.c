@@ -22,9 +22,9 @@ typedef struct kept_capsule {
 typedef struct kept_tool {
     kept_pose pose, from, to;
     kept_capsule capsule, before, earlier, gathered_at;
-    double station_depth_m[TM_MAX_STATIONS], tank_J, reserve_J, given_J, stored_J, sprung_J[2], edge_m, spent_m,
-        sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3], substep_force_N[3], substep_resultant_N[3],
-        stiffness_N_m[9];
+    double station_depth_m[TM_MAX_STATIONS], placed_J, tank_J, reserve_J, given_J, stored_J, sprung_J[2], edge_m,
+        spent_m, sum_tip_m[3], sum_time_s, sum_force_N[3], sum_resultant_N[3], substep_force_N[3],
+        substep_resultant_N[3], stiffness_N_m[9];
     int32_t path_step, path_steps, clear, leaving, pierced, gathered_age, sum_count, flags, stiffness_kind,
         surface_overflowed;
 } kept_tool;
@@ -64,6 +64,7 @@ static kept_tool pack_tool(const tm_tool *tool) {
                    .capsule = pack_capsule(&tool->capsule),
                    .before = pack_capsule(&tool->before),
                    .earlier = pack_capsule(&tool->earlier),
+                   .placed_J = tool->placed_J,
                    .tank_J = tool->tank_J,
                    .reserve_J = tool->reserve_J,
                    .given_J = tool->given_J,
@@ -101,6 +102,7 @@ static void unpack_tool(const kept_tool *k, int32_t instrument, tm_tool *tool) {
     tool->capsule = unpack_capsule(&k->capsule, instrument);
     tool->before = unpack_capsule(&k->before, instrument);
     tool->earlier = unpack_capsule(&k->earlier, instrument);
+    tool->placed_J = k->placed_J;
     tool->tank_J = k->tank_J;
     tool->reserve_J = k->reserve_J;
     tool->given_J = k->given_J;

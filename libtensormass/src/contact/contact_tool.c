@@ -41,11 +41,16 @@ static void along_path(const double trocar_m[3], const tm_tool_pose *from, const
     pose->active = to->active;
 }
 
+/* A tool that is put into tissue, without a way there, has brought no energy: what it may give to come out. */
+#define PLACED_J 1e-6
+
 void tm_tool_place(tm_tool *tool, const tm_tool_pose *at) {
     tool->pose = tool->from = tool->to = *at;
     tool->path_step = tool->path_steps = 0;
     tool->capsule = tool->before = tool->earlier = tm_tool_capsule(&tool->def, at, tool->capsule.instrument);
     tool->clear = tool->pierced = false;
+    tool->placed_J = PLACED_J;
+    tool->tank_J = fmax(tool->tank_J, PLACED_J);
     tool->placings++;
     tool->gathered_age = -1;
 }
