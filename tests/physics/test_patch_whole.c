@@ -36,8 +36,9 @@ static void test_no_stiffness_of_half_a_patch(void **unused) {
         const bool made = tm_patch_make(maker, 0, &patch);
         const tm_tool_reaction r = tm_contact_reaction(s.contact, 0);
         assert_true(made == (r.stiffness_kind != 0) && made == (patch.kind != 0));
-        none += !made, sent += made;
-        if (!made) continue;
+        none += !made;
+        if (!made || k < 60) continue; /* pressed and held: what is compared is of that rest */
+        sent++;
         assert_int_equal(tm_patch_pending(maker), 0);
         most = fmax(most, -r.stiffness_N_m[8]), least = fmin(least, -r.stiffness_N_m[8]);
     }
