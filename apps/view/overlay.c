@@ -69,7 +69,8 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
     const char *title = m && m->title[0] ? m->title : s->title;
     char held[160] = "";
     if (m && m->support_of) snprintf(held, sizeof held, "held%s%s", m->held_by[0] ? ": " : "", m->held_by);
-    float right = p.x + (drawn_hz > 0 ? 31 : 25) * p.cap, top = p.y - 1.9f * p.cap;
+    const int streams = s->sample_hz > 1.5 * s->frame_hz ? 9 : 0; /* capitals that its rate is wide */
+    float right = p.x + (float)(streams + (drawn_hz > 0 ? 31 : 25)) * p.cap, top = p.y - 1.9f * p.cap;
     right = fmaxf(right, p.x + view_text_width(title, p.cap) + view_text_width(s->model, p.cap) + 2 * p.cap);
     right = fmaxf(right, p.x + view_text_width(held, p.cap) + 2.6f * p.cap);
     int lines = (s->has_status ? 3 : 1) + (held[0] != 0) + (m && m->fibre);
@@ -89,7 +90,7 @@ static void simulation_panel(pen p, view_layout *l, const view_picture *s, doubl
         write_at(&p, p.x, GREY, "%s tetrahedra   %d substeps", tets, s->substeps);
         p.y += p.line;
         x = write_at(&p, p.x, GREY, "%.1f Hz   ", s->frame_hz);
-        if (s->sample_hz > 1.5 * s->frame_hz) x = write_at(&p, x, GREY, "force %.0f Hz   ", s->sample_hz);
+        if (streams) x = write_at(&p, x, GREY, "force %.0f Hz   ", s->sample_hz);
         if (s->sim_rate > 0) {
             x = write_at(&p, x, GREY, "%.1f ms   ", 1e3 * s->compute_s);
             x = write_at(&p, x, s->sim_rate > 0.98 ? GOOD : BAD, "%.2f s/s", s->sim_rate);
