@@ -67,8 +67,6 @@ int record_truth(model m, const path *p, bool encoders, recording *out);
  * in the first's. On a random path alone, where every hand is seen through its encoders. */
 int record_hands(model m, const path *p, double rate_Hz, bool encoders, bool patches, int hands, recording *out);
 int record_hands_truth(model m, const path *p, bool encoders, int hands, recording *out);
-/* Fills tick k of a recording's tip and truth from the frame just simulated. */
-void truth_take(recording *r, const sim *s, int k, const tm_tool_pose *to);
 /* The paper's truth: forces between samples by linear interpolation, afterwards. Not known before the first sample,
  * after the last, and where two are further apart than three frames and stale_us: there the controller fades. */
 void truth_by_interpolation(recording *r);

@@ -145,17 +145,6 @@ int record_truth(model m, const path *p, bool encoders, recording *out) {
     return record_hands_truth(m, p, encoders, 1, out);
 }
 
-void truth_take(recording *r, const sim *s, int k, const tm_tool_pose *to) {
-    double size = 0;
-    for (int i = 0; i < 3; i++) {
-        const double force_N = s->reaction[r->instrument].force_N[i];
-        r->tip_m[3 * k + i] = (float)(to[r->instrument].tip_m[i] - s->instrument_def[r->instrument].trocar_m[i]);
-        r->truth_N[3 * k + i] = (float)force_N;
-        size += force_N * force_N;
-    }
-    r->peak_N = fmax(r->peak_N, sqrt(size));
-}
-
 int record_hands_truth(model m, const path *p, bool encoders, int hands, recording *out) {
     static const char *const last_alone[] = {"time.average=0", "haptics.sends=force", "haptics.extrapolator=hold",
                                              NULL};

@@ -97,6 +97,8 @@ typedef struct scene_record {
 int record_scene(const scene_record *of, double rate_Hz, recording *out);
 /* Fills ticks, tip and truth of out[] from the scene run at every tick. */
 int record_scene_truth(const scene_record *of, recording *out);
+/* Fills tick k of a recording's tip and truth from the frame just simulated. */
+void truth_take(recording *r, const sim *s, int k, const tm_tool_pose *to);
 
 /* --- replay --- */
 

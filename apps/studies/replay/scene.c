@@ -62,7 +62,7 @@ int record_scene(const scene_record *of, double rate_Hz, recording *out) {
     return status ? APP_FAILED : 0;
 }
 
-static void take_tick(recording *r, const sim *s, const tm_tool_pose *to, int k) {
+void truth_take(recording *r, const sim *s, int k, const tm_tool_pose *to) {
     double size = 0;
     for (int c = 0; c < 3; c++) {
         const double force_N = s->reaction[r->instrument].force_N[c];
@@ -89,7 +89,7 @@ int record_scene_truth(const scene_record *of, recording *out) {
         tm_tool_pose to[TM_MAX_INSTRUMENTS];
         poses_at(s, out, k * 1e-6 * TICK_US, to);
         status = sim_frame(s, to, s->substeps);
-        for (int i = 0; i < count; i++) take_tick(&out[i], s, to, k);
+        for (int i = 0; i < count; i++) truth_take(&out[i], s, k, to);
     }
     sim_destroy(s);
     return status ? APP_FAILED : 0;
