@@ -208,7 +208,7 @@ def test_mouse_and_keys_are_felt_and_recorded(root, build, bin, display, tmp_pat
     assert max(math.hypot(*m.force_N) for m in heard["FORCE_0"]) > 0.1
     assert max(math.hypot(*m.force_N) for m in heard["CONTROLLER_0"]) > 0.1
     before, after = heard["CONTROLLER_0"][5], heard["CONTROLLER_0"][-1]
-    assert (before.extrapolator, after.extrapolator) == ("contact", "hold") and before.passivity_on != after.passivity_on
+    assert (before.extrapolator, after.extrapolator) == ("adaptive", "hold") and before.passivity_on != after.passivity_on
     assert heard["CONTROLLER_COMMAND_0"]
     assert not list((tmp_path / "out").glob("netns.pid"))
     drawn = subprocess.run([bin / "tm-view", log, "--png", tmp_path / "drawn.png", "--size", "320x200"], capture_output=True, text=True, timeout=300)
