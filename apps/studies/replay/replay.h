@@ -57,6 +57,15 @@ typedef enum phase {
     PHASE_COUNT
 } phase;
 extern const char *const phase_name[PHASE_COUNT];
+/* What happened to an instrument up to a tick; phase_watch_begin sets it. */
+typedef struct phase_watch {
+    bool closed, touching;
+    double touched_s, closed_s, opened_s, cut_s;
+    float tip_m[3];
+} phase_watch;
+void phase_watch_begin(phase_watch *w);
+/* Returns the phase of the tick that ended at time_s, and moves the watch on. */
+phase phase_at(phase_watch *w, const sim *s, int instrument, double time_s, const float tip_m[3]);
 
 typedef struct recording {
     char name[64];
@@ -67,9 +76,10 @@ typedef struct recording {
     int samples;
     sampled *sample;
     double frame_s, peak_N;
-    bool interpolated; /* the truth is the paper's: samples interpolated afterwards */
-    int64_t first_us;  /* of a log: its first tick on the controller's clock */
-    int sessions;      /* of the controller in the log it was read from; the longest is this one */
+    double processor_share; /* seconds of processor for a simulated second, of record_scene */
+    bool interpolated;      /* the truth is the paper's: samples interpolated afterwards */
+    int64_t first_us;       /* of a log: its first tick on the controller's clock */
+    int sessions;           /* of the controller in the log it was read from; the longest is this one */
     hrt_params params;
     tm_tool_mode mode;
     int instrument;         /* whose tip, samples and truth these are; the first unless said */
@@ -90,12 +100,13 @@ void device_see(const sim *s, int instrument, const hrt_params *params, const do
 typedef struct scene_record {
     const char *scene;      /* file */
     const char *const *set; /* further "path=value", null-terminated, or null */
-    double duration_s;
+    double duration_s;      /* 0: the scene's own */
+    bool force_alone;       /* samples without stiffness and patch */
 } scene_record;
-/* Fills frame_s, params, samples (with patches) and cuts of out[TM_MAX_INSTRUMENTS] from frames of `rate_Hz`. 0 or an
- * exit code, having complained. */
+/* Fills frame_s, params, mode, samples, processor_share and cuts (the first's) of out[TM_MAX_INSTRUMENTS] from frames
+ * of `rate_Hz`. Returns how many instruments there are; 0 after a complaint. */
 int record_scene(const scene_record *of, double rate_Hz, recording *out);
-/* Fills ticks, tip and truth of out[] from the scene run at every tick. */
+/* Fills ticks, tip, truth, phases and mode of out[] from the scene run at every tick. Returns as record_scene. */
 int record_scene_truth(const scene_record *of, recording *out);
 /* Fills tick k of a recording's tip and truth from the frame just simulated. */
 void truth_take(recording *r, const sim *s, int k, const tm_tool_pose *to);

@@ -1,7 +1,9 @@
 /* Recordings of a scene: its scripted hands, open loop and seen through their encoders, at one frame rate for the
  * samples and at every tick for the truth. */
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
+#include <time.h>
 
 #include "studies/replay/replay.h"
 
@@ -34,19 +36,39 @@ static void *zeroed(size_t count, size_t size) {
     return memory;
 }
 
+static double processor_s(void) {
+    struct timespec t;
+    clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &t);
+    return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
+}
+
+static double length_s(const scene_record *of, const sim *s) {
+    return of->duration_s > 0 ? of->duration_s : s->scene->duration.si;
+}
+
+/* Returns how many instruments a run has that ended with `status`; 0 after a complaint. */
+static int finish(sim *s, tm_status status, const scene_record *of, double rate_Hz) {
+    const int count = s->instrument_count;
+    sim_destroy(s);
+    if (status) fprintf(stderr, "%s became unstable at %g Hz\n", of->scene, rate_Hz);
+    return status ? 0 : count;
+}
+
 int record_scene(const scene_record *of, double rate_Hz, recording *out) {
-    static sim_publisher publisher;
-    const char *const more[] = {"haptics.sends=patch", NULL};
+    static sim_publisher publisher[TM_MAX_INSTRUMENTS];
+    const char *const more[] = {of->force_alone ? "haptics.sends=force" : "haptics.sends=patch", NULL};
     sim *s = open_at(of, rate_Hz, more);
-    if (!s) return APP_FAILED;
-    publisher = (sim_publisher){.session = 1};
-    const int frames = (int)llround(of->duration_s / s->frame_s), count = s->instrument_count;
+    if (!s) return 0;
+    const int frames = (int)(length_s(of, s) / s->frame_s + 1e-9), count = s->instrument_count;
     for (int i = 0; i < count; i++) {
-        s->wants[i] = s->can_send;
+        publisher[i] = (sim_publisher){.session = 1};
+        s->wants[i] = of->force_alone ? SIM_SENDS_FORCE : s->can_send;
         out[i].frame_s = s->frame_s, out[i].instrument = i, out[i].samples = frames;
+        out[i].mode = s->instrument_def[i].mode;
         hrt_params_default(&out[i].params);
         out[i].sample = zeroed((size_t)frames, sizeof *out->sample);
     }
+    const double begin_s = processor_s();
     tm_status status = TM_OK;
     for (int k = 0; k < frames && !status; k++) {
         tm_tool_pose to[TM_MAX_INSTRUMENTS];
@@ -56,10 +78,10 @@ int record_scene(const scene_record *of, double rate_Hz, recording *out) {
         status = sim_frame(s, to, s->substeps);
         cut_list_take(&out->cuts, s, end_s);
         for (int i = 0; i < count && !status; i++)
-            sampled_take(&publisher, s, i, &out[i].params, end_us - back_us, end_us, &out[i].sample[k]);
+            sampled_take(&publisher[i], s, i, &out[i].params, end_us - back_us, end_us, &out[i].sample[k]);
     }
-    sim_destroy(s);
-    return status ? APP_FAILED : 0;
+    for (int i = 0; i < count; i++) out[i].processor_share = (processor_s() - begin_s) / (frames * s->frame_s);
+    return finish(s, status, of, rate_Hz);
 }
 
 void truth_take(recording *r, const sim *s, int k, const tm_tool_pose *to) {
@@ -76,21 +98,28 @@ void truth_take(recording *r, const sim *s, int k, const tm_tool_pose *to) {
 int record_scene_truth(const scene_record *of, recording *out) {
     const char *const more[] = {"time.average=0", "haptics.sends=force", "haptics.extrapolator=hold", NULL};
     sim *s = open_at(of, 1e6 / TICK_US, more);
-    if (!s) return APP_FAILED;
-    const int ticks = (int)(of->duration_s * 1e6 / TICK_US), count = s->instrument_count;
+    if (!s) return 0;
+    const int ticks = (int)(length_s(of, s) * 1e6 / TICK_US), count = s->instrument_count;
+    phase_watch watch[TM_MAX_INSTRUMENTS];
     for (int i = 0; i < count; i++) {
+        phase_watch_begin(&watch[i]);
         hrt_params_default(&out[i].params);
         out[i].ticks = ticks, out[i].instrument = i;
+        out[i].mode = s->instrument_def[i].mode;
         out[i].tip_m = zeroed(3 * (size_t)ticks, sizeof *out->tip_m);
         out[i].truth_N = zeroed(3 * (size_t)ticks, sizeof *out->truth_N);
+        out[i].phase = zeroed((size_t)ticks, sizeof *out->phase);
     }
     tm_status status = TM_OK;
     for (int k = 0; k < ticks && !status; k++) {
         tm_tool_pose to[TM_MAX_INSTRUMENTS];
-        poses_at(s, out, k * 1e-6 * TICK_US, to);
+        const double time_s = k * 1e-6 * TICK_US;
+        poses_at(s, out, time_s, to);
         status = sim_frame(s, to, s->substeps);
-        for (int i = 0; i < count; i++) truth_take(&out[i], s, k, to);
+        for (int i = 0; i < count; i++) {
+            truth_take(&out[i], s, k, to);
+            out[i].phase[k] = (uint8_t)phase_at(&watch[i], s, i, time_s, out[i].tip_m + 3 * (size_t)k);
+        }
     }
-    sim_destroy(s);
-    return status ? APP_FAILED : 0;
+    return finish(s, status, of, 1e6 / TICK_US);
 }
