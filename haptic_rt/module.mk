@@ -2,15 +2,10 @@
 HRT_CORE_SRC := $(sort $(wildcard haptic_rt/core/*.c) $(wildcard haptic_rt/can/*.c))
 HRT_IO_SRC := $(sort $(wildcard haptic_rt/io/bus*.c) haptic_rt/io/from_message.c haptic_rt/io/histogram.c haptic_rt/io/network.c haptic_rt/io/node.c haptic_rt/io/peer.c)
 HRT_DEVICE_SRC := haptic_rt/device/device.c haptic_rt/device/kinematics.c
-# libhrt_base.a: what every program needs, the controller's and those of apps/: errors, signals, output files, log lines, modules.
-HRT_BASE_SRC := $(sort $(wildcard haptic_rt/base/*.c))
-LIBHRT_BASE_A := $(OUT)/lib/libhrt_base.a
 LIBHRT_A := $(OUT)/lib/libhrt.a
 LIBHRT_IO_A := $(OUT)/lib/libhrt_io.a
 LIBHRT_DEVICE_A := $(OUT)/lib/libhrt_device.a
-LIBRARIES += $(LIBHRT_BASE_A) $(LIBHRT_A) $(LIBHRT_IO_A) $(LIBHRT_DEVICE_A)
-$(LIBHRT_BASE_A): $(call objects,$(HRT_BASE_SRC))
-	$(archive)
+LIBRARIES += $(LIBHRT_A) $(LIBHRT_IO_A) $(LIBHRT_DEVICE_A)
 $(LIBHRT_A): $(call objects,$(HRT_CORE_SRC))
 	$(archive)
 $(LIBHRT_IO_A): $(call objects,$(HRT_IO_SRC))
@@ -22,7 +17,7 @@ $(call objects,$(HRT_CORE_SRC)): CFLAGS_EXTRA += -Wall -Wextra -Wconversion -Wsi
 $(OUT)/obj/haptic_rt/can/impulse_engine.o: CFLAGS_EXTRA += -w
 
 # By path: these libraries are named by module.mk files that are read later.
-HRT_LIBS := $(LIBHRT_IO_A) $(LIBHRT_A) $(LIBHRT_BASE_A) $(OUT)/lib/libtensormass.a $(OUT)/lib/liblcm_types.a
+HRT_LIBS := $(LIBHRT_IO_A) $(LIBHRT_A) $(OUT)/lib/libplatform.a $(OUT)/lib/libtensormass.a $(OUT)/lib/liblcm_types.a
 HRT_PROGRAMS := $(OUT)/bin/haptic-rt $(OUT)/bin/tm-device
 HRT_PROGRAM_SRC := $(addprefix haptic_rt/io/,command.c lines.c live.c loop.c profile.c report.c table.c)
 $(eval $(call program,haptic-rt,haptic_rt/io/haptic_rt.c haptic_rt/io/record.c haptic_rt/io/samples.c haptic_rt/io/say.c haptic_rt/io/settings.c $(HRT_PROGRAM_SRC),$(HRT_LIBS),-lcjson))

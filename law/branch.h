@@ -7,8 +7,8 @@
 #ifndef LAW_BRANCH_H
 #define LAW_BRANCH_H
 
-#include "law/linear.h"
 #include "law/skin.h"
+#include "libtensormass/numeric/linear.h"
 
 typedef enum law_branch { LAW_OFF, LAW_SOFT, LAW_HARD, LAW_CAPPED } law_branch;
 

@@ -3,7 +3,7 @@
 #ifndef LAW_FEATURE_H
 #define LAW_FEATURE_H
 
-#include "law/number.h"
+#include "libtensormass/numeric/number.h"
 
 #define LAW_BLEND LAW(0.2)     /* half width of the transition between neighbouring features, in radii */
 #define LAW_PROXIMITY LAW(0.4) /* a feature that much (radii) farther than the nearest has no share */

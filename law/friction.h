@@ -7,7 +7,7 @@
 #ifndef LAW_FRICTION_H
 #define LAW_FRICTION_H
 
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 #define LAW_FRICTION_SLIP_M LAW(0.2e-3)
 #define LAW_FRICTION_REST_S LAW(0.1)

@@ -9,7 +9,7 @@
 #ifndef LAW_MIXING_H
 #define LAW_MIXING_H
 
-#include "law/linear.h"
+#include "libtensormass/numeric/linear.h"
 
 typedef struct law_round {
     law_real residual_N[LAW_DOFS];                            /* what the rows make of the shape, less its forces */

@@ -4,7 +4,7 @@
 #ifndef LAW_SKIN_H
 #define LAW_SKIN_H
 
-#include "law/number.h"
+#include "libtensormass/numeric/number.h"
 
 #define LAW_SKIN_TRAVEL LAW(0.3) /* radii */
 #define LAW_SKIN_HARDENING LAW(20)

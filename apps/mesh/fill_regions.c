@@ -8,7 +8,7 @@
 #include "image.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 typedef struct job {
     const char *path;

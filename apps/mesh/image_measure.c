@@ -5,7 +5,7 @@
 
 #include "growing.h"
 #include "image.h"
-#include "law/union_find.h"
+#include "libtensormass/numeric/union_find.h"
 #include "shell.h"
 
 typedef struct side {

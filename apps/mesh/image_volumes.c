@@ -10,7 +10,7 @@
 #include "image.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 enum { ROUNDS = 200, PATIENCE = 10, TRIES = 3, MEET_MOST = 12, RELAX_EVERY = 4 };
 static const double NEAR = 2e-5, AT_ONCE = 0.1, FREE_LEAST = 1e-3; /* of volumes; of a vertex's freedom */

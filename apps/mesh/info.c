@@ -6,7 +6,7 @@
 
 #include "command.h"
 #include "json_file.h"
-#include "law/union_find.h"
+#include "libtensormass/numeric/union_find.h"
 #include "step.h"
 
 typedef struct options {

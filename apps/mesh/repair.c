@@ -4,7 +4,7 @@
 #include <string.h>
 
 #include "command.h"
-#include "law/union_find.h"
+#include "libtensormass/numeric/union_find.h"
 
 typedef struct options {
     const char *in, *out, *fibres;

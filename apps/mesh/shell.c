@@ -8,8 +8,8 @@
 #include "shell.h"
 
 #define LAW_REAL double
-#include "law/union_find.h"
-#include "law/vec.h"
+#include "libtensormass/numeric/union_find.h"
+#include "libtensormass/numeric/vec.h"
 
 struct shell {
     int vertex_count, triangle_count;

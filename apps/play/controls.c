@@ -5,7 +5,7 @@
 #include <string.h>
 
 #define LAW_REAL float
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 static const double PACE_M_S = 0.03, ROLL_RAD_S = 1.5, GRIP_1_S = 4, WHEEL_M = 0.003, SLOW = 0.25;
 static const float TURN_RAD_PX = 0.006f;
 

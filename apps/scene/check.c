@@ -6,7 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "law/union_find.h"
+#include "libtensormass/numeric/union_find.h"
 #include "sim/surface.h"
 #include "tissues.h"
 

@@ -8,7 +8,7 @@
 #include "tensormass/world.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 /* Of the organ's size: it sags no farther; and half the side of a box that holds it where it does. */
 enum { ENOUGH = 8 }; /* vertices to hold a piece by */

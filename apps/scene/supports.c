@@ -7,7 +7,7 @@
 #include "organ.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 static organ_support *add(organ *o, support_kind kind, const char *name) {
     if (o->supports == SUPPORTS_MOST) return NULL;

@@ -7,7 +7,7 @@
 #include "sim/surface.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 static const double radius_m = 2.5e-3, shaft_m = 0.12, tilt_rad = 0.5;
 

@@ -12,7 +12,7 @@
 #include "sim.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 typedef struct options {
     app_section here;
     app_text file;

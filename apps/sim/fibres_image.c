@@ -9,7 +9,7 @@
 #include "image/image_api.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 /* The centroid in voxels, from the middle of the first; false: outside the grid. */
 static bool to_grid(const image_vectors *v, const tm_mesh *m, int32_t tet, double at[3]) {

@@ -7,10 +7,10 @@
 #include <string.h>
 
 #include "app.h"
-#include "law/union_find.h"
+#include "libtensormass/numeric/union_find.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 typedef struct work {
     const tm_mesh *mesh;

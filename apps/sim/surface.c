@@ -5,7 +5,7 @@
 #include <math.h>
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 typedef const double *vec;
 
 /* The nearest point of a triangle, as weights of its corners; Ericson 5.1.5. */

@@ -4,7 +4,7 @@
 #include <string.h>
 
 #define LAW_REAL float
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 static const float PI = 3.14159265f;
 
 static void normalise(float a[3]) {

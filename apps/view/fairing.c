@@ -6,7 +6,7 @@
 #include "sides.h"
 
 #define LAW_REAL float
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 /* Taubin, "A signal processing approach to fair surface design", 1995: a round draws every vertex towards its
  * neighbours' mean and pushes it back a little farther, so that waves of some edges' length stay and shorter ones go.

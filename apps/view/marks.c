@@ -5,7 +5,7 @@
 #include "shapes.h"
 
 #define LAW_REAL float
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 static const int32_t XYZ = 3;
 
 /* A die with eight sides. */

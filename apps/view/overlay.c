@@ -8,7 +8,7 @@
 #include "layout.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 static const view_colour WHITE = {240, 243, 246, 1}, GREY = {168, 180, 190, 1}, BAD = {255, 120, 96, 1},
                          GOOD = {132, 224, 150, 1}, PANEL = {10, 15, 19, 0.58f};
 static const view_colour TOOL[VIEW_INSTRUMENTS] = {{255, 205, 74, 1}, {92, 204, 255, 1}};

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #define LAW_REAL float
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 typedef struct view_reference reference;
 

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 /* --- names and colours --- */
 

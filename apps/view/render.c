@@ -7,7 +7,7 @@
 #include "render_parts.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 static const float sky_low[3] = {0.052f, 0.062f, 0.070f}, sky_high[3] = {0.20f, 0.235f, 0.26f};
 
 static void fill_batch(view_batch *b, const view_vertex *vertex, int32_t count) {

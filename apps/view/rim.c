@@ -6,7 +6,7 @@
 #include "sides.h"
 
 #define LAW_REAL float
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 static const float BULGE = 0.2f; /* of a piece's length: its middle goes no farther from the straight line */
 

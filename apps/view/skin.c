@@ -10,8 +10,8 @@
 #include "sides.h"
 
 #define LAW_REAL float
-#include "law/union_find.h"
-#include "law/vec.h"
+#include "libtensormass/numeric/union_find.h"
+#include "libtensormass/numeric/vec.h"
 
 enum { LEVELS_MAX = VIEW_RIM_LEVELS };
 static const float COS_TORN = -0.25f;

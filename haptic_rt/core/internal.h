@@ -9,8 +9,8 @@
 /* The contact law in this precision; in flash once. */
 #define LAW_REAL float
 #define LAW_CALL __attribute__((noinline, unused))
-#include "law/number.h"
-#include "law/vec.h"
+#include "libtensormass/numeric/number.h"
+#include "libtensormass/numeric/vec.h"
 
 /* Three numbers a point, three corners a triangle; as wide as a pointer's offset. */
 static const ptrdiff_t HRT_XYZ = 3;

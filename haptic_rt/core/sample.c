@@ -2,7 +2,7 @@
  * semidefinite. */
 #include "internal.h"
 
-#include "law/linear.h"
+#include "libtensormass/numeric/linear.h"
 
 static const float STIFFNESS_HUGE_N_m = 1.0e9f;
 #define FORCE_HUGE_N 1000.0f

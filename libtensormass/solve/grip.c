@@ -6,7 +6,7 @@
 
 #include "law/jaw.h"
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 static void vertex_at(const tms_local *l, int32_t vertex, double at_m[3]) {
     for (int c = 0; c < 3; c++) at_m[c] = l->mesh->rest_m[3 * (int64_t)vertex + c] + l->u_m[3 * (int64_t)vertex + c];

@@ -6,7 +6,7 @@
 #include <string.h>
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 static const double NEAR = 1.25;          /* radii from the axis: what has mass there may be touched within a span */
 static const double ROOM = 0.25;          /* radii that a tool may move within a span: what is gathered has more, */

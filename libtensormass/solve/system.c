@@ -6,7 +6,7 @@
 #include <math.h>
 #include <string.h>
 
-#include "law/union_find.h"
+#include "libtensormass/numeric/union_find.h"
 
 /* --- parts, and whether they are held --- */
 

@@ -91,12 +91,12 @@ def test_a_planted_use_and_a_circle_are_found(root, build, files, page, tmp_path
     os.symlink(build / "lib", tmp_path / "lib")
     code = tmp_path / "planted.c"
     code.write_text("int app_parse_quantity(void); int app_is_quiet(void); int app_is_quiet(void) { return app_parse_quantity(); }\n")
-    subprocess.run(["gcc", "-c", code, "-o", tmp_path / "obj/haptic_rt/base/progress.o"], check=True, timeout=300)
+    subprocess.run(["gcc", "-c", code, "-o", tmp_path / "obj/libtensormass/platform/progress.o"], check=True, timeout=300)
     code.write_text("int app_is_quiet(void); int app_parse_quantity(void); int app_parse_quantity(void) { return app_is_quiet(); }\n")
     subprocess.run(["gcc", "-c", code, "-o", tmp_path / "obj/apps/common/units.o"], check=True, timeout=300)
     planted = architecture.uses(architecture.symbols(tmp_path, files))
-    assert "haptic_rt/base/progress.c uses app_parse_quantity of apps/common/units.c" in list(architecture.outside_uses(root, tmp_path, page, planted))
-    assert ["apps/common/units.c", "haptic_rt/base/progress.c"] in architecture.circles(planted)
+    assert "libtensormass/platform/progress.c uses app_parse_quantity of apps/common/units.c" in list(architecture.outside_uses(root, tmp_path, page, planted))
+    assert ["apps/common/units.c", "libtensormass/platform/progress.c"] in architecture.circles(planted)
 
 
 def test_a_planted_link_is_found(copy, page):

@@ -87,7 +87,7 @@ def test_a_mesh_format_is_a_file_and_a_row(root, plain, tmp_path):
     insert(io / "mesh_format.h", "#define TM_IO_FORMATS(ROW) ROW(msh)", " ROW(mine)")
     program = tmp_path / "tm-mesh"
     sources = [*sorted(io.glob("*.c")), *sorted((root / "apps/mesh").glob("*.c"))]
-    compile_into(root, plain, tmp_path, program, sources, "libapp.a", "libhrt_base.a", "libtensormass.a")
+    compile_into(root, plain, tmp_path, program, sources, "libapp.a", "libplatform.a", "libtensormass.a")
     run(program, "convert", root / "meshes/liver_1k.msh", "-o", tmp_path / "liver.mine")
     run(program, "convert", tmp_path / "liver.mine", "-o", tmp_path / "back.vtk")
     run(program, "convert", root / "meshes/liver_1k.msh", "-o", tmp_path / "direct.vtk")
@@ -145,7 +145,7 @@ def test_an_effect_is_a_file_and_a_row(root, plain, tmp_path):
     shutil.copy(plain / "lib/libsim.a", library)
     run("ar", "d", library, "effects.o")
     program = tmp_path / "tm-sim"
-    compile_into(root, plain, tmp_path, program, [sim / "effects.c", sim / "effect_sideways.c", root / "apps/sim/main.c"], library, "libapp.a", "libhrt_device.a", "libhrt_io.a", "libhrt_base.a", "libtensormass_io.a",
+    compile_into(root, plain, tmp_path, program, [sim / "effects.c", sim / "effect_sideways.c", root / "apps/sim/main.c"], library, "libapp.a", "libhrt_device.a", "libhrt_io.a", "libplatform.a", "libtensormass_io.a",
                  "libhrt.a", "libtensormass.a", "liblcm_types.a")
     assert "| `sideways.pull` |" in run(program, "--schema", "markdown")
     (tmp_path / "lib").symlink_to(plain / "lib")
@@ -167,7 +167,7 @@ def test_a_hard_case_is_a_row(root, plain, tmp_path):
     objects = sorted(p for p in (plain / "obj/apps/studies/stability").glob("*.o") if p.stem != "cases_tissue")
     assert len(objects) >= 6
     program = tmp_path / "tm-stability"
-    compile_into(root, plain, tmp_path, program, [changed, *objects], "libapp.a", "libhrt_device.a", "libhrt_io.a", "libhrt_base.a", "libtensormass_io.a", "libhrt.a", "libtensormass.a")
+    compile_into(root, plain, tmp_path, program, [changed, *objects], "libapp.a", "libhrt_device.a", "libhrt_io.a", "libplatform.a", "libtensormass_io.a", "libhrt.a", "libtensormass.a")
     run(program, "--quick", "--case", "poisson-0.37", "--json", tmp_path / "v.json")
     (case,) = json.loads((tmp_path / "v.json").read_text())["cases"]
     assert case["name"] == "poisson-0.37" and case["verdict"] == "stays stable"

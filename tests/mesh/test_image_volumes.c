@@ -13,7 +13,7 @@
 #include "mesh/image.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 enum { N = 8, SIDE = N + 1, TETS = 6 * N * N * N };
 

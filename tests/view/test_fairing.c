@@ -14,7 +14,7 @@
 #include "view/skin.h"
 
 #define LAW_REAL float
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 enum { N = 10, SIDE = N + 1, TETS = 6 * N * N * N };
 

@@ -11,7 +11,7 @@
 #include "tensormass/grasp.h"
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 enum { TOOLS = 2 };
 static const double FRAME_S = 0.002, TOP_M = 0.024, RADIUS_M = 0.0035, HERE_M[2] = {0.0213, 0.0187};
 

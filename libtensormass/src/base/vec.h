@@ -3,6 +3,6 @@
 #define TM_VEC_H
 
 #define LAW_REAL double
-#include "law/vec.h"
+#include "libtensormass/numeric/vec.h"
 
 #endif

@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "base/vec.h"
-#include "law/linear.h"
+#include "libtensormass/numeric/linear.h"
 
 static int32_t packed(int32_t n, int32_t i, int32_t j) { return i < j ? law_packed(n, i, j) : law_packed(n, j, i); }
 

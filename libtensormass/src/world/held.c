@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-#include "law/union_find.h"
+#include "libtensormass/numeric/union_find.h"
 
 typedef struct pieces {
     tm_pool pool;

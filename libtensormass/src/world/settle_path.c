@@ -5,7 +5,7 @@
 #include <string.h>
 
 #include "base/vec.h"
-#include "law/union_find.h"
+#include "libtensormass/numeric/union_find.h"
 
 static const double STRAIGHT = 0.05;     /* rad: turns below this are as good as straight */
 static const double WORTH_TURNING = 0.9; /* of the way that is left when the piece has been turned as a body */

@@ -4,7 +4,7 @@
 
 #include <math.h>
 
-#include "law/number.h"
+#include "libtensormass/numeric/number.h"
 
 /* By value: in registers from call to call, where arrays would go through memory. */
 typedef struct law_v3 {

@@ -2,7 +2,7 @@
 #ifndef LAW_LINEAR_H
 #define LAW_LINEAR_H
 
-#include "law/number.h"
+#include "libtensormass/numeric/number.h"
 
 /* a x = b, a symmetric positive definite [n][stride], b in its column n: of a the upper triangle alone is read and
  * written, x comes back in column n. A pivot that is none leaves its unknown 0. */

@@ -1,6 +1,7 @@
-/* The contact law (docs/contact.md), written once: the simulation compiles these headers for `double`, the controller's
- * core for `float`. They include nothing but the C library's types and `sqrt`-free arithmetic, hold no state and
- * allocate nothing. Who includes one sets LAW_REAL first; a translation unit knows one of the two. */
+/* The number type of headers that are compiled twice: the simulation sets LAW_REAL to `double`, the controller's core
+ * to `float`, before it includes one. A translation unit knows one of the two. Those headers, here and in law/, include
+ * nothing but the C library's types and `sqrt`-free arithmetic, hold no state and allocate nothing.
+ */
 #ifndef LAW_NUMBER_H
 #define LAW_NUMBER_H
 
@@ -8,7 +9,7 @@
 #include <stdint.h>
 
 #ifndef LAW_REAL
-#error "set LAW_REAL to double or float before a header of the law"
+#error "set LAW_REAL to double or float before a header of numeric or law"
 #endif
 /* A controller's flash is small: there it is set so that a function of the law is in it once. */
 #ifndef LAW_CALL
