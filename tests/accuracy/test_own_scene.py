@@ -443,6 +443,14 @@ def test_the_limit_holds_and_one_path_is_told(bin, root, tmp_path):
     assert again["runs"][0]["cpu_s"] == data["runs"][0]["cpu_s"]
 
 
+def test_a_path_of_any_number_of_frames_is_gone_on_with(bin, root, tmp_path):
+    """41 frames of 40 ms are 1.6400000000000001 s in a study, and 1.64 in its file: the same path, of which nothing is run again."""
+    _, data = study(bin, root, tmp_path, *OWN, "--duration", f"{41 * 0.04!r} s")
+    _, again = study(bin, root, tmp_path, *OWN, "--duration", "1.64 s")
+    assert data["duration_s"] == again["duration_s"] == 1.64 and data["runs"][0]["frames"] == 41
+    assert [r["cpu_s"] for r in again["runs"]] == [r["cpu_s"] for r in data["runs"]]
+
+
 def test_without_a_terminal_it_says_every_ten_seconds_what_it_does(whole, bin, root, tmp_path):
     (tmp_path / "s.json").write_text((whole[0] / "s.json").read_text())
     (tmp_path / "s.files").symlink_to(whole[0] / "s.files")
