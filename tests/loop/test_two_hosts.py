@@ -1,5 +1,7 @@
 """Simulation and controller on two hosts with a bad wire between them: the controller's forces against the simulation's own, put at the controller's own
-times (the samples carry them), as the paper does; and silence when the wire is cut or the simulation killed."""
+times (the samples carry them), as the paper does, with its 25 samples a second and with as many as the machine computes; and silence when the wire is cut or the
+simulation killed."""
+import bisect
 import csv
 import json
 import math
@@ -21,7 +23,8 @@ CLEAN = {}
 BAD = {"delay_ms": 4, "jitter_ms": 4, "drop": 0.05, "double": 0.05, "reorder": 0.05, "seed": 7}
 
 
-def play(name, link, seconds=SECONDS, extrapolator="tangent", kill=None):
+def play(name, link, seconds=SECONDS, extrapolator="tangent", kill=None, rate="25 Hz"):
+    """`rate`: samples a second; the bounds below are made for the paper's."""
     bus = tempfile.mkdtemp(prefix="tm-test-", dir="/dev/shm")
     directory = two_hosts_run.directory(name)
     url = two_hosts_run.LCM_URL
@@ -29,7 +32,7 @@ def play(name, link, seconds=SECONDS, extrapolator="tangent", kill=None):
     try:
         subprocess.run([BUILD / "bin/tm-sim", SCENE, "--hands", directory / "hand"], check=True, timeout=300, stdout=subprocess.DEVNULL)
         hosts = {
-            "simulation": [[BUILD / "bin/tm-sim", SCENE, "--realtime", "--url", url, "--key", key, "--duration", f"{seconds} s", "--json", directory / "sim.json"],
+            "simulation": [[BUILD / "bin/tm-sim", SCENE, "--set", f"haptics.rate={rate}", "--realtime", "--url", url, "--key", key, "--duration", f"{seconds} s", "--json", directory / "sim.json"],
                            ["lcm-logger", "-q", "--lcm-url=" + url, "-c", "FORCE_0", directory / "sim.log"]],
             "controller": [["env", f"TM_BUS_DIR={bus}", BUILD / "bin/tm-device", "--bus", "virtual:two", "--hand", directory / "hand0.csv", "--repeat",
                             "--duration", str(seconds)],
@@ -45,32 +48,27 @@ def play(name, link, seconds=SECONDS, extrapolator="tangent", kill=None):
 
 
 def sent(directory):
-    """[(t_n in s of the controller's clock, force)] of all samples that the simulation sent, whether they arrived or not."""
+    """[(t_n in s of the controller's clock, force)] of all samples that the simulation sent, whether they arrived or not; share that the logger beside it missed."""
     from tensormass_lcm import force_sample_t
-    samples = {}
-    for event in lcm.EventLog(str(directory / "sim.log")):
-        m = force_sample_t.decode(event.data)
-        samples[m.tool_utime] = m.force_N
-    return sorted((t * 1e-6, f) for t, f in samples.items() if t > 0)
+    messages = [force_sample_t.decode(event.data) for event in lcm.EventLog(str(directory / "sim.log"))]
+    samples = {m.tool_utime: m.force_N for m in messages}
+    return sorted((t * 1e-6, f) for t, f in samples.items() if t > 0), 1 - len(messages) / (max(m.seq for m in messages) + 1)
 
 
-def on_one_clock(ticks, samples):
-    """The ticks' times count from the loop's start. Every t_n that a tick saw (its time less the sample's age) is one of the samples'."""
-    seen = sorted({round(t["time_s"] - t["sample_age_s"], 4) for t in ticks if t["sample_age_s"] >= 0})
+def on_one_clock(ticks, sent, controller):
+    """Seconds from the ticks' times, which count from the loop's start, to the samples'. Every t_n that a tick saw (its time less the sample's age) is one of the samples'."""
+    samples, missed = sent
+    offset = controller["start_us"] * 1e-6
     times = [t for t, _ in samples]
-    best = None
-    for first in times[: len(times) // 2]:
-        offset = first - seen[0]
-        error = sum(min(abs(s + offset - t) for t in times) for s in seen[:: max(1, len(seen) // 40)])
-        best = min(best, (error, offset)) if best else (error, offset)
-    error, offset = best
-    assert error < 40 * 0.0005, "the ticks' samples are not those that were sent"
+    seen = [tick["time_s"] - tick["sample_age_s"] + offset for tick in ticks if tick["sample_age_s"] >= 0]
+    unknown = [t for t in seen if min(abs(t - near) for near in times[max(bisect.bisect(times, t) - 1, 0):][:2]) > 20e-6]
+    assert len(unknown) <= (2 * missed + 0.01) * len(seen), f"of {len(seen)} ticks {len(unknown)} saw samples that were not sent; the logger missed {100 * missed:.1f} %"
     return offset
 
 
-def error_percent(ticks, samples):
-    """(RMS, peak) of the difference in % of the peak force, over ticks in full force and touch."""
-    offset = on_one_clock(ticks, samples)
+def error_percent(ticks, sent, controller):
+    """(RMS, peak) of the difference in % of the peak force, and that in N, over ticks in full force."""
+    offset, samples = on_one_clock(ticks, sent, controller), sent[0]
     peak = max(math.dist(f, (0, 0, 0)) for _, f in samples)
     errors, k = [], 0
     for tick in ticks:
@@ -92,15 +90,26 @@ def error_percent(ticks, samples):
 # twentieth of its packets and turns as many round makes every tenth sample another frame late.
 @pytest.mark.parametrize("wire, extrapolator, bound_percent", [("clean", "position", 8.0), ("clean", "tangent", 8.0), ("bad", "tangent", 16.0)])
 def test_forces_stay_right(wire, extrapolator, bound_percent):
-    ticks, controller, directory, result = play(f"{wire}_{extrapolator}", BAD if wire == "bad" else CLEAN, extrapolator=extrapolator)
-    rms, worst, peak = error_percent(ticks, sent(directory))
+    controller, result = forces_are_right(f"{wire}_{extrapolator}", BAD if wire == "bad" else CLEAN, extrapolator, bound_percent, "25 Hz")
+    if wire == "bad":
+        assert min(result["count"][k] for k in ("dropped", "doubled", "reordered")) > SECONDS
+        assert controller["samples"]["lost"] > 0 and controller["samples"]["late"] > 0
+
+
+def test_a_stream_of_samples_stays_right():
+    """As many as the machine computes, hundreds a second on a quiet one: no worse than 25, and never so few."""
+    controller, _ = forces_are_right("stream", CLEAN, "tangent", 8.0, "auto")
+    assert controller["samples"]["received"] > 40 * SECONDS
+
+
+def forces_are_right(name, link, extrapolator, bound_percent, rate):
+    ticks, controller, directory, result = play(name, link, extrapolator=extrapolator, rate=rate)
+    rms, worst, peak = error_percent(ticks, sent(directory), controller)
     (directory / "error.json").write_text(json.dumps({"rms_percent": rms, "worst_percent": worst, "peak_N": peak, "link": result}, indent=1))
     assert peak > 0.2, "the probe hardly touched"
     assert rms < bound_percent, f"RMS {rms:.1f} % of {peak:.2f} N, worst {worst:.1f} %"
     assert controller["fault"] == "none"
-    if wire == "bad":
-        assert min(result["count"][k] for k in ("dropped", "doubled", "reordered")) > SECONDS
-        assert controller["samples"]["lost"] > 0 and controller["samples"]["late"] > 0
+    return controller, result
 
 
 def pushing(tick):
@@ -109,7 +118,7 @@ def pushing(tick):
 
 def test_wire_cut_and_mended():
     ticks, controller, directory, result = play("cut", {"cut_at_s": 3.0, "heal_at_s": 4.5}, seconds=7)
-    on_one_clock(ticks, sent(directory))
+    on_one_clock(ticks, sent(directory), controller)
     silence = [t for t in ticks if t["sample_age_s"] > 0.3]
     assert len(silence) > 200, "the cut did not reach the controller"
     first, last = silence[0]["time_s"], silence[-1]["time_s"]
