@@ -1,7 +1,7 @@
 /* Stage "patch": for each instrument the surface near it, its compliance and the contact stiffness, from the dynamic
  * model. */
+#include "material/material_internal.h"
 #include "patch/patch_internal.h"
-#include "rotation/rotation_internal.h"
 
 #include <math.h>
 #include <string.h>

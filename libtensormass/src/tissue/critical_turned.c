@@ -1,5 +1,5 @@
 /* What the guaranteed step has to allow for when tetrahedra turn: a bound of the curvature of the law of
- * rotation/kernel.h over all F, crushed and inside out included.
+ * material/corotated_kernel.h over all F, crushed and inside out included.
  *
  * Isotropic: W = mu |F|^2 - (2 mu - p) x + ..., with x the trace of the stretch. x is convex but for a little where its
  * roots are kept apart (x'' >= -0.08), so that as long as the tension p of the volume is below 2 mu, W'' <= Q'' of
@@ -26,11 +26,11 @@ double tm_turned_skew_Pa(const tm_material *m) {
 
 double tm_turned_most_Pa(const tm_material *m) { return fmax(tm_turned_skew_Pa(m), 0.2 * tm_smoothed_bulk_Pa(m)); }
 
-/* With changes of volume averaged (rotation/swollen.h) the rotations that store the least, of all tetrahedra together,
- * store sum Q_e' + sum V kappa/2 (average of tr(R^T F) - 3)^2, whose second part curves no more than that of each
- * tetrahedron's own change of volume: the bound is that of the whole law. The polar R is not the least where neighbours
- * put more tension on a tetrahedron than its own shear allows, 2/3 mu tr S; as above what that adds holds for two
- * stretches that add up to a half. */
+/* With changes of volume averaged (material/nodal_dilatation.h) the rotations that store the least, of all tetrahedra
+ * together, store sum Q_e' + sum V kappa/2 (average of tr(R^T F) - 3)^2, whose second part curves no more than that of
+ * each tetrahedron's own change of volume: the bound is that of the whole law. The polar R is not the least where
+ * neighbours put more tension on a tetrahedron than its own shear allows, 2/3 mu tr S; as above what that adds holds
+ * for two stretches that add up to a half. */
 static double averaged_turn(const tm_material *m) {
     const double most = tm_turned_most_Pa(m);
     return fmax(4 * most - (tm_material_is_isotropic(m) ? 4.0 / 3 * m->mu_Pa : 0), 0);

@@ -2,7 +2,7 @@
 #ifndef TM_VISCOSITY_INTERNAL_H
 #define TM_VISCOSITY_INTERNAL_H
 
-#include "rotation/rotation_internal.h"
+#include "material/material_internal.h"
 #include "tensormass/viscosity.h"
 #include "world/world_internal.h"
 

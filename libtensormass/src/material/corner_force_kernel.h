@@ -1,5 +1,6 @@
-/* What a pack adds, divided among threads; a part of kernel.h. The corners' pulls of the listed packs, by place in the
- * list, for whoever adds them up (tm_pulls_add); a bit says which lanes have any. And their packs' energies. */
+/* What a pack adds, divided among threads; a part of corotated_kernel.h. The corners' pulls of the listed packs, by
+ * place in the list, for whoever adds them up (tm_pulls_add); a bit says which lanes have any. And their packs'
+ * energies. */
 TM_TARGET static void TM_NAME(pulls)(const tm_packs *packs, const int32_t *list, int32_t count, const double *u_m,
                                      double *corner_N, uint8_t *who, double *energy_J) {
     for (int32_t n = 0; n < count; n++) {

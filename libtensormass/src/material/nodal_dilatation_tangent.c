@@ -1,7 +1,7 @@
 /* The tangent of averaged changes of volume: of every pair of vertices that shares a domain. */
 #include <string.h>
 
-#include "rotation/rotation_internal.h"
+#include "material/material_internal.h"
 
 void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32_t k, int32_t l, const double K[9]) {
     double sum[9];

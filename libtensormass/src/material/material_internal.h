@@ -1,8 +1,8 @@
-/* What the room `rotation` gives: tetrahedra in packs of eight, one a lane, and what is computed of them. */
-#ifndef TM_ROTATION_INTERNAL_H
-#define TM_ROTATION_INTERNAL_H
+/* What the room `material` gives: tetrahedra in packs of eight, one a lane, and what is computed of them. */
+#ifndef TM_MATERIAL_INTERNAL_H
+#define TM_MATERIAL_INTERNAL_H
 
-#include "rotation/swollen.h"
+#include "material/nodal_dilatation.h"
 #include "tensormass/rotation.h"
 #include "tissue/tissue_internal.h"
 
@@ -15,9 +15,9 @@ typedef struct tm_pack {
     double mu_J[TM_LANES], lambda_J[TM_LANES]; /* times the volume */
 } tm_pack;
 
-/* The law far from rest (kernel.h, tangent.c). d of Horn's quartic is TM_PART_MOST size^2, size = (I + TM_PART_SIZE)/3,
- * where J/size^(3/2) is TM_PART_WHOLE or less, 0 from TM_PART_FROM on, the polynomial of fifth degree between. A block
- * pressed by 60 % or stretched to twice its length has 0.41; a tetrahedron that is flat, 0. */
+/* The law far from rest (corotated_kernel.h, corotated_tangent.c). d of Horn's quartic is TM_PART_MOST size^2, size =
+ * (I + TM_PART_SIZE)/3, where J/size^(3/2) is TM_PART_WHOLE or less, 0 from TM_PART_FROM on, the polynomial of fifth
+ * degree between. A block pressed by 60 % or stretched to twice its length has 0.41; a tetrahedron that is flat, 0. */
 #define TM_PART_FROM 0.4
 #define TM_PART_WHOLE (-1.0)
 #define TM_PART_MOST 2.7
@@ -79,7 +79,8 @@ typedef struct tm_viscous {
     double *stress_J;                   /* [9*TM_LANES*count] before pressures, where these are averaged; else null */
     double *memory[TM_VISCOUS_TERMS];   /* [TM_LANES*6*count] xx yy zz yz xz xy of a pack's lanes */
     double *bulk_J;                     /* [TM_LANES*count] bulk modulus times volume; 0 where it is averaged */
-    double *swelling[TM_VISCOUS_TERMS]; /* [domains] as memory, of averaged changes of volume (swollen.h), or null */
+    double *swelling[TM_VISCOUS_TERMS]; /* [domains] as memory, of averaged changes of volume (nodal_dilatation.h), or
+                                           null */
 } tm_viscous;
 /* The passes of tissue that turns and relaxes over the packs [begin, end), of the whole law and not of what turning
  * adds to it. With `swollen` null the first leaves corner_N. Else it leaves stresses and what swells, and the second,
@@ -93,7 +94,7 @@ typedef struct tm_viscous_passes {
 } tm_viscous_passes;
 tm_viscous_passes tm_viscous_choose(bool plain);
 
-/* The two passes of swollen_kernel.h. */
+/* The two passes of nodal_dilatation_kernel.h. */
 typedef struct tm_swollen_passes {
     void (*swell)(const tm_packs *packs, const tm_swollen *s, const double *u_m);
     void (*press)(const tm_packs *packs, const tm_swollen *s, double *force_N);

@@ -3,7 +3,7 @@
  *   [v.Mv/2 + u_n.K u_(n+1)/2] at n+1/2 less the same at n-1/2 = f.(u+ - u-)/2 - dt gamma |(u+ - u-)/2dt|^2
  * for whatever forces f act beside the tissue's own, multipliers of constraints included. */
 #include "contact/friction_internal.h"
-#include "rotation/rotation_internal.h"
+#include "material/material_internal.h"
 #include "tensormass/energy.h"
 #include "world/world_internal.h"
 

@@ -1,9 +1,9 @@
-/* Averages of turned tetrahedra's changes of volume, between the two passes of swollen_kernel.h. All sums ascend over
- * tetrahedra, of which the dead give nothing, so that a cut tissue has the bits of a fresh build. */
+/* Averages of turned tetrahedra's changes of volume, between the two passes of nodal_dilatation_kernel.h. All sums
+ * ascend over tetrahedra, of which the dead give nothing, so that a cut tissue has the bits of a fresh build. */
 #include <math.h>
 #include <string.h>
 
-#include "rotation/rotation_internal.h"
+#include "material/material_internal.h"
 
 const tm_domains *tm_swollen_domains_of(const tm_swollen *s) {
     return s->tissue->smoothed->vertex.begin ? &s->tissue->smoothed->vertex : &s->own;

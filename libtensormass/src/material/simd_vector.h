@@ -1,4 +1,4 @@
-/* Vectors of WIDTH lanes, one a tetrahedron, and 3x3 matrices of them; a part of kernel.h. */
+/* Vectors of WIDTH lanes, one a tetrahedron, and 3x3 matrices of them; a part of corotated_kernel.h. */
 
 #include "base/checked.h"
 

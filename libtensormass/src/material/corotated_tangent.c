@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "base/vec.h"
-#include "rotation/rotation_internal.h"
+#include "material/material_internal.h"
 
 /* --- 3x3 --- */
 
@@ -52,7 +52,7 @@ static void stress(const tm_turned_lane *w, const double D[9], double N[9]) {
                            2 * w->dmu * (a[i] * Ea[j] + Ea[i] * a[j]) + (i == j ? w->lambda * I1 + w->dlambda * I4 : 0);
 }
 
-/* Second derivatives of d (kernel.h) by I and J. */
+/* Second derivatives of d (corotated_kernel.h) by I and J. */
 typedef struct parting {
     double I, J, II, IJ, JJ;
 } parting;
@@ -71,7 +71,7 @@ static parting part(double I, double J) {
                      .JJ = s2 * bend * scale * scale};
 }
 
-/* A = d2x/dF2 of the trace x = tr S, whose gradient is R: R is N over D (kernel.h), both polynomials. */
+/* A = d2x/dF2 of the trace x = tr S, whose gradient is R: R is N over D (corotated_kernel.h), both polynomials. */
 static void stretch_hessian(const double F[9], const double R[9], double x, double A[81]) {
     double C[9], cof[9];
     transposed_times(F, F, C);
@@ -110,7 +110,7 @@ static void isotropic_hessian(const tm_turned_lane *w, const double turn[81], do
             A[9 * k + m] = (k == m ? 2 * w->mu : 0) + volume * w->R[k] * w->R[m] - save * turn[9 * k + m];
 }
 
-/* A += 2 dmu d2p/dF2 of a fibre's shear (kernel.h). */
+/* A += 2 dmu d2p/dF2 of a fibre's shear (corotated_kernel.h). */
 static void add_fibre_shear(const tm_turned_lane *w, const double F[9], const double g[3], double A[81]) {
     const double *a = w->fibre, c2 = TM_FIBRE_CRUSHED * TM_FIBRE_CRUSHED, z = vdot(g, g);
     double Ca[3], dCa[9][3], N1[9], q1[9], q = z;
@@ -139,7 +139,7 @@ static void add_fibre_shear(const tm_turned_lane *w, const double F[9], const do
         }
 }
 
-/* level of kernel.h and its derivatives. */
+/* level of corotated_kernel.h and its derivatives. */
 static void level(double t, double out[3]) {
     const double c = fmin(fmax(t, -2 * TM_FIBRE_FREE), 2 * TM_FIBRE_FREE), over = fmax(fabs(c) - TM_FIBRE_FREE, 0);
     out[0] = c - copysign(over * over * 0.5 / TM_FIBRE_FREE, c);

@@ -3,7 +3,7 @@
 #include <string.h>
 
 #include "base/vec.h"
-#include "rotation/rotation_internal.h"
+#include "material/material_internal.h"
 
 static bool has_fibre(const tm_tissue *tissue, int32_t tet) {
     return !tm_material_is_isotropic(tm_tissue_tet_material(tissue, tet));

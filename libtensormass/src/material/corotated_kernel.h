@@ -12,7 +12,7 @@
  * so that x is smooth for every F (rotation_internal.h). All that is asked of S is asked of x and its gradient R: the
  * energy is one smooth function of F, and the force its gradient, inside out too. */
 
-#include "rotation/lanes.h"
+#include "material/simd_vector.h"
 
 /* d of the quartic and its derivatives: 0 unless the tetrahedron is nearly flat or inside out, compared with its size.
  */
@@ -380,9 +380,9 @@ TM_TARGET static int32_t TM_NAME(force)(const tm_packs *packs, const int32_t *li
     }
     return active;
 }
-#include "rotation/pulls_kernel.h"
-#include "rotation/swollen_kernel.h"
-#include "rotation/viscous_kernel.h"
+#include "material/corner_force_kernel.h"
+#include "material/nodal_dilatation_kernel.h"
+#include "material/viscous_kernel.h"
 #undef V8
 #undef M8
 #undef INSIDE

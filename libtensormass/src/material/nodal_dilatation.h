@@ -1,8 +1,8 @@
 /* Changes of volume that are averaged around vertices (effect "volume") of tissue that turns: every tetrahedron's in
  * its own axes, tr S - 3 of F = R S, so that what is averaged knows of no turn. Energy: kappa/2 of the average's square
  * for each domain, less what the tensors store for the average of tr grad u. */
-#ifndef TM_SWOLLEN_H
-#define TM_SWOLLEN_H
+#ifndef TM_NODAL_DILATATION_H
+#define TM_NODAL_DILATATION_H
 
 #include "tissue/smoothed.h"
 

@@ -1,5 +1,6 @@
-/* Tissue that turns and whose changes of volume are averaged; a part of kernel.h. Two passes over all tetrahedra, with
- * the sums over domains between them (swollen.c): rotations and changes of volume first, then pressures' forces. */
+/* Tissue that turns and whose changes of volume are averaged; a part of corotated_kernel.h. Two passes over all
+ * tetrahedra, with the sums over domains between them (nodal_dilatation.c): rotations and changes of volume first, then
+ * pressures' forces. */
 
 /* The sum of its four domains' pressures. */
 INSIDE void TM_NAME(pressure)(const tm_swollen *s, int32_t p, int at, const double *of, V8 *sum) {

@@ -1,17 +1,16 @@
-/* Tissue that turns and relaxes; a part of kernel.h. Each tetrahedron keeps, for each term of the Prony series, the
- * history h of its strain in its own axes,
- *     E = E2 + weight (U - 1 - E2),   E2 = S + (H^T H - S^2) / 2,   S = sym H,   F = 1 + H = R U with the polar R,
- * where weight is the blend of kernel.h: far above the threshold Biot's strain, below it Biot's to second order. Of a
- * turn by an angle a the linear S has a^2/2 there and E2 only a^4/8: a history would keep it. The packs'
- * law is what the series leaves, and each term adds the energy of E - h by its share of the moduli: tissue that has
- * come to rest, h = E, bears what elastic tissue of the law that is left bears, whatever bounds the law or the history.
- * At given histories the gradient of that energy needs the one of U = sym R^T F:  with T = sum_i (shear_i D + volume_i
- * W) (E - h_i),  T:dU = (R T + Z) : dF,  Z what R's own change gives (turn_change); without Z a history out of line
- * with the strain would turn the tissue by itself.
+/* Tissue that turns and relaxes; a part of corotated_kernel.h. Each tetrahedron keeps, for each term of the Prony
+ * series, the history h of its strain in its own axes, E = E2 + weight (U - 1 - E2),   E2 = S + (H^T H - S^2) / 2,   S
+ * = sym H,   F = 1 + H = R U with the polar R, where weight is the blend of corotated_kernel.h: far above the threshold
+ * Biot's strain, below it Biot's to second order. Of a turn by an angle a the linear S has a^2/2 there and E2 only
+ * a^4/8: a history would keep it. The packs' law is what the series leaves, and each term adds the energy of E - h by
+ * its share of the moduli: tissue that has come to rest, h = E, bears what elastic tissue of the law that is left
+ * bears, whatever bounds the law or the history. At given histories the gradient of that energy needs the one of U =
+ * sym R^T F:  with T = sum_i (shear_i D + volume_i W) (E - h_i),  T:dU = (R T + Z) : dF,  Z what R's own change gives
+ * (turn_change); without Z a history out of line with the strain would turn the tissue by itself.
  *
- * Terms know a change of volume within what the law resists (tension on the volume grows no further than kernel.h says,
- * and as much the other way): relaxed stress must not outweigh the stress that is there. What is crushed forgets, and
- * comes back by the law that is left. */
+ * Terms know a change of volume within what the law resists (tension on the volume grows no further than
+ * corotated_kernel.h says, and as much the other way): relaxed stress must not outweigh the stress that is there. What
+ * is crushed forgets, and comes back by the law that is left. */
 
 /* d's second derivatives by I and J, and what the first need of it. */
 typedef struct TM_NAME(bend) {
@@ -38,7 +37,7 @@ INSIDE void TM_NAME(parting_bends)(const V8 *I, const V8 *J, TM_NAME(bend) * b) 
 }
 
 /* Z = d2x/dF2 : F T, by which the energy of a stress T in R's axes changes with R: of R^T F : T the gradient by F is
- * R T + Z. As in tangent.c. */
+ * R T + Z. As in corotated_tangent.c. */
 INSIDE void TM_NAME(turn_change)(const TM_NAME(turned) * b, const V8 cof[9], const V8 T[9], V8 Z[9]) {
     const V8 *F = b->F, *R = b->R, x = b->trace, I = b->I;
     const V8 J = F[0] * cof[0] + F[1] * cof[1] + F[2] * cof[2];

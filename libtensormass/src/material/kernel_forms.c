@@ -1,16 +1,16 @@
-/* The forms of kernel.h, and what tangents and energies take from the plain one. */
+/* The forms of corotated_kernel.h, and what tangents and energies take from the plain one. */
 #include <math.h>
 #include <string.h>
 
 #include "base/intrinsics.h"
-#include "rotation/rotation_internal.h"
+#include "material/material_internal.h"
 
 #pragma GCC diagnostic ignored "-Wpsabi" /* vectors never cross a call: all that takes them is inlined */
 
 #define TM_NAME(x) tm_plain_##x
 #define TM_TARGET
 #define TM_WIDTH 2
-#include "rotation/kernel.h"
+#include "material/corotated_kernel.h"
 #undef TM_NAME
 #undef TM_TARGET
 #undef TM_WIDTH
@@ -19,7 +19,7 @@
 #define TM_NAME(x) tm_avx2_##x
 #define TM_TARGET __attribute__((target("avx2")))
 #define TM_WIDTH 4
-#include "rotation/kernel.h"
+#include "material/corotated_kernel.h"
 #undef TM_NAME
 #undef TM_TARGET
 #undef TM_WIDTH
@@ -27,7 +27,7 @@
 #define TM_NAME(x) tm_avx512_##x
 #define TM_TARGET __attribute__((target("avx512f,avx512dq,avx512vl")))
 #define TM_WIDTH 8
-#include "rotation/kernel.h"
+#include "material/corotated_kernel.h"
 #undef TM_NAME
 #undef TM_TARGET
 #undef TM_WIDTH
