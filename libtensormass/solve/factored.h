@@ -47,12 +47,17 @@ bool tms_engine_serve(tms_engine *engine, const tms_wish *wish, bool needed_only
 void tms_vertex_frame(const tm_mesh *mesh, const uint8_t *alive, const double *u_m, int32_t vertex, double R[9]);
 
 /* factored_update.cpp: with Z = K^-1 E the columns of the touched components and D the stiffness that was cut off them,
- * (K - E D E^T)^-1 = K^-1 + Z M Z^T, M = D (I - E^T Z D)^-1 (Woodbury). G [size][size] row-major: K^-1 among all slots;
- * touched [t], wanted [w]: rows of it; D [t][t]. */
-bool tms_update_middle(const double *G, int32_t size, const int32_t *touched, int32_t t, const double *D, double *M);
-/* C [w][w] := G among the wanted, and the update of the touched (t may be 0). False: no memory. */
+ * (K - E D E^T)^-1 = K^-1 + Z (I - D E^T Z)^-1 D Z^T (Woodbury). G [size][size] row-major: K^-1 among all slots;
+ * touched [t], wanted [w]: rows of it; D [t][t]. M [t][t], pivot [t] := L U of the middle. */
+bool tms_update_middle(const double *G, int32_t size, const int32_t *touched, int32_t t, const double *D, double *M,
+                       int32_t *pivot);
+/* X [.][t], row column[j] := (I - D E^T Z)^-1 D Z^T of that slot component. */
+bool tms_update_columns(const double *G, int32_t size, const int32_t *column, int32_t count, const int32_t *touched,
+                        int32_t t, const double *D, const double *M, const int32_t *pivot, double *X);
+/* C [w][w] := G among the wanted, and the update of the touched (t may be 0), whose columns are in X. False: no
+ * memory, or no numbers. */
 bool tms_update_piece(const double *G, int32_t size, const int32_t *wanted, int32_t w, const int32_t *touched,
-                      int32_t t, const double *M, double *C);
+                      int32_t t, const double *X, double *C);
 
 #ifdef __cplusplus
 }

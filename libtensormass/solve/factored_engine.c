@@ -38,8 +38,11 @@ tms_engine *tms_engine_create(const tm_tissue *tissue, const uint8_t *fixed, boo
     e->G = tm_allocate(sizeof(double) * WIDTH * WIDTH);
     e->D = tm_allocate(sizeof(double) * MIDDLE * MIDDLE);
     e->M = tm_allocate(sizeof(double) * MIDDLE * MIDDLE);
+    e->column = tm_allocate(sizeof(double) * WIDTH * TMS_BLOCK);
+    e->X = tm_allocate(sizeof(double) * WIDTH * MIDDLE);
     if (turns) e->at_m = tm_allocate(3 * vertices * sizeof *e->at_m);
-    if ((turns && !e->at_m) || !e->fixed || !e->base || !e->gone || !e->slot_of || !e->G || !e->D || !e->M) {
+    if ((turns && !e->at_m) || !e->fixed || !e->base || !e->gone || !e->slot_of || !e->G || !e->D || !e->M ||
+        !e->column || !e->X) {
         tms_engine_destroy(e);
         return NULL;
     }
@@ -52,10 +55,10 @@ tms_engine *tms_engine_create(const tm_tissue *tissue, const uint8_t *fixed, boo
 }
 
 static void drop_factor(tms_engine *e) {
-    tms_work_destroy(e->work);
+    tms_reach_destroy(e->reach);
     tms_solver_destroy(e->solver);
     tms_system_destroy(&e->system);
-    e->work = NULL;
+    e->reach = NULL;
     e->solver = NULL;
     e->ready = false;
 }
@@ -72,13 +75,15 @@ void tms_engine_destroy(tms_engine *e) {
     tm_release(e->G, sizeof(double) * WIDTH * WIDTH);
     tm_release(e->D, sizeof(double) * MIDDLE * MIDDLE);
     tm_release(e->M, sizeof(double) * MIDDLE * MIDDLE);
+    tm_release(e->column, sizeof(double) * WIDTH * TMS_BLOCK);
+    tm_release(e->X, sizeof(double) * WIDTH * MIDDLE);
     tm_release(e, sizeof *e);
 }
 
 int64_t tms_engine_bytes(const tms_engine *e) {
     return (int64_t)sizeof *e + 2 * (int64_t)e->tet_count + (e->at_m ? 31 : 7) * (int64_t)e->vertex_count +
-           (int64_t)sizeof(double) * (WIDTH * WIDTH + 2 * MIDDLE * MIDDLE) +
-           (e->solver ? tms_solver_bytes(e->solver) : 0);
+           (int64_t)sizeof(double) * (WIDTH * (WIDTH + TMS_BLOCK + MIDDLE) + 2 * MIDDLE * MIDDLE) +
+           (e->solver ? tms_solver_bytes(e->solver) : 0) + (e->reach ? tms_reach_bytes(e->reach) : 0);
 }
 
 /* --- the factor --- */
@@ -102,7 +107,7 @@ static bool take_system(tms_engine *e, tms_system *next) {
     drop_factor(e);
     e->system = *next;
     return tms_solver_create(&e->system, &def, 0, 0, &e->solver, &report, NULL) == TM_OK &&
-           (e->work = tms_work_create(e->solver, TMS_BLOCK)) != NULL;
+           (e->reach = tms_reach_create(e->solver)) != NULL;
 }
 
 static bool factorise(tms_engine *e, const tms_wish *wish) {
@@ -144,30 +149,20 @@ static int32_t claim(tms_engine *e, int32_t vertex) {
     return e->slot_of[vertex] = best;
 }
 
-/* Columns of at most TMS_BLOCK/3 vertices that have none; prescribed components have zeros. False: none of them, and
- * nothing has changed. */
-static bool solve_columns(tms_engine *e, const int32_t *vertex, int32_t count) {
-    const int32_t n = e->system.n;
-    int32_t at[TMS_BLOCK / 3];
-    double *b = tms_work_rhs(e->work);
-    memset(b, 0, sizeof(double) * (size_t)n * TMS_BLOCK);
-    for (int32_t i = 0; i < count; i++)
-        for (int c = 0; c < 3; c++) {
-            const int32_t row = e->system.index[3 * vertex[i] + c];
-            if (row >= 0) b[(int64_t)(3 * i + c) * n + row] = 1;
+/* Columns of at most TMS_BLOCK/3 vertices that have none; prescribed components have zeros. */
+static void solve_columns(tms_engine *e, const int32_t *vertex, int32_t count) {
+    int32_t slot[TMS_SLOTS], row[WIDTH], unit[TMS_BLOCK], slots = 0;
+    for (int32_t i = 0; i < count; i++) claim(e, vertex[i]);
+    for (int32_t k = 0; k < TMS_SLOTS; k++)
+        if (e->slot[k].vertex >= 0) slot[slots++] = k;
+    for (int32_t i = 0; i < 3 * slots; i++) row[i] = e->system.index[3 * e->slot[slot[i / 3]].vertex + i % 3];
+    for (int32_t j = 0; j < 3 * count; j++) unit[j] = e->system.index[3 * vertex[j / 3] + j % 3];
+    tms_reach_solve(e->reach, e->solver, unit, 3 * count, row, 3 * slots, e->column);
+    for (int32_t i = 0; i < 3 * slots; i++)
+        for (int32_t j = 0; j < 3 * count; j++) {
+            const int64_t a = 3 * slot[i / 3] + i % 3, b = 3 * e->slot_of[vertex[j / 3]] + j % 3;
+            e->G[a * WIDTH + b] = e->G[b * WIDTH + a] = e->column[i * 3 * count + j];
         }
-    const double *x = tms_work_solve(e->work);
-    if (!x) return false;
-    for (int32_t i = 0; i < count; i++) at[i] = claim(e, vertex[i]);
-    for (int32_t i = 0; i < count; i++)
-        for (int32_t k = 0; k < TMS_SLOTS; k++)
-            for (int m = 0; m < 9 && e->slot[k].vertex >= 0; m++) {
-                const int32_t row = e->system.index[3 * e->slot[k].vertex + m / 3];
-                const double value = row < 0 ? 0 : x[(int64_t)(3 * i + m % 3) * n + row];
-                e->G[(int64_t)(3 * k + m / 3) * WIDTH + 3 * at[i] + m % 3] = value;
-                e->G[(int64_t)(3 * at[i] + m % 3) * WIDTH + 3 * k + m / 3] = value;
-            }
-    return true;
 }
 
 static void mark(tms_engine *e, const int32_t *vertex, int32_t count) {
@@ -217,22 +212,36 @@ static int32_t list_vertices(const tms_engine *e, const tms_wish *wish, bool nee
     return unique;
 }
 
+/* What was cut off since the factor, in the columns of the wanted slot components. */
+static bool update_slots(tms_engine *e, const int32_t *wanted, int32_t count, const int32_t *touched) {
+    const int32_t t = 3 * e->touched_count;
+    int32_t column[3 * TMS_PIECE_VERTICES], columns = 0;
+    if (t == 0) return true;
+    if (!e->middle_known) {
+        if (!tms_engine_cut_stiffness(e) || !tms_update_middle(e->G, WIDTH, touched, t, e->D, e->M, e->pivot))
+            return false;
+        for (int32_t k = 0; k < TMS_SLOTS; k++) e->slot[k].updated = false;
+        e->middle_known = true;
+    }
+    for (int32_t i = 0; i < count; i++)
+        if (!e->slot[wanted[i] / 3].updated) column[columns++] = wanted[i];
+    if (columns > 0 && !tms_update_columns(e->G, WIDTH, column, columns, touched, t, e->D, e->M, e->pivot, e->X))
+        return false;
+    for (int32_t i = 0; i < columns; i++) e->slot[column[i] / 3].updated = true;
+    return true;
+}
+
 static bool write_piece(tms_engine *e, const tms_wish *wish, bool needed_only, tms_piece *piece) {
     int32_t wanted[3 * TMS_PIECE_VERTICES], touched[MIDDLE];
     const int32_t unique = list_vertices(e, wish, needed_only, piece->vertex);
     for (int32_t i = 0; i < 3 * unique; i++) wanted[i] = 3 * e->slot_of[piece->vertex[i / 3]] + i % 3;
     for (int32_t i = 0; i < 3 * e->touched_count; i++) touched[i] = 3 * e->slot_of[e->touched[i / 3]] + i % 3;
-    if (unique == 0) return false;
-    if (!e->middle_known && e->touched_count > 0) {
-        if (!tms_engine_cut_stiffness(e) || !tms_update_middle(e->G, WIDTH, touched, 3 * e->touched_count, e->D, e->M))
-            return false;
-        e->middle_known = true;
-    }
+    if (unique == 0 || !update_slots(e, wanted, 3 * unique, touched)) return false;
     piece->is =
         (tm_compliance){.revision = wish->revision, .count = unique, .vertex = piece->vertex, .C_m_N = piece->C_m_N};
     for (int32_t i = 0; i < unique && e->at_m; i++)
         tms_vertex_frame(tm_tissue_mesh(e->tissue), wish->alive, e->at_m, piece->vertex[i], piece->frame + 9 * i);
-    return tms_update_piece(e->G, WIDTH, wanted, 3 * unique, touched, 3 * e->touched_count, e->M, piece->C_m_N);
+    return tms_update_piece(e->G, WIDTH, wanted, 3 * unique, touched, 3 * e->touched_count, e->X, piece->C_m_N);
 }
 
 static bool has_turned(const tms_engine *e, const tms_wish *wish, int32_t vertex) {
@@ -278,7 +287,7 @@ bool tms_engine_serve(tms_engine *e, const tms_wish *wish, bool needed_only, tms
     const int32_t ahead = needed_only ? 0 : AHEAD;
     const int32_t count = lacking(e, wish, ahead, vertex, &urgent);
     if (is_worth_solving(count, urgent, needed_only)) {
-        if (!solve_columns(e, vertex, count)) return false;
+        solve_columns(e, vertex, count);
         const int32_t left = lacking(e, wish, ahead, vertex, &urgent);
         *more = is_worth_solving(left, urgent, needed_only);
     }

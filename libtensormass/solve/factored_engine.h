@@ -7,7 +7,10 @@
 typedef struct tms_slot {
     int32_t vertex; /* -1: free */
     int64_t wanted_at;
+    bool updated; /* X has its rows */
 } tms_slot;
+
+enum { WIDTH = 3 * TMS_SLOTS, MIDDLE = 3 * TMS_TOUCHED_VERTICES };
 
 struct tms_engine {
     const tm_tissue *tissue; /* mesh, materials, fibres */
@@ -19,9 +22,10 @@ struct tms_engine {
     uint8_t *base, *gone; /* [tet_count] alive in the factor; cut since, at the last wish */
     tms_system system;
     tms_solver *solver;
-    tms_work *work;
-    bool ready;  /* there is a factor */
-    bool broken; /* there can be none: no memory, or a mechanism */
+    tms_reach *reach;
+    double *column; /* [3*TMS_SLOTS][TMS_BLOCK] as they are solved */
+    bool ready;     /* there is a factor */
+    bool broken;    /* there can be none: no memory, or a mechanism */
     tms_slot slot[TMS_SLOTS];
     int32_t *slot_of; /* [vertex_count] -1: none */
     double *G;        /* [3*TMS_SLOTS][3*TMS_SLOTS] compliance of the factor's tissue among the slots */
@@ -29,10 +33,10 @@ struct tms_engine {
     int32_t calm;                                         /* calls since the last cut */
     int32_t touched_count, touched[TMS_TOUCHED_VERTICES]; /* vertices of `gone` */
     bool middle_known;
-    double *D, *M; /* [3*touched][3*touched] */
+    double *D, *M;         /* [3*touched][3*touched] */
+    int32_t pivot[MIDDLE]; /* of M */
+    double *X;             /* [3*TMS_SLOTS][3*touched] what the cut adds to the slots' columns */
 };
-
-enum { WIDTH = 3 * TMS_SLOTS, MIDDLE = 3 * TMS_TOUCHED_VERTICES };
 
 /* factored_cut.c: the tissue of these tetrahedra, where it turns with the tensors of the factor's state. */
 bool tms_engine_part(const tms_engine *e, const uint8_t *alive, tm_tissue **part);

@@ -125,6 +125,28 @@ tms_cg *tms_cg_create(const tms_system *system);
 void tms_cg_destroy(tms_cg *cg);
 bool tms_cg_solve(const tms_cg *cg, const double *b, double *x, double tolerance, int32_t max_iterations);
 
+/* --- reach.cpp: the same for few components, which need a small part of a factor --- */
+
+/* CHOLMOD's factor L L^T of the permuted system; supernode s has the columns begin[s].. of L, dense, with the rows
+ * row[row_begin[s]..], its own columns first. x null: none (conjugate gradients). */
+typedef struct tms_supernodes {
+    int32_t n, count;
+    const int32_t *begin, *row_begin, *x_begin, *row;
+    const int32_t *component; /* [n] that the factor has at a place */
+    const double *x;
+} tms_supernodes;
+tms_supernodes tms_solver_supernodes(const tms_solver *solver);
+
+/* Of one thread, for a solver however often it is renewed. */
+typedef struct tms_reach tms_reach;
+tms_reach *tms_reach_create(const tms_solver *solver); /* null: no memory, or no factor */
+void tms_reach_destroy(tms_reach *reach);
+int64_t tms_reach_bytes(const tms_reach *reach);
+/* out [rows][units] := components row[] of the solutions for unit forces on components unit[], at most TMS_BLOCK; a
+ * component of -1 is prescribed: zeros. No allocation. */
+void tms_reach_solve(tms_reach *reach, const tms_solver *solver, const int32_t *unit, int32_t units, const int32_t *row,
+                     int32_t rows, double *out);
+
 /* --- part.c: which blocks of columns are done, and where they go --- */
 
 typedef struct tms_part {

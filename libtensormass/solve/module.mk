@@ -2,7 +2,7 @@
 TMS_SRC := $(sort $(wildcard libtensormass/solve/*.c libtensormass/solve/*.cpp))
 LIBTMS_A := $(OUT)/lib/libtensormass_solve.a
 LIBTMS_SO := $(OUT)/lib/libtensormass_solve.so.$(VERSION)
-TMS_LIBS := -lcholmod -lsuitesparseconfig -lstdc++ -lpthread
+TMS_LIBS := -lcholmod -lsuitesparseconfig -lblas -lstdc++ -lpthread
 LIBRARIES += $(LIBTMS_A) $(LIBTMS_SO)
 $(call objects,$(TMS_SRC)): INCLUDES += -I/usr/include/suitesparse -isystem /usr/include/eigen3
 # Eigen's templates: lines alone for a debugger, and their undefined behaviour is not ours to look for: half of the time they take to compile.

@@ -237,6 +237,19 @@ void tms_solver_destroy(tms_solver *s) {
 
 int64_t tms_solver_bytes(const tms_solver *s) { return s->bytes; }
 
+tms_supernodes tms_solver_supernodes(const tms_solver *s) {
+    const cholmod_factor *f = s->factor;
+    if (!f) return (tms_supernodes){0};
+    return (tms_supernodes){.n = s->n,
+                            .count = (int32_t)f->nsuper,
+                            .begin = f->super,
+                            .row_begin = f->pi,
+                            .x_begin = f->px,
+                            .row = f->s,
+                            .component = f->Perm,
+                            .x = f->x};
+}
+
 /* --- one thread's work --- */
 
 tms_work *tms_work_create(const tms_solver *solver, int32_t width) {

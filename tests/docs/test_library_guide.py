@@ -27,7 +27,7 @@ def test_example_compiles_and_runs(root, build, tmp_path, compiler):
 
 @COMPILERS
 def test_one_interface_runs_three_models(root, build, tmp_path, compiler):
-    solve = [build / "lib" / "libtensormass_solve.a", "-lcholmod", "-lsuitesparseconfig", "-lstdc++", "-lpthread"]
+    solve = [build / "lib" / "libtensormass_solve.a", "-lcholmod", "-lsuitesparseconfig", "-lblas", "-lstdc++", "-lpthread"]
     out = run_example(root, build, tmp_path, compiler, 1, ["-Wl,--start-group", *solve, build / "lib" / "libtensormass.a", "-Wl,--end-group"])
     rows = {m[0]: [float(x) for x in m[1:]] for m in
             re.findall(r"^(\w+) +(\d+) substeps of [0-9.]+ ms: ([0-9.]+) N, (-[0-9.]+) N/m \(kind (\d)\), patch of (\d+) triangles of (\d+)$", out, re.M)}

@@ -122,6 +122,18 @@ static bool bears_on(const tm_contact_row *row, const int32_t vertex[3]) {
     return false;
 }
 
+/* No corner, and so nothing of the triangle, within NEAR_M of the way: most of the surface, told without a root. */
+static bool is_far(const double *rest_m, const double *u_m, const int32_t vertex[3], const double tip_m[3],
+                   double way_m) {
+    const double beyond_m = NEAR_M / 0.9 + way_m; /* t.distance_m has nine tenths of the nearest corner's */
+    for (int j = 0; j < 3; j++) {
+        double to[3];
+        for (int c = 0; c < 3; c++) to[c] = rest_m[3 * vertex[j] + c] + u_m[3 * vertex[j] + c] - tip_m[c];
+        if (vdot(to, to) < beyond_m * beyond_m) return false;
+    }
+    return true;
+}
+
 int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_view *surface,
                       const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
                       const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
@@ -129,14 +141,20 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
     growth g = {.max_vertices = max_vertices, .max_triangles = max_triangles};
     double way[3], most_N = 0;
     vscale(horizon_s, velocity_m_s, way);
+    const double way_m = vnorm(way);
     for (int32_t k = 0; k < row_count; k++)
         if (row[k].instrument == capsule->instrument) most_N = fmax(most_N, row[k].lambda_N);
     for (int32_t i = 0; i < surface->count; i++) {
+        const int32_t *corner = surface->triangle + 3 * i;
         near_triangle t = {.face = surface->face[i]};
+        for (int32_t k = 0; k < row_count; k++)
+            t.pressed =
+                t.pressed || (row[k].face == t.face && row[k].instrument == capsule->instrument && row[k].lambda_N > 0);
+        if (!t.pressed && is_far(rest_m, u_m, corner, capsule->tip_m, way_m)) continue;
         double middle[3] = {0, 0, 0}, nearest = INFINITY;
         bool good = true;
         for (int j = 0; j < 3; j++) {
-            t.vertex[j] = surface->triangle[3 * i + j];
+            t.vertex[j] = corner[j];
             double at[3];
             for (int c = 0; c < 3; c++) {
                 at[c] = rest_m[3 * t.vertex[j] + c] + u_m[3 * t.vertex[j] + c];
@@ -150,7 +168,6 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
         t.distance_m = 0.9 * nearest + 0.1 * way_distance(capsule->tip_m, way, middle);
         for (int32_t k = 0; k < row_count; k++) {
             if (row[k].instrument != capsule->instrument || !(row[k].lambda_N > 0)) continue;
-            t.pressed = t.pressed || row[k].face == t.face;
             t.beside = t.beside || (row[k].lambda_N > LITTLE * most_N && bears_on(row + k, t.vertex));
         }
         if (good && (t.pressed || t.distance_m < NEAR_M)) keep_near(&g, &t);
