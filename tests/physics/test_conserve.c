@@ -20,7 +20,8 @@ typedef struct hot {
     double noise; /* of an edge of 10 mm, or of a sliver's height */
     double rate;  /* turning, rad/s */
     double share; /* of the guaranteed step */
-    double most;  /* by which energy may be off: of slivers at their own bound it swings by some hundredths */
+    double most;  /* by which the mean energy of a thousand steps may be off, */
+    double swing; /* and that of any one step */
 } hot;
 
 static body make(const hot *h, double damping) {
@@ -68,19 +69,27 @@ static void destroy(body *b) {
     tm_mesh_destroy(b->mesh);
 }
 
-/* By how much the account's energy is off in the worst of twenty looks. */
+/* Returns by how much the account's energy is off in the worst mean of a thousand steps. Of a single step it swings
+ * more, by what is taken back in the next ones: of slivers, which turn inside out and back within a step, by tenths. */
 static double drift(const hot *h, int32_t steps) {
+    enum { WINDOW = 1000 };
     body b = make(h, 0);
     tm_error error;
     tm_energy e;
-    double worst = 0;
+    double worst = 0, swing = 0, sum = 0;
     fix_ok(tm_stage_energy(b.world, &error), &error);
-    for (int look = 0; look < 20; look++) {
-        assert_int_equal(tm_world_step(b.world, steps / 20), TM_OK);
+    for (int32_t n = 1; n <= steps; n++) {
+        assert_int_equal(tm_world_step(b.world, 1), TM_OK);
         fix_ok(tm_world_energy(b.world, &e, &error), &error);
-        worst = fmax(worst, fabs((e.kinetic_J + e.elastic_J) / e.start_J - 1));
+        const double off = (e.kinetic_J + e.elastic_J) / e.start_J - 1;
+        swing = fmax(swing, fabs(off));
+        sum += off / WINDOW;
+        if (n % WINDOW) continue;
+        worst = fmax(worst, fabs(sum));
+        sum = 0;
     }
-    print_message("%-28s energy within %.1e over %d steps\n", h->name, worst, steps);
+    print_message("%-28s energy within %.1e over %d steps, in any step within %.1e\n", h->name, worst, steps, swing);
+    assert_true(swing < h->swing);
     destroy(&b);
     return worst;
 }
@@ -88,26 +97,27 @@ static double drift(const hot *h, int32_t steps) {
 static void test_energy_stays(void **state) {
     (void)state;
     static const hot all[] = {
-        {"warm", 1, 0.45, false, false, 0.05, 0, 1, 0.01},
-        {"hot", 1, 0.45, false, false, 0.2, 0, 1, 0.01},
-        {"spun", 1, 0.3, false, false, 0.02, 20, 1, 0.01},
-        {"fibred 2:1, hot", 2, 0, false, false, 0.2, 0, 1, 0.01},
-        {"fibred 7:1, spun", 7, 0, false, false, 0.1, 20, 1, 0.01},
-        {"volume, hot", 1, 0.49, true, false, 0.2, 0, 1, 0.01},
-        {"slivers, spun", 1, 0.45, false, true, 0.03, 20, 1, 0.1},
-        {"slivers, warm", 1, 0.45, false, true, 0.05, 0, 1, 0.1},
-        {"slivers, hot, 0.9", 1, 0.45, false, true, 0.1, 0, 0.9, 0.01},
-        {"slivers, fibred", 7, 0, false, true, 0.1, 0, 1, 0.1},
+        {"warm", 1, 0.45, false, false, 0.05, 0, 1, 3e-4, 0.01},
+        {"hot", 1, 0.45, false, false, 0.2, 0, 1, 3e-4, 0.03},
+        {"spun", 1, 0.3, false, false, 0.02, 20, 1, 3e-4, 0.01},
+        {"fibred 2:1, hot", 2, 0, false, false, 0.2, 0, 1, 3e-4, 0.01},
+        {"fibred 7:1, spun", 7, 0, false, false, 0.1, 20, 1, 3e-4, 0.01},
+        {"volume, hot", 1, 0.49, true, false, 0.2, 0, 1, 3e-4, 0.01},
+        {"slivers, spun", 1, 0.45, false, true, 0.03, 20, 1, 3e-3, 0.1},
+        {"slivers, warm", 1, 0.45, false, true, 0.05, 0, 1, 0.01, 0.3},
+        {"slivers, hot", 1, 0.45, false, true, 0.1, 0, 1, 3e-3, 0.1},
+        {"slivers, hot, 0.9", 1, 0.45, false, true, 0.1, 0, 0.9, 3e-3, 0.1},
+        {"slivers, fibred", 7, 0, false, true, 0.1, 0, 1, 3e-3, 0.1},
     };
     for (size_t k = 0; k < sizeof all / sizeof *all; k++)
-        assert_true(drift(all + k, test_is_long() ? 100000 : test_is_sanitized() ? 300 : 3000) < all[k].most);
+        assert_true(drift(all + k, test_is_long() ? 100000 : test_is_sanitized() ? 1000 : 6000) < all[k].most);
 }
 
 /* Fibres ten times as stiff in flat tetrahedra: without what takes back energy they go on for ever, damped by 20 1/s.
  */
 static void test_slivers_come_to_rest(void **state) {
     (void)state;
-    const hot h = {"slivers", 10, 0, false, true, 3, 0, 0.9, 0};
+    const hot h = {"slivers", 10, 0, false, true, 3, 0, 0.9, 0, 0};
     body b = make(&h, 20);
     tm_state *s = tm_world_state(b.world);
     const double start = turning_energy(b.tissue, b.rotation, s->u_m);

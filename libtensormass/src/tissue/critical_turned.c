@@ -16,8 +16,8 @@
 #include "tissue/smoothed.h"
 
 static const double BAND = 1.7;
-/* By a share of up to 0.12 of the change of the force, what takes energy back (world/conserve.c) lowers the largest
- * stable step: z^2 - 2 z + 1 + q z + share q (z - 1) has the root -1 at q = 4/(1 + 2 share). */
+/* Room below 2/omega, where a motion's size for its energy has no bound, and with it what a step makes of energy
+ * (world/conserve.c). With 1 energy swings up to twice as much (tests/physics/test_conserve.c). */
 static const double CONSERVING = 1.25;
 
 double tm_turned_skew_Pa(const tm_material *m) {
