@@ -3,7 +3,7 @@
 #include <math.h>
 
 #include "../fixture.h"
-#include "tissue/bulk.h"
+#include "material/bulk.h"
 #include "world/world_internal.h"
 
 enum { ROUNDS = 9, STEPS = 130 }; /* more than two comparisons of a run */

@@ -3,7 +3,7 @@
 #include <complex.h>
 
 #include "../fixture.h"
-#include "tissue/bulk.h"
+#include "material/bulk.h"
 #include "world/world_internal.h"
 
 static const tm_viscosity_term SERIES[3] = {{0.02, 0.3, 0.3}, {0.2, 0.2, 0.2}, {5, 0.1, 0.1}};

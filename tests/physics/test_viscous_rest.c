@@ -2,7 +2,7 @@
  * every state in which the law is not simply linear (in the band of the threshold, crushed, at the bound of tension,
  * fibred, with averaged volume, with shares that differ). */
 #include "../fixture.h"
-#include "tissue/bulk.h"
+#include "material/bulk.h"
 #include "world/world_internal.h"
 
 static const tm_viscosity_term ALIKE[2] = {{0.02, 0.3, 0.3}, {0.2, 0.4, 0.4}};

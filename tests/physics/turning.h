@@ -3,7 +3,7 @@
 #define TM_TEST_TURNING_H
 
 #include "../fixture.h"
-#include "material/material_internal.h"
+#include "tissue/tangent.h"
 
 /* The whole force: of what does not turn and of what does. */
 static inline void turning_force(const tm_tissue *tissue, const tm_rotation *rotation, const double *u, double *f,

@@ -25,7 +25,7 @@ FAULTS = {
                                                          "loop/test_extrapolate", "reversal"),
     "the sign of gamma": ("libtensormass/src/world/stage_integrate.c", "world->damped ? world->tissue->damping_kg_s[v]", "world->damped ? -world->tissue->damping_kg_s[v]",
                           "physics/test_motion", "one_free_vertex"),
-    "eq. 12's factor": ("libtensormass/src/mesh/material.c", "lambda = m->lambda_Pa * volume_m3, mu = m->mu_Pa * volume_m3,", "lambda = 2 * m->lambda_Pa * volume_m3, mu = 2 * m->mu_Pa * volume_m3,",
+    "eq. 12's factor": ("libtensormass/src/material/material.c", "lambda = m->lambda_Pa * volume_m3, mu = m->mu_Pa * volume_m3,", "lambda = 2 * m->lambda_Pa * volume_m3, mu = 2 * m->mu_Pa * volume_m3,",
                         "physics/test_oracle", "isotropic"),
     "h_min/c as the step": ("libtensormass/src/tissue/critical_step.c", "*step_s = worst < 0 ? HUGE_VAL : step_of(tissue, most);", H_MIN_OVER_C, "physics/test_tissue", "critical_steps"),
 }

@@ -4,7 +4,7 @@
 
 #include "material/nodal_dilatation.h"
 #include "tensormass/rotation.h"
-#include "tissue/tissue_internal.h"
+#include "tensormass/tissue.h"
 
 /* Tetrahedra 8p to 8p+7 of the mesh, dead ones among them: whoever lives has the same place and the same sums in a cut
  * tissue and in a fresh build. */
@@ -35,6 +35,7 @@ typedef struct tm_fibre_pack {
 } tm_fibre_pack;
 
 typedef struct tm_packs {
+    const tm_mesh *mesh;
     int32_t count, tet_count;
     const uint8_t *alive; /* the tissue's */
     const tm_pack *pack;
@@ -61,6 +62,13 @@ tm_pull_kernel tm_pull_choose(bool plain);
 double tm_rotation_sum_energy(const tm_packs *packs, const double *u_m);
 /* That of the linear law, computed without tensors. */
 double tm_packs_linear_energy(const tm_packs *packs, const double *u_m);
+
+/* Bound of the largest eigenvalue of M_e^-1 K_e over all F, with any masses (or weights) > 0 on the vertices
+ * (corotated_bound.c). */
+double tm_corotated_eigenvalue_over(const tm_material_field *field, int32_t tet, const double mass_kg[4]);
+double tm_corotated_skew_Pa(const tm_material *material);
+/* Where changes of volume are averaged, tension on them grows no further. */
+double tm_corotated_tension_max_Pa(const tm_material *material);
 
 /* Histories of tetrahedra that relax (viscous_kernel.h), beside the packs. */
 enum { TM_VISCOUS_TERMS = 3 };
@@ -114,21 +122,8 @@ bool tm_rotation_lane(const tm_packs *packs, int32_t tet, const double *u_m, tm_
 void tm_rotation_hessian(const tm_turned_lane *lane, double A[81]);
 /* The same of the linear law alone. */
 void tm_rotation_linear(const tm_turned_lane *lane, double A[81]);
-
-/* A copy of the tissue's tensors to which the tangents of what turns are added. Its lists are the tissue's own. */
-typedef struct tm_tangent {
-    tm_force_graph graph;
-    tm_force_kernel force;
-    tm_swollen swollen; /* its own look */
-    double *gradient;   /* [3*most members of a domain] */
-    bool definite;      /* without what stress adds: R K R^T of each tetrahedron */
-} tm_tangent;
-bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation);
-/* The block of vertices k <= l. */
-void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32_t k, int32_t l, const double K[9]);
-/* Of the domains of vertices begin to end, at the last look. */
-void tm_swollen_tangent(const tm_swollen *s, int32_t begin, int32_t end, tm_tangent *tangent);
-int32_t tm_swollen_most_members(const tm_swollen *s);
+/* d2 tr S/dF2 of F = I + H = R S. */
+void tm_stretch_hessian(const double H[9], const double R[9], double trace, double A[81]);
 
 /* What the step makes of energy, and what takes it back (world/conserve.c). */
 typedef struct tm_conserving {
@@ -171,7 +166,7 @@ struct tm_rotation {
 };
 
 /* Laws without what is averaged around vertices. */
-bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_tissue *tissue);
+bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_material_field *field);
 double tm_pack_spread(const tm_mesh *mesh, int32_t p);
 /* Of `count` things, those of the parts before this one. */
 static inline int32_t tm_packs_before(int32_t count, int32_t part, int32_t parts) {
@@ -190,10 +185,4 @@ void tm_pulls_add(const tm_packs *packs, const int32_t *list, int32_t count, con
 
 /* [3*vertex_count] of the stage's own, for whoever measures it. */
 double *tm_rotation_scratch(const tm_rotation *rotation);
-/* The tangent of the whole at u_m; or the linear tensors first, and what turns in pieces. */
-void tm_rotation_tangent(const tm_rotation *rotation, const double *u_m, tm_tangent *tangent);
-void tm_rotation_tangent_begin(const tm_rotation *rotation, tm_tangent *tangent);
-void tm_rotation_tangent_add(const tm_rotation *rotation, const double *u_m, int32_t begin, int32_t end,
-                             tm_tangent *tangent);
-
 #endif

@@ -6,16 +6,16 @@
 #include "material/material_internal.h"
 
 const tm_domains *tm_swollen_domains_of(const tm_swollen *s) {
-    return s->tissue->smoothed->vertex.begin ? &s->tissue->smoothed->vertex : &s->own;
+    return s->field.smoothed->vertex.begin ? &s->field.smoothed->vertex : &s->own;
 }
 
-int32_t tm_swollen_domains(const tm_swollen *s) { return s->tissue ? tm_swollen_domains_of(s)->count : 0; }
+int32_t tm_swollen_domains(const tm_swollen *s) { return tm_swollen_is_on(s) ? tm_swollen_domains_of(s)->count : 0; }
 
 /* --- room --- */
 
 bool tm_swollen_take_look(tm_swollen *look, tm_pool *pool, const tm_swollen *s, int32_t packs) {
     *look = *s;
-    if (!s->tissue) return true;
+    if (!tm_swollen_is_on(s)) return true;
     const int32_t domains = tm_swollen_domains(s);
     const int64_t lanes = TM_LANES * (int64_t)packs;
     look->turn = TM_TAKE(pool, double, 9 * lanes);
@@ -27,9 +27,9 @@ bool tm_swollen_take_look(tm_swollen *look, tm_pool *pool, const tm_swollen *s, 
 }
 
 static void name_domains(const tm_swollen *s, int32_t tet, int32_t domain[4]) {
-    const tm_mesh *mesh = s->tissue->mesh;
+    const tm_mesh *mesh = s->field.mesh;
     const tm_domains *d = tm_swollen_domains_of(s);
-    const int32_t law = s->tissue->smoothed->law[mesh->region[tet]];
+    const int32_t law = s->field.smoothed->law[mesh->region[tet]];
     for (int k = 0; k < 4; k++) {
         int32_t i = d->begin[mesh->tet[4 * (int64_t)tet + k]];
         while (d->law[i] != law) i++;
@@ -39,7 +39,7 @@ static void name_domains(const tm_swollen *s, int32_t tet, int32_t domain[4]) {
 
 /* Who gives to which domain, of all tetrahedra. */
 static void list_givers(const tm_swollen *s) {
-    const int32_t *domain = s->domain, count = 4 * s->tissue->mesh->tet_count;
+    const int32_t *domain = s->domain, count = 4 * s->field.mesh->tet_count;
     int32_t *at = s->tet_at + 1; /* for now: where the next one goes */
     for (int32_t i = 0; i < count; i++) s->tet_at[domain[i] + 1]++;
     for (int32_t d = 0, sum = 0; d < tm_swollen_domains(s); d++) {
@@ -50,16 +50,16 @@ static void list_givers(const tm_swollen *s) {
     for (int32_t i = 0; i < count; i++) s->tet[at[domain[i]]++] = i / 4;
 }
 
-bool tm_swollen_take(tm_swollen *s, tm_pool *pool, const tm_tissue *tissue, int32_t packs) {
+bool tm_swollen_take(tm_swollen *s, tm_pool *pool, const tm_material_field *field, int32_t packs) {
     *s = (tm_swollen){0};
-    const tm_smoothed *smoothed = tissue->smoothed;
+    const tm_smoothed *smoothed = field->smoothed;
     if (!smoothed) return true;
-    const tm_mesh *mesh = tissue->mesh;
-    s->tissue = tissue;
+    const tm_mesh *mesh = field->mesh;
+    s->field = *field;
     tm_domains edge = {0};
     if (!smoothed->vertex.begin) {
-        if (!tm_smoothed_make_domains(tissue, pool, &s->own, &edge)) return false;
-        tm_smoothed_average_all(tissue, &s->own);
+        if (!tm_smoothed_make_domains(field, pool, &s->own, &edge)) return false;
+        tm_smoothed_average_all(field, &s->own);
     }
     double *most = TM_TAKE(pool, double, mesh->region_count);
     s->domain = TM_TAKE(pool, int32_t, 4 * TM_LANES * (int64_t)packs);
@@ -73,7 +73,7 @@ bool tm_swollen_take(tm_swollen *s, tm_pool *pool, const tm_tissue *tissue, int3
     }
     list_givers(s);
     for (int32_t r = 0; r < mesh->region_count; r++)
-        most[r] = tm_turned_most_Pa(tissue->material + tissue->region_material[r]);
+        most[r] = tm_corotated_tension_max_Pa(field->material + field->region_material[r]);
     s->bulk_Pa = smoothed->bulk_Pa;
     s->most_Pa = most;
     return true;
@@ -131,7 +131,7 @@ void tm_swollen_look(const tm_swollen *s, const tm_packs *packs, bool plain, con
 }
 
 void tm_swollen_add(const tm_swollen *s, const tm_packs *packs, bool plain, const double *u_m, double *force_N) {
-    if (!s->tissue) return;
+    if (!tm_swollen_is_on(s)) return;
     tm_swollen_look(s, packs, plain, u_m);
     tm_swollen_choose(plain).press(packs, s, force_N);
 }
@@ -149,7 +149,7 @@ static double sum_energy(const tm_swollen *s, double less) {
 }
 
 double tm_swollen_energy(const tm_swollen *s, const tm_packs *packs, const double *u_m) {
-    if (!s->tissue) return 0;
+    if (!tm_swollen_is_on(s)) return 0;
     tm_swollen_look(s, packs, true, u_m);
     return sum_energy(s, 0.5);
 }

@@ -4,13 +4,13 @@
 #ifndef TM_NODAL_DILATATION_H
 #define TM_NODAL_DILATATION_H
 
-#include "tissue/smoothed.h"
+#include "material/strain_smoothing.h"
 
 struct tm_packs;
 struct tm_viscous;
 
 typedef struct tm_swollen {
-    const tm_tissue *tissue; /* null: nothing is averaged, and nothing here is to be done */
+    tm_material_field field; /* mesh null: nothing is averaged, and nothing here is to be done */
     tm_domains own;          /* of tissue that cannot be cut: its domains of vertices */
     int32_t *domain;         /* [4*TM_LANES*packs] of each corner */
     double *quarter_m3;      /* [TM_LANES*packs] what a tetrahedron gives to each of its four domains */
@@ -24,8 +24,10 @@ typedef struct tm_swollen {
     double *turned, *unturned; /* [domains] pressure by the averages, Pa */
 } tm_swollen;
 
+static inline bool tm_swollen_is_on(const tm_swollen *s) { return s->field.mesh; }
+
 /* From the pool; false: no memory. Without smoothing: nothing. */
-bool tm_swollen_take(tm_swollen *s, tm_pool *pool, const tm_tissue *tissue, int32_t packs);
+bool tm_swollen_take(tm_swollen *s, tm_pool *pool, const tm_material_field *field, int32_t packs);
 /* The same tissue's for another look at another u. */
 bool tm_swollen_take_look(tm_swollen *look, tm_pool *pool, const tm_swollen *s, int32_t packs);
 const tm_domains *tm_swollen_domains_of(const tm_swollen *s);

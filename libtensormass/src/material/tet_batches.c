@@ -5,24 +5,24 @@
 #include "base/vec.h"
 #include "material/material_internal.h"
 
-static bool has_fibre(const tm_tissue *tissue, int32_t tet) {
-    return !tm_material_is_isotropic(tm_tissue_tet_material(tissue, tet));
+static bool has_fibre(const tm_material_field *field, int32_t tet) {
+    return !tm_material_is_isotropic(tm_field_material(field, tet));
 }
 
-static bool pack_has_fibre(const tm_tissue *tissue, int32_t p) {
+static bool pack_has_fibre(const tm_material_field *field, int32_t p) {
     bool any = false;
-    for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < tissue->mesh->tet_count; t++)
-        any = any || has_fibre(tissue, t);
+    for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < field->mesh->tet_count; t++)
+        any = any || has_fibre(field, t);
     return any;
 }
 
-static const tm_material *law_of(const tm_tissue *tissue, int32_t tet) {
-    return tissue->smoothed ? tissue->smoothed->rest + tissue->mesh->region[tet] : tm_tissue_tet_material(tissue, tet);
+static const tm_material *law_of(const tm_material_field *field, int32_t tet) {
+    return field->smoothed ? field->smoothed->rest + field->mesh->region[tet] : tm_field_material(field, tet);
 }
 
-static void fill(const tm_tissue *tissue, int32_t tet, tm_pack *pack, int l) {
-    const tm_mesh *mesh = tissue->mesh;
-    const tm_material *m = law_of(tissue, tet);
+static void fill(const tm_material_field *field, int32_t tet, tm_pack *pack, int l) {
+    const tm_mesh *mesh = field->mesh;
+    const tm_material *m = law_of(field, tet);
     const double volume = mesh->volume_m3[tet];
     for (int k = 0; k < 4; k++) pack->component[k][l] = 3 * mesh->tet[4 * (int64_t)tet + k];
     for (int i = 0; i < 9; i++) pack->shape_1_m[i][l] = mesh->shape_1_m[12 * (int64_t)tet + 3 + i];
@@ -30,36 +30,37 @@ static void fill(const tm_tissue *tissue, int32_t tet, tm_pack *pack, int l) {
     pack->lambda_J[l] = volume * m->lambda_Pa;
 }
 
-static void fill_fibre(const tm_tissue *tissue, int32_t tet, tm_fibre_pack *pack, int l) {
-    const tm_material *m = tm_tissue_tet_material(tissue, tet);
-    const double volume = tissue->mesh->volume_m3[tet], *a = tm_tissue_tet_fibre(tissue, tet);
+static void fill_fibre(const tm_material_field *field, int32_t tet, tm_fibre_pack *pack, int l) {
+    const tm_material *m = tm_field_material(field, tet);
+    const double volume = field->mesh->volume_m3[tet], *a = tm_field_fibre(field, tet);
     pack->dlambda_J[l] = volume * m->dlambda_Pa;
     pack->dmu_J[l] = volume * m->dmu_Pa;
     pack->beta_J[l] = volume * m->beta_Pa;
     for (int i = 0; i < 3; i++) pack->fibre[i][l] = a ? a[i] : 0;
 }
 
-bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_tissue *tissue) {
-    const int32_t tets = tissue->mesh->tet_count, count = (tets + TM_LANES - 1) / TM_LANES;
+bool tm_packs_take(tm_packs *packs, tm_pool *pool, const tm_material_field *field) {
+    const int32_t tets = field->mesh->tet_count, count = (tets + TM_LANES - 1) / TM_LANES;
     int32_t fibred = 0;
-    for (int32_t p = 0; p < count; p++) fibred += pack_has_fibre(tissue, p);
+    for (int32_t p = 0; p < count; p++) fibred += pack_has_fibre(field, p);
     tm_pack *pack = TM_TAKE(pool, tm_pack, count);
     tm_fibre_pack *fibre_pack = fibred ? TM_TAKE(pool, tm_fibre_pack, fibred) : NULL;
     int32_t *fibred_of = fibred ? TM_TAKE(pool, int32_t, count) : NULL;
     if (pool->failed) return false;
     for (int32_t p = 0, at = 0; p < count; p++) {
-        const bool has = fibred && pack_has_fibre(tissue, p);
+        const bool has = fibred && pack_has_fibre(field, p);
         if (fibred_of) fibred_of[p] = has ? at : -1;
         for (int32_t t = TM_LANES * p; t < TM_LANES * (p + 1) && t < tets; t++) {
-            fill(tissue, t, pack + p, t % TM_LANES);
-            if (has) fill_fibre(tissue, t, fibre_pack + at, t % TM_LANES);
+            fill(field, t, pack + p, t % TM_LANES);
+            if (has) fill_fibre(field, t, fibre_pack + at, t % TM_LANES);
         }
         at += has;
     }
-    const double begin = tissue->rotation, end = TM_ROTATION_BAND * begin;
-    *packs = (tm_packs){.count = count,
+    const double begin = field->rotation, end = TM_ROTATION_BAND * begin;
+    *packs = (tm_packs){.mesh = field->mesh,
+                        .count = count,
                         .tet_count = tets,
-                        .alive = tissue->alive,
+                        .alive = field->alive,
                         .pack = pack,
                         .fibred = fibre_pack,
                         .fibred_of = fibred_of,
@@ -100,7 +101,7 @@ static double steepest(const tm_mesh *mesh, int32_t p, const double *u) {
 }
 
 void tm_packs_see(tm_rotation *r, const double *u, int32_t part, int32_t parts) {
-    const tm_mesh *mesh = r->tissue->mesh;
+    const tm_mesh *mesh = r->packs.mesh;
     const int32_t n = 3 * mesh->vertex_count, first = tm_packs_before(n, part, parts),
                   last = tm_packs_before(n, part + 1, parts);
     memcpy(r->seen_m + first, u + first, sizeof(double) * (size_t)(last - first));
@@ -132,7 +133,7 @@ static double way(const double *TM_RESTRICT u, const double *TM_RESTRICT seen, i
 }
 
 double tm_packs_way(const tm_rotation *r, const double *u, int32_t part, int32_t parts) {
-    const int32_t n = 3 * r->tissue->mesh->vertex_count, first = tm_packs_before(n, part, parts);
+    const int32_t n = 3 * r->packs.mesh->vertex_count, first = tm_packs_before(n, part, parts);
     return way(u + first, r->seen_m + first, tm_packs_before(n, part + 1, parts) - first);
 }
 

@@ -8,8 +8,8 @@
  * Where tetrahedra turn, the stiffness is the tangent at some state. When all that is wanted is there and the tissue
  * has moved on, the tangent is taken anew, a slice of tetrahedra a call, and columns follow one by one; until its turn
  * comes a column is that of the tangent before. */
-#include "material/material_internal.h"
 #include "patch/patch_internal.h"
+#include "tissue/tangent.h"
 
 #include <math.h>
 #include <string.h>

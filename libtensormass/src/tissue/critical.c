@@ -1,5 +1,6 @@
 /* Largest eigenvalues of single tetrahedra, on which critical steps stand (Irons). */
-#include "tissue/smoothed.h"
+#include "material/material_internal.h"
+#include "tissue/tissue_internal.h"
 
 #include <float.h>
 #include <math.h>
@@ -57,7 +58,8 @@ static void law_gram(const double law_Pa[36], const double G[36], double A[36]) 
 static void material_gram(const tm_tissue *tissue, int32_t tet, const double G[36], double A[36]) {
     double law_Pa[36];
     tm_material cover;
-    const tm_material *above = tissue->smoothed ? tm_smoothed_cover(tissue, tet, &cover) : NULL;
+    const tm_material_field field = tm_tissue_field(tissue);
+    const tm_material *above = tissue->smoothed ? tm_smoothed_cover(&field, tet, &cover) : NULL;
     tm_material_voigt(above ? above : tm_tissue_tet_material(tissue, tet),
                       above ? NULL : tm_tissue_tet_fibre(tissue, tet), law_Pa);
     law_gram(law_Pa, G, A);
@@ -68,8 +70,9 @@ double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double 
     const tm_material *material = tm_tissue_tet_material(tissue, tet);
     double G[36], A[36];
     if (tissue->rotation > 0) {
+        const tm_material_field field = tm_tissue_field(tissue);
         const double mass = material->density_kg_m3 * tissue->mesh->volume_m3[tet] / 4;
-        return tm_turned_eigenvalue_over(tissue, tet, (const double[4]){mass, mass, mass, mass});
+        return tm_corotated_eigenvalue_over(&field, tet, (const double[4]){mass, mass, mass, mass});
     }
     strain_gram(tissue->mesh->shape_1_m + 12 * (int64_t)tet, (const double[4]){1, 1, 1, 1}, G);
     const double scale = 4 / material->density_kg_m3;
@@ -109,7 +112,8 @@ static double largest_from_above(double A[36]) {
 
 double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]) {
     double scale[4], G[36], A[36];
-    if (tissue->rotation > 0) return tm_turned_eigenvalue_over(tissue, tet, mass_kg);
+    const tm_material_field field = tm_tissue_field(tissue);
+    if (tissue->rotation > 0) return tm_corotated_eigenvalue_over(&field, tet, mass_kg);
     for (int k = 0; k < 4; k++) scale[k] = tissue->mesh->volume_m3[tet] / mass_kg[k];
     strain_gram(tissue->mesh->shape_1_m + 12 * (int64_t)tet, scale, G);
     material_gram(tissue, tet, G, A);

@@ -1,6 +1,6 @@
-/* The one header with `restrict`. The force loop's arrays never overlap, and only told so does the
- * compiler keep sums in registers; it does not find the AVX2 form by itself, for a block's three columns fill no
- * vector. The plain C form is the reference; its order of sums is fixed (see force_kernel.h). */
+/* The force loop. Its arrays never overlap (TM_RESTRICT). The compiler does not find the AVX2 form by itself, for a
+ * block's three columns fill no vector. The plain C form is the reference; its order of sums is fixed (see
+ * force_kernel.h). */
 #ifndef TM_KERNEL_H
 #define TM_KERNEL_H
 
@@ -8,8 +8,6 @@
 #include <stdint.h>
 
 #include "base/simd.h"
-
-#define TM_RESTRICT restrict
 
 enum { TM_FORCE_RING = 1024 }; /* 32 kB, what the nearest cache holds */
 

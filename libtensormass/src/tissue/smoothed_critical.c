@@ -121,9 +121,10 @@ static void follow_loads(const bound *b, double most) {
 
 static bool take_bound(bound *b) {
     const tm_smoothed *s = b->tissue->smoothed;
-    if (!tm_smoothed_make_domains(b->tissue, &b->pool, &b->vertex, &b->edge)) return false;
-    tm_smoothed_average_all(b->tissue, &b->vertex);
-    tm_smoothed_average_all(b->tissue, &b->edge);
+    const tm_material_field field = tm_tissue_field(b->tissue);
+    if (!tm_smoothed_make_domains(&field, &b->pool, &b->vertex, &b->edge)) return false;
+    tm_smoothed_average_all(&field, &b->vertex);
+    tm_smoothed_average_all(&field, &b->edge);
     b->kinds[b->kind_count++].domains = &b->vertex;
     if (s->shear > 0) b->kinds[b->kind_count++].domains = &b->edge;
     if (s->shear < 1) b->kinds[b->kind_count++].domains = NULL;

@@ -140,8 +140,8 @@ static void take_pairs(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *de
     tissue->pair_count = def->mesh->edge_count;
     if (!def->volume) return;
     if (!tm_smoothed_take(tissue, def, pool)) pool->failed = true;
-    tissue->pair = pool->failed ? NULL : tissue->smoothed->pair;
-    tissue->pair_count = pool->failed ? 0 : tissue->smoothed->pair_count;
+    tissue->pair = pool->failed ? NULL : tissue->rows->pair;
+    tissue->pair_count = pool->failed ? 0 : tissue->rows->pair_count;
 }
 
 static void take(tm_tissue *tissue, tm_pool *pool, const tm_tissue_def *def) {

@@ -3,7 +3,7 @@
 #ifndef TM_TISSUE_INTERNAL_H
 #define TM_TISSUE_INTERNAL_H
 
-#include "mesh/mesh_internal.h"
+#include "material/strain_smoothing.h"
 #include "tensormass/tissue.h"
 #include "tissue/kernel.h"
 
@@ -28,8 +28,9 @@ struct tm_tissue {
     double *extra_mass_kg, *extra_damping_kg_s; /* [vertex_count] or null */
     tm_force_graph graph;
     int32_t pair_count;
-    const int32_t *pair;          /* [2*pair_count] the graph's edges k<l, ascending: the mesh's, or more (smoothed) */
-    struct tm_smoothed *smoothed; /* null: linear tetrahedra (tissue/smoothed.h) */
+    const int32_t *pair;           /* [2*pair_count] the graph's edges k<l, ascending: the mesh's, or more (smoothed) */
+    tm_smoothed *smoothed;         /* null: linear tetrahedra */
+    struct tm_smoothed_rows *rows; /* of smoothed tissue (tissue/smoothed.h) */
     int32_t *edge_slot;   /* [pair_count] place of a living one in the graph, -1: dead; null: every one lives, in its
                              own number's place */
     double *vertex_block; /* cuttable, double: [9*4*tet_count] blocks K_kk in the order of mesh->vertex_tet, so that a
@@ -45,6 +46,22 @@ struct tm_tissue {
     int32_t undo_count;                       /* tetrahedra removed since a step began, and can be given back */
     int32_t kept_revision;                    /* of the surface then */
 };
+
+/* What laws read of it. */
+static inline tm_material_field tm_tissue_field(const tm_tissue *tissue) {
+    return (tm_material_field){.mesh = tissue->mesh,
+                               .alive = tissue->alive,
+                               .material = tissue->material,
+                               .region_material = tissue->region_material,
+                               .fibre = tissue->fibre,
+                               .smoothed = tissue->smoothed,
+                               .rotation = tissue->rotation,
+                               .material_count = tissue->material_count,
+                               .plain = tissue->plain};
+}
+/* The tissue that is left when all has relaxed: shares `shear` and `volume` of the moduli, the same living tetrahedra.
+ * TM_ERR_MEMORY. */
+tm_status tm_tissue_relaxed(const tm_tissue *tissue, double shear, double volume, tm_tissue **out, tm_error *error);
 
 /* --- assembly, shared by create and cut; all sums ascending over living tetrahedra --- */
 /* Keeps the blocks and shares of every tetrahedron of a cuttable tissue, so that a sum reads straight on. */
@@ -81,11 +98,6 @@ double tm_element_eigenvalue(const tm_tissue *tissue, int32_t tet);
 double tm_element_eigenvalue_above(const tm_tissue *tissue, int32_t tet, double floor);
 /* The same with any masses (or weights) > 0 on its vertices, from above: at most 0.2 % too large. */
 double tm_element_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]);
-/* The same for tissue that the stage "rotation" turns, and g of its law (critical_turned.c). */
-double tm_turned_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]);
-double tm_turned_skew_Pa(const tm_material *material);
-/* Where changes of volume are averaged, tension on them grows no further. */
-double tm_turned_most_Pa(const tm_material *material);
 /* G += scale B B^T: B maps a displacement to the strain in Mandel form that it makes by the gradient alpha. */
 void tm_strain_gram_add(const double alpha[3], double scale, double G[36]);
 /* Largest eigenvalue of G C, C semidefinite in Voigt form, from above: at most 0.2 % too large. */

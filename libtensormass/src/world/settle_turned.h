@@ -2,7 +2,7 @@
 #ifndef TM_SETTLE_TURNED_H
 #define TM_SETTLE_TURNED_H
 
-#include "material/material_internal.h"
+#include "tissue/tangent.h"
 #include "world/settle_path.h"
 #include "world/settle_scale.h"
 #include "world/world_internal.h"

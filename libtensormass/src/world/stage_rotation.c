@@ -194,7 +194,7 @@ static bool take_passes(turner *t, tm_pool *pool, tm_world *world) {
     t->way_m = TM_TAKE(pool, double, world->part_count);
     t->pull = tm_pull_choose(world->tissue->plain);
     if (pool->failed) return false;
-    if (r->swollen.tissue) {
+    if (tm_swollen_is_on(&r->swollen)) {
         if (!tm_relaxing_take_elastic(&t->whole, pool, world, r)) return false;
         r->whole = &t->whole;
         return true;
@@ -213,8 +213,9 @@ static bool take(turner *t, tm_pool *pool, tm_world *world) {
     const tm_tissue *tissue = world->tissue;
     tm_rotation *r = &t->rotation;
     const int64_t n = 3 * (int64_t)tissue->mesh->vertex_count;
-    if (!tm_packs_take(&r->packs, pool, tissue)) return false;
-    if (!tm_swollen_take(&r->swollen, pool, tissue, r->packs.count)) return false;
+    const tm_material_field field = tm_tissue_field(tissue);
+    if (!tm_packs_take(&r->packs, pool, &field)) return false;
+    if (!tm_swollen_take(&r->swollen, pool, &field, r->packs.count)) return false;
     r->seen_m = TM_TAKE(pool, double, n);
     r->reach_m = TM_TAKE(pool, double, r->packs.count);
     r->spread_1_m = TM_TAKE(pool, double, r->packs.count);

@@ -3,7 +3,7 @@
  *     -K u + sum_i (shear_i D + volume_i W) q_i  =  -K (u - sum_i shear_i q_i) + W sum_i (volume_i - shear_i) q_i,
  * K = D + W, W the bulk modulus' part: the law is linear, so that a history of displacements is one of stresses. Shares
  * that are alike cost no second pass. q follows at the end of a step, along the straight line from u to u_next. */
-#include "tissue/bulk.h"
+#include "material/bulk.h"
 #include "world/viscosity.h"
 
 #include <math.h>
@@ -23,44 +23,6 @@ typedef struct viscosity {
     tm_rotation *rotation; /* tissue that turns: histories of tetrahedra instead, and its stage's work; else null */
     tm_relaxing relaxing;
 } viscosity;
-
-/* --- definition --- */
-
-tm_viscosity_def tm_viscosity_def_default(void) {
-    return (tm_viscosity_def){.cookie = TM_COOKIE_VISCOSITY, .size = sizeof(tm_viscosity_def)};
-}
-
-tm_status tm_viscosity_check(const tm_viscosity_def *def, tm_error *error) {
-    TM_REQUIRE_DEF(def, TM_COOKIE_VISCOSITY, TM_ERR_ARGUMENT);
-    if (def->count < 1 || def->count > TM_VISCOSITY_TERMS)
-        return tm_fail(error, TM_ERR_ARGUMENT, -1, "viscosity: %d terms; give 1 to %d", (int)def->count,
-                       TM_VISCOSITY_TERMS);
-    double shear = 0, volume = 0;
-    for (int32_t i = 0; i < def->count; i++) {
-        const tm_viscosity_term *t = def->term + i;
-        if (!(t->time_s >= TM_VISCOSITY_TIME_MIN_S && t->time_s <= TM_VISCOSITY_TIME_MAX_S) || !(t->shear >= 0) ||
-            !(t->volume >= 0))
-            return tm_fail(error, TM_ERR_ARGUMENT, i,
-                           "viscosity: term %d relaxes %g of the shear and %g of the volume in %g s; give shares from "
-                           "0 to 1 and %g to %g s",
-                           (int)i, t->shear, t->volume, t->time_s, TM_VISCOSITY_TIME_MIN_S, TM_VISCOSITY_TIME_MAX_S);
-        shear += t->shear, volume += t->volume;
-    }
-    if (!(shear <= TM_VISCOSITY_SHARES_MAX && volume <= TM_VISCOSITY_SHARES_MAX))
-        return tm_fail(error, TM_ERR_ARGUMENT, -1,
-                       "viscosity: its terms relax %g of the shear and %g of the volume; leave something to rest on, "
-                       "each sum at most %g",
-                       shear, volume, TM_VISCOSITY_SHARES_MAX);
-    return TM_OK;
-}
-
-tm_fading tm_fading_of(double dt_s, double time_s) {
-    const double x = dt_s / time_s, gone = -expm1(-x);
-    /* 1 - gone/x cancels where x is small; its series does not. */
-    const double now =
-        x < 0.01 ? x * (1.0 / 2 - x * (1.0 / 6 - x * (1.0 / 24 - x * (1.0 / 120 - x / 720)))) : 1 - gone / x;
-    return (tm_fading){exp(-x), gone - now, now};
-}
 
 /* --- the step --- */
 
@@ -144,7 +106,7 @@ static void set_force(viscosity *v, bool relaxes) {
     struct tm_stage_slot *slot = force_slot(v->world);
     if (v->rotation) {
         v->rotation->left_to_viscosity = relaxes;
-        v->world->whole_law = relaxes || v->rotation->swollen.tissue;
+        v->world->whole_law = relaxes || tm_swollen_is_on(&v->rotation->swollen);
     } else if (slot) {
         const bool divided = relaxes && v->swollen_m;
         slot->stage.run = divided ? run_force : NULL;
@@ -252,7 +214,8 @@ static bool take(viscosity *v, tm_pool *pool) {
     v->strained_m = TM_TAKE(pool, double, v->n);
     if (alike) return !pool->failed;
     v->swollen_m = TM_TAKE(pool, double, v->n);
-    return tm_bulk_take(&v->bulk, pool, v->world->tissue) && !pool->failed;
+    const tm_material_field field = tm_tissue_field(v->world->tissue);
+    return tm_bulk_take(&v->bulk, pool, &field) && !pool->failed;
 }
 
 /* u is the rest from here on. On failure what it held is given back. */
@@ -346,7 +309,8 @@ tm_status tm_relaxed_begin(tm_world *world, tm_relaxed *relaxed, tm_error *error
     const tm_status status = tm_tissue_relaxed(world->tissue, shear, volume, &tissue, error);
     if (status) return status;
     relaxed->packs = v->relaxing.left;
-    if (v->rotation && !tm_swollen_take(&relaxed->swollen, &relaxed->pool, tissue, relaxed->packs.count)) {
+    const tm_material_field field = tm_tissue_field(tissue);
+    if (v->rotation && !tm_swollen_take(&relaxed->swollen, &relaxed->pool, &field, relaxed->packs.count)) {
         tm_pool_release(&relaxed->pool);
         tm_tissue_destroy(tissue);
         return tm_fail_memory(error, "settling");

@@ -2,20 +2,10 @@
 #ifndef TM_VISCOSITY_INTERNAL_H
 #define TM_VISCOSITY_INTERNAL_H
 
-#include "material/material_internal.h"
-#include "tensormass/viscosity.h"
+#include "material/prony.h"
 #include "world/world_internal.h"
 
-enum { TM_COOKIE_VISCOSITY = 0x76697363 };
-
 bool tm_stage_is_viscosity(const tm_stage *stage);
-
-/* The history of a strain that runs straight from one step to the next, exactly: the integral of
- * exp(-(t_end - t)/time) s(t) dt/time is  keep * before + old * s_begin + new * s_end. */
-typedef struct tm_fading {
-    double keep, old, now;
-} tm_fading;
-tm_fading tm_fading_of(double dt_s, double time_s);
 
 /* The whole law of tissue that turns (viscous_turned.c): elastic, or what a series leaves of it and its terms. */
 typedef struct tm_relaxing {
@@ -42,12 +32,6 @@ bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotatio
 void tm_relaxing_force(tm_relaxing *r);
 /* Histories by themselves: keep, old and now of each term for one look at u. */
 void tm_relaxing_look(const tm_relaxing *r, const tm_fading *fading);
-
-/* What the series leaves of shear and of volume. */
-static inline void tm_viscosity_left(const tm_viscosity_def *def, double *shear, double *volume) {
-    *shear = *volume = 1;
-    for (int32_t t = 0; t < def->count; t++) *shear -= def->term[t].shear, *volume -= def->term[t].volume;
-}
 
 /* While a world settles: its tensors (and what turns) are those of tissue that has relaxed, and the stage is still.
  * Without the stage all three do nothing. */

@@ -3,7 +3,6 @@
  * tetrahedra. Four passes, each divided among the step's threads: strains of packs; where changes of volume are
  * averaged, pressures of domains, then their stresses on packs; corners' pulls gathered by vertices. Whoever sums, sums
  * all of it in ascending order, so that the bits are those of one thread. */
-#include "tissue/bulk.h"
 #include "world/viscosity.h"
 
 #include <string.h>
@@ -23,42 +22,6 @@ static void find_corners(const tm_mesh *mesh, int32_t *place) {
 
 int64_t tm_relaxing_kept(const tm_rotation *rotation) {
     return 6 * TM_LANES * (int64_t)rotation->packs.count + tm_swollen_domains(&rotation->swollen);
-}
-
-/* The law that is left, in packs and, where changes of volume are averaged, by domains. The tissue with these materials
- * lives no longer than this call: packs keep of it what is the world's own. */
-static bool take_left(tm_relaxing *r, tm_pool *pool, const tm_tissue *tissue, double shear, double volume) {
-    const int32_t regions = tissue->mesh->region_count;
-    tm_tissue left = *tissue;
-    tm_smoothed smoothed;
-    left.material = TM_TAKE(pool, tm_material, tissue->material_count);
-    for (int32_t i = 0; left.material && i < tissue->material_count; i++)
-        left.material[i] = tm_material_left(tissue->material + i, shear, volume);
-    if (tissue->smoothed && left.material) {
-        smoothed = *tissue->smoothed;
-        left.smoothed = &smoothed;
-        double *bulk_Pa = TM_TAKE(pool, double, regions), *most_Pa = TM_TAKE(pool, double, regions);
-        smoothed.rest = TM_TAKE(pool, tm_material, regions);
-        for (int32_t i = 0; !pool->failed && i < regions; i++) {
-            smoothed.rest[i] = left.material[tissue->region_material[i]];
-            bulk_Pa[i] = tm_smoothed_bulk_Pa(smoothed.rest + i);
-            most_Pa[i] = tm_turned_most_Pa(smoothed.rest + i);
-            smoothed.rest[i].lambda_Pa -= bulk_Pa[i];
-        }
-        r->viscous.left_bulk_Pa = bulk_Pa, r->viscous.left_most_Pa = most_Pa;
-    }
-    return !pool->failed && tm_packs_take(&r->left, pool, &left);
-}
-
-static void share_out(tm_viscous *v, const tm_viscosity_def *def, double shear, double volume) {
-    v->terms = def->count;
-    v->whole = 1 / shear, v->whole_more = 1 - volume / shear;
-    for (int32_t t = 0; t < def->count; t++) {
-        const tm_viscosity_term *term = def->term + t;
-        v->shear[t] = term->shear / shear;
-        v->more[t] = term->volume - term->shear * volume / shear;
-        v->volume[t] = term->volume;
-    }
 }
 
 /* Of one look; what the elastic tissue has already is shared, for only one of both runs. */
@@ -93,25 +56,14 @@ bool tm_relaxing_take(tm_relaxing *r, tm_pool *pool, tm_world *world, tm_rotatio
     tm_viscous *v = &r->viscous;
     if (!tm_relaxing_take_elastic(r, pool, world, rotation)) return false;
     r->packs = &r->left;
-    const int64_t lanes = TM_LANES * (int64_t)rotation->packs.count;
-    double shear, volume;
-    tm_viscosity_left(def, &shear, &volume);
-    share_out(v, def, shear, volume);
-    v->bulk_J = TM_TAKE(pool, double, lanes);
-    if (!take_left(r, pool, tissue, shear, volume)) return false;
-    for (int32_t t = 0; t < def->count; t++) {
-        v->memory[t] = kept[t];
-        v->swelling[t] = kept[t] + 6 * lanes;
-    }
-    for (int32_t t = 0; !tissue->smoothed && t < tissue->mesh->tet_count; t++)
-        v->bulk_J[t] = tissue->mesh->volume_m3[t] * tm_smoothed_bulk_Pa(tm_tissue_tet_material(tissue, t));
-    return true;
+    const tm_material_field field = tm_tissue_field(tissue);
+    return tm_prony_take(v, &r->left, pool, &field, def, rotation->packs.count, kept);
 }
 
 /* --- the passes --- */
 
 static const tm_swollen *swollen_of(const tm_relaxing *r) {
-    return r->rotation->swollen.tissue ? &r->rotation->swollen : NULL;
+    return tm_swollen_is_on(&r->rotation->swollen) ? &r->rotation->swollen : NULL;
 }
 
 /* Packs before the part. */

@@ -3,24 +3,18 @@
 #ifndef TM_BULK_H
 #define TM_BULK_H
 
-#include "tissue/smoothed.h"
+#include "material/strain_smoothing.h"
 
 typedef struct tm_bulk {
-    const tm_tissue *tissue;
+    tm_material_field field;
     double *stiffness_J; /* linear: [tet_count] bulk modulus times volume */
     tm_domains own;      /* smoothed, not cuttable: the domains of vertices */
 } tm_bulk;
 
 /* False: no memory. */
-bool tm_bulk_take(tm_bulk *bulk, tm_pool *pool, const tm_tissue *tissue);
+bool tm_bulk_take(tm_bulk *bulk, tm_pool *pool, const tm_material_field *field);
 /* force_N += W u on the vertices [begin, end), W the bulk modulus' part of K; living tetrahedra or domains ascending,
  * so that every division of the vertices has the same bits. What crosses a border is computed on both sides of it. */
 void tm_bulk_add(const tm_bulk *bulk, int32_t begin, int32_t end, const double *u_m, double *force_N);
-
-/* The law that is left of one when all has relaxed: shares `shear` and `volume` of its moduli. */
-tm_material tm_material_left(const tm_material *material, double shear, double volume);
-/* The tissue that is left when all has relaxed: shares `shear` and `volume` of the moduli, the same living tetrahedra.
- * TM_ERR_MEMORY. */
-tm_status tm_tissue_relaxed(const tm_tissue *tissue, double shear, double volume, tm_tissue **out, tm_error *error);
 
 #endif

@@ -1,17 +1,11 @@
 /* What smoothing averages over: domains of vertices and edges, their members and averaged gradients. */
-#include "tissue/smoothed.h"
+#include "material/strain_smoothing.h"
 
 #include <string.h>
 
-/* --- laws --- */
-
-double tm_smoothed_bulk_Pa(const tm_material *m) {
-    const double across = m->lambda_Pa + m->mu_Pa, mixed = m->lambda_Pa + m->dlambda_Pa;
-    const double along = m->lambda_Pa + 2 * m->mu_Pa + 2 * m->dlambda_Pa + 4 * m->dmu_Pa + m->beta_Pa;
-    return (across * along - mixed * mixed) / (along - 2 * mixed + across);
+static int32_t law_of(const tm_material_field *field, int32_t tet) {
+    return field->smoothed->law[field->mesh->region[tet]];
 }
-
-static int32_t law_of(const tm_tissue *tissue, int32_t tet) { return tissue->smoothed->law[tissue->mesh->region[tet]]; }
 
 /* --- the tetrahedra around an owner --- */
 
@@ -39,18 +33,18 @@ static int32_t most_around(const tm_mesh *mesh) {
 }
 
 /* Is the law of the i-th tetrahedron of a star met there for the first time? */
-static bool opens_domain(const tm_tissue *tissue, star s, int32_t i) {
+static bool opens_domain(const tm_material_field *field, star s, int32_t i) {
     for (int32_t j = 0; j < i; j++)
-        if (law_of(tissue, s.tet[j]) == law_of(tissue, s.tet[i])) return false;
+        if (law_of(field, s.tet[j]) == law_of(field, s.tet[i])) return false;
     return true;
 }
 
 /* Vertices of the star's tetrahedra of one law into `list`, ascending. */
-static int32_t collect(const tm_tissue *tissue, star s, int32_t law, int32_t *list) {
+static int32_t collect(const tm_material_field *field, star s, int32_t law, int32_t *list) {
     int32_t count = 0;
     for (int32_t i = 0; i < s.count; i++)
-        for (int k = 0; k < 4 && law_of(tissue, s.tet[i]) == law; k++) {
-            const int32_t v = tissue->mesh->tet[4 * (int64_t)s.tet[i] + k];
+        for (int k = 0; k < 4 && law_of(field, s.tet[i]) == law; k++) {
+            const int32_t v = field->mesh->tet[4 * (int64_t)s.tet[i] + k];
             int32_t at = count;
             while (at > 0 && list[at - 1] > v) at--;
             if (at > 0 && list[at - 1] == v) continue;
@@ -64,14 +58,14 @@ static int32_t collect(const tm_tissue *tissue, star s, int32_t law, int32_t *li
 /* --- building --- */
 
 /* Counts, or with `fill` writes, domains and members. */
-static void walk_domains(const tm_tissue *tissue, tm_domains *d, int32_t *list, bool fill) {
+static void walk_domains(const tm_material_field *field, tm_domains *d, int32_t *list, bool fill) {
     d->count = d->member_count = 0;
-    for (int32_t o = 0; o < owners(tissue->mesh, d); o++) {
-        const star s = star_of(tissue->mesh, d, o);
+    for (int32_t o = 0; o < owners(field->mesh, d); o++) {
+        const star s = star_of(field->mesh, d, o);
         if (fill) d->begin[o] = d->count;
         for (int32_t i = 0; i < s.count; i++) {
-            if (!opens_domain(tissue, s, i)) continue;
-            const int32_t law = law_of(tissue, s.tet[i]), members = collect(tissue, s, law, list);
+            if (!opens_domain(field, s, i)) continue;
+            const int32_t law = law_of(field, s.tet[i]), members = collect(field, s, law, list);
             if (fill) {
                 d->law[d->count] = law;
                 d->member_at[d->count] = d->member_count;
@@ -82,7 +76,7 @@ static void walk_domains(const tm_tissue *tissue, tm_domains *d, int32_t *list, 
         }
     }
     if (!fill) return;
-    d->begin[owners(tissue->mesh, d)] = d->count;
+    d->begin[owners(field->mesh, d)] = d->count;
     d->member_at[d->count] = d->member_count;
 }
 
@@ -99,9 +93,9 @@ static void invert_members(const tm_mesh *mesh, tm_domains *d) {
     d->held_at[mesh->vertex_count] = d->member_count;
 }
 
-static bool take_domains(const tm_tissue *tissue, tm_pool *pool, tm_domains *d, int32_t *list) {
-    const tm_mesh *mesh = tissue->mesh;
-    walk_domains(tissue, d, list, false);
+static bool take_domains(const tm_material_field *field, tm_pool *pool, tm_domains *d, int32_t *list) {
+    const tm_mesh *mesh = field->mesh;
+    walk_domains(field, d, list, false);
     d->begin = TM_TAKE(pool, int32_t, (int64_t)owners(mesh, d) + 1);
     d->law = TM_TAKE(pool, int32_t, d->count);
     d->member_at = TM_TAKE(pool, int32_t, (int64_t)d->count + 1);
@@ -109,37 +103,37 @@ static bool take_domains(const tm_tissue *tissue, tm_pool *pool, tm_domains *d, 
     d->lives = TM_TAKE(pool, uint8_t, d->member_count);
     d->gradient = TM_TAKE(pool, double, 3 * (int64_t)d->member_count);
     d->volume_m3 = TM_TAKE(pool, double, d->count);
-    if (d->of_edges && tissue->fibre) d->law_Pa = TM_TAKE(pool, double, 36 * (int64_t)d->count);
+    if (d->of_edges && field->fibre) d->law_Pa = TM_TAKE(pool, double, 36 * (int64_t)d->count);
     d->held_at = TM_TAKE(pool, int32_t, (int64_t)mesh->vertex_count + 1);
     d->held_by = TM_TAKE(pool, int32_t, d->member_count);
     d->held_as = TM_TAKE(pool, int32_t, d->member_count);
     if (pool->failed) return false;
-    walk_domains(tissue, d, list, true);
+    walk_domains(field, d, list, true);
     invert_members(mesh, d);
     return true;
 }
 
-bool tm_smoothed_make_domains(const tm_tissue *tissue, tm_pool *pool, tm_domains *vertex, tm_domains *edge) {
+bool tm_smoothed_make_domains(const tm_material_field *field, tm_pool *pool, tm_domains *vertex, tm_domains *edge) {
     tm_pool scratch = {0};
-    int32_t *list = TM_TAKE(&scratch, int32_t, 4 * (int64_t)most_around(tissue->mesh));
+    int32_t *list = TM_TAKE(&scratch, int32_t, 4 * (int64_t)most_around(field->mesh));
     *vertex = (tm_domains){.of_edges = false};
     *edge = (tm_domains){.of_edges = true};
-    const bool good = list && take_domains(tissue, pool, vertex, list) &&
-                      (tissue->smoothed->shear == 0 || take_domains(tissue, pool, edge, list));
+    const bool good = list && take_domains(field, pool, vertex, list) &&
+                      (field->smoothed->shear == 0 || take_domains(field, pool, edge, list));
     tm_pool_release(&scratch);
     return good;
 }
 
 /* --- averages --- */
 
-static void add_law(const tm_tissue *tissue, int32_t tet, double share_m3, double *law_Pa) {
+static void add_law(const tm_material_field *field, int32_t tet, double share_m3, double *law_Pa) {
     double C[36];
-    tm_material_voigt(tissue->smoothed->rest + tissue->mesh->region[tet], tm_tissue_tet_fibre(tissue, tet), C);
+    tm_material_voigt(field->smoothed->rest + field->mesh->region[tet], tm_field_fibre(field, tet), C);
     for (int i = 0; i < 36; i++) law_Pa[i] += share_m3 * C[i];
 }
 
-void tm_smoothed_average(const tm_tissue *tissue, tm_domains *d, int32_t owner) {
-    const tm_mesh *mesh = tissue->mesh;
+void tm_smoothed_average(const tm_material_field *field, tm_domains *d, int32_t owner) {
+    const tm_mesh *mesh = field->mesh;
     const star s = star_of(mesh, d, owner);
     for (int32_t i = d->begin[owner]; i < d->begin[owner + 1]; i++) {
         const int32_t from = d->member_at[i], to = d->member_at[i + 1];
@@ -149,7 +143,7 @@ void tm_smoothed_average(const tm_tissue *tissue, tm_domains *d, int32_t owner) 
         if (law_Pa) memset(law_Pa, 0, 36 * sizeof(double));
         for (int32_t j = 0; j < s.count; j++) {
             const int32_t t = s.tet[j];
-            if (!tissue->alive[t] || law_of(tissue, t) != d->law[i]) continue;
+            if (!field->alive[t] || law_of(field, t) != d->law[i]) continue;
             const double share = mesh->volume_m3[t] / (d->of_edges ? 6 : 4);
             volume += share;
             for (int k = 0; k < 4; k++) {
@@ -159,7 +153,7 @@ void tm_smoothed_average(const tm_tissue *tissue, tm_domains *d, int32_t owner) 
                 for (int a = 0; a < 3; a++)
                     d->gradient[3 * (int64_t)m + a] += share * mesh->shape_1_m[12 * (int64_t)t + 3 * k + a];
             }
-            if (law_Pa) add_law(tissue, t, share, law_Pa);
+            if (law_Pa) add_law(field, t, share, law_Pa);
         }
         d->volume_m3[i] = volume;
         for (int64_t m = 3 * (int64_t)from; volume > 0 && m < 3 * (int64_t)to; m++) d->gradient[m] /= volume;
@@ -167,6 +161,18 @@ void tm_smoothed_average(const tm_tissue *tissue, tm_domains *d, int32_t owner) 
     }
 }
 
-void tm_smoothed_average_all(const tm_tissue *tissue, tm_domains *d) {
-    for (int32_t o = 0; d->begin && o < owners(tissue->mesh, d); o++) tm_smoothed_average(tissue, d, o);
+void tm_smoothed_average_all(const tm_material_field *field, tm_domains *d) {
+    for (int32_t o = 0; d->begin && o < owners(field->mesh, d); o++) tm_smoothed_average(field, d, o);
+}
+
+/* --- what lies above it --- */
+
+const tm_material *tm_smoothed_cover(const tm_material_field *field, int32_t tet, tm_material *cover) {
+    const tm_smoothed *s = field->smoothed;
+    const int32_t region = field->mesh->region[tet];
+    if (tm_material_is_isotropic(s->rest + region)) return NULL;
+    *cover = (tm_material){.lambda_Pa = s->bulk_Pa[region],
+                           .mu_Pa = tm_material_stiffest_Pa(s->rest + region) / 2,
+                           .density_kg_m3 = s->rest[region].density_kg_m3};
+    return cover;
 }

@@ -1,5 +1,5 @@
 /* Constants: conversions, positive definiteness, the elasticity matrix, the stiffness block. */
-#include "mesh/mesh_internal.h"
+#include "material/material_field.h"
 
 #include <math.h>
 
@@ -152,6 +152,20 @@ double tm_material_stiffest_Pa(const tm_material *m) {
     const double a = 2 * (m->lambda_Pa + m->mu_Pa), b = sqrt(2.0) * c13(m), c = c33(m);
     const double pair = (a + c) / 2 + sqrt((a - c) * (a - c) / 4 + b * b);
     return fmax(pair, 2 * fmax(m->mu_Pa, m->mu_Pa + m->dmu_Pa));
+}
+
+double tm_material_bulk_Pa(const tm_material *m) {
+    const double across = m->lambda_Pa + m->mu_Pa, mixed = m->lambda_Pa + m->dlambda_Pa;
+    const double along = m->lambda_Pa + 2 * m->mu_Pa + 2 * m->dlambda_Pa + 4 * m->dmu_Pa + m->beta_Pa;
+    return (across * along - mixed * mixed) / (along - 2 * mixed + across);
+}
+
+tm_material tm_material_relaxed(const tm_material *m, double shear, double volume) {
+    const double bulk = tm_material_bulk_Pa(m);
+    tm_material left = *m;
+    left.mu_Pa *= shear, left.dlambda_Pa *= shear, left.dmu_Pa *= shear, left.beta_Pa *= shear;
+    left.lambda_Pa = shear * (m->lambda_Pa - bulk) + volume * bulk;
+    return left;
 }
 
 void tm_material_voigt(const tm_material *m, const double fibre[3], double C[36]) {

@@ -12,19 +12,20 @@
 #include <string.h>
 
 #include "base/vec.h"
-#include "tensormass/rotation.h"
-#include "tissue/smoothed.h"
+#include "material/material_internal.h"
 
 static const double BAND = 1.7;
 /* Room below 2/omega, where a motion's size for its energy has no bound, and with it what a step makes of energy
  * (world/conserve.c). With 1 energy swings up to twice as much (tests/physics/test_conserve.c). */
 static const double CONSERVING = 1.25;
 
-double tm_turned_skew_Pa(const tm_material *m) {
+double tm_corotated_skew_Pa(const tm_material *m) {
     return tm_material_is_isotropic(m) ? m->mu_Pa : tm_material_stiffest_Pa(m) / 4;
 }
 
-double tm_turned_most_Pa(const tm_material *m) { return fmax(tm_turned_skew_Pa(m), 0.2 * tm_smoothed_bulk_Pa(m)); }
+double tm_corotated_tension_max_Pa(const tm_material *m) {
+    return fmax(tm_corotated_skew_Pa(m), 0.2 * tm_material_bulk_Pa(m));
+}
 
 /* With changes of volume averaged (material/nodal_dilatation.h) the rotations that store the least, of all tetrahedra
  * together, store sum Q_e' + sum V kappa/2 (average of tr(R^T F) - 3)^2, whose second part curves no more than that of
@@ -32,7 +33,7 @@ double tm_turned_most_Pa(const tm_material *m) { return fmax(tm_turned_skew_Pa(m
  * neighbours put more tension on a tetrahedron than its own shear allows, 2/3 mu tr S; as above what that adds holds
  * for two stretches that add up to a half. */
 static double averaged_turn(const tm_material *m) {
-    const double most = tm_turned_most_Pa(m);
+    const double most = tm_corotated_tension_max_Pa(m);
     return fmax(4 * most - (tm_material_is_isotropic(m) ? 4.0 / 3 * m->mu_Pa : 0), 0);
 }
 
@@ -49,7 +50,7 @@ static double fibred_excess(const tm_material *m) {
 static void factor(const tm_material *m, const double *fibre, double end, bool averaged, double L[81]) {
     double C[36];
     const double stiffest = tm_material_stiffest_Pa(m), more = BAND * end * stiffest + fibred_excess(m);
-    double turn = 2 * tm_turned_skew_Pa(m);
+    double turn = 2 * tm_corotated_skew_Pa(m);
     if (averaged)
         turn += averaged_turn(m);
     else if (tm_material_is_isotropic(m))
@@ -102,12 +103,12 @@ static double largest(double A[81]) {
     return trace[0] * root;
 }
 
-double tm_turned_eigenvalue_over(const tm_tissue *tissue, int32_t tet, const double mass_kg[4]) {
+double tm_corotated_eigenvalue_over(const tm_material_field *field, int32_t tet, const double mass_kg[4]) {
     double scale[4], G[81], L[81], GL[81], A[81];
-    for (int k = 0; k < 4; k++) scale[k] = tissue->mesh->volume_m3[tet] / mass_kg[k];
-    gram(tissue->mesh->shape_1_m + 12 * (int64_t)tet, scale, G);
-    factor(tm_tissue_tet_material(tissue, tet), tm_tissue_tet_fibre(tissue, tet), TM_ROTATION_BAND * tissue->rotation,
-           tissue->smoothed, L);
+    for (int k = 0; k < 4; k++) scale[k] = field->mesh->volume_m3[tet] / mass_kg[k];
+    gram(field->mesh->shape_1_m + 12 * (int64_t)tet, scale, G);
+    factor(tm_field_material(field, tet), tm_field_fibre(field, tet), TM_ROTATION_BAND * field->rotation,
+           field->smoothed, L);
     for (int i = 0; i < 9; i++)
         for (int j = 0; j < 9; j++) {
             GL[9 * i + j] = 0;

@@ -1,0 +1,34 @@
+/* The materials of a mesh: what laws read of a tissue. */
+#ifndef TM_MATERIAL_FIELD_H
+#define TM_MATERIAL_FIELD_H
+
+#include "base/simd.h"
+#include "mesh/mesh_internal.h"
+
+/* A view: the arrays belong to the tissue, which may deactivate tetrahedra. */
+typedef struct tm_material_field {
+    const tm_mesh *mesh;
+    const uint8_t *alive;               /* [tet_count] */
+    const tm_material *material;        /* [material_count] */
+    const int32_t *region_material;     /* [region_count] */
+    const double *fibre;                /* [3*tet_count] or null */
+    const struct tm_smoothed *smoothed; /* null: linear tetrahedra (strain_smoothing.h) */
+    double rotation;                    /* |grad u| from which on tetrahedra are corotated; 0: none is */
+    int32_t material_count;
+    bool plain; /* plain form of all loops */
+} tm_material_field;
+
+static inline const tm_material *tm_field_material(const tm_material_field *field, int32_t tet) {
+    return field->material + field->region_material[field->mesh->region[tet]];
+}
+static inline const double *tm_field_fibre(const tm_material_field *field, int32_t tet) {
+    return field->fibre ? field->fibre + 3 * (int64_t)tet : NULL;
+}
+
+/* Bulk modulus whose subtraction leaves the law semidefinite, the largest there is: 1 / (m.C^-1 m), m the unit tensor;
+ * lambda + 2/3 mu of isotropic tissue. */
+double tm_material_bulk_Pa(const tm_material *material);
+/* The long-term law when all has relaxed: shares `shear` and `volume` of its moduli. */
+tm_material tm_material_relaxed(const tm_material *material, double shear, double volume);
+
+#endif

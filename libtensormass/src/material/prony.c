@@ -1,0 +1,99 @@
+/* The Prony series: what a definition may say, the coefficients of a step, and the terms of batches. */
+#include "material/prony.h"
+
+#include <math.h>
+
+tm_viscosity_def tm_viscosity_def_default(void) {
+    return (tm_viscosity_def){.cookie = TM_COOKIE_VISCOSITY, .size = sizeof(tm_viscosity_def)};
+}
+
+tm_status tm_viscosity_check(const tm_viscosity_def *def, tm_error *error) {
+    TM_REQUIRE_DEF(def, TM_COOKIE_VISCOSITY, TM_ERR_ARGUMENT);
+    if (def->count < 1 || def->count > TM_VISCOSITY_TERMS)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1, "viscosity: %d terms; give 1 to %d", (int)def->count,
+                       TM_VISCOSITY_TERMS);
+    double shear = 0, volume = 0;
+    for (int32_t i = 0; i < def->count; i++) {
+        const tm_viscosity_term *t = def->term + i;
+        if (!(t->time_s >= TM_VISCOSITY_TIME_MIN_S && t->time_s <= TM_VISCOSITY_TIME_MAX_S) || !(t->shear >= 0) ||
+            !(t->volume >= 0))
+            return tm_fail(error, TM_ERR_ARGUMENT, i,
+                           "viscosity: term %d relaxes %g of the shear and %g of the volume in %g s; give shares from "
+                           "0 to 1 and %g to %g s",
+                           (int)i, t->shear, t->volume, t->time_s, TM_VISCOSITY_TIME_MIN_S, TM_VISCOSITY_TIME_MAX_S);
+        shear += t->shear, volume += t->volume;
+    }
+    if (!(shear <= TM_VISCOSITY_SHARES_MAX && volume <= TM_VISCOSITY_SHARES_MAX))
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "viscosity: its terms relax %g of the shear and %g of the volume; leave something to rest on, "
+                       "each sum at most %g",
+                       shear, volume, TM_VISCOSITY_SHARES_MAX);
+    return TM_OK;
+}
+
+tm_fading tm_fading_of(double dt_s, double time_s) {
+    const double x = dt_s / time_s, gone = -expm1(-x);
+    /* 1 - gone/x cancels where x is small; its series does not. */
+    const double now =
+        x < 0.01 ? x * (1.0 / 2 - x * (1.0 / 6 - x * (1.0 / 24 - x * (1.0 / 120 - x / 720)))) : 1 - gone / x;
+    return (tm_fading){exp(-x), gone - now, now};
+}
+
+/* --- of batches --- */
+
+/* The long-term law, in batches and, where changes of volume are averaged, by domains. The field with these materials
+ * lives no longer than this call: batches keep of it what is the tissue's own. */
+static bool take_long_term(tm_viscous *v, tm_packs *left, tm_pool *pool, const tm_material_field *field, double shear,
+                           double volume) {
+    const int32_t regions = field->mesh->region_count;
+    tm_material_field long_term = *field;
+    tm_smoothed smoothed;
+    tm_material *material = TM_TAKE(pool, tm_material, field->material_count);
+    if (!material) return false;
+    for (int32_t i = 0; i < field->material_count; i++)
+        material[i] = tm_material_relaxed(field->material + i, shear, volume);
+    long_term.material = material;
+    if (field->smoothed) {
+        double *bulk_Pa = TM_TAKE(pool, double, regions), *most_Pa = TM_TAKE(pool, double, regions);
+        tm_material *rest = TM_TAKE(pool, tm_material, regions);
+        for (int32_t i = 0; !pool->failed && i < regions; i++) {
+            rest[i] = material[field->region_material[i]];
+            bulk_Pa[i] = tm_material_bulk_Pa(rest + i);
+            most_Pa[i] = tm_corotated_tension_max_Pa(rest + i);
+            rest[i].lambda_Pa -= bulk_Pa[i];
+        }
+        smoothed = *field->smoothed;
+        smoothed.rest = rest;
+        long_term.smoothed = &smoothed;
+        v->left_bulk_Pa = bulk_Pa, v->left_most_Pa = most_Pa;
+    }
+    return !pool->failed && tm_packs_take(left, pool, &long_term);
+}
+
+static void share_out(tm_viscous *v, const tm_viscosity_def *def, double shear, double volume) {
+    v->terms = def->count;
+    v->whole = 1 / shear, v->whole_more = 1 - volume / shear;
+    for (int32_t t = 0; t < def->count; t++) {
+        const tm_viscosity_term *term = def->term + t;
+        v->shear[t] = term->shear / shear;
+        v->more[t] = term->volume - term->shear * volume / shear;
+        v->volume[t] = term->volume;
+    }
+}
+
+bool tm_prony_take(tm_viscous *v, tm_packs *left, tm_pool *pool, const tm_material_field *field,
+                   const tm_viscosity_def *def, int32_t batches, double *const *kept) {
+    const int64_t lanes = TM_LANES * (int64_t)batches;
+    double shear, volume;
+    tm_viscosity_left(def, &shear, &volume);
+    share_out(v, def, shear, volume);
+    v->bulk_J = TM_TAKE(pool, double, lanes);
+    if (!take_long_term(v, left, pool, field, shear, volume)) return false;
+    for (int32_t t = 0; t < def->count; t++) {
+        v->memory[t] = kept[t];
+        v->swelling[t] = kept[t] + 6 * lanes;
+    }
+    for (int32_t t = 0; !field->smoothed && t < field->mesh->tet_count; t++)
+        v->bulk_J[t] = field->mesh->volume_m3[t] * tm_material_bulk_Pa(tm_field_material(field, t));
+    return true;
+}

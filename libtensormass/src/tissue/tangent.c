@@ -1,0 +1,164 @@
+/* The tangent of corotated tissue: tensors of the whole, and of a tissue by itself. */
+#include <math.h>
+#include <string.h>
+
+#include "base/vec.h"
+#include "tissue/tangent.h"
+
+bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation) {
+    const tm_tissue *tissue = rotation->tissue;
+    tangent->definite = false;
+    if (!tm_swollen_take_look(&tangent->swollen, pool, &rotation->swollen, rotation->packs.count)) return false;
+    if (tissue->smoothed)
+        tangent->gradient = TM_TAKE(pool, double, 3 * (int64_t)tm_swollen_most_members(&rotation->swollen));
+    tangent->graph = tissue->graph;
+    tangent->graph.vertex_tensor = TM_TAKE(pool, double, 9 * (int64_t)tissue->mesh->vertex_count + TM_FORCE_PADDING);
+    tangent->graph.edge_tensor = TM_TAKE(pool, double, 8 * (int64_t)tissue->pair_count);
+    tangent->graph.edge_last = TM_TAKE(pool, double, tissue->pair_count);
+    tangent->force = tm_force_choose(tissue->plain, false);
+    tangent->definite = false;
+    return !pool->failed;
+}
+
+/* K_kl of one tetrahedron from its 9x9: rows the components of k. */
+static void block(const double A[81], const double *k, const double *l, double K[9]) {
+    for (int i = 0; i < 3; i++)
+        for (int a = 0; a < 3; a++) {
+            K[3 * i + a] = 0;
+            for (int j = 0; j < 3; j++)
+                for (int b = 0; b < 3; b++) K[3 * i + a] += A[9 * (3 * i + j) + 3 * a + b] * k[j] * l[b];
+        }
+}
+
+static void add_tet(const tm_tissue *tissue, int32_t tet, const double A[81], tm_force_graph *graph) {
+    const tm_mesh *mesh = tissue->mesh;
+    const double *alpha = mesh->shape_1_m + 12 * (int64_t)tet;
+    const int32_t *v = mesh->tet + 4 * (int64_t)tet;
+    double K[9];
+    for (int k = 0; k < 4; k++)
+        for (int l = 0; l < 4; l++) {
+            if (v[l] < v[k]) continue;
+            block(A, alpha + 3 * k, alpha + 3 * l, K);
+            tm_tangent_add(tissue, graph, v[k], v[l], K);
+        }
+}
+
+/* weight (R K R^T - K) of each of a tetrahedron's blocks. */
+static void add_turned(const tm_tissue *tissue, int32_t tet, const tm_turned_lane *w, tm_force_graph *graph) {
+    const tm_mesh *mesh = tissue->mesh;
+    const double *alpha = mesh->shape_1_m + 12 * (int64_t)tet;
+    const int32_t *v = mesh->tet + 4 * (int64_t)tet;
+    double A[81], K[9], half[9];
+    tm_rotation_linear(w, A);
+    for (int k = 0; k < 4; k++)
+        for (int l = 0; l < 4; l++) {
+            if (v[l] < v[k]) continue;
+            block(A, alpha + 3 * k, alpha + 3 * l, K);
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) half[3 * i + j] = vdot(K + 3 * i, w->R + 3 * j);
+            for (int i = 0; i < 3; i++)
+                for (int j = 0; j < 3; j++) {
+                    double turned = 0;
+                    for (int m = 0; m < 3; m++) turned += w->R[3 * i + m] * half[3 * m + j];
+                    K[3 * i + j] = w->weight * (turned - K[3 * i + j]);
+                }
+            tm_tangent_add(tissue, graph, v[k], v[l], K);
+        }
+}
+
+/* What a turn changes of one tetrahedron's change of volume, under the pressures around it. */
+static void add_swelling(const tm_tissue *tissue, int32_t tet, const double *u_m, tm_tangent *tangent) {
+    const tm_mesh *mesh = tissue->mesh;
+    const tm_swollen *s = &tangent->swollen;
+    const double *turn = s->turn + 9 * TM_LANES * (int64_t)(tet / TM_LANES) + tet % TM_LANES;
+    double H[9] = {0}, R[9], A[81];
+    for (int k = 0; k < 4; k++)
+        for (int i = 0; i < 9; i++)
+            H[i] += u_m[3 * (int64_t)mesh->tet[4 * (int64_t)tet + k] + i / 3] *
+                    mesh->shape_1_m[12 * (int64_t)tet + 3 * k + i % 3];
+    for (int i = 0; i < 9; i++) R[i] = turn[TM_LANES * i];
+    tm_stretch_hessian(H, R, s->grown[tet] / s->quarter_m3[tet] + 3, A);
+    double pull = 0;
+    for (int k = 0; k < 4; k++) pull += s->turned[s->domain[4 * (int64_t)tet + k]];
+    for (int i = 0; i < 81; i++) A[i] *= s->quarter_m3[tet] * pull;
+    add_tet(tissue, tet, A, &tangent->graph);
+}
+
+void tm_rotation_tangent_begin(const tm_rotation *rotation, tm_tangent *tangent) {
+    const tm_tissue *tissue = rotation->tissue;
+    const tm_mesh *mesh = tissue->mesh;
+    double K[9];
+    memcpy(tangent->graph.vertex_tensor, tissue->graph.vertex_tensor, 9 * sizeof(double) * (size_t)mesh->vertex_count);
+    for (int32_t p = 0; p < tissue->pair_count; p++) {
+        const int32_t slot = tm_tissue_edge_slot(tissue, p);
+        if (slot < 0) continue;
+        tm_tissue_pair_tensor(tissue, p, K);
+        tm_edge_write(&tangent->graph, slot, K);
+    }
+}
+
+void tm_rotation_tangent_add(const tm_rotation *rotation, const double *u_m, int32_t begin, int32_t end,
+                             tm_tangent *tangent) {
+    const tm_tissue *tissue = rotation->tissue;
+    const int64_t tets = tissue->mesh->tet_count, vertices = tissue->mesh->vertex_count;
+    double A[81];
+    tm_turned_lane lane;
+    if (tissue->smoothed) {
+        if (begin == 0) tm_swollen_look(&tangent->swollen, &rotation->packs, tissue->plain, u_m);
+        tm_swollen_tangent(tissue, (int32_t)(vertices * begin / tets), (int32_t)(vertices * end / tets), tangent);
+        for (int32_t t = begin; t < end && !tangent->definite; t++)
+            if (tissue->alive[t]) add_swelling(tissue, t, u_m, tangent);
+    }
+    for (int32_t t = begin; t < end; t++) {
+        if (!tissue->alive[t] || !tm_rotation_lane(&rotation->packs, t, u_m, &lane)) continue;
+        if (tangent->definite) {
+            add_turned(tissue, t, &lane, &tangent->graph);
+            continue;
+        }
+        tm_rotation_hessian(&lane, A);
+        add_tet(tissue, t, A, &tangent->graph);
+    }
+}
+
+void tm_rotation_tangent(const tm_rotation *rotation, const double *u_m, tm_tangent *tangent) {
+    tm_rotation_tangent_begin(rotation, tangent);
+    tm_rotation_tangent_add(rotation, u_m, 0, rotation->tissue->mesh->tet_count, tangent);
+}
+
+/* --- a tissue by itself --- */
+
+double tm_tissue_rotation(const tm_tissue *tissue) {
+    TM_REQUIRE(tissue, "tissue is null", 0);
+    return tissue->rotation;
+}
+
+static bool turn(tm_tissue *tissue, const double *u_m, tm_pool *pool) {
+    const tm_material_field field = tm_tissue_field(tissue);
+    tm_rotation rotation = {.tissue = tissue};
+    tm_tangent tangent = {0};
+    if (!tm_packs_take(&rotation.packs, pool, &field) ||
+        !tm_swollen_take(&rotation.swollen, pool, &field, rotation.packs.count) ||
+        !tm_tangent_take(&tangent, pool, &rotation))
+        return false;
+    tangent.definite = true;
+    tm_rotation_tangent(&rotation, u_m, &tangent);
+    memcpy(tissue->graph.vertex_tensor, tangent.graph.vertex_tensor,
+           9 * sizeof(double) * (size_t)tissue->mesh->vertex_count);
+    memcpy(tissue->graph.edge_tensor, tangent.graph.edge_tensor, 8 * sizeof(double) * (size_t)tissue->pair_count);
+    memcpy(tissue->graph.edge_last, tangent.graph.edge_last, sizeof(double) * (size_t)tissue->pair_count);
+    return true;
+}
+
+tm_status tm_tissue_turn(tm_tissue *tissue, double threshold, const double *u_m, tm_error *error) {
+    TM_REQUIRE(tissue && u_m, "tissue or u_m is null", TM_ERR_ARGUMENT);
+    if (!(threshold > 0) || tissue->precision != TM_DOUBLE || tm_tissue_volume_shear(tissue) > 0)
+        return tm_fail(error, TM_ERR_ARGUMENT, -1,
+                       "tensors of tissue that turns beyond %g: give a threshold above 0, precision double and no "
+                       "averaged shear",
+                       threshold);
+    tm_pool pool = {0};
+    tissue->rotation = threshold;
+    const bool good = turn(tissue, u_m, &pool);
+    tm_pool_release(&pool);
+    return good ? TM_OK : tm_fail_memory(error, "tensors of tissue that turns");
+}

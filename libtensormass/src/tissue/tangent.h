@@ -1,0 +1,29 @@
+/* The tangent of corotated tissue, assembled on its graph. */
+#ifndef TM_TANGENT_H
+#define TM_TANGENT_H
+
+#include "material/material_internal.h"
+#include "tissue/tissue_internal.h"
+
+/* A copy of the tissue's tensors to which the tangents of what turns are added. Its lists are the tissue's own. */
+typedef struct tm_tangent {
+    tm_force_graph graph;
+    tm_force_kernel force;
+    tm_swollen swollen; /* its own look */
+    double *gradient;   /* [3*most members of a domain] */
+    bool definite;      /* without what stress adds: R K R^T of each tetrahedron */
+} tm_tangent;
+bool tm_tangent_take(tm_tangent *tangent, tm_pool *pool, const tm_rotation *rotation);
+/* The block of vertices k <= l. */
+void tm_tangent_add(const tm_tissue *tissue, tm_force_graph *graph, int32_t k, int32_t l, const double K[9]);
+/* Of the domains of vertices begin to end, at the last look. */
+void tm_swollen_tangent(const tm_tissue *tissue, int32_t begin, int32_t end, tm_tangent *tangent);
+int32_t tm_swollen_most_members(const tm_swollen *s);
+
+/* The tangent of the whole at u_m; or the linear tensors first, and what turns in pieces. */
+void tm_rotation_tangent(const tm_rotation *rotation, const double *u_m, tm_tangent *tangent);
+void tm_rotation_tangent_begin(const tm_rotation *rotation, tm_tangent *tangent);
+void tm_rotation_tangent_add(const tm_rotation *rotation, const double *u_m, int32_t begin, int32_t end,
+                             tm_tangent *tangent);
+
+#endif
