@@ -30,13 +30,14 @@ typedef struct hrt_bus_driver {
     /* 1 a frame, 0 none waits, -1 bus off or down. */
     int (*receive)(hrt_bus *bus, hrt_can_frame *frame);
     hrt_bus_state (*state)(hrt_bus *bus);
-    /* One attempt to come back after off or down; at most every 100 ms. */
+    /* One attempt to come back after off or down, at most every 100 ms. By the tick's thread: opens and closes nothing,
+     * but takes over what `look` has opened. */
     void (*recover)(hrt_bus *bus, int64_t now_us);
     void (*close)(hrt_bus *bus);
     /* 1 the place is ours, 0 somebody else's. Null: nobody else can be on this bus. */
     int (*claim)(hrt_bus *bus, int place);
-    /* From another thread, several times a second: what has happened to the bus, once each time. Opens and maps anew
-     * what `recover` then takes over. Null: nothing can happen. */
+    /* From another thread, several times a second: what has happened to the bus, once each time. Opens anew what
+     * `recover` then takes over, and closes what it left. Null: nothing can happen. */
     const char *(*look)(hrt_bus *bus);
 } hrt_bus_driver;
 
@@ -59,7 +60,7 @@ struct hrt_bus {
     uint64_t bits;                    /* sent and received, on the wire with the worst stuffing */
     int fd, claim_fd;                 /* socketcan */
     char name[256];                   /* interface or file */
-    void *shared;                     /* virtual: its hold on the file; loopback: its hrt_loopback */
+    void *shared;                     /* what threads or endpoints share; loopback: its hrt_loopback */
     uint64_t next, self;              /* virtual: next frame to read, own mark; loopback: port */
 };
 

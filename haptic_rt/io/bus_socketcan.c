@@ -1,11 +1,14 @@
-/* The kernel's CAN: a raw socket, never blocking. */
+/* The kernel's CAN: a raw socket, never blocking. When the interface goes away, the thread that looks opens another
+ * socket, which the tick's thread takes over with loads and stores alone, and closes the old one. */
 #include <errno.h>
 #include <linux/can.h>
 #include <linux/can/error.h>
 #include <linux/can/raw.h>
 #include <net/if.h>
+#include <stdatomic.h>
 #include <stddef.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/socket.h>
 #include <sys/un.h>
@@ -13,7 +16,14 @@
 
 #include "bus.h"
 
-static int attach(hrt_bus *bus) {
+/* What the two threads hand to each other. Only the one that looks makes `fresh_fd` a socket or takes `old_fd`; only
+ * the tick's takes `fresh_fd` or sets `old_fd`. */
+typedef struct handover {
+    _Atomic bool down;            /* a socket is wanted */
+    _Atomic int fresh_fd, old_fd; /* -1: none */
+} handover;
+
+static int attach(const hrt_bus *bus) {
     const unsigned index = if_nametoindex(bus->name);
     if (index == 0) return -1;
     const int fd = socket(PF_CAN, SOCK_RAW | SOCK_NONBLOCK | SOCK_CLOEXEC, CAN_RAW);
@@ -42,6 +52,7 @@ static int failed(hrt_bus *bus) {
         return 0;
     }
     bus->now = HRT_BUS_DOWN;
+    atomic_store(&((handover *)bus->shared)->down, true);
     return -1;
 }
 
@@ -92,25 +103,40 @@ static int socketcan_receive(hrt_bus *bus, hrt_can_frame *frame) {
 
 static hrt_bus_state socketcan_state(hrt_bus *bus) { return bus->now; }
 
-/* A kernel with restart-ms brings the controller back by itself; sending again shows whether it did. An interface that
- * went away is opened anew. */
+/* By the tick's thread. A kernel with restart-ms brings the controller back by itself; sending again shows whether it
+ * did. Of an interface that went away the new socket is taken once there is one: frames wait in it already. */
 static void socketcan_recover(hrt_bus *bus, int64_t now_us) {
-    if (now_us - bus->tried_us < 100000) return;
-    bus->tried_us = now_us;
+    handover *h = bus->shared;
     if (bus->now == HRT_BUS_DOWN) {
-        const int fd = attach(bus);
-        if (fd < 0) return;
-        if (bus->fd >= 0) close(bus->fd);
-        bus->fd = fd;
+        if (atomic_load(&h->fresh_fd) < 0 || atomic_load(&h->old_fd) >= 0) return;
+        atomic_store(&h->down, false); /* first: who looks opens no second one */
+        const int fresh = atomic_exchange(&h->fresh_fd, -1);
+        atomic_store(&h->old_fd, bus->fd);
+        bus->fd = fresh;
+    } else {
+        if (now_us - bus->tried_us < 100000) return;
+        bus->tried_us = now_us;
     }
     bus->now = HRT_BUS_OK;
 }
 
+/* By another thread. */
+static const char *socketcan_look(hrt_bus *bus) {
+    handover *h = bus->shared;
+    const int old = atomic_exchange(&h->old_fd, -1);
+    if (old >= 0) close(old);
+    if (atomic_load(&h->fresh_fd) < 0 && atomic_load(&h->down)) atomic_store(&h->fresh_fd, attach(bus));
+    return NULL;
+}
+
 static void socketcan_close(hrt_bus *bus) {
-    if (bus->fd >= 0) close(bus->fd);
-    bus->fd = -1;
-    if (bus->claim_fd >= 0) close(bus->claim_fd);
-    bus->claim_fd = -1;
+    handover *h = bus->shared;
+    const int open[] = {bus->fd, bus->claim_fd, atomic_load(&h->fresh_fd), atomic_load(&h->old_fd)};
+    for (int i = 0; i < 4; i++)
+        if (open[i] >= 0) close(open[i]);
+    bus->fd = bus->claim_fd = -1;
+    free(h);
+    bus->shared = NULL;
     bus->driver = NULL;
 }
 
@@ -133,7 +159,7 @@ static int socketcan_claim(hrt_bus *bus, int place) {
 }
 
 static const hrt_bus_driver socketcan_driver = {"socketcan",       socketcan_send,  socketcan_receive, socketcan_state,
-                                                socketcan_recover, socketcan_close, socketcan_claim,   NULL};
+                                                socketcan_recover, socketcan_close, socketcan_claim,   socketcan_look};
 
 bool hrt_bus_socketcan(hrt_bus *bus, const char *interface, char *why, int why_size) {
     memset(bus, 0, sizeof *bus);
@@ -143,9 +169,16 @@ bool hrt_bus_socketcan(hrt_bus *bus, const char *interface, char *why, int why_s
         return false;
     }
     snprintf(bus->name, sizeof bus->name, "%s", interface);
+    handover *h = malloc(sizeof *h);
+    if (!h) {
+        snprintf(why, (size_t)why_size, "cannot open %s: out of memory", interface);
+        return false;
+    }
+    *h = (handover){.fresh_fd = -1, .old_fd = -1};
     bus->fd = attach(bus);
     if (bus->fd < 0) {
         const int reason = errno;
+        free(h);
         const char *advice =
             reason == EAFNOSUPPORT ? "this kernel has no CAN (modprobe can can_raw), or use virtual:NAME"
             : reason == ENODEV
@@ -154,6 +187,7 @@ bool hrt_bus_socketcan(hrt_bus *bus, const char *interface, char *why, int why_s
         snprintf(why, (size_t)why_size, "cannot open %s (%s); %s", interface, strerror(reason), advice);
         return false;
     }
+    bus->shared = h;
     bus->driver = &socketcan_driver;
     return true;
 }
