@@ -14,7 +14,7 @@ RUNS = {
     "block-cut, every effect": ("block-cut", 4, EFFECTS),
     "liver-press": ("liver-press", None if LONG else 3, []),
     "liver-cut": ("liver-cut", None if LONG else 5.4, []),
-    "liver-dissect": ("liver-dissect", None if LONG else 6, []),
+    "liver-dissect": ("liver-dissect", None, []),
     "liver-lift": ("liver-lift", None if LONG else 2, []),
 }
 
@@ -29,8 +29,16 @@ def test_samples_on_tissue_carry_a_patch(bin, root, tmp_path, name):
     scene, seconds, more = RUNS[name]
     length = ["--duration", f"{seconds} s"] if seconds else []
     r = report(bin / "tm-sim", root / f"apps/scenes/{scene}.yaml", "--lockstep", "--set", "haptics.rate=25", *length, *more, tmp=tmp_path)
-    touched, carried = (sum(i[key] for i in r["coverage"]) for key in ("touched", "carried"))
-    assert touched > 15 and carried >= 0.99 * touched, r["coverage"]
+    assert sum(i["touched"] for i in r["coverage"]) > 15
+    for instrument in r["coverage"]:  # each alone: a hand that feels nothing of its tissue is not helped by the other's patches
+        assert instrument["carried"] >= 0.99 * instrument["touched"], r["coverage"]
+
+
+def test_lost_patches_are_counted(bin, root, tmp_path):
+    """By iterations, in tissue that turns, most samples carry none: the count says so for the instrument that lost them."""
+    r = report(bin / "tm-sim", root / "apps/scenes/block-cut.yaml", "--lockstep", "--set", "haptics.rate=25", "--duration", "4 s",
+               "--set", "rotation=", "--set", "haptics.compliance=iterations", tmp=tmp_path)
+    assert any(i["carried"] < 0.5 * i["touched"] for i in r["coverage"]), r["coverage"]
 
 
 def test_what_costs_coverage_is_named(bin, root):

@@ -73,8 +73,8 @@ TM_API bool tm_patch_fill(tm_patch *patch, tm_patch_block block, void *self, con
  * rubs. */
 TM_API void tm_patch_rub(tm_patch *patch, const tm_contact_row *row, const double force_N[3]);
 
-/* More than a fifth of what the patch's tool bears (rows, and `held_N` of a hold) is on vertices that are not the
- * patch's: what is left of it would not be the tool's force. */
+/* More than a fifth of what the patch's tool bears (rows, and `held_N` of a hold), and more than 0.01 N, is on vertices
+ * that are not the patch's: what is left of it would not be the tool's force. */
 TM_API bool tm_patch_bears_outside(const tm_patch *patch, double held_N, const tm_contact_row *row, int32_t row_count);
 
 /* Contact solved against a patch: what the controller does in its ticks, here in double and to convergence. */

@@ -11,7 +11,7 @@
 #define POOL 384   /* nearest triangles that growth looks at */
 
 typedef struct near_triangle {
-    double distance_m;
+    double distance_m, load_N; /* load: of the rows that bear on it, where that comes first */
     int32_t face, vertex[3];
     bool pressed, beside, taken; /* beside: shares a vertex with a pressed one */
 } near_triangle;
@@ -34,6 +34,7 @@ static double way_distance(const double from[3], const double way[3], const doub
 /* Keeps the POOL nearest; equal distances by name, so that slots do not matter. */
 static bool farther(const near_triangle *a, const near_triangle *b) {
     if (a->pressed != b->pressed) return b->pressed;
+    if (a->load_N != b->load_N) return a->load_N < b->load_N;
     if (a->beside != b->beside) return b->beside;
     return a->distance_m != b->distance_m ? a->distance_m > b->distance_m : a->face > b->face;
 }
@@ -137,7 +138,8 @@ static bool is_far(const double *rest_m, const double *u_m, const int32_t vertex
 int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_view *surface,
                       const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
                       const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
-                      bool (*usable)(void *self, int32_t vertex), void *self, bool *fans, tm_patch *patch) {
+                      bool by_load, bool (*usable)(void *self, int32_t vertex), void *self, bool *fans,
+                      tm_patch *patch) {
     growth g = {.max_vertices = max_vertices, .max_triangles = max_triangles};
     double way[3], most_N = 0;
     vscale(horizon_s, velocity_m_s, way);
@@ -147,9 +149,11 @@ int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_
     for (int32_t i = 0; i < surface->count; i++) {
         const int32_t *corner = surface->triangle + 3 * i;
         near_triangle t = {.face = surface->face[i]};
-        for (int32_t k = 0; k < row_count; k++)
-            t.pressed =
-                t.pressed || (row[k].face == t.face && row[k].instrument == capsule->instrument && row[k].lambda_N > 0);
+        for (int32_t k = 0; k < row_count; k++) {
+            if (row[k].face != t.face || row[k].instrument != capsule->instrument || !(row[k].lambda_N > 0)) continue;
+            t.pressed = true;
+            t.load_N += by_load ? row[k].lambda_N : 0;
+        }
         if (!t.pressed && is_far(rest_m, u_m, corner, capsule->tip_m, way_m)) continue;
         double middle[3] = {0, 0, 0}, nearest = INFINITY;
         bool good = true;
@@ -191,7 +195,7 @@ int32_t tm_patch_choose(const double *rest_m, const double *u_m, const tm_surfac
                "max_vertices or max_triangles is out of range", 0);
     bool fans;
     return tm_patch_grow(rest_m, u_m, surface, capsule, velocity_m_s, horizon_s, row, row_count, max_vertices,
-                         max_triangles, NULL, NULL, &fans, patch);
+                         max_triangles, false, NULL, NULL, &fans, patch);
 }
 
 /* --- what will be needed --- */
@@ -241,7 +245,7 @@ int32_t tm_patch_nearest(const double *rest_m, const double *u_m, const tm_surfa
 
 bool tm_patch_bears_outside(const tm_patch *patch, double held_N, const tm_contact_row *row, int32_t row_count) {
     TM_REQUIRE(patch && (row || row_count <= 0), "patch or row is null", true);
-    const double most = 0.2; /* of all that the tool bears */
+    const double most = 0.2, least_N = 0.01; /* of all that the tool bears; what no hand feels */
     double all = held_N, outside = 0;
     for (int32_t k = 0; k < row_count; k++) {
         if (row[k].instrument != patch->instrument || row[k].lambda_N <= 0) continue;
@@ -254,5 +258,5 @@ bool tm_patch_bears_outside(const tm_patch *patch, double held_N, const tm_conta
         }
         outside += whole ? 0 : row[k].lambda_N;
     }
-    return outside > most * all;
+    return outside > law_max(most * all, least_N);
 }

@@ -31,12 +31,14 @@ typedef struct tm_hold_work {
 } tm_hold_work;
 tm_hold_work *tm_patch_solver_work(tm_patch_solver *solver);
 
-/* tm_patch_choose among triangles whose vertices are all usable (null: all are). `*fans`: all triangles around the
- * vertices that bear the load are in the patch. */
+/* tm_patch_choose among triangles whose vertices are all usable (null: all are). `by_load`: those that bear most
+ * come first, whatever their distance. `*fans`: all triangles around the vertices that bear the load are in the patch.
+ */
 int32_t tm_patch_grow(const double *rest_m, const double *u_m, const tm_surface_view *surface,
                       const tm_capsule *capsule, const double velocity_m_s[3], double horizon_s,
                       const tm_contact_row *row, int32_t row_count, int32_t max_vertices, int32_t max_triangles,
-                      bool (*usable)(void *self, int32_t vertex), void *self, bool *fans, tm_patch *patch);
+                      bool by_load, bool (*usable)(void *self, int32_t vertex), void *self, bool *fans,
+                      tm_patch *patch);
 
 /* Vertices of the surface nearest to the tip's way, nearest first, those of pressed triangles before all others; at
  * most TM_COMPLIANCE_WANTS, none farther than 40 mm. `inner` (may be null): [vertex_count] masses: all that have one

@@ -9,6 +9,8 @@ tm_surface_view tm_patch_surface_of(const tm_patch_maker *maker) {
     return maker->surface.view ? maker->surface.view(maker->surface.self) : tm_tissue_surface(maker->world->tissue);
 }
 
+enum { ROUNDS = 4 }; /* of asking for a patch's columns */
+
 /* Nothing holds a piece that gives way more than this: its rest is nowhere, and no patch says where. */
 #define LOOSE_M_N 1.0
 
@@ -72,14 +74,21 @@ int32_t tm_patch_known_kind(const tm_patch_maker *maker) {
 
 /* --- which surface --- */
 
-static bool grow(tm_patch_maker *maker, int32_t t, int32_t max_vertices, tm_patch *patch) {
+static bool grow_by(tm_patch_maker *maker, int32_t t, int32_t max_vertices, bool by_load, tm_patch *patch) {
     const tm_contact *contact = maker->contact;
     const tm_surface_view surface = tm_patch_surface_of(maker);
     bool fans;
     tm_patch_grow(maker->world->tissue->mesh->rest_m, maker->world->state.u_m, &surface, &contact->tool[t].capsule,
                   maker->velocity_m_s[t], maker->def.horizon_s, contact->row, contact->row_count, max_vertices,
-                  maker->def.max_triangles, may_be_held, maker, &fans, patch);
+                  maker->def.max_triangles, by_load, may_be_held, maker, &fans, patch);
     return fans;
+}
+
+/* Around the tip's way, or, where a shaft bears too broadly for that, where it bears most. */
+static bool grow(tm_patch_maker *maker, int32_t t, int32_t max_vertices, tm_patch *patch) {
+    const bool fans = grow_by(maker, t, max_vertices, false, patch);
+    if (!tm_patch_bears_outside(patch, 0, maker->contact->row, maker->contact->row_count)) return fans;
+    return grow_by(maker, t, max_vertices, true, patch);
 }
 
 static bool is_known(const tm_patch_maker *maker, double held_N, const tm_patch *patch) {
@@ -174,8 +183,10 @@ void tm_patch_want(tm_patch_maker *maker, int32_t t, const int32_t *held, int32_
         want_columns(maker, t, first, max_vertices, list, patch);
         return;
     }
-    want_pieces(maker, t, first, patch, list);
-    if (patch->triangle_count == 0 || is_known(maker, 0, patch)) return;
-    grow(maker, t, max_vertices, patch); /* what a cut has made loose is known only now */
-    want_pieces(maker, t, first, patch, list);
+    /* What a cut has made loose is known only when its columns are there, and then its neighbours' are asked for. */
+    for (int round = 0; round < ROUNDS; round++) {
+        want_pieces(maker, t, first, patch, list);
+        if (patch->triangle_count == 0 || is_known(maker, 0, patch)) return;
+        if (round < ROUNDS - 1) grow(maker, t, max_vertices, patch);
+    }
 }
